@@ -1,0 +1,214 @@
+#include "anigen/asset/validate.h"
+
+#include <Eigen/LU>
+#include <cmath>
+#include <map>
+#include <set>
+
+namespace anigen {
+namespace {
+
+// Collects findings by kind, so that a mesh of a million NaNs gives three lines and a count.
+class Findings {
+ public:
+  explicit Findings(std::size_t at_most) : at_most_(at_most) {}
+
+  void add(const std::string& kind, const std::string& sentence) {
+    if (counts_[kind]++ < at_most_) sentences_.push_back(sentence);
+  }
+  std::vector<std::string> take() {
+    for (const auto& [kind, count] : counts_) {
+      if (count > at_most_) sentences_.push_back(kind + ": " + std::to_string(count - at_most_) + " more");
+    }
+    return std::move(sentences_);
+  }
+
+ private:
+  std::size_t at_most_;
+  std::map<std::string, std::size_t> counts_;
+  std::vector<std::string> sentences_;
+};
+
+std::string at(const char* array, std::size_t index) { return std::string(array) + "[" + std::to_string(index) + "]"; }
+
+void check_length(Findings& findings, const char* array, std::size_t length, std::size_t expected, bool may_be_empty) {
+  if (length == expected || (may_be_empty && length == 0)) return;
+  findings.add("array lengths", std::string(array) + " has " + std::to_string(length) + " entries, expected " +
+                                    std::to_string(expected));
+}
+
+bool finite(const Transform& t) {
+  return t.translation.allFinite() && t.rotation.coeffs().allFinite() && t.scale.allFinite();
+}
+
+void check_mesh(Findings& findings, const Asset& asset) {
+  const Mesh& mesh = asset.mesh;
+  if (mesh.vertices.empty()) findings.add("mesh", "mesh has no vertices");
+  if (mesh.faces.empty()) findings.add("mesh", "mesh has no faces");
+  const std::size_t count = mesh.vertices.size();
+  check_length(findings, "normals", mesh.normals.size(), count, true);
+  check_length(findings, "uvs", mesh.uvs.size(), count, true);
+  check_length(findings, "colors", mesh.colors.size(), count, true);
+  check_length(findings, "face_materials", mesh.face_materials.size(), mesh.faces.size(), true);
+  for (std::size_t v = 0; v < count; ++v) {
+    if (!mesh.vertices[v].allFinite()) findings.add("vertices not finite", at("vertices", v) + " is not finite");
+  }
+  for (std::size_t v = 0; v < mesh.normals.size(); ++v) {
+    if (!mesh.normals[v].allFinite())
+      findings.add("normals not finite", at("normals", v) + " is not finite");
+    else if (std::abs(mesh.normals[v].norm() - 1.0f) > 1e-3f)
+      findings.add("normals not unit", at("normals", v) + " is not of unit length");
+  }
+  for (std::size_t v = 0; v < mesh.uvs.size(); ++v) {
+    if (!mesh.uvs[v].allFinite()) findings.add("uvs not finite", at("uvs", v) + " is not finite");
+  }
+  for (std::size_t v = 0; v < mesh.colors.size(); ++v) {
+    if (!mesh.colors[v].allFinite()) findings.add("colors not finite", at("colors", v) + " is not finite");
+  }
+  for (std::size_t f = 0; f < mesh.faces.size(); ++f) {
+    for (const std::int32_t corner : mesh.faces[f]) {
+      if (corner < 0 || static_cast<std::size_t>(corner) >= count) {
+        findings.add("face indices",
+                     at("faces", f) + " refers to vertex " + std::to_string(corner) + " of " + std::to_string(count));
+      }
+    }
+  }
+  for (std::size_t f = 0; f < mesh.face_materials.size(); ++f) {
+    const int material = mesh.face_materials[f];
+    if (material < -1 || material >= static_cast<int>(asset.materials.size())) {
+      findings.add("face materials", at("face_materials", f) + " refers to material " + std::to_string(material));
+    }
+  }
+  for (std::size_t m = 0; m < asset.materials.size(); ++m) {
+    const Material& material = asset.materials[m];
+    if (material.image < -1 || material.image >= static_cast<int>(asset.images.size())) {
+      findings.add("material images", at("materials", m) + " refers to image " + std::to_string(material.image));
+    }
+    if (!material.base_color.allFinite())
+      findings.add("material colours", at("materials", m) + " has a colour that is not finite");
+  }
+}
+
+void check_skeleton(Findings& findings, const Skeleton& skeleton) {
+  const std::size_t count = skeleton.parents.size();
+  if (count == 0) {
+    findings.add("skeleton", "skeleton has no joints");
+    return;
+  }
+  check_length(findings, "names", skeleton.names.size(), count, false);
+  check_length(findings, "bind", skeleton.bind.size(), count, false);
+  check_length(findings, "rest", skeleton.rest.size(), count, false);
+  if (skeleton.parents[0] != -1)
+    findings.add("tree", "parents[0] is " + std::to_string(skeleton.parents[0]) + ": joint 0 must be the root (-1)");
+  for (std::size_t j = 1; j < count; ++j) {
+    const int parent = skeleton.parents[j];
+    if (parent < 0 || static_cast<std::size_t>(parent) >= j) {
+      findings.add("tree", at("parents", j) + " is " + std::to_string(parent) +
+                               ": parents come before their children, and only joint 0 is a root");
+    }
+  }
+  std::set<std::string> names;
+  for (std::size_t j = 0; j < skeleton.names.size(); ++j) {
+    if (skeleton.names[j].empty())
+      findings.add("names", at("names", j) + " is empty");
+    else if (!names.insert(skeleton.names[j]).second)
+      findings.add("names", at("names", j) + " repeats '" + skeleton.names[j] + "'");
+  }
+  for (std::size_t j = 0; j < skeleton.bind.size(); ++j) {
+    const Eigen::Matrix4d& bind = skeleton.bind[j];
+    if (!bind.allFinite())
+      findings.add("bind matrices", at("bind", j) + " is not finite");
+    else if (bind.row(3) != Eigen::RowVector4d(0, 0, 0, 1))
+      findings.add("bind matrices", at("bind", j) + " is not affine");
+    else if (!Eigen::Matrix4d(bind.inverse()).allFinite() || bind.topLeftCorner<3, 3>().determinant() == 0.0)
+      findings.add("bind matrices", at("bind", j) + " cannot be inverted");
+  }
+  for (std::size_t j = 0; j < skeleton.rest.size(); ++j) {
+    const Transform& rest = skeleton.rest[j];
+    if (!finite(rest))
+      findings.add("rest pose", at("rest", j) + " is not finite");
+    else if (std::abs(rest.rotation.norm() - 1.0) > 1e-6)
+      findings.add("rest pose", at("rest", j) + " has a rotation that is not of unit length");
+  }
+}
+
+void check_skin(Findings& findings, const Asset& asset) {
+  const SkinWeights& skin = asset.skin;
+  if (skin.offsets.empty() || skin.offsets.front() != 0 || skin.offsets.back() != skin.influences.size()) {
+    findings.add("skin rows", "skin offsets do not span the influences");
+    return;
+  }
+  check_length(findings, "skin rows", skin.rows(), asset.mesh.vertices.size(), false);
+  for (std::size_t v = 0; v < skin.rows(); ++v) {
+    if (skin.offsets[v + 1] < skin.offsets[v] || skin.offsets[v + 1] > skin.influences.size()) {
+      findings.add("skin rows", at("skin offsets", v + 1) + " is out of order");
+      return;
+    }
+  }
+  for (std::size_t v = 0; v < skin.rows(); ++v) {
+    double sum = 0.0;
+    for (std::size_t i = 0; i < skin.row_size(v); ++i) {
+      const Influence& influence = skin.row(v)[i];
+      if (influence.joint < 0 || static_cast<std::size_t>(influence.joint) >= asset.skeleton.size()) {
+        findings.add("skin joints", "vertex " + std::to_string(v) + " is bound to joint " +
+                                        std::to_string(influence.joint) + " of " +
+                                        std::to_string(asset.skeleton.size()));
+      }
+      if (!(influence.weight > 0.0f))
+        findings.add("skin weights", "vertex " + std::to_string(v) + " has a weight that is not positive");
+      if (i > 0 && skin.row(v)[i - 1].weight < influence.weight)
+        findings.add("skin order", "vertex " + std::to_string(v) + " does not list its heaviest joint first");
+      for (std::size_t k = 0; k < i; ++k) {
+        if (skin.row(v)[k].joint == influence.joint)
+          findings.add("skin joints repeated",
+                       "vertex " + std::to_string(v) + " names joint " + std::to_string(influence.joint) + " twice");
+      }
+      sum += influence.weight;
+    }
+    if (!(std::abs(sum - 1.0) < 1e-5))
+      findings.add("skin sums", "weights of vertex " + std::to_string(v) + " sum to " + std::to_string(sum));
+  }
+}
+
+void check_animation(Findings& findings, const Animation& animation, std::size_t joints) {
+  const std::string where = "animation '" + animation.name + "' ";
+  for (std::size_t c = 0; c < animation.channels.size(); ++c) {
+    const Channel& channel = animation.channels[c];
+    if (channel.joint < 0 || static_cast<std::size_t>(channel.joint) >= joints) {
+      findings.add("animation joints", where + at("channels", c) + " moves joint " + std::to_string(channel.joint) +
+                                           " of " + std::to_string(joints));
+    }
+    const std::size_t width = (channel.path == ChannelPath::kRotation ? 4u : 3u) *
+                              (channel.interpolation == Interpolation::kCubicSpline ? 3u : 1u);
+    if (channel.times.empty()) findings.add("animation keys", where + at("channels", c) + " has no keys");
+    if (channel.values.size() != width * channel.times.size())
+      findings.add("animation keys", where + at("channels", c) + " has " + std::to_string(channel.values.size()) +
+                                         " values for " + std::to_string(channel.times.size()) + " keys");
+    for (std::size_t k = 0; k < channel.times.size(); ++k) {
+      const double t = channel.times[k];
+      if (!std::isfinite(t) || t < 0.0 || (k > 0 && !(t > channel.times[k - 1]))) {
+        findings.add("animation times",
+                     where + at("channels", c) + " has times that do not increase from 0 at key " + std::to_string(k));
+        break;
+      }
+    }
+    for (const double value : channel.values) {
+      if (std::isfinite(value)) continue;
+      findings.add("animation values", where + at("channels", c) + " has a value that is not finite");
+      break;
+    }
+  }
+}
+
+}  // namespace
+
+std::vector<std::string> validate(const Asset& asset, std::size_t at_most) {
+  Findings findings(at_most);
+  check_mesh(findings, asset);
+  check_skeleton(findings, asset.skeleton);
+  check_skin(findings, asset);
+  for (const Animation& animation : asset.animations) check_animation(findings, animation, asset.skeleton.size());
+  return findings.take();
+}
+
+}  // namespace anigen

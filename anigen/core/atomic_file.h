@@ -1,0 +1,34 @@
+#pragma once
+#include <filesystem>
+#include <string>
+#include <string_view>
+
+namespace anigen {
+
+/// Writes a file so that a reader, or a crash, never sees half of it: to `<path>.tmp-<pid>-<n>`, fsync, rename,
+/// fsync of the folder. Parent folders are created. @throws Error naming the path when the disk refuses.
+void write_file_atomically(const std::filesystem::path& path, std::string_view bytes);
+
+/// For writers that need a path of their own (images, zip archives): write to temporary(), then commit().
+/// Destroyed without commit, it removes the temporary file.
+class AtomicFile {
+ public:
+  explicit AtomicFile(std::filesystem::path target);
+  ~AtomicFile();
+  AtomicFile(const AtomicFile&) = delete;
+  AtomicFile& operator=(const AtomicFile&) = delete;
+
+  /// Same extension as the target, so that libraries that choose a format by extension still do.
+  const std::filesystem::path& temporary() const { return temporary_; }
+  void commit();
+
+ private:
+  std::filesystem::path target_, temporary_;
+  bool committed_ = false;
+};
+
+/// The whole file. @param max_bytes refuse larger ones before reading
+/// @throws InputError when it is missing, unreadable or larger than max_bytes
+std::string read_file(const std::filesystem::path& path, std::uintmax_t max_bytes = std::uintmax_t{8} << 30);
+
+}  // namespace anigen

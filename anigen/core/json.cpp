@@ -1,0 +1,53 @@
+#include "anigen/core/json.h"
+
+#include "anigen/core/atomic_file.h"
+#include "anigen/core/error.h"
+
+namespace anigen {
+namespace {
+
+// Depth of nesting outside strings, without recursion; the position of the first bracket beyond the limit.
+std::size_t first_too_deep(std::string_view text, std::size_t max_depth) {
+  std::size_t depth = 0;
+  bool in_string = false;
+  for (std::size_t i = 0; i < text.size(); ++i) {
+    const char c = text[i];
+    if (in_string) {
+      if (c == '\\')
+        ++i;
+      else if (c == '"')
+        in_string = false;
+    } else if (c == '"') {
+      in_string = true;
+    } else if (c == '{' || c == '[') {
+      if (++depth > max_depth) return i;
+    } else if ((c == '}' || c == ']') && depth > 0) {
+      --depth;
+    }
+  }
+  return std::string_view::npos;
+}
+
+}  // namespace
+
+Json parse_json(std::string_view text, const std::string& file, std::size_t max_depth) {
+  const std::size_t deep = first_too_deep(text, max_depth);
+  if (deep != std::string_view::npos) {
+    throw InputError(file, "byte " + std::to_string(deep),
+                     "JSON nested deeper than " + std::to_string(max_depth) + " levels");
+  }
+  try {
+    return Json::parse(text);
+  } catch (const nlohmann::json::parse_error& error) {
+    std::string reason = error.what();
+    const std::size_t colon = reason.find(": ");
+    if (colon != std::string::npos) reason = reason.substr(colon + 2);
+    throw InputError(file, "byte " + std::to_string(error.byte), "not valid JSON: " + reason);
+  }
+}
+
+Json read_json(const std::filesystem::path& path, std::size_t max_depth) {
+  return parse_json(read_file(path, std::uintmax_t{1} << 30), path.string(), max_depth);
+}
+
+}  // namespace anigen

@@ -1,0 +1,38 @@
+# Every third-party library, each from its Debian package; README.md says what each is for.
+find_package(Threads REQUIRED)
+find_package(Eigen3 REQUIRED NO_MODULE)
+find_package(nlohmann_json REQUIRED)
+find_package(spdlog REQUIRED)
+find_package(TBB REQUIRED)
+find_package(CLI11 REQUIRED)
+find_package(OpenCV REQUIRED COMPONENTS core imgproc imgcodecs)
+find_package(PkgConfig REQUIRED)
+pkg_check_modules(LIBZIP REQUIRED IMPORTED_TARGET libzip)
+find_package(ZLIB REQUIRED)
+
+# Embree 4 (Debian 13) and Embree 3 (Debian 12) differ in header folder and in a few signatures.
+find_package(embree 4 QUIET)
+if(embree_FOUND)
+  set(ANIGEN_EMBREE_VERSION 4)
+else()
+  find_package(embree 3 REQUIRED)
+  set(ANIGEN_EMBREE_VERSION 3)
+endif()
+
+# tinygltf, Draco and meshoptimizer: headers and libraries without reliable CMake configurations in Debian 12.
+find_path(TINYGLTF_INCLUDE_DIR tiny_gltf.h REQUIRED)
+find_library(TINYGLTF_LIBRARY tinygltf REQUIRED)
+find_path(DRACO_INCLUDE_DIR draco/compression/decode.h REQUIRED)
+find_library(DRACO_LIBRARY draco REQUIRED)
+find_path(MESHOPTIMIZER_INCLUDE_DIR meshoptimizer.h REQUIRED)
+find_library(MESHOPTIMIZER_LIBRARY meshoptimizer REQUIRED)
+
+if(ANIGEN_BUILD_TESTS)
+  find_package(GTest REQUIRED)
+endif()
+if(ANIGEN_BUILD_BENCHMARKS)
+  find_package(benchmark REQUIRED)
+endif()
+if(ANIGEN_WITH_TORCH)
+  include(AnigenTorch)
+endif()

@@ -1,0 +1,10 @@
+#!/usr/bin/env bash
+# Builds a preset (default: release) into build/<preset>. Programs land in build/<preset>/bin.
+#   scripts/build.sh [release|debug|asan] [extra cmake -D options...]
+set -euo pipefail
+cd "$(dirname "$0")/.."
+preset=${1:-release}
+[ $# -gt 0 ] && shift
+cmake --preset "$preset" "$@" >"/tmp/anigen-configure.$$" 2>&1 || { cat "/tmp/anigen-configure.$$"; exit 1; }
+rm -f "/tmp/anigen-configure.$$"
+cmake --build --preset "$preset"

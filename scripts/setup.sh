@@ -1,0 +1,49 @@
+#!/usr/bin/env bash
+# Installs everything the project needs on Debian 12 or 13, from Debian's packages only. Safe to run again.
+# What each package is for stands in README.md.
+set -euo pipefail
+
+packages=(
+  build-essential cmake ninja-build ccache git ca-certificates pkg-config
+  libtorch-dev libopenblas0-openmp libopencv-dev libtinygltf-dev libembree-dev nlohmann-json3-dev
+  libspdlog-dev libcli11-dev libtbb-dev libeigen3-dev libdraco-dev libmeshoptimizer-dev libzip-dev zlib1g-dev
+  libgtest-dev libbenchmark-dev
+)
+
+missing=()
+for package in "${packages[@]}"; do
+  dpkg-query -W -f '${Status}' "$package" 2>/dev/null | grep -q 'ok installed' || missing+=("$package")
+done
+
+if [ ${#missing[@]} -gt 0 ]; then
+  as_root=()
+  if [ "$(id -u)" -ne 0 ]; then
+    command -v sudo >/dev/null || { echo "setup: run as root, or install sudo, to install: ${missing[*]}" >&2; exit 1; }
+    as_root=(sudo)
+  fi
+  echo "setup: installing ${missing[*]}"
+  "${as_root[@]}" apt-get update -qq
+  DEBIAN_FRONTEND=noninteractive "${as_root[@]}" apt-get install -y -qq --no-install-recommends "${missing[@]}" >/dev/null
+fi
+
+# LibTorch takes whichever BLAS the alternatives system points to. The OpenMP flavour of OpenBLAS shares LibTorch's
+# threads; the reference BLAS is dozens of times slower, and the pthread flavour fights for the same cores.
+triplet=$(dpkg-architecture -qDEB_HOST_MULTIARCH)
+for library in libblas.so.3 liblapack.so.3 libopenblas.so.0; do
+  target=$(update-alternatives --list "$library-$triplet" 2>/dev/null | grep openblas-openmp | head -n 1 || true)
+  if [ -n "$target" ] && [ "$(readlink -f "/etc/alternatives/$library-$triplet")" != "$(readlink -f "$target")" ]; then
+    if [ "$(id -u)" -eq 0 ]; then
+      update-alternatives --quiet --set "$library-$triplet" "$target" >/dev/null
+    else
+      sudo update-alternatives --quiet --set "$library-$triplet" "$target" >/dev/null || true
+    fi
+  fi
+done
+
+# The Khronos validator checks exported files in the tests; npm is optional, and the check is skipped without it.
+root=$(cd "$(dirname "$0")/.." && pwd)
+if command -v npm >/dev/null && [ ! -d "$root/.cache/node/node_modules/gltf-validator" ]; then
+  mkdir -p "$root/.cache/node"
+  npm install --silent --no-fund --no-audit --prefix "$root/.cache/node" gltf-validator@2.0.0-dev.3.10 >/dev/null 2>&1 ||
+    echo "setup: gltf-validator could not be installed; the tests will skip it"
+fi

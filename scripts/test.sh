@@ -1,0 +1,27 @@
+#!/usr/bin/env bash
+# Installs what is missing, builds, and runs every test. The last line is the count of passed, failed, skipped.
+#   scripts/test.sh [release|debug|asan] [ctest options, for example -L parity]
+set -euo pipefail
+cd "$(dirname "$0")/.."
+preset=release
+case ${1:-} in release|debug|asan) preset=$1; shift ;; esac
+
+started=$(date +%s)
+scripts/setup.sh
+built=$(date +%s)
+scripts/build.sh "$preset"
+tested=$(date +%s)
+
+report=build/$preset/tests.xml
+export NODE_PATH=$PWD/.cache/node/node_modules${NODE_PATH:+:$NODE_PATH}
+status=0
+ctest --test-dir "build/$preset" --output-on-failure --no-tests=error -j "$(nproc)" \
+  --output-junit "$PWD/$report" "$@" || status=$?
+
+finished=$(date +%s)
+echo "setup $((built - started)) s, build $((tested - built)) s, tests $((finished - tested)) s"
+count() { grep -oE "<testsuite[^>]*" "$report" | head -n 1 | grep -oE "$1=\"[0-9]+\"" | grep -oE '[0-9]+'; }
+total=$(count tests) failed=$(count failures)
+skipped=$(($(count disabled) + $(count skipped)))
+echo "$((total - failed - skipped)) passed, $failed failed, $skipped skipped"
+exit "$status"

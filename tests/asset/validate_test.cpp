@@ -1,0 +1,86 @@
+#include "anigen/asset/validate.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <functional>
+
+#include "tests/asset/small_rig.h"
+
+namespace anigen {
+namespace {
+
+TEST(Validate, SoundAssetHasNoFindings) { EXPECT_TRUE(validate(test::small_rig()).empty()); }
+
+struct Damage {
+  const char* word;  // what the finding must mention
+  std::function<void(Asset&)> apply;
+};
+
+TEST(Validate, NamesEveryKindOfDamage) {
+  const float nan = std::nanf("");
+  const Damage damages[] = {
+      {"vertices[1]", [=](Asset& a) { a.mesh.vertices[1].x() = nan; }},
+      {"faces[1]", [](Asset& a) { a.mesh.faces[1][2] = 4; }},
+      {"faces[0]", [](Asset& a) { a.mesh.faces[0][0] = -1; }},
+      {"no faces", [](Asset& a) { a.mesh.faces.clear(); }},
+      {"no vertices", [](Asset& a) { a.mesh.vertices.clear(); }},
+      {"uvs has 1",
+       [](Asset& a) {
+         a.mesh.uvs.resize(1, {0, 0});
+       }},
+      {"normals[0]", [](Asset& a) { a.mesh.normals.assign(4, Eigen::Vector3f(2, 0, 0)); }},
+      {"face_materials[0]",
+       [](Asset& a) {
+         a.mesh.face_materials = {3, -1};
+       }},
+      {"materials[0]",
+       [](Asset& a) {
+         a.materials.resize(1);
+         a.materials[0].image = 0;
+       }},
+      {"no joints", [](Asset& a) { a.skeleton = {}; }},
+      {"parents[0]", [](Asset& a) { a.skeleton.parents[0] = 1; }},
+      {"parents[1]", [](Asset& a) { a.skeleton.parents[1] = 2; }},
+      {"parents[2]", [](Asset& a) { a.skeleton.parents[2] = -1; }},
+      {"names[2]", [](Asset& a) { a.skeleton.names[2] = "root"; }},
+      {"names[1]", [](Asset& a) { a.skeleton.names[1] = ""; }},
+      {"bind[1]", [](Asset& a) { a.skeleton.bind[1].topLeftCorner<3, 3>().setZero(); }},
+      {"bind[0]", [=](Asset& a) { a.skeleton.bind[0](0, 3) = nan; }},
+      {"rest[2]", [](Asset& a) { a.skeleton.rest[2].rotation.coeffs() *= 2; }},
+      {"joint 9", [](Asset& a) { a.skin.influences[0].joint = 9; }},
+      {"sum to", [](Asset& a) { a.skin.influences[0].weight = 0.5f; }},
+      {"twice", [](Asset& a) { a.skin.influences[2].joint = a.skin.influences[1].joint; }},
+      {"offsets", [](Asset& a) { a.skin.offsets.back() += 1; }},
+      {"skin offsets[2]", [](Asset& a) { a.skin.offsets[2] = 100; }},
+      {"skin rows has",
+       [](Asset& a) {
+         a.mesh.vertices.push_back({0, 0, 0});
+       }},
+      {"moves joint 5", [](Asset& a) { a.animations[0].channels[0].joint = 5; }},
+      {"no keys", [](Asset& a) { a.animations[0].channels[0].times.clear(); }},
+      {"do not increase",
+       [](Asset& a) {
+         a.animations[0].channels[0].times = {1.0, 1.0};
+       }},
+      {"not finite", [=](Asset& a) { a.animations[0].channels[0].values[3] = nan; }},
+  };
+  for (const Damage& damage : damages) {
+    Asset asset = test::small_rig();
+    damage.apply(asset);
+    std::string all;
+    for (const std::string& finding : validate(asset)) all += finding + "\n";
+    EXPECT_NE(all.find(damage.word), std::string::npos) << "expected '" << damage.word << "' in:\n" << all;
+  }
+}
+
+TEST(Validate, CountsInsteadOfRepeating) {
+  Asset asset = test::small_rig();
+  for (Eigen::Vector3f& v : asset.mesh.vertices) v.setConstant(std::nanf(""));
+  const std::vector<std::string> findings = validate(asset, 2);
+  ASSERT_EQ(findings.size(), 3u);
+  EXPECT_NE(findings.back().find("2 more"), std::string::npos);
+}
+
+}  // namespace
+}  // namespace anigen
