@@ -1,0 +1,259 @@
+#include "anigen/io/safetensors.h"
+
+#include <algorithm>
+#include <array>
+#include <fstream>
+#include <set>
+#include <system_error>
+
+#include "anigen/core/atomic_file.h"
+#include "anigen/core/error.h"
+#include "anigen/core/json.h"
+
+namespace anigen::io {
+namespace {
+
+constexpr std::uint64_t kLengthBytes = 8;
+constexpr std::uint64_t kMaxHeaderBytes = 100'000'000;  // the format's own limit
+constexpr int kMaxJsonDepth = 8;
+
+/// Sorted keys: with a header of up to 100 MB the linear look-ups of an ordered object would take days.
+using Header = nlohmann::json;
+
+struct DtypeCode {
+  const char* code;
+  Dtype dtype;
+};
+constexpr std::array<DtypeCode, 13> kDtypes = {{{"BOOL", Dtype::kBool},
+                                                {"U8", Dtype::kU8},
+                                                {"I8", Dtype::kI8},
+                                                {"I16", Dtype::kI16},
+                                                {"U16", Dtype::kU16},
+                                                {"I32", Dtype::kI32},
+                                                {"U32", Dtype::kU32},
+                                                {"I64", Dtype::kI64},
+                                                {"U64", Dtype::kU64},
+                                                {"F16", Dtype::kF16},
+                                                {"BF16", Dtype::kBF16},
+                                                {"F32", Dtype::kF32},
+                                                {"F64", Dtype::kF64}}};
+
+struct Entry {
+  std::string name;
+  NdArray array;  // without bytes until read
+  std::uint64_t begin = 0, end = 0;
+};
+
+std::string byte(std::uint64_t offset) { return "byte " + std::to_string(offset); }
+
+/// The header's view of one file: turns its JSON into checked entries.
+class HeaderReader {
+ public:
+  HeaderReader(std::string file, std::uint64_t header_bytes, std::uint64_t file_bytes)
+      : file_(std::move(file)), data_start_(kLengthBytes + header_bytes), data_bytes_(file_bytes - data_start_) {}
+
+  std::vector<Entry> entries(const Header& header) const {
+    std::vector<Entry> entries;
+    for (const auto& [name, description] : header.items()) {
+      if (name != "__metadata__") entries.push_back(entry(name, description));
+    }
+    // Stable, so that empty tensors at one offset keep the order of the header.
+    std::stable_sort(entries.begin(), entries.end(), [](const Entry& a, const Entry& b) {
+      return std::pair(a.begin, a.end) < std::pair(b.begin, b.end);
+    });
+    std::uint64_t expected = 0;
+    for (const Entry& entry : entries) {
+      if (entry.begin != expected) {
+        fail(data_start_ + entry.begin,
+             "tensor '" + entry.name + "' " +
+                 (entry.begin < expected ? "overlaps the one before it" : "leaves a gap after the one before it"));
+      }
+      expected = entry.end;
+    }
+    if (expected != data_bytes_) {
+      fail(data_start_ + expected, std::to_string(data_bytes_ - expected) + " bytes after the last tensor");
+    }
+    return entries;
+  }
+
+  std::map<std::string, std::string> metadata(const Header& header) const {
+    std::map<std::string, std::string> metadata;
+    const auto found = header.find("__metadata__");
+    if (found == header.end()) return metadata;
+    if (!found->is_object()) fail(kLengthBytes, "__metadata__ is not an object");
+    for (const auto& [key, value] : found->items()) {
+      if (!value.is_string()) fail(kLengthBytes, "__metadata__ entry '" + key + "' is not a string");
+      metadata[key] = value.get<std::string>();
+    }
+    return metadata;
+  }
+
+  std::uint64_t data_start() const { return data_start_; }
+
+ private:
+  [[noreturn]] void fail(std::uint64_t offset, const std::string& problem) const {
+    throw InputError(file_, byte(offset), problem);
+  }
+
+  Entry entry(const std::string& name, const Header& description) const {
+    const std::string what = "tensor '" + name + "'";
+    if (!description.is_object()) fail(kLengthBytes, what + " is not described by an object");
+    for (const char* key : {"dtype", "shape", "data_offsets"}) {
+      if (!description.contains(key)) fail(kLengthBytes, what + " has no " + key);
+    }
+    Entry entry;
+    entry.name = name;
+    entry.array.dtype = dtype(what, description["dtype"]);
+    if (!description["shape"].is_array()) fail(kLengthBytes, what + ": shape is not a list");
+    for (const Header& size : description["shape"]) {
+      entry.array.shape.push_back(static_cast<std::int64_t>(unsigned_number(what + ": shape", size)));
+    }
+    const Header& offsets = description["data_offsets"];
+    if (!offsets.is_array() || offsets.size() != 2) fail(kLengthBytes, what + ": data_offsets is not a pair");
+    entry.begin = unsigned_number(what + ": data_offsets", offsets[0]);
+    entry.end = unsigned_number(what + ": data_offsets", offsets[1]);
+    if (entry.begin > entry.end || entry.end > data_bytes_) {
+      fail(data_start_ + std::min(entry.begin, data_bytes_),
+           what + " lies at [" + std::to_string(entry.begin) + ", " + std::to_string(entry.end) + ") of " +
+               std::to_string(data_bytes_) + " data bytes; the file is truncated or damaged");
+    }
+    std::size_t count = 0;
+    const std::size_t item = size_of(entry.array.dtype);
+    if (!count_elements(entry.array.shape, item, count)) fail(kLengthBytes, what + ": its shape overflows");
+    if (count * item != entry.end - entry.begin) {
+      fail(data_start_ + entry.begin, what + " needs " + std::to_string(count * item) + " bytes by its shape and has " +
+                                          std::to_string(entry.end - entry.begin));
+    }
+    return entry;
+  }
+
+  Dtype dtype(const std::string& what, const Header& code) const {
+    if (!code.is_string()) fail(kLengthBytes, what + ": dtype is not a string");
+    for (const DtypeCode& known : kDtypes) {
+      if (code.get_ref<const std::string&>() == known.code) return known.dtype;
+    }
+    throw NotSupportedError(file_, what, "dtype " + code.get<std::string>());
+  }
+
+  std::uint64_t unsigned_number(const std::string& what, const Header& number) const {
+    if (!number.is_number_unsigned() || number.get<std::uint64_t>() > (std::uint64_t{1} << 62)) {
+      fail(kLengthBytes,
+           what + " holds " + number.dump(-1, ' ', true, Header::error_handler_t::replace) + ", not a plausible size");
+    }
+    return number.get<std::uint64_t>();
+  }
+
+  std::string file_;
+  std::uint64_t data_start_, data_bytes_;
+};
+
+std::uint64_t read_length(std::ifstream& in) {
+  std::array<unsigned char, kLengthBytes> raw{};
+  in.read(reinterpret_cast<char*>(raw.data()), raw.size());
+  std::uint64_t length = 0;
+  for (std::size_t i = raw.size(); i-- > 0;) length = length << 8 | raw[i];
+  return length;
+}
+
+Header parse_header(const std::string& text, const std::string& file) {
+  const auto limit_depth = [&file](int depth, Header::parse_event_t, Header&) {
+    if (depth > kMaxJsonDepth) throw InputError(file, byte(kLengthBytes), "the header is nested too deeply");
+    return true;
+  };
+  try {
+    return Header::parse(text, limit_depth);
+  } catch (const Header::parse_error& error) {
+    throw InputError(file, byte(kLengthBytes + error.byte), "the header is not valid JSON");
+  }
+}
+
+const char* code_of(Dtype dtype) {
+  return std::find_if(kDtypes.begin(), kDtypes.end(), [&](const DtypeCode& d) { return d.dtype == dtype; })->code;
+}
+
+std::string header_text(const std::string& file, const NamedArrays& tensors,
+                        const std::map<std::string, std::string>& metadata) {
+  Json header = Json::object();
+  if (!metadata.empty()) header["__metadata__"] = metadata;
+  std::set<std::string> names = {"__metadata__"};
+  // Text by hand: looking a key up in an ordered object is linear, and checkpoints have thousands of them.
+  std::string text = header.dump();
+  text.pop_back();
+  std::uint64_t offset = 0;
+  for (const auto& [name, array] : tensors) {
+    if (!names.insert(name).second) throw Error(file + ": tensor name '" + name + "' is taken twice or reserved");
+    if (array.bytes.size() != array.count() * size_of(array.dtype)) {
+      throw Error(file + ": tensor '" + name + "' holds " + std::to_string(array.bytes.size()) +
+                  " bytes, which is not what its shape says");
+    }
+    const Json description = {{"dtype", code_of(array.dtype)},
+                              {"shape", array.shape},
+                              {"data_offsets", {offset, offset + array.bytes.size()}}};
+    if (text.size() > 1) text += ",";
+    text += Json(name).dump() + ":" + description.dump();
+    offset += array.bytes.size();
+  }
+  text += "}";
+  text.resize((text.size() + 7) / 8 * 8, ' ');
+  return text;
+}
+
+}  // namespace
+
+SafetensorsFile read_safetensors(const std::filesystem::path& path) {
+  const std::string file = path.string();
+  std::error_code error;
+  if (!std::filesystem::is_regular_file(path, error)) throw InputError(file, "", "no such file");
+  const std::uint64_t file_bytes = std::filesystem::file_size(path, error);
+  std::ifstream in(path, std::ios::binary);
+  if (error || !in) throw InputError(file, "", "cannot be opened");
+  if (file_bytes < kLengthBytes) throw InputError(file, byte(file_bytes), "ends inside the header length");
+  const std::uint64_t header_bytes = read_length(in);
+  if (header_bytes > kMaxHeaderBytes || header_bytes > file_bytes - kLengthBytes) {
+    throw InputError(file, byte(0),
+                     "header length " + std::to_string(header_bytes) +
+                         " exceeds the file or the format's limit; truncated, or no safetensors file");
+  }
+  std::string text(header_bytes, '\0');
+  in.read(text.data(), static_cast<std::streamsize>(text.size()));
+  if (!in) throw InputError(file, byte(kLengthBytes), "the header cannot be read");
+  if (text.empty() || text[0] != '{') throw InputError(file, byte(kLengthBytes), "the header does not start with '{'");
+  const Header header = parse_header(text, file);
+
+  const HeaderReader reader(file, header_bytes, file_bytes);
+  SafetensorsFile result;
+  result.metadata = reader.metadata(header);
+  for (Entry& entry : reader.entries(header)) {
+    entry.array.bytes.resize(entry.end - entry.begin);
+    in.read(reinterpret_cast<char*>(entry.array.bytes.data()), static_cast<std::streamsize>(entry.array.bytes.size()));
+    if (!in)
+      throw InputError(file, byte(reader.data_start() + entry.begin), "tensor '" + entry.name + "' cannot be read");
+    result.tensors.emplace_back(std::move(entry.name), std::move(entry.array));
+  }
+  return result;
+}
+
+void write_safetensors(const std::filesystem::path& path, const NamedArrays& tensors,
+                       const std::map<std::string, std::string>& metadata) {
+  std::string header;
+  try {
+    header = header_text(path.string(), tensors, metadata);
+  } catch (const Json::exception& error) {
+    throw Error(path.string() + ": a tensor name or metadata entry is not UTF-8: " + error.what());
+  }
+  if (header.size() > kMaxHeaderBytes) throw Error(path.string() + ": the header exceeds the format's limit");
+  AtomicFile target(path);
+  std::ofstream out(target.temporary(), std::ios::binary);
+  for (int shift = 0; shift < 64; shift += 8) {
+    out.put(static_cast<char>(static_cast<std::uint64_t>(header.size()) >> shift & 0xFF));
+  }
+  out.write(header.data(), static_cast<std::streamsize>(header.size()));
+  for (const auto& [name, array] : tensors) {
+    out.write(reinterpret_cast<const char*>(array.bytes.data()), static_cast<std::streamsize>(array.bytes.size()));
+  }
+  out.close();
+  if (!out) throw Error(path.string() + ": cannot be written; is the disk full?");
+  target.commit();
+}
+
+}  // namespace anigen::io

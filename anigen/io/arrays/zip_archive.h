@@ -1,0 +1,91 @@
+#pragma once
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <string>
+#include <vector>
+
+namespace anigen::io {
+
+/// What a container may make us allocate. Deflate cannot exceed a ratio of about 1032; real arrays that compress
+/// better than max_ratio are small, so larger ones are taken for decompression bombs.
+struct ZipLimits {
+  std::uint64_t max_members = 4'000'000;
+  std::uint64_t max_member_bytes = std::uint64_t{256} << 30;
+  double max_ratio = 300;
+  std::uint64_t ratio_applies_above = std::uint64_t{256} << 20;  ///< member size in bytes
+};
+
+/// One file inside a zip archive.
+struct ZipMember {
+  std::string name;
+  std::uint64_t index = 0;             ///< in the central directory
+  std::uint64_t bytes = 0;             ///< declared size after decompression
+  std::uint64_t compressed_bytes = 0;  ///< size inside the archive
+};
+
+class ZipMemberReader;
+
+/// A zip container opened for reading: stored and deflated members, zip64. Checks of the directory happen at once,
+/// of the contents while they are read. @throws InputError naming file and member, NotSupportedError for encryption
+/// and other compression methods
+class ZipReader {
+ public:
+  explicit ZipReader(const std::filesystem::path& path, const ZipLimits& limits = {});
+  ~ZipReader();
+  ZipReader(const ZipReader&) = delete;
+  ZipReader& operator=(const ZipReader&) = delete;
+
+  const std::string& file() const { return file_; }
+  const std::vector<ZipMember>& members() const { return members_; }
+  const ZipMember* find(const std::string& name) const;  ///< nullptr when there is none
+
+  /// All of it; its length is the declared one and its checksum is right.
+  std::string read(const ZipMember& member) const;
+
+ private:
+  friend class ZipMemberReader;
+  struct Handle;
+  void check(const ZipMember& member, std::uint16_t method, std::uint16_t encryption) const;
+
+  std::string file_;
+  ZipLimits limits_;
+  std::unique_ptr<Handle> handle_;
+  std::vector<ZipMember> members_;
+};
+
+/// Reads one member piece by piece.
+class ZipMemberReader {
+ public:
+  ZipMemberReader(const ZipReader& archive, const ZipMember& member);
+  ~ZipMemberReader();
+  ZipMemberReader(const ZipMemberReader&) = delete;
+  ZipMemberReader& operator=(const ZipMemberReader&) = delete;
+
+  /// Exactly `bytes` more bytes. @throws InputError when the member ends early
+  void read(void* destination, std::uint64_t bytes);
+  std::uint64_t position() const { return position_; }
+  /// Checks that everything was read and that the checksum agrees.
+  void finish();
+
+ private:
+  [[noreturn]] void fail(const std::string& problem) const;
+  struct Handle;
+  std::string file_;
+  ZipMember member_;
+  std::unique_ptr<Handle> handle_;
+  std::uint64_t position_ = 0;
+};
+
+/// Content of one member to write.
+struct ZipContent {
+  std::string name;
+  std::string bytes;
+};
+
+/// Writes an archive atomically: deflated members in the order given, all dated 1980-01-01, so that equal input
+/// gives equal bytes. @throws Error when the disk refuses or a name is taken twice
+void write_zip(const std::filesystem::path& path, const std::vector<ZipContent>& members);
+
+}  // namespace anigen::io

@@ -1,0 +1,36 @@
+#pragma once
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <string>
+
+namespace anigen::io {
+
+/// Which file of a model folder holds the weights (reference flows-and-pipeline.md, 6.3 and 6.4). All functions take
+/// the model folder, whose files lie in its `ckpts/`, or that folder itself. Besides the published `.pt` files they
+/// accept `.safetensors` with the same stems, which our trainer writes. Where both exist for one stem the `.pt` wins,
+/// so that a published folder reads as published whatever was converted beside it. Optimiser state (`misc…`,
+/// `state…`) is never chosen.
+
+/// A flow model's file. Without prefer_ema: files whose name contains no "ema"; if there is none, the moving averages,
+/// with a warning. With prefer_ema: the other way round. Among them the highest step wins; names without a step count
+/// as -1; equal steps go by name.
+/// @throws InputError when the folder is missing or holds no weights
+std::filesystem::path choose_flow_checkpoint(const std::filesystem::path& folder, bool prefer_ema);
+
+/// `<model>_<name>`, else `<name>`: model "encoder" and name "final" find encoder_final.pt.
+/// @throws InputError that lists what was tried and what is there
+std::filesystem::path choose_checkpoint(const std::filesystem::path& folder, const std::string& model,
+                                        const std::string& name);
+
+/// A decoder's file: choose_checkpoint with model "decoder".
+std::filesystem::path choose_decoder_checkpoint(const std::filesystem::path& folder, const std::string& name);
+
+/// The largest step in any checkpoint's name, from which training resumes; nothing when there is none, also when the
+/// folder does not exist.
+std::optional<std::int64_t> latest_step(const std::filesystem::path& folder);
+
+/// The integer after the last "step" of a file name ("denoiser_step0000200.pt": 200); -1 when there is none.
+std::int64_t step_of(const std::string& file_name);
+
+}  // namespace anigen::io

@@ -1,0 +1,52 @@
+#pragma once
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "anigen/asset/asset.h"
+
+namespace anigen::io {
+
+/// One thing the importer changed or noticed, for reports: a stable short code ("nan_weights") and a sentence.
+struct ImportNote {
+  std::string code;
+  std::string message;
+};
+
+struct ImportOptions {
+  std::uintmax_t max_file_bytes = std::uintmax_t{1} << 30;  ///< the file and each buffer it refers to
+  std::size_t max_vertices = 20'000'000;
+  std::size_t max_faces = 40'000'000;
+  std::size_t max_joints = 10'000;
+  std::size_t max_nodes = 200'000;
+  std::size_t max_json_depth = 128;
+  int scene = -1;  ///< index of the scene to import; -1: the file's default scene, else the first
+};
+
+struct ImportedAsset {
+  Asset asset;  ///< world frame Z up: glTF (X, Y, Z) → (X, −Z, Y); validate() finds nothing wrong with it
+  std::vector<ImportNote> notes;
+};
+
+/// Reads a skinned glTF 2.0 (.gltf with its buffers, or .glb). All skins are merged into one skeleton, all meshes
+/// into one mesh in a common bind pose. @throws InputError with file and place, NotSupportedError naming an extension
+ImportedAsset read_gltf(const std::filesystem::path& path, const ImportOptions& options = {});
+
+enum class ExportAxes {
+  kGltf,      ///< exact inverse of the import: (x, y, z) → (x, z, −y)
+  kPublished  ///< the published exporter's (−x, z, y), turned by 180° about the vertical
+};
+
+struct ExportOptions {
+  std::size_t influences = 4;  ///< per vertex; more than 4 writes JOINTS_1/WEIGHTS_1 and so on
+  ExportAxes axes = ExportAxes::kGltf;
+  bool animations = true;
+};
+
+/// Writes a .glb (or .gltf with everything embedded, by extension), atomically; zero errors in Khronos' validator.
+/// @throws InputError when validate() finds something wrong with the asset
+void write_gltf(const std::filesystem::path& path, const Asset& asset, const ExportOptions& options = {});
+
+}  // namespace anigen::io

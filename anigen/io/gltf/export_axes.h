@@ -1,0 +1,16 @@
+#pragma once
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+
+#include "anigen/io/gltf.h"
+
+namespace anigen::io {
+
+/// The proper rotation from the project's world (Z up) to the file's (Y up). Its entries are exactly -1, 0 or 1,
+/// so positions and normals turn without rounding.
+Eigen::Matrix3d axis_rotation(ExportAxes axes);
+
+/// The same rotation as a unit quaternion, for joint rotations.
+Eigen::Quaterniond axis_quaternion(ExportAxes axes);
+
+}  // namespace anigen::io

@@ -1,0 +1,25 @@
+#pragma once
+#include <vector>
+
+#include "anigen/asset/mesh.h"
+#include "anigen/asset/skin_weights.h"
+#include "anigen/io/gltf.h"
+#include "anigen/io/gltf/import_bind.h"
+#include "anigen/io/gltf/import_document.h"
+#include "anigen/io/gltf/import_notes.h"
+#include "anigen/io/gltf/import_rig.h"
+
+namespace anigen::io::gltf_import {
+
+struct MergedMesh {
+  Mesh mesh;  ///< bind pose, Z up; face_materials refer to the file's materials
+  SkinWeights skin;
+};
+
+/// Every mesh of the scene in one, in the bind pose. A skinned mesh ignores its node's transform (glTF 2.0, section
+/// 3.7.3.3); a mesh without skin follows the joint above its node, or the root when there is none.
+/// @throws InputError when nothing with triangles is left
+MergedMesh merge_meshes(const Document& document, const Rig& rig, const std::vector<SkinBinding>& bindings,
+                        const ImportOptions& options, Notes& notes);
+
+}  // namespace anigen::io::gltf_import

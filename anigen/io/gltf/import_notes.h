@@ -1,0 +1,28 @@
+#pragma once
+#include <cstddef>
+#include <string>
+#include <vector>
+
+#include "anigen/io/gltf.h"
+
+namespace anigen::io::gltf_import {
+
+/// Collects what the importer changed, in the order it happened; one note per kind of change however often it
+/// happened, so that a broken file of a million vertices does not report a million times.
+class Notes {
+ public:
+  /// A sentence, once.
+  void add(const std::string& code, const std::string& sentence);
+  /// Counts; the note reads "<count> <what>", for example "6 vertices with weights that are not numbers".
+  void tally(const std::string& code, const std::string& what, std::size_t count = 1);
+  std::vector<ImportNote> take() const;
+
+ private:
+  struct Entry {
+    std::string code, text;
+    std::size_t count;  // 0: a sentence
+  };
+  std::vector<Entry> entries_;
+};
+
+}  // namespace anigen::io::gltf_import

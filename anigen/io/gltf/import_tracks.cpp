@@ -1,0 +1,120 @@
+#include "anigen/io/gltf/import_tracks.h"
+
+#include <algorithm>
+#include <cmath>
+#include <set>
+
+#include "anigen/core/error.h"
+#include "anigen/io/gltf/import_accessor.h"
+
+namespace anigen::io::gltf_import {
+namespace {
+
+// Many channels can point at one accessor, so the file's size does not bound this.
+constexpr std::size_t kMostValues = 50'000'000;
+
+std::size_t width_of(ChannelPath path) { return path == ChannelPath::kRotation ? 4 : 3; }
+
+// Whether one key's values can be used; a LINEAR or STEP rotation is given unit length.
+bool repair_values(const Track& track, double* values, std::size_t count) {
+  for (std::size_t i = 0; i < count; ++i) {
+    if (!std::isfinite(values[i])) return false;
+  }
+  if (track.path != ChannelPath::kRotation) return true;
+  const bool cubic = track.interpolation == Interpolation::kCubicSpline;
+  Eigen::Map<Eigen::Vector4d> rotation(values + (cubic ? 4 : 0));
+  const double norm = rotation.norm();
+  if (!(norm > 1e-9) || !std::isfinite(norm)) return false;
+  // A spline's tangents belong to the values as they are.
+  if (!cubic) rotation /= norm;
+  return true;
+}
+
+Track read_track(const Document& document, const AnimationChannel& channel, std::size_t& dropped) {
+  Track track;
+  track.node = channel.node;
+  track.path = channel.path;
+  track.interpolation = channel.interpolation;
+  const std::vector<double> times = read_doubles(document, channel.input);
+  std::vector<double> values = read_doubles(document, channel.output);
+  const std::size_t width = width_of(track.path) * (track.interpolation == Interpolation::kCubicSpline ? 3 : 1);
+  for (std::size_t k = 0; k < times.size(); ++k) {
+    const bool in_order =
+        std::isfinite(times[k]) && times[k] >= 0.0 && (track.times.empty() || times[k] > track.times.back());
+    double* key = values.data() + k * width;
+    if (!in_order || !repair_values(track, key, width)) {
+      ++dropped;
+      continue;
+    }
+    track.times.push_back(times[k]);
+    track.values.insert(track.values.end(), key, key + width);
+  }
+  return track;
+}
+
+bool is_constant_rest(const Track& track, const Transform& rest) {
+  Eigen::Vector4d expected = Eigen::Vector4d::Zero();
+  if (track.path == ChannelPath::kTranslation) expected.head<3>() = rest.translation;
+  if (track.path == ChannelPath::kScale) expected.head<3>() = rest.scale;
+  if (track.path == ChannelPath::kRotation) expected = rest.rotation.coeffs();
+  const std::size_t width = width_of(track.path);
+  const bool cubic = track.interpolation == Interpolation::kCubicSpline;
+  // Float noise of an exporter, relative to the size of what is keyed.
+  const double tolerance = 1e-5 * std::max(expected.norm(), 1e-3);
+  for (std::size_t k = 0; k < track.times.size(); ++k) {
+    const double* key = track.values.data() + k * width * (cubic ? 3 : 1);
+    double plus = 0.0, minus = 0.0;
+    for (std::size_t i = 0; i < width; ++i) {
+      const double value = key[(cubic ? width : 0) + i];
+      const double wanted = expected[static_cast<Eigen::Index>(i)];
+      plus = std::max(plus, std::abs(value - wanted));
+      minus = std::max(minus, std::abs(value + wanted));
+      if (cubic && (std::abs(key[i]) > tolerance || std::abs(key[2 * width + i]) > tolerance)) return false;
+    }
+    // q and -q are the same rotation.
+    if (plus > tolerance && (track.path != ChannelPath::kRotation || minus > tolerance)) return false;
+  }
+  return true;
+}
+
+}  // namespace
+
+std::vector<TrackSet> read_tracks(const Document& document, Notes& notes) {
+  std::vector<TrackSet> result;
+  std::size_t values = 0, dropped = 0;
+  for (const AnimationEntry& animation : document.animations) {
+    TrackSet set;
+    set.name = animation.name.empty() ? "animation_" + std::to_string(result.size()) : animation.name;
+    std::set<std::pair<int, int>> seen;
+    for (const AnimationChannel& channel : animation.channels) {
+      if (!seen.emplace(channel.node, static_cast<int>(channel.path)).second) {
+        notes.tally("dropped_channels", "animation channels repeated a property and were dropped");
+        continue;
+      }
+      const Accessor& output = document.accessors[static_cast<std::size_t>(channel.output)];
+      values += output.count * output.width;
+      if (values > kMostValues) {
+        throw InputError(document.file, channel.pointer,
+                         "the animations have more than " + std::to_string(kMostValues) + " values");
+      }
+      Track track = read_track(document, channel, dropped);
+      if (!track.times.empty()) set.tracks.push_back(std::move(track));
+    }
+    result.push_back(std::move(set));
+  }
+  notes.tally("repaired_keyframes", "keyframes with unusable times or values were dropped", dropped);
+  return result;
+}
+
+std::vector<char> moving_nodes(const Document& document, const std::vector<TrackSet>& animations) {
+  std::vector<char> moving(document.nodes.size(), 0);
+  for (const TrackSet& animation : animations) {
+    for (const Track& track : animation.tracks) {
+      const auto node = static_cast<std::size_t>(track.node);
+      if (moving[node] == 0 && !is_constant_rest(track, document.nodes[node].local)) moving[node] = 1;
+    }
+  }
+  return moving;
+}
+
+}  // namespace anigen::io::gltf_import

@@ -1,0 +1,151 @@
+#include "anigen/io/image.h"
+
+#include <gtest/gtest.h>
+
+#include <opencv2/imgcodecs.hpp>
+#include <string>
+
+#include "anigen/core/atomic_file.h"
+#include "anigen/core/error.h"
+#include "tests/io/file_fuzz.h"
+#include "tests/io/small_asset.h"
+#include "tests/support/paths.h"
+
+namespace anigen::io {
+namespace {
+
+using Bytes = std::vector<std::uint8_t>;
+
+// Pictures of every kind are made with OpenCV directly, in its BGR order.
+Bytes encoded(const char* extension, const cv::Mat& picture) {
+  Bytes bytes;
+  if (!cv::imencode(extension, picture, bytes)) throw std::runtime_error("OpenCV cannot encode the test picture");
+  return bytes;
+}
+
+Image gradient(int width, int height) {
+  Image image(width, height);
+  for (int y = 0; y < height; ++y) {
+    for (int x = 0; x < width; ++x) {
+      const int rgba[4] = {x * 13 % 256, y * 7 % 256, (x + y) % 256, (x * y) % 256};
+      for (int c = 0; c < 4; ++c) image.pixel(x, y)[c] = static_cast<std::uint8_t>(rgba[c]);
+    }
+  }
+  return image;
+}
+
+void set_big_endian(Bytes& bytes, std::size_t at, std::uint32_t value) {
+  for (int i = 0; i < 4; ++i)
+    bytes[at + static_cast<std::size_t>(i)] = static_cast<std::uint8_t>(value >> (24 - 8 * i));
+}
+
+TEST(Image, FillIsRgbaFromTheMostSignificantByte) {
+  const Image image(3, 2, 0x11223344u);
+  ASSERT_EQ(image.rgba.size(), 24u);
+  EXPECT_EQ(Bytes(image.pixel(2, 1), image.pixel(2, 1) + 4), (Bytes{0x11, 0x22, 0x33, 0x44}));
+}
+
+TEST(Image, PngRoundTripIsExact) {
+  const Image image = gradient(37, 21);
+  const Image again = decode_image(encode_png(image), "memory");
+  EXPECT_EQ(again.width, 37);
+  EXPECT_EQ(again.height, 21);
+  EXPECT_EQ(again.rgba, image.rgba);  // transparent pixels keep their colour, too
+}
+
+TEST(Image, FileRoundTrip) {
+  const test::TemporaryFolder folder;
+  write_png(folder / "deep" / "picture.png", gradient(5, 4));
+  EXPECT_EQ(read_image(folder / "deep" / "picture.png").rgba, gradient(5, 4).rgba);
+}
+
+TEST(Image, ReadsGreyColourAndSixteenBits) {
+  const Image grey = decode_image(encoded(".png", cv::Mat(2, 3, CV_8UC1, cv::Scalar(77))), "grey");
+  EXPECT_EQ(Bytes(grey.pixel(1, 1), grey.pixel(1, 1) + 4), (Bytes{77, 77, 77, 255}));
+  const Image colour = decode_image(encoded(".png", cv::Mat(2, 3, CV_8UC3, cv::Scalar(1, 2, 3))), "colour");
+  EXPECT_EQ(Bytes(colour.pixel(0, 0), colour.pixel(0, 0) + 4), (Bytes{3, 2, 1, 255}));
+  const Image deep = decode_image(encoded(".png", cv::Mat(2, 3, CV_16UC4, cv::Scalar(0, 257, 65535, 32768))), "deep");
+  EXPECT_EQ(Bytes(deep.pixel(0, 0), deep.pixel(0, 0) + 4), (Bytes{255, 1, 0, 128}));
+  const Image bitmap = decode_image(encoded(".bmp", cv::Mat(2, 3, CV_8UC3, cv::Scalar(1, 2, 3))), "bitmap");
+  EXPECT_EQ(bitmap.pixel(2, 1)[0], 3);
+}
+
+TEST(Image, ReadsJpeg) {
+  const Image image = decode_image(encoded(".jpg", cv::Mat(16, 24, CV_8UC3, cv::Scalar(200, 100, 50))), "photo");
+  EXPECT_EQ(image.width, 24);
+  EXPECT_EQ(image.height, 16);
+  const int expected[4] = {50, 100, 200, 255};
+  for (int c = 0; c < 4; ++c) EXPECT_NEAR(image.pixel(11, 7)[c], expected[c], 3) << "channel " << c;  // lossy
+}
+
+TEST(Image, ReadsTheSharedPictures) {
+  const std::filesystem::path folder = test::assets_dir() / "images";
+  if (!std::filesystem::exists(folder)) GTEST_SKIP() << "no pictures in " << folder;
+  std::size_t read = 0;
+  for (const auto& entry : std::filesystem::directory_iterator(folder)) {
+    if (entry.path().extension() != ".png") continue;
+    const Image image = read_image(entry.path());
+    EXPECT_EQ(image.rgba.size(), 4u * static_cast<std::size_t>(image.width) * static_cast<std::size_t>(image.height));
+    ++read;
+  }
+  EXPECT_GT(read, 0u);
+}
+
+TEST(Image, RefusesWhatIsNoPicture) {
+  EXPECT_THROW(decode_image({}, "empty"), InputError);
+  EXPECT_THROW(decode_image({'h', 'e', 'l', 'l', 'o'}, "text"), InputError);
+  EXPECT_THROW(decode_image(Bytes(1000, 0), "zeros"), InputError);
+  EXPECT_THROW(read_image("/nonexistent/picture.png"), InputError);
+  try {
+    decode_image({1, 2, 3}, "wing.png");
+    ADD_FAILURE() << "accepted";
+  } catch (const InputError& error) {
+    EXPECT_EQ(error.file(), "wing.png");
+  }
+}
+
+TEST(Image, RefusesHostileSizesBeforeDecoding) {
+  Bytes png = encode_png(gradient(4, 4));
+  set_big_endian(png, 16, 16385);
+  EXPECT_THROW(decode_image(png, "wide"), InputError);
+  set_big_endian(png, 16, 0x7FFFFFFF);
+  set_big_endian(png, 20, 0x7FFFFFFF);
+  EXPECT_THROW(decode_image(png, "huge"), InputError);
+  set_big_endian(png, 16, 0);
+  EXPECT_THROW(decode_image(png, "nothing"), InputError);
+}
+
+TEST(Image, TruncatedFilesAreRefused) {
+  const Bytes png = encode_png(gradient(64, 64));
+  const Bytes jpeg = encoded(".jpg", cv::Mat(64, 64, CV_8UC3, cv::Scalar(200, 100, 50)));
+  for (const Bytes& bytes : {png, jpeg}) {
+    for (std::size_t length = 0; length < bytes.size(); length += 37) {
+      EXPECT_THROW(decode_image(Bytes(bytes.begin(), bytes.begin() + static_cast<std::ptrdiff_t>(length)), "part"),
+                   InputError)
+          << length << " of " << bytes.size() << " bytes";
+    }
+  }
+}
+
+TEST(Image, DamagedFilesGiveErrorsOnly) {
+  const test::TemporaryFolder folder;
+  const Bytes jpeg = encoded(".jpg", cv::Mat(24, 24, CV_8UC3, cv::Scalar(200, 100, 50)));
+  const Bytes png = encode_png(gradient(24, 24)),
+              webp = encoded(".webp", cv::Mat(24, 24, CV_8UC3, cv::Scalar(9, 8, 7)));
+  const Bytes bitmap = encoded(".bmp", cv::Mat(8, 8, CV_8UC3, cv::Scalar(1, 2, 3)));
+  for (const Bytes& bytes : {png, jpeg, webp, bitmap}) {
+    test::expect_errors_only(
+        {bytes.begin(), bytes.end()}, folder / "damaged", [](const auto& path) { read_image(path); }, 150);
+  }
+}
+
+TEST(Image, RefusesToEncodeAnInconsistentPicture) {
+  Image image(2, 2);
+  image.rgba.pop_back();
+  EXPECT_THROW(encode_png(image), InputError);
+  EXPECT_THROW(encode_png(Image()), InputError);
+  EXPECT_THROW(Image(-1, 2), InputError);
+}
+
+}  // namespace
+}  // namespace anigen::io

@@ -1,0 +1,165 @@
+#include "anigen/io/safetensors.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "anigen/core/json.h"
+#include "tests/io/array_file_bytes.h"
+
+namespace anigen::io {
+namespace {
+
+using test::little;
+
+std::string with_header(const std::string& header, const std::string& data = "") {
+  return little(header.size(), 8) + header + data;
+}
+
+class Safetensors : public ::testing::Test {
+ protected:
+  SafetensorsFile read(const std::string& bytes) {
+    write_file_atomically(folder_ / "x.safetensors", bytes);
+    return read_safetensors(folder_ / "x.safetensors");
+  }
+  std::string problem(const std::string& bytes) {
+    try {
+      read(bytes);
+    } catch (const InputError& error) {
+      return error.what();
+    }
+    return "accepted";
+  }
+  test::TemporaryFolder folder_;
+};
+
+TEST_F(Safetensors, RoundTripsEveryDtype) {
+  NamedArrays tensors;
+  for (int d = 0; d <= static_cast<int>(Dtype::kF64); ++d) {
+    const auto dtype = static_cast<Dtype>(d);
+    NdArray array{dtype, {3, 1}, {}};
+    for (std::size_t i = 0; i < 3 * size_of(dtype); ++i) array.bytes.push_back(static_cast<std::uint8_t>(i + d));
+    tensors.emplace_back(std::string("tensor.") + name_of(dtype), array);
+  }
+  tensors.emplace_back("scalar", NdArray::from<float>({std::nanf("")}, {}));
+  tensors.emplace_back("empty", NdArray::from<float>({}, {0, 7}));
+  write_safetensors(folder_ / "a.safetensors", tensors, {{"format", "pt"}, {"quote", "\"ü"}});
+  const SafetensorsFile file = read_safetensors(folder_ / "a.safetensors");
+  ASSERT_EQ(file.tensors.size(), tensors.size());
+  for (std::size_t i = 0; i < tensors.size(); ++i) {
+    EXPECT_EQ(file.tensors[i].first, tensors[i].first);
+    EXPECT_EQ(file.tensors[i].second.dtype, tensors[i].second.dtype);
+    EXPECT_EQ(file.tensors[i].second.shape, tensors[i].second.shape);
+    EXPECT_EQ(file.tensors[i].second.bytes, tensors[i].second.bytes);
+  }
+  EXPECT_EQ(file.metadata.at("quote"), "\"ü");
+}
+
+TEST_F(Safetensors, WritesTheSameBytesAndAlignsTheData) {
+  const NamedArrays tensors = {{"b", NdArray::from<float>({1, 2}, {2})}, {"a", NdArray::from<double>({3}, {1})}};
+  write_safetensors(folder_ / "a.safetensors", tensors);
+  write_safetensors(folder_ / "b.safetensors", tensors);
+  const std::string bytes = read_file(folder_ / "a.safetensors");
+  EXPECT_EQ(bytes, read_file(folder_ / "b.safetensors"));
+  EXPECT_EQ(bytes.substr(1, 7), std::string(7, '\0'));
+  EXPECT_EQ(static_cast<unsigned char>(bytes[0]) % 8, 0);
+  EXPECT_EQ(bytes.substr(8, 5), "{\"b\":");
+  EXPECT_EQ(bytes.substr(bytes.size() - 16, 4), little(0x3F800000, 4));
+}
+
+TEST_F(Safetensors, RefusesToWriteNonsense) {
+  const NdArray one = NdArray::from<float>({1}, {1});
+  EXPECT_THROW(write_safetensors(folder_ / "x", {{"a", one}, {"a", one}}), Error);
+  EXPECT_THROW(write_safetensors(folder_ / "x", {{"__metadata__", one}}), Error);
+  EXPECT_THROW(write_safetensors(folder_ / "x", {{"\xff", one}}), Error);
+  EXPECT_THROW(write_safetensors(folder_ / "x", {{"a", NdArray{Dtype::kF32, {2}, {1}}}}), Error);
+  EXPECT_TRUE(std::filesystem::is_empty(folder_.path()));
+}
+
+TEST_F(Safetensors, RefusesDamage) {
+  const auto entry = [](const std::string& dtype, const std::string& shape, const std::string& offsets) {
+    return "{\"dtype\":\"" + dtype + "\",\"shape\":" + shape + ",\"data_offsets\":" + offsets + "}";
+  };
+  const std::string good = entry("F32", "[1]", "[0,4]");
+  EXPECT_EQ(problem(with_header("{\"a\":" + good + "}", "1234")), "accepted");
+  EXPECT_NE(problem("").find("byte 0"), std::string::npos);
+  EXPECT_NE(problem(little(std::uint64_t{1} << 60, 8) + "{}").find("header length"), std::string::npos);
+  EXPECT_NE(problem(with_header("[]")).find("byte 8"), std::string::npos);
+  EXPECT_NE(problem(with_header("{\"a\":")).find("not valid JSON"), std::string::npos);
+  EXPECT_NE(problem(with_header("{\"a\":" + good + "}", "123")).find("truncated"), std::string::npos);
+  EXPECT_NE(problem(with_header("{\"a\":" + good + "}", "12345")).find("after the last tensor"), std::string::npos);
+  EXPECT_NE(problem(with_header("{\"a\":" + good + ",\"b\":" + entry("F32", "[1]", "[2,6]") + "}", "123456"))
+                .find("overlaps"),
+            std::string::npos);
+  EXPECT_NE(
+      problem(with_header("{\"a\":" + good + ",\"b\":" + entry("F32", "[1]", "[5,9]") + "}", "123456789")).find("gap"),
+      std::string::npos);
+  EXPECT_NE(problem(with_header("{\"a\":" + entry("F32", "[2]", "[0,4]") + "}", "1234")).find("by its shape"),
+            std::string::npos);
+  EXPECT_NE(problem(with_header("{\"a\":" + entry("F32", "[-1]", "[0,4]") + "}", "1234")).find("-1"),
+            std::string::npos);
+  EXPECT_NE(problem(with_header("{\"a\":" + entry("F32", "[4294967296,4294967296]", "[0,0]") + "}")).find("overflows"),
+            std::string::npos);
+  EXPECT_NE(problem(with_header("{\"a\":" + entry("F32", "[1]", "[4,0]") + "}", "1234")).find("damaged"),
+            std::string::npos);
+  EXPECT_NE(problem(with_header("{\"a\":" + entry("F8_E5M2", "[1]", "[0,1]") + "}", "1"))
+                .find("not supported: dtype F8_E5M2"),
+            std::string::npos);
+  EXPECT_NE(problem(with_header("{\"__metadata__\":{\"k\":1}}")).find("__metadata__"), std::string::npos);
+  EXPECT_NE(problem(with_header("{\"a\":" + std::string(5000, '[') + std::string(5000, ']') + "}")).find("nested"),
+            std::string::npos);
+  EXPECT_THROW(read_safetensors(folder_ / "missing.safetensors"), InputError);
+}
+
+TEST_F(Safetensors, DamagedFilesOnlyThrow) {
+  const NamedArrays tensors = {{"weight", NdArray::from<float>({1, 2, 3, 4}, {2, 2})},
+                               {"bias", NdArray::from<double>({3}, {1})}};
+  write_safetensors(folder_ / "a.safetensors", tensors, {{"format", "pt"}});
+  const int refused = test::read_damaged(read_file(folder_ / "a.safetensors"), "x.safetensors",
+                                         [](const auto& path) { read_safetensors(path); });
+  EXPECT_GT(refused, 100);  // every cut file, and most damage to the header
+}
+
+/// Shapes and dtypes that a fixture's JSON lists under "inputs", "outputs" and "tensors".
+void expect_listed(const Json& fixture, const NamedArrays& tensors, const std::string& name) {
+  const auto check = [&](const std::string& key, const Json& listed) {
+    if (!listed.is_object() || !listed.contains("shape") || !listed.contains("dtype")) return;
+    const NdArray* array = find(tensors, key);
+    ASSERT_NE(array, nullptr) << name << ": " << key;
+    EXPECT_EQ(array->shape, listed["shape"].get<std::vector<std::int64_t>>()) << name << ": " << key;
+    EXPECT_EQ(name_of(array->dtype), listed["dtype"].get<std::string>()) << name << ": " << key;
+  };
+  for (const auto& [section, prefix] :
+       {std::pair("inputs", "in."), std::pair("outputs", "out."), std::pair("tensors", "")}) {
+    if (!fixture.contains(section) || !fixture[section].is_object()) continue;
+    for (const auto& [key, listed] : fixture[section].items()) check(prefix + key, listed);
+  }
+}
+
+TEST(SafetensorsFixtures, AgreeWithTheirListings) {
+  namespace fs = std::filesystem;
+  if (!fs::exists(test::parity_dir())) GTEST_SKIP() << "no parity folder at " << test::parity_dir();
+  int fixtures = 0;
+  for (const auto& entry : fs::directory_iterator(test::parity_dir())) {
+    if (entry.path().extension() != ".json") continue;
+    const Json fixture = read_json(entry.path());
+    std::vector<std::string> files;
+    if (fixture.contains("files")) {
+      files = fixture["files"].get<std::vector<std::string>>();
+    } else if (fixture.contains("tensors")) {
+      files = {entry.path().stem().string() + ".safetensors"};
+    }
+    NamedArrays tensors;
+    for (const std::string& file : files) {
+      if (fs::path(file).extension() != ".safetensors") continue;
+      for (auto& tensor : read_safetensors(test::parity_dir() / file).tensors) tensors.push_back(std::move(tensor));
+    }
+    if (tensors.empty()) continue;
+    expect_listed(fixture, tensors, entry.path().filename().string());
+    ++fixtures;
+  }
+  EXPECT_GT(fixtures, 0);
+}
+
+}  // namespace
+}  // namespace anigen::io
