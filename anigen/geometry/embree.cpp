@@ -1,0 +1,73 @@
+#include "anigen/geometry/embree.h"
+
+#include <cmath>
+#include <cstring>
+
+#include "anigen/core/error.h"
+
+namespace anigen::geometry {
+namespace {
+
+/// One device for the process, never released: scenes in static storage may outlive any order of destruction.
+RTCDevice device() {
+  static RTCDevice device = [] {
+    RTCDevice created = rtcNewDevice(nullptr);
+    if (created == nullptr) throw Error("Embree cannot start on this processor");
+    return created;
+  }();
+  return device;
+}
+
+}  // namespace
+
+void check_mesh(const std::vector<Eigen::Vector3f>& vertices, const std::vector<Triangle>& faces,
+                const std::string& file, const std::string& array) {
+  for (std::size_t v = 0; v < vertices.size(); ++v) {
+    // Written so that NaN fails too.
+    if (!(vertices[v].cwiseAbs().maxCoeff() <= kLargestCoordinate) || !vertices[v].allFinite()) {
+      throw InputError(file, array + ".vertices[" + std::to_string(v) + "]",
+                       "the position is not finite or larger than 1e15");
+    }
+  }
+  const auto count = static_cast<std::int64_t>(vertices.size());
+  for (std::size_t f = 0; f < faces.size(); ++f) {
+    for (const std::int32_t index : faces[f]) {
+      if (index < 0 || index >= count) {
+        throw InputError(
+            file, array + ".faces[" + std::to_string(f) + "]",
+            "vertex index " + std::to_string(index) + " is outside the " + std::to_string(count) + " vertices");
+      }
+    }
+  }
+}
+
+EmbreeMesh::EmbreeMesh(const std::vector<Eigen::Vector3f>& vertices, const std::vector<Triangle>& faces) {
+  check_mesh(vertices, faces);
+  scene_ = rtcNewScene(device());
+  // Without "robust" a ray through a shared edge can slip between the two triangles.
+  rtcSetSceneFlags(scene_, RTC_SCENE_FLAG_ROBUST);
+  if (!faces.empty()) {
+    RTCGeometry geometry = rtcNewGeometry(device(), RTC_GEOMETRY_TYPE_TRIANGLE);
+    void* positions = rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, 3 * sizeof(float),
+                                              vertices.size());
+    void* indices = rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3,
+                                            3 * sizeof(std::int32_t), faces.size());
+    if (positions == nullptr || indices == nullptr) {
+      rtcReleaseGeometry(geometry);
+      rtcReleaseScene(scene_);
+      throw Error("out of memory while building a ray tracing structure over " + std::to_string(faces.size()) +
+                  " faces");
+    }
+    static_assert(sizeof(Eigen::Vector3f) == 3 * sizeof(float), "vertices are packed");
+    std::memcpy(positions, vertices.data(), vertices.size() * sizeof(Eigen::Vector3f));
+    std::memcpy(indices, faces.data(), faces.size() * sizeof(Triangle));
+    rtcCommitGeometry(geometry);
+    rtcAttachGeometry(scene_, geometry);
+    rtcReleaseGeometry(geometry);
+  }
+  rtcCommitScene(scene_);
+}
+
+EmbreeMesh::~EmbreeMesh() { rtcReleaseScene(scene_); }
+
+}  // namespace anigen::geometry

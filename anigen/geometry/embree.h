@@ -1,0 +1,65 @@
+#pragma once
+#include <Eigen/Core>
+#include <cstddef>
+#include <string>
+#include <vector>
+
+#include "anigen/asset/mesh.h"
+
+#if ANIGEN_EMBREE_VERSION == 4
+#include <embree4/rtcore.h>
+#elif ANIGEN_EMBREE_VERSION == 3
+#include <embree3/rtcore.h>
+#else
+#error "ANIGEN_EMBREE_VERSION must be 3 or 4"
+#endif
+
+// The only place that knows which Embree this is. For sources of geometry and raytrace; other headers keep it out.
+namespace anigen::geometry {
+
+/// Coordinates beyond this are refused: Embree silently drops triangles near 1.8e18, and squares must stay finite.
+inline constexpr float kLargestCoordinate = 1e15f;
+
+/// @param file,array only for the message
+/// @throws InputError naming the first vertex that is not finite or too large, or the first face with a bad index
+void check_mesh(const std::vector<Eigen::Vector3f>& vertices, const std::vector<Triangle>& faces,
+                const std::string& file = "", const std::string& array = "mesh");
+
+/// A BVH over one triangle mesh; primitive ids are face indices. Queries are thread-safe.
+class EmbreeMesh {
+ public:
+  /// Copies both arrays. @throws InputError as check_mesh; Error when Embree fails (out of memory)
+  EmbreeMesh(const std::vector<Eigen::Vector3f>& vertices, const std::vector<Triangle>& faces);
+  ~EmbreeMesh();
+  EmbreeMesh(const EmbreeMesh&) = delete;
+  EmbreeMesh& operator=(const EmbreeMesh&) = delete;
+
+  RTCScene scene() const { return scene_; }
+
+ private:
+  RTCScene scene_ = nullptr;
+};
+
+/// Closest hit along the ray; hit.hit.geomID stays RTC_INVALID_GEOMETRY_ID on a miss.
+inline void embree_intersect(RTCScene scene, RTCRayHit& hit) {
+#if ANIGEN_EMBREE_VERSION == 4
+  rtcIntersect1(scene, &hit);
+#else
+  RTCIntersectContext context;
+  rtcInitIntersectContext(&context);
+  rtcIntersect1(scene, &context, &hit);
+#endif
+}
+
+/// Any hit: sets ray.tfar to -infinity.
+inline void embree_occluded(RTCScene scene, RTCRay& ray) {
+#if ANIGEN_EMBREE_VERSION == 4
+  rtcOccluded1(scene, &ray);
+#else
+  RTCIntersectContext context;
+  rtcInitIntersectContext(&context);
+  rtcOccluded1(scene, &context, &ray);
+#endif
+}
+
+}  // namespace anigen::geometry

@@ -1,0 +1,45 @@
+#pragma once
+#include <Eigen/Core>
+#include <memory>
+#include <vector>
+
+#include "anigen/asset/mesh.h"
+#include "anigen/geometry/surface_point.h"
+
+namespace anigen::geometry {
+
+struct NearestPoint {
+  SurfacePoint at;           ///< face and barycentric weights
+  Eigen::Vector3d position;  ///< on the surface, the mesh's frame
+  double distance = 0.0;
+};
+
+/// Nearest point on one triangle; a triangle without area counts as its edges. Exact in double precision.
+NearestPoint nearest_on_triangle(const Eigen::Vector3d& p, const Eigen::Vector3d& a, const Eigen::Vector3d& b,
+                                 const Eigen::Vector3d& c);
+
+/// Nearest point on a mesh's surface: set up once per mesh (a BVH), query many times. Exact: the BVH only prunes,
+/// distances are computed in double. Equally near faces give the lowest index, so results do not depend on threads.
+/// Queries are thread-safe. Used wherever features move between meshes (reference training-and-data.md, 6, and
+/// flows-and-pipeline.md, post-processing).
+class NearestSurface {
+ public:
+  /// Copies the mesh. @throws InputError without faces, on a bad index, or on a vertex that is not finite
+  NearestSurface(const std::vector<Eigen::Vector3f>& vertices, const std::vector<Triangle>& faces);
+  explicit NearestSurface(const Mesh& mesh) : NearestSurface(mesh.vertices, mesh.faces) {}
+  ~NearestSurface();
+  NearestSurface(NearestSurface&&) noexcept;
+  NearestSurface& operator=(NearestSurface&&) noexcept;
+
+  /// @throws InputError when the point is not finite
+  NearestPoint query(const Eigen::Vector3d& point) const;
+  /// One result per point, in order; runs on all threads. @throws InputError naming the point that is not finite
+  std::vector<NearestPoint> query(const std::vector<Eigen::Vector3d>& points) const;
+  std::vector<NearestPoint> query(const std::vector<Eigen::Vector3f>& points) const;
+
+ private:
+  struct Implementation;
+  std::unique_ptr<Implementation> implementation_;
+};
+
+}  // namespace anigen::geometry

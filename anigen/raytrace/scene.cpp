@@ -1,0 +1,168 @@
+#include "anigen/raytrace/scene.h"
+
+#include <Eigen/Geometry>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <string>
+
+#include "anigen/core/error.h"
+#include "anigen/geometry/embree.h"
+#include "anigen/raytrace/posed_normals.h"
+
+namespace anigen::raytrace {
+namespace {
+
+template <typename Array>
+void check_length(const Asset& asset, const Array& array, std::size_t expected, const char* name) {
+  if (array.empty() || array.size() == expected) return;
+  throw InputError(asset.name, std::string("mesh.") + name,
+                   std::to_string(array.size()) + " entries, expected " + std::to_string(expected));
+}
+
+template <typename Array>
+void check_finite(const Asset& asset, const Array& array, const char* name) {
+  for (std::size_t i = 0; i < array.size(); ++i) {
+    if (!array[i].allFinite()) {
+      throw InputError(asset.name, std::string("mesh.") + name + "[" + std::to_string(i) + "]",
+                       "the value is not finite");
+    }
+  }
+}
+
+void check(const Asset& asset, const std::vector<Eigen::Vector3f>& vertices) {
+  const Mesh& mesh = asset.mesh;
+  if (vertices.size() != mesh.vertices.size()) {
+    throw InputError(
+        asset.name, "posed vertices",
+        std::to_string(vertices.size()) + " positions for " + std::to_string(mesh.vertices.size()) + " vertices");
+  }
+  geometry::check_mesh(vertices, mesh.faces, asset.name);
+  check_length(asset, mesh.normals, vertices.size(), "normals");
+  check_length(asset, mesh.uvs, vertices.size(), "uvs");
+  check_length(asset, mesh.colors, vertices.size(), "colors");
+  check_length(asset, mesh.face_materials, mesh.faces.size(), "face_materials");
+  check_finite(asset, mesh.normals, "normals");
+  check_finite(asset, mesh.uvs, "uvs");
+  check_finite(asset, mesh.colors, "colors");
+}
+
+}  // namespace
+
+struct Scene::Implementation {
+  Implementation(const Asset& a, std::vector<Eigen::Vector3f> v, std::vector<Eigen::Vector3f> n)
+      : asset(&a), vertices(std::move(v)), normals(std::move(n)), tree(vertices, a.mesh.faces) {
+    // Vertices that no face uses are not part of the picture.
+    for (const Triangle& face : a.mesh.faces) {
+      for (const std::int32_t index : face) box.extend(vertices[static_cast<std::size_t>(index)].cast<double>());
+    }
+    if (!box.empty()) {
+      const double farthest = box.low.cwiseAbs().cwiseMax(box.high.cwiseAbs()).maxCoeff();
+      epsilon = static_cast<float>(1e-5 * box.diagonal() + 1e-6 * farthest);
+    }
+  }
+
+  const Asset* asset;
+  std::vector<Eigen::Vector3f> vertices, normals;
+  geometry::EmbreeMesh tree;
+  Box box;
+  float epsilon = 0.0f;  ///< how far secondary rays start off the surface
+};
+
+Scene::Scene(const Asset& asset, const std::optional<std::vector<Eigen::Vector3f>>& posed) {
+  const Mesh& mesh = asset.mesh;
+  const std::vector<Eigen::Vector3f>& vertices = posed ? *posed : mesh.vertices;
+  check(asset, vertices);
+  std::vector<Eigen::Vector3f> normals;
+  if (posed) {
+    geometry::check_mesh(mesh.vertices, mesh.faces, asset.name);
+    normals = posed_normals(mesh, vertices);
+  } else {
+    normals = mesh.normals.empty() ? vertex_normals(vertices, mesh.faces) : mesh.normals;
+  }
+  implementation_ = std::make_unique<Implementation>(asset, vertices, std::move(normals));
+}
+
+Scene::~Scene() = default;
+Scene::Scene(Scene&&) noexcept = default;
+Scene& Scene::operator=(Scene&&) noexcept = default;
+
+Hit Scene::trace(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction) const {
+  RTCRayHit query{};
+  query.ray.org_x = static_cast<float>(origin.x());
+  query.ray.org_y = static_cast<float>(origin.y());
+  query.ray.org_z = static_cast<float>(origin.z());
+  query.ray.dir_x = static_cast<float>(direction.x());
+  query.ray.dir_y = static_cast<float>(direction.y());
+  query.ray.dir_z = static_cast<float>(direction.z());
+  query.ray.tfar = std::numeric_limits<float>::infinity();
+  query.ray.mask = 0xFFFFFFFFu;
+  query.hit.geomID = RTC_INVALID_GEOMETRY_ID;
+  query.hit.instID[0] = RTC_INVALID_GEOMETRY_ID;
+  geometry::embree_intersect(implementation_->tree.scene(), query);
+  Hit hit;
+  if (query.hit.geomID == RTC_INVALID_GEOMETRY_ID) return hit;
+
+  hit.face = static_cast<std::int32_t>(query.hit.primID);
+  hit.distance = query.ray.tfar;
+  hit.barycentric = {1.0f - query.hit.u - query.hit.v, query.hit.u, query.hit.v};
+  const Triangle& face = implementation_->asset->mesh.faces[query.hit.primID];
+  const std::vector<Eigen::Vector3f>& vertices = implementation_->vertices;
+  const auto corner = [&](std::size_t k) { return static_cast<std::size_t>(face[k]); };
+  const Eigen::Vector3f view = direction.cast<float>();
+  hit.flat_normal =
+      (vertices[corner(1)] - vertices[corner(0)]).cross(vertices[corner(2)] - vertices[corner(0)]).stableNormalized();
+  hit.front = hit.flat_normal.dot(view) <= 0.0f;
+  hit.normal.setZero();
+  for (std::size_t k = 0; k < 3; ++k) {
+    hit.normal += hit.barycentric[static_cast<Eigen::Index>(k)] * implementation_->normals[corner(k)];
+  }
+  if (!hit.front) {
+    hit.flat_normal = -hit.flat_normal;
+    hit.normal = -hit.normal;
+  }
+  const float length = hit.normal.norm();
+  hit.normal = length > 1e-6f ? Eigen::Vector3f(hit.normal / length) : hit.flat_normal;
+  // Some files wind faces against their normals: the side that is seen decides.
+  if (hit.normal.dot(hit.flat_normal) < -0.2f) hit.normal = -hit.normal;
+  return hit;
+}
+
+bool Scene::occluded(const Eigen::Vector3f& origin, const Eigen::Vector3f& direction, float distance) const {
+  RTCRay ray{};
+  ray.org_x = origin.x();
+  ray.org_y = origin.y();
+  ray.org_z = origin.z();
+  ray.dir_x = direction.x();
+  ray.dir_y = direction.y();
+  ray.dir_z = direction.z();
+  ray.tnear = implementation_->epsilon;
+  ray.tfar = distance;
+  ray.mask = 0xFFFFFFFFu;
+  geometry::embree_occluded(implementation_->tree.scene(), ray);
+  return ray.tfar < 0.0f;
+}
+
+Eigen::Vector3f Scene::shadow_origin(const Hit& hit) const {
+  const Triangle& face = implementation_->asset->mesh.faces[static_cast<std::size_t>(hit.face)];
+  std::array<Eigen::Vector3f, 3> corners;
+  Eigen::Vector3f point = Eigen::Vector3f::Zero();
+  for (std::size_t k = 0; k < 3; ++k) {
+    corners[k] = implementation_->vertices[static_cast<std::size_t>(face[k])];
+    point += hit.barycentric[static_cast<Eigen::Index>(k)] * corners[k];
+  }
+  Eigen::Vector3f lifted = point;
+  for (std::size_t k = 0; k < 3; ++k) {
+    Eigen::Vector3f normal = implementation_->normals[static_cast<std::size_t>(face[k])];
+    if (normal.dot(hit.flat_normal) < 0.0f) normal = -normal;
+    const float below = std::min(0.0f, (point - corners[k]).dot(normal));
+    lifted -= hit.barycentric[static_cast<Eigen::Index>(k)] * below * normal;
+  }
+  return lifted + implementation_->epsilon * hit.flat_normal;
+}
+
+const Asset& Scene::asset() const { return *implementation_->asset; }
+const std::vector<Eigen::Vector3f>& Scene::vertices() const { return implementation_->vertices; }
+const Box& Scene::box() const { return implementation_->box; }
+
+}  // namespace anigen::raytrace

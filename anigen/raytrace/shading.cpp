@@ -1,0 +1,110 @@
+#include "anigen/raytrace/shading.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+
+namespace anigen::raytrace {
+namespace {
+
+constexpr float kTwoPi = 6.2831853f;
+constexpr float kKey = 0.80f, kFill = 0.16f, kAmbientAbove = 0.42f, kAmbientBelow = 0.24f;
+constexpr float kKeyRadius = 0.10f;  ///< of the key light's disc seen from one unit away: soft shadow edges
+constexpr float kFloorDarkness = 0.45f;
+
+float fraction(float value) { return value - std::floor(value); }
+
+/// Two unit vectors that complete `normal` to a frame (Duff et al. 2017).
+void tangents(const Eigen::Vector3f& normal, Eigen::Vector3f& first, Eigen::Vector3f& second) {
+  const float sign = std::copysign(1.0f, normal.z());
+  const float a = -1.0f / (sign + normal.z()), b = normal.x() * normal.y() * a;
+  first = {1.0f + sign * normal.x() * normal.x() * a, sign * b, -sign * normal.x()};
+  second = {b, sign + normal.y() * normal.y() * a, -normal.y()};
+}
+
+Eigen::Vector3f cosine_direction(const Eigen::Vector3f& normal, const Eigen::Vector2f& at) {
+  Eigen::Vector3f first, second;
+  tangents(normal, first, second);
+  const float radius = std::sqrt(at.x()), angle = kTwoPi * at.y();
+  return radius * std::cos(angle) * first + radius * std::sin(angle) * second +
+         std::sqrt(std::max(0.0f, 1.0f - at.x())) * normal;
+}
+
+std::uint32_t scramble(std::uint32_t value) {
+  value ^= value >> 16;
+  value *= 0x7FEB352Du;
+  value ^= value >> 15;
+  value *= 0x846CA68Bu;
+  return value ^ (value >> 16);
+}
+
+}  // namespace
+
+PixelSequence::PixelSequence(int x, int y) {
+  const std::uint32_t hash = scramble(static_cast<std::uint32_t>(x) + scramble(static_cast<std::uint32_t>(y) + 1u));
+  shift_x_ = static_cast<float>(hash & 0xFFFFu) / 65536.0f;
+  shift_y_ = static_cast<float>(hash >> 16) / 65536.0f;
+}
+
+Eigen::Vector2f PixelSequence::next() {
+  const auto i = static_cast<float>(index_++);
+  return {fraction(shift_x_ + 0.75487767f * i), fraction(shift_y_ + 0.56984029f * i)};
+}
+
+Studio::Studio(const Scene& scene, const Camera& camera, int occlusion_rays, bool shadows)
+    : scene_(&scene), occlusion_rays_(occlusion_rays), shadows_(shadows) {
+  const Eigen::Vector3f up = Eigen::Vector3f::UnitZ(), right = camera.right.cast<float>();
+  const Eigen::Vector3f back = -up.cross(right);  // towards the viewer, level
+  key_ = (-0.55f * right + 0.95f * up + 0.75f * back).normalized();
+  fill_ = (0.80f * right + 0.15f * up + 0.55f * back).normalized();
+  reach_ = static_cast<float>(scene.box().diagonal());
+}
+
+float Studio::key_visible(const Eigen::Vector3f& point, PixelSequence& sequence) const {
+  Eigen::Vector3f first, second;
+  tangents(key_, first, second);
+  const Eigen::Vector2f at = sequence.next();
+  const float radius = kKeyRadius * std::sqrt(at.x()), angle = kTwoPi * at.y();
+  const Eigen::Vector3f direction =
+      (key_ + radius * std::cos(angle) * first + radius * std::sin(angle) * second).normalized();
+  return scene_->occluded(point, direction, 2.0f * reach_) ? 0.0f : 1.0f;
+}
+
+float Studio::openness(const Eigen::Vector3f& point, const Eigen::Vector3f& normal, int rays,
+                       PixelSequence& sequence) const {
+  int open = 0;
+  for (int i = 0; i < rays; ++i) {
+    if (!scene_->occluded(point, cosine_direction(normal, sequence.next()), 0.3f * reach_)) ++open;
+  }
+  return static_cast<float>(open) / static_cast<float>(rays);
+}
+
+float Studio::light(const Hit& hit, PixelSequence& sequence) const {
+  const Eigen::Vector3f& normal = hit.normal;
+  const float above = 0.5f + 0.5f * normal.z();
+  float ambient = kAmbientBelow + (kAmbientAbove - kAmbientBelow) * above;
+  float key = std::max(0.0f, normal.dot(key_));
+  const float fill = std::max(0.0f, normal.dot(fill_));
+  if (occlusion_rays_ > 0 || (shadows_ && key > 0.0f)) {
+    const Eigen::Vector3f point = scene_->shadow_origin(hit);
+    if (occlusion_rays_ > 0) ambient *= openness(point, normal, occlusion_rays_, sequence);
+    if (shadows_ && key > 0.0f) key *= key_visible(point, sequence);
+  }
+  return ambient + kKey * key + kFill * fill;
+}
+
+float Studio::floor_shadow(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction,
+                           PixelSequence& sequence) const {
+  const Box& box = scene_->box();
+  if (box.empty() || direction.z() > -1e-6 || origin.z() <= box.low.z()) return 0.0f;
+  const Eigen::Vector3d at = origin + (box.low.z() - origin.z()) / direction.z() * direction;
+  const double away = (at - box.center()).head<2>().norm() / std::max(box.diagonal(), 1e-300);
+  if (away > 1.5) return 0.0f;
+  const Eigen::Vector3f point = at.cast<float>();
+  const float key = 1.0f - key_visible(point, sequence);
+  const float contact = 1.0f - openness(point, Eigen::Vector3f::UnitZ(), 2, sequence);
+  const auto fade = static_cast<float>(std::clamp(3.0 - 2.0 * away, 0.0, 1.0));
+  return fade * kFloorDarkness * std::min(1.0f, 0.65f * key + 0.7f * contact);
+}
+
+}  // namespace anigen::raytrace
