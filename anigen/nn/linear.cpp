@@ -1,0 +1,21 @@
+#include "anigen/nn/linear.h"
+
+#include "anigen/nn/gelu.h"
+
+namespace anigen::nn {
+
+LinearImpl::LinearImpl(std::int64_t in_features, std::int64_t out_features, bool with_bias) {
+  weight = register_parameter("weight", torch::empty({out_features, in_features}));
+  if (with_bias) bias = register_parameter("bias", torch::empty({out_features}));
+}
+
+Tensor LinearImpl::forward(const Tensor& x) { return torch::linear(x, weight, bias); }
+
+MlpImpl::MlpImpl(std::int64_t in_features, std::int64_t hidden_features, std::int64_t out_features) {
+  first_ = register_module("0", Linear(in_features, hidden_features));
+  second_ = register_module("2", Linear(hidden_features, out_features));
+}
+
+Tensor MlpImpl::forward(const Tensor& x) { return second_->forward(gelu(first_->forward(x))); }
+
+}  // namespace anigen::nn

@@ -1,0 +1,32 @@
+#pragma once
+/// The only place that includes LibTorch. Everything that differs between the versions we build against (1.13 of
+/// Debian 12, 2.x of Debian 13 and of PyTorch's own builds) is decided here, so that no other file tests a version.
+#include <torch/torch.h>
+#include <torch/version.h>
+
+#include <cstdint>
+
+/// True when this LibTorch is at least major.minor.
+#define ANIGEN_TORCH_AT_LEAST(major, minor) \
+  (TORCH_VERSION_MAJOR > (major) || (TORCH_VERSION_MAJOR == (major) && TORCH_VERSION_MINOR >= (minor)))
+
+#if !ANIGEN_TORCH_AT_LEAST(1, 13)
+#error "AniGen needs LibTorch 1.13 or newer"
+#endif
+
+namespace anigen::nn {
+
+using torch::Tensor;
+
+/// The two 16-bit floating-point types, in which norms and softmax are not evaluated.
+inline bool is_reduced_precision(torch::Dtype dtype) { return dtype == torch::kHalf || dtype == torch::kBFloat16; }
+
+/// The type in which a sum over values of this type is formed: fp32 for 16-bit values, else the type itself.
+inline torch::Dtype accumulation_dtype(torch::Dtype dtype) {
+  return is_reduced_precision(dtype) ? torch::kFloat32 : dtype;
+}
+
+/// dtype of a tensor as torch::Dtype (Tensor::dtype() returns a TypeMeta).
+inline torch::Dtype dtype_of(const Tensor& tensor) { return tensor.scalar_type(); }
+
+}  // namespace anigen::nn

@@ -1,0 +1,73 @@
+// parity_runner <name>: computes one fixture of the published system and compares. Exit 0 pass, 1 fail, 77 skipped.
+#include <cstdio>
+#include <exception>
+#include <filesystem>
+
+#include "anigen/core/error.h"
+#include "tests/parity/registry.h"
+#include "tests/support/paths.h"
+
+namespace anigen::test {
+namespace {
+
+constexpr int kPassed = 0, kFailed = 1, kSkipped = 77;
+
+int skip(const std::string& name, const std::string& reason) {
+  std::printf("skipped: %s: %s\n", name.c_str(), reason.c_str());
+  return kSkipped;
+}
+
+bool published_configs_need(const Fixture& fixture) { return fixture.json().value("used_by_official_config", true); }
+
+int run(const std::string& name) {
+  // `state_dict_spec.<config>` is the file of that name in the folder state_dict_spec.
+  std::string file = name;
+  const std::string specs = "state_dict_spec.";
+  if (name.compare(0, specs.size(), specs) == 0) file[specs.size() - 1] = '/';
+  const std::filesystem::path folder = parity_dir();
+  if (!std::filesystem::exists(folder / (file + ".json"))) return skip(name, "no such fixture");
+  const ParityHandler handler = find_parity_handler(name);
+  if (handler == nullptr) return skip(name, "belongs to a part that is not built yet");
+  Fixture fixture(folder, file);
+  try {
+    handler(fixture);
+  } catch (const NotSupportedError& error) {
+    if (published_configs_need(fixture)) throw;
+    return skip(name, error.what());
+  }
+  return fixture.finish() ? kPassed : kFailed;
+}
+
+}  // namespace
+
+std::vector<ParityEntry>& parity_entries() {
+  static std::vector<ParityEntry> entries;
+  return entries;
+}
+
+ParityHandler find_parity_handler(const std::string& fixture) {
+  const ParityEntry* best = nullptr;
+  for (const ParityEntry& entry : parity_entries()) {
+    const bool prefix = fixture.compare(0, entry.name.size(), entry.name) == 0;
+    if (prefix && (best == nullptr || entry.name.size() > best->name.size())) best = &entry;
+  }
+  return best == nullptr ? nullptr : best->handler;
+}
+
+}  // namespace anigen::test
+
+int main(int argc, char** argv) {
+  if (argc != 2) {
+    std::fprintf(stderr, "usage: parity_runner <fixture>\n");
+    return 2;
+  }
+  try {
+    return anigen::test::run(argv[1]);
+  } catch (const anigen::test::NotBuiltYet& part) {
+    std::printf("skipped: %s: %s belongs to a part that is not built yet\n", argv[1], part.what.c_str());
+    return 77;
+  } catch (const std::exception& error) {
+    std::printf("FAIL %s: %s\n", argv[1], error.what());
+    return 1;
+  }
+}

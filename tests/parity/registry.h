@@ -1,0 +1,36 @@
+#pragma once
+#include <string>
+#include <vector>
+
+#include "tests/parity/fixture.h"
+
+namespace anigen::test {
+
+/// Computes the outputs of a fixture and checks them with Fixture::check.
+using ParityHandler = void (*)(Fixture& fixture);
+
+struct ParityEntry {
+  std::string name;
+  ParityHandler handler;
+};
+
+/// All registered handlers, in no particular order.
+std::vector<ParityEntry>& parity_entries();
+
+/// The handler of this very name, else the one whose name is the longest prefix of it; nullptr when there is none.
+ParityHandler find_parity_handler(const std::string& fixture);
+
+struct ParityRegistration {
+  ParityRegistration(const char* name, ParityHandler handler) { parity_entries().push_back({name, handler}); }
+};
+
+/// Thrown by a handler for the part of a fixture that needs something not built yet; the test counts as skipped.
+struct NotBuiltYet {
+  std::string what;
+};
+
+}  // namespace anigen::test
+
+/// Registers a handler: at the start of a line, since CMake lists the names from the sources.
+#define ANIGEN_PARITY(name, handler) \
+  static const ::anigen::test::ParityRegistration name##_registration(#name, handler);

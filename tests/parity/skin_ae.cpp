@@ -1,0 +1,36 @@
+// The skin auto-encoder: outputs, and gradients of the sum of squares of everything it returns.
+#include "anigen/models/skin_autoencoder.h"
+#include "anigen/models/state_dict.h"
+#include "tests/parity/registry.h"
+
+namespace anigen::test {
+namespace {
+
+void run_skin_ae(Fixture& fixture) {
+  const auto options = models::SkinAutoEncoderOptions::from_json(fixture.config(), fixture.name() + ".json", "/config");
+  models::SkinAutoEncoder model(options, nn::Init::kNone);
+  models::load_state_dict(*model, fixture.parameters(), models::LoadMode::kStrict, fixture.name() + ".safetensors");
+
+  const auto output = model->forward(fixture.inputs("joints"), fixture.inputs("parents"), fixture.inputs("skin"));
+  torch::Tensor sum = torch::zeros({1});
+  for (std::size_t i = 0; i < output.skin.size(); ++i) {
+    const std::string item = "." + std::to_string(i);
+    fixture.check("joint_embeds" + item, output.joint_embeds[i]);
+    fixture.check("vert_embeds" + item, output.vert_embeds[i]);
+    fixture.check("skin" + item, output.skin[i]);
+    for (const auto& list : {output.joint_embeds, output.vert_embeds, output.skin}) sum = sum + list[i].square().sum();
+  }
+  fixture.check("S", sum);
+  sum.backward();
+  const std::string prefix = "grad.";
+  for (const models::StateEntry& entry : models::state_entries(*model)) {
+    for (const std::string& name : fixture.outputs()) {
+      if (name == prefix + entry.key) fixture.check(name, entry.tensor.grad());
+    }
+  }
+}
+
+}  // namespace
+}  // namespace anigen::test
+
+ANIGEN_PARITY(skin_ae, anigen::test::run_skin_ae)

@@ -1,0 +1,46 @@
+// Resampling of skin weights on the surface, and the losses of the skin auto-encoder with a gradient.
+#include "anigen/models/skin_loss.h"
+
+#include "anigen/models/surface_skin_sampler.h"
+#include "tests/parity/registry.h"
+
+namespace anigen::test {
+namespace {
+
+void run_skin_loss(Fixture& fixture) {
+  fixture.check("probs", models::face_probabilities(fixture.input("vertices"), fixture.input("faces")));
+  fixture.check("sampled_skin",
+                models::interpolate_skin(fixture.input("skin"), fixture.input("faces"), fixture.input("face_draw"),
+                                         fixture.input("u"), fixture.input("v")));
+
+  std::vector<torch::Tensor> predicted, target, log_predicted;
+  for (int i = 0; fixture.has_input("pred" + std::to_string(i)); ++i) {
+    predicted.push_back(fixture.input("pred" + std::to_string(i)).requires_grad_());
+    target.push_back(fixture.input("gt" + std::to_string(i)));
+    log_predicted.push_back(predicted.back().detach().log());
+  }
+  models::SkinLossOptions options;
+  options.lambda_kl_skin = fixture.config().at("lambda_kl_skin");
+  options.lambda_l1_skin = fixture.config().at("lambda_l1_skin");
+  options.lambda_l2_skin = fixture.config().at("lambda_l2_skin");
+  const models::SkinLosses losses = models::skin_losses(predicted, target, options);
+  losses.total.backward();
+  fixture.check("skin_kl_loss", losses.kl);
+  fixture.check("skin_l1_loss", losses.l1);
+  fixture.check("skin_l2_loss", losses.l2);
+  fixture.check("grad_pred0", predicted[0].grad());
+
+  // The same losses from logarithms, which is what training uses.
+  const models::SkinLosses from_log = models::skin_losses_from_log(log_predicted, target, options);
+  fixture.check("skin_kl_loss", from_log.kl);
+  fixture.check("skin_l1_loss", from_log.l1);
+  fixture.check("skin_l2_loss", from_log.l2);
+
+  options.kl_mean = models::SkinKlMean::kRows;
+  fixture.check("kl_batchmean_for_comparison", models::skin_losses(predicted, target, options).kl);
+}
+
+}  // namespace
+}  // namespace anigen::test
+
+ANIGEN_PARITY(ops_loss_skin_ae, anigen::test::run_skin_loss)
