@@ -1,0 +1,107 @@
+#include <cstdio>
+
+#include "anigen/apps/common/command_line.h"
+#include "anigen/core/error.h"
+#include "anigen/core/interrupt.h"
+#include "anigen/eval/inspect/asset_picture.h"
+#include "anigen/eval/inspect/file_table.h"
+#include "anigen/eval/inspect/influence_loss.h"
+#include "anigen/eval/inspect/inspect.h"
+
+namespace {
+
+using namespace anigen;
+
+struct InspectOptions {
+  std::vector<std::string> files;
+  std::string picture, exported, axes = "gltf";
+  std::size_t influences = 4;
+  bool influence_loss = false, keep_going = false;
+};
+
+/// What only assets can be asked for.
+void use_asset(const io::ImportedAsset& imported, const InspectOptions& options, Json& description) {
+  if (options.influence_loss) {
+    description["influence_loss"] = eval::to_json(eval::influence_loss(imported.asset, options.influences));
+  }
+  if (!options.picture.empty()) io::write_png(options.picture, eval::asset_picture(imported.asset));
+  if (!options.exported.empty()) {
+    io::ExportOptions exported;
+    exported.influences = options.influences;
+    exported.axes = options.axes == "published" ? io::ExportAxes::kPublished : io::ExportAxes::kGltf;
+    io::write_gltf(options.exported, imported.asset, exported);
+  }
+}
+
+eval::InspectedFile inspect_one(const std::string& file, const InspectOptions& options) {
+  eval::InspectedFile result{file, {}, ""};
+  try {
+    if (eval::file_kind(file) == eval::FileKind::kAsset) {
+      const io::ImportedAsset imported = io::read_gltf(file);
+      result.description = {{"file", file}, {"kind", "asset"}};
+      result.description.update(eval::describe_asset(imported));
+      use_asset(imported, options, result.description);
+    } else {
+      if (options.influence_loss || !options.picture.empty() || !options.exported.empty()) {
+        throw InputError(file, "", "--picture, --export and --influence-loss need a .glb or .gltf");
+      }
+      result.description = eval::inspect(file);
+    }
+  } catch (const InputError& error) {
+    result.rejection = error.what();
+  }
+  return result;
+}
+
+void run(const InspectOptions& options, bool json) {
+  const bool several = options.files.size() > 1;
+  if (several && (!options.picture.empty() || !options.exported.empty())) {
+    throw InputError("", "", "--picture and --export take a single file");
+  }
+  std::vector<eval::InspectedFile> results;
+  for (const std::string& file : options.files) {
+    throw_if_interrupted();
+    results.push_back(inspect_one(file, options));
+  }
+  std::size_t rejected = 0;
+  for (const auto& result : results) rejected += !result.rejection.empty();
+  if (!several && rejected == 1 && !json && !options.keep_going) throw InputError("", "", results[0].rejection);
+  if (json) {
+    std::printf("%s\n", eval::to_json(results).dump(2).c_str());
+  } else if (several || rejected > 0) {
+    std::fputs(eval::to_markdown(eval::file_table(results)).c_str(), stdout);
+  } else {
+    std::fputs(eval::to_text(results[0].description).c_str(), stdout);
+  }
+  if (rejected > 0 && !options.keep_going) {
+    throw InputError("", "", std::to_string(rejected) + " of " + std::to_string(results.size()) + " files rejected");
+  }
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  CLI::App app{
+      "Says what is in a file or folder: a rigged asset, arrays or a checkpoint, a config, a dataset, a run.\n"
+      "Several files give a table. Exit status 2 when a file was rejected, unless --keep-going.\n\n"
+      "Examples:\n"
+      "  anigen-inspect fox.glb --picture fox.png\n"
+      "  anigen-inspect models/*.glb --influence-loss --keep-going\n"
+      "  anigen-inspect fox.gltf --export fox.glb --influences 8\n"
+      "  anigen-inspect runs/skin_ae --json"};
+  CommonOptions common;
+  InspectOptions options;
+  app.add_option("files", options.files, "Files or folders")->required();
+  app.add_option("--picture", options.picture, "Draw the asset (colour, weights, skeleton) to this PNG");
+  app.add_option("--export", options.exported, "Write the asset to this .glb or .gltf");
+  app.add_option("--influences", options.influences, "Influences per vertex of --export and --influence-loss")
+      ->capture_default_str()
+      ->check(CLI::Range(1, 64));
+  app.add_option("--axes", options.axes, "Axes of --export: gltf, or published (turned by 180 degrees)")
+      ->capture_default_str()
+      ->check(CLI::IsMember({"gltf", "published"}));
+  app.add_flag("--influence-loss", options.influence_loss, "What keeping only so many influences changes");
+  app.add_flag("--keep-going", options.keep_going, "Exit 0 even when files were rejected");
+  add_common_options(app, common);
+  return run_command(app, common, argc, argv, [&] { run(options, common.json); });
+}

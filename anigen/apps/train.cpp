@@ -1,0 +1,28 @@
+#include "anigen/apps/common/command_line.h"
+#include "anigen/core/parallel.h"
+#include "anigen/train/blas.h"
+#include "anigen/train/train_command.h"
+
+int main(int argc, char** argv) {
+  CLI::App app{
+      "Trains one stage from one config. Run the same command again to go on where it stopped.\n\n"
+      "  anigen-train --config configs/tiny/skin_ae.json --data-dir data/tiny --output runs/skin_ae\n"
+      "  anigen-train --output runs/skin_ae                     go on with the config of that run\n"
+      "  anigen-train --config FILE --output runs/b --set trainer.args.optimizer.args.lr=3e-4\n"};
+  anigen::CommonOptions common;
+  anigen::train::TrainCommand command;
+  app.add_option("--config", command.config, "JSON config; default: config.json of the output folder");
+  app.add_option("--output", command.run.output, "Run folder")->required();
+  app.add_option("--data-dir", command.data_dir, "Dataset root, or several separated by commas");
+  app.add_option("--set", command.overrides, "path.to.key=value overrides a config value; repeatable")->allow_extra_args(false);
+  app.add_option("--load", command.run.load, "Start from a checkpoint of this other run folder");
+  app.add_option("--ckpt", command.run.ckpt, "latest, none, or a step")->capture_default_str();
+  anigen::add_common_options(app, common, anigen::train::version_details);
+  for (int i = 0; i < argc; ++i) command.command_line += (i ? " " : "") + std::string(argv[i]);
+  return anigen::run_command(app, common, argc, argv, [&] {
+    command.device = common.device;
+    command.run.threads = anigen::thread_count();
+    if (common.seed_given) command.overrides.push_back("trainer.args.seed=" + std::to_string(common.seed));
+    anigen::train::train(command);
+  });
+}

@@ -1,0 +1,129 @@
+#include "anigen/loaders/metadata.h"
+
+#include <cstdlib>
+#include <functional>
+#include <sstream>
+
+#include "anigen/core/atomic_file.h"
+#include "anigen/core/error.h"
+
+namespace anigen::loaders {
+namespace {
+
+namespace fs = std::filesystem;
+
+double number(const CsvTable& table, std::size_t row, const std::string& column, const std::string& file) {
+  const std::string& text = table.cell(row, column);
+  char* end = nullptr;
+  const double value = std::strtod(text.c_str(), &end);
+  if (text.empty() || end != text.c_str() + text.size()) {
+    throw InputError(file, "row " + std::to_string(row + 1) + ", " + column, "'" + text + "' is not a number");
+  }
+  return value;
+}
+
+// Filters one after another, so that the one that leaves nothing can be named.
+class Sieve {
+ public:
+  Sieve(const CsvTable& table, std::string file) : file_(std::move(file)) {
+    for (std::size_t i = 0; i < table.rows.size(); ++i) rows_.push_back(i);
+    if (rows_.empty()) throw InputError(file_, "", "has no rows");
+  }
+
+  void keep(const std::string& filter, const std::function<bool(std::size_t)>& passes) {
+    std::vector<std::size_t> kept;
+    for (const std::size_t row : rows_) {
+      if (passes(row)) kept.push_back(row);
+    }
+    if (kept.empty()) {
+      throw InputError(file_, filter, "this filter leaves none of the " + std::to_string(rows_.size()) +
+                                          " rows that passed the filters before it");
+    }
+    rows_ = std::move(kept);
+  }
+
+  const std::vector<std::size_t>& rows() const { return rows_; }
+
+ private:
+  std::string file_;
+  std::vector<std::size_t> rows_;
+};
+
+// An id names a folder below the root; nothing else may come out of a table.
+bool safe_id(const std::string& id) {
+  return !id.empty() && id.size() <= 200 && id.front() != '.' && id.find('/') == std::string::npos &&
+         id.find('\\') == std::string::npos && id.find('\0') == std::string::npos;
+}
+
+}  // namespace
+
+std::set<std::string> read_split(const fs::path& file) {
+  std::istringstream lines(read_file(file, std::uintmax_t{1} << 28));
+  std::set<std::string> ids;
+  for (std::string line; std::getline(lines, line);) {
+    while (!line.empty() && (line.back() == '\r' || line.back() == ' ')) line.pop_back();
+    if (!line.empty() && line.front() != '#') ids.insert(line);
+  }
+  if (ids.empty()) throw InputError(file.string(), "", "holds no ids");
+  return ids;
+}
+
+std::vector<AssetId> select_rows(const CsvTable& table, const fs::path& root, const RowFilter& filter) {
+  const std::string file = (root / "metadata.csv").string();
+  const auto has = [&](const char* name) { return table.column(name) != CsvTable::kMissing; };
+  if (!has("sha256")) throw InputError(file, "sha256", "no such column; it holds the ids");
+  Sieve sieve(table, file);
+  if (filter.only) {
+    sieve.keep("split", [&](std::size_t row) { return filter.only->count(table.cell(row, "sha256")) > 0; });
+  }
+  for (const std::string& flag : filter.required_flags) {
+    if (!has(flag.c_str())) throw InputError(file, flag, "no such column; prepare the dataset up to this step first");
+    sieve.keep(flag, [&](std::size_t row) { return table.flag(row, flag, false, file); });
+  }
+  if (has("aesthetic_score")) {
+    const std::string name = "min_aesthetic_score " + std::to_string(filter.min_aesthetic_score);
+    sieve.keep(name, [&](std::size_t row) {
+      return number(table, row, "aesthetic_score", file) >= filter.min_aesthetic_score;
+    });
+  }
+  if (filter.max_num_voxels && has("num_voxels")) {
+    const auto limit = static_cast<double>(*filter.max_num_voxels);
+    sieve.keep("max_num_voxels " + std::to_string(*filter.max_num_voxels),
+               [&](std::size_t row) { return number(table, row, "num_voxels", file) <= limit; });
+  }
+  if (filter.drop_bad_skeleton) {
+    sieve.keep("is_bad_skeleton", [&](std::size_t row) { return !table.flag(row, "is_bad_skeleton", false, file); });
+  }
+  if (filter.drop_bad_skin) {
+    sieve.keep("filter_bad_skin", [&](std::size_t row) { return !table.flag(row, "is_bad_skin", false, file); });
+  }
+  if (filter.is_test) {
+    if (!has("is_test")) throw InputError(file, "is_test", "no such column, which \"test_mode\": true needs");
+    sieve.keep(*filter.is_test ? "is_test true" : "is_test false",
+               [&](std::size_t row) { return table.flag(row, "is_test", false, file) == *filter.is_test; });
+  }
+  std::vector<AssetId> assets;
+  std::set<std::string> seen;
+  for (const std::size_t row : sieve.rows()) {
+    const std::string& id = table.cell(row, "sha256");
+    const std::string place = "row " + std::to_string(row + 1) + ", sha256";
+    if (!safe_id(id)) throw InputError(file, place, "'" + id.substr(0, 80) + "' cannot be the name of a folder");
+    if (!seen.insert(id).second) throw InputError(file, place, "'" + id + "' is there twice");
+    assets.push_back({root, id});
+  }
+  return assets;
+}
+
+std::vector<AssetId> select_assets(const std::string& data_dir, const RowFilter& filter) {
+  std::vector<AssetId> assets;
+  std::istringstream roots(data_dir);
+  for (std::string root; std::getline(roots, root, ',');) {
+    if (root.empty()) continue;
+    const std::vector<AssetId> more = select_rows(read_csv(fs::path(root) / "metadata.csv"), root, filter);
+    assets.insert(assets.end(), more.begin(), more.end());
+  }
+  if (assets.empty()) throw InputError("--data-dir", "", "names no dataset root");
+  return assets;
+}
+
+}  // namespace anigen::loaders

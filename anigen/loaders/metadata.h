@@ -1,0 +1,41 @@
+#pragma once
+#include <filesystem>
+#include <optional>
+#include <set>
+#include <string>
+#include <vector>
+
+#include "anigen/core/csv.h"
+
+namespace anigen::loaders {
+
+/// An asset of a dataset: the root that holds it and its id (the `sha256` column of metadata.csv).
+struct AssetId {
+  std::filesystem::path root;
+  std::string id;
+};
+
+/// Which rows of metadata.csv a dataset keeps (reference training-and-data.md, sections 1.1 and 1.4). A filter on a
+/// column that a source does not have lets every row pass, except is_test, without which there is no test split.
+struct RowFilter {
+  double min_aesthetic_score = 5.0;             ///< column aesthetic_score
+  std::optional<long long> max_num_voxels;      ///< column num_voxels
+  bool drop_bad_skeleton = true;                ///< column is_bad_skeleton
+  bool drop_bad_skin = false;                   ///< column is_bad_skin
+  std::optional<bool> is_test;                  ///< keep rows whose is_test equals this
+  std::vector<std::string> required_flags;      ///< boolean columns that must be present and true
+  std::optional<std::set<std::string>> only;    ///< ids of a split file
+};
+
+/// Ids of a split file: one per line; empty lines and lines that start with '#' do not count.
+/// @throws InputError when it cannot be read or holds none
+std::set<std::string> read_split(const std::filesystem::path& file);
+
+/// Ids that pass, in the table's order. @param root only recorded @throws InputError naming the filter that left
+/// nothing and how many rows there were before it, a missing column or a cell that is no number or boolean
+std::vector<AssetId> select_rows(const CsvTable& table, const std::filesystem::path& root, const RowFilter& filter);
+
+/// Reads `<root>/metadata.csv` of every root, in order. @param data_dir comma-separated roots
+std::vector<AssetId> select_assets(const std::string& data_dir, const RowFilter& filter);
+
+}  // namespace anigen::loaders

@@ -1,0 +1,154 @@
+#include "anigen/loaders/skin_dataset.h"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "anigen/core/error.h"
+#include "anigen/core/log.h"
+#include "anigen/core/parallel.h"
+#include "anigen/core/progress.h"
+
+namespace anigen::loaders {
+namespace {
+
+constexpr std::size_t kNamedErrors = 5;
+constexpr std::size_t kReadTogether = 64;
+
+torch::Tensor joints_tensor(const std::vector<Eigen::Vector3f>& joints) {
+  torch::Tensor tensor = torch::empty({static_cast<std::int64_t>(joints.size()), 3});
+  float* out = tensor.data_ptr<float>();
+  for (const Eigen::Vector3f& joint : joints) out = std::copy_n(joint.data(), 3, out);
+  return tensor;
+}
+
+torch::Tensor parents_tensor(const std::vector<int>& parents) {
+  torch::Tensor tensor = torch::empty({static_cast<std::int64_t>(parents.size())}, torch::kInt64);
+  std::copy(parents.begin(), parents.end(), tensor.data_ptr<std::int64_t>());
+  return tensor;
+}
+
+}  // namespace
+
+/// An asset with what is derived from it once.
+struct SkinDataset::Entry {
+  RiggedItem item;
+  SkinSampler sampler;
+  std::vector<int> order;  // parents first
+  std::vector<bool> used;  // joints with weight anywhere
+
+  Entry(RiggedItem read, bool with_blends)
+      : item(std::move(read)), sampler(item, with_blends), order(parents_first_order(item.parents, item.id)),
+        used(item.joints.size(), false) {
+    for (const Influence& influence : item.skin.influences) used[static_cast<std::size_t>(influence.joint)] = true;
+  }
+  std::uintmax_t bytes() const { return item.bytes() + sampler.bytes() + order.size() * sizeof(int); }
+};
+
+SkinDataset::SkinDataset(std::vector<AssetId> assets, const Options& options) : options_(options) {
+  std::vector<std::string> errors;
+  std::uintmax_t used = 0;
+  Progress progress("reading rigs", assets.size(), "assets");
+  for (std::size_t first = 0; first < assets.size(); first += kReadTogether) {
+    const std::size_t count = std::min(kReadTogether, assets.size() - first);
+    std::vector<std::shared_ptr<const Entry>> read(count);
+    std::vector<std::string> problems(count);
+    if (used < options.memory_budget) {
+      parallel_for(count, [&](std::size_t i) {
+        try {
+          read[i] = std::make_shared<Entry>(read_rigged_item(assets[first + i]), options_.augmentations.blend_sampling > 0.0);
+        } catch (const InputError& error) {
+          problems[i] = error.what();
+        }
+      });
+    }
+    for (std::size_t i = 0; i < count; ++i) {
+      progress.advance();
+      if (!problems[i].empty()) {
+        errors.push_back(problems[i]);
+        continue;
+      }
+      if (read[i]) used += read[i]->bytes();
+      if (used > options.memory_budget) read[i] = nullptr;
+      assets_.push_back(assets[first + i]);
+      entries_.push_back(read[i]);
+    }
+  }
+  progress.finish();
+  if (!errors.empty() && !options.skip_broken) {
+    std::string named;
+    for (std::size_t i = 0; i < std::min(kNamedErrors, errors.size()); ++i) named += "\n  " + errors[i];
+    throw InputError("", "dataset", std::to_string(errors.size()) + " of " + std::to_string(assets.size()) +
+                                        " assets cannot be read; \"skip_broken\": true leaves them out:" + named);
+  }
+  for (const std::string& error : errors) log::warn("left out: {}", error);
+  if (assets_.empty()) throw InputError("", "dataset", "none of the " + std::to_string(assets.size()) + " assets can be read");
+}
+
+std::shared_ptr<const SkinDataset::Entry> SkinDataset::entry(std::size_t index) const {
+  if (entries_[index]) return entries_[index];
+  return std::make_shared<Entry>(read_rigged_item(assets_[index]), options_.augmentations.blend_sampling > 0.0);
+}
+
+std::shared_ptr<const RiggedItem> SkinDataset::item(std::size_t index) const {
+  const std::shared_ptr<const Entry> found = entry(index);
+  return {found, &found->item};
+}
+
+std::unique_ptr<Batch> SkinDataset::load(const std::vector<Draw>& draws) const {
+  auto batch = std::make_unique<SkinBatch>();
+  for (const Draw& draw : draws) sample(draw.item, draw.position, *batch);
+  return batch;
+}
+
+void SkinDataset::sample(std::size_t index, std::uint64_t position, SkinBatch& batch) const {
+  const std::shared_ptr<const Entry> found = entry(index);
+  const Augmentations& augmentations = options_.augmentations;
+  Rng rng(options_.seed, "skin sample", position);
+  const RigDraw rig = augment(found->item.joints, found->item.parents, found->order, found->used, augmentations, rng);
+  const float power = augmentations.sharpen > 0.0
+                          ? static_cast<float>(std::exp(rng.uniform(-augmentations.sharpen, augmentations.sharpen)))
+                          : 1.0f;
+  const bool vertices = options_.num_skin_samples == 0;
+  const std::size_t rows = vertices ? found->item.vertices.size() : static_cast<std::size_t>(options_.num_skin_samples);
+  const std::size_t joints = rig.joints.size();
+  torch::Tensor skin = torch::zeros({static_cast<std::int64_t>(rows), static_cast<std::int64_t>(joints)});
+  float* out = skin.data_ptr<float>();
+  for (std::size_t row = 0; row < rows; ++row, out += joints) {
+    if (vertices) {
+      const Influence* influences = found->item.skin.row(row);
+      for (std::size_t i = 0; i < found->item.skin.row_size(row); ++i) {
+        out[rig.joint_of[static_cast<std::size_t>(influences[i].joint)]] += influences[i].weight;
+      }
+    } else {
+      add_weights_at(found->item, found->sampler.draw(augmentations.blend_sampling, rng), rig.joint_of, out);
+    }
+    if (power != 1.0f) sharpen(out, joints, power);
+  }
+  batch.ids.push_back(found->item.id);
+  batch.joints.push_back(joints_tensor(rig.joints));
+  batch.parents.push_back(parents_tensor(rig.parents));
+  batch.skin.push_back(skin);
+}
+
+std::unique_ptr<SkinBatch> SkinDataset::vertices_of(std::size_t index, std::size_t most) const {
+  const std::shared_ptr<const Entry> found = entry(index);
+  const RiggedItem& item = found->item;
+  const std::size_t all = item.vertices.size(), count = most == 0 ? all : std::min(most, all);
+  const std::size_t joints = item.joints.size();
+  auto batch = std::make_unique<SkinBatch>();
+  torch::Tensor skin = torch::zeros({static_cast<std::int64_t>(count), static_cast<std::int64_t>(joints)});
+  float* out = skin.data_ptr<float>();
+  for (std::size_t i = 0; i < count; ++i, out += joints) {
+    const std::size_t vertex = i * all / count;
+    const Influence* row = item.skin.row(vertex);
+    for (std::size_t k = 0; k < item.skin.row_size(vertex); ++k) out[row[k].joint] += row[k].weight;
+  }
+  batch->ids.push_back(item.id);
+  batch->joints.push_back(joints_tensor(item.joints));
+  batch->parents.push_back(parents_tensor(item.parents));
+  batch->skin.push_back(skin);
+  return batch;
+}
+
+}  // namespace anigen::loaders

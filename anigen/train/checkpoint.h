@@ -1,0 +1,57 @@
+#pragma once
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "anigen/core/json.h"
+#include "anigen/io/ndarray.h"
+
+namespace anigen::train {
+
+/// What a run needs besides weights to go on bit for bit: arrays (moments, norms, generator) and numbers.
+struct SavedState {
+  io::NamedArrays arrays;
+  Json numbers = Json::object();  ///< doubles survive exactly; infinities must be written as null
+};
+
+/// Weight files of one checkpoint: name without the step ("model", "model_ema0.9999") and tensors.
+using WeightFiles = std::vector<std::pair<std::string, io::NamedArrays>>;
+
+/// The `ckpts/` folder of a run: `<name>_step0000100.safetensors` per weight file and `state_step0000100.safetensors`,
+/// which is written last, lists the others with their sizes, and thereby makes the set valid. A set without it, or
+/// with a listed file missing or of another size, does not exist as far as reading goes.
+class CheckpointFolder {
+ public:
+  explicit CheckpointFolder(std::filesystem::path folder) : folder_(std::move(folder)) {}
+
+  /// Writes a set; every file is written to a temporary name, fsynced and renamed. Then deletes what the rule of the
+  /// published trainer does not keep: all but the two newest steps and multiples of 100,000 (reference
+  /// training-and-data.md, 2.8), and leftovers of sets that were never finished.
+  void save(std::int64_t step, const WeightFiles& weights, const SavedState& state) const;
+
+  /// Steps of complete sets, ascending.
+  std::vector<std::int64_t> steps() const;
+  /// Newest complete set.
+  std::optional<std::int64_t> latest() const;
+  bool complete(std::int64_t step) const;
+
+  /// @throws InputError when the file is missing or damaged
+  io::NamedArrays weights(const std::string& name, std::int64_t step) const;
+  bool has(const std::string& name, std::int64_t step) const;
+  SavedState state(std::int64_t step) const;
+
+  std::filesystem::path file(const std::string& name, std::int64_t step) const;
+
+ private:
+  void clean_up(std::int64_t newest) const;
+
+  std::filesystem::path folder_;
+};
+
+/// Name of an averaged model's files: "model_ema0.9999".
+std::string ema_name(const std::string& model, double rate);
+
+}  // namespace anigen::train

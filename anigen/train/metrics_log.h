@@ -1,0 +1,49 @@
+#pragma once
+#include <cstdint>
+#include <filesystem>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "anigen/core/csv.h"
+
+namespace anigen::train {
+
+/// Names with their values, in order.
+using Values = std::vector<std::pair<std::string, double>>;
+
+/// A run's metrics.csv: one row per logged step, one column per quantity, the first one "step"; empty cells where a
+/// step did not have a quantity. Doubles are written so that they read back exactly.
+class MetricsLog {
+ public:
+  /// Opens or creates the file and drops rows after `last_step`, which a resumed run will write again, and a last
+  /// line that a crash cut short. @throws InputError when the file is there but is no such table
+  MetricsLog(std::filesystem::path file, std::int64_t last_step);
+
+  /// Appends a row; a quantity that is new adds a column, for which the file is written again.
+  void append(std::int64_t step, const Values& values);
+
+ private:
+  void rewrite() const;
+
+  std::filesystem::path file_;
+  CsvTable table_;
+};
+
+/// Sums of per-step values between two log rows; their mean is what gets logged. A value that is not finite counts
+/// out its step for that quantity.
+class RunningMeans {
+ public:
+  void add(const std::string& name, double value);
+  Values means() const;
+  void clear() { entries_.clear(); }
+
+  struct Entry {
+    std::string name;
+    double sum = 0.0;
+    std::int64_t count = 0;
+  };
+  std::vector<Entry> entries_;  ///< also what a checkpoint keeps, so that resumed runs log the same rows
+};
+
+}  // namespace anigen::train

@@ -1,0 +1,16 @@
+#pragma once
+#include "anigen/io/ndarray.h"
+#include "anigen/train/parameter_buffer.h"
+
+namespace anigen::train {
+
+/// State dict of a model with its trainable parameters taken from a flat fp32 vector (the masters, or an average),
+/// frozen parameters and buffers as they are: what a checkpoint file holds (reference training-and-data.md, 2.8).
+io::NamedArrays weights_of(const NamedModel& model, const ParameterBuffer& buffer, const torch::Tensor& flat);
+
+/// Inverse: frozen entries into the model, trainable ones into the flat vector at full precision.
+/// @param source file name for messages @throws InputError unless keys and shapes match exactly
+void set_weights(const NamedModel& model, const ParameterBuffer& buffer, torch::Tensor flat,
+                 const io::NamedArrays& arrays, const std::string& source);
+
+}  // namespace anigen::train

@@ -1,0 +1,63 @@
+#pragma once
+#include <torch/torch.h>
+
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+namespace anigen::train {
+
+/// A model under the name it has in the config; checkpoints are called after it.
+struct NamedModel {
+  std::string name;
+  std::shared_ptr<torch::nn::Module> module;
+};
+
+/// All trainable parameters of some models as one flat fp32 vector (reference training-and-data.md, sections 2.3,
+/// 2.4), so that clipping, optimiser and averages are single passes over memory.
+///
+/// Order: models as listed, parameters as registered, those with requires_grad only. A parameter that is fp32
+/// becomes a view into the vector, and its gradient a view into gradient(); one of another type keeps its own
+/// storage and is converted on the way in (collect_gradients) and out (publish).
+class ParameterBuffer {
+ public:
+  struct Slot {
+    std::string name;  ///< "<model>.<parameter>"
+    torch::Tensor parameter;
+    std::int64_t offset;
+    bool view;  ///< fp32: shares memory with the vector
+  };
+
+  /// Takes over the current values of the parameters. @throws Error when nothing is trainable
+  explicit ParameterBuffer(const std::vector<NamedModel>& models);
+
+  /// The same layout for other models of the same architecture: their parameters share master(), their gradients
+  /// are apart, for a second pair of hands in one step. @throws Error when names or shapes differ
+  ParameterBuffer share(const std::vector<NamedModel>& models) const;
+
+  const torch::Tensor& master() const { return master_; }      ///< [P] fp32
+  const torch::Tensor& gradient() const { return gradient_; }  ///< [P] fp32
+  const std::vector<Slot>& slots() const { return slots_; }
+
+  void zero_gradients();
+  /// Brings gradients of parameters that are no views into gradient(); a missing one counts as zero. Call once
+  /// after the last backward() of a step. @throws Error when someone replaced a gradient that must stay a view
+  void collect_gradients();
+  /// Writes master() into the parameters that are no views.
+  void publish();
+
+  /// Part of a flat vector [P] that belongs to a slot, in the parameter's shape.
+  torch::Tensor part(const torch::Tensor& flat, const Slot& slot) const;
+  /// Name of the first slot with a value that is not finite, or "" when all are.
+  std::string first_not_finite(const torch::Tensor& flat) const;
+
+ private:
+  ParameterBuffer() = default;
+  void attach(const std::vector<NamedModel>& models);
+
+  torch::Tensor master_, gradient_;
+  std::vector<Slot> slots_;
+};
+
+}  // namespace anigen::train

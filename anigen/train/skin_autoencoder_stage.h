@@ -1,0 +1,56 @@
+#pragma once
+#include <memory>
+#include <string>
+
+#include "anigen/core/config_reader.h"
+#include "anigen/loaders/skin_dataset.h"
+#include "anigen/models/skin_autoencoder.h"
+#include "anigen/models/skin_loss.h"
+#include "anigen/train/stage.h"
+#include "anigen/train/trainer_options.h"
+
+namespace anigen::train {
+
+/// Arguments of AniGenSkinAETrainer beside those all trainers share (reference training-and-data.md, section 3.1).
+struct SkinAutoEncoderStageOptions {
+  models::SkinLossOptions loss;            ///< `lambda_*_skin`; ours: `kl_reduction` "element" (published) or "row"
+  std::int64_t num_skin_samples = 0;       ///< points per asset; absent or null: all vertices
+  loaders::Augmentations augmentations;    ///< ours
+  std::int64_t eval_max_vertices = 0;      ///< ours: vertices per held-out asset, 0: all
+  std::int64_t eval_max_assets = 0;        ///< ours: held-out assets, 0: all
+
+  static SkinAutoEncoderStageOptions read(ConfigReader& trainer_args, const std::string& compatibility);
+};
+
+/// Stage 1: the skin auto-encoder learns to give back the skin weights it is shown (paper 3.3.1). Loss terms: "kl",
+/// "l1", "l2". Evaluation on held-out assets: "l1", mean over assets and vertices of Σ_j |ŝ − s|, and "kl", of
+/// Σ_j s (log s − log ŝ), in nats.
+class SkinAutoEncoderStage : public Stage {
+ public:
+  using Datasets = std::shared_ptr<const loaders::SkinDataset>;
+
+  /// @param held_out may be null: evaluate() then returns nothing
+  SkinAutoEncoderStage(const models::SkinAutoEncoderOptions& model, const SkinAutoEncoderStageOptions& options,
+                       Datasets data, Datasets held_out, std::string model_name, torch::Device device);
+
+  std::vector<NamedModel> models() const override { return {{model_name_, model_.ptr()}}; }
+  const loaders::BatchSource& data() const override { return *data_; }
+  Losses losses(const loaders::Batch& batch, const LossContext& context) override;
+  Values evaluate() override;
+  std::unique_ptr<Stage> replica() const override;
+
+ private:
+  models::SkinAutoEncoderOptions model_options_;
+  SkinAutoEncoderStageOptions options_;
+  Datasets data_, held_out_;
+  std::string model_name_;
+  torch::Device device_;
+  models::SkinAutoEncoder model_;
+};
+
+/// The stage of a config `{models, dataset, trainer}` whose trainer is AniGenSkinAETrainer.
+/// @param trainer the options already read from the same config @throws InputError naming file and JSON pointer
+std::unique_ptr<Stage> make_skin_autoencoder_stage(const Json& config, const std::string& file, ConfigReader& trainer_args,
+                                                   const TrainerOptions& trainer, torch::Device device);
+
+}  // namespace anigen::train

@@ -1,0 +1,27 @@
+#pragma once
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "anigen/train/trainer.h"
+
+namespace anigen::train {
+
+/// Everything `anigen-train` is told.
+struct TrainCommand {
+  std::filesystem::path config;          ///< empty: the config.json of the output folder
+  std::vector<std::string> overrides;    ///< path.to.key=value
+  std::string data_dir;                  ///< empty: the config's dataset.args.data_dir
+  RunOptions run;
+  std::string device = "cpu";
+  std::string command_line;              ///< for command.txt
+};
+
+/// One training run: reads the config, makes the run folder (config.json, command.txt, log.txt), the stage and the
+/// trainer, and trains. @throws what these throw
+void train(const TrainCommand& command);
+
+/// cpu, cuda or cuda:N. @throws InputError for another word or a device that is not there
+torch::Device parse_device(const std::string& name);
+
+}  // namespace anigen::train

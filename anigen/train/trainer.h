@@ -1,0 +1,84 @@
+#pragma once
+#include <chrono>
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "anigen/loaders/prefetcher.h"
+#include "anigen/train/checkpoint.h"
+#include "anigen/train/metrics_log.h"
+#include "anigen/train/parameter_update.h"
+#include "anigen/train/stage.h"
+#include "anigen/train/tensorboard.h"
+#include "anigen/train/trainer_options.h"
+#include "anigen/train/workers.h"
+
+namespace anigen::train {
+
+/// Where a run lives and what it starts from.
+struct RunOptions {
+  std::filesystem::path output;  ///< run folder: metrics.csv, tb_logs/, ckpts/, samples/
+  std::filesystem::path load;    ///< run folder to start from; empty: output
+  std::string ckpt = "latest";   ///< "latest" complete checkpoint if there is one, "none", or a step that must exist
+  int threads = 1;               ///< LibTorch threads, shared among replicas
+};
+
+/// The loop all stages share (reference training-and-data.md, section 2). Given a seed, a number of threads per
+/// replica and a number of replicas it is deterministic, and a run that was killed and resumed ends with the same bits
+/// as one that was not.
+class Trainer {
+ public:
+  /// Restores the checkpoint that `run` asks for. @param stage models with their initial or pretrained weights; must
+  /// outlive the trainer @throws InputError for a checkpoint that does not fit
+  Trainer(Stage& stage, const TrainerOptions& options, const RunOptions& run);
+  ~Trainer();
+
+  /// Trains until max_steps or max_minutes, then evaluates and saves.
+  /// @throws Interrupted after saving when a signal asked to stop; Error naming step, tensor and samples when a loss
+  /// or a gradient is not finite
+  void run();
+
+  std::int64_t step() const { return step_; }
+  const ParameterUpdate& update() const { return *update_; }
+  const ParameterBuffer& parameters() const { return buffers_.front(); }
+
+ private:
+  struct StepTimes {
+    double data = 0.0, forward = 0.0, backward = 0.0, update = 0.0;  ///< seconds
+  };
+
+  void warm_start();
+  void restore();
+  void train_step(const loaders::StepBatches& batches);
+  void print();
+  void log_means();
+  void evaluate();
+  void sample();
+  void save();
+  SavedState state() const;
+  void restore_state(const SavedState& state);
+  bool out_of_time() const;
+  double elapsed() const;  ///< seconds of training, over all resumed runs
+
+  const TrainerOptions options_;
+  const RunOptions run_;
+  std::vector<std::unique_ptr<Stage>> owned_;
+  std::vector<Stage*> stages_;              // [replicas]
+  std::vector<ParameterBuffer> buffers_;    // [replicas], sharing one master
+  std::unique_ptr<ParameterUpdate> update_;
+  CheckpointFolder checkpoints_;
+  std::unique_ptr<Workers> workers_;
+  std::unique_ptr<MetricsLog> metrics_;
+  std::unique_ptr<TensorBoardWriter> board_;
+  RunningMeans means_;
+  StepTimes times_;
+  std::int64_t step_ = 0, timed_steps_ = 0, saved_step_ = -1;
+  std::uint64_t samples_ = 0;  // drawn so far
+  double elapsed_before_ = 0.0, last_loss_ = 0.0;
+  std::chrono::steady_clock::time_point started_, printed_at_;
+  std::int64_t printed_step_ = 0;
+};
+
+}  // namespace anigen::train

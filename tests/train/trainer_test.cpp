@@ -1,0 +1,216 @@
+#include "anigen/train/trainer.h"
+
+#include <gtest/gtest.h>
+
+#include <fstream>
+
+#include "anigen/core/atomic_file.h"
+#include "anigen/core/error.h"
+#include "anigen/train/skin_autoencoder_stage.h"
+#include "anigen/train/train_command.h"
+#include "tests/loaders/synthetic_dataset.h"
+#include "tests/support/paths.h"
+
+namespace anigen::train {
+namespace {
+
+constexpr char kConfig[] = R"({
+  "models": {"model": {"name": "SkinAutoEncoder", "args": {
+    "encoder_config": {"skin_feat_channels": 4, "skl_pos_embed_freq": 6, "jp_embed_dim": 16,
+                       "jp_embedder_config": {"hidden_dim": 16, "depth": 1, "jp_embed_attn": true}},
+    "decoder_config": {"model_type": "tree", "skin_feat_channels": 4, "model_channels": 16, "num_blocks": 2}}}},
+  "dataset": {"name": "AniGenSparseFeat2Skeleton", "args": {"test_mode": false, "eval_fraction": 0.2}},
+  "trainer": {"name": "AniGenSkinAETrainer", "args": {
+    "max_steps": 12, "batch_size": 4, "batch_split": 2, "num_skin_samples": 32, "seed": 5,
+    "optimizer": {"name": "AdamW", "args": {"lr": 0.003}},
+    "lr_scheduler": {"name": "SequentialLR", "args": {"milestones": [3]}, "schedulers": [
+      {"name": "LinearLR", "args": {"start_factor": 0.1, "total_iters": 3}},
+      {"name": "CosineAnnealingLR", "args": {"T_max": 9}}]},
+    "grad_clip": {"name": "AdaptiveGradClipper", "args": {"max_norm": 1.0, "buffer_size": 4}},
+    "ema_rate": [0.99, 0.9], "fp16_mode": "none", "i_log": 5, "i_print": 0, "i_save": 4, "i_eval": 6, "i_sample": 0,
+    "augmentations": {"rotation": "so3", "merge_joints": 0.3}}}})";
+
+class TrainerRun : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    test::write_synthetic_dataset(folder_ / "data", 10);
+    std::ofstream(folder_ / "config.json") << kConfig;
+  }
+  TrainCommand command(const std::string& output, std::vector<std::string> overrides = {}) {
+    TrainCommand c;
+    c.config = folder_ / "config.json";
+    c.data_dir = (folder_ / "data").string();
+    c.run.output = folder_ / output;
+    c.overrides = std::move(overrides);
+    c.command_line = "anigen-train";
+    return c;
+  }
+  std::string bytes(const std::string& file) { return read_file(folder_ / file); }
+  test::TemporaryFolder folder_;
+};
+
+// Metrics without the columns that measure time.
+std::string untimed(const std::filesystem::path& file) {
+  const CsvTable table = read_csv(file);
+  std::string text;
+  for (std::size_t row = 0; row < table.rows.size(); ++row) {
+    for (std::size_t column = 0; column < table.columns.size(); ++column) {
+      if (table.columns[column].rfind("time.", 0) != 0) text += table.columns[column] + "=" + table.rows[row][column] + " ";
+    }
+    text += "\n";
+  }
+  return text;
+}
+
+TEST_F(TrainerRun, TheRunFolderIsComplete) {
+  train(command("run"));
+  for (const char* file : {"config.json", "command.txt", "log.txt", "metrics.csv", "ckpts/model_step0000012.safetensors",
+                           "ckpts/model_ema0.99_step0000012.safetensors", "ckpts/state_step0000012.safetensors"}) {
+    EXPECT_TRUE(std::filesystem::exists(folder_ / "run" / file)) << file;
+  }
+  EXPECT_FALSE(std::filesystem::is_empty(folder_ / "run/tb_logs"));
+  const CsvTable metrics = read_csv(folder_ / "run/metrics.csv");
+  for (const char* column : {"loss.total", "loss.kl", "status.lr", "status.grad_norm", "eval.l1", "eval.kl"}) {
+    EXPECT_NE(metrics.column(column), CsvTable::kMissing) << column;
+  }
+}
+
+TEST_F(TrainerRun, ResumedRunsEndWithTheSameBits) {
+  train(command("whole"));
+  // A first leg that is cut at step 7, three steps after its last checkpoint: it must go back to step 4.
+  train(command("legs", {"trainer.args.max_steps=7", "trainer.args.i_save=4", "trainer.args.lr_scheduler.schedulers.1.args.T_max=9"}));
+  for (const char* name : {"state", "model", "model_ema0.99", "model_ema0.9"}) {
+    std::filesystem::remove(folder_ / "legs/ckpts" / (std::string(name) + "_step0000007.safetensors"));
+  }
+  train(command("legs"));
+  for (const char* name : {"model", "model_ema0.99", "model_ema0.9"}) {
+    const std::string file = std::string("ckpts/") + name + "_step0000012.safetensors";
+    EXPECT_EQ(bytes("whole/" + file), bytes("legs/" + file)) << file;
+  }
+  EXPECT_EQ(untimed(folder_ / "whole/metrics.csv"), untimed(folder_ / "legs/metrics.csv"));
+}
+
+TEST_F(TrainerRun, ReplicasGiveTheSameResultWhateverTheThreads) {
+  TrainCommand one = command("one", {"trainer.args.replicas=2"}), two = command("two", {"trainer.args.replicas=2"});
+  two.run.threads = 2;
+  one.run.threads = 2;
+  train(one);
+  two.overrides.push_back("trainer.args.num_workers_dl=3");
+  train(two);
+  EXPECT_EQ(bytes("one/ckpts/model_step0000012.safetensors"), bytes("two/ckpts/model_step0000012.safetensors"));
+  // One replica sums the same two gradients; only the order of additions inside the products may differ.
+  train(command("single"));
+  const auto a = io::find(CheckpointFolder(folder_ / "one/ckpts").weights("model", 12), "skin_decoder.out_layer_skin.2.weight")->as<float>();
+  const auto b = io::find(CheckpointFolder(folder_ / "single/ckpts").weights("model", 12), "skin_decoder.out_layer_skin.2.weight")->as<float>();
+  for (std::size_t i = 0; i < a.size(); ++i) EXPECT_NEAR(a[i], b[i], 1e-3f);
+}
+
+TEST_F(TrainerRun, LearnsTheSyntheticRigs) {
+  train(command("run", {"trainer.args.max_steps=150", "trainer.args.lr_scheduler=null", "trainer.args.i_eval=0"}));
+  const CsvTable metrics = read_csv(folder_ / "run/metrics.csv");
+  const auto loss = [&](std::size_t row) { return std::stod(metrics.cell(row, "loss.total")); };
+  EXPECT_LT(loss(metrics.rows.size() - 1), 0.8 * loss(0));
+}
+
+TEST_F(TrainerRun, WarmStartAndCheckpointChoice) {
+  train(command("first"));
+  train(command("second", {"trainer.args.max_steps=0", "trainer.args.finetune_ckpt={\"model\": \"" +
+                           (folder_ / "first/ckpts/model_ema0.9_step0000012.safetensors").string() + "\"}"}));
+  EXPECT_EQ(bytes("second/ckpts/model_step0000000.safetensors"), bytes("first/ckpts/model_ema0.9_step0000012.safetensors"));
+  EXPECT_EQ(bytes("second/ckpts/model_ema0.99_step0000000.safetensors"), bytes("first/ckpts/model_ema0.9_step0000012.safetensors"))
+      << "averages start from the warm start";
+  TrainCommand from = command("third", {"trainer.args.max_steps=8"});
+  from.run.load = folder_ / "first";
+  from.run.ckpt = "8";
+  train(from);
+  EXPECT_EQ(bytes("third/ckpts/model_step0000008.safetensors"), bytes("first/ckpts/model_step0000008.safetensors"));
+  from.run.ckpt = "9";
+  EXPECT_THROW(train(from), InputError);
+  from.run.ckpt = "newest";
+  EXPECT_THROW(train(from), InputError);
+  EXPECT_THROW(train(command("x", {"trainer.args.finetune_ckpt={\"decoder\": \"a.safetensors\"}"})), InputError);
+}
+
+TEST_F(TrainerRun, AConfigAloneInTheRunFolderIsEnoughToGoOn) {
+  train(command("run", {"trainer.args.max_steps=4"}));
+  TrainCommand again;
+  again.run.output = folder_ / "run";
+  again.overrides = {"trainer.args.max_steps=6"};
+  train(again);
+  EXPECT_TRUE(std::filesystem::exists(folder_ / "run/ckpts/model_step0000006.safetensors"));
+}
+
+TEST_F(TrainerRun, TimeBudgetEndsARunEarlyAndSaves) {
+  train(command("run", {"trainer.args.max_steps=1000000", "trainer.args.max_minutes=0.01"}));
+  const auto latest = CheckpointFolder(folder_ / "run/ckpts").latest();
+  ASSERT_TRUE(latest);
+  EXPECT_LT(*latest, 1'000'000);
+}
+
+TEST_F(TrainerRun, BadConfigsNameTheKeyAndTouchNothing) {
+  const auto message = [&](const std::string& override) {
+    try {
+      train(command("bad", {override}));
+    } catch (const InputError& error) {
+      return std::string(error.what());
+    }
+    return std::string("no error");
+  };
+  EXPECT_NE(message("trainer.args.lambda_kl_skn=1").find("lambda_kl_skin"), std::string::npos);
+  EXPECT_NE(message("trainer.args.augmentations.rotaton=z").find("rotation"), std::string::npos);
+  EXPECT_NE(message("dataset.args.filter_bad_skn=true").find("filter_bad_skin"), std::string::npos);
+  EXPECT_NE(message("models.model.args.encoder_config.jp_embed_dm=3").find("jp_embed_dim"), std::string::npos);
+  EXPECT_NE(message("trainer.name=AniGenOtherTrainer").find("not supported"), std::string::npos);
+  EXPECT_NE(message("trainer.args.batch_split=9").find("batch_split"), std::string::npos);
+  EXPECT_NE(message("trainer.args.replicas=3").find("replicas"), std::string::npos);
+  EXPECT_NE(message("modles={}").find("models"), std::string::npos);
+  EXPECT_FALSE(std::filesystem::exists(folder_ / "bad/ckpts"));
+}
+
+/// A stage whose loss or gradient goes bad at step 2.
+struct BrokenStage : Stage, loaders::BatchSource {
+  bool in_gradient = false;
+  std::shared_ptr<torch::nn::LinearImpl> model = std::make_shared<torch::nn::LinearImpl>(2, 1);
+  std::vector<NamedModel> models() const override { return {{"net", model}}; }
+  const loaders::BatchSource& data() const override { return *this; }
+  std::size_t size() const override { return 3; }
+  std::unique_ptr<loaders::Batch> load(const std::vector<loaders::Draw>& draws) const override {
+    auto batch = std::make_unique<loaders::Batch>();
+    for (const loaders::Draw& draw : draws) batch->ids.push_back("sample" + std::to_string(draw.item));
+    return batch;
+  }
+  Losses losses(const loaders::Batch&, const LossContext& context) override {
+    torch::Tensor loss = model->forward(torch::ones({1, 2})).square().sum();
+    // d/dx of sqrt at 0 is infinite although its value is not.
+    if (context.step == 2) loss = in_gradient ? loss + (model->weight * 0.0).abs().sqrt().sum() : loss * std::nan("");
+    return {loss, {{"square", loss}}};
+  }
+  std::unique_ptr<Stage> replica() const override { return std::make_unique<BrokenStage>(*this); }
+};
+
+TEST_F(TrainerRun, ValuesThatAreNotFiniteStopTheRunAndNameWhatWasWrong) {
+  for (const bool in_gradient : {false, true}) {
+    BrokenStage stage;
+    stage.in_gradient = in_gradient;
+    TrainerOptions options;
+    options.max_steps = 10;
+    options.i_save = 2;
+    RunOptions run;
+    run.output = folder_ / (in_gradient ? "gradient" : "loss");
+    Trainer trainer(stage, options, run);
+    try {
+      trainer.run();
+      FAIL() << "expected an error";
+    } catch (const Error& error) {
+      const std::string message = error.what();
+      EXPECT_NE(message.find("step 2"), std::string::npos) << message;
+      EXPECT_NE(message.find(in_gradient ? "net.weight" : "loss.total"), std::string::npos) << message;
+      EXPECT_NE(message.find("sample"), std::string::npos) << message;
+    }
+    EXPECT_EQ(CheckpointFolder(run.output / "ckpts").latest(), 2);
+    EXPECT_TRUE(torch::isfinite(stage.model->weight).all().item<bool>());
+  }
+}
+
+}  // namespace
+}  // namespace anigen::train
