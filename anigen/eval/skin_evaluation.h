@@ -1,0 +1,69 @@
+#pragma once
+#include <array>
+#include <cstddef>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "anigen/core/csv.h"
+#include "anigen/core/json.h"
+#include "anigen/eval/skin_baselines.h"
+#include "anigen/eval/skin_metrics.h"
+
+namespace anigen::eval {
+
+/// One method on one asset.
+struct MethodResult {
+  SkinScores scores;
+  std::string failure;  ///< why there are no scores; empty when there are
+};
+
+struct AssetResult {
+  DatasetItem item;
+  std::size_t joints = 0, vertices = 0;
+  std::vector<MethodResult> methods;  ///< one per method of the evaluation
+};
+
+/// Mean, median, population standard deviation and number of the assets that have scores.
+struct Summary {
+  double mean = 0, median = 0, std = 0;
+  std::size_t n = 0;
+};
+Summary summarize(std::vector<double> values);
+
+struct SkinEvaluation {
+  std::vector<SkinMethod> methods;  ///< the first one is what the evaluation is about, the others stand beside it
+  std::vector<AssetResult> assets;
+  Json settings;  ///< what was evaluated how; copied to metrics.json
+};
+
+/// Runs every method on every item. A method that throws on an asset, or returns weights that cannot be scored, gets
+/// a failure there and nothing stops. @throws Interrupted after Ctrl-C
+SkinEvaluation evaluate_skin(const std::filesystem::path& dataset, const std::vector<DatasetItem>& items,
+                             const std::vector<SkinMethod>& methods, const Json& settings = Json::object());
+
+/// Reads predictions from <folder>/<id>.npz, member `skin` [V, J] for the vertices and joints of the ground truth.
+SkinMethod predictions_from_folder(const std::filesystem::path& folder);
+
+/// Which assets a summary is about.
+enum class Group { kUsable, kNotUsable };
+
+/// "skin_l1", "skin_l2", "skin_kl", in the order of score_values().
+extern const std::array<const char*, 3> kScoreNames;
+std::array<double, 3> score_values(const SkinScore& score);
+
+/// The summaries of a method's three scores over the assets of a group.
+std::array<Summary, 3> summarize(const SkinEvaluation& evaluation, std::size_t method, Group group);
+/// The same over the vertices of one influence class: per asset first, then over the assets that have such vertices.
+std::array<Summary, 3> summarize_class(const SkinEvaluation& evaluation, std::size_t method, Group group,
+                                       std::size_t influence_class);
+
+/// metrics.json: settings; method, summary, by_influences, not_usable and assets of the first method; and the same
+/// for all methods under `methods`.
+Json to_json(const SkinEvaluation& evaluation);
+/// metrics.csv: one row per asset and method.
+CsvTable to_csv_table(const SkinEvaluation& evaluation);
+/// table.md: the usable assets, those that are not (named), failures (named with their reason).
+std::string to_markdown(const SkinEvaluation& evaluation);
+
+}  // namespace anigen::eval

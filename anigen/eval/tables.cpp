@@ -1,0 +1,86 @@
+#include "anigen/eval/tables.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+
+namespace anigen::eval {
+namespace {
+
+/// Characters, not bytes: what does not continue a UTF-8 sequence.
+std::size_t width(const std::string& text) {
+  return static_cast<std::size_t>(
+      std::count_if(text.begin(), text.end(), [](char c) { return (static_cast<unsigned char>(c) & 0xC0) != 0x80; }));
+}
+
+std::string markdown_cell(const std::string& text) {
+  std::string cell;
+  for (const char c : text) {
+    if (c == '|') cell += '\\';
+    cell += c == '\n' || c == '\r' ? ' ' : c;
+  }
+  return cell;
+}
+
+}  // namespace
+
+std::string to_markdown(const Table& table) {
+  std::vector<std::size_t> widths;
+  for (const std::string& column : table.columns) widths.push_back(std::max<std::size_t>(3, width(markdown_cell(column))));
+  for (const auto& row : table.rows) {
+    for (std::size_t i = 0; i < row.size(); ++i) widths[i] = std::max(widths[i], width(markdown_cell(row[i])));
+  }
+  std::string text;
+  const auto line = [&](const std::vector<std::string>& cells) {
+    text += '|';
+    for (std::size_t i = 0; i < cells.size(); ++i) {
+      const std::string cell = markdown_cell(cells[i]);
+      const std::string padding(widths[i] - width(cell), ' ');
+      text += ' ' + (i == 0 ? cell + padding : padding + cell) + " |";
+    }
+    text += '\n';
+  };
+  line(table.columns);
+  text += '|';
+  for (std::size_t i = 0; i < widths.size(); ++i) {
+    text += ' ' + std::string(widths[i] - (i == 0 ? 0 : 1), '-') + (i == 0 ? " |" : ": |");
+  }
+  text += '\n';
+  for (const auto& row : table.rows) line(row);
+  return text;
+}
+
+std::string to_html(const Table& table) {
+  std::string text = "<table>\n<tr>";
+  for (const std::string& column : table.columns) text += "<th>" + html_escaped(column) + "</th>";
+  text += "</tr>\n";
+  for (const auto& row : table.rows) {
+    text += "<tr>";
+    for (const std::string& cell : row) text += "<td>" + html_escaped(cell) + "</td>";
+    text += "</tr>\n";
+  }
+  return text + "</table>\n";
+}
+
+std::string fixed(double value, int digits) {
+  if (!std::isfinite(value)) return "–";
+  char text[64];
+  std::snprintf(text, sizeof text, "%.*f", digits, value);
+  return text;
+}
+
+std::string html_escaped(const std::string& text) {
+  std::string safe;
+  for (const char c : text) {
+    switch (c) {
+      case '&': safe += "&amp;"; break;
+      case '<': safe += "&lt;"; break;
+      case '>': safe += "&gt;"; break;
+      case '"': safe += "&quot;"; break;
+      default: safe += c;
+    }
+  }
+  return safe;
+}
+
+}  // namespace anigen::eval

@@ -1,0 +1,26 @@
+#pragma once
+#include <string>
+#include <vector>
+
+namespace anigen::eval {
+
+/// A table of text for people.
+struct Table {
+  std::vector<std::string> columns;
+  std::vector<std::vector<std::string>> rows;
+};
+
+/// Markdown with padded columns, so that it also reads well on a screen. Every column but the first is aligned to
+/// the right. Vertical bars inside cells are escaped.
+std::string to_markdown(const Table& table);
+
+/// An HTML <table>; cells are escaped.
+std::string to_html(const Table& table);
+
+/// A number with so many digits after the point; "–" when it is not finite.
+std::string fixed(double value, int digits = 4);
+
+/// & < > " as entities.
+std::string html_escaped(const std::string& text);
+
+}  // namespace anigen::eval

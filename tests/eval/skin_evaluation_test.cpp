@@ -1,0 +1,142 @@
+#include "anigen/eval/skin_evaluation.h"
+
+#include <gtest/gtest.h>
+
+#include "anigen/core/atomic_file.h"
+#include "anigen/core/error.h"
+#include "anigen/eval/skin_results.h"
+#include "anigen/io/npz.h"
+#include "tests/support/paths.h"
+
+namespace anigen::eval {
+namespace {
+
+namespace fs = std::filesystem;
+
+/// A dataset of three two-joint assets: "a" and "b" usable, "c" not; and predictions for "a" (half right) and "b"
+/// (of a wrong shape).
+class SkinEvaluationTest : public testing::Test {
+ protected:
+  SkinEvaluationTest() {
+    write_file_atomically(root() / "metadata.csv",
+                          "sha256,local_path,source,is_bad_skeleton\na,\"x, y.glb\",real,False\nb,b.glb,real,False\nc,c.glb,real,True\n");
+    for (const char* id : {"a", "b", "c"}) {
+      io::write_npz(root() / "skeleton" / id / "skeleton_voxelized.npz",
+                    {{"joints", io::NdArray::from(std::vector<float>{0, 0, 0, 0, 0, 0.5f}, {2, 3})},
+                     {"parents", io::NdArray::from(std::vector<std::int32_t>{-1, 0}, {2})},
+                     {"skin", io::NdArray::from(std::vector<float>{2, 0, 0, 0, 0, 3}, {3, 2})},
+                     {"vertices", io::NdArray::from(std::vector<float>{0, 0, 0, 0, 1, 0, 1, 0, 0.6f}, {3, 3})},
+                     {"faces", io::NdArray::from(std::vector<std::int32_t>{0, 1, 2}, {1, 3})}});
+    }
+    io::write_npz(folder_ / "pred" / "a.npz", {{"skin", io::NdArray::from(std::vector<float>{1, 0, 1, 0, 1, 0}, {3, 2})}});
+    io::write_npz(folder_ / "pred" / "b.npz", {{"skin", io::NdArray::from(std::vector<float>{1, 0, 1, 0}, {2, 2})}});
+  }
+
+  fs::path root() const { return folder_ / "data"; }
+
+  SkinEvaluation evaluate() {
+    std::vector<SkinMethod> methods = skin_baselines();
+    methods.insert(methods.begin(), predictions_from_folder(folder_ / "pred"));
+    return evaluate_skin(root(), list_dataset(root()), methods);
+  }
+
+  test::TemporaryFolder folder_;
+};
+
+TEST_F(SkinEvaluationTest, GroundTruthRowsAreRepairedAsTrainingDoes) {
+  EXPECT_EQ(read_ground_truth(root(), "a").skin, (std::vector<float>{1, 0, 1, 0, 0, 1}));
+}
+
+TEST_F(SkinEvaluationTest, ScoresPredictionsAndKeepsFailuresApart) {
+  const SkinEvaluation evaluation = evaluate();
+  // Two of three vertices of "a" are right, the third is entirely wrong.
+  EXPECT_NEAR(evaluation.assets[0].methods[0].scores.mean.l1, 2.0 / 3, 1e-6);
+  EXPECT_NE(evaluation.assets[1].methods[0].failure.find("expected shape [3, 2]"), std::string::npos);
+  EXPECT_NE(evaluation.assets[2].methods[0].failure.find("c.npz"), std::string::npos);
+  const auto usable = summarize(evaluation, 0, Group::kUsable);
+  EXPECT_EQ(usable[0].n, 1u);
+  EXPECT_NEAR(usable[0].mean, 2.0 / 3, 1e-6);
+  EXPECT_EQ(summarize(evaluation, 1, Group::kUsable)[0].n, 2u);
+  EXPECT_EQ(summarize(evaluation, 1, Group::kNotUsable)[0].n, 1u);
+}
+
+TEST_F(SkinEvaluationTest, WritesWhatReadersRelyOn) {
+  const SkinEvaluation evaluation = evaluate();
+  const Json json = to_json(evaluation);
+  EXPECT_EQ(json["method"], "prediction");
+  EXPECT_EQ(json["assets"].size(), 3u);
+  EXPECT_EQ(json["assets"][0]["id"], "a");
+  EXPECT_NEAR(json["assets"][0]["skin_l1"].get<double>(), 2.0 / 3, 1e-6);
+  EXPECT_TRUE(json["assets"][1].contains("failure"));
+  for (const char* key : {"skin_l1", "skin_l2", "skin_kl"}) {
+    for (const char* part : {"mean", "median", "std", "n"}) EXPECT_TRUE(json["summary"][key].contains(part)) << key << part;
+  }
+  EXPECT_EQ(json["methods"]["rank4"]["summary"]["skin_l1"]["n"], 2);
+  EXPECT_TRUE(json["methods"]["rank4"]["oracle"].get<bool>());
+
+  const CsvTable csv = parse_csv(to_csv(to_csv_table(evaluation)), "memory");
+  EXPECT_EQ(csv.rows.size(), 3u * 6u);
+  EXPECT_EQ(csv.cell(0, "name"), "x, y.glb");
+  EXPECT_EQ(csv.cell(0, "method"), "prediction");
+  const std::string markdown = to_markdown(evaluation);
+  EXPECT_NE(markdown.find("c.glb"), std::string::npos) << "assets that are not usable are named";
+  EXPECT_NE(markdown.find("Without scores"), std::string::npos);
+}
+
+TEST_F(SkinEvaluationTest, SplitsSelectAndRefuseUnknownIds) {
+  write_file_atomically(folder_ / "split.txt", "# test\nc\n\na\r\n");
+  const auto selected = select_split(list_dataset(root()), {folder_ / "split.txt"});
+  ASSERT_EQ(selected.size(), 2u);
+  EXPECT_EQ(selected[0].id, "a");
+  write_file_atomically(folder_ / "split.txt", "a\nzzz\n");
+  try {
+    select_split(list_dataset(root()), {folder_ / "split.txt"});
+    ADD_FAILURE() << "accepted an unknown id";
+  } catch (const InputError& error) {
+    EXPECT_EQ(error.place(), "line 2");
+  }
+}
+
+TEST_F(SkinEvaluationTest, BrokenGroundTruthIsNamed) {
+  const fs::path file = root() / "skeleton" / "a" / "skeleton_voxelized.npz";
+  io::NamedArrays arrays = io::read_npz(file);
+  for (auto& [name, array] : arrays) {
+    if (name == "faces") array = io::NdArray::from(std::vector<std::int32_t>{0, 1, 3}, {1, 3});
+  }
+  io::write_npz(file, arrays);
+  try {
+    read_ground_truth(root(), "a");
+    ADD_FAILURE() << "accepted a face out of range";
+  } catch (const InputError& error) {
+    EXPECT_EQ(error.place(), "faces[0]");
+  }
+  write_file_atomically(file, "not an archive");
+  const SkinEvaluation evaluation = evaluate();
+  for (const MethodResult& result : evaluation.assets[0].methods) EXPECT_FALSE(result.failure.empty());
+  EXPECT_EQ(summarize(evaluation, 1, Group::kUsable)[0].n, 1u);
+}
+
+TEST_F(SkinEvaluationTest, RefusesMetadataThatNamesPathsOrRepeatsIds) {
+  for (const char* ids : {"../evil", "a\na", ".."}) {
+    write_file_atomically(root() / "metadata.csv", std::string("sha256\n") + ids + "\n");
+    EXPECT_THROW(list_dataset(root()), InputError) << ids;
+  }
+}
+
+TEST(Summary, MatchesHandComputedValues) {
+  const Summary four = summarize(std::vector<double>{4, 1, 3, 2});
+  EXPECT_DOUBLE_EQ(four.mean, 2.5);
+  EXPECT_DOUBLE_EQ(four.median, 2.5);
+  EXPECT_NEAR(four.std, 1.1180339887, 1e-9);
+  EXPECT_DOUBLE_EQ(summarize(std::vector<double>{5, 1, 2}).median, 2);
+  EXPECT_EQ(summarize(std::vector<double>{}).n, 0u);
+}
+
+TEST(Tables, MarkdownEscapesAndAligns) {
+  EXPECT_EQ(to_markdown(Table{{"name", "x"}, {{"a|b", "–"}, {"c", "1.25"}}}),
+            "| name |    x |\n| ---- | ---: |\n| a\\|b |    – |\n| c    | 1.25 |\n");
+  EXPECT_EQ(html_escaped("<a & \"b\">"), "&lt;a &amp; &quot;b&quot;&gt;");
+}
+
+}  // namespace
+}  // namespace anigen::eval

@@ -1,0 +1,217 @@
+#include "anigen/prepare/dataset.h"
+
+#include <gtest/gtest.h>
+
+#include <map>
+
+#include "anigen/asset/normalize.h"
+#include "anigen/core/atomic_file.h"
+#include "anigen/core/csv.h"
+#include "anigen/core/error.h"
+#include "anigen/core/parallel.h"
+#include "anigen/io/gltf.h"
+#include "anigen/io/npz.h"
+#include "anigen/prepare/creatures/creature.h"
+#include "tests/support/paths.h"
+
+namespace anigen::prepare {
+namespace {
+
+namespace fs = std::filesystem;
+
+/// A tetrahedron on a chain of joints.
+Asset small_asset(std::size_t joints, float width) {
+  Asset asset;
+  asset.name = "small";
+  asset.mesh.vertices = {{0, 0, 0}, {width, 0, 0}, {0, 1, 0}, {0, 0, 2}};
+  asset.mesh.faces = {{0, 2, 1}, {0, 1, 3}, {1, 2, 3}, {2, 0, 3}};
+  std::vector<Eigen::Vector3d> positions;
+  std::vector<int> parents;
+  for (std::size_t j = 0; j < joints; ++j) {
+    positions.emplace_back(0.01 * static_cast<double>(j * j), 0.0, 0.1 * static_cast<double>(j));
+    parents.push_back(static_cast<int>(j) - 1);
+  }
+  asset.skeleton = skeleton_from_joints(positions, parents);
+  asset.skin.append_row({{0, 1.0f}});
+  asset.skin.append_row({{0, 0.5f}, {1, 0.5f}});
+  asset.skin.append_row({{1, 1.0f}});
+  asset.skin.append_row({{1, 0.25f}, {0, 0.75f}});
+  return asset;
+}
+
+std::map<std::string, std::string> contents(const fs::path& folder) {
+  std::map<std::string, std::string> files;
+  for (const auto& entry : fs::recursive_directory_iterator(folder)) {
+    if (entry.is_regular_file()) files[entry.path().lexically_relative(folder).generic_string()] = read_file(entry.path());
+  }
+  return files;
+}
+
+class PrepareDataset : public testing::Test {
+ protected:
+  PrepareDataset() {
+    io::write_gltf(input() / "b" / "chain.glb", small_asset(5, 1.0f));
+    io::write_gltf(input() / "a.glb", small_asset(4, 1.5f));
+    io::write_gltf(input() / "two joints.glb", small_asset(2, 1.0f));
+    fs::create_directories(input() / "z");
+    fs::copy_file(input() / "a.glb", input() / "z" / "copy.GLB");
+    const std::string whole = read_file(input() / "a.glb");
+    write_file_atomically(input() / "z" / "truncated.glb", whole.substr(0, whole.size() / 2));
+    write_file_atomically(input() / "z" / "notes.txt", "not an asset");
+    write_file_atomically(input() / "z" / "wrong.gltf", "{\"buffers\": [{\"uri\": \"../../secret\"}]}");
+  }
+
+  fs::path input() const { return folder_ / "input"; }
+
+  PrepareOptions options(const std::string& out) const {
+    PrepareOptions options;
+    options.out = folder_ / out;
+    options.sources = find_assets({input()});
+    options.seed = 3;
+    options.test_count = 1;
+    return options;
+  }
+
+  test::TemporaryFolder folder_;
+};
+
+TEST_F(PrepareDataset, WritesThePublishedLayoutAndCountsWhatItRejects) {
+  const PrepareSummary summary = prepare_dataset(options("out"));
+  EXPECT_EQ(summary.real, 3u);
+  EXPECT_EQ(summary.bad_skeleton, 1u);
+  EXPECT_EQ(summary.train, 1u);
+  EXPECT_EQ(summary.test, 1u);
+  ASSERT_EQ(summary.rejected.size(), 3u);
+  EXPECT_EQ(summary.rejected[0].file_identifier, "input/z/copy.GLB");
+  EXPECT_NE(summary.rejected[0].reason.find("input/a.glb"), std::string::npos);
+  EXPECT_EQ(summary.rejected[1].file_identifier, "input/z/truncated.glb");
+  EXPECT_EQ(summary.rejected[2].file_identifier, "input/z/wrong.gltf");
+
+  const CsvTable table = read_csv(folder_ / "out" / "metadata.csv");
+  ASSERT_EQ(table.rows.size(), 3u);
+  EXPECT_EQ(table.cell(0, "local_path"), "a.glb");
+  EXPECT_EQ(table.cell(1, "local_path"), "b/chain.glb");
+  EXPECT_EQ(table.cell(2, "local_path"), "two joints.glb");
+  EXPECT_EQ(table.cell(0, "num_joints"), "4");
+  EXPECT_EQ(table.cell(0, "max_influences"), "2");
+  EXPECT_EQ(table.cell(0, "source"), "real");
+  EXPECT_EQ(table.cell(2, "is_bad_skeleton"), "True");
+  EXPECT_EQ(table.cell(2, "is_test"), "False");
+  EXPECT_EQ(read_file(folder_ / "out" / "splits" / "unusable.txt"), table.cell(2, "sha256") + "\n");
+  EXPECT_EQ(read_csv(folder_ / "out" / "rejected.csv").rows.size(), 3u);
+}
+
+TEST_F(PrepareDataset, ArraysAreTheNormalisedAsset) {
+  prepare_dataset(options("out"));
+  const CsvTable table = read_csv(folder_ / "out" / "metadata.csv");
+  const fs::path file = folder_ / "out" / "skeleton" / table.cell(0, "sha256") / "skeleton_voxelized.npz";
+  const io::NamedArrays arrays = io::read_npz(file);
+  Asset expected = io::read_gltf(input() / "a.glb").asset;
+  normalize(expected);
+
+  EXPECT_EQ(io::find(arrays, "joints")->dtype, io::Dtype::kF32);
+  EXPECT_EQ(io::find(arrays, "parents")->dtype, io::Dtype::kI32);
+  EXPECT_EQ(io::find(arrays, "faces")->dtype, io::Dtype::kI32);
+  EXPECT_EQ(io::find(arrays, "skin")->shape, (std::vector<std::int64_t>{4, 4}));
+  EXPECT_EQ(io::find(arrays, "parents")->as<std::int32_t>(), (std::vector<std::int32_t>{-1, 0, 1, 2}));
+  EXPECT_EQ(io::find(arrays, "skin")->as<float>(), to_dense(expected.skin, 4));
+  const std::vector<float> vertices = io::find(arrays, "vertices")->as<float>();
+  const std::vector<float> joints = io::find(arrays, "joints")->as<float>();
+  float low = 1, high = -1;
+  for (std::size_t i = 0; i < vertices.size(); ++i) {
+    EXPECT_EQ(vertices[i], expected.mesh.vertices[i / 3][static_cast<Eigen::Index>(i % 3)]);
+    low = std::min(low, vertices[i]);
+    high = std::max(high, vertices[i]);
+  }
+  EXPECT_FLOAT_EQ(low, -0.5f);
+  EXPECT_FLOAT_EQ(high, 0.5f);
+  for (std::size_t i = 0; i < joints.size(); ++i) {
+    EXPECT_NEAR(joints[i], expected.skeleton.positions()[i / 3][static_cast<Eigen::Index>(i % 3)], 1e-6);
+  }
+  // The kept asset is in the same frame.
+  const Asset kept = io::read_gltf(folder_ / "out" / "assets" / (table.cell(0, "sha256") + ".glb")).asset;
+  EXPECT_NEAR(bounding_box(kept.mesh.vertices).longest_side(), 1.0, 1e-6);
+}
+
+TEST_F(PrepareDataset, RepeatedCallsReuseAndAreByteIdentical) {
+  prepare_dataset(options("out"));
+  const auto before = contents(folder_ / "out");
+  const PrepareSummary again = prepare_dataset(options("out"));
+  EXPECT_EQ(again.reused, 3u);
+  EXPECT_EQ(contents(folder_ / "out"), before);
+
+  // Somewhere else, on one thread.
+  const int threads = thread_count();
+  set_thread_count(1);
+  prepare_dataset(options("elsewhere"));
+  set_thread_count(threads);
+  EXPECT_EQ(contents(folder_ / "elsewhere"), before);
+}
+
+TEST_F(PrepareDataset, GoesOnAfterAnInterruption) {
+  prepare_dataset(options("out"));
+  const auto complete = contents(folder_ / "out");
+  const CsvTable table = read_csv(folder_ / "out" / "metadata.csv");
+  // As if the program had died: one asset without its record, one with a damaged record, no tables yet.
+  fs::remove(folder_ / "out" / "records" / (table.cell(0, "sha256") + ".json"));
+  write_file_atomically(folder_ / "out" / "records" / (table.cell(1, "sha256") + ".json"), "{\"version\": 1");
+  fs::remove(folder_ / "out" / "metadata.csv");
+  EXPECT_EQ(prepare_dataset(options("out")).reused, 1u);
+  EXPECT_EQ(contents(folder_ / "out"), complete);
+}
+
+TEST_F(PrepareDataset, FailsOnlyWhenNothingCouldBeUsed) {
+  PrepareOptions broken = options("out");
+  broken.sources = find_assets({input() / "z" / "truncated.glb"});
+  EXPECT_THROW(prepare_dataset(broken), InputError);
+  EXPECT_EQ(read_csv(folder_ / "out" / "rejected.csv").rows.size(), 1u);
+  PrepareOptions too_many = options("out2");
+  too_many.test_count = 3;
+  EXPECT_THROW(prepare_dataset(too_many), InputError);
+  EXPECT_THROW(find_assets({folder_ / "absent"}), InputError);
+  fs::create_directories(folder_ / "empty");
+  EXPECT_THROW(find_assets({folder_ / "empty"}), InputError);
+}
+
+TEST_F(PrepareDataset, IdsFollowTheContentOfExternalBuffers) {
+  const fs::path file = folder_ / "ext" / "a.gltf";
+  write_file_atomically(file, "{\"buffers\": [{\"uri\": \"my%20data.bin\"}]}");
+  write_file_atomically(folder_ / "ext" / "my data.bin", "one");
+  const AssetSource source = find_assets({file})[0];
+  const std::string first = asset_id(source);
+  EXPECT_EQ(first.size(), 64u);
+  write_file_atomically(folder_ / "ext" / "my data.bin", "two");
+  EXPECT_NE(asset_id(source), first);
+}
+
+TEST(ProceduralDataset, TrainsOnAllUnlessTestCreaturesAreAskedFor) {
+  const test::TemporaryFolder folder;
+  PrepareOptions options;
+  options.out = folder / "out";
+  options.sources = procedural_sources(11, 3);
+  options.keep_assets = false;
+  const PrepareSummary summary = prepare_dataset(options);
+  EXPECT_EQ(summary.procedural, 3u);
+  EXPECT_EQ(summary.test, 0u);
+  EXPECT_FALSE(fs::exists(folder / "out" / "assets"));
+  const CsvTable table = read_csv(folder / "out" / "metadata.csv");
+  EXPECT_EQ(table.cell(2, "source"), "procedural:" + creature_family(11, 2));
+  EXPECT_EQ(table.cell(2, "file_identifier"), "procedural/11/2");
+  options.procedural_test = 1;
+  EXPECT_EQ(prepare_dataset(options).test, 1u);
+}
+
+TEST(RealAssets, CorruptWeightsAreFlaggedNotRejected) {
+  const fs::path crab = test::assets_dir() / "rigged" / "arthropod" / "q_crab_nan.glb";
+  if (!fs::exists(crab)) GTEST_SKIP() << crab << " is missing";
+  const test::TemporaryFolder folder;
+  PrepareOptions options;
+  options.out = folder / "out";
+  options.sources = find_assets({crab});
+  EXPECT_TRUE(prepare_dataset(options).rejected.empty());
+  const CsvTable table = read_csv(folder / "out" / "metadata.csv");
+  EXPECT_NE(table.cell(0, "repairs").find("nan_weights"), std::string::npos);
+}
+
+}  // namespace
+}  // namespace anigen::prepare
