@@ -54,7 +54,8 @@ void run(const EvalOptions& options, const CommonOptions& common) {
     methods.push_back(reconstruction(options.skin_ae, common, settings));
   }
   if (!options.predictions.empty()) {
-    if (!std::filesystem::is_directory(options.predictions)) throw InputError(options.predictions, "", "no such folder");
+    if (!std::filesystem::is_directory(options.predictions))
+      throw InputError(options.predictions, "", "no such folder");
     settings["predictions"] = options.predictions;
     methods.push_back(eval::predictions_from_folder(options.predictions));
   }
@@ -78,12 +79,16 @@ void run(const EvalOptions& options, const CommonOptions& common) {
     report.dataset = options.dataset;
     report.pictured = options.pictured;
     report.title = "Skin weights: " + methods[0].label;
-    if (std::filesystem::is_directory(options.skin_ae)) report.training_metrics = std::filesystem::path(options.skin_ae) / "metrics.csv";
+    if (std::filesystem::is_directory(options.skin_ae))
+      report.training_metrics = std::filesystem::path(options.skin_ae) / "metrics.csv";
     write_file_atomically(out / "report.html", eval::skin_report(evaluation, report));
   }
   std::fputs(common.json ? (metrics.dump(2) + "\n").c_str() : table.c_str(), stdout);
-  const auto scored = eval::summarize(evaluation, 0, eval::Group::kUsable)[0].n + eval::summarize(evaluation, 0, eval::Group::kNotUsable)[0].n;
-  if (scored == 0) throw Error("no asset could be scored for " + methods[0].label + "; " + (out / "metrics.csv").string() + " says why");
+  const auto scored = eval::summarize(evaluation, 0, eval::Group::kUsable)[0].n +
+                      eval::summarize(evaluation, 0, eval::Group::kNotUsable)[0].n;
+  if (scored == 0)
+    throw Error("no asset could be scored for " + methods[0].label + "; " + (out / "metrics.csv").string() +
+                " says why");
 }
 
 }  // namespace
@@ -103,7 +108,8 @@ int main(int argc, char** argv) {
   app.add_option("--gt", options.dataset, "Dataset with the ground truth")->required();
   app.add_option("--split", options.splits, "Files of ids to evaluate; without, the whole dataset");
   app.add_option("--out", options.out, "Folder for the results")->required();
-  app.add_option("--pictures", options.pictured, "Worst and best assets to draw in the report, each")->capture_default_str();
+  app.add_option("--pictures", options.pictured, "Worst and best assets to draw in the report, each")
+      ->capture_default_str();
   app.add_flag("--no-report", options.no_report, "Do not write report.html");
   add_common_options(app, common);
   return run_command(app, common, argc, argv, [&] { run(options, common); });

@@ -41,7 +41,8 @@ int main(int argc, char** argv) {
     options.keep_assets = !skip_assets;
     if (count->count() > 0) options.test_count = test_count;
     options.sources = prepare::find_assets({inputs.begin(), inputs.end()});
-    for (auto& source : prepare::procedural_sources(common.seed, procedural)) options.sources.push_back(std::move(source));
+    for (auto& source : prepare::procedural_sources(common.seed, procedural))
+      options.sources.push_back(std::move(source));
     const prepare::PrepareSummary summary = prepare::prepare_dataset(options);
     if (common.json) {
       std::printf("%s\n", prepare::to_json(summary).dump(2).c_str());

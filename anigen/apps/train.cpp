@@ -14,7 +14,8 @@ int main(int argc, char** argv) {
   app.add_option("--config", command.config, "JSON config; default: config.json of the output folder");
   app.add_option("--output", command.run.output, "Run folder")->required();
   app.add_option("--data-dir", command.data_dir, "Dataset root, or several separated by commas");
-  app.add_option("--set", command.overrides, "path.to.key=value overrides a config value; repeatable")->allow_extra_args(false);
+  app.add_option("--set", command.overrides, "path.to.key=value overrides a config value; repeatable")
+      ->allow_extra_args(false);
   app.add_option("--load", command.run.load, "Start from a checkpoint of this other run folder");
   app.add_option("--ckpt", command.run.ckpt, "latest, none, or a step")->capture_default_str();
   anigen::add_common_options(app, common, anigen::train::version_details);

@@ -14,17 +14,6 @@ const Json& empty_object() {
   return object;
 }
 
-// RFC 6901: '~' and '/' inside a key are written ~0 and ~1.
-std::string escaped(const std::string& key) {
-  std::string result;
-  for (const char c : key) {
-    if (c == '~') result += "~0";
-    else if (c == '/') result += "~1";
-    else result += c;
-  }
-  return result;
-}
-
 bool is_int64(const Json& value) {
   if (!value.is_number_integer()) return false;
   return !value.is_number_unsigned() ||
@@ -41,13 +30,14 @@ std::string joined(const std::vector<std::string>& words) {
 
 ConfigReader::ConfigReader(const Json& object, std::string file, std::string pointer)
     : object_(&object), file_(std::move(file)), pointer_(std::move(pointer)) {
-  if (!object.is_object()) throw InputError(file_, pointer_, std::string("expected an object, found ") + object.type_name());
+  if (!object.is_object())
+    throw InputError(file_, pointer_, std::string("expected an object, found ") + object.type_name());
 }
 
 bool ConfigReader::has(const std::string& key) const { return object_->contains(key); }
 
 std::string ConfigReader::pointer_to(const std::string& key) const {
-  return key.empty() ? pointer_ : pointer_ + "/" + escaped(key);
+  return key.empty() ? pointer_ : pointer_ + "/" + escaped_for_pointer(key);
 }
 
 InputError ConfigReader::error(const std::string& key, const std::string& problem) const {
@@ -148,7 +138,8 @@ ConfigReader ConfigReader::object(const std::string& key) {
 const Json* ConfigReader::raw(const std::string& key) { return find(key); }
 
 void ConfigReader::ignore(const std::string& key) {
-  if (find(key) != nullptr) log::warn_once(file_ + ": " + pointer_to(key) + " has no effect (nor in the published code)");
+  if (find(key) != nullptr)
+    log::warn_once(file_ + ": " + pointer_to(key) + " has no effect (nor in the published code)");
 }
 
 void ConfigReader::finish() const {

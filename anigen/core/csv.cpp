@@ -57,9 +57,7 @@ class CsvScanner {
     return value;
   }
 
-  bool at_separator() const {
-    return text_[position_] == ',' || text_[position_] == '\n' || text_[position_] == '\r';
-  }
+  bool at_separator() const { return text_[position_] == ',' || text_[position_] == '\n' || text_[position_] == '\r'; }
 
   std::string_view text_;
   std::string file_;

@@ -43,7 +43,23 @@ Json parse_json(std::string_view text, const std::string& file, std::size_t max_
     const std::size_t colon = reason.find(": ");
     if (colon != std::string::npos) reason = reason.substr(colon + 2);
     throw InputError(file, "byte " + std::to_string(error.byte), "not valid JSON: " + reason);
+  } catch (const nlohmann::json::exception& error) {
+    // A number beyond double, such as 1e999, is reported as another kind of exception.
+    throw InputError(file, "", std::string("not valid JSON: ") + error.what());
   }
+}
+
+std::string escaped_for_pointer(const std::string& key) {
+  std::string result;
+  for (const char c : key) {
+    if (c == '~')
+      result += "~0";
+    else if (c == '/')
+      result += "~1";
+    else
+      result += c;
+  }
+  return result;
 }
 
 Json read_json(const std::filesystem::path& path, std::size_t max_depth) {

@@ -8,7 +8,8 @@ std::string base64(const std::vector<std::uint8_t>& bytes) {
   text.reserve((bytes.size() + 2) / 3 * 4);
   for (std::size_t i = 0; i < bytes.size(); i += 3) {
     const std::size_t have = bytes.size() - i;
-    const unsigned group = static_cast<unsigned>(bytes[i]) << 16 | (have > 1 ? static_cast<unsigned>(bytes[i + 1]) << 8 : 0u) |
+    const unsigned group = static_cast<unsigned>(bytes[i]) << 16 |
+                           (have > 1 ? static_cast<unsigned>(bytes[i + 1]) << 8 : 0u) |
                            (have > 2 ? static_cast<unsigned>(bytes[i + 2]) : 0u);
     text += kDigits[group >> 18];
     text += kDigits[group >> 12 & 63];

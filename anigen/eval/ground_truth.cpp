@@ -18,8 +18,8 @@ namespace {
 namespace fs = std::filesystem;
 
 /// One member of an archive with its expected shape, -1 standing for any size.
-const io::NdArray& member(const io::NamedArrays& arrays, const std::string& name, const std::vector<std::int64_t>& shape,
-                          const fs::path& file) {
+const io::NdArray& member(const io::NamedArrays& arrays, const std::string& name,
+                          const std::vector<std::int64_t>& shape, const fs::path& file) {
   const io::NdArray* array = io::find(arrays, name);
   if (array == nullptr) throw InputError(file.string(), name, "the array is missing");
   bool fits = array->shape.size() == shape.size();
@@ -95,7 +95,8 @@ std::vector<DatasetItem> select_split(const std::vector<DatasetItem>& items, con
       while (!line.empty() && (line.back() == '\r' || line.back() == ' ')) line.pop_back();
       if (line.empty() || line[0] == '#') continue;
       if (known.count(line) == 0) {
-        throw InputError(split.string(), "line " + std::to_string(line_number), "the dataset has no id \"" + line + "\"");
+        throw InputError(split.string(), "line " + std::to_string(line_number),
+                         "the dataset has no id \"" + line + "\"");
       }
       wanted.insert(line);
     }
@@ -121,7 +122,8 @@ GroundTruth read_ground_truth(const fs::path& root, const std::string& id) {
   for (std::size_t j = 0; j < truth.parents.size(); ++j) {
     const int parent = truth.parents[j];
     if (parent < -1 || parent >= joints || parent == static_cast<int>(j)) {
-      throw InputError(file.string(), "parents[" + std::to_string(j) + "]", "is out of range: " + std::to_string(parent));
+      throw InputError(file.string(), "parents[" + std::to_string(j) + "]",
+                       "is out of range: " + std::to_string(parent));
     }
   }
   truth.skin = member(arrays, "skin", {vertices, joints}, file).as<float>();

@@ -24,14 +24,15 @@ std::vector<DatasetItem> list_dataset(const std::filesystem::path& root);
 
 /// Keeps the ids that a split file names, one a line, blank lines and lines starting with '#' skipped.
 /// @throws InputError naming the line for an id that the dataset does not have
-std::vector<DatasetItem> select_split(const std::vector<DatasetItem>& items, const std::vector<std::filesystem::path>& splits);
+std::vector<DatasetItem> select_split(const std::vector<DatasetItem>& items,
+                                      const std::vector<std::filesystem::path>& splits);
 
 /// skeleton/<id>/skeleton_voxelized.npz, checked: shapes agree, numbers are finite, indices in range.
 struct GroundTruth {
-  std::vector<Eigen::Vector3f> joints;  ///< [J], normalised frame, Z up
-  std::vector<int> parents;             ///< [J], -1 for the root
-  std::vector<float> skin;              ///< [V, J] row-major; zero rows became weight 1 on joint 0, rows sum to 1
-                                        ///< (reference autoencoders.md, 1.3)
+  std::vector<Eigen::Vector3f> joints;    ///< [J], normalised frame, Z up
+  std::vector<int> parents;               ///< [J], -1 for the root
+  std::vector<float> skin;                ///< [V, J] row-major; zero rows became weight 1 on joint 0, rows sum to 1
+                                          ///< (reference autoencoders.md, 1.3)
   std::vector<Eigen::Vector3f> vertices;  ///< [V]
   std::vector<Triangle> faces;
 

@@ -27,7 +27,8 @@ double tick_step(double range) {
 }
 
 std::string text_element(double x, double y, const char* anchor, const std::string& text) {
-  return "<text x=\"" + text_of(x) + "\" y=\"" + text_of(y) + "\" text-anchor=\"" + anchor + "\">" + html_escaped(text) + "</text>";
+  return "<text x=\"" + text_of(x) + "\" y=\"" + text_of(y) + "\" text-anchor=\"" + anchor + "\">" +
+         html_escaped(text) + "</text>";
 }
 
 std::string line_element(double x1, double y1, double x2, double y2) {
@@ -51,10 +52,14 @@ std::string line_chart(const std::string& title, const std::vector<std::pair<dou
   }
   if (!(y_high > y_low)) y_high = y_low + 1;
   const auto px = [&](double x) { return kLeft + (x - x_low) / (x_high - x_low) * (kWidth - kLeft - kRight); };
-  const auto py = [&](double y) { return kHeight - kBottom - (y - y_low) / (y_high - y_low) * (kHeight - kTop - kBottom); };
+  const auto py = [&](double y) {
+    return kHeight - kBottom - (y - y_low) / (y_high - y_low) * (kHeight - kTop - kBottom);
+  };
 
-  std::string svg = "<svg viewBox=\"0 0 420 220\" width=\"420\" height=\"220\" font-size=\"11\" font-family=\"sans-serif\">";
-  svg += "<text x=\"8\" y=\"16\" font-size=\"13\">" + html_escaped(title + ", last " + text_of(curve.back().second)) + "</text>";
+  std::string svg =
+      "<svg viewBox=\"0 0 420 220\" width=\"420\" height=\"220\" font-size=\"11\" font-family=\"sans-serif\">";
+  svg += "<text x=\"8\" y=\"16\" font-size=\"13\">" + html_escaped(title + ", last " + text_of(curve.back().second)) +
+         "</text>";
   const double y_step = tick_step(y_high - y_low), x_step = tick_step(x_high - x_low);
   for (double y = std::ceil(y_low / y_step) * y_step; y <= y_high * (1 + 1e-9); y += y_step) {
     svg += line_element(kLeft, py(y), kWidth - kRight, py(y)) + text_element(kLeft - 6, py(y) + 4, "end", text_of(y));

@@ -56,7 +56,8 @@ std::string figure(const SkinEvaluation& evaluation, const AssetResult& result, 
                      std::to_string(result.vertices) + " vertices</figcaption>\n";
   try {
     const GroundTruth truth = read_ground_truth(options.dataset, result.item.id);
-    const io::Image image = compare(truth, evaluation.methods[0].predict(result.item, truth), evaluation.methods[0], options.picture_size);
+    const io::Image image =
+        compare(truth, evaluation.methods[0].predict(result.item, truth), evaluation.methods[0], options.picture_size);
     text += "<img alt=\"\" src=\"data:image/png;base64," + base64(io::encode_png(image)) + "\">";
   } catch (const InputError& error) {
     text += "<p>No picture: " + html_escaped(error.what()) + "</p>";
@@ -84,7 +85,8 @@ std::string pictures(const SkinEvaluation& evaluation, const ReportOptions& opti
   if (worst > 0) text += "<h2>Worst assets</h2>\n";
   for (std::size_t i = 0; i < worst; ++i) text += figure(evaluation, evaluation.assets[order[i]], options);
   if (best > 0) text += "<h2>Best assets</h2>\n";
-  for (std::size_t i = 0; i < best; ++i) text += figure(evaluation, evaluation.assets[order[order.size() - 1 - i]], options);
+  for (std::size_t i = 0; i < best; ++i)
+    text += figure(evaluation, evaluation.assets[order[order.size() - 1 - i]], options);
   return text;
 }
 
@@ -98,7 +100,8 @@ std::string curves(const fs::path& metrics) {
     if (table.columns[c].rfind("eval", 0) != 0) continue;
     std::vector<std::pair<double, double>> points;
     for (const auto& row : table.rows) {
-      if (!row[c].empty()) points.emplace_back(std::strtod(row[step].c_str(), nullptr), std::strtod(row[c].c_str(), nullptr));
+      if (!row[c].empty())
+        points.emplace_back(std::strtod(row[step].c_str(), nullptr), std::strtod(row[c].c_str(), nullptr));
     }
     text += line_chart(table.columns[c] + " by training step", points);
   }
@@ -108,7 +111,8 @@ std::string curves(const fs::path& metrics) {
 std::string settings_list(const Json& settings) {
   std::string text = "<ul>\n";
   for (const auto& [key, value] : settings.items()) {
-    text += "<li>" + html_escaped(key) + ": <code>" + html_escaped(value.is_string() ? value.get<std::string>() : value.dump()) + "</code></li>\n";
+    text += "<li>" + html_escaped(key) + ": <code>" +
+            html_escaped(value.is_string() ? value.get<std::string>() : value.dump()) + "</code></li>\n";
   }
   return text + "</ul>\n";
 }
@@ -116,19 +120,26 @@ std::string settings_list(const Json& settings) {
 }  // namespace
 
 std::string skin_report(const SkinEvaluation& evaluation, const ReportOptions& options) {
-  std::string html = "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><title>" + html_escaped(options.title) +
-                     "</title><style>" + kStyle + "</style></head><body>\n<h1>" + html_escaped(options.title) + "</h1>\n";
+  std::string html = "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><title>" +
+                     html_escaped(options.title) + "</title><style>" + kStyle + "</style></head><body>\n<h1>" +
+                     html_escaped(options.title) + "</h1>\n";
   html += settings_list(evaluation.settings);
-  html += "<p>Per vertex, l1 is the sum of absolute differences over joints (0 to 2), l2 the norm of the differences, KL the divergence "
-          "of the prediction from the ground truth in nats; means over vertices, then over assets. Columns with a number "
-          "of influences are l1 over the vertices that so many joints truly move. Oracles look at the true weights.</p>\n";
-  html += "<h2>" + std::to_string(count(evaluation, Group::kUsable)) + " usable assets</h2>\n" + to_html(summary_table(evaluation, Group::kUsable));
+  html +=
+      "<p>Per vertex, l1 is the sum of absolute differences over joints (0 to 2), l2 the norm of the differences, KL "
+      "the divergence "
+      "of the prediction from the ground truth in nats; means over vertices, then over assets. Columns with a number "
+      "of influences are l1 over the vertices that so many joints truly move. Oracles look at the true weights.</p>\n";
+  html += "<h2>" + std::to_string(count(evaluation, Group::kUsable)) + " usable assets</h2>\n" +
+          to_html(summary_table(evaluation, Group::kUsable));
   html += curves(options.training_metrics);
   html += pictures(evaluation, options);
-  html += "<h2>All usable assets, " + html_escaped(evaluation.methods[0].label) + "</h2>\n" + to_html(asset_table(evaluation, Group::kUsable));
+  html += "<h2>All usable assets, " + html_escaped(evaluation.methods[0].label) + "</h2>\n" +
+          to_html(asset_table(evaluation, Group::kUsable));
   if (count(evaluation, Group::kNotUsable) > 0) {
-    html += "<h2>Not usable, scored apart</h2>\n<p>Too few or too many joints, or joints with equal vectors from their parents.</p>\n" +
-            to_html(summary_table(evaluation, Group::kNotUsable)) + to_html(asset_table(evaluation, Group::kNotUsable));
+    html +=
+        "<h2>Not usable, scored apart</h2>\n<p>Too few or too many joints, or joints with equal vectors from their "
+        "parents.</p>\n" +
+        to_html(summary_table(evaluation, Group::kNotUsable)) + to_html(asset_table(evaluation, Group::kNotUsable));
   }
   return html + "</body></html>\n";
 }

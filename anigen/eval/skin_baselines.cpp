@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "anigen/eval/bone_distance.h"
+#include "anigen/eval/bone_segments.h"
 
 namespace anigen::eval {
 
@@ -49,7 +49,8 @@ std::vector<float> strongest_joint_weights(const GroundTruth& truth) {
   std::vector<float> weights(truth.skin.size(), 0.0f);
   for (std::size_t v = 0; v < truth.vertex_count(); ++v) {
     const auto row = truth.skin.begin() + static_cast<std::ptrdiff_t>(v * joints);
-    weights[v * joints + static_cast<std::size_t>(std::max_element(row, row + static_cast<std::ptrdiff_t>(joints)) - row)] = 1.0f;
+    weights[v * joints +
+            static_cast<std::size_t>(std::max_element(row, row + static_cast<std::ptrdiff_t>(joints)) - row)] = 1.0f;
   }
   return weights;
 }
@@ -60,7 +61,8 @@ std::vector<SkinMethod> skin_baselines() {
   };
   std::vector<SkinMethod> methods = {
       geometric("nearest_bone", "nearest bone", nearest_bone_weights),
-      geometric("inverse_distance", "inverse distance, power 8", [](const GroundTruth& t) { return inverse_distance_weights(t); }),
+      geometric("inverse_distance", "inverse distance, power 8",
+                [](const GroundTruth& t) { return inverse_distance_weights(t); }),
       geometric("strongest_joint", "strongest true joint (oracle)", strongest_joint_weights),
       geometric("rank4", "best rank 4 (oracle)", [](const GroundTruth& t) { return low_rank_weights(t); }),
       geometric("mixture4", "mixture of 4 rows (oracle)", [](const GroundTruth& t) { return mixture_weights(t); })};

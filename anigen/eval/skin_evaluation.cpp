@@ -19,7 +19,8 @@ MethodResult run_method(const SkinMethod& method, const DatasetItem& item, const
   try {
     std::vector<float> predicted = method.predict(item, truth);
     if (predicted.size() != truth.skin.size()) {
-      throw Error("has " + std::to_string(predicted.size()) + " weights, expected " + std::to_string(truth.skin.size()));
+      throw Error("has " + std::to_string(predicted.size()) + " weights, expected " +
+                  std::to_string(truth.skin.size()));
     }
     normalize_rows(predicted, truth.vertex_count(), truth.joint_count(), method.label);
     result.scores = score_skin(predicted, truth.skin, truth.vertex_count(), truth.joint_count());
@@ -102,8 +103,9 @@ SkinMethod predictions_from_folder(const fs::path& folder) {
     const std::vector<std::int64_t> wanted = {static_cast<std::int64_t>(truth.vertex_count()),
                                               static_cast<std::int64_t>(truth.joint_count())};
     if (skin.shape != wanted) {
-      throw InputError(file.string(), "skin", "expected shape [" + std::to_string(wanted[0]) + ", " +
-                                                  std::to_string(wanted[1]) + "], one row per vertex and one column per joint of the ground truth");
+      throw InputError(file.string(), "skin",
+                       "expected shape [" + std::to_string(wanted[0]) + ", " + std::to_string(wanted[1]) +
+                           "], one row per vertex and one column per joint of the ground truth");
     }
     return skin.as<float>();
   };

@@ -82,7 +82,8 @@ std::vector<float> mixture_weights(const GroundTruth& truth, std::size_t rank, s
   if (rank >= joints) return truth.skin;
   const SparseRows sparse = sparse_rows(truth);
   Rows basis;
-  Rows mix = Rows::Constant(static_cast<Eigen::Index>(vertices), static_cast<Eigen::Index>(rank), 1.0 / static_cast<double>(rank));
+  Rows mix = Rows::Constant(static_cast<Eigen::Index>(vertices), static_cast<Eigen::Index>(rank),
+                            1.0 / static_cast<double>(rank));
   {
     const Rows weights = dense_rows(truth);
     basis = farthest_rows(weights, rank);

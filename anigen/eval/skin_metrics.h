@@ -21,9 +21,9 @@ struct SkinScore {
 };
 
 struct SkinScores {
-  SkinScore mean;                                              ///< over all vertices
-  std::array<SkinScore, kInfluenceClasses> by_influences;      ///< over the vertices of one class
-  std::array<std::size_t, kInfluenceClasses> class_sizes{};    ///< vertices in each class
+  SkinScore mean;                                            ///< over all vertices
+  std::array<SkinScore, kInfluenceClasses> by_influences;    ///< over the vertices of one class
+  std::array<std::size_t, kInfluenceClasses> class_sizes{};  ///< vertices in each class
 };
 
 /// @param predicted, truth row-major [V, J], finite, not negative, rows summing to 1

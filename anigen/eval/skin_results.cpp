@@ -97,9 +97,13 @@ CsvTable to_csv_table(const SkinEvaluation& evaluation) {
   for (const AssetResult& asset : evaluation.assets) {
     for (std::size_t m = 0; m < evaluation.methods.size(); ++m) {
       const MethodResult& result = asset.methods[m];
-      std::vector<std::string> row = {asset.item.id, asset.item.name, asset.item.source,
-                                      asset.item.usable ? "True" : "False", evaluation.methods[m].key,
-                                      std::to_string(asset.joints), std::to_string(asset.vertices)};
+      std::vector<std::string> row = {asset.item.id,
+                                      asset.item.name,
+                                      asset.item.source,
+                                      asset.item.usable ? "True" : "False",
+                                      evaluation.methods[m].key,
+                                      std::to_string(asset.joints),
+                                      std::to_string(asset.vertices)};
       const bool failed = !result.failure.empty();
       for (const double value : score_values(result.scores.mean)) row.push_back(failed ? "" : number(value));
       for (std::size_t c = 0; c < kInfluenceClasses; ++c) {
@@ -123,7 +127,8 @@ Table summary_table(const SkinEvaluation& evaluation, Group group) {
     std::vector<std::string> row = {evaluation.methods[m].label};
     for (const Summary& score : scores) row.push_back(mean_or_dash(score));
     row.push_back(scores[0].n > 0 ? fixed(scores[0].median) : "–");
-    for (std::size_t c = 0; c < kInfluenceClasses; ++c) row.push_back(mean_or_dash(summarize_class(evaluation, m, group, c)[0]));
+    for (std::size_t c = 0; c < kInfluenceClasses; ++c)
+      row.push_back(mean_or_dash(summarize_class(evaluation, m, group, c)[0]));
     row.push_back(std::to_string(scores[0].n));
     table.rows.push_back(std::move(row));
   }
@@ -145,7 +150,8 @@ Table asset_table(const SkinEvaluation& evaluation, Group group) {
   for (const AssetResult* asset : order) {
     const MethodResult& result = asset->methods[0];
     std::vector<std::string> row = {asset->item.name, std::to_string(asset->joints), std::to_string(asset->vertices)};
-    for (const double value : score_values(result.scores.mean)) row.push_back(result.failure.empty() ? fixed(value) : "–");
+    for (const double value : score_values(result.scores.mean))
+      row.push_back(result.failure.empty() ? fixed(value) : "–");
     row.push_back(!result.failure.empty() ? result.failure : asset->item.bad_skin ? "bad skin" : "");
     table.rows.push_back(std::move(row));
   }
@@ -153,9 +159,9 @@ Table asset_table(const SkinEvaluation& evaluation, Group group) {
 }
 
 std::size_t count(const SkinEvaluation& evaluation, Group group) {
-  return static_cast<std::size_t>(std::count_if(evaluation.assets.begin(), evaluation.assets.end(), [&](const AssetResult& asset) {
-    return asset.item.usable == (group == Group::kUsable);
-  }));
+  return static_cast<std::size_t>(
+      std::count_if(evaluation.assets.begin(), evaluation.assets.end(),
+                    [&](const AssetResult& asset) { return asset.item.usable == (group == Group::kUsable); }));
 }
 
 std::string to_markdown(const SkinEvaluation& evaluation) {

@@ -22,28 +22,39 @@ std::string markdown_cell(const std::string& text) {
   return cell;
 }
 
+/// Does every cell of the column that is not empty start like a number, or stand for a missing one?
+bool numeric(const Table& table, std::size_t column) {
+  return std::all_of(table.rows.begin(), table.rows.end(), [column](const std::vector<std::string>& row) {
+    const std::string& cell = row[column];
+    return cell.empty() || cell == "–" || (cell[0] >= '0' && cell[0] <= '9') || cell[0] == '-';
+  });
+}
+
 }  // namespace
 
 std::string to_markdown(const Table& table) {
   std::vector<std::size_t> widths;
-  for (const std::string& column : table.columns) widths.push_back(std::max<std::size_t>(3, width(markdown_cell(column))));
+  for (const std::string& column : table.columns)
+    widths.push_back(std::max<std::size_t>(3, width(markdown_cell(column))));
   for (const auto& row : table.rows) {
     for (std::size_t i = 0; i < row.size(); ++i) widths[i] = std::max(widths[i], width(markdown_cell(row[i])));
   }
+  std::vector<bool> right(table.columns.size(), false);
+  for (std::size_t i = 1; i < right.size(); ++i) right[i] = numeric(table, i);
   std::string text;
   const auto line = [&](const std::vector<std::string>& cells) {
     text += '|';
     for (std::size_t i = 0; i < cells.size(); ++i) {
       const std::string cell = markdown_cell(cells[i]);
       const std::string padding(widths[i] - width(cell), ' ');
-      text += ' ' + (i == 0 ? cell + padding : padding + cell) + " |";
+      text += ' ' + (right[i] ? padding + cell : cell + padding) + " |";
     }
     text += '\n';
   };
   line(table.columns);
   text += '|';
   for (std::size_t i = 0; i < widths.size(); ++i) {
-    text += ' ' + std::string(widths[i] - (i == 0 ? 0 : 1), '-') + (i == 0 ? " |" : ": |");
+    text += ' ' + std::string(widths[i] - (right[i] ? 1 : 0), '-') + (right[i] ? ": |" : " |");
   }
   text += '\n';
   for (const auto& row : table.rows) line(row);
@@ -73,11 +84,20 @@ std::string html_escaped(const std::string& text) {
   std::string safe;
   for (const char c : text) {
     switch (c) {
-      case '&': safe += "&amp;"; break;
-      case '<': safe += "&lt;"; break;
-      case '>': safe += "&gt;"; break;
-      case '"': safe += "&quot;"; break;
-      default: safe += c;
+      case '&':
+        safe += "&amp;";
+        break;
+      case '<':
+        safe += "&lt;";
+        break;
+      case '>':
+        safe += "&gt;";
+        break;
+      case '"':
+        safe += "&quot;";
+        break;
+      default:
+        safe += c;
     }
   }
   return safe;

@@ -10,8 +10,8 @@ struct Table {
   std::vector<std::vector<std::string>> rows;
 };
 
-/// Markdown with padded columns, so that it also reads well on a screen. Every column but the first is aligned to
-/// the right. Vertical bars inside cells are escaped.
+/// Markdown with padded columns, so that it also reads well on a screen. Columns of numbers, other
+/// than the first, are aligned to the right. Vertical bars inside cells are escaped.
 std::string to_markdown(const Table& table);
 
 /// An HTML <table>; cells are escaped.

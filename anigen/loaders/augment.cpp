@@ -57,7 +57,8 @@ void rotate(RigDraw& rig, Augmentations::Rotation rotation, Rng& rng) {
   if (rotation == Augmentations::Rotation::kNone) return;
   Eigen::Matrix3f turn;
   if (rotation == Augmentations::Rotation::kAboutZ) {
-    turn = Eigen::AngleAxisf(static_cast<float>(2.0 * kPi * rng.uniform()), Eigen::Vector3f::UnitZ()).toRotationMatrix();
+    turn =
+        Eigen::AngleAxisf(static_cast<float>(2.0 * kPi * rng.uniform()), Eigen::Vector3f::UnitZ()).toRotationMatrix();
   } else {
     turn = random_rotation(rng).toRotationMatrix().cast<float>();
   }

@@ -36,8 +36,9 @@ class Sieve {
       if (passes(row)) kept.push_back(row);
     }
     if (kept.empty()) {
-      throw InputError(file_, filter, "this filter leaves none of the " + std::to_string(rows_.size()) +
-                                          " rows that passed the filters before it");
+      throw InputError(
+          file_, filter,
+          "this filter leaves none of the " + std::to_string(rows_.size()) + " rows that passed the filters before it");
     }
     rows_ = std::move(kept);
   }
@@ -109,7 +110,12 @@ std::vector<AssetId> select_rows(const CsvTable& table, const fs::path& root, co
     const std::string place = "row " + std::to_string(row + 1) + ", sha256";
     if (!safe_id(id)) throw InputError(file, place, "'" + id.substr(0, 80) + "' cannot be the name of a folder");
     if (!seen.insert(id).second) throw InputError(file, place, "'" + id + "' is there twice");
-    assets.push_back({root, id});
+    std::size_t repeat = 1;
+    if (!filter.repeat.empty() && has("source")) {
+      const auto found = filter.repeat.find(table.cell(row, "source"));
+      if (found != filter.repeat.end()) repeat = found->second;
+    }
+    assets.push_back({root, id, repeat});
   }
   return assets;
 }

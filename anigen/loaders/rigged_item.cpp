@@ -32,7 +32,8 @@ std::vector<Eigen::Vector3f> points(const NdArray& values, const std::string& fi
   std::vector<Eigen::Vector3f> result(flat.size() / 3);
   for (std::size_t i = 0; i < result.size(); ++i) {
     result[i] = {flat[3 * i], flat[3 * i + 1], flat[3 * i + 2]};
-    if (!result[i].allFinite()) throw InputError(file, std::string(name) + "[" + std::to_string(i) + "]", "is not finite");
+    if (!result[i].allFinite())
+      throw InputError(file, std::string(name) + "[" + std::to_string(i) + "]", "is not finite");
   }
   return result;
 }
@@ -79,8 +80,10 @@ std::vector<int> parents_first_order(const std::vector<int>& parents, const std:
       throw InputError(file, "parents[" + std::to_string(j) + "]",
                        "is " + std::to_string(parent) + " among " + std::to_string(count) + " joints");
     }
-    if (parent < 0) open.push(j);
-    else children[static_cast<std::size_t>(parent)].push_back(j);
+    if (parent < 0)
+      open.push(j);
+    else
+      children[static_cast<std::size_t>(parent)].push_back(j);
   }
   std::vector<int> order;
   while (!open.empty()) {
@@ -89,7 +92,8 @@ std::vector<int> parents_first_order(const std::vector<int>& parents, const std:
     for (const int child : children[static_cast<std::size_t>(order.back())]) open.push(child);
   }
   if (order.size() != parents.size()) {
-    throw InputError(file, "parents", std::to_string(parents.size() - order.size()) + " joints are on or below a cycle");
+    throw InputError(file, "parents",
+                     std::to_string(parents.size() - order.size()) + " joints are on or below a cycle");
   }
   return order;
 }
@@ -103,9 +107,12 @@ RiggedItem read_rigged_item(const AssetId& asset, std::size_t max_joints) {
   item.joints = points(array(arrays, file, "joints", {-1, 3}), file, "joints");
   const std::size_t joint_count = item.joints.size();
   if (joint_count == 0 || joint_count > max_joints) {
-    throw InputError(file, "joints", std::to_string(joint_count) + " joints; between 1 and " + std::to_string(max_joints) + " are possible");
+    throw InputError(
+        file, "joints",
+        std::to_string(joint_count) + " joints; between 1 and " + std::to_string(max_joints) + " are possible");
   }
-  for (const std::int64_t parent : array(arrays, file, "parents", {static_cast<std::int64_t>(joint_count)}).as<std::int64_t>()) {
+  for (const std::int64_t parent :
+       array(arrays, file, "parents", {static_cast<std::int64_t>(joint_count)}).as<std::int64_t>()) {
     // Anything outside the joints stays outside when it is narrowed; the check of the tree below reports it.
     item.parents.push_back(parent < -1 || parent > 1'000'000 ? 1'000'000 : static_cast<int>(parent));
   }
@@ -113,7 +120,8 @@ RiggedItem read_rigged_item(const AssetId& asset, std::size_t max_joints) {
   item.vertices = points(array(arrays, file, "vertices", {-1, 3}), file, "vertices");
   item.faces = triangles(array(arrays, file, "faces", {-1, 3}), item.vertices.size(), file);
   if (item.faces.empty()) throw InputError(file, "faces", "is empty");
-  const std::vector<std::int64_t> skin_shape{static_cast<std::int64_t>(item.vertices.size()), static_cast<std::int64_t>(joint_count)};
+  const std::vector<std::int64_t> skin_shape{static_cast<std::int64_t>(item.vertices.size()),
+                                             static_cast<std::int64_t>(joint_count)};
   item.skin = sparse_skin(array(arrays, file, "skin", skin_shape), item.vertices.size(), joint_count, file);
   return item;
 }

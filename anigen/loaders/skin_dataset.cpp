@@ -28,6 +28,13 @@ torch::Tensor parents_tensor(const std::vector<int>& parents) {
   return tensor;
 }
 
+// Zeros, filled by this very thread: torch::zeros would start a team of threads in every loading thread.
+torch::Tensor zero_weights(std::size_t rows, std::size_t joints) {
+  torch::Tensor tensor = torch::empty({static_cast<std::int64_t>(rows), static_cast<std::int64_t>(joints)});
+  std::fill_n(tensor.data_ptr<float>(), rows * joints, 0.0f);
+  return tensor;
+}
+
 }  // namespace
 
 /// An asset with what is derived from it once.
@@ -38,7 +45,9 @@ struct SkinDataset::Entry {
   std::vector<bool> used;  // joints with weight anywhere
 
   Entry(RiggedItem read, bool with_blends)
-      : item(std::move(read)), sampler(item, with_blends), order(parents_first_order(item.parents, item.id)),
+      : item(std::move(read)),
+        sampler(item, with_blends),
+        order(parents_first_order(item.parents, item.id)),
         used(item.joints.size(), false) {
     for (const Influence& influence : item.skin.influences) used[static_cast<std::size_t>(influence.joint)] = true;
   }
@@ -56,7 +65,8 @@ SkinDataset::SkinDataset(std::vector<AssetId> assets, const Options& options) : 
     if (used < options.memory_budget) {
       parallel_for(count, [&](std::size_t i) {
         try {
-          read[i] = std::make_shared<Entry>(read_rigged_item(assets[first + i]), options_.augmentations.blend_sampling > 0.0);
+          read[i] =
+              std::make_shared<Entry>(read_rigged_item(assets[first + i]), options_.augmentations.blend_sampling > 0.0);
         } catch (const InputError& error) {
           problems[i] = error.what();
         }
@@ -70,6 +80,7 @@ SkinDataset::SkinDataset(std::vector<AssetId> assets, const Options& options) : 
       }
       if (read[i]) used += read[i]->bytes();
       if (used > options.memory_budget) read[i] = nullptr;
+      visits_.insert(visits_.end(), assets[first + i].repeat, assets_.size());
       assets_.push_back(assets[first + i]);
       entries_.push_back(read[i]);
     }
@@ -78,11 +89,13 @@ SkinDataset::SkinDataset(std::vector<AssetId> assets, const Options& options) : 
   if (!errors.empty() && !options.skip_broken) {
     std::string named;
     for (std::size_t i = 0; i < std::min(kNamedErrors, errors.size()); ++i) named += "\n  " + errors[i];
-    throw InputError("", "dataset", std::to_string(errors.size()) + " of " + std::to_string(assets.size()) +
-                                        " assets cannot be read; \"skip_broken\": true leaves them out:" + named);
+    throw InputError("", "dataset",
+                     std::to_string(errors.size()) + " of " + std::to_string(assets.size()) +
+                         " assets cannot be read; \"skip_broken\": true leaves them out:" + named);
   }
   for (const std::string& error : errors) log::warn("left out: {}", error);
-  if (assets_.empty()) throw InputError("", "dataset", "none of the " + std::to_string(assets.size()) + " assets can be read");
+  if (assets_.empty())
+    throw InputError("", "dataset", "none of the " + std::to_string(assets.size()) + " assets can be read");
 }
 
 std::shared_ptr<const SkinDataset::Entry> SkinDataset::entry(std::size_t index) const {
@@ -97,7 +110,7 @@ std::shared_ptr<const RiggedItem> SkinDataset::item(std::size_t index) const {
 
 std::unique_ptr<Batch> SkinDataset::load(const std::vector<Draw>& draws) const {
   auto batch = std::make_unique<SkinBatch>();
-  for (const Draw& draw : draws) sample(draw.item, draw.position, *batch);
+  for (const Draw& draw : draws) sample(visits_[draw.item], draw.position, *batch);
   return batch;
 }
 
@@ -112,7 +125,7 @@ void SkinDataset::sample(std::size_t index, std::uint64_t position, SkinBatch& b
   const bool vertices = options_.num_skin_samples == 0;
   const std::size_t rows = vertices ? found->item.vertices.size() : static_cast<std::size_t>(options_.num_skin_samples);
   const std::size_t joints = rig.joints.size();
-  torch::Tensor skin = torch::zeros({static_cast<std::int64_t>(rows), static_cast<std::int64_t>(joints)});
+  torch::Tensor skin = zero_weights(rows, joints);
   float* out = skin.data_ptr<float>();
   for (std::size_t row = 0; row < rows; ++row, out += joints) {
     if (vertices) {
@@ -137,7 +150,7 @@ std::unique_ptr<SkinBatch> SkinDataset::vertices_of(std::size_t index, std::size
   const std::size_t all = item.vertices.size(), count = most == 0 ? all : std::min(most, all);
   const std::size_t joints = item.joints.size();
   auto batch = std::make_unique<SkinBatch>();
-  torch::Tensor skin = torch::zeros({static_cast<std::int64_t>(count), static_cast<std::int64_t>(joints)});
+  torch::Tensor skin = zero_weights(count, joints);
   float* out = skin.data_ptr<float>();
   for (std::size_t i = 0; i < count; ++i, out += joints) {
     const std::size_t vertex = i * all / count;

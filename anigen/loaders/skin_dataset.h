@@ -27,16 +27,18 @@ class SkinDataset : public BatchSource {
  public:
   struct Options {
     std::uint64_t seed = 0;
-    std::int64_t num_skin_samples = 4096;      ///< points per asset and draw; 0: all vertices instead of points
+    std::int64_t num_skin_samples = 4096;  ///< points per asset and draw; 0: all vertices instead of points
     Augmentations augmentations;
-    bool skip_broken = false;                  ///< leave out assets that cannot be read, counted and named in the log
+    bool skip_broken = false;  ///< leave out assets that cannot be read, counted and named in the log
     std::uintmax_t memory_budget = std::uintmax_t{8} << 30;  ///< bytes; what does not fit is read again when drawn
   };
 
   /// Reads assets until the budget is used. @throws InputError naming the first broken assets and how many there are
   SkinDataset(std::vector<AssetId> assets, const Options& options);
 
-  std::size_t size() const override { return assets_.size(); }
+  /// Draws per epoch: assets, each as often as its AssetId::repeat says.
+  std::size_t size() const override { return visits_.size(); }
+  std::size_t assets() const { return assets_.size(); }
   std::unique_ptr<Batch> load(const std::vector<Draw>& draws) const override;
 
   const std::string& id(std::size_t item) const { return assets_[item].id; }
@@ -51,6 +53,7 @@ class SkinDataset : public BatchSource {
   void sample(std::size_t index, std::uint64_t position, SkinBatch& batch) const;
 
   std::vector<AssetId> assets_;
+  std::vector<std::size_t> visits_;  // draw item → asset
   Options options_;
   std::vector<std::shared_ptr<const Entry>> entries_;  // null: read when drawn
 };

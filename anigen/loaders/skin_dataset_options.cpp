@@ -37,6 +37,13 @@ SkinDatasetOptions SkinDatasetOptions::read(ConfigReader& reader) {
   if (reader.boolean("skin_accum_as_flow", false)) {
     throw NotSupportedError(reader.file(), reader.pointer_to("skin_accum_as_flow"), "skin_accum_as_flow");
   }
+  ConfigReader repeat = reader.object("repeat_sources");
+  if (const Json* sources = reader.raw("repeat_sources"); sources != nullptr && sources->is_object()) {
+    for (const auto& source : sources->items()) {
+      options.filter.repeat[source.key()] = static_cast<std::size_t>(repeat.integer(source.key(), 1, 1, 10000));
+    }
+  }
+  repeat.finish();
   for (const char* unused : {"image_size", "model", "resolution", "load_cubvh", "skl_dilation_iter",
                              "skl_dilation_random_aug", "skl_dilation_random_aug_prob", "joint_merge_res"}) {
     reader.raw(unused);
@@ -50,21 +57,24 @@ TrainAndEval select(const SkinDatasetOptions& options) {
   std::set<std::string> held_out;
   if (!options.eval_split.empty()) {
     held_out = read_split(split_file(options.eval_split, options.data_dir));
-    filter.only = held_out;
-    result.eval = select_assets(options.data_dir, filter);
+    RowFilter evaluated = filter;
+    evaluated.only = held_out;
+    evaluated.repeat.clear();
+    result.eval = select_assets(options.data_dir, evaluated);
   }
-  filter.only.reset();
   if (!options.split.empty()) filter.only = read_split(split_file(options.split, options.data_dir));
   for (const AssetId& asset : select_assets(options.data_dir, filter)) {
     if (held_out.count(asset.id) > 0) continue;
     const bool chosen = options.eval_split.empty() && place_of(asset.id) < options.eval_fraction;
     (chosen ? result.eval : result.train).push_back(asset);
+    if (chosen) result.eval.back().repeat = 1;
   }
   if (result.train.empty()) {
     throw InputError(options.data_dir, "split", "every asset is held out for evaluation; none is left to train on");
   }
   if (options.eval_fraction > 0.0 && result.eval.empty()) {
-    throw InputError(options.data_dir, "eval_fraction", "holds out none of " + std::to_string(result.train.size()) + " assets");
+    throw InputError(options.data_dir, "eval_fraction",
+                     "holds out none of " + std::to_string(result.train.size()) + " assets");
   }
   return result;
 }

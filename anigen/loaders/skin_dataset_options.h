@@ -13,13 +13,13 @@ namespace anigen::loaders {
 /// training-and-data.md, section 1.4). The arguments about images, features and voxels are accepted and not used:
 /// the published class loads those files and its first stage never looks at them.
 struct SkinDatasetOptions {
-  std::string data_dir;          ///< ours: comma-separated roots; --data-dir sets it
-  std::string split;             ///< ours: file of ids to use; relative to the first root, else to the working directory
-  std::string eval_split;        ///< ours: file of ids held out for evaluation; never trained on
-  double eval_fraction = 0.0;    ///< ours, without eval_split: this share of the ids, chosen by a hash of the id
-  bool skip_broken = false;      ///< ours: leave out assets that cannot be read
+  std::string data_dir;        ///< ours: comma-separated roots; --data-dir sets it
+  std::string split;           ///< ours: file of ids to use; relative to the first root, else to the working directory
+  std::string eval_split;      ///< ours: file of ids held out for evaluation; never trained on
+  double eval_fraction = 0.0;  ///< ours, without eval_split: this share of the ids, chosen by a hash of the id
+  bool skip_broken = false;    ///< ours: leave out assets that cannot be read
   std::int64_t memory_budget_mb = 8192;  ///< ours: assets kept in memory
-  RowFilter filter;
+  RowFilter filter;  ///< ours: `repeat_sources`, for example {"real": 8}, visits assets of a source that often an epoch
 
   /// @throws InputError; NotSupportedError for skin_accum_as_flow
   static SkinDatasetOptions read(ConfigReader& reader);

@@ -55,7 +55,8 @@ geometry::SurfacePoint SkinSampler::draw(double blend_share, Rng& rng) const {
   const auto found = std::upper_bound(sums.begin(), sums.end(), place);
   const double root = std::sqrt(u);
   geometry::SurfacePoint point;
-  point.face = static_cast<std::int32_t>(std::min<std::ptrdiff_t>(found - sums.begin(), static_cast<std::ptrdiff_t>(sums.size()) - 1));
+  point.face = static_cast<std::int32_t>(
+      std::min<std::ptrdiff_t>(found - sums.begin(), static_cast<std::ptrdiff_t>(sums.size()) - 1));
   point.barycentric = {1.0 - root, root * (1.0 - v), root * v};
   return point;
 }

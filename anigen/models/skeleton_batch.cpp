@@ -25,8 +25,9 @@ void check_asset(const Tensor& joints, const Tensor& parents, const std::string&
 SkeletonBatch SkeletonBatch::from_lists(const std::vector<Tensor>& joints, const std::vector<Tensor>& parents,
                                         const std::string& file) {
   if (joints.empty() || joints.size() != parents.size()) {
-    throw InputError(file, "", "a batch needs one list of parents per skeleton: " + std::to_string(joints.size()) +
-                                   " skeletons, " + std::to_string(parents.size()) + " lists of parents");
+    throw InputError(file, "",
+                     "a batch needs one list of parents per skeleton: " + std::to_string(joints.size()) +
+                         " skeletons, " + std::to_string(parents.size()) + " lists of parents");
   }
   std::vector<std::int64_t> lengths, parent_rows, anchor_rows;
   std::int64_t total = 0;
@@ -39,8 +40,9 @@ SkeletonBatch SkeletonBatch::from_lists(const std::vector<Tensor>& joints, const
     for (std::int64_t j = 0; j < count; ++j) {
       const std::int64_t parent = indices.data_ptr<std::int64_t>()[j];
       if (parent < -1 || parent >= count) {
-        throw InputError(file, place, "joint " + std::to_string(j) + " has parent " + std::to_string(parent) +
-                                          ", but there are " + std::to_string(count) + " joints");
+        throw InputError(file, place,
+                         "joint " + std::to_string(j) + " has parent " + std::to_string(parent) + ", but there are " +
+                             std::to_string(count) + " joints");
       }
       parent_rows.push_back(parent < 0 ? total : offset + parent);
       anchor_rows.push_back(parent < 0 ? offset : offset + parent);

@@ -83,8 +83,8 @@ Json SkinEncoderOptions::to_json() const {
 void SkinEncoderOptions::validate(const std::string& file, const std::string& pointer) const {
   const std::string embedder = pointer + "/jp_embedder_config";
   check(!jp_embedder_config.jp_embed_attn || hidden_dim() % kJointEmbedderHeads == 0, file, embedder + "/hidden_dim",
-        "with jp_embed_attn the hidden width must be a multiple of " + std::to_string(kJointEmbedderHeads) + ", found " +
-            std::to_string(hidden_dim()));
+        "with jp_embed_attn the hidden width must be a multiple of " + std::to_string(kJointEmbedderHeads) +
+            ", found " + std::to_string(hidden_dim()));
   const auto narrowest = static_cast<double>(std::min(hidden_dim(), 2 * jp_embed_dim));
   check(std::floor(narrowest * jp_embedder_config.mlp_ratio) >= 1.0, file, embedder + "/mlp_ratio",
         "leaves no hidden channel");
@@ -109,7 +109,8 @@ Json SkinDecoderOptions::to_json() const {
 }
 
 void SkinDecoderOptions::validate(const std::string& file, const std::string& pointer) const {
-  if (model_type != "tree") throw NotSupportedError(file, pointer + "/model_type", "skin decoder '" + model_type + "'; use 'tree'");
+  if (model_type != "tree")
+    throw NotSupportedError(file, pointer + "/model_type", "skin decoder '" + model_type + "'; use 'tree'");
   check(num_heads > 0 && model_channels % num_heads == 0, file, pointer + "/num_heads",
         std::to_string(num_heads) + " heads do not divide " + std::to_string(model_channels) + " channels");
   check(vert_cross_blocks_num <= num_blocks, file, pointer + "/vert_cross_blocks_num",

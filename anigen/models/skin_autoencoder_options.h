@@ -10,8 +10,9 @@ namespace anigen::models {
 struct JointEmbedderOptions {
   std::int64_t hidden_dim = 0;  ///< H; 0 means jp_embed_dim
   std::int64_t depth = 4;       ///< D
-  bool jp_embed_attn = true;    ///< blocks attend over the joints; false: each is an FFN that re-adds the embedder's input
-  double mlp_ratio = 4.0;       ///< of the input layer and of the blocks
+  bool jp_embed_attn =
+      true;                ///< blocks attend over the joints; false: each is an FFN that re-adds the embedder's input
+  double mlp_ratio = 4.0;  ///< of the input layer and of the blocks
 };
 
 /// Arguments `encoder_config` (and `skin_encoder_config` of the structured-latent encoder).
@@ -27,7 +28,9 @@ struct SkinEncoderOptions {
   static SkinEncoderOptions from_json(const Json& json, const std::string& file = "", const std::string& pointer = "");
   Json to_json() const;
   void validate(const std::string& file = "", const std::string& pointer = "") const;
-  std::int64_t hidden_dim() const { return jp_embedder_config.hidden_dim > 0 ? jp_embedder_config.hidden_dim : jp_embed_dim; }
+  std::int64_t hidden_dim() const {
+    return jp_embedder_config.hidden_dim > 0 ? jp_embedder_config.hidden_dim : jp_embed_dim;
+  }
 };
 
 /// Arguments `decoder_config` (and `skin_decoder_config` of the structured-latent decoder).
@@ -48,7 +51,8 @@ struct SkinDecoderOptions {
 struct SkinAutoEncoderOptions {
   SkinEncoderOptions encoder_config;
   SkinDecoderOptions decoder_config;
-  bool use_fp16 = false;  ///< the decoder's blocks in fp16; the joint embedder's blocks always are (see SkinAutoEncoder)
+  bool use_fp16 =
+      false;  ///< the decoder's blocks in fp16; the joint embedder's blocks always are (see SkinAutoEncoder)
 
   /// @param file, pointer where the object stands, for messages
   /// @throws InputError on an unknown key (naming the nearest), a wrong type or a value out of range

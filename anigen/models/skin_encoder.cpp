@@ -13,8 +13,8 @@ using torch::Tensor;
 
 void check_skin(const std::vector<Tensor>& skin, const nn::Ragged& joints) {
   if (static_cast<std::int64_t>(skin.size()) != joints.items()) {
-    throw InputError("", "", std::to_string(skin.size()) + " skin matrices for " + std::to_string(joints.items()) +
-                                 " skeletons");
+    throw InputError(
+        "", "", std::to_string(skin.size()) + " skin matrices for " + std::to_string(joints.items()) + " skeletons");
   }
   for (std::size_t i = 0; i < skin.size(); ++i) {
     if (skin[i].dim() == 2 && skin[i].size(1) == joints.lengths()[i]) continue;
@@ -38,8 +38,8 @@ SkinEncoderImpl::SkinEncoderImpl(const SkinEncoderOptions& options)
   const std::int64_t embed = options.jp_embed_dim, features = options.skin_feat_channels;
   root_embedding_ = register_parameter("root_embedding", torch::empty({1, embed}));
   pos_embedder_linear_ = register_module("pos_embedder_linear", nn::Linear(fourier_.width(3), embed));
-  joint_embedder_ = register_module(
-      "joint_embedder", JointEmbedder(2 * embed, options.hidden_dim(), embed, options.jp_embedder_config));
+  joint_embedder_ = register_module("joint_embedder",
+                                    JointEmbedder(2 * embed, options.hidden_dim(), embed, options.jp_embedder_config));
   out_layer_vert_ = register_module("out_layer_vert", nn::FeedForward(embed, features));
   out_layer_joint_ = register_module("out_layer_joint", nn::FeedForward(embed, features));
 }
@@ -51,8 +51,7 @@ void SkinEncoderImpl::initialize() {
 
 Tensor SkinEncoderImpl::embed_joints(const SkeletonBatch& skeletons) {
   const Tensor joints = skeletons.joints.to(root_embedding_.options());
-  const Tensor positions =
-      options_.relative_pe ? joints - joints.index_select(0, skeletons.anchor_rows) : joints;
+  const Tensor positions = options_.relative_pe ? joints - joints.index_select(0, skeletons.anchor_rows) : joints;
   const Tensor own = pos_embedder_linear_->forward(fourier_(positions));
   const Tensor parent = torch::cat({own, root_embedding_}, 0).index_select(0, skeletons.parent_rows);
   const Tensor embedded = joint_embedder_->forward(torch::cat({own, parent}, 1), skeletons.items);

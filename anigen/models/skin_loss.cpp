@@ -11,12 +11,14 @@ using torch::Tensor;
 
 void check_shapes(const std::vector<Tensor>& predicted, const std::vector<Tensor>& target) {
   if (predicted.empty() || predicted.size() != target.size()) {
-    throw InputError("", "", "a skin loss needs one target per prediction: " + std::to_string(predicted.size()) +
-                                 " predictions, " + std::to_string(target.size()) + " targets");
+    throw InputError("", "",
+                     "a skin loss needs one target per prediction: " + std::to_string(predicted.size()) +
+                         " predictions, " + std::to_string(target.size()) + " targets");
   }
   for (std::size_t i = 0; i < predicted.size(); ++i) {
     if (predicted[i].dim() == 2 && predicted[i].numel() > 0 && predicted[i].sizes() == target[i].sizes()) continue;
-    throw InputError("", "asset " + std::to_string(i), "predicted and target skin weights differ in shape or are empty");
+    throw InputError("", "asset " + std::to_string(i),
+                     "predicted and target skin weights differ in shape or are empty");
   }
 }
 

@@ -40,7 +40,8 @@ std::string some_of(const std::vector<std::string>& keys) {
 void check_strict(const LoadReport& report, const std::string& source) {
   std::string problem;
   if (!report.missing.empty()) problem = "missing " + some_of(report.missing);
-  if (!report.unexpected.empty()) problem += (problem.empty() ? "" : "; ") + ("unexpected " + some_of(report.unexpected));
+  if (!report.unexpected.empty())
+    problem += (problem.empty() ? "" : "; ") + ("unexpected " + some_of(report.unexpected));
   if (!problem.empty()) throw InputError(source, "", "these are not the weights of this model: " + problem);
 }
 
@@ -78,8 +79,9 @@ LoadReport load_state_dict(torch::nn::Module& module, const io::NamedArrays& arr
     }
     used.insert(entry.key);
     if (entry.tensor.sizes() != torch::IntArrayRef(found->second->shape)) {
-      throw InputError(source, entry.key, "the file has shape " + shape_text(found->second->shape) + ", the model " +
-                                              shape_text(entry.tensor.sizes()));
+      throw InputError(
+          source, entry.key,
+          "the file has shape " + shape_text(found->second->shape) + ", the model " + shape_text(entry.tensor.sizes()));
     }
     torch_dtype(found->second->dtype);  // refuses what a tensor cannot hold before anything is written
     copies.emplace_back(entry.tensor, found->second);
@@ -101,7 +103,8 @@ std::vector<torch::Dtype> published_dtypes(const torch::nn::Module& module,
     const bool below = std::any_of(half_precision_modules.begin(), half_precision_modules.end(),
                                    [&](const std::string& name) { return lies_below(part.key() + ".", name); });
     if (!below || !nn::is_linear_or_convolution(*part.value())) continue;
-    for (const auto& item : part.value()->named_parameters(/*recurse=*/false)) half.insert(part.key() + "." + item.key());
+    for (const auto& item : part.value()->named_parameters(/*recurse=*/false))
+      half.insert(part.key() + "." + item.key());
   }
   std::vector<torch::Dtype> dtypes;
   for (const StateEntry& entry : state_entries(module)) {

@@ -13,7 +13,8 @@ namespace anigen::models {
 torch::Tensor face_probabilities(const torch::Tensor& vertices, const torch::Tensor& faces);
 
 /// Skin weights at points (1−√u, √u(1−v), √u·v) of the given faces.
-/// @param skin [V, J] fp32, CPU @param faces [F, 3] int64, valid @param face [K] int64 in [0, F) @param u, v [K] in [0, 1)
+/// @param skin [V, J] fp32, CPU @param faces [F, 3] int64, valid @param face [K] int64 in [0, F) @param u, v [K] in [0,
+/// 1)
 /// @return [K, J]
 torch::Tensor interpolate_skin(const torch::Tensor& skin, const torch::Tensor& faces, const torch::Tensor& face,
                                const torch::Tensor& u, const torch::Tensor& v);

@@ -11,8 +11,9 @@ namespace {
 
 void check_size(const io::NdArray& array) {
   if (array.bytes.size() == array.count() * io::size_of(array.dtype)) return;
-  throw InputError("", "", "an array of " + std::to_string(array.count()) + " values holds " +
-                               std::to_string(array.bytes.size()) + " bytes");
+  throw InputError("", "",
+                   "an array of " + std::to_string(array.count()) + " values holds " +
+                       std::to_string(array.bytes.size()) + " bytes");
 }
 
 template <typename Wide, typename Narrow>
@@ -31,33 +32,55 @@ Tensor widened(const io::NdArray& array, torch::Dtype dtype) {
 
 torch::Dtype torch_dtype(io::Dtype dtype) {
   switch (dtype) {
-    case io::Dtype::kBool: return torch::kBool;
-    case io::Dtype::kU8: return torch::kUInt8;
-    case io::Dtype::kI8: return torch::kInt8;
-    case io::Dtype::kI16: return torch::kInt16;
-    case io::Dtype::kI32: return torch::kInt32;
-    case io::Dtype::kI64: return torch::kInt64;
-    case io::Dtype::kF16: return torch::kHalf;
-    case io::Dtype::kBF16: return torch::kBFloat16;
-    case io::Dtype::kF32: return torch::kFloat32;
-    case io::Dtype::kF64: return torch::kFloat64;
-    default: throw InputError("", "", std::string("an array of ") + io::name_of(dtype) + " cannot become a tensor");
+    case io::Dtype::kBool:
+      return torch::kBool;
+    case io::Dtype::kU8:
+      return torch::kUInt8;
+    case io::Dtype::kI8:
+      return torch::kInt8;
+    case io::Dtype::kI16:
+      return torch::kInt16;
+    case io::Dtype::kI32:
+      return torch::kInt32;
+    case io::Dtype::kI64:
+      return torch::kInt64;
+    case io::Dtype::kF16:
+      return torch::kHalf;
+    case io::Dtype::kBF16:
+      return torch::kBFloat16;
+    case io::Dtype::kF32:
+      return torch::kFloat32;
+    case io::Dtype::kF64:
+      return torch::kFloat64;
+    default:
+      throw InputError("", "", std::string("an array of ") + io::name_of(dtype) + " cannot become a tensor");
   }
 }
 
 io::Dtype array_dtype(torch::Dtype dtype) {
   switch (dtype) {
-    case torch::kBool: return io::Dtype::kBool;
-    case torch::kUInt8: return io::Dtype::kU8;
-    case torch::kInt8: return io::Dtype::kI8;
-    case torch::kInt16: return io::Dtype::kI16;
-    case torch::kInt32: return io::Dtype::kI32;
-    case torch::kInt64: return io::Dtype::kI64;
-    case torch::kHalf: return io::Dtype::kF16;
-    case torch::kBFloat16: return io::Dtype::kBF16;
-    case torch::kFloat32: return io::Dtype::kF32;
-    case torch::kFloat64: return io::Dtype::kF64;
-    default: throw Error(std::string("a tensor of ") + torch::toString(dtype) + " cannot be written to a file");
+    case torch::kBool:
+      return io::Dtype::kBool;
+    case torch::kUInt8:
+      return io::Dtype::kU8;
+    case torch::kInt8:
+      return io::Dtype::kI8;
+    case torch::kInt16:
+      return io::Dtype::kI16;
+    case torch::kInt32:
+      return io::Dtype::kI32;
+    case torch::kInt64:
+      return io::Dtype::kI64;
+    case torch::kHalf:
+      return io::Dtype::kF16;
+    case torch::kBFloat16:
+      return io::Dtype::kBF16;
+    case torch::kFloat32:
+      return io::Dtype::kF32;
+    case torch::kFloat64:
+      return io::Dtype::kF64;
+    default:
+      throw Error(std::string("a tensor of ") + torch::toString(dtype) + " cannot be written to a file");
   }
 }
 

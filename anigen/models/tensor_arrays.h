@@ -10,7 +10,8 @@ using torch::Tensor;
 /// int32 and int64. @throws InputError for uint64 and for bytes that do not fill the shape
 Tensor to_tensor(const io::NdArray& array);
 
-/// A copy of the tensor's values, contiguous, from any device. @throws Error for dtypes files do not hold (complex, quantised)
+/// A copy of the tensor's values, contiguous, from any device. @throws Error for dtypes files do not hold (complex,
+/// quantised)
 io::NdArray to_array(const Tensor& tensor);
 
 /// torch's name of an array dtype. @throws InputError for the dtypes torch lacks

@@ -10,9 +10,9 @@ Tensor attend(const Tensor& q, const Tensor& k, const Tensor& v, const Tensor& m
 
 struct AttentionOptions {
   std::int64_t channels = 0;
-  std::int64_t num_heads = 1;            ///< divides channels
-  std::int64_t context_channels = 0;     ///< width of the context of cross attention; 0: channels
-  bool qkv_bias = true;                  ///< the output projection always has one
+  std::int64_t num_heads = 1;         ///< divides channels
+  std::int64_t context_channels = 0;  ///< width of the context of cross attention; 0: channels
+  bool qkv_bias = true;               ///< the output projection always has one
 };
 
 /// Full attention inside each item of a ragged batch (reference autoencoders.md, 0.2, MHSA). Keys `to_qkv.*` (rows

@@ -10,9 +10,9 @@ class FourierEmbedding {
  public:
   struct Options {
     std::int64_t num_freqs = 10;
-    double max_freq_log2 = 10;   ///< the published models pass num_freqs here
-    bool log_sampling = true;    ///< false: bands are spaced evenly between 2^0 and 2^max_log2
-    bool include_input = true;   ///< the raw coordinates come first
+    double max_freq_log2 = 10;  ///< the published models pass num_freqs here
+    bool log_sampling = true;   ///< false: bands are spaced evenly between 2^0 and 2^max_log2
+    bool include_input = true;  ///< the raw coordinates come first
   };
   explicit FourierEmbedding(const Options& options);
   /// The published form: n bands up to 2^n, logarithmic, raw input first.

@@ -38,7 +38,7 @@ class VectorGelu : public torch::autograd::Function<VectorGelu> {
 
 }  // namespace
 
-Tensor gelu(const Tensor& x) {
+Tensor gelu_tanh(const Tensor& x) {
   if (!x.is_cpu() || dtype_of(x) != torch::kFloat32) return torch::gelu(x, "tanh");
   return VectorGelu::apply(x.contiguous());
 }

@@ -8,8 +8,6 @@ Tensor layer_norm(const Tensor& x, double eps) {
   return normed.to(dtype);
 }
 
-Tensor unit_length(const Tensor& x) {
-  return x / x.norm(2, -1, /*keepdim=*/true).clamp_min(1e-12);
-}
+Tensor unit_length(const Tensor& x) { return x / x.norm(2, -1, /*keepdim=*/true).clamp_min(1e-12); }
 
 }  // namespace anigen::nn

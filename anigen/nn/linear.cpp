@@ -1,5 +1,6 @@
 #include "anigen/nn/linear.h"
 
+#include "anigen/nn/fused_mlp.h"
 #include "anigen/nn/gelu.h"
 
 namespace anigen::nn {
@@ -16,6 +17,11 @@ MlpImpl::MlpImpl(std::int64_t in_features, std::int64_t hidden_features, std::in
   second_ = register_module("2", Linear(hidden_features, out_features));
 }
 
-Tensor MlpImpl::forward(const Tensor& x) { return second_->forward(gelu(first_->forward(x))); }
+Tensor MlpImpl::forward(const Tensor& x) {
+  if (prefers_fused_mlp(x, first_->weight)) {
+    return fused_mlp(x, first_->weight, first_->bias, second_->weight, second_->bias);
+  }
+  return second_->forward(gelu_tanh(first_->forward(x)));
+}
 
 }  // namespace anigen::nn

@@ -21,8 +21,9 @@ torch::Device parse_device(const std::string& name) {
     if (device.is_cpu() || (device.is_cuda() && torch::cuda::is_available())) return device;
   } catch (const c10::Error&) {
   }
-  throw InputError("", "--device", "\"" + name + "\" is not available; this build has cpu" +
-                                       (torch::cuda::is_available() ? ", cuda and cuda:N" : " only"));
+  throw InputError("", "--device",
+                   "\"" + name + "\" is not available; this build has cpu" +
+                       (torch::cuda::is_available() ? ", cuda and cuda:N" : " only"));
 }
 
 /// The run folder's config.json, or for a weight file the one beside it or above it (ckpts/ lies inside the run).
@@ -81,7 +82,8 @@ std::vector<float> SkinReconstruction::reconstruct(const std::vector<Eigen::Vect
   for (std::int64_t first = 0; first < vertices; first += kVerticesAtOnce) {
     const std::int64_t rows = std::min(kVerticesAtOnce, vertices - first);
     const torch::Tensor truth =
-        torch::from_blob(const_cast<float*>(skin.data()) + first * joint_count, {rows, joint_count}, torch::kFloat32).to(device_);
+        torch::from_blob(const_cast<float*>(skin.data()) + first * joint_count, {rows, joint_count}, torch::kFloat32)
+            .to(device_);
     const torch::Tensor features = model_->encode_vertices(code, skeletons, {truth});
     const torch::Tensor decoded =
         model_->decode(features, models::rows_of({truth}), code.features, skeletons)[0].to(torch::kCPU).contiguous();

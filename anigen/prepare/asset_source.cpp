@@ -43,7 +43,9 @@ AssetSource file_source(const fs::path& file, const std::string& local_path, con
 std::string percent_decoded(const std::string& uri) {
   std::string text;
   for (std::size_t i = 0; i < uri.size(); ++i) {
-    const auto digit = [&](std::size_t at) { return at < uri.size() && std::isxdigit(static_cast<unsigned char>(uri[at])); };
+    const auto digit = [&](std::size_t at) {
+      return at < uri.size() && std::isxdigit(static_cast<unsigned char>(uri[at]));
+    };
     if (uri[i] == '%' && digit(i + 1) && digit(i + 2)) {
       text += static_cast<char>(std::stoi(uri.substr(i + 1, 2), nullptr, 16));
       i += 2;
@@ -89,7 +91,8 @@ std::vector<AssetSource> find_assets(const std::vector<fs::path>& inputs) {
     const fs::path input = given.has_filename() ? given : given.parent_path();
     if (!fs::is_directory(input, error)) {
       if (!is_asset_file(input)) throw InputError(given.string(), "", "expected a folder, a .glb or a .gltf");
-      sources.push_back(file_source(input, input.filename().string(), fs::absolute(input).parent_path().filename().string()));
+      sources.push_back(
+          file_source(input, input.filename().string(), fs::absolute(input).parent_path().filename().string()));
       continue;
     }
     std::vector<std::string> found;

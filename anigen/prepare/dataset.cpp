@@ -96,11 +96,12 @@ void mark_test(std::vector<DatasetEntry>& entries, const PrepareOptions& options
     candidates.push_back(i);
     ids.push_back(entries[i].id);
   }
-  const std::size_t count = procedural ? options.procedural_test
-                                       : options.test_count.value_or(test_count(ids.size(), options.test_fraction));
+  const std::size_t count =
+      procedural ? options.procedural_test : options.test_count.value_or(test_count(ids.size(), options.test_fraction));
   if (count > ids.size()) {
-    throw InputError("", procedural ? "--procedural-test" : "--test-count",
-                     std::to_string(count) + " test assets wanted, but only " + std::to_string(ids.size()) + " are usable");
+    throw InputError(
+        "", procedural ? "--procedural-test" : "--test-count",
+        std::to_string(count) + " test assets wanted, but only " + std::to_string(ids.size()) + " are usable");
   }
   const std::vector<bool> chosen = choose_test(ids, count, options.seed);
   for (std::size_t k = 0; k < candidates.size(); ++k) entries[candidates[k]].is_test = chosen[k];
@@ -132,7 +133,8 @@ void write_tables(const PrepareOptions& options, const std::vector<DatasetEntry>
 
 PrepareSummary prepare_dataset(const PrepareOptions& options) {
   const std::vector<AssetSource>& sources = options.sources;
-  if (sources.empty()) throw InputError("", "", "nothing to prepare: name input folders or a number of procedural assets");
+  if (sources.empty())
+    throw InputError("", "", "nothing to prepare: name input folders or a number of procedural assets");
   test_count(0, options.test_fraction);  // refuses a bad fraction before hours of work
 
   std::vector<Outcome> outcomes(sources.size());
@@ -146,7 +148,8 @@ PrepareSummary prepare_dataset(const PrepareOptions& options) {
       progress.advance();
     });
   }
-  if (interrupt_requested()) throw Interrupted("interrupted: what was finished is kept, the same command goes on from there");
+  if (interrupt_requested())
+    throw Interrupted("interrupted: what was finished is kept, the same command goes on from there");
 
   PrepareSummary summary;
   std::vector<DatasetEntry> entries;
@@ -189,9 +192,9 @@ Json to_json(const PrepareSummary& summary) {
 std::string to_text(const PrepareSummary& summary) {
   const auto n = [](std::size_t count) { return std::to_string(count); };
   std::string text = "prepared " + n(summary.prepared()) + " assets (" + n(summary.real) + " real, " +
-                     n(summary.procedural) + " procedural; " + n(summary.reused) + " were there already)\n" +
-                     "train " + n(summary.train) + ", test " + n(summary.test) + ", not usable " +
-                     n(summary.bad_skeleton) + ", bad skin " + n(summary.bad_skin) + "\n";
+                     n(summary.procedural) + " procedural; " + n(summary.reused) + " were there already)\n" + "train " +
+                     n(summary.train) + ", test " + n(summary.test) + ", not usable " + n(summary.bad_skeleton) +
+                     ", bad skin " + n(summary.bad_skin) + "\n";
   if (!summary.rejected.empty()) text += "rejected " + n(summary.rejected.size()) + ", see rejected.csv:\n";
   for (const Rejected& one : summary.rejected) text += "  " + one.file_identifier + ": " + one.reason + "\n";
   return text;

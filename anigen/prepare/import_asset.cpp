@@ -13,7 +13,8 @@ std::size_t invented_rows(const std::vector<io::ImportNote>& notes) {
   std::size_t rows = 0;
   for (const io::ImportNote& note : notes) {
     // These two notes start with the number of vertices that were bound like their neighbours.
-    if (note.code == "nan_weights" || note.code == "zero_weights") rows += std::strtoull(note.message.c_str(), nullptr, 10);
+    if (note.code == "nan_weights" || note.code == "zero_weights")
+      rows += std::strtoull(note.message.c_str(), nullptr, 10);
   }
   return rows;
 }

@@ -65,18 +65,20 @@ bool distinct_bones(const AssetRecord& record, const QualityLimits& limits) {
 }
 
 bool usable(const AssetRecord& record, const QualityLimits& limits) {
-  return distinct_bones(record, limits) && record.num_joints >= limits.min_joints && record.num_joints <= limits.max_joints;
+  return distinct_bones(record, limits) && record.num_joints >= limits.min_joints &&
+         record.num_joints <= limits.max_joints;
 }
 
 bool bad_skin(const AssetRecord& record, const QualityLimits& limits) {
-  return static_cast<double>(record.invented_rows) > limits.max_invented_rows * static_cast<double>(record.num_vertices);
+  return static_cast<double>(record.invented_rows) >
+         limits.max_invented_rows * static_cast<double>(record.num_vertices);
 }
 
 CsvTable metadata_table(const std::vector<DatasetEntry>& entries, const QualityLimits& limits) {
   CsvTable table;
-  table.columns = {"sha256",         "file_identifier", "local_path",  "source",          "num_joints",
-                   "num_vertices",   "num_faces",       "max_influences", "is_bad_skin", "is_bad_skeleton",
-                   "is_test",        "distinct_bones",  "repairs"};
+  table.columns = {"sha256",       "file_identifier", "local_path",     "source",      "num_joints",
+                   "num_vertices", "num_faces",       "max_influences", "is_bad_skin", "is_bad_skeleton",
+                   "is_test",      "distinct_bones",  "repairs"};
   for (const DatasetEntry& entry : entries) {
     const AssetRecord& record = entry.record;
     table.rows.push_back({entry.id, entry.source.file_identifier, entry.source.local_path, record.source,

@@ -12,9 +12,9 @@ namespace anigen::prepare {
 void write_skeleton_archive(const std::filesystem::path& path, const Asset& asset) {
   const std::size_t joints = asset.skeleton.size(), vertices = asset.mesh.vertices.size();
   if (joints > 0 && vertices > kMaxDenseSkinBytes / sizeof(float) / joints) {
-    throw InputError(asset.name, "", "dense weights of " + std::to_string(vertices) + " vertices by " +
-                                         std::to_string(joints) + " joints exceed " +
-                                         std::to_string(kMaxDenseSkinBytes >> 20) + " MiB");
+    throw InputError(asset.name, "",
+                     "dense weights of " + std::to_string(vertices) + " vertices by " + std::to_string(joints) +
+                         " joints exceed " + std::to_string(kMaxDenseSkinBytes >> 20) + " MiB");
   }
   std::vector<float> positions, points;
   for (const Eigen::Vector3d& p : asset.skeleton.positions()) {

@@ -44,16 +44,21 @@ Blas find_blas() {
 void warn_about_blas() {
   const Blas blas = find_blas();
   if (blas.flavour == "reference") {
-    log::warn("the reference BLAS ({}) is in use: matrix products are some 35 times slower than they could be; install libopenblas0-openmp", blas.library);
+    log::warn(
+        "the reference BLAS ({}) is in use: matrix products are some 35 times slower than they could be; install "
+        "libopenblas0-openmp",
+        blas.library);
   } else if (blas.flavour == "openblas-pthread" || blas.flavour == "openblas-serial") {
-    log::warn("{} ({}) is in use, whose threads do not get on with LibTorch's; install libopenblas0-openmp", blas.flavour, blas.library);
+    log::warn("{} ({}) is in use, whose threads do not get on with LibTorch's; install libopenblas0-openmp",
+              blas.flavour, blas.library);
   }
 }
 
 std::string version_details() {
   const Blas blas = find_blas();
-  return std::string("LibTorch ") + TORCH_VERSION + "\nBLAS " + blas.flavour + (blas.library.empty() ? "" : " (" + blas.library + ")") +
-         "\nCUDA " + (torch::cuda::is_available() ? std::to_string(torch::cuda::device_count()) + " devices" : "not available");
+  return std::string("LibTorch ") + TORCH_VERSION + "\nBLAS " + blas.flavour +
+         (blas.library.empty() ? "" : " (" + blas.library + ")") + "\nCUDA " +
+         (torch::cuda::is_available() ? std::to_string(torch::cuda::device_count()) + " devices" : "not available");
 }
 
 }  // namespace anigen::train

@@ -25,7 +25,8 @@ std::optional<std::int64_t> step_of(const std::string& file) {
   const std::size_t mark = file.rfind("_step");
   if (mark == std::string::npos) return std::nullopt;
   const std::size_t begin = mark + 5, end = file.find_first_not_of("0123456789", begin);
-  if (end == begin || end == std::string::npos || end - begin > 18 || file.substr(end) != kExtension) return std::nullopt;
+  if (end == begin || end == std::string::npos || end - begin > 18 || file.substr(end) != kExtension)
+    return std::nullopt;
   return std::stoll(file.substr(begin, end - begin));
 }
 
@@ -88,7 +89,8 @@ std::vector<std::int64_t> CheckpointFolder::steps() const {
     if (step && name.rfind(std::string(kState) + "_step", 0) == 0) found.push_back(*step);
   }
   std::sort(found.begin(), found.end());
-  found.erase(std::remove_if(found.begin(), found.end(), [this](std::int64_t step) { return !complete(step); }), found.end());
+  found.erase(std::remove_if(found.begin(), found.end(), [this](std::int64_t step) { return !complete(step); }),
+              found.end());
   return found;
 }
 
@@ -112,7 +114,8 @@ SavedState CheckpointFolder::state(std::int64_t step) const {
   const auto entry = read.metadata.find("state");
   if (entry == read.metadata.end()) throw InputError(path.string(), "__metadata__", "has no entry 'state'");
   const Json json = parse_json(entry->second, path.string());
-  if (!json.is_object() || !json.contains("numbers")) throw InputError(path.string(), "__metadata__/state", "is damaged");
+  if (!json.is_object() || !json.contains("numbers"))
+    throw InputError(path.string(), "__metadata__/state", "is damaged");
   return {std::move(read.tensors), json.at("numbers")};
 }
 

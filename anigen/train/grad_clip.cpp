@@ -44,9 +44,11 @@ double AdaptiveGradClipper::update(double norm) {
 }
 
 void AdaptiveGradClipper::restore(const State& state) {
-  if (state.buffer.size() != options_.buffer_size || state.pointer >= options_.buffer_size || state.length > options_.buffer_size) {
-    throw InputError("", "grad_clip", "saved with a buffer of " + std::to_string(state.buffer.size()) +
-                                          " norms, configured with " + std::to_string(options_.buffer_size));
+  if (state.buffer.size() != options_.buffer_size || state.pointer >= options_.buffer_size ||
+      state.length > options_.buffer_size) {
+    throw InputError("", "grad_clip",
+                     "saved with a buffer of " + std::to_string(state.buffer.size()) + " norms, configured with " +
+                         std::to_string(options_.buffer_size));
   }
   state_ = state;
 }

@@ -59,7 +59,8 @@ struct Sequential final : LrSchedule {
   std::vector<LrSchedulePtr> schedules;
   std::vector<std::int64_t> milestones;
   double rate(double base, std::int64_t step) const override {
-    const auto i = static_cast<std::size_t>(std::upper_bound(milestones.begin(), milestones.end(), step) - milestones.begin());
+    const auto i =
+        static_cast<std::size_t>(std::upper_bound(milestones.begin(), milestones.end(), step) - milestones.begin());
     return schedules[i]->rate(base, i == 0 ? step : step - milestones[i - 1]);
   }
 };
@@ -90,8 +91,9 @@ LrSchedulePtr linear_warmup_lr(std::int64_t warmup_steps) {
 
 LrSchedulePtr sequential_lr(std::vector<LrSchedulePtr> schedules, std::vector<std::int64_t> milestones) {
   if (schedules.empty() || milestones.size() + 1 != schedules.size()) {
-    throw InputError("", "milestones", std::to_string(schedules.size()) + " schedules need one milestone fewer, not " +
-                                           std::to_string(milestones.size()));
+    throw InputError("", "milestones",
+                     std::to_string(schedules.size()) + " schedules need one milestone fewer, not " +
+                         std::to_string(milestones.size()));
   }
   if (!std::is_sorted(milestones.begin(), milestones.end()) || (!milestones.empty() && milestones.front() < 0)) {
     throw InputError("", "milestones", "must not be negative and must not decrease");

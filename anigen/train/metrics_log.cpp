@@ -40,9 +40,9 @@ MetricsLog::MetricsLog(fs::path file, std::int64_t last_step) : file_(std::move(
     }
   }
   auto& rows = table_.rows;
-  rows.erase(std::remove_if(rows.begin(), rows.end(),
-                            [&](const auto& row) { return std::atoll(row[0].c_str()) > last_step; }),
-             rows.end());
+  rows.erase(
+      std::remove_if(rows.begin(), rows.end(), [&](const auto& row) { return std::atoll(row[0].c_str()) > last_step; }),
+      rows.end());
   rewrite();
 }
 

@@ -10,7 +10,8 @@ namespace anigen::train {
 namespace {
 
 // Slots of one model by state-dict key.
-std::unordered_map<std::string, const ParameterBuffer::Slot*> slots_of(const NamedModel& model, const ParameterBuffer& buffer) {
+std::unordered_map<std::string, const ParameterBuffer::Slot*> slots_of(const NamedModel& model,
+                                                                       const ParameterBuffer& buffer) {
   std::unordered_map<std::string, const ParameterBuffer::Slot*> slots;
   const std::string prefix = model.name + ".";
   for (const ParameterBuffer::Slot& slot : buffer.slots()) {
@@ -27,7 +28,8 @@ io::NamedArrays weights_of(const NamedModel& model, const ParameterBuffer& buffe
   io::NamedArrays arrays;
   for (const models::StateEntry& entry : models::state_entries(*model.module)) {
     const auto slot = slots.find(entry.key);
-    arrays.emplace_back(entry.key, models::to_array(slot == slots.end() ? entry.tensor : buffer.part(flat, *slot->second)));
+    arrays.emplace_back(entry.key,
+                        models::to_array(slot == slots.end() ? entry.tensor : buffer.part(flat, *slot->second)));
   }
   return arrays;
 }
@@ -38,7 +40,9 @@ void set_weights(const NamedModel& model, const ParameterBuffer& buffer, torch::
   const auto slots = slots_of(model, buffer);
   const std::vector<models::StateEntry> entries = models::state_entries(*model.module);
   if (entries.size() != arrays.size()) {
-    throw InputError(source, "", "holds " + std::to_string(arrays.size()) + " tensors, the model has " + std::to_string(entries.size()));
+    throw InputError(
+        source, "",
+        "holds " + std::to_string(arrays.size()) + " tensors, the model has " + std::to_string(entries.size()));
   }
   for (const models::StateEntry& entry : entries) {
     const io::NdArray* array = io::find(arrays, entry.key);

@@ -1,9 +1,7 @@
 #pragma once
 #include <torch/torch.h>
 
-#include <array>
 #include <cstdint>
-#include <memory>
 #include <vector>
 
 #include "anigen/train/optimizer.h"
@@ -26,23 +24,19 @@ torch::Tensor orthogonalize(const torch::Tensor& matrix);
 class Muon {
  public:
   struct Options {
-    double lr = 1e-3;
     double momentum = 0.95;
-    double weight_decay = 0.0;
-    std::array<double, 2> betas{0.9, 0.999};  ///< of the AdamW part
-    double eps = 1e-8;
     std::int64_t min_side = 16;
   };
 
   /// @throws InputError for options out of range
   Muon(const ParameterBuffer& buffer, const Options& options);
 
-  /// Updates buffer.master() from buffer.gradient(). @param gradient_factor multiplies every gradient (clipping)
-  void step(ParameterBuffer& buffer, double gradient_factor, double lr);
+  /// Updates buffer.master() from buffer.gradient(). @param rest updates what is no matrix; its weight decay holds for
+  /// both @param gradient_factor multiplies every gradient (clipping)
+  void step(ParameterBuffer& buffer, AdamW& rest, double gradient_factor, double lr);
 
-  /// Part of the state that options do not say: momentum [P] (zero where AdamW is used), and the AdamW part.
+  /// All of the state that options do not say: [P], zero where AdamW is used.
   torch::Tensor momentum;
-  AdamW adamw;
 
  private:
   Options options_;

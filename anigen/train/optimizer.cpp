@@ -48,10 +48,14 @@ void AdamW::step(torch::Tensor parameters, const torch::Tensor& gradients, doubl
   const double correction2 = 1.0 - std::pow(beta2, static_cast<double>(steps));
   const double decay = 1.0 - lr * options_.weight_decay;
   if (parameters.is_cpu()) {
-    const Coefficients c{static_cast<float>(gradient_factor), static_cast<float>(decay),
-                         static_cast<float>(beta1),           static_cast<float>(1.0 - beta1),
-                         static_cast<float>(beta2),           static_cast<float>(1.0 - beta2),
-                         static_cast<float>(1.0 / std::sqrt(correction2)), static_cast<float>(options_.eps),
+    const Coefficients c{static_cast<float>(gradient_factor),
+                         static_cast<float>(decay),
+                         static_cast<float>(beta1),
+                         static_cast<float>(1.0 - beta1),
+                         static_cast<float>(beta2),
+                         static_cast<float>(1.0 - beta2),
+                         static_cast<float>(1.0 / std::sqrt(correction2)),
+                         static_cast<float>(options_.eps),
                          static_cast<float>(lr / correction1)};
     adamw_pass(parameters.data_ptr<float>(), gradients.data_ptr<float>(), exp_avg.data_ptr<float>(),
                exp_avg_sq.data_ptr<float>(), parameters.numel(), c);

@@ -6,8 +6,8 @@
 
 namespace anigen::train {
 
-/// AdamW (Loshchilov and Hutter 2019, algorithm 2, as torch.optim.AdamW computes it) over one flat fp32 vector. On the CPU one pass over
-/// memory; its result does not depend on the number of threads.
+/// AdamW (Loshchilov and Hutter 2019, algorithm 2, as torch.optim.AdamW computes it) over one flat fp32 vector. On the
+/// CPU one pass over memory; its result does not depend on the number of threads.
 class AdamW {
  public:
   struct Options {

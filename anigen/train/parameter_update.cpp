@@ -11,7 +11,11 @@ constexpr double kLowestLogScale = -100.0;
 }  // namespace
 
 ParameterUpdate::ParameterUpdate(ParameterBuffer& buffer, const UpdateOptions& options)
-    : optimizer(buffer.master(), options.optimizer), ema(options.ema_rates, buffer.master()), buffer_(buffer), options_(options) {
+    : optimizer(buffer.master(), options.optimizer),
+      ema(options.ema_rates, buffer.master()),
+      buffer_(buffer),
+      options_(options) {
+  if (options.muon) muon.emplace(buffer, *options.muon);
   if (const auto* adaptive = std::get_if<AdaptiveGradClipper::Options>(&options.grad_clip)) clipper.emplace(*adaptive);
 }
 
@@ -37,7 +41,11 @@ ParameterUpdate::Result ParameterUpdate::apply(std::int64_t step) {
   // A norm can overflow over finite gradients; the factor is then 0 and the update one without gradient.
   result.skipped = !std::isfinite(result.grad_norm) && !torch::isfinite(gradient).all().item<bool>();
   if (!result.skipped) {
-    optimizer.step(buffer_.master(), gradient, factor, result.lr);
+    if (muon) {
+      muon->step(buffer_, optimizer, factor, result.lr);
+    } else {
+      optimizer.step(buffer_.master(), gradient, factor, result.lr);
+    }
     buffer_.publish();
     log_scale += options_.fp16_scale_growth;
   } else {

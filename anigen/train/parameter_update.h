@@ -8,6 +8,7 @@
 #include "anigen/train/ema.h"
 #include "anigen/train/grad_clip.h"
 #include "anigen/train/lr_schedule.h"
+#include "anigen/train/muon.h"
 #include "anigen/train/optimizer.h"
 #include "anigen/train/parameter_buffer.h"
 
@@ -15,10 +16,11 @@ namespace anigen::train {
 
 struct UpdateOptions {
   AdamW::Options optimizer;
+  std::optional<Muon::Options> muon;  ///< set: weight matrices are updated by Muon, the rest by AdamW
   LrSchedulePtr schedule = unscheduled();
   std::variant<std::monostate, double, AdaptiveGradClipper::Options> grad_clip;  ///< none, fixed norm, adaptive
   std::vector<double> ema_rates{0.9999};
-  bool loss_scaling = false;       ///< fp16 on CUDA; fp32 needs none
+  bool loss_scaling = false;  ///< fp16 on CUDA; fp32 needs none
   double fp16_scale_growth = 1e-3;
 };
 
@@ -41,6 +43,7 @@ class ParameterUpdate {
   Result apply(std::int64_t step);
 
   AdamW optimizer;
+  std::optional<Muon> muon;
   std::optional<AdaptiveGradClipper> clipper;
   Ema ema;
   double log_scale = 15.0;

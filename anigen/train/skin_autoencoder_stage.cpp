@@ -45,7 +45,8 @@ SkinAutoEncoderStageOptions SkinAutoEncoderStageOptions::read(ConfigReader& args
   const std::string reduction = args.choice("kl_reduction", rows ? "row" : "element", {"element", "row"});
   options.loss.kl_mean = reduction == "row" ? models::SkinKlMean::kRows : models::SkinKlMean::kElements;
   const Json* samples = args.raw("num_skin_samples");
-  if (samples != nullptr && !samples->is_null()) options.num_skin_samples = args.integer("num_skin_samples", 0, 1, 1 << 24);
+  if (samples != nullptr && !samples->is_null())
+    options.num_skin_samples = args.integer("num_skin_samples", 0, 1, 1 << 24);
   options.augmentations = loaders::read_augmentations(args.object("augmentations"));
   options.eval_max_vertices = args.integer("eval_max_vertices", 0, 0);
   options.eval_max_assets = args.integer("eval_max_assets", 0, 0);
@@ -55,8 +56,13 @@ SkinAutoEncoderStageOptions SkinAutoEncoderStageOptions::read(ConfigReader& args
 SkinAutoEncoderStage::SkinAutoEncoderStage(const models::SkinAutoEncoderOptions& model,
                                            const SkinAutoEncoderStageOptions& options, Datasets data, Datasets held_out,
                                            std::string model_name, torch::Device device)
-    : model_options_(model), options_(options), data_(std::move(data)), held_out_(std::move(held_out)),
-      model_name_(std::move(model_name)), device_(device), model_(model) {
+    : model_options_(model),
+      options_(options),
+      data_(std::move(data)),
+      held_out_(std::move(held_out)),
+      model_name_(std::move(model_name)),
+      device_(device),
+      model_(model) {
   model_->to(device_);
 }
 
@@ -68,7 +74,8 @@ Losses SkinAutoEncoderStage::losses(const loaders::Batch& batch, const LossConte
   const auto& rigs = dynamic_cast<const loaders::SkinBatch&>(batch);
   const models::SkeletonBatch skeletons = models::SkeletonBatch::from_lists(rigs.joints, rigs.parents).to(device_);
   const std::vector<Tensor> skin = on(device_, rigs.skin);
-  const models::SkinLosses computed = models::skin_losses_from_log(model_->reconstruct_log(skeletons, skin), skin, options_.loss);
+  const models::SkinLosses computed =
+      models::skin_losses_from_log(model_->reconstruct_log(skeletons, skin), skin, options_.loss);
   Losses losses{computed.total, {}};
   if (computed.kl.defined()) losses.terms.emplace_back("kl", computed.kl);
   if (computed.l1.defined()) losses.terms.emplace_back("l1", computed.l1);
@@ -94,8 +101,9 @@ Values SkinAutoEncoderStage::evaluate() {
   return {{"l1", l1 / static_cast<double>(count)}, {"kl", kl / static_cast<double>(count)}};
 }
 
-std::unique_ptr<Stage> make_skin_autoencoder_stage(const Json& config, const std::string& file, ConfigReader& trainer_args,
-                                                   const TrainerOptions& trainer, torch::Device device) {
+std::unique_ptr<Stage> make_skin_autoencoder_stage(const Json& config, const std::string& file,
+                                                   ConfigReader& trainer_args, const TrainerOptions& trainer,
+                                                   torch::Device device) {
   const auto options = SkinAutoEncoderStageOptions::read(trainer_args, trainer.compatibility);
   ConfigReader top(config, file);
   ConfigReader models = top.object("models");
@@ -130,7 +138,7 @@ std::unique_ptr<Stage> make_skin_autoencoder_stage(const Json& config, const std
     reading.augmentations = {};
     held_out = std::make_shared<const loaders::SkinDataset>(assets.eval, reading);
   }
-  log::info("{} assets to train on, {} held out", data->size(), held_out ? held_out->size() : 0);
+  log::info("{} assets to train on, {} held out", data->assets(), held_out ? held_out->size() : 0);
   return std::make_unique<SkinAutoEncoderStage>(model_options, options, data, held_out, name, device);
 }
 

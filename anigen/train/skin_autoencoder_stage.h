@@ -13,11 +13,11 @@ namespace anigen::train {
 
 /// Arguments of AniGenSkinAETrainer beside those all trainers share (reference training-and-data.md, section 3.1).
 struct SkinAutoEncoderStageOptions {
-  models::SkinLossOptions loss;            ///< `lambda_*_skin`; ours: `kl_reduction` "element" (published) or "row"
-  std::int64_t num_skin_samples = 0;       ///< points per asset; absent or null: all vertices
-  loaders::Augmentations augmentations;    ///< ours
-  std::int64_t eval_max_vertices = 0;      ///< ours: vertices per held-out asset, 0: all
-  std::int64_t eval_max_assets = 0;        ///< ours: held-out assets, 0: all
+  models::SkinLossOptions loss;          ///< `lambda_*_skin`; ours: `kl_reduction` "element" (published) or "row"
+  std::int64_t num_skin_samples = 0;     ///< points per asset; absent or null: all vertices
+  loaders::Augmentations augmentations;  ///< ours
+  std::int64_t eval_max_vertices = 0;    ///< ours: vertices per held-out asset, 0: all
+  std::int64_t eval_max_assets = 0;      ///< ours: held-out assets, 0: all
 
   static SkinAutoEncoderStageOptions read(ConfigReader& trainer_args, const std::string& compatibility);
 };
@@ -50,7 +50,8 @@ class SkinAutoEncoderStage : public Stage {
 
 /// The stage of a config `{models, dataset, trainer}` whose trainer is AniGenSkinAETrainer.
 /// @param trainer the options already read from the same config @throws InputError naming file and JSON pointer
-std::unique_ptr<Stage> make_skin_autoencoder_stage(const Json& config, const std::string& file, ConfigReader& trainer_args,
-                                                   const TrainerOptions& trainer, torch::Device device);
+std::unique_ptr<Stage> make_skin_autoencoder_stage(const Json& config, const std::string& file,
+                                                   ConfigReader& trainer_args, const TrainerOptions& trainer,
+                                                   torch::Device device);
 
 }  // namespace anigen::train

@@ -9,12 +9,12 @@ namespace anigen::train {
 
 /// Everything `anigen-train` is told.
 struct TrainCommand {
-  std::filesystem::path config;          ///< empty: the config.json of the output folder
-  std::vector<std::string> overrides;    ///< path.to.key=value
-  std::string data_dir;                  ///< empty: the config's dataset.args.data_dir
+  std::filesystem::path config;        ///< empty: the config.json of the output folder
+  std::vector<std::string> overrides;  ///< path.to.key=value
+  std::string data_dir;                ///< empty: the config's dataset.args.data_dir
   RunOptions run;
   std::string device = "cpu";
-  std::string command_line;              ///< for command.txt
+  std::string command_line;  ///< for command.txt
 };
 
 /// One training run: reads the config, makes the run folder (config.json, command.txt, log.txt), the stage and the

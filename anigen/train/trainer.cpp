@@ -57,7 +57,8 @@ Trainer::Trainer(Stage& stage, const TrainerOptions& options, const RunOptions& 
   if (options_.replicas > options_.batch_split) {
     throw InputError("", "trainer/args/replicas", "needs a batch_split of at least as many micro-batches");
   }
-  workers_ = std::make_unique<Workers>(options_.replicas, std::max(1, run.threads / static_cast<int>(options_.replicas)));
+  workers_ =
+      std::make_unique<Workers>(options_.replicas, std::max(1, run.threads / static_cast<int>(options_.replicas)));
   warm_start();
   buffers_.emplace_back(stage.models());
   for (std::size_t i = 1; i < options_.replicas; ++i) {
@@ -102,7 +103,8 @@ void Trainer::run() {
     if (due(step_, options_.i_save)) save();
     if (interrupt_requested()) {
       save();
-      throw Interrupted("stopped at step " + std::to_string(step_) + "; everything is saved, run the same command to go on");
+      throw Interrupted("stopped at step " + std::to_string(step_) +
+                        "; everything is saved, run the same command to go on");
     }
   }
   if (options_.i_eval > 0 && !due(step_, options_.i_eval)) evaluate();
@@ -160,8 +162,9 @@ void Trainer::train_step(const loaders::StepBatches& batches) {
 void Trainer::print() {
   const auto steps = static_cast<double>(step_ - printed_step_);
   const double each = seconds_since(printed_at_) / std::max(steps, 1.0);
-  log::info("step {}/{}: loss {:.5f}, {:.1f} ms per step, {:.0f} samples per second, {:.0f} s", step_, options_.max_steps,
-            last_loss_, each * 1e3, static_cast<double>(options_.batch_size) / std::max(each, 1e-9), elapsed());
+  log::info("step {}/{}: loss {:.5f}, {:.1f} ms per step, {:.0f} samples per second, {:.0f} s", step_,
+            options_.max_steps, last_loss_, each * 1e3, static_cast<double>(options_.batch_size) / std::max(each, 1e-9),
+            elapsed());
   printed_at_ = Clock::now();
   printed_step_ = step_;
 }
@@ -171,7 +174,8 @@ void Trainer::log_means() {
   const double steps = static_cast<double>(std::max<std::int64_t>(timed_steps_, 1));
   const double data = times_.data / steps, forward = times_.forward / steps, backward = times_.backward / steps,
                update = times_.update / steps;
-  for (const auto& [name, seconds] : {std::pair{"data", data}, {"forward", forward}, {"backward", backward}, {"update", update}}) {
+  for (const auto& [name, seconds] :
+       {std::pair{"data", data}, {"forward", forward}, {"backward", backward}, {"update", update}}) {
     values.emplace_back(std::string("time.") + name + "_ms", seconds * 1e3);
   }
   const double per_step = data + forward + backward + update;
@@ -192,10 +196,7 @@ void Trainer::evaluate() {
   Values values;
   {
     const AveragedWeights averaged(buffers_.front(), update_->ema);
-    const int before = at::get_num_threads();
-    at::set_num_threads(std::max(1, run_.threads));
     values = stages_.front()->evaluate();
-    at::set_num_threads(before);
   }
   std::string line;
   for (auto& [name, value] : values) {

@@ -65,8 +65,8 @@ class Trainer {
   const TrainerOptions options_;
   const RunOptions run_;
   std::vector<std::unique_ptr<Stage>> owned_;
-  std::vector<Stage*> stages_;              // [replicas]
-  std::vector<ParameterBuffer> buffers_;    // [replicas], sharing one master
+  std::vector<Stage*> stages_;            // [replicas]
+  std::vector<ParameterBuffer> buffers_;  // [replicas], sharing one master
   std::unique_ptr<ParameterUpdate> update_;
   CheckpointFolder checkpoints_;
   std::unique_ptr<Workers> workers_;

@@ -60,7 +60,8 @@ LrSchedulePtr sequence(ConfigReader& reader, ConfigReader& args, std::int64_t ma
   if (!milestones.is_array() || milestones.size() > 64) throw args.error("milestones", "must be a list");
   std::vector<LrSchedulePtr> parts;
   for (std::size_t i = 0; i < schedulers.size(); ++i) {
-    parts.push_back(read_schedule(schedulers[i], max_steps, reader.file(), reader.pointer_to("schedulers") + "/" + std::to_string(i)));
+    parts.push_back(read_schedule(schedulers[i], max_steps, reader.file(),
+                                  reader.pointer_to("schedulers") + "/" + std::to_string(i)));
   }
   std::vector<std::int64_t> begins;
   for (const Json& milestone : milestones) begins.push_back(steps_of(milestone, max_steps, args, "milestones"));
@@ -71,10 +72,15 @@ LrSchedulePtr sequence(ConfigReader& reader, ConfigReader& args, std::int64_t ma
   }
 }
 
-AdamW::Options read_optimizer(ConfigReader reader) {
+void read_optimizer(ConfigReader reader, UpdateOptions& update) {
   reader.require("name");
-  reader.choice("name", "AdamW", {"AdamW"});
+  const bool muon = reader.choice("name", "AdamW", {"AdamW", "Muon"}) == "Muon";
   ConfigReader args = reader.object("args");
+  if (muon) {
+    update.muon.emplace();
+    update.muon->momentum = args.number("momentum", update.muon->momentum, 0.0, 0.9999);
+    update.muon->min_side = args.integer("min_side", update.muon->min_side, 1);
+  }
   AdamW::Options options;
   options.lr = args.number("lr", options.lr, 0.0, 1e3);
   const std::vector<double> betas = args.numbers("betas", {options.betas[0], options.betas[1]});
@@ -86,7 +92,7 @@ AdamW::Options read_optimizer(ConfigReader reader) {
   options.weight_decay = args.number("weight_decay", options.weight_decay, 0.0, 1e3);
   args.finish();
   reader.finish();
-  return options;
+  update.optimizer = options;
 }
 
 void read_grad_clip(ConfigReader& reader, UpdateOptions& update) {
@@ -130,7 +136,8 @@ std::size_t read_batch_size(ConfigReader& reader) {
 
 }  // namespace
 
-LrSchedulePtr read_schedule(const Json& json, std::int64_t max_steps, const std::string& file, const std::string& pointer) {
+LrSchedulePtr read_schedule(const Json& json, std::int64_t max_steps, const std::string& file,
+                            const std::string& pointer) {
   ConfigReader reader(json, file, pointer);
   reader.require("name");
   const std::string name = reader.choice(
@@ -148,12 +155,14 @@ TrainerOptions TrainerOptions::read(ConfigReader& reader) {
   reader.require("max_steps");
   options.max_steps = reader.integer("max_steps", 0, 0, kManySteps);
   options.batch_size = read_batch_size(reader);
-  options.batch_split = static_cast<std::size_t>(reader.integer("batch_split", 1, 1, static_cast<std::int64_t>(options.batch_size)));
+  options.batch_split =
+      static_cast<std::size_t>(reader.integer("batch_split", 1, 1, static_cast<std::int64_t>(options.batch_size)));
   reader.require("optimizer");
-  options.update.optimizer = read_optimizer(reader.object("optimizer"));
+  read_optimizer(reader.object("optimizer"), options.update);
   const Json* schedule = reader.raw("lr_scheduler");
   if (schedule != nullptr && !schedule->is_null()) {
-    options.update.schedule = read_schedule(*schedule, options.max_steps, reader.file(), reader.pointer_to("lr_scheduler"));
+    options.update.schedule =
+        read_schedule(*schedule, options.max_steps, reader.file(), reader.pointer_to("lr_scheduler"));
   }
   read_grad_clip(reader, options.update);
   options.update.ema_rates = read_ema_rates(reader);

@@ -41,15 +41,18 @@ void Trainer::restore() {
       throw InputError("--ckpt", run_.ckpt, "expected latest, none or a step");
     }
     step = std::stoll(run_.ckpt);
-    if (!source.complete(step)) throw InputError(source.file("state", step).string(), "", "there is no complete checkpoint of this step");
+    if (!source.complete(step))
+      throw InputError(source.file("state", step).string(), "", "there is no complete checkpoint of this step");
   }
   for (const NamedModel& model : stages_.front()->models()) {
-    set_weights(model, buffers_.front(), buffers_.front().master(), source.weights(model.name, step), source.file(model.name, step).string());
+    set_weights(model, buffers_.front(), buffers_.front().master(), source.weights(model.name, step),
+                source.file(model.name, step).string());
     for (std::size_t i = 0; i < update_->ema.rates().size(); ++i) {
       const std::string name = ema_name(model.name, update_->ema.rates()[i]);
       // A rate that was added since then starts from the weights.
       const std::string from = source.has(name, step) ? name : model.name;
-      set_weights(model, buffers_.front(), update_->ema.averages()[i], source.weights(from, step), source.file(from, step).string());
+      set_weights(model, buffers_.front(), update_->ema.averages()[i], source.weights(from, step),
+                  source.file(from, step).string());
     }
   }
   for (ParameterBuffer& buffer : buffers_) buffer.publish();
@@ -65,7 +68,8 @@ void Trainer::save() {
   for (const NamedModel& model : stages_.front()->models()) {
     files.emplace_back(model.name, weights_of(model, buffers_.front(), buffers_.front().master()));
     for (std::size_t i = 0; i < update_->ema.rates().size(); ++i) {
-      files.emplace_back(ema_name(model.name, update_->ema.rates()[i]), weights_of(model, buffers_.front(), update_->ema.averages()[i]));
+      files.emplace_back(ema_name(model.name, update_->ema.rates()[i]),
+                         weights_of(model, buffers_.front(), update_->ema.averages()[i]));
     }
   }
   checkpoints_.save(step_, files, state());
@@ -76,14 +80,20 @@ SavedState Trainer::state() const {
   SavedState saved;
   saved.arrays.emplace_back("optimizer.exp_avg", models::to_array(update_->optimizer.exp_avg));
   saved.arrays.emplace_back("optimizer.exp_avg_sq", models::to_array(update_->optimizer.exp_avg_sq));
+  if (update_->muon) saved.arrays.emplace_back("optimizer.momentum", models::to_array(update_->muon->momentum));
   saved.arrays.emplace_back("rng.torch", models::to_array(at::detail::getDefaultCPUGenerator().get_state()));
-  saved.numbers = {{"step", step_},           {"samples", samples_},
-                   {"seed", options_.seed},   {"optimizer_steps", update_->optimizer.steps},
-                   {"log_scale", update_->log_scale}, {"elapsed_s", elapsed()},
-                   {"threads", run_.threads}, {"replicas", options_.replicas}};
+  saved.numbers = {{"step", step_},
+                   {"samples", samples_},
+                   {"seed", options_.seed},
+                   {"optimizer_steps", update_->optimizer.steps},
+                   {"log_scale", update_->log_scale},
+                   {"elapsed_s", elapsed()},
+                   {"threads", run_.threads},
+                   {"replicas", options_.replicas}};
   if (update_->clipper) {
     const AdaptiveGradClipper::State& clip = update_->clipper->state();
-    saved.arrays.emplace_back("grad_clip.buffer", io::NdArray::from(clip.buffer, {static_cast<std::int64_t>(clip.buffer.size())}));
+    saved.arrays.emplace_back("grad_clip.buffer",
+                              io::NdArray::from(clip.buffer, {static_cast<std::int64_t>(clip.buffer.size())}));
     saved.numbers["grad_clip"] = {{"threshold", clip.threshold}, {"pointer", clip.pointer}, {"length", clip.length}};
   }
   Json means = Json::array();
@@ -105,6 +115,7 @@ void Trainer::restore_state(const SavedState& saved) {
   };
   moments(update_->optimizer.exp_avg, "optimizer.exp_avg");
   moments(update_->optimizer.exp_avg_sq, "optimizer.exp_avg_sq");
+  if (update_->muon) moments(update_->muon->momentum, "optimizer.momentum");
   at::Generator generator = at::detail::getDefaultCPUGenerator();
   generator.set_state(tensor("rng.torch"));
   const Json& numbers = saved.numbers;
@@ -114,14 +125,19 @@ void Trainer::restore_state(const SavedState& saved) {
     update_->optimizer.steps = numbers.at("optimizer_steps").get<std::int64_t>();
     update_->log_scale = numbers.at("log_scale").get<double>();
     elapsed_before_ = numbers.at("elapsed_s").get<double>();
-    if (numbers.at("seed").get<std::uint64_t>() != options_.seed) log::warn("the seed differs from the one this run began with");
-    if (numbers.at("threads").get<int>() != run_.threads || numbers.at("replicas").get<std::size_t>() != options_.replicas) {
-      log::warn("this run began with {} threads and {} replicas; the last bits may differ now", numbers.at("threads").dump(), numbers.at("replicas").dump());
+    if (numbers.at("seed").get<std::uint64_t>() != options_.seed)
+      log::warn("the seed differs from the one this run began with");
+    if (numbers.at("threads").get<int>() != run_.threads ||
+        numbers.at("replicas").get<std::size_t>() != options_.replicas) {
+      log::warn("this run began with {} threads and {} replicas; the last bits may differ now",
+                numbers.at("threads").dump(), numbers.at("replicas").dump());
     }
     if (update_->clipper && numbers.contains("grad_clip")) {
       const Json& clip = numbers.at("grad_clip");
       AdaptiveGradClipper::State state;
-      state.buffer = io::find(saved.arrays, "grad_clip.buffer") ? io::find(saved.arrays, "grad_clip.buffer")->as<float>() : std::vector<float>();
+      state.buffer = io::find(saved.arrays, "grad_clip.buffer")
+                         ? io::find(saved.arrays, "grad_clip.buffer")->as<float>()
+                         : std::vector<float>();
       if (!clip.at("threshold").is_null()) state.threshold = clip.at("threshold").get<double>();
       state.pointer = clip.at("pointer").get<std::size_t>();
       state.length = clip.at("length").get<std::size_t>();
@@ -129,7 +145,8 @@ void Trainer::restore_state(const SavedState& saved) {
     }
     means_.clear();
     for (const Json& entry : numbers.at("running_means")) {
-      means_.entries_.push_back({entry.at(0).get<std::string>(), entry.at(1).get<double>(), entry.at(2).get<std::int64_t>()});
+      means_.entries_.push_back(
+          {entry.at(0).get<std::string>(), entry.at(1).get<double>(), entry.at(2).get<std::int64_t>()});
     }
   } catch (const nlohmann::json::exception& error) {
     throw InputError("", "state", std::string("the saved state is damaged: ") + error.what());

@@ -22,6 +22,8 @@ TEST(Json, ErrorsNameFileAndByte) {
   }
 }
 
+TEST(Json, NumbersBeyondDoubleAreInputErrors) { EXPECT_THROW(parse_json("[1e999]", "big.json"), InputError); }
+
 TEST(Json, RefusesDeepNestingButNotBracketsInStrings) {
   const std::string deep = std::string(10000, '[') + std::string(10000, ']');
   EXPECT_THROW(parse_json(deep, "deep.json"), InputError);

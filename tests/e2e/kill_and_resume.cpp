@@ -43,8 +43,16 @@ struct Run {
   fs::path folder;
 
   pid_t start(const std::string& output) const {
-    const std::vector<std::string> words{program, "--config", (folder / "config.json").string(), "--data-dir", (folder / "data").string(),
-                                         "--output", (folder / output).string(), "--threads", "2", "--quiet"};
+    const std::vector<std::string> words{program,
+                                         "--config",
+                                         (folder / "config.json").string(),
+                                         "--data-dir",
+                                         (folder / "data").string(),
+                                         "--output",
+                                         (folder / output).string(),
+                                         "--threads",
+                                         "2",
+                                         "--quiet"};
     std::vector<char*> arguments;
     for (const std::string& word : words) arguments.push_back(const_cast<char*>(word.c_str()));
     arguments.push_back(nullptr);
@@ -80,7 +88,8 @@ void check_files(const fs::path& checkpoints) {
 
 void check_same(const fs::path& a, const fs::path& b) {
   for (const char* name : {"model_step0000150.safetensors", "model_ema0.99_step0000150.safetensors"}) {
-    require(anigen::read_file(a / "ckpts" / name) == anigen::read_file(b / "ckpts" / name), std::string(name) + " differs");
+    require(anigen::read_file(a / "ckpts" / name) == anigen::read_file(b / "ckpts" / name),
+            std::string(name) + " differs");
   }
   const auto x = anigen::io::read_safetensors(a / "ckpts/state_step0000150.safetensors").tensors;
   const auto y = anigen::io::read_safetensors(b / "ckpts/state_step0000150.safetensors").tensors;

@@ -27,7 +27,8 @@ Asset lever() {
   asset.skin.append_row({{0, 1.0f}});
   asset.skin.append_row({{0, 1.0f}});
   Animation turn;
-  turn.channels.push_back({1, ChannelPath::kRotation, Interpolation::kLinear, {0, 1}, {0, 0, 0, 1, std::sqrt(0.5), 0, 0, std::sqrt(0.5)}});
+  turn.channels.push_back(
+      {1, ChannelPath::kRotation, Interpolation::kLinear, {0, 1}, {0, 0, 0, 1, std::sqrt(0.5), 0, 0, std::sqrt(0.5)}});
   asset.animations.push_back(turn);
   return asset;
 }
@@ -67,7 +68,8 @@ TEST(Inspect, TellsKindsApartAndNamesWhatItCannotRead) {
   io::write_npz(folder / "a.npz", {{"x", io::NdArray::from(std::vector<float>(6), {2, 3})}});
   write_file_atomically(folder / "config.json",
                         R"({"models": {"model": {"name": "SkinAutoEncoder", "args": {}}}, "trainer": {"name": "T"}})");
-  write_file_atomically(folder / "data" / "metadata.csv", "sha256,num_joints,is_test\na,3,True\nb,5,False\nc,9,False\n");
+  write_file_atomically(folder / "data" / "metadata.csv",
+                        "sha256,num_joints,is_test\na,3,True\nb,5,False\nc,9,False\n");
   write_file_atomically(folder / "text.txt", "?");
 
   const Json arrays = inspect(folder / "a.npz");
@@ -86,7 +88,11 @@ TEST(Inspect, TellsKindsApartAndNamesWhatItCannotRead) {
 }
 
 TEST(FileTable, ShowsRepairsAndRejections) {
-  const Json good = {{"kind", "asset"}, {"joints", 4}, {"vertices", 8}, {"faces", 6}, {"influences", {{"1", 3}, {"12", 5}}},
+  const Json good = {{"kind", "asset"},
+                     {"joints", 4},
+                     {"vertices", 8},
+                     {"faces", 6},
+                     {"influences", {{"1", 3}, {"12", 5}}},
                      {"notes", {{{"code", "nan_weights"}, {"message", "m"}}}}};
   const Table table = file_table({{"a.glb", good, ""}, {"b.glb", {}, "truncated"}});
   ASSERT_EQ(table.rows.size(), 2u);

@@ -17,15 +17,17 @@ std::size_t occurrences(const std::string& text, const std::string& word) {
 
 TEST(SkinReport, IsOneFileWithTablesPicturesAndCurves) {
   const test::TemporaryFolder folder;
-  write_file_atomically(folder / "data" / "metadata.csv", "sha256,local_path\na,<first>.glb\nb,second.glb\nc,third.glb\n");
+  write_file_atomically(folder / "data" / "metadata.csv",
+                        "sha256,local_path\na,<first>.glb\nb,second.glb\nc,third.glb\n");
   write_file_atomically(folder / "metrics.csv", "step,loss,eval.skin_l1\n10,1,0.5\n20,0.5,\n30,0.2,0.25\n");
   for (const char* id : {"a", "b"}) {  // "c" has no arrays
-    io::write_npz(folder / "data" / "skeleton" / id / "skeleton_voxelized.npz",
-                  {{"joints", io::NdArray::from(std::vector<float>{0, 0, -0.5f, 0, 0, 0.2f}, {2, 3})},
-                   {"parents", io::NdArray::from(std::vector<std::int32_t>{-1, 0}, {2})},
-                   {"skin", io::NdArray::from(std::vector<float>{1, 0, 0.5f, 0.5f, 0, 1}, {3, 2})},
-                   {"vertices", io::NdArray::from(std::vector<float>{-0.5f, 0, -0.5f, 0.5f, 0, -0.5f, 0, 0, 0.5f}, {3, 3})},
-                   {"faces", io::NdArray::from(std::vector<std::int32_t>{0, 1, 2}, {1, 3})}});
+    io::write_npz(
+        folder / "data" / "skeleton" / id / "skeleton_voxelized.npz",
+        {{"joints", io::NdArray::from(std::vector<float>{0, 0, -0.5f, 0, 0, 0.2f}, {2, 3})},
+         {"parents", io::NdArray::from(std::vector<std::int32_t>{-1, 0}, {2})},
+         {"skin", io::NdArray::from(std::vector<float>{1, 0, 0.5f, 0.5f, 0, 1}, {3, 2})},
+         {"vertices", io::NdArray::from(std::vector<float>{-0.5f, 0, -0.5f, 0.5f, 0, -0.5f, 0, 0, 0.5f}, {3, 3})},
+         {"faces", io::NdArray::from(std::vector<std::int32_t>{0, 1, 2}, {1, 3})}});
   }
   const SkinEvaluation evaluation = evaluate_skin(folder / "data", list_dataset(folder / "data"), skin_baselines());
   ReportOptions options;

@@ -5,7 +5,7 @@
 #include <cmath>
 
 #include "anigen/core/random.h"
-#include "anigen/eval/bone_distance.h"
+#include "anigen/eval/bone_segments.h"
 #include "anigen/eval/skin_metrics.h"
 
 namespace anigen::eval {

@@ -18,8 +18,9 @@ namespace fs = std::filesystem;
 class SkinEvaluationTest : public testing::Test {
  protected:
   SkinEvaluationTest() {
-    write_file_atomically(root() / "metadata.csv",
-                          "sha256,local_path,source,is_bad_skeleton\na,\"x, y.glb\",real,False\nb,b.glb,real,False\nc,c.glb,real,True\n");
+    write_file_atomically(
+        root() / "metadata.csv",
+        "sha256,local_path,source,is_bad_skeleton\na,\"x, y.glb\",real,False\nb,b.glb,real,False\nc,c.glb,real,True\n");
     for (const char* id : {"a", "b", "c"}) {
       io::write_npz(root() / "skeleton" / id / "skeleton_voxelized.npz",
                     {{"joints", io::NdArray::from(std::vector<float>{0, 0, 0, 0, 0, 0.5f}, {2, 3})},
@@ -28,7 +29,8 @@ class SkinEvaluationTest : public testing::Test {
                      {"vertices", io::NdArray::from(std::vector<float>{0, 0, 0, 0, 1, 0, 1, 0, 0.6f}, {3, 3})},
                      {"faces", io::NdArray::from(std::vector<std::int32_t>{0, 1, 2}, {1, 3})}});
     }
-    io::write_npz(folder_ / "pred" / "a.npz", {{"skin", io::NdArray::from(std::vector<float>{1, 0, 1, 0, 1, 0}, {3, 2})}});
+    io::write_npz(folder_ / "pred" / "a.npz",
+                  {{"skin", io::NdArray::from(std::vector<float>{1, 0, 1, 0, 1, 0}, {3, 2})}});
     io::write_npz(folder_ / "pred" / "b.npz", {{"skin", io::NdArray::from(std::vector<float>{1, 0, 1, 0}, {2, 2})}});
   }
 
@@ -69,7 +71,8 @@ TEST_F(SkinEvaluationTest, WritesWhatReadersRelyOn) {
   EXPECT_NEAR(json["assets"][0]["skin_l1"].get<double>(), 2.0 / 3, 1e-6);
   EXPECT_TRUE(json["assets"][1].contains("failure"));
   for (const char* key : {"skin_l1", "skin_l2", "skin_kl"}) {
-    for (const char* part : {"mean", "median", "std", "n"}) EXPECT_TRUE(json["summary"][key].contains(part)) << key << part;
+    for (const char* part : {"mean", "median", "std", "n"})
+      EXPECT_TRUE(json["summary"][key].contains(part)) << key << part;
   }
   EXPECT_EQ(json["methods"]["rank4"]["summary"]["skin_l1"]["n"], 2);
   EXPECT_TRUE(json["methods"]["rank4"]["oracle"].get<bool>());
@@ -133,8 +136,8 @@ TEST(Summary, MatchesHandComputedValues) {
 }
 
 TEST(Tables, MarkdownEscapesAndAligns) {
-  EXPECT_EQ(to_markdown(Table{{"name", "x"}, {{"a|b", "–"}, {"c", "1.25"}}}),
-            "| name |    x |\n| ---- | ---: |\n| a\\|b |    – |\n| c    | 1.25 |\n");
+  EXPECT_EQ(to_markdown(Table{{"name", "x", "note"}, {{"a|b", "–", "why"}, {"c", "1.25", ""}}}),
+            "| name |    x | note |\n| ---- | ---: | ---- |\n| a\\|b |    – | why  |\n| c    | 1.25 |      |\n");
   EXPECT_EQ(html_escaped("<a & \"b\">"), "&lt;a &amp; &quot;b&quot;&gt;");
 }
 

@@ -38,8 +38,10 @@ TEST(Augment, RotationsKeepDistancesAndAboutZKeepsHeight) {
       tilted = std::max(tilted, std::abs(rig.joints[j].z() - kJoints[j].z()));
     }
     EXPECT_GT(moved, 0.01f);
-    if (kind == Augmentations::Rotation::kAboutZ) EXPECT_LT(tilted, 1e-6f);
-    else EXPECT_GT(tilted, 0.01f);
+    if (kind == Augmentations::Rotation::kAboutZ)
+      EXPECT_LT(tilted, 1e-6f);
+    else
+      EXPECT_GT(tilted, 0.01f);
   }
 }
 
@@ -102,10 +104,12 @@ TEST(Augment, MergingSendsWeightToTheNearestAncestorThatStays) {
     merged_something = merged_something || rig.joints.size() < 4;
     for (std::size_t source = 0; source < 4; ++source) {
       int expected = static_cast<int>(source);
-      while (std::find(rig.joints.begin(), rig.joints.end(), kJoints[static_cast<std::size_t>(expected)]) == rig.joints.end()) {
+      while (std::find(rig.joints.begin(), rig.joints.end(), kJoints[static_cast<std::size_t>(expected)]) ==
+             rig.joints.end()) {
         expected = kParents[static_cast<std::size_t>(expected)];
       }
-      EXPECT_EQ(rig.joints[static_cast<std::size_t>(rig.joint_of[source])], kJoints[static_cast<std::size_t>(expected)]);
+      EXPECT_EQ(rig.joints[static_cast<std::size_t>(rig.joint_of[source])],
+                kJoints[static_cast<std::size_t>(expected)]);
     }
     for (std::size_t j = 1; j < rig.parents.size(); ++j) EXPECT_LT(rig.parents[j], static_cast<int>(j));
   }
@@ -115,7 +119,8 @@ TEST(Augment, MergingSendsWeightToTheNearestAncestorThatStays) {
 TEST(Augment, OnlySubtreesWithoutWeightAreDropped) {
   RigDraw rig = unchanged(kJoints, kParents);
   drop_unweighted(rig, {false, false, true, false});
-  EXPECT_EQ(rig.joints, (std::vector<Eigen::Vector3f>{kJoints[0], kJoints[1], kJoints[2]})) << "1 carries no weight but 2 below it does";
+  EXPECT_EQ(rig.joints, (std::vector<Eigen::Vector3f>{kJoints[0], kJoints[1], kJoints[2]}))
+      << "1 carries no weight but 2 below it does";
   EXPECT_EQ(rig.parents, (std::vector<int>{-1, 0, 1}));
   EXPECT_EQ(rig.joint_of, (std::vector<int>{0, 1, 2, 0}));
 }

@@ -65,12 +65,14 @@ TEST_F(RiggedItemFile, BadContentsNameArrayAndIndex) {
   skin[7] = -0.1f;
   EXPECT_NE(error_with("skin", io::NdArray::from(skin, {80, 5})).find("skin[1, 2]"), std::string::npos);
   EXPECT_NE(error_with("skin", io::NdArray::from(skin, {40, 10})).find("shape [40, 10]"), std::string::npos);
-  EXPECT_NE(error_with("joints", io::NdArray::from(std::vector<float>(15, nan), {5, 3})).find("joints[0]"), std::string::npos);
+  EXPECT_NE(error_with("joints", io::NdArray::from(std::vector<float>(15, nan), {5, 3})).find("joints[0]"),
+            std::string::npos);
   using Ints = std::vector<std::int64_t>;
   EXPECT_NE(error_with("parents", io::NdArray::from(Ints{-1, 0, 9, 0, 0}, {5})).find("parents[2]"), std::string::npos);
   EXPECT_NE(error_with("parents", io::NdArray::from(Ints{-1, 0, -7, 0, 0}, {5})).find("parents[2]"), std::string::npos);
   EXPECT_NE(error_with("parents", io::NdArray::from(Ints{-1, 2, 3, 1, 0}, {5})).find("cycle"), std::string::npos);
-  EXPECT_NE(error_with("parents", io::NdArray::from(Ints{1, 0, 0, 0, 0}, {5})).find("cycle"), std::string::npos) << "no root";
+  EXPECT_NE(error_with("parents", io::NdArray::from(Ints{1, 0, 0, 0, 0}, {5})).find("cycle"), std::string::npos)
+      << "no root";
   EXPECT_NE(error_with("faces", io::NdArray::from(Ints{0, 1, 80}, {1, 3})).find("faces[0]"), std::string::npos);
   EXPECT_NE(error_with("faces", io::NdArray::from(Ints{}, {0, 3})).find("faces"), std::string::npos);
   EXPECT_NE(error_with("faces", io::NdArray::from(Ints{0, 1, 2}, {3})).find("shape [3]"), std::string::npos);

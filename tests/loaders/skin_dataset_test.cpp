@@ -18,7 +18,9 @@ namespace {
 class SkinData : public ::testing::Test {
  protected:
   void SetUp() override { test::write_synthetic_dataset(folder_.path(), 7); }
-  SkinDataset dataset(const SkinDataset::Options& options) { return {select_assets(folder_.path().string(), {}), options}; }
+  SkinDataset dataset(const SkinDataset::Options& options) {
+    return {select_assets(folder_.path().string(), {}), options};
+  }
   static SkinDataset::Options options() {
     SkinDataset::Options o;
     o.seed = 3;
@@ -36,7 +38,8 @@ class SkinData : public ::testing::Test {
 bool equal(const SkinBatch& a, const SkinBatch& b) {
   bool same = a.ids == b.ids;
   for (std::size_t i = 0; same && i < a.skin.size(); ++i) {
-    same = torch::equal(a.skin[i], b.skin[i]) && torch::equal(a.joints[i], b.joints[i]) && torch::equal(a.parents[i], b.parents[i]);
+    same = torch::equal(a.skin[i], b.skin[i]) && torch::equal(a.joints[i], b.joints[i]) &&
+           torch::equal(a.parents[i], b.parents[i]);
   }
   return same;
 }
@@ -135,7 +138,9 @@ TEST_F(SkinData, BatchesDoNotDependOnWorkersNorOnWhereARunBegan) {
       const auto& expected = dynamic_cast<const SkinBatch&>(*runs[0][step][part]);
       EXPECT_TRUE(equal(dynamic_cast<const SkinBatch&>(*runs[1][step][part]), expected));
       EXPECT_TRUE(equal(dynamic_cast<const SkinBatch&>(*runs[2][step][part]), expected));
-      if (!later.empty()) EXPECT_TRUE(equal(dynamic_cast<const SkinBatch&>(*later[part]), expected));
+      if (!later.empty()) {
+        EXPECT_TRUE(equal(dynamic_cast<const SkinBatch&>(*later[part]), expected));
+      }
     }
   }
   EXPECT_FALSE(equal(dynamic_cast<const SkinBatch&>(*runs[0][0][0]), dynamic_cast<const SkinBatch&>(*runs[0][1][0])));

@@ -21,7 +21,8 @@ inline io::NamedArrays synthetic_rig(std::uint64_t seed, int joint_count) {
   std::vector<std::int64_t> parents{-1};
   for (int j = 1; j < joint_count; ++j) {
     parents.push_back(static_cast<std::int64_t>(rng.index(static_cast<std::size_t>(j))));
-    const Eigen::Vector3f way(static_cast<float>(rng.normal()), static_cast<float>(rng.normal()), static_cast<float>(rng.normal()));
+    const Eigen::Vector3f way(static_cast<float>(rng.normal()), static_cast<float>(rng.normal()),
+                              static_cast<float>(rng.normal()));
     joints.push_back(joints[static_cast<std::size_t>(parents.back())] + 0.15f * way.normalized());
   }
   constexpr int kRings = 5, kSides = 4;

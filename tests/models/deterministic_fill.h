@@ -36,7 +36,8 @@ inline void golden_fill(torch::nn::Module& module) {
   const torch::NoGradGuard no_grad;
   for (std::size_t k = 0; k < entries.size(); ++k) {
     const std::string suffix = ".weight", &key = entries[k].key;
-    const bool weight = key.size() > suffix.size() && key.compare(key.size() - suffix.size(), suffix.size(), suffix) == 0;
+    const bool weight =
+        key.size() > suffix.size() && key.compare(key.size() - suffix.size(), suffix.size(), suffix) == 0;
     const torch::Tensor& tensor = entries[k].tensor;
     double scale = 0.1, offset = 0.0;
     if (tensor.dim() >= 2) {

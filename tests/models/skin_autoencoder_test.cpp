@@ -102,7 +102,8 @@ TEST(SkinAutoEncoder, GradientMatchesFiniteDifferences) {
       const auto output = model->forward(assets.joints, assets.parents, assets.skin);
       Tensor sum = torch::zeros({}, torch::kFloat64);
       for (std::size_t i = 0; i < output.skin.size(); ++i) {
-        sum = sum + (output.skin[i].square().sum() + output.joint_embeds[i].sum() + output.vert_embeds[i].square().sum());
+        sum =
+            sum + (output.skin[i].square().sum() + output.joint_embeds[i].sum() + output.vert_embeds[i].square().sum());
       }
       return sum;
     };
@@ -213,11 +214,14 @@ std::string message_of(const char* json) {
 TEST(SkinAutoEncoderOptions, ErrorsNameThePlace) {
   EXPECT_EQ(message_of(R"({"encoder_config": {"jp_embedder_config": {"detph": 3}}})"),
             "c.json: /args/encoder_config/jp_embedder_config: unknown key 'detph'; did you mean 'depth'?");
-  EXPECT_NE(message_of(R"({"decoder_config": {"model_type": "mlp"}})").find("/args/decoder_config/model_type: not supported"),
+  EXPECT_NE(
+      message_of(R"({"decoder_config": {"model_type": "mlp"}})").find("/args/decoder_config/model_type: not supported"),
+      std::string::npos);
+  EXPECT_NE(message_of(R"({"decoder_config": {"num_heads": 3}})").find("/args/decoder_config/num_heads"),
             std::string::npos);
-  EXPECT_NE(message_of(R"({"decoder_config": {"num_heads": 3}})").find("/args/decoder_config/num_heads"), std::string::npos);
   EXPECT_NE(message_of(R"({"encoder_config": {"jp_embed_dim": 12}})").find("hidden_dim"), std::string::npos);
-  EXPECT_NE(message_of(R"({"encoder_config": {"skin_feat_channels": 4}})").find("skin_feat_channels"), std::string::npos);
+  EXPECT_NE(message_of(R"({"encoder_config": {"skin_feat_channels": 4}})").find("skin_feat_channels"),
+            std::string::npos);
   EXPECT_NE(message_of(R"({"encoder_config": {"jp_embed_dim": 99999999999}})").find("jp_embed_dim"), std::string::npos);
 }
 
@@ -226,7 +230,8 @@ void expect_golden(const Tensor& tensor, double sum, double abs_sum, const std::
   const Tensor values = tensor.detach().to(torch::kFloat64).flatten();
   EXPECT_NEAR(values.sum().item<double>(), sum, 5e-6 * abs_sum);
   EXPECT_NEAR(values.abs().sum().item<double>(), abs_sum, 5e-6 * abs_sum);
-  for (std::size_t i = 0; i < first.size(); ++i) EXPECT_NEAR(values[static_cast<std::int64_t>(i)].item<double>(), first[i], 2e-6);
+  for (std::size_t i = 0; i < first.size(); ++i)
+    EXPECT_NEAR(values[static_cast<std::int64_t>(i)].item<double>(), first[i], 2e-6);
 }
 
 TEST(SkinAutoEncoder, GoldenNumbersAtPublishedSize) {

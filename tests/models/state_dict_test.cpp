@@ -52,8 +52,9 @@ TEST(StateDict, RoundTrip) {
 
 TEST(StateDict, NonStrictReportsAndLeavesTheRestAlone) {
   Small model;
-  const LoadReport report = load_state_dict(
-      *model, {{"scale", to_array(torch::full({3}, 2.0F))}, {"other", to_array(torch::ones({1}))}}, LoadMode::kNonStrict);
+  const LoadReport report =
+      load_state_dict(*model, {{"scale", to_array(torch::full({3}, 2.0F))}, {"other", to_array(torch::ones({1}))}},
+                      LoadMode::kNonStrict);
   EXPECT_EQ(report.missing, (std::vector<std::string>{"steps", "layer.weight", "layer.bias"}));
   EXPECT_EQ(report.unexpected, (std::vector<std::string>{"other"}));
   EXPECT_EQ(model->scale[1].item<float>(), 2.0F);

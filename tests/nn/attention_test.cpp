@@ -36,8 +36,8 @@ Tensor attention_by_definition(const Tensor& q, const Tensor& k, const Tensor& v
   const std::int64_t width = q.size(1) / heads;
   std::vector<Tensor> parts;
   for (std::int64_t h = 0; h < heads; ++h) {
-    const Tensor scores = q.narrow(1, h * width, width).mm(k.narrow(1, h * width, width).t()) /
-                          std::sqrt(static_cast<double>(width));
+    const Tensor scores =
+        q.narrow(1, h * width, width).mm(k.narrow(1, h * width, width).t()) / std::sqrt(static_cast<double>(width));
     parts.push_back(torch::softmax(scores, 1).mm(v.narrow(1, h * width, width)));
   }
   return torch::cat(parts, 1);
@@ -49,8 +49,7 @@ TEST(SelfAttention, FollowsTheDefinition) {
   const auto parameters = attention->named_parameters();
   const Tensor x = random({5, 12});
   const Tensor qkv = torch::linear(x, parameters["to_qkv.weight"], parameters["to_qkv.bias"]);
-  const Tensor mixed =
-      attention_by_definition(qkv.narrow(1, 0, 12), qkv.narrow(1, 12, 12), qkv.narrow(1, 24, 12), 3);
+  const Tensor mixed = attention_by_definition(qkv.narrow(1, 0, 12), qkv.narrow(1, 12, 12), qkv.narrow(1, 24, 12), 3);
   const Tensor wanted = torch::linear(mixed, parameters["to_out.weight"], parameters["to_out.bias"]);
   EXPECT_LT(difference(attention->forward(x, Ragged({5})), wanted), kTolerance);
 }

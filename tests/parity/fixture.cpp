@@ -14,7 +14,9 @@ namespace {
 
 using torch::Tensor;
 
-bool starts_with(const std::string& text, const std::string& prefix) { return text.compare(0, prefix.size(), prefix) == 0; }
+bool starts_with(const std::string& text, const std::string& prefix) {
+  return text.compare(0, prefix.size(), prefix) == 0;
+}
 
 std::string shape_of(const Tensor& tensor) {
   std::string text;

@@ -15,9 +15,9 @@ void compare(Fixture& fixture, const std::string& model_key, const torch::nn::Mo
   const std::vector<models::StateEntry> entries = models::state_entries(module);
   const std::vector<torch::Dtype> dtypes = models::published_dtypes(module, half_precision_modules);
   const Json& wanted = spec.at("tensors");
-  fixture.check_true(model_key + ": " + std::to_string(entries.size()) + " tensors, expected " +
-                         std::to_string(wanted.size()),
-                     entries.size() == wanted.size() && entries.size() == spec.at("n_tensors").get<std::size_t>());
+  fixture.check_true(
+      model_key + ": " + std::to_string(entries.size()) + " tensors, expected " + std::to_string(wanted.size()),
+      entries.size() == wanted.size() && entries.size() == spec.at("n_tensors").get<std::size_t>());
   std::int64_t elements = 0, trainable = 0;
   for (std::size_t i = 0; i < entries.size() && i < wanted.size(); ++i) {
     const models::StateEntry& entry = entries[i];

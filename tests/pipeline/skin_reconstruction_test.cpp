@@ -67,7 +67,8 @@ TEST_F(SkinReconstructionTest, GivesWhatOneForwardPassGives) {
   const auto expected = model_->forward({joints}, {parents}, {skin}).skin[0].contiguous();
   ASSERT_EQ(chunked.size(), skin_.size());
   for (std::size_t i = 0; i < chunked.size(); ++i) {
-    ASSERT_NEAR(chunked[i], expected.data_ptr<float>()[i], 1e-5f) << "entry " << i;  // fp32 rounding of other chunk sizes
+    ASSERT_NEAR(chunked[i], expected.data_ptr<float>()[i], 1e-5f)
+        << "entry " << i;  // fp32 rounding of other chunk sizes
   }
 }
 

@@ -19,7 +19,7 @@ namespace anigen::prepare {
 namespace {
 
 constexpr std::uint64_t kSeed = 20;
-constexpr std::size_t kCount = 30;
+constexpr std::size_t kCount = 12;
 
 /// Number of directed edges that do not have exactly one partner in the other direction: 0 for a closed, consistently
 /// oriented surface whose edges all have two faces.

@@ -24,7 +24,8 @@ TEST(ClosestBones, AgreesWithComparingAllPairs) {
   std::vector<int> parents = {-1};
   for (int j = 1; j < 60; ++j) {
     parents.push_back(0);
-    joints.emplace_back(0.01f * static_cast<float>(rng.index(4)), static_cast<float>(rng.uniform()), static_cast<float>(rng.uniform()));
+    joints.emplace_back(0.01f * static_cast<float>(rng.index(4)), static_cast<float>(rng.uniform()),
+                        static_cast<float>(rng.uniform()));
   }
   double expected = kNoPair;
   for (std::size_t a = 1; a < joints.size(); ++a) {

@@ -38,8 +38,11 @@ TEST(InflatAll, FollowsThePublishedSteps) {
   if (!std::filesystem::exists(json_file)) GTEST_SKIP() << json_file << " is missing";
   const Json fixture = read_json(json_file);
   const Json& config = fixture.at("config");
-  const io::NamedArrays arrays = io::read_safetensors(test::parity_dir() / "ops_train_inflat_all_steps.safetensors").tensors;
-  const auto expected = [&](const char* name) { return models::to_tensor(*io::find(arrays, std::string("out.") + name)); };
+  const io::NamedArrays arrays =
+      io::read_safetensors(test::parity_dir() / "ops_train_inflat_all_steps.safetensors").tensors;
+  const auto expected = [&](const char* name) {
+    return models::to_tensor(*io::find(arrays, std::string("out.") + name));
+  };
   const double atol = fixture.at("tolerance").at("atol"), rtol = fixture.at("tolerance").at("rtol");
   const auto close = [&](const torch::Tensor& actual, const torch::Tensor& wanted) {
     return torch::allclose(actual.to(torch::kFloat64), wanted.to(torch::kFloat64), rtol, atol, true);
@@ -63,7 +66,8 @@ TEST(InflatAll, FollowsThePublishedSteps) {
   for (std::int64_t step = 0; step < targets.size(0); ++step) {
     buffer.zero_gradients();
     for (std::int64_t part = 0; part < targets.size(1); ++part) {
-      ((model->flat() * targets[step][part]).sum() / static_cast<double>(targets.size(1)) * update.loss_scale()).backward();
+      ((model->flat() * targets[step][part]).sum() / static_cast<double>(targets.size(1)) * update.loss_scale())
+          .backward();
     }
     buffer.collect_gradients();
     const ParameterUpdate::Result result = update.apply(step);
@@ -71,7 +75,9 @@ TEST(InflatAll, FollowsThePublishedSteps) {
     ASSERT_EQ(result.skipped, expected("skipped")[step].item<std::int64_t>() == 1) << step;
     ASSERT_NEAR(update.log_scale, expected("log_scale")[step].item<double>(), 1e-9) << step;
     ASSERT_NEAR(result.lr, expected("lr")[step].item<double>(), atol) << step;
-    if (std::isfinite(norms[step].item<double>())) ASSERT_NEAR(result.grad_norm, norms[step].item<double>(), 1e-4 * result.grad_norm) << step;
+    if (std::isfinite(norms[step].item<double>())) {
+      ASSERT_NEAR(result.grad_norm, norms[step].item<double>(), 1e-4 * result.grad_norm) << step;
+    }
     ASSERT_NEAR(update.clipper->threshold(), expected("max_norm")[step].item<double>(), 1e-5) << step;
     ASSERT_TRUE(close(buffer.master(), expected("master")[step])) << step;
     for (std::size_t i = 0; i < update.ema.rates().size(); ++i) {

@@ -13,7 +13,8 @@ namespace {
 constexpr double kPi = 3.14159265358979323846;
 
 TEST(LrSchedule, PublishedWarmUpThenCosine) {
-  const LrSchedulePtr schedule = sequential_lr({linear_lr(1e-6, 1.0, 1000), cosine_annealing_lr(1'000'000, 0.0)}, {1000});
+  const LrSchedulePtr schedule =
+      sequential_lr({linear_lr(1e-6, 1.0, 1000), cosine_annealing_lr(1'000'000, 0.0)}, {1000});
   for (const std::int64_t s : {0, 1, 500, 999}) {
     EXPECT_NEAR(schedule->rate(1e-4, s), 1e-4 * (1e-6 + (1 - 1e-6) * static_cast<double>(s) / 1000.0), 1e-18);
   }
@@ -41,7 +42,8 @@ TEST(LrSchedule, LinearConstantAndWarmUp) {
 }
 
 TEST(LrSchedule, SeveralMilestonesCountTheirOwnSteps) {
-  const LrSchedulePtr schedule = sequential_lr({constant_lr(0.5, 100), linear_lr(0.0, 1.0, 10), unscheduled()}, {3, 13});
+  const LrSchedulePtr schedule =
+      sequential_lr({constant_lr(0.5, 100), linear_lr(0.0, 1.0, 10), unscheduled()}, {3, 13});
   EXPECT_DOUBLE_EQ(schedule->rate(1.0, 2), 0.5);
   EXPECT_DOUBLE_EQ(schedule->rate(1.0, 3), 0.0);
   EXPECT_DOUBLE_EQ(schedule->rate(1.0, 8), 0.5);
@@ -71,8 +73,10 @@ TEST(LrSchedule, BadJsonNamesThePlace) {
   };
   EXPECT_NE(message(R"({"name": "CosineAnnealingLR", "args": {"T_mx": 3}})").find("T_max"), std::string::npos);
   EXPECT_NE(message(R"({"name": "StepLR"})").find("LinearLR"), std::string::npos);
-  EXPECT_NE(message(R"({"name": "LinearLR", "args": {"total_iters": "x%"}})").find("/s/args/total_iters"), std::string::npos);
-  EXPECT_NE(message(R"({"name": "SequentialLR", "schedulers": [], "args": {"milestones": []}})").find("milestones"), std::string::npos);
+  EXPECT_NE(message(R"({"name": "LinearLR", "args": {"total_iters": "x%"}})").find("/s/args/total_iters"),
+            std::string::npos);
+  EXPECT_NE(message(R"({"name": "SequentialLR", "schedulers": [], "args": {"milestones": []}})").find("milestones"),
+            std::string::npos);
 }
 
 }  // namespace

@@ -27,10 +27,20 @@ struct Message {
     const std::uint64_t key = varint();
     field = key >> 3;
     switch (key & 7) {
-      case 0: number = varint(); break;
-      case 1: payload = bytes.substr(at, 8), at += 8; break;
-      case 2: { const std::uint64_t n = varint(); payload = bytes.substr(at, n), at += n; break; }
-      default: payload = bytes.substr(at, 4), at += 4; break;
+      case 0:
+        number = varint();
+        break;
+      case 1:
+        payload = bytes.substr(at, 8), at += 8;
+        break;
+      case 2: {
+        const std::uint64_t n = varint();
+        payload = bytes.substr(at, n), at += n;
+        break;
+      }
+      default:
+        payload = bytes.substr(at, 4), at += 4;
+        break;
     }
     return true;
   }

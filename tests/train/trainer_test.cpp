@@ -55,7 +55,8 @@ std::string untimed(const std::filesystem::path& file) {
   std::string text;
   for (std::size_t row = 0; row < table.rows.size(); ++row) {
     for (std::size_t column = 0; column < table.columns.size(); ++column) {
-      if (table.columns[column].rfind("time.", 0) != 0) text += table.columns[column] + "=" + table.rows[row][column] + " ";
+      if (table.columns[column].rfind("time.", 0) != 0)
+        text += table.columns[column] + "=" + table.rows[row][column] + " ";
     }
     text += "\n";
   }
@@ -64,8 +65,9 @@ std::string untimed(const std::filesystem::path& file) {
 
 TEST_F(TrainerRun, TheRunFolderIsComplete) {
   train(command("run"));
-  for (const char* file : {"config.json", "command.txt", "log.txt", "metrics.csv", "ckpts/model_step0000012.safetensors",
-                           "ckpts/model_ema0.99_step0000012.safetensors", "ckpts/state_step0000012.safetensors"}) {
+  for (const char* file :
+       {"config.json", "command.txt", "log.txt", "metrics.csv", "ckpts/model_step0000012.safetensors",
+        "ckpts/model_ema0.99_step0000012.safetensors", "ckpts/state_step0000012.safetensors"}) {
     EXPECT_TRUE(std::filesystem::exists(folder_ / "run" / file)) << file;
   }
   EXPECT_FALSE(std::filesystem::is_empty(folder_ / "run/tb_logs"));
@@ -78,7 +80,8 @@ TEST_F(TrainerRun, TheRunFolderIsComplete) {
 TEST_F(TrainerRun, ResumedRunsEndWithTheSameBits) {
   train(command("whole"));
   // A first leg that is cut at step 7, three steps after its last checkpoint: it must go back to step 4.
-  train(command("legs", {"trainer.args.max_steps=7", "trainer.args.i_save=4", "trainer.args.lr_scheduler.schedulers.1.args.T_max=9"}));
+  train(command("legs", {"trainer.args.max_steps=7", "trainer.args.i_save=4",
+                         "trainer.args.lr_scheduler.schedulers.1.args.T_max=9"}));
   for (const char* name : {"state", "model", "model_ema0.99", "model_ema0.9"}) {
     std::filesystem::remove(folder_ / "legs/ckpts" / (std::string(name) + "_step0000007.safetensors"));
   }
@@ -100,8 +103,12 @@ TEST_F(TrainerRun, ReplicasGiveTheSameResultWhateverTheThreads) {
   EXPECT_EQ(bytes("one/ckpts/model_step0000012.safetensors"), bytes("two/ckpts/model_step0000012.safetensors"));
   // One replica sums the same two gradients; only the order of additions inside the products may differ.
   train(command("single"));
-  const auto a = io::find(CheckpointFolder(folder_ / "one/ckpts").weights("model", 12), "skin_decoder.out_layer_skin.2.weight")->as<float>();
-  const auto b = io::find(CheckpointFolder(folder_ / "single/ckpts").weights("model", 12), "skin_decoder.out_layer_skin.2.weight")->as<float>();
+  const auto a =
+      io::find(CheckpointFolder(folder_ / "one/ckpts").weights("model", 12), "skin_decoder.out_layer_skin.2.weight")
+          ->as<float>();
+  const auto b =
+      io::find(CheckpointFolder(folder_ / "single/ckpts").weights("model", 12), "skin_decoder.out_layer_skin.2.weight")
+          ->as<float>();
   for (std::size_t i = 0; i < a.size(); ++i) EXPECT_NEAR(a[i], b[i], 1e-3f);
 }
 
@@ -114,10 +121,13 @@ TEST_F(TrainerRun, LearnsTheSyntheticRigs) {
 
 TEST_F(TrainerRun, WarmStartAndCheckpointChoice) {
   train(command("first"));
-  train(command("second", {"trainer.args.max_steps=0", "trainer.args.finetune_ckpt={\"model\": \"" +
-                           (folder_ / "first/ckpts/model_ema0.9_step0000012.safetensors").string() + "\"}"}));
-  EXPECT_EQ(bytes("second/ckpts/model_step0000000.safetensors"), bytes("first/ckpts/model_ema0.9_step0000012.safetensors"));
-  EXPECT_EQ(bytes("second/ckpts/model_ema0.99_step0000000.safetensors"), bytes("first/ckpts/model_ema0.9_step0000012.safetensors"))
+  train(command("second", {"trainer.args.max_steps=0",
+                           "trainer.args.finetune_ckpt={\"model\": \"" +
+                               (folder_ / "first/ckpts/model_ema0.9_step0000012.safetensors").string() + "\"}"}));
+  EXPECT_EQ(bytes("second/ckpts/model_step0000000.safetensors"),
+            bytes("first/ckpts/model_ema0.9_step0000012.safetensors"));
+  EXPECT_EQ(bytes("second/ckpts/model_ema0.99_step0000000.safetensors"),
+            bytes("first/ckpts/model_ema0.9_step0000012.safetensors"))
       << "averages start from the warm start";
   TrainCommand from = command("third", {"trainer.args.max_steps=8"});
   from.run.load = folder_ / "first";

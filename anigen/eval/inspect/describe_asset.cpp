@@ -55,7 +55,8 @@ Json describe_asset(const io::ImportedAsset& imported) {
         {{"name", animation.name}, {"seconds", animation.duration()}, {"channels", animation.channels.size()}});
   }
   json["notes"] = Json::array();
-  for (const io::ImportNote& note : imported.notes) json["notes"].push_back({{"code", note.code}, {"message", note.message}});
+  for (const io::ImportNote& note : imported.notes)
+    json["notes"].push_back({{"code", note.code}, {"message", note.message}});
   json["findings"] = findings;
   return json;
 }

@@ -31,7 +31,8 @@ FileKind file_kind(const fs::path& path) {
   }
   const std::string extension = lower_extension(path);
   if (extension == ".glb" || extension == ".gltf") return FileKind::kAsset;
-  if (extension == ".npz" || extension == ".safetensors" || extension == ".pt" || extension == ".pth") return FileKind::kArrays;
+  if (extension == ".npz" || extension == ".safetensors" || extension == ".pt" || extension == ".pth")
+    return FileKind::kArrays;
   if (extension == ".json") return FileKind::kConfig;
   throw InputError(path.string(), "", "is none of .glb .gltf .npz .safetensors .pt .pth .json");
 }
@@ -71,7 +72,8 @@ Json describe_config(const fs::path& file) {
   }
   const auto name_of_part = [](const Json& part) {
     const auto name = part.is_object() ? part.find("name") : part.end();
-    return part.is_object() && name != part.end() && name->is_string() ? name->get<std::string>() : std::string("(unnamed)");
+    return part.is_object() && name != part.end() && name->is_string() ? name->get<std::string>()
+                                                                       : std::string("(unnamed)");
   };
   json["keys"] = Json::array();
   for (const auto& [key, value] : config.items()) json["keys"].push_back(key);
@@ -92,11 +94,21 @@ Json inspect(const fs::path& path) {
     json.update(description);
   };
   switch (file_kind(path)) {
-    case FileKind::kAsset: add("asset", describe_asset(io::read_gltf(path))); break;
-    case FileKind::kArrays: add("arrays", describe_arrays(path)); break;
-    case FileKind::kConfig: add("config", describe_config(path)); break;
-    case FileKind::kDataset: add("dataset", describe_dataset(path)); break;
-    case FileKind::kRun: add("run", describe_run(path)); break;
+    case FileKind::kAsset:
+      add("asset", describe_asset(io::read_gltf(path)));
+      break;
+    case FileKind::kArrays:
+      add("arrays", describe_arrays(path));
+      break;
+    case FileKind::kConfig:
+      add("config", describe_config(path));
+      break;
+    case FileKind::kDataset:
+      add("dataset", describe_dataset(path));
+      break;
+    case FileKind::kRun:
+      add("run", describe_run(path));
+      break;
   }
   return json;
 }

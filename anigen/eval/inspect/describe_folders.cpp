@@ -42,7 +42,8 @@ Json describe_dataset(const fs::path& folder) {
   std::map<std::string, std::size_t> sources;
   for (std::size_t row = 0; row < table.rows.size(); ++row) ++sources[table.cell(row, "source")];
   if (table.column("source") != CsvTable::kMissing) json["sources"] = sources;
-  for (const char* name : {"is_test", "is_bad_skeleton", "is_bad_skin", "distinct_bones", "voxelized", "cond_rendered"}) {
+  for (const char* name :
+       {"is_test", "is_bad_skeleton", "is_bad_skin", "distinct_bones", "voxelized", "cond_rendered"}) {
     if (table.column(name) == CsvTable::kMissing) continue;
     std::size_t set = 0;
     for (std::size_t row = 0; row < table.rows.size(); ++row) set += table.flag(row, name, false, file.string());
@@ -52,10 +53,12 @@ Json describe_dataset(const fs::path& folder) {
     if (table.column(name) != CsvTable::kMissing) json[name] = column_range(table, name);
   }
   json["files"] = Json::object();
-  for (const char* part : {"skeleton", "assets", "voxels", "features", "renders", "renders_cond", "ss_latents", "latents"}) {
+  for (const char* part :
+       {"skeleton", "assets", "voxels", "features", "renders", "renders_cond", "ss_latents", "latents"}) {
     std::error_code error;
     std::size_t entries = 0;
-    for (fs::directory_iterator entry(folder / part, error), end; !error && entry != end; entry.increment(error)) ++entries;
+    for (fs::directory_iterator entry(folder / part, error), end; !error && entry != end; entry.increment(error))
+      ++entries;
     if (entries > 0) json["files"][part] = entries;
   }
   return json;
@@ -79,7 +82,8 @@ Json describe_run(const fs::path& folder) {
     json["metrics_rows"] = metrics.rows.size();
     if (!metrics.rows.empty()) {
       json["last_metrics"] = Json::object();
-      for (std::size_t i = 0; i < metrics.columns.size(); ++i) json["last_metrics"][metrics.columns[i]] = metrics.rows.back()[i];
+      for (std::size_t i = 0; i < metrics.columns.size(); ++i)
+        json["last_metrics"][metrics.columns[i]] = metrics.rows.back()[i];
     }
   }
   return json;

@@ -16,7 +16,8 @@ std::string one_line(const Json& value) {
   for (const auto& [key, item] : value.items()) {
     const bool flat_list = item.is_array() && std::all_of(item.begin(), item.end(), plain);
     if (!plain(item) && !flat_list) return "";
-    text += (text.empty() ? "" : ", ") + (value.is_object() ? key + " " : std::string()) + (flat_list ? item.dump() : word(item));
+    text += (text.empty() ? "" : ", ") + (value.is_object() ? key + " " : std::string()) +
+            (flat_list ? item.dump() : word(item));
   }
   if (text.empty()) return "none";
   return text.size() <= 160 ? text : "";

@@ -21,7 +21,8 @@ std::string repairs(const Json& description) {
 std::string most_influences(const Json& description) {
   std::size_t most = 0;
   if (!description.contains("influences")) return "";
-  for (const auto& [count, vertices] : description["influences"].items()) most = std::max<std::size_t>(most, std::stoul(count));
+  for (const auto& [count, vertices] : description["influences"].items())
+    most = std::max<std::size_t>(most, std::stoul(count));
   return std::to_string(most);
 }
 
@@ -32,12 +33,14 @@ Table file_table(const std::vector<InspectedFile>& files) {
                                   [](const InspectedFile& f) { return f.description.contains("influence_loss"); });
   Table table{{"file", "joints", "vertices", "faces", "influences"}, {}};
   if (losses) {
-    for (const char* name : {"affected", "max l1", "mean l1", "frames", "max shift / diagonal"}) table.columns.push_back(name);
+    for (const char* name : {"affected", "max l1", "mean l1", "frames", "max shift / diagonal"})
+      table.columns.push_back(name);
   }
   table.columns.push_back("repairs or rejection");
   for (const InspectedFile& file : files) {
     const Json& d = file.description;
-    std::vector<std::string> row = {file.file, cell(d, "joints"), cell(d, "vertices"), cell(d, "faces"), most_influences(d)};
+    std::vector<std::string> row = {file.file, cell(d, "joints"), cell(d, "vertices"), cell(d, "faces"),
+                                    most_influences(d)};
     if (losses && d.contains("influence_loss")) {
       const Json& loss = d["influence_loss"];
       row.push_back(loss["affected"].dump());

@@ -53,17 +53,19 @@ InfluenceLoss influence_loss(const Asset& asset, std::size_t influences, std::si
   double farthest = 0;
   for (const Animation& animation : asset.animations) {
     for (std::size_t frame = 0; frame < frames_per_animation; ++frame) {
-      const double part = frames_per_animation > 1 ? static_cast<double>(frame) / static_cast<double>(frames_per_animation - 1) : 0;
-      const auto world = forward_kinematics(asset.skeleton.parents, sample(animation, asset.skeleton, part * animation.duration()));
+      const double part =
+          frames_per_animation > 1 ? static_cast<double>(frame) / static_cast<double>(frames_per_animation - 1) : 0;
+      const auto world =
+          forward_kinematics(asset.skeleton.parents, sample(animation, asset.skeleton, part * animation.duration()));
       const auto a = skin_vertices(full, world), b = skin_vertices(limited, world);
-      for (std::size_t v = 0; v < a.size(); ++v) farthest = std::max(farthest, static_cast<double>((a[v] - b[v]).norm()));
+      for (std::size_t v = 0; v < a.size(); ++v)
+        farthest = std::max(farthest, static_cast<double>((a[v] - b[v]).norm()));
     }
   }
   const double diagonal = bounding_box(asset.mesh.vertices).diagonal();
   loss.max_displacement = diagonal > 0 ? farthest / diagonal : 0;
   return loss;
 }
-
 
 Json to_json(const InfluenceLoss& loss) {
   return {{"influences", loss.influences}, {"affected", loss.affected}, {"mean_l1", loss.mean_l1},

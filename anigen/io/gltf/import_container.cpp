@@ -43,12 +43,7 @@ void check_value_count(std::string_view text, const std::string& file) {
 
 Json parse_text(std::string_view text, const std::string& file, std::size_t max_depth) {
   check_value_count(text, file);
-  try {
-    return parse_json(text, file, max_depth);
-  } catch (const nlohmann::json::exception& error) {
-    // Not a parse_error: for example a number beyond the range of double.
-    throw InputError(file, "", std::string("not valid JSON: ") + error.what());
-  }
+  return parse_json(text, file, max_depth);
 }
 
 // The JSON chunk's text; sets `binary`. GLB: 12 bytes of header, then chunks of length, type, data.

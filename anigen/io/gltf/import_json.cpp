@@ -5,24 +5,6 @@
 #include "anigen/core/error.h"
 
 namespace anigen::io::gltf_import {
-namespace {
-
-// "~" and "/" inside a key, as RFC 6901 writes them.
-std::string escaped(const std::string& key) {
-  std::string result;
-  for (const char c : key) {
-    if (c == '~')
-      result += "~0";
-    else if (c == '/')
-      result += "~1";
-    else
-      result += c;
-  }
-  return result;
-}
-
-}  // namespace
-
 JsonPlace::JsonPlace(const Json& value, const std::string& file, std::string pointer)
     : value_(&value), file_(&file), pointer_(std::move(pointer)) {}
 
@@ -38,7 +20,7 @@ std::optional<JsonPlace> JsonPlace::find(const char* key) const {
   if (!value_->is_object()) fail(std::string("expected an object, found ") + value_->type_name());
   const auto found = value_->find(key);
   if (found == value_->end()) return std::nullopt;
-  return JsonPlace(*found, *file_, pointer_ + "/" + escaped(key));
+  return JsonPlace(*found, *file_, pointer_ + "/" + escaped_for_pointer(key));
 }
 
 JsonPlace JsonPlace::at(const char* key) const {

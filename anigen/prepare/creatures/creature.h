@@ -19,7 +19,7 @@ namespace anigen::prepare {
 /// The result is a function of the arguments alone: no thread count, order of calls or earlier draw matters. One call
 /// runs on the calling thread; parallelise over indices. Safe to call from several threads.
 
-/// Names of all families, in a fixed order that later versions only append to.
+/// Names of all families, in a fixed order.
 const std::vector<std::string>& creature_families();
 
 /// The family that make_creature(seed, index) draws.

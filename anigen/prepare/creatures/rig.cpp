@@ -10,6 +10,7 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 constexpr double kPi = 3.14159265358979323846;
+constexpr double kPlacementError = 0.02;  // of the bone, per axis
 
 }  // namespace
 
@@ -38,6 +39,12 @@ RigStyle random_style(const Body& body, Rng& rng) {
   }
   style.position.resize(count);
   for (int i = 0; i < count; ++i) style.position[style.order[i]] = i;
+  // Joints placed by hand miss by a few per cent of the bone. Without that, segments of equal length would give equal
+  // bones, which a skeleton encoder that sees only the way from parent to joint cannot tell apart.
+  for (const BodyJoint& joint : body.joints) {
+    const double bone = joint.parent < 0 ? 0.0 : (joint.position - body.joints[joint.parent].position).norm();
+    style.placement.emplace_back(kPlacementError * bone * Vector3d(rng.normal(), rng.normal(), rng.normal()));
+  }
   return style;
 }
 
@@ -48,7 +55,7 @@ Skeleton make_skeleton(const Body& body, const RigStyle& style) {
     skeleton.names.push_back(joint.name);
     skeleton.parents.push_back(joint.parent < 0 ? -1 : style.position[joint.parent]);
     Eigen::Matrix4d bind = Eigen::Matrix4d::Identity();
-    bind.topRightCorner<3, 1>() = joint.position;
+    bind.topRightCorner<3, 1>() = joint.position + style.placement[j];
     const Vector3d along = joint.tail - joint.position;
     if (style.frames != RigStyle::Frames::kWorld && along.norm() > 1e-9) {
       // frame_along puts the bone into the third column; a cyclic shift keeps the frame right-handed.

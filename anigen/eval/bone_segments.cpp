@@ -1,8 +1,9 @@
-#include "anigen/eval/bone_distance.h"
+#include "anigen/eval/bone_segments.h"
 
 #include <algorithm>
-#include <cmath>
 #include <limits>
+
+#include "anigen/geometry/segment.h"
 
 namespace anigen::eval {
 
@@ -24,14 +25,12 @@ std::vector<std::vector<BoneSegment>> bone_segments(const std::vector<Eigen::Vec
 }
 
 float distance(const Eigen::Vector3f& point, const std::vector<BoneSegment>& segments) {
-  float nearest = std::numeric_limits<float>::infinity();
+  double nearest = std::numeric_limits<double>::infinity();
   for (const BoneSegment& segment : segments) {
-    const Eigen::Vector3f along = segment.end - segment.start;
-    const float length2 = along.squaredNorm();
-    const float t = length2 > 0.0f ? std::clamp((point - segment.start).dot(along) / length2, 0.0f, 1.0f) : 0.0f;
-    nearest = std::min(nearest, (point - segment.start - t * along).squaredNorm());
+    nearest = std::min(nearest, geometry::distance_to_segment(point.cast<double>(), segment.start.cast<double>(),
+                                                              segment.end.cast<double>()));
   }
-  return std::sqrt(nearest);
+  return static_cast<float>(nearest);
 }
 
 }  // namespace anigen::eval

@@ -1,0 +1,25 @@
+# Precompiled headers: parsing the same few large headers is most of what a build of this project does. One header set
+# per family of targets, each built once and shared; a target's own includes stay complete without it.
+
+function(anigen_precompiled_header_set name)
+  cmake_parse_arguments(ARG "" "" "HEADERS;LINK" ${ARGN})
+  file(CONFIGURE OUTPUT ${CMAKE_BINARY_DIR}/${name}.cpp CONTENT "// Holds a precompiled header.\n")
+  add_library(${name} OBJECT ${CMAKE_BINARY_DIR}/${name}.cpp)
+  target_link_libraries(${name} PRIVATE ${ARG_LINK})
+  anigen_compile_options(${name})
+  target_precompile_headers(${name} PRIVATE ${ARG_HEADERS})
+endfunction()
+
+set(ANIGEN_STANDARD_HEADERS <algorithm> <array> <cmath> <cstdint> <filesystem> <fstream> <functional> <map> <memory>
+  <optional> <set> <sstream> <string> <utility> <vector>)
+# What core and the programs share; without Eigen, which core does not use.
+anigen_precompiled_header_set(anigen_core_pch
+  HEADERS ${ANIGEN_STANDARD_HEADERS} <nlohmann/json.hpp> <spdlog/spdlog.h>
+  LINK nlohmann_json::nlohmann_json spdlog::spdlog)
+# From asset up to eval and prepare.
+anigen_precompiled_header_set(anigen_geometry_pch
+  HEADERS ${ANIGEN_STANDARD_HEADERS} <nlohmann/json.hpp> <Eigen/Core> <Eigen/Geometry> <Eigen/LU>
+  LINK nlohmann_json::nlohmann_json Eigen3::Eigen)
+if(ANIGEN_WITH_TORCH)
+  anigen_precompiled_header_set(anigen_torch_pch HEADERS <torch/torch.h> LINK anigen_torch)
+endif()
