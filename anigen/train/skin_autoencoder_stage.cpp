@@ -5,6 +5,7 @@
 #include "anigen/core/error.h"
 #include "anigen/core/log.h"
 #include "anigen/loaders/skin_dataset_options.h"
+#include "anigen/models/skin_autoencoder_init.h"
 
 namespace anigen::train {
 namespace {
@@ -47,6 +48,7 @@ SkinAutoEncoderStageOptions SkinAutoEncoderStageOptions::read(ConfigReader& args
   const Json* samples = args.raw("num_skin_samples");
   if (samples != nullptr && !samples->is_null())
     options.num_skin_samples = args.integer("num_skin_samples", 0, 1, 1 << 24);
+  options.unit_gain = args.choice("init", "published", {"published", "unit_gain"}) == "unit_gain";
   options.augmentations = loaders::read_augmentations(args.object("augmentations"));
   options.eval_max_vertices = args.integer("eval_max_vertices", 0, 0);
   options.eval_max_assets = args.integer("eval_max_assets", 0, 0);
@@ -63,6 +65,7 @@ SkinAutoEncoderStage::SkinAutoEncoderStage(const models::SkinAutoEncoderOptions&
       model_name_(std::move(model_name)),
       device_(device),
       model_(model) {
+  if (options_.unit_gain) models::rescale_to_unit_gain(model_);
   model_->to(device_);
 }
 
