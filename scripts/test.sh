@@ -22,7 +22,8 @@ ctest --test-dir "build/$preset" --output-on-failure --no-tests=error -j "$(npro
 
 finished=$(date +%s)
 echo "setup $((built - started)) s, build $((tested - built)) s, tests $((finished - tested)) s"
-count() { grep -oE "<testsuite[^>]*" "$report" | head -n 1 | grep -oE "$1=\"[0-9]+\"" | grep -oE '[0-9]+'; }
+# The attributes of the report's first element, one a line.
+count() { head -n 12 "$report" | grep -oE "\b$1=\"[0-9]+\"" | head -n 1 | grep -oE '[0-9]+'; }
 total=$(count tests) failed=$(count failures)
 skipped=$(($(count disabled) + $(count skipped)))
 echo "$((total - failed - skipped)) passed, $failed failed, $skipped skipped"
