@@ -10,6 +10,8 @@ namespace {
 constexpr std::array<const char*, kInfluenceClasses> kClassNames = {"1", "2", "3", "4", "5+"};
 
 Json to_json(const Summary& summary) {
+  // No value is not a value of zero.
+  if (summary.n == 0) return {{"mean", nullptr}, {"median", nullptr}, {"std", nullptr}, {"n", 0}};
   return {{"mean", summary.mean}, {"median", summary.median}, {"std", summary.std}, {"n", summary.n}};
 }
 
