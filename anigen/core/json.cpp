@@ -6,9 +6,9 @@
 namespace anigen {
 namespace {
 
-// Depth of nesting outside strings, without recursion; the position of the first bracket beyond the limit.
-std::size_t first_too_deep(std::string_view text, std::size_t max_depth) {
-  std::size_t depth = 0;
+// Looks at what a parser would build, without building it: brackets and commas outside strings.
+void check_size(std::string_view text, const std::string& file, const JsonLimits& limits) {
+  std::size_t depth = 0, values = 0;
   bool in_string = false;
   for (std::size_t i = 0; i < text.size(); ++i) {
     const char c = text[i];
@@ -17,25 +17,27 @@ std::size_t first_too_deep(std::string_view text, std::size_t max_depth) {
         ++i;
       else if (c == '"')
         in_string = false;
-    } else if (c == '"') {
+      continue;
+    }
+    const bool opens = c == '{' || c == '[';
+    if (c == '"')
       in_string = true;
-    } else if (c == '{' || c == '[') {
-      if (++depth > max_depth) return i;
-    } else if ((c == '}' || c == ']') && depth > 0) {
+    else if ((c == '}' || c == ']') && depth > 0)
       --depth;
+    if (opens && ++depth > limits.depth) {
+      throw InputError(file, "byte " + std::to_string(i),
+                       "JSON nested deeper than " + std::to_string(limits.depth) + " levels");
+    }
+    if ((opens || c == ',') && ++values > limits.values) {
+      throw InputError(file, "byte " + std::to_string(i), "more than " + std::to_string(limits.values) + " JSON values");
     }
   }
-  return std::string_view::npos;
 }
 
 }  // namespace
 
-Json parse_json(std::string_view text, const std::string& file, std::size_t max_depth) {
-  const std::size_t deep = first_too_deep(text, max_depth);
-  if (deep != std::string_view::npos) {
-    throw InputError(file, "byte " + std::to_string(deep),
-                     "JSON nested deeper than " + std::to_string(max_depth) + " levels");
-  }
+Json parse_json(std::string_view text, const std::string& file, const JsonLimits& limits) {
+  check_size(text, file, limits);
   try {
     return Json::parse(text);
   } catch (const nlohmann::json::parse_error& error) {
@@ -62,8 +64,8 @@ std::string escaped_for_pointer(const std::string& key) {
   return result;
 }
 
-Json read_json(const std::filesystem::path& path, std::size_t max_depth) {
-  return parse_json(read_file(path, std::uintmax_t{1} << 30), path.string(), max_depth);
+Json read_json(const std::filesystem::path& path, const JsonLimits& limits) {
+  return parse_json(read_file(path, std::uintmax_t{1} << 30), path.string(), limits);
 }
 
 }  // namespace anigen

@@ -60,7 +60,7 @@ std::string gltf_id(const fs::path& file) {
   const std::string text = read_file(file, kMaxFileBytes);
   Sha256 digest;
   digest.update(text);
-  const Json json = parse_json(text, file.string(), 128);
+  const Json json = parse_json(text, file.string(), JsonLimits{128});
   const auto buffers = json.is_object() ? json.find("buffers") : json.end();
   if (buffers != json.end() && buffers->is_array()) {
     for (std::size_t i = 0; i < buffers->size(); ++i) {

@@ -29,8 +29,19 @@ TEST(Json, RefusesDeepNestingButNotBracketsInStrings) {
   EXPECT_THROW(parse_json(deep, "deep.json"), InputError);
   const std::string text = "[\"" + std::string(10000, '[') + "\\\"[\"]";
   EXPECT_NO_THROW(parse_json(text, "text.json"));
-  EXPECT_NO_THROW(parse_json("[[[1]]]", "exact.json", 3));
-  EXPECT_THROW(parse_json("[[[1]]]", "over.json", 2), InputError);
+  EXPECT_NO_THROW(parse_json("[[[1]]]", "exact.json", JsonLimits{3}));
+  EXPECT_THROW(parse_json("[[[1]]]", "over.json", JsonLimits{2}), InputError);
+}
+
+TEST(Json, RefusesMoreValuesThanAllowedBeforeBuildingThem) {
+  EXPECT_NO_THROW(parse_json("[1,2,\",,,,\"]", "three.json", JsonLimits{256, 3}));
+  try {
+    parse_json("[1,2,3,4]", "four.json", JsonLimits{256, 3});
+    FAIL();
+  } catch (const InputError& error) {
+    EXPECT_EQ(error.place(), "byte 6");
+    EXPECT_NE(error.problem().find("more than 3 JSON values"), std::string::npos);
+  }
 }
 
 }  // namespace
