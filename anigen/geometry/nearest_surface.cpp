@@ -1,68 +1,58 @@
 #include "anigen/geometry/nearest_surface.h"
 
+#include <algorithm>
+#include <array>
 #include <cmath>
+#include <cstdint>
 #include <limits>
 #include <string>
+#include <utility>
 
 #include "anigen/core/error.h"
 #include "anigen/core/parallel.h"
 #include "anigen/geometry/embree.h"
-#include "anigen/geometry/segment.h"
+#include "anigen/geometry/space_curve.h"
 
 namespace anigen::geometry {
 
-NearestPoint nearest_on_triangle(const Eigen::Vector3d& p, const Eigen::Vector3d& a, const Eigen::Vector3d& b,
-                                 const Eigen::Vector3d& c) {
-  NearestPoint best;
-  const Eigen::Vector3d ab = b - a, ac = c - a, ap = p - a;
-  const Eigen::Vector3d normal = ab.cross(ac);
-  const double squared = normal.squaredNorm();
-  // Relative to the edges: a sliver's projection is rounding noise, while its edges are still exact.
-  if (squared > 1e-24 * ab.squaredNorm() * ac.squaredNorm()) {
-    const double v = ap.cross(ac).dot(normal) / squared, w = ab.cross(ap).dot(normal) / squared;
-    if (v >= 0.0 && w >= 0.0 && v + w <= 1.0) {
-      best.at.barycentric = {1.0 - v - w, v, w};
-      best.position = a + v * ab + w * ac;
-      best.distance = (best.position - p).norm();
-      return best;
-    }
-  }
-  // Not above the inside: the nearest point is on the boundary.
-  const Eigen::Vector3d* corners[3] = {&a, &b, &c};
-  best.distance = std::numeric_limits<double>::infinity();
-  for (int k = 0; k < 3; ++k) {
-    const int next = (k + 1) % 3;
-    const double t = nearest_on_segment(p, *corners[k], *corners[next]);
-    const Eigen::Vector3d position = *corners[k] + t * (*corners[next] - *corners[k]);
-    const double distance = (position - p).norm();
-    if (distance < best.distance) {
-      best.distance = distance;
-      best.position = position;
-      best.at.barycentric.setZero();
-      best.at.barycentric[k] = 1.0 - t;
-      best.at.barycentric[next] = t;
-    }
-  }
-  return best;
-}
-
 struct NearestSurface::Implementation {
-  Implementation(const std::vector<Eigen::Vector3f>& v, const std::vector<Triangle>& f)
-      : vertices(v), faces(f), tree(v, f) {
-    for (const Eigen::Vector3f& vertex : vertices) extent = std::max(extent, double{vertex.cwiseAbs().maxCoeff()});
+  Implementation(const std::vector<Eigen::Vector3f>& rounded, std::vector<Eigen::Vector3d> exact,
+                 const std::vector<Triangle>& f)
+      : vertices(std::move(exact)), faces(f), tree(rounded, f) {
+    for (const Eigen::Vector3d& vertex : vertices) extent = std::max(extent, vertex.cwiseAbs().maxCoeff());
+    planes.reserve(faces.size());
+    for (const Triangle& face : faces) {
+      const Eigen::Vector3d& a = corner(face, 0);
+      const Eigen::Vector3d ab = corner(face, 1) - a, ac = corner(face, 2) - a;
+      const Eigen::Vector3d normal = ab.cross(ac);
+      const double length = normal.norm();
+      // The direction of a sliver's normal is rounding noise: its plane bounds nothing.
+      const bool sliver = !(length > 1e-6 * ab.norm() * ac.norm());
+      const Eigen::Vector3d unit = sliver ? Eigen::Vector3d::Zero() : Eigen::Vector3d(normal / length);
+      planes.push_back({unit.x(), unit.y(), unit.z(), unit.dot(a)});
+    }
+  }
+
+  const Eigen::Vector3d& corner(const Triangle& face, std::size_t k) const {
+    return vertices[static_cast<std::size_t>(face[k])];
   }
 
   NearestPoint nearest_on_face(const Eigen::Vector3d& p, std::size_t face) const {
     const Triangle& t = faces[face];
-    NearestPoint result = nearest_on_triangle(p, vertices[static_cast<std::size_t>(t[0])].cast<double>(),
-                                              vertices[static_cast<std::size_t>(t[1])].cast<double>(),
-                                              vertices[static_cast<std::size_t>(t[2])].cast<double>());
+    NearestPoint result = nearest_on_triangle(p, corner(t, 0), corner(t, 1), corner(t, 2));
     result.at.face = static_cast<std::int32_t>(face);
     return result;
   }
 
-  std::vector<Eigen::Vector3f> vertices;
+  /// Never more than the distance to the face, but for rounding: to its plane.
+  double at_least(const Eigen::Vector3d& p, std::size_t face) const {
+    const std::array<double, 4>& plane = planes[face];
+    return std::abs(plane[0] * p.x() + plane[1] * p.y() + plane[2] * p.z() - plane[3]);
+  }
+
+  std::vector<Eigen::Vector3d> vertices;
   std::vector<Triangle> faces;
+  std::vector<std::array<double, 4>> planes;  ///< unit normal and offset of every face, 0 for a sliver
   EmbreeMesh tree;
   double extent = 0.0;  ///< largest coordinate of the mesh
 };
@@ -74,9 +64,11 @@ struct Search {
   const Mesh* mesh;
   Eigen::Vector3d point;
   double rounding;  ///< how far the BVH's single-precision distances may be off
+  double slack;     ///< how far a distance to a plane may be off
   NearestPoint best;
 
   bool offer(std::size_t face) {
+    if (mesh->at_least(point, face) > best.distance + slack) return false;
     const NearestPoint candidate = mesh->nearest_on_face(point, face);
     const bool tie = candidate.distance == best.distance && candidate.at.face < best.at.face;
     if (!(candidate.distance < best.distance) && !tie) return false;
@@ -84,46 +76,82 @@ struct Search {
     return true;
   }
 
+  /// A little too large: equally near faces and rounding in the boxes stay inside.
+  float radius() const { return static_cast<float>(best.distance * (1.0 + 1e-5) + rounding); }
+
   static bool visit(RTCPointQueryFunctionArguments* arguments) {
     auto& search = *static_cast<Search*>(arguments->userPtr);
     if (!search.offer(arguments->primID)) return false;
-    // Keep the radius a little too large: equally near faces and rounding in the boxes stay inside.
-    arguments->query->radius = static_cast<float>(search.best.distance * (1.0 + 1e-5) + search.rounding);
+    arguments->query->radius = search.radius();
     return true;
   }
 };
 
+constexpr double kLargestQuery = 1e100;  // squares stay finite
+constexpr const char* kOutOfReach = "the query point is not finite or farther out than 1e100";
+
+bool in_reach(const Eigen::Vector3d& point) {
+  return point.allFinite() && point.cwiseAbs().maxCoeff() <= kLargestQuery;
+}
+
+void require_faces(const std::vector<Triangle>& faces) {
+  if (faces.empty()) throw InputError("", "mesh.faces", "a mesh without faces has no surface");
+}
+
+template <typename To, typename From>
+std::vector<To> converted(const std::vector<From>& points) {
+  std::vector<To> result;
+  result.reserve(points.size());
+  for (const From& point : points) result.push_back(point.template cast<typename To::Scalar>());
+  return result;
+}
+
 }  // namespace
 
 NearestSurface::NearestSurface(const std::vector<Eigen::Vector3f>& vertices, const std::vector<Triangle>& faces) {
-  if (faces.empty()) throw InputError("", "mesh.faces", "a mesh without faces has no surface");
-  implementation_ = std::make_unique<Implementation>(vertices, faces);
+  require_faces(faces);
+  check_mesh(vertices, faces);
+  implementation_ = std::make_unique<Implementation>(vertices, converted<Eigen::Vector3d>(vertices), faces);
+}
+
+NearestSurface::NearestSurface(const std::vector<Eigen::Vector3d>& vertices, const std::vector<Triangle>& faces) {
+  require_faces(faces);
+  const std::vector<Eigen::Vector3f> rounded = converted<Eigen::Vector3f>(vertices);
+  check_mesh(rounded, faces);
+  implementation_ = std::make_unique<Implementation>(rounded, vertices, faces);
 }
 
 NearestSurface::~NearestSurface() = default;
 NearestSurface::NearestSurface(NearestSurface&&) noexcept = default;
 NearestSurface& NearestSurface::operator=(NearestSurface&&) noexcept = default;
 
-NearestPoint NearestSurface::query(const Eigen::Vector3d& point) const {
-  if (!point.allFinite()) throw InputError("", "point", "the query point is not finite");
+NearestPoint NearestSurface::query(const Eigen::Vector3d& point) const { return query(point, -1); }
+
+NearestPoint NearestSurface::query(const Eigen::Vector3d& point, std::int32_t guess) const {
+  if (!in_reach(point)) throw InputError("", "point", kOutOfReach);
+  const double reach = implementation_->extent + point.cwiseAbs().maxCoeff();
   Search<Implementation> search;
   search.mesh = implementation_.get();
   search.point = point;
-  search.rounding = 1e-6 * (implementation_->extent + point.cwiseAbs().maxCoeff());
+  search.rounding = 1e-6 * reach;
+  search.slack = 1e-13 * reach;
   search.best.distance = std::numeric_limits<double>::infinity();
-  if (point.cwiseAbs().maxCoeff() <= kLargestCoordinate) {
+  const bool guessed = guess >= 0 && static_cast<std::size_t>(guess) < implementation_->faces.size();
+  if (guessed) search.offer(static_cast<std::size_t>(guess));
+  const bool in_range = point.cwiseAbs().maxCoeff() <= kLargestCoordinate;
+  if (in_range) {
     RTCPointQuery query;
     query.x = static_cast<float>(point.x());
     query.y = static_cast<float>(point.y());
     query.z = static_cast<float>(point.z());
     query.time = 0.0f;
-    query.radius = std::numeric_limits<float>::infinity();
+    query.radius = guessed ? search.radius() : std::numeric_limits<float>::infinity();
     RTCPointQueryContext context;
     rtcInitPointQueryContext(&context);
     rtcPointQuery(implementation_->tree.scene(), &query, &context, &Search<Implementation>::visit, &search);
   }
   // Too far away for single precision: look at every face.
-  if (search.best.at.face < 0) {
+  if (!in_range || search.best.at.face < 0) {
     for (std::size_t face = 0; face < implementation_->faces.size(); ++face) search.offer(face);
   }
   return search.best;
@@ -133,31 +161,27 @@ namespace {
 
 constexpr std::size_t kBlock = 256;  // enough work per task to hide its cost
 
-template <typename Points>
-std::vector<NearestPoint> query_all(const NearestSurface& surface, const Points& points) {
+}  // namespace
+
+std::vector<NearestPoint> NearestSurface::query(const std::vector<Eigen::Vector3d>& points) const {
   for (std::size_t i = 0; i < points.size(); ++i) {
-    if (!points[i].allFinite()) {
-      throw InputError("", "points[" + std::to_string(i) + "]", "the query point is not finite");
-    }
+    if (!in_reach(points[i])) throw InputError("", "points[" + std::to_string(i) + "]", kOutOfReach);
   }
+  const std::vector<std::uint32_t> order = along_curve(points);
   std::vector<NearestPoint> results(points.size());
   parallel_for((points.size() + kBlock - 1) / kBlock, [&](std::size_t block) {
     const std::size_t end = std::min(points.size(), (block + 1) * kBlock);
+    std::int32_t guess = -1;
     for (std::size_t i = block * kBlock; i < end; ++i) {
-      results[i] = surface.query(Eigen::Vector3d(points[i].template cast<double>()));
+      results[order[i]] = query(points[order[i]], guess);
+      guess = results[order[i]].at.face;
     }
   });
   return results;
 }
 
-}  // namespace
-
-std::vector<NearestPoint> NearestSurface::query(const std::vector<Eigen::Vector3d>& points) const {
-  return query_all(*this, points);
-}
-
 std::vector<NearestPoint> NearestSurface::query(const std::vector<Eigen::Vector3f>& points) const {
-  return query_all(*this, points);
+  return query(converted<Eigen::Vector3d>(points));
 }
 
 }  // namespace anigen::geometry

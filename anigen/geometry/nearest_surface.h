@@ -1,5 +1,6 @@
 #pragma once
 #include <Eigen/Core>
+#include <cstdint>
 #include <memory>
 #include <vector>
 
@@ -19,21 +20,29 @@ NearestPoint nearest_on_triangle(const Eigen::Vector3d& p, const Eigen::Vector3d
                                  const Eigen::Vector3d& c);
 
 /// Nearest point on a mesh's surface: set up once per mesh (a BVH), query many times. Exact: the BVH only prunes,
-/// distances are computed in double. Equally near faces give the lowest index, so results do not depend on threads.
+/// distances are computed in double. Equally near faces give the lowest index, so results do not depend on threads, on
+/// guesses or on what was asked before.
 /// Queries are thread-safe. Used wherever features move between meshes (reference training-and-data.md, 6, and
 /// flows-and-pipeline.md, post-processing).
 class NearestSurface {
  public:
   /// Copies the mesh. @throws InputError without faces, on a bad index, or on a vertex that is not finite
   NearestSurface(const std::vector<Eigen::Vector3f>& vertices, const std::vector<Triangle>& faces);
+  /// The same over vertices in double precision, which distances then refer to.
+  NearestSurface(const std::vector<Eigen::Vector3d>& vertices, const std::vector<Triangle>& faces);
   explicit NearestSurface(const Mesh& mesh) : NearestSurface(mesh.vertices, mesh.faces) {}
   ~NearestSurface();
   NearestSurface(NearestSurface&&) noexcept;
   NearestSurface& operator=(NearestSurface&&) noexcept;
 
-  /// @throws InputError when the point is not finite
+  /// @throws InputError when the point is not finite or beyond 1e100
   NearestPoint query(const Eigen::Vector3d& point) const;
-  /// One result per point, in order; runs on all threads. @throws InputError naming the point that is not finite
+  /// The same result, found sooner when `guess` is a face near the point: the answer for a point nearby. Any number is
+  /// allowed; one that is no face is ignored.
+  NearestPoint query(const Eigen::Vector3d& point, std::int32_t guess) const;
+  /// One result per point, in order; runs on all threads. Points are visited along a space-filling curve, each starting
+  /// from the answer before it: many at once are quicker than one by one. @throws InputError naming the point that is
+  /// not finite
   std::vector<NearestPoint> query(const std::vector<Eigen::Vector3d>& points) const;
   std::vector<NearestPoint> query(const std::vector<Eigen::Vector3f>& points) const;
 

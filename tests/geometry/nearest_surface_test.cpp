@@ -150,6 +150,37 @@ TEST(NearestSurface, SameResultsOnAnyNumberOfThreads) {
   }
 }
 
+TEST(NearestSurface, GuessesOnlySpeedThingsUp) {
+  const Mesh mesh = triangle_soup(300, 9);
+  const NearestSurface surface(mesh);
+  Rng rng(10, "points");
+  for (int i = 0; i < 300; ++i) {
+    const Eigen::Vector3d point(rng.uniform(-2, 2), rng.uniform(-2, 2), rng.uniform(-2, 2));
+    const NearestPoint plain = surface.query(point);
+    for (const std::int32_t guess : {-1, 0, 299, 300, plain.at.face, static_cast<std::int32_t>(rng.index(300))}) {
+      const NearestPoint guessed = surface.query(point, guess);
+      EXPECT_EQ(guessed.at.face, plain.at.face);
+      EXPECT_EQ(guessed.distance, plain.distance);
+    }
+  }
+  // Among equally near faces the lowest wins even over the guess.
+  Mesh twice;
+  twice.vertices = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}};
+  twice.faces = {{0, 1, 2}, {0, 1, 2}};
+  EXPECT_EQ(NearestSurface(twice).query(Eigen::Vector3d(0.2, 0.2, 1), 1).at.face, 0);
+  // Far outside single precision every face is looked at, whatever the guess.
+  EXPECT_EQ(surface.query(Eigen::Vector3d(1e20, 0, 0), 7).distance,
+            brute_force(mesh, Eigen::Vector3d(1e20, 0, 0)).distance);
+}
+
+TEST(NearestSurface, VerticesInDoublePrecisionAreNotRounded) {
+  std::vector<Eigen::Vector3d> vertices = {{0.1, 0.1, 0.1}, {1.1, 0.1, 0.1}, {0.1, 1.1, 0.1}};
+  const NearestSurface surface(vertices, {{0, 1, 2}});
+  EXPECT_NEAR(surface.query(Eigen::Vector3d(0.3, 0.3, 0.1 + 1e-12)).distance, 1e-12, 1e-16);
+  vertices[1].x() = 1e300;  // too large for single precision
+  EXPECT_THROW(NearestSurface(vertices, {{0, 1, 2}}), InputError);
+}
+
 TEST(NearestSurface, RefusesBadInput) {
   const Mesh good = triangle_soup(2, 8);
   EXPECT_THROW(NearestSurface(good.vertices, {}), InputError);
@@ -165,6 +196,7 @@ TEST(NearestSurface, RefusesBadInput) {
   }
   const NearestSurface surface(good);
   EXPECT_THROW(surface.query(Eigen::Vector3d(0, std::nan(""), 0)), InputError);
+  EXPECT_THROW(surface.query(Eigen::Vector3d(1e200, 0, 0)), InputError);
   EXPECT_THROW(surface.query(std::vector<Eigen::Vector3f>{{INFINITY, 0, 0}}), InputError);
   EXPECT_TRUE(surface.query(std::vector<Eigen::Vector3f>{}).empty());
 }
