@@ -1,0 +1,44 @@
+#pragma once
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "anigen/eval/inputs/shape_source.h"
+
+namespace anigen::eval {
+
+/// One row of an evaluation: a truth and, when there is one, its prediction.
+struct PairPlan {
+  std::string id;                            ///< what the row is called
+  std::string truth_id;                      ///< in the truth's source
+  std::optional<std::string> prediction_id;  ///< in the prediction's source
+  std::string missing_reason;                ///< why there is no prediction; empty when there is
+};
+
+struct PairList {
+  std::vector<PairPlan> pairs;      ///< one per truth asked for, in that order
+  std::vector<std::string> unused;  ///< predictions that belong to none of them
+};
+
+/// Finds each truth's prediction: the one of equal id; else, among what is left on both sides, the one with a name in
+/// common (short_names) when that is unambiguous. Two single files are a pair whatever their names.
+/// @param truth_ids ids of `truth`, each once (select_ids)
+PairList match_pairs(const ShapeSource& truth, const ShapeSource& prediction,
+                     const std::vector<std::string>& truth_ids);
+
+/// Both sides of a CSV of pairs, and the rows.
+struct PairedSources {
+  std::unique_ptr<ShapeSource> truth, prediction;
+  PairList list;
+};
+
+/// Reads a CSV with the header pred,gt and optionally id. Each cell is the path of a file with one shape, relative to
+/// the CSV. Rows are called by their id, else by the truth's file name without extension. An empty or missing `pred`
+/// is a row with its reason; a missing `gt` shows when it is read.
+/// @throws InputError naming the row: a column or a truth missing, two rows with one id
+PairedSources read_pairs_csv(const std::filesystem::path& csv, const SourceOptions& truth_options = {},
+                             const SourceOptions& prediction_options = {});
+
+}  // namespace anigen::eval

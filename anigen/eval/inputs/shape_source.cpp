@@ -1,0 +1,14 @@
+#include "anigen/eval/inputs/shape_source.h"
+
+namespace anigen::eval {
+
+std::vector<std::string> ShapeSource::other_names(const std::string&) const { return {}; }
+
+std::set<std::string> short_names(const ShapeSource& source, const std::string& id) {
+  const std::vector<std::string> others = source.other_names(id);
+  std::set<std::string> names(others.begin(), others.end());
+  names.insert(id.substr(id.rfind('/') + 1));  // all of it without a slash: npos + 1 is 0
+  return names;
+}
+
+}  // namespace anigen::eval

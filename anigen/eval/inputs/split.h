@@ -1,0 +1,25 @@
+#pragma once
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "anigen/eval/inputs/shape_source.h"
+
+namespace anigen::eval {
+
+/// One id of a split file.
+struct SplitLine {
+  std::string id;
+  std::size_t line;  ///< from 1
+};
+
+/// The ids of a split file, one a line; blanks around them, empty lines and lines starting with '#' are skipped.
+/// @throws InputError when the file is missing or names none
+std::vector<SplitLine> read_split(const std::filesystem::path& file);
+
+/// The source's ids that the split files name, each once, in the source's order; all of them without split files.
+/// A line may also give one of a shape's short_names, where no other shape has it.
+/// @throws InputError naming the line for an id that the source does not have
+std::vector<std::string> select_ids(const ShapeSource& source, const std::vector<std::filesystem::path>& splits);
+
+}  // namespace anigen::eval
