@@ -19,13 +19,18 @@ else()
   set(ANIGEN_EMBREE_VERSION 3)
 endif()
 
-# tinygltf, Draco and meshoptimizer: headers and libraries without reliable CMake configurations in Debian 12.
+# tinygltf, Draco, meshoptimizer and nanoflann: headers and libraries without reliable CMake configurations in Debian 12.
 find_path(TINYGLTF_INCLUDE_DIR tiny_gltf.h REQUIRED)
 find_library(TINYGLTF_LIBRARY tinygltf REQUIRED)
 find_path(DRACO_INCLUDE_DIR draco/compression/decode.h REQUIRED)
 find_library(DRACO_LIBRARY draco REQUIRED)
+find_path(NANOFLANN_INCLUDE_DIR nanoflann.hpp REQUIRED)
 find_path(MESHOPTIMIZER_INCLUDE_DIR meshoptimizer.h REQUIRED)
 find_library(MESHOPTIMIZER_LIBRARY meshoptimizer REQUIRED)
+
+# LEMON: its network simplex is used from the headers, but the library holds LEMON's constants.
+find_path(LEMON_INCLUDE_DIR lemon/network_simplex.h REQUIRED)
+find_library(LEMON_LIBRARY lemon REQUIRED)
 
 if(ANIGEN_BUILD_TESTS)
   find_package(GTest REQUIRED)

@@ -24,7 +24,7 @@ bind() { mount --bind "$1" "$2"; mounted=("$2" "${mounted[@]}"); }
 bind /proc "$root/proc"
 bind /dev "$root/dev"
 # A copy, so that build folders of the two systems stay apart.
-git ls-files -z --cached --others --exclude-standard | while IFS= read -r -d '' file; do [ -e "$file" ] && printf '%s\0' "$file"; done |
+git ls-files -z --cached --others --exclude-standard | while IFS= read -r -d '' file; do if [ -e "$file" ]; then printf '%s\0' "$file"; fi; done |
   tar --null -T - -cf - | tar -C "$root/project/anigen" -xf -
 [ -d ../shared ] && bind ../shared "$root/project/shared"
 cp /etc/resolv.conf "$root/etc/resolv.conf"
