@@ -1,0 +1,131 @@
+#include "anigen/eval/skeleton/nearest_bone.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+
+#include "anigen/core/error.h"
+
+namespace anigen::eval {
+namespace {
+
+constexpr int kLeaf = 4;
+constexpr double kShortest = 1e-280;  // squared length whose inverse is still finite
+
+double squared_distance_to_box(const Eigen::Vector3d& p, const Eigen::Vector3d& low, const Eigen::Vector3d& high) {
+  return (low - p).cwiseMax(p - high).cwiseMax(0.0).squaredNorm();
+}
+
+}  // namespace
+
+NearestBone::NearestBone(const std::vector<BoneLine>& lines) {
+  for (const BoneLine& line : lines) add(line.head, line.tail - line.head, 1.0);
+  build();
+}
+
+NearestBone::NearestBone(const std::vector<BoneSamples>& samples) : rounded_(true) {
+  for (const BoneSamples& bone : samples) add(bone.start, bone.step, static_cast<double>(bone.last));
+  build();
+}
+
+NearestBone NearestBone::of_points(const std::vector<Eigen::Vector3d>& points) {
+  std::vector<BoneLine> lines;
+  lines.reserve(points.size());
+  for (const Eigen::Vector3d& point : points) lines.push_back({point, point});
+  return NearestBone(lines);
+}
+
+void NearestBone::add(const Eigen::Vector3d& start, const Eigen::Vector3d& step, double last) {
+  const double squared = step.squaredNorm();
+  pieces_.push_back({start, step, squared > kShortest ? 1.0 / squared : 0.0, last});
+}
+
+void NearestBone::build() {
+  if (pieces_.empty()) throw InputError("", "skeleton", "there is no bone to measure the distance to");
+  // Median splits along the widest axis: halves differ by at most one, so the depth is that of log2 of the count.
+  struct Task {
+    int begin, end, parent;
+  };
+  std::vector<Task> tasks{{0, static_cast<int>(pieces_.size()), -1}};
+  while (!tasks.empty()) {
+    const Task task = tasks.back();
+    tasks.pop_back();
+    const int index = static_cast<int>(nodes_.size());
+    if (task.parent >= 0) nodes_[static_cast<std::size_t>(task.parent)].right = index;
+    Node node{Eigen::Vector3d::Constant(std::numeric_limits<double>::infinity()),
+              Eigen::Vector3d::Constant(-std::numeric_limits<double>::infinity()), task.begin, task.end, -1};
+    for (int i = task.begin; i < task.end; ++i) {
+      const Piece& piece = pieces_[static_cast<std::size_t>(i)];
+      const Eigen::Vector3d end = piece.start + piece.last * piece.step;
+      node.low = node.low.cwiseMin(piece.start).cwiseMin(end);
+      node.high = node.high.cwiseMax(piece.start).cwiseMax(end);
+    }
+    nodes_.push_back(node);
+    if (task.end - task.begin <= kLeaf) continue;
+    Eigen::Index axis = 0;
+    (node.high - node.low).maxCoeff(&axis);
+    const int middle = (task.begin + task.end) / 2;
+    std::nth_element(pieces_.begin() + task.begin, pieces_.begin() + middle, pieces_.begin() + task.end,
+                     [axis](const Piece& a, const Piece& b) {
+                       return 2 * a.start[axis] + a.last * a.step[axis] < 2 * b.start[axis] + b.last * b.step[axis];
+                     });
+    // The second half first: the one popped next must become the node that follows this one.
+    tasks.push_back({middle, task.end, index});
+    tasks.push_back({task.begin, middle, -1});
+  }
+}
+
+double NearestBone::squared_distance(const Piece& piece, const Eigen::Vector3d& p) const {
+  double t = std::clamp((p - piece.start).dot(piece.step) * piece.inverse, 0.0, piece.last);
+  if (rounded_) t = static_cast<double>(static_cast<std::int64_t>(t + 0.5));
+  return (piece.start + t * piece.step - p).squaredNorm();
+}
+
+double NearestBone::distance(const Eigen::Vector3d& p) const {
+  struct Entry {
+    int node;
+    double squared;
+  };
+  std::array<Entry, 64> stack;  // depth ≤ log2(2^31)
+  std::size_t top = 0;
+  double best = std::numeric_limits<double>::infinity();
+  stack[top++] = {0, 0.0};
+  while (top > 0) {
+    const Entry entry = stack[--top];
+    if (!(entry.squared < best)) continue;
+    const Node& node = nodes_[static_cast<std::size_t>(entry.node)];
+    if (node.right < 0) {
+      for (int i = node.begin; i < node.end; ++i) {
+        best = std::min(best, squared_distance(pieces_[static_cast<std::size_t>(i)], p));
+      }
+      continue;
+    }
+    const Node& first = nodes_[static_cast<std::size_t>(entry.node) + 1];
+    const Node& second = nodes_[static_cast<std::size_t>(node.right)];
+    Entry near{entry.node + 1, squared_distance_to_box(p, first.low, first.high)};
+    Entry far{node.right, squared_distance_to_box(p, second.low, second.high)};
+    if (far.squared < near.squared) std::swap(near, far);
+    if (far.squared < best) stack[top++] = far;
+    if (near.squared < best) stack[top++] = near;
+  }
+  return std::sqrt(best);
+}
+
+double NearestBone::mean_distance(const std::vector<Eigen::Vector3d>& points) const {
+  double sum = 0;
+  for (const Eigen::Vector3d& point : points) sum += distance(point);
+  return sum / static_cast<double>(points.size());
+}
+
+double NearestBone::mean_distance(const std::vector<BoneSamples>& samples) const {
+  double sum = 0;
+  std::int64_t count = 0;
+  for (const BoneSamples& bone : samples) {
+    for (std::int64_t i = 0; i <= bone.last; ++i) sum += distance(bone.point(i));
+    count += bone.last + 1;
+  }
+  return sum / static_cast<double>(count);
+}
+
+}  // namespace anigen::eval

@@ -1,0 +1,156 @@
+#include "anigen/eval/skin/deformation.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <string>
+
+#include "anigen/core/error.h"
+#include "anigen/core/random.h"
+#include "anigen/eval/skin/skin_matching.h"
+
+namespace anigen::eval {
+namespace {
+
+constexpr double kPi = 3.14159265358979323846;
+
+std::size_t at(int i) { return static_cast<std::size_t>(i); }
+
+/// x ↦ turn · x + shift
+struct Motion {
+  Eigen::Matrix3d turn = Eigen::Matrix3d::Identity();
+  Eigen::Vector3d shift = Eigen::Vector3d::Zero();
+};
+
+std::vector<int> parents_first(const JointTree& tree) {
+  std::vector<std::vector<int>> children(tree.size());
+  std::vector<int> order = roots(tree);
+  for (std::size_t j = 0; j < tree.size(); ++j) {
+    if (tree.parents[j] >= 0) children[at(tree.parents[j])].push_back(static_cast<int>(j));
+  }
+  for (std::size_t i = 0; i < order.size(); ++i) {
+    const std::vector<int>& next = children[at(order[i])];
+    order.insert(order.end(), next.begin(), next.end());
+  }
+  return order;
+}
+
+/// One rotation per joint. Every joint takes the same number of draws.
+std::vector<Eigen::Matrix3d> random_rotations(std::size_t joints, const DeformationOptions& options, int pose) {
+  Rng rng(options.seed, "deformation", static_cast<std::uint64_t>(pose));
+  std::vector<Eigen::Matrix3d> rotations(joints, Eigen::Matrix3d::Identity());
+  for (Eigen::Matrix3d& rotation : rotations) {
+    const bool turns = rng.chance(options.probability);
+    const double z = rng.uniform(-1.0, 1.0), longitude = rng.uniform(0.0, 2.0 * kPi);
+    const double angle = rng.uniform() * options.largest_angle_deg * kPi / 180.0;
+    if (!turns) continue;
+    const double radius = std::sqrt(1.0 - z * z);
+    const Eigen::Vector3d axis(radius * std::cos(longitude), radius * std::sin(longitude), z);
+    rotation = Eigen::AngleAxisd(angle, axis).toRotationMatrix();
+  }
+  return rotations;
+}
+
+/// Rest to posed, given world orientations.
+std::vector<Motion> motions(const JointTree& tree, const std::vector<int>& order,
+                            const std::vector<Eigen::Matrix3d>& orientations) {
+  std::vector<Motion> result(tree.size());
+  std::vector<Eigen::Vector3d> posed(tree.positions);
+  for (const int j : order) {
+    const int parent = tree.parents[at(j)];
+    if (parent >= 0) {
+      posed[at(j)] =
+          posed[at(parent)] + orientations[at(parent)] * (tree.positions[at(j)] - tree.positions[at(parent)]);
+    }
+    result[at(j)].turn = orientations[at(j)];
+    result[at(j)].shift = posed[at(j)] - orientations[at(j)] * tree.positions[at(j)];
+  }
+  return result;
+}
+
+Eigen::Vector3d skinned(const Eigen::Vector3d& vertex, const SkinWeights& skin, std::size_t v,
+                        const std::vector<Motion>& joints) {
+  if (skin.row_size(v) == 0) return joints[0].turn * vertex + joints[0].shift;
+  Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+  double weights = 0;
+  for (std::size_t i = 0; i < skin.row_size(v); ++i) {
+    const Influence& influence = skin.row(v)[i];
+    const Motion& motion = joints[at(influence.joint)];
+    sum += static_cast<double>(influence.weight) * (motion.turn * vertex + motion.shift);
+    weights += static_cast<double>(influence.weight);
+  }
+  return sum / weights;  // weights in single precision sum to 1 only to 1e-7
+}
+
+void check_skin(const SkinWeights& skin, std::size_t vertices, std::size_t joints, const char* which) {
+  if (skin.rows() != vertices) {
+    throw InputError("", which, std::to_string(skin.rows()) + " rows for " + std::to_string(vertices) + " vertices");
+  }
+  for (const Influence& influence : skin.influences) {
+    if (influence.joint < 0 || at(influence.joint) >= joints) {
+      throw InputError("", which, "joint " + std::to_string(influence.joint) + " of " + std::to_string(joints));
+    }
+    if (!(influence.weight > 0.0f) || !std::isfinite(influence.weight))
+      throw InputError("", which, "a weight is not positive and finite");
+  }
+}
+
+void check_input(const std::vector<Eigen::Vector3d>& vertices, const JointTree& truth, const JointTree& predicted,
+                 const Eigen::MatrixXd& plan, const DeformationOptions& options) {
+  check(truth, "");
+  check(predicted, "");
+  if (vertices.empty()) throw InputError("", "mesh", "there is no vertex to pose");
+  for (std::size_t v = 0; v < vertices.size(); ++v) {
+    if (!vertices[v].allFinite()) throw InputError("", "vertex " + std::to_string(v), "the position is not finite");
+  }
+  if (plan.rows() != static_cast<Eigen::Index>(predicted.size()) ||
+      plan.cols() != static_cast<Eigen::Index>(truth.size())) {
+    throw InputError("", "transport plan",
+                     std::to_string(plan.rows()) + " x " + std::to_string(plan.cols()) + " for " +
+                         std::to_string(predicted.size()) + " predicted and " + std::to_string(truth.size()) +
+                         " true joints");
+  }
+  if (options.poses < 1 || options.poses > 10000) throw InputError("", "poses", "expected 1 to 10000");
+  if (!(options.probability >= 0.0 && options.probability <= 1.0))
+    throw InputError("", "probability", "expected a number from 0 to 1");
+  if (!(options.largest_angle_deg >= 0.0) || !std::isfinite(options.largest_angle_deg))
+    throw InputError("", "largest angle", "expected a finite number that is not negative");
+}
+
+}  // namespace
+
+DeformationError deformation_error(const std::vector<Eigen::Vector3d>& vertices, const JointTree& truth,
+                                   const SkinWeights& truth_skin, const JointTree& predicted,
+                                   const SkinWeights& predicted_on_truth, const Eigen::MatrixXd& plan,
+                                   const DeformationOptions& options) {
+  check_input(vertices, truth, predicted, plan, options);
+  check_skin(truth_skin, vertices.size(), truth.size(), "true skin");
+  check_skin(predicted_on_truth, vertices.size(), predicted.size(), "predicted skin");
+  const std::vector<int> match = strongest_match(plan), order = parents_first(truth),
+                         predicted_order = parents_first(predicted);
+  DeformationError error;
+  for (int pose = 0; pose < options.poses; ++pose) {
+    std::vector<Eigen::Matrix3d> orientations = random_rotations(truth.size(), options, pose);
+    for (const int j : order) {
+      const int parent = truth.parents[at(j)];
+      if (parent >= 0) orientations[at(j)] = orientations[at(parent)] * orientations[at(j)];
+    }
+    std::vector<Eigen::Matrix3d> predicted_orientations;
+    for (const int k : match) predicted_orientations.push_back(orientations[at(k)]);
+    const std::vector<Motion> true_motions = motions(truth, order, orientations),
+                              predicted_motions = motions(predicted, predicted_order, predicted_orientations);
+    double sum = 0;
+    for (std::size_t v = 0; v < vertices.size(); ++v) {
+      const double distance = (skinned(vertices[v], truth_skin, v, true_motions) -
+                               skinned(vertices[v], predicted_on_truth, v, predicted_motions))
+                                  .norm();
+      sum += distance;
+      error.max = std::max(error.max, distance);
+    }
+    error.mean += sum / static_cast<double>(vertices.size());
+  }
+  error.mean /= options.poses;
+  return error;
+}
+
+}  // namespace anigen::eval
