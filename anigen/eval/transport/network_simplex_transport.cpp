@@ -1,0 +1,57 @@
+#include "anigen/eval/transport/network_simplex_transport.h"
+
+#include <lemon/network_simplex.h>
+#include <lemon/static_graph.h>
+
+#include <cmath>
+#include <cstdint>
+#include <utility>
+#include <vector>
+
+#include "anigen/core/error.h"
+#include "anigen/eval/transport/mass_units.h"
+
+namespace anigen::eval {
+
+TransportPlan network_simplex_transport(const Eigen::MatrixXd& cost, const Eigen::VectorXd& a,
+                                        const Eigen::VectorXd& b) {
+  check_transport(cost, a, b);
+  using Graph = lemon::StaticDigraph;
+  const int n = static_cast<int>(cost.rows()), m = static_cast<int>(cost.cols());
+  const MassUnits units = mass_units(a, b);
+  // Node potentials reach (n + m) times the largest cost on top of LEMON's artificial 2^62.
+  const int bits = 58 - static_cast<int>(std::ceil(std::log2(n + m + 2.0)));
+  const double low = cost.minCoeff(), range = cost.maxCoeff() - low;
+  const double scale = range > 0.0 ? std::ldexp(1.0, bits) / range : 0.0;
+
+  std::vector<std::pair<int, int>> arcs;  // sources 0 to n-1, sinks behind them; arc i * m + j
+  for (int i = 0; i < n; ++i) {
+    for (int j = 0; j < m; ++j) arcs.emplace_back(i, n + j);
+  }
+  Graph graph;
+  graph.build(n + m, arcs.begin(), arcs.end());
+  Graph::ArcMap<std::int64_t> costs(graph);
+  Graph::NodeMap<std::int64_t> supply(graph);
+  for (int i = 0; i < n; ++i) {
+    supply[graph.node(i)] = units.supplies[static_cast<std::size_t>(i)];
+    for (int j = 0; j < m; ++j) costs[graph.arc(i * m + j)] = std::llround((cost(i, j) - low) * scale);
+  }
+  for (int j = 0; j < m; ++j) supply[graph.node(n + j)] = -units.demands[static_cast<std::size_t>(j)];
+
+  using Simplex = lemon::NetworkSimplex<Graph, std::int64_t, std::int64_t>;
+  Simplex simplex(graph);
+  simplex.costMap(costs).supplyMap(supply);
+  if (simplex.run() != Simplex::OPTIMAL) throw Error("the network simplex found no optimal transport plan");
+
+  TransportPlan result{Eigen::MatrixXd::Zero(n, m), 0.0};
+  for (int i = 0; i < n; ++i) {
+    for (int j = 0; j < m; ++j) {
+      result.plan(i, j) = static_cast<double>(simplex.flow(graph.arc(i * m + j))) / static_cast<double>(units.total);
+    }
+  }
+  result.plan *= a.sum();
+  result.cost = (result.plan.array() * cost.array()).sum();
+  return result;
+}
+
+}  // namespace anigen::eval
