@@ -2,12 +2,11 @@
 #include <memory>
 
 #include "anigen/apps/common/command_line.h"
-#include "anigen/core/atomic_file.h"
 #include "anigen/core/error.h"
 #include "anigen/core/parallel.h"
-#include "anigen/core/version.h"
-#include "anigen/eval/report_html.h"
-#include "anigen/eval/skin_evaluation.h"
+#include "anigen/eval/comparison/comparison_files.h"
+#include "anigen/eval/comparison/evaluate_command.h"
+#include "anigen/eval/skin_command.h"
 #ifdef ANIGEN_WITH_TORCH
 #include "anigen/pipeline/skin_reconstruction.h"
 #endif
@@ -17,10 +16,14 @@ namespace {
 using namespace anigen;
 
 struct EvalOptions {
-  std::string predictions, skin_ae, dataset, out;
-  std::vector<std::string> splits;
-  std::size_t pictured = 3;
-  bool no_report = false;
+  std::vector<std::string> predictions, splits;
+  std::string truth, out, skin_ae, skins;
+  std::string normalization = "centroid-rms", prediction_axes = "format", truth_axes = "format", worst_by;
+  std::vector<std::string> groups;
+  std::size_t pictured = 4;
+  int workers = 0;
+  bool no_icp = false, point_to_plane = false, no_resume = false, no_report = false;
+  eval::PairSettings settings;
 };
 
 /// Weights encoded by a trained skin auto-encoder and decoded again.
@@ -46,71 +49,133 @@ eval::SkinMethod reconstruction(const std::string& run, const CommonOptions& com
 #endif
 }
 
-void run(const EvalOptions& options, const CommonOptions& common) {
-  Json settings = {{"version", kVersion}, {"ground_truth", options.dataset}};
-  std::vector<eval::SkinMethod> methods;
+void evaluate_skins(const EvalOptions& options, const CommonOptions& common) {
+  eval::SkinRequest request;
+  request.dataset = options.truth;
+  request.splits = {options.splits.begin(), options.splits.end()};
+  request.out = options.out;
+  request.pictured = options.pictured;
+  request.report = !options.no_report;
   if (!options.skin_ae.empty()) {
-    settings["skin_ae"] = options.skin_ae;
-    methods.push_back(reconstruction(options.skin_ae, common, settings));
+    request.run = options.skin_ae;
+    request.settings["skin_ae"] = options.skin_ae;
+    request.methods.push_back(reconstruction(options.skin_ae, common, request.settings));
   }
+  if (!options.skins.empty()) {
+    request.settings["skins"] = options.skins;
+    request.methods.push_back(eval::predictions_from_folder(options.skins));
+  }
+  const eval::SkinEvaluation evaluation = eval::run_skin_evaluation(request);
+  std::fputs(common.json ? (to_json(evaluation).dump(2) + "\n").c_str() : to_markdown(evaluation).c_str(), stdout);
+  eval::require_scores(evaluation, options.out);
+}
+
+void evaluate_shapes(const EvalOptions& options, const CommonOptions& common) {
+  eval::EvaluationRequest request;
+  request.predictions = options.predictions;
+  request.truth = options.truth;
+  request.splits = {options.splits.begin(), options.splits.end()};
+  request.out = options.out;
+  request.prediction_axes = eval::parse_axes(options.prediction_axes);
+  request.truth_axes = eval::parse_axes(options.truth_axes);
+  request.settings = options.settings;
+  request.settings.seed = common.seed;
+  if (options.workers > 0) set_thread_count(options.workers);
+  request.settings.alignment.icp = !options.no_icp;
+  request.settings.alignment.normalization = eval::normalization_mode(options.normalization);
+  if (options.point_to_plane) request.settings.alignment.registration.variant = eval::IcpVariant::kPointToPlane;
+  if (!options.groups.empty()) request.settings.groups = {options.groups.begin(), options.groups.end()};
+  request.resume = !options.no_resume;
+  request.report = !options.no_report;
+  request.pictured = options.pictured;
+  request.worst_by = options.worst_by;
+  const eval::Comparison comparison = eval::run_evaluation(request);
+  std::fputs(common.json ? (eval::to_json(comparison).dump(2) + "\n").c_str() : eval::to_markdown(comparison).c_str(),
+             stdout);
+  for (std::size_t m = 0; m < comparison.methods.size(); ++m) {
+    if (eval::failures(comparison, m) == comparison.ids.size())
+      throw Error("no asset could be evaluated for " + comparison.methods[m] + "; " + options.out +
+                  "/metrics.csv says why");
+  }
+}
+
+void run(const EvalOptions& options, const CommonOptions& common) {
   if (!options.predictions.empty()) {
-    if (!std::filesystem::is_directory(options.predictions))
-      throw InputError(options.predictions, "", "no such folder");
-    settings["predictions"] = options.predictions;
-    methods.push_back(eval::predictions_from_folder(options.predictions));
+    if (!options.skin_ae.empty() || !options.skins.empty())
+      throw InputError("", "--pred",
+                       "compares rigged shapes; --skin-ae and --skins evaluate weights: one or the other");
+    return evaluate_shapes(options, common);
   }
-  for (eval::SkinMethod& baseline : eval::skin_baselines()) methods.push_back(std::move(baseline));
+  if (options.truth.empty()) throw InputError("", "--gt", "which ground truth? A file, a folder or a dataset");
+  evaluate_skins(options, common);
+}
 
-  std::vector<eval::DatasetItem> items = eval::list_dataset(options.dataset);
-  if (!options.splits.empty()) items = eval::select_split(items, {options.splits.begin(), options.splits.end()});
-  settings["splits"] = options.splits;
-  settings["assets"] = items.size();
-  if (items.empty()) throw InputError(options.dataset, "", "there is not one asset to evaluate");
-
-  const eval::SkinEvaluation evaluation = eval::evaluate_skin(options.dataset, items, methods, settings);
-  const std::filesystem::path out = options.out;
-  const Json metrics = eval::to_json(evaluation);
-  const std::string table = eval::to_markdown(evaluation);
-  write_file_atomically(out / "metrics.json", metrics.dump(2) + "\n");
-  write_file_atomically(out / "metrics.csv", to_csv(eval::to_csv_table(evaluation)));
-  write_file_atomically(out / "table.md", table);
-  if (!options.no_report) {
-    eval::ReportOptions report;
-    report.dataset = options.dataset;
-    report.pictured = options.pictured;
-    report.title = "Skin weights: " + methods[0].label;
-    if (std::filesystem::is_directory(options.skin_ae))
-      report.training_metrics = std::filesystem::path(options.skin_ae) / "metrics.csv";
-    write_file_atomically(out / "report.html", eval::skin_report(evaluation, report));
-  }
-  std::fputs(common.json ? (metrics.dump(2) + "\n").c_str() : table.c_str(), stdout);
-  const auto scored = eval::summarize(evaluation, 0, eval::Group::kUsable)[0].n +
-                      eval::summarize(evaluation, 0, eval::Group::kNotUsable)[0].n;
-  if (scored == 0)
-    throw Error("no asset could be scored for " + methods[0].label + "; " + (out / "metrics.csv").string() +
-                " says why");
+void add_shape_options(CLI::App& app, EvalOptions& options) {
+  auto& icp = options.settings.alignment.registration;
+  const char* group = "Rigged shapes (--pred)";
+  app.add_option("--normalize", options.normalization, "centroid-rms, bounding-box or none")
+      ->capture_default_str()
+      ->group(group);
+  app.add_flag("--no-icp", options.no_icp, "Normalise only, do not register")->group(group);
+  app.add_option("--rotations", icp.rotations, "Random rotations that registration starts from, beside the identity")
+      ->capture_default_str()
+      ->group(group);
+  app.add_flag("--icp-scale", icp.similarity, "Registration may change the scale")->group(group);
+  app.add_flag("--icp-plane", options.point_to_plane, "Point-to-plane registration")->group(group);
+  app.add_option("--icp-trim", icp.trim, "Fraction of the closest correspondences to keep")
+      ->capture_default_str()
+      ->group(group);
+  app.add_flag("--exhaustive", icp.exhaustive, "Refine every start, without pruning")->group(group);
+  app.add_option("--metrics", options.groups, "Only these: skeleton, transport, skin, surface, image, anymate")
+      ->delimiter(',')
+      ->group(group);
+  app.add_option("--surface-samples", options.settings.surface_samples, "Points per surface")
+      ->capture_default_str()
+      ->group(group);
+  app.add_option("--image-size", options.settings.image_size, "Pixels of the views for PSNR and SSIM")
+      ->capture_default_str()
+      ->group(group);
+  app.add_option("--poses", options.settings.poses, "Poses of the deformation error")
+      ->capture_default_str()
+      ->group(group);
+  app.add_option("--workers", options.workers, "Pairs evaluated at once; without, as many as --threads")
+      ->check(CLI::Range(1, 1024))
+      ->group(group);
+  app.add_option("--pred-axes", options.prediction_axes, "Up axis of predictions: format, y-up, z-up")->group(group);
+  app.add_option("--gt-axes", options.truth_axes, "Up axis of the ground truth: format, y-up, z-up")->group(group);
+  app.add_option("--worst-by", options.worst_by, "Metric that orders the report's assets")->group(group);
+  app.add_flag("--no-resume", options.no_resume, "Compute pairs again that an earlier run finished")->group(group);
 }
 
 }  // namespace
 
 int main(int argc, char** argv) {
   CLI::App app{
-      "Compares predicted skin weights with the ground truth of a dataset, beside baselines and oracles.\n"
-      "Writes metrics.json, metrics.csv, table.md and report.html.\n\n"
+      "Compares predicted rigged shapes, or predicted skin weights alone, with ground truth.\n"
+      "Writes metrics.json, metrics.csv, table.md, table.tex and report.html. docs/metrics.md defines every number.\n\n"
       "Examples:\n"
-      "  anigen-eval --skin-ae runs/skin_ae --gt data/mixed --split data/mixed/splits/test.txt --out results\n"
-      "  anigen-eval --pred predictions/ --gt data/mixed --out results\n"
-      "  anigen-eval --gt data/mixed --out results          (baselines only)"};
+      "  anigen-eval --pred generated/ --gt rigs/ --out results\n"
+      "  anigen-eval --pred ours=generated/ --pred unirig=other/ --gt articulation_xlv2_test.npz --split test.txt "
+      "--out "
+      "results\n"
+      "  anigen-eval --pred pairs.csv --out results          (CSV with columns pred, gt and perhaps id)\n"
+      "  anigen-eval --skin-ae runs/skin_ae --gt data --split data/splits/test.txt --out results\n"
+      "  anigen-eval --gt data --out results                 (skinning baselines only)"};
   CommonOptions common;
   EvalOptions options;
-  app.add_option("--pred", options.predictions, "Folder of <id>.npz with skin [V, J] for the ground truth's vertices");
-  app.add_option("--skin-ae", options.skin_ae, "Run folder or checkpoint of a skin auto-encoder to reconstruct with");
-  app.add_option("--gt", options.dataset, "Dataset with the ground truth")->required();
-  app.add_option("--split", options.splits, "Files of ids to evaluate; without, the whole dataset");
+  app.add_option("--pred", options.predictions,
+                 "[NAME=]PATH of predictions: a file, a folder, or a CSV of pairs; repeat");
+  app.add_option("--gt", options.truth, "Ground truth: a file, a folder or a dataset");
+  app.add_option("--split", options.splits, "Files of ids to evaluate; without, everything");
   app.add_option("--out", options.out, "Folder for the results")->required();
-  app.add_option("--pictures", options.pictured, "Worst and best assets to draw in the report, each")
+  app.add_option("--skin-ae", options.skin_ae, "Run folder or checkpoint of a skin auto-encoder to reconstruct with")
+      ->group("Skin weights alone");
+  app.add_option("--skins", options.skins, "Folder of <id>.npz with skin [V, J] for the ground truth's vertices")
+      ->group("Skin weights alone");
+  app.add_option("--pictures", options.pictured, "Assets to draw in the report: worst (and, of weights, best) ones")
       ->capture_default_str();
   app.add_flag("--no-report", options.no_report, "Do not write report.html");
+  add_shape_options(app, options);
   add_common_options(app, common);
   return run_command(app, common, argc, argv, [&] { run(options, common); });
 }

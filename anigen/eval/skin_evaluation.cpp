@@ -93,6 +93,7 @@ SkinEvaluation evaluate_skin(const fs::path& dataset, const std::vector<DatasetI
 }
 
 SkinMethod predictions_from_folder(const fs::path& folder) {
+  if (!fs::is_directory(folder)) throw InputError(folder.string(), "", "no such folder");
   SkinMethod method;
   method.key = "prediction";
   method.label = "prediction";

@@ -1,0 +1,125 @@
+#include "anigen/eval/comparison/evaluate_command.h"
+
+#include <set>
+
+#include "anigen/core/atomic_file.h"
+#include "anigen/core/error.h"
+#include "anigen/core/version.h"
+#include "anigen/eval/comparison/comparison_files.h"
+#include "anigen/eval/comparison/comparison_report.h"
+#include "anigen/eval/comparison/run_comparison.h"
+#include "anigen/eval/inputs/pairs.h"
+#include "anigen/eval/inputs/split.h"
+
+namespace anigen::eval {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct Opened {
+  std::vector<ComparedMethod> methods;
+  std::vector<std::string> unused;
+  Json described = Json::object();
+};
+
+ComparedMethod from_pairs(const std::string& label, const fs::path& csv, const EvaluationRequest& request,
+                          std::vector<std::string>& unused) {
+  PairedSources sources = read_pairs_csv(csv, {request.truth_axes}, {request.prediction_axes});
+  unused = sources.list.unused;
+  return {label, std::move(sources.prediction), std::move(sources.truth), std::move(sources.list.pairs)};
+}
+
+Opened open(const EvaluationRequest& request) {
+  Opened opened;
+  std::shared_ptr<const ShapeSource> truth;
+  std::vector<std::string> ids;
+  if (!request.truth.empty()) {
+    truth = open_source(request.truth, {request.truth_axes});
+    ids = request.splits.empty() ? truth->ids() : select_ids(*truth, request.splits);
+    opened.described["ground_truth"] = truth->describe();
+  }
+  std::set<std::string> labels;
+  for (const std::string& text : request.predictions) {
+    const auto [label, path] = named_path(text);
+    if (!labels.insert(label).second)
+      throw InputError(text, "", "two predictions are called '" + label + "': name them, as in --pred ours=FOLDER");
+    std::vector<std::string> unused;
+    if (path.extension() == ".csv") {
+      opened.methods.push_back(from_pairs(label, path, request, unused));
+    } else {
+      if (!truth) throw InputError(text, "", "needs --gt with the ground truth, unless it is a CSV of pairs");
+      ComparedMethod method{label, open_source(path, {request.prediction_axes}), truth, {}};
+      PairList list = match_pairs(*truth, *method.predictions, ids);
+      method.pairs = std::move(list.pairs);
+      unused = std::move(list.unused);
+      opened.methods.push_back(std::move(method));
+    }
+    opened.described["predictions"][label] = opened.methods.back().predictions->describe();
+    for (const std::string& id : unused) opened.unused.push_back(label + ": " + id);
+  }
+  return opened;
+}
+
+/// Reads and aligns the shapes of a picture again: keeping all of them would take a data set's memory.
+ComparedShapes shapes_of(const std::vector<ComparedMethod>& methods, const Comparison& comparison, std::size_t method,
+                         std::size_t asset, const PairSettings& settings) {
+  for (const PairPlan& pair : methods[method].pairs) {
+    if (pair.id != comparison.ids[asset] || !pair.prediction_id) continue;
+    return bring_together(methods[method].predictions->read(*pair.prediction_id),
+                          methods[method].truths->read(pair.truth_id), settings);
+  }
+  throw InputError("", comparison.ids[asset], "has no prediction to show");
+}
+
+void write(const Comparison& comparison, const EvaluationRequest& request, const std::vector<ComparedMethod>& methods) {
+  write_file_atomically(request.out / "metrics.json", to_json(comparison).dump(2) + "\n");
+  write_file_atomically(request.out / "metrics.csv", to_csv(to_csv_table(comparison)));
+  write_file_atomically(request.out / "table.md", to_markdown(comparison));
+  write_file_atomically(request.out / "table.tex", to_latex(comparison));
+  if (!request.report) return;
+  ComparisonReportOptions report;
+  report.pictured = request.pictured;
+  report.worst_by = request.worst_by;
+  report.shapes = [&](std::size_t method, std::size_t asset) {
+    return shapes_of(methods, comparison, method, asset, request.settings);
+  };
+  write_file_atomically(request.out / "report.html", comparison_report(comparison, report));
+}
+
+}  // namespace
+
+std::pair<std::string, fs::path> named_path(const std::string& text) {
+  const std::size_t sign = text.find('=');
+  // A path may hold an equals sign, too; a name holds no separator.
+  if (sign != std::string::npos && sign > 0 && text.find('/') > sign && sign + 1 < text.size())
+    return {text.substr(0, sign), text.substr(sign + 1)};
+  fs::path path = fs::path(text).lexically_normal();
+  if (!path.has_filename()) path = path.parent_path();
+  const std::string label = fs::is_directory(path) ? path.filename().string() : path.stem().string();
+  return {label.empty() ? "prediction" : label, text};
+}
+
+Comparison run_evaluation(const EvaluationRequest& request) {
+  if (request.predictions.empty()) throw InputError("", "--pred", "nothing to evaluate");
+  check(request.settings);
+  if (!request.worst_by.empty() && find_metric(request.worst_by) == nullptr)
+    throw InputError("", request.worst_by, "no such metric; docs/metrics.md lists them");
+  const Opened opened = open(request);
+
+  ComparisonRun run;
+  run.settings = request.settings;
+  run.cache = request.out / "pairs";
+  run.resume = request.resume;
+  Comparison comparison = run_comparison(opened.methods, run);
+  comparison.unused = opened.unused;
+  comparison.settings = to_json(request.settings);
+  comparison.settings["version"] = kVersion;
+  comparison.settings["sources"] = opened.described;
+  Json splits = Json::array();
+  for (const fs::path& split : request.splits) splits.push_back(split.string());
+  comparison.settings["splits"] = splits;
+  write(comparison, request, opened.methods);
+  return comparison;
+}
+
+}  // namespace anigen::eval

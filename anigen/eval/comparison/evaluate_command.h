@@ -1,0 +1,37 @@
+#pragma once
+#include <cstddef>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "anigen/eval/comparison/comparison.h"
+#include "anigen/eval/inputs/axes.h"
+#include "anigen/eval/pair/pair_settings.h"
+
+namespace anigen::eval {
+
+/// What `anigen-eval --pred … --gt … --out …` was asked to do.
+struct EvaluationRequest {
+  std::vector<std::string> predictions;  ///< "PATH" or "NAME=PATH", each a source (open_source) or, ending in .csv,
+                                         ///< a list of pairs (read_pairs_csv)
+  std::filesystem::path truth;           ///< a source; empty when every prediction is a list of pairs
+  std::vector<std::filesystem::path> splits;
+  std::filesystem::path out;
+  Axes prediction_axes = Axes::kFormat, truth_axes = Axes::kFormat;
+  PairSettings settings;
+  bool resume = true;
+  bool report = true;
+  std::size_t pictured = 6;
+  std::string worst_by;
+};
+
+/// Evaluates and writes metrics.json, metrics.csv, table.md, table.tex and report.html into request.out; results of
+/// single pairs lie under out/pairs, from where an interrupted run goes on.
+/// @return what was written @throws InputError for what is wrong with the request; what is wrong with one asset is
+/// that asset's row
+Comparison run_evaluation(const EvaluationRequest& request);
+
+/// "NAME=PATH" split; a path alone is called by its last part without extension.
+std::pair<std::string, std::filesystem::path> named_path(const std::string& text);
+
+}  // namespace anigen::eval

@@ -1,0 +1,122 @@
+#include "anigen/eval/comparison/run_comparison.h"
+
+#include <algorithm>
+#include <cctype>
+#include <map>
+
+#include "anigen/core/atomic_file.h"
+#include "anigen/core/error.h"
+#include "anigen/core/interrupt.h"
+#include "anigen/core/json.h"
+#include "anigen/core/log.h"
+#include "anigen/core/parallel.h"
+#include "anigen/core/progress.h"
+#include "anigen/core/random.h"
+#include "anigen/core/version.h"
+#include "anigen/eval/pair/fingerprint.h"
+#include "anigen/eval/pair/pair_evaluation.h"
+
+namespace anigen::eval {
+namespace {
+
+namespace fs = std::filesystem;
+
+/// A file name that any system takes, and that no two ids share.
+std::string file_name(const std::string& text) {
+  std::string name;
+  for (const char c : text.substr(0, 60))
+    name += std::isalnum(static_cast<unsigned char>(c)) || c == '-' || c == '_' ? c : '_';
+  char hash[20];
+  std::snprintf(hash, sizeof hash, "-%08x", static_cast<unsigned>(stable_hash(text)));
+  return name + hash;
+}
+
+/// What a saved result is valid for.
+std::string stamp(const PairSettings& settings, const RiggedShape& predicted, const RiggedShape& truth) {
+  const std::uint64_t hash = stable_hash(to_json(settings).dump() + kVersion, fingerprint(predicted));
+  return std::to_string(hash) + "-" + std::to_string(fingerprint(truth));
+}
+
+bool load(const fs::path& path, const std::string& wanted, PairResult& result) {
+  std::error_code ignored;
+  if (!fs::exists(path, ignored)) return false;
+  try {
+    const Json json = read_json(path);
+    if (json.value("stamp", "") != wanted) return false;
+    result = pair_result_from_json(json, path.string());
+    return true;
+  } catch (const InputError& error) {
+    log::warn("{}: computed again", error.what());
+    return false;
+  }
+}
+
+PairResult evaluate(const PairPlan& pair, const ComparedMethod& method, const ComparisonRun& run) {
+  PairResult result;
+  try {
+    if (!pair.prediction_id) throw InputError("", "", pair.missing_reason);
+    const RiggedShape truth = method.truths->read(pair.truth_id);
+    const RiggedShape predicted = method.predictions->read(*pair.prediction_id);
+    const std::string wanted = stamp(run.settings, predicted, truth);
+    const fs::path saved = run.cache / file_name(method.label) / (file_name(pair.id) + ".json");
+    if (run.resume && load(saved, wanted, result)) {
+      result.id = pair.id;
+      return result;
+    }
+    result = evaluate_pair(predicted, truth, run.settings);
+    result.id = pair.id;
+    Json json = to_json(result);
+    json["stamp"] = wanted;
+    write_file_atomically(saved, json.dump(1) + "\n");
+  } catch (const InputError& error) {
+    result = {};
+    result.failure = error.what();
+  }
+  result.id = pair.id;
+  return result;
+}
+
+}  // namespace
+
+Comparison run_comparison(const std::vector<ComparedMethod>& methods, const ComparisonRun& run) {
+  if (methods.empty() || methods[0].pairs.empty()) throw InputError("", "", "there is not one pair to evaluate");
+  Comparison comparison;
+  comparison.seed = run.settings.seed;
+  for (const PairPlan& pair : methods[0].pairs) comparison.ids.push_back(pair.id);
+
+  struct Work {
+    std::size_t method, row;
+    const PairPlan* pair;
+  };
+  std::vector<Work> work;
+  for (std::size_t m = 0; m < methods.size(); ++m) {
+    comparison.methods.push_back(methods[m].label);
+    comparison.results.emplace_back(comparison.ids.size());
+    std::map<std::string, const PairPlan*> by_id;
+    for (const PairPlan& pair : methods[m].pairs) by_id[pair.id] = &pair;
+    for (std::size_t i = 0; i < comparison.ids.size(); ++i) {
+      const auto found = by_id.find(comparison.ids[i]);
+      if (found == by_id.end()) {
+        comparison.results[m][i].id = comparison.ids[i];
+        comparison.results[m][i].failure = "its list of pairs has no " + comparison.ids[i];
+        continue;
+      }
+      work.push_back({m, i, found->second});
+    }
+  }
+  // Pairs of one ground truth run one after the other, so that its file is still in the disk cache.
+  std::stable_sort(work.begin(), work.end(), [](const Work& a, const Work& b) { return a.row < b.row; });
+
+  Progress progress("evaluating", work.size(), "pairs");
+  parallel_for(work.size(), [&](std::size_t w) {
+    if (interrupt_requested()) return;
+    const Work& item = work[w];
+    comparison.results[item.method][item.row] = evaluate(*item.pair, methods[item.method], run);
+    progress.advance();
+  });
+  progress.finish();
+  throw_if_interrupted();
+  return comparison;
+}
+
+}  // namespace anigen::eval

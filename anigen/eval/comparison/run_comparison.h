@@ -1,0 +1,33 @@
+#pragma once
+#include <filesystem>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "anigen/eval/comparison/comparison.h"
+#include "anigen/eval/inputs/pairs.h"
+#include "anigen/eval/inputs/shape_source.h"
+#include "anigen/eval/pair/pair_settings.h"
+
+namespace anigen::eval {
+
+/// One set of predictions under one name.
+struct ComparedMethod {
+  std::string label;
+  std::shared_ptr<const ShapeSource> predictions, truths;
+  std::vector<PairPlan> pairs;
+};
+
+struct ComparisonRun {
+  PairSettings settings;
+  std::filesystem::path cache;  ///< results of pairs, one file each: an interrupted run goes on from there
+  bool resume = true;           ///< false: compute everything again
+};
+
+/// Evaluates every pair of every method, several at once (set_thread_count). Rows are those of the first method;
+/// where another one has no pair of that id, that is a failure. What a pair throws is its failure and stops nothing.
+/// A saved result counts only for the same shapes, settings and version.
+/// @throws InputError without methods or pairs; Interrupted after Ctrl-C, with finished pairs saved
+Comparison run_comparison(const std::vector<ComparedMethod>& methods, const ComparisonRun& run);
+
+}  // namespace anigen::eval

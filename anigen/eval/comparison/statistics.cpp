@@ -1,0 +1,43 @@
+#include "anigen/eval/comparison/statistics.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+
+#include "anigen/core/random.h"
+
+namespace anigen::eval {
+
+Interval bootstrap_mean(const std::vector<double>& values, std::uint64_t seed, const std::string& purpose,
+                        std::size_t draws) {
+  const std::size_t n = values.size();
+  if (n == 0 || draws == 0) return {};
+  Rng rng(seed, "bootstrap " + purpose);
+  std::vector<double> means(draws);
+  for (double& mean : means) {
+    double sum = 0;
+    for (std::size_t i = 0; i < n; ++i) sum += values[rng.index(n)];
+    mean = sum / static_cast<double>(n);
+  }
+  std::sort(means.begin(), means.end());
+  const auto at = [&](double quantile) {
+    return means[static_cast<std::size_t>(std::lround(quantile * static_cast<double>(draws - 1)))];
+  };
+  return {at(0.025), at(0.975)};
+}
+
+PairedDifference paired_difference(const std::vector<double>& first, const std::vector<double>& second,
+                                   std::uint64_t seed, const std::string& purpose) {
+  std::vector<double> differences;
+  for (std::size_t i = 0; i < std::min(first.size(), second.size()); ++i) {
+    if (std::isfinite(first[i]) && std::isfinite(second[i])) differences.push_back(first[i] - second[i]);
+  }
+  PairedDifference result;
+  result.n = differences.size();
+  if (result.n == 0) return result;
+  result.mean = std::accumulate(differences.begin(), differences.end(), 0.0) / static_cast<double>(result.n);
+  result.interval = bootstrap_mean(differences, seed, "difference " + purpose);
+  return result;
+}
+
+}  // namespace anigen::eval

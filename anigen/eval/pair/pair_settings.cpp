@@ -1,0 +1,52 @@
+#include "anigen/eval/pair/pair_settings.h"
+
+#include "anigen/core/error.h"
+
+namespace anigen::eval {
+namespace {
+
+Json to_json(const IcpOptions& icp) {
+  return {{"rotations", icp.rotations},
+          {"principal_axes", icp.principal_axes},
+          {"samples", icp.samples},
+          {"score_samples", icp.score_samples},
+          {"max_iterations", icp.max_iterations},
+          {"variant", icp.variant == IcpVariant::kPointToPlane ? "point-to-plane" : "point-to-point"},
+          {"scale", icp.similarity},
+          {"trim", icp.trim},
+          {"to_surface", icp.to_surface},
+          {"exhaustive", icp.exhaustive}};
+}
+
+}  // namespace
+
+Json to_json(const PairSettings& settings) {
+  Json json;
+  json["normalization"] = to_string(settings.alignment.normalization);
+  json["icp"] = settings.alignment.icp ? to_json(settings.alignment.registration) : Json(nullptr);
+  json["seed"] = settings.seed;
+  json["surface_samples"] = settings.surface_samples;
+  json["image_size"] = settings.image_size;
+  json["poses"] = settings.poses;
+  json["groups"] = settings.groups;
+  return json;
+}
+
+void check(const PairSettings& settings) {
+  check(settings.alignment.registration);
+  static const std::set<std::string> kGroups = PairSettings().groups;
+  for (const std::string& group : settings.groups) {
+    if (kGroups.count(group) > 0) continue;
+    std::string known;
+    for (const std::string& name : kGroups) known += (known.empty() ? "" : ", ") + name;
+    throw InputError("", group, "no such group of metrics; there are " + known);
+  }
+  if (settings.groups.empty()) throw InputError("", "", "no group of metrics to compute");
+  if (settings.surface_samples == 0 || settings.surface_samples > 10'000'000)
+    throw InputError("", "surface samples", "must be in 1 … 10,000,000");
+  if (settings.image_size < 16 || settings.image_size > 4096)
+    throw InputError("", "image size", "must be in 16 … 4096 pixels");
+  if (settings.poses < 1 || settings.poses > 10000) throw InputError("", "poses", "must be in 1 … 10000");
+}
+
+}  // namespace anigen::eval

@@ -1,0 +1,29 @@
+#pragma once
+#include <cstdint>
+#include <set>
+#include <string>
+
+#include "anigen/core/json.h"
+#include "anigen/eval/align/alignment.h"
+
+namespace anigen::eval {
+
+/// Everything that decides a number of a pair. Recorded in metrics.json.
+struct PairSettings {
+  AlignmentOptions alignment;
+  std::uint64_t seed = 0;  ///< of samples, starting rotations, poses
+  std::size_t surface_samples = 100000;
+  int image_size = 512;  ///< pixels of the views that PSNR and SSIM compare
+  int poses = 10;        ///< of the deformation error
+  /// What to compute, of the six groups of docs/metrics.md.
+  std::set<std::string> groups = {"skeleton", "transport", "skin", "surface", "image", "anymate"};
+
+  bool wants(const std::string& group) const { return groups.count(group) > 0; }
+};
+
+Json to_json(const PairSettings& settings);
+
+/// @throws InputError naming the option that is out of range, or an unknown group and those there are
+void check(const PairSettings& settings);
+
+}  // namespace anigen::eval

@@ -1,0 +1,31 @@
+#pragma once
+#include <string>
+#include <vector>
+
+#include "anigen/eval/pair/pair_settings.h"
+#include "anigen/eval/rigged_shape.h"
+#include "anigen/eval/tables.h"
+
+namespace anigen::eval {
+
+// What the metrics do where the answer is known; the tables of docs/metric_study.md.
+
+/// A metric counts as zero below this: the mistakes move joints by a thousandth of the box.
+inline constexpr double kStudyZero = 1e-3;
+
+/// Every shape against itself, and against itself rotated, scaled and moved: the largest distance of each kind, and
+/// how far the registration was off. One row per shape.
+Table self_evaluation(const std::vector<RiggedShape>& shapes, const PairSettings& settings);
+
+/// One row per mistake and metric: what was expected, the median over shapes, and on how many shapes it held. No
+/// alignment: the frame is the truth's box.
+Table sensitivity(const std::vector<RiggedShape>& shapes);
+
+/// The same pairs under every public convention: medians of J2J, J2B and B2B over mistakes and shapes, and their ratio
+/// to the paper's definition.
+Table conventions(const std::vector<RiggedShape>& shapes);
+
+/// Broken and degenerate predictions of one shape and what becomes of each.
+Table degenerate_inputs(const RiggedShape& shape);
+
+}  // namespace anigen::eval

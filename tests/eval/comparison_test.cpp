@@ -1,0 +1,149 @@
+#include "anigen/eval/comparison/comparison.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "anigen/core/error.h"
+#include "anigen/eval/comparison/comparison_files.h"
+#include "anigen/eval/comparison/comparison_report.h"
+#include "anigen/eval/comparison/evaluate_command.h"
+
+namespace anigen::eval {
+namespace {
+
+PairResult result(const std::string& id, double j2j, double fscore) {
+  PairResult pair;
+  pair.id = id;
+  pair.set("j2j", j2j);
+  pair.set("fscore", fscore);
+  pair.skip("lpips", "no network");
+  return pair;
+}
+
+Comparison two_methods() {
+  Comparison comparison;
+  comparison.methods = {"ours", "other_1"};
+  comparison.ids = {"a", "b", "c"};
+  comparison.results = {{result("a", 0.1, 0.9), result("b", 0.2, 0.8), result("c", 0.3, 0.7)},
+                        {result("a", 0.2, 0.8), result("b", 0.4, 0.9), result("c", 0.6, 0.1)}};
+  comparison.settings = {{"seed", 0}};
+  return comparison;
+}
+
+const MetricInfo& metric(const char* key) { return *find_metric(key); }
+
+TEST(Comparison, SummarisesAndRanks) {
+  const Comparison comparison = two_methods();
+  const MetricSummary summary = summarize_metric(comparison, 0, "j2j");
+  EXPECT_DOUBLE_EQ(summary.summary.mean, 0.2);
+  EXPECT_EQ(summary.summary.n, 3u);
+  EXPECT_GE(summary.summary.mean, summary.interval.low);
+  EXPECT_LE(summary.summary.mean, summary.interval.high);
+  EXPECT_EQ(ranks(comparison, metric("j2j")), (std::vector<int>{1, 2}));
+  EXPECT_EQ(ranks(comparison, metric("fscore")), (std::vector<int>{1, 2}));
+  EXPECT_EQ(ranks(comparison, metric("psnr")), (std::vector<int>{0, 0}));
+}
+
+TEST(Comparison, DoesNotRankMeansOverDifferentAssets) {
+  Comparison comparison = two_methods();
+  comparison.results[1][2] = {};
+  comparison.results[1][2].id = "c";
+  comparison.results[1][2].failure = "no prediction";
+  EXPECT_EQ(ranks(comparison, metric("j2j")), (std::vector<int>{0, 0}));
+  EXPECT_EQ(failures(comparison, 1), 1u);
+  const std::string text = to_markdown(comparison);
+  EXPECT_NE(text.find("no prediction"), std::string::npos);
+  // The asset is a row everywhere.
+  EXPECT_EQ(to_csv_table(comparison).rows.size(), 6u);
+  EXPECT_EQ(to_json(comparison)["methods"]["other_1"]["assets"].size(), 3u);
+  EXPECT_EQ(to_json(comparison)["methods"]["other_1"]["assets"][2]["failure"], "no prediction");
+}
+
+TEST(Comparison, FilesHaveTheDocumentedKeys) {
+  const Json json = to_json(two_methods());
+  for (const char* key : {"j2j",
+                          "j2b",
+                          "b2b",
+                          "wasserstein",
+                          "gromov_wasserstein",
+                          "fused_gromov_wasserstein",
+                          "gw_lower_bound",
+                          "skin_l1",
+                          "skin_l2",
+                          "skin_kl",
+                          "deformation_error",
+                          "surface_chamfer",
+                          "fscore",
+                          "normal_consistency",
+                          "psnr",
+                          "ssim",
+                          "lpips",
+                          "anymate_cd",
+                          "anymate_emd",
+                          "connectivity_precision",
+                          "connectivity_recall",
+                          "skin_ce",
+                          "skin_cos",
+                          "skin_mae",
+                          "icp_rmse",
+                          "seconds"}) {
+    ASSERT_TRUE(json["summary"].contains(key)) << key;
+    for (const char* part : {"mean", "median", "std", "n"}) EXPECT_TRUE(json["summary"][key].contains(part)) << key;
+    EXPECT_TRUE(json["assets"][0].contains(key)) << key;
+  }
+  EXPECT_EQ(json["assets"][0]["id"], "a");
+  EXPECT_EQ(json["summary"]["j2j"]["n"], 3);
+  EXPECT_TRUE(json["summary"]["lpips"]["mean"].is_null());
+  EXPECT_EQ(json["assets"][0]["not_computed"]["lpips"], "no network");
+  EXPECT_NEAR(json["differences"]["other_1"]["j2j"]["mean"].get<double>(), 0.2, 1e-12);
+}
+
+TEST(Comparison, TablesMarkBestAndSecond) {
+  const Comparison comparison = two_methods();
+  const std::string markdown = to_markdown(comparison);
+  EXPECT_NE(markdown.find("**0.2000**"), std::string::npos);
+  EXPECT_NE(markdown.find("_0.4000_"), std::string::npos);
+  const std::string latex = to_latex(comparison);
+  EXPECT_NE(latex.find("\\textbf{0.2000}"), std::string::npos);
+  EXPECT_NE(latex.find("\\underline{0.4000}"), std::string::npos);
+  EXPECT_NE(latex.find("other\\_1"), std::string::npos);
+  EXPECT_NE(latex.find("J2J $\\downarrow$"), std::string::npos);
+}
+
+TEST(Comparison, ReportEscapesNamesAndSurvivesPicturesThatFail) {
+  Comparison comparison = two_methods();
+  comparison.ids[0] = comparison.results[0][0].id = comparison.results[1][0].id = "<script>alert(1)</script>";
+  ComparisonReportOptions options;
+  options.shapes = [](std::size_t, std::size_t) -> ComparedShapes { throw InputError("x.glb", "", "gone"); };
+  const std::string html = comparison_report(comparison, options);
+  EXPECT_EQ(html.find("<script>alert"), std::string::npos);
+  EXPECT_NE(html.find("No picture: x.glb"), std::string::npos);
+  EXPECT_NE(html.find("<b>0.2000</b>"), std::string::npos);
+  options.worst_by = "no_such_metric";
+  EXPECT_THROW(comparison_report(comparison, options), InputError);
+}
+
+TEST(Statistics, BootstrapIsDeterministicAndCoversTheMean) {
+  std::vector<double> values;
+  for (int i = 0; i < 50; ++i) values.push_back(i % 7);
+  const Interval first = bootstrap_mean(values, 3, "x"), again = bootstrap_mean(values, 3, "x");
+  EXPECT_EQ(first.low, again.low);
+  EXPECT_EQ(first.high, again.high);
+  // Normal theory: mean ± 1.96 σ/√n with σ² = 4 for seven equally likely numbers.
+  EXPECT_NEAR(first.high - first.low, 2 * 1.96 * 2.0 / std::sqrt(50.0), 0.2);
+  EXPECT_EQ(bootstrap_mean({2.0}, 0, "x").low, 2.0);
+  EXPECT_EQ(paired_difference({1, NAN, 3}, {0, 5, 1}, 0, "x").n, 2u);
+  EXPECT_DOUBLE_EQ(paired_difference({1, NAN, 3}, {0, 5, 1}, 0, "x").mean, 1.5);
+}
+
+TEST(NamedPath, TakesNamesAndPathsWithEqualsSigns) {
+  EXPECT_EQ(named_path("ours=/data/a").first, "ours");
+  EXPECT_EQ(named_path("ours=/data/a").second, "/data/a");
+  EXPECT_EQ(named_path("/data/x=1/a.glb").first, "a");
+  EXPECT_EQ(named_path("/data/x=1/a.glb").second, "/data/x=1/a.glb");
+  EXPECT_EQ(named_path("generated").first, "generated");
+}
+
+}  // namespace
+}  // namespace anigen::eval
