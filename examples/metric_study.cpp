@@ -29,10 +29,11 @@ int main(int argc, char** argv) {
                        std::to_string(shapes.size()) + " shapes.\n";
     text += "\n## Every shape against itself, then against itself rotated, scaled and moved\n\n" +
             to_markdown(eval::self_evaluation(shapes, eval::PairSettings()));
+    const eval::MistakeResults mistakes = eval::evaluate_mistakes(shapes);
     text += "\n## Mistakes made on purpose\n\nZero means below 0.001 of the box.\n\n" +
-            to_markdown(eval::sensitivity(shapes));
+            to_markdown(eval::sensitivity(mistakes));
     text += "\n## The same pairs under the public conventions\n\nMeans over shapes.\n\n" +
-            to_markdown(eval::conventions(shapes));
+            to_markdown(eval::conventions(mistakes));
     text += "\n## Broken and degenerate predictions\n\nThe ground truth is " + shapes[0].id + ".\n\n" +
             to_markdown(eval::degenerate_inputs(shapes[0]));
     write_file_atomically(argv[2], text);

@@ -111,6 +111,17 @@ TEST(Comparison, TablesMarkBestAndSecond) {
   EXPECT_NE(latex.find("J2J $\\downarrow$"), std::string::npos);
 }
 
+TEST(Comparison, JudgesDifferencesOnlyWithEnoughAssets) {
+  Comparison comparison = two_methods();
+  EXPECT_EQ(difference_table(comparison).rows[0].back(), "too few assets to tell");
+  for (int i = 0; i < 6; ++i) {
+    comparison.ids.push_back("more");
+    comparison.results[0].push_back(result("more", 0.1 + 0.01 * i, 0.5));
+    comparison.results[1].push_back(result("more", 0.3, 0.5 + 0.01 * (i % 2 ? i : -i)));
+  }
+  EXPECT_EQ(difference_table(comparison).rows[0].back(), "worse");
+}
+
 TEST(Comparison, ReportEscapesNamesAndSurvivesPicturesThatFail) {
   Comparison comparison = two_methods();
   comparison.ids[0] = comparison.results[0][0].id = comparison.results[1][0].id = "<script>alert(1)</script>";

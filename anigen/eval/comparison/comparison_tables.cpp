@@ -6,6 +6,9 @@
 namespace anigen::eval {
 namespace {
 
+/// Resampling a handful of differences says nothing about others.
+constexpr std::size_t kFewestForVerdict = 6;
+
 int digits(const MetricInfo& metric) {
   return metric.unit == "joints" || metric.unit == "edits" || metric.unit == "dB" ? 2 : 4;
 }
@@ -90,8 +93,10 @@ Table difference_table(const Comparison& comparison) {
       if (difference.n == 0) continue;
       const bool clear = difference.interval.low > 0 || difference.interval.high < 0;
       const bool lower_wins = metric->better == Better::kLower;
-      const std::string verdict =
-          !clear ? "no clear difference" : ((difference.mean < 0) == lower_wins ? "better" : "worse");
+      const std::string verdict = difference.n < kFewestForVerdict      ? "too few assets to tell"
+                                  : !clear                              ? "no clear difference"
+                                  : (difference.mean < 0) == lower_wins ? "better"
+                                                                        : "worse";
       const int places = digits(*metric);
       table.rows.push_back({comparison.methods[m] + " − " + comparison.methods[0], head(*metric),
                             fixed(difference.mean, places),

@@ -68,7 +68,7 @@ function open3d(button){
   const faces=new Uint32Array(bytes(shape.faces)),bones=new Float32Array(bytes(shape.bones));
   return{points:make(gl.ARRAY_BUFFER,points),count:points.length/3,faces:make(gl.ELEMENT_ARRAY_BUFFER,faces),
    indices:faces.length,bones:make(gl.ARRAY_BUFFER,bones),ends:bones.length/3};});
- let yaw=.6,pitch=.25,zoom=1.15,from=null;
+ let yaw=.6,pitch=.25,zoom=1.7,from=null;
  const draw=()=>{
   gl.enable(gl.DEPTH_TEST);gl.viewport(0,0,canvas.width,canvas.height);gl.clearColor(.93,.94,.95,1);
   gl.clear(gl.COLOR_BUFFER_BIT|gl.DEPTH_BUFFER_BIT);

@@ -6,6 +6,7 @@
 
 #include "anigen/core/error.h"
 #include "anigen/core/parallel.h"
+#include "anigen/core/progress.h"
 #include "anigen/eval/pair/metric_table.h"
 #include "anigen/eval/pair/pair_evaluation.h"
 #include "anigen/eval/skin_evaluation.h"
@@ -17,26 +18,11 @@ namespace {
 /// Distances that are zero between equal shapes. UniRig's J2B is not among them: its samples leave out one end of every
 /// bone, so a joint without children is not on any.
 const std::vector<std::string>& zero_keys() {
-  static const std::vector<std::string> kKeys = {"j2j",
-                                                 "j2b",
-                                                 "b2b",
-                                                 "wasserstein",
-                                                 "gromov_wasserstein",
-                                                 "fused_gromov_wasserstein",
-                                                 "skin_l1",
-                                                 "skin_l2",
-                                                 "skin_kl",
-                                                 "deformation_error",
-                                                 "surface_chamfer",
-                                                 "rignet.j2j",
-                                                 "rignet.j2b",
-                                                 "rignet.b2b",
-                                                 "unirig.j2j",
-                                                 "unirig.j2b",
-                                                 "unirig.b2b",
-                                                 "puppeteer.j2j",
-                                                 "puppeteer.j2b",
-                                                 "puppeteer.b2b"};
+  static const std::vector<std::string> kKeys = {
+      "j2j",          "j2b",        "b2b",        "wasserstein",       "gromov_wasserstein", "fused_gromov_wasserstein",
+      "skin_l1",      "skin_l2",    "skin_kl",    "deformation_error", "surface_chamfer",    "rignet.j2j",
+      "rignet.j2b",   "rignet.b2b", "unirig.j2j", "unirig.b2b",        "puppeteer.j2j",      "puppeteer.j2b",
+      "puppeteer.b2b"};
   return kKeys;
 }
 
@@ -94,22 +80,6 @@ std::string word(Expected expected) {
   return "open";
 }
 
-/// [perturbation][shape]; a shape too small for a mistake has a failure there.
-std::vector<std::vector<PairResult>> perturbed_results(const std::vector<RiggedShape>& shapes) {
-  const auto& mistakes = perturbations();
-  std::vector<std::vector<PairResult>> results(mistakes.size(), std::vector<PairResult>(shapes.size()));
-  parallel_for(mistakes.size() * shapes.size(), [&](std::size_t i) {
-    PairResult& result = results[i / shapes.size()][i % shapes.size()];
-    const RiggedShape& shape = shapes[i % shapes.size()];
-    try {
-      result = evaluate_pair(mistakes[i / shapes.size()].apply(shape), shape, unaligned());
-    } catch (const InputError& error) {
-      result.failure = error.what();
-    }
-  });
-  return results;
-}
-
 double median(std::vector<double> values) { return summarize(std::move(values)).median; }
 
 }  // namespace
@@ -119,6 +89,7 @@ Table self_evaluation(const std::vector<RiggedShape>& shapes, const PairSettings
   table.columns = {"shape",     "joints",         "itself, largest", "of",  "moved: skeleton", "of",
                    "moved: GW", "moved: skin l1", "moved: Chamfer",  "ICP", "seconds"};
   table.rows.resize(shapes.size());
+  Progress progress("shapes against themselves", shapes.size(), "shapes");
   parallel_for(shapes.size(), [&](std::size_t i) {
     const RiggedShape& shape = shapes[i];
     try {
@@ -139,14 +110,31 @@ Table self_evaluation(const std::vector<RiggedShape>& shapes, const PairSettings
     } catch (const InputError& error) {
       table.rows[i] = {shape.id, std::to_string(shape.joints.size()), error.what(), "", "", "", "", "", "", "", ""};
     }
+    progress.advance();
   });
   return table;
 }
 
-Table sensitivity(const std::vector<RiggedShape>& shapes) {
+MistakeResults evaluate_mistakes(const std::vector<RiggedShape>& shapes) {
+  const auto& mistakes = perturbations();
+  MistakeResults results(mistakes.size(), std::vector<PairResult>(shapes.size()));
+  Progress progress("mistakes", mistakes.size() * shapes.size(), "pairs");
+  parallel_for(mistakes.size() * shapes.size(), [&](std::size_t i) {
+    PairResult& result = results[i / shapes.size()][i % shapes.size()];
+    const RiggedShape& shape = shapes[i % shapes.size()];
+    try {
+      result = evaluate_pair(mistakes[i / shapes.size()].apply(shape), shape, unaligned());
+    } catch (const InputError& error) {
+      result.failure = error.what();
+    }
+    progress.advance();
+  });
+  return results;
+}
+
+Table sensitivity(const MistakeResults& results) {
   Table table;
   table.columns = {"mistake", "metric", "expected", "median", "smallest", "largest", "held on"};
-  const auto results = perturbed_results(shapes);
   const auto& mistakes = perturbations();
   for (std::size_t p = 0; p < mistakes.size(); ++p) {
     for (const auto& [key, expected] : mistakes[p].expected) {
@@ -170,10 +158,9 @@ Table sensitivity(const std::vector<RiggedShape>& shapes) {
   return table;
 }
 
-Table conventions(const std::vector<RiggedShape>& shapes) {
+Table conventions(const MistakeResults& results) {
   Table table;
   table.columns = {"mistake", "convention", "J2J", "J2B", "B2B", "J2J / paper", "J2B / paper", "B2B / paper"};
-  const auto results = perturbed_results(shapes);
   const auto& mistakes = perturbations();
   for (std::size_t p = 0; p < mistakes.size(); ++p) {
     double paper[3] = {0, 0, 0};

@@ -2,6 +2,7 @@
 #include <string>
 #include <vector>
 
+#include "anigen/eval/pair/pair_result.h"
 #include "anigen/eval/pair/pair_settings.h"
 #include "anigen/eval/rigged_shape.h"
 #include "anigen/eval/tables.h"
@@ -17,13 +18,17 @@ inline constexpr double kStudyZero = 1e-3;
 /// how far the registration was off. One row per shape.
 Table self_evaluation(const std::vector<RiggedShape>& shapes, const PairSettings& settings);
 
-/// One row per mistake and metric: what was expected, the median over shapes, and on how many shapes it held. No
+/// Every mistake of perturbations() on every shape, [mistake][shape]; a shape too small for one has a failure there. No
 /// alignment: the frame is the truth's box.
-Table sensitivity(const std::vector<RiggedShape>& shapes);
+using MistakeResults = std::vector<std::vector<PairResult>>;
+MistakeResults evaluate_mistakes(const std::vector<RiggedShape>& shapes);
 
-/// The same pairs under every public convention: medians of J2J, J2B and B2B over mistakes and shapes, and their ratio
-/// to the paper's definition.
-Table conventions(const std::vector<RiggedShape>& shapes);
+/// One row per mistake and metric: what was expected, the median over shapes, and on how many shapes it held.
+Table sensitivity(const MistakeResults& results);
+
+/// The same pairs under every public convention: means of J2J, J2B and B2B over shapes, and their ratio to the paper's
+/// definition.
+Table conventions(const MistakeResults& results);
 
 /// Broken and degenerate predictions of one shape and what becomes of each.
 Table degenerate_inputs(const RiggedShape& shape);
