@@ -8,8 +8,10 @@
 #include <numeric>
 
 #include "anigen/core/error.h"
+#include "anigen/core/random.h"
 #include "anigen/eval/transport/mass_units.h"
 #include "anigen/eval/transport/shortest_path_transport.h"
+#include "anigen/eval/transport/transport_solver.h"
 #include "anigen/eval/transport/wasserstein.h"
 #include "tests/eval/transport_trees.h"
 
@@ -149,6 +151,30 @@ TEST(Wasserstein, SingleJointSeesTheSpread) {
   EXPECT_NEAR(wasserstein2(one, two).distance, std::sqrt(2.5), 1e-15);
   EXPECT_NEAR(wasserstein1(one, two).distance, 1.5, 1e-15);
   EXPECT_THROW(wasserstein2(one, {}), InputError);
+}
+
+TEST(TransportSolver, AgreesWithBothSolversWhereItPicksTheSimplex) {
+  // 160 x 190 joints split masses into 19 and 16 units; 160 x 161 stay with augmenting paths.
+  for (const Eigen::Index m : {190, 161}) {
+    Rng rng(7, "transport solver", static_cast<std::uint64_t>(m));
+    Eigen::MatrixXd cost(160, m);
+    for (Eigen::Index i = 0; i < cost.rows(); ++i) {
+      for (Eigen::Index k = 0; k < m; ++k) cost(i, k) = rng.uniform();
+    }
+    const Eigen::VectorXd a = uniform_masses(160), b = uniform_masses(static_cast<std::size_t>(m));
+    const double exact = exact_transport(cost, a, b, ExactSolver::kShortestPaths).cost;
+    const TransportPlan plan = exact_transport(cost, a, b);
+    EXPECT_NEAR(plan.cost, exact, 1e-10 * exact) << m;
+    EXPECT_LT((plan.plan.rowwise().sum() - a).cwiseAbs().maxCoeff(), 1e-15);
+    EXPECT_LT((plan.plan.colwise().sum().transpose() - b).cwiseAbs().maxCoeff(), 1e-15);
+
+    const MassUnits units = mass_units(a, b);
+    TransportSolver solver(units);
+    double total = 0;
+    for (const PlanCell& cell : solver.solve(cost)) total += cell.mass * cost(cell.row, cell.column);
+    EXPECT_LE(solver.lower_bound(), total * (1 + 1e-14));
+    EXPECT_NEAR(solver.lower_bound(), total, 1e-9 * total);
+  }
 }
 
 }  // namespace

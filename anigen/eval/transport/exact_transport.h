@@ -6,6 +6,7 @@
 namespace anigen::eval {
 
 enum class ExactSolver {
+  kAutomatic,       ///< whichever is the quicker one for these sizes: transport_solver.h
   kShortestPaths,   ///< ours, the faster one: shortest_path_transport.h
   kNetworkSimplex,  ///< LEMON's, the oracle: network_simplex_transport.h
 };
@@ -14,6 +15,6 @@ enum class ExactSolver {
 /// a vertex (at most n + m - 1 positive entries); where several are optimal it is one of them.
 /// @param cost [n,m], @param a [n], @param b [m]  nonnegative, of equal sums  @throws InputError as check_transport
 TransportPlan exact_transport(const Eigen::MatrixXd& cost, const Eigen::VectorXd& a, const Eigen::VectorXd& b,
-                              ExactSolver solver = ExactSolver::kShortestPaths);
+                              ExactSolver solver = ExactSolver::kAutomatic);
 
 }  // namespace anigen::eval

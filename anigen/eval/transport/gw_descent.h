@@ -3,7 +3,7 @@
 
 #include "anigen/core/random.h"
 #include "anigen/eval/transport/gw_problem.h"
-#include "anigen/eval/transport/shortest_path_transport.h"
+#include "anigen/eval/transport/transport_solver.h"
 
 namespace anigen::eval {
 
@@ -42,7 +42,7 @@ class GwDescent {
 
   const GwProblem& problem_;
   double resolution_;
-  ShortestPathTransport linear_program_;
+  TransportSolver linear_program_;
   std::vector<PlanCell> cells_;
   std::vector<int> index_;     // cell at (row, column), or -1
   std::vector<char> waiting_;  // rows whose cells may have found new partners

@@ -7,7 +7,7 @@
 
 #include "anigen/eval/transport/line_transport.h"
 #include "anigen/eval/transport/mass_units.h"
-#include "anigen/eval/transport/shortest_path_transport.h"
+#include "anigen/eval/transport/transport_solver.h"
 
 namespace anigen::eval {
 namespace {
@@ -40,9 +40,9 @@ double global_bound(const Eigen::MatrixXd& c1, const Eigen::MatrixXd& c2, const 
 
 double local_bound(const RowMatrix& costs, const Eigen::VectorXd& a, const Eigen::VectorXd& b) {
   const MassUnits units = mass_units(a, b);
-  ShortestPathTransport transport(units);
+  TransportSolver transport(units);
   transport.solve(costs);
-  return transport.dual_value() / static_cast<double>(units.total);
+  return transport.lower_bound() / static_cast<double>(units.total);
 }
 
 // Eigenvalues of D^(1/2) C D^(1/2) on the complement of the vector sqrt(a), downwards. That vector itself adds a 0.

@@ -3,7 +3,7 @@
 #include <algorithm>
 
 #include "anigen/eval/transport/line_transport.h"
-#include "anigen/eval/transport/shortest_path_transport.h"
+#include "anigen/eval/transport/transport_solver.h"
 
 namespace anigen::eval {
 namespace {
@@ -36,7 +36,7 @@ std::vector<GwSparseStart> sorted_starts(const GwProblem& problem) {
 }
 
 GwSparseStart profile_start(const GwProblem& problem, const RowMatrix& costs) {
-  ShortestPathTransport transport(problem.units);
+  TransportSolver transport(problem.units);
   return {"profiles", transport.solve(costs)};
 }
 

@@ -13,18 +13,16 @@
 
 namespace anigen::eval {
 
-TransportPlan network_simplex_transport(const Eigen::MatrixXd& cost, const Eigen::VectorXd& a,
-                                        const Eigen::VectorXd& b) {
-  check_transport(cost, a, b);
+std::vector<PlanCell> network_simplex_cells(const RowMatrix& cost, const MassUnits& units, double& rounding) {
   using Graph = lemon::StaticDigraph;
   const int n = static_cast<int>(cost.rows()), m = static_cast<int>(cost.cols());
-  const MassUnits units = mass_units(a, b);
   // Node potentials reach (n + m) times the largest cost on top of LEMON's artificial 2^62.
   const int bits = 58 - static_cast<int>(std::ceil(std::log2(n + m + 2.0)));
   const double low = cost.minCoeff(), range = cost.maxCoeff() - low;
   const double scale = range > 0.0 ? std::ldexp(1.0, bits) / range : 0.0;
 
   std::vector<std::pair<int, int>> arcs;  // sources 0 to n-1, sinks behind them; arc i * m + j
+  arcs.reserve(static_cast<std::size_t>(n) * static_cast<std::size_t>(m));
   for (int i = 0; i < n; ++i) {
     for (int j = 0; j < m; ++j) arcs.emplace_back(i, n + j);
   }
@@ -43,14 +41,31 @@ TransportPlan network_simplex_transport(const Eigen::MatrixXd& cost, const Eigen
   simplex.costMap(costs).supplyMap(supply);
   if (simplex.run() != Simplex::OPTIMAL) throw Error("the network simplex found no optimal transport plan");
 
-  TransportPlan result{Eigen::MatrixXd::Zero(n, m), 0.0};
+  // Half a step for every unit of this plan, half a step for every unit of the true optimum; as much again for the
+  // rounding of the products themselves.
+  rounding = scale > 0.0 ? 2.0 * static_cast<double>(units.total) / scale : 0.0;
+  std::vector<PlanCell> cells;
   for (int i = 0; i < n; ++i) {
     for (int j = 0; j < m; ++j) {
-      result.plan(i, j) = static_cast<double>(simplex.flow(graph.arc(i * m + j))) / static_cast<double>(units.total);
+      const std::int64_t flow = simplex.flow(graph.arc(i * m + j));
+      if (flow > 0) cells.push_back({i, j, static_cast<double>(flow)});
     }
   }
-  result.plan *= a.sum();
-  result.cost = (result.plan.array() * cost.array()).sum();
+  return cells;
+}
+
+TransportPlan network_simplex_transport(const Eigen::MatrixXd& cost, const Eigen::VectorXd& a,
+                                        const Eigen::VectorXd& b) {
+  check_transport(cost, a, b);
+  const MassUnits units = mass_units(a, b);
+  double rounding = 0.0;
+  TransportPlan result{Eigen::MatrixXd::Zero(cost.rows(), cost.cols()), 0.0};
+  const double unit = a.sum() / static_cast<double>(units.total);
+  for (const PlanCell& cell : network_simplex_cells(cost, units, rounding)) {
+    result.plan(cell.row, cell.column) = cell.mass * unit;
+    result.cost += cell.mass * cost(cell.row, cell.column);
+  }
+  result.cost *= unit;
   return result;
 }
 

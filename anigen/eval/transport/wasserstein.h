@@ -20,11 +20,11 @@ struct JointTransport {
 /// Wasserstein-2, exact: the root of min sum plan_ik |x_i - y_k|^2 (equation 7 of the paper).
 /// @throws InputError when a set is empty or a position not finite
 JointTransport wasserstein2(const std::vector<Eigen::Vector3d>& x, const std::vector<Eigen::Vector3d>& y,
-                            ExactSolver solver = ExactSolver::kShortestPaths);
+                            ExactSolver solver = ExactSolver::kAutomatic);
 
 /// Wasserstein-1, exact: min sum plan_ik |x_i - y_k|.
 JointTransport wasserstein1(const std::vector<Eigen::Vector3d>& x, const std::vector<Eigen::Vector3d>& y,
-                            ExactSolver solver = ExactSolver::kShortestPaths);
+                            ExactSolver solver = ExactSolver::kAutomatic);
 
 /// Wasserstein-2 by Sinkhorn, the solver the paper names. The certified gap is one of squared distances:
 /// exact^2 lies in [cost - gap, cost].
