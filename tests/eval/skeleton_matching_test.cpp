@@ -10,6 +10,8 @@
 #include "anigen/eval/skeleton/assignment.h"
 #include "anigen/eval/skeleton/connectivity.h"
 #include "anigen/eval/skeleton/joint_matching.h"
+#include "anigen/eval/skeleton/joint_ties.h"
+#include "anigen/eval/skin/skin_matching.h"
 
 namespace anigen::eval {
 namespace {
@@ -194,6 +196,8 @@ TEST(JointMatching, JointsInOnePlaceAreToldApartByTheTree) {
   const JointMatch match = match_joints(copy, truth, std::vector<double>(5, 0.05));
   EXPECT_EQ(match.truth_of, (std::vector<int>{4, 3, 1, 2, 0}));
   EXPECT_EQ(connectivity(copy, truth, match.truth_of).recall, 1.0);
+  // The plan hands every joint's weights to the same joints.
+  EXPECT_EQ(strongest_match(matching_plan(copy, truth)), (std::vector<int>{4, 3, 1, 2, 0}));
 }
 
 }  // namespace

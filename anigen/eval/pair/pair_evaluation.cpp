@@ -6,7 +6,7 @@
 #include "anigen/core/error.h"
 #include "anigen/eval/pair/metric_table.h"
 #include "anigen/eval/pair/pair_groups.h"
-#include "anigen/eval/transport/wasserstein.h"
+#include "anigen/eval/skeleton/joint_ties.h"
 
 namespace anigen::eval {
 namespace {
@@ -119,10 +119,9 @@ PairResult evaluate_pair(const RiggedShape& predicted, const RiggedShape& truth,
   if (settings.wants("skeleton"))
     add_group(
         "skeleton", no_joints, [&] { add_skeleton_metrics(shapes, result); }, result);
-  Eigen::MatrixXd plan;
   if (settings.wants("transport"))
     add_group(
-        "transport", no_joints, [&] { plan = add_transport_metrics(shapes, result); }, result);
+        "transport", no_joints, [&] { add_transport_metrics(shapes, result); }, result);
   if (settings.wants("anymate"))
     add_group(
         "anymate", no_joints, [&] { add_anymate_metrics(shapes, result); }, result);
@@ -130,8 +129,7 @@ PairResult evaluate_pair(const RiggedShape& predicted, const RiggedShape& truth,
     add_group(
         "skin", missing_skin(shapes),
         [&] {
-          if (plan.size() == 0)
-            plan = wasserstein2(shapes.predicted.joints.positions, shapes.truth.joints.positions).plan;
+          const Eigen::MatrixXd plan = matching_plan(shapes.predicted.joints, shapes.truth.joints);
           add_skin_metrics(shapes, plan, settings, result);
         },
         result);

@@ -9,11 +9,11 @@ namespace anigen::eval {
 
 /// Chamfer distances of all protocols, joint matching, connectivity, tree edit distance.
 void add_skeleton_metrics(const ComparedShapes& shapes, PairResult& result);
-/// Wasserstein, Gromov–Wasserstein, fused. @return the Wasserstein plan [n, m] between the joints
-Eigen::MatrixXd add_transport_metrics(const ComparedShapes& shapes, PairResult& result);
+/// Wasserstein, Gromov–Wasserstein, fused.
+void add_transport_metrics(const ComparedShapes& shapes, PairResult& result);
 /// Anymate's joint metrics in its frame, the box of side 2.
 void add_anymate_metrics(const ComparedShapes& shapes, PairResult& result);
-/// Weights moved to the true vertices, joints matched by the plan; deformation error.
+/// Weights moved to the true vertices, joints matched by matching_plan(); deformation error.
 void add_skin_metrics(const ComparedShapes& shapes, const Eigen::MatrixXd& plan, const PairSettings& settings,
                       PairResult& result);
 void add_surface_metrics(const ComparedShapes& shapes, const PairSettings& settings, PairResult& result);

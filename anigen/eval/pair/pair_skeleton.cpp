@@ -52,15 +52,14 @@ void add_skeleton_metrics(const ComparedShapes& shapes, PairResult& result) {
     result.skip("tree_edit_distance", "too many joints for it");
 }
 
-Eigen::MatrixXd add_transport_metrics(const ComparedShapes& shapes, PairResult& result) {
-  SkeletonTransport transport = skeleton_transport(shapes.predicted.joints, shapes.truth.joints);
+void add_transport_metrics(const ComparedShapes& shapes, PairResult& result) {
+  const SkeletonTransport transport = skeleton_transport(shapes.predicted.joints, shapes.truth.joints);
   result.set("wasserstein", transport.wasserstein);
   result.set("gromov_wasserstein", transport.gromov_wasserstein);
   result.set("gw_lower_bound", transport.gw_lower_bound);
   result.set("fused_gromov_wasserstein", transport.fused_gromov_wasserstein);
   result.details["gw_start"] = transport.gw_start;
   result.details["fgw_start"] = transport.fgw_start;
-  return std::move(transport.plan);
 }
 
 void add_anymate_metrics(const ComparedShapes& shapes, PairResult& result) {

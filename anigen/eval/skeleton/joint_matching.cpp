@@ -6,13 +6,14 @@
 
 #include "anigen/core/error.h"
 #include "anigen/eval/skeleton/assignment.h"
+#include "anigen/eval/skeleton/joint_ties.h"
 
 namespace anigen::eval {
 namespace {
 
 constexpr double kPi = 3.14159265358979323846;
 // What settles which of several joints in one place is which; far below any distance that matters.
-constexpr double kParentTie = 1e-6, kDepthTie = 1e-9;
+constexpr double kTieWeight = 1e-6;
 constexpr double kNearestHit = 1e-6;  // a joint on the surface must not measure the surface it lies on
 
 struct RayLengths {
@@ -73,22 +74,6 @@ JointMatch counted(std::vector<int> truth_of, const Eigen::MatrixXd& distance, c
   return match;
 }
 
-/// Where the parent is (a root is its own) and how many joints lie above.
-struct Hanging {
-  Eigen::Vector3d parent;
-  double depth = 0;
-};
-
-std::vector<Hanging> hangings(const JointTree& tree) {
-  std::vector<Hanging> result(tree.size());
-  for (std::size_t j = 0; j < tree.size(); ++j) {
-    const int parent = tree.parents[j];
-    result[j].parent = tree.positions[parent < 0 ? j : static_cast<std::size_t>(parent)];
-    for (int at = parent; at >= 0; at = tree.parents[static_cast<std::size_t>(at)]) result[j].depth += 1;
-  }
-  return result;
-}
-
 }  // namespace
 
 JointMatch match_joints(const std::vector<Eigen::Vector3d>& predicted, const std::vector<Eigen::Vector3d>& truth,
@@ -101,14 +86,7 @@ JointMatch match_joints(const JointTree& predicted, const JointTree& truth, cons
   check(predicted, "predicted skeleton");
   check(truth, "true skeleton");
   const Eigen::MatrixXd distance = distances(predicted.positions, truth.positions, tolerance);
-  const std::vector<Hanging> a = hangings(predicted), b = hangings(truth);
-  Eigen::MatrixXd cost = distance;
-  for (std::size_t i = 0; i < a.size(); ++i) {
-    for (std::size_t k = 0; k < b.size(); ++k)
-      cost(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(k)) +=
-          kParentTie * (a[i].parent - b[k].parent).norm() + kDepthTie * std::abs(a[i].depth - b[k].depth);
-  }
-  return counted(assign(cost), distance, tolerance);
+  return counted(assign(distance + kTieWeight * joint_ties(predicted, truth)), distance, tolerance);
 }
 
 JointMatch match_joints(const std::vector<Eigen::Vector3d>& predicted, const std::vector<Eigen::Vector3d>& truth,

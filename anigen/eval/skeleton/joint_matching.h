@@ -29,8 +29,7 @@ JointMatch match_joints(const std::vector<Eigen::Vector3d>& predicted, const std
 JointMatch match_joints(const std::vector<Eigen::Vector3d>& predicted, const std::vector<Eigen::Vector3d>& truth,
                         double tolerance = kFixedTolerance);
 
-/// The same for skeletons: among joints that lie in one place those are matched whose parents are nearer, then those of
-/// more equal depth. Without it a skeleton with coinciding joints would not match itself.
+/// The same for skeletons: joints that lie in one place are told apart by joint_ties().
 /// @throws InputError also as check()
 JointMatch match_joints(const JointTree& predicted, const JointTree& truth, const std::vector<double>& tolerance);
 
