@@ -40,7 +40,7 @@ void add_image_metrics(const ComparedShapes& shapes, const PairSettings& setting
   if (scores.lpips)
     result.set("lpips", *scores.lpips);
   else
-    result.skip("lpips", "needs the weights of a VGG network, which nobody gave");
+    result.skip("lpips", "not supported yet: the VGG network of LPIPS is not built");
 }
 
 }  // namespace anigen::eval
