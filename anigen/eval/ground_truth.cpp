@@ -9,6 +9,7 @@
 #include "anigen/core/atomic_file.h"
 #include "anigen/core/csv.h"
 #include "anigen/core/error.h"
+#include "anigen/eval/inputs/split.h"
 #include "anigen/eval/skin_metrics.h"
 #include "anigen/io/npz.h"
 
@@ -85,20 +86,12 @@ std::vector<DatasetItem> select_split(const std::vector<DatasetItem>& items, con
   std::set<std::string> known, wanted;
   for (const DatasetItem& item : items) known.insert(item.id);
   for (const fs::path& split : splits) {
-    const std::string text = read_file(split, std::uintmax_t{1} << 28);
-    std::size_t line_number = 0;
-    for (std::size_t start = 0; start < text.size();) {
-      const std::size_t end = std::min(text.find('\n', start), text.size());
-      std::string line = text.substr(start, end - start);
-      start = end + 1;
-      ++line_number;
-      while (!line.empty() && (line.back() == '\r' || line.back() == ' ')) line.pop_back();
-      if (line.empty() || line[0] == '#') continue;
-      if (known.count(line) == 0) {
-        throw InputError(split.string(), "line " + std::to_string(line_number),
-                         "the dataset has no id \"" + line + "\"");
+    for (const SplitLine& line : split_lines(split)) {
+      if (known.count(line.id) == 0) {
+        throw InputError(split.string(), "line " + std::to_string(line.line),
+                         "the dataset has no id \"" + line.id + "\"");
       }
-      wanted.insert(line);
+      wanted.insert(line.id);
     }
   }
   std::vector<DatasetItem> selected;

@@ -10,7 +10,7 @@
 
 namespace anigen::eval {
 
-std::vector<SplitLine> read_split(const std::filesystem::path& file) {
+std::vector<SplitLine> split_lines(const std::filesystem::path& file) {
   constexpr std::string_view kBlanks = " \t\r\v\f";
   const std::string text = read_file(file, std::uintmax_t{1} << 28);
   std::vector<SplitLine> lines;
@@ -25,6 +25,11 @@ std::vector<SplitLine> read_split(const std::filesystem::path& file) {
     line = line.substr(first, line.find_last_not_of(kBlanks) - first + 1);
     lines.push_back({std::string(line), number});
   }
+  return lines;
+}
+
+std::vector<SplitLine> read_split(const std::filesystem::path& file) {
+  std::vector<SplitLine> lines = split_lines(file);
   if (lines.empty()) throw InputError(file.string(), "", "the split names no id");
   return lines;
 }

@@ -13,8 +13,11 @@ struct SplitLine {
   std::size_t line;  ///< from 1
 };
 
-/// The ids of a split file, one a line; blanks around them, empty lines and lines starting with '#' are skipped.
-/// @throws InputError when the file is missing or names none
+/// The ids of a split file, one a line; blanks around them, empty lines and lines starting with '#' are skipped. May be
+/// none: a data set writes an empty list of what it cannot use. @throws InputError when the file is missing
+std::vector<SplitLine> split_lines(const std::filesystem::path& file);
+
+/// The same for a list that somebody asks to be evaluated. @throws InputError also when it names none
 std::vector<SplitLine> read_split(const std::filesystem::path& file);
 
 /// The source's ids that the split files name, each once, in the source's order; all of them without split files.

@@ -7,7 +7,7 @@ namespace anigen::eval {
 
 enum class ExactSolver {
   kAutomatic,       ///< whichever is the quicker one for these sizes: transport_solver.h
-  kShortestPaths,   ///< ours, the faster one: shortest_path_transport.h
+  kShortestPaths,   ///< ours, quick for equal and for small sizes: shortest_path_transport.h
   kNetworkSimplex,  ///< LEMON's, the oracle: network_simplex_transport.h
 };
 
