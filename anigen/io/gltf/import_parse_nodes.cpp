@@ -72,8 +72,7 @@ std::vector<int> top_down_order(const JsonPlace& list, const std::vector<Node>& 
     if (nodes[i].parent < 0) order.push_back(static_cast<int>(i));
   }
   for (std::size_t k = 0; k < order.size(); ++k) {
-    const std::vector<int>& children = nodes[static_cast<std::size_t>(order[k])].children;
-    order.insert(order.end(), children.begin(), children.end());
+    for (const int child : nodes[static_cast<std::size_t>(order[k])].children) order.push_back(child);
   }
   if (order.size() == nodes.size()) return order;
   std::vector<char> reached(nodes.size(), 0);
