@@ -29,7 +29,7 @@
 namespace {
 
 namespace fs = std::filesystem;
-using anigen::eval::JointTree;
+using anigen::io::JointTree;
 
 struct Entry {
   std::string name;
@@ -204,7 +204,7 @@ void thousand_pairs() {
   settings.alignment.icp = false;
   settings.alignment.normalization = anigen::eval::NormalizationMode::kNone;
   const auto shape = [](const JointTree& tree) {
-    anigen::eval::RiggedShape result;
+    anigen::io::RiggedShape result;
     result.joints = tree;
     return result;
   };

@@ -8,6 +8,7 @@ find_package(CLI11 REQUIRED)
 find_package(OpenCV REQUIRED COMPONENTS core imgproc imgcodecs)
 find_package(PkgConfig REQUIRED)
 pkg_check_modules(LIBZIP REQUIRED IMPORTED_TARGET libzip)
+pkg_check_modules(ASSIMP REQUIRED IMPORTED_TARGET assimp)
 find_package(ZLIB REQUIRED)
 
 # Embree 4 (Debian 13) and Embree 3 (Debian 12) differ in header folder and in a few signatures.

@@ -5,8 +5,8 @@
 
 #include "anigen/core/atomic_file.h"
 #include "anigen/core/error.h"
-#include "anigen/eval/inputs/shape_source.h"
 #include "anigen/eval/study/metric_study.h"
+#include "anigen/io/rigs/shape_source.h"
 
 int main(int argc, char** argv) {
   using namespace anigen;
@@ -15,8 +15,8 @@ int main(int argc, char** argv) {
     return 2;
   }
   try {
-    const auto source = eval::open_source(argv[1]);
-    std::vector<eval::RiggedShape> shapes;
+    const auto source = io::open_source(argv[1]);
+    std::vector<io::RiggedShape> shapes;
     for (const std::string& id : source->ids()) {
       try {
         shapes.push_back(source->read(id));

@@ -6,26 +6,14 @@
 #include <vector>
 
 #include "anigen/asset/asset.h"
+#include "anigen/io/rigs/dataset_list.h"
 
 namespace anigen::eval {
 
-/// One line of a dataset's metadata.csv, as far as evaluation needs it.
-struct DatasetItem {
-  std::string id;      ///< the sha256 column
-  std::string name;    ///< something readable: local_path, else file_identifier, else the id
-  std::string source;  ///< "real", "procedural:<family>", or empty
-  bool usable = true;  ///< not is_bad_skeleton
-  bool bad_skin = false;
-};
-
-/// The dataset's items in file order. @throws InputError when metadata.csv is missing, malformed, without `sha256`,
-/// or repeats an id
-std::vector<DatasetItem> list_dataset(const std::filesystem::path& root);
-
 /// Keeps the ids that a split file names, one a line, blank lines and lines starting with '#' skipped.
 /// @throws InputError naming the line for an id that the dataset does not have
-std::vector<DatasetItem> select_split(const std::vector<DatasetItem>& items,
-                                      const std::vector<std::filesystem::path>& splits);
+std::vector<io::DatasetItem> select_split(const std::vector<io::DatasetItem>& items,
+                                          const std::vector<std::filesystem::path>& splits);
 
 /// skeleton/<id>/skeleton_voxelized.npz, checked: shapes agree, numbers are finite, indices in range.
 struct GroundTruth {
@@ -40,6 +28,8 @@ struct GroundTruth {
   std::size_t vertex_count() const { return vertices.size(); }
 };
 
+/// @throws InputError naming file and array: a part missing or of another shape, a number that is not finite, an index
+/// out of range, no joint, a cycle, no vertex
 GroundTruth read_ground_truth(const std::filesystem::path& root, const std::string& id);
 
 /// An asset to draw: the mesh and skeleton of the ground truth with these weights. @param skin [V, J]

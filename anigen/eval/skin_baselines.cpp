@@ -57,7 +57,8 @@ std::vector<float> strongest_joint_weights(const GroundTruth& truth) {
 
 std::vector<SkinMethod> skin_baselines() {
   const auto geometric = [](const std::string& key, const std::string& label, auto function) {
-    return SkinMethod{key, label, [function](const DatasetItem&, const GroundTruth& truth) { return function(truth); }};
+    return SkinMethod{key, label,
+                      [function](const io::DatasetItem&, const GroundTruth& truth) { return function(truth); }};
   };
   std::vector<SkinMethod> methods = {
       geometric("nearest_bone", "nearest bone", nearest_bone_weights),

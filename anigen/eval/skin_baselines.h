@@ -35,7 +35,7 @@ std::vector<float> mixture_weights(const GroundTruth& truth, std::size_t rank = 
 /// A way to get weights for an asset, with its names in files (key) and tables (label).
 struct SkinMethod {
   std::string key, label;
-  std::function<std::vector<float>(const DatasetItem&, const GroundTruth&)> predict;
+  std::function<std::vector<float>(const io::DatasetItem&, const GroundTruth&)> predict;
   bool oracle = false;   ///< looks at the true weights in a way that no method could
   bool parallel = true;  ///< may run on several assets at once
 };

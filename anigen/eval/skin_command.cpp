@@ -11,7 +11,7 @@ SkinEvaluation run_skin_evaluation(const SkinRequest& request) {
   std::vector<SkinMethod> methods = request.methods;
   for (SkinMethod& baseline : skin_baselines()) methods.push_back(std::move(baseline));
 
-  std::vector<DatasetItem> items = list_dataset(request.dataset);
+  std::vector<io::DatasetItem> items = io::list_dataset(request.dataset);
   if (!request.splits.empty()) items = select_split(items, request.splits);
   if (items.empty()) throw InputError(request.dataset.string(), "", "there is not one asset to evaluate");
   Json settings = request.settings;

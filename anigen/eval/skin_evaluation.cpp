@@ -14,7 +14,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-MethodResult run_method(const SkinMethod& method, const DatasetItem& item, const GroundTruth& truth) {
+MethodResult run_method(const SkinMethod& method, const io::DatasetItem& item, const GroundTruth& truth) {
   MethodResult result;
   try {
     std::vector<float> predicted = method.predict(item, truth);
@@ -68,7 +68,7 @@ Summary summarize(std::vector<double> values) {
   return summary;
 }
 
-SkinEvaluation evaluate_skin(const fs::path& dataset, const std::vector<DatasetItem>& items,
+SkinEvaluation evaluate_skin(const fs::path& dataset, const std::vector<io::DatasetItem>& items,
                              const std::vector<SkinMethod>& methods, const Json& settings) {
   SkinEvaluation evaluation{methods, {}, settings};
   evaluation.assets.resize(items.size());
@@ -97,7 +97,7 @@ SkinMethod predictions_from_folder(const fs::path& folder) {
   SkinMethod method;
   method.key = "prediction";
   method.label = "prediction";
-  method.predict = [folder](const DatasetItem& item, const GroundTruth& truth) {
+  method.predict = [folder](const io::DatasetItem& item, const GroundTruth& truth) {
     const fs::path file = folder / (item.id + ".npz");
     const io::NamedArrays arrays = io::read_npz(file, {"skin"});
     const io::NdArray& skin = *io::find(arrays, "skin");

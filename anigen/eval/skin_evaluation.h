@@ -19,7 +19,7 @@ struct MethodResult {
 };
 
 struct AssetResult {
-  DatasetItem item;
+  io::DatasetItem item;
   std::size_t joints = 0, vertices = 0;
   std::vector<MethodResult> methods;  ///< one per method of the evaluation
 };
@@ -39,7 +39,7 @@ struct SkinEvaluation {
 
 /// Runs every method on every item. A method that throws on an asset, or returns weights that cannot be scored, gets
 /// a failure there and nothing stops. @throws Interrupted after Ctrl-C
-SkinEvaluation evaluate_skin(const std::filesystem::path& dataset, const std::vector<DatasetItem>& items,
+SkinEvaluation evaluate_skin(const std::filesystem::path& dataset, const std::vector<io::DatasetItem>& items,
                              const std::vector<SkinMethod>& methods, const Json& settings = Json::object());
 
 /// Reads predictions from <folder>/<id>.npz, member `skin` [V, J] for the vertices and joints of the ground truth.

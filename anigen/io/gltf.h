@@ -28,6 +28,7 @@ struct ImportOptions {
 struct ImportedAsset {
   Asset asset;  ///< world frame Z up: glTF (X, Y, Z) → (X, −Z, Y); validate() finds nothing wrong with it
   std::vector<ImportNote> notes;
+  double lowest_weight_sum = 1.0;  ///< of a vertex with weights in the file, before rows were divided by their sum
 };
 
 /// Reads a skinned glTF 2.0 (.gltf with its buffers, or .glb). All skins are merged into one skeleton, all meshes

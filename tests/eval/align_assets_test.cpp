@@ -19,10 +19,10 @@ TEST(AlignAssets, JointsComeBackAfterARandomSimilarity) {
        {"humanoid/cesium_man.gltf", "humanoid/kaykit_knight.glb", "quadruped/khronos_fox.glb", "quadruped/q_stag.glb",
         "reptile_dragon/q_trex.glb", "fish/q_goldfish.glb", "hand/aframe_left_hand_high.glb"}) {
     if (!std::filesystem::exists(folder / name)) GTEST_SKIP() << name << " is missing";
-    const RiggedShape truth = rigged_shape(io::read_gltf(folder / name).asset, name, name);
+    const io::RiggedShape truth = io::rigged_shape(io::read_gltf(folder / name).asset, name, name);
     // Around its own place: single precision vertices lose digits far from the origin.
     const Similarity unit = normalization(truth.mesh, NormalizationMode::kBoundingBox);
-    const RiggedShape prediction = transformed(compose(test::random_similarity(++seed), unit), truth);
+    const io::RiggedShape prediction = transformed(compose(test::random_similarity(++seed), unit), truth);
     const Alignment alignment = align(prediction, truth);
     for (std::size_t j = 0; j < truth.joints.size(); ++j) {
       // Also for joints far outside the mesh: well below the 1e-3 that scores may be off by.

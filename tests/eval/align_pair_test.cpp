@@ -18,7 +18,7 @@ AlignmentOptions light() {
   return options;
 }
 
-double joint_distance(const Alignment& alignment, const RiggedShape& prediction, const RiggedShape& truth) {
+double joint_distance(const Alignment& alignment, const io::RiggedShape& prediction, const io::RiggedShape& truth) {
   double largest = 0.0;
   for (std::size_t j = 0; j < truth.joints.size(); ++j) {
     largest = std::max(
@@ -30,8 +30,8 @@ double joint_distance(const Alignment& alignment, const RiggedShape& prediction,
 
 TEST(Align, UndoesRotationScaleAndTranslationOfMeshAndJoints) {
   for (std::uint64_t seed = 0; seed < 4; ++seed) {
-    const RiggedShape truth = test::rigged(seed % 2 == 0 ? test::walker(9) : test::crawler(9));
-    const RiggedShape prediction = transformed(test::random_similarity(seed), truth);
+    const io::RiggedShape truth = test::rigged(seed % 2 == 0 ? test::walker(9) : test::crawler(9));
+    const io::RiggedShape prediction = transformed(test::random_similarity(seed), truth);
     const Alignment alignment = align(prediction, truth, light());
     EXPECT_EQ(alignment.by, AlignedBy::kSurface);
     EXPECT_TRUE(alignment.icp_used);
@@ -43,7 +43,7 @@ TEST(Align, UndoesRotationScaleAndTranslationOfMeshAndJoints) {
 }
 
 TEST(Align, TruthComesIntoTheUnitBoxWhateverIcpRanOn) {
-  const RiggedShape truth = transformed(test::random_similarity(5), test::rigged(test::walker(8)));
+  const io::RiggedShape truth = transformed(test::random_similarity(5), test::rigged(test::walker(8)));
   for (const NormalizationMode mode : {NormalizationMode::kCentroidRms, NormalizationMode::kBoundingBox}) {
     AlignmentOptions options = light();
     options.normalization = mode;
@@ -56,10 +56,10 @@ TEST(Align, TruthComesIntoTheUnitBoxWhateverIcpRanOn) {
 }
 
 TEST(Align, WithoutIcpNormalisationIsAll) {
-  const RiggedShape truth = test::rigged(test::walker(8));
+  const io::RiggedShape truth = test::rigged(test::walker(8));
   Similarity shift = test::random_similarity(6);
   shift.rotation.setIdentity();
-  const RiggedShape prediction = transformed(shift, truth);
+  const io::RiggedShape prediction = transformed(shift, truth);
   AlignmentOptions options = light();
   options.icp = false;
   options.normalization = NormalizationMode::kBoundingBox;
@@ -75,8 +75,8 @@ TEST(Align, WithoutIcpNormalisationIsAll) {
 }
 
 TEST(Align, ResidualIsInTheFrameOfScores) {
-  const RiggedShape truth = test::rigged(test::walker(8));
-  RiggedShape fat = truth;
+  const io::RiggedShape truth = test::rigged(test::walker(8));
+  io::RiggedShape fat = truth;
   for (Eigen::Vector3f& vertex : fat.mesh.vertices) vertex.x() *= 1.15f;
   const double rmse = align(fat, truth, light()).icp.rmse;
   Similarity large;
@@ -85,15 +85,15 @@ TEST(Align, ResidualIsInTheFrameOfScores) {
 }
 
 TEST(Align, ShapesWithoutASurfaceUseVerticesOrJoints) {
-  const RiggedShape truth = test::rigged(test::walker(9));
+  const io::RiggedShape truth = test::rigged(test::walker(9));
   const Similarity moved_by = test::random_similarity(7);
-  RiggedShape points = transformed(moved_by, truth);
+  io::RiggedShape points = transformed(moved_by, truth);
   points.mesh.faces.clear();
   EXPECT_EQ(align(points, truth, light()).by, AlignedBy::kVertices);
   // Four joints in general position determine the motion.
-  RiggedShape bones;
+  io::RiggedShape bones;
   bones.joints = {{{0, 0, 0}, {0, 0, 0.5}, {0.3, 0, 0.4}, {0.1, 0.2, 0.9}}, {-1, 0, 1, 1}};
-  const RiggedShape moved = transformed(moved_by, bones);
+  const io::RiggedShape moved = transformed(moved_by, bones);
   const Alignment alignment = align(moved, bones, light());
   EXPECT_EQ(alignment.by, AlignedBy::kJoints);
   EXPECT_LT(joint_distance(alignment, moved, bones), 1e-9);
@@ -101,7 +101,7 @@ TEST(Align, ShapesWithoutASurfaceUseVerticesOrJoints) {
 }
 
 TEST(Align, BadShapesAreNamed) {
-  RiggedShape truth = test::rigged(test::walker(5)), nothing;
+  io::RiggedShape truth = test::rigged(test::walker(5)), nothing;
   nothing.file = "empty.glb";
   try {
     align(nothing, truth, light());
@@ -109,7 +109,7 @@ TEST(Align, BadShapesAreNamed) {
   } catch (const InputError& error) {
     EXPECT_EQ(error.file(), "empty.glb");
   }
-  RiggedShape broken = truth;
+  io::RiggedShape broken = truth;
   broken.file = "broken.glb";
   broken.mesh.vertices[2].y() = NAN;
   try {
@@ -121,7 +121,7 @@ TEST(Align, BadShapesAreNamed) {
   AlignmentOptions options = light();
   options.registration.trim = 2.0;
   EXPECT_THROW(align(truth, truth, options), InputError);
-  RiggedShape dot;  // one joint: no size, no direction
+  io::RiggedShape dot;  // one joint: no size, no direction
   dot.joints = {{{1, 2, 3}}, {-1}};
   const Alignment alignment = align(dot, dot, light());
   EXPECT_LT(joint_distance(alignment, dot, dot), 1e-12);

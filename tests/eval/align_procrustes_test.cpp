@@ -44,10 +44,10 @@ TEST(Similarity, AngleIsExactNearZeroAndAtAHalfTurn) {
 }
 
 TEST(Similarity, MovesMeshAndJoints) {
-  RiggedShape shape = test::rigged(test::walker(4));
+  io::RiggedShape shape = test::rigged(test::walker(4));
   shape.mesh.normals = vertex_normals(shape.mesh.vertices, shape.mesh.faces);
   const Similarity t = test::random_similarity(4);
-  const RiggedShape moved = transformed(t, shape);
+  const io::RiggedShape moved = transformed(t, shape);
   EXPECT_LT((moved.joints.positions[2] - t(shape.joints.positions[2])).norm(), 1e-13);
   EXPECT_LT((moved.mesh.vertices[5].cast<double>() - t(shape.mesh.vertices[5].cast<double>())).norm(), 1e-5);
   EXPECT_NEAR(moved.mesh.normals[5].norm(), 1.0f, 1e-5f);

@@ -6,7 +6,7 @@
 #include "anigen/core/random.h"
 #include "anigen/eval/align/rotation_starts.h"
 #include "anigen/eval/align/similarity.h"
-#include "anigen/eval/rigged_shape.h"
+#include "anigen/io/rigs/rigged_shape.h"
 
 /// Shapes whose alignment is known.
 namespace anigen::test {
@@ -80,8 +80,8 @@ inline eval::Similarity random_similarity(std::uint64_t seed, bool with_scale = 
 }
 
 /// With two joints, so that it has a skeleton.
-inline eval::RiggedShape rigged(Mesh mesh) {
-  eval::RiggedShape shape;
+inline io::RiggedShape rigged(Mesh mesh) {
+  io::RiggedShape shape;
   shape.file = "shape.glb";
   shape.joints = {{{0, 0, 0}, {0, 0, 0.4}, {0.2, 0, 0.3}}, {-1, 0, 1}};
   shape.mesh = std::move(mesh);

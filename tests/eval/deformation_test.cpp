@@ -14,7 +14,7 @@ using Eigen::MatrixXd;
 using Eigen::Vector3d;
 
 struct Rig {
-  JointTree tree;
+  io::JointTree tree;
   SkinWeights skin;
 };
 

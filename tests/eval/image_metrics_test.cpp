@@ -98,7 +98,7 @@ TEST(ImageMetrics, RefuseBadInput) {
 TEST(Views, TheFrameIsFixedAndTheBackgroundBlack) {
   ViewOptions options;
   options.size = 64;
-  const RiggedShape shape = test::rigged(test::walker(10));
+  const io::RiggedShape shape = test::rigged(test::walker(10));
   const auto views = render_views(shape, {}, options);
   ASSERT_EQ(views.size(), 4u);
   const auto lit = [](const io::Image& image, int from, int to) {
@@ -128,7 +128,7 @@ TEST(Views, TheFrameIsFixedAndTheBackgroundBlack) {
 TEST(Views, ScoresKnowEqualAndDifferentPictures) {
   ViewOptions options;
   options.size = 48;
-  const RiggedShape shape = test::rigged(test::walker(8));
+  const io::RiggedShape shape = test::rigged(test::walker(8));
   const auto truth = render_views(shape, {}, options);
   const ImageScores same = image_scores(truth, truth);
   EXPECT_EQ(same.psnr, kLargestPsnr);
@@ -145,7 +145,7 @@ TEST(Views, ScoresKnowEqualAndDifferentPictures) {
 }
 
 TEST(Views, RefuseBadInput) {
-  RiggedShape shape = test::rigged(test::walker(4));
+  io::RiggedShape shape = test::rigged(test::walker(4));
   ViewOptions options;
   options.views = 0;
   EXPECT_THROW(render_views(shape, {}, options), InputError);

@@ -2,8 +2,8 @@
 
 #include "anigen/eval/inputs/pairs.h"
 #include "anigen/eval/inputs/split.h"
-#include "tests/eval/inputs_files.h"
 #include "tests/io/array_file_bytes.h"
+#include "tests/support/rig_files.h"
 
 namespace anigen::eval {
 namespace {
@@ -12,12 +12,12 @@ namespace fs = std::filesystem;
 using Ids = std::vector<std::string>;
 
 /// A source of names only.
-class Names : public ShapeSource {
+class Names : public io::ShapeSource {
  public:
   explicit Names(Ids ids, std::map<std::string, Ids> others = {}, bool single = false)
       : ids_(std::move(ids)), others_(std::move(others)), single_(single) {}
   Ids ids() const override { return ids_; }
-  RiggedShape read(const std::string&) const override { return {}; }
+  io::RiggedShape read(const std::string&) const override { return {}; }
   std::string describe() const override { return "names"; }
   Ids other_names(const std::string& id) const override {
     const auto found = others_.find(id);

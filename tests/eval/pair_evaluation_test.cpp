@@ -27,7 +27,7 @@ void expect_complete(const PairResult& result) {
 }
 
 TEST(PairEvaluation, AShapeIsAtNoDistanceFromItself) {
-  const RiggedShape shape = test::rigged_walker();
+  const io::RiggedShape shape = test::rigged_walker();
   const PairResult result = evaluate_pair(shape, shape, quick());
   expect_complete(result);
   for (const char* key : {"j2j", "j2b", "b2b", "wasserstein", "gromov_wasserstein", "fused_gromov_wasserstein",
@@ -41,7 +41,7 @@ TEST(PairEvaluation, AShapeIsAtNoDistanceFromItself) {
 }
 
 TEST(PairEvaluation, PlacementOfThePredictionDoesNotMatter) {
-  const RiggedShape shape = test::rigged_walker();
+  const io::RiggedShape shape = test::rigged_walker();
   for (std::uint64_t seed = 0; seed < 3; ++seed) {
     const PairResult result = evaluate_pair(with_random_placement(shape, seed), shape, quick());
     for (const char* key : {"j2j", "j2b", "b2b", "wasserstein", "gromov_wasserstein", "surface_chamfer"})
@@ -53,7 +53,7 @@ TEST(PairEvaluation, WithoutAlignmentPlacementMatters) {
   PairSettings settings = quick();
   settings.alignment.icp = false;
   settings.groups = {"skeleton", "transport"};
-  const RiggedShape shape = test::rigged_walker();
+  const io::RiggedShape shape = test::rigged_walker();
   const PairResult result = evaluate_pair(with_random_placement(shape), shape, settings);
   EXPECT_GT(result.value("j2j"), 1e-2);
   // Distances along the skeleton do not change when it is turned; only the scale of normalisation does.
@@ -62,8 +62,8 @@ TEST(PairEvaluation, WithoutAlignmentPlacementMatters) {
 }
 
 TEST(PairEvaluation, MissingPartsLeaveTheRest) {
-  const RiggedShape truth = test::rigged_walker();
-  RiggedShape predicted = truth;
+  const io::RiggedShape truth = test::rigged_walker();
+  io::RiggedShape predicted = truth;
   predicted.skin = {};
   PairResult result = evaluate_pair(predicted, truth, quick());
   expect_complete(result);
@@ -89,15 +89,15 @@ TEST(PairEvaluation, MissingPartsLeaveTheRest) {
 }
 
 TEST(PairEvaluation, WeightsOfAnotherLengthAreNamed) {
-  const RiggedShape truth = test::rigged_walker();
-  RiggedShape predicted = truth;
+  const io::RiggedShape truth = test::rigged_walker();
+  io::RiggedShape predicted = truth;
   predicted.skin.offsets.pop_back();
   const PairResult result = evaluate_pair(predicted, truth, quick());
   EXPECT_NE(result.not_computed.at("skin_l1").find("weights for"), std::string::npos);
 }
 
 TEST(PairEvaluation, SavesAndReadsBack) {
-  const RiggedShape shape = test::rigged_walker();
+  const io::RiggedShape shape = test::rigged_walker();
   PairResult result = evaluate_pair(with_inserted_joint(shape), shape, quick());
   result.notes.push_back("a note");
   const PairResult again = pair_result_from_json(to_json(result), "saved.json");
@@ -119,10 +119,10 @@ TEST(PairSettings, NamesWhatIsOutOfRange) {
 }
 
 TEST(Fingerprint, ChangesWithEverythingThatIsMeasured) {
-  const RiggedShape shape = test::rigged_walker(4);
+  const io::RiggedShape shape = test::rigged_walker(4);
   const std::uint64_t before = fingerprint(shape);
   EXPECT_EQ(fingerprint(test::rigged_walker(4)), before);
-  RiggedShape changed = shape;
+  io::RiggedShape changed = shape;
   changed.mesh.vertices[3].x() += 1e-3f;
   EXPECT_NE(fingerprint(changed), before);
   changed = shape;

@@ -9,16 +9,16 @@
 namespace anigen::eval {
 namespace {
 
-double total(const RiggedShape& shape) {
+double total(const io::RiggedShape& shape) {
   double sum = 0;
   for (const Influence& influence : shape.skin.influences) sum += influence.weight;
   return sum;
 }
 
 TEST(Perturbations, LeaveASoundShape) {
-  const RiggedShape shape = test::rigged_walker(4);
+  const io::RiggedShape shape = test::rigged_walker(4);
   for (const Perturbation& mistake : perturbations()) {
-    const RiggedShape changed = mistake.apply(shape);
+    const io::RiggedShape changed = mistake.apply(shape);
     SCOPED_TRACE(mistake.name);
     EXPECT_NO_THROW(check(changed.joints, "changed"));
     EXPECT_EQ(changed.skin.rows(), shape.mesh.vertices.size());
@@ -29,12 +29,12 @@ TEST(Perturbations, LeaveASoundShape) {
 }
 
 TEST(Perturbations, DoWhatTheySay) {
-  const RiggedShape shape = test::rigged_walker(4);
-  const RiggedShape inserted = with_inserted_joint(shape);
+  const io::RiggedShape shape = test::rigged_walker(4);
+  const io::RiggedShape inserted = with_inserted_joint(shape);
   EXPECT_EQ(inserted.joints.size(), 8u);
   EXPECT_EQ(roots(inserted.joints).size(), 1u);
 
-  const RiggedShape duplicated = with_duplicated_branch(shape);
+  const io::RiggedShape duplicated = with_duplicated_branch(shape);
   EXPECT_EQ(duplicated.joints.size(), 9u);  // the leg of two joints is the largest branch
   EXPECT_EQ(duplicated.joints.parents[8], 7);
   EXPECT_EQ(duplicated.joints.parents[7], 0);
@@ -45,7 +45,7 @@ TEST(Perturbations, DoWhatTheySay) {
 }
 
 TEST(Perturbations, RefuseSkeletonsThatAreTooSmall) {
-  RiggedShape shape = test::rigged_walker(4);
+  io::RiggedShape shape = test::rigged_walker(4);
   shape.joints = {{{0, 0, 0}}, {-1}};
   shape.skin = {};
   EXPECT_THROW(with_inserted_joint(shape), InputError);

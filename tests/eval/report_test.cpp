@@ -29,7 +29,7 @@ TEST(SkinReport, IsOneFileWithTablesPicturesAndCurves) {
          {"vertices", io::NdArray::from(std::vector<float>{-0.5f, 0, -0.5f, 0.5f, 0, -0.5f, 0, 0, 0.5f}, {3, 3})},
          {"faces", io::NdArray::from(std::vector<std::int32_t>{0, 1, 2}, {1, 3})}});
   }
-  const SkinEvaluation evaluation = evaluate_skin(folder / "data", list_dataset(folder / "data"), skin_baselines());
+  const SkinEvaluation evaluation = evaluate_skin(folder / "data", io::list_dataset(folder / "data"), skin_baselines());
   ReportOptions options;
   options.title = "A <report>";
   options.dataset = folder / "data";

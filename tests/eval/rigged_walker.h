@@ -7,8 +7,8 @@
 namespace anigen::test {
 
 /// walker() with seven joints, one per part, and weights that blend the two nearest of them.
-inline eval::RiggedShape rigged_walker(int rings = 8) {
-  eval::RiggedShape shape = rigged(walker(rings));
+inline io::RiggedShape rigged_walker(int rings = 8) {
+  io::RiggedShape shape = rigged(walker(rings));
   shape.id = "walker";
   shape.joints.positions = {{0, 0, 0.1},         {0, -0.02, 0.5},     {-0.24, -0.12, 0.22}, {0.24, 0.03, 0.1},
                             {-0.09, 0.05, -0.2}, {0.09, -0.08, -0.2}, {0.09, -0.1, -0.5}};

@@ -5,8 +5,8 @@
 #include "anigen/core/atomic_file.h"
 #include "anigen/core/error.h"
 #include "anigen/eval/comparison/evaluate_command.h"
-#include "tests/eval/inputs_files.h"
 #include "tests/support/paths.h"
+#include "tests/support/rig_files.h"
 
 namespace anigen::eval {
 namespace {

@@ -17,9 +17,9 @@ namespace {
 using Eigen::Vector3d;
 using Points = std::vector<Vector3d>;
 
-JointTree random_tree(std::uint64_t seed, std::size_t joints) {
+io::JointTree random_tree(std::uint64_t seed, std::size_t joints) {
   Rng rng(seed, "skeleton_chamfer_test");
-  JointTree tree;
+  io::JointTree tree;
   for (std::size_t j = 0; j < joints; ++j) {
     tree.positions.push_back({rng.uniform(-0.5, 0.5), rng.uniform(-0.5, 0.5), rng.uniform(-0.5, 0.5)});
     tree.parents.push_back(j == 0 ? -1 : static_cast<int>(rng.index(j)));
@@ -40,7 +40,8 @@ double slow_one_way(const Points& from, const Points& to) {
 
 double slow_chamfer(const Points& a, const Points& b) { return 0.5 * (slow_one_way(a, b) + slow_one_way(b, a)); }
 
-double slow_joint_to_samples(const JointTree& a, const JointTree& b, const Points& samples_a, const Points& samples_b) {
+double slow_joint_to_samples(const io::JointTree& a, const io::JointTree& b, const Points& samples_a,
+                             const Points& samples_b) {
   return 0.5 * (slow_one_way(a.positions, samples_b) + slow_one_way(b.positions, samples_a));
 }
 
@@ -93,7 +94,7 @@ TEST(NearestBone, AgreesWithEverySegmentAndEverySample) {
 
 TEST(SkeletonChamfer, AgreesWithHandComputedNumbers) {
   // Parallel bones of length 1, one above the other by 0.2; the second is twice as long.
-  const JointTree a{{{0, 0, 0}, {1, 0, 0}}, {-1, 0}}, b{{{0, 0, 0.2}, {2, 0, 0.2}}, {-1, 0}};
+  const io::JointTree a{{{0, 0, 0}, {1, 0, 0}}, {-1, 0}}, b{{{0, 0, 0.2}, {2, 0, 0.2}}, {-1, 0}};
   const double diagonal = std::hypot(1.0, 0.2);
   const SkeletonChamfer exact = skeleton_chamfer(a, b, SkeletonProtocol::kPaper);
   EXPECT_NEAR(exact.j2j, 0.5 * (0.5 * (0.2 + diagonal) + 0.5 * (0.2 + diagonal)), 1e-15);
@@ -105,7 +106,7 @@ TEST(SkeletonChamfer, AgreesWithHandComputedNumbers) {
 }
 
 TEST(SkeletonChamfer, SampledProtocolsAgreeWithExplicitSamples) {
-  const JointTree a = random_tree(1, 12), b = random_tree(2, 17);
+  const io::JointTree a = random_tree(1, 12), b = random_tree(2, 17);
   const Points spaced_a = sample_points(spaced_samples(bone_lines(joint_graph(a)))),
                spaced_b = sample_points(spaced_samples(bone_lines(joint_graph(b)))),
                counted_a = sample_points(counted_samples(bone_lines(joint_graph(a)))),
@@ -120,7 +121,7 @@ TEST(SkeletonChamfer, SampledProtocolsAgreeWithExplicitSamples) {
 }
 
 TEST(SkeletonChamfer, UnirigInItsOwnFrameGivesTheSameNumberAsInTheUnitBox) {
-  JointTree a = random_tree(3, 9), b = random_tree(4, 11);
+  io::JointTree a = random_tree(3, 9), b = random_tree(4, 11);
   const SkeletonChamfer unit = skeleton_chamfer(a, b, SkeletonProtocol::kUnirig);
   for (Vector3d& p : a.positions) p *= 2.0;
   for (Vector3d& p : b.positions) p *= 2.0;
@@ -131,7 +132,7 @@ TEST(SkeletonChamfer, UnirigInItsOwnFrameGivesTheSameNumberAsInTheUnitBox) {
 }
 
 TEST(SkeletonChamfer, IsZeroForIdenticalSkeletonsAndSymmetric) {
-  const JointTree a = random_tree(5, 40), b = random_tree(6, 25);
+  const io::JointTree a = random_tree(5, 40), b = random_tree(6, 25);
   for (const SkeletonProtocol protocol : kSkeletonProtocols) {
     const SkeletonChamfer self = skeleton_chamfer(a, a, protocol);
     EXPECT_LT(self.j2j, 1e-15) << name(protocol);
@@ -148,8 +149,8 @@ TEST(SkeletonChamfer, IsZeroForIdenticalSkeletonsAndSymmetric) {
 
 TEST(SkeletonChamfer, DoesNotSeeAJointInsertedInABone) {
   // The paper's claim in section 4.1.3: bone distances stay near zero, joint distances do not.
-  const JointTree truth = random_tree(7, 20);
-  JointTree predicted = truth;
+  const io::JointTree truth = random_tree(7, 20);
+  io::JointTree predicted = truth;
   const Vector3d middle = 0.5 * (truth.positions[19] + truth.positions[static_cast<std::size_t>(truth.parents[19])]);
   predicted.positions.push_back(middle);
   predicted.parents.push_back(truth.parents[19]);
@@ -165,9 +166,9 @@ TEST(SkeletonChamfer, DoesNotSeeAJointInsertedInABone) {
 }
 
 TEST(SkeletonChamfer, IsDefinedForDegenerateSkeletons) {
-  const JointTree single{{{0.1, 0, 0}}, {-1}}, other{{{0.4, 0, 0}}, {-1}};
-  const JointTree forest{{{0, 0, 0}, {0.4, 0, 0}}, {-1, -1}};
-  const JointTree coincident{{{0.1, 0, 0}, {0.1, 0, 0}}, {-1, 0}};
+  const io::JointTree single{{{0.1, 0, 0}}, {-1}}, other{{{0.4, 0, 0}}, {-1}};
+  const io::JointTree forest{{{0, 0, 0}, {0.4, 0, 0}}, {-1, -1}};
+  const io::JointTree coincident{{{0.1, 0, 0}, {0.1, 0, 0}}, {-1, 0}};
   for (const SkeletonProtocol protocol : kSkeletonProtocols) {
     // Without bones the joints stand for them.
     EXPECT_NEAR(skeleton_chamfer(single, other, protocol).j2j, 0.3, 1e-15) << name(protocol);
@@ -176,9 +177,9 @@ TEST(SkeletonChamfer, IsDefinedForDegenerateSkeletons) {
     EXPECT_NEAR(skeleton_chamfer(other, forest, protocol).b2b, 0.5 * (0.0 + 0.5 * 0.4), 1e-15) << name(protocol);
     EXPECT_NEAR(skeleton_chamfer(coincident, other, protocol).b2b, 0.3, 1e-15) << name(protocol);
   }
-  const JointTree empty, looped{{{0, 0, 0}, {1, 0, 0}}, {1, 0}};
-  const JointTree broken{{{0, 0, std::nan("")}}, {-1}}, far{{{0, 0, 0}, {1e6, 0, 0}}, {-1, 0}};
-  for (const JointTree* bad : {&empty, &looped, &broken, &far}) {
+  const io::JointTree empty, looped{{{0, 0, 0}, {1, 0, 0}}, {1, 0}};
+  const io::JointTree broken{{{0, 0, std::nan("")}}, {-1}}, far{{{0, 0, 0}, {1e6, 0, 0}}, {-1, 0}};
+  for (const io::JointTree* bad : {&empty, &looped, &broken, &far}) {
     EXPECT_THROW(skeleton_chamfer(*bad, single, SkeletonProtocol::kPaper), InputError);
     EXPECT_THROW(skeleton_chamfer(single, *bad, SkeletonProtocol::kPuppeteer), InputError);
   }

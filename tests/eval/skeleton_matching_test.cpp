@@ -114,7 +114,7 @@ geometry::RayCaster box(float x, float y, float z) {
 
 TEST(JointTolerance, IsTheMeanDistanceToTheSurfaceAcrossTheBones) {
   // A bone along x inside a long square bar: rays meet the four sides at 0.1 / max(|cos|, |sin|).
-  const JointTree tree{{{-0.3, 0, 0}, {0.3, 0, 0}}, {-1, 0}};
+  const io::JointTree tree{{{-0.3, 0, 0}, {0.3, 0, 0}}, {-1, 0}};
   const std::vector<double> tolerance = joint_tolerances(tree, box(0.5f, 0.1f, 0.1f));
   ASSERT_EQ(tolerance.size(), 2u);
   // The mean over all angles is 0.1 · (4/π) ln(1 + √2); 14 of them come within 2 %, whatever angle they start at.
@@ -125,7 +125,7 @@ TEST(JointTolerance, IsTheMeanDistanceToTheSurfaceAcrossTheBones) {
 
 TEST(JointTolerance, AveragesTheBonesOfAJointAndFallsBackOutside) {
   // The middle joint has one bone along x and one along z.
-  const JointTree bent{{{-0.3, 0, 0}, {0, 0, 0}, {0, 0, 0.05}}, {-1, 0, 1}};
+  const io::JointTree bent{{{-0.3, 0, 0}, {0, 0, 0}, {0, 0, 0.05}}, {-1, 0, 1}};
   const auto caster = box(0.5f, 0.1f, 0.1f);
   const std::vector<double> tolerance = joint_tolerances(bent, caster);
   const double across_x = joint_tolerances({{{-0.3, 0, 0}, {0, 0, 0}}, {-1, 0}}, caster)[1];
@@ -134,7 +134,7 @@ TEST(JointTolerance, AveragesTheBonesOfAJointAndFallsBackOutside) {
   EXPECT_NEAR(tolerance[1], 0.5 * (across_x + across_z), 1e-9);
 
   // Rays around a bone along x, far beyond the end of the bar, meet nothing.
-  const JointTree outside{{{2, 0, 0}, {3, 0, 0}}, {-1, 0}};
+  const io::JointTree outside{{{2, 0, 0}, {3, 0, 0}}, {-1, 0}};
   EXPECT_EQ(joint_tolerances(outside, caster, 0.07), (std::vector<double>{0.07, 0.07}));
 }
 
@@ -148,9 +148,9 @@ TEST(JointTolerance, OfALoneJointLooksAroundAllAxes) {
 }
 
 TEST(Connectivity, CountsBonesWhoseEndsMatchATrueBone) {
-  const JointTree truth{{{0, 0, 0}, {1, 0, 0}, {2, 0, 0}, {1, 1, 0}}, {-1, 0, 1, 1}};
+  const io::JointTree truth{{{0, 0, 0}, {1, 0, 0}, {2, 0, 0}, {1, 1, 0}}, {-1, 0, 1, 1}};
   // Joint 3 hangs on 0 instead of 1.
-  const JointTree predicted{truth.positions, {-1, 0, 1, 0}};
+  const io::JointTree predicted{truth.positions, {-1, 0, 1, 0}};
   const ConnectivityScore score = connectivity(predicted, truth, {0, 1, 2, 3});
   EXPECT_EQ(score.right, 2u);
   EXPECT_DOUBLE_EQ(score.precision, 2.0 / 3);
@@ -161,8 +161,8 @@ TEST(Connectivity, CountsBonesWhoseEndsMatchATrueBone) {
 }
 
 TEST(Connectivity, DoesNotDependOnRootOrNumbering) {
-  const JointTree truth{{{0, 0, 0}, {1, 0, 0}, {2, 0, 0}}, {-1, 0, 1}};
-  const JointTree rerooted{{{2, 0, 0}, {1, 0, 0}, {0, 0, 0}}, {-1, 0, 1}};
+  const io::JointTree truth{{{0, 0, 0}, {1, 0, 0}, {2, 0, 0}}, {-1, 0, 1}};
+  const io::JointTree rerooted{{{2, 0, 0}, {1, 0, 0}, {0, 0, 0}}, {-1, 0, 1}};
   const ConnectivityScore score =
       connectivity(rerooted, truth, match_joints(rerooted.positions, truth.positions).truth_of);
   EXPECT_EQ(score.precision, 1.0);
@@ -170,8 +170,8 @@ TEST(Connectivity, DoesNotDependOnRootOrNumbering) {
 }
 
 TEST(Connectivity, SeesAJointInsertedInABone) {
-  const JointTree truth{{{0, 0, 0}, {1, 0, 0}, {2, 0, 0}}, {-1, 0, 1}};
-  const JointTree inserted{{{0, 0, 0}, {1, 0, 0}, {2, 0, 0}, {0.5, 0, 0}}, {-1, 3, 1, 0}};
+  const io::JointTree truth{{{0, 0, 0}, {1, 0, 0}, {2, 0, 0}}, {-1, 0, 1}};
+  const io::JointTree inserted{{{0, 0, 0}, {1, 0, 0}, {2, 0, 0}, {0.5, 0, 0}}, {-1, 3, 1, 0}};
   const ConnectivityScore score = connectivity(inserted, truth, {0, 1, 2, -1});
   EXPECT_DOUBLE_EQ(score.precision, 1.0 / 3);
   EXPECT_DOUBLE_EQ(score.recall, 1.0 / 2);
@@ -180,7 +180,7 @@ TEST(Connectivity, SeesAJointInsertedInABone) {
 }
 
 TEST(Connectivity, IsDefinedWithoutBones) {
-  const JointTree single{{{0, 0, 0}}, {-1}}, pair{{{0, 0, 0}, {1, 0, 0}}, {-1, 0}};
+  const io::JointTree single{{{0, 0, 0}}, {-1}}, pair{{{0, 0, 0}, {1, 0, 0}}, {-1, 0}};
   EXPECT_EQ(connectivity(single, single, {0}).precision, 1.0);
   EXPECT_EQ(connectivity(single, pair, {0}).precision, 0.0);
   EXPECT_EQ(connectivity(single, pair, {0}).recall, 0.0);
@@ -191,8 +191,8 @@ TEST(Connectivity, IsDefinedWithoutBones) {
 
 TEST(JointMatching, JointsInOnePlaceAreToldApartByTheTree) {
   // Two joints lie on joint 1, and the copy lists them in another order.
-  const JointTree truth{{{0, 0, 0}, {1, 0, 0}, {1, 0, 0}, {1, 0, 0}, {2, 0, 0}}, {-1, 0, 1, 2, 3}};
-  const JointTree copy{{{2, 0, 0}, {1, 0, 0}, {1, 0, 0}, {1, 0, 0}, {0, 0, 0}}, {1, 3, 4, 2, -1}};
+  const io::JointTree truth{{{0, 0, 0}, {1, 0, 0}, {1, 0, 0}, {1, 0, 0}, {2, 0, 0}}, {-1, 0, 1, 2, 3}};
+  const io::JointTree copy{{{2, 0, 0}, {1, 0, 0}, {1, 0, 0}, {1, 0, 0}, {0, 0, 0}}, {1, 3, 4, 2, -1}};
   const JointMatch match = match_joints(copy, truth, std::vector<double>(5, 0.05));
   EXPECT_EQ(match.truth_of, (std::vector<int>{4, 3, 1, 2, 0}));
   EXPECT_EQ(connectivity(copy, truth, match.truth_of).recall, 1.0);

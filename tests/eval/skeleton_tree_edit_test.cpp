@@ -11,8 +11,8 @@
 namespace anigen::eval {
 namespace {
 
-JointTree tree_of(std::vector<int> parents) {
-  JointTree tree;
+io::JointTree tree_of(std::vector<int> parents) {
+  io::JointTree tree;
   tree.positions.assign(parents.size(), Eigen::Vector3d::Zero());
   tree.parents = std::move(parents);
   return tree;

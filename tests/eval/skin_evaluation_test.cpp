@@ -39,7 +39,7 @@ class SkinEvaluationTest : public testing::Test {
   SkinEvaluation evaluate() {
     std::vector<SkinMethod> methods = skin_baselines();
     methods.insert(methods.begin(), predictions_from_folder(folder_ / "pred"));
-    return evaluate_skin(root(), list_dataset(root()), methods);
+    return evaluate_skin(root(), io::list_dataset(root()), methods);
   }
 
   test::TemporaryFolder folder_;
@@ -88,12 +88,12 @@ TEST_F(SkinEvaluationTest, WritesWhatReadersRelyOn) {
 
 TEST_F(SkinEvaluationTest, SplitsSelectAndRefuseUnknownIds) {
   write_file_atomically(folder_ / "split.txt", "# test\nc\n\na\r\n");
-  const auto selected = select_split(list_dataset(root()), {folder_ / "split.txt"});
+  const auto selected = select_split(io::list_dataset(root()), {folder_ / "split.txt"});
   ASSERT_EQ(selected.size(), 2u);
   EXPECT_EQ(selected[0].id, "a");
   write_file_atomically(folder_ / "split.txt", "a\nzzz\n");
   try {
-    select_split(list_dataset(root()), {folder_ / "split.txt"});
+    select_split(io::list_dataset(root()), {folder_ / "split.txt"});
     ADD_FAILURE() << "accepted an unknown id";
   } catch (const InputError& error) {
     EXPECT_EQ(error.place(), "line 2");
@@ -122,7 +122,7 @@ TEST_F(SkinEvaluationTest, BrokenGroundTruthIsNamed) {
 TEST_F(SkinEvaluationTest, RefusesMetadataThatNamesPathsOrRepeatsIds) {
   for (const char* ids : {"../evil", "a\na", ".."}) {
     write_file_atomically(root() / "metadata.csv", std::string("sha256\n") + ids + "\n");
-    EXPECT_THROW(list_dataset(root()), InputError) << ids;
+    EXPECT_THROW(io::list_dataset(root()), InputError) << ids;
   }
 }
 

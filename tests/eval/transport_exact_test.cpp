@@ -138,7 +138,7 @@ TEST(ExactTransport, RefusesWhatIsNotTransport) {
 
 TEST(Wasserstein, TranslationCostsItsLength) {
   Rng rng(1, "test");
-  const JointTree tree = test::random_tree(12, rng);
+  const io::JointTree tree = test::random_tree(12, rng);
   std::vector<Eigen::Vector3d> moved = tree.positions;
   for (Eigen::Vector3d& p : moved) p += Eigen::Vector3d(0.3, -0.4, 1.2);
   EXPECT_NEAR(wasserstein2(tree.positions, moved).distance, 1.3, 1e-12);

@@ -15,7 +15,7 @@ namespace {
 using Eigen::MatrixXd;
 
 // Floyd and Warshall over the bones.
-MatrixXd relaxed_distances(const JointTree& tree) {
+MatrixXd relaxed_distances(const io::JointTree& tree) {
   const Eigen::Index n = static_cast<Eigen::Index>(tree.size());
   MatrixXd d = MatrixXd::Constant(n, n, 1e9);
   for (Eigen::Index j = 0; j < n; ++j) {
@@ -36,13 +36,13 @@ MatrixXd relaxed_distances(const JointTree& tree) {
 TEST(TreeGeodesics, EqualsShortestPathsInAnyOrderOfJoints) {
   for (std::uint64_t seed = 0; seed < 10; ++seed) {
     Rng rng(seed, "test");
-    const JointTree tree = test::relabelled(test::random_tree(1 + rng.index(30), rng), rng);
+    const io::JointTree tree = test::relabelled(test::random_tree(1 + rng.index(30), rng), rng);
     EXPECT_LT((tree_geodesics(tree) - relaxed_distances(tree)).cwiseAbs().maxCoeff(), 1e-12);
   }
 }
 
 TEST(TreeGeodesics, FurtherRootsHangOnTheFirst) {
-  const JointTree forest{{{0, 0, 0}, {1, 0, 0}, {0, 3, 0}, {0, 3, 4}}, {-1, 0, -1, 2}};
+  const io::JointTree forest{{{0, 0, 0}, {1, 0, 0}, {0, 3, 0}, {0, 3, 4}}, {-1, 0, -1, 2}};
   const MatrixXd d = tree_geodesics(forest);
   EXPECT_DOUBLE_EQ(d(0, 2), 3.0);
   EXPECT_DOUBLE_EQ(d(1, 3), 8.0);
@@ -56,7 +56,7 @@ TEST(TreeGeodesics, RefusesCyclesAndNothing) {
 TEST(MetricTree, IsFoundAgainInItsDistances) {
   for (std::uint64_t seed = 0; seed < 10; ++seed) {
     Rng rng(seed, "test");
-    JointTree tree = test::random_tree(1 + rng.index(30), rng);
+    io::JointTree tree = test::random_tree(1 + rng.index(30), rng);
     if (tree.size() > 4)
       tree.positions[3] = tree.positions[static_cast<std::size_t>(tree.parents[3])];  // a bone of length 0
     const MatrixXd d = tree_geodesics(tree);
@@ -74,14 +74,14 @@ TEST(MetricTree, OtherMetricsHaveNone) {
   EXPECT_FALSE(metric_tree(square).has_value());
 }
 
-LabelledTree labelled(const JointTree& tree) {
+LabelledTree labelled(const io::JointTree& tree) {
   return {*metric_tree(tree_geodesics(tree)), uniform_masses(tree.size()), {}};
 }
 
 TEST(CanonicalOrder, DoesNotDependOnLabels) {
   for (std::uint64_t seed = 0; seed < 20; ++seed) {
     Rng rng(seed, "test");
-    JointTree tree = test::random_tree(2 + rng.index(30), rng);
+    io::JointTree tree = test::random_tree(2 + rng.index(30), rng);
     if (seed % 2 == 0 && tree.size() > 4) tree.positions[3] = tree.positions[static_cast<std::size_t>(tree.parents[3])];
     const CanonicalOrder order = canonical_order(labelled(tree), labelled(test::relabelled(tree, rng)));
     EXPECT_TRUE(order.isomorphic);
@@ -92,8 +92,8 @@ TEST(CanonicalOrder, DoesNotDependOnLabels) {
 
 TEST(CanonicalOrder, TellsTreesApart) {
   Rng rng(4, "test");
-  const JointTree tree = test::random_tree(12, rng);
-  JointTree longer = tree, rehung = tree;
+  const io::JointTree tree = test::random_tree(12, rng);
+  io::JointTree longer = tree, rehung = tree;
   longer.positions[11] += Eigen::Vector3d(0.0, 0.0, 1e-3);
   rehung.parents[11] = rehung.parents[11] == 0 ? 1 : 0;
   EXPECT_FALSE(canonical_order(labelled(tree), labelled(longer)).isomorphic);

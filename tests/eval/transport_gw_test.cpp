@@ -25,12 +25,12 @@ using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
 struct Spaces {
-  JointTree x, y;
+  io::JointTree x, y;
   MatrixXd c1, c2;
   VectorXd a, b;
 };
 
-Spaces spaces(JointTree x, JointTree y) {
+Spaces spaces(io::JointTree x, io::JointTree y) {
   Spaces result{std::move(x), std::move(y), {}, {}, {}, {}};
   result.c1 = tree_geodesics(result.x);
   result.c2 = tree_geodesics(result.y);
@@ -41,7 +41,7 @@ Spaces spaces(JointTree x, JointTree y) {
 
 Spaces random_spaces(std::uint64_t seed, std::size_t n, std::size_t m) {
   Rng rng(seed, "test");
-  JointTree x = test::random_tree(n, rng);
+  io::JointTree x = test::random_tree(n, rng);
   return spaces(std::move(x), test::random_tree(m, rng));
 }
 
@@ -105,7 +105,7 @@ TEST(GromovWasserstein, SinglePointHasOneCoupling) {
 TEST(GromovWasserstein, ZeroExactlyForIdenticalTreesUnderAnyLabels) {
   for (std::uint64_t seed = 0; seed < 20; ++seed) {
     Rng rng(seed, "test");
-    JointTree tree = test::random_tree(1 + rng.index(40), rng);
+    io::JointTree tree = test::random_tree(1 + rng.index(40), rng);
     if (seed % 3 == 0 && tree.size() > 4) tree.positions[3] = tree.positions[static_cast<std::size_t>(tree.parents[3])];
     const Spaces s = spaces(tree, test::relabelled(tree, rng));
     const GromovWasserstein found = solve(s);
@@ -117,8 +117,8 @@ TEST(GromovWasserstein, ZeroExactlyForIdenticalTreesUnderAnyLabels) {
 
 TEST(GromovWasserstein, ZeroForRotatedTreesAndProportionalForScaledOnes) {
   Rng rng(3, "test");
-  const JointTree tree = test::random_tree(25, rng);
-  JointTree turned = tree, doubled = tree;
+  const io::JointTree tree = test::random_tree(25, rng);
+  io::JointTree turned = tree, doubled = tree;
   const Eigen::Matrix3d rotation = Eigen::Quaterniond(0.3, -0.5, 0.7, 0.1).normalized().toRotationMatrix();
   for (Eigen::Vector3d& p : turned.positions) p = rotation * p + Eigen::Vector3d(1, 2, 3);
   for (Eigen::Vector3d& p : doubled.positions) p *= 2.0;
@@ -131,8 +131,8 @@ TEST(GromovWasserstein, ZeroForRotatedTreesAndProportionalForScaledOnes) {
 TEST(GromovWasserstein, DoesNotDependOnLabelsOrSides) {
   for (std::uint64_t seed = 0; seed < 8; ++seed) {
     Rng rng(seed, "test");
-    const JointTree x = test::random_tree(5 + rng.index(30), rng);
-    const JointTree y = test::random_tree(seed % 2 == 0 ? x.size() : 5 + rng.index(30), rng);
+    const io::JointTree x = test::random_tree(5 + rng.index(30), rng);
+    const io::JointTree y = test::random_tree(seed % 2 == 0 ? x.size() : 5 + rng.index(30), rng);
     const double value = solve(spaces(x, y)).value;
     for (int shuffle = 0; shuffle < 3; ++shuffle) {
       const Spaces other = spaces(test::relabelled(x, rng), test::relabelled(y, rng));

@@ -23,8 +23,8 @@ void expect_coupling(const SkeletonTransport& found, std::size_t n, std::size_t 
 
 TEST(SkeletonTransport, IdenticalSkeletonsAreAtDistanceZero) {
   Rng rng(0, "test");
-  const JointTree tree = test::random_tree(30, rng);
-  for (const JointTree& copy : {tree, test::relabelled(tree, rng)}) {
+  const io::JointTree tree = test::random_tree(30, rng);
+  for (const io::JointTree& copy : {tree, test::relabelled(tree, rng)}) {
     const SkeletonTransport found = skeleton_transport(tree, copy);
     expect_coupling(found, 30, 30);
     EXPECT_EQ(found.wasserstein, 0.0);
@@ -38,8 +38,8 @@ TEST(SkeletonTransport, IdenticalSkeletonsAreAtDistanceZero) {
 TEST(SkeletonTransport, PlanBelongsToTheJointsAsGiven) {
   for (std::uint64_t seed = 0; seed < 5; ++seed) {
     Rng rng(seed, "test");
-    const JointTree x = test::relabelled(test::random_tree(13, rng), rng);
-    const JointTree y = test::relabelled(test::random_tree(17, rng), rng);
+    const io::JointTree x = test::relabelled(test::random_tree(13, rng), rng);
+    const io::JointTree y = test::relabelled(test::random_tree(17, rng), rng);
     const SkeletonTransport found = skeleton_transport(x, y);
     expect_coupling(found, 13, 17);
     const double cost = (found.plan.array() * squared_distances(x.positions, y.positions).array()).sum();
@@ -51,7 +51,7 @@ TEST(SkeletonTransport, PlanBelongsToTheJointsAsGiven) {
 TEST(SkeletonTransport, OrderOfJointsDoesNotMatter) {
   for (std::uint64_t seed = 0; seed < 5; ++seed) {
     Rng rng(seed, "test");
-    JointTree x = test::random_tree(21, rng), y = test::random_tree(18, rng);
+    io::JointTree x = test::random_tree(21, rng), y = test::random_tree(18, rng);
     x.positions[7] = x.positions[static_cast<std::size_t>(x.parents[7])];  // two joints at one place
     const SkeletonTransport one = skeleton_transport(x, y);
     const SkeletonTransport two = skeleton_transport(test::relabelled(x, rng), test::relabelled(y, rng));
@@ -64,8 +64,8 @@ TEST(SkeletonTransport, OrderOfJointsDoesNotMatter) {
 
 TEST(SkeletonTransport, RigidMotionChangesOnlyWhatSeesPositions) {
   Rng rng(1, "test");
-  const JointTree tree = test::random_tree(20, rng);
-  JointTree moved = tree;
+  const io::JointTree tree = test::random_tree(20, rng);
+  io::JointTree moved = tree;
   for (Eigen::Vector3d& p : moved.positions) p += Eigen::Vector3d(0.0, 2.0, 0.0);
   const SkeletonTransport found = skeleton_transport(moved, tree);
   EXPECT_NEAR(found.wasserstein, 2.0, 1e-12);
@@ -76,7 +76,7 @@ TEST(SkeletonTransport, RigidMotionChangesOnlyWhatSeesPositions) {
 
 TEST(SkeletonTransport, SinkhornOnlyWhenAskedAndWithinItsGap) {
   Rng rng(2, "test");
-  const JointTree x = test::random_tree(15, rng), y = test::random_tree(11, rng);
+  const io::JointTree x = test::random_tree(15, rng), y = test::random_tree(11, rng);
   TransportOptions options;
   options.sinkhorn = true;
   const SkeletonTransport found = skeleton_transport(x, y, options);
@@ -87,13 +87,13 @@ TEST(SkeletonTransport, SinkhornOnlyWhenAskedAndWithinItsGap) {
 }
 
 TEST(SkeletonTransport, SingleJointForestAndCoincidentJoints) {
-  const JointTree one{{{0.1, 0.2, 0.3}}, {-1}};
-  const JointTree forest{{{0, 0, 0}, {1, 0, 0}, {0, 3, 0}, {0, 3, 4}}, {-1, 0, -1, 2}};
-  const JointTree twins{{{0, 0, 0}, {1, 0, 0}, {1, 0, 0}, {1, 0, 0}}, {-1, 0, 0, 2}};
-  const JointTree stacked{{{1, 1, 1}, {1, 1, 1}, {1, 1, 1}}, {-1, 0, 1}};
-  const std::vector<JointTree> all = {one, forest, twins, stacked};
-  for (const JointTree& x : all) {
-    for (const JointTree& y : all) {
+  const io::JointTree one{{{0.1, 0.2, 0.3}}, {-1}};
+  const io::JointTree forest{{{0, 0, 0}, {1, 0, 0}, {0, 3, 0}, {0, 3, 4}}, {-1, 0, -1, 2}};
+  const io::JointTree twins{{{0, 0, 0}, {1, 0, 0}, {1, 0, 0}, {1, 0, 0}}, {-1, 0, 0, 2}};
+  const io::JointTree stacked{{{1, 1, 1}, {1, 1, 1}, {1, 1, 1}}, {-1, 0, 1}};
+  const std::vector<io::JointTree> all = {one, forest, twins, stacked};
+  for (const io::JointTree& x : all) {
+    for (const io::JointTree& y : all) {
       const SkeletonTransport found = skeleton_transport(x, y);
       expect_coupling(found, x.size(), y.size());
       for (const double value : {found.wasserstein, found.gromov_wasserstein, found.fused_gromov_wasserstein}) {
@@ -112,11 +112,11 @@ TEST(SkeletonTransport, SingleJointForestAndCoincidentJoints) {
 }
 
 TEST(SkeletonTransport, RefusesBrokenSkeletonsNamingTheSide) {
-  const JointTree good{{{0, 0, 0}, {1, 0, 0}}, {-1, 0}};
-  JointTree unset = good;
+  const io::JointTree good{{{0, 0, 0}, {1, 0, 0}}, {-1, 0}};
+  io::JointTree unset = good;
   unset.positions[1].x() = std::numeric_limits<double>::quiet_NaN();
-  for (const JointTree& bad :
-       {JointTree{}, unset, JointTree{good.positions, {1, 0}}, JointTree{good.positions, {-1}}}) {
+  for (const io::JointTree& bad :
+       {io::JointTree{}, unset, io::JointTree{good.positions, {1, 0}}, io::JointTree{good.positions, {-1}}}) {
     EXPECT_THROW(skeleton_transport(good, bad), InputError);
     try {
       skeleton_transport(bad, good);
@@ -130,15 +130,15 @@ TEST(SkeletonTransport, RefusesBrokenSkeletonsNamingTheSide) {
 TEST(SkeletonTransport, SeesAnInsertedJointAndADuplicatedBranch) {
   // The paper's examples (section 4.1.3) of what Chamfer distances miss: both leave the shape almost as it is.
   Rng rng(6, "test");
-  const JointTree tree = test::random_tree(20, rng);
-  JointTree inserted = tree;
+  const io::JointTree tree = test::random_tree(20, rng);
+  io::JointTree inserted = tree;
   inserted.positions.push_back(0.5 * (tree.positions[5] + tree.positions[static_cast<std::size_t>(tree.parents[5])]));
   inserted.parents.push_back(tree.parents[5]);
   inserted.parents[5] = 20;
-  JointTree duplicated = tree;
+  io::JointTree duplicated = tree;
   duplicated.positions.push_back(tree.positions[19] + Eigen::Vector3d(1e-3, 0.0, 0.0));
   duplicated.parents.push_back(tree.parents[19]);
-  for (const JointTree& changed : {inserted, duplicated}) {
+  for (const io::JointTree& changed : {inserted, duplicated}) {
     const SkeletonTransport found = skeleton_transport(changed, tree);
     EXPECT_GT(found.wasserstein, 1e-2);
     EXPECT_GT(found.gromov_wasserstein, 1e-2);

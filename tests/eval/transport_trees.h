@@ -4,13 +4,13 @@
 #include <vector>
 
 #include "anigen/core/random.h"
-#include "anigen/eval/joint_tree.h"
+#include "anigen/io/rigs/joint_tree.h"
 
 namespace anigen::test {
 
 /// A random skeleton of `joints` joints: each hangs on the one before or on any earlier one.
-inline eval::JointTree random_tree(std::size_t joints, Rng& rng) {
-  eval::JointTree tree;
+inline io::JointTree random_tree(std::size_t joints, Rng& rng) {
+  io::JointTree tree;
   for (std::size_t j = 0; j < joints; ++j) {
     const std::size_t parent = j == 0 ? 0 : (rng.chance(0.5) ? j - 1 : rng.index(j));
     const Eigen::Vector3d step(rng.normal(), rng.normal(), rng.normal());
@@ -21,9 +21,9 @@ inline eval::JointTree random_tree(std::size_t joints, Rng& rng) {
 }
 
 /// The same skeleton with its joints in another order.
-inline eval::JointTree relabelled(const eval::JointTree& tree, Rng& rng) {
+inline io::JointTree relabelled(const io::JointTree& tree, Rng& rng) {
   const std::vector<std::size_t> place = rng.permutation(tree.size());  // joint j moves to place[j]
-  eval::JointTree result = tree;
+  io::JointTree result = tree;
   for (std::size_t j = 0; j < tree.size(); ++j) {
     result.positions[place[j]] = tree.positions[j];
     result.parents[place[j]] =

@@ -22,8 +22,8 @@ void run_skeleton_chamfer(Fixture& fixture) {
   const double width = range.at(1).get<double>() - range.at(0).get<double>();
   for (int q = 0; fixture.has_input("q" + std::to_string(q) + ".joints_a"); ++q) {
     const std::string pair = "q" + std::to_string(q) + ".";
-    const eval::JointTree a{points(fixture.input(pair + "joints_a")), ints(fixture.input(pair + "parents_a"))};
-    const eval::JointTree b{points(fixture.input(pair + "joints_b")), ints(fixture.input(pair + "parents_b"))};
+    const io::JointTree a{points(fixture.input(pair + "joints_a")), ints(fixture.input(pair + "parents_a"))};
+    const io::JointTree b{points(fixture.input(pair + "joints_b")), ints(fixture.input(pair + "parents_b"))};
     const eval::JointGraph graph_a = eval::joint_graph(a), graph_b = eval::joint_graph(b);
     fixture.check(pair + "unirig", three(eval::skeleton_chamfer(a, b, eval::SkeletonProtocol::kUnirig, width)));
     fixture.check(pair + "rignet", three(eval::skeleton_chamfer(a, b, eval::SkeletonProtocol::kRignet)));

@@ -24,7 +24,7 @@ namespace {
 
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
-using eval::JointTree;
+using io::JointTree;
 
 constexpr double kExactRelative = 1e-9;  // what exact transport promises
 constexpr double kGwExcess = 1e-6;  // a Gromov–Wasserstein cost this little above the best published one is as good

@@ -8,15 +8,15 @@
 namespace anigen::eval {
 namespace {
 
-AlignedBy common_ground(const RiggedShape& a, const RiggedShape& b) {
+AlignedBy common_ground(const io::RiggedShape& a, const io::RiggedShape& b) {
   if (a.has_surface() && b.has_surface()) return AlignedBy::kSurface;
   if (!a.mesh.vertices.empty() && !b.mesh.vertices.empty()) return AlignedBy::kVertices;
   if (a.has_joints() && b.has_joints()) return AlignedBy::kJoints;
-  const RiggedShape& poorer = a.has_joints() ? b : a;
+  const io::RiggedShape& poorer = a.has_joints() ? b : a;
   throw InputError(poorer.file, "", "there is nothing to align by: the two shapes share neither a mesh nor joints");
 }
 
-Similarity normalize(const RiggedShape& shape, NormalizationMode mode, AlignedBy by) {
+Similarity normalize(const io::RiggedShape& shape, NormalizationMode mode, AlignedBy by) {
   try {
     return by == AlignedBy::kJoints ? normalization(shape.joints.positions, mode) : normalization(shape.mesh, mode);
   } catch (const InputError& error) {
@@ -24,7 +24,7 @@ Similarity normalize(const RiggedShape& shape, NormalizationMode mode, AlignedBy
   }
 }
 
-AlignmentShape prepare(const RiggedShape& shape, const Similarity& normalized, AlignedBy by,
+AlignmentShape prepare(const io::RiggedShape& shape, const Similarity& normalized, AlignedBy by,
                        const IcpOptions& options) {
   const std::size_t samples = std::max(options.samples, options.score_samples);
   if (by == AlignedBy::kJoints) {
@@ -53,7 +53,7 @@ std::string to_string(AlignedBy by) {
   return "joints";
 }
 
-Alignment align(const RiggedShape& prediction, const RiggedShape& truth, const AlignmentOptions& options) {
+Alignment align(const io::RiggedShape& prediction, const io::RiggedShape& truth, const AlignmentOptions& options) {
   check(options.registration);
   Alignment result;
   result.by = common_ground(prediction, truth);

@@ -3,7 +3,7 @@
 
 #include "anigen/eval/align/icp.h"
 #include "anigen/eval/align/normalization.h"
-#include "anigen/eval/rigged_shape.h"
+#include "anigen/io/rigs/rigged_shape.h"
 
 namespace anigen::eval {
 
@@ -36,6 +36,6 @@ struct Alignment {
 /// Normalises both shapes and registers the prediction to the truth. Runs on the calling thread unless
 /// options.registration.parallel. A shape without size keeps its scale.
 /// @throws InputError when the shapes share neither vertices nor joints, naming the file; on bad meshes; on bad options
-Alignment align(const RiggedShape& prediction, const RiggedShape& truth, const AlignmentOptions& options = {});
+Alignment align(const io::RiggedShape& prediction, const io::RiggedShape& truth, const AlignmentOptions& options = {});
 
 }  // namespace anigen::eval

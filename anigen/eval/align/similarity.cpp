@@ -42,7 +42,7 @@ std::vector<Eigen::Vector3d> transformed(const Similarity& similarity, const std
   return result;
 }
 
-JointTree transformed(const Similarity& similarity, JointTree joints) {
+io::JointTree transformed(const Similarity& similarity, io::JointTree joints) {
   joints.positions = transformed(similarity, std::move(joints.positions));
   return joints;
 }
@@ -53,7 +53,7 @@ Mesh transformed(const Similarity& similarity, Mesh mesh) {
   return mesh;
 }
 
-RiggedShape transformed(const Similarity& similarity, RiggedShape shape) {
+io::RiggedShape transformed(const Similarity& similarity, io::RiggedShape shape) {
   shape.mesh = transformed(similarity, std::move(shape.mesh));
   shape.joints = transformed(similarity, std::move(shape.joints));
   return shape;

@@ -4,8 +4,8 @@
 #include <vector>
 
 #include "anigen/asset/mesh.h"
-#include "anigen/eval/joint_tree.h"
-#include "anigen/eval/rigged_shape.h"
+#include "anigen/io/rigs/joint_tree.h"
+#include "anigen/io/rigs/rigged_shape.h"
 
 namespace anigen::eval {
 
@@ -29,10 +29,10 @@ double rotation_angle(const Eigen::Matrix3d& a, const Eigen::Matrix3d& b);
 std::vector<Eigen::Vector3d> transformed(const Similarity& similarity, std::vector<Eigen::Vector3d> points);
 /// The vertices in double precision, before they are rounded back.
 std::vector<Eigen::Vector3d> transformed(const Similarity& similarity, const std::vector<Eigen::Vector3f>& points);
-JointTree transformed(const Similarity& similarity, JointTree joints);
+io::JointTree transformed(const Similarity& similarity, io::JointTree joints);
 /// Vertices move, normals turn; the rest stays.
 Mesh transformed(const Similarity& similarity, Mesh mesh);
 /// Mesh and joints.
-RiggedShape transformed(const Similarity& similarity, RiggedShape shape);
+io::RiggedShape transformed(const Similarity& similarity, io::RiggedShape shape);
 
 }  // namespace anigen::eval

@@ -31,10 +31,10 @@ ComparedMethod from_pairs(const std::string& label, const fs::path& csv, const E
 
 Opened open(const EvaluationRequest& request) {
   Opened opened;
-  std::shared_ptr<const ShapeSource> truth;
+  std::shared_ptr<const io::ShapeSource> truth;
   std::vector<std::string> ids;
   if (!request.truth.empty()) {
-    truth = open_source(request.truth, {request.truth_axes});
+    truth = io::open_source(request.truth, {request.truth_axes});
     ids = request.splits.empty() ? truth->ids() : select_ids(*truth, request.splits);
     opened.described["ground_truth"] = truth->describe();
   }
@@ -48,7 +48,7 @@ Opened open(const EvaluationRequest& request) {
       opened.methods.push_back(from_pairs(label, path, request, unused));
     } else {
       if (!truth) throw InputError(text, "", "needs --gt with the ground truth, unless it is a CSV of pairs");
-      ComparedMethod method{label, open_source(path, {request.prediction_axes}), truth, {}};
+      ComparedMethod method{label, io::open_source(path, {request.prediction_axes}), truth, {}};
       PairList list = match_pairs(*truth, *method.predictions, ids);
       method.pairs = std::move(list.pairs);
       unused = std::move(list.unused);
@@ -108,6 +108,7 @@ Comparison run_evaluation(const EvaluationRequest& request) {
 
   ComparisonRun run;
   run.settings = request.settings;
+  run.perceptual = request.perceptual;
   run.cache = request.out / "pairs";
   run.resume = request.resume;
   Comparison comparison = run_comparison(opened.methods, run);

@@ -5,8 +5,9 @@
 #include <vector>
 
 #include "anigen/eval/comparison/comparison.h"
-#include "anigen/eval/inputs/axes.h"
+#include "anigen/eval/image/views.h"
 #include "anigen/eval/pair/pair_settings.h"
+#include "anigen/io/rigs/axes.h"
 
 namespace anigen::eval {
 
@@ -17,8 +18,9 @@ struct EvaluationRequest {
   std::filesystem::path truth;           ///< a source; empty when every prediction is a list of pairs
   std::vector<std::filesystem::path> splits;
   std::filesystem::path out;
-  Axes prediction_axes = Axes::kFormat, truth_axes = Axes::kFormat;
+  io::Axes prediction_axes = io::Axes::kFormat, truth_axes = io::Axes::kFormat;
   PairSettings settings;
+  PerceptualDistance perceptual;  ///< LPIPS of two pictures, called from several threads; settings.lpips describes it
   bool resume = true;
   bool report = true;
   std::size_t pictured = 6;

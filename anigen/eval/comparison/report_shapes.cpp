@@ -22,7 +22,7 @@ std::string encoded(const std::vector<T>& values) {
 /// Places are shown in the box [-1, 1], which holds the unit box and whatever a bad prediction puts next to it.
 std::int16_t quantized(double x) { return static_cast<std::int16_t>(std::lround(std::clamp(x, -1.0, 1.0) * 32767.0)); }
 
-Json shape_json(const RiggedShape& shape) {
+Json shape_json(const io::RiggedShape& shape) {
   std::vector<std::int16_t> vertices;
   for (const Eigen::Vector3f& v : shape.mesh.vertices) {
     for (int axis = 0; axis < 3; ++axis) vertices.push_back(quantized(v[axis]));
@@ -45,7 +45,7 @@ Json shape_json(const RiggedShape& shape) {
 }
 
 /// Pictures need a mesh and a joint; what a shape lacks is not drawn.
-std::vector<io::Image> views_of(const RiggedShape& shape, int views, int size) {
+std::vector<io::Image> views_of(const io::RiggedShape& shape, int views, int size) {
   raytrace::PictureOptions options;
   options.width = options.height = size;
   options.ambient_occlusion = false;

@@ -32,7 +32,7 @@ std::string file_name(const std::string& text) {
 }
 
 /// What a saved result is valid for.
-std::string stamp(const PairSettings& settings, const RiggedShape& predicted, const RiggedShape& truth) {
+std::string stamp(const PairSettings& settings, const io::RiggedShape& predicted, const io::RiggedShape& truth) {
   const std::uint64_t hash = stable_hash(to_json(settings).dump() + kVersion, fingerprint(predicted));
   return std::to_string(hash) + "-" + std::to_string(fingerprint(truth));
 }
@@ -55,15 +55,15 @@ PairResult evaluate(const PairPlan& pair, const ComparedMethod& method, const Co
   PairResult result;
   try {
     if (!pair.prediction_id) throw InputError("", "", pair.missing_reason);
-    const RiggedShape truth = method.truths->read(pair.truth_id);
-    const RiggedShape predicted = method.predictions->read(*pair.prediction_id);
+    const io::RiggedShape truth = method.truths->read(pair.truth_id);
+    const io::RiggedShape predicted = method.predictions->read(*pair.prediction_id);
     const std::string wanted = stamp(run.settings, predicted, truth);
     const fs::path saved = run.cache / file_name(method.label) / (file_name(pair.id) + ".json");
     if (run.resume && load(saved, wanted, result)) {
       result.id = pair.id;
       return result;
     }
-    result = evaluate_pair(predicted, truth, run.settings);
+    result = evaluate_pair(predicted, truth, run.settings, run.perceptual);
     result.id = pair.id;
     Json json = to_json(result);
     json["stamp"] = wanted;
@@ -80,6 +80,8 @@ PairResult evaluate(const PairPlan& pair, const ComparedMethod& method, const Co
 
 Comparison run_comparison(const std::vector<ComparedMethod>& methods, const ComparisonRun& run) {
   if (methods.empty() || methods[0].pairs.empty()) throw InputError("", "", "there is not one pair to evaluate");
+  if (static_cast<bool>(run.perceptual) == run.settings.lpips.is_null())
+    throw Error("a perceptual distance and its description belong together: saved results are told apart by it");
   Comparison comparison;
   comparison.seed = run.settings.seed;
   for (const PairPlan& pair : methods[0].pairs) comparison.ids.push_back(pair.id);

@@ -5,23 +5,25 @@
 #include <vector>
 
 #include "anigen/eval/comparison/comparison.h"
+#include "anigen/eval/image/views.h"
 #include "anigen/eval/inputs/pairs.h"
-#include "anigen/eval/inputs/shape_source.h"
 #include "anigen/eval/pair/pair_settings.h"
+#include "anigen/io/rigs/shape_source.h"
 
 namespace anigen::eval {
 
 /// One set of predictions under one name.
 struct ComparedMethod {
   std::string label;
-  std::shared_ptr<const ShapeSource> predictions, truths;
+  std::shared_ptr<const io::ShapeSource> predictions, truths;
   std::vector<PairPlan> pairs;
 };
 
 struct ComparisonRun {
   PairSettings settings;
-  std::filesystem::path cache;  ///< results of pairs, one file each: an interrupted run goes on from there
-  bool resume = true;           ///< false: compute everything again
+  PerceptualDistance perceptual;  ///< LPIPS of two pictures, called from several threads; settings.lpips describes it
+  std::filesystem::path cache;    ///< results of pairs, one file each: an interrupted run goes on from there
+  bool resume = true;             ///< false: compute everything again
 };
 
 /// Evaluates every pair of every method, several at once (set_thread_count). Rows are those of the first method;

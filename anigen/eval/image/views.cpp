@@ -10,7 +10,8 @@
 
 namespace anigen::eval {
 
-std::vector<io::Image> render_views(const RiggedShape& shape, const Similarity& placement, const ViewOptions& options) {
+std::vector<io::Image> render_views(const io::RiggedShape& shape, const Similarity& placement,
+                                    const ViewOptions& options) {
   if (options.views < 1 || options.views > 3600) throw InputError("", "views", "must be between 1 and 3600");
   if (!shape.has_surface()) throw InputError(shape.file, "", "a shape without faces has no pictures");
   Asset asset;

@@ -4,8 +4,8 @@
 #include <vector>
 
 #include "anigen/eval/align/similarity.h"
-#include "anigen/eval/rigged_shape.h"
 #include "anigen/io/image.h"
+#include "anigen/io/rigs/rigged_shape.h"
 
 namespace anigen::eval {
 
@@ -22,7 +22,7 @@ struct ViewOptions {
 /// off.
 /// @throws InputError when the mesh has no faces or is malformed, a texture cannot be decoded, or an option is out of
 /// range
-std::vector<io::Image> render_views(const RiggedShape& shape, const Similarity& placement,
+std::vector<io::Image> render_views(const io::RiggedShape& shape, const Similarity& placement,
                                     const ViewOptions& options = {});
 
 /// A learned distance between two pictures (LPIPS), which comes from where the network lives.

@@ -19,7 +19,7 @@ std::string listed(const std::set<std::string>& ids) {
 
 using Index = std::map<std::string, std::set<std::string>>;  // name → ids
 
-Index index_by_name(const ShapeSource& source, const std::vector<std::string>& ids) {
+Index index_by_name(const io::ShapeSource& source, const std::vector<std::string>& ids) {
   Index index;
   for (const std::string& id : ids) {
     for (const std::string& name : short_names(source, id)) index[name].insert(id);
@@ -38,7 +38,7 @@ std::set<std::string> candidates(const Index& index, const std::set<std::string>
 }
 
 /// The second round: pairs by name among what ids left over.
-void match_by_name(const ShapeSource& truth, const ShapeSource& prediction,
+void match_by_name(const io::ShapeSource& truth, const io::ShapeSource& prediction,
                    const std::vector<std::string>& open_predictions, std::vector<PairPlan*>& open_truths) {
   std::vector<std::string> truth_ids;
   for (const PairPlan* plan : open_truths) truth_ids.push_back(plan->truth_id);
@@ -61,7 +61,7 @@ void match_by_name(const ShapeSource& truth, const ShapeSource& prediction,
 
 }  // namespace
 
-PairList match_pairs(const ShapeSource& truth, const ShapeSource& prediction,
+PairList match_pairs(const io::ShapeSource& truth, const io::ShapeSource& prediction,
                      const std::vector<std::string>& truth_ids) {
   const std::vector<std::string> predictions = prediction.ids();
   const std::set<std::string> known(predictions.begin(), predictions.end());

@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "anigen/eval/inputs/shape_source.h"
+#include "anigen/io/rigs/shape_source.h"
 
 namespace anigen::eval {
 
@@ -25,12 +25,12 @@ struct PairList {
 /// Finds each truth's prediction: the one of equal id; else, among what is left on both sides, the one with a name in
 /// common (short_names) when that is unambiguous. Two single files are a pair whatever their names.
 /// @param truth_ids ids of `truth`, each once (select_ids)
-PairList match_pairs(const ShapeSource& truth, const ShapeSource& prediction,
+PairList match_pairs(const io::ShapeSource& truth, const io::ShapeSource& prediction,
                      const std::vector<std::string>& truth_ids);
 
 /// Both sides of a CSV of pairs, and the rows.
 struct PairedSources {
-  std::unique_ptr<ShapeSource> truth, prediction;
+  std::unique_ptr<io::ShapeSource> truth, prediction;
   PairList list;
 };
 
@@ -38,7 +38,7 @@ struct PairedSources {
 /// the CSV. Rows are called by their id, else by the truth's file name without extension. An empty or missing `pred`
 /// is a row with its reason; a missing `gt` shows when it is read.
 /// @throws InputError naming the row: a column or a truth missing, two rows with one id
-PairedSources read_pairs_csv(const std::filesystem::path& csv, const SourceOptions& truth_options = {},
-                             const SourceOptions& prediction_options = {});
+PairedSources read_pairs_csv(const std::filesystem::path& csv, const io::SourceOptions& truth_options = {},
+                             const io::SourceOptions& prediction_options = {});
 
 }  // namespace anigen::eval

@@ -3,8 +3,8 @@
 
 #include "anigen/core/csv.h"
 #include "anigen/core/error.h"
-#include "anigen/eval/inputs/file_list.h"
 #include "anigen/eval/inputs/pairs.h"
+#include "anigen/io/rigs/file_list.h"
 
 namespace anigen::eval {
 namespace {
@@ -12,13 +12,13 @@ namespace {
 namespace fs = std::filesystem;
 
 /// Opens each listed file when it is its turn: a damaged one is one failed row.
-FileListSource::Reader read_one(const SourceOptions& options) {
+io::FileListSource::Reader read_one(const io::SourceOptions& options) {
   return [options](const fs::path& file, const std::string& id) {
-    const std::unique_ptr<ShapeSource> source = open_source(file, options);
+    const std::unique_ptr<io::ShapeSource> source = io::open_source(file, options);
     const std::vector<std::string> ids = source->ids();
     if (ids.size() != 1)
       throw InputError(file.string(), "", "holds " + std::to_string(ids.size()) + " shapes, a pair needs one");
-    RiggedShape shape = source->read(ids.front());
+    io::RiggedShape shape = source->read(ids.front());
     shape.id = id;
     return shape;
   };
@@ -26,8 +26,8 @@ FileListSource::Reader read_one(const SourceOptions& options) {
 
 }  // namespace
 
-PairedSources read_pairs_csv(const fs::path& csv, const SourceOptions& truth_options,
-                             const SourceOptions& prediction_options) {
+PairedSources read_pairs_csv(const fs::path& csv, const io::SourceOptions& truth_options,
+                             const io::SourceOptions& prediction_options) {
   const CsvTable table = read_csv(csv);
   for (const char* column : {"pred", "gt"}) {
     if (table.column(column) == CsvTable::kMissing)
@@ -35,7 +35,7 @@ PairedSources read_pairs_csv(const fs::path& csv, const SourceOptions& truth_opt
   }
   if (table.rows.empty()) throw InputError(csv.string(), "", "lists no pair");
   const fs::path folder = csv.parent_path();
-  std::vector<FileListSource::Entry> truths, predictions;
+  std::vector<io::FileListSource::Entry> truths, predictions;
   std::set<std::string> seen;
   PairedSources sources;
   for (std::size_t row = 0; row < table.rows.size(); ++row) {
@@ -61,9 +61,10 @@ PairedSources read_pairs_csv(const fs::path& csv, const SourceOptions& truth_opt
     sources.list.pairs.push_back(std::move(plan));
   }
   const std::string count = std::to_string(table.rows.size()) + " pairs of " + csv.string();
-  sources.truth = std::make_unique<FileListSource>(std::move(truths), read_one(truth_options), count + ", gt", false);
-  sources.prediction =
-      std::make_unique<FileListSource>(std::move(predictions), read_one(prediction_options), count + ", pred", false);
+  sources.truth =
+      std::make_unique<io::FileListSource>(std::move(truths), read_one(truth_options), count + ", gt", false);
+  sources.prediction = std::make_unique<io::FileListSource>(std::move(predictions), read_one(prediction_options),
+                                                            count + ", pred", false);
   return sources;
 }
 

@@ -34,7 +34,7 @@ std::vector<SplitLine> read_split(const std::filesystem::path& file) {
   return lines;
 }
 
-std::vector<std::string> select_ids(const ShapeSource& source, const std::vector<std::filesystem::path>& splits) {
+std::vector<std::string> select_ids(const io::ShapeSource& source, const std::vector<std::filesystem::path>& splits) {
   const std::vector<std::string> all = source.ids();
   if (splits.empty()) return all;
   const std::set<std::string> known(all.begin(), all.end());

@@ -16,7 +16,7 @@ std::uint64_t hash_of(const std::vector<T>& values, std::uint64_t seed) {
 
 }  // namespace
 
-std::uint64_t fingerprint(const RiggedShape& shape) {
+std::uint64_t fingerprint(const io::RiggedShape& shape) {
   std::uint64_t hash = hash_of(shape.mesh.vertices, 1);
   hash = hash_of(shape.mesh.faces, hash);
   hash = hash_of(shape.mesh.colors, hash);

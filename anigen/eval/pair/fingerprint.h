@@ -1,12 +1,12 @@
 #pragma once
 #include <cstdint>
 
-#include "anigen/eval/rigged_shape.h"
+#include "anigen/io/rigs/rigged_shape.h"
 
 namespace anigen::eval {
 
 /// A hash of everything metrics look at: geometry, skeleton, weights, colours. Two files with the same content agree;
 /// a prediction that was made again differs, so that no saved result outlives its input.
-std::uint64_t fingerprint(const RiggedShape& shape);
+std::uint64_t fingerprint(const io::RiggedShape& shape);
 
 }  // namespace anigen::eval

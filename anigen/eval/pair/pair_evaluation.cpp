@@ -32,14 +32,14 @@ Json to_json(const Alignment& alignment) {
   return json;
 }
 
-Json sizes(const RiggedShape& shape) {
+Json sizes(const io::RiggedShape& shape) {
   return {{"joints", shape.joints.size()},
           {"roots", roots(shape.joints).size()},
           {"vertices", shape.mesh.vertices.size()},
           {"faces", shape.mesh.faces.size()}};
 }
 
-void copy_notes(const RiggedShape& shape, const std::string& side, PairResult& result) {
+void copy_notes(const io::RiggedShape& shape, const std::string& side, PairResult& result) {
   for (const std::string& note : shape.notes) result.notes.push_back(side + ": " + note);
 }
 
@@ -50,7 +50,7 @@ std::string missing_joints(const ComparedShapes& shapes) {
   return "";
 }
 
-std::string missing_skin(const RiggedShape& shape, const std::string& side) {
+std::string missing_skin(const io::RiggedShape& shape, const std::string& side) {
   if (shape.has_skin()) return "";
   if (shape.skin.rows() == 0) return side + " has no skin weights";
   return side + " has weights for " + std::to_string(shape.skin.rows()) + " of " +
@@ -89,7 +89,8 @@ void skip_group(const std::string& group, const std::string& reason, PairResult&
   }
 }
 
-ComparedShapes bring_together(const RiggedShape& predicted, const RiggedShape& truth, const PairSettings& settings) {
+ComparedShapes bring_together(const io::RiggedShape& predicted, const io::RiggedShape& truth,
+                              const PairSettings& settings) {
   AlignmentOptions options = settings.alignment;
   options.registration.seed = settings.seed;
   ComparedShapes shapes;
@@ -99,7 +100,7 @@ ComparedShapes bring_together(const RiggedShape& predicted, const RiggedShape& t
   return shapes;
 }
 
-PairResult evaluate_pair(const RiggedShape& predicted, const RiggedShape& truth, const PairSettings& settings,
+PairResult evaluate_pair(const io::RiggedShape& predicted, const io::RiggedShape& truth, const PairSettings& settings,
                          const PerceptualDistance& perceptual) {
   const auto started = std::chrono::steady_clock::now();
   PairResult result;

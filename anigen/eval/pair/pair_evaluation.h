@@ -2,24 +2,25 @@
 #include "anigen/eval/image/views.h"
 #include "anigen/eval/pair/pair_result.h"
 #include "anigen/eval/pair/pair_settings.h"
-#include "anigen/eval/rigged_shape.h"
+#include "anigen/io/rigs/rigged_shape.h"
 
 namespace anigen::eval {
 
 /// Ground truth and prediction in the frame they are scored in.
 struct ComparedShapes {
-  RiggedShape predicted, truth;
+  io::RiggedShape predicted, truth;
   Alignment alignment;
 };
 
 /// @throws InputError when the shapes have nothing to align by
-ComparedShapes bring_together(const RiggedShape& predicted, const RiggedShape& truth, const PairSettings& settings);
+ComparedShapes bring_together(const io::RiggedShape& predicted, const io::RiggedShape& truth,
+                              const PairSettings& settings);
 
 /// Every metric of metric_table() that the pair allows, each other one with its reason. Definitions: docs/metrics.md.
 /// Runs on the calling thread; several pairs may be evaluated at once.
 /// @param perceptual LPIPS, when there is a network for it
 /// @throws InputError when nothing can be compared at all
-PairResult evaluate_pair(const RiggedShape& predicted, const RiggedShape& truth, const PairSettings& settings,
+PairResult evaluate_pair(const io::RiggedShape& predicted, const io::RiggedShape& truth, const PairSettings& settings,
                          const PerceptualDistance& perceptual = nullptr);
 
 }  // namespace anigen::eval

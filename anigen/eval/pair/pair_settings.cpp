@@ -29,6 +29,7 @@ Json to_json(const PairSettings& settings) {
   json["image_size"] = settings.image_size;
   json["poses"] = settings.poses;
   json["groups"] = settings.groups;
+  json["lpips"] = settings.lpips;
   return json;
 }
 

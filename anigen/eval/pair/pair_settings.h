@@ -13,10 +13,14 @@ struct PairSettings {
   AlignmentOptions alignment;
   std::uint64_t seed = 0;  ///< of samples, starting rotations, poses
   std::size_t surface_samples = 100000;
-  int image_size = 512;  ///< pixels of the views that PSNR and SSIM compare
+  int image_size = 512;  ///< pixels of the views that PSNR, SSIM and LPIPS compare
   int poses = 10;        ///< of the deformation error
   /// What to compute, of the six groups of docs/metrics.md.
   std::set<std::string> groups = {"skeleton", "transport", "skin", "surface", "image", "anymate"};
+
+  /// Which network and weights LPIPS is computed with; null: not computed. It stands here so that no saved result
+  /// outlives its weights.
+  Json lpips;
 
   bool wants(const std::string& group) const { return groups.count(group) > 0; }
 };

@@ -22,8 +22,8 @@ void set_chamfer(const SkeletonChamfer& chamfer, const std::string& prefix, Pair
 }  // namespace
 
 void add_skeleton_metrics(const ComparedShapes& shapes, PairResult& result) {
-  const JointTree& predicted = shapes.predicted.joints;
-  const JointTree& truth = shapes.truth.joints;
+  const io::JointTree& predicted = shapes.predicted.joints;
+  const io::JointTree& truth = shapes.truth.joints;
   for (const SkeletonProtocol protocol : kSkeletonProtocols) {
     const std::string prefix = protocol == SkeletonProtocol::kPaper ? "" : name(protocol) + ".";
     try {

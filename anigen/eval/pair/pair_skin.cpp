@@ -9,14 +9,14 @@ namespace anigen::eval {
 
 void add_skin_metrics(const ComparedShapes& shapes, const Eigen::MatrixXd& plan, const PairSettings& settings,
                       PairResult& result) {
-  const RiggedShape& predicted = shapes.predicted;
-  const RiggedShape& truth = shapes.truth;
+  const io::RiggedShape& predicted = shapes.predicted;
+  const io::RiggedShape& truth = shapes.truth;
   std::vector<Eigen::Vector3d> vertices;
   for (const Eigen::Vector3f& vertex : truth.mesh.vertices) vertices.push_back(vertex.cast<double>());
 
   SkinWeights moved;
   if (predicted.has_surface()) {
-    moved = transfer_skin(predicted.mesh, predicted.skin, vertices);
+    moved = transfer_skin_to_mesh(predicted.mesh, predicted.skin, truth.mesh);
   } else {
     std::vector<Eigen::Vector3d> points;
     for (const Eigen::Vector3f& vertex : predicted.mesh.vertices) points.push_back(vertex.cast<double>());

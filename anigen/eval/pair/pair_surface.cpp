@@ -5,7 +5,7 @@ namespace anigen::eval {
 namespace {
 
 /// Whether anything but the renderer's grey would be seen.
-bool has_colors(const RiggedShape& shape) {
+bool has_colors(const io::RiggedShape& shape) {
   if (!shape.mesh.colors.empty()) return true;
   for (const Material& material : shape.materials) {
     if (material.image >= 0 || material.base_color != Eigen::Vector4f::Ones()) return true;
@@ -40,7 +40,7 @@ void add_image_metrics(const ComparedShapes& shapes, const PairSettings& setting
   if (scores.lpips)
     result.set("lpips", *scores.lpips);
   else
-    result.skip("lpips", "not supported yet: the VGG network of LPIPS is not built");
+    result.skip("lpips", "no weights given");
 }
 
 }  // namespace anigen::eval

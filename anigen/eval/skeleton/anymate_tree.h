@@ -4,7 +4,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "anigen/eval/joint_tree.h"
+#include "anigen/io/rigs/joint_tree.h"
 
 namespace anigen::eval {
 
@@ -25,7 +25,7 @@ class AnymateOccupancy {
 /// A skeleton from probabilities of parents (reference anymate-baselines.md, 6.3), RigNet's procedure as Anymate
 /// carries it: every step as published, deviations from the textbook included.
 struct AnymateTree {
-  JointTree tree;        ///< one root; a joint that no edge of positive cost reaches also becomes a root
+  io::JointTree tree;    ///< one root; a joint that no edge of positive cost reaches also becomes a root
   int root = 0;          ///< largest entry of the diagonal, the first of equals
   Eigen::MatrixXd cost;  ///< [J, J] before the tree was grown
 };

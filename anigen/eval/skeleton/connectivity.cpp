@@ -7,7 +7,7 @@
 namespace anigen::eval {
 namespace {
 
-std::size_t bone_count(const JointTree& tree) { return tree.size() - roots(tree).size(); }
+std::size_t bone_count(const io::JointTree& tree) { return tree.size() - roots(tree).size(); }
 
 double share(std::size_t right, std::size_t bones, std::size_t other_bones) {
   if (bones == 0) return other_bones == 0 ? 1.0 : 0.0;
@@ -16,7 +16,8 @@ double share(std::size_t right, std::size_t bones, std::size_t other_bones) {
 
 }  // namespace
 
-ConnectivityScore connectivity(const JointTree& predicted, const JointTree& truth, const std::vector<int>& truth_of) {
+ConnectivityScore connectivity(const io::JointTree& predicted, const io::JointTree& truth,
+                               const std::vector<int>& truth_of) {
   check(predicted, "");
   check(truth, "");
   if (truth_of.size() != predicted.size()) {
@@ -42,7 +43,7 @@ ConnectivityScore connectivity(const JointTree& predicted, const JointTree& trut
   return score;
 }
 
-std::size_t joint_count_error(const JointTree& predicted, const JointTree& truth) {
+std::size_t joint_count_error(const io::JointTree& predicted, const io::JointTree& truth) {
   return predicted.size() > truth.size() ? predicted.size() - truth.size() : truth.size() - predicted.size();
 }
 

@@ -2,7 +2,7 @@
 #include <cstddef>
 #include <vector>
 
-#include "anigen/eval/joint_tree.h"
+#include "anigen/io/rigs/joint_tree.h"
 
 namespace anigen::eval {
 
@@ -17,9 +17,10 @@ struct ConnectivityScore {
 
 /// @param truth_of [predicted], each true joint at most once, -1 for none (JointMatch::truth_of)
 /// @throws InputError as check(), or when truth_of does not fit
-ConnectivityScore connectivity(const JointTree& predicted, const JointTree& truth, const std::vector<int>& truth_of);
+ConnectivityScore connectivity(const io::JointTree& predicted, const io::JointTree& truth,
+                               const std::vector<int>& truth_of);
 
 /// |predicted joints − true joints|.
-std::size_t joint_count_error(const JointTree& predicted, const JointTree& truth);
+std::size_t joint_count_error(const io::JointTree& predicted, const io::JointTree& truth);
 
 }  // namespace anigen::eval

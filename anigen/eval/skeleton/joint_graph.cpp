@@ -2,7 +2,7 @@
 
 namespace anigen::eval {
 
-JointGraph joint_graph(const JointTree& tree) {
+JointGraph joint_graph(const io::JointTree& tree) {
   check(tree, "");
   JointGraph graph;
   graph.joints = tree.positions;

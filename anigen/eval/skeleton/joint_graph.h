@@ -3,7 +3,7 @@
 #include <array>
 #include <vector>
 
-#include "anigen/eval/joint_tree.h"
+#include "anigen/io/rigs/joint_tree.h"
 
 namespace anigen::eval {
 
@@ -14,7 +14,7 @@ struct JointGraph {
 };
 
 /// One bone per joint that has a parent, in joint order. @throws InputError as check()
-JointGraph joint_graph(const JointTree& tree);
+JointGraph joint_graph(const io::JointTree& tree);
 
 /// A bone as a line, from the parent's position to the child's.
 struct BoneLine {

@@ -82,7 +82,8 @@ JointMatch match_joints(const std::vector<Eigen::Vector3d>& predicted, const std
   return counted(assign(distance), distance, tolerance);
 }
 
-JointMatch match_joints(const JointTree& predicted, const JointTree& truth, const std::vector<double>& tolerance) {
+JointMatch match_joints(const io::JointTree& predicted, const io::JointTree& truth,
+                        const std::vector<double>& tolerance) {
   check(predicted, "predicted skeleton");
   check(truth, "true skeleton");
   const Eigen::MatrixXd distance = distances(predicted.positions, truth.positions, tolerance);
@@ -94,7 +95,7 @@ JointMatch match_joints(const std::vector<Eigen::Vector3d>& predicted, const std
   return match_joints(predicted, truth, std::vector<double>(truth.size(), tolerance));
 }
 
-std::vector<double> joint_tolerances(const JointTree& truth, const geometry::RayCaster& surface, double fallback) {
+std::vector<double> joint_tolerances(const io::JointTree& truth, const geometry::RayCaster& surface, double fallback) {
   check(truth, "");
   std::vector<RayLengths> lengths(truth.size());
   std::vector<char> has_bone(truth.size(), 0);

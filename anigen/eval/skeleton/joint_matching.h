@@ -2,8 +2,8 @@
 #include <Eigen/Core>
 #include <vector>
 
-#include "anigen/eval/joint_tree.h"
 #include "anigen/geometry/ray_caster.h"
+#include "anigen/io/rigs/joint_tree.h"
 
 namespace anigen::eval {
 
@@ -31,7 +31,8 @@ JointMatch match_joints(const std::vector<Eigen::Vector3d>& predicted, const std
 
 /// The same for skeletons: joints that lie in one place are told apart by joint_ties().
 /// @throws InputError also as check()
-JointMatch match_joints(const JointTree& predicted, const JointTree& truth, const std::vector<double>& tolerance);
+JointMatch match_joints(const io::JointTree& predicted, const io::JointTree& truth,
+                        const std::vector<double>& tolerance);
 
 /// Half the local diameter of the shape at every joint, which RigNet's authors describe as the mean length of rays
 /// from the joint, perpendicular to its bones, up to the surface. Here: 14 rays evenly around every bone that ends in
@@ -39,7 +40,7 @@ JointMatch match_joints(const JointTree& predicted, const JointTree& truth, cons
 /// A joint without a bone of positive length sends them around the three axes. Where no ray hits, `fallback`.
 /// A joint outside the mesh measures what its rays meet there, if anything.
 /// @return [J], the unit of the tree @throws InputError as check()
-std::vector<double> joint_tolerances(const JointTree& truth, const geometry::RayCaster& surface,
+std::vector<double> joint_tolerances(const io::JointTree& truth, const geometry::RayCaster& surface,
                                      double fallback = kFixedTolerance);
 
 }  // namespace anigen::eval

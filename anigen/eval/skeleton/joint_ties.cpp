@@ -18,7 +18,7 @@ struct Hanging {
   double depth = 0;
 };
 
-std::vector<Hanging> hangings(const JointTree& tree) {
+std::vector<Hanging> hangings(const io::JointTree& tree) {
   std::vector<Hanging> result(tree.size());
   for (std::size_t j = 0; j < tree.size(); ++j) {
     const int parent = tree.parents[j];
@@ -30,7 +30,7 @@ std::vector<Hanging> hangings(const JointTree& tree) {
 
 }  // namespace
 
-Eigen::MatrixXd joint_ties(const JointTree& predicted, const JointTree& truth) {
+Eigen::MatrixXd joint_ties(const io::JointTree& predicted, const io::JointTree& truth) {
   const std::vector<Hanging> a = hangings(predicted), b = hangings(truth);
   Eigen::MatrixXd ties(static_cast<Eigen::Index>(a.size()), static_cast<Eigen::Index>(b.size()));
   for (std::size_t i = 0; i < a.size(); ++i) {
@@ -41,7 +41,7 @@ Eigen::MatrixXd joint_ties(const JointTree& predicted, const JointTree& truth) {
   return ties;
 }
 
-Eigen::MatrixXd matching_plan(const JointTree& predicted, const JointTree& truth) {
+Eigen::MatrixXd matching_plan(const io::JointTree& predicted, const io::JointTree& truth) {
   check(predicted, "predicted skeleton");
   check(truth, "true skeleton");
   const Eigen::MatrixXd cost =

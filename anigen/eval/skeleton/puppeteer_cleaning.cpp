@@ -115,7 +115,7 @@ JointGraph with_components_connected(JointGraph graph) {
 
 }  // namespace
 
-JointGraph puppeteer_cleaned(const JointTree& tree) {
+JointGraph puppeteer_cleaned(const io::JointTree& tree) {
   JointGraph graph = joint_graph(tree);
   const int root = roots(tree).front();
   const std::vector<int> name = representatives(graph.joints, root);

@@ -1,8 +1,8 @@
 #pragma once
 #include <cstddef>
 
-#include "anigen/eval/joint_tree.h"
 #include "anigen/eval/skeleton/joint_graph.h"
+#include "anigen/io/rigs/joint_tree.h"
 
 namespace anigen::eval {
 
@@ -19,6 +19,6 @@ inline constexpr std::size_t kLargestForest = 3000;  ///< joints of a forest who
 ///     the lower index stays) or get a bone (from the lower index).
 /// A skeleton without bones keeps its merged joints, which get no bones: the published evaluation leaves it out.
 /// @throws InputError as check(), or for several components of more than kLargestForest joints
-JointGraph puppeteer_cleaned(const JointTree& tree);
+JointGraph puppeteer_cleaned(const io::JointTree& tree);
 
 }  // namespace anigen::eval

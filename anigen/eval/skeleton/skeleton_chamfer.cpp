@@ -66,7 +66,7 @@ SkeletonChamfer counted_chamfer(const JointGraph& predicted, const JointGraph& t
   return sampled(predicted, truth, counted_samples(bone_lines(predicted)), counted_samples(bone_lines(truth)));
 }
 
-SkeletonChamfer skeleton_chamfer(const JointTree& predicted, const JointTree& truth, SkeletonProtocol protocol,
+SkeletonChamfer skeleton_chamfer(const io::JointTree& predicted, const io::JointTree& truth, SkeletonProtocol protocol,
                                  double unirig_range) {
   switch (protocol) {
     case SkeletonProtocol::kPaper:

@@ -2,8 +2,8 @@
 #include <string>
 #include <vector>
 
-#include "anigen/eval/joint_tree.h"
 #include "anigen/eval/skeleton/joint_graph.h"
+#include "anigen/io/rigs/joint_tree.h"
 
 namespace anigen::eval {
 
@@ -32,7 +32,7 @@ struct SkeletonChamfer {
 /// @param unirig_range width of the coordinates' range, which kUnirig divides by: 2 for coordinates in [-1, 1], as
 ///        published; 1 for the unit box, which gives the same number
 /// @throws InputError for a tree that check() refuses, or one too large to be sampled (see bone_samples.h)
-SkeletonChamfer skeleton_chamfer(const JointTree& predicted, const JointTree& truth, SkeletonProtocol protocol,
+SkeletonChamfer skeleton_chamfer(const io::JointTree& predicted, const io::JointTree& truth, SkeletonProtocol protocol,
                                  double unirig_range = 1.0);
 
 /// Bones as lines: what kPaper means.

@@ -11,7 +11,7 @@ using Children = std::vector<std::vector<int>>;
 std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
 /// Children of every joint by index; the last entry is a root above all roots.
-Children children_of(const JointTree& tree) {
+Children children_of(const io::JointTree& tree) {
   Children children(tree.size() + 1);
   for (std::size_t j = 0; j < tree.size(); ++j) {
     const int parent = tree.parents[j];
@@ -136,7 +136,7 @@ void mirror(Children& children) {
 
 }  // namespace
 
-std::optional<int> tree_edit_distance(const JointTree& a, const JointTree& b, ChildOrder order) {
+std::optional<int> tree_edit_distance(const io::JointTree& a, const io::JointTree& b, ChildOrder order) {
   check(a, "");
   check(b, "");
   if (static_cast<double>(a.size() + 2) * static_cast<double>(b.size() + 2) > kMostTreeEditPairs) return std::nullopt;

@@ -1,7 +1,7 @@
 #pragma once
 #include <optional>
 
-#include "anigen/eval/joint_tree.h"
+#include "anigen/io/rigs/joint_tree.h"
 
 namespace anigen::eval {
 
@@ -20,7 +20,7 @@ inline constexpr double kMostTreeEditSteps = 1e9, kMostTreeEditPairs = 1.6e7;
 /// count as children of one that both sides share, which changes nothing for trees.
 /// @return nothing beyond kMostTreeEditSteps or kMostTreeEditPairs (trees of thousands of joints)
 /// @throws InputError as check()
-std::optional<int> tree_edit_distance(const JointTree& a, const JointTree& b,
+std::optional<int> tree_edit_distance(const io::JointTree& a, const io::JointTree& b,
                                       ChildOrder order = ChildOrder::kCanonical);
 
 }  // namespace anigen::eval

@@ -22,7 +22,7 @@ struct Motion {
   Eigen::Vector3d shift = Eigen::Vector3d::Zero();
 };
 
-std::vector<int> parents_first(const JointTree& tree) {
+std::vector<int> parents_first(const io::JointTree& tree) {
   std::vector<std::vector<int>> children(tree.size());
   std::vector<int> order = roots(tree);
   for (std::size_t j = 0; j < tree.size(); ++j) {
@@ -52,7 +52,7 @@ std::vector<Eigen::Matrix3d> random_rotations(std::size_t joints, const Deformat
 }
 
 /// Rest to posed, given world orientations.
-std::vector<Motion> motions(const JointTree& tree, const std::vector<int>& order,
+std::vector<Motion> motions(const io::JointTree& tree, const std::vector<int>& order,
                             const std::vector<Eigen::Matrix3d>& orientations) {
   std::vector<Motion> result(tree.size());
   std::vector<Eigen::Vector3d> posed(tree.positions);
@@ -95,8 +95,8 @@ void check_skin(const SkinWeights& skin, std::size_t vertices, std::size_t joint
   }
 }
 
-void check_input(const std::vector<Eigen::Vector3d>& vertices, const JointTree& truth, const JointTree& predicted,
-                 const Eigen::MatrixXd& plan, const DeformationOptions& options) {
+void check_input(const std::vector<Eigen::Vector3d>& vertices, const io::JointTree& truth,
+                 const io::JointTree& predicted, const Eigen::MatrixXd& plan, const DeformationOptions& options) {
   check(truth, "");
   check(predicted, "");
   if (vertices.empty()) throw InputError("", "mesh", "there is no vertex to pose");
@@ -119,8 +119,8 @@ void check_input(const std::vector<Eigen::Vector3d>& vertices, const JointTree& 
 
 }  // namespace
 
-DeformationError deformation_error(const std::vector<Eigen::Vector3d>& vertices, const JointTree& truth,
-                                   const SkinWeights& truth_skin, const JointTree& predicted,
+DeformationError deformation_error(const std::vector<Eigen::Vector3d>& vertices, const io::JointTree& truth,
+                                   const SkinWeights& truth_skin, const io::JointTree& predicted,
                                    const SkinWeights& predicted_on_truth, const Eigen::MatrixXd& plan,
                                    const DeformationOptions& options) {
   check_input(vertices, truth, predicted, plan, options);

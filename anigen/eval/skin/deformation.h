@@ -4,7 +4,7 @@
 #include <vector>
 
 #include "anigen/asset/skin_weights.h"
-#include "anigen/eval/joint_tree.h"
+#include "anigen/io/rigs/joint_tree.h"
 
 namespace anigen::eval {
 
@@ -38,8 +38,8 @@ struct DeformationError {
 /// @throws InputError as check() and matched_weights(), for no vertex, rows or joints that do not fit, or options out
 /// of
 ///         range (poses in 1 … 10000, probability in [0, 1], angle finite and not negative)
-DeformationError deformation_error(const std::vector<Eigen::Vector3d>& vertices, const JointTree& truth,
-                                   const SkinWeights& truth_skin, const JointTree& predicted,
+DeformationError deformation_error(const std::vector<Eigen::Vector3d>& vertices, const io::JointTree& truth,
+                                   const SkinWeights& truth_skin, const io::JointTree& predicted,
                                    const SkinWeights& predicted_on_truth, const Eigen::MatrixXd& plan,
                                    const DeformationOptions& options = {});
 

@@ -84,14 +84,14 @@ double median(std::vector<double> values) { return summarize(std::move(values)).
 
 }  // namespace
 
-Table self_evaluation(const std::vector<RiggedShape>& shapes, const PairSettings& settings) {
+Table self_evaluation(const std::vector<io::RiggedShape>& shapes, const PairSettings& settings) {
   Table table;
   table.columns = {"shape",     "joints",         "itself, largest", "of",  "moved: skeleton", "of",
                    "moved: GW", "moved: skin l1", "moved: Chamfer",  "ICP", "seconds"};
   table.rows.resize(shapes.size());
   Progress progress("shapes against themselves", shapes.size(), "shapes");
   parallel_for(shapes.size(), [&](std::size_t i) {
-    const RiggedShape& shape = shapes[i];
+    const io::RiggedShape& shape = shapes[i];
     try {
       const PairResult itself = evaluate_pair(shape, shape, settings);
       const PairResult moved = evaluate_pair(with_random_placement(shape, i), shape, settings);
@@ -115,13 +115,13 @@ Table self_evaluation(const std::vector<RiggedShape>& shapes, const PairSettings
   return table;
 }
 
-MistakeResults evaluate_mistakes(const std::vector<RiggedShape>& shapes) {
+MistakeResults evaluate_mistakes(const std::vector<io::RiggedShape>& shapes) {
   const auto& mistakes = perturbations();
   MistakeResults results(mistakes.size(), std::vector<PairResult>(shapes.size()));
   Progress progress("mistakes", mistakes.size() * shapes.size(), "pairs");
   parallel_for(mistakes.size() * shapes.size(), [&](std::size_t i) {
     PairResult& result = results[i / shapes.size()][i % shapes.size()];
-    const RiggedShape& shape = shapes[i % shapes.size()];
+    const io::RiggedShape& shape = shapes[i % shapes.size()];
     try {
       result = evaluate_pair(mistakes[i / shapes.size()].apply(shape), shape, unaligned());
     } catch (const InputError& error) {
@@ -188,13 +188,13 @@ Table conventions(const MistakeResults& results) {
   return table;
 }
 
-Table degenerate_inputs(const RiggedShape& shape) {
+Table degenerate_inputs(const io::RiggedShape& shape) {
   Table table;
   table.columns = {"prediction", "what becomes of it"};
   PairSettings settings = unaligned();
   settings.groups.insert({"surface", "anymate"});
   settings.surface_samples = 1000;
-  const auto add = [&](const std::string& name, RiggedShape changed) {
+  const auto add = [&](const std::string& name, io::RiggedShape changed) {
     std::string text;
     try {
       const PairResult result = evaluate_pair(changed, shape, settings);
@@ -218,7 +218,7 @@ Table degenerate_inputs(const RiggedShape& shape) {
     return result;
   };
 
-  RiggedShape changed = shape;
+  io::RiggedShape changed = shape;
   changed.joints = {};
   changed.skin = {};
   add("no skeleton", changed);

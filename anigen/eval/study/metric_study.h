@@ -4,8 +4,8 @@
 
 #include "anigen/eval/pair/pair_result.h"
 #include "anigen/eval/pair/pair_settings.h"
-#include "anigen/eval/rigged_shape.h"
 #include "anigen/eval/tables.h"
+#include "anigen/io/rigs/rigged_shape.h"
 
 namespace anigen::eval {
 
@@ -16,12 +16,12 @@ inline constexpr double kStudyZero = 1e-3;
 
 /// Every shape against itself, and against itself rotated, scaled and moved: the largest distance of each kind, and
 /// how far the registration was off. One row per shape.
-Table self_evaluation(const std::vector<RiggedShape>& shapes, const PairSettings& settings);
+Table self_evaluation(const std::vector<io::RiggedShape>& shapes, const PairSettings& settings);
 
 /// Every mistake of perturbations() on every shape, [mistake][shape]; a shape too small for one has a failure there. No
 /// alignment: the frame is the truth's box.
 using MistakeResults = std::vector<std::vector<PairResult>>;
-MistakeResults evaluate_mistakes(const std::vector<RiggedShape>& shapes);
+MistakeResults evaluate_mistakes(const std::vector<io::RiggedShape>& shapes);
 
 /// One row per mistake and metric: what was expected, the median over shapes, and on how many shapes it held.
 Table sensitivity(const MistakeResults& results);
@@ -31,6 +31,6 @@ Table sensitivity(const MistakeResults& results);
 Table conventions(const MistakeResults& results);
 
 /// Broken and degenerate predictions of one shape and what becomes of each.
-Table degenerate_inputs(const RiggedShape& shape);
+Table degenerate_inputs(const io::RiggedShape& shape);
 
 }  // namespace anigen::eval

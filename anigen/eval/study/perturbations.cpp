@@ -12,14 +12,14 @@
 namespace anigen::eval {
 namespace {
 
-double extent(const JointTree& tree) {
+double extent(const io::JointTree& tree) {
   Box box;
   for (const Eigen::Vector3d& position : tree.positions) box.extend(position);
   return box.longest_side();
 }
 
 /// Which joints lie in the subtree of each: bits would do, but skeletons are small.
-std::vector<std::vector<int>> subtrees(const JointTree& tree) {
+std::vector<std::vector<int>> subtrees(const io::JointTree& tree) {
   std::vector<std::vector<int>> result(tree.size());
   for (std::size_t j = 0; j < tree.size(); ++j) {
     for (int at = static_cast<int>(j); at >= 0; at = tree.parents[static_cast<std::size_t>(at)])
@@ -29,7 +29,7 @@ std::vector<std::vector<int>> subtrees(const JointTree& tree) {
 }
 
 /// Top of the largest subtree that holds at most half of the joints; the lowest index of equals.
-int branch(const RiggedShape& shape, const std::vector<std::vector<int>>& of) {
+int branch(const io::RiggedShape& shape, const std::vector<std::vector<int>>& of) {
   int best = -1;
   for (std::size_t j = 0; j < of.size(); ++j) {
     if (shape.joints.parents[j] < 0 || 2 * of[j].size() > of.size()) continue;
@@ -52,8 +52,8 @@ void change_rows(SkinWeights& skin, Change change) {
 
 }  // namespace
 
-RiggedShape with_inserted_joint(RiggedShape shape) {
-  JointTree& tree = shape.joints;
+io::RiggedShape with_inserted_joint(io::RiggedShape shape) {
+  io::JointTree& tree = shape.joints;
   int child = -1;
   double longest = 0;
   for (std::size_t j = 0; j < tree.size(); ++j) {
@@ -72,8 +72,8 @@ RiggedShape with_inserted_joint(RiggedShape shape) {
   return shape;
 }
 
-RiggedShape with_duplicated_branch(RiggedShape shape, double offset) {
-  JointTree& tree = shape.joints;
+io::RiggedShape with_duplicated_branch(io::RiggedShape shape, double offset) {
+  io::JointTree& tree = shape.joints;
   const auto of = subtrees(tree);
   const int top = branch(shape, of);
   const Eigen::Vector3d shift = offset * extent(tree) * Eigen::Vector3d::UnitX();
@@ -103,8 +103,8 @@ RiggedShape with_duplicated_branch(RiggedShape shape, double offset) {
   return shape;
 }
 
-RiggedShape with_reparented_subtree(RiggedShape shape) {
-  JointTree& tree = shape.joints;
+io::RiggedShape with_reparented_subtree(io::RiggedShape shape) {
+  io::JointTree& tree = shape.joints;
   const auto of = subtrees(tree);
   const int top = branch(shape, of);
   const auto& inside = of[static_cast<std::size_t>(top)];
@@ -122,8 +122,8 @@ RiggedShape with_reparented_subtree(RiggedShape shape) {
   return shape;
 }
 
-RiggedShape with_dropped_joints(RiggedShape shape, std::uint64_t seed, double fraction) {
-  const JointTree before = shape.joints;
+io::RiggedShape with_dropped_joints(io::RiggedShape shape, std::uint64_t seed, double fraction) {
+  const io::JointTree before = shape.joints;
   std::vector<int> candidates;
   for (std::size_t j = 0; j < before.size(); ++j) {
     if (before.parents[j] >= 0) candidates.push_back(static_cast<int>(j));
@@ -160,7 +160,7 @@ RiggedShape with_dropped_joints(RiggedShape shape, std::uint64_t seed, double fr
   return shape;
 }
 
-RiggedShape with_blurred_weights(RiggedShape shape, int rounds) {
+io::RiggedShape with_blurred_weights(io::RiggedShape shape, int rounds) {
   if (!shape.has_skin() || !shape.has_surface()) throw InputError(shape.file, "", "no weights on a surface to blur");
   std::vector<std::vector<std::int32_t>> ring(shape.mesh.vertices.size());
   for (std::size_t v = 0; v < ring.size(); ++v) ring[v].push_back(static_cast<std::int32_t>(v));
@@ -190,7 +190,7 @@ RiggedShape with_blurred_weights(RiggedShape shape, int rounds) {
   return shape;
 }
 
-RiggedShape with_random_placement(RiggedShape shape, std::uint64_t seed) {
+io::RiggedShape with_random_placement(io::RiggedShape shape, std::uint64_t seed) {
   Rng rng(seed, "placement");
   Eigen::Quaterniond rotation(rng.normal(), rng.normal(), rng.normal(), rng.normal());
   Similarity placement;
@@ -230,12 +230,12 @@ std::vector<std::pair<std::string, Expected>> expectations(const std::string& sy
 const std::vector<Perturbation>& perturbations() {
   static const std::vector<Perturbation> kAll = {
       {"joint inserted mid-bone", with_inserted_joint, expectations("+00++?+??")},
-      {"branch duplicated 0.1 % away", [](RiggedShape shape) { return with_duplicated_branch(std::move(shape)); },
+      {"branch duplicated 0.1 % away", [](io::RiggedShape shape) { return with_duplicated_branch(std::move(shape)); },
        expectations("000++?+??")},
       {"subtree hung elsewhere", with_reparented_subtree, expectations("0?+0++?0+")},
-      {"10 % of joints dropped", [](RiggedShape shape) { return with_dropped_joints(std::move(shape)); },
+      {"10 % of joints dropped", [](io::RiggedShape shape) { return with_dropped_joints(std::move(shape)); },
        expectations("+??++++++")},
-      {"weights blurred", [](RiggedShape shape) { return with_blurred_weights(std::move(shape)); },
+      {"weights blurred", [](io::RiggedShape shape) { return with_blurred_weights(std::move(shape)); },
        expectations("0000000++")},
   };
   return kAll;

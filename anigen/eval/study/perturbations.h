@@ -4,7 +4,7 @@
 #include <string>
 #include <vector>
 
-#include "anigen/eval/rigged_shape.h"
+#include "anigen/io/rigs/rigged_shape.h"
 
 namespace anigen::eval {
 
@@ -12,24 +12,24 @@ namespace anigen::eval {
 // and return it changed; where the skeleton is too small for the mistake they throw InputError.
 
 /// A joint in the middle of the longest bone; it moves nothing, so no weight changes.
-RiggedShape with_inserted_joint(RiggedShape shape);
+io::RiggedShape with_inserted_joint(io::RiggedShape shape);
 
 /// The largest subtree of at most half of the joints again, moved along x by `offset` of the longest side of the
 /// joints' bounding box; original and copy share each weight equally.
-RiggedShape with_duplicated_branch(RiggedShape shape, double offset = 0.001);
+io::RiggedShape with_duplicated_branch(io::RiggedShape shape, double offset = 0.001);
 
 /// The same subtree hung on the joint farthest from where it was; positions and weights stay.
-RiggedShape with_reparented_subtree(RiggedShape shape);
+io::RiggedShape with_reparented_subtree(io::RiggedShape shape);
 
 /// A tenth of the joints, at least one, gone; drawn from (seed, "dropped joints") among those that are no root. What
 /// they carried goes to their parents.
-RiggedShape with_dropped_joints(RiggedShape shape, std::uint64_t seed = 0, double fraction = 0.1);
+io::RiggedShape with_dropped_joints(io::RiggedShape shape, std::uint64_t seed = 0, double fraction = 0.1);
 
 /// Every vertex' weights averaged with those of the vertices it shares an edge with, `rounds` times.
-RiggedShape with_blurred_weights(RiggedShape shape, int rounds = 5);
+io::RiggedShape with_blurred_weights(io::RiggedShape shape, int rounds = 5);
 
 /// A random rotation, a uniform scale in [0.2, 5] and a translation, from (seed, "placement").
-RiggedShape with_random_placement(RiggedShape shape, std::uint64_t seed = 0);
+io::RiggedShape with_random_placement(io::RiggedShape shape, std::uint64_t seed = 0);
 
 /// What a metric should do when the mistake is made.
 enum class Expected {
@@ -40,7 +40,7 @@ enum class Expected {
 
 struct Perturbation {
   std::string name;
-  std::function<RiggedShape(RiggedShape)> apply;
+  std::function<io::RiggedShape(io::RiggedShape)> apply;
   std::vector<std::pair<std::string, Expected>> expected;  ///< metric → written before it was measured
 };
 

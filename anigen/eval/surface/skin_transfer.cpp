@@ -3,6 +3,7 @@
 #include <string>
 
 #include "anigen/core/error.h"
+#include "anigen/eval/surface/matching_places.h"
 #include "anigen/eval/surface/point_index.h"
 #include "anigen/geometry/surface_point.h"
 
@@ -36,6 +37,11 @@ SkinWeights transfer_skin(const geometry::NearestSurface& surface, const std::ve
 SkinWeights transfer_skin(const Mesh& mesh, const SkinWeights& skin, const std::vector<Eigen::Vector3d>& points) {
   check_rows(skin.rows(), mesh.vertices.size());
   return transfer_skin(geometry::NearestSurface(mesh), mesh.faces, skin, points);
+}
+
+SkinWeights transfer_skin_to_mesh(const Mesh& mesh, const SkinWeights& skin, const Mesh& to) {
+  check_rows(skin.rows(), mesh.vertices.size());
+  return geometry::interpolate_skin(skin, mesh.faces, matching_places(mesh, to));
 }
 
 SkinWeights transfer_skin_by_vertex(const std::vector<Eigen::Vector3d>& vertices, const SkinWeights& skin,

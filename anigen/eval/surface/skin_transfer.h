@@ -18,6 +18,10 @@ SkinWeights transfer_skin(const geometry::NearestSurface& surface, const std::ve
 /// @throws InputError also when the mesh has no faces
 SkinWeights transfer_skin(const Mesh& mesh, const SkinWeights& skin, const std::vector<Eigen::Vector3d>& points);
 
+/// The same at the vertices of a mesh, whose faces settle which place is meant where several coincide: see
+/// matching_places.h. This is how predicted weights come to the ground truth.
+SkinWeights transfer_skin_to_mesh(const Mesh& mesh, const SkinWeights& skin, const Mesh& to);
+
 /// For comparison, and for shapes without faces: the row of the nearest vertex. Coarse triangles make it blocky.
 /// @throws InputError without vertices, when rows are missing or a number is not finite
 SkinWeights transfer_skin_by_vertex(const std::vector<Eigen::Vector3d>& vertices, const SkinWeights& skin,

@@ -16,8 +16,8 @@ namespace {
 using Points = std::vector<Eigen::Vector3d>;
 
 // The tree as it is: bone lengths as edges, the caller's numbering.
-MetricTree bone_tree(const JointTree& forest) {
-  const JointTree tree = connected(forest);
+MetricTree bone_tree(const io::JointTree& forest) {
+  const io::JointTree tree = connected(forest);
   MetricTree result{tree.parents, std::vector<double>(tree.size(), 0.0), roots(tree)};
   std::vector<std::vector<int>> children(tree.size());
   for (std::size_t j = 0; j < tree.size(); ++j) {
@@ -41,7 +41,7 @@ Points picked(const Points& points, const std::vector<int>& order) {
 
 }  // namespace
 
-SkeletonTransport skeleton_transport(const JointTree& predicted, const JointTree& truth,
+SkeletonTransport skeleton_transport(const io::JointTree& predicted, const io::JointTree& truth,
                                      const TransportOptions& options) {
   check(predicted, "predicted skeleton");
   check(truth, "true skeleton");

@@ -3,10 +3,10 @@
 #include <limits>
 #include <string>
 
-#include "anigen/eval/joint_tree.h"
 #include "anigen/eval/transport/gromov_wasserstein.h"
 #include "anigen/eval/transport/gw_lower_bound.h"
 #include "anigen/eval/transport/sinkhorn.h"
+#include "anigen/io/rigs/joint_tree.h"
 
 namespace anigen::eval {
 
@@ -34,7 +34,7 @@ struct SkeletonTransport {
 /// numbered canonically, so the result does not depend on the order of joints. Thread-safe, one thread.
 /// @param predicted n joints, @param truth m joints
 /// @throws InputError as check(): no joint, a cycle, a position that is not finite
-SkeletonTransport skeleton_transport(const JointTree& predicted, const JointTree& truth,
+SkeletonTransport skeleton_transport(const io::JointTree& predicted, const io::JointTree& truth,
                                      const TransportOptions& options = {});
 
 }  // namespace anigen::eval

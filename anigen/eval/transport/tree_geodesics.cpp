@@ -6,7 +6,7 @@ namespace anigen::eval {
 namespace {
 
 // Joints with every parent before its children; the single root comes first.
-std::vector<int> parents_first(const JointTree& tree) {
+std::vector<int> parents_first(const io::JointTree& tree) {
   std::vector<std::vector<int>> children(tree.size());
   std::vector<int> order;
   for (std::size_t j = 0; j < tree.size(); ++j) {
@@ -25,9 +25,9 @@ std::vector<int> parents_first(const JointTree& tree) {
 
 }  // namespace
 
-Eigen::MatrixXd tree_geodesics(const JointTree& forest) {
+Eigen::MatrixXd tree_geodesics(const io::JointTree& forest) {
   check(forest, "");
-  const JointTree tree = connected(forest);
+  const io::JointTree tree = connected(forest);
   const std::vector<int> order = parents_first(tree);
   const Eigen::Index n = static_cast<Eigen::Index>(tree.size());
   Eigen::MatrixXd distances = Eigen::MatrixXd::Zero(n, n);

@@ -1,7 +1,7 @@
 #pragma once
 #include <Eigen/Core>
 
-#include "anigen/eval/joint_tree.h"
+#include "anigen/io/rigs/joint_tree.h"
 
 namespace anigen::eval {
 
@@ -10,6 +10,6 @@ namespace anigen::eval {
 /// Source: reference training-and-data.md, 7.3.
 /// @param tree n joints, parents in any order  @return [n,n] symmetric, zero diagonal, in the unit of the positions
 /// @throws InputError as check()
-Eigen::MatrixXd tree_geodesics(const JointTree& tree);
+Eigen::MatrixXd tree_geodesics(const io::JointTree& tree);
 
 }  // namespace anigen::eval

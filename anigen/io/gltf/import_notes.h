@@ -1,4 +1,5 @@
 #pragma once
+#include <algorithm>
 #include <cstddef>
 #include <string>
 #include <vector>
@@ -15,6 +16,10 @@ class Notes {
   void add(const std::string& code, const std::string& sentence);
   /// Counts; the note reads "<count> <what>", for example "6 vertices with weights that are not numbers".
   void tally(const std::string& code, const std::string& what, std::size_t count = 1);
+  /// What the weights of a vertex sum to in the file.
+  void weight_sum(double sum) { lowest_weight_sum_ = std::min(lowest_weight_sum_, sum); }
+  /// Of all vertices with weights; 1 when there are none, or all sum to more.
+  double lowest_weight_sum() const { return lowest_weight_sum_; }
   std::vector<ImportNote> take() const;
 
  private:
@@ -23,6 +28,7 @@ class Notes {
     std::size_t count;  // 0: a sentence
   };
   std::vector<Entry> entries_;
+  double lowest_weight_sum_ = 1.0;
 };
 
 }  // namespace anigen::io::gltf_import

@@ -86,6 +86,8 @@ class RigBuilder {
       sheared += is_joint_[n] != 0 && document_.nodes[n].shear > 1e-6 ? 1 : 0;
     }
     rig_.below_joint = std::move(hierarchy_.below_joint);
+    notes.tally("duplicate_joint_names", "joints had the name of an earlier one and were given another",
+                repeated_names_);
     notes.tally("folded_node", "static nodes between joints were folded into them", hierarchy_.folded_nodes);
     notes.tally("sheared_joint", "joints have a sheared matrix; they rest in the nearest pose without shear", sheared);
     return std::move(rig_);
@@ -94,6 +96,7 @@ class RigBuilder {
  private:
   int append(const std::string& name, int parent, int node, const FoldedTransform& prefix, const Transform& local) {
     const std::size_t joint = rig_.skeleton.size();
+    repeated_names_ += !name.empty() && taken_.count(name) > 0 ? 1 : 0;
     rig_.skeleton.names.push_back(unique_name(name, joint, taken_));
     rig_.skeleton.parents.push_back(parent);
     rig_.skeleton.rest.push_back(prefix * local);
@@ -144,6 +147,7 @@ class RigBuilder {
   Hierarchy hierarchy_;
   FoldedTransform above_tops_;
   std::unordered_set<std::string> taken_;
+  std::size_t repeated_names_ = 0;
   Rig rig_;
 };
 

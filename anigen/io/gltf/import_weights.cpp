@@ -1,5 +1,6 @@
 #include "anigen/io/gltf/import_weights.h"
 
+#include <algorithm>
 #include <cmath>
 #include <memory>
 
@@ -31,6 +32,7 @@ class RowReader {
   const std::string& file_;
   const std::string& pointer_;
   std::size_t negative_ = 0, unnormalised_ = 0, unused_index_ = 0;
+  double lowest_sum_ = 1.0;
 };
 
 Row RowReader::read(std::size_t vertex, std::vector<Influence>& row) {
@@ -59,6 +61,7 @@ Row RowReader::read(std::size_t vertex, std::vector<Influence>& row) {
   if (!is_finite) return Row::kNotFinite;
   negative_ += is_negative ? 1 : 0;
   if (!(sum > kNoWeight)) return Row::kZero;
+  lowest_sum_ = std::min(lowest_sum_, sum);
   if (std::abs(sum - 1.0) > kFloatRounding + static_cast<double>(block_.weight_rounding)) ++unnormalised_;
   // Done in double here, because adding up repeated joints in float could overflow.
   for (Influence& influence : row) influence.weight = static_cast<float>(static_cast<double>(influence.weight) / sum);
@@ -66,6 +69,7 @@ Row RowReader::read(std::size_t vertex, std::vector<Influence>& row) {
 }
 
 void RowReader::note(Notes& notes) const {
+  notes.weight_sum(lowest_sum_);
   notes.tally("negative_weights", "vertices had negative weights, taken as 0", negative_);
   notes.tally("unnormalised_weights", "vertices had weights that did not sum to 1 and were divided by their sum",
               unnormalised_);

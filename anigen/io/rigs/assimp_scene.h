@@ -1,0 +1,18 @@
+#pragma once
+#include <filesystem>
+
+#include "anigen/io/gltf.h"
+
+namespace anigen::io {
+
+/// Reads a skinned FBX (binary or text) or COLLADA file through Assimp, with the same stages, repairs and notes as
+/// read_gltf(): all skins in one skeleton, all meshes in one mesh in a common bind pose, Z up. What the file says about
+/// its up axis and unit is applied (metres). FBX pivots are folded into their joint, animations then re-sampled at
+/// their keys. Materials keep base colour, and the texture when it is embedded or lies in or below the file's folder.
+///
+/// Before Assimp sees a file it is scanned for what its recursion cannot stand: nesting, scene graphs with cycles or
+/// that grow without bound.
+/// @throws InputError naming the file; NotSupportedError for COLLADA's instance_node and other extensions
+ImportedAsset read_assimp(const std::filesystem::path& file, const ImportOptions& options = {});
+
+}  // namespace anigen::io

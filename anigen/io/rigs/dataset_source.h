@@ -1,0 +1,35 @@
+#pragma once
+#include <filesystem>
+#include <map>
+#include <string>
+#include <vector>
+
+#include "anigen/io/rigs/dataset_list.h"
+#include "anigen/io/rigs/shape_source.h"
+
+namespace anigen::io {
+
+/// A data set folder as published and as ours are (reference training-and-data.md, 1.1): the rows of metadata.csv with
+/// skeleton/<sha256>/skeleton_voxelized.npz; no materials. Rows that the data set marks as bad stay in, with a note.
+class DatasetSource : public ShapeSource {
+ public:
+  /// @throws InputError when metadata.csv is damaged
+  explicit DatasetSource(const std::filesystem::path& root, const SourceOptions& options = {});
+
+  std::vector<std::string> ids() const override;
+  /// @throws InputError for a sample whose file is missing, a Git LFS pointer, or damaged
+  RiggedShape read(const std::string& id) const override;
+  std::string describe() const override;
+  /// local_path or file_identifier, and its last part without extension.
+  std::vector<std::string> other_names(const std::string& id) const override;
+
+ private:
+  const DatasetItem& item(const std::string& id) const;
+
+  std::filesystem::path root_;
+  SourceOptions options_;
+  std::vector<DatasetItem> items_;
+  std::map<std::string, std::size_t> index_;
+};
+
+}  // namespace anigen::io

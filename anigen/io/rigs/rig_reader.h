@@ -1,0 +1,38 @@
+#pragma once
+#include <memory>
+#include <mutex>
+#include <string>
+
+#include "anigen/io/gltf.h"
+#include "anigen/io/rigs/rig_listing.h"
+#include "anigen/io/rigs/shape_source.h"
+
+namespace anigen::io {
+
+/// Reads listed rigs as assets: mesh, one skeleton with parents first, weights; Z up. The shard that was read last
+/// stays open, so samples are best read in the order of the listing; several threads may read at once.
+///
+/// Memory: a `.pt` shard keeps its tensors on disk until a sample is read. Articulation-XL files are one compressed
+/// pickle, which can only be read whole.
+class RigReader {
+ public:
+  /// @return validate() finds nothing wrong with it; notes as of read_gltf(), among them "zero_weights" and
+  /// "duplicate_joint_names" with their counts in front
+  /// @throws InputError naming the file, also when mesh, faces, skeleton or weights are missing; NotSupportedError
+  ImportedAsset read(const RigEntry& entry) const;
+
+  /// The sha256 of the content, wherever it lies: of the bytes of .glb, .fbx and .dae; of a .gltf followed by its
+  /// external buffers; of a text rig followed by its .obj; of the arrays of a sample (names, dtypes, shapes, data,
+  /// sorted by name) for shards, .npz and datasets.
+  /// @throws InputError when something cannot be read
+  std::string content_id(const RigEntry& entry) const;
+
+ private:
+  std::shared_ptr<const ShapeSource> shard(const RigEntry& entry) const;
+
+  mutable std::mutex mutex_;
+  mutable std::filesystem::path open_file_;
+  mutable std::shared_ptr<const ShapeSource> open_shard_;
+};
+
+}  // namespace anigen::io

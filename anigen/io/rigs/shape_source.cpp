@@ -1,0 +1,16 @@
+#include "anigen/io/rigs/shape_source.h"
+
+namespace anigen::io {
+
+std::vector<std::string> ShapeSource::other_names(const std::string&) const { return {}; }
+
+std::string ShapeSource::sample_id(const std::string&) const { return ""; }
+
+std::set<std::string> short_names(const ShapeSource& source, const std::string& id) {
+  const std::vector<std::string> others = source.other_names(id);
+  std::set<std::string> names(others.begin(), others.end());
+  names.insert(id.substr(id.rfind('/') + 1));  // all of it without a slash: npos + 1 is 0
+  return names;
+}
+
+}  // namespace anigen::io

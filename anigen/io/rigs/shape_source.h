@@ -1,0 +1,59 @@
+#pragma once
+#include <filesystem>
+#include <memory>
+#include <set>
+#include <string>
+#include <vector>
+
+#include "anigen/io/rigs/axes.h"
+#include "anigen/io/rigs/rigged_shape.h"
+
+namespace anigen::io {
+
+/// Where rigged shapes come from: one file, a folder of files, or a file with many samples.
+class ShapeSource {
+ public:
+  virtual ~ShapeSource() = default;
+
+  /// What read() takes, each once: folders in alphabetical order, data sets in file order.
+  virtual std::vector<std::string> ids() const = 0;
+  /// Several threads may read at once. @throws InputError naming file and place, also for an id that is not there
+  virtual RiggedShape read(const std::string& id) const = 0;
+  /// One line for settings and reports: the format, how many, from where, and memory kept when it is much.
+  virtual std::string describe() const = 0;
+
+  /// Further names of a shape that predictions may go by (a data set's local_path, a file's own name); read() takes
+  /// ids only.
+  virtual std::vector<std::string> other_names(const std::string& id) const;
+  /// For files of many samples: content_id() of the arrays that read() makes this one of; needs
+  /// SourceOptions::content_ids for Articulation-XL. Empty where a shape is a file of its own.
+  virtual std::string sample_id(const std::string& id) const;
+  /// True for one file that holds one shape: two of those are a pair whatever they are called.
+  virtual bool is_single_file() const { return false; }
+};
+
+/// What else a shape is called: the last part of its id ("fish/manta" → "manta") and its other_names().
+std::set<std::string> short_names(const ShapeSource& source, const std::string& id);
+
+struct SourceOptions {
+  Axes axes = Axes::kFormat;  ///< which way is up in the file, when it is not what its format says
+  bool content_ids = false;   ///< sample_id() is wanted: costs a digest of everything that is read
+};
+
+/// Opens what a path is about, told by its content:
+///   - .glb/.gltf/.fbx/.dae, or a folder of those at any depth (glTF: Y up; the others say it themselves);
+///   - a data set folder with metadata.csv and skeleton/ (Z up; ids are its sha256 column);
+///   - .npz with an object array of sample dictionaries, as Articulation-XL 2.0 has them (Z up; ids are uuids; read
+///     whole and kept);
+///   - .npz with plain arrays joints, parents, skin, vertices, faces as UniRig's raw_data.npz and our
+///     skeleton_voxelized.npz have them, or a folder of those (Z up). Where a folder holds files called raw_data.npz,
+///     only those count;
+///   - text rigs, each beside an .obj, or a folder of those (Y up; text_rig.h);
+///   - .pt sample lists of Anymate, or a folder of those (Y up; ids are their names).
+/// Ids of files in a folder: the path below the folder without extension, such as "fish/manta"; but where every file
+/// lies alone in a sub-folder of its own ("<id>/result.glb"), that sub-folder's path.
+/// @throws InputError when nothing there can be read, a folder mixes formats, two files have one id, or an index
+/// (metadata.csv, the list of samples) is damaged; damage of single shapes shows when they are read
+std::unique_ptr<ShapeSource> open_source(const std::filesystem::path& path, const SourceOptions& options = {});
+
+}  // namespace anigen::io

@@ -1,0 +1,106 @@
+#include <gtest/gtest.h>
+
+#include "anigen/io/rigs/shape_source.h"
+#include "tests/io/array_file_bytes.h"
+#include "tests/support/rig_files.h"
+
+namespace anigen::io {
+namespace {
+
+namespace fs = std::filesystem;
+using test::RigFile;
+using Ids = std::vector<std::string>;
+
+class OpenSource : public testing::Test {
+ protected:
+  fs::path path(const std::string& name) const {
+    const fs::path full = folder_.path() / name;
+    fs::create_directories(full.parent_path());
+    return full;
+  }
+  Ids ids(const std::string& folder) const { return open_source(folder_.path() / folder)->ids(); }
+  std::string problem(const std::string& folder) const {
+    return test::refusal([&] { open_source(folder_.path() / folder); });
+  }
+  test::TemporaryFolder folder_;
+  const RigFile rig_;
+};
+
+TEST_F(OpenSource, FilesInFoldersAreCalledByTheirPath) {
+  for (const char* name : {"a/fish/manta.glb", "a/fish/shark.glb", "a/cat.glb", "a/notes.txt"})
+    test::write_quickly(path(name), "x");
+  EXPECT_EQ(ids("a"), (Ids{"cat", "fish/manta", "fish/shark"}));
+  EXPECT_EQ(ids("a/"), ids("a"));
+  EXPECT_EQ(ids("a/fish"), (Ids{"manta", "shark"}));
+}
+
+TEST_F(OpenSource, FilesAloneInTheirFoldersAreCalledByTheFolder) {
+  for (const char* name : {"a/one/result.glb", "a/two/result.glb", "a/deep/three/x.gltf", "a/one/texture.png"})
+    test::write_quickly(path(name), "x");
+  EXPECT_EQ(ids("a"), (Ids{"deep/three", "one", "two"}));
+  EXPECT_EQ(open_source(path("a"))->other_names("deep/three"), Ids{"x"});
+  test::write_quickly(path("a/two/second.glb"), "x");  // now one folder has two
+  EXPECT_EQ(ids("a"), (Ids{"deep/three/x", "one/result", "two/result", "two/second"}));
+}
+
+TEST_F(OpenSource, RawDataHidesOtherArraysBesideIt) {
+  for (const char* name : {"a/rignet/7/raw_data.npz", "a/rignet/8/raw_data.npz"}) test::write_rig_npz(path(name), rig_);
+  test::write_quickly(path("a/rignet/7/predict_skin.npz"), "x");
+  EXPECT_EQ(ids("a"), (Ids{"rignet/7", "rignet/8"}));
+  EXPECT_TRUE(open_source(path("a"))->read("rignet/8").has_skin());
+  EXPECT_EQ(open_source(path("a"))->describe(), "2 NPZ rigs in " + path("a").string());
+}
+
+TEST_F(OpenSource, TextRigsAreToldFromOtherText) {
+  test::write_text_rig(path("a/7.txt"), rig_);
+  test::write_quickly(path("a/train_final.txt"), "7\n8\n");
+  EXPECT_EQ(ids("a"), Ids{"7"});
+  EXPECT_EQ(open_source(path("a"))->read("7").mesh.faces.size(), 4u);
+}
+
+TEST_F(OpenSource, ShardsOfSamplesAreOneSource) {
+  RigFile second;
+  second.uuid = "second";
+  test::write_anymate(path("a/train_0.pt"), {rig_});
+  test::write_anymate(path("a/train_1.pt"), {second});
+  EXPECT_EQ(ids("a"), (Ids{"sample", "second"}));
+  test::write_anymate(path("a/train_2.pt"), {second});
+  EXPECT_EQ(problem("a"), "sample 0: the name second is also that of sample 0 in " + path("a/train_1.pt").string());
+}
+
+TEST_F(OpenSource, RefusesWhatItCannotTell) {
+  fs::create_directories(path("empty/x"));
+  EXPECT_EQ(problem("empty").substr(0, 35), "holds nothing that can be read: no ");
+  test::write_quickly(path("a/x.glb"), "x");
+  test::write_quickly(path("a/y.npz"), "x");
+  EXPECT_EQ(problem("a"), "holds several formats (1 glTF/FBX/DAE, 1 NPZ); name a sub-folder with one of them");
+  test::write_quickly(path("b/x.glb"), "x");
+  test::write_quickly(path("b/x.gltf"), "x");
+  EXPECT_EQ(problem("b"), "its id \"x\" is also that of " + path("b/x.glb").string() + "; keep one of them");
+  EXPECT_EQ(test::refusal([&] { open_source(path("a/x.glb"))->read("z"); }), "there is no \"z\"");
+}
+
+TEST_F(OpenSource, RealAssetsAreAllReadOrRefusedByName) {
+  const fs::path assets = test::assets_dir() / "rigged" / "hand";
+  if (!fs::exists(assets)) GTEST_SKIP() << assets << " is missing";
+  const auto source = open_source(assets);
+  ASSERT_FALSE(source->ids().empty());
+  for (const std::string& id : source->ids()) {
+    const RiggedShape shape = source->read(id);
+    EXPECT_TRUE(shape.has_surface() && shape.has_joints() && shape.has_skin()) << id;
+  }
+}
+
+TEST(Axes, WordsAndTurns) {
+  for (const char* word : {"format", "y-up", "z-up"}) EXPECT_STREQ(name_of(parse_axes(word)), word);
+  EXPECT_EQ(test::refusal([] { parse_axes("up"); }), "axes: \"up\" is none of format, y-up, z-up");
+  RiggedShape shape;
+  shape.joints.positions = {{1, 2, 3}};
+  from_y_up(shape);
+  EXPECT_EQ(shape.joints.positions[0], Eigen::Vector3d(1, -3, 2));
+  to_y_up(shape);
+  EXPECT_EQ(shape.joints.positions[0], Eigen::Vector3d(1, 2, 3));
+}
+
+}  // namespace
+}  // namespace anigen::io
