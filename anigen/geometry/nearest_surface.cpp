@@ -159,6 +159,53 @@ NearestPoint NearestSurface::query(const Eigen::Vector3d& point, std::int32_t gu
 
 namespace {
 
+template <typename Mesh>
+struct Collection {
+  const Mesh* mesh;
+  Eigen::Vector3d point;
+  double radius;
+  std::vector<NearestPoint> found;
+
+  void offer(std::size_t face) {
+    const NearestPoint candidate = mesh->nearest_on_face(point, face);
+    if (candidate.distance <= radius) found.push_back(candidate);
+  }
+
+  static bool visit(RTCPointQueryFunctionArguments* arguments) {
+    static_cast<Collection*>(arguments->userPtr)->offer(arguments->primID);
+    return false;  // the radius stays
+  }
+};
+
+}  // namespace
+
+std::vector<NearestPoint> NearestSurface::within(const Eigen::Vector3d& point, double radius) const {
+  if (!in_reach(point)) throw InputError("", "point", kOutOfReach);
+  if (!(radius >= 0.0 && std::isfinite(radius))) throw InputError("", "radius", "must be a finite number ≥ 0");
+  Collection<Implementation> collection{implementation_.get(), point, radius, {}};
+  const double reach = implementation_->extent + point.cwiseAbs().maxCoeff();
+  if (reach + radius <= kLargestCoordinate) {
+    RTCPointQuery query;
+    query.x = static_cast<float>(point.x());
+    query.y = static_cast<float>(point.y());
+    query.z = static_cast<float>(point.z());
+    query.time = 0.0f;
+    // Rounding of the boxes stays inside; exact distances decide.
+    query.radius = static_cast<float>(radius * (1.0 + 1e-5) + 1e-6 * reach);
+    RTCPointQueryContext context;
+    rtcInitPointQueryContext(&context);
+    rtcPointQuery(implementation_->tree.scene(), &query, &context, &Collection<Implementation>::visit, &collection);
+  } else {
+    for (std::size_t face = 0; face < implementation_->faces.size(); ++face) collection.offer(face);
+  }
+  std::sort(collection.found.begin(), collection.found.end(), [](const NearestPoint& a, const NearestPoint& b) {
+    return a.distance != b.distance ? a.distance < b.distance : a.at.face < b.at.face;
+  });
+  return std::move(collection.found);
+}
+
+namespace {
+
 constexpr std::size_t kBlock = 256;  // enough work per task to hide its cost
 
 }  // namespace

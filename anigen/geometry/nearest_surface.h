@@ -46,6 +46,11 @@ class NearestSurface {
   std::vector<NearestPoint> query(const std::vector<Eigen::Vector3d>& points) const;
   std::vector<NearestPoint> query(const std::vector<Eigen::Vector3f>& points) const;
 
+  /// The nearest point of every face that comes within `radius` of the point, nearest first, equally near ones by
+  /// index: all the places that a query on touching or coinciding surfaces could have meant.
+  /// @throws InputError as query(), or when the radius is negative or not finite
+  std::vector<NearestPoint> within(const Eigen::Vector3d& point, double radius) const;
+
  private:
   struct Implementation;
   std::unique_ptr<Implementation> implementation_;

@@ -181,6 +181,35 @@ TEST(NearestSurface, VerticesInDoublePrecisionAreNotRounded) {
   EXPECT_THROW(NearestSurface(vertices, {{0, 1, 2}}), InputError);
 }
 
+TEST(NearestSurface, FindsEveryFaceWithinADistance) {
+  const Mesh mesh = triangle_soup(200, 9);
+  const NearestSurface surface(mesh);
+  Rng rng(2, "within");
+  for (int i = 0; i < 50; ++i) {
+    const Eigen::Vector3d p(rng.uniform(-1, 1), rng.uniform(-1, 1), rng.uniform(-1, 1));
+    const std::vector<NearestPoint> found = surface.within(p, 0.3);
+    std::size_t expected = 0;
+    for (const Triangle& face : mesh.faces) {
+      const auto corner = [&](std::size_t k) {
+        return Eigen::Vector3d(mesh.vertices[static_cast<std::size_t>(face[k])].cast<double>());
+      };
+      expected += nearest_on_triangle(p, corner(0), corner(1), corner(2)).distance <= 0.3 ? 1 : 0;
+    }
+    ASSERT_EQ(found.size(), expected);
+    for (std::size_t k = 1; k < found.size(); ++k) EXPECT_LE(found[k - 1].distance, found[k].distance);
+    const NearestPoint nearest = surface.query(p);
+    if (!found.empty()) {
+      EXPECT_EQ(found.front().at.face, nearest.at.face);
+      EXPECT_EQ(surface.within(p, nearest.distance).size(), 1u);
+    }
+    EXPECT_TRUE(surface.within(p, 0.5 * nearest.distance).empty());
+  }
+  EXPECT_EQ(surface.within(Eigen::Vector3d(1e20, 0, 0), 2e20).size(), 200u);
+  EXPECT_THROW(surface.within(Eigen::Vector3d::Zero(), -1.0), InputError);
+  EXPECT_THROW(surface.within(Eigen::Vector3d::Zero(), INFINITY), InputError);
+  EXPECT_THROW(surface.within(Eigen::Vector3d(NAN, 0, 0), 1.0), InputError);
+}
+
 TEST(NearestSurface, RefusesBadInput) {
   const Mesh good = triangle_soup(2, 8);
   EXPECT_THROW(NearestSurface(good.vertices, {}), InputError);

@@ -1,0 +1,119 @@
+#include "anigen/geometry/voxel_grid.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "anigen/core/error.h"
+#include "anigen/geometry/voxel_bits.h"
+
+namespace anigen::geometry {
+namespace {
+
+std::string text_of(const Voxel& voxel) {
+  return "(" + std::to_string(voxel[0]) + ", " + std::to_string(voxel[1]) + ", " + std::to_string(voxel[2]) + ")";
+}
+
+/// The set grown by `radius` along one of the first two axes: every row becomes the union of its neighbours.
+VoxelBits grow_rows(const VoxelBits& set, int radius, std::size_t axis) {
+  const int r = set.resolution();
+  VoxelBits result(r);
+  for (int x = 0; x < r; ++x) {
+    for (int y = 0; y < r; ++y) {
+      const std::uint64_t* from = set.row(x, y);
+      if (std::all_of(from, from + set.words(), [](std::uint64_t word) { return word == 0; })) continue;
+      const int at = axis == 0 ? x : y;
+      for (int i = std::max(0, at - radius); i <= std::min(r - 1, at + radius); ++i) {
+        std::uint64_t* to = axis == 0 ? result.row(i, y) : result.row(x, i);
+        for (std::size_t w = 0; w < set.words(); ++w) to[w] |= from[w];
+      }
+    }
+  }
+  return result;
+}
+
+VoxelBits dilated(const std::vector<Voxel>& voxels, int resolution, int radius) {
+  VoxelBits bits(resolution);
+  const int reach = std::min(radius, resolution);
+  for (const Voxel& v : voxels) {
+    bits.insert_run(v[0], v[1], std::max(0, v[2] - reach), std::min(resolution - 1, v[2] + reach));
+  }
+  return reach == 0 ? bits : grow_rows(grow_rows(bits, reach, 1), reach, 0);
+}
+
+}  // namespace
+
+void require_resolution(int resolution) {
+  if (resolution >= 1 && resolution <= kMaxVoxelResolution) return;
+  throw InputError("", "resolution",
+                   "a voxel grid has 1 to " + std::to_string(kMaxVoxelResolution) + " voxels along each axis, not " +
+                       std::to_string(resolution));
+}
+
+void require_inside(const std::vector<Voxel>& voxels, int resolution) {
+  require_resolution(resolution);
+  for (std::size_t i = 0; i < voxels.size(); ++i) {
+    for (const std::int32_t index : voxels[i]) {
+      if (index >= 0 && index < resolution) continue;
+      throw InputError("", "voxels[" + std::to_string(i) + "]",
+                       text_of(voxels[i]) + " lies outside a grid of resolution " + std::to_string(resolution));
+    }
+  }
+}
+
+Eigen::Vector3d voxel_center(const Voxel& voxel, int resolution) {
+  const auto along = [&](std::size_t axis) { return (voxel[axis] + 0.5) / resolution - 0.5; };
+  return {along(0), along(1), along(2)};
+}
+
+Voxel voxel_at(const Eigen::Vector3d& point, int resolution) {
+  require_resolution(resolution);
+  Voxel voxel{};
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    const double index = std::trunc((point[static_cast<Eigen::Index>(axis)] + 0.5) * resolution);
+    if (!(index >= 0.0 && index < resolution)) {  // also when it is NaN
+      throw InputError("", "point",
+                       "(" + std::to_string(point.x()) + ", " + std::to_string(point.y()) + ", " +
+                           std::to_string(point.z()) + ") lies outside the cube [-0.5, 0.5)");
+    }
+    voxel[axis] = static_cast<std::int32_t>(index);
+  }
+  return voxel;
+}
+
+std::array<Eigen::Vector3d, 8> sub_voxel_points(const Voxel& voxel, int resolution) {
+  const Eigen::Vector3d center = voxel_center(voxel, resolution);
+  const double step = 0.25 / resolution;
+  std::array<Eigen::Vector3d, 8> points;
+  for (std::size_t i = 0; i < 8; ++i) {
+    points[i] =
+        center + Eigen::Vector3d((i & 4) != 0 ? step : -step, (i & 2) != 0 ? step : -step, (i & 1) != 0 ? step : -step);
+  }
+  return points;
+}
+
+void sort_unique(std::vector<Voxel>& voxels) {
+  std::sort(voxels.begin(), voxels.end());
+  voxels.erase(std::unique(voxels.begin(), voxels.end()), voxels.end());
+}
+
+std::vector<Voxel> dilate(const std::vector<Voxel>& voxels, int resolution, int radius) {
+  require_inside(voxels, resolution);
+  if (radius < 0) throw InputError("", "radius", "a dilation radius cannot be negative");
+  return dilated(voxels, resolution, radius).voxels();
+}
+
+std::vector<Voxel> dilate_randomly(const std::vector<Voxel>& voxels, int resolution, int radius,
+                                   const std::function<double()>& draw) {
+  require_inside(voxels, resolution);
+  if (radius < 0) throw InputError("", "radius", "a dilation radius cannot be negative");
+  const int clamped = std::min(radius, resolution);
+  const VoxelBits small = clamped <= 1 ? VoxelBits(resolution) : dilated(voxels, resolution, clamped - 1);
+  std::vector<Voxel> result;
+  // The smaller dilation is part of the larger one, so only what it lacks is drawn for.
+  for (const Voxel& voxel : dilated(voxels, resolution, clamped + 1).voxels()) {
+    if (small.contains(voxel) || !(draw() < 0.5)) result.push_back(voxel);
+  }
+  return result;
+}
+
+}  // namespace anigen::geometry
