@@ -86,10 +86,12 @@ Placement fit(const Camera& camera, const Orbit& orbit, const Box& box, const st
 
 }  // namespace
 
-Eigen::Vector3d Camera::direction(double x, double y) const {
+Eigen::Vector3d Camera::ray(double x, double y) const {
   const double scale = 2.0 * tangent / height;
-  return (forward + (x - 0.5 * width) * scale * right - (y - 0.5 * height) * scale * up).normalized();
+  return forward + (x - 0.5 * width) * scale * right - (y - 0.5 * height) * scale * up;
 }
+
+Eigen::Vector3d Camera::direction(double x, double y) const { return ray(x, y).normalized(); }
 
 Eigen::Vector3d Camera::project(const Eigen::Vector3d& point) const {
   const Eigen::Vector3d offset = point - eye;

@@ -17,7 +17,10 @@ struct Camera {
   double tangent = 0.5;                                ///< of half the vertical field of view
   int width = 1, height = 1;
 
-  /// Unit direction of the ray through a point of the picture.
+  /// Direction of the ray through a point of the picture, of such a length that its part along `forward` is 1: what it
+  /// meets at distance t has depth t.
+  Eigen::Vector3d ray(double x, double y) const;
+  /// The same with unit length.
   Eigen::Vector3d direction(double x, double y) const;
   /// Picture x, y and the depth along `forward`; x and y mean nothing where depth ≤ 0.
   Eigen::Vector3d project(const Eigen::Vector3d& point) const;

@@ -7,6 +7,7 @@
 #include "anigen/asset/skinning.h"
 #include "anigen/core/error.h"
 #include "anigen/core/parallel.h"
+#include "anigen/raytrace/pixel_sum.h"
 #include "anigen/raytrace/shading.h"
 #include "anigen/raytrace/srgb.h"
 #include "anigen/raytrace/surface_color.h"
@@ -29,12 +30,6 @@ void check(const PictureOptions& options) {
   }
 }
 
-/// Colour times alpha, and alpha.
-struct Premultiplied {
-  Eigen::Vector3f color = Eigen::Vector3f::Zero();
-  float alpha = 0.0f;
-};
-
 class Painter {
  public:
   Painter(const Scene& scene, const PictureOptions& options, const Camera& camera)
@@ -43,7 +38,7 @@ class Painter {
         camera_(camera),
         lit_(options.mode == PictureMode::kColor || (options.mode == PictureMode::kWeights && options.light_weights)),
         surface_(scene, options),
-        studio_(scene, camera, occlusion_rays(options), options.shadows) {
+        studio_(scene, studio_lights(camera), occlusion_rays(options), options.shadows) {
     if (options.background) {
       background_ = options.background->cwiseMax(0.0f).cwiseMin(1.0f);
       if (display_is_srgb()) background_ = background_.unaryExpr([](float value) { return srgb_to_linear(value); });
@@ -53,16 +48,15 @@ class Painter {
   void paint(io::Image& image, int x, int y) const {
     const int n = options_.samples_per_axis;
     PixelSequence sequence(x, y);
-    Premultiplied sum;
+    PixelSum sum;
     for (int j = 0; j < n; ++j) {
       for (int i = 0; i < n; ++i) {
-        const Premultiplied sample = trace(x + (i + 0.5) / n, y + (j + 0.5) / n, sequence);
-        sum.color += sample.color;
-        sum.alpha += sample.alpha;
+        const PixelSum sample = trace(x + (i + 0.5) / n, y + (j + 0.5) / n, sequence);
+        sum.add(sample.color, sample.alpha);
       }
     }
-    const float scale = 1.0f / static_cast<float>(n * n);
-    store(image.pixel(x, y), {scale * sum.color, std::min(1.0f, scale * sum.alpha)});
+    const PixelSum mean = sum.scaled(1.0f / static_cast<float>(n * n));
+    (options_.background ? mean.over(background_) : mean).store_straight(image.pixel(x, y), display_is_srgb());
   }
 
  private:
@@ -75,7 +69,7 @@ class Painter {
   /// Normals are numbers, not light: they are stored as they are.
   bool display_is_srgb() const { return options_.mode != PictureMode::kNormals; }
 
-  Premultiplied trace(double x, double y, PixelSequence& sequence) const {
+  PixelSum trace(double x, double y, PixelSequence& sequence) const {
     const Eigen::Vector3d direction = camera_.direction(x, y);
     const Hit hit = scene_.trace(camera_.eye, direction);
     if (hit.face >= 0) {
@@ -85,20 +79,6 @@ class Painter {
     }
     if (!options_.ground_shadow || options_.mode == PictureMode::kNormals) return {};
     return {Eigen::Vector3f::Zero(), studio_.floor_shadow(camera_.eye, direction, sequence)};
-  }
-
-  void store(std::uint8_t* pixel, Premultiplied value) const {
-    if (options_.background) {
-      value.color += (1.0f - value.alpha) * background_;
-      value.alpha = 1.0f;
-    } else if (value.alpha > 0.0f) {
-      value.color /= value.alpha;
-    }
-    for (int c = 0; c < 3; ++c) {
-      const float shown = display_is_srgb() ? linear_to_srgb(value.color[c]) : std::clamp(value.color[c], 0.0f, 1.0f);
-      pixel[c] = static_cast<std::uint8_t>(std::lround(255.0f * shown));
-    }
-    pixel[3] = static_cast<std::uint8_t>(std::lround(255.0f * value.alpha));
   }
 
   const Scene& scene_;

@@ -62,6 +62,8 @@ struct Scene::Implementation {
     }
   }
 
+  Hit describe(std::uint32_t index, float u, float v, float distance, const Eigen::Vector3f& view) const;
+
   const Asset* asset;
   std::vector<Eigen::Vector3f> vertices, normals;
   geometry::EmbreeMesh tree;
@@ -87,35 +89,20 @@ Scene::~Scene() = default;
 Scene::Scene(Scene&&) noexcept = default;
 Scene& Scene::operator=(Scene&&) noexcept = default;
 
-Hit Scene::trace(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction) const {
-  RTCRayHit query{};
-  query.ray.org_x = static_cast<float>(origin.x());
-  query.ray.org_y = static_cast<float>(origin.y());
-  query.ray.org_z = static_cast<float>(origin.z());
-  query.ray.dir_x = static_cast<float>(direction.x());
-  query.ray.dir_y = static_cast<float>(direction.y());
-  query.ray.dir_z = static_cast<float>(direction.z());
-  query.ray.tfar = std::numeric_limits<float>::infinity();
-  query.ray.mask = 0xFFFFFFFFu;
-  query.hit.geomID = RTC_INVALID_GEOMETRY_ID;
-  query.hit.instID[0] = RTC_INVALID_GEOMETRY_ID;
-  geometry::embree_intersect(implementation_->tree.scene(), query);
+Hit Scene::Implementation::describe(std::uint32_t index, float u, float v, float distance,
+                                    const Eigen::Vector3f& view) const {
   Hit hit;
-  if (query.hit.geomID == RTC_INVALID_GEOMETRY_ID) return hit;
-
-  hit.face = static_cast<std::int32_t>(query.hit.primID);
-  hit.distance = query.ray.tfar;
-  hit.barycentric = {1.0f - query.hit.u - query.hit.v, query.hit.u, query.hit.v};
-  const Triangle& face = implementation_->asset->mesh.faces[query.hit.primID];
-  const std::vector<Eigen::Vector3f>& vertices = implementation_->vertices;
+  hit.face = static_cast<std::int32_t>(index);
+  hit.distance = distance;
+  hit.barycentric = {1.0f - u - v, u, v};
+  const Triangle& face = asset->mesh.faces[index];
   const auto corner = [&](std::size_t k) { return static_cast<std::size_t>(face[k]); };
-  const Eigen::Vector3f view = direction.cast<float>();
   hit.flat_normal =
       (vertices[corner(1)] - vertices[corner(0)]).cross(vertices[corner(2)] - vertices[corner(0)]).stableNormalized();
   hit.front = hit.flat_normal.dot(view) <= 0.0f;
   hit.normal.setZero();
   for (std::size_t k = 0; k < 3; ++k) {
-    hit.normal += hit.barycentric[static_cast<Eigen::Index>(k)] * implementation_->normals[corner(k)];
+    hit.normal += hit.barycentric[static_cast<Eigen::Index>(k)] * normals[corner(k)];
   }
   if (!hit.front) {
     hit.flat_normal = -hit.flat_normal;
@@ -126,6 +113,56 @@ Hit Scene::trace(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction
   // Some files wind faces against their normals: the side that is seen decides.
   if (hit.normal.dot(hit.flat_normal) < -0.2f) hit.normal = -hit.normal;
   return hit;
+}
+
+Hit Scene::trace(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction, double nearest) const {
+  RTCRayHit query{};
+  query.ray.org_x = static_cast<float>(origin.x());
+  query.ray.org_y = static_cast<float>(origin.y());
+  query.ray.org_z = static_cast<float>(origin.z());
+  query.ray.dir_x = static_cast<float>(direction.x());
+  query.ray.dir_y = static_cast<float>(direction.y());
+  query.ray.dir_z = static_cast<float>(direction.z());
+  query.ray.tnear = static_cast<float>(nearest);
+  query.ray.tfar = std::numeric_limits<float>::infinity();
+  query.ray.mask = 0xFFFFFFFFu;
+  query.hit.geomID = RTC_INVALID_GEOMETRY_ID;
+  query.hit.instID[0] = RTC_INVALID_GEOMETRY_ID;
+  geometry::embree_intersect(implementation_->tree.scene(), query);
+  if (query.hit.geomID == RTC_INVALID_GEOMETRY_ID) return {};
+  return implementation_->describe(query.hit.primID, query.hit.u, query.hit.v, query.ray.tfar, direction.cast<float>());
+}
+
+std::array<Hit, Scene::kBundle> Scene::trace(const Eigen::Vector3d& origin,
+                                             const std::array<Eigen::Vector3f, kBundle>& directions) const {
+  static_assert(kBundle == 16, "the tree is asked with packets of 16");
+  alignas(64) std::array<int, kBundle> valid;
+  valid.fill(-1);
+  RTCRayHit16 query;
+  for (std::size_t i = 0; i < kBundle; ++i) {
+    query.ray.org_x[i] = static_cast<float>(origin.x());
+    query.ray.org_y[i] = static_cast<float>(origin.y());
+    query.ray.org_z[i] = static_cast<float>(origin.z());
+    query.ray.tnear[i] = 0.0f;
+    query.ray.dir_x[i] = directions[i].x();
+    query.ray.dir_y[i] = directions[i].y();
+    query.ray.dir_z[i] = directions[i].z();
+    query.ray.time[i] = 0.0f;
+    query.ray.tfar[i] = std::numeric_limits<float>::infinity();
+    query.ray.mask[i] = 0xFFFFFFFFu;
+    query.ray.id[i] = 0;
+    query.ray.flags[i] = 0;
+    query.hit.geomID[i] = RTC_INVALID_GEOMETRY_ID;
+    query.hit.instID[0][i] = RTC_INVALID_GEOMETRY_ID;
+  }
+  geometry::embree_intersect16(valid.data(), implementation_->tree.scene(), query);
+  std::array<Hit, kBundle> hits;
+  for (std::size_t i = 0; i < kBundle; ++i) {
+    if (query.hit.geomID[i] == RTC_INVALID_GEOMETRY_ID) continue;
+    hits[i] = implementation_->describe(query.hit.primID[i], query.hit.u[i], query.hit.v[i], query.ray.tfar[i],
+                                        directions[i]);
+  }
+  return hits;
 }
 
 bool Scene::occluded(const Eigen::Vector3f& origin, const Eigen::Vector3f& direction, float distance) const {
@@ -164,5 +201,6 @@ Eigen::Vector3f Scene::shadow_origin(const Hit& hit) const {
 const Asset& Scene::asset() const { return *implementation_->asset; }
 const std::vector<Eigen::Vector3f>& Scene::vertices() const { return implementation_->vertices; }
 const Box& Scene::box() const { return implementation_->box; }
+float Scene::epsilon() const { return implementation_->epsilon; }
 
 }  // namespace anigen::raytrace

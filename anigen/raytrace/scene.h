@@ -1,5 +1,6 @@
 #pragma once
 #include <Eigen/Core>
+#include <array>
 #include <cstdint>
 #include <memory>
 #include <optional>
@@ -12,7 +13,7 @@ namespace anigen::raytrace {
 /// Where a ray met the mesh.
 struct Hit {
   std::int32_t face = -1;  ///< -1: nothing was hit
-  double distance = 0.0;   ///< along the unit direction
+  double distance = 0.0;   ///< along the direction, in its length
   Eigen::Vector3f barycentric = Eigen::Vector3f::Zero();
   Eigen::Vector3f normal = Eigen::Vector3f::UnitZ();       ///< smooth, unit length, turned towards the viewer
   Eigen::Vector3f flat_normal = Eigen::Vector3f::UnitZ();  ///< of the face, turned towards the viewer
@@ -30,7 +31,15 @@ class Scene {
   Scene(Scene&&) noexcept;
   Scene& operator=(Scene&&) noexcept;
 
-  Hit trace(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction) const;
+  /// @param nearest distance from which on the surface counts
+  Hit trace(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction, double nearest = 0.0) const;
+
+  /// Rays of neighbouring pixels, which the tree takes together about three times as fast as one by one.
+  static constexpr std::size_t kBundle = 16;
+  /// As trace() for directions of any length but zero; Hit::distance counts in that length.
+  std::array<Hit, kBundle> trace(const Eigen::Vector3d& origin,
+                                 const std::array<Eigen::Vector3f, kBundle>& directions) const;
+
   /// Whether anything lies between the origin and `distance` along the unit direction.
   bool occluded(const Eigen::Vector3f& origin, const Eigen::Vector3f& direction, float distance) const;
 
@@ -41,6 +50,7 @@ class Scene {
   const Asset& asset() const;
   const std::vector<Eigen::Vector3f>& vertices() const;
   const Box& box() const;  ///< empty for a mesh without faces
+  float epsilon() const;   ///< how far off the surface secondary rays start
 
  private:
   struct Implementation;

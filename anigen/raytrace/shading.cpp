@@ -4,12 +4,12 @@
 #include <algorithm>
 #include <cmath>
 
+#include "anigen/raytrace/cutout.h"
+
 namespace anigen::raytrace {
 namespace {
 
 constexpr float kTwoPi = 6.2831853f;
-constexpr float kKey = 0.80f, kFill = 0.16f, kAmbientAbove = 0.42f, kAmbientBelow = 0.24f;
-constexpr float kKeyRadius = 0.10f;  ///< of the key light's disc seen from one unit away: soft shadow edges
 constexpr float kFloorDarkness = 0.45f;
 
 float fraction(float value) { return value - std::floor(value); }
@@ -40,7 +40,7 @@ std::uint32_t scramble(std::uint32_t value) {
 
 }  // namespace
 
-PixelSequence::PixelSequence(int x, int y) {
+PixelSequence::PixelSequence(int x, int y, int skip) : index_(static_cast<std::uint32_t>(skip)) {
   const std::uint32_t hash = scramble(static_cast<std::uint32_t>(x) + scramble(static_cast<std::uint32_t>(y) + 1u));
   shift_x_ = static_cast<float>(hash & 0xFFFFu) / 65536.0f;
   shift_y_ = static_cast<float>(hash >> 16) / 65536.0f;
@@ -51,30 +51,60 @@ Eigen::Vector2f PixelSequence::next() {
   return {fraction(shift_x_ + 0.75487767f * i), fraction(shift_y_ + 0.56984029f * i)};
 }
 
-Studio::Studio(const Scene& scene, const Camera& camera, int occlusion_rays, bool shadows)
-    : scene_(&scene), occlusion_rays_(occlusion_rays), shadows_(shadows) {
+LightRig studio_lights(const Camera& camera) {
   const Eigen::Vector3f up = Eigen::Vector3f::UnitZ(), right = camera.right.cast<float>();
   const Eigen::Vector3f back = -up.cross(right);  // towards the viewer, level
-  key_ = (-0.55f * right + 0.95f * up + 0.75f * back).normalized();
-  fill_ = (0.80f * right + 0.15f * up + 0.55f * back).normalized();
-  reach_ = static_cast<float>(scene.box().diagonal());
+  LightRig rig;
+  rig.key_direction = (-0.55f * right + 0.95f * up + 0.75f * back).normalized();
+  rig.fill_direction = (0.80f * right + 0.15f * up + 0.55f * back).normalized();
+  rig.key = 0.80f;
+  rig.fill = 0.16f;
+  rig.above = 0.42f;
+  rig.below = 0.24f;
+  rig.key_radius = 0.10f;
+  return rig;
+}
+
+LightRig dataset_lights() {
+  LightRig rig;
+  rig.key_direction = Eigen::Vector3f(4.0f, 1.0f, 6.0f).normalized();
+  rig.fill_direction = Eigen::Vector3f(-4.0f, -3.0f, 1.0f).normalized();
+  rig.key = 0.60f;
+  rig.fill = 0.16f;
+  rig.above = 0.45f;
+  rig.below = 0.14f;
+  rig.key_radius = 0.05f;
+  return rig;
+}
+
+Studio::Studio(const Scene& scene, const LightRig& rig, int occlusion_rays, bool shadows, const Cutout* holes)
+    : scene_(&scene),
+      holes_(holes != nullptr && holes->empty() ? nullptr : holes),
+      rig_(rig),
+      reach_(static_cast<float>(scene.box().diagonal())),
+      occlusion_rays_(occlusion_rays),
+      shadows_(shadows) {}
+
+bool Studio::blocked(const Eigen::Vector3f& point, const Eigen::Vector3f& direction, float distance) const {
+  const bool something = scene_->occluded(point, direction, distance);
+  return something && holes_ != nullptr ? holes_->occluded(point, direction, distance) : something;
 }
 
 float Studio::key_visible(const Eigen::Vector3f& point, PixelSequence& sequence) const {
   Eigen::Vector3f first, second;
-  tangents(key_, first, second);
+  tangents(rig_.key_direction, first, second);
   const Eigen::Vector2f at = sequence.next();
-  const float radius = kKeyRadius * std::sqrt(at.x()), angle = kTwoPi * at.y();
+  const float radius = rig_.key_radius * std::sqrt(at.x()), angle = kTwoPi * at.y();
   const Eigen::Vector3f direction =
-      (key_ + radius * std::cos(angle) * first + radius * std::sin(angle) * second).normalized();
-  return scene_->occluded(point, direction, 2.0f * reach_) ? 0.0f : 1.0f;
+      (rig_.key_direction + radius * std::cos(angle) * first + radius * std::sin(angle) * second).normalized();
+  return blocked(point, direction, 2.0f * reach_) ? 0.0f : 1.0f;
 }
 
 float Studio::openness(const Eigen::Vector3f& point, const Eigen::Vector3f& normal, int rays,
                        PixelSequence& sequence) const {
   int open = 0;
   for (int i = 0; i < rays; ++i) {
-    if (!scene_->occluded(point, cosine_direction(normal, sequence.next()), 0.3f * reach_)) ++open;
+    if (!blocked(point, cosine_direction(normal, sequence.next()), 0.3f * reach_)) ++open;
   }
   return static_cast<float>(open) / static_cast<float>(rays);
 }
@@ -82,15 +112,15 @@ float Studio::openness(const Eigen::Vector3f& point, const Eigen::Vector3f& norm
 float Studio::light(const Hit& hit, PixelSequence& sequence) const {
   const Eigen::Vector3f& normal = hit.normal;
   const float above = 0.5f + 0.5f * normal.z();
-  float ambient = kAmbientBelow + (kAmbientAbove - kAmbientBelow) * above;
-  float key = std::max(0.0f, normal.dot(key_));
-  const float fill = std::max(0.0f, normal.dot(fill_));
+  float ambient = rig_.below + (rig_.above - rig_.below) * above;
+  float key = std::max(0.0f, normal.dot(rig_.key_direction));
+  const float fill = std::max(0.0f, normal.dot(rig_.fill_direction));
   if (occlusion_rays_ > 0 || (shadows_ && key > 0.0f)) {
     const Eigen::Vector3f point = scene_->shadow_origin(hit);
     if (occlusion_rays_ > 0) ambient *= openness(point, normal, occlusion_rays_, sequence);
     if (shadows_ && key > 0.0f) key *= key_visible(point, sequence);
   }
-  return ambient + kKey * key + kFill * fill;
+  return ambient + rig_.key * key + rig_.fill * fill;
 }
 
 float Studio::floor_shadow(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction,

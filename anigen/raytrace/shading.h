@@ -11,21 +11,43 @@ namespace anigen::raytrace {
 /// that depends on the pixel only. No state is shared between pixels, so pictures do not depend on threads.
 class PixelSequence {
  public:
-  PixelSequence(int x, int y);
+  /// @param skip points to leave out at the start
+  PixelSequence(int x, int y, int skip = 0);
   Eigen::Vector2f next();
 
  private:
   float shift_x_, shift_y_;
-  std::uint32_t index_ = 0;
+  std::uint32_t index_;
 };
 
-/// Soft studio light that turns with the camera: a key light from the upper left behind the viewer, a fill light
-/// from the right, and light from all around that is weaker from below.
+/// Two lights far away and light from all around. Strengths are what a white surface that faces the light reflects,
+/// linear.
+struct LightRig {
+  Eigen::Vector3f key_direction, fill_direction;  ///< unit, towards the light, world frame
+  float key, fill;
+  float above, below;  ///< from all around, for a surface that faces up or down
+  float key_radius;    ///< of the key light's disc seen from one unit away: soft shadow edges
+};
+
+/// Turns with the camera, for pictures to look at: a key light from the upper left behind the viewer, a fill light from
+/// the right, and light from all around that is weaker from below.
+LightRig studio_lights(const Camera& camera);
+
+/// Stands still in the world, for views to learn from, so that all views of an object agree: what Blender's lights of
+/// the published renders amount to on an object of size 1 (reference training-and-data.md, 1.1). A small key light in
+/// the direction (4, 1, 6), a sheet over the whole sky, which an unobstructed surface sees in proportion to how far up
+/// it faces, and a weak light from below and from the key's opposite side in place of light that bounces.
+LightRig dataset_lights();
+
+class Cutout;
+
+/// What a rig makes of a scene.
 class Studio {
  public:
   /// @param occlusion_rays per shading point, for the light from all around; 0 switches the occlusion off
   /// @param shadows whether the key light casts them
-  Studio(const Scene& scene, const Camera& camera, int occlusion_rays, bool shadows);
+  /// @param holes where light passes through surfaces; nullptr: nowhere
+  Studio(const Scene& scene, const LightRig& rig, int occlusion_rays, bool shadows, const Cutout* holes = nullptr);
 
   /// What a white surface reflects at a hit, linear grey; about 1 where fully lit.
   float light(const Hit& hit, PixelSequence& sequence) const;
@@ -35,11 +57,13 @@ class Studio {
   float floor_shadow(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction, PixelSequence& sequence) const;
 
  private:
+  bool blocked(const Eigen::Vector3f& point, const Eigen::Vector3f& direction, float distance) const;
   float key_visible(const Eigen::Vector3f& point, PixelSequence& sequence) const;
   float openness(const Eigen::Vector3f& point, const Eigen::Vector3f& normal, int rays, PixelSequence& sequence) const;
 
   const Scene* scene_;
-  Eigen::Vector3f key_, fill_;
+  const Cutout* holes_;
+  LightRig rig_;
   float reach_;  ///< how far occlusion and shadows look
   int occlusion_rays_;
   bool shadows_;

@@ -45,6 +45,15 @@ void check_materials(const Asset& asset) {
 
 }  // namespace
 
+Eigen::Vector2f texture_coordinates(const Mesh& mesh, const Hit& hit) {
+  const Triangle& face = mesh.faces[static_cast<std::size_t>(hit.face)];
+  Eigen::Vector2f uv = Eigen::Vector2f::Zero();
+  for (std::size_t k = 0; k < 3; ++k) {
+    uv += hit.barycentric[static_cast<Eigen::Index>(k)] * mesh.uvs[static_cast<std::size_t>(face[k])];
+  }
+  return uv;
+}
+
 SurfaceColor::SurfaceColor(const Scene& scene, const PictureOptions& options)
     : asset_(&scene.asset()), mode_(options.mode) {
   if (mode_ == PictureMode::kWeights) {
@@ -85,6 +94,12 @@ Eigen::Vector3f SurfaceColor::at(const Hit& hit) const {
   return base_color(hit);
 }
 
+const Texture* SurfaceColor::texture(std::int32_t material) const {
+  if (material < 0) return nullptr;
+  const int image = asset_->materials[static_cast<std::size_t>(material)].image;
+  return image < 0 ? nullptr : textures_[static_cast<std::size_t>(image)].get();
+}
+
 Eigen::Vector3f SurfaceColor::base_color(const Hit& hit) const {
   const Mesh& mesh = asset_->mesh;
   const auto index = static_cast<std::size_t>(hit.face);
@@ -94,12 +109,8 @@ Eigen::Vector3f SurfaceColor::base_color(const Hit& hit) const {
   if (material >= 0) {
     const Material& m = asset_->materials[static_cast<std::size_t>(material)];
     color = m.base_color.head<3>();
-    if (m.image >= 0 && textures_[static_cast<std::size_t>(m.image)]) {
-      Eigen::Vector2f uv = Eigen::Vector2f::Zero();
-      for (std::size_t k = 0; k < 3; ++k) {
-        uv += hit.barycentric[static_cast<Eigen::Index>(k)] * mesh.uvs[static_cast<std::size_t>(face[k])];
-      }
-      color = color.cwiseProduct(textures_[static_cast<std::size_t>(m.image)]->lookup(uv));
+    if (const Texture* image = texture(material)) {
+      color = color.cwiseProduct(image->lookup(texture_coordinates(mesh, hit)));
     }
   }
   if (!mesh.colors.empty()) {

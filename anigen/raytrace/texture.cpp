@@ -38,6 +38,7 @@ Tap tap(float coordinate, int size) {
 Texture::Texture(const EncodedImage& image, const std::string& name_for_errors)
     : image_(io::decode_image(image.bytes, name_for_errors)) {
   if (image_.width < 1 || image_.height < 1) throw InputError(name_for_errors, "", "the picture has no pixels");
+  for (std::size_t i = 3; i < image_.rgba.size() && opaque_; i += 4) opaque_ = image_.rgba[i] == 255;
 }
 
 Eigen::Vector3f Texture::lookup(const Eigen::Vector2f& uv) const {
@@ -50,6 +51,15 @@ Eigen::Vector3f Texture::lookup(const Eigen::Vector2f& uv) const {
   const Eigen::Vector3f top = (1.0f - x.fraction) * texel(x.first, y.first) + x.fraction * texel(x.second, y.first);
   const Eigen::Vector3f bottom =
       (1.0f - x.fraction) * texel(x.first, y.second) + x.fraction * texel(x.second, y.second);
+  return (1.0f - y.fraction) * top + y.fraction * bottom;
+}
+
+float Texture::alpha(const Eigen::Vector2f& uv) const {
+  if (opaque_) return 1.0f;
+  const Tap x = tap(uv.x(), image_.width), y = tap(uv.y(), image_.height);
+  const auto texel = [&](int column, int row) { return static_cast<float>(image_.pixel(column, row)[3]) / 255.0f; };
+  const float top = (1.0f - x.fraction) * texel(x.first, y.first) + x.fraction * texel(x.second, y.first);
+  const float bottom = (1.0f - x.fraction) * texel(x.first, y.second) + x.fraction * texel(x.second, y.second);
   return (1.0f - y.fraction) * top + y.fraction * bottom;
 }
 

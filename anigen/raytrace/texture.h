@@ -17,9 +17,13 @@ class Texture {
 
   /// Linear RGB. @param uv glTF convention: (0, 0) is the top left corner of the picture, v runs down
   Eigen::Vector3f lookup(const Eigen::Vector2f& uv) const;
+  /// Alpha in [0, 1] at the same place.
+  float alpha(const Eigen::Vector2f& uv) const;
+  bool opaque() const { return opaque_; }  ///< no texel is transparent
 
  private:
   io::Image image_;
+  bool opaque_ = true;
 };
 
 }  // namespace anigen::raytrace

@@ -1,0 +1,217 @@
+#include "anigen/raytrace/views/render_view.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <string>
+
+#include "anigen/core/error.h"
+#include "anigen/core/parallel.h"
+#include "anigen/raytrace/cutout.h"
+#include "anigen/raytrace/pixel_sum.h"
+#include "anigen/raytrace/shading.h"
+#include "anigen/raytrace/surface_color.h"
+
+namespace anigen::raytrace {
+namespace {
+
+constexpr int kTile = 4;  ///< pixels on a side that are traced as one bundle
+static_assert(kTile * kTile == Scene::kBundle, "a bundle has one ray per pixel of a tile");
+constexpr int kLargestSize = 16384, kMostSamples = 16, kMostOcclusionRays = 256;
+
+void check_range(int value, int low, int high, const char* option) {
+  if (value >= low && value <= high) return;
+  throw InputError("", option, "must be between " + std::to_string(low) + " and " + std::to_string(high));
+}
+
+void check(const ViewOptions& options) {
+  check_range(options.size, 1, kLargestSize, "size");
+  check_range(options.samples_per_axis, 1, kMostSamples, "samples_per_axis");
+  check_range(options.occlusion_rays, 0, kMostOcclusionRays, "occlusion_rays");
+}
+
+ViewImages blank(const ViewOptions& options) {
+  const auto pixels = static_cast<std::size_t>(options.size) * static_cast<std::size_t>(options.size);
+  ViewImages images;
+  images.size = options.size;
+  if (options.color) images.color = io::Image(options.size, options.size, 0);
+  if (options.color || options.mean_normal) images.coverage.resize(pixels, 0.0f);
+  if (options.mean_normal) images.mean_normal.resize(pixels, Eigen::Vector3f::Zero());
+  if (options.geometry) {
+    images.depth.resize(pixels, 0.0f);
+    images.normal.resize(pixels, Eigen::Vector3f::Zero());
+    images.mask.resize(pixels, 0);
+  }
+  if (options.visibility) {
+    images.face.resize(pixels, -1);
+    images.barycentric.resize(pixels, Eigen::Vector3f::Zero());
+  }
+  return images;
+}
+
+/// One picture being taken.
+class Exposure {
+ public:
+  Exposure(const Scene& scene, const SurfaceColor& colors, const Cutout& holes, const Camera& camera,
+           const ViewOptions& options, ViewImages& images)
+      : scene_(scene),
+        colors_(colors),
+        holes_(holes),
+        camera_(camera),
+        options_(options),
+        images_(images),
+        studio_(scene, dataset_lights(), options.occlusion_rays, options.shadows, &holes) {}
+
+  void take_tile(int left, int top) {
+    const int n = options_.samples_per_axis;
+    const bool centres = options_.geometry || options_.visibility;
+    if (options_.color || options_.mean_normal) {
+      std::array<PixelSum, Scene::kBundle> colors;
+      std::array<Eigen::Vector3f, Scene::kBundle> normals;
+      normals.fill(Eigen::Vector3f::Zero());
+      for (int s = 0; s < n * n; ++s) {
+        const Hits hits = trace(left + (s % n + 0.5) / n, top + (s / n + 0.5) / n);
+        shade(hits, s, left, top, colors, normals);
+        if (centres && n % 2 == 1 && s == n * n / 2) store_centres(hits, left, top);
+      }
+      store_averages(left, top, colors, normals);
+      if (n % 2 == 1) return;  // the middle sample is the centre
+    }
+    if (centres) store_centres(trace(left + 0.5, top + 0.5), left, top);
+  }
+
+ private:
+  using Hits = std::array<Hit, Scene::kBundle>;
+
+  /// Through the same place of all pixels of a tile. Pixels beyond the border are traced, but never stored.
+  Hits trace(double x, double y) const {
+    std::array<Eigen::Vector3f, Scene::kBundle> directions;
+    for (int i = 0; i < kTile * kTile; ++i) {
+      directions[static_cast<std::size_t>(i)] = camera_.ray(x + i % kTile, y + i / kTile).cast<float>();
+    }
+    Hits hits = scene_.trace(camera_.eye, directions);
+    if (holes_.empty()) return hits;
+    for (std::size_t i = 0; i < hits.size(); ++i) {
+      if (hits[i].face < 0) continue;
+      hits[i] = holes_.behind_holes(camera_.eye, directions[i].cast<double>(), hits[i]);
+    }
+    return hits;
+  }
+
+  void shade(const Hits& hits, int sample, int left, int top, std::array<PixelSum, Scene::kBundle>& colors,
+             std::array<Eigen::Vector3f, Scene::kBundle>& normals) const {
+    for (std::size_t i = 0; i < hits.size(); ++i) {
+      if (hits[i].face < 0) continue;
+      if (options_.color) {
+        const int x = left + static_cast<int>(i) % kTile, y = top + static_cast<int>(i) / kTile;
+        PixelSequence sequence(x, y, sample * (options_.occlusion_rays + 1));
+        colors[i].add((colors_.at(hits[i]) * studio_.light(hits[i], sequence)).cwiseMin(1.0f), 1.0f);
+      } else {
+        colors[i].add(Eigen::Vector3f::Zero(), 1.0f);
+      }
+      normals[i] += normal(hits[i]);
+    }
+  }
+
+  const Eigen::Vector3f& normal(const Hit& hit) const { return options_.flat_normals ? hit.flat_normal : hit.normal; }
+
+  void store_averages(int left, int top, const std::array<PixelSum, Scene::kBundle>& colors,
+                      const std::array<Eigen::Vector3f, Scene::kBundle>& normals) {
+    const int samples = options_.samples_per_axis * options_.samples_per_axis;
+    each_pixel(left, top, [&](std::size_t i, std::size_t pixel, int x, int y) {
+      const PixelSum mean = colors[i].scaled(1.0f / static_cast<float>(samples));
+      if (mean.alpha <= 0.0f) return;
+      images_.coverage[pixel] = mean.alpha;
+      if (options_.color) mean.store_straight(images_.color.pixel(x, y), true);
+      if (options_.mean_normal) images_.mean_normal[pixel] = normals[i].stableNormalized();
+    });
+  }
+
+  void store_centres(const Hits& hits, int left, int top) {
+    each_pixel(left, top, [&](std::size_t i, std::size_t pixel, int, int) {
+      const Hit& hit = hits[i];
+      if (hit.face < 0) return;
+      if (options_.geometry) {
+        images_.depth[pixel] = static_cast<float>(hit.distance);
+        images_.normal[pixel] = normal(hit);
+        images_.mask[pixel] = 1;
+      }
+      if (options_.visibility) {
+        images_.face[pixel] = hit.face;
+        images_.barycentric[pixel] = hit.barycentric;
+      }
+    });
+  }
+
+  template <typename Body>
+  void each_pixel(int left, int top, const Body& body) const {
+    const int right = std::min(left + kTile, options_.size), bottom = std::min(top + kTile, options_.size);
+    for (int y = top; y < bottom; ++y) {
+      for (int x = left; x < right; ++x) {
+        body(static_cast<std::size_t>((y - top) * kTile + x - left),
+             static_cast<std::size_t>(y) * static_cast<std::size_t>(options_.size) + static_cast<std::size_t>(x), x, y);
+      }
+    }
+  }
+
+  const Scene& scene_;
+  const SurfaceColor& colors_;
+  const Cutout& holes_;
+  const Camera& camera_;
+  const ViewOptions& options_;
+  ViewImages& images_;
+  Studio studio_;
+};
+
+}  // namespace
+
+Camera view_camera(const Frame& frame, int size) {
+  check_range(size, 1, kLargestSize, "size");
+  if (!frame.camera_to_world.allFinite()) throw InputError("", "transform_matrix", "the camera's matrix is not finite");
+  if (!(frame.camera_angle_x > 0.0 && frame.camera_angle_x < 3.14159265358979323846)) {
+    throw InputError("", "camera_angle_x", "the field of view must be between 0 and pi");
+  }
+  Camera camera;
+  camera.right = frame.camera_to_world.col(0).head<3>();
+  camera.up = frame.camera_to_world.col(1).head<3>();
+  camera.forward = -frame.camera_to_world.col(2).head<3>();
+  camera.eye = frame.camera_to_world.col(3).head<3>();
+  camera.tangent = std::tan(0.5 * frame.camera_angle_x);
+  camera.width = camera.height = size;
+  return camera;
+}
+
+struct ViewRenderer::Implementation {
+  Implementation(const Scene& s, float alpha_cutoff) : scene(s), colors(s, {}), holes(s, colors, alpha_cutoff) {}
+
+  const Scene& scene;
+  SurfaceColor colors;
+  Cutout holes;
+};
+
+ViewRenderer::ViewRenderer(const Scene& scene, float alpha_cutoff) {
+  if (!(alpha_cutoff >= 0.0f && alpha_cutoff <= 1.0f)) throw InputError("", "alpha_cutoff", "must be between 0 and 1");
+  implementation_ = std::make_unique<Implementation>(scene, alpha_cutoff);
+}
+
+ViewRenderer::~ViewRenderer() = default;
+ViewRenderer::ViewRenderer(ViewRenderer&&) noexcept = default;
+ViewRenderer& ViewRenderer::operator=(ViewRenderer&&) noexcept = default;
+
+ViewImages ViewRenderer::render(const Frame& frame, const ViewOptions& options) const {
+  check(options);
+  const Camera camera = view_camera(frame, options.size);
+  ViewImages images = blank(options);
+  Exposure exposure(implementation_->scene, implementation_->colors, implementation_->holes, camera, options, images);
+  const auto tiles = static_cast<std::size_t>((options.size + kTile - 1) / kTile);
+  parallel_for(tiles, [&](std::size_t row) {
+    for (int left = 0; left < options.size; left += kTile) exposure.take_tile(left, static_cast<int>(row) * kTile);
+  });
+  return images;
+}
+
+ViewImages render_view(const Scene& scene, const Frame& frame, const ViewOptions& options) {
+  return ViewRenderer(scene).render(frame, options);
+}
+
+}  // namespace anigen::raytrace
