@@ -27,6 +27,12 @@ class BatchSource {
   virtual std::size_t size() const = 0;  ///< number of items, > 0
   /// @throws InputError naming file and place when an item cannot be read
   virtual std::unique_ptr<Batch> load(const std::vector<Draw>& draws) const = 0;
+
+  /// Where batches are to hold items of similar size: the size of every item. Empty: order does not look at sizes.
+  virtual std::vector<std::uint64_t> bucket_loads() const { return {}; }
+  /// Deals the draws of one step into at most `parts` micro-batches, none empty: contiguous runs as equal as possible,
+  /// unless a dataset balances them. @param draws not empty
+  virtual std::vector<std::vector<Draw>> split(const std::vector<Draw>& draws, std::size_t parts) const;
 };
 
 }  // namespace anigen::loaders

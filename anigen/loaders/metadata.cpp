@@ -22,6 +22,15 @@ double number(const CsvTable& table, std::size_t row, const std::string& column,
   return value;
 }
 
+std::uint64_t voxel_count(const CsvTable& table, std::size_t row, const std::string& file) {
+  if (table.cell(row, "num_voxels").empty()) return 0;
+  const double count = number(table, row, "num_voxels", file);
+  if (!(count >= 0.0) || count > 1e15) {
+    throw InputError(file, "row " + std::to_string(row + 1) + ", num_voxels", "is not a number of voxels");
+  }
+  return static_cast<std::uint64_t>(count);
+}
+
 // Filters one after another, so that the one that leaves nothing can be named.
 class Sieve {
  public:
@@ -77,6 +86,13 @@ std::vector<AssetId> select_rows(const CsvTable& table, const fs::path& root, co
   if (filter.only) {
     sieve.keep("split", [&](std::size_t row) { return filter.only->count(table.cell(row, "sha256")) > 0; });
   }
+  if (filter.instances) {
+    sieve.keep("instances", [&](std::size_t row) { return filter.instances->count(table.cell(row, "sha256")) > 0; });
+  }
+  for (const std::string& column : filter.required_columns) {
+    if (!has(column.c_str()))
+      throw InputError(file, column, "no such column; prepare the dataset up to this step first");
+  }
   for (const std::string& flag : filter.required_flags) {
     if (!has(flag.c_str())) throw InputError(file, flag, "no such column; prepare the dataset up to this step first");
     sieve.keep(flag, [&](std::size_t row) { return table.flag(row, flag, false, file); });
@@ -115,7 +131,7 @@ std::vector<AssetId> select_rows(const CsvTable& table, const fs::path& root, co
       const auto found = filter.repeat.find(table.cell(row, "source"));
       if (found != filter.repeat.end()) repeat = found->second;
     }
-    assets.push_back({root, id, repeat});
+    assets.push_back({root, id, repeat, voxel_count(table, row, file), table.flag(row, "is_bad_skin", false, file)});
   }
   return assets;
 }

@@ -1,4 +1,5 @@
 #pragma once
+#include <cstdint>
 #include <filesystem>
 #include <map>
 #include <optional>
@@ -14,20 +15,24 @@ namespace anigen::loaders {
 struct AssetId {
   std::filesystem::path root;
   std::string id;
-  std::size_t repeat = 1;  ///< how often an epoch visits it
+  std::size_t repeat = 1;        ///< how often an epoch visits it
+  std::uint64_t num_voxels = 0;  ///< column num_voxels; 0 where there is none
+  bool is_bad_skin = false;      ///< column is_bad_skin
 };
 
 /// Which rows of metadata.csv a dataset keeps (reference training-and-data.md, sections 1.1 and 1.4). A filter on a
 /// column that a source does not have lets every row pass, except is_test, without which there is no test split.
 struct RowFilter {
-  double min_aesthetic_score = 5.0;           ///< column aesthetic_score
-  std::optional<long long> max_num_voxels;    ///< column num_voxels
-  bool drop_bad_skeleton = true;              ///< column is_bad_skeleton
-  bool drop_bad_skin = false;                 ///< column is_bad_skin
-  std::optional<bool> is_test;                ///< keep rows whose is_test equals this
-  std::vector<std::string> required_flags;    ///< boolean columns that must be present and true
-  std::optional<std::set<std::string>> only;  ///< ids of a split file
-  std::map<std::string, std::size_t> repeat;  ///< column source → AssetId::repeat, for small sources that matter
+  double min_aesthetic_score = 5.0;                ///< column aesthetic_score
+  std::optional<long long> max_num_voxels;         ///< column num_voxels
+  bool drop_bad_skeleton = true;                   ///< column is_bad_skeleton
+  bool drop_bad_skin = false;                      ///< column is_bad_skin
+  std::optional<bool> is_test;                     ///< keep rows whose is_test equals this
+  std::vector<std::string> required_flags;         ///< boolean columns that must be present and true
+  std::vector<std::string> required_columns;       ///< columns that must be present
+  std::optional<std::set<std::string>> only;       ///< ids of a split file
+  std::optional<std::set<std::string>> instances;  ///< ids that the config lists
+  std::map<std::string, std::size_t> repeat;       ///< column source → AssetId::repeat, for small sources that matter
 };
 
 /// Ids of a split file: one per line; empty lines and lines that start with '#' do not count.

@@ -1,13 +1,23 @@
 #include "anigen/loaders/prefetcher.h"
 
-#include <algorithm>
 #include <utility>
 
 namespace anigen::loaders {
+namespace {
+
+SampleOrder order_of(const BatchSource& source, std::uint64_t seed, std::size_t batch) {
+  std::vector<std::uint64_t> loads = source.bucket_loads();
+  return loads.empty() ? SampleOrder(source.size(), seed) : SampleOrder(std::move(loads), batch, seed);
+}
+
+}  // namespace
 
 Prefetcher::Prefetcher(const BatchSource& source, std::uint64_t seed, std::uint64_t first_position,
                        const Options& options)
-    : source_(source), options_(options), order_(source.size(), seed), position_(first_position) {
+    : source_(source),
+      options_(options),
+      order_(order_of(source, seed, options.batch_size)),
+      position_(first_position) {
   for (std::size_t i = 0; i < options_.workers; ++i) threads_.emplace_back([this] { work(); });
 }
 
@@ -22,11 +32,8 @@ Prefetcher::~Prefetcher() {
 
 StepBatches Prefetcher::load(const std::vector<Draw>& draws) const {
   StepBatches batches;
-  const std::size_t parts = std::max<std::size_t>(1, std::min(options_.batch_split, draws.size()));
-  for (std::size_t part = 0; part < parts; ++part) {
-    const auto begin = draws.begin() + static_cast<std::ptrdiff_t>(draws.size() * part / parts);
-    const auto end = draws.begin() + static_cast<std::ptrdiff_t>(draws.size() * (part + 1) / parts);
-    batches.push_back(source_.load(std::vector<Draw>(begin, end)));
+  for (const std::vector<Draw>& part : source_.split(draws, options_.batch_split)) {
+    batches.push_back(source_.load(part));
   }
   return batches;
 }

@@ -23,7 +23,7 @@ class Prefetcher {
  public:
   struct Options {
     std::size_t batch_size = 1;   ///< samples per step
-    std::size_t batch_split = 1;  ///< micro-batches they are dealt into, in contiguous runs as equal as possible
+    std::size_t batch_split = 1;  ///< micro-batches they are dealt into, by BatchSource::split
     std::size_t workers = 1;      ///< 0: load in next()
     std::size_t ahead = 4;        ///< steps kept ready at most
   };

@@ -5,14 +5,13 @@
 #include <utility>
 
 #include "anigen/core/error.h"
-#include "anigen/core/log.h"
 #include "anigen/core/parallel.h"
 #include "anigen/core/progress.h"
+#include "anigen/loaders/broken_assets.h"
 
 namespace anigen::loaders {
 namespace {
 
-constexpr std::size_t kNamedErrors = 5;
 constexpr std::size_t kReadTogether = 64;
 
 torch::Tensor joints_tensor(const std::vector<Eigen::Vector3f>& joints) {
@@ -86,16 +85,7 @@ SkinDataset::SkinDataset(std::vector<AssetId> assets, const Options& options) : 
     }
   }
   progress.finish();
-  if (!errors.empty() && !options.skip_broken) {
-    std::string named;
-    for (std::size_t i = 0; i < std::min(kNamedErrors, errors.size()); ++i) named += "\n  " + errors[i];
-    throw InputError("", "dataset",
-                     std::to_string(errors.size()) + " of " + std::to_string(assets.size()) +
-                         " assets cannot be read; \"skip_broken\": true leaves them out:" + named);
-  }
-  for (const std::string& error : errors) log::warn("left out: {}", error);
-  if (assets_.empty())
-    throw InputError("", "dataset", "none of the " + std::to_string(assets.size()) + " assets can be read");
+  report_broken(errors, assets.size(), options.skip_broken);
 }
 
 std::shared_ptr<const SkinDataset::Entry> SkinDataset::entry(std::size_t index) const {

@@ -1,0 +1,109 @@
+#include "anigen/loaders/datasets/structure_latent_dataset.h"
+
+#include "anigen/core/error.h"
+#include "anigen/core/random.h"
+#include "anigen/loaders/files/view_files.h"
+#include "anigen/loaders/ragged_voxels.h"
+
+namespace anigen::loaders {
+namespace {
+
+namespace fs = std::filesystem;
+
+fs::path latent_path(const AssetId& asset, const std::string& model) {
+  return asset.root / "ss_latents" / model / (asset.id + ".npz");
+}
+
+std::vector<fs::path> files_of(const AssetId& asset, const StructureLatentOptions& options) {
+  std::vector<fs::path> files{latent_path(asset, options.latent_model)};
+  if (options.image_conditioned) files.push_back(condition_folder(asset) / "transforms.json");
+  return files;
+}
+
+ChannelStatistics statistics(ConfigReader& reader, const char* key, const std::string& prefix, float lowest) {
+  const Json* path = reader.raw(key);
+  if (path == nullptr || path->is_null() || reader.text(key, "").empty()) return {};
+  return read_channel_statistics(reader.text(key, ""), prefix + "_mean", prefix + "_std", lowest);
+}
+
+torch::Tensor latents(const std::vector<const LatentGrid*>& grids, const std::vector<std::string>& ids,
+                      const char* name) {
+  std::vector<const std::vector<float>*> values;
+  for (std::size_t i = 0; i < grids.size(); ++i) {
+    if (grids[i]->shape != grids[0]->shape) {
+      throw InputError(ids[i], name, "is of another shape than that of " + ids[0] + ", in the same batch");
+    }
+    values.push_back(&grids[i]->values);
+  }
+  return stack(values, {grids[0]->shape.begin(), grids[0]->shape.end()}, ids, name);
+}
+
+}  // namespace
+
+fs::path condition_folder(const AssetId& asset) { return asset.root / "renders_cond" / asset.id; }
+
+StructureLatentOptions StructureLatentOptions::read(ConfigReader& reader, bool image_conditioned) {
+  StructureLatentOptions options;
+  options.image_conditioned = image_conditioned;
+  options.sources.read_common(reader);
+  reader.require("latent_model");
+  options.latent_model = reader.text("latent_model", "");
+  if (image_conditioned) options.image_size = static_cast<int>(reader.integer("image_size", 518, 1, 4096));
+  options.normalization = statistics(reader, "normalization", "feats", 0.0f);
+  options.normalization_skl = statistics(reader, "normalization_skl", "feats_skl", 1e-3f);
+  options.ss_dec_path = reader.text("ss_dec_path", "");
+  options.ss_dec_ckpt = reader.text("ss_dec_ckpt", "final");
+  options.pretrained_ss_dec = reader.text("pretrained_ss_dec", "");
+
+  RowFilter& filter = options.sources.filter;
+  filter.required_flags = {"ss_latent_" + options.latent_model};
+  if (image_conditioned) filter.required_flags.push_back("cond_rendered");
+  filter.drop_bad_skin = true;
+  return options;
+}
+
+struct StructureLatentDataset::Latent : Sample {
+  StructureLatent latent;
+  std::vector<float> cond;
+};
+
+StructureLatentDataset::StructureLatentDataset(std::vector<AssetId> assets, const StructureLatentOptions& options,
+                                               std::uint64_t seed)
+    : AssetDataset(std::move(assets), {seed, options.sources.skip_broken, false},
+                   {[&](const AssetId& asset) { return files_of(asset, options); }, nullptr}),
+      options_(options) {}
+
+std::unique_ptr<AssetDataset::Sample> StructureLatentDataset::read(std::size_t index, std::uint64_t position) const {
+  auto sample = std::make_unique<Latent>();
+  const fs::path path = latent_path(asset(index), options_.latent_model);
+  StructureLatent& latent = sample->latent = read_structure_latent(path);
+  const auto channels = [](const LatentGrid& grid) { return static_cast<std::size_t>(grid.shape[0]); };
+  options_.normalization.normalize_planes(latent.mean.values, channels(latent.mean), path.string() + ": mean");
+  options_.normalization_skl.normalize_planes(latent.mean_skl.values, channels(latent.mean_skl),
+                                              path.string() + ": mean_skl");
+  if (options_.image_conditioned) {
+    Rng view(seed(), "condition view", position);
+    sample->cond = read_condition_image(condition_folder(asset(index)), options_.image_size, view);
+  }
+  return sample;
+}
+
+std::unique_ptr<Batch> StructureLatentDataset::collate(const Samples& samples,
+                                                       const std::vector<std::string>& ids) const {
+  std::vector<const LatentGrid*> shapes, skeletons;
+  std::vector<const std::vector<float>*> images;
+  for (const auto& sample : samples) {
+    const auto& latent = static_cast<const Latent&>(*sample);
+    shapes.push_back(&latent.latent.mean);
+    skeletons.push_back(&latent.latent.mean_skl);
+    images.push_back(&latent.cond);
+  }
+  auto batch = std::make_unique<StructureLatentBatch>();
+  batch->x_0 = latents(shapes, ids, "mean");
+  batch->x_0_skl = latents(skeletons, ids, "mean_skl");
+  if (options_.image_conditioned)
+    batch->cond = stack(images, {3, options_.image_size, options_.image_size}, ids, "cond");
+  return batch;
+}
+
+}  // namespace anigen::loaders
