@@ -8,6 +8,7 @@
 #include "anigen/eval/comparison/evaluate_command.h"
 #include "anigen/eval/skin_command.h"
 #ifdef ANIGEN_WITH_TORCH
+#include "anigen/pipeline/perceptual_metric.h"
 #include "anigen/pipeline/skin_reconstruction.h"
 #endif
 
@@ -16,7 +17,7 @@ namespace {
 using namespace anigen;
 
 struct EvalOptions {
-  std::vector<std::string> predictions, splits;
+  std::vector<std::string> predictions, splits, lpips_weights;
   std::string truth, out, skin_ae, skins;
   std::string normalization = "centroid-rms", prediction_axes = "format", truth_axes = "format", worst_by;
   std::vector<std::string> groups;
@@ -38,7 +39,7 @@ eval::SkinMethod reconstruction(const std::string& run, const CommonOptions& com
   method.key = "skin_ae";
   method.label = "SkinAE reconstruction";
   method.parallel = false;
-  method.predict = [model](const eval::DatasetItem&, const eval::GroundTruth& truth) {
+  method.predict = [model](const io::DatasetItem&, const eval::GroundTruth& truth) {
     return model->reconstruct(truth.joints, truth.parents, truth.skin);
   };
   return method;
@@ -46,6 +47,22 @@ eval::SkinMethod reconstruction(const std::string& run, const CommonOptions& com
   static_cast<void>(common);
   static_cast<void>(settings);
   throw NotSupportedError(run, "", "--skin-ae in a build without LibTorch");
+#endif
+}
+
+/// LPIPS, which is computed only with weights that the user has.
+void add_lpips(const EvalOptions& options, const CommonOptions& common, eval::EvaluationRequest& request) {
+  if (options.lpips_weights.empty()) return;
+#ifdef ANIGEN_WITH_TORCH
+  at::set_num_threads(common.threads > 0 ? common.threads : thread_count());
+  const std::vector<std::filesystem::path> files(options.lpips_weights.begin(), options.lpips_weights.end());
+  const auto metric = std::make_shared<pipeline::PerceptualMetric>(files, common.device);
+  request.settings.lpips = metric->describe();
+  request.perceptual = [metric](const io::Image& a, const io::Image& b) { return metric->distance(a, b); };
+#else
+  static_cast<void>(common);
+  static_cast<void>(request);
+  throw NotSupportedError("", "", "--lpips-weights in a build without LibTorch");
 #endif
 }
 
@@ -76,10 +93,11 @@ void evaluate_shapes(const EvalOptions& options, const CommonOptions& common) {
   request.truth = options.truth;
   request.splits = {options.splits.begin(), options.splits.end()};
   request.out = options.out;
-  request.prediction_axes = eval::parse_axes(options.prediction_axes);
-  request.truth_axes = eval::parse_axes(options.truth_axes);
+  request.prediction_axes = io::parse_axes(options.prediction_axes);
+  request.truth_axes = io::parse_axes(options.truth_axes);
   request.settings = options.settings;
   request.settings.seed = common.seed;
+  add_lpips(options, common, request);
   if (options.workers > 0) set_thread_count(options.workers);
   request.settings.alignment.icp = !options.no_icp;
   request.settings.alignment.normalization = eval::normalization_mode(options.normalization);
@@ -106,6 +124,8 @@ void run(const EvalOptions& options, const CommonOptions& common) {
                        "compares rigged shapes; --skin-ae and --skins evaluate weights: one or the other");
     return evaluate_shapes(options, common);
   }
+  if (!options.lpips_weights.empty())
+    throw InputError("", "--lpips-weights", "compares pictures of rigged shapes: it needs --pred");
   if (options.truth.empty()) throw InputError("", "--gt", "which ground truth? A file, a folder or a dataset");
   evaluate_skins(options, common);
 }
@@ -132,8 +152,14 @@ void add_shape_options(CLI::App& app, EvalOptions& options) {
   app.add_option("--surface-samples", options.settings.surface_samples, "Points per surface")
       ->capture_default_str()
       ->group(group);
-  app.add_option("--image-size", options.settings.image_size, "Pixels of the views for PSNR and SSIM")
+  app.add_option("--image-size", options.settings.image_size, "Pixels of the views for PSNR, SSIM and LPIPS")
       ->capture_default_str()
+      ->group(group);
+  app.add_option("--lpips-weights", options.lpips_weights,
+                 "Files (.pth, .pt, .safetensors) with torchvision's vgg16 and with the linear heads of LPIPS v0.1, or "
+                 "one with both; without, LPIPS is not computed")
+      ->expected(1, 2)
+      ->type_name("FILE [FILE]")
       ->group(group);
   app.add_option("--poses", options.settings.poses, "Poses of the deformation error")
       ->capture_default_str()

@@ -7,6 +7,7 @@
 #include "anigen/io/checkpoint_folder.h"
 #include "anigen/io/torch_archive.h"
 #include "anigen/models/state_dict.h"
+#include "anigen/pipeline/device.h"
 
 namespace anigen::pipeline {
 namespace {
@@ -14,17 +15,6 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr std::int64_t kVerticesAtOnce = 8192;
-
-torch::Device parse_device(const std::string& name) {
-  try {
-    const torch::Device device(name);
-    if (device.is_cpu() || (device.is_cuda() && torch::cuda::is_available())) return device;
-  } catch (const c10::Error&) {
-  }
-  throw InputError("", "--device",
-                   "\"" + name + "\" is not available; this build has cpu" +
-                       (torch::cuda::is_available() ? ", cuda and cuda:N" : " only"));
-}
 
 /// The run folder's config.json, or for a weight file the one beside it or above it (ckpts/ lies inside the run).
 fs::path config_of(const fs::path& run) {

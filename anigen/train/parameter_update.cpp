@@ -40,6 +40,7 @@ ParameterUpdate::Result ParameterUpdate::apply(std::int64_t step) {
   const double factor = clip_factor(result.grad_norm);
   // A norm can overflow over finite gradients; the factor is then 0 and the update one without gradient.
   result.skipped = !std::isfinite(result.grad_norm) && !torch::isfinite(gradient).all().item<bool>();
+  recovery.before_update(step, buffer_.master());
   if (!result.skipped) {
     if (muon) {
       muon->step(buffer_, optimizer, factor, result.lr);
@@ -51,6 +52,8 @@ ParameterUpdate::Result ParameterUpdate::apply(std::int64_t step) {
   } else {
     log_scale = std::max(log_scale - 1.0, kLowestLogScale);
   }
+  result.restored = recovery.after_update(step, buffer_.master());
+  if (result.restored) buffer_.publish();
   ema.update(buffer_.master());
   return result;
 }

@@ -11,6 +11,7 @@
 #include "anigen/train/muon.h"
 #include "anigen/train/optimizer.h"
 #include "anigen/train/parameter_buffer.h"
+#include "anigen/train/recovery_point.h"
 
 namespace anigen::train {
 
@@ -24,8 +25,9 @@ struct UpdateOptions {
   double fp16_scale_growth = 1e-3;
 };
 
-/// What happens to the parameters after the last backward pass of a step: unscale, clip, AdamW, averages, learning
-/// rate, loss scale (reference training-and-data.md, section 2.4, steps 3 to 8).
+/// What happens to the parameters after the last backward pass of a step: unscale, clip, AdamW, recovery from weights
+/// that are not finite, averages, learning rate, loss scale (reference training-and-data.md, section 2.4, steps 3 to
+/// 8).
 class ParameterUpdate {
  public:
   /// @param buffer must outlive this; its values at this moment start the averages
@@ -38,14 +40,17 @@ class ParameterUpdate {
     double grad_norm = 0.0;  ///< of the unscaled gradients, before clipping
     double lr = 0.0;         ///< used, or what would have been used, in this step
     bool skipped = false;    ///< gradients not finite; parameters unchanged (log_scale went down)
+    bool restored = false;   ///< the update left weights that are not finite; those of recovery.step() are back
   };
   /// @pre buffer.collect_gradients() was called. The averages and the schedule advance also on a skipped update.
+  /// @throws Error when weights are not finite and there are none to go back to
   Result apply(std::int64_t step);
 
   AdamW optimizer;
   std::optional<Muon> muon;
   std::optional<AdaptiveGradClipper> clipper;
   Ema ema;
+  RecoveryPoint recovery;
   double log_scale = 15.0;
 
  private:

@@ -144,6 +144,10 @@ void Trainer::train_step(const loaders::StepBatches& batches) {
     throw Error("step " + std::to_string(step_) + ": the gradient of " + buffers_.front().first_not_finite(gradient) +
                 " is not finite for samples " + ids + "; nothing was updated, the last checkpoint is sound");
   }
+  if (result.restored) {
+    log::warn("step {}: the update left weights that are not finite; training goes on with those of step {}", step_,
+              update_->recovery.step());
+  }
   for (std::size_t i = 1; i < buffers_.size(); ++i) buffers_[i].publish();
   times_.update += seconds_since(begin);
   ++timed_steps_;

@@ -36,6 +36,7 @@ class Trainer {
   ~Trainer();
 
   /// Trains until max_steps or max_minutes, then evaluates and saves.
+  /// Weights that an update left not finite are replaced by those of the last tenth step.
   /// @throws Interrupted after saving when a signal asked to stop; Error naming step, tensor and samples when a loss
   /// or a gradient is not finite
   void run();

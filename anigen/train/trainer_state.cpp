@@ -96,6 +96,10 @@ SavedState Trainer::state() const {
                               io::NdArray::from(clip.buffer, {static_cast<std::int64_t>(clip.buffer.size())}));
     saved.numbers["grad_clip"] = {{"threshold", clip.threshold}, {"pointer", clip.pointer}, {"length", clip.length}};
   }
+  if (update_->recovery.belongs_to_state(step_)) {
+    saved.arrays.emplace_back("recovery.master", models::to_array(update_->recovery.master()));
+    saved.numbers["recovery_step"] = update_->recovery.step();
+  }
   Json means = Json::array();
   for (const RunningMeans::Entry& entry : means_.entries_) means.push_back({entry.name, entry.sum, entry.count});
   saved.numbers["running_means"] = means;
@@ -116,6 +120,9 @@ void Trainer::restore_state(const SavedState& saved) {
   moments(update_->optimizer.exp_avg, "optimizer.exp_avg");
   moments(update_->optimizer.exp_avg_sq, "optimizer.exp_avg_sq");
   if (update_->muon) moments(update_->muon->momentum, "optimizer.momentum");
+  const bool recovery = saved.numbers.contains("recovery_step");
+  torch::Tensor recovery_master = torch::empty_like(buffers_.front().master());
+  if (recovery) moments(recovery_master, "recovery.master");
   at::Generator generator = at::detail::getDefaultCPUGenerator();
   generator.set_state(tensor("rng.torch"));
   const Json& numbers = saved.numbers;
@@ -124,6 +131,7 @@ void Trainer::restore_state(const SavedState& saved) {
     samples_ = numbers.at("samples").get<std::uint64_t>();
     update_->optimizer.steps = numbers.at("optimizer_steps").get<std::int64_t>();
     update_->log_scale = numbers.at("log_scale").get<double>();
+    if (recovery) update_->recovery.restore(numbers.at("recovery_step").get<std::int64_t>(), recovery_master);
     elapsed_before_ = numbers.at("elapsed_s").get<double>();
     if (numbers.at("seed").get<std::uint64_t>() != options_.seed)
       log::warn("the seed differs from the one this run began with");
