@@ -8,46 +8,66 @@
 #include "anigen/prepare/creatures/creature.h"
 
 namespace anigen::prepare {
+namespace {
 
-std::size_t invented_rows(const std::vector<io::ImportNote>& notes) {
-  std::size_t rows = 0;
+/// The numbers that notes of one of these codes start with, added up.
+std::size_t told_count(const std::vector<io::ImportNote>& notes, const std::vector<std::string>& codes) {
+  std::size_t count = 0;
   for (const io::ImportNote& note : notes) {
-    // These two notes start with the number of vertices that were bound like their neighbours.
-    if (note.code == "nan_weights" || note.code == "zero_weights")
-      rows += std::strtoull(note.message.c_str(), nullptr, 10);
+    if (std::find(codes.begin(), codes.end(), note.code) != codes.end())
+      count += std::strtoull(note.message.c_str(), nullptr, 10);
   }
-  return rows;
+  return count;
 }
 
-PreparedAsset import_asset(const AssetSource& source) {
+void measure(const Asset& asset, AssetRecord& record) {
+  record.num_joints = asset.skeleton.size();
+  record.num_vertices = asset.mesh.vertices.size();
+  record.num_faces = asset.mesh.faces.size();
+  record.max_influences = asset.skin.largest_row();
+  const std::vector<Eigen::Vector3d> positions = asset.skeleton.positions();
+  std::vector<Eigen::Vector3f> joints;
+  for (const Eigen::Vector3d& p : positions) joints.push_back(p.cast<float>());
+  record.closest_bones = closest_bones(joints, asset.skeleton.parents);
+  record.outside_share = outside_share(positions, bounding_box(asset.mesh.vertices));
+  record.skeleton = describe(asset.skeleton);
+}
+
+}  // namespace
+
+std::size_t invented_rows(const std::vector<io::ImportNote>& notes) {
+  return told_count(notes, {"nan_weights", "zero_weights"});
+}
+
+PreparedAsset import_asset(const AssetSource& source, const CleaningOptions& cleaning, const io::RigReader& reader) {
   PreparedAsset prepared;
   AssetRecord& record = prepared.record;
   if (source.procedural()) {
     prepared.asset = make_creature(source.seed, source.index);
     record.source = "procedural:" + creature_family(source.seed, source.index);
   } else {
-    io::ImportedAsset imported = io::read_gltf(source.file);
+    io::ImportedAsset imported = reader.read(source.rig());
     prepared.asset = std::move(imported.asset);
     record.source = "real";
     record.invented_rows = invented_rows(imported.notes);
+    record.lowest_weight_sum = imported.lowest_weight_sum;
+    record.repeated_names = told_count(imported.notes, {"duplicate_joint_names"});
     for (const io::ImportNote& note : imported.notes) {
-      if (std::find(record.repairs.begin(), record.repairs.end(), note.code) == record.repairs.end()) {
+      if (std::find(record.repairs.begin(), record.repairs.end(), note.code) == record.repairs.end())
         record.repairs.push_back(note.code);
-      }
     }
   }
-  Asset& asset = prepared.asset;
-  const Similarity similarity = normalize(asset);
+  const Similarity similarity = normalize(prepared.asset);
   record.scale = similarity.scale;
   record.offset = {similarity.offset.x(), similarity.offset.y(), similarity.offset.z()};
-  record.num_joints = asset.skeleton.size();
-  record.num_vertices = asset.mesh.vertices.size();
-  record.num_faces = asset.mesh.faces.size();
-  record.max_influences = asset.skin.largest_row();
-  std::vector<Eigen::Vector3f> joints;
-  for (const Eigen::Vector3d& p : asset.skeleton.positions()) joints.push_back(p.cast<float>());
-  record.closest_bones = closest_bones(joints, asset.skeleton.parents);
+  if (!source.procedural()) {
+    const ReadQuality quality{record.lowest_weight_sum, record.repeated_names};
+    record.findings = clean(prepared.asset, quality, cleaning, source.file_identifier);
+  }
+  measure(prepared.asset, record);
   return prepared;
 }
+
+PreparedAsset import_asset(const AssetSource& source) { return import_asset(source, {}, io::RigReader()); }
 
 }  // namespace anigen::prepare

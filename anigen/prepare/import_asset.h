@@ -14,8 +14,11 @@ struct PreparedAsset {
   AssetRecord record;
 };
 
-/// Reads or generates the asset, normalises it and measures it.
-/// @throws InputError, NotSupportedError for a file that cannot be used
+/// Reads or generates the asset, normalises it, cleans it and measures it. Creatures are not cleaned.
+/// @param reader kept by the caller over many calls, so that shards are not opened for every sample
+/// @throws InputError, NotSupportedError for a file that cannot be used, CleanedOut when a rule drops it
+PreparedAsset import_asset(const AssetSource& source, const CleaningOptions& cleaning, const io::RigReader& reader);
+/// The same without cleaning.
 PreparedAsset import_asset(const AssetSource& source);
 
 /// How many vertices got weights that were not in the file, as the importer's notes tell.

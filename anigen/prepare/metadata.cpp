@@ -1,6 +1,5 @@
 #include "anigen/prepare/metadata.h"
 
-#include "anigen/core/atomic_file.h"
 #include "anigen/core/error.h"
 #include "anigen/core/json.h"
 
@@ -8,7 +7,7 @@ namespace anigen::prepare {
 namespace {
 
 /// Raised whenever the same source would give other files or numbers, so that old outputs are made again.
-constexpr int kRecordVersion = 1;
+constexpr int kRecordVersion = 2;
 
 std::string boolean(bool value) { return value ? "True" : "False"; }  // as pandas writes them
 
@@ -20,44 +19,47 @@ std::string joined(const std::vector<std::string>& words) {
 
 }  // namespace
 
-void write_record(const std::filesystem::path& path, const AssetRecord& record) {
-  const Json json = {{"version", kRecordVersion},
-                     {"source", record.source},
-                     {"num_joints", record.num_joints},
-                     {"num_vertices", record.num_vertices},
-                     {"num_faces", record.num_faces},
-                     {"max_influences", record.max_influences},
-                     {"invented_rows", record.invented_rows},
-                     {"closest_bones", record.closest_bones},
-                     {"scale", record.scale},
-                     {"offset", record.offset},
-                     {"repairs", record.repairs}};
-  write_file_atomically(path, json.dump(2) + "\n");
+Json to_json(const AssetRecord& record) {
+  Json findings = Json::array();
+  for (const CleaningFinding& finding : record.findings) findings.push_back(to_json(finding));
+  return {{"version", kRecordVersion},
+          {"source", record.source},
+          {"num_joints", record.num_joints},
+          {"num_vertices", record.num_vertices},
+          {"num_faces", record.num_faces},
+          {"max_influences", record.max_influences},
+          {"invented_rows", record.invented_rows},
+          {"closest_bones", record.closest_bones},
+          {"outside_share", record.outside_share},
+          {"lowest_weight_sum", record.lowest_weight_sum},
+          {"repeated_names", record.repeated_names},
+          {"scale", record.scale},
+          {"offset", record.offset},
+          {"repairs", record.repairs},
+          {"findings", std::move(findings)},
+          {"skeleton", to_json(record.skeleton)}};
 }
 
-std::optional<AssetRecord> read_record(const std::filesystem::path& path) {
-  std::error_code error;
-  if (!std::filesystem::is_regular_file(path, error)) return std::nullopt;
-  try {
-    const Json json = read_json(path);
-    if (json.at("version").get<int>() != kRecordVersion) return std::nullopt;
-    AssetRecord record;
-    json.at("source").get_to(record.source);
-    json.at("num_joints").get_to(record.num_joints);
-    json.at("num_vertices").get_to(record.num_vertices);
-    json.at("num_faces").get_to(record.num_faces);
-    json.at("max_influences").get_to(record.max_influences);
-    json.at("invented_rows").get_to(record.invented_rows);
-    json.at("closest_bones").get_to(record.closest_bones);
-    json.at("scale").get_to(record.scale);
-    json.at("offset").get_to(record.offset);
-    json.at("repairs").get_to(record.repairs);
-    return record;
-  } catch (const InputError&) {
-    return std::nullopt;
-  } catch (const Json::exception&) {
-    return std::nullopt;
-  }
+AssetRecord asset_record_from_json(const Json& json) {
+  const int version = json.at("version").get<int>();
+  if (version != kRecordVersion) throw InputError("", "/version", "is that of another program version");
+  AssetRecord record;
+  json.at("source").get_to(record.source);
+  json.at("num_joints").get_to(record.num_joints);
+  json.at("num_vertices").get_to(record.num_vertices);
+  json.at("num_faces").get_to(record.num_faces);
+  json.at("max_influences").get_to(record.max_influences);
+  json.at("invented_rows").get_to(record.invented_rows);
+  json.at("closest_bones").get_to(record.closest_bones);
+  json.at("outside_share").get_to(record.outside_share);
+  json.at("lowest_weight_sum").get_to(record.lowest_weight_sum);
+  json.at("repeated_names").get_to(record.repeated_names);
+  json.at("scale").get_to(record.scale);
+  json.at("offset").get_to(record.offset);
+  json.at("repairs").get_to(record.repairs);
+  for (const Json& finding : json.at("findings")) record.findings.push_back(cleaning_finding_from_json(finding));
+  record.skeleton = skeleton_descriptor_from_json(json.at("skeleton"));
+  return record;
 }
 
 bool distinct_bones(const AssetRecord& record, const QualityLimits& limits) {
@@ -66,12 +68,13 @@ bool distinct_bones(const AssetRecord& record, const QualityLimits& limits) {
 
 bool usable(const AssetRecord& record, const QualityLimits& limits) {
   return distinct_bones(record, limits) && record.num_joints >= limits.min_joints &&
-         record.num_joints <= limits.max_joints;
+         record.num_joints <= limits.max_joints && record.outside_share <= limits.max_outside_share;
 }
 
 bool bad_skin(const AssetRecord& record, const QualityLimits& limits) {
-  return static_cast<double>(record.invented_rows) >
-         limits.max_invented_rows * static_cast<double>(record.num_vertices);
+  return record.lowest_weight_sum < limits.least_weight_sum ||
+         static_cast<double>(record.invented_rows) >
+             limits.max_invented_rows * static_cast<double>(record.num_vertices);
 }
 
 CsvTable metadata_table(const std::vector<DatasetEntry>& entries, const QualityLimits& limits) {

@@ -21,4 +21,14 @@ double closest_bones(const std::vector<Eigen::Vector3f>& joints, const std::vect
   return closest;
 }
 
+double outside_share(const std::vector<Eigen::Vector3d>& joints, const Box& box) {
+  if (joints.empty()) return 0.0;
+  const Eigen::Vector3d margin = Eigen::Vector3d::Constant(1e-4 * box.diagonal());
+  const Eigen::Vector3d low = box.low - margin, high = box.high + margin;
+  const auto outside = std::count_if(joints.begin(), joints.end(), [&](const Eigen::Vector3d& p) {
+    return (p.array() < low.array()).any() || (p.array() > high.array()).any();
+  });
+  return static_cast<double>(outside) / static_cast<double>(joints.size());
+}
+
 }  // namespace anigen::prepare

@@ -1,0 +1,149 @@
+#include "anigen/prepare/cleaning/skeleton_descriptor.h"
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <sstream>
+
+#include "anigen/asset/mesh.h"
+#include "anigen/core/error.h"
+#include "anigen/core/sha256.h"
+
+namespace anigen::prepare {
+namespace {
+
+std::size_t at(int index) { return static_cast<std::size_t>(index); }
+
+/// Numbers trees so that equal ones (up to the order of children) get equal numbers, from the leaves up (Aho, Hopcroft
+/// and Ullman's tree isomorphism), and digests the numbering of the whole.
+std::string topology_of(const std::vector<int>& parents) {
+  std::vector<std::vector<int>> children(parents.size());
+  std::map<std::vector<int>, int> numbers;
+  int number = 0;
+  for (std::size_t j = parents.size(); j-- > 0;) {
+    std::sort(children[j].begin(), children[j].end());
+    const auto [known, is_new] = numbers.try_emplace(children[j], static_cast<int>(numbers.size()));
+    number = known->second;
+    if (parents[j] >= 0) children[at(parents[j])].push_back(number);
+  }
+  // Numbers are handed out in an order that depends on the skeleton; the text of a tree does not. Built from the
+  // smallest up, since a tree's number is larger than those of its children.
+  std::vector<std::string> texts(numbers.size());
+  std::vector<const std::vector<int>*> of(numbers.size());
+  for (const auto& [kids, value] : numbers) of[at(value)] = &kids;
+  for (std::size_t n = 0; n < of.size(); ++n) {
+    std::vector<std::string> parts;
+    for (const int kid : *of[n]) parts.push_back(texts[at(kid)]);
+    std::sort(parts.begin(), parts.end());
+    std::string text = "(";
+    for (const std::string& part : parts) text += part;
+    texts[n] = sha256(text + ")").substr(0, 32);
+  }
+  return parents.empty() ? "" : texts[at(number)];
+}
+
+/// Whether every joint of `a` has one of its depth in `b` within `limit`.
+bool covered(const SkeletonDescriptor& a, const SkeletonDescriptor& b, double limit) {
+  for (std::size_t i = 0; i < a.joints(); ++i) {
+    bool found = false;
+    for (std::size_t k = 0; k < b.joints() && !found; ++k) {
+      if (a.depths[i] != b.depths[k]) continue;
+      double square = 0.0;
+      for (std::size_t axis = 0; axis < 3; ++axis) {
+        const double difference = static_cast<double>(a.places[3 * i + axis]) - b.places[3 * k + axis];
+        square += difference * difference;
+      }
+      found = square <= limit * limit;
+    }
+    if (!found) return false;
+  }
+  return true;
+}
+
+// One string instead of an array, which indented JSON would spread over thousands of lines.
+std::string joined(const std::vector<std::int32_t>& values) {
+  std::string text;
+  for (const std::int32_t value : values) text += (text.empty() ? "" : " ") + std::to_string(value);
+  return text;
+}
+
+std::vector<std::int32_t> numbers(const Json& json, const std::string& key) {
+  std::istringstream text(json.at(key).get<std::string>());
+  std::vector<std::int32_t> values;
+  for (std::int32_t value = 0; text >> value;) values.push_back(value);
+  if (!text.eof()) throw InputError("", "/" + key, "expected whole numbers with blanks between them");
+  return values;
+}
+
+// Twice the tolerance: both ends of a bone may move.
+double length_reach(double tolerance) { return 2.0 * tolerance + 1e-9; }
+
+}  // namespace
+
+SkeletonDescriptor describe(const Skeleton& skeleton) {
+  SkeletonDescriptor result;
+  result.topology = topology_of(skeleton.parents);
+  const std::vector<Eigen::Vector3d> positions = skeleton.positions();
+  Box box;
+  for (const Eigen::Vector3d& p : positions) box.extend(p);
+  const double side = box.longest_side();
+  const double scale = side > 0.0 ? SkeletonDescriptor::kPlaces / side : 0.0;
+  std::vector<Eigen::Vector3d> rounded;
+  for (std::size_t j = 0; j < positions.size(); ++j) {
+    const Eigen::Vector3d p = (scale * (positions[j] - box.center())).array().round();
+    rounded.push_back(p);
+    for (const double x : p) result.places.push_back(static_cast<std::int32_t>(x));
+    const int parent = skeleton.parents[j];
+    result.depths.push_back(parent < 0 ? 0 : result.depths[at(parent)] + 1);
+    if (parent >= 0) result.length += (p - rounded[at(parent)]).norm();
+  }
+  if (positions.size() > 1) result.length /= SkeletonDescriptor::kPlaces * static_cast<double>(positions.size() - 1);
+  return result;
+}
+
+Json to_json(const SkeletonDescriptor& descriptor) {
+  return {{"topology", descriptor.topology},
+          {"length", descriptor.length},
+          {"places", joined(descriptor.places)},
+          {"depths", joined(descriptor.depths)}};
+}
+
+SkeletonDescriptor skeleton_descriptor_from_json(const Json& json) {
+  SkeletonDescriptor result;
+  json.at("topology").get_to(result.topology);
+  json.at("length").get_to(result.length);
+  result.places = numbers(json, "places");
+  result.depths = numbers(json, "depths");
+  if (result.places.size() != 3 * result.depths.size())
+    throw InputError("", "/places", "three numbers for each of " + std::to_string(result.depths.size()) + " depths");
+  return result;
+}
+
+bool near(const SkeletonDescriptor& a, const SkeletonDescriptor& b, double tolerance) {
+  if (a.topology != b.topology || a.joints() != b.joints()) return false;
+  if (std::abs(a.length - b.length) > length_reach(tolerance)) return false;
+  const double limit = tolerance * SkeletonDescriptor::kPlaces;
+  return covered(a, b, limit) && covered(b, a, limit);
+}
+
+std::vector<std::optional<std::size_t>> near_duplicates(const std::vector<SkeletonDescriptor>& descriptors,
+                                                        double tolerance, std::size_t least_joints) {
+  std::vector<std::optional<std::size_t>> result(descriptors.size());
+  // Of each kind of tree, those near to none so far, by mean bone length.
+  std::map<std::string, std::multimap<double, std::size_t>> kept;
+  for (std::size_t i = 0; i < descriptors.size(); ++i) {
+    const SkeletonDescriptor& one = descriptors[i];
+    if (one.joints() < least_joints) continue;
+    std::multimap<double, std::size_t>& alike = kept[one.topology];
+    const double reach = length_reach(tolerance);
+    for (auto other = alike.lower_bound(one.length - reach); other != alike.end() && other->first <= one.length + reach;
+         ++other) {
+      const bool earlier = !result[i] || other->second < *result[i];
+      if (earlier && near(one, descriptors[other->second], tolerance)) result[i] = other->second;
+    }
+    if (!result[i]) alike.emplace(one.length, i);
+  }
+  return result;
+}
+
+}  // namespace anigen::prepare
