@@ -1,53 +1,189 @@
 #include <cstdio>
+#include <cstring>
+#include <filesystem>
+#include <string>
+#include <utility>
+#include <vector>
 
 #include "anigen/apps/common/command_line.h"
+#include "anigen/core/config_file.h"
 #include "anigen/core/error.h"
 #include "anigen/prepare/dataset.h"
+#include "anigen/prepare/run/worker_main.h"
+#ifdef ANIGEN_WITH_TORCH
+#include "anigen/features/feature_models.h"
+#endif
+
+namespace {
+
+anigen::prepare::FeatureExtractorFactory feature_factory() {
+#ifdef ANIGEN_WITH_TORCH
+  return anigen::features::make_feature_extractor;
+#else
+  return [](const anigen::prepare::FeatureOptions&) -> std::unique_ptr<anigen::prepare::FeatureExtractor> {
+    throw anigen::NotSupportedError("", "--features", "features in a build without LibTorch");
+  };
+#endif
+}
+
+/// What the command line says, before it becomes prepare::PrepareOptions.
+struct Arguments {
+  anigen::prepare::PrepareOptions options;
+  std::vector<std::string> inputs, cleaning_changes;
+  std::string cleaning = "none", near_skeletons = "flag", shard;
+  std::size_t procedural = 0, memory_mb = 0;
+  bool skip_assets = false, random_poses = false, view_geometry = false, strict = false;
+};
+
+void add_source_options(CLI::App& app, Arguments& a) {
+  app.add_option("--out", a.options.out, "Folder of the dataset")->required();
+  app.add_option("--input", a.inputs,
+                 "Folders or files: .glb .gltf .fbx .dae, obj with rig text, Articulation-XL or rig .npz, Anymate .pt, "
+                 "published datasets");
+  app.add_option("--procedural", a.procedural, "Number of procedural creatures");
+  app.add_option("--clean", a.cleaning, "Cleaning rules: none, anymate or articulation-xl")->capture_default_str();
+  app.add_option("--clean-set", a.cleaning_changes, "Changes one rule, such as joints=[3,200] (datasets/README.md)");
+}
+
+void add_table_options(CLI::App& app, Arguments& a) {
+  anigen::prepare::SplitOptions& split = a.options.tables.split;
+  anigen::prepare::QualityLimits& limits = a.options.tables.limits;
+  CLI::Option* fraction =
+      app.add_option("--test-fraction", split.test_fraction,
+                     "Part of the usable real assets kept for testing [0.333, or what the sources say themselves]");
+  app.add_option("--test-count", split.test_count, "Number of usable real assets kept for testing")->excludes(fraction);
+  app.add_option("--procedural-test", split.procedural_test, "Number of usable creatures kept for testing")
+      ->capture_default_str();
+  app.add_option("--min-joints", limits.min_joints, "Fewer joints make is_bad_skeleton")->capture_default_str();
+  app.add_option("--max-joints", limits.max_joints, "More joints make is_bad_skeleton")->capture_default_str();
+  app.add_option("--same-bone", limits.same_bone,
+                 "Bones that differ by no more than this make is_bad_skeleton; 0 compares exactly")
+      ->capture_default_str();
+  app.add_option("--max-outside", limits.max_outside_share,
+                 "A larger part of joints outside the mesh's box makes is_bad_skeleton")
+      ->capture_default_str();
+  app.add_option("--max-invented-rows", limits.max_invented_rows,
+                 "A larger part of vertices without weights in the file makes is_bad_skin")
+      ->capture_default_str();
+  app.add_option("--least-weight-sum", limits.least_weight_sum, "A vertex with a lower sum makes is_bad_skin")
+      ->capture_default_str();
+  app.add_option("--near-skeletons", a.near_skeletons, "Skeletons nearly equal to an earlier one: ignore, flag or drop")
+      ->capture_default_str();
+}
+
+void add_step_options(CLI::App& app, Arguments& a) {
+  anigen::prepare::StepPlan& plan = a.options.plan;
+  app.add_option("--steps", plan.steps,
+                 "Only these: import, asset, augment, skeleton, voxels, views, cond_views, features [import, asset, "
+                 "skeleton, voxels, and those with a number or a model below]")
+      ->delimiter(',');
+  app.add_flag("--no-assets", a.skip_assets, "Do not keep the assets themselves (assets/<id>.glb)");
+  app.add_option("--augment", plan.variants, "Posed variants of every asset")->capture_default_str();
+  app.add_flag("--random-poses", a.random_poses, "Do not take poses from the assets' own animations");
+  app.add_option("--pose-probability", plan.poses.probability, "Of each joint to be turned in a random pose")
+      ->capture_default_str();
+  app.add_option("--pose-angle", plan.poses.max_angle, "Largest angle of a random pose, degrees")
+      ->capture_default_str();
+  app.add_option("--resolution", plan.resolution, "Of the voxel grid")->capture_default_str();
+  app.add_option("--views", plan.views.count, "Pictures for features (published: 150)");
+  app.add_option("--view-size", plan.views.size, "Their side in pixels")->capture_default_str();
+  app.add_option("--cond-views", plan.condition_views.count, "Pictures for image conditions (published: 24)");
+  app.add_option("--cond-view-size", plan.condition_views.size, "Their side in pixels")->capture_default_str();
+  app.add_option("--view-samples", plan.views.samples_per_axis, "Anti-aliasing: this many squared rays per pixel")
+      ->capture_default_str();
+  app.add_flag("--view-geometry", a.view_geometry, "Also write normals and depth of the pictures");
+  app.add_option("--features", plan.features.model, "surface, or a DINOv2 model such as dinov2_vitl14_reg");
+  app.add_option("--feature-weights", plan.features.weights, "Weights of the DINOv2 model (.pth or .safetensors)");
+}
+
+void add_run_options(CLI::App& app, Arguments& a) {
+  anigen::prepare::RunOptions& run = a.options.run;
+  run.timeout = 1800;
+  app.add_option("--workers", run.workers, "Worker processes [as many as --threads]");
+  app.add_option("--timeout", run.timeout, "Seconds for one asset, after which it counts as failed; 0: no limit")
+      ->check(CLI::NonNegativeNumber)
+      ->capture_default_str();
+  app.add_option("--memory-mb", a.memory_mb,
+                 "Memory of one worker, above which its asset counts as failed; 0: no limit")
+      ->capture_default_str();
+  app.add_option("--shard", a.shard, "Part i of n as i/n, counted from 0 [the task of a SLURM array job]");
+  app.add_flag("--retry-failed", run.retry_failed, "Try again what failed before");
+  app.add_flag("--strict", a.strict, "Exit with 1 when anything failed or was rejected");
+}
+
+anigen::prepare::CleaningOptions cleaning_options(const Arguments& a) {
+  anigen::Json json = to_json(anigen::prepare::cleaning_preset(a.cleaning));
+  anigen::apply_overrides(json, a.cleaning_changes);
+  return anigen::prepare::cleaning_options_from_json(json);
+}
+
+anigen::prepare::PrepareOptions complete(Arguments& a, const anigen::CommonOptions& common) {
+  using namespace anigen::prepare;
+  PrepareOptions options = a.options;
+  options.plan.keep_assets = !a.skip_assets;
+  options.plan.seed = options.tables.split.seed = common.seed;
+  options.plan.features.device = common.device;
+  options.plan.poses.own_motion = !a.random_poses;
+  options.plan.cleaning = cleaning_options(a);
+  options.plan.condition_views.samples_per_axis = options.plan.views.samples_per_axis;
+  options.plan.views.geometry = options.plan.condition_views.geometry = a.view_geometry;
+  options.tables.near_skeletons = parse_near_skeletons(a.near_skeletons);
+  options.run.memory_bytes = std::uint64_t{a.memory_mb} << 20;
+  options.run.shard = !a.shard.empty() ? parse_shard(a.shard) : slurm_shard().value_or(Shard{});
+  options.run.log_level = common.quiet ? "error" : "warn";
+  options.run.worker_command = {std::filesystem::read_symlink("/proc/self/exe").string(), "--worker"};
+  options.plan.validate();  // before hours of listing
+  options.sources = find_assets({a.inputs.begin(), a.inputs.end()});
+  for (auto& source : procedural_sources(common.seed, a.procedural)) options.sources.push_back(std::move(source));
+  return options;
+}
+
+void show(const anigen::prepare::PrepareSummary& summary, const anigen::CommonOptions& common) {
+  if (common.json) {
+    std::printf("%s\n", to_json(summary).dump(2).c_str());
+  } else if (!common.quiet) {
+    std::fputs(to_text(summary).c_str(), stdout);
+  }
+}
+
+int merge(int argc, char** argv) {
+  CLI::App app{"Makes tables, splits and card of a dataset whose shards have all finished.", "anigen-prepare merge"};
+  anigen::CommonOptions common;
+  std::filesystem::path out;
+  app.add_option("--out", out, "Folder of the dataset")->required();
+  anigen::add_common_options(app, common);
+  return anigen::run_command(app, common, argc, argv, [&] { show(anigen::prepare::merge_dataset(out), common); });
+}
+
+}  // namespace
 
 int main(int argc, char** argv) {
   using namespace anigen;
+  // How this program starts itself; everything else comes through its standard input.
+  if (argc == 2 && std::strcmp(argv[1], "--worker") == 0) return prepare::run_worker(feature_factory());
+  if (argc >= 2 && std::strcmp(argv[1], "merge") == 0) return merge(argc - 1, argv + 1);
   CLI::App app{
-      "Turns rigged glTF files and procedural creatures into a dataset on disk.\n"
+      "Turns rigged files, published datasets and procedural creatures into a dataset on disk.\n"
       "Repeating a command goes on where it stopped: what exists already is not made again.\n\n"
       "Examples:\n"
       "  anigen-prepare --out data/creatures --procedural 400\n"
-      "  anigen-prepare --out data/mixed --input models/ more_models/ --procedural 400 --test-fraction 0.333"};
+      "  anigen-prepare --out data/mixed --input models/ more_models/ --procedural 400 --test-fraction 0.333\n"
+      "  anigen-prepare --out data/all --input models/ --augment 4 --views 24 --cond-views 8 --features surface\n"
+      "  anigen-prepare --out data/xl --input articulation_xl.npz --test-count 1000 --shard 3/16\n"
+      "  anigen-prepare merge --out data/xl"};
   CommonOptions common;
-  prepare::PrepareOptions options;
-  std::vector<std::string> inputs;
-  std::size_t procedural = 0, test_count = 0;
-  bool skip_assets = false;
-  app.add_option("--out", options.out, "Folder of the dataset")->required();
-  app.add_option("--input", inputs, "Folders (searched for .glb and .gltf) or single files");
-  app.add_option("--procedural", procedural, "Number of procedural creatures");
-  app.add_option("--test-fraction", options.test_fraction, "Part of the usable real assets kept for testing")
-      ->capture_default_str();
-  CLI::Option* count = app.add_option("--test-count", test_count, "Number of usable real assets kept for testing");
-  count->excludes(app.get_option("--test-fraction"));
-  app.add_option("--procedural-test", options.procedural_test, "Number of usable creatures kept for testing")
-      ->capture_default_str();
-  app.add_option("--min-joints", options.limits.min_joints, "Fewer joints make is_bad_skeleton")->capture_default_str();
-  app.add_option("--max-joints", options.limits.max_joints, "More joints make is_bad_skeleton")->capture_default_str();
-  app.add_option("--same-bone", options.limits.same_bone,
-                 "Bones that differ by no more than this make is_bad_skeleton; 0 compares exactly")
-      ->capture_default_str();
-  app.add_option("--max-invented-rows", options.limits.max_invented_rows,
-                 "A larger part of vertices without weights in the file makes is_bad_skin")
-      ->capture_default_str();
-  app.add_flag("--no-assets", skip_assets, "Do not keep the assets themselves (assets/<id>.glb)");
+  Arguments arguments;
+  arguments.options.plan.condition_views.size = 1024;
+  add_source_options(app, arguments);
+  add_step_options(app, arguments);
+  add_table_options(app, arguments);
+  add_run_options(app, arguments);
   add_common_options(app, common);
   return run_command(app, common, argc, argv, [&] {
-    options.seed = common.seed;
-    options.keep_assets = !skip_assets;
-    if (count->count() > 0) options.test_count = test_count;
-    options.sources = prepare::find_assets({inputs.begin(), inputs.end()});
-    for (auto& source : prepare::procedural_sources(common.seed, procedural))
-      options.sources.push_back(std::move(source));
-    const prepare::PrepareSummary summary = prepare::prepare_dataset(options);
-    if (common.json) {
-      std::printf("%s\n", prepare::to_json(summary).dump(2).c_str());
-    } else if (!common.quiet) {
-      std::fputs(prepare::to_text(summary).c_str(), stdout);
+    const prepare::PrepareSummary summary = prepare::prepare_dataset(complete(arguments, common));
+    show(summary, common);
+    if (arguments.strict && (!summary.rejected.empty() || summary.failed_steps > 0)) {
+      throw Error("some sources failed, which --strict does not allow");
     }
   });
 }

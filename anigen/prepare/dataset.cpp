@@ -1,203 +1,202 @@
 #include "anigen/prepare/dataset.h"
 
 #include <algorithm>
-#include <map>
-#include <new>
+#include <utility>
 
 #include "anigen/core/atomic_file.h"
 #include "anigen/core/error.h"
-#include "anigen/core/interrupt.h"
 #include "anigen/core/log.h"
-#include "anigen/core/parallel.h"
-#include "anigen/core/progress.h"
-#include "anigen/io/gltf.h"
-#include "anigen/prepare/import_asset.h"
-#include "anigen/prepare/metadata.h"
-#include "anigen/prepare/skeleton_archive.h"
-#include "anigen/prepare/split.h"
+#include "anigen/core/sha256.h"
+#include "anigen/prepare/card/dataset_card.h"
+#include "anigen/prepare/run/manifest.h"
+#include "anigen/prepare/run/run_lock.h"
+#include "anigen/prepare/run/source_scores.h"
 
 namespace anigen::prepare {
 namespace {
 
 namespace fs = std::filesystem;
 
-/// What became of one source.
-struct Outcome {
-  std::string id;
-  AssetRecord record;
-  std::string rejection;  ///< empty: it was prepared
-  bool reused = false;
-};
-
-struct Places {
-  fs::path record, skeleton, asset;
-  Places(const fs::path& out, const std::string& id)
-      : record(out / "records" / (id + ".json")),
-        skeleton(out / "skeleton" / id / "skeleton_voxelized.npz"),
-        asset(out / "assets" / (id + ".glb")) {}
-};
-
-std::string compute_id(const AssetSource& source, std::string& rejection) {
-  try {
-    return asset_id(source);
-  } catch (const InputError& error) {
-    rejection = error.what();
-    return "";
-  }
+Manifest empty_manifest(const PrepareOptions& options, const std::vector<AssetSource>& sources) {
+  Manifest manifest;
+  manifest.shard = options.run.shard;
+  manifest.sources = sources.size();
+  Sha256 digest;
+  for (const AssetSource& source : sources) digest.update(source.file_identifier + "\n");
+  manifest.sources_digest = digest.finish();
+  manifest.settings = {{"plan", to_json(options.plan)}, {"tables", to_json(options.tables)}};
+  return manifest;
 }
 
-void write_outputs(const Places& places, const PreparedAsset& prepared, bool keep_asset) {
-  write_skeleton_archive(places.skeleton, prepared.asset);
-  if (keep_asset) {
-    io::ExportOptions exported;
-    exported.influences = std::max<std::size_t>(1, prepared.record.max_influences);
-    io::write_gltf(places.asset, prepared.asset, exported);
+void finish_failures(const Manifest& manifest, FailureLog& log) {
+  std::vector<std::pair<const AssetSource*, const StepFailure*>> failures;
+  for (const ManifestEntry& entry : manifest.entries) {
+    for (const StepFailure& failure : entry.failures) failures.emplace_back(&entry.source, &failure);
   }
-  // Last, because its presence says that the others are complete.
-  write_record(places.record, prepared.record);
+  log.finish(failures);
 }
 
-void prepare_one(const PrepareOptions& options, const AssetSource& source, Outcome& outcome) {
-  const Places places(options.out, outcome.id);
-  std::error_code ignored;
-  if (fs::exists(places.skeleton, ignored) && (!options.keep_assets || fs::exists(places.asset, ignored))) {
-    if (const auto record = read_record(places.record)) {
-      outcome.record = *record;
-      outcome.reused = true;
-      return;
-    }
-  }
-  try {
-    const PreparedAsset prepared = import_asset(source);
-    outcome.record = prepared.record;
-    write_outputs(places, prepared, options.keep_assets);
-  } catch (const InputError& error) {
-    outcome.rejection = error.what();
-  } catch (const std::bad_alloc&) {
-    outcome.rejection = source.file_identifier + ": needs more memory than there is";
-  }
-}
-
-/// Sources with the content of an earlier one are rejected before anything is written twice.
-void reject_repeats(const std::vector<AssetSource>& sources, std::vector<Outcome>& outcomes) {
-  std::map<std::string, std::size_t> first;
-  for (std::size_t i = 0; i < outcomes.size(); ++i) {
-    if (!outcomes[i].rejection.empty()) continue;
-    const auto [found, added] = first.emplace(outcomes[i].id, i);
-    if (!added) outcomes[i].rejection = "same content as " + sources[found->second].file_identifier;
-  }
-}
-
-void mark_test(std::vector<DatasetEntry>& entries, const PrepareOptions& options, bool procedural) {
-  std::vector<std::size_t> candidates;
-  std::vector<std::string> ids;
-  for (std::size_t i = 0; i < entries.size(); ++i) {
-    if (entries[i].source.procedural() != procedural || !usable(entries[i].record, options.limits)) continue;
-    candidates.push_back(i);
-    ids.push_back(entries[i].id);
-  }
-  const std::size_t count =
-      procedural ? options.procedural_test : options.test_count.value_or(test_count(ids.size(), options.test_fraction));
-  if (count > ids.size()) {
-    throw InputError(
-        "", procedural ? "--procedural-test" : "--test-count",
-        std::to_string(count) + " test assets wanted, but only " + std::to_string(ids.size()) + " are usable");
-  }
-  const std::vector<bool> chosen = choose_test(ids, count, options.seed);
-  for (std::size_t k = 0; k < candidates.size(); ++k) entries[candidates[k]].is_test = chosen[k];
-}
-
-void write_tables(const PrepareOptions& options, const std::vector<DatasetEntry>& entries,
-                  const std::vector<Rejected>& rejected, PrepareSummary& summary) {
-  std::string train, test, unusable;
-  for (const DatasetEntry& entry : entries) {
-    const bool good = usable(entry.record, options.limits);
-    ++(entry.source.procedural() ? summary.procedural : summary.real);
-    summary.bad_skeleton += !good;
-    summary.bad_skin += bad_skin(entry.record, options.limits);
-    summary.train += good && !entry.is_test;
-    summary.test += entry.is_test;
-    (!good ? unusable : entry.is_test ? test : train) += entry.id + "\n";
-  }
+CsvTable rejected_table(const std::vector<Rejected>& rejected) {
   CsvTable table;
-  table.columns = {"file_identifier", "reason"};
-  for (const Rejected& one : rejected) table.rows.push_back({one.file_identifier, one.reason});
-  write_file_atomically(options.out / "rejected.csv", to_csv(table));
-  write_file_atomically(options.out / "splits" / "train.txt", train);
-  write_file_atomically(options.out / "splits" / "test.txt", test);
-  write_file_atomically(options.out / "splits" / "unusable.txt", unusable);
-  write_file_atomically(options.out / "metadata.csv", to_csv(metadata_table(entries, options.limits)));
+  table.columns = {"file_identifier", "reason", "step", "rule"};
+  for (const Rejected& one : rejected) table.rows.push_back({one.file_identifier, one.reason, one.step, one.rule});
+  return table;
+}
+
+/// Everything that is made from manifests and records. @pre the caller has the dataset alone
+PrepareSummary write_tables(const fs::path& out, const std::vector<Manifest>& manifests) {
+  const StepPlan plan = step_plan_from_json(manifests[0].settings.at("plan"));
+  const TableOptions options = table_options_from_json(manifests[0].settings.at("tables"));
+  DatasetRows found = collect_rows(out, manifests, plan, options.near_skeletons);
+  const auto write_rejected = [&] {
+    write_file_atomically(out / "rejected.csv", to_csv(rejected_table(found.rejected)));
+    std::string failures;
+    for (const auto& [source, failure] : found.failures) failures += failure_line(source, failure) + "\n";
+    write_file_atomically(out / "failures.jsonl", failures);
+  };
+  write_rejected();
+  if (found.rows.empty()) {
+    throw InputError(
+        (out / "rejected.csv").string(), "",
+        "none of the " + std::to_string(manifests[0].sources) + " sources could be used; this file says why");
+  }
+  mark_test(found.rows, options.split, options.limits);
+  const SplitCounts splits = write_splits(out, found.rows, options.limits);
+  const CsvTable table = dataset_table(found.rows, options.limits);
+  write_card(out, found, table, plan, options.limits);
+  write_file_atomically(out / "metadata.csv", to_csv(table));
+
+  PrepareSummary summary;
+  summary.train = splits.train;
+  summary.test = splits.test;
+  summary.bad_skeleton = splits.unusable;
+  summary.rejected_poses = found.rejected_poses;
+  summary.failed_steps = found.failures.size();
+  for (const DatasetRow& row : found.rows) {
+    ++(row.variant > 0 ? summary.variants : row.entry.source.procedural() ? summary.procedural : summary.real);
+    summary.bad_skin += bad_skin(row.entry.record, options.limits);
+    for (const auto& [name, step] : row.records.steps) summary.bytes += step.bytes;
+  }
+  summary.rejected = std::move(found.rejected);
+  return summary;
+}
+
+/// Names as JSON and CSV can carry them. A path with other bytes than UTF-8 then leads nowhere, and the source becomes
+/// a named failure.
+std::vector<AssetSource> representable(const std::vector<AssetSource>& sources) {
+  const auto clean = [](const std::string& text) {
+    return Json::parse(Json(text).dump(-1, ' ', false, Json::error_handler_t::replace)).get<std::string>();
+  };
+  std::vector<AssetSource> result = sources;
+  for (AssetSource& source : result) {
+    source.file = clean(source.file.string());
+    source.key = clean(source.key);
+    source.local_path = clean(source.local_path);
+    source.file_identifier = clean(source.file_identifier);
+  }
+  return result;
+}
+
+void check(const PrepareOptions& options) {
+  if (options.sources.empty()) {
+    throw InputError("", "", "nothing to prepare: name input folders or a number of procedural assets");
+  }
+  options.plan.validate();
+  options.tables.split.validate();
 }
 
 }  // namespace
 
+Json to_json(const TableOptions& options) {
+  const QualityLimits& limits = options.limits;
+  return {{"split", to_json(options.split)},
+          {"near_skeletons", name_of(options.near_skeletons)},
+          {"min_joints", limits.min_joints},
+          {"max_joints", limits.max_joints},
+          {"same_bone", limits.same_bone},
+          {"max_outside_share", limits.max_outside_share},
+          {"max_invented_rows", limits.max_invented_rows},
+          {"least_weight_sum", limits.least_weight_sum}};
+}
+
+TableOptions table_options_from_json(const Json& json) {
+  TableOptions options;
+  options.split = split_options_from_json(json.at("split"));
+  options.near_skeletons = parse_near_skeletons(json.at("near_skeletons").get<std::string>());
+  json.at("min_joints").get_to(options.limits.min_joints);
+  json.at("max_joints").get_to(options.limits.max_joints);
+  json.at("same_bone").get_to(options.limits.same_bone);
+  json.at("max_outside_share").get_to(options.limits.max_outside_share);
+  json.at("max_invented_rows").get_to(options.limits.max_invented_rows);
+  json.at("least_weight_sum").get_to(options.limits.least_weight_sum);
+  return options;
+}
+
 PrepareSummary prepare_dataset(const PrepareOptions& options) {
-  const std::vector<AssetSource>& sources = options.sources;
-  if (sources.empty())
-    throw InputError("", "", "nothing to prepare: name input folders or a number of procedural assets");
-  test_count(0, options.test_fraction);  // refuses a bad fraction before hours of work
-
-  std::vector<Outcome> outcomes(sources.size());
-  parallel_for(sources.size(), [&](std::size_t i) { outcomes[i].id = compute_id(sources[i], outcomes[i].rejection); });
-  reject_repeats(sources, outcomes);
-  {
-    Progress progress("prepare", sources.size(), "assets");
-    parallel_for(sources.size(), [&](std::size_t i) {
-      if (interrupt_requested()) return;
-      if (outcomes[i].rejection.empty()) prepare_one(options, sources[i], outcomes[i]);
-      progress.advance();
-    });
-  }
-  if (interrupt_requested())
-    throw Interrupted("interrupted: what was finished is kept, the same command goes on from there");
-
+  check(options);
+  const fs::path& out = options.out;
+  const Shard& shard = options.run.shard;
+  const RunLock lock(out, shard);
+  if (shard.whole()) sweep_temporary_files(out);
+  const std::vector<AssetSource> sources = representable(options.sources);
+  Manifest manifest = empty_manifest(options, sources);
+  remove_other_manifests(out, manifest);
   PrepareSummary summary;
-  std::vector<DatasetEntry> entries;
-  for (std::size_t i = 0; i < sources.size(); ++i) {
-    if (!outcomes[i].rejection.empty()) {
-      summary.rejected.push_back({sources[i].file_identifier, outcomes[i].rejection});
-      log::warn("rejected {}: {}", sources[i].file_identifier, outcomes[i].rejection);
-      continue;
+  std::size_t reused = 0;
+  {
+    FailureLog failures(out, shard);
+    TimingLog timings(out, shard);
+    const std::vector<SourceOutcome> outcomes = run_sources(out, sources, options.plan, options.run, failures, timings);
+    SourceScores scores;
+    for (const SourceOutcome& outcome : outcomes) {
+      ManifestEntry entry;
+      entry.number = outcome.number;
+      entry.source = sources[outcome.number];
+      entry.aesthetic_score = scores.of(entry.source);
+      if (!outcome.assets.empty()) entry.id = outcome.assets[0].id;
+      bool whole = true;
+      for (const AssetOutcome& asset : outcome.assets) {
+        whole = whole && asset.reused;  // never set for a repeated content
+        entry.failures.insert(entry.failures.end(), asset.failures.begin(), asset.failures.end());
+      }
+      reused += whole && entry.failures.empty();
+      manifest.entries.push_back(std::move(entry));
     }
-    summary.reused += outcomes[i].reused;
-    entries.push_back({outcomes[i].id, sources[i], outcomes[i].record, false});
+    summary.costs = timings.costs();
+    finish_failures(manifest, failures);
   }
-  if (entries.empty()) {
-    write_tables(options, entries, summary.rejected, summary);
-    throw InputError((options.out / "rejected.csv").string(), "",
-                     "none of the " + std::to_string(sources.size()) + " sources could be used; this file says why");
+  write_manifest(out, manifest);
+  if (shard.whole()) {
+    std::map<std::string, StepCost> costs = std::move(summary.costs);
+    summary = write_tables(out, {manifest});
+    summary.costs = std::move(costs);
+    summary.reused = reused;
+  } else {
+    summary.merged = false;
+    summary.reused = reused;
+    for (const ManifestEntry& entry : manifest.entries) {
+      const bool lost = std::any_of(entry.failures.begin(), entry.failures.end(), [](const StepFailure& failure) {
+        return failure.variant == 0 && (failure.step == kImport || failure.step == "skeleton");
+      });
+      summary.failed_steps += entry.failures.size();
+      if (lost) {
+        const StepFailure& failure = entry.failures[0];
+        summary.rejected.push_back({entry.source.file_identifier, failure.reason, failure.step, failure.rule});
+      } else {
+        ++(entry.source.procedural() ? summary.procedural : summary.real);
+      }
+    }
   }
-  mark_test(entries, options, false);
-  mark_test(entries, options, true);
-  write_tables(options, entries, summary.rejected, summary);
+  for (const Rejected& one : summary.rejected) log::warn("rejected {}: {}", one.file_identifier, one.reason);
   return summary;
 }
 
-Json to_json(const PrepareSummary& summary) {
-  Json rejected = Json::array();
-  for (const Rejected& one : summary.rejected) {
-    rejected.push_back({{"file_identifier", one.file_identifier}, {"reason", one.reason}});
-  }
-  return {{"prepared", summary.prepared()},
-          {"real", summary.real},
-          {"procedural", summary.procedural},
-          {"reused", summary.reused},
-          {"bad_skeleton", summary.bad_skeleton},
-          {"bad_skin", summary.bad_skin},
-          {"train", summary.train},
-          {"test", summary.test},
-          {"rejected", rejected}};
-}
-
-std::string to_text(const PrepareSummary& summary) {
-  const auto n = [](std::size_t count) { return std::to_string(count); };
-  std::string text = "prepared " + n(summary.prepared()) + " assets (" + n(summary.real) + " real, " +
-                     n(summary.procedural) + " procedural; " + n(summary.reused) + " were there already)\n" + "train " +
-                     n(summary.train) + ", test " + n(summary.test) + ", not usable " + n(summary.bad_skeleton) +
-                     ", bad skin " + n(summary.bad_skin) + "\n";
-  if (!summary.rejected.empty()) text += "rejected " + n(summary.rejected.size()) + ", see rejected.csv:\n";
-  for (const Rejected& one : summary.rejected) text += "  " + one.file_identifier + ": " + one.reason + "\n";
-  return text;
+PrepareSummary merge_dataset(const fs::path& out) {
+  std::error_code error;
+  if (!fs::is_directory(out, error)) throw InputError(out.string(), "", "no such folder");
+  const RunLock lock(out, Shard{});
+  sweep_temporary_files(out);
+  return write_tables(out, read_manifests(out));
 }
 
 }  // namespace anigen::prepare

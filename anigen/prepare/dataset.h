@@ -1,53 +1,72 @@
 #pragma once
 #include <cstddef>
-#include <cstdint>
 #include <filesystem>
-#include <optional>
+#include <map>
 #include <string>
 #include <vector>
 
 #include "anigen/core/json.h"
 #include "anigen/prepare/asset_source.h"
+#include "anigen/prepare/run/dataset_rows.h"
+#include "anigen/prepare/run/run_sources.h"
+#include "anigen/prepare/run/splits.h"
 #include "anigen/prepare/skeleton_checks.h"
+#include "anigen/prepare/steps/step_plan.h"
 
 namespace anigen::prepare {
 
+/// What the finished dataset says about its assets; may be changed without making any of them again.
+struct TableOptions {
+  SplitOptions split;
+  QualityLimits limits;
+  NearSkeletons near_skeletons = NearSkeletons::kFlag;
+};
+Json to_json(const TableOptions& options);
+TableOptions table_options_from_json(const Json& json);
+
 struct PrepareOptions {
   std::filesystem::path out;
-  std::vector<AssetSource> sources;
-  std::uint64_t seed = 0;                 ///< of the split
-  double test_fraction = 0.333;           ///< of the usable real assets
-  std::optional<std::size_t> test_count;  ///< of the usable real assets, instead of the fraction
-  std::size_t procedural_test = 0;        ///< of the usable procedural assets
-  QualityLimits limits;
-  bool keep_assets = true;  ///< also write assets/<id>.glb
-};
-
-struct Rejected {
-  std::string file_identifier;
-  std::string reason;
+  std::vector<AssetSource> sources;  ///< of all shards
+  StepPlan plan;
+  TableOptions tables;
+  RunOptions run;
 };
 
 struct PrepareSummary {
-  std::size_t real = 0, procedural = 0, reused = 0;
+  std::size_t real = 0, procedural = 0;  ///< sources in the dataset
+  std::size_t variants = 0, rejected_poses = 0;
+  std::size_t reused = 0;  ///< sources for which nothing had to be made
   std::size_t bad_skeleton = 0, bad_skin = 0, train = 0, test = 0;
+  std::size_t failed_steps = 0;
+  std::uintmax_t bytes = 0;  ///< of all outputs
+  bool merged = true;        ///< false: one shard of several; the tables are made by merge_dataset()
   std::vector<Rejected> rejected;
+  std::map<std::string, StepCost> costs;  ///< of the steps that this run did
 
   std::size_t prepared() const { return real + procedural; }
 };
 
-/// Writes the sources as a dataset in the published layout, as far as the first stage reads it (reference
-/// training-and-data.md, 1.1):
+/// Turns sources into a dataset in the published layout (reference training-and-data.md, 1.1; datasets/README.md):
 ///
-///     metadata.csv  rejected.csv  splits/{train,test,unusable}.txt
-///     skeleton/<id>/skeleton_voxelized.npz  assets/<id>.glb  records/<id>.json
+///     metadata.csv  rejected.csv  failures.jsonl  splits/*.txt  card.html  card.md  card.png
+///     skeleton/<id>/skeleton_voxelized.npz  voxels/<id>.ply  voxels/<id>_skeleton.ply  assets/<id>.glb
+///     renders/<id>/  renders_cond/<id>/  features/<model>/<id>.npz  records/<id>.json
+///     run/    locks, failures, timings and lists per shard: about the run, not part of the dataset
 ///
-/// Works on several assets at once; rows keep the order of the sources. What exists already for the same content
-/// and the same version of this program is not made again, so an interrupted call can be repeated. metadata.csv
-/// names exactly the sources of this call. A source that cannot be used, or that repeats an earlier one, goes to
-/// rejected.csv. Only usable assets enter the splits; real ones that are not usable are listed in unusable.txt.
-/// @throws InputError when not one source could be used, Interrupted after Ctrl-C, Error when the disk refuses
+/// Every step of every asset is written by rename and recorded; what is recorded under the same content, options and
+/// version is not made again. So a call that ended in whatever way can be repeated, and the dataset that comes out
+/// (all but run/) has the same bytes however often that happened, on however many workers and shards. metadata.csv
+/// names exactly the sources of this call, in their order. What cannot be used, or repeats an earlier source, goes to
+/// rejected.csv; only usable assets enter the splits.
+///
+/// A shard only takes its own sources through the steps; merge_dataset() makes the tables when all have finished.
+/// @throws InputError when not one source could be used, or another process works on the same part of the dataset;
+/// Interrupted after Ctrl-C; Error when the disk refuses
 PrepareSummary prepare_dataset(const PrepareOptions& options);
+
+/// The tables, splits and card of a dataset whose shards have all finished, from their lists and the records alone.
+/// @throws InputError naming the shards that are missing
+PrepareSummary merge_dataset(const std::filesystem::path& out);
 
 Json to_json(const PrepareSummary& summary);
 /// A few lines for the screen.

@@ -12,6 +12,8 @@
 #include "anigen/io/gltf.h"
 #include "anigen/io/npz.h"
 #include "anigen/prepare/creatures/creature.h"
+#include "anigen/prepare/steps/asset_places.h"
+#include "anigen/prepare/voxels/voxel_file.h"
 #include "tests/support/paths.h"
 
 namespace anigen::prepare {
@@ -39,11 +41,12 @@ Asset small_asset(std::size_t joints, float width) {
   return asset;
 }
 
+/// Every file of the dataset; run/ tells about runs and differs between them.
 std::map<std::string, std::string> contents(const fs::path& folder) {
   std::map<std::string, std::string> files;
   for (const auto& entry : fs::recursive_directory_iterator(folder)) {
-    if (entry.is_regular_file())
-      files[entry.path().lexically_relative(folder).generic_string()] = read_file(entry.path());
+    const std::string name = entry.path().lexically_relative(folder).generic_string();
+    if (entry.is_regular_file() && name.rfind("run/", 0) != 0) files[name] = read_file(entry.path());
   }
   return files;
 }
@@ -68,8 +71,8 @@ class PrepareDataset : public testing::Test {
     PrepareOptions options;
     options.out = folder_ / out;
     options.sources = find_assets({input()});
-    options.seed = 3;
-    options.test_count = 1;
+    options.tables.split.seed = 3;
+    options.tables.split.test_count = 1;
     return options;
   }
 
@@ -100,6 +103,23 @@ TEST_F(PrepareDataset, WritesThePublishedLayoutAndCountsWhatItRejects) {
   EXPECT_EQ(table.cell(2, "is_test"), "False");
   EXPECT_EQ(read_file(folder_ / "out" / "splits" / "unusable.txt"), table.cell(2, "sha256") + "\n");
   EXPECT_EQ(read_csv(folder_ / "out" / "rejected.csv").rows.size(), 3u);
+
+  // The published columns, and the files that they speak of.
+  for (const char* column : {"voxelized", "num_voxels", "rendered", "cond_rendered", "is_bad_skin"}) {
+    EXPECT_NE(table.column(column), CsvTable::kMissing) << column;
+  }
+  EXPECT_EQ(table.column("aesthetic_score"), CsvTable::kMissing);
+  for (std::size_t row = 0; row < 3; ++row) {
+    const AssetPlaces places{folder_ / "out", table.cell(row, "sha256")};
+    EXPECT_TRUE(table.flag(row, "voxelized", false, ""));
+    EXPECT_FALSE(table.flag(row, "rendered", true, ""));
+    EXPECT_EQ(read_voxel_ply(places.surface_voxels(), 64).size(), std::stoul(table.cell(row, "num_voxels")));
+    EXPECT_FALSE(read_voxel_ply(places.skeleton_voxels(), 64).empty());
+  }
+  const std::string card = read_file(folder_ / "out" / "card.html");
+  EXPECT_NE(card.find("input/z/truncated.glb"), std::string::npos);
+  EXPECT_NE(card.find("data:image/png;base64,"), std::string::npos);
+  EXPECT_NE(read_file(folder_ / "out" / "card.md").find("| assets | 3 |"), std::string::npos);
 }
 
 TEST_F(PrepareDataset, ArraysAreTheNormalisedAsset) {
@@ -167,7 +187,7 @@ TEST_F(PrepareDataset, FailsOnlyWhenNothingCouldBeUsed) {
   EXPECT_THROW(prepare_dataset(broken), InputError);
   EXPECT_EQ(read_csv(folder_ / "out" / "rejected.csv").rows.size(), 1u);
   PrepareOptions too_many = options("out2");
-  too_many.test_count = 3;
+  too_many.tables.split.test_count = 3;
   EXPECT_THROW(prepare_dataset(too_many), InputError);
   EXPECT_THROW(find_assets({folder_ / "absent"}), InputError);
   fs::create_directories(folder_ / "empty");
@@ -190,7 +210,7 @@ TEST(ProceduralDataset, TrainsOnAllUnlessTestCreaturesAreAskedFor) {
   PrepareOptions options;
   options.out = folder / "out";
   options.sources = procedural_sources(11, 3);
-  options.keep_assets = false;
+  options.plan.keep_assets = false;
   const PrepareSummary summary = prepare_dataset(options);
   EXPECT_EQ(summary.procedural, 3u);
   EXPECT_EQ(summary.test, 0u);
@@ -198,7 +218,7 @@ TEST(ProceduralDataset, TrainsOnAllUnlessTestCreaturesAreAskedFor) {
   const CsvTable table = read_csv(folder / "out" / "metadata.csv");
   EXPECT_EQ(table.cell(2, "source"), "procedural:" + creature_family(11, 2));
   EXPECT_EQ(table.cell(2, "file_identifier"), "procedural/11/2");
-  options.procedural_test = 1;
+  options.tables.split.procedural_test = 1;
   EXPECT_EQ(prepare_dataset(options).test, 1u);
 }
 

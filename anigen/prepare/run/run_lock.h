@@ -1,0 +1,30 @@
+#pragma once
+#include <filesystem>
+
+#include "anigen/prepare/run/shard.h"
+
+namespace anigen::prepare {
+
+/// Keeps two runs from working on the same part of one dataset. Held by flock on files of <out>/run, so the kernel
+/// lets go of it however the process ends, and no stale lock stays behind. A shard shares the dataset with other
+/// shards; a whole run or a merge has it alone. Worker processes do not inherit it.
+class RunLock {
+ public:
+  /// @throws InputError when another process is at work there
+  RunLock(const std::filesystem::path& out, const Shard& shard);
+  ~RunLock();
+  RunLock(const RunLock&) = delete;
+  RunLock& operator=(const RunLock&) = delete;
+
+ private:
+  int dataset_ = -1, shard_ = -1;
+};
+
+/// Where a run keeps what is not part of the dataset: locks, failures, timings, lists of what each shard made.
+std::filesystem::path run_folder(const std::filesystem::path& out);
+
+/// Removes the temporary files that killed processes left in a dataset (see AtomicFile), at any depth. Only for
+/// whoever has the dataset alone. @return how many
+std::size_t sweep_temporary_files(const std::filesystem::path& out);
+
+}  // namespace anigen::prepare

@@ -1,0 +1,287 @@
+#include <gtest/gtest.h>
+
+#include <fstream>
+#include <map>
+#include <set>
+
+#include "anigen/core/atomic_file.h"
+#include "anigen/core/error.h"
+#include "anigen/io/gltf.h"
+#include "anigen/io/image.h"
+#include "anigen/io/npz.h"
+#include "anigen/prepare/creatures/creature.h"
+#include "anigen/prepare/steps/prepare_source.h"
+#include "anigen/prepare/steps/source_outcome.h"
+#include "anigen/prepare/voxels/voxel_file.h"
+#include "anigen/raytrace/views/transforms_json.h"
+#include "tests/support/paths.h"
+
+namespace anigen::prepare {
+namespace {
+
+namespace fs = std::filesystem;
+
+/// Two channels: the voxel's x, and how many pictures there are.
+class FakeExtractor : public FeatureExtractor {
+ public:
+  std::string name() const override { return "fake"; }
+  std::string fingerprint() const override { return fingerprint_; }
+  int channels() const override { return 2; }
+  bool needs_views() const override { return needs_views_; }
+  io::NdArray extract(const FeatureRequest& request) const override {
+    ++calls_;
+    if (needs_views_) raytrace::read_transforms(request.views / "transforms.json");
+    io::NdArray array;
+    array.dtype = io::Dtype::kF16;
+    array.shape = {static_cast<std::int64_t>(request.voxels.size()), 2};
+    array.bytes.assign(request.voxels.size() * 4, 0);
+    return array;
+  }
+
+  std::string fingerprint_ = "one";
+  bool needs_views_ = true;
+  mutable int calls_ = 0;
+};
+
+class Steps : public testing::Test {
+ protected:
+  Steps() {
+    plan_.views.count = 2;
+    plan_.views.size = 24;
+    plan_.condition_views.count = 3;
+    plan_.condition_views.size = 16;
+    plan_.features.model = "fake";
+    plan_.variants = 1;
+    plan_.keep_assets = false;
+  }
+
+  SourceOutcome prepare(std::vector<StepFailure> known = {}) {
+    began_.clear();
+    const SourcePreparer preparer(folder_ / "out", plan_, extractor_);
+    SourceTask task;
+    task.source = procedural_sources(5, 1)[0];
+    task.known = std::move(known);
+    return preparer.prepare(task, [&](const StepBegin& at) { began_.push_back(at); });
+  }
+
+  /// Steps of the asset itself that were done, in order.
+  std::vector<std::string> steps(std::size_t variant = 0) const {
+    std::vector<std::string> names;
+    for (const StepBegin& at : began_) {
+      if (at.variant == variant) names.push_back(at.step);
+    }
+    return names;
+  }
+
+  using Names = std::vector<std::string>;
+  test::TemporaryFolder folder_;
+  StepPlan plan_;
+  std::shared_ptr<FakeExtractor> extractor_ = std::make_shared<FakeExtractor>();
+  std::vector<StepBegin> began_;
+};
+
+TEST_F(Steps, MakeEveryFileOfThePublishedLayout) {
+  const SourceOutcome outcome = prepare();
+  ASSERT_EQ(outcome.assets.size(), 2u);
+  EXPECT_EQ(steps(), (Names{"import", "skeleton", "voxels", "views", "cond_views", "features/fake"}));
+  EXPECT_EQ(steps(1), (Names{"augment", "skeleton", "voxels", "views", "cond_views", "features/fake"}));
+  EXPECT_NE(outcome.assets[0].id, outcome.assets[1].id);
+  for (const AssetOutcome& asset : outcome.assets) {
+    EXPECT_TRUE(asset.imported);
+    EXPECT_FALSE(asset.reused);
+    EXPECT_TRUE(asset.failures.empty());
+    EXPECT_EQ(asset.timings.size(), 6u);
+    const AssetPlaces places{folder_ / "out", asset.id};
+    EXPECT_TRUE(fs::exists(places.views() / "mesh.ply"));
+    EXPECT_EQ(raytrace::read_transforms(places.views() / "transforms.json").frames.size(), 2u);
+    EXPECT_EQ(io::read_image(places.views() / "001.png").width, 24);
+    EXPECT_EQ(raytrace::read_transforms(places.condition_views() / "transforms.json").frames.size(), 3u);
+    EXPECT_EQ(io::read_image(places.condition_views() / "002.png").width, 16);
+    const auto voxels = read_voxel_rows(places.surface_voxels(), 64);
+    const io::NamedArrays features = io::read_npz(places.features("fake"));
+    EXPECT_EQ(io::find(features, "indices")->dtype, io::Dtype::kU8);
+    EXPECT_EQ(io::find(features, "patchtokens")->dtype, io::Dtype::kF16);
+    const auto indices = io::find(features, "indices")->as<std::int32_t>();
+    ASSERT_EQ(indices.size(), 3 * voxels.size());
+    for (std::size_t i = 0; i < indices.size(); ++i) ASSERT_EQ(indices[i], voxels[i / 3][i % 3]);
+    const StepRecords records = read_step_records(places.record());
+    EXPECT_EQ(records.columns("voxels").at("num_voxels").get<std::size_t>(), voxels.size());
+    EXPECT_EQ(records.steps.at("views").files, 4u);
+  }
+  EXPECT_EQ(read_step_records(AssetPlaces{folder_ / "out", outcome.assets[1].id}.record())
+                .columns(kImport)
+                .at("pose")
+                .at("source"),
+            outcome.assets[0].id);
+}
+
+TEST_F(Steps, AreNotDoneTwice) {
+  prepare();
+  const SourceOutcome again = prepare();
+  EXPECT_TRUE(began_.empty());
+  EXPECT_TRUE(again.assets[0].reused);
+  EXPECT_TRUE(again.assets[1].reused);
+  EXPECT_EQ(extractor_->calls_, 2);
+}
+
+TEST_F(Steps, AreDoneAgainWhenTheirOptionsOrInputsChange) {
+  prepare();
+  extractor_->fingerprint_ = "other weights";
+  prepare();
+  EXPECT_EQ(steps(), (Names{"features/fake"}));
+  plan_.views.count = 1;
+  const SourceOutcome fewer = prepare();
+  EXPECT_EQ(steps(), (Names{"views", "features/fake"}));
+  EXPECT_FALSE(fs::exists(AssetPlaces{folder_ / "out", fewer.assets[0].id}.views() / "001.png"));
+  plan_.resolution = 32;
+  prepare();
+  EXPECT_EQ(steps(), (Names{"voxels", "features/fake"}));
+  plan_.cleaning.joints.least = 2;
+  prepare();
+  EXPECT_EQ(steps().size(), 6u);
+}
+
+TEST_F(Steps, AreDoneAgainWhenAFileIsGoneOrCutOff) {
+  const SourceOutcome outcome = prepare();
+  const AssetPlaces places{folder_ / "out", outcome.assets[0].id};
+  fs::remove(places.views() / "000.png");
+  prepare();
+  EXPECT_EQ(steps(), (Names{"views", "features/fake"}));
+  fs::resize_file(places.skeleton(), 100);
+  prepare();
+  EXPECT_EQ(steps(), (Names{"skeleton"}));
+  write_file_atomically(places.record(), "{\"format\": 2, \"steps\": {\"import\": 3}}");
+  prepare();
+  EXPECT_EQ(steps().size(), 6u);
+  EXPECT_TRUE(steps(1).empty());
+}
+
+TEST_F(Steps, TakeInputsAsTheyAreWhenOnlyADependentStepIsAsked) {
+  prepare();
+  plan_.steps = {"features"};
+  plan_.views.count = 0;  // a later call need not repeat how the views were made
+  extractor_->fingerprint_ = "two";
+  prepare();
+  EXPECT_EQ(steps(), (Names{"features/fake"}));
+}
+
+TEST_F(Steps, WithoutTheirInputsAreMadeWithThem) {
+  plan_.steps = {"features"};
+  prepare();
+  EXPECT_EQ(steps(), (Names{"import", "voxels", "views", "features/fake"}));
+}
+
+TEST_F(Steps, OfAnotherModelStayWhileTheirInputsDo) {
+  const SourceOutcome outcome = prepare();
+  const fs::path record = AssetPlaces{folder_ / "out", outcome.assets[0].id}.record();
+  plan_.features.model.clear();
+  extractor_.reset();
+  prepare();
+  EXPECT_TRUE(read_step_records(record).has("features/fake"));
+  plan_.resolution = 16;
+  prepare();
+  EXPECT_FALSE(read_step_records(record).has("features/fake"));
+}
+
+TEST_F(Steps, ThatFailedBeforeAreSkippedAndOthersGoOn) {
+  const SourceOutcome outcome = prepare();
+  fs::remove_all(folder_ / "out");
+  StepFailure known;
+  for (const StepBegin& at : began_) {
+    if (at.variant == 0 && at.step == "voxels") known = {at.id, 0, at.step, at.fingerprint, "took too long", ""};
+  }
+  const SourceOutcome second = prepare({known});
+  EXPECT_EQ(steps(), (Names{"import", "skeleton", "views", "cond_views"}));
+  EXPECT_EQ(steps(1).size(), 6u);
+  ASSERT_EQ(second.assets[0].failures.size(), 1u);
+  EXPECT_EQ(second.assets[0].failures[0].reason, "took too long");
+  plan_.resolution = 32;  // not the same any more
+  EXPECT_TRUE(prepare({known}).assets[0].failures.empty());
+}
+
+TEST_F(Steps, GiveEqualBytesHoweverTheyWereInterrupted) {
+  const auto contents = [&] {
+    std::map<std::string, std::string> files;
+    for (const auto& entry : fs::recursive_directory_iterator(folder_ / "out")) {
+      if (entry.is_regular_file()) files[entry.path().string()] = read_file(entry.path());
+    }
+    return files;
+  };
+  prepare();
+  const auto whole = contents();
+  fs::remove_all(folder_ / "out");
+  // As if killed at the beginning of the n-th step: of the asset, at the border, of its variant.
+  for (const std::size_t n : {1, 3, 5, 6, 8, 11}) {
+    fs::remove_all(folder_ / "out");
+    std::size_t begun = 0;
+    const SourcePreparer preparer(folder_ / "out", plan_, extractor_);
+    SourceTask task;
+    task.source = procedural_sources(5, 1)[0];
+    EXPECT_THROW(preparer.prepare(task,
+                                  [&](const StepBegin&) {
+                                    if (begun++ == n) throw Error("killed");
+                                  }),
+                 Error);
+    prepare();
+    EXPECT_EQ(contents(), whole) << "interrupted at step " << n;
+  }
+}
+
+TEST(StepPlans, RefuseWhatCannotBe) {
+  StepPlan plan;
+  plan.steps = {"voxel"};
+  EXPECT_THROW(plan.validate(), InputError);
+  plan.steps = {"features"};
+  EXPECT_THROW(plan.validate(), InputError);
+  plan.steps = {"augment"};
+  EXPECT_THROW(plan.validate(), InputError);
+  plan.steps.clear();
+  plan.resolution = 1;
+  EXPECT_THROW(plan.validate(), InputError);
+  plan.resolution = 64;
+  plan.views.size = 0;
+  EXPECT_THROW(plan.validate(), InputError);
+  plan.views.size = 64;
+  EXPECT_NO_THROW(plan.validate());
+}
+
+TEST(StepPlans, SurviveTheWayToAWorker) {
+  StepPlan plan;
+  plan.steps = {"import", "views"};
+  plan.keep_assets = false;
+  plan.resolution = 32;
+  plan.views = {24, 128, 3, true, 0};
+  plan.features = {"dinov2_vits14_reg", "w.pth", "cuda:1"};
+  plan.variants = 4;
+  plan.poses.max_angle = 30;
+  plan.poses.own_motion = false;
+  plan.cleaning = cleaning_preset("anymate");
+  plan.seed = 9;
+  const Json json = to_json(plan);
+  EXPECT_EQ(to_json(step_plan_from_json(json)), json);
+  EXPECT_EQ(step_plan_from_json(json).features.device, "cuda:1");
+  EXPECT_EQ(step_plan_from_json(json).poses.max_angle, 30);
+}
+
+TEST(Outcomes, SurviveTheWayFromAWorker) {
+  SourceOutcome outcome;
+  outcome.number = 7;
+  AssetOutcome asset;
+  asset.id = "abc";
+  asset.variant = 2;
+  asset.imported = true;
+  asset.rejected_pose = true;
+  asset.failures = {{"abc", 2, "views", "f", "a \"reason\"\nwith lines", "rule"}};
+  asset.timings = {{"voxels", 0.25, std::uint64_t{1} << 33}};
+  outcome.assets = {asset};
+  const Json json = to_json(outcome);
+  EXPECT_EQ(to_json(source_outcome_from_json(json)), json);
+  SourceTask task;
+  task.source = procedural_sources(3, 2)[1];
+  task.known = asset.failures;
+  task.only_identify = true;
+  EXPECT_EQ(to_json(source_task_from_json(to_json(task))), to_json(task));
+}
+
+}  // namespace
+}  // namespace anigen::prepare
