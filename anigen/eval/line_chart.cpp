@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstdio>
 
+#include "anigen/core/html.h"
 #include "anigen/eval/tables.h"
 
 namespace anigen::eval {

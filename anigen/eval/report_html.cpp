@@ -3,9 +3,10 @@
 #include <algorithm>
 #include <cstdlib>
 
+#include "anigen/core/base64.h"
 #include "anigen/core/csv.h"
 #include "anigen/core/error.h"
-#include "anigen/eval/base64.h"
+#include "anigen/core/html.h"
 #include "anigen/eval/line_chart.h"
 #include "anigen/eval/skin_results.h"
 #include "anigen/raytrace/contact_sheet.h"

@@ -20,7 +20,4 @@ std::string to_html(const Table& table);
 /// A number with so many digits after the point; "–" when it is not finite.
 std::string fixed(double value, int digits = 4);
 
-/// & < > " as entities.
-std::string html_escaped(const std::string& text);
-
 }  // namespace anigen::eval

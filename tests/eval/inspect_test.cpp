@@ -5,8 +5,8 @@
 #include <cmath>
 
 #include "anigen/core/atomic_file.h"
+#include "anigen/core/base64.h"
 #include "anigen/core/error.h"
-#include "anigen/eval/base64.h"
 #include "anigen/eval/inspect/file_table.h"
 #include "anigen/eval/inspect/influence_loss.h"
 #include "anigen/eval/line_chart.h"

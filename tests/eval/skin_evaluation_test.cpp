@@ -4,6 +4,7 @@
 
 #include "anigen/core/atomic_file.h"
 #include "anigen/core/error.h"
+#include "anigen/core/html.h"
 #include "anigen/eval/skin_results.h"
 #include "anigen/io/npz.h"
 #include "tests/support/paths.h"

@@ -5,6 +5,7 @@
 #include <regex>
 
 #include "anigen/core/error.h"
+#include "anigen/core/html.h"
 #include "anigen/eval/comparison/comparison_files.h"
 #include "anigen/eval/comparison/report_page.h"
 #include "anigen/eval/comparison/report_shapes.h"

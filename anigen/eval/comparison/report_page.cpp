@@ -1,5 +1,6 @@
 #include "anigen/eval/comparison/report_page.h"
 
+#include "anigen/core/html.h"
 #include "anigen/eval/tables.h"
 
 namespace anigen::eval {

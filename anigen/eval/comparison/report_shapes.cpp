@@ -4,7 +4,7 @@
 #include <cmath>
 #include <cstring>
 
-#include "anigen/eval/base64.h"
+#include "anigen/core/base64.h"
 #include "anigen/geometry/bone_distance.h"
 #include "anigen/raytrace/contact_sheet.h"
 #include "anigen/raytrace/turntable.h"

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <limits>
 
+#include "anigen/core/base64.h"
 #include "anigen/core/error.h"
 
 namespace anigen::io {
@@ -50,19 +51,6 @@ std::string glb_bytes(const GltfDocument& document, const std::string& file) {
 
 std::string embedded_gltf_bytes(const GltfDocument& document) {
   return document.json_text("data:application/octet-stream;base64," + base64(document.binary()));
-}
-
-std::string base64(const std::string& bytes) {
-  static constexpr char kAlphabet[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-  std::string text;
-  text.reserve((bytes.size() + 2) / 3 * 4);
-  for (std::size_t i = 0; i < bytes.size(); i += 3) {
-    const std::size_t left = std::min<std::size_t>(3, bytes.size() - i);
-    std::uint32_t group = 0;
-    for (std::size_t k = 0; k < 3; ++k) group = group << 8 | (k < left ? static_cast<unsigned char>(bytes[i + k]) : 0u);
-    for (std::size_t k = 0; k < 4; ++k) text.push_back(k <= left ? kAlphabet[group >> (18 - 6 * k) & 63] : '=');
-  }
-  return text;
 }
 
 }  // namespace anigen::io

@@ -16,6 +16,4 @@ std::string glb_bytes(const GltfDocument& document, const std::string& file);
 /// The bytes of a .gltf whose buffer is a base64 data URI.
 std::string embedded_gltf_bytes(const GltfDocument& document);
 
-std::string base64(const std::string& bytes);
-
 }  // namespace anigen::io
