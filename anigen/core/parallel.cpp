@@ -1,16 +1,25 @@
 #include "anigen/core/parallel.h"
 
+#include <sched.h>
 #include <tbb/global_control.h>
 #include <tbb/parallel_for.h>
 
+#include <algorithm>
 #include <memory>
 #include <thread>
 
 namespace anigen {
 namespace {
 
+/// Those this process may run on: a batch system gives a job a few of a machine's.
+int available_cores() {
+  cpu_set_t set;
+  if (::sched_getaffinity(0, sizeof set, &set) == 0) return std::max(1, CPU_COUNT(&set));
+  return std::max(1, static_cast<int>(std::thread::hardware_concurrency()));  // more than a cpu_set_t holds
+}
+
 int& count_setting() {
-  static int count = static_cast<int>(std::thread::hardware_concurrency());
+  static int count = available_cores();
   return count;
 }
 
@@ -18,8 +27,7 @@ int& count_setting() {
 
 void set_thread_count(int threads) {
   static std::unique_ptr<tbb::global_control> control;
-  const int cores = static_cast<int>(std::thread::hardware_concurrency());
-  count_setting() = threads > 0 ? threads : (cores > 0 ? cores : 1);
+  count_setting() = threads > 0 ? threads : available_cores();
   control = std::make_unique<tbb::global_control>(tbb::global_control::max_allowed_parallelism,
                                                   static_cast<std::size_t>(count_setting()));
 }

@@ -63,8 +63,8 @@ PrepareSummary write_tables(const fs::path& out, const std::vector<Manifest>& ma
   mark_test(found.rows, options.split, options.limits);
   const SplitCounts splits = write_splits(out, found.rows, options.limits);
   const CsvTable table = dataset_table(found.rows, options.limits);
-  write_card(out, found, table, plan, options.limits);
   write_file_atomically(out / "metadata.csv", to_csv(table));
+  write_card(out, found, table, plan, options.limits);  // last: it draws assets, which may fail
 
   PrepareSummary summary;
   summary.train = splits.train;
@@ -97,12 +97,25 @@ std::vector<AssetSource> representable(const std::vector<AssetSource>& sources) 
   return result;
 }
 
+/// Steps clear the files they make anew, so what they read must lie elsewhere.
+void check_sources_lie_outside(const PrepareOptions& options) {
+  const fs::path out = fs::weakly_canonical(options.out);
+  for (const AssetSource& source : options.sources) {
+    if (source.procedural()) continue;
+    const fs::path below = fs::weakly_canonical(source.file).lexically_relative(out);
+    if (!below.empty() && *below.begin() != "..") {
+      throw InputError(source.file.string(), "", "lies in --out, whose files are written anew: name another folder");
+    }
+  }
+}
+
 void check(const PrepareOptions& options) {
   if (options.sources.empty()) {
     throw InputError("", "", "nothing to prepare: name input folders or a number of procedural assets");
   }
   options.plan.validate();
   options.tables.split.validate();
+  check_sources_lie_outside(options);
 }
 
 }  // namespace

@@ -1,6 +1,7 @@
 #include "anigen/core/parallel.h"
 
 #include <gtest/gtest.h>
+#include <sched.h>
 
 #include <stdexcept>
 #include <vector>
@@ -17,6 +18,22 @@ TEST(ParallelFor, VisitsEveryIndexOnceForAnyThreadCount) {
     EXPECT_EQ(visits, std::vector<int>(1000, 1));
   }
   set_thread_count(0);
+}
+
+// A job that was given one core of a large machine must not start a thread for every core there is.
+TEST(ThreadCount, IsThatOfTheCoresTheProcessMayUse) {
+  cpu_set_t before, one;
+  ASSERT_EQ(::sched_getaffinity(0, sizeof before, &before), 0);
+  CPU_ZERO(&one);
+  for (int cpu = 0; cpu < CPU_SETSIZE && CPU_COUNT(&one) == 0; ++cpu) {
+    if (CPU_ISSET(cpu, &before)) CPU_SET(cpu, &one);
+  }
+  ASSERT_EQ(::sched_setaffinity(0, sizeof one, &one), 0);
+  set_thread_count(0);
+  EXPECT_EQ(thread_count(), 1);
+  ASSERT_EQ(::sched_setaffinity(0, sizeof before, &before), 0);
+  set_thread_count(0);
+  EXPECT_EQ(thread_count(), CPU_COUNT(&before));
 }
 
 TEST(ParallelFor, PassesExceptionsOn) {

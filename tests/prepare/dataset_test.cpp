@@ -194,6 +194,16 @@ TEST_F(PrepareDataset, FailsOnlyWhenNothingCouldBeUsed) {
   EXPECT_THROW(find_assets({folder_ / "empty"}), InputError);
 }
 
+// Steps clear what they make anew: a dataset prepared onto itself would lose its sources.
+TEST_F(PrepareDataset, RefusesSourcesInsideTheOutputFolder) {
+  PrepareOptions inside = options("input");
+  EXPECT_THROW(prepare_dataset(inside), InputError);
+  inside.out = folder_.path();
+  EXPECT_THROW(prepare_dataset(inside), InputError);
+  EXPECT_TRUE(fs::exists(input() / "a.glb"));
+  EXPECT_FALSE(fs::exists(input() / "records"));
+}
+
 TEST_F(PrepareDataset, IdsFollowTheContentOfExternalBuffers) {
   const fs::path file = folder_ / "ext" / "a.gltf";
   write_file_atomically(file, "{\"buffers\": [{\"uri\": \"my%20data.bin\"}]}");

@@ -55,6 +55,14 @@ TEST_F(SlurmVariables, GiveTheShardOfAnArrayJob) {
   EXPECT_THROW(slurm_shard(), InputError);
 }
 
+// "sbatch --array=17" after task 17 of 64 failed must not become the whole dataset.
+TEST_F(SlurmVariables, OfAnArrayOfOneTaskDoNotSayWhichShardItIs) {
+  set("ID", "17");
+  set("MIN", "17");
+  set("COUNT", "1");
+  EXPECT_THROW(slurm_shard(), InputError);
+}
+
 TEST(RunLocks, KeepTwoRunsOfTheSamePartApart) {
   const test::TemporaryFolder folder;
   {

@@ -139,6 +139,7 @@ TEST_F(Steps, AreDoneAgainWhenTheirOptionsOrInputsChange) {
   plan_.cleaning.joints.least = 2;
   prepare();
   EXPECT_EQ(steps().size(), 6u);
+  EXPECT_EQ(steps(1).size(), 6u) << "a posed variant is made from the cleaned asset, too";
 }
 
 TEST_F(Steps, AreDoneAgainWhenAFileIsGoneOrCutOff) {

@@ -1,6 +1,7 @@
 #include "anigen/prepare/card/card_pictures.h"
 
 #include <algorithm>
+#include <exception>
 #include <utility>
 
 #include "anigen/core/error.h"
@@ -34,7 +35,7 @@ std::optional<raytrace::Tile> tile_of(const std::filesystem::path& out, const Da
     const std::string caption = row.entry.id.substr(0, 8) + (row.variant > 0 ? " posed" : "") + ", " +
                                 std::to_string(row.entry.record.num_joints) + " joints";
     return raytrace::Tile{raytrace::render(asset, options), caption};
-  } catch (const InputError&) {
+  } catch (const std::exception&) {
     return std::nullopt;  // a card is not the place to fail over one picture
   }
 }

@@ -38,6 +38,10 @@ Shard parse_shard(const std::string& text) {
 std::optional<Shard> slurm_shard() {
   const auto id = variable("SLURM_ARRAY_TASK_ID"), count = variable("SLURM_ARRAY_TASK_COUNT");
   if (!id || !count) return std::nullopt;
+  if (*count == 1) {
+    // One task of a larger array, sent again: which shard it was is not to be seen.
+    throw InputError("", "SLURM_ARRAY_TASK_COUNT", "an array of one task: say --shard i/n (0/1 for everything)");
+  }
   const std::size_t first = variable("SLURM_ARRAY_TASK_MIN").value_or(0);
   const std::size_t step = variable("SLURM_ARRAY_TASK_STEP").value_or(1);
   if (step == 0 || *id < first || (*id - first) % step != 0 || (*id - first) / step >= *count) {

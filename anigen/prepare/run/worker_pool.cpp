@@ -49,7 +49,9 @@ void WorkerPool::give(Worker& worker, const PoolClient& client) {
 void WorkerPool::check_limits(Worker& worker) {
   if (!worker.process || !worker.task || worker.killed) return;
   const double elapsed = std::chrono::duration<double>(Clock::now() - worker.since).count();
-  if (options_.timeout > 0 && worker.ready && elapsed > options_.timeout) {
+  if (options_.timeout > 0 && !worker.ready && elapsed > options_.timeout) {
+    worker.process->kill();  // stuck while starting, which bury() counts
+  } else if (options_.timeout > 0 && worker.ready && elapsed > options_.timeout) {
     worker.killed = WorkerDeath::Cause::kTimeout;
   } else if (options_.memory_bytes > 0 && worker.process->resident_bytes() > options_.memory_bytes) {
     worker.killed = WorkerDeath::Cause::kMemory;
