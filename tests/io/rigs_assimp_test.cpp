@@ -247,6 +247,31 @@ TEST(FbxScan, RefusesCyclesDepthAndGrowth) {
   EXPECT_EQ(refused(std::string(1000, '{')), "blocks are nested deeper than 64");
 }
 
+// What Assimp takes for an id: the digits in front of a token, without a sign, up to 64 bits.
+TEST(FbxScan, ReadsIdsAsAssimpDoes) {
+  const std::string models = "Model: 1, \"Model::m\", \"Null\" {\n}\nModel: 2, \"Model::m\", \"Null\" {\n}\n";
+  const auto refused = [&](const std::string& links) {
+    return problem([&] { assimp_import::scan_fbx(fbx_graph(models, "C: \"OO\",1,0\n" + links), 1000, "f"); });
+  };
+  const std::string cycle = "a model is its own ancestor: the scene graph has a cycle";
+  EXPECT_EQ(refused("C: \"OO\",2x,1x\nC: \"OO\",1,2\n"), cycle);
+  EXPECT_EQ(refused("C: \"OO\",2.0,1.0\nC: \"OO\",1,2\n"), cycle);
+}
+
+TEST(ColladaScan, DoesNotLoseItsPlaceInQuotes) {
+  std::string deep;
+  for (int i = 0; i < 2000; ++i) deep += "<a>";
+  const auto refused = [&](const std::string& before) {
+    return problem([&] { assimp_import::scan_collada("<?xml version='1.0'?>" + before + deep, "f"); });
+  };
+  const std::string nested = "elements are nested deeper than 1024";
+  EXPECT_EQ(refused(""), nested);
+  EXPECT_EQ(refused("<?x ' ?>"), nested);
+  EXPECT_EQ(refused("<!--><x ' -->"), nested);
+  EXPECT_NE(refused("<!DOCTYPE a [<!-- ' -->]>").find("not supported"), std::string::npos);
+  EXPECT_EQ(refused("<x ' "), "a tag is not closed");
+}
+
 /// A record of a binary FBX file (version 7400): offsets of 32 bits.
 std::string record(std::size_t at, const std::string& name, const std::string& properties, const std::string& inside) {
   const auto little = [](std::size_t value) {
@@ -282,6 +307,17 @@ TEST(FbxScan, ReadsBinaryFiles) {
   beyond[27] = '\xFF';
   beyond[28] = '\xFF';
   EXPECT_EQ(refused(beyond), "a record does not end inside the one around it");
+  // Assimp goes on behind an empty record in the middle of a list.
+  std::string hidden = header, empty_first(13, '\0');
+  empty_first += record(hidden.size() + 13 + 7 + 13, "Model", id(1), "");
+  hidden += record(hidden.size(), "Objects", "", empty_first) + std::string(13, '\0');
+  EXPECT_EQ(refused(hidden), "an empty record stands in the middle of a list");
+  // Arrays that say they unpack to 6 × 1 GiB in a few bytes.
+  const std::string array = std::string("d\xFF\xFF\xFF\x07\1\0\0\0\0\0\0\0", 13);
+  std::string arrays;
+  for (int k = 0; k < 6; ++k) arrays += array;
+  EXPECT_EQ(refused(header + record(header.size(), "Vertices", arrays, "") + std::string(13, '\0')),
+            "the arrays up to here unpack to more than 4 GiB");
   EXPECT_EQ(refused(header.substr(0, 22)), "the header is cut short");
 }
 

@@ -119,6 +119,11 @@ class Converter {
   void add_track(int node, ChannelPath path, const std::vector<float>& times, const std::vector<float>& values,
                  gltf_import::AnimationEntry& entry) {
     if (times.empty()) return;
+    written_ += times.size();  // a channel is repeated for every node of its name
+    if (written_ > 3 * kMostKeys) {
+      throw InputError(document_.file, place_,
+                       "the animations have more than " + std::to_string(3 * kMostKeys) + " keys on all their nodes");
+    }
     gltf_import::AnimationChannel channel;
     channel.pointer = place_;
     channel.node = node;
@@ -191,7 +196,7 @@ class Converter {
   DocumentArrays arrays_;
   std::string place_;
   double per_second_ = 25.0, first_ = 0.0;
-  std::size_t keys_ = 0;
+  std::size_t keys_ = 0, written_ = 0;
   std::unordered_map<std::string, const aiNodeAnim*> channels_;
 };
 

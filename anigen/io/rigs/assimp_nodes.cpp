@@ -13,9 +13,10 @@ namespace {
 
 using Eigen::Matrix4d;
 
+/// Assimp splits the transform of an FBX model into a chain of nodes with these names, one child each.
 bool is_helper(const aiNode& node) {
   const std::string_view name(node.mName.C_Str());
-  return name.find("_$AssimpFbx$_") != std::string_view::npos && node.mNumMeshes == 0 && node.mNumChildren > 0;
+  return name.find("_$AssimpFbx$_") != std::string_view::npos && node.mNumMeshes == 0 && node.mNumChildren == 1;
 }
 
 /// An axis of the file as metadata tell it: number and sign.

@@ -27,25 +27,29 @@ void scan_collada(std::string_view text, const std::string& file) {
   std::size_t depth = 0;
   for (std::size_t at = text.find('<'); at != std::string_view::npos; at = text.find('<', at)) {
     const std::string_view rest = text.substr(at);
-    const auto skip_to = [&](std::string_view end) {
-      const std::size_t found = text.find(end, at);
+    const std::string place = "byte " + std::to_string(at);
+    const auto skip_to = [&](std::size_t start, std::string_view end) {
+      const std::size_t found = text.find(end, at + start);
       at = found == std::string_view::npos ? text.size() : found + end.size();
     };
     if (rest.substr(0, 4) == "<!--") {
-      skip_to("-->");
+      skip_to(4, "-->");
       continue;
     }
     if (rest.substr(0, 9) == "<![CDATA[") {
-      skip_to("]]>");
+      skip_to(9, "]]>");
       continue;
     }
+    if (rest.substr(0, 2) == "<?") {
+      skip_to(2, "?>");
+      continue;
+    }
+    if (rest.substr(0, 2) == "<!") throw NotSupportedError(file, place, "COLLADA with a DOCTYPE");
     const std::size_t end = end_of_tag(text, at + 1);
-    if (end == std::string_view::npos) return;  // Assimp's parser says what is wrong
-    const std::string place = "byte " + std::to_string(at);
-    const bool is_element = rest.size() > 1 && rest[1] != '/' && rest[1] != '?' && rest[1] != '!';
+    if (end == std::string_view::npos) throw InputError(file, place, "a tag is not closed");
     if (rest.substr(0, 2) == "</") {
       depth -= depth > 0 ? 1 : 0;
-    } else if (is_element && text[end - 1] != '/') {
+    } else if (text[end - 1] != '/') {
       if (++depth > kMostNested)
         throw InputError(file, place, "elements are nested deeper than " + std::to_string(kMostNested));
     }

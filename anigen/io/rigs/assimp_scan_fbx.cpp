@@ -14,7 +14,8 @@ namespace anigen::io::assimp_import {
 namespace {
 
 constexpr std::size_t kMostNestedRecords = 64, kMostNestedModels = 1024;
-constexpr std::string_view kBinaryMagic("Kaydara FBX Binary  \0", 21);
+constexpr std::string_view kBinaryMagic = "Kaydara FBX Binary";  // as much of it as Assimp looks at
+constexpr std::uint64_t kMostArrayBytes = std::uint64_t{4} << 30;
 
 /// What both forms of the file are scanned for.
 struct Graph {
@@ -40,6 +41,7 @@ class BinaryScanner {
       const std::uint64_t end = number(at, field);
       if (end == 0) {  // closes a list; at the top it ends the file
         if (open_.empty()) break;
+        if (at + head != open_.back().end) fail(at, "an empty record stands in the middle of a list");
         at = open_.back().end;
         continue;
       }
@@ -51,6 +53,7 @@ class BinaryScanner {
       if (first > end || properties > end - first) fail(at, "a record's properties do not fit into it");
       const std::string_view name = bytes_.substr(at + head, name_size);
       collect(name, first, first + static_cast<std::size_t>(properties));
+      count_arrays(first, first + static_cast<std::size_t>(properties));
       if (first + properties == end) {
         at = static_cast<std::size_t>(end);
         continue;
@@ -102,9 +105,40 @@ class BinaryScanner {
     }
   }
 
+  /// Adds up what the arrays among a record's properties say they unpack to: Assimp reserves that before it reads.
+  void count_arrays(std::size_t at, std::size_t end) {
+    while (at < end) {
+      const std::size_t start = at;
+      const char type = bytes_[at++];
+      std::uint64_t size = 0;
+      if (type == 'C') {
+        size = 1;
+      } else if (type == 'Y') {
+        size = 2;
+      } else if (type == 'I' || type == 'F') {
+        size = 4;
+      } else if (type == 'D' || type == 'L') {
+        size = 8;
+      } else if (type == 'S' || type == 'R') {
+        if (end - at < 4) return;
+        size = 4 + number(at, 4);
+      } else if (type == 'c' || type == 'b' || type == 'f' || type == 'i' || type == 'd' || type == 'l') {
+        if (end - at < 12) return;
+        claimed_ += number(at, 4) * (type == 'c' || type == 'b' ? 1 : type == 'd' || type == 'l' ? 8 : 4);
+        size = 12 + number(at + 8, 4);
+        if (claimed_ > kMostArrayBytes) fail(start, "the arrays up to here unpack to more than 4 GiB");
+      } else {
+        return;  // Assimp says what is wrong
+      }
+      if (size > end - at) return;
+      at += static_cast<std::size_t>(size);
+    }
+  }
+
   std::string_view bytes_;
   const std::string& file_;
   bool wide_ = false;
+  std::uint64_t claimed_ = 0;
   std::vector<Open> open_;
   Graph graph_;
 };
@@ -137,7 +171,7 @@ class TextScanner {
         name_ = {};
         if (!open_.empty()) open_.pop_back();
         ++at;
-      } else if (is_word(c) || c == '-') {
+      } else if (is_word(c)) {
         at = take_word(at);
       } else {
         ++at;
@@ -148,7 +182,10 @@ class TextScanner {
   }
 
  private:
-  static bool is_word(char c) { return std::isalnum(static_cast<unsigned char>(c)) != 0 || c == '_'; }
+  static bool is_word(char c) {
+    return std::isspace(static_cast<unsigned char>(c)) == 0 &&
+           std::string_view(",{}\":;").find(c) == std::string_view::npos;
+  }
 
   std::size_t take_word(std::size_t at) {
     std::size_t end = at + 1;
@@ -159,9 +196,9 @@ class TextScanner {
       name_ = word;
       return end + 1;
     }
-    std::int64_t value = 0;
+    std::uint64_t value = 0;  // as Assimp reads an id: the digits in front count, whatever follows
     const auto [stop, error] = std::from_chars(word.data(), word.data() + word.size(), value);
-    if (error == std::errc() && stop == word.data() + word.size() && numbers_.size() < 2) numbers_.push_back(value);
+    if (error == std::errc() && numbers_.size() < 2) numbers_.push_back(static_cast<std::int64_t>(value));
     return end;
   }
 

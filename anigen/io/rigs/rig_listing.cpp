@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cctype>
 #include <system_error>
 #include <utility>
 
@@ -31,10 +32,12 @@ const std::vector<std::string>& extensions() {
   return all;
 }
 
-/// "articulation_xlv2_test.npz", "Anymate_test.pt".
+/// "articulation_xlv2_test.npz", "Anymate_test.pt", but not "latest.pt".
 bool is_test_shard(const fs::path& file) {
   const std::string stem = file.stem().string(), word = "test";
-  return stem.size() >= word.size() && stem.compare(stem.size() - word.size(), word.size(), word) == 0;
+  if (stem.size() < word.size() || stem.compare(stem.size() - word.size(), word.size(), word) != 0) return false;
+  return stem.size() == word.size() ||
+         std::isalpha(static_cast<unsigned char>(stem[stem.size() - word.size() - 1])) == 0;
 }
 
 void add_samples(RigFormat format, const fs::path& file, const std::string& local_path,
