@@ -24,6 +24,7 @@
 #include "anigen/eval/surface/skin_transfer.h"
 #include "anigen/geometry/nearest_surface.h"
 #include "anigen/geometry/surface_sampling.h"
+#include "benchmarks/bumpy_torus.h"
 
 namespace {
 
@@ -32,30 +33,6 @@ using anigen::Rng;
 using Points = std::vector<Eigen::Vector3d>;
 
 constexpr std::size_t kQueries = 100000, kBruteQueries = 100;
-
-/// A closed surface with bumps, rings × segments vertices. @param gather > 1 crowds the vertices together: towards one
-/// side of every ring and towards one ring
-Mesh bumpy_torus(int rings, int segments, double gather) {
-  constexpr double kTwoPi = 6.283185307179586;
-  Mesh mesh;
-  for (int r = 0; r < rings; ++r) {
-    for (int s = 0; s < segments; ++s) {
-      const double u = kTwoPi * std::pow(static_cast<double>(r) / rings, gather);
-      const double v = kTwoPi * std::pow(static_cast<double>(s) / segments, gather);
-      const double tube = 0.13 + 0.015 * std::sin(9 * u) * std::cos(7 * v), radius = 0.35 + tube * std::cos(v);
-      mesh.vertices.emplace_back(static_cast<float>(radius * std::cos(u)), static_cast<float>(radius * std::sin(u)),
-                                 static_cast<float>(tube * std::sin(v)));
-    }
-  }
-  const auto at = [&](int r, int s) { return (r % rings) * segments + s % segments; };
-  for (int r = 0; r < rings; ++r) {
-    for (int s = 0; s < segments; ++s) {
-      mesh.faces.push_back({at(r, s), at(r + 1, s), at(r + 1, s + 1)});
-      mesh.faces.push_back({at(r, s), at(r + 1, s + 1), at(r, s + 1)});
-    }
-  }
-  return mesh;
-}
 
 /// Points of another surface that lies close by: where skin transfer looks things up. In random order.
 Points near_surface(const Mesh& mesh, std::size_t count) {

@@ -23,6 +23,7 @@
 #include "anigen/core/parallel.h"
 #include "anigen/geometry/voxel_bits.h"
 #include "anigen/geometry/voxelize.h"
+#include "benchmarks/bumpy_torus.h"
 #include "tests/geometry/voxel_brute_force.h"
 
 namespace {
@@ -30,28 +31,6 @@ namespace {
 using anigen::Mesh;
 using anigen::geometry::Voxel;
 using anigen::geometry::VoxelBits;
-
-/// A closed surface with bumps, 2 · rings · segments triangles.
-Mesh bumpy_torus(int rings, int segments) {
-  constexpr double kTwoPi = 6.283185307179586;
-  Mesh mesh;
-  for (int r = 0; r < rings; ++r) {
-    for (int s = 0; s < segments; ++s) {
-      const double u = kTwoPi * r / rings, v = kTwoPi * s / segments;
-      const double tube = 0.13 + 0.015 * std::sin(9 * u) * std::cos(7 * v), radius = 0.35 + tube * std::cos(v);
-      mesh.vertices.emplace_back(static_cast<float>(radius * std::cos(u)), static_cast<float>(radius * std::sin(u)),
-                                 static_cast<float>(tube * std::sin(v)));
-    }
-  }
-  const auto at = [&](int r, int s) { return (r % rings) * segments + s % segments; };
-  for (int r = 0; r < rings; ++r) {
-    for (int s = 0; s < segments; ++s) {
-      mesh.faces.push_back({at(r, s), at(r + 1, s), at(r + 1, s + 1)});
-      mesh.faces.push_back({at(r, s), at(r + 1, s + 1), at(r, s + 1)});
-    }
-  }
-  return mesh;
-}
 
 /// Calls meets(triangle, voxel) for the voxels in the box of each triangle that are not set yet.
 template <typename Meets>

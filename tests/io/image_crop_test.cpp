@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <string>
 
 #include "anigen/core/error.h"
@@ -95,6 +96,41 @@ TEST(ImagePlanes, ComposingRoundsDown) {
   EXPECT_EQ(found.pixel(0, 0)[1], 63);
   EXPECT_EQ(found.pixel(0, 0)[2], 1);
   EXPECT_EQ(found.pixel(0, 0)[3], 255);
+}
+
+Image with_object(int left, int top, int right, int bottom) {
+  Image image(20, 10, 0);
+  for (int y = top; y <= bottom; ++y) {
+    for (int x = left; x <= right; ++x) {
+      image.pixel(x, y)[0] = static_cast<std::uint8_t>(10 * x);
+      image.pixel(x, y)[3] = 1;  // any alpha above 0 counts
+    }
+  }
+  return image;
+}
+
+TEST(ConditionBox, IsASquareAroundTheObjectWithAMarginOfAFifth) {
+  // Centre (9, 4.5), longer side 10, half-size 6: [3, 15) × [-1.5, 10.5), truncated towards zero.
+  const PixelBox box = condition_box(with_object(4, 2, 14, 7), "");
+  EXPECT_EQ(box.x0, 3);
+  EXPECT_EQ(box.x1, 15);
+  EXPECT_EQ(box.y0, -1);
+  EXPECT_EQ(box.y1, 10);
+  EXPECT_THROW(condition_box(Image(4, 4, 0), "x.png"), InputError);
+  EXPECT_THROW(condition_box(with_object(3, 3, 3, 3), "x.png"), InputError);
+}
+
+TEST(Crop, OutsideThePictureIsTransparentBlack) {
+  const Image image = with_object(0, 0, 19, 9);
+  const Image part = crop(image, {-2, -1, 3, 2});
+  ASSERT_EQ(part.width, 5);
+  ASSERT_EQ(part.height, 3);
+  EXPECT_EQ(part.pixel(1, 1)[3], 0);
+  EXPECT_EQ(part.pixel(4, 0)[3], 0);
+  EXPECT_EQ(part.pixel(2, 1)[3], 1);
+  EXPECT_EQ(part.pixel(4, 2)[0], 20);
+  const Image beyond = crop(image, {30, 30, 32, 33});
+  EXPECT_TRUE(std::all_of(beyond.rgba.begin(), beyond.rgba.end(), [](std::uint8_t v) { return v == 0; }));
 }
 
 }  // namespace

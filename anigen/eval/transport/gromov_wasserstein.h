@@ -10,7 +10,7 @@
 namespace anigen::eval {
 
 struct GromovWassersteinOptions {
-  int descents = 3;  ///< starts that go on to a local minimum: those of least cost
+  int descents = 2;  ///< starts that go on to a local minimum: those of least cost
   /// Rounds of iterated local search after the starts: a few random exchanges of the best coupling, then descent.
   /// Drawn from a stream of this seed in the canonical numbering, so equal input gives equal output.
   int perturbations = 60;

@@ -2,8 +2,8 @@
 
 #include <Eigen/Core>
 
+#include "anigen/io/image_crop.h"
 #include "anigen/io/image_resize.h"
-#include "anigen/loaders/files/condition_crop.h"
 #include "anigen/raytrace/views/transforms_json.h"
 
 namespace anigen::loaders {
@@ -58,7 +58,7 @@ std::vector<float> read_condition_image(const fs::path& folder, int size, Rng& r
   const raytrace::Frame frame = random_frame(folder, rng);
   const fs::path path = folder / frame.file_path;
   const io::Image picture = io::read_image(path);
-  const io::Image object = crop(picture, condition_crop(picture, path.string()));
+  const io::Image object = io::crop(picture, io::condition_box(picture, path.string()));
   return planes(io::resize_lanczos(object, size, size, io::ResizeAlpha::kPremultiplied), true);
 }
 

@@ -20,7 +20,7 @@ struct ViewImage {
 /// @param folder renders/<id> @throws InputError naming the file: no frames, a picture that is missing or broken
 ViewImage read_view(const std::filesystem::path& folder, int size, Rng& rng);
 
-/// A random frame, cropped around the object, on black: [3, S, S] in [0, 1]. See condition_crop.h.
+/// A random frame, cropped around the object, on black: [3, S, S] in [0, 1]. See io/image_crop.h.
 /// @param folder renders_cond/<id> @throws InputError as read_view, and for a view without an object
 std::vector<float> read_condition_image(const std::filesystem::path& folder, int size, Rng& rng);
 
