@@ -18,7 +18,8 @@ namespace fs = std::filesystem;
 
 void import_ours(benchmark::State& state, const fs::path& file) {
   for (auto _ : state) benchmark::DoNotOptimize(anigen::io::read_gltf(file));
-  state.SetBytesProcessed(static_cast<std::int64_t>(state.iterations()) * static_cast<std::int64_t>(fs::file_size(file)));
+  state.SetBytesProcessed(static_cast<std::int64_t>(state.iterations()) *
+                          static_cast<std::int64_t>(fs::file_size(file)));
 }
 
 void import_tinygltf(benchmark::State& state, const fs::path& file) {
@@ -26,20 +27,23 @@ void import_tinygltf(benchmark::State& state, const fs::path& file) {
     tinygltf::TinyGLTF loader;
     // Pictures stay encoded in both.
     loader.SetImageLoader([](tinygltf::Image*, int, std::string*, std::string*, int, int, const unsigned char*, int,
-                             void*) { return true; }, nullptr);
+                             void*) { return true; },
+                          nullptr);
     tinygltf::Model model;
     std::string error, warning;
     const bool ok = file.extension() == ".glb" ? loader.LoadBinaryFromFile(&model, &error, &warning, file.string())
                                                : loader.LoadASCIIFromFile(&model, &error, &warning, file.string());
     if (!ok) state.SkipWithError(error.c_str());
   }
-  state.SetBytesProcessed(static_cast<std::int64_t>(state.iterations()) * static_cast<std::int64_t>(fs::file_size(file)));
+  state.SetBytesProcessed(static_cast<std::int64_t>(state.iterations()) *
+                          static_cast<std::int64_t>(fs::file_size(file)));
 }
 
 void make_creatures(benchmark::State& state, const std::string& family) {
   std::uint64_t index = 0;
   for (auto _ : state) benchmark::DoNotOptimize(anigen::prepare::make_creature(family, 0, index++));
-  state.counters["assets_per_second"] = benchmark::Counter(static_cast<double>(state.iterations()), benchmark::Counter::kIsRate);
+  state.counters["assets_per_second"] =
+      benchmark::Counter(static_cast<double>(state.iterations()), benchmark::Counter::kIsRate);
 }
 
 void make_mixed_creatures(benchmark::State& state) {
@@ -47,7 +51,8 @@ void make_mixed_creatures(benchmark::State& state) {
   anigen::set_thread_count(static_cast<int>(state.range(0)));
   std::uint64_t first = 0;
   for (auto _ : state) {
-    anigen::parallel_for(kBatch, [&](std::size_t i) { benchmark::DoNotOptimize(anigen::prepare::make_creature(0, first + i)); });
+    anigen::parallel_for(
+        kBatch, [&](std::size_t i) { benchmark::DoNotOptimize(anigen::prepare::make_creature(0, first + i)); });
     first += kBatch;
   }
   state.counters["assets_per_second"] =
@@ -65,12 +70,17 @@ int main(int argc, char** argv) {
     if (!fs::exists(file)) continue;
     const std::string stem = file.stem().string();
     benchmark::RegisterBenchmark(("import/anigen/" + stem).c_str(), import_ours, file)->Unit(benchmark::kMillisecond);
-    benchmark::RegisterBenchmark(("import/tinygltf/" + stem).c_str(), import_tinygltf, file)->Unit(benchmark::kMillisecond);
+    benchmark::RegisterBenchmark(("import/tinygltf/" + stem).c_str(), import_tinygltf, file)
+        ->Unit(benchmark::kMillisecond);
   }
   for (const std::string& family : anigen::prepare::creature_families()) {
     benchmark::RegisterBenchmark(("creature/" + family).c_str(), make_creatures, family)->Unit(benchmark::kMillisecond);
   }
-  benchmark::RegisterBenchmark("creatures/threads", make_mixed_creatures)->Arg(1)->Arg(2)->UseRealTime()->Unit(benchmark::kMillisecond);
+  benchmark::RegisterBenchmark("creatures/threads", make_mixed_creatures)
+      ->Arg(1)
+      ->Arg(2)
+      ->UseRealTime()
+      ->Unit(benchmark::kMillisecond);
   benchmark::Initialize(&argc, argv);
   benchmark::RunSpecifiedBenchmarks();
   benchmark::Shutdown();

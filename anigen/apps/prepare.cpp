@@ -139,10 +139,9 @@ anigen::prepare::PrepareOptions complete(Arguments& a, const anigen::CommonOptio
   for (auto& source : procedural_sources(common.seed, a.procedural)) options.sources.push_back(std::move(source));
   // Articulation-XL shards are read whole by every worker; on a GPU every worker keeps a model there.
   constexpr std::size_t kHeavyWorkers = 2;
-  const bool whole_shards =
-      std::any_of(options.sources.begin(), options.sources.end(), [](const AssetSource& source) {
-        return !source.procedural() && source.format == anigen::io::RigFormat::kArticulationXl;
-      });
+  const bool whole_shards = std::any_of(options.sources.begin(), options.sources.end(), [](const AssetSource& source) {
+    return !source.procedural() && source.format == anigen::io::RigFormat::kArticulationXl;
+  });
   const bool gpu_models = common.device != "cpu" && !options.plan.features.model.empty();
   if (options.run.workers == 0 && (whole_shards || gpu_models)) {
     options.run.workers = std::min<std::size_t>(kHeavyWorkers, static_cast<std::size_t>(anigen::thread_count()));

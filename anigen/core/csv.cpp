@@ -97,6 +97,8 @@ std::string csv_field(std::string_view text) {
   return quoted + '"';
 }
 
+std::string csv_flag(bool value) { return value ? "True" : "False"; }
+
 std::string to_csv(const CsvTable& table) {
   std::string text;
   const auto line = [&text](const std::vector<std::string>& fields) {

@@ -25,6 +25,9 @@ struct CsvTable {
 /// One field, quoted when it holds a comma, a quote, a line break, or blanks at an end.
 std::string csv_field(std::string_view text);
 
+/// A boolean as pandas writes it: True or False.
+std::string csv_flag(bool value);
+
 /// Header and rows, lines ended by '\n'.
 std::string to_csv(const CsvTable& table);
 

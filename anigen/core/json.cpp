@@ -29,7 +29,8 @@ void check_size(std::string_view text, const std::string& file, const JsonLimits
                        "JSON nested deeper than " + std::to_string(limits.depth) + " levels");
     }
     if ((opens || c == ',') && ++values > limits.values) {
-      throw InputError(file, "byte " + std::to_string(i), "more than " + std::to_string(limits.values) + " JSON values");
+      throw InputError(file, "byte " + std::to_string(i),
+                       "more than " + std::to_string(limits.values) + " JSON values");
     }
   }
 }

@@ -4,6 +4,8 @@
 #include <numeric>
 #include <utility>
 
+#include "anigen/core/numeric.h"
+
 namespace anigen {
 namespace {
 
@@ -44,7 +46,7 @@ double Rng::uniform(double low, double high) { return low + (high - low) * unifo
 double Rng::normal() {
   const double u = 1.0 - uniform();  // (0, 1]: the logarithm is finite
   const double v = uniform();
-  return std::sqrt(-2.0 * std::log(u)) * std::cos(2.0 * 3.14159265358979323846 * v);
+  return std::sqrt(-2.0 * std::log(u)) * std::cos(2.0 * kPi * v);
 }
 
 std::size_t Rng::index(std::size_t n) {

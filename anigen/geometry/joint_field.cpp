@@ -12,7 +12,7 @@
 namespace anigen::geometry {
 namespace {
 
-constexpr std::size_t kBlock = 256;  // points at a time
+constexpr std::size_t kPointsPerTask = 256;  // points at a time
 
 void require_usable(const std::vector<Eigen::Vector3d>& points, const std::string& name) {
   for (std::size_t i = 0; i < points.size(); ++i) {
@@ -92,9 +92,9 @@ std::vector<NearestJoints> nearest_joints(const std::vector<Eigen::Vector3d>& po
   require_usable(points, "points");
   const SortedJoints sorted(joints);
   std::vector<NearestJoints> result(points.size());
-  parallel_for((points.size() + kBlock - 1) / kBlock, [&](std::size_t block) {
-    const std::size_t end = std::min(points.size(), (block + 1) * kBlock);
-    for (std::size_t p = block * kBlock; p < end; ++p) result[p] = sorted.nearest(points[p]);
+  parallel_for((points.size() + kPointsPerTask - 1) / kPointsPerTask, [&](std::size_t block) {
+    const std::size_t end = std::min(points.size(), (block + 1) * kPointsPerTask);
+    for (std::size_t p = block * kPointsPerTask; p < end; ++p) result[p] = sorted.nearest(points[p]);
   });
   return result;
 }

@@ -206,7 +206,7 @@ std::vector<NearestPoint> NearestSurface::within(const Eigen::Vector3d& point, d
 
 namespace {
 
-constexpr std::size_t kBlock = 256;  // enough work per task to hide its cost
+constexpr std::size_t kQueriesPerTask = 256;  // enough work per task to hide its cost
 
 }  // namespace
 
@@ -216,10 +216,10 @@ std::vector<NearestPoint> NearestSurface::query(const std::vector<Eigen::Vector3
   }
   const std::vector<std::uint32_t> order = along_curve(points);
   std::vector<NearestPoint> results(points.size());
-  parallel_for((points.size() + kBlock - 1) / kBlock, [&](std::size_t block) {
-    const std::size_t end = std::min(points.size(), (block + 1) * kBlock);
+  parallel_for((points.size() + kQueriesPerTask - 1) / kQueriesPerTask, [&](std::size_t block) {
+    const std::size_t end = std::min(points.size(), (block + 1) * kQueriesPerTask);
     std::int32_t guess = -1;
-    for (std::size_t i = block * kBlock; i < end; ++i) {
+    for (std::size_t i = block * kQueriesPerTask; i < end; ++i) {
       results[order[i]] = query(points[order[i]], guess);
       guess = results[order[i]].at.face;
     }

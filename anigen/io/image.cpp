@@ -11,8 +11,6 @@
 namespace anigen::io {
 namespace {
 
-constexpr int kMostPixelsPerSide = 16384;
-
 void refuse_size(std::uint64_t width, std::uint64_t height, const std::string& name) {
   if (width == 0 || height == 0) throw InputError(name, "", "picture without pixels");
   if (width <= kMostPixelsPerSide && height <= kMostPixelsPerSide) return;

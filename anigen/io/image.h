@@ -6,6 +6,9 @@
 
 namespace anigen::io {
 
+inline constexpr int kImageChannels = 4;          ///< RGBA
+inline constexpr int kMostPixelsPerSide = 16384;  ///< of a picture that is read or resized
+
 /// 8-bit picture, rows from top to bottom, channels interleaved: RGBA.
 struct Image {
   int width = 0, height = 0;

@@ -10,8 +10,7 @@
 namespace anigen::io {
 namespace {
 
-constexpr std::int64_t kMostPixelsPerSide = 32768;
-constexpr int kChannels = 4;
+constexpr std::int64_t kMostPixelsPerCropSide = 32768;
 constexpr double kMargin = 1.2;
 constexpr int kForeground = 204;  // 0.8 · 255
 
@@ -46,7 +45,7 @@ PixelBox checked(const PixelBox& box, const std::string& name) {
 Image crop(const Image& image, const PixelBox& box) {
   const std::int64_t width = static_cast<std::int64_t>(box.x1) - box.x0;
   const std::int64_t height = static_cast<std::int64_t>(box.y1) - box.y0;
-  if (width < 1 || height < 1 || width > kMostPixelsPerSide || height > kMostPixelsPerSide) {
+  if (width < 1 || height < 1 || width > kMostPixelsPerCropSide || height > kMostPixelsPerCropSide) {
     throw InputError("", "", "a crop of " + std::to_string(width) + " x " + std::to_string(height) + " pixels");
   }
   Image result(static_cast<int>(width), static_cast<int>(height), 0);
@@ -54,7 +53,7 @@ Image crop(const Image& image, const PixelBox& box) {
   if (left >= right) return result;
   for (int y = std::max(box.y0, 0); y < std::min(box.y1, image.height); ++y) {
     std::memcpy(result.pixel(left - box.x0, y - box.y0), image.pixel(left, y),
-                static_cast<std::size_t>(right - left) * kChannels);
+                static_cast<std::size_t>(right - left) * kImageChannels);
   }
   return result;
 }

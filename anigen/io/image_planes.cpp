@@ -5,11 +5,11 @@
 namespace anigen::io {
 namespace {
 
-constexpr std::size_t kColors = 3, kChannels = 4, kAlpha = 3;
+constexpr std::size_t kColors = 3, kAlpha = 3;
 
 float unit(std::uint8_t byte) { return static_cast<float>(byte) / 255.0f; }
 
-std::size_t pixels(const Image& image) { return image.rgba.size() / kChannels; }
+std::size_t pixels(const Image& image) { return image.rgba.size() / kImageChannels; }
 
 }  // namespace
 
@@ -17,14 +17,14 @@ std::vector<float> color_planes(const Image& image) {
   const std::size_t count = pixels(image);
   std::vector<float> planes(kColors * count);
   for (std::size_t c = 0; c < kColors; ++c) {
-    for (std::size_t i = 0; i < count; ++i) planes[c * count + i] = unit(image.rgba[kChannels * i + c]);
+    for (std::size_t i = 0; i < count; ++i) planes[c * count + i] = unit(image.rgba[kImageChannels * i + c]);
   }
   return planes;
 }
 
 std::vector<float> alpha_plane(const Image& image) {
   std::vector<float> plane(pixels(image));
-  for (std::size_t i = 0; i < plane.size(); ++i) plane[i] = unit(image.rgba[kChannels * i + kAlpha]);
+  for (std::size_t i = 0; i < plane.size(); ++i) plane[i] = unit(image.rgba[kImageChannels * i + kAlpha]);
   return plane;
 }
 
@@ -32,14 +32,14 @@ std::vector<float> premultiplied_planes(const Image& image) {
   const std::size_t count = pixels(image);
   std::vector<float> planes = color_planes(image);
   for (std::size_t c = 0; c < kColors; ++c) {
-    for (std::size_t i = 0; i < count; ++i) planes[c * count + i] *= unit(image.rgba[kChannels * i + kAlpha]);
+    for (std::size_t i = 0; i < count; ++i) planes[c * count + i] *= unit(image.rgba[kImageChannels * i + kAlpha]);
   }
   return planes;
 }
 
 Image composed_on_black(const Image& image) {
   Image result = image;
-  for (std::size_t i = 0; i < result.rgba.size(); i += kChannels) {
+  for (std::size_t i = 0; i < result.rgba.size(); i += kImageChannels) {
     std::uint8_t* p = result.rgba.data() + i;
     for (std::size_t c = 0; c < kColors; ++c) p[c] = static_cast<std::uint8_t>(unit(p[c]) * unit(p[kAlpha]) * 255.0f);
     p[kAlpha] = 255;

@@ -7,18 +7,17 @@
 #include <vector>
 
 #include "anigen/core/error.h"
+#include "anigen/core/numeric.h"
 
 namespace anigen::io {
 namespace {
 
-constexpr int kMostPixelsPerSide = 16384;
-constexpr int kChannels = 4;
 constexpr double kSupport = 3.0;  // lobes of the Lanczos window
 constexpr int kFractionBits = 22;
 
 double sinc(double x) {
   if (x == 0.0) return 1.0;
-  x *= 3.14159265358979323846;
+  x *= kPi;
   return std::sin(x) / x;
 }
 
@@ -74,8 +73,8 @@ Image along_rows(const Image& image, int width) {
   Image result(width, image.height);
   for (int y = 0; y < image.height; ++y) {
     for (int x = 0; x < width; ++x) {
-      for (int c = 0; c < kChannels; ++c) {
-        result.pixel(x, y)[c] = filtered(image.pixel(0, y) + c, kChannels, columns[static_cast<std::size_t>(x)]);
+      for (int c = 0; c < kImageChannels; ++c) {
+        result.pixel(x, y)[c] = filtered(image.pixel(0, y) + c, kImageChannels, columns[static_cast<std::size_t>(x)]);
       }
     }
   }
@@ -84,11 +83,11 @@ Image along_rows(const Image& image, int width) {
 
 Image along_columns(const Image& image, int height) {
   const std::vector<Tap> rows = taps(image.height, height);
-  const std::size_t stride = static_cast<std::size_t>(kChannels) * static_cast<std::size_t>(image.width);
+  const std::size_t stride = static_cast<std::size_t>(kImageChannels) * static_cast<std::size_t>(image.width);
   Image result(image.width, height);
   for (int y = 0; y < height; ++y) {
     for (int x = 0; x < image.width; ++x) {
-      for (int c = 0; c < kChannels; ++c) {
+      for (int c = 0; c < kImageChannels; ++c) {
         result.pixel(x, y)[c] = filtered(image.pixel(x, 0) + c, stride, rows[static_cast<std::size_t>(y)]);
       }
     }
@@ -103,14 +102,14 @@ std::uint8_t multiply(int a, int b) {
 }
 
 void premultiply(Image& image) {
-  for (std::size_t i = 0; i < image.rgba.size(); i += kChannels) {
+  for (std::size_t i = 0; i < image.rgba.size(); i += kImageChannels) {
     std::uint8_t* p = image.rgba.data() + i;
     for (int c = 0; c < 3; ++c) p[c] = multiply(p[c], p[3]);
   }
 }
 
 void unpremultiply(Image& image) {
-  for (std::size_t i = 0; i < image.rgba.size(); i += kChannels) {
+  for (std::size_t i = 0; i < image.rgba.size(); i += kImageChannels) {
     std::uint8_t* p = image.rgba.data() + i;
     if (p[3] == 0 || p[3] == 255) continue;
     for (int c = 0; c < 3; ++c) p[c] = static_cast<std::uint8_t>(std::min(255, 255 * p[c] / p[3]));

@@ -3,10 +3,10 @@
 #include <Eigen/Geometry>
 #include <cmath>
 
+#include "anigen/core/numeric.h"
+
 namespace anigen::loaders {
 namespace {
-
-constexpr double kPi = 3.14159265358979323846;
 
 Eigen::Quaterniond random_rotation(Rng& rng) {
   const double u = rng.uniform(), a = 2.0 * kPi * rng.uniform(), b = 2.0 * kPi * rng.uniform();
@@ -19,8 +19,6 @@ Eigen::Vector3d random_direction(Rng& rng) {
   const double r = std::sqrt(1.0 - z * z);
   return {r * std::cos(angle), r * std::sin(angle), z};
 }
-
-std::size_t at(int index) { return static_cast<std::size_t>(index); }
 
 // Removes the joints that are marked, each into the nearest ancestor that stays. Roots are never marked.
 void fold_into_parents(RigDraw& rig, const std::vector<bool>& gone) {

@@ -9,8 +9,6 @@ namespace {
 /// Raised whenever the same source would give other files or numbers, so that old outputs are made again.
 constexpr int kRecordVersion = 2;
 
-std::string boolean(bool value) { return value ? "True" : "False"; }  // as pandas writes them
-
 std::string joined(const std::vector<std::string>& words) {
   std::string text;
   for (const std::string& word : words) text += (text.empty() ? "" : " ") + word;
@@ -87,8 +85,8 @@ CsvTable metadata_table(const std::vector<DatasetEntry>& entries, const QualityL
     table.rows.push_back({entry.id, entry.source.file_identifier, entry.source.local_path, record.source,
                           std::to_string(record.num_joints), std::to_string(record.num_vertices),
                           std::to_string(record.num_faces), std::to_string(record.max_influences),
-                          boolean(bad_skin(record, limits)), boolean(!usable(record, limits)), boolean(entry.is_test),
-                          boolean(distinct_bones(record, limits)), joined(record.repairs)});
+                          csv_flag(bad_skin(record, limits)), csv_flag(!usable(record, limits)),
+                          csv_flag(entry.is_test), csv_flag(distinct_bones(record, limits)), joined(record.repairs)});
   }
   return table;
 }

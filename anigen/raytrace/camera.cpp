@@ -5,11 +5,12 @@
 #include <string>
 
 #include "anigen/core/error.h"
+#include "anigen/core/numeric.h"
 
 namespace anigen::raytrace {
 namespace {
 
-constexpr double kRadians = 3.14159265358979323846 / 180.0;
+constexpr double kRadians = kPi / 180.0;
 
 void check_range(double value, double low, double high, const char* option) {
   if (value >= low && value <= high) return;

@@ -6,11 +6,10 @@
 #include <utility>
 
 #include "anigen/core/error.h"
+#include "anigen/core/numeric.h"
 
 namespace anigen::train {
 namespace {
-
-constexpr double kPi = 3.14159265358979323846;
 
 void require_positive(std::int64_t value, const char* name) {
   if (value < 1) throw InputError("", name, "must be at least 1, is " + std::to_string(value));

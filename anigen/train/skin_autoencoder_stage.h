@@ -15,7 +15,7 @@ namespace anigen::train {
 struct SkinAutoEncoderStageOptions {
   models::SkinLossOptions loss;          ///< `lambda_*_skin`; ours: `kl_reduction` "element" (published) or "row"
   std::int64_t num_skin_samples = 0;     ///< points per asset; absent or null: all vertices
-  bool unit_gain = false;  ///< ours, `init`: "published", or "unit_gain" (models/skin_autoencoder_init.h)
+  bool unit_gain = false;                ///< ours, `init`: "published", or "unit_gain" (models/skin_autoencoder_init.h)
   loaders::Augmentations augmentations;  ///< ours
   std::int64_t eval_max_vertices = 0;    ///< ours: vertices per held-out asset, 0: all
   std::int64_t eval_max_assets = 0;      ///< ours: held-out assets, 0: all

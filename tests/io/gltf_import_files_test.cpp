@@ -13,12 +13,14 @@
 #include "anigen/asset/validate.h"
 #include "anigen/io/gltf.h"
 #include "tests/io/gltf_import_reference.h"
+#include "tests/io/gltf_import_support.h"
 #include "tests/support/paths.h"
 
 namespace anigen::io {
 namespace {
 
 namespace fs = std::filesystem;
+using test::has_note;
 
 // Skins of these files place joints they share differently; their vertices are posed into one of the bind poses.
 const std::set<std::string> kConflicts = {};
@@ -54,10 +56,6 @@ std::vector<fs::path> rigged_files() {
   }
   std::sort(files.begin(), files.end());
   return files;
-}
-
-bool has_note(const ImportedAsset& imported, const std::string& code) {
-  return std::any_of(imported.notes.begin(), imported.notes.end(), [&](const ImportNote& n) { return n.code == code; });
 }
 
 std::size_t count_of(const ImportedAsset& imported, const std::string& code) {

@@ -17,7 +17,7 @@
 namespace anigen::models {
 namespace {
 
-Dinov2Options tiny(std::int64_t channels = 8, std::int64_t registers = 2) {
+Dinov2Options tiny_weights(std::int64_t channels = 8, std::int64_t registers = 2) {
   Dinov2Options options;
   options.img_size = 12;
   options.patch_size = 4;
@@ -30,7 +30,7 @@ Dinov2Options tiny(std::int64_t channels = 8, std::int64_t registers = 2) {
 
 class Dinov2Weights : public testing::Test {
  protected:
-  Dinov2Weights() : model_(tiny()) {
+  Dinov2Weights() : model_(tiny_weights()) {
     test::golden_fill(*model_);
     weights_ = state_dict(*model_);
   }
@@ -41,7 +41,7 @@ class Dinov2Weights : public testing::Test {
   }
 
   // What loading into a fresh model says.
-  std::string refusal(const std::filesystem::path& file, const Dinov2Options& options = tiny()) {
+  std::string refusal(const std::filesystem::path& file, const Dinov2Options& options = tiny_weights()) {
     Dinov2 model(options);
     try {
       load_dinov2_weights(model, file);
@@ -77,7 +77,7 @@ void expect_mentions(const std::string& message, const std::vector<std::string>&
 }
 
 TEST_F(Dinov2Weights, LoadsSafetensors) {
-  Dinov2 loaded(tiny());
+  Dinov2 loaded(tiny_weights());
   load_dinov2_weights(loaded, written(weights_));
   expect_same(loaded);
   EXPECT_FALSE(loaded->is_training());
@@ -108,7 +108,7 @@ std::string saved_by_torch(const io::NamedArrays& weights) {
 TEST_F(Dinov2Weights, LoadsWhatTorchSaves) {
   const std::string bytes = saved_by_torch(weights_);
   write_file_atomically(folder_ / "weights.pth", bytes);
-  Dinov2 loaded(tiny());
+  Dinov2 loaded(tiny_weights());
   load_dinov2_weights(loaded, folder_ / "weights.pth");
   expect_same(loaded);
 
@@ -155,7 +155,7 @@ io::NamedArrays in_transformers_form(const io::NamedArrays& weights) {
 }
 
 TEST_F(Dinov2Weights, LoadsTheKeysOfTransformers) {
-  Dinov2 loaded(tiny());
+  Dinov2 loaded(tiny_weights());
   load_dinov2_weights(loaded, written(in_transformers_form(weights_)));
   expect_same(loaded);
 
@@ -167,7 +167,7 @@ TEST_F(Dinov2Weights, LoadsTheKeysOfTransformers) {
 }
 
 TEST_F(Dinov2Weights, LoadsTheKeysOfTransformersWithSwiGlu) {
-  Dinov2Options options = tiny();
+  Dinov2Options options = tiny_weights();
   options.ffn_layer = "swiglufused";
   model_ = Dinov2(options);
   test::golden_fill(*model_);
@@ -188,11 +188,11 @@ TEST_F(Dinov2Weights, RefusesTruncatedMissingAndForeignFiles) {
 }
 
 TEST_F(Dinov2Weights, AnotherSizeNamesTheKeyAndBothShapes) {
-  expect_mentions(refusal(written(weights_), tiny(16)), {"cls_token", "[1, 1, 8]", "[1, 1, 16]"});
+  expect_mentions(refusal(written(weights_), tiny_weights(16)), {"cls_token", "[1, 1, 8]", "[1, 1, 16]"});
 }
 
 TEST_F(Dinov2Weights, RegistersMustMatch) {
-  expect_mentions(refusal(written(weights_), tiny(8, 0)), {"unexpected", "register_tokens"});
+  expect_mentions(refusal(written(weights_), tiny_weights(8, 0)), {"unexpected", "register_tokens"});
   weights_.erase(weights_.begin() + 2);
   expect_mentions(refusal(written(weights_)), {"missing", "register_tokens"});
 }

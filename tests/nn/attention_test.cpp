@@ -6,6 +6,7 @@
 
 #include "anigen/nn/init.h"
 #include "anigen/nn/transformer_block.h"
+#include "tests/nn/largest_difference.h"
 
 namespace anigen::nn {
 namespace {
@@ -20,8 +21,6 @@ void to_random_double(torch::nn::Module& module) {
 }
 
 Tensor random(std::vector<std::int64_t> shape) { return torch::randn(shape, torch::kFloat64); }
-
-double difference(const Tensor& a, const Tensor& b) { return (a - b).abs().max().item<double>(); }
 
 AttentionOptions options(std::int64_t channels, std::int64_t heads, std::int64_t context = 0) {
   AttentionOptions options;
@@ -51,7 +50,7 @@ TEST(SelfAttention, FollowsTheDefinition) {
   const Tensor qkv = torch::linear(x, parameters["to_qkv.weight"], parameters["to_qkv.bias"]);
   const Tensor mixed = attention_by_definition(qkv.narrow(1, 0, 12), qkv.narrow(1, 12, 12), qkv.narrow(1, 24, 12), 3);
   const Tensor wanted = torch::linear(mixed, parameters["to_out.weight"], parameters["to_out.bias"]);
-  EXPECT_LT(difference(attention->forward(x, Ragged({5})), wanted), kTolerance);
+  EXPECT_LT(largest_difference(attention->forward(x, Ragged({5})), wanted), kTolerance);
 }
 
 // Item by item gives what the batch gives, whether padded (similar lengths) or looped (one long item).
@@ -62,7 +61,7 @@ void expect_batch_equals_items(const std::vector<std::int64_t>& lengths) {
   const Tensor x = random({items.rows(), 8});
   std::vector<Tensor> one_by_one;
   for (const Tensor& item : items.split(x)) one_by_one.push_back(attention->forward(item, Ragged({item.size(0)})));
-  EXPECT_LT(difference(attention->forward(x, items), torch::cat(one_by_one, 0)), kTolerance);
+  EXPECT_LT(largest_difference(attention->forward(x, items), torch::cat(one_by_one, 0)), kTolerance);
 }
 
 TEST(SelfAttention, PaddedBatchEqualsItems) { expect_batch_equals_items({3, 7, 1, 5}); }
@@ -76,7 +75,7 @@ TEST(SelfAttention, PaddingReceivesNoGradient) {
   attention->forward(x, items).square().sum().backward();
   Tensor alone = x.detach().narrow(0, 0, 2).clone().requires_grad_();
   attention->forward(alone, Ragged({2})).square().sum().backward();
-  EXPECT_LT(difference(x.grad().narrow(0, 0, 2), alone.grad()), kTolerance);
+  EXPECT_LT(largest_difference(x.grad().narrow(0, 0, 2), alone.grad()), kTolerance);
 }
 
 TEST(CrossAttention, FollowsTheDefinitionPerItem) {
@@ -92,7 +91,7 @@ TEST(CrossAttention, FollowsTheDefinitionPerItem) {
   };
   const Tensor mixed = torch::cat({item(0, 2, 0, 4), item(2, 3, 4, 3)}, 0);
   const Tensor wanted = torch::linear(mixed, parameters["to_out.weight"], parameters["to_out.bias"]);
-  EXPECT_LT(difference(attention->forward(x, Ragged({2, 3}), context, Ragged({4, 3})), wanted), kTolerance);
+  EXPECT_LT(largest_difference(attention->forward(x, Ragged({2, 3}), context, Ragged({4, 3})), wanted), kTolerance);
 }
 
 TEST(TransformerBlock, GradientMatchesFiniteDifferences) {

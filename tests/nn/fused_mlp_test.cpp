@@ -4,11 +4,10 @@
 
 #include "anigen/nn/init.h"
 #include "anigen/nn/linear.h"
+#include "tests/nn/largest_difference.h"
 
 namespace anigen::nn {
 namespace {
-
-double difference(const Tensor& a, const Tensor& b) { return (a - b).abs().max().item<double>(); }
 
 // The result and the gradients of the operation and of separate layers, for a number of rows that fills no block.
 struct Case {
@@ -35,7 +34,7 @@ struct Case {
 
 TEST(FusedMlp, EqualsSeparateLayers) {
   const Case c;
-  EXPECT_LT(difference(c.fused(), c.separate()), 1e-5);  // sums of 48 products of size one
+  EXPECT_LT(largest_difference(c.fused(), c.separate()), 1e-5);  // sums of 48 products of size one
 }
 
 TEST(FusedMlp, GradientsEqualThoseOfSeparateLayers) {
@@ -43,7 +42,7 @@ TEST(FusedMlp, GradientsEqualThoseOfSeparateLayers) {
   const std::vector<Tensor> found = c.gradients(c.fused()), wanted = c.gradients(c.separate());
   for (std::size_t i = 0; i < found.size(); ++i) {
     // Sums over 3011 rows: fp32 rounding relative to the largest entry.
-    EXPECT_LT(difference(found[i], wanted[i]), 2e-5 * (1.0 + wanted[i].abs().max().item<double>())) << i;
+    EXPECT_LT(largest_difference(found[i], wanted[i]), 2e-5 * (1.0 + wanted[i].abs().max().item<double>())) << i;
   }
 }
 
@@ -53,7 +52,7 @@ TEST(FusedMlp, InputWithoutGradient) {
   const Tensor y = fused_mlp(x, c.arguments[1], c.arguments[2], c.arguments[3], c.arguments[4]);
   const Tensor found = torch::autograd::grad({(y * c.direction).sum()}, {c.arguments[1]})[0];
   const Tensor wanted = c.gradients(c.separate())[1];
-  EXPECT_LT(difference(found, wanted), 2e-5 * (1.0 + wanted.abs().max().item<double>()));
+  EXPECT_LT(largest_difference(found, wanted), 2e-5 * (1.0 + wanted.abs().max().item<double>()));
 }
 
 TEST(FusedMlp, ChosenForManyRowsOfModerateWidthOnly) {
@@ -70,7 +69,7 @@ TEST(Mlp, ManyRowsEqualFewRows) {
   Mlp mlp(6, 48, 5);
   xavier_uniform_linears(*mlp);
   const Tensor x = torch::randn({20000, 6});
-  EXPECT_LT(difference(mlp->forward(x).narrow(0, 500, 100), mlp->forward(x.narrow(0, 500, 100))), 1e-5);
+  EXPECT_LT(largest_difference(mlp->forward(x).narrow(0, 500, 100), mlp->forward(x.narrow(0, 500, 100))), 1e-5);
 }
 
 }  // namespace

@@ -11,8 +11,6 @@
 namespace anigen::test {
 namespace {
 
-torch::Tensor scalar(double value) { return torch::full({}, value, torch::kFloat64); }
-
 /// A rigid 4 × 4 matrix as a similarity.
 eval::Similarity rigid(const torch::Tensor& values) {
   const Eigen::MatrixXd m = matrix(values);

@@ -13,8 +13,6 @@ namespace {
 
 using Points = std::vector<Eigen::Vector3d>;
 
-torch::Tensor scalar(double value) { return torch::tensor(value, torch::kFloat64); }
-
 double exact_emd(const Points& a, const Points& b) {
   Eigen::MatrixXd cost(a.size(), b.size());
   for (std::size_t i = 0; i < a.size(); ++i) {

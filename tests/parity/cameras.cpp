@@ -2,6 +2,7 @@
 #include <cmath>
 #include <string>
 
+#include "anigen/core/numeric.h"
 #include "anigen/raytrace/views/preview_views.h"
 #include "anigen/raytrace/views/projection.h"
 #include "anigen/raytrace/views/transforms_json.h"
@@ -13,8 +14,6 @@ namespace anigen::test {
 namespace {
 
 using raytrace::ViewCamera;
-
-constexpr double kPi = 3.14159265358979323846;
 
 torch::Tensor column(const std::vector<double>& values) { return torch::tensor(values, torch::kFloat64); }
 

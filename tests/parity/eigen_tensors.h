@@ -38,4 +38,6 @@ inline torch::Tensor tensor(const Eigen::MatrixXd& matrix) {
   return result;
 }
 
+inline torch::Tensor scalar(double value) { return torch::full({}, value, torch::kFloat64); }
+
 }  // namespace anigen::test

@@ -6,8 +6,6 @@
 namespace anigen::test {
 namespace {
 
-torch::Tensor scalar(double value) { return torch::tensor(value, torch::kFloat64); }
-
 /// Finite differences of a score in every weight: evaluation has no backward pass, but the slopes of its metrics can
 /// be compared with the published gradients. Central, or one-sided of second order where the weight would turn
 /// negative.

@@ -10,8 +10,6 @@
 namespace anigen::test {
 namespace {
 
-torch::Tensor scalar(double value) { return torch::full({}, value, torch::kFloat64); }
-
 void check_mesh(Fixture& fixture, const std::string& mesh) {
   const std::vector<int> flat = ints(fixture.input(mesh + ".faces"));
   std::vector<Triangle> faces;

@@ -40,8 +40,6 @@ JointTree skeleton(const Fixture& fixture, const std::string& pair, const std::s
   return {points(fixture.input(pair + "joints" + side)), ints(fixture.input(pair + "parents" + side))};
 }
 
-torch::Tensor scalar(double value) { return torch::full({}, value, torch::kFloat64); }
-
 double marginal_error(const MatrixXd& plan, const VectorXd& a, const VectorXd& b) {
   return (plan.rowwise().sum() - a).cwiseAbs().sum() + (plan.colwise().sum().transpose() - b).cwiseAbs().sum();
 }

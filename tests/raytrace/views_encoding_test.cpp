@@ -23,7 +23,7 @@ ViewImages view_of(const Asset& asset, const Frame& frame, int size) {
   return render_view(Scene(asset), frame, options);
 }
 
-std::array<int, 4> pixel(const io::Image& image, int x, int y) {
+std::array<int, 4> encoded_pixel(const io::Image& image, int x, int y) {
   const std::uint8_t* p = image.pixel(x, y);
   return {p[0], p[1], p[2], p[3]};
 }
@@ -31,8 +31,8 @@ std::array<int, 4> pixel(const io::Image& image, int x, int y) {
 TEST(ViewEncoding, WorldNormalsAsColours) {
   const Asset wall = test::wall();
   const io::Image image = encode_world_normals(view_of(wall, frame_at(-90, 0, 6.0), 32));
-  EXPECT_EQ(pixel(image, 16, 16), (std::array<int, 4>{128, 0, 128, 255}));  // −Y
-  EXPECT_EQ(pixel(image, 0, 0), (std::array<int, 4>{0, 0, 0, 0}));
+  EXPECT_EQ(encoded_pixel(image, 16, 16), (std::array<int, 4>{128, 0, 128, 255}));  // −Y
+  EXPECT_EQ(encoded_pixel(image, 0, 0), (std::array<int, 4>{0, 0, 0, 0}));
 }
 
 TEST(ViewEncoding, ConditionNormalsAreThoseOfTheViewersFrame) {
@@ -47,11 +47,11 @@ TEST(ViewEncoding, ConditionNormalsAreThoseOfTheViewersFrame) {
   for (const auto& [yaw, pitch] : {std::pair{20.0, 10.0}, std::pair{200.0, -60.0}}) {
     const Frame frame = frame_at(yaw, pitch);
     const io::Image image = encode_condition_normals(view_of(sphere, frame, 64), frame);
-    EXPECT_GT(pixel(image, 46, 32)[0], 180);
-    EXPECT_LT(pixel(image, 18, 32)[0], 75);
-    EXPECT_GT(pixel(image, 32, 18)[1], 180);
-    EXPECT_LT(pixel(image, 32, 46)[1], 75);
-    EXPECT_GT(pixel(image, 32, 32)[2], 250);
+    EXPECT_GT(encoded_pixel(image, 46, 32)[0], 180);
+    EXPECT_LT(encoded_pixel(image, 18, 32)[0], 75);
+    EXPECT_GT(encoded_pixel(image, 32, 18)[1], 180);
+    EXPECT_LT(encoded_pixel(image, 32, 46)[1], 75);
+    EXPECT_GT(encoded_pixel(image, 32, 32)[2], 250);
   }
 }
 

@@ -5,12 +5,11 @@
 #include <cmath>
 
 #include "anigen/core/error.h"
+#include "anigen/core/numeric.h"
 #include "anigen/train/trainer_options.h"
 
 namespace anigen::train {
 namespace {
-
-constexpr double kPi = 3.14159265358979323846;
 
 TEST(LrSchedule, PublishedWarmUpThenCosine) {
   const LrSchedulePtr schedule =

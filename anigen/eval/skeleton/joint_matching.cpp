@@ -5,13 +5,13 @@
 #include <string>
 
 #include "anigen/core/error.h"
+#include "anigen/core/numeric.h"
 #include "anigen/eval/skeleton/assignment.h"
 #include "anigen/eval/skeleton/joint_ties.h"
 
 namespace anigen::eval {
 namespace {
 
-constexpr double kPi = 3.14159265358979323846;
 // What settles which of several joints in one place is which; far below any distance that matters.
 constexpr double kTieWeight = 1e-6;
 constexpr double kNearestHit = 1e-6;  // a joint on the surface must not measure the surface it lies on

@@ -10,7 +10,7 @@ namespace anigen::eval {
 namespace {
 
 constexpr double kDepthShare = 1e-3;
-constexpr double kTieWeight = 1e-9;
+constexpr double kParentWeight = 1e-9;
 
 /// Where the parent is and how many joints lie above.
 struct Hanging {
@@ -45,7 +45,7 @@ Eigen::MatrixXd matching_plan(const io::JointTree& predicted, const io::JointTre
   check(predicted, "predicted skeleton");
   check(truth, "true skeleton");
   const Eigen::MatrixXd cost =
-      squared_distances(predicted.positions, truth.positions) + kTieWeight * joint_ties(predicted, truth);
+      squared_distances(predicted.positions, truth.positions) + kParentWeight * joint_ties(predicted, truth);
   return exact_transport(cost, uniform_masses(predicted.size()), uniform_masses(truth.size())).plan;
 }
 

@@ -6,13 +6,12 @@
 #include <string>
 
 #include "anigen/core/error.h"
+#include "anigen/core/numeric.h"
 
 namespace anigen::eval {
 namespace {
 
 using Bones = std::vector<std::array<int, 2>>;
-
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
 /// Joint → the joint that stands for it. Sorted by x, since only joints in a slab of that width can be near.
 std::vector<int> representatives(const std::vector<Eigen::Vector3d>& joints, int root) {

@@ -3,12 +3,12 @@
 #include <algorithm>
 #include <vector>
 
+#include "anigen/core/numeric.h"
+
 namespace anigen::eval {
 namespace {
 
 using Children = std::vector<std::vector<int>>;
-
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
 /// Children of every joint by index; the last entry is a root above all roots.
 Children children_of(const io::JointTree& tree) {

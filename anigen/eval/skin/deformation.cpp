@@ -6,15 +6,12 @@
 #include <string>
 
 #include "anigen/core/error.h"
+#include "anigen/core/numeric.h"
 #include "anigen/core/random.h"
 #include "anigen/eval/skin/skin_matching.h"
 
 namespace anigen::eval {
 namespace {
-
-constexpr double kPi = 3.14159265358979323846;
-
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
 /// x ↦ turn · x + shift
 struct Motion {

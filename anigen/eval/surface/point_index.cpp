@@ -13,6 +13,11 @@ namespace {
 constexpr double kLargestCoordinate = 1e100;  // its square is still finite
 constexpr std::size_t kLeafSize = 10;
 
+}  // namespace
+
+// Named, since a member of PointIndex::Implementation has it as a type.
+namespace point_tree {
+
 /// The points as nanoflann wants to see them.
 struct Cloud {
   std::vector<Eigen::Vector3d> points;
@@ -51,13 +56,13 @@ struct OneResult {
 
 using Tree = nanoflann::KDTreeSingleIndexAdaptor<nanoflann::L2_Simple_Adaptor<double, Cloud>, Cloud, 3, std::size_t>;
 
-}  // namespace
+}  // namespace point_tree
 
 struct PointIndex::Implementation {
   explicit Implementation(std::vector<Eigen::Vector3d> points)
       : cloud{std::move(points)}, tree(3, cloud, nanoflann::KDTreeSingleIndexAdaptorParams(kLeafSize)) {}
 
-  Nearest search(const Eigen::Vector3d& query, OneResult result) const {
+  Nearest search(const Eigen::Vector3d& query, point_tree::OneResult result) const {
 #if NANOFLANN_VERSION < 0x150
     tree.findNeighbors(result, query.data(), nanoflann::SearchParams());
 #else
@@ -66,8 +71,8 @@ struct PointIndex::Implementation {
     return {result.index, result.squared};
   }
 
-  Cloud cloud;
-  Tree tree;
+  point_tree::Cloud cloud;
+  point_tree::Tree tree;
 };
 
 PointIndex::PointIndex(std::vector<Eigen::Vector3d> points) {
@@ -89,11 +94,11 @@ std::size_t PointIndex::size() const { return implementation_->cloud.points.size
 const Eigen::Vector3d& PointIndex::point(std::size_t index) const { return implementation_->cloud.points[index]; }
 
 PointIndex::Nearest PointIndex::nearest(const Eigen::Vector3d& query) const {
-  return implementation_->search(query, OneResult{});
+  return implementation_->search(query, point_tree::OneResult{});
 }
 
 PointIndex::Nearest PointIndex::nearest(const Eigen::Vector3d& query, std::size_t guess) const {
-  OneResult result;
+  point_tree::OneResult result;
   result.index = guess;
   const Eigen::Vector3d offset = query - point(guess);
   // Summed in the tree's order, so that the guess itself is found again as equal.

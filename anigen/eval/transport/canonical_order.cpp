@@ -5,12 +5,12 @@
 #include <numeric>
 #include <tuple>
 
+#include "anigen/core/numeric.h"
+
 namespace anigen::eval {
 namespace {
 
 constexpr double kSame = 1e-9;
-
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
 // Numbers that differ by rounding only fall into one class; classes are numbered upwards.
 class Classes {

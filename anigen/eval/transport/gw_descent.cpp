@@ -2,14 +2,15 @@
 
 #include <algorithm>
 
+#include "anigen/core/numeric.h"
+#include "anigen/eval/transport/row_kernels.h"
+
 namespace anigen::eval {
 namespace {
 
 constexpr int kConditionalGradientSteps = 100;
 constexpr int kSweeps = 200;
 constexpr int kTurns = 20;
-
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
 double inner(const RowMatrix& matrix, const std::vector<PlanCell>& cells) {
   double sum = 0.0;
@@ -173,8 +174,7 @@ void GwDescent::exchange(std::size_t e, std::size_t f) {
   const double* from_other = problem_.c1.row(y.row).data();
   for (int i = 0; i < problem_.rows(); ++i) {
     const double lever = from_row[i] - from_other[i];
-    double* row = gradient_.row(i).data();
-    for (int k = 0; k < columns; ++k) row[k] += lever * step_[at(k)];
+    kernels::add_scaled(lever, step_.data(), gradient_.row(i).data(), columns);
   }
 }
 

@@ -14,12 +14,6 @@ namespace {
 
 constexpr double kRounding = 1e-12;
 
-Eigen::VectorXd picked(const Eigen::VectorXd& values, const std::vector<int>& order) {
-  Eigen::VectorXd result(values.size());
-  for (Eigen::Index k = 0; k < values.size(); ++k) result[k] = values[order[static_cast<std::size_t>(k)]];
-  return result;
-}
-
 // All distances with the masses of their pairs, sorted.
 void distance_distribution(const Eigen::MatrixXd& c, const Eigen::VectorXd& a, Eigen::VectorXd& values,
                            Eigen::VectorXd& masses) {

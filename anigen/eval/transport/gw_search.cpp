@@ -38,13 +38,7 @@ struct Numbered {
   bool isomorphic = false;
 };
 
-Eigen::VectorXd picked(const Eigen::VectorXd& values, const std::vector<int>& order) {
-  Eigen::VectorXd result(values.size());
-  for (Eigen::Index k = 0; k < values.size(); ++k) result[k] = values[order[static_cast<std::size_t>(k)]];
-  return result;
-}
-
-RowMatrix picked(const Eigen::MatrixXd& values, const std::vector<int>& rows, const std::vector<int>& columns) {
+RowMatrix picked_block(const Eigen::MatrixXd& values, const std::vector<int>& rows, const std::vector<int>& columns) {
   RowMatrix result(values.rows(), values.cols());
   for (std::size_t i = 0; i < rows.size(); ++i) {
     for (std::size_t k = 0; k < columns.size(); ++k)
@@ -81,7 +75,7 @@ Numbered numbered(const GwSearch& search) {
   problem.units = mass_units(result.a, result.b);
   problem.curvature = 2.0 * search.alpha / static_cast<double>(problem.units.total);
   if (search.features != nullptr) {
-    result.features = picked(*search.features, result.rows, result.columns);
+    result.features = picked_block(*search.features, result.rows, result.columns);
     problem.linear = (1.0 - search.alpha) * result.features;
   }
   return result;
@@ -112,7 +106,7 @@ std::vector<PlanCell> isomorphism(const Numbered& numbers) {
 
 std::vector<PlanCell> in_units(const Eigen::MatrixXd& plan, const Numbered& numbers) {
   const double total = static_cast<double>(numbers.problem.units.total);
-  return plan_cells(picked(plan, numbers.rows, numbers.columns) * total);
+  return plan_cells(picked_block(plan, numbers.rows, numbers.columns) * total);
 }
 
 // Proximal plan at a temperature where the coarse correspondence is decided; the descent settles the rest.

@@ -13,6 +13,12 @@ std::vector<int> ascending(const Eigen::VectorXd& values) {
   return order;
 }
 
+Eigen::VectorXd picked(const Eigen::VectorXd& values, const std::vector<int>& order) {
+  Eigen::VectorXd result(values.size());
+  for (Eigen::Index k = 0; k < values.size(); ++k) result[k] = values[order[static_cast<std::size_t>(k)]];
+  return result;
+}
+
 std::vector<PlanCell> monotone_coupling(const MassUnits& units, const std::vector<int>& row_order,
                                         const std::vector<int>& column_order) {
   std::vector<PlanCell> cells;

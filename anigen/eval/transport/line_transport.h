@@ -9,6 +9,8 @@ namespace anigen::eval {
 
 /// Indices that sort `values` upwards; equal values keep their order.
 std::vector<int> ascending(const Eigen::VectorXd& values);
+/// result[k] = values[order[k]]
+Eigen::VectorXd picked(const Eigen::VectorXd& values, const std::vector<int>& order);
 
 /// The coupling that gives the first rows in `row_order` to the first columns in `column_order`: optimal between points
 /// on a line for any convex cost when both orders go upwards. Masses in units.

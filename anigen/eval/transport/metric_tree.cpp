@@ -2,12 +2,9 @@
 
 #include <limits>
 
+#include "anigen/core/numeric.h"
+
 namespace anigen::eval {
-namespace {
-
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
-
-}  // namespace
 
 std::optional<MetricTree> metric_tree(const Eigen::MatrixXd& distances) {
   const int n = static_cast<int>(distances.rows());

@@ -4,12 +4,10 @@
 #include <limits>
 #include <utility>
 
+#include "anigen/core/numeric.h"
+#include "anigen/eval/transport/row_kernels.h"
+
 namespace anigen::eval {
-namespace {
-
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
-
-}  // namespace
 
 ShortestPathTransport::ShortestPathTransport(const MassUnits& units)
     : transposed_(units.supplies.size() < units.demands.size()),
@@ -98,10 +96,8 @@ void ShortestPathTransport::augment(const RowMatrix& cost, int source) {
   std::fill(visited_.begin(), visited_.end(), char{0});
   settled_.clear();
   std::fill(open_distance_.begin(), open_distance_.end(), kInfinity);
-  visit(cost, source, 0.0);
-  double nearest = 0.0;
+  double nearest = visit(cost, source, 0.0);
   while (true) {
-    nearest = Eigen::Map<const Eigen::ArrayXd>(open_distance_.data(), columns_).minCoeff();
     int column = -1;
     for (int j = 0; j < columns_; ++j) {
       if (open_distance_[at(j)] != nearest) continue;
@@ -116,28 +112,24 @@ void ShortestPathTransport::augment(const RowMatrix& cost, int source) {
     settled_.push_back({column, nearest});
     open_distance_[at(column)] = kInfinity;
     open_potential_[at(column)] = -kInfinity;
+    double next = kInfinity;
+    bool offered = false;
     for (const Flow& flow : flows_[at(column)]) {
       if (visited_[at(flow.row)]) continue;
       reached_from_[at(flow.row)] = column;
-      visit(cost, flow.row, cost(flow.row, column) - potential_[at(column)] - nearest);
+      next = visit(cost, flow.row, cost(flow.row, column) - potential_[at(column)] - nearest);
+      offered = true;
     }
+    nearest = offered ? next : kernels::least(open_distance_.data(), columns_);
   }
   for (const Settled& settled : settled_) potential_[at(settled.column)] += settled.distance - nearest;
 }
 
-// Offers the columns a path through `row`.
-void ShortestPathTransport::visit(const RowMatrix& cost, int row, double offset) {
+// Offers the columns a path through `row`. @return the least distance of an open column
+double ShortestPathTransport::visit(const RowMatrix& cost, int row, double offset) {
   visited_[at(row)] = 1;
-  const double* costs = cost.row(row).data();
-  const double* potential = open_potential_.data();
-  double* __restrict distance = open_distance_.data();
-  double* __restrict previous = previous_row_.data();
-  const double number = static_cast<double>(row);
-  for (int j = 0; j < columns_; ++j) {
-    const double through = costs[j] - potential[j] - offset;
-    previous[j] = through < distance[j] ? number : previous[j];
-    distance[j] = through < distance[j] ? through : distance[j];
-  }
+  return kernels::relax(cost.row(row).data(), open_potential_.data(), offset, static_cast<double>(row),
+                        open_distance_.data(), previous_row_.data(), columns_);
 }
 
 // Moves as much as source, sink and the flows between allow. @return whether all of these flows stay positive

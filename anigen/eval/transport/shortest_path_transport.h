@@ -35,7 +35,7 @@ class ShortestPathTransport {
   void reduce_columns(const RowMatrix& cost);
   void assign_tight(const RowMatrix& cost);
   void augment(const RowMatrix& cost, int source);
-  void visit(const RowMatrix& cost, int row, double offset);
+  double visit(const RowMatrix& cost, int row, double offset);
   bool push_along_path(int source, int sink);
   int previous_row(int column) const { return static_cast<int>(previous_row_[static_cast<std::size_t>(column)]); }
   void add_flow(int row, int column, std::int64_t units);

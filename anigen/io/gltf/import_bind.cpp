@@ -6,14 +6,13 @@
 #include <cmath>
 
 #include "anigen/core/error.h"
+#include "anigen/core/numeric.h"
 #include "anigen/io/gltf/import_accessor.h"
 
 namespace anigen::io::gltf_import {
 namespace {
 
 using Eigen::Matrix4d;
-
-std::size_t at(int index) { return static_cast<std::size_t>(index); }
 
 // Inverse bind matrices are 32-bit floats: a ratio of singular values below their noise means a collapsed axis.
 bool is_usable(const Matrix4d& matrix) {

@@ -3,12 +3,11 @@
 #include <algorithm>
 
 #include "anigen/core/error.h"
+#include "anigen/core/numeric.h"
 #include "anigen/io/gltf/import_similarity.h"
 
 namespace anigen::io::gltf_import {
 namespace {
-
-std::size_t at(int index) { return static_cast<std::size_t>(index); }
 
 std::vector<char> used_skins(const Document& document) {
   std::vector<char> used(document.skins.size(), 0);

@@ -5,6 +5,7 @@
 #include <map>
 
 #include "anigen/core/error.h"
+#include "anigen/core/numeric.h"
 #include "anigen/io/gltf/import_mesh_arrays.h"
 #include "anigen/io/gltf/import_primitive.h"
 #include "anigen/io/gltf/import_weights.h"
@@ -13,8 +14,6 @@ namespace anigen::io::gltf_import {
 namespace {
 
 using Eigen::Matrix4d;
-
-std::size_t at(int index) { return static_cast<std::size_t>(index); }
 
 class MeshMerger {
  public:

@@ -1,4 +1,6 @@
 #pragma once
+#include <cstdint>
+
 #include "anigen/io/gltf/import_container.h"
 #include "anigen/io/gltf/import_document.h"
 #include "anigen/io/gltf/import_json.h"
@@ -19,6 +21,9 @@ void parse_meshes(const JsonPlace& root, Document& document);
 void parse_nodes(const JsonPlace& root, const ImportOptions& options, Document& document, Notes& notes);
 void parse_skins(const JsonPlace& root, Document& document);
 void parse_animations(const JsonPlace& root, Document& document, Notes& notes);
+
+/// Largest offset or length that is read: well inside 64 bits, so that sums cannot overflow.
+inline constexpr std::uint64_t kMostBufferBytes = std::uint64_t{1} << 40;
 
 /// Size in bytes of one component, and of one element with the padding that glTF asks of matrix columns.
 std::size_t component_size(Component component);

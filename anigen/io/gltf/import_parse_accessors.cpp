@@ -5,8 +5,6 @@
 namespace anigen::io::gltf_import {
 namespace {
 
-constexpr std::uint64_t kMostBytes = std::uint64_t{1} << 40;
-
 Component component_of(const JsonPlace& place) {
   const std::uint64_t code = place.integer(0, 65535);
   if (code < 5120 || code > 5126 || code == 5124) place.fail("unknown componentType " + std::to_string(code));
@@ -41,14 +39,14 @@ void parse_sparse(const JsonPlace& sparse, Document& document, Accessor& accesso
   out.count = sparse.at("count").integer(1, std::max<std::size_t>(accessor.count, 1));
   const JsonPlace indices = sparse.at("indices"), values = sparse.at("values");
   out.index_view = indices.index("bufferView", document.views.size(), "bufferView");
-  out.index_offset = indices.integer_or("byteOffset", 0, kMostBytes);
+  out.index_offset = indices.integer_or("byteOffset", 0, kMostBufferBytes);
   out.index_component = component_of(indices.at("componentType"));
   if (out.index_component != Component::kU8 && out.index_component != Component::kU16 &&
       out.index_component != Component::kU32) {
     indices.at("componentType").fail("sparse indices must be unsigned integers");
   }
   out.value_view = values.index("bufferView", document.views.size(), "bufferView");
-  out.value_offset = values.integer_or("byteOffset", 0, kMostBytes);
+  out.value_offset = values.integer_or("byteOffset", 0, kMostBufferBytes);
   const std::size_t index_size = component_size(out.index_component);
   check_range(indices, document, out.index_view, out.index_offset, index_size, index_size, out.count);
   const std::size_t size = element_size(accessor.type, accessor.component);
@@ -100,7 +98,7 @@ void parse_accessors(const JsonPlace& root, const ImportOptions& options, Docume
       place.at("count").fail(std::to_string(count) + " elements exceed the limit of " + std::to_string(most));
     }
     accessor.count = static_cast<std::size_t>(count);
-    accessor.offset = place.integer_or("byteOffset", 0, kMostBytes);
+    accessor.offset = place.integer_or("byteOffset", 0, kMostBufferBytes);
     accessor.view = place.index_or_none("bufferView", document.views.size(), "bufferView");
     const std::size_t element = element_size(accessor.type, accessor.component);
     accessor.stride = element;

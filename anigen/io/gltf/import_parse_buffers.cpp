@@ -1,13 +1,13 @@
 #include <algorithm>
 
 #include "anigen/io/gltf/import_meshopt.h"
+
 #include "anigen/io/gltf/import_parse.h"
 #include "anigen/io/gltf/import_uri.h"
 
 namespace anigen::io::gltf_import {
 namespace {
 
-constexpr std::uint64_t kMostBytes = std::uint64_t{1} << 40;  // well inside 64 bits, so that sums cannot overflow
 constexpr const char* kMeshopt = "EXT_meshopt_compression";
 
 struct Buffer {
@@ -35,7 +35,7 @@ class Budget {
 
 Buffer read_buffer(const JsonPlace& place, std::size_t index, const Container& container, const ImportOptions& options,
                    Budget& budget, Document& document) {
-  const std::uint64_t length = place.at("byteLength").integer(0, kMostBytes);
+  const std::uint64_t length = place.at("byteLength").integer(0, kMostBufferBytes);
   Buffer buffer;
   if (const auto uri = place.find("uri")) {
     Resource resource =
@@ -65,8 +65,8 @@ std::string_view cut(const JsonPlace& place, const std::vector<Buffer>& buffers)
   const int index = place.index("buffer", buffers.size(), "buffer");
   const Buffer& buffer = buffers[static_cast<std::size_t>(index)];
   if (buffer.is_placeholder) place.at("buffer").fail("the buffer has no data");
-  const std::uint64_t offset = place.integer_or("byteOffset", 0, kMostBytes);
-  const std::uint64_t length = place.at("byteLength").integer(0, kMostBytes);
+  const std::uint64_t offset = place.integer_or("byteOffset", 0, kMostBufferBytes);
+  const std::uint64_t length = place.at("byteLength").integer(0, kMostBufferBytes);
   if (offset + length > buffer.bytes.size()) {
     place.fail("bytes " + std::to_string(offset) + " to " + std::to_string(offset + length) + " lie outside buffer " +
                std::to_string(index) + " of " + std::to_string(buffer.bytes.size()) + " bytes");
@@ -78,7 +78,7 @@ std::string_view cut(const JsonPlace& place, const std::vector<Buffer>& buffers)
 
 void parse_buffers(const JsonPlace& root, const Container& container, const ImportOptions& options, Document& document,
                    Notes& notes) {
-  Budget budget(options.max_file_bytes < kMostBytes ? 4 * options.max_file_bytes : options.max_file_bytes);
+  Budget budget(options.max_file_bytes < kMostBufferBytes ? 4 * options.max_file_bytes : options.max_file_bytes);
   std::vector<Buffer> buffers;
   if (const auto list = root.find("buffers")) {
     for (std::size_t i = 0; i < list->size(); ++i)
@@ -91,7 +91,7 @@ void parse_buffers(const JsonPlace& root, const Container& container, const Impo
     view.stride = place.integer_or("byteStride", 0, 1 << 16);
     if (const auto compressed = extension(place, kMeshopt)) {
       place.index("buffer", buffers.size(), "buffer");
-      const std::uint64_t length = place.at("byteLength").integer(1, kMostBytes);
+      const std::uint64_t length = place.at("byteLength").integer(1, kMostBufferBytes);
       budget.take(length, place);
       document.storage.push_back(
           std::make_unique<std::string>(decode_meshopt(*compressed, cut(*compressed, buffers), length)));

@@ -6,14 +6,13 @@
 #include <unordered_set>
 
 #include "anigen/core/error.h"
+#include "anigen/core/numeric.h"
 #include "anigen/io/gltf/import_joints.h"
 
 namespace anigen::io::gltf_import {
 namespace {
 
 using Eigen::Matrix4d;
-
-std::size_t at(int index) { return static_cast<std::size_t>(index); }
 
 // What lies between the nodes and the joints above them.
 struct Hierarchy {

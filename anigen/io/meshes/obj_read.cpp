@@ -11,7 +11,7 @@
 namespace anigen::io {
 namespace {
 
-constexpr std::uintmax_t kMostBytes = std::uintmax_t{2} << 30;
+constexpr std::uintmax_t kMostObjBytes = std::uintmax_t{2} << 30;
 
 // For every entry the first one with the same numbers: tools that write a normal per corner repeat most of them,
 // and vertices should split only where something differs.
@@ -122,7 +122,7 @@ void add_vertices(const ObjFile& obj, const std::vector<ObjFile::Corner>& vertic
 
 Mesh read_obj(const std::filesystem::path& path) {
   const std::string file = path.string();
-  const ObjFile obj = parse_obj(read_file(path, kMostBytes), file);
+  const ObjFile obj = parse_obj(read_file(path, kMostObjBytes), file);
   if (obj.positions.empty()) throw InputError(file, "", "no vertices: not an OBJ file, or an empty one");
   Mesh mesh;
   VertexSplitter splitter(obj, file);

@@ -12,7 +12,7 @@
 namespace anigen::io {
 namespace {
 
-constexpr std::uintmax_t kMostBytes = std::uintmax_t{4} << 30;
+constexpr std::uintmax_t kMostPlyBytes = std::uintmax_t{4} << 30;
 
 // Where a vertex property goes; the numbers of one vertex are gathered in this order.
 enum Slot { kX, kY, kZ, kNx, kNy, kNz, kRed, kGreen, kBlue, kAlpha, kU, kV, kSlots, kNone };
@@ -175,7 +175,7 @@ const PlyElement* element_named(const PlyHeader& header, const char* name) {
 
 Mesh read_ply(const std::filesystem::path& path) {
   const std::string file = path.string();
-  const std::string bytes = read_file(path, kMostBytes);
+  const std::string bytes = read_file(path, kMostPlyBytes);
   const PlyHeader header = parse_ply_header(bytes, file);
   const PlyElement* vertices = element_named(header, "vertex");
   const PlyElement* faces = element_named(header, "face");

@@ -15,12 +15,12 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr std::uintmax_t kMostBytes = std::uintmax_t{1} << 30;
+constexpr std::uintmax_t kMostTextBytes = std::uintmax_t{1} << 30;
 
 /// Positions and triangles as numbered in the file. read_obj() would add vertices at texture seams.
 Mesh unsplit_mesh(const fs::path& file) {
   require_content(file);
-  ObjFile obj = parse_obj(read_file(file, kMostBytes), file.string());
+  ObjFile obj = parse_obj(read_file(file, kMostTextBytes), file.string());
   Mesh mesh;
   for (std::size_t p = 0; p < obj.polygons.size(); ++p) {
     const std::size_t begin = obj.polygons[p].first_corner;
@@ -52,7 +52,7 @@ fs::path mesh_of_text_rig(const fs::path& rig) {
 }
 
 RiggedShape read_text_rig(const fs::path& file, const std::string& id, Axes axes) {
-  TextRig rig = parse_text_rig(read_file(file, kMostBytes), file.string());
+  TextRig rig = parse_text_rig(read_file(file, kMostTextBytes), file.string());
   RiggedShape shape;
   shape.id = id;
   shape.file = file.string();

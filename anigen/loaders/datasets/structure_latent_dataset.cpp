@@ -10,12 +10,12 @@ namespace {
 
 namespace fs = std::filesystem;
 
-fs::path latent_path(const AssetId& asset, const std::string& model) {
+fs::path structure_latent_path(const AssetId& asset, const std::string& model) {
   return asset.root / "ss_latents" / model / (asset.id + ".npz");
 }
 
 std::vector<fs::path> files_of(const AssetId& asset, const StructureLatentOptions& options) {
-  std::vector<fs::path> files{latent_path(asset, options.latent_model)};
+  std::vector<fs::path> files{structure_latent_path(asset, options.latent_model)};
   if (options.image_conditioned) files.push_back(condition_folder(asset) / "transforms.json");
   return files;
 }
@@ -75,7 +75,7 @@ StructureLatentDataset::StructureLatentDataset(std::vector<AssetId> assets, cons
 
 std::unique_ptr<AssetDataset::Sample> StructureLatentDataset::read(std::size_t index, std::uint64_t position) const {
   auto sample = std::make_unique<Latent>();
-  const fs::path path = latent_path(asset(index), options_.latent_model);
+  const fs::path path = structure_latent_path(asset(index), options_.latent_model);
   StructureLatent& latent = sample->latent = read_structure_latent(path);
   const auto channels = [](const LatentGrid& grid) { return static_cast<std::size_t>(grid.shape[0]); };
   options_.normalization.normalize_planes(latent.mean.values, channels(latent.mean), path.string() + ": mean");

@@ -12,12 +12,12 @@ namespace {
 
 namespace fs = std::filesystem;
 
-fs::path latent_path(const AssetId& asset, const std::string& model) {
+fs::path structured_latent_path(const AssetId& asset, const std::string& model) {
   return asset.root / "latents" / model / (asset.id + ".npz");
 }
 
 std::vector<fs::path> files_of(const AssetId& asset, const StructuredLatentOptions& options) {
-  std::vector<fs::path> files{latent_path(asset, options.latent_model), rig_path(asset)};
+  std::vector<fs::path> files{structured_latent_path(asset, options.latent_model), rig_path(asset)};
   if (options.image_conditioned) files.push_back(condition_folder(asset) / "transforms.json");
   return files;
 }
@@ -73,10 +73,11 @@ struct StructuredLatentDataset::Latent : Sample {
 
 StructuredLatentDataset::StructuredLatentDataset(std::vector<AssetId> assets, const StructuredLatentOptions& options,
                                                  std::uint64_t seed)
-    : AssetDataset(
-          std::move(assets), {seed, options.sources.skip_broken, options.bucket_by_voxels},
-          {[&](const AssetId& asset) { return files_of(asset, options); },
-           [&](const AssetId& asset) { return count_rows(latent_path(asset, options.latent_model), "coords"); }}),
+    : AssetDataset(std::move(assets), {seed, options.sources.skip_broken, options.bucket_by_voxels},
+                   {[&](const AssetId& asset) { return files_of(asset, options); },
+                    [&](const AssetId& asset) {
+                      return count_rows(structured_latent_path(asset, options.latent_model), "coords");
+                    }}),
       options_(options),
       surfaces_(static_cast<std::uintmax_t>(options.memory_budget_mb) << 20) {}
 
@@ -94,7 +95,7 @@ std::vector<std::vector<Draw>> StructuredLatentDataset::split(const std::vector<
 std::unique_ptr<AssetDataset::Sample> StructuredLatentDataset::read(std::size_t index, std::uint64_t position) const {
   const AssetId& id = asset(index);
   auto sample = std::make_unique<Latent>();
-  const fs::path path = latent_path(id, options_.latent_model);
+  const fs::path path = structured_latent_path(id, options_.latent_model);
   sample->surface = read_voxel_arrays(path, "coords", "feats");
   sample->skeleton = read_voxel_arrays(path, "coords_skl", "feats_skl");
   options_.normalization.normalize_rows(sample->surface.feats, sample->surface.channels, path.string() + ": feats");

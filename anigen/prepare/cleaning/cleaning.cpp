@@ -10,7 +10,7 @@
 namespace anigen::prepare {
 namespace {
 
-std::string short_number(double value) {
+std::string three_digits(double value) {
   char text[32];
   std::snprintf(text, sizeof text, "%.3g", value);
   return text;
@@ -53,8 +53,8 @@ std::vector<CleaningFinding> clean(Asset& asset, const ReadQuality& quality, con
   drop_when(options.drop_duplicate_names && quality.repeated_names > 0, "duplicate_joint_names",
             std::to_string(quality.repeated_names) + " joints have a name that another joint has");
   drop_when(quality.lowest_weight_sum < options.least_weight_sum, "low_weight_sum",
-            "the weights of a vertex sum to " + short_number(quality.lowest_weight_sum) + ", at least " +
-                short_number(options.least_weight_sum));
+            "the weights of a vertex sum to " + three_digits(quality.lowest_weight_sum) + ", at least " +
+                three_digits(options.least_weight_sum));
   if (options.duplicate_joints == DuplicateJoints::kMerge) keep(merge_duplicate_joints(asset, options.merge_distance));
   keep(prune_unused_joints(asset, options.unused_joints));
   const std::string vertices = broken_range("vertices", asset.mesh.vertices.size(), options.vertices);
@@ -63,8 +63,8 @@ std::vector<CleaningFinding> clean(Asset& asset, const ReadQuality& quality, con
   drop_when(!joints.empty(), "joint_count", joints);
   const double outside = outside_share(asset.skeleton.positions(), bounding_box(asset.mesh.vertices));
   drop_when(outside > options.max_outside_share, "outside_mesh",
-            short_number(100 * outside) + " % of the joints lie outside the mesh, at most " +
-                short_number(100 * options.max_outside_share) + " %");
+            three_digits(100 * outside) + " % of the joints lie outside the mesh, at most " +
+                three_digits(100 * options.max_outside_share) + " %");
   return findings;
 }
 

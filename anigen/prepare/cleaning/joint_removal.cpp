@@ -6,13 +6,12 @@
 #include <utility>
 
 #include "anigen/core/error.h"
+#include "anigen/core/numeric.h"
 
 namespace anigen::prepare {
 namespace {
 
 using Eigen::Matrix4d;
-
-std::size_t at(int index) { return static_cast<std::size_t>(index); }
 
 /// Where everything goes.
 struct Plan {

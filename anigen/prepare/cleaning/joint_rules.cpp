@@ -2,12 +2,11 @@
 
 #include <vector>
 
+#include "anigen/core/numeric.h"
 #include "anigen/prepare/cleaning/joint_removal.h"
 
 namespace anigen::prepare {
 namespace {
-
-std::size_t at(int index) { return static_cast<std::size_t>(index); }
 
 /// "3 joints merged: b into a, d into c and 1 more"
 std::string told(const std::vector<std::string>& each, const std::string& what) {

@@ -7,12 +7,11 @@
 
 #include "anigen/asset/mesh.h"
 #include "anigen/core/error.h"
+#include "anigen/core/numeric.h"
 #include "anigen/core/sha256.h"
 
 namespace anigen::prepare {
 namespace {
-
-std::size_t at(int index) { return static_cast<std::size_t>(index); }
 
 /// Numbers trees so that equal ones (up to the order of children) get equal numbers, from the leaves up (Aho, Hopcroft
 /// and Ullman's tree isomorphism), and digests the numbering of the whole.

@@ -4,11 +4,12 @@
 #include <cmath>
 #include <cstdint>
 
+#include "anigen/core/numeric.h"
+
 namespace anigen::prepare {
 namespace {
 
 using Eigen::Vector3d;
-constexpr double kPi = 3.14159265358979323846;
 
 double smoothstep(double low, double high, double x) {
   const double t = std::clamp((x - low) / (high - low), 0.0, 1.0);

@@ -3,12 +3,13 @@
 #include <algorithm>
 #include <cmath>
 
+#include "anigen/core/numeric.h"
+
 namespace anigen::prepare {
 namespace {
 
 using Eigen::Vector2d;
 using Eigen::Vector3d;
-constexpr double kPi = 3.14159265358979323846;
 
 // The union of spheres along the axis: minimise |x - a - s u| - r(s) over s in [0, length]. With y the coordinate along
 // the axis, q the distance from it and k the slope of the radius, the free minimum is at s = y + q k / sqrt(1 - k²).

@@ -4,12 +4,13 @@
 #include <cmath>
 #include <map>
 
+#include "anigen/core/numeric.h"
+
 namespace anigen::prepare {
 namespace {
 
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
-constexpr double kPi = 3.14159265358979323846;
 constexpr double kPlacementError = 0.02;  // of the bone, per axis
 
 }  // namespace

@@ -10,9 +10,9 @@ namespace anigen::prepare {
 /// real files as much as between two of these.
 struct RigStyle {
   enum class Frames { kWorld, kBoneAlongY, kBoneAlongX };
-  Frames frames = Frames::kWorld;  ///< joint axes parallel to the world's, or one of them along the bone
-  std::vector<int> order;          ///< body joint of every skeleton joint; parents before children
-  std::vector<int> position;       ///< the inverse of `order`
+  Frames frames = Frames::kWorld;          ///< joint axes parallel to the world's, or one of them along the bone
+  std::vector<int> order;                  ///< body joint of every skeleton joint; parents before children
+  std::vector<int> position;               ///< the inverse of `order`
   std::vector<Eigen::Vector3d> placement;  ///< per body joint: how far from the exact centre a hand would have put it
 };
 

@@ -18,8 +18,6 @@ namespace fs = std::filesystem;
 
 constexpr char kFeatures[] = "features/";
 
-std::string boolean(bool value) { return value ? "True" : "False"; }  // as pandas writes them
-
 /// The failure that keeps an asset out of the dataset: without these steps it has nothing that could be trained on.
 const StepFailure* fatal_failure(const ManifestEntry& entry, std::size_t variant) {
   for (const StepFailure& failure : entry.failures) {
@@ -149,7 +147,7 @@ CsvTable dataset_table(const std::vector<DatasetRow>& rows, const QualityLimits&
     for (std::size_t i = 0; i < rows.size(); ++i) table.rows[i].push_back(cell(rows[i]));
   };
   const auto flag = [&](const std::string& name, const std::string& step) {
-    column(name, [&](const DatasetRow& row) { return boolean(row.records.has(step)); });
+    column(name, [&](const DatasetRow& row) { return csv_flag(row.records.has(step)); });
   };
   const auto count = [&](const std::string& name, const std::string& step) {
     column(name, [&](const DatasetRow& row) { return std::to_string(row.columns(step).value(name, std::size_t{0})); });

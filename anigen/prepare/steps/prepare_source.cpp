@@ -210,7 +210,8 @@ SourceOutcome SourcePreparer::prepare(const SourceTask& task, const StepObserver
     });
     Root variant_root;
     variant_root.variant = variant_number(k);
-    variant_root.options = {{"source", root.options}, {"seed", plan_.seed}, {"variant", k}, {"poses", to_json(plan_.poses)}};
+    variant_root.options = {
+        {"source", root.options}, {"seed", plan_.seed}, {"variant", k}, {"poses", to_json(plan_.poses)}};
     variant_root.columns = [&] {
       pose();
       return columns;

@@ -18,7 +18,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-Json to_json(const ViewSettings& settings) {
+Json step_options(const ViewSettings& settings) {
   return {{"count", settings.count},
           {"size", settings.size},
           {"samples", settings.samples_per_axis},
@@ -87,7 +87,7 @@ void render_views(AssetJob& job, raytrace::ViewOptions options, const std::vecto
 
 }  // namespace
 
-Json ViewStep::options() const { return to_json(settings_); }
+Json ViewStep::options() const { return step_options(settings_); }
 
 std::vector<fs::path> ViewStep::outputs(const AssetPlaces& places, const Json& options) const {
   std::vector<fs::path> files = view_files(places.views(), options, {"normal", "depth"});
@@ -117,7 +117,7 @@ Json ViewStep::run(AssetJob& job) const {
   return {{"views", settings_.count}};
 }
 
-Json ConditionViewStep::options() const { return to_json(settings_); }
+Json ConditionViewStep::options() const { return step_options(settings_); }
 
 std::vector<fs::path> ConditionViewStep::outputs(const AssetPlaces& places, const Json& options) const {
   return view_files(places.condition_views(), options, {"normal"});

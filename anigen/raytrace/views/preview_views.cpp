@@ -3,11 +3,11 @@
 #include <cmath>
 
 #include "anigen/core/error.h"
+#include "anigen/core/numeric.h"
 
 namespace anigen::raytrace {
 namespace {
 
-constexpr double kPi = 3.14159265358979323846;
 constexpr double kPublishedTurn = 2.0 * 3.1415;
 
 }  // namespace

@@ -5,6 +5,7 @@
 #include <cstddef>
 
 #include "anigen/core/error.h"
+#include "anigen/core/numeric.h"
 
 namespace anigen::raytrace {
 
@@ -22,7 +23,7 @@ Eigen::Matrix4d extrinsics_of(const Eigen::Matrix4d& camera_to_world) {
 }
 
 Eigen::Matrix3d intrinsics_of(double fov) {
-  if (!(fov > 0.0 && fov < 3.14159265358979323846)) {
+  if (!(fov > 0.0 && fov < kPi)) {
     throw InputError("", "camera_angle_x", "the field of view must be between 0 and pi");
   }
   const double focal = 0.5 / std::tan(0.5 * fov);

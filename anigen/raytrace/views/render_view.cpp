@@ -6,6 +6,7 @@
 #include <string>
 
 #include "anigen/core/error.h"
+#include "anigen/core/numeric.h"
 #include "anigen/core/parallel.h"
 #include "anigen/raytrace/cutout.h"
 #include "anigen/raytrace/pixel_sum.h"
@@ -168,7 +169,7 @@ class Exposure {
 Camera view_camera(const Frame& frame, int size) {
   check_range(size, 1, kLargestSize, "size");
   if (!frame.camera_to_world.allFinite()) throw InputError("", "transform_matrix", "the camera's matrix is not finite");
-  if (!(frame.camera_angle_x > 0.0 && frame.camera_angle_x < 3.14159265358979323846)) {
+  if (!(frame.camera_angle_x > 0.0 && frame.camera_angle_x < kPi)) {
     throw InputError("", "camera_angle_x", "the field of view must be between 0 and pi");
   }
   Camera camera;

@@ -8,6 +8,7 @@
 #include "anigen/core/atomic_file.h"
 #include "anigen/core/error.h"
 #include "anigen/core/json.h"
+#include "anigen/core/numeric.h"
 #include "anigen/raytrace/views/projection.h"
 
 namespace anigen::raytrace {
@@ -74,7 +75,7 @@ Eigen::Matrix4d matrix4(const Json& value, const Place& place) {
 }
 
 void check_fov(double fov, const Place& place) {
-  if (!(fov > 0.0 && fov < 3.14159265358979323846)) place.refuse("the field of view must be between 0 and pi");
+  if (!(fov > 0.0 && fov < kPi)) place.refuse("the field of view must be between 0 and pi");
 }
 
 /// A picture must lie in the folder of its transforms.json, whoever wrote that.

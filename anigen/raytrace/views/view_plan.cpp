@@ -5,11 +5,11 @@
 #include <cstdint>
 
 #include "anigen/core/error.h"
+#include "anigen/core/numeric.h"
 
 namespace anigen::raytrace {
 namespace {
 
-constexpr double kPi = 3.14159265358979323846;
 /// Radius of the sphere around the cube [-0.5, 0.5]³.
 const double kCubeSphere = std::sqrt(3.0) / 2.0;
 constexpr double kWidestFov = 70.0 * kPi / 180.0, kNarrowestFov = 10.0 * kPi / 180.0;

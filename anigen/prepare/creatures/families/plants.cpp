@@ -1,5 +1,7 @@
 #include <cmath>
 
+#include "anigen/core/numeric.h"
+
 #include "anigen/prepare/creatures/families/families.h"
 #include "anigen/prepare/creatures/families/parts.h"
 
@@ -7,7 +9,6 @@ namespace anigen::prepare {
 namespace {
 
 using Eigen::Vector3d;
-constexpr double kPi = 3.14159265358979323846;
 
 void add_pot(Body& body, int root, double top, double radius) {
   Paint clay = plain(body.rng.chance(0.6) ? color_of(body.between(0.02, 0.07), 0.6, body.between(0.5, 0.85))

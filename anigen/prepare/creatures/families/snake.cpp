@@ -1,14 +1,11 @@
 #include <cmath>
 
+#include "anigen/core/numeric.h"
+
 #include "anigen/prepare/creatures/families/families.h"
 #include "anigen/prepare/creatures/families/parts.h"
 
 namespace anigen::prepare {
-namespace {
-
-constexpr double kPi = 3.14159265358979323846;
-
-}  // namespace
 
 using Eigen::Vector3d;
 

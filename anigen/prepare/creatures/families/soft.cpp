@@ -1,12 +1,13 @@
 #include <cmath>
 
+#include "anigen/core/numeric.h"
+
 #include "anigen/prepare/creatures/families/families.h"
 #include "anigen/prepare/creatures/families/parts.h"
 
 namespace anigen::prepare {
 
 using Eigen::Vector3d;
-constexpr double kPi = 3.14159265358979323846;
 
 void build_octopus(Body& body) {
   Rng& rng = body.rng;
