@@ -8,7 +8,7 @@ packages=(
   libtorch-dev libopenblas0-openmp libopencv-dev libtinygltf-dev libembree-dev nlohmann-json3-dev
   libspdlog-dev libcli11-dev libtbb-dev libeigen3-dev libdraco-dev libmeshoptimizer-dev libzip-dev zlib1g-dev liblemon-dev libassimp-dev
   libnanoflann-dev
-  libgtest-dev libbenchmark-dev
+  libgtest-dev libbenchmark-dev python3-numpy
 )
 
 missing=()

@@ -1,6 +1,7 @@
 // An Articulation-XL shard goes the whole way: prepare with a seeded split, train SkinAE a few steps, evaluate on the
 // test split.
-//   articulation_xl_to_evaluation <anigen-prepare> <anigen-train> <anigen-eval>
+//   articulation_xl_to_evaluation <anigen-prepare> <anigen-train> <anigen-eval> [<python3> <write_articulation_xl.py>]
+// With the last two numpy writes the shards, else this program does. Exit status 77: numpy is not installed.
 #include <cstdio>
 
 #include "anigen/core/config_file.h"
@@ -58,19 +59,38 @@ RigFile ribbon(std::size_t number) {
   return rig;
 }
 
-void run(const std::string& prepare, const std::string& train, const std::string& eval) {
-  const TemporaryFolder folder;
-  // Both spellings of the sparse keys, in two shards.
+constexpr int kSkipped = 77;
+
+// Both spellings of the sparse keys, in two shards.
+void write_shards(const fs::path& folder) {
   std::vector<RigFile> first, second;
   for (std::size_t i = 0; i < 12; ++i) (i < 7 ? first : second).push_back(ribbon(i));
-  write_articulation_xl(folder / "in" / "articulation_xl.npz", first);
+  write_articulation_xl(folder / "articulation_xl.npz", first);
   XlOptions plural;
   plural.row_suffix = "s";
-  write_articulation_xl(folder / "in" / "articulation_xl_more.npz", second, plural);
+  write_articulation_xl(folder / "articulation_xl_more.npz", second, plural);
+}
 
+struct Programs {
+  std::string prepare, train, eval;
+  std::vector<std::string> writer;  ///< of the shards; empty: this program
+};
+
+/// @return whether the shards could be written
+bool run(const Programs& programs) {
+  const TemporaryFolder folder;
+  if (programs.writer.empty()) {
+    write_shards(folder / "in");
+  } else {
+    std::vector<std::string> command = programs.writer;
+    command.push_back((folder / "in").string());
+    const int status = run_program(command);
+    if (status == kSkipped) return false;
+    require(status == 0, "the writer of the shards failed");
+  }
   const std::string data = (folder / "data").string(), model = (folder / "run").string();
-  require(run_program({prepare, "--out", data, "--input", (folder / "in").string(), "--test-count", "3", "--seed", "5",
-                       "--quiet"}) == 0,
+  require(run_program({programs.prepare, "--out", data, "--input", (folder / "in").string(), "--test-count", "3",
+                       "--seed", "5", "--quiet"}) == 0,
           "anigen-prepare failed");
   const anigen::CsvTable table = anigen::read_csv(folder / "data" / "metadata.csv");
   require(table.rows.size() == 12, "not every sample became an asset");
@@ -78,10 +98,10 @@ void run(const std::string& prepare, const std::string& train, const std::string
   require(test.size() == 3 * 65, "the test split does not hold three ids");
 
   anigen::write_file_atomically(folder / "config.json", kConfig);
-  require(run_program({train, "--config", (folder / "config.json").string(), "--data-dir", data, "--output", model,
-                       "--threads", "1", "--quiet"}) == 0,
+  require(run_program({programs.train, "--config", (folder / "config.json").string(), "--data-dir", data, "--output",
+                       model, "--threads", "1", "--quiet"}) == 0,
           "anigen-train failed");
-  require(run_program({eval, "--gt", data, "--split", data + "/splits/test.txt", "--skin-ae", model, "--out",
+  require(run_program({programs.eval, "--gt", data, "--split", data + "/splits/test.txt", "--skin-ae", model, "--out",
                        (folder / "report").string(), "--quiet"}) == 0,
           "anigen-eval failed");
   const anigen::Json metrics = anigen::read_json(folder / "report" / "metrics.json");
@@ -90,17 +110,23 @@ void run(const std::string& prepare, const std::string& train, const std::string
     mentioned += metrics.dump().find(test.substr(at, 64)) != std::string::npos;
   }
   require(mentioned == 3, "the evaluation does not name the three test assets");
+  return true;
 }
 
 }  // namespace
 
 int main(int argc, char** argv) {
-  if (argc != 4) {
-    return std::fprintf(stderr, "usage: articulation_xl_to_evaluation <anigen-prepare> <anigen-train> <anigen-eval>\n"),
-           2;
+  if (argc != 4 && argc != 6) {
+    std::fprintf(stderr,
+                 "usage: articulation_xl_to_evaluation <anigen-prepare> <anigen-train> <anigen-eval> [<python3> "
+                 "<write_articulation_xl.py>]\n");
+    return 2;
   }
   try {
-    run(argv[1], argv[2], argv[3]);
+    if (!run({argv[1], argv[2], argv[3], {argv + 4, argv + argc}})) {
+      std::printf("skipped: numpy is not installed\n");
+      return kSkipped;
+    }
     std::printf("12 samples prepared, trained on and evaluated\n");
     return 0;
   } catch (const std::exception& error) {
