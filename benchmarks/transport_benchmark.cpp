@@ -18,6 +18,7 @@
 #include "anigen/core/atomic_file.h"
 #include "anigen/core/csv.h"
 #include "anigen/core/json.h"
+#include "anigen/core/memory.h"
 #include "anigen/core/parallel.h"
 #include "anigen/core/random.h"
 #include "anigen/eval/pair/pair_evaluation.h"
@@ -248,6 +249,7 @@ void write_json(const std::string& file) {
 }  // namespace
 
 int main(int argc, char** argv) {
+  anigen::keep_freed_memory();  // as anigen-eval does
   std::string out;
   const std::string flag = "--benchmark_out=";
   for (int i = 1; i < argc; ++i) {

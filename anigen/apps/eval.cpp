@@ -3,6 +3,7 @@
 
 #include "anigen/apps/common/command_line.h"
 #include "anigen/core/error.h"
+#include "anigen/core/memory.h"
 #include "anigen/core/parallel.h"
 #include "anigen/eval/comparison/comparison_files.h"
 #include "anigen/eval/comparison/evaluate_command.h"
@@ -176,6 +177,7 @@ void add_shape_options(CLI::App& app, EvalOptions& options) {
 }  // namespace
 
 int main(int argc, char** argv) {
+  keep_freed_memory();
   CLI::App app{
       "Compares predicted rigged shapes, or predicted skin weights alone, with ground truth.\n"
       "Writes metrics.json, metrics.csv, table.md, table.tex and report.html. docs/metrics.md defines every number.\n\n"

@@ -1,7 +1,5 @@
 #include "anigen/train/train_command.h"
 
-#include <malloc.h>
-
 #include <ctime>
 #include <system_error>
 
@@ -10,6 +8,7 @@
 #include "anigen/core/config_reader.h"
 #include "anigen/core/error.h"
 #include "anigen/core/log.h"
+#include "anigen/core/memory.h"
 #include "anigen/train/blas.h"
 #include "anigen/train/skin_autoencoder_stage.h"
 
@@ -17,15 +16,6 @@ namespace anigen::train {
 namespace {
 
 namespace fs = std::filesystem;
-
-// Every step frees and asks for the same tensors. Unless told otherwise the C library returns the large ones to the
-// kernel each time, and clearing their pages again takes a tenth of a step of small models.
-void keep_freed_memory() {
-#if defined(__GLIBC__)
-  ::mallopt(M_MMAP_THRESHOLD, 1 << 28);
-  ::mallopt(M_TRIM_THRESHOLD, 1 << 29);
-#endif
-}
 
 Json resolved_config(const TrainCommand& command, std::string& file) {
   const fs::path earlier = command.run.output / "config.json";

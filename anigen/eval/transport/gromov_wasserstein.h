@@ -9,10 +9,14 @@
 
 namespace anigen::eval {
 
+/// Pairs of joints up to which the iterated search runs all its rounds; about 45 joints a side.
+inline constexpr int kFullSearchCells = 2000;
+
 struct GromovWassersteinOptions {
   int descents = 2;  ///< starts that go on to a local minimum: those of least cost
   /// Rounds of iterated local search after the starts: a few random exchanges of the best coupling, then descent.
   /// Drawn from a stream of this seed in the canonical numbering, so equal input gives equal output.
+  /// One takes time in proportion to n·m: beyond kFullSearchCells of them there are fewer, so that all take as long.
   int perturbations = 60;
   std::uint64_t seed = 0;
   bool entropic = false;  ///< also start from an entropic (proximal) plan; slower, seldom better

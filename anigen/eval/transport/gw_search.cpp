@@ -186,7 +186,10 @@ GromovWasserstein GwSearch::run() const {
       result.costs.emplace_back(starts_to_try[k].name, true_cost(numbers, points[k].cells, alpha));
     Rng rng(options.seed, "gromov_wasserstein");
     bool exchanged = false;
-    for (int round = 0; round < options.perturbations; ++round) {
+    const double affordable =
+        std::min(1.0, kFullSearchCells / static_cast<double>(problem.c1.rows() * problem.c2.rows()));
+    const int rounds = static_cast<int>(std::ceil(options.perturbations * affordable));
+    for (int round = 0; round < rounds; ++round) {
       if (descent.perturb(best, 2 + round % 4, rng) >= best.objective - resolution) continue;
       best = descent.current();
       exchanged = true;
