@@ -24,8 +24,7 @@ Children children_of(const io::JointTree& tree) {
 std::vector<int> top_down(const Children& children) {
   std::vector<int> order{static_cast<int>(children.size()) - 1};
   for (std::size_t i = 0; i < order.size(); ++i) {
-    const std::vector<int>& next = children[at(order[i])];
-    order.insert(order.end(), next.begin(), next.end());
+    for (const int next : children[at(order[i])]) order.push_back(next);
   }
   return order;
 }

@@ -17,8 +17,7 @@ std::vector<int> parents_first(const io::JointTree& tree) {
     }
   }
   for (std::size_t k = 0; k < order.size(); ++k) {
-    const std::vector<int>& below = children[static_cast<std::size_t>(order[k])];
-    order.insert(order.end(), below.begin(), below.end());
+    for (const int below : children[static_cast<std::size_t>(order[k])]) order.push_back(below);
   }
   return order;
 }
