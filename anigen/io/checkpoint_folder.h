@@ -3,6 +3,7 @@
 #include <filesystem>
 #include <optional>
 #include <string>
+#include <vector>
 
 namespace anigen::io {
 
@@ -29,6 +30,10 @@ std::filesystem::path choose_decoder_checkpoint(const std::filesystem::path& fol
 /// The largest step in any checkpoint's name, from which training resumes; nothing when there is none, also when the
 /// folder does not exist.
 std::optional<std::int64_t> latest_step(const std::filesystem::path& folder);
+
+/// Names of the .pt and .safetensors files that lie directly in a folder, by stem; of two with one stem only the .pt.
+/// Temporary files, which killed writers leave behind, do not count. @throws InputError when it cannot be listed
+std::vector<std::string> checkpoint_names(const std::filesystem::path& folder);
 
 /// The integer after the last "step" of a file name ("denoiser_step0000200.pt": 200); -1 when there is none.
 std::int64_t step_of(const std::string& file_name);

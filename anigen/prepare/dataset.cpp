@@ -1,6 +1,7 @@
 #include "anigen/prepare/dataset.h"
 
 #include <algorithm>
+#include <system_error>
 #include <utility>
 
 #include "anigen/core/atomic_file.h"
@@ -8,6 +9,7 @@
 #include "anigen/core/log.h"
 #include "anigen/core/sha256.h"
 #include "anigen/prepare/card/dataset_card.h"
+#include "anigen/prepare/run/carried_columns.h"
 #include "anigen/prepare/run/manifest.h"
 #include "anigen/prepare/run/run_lock.h"
 #include "anigen/prepare/run/source_scores.h"
@@ -43,6 +45,18 @@ CsvTable rejected_table(const std::vector<Rejected>& rejected) {
   return table;
 }
 
+/// metadata.csv as it lies there; an empty table when there is none or it cannot be read.
+CsvTable earlier_table(const fs::path& file) {
+  std::error_code error;
+  if (!fs::exists(file, error)) return {};
+  try {
+    return read_csv(file);
+  } catch (const InputError& problem) {
+    log::warn("{}; columns that other programs added to it are lost", problem.what());
+    return {};
+  }
+}
+
 /// Everything that is made from manifests and records. @pre the caller has the dataset alone
 PrepareSummary write_tables(const fs::path& out, const std::vector<Manifest>& manifests) {
   const StepPlan plan = step_plan_from_json(manifests[0].settings.at("plan"));
@@ -62,7 +76,8 @@ PrepareSummary write_tables(const fs::path& out, const std::vector<Manifest>& ma
   }
   mark_test(found.rows, options.split, options.limits);
   const SplitCounts splits = write_splits(out, found.rows, options.limits);
-  const CsvTable table = dataset_table(found.rows, options.limits);
+  CsvTable table = dataset_table(found.rows, options.limits);
+  carry_over_columns(table, earlier_table(out / "metadata.csv"));
   write_file_atomically(out / "metadata.csv", to_csv(table));
   write_card(out, found, table, plan, options.limits);  // last: it draws assets, which may fail
 

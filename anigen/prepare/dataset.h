@@ -56,8 +56,9 @@ struct PrepareSummary {
 /// Every step of every asset is written by rename and recorded; what is recorded under the same content, options and
 /// version is not made again. So a call that ended in whatever way can be repeated, and the dataset that comes out
 /// (all but run/) has the same bytes however often that happened, on however many workers and shards. metadata.csv
-/// names exactly the sources of this call, in their order. What cannot be used, or repeats an earlier source, goes to
-/// rejected.csv; only usable assets enter the splits.
+/// names exactly the sources of this call, in their order; columns that other programs added to it stay
+/// (carry_over_columns). What cannot be used, or repeats an earlier source, goes to rejected.csv; only usable assets
+/// enter the splits.
 ///
 /// A shard only takes its own sources through the steps; merge_dataset() makes the tables when all have finished.
 /// @throws InputError when not one source could be used, or another process works on the same part of the dataset;

@@ -38,6 +38,15 @@ TEST_F(CheckpointFolder, HighestStepWinsNumerically) {
   EXPECT_EQ(latest_step(folder_ / "ckpts"), 99);
 }
 
+TEST_F(CheckpointFolder, FilesOfKilledWritersDoNotCount) {
+  add("denoiser_step0000010.safetensors");
+  add("denoiser_step0000020.tmp-123-4.safetensors");
+  add("state_step0000020.tmp-123-5.safetensors");
+  EXPECT_EQ(flow(false), "denoiser_step0000010.safetensors");
+  EXPECT_EQ(latest_step(folder_.path()), 10);
+  EXPECT_EQ(checkpoint_names(folder_ / "ckpts"), std::vector<std::string>{"denoiser_step0000010.safetensors"});
+}
+
 TEST_F(CheckpointFolder, SafetensorsCountAndPtWinsTies) {
   add("denoiser_step0000010.safetensors");
   EXPECT_EQ(flow(false), "denoiser_step0000010.safetensors");

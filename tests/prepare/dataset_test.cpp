@@ -169,6 +169,33 @@ TEST_F(PrepareDataset, RepeatedCallsReuseAndAreByteIdentical) {
   EXPECT_EQ(contents(folder_ / "elsewhere"), before);
 }
 
+TEST_F(PrepareDataset, KeepsTheColumnsOfOtherPrograms) {
+  prepare_dataset(options("out"));
+  const fs::path file = folder_ / "out" / "metadata.csv";
+  const CsvTable own = read_csv(file);
+  CsvTable table = own;
+  table.columns.insert(table.columns.end(), {"ss_latent_a", "caption", "feature_gone"});
+  for (auto& row : table.rows) row.insert(row.end(), {"True", "a chain, \"rigged\"", "True"});
+  table.rows.erase(table.rows.begin() + 1);
+  write_file_atomically(file, to_csv(table));
+
+  prepare_dataset(options("out"));
+  const CsvTable again = read_csv(file);
+  ASSERT_EQ(again.rows.size(), own.rows.size());
+  ASSERT_EQ(again.columns.size(), own.columns.size() + 2) << "features that are not there are not carried over";
+  for (std::size_t row = 0; row < own.rows.size(); ++row) {
+    EXPECT_EQ(again.cell(row, "ss_latent_a"), row == 1 ? "False" : "True") << "nobody made latents of a new asset";
+    EXPECT_EQ(again.cell(row, "caption"), row == 1 ? "" : "a chain, \"rigged\"");
+    EXPECT_EQ(std::vector<std::string>(again.rows[row].begin(), again.rows[row].end() - 2), own.rows[row]);
+  }
+  const std::string bytes = read_file(file);
+  prepare_dataset(options("out"));
+  EXPECT_EQ(read_file(file), bytes);
+  write_file_atomically(file, "not, a\ntable");
+  EXPECT_NO_THROW(prepare_dataset(options("out")));
+  EXPECT_EQ(read_file(file), to_csv(own));
+}
+
 TEST_F(PrepareDataset, GoesOnAfterAnInterruption) {
   prepare_dataset(options("out"));
   const auto complete = contents(folder_ / "out");

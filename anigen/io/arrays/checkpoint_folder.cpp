@@ -21,27 +21,6 @@ fs::path files_folder(const fs::path& folder) {
 
 bool contains(const std::string& text, const char* part) { return text.find(part) != std::string::npos; }
 
-/// Names of .pt and .safetensors files, sorted; of two with one stem only the .pt.
-std::vector<std::string> checkpoint_names(const fs::path& folder) {
-  std::vector<fs::path> files;
-  std::error_code error;
-  for (fs::directory_iterator entry(folder, error), end; !error && entry != end; entry.increment(error)) {
-    const std::string extension = entry->path().extension().string();
-    if (extension == ".pt" || extension == ".safetensors") files.push_back(entry->path().filename());
-  }
-  if (error) throw InputError(folder.string(), "", "cannot be listed: " + error.message());
-  std::sort(files.begin(), files.end(), [](const fs::path& a, const fs::path& b) {
-    return std::make_tuple(a.stem().string(), a.extension().string()) <
-           std::make_tuple(b.stem().string(), b.extension().string());
-  });
-  files.erase(std::unique(files.begin(), files.end(),
-                          [](const fs::path& a, const fs::path& b) { return a.stem() == b.stem(); }),
-              files.end());
-  std::vector<std::string> names;
-  for (const fs::path& file : files) names.push_back(file.string());
-  return names;
-}
-
 std::string listed(const std::vector<std::string>& names) {
   std::string text;
   for (const std::string& name : names) text += (text.empty() ? "" : ", ") + name;
@@ -60,6 +39,27 @@ std::string newest(const std::vector<std::string>& names, bool ema) {
 }
 
 }  // namespace
+
+std::vector<std::string> checkpoint_names(const fs::path& folder) {
+  std::vector<fs::path> files;
+  std::error_code error;
+  for (fs::directory_iterator entry(folder, error), end; !error && entry != end; entry.increment(error)) {
+    const fs::path name = entry->path().filename();
+    if (contains(name.string(), ".tmp-")) continue;  // what a killed writer left (core/atomic_file.h)
+    if (name.extension() == ".pt" || name.extension() == ".safetensors") files.push_back(name);
+  }
+  if (error) throw InputError(folder.string(), "", "cannot be listed: " + error.message());
+  std::sort(files.begin(), files.end(), [](const fs::path& a, const fs::path& b) {
+    return std::make_tuple(a.stem().string(), a.extension().string()) <
+           std::make_tuple(b.stem().string(), b.extension().string());
+  });
+  files.erase(std::unique(files.begin(), files.end(),
+                          [](const fs::path& a, const fs::path& b) { return a.stem() == b.stem(); }),
+              files.end());
+  std::vector<std::string> names;
+  for (const fs::path& file : files) names.push_back(file.string());
+  return names;
+}
 
 std::int64_t step_of(const std::string& file_name) {
   constexpr std::string_view kMark = "step";

@@ -1,12 +1,6 @@
 #include "anigen/prepare/run/run_lock.h"
 
-#include <fcntl.h>
-#include <sys/file.h>
-#include <unistd.h>
-
 #include <cctype>
-#include <cerrno>
-#include <cstring>
 #include <system_error>
 #include <vector>
 
@@ -16,17 +10,6 @@ namespace anigen::prepare {
 namespace {
 
 namespace fs = std::filesystem;
-
-/// @return the open file, or -1 when another process holds it
-int try_lock(const fs::path& file, int operation) {
-  const int descriptor = ::open(file.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0666);
-  if (descriptor < 0) throw Error(file.string() + ": cannot open: " + std::strerror(errno));
-  if (::flock(descriptor, operation | LOCK_NB) == 0) return descriptor;
-  const int reason = errno;
-  ::close(descriptor);
-  if (reason == EWOULDBLOCK) return -1;
-  throw Error(file.string() + ": cannot lock: " + std::strerror(reason));
-}
 
 /// "<stem>.tmp-<pid>-<n><extension>"
 bool is_temporary(const std::string& name) {
@@ -47,27 +30,15 @@ bool is_temporary(const std::string& name) {
 
 fs::path run_folder(const fs::path& out) { return out / "run"; }
 
-RunLock::RunLock(const fs::path& out, const Shard& shard) {
-  std::error_code error;
-  fs::create_directories(run_folder(out), error);
-  if (error) throw Error(run_folder(out).string() + ": cannot create folder: " + error.message());
-  dataset_ = try_lock(run_folder(out) / "lock", shard.whole() ? LOCK_EX : LOCK_SH);
-  if (dataset_ < 0) throw InputError(out.string(), "", "another anigen-prepare is working on this dataset");
-  if (shard.whole()) return;
-  try {
-    shard_ = try_lock(run_folder(out) / ("lock-" + shard.name()), LOCK_EX);
-    if (shard_ < 0) {
-      throw InputError(out.string(), "", "another anigen-prepare is working on shard " + shard.name());
-    }
-  } catch (...) {
-    ::close(dataset_);
-    throw;
+RunLock::RunLock(const fs::path& out, const Shard& shard)
+    : dataset_(FileLock::try_lock(dataset_lock_file(out),
+                                  shard.whole() ? FileLock::Kind::kExclusive : FileLock::Kind::kShared)) {
+  if (!dataset_) {
+    throw InputError(out.string(), "", "another anigen-prepare, or an anigen-encode, is working on this dataset");
   }
-}
-
-RunLock::~RunLock() {
-  if (shard_ >= 0) ::close(shard_);
-  if (dataset_ >= 0) ::close(dataset_);
+  if (shard.whole()) return;
+  shard_ = FileLock::try_lock(run_folder(out) / ("lock-" + shard.name()), FileLock::Kind::kExclusive);
+  if (!shard_) throw InputError(out.string(), "", "another anigen-prepare is working on shard " + shard.name());
 }
 
 std::size_t sweep_temporary_files(const fs::path& out) {

@@ -1,23 +1,22 @@
 #pragma once
 #include <filesystem>
+#include <optional>
 
+#include "anigen/core/file_lock.h"
 #include "anigen/prepare/run/shard.h"
 
 namespace anigen::prepare {
 
-/// Keeps two runs from working on the same part of one dataset. Held by flock on files of <out>/run, so the kernel
-/// lets go of it however the process ends, and no stale lock stays behind. A shard shares the dataset with other
-/// shards; a whole run or a merge has it alone. Worker processes do not inherit it.
+/// Keeps two runs from working on the same part of one dataset, by locks on files of <out>/run (core/file_lock.h). A
+/// shard shares the dataset with other shards and with anigen-encode; a whole run or a merge has it alone. Worker
+/// processes do not inherit it.
 class RunLock {
  public:
   /// @throws InputError when another process is at work there
   RunLock(const std::filesystem::path& out, const Shard& shard);
-  ~RunLock();
-  RunLock(const RunLock&) = delete;
-  RunLock& operator=(const RunLock&) = delete;
 
  private:
-  int dataset_ = -1, shard_ = -1;
+  std::optional<FileLock> dataset_, shard_;
 };
 
 /// Where a run keeps what is not part of the dataset: locks, failures, timings, lists of what each shard made.
