@@ -1,5 +1,5 @@
 #pragma once
-#include "anigen/nn/torch.h"
+#include "anigen/nn/linear.h"
 
 namespace anigen::nn {
 
@@ -9,8 +9,27 @@ enum class Init {
   kNone        ///< nothing: memory is reserved but not written; load every tensor (strictly) before use
 };
 
-/// Xavier-uniform weights and zero biases for every Linear below `module` (reference autoencoders.md, 1.3 and 3.10).
+/// Xavier-uniform weights and zero biases for every Linear below `module` (reference autoencoders.md, 1.3 and 3.10). Of
+/// a low-rank addition `lora_A` becomes zero and `lora_B` 0.01 · N(0, 1) (reference flows-and-pipeline.md, 1.8).
 void xavier_uniform_linears(torch::nn::Module& module);
+
+/// Kaiming-uniform weights with gain 1 and the fan-in, |w| <= sqrt(3 / in), and zero biases for every Linear below
+/// `module` (reference autoencoders.md, 2.3).
+void kaiming_uniform_linears(torch::nn::Module& module);
+
+/// PyTorch's default for every Conv3d below `module`: weights and biases uniform in ± 1 / sqrt(fan-in) (the
+/// Kaiming-uniform rule with a = sqrt(5)).
+void default_convolutions(torch::nn::Module& module);
+
+/// Ones and zeros for the weight and the bias of every AffineLayerNorm and VolumeNorm below `module`, ones for the
+/// gamma of every MultiHeadRmsNorm.
+void default_norms(torch::nn::Module& module);
+
+/// Weight ~ N(0, std²), zero bias: the layers of a timestep embedder (reference flows-and-pipeline.md, 1.7).
+void normal_linear(LinearImpl& linear, double std = 0.02);
+
+/// Zeros in every parameter of this module and those below.
+void zero_parameters(torch::nn::Module& module);
 
 /// Whether fp16 conversion of a model concerns this module's own parameters.
 bool is_linear_or_convolution(const torch::nn::Module& module);

@@ -5,12 +5,19 @@
 
 namespace anigen::nn {
 
-LinearImpl::LinearImpl(std::int64_t in_features, std::int64_t out_features, bool with_bias) {
+LinearImpl::LinearImpl(std::int64_t in_features, std::int64_t out_features, bool with_bias, const Lora& lora)
+    : lora_scale_(lora.scale) {
   weight = register_parameter("weight", torch::empty({out_features, in_features}));
   if (with_bias) bias = register_parameter("bias", torch::empty({out_features}));
+  if (lora.rank == 0) return;
+  lora_A = register_parameter("lora_A", torch::empty({in_features, lora.rank}));
+  lora_B = register_parameter("lora_B", torch::empty({lora.rank, out_features}));
 }
 
-Tensor LinearImpl::forward(const Tensor& x) { return torch::linear(x, weight, bias); }
+Tensor LinearImpl::forward(const Tensor& x) {
+  const Tensor y = torch::linear(x, weight, bias);
+  return lora_A.defined() ? y.add(torch::matmul(torch::matmul(x, lora_A), lora_B), lora_scale_) : y;
+}
 
 MlpImpl::MlpImpl(std::int64_t in_features, std::int64_t hidden_features, std::int64_t out_features) {
   first_ = register_module("0", Linear(in_features, hidden_features));

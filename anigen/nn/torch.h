@@ -26,6 +26,20 @@ inline torch::Dtype accumulation_dtype(torch::Dtype dtype) {
   return is_reduced_precision(dtype) ? torch::kFloat32 : dtype;
 }
 
+/// softmax(q kᵀ / √D) v by one kernel of the library, for [B, H, ·, D]; LibTorch 2 and newer.
+#if ANIGEN_TORCH_AT_LEAST(2, 0)
+inline constexpr bool kHasFusedAttention = true;
+inline Tensor fused_attention(const Tensor& q, const Tensor& k, const Tensor& v) {
+  return at::scaled_dot_product_attention(q, k, v);
+}
+#else
+inline constexpr bool kHasFusedAttention = false;
+inline Tensor fused_attention(const Tensor& q, const Tensor&, const Tensor&) {
+  TORCH_CHECK(kHasFusedAttention, "this LibTorch has no fused attention");
+  return q;
+}
+#endif
+
 /// dtype of a tensor as torch::Dtype (Tensor::dtype() returns a TypeMeta).
 inline torch::Dtype dtype_of(const Tensor& tensor) { return tensor.scalar_type(); }
 

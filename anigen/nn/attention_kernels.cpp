@@ -1,0 +1,82 @@
+#include "anigen/nn/attention_kernels.h"
+
+#include <cmath>
+
+#include "anigen/nn/vector_exp.h"
+
+namespace anigen::nn::kernels {
+namespace {
+
+// Integers in the order of the floats with these bits; its own inverse. Compilers vectorise the maximum of integers,
+// but not that of floats, which has rules for NaN.
+ANIGEN_INLINE std::int32_t ordered(std::int32_t bits) { return bits ^ ((bits >> 31) & 0x7FFFFFFF); }
+
+ANIGEN_INLINE float largest_of(const float* row, std::int64_t n, float start) {
+  std::int32_t largest = ordered(bits_as<std::int32_t>(start));
+  for (std::int64_t c = 0; c < n; ++c) {
+    const std::int32_t key = ordered(bits_as<std::int32_t>(row[c]));
+    largest = largest > key ? largest : key;
+  }
+  return bits_as<float>(ordered(largest));
+}
+
+// Several partial sums, since compilers keep the order of additions of floats.
+ANIGEN_INLINE float sum_of_row(const float* row, std::int64_t n) {
+  constexpr std::int64_t kLanes = 64;
+  float lanes[kLanes] = {};
+  std::int64_t c = 0;
+  for (; c + kLanes <= n; c += kLanes) {
+    for (std::int64_t l = 0; l < kLanes; ++l) lanes[l] += row[c + l];
+  }
+  float sum = 0.0F;
+  for (std::int64_t l = 0; l < kLanes; ++l) sum += lanes[l];
+  for (; c < n; ++c) sum += row[c];
+  return sum;
+}
+
+}  // namespace
+
+ANIGEN_VECTOR_CLONES
+void softmax_block(float* __restrict scores, std::int64_t rows, std::int64_t columns, float scale,
+                   const RunningSoftmax& state) {
+  for (std::int64_t r = 0; r < rows; ++r, scores += columns) {
+    const float before = state.largest[r], largest = largest_of(scores, columns, before);
+    for (std::int64_t c = 0; c < columns; ++c) scores[c] = exp_or_nan(scale * (scores[c] - largest));
+    const float shrink = exp_clamped(scale * (before - largest));
+    state.largest[r] = largest;
+    state.shrink[r] = shrink;
+    state.sum[r] = state.sum[r] * shrink + sum_of_row(scores, columns);
+  }
+}
+
+ANIGEN_VECTOR_CLONES
+void scale_rows(float* __restrict values, std::int64_t rows, std::int64_t columns, const float* __restrict factors) {
+  for (std::int64_t r = 0; r < rows; ++r, values += columns) {
+    for (std::int64_t c = 0; c < columns; ++c) values[c] *= factors[r];
+  }
+}
+
+ANIGEN_VECTOR_CLONES
+void softmax_finish(const float* __restrict values, std::int64_t rows, std::int64_t columns, float scale,
+                    const RunningSoftmax& state, float* __restrict out, std::int64_t stride,
+                    float* __restrict log_sums) {
+  for (std::int64_t r = 0; r < rows; ++r, values += columns, out += stride) {
+    const float factor = 1.0F / state.sum[r];
+    for (std::int64_t c = 0; c < columns; ++c) out[c] = values[c] * factor;
+    log_sums[r] = scale * state.largest[r] + std::log(state.sum[r]);
+  }
+}
+
+ANIGEN_VECTOR_CLONES
+void softmax_backward_block(float* __restrict scores, float* __restrict slopes, std::int64_t rows, std::int64_t columns,
+                            float scale, const float* __restrict log_sums, const float* __restrict delta) {
+  for (std::int64_t r = 0; r < rows; ++r, scores += columns, slopes += columns) {
+    for (std::int64_t c = 0; c < columns; ++c) {
+      const float weight = exp_or_nan(scale * scores[c] - log_sums[r]);
+      scores[c] = weight;
+      slopes[c] = scale * weight * (slopes[c] - delta[r]);
+    }
+  }
+}
+
+}  // namespace anigen::nn::kernels

@@ -1,0 +1,52 @@
+#pragma once
+#include <cstdint>
+#include <cstring>
+
+/// For sources with loops over arrays of floats: a function marked ANIGEN_VECTOR_CLONES is compiled once per
+/// instruction set, and the program picks when it starts; what it calls in its loops is marked ANIGEN_INLINE.
+#if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__)
+#define ANIGEN_VECTOR_CLONES __attribute__((target_clones("avx512f", "avx2", "default")))
+#define ANIGEN_INLINE inline __attribute__((always_inline))
+#else
+#define ANIGEN_VECTOR_CLONES
+#define ANIGEN_INLINE inline
+#endif
+
+namespace anigen::nn::kernels {
+
+template <typename To, typename From>
+ANIGEN_INLINE To bits_as(From from) {
+  static_assert(sizeof(To) == sizeof(From), "same size");
+  To to;
+  std::memcpy(&to, &from, sizeof to);
+  return to;
+}
+
+/// e^t to about one unit in the last place for |t| <= 87, clamped beyond (and for NaN). Nothing but arithmetic, so that
+/// loops over it are vectorised: t = n ln 2 + r with |r| <= ln 2 / 2, and a polynomial for e^r (coefficients of Cephes'
+/// expf). The clamp works on the bits, since compilers do not vectorise comparisons of floats, which might trap.
+ANIGEN_INLINE float exp_clamped(float t) {
+  const auto bits = bits_as<std::int32_t>(t);
+  constexpr std::int32_t kBitsOf87 = 0x42AE0000, kMagnitude = 0x7FFFFFFF;
+  const std::int32_t magnitude = bits & kMagnitude;
+  const std::int32_t clamped = magnitude < kBitsOf87 ? magnitude : kBitsOf87;
+  t = bits_as<float>(clamped | (bits & ~kMagnitude));
+  constexpr float kShifter = 12582912.0F;  // 1.5 · 2^23: adding it leaves the nearest integer in the low bits
+  const float shifted = t * 1.44269504088896341F + kShifter;
+  const float n = shifted - kShifter;
+  const float r = (t - n * 0.693359375F) - n * -2.12194440e-4F;  // ln 2 in two parts
+  float p = 1.9875691500e-4F;
+  p = p * r + 1.3981999507e-3F;
+  p = p * r + 8.3334519073e-3F;
+  p = p * r + 4.1665795894e-2F;
+  p = p * r + 1.6666665459e-1F;
+  p = p * r + 5.0000001201e-1F;
+  p = p * (r * r) + r + 1.0F;
+  const auto power = (bits_as<std::uint32_t>(shifted) << 23) + 0x3F800000U;  // the bits of 2^n
+  return p * bits_as<float>(power);
+}
+
+/// exp_clamped, but NaN for NaN and infinities.
+ANIGEN_INLINE float exp_or_nan(float t) { return exp_clamped(t) + 0.0F * t; }
+
+}  // namespace anigen::nn::kernels
