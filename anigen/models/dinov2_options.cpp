@@ -9,9 +9,9 @@ namespace anigen::models {
 namespace {
 
 // Limits that no sensible model reaches, so that a mistyped size is an error and not an allocation failure.
-constexpr std::int64_t kMaxWidth = 16384;
-constexpr std::int64_t kMaxBlocks = 256;
-constexpr std::int64_t kMaxSide = 16384;
+constexpr std::int64_t kMostDinoChannels = 16384;
+constexpr std::int64_t kMostDinoBlocks = 256;
+constexpr std::int64_t kMostDinoSide = 16384;
 
 struct Size {
   const char* letter;
@@ -29,7 +29,7 @@ std::string name_of(const Size& size, bool registers) {
   return std::string("dinov2_vit") + size.letter + "14" + (registers ? "_reg" : "");
 }
 
-void check(bool valid, const std::string& file, const std::string& place, const std::string& problem) {
+void require_valid(bool valid, const std::string& file, const std::string& place, const std::string& problem) {
   if (!valid) throw InputError(file, place, problem);
 }
 
@@ -68,14 +68,15 @@ Dinov2Options Dinov2Options::named(const std::string& name) {
 Dinov2Options Dinov2Options::from_json(const Json& json, const std::string& file, const std::string& pointer) {
   ConfigReader reader(json, file, pointer);
   Dinov2Options options;
-  options.img_size = reader.integer("img_size", options.img_size, 1, kMaxSide);
-  options.patch_size = reader.integer("patch_size", options.patch_size, 1, kMaxSide);
-  options.embed_dim = reader.integer("embed_dim", options.embed_dim, 1, kMaxWidth);
-  options.depth = reader.integer("depth", options.depth, 0, kMaxBlocks);
-  options.num_heads = reader.integer("num_heads", options.num_heads, 1, kMaxWidth);
+  options.img_size = reader.integer("img_size", options.img_size, 1, kMostDinoSide);
+  options.patch_size = reader.integer("patch_size", options.patch_size, 1, kMostDinoSide);
+  options.embed_dim = reader.integer("embed_dim", options.embed_dim, 1, kMostDinoChannels);
+  options.depth = reader.integer("depth", options.depth, 0, kMostDinoBlocks);
+  options.num_heads = reader.integer("num_heads", options.num_heads, 1, kMostDinoChannels);
   options.mlp_ratio = reader.number("mlp_ratio", options.mlp_ratio, 0.0, 64.0);
   options.ffn_layer = reader.choice("ffn_layer", options.ffn_layer, {"mlp", "swiglu", "swiglufused"});
-  options.num_register_tokens = reader.integer("num_register_tokens", options.num_register_tokens, 0, kMaxWidth);
+  options.num_register_tokens =
+      reader.integer("num_register_tokens", options.num_register_tokens, 0, kMostDinoChannels);
   options.interpolate_antialias = reader.boolean("interpolate_antialias", options.interpolate_antialias);
   options.interpolate_offset = reader.number("interpolate_offset", options.interpolate_offset, 0.0, 1.0);
   reader.number("init_values", 1.0);
@@ -104,11 +105,11 @@ Json Dinov2Options::to_json() const {
 }
 
 void Dinov2Options::validate(const std::string& file, const std::string& pointer) const {
-  check(patch_size > 0 && img_size >= patch_size, file, pointer + "/img_size",
-        std::to_string(img_size) + " pixels hold no patch of " + std::to_string(patch_size));
-  check(num_heads > 0 && embed_dim % num_heads == 0, file, pointer + "/num_heads",
-        std::to_string(num_heads) + " heads do not divide " + std::to_string(embed_dim) + " channels");
-  check(ffn_hidden() >= 1, file, pointer + "/mlp_ratio", "leaves no hidden channel");
+  require_valid(patch_size > 0 && img_size >= patch_size, file, pointer + "/img_size",
+                std::to_string(img_size) + " pixels hold no patch of " + std::to_string(patch_size));
+  require_valid(num_heads > 0 && embed_dim % num_heads == 0, file, pointer + "/num_heads",
+                std::to_string(num_heads) + " heads do not divide " + std::to_string(embed_dim) + " channels");
+  require_valid(ffn_hidden() >= 1, file, pointer + "/mlp_ratio", "leaves no hidden channel");
 }
 
 std::int64_t Dinov2Options::ffn_hidden() const {

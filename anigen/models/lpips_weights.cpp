@@ -46,7 +46,7 @@ Found find_weight(const std::string& key, const std::vector<LpipsArrays>& source
                    "and the linear heads of the lpips package (lin0 … lin4)");
 }
 
-std::string shape_text(torch::IntArrayRef shape) {
+std::string sizes_in_words(torch::IntArrayRef shape) {
   std::string text;
   for (const std::int64_t size : shape) text += (text.empty() ? "[" : ", ") + std::to_string(size);
   return text.empty() ? "[]" : text + "]";
@@ -59,8 +59,9 @@ bool is_floating_point(io::Dtype dtype) {
 Tensor checked(const Found& found, torch::IntArrayRef shape) {
   const io::NdArray& array = *found.array;
   if (torch::IntArrayRef(array.shape) != shape) {
-    throw InputError(*found.file, found.name,
-                     "has shape " + shape_text(array.shape) + " where LPIPS with VGG16 has " + shape_text(shape));
+    throw InputError(
+        *found.file, found.name,
+        "has shape " + sizes_in_words(array.shape) + " where LPIPS with VGG16 has " + sizes_in_words(shape));
   }
   if (!is_floating_point(array.dtype))
     throw InputError(*found.file, found.name, std::string("holds ") + io::name_of(array.dtype) + ", not weights");

@@ -28,8 +28,10 @@ io::NamedArrays weights_of(const NamedModel& model, const ParameterBuffer& buffe
   io::NamedArrays arrays;
   for (const models::StateEntry& entry : models::state_entries(*model.module)) {
     const auto slot = slots.find(entry.key);
-    arrays.emplace_back(entry.key,
-                        models::to_array(slot == slots.end() ? entry.tensor : buffer.part(flat, *slot->second)));
+    torch::Tensor value =
+        slot == slots.end() ? buffer.frozen(model.name + "." + entry.key) : buffer.part(flat, *slot->second);
+    if (!value.defined()) value = entry.tensor;  // a buffer of the model
+    arrays.emplace_back(entry.key, models::to_array(value));
   }
   return arrays;
 }
@@ -53,6 +55,8 @@ void set_weights(const NamedModel& model, const ParameterBuffer& buffer, torch::
     if (slot != slots.end()) {
       buffer.part(flat, *slot->second).copy_(value);
     } else {
+      torch::Tensor original = buffer.frozen(model.name + "." + entry.key);
+      if (original.defined()) original.copy_(value);
       torch::Tensor(entry.tensor).copy_(value);
     }
   }

@@ -6,17 +6,22 @@ namespace anigen::train {
 namespace {
 
 template <typename Visit>
-void for_each_trainable(const std::vector<NamedModel>& models, const Visit& visit) {
+void for_each_parameter(const std::vector<NamedModel>& models, bool trainable, const Visit& visit) {
   for (const NamedModel& model : models) {
     for (const auto& entry : model.module->named_parameters()) {
-      if (entry.value().requires_grad()) visit(model.name + "." + entry.key(), entry.value());
+      if (entry.value().requires_grad() == trainable) visit(model.name + "." + entry.key(), entry.value());
     }
   }
 }
 
+template <typename Visit>
+void for_each_trainable(const std::vector<NamedModel>& models, const Visit& visit) {
+  for_each_parameter(models, /*trainable=*/true, visit);
+}
+
 }  // namespace
 
-ParameterBuffer::ParameterBuffer(const std::vector<NamedModel>& models) {
+ParameterBuffer::ParameterBuffer(const std::vector<NamedModel>& models, const std::function<void()>& convert) {
   std::int64_t count = 0;
   torch::Device device(torch::kCPU);
   for_each_trainable(models, [&](const std::string&, const torch::Tensor& parameter) {
@@ -32,6 +37,11 @@ ParameterBuffer::ParameterBuffer(const std::vector<NamedModel>& models) {
     master_.narrow(0, offset, parameter.numel()).copy_(parameter.reshape({-1}));
     offset += parameter.numel();
   });
+  // Converting gives a parameter other storage; what detach() returns stays with the one it has now.
+  for_each_parameter(models, /*trainable=*/false, [&](const std::string& name, const torch::Tensor& parameter) {
+    frozen_[name] = parameter.detach();
+  });
+  if (convert) convert();
   attach(models);
 }
 
@@ -65,6 +75,11 @@ void ParameterBuffer::attach(const std::vector<NamedModel>& models) {
 
 torch::Tensor ParameterBuffer::part(const torch::Tensor& flat, const Slot& slot) const {
   return flat.narrow(0, slot.offset, slot.parameter.numel()).view(slot.parameter.sizes());
+}
+
+torch::Tensor ParameterBuffer::frozen(const std::string& name) const {
+  const auto found = frozen_.find(name);
+  return found == frozen_.end() ? torch::Tensor() : found->second;
 }
 
 void ParameterBuffer::zero_gradients() {

@@ -2,6 +2,8 @@
 #include <torch/torch.h>
 
 #include <cstdint>
+#include <functional>
+#include <map>
 #include <memory>
 #include <string>
 #include <vector>
@@ -30,7 +32,9 @@ class ParameterBuffer {
   };
 
   /// Takes over the current values of the parameters. @throws Error when nothing is trainable
-  explicit ParameterBuffer(const std::vector<NamedModel>& models);
+  /// @param convert called when the values are taken and before parameters become views: may change the parameters'
+  ///   types, so that masters and frozen() keep the full precision of what was loaded
+  explicit ParameterBuffer(const std::vector<NamedModel>& models, const std::function<void()>& convert = nullptr);
 
   /// The same layout for other models of the same architecture: their parameters share master(), their gradients
   /// are apart, for a second pair of hands in one step. @throws Error when names or shapes differ
@@ -49,6 +53,9 @@ class ParameterBuffer {
 
   /// Part of a flat vector [P] that belongs to a slot, in the parameter's shape.
   torch::Tensor part(const torch::Tensor& flat, const Slot& slot) const;
+  /// A frozen parameter as it was before `convert`, which is what checkpoints hold; it shares memory with the parameter
+  /// where that was not converted. @param name "<model>.<parameter>" @return undefined for another name or in a twin
+  torch::Tensor frozen(const std::string& name) const;
   /// Name of the first slot with a value that is not finite, or "" when all are.
   std::string first_not_finite(const torch::Tensor& flat) const;
 
@@ -58,6 +65,7 @@ class ParameterBuffer {
 
   torch::Tensor master_, gradient_;
   std::vector<Slot> slots_;
+  std::map<std::string, torch::Tensor> frozen_;
 };
 
 }  // namespace anigen::train

@@ -2,11 +2,14 @@
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
+#include <map>
 #include <memory>
+#include <set>
 #include <string>
 #include <utility>
 #include <vector>
 
+#include "anigen/core/error.h"
 #include "anigen/loaders/batch_source.h"
 #include "anigen/nn/torch.h"
 #include "anigen/train/metrics_log.h"
@@ -28,6 +31,15 @@ struct LossContext {
   std::size_t micro_batch = 0;
 };
 
+/// State-dict keys of the weights that came from files, by the name a model has in the config.
+using LoadedKeys = std::map<std::string, std::set<std::string>>;
+
+/// Those of one model; none for a model that no file filled.
+inline std::set<std::string> keys_of(const LoadedKeys& loaded, const std::string& model) {
+  const auto found = loaded.find(model);
+  return found == loaded.end() ? std::set<std::string>() : found->second;
+}
+
 /// One of the five training stages: its models, its data and its loss. The loop around it is Trainer's.
 class Stage {
  public:
@@ -38,9 +50,24 @@ class Stage {
   virtual const loaders::BatchSource& data() const = 0;
   virtual Losses losses(const loaders::Batch& batch, const LossContext& context) = 0;
 
+  /// Loads the pretrained weights that the published models of this stage begin with. Called once by a run that goes on
+  /// from no checkpoint, after `finetune_ckpt`, before replicas are made (reference training-and-data.md, 2.2): a
+  /// resumed run needs these files no more. @param finetuned what `finetune_ckpt` has filled
+  /// @throws InputError for a damaged file, or when a frozen parameter would stay at its random start
+  virtual void warm_start(const LoadedKeys& finetuned) { static_cast<void>(finetuned); }
+
+  /// Whether set_compute_dtype() takes this type.
+  virtual bool supports(torch::Dtype dtype) const { return dtype == torch::kFloat32; }
+  /// The type in which the torsos of the models compute from now on, where the published system has fp16: their linears
+  /// and convolutions are converted in place. Called once, before anyone holds the parameters.
+  /// @throws NotSupportedError for a type that supports() does not name
+  virtual void set_compute_dtype(torch::Dtype dtype) {
+    if (!supports(dtype)) throw NotSupportedError("", "/trainer/args/precision", "this precision in this stage");
+  }
+
   /// Quantities over held-out assets, with whatever weights the models have now; empty: nothing to evaluate.
   virtual Values evaluate() { return {}; }
-  /// Writes examples into a folder; called with averaged weights in place.
+  /// Writes examples into a folder; called with averaged weights in place. Its PNG files also go to TensorBoard.
   virtual void sample(const std::filesystem::path& folder) { static_cast<void>(folder); }
 
   /// The same stage with models of its own, over the same data.

@@ -1,5 +1,7 @@
 #include "anigen/train/train_command.h"
 
+#include <ATen/Context.h>
+
 #include <ctime>
 #include <system_error>
 
@@ -10,7 +12,8 @@
 #include "anigen/core/log.h"
 #include "anigen/core/memory.h"
 #include "anigen/train/blas.h"
-#include "anigen/train/skin_autoencoder_stage.h"
+#include "anigen/train/precision.h"
+#include "anigen/train/stages.h"
 
 namespace anigen::train {
 namespace {
@@ -51,15 +54,6 @@ void append_command(const fs::path& file, const std::string& line) {
   write_file_atomically(file, text + stamp + " " + line + "\n");
 }
 
-std::unique_ptr<Stage> make_stage(const std::string& trainer_name, const Json& config, const std::string& file,
-                                  ConfigReader& trainer_args, const TrainerOptions& options, torch::Device device) {
-  if (trainer_name == "AniGenSkinAETrainer") {
-    return make_skin_autoencoder_stage(config, file, trainer_args, options, device);
-  }
-  throw NotSupportedError(file, "/trainer/name",
-                          "trainer '" + trainer_name + "'; this build trains AniGenSkinAETrainer");
-}
-
 }  // namespace
 
 torch::Device parse_device(const std::string& name) {
@@ -73,6 +67,12 @@ torch::Device parse_device(const std::string& name) {
   const auto wanted = static_cast<std::size_t>(std::stoul(index));
   if (wanted >= torch::cuda::device_count()) throw InputError("--device", name, "this LibTorch sees no such device");
   return torch::Device(torch::kCUDA, static_cast<torch::DeviceIndex>(wanted));
+}
+
+void make_deterministic(torch::Device device) {
+  if (!device.is_cuda()) return;
+  at::globalContext().setDeterministicCuDNN(true);
+  at::globalContext().setBenchmarkCuDNN(false);
 }
 
 void train(const TrainCommand& command) {
@@ -94,14 +94,19 @@ void train(const TrainCommand& command) {
   trainer.finish();
 
   at::set_num_threads(command.run.threads);
+  make_deterministic(device);
   torch::manual_seed(options.seed);
-  const bool fp16 = options.fp16_mode != "none";
-  options.update.loss_scaling = options.loss_scaling && fp16 && device.is_cuda();
-  if (fp16 && device.is_cpu())
-    log::info("fp16_mode {}: on a CPU parameters and arithmetic are fp32, losses are not scaled", options.fp16_mode);
+  const Precision precision = choose_precision(options, device, file);
+  options.update.loss_scaling = precision.loss_scaling;
+  options.compute_dtype = precision.compute;
+  if (!precision.note.empty()) log::info("{}", precision.note);
   // Everything is read and checked before the run folder is touched.
   const std::unique_ptr<Stage> stage = make_stage(name, config, file, args, options, device);
   args.finish();
+  if (!stage->supports(precision.compute)) {
+    throw NotSupportedError(file, "/trainer/args/precision",
+                            "precision " + options.precision + " with trainer " + name.substr(0, 80));
+  }
 
   std::error_code error;
   fs::create_directories(command.run.output, error);

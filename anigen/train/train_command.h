@@ -21,6 +21,10 @@ struct TrainCommand {
 /// trainer, and trains. @throws what these throw
 void train(const TrainCommand& command);
 
+/// Settings under which a step on this device gives the same bits every time: on a GPU cuDNN's deterministic
+/// algorithms, chosen by rule and not by the clock.
+void make_deterministic(torch::Device device);
+
 /// cpu, cuda or cuda:N. @throws InputError for another word or a device that is not there
 torch::Device parse_device(const std::string& name);
 

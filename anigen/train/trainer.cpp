@@ -1,15 +1,20 @@
 #include "anigen/train/trainer.h"
 
+#include <ATen/CPUGeneratorImpl.h>
 #include <unistd.h>
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <optional>
+#include <system_error>
 
+#include "anigen/core/atomic_file.h"
 #include "anigen/core/error.h"
 #include "anigen/core/interrupt.h"
 #include "anigen/core/log.h"
 #include "anigen/core/progress.h"
+#include "anigen/io/image_probe.h"
 
 namespace anigen::train {
 namespace {
@@ -24,6 +29,26 @@ std::string joined_ids(const loaders::Batch& batch) {
   std::string line;
   for (const std::string& id : batch.ids) line += (line.empty() ? "" : ", ") + id;
   return line;
+}
+
+bool finite_losses(const std::vector<Values>& logged) {
+  for (const Values& values : logged) {
+    for (const auto& entry : values) {
+      if (!std::isfinite(entry.second)) return false;
+    }
+  }
+  return true;
+}
+
+// The PNG files of a folder, by name; none when a stage wrote no samples.
+std::vector<std::filesystem::path> pictures_in(const std::filesystem::path& folder) {
+  std::vector<std::filesystem::path> files;
+  std::error_code error;
+  for (std::filesystem::directory_iterator entry(folder, error), end; !error && entry != end; entry.increment(error)) {
+    if (entry->path().extension() == ".png") files.push_back(entry->path());
+  }
+  std::sort(files.begin(), files.end());
+  return files;
 }
 
 // Averaged weights in the models' place for as long as this lives.
@@ -59,15 +84,28 @@ Trainer::Trainer(Stage& stage, const TrainerOptions& options, const RunOptions& 
   }
   workers_ =
       std::make_unique<Workers>(options_.replicas, std::max(1, run.threads / static_cast<int>(options_.replicas)));
-  warm_start();
-  buffers_.emplace_back(stage.models());
+  check_finetuned_models();
+  const CheckpointFolder source((run_.load.empty() ? run_.output : run_.load) / "ckpts");
+  const std::optional<std::int64_t> resumed = step_to_restore(source);
+  if (!resumed) start_from_files();
+  const auto convert = [this](Stage& converted) {
+    if (options_.compute_dtype != torch::kFloat32) converted.set_compute_dtype(options_.compute_dtype);
+  };
+  buffers_.reserve(options_.replicas);  // the update keeps a reference to the first
+  buffers_.emplace_back(stage.models(), [&] { convert(stage); });
+  update_ = std::make_unique<ParameterUpdate>(buffers_.front(), options_.update);
+  if (resumed) restore(source, *resumed);
+  // Replicas last: they share frozen weights, which a file or a checkpoint has filled. Their own initial values, which
+  // are overwritten at once, must not count as draws of the run.
+  at::Generator generator = at::detail::getDefaultCPUGenerator();
+  const torch::Tensor draws = generator.get_state();
   for (std::size_t i = 1; i < options_.replicas; ++i) {
     owned_.push_back(stage.replica());
+    convert(*owned_.back());
     stages_.push_back(owned_.back().get());
     buffers_.push_back(buffers_.front().share(owned_.back()->models()));
   }
-  update_ = std::make_unique<ParameterUpdate>(buffers_.front(), options_.update);
-  restore();
+  generator.set_state(draws);
 }
 
 Trainer::~Trainer() = default;
@@ -88,7 +126,7 @@ void Trainer::run() {
     progress->start_at(static_cast<std::size_t>(step_));
   }
   printed_at_ = Clock::now();
-  printed_step_ = step_;
+  const std::int64_t first_step = printed_step_ = step_;
   while (step_ < options_.max_steps && !out_of_time()) {
     const Clock::time_point begin = Clock::now();
     const loaders::StepBatches batch = batches.next();
@@ -109,6 +147,7 @@ void Trainer::run() {
   }
   if (options_.i_eval > 0 && !due(step_, options_.i_eval)) evaluate();
   save();
+  if (options_.i_sample > 0 && step_ > first_step && !due(step_, options_.i_sample)) sample();
 }
 
 void Trainer::train_step(const loaders::StepBatches& batches) {
@@ -122,7 +161,7 @@ void Trainer::train_step(const loaders::StepBatches& batches) {
       logged[i].emplace_back("loss.total", losses.total.item<double>());
       for (const auto& [name, term] : losses.terms) logged[i].emplace_back("loss." + name, term.item<double>());
       for (const auto& [name, value] : logged[i]) {
-        if (std::isfinite(value)) continue;
+        if (std::isfinite(value) || options_.update.loss_scaling) continue;
         throw Error("step " + std::to_string(step_) + ": " + name + " is " + std::to_string(value) + " for samples " +
                     joined_ids(*batches[i]) + "; nothing was updated, the last checkpoint is sound");
       }
@@ -137,6 +176,8 @@ void Trainer::train_step(const loaders::StepBatches& batches) {
   for (ParameterBuffer& buffer : buffers_) buffer.collect_gradients();
   torch::Tensor gradient = buffers_.front().gradient();
   for (std::size_t i = 1; i < buffers_.size(); ++i) gradient.add_(buffers_[i].gradient());
+  // Under loss scaling such a step is skipped, also where the loss overflows and its gradient does not.
+  if (!finite_losses(logged)) gradient.fill_(std::numeric_limits<double>::quiet_NaN());
   const ParameterUpdate::Result result = update_->apply(step_);
   if (result.skipped && !options_.update.loss_scaling) {
     std::string ids;
@@ -216,8 +257,19 @@ void Trainer::evaluate() {
 }
 
 void Trainer::sample() {
-  const AveragedWeights averaged(buffers_.front(), update_->ema);
-  stages_.front()->sample(run_.output / "samples" / ("step" + std::to_string(step_)));
+  const std::filesystem::path folder = run_.output / "samples" / ("step" + std::to_string(step_));
+  {
+    const AveragedWeights averaged(buffers_.front(), update_->ema);
+    stages_.front()->sample(folder);
+  }
+  for (const std::filesystem::path& picture : pictures_in(folder)) {
+    const std::string bytes = read_file(picture);
+    const std::vector<std::uint8_t> png(bytes.begin(), bytes.end());
+    const io::PictureSize size = io::probe_picture(png, picture.string());
+    board_->image("samples/" + picture.stem().string(), png, static_cast<int>(size.width),
+                  static_cast<int>(size.height), step_);
+  }
+  board_->flush();
 }
 
 bool Trainer::out_of_time() const { return options_.max_minutes > 0.0 && elapsed() >= 60.0 * options_.max_minutes; }

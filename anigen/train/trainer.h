@@ -3,6 +3,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -30,15 +31,17 @@ struct RunOptions {
 /// as one that was not.
 class Trainer {
  public:
-  /// Restores the checkpoint that `run` asks for. @param stage models with their initial or pretrained weights; must
-  /// outlive the trainer @throws InputError for a checkpoint that does not fit
+  /// Restores the checkpoint that `run` asks for. Where there is none, the models start from `finetune_ckpt`, then from
+  /// the stage's own pretrained weights, which win (reference training-and-data.md, 2.2).
+  /// @param stage models with their initial weights; must outlive the trainer
+  /// @throws InputError for a file that does not fit, or a frozen parameter that is in none
   Trainer(Stage& stage, const TrainerOptions& options, const RunOptions& run);
   ~Trainer();
 
-  /// Trains until max_steps or max_minutes, then evaluates and saves.
+  /// Trains until max_steps or max_minutes, then evaluates, saves and, if i_sample is above 0, samples.
   /// Weights that an update left not finite are replaced by those of the last tenth step.
   /// @throws Interrupted after saving when a signal asked to stop; Error naming step, tensor and samples when a loss
-  /// or a gradient is not finite
+  /// or a gradient is not finite; with loss scaling such a step leaves the weights alone instead and lowers the scale
   void run();
 
   std::int64_t step() const { return step_; }
@@ -50,8 +53,10 @@ class Trainer {
     double data = 0.0, forward = 0.0, backward = 0.0, update = 0.0;  ///< seconds
   };
 
-  void warm_start();
-  void restore();
+  void check_finetuned_models() const;
+  void start_from_files();
+  std::optional<std::int64_t> step_to_restore(const CheckpointFolder& source) const;
+  void restore(const CheckpointFolder& source, std::int64_t step);
   void train_step(const loaders::StepBatches& batches);
   void print();
   void log_means();

@@ -187,6 +187,7 @@ TrainerOptions TrainerOptions::read(ConfigReader& reader) {
   options.max_minutes = reader.number("max_minutes", 0.0, 0.0);
   options.i_eval = reader.integer("i_eval", 0, 0);
   options.replicas = static_cast<std::size_t>(reader.integer("replicas", 1, 1, 256));
+  if (reader.has("precision")) options.precision = reader.choice("precision", "", {"fp32", "bf16", "fp16-published"});
   options.compatibility = reader.choice("compatibility", "published", {"published", "paper"});
   return options;
 }

@@ -29,6 +29,8 @@ struct TrainerOptions {
   std::int64_t i_eval = 0;                  ///< steps between evaluations on held-out assets; 0: never
   std::size_t replicas = 1;                 ///< copies of the models that work on micro-batches at the same time
   std::string compatibility = "published";  ///< or "paper": which side of a documented difference to take
+  std::string precision;  ///< "fp32", "bf16", "fp16-published"; empty: fp16_mode decides (precision.h)
+  torch::Dtype compute_dtype = torch::kFloat32;  ///< what that came to; not an argument
 
   /// Marks the keys as known; the caller reads the stage's own and then calls reader.finish().
   /// @throws InputError

@@ -1,49 +1,52 @@
 #include <ATen/CPUGeneratorImpl.h>
 
+#include <map>
+
 #include "anigen/core/error.h"
 #include "anigen/core/log.h"
 #include "anigen/io/torch_archive.h"
-#include "anigen/models/state_dict.h"
 #include "anigen/models/tensor_arrays.h"
 #include "anigen/train/model_weights.h"
 #include "anigen/train/trainer.h"
+#include "anigen/train/warm_start.h"
 
 // What a run starts from and what it leaves behind; the loop is in trainer.cpp.
 namespace anigen::train {
 
-void Trainer::warm_start() {
-  std::map<std::string, std::string> files = options_.finetune_ckpt;
-  for (const NamedModel& model : stages_.front()->models()) {
-    const auto file = files.find(model.name);
-    if (file == files.end()) continue;
-    const models::LoadReport report = models::load_state_dict(*model.module, io::read_state_dict(file->second),
-                                                              models::LoadMode::kNonStrict, file->second);
-    log::info("{}: started from {}; {} tensors keep their initial values, {} in the file are not used", model.name,
-              file->second, report.missing.size(), report.unexpected.size());
-    files.erase(file);
-  }
-  if (!files.empty()) {
-    throw InputError("", "trainer/args/finetune_ckpt/" + files.begin()->first, "there is no model of that name");
-  }
+void Trainer::check_finetuned_models() const {
+  std::map<std::string, std::string> unknown = options_.finetune_ckpt;
+  for (const NamedModel& model : stages_.front()->models()) unknown.erase(model.name);
+  if (unknown.empty()) return;
+  throw InputError("", "trainer/args/finetune_ckpt/" + unknown.begin()->first, "there is no model of that name");
 }
 
-void Trainer::restore() {
-  const CheckpointFolder source((run_.load.empty() ? run_.output : run_.load) / "ckpts");
-  if (run_.ckpt == "none") return;
-  std::int64_t step = 0;
+void Trainer::start_from_files() {
+  LoadedKeys finetuned;
+  for (const NamedModel& model : stages_.front()->models()) {
+    const auto file = options_.finetune_ckpt.find(model.name);
+    if (file == options_.finetune_ckpt.end()) continue;
+    finetuned[model.name] = load_matching(*model.module, io::read_state_dict(file->second), file->second);
+  }
+  stages_.front()->warm_start(finetuned);
+}
+
+std::optional<std::int64_t> Trainer::step_to_restore(const CheckpointFolder& source) const {
+  if (run_.ckpt == "none") return std::nullopt;
   if (run_.ckpt == "latest") {
     const std::optional<std::int64_t> latest = source.latest();
     if (!latest && !run_.load.empty()) throw InputError(run_.load.string(), "ckpts", "holds no complete checkpoint");
-    if (!latest) return;
-    step = *latest;
-  } else {
-    if (run_.ckpt.empty() || run_.ckpt.size() > 15 || run_.ckpt.find_first_not_of("0123456789") != std::string::npos) {
-      throw InputError("--ckpt", run_.ckpt, "expected latest, none or a step");
-    }
-    step = std::stoll(run_.ckpt);
-    if (!source.complete(step))
-      throw InputError(source.file("state", step).string(), "", "there is no complete checkpoint of this step");
+    return latest;
   }
+  if (run_.ckpt.empty() || run_.ckpt.size() > 15 || run_.ckpt.find_first_not_of("0123456789") != std::string::npos) {
+    throw InputError("--ckpt", run_.ckpt, "expected latest, none or a step");
+  }
+  const std::int64_t step = std::stoll(run_.ckpt);
+  if (!source.complete(step))
+    throw InputError(source.file("state", step).string(), "", "there is no complete checkpoint of this step");
+  return step;
+}
+
+void Trainer::restore(const CheckpointFolder& source, std::int64_t step) {
   for (const NamedModel& model : stages_.front()->models()) {
     set_weights(model, buffers_.front(), buffers_.front().master(), source.weights(model.name, step),
                 source.file(model.name, step).string());

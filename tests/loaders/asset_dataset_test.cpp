@@ -8,6 +8,7 @@
 
 #include "anigen/core/error.h"
 #include "anigen/loaders/datasets/feature_skeleton_dataset.h"
+#include "anigen/loaders/datasets/structure_latent_dataset.h"
 #include "anigen/loaders/datasets/structured_latent_dataset.h"
 #include "anigen/loaders/prefetcher.h"
 #include "tests/loaders/published_dataset.h"
@@ -75,6 +76,21 @@ TEST_F(PublishedOnDisk, RandomChoicesFollowSeedAndPosition) {
   }
   EXPECT_GT(by_seed, 0);
   EXPECT_GT(by_position, 0);
+}
+
+TEST_F(PublishedOnDisk, EveryAssetHasADrawHoweverOftenItRepeats) {
+  StructureLatentOptions options;
+  options.latent_model = "ss";
+  const StructureLatentDataset data({{sample_.root(), PublishedSample::id(0), 3},
+                                     {sample_.root(), PublishedSample::id(1), 1},
+                                     {sample_.root(), PublishedSample::id(2), 2}},
+                                    options, 0);
+  ASSERT_EQ(data.size(), 6u);
+  ASSERT_EQ(data.assets(), 3u);
+  for (std::size_t i = 0; i < 3; ++i) {
+    EXPECT_EQ(data.load({Draw{data.item_of(i), 0}})->ids.front(), PublishedSample::id(static_cast<int>(i)));
+  }
+  EXPECT_EQ(data.item_of(1), 3u);
 }
 
 TEST_F(PublishedOnDisk, MissingFilesAreCountedAndNamedBeforeTraining) {

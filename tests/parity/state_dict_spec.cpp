@@ -1,8 +1,13 @@
 // Full-size key listings: a model built from the published config must have the same keys, order, shapes, run-time
 // dtypes, kinds and trainable flags.
 #include <cstdio>
+#include <filesystem>
 
+#include "anigen/core/config_file.h"
 #include "anigen/models/skin_autoencoder.h"
+#include "anigen/models/sparse_structure_decoder.h"
+#include "anigen/models/sparse_structure_encoder.h"
+#include "anigen/models/sparse_structure_flow.h"
 #include "anigen/models/state_dict.h"
 #include "tests/parity/registry.h"
 
@@ -39,25 +44,35 @@ void compare(Fixture& fixture, const std::string& model_key, const torch::nn::Mo
                      trainable == spec.at("n_trainable").get<std::int64_t>());
 }
 
-// The published arguments (reference autoencoders.md, 1).
-constexpr const char* kSkinAutoEncoderArguments = R"({
-  "encoder_config": {
-    "skin_feat_channels": 4, "skl_pos_embed_freq": 12,
-    "jp_embedder_config": {"hidden_dim": 1024, "depth": 6, "jp_embed_attn": true},
-    "jp_embed_dim": 1024, "relative_pe": true, "vert_feat_is_linear": true, "normalize_feat": true},
-  "decoder_config": {"model_type": "tree", "skin_feat_channels": 4, "model_channels": 64, "num_blocks": 4,
-                     "vert_cross_blocks_num": 0},
-  "use_fp16": true})";
+// The shipped config of that name.
+Json published_config(const std::string& name) {
+  return load_config(std::filesystem::path(ANIGEN_SOURCE_DIR) / "configs" / "published" / name);
+}
 
-void run_skin_ae_spec(Fixture& fixture) {
-  const Json arguments = parse_json(kSkinAutoEncoderArguments, "published config");
-  models::SkinAutoEncoder model(models::SkinAutoEncoderOptions::from_json(arguments), nn::Init::kNone);
-  compare(fixture, "model", *model, model->half_precision_modules());
+template <typename Model, typename Options>
+void compare_published(Fixture& fixture, const Json& config, const std::string& model_key) {
+  const Json& arguments = config.at("models").at(model_key).at("args");
+  Model model(Options::from_json(arguments, "published config", "/models/" + model_key + "/args"), nn::Init::kNone);
+  compare(fixture, model_key, *model, model->half_precision_modules());
 }
 
 void run_state_dict_spec(Fixture& fixture) {
-  if (fixture.json().at("config") == "anigen_skin_ae.json") return run_skin_ae_spec(fixture);
-  throw NotBuiltYet{fixture.json().at("config").get<std::string>()};
+  const std::string name = fixture.json().at("config");
+  if (name == "anigen_skin_ae.json") {
+    compare_published<models::SkinAutoEncoder, models::SkinAutoEncoderOptions>(fixture, published_config(name),
+                                                                               "model");
+  } else if (name == "ss_dae.json") {
+    const Json config = published_config(name);
+    compare_published<models::SparseStructureEncoder, models::SparseStructureEncoderOptions>(fixture, config,
+                                                                                             "encoder");
+    compare_published<models::SparseStructureDecoder, models::SparseStructureDecoderOptions>(fixture, config,
+                                                                                             "decoder");
+  } else if (name == "ss_flow_duet.json") {
+    compare_published<models::SparseStructureFlow, models::SparseStructureFlowOptions>(fixture, published_config(name),
+                                                                                       "denoiser");
+  } else {
+    throw NotBuiltYet{name};
+  }
 }
 
 }  // namespace

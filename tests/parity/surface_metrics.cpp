@@ -10,7 +10,7 @@
 namespace anigen::test {
 namespace {
 
-void check_mesh(Fixture& fixture, const std::string& mesh) {
+void check_nearest_points(Fixture& fixture, const std::string& mesh) {
   const std::vector<int> flat = ints(fixture.input(mesh + ".faces"));
   std::vector<Triangle> faces;
   for (std::size_t i = 0; i + 2 < flat.size(); i += 3) faces.push_back({flat[i], flat[i + 1], flat[i + 2]});
@@ -58,7 +58,7 @@ void check_mesh(Fixture& fixture, const std::string& mesh) {
 
 void run_point_to_mesh(Fixture& fixture) {
   const std::size_t meshes = fixture.config().at("meshes").size();
-  for (std::size_t m = 0; m < meshes; ++m) check_mesh(fixture, "m" + std::to_string(m));
+  for (std::size_t m = 0; m < meshes; ++m) check_nearest_points(fixture, "m" + std::to_string(m));
 }
 
 void run_point_clouds(Fixture& fixture) {

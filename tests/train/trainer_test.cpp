@@ -3,9 +3,11 @@
 #include <gtest/gtest.h>
 
 #include <fstream>
+#include <limits>
 
 #include "anigen/core/atomic_file.h"
 #include "anigen/core/error.h"
+#include "anigen/io/safetensors.h"
 #include "anigen/train/skin_autoencoder_stage.h"
 #include "anigen/train/train_command.h"
 #include "tests/loaders/synthetic_dataset.h"
@@ -177,9 +179,31 @@ TEST_F(TrainerRun, BadConfigsNameTheKeyAndTouchNothing) {
   EXPECT_FALSE(std::filesystem::exists(folder_ / "bad/ckpts"));
 }
 
+TEST_F(TrainerRun, PrecisionsAStageLacksAreFoundBeforeTheRunFolderIsWritten) {
+  try {
+    train(command("bf16", {"trainer.args.precision=bf16"}));
+    FAIL() << "expected an error";
+  } catch (const NotSupportedError& error) {
+    EXPECT_EQ(error.file(), (folder_ / "config.json").string());
+    EXPECT_EQ(error.place(), "/trainer/args/precision");
+  }
+  EXPECT_FALSE(std::filesystem::exists(folder_ / "bf16"));
+}
+
+TEST_F(TrainerRun, AFineTuningFileWithoutAnyTensorOfTheModelIsAnError) {
+  io::write_safetensors(folder_ / "other.safetensors",
+                        {{"unrelated", io::NdArray::from(std::vector<float>{1.0F, 2.0F}, {2})}});
+  EXPECT_THROW(train(command("run", {"trainer.args.finetune_ckpt={\"model\": \"" +
+                                     (folder_ / "other.safetensors").string() + "\"}"})),
+               InputError);
+}
+
 /// A stage whose loss or gradient goes bad at step 2.
 struct BrokenStage : Stage, loaders::BatchSource {
   bool in_gradient = false;
+  bool in_constant = false;  ///< a loss that is infinite while its gradient is not
+  int warm_starts = 0;
+  void warm_start(const LoadedKeys&) override { ++warm_starts; }
   std::shared_ptr<torch::nn::LinearImpl> model = std::make_shared<torch::nn::LinearImpl>(2, 1);
   std::vector<NamedModel> models() const override { return {{"net", model}}; }
   const loaders::BatchSource& data() const override { return *this; }
@@ -192,6 +216,7 @@ struct BrokenStage : Stage, loaders::BatchSource {
   Losses losses(const loaders::Batch&, const LossContext& context) override {
     torch::Tensor loss = model->forward(torch::ones({1, 2})).square().sum();
     // d/dx of sqrt at 0 is infinite although its value is not.
+    if (context.step == 2 && in_constant) return {loss + std::numeric_limits<double>::infinity(), {{"square", loss}}};
     if (context.step == 2) loss = in_gradient ? loss + (model->weight * 0.0).abs().sqrt().sum() : loss * std::nan("");
     return {loss, {{"square", loss}}};
   }
@@ -219,6 +244,30 @@ TEST_F(TrainerRun, ValuesThatAreNotFiniteStopTheRunAndNameWhatWasWrong) {
     }
     EXPECT_EQ(CheckpointFolder(run.output / "ckpts").latest(), 2);
     EXPECT_TRUE(torch::isfinite(stage.model->weight).all().item<bool>());
+  }
+}
+
+TEST_F(TrainerRun, LossScalingSkipsStepsThatAreNotFinite) {
+  for (const std::string& fault : {std::string("loss"), std::string("gradient"), std::string("constant")}) {
+    BrokenStage stage;
+    stage.in_gradient = fault == "gradient";
+    stage.in_constant = fault == "constant";
+    TrainerOptions options;
+    options.max_steps = 10;
+    options.update.loss_scaling = true;
+    RunOptions run;
+    run.output = folder_ / fault;
+    Trainer trainer(stage, options, run);
+    trainer.run();
+    // From 15: a thousandth up in nine steps, one down in the bad one.
+    EXPECT_NEAR(trainer.update().log_scale, 15.0 + 9 * 1e-3 - 1.0, 1e-9) << fault;
+    EXPECT_EQ(trainer.update().optimizer.steps, 9) << fault;
+    EXPECT_TRUE(torch::isfinite(stage.model->weight).all().item<bool>()) << fault;
+    EXPECT_EQ(stage.warm_starts, 1);
+
+    BrokenStage resumed;
+    EXPECT_EQ(Trainer(resumed, options, run).step(), 10) << fault << ": what is logged must not spoil the saved state";
+    EXPECT_EQ(resumed.warm_starts, 0) << "a checkpoint holds everything";
   }
 }
 

@@ -1,5 +1,6 @@
 #include "anigen/loaders/datasets/asset_dataset.h"
 
+#include <algorithm>
 #include <system_error>
 
 #include "anigen/core/error.h"
@@ -29,9 +30,9 @@ AssetDataset::AssetDataset(std::vector<AssetId> assets, const Options& options, 
   std::vector<std::string> problems(assets.size());
   std::vector<std::uint64_t> voxels(assets.size(), 0);
   parallel_for(assets.size(), [&](std::size_t i) {
-    problems[i] = missing_file(files.of(assets[i]));
-    if (!problems[i].empty() || !files.count_voxels) return;
     try {
+      problems[i] = missing_file(files.of(assets[i]));
+      if (!problems[i].empty() || !files.count_voxels) return;
       voxels[i] = assets[i].num_voxels > 0 ? assets[i].num_voxels : files.count_voxels(assets[i]);
     } catch (const InputError& error) {
       problems[i] = error.what();
@@ -48,6 +49,11 @@ AssetDataset::AssetDataset(std::vector<AssetId> assets, const Options& options, 
     if (files.count_voxels) voxels_.push_back(voxels[i]);
   }
   report_broken(named, problems.size(), options.skip_broken);
+}
+
+std::size_t AssetDataset::item_of(std::size_t asset) const {
+  // The visits of an asset follow each other, in the order of assets.
+  return static_cast<std::size_t>(std::lower_bound(visits_.begin(), visits_.end(), asset) - visits_.begin());
 }
 
 std::unique_ptr<Batch> AssetDataset::load(const std::vector<Draw>& draws) const {

@@ -30,6 +30,8 @@ class AssetDataset : public BatchSource {
   std::size_t size() const override { return visits_.size(); }
   std::size_t assets() const { return assets_.size(); }
   const AssetId& asset(std::size_t index) const { return assets_[index]; }
+  /// The first Draw::item that stands for an asset. @param asset below assets()
+  std::size_t item_of(std::size_t asset) const;
   std::unique_ptr<Batch> load(const std::vector<Draw>& draws) const final;
   std::vector<std::uint64_t> bucket_loads() const override;
   /// Assets found broken after the start: id → what is wrong.
@@ -44,7 +46,8 @@ class AssetDataset : public BatchSource {
 
   /// How a class finds what it needs to know of its assets before training.
   struct Files {
-    std::function<std::vector<std::filesystem::path>(const AssetId&)> of;  ///< all files a sample is read from
+    /// All files a sample is read from; an InputError that it throws is the asset's problem.
+    std::function<std::vector<std::filesystem::path>(const AssetId&)> of;
     /// Number of voxels of an asset whose metadata does not say; null when the class does not balance by it.
     std::function<std::uint64_t(const AssetId&)> count_voxels;
   };

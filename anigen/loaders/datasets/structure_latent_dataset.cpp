@@ -1,8 +1,8 @@
 #include "anigen/loaders/datasets/structure_latent_dataset.h"
 
 #include "anigen/core/error.h"
+#include "anigen/core/log.h"
 #include "anigen/core/random.h"
-#include "anigen/loaders/files/view_files.h"
 #include "anigen/loaders/ragged_voxels.h"
 
 namespace anigen::loaders {
@@ -16,7 +16,10 @@ fs::path structure_latent_path(const AssetId& asset, const std::string& model) {
 
 std::vector<fs::path> files_of(const AssetId& asset, const StructureLatentOptions& options) {
   std::vector<fs::path> files{structure_latent_path(asset, options.latent_model)};
-  if (options.image_conditioned) files.push_back(condition_folder(asset) / "transforms.json");
+  if (!options.image_conditioned) return files;
+  files.push_back(condition_folder(asset) / "transforms.json");
+  // Views are colour first, normals only when asked for: often a dataset has none.
+  if (options.condition == ConditionPictures::kNormals) files.push_back(first_normal_picture(condition_folder(asset)));
   return files;
 }
 
@@ -48,12 +51,19 @@ StructureLatentOptions StructureLatentOptions::read(ConfigReader& reader, bool i
   options.sources.read_common(reader);
   reader.require("latent_model");
   options.latent_model = reader.text("latent_model", "");
-  if (image_conditioned) options.image_size = static_cast<int>(reader.integer("image_size", 518, 1, 4096));
+  if (image_conditioned) {
+    options.image_size = static_cast<int>(reader.integer("image_size", 518, 1, 4096));
+    const bool normals = reader.choice("condition", "color", {"color", "normal"}) == "normal";
+    options.condition = normals ? ConditionPictures::kNormals : ConditionPictures::kColor;
+  }
   options.normalization = statistics(reader, "normalization", "feats", 0.0f);
   options.normalization_skl = statistics(reader, "normalization_skl", "feats_skl", 1e-3f);
   options.ss_dec_path = reader.text("ss_dec_path", "");
   options.ss_dec_ckpt = reader.text("ss_dec_ckpt", "final");
-  options.pretrained_ss_dec = reader.text("pretrained_ss_dec", "");
+  if (!reader.text("pretrained_ss_dec", "").empty()) {
+    log::warn_once(reader.file() + ": " + reader.pointer_to("pretrained_ss_dec") +
+                   " has no effect: nothing is fetched; ss_dec_path names the run that decodes samples");
+  }
 
   RowFilter& filter = options.sources.filter;
   filter.required_flags = {"ss_latent_" + options.latent_model};
@@ -83,7 +93,7 @@ std::unique_ptr<AssetDataset::Sample> StructureLatentDataset::read(std::size_t i
                                               path.string() + ": mean_skl");
   if (options_.image_conditioned) {
     Rng view(seed(), "condition view", position);
-    sample->cond = read_condition_image(condition_folder(asset(index)), options_.image_size, view);
+    sample->cond = read_condition_image(condition_folder(asset(index)), options_.image_size, view, options_.condition);
   }
   return sample;
 }

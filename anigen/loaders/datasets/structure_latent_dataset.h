@@ -6,6 +6,7 @@
 #include "anigen/core/config_reader.h"
 #include "anigen/loaders/datasets/asset_dataset.h"
 #include "anigen/loaders/files/latent_files.h"
+#include "anigen/loaders/files/view_files.h"
 #include "anigen/loaders/source_options.h"
 
 namespace anigen::loaders {
@@ -14,12 +15,14 @@ namespace anigen::loaders {
 /// Rows need `ss_latent_<latent_model>`, and `cond_rendered` when image-conditioned; no bad skeleton, no bad skin.
 struct StructureLatentOptions {
   SourceOptions sources;
-  bool image_conditioned = false;                      ///< by the name of the dataset, not an argument
-  std::string latent_model;                            ///< folder below ss_latents/; required
-  int image_size = 518;                                ///< edge of the condition image; only when image-conditioned
-  ChannelStatistics normalization, normalization_skl;  ///< read from the files the arguments name; empty: none
-  /// Which decoder turns samples into voxels for pictures; nothing here reads it.
-  std::string ss_dec_path, ss_dec_ckpt = "final", pretrained_ss_dec;
+  bool image_conditioned = false;  ///< by the name of the dataset, not an argument
+  std::string latent_model;        ///< folder below ss_latents/; required
+  int image_size = 518;            ///< edge of the condition image; only when image-conditioned
+  ConditionPictures condition = ConditionPictures::kColor;  ///< ours, `condition`: "color" or "normal"
+  ChannelStatistics normalization, normalization_skl;       ///< read from the files the arguments name; empty: none
+  /// Which decoder turns samples into voxels for pictures; nothing here reads it. `pretrained_ss_dec`, the published
+  /// name of one to download, is only warned of.
+  std::string ss_dec_path, ss_dec_ckpt = "final";
 
   /// @throws InputError; also for normalization files that cannot be read
   static StructureLatentOptions read(ConfigReader& reader, bool image_conditioned);
@@ -36,6 +39,8 @@ struct StructureLatentBatch : Batch {
 class StructureLatentDataset : public AssetDataset {
  public:
   StructureLatentDataset(std::vector<AssetId> assets, const StructureLatentOptions& options, std::uint64_t seed);
+
+  const StructureLatentOptions& options() const { return options_; }
 
  private:
   struct Latent;

@@ -1,7 +1,9 @@
 #include "anigen/loaders/files/view_files.h"
 
 #include <Eigen/Core>
+#include <system_error>
 
+#include "anigen/core/error.h"
 #include "anigen/io/image_crop.h"
 #include "anigen/io/image_resize.h"
 #include "anigen/raytrace/views/transforms_json.h"
@@ -15,6 +17,16 @@ raytrace::Frame random_frame(const fs::path& folder, Rng& rng) {
   // At least one frame, and every picture in this folder: read_transforms sees to both.
   const raytrace::Transforms views = raytrace::read_transforms(folder / "transforms.json");
   return views.frames[rng.index(views.frames.size())];
+}
+
+/// "007.png" has its normals in "007_normal.png".
+fs::path normal_picture(const fs::path& color) {
+  const fs::path path = color.parent_path() / (color.stem().string() + "_normal.png");
+  std::error_code error;
+  if (fs::is_regular_file(path, error)) return path;
+  throw InputError(path.string(), "",
+                   "no such picture of normals; prepare the dataset with --view-geometry, or set the dataset's "
+                   "condition to color");
 }
 
 std::vector<float> planes(const io::Image& image, bool times_alpha) {
@@ -54,12 +66,17 @@ ViewImage read_view(const fs::path& folder, int size, Rng& rng) {
   return view;
 }
 
-std::vector<float> read_condition_image(const fs::path& folder, int size, Rng& rng) {
+std::vector<float> read_condition_image(const fs::path& folder, int size, Rng& rng, ConditionPictures pictures) {
   const raytrace::Frame frame = random_frame(folder, rng);
-  const fs::path path = folder / frame.file_path;
+  const fs::path color = folder / frame.file_path;
+  const fs::path path = pictures == ConditionPictures::kNormals ? normal_picture(color) : color;
   const io::Image picture = io::read_image(path);
   const io::Image object = io::crop(picture, io::condition_box(picture, path.string()));
   return planes(io::resize_lanczos(object, size, size, io::ResizeAlpha::kPremultiplied), true);
+}
+
+fs::path first_normal_picture(const fs::path& folder) {
+  return normal_picture(folder / raytrace::read_transforms(folder / "transforms.json").frames.front().file_path);
 }
 
 }  // namespace anigen::loaders

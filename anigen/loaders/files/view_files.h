@@ -20,8 +20,23 @@ struct ViewImage {
 /// @param folder renders/<id> @throws InputError naming the file: no frames, a picture that is missing or broken
 ViewImage read_view(const std::filesystem::path& folder, int size, Rng& rng);
 
-/// A random frame, cropped around the object, on black: [3, S, S] in [0, 1]. See io/image_crop.h.
+/// Which pictures of a view condition a model.
+enum class ConditionPictures {
+  kColor,  ///< NNN.png: what the published training data holds
+  /// NNN_normal.png: normals in the camera's frame as the published normal estimator gives them, x negated, mapped to
+  /// [0, 1], what the published pipeline shows its first stage (reference training-and-data.md, 3.4, conditioning
+  /// mismatch). anigen-prepare --view-geometry writes them.
+  kNormals
+};
+
+/// A random frame, cropped around the object, on black: [3, S, S] in [0, 1]. See io/image_crop.h. Normal pictures have
+/// the alpha of the colour pictures, so both are cropped and masked alike.
 /// @param folder renders_cond/<id> @throws InputError as read_view, and for a view without an object
-std::vector<float> read_condition_image(const std::filesystem::path& folder, int size, Rng& rng);
+std::vector<float> read_condition_image(const std::filesystem::path& folder, int size, Rng& rng,
+                                        ConditionPictures pictures = ConditionPictures::kColor);
+
+/// The picture of normals of the first frame, to see before training whether an asset has them.
+/// @throws InputError naming the file when there is none
+std::filesystem::path first_normal_picture(const std::filesystem::path& folder);
 
 }  // namespace anigen::loaders

@@ -1,0 +1,124 @@
+#include "anigen/flow/euler_sampler.h"
+
+#include "anigen/core/config_reader.h"
+#include "anigen/core/error.h"
+
+namespace anigen::flow {
+namespace {
+
+constexpr std::int64_t kMaxSteps = 100000;
+
+void check_streams(const Streams& streams, const Streams& like, const char* what) {
+  TORCH_CHECK(streams.size() == like.size(), what, " has ", streams.size(), " streams, the state ", like.size());
+  for (std::size_t i = 0; i < streams.size(); ++i) {
+    TORCH_CHECK(streams[i].sizes() == like[i].sizes(), what, " of stream ", i, " has shape ", streams[i].sizes(),
+                ", the state ", like[i].sizes());
+  }
+}
+
+bool guided_at(const SamplerOptions& options, double t) {
+  return !options.cfg_interval || (options.cfg_interval->first <= t && t <= options.cfg_interval->second);
+}
+
+Streams velocity_at(const Streams& x, double t, const Velocities& velocities, const SamplerOptions& options) {
+  const auto time = static_cast<float>(kTimeScale * t);
+  Streams velocity = velocities.conditional(x, time);
+  check_streams(velocity, x, "the velocity");
+  if (!velocities.unconditional || !guided_at(options, t)) return velocity;
+  const Streams negative = velocities.unconditional(x, time);
+  check_streams(negative, x, "the unconditional velocity");
+  for (std::size_t i = 0; i < x.size(); ++i) {
+    velocity[i] = (1.0 + options.cfg_strength) * velocity[i] - options.cfg_strength * negative[i];
+  }
+  return velocity;
+}
+
+void keep_known(Streams& x, double t, const Inpainting& known, double sigma_min) {
+  for (std::size_t i = 0; i < x.size(); ++i) {
+    x[i] = x[i] * (1.0 - known.mask[i]) + noisy(known.x_0[i], known.noise[i], t, sigma_min) * known.mask[i];
+  }
+}
+
+}  // namespace
+
+SamplerOptions SamplerOptions::from_json(const Json& json, const std::string& file, const std::string& pointer) {
+  ConfigReader reader(json, file, pointer);
+  SamplerOptions options;
+  options.steps = reader.integer("steps", options.steps, 1, kMaxSteps);
+  options.rescale_t = reader.number("rescale_t", options.rescale_t);
+  options.cfg_strength = reader.number("cfg_strength", options.cfg_strength);
+  if (reader.has("cfg_interval")) {
+    const std::vector<double> ends = reader.numbers("cfg_interval", {});
+    if (ends.size() != 2) throw reader.error("cfg_interval", "expected the two ends of an interval of t");
+    options.cfg_interval = std::make_pair(ends[0], ends[1]);
+  }
+  options.sigma_min = reader.number("sigma_min", options.sigma_min);
+  reader.finish();
+  options.validate(file, pointer);
+  return options;
+}
+
+Json SamplerOptions::to_json() const {
+  Json json;
+  json["steps"] = steps;
+  json["rescale_t"] = rescale_t;
+  json["cfg_strength"] = cfg_strength;
+  if (cfg_interval) json["cfg_interval"] = {cfg_interval->first, cfg_interval->second};
+  json["sigma_min"] = sigma_min;
+  return json;
+}
+
+void SamplerOptions::validate(const std::string& file, const std::string& pointer) const {
+  if (steps < 1 || steps > kMaxSteps) {
+    throw InputError(file, pointer + "/steps", "expected 1 to " + std::to_string(kMaxSteps) + " steps");
+  }
+  if (!(rescale_t > 0.0)) throw InputError(file, pointer + "/rescale_t", "must be positive");
+  if (!(sigma_min >= 0.0 && sigma_min < 1.0)) throw InputError(file, pointer + "/sigma_min", "must lie in [0, 1)");
+  if (cfg_interval && !(cfg_interval->first <= cfg_interval->second)) {
+    throw InputError(file, pointer + "/cfg_interval", "the lower end comes first");
+  }
+}
+
+std::vector<double> time_grid(const SamplerOptions& options) {
+  std::vector<double> times;
+  const double r = options.rescale_t, spacing = -1.0 / static_cast<double>(options.steps);
+  for (std::int64_t i = 0; i <= options.steps; ++i) {
+    // The published grid to the last bit, which decides whether the end of an interval is inside.
+    const double t = i == options.steps ? 0.0 : static_cast<double>(i) * spacing + 1.0;
+    times.push_back(r * t / (1.0 + (r - 1.0) * t));
+  }
+  return times;
+}
+
+Sampled sample_euler(const Streams& noise, const Velocities& velocities, const SamplerOptions& options,
+                     const SamplingExtras& extras) {
+  options.validate();
+  if (extras.inpainting != nullptr) {
+    check_streams(extras.inpainting->x_0, noise, "the known latent");
+    check_streams(extras.inpainting->noise, noise, "the known noise");
+    TORCH_CHECK(extras.inpainting->mask.size() == noise.size(), "one inpainting mask per stream");
+  }
+  const torch::NoGradGuard no_grad;
+  const std::vector<double> times = time_grid(options);
+  Sampled result;
+  Streams x = noise;
+  for (std::size_t step = 0; step + 1 < times.size(); ++step) {
+    const double t = times[step], next = times[step + 1];
+    const Streams velocity = velocity_at(x, t, velocities, options);
+    if (extras.trajectory) {
+      Streams x_0;
+      for (std::size_t i = 0; i < x.size(); ++i) {
+        x_0.push_back(x0_from_velocity(x[i], velocity[i], t, options.sigma_min));
+      }
+      result.x_0.push_back(x_0);
+    }
+    for (std::size_t i = 0; i < x.size(); ++i) x[i] = x[i] - (t - next) * velocity[i];
+    if (extras.inpainting != nullptr) keep_known(x, next, *extras.inpainting, options.sigma_min);
+    if (extras.trajectory) result.x_t.push_back(x);
+    if (extras.progress) extras.progress(static_cast<std::int64_t>(step) + 1, options.steps);
+  }
+  result.samples = x;
+  return result;
+}
+
+}  // namespace anigen::flow

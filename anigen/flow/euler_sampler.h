@@ -1,0 +1,75 @@
+#pragma once
+#include <cstdint>
+#include <functional>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "anigen/core/json.h"
+#include "anigen/flow/flow_matching.h"
+
+namespace anigen::flow {
+
+/// The state of a flow: one tensor per stream. Two dense latents for the sparse structure; for structured latents the
+/// features [N, C] of sparse tensors, whose coordinates the velocity function knows.
+using Streams = std::vector<Tensor>;
+
+/// The velocity of every stream at a state. @param time float32(1000 t), the same for all items
+using VelocityFunction = std::function<Streams(const Streams& x, float time)>;
+
+/// A model under its condition and, for guidance, under the negative one: zeros for an image, 0 joints for a joint
+/// count. What differs between the two passes is the business of the two functions.
+struct Velocities {
+  VelocityFunction conditional;
+  VelocityFunction unconditional = nullptr;  ///< none: sampling without guidance
+};
+
+/// Defaults of the published sampler class; its pipeline takes 25 steps with strength 7.5 for the sparse structure and
+/// 3.0 for structured latents (reference flows-and-pipeline.md, 4.4).
+struct SamplerOptions {
+  std::int64_t steps = 50;
+  double rescale_t = 1.0;     ///< r of t → r t / (1 + (r − 1) t); above 1: more steps near the noise
+  double cfg_strength = 3.0;  ///< s of (1 + s) v − s v_neg: the *extra* weight, 7.5 is a guidance scale of 8.5
+  /// Guidance only where low ≤ t ≤ high, after rescaling; elsewhere one conditional pass. Unset: at every step.
+  std::optional<std::pair<double, double>> cfg_interval;
+  double sigma_min = kSigmaMin;
+
+  /// Keys steps, rescale_t, cfg_strength, cfg_interval, sigma_min.
+  /// @throws InputError on an unknown key or a value out of range
+  static SamplerOptions from_json(const Json& json, const std::string& file = "", const std::string& pointer = "");
+  Json to_json() const;
+  void validate(const std::string& file = "", const std::string& pointer = "") const;
+};
+
+/// What is known beforehand and kept while the rest is sampled: after each step x ← (1 − m) x + m x_t(known).
+struct Inpainting {
+  Streams x_0;    ///< the known latent
+  Streams noise;  ///< its noise
+  Streams mask;   ///< 1 keeps the known value; broadcast to the stream
+};
+
+struct SamplingExtras {
+  const Inpainting* inpainting = nullptr;
+  bool trajectory = false;  ///< keep every step's state and prediction
+  /// Called after each step; whatever it throws ends the sampling.
+  std::function<void(std::int64_t step, std::int64_t steps)> progress = nullptr;
+};
+
+struct Sampled {
+  Streams samples;           ///< the state after the last step, at t = 0
+  std::vector<Streams> x_t;  ///< the state after each step, if asked for
+  std::vector<Streams> x_0;  ///< the prediction of the data at each step, if asked for
+};
+
+/// Euler integration from noise to data along the time grid: x ← x − (t − t') v (reference flows-and-pipeline.md, 4.3
+/// and 4.4). Step sizes are formed in double. With an unconditional velocity both passes run even at strength 0.
+/// No gradient is recorded.
+/// @param noise the state at t = 1 @return the samples, and the trajectory when asked for
+Sampled sample_euler(const Streams& noise, const Velocities& velocities, const SamplerOptions& options,
+                     const SamplingExtras& extras = {});
+
+/// The steps + 1 times from 1 to 0, rescaled.
+std::vector<double> time_grid(const SamplerOptions& options);
+
+}  // namespace anigen::flow

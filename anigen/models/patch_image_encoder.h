@@ -1,0 +1,53 @@
+#pragma once
+#include <string>
+
+#include "anigen/core/json.h"
+#include "anigen/nn/init.h"
+#include "anigen/nn/transformer_block.h"
+
+namespace anigen::models {
+
+using torch::Tensor;
+
+/// Arguments of a small image encoder of ours, for conditions where the published system uses DINOv2.
+struct PatchImageEncoderOptions {
+  std::int64_t image_size = 112;  ///< pixels on a side
+  std::int64_t patch_size = 14;   ///< divides image_size; 112 / 14 gives 8 x 8 tokens
+  std::int64_t width = 192;       ///< channels of the blocks
+  std::int64_t num_blocks = 3;
+  std::int64_t num_heads = 4;  ///< divides width
+  double mlp_ratio = 4.0;
+
+  /// @param json may also hold "name" @throws InputError on an unknown key, a wrong type or a value out of range
+  static PatchImageEncoderOptions from_json(const Json& json, const std::string& file = "",
+                                            const std::string& pointer = "");
+  Json to_json() const;
+  void validate(const std::string& file = "", const std::string& pointer = "") const;
+  std::int64_t tokens() const { return (image_size / patch_size) * (image_size / patch_size); }
+};
+
+/// A condition picture as tokens, learned together with the model that is conditioned: patches (a convolution whose
+/// stride is its width), absolute position embedding of row and column, pre-norm transformer blocks (nn/
+/// transformer_block.h), a linear map to the condition's width. Tokens leave through a layer norm without parameters,
+/// as DINOv2's do before they become a condition (reference flows-and-pipeline.md, 5.3), so that zeros, the condition
+/// of no picture, are unlike those of any picture. Always fp32.
+class PatchImageEncoderImpl : public torch::nn::Module {
+ public:
+  PatchImageEncoderImpl(const PatchImageEncoderOptions& options, std::int64_t cond_channels,
+                        nn::Init init = nn::Init::kPublished);
+
+  /// @param images [B, 3, S, S] fp32 in [0, 1], S = image_size @return [B, tokens, cond_channels], patches row by row
+  /// @throws InputError on another shape
+  Tensor forward(const Tensor& images);
+
+  const PatchImageEncoderOptions& options() const { return options_; }
+
+ private:
+  PatchImageEncoderOptions options_;
+  nn::Linear patch_embed_ = nullptr, out_layer_ = nullptr;
+  Tensor pos_emb_;
+  std::vector<nn::TransformerBlock> blocks_;
+};
+TORCH_MODULE(PatchImageEncoder);
+
+}  // namespace anigen::models

@@ -1,0 +1,31 @@
+#pragma once
+#include <filesystem>
+#include <string>
+
+#include "anigen/core/json.h"
+
+namespace anigen::models {
+
+/// A model of a finished or published run, found but not yet built.
+struct RunModel {
+  std::string name;                  ///< in the config: "encoder", "decoder", "denoiser"
+  Json args;                         ///< of its class
+  std::filesystem::path config;      ///< the run's config.json
+  std::string pointer;               ///< of args in it, for messages
+  std::filesystem::path checkpoint;  ///< the file with its weights
+  Json run;                          ///< the whole config
+};
+
+/// Looks for a model in a run folder (config.json and ckpts/).
+/// @param class_name what the config calls the model's class, such as "AniGenSparseStructureEncoder"
+/// @param ckpt file chosen by name: `<model>_<ckpt>` or `<ckpt>` (io::choose_checkpoint). "" — and "final", the
+///   published default, where there is no such file — takes the highest step of the model's own files; of one step the
+///   averaged (EMA) weights. Where the state of a training lies beside them, which is written last, steps with a state
+///   go before all others: their files belong together.
+/// @throws InputError naming folder or file when the run, the model or its weights are missing
+RunModel find_run_model(const std::filesystem::path& run, const std::string& class_name, const std::string& ckpt = "");
+
+/// The file find_run_model() takes without a name. @param folder the run's, or its ckpts/
+std::filesystem::path newest_checkpoint(const std::filesystem::path& folder, const std::string& model);
+
+}  // namespace anigen::models

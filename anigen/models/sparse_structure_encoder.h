@@ -1,0 +1,77 @@
+#pragma once
+#include <string>
+#include <vector>
+
+#include "anigen/models/sparse_structure_options.h"
+#include "anigen/models/sparse_structure_resnet.h"
+#include "anigen/models/sparse_structure_tokens.h"
+#include "anigen/nn/init.h"
+
+namespace anigen::models {
+
+/// Standard normal draws for sampling the posteriors, shaped as SparseStructureEncoder::latent_shape says. The tensor
+/// of a stream whose latent is deterministic is not looked at and may be undefined.
+struct PosteriorNoise {
+  torch::Tensor z, z_skl;
+};
+
+/// Occupancy of surface and skeleton → dense latents at 1/downsampling() of the resolution (paper 3.2.2; reference
+/// autoencoders.md, 2). The two streams do not interact. Fully convolutional: the published edge of 64 is not built
+/// in, except with encode_global.
+///
+/// Precision: as SkinAutoEncoder; the published fp16 modules are `blocks` and `middle_block` of both
+/// streams. Token bottlenecks (encode_global) stay fp32 here; the published ones attend in fp16.
+class SparseStructureEncoderImpl : public torch::nn::Module {
+ public:
+  /// Parameters named by modules_to_freeze ask for no gradient if the options say so.
+  explicit SparseStructureEncoderImpl(const SparseStructureEncoderOptions& options,
+                                      nn::Init init = nn::Init::kPublished);
+
+  /// Latents [B, C, r, r, r], or tokens [B, T, C] with encode_global.
+  struct Output {
+    torch::Tensor z, mean, logvar;              ///< shape
+    torch::Tensor z_skl, mean_skl, logvar_skl;  ///< skeleton
+  };
+  /// A stream with latent_denoising: z, its detached copy as mean, zeros as logvar. Otherwise a Gaussian posterior and
+  /// z = mean + exp(logvar/2) · noise.
+  /// @param x [B, in, R, R, R] occupancy as numbers of any type @param x_skl the same for the skeleton
+  /// @param noise null: z = mean
+  /// @throws InputError when a shape does not fit, or noise of a sampled stream is missing
+  Output forward(const torch::Tensor& x, const torch::Tensor& x_skl, const PosteriorNoise* noise = nullptr);
+
+  struct Latent {
+    torch::Tensor z, mean, logvar;
+  };
+  Latent encode_shape(const torch::Tensor& x, const torch::Tensor& noise = {});  ///< the shape stream alone
+  Latent encode_skeleton(const torch::Tensor& x_skl, const torch::Tensor& noise = {});
+
+  /// Shape of z for a batch of grids of edge R; skeleton: of z_skl.
+  std::vector<std::int64_t> latent_shape(std::int64_t batch, std::int64_t resolution, bool skeleton) const;
+
+  /// Turns off gradients as modules_to_freeze says, whatever the two flags say (see freezing.h).
+  void apply_freezing();
+  /// Names of the modules whose linears and convolutions are fp16 in the published system; empty without use_fp16.
+  std::vector<std::string> half_precision_modules() const;
+  /// Converts those modules in place. @throws NotSupportedError when the model is not on a GPU
+  void convert_to_fp16();
+  /// Converts `blocks` and `middle_block` of both streams to any type, whatever use_fp16 says.
+  void set_torso_dtype(torch::Dtype dtype);
+
+  const SparseStructureEncoderOptions& options() const { return options_; }
+
+ private:
+  struct Stream {
+    nn::Conv3d input = nullptr;
+    VolumeTorso blocks = nullptr, middle = nullptr;
+    VolumeHead out = nullptr;   // without encode_global
+    GlobalTokenEncoder tokens;  // with encode_global
+  };
+  torch::Tensor run(Stream& stream, const torch::Tensor& x, std::int64_t channels);
+  Latent latent_of(const torch::Tensor& raw, bool deterministic, bool normalize, const torch::Tensor& noise) const;
+
+  SparseStructureEncoderOptions options_;
+  Stream shape_, skeleton_;
+};
+TORCH_MODULE(SparseStructureEncoder);
+
+}  // namespace anigen::models

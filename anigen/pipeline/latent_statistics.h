@@ -1,0 +1,35 @@
+#pragma once
+#include <cstddef>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "anigen/core/json.h"
+#include "anigen/io/ndarray.h"
+
+namespace anigen::pipeline {
+
+/// Mean and deviation of latents per channel: each asset's mean and mean square, averaged over assets, so that large
+/// assets do not count more; deviation √(E[x²] − E[x]²) (reference training-and-data.md, 1.3).
+class LatentStatistics {
+ public:
+  /// @param values [C, count] or any more dimensions behind C @throws InputError when C differs from earlier assets'
+  void add(const std::vector<float>& values, std::size_t channels, const std::string& name);
+
+  std::size_t assets() const { return assets_; }
+  std::vector<float> mean() const;
+  std::vector<float> deviation() const;
+  /// Channels with the same value everywhere, up to the rounding of these sums: nothing can be divided by their
+  /// deviation.
+  std::vector<std::size_t> constant_channels() const;
+
+ private:
+  std::vector<double> sum_, sum_of_squares_;
+  std::size_t assets_ = 0;
+};
+
+/// `<prefix>_mean` and `<prefix>_std`, as a dataset's `normalization` argument wants them.
+void append_arrays(io::NamedArrays& arrays, const std::string& prefix, const LatentStatistics& statistics);
+Json to_json(const LatentStatistics& statistics);
+
+}  // namespace anigen::pipeline

@@ -1,0 +1,18 @@
+#pragma once
+#include "anigen/io/image.h"
+#include "anigen/nn/torch.h"
+
+namespace anigen::train {
+
+/// Occupancy of a shape and of its skeleton on one grid: bool [R, R, R], axes x, y, z. Either may be undefined.
+struct VoxelPair {
+  torch::Tensor shape, skeleton;
+};
+
+/// An isometric picture, seen from in front, right and above (the front is −y): the shape as a translucent grey-blue,
+/// faces lit by their direction, the skeleton as opaque orange that shines through whatever lies before it. A pair
+/// without grids gives an empty picture.
+/// @param size pixels on a side @throws Error when a grid is no cube, or the two differ in size
+io::Image voxel_picture(const VoxelPair& pair, int size);
+
+}  // namespace anigen::train

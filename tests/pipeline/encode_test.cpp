@@ -1,0 +1,285 @@
+#include <gtest/gtest.h>
+
+#include "anigen/core/atomic_file.h"
+#include "anigen/core/csv.h"
+#include "anigen/core/error.h"
+#include "anigen/core/file_lock.h"
+#include "anigen/io/npz.h"
+#include "anigen/io/safetensors.h"
+#include "anigen/loaders/datasets/sparse_structure_dataset.h"
+#include "anigen/loaders/datasets/structure_latent_dataset.h"
+#include "anigen/models/sparse_structure_runs.h"
+#include "anigen/models/state_dict.h"
+#include "anigen/models/tensor_arrays.h"
+#include "anigen/models/voxel_metrics.h"
+#include "anigen/pipeline/encode_sparse_structure.h"
+#include "tests/loaders/published_dataset.h"
+
+namespace anigen::pipeline {
+namespace {
+
+constexpr const char kRun[] = R"({
+  "models": {
+    "encoder": {"name": "AniGenSparseStructureEncoder", "args": {
+      "latent_channels": 8, "latent_channels_skl": 4, "num_res_blocks": 1, "num_res_blocks_middle": 1,
+      "channels": [4, 4, 8], "encode_global": false, "encode_global_skl": false, "use_pretrain_branch": false,
+      "latent_denoising": false, "latent_denoising_skl": true, "normalize_z_skl": true}},
+    "decoder": {"name": "AniGenSparseStructureDecoder", "args": {
+      "latent_channels": 8, "latent_channels_skl": 4, "num_res_blocks": 1, "num_res_blocks_middle": 1,
+      "channels": [8, 4, 4], "encode_global": false, "encode_global_skl": false, "use_pretrain_branch": false,
+      "normalize_z_skl": false}}},
+  "dataset": {"name": "AniGenSparseStructure", "args": {"resolution": 16, "skl_dilation_iter": 1}}})";
+
+class EncodeSparseStructure : public testing::Test {
+ protected:
+  EncodeSparseStructure() {
+    write_file_atomically(folder_ / "ss_run" / "config.json", kRun);
+    write_weights(1);
+    request_.run = folder_ / "ss_run";
+    request_.data = sample_.root();
+  }
+
+  void write_weights(std::uint64_t seed) {
+    torch::manual_seed(seed);
+    const Json config = parse_json(kRun, "test").at("models");
+    models::SparseStructureEncoder encoder(
+        models::SparseStructureEncoderOptions::from_json(config.at("encoder").at("args")));
+    models::SparseStructureDecoder decoder(
+        models::SparseStructureDecoderOptions::from_json(config.at("decoder").at("args")));
+    {
+      const torch::NoGradGuard no_grad;  // output layers may begin at zero, which would encode nothing
+      for (torch::Tensor parameter : encoder->parameters()) parameter.add_(0.1 * torch::randn_like(parameter));
+      for (torch::Tensor parameter : decoder->parameters()) parameter.add_(0.1 * torch::randn_like(parameter));
+    }
+    const auto save = [&](const std::string& name, const torch::nn::Module& model) {
+      io::write_safetensors(folder_ / "ss_run" / "ckpts" / (name + "_step0000003.safetensors"),
+                            models::state_dict(model));
+    };
+    save("encoder", *encoder);
+    save("decoder", *decoder);
+  }
+
+  std::filesystem::path latent(int i, const std::string& name = "ss_run") const {
+    return sample_.root() / "ss_latents" / name / (test::PublishedSample::id(i) + ".npz");
+  }
+  std::filesystem::path statistics() const { return sample_.root() / "ss_latents" / "ss_run_statistics.npz"; }
+
+  /// Column of flags in metadata.csv, one letter an asset.
+  std::string flags() const {
+    const CsvTable table = read_csv(sample_.root() / "metadata.csv");
+    std::string letters;
+    for (std::size_t row = 0; row < table.rows.size(); ++row)
+      letters += table.cell(row, "ss_latent_ss_run").substr(0, 1);
+    return letters;
+  }
+  /// A run that ends after some assets.
+  void encode_interrupted(std::size_t after) {
+    EncodeRequest request = request_;
+    request.progress = [after](std::size_t done, std::size_t) {
+      if (done == after) throw Interrupted("test");
+    };
+    EXPECT_THROW(encode_sparse_structure(request), Interrupted);
+  }
+
+  /// The voxels of an asset as the run's config says, and its latent as it was written.
+  struct Encoded {
+    std::unique_ptr<loaders::SparseStructureBatch> voxels;
+    torch::Tensor mean, mean_skl;  // [C, r, r, r]
+  };
+  Encoded encoded(int i, const std::string& name) const {
+    loaders::SparseStructureOptions options;
+    options.resolution = 16;
+    options.skl_dilation_iter = 1;
+    const loaders::SparseStructureDataset voxels({{sample_.root(), test::PublishedSample::id(i)}}, options, 0);
+    const io::NamedArrays arrays = io::read_npz(latent(i, name));
+    return {test::load<loaders::SparseStructureBatch>(voxels, {{0, 0}}), models::to_tensor(*io::find(arrays, "mean")),
+            models::to_tensor(*io::find(arrays, "mean_skl"))};
+  }
+
+  test::TemporaryFolder folder_;
+  test::PublishedSample sample_{folder_ / "data"};
+  EncodeRequest request_;
+};
+
+TEST_F(EncodeSparseStructure, WritesWhatTheEncoderGivesWithoutNoise) {
+  const EncodeResult result = encode_sparse_structure(request_);
+  EXPECT_EQ(result.name, "ss_run");
+  EXPECT_EQ(result.encoded, 3u);
+  EXPECT_TRUE(result.failed.empty());
+
+  const torch::NoGradGuard no_grad;
+  const auto found = models::find_run_model(request_.run, models::kSparseStructureEncoderClass);
+  models::SparseStructureEncoder encoder = models::load_sparse_structure_encoder(found, torch::kCPU);
+  for (int i = 0; i < 3; ++i) {
+    const Encoded asset = encoded(i, "ss_run");
+    const auto expected =
+        encoder->forward(asset.voxels->ss.to(torch::kFloat32), asset.voxels->ss_skl.to(torch::kFloat32));
+    EXPECT_EQ(asset.mean.sizes(), (std::vector<std::int64_t>{8, 4, 4, 4}));
+    EXPECT_TRUE(torch::equal(asset.mean, expected.mean[0]));
+    EXPECT_TRUE(torch::equal(asset.mean_skl, expected.mean_skl[0]));
+    EXPECT_TRUE(torch::allclose(asset.mean_skl.norm(2, 0), torch::ones({4, 4, 4}), 1e-5, 1e-5)) << "unit length";
+  }
+}
+
+TEST_F(EncodeSparseStructure, KeepsWhatIsUpToDateAndOnlyThat) {
+  encode_sparse_structure(request_);
+  const std::string before = read_file(latent(0));
+  EncodeResult again = encode_sparse_structure(request_);
+  EXPECT_EQ(again.encoded, 0u);
+  EXPECT_EQ(again.up_to_date, 3u);
+  // Other voxels of one asset; a damaged latent of another.
+  test::PublishedSample::write_centres(sample_.surface(1), {{1, 2, 3}, {40, 50, 60}});
+  write_file_atomically(latent(2), "damaged");
+  again = encode_sparse_structure(request_);
+  EXPECT_EQ(again.encoded, 2u);
+  EXPECT_EQ(again.up_to_date, 1u);
+  EXPECT_EQ(read_file(latent(0)), before);
+  write_weights(2);
+  again = encode_sparse_structure(request_);
+  EXPECT_EQ(again.encoded, 3u);
+  EXPECT_NE(read_file(latent(0)), before);
+  request_.again = true;
+  EXPECT_EQ(encode_sparse_structure(request_).encoded, 3u);
+}
+
+TEST_F(EncodeSparseStructure, TheNextStageCanReadIt) {
+  const EncodeResult result = encode_sparse_structure(request_);
+  const std::string statistics = (sample_.root() / "ss_latents" / "ss_run_statistics.npz").string();
+  const Json args = {{"latent_model", "ss_run"}, {"normalization", statistics}, {"normalization_skl", statistics}};
+  const loaders::Datasets data = test::make_published(sample_, "AniGenSparseStructureLatent", args);
+  ASSERT_EQ(data.train->size(), 3u);
+  const auto batch = test::load<loaders::StructureLatentBatch>(*data.train, {{0, 0}, {1, 1}, {2, 2}});
+  // All assets have as many voxels, so normalised with their own statistics they have mean 0 and variance 1.
+  const torch::Tensor per_channel = batch->x_0.transpose(0, 1).reshape({8, -1});
+  EXPECT_LT(per_channel.mean(1).abs().max().item<float>(), 1e-3f);
+  EXPECT_NEAR(per_channel.square().mean().item<float>(), 1.0f, 1e-2f);
+  EXPECT_EQ(result.shape.assets(), 3u);
+  const Json json = read_json(sample_.root() / "ss_latents" / "ss_run_statistics.json");
+  EXPECT_EQ(json.at("assets"), 3);
+  EXPECT_EQ(json.at("feats_skl").at("mean").size(), 4u);
+}
+
+TEST_F(EncodeSparseStructure, BrokenAssetsAreNamedAndNotFlagged) {
+  std::filesystem::remove(sample_.skeleton_voxels(1));
+  const EncodeResult result = encode_sparse_structure(request_);
+  EXPECT_EQ(result.encoded, 2u);
+  ASSERT_EQ(result.failed.size(), 1u);
+  EXPECT_EQ(result.failed.begin()->first, "asset1");
+  const CsvTable table = read_csv(sample_.root() / "metadata.csv");
+  EXPECT_EQ(table.cell(0, "ss_latent_ss_run"), "True");
+  EXPECT_EQ(table.cell(1, "ss_latent_ss_run"), "False");
+  EXPECT_EQ(table.cell(1, "aesthetic_score"), "6.5") << "the rest of the table stays";
+  EXPECT_EQ(to_json(result).at("failed").size(), 1u);
+}
+
+TEST_F(EncodeSparseStructure, CheckMeasuresTheReconstruction) {
+  request_.check = true;
+  request_.name = "checked";
+  const EncodeResult result = encode_sparse_structure(request_);
+  ASSERT_TRUE(result.reconstruction);
+  const torch::NoGradGuard no_grad;
+  models::SparseStructureDecoder decoder = models::load_sparse_structure_decoder(
+      models::find_run_model(request_.run, models::kSparseStructureDecoderClass), torch::kCPU);
+  models::VoxelAgreement shape, skeleton;
+  const auto add_third = [](models::VoxelAgreement& sum, const torch::Tensor& logits, const torch::Tensor& truth) {
+    const models::VoxelAgreement one = models::voxel_agreement(logits[0][0] > 0, truth[0][0] > 0);
+    sum.iou += one.iou / 3.0;
+    sum.precision += one.precision / 3.0;
+    sum.recall += one.recall / 3.0;
+    sum.f1 += one.f1 / 3.0;
+  };
+  for (int i = 0; i < 3; ++i) {
+    const Encoded asset = encoded(i, "checked");
+    const auto logits = decoder->forward(asset.mean.unsqueeze(0), asset.mean_skl.unsqueeze(0));
+    add_third(shape, logits.shape, asset.voxels->ss);
+    add_third(skeleton, logits.skeleton, asset.voxels->ss_skl);
+  }
+  const auto expect_same = [](const models::VoxelAgreement& found, const models::VoxelAgreement& expected) {
+    EXPECT_NEAR(found.iou, expected.iou, 1e-12);
+    EXPECT_NEAR(found.precision, expected.precision, 1e-12);
+    EXPECT_NEAR(found.recall, expected.recall, 1e-12);
+    EXPECT_NEAR(found.f1, expected.f1, 1e-12);
+  };
+  expect_same(result.reconstruction->shape, shape);
+  expect_same(result.reconstruction->skeleton, skeleton);
+  EXPECT_GT(shape.precision, 0.0) << "a decoder that gives nothing would prove nothing";
+  EXPECT_NE(to_text(result).find("IoU"), std::string::npos);
+  EXPECT_TRUE(to_json(result).contains("reconstruction"));
+}
+
+// The latents that an interrupted run replaced must not pass for those of the encoder before it.
+TEST_F(EncodeSparseStructure, ReplacedLatentsAreMadeAgainForTheFirstEncoder) {
+  encode_sparse_structure(request_);
+  const std::string before = read_file(latent(0));
+  write_weights(2);
+  encode_interrupted(1);
+  ASSERT_NE(read_file(latent(0)), before);
+  write_weights(1);
+  EXPECT_EQ(encode_sparse_structure(request_).encoded, 3u);
+  EXPECT_EQ(read_file(latent(0)), before);
+}
+
+TEST_F(EncodeSparseStructure, AnInterruptedRunFlagsOnlyWhatItKept) {
+  encode_sparse_structure(request_);
+  EXPECT_EQ(flags(), "TTT");
+  EXPECT_TRUE(std::filesystem::exists(statistics()));
+  test::PublishedSample::write_centres(sample_.surface(1), {{1, 2, 3}, {40, 50, 60}});
+  encode_interrupted(2);
+  EXPECT_EQ(flags(), "TFT");
+  EXPECT_FALSE(std::filesystem::exists(statistics()));
+  const EncodeResult rest = encode_sparse_structure(request_);
+  EXPECT_EQ(rest.encoded, 0u) << "what was written is kept";
+  EXPECT_EQ(rest.up_to_date, 3u);
+  EXPECT_EQ(flags(), "TTT");
+  EXPECT_TRUE(std::filesystem::exists(statistics()));
+  write_weights(2);
+  encode_interrupted(1);
+  EXPECT_EQ(flags(), "FFF") << "of several encoders, no latent may be trained on";
+}
+
+TEST_F(EncodeSparseStructure, StatisticsGoWithTheLastLatent) {
+  encode_sparse_structure(request_);
+  for (int i = 0; i < 3; ++i) std::filesystem::remove(sample_.skeleton_voxels(i));
+  const EncodeResult result = encode_sparse_structure(request_);
+  EXPECT_EQ(result.failed.size(), 3u);
+  EXPECT_EQ(flags(), "FFF");
+  EXPECT_FALSE(std::filesystem::exists(statistics()));
+}
+
+// Latents that cannot be put together, here of another grid: one asset's failure, and not half in the statistics.
+TEST_F(EncodeSparseStructure, AnAssetThatDoesNotFitFailsAlone) {
+  encode_sparse_structure(request_);
+  io::write_npz(latent(1), {{"mean", io::NdArray::from(std::vector<float>(64, 1.0f), {8, 2, 2, 2})},
+                            {"mean_skl", io::NdArray::from(std::vector<float>(40, 1.0f), {5, 2, 2, 2})}});
+  const EncodeResult result = encode_sparse_structure(request_);
+  ASSERT_EQ(result.failed.count("asset1"), 1u);
+  EXPECT_EQ(result.shape.assets(), 2u);
+  EXPECT_EQ(result.skeleton.assets(), 2u);
+  EXPECT_EQ(flags(), "TFT");
+}
+
+TEST_F(EncodeSparseStructure, OneDatasetAtATimeAndNoneThatIsBeingPrepared) {
+  EncodeRequest two = request_;
+  two.data = sample_.root().string() + "," + sample_.root().string();
+  try {
+    encode_sparse_structure(two);
+    FAIL() << "expected an error";
+  } catch (const InputError& error) {
+    EXPECT_NE(std::string(error.what()).find("--data"), std::string::npos) << error.what();
+  }
+  const auto prepare = FileLock::try_lock(dataset_lock_file(sample_.root()), FileLock::Kind::kExclusive);
+  EXPECT_THROW(encode_sparse_structure(request_), InputError);
+}
+
+TEST_F(EncodeSparseStructure, RefusesBadNamesAndRuns) {
+  for (const char* name : {"../out", "a/b", ".hidden", "a b", "a,b"}) {
+    request_.name = name;
+    EXPECT_THROW(encode_sparse_structure(request_), InputError) << name;
+  }
+  request_.name = "fine";
+  request_.run = folder_ / "absent";
+  EXPECT_THROW(encode_sparse_structure(request_), InputError);
+}
+
+}  // namespace
+}  // namespace anigen::pipeline
