@@ -16,6 +16,7 @@
 #include "anigen/core/parallel.h"
 #include "anigen/nn/attention.h"
 #include "anigen/nn/blocked_attention.h"
+#include "benchmarks/benchmark_out.h"
 
 namespace {
 
@@ -105,17 +106,8 @@ void run(std::vector<Task>& tasks) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  std::string out;
-  const std::string flag = "--benchmark_out=";
-  for (int i = 1; i < argc; ++i) {
-    const std::string word = argv[i];
-    if (word.compare(0, flag.size(), flag) == 0) {
-      out = word.substr(flag.size());
-    } else if (word.compare(0, 12, "--benchmark_") != 0) {
-      std::fprintf(stderr, "usage: benchmark_blocked_attention [--benchmark_out=FILE]\n");
-      return 2;
-    }
-  }
+  const std::optional<std::string> out = anigen::benchmark_out(argc, argv);
+  if (!out) return 2;
   at::set_num_threads(anigen::thread_count());
   torch::manual_seed(0);
   std::vector<Task> tasks;
@@ -136,6 +128,6 @@ int main(int argc, char** argv) {
       "plain: %lld heads, blocked: %lld heads; scratch of the blocked version: %.2f MiB per thread\n",
       static_cast<long long>(kPlainHeads), static_cast<long long>(kHeads),
       static_cast<double>(anigen::nn::blocked_attention_scratch_bytes(kTokens, kTokens, kChannels)) / 1048576.0);
-  if (!out.empty()) write_json(out, tasks);
+  if (!out->empty()) write_json(*out, tasks);
   return 0;
 }

@@ -26,6 +26,7 @@
 #include "anigen/eval/transport/tree_geodesics.h"
 #include "anigen/eval/transport/wasserstein.h"
 #include "anigen/io/safetensors.h"
+#include "benchmarks/benchmark_out.h"
 
 namespace {
 
@@ -250,20 +251,11 @@ void write_json(const std::string& file) {
 
 int main(int argc, char** argv) {
   anigen::keep_freed_memory();  // as anigen-eval does
-  std::string out;
-  const std::string flag = "--benchmark_out=";
-  for (int i = 1; i < argc; ++i) {
-    const std::string word = argv[i];
-    if (word.compare(0, flag.size(), flag) == 0) {
-      out = word.substr(flag.size());
-    } else if (word.compare(0, 12, "--benchmark_") != 0) {
-      std::fprintf(stderr, "usage: benchmark_transport [--benchmark_out=FILE]\n");
-      return 2;
-    }
-  }
+  const std::optional<std::string> out = anigen::benchmark_out(argc, argv);
+  if (!out) return 2;
   fixture_pairs();
   growth();
   thousand_pairs();
-  if (!out.empty()) write_json(out);
+  if (!out->empty()) write_json(*out);
   return 0;
 }

@@ -12,12 +12,6 @@ namespace {
 
 constexpr const char* kSurface = "surface";
 
-// What the published file of a model is called: dinov2_vitl14_reg has its weights in dinov2_vitl14_reg4_pretrain.pth.
-std::string published_file(const std::string& model) {
-  const bool registers = model.size() > 4 && model.compare(model.size() - 4, 4, "_reg") == 0;
-  return model + (registers ? "4" : "") + "_pretrain.pth";
-}
-
 std::string joined(const std::vector<std::string>& words) {
   std::string text;
   for (const std::string& word : words) text += (text.empty() ? "" : ", ") + word;
@@ -47,11 +41,11 @@ std::unique_ptr<prepare::FeatureExtractor> make_feature_extractor(const prepare:
     return std::make_unique<SurfaceFeatures>();
   }
   if (options.weights.empty()) {
-    throw InputError("", "",
-                     "feature model '" + options.model +
-                         "' needs its published weights: give --feature-weights FILE (" +
-                         published_file(options.model) +
-                         ", or the same tensors as .safetensors), or use feature model 'surface', which needs none");
+    throw InputError(
+        "", "",
+        "feature model '" + options.model + "' needs its published weights: give --feature-weights FILE (" +
+            models::Dinov2Options::published_file_stem(options.model) +
+            ".pth, or the same tensors as .safetensors), or use feature model 'surface', which needs none");
   }
   return std::make_unique<DinoFeatures>(options.model, options.weights, options.device);
 }

@@ -43,6 +43,11 @@ std::vector<std::string> Dinov2Options::names() {
   return all;
 }
 
+std::string Dinov2Options::published_file_stem(const std::string& name) {
+  const bool registers = name.size() > 4 && name.compare(name.size() - 4, 4, "_reg") == 0;
+  return name + (registers ? "4" : "") + "_pretrain";
+}
+
 Dinov2Options Dinov2Options::named(const std::string& name) {
   for (const bool registers : {false, true}) {
     for (const Size& size : kSizes) {

@@ -28,6 +28,9 @@ struct Dinov2Options {
   /// @throws InputError naming the nearest one
   static Dinov2Options named(const std::string& name);
   static std::vector<std::string> names();
+  /// What the published file of a model is called, without its extension: dinov2_vitl14_reg comes as
+  /// dinov2_vitl14_reg4_pretrain.pth.
+  static std::string published_file_stem(const std::string& name);
 
   /// Also reads `init_values` (of no use once weights are loaded) and `block_chunks` (0 only, the form of the published
   /// weights). @param file, pointer where the object stands, for messages

@@ -7,6 +7,7 @@
 #include "anigen/io/torch_archive.h"
 #include "anigen/models/state_dict.h"
 #include "anigen/models/tensor_arrays.h"
+#include "anigen/nn/shape_text.h"
 
 namespace anigen::models {
 namespace {
@@ -46,12 +47,6 @@ Found find_weight(const std::string& key, const std::vector<LpipsArrays>& source
                    "and the linear heads of the lpips package (lin0 … lin4)");
 }
 
-std::string sizes_in_words(torch::IntArrayRef shape) {
-  std::string text;
-  for (const std::int64_t size : shape) text += (text.empty() ? "[" : ", ") + std::to_string(size);
-  return text.empty() ? "[]" : text + "]";
-}
-
 bool is_floating_point(io::Dtype dtype) {
   return dtype == io::Dtype::kF16 || dtype == io::Dtype::kBF16 || dtype == io::Dtype::kF32 || dtype == io::Dtype::kF64;
 }
@@ -61,7 +56,7 @@ Tensor checked(const Found& found, torch::IntArrayRef shape) {
   if (torch::IntArrayRef(array.shape) != shape) {
     throw InputError(
         *found.file, found.name,
-        "has shape " + sizes_in_words(array.shape) + " where LPIPS with VGG16 has " + sizes_in_words(shape));
+        "has shape " + nn::shape_text(array.shape) + " where LPIPS with VGG16 has " + nn::shape_text(shape));
   }
   if (!is_floating_point(array.dtype))
     throw InputError(*found.file, found.name, std::string("holds ") + io::name_of(array.dtype) + ", not weights");

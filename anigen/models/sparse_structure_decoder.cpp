@@ -3,15 +3,15 @@
 #include <array>
 
 #include "anigen/core/error.h"
-#include "anigen/models/freezing.h"
 #include "anigen/models/sparse_structure_volumes.h"
+#include "anigen/nn/shape_text.h"
 
 namespace anigen::models {
 
 using torch::Tensor;
 
 SparseStructureDecoderImpl::SparseStructureDecoderImpl(const SparseStructureDecoderOptions& options, nn::Init init)
-    : options_(options) {
+    : SparseStructureCoder(options), options_(options) {
   options.validate();
   const std::array<Stream*, 2> streams{&shape_, &skeleton_};
   const std::array<std::string, 2> suffix{"", "_skl"};
@@ -58,7 +58,7 @@ Tensor SparseStructureDecoderImpl::run(Stream& stream, const Tensor& z, bool ske
   if (z.dim() != rank || z.size(channel_axis(z)) != channels || z.numel() == 0) {
     throw InputError("", "",
                      "latents must be " + std::string(rank == 3 ? "[B, T, C]" : "[B, C, r, r, r]") +
-                         " with C = " + std::to_string(channels) + ", found " + shape_words(z));
+                         " with C = " + std::to_string(channels) + ", found " + nn::shape_text(z));
   }
   const torch::Dtype dtype = stream.out->parameters().front().scalar_type();
   Tensor latents = z.to(dtype);
@@ -76,18 +76,5 @@ Tensor SparseStructureDecoderImpl::decode_skeleton(const Tensor& z_skl) { return
 SparseStructureDecoderImpl::Logits SparseStructureDecoderImpl::forward(const Tensor& z, const Tensor& z_skl) {
   return {decode_shape(z), decode_skeleton(z_skl)};
 }
-
-void SparseStructureDecoderImpl::apply_freezing() { freeze_modules(*this, options_.modules_to_freeze); }
-
-std::vector<std::string> SparseStructureDecoderImpl::half_precision_modules() const {
-  return options_.use_fp16 ? torso_names() : std::vector<std::string>();
-}
-
-void SparseStructureDecoderImpl::convert_to_fp16() {
-  require_gpu_for_fp16(*this);
-  if (options_.use_fp16) set_torso_dtype(torch::kHalf);
-}
-
-void SparseStructureDecoderImpl::set_torso_dtype(torch::Dtype dtype) { cast_torsos(*this, dtype); }
 
 }  // namespace anigen::models

@@ -2,7 +2,7 @@
 #include <string>
 #include <vector>
 
-#include "anigen/models/sparse_structure_options.h"
+#include "anigen/models/sparse_structure_coder.h"
 #include "anigen/models/sparse_structure_resnet.h"
 #include "anigen/models/sparse_structure_tokens.h"
 #include "anigen/nn/init.h"
@@ -12,7 +12,7 @@ namespace anigen::models {
 /// Latents of the sparse structure → occupancy of surface and skeleton at downsampling() times their resolution
 /// (paper 3.2.2; reference autoencoders.md, 2). A voxel is occupied where its logit is above 0. Freezing and precision
 /// as SparseStructureEncoder.
-class SparseStructureDecoderImpl : public torch::nn::Module {
+class SparseStructureDecoderImpl : public SparseStructureCoder {
  public:
   explicit SparseStructureDecoderImpl(const SparseStructureDecoderOptions& options,
                                       nn::Init init = nn::Init::kPublished);
@@ -26,13 +26,6 @@ class SparseStructureDecoderImpl : public torch::nn::Module {
   Logits forward(const torch::Tensor& z, const torch::Tensor& z_skl);
   torch::Tensor decode_shape(const torch::Tensor& z);  ///< the shape stream alone
   torch::Tensor decode_skeleton(const torch::Tensor& z_skl);
-
-  /// Turns off gradients as modules_to_freeze says, whatever the two flags say (see freezing.h).
-  void apply_freezing();
-  /// As SparseStructureEncoder.
-  std::vector<std::string> half_precision_modules() const;
-  void convert_to_fp16();
-  void set_torso_dtype(torch::Dtype dtype);
 
   const SparseStructureDecoderOptions& options() const { return options_; }
 

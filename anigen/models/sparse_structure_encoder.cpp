@@ -3,15 +3,15 @@
 #include <array>
 
 #include "anigen/core/error.h"
-#include "anigen/models/freezing.h"
 #include "anigen/models/sparse_structure_volumes.h"
+#include "anigen/nn/shape_text.h"
 
 namespace anigen::models {
 
 using torch::Tensor;
 
 SparseStructureEncoderImpl::SparseStructureEncoderImpl(const SparseStructureEncoderOptions& options, nn::Init init)
-    : options_(options) {
+    : SparseStructureCoder(options), options_(options) {
   options.validate();
   const std::array<Stream*, 2> streams{&shape_, &skeleton_};
   const std::array<std::string, 2> suffix{"", "_skl"};
@@ -61,7 +61,7 @@ Tensor SparseStructureEncoderImpl::run(Stream& stream, const Tensor& x, std::int
   if (!fits) {
     throw InputError("", "",
                      "an occupancy grid must be [B, " + std::to_string(channels) + ", R, R, R] with R a multiple of " +
-                         std::to_string(factor) + ", found " + shape_words(x));
+                         std::to_string(factor) + ", found " + nn::shape_text(x));
   }
   const torch::Dtype dtype = stream.input->weight.scalar_type();
   const Tensor h = stream.middle->forward(stream.blocks->forward(stream.input->forward(x.to(dtype)))).to(dtype);
@@ -79,7 +79,7 @@ SparseStructureEncoderImpl::Latent SparseStructureEncoderImpl::latent_of(const T
   const Tensor &mean = halves[0], &logvar = halves[1];
   if (!noise.defined()) return {mean, mean, logvar};
   if (noise.sizes() != mean.sizes()) {
-    throw InputError("", "", "noise " + shape_words(noise) + " does not fit latents " + shape_words(mean));
+    throw InputError("", "", "noise " + nn::shape_text(noise) + " does not fit latents " + nn::shape_text(mean));
   }
   return {mean + torch::exp(0.5 * logvar) * noise.to(mean.options()), mean, logvar};
 }
@@ -115,18 +115,5 @@ std::vector<std::int64_t> SparseStructureEncoderImpl::latent_shape(std::int64_t 
   const std::int64_t edge = resolution / options_.downsampling();
   return {batch, channels, edge, edge, edge};
 }
-
-void SparseStructureEncoderImpl::apply_freezing() { freeze_modules(*this, options_.modules_to_freeze); }
-
-std::vector<std::string> SparseStructureEncoderImpl::half_precision_modules() const {
-  return options_.use_fp16 ? torso_names() : std::vector<std::string>();
-}
-
-void SparseStructureEncoderImpl::convert_to_fp16() {
-  require_gpu_for_fp16(*this);
-  if (options_.use_fp16) set_torso_dtype(torch::kHalf);
-}
-
-void SparseStructureEncoderImpl::set_torso_dtype(torch::Dtype dtype) { cast_torsos(*this, dtype); }
 
 }  // namespace anigen::models

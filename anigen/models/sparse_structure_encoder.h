@@ -2,7 +2,7 @@
 #include <string>
 #include <vector>
 
-#include "anigen/models/sparse_structure_options.h"
+#include "anigen/models/sparse_structure_coder.h"
 #include "anigen/models/sparse_structure_resnet.h"
 #include "anigen/models/sparse_structure_tokens.h"
 #include "anigen/nn/init.h"
@@ -21,7 +21,7 @@ struct PosteriorNoise {
 ///
 /// Precision: as SkinAutoEncoder; the published fp16 modules are `blocks` and `middle_block` of both
 /// streams. Token bottlenecks (encode_global) stay fp32 here; the published ones attend in fp16.
-class SparseStructureEncoderImpl : public torch::nn::Module {
+class SparseStructureEncoderImpl : public SparseStructureCoder {
  public:
   /// Parameters named by modules_to_freeze ask for no gradient if the options say so.
   explicit SparseStructureEncoderImpl(const SparseStructureEncoderOptions& options,
@@ -47,15 +47,6 @@ class SparseStructureEncoderImpl : public torch::nn::Module {
 
   /// Shape of z for a batch of grids of edge R; skeleton: of z_skl.
   std::vector<std::int64_t> latent_shape(std::int64_t batch, std::int64_t resolution, bool skeleton) const;
-
-  /// Turns off gradients as modules_to_freeze says, whatever the two flags say (see freezing.h).
-  void apply_freezing();
-  /// Names of the modules whose linears and convolutions are fp16 in the published system; empty without use_fp16.
-  std::vector<std::string> half_precision_modules() const;
-  /// Converts those modules in place. @throws NotSupportedError when the model is not on a GPU
-  void convert_to_fp16();
-  /// Converts `blocks` and `middle_block` of both streams to any type, whatever use_fp16 says.
-  void set_torso_dtype(torch::Dtype dtype);
 
   const SparseStructureEncoderOptions& options() const { return options_; }
 

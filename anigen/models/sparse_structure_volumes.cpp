@@ -1,8 +1,5 @@
 #include "anigen/models/sparse_structure_volumes.h"
 
-#include "anigen/core/error.h"
-#include "anigen/nn/init.h"
-
 namespace anigen::models {
 
 using torch::Tensor;
@@ -26,26 +23,6 @@ GlobalTokenSizes token_sizes(const SparseStructureCoderOptions& options, bool sk
   sizes.latent = latent;
   sizes.edge = kGlobalTokenResolution / options.downsampling();
   return sizes;
-}
-
-std::vector<std::string> torso_names() { return {"blocks", "blocks_skl", "middle_block", "middle_block_skl"}; }
-
-void cast_torsos(torch::nn::Module& model, torch::Dtype dtype) {
-  const auto children = model.named_children();
-  for (const std::string& name : torso_names()) nn::cast_linears(*children[name], dtype);
-}
-
-void require_gpu_for_fp16(const torch::nn::Module& model) {
-  if (!model.parameters().front().is_cuda()) {
-    throw NotSupportedError("", "", "fp16 on a CPU; move the model to a GPU first");
-  }
-}
-
-std::string shape_words(const Tensor& tensor) {
-  if (!tensor.defined()) return "nothing";
-  std::string words;
-  for (const std::int64_t size : tensor.sizes()) words += (words.empty() ? "" : ", ") + std::to_string(size);
-  return "[" + words + "]";
 }
 
 }  // namespace anigen::models

@@ -23,14 +23,4 @@ nn::VolumeNormImpl::Kind norm_kind(const std::string& norm_type);
 GlobalTokenSizes token_sizes(const SparseStructureCoderOptions& options, bool skeleton, std::int64_t channels,
                              std::int64_t latent);
 
-/// The modules that compute in fp16 in the published system (reference autoencoders.md, 2.1, fp16 torso).
-std::vector<std::string> torso_names();
-/// Converts the parameters of their convolutions in place.
-void cast_torsos(torch::nn::Module& model, torch::Dtype dtype);
-/// @throws NotSupportedError when the model is not on a GPU
-void require_gpu_for_fp16(const torch::nn::Module& model);
-
-/// "[2, 8, 4, 4, 4]", for messages.
-std::string shape_words(const torch::Tensor& tensor);
-
 }  // namespace anigen::models

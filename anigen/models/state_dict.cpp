@@ -9,6 +9,7 @@
 #include "anigen/core/error.h"
 #include "anigen/models/tensor_arrays.h"
 #include "anigen/nn/init.h"
+#include "anigen/nn/shape_text.h"
 
 namespace anigen::models {
 namespace {
@@ -21,12 +22,6 @@ void collect(const torch::nn::Module& module, const std::string& prefix, std::ve
     if (item.value().defined()) entries.push_back({prefix + item.key(), item.value(), true});
   }
   for (const auto& child : module.named_children()) collect(*child.value(), prefix + child.key() + ".", entries);
-}
-
-std::string shape_text(torch::IntArrayRef shape) {
-  std::string text = "[";
-  for (std::size_t i = 0; i < shape.size(); ++i) text += (i > 0 ? ", " : "") + std::to_string(shape[i]);
-  return text + "]";
 }
 
 std::string some_of(const std::vector<std::string>& keys) {
@@ -79,9 +74,9 @@ LoadReport load_state_dict(torch::nn::Module& module, const io::NamedArrays& arr
     }
     used.insert(entry.key);
     if (entry.tensor.sizes() != torch::IntArrayRef(found->second->shape)) {
-      throw InputError(
-          source, entry.key,
-          "the file has shape " + shape_text(found->second->shape) + ", the model " + shape_text(entry.tensor.sizes()));
+      throw InputError(source, entry.key,
+                       "the file has shape " + nn::shape_text(found->second->shape) + ", the model " +
+                           nn::shape_text(entry.tensor.sizes()));
     }
     torch_dtype(found->second->dtype);  // refuses what a tensor cannot hold before anything is written
     copies.emplace_back(entry.tensor, found->second);

@@ -17,16 +17,11 @@ constexpr const char* kEncoderName = "image_encoder";
 constexpr const char* kModelName = "image_cond_model";
 constexpr const char* kPublishedFolder = "ckpts/dinov2";
 
-/// Of the file that a published model comes in: dinov2_vitl14_reg is dinov2_vitl14_reg4_pretrain.pth.
-std::string published_stem(const std::string& model) {
-  const bool registers = model.size() > 4 && model.compare(model.size() - 4, 4, "_reg") == 0;
-  return model + (registers ? "4" : "") + "_pretrain";
-}
-
 /// The weights where the published trainer has its DINOv2; nothing when they are not there.
 std::optional<std::filesystem::path> published_weights(const std::string& model) {
   for (const char* extension : {".pth", ".safetensors"}) {
-    const std::filesystem::path file = std::filesystem::path(kPublishedFolder) / (published_stem(model) + extension);
+    const std::filesystem::path file =
+        std::filesystem::path(kPublishedFolder) / (models::Dinov2Options::published_file_stem(model) + extension);
     std::error_code error;
     if (std::filesystem::is_regular_file(file, error)) return file;
   }
@@ -95,7 +90,7 @@ std::unique_ptr<ConditionEncoder> make_condition_encoder(ConfigReader& trainer_a
       throw trainer_args.error(
           kEncoderName, std::string("says what turns pictures into conditions; without it the weights of DINOv2 "
                                     "must lie in ") +
-                            kPublishedFolder + "/" + published_stem(published_model) +
+                            kPublishedFolder + "/" + models::Dinov2Options::published_file_stem(published_model) +
                             ".pth (or .safetensors). Put them there, or set {\"name\": \"dinov2\", "
                             "\"weights\": FILE}, or {\"name\": \"patch\"}, a small encoder trained with the flow");
     }

@@ -3,12 +3,17 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <cstdio>
+#include <filesystem>
 #include <limits>
 
+#include "anigen/asset/normalize.h"
 #include "anigen/core/error.h"
 #include "anigen/core/parallel.h"
 #include "anigen/core/random.h"
 #include "anigen/geometry/segment.h"
+#include "anigen/io/gltf.h"
+#include "tests/support/paths.h"
 
 namespace anigen::geometry {
 namespace {
@@ -110,6 +115,36 @@ TEST(NearestSurface, EqualsBruteForceOverAllFaces) {
     EXPECT_EQ(found[i].distance, expected.distance) << i;  // the same double arithmetic: exact
     EXPECT_EQ(found[i].at.face, expected.at.face) << i;
   }
+}
+
+// Every real mesh, from points at its surface and points anywhere: the same double arithmetic, so exactly the same
+// distance. Faces are equally near to most points beside an edge; then the lowest number counts, for both.
+TEST(NearestSurface, RealMeshesHaveNoDifferences) {
+  const auto folder = test::assets_dir() / "rigged";
+  if (!std::filesystem::exists(folder)) GTEST_SKIP() << "no real meshes at " << folder;
+  std::size_t meshes = 0, differences = 0;
+  for (const auto& entry : std::filesystem::recursive_directory_iterator(folder)) {
+    if (entry.path().extension() != ".glb" && entry.path().extension() != ".gltf") continue;
+    Asset asset = io::read_gltf(entry.path()).asset;
+    normalize(asset);
+    Rng rng(4, "points", meshes++);
+    std::vector<Eigen::Vector3d> points;
+    for (int i = 0; i < 60; ++i) {
+      const double reach = i % 2 == 0 ? 0.02 : 1.0;
+      const Eigen::Vector3d offset(rng.uniform(-reach, reach), rng.uniform(-reach, reach), rng.uniform(-reach, reach));
+      points.emplace_back(asset.mesh.vertices[rng.index(asset.mesh.vertices.size())].cast<double>() + offset);
+    }
+    const std::vector<NearestPoint> found = NearestSurface(asset.mesh).query(points);
+    for (std::size_t i = 0; i < points.size(); ++i) {
+      const NearestPoint expected = brute_force(asset.mesh, points[i]);
+      const bool same = found[i].distance == expected.distance && found[i].at.face == expected.at.face;
+      differences += same ? 0 : 1;
+      EXPECT_TRUE(same) << entry.path() << ", point " << i << ": face " << found[i].at.face << " at "
+                        << found[i].distance << ", not " << expected.at.face << " at " << expected.distance;
+    }
+  }
+  std::printf("%zu meshes, %zu differences\n", meshes, differences);
+  EXPECT_GT(meshes, 0u);
 }
 
 TEST(NearestSurface, EquallyNearFacesGiveTheLowestIndex) {

@@ -1,7 +1,5 @@
 #include <gtest/gtest.h>
 
-#include <Eigen/Geometry>
-#include <Eigen/LU>
 #include <cmath>
 #include <cstring>
 #include <limits>
@@ -13,11 +11,11 @@
 #include "anigen/core/error.h"
 #include "anigen/core/parallel.h"
 #include "anigen/io/gltf.h"
-#include "anigen/prepare/augment/bake_pose.h"
 #include "anigen/prepare/augment/own_motion.h"
 #include "anigen/prepare/augment/pose_augmentation.h"
 #include "anigen/prepare/augment/random_pose.h"
 #include "anigen/prepare/creatures/creature.h"
+#include "tests/prepare/augment_support.h"
 #include "tests/support/paths.h"
 
 namespace anigen::prepare {
@@ -25,201 +23,6 @@ namespace {
 
 using Eigen::Vector3d;
 using Eigen::Vector3f;
-
-constexpr double kRadians = EIGEN_PI / 180.0;
-
-/// A closed square tube of 13 rings along x from -0.5 to 0.5 on a chain of `joints` joints; weights go over linearly
-/// from joint to joint. Longest side 1.
-Asset tube(std::size_t joints) {
-  Asset asset;
-  asset.name = "tube";
-  constexpr int kRings = 13;
-  std::vector<Vector3d> positions;
-  std::vector<int> parents;
-  for (std::size_t j = 0; j < joints; ++j) {
-    positions.emplace_back(-0.5 + static_cast<double>(j) / static_cast<double>(joints), 0.0, 0.0);
-    parents.push_back(static_cast<int>(j) - 1);
-  }
-  asset.skeleton = skeleton_from_joints(positions, parents);
-  for (int ring = 0; ring < kRings; ++ring) {
-    const float x = static_cast<float>(ring) / (kRings - 1) - 0.5f;
-    for (const auto& [y, z] : {std::pair{-1.0f, -1.0f}, {1.0f, -1.0f}, {1.0f, 1.0f}, {-1.0f, 1.0f}}) {
-      asset.mesh.vertices.emplace_back(x, 0.08f * y, 0.08f * z);
-      asset.mesh.normals.push_back(Vector3f(0.0f, y, z).normalized());
-      const float place = std::min((x + 0.5f) * static_cast<float>(joints), static_cast<float>(joints) - 1.0f);
-      const int joint = std::min(static_cast<int>(place), static_cast<int>(joints) - 1);
-      const float rest = place - static_cast<float>(joint);
-      asset.skin.append_row(rest > 0.0f ? std::vector<Influence>{{joint, 1.0f - rest}, {joint + 1, rest}}
-                                        : std::vector<Influence>{{joint, 1.0f}});
-    }
-  }
-  for (int ring = 0; ring + 1 < kRings; ++ring) {
-    for (int side = 0; side < 4; ++side) {
-      const int a = 4 * ring + side, b = 4 * ring + (side + 1) % 4;
-      asset.mesh.faces.push_back({a, a + 4, b});
-      asset.mesh.faces.push_back({b, a + 4, b + 4});
-    }
-  }
-  const int last = 4 * (kRings - 1);
-  asset.mesh.faces.insert(asset.mesh.faces.end(),
-                          {{0, 1, 2}, {0, 2, 3}, {last, last + 2, last + 1}, {last, last + 3, last + 2}});
-  return asset;
-}
-
-/// Joint 1 swings about z from 0 to `degrees` within two seconds.
-Animation swing(double degrees) {
-  Animation animation;
-  animation.name = "swing";
-  const double half = 0.5 * degrees * kRadians;
-  animation.channels.push_back({1,
-                                ChannelPath::kRotation,
-                                Interpolation::kLinear,
-                                {0.0, 2.0},
-                                {0, 0, 0, 1, 0, 0, std::sin(half), std::cos(half)}});
-  return animation;
-}
-
-/// Limits that reject nothing, to look at the poses themselves.
-PoseAugmentation anything() {
-  PoseAugmentation options;
-  options.limits = {1e-6, 0, 1e-3, 1e3, 0, 0, 1e3, 0, 1e3, 1, 1, 1};
-  return options;
-}
-
-bool equal(const Asset& a, const Asset& b) {
-  const auto bytes = [](const auto& x, const auto& y) {
-    return x.size() == y.size() && std::memcmp(x.data(), y.data(), x.size() * sizeof(x[0])) == 0;
-  };
-  bool frames = a.skeleton.size() == b.skeleton.size();
-  for (std::size_t j = 0; frames && j < a.skeleton.size(); ++j) frames = a.skeleton.bind[j] == b.skeleton.bind[j];
-  return frames && bytes(a.mesh.vertices, b.mesh.vertices) && bytes(a.mesh.normals, b.mesh.normals);
-}
-
-double swing_angle(const Asset& asset) {
-  const Eigen::Matrix3d turn =
-      asset.skeleton.bind[0].topLeftCorner<3, 3>().transpose() * asset.skeleton.bind[1].topLeftCorner<3, 3>();
-  return std::atan2(turn(1, 0), turn(0, 0)) / kRadians;
-}
-
-TEST(RandomPose, VerticesAndJointsFollowTheReferencesFormula) {
-  const Asset asset = tube(5);
-  Rng rng(3, "test");
-  const JointTurns turns = draw_turns(5, 1.0, 1.0, true, rng);
-  const std::vector<Eigen::Matrix4d> world = turned_joints(asset.skeleton, turns);
-  // Turn after turn, from the tip to the root: what lies beyond joint k is turned about where k lies in the bind pose.
-  const std::vector<Vector3d> joints = asset.skeleton.positions();
-  const auto carried = [&](Vector3d point, int joint) {
-    for (int k = joint; k >= 0; k = asset.skeleton.parents[static_cast<std::size_t>(k)]) {
-      const auto at = static_cast<std::size_t>(k);
-      point = joints[at] + turns.rotations[at] * (point - joints[at]);
-    }
-    return point;
-  };
-  for (int j = 0; j < 5; ++j) {
-    EXPECT_LT(
-        (world[static_cast<std::size_t>(j)].topRightCorner<3, 1>() - carried(joints[static_cast<std::size_t>(j)], j))
-            .norm(),
-        1e-12);
-  }
-  const std::vector<Vector3f> posed = skin_vertices(asset, world);
-  for (std::size_t v = 0; v < posed.size(); ++v) {
-    Vector3d expected = Vector3d::Zero();
-    for (std::size_t i = 0; i < asset.skin.row_size(v); ++i) {
-      const Influence& influence = asset.skin.row(v)[i];
-      expected +=
-          static_cast<double>(influence.weight) * carried(asset.mesh.vertices[v].cast<double>(), influence.joint);
-    }
-    EXPECT_LT((posed[v].cast<double>() - expected).norm(), 1e-6) << v;  // single precision
-  }
-}
-
-TEST(RandomPose, DrawsWhatTheOptionsSay) {
-  Rng rng(1, "test");
-  const std::size_t count = 20000;
-  const JointTurns turns = draw_turns(count, 0.8, 60.0 * kRadians, false, rng);
-  EXPECT_EQ(turns.angles[0], 0.0);  // the root was to be left alone
-  std::size_t turned = 0;
-  double sum = 0.0, most = 0.0;
-  Vector3d mean_axis = Vector3d::Zero();
-  for (std::size_t j = 1; j < count; ++j) {
-    const Eigen::AngleAxisd turn(turns.rotations[j]);
-    EXPECT_NEAR(turn.angle(), turns.angles[j], 1e-7);
-    if (turns.angles[j] == 0.0) continue;
-    ++turned;
-    sum += turns.angles[j];
-    most = std::max(most, turns.angles[j]);
-    mean_axis += turn.axis();
-  }
-  // Five standard deviations each.
-  EXPECT_NEAR(static_cast<double>(turned) / count, 0.8, 5.0 * 0.4 / std::sqrt(count));
-  EXPECT_NEAR(sum / static_cast<double>(turned) / kRadians, 30.0, 5.0 * 17.4 / std::sqrt(turned));
-  EXPECT_LE(most, 60.0 * kRadians);
-  EXPECT_GT(most, 59.0 * kRadians);
-  EXPECT_LT(mean_axis.norm() / static_cast<double>(turned), 5.0 / std::sqrt(turned));
-}
-
-TEST(BakePose, IdentityGivesTheAssetBack) {
-  for (const Asset& asset : {tube(1), tube(4), make_creature("quadruped", 5, 1)}) {
-    Asset baked = bake_pose(asset, asset.skeleton.bind, skin_vertices(asset, asset.skeleton.bind));
-    normalize(baked);
-    for (std::size_t v = 0; v < asset.mesh.vertices.size(); ++v) {
-      EXPECT_LT((baked.mesh.vertices[v] - asset.mesh.vertices[v]).norm(), 1e-6f);
-      EXPECT_LT((baked.mesh.normals[v] - asset.mesh.normals[v]).norm(), 1e-5f);
-    }
-    for (std::size_t j = 0; j < asset.skeleton.size(); ++j) {
-      EXPECT_LT((baked.skeleton.bind[j] - asset.skeleton.bind[j]).cwiseAbs().maxCoeff(), 1e-6);
-    }
-    EXPECT_TRUE(baked.animations.empty());
-  }
-}
-
-TEST(BakePose, NormalsTurnWithTheSurfaceAndSeamsStayShut) {
-  // Two copies of one square that meet at a texture seam: the outer corners of the right one move, so the two halves of
-  // the fan around a seam vertex turn differently.
-  Asset asset;
-  asset.mesh.vertices = {{0, 0, 0}, {1, 0, 0}, {1, 1, 0}, {0, 1, 0}, {1, 0, 0}, {2, 0, 0}, {2, 1, 0}, {1, 1, 0}};
-  asset.mesh.normals.assign(8, Vector3f(0, 0, 1));
-  asset.mesh.faces = {{0, 1, 2}, {0, 2, 3}, {4, 5, 6}, {4, 6, 7}};
-  asset.skeleton = skeleton_from_joints({{0, 0, 0}, {1, 0, 0}}, {-1, 0});
-  for (const int joint : {0, 0, 0, 0, 0, 1, 1, 0}) asset.skin.append_row({{joint, 1.0f}});
-  JointTurns turns;
-  turns.rotations = {Eigen::Matrix3d::Identity(),
-                     Eigen::AngleAxisd(-EIGEN_PI / 2, Vector3d::UnitY()).toRotationMatrix()};
-  turns.angles = {0.0, EIGEN_PI / 2};
-  const std::vector<Eigen::Matrix4d> world = turned_joints(asset.skeleton, turns);
-  const Asset baked = bake_pose(asset, world, skin_vertices(asset, world));
-  EXPECT_LT((baked.mesh.vertices[5] - Vector3f(1, 0, 1)).norm(), 1e-6f);
-  EXPECT_LT((baked.mesh.normals[0] - Vector3f(0, 0, 1)).norm(), 1e-6f);
-  EXPECT_LT((baked.mesh.normals[5] - Vector3f(-1, 0, 0)).norm(), 1e-6f);
-  EXPECT_LT((baked.mesh.normals[1] - baked.mesh.normals[4]).norm(), 1e-6f);
-  EXPECT_LT((baked.mesh.normals[2] - baked.mesh.normals[7]).norm(), 1e-6f);
-  EXPECT_GT(baked.mesh.normals[1].z(), 0.3f);  // between the two sides
-  EXPECT_LT(baked.mesh.normals[1].x(), -0.3f);
-}
-
-TEST(BakePose, ShearedFramesBecomeRotations) {
-  Asset asset = tube(3);
-  // A parent stretched along one axis under a turned child: relative to it the grandchild's frame is sheared.
-  std::vector<Eigen::Matrix4d> world = asset.skeleton.bind;
-  world[0].topLeftCorner<3, 3>() = Vector3d(1.0, 2.0, 1.0).asDiagonal();
-  world[1].topLeftCorner<3, 3>() = Eigen::AngleAxisd(0.6, Vector3d::UnitZ()).toRotationMatrix();
-  const Asset baked = bake_pose(asset, world, skin_vertices(asset, world));
-  EXPECT_TRUE(validate(baked).empty());
-  const std::vector<Eigen::Matrix4d> rest = forward_kinematics(baked.skeleton.parents, baked.skeleton.rest);
-  for (std::size_t j = 0; j < 3; ++j) {
-    EXPECT_LT((rest[j] - baked.skeleton.bind[j]).cwiseAbs().maxCoeff(), 1e-9);
-    EXPECT_LT((world[j] - baked.skeleton.bind[j]).col(3).norm(), 1e-12);
-  }
-}
-
-TEST(BakePose, NamesTheJointThatCollapses) {
-  std::vector<Eigen::Matrix4d> world(3, Eigen::Matrix4d::Identity());
-  EXPECT_FALSE(collapsed_joint(world).has_value());
-  world[2](1, 1) = 0.0;
-  EXPECT_EQ(collapsed_joint(world).value(), 2u);
-  world[1](0, 3) = std::numeric_limits<double>::infinity();
-  EXPECT_EQ(collapsed_joint(world).value(), 1u);
-}
 
 TEST(PoseAugmentation, RandomVariantKeepsBonesWeightsAndFaces) {
   Asset asset = tube(5);
@@ -409,64 +212,6 @@ TEST(PoseAugmentation, AnimationThatHidesTheMeshFallsBackToRandomPoses) {
   EXPECT_EQ(provenance.attempt, static_cast<int>(provenance.rejections.size()));
   ASSERT_GE(provenance.rejections.size(), static_cast<std::size_t>(options.attempts));
   EXPECT_EQ(provenance.rejections[0].rfind("animation: ", 0), 0u) << provenance.rejections[0];
-}
-
-TEST(PoseChecks, TellCollapseFromPosing) {
-  const Asset asset = tube(5);
-  const PoseChecks checks(asset.mesh);
-  const PoseLimits limits;
-  const auto problem = [&](const auto& move) {
-    std::vector<Vector3f> vertices = asset.mesh.vertices;
-    for (Vector3f& vertex : vertices) vertex = move(vertex);
-    return broken_limit(checks.measure(vertices), limits);
-  };
-  const auto starts = [](const std::string& text, const char* word) { return text.rfind(word, 0) == 0; };
-  EXPECT_TRUE(starts(problem([](Vector3f v) { return v; }), "unchanged"));
-  EXPECT_TRUE(starts(problem([](Vector3f v) { return Vector3f(v + Vector3f(2, 0, 0)); }), "unchanged"));
-  // A gentle bend passes.
-  EXPECT_EQ(problem([](Vector3f v) { return Vector3f(v.x(), v.y() + v.x() * v.x(), v.z()); }), "");
-  EXPECT_TRUE(starts(problem([](Vector3f v) { return Vector3f(v * NAN); }), "not finite"));
-  EXPECT_TRUE(starts(problem([](Vector3f v) { return Vector3f(v * 1e4f); }), "not finite"));
-  // The size of the whole does not matter, since variants are normalised; its shape does.
-  EXPECT_TRUE(starts(problem([](Vector3f v) { return Vector3f(v * 0.1f); }), "unchanged"));
-  EXPECT_EQ(problem([](Vector3f v) { return Vector3f(0.1f * v.x(), 0.1f * (v.y() + v.x() * v.x()), 0.1f * v.z()); }),
-            "");
-  EXPECT_TRUE(starts(problem([](Vector3f) { return Vector3f(1, 2, 3); }), "vanished"));
-  EXPECT_TRUE(
-      starts(problem([](Vector3f v) { return Vector3f(v.x(), 1e-3f * v.y(), 1e-3f * v.z()); }), "bounding box"));
-  const auto thin_half = [](Vector3f v) {
-    const float factor = v.x() > 0.05f ? 0.1f : 1.0f;
-    return Vector3f(v.x(), factor * v.y(), factor * v.z());
-  };
-  EXPECT_TRUE(starts(problem(thin_half), "surface"));
-  EXPECT_TRUE(starts(problem([](Vector3f v) { return Vector3f(v.x(), 0.5f * v.y(), v.z() * 0.5f); }), "volume"));
-  EXPECT_TRUE(starts(problem([](Vector3f v) { return Vector3f(v.x(), v.y(), -v.z()); }), "volume"));
-  // One vertex far off pulls a few triangles after it.
-  std::vector<Vector3f> torn = asset.mesh.vertices;
-  torn[20].z() += 0.6f;
-  EXPECT_GT(checks.measure(torn).stretched_share, limits.most_stretched);
-  // The second half is pushed through the first: half of the surface lies inside or in the other half.
-  PoseMeasures folded = checks.measure([&] {
-    std::vector<Vector3f> vertices = asset.mesh.vertices;
-    for (std::size_t v = 28; v < vertices.size(); ++v) {
-      vertices[v].x() = -vertices[v].x();
-      vertices[v].y() *= 0.5f;
-      vertices[v].z() *= 0.5f;
-    }
-    return vertices;
-  }());
-  EXPECT_GT(folded.buried_share, limits.most_buried);
-  EXPECT_THROW(checks.measure({}), InputError);
-}
-
-TEST(PoseChecks, VolumeNeedsAClosedSurface) {
-  Asset asset = tube(2);
-  std::vector<Vector3f> wider = asset.mesh.vertices;
-  for (Vector3f& vertex : wider) vertex.y() *= 1.25f;
-  const PoseMeasures measures = PoseChecks(asset.mesh).measure(wider);
-  EXPECT_NEAR(measures.volume_ratio.value() * std::pow(measures.scale, 3), 1.25, 1e-5);
-  asset.mesh.faces.pop_back();
-  EXPECT_FALSE(PoseChecks(asset.mesh).measure(wider).volume_ratio.has_value());
 }
 
 TEST(PoseAugmentation, RefusesBadOptionsAndBrokenAssets) {

@@ -13,6 +13,7 @@
 #include "anigen/train/checkpoint.h"
 #include "anigen/train/train_command.h"
 #include "tests/support/paths.h"
+#include "tests/train/run_folder.h"
 #include "tests/train/sparse_structure_dataset.h"
 
 namespace anigen::train {
@@ -49,13 +50,7 @@ class BallRun : public ::testing::Test {
     std::ofstream(folder_ / "config.json") << kBallConfig;
   }
   TrainCommand command(const std::string& output, std::vector<std::string> overrides = {}) {
-    TrainCommand c;
-    c.config = folder_ / "config.json";
-    c.data_dir = (folder_ / "data").string();
-    c.run.output = folder_ / output;
-    c.overrides = std::move(overrides);
-    c.command_line = "anigen-train";
-    return c;
+    return test::train_command(folder_, output, std::move(overrides));
   }
   // A fresh encoder and decoder under the names of pretrained files.
   void write_pretrained() {

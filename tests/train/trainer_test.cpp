@@ -12,6 +12,7 @@
 #include "anigen/train/train_command.h"
 #include "tests/loaders/synthetic_dataset.h"
 #include "tests/support/paths.h"
+#include "tests/train/run_folder.h"
 
 namespace anigen::train {
 namespace {
@@ -39,13 +40,7 @@ class TrainerRun : public ::testing::Test {
     std::ofstream(folder_ / "config.json") << kConfig;
   }
   TrainCommand command(const std::string& output, std::vector<std::string> overrides = {}) {
-    TrainCommand c;
-    c.config = folder_ / "config.json";
-    c.data_dir = (folder_ / "data").string();
-    c.run.output = folder_ / output;
-    c.overrides = std::move(overrides);
-    c.command_line = "anigen-train";
-    return c;
+    return test::train_command(folder_, output, std::move(overrides));
   }
   std::string bytes(const std::string& file) { return read_file(folder_ / file); }
   test::TemporaryFolder folder_;
