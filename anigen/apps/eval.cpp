@@ -11,6 +11,7 @@
 #ifdef ANIGEN_WITH_TORCH
 #include "anigen/pipeline/perceptual_metric.h"
 #include "anigen/pipeline/skin_reconstruction.h"
+#include "anigen/pipeline/structure_evaluation.h"
 #endif
 
 namespace {
@@ -26,6 +27,11 @@ struct EvalOptions {
   int workers = 0;
   bool no_icp = false, point_to_plane = false, no_resume = false, no_report = false;
   eval::PairSettings settings;
+  // Sparse structures.
+  std::string ss_flow, ss_dae, train_split;
+  std::vector<double> strengths;
+  std::int64_t steps = 0;
+  std::size_t most = 0, views = 4;
 };
 
 /// Weights encoded by a trained skin auto-encoder and decoded again.
@@ -118,7 +124,38 @@ void evaluate_shapes(const EvalOptions& options, const CommonOptions& common) {
   }
 }
 
+void evaluate_sparse_structures(const EvalOptions& options, const CommonOptions& common) {
+#ifdef ANIGEN_WITH_TORCH
+  if (options.splits.size() > 1) throw InputError("", "--split", "one file of ids, with --ss-flow");
+  at::set_num_threads(common.threads > 0 ? common.threads : thread_count());
+  pipeline::StructureEvaluationRequest request;
+  request.run = options.ss_flow;
+  request.autoencoder = options.ss_dae;
+  request.data = options.truth;
+  request.split = options.splits.empty() ? "" : options.splits.front();
+  request.train_split = options.train_split;
+  request.out = options.out;
+  request.strengths = options.strengths;
+  request.steps = options.steps;
+  request.most = options.most;
+  request.pictured = options.pictured;
+  request.retrieval_views = options.views;
+  request.seed = common.seed;
+  request.device = common.device;
+  const pipeline::StructureEvaluation evaluation = pipeline::evaluate_structures(request);
+  std::fputs((eval::to_markdown(evaluation.table()) + "\n").c_str(), stdout);
+#else
+  static_cast<void>(common);
+  throw NotSupportedError(options.ss_flow, "", "--ss-flow in a build without LibTorch");
+#endif
+}
+
 void run(const EvalOptions& options, const CommonOptions& common) {
+  if (!options.ss_flow.empty()) {
+    if (!options.predictions.empty() || !options.skin_ae.empty() || !options.skins.empty())
+      throw InputError("", "--ss-flow", "evaluates a flow of sparse structures, and nothing else at the same time");
+    return evaluate_sparse_structures(options, common);
+  }
   if (!options.predictions.empty()) {
     if (!options.skin_ae.empty() || !options.skins.empty())
       throw InputError("", "--pred",
@@ -174,6 +211,24 @@ void add_shape_options(CLI::App& app, EvalOptions& options) {
   app.add_flag("--no-resume", options.no_resume, "Compute pairs again that an earlier run finished")->group(group);
 }
 
+void add_structure_options(CLI::App& app, EvalOptions& options) {
+  const char* group = "Sparse structures (--ss-flow)";
+  app.add_option("--ss-flow", options.ss_flow, "Run folder of stage 4: generate voxels from pictures and compare them")
+      ->group(group);
+  app.add_option("--ss-dae", options.ss_dae, "Run folder of stage 2 [as the flow's config says]")->group(group);
+  app.add_option("--guidance", options.strengths, "Strengths of guidance to try [as the flow's config says]")
+      ->delimiter(',')
+      ->group(group);
+  app.add_option("--steps", options.steps, "Steps of the sampler [as the flow's config says]")->group(group);
+  app.add_option("--train-split", options.train_split, "Ids that retrieval chooses from [as the flow's config says]")
+      ->group(group);
+  app.add_option("--retrieval-views", options.views,
+                 "Random views of a training asset to compare with; 0: no retrieval")
+      ->capture_default_str()
+      ->group(group);
+  app.add_option("--most", options.most, "Only so many assets; 0: all")->capture_default_str()->group(group);
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -188,7 +243,8 @@ int main(int argc, char** argv) {
       "results\n"
       "  anigen-eval --pred pairs.csv --out results          (CSV with columns pred, gt and perhaps id)\n"
       "  anigen-eval --skin-ae runs/skin_ae --gt data --split data/splits/test.txt --out results\n"
-      "  anigen-eval --gt data --out results                 (skinning baselines only)"};
+      "  anigen-eval --gt data --out results                 (skinning baselines only)\n"
+      "  anigen-eval --ss-flow runs/ss_flow --gt data --split splits/test.txt --out results   (voxels from pictures)"};
   CommonOptions common;
   EvalOptions options;
   app.add_option("--pred", options.predictions,
@@ -204,6 +260,7 @@ int main(int argc, char** argv) {
       ->capture_default_str();
   app.add_flag("--no-report", options.no_report, "Do not write report.html");
   add_shape_options(app, options);
+  add_structure_options(app, options);
   add_common_options(app, common);
   return run_command(app, common, argc, argv, [&] { run(options, common); });
 }

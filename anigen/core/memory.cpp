@@ -10,6 +10,8 @@ namespace anigen {
 
 void keep_freed_memory() {
 #if defined(__GLIBC__)
+  // One heap for all threads: those of other threads are small and go back to the system with every large tensor.
+  ::mallopt(M_ARENA_MAX, 1);
   ::mallopt(M_MMAP_THRESHOLD, 1 << 28);
   ::mallopt(M_TRIM_THRESHOLD, 1 << 29);
 #endif

@@ -45,7 +45,7 @@ VolumeHeadImpl::VolumeHeadImpl(std::int64_t in_channels, std::int64_t out_channe
   conv_ = register_module("2", nn::Conv3d(in_channels, out_channels, 3, 1, 1));
 }
 
-Tensor VolumeHeadImpl::forward(const Tensor& x) { return conv_->forward(torch::silu(norm_->forward(x))); }
+Tensor VolumeHeadImpl::forward(const Tensor& x) { return conv_->forward(torch::silu(norm_->forward(x))).contiguous(); }
 
 template <typename Holder>
 void VolumeTorsoImpl::add(Holder layer) {

@@ -45,7 +45,7 @@ class VolumeUpsampleImpl : public torch::nn::Module {
 };
 TORCH_MODULE(VolumeUpsample);
 
-/// norm, SiLU, 3³ convolution: the `out_layer` of a stream. Keys `0.*` (norm), `2.*` (convolution).
+/// norm, SiLU, 3³ convolution: the `out_layer` of a stream, contiguous. Keys `0.*` (norm), `2.*` (convolution).
 class VolumeHeadImpl : public torch::nn::Module {
  public:
   VolumeHeadImpl(std::int64_t in_channels, std::int64_t out_channels, nn::VolumeNormImpl::Kind norm);

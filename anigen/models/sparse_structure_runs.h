@@ -2,6 +2,7 @@
 #include "anigen/models/run_model.h"
 #include "anigen/models/sparse_structure_decoder.h"
 #include "anigen/models/sparse_structure_encoder.h"
+#include "anigen/models/sparse_structure_flow.h"
 
 namespace anigen::models {
 
@@ -13,5 +14,11 @@ inline constexpr const char* kSparseStructureDecoderClass = "AniGenSparseStructu
 /// @param found by find_run_model() @throws InputError when arguments or weights do not fit
 SparseStructureEncoder load_sparse_structure_encoder(const RunModel& found, torch::Device device);
 SparseStructureDecoder load_sparse_structure_decoder(const RunModel& found, torch::Device device);
+
+/// The flow model of stage 4 in configs.
+inline constexpr const char* kSparseStructureFlowClass = "AniGenSparseStructureFlowModel";
+
+/// The same for the flow of stage 4.
+SparseStructureFlow load_sparse_structure_flow(const RunModel& found, torch::Device device);
 
 }  // namespace anigen::models

@@ -20,6 +20,9 @@ Tensor pixel_shuffle_3d(const Tensor& volume, std::int64_t scale) {
               " channels are not a multiple of ", cells);
   const std::int64_t c = volume.size(1) / cells;
   const Tensor split = volume.reshape({b, c, s, s, s, x, y, z});
+  if (volume.suggest_memory_format() == torch::MemoryFormat::ChannelsLast3d) {
+    return split.permute({0, 5, 2, 6, 3, 7, 4, 1}).reshape({b, x * s, y * s, z * s, c}).permute({0, 4, 1, 2, 3});
+  }
   return split.permute({0, 1, 5, 2, 6, 3, 7, 4}).reshape({b, c, x * s, y * s, z * s});
 }
 

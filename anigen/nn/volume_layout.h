@@ -8,7 +8,8 @@ namespace anigen::nn {
 Tensor patchify(const Tensor& volume, std::int64_t patch);
 Tensor unpatchify(const Tensor& patches, std::int64_t patch);  ///< inverse of patchify
 
-/// [B, C s³, X, Y, Z] → [B, C, sX, sY, sZ] in the same channel order (reference autoencoders.md, 2.1, Up).
+/// [B, C s³, X, Y, Z] → [B, C, sX, sY, sZ] in the same channel order (reference autoencoders.md, 2.1, Up). Keeps the
+/// memory format, contiguous or ChannelsLast3d.
 Tensor pixel_shuffle_3d(const Tensor& volume, std::int64_t scale);
 
 }  // namespace anigen::nn

@@ -23,7 +23,7 @@ SparseStructureFlowStage::Dataset structure_latents(const std::shared_ptr<const 
 models::SparseStructureFlow flow_model(ConfigReader& models, const std::string& name, const WarmStartOptions& start) {
   ConfigReader model = models.object(name);
   model.require("name");
-  model.choice("name", "", {kSparseStructureFlowClass});
+  model.choice("name", "", {models::kSparseStructureFlowClass});
   auto options = models::SparseStructureFlowOptions::from_json(model.raw("args") ? *model.raw("args") : Json::object(),
                                                                model.file(), model.pointer_to("args"));
   model.finish();

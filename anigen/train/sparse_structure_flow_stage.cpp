@@ -5,6 +5,7 @@
 
 #include "anigen/flow/condition_dropout.h"
 #include "anigen/flow/time_bins.h"
+#include "anigen/models/sparse_structure_runs.h"
 #include "anigen/train/loss_generator.h"
 
 namespace anigen::train {
@@ -70,7 +71,7 @@ std::vector<NamedModel> SparseStructureFlowStage::models() const {
 
 void SparseStructureFlowStage::warm_start(const LoadedKeys& finetuned) {
   if (!parts_.model->options().use_pretrain_branch) return;
-  load_pretrained(*parts_.model, {PretrainedFile{kSparseStructureFlowClass, ""}}, parts_.start,
+  load_pretrained(*parts_.model, {PretrainedFile{models::kSparseStructureFlowClass, ""}}, parts_.start,
                   keys_of(finetuned, parts_.name));
 }
 

@@ -15,9 +15,6 @@
 
 namespace anigen::train {
 
-/// Name of the model in configs, and of its file of pretrained weights.
-inline constexpr const char* kSparseStructureFlowClass = "AniGenSparseStructureFlowModel";
-
 /// Arguments of the trainers of stage 4 beside those all trainers share (reference training-and-data.md, 3.4).
 struct SparseStructureFlowStageOptions {
   double p_uncond = 0.1;          ///< share of items whose condition becomes that of no picture

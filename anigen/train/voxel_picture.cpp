@@ -129,4 +129,16 @@ io::Image voxel_picture(const VoxelPair& pair, int size) {
   return picture;
 }
 
+io::Image picture_of_planes(const torch::Tensor& planes) {
+  const torch::Tensor bytes =
+      (planes.detach().to(torch::kCPU).clamp(0.0, 1.0) * 255.0 + 0.5).to(torch::kUInt8).contiguous();
+  io::Image image(static_cast<int>(bytes.size(2)), static_cast<int>(bytes.size(1)));
+  const std::uint8_t* values = bytes.data_ptr<std::uint8_t>();
+  const std::size_t pixels = image.rgba.size() / 4;
+  for (std::size_t i = 0; i < pixels; ++i) {
+    for (std::size_t c = 0; c < 3; ++c) image.rgba[4 * i + c] = values[c * pixels + i];
+  }
+  return image;
+}
+
 }  // namespace anigen::train

@@ -15,4 +15,7 @@ struct VoxelPair {
 /// @param size pixels on a side @throws Error when a grid is no cube, or the two differ in size
 io::Image voxel_picture(const VoxelPair& pair, int size);
 
+/// [3, H, W] in [0, 1], anywhere, as an opaque picture.
+io::Image picture_of_planes(const torch::Tensor& planes);
+
 }  // namespace anigen::train

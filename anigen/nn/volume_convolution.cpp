@@ -1,0 +1,148 @@
+#include "anigen/nn/volume_convolution.h"
+
+#include <ATen/Parallel.h>
+
+#include <algorithm>
+
+#include "anigen/nn/volume_convolution_kernels.h"
+
+namespace anigen::nn {
+namespace {
+
+using kernels::VolumeConvolutionSizes;
+using torch::autograd::AutogradContext;
+using torch::autograd::variable_list;
+
+VolumeConvolutionSizes convolution_sizes(const Tensor& x, const Tensor& weight) {
+  return {x.size(0), x.size(2), x.size(3), x.size(4), weight.size(1), weight.size(0)};
+}
+
+Tensor channels_last(const Tensor& x) { return x.contiguous(torch::MemoryFormat::ChannelsLast3d); }
+
+Tensor empty_volume(const Tensor& like, std::int64_t channels) {
+  return torch::empty({like.size(0), channels, like.size(2), like.size(3), like.size(4)}, like.options(),
+                      torch::MemoryFormat::ChannelsLast3d);
+}
+
+// @param x channels last @param packed, bias of whole vectors of output channels
+Tensor convolve(const VolumeConvolutionSizes& sizes, const Tensor& x, const Tensor& packed, const Tensor& bias) {
+  Tensor out = empty_volume(x, sizes.out);
+  const float *x_data = x.data_ptr<float>(), *packed_data = packed.data_ptr<float>();
+  const float* bias_data = bias.data_ptr<float>();
+  float* out_data = out.data_ptr<float>();
+  at::parallel_for(0, sizes.slabs(), 1, [&](std::int64_t begin, std::int64_t end) {
+    kernels::convolve_slabs(sizes, x_data, packed_data, bias_data, out_data, begin, end);
+  });
+  return out;
+}
+
+struct ParameterGradients {
+  Tensor weight, bias;
+};
+
+// Into how many chunks the slabs are cut, each with sums of its own that are added up in order: the sizes decide alone,
+// so that any number of threads gives the same bits. Many for balance, as long as the sums stay in a cache; fewer than
+// eight only where they would take more than 256 MiB.
+std::int64_t gradient_chunks(std::int64_t slabs, std::int64_t floats) {
+  constexpr std::int64_t kMost = 32, kUsual = 8, kCached = 1 << 20, kAffordable = 1 << 26;
+  const std::int64_t wanted = std::min(kMost, std::max(kUsual, kCached / floats));
+  return std::min({slabs, wanted, std::max<std::int64_t>(1, kAffordable / floats)});
+}
+
+ParameterGradients parameter_gradients(const VolumeConvolutionSizes& sizes, const Tensor& x, const Tensor& dy) {
+  const std::int64_t channels = sizes.padded_out(), floats = sizes.weights() + channels;
+  const std::int64_t chunks = gradient_chunks(sizes.slabs(), floats);
+  Tensor sums = torch::zeros({chunks, floats}, x.options());
+  const float *x_data = x.data_ptr<float>(), *dy_data = dy.data_ptr<float>();
+  float* sums_data = sums.data_ptr<float>();
+  at::parallel_for(0, chunks, 1, [&](std::int64_t begin, std::int64_t end) {
+    for (std::int64_t chunk = begin; chunk < end; ++chunk) {
+      float* weight_sums = sums_data + chunk * floats;
+      kernels::add_weight_gradient(sizes, x_data, dy_data, sizes.slabs() * chunk / chunks,
+                                   sizes.slabs() * (chunk + 1) / chunks, weight_sums, weight_sums + sizes.weights());
+    }
+  });
+  Tensor total = sums[0];
+  for (std::int64_t chunk = 1; chunk < chunks; ++chunk) total.add_(sums[chunk]);
+  const Tensor weight = total.narrow(0, 0, sizes.weights()).view({3, 3, 3, sizes.in, channels});
+  return {weight.narrow(4, 0, sizes.out).permute({4, 3, 0, 1, 2}).contiguous(),
+          total.narrow(0, sizes.weights(), sizes.out).clone()};
+}
+
+class VolumeConvolution : public torch::autograd::Function<VolumeConvolution> {
+ public:
+  static Tensor forward(AutogradContext* context, const Tensor& x, const Tensor& weight, const Tensor& bias) {
+    const VolumeConvolutionSizes sizes = convolution_sizes(x, weight);
+    const Tensor packed = torch::empty({sizes.weights()}, x.options());
+    kernels::pack_volume_weights(weight.contiguous().data_ptr<float>(), sizes, packed.data_ptr<float>());
+    Tensor padded_bias = torch::zeros({sizes.padded_out()}, x.options());
+    padded_bias.narrow(0, 0, sizes.out).copy_(bias);
+    context->save_for_backward({x, weight});
+    return convolve(sizes, channels_last(x), packed, padded_bias);
+  }
+
+  static variable_list backward(AutogradContext* context, variable_list gradients) {
+    TORCH_CHECK(!at::GradMode::is_enabled(),
+                "volume convolution can be differentiated once only: its backward pass, under create_graph, would "
+                "miss terms");
+    const variable_list saved = context->get_saved_variables();
+    const Tensor &x = saved[0], &weight = saved[1];
+    const VolumeConvolutionSizes sizes = convolution_sizes(x, weight);
+    const Tensor dy = channels_last(gradients[0]);
+    Tensor dx;
+    if (context->needs_input_grad(0)) {
+      const VolumeConvolutionSizes back = sizes.transposed();
+      const Tensor packed = torch::empty({back.weights()}, x.options());
+      kernels::pack_transposed_volume_weights(weight.contiguous().data_ptr<float>(), sizes, packed.data_ptr<float>());
+      dx = convolve(back, dy, packed, torch::zeros({back.padded_out()}, x.options()));
+    }
+    ParameterGradients parameters;
+    if (context->needs_input_grad(1) || context->needs_input_grad(2)) {
+      parameters = parameter_gradients(sizes, channels_last(x), dy);
+    }
+    return {dx, parameters.weight, parameters.bias};
+  }
+};
+
+bool is_fp32_volume(const Tensor& x, const Tensor& weight) {
+  const bool plain = x.is_cpu() && weight.is_cpu() && x.layout() == torch::kStrided && dtype_of(x) == torch::kFloat32 &&
+                     dtype_of(weight) == torch::kFloat32;
+  return plain && x.dim() == 5 && weight.dim() == 5 && x.size(1) == weight.size(1) && x.numel() > 0 &&
+         weight.numel() > 0;
+}
+
+bool has_kernel(const Tensor& weight, std::int64_t edge) {
+  return weight.size(2) == edge && weight.size(3) == edge && weight.size(4) == edge;
+}
+
+}  // namespace
+
+bool volume_convolution_supports(const Tensor& x, const Tensor& weight, std::int64_t stride, std::int64_t padding) {
+  return stride == 1 && padding == 1 && is_fp32_volume(x, weight) && has_kernel(weight, 3);
+}
+
+Tensor volume_convolution(const Tensor& x, const Tensor& weight, const Tensor& bias) {
+  TORCH_CHECK(volume_convolution_supports(x, weight, 1, 1), "volume convolution: an fp32 volume on a CPU and a 3³ ",
+              "kernel are needed, not ", x.sizes(), " ", dtype_of(x), " and ", weight.sizes(), " ", dtype_of(weight));
+  TORCH_CHECK(bias.dim() == 1 && bias.size(0) == weight.size(0) && dtype_of(bias) == torch::kFloat32,
+              "volume convolution: a bias of ", weight.size(0), " fp32 values is needed, not ", bias.sizes());
+  return VolumeConvolution::apply(x, weight, bias);
+}
+
+bool patch_convolution_supports(const Tensor& x, const Tensor& weight, std::int64_t stride, std::int64_t padding) {
+  if (padding != 0 || stride < 1 || !is_fp32_volume(x, weight) || !has_kernel(weight, stride)) return false;
+  return x.size(2) % stride == 0 && x.size(3) % stride == 0 && x.size(4) % stride == 0;
+}
+
+Tensor patch_convolution(const Tensor& x, const Tensor& weight, const Tensor& bias) {
+  const std::int64_t k = weight.size(2), b = x.size(0), c = x.size(1);
+  TORCH_CHECK(patch_convolution_supports(x, weight, k, 0), "patch convolution: ", x.sizes(), " and ", weight.sizes(),
+              " do not fit");
+  const std::int64_t nx = x.size(2) / k, ny = x.size(3) / k, nz = x.size(4) / k;
+  const Tensor cells = x.permute({0, 2, 3, 4, 1}).reshape({b, nx, k, ny, k, nz, k, c});
+  const Tensor rows = cells.permute({0, 1, 3, 5, 2, 4, 6, 7}).reshape({b * nx * ny * nz, k * k * k * c});
+  const Tensor matrix = weight.permute({0, 2, 3, 4, 1}).reshape({weight.size(0), k * k * k * c});
+  return torch::linear(rows, matrix, bias).view({b, nx, ny, nz, weight.size(0)}).permute({0, 4, 1, 2, 3});
+}
+
+}  // namespace anigen::nn

@@ -1,0 +1,56 @@
+#pragma once
+#include <filesystem>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "anigen/loaders/datasets/structure_latent_dataset.h"
+#include "anigen/models/sparse_structure_runs.h"
+#include "anigen/train/condition_encoder.h"
+#include "anigen/train/sparse_structure_sampling.h"
+#include "anigen/train/voxel_picture.h"
+
+namespace anigen::pipeline {
+
+/// A trained sparse-structure flow with its image encoder and the decoder of its latents: pictures become voxels of a
+/// shape and its skeleton (paper 3.4; reference flows-and-pipeline.md, 4).
+class StructureGenerator {
+ public:
+  struct Request {
+    std::filesystem::path run;          ///< run folder of stage 4
+    std::filesystem::path autoencoder;  ///< run folder of stage 2; empty: the one its dataset's ss_dec_path names
+    std::string ckpt;                   ///< of the flow, as models::find_run_model
+    std::string device = "cpu";
+  };
+  /// @throws InputError when a run is unusable, or the flow was trained without pictures
+  explicit StructureGenerator(const Request& request);
+
+  const models::RunModel& flow() const { return flow_; }
+  const std::filesystem::path& autoencoder() const { return autoencoder_; }
+  /// Of its dataset: the size and kind of its pictures, and what normalises its latents.
+  const loaders::StructureLatentOptions& reading() const { return reading_; }
+  const flow::SamplerOptions& sampler() const { return sampler_; }  ///< as its config samples
+
+  /// @param pictures [B, 3, S, S] in [0, 1], S = reading().image_size @return [B, M, C]
+  torch::Tensor condition(const torch::Tensor& pictures);
+  /// Standard normal numbers of a latent, from the seed and the number of an asset, whatever else is sampled with it.
+  flow::Streams noise(std::uint64_t seed, std::uint64_t number) const;
+  /// Latents, as the dataset normalises them. @param noise of a batch
+  flow::Streams sample(const flow::Streams& noise, const torch::Tensor& condition, const flow::SamplerOptions& sampler,
+                       bool guided);
+  /// Occupied voxels of every item, logit > 0, of the skeleton only the largest component (reference
+  /// flows-and-pipeline.md, 5.5). @param latents as sample() returns them, or as the dataset holds them
+  std::vector<train::VoxelPair> decode(const flow::Streams& latents);
+
+ private:
+  torch::Device device_;
+  models::RunModel flow_;
+  std::filesystem::path autoencoder_;
+  loaders::StructureLatentOptions reading_;
+  flow::SamplerOptions sampler_;
+  models::SparseStructureFlow model_ = nullptr;
+  std::unique_ptr<train::ConditionEncoder> encoder_;
+  models::SparseStructureDecoder decoder_ = nullptr;
+};
+
+}  // namespace anigen::pipeline

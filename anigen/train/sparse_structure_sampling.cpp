@@ -1,0 +1,30 @@
+#include "anigen/train/sparse_structure_sampling.h"
+
+#include <utility>
+
+namespace anigen::train {
+
+using torch::Tensor;
+
+flow::Velocities structure_velocities(models::SparseStructureFlow model, const Tensor& condition, bool guided) {
+  const auto velocity_under = [model = std::move(model)](const Tensor& tokens) {
+    return [model, tokens](const flow::Streams& x, float time) mutable {
+      const Tensor t = torch::full({x[0].size(0)}, time, x[0].options());
+      const models::Velocity velocity = model->forward(x[0], x[1], t, tokens);
+      return flow::Streams{velocity.shape, velocity.skeleton};
+    };
+  };
+  flow::Velocities velocities;
+  velocities.conditional = velocity_under(condition);
+  if (guided) velocities.unconditional = velocity_under(torch::zeros_like(condition));
+  return velocities;
+}
+
+Tensor denormalised(const Tensor& x, const loaders::ChannelStatistics& statistics) {
+  if (statistics.empty()) return x;
+  const Tensor mean = torch::tensor(statistics.mean).to(x.device());
+  const Tensor deviation = torch::tensor(statistics.deviation).to(x.device());
+  return x * deviation.view({1, -1, 1, 1, 1}) + mean.view({1, -1, 1, 1, 1});
+}
+
+}  // namespace anigen::train
