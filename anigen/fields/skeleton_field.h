@@ -1,0 +1,53 @@
+#pragma once
+#include <string>
+
+#include "anigen/geometry/vote_clustering.h"
+#include "anigen/nn/torch.h"
+
+namespace anigen::fields {
+
+using torch::Tensor;
+
+/// The decoded skeleton field of one asset at the centres of its skeleton voxels (reference autoencoders.md, 3.6).
+struct SkeletonField {
+  Tensor positions;       ///< [M, 3] voxel centres (of each corner when the field stands on corners, before averaging)
+  Tensor joints;          ///< [M, 3] votes, object space
+  Tensor parents;         ///< [M, 3] votes, object space
+  Tensor conf_j, conf_p;  ///< [M, 1] as the configuration activates them; undefined without confidence
+  Tensor conf_skin;       ///< [M, 1]; undefined without
+  Tensor skin_features;   ///< [M, S]
+};
+
+struct SkeletonTensors {
+  Tensor joints;   ///< [J, 3] fp32
+  Tensor parents;  ///< [J] int64, -1 for a root
+};
+
+enum class Grouping { kMeanShift, kThreshold };
+
+/// @param name "mean_shift" or "threshold" @throws InputError on another one
+Grouping grouping_named(const std::string& name);
+
+/// The votes of a field on the CPU; confidences stay empty where the field has none.
+/// @throws InputError when shapes do not fit
+geometry::Votes votes_of(const SkeletonField& field);
+
+/// Clusters votes into a skeleton; not differentiable. @param strategy "mean_shift" or "threshold"
+/// @return on the device of the votes; parents are raw, see geometry::GroupedSkeleton
+/// @throws InputError on another strategy, when shapes do not fit, and as geometry::mean_shift_grouping
+SkeletonTensors group_votes(const SkeletonField& field, const std::string& strategy,
+                            const geometry::MeanShiftOptions& mean_shift = {},
+                            const geometry::ThresholdOptions& threshold = {});
+
+struct JointSkinFeatures {
+  Tensor features;  ///< [J, S]
+  Tensor variance;  ///< scalar: mean over joints and channels of the weighted variance inside a joint
+};
+/// Each voxel belongs to the joint nearest its centre; features are means weighted by sigmoid(conf_skin), or 1 without
+/// it; a joint without voxels gets zeros (reference autoencoders.md, 4.5). Differentiable in features and confidence.
+/// Of equally near joints the first counts. fp32, or fp64 for fp64 features. Without joints both results are empty or
+/// zero.
+/// @param joints [J, 3] @throws InputError when shapes do not fit, or naming a joint or centre that is not finite
+JointSkinFeatures joint_skin_features(const SkeletonField& field, const Tensor& joints);
+
+}  // namespace anigen::fields

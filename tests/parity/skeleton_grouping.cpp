@@ -1,0 +1,117 @@
+// From votes to a skeleton: grouping by both strategies, skin features of the grouped joints, repair of parents, hops.
+#include <string>
+#include <vector>
+
+#include "anigen/fields/skeleton_field.h"
+#include "anigen/geometry/skeleton_repair.h"
+#include "tests/parity/eigen_tensors.h"
+#include "tests/parity/registry.h"
+
+namespace anigen::test {
+namespace {
+
+using torch::Tensor;
+
+/// What a fixture calls the arguments of the groupings, each in its own place.
+void read_number(const Json& from, const char* name, float& to) {
+  if (from.contains(name)) to = static_cast<float>(from.at(name).get<double>());
+}
+
+void read_number(const Json& from, const char* name, int& to) {
+  if (from.contains(name)) to = from.at(name).get<int>();
+}
+
+Tensor optional_input(const Fixture& fixture, const std::string& name) {
+  return fixture.has_input(name) ? fixture.input(name) : Tensor();
+}
+
+void run_grouping(Fixture& fixture) {
+  for (const auto& [name, setup] : fixture.config().at("cases").items()) {
+    fields::SkeletonField field;
+    field.joints = fixture.input(name + ".joints");
+    field.parents = fixture.input(name + ".parents");
+    field.conf_j = optional_input(fixture, name + ".joints_conf");
+    field.conf_p = optional_input(fixture, name + ".parents_conf");
+    const std::string strategy = setup.at("strategy");
+    const Json& arguments = setup.at("kwargs");
+    geometry::MeanShiftOptions mean_shift;
+    read_number(arguments, "conf_threshold", mean_shift.confidence_threshold);
+    read_number(arguments, "threshold", mean_shift.bandwidth);
+    read_number(arguments, "cluster_size_threshold", mean_shift.min_cluster_size);
+    geometry::ThresholdOptions threshold;
+    read_number(arguments, "conf_threshold", threshold.confidence_threshold);
+    read_number(arguments, "threshold", threshold.distance);
+
+    const fields::SkeletonTensors skeleton = fields::group_votes(field, strategy, mean_shift, threshold);
+    fixture.check(name + ".joints", skeleton.joints);
+    Tensor parents = skeleton.parents;
+    if (parents.numel() == 0) {
+      // An empty skeleton has as many parents as joints here. The published mean shift gives one parent, 0, to no
+      // joint, and the published union-find a second axis.
+      parents =
+          strategy == "mean_shift" ? torch::cat({parents, torch::zeros({1}, torch::kInt64)}) : parents.reshape({0, 1});
+    }
+    fixture.check(name + ".parents", parents);
+  }
+}
+
+void run_skeleton_grouping(Fixture& fixture) {
+  const Json& config = fixture.config();
+  geometry::MeanShiftOptions mean_shift;
+  read_number(config, "ms_conf_threshold", mean_shift.confidence_threshold);
+  read_number(config, "ms_threshold", mean_shift.bandwidth);
+  read_number(config, "cluster_size_threshold", mean_shift.min_cluster_size);
+  geometry::ThresholdOptions threshold;
+  read_number(config, "conf_threshold", threshold.confidence_threshold);
+  read_number(config, "threshold", threshold.distance);
+  for (std::size_t c = 0; c < config.at("cases").size(); ++c) {
+    const std::string name = "c" + std::to_string(c) + ".";
+    fields::SkeletonField field;
+    field.joints = fixture.input(name + "joints");
+    field.parents = fixture.input(name + "parents");
+    field.conf_j = fixture.input(name + "conf_j");
+    field.conf_p = fixture.input(name + "conf_p");
+    field.conf_skin = field.conf_j;  // as with jp_hyper_continuous
+    field.positions = fixture.input(name + "positions");
+    field.skin_features = fixture.input(name + "skin_feats");
+
+    const fields::SkeletonTensors by_threshold = fields::group_votes(field, "threshold", mean_shift, threshold);
+    fixture.check(name + "thr_joints", by_threshold.joints);
+    fixture.check(name + "thr_parents", by_threshold.parents);
+    const fields::SkeletonTensors by_shift = fields::group_votes(field, "mean_shift", mean_shift, threshold);
+    fixture.check(name + "ms_joints", by_shift.joints);
+    fixture.check(name + "ms_parents", by_shift.parents);
+    const fields::JointSkinFeatures features = fields::joint_skin_features(field, by_shift.joints);
+    fixture.check(name + "feat_joints", features.features);
+    fixture.check(name + "var_loss", features.variance);
+  }
+}
+
+void run_skeleton_repair(Fixture& fixture) {
+  for (std::size_t c = 0; c < fixture.config().at("cases").size(); ++c) {
+    const std::string name = "c" + std::to_string(c) + ".";
+    std::vector<Eigen::Vector3f> joints;
+    for (const Eigen::Vector3d& joint : points(fixture.input(name + "joints"))) {
+      joints.emplace_back(joint.cast<float>());
+    }
+    const std::vector<int> raw = ints(fixture.input(name + "parents"));
+    const std::vector<int> repaired = geometry::repair_parents_as_published(joints, raw);
+    fixture.check(name + "parents", torch::tensor(repaired, torch::kInt32));
+    fixture.check(name + "parents_nojoints",
+                  torch::tensor(geometry::repair_parents_as_published({}, raw), torch::kInt32));
+    const auto count = static_cast<std::int64_t>(repaired.size());
+    const Tensor hops = torch::empty({count, count}, torch::kInt32);
+    std::int32_t* next = hops.data_ptr<std::int32_t>();
+    for (const std::vector<int>& row : geometry::hop_distances(repaired)) {
+      for (const int distance : row) *next++ = distance;
+    }
+    fixture.check(name + "hops", hops);
+  }
+}
+
+}  // namespace
+}  // namespace anigen::test
+
+ANIGEN_PARITY(grouping, anigen::test::run_grouping)
+ANIGEN_PARITY(ops_data_skeleton_grouping, anigen::test::run_skeleton_grouping)
+ANIGEN_PARITY(ops_data_skeleton_repair, anigen::test::run_skeleton_repair)
