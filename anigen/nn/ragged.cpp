@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <limits>
+#include <mutex>
 #include <utility>
 
 namespace anigen::nn {
@@ -16,27 +17,42 @@ Tensor index_tensor(const std::vector<std::int64_t>& values) {
 
 }  // namespace
 
-Ragged::Ragged(std::vector<std::int64_t> lengths) : lengths_(std::move(lengths)) {
+// Only of items of different length.
+struct Ragged::Padding {
+  std::once_flag made;
+  Tensor pad_index, unpad_index, mask;
+
+  void make(const Ragged& ragged) {
+    std::vector<std::int64_t> pad, unpad;
+    std::vector<float> hidden;
+    for (std::int64_t item = 0; item < ragged.items(); ++item) {
+      const std::int64_t length = ragged.lengths_[static_cast<std::size_t>(item)];
+      for (std::int64_t i = 0; i < ragged.longest_; ++i) {
+        const bool real = i < length;
+        if (real) unpad.push_back(item * ragged.longest_ + i);
+        pad.push_back(real ? ragged.offset(item) + i : 0);
+        hidden.push_back(real ? 0.0F : -std::numeric_limits<float>::infinity());
+      }
+    }
+    pad_index = index_tensor(pad);
+    unpad_index = index_tensor(unpad);
+    mask = torch::tensor(hidden).view({ragged.items(), 1, 1, ragged.longest_});
+  }
+};
+
+Ragged::Ragged(std::vector<std::int64_t> lengths)
+    : lengths_(std::move(lengths)), padding_(std::make_shared<Padding>()) {
   for (const std::int64_t length : lengths_) {
     TORCH_CHECK(length >= 0, "an item of a ragged batch cannot have ", length, " rows");
     offsets_.push_back(rows_);
     rows_ += length;
     longest_ = std::max(longest_, length);
   }
-  if (uniform()) return;
-  std::vector<std::int64_t> pad_index, unpad_index;
-  std::vector<float> padding;
-  for (std::size_t item = 0; item < lengths_.size(); ++item) {
-    for (std::int64_t i = 0; i < longest_; ++i) {
-      const bool real = i < lengths_[item];
-      if (real) unpad_index.push_back(static_cast<std::int64_t>(item) * longest_ + i);
-      pad_index.push_back(real ? offsets_[item] + i : 0);
-      padding.push_back(real ? 0.0F : -std::numeric_limits<float>::infinity());
-    }
-  }
-  pad_index_ = index_tensor(pad_index);
-  unpad_index_ = index_tensor(unpad_index);
-  padding_ = torch::tensor(padding).view({items(), 1, 1, longest_});
+}
+
+const Ragged::Padding& Ragged::padding() const {
+  std::call_once(padding_->made, [this] { padding_->make(*this); });
+  return *padding_;
 }
 
 bool Ragged::padding_pays() const {
@@ -51,17 +67,17 @@ bool Ragged::padding_pays() const {
 std::vector<Tensor> Ragged::split(const Tensor& rows) const { return rows.split_with_sizes(lengths_, 0); }
 
 Tensor Ragged::pad(const Tensor& rows) const {
-  const Tensor padded = uniform() ? rows : rows.index_select(0, pad_index_.to(rows.device()));
+  const Tensor padded = uniform() ? rows : rows.index_select(0, padding().pad_index.to(rows.device()));
   return padded.view({items(), longest_, rows.size(-1)});
 }
 
 Tensor Ragged::unpad(const Tensor& padded) const {
   const Tensor flat = padded.reshape({items() * longest_, padded.size(-1)});
-  return uniform() ? flat : flat.index_select(0, unpad_index_.to(flat.device()));
+  return uniform() ? flat : flat.index_select(0, padding().unpad_index.to(flat.device()));
 }
 
 Tensor Ragged::key_mask(const torch::TensorOptions& options) const {
-  return uniform() ? Tensor() : padding_.to(options);
+  return uniform() ? Tensor() : padding().mask.to(options);
 }
 
 }  // namespace anigen::nn

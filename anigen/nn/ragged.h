@@ -1,4 +1,5 @@
 #pragma once
+#include <memory>
 #include <vector>
 
 #include "anigen/nn/torch.h"
@@ -6,7 +7,8 @@
 namespace anigen::nn {
 
 /// How the rows of a concatenated batch [ΣN, C] fall into items of different length. Row-wise layers (Linear, norms)
-/// then run as one product over all rows, and only attention needs to know where an item begins and ends.
+/// then run as one product over all rows, and only attention needs to know where an item begins and ends. Tables for
+/// padding are made when first needed, and shared by copies. Thread-safe.
 class Ragged {
  public:
   /// @param lengths rows of each item, each at least 0
@@ -36,7 +38,9 @@ class Ragged {
  private:
   std::vector<std::int64_t> lengths_, offsets_;
   std::int64_t rows_ = 0, longest_ = 0;
-  Tensor pad_index_, unpad_index_, padding_;  // built once; undefined when uniform
+  struct Padding;
+  const Padding& padding() const;
+  std::shared_ptr<Padding> padding_;
 };
 
 }  // namespace anigen::nn

@@ -37,5 +37,21 @@ TEST(Ragged, PaddingDoesNotPayForOneHugeItemAmongSmallOnes) {
   EXPECT_FALSE(Ragged({3, 0}).padding_pays());
 }
 
+TEST(Ragged, CopiesPadAsWell) {
+  Ragged copy({1});
+  {
+    const Ragged items({2, 1});
+    copy = items;
+  }
+  const Tensor rows = torch::arange(3, torch::kFloat32).view({3, 1});
+  EXPECT_TRUE(torch::equal(copy.unpad(copy.pad(rows)), rows));
+}
+
+TEST(Ragged, ManyItemsOfVeryDifferentLengthCostNothingUntilPadded) {
+  std::vector<std::int64_t> lengths(200000, 1);
+  lengths[0] = 1000000;  // a padded table would have 2 · 10¹¹ entries
+  EXPECT_EQ(Ragged(lengths).rows(), 1199999);
+}
+
 }  // namespace
 }  // namespace anigen::nn

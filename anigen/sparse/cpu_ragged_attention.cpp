@@ -1,0 +1,222 @@
+#include "anigen/sparse/cpu_ragged_attention.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "anigen/sparse/head_rows.h"
+#include "anigen/sparse/ragged_softmax.h"
+#include "anigen/sparse/ragged_tasks.h"
+#include "anigen/sparse/small_products.h"
+
+namespace anigen::sparse {
+namespace {
+
+using torch::autograd::AutogradContext;
+using torch::autograd::variable_list;
+
+// A block of scores with the rows it is made of stays in a second-level cache of half a MiB.
+constexpr std::int64_t kForwardQueries = 128, kBackwardQueries = 64, kMostKeys = 256;
+
+std::int64_t at_most(std::int64_t longest, std::int64_t most) { return std::min(longest, most); }
+std::int64_t key_block_rows(const RaggedProblem& problem) {
+  return products::padded(at_most(problem.longest_keys, kMostKeys));
+}
+
+struct ForwardScratch {
+  explicit ForwardScratch(const RaggedProblem& p)
+      : queries(at_most(p.longest_queries, kForwardQueries), p.width),
+        keys(key_block_rows(p), p.width),
+        keys_across(p.width, products::spread_stride(key_block_rows(p))),
+        values(key_block_rows(p), p.width),
+        scores(at_most(p.longest_queries, kForwardQueries), products::spread_stride(key_block_rows(p))),
+        sums(at_most(p.longest_queries, kForwardQueries), p.width),
+        state(at_most(p.longest_queries, kForwardQueries), 3) {}
+  ScratchMatrix queries, keys, keys_across, values, scores, sums, state;
+};
+
+// The queries of a task: outputs, and the log-sum-exp of each.
+template <typename T>
+void attend_task(const RaggedProblem& p, const RaggedTask& task, std::int64_t head, const ForwardScratch& scratch,
+                 const Tensor& q, const Tensor& k, const Tensor& v, const Tensor& out, float* log_sums) {
+  const std::int64_t rows = task.queries, row = p.q_offsets[task.sequence] + task.first_query;
+  const std::int64_t keys = p.keys(task.sequence), block = even_block(keys, kMostKeys);
+  const products::Block queries = scratch.queries.with_stride(p.width), sums = scratch.sums.with_stride(p.width);
+  read_rows(HeadRows<T>(q, head, row), rows, p.channels, rows, queries);
+  float* state_values = scratch.state.values();
+  const nn::kernels::RunningSoftmax state{state_values, state_values + rows, state_values + 2 * rows};
+  std::fill_n(state.largest, rows, -std::numeric_limits<float>::infinity());
+  std::fill_n(state.sum, rows, 0.0F);
+  for (std::int64_t first = 0; first < keys; first += block) {
+    const std::int64_t columns = std::min(block, keys - first), whole = products::padded(columns);
+    const std::int64_t stride = products::spread_stride(columns), key_row = p.k_offsets[task.sequence] + first;
+    const products::Block key_block = scratch.keys.with_stride(p.width), values = scratch.values.with_stride(p.width);
+    const products::Block across = scratch.keys_across.with_stride(stride), scores = scratch.scores.with_stride(stride);
+    read_rows(HeadRows<T>(k, head, key_row), columns, p.channels, whole, key_block);
+    read_rows(HeadRows<T>(v, head, key_row), columns, p.channels, columns, values);
+    products::transpose(whole, p.width, key_block, across);
+    products::multiply({rows, columns, p.channels}, queries.plain(), across, scores, /*accumulate=*/false);
+    softmax_rows(scores, rows, columns, p.scale, state);
+    if (first > 0) nn::kernels::scale_rows(sums.values, rows, p.width, state.shrink);
+    products::multiply({rows, p.channels, columns}, scores.plain(), values, sums, /*accumulate=*/first > 0);
+  }
+  for (std::int64_t r = 0; r < rows; ++r) {
+    state.shrink[r] = 1.0F / state.sum[r];
+    log_sums[row + r] = p.scale * state.largest[r] + std::log(state.sum[r]);
+  }
+  nn::kernels::scale_rows(sums.values, rows, p.width, state.shrink);
+  write_rows(sums, rows, p.channels, HeadRows<T>(out, head, row));
+}
+
+struct BackwardScratch {
+  explicit BackwardScratch(const RaggedProblem& p)
+      : queries(at_most(p.longest_queries, kBackwardQueries), p.width),
+        slopes_out(at_most(p.longest_queries, kBackwardQueries), p.width),
+        keys(key_block_rows(p), p.width),
+        values(key_block_rows(p), p.width),
+        keys_across(p.width, products::spread_stride(key_block_rows(p))),
+        values_across(p.width, products::spread_stride(key_block_rows(p))),
+        scores(at_most(p.longest_queries, kBackwardQueries), products::spread_stride(key_block_rows(p))),
+        slopes(at_most(p.longest_queries, kBackwardQueries), products::spread_stride(key_block_rows(p))),
+        dq(p.longest_queries, p.width),
+        dk(key_block_rows(p), p.width),
+        dv(key_block_rows(p), p.width),
+        delta(p.longest_queries, 1) {}
+  ScratchMatrix queries, slopes_out, keys, values, keys_across, values_across, scores, slopes, dq, dk, dv, delta;
+};
+
+struct RaggedGradients {
+  Tensor q, k, v, out, dy, log_sums;  // what the forward pass saved, and the gradient of its result
+  Tensor dq, dk, dv;
+};
+
+// All queries of a sequence against a block of its keys: the gradients of these keys, and their share in dq.
+template <typename T>
+void backward_block(const RaggedProblem& p, const RaggedTask& task, std::int64_t head, const BackwardScratch& scratch,
+                    const RaggedGradients& g, std::int64_t first_key, std::int64_t columns) {
+  const std::int64_t query_row = p.q_offsets[task.sequence], key_row = p.k_offsets[task.sequence] + first_key;
+  const std::int64_t whole = products::padded(columns), stride = products::spread_stride(columns);
+  const std::int64_t block = even_block(task.queries, kBackwardQueries);
+  const products::Block keys = scratch.keys.with_stride(p.width), values = scratch.values.with_stride(p.width);
+  const products::Block keys_across = scratch.keys_across.with_stride(stride);
+  const products::Block values_across = scratch.values_across.with_stride(stride);
+  const products::Block scores = scratch.scores.with_stride(stride), slopes = scratch.slopes.with_stride(stride);
+  const products::Block dk = scratch.dk.with_stride(p.width), dv = scratch.dv.with_stride(p.width);
+  read_rows(HeadRows<T>(g.k, head, key_row), columns, p.channels, whole, keys);
+  read_rows(HeadRows<T>(g.v, head, key_row), columns, p.channels, whole, values);
+  products::transpose(whole, p.width, keys, keys_across);
+  products::transpose(whole, p.width, values, values_across);
+  const float* log_sums = g.log_sums.data_ptr<float>() + head * p.rows + query_row;
+  for (std::int64_t i = 0; i < task.queries; i += block) {
+    const std::int64_t rows = std::min(block, task.queries - i);
+    const products::Block q = scratch.queries.with_stride(p.width), dy = scratch.slopes_out.with_stride(p.width);
+    read_rows(HeadRows<T>(g.q, head, query_row + i), rows, p.channels, rows, q);
+    read_rows(HeadRows<T>(g.dy, head, query_row + i), rows, p.channels, rows, dy);
+    products::multiply({rows, columns, p.channels}, q.plain(), keys_across, scores, /*accumulate=*/false);
+    products::multiply({rows, columns, p.channels}, dy.plain(), values_across, slopes, /*accumulate=*/false);
+    for (std::int64_t r = 0; r < rows; ++r) {  // whole rows of vectors: what is behind the last column is not used
+      nn::kernels::softmax_backward_block(scores.from_row(r).values, slopes.from_row(r).values, 1, whole, p.scale,
+                                          log_sums + i + r, scratch.delta.values() + i + r);
+    }
+    const products::Block dq = scratch.dq.with_stride(p.width).from_row(i);
+    products::multiply({columns, p.channels, rows}, scores.transposed(), dy, dv, /*accumulate=*/i > 0);
+    products::multiply({columns, p.channels, rows}, slopes.transposed(), q, dk, /*accumulate=*/i > 0);
+    products::multiply({rows, p.channels, columns}, slopes.plain(), keys, dq, /*accumulate=*/first_key > 0);
+  }
+  write_rows(dk, columns, p.channels, HeadRows<T>(g.dk, head, key_row));
+  write_rows(dv, columns, p.channels, HeadRows<T>(g.dv, head, key_row));
+}
+
+template <typename T>
+void backward_task(const RaggedProblem& p, const RaggedTask& task, std::int64_t head, const BackwardScratch& scratch,
+                   const RaggedGradients& g) {
+  const std::int64_t row = p.q_offsets[task.sequence], keys = p.keys(task.sequence);
+  const std::int64_t block = even_block(keys, kMostKeys);
+  dot_rows(HeadRows<T>(g.dy, head, row), HeadRows<T>(g.out, head, row), task.queries, p.channels,
+           scratch.delta.values());
+  for (std::int64_t first = 0; first < keys; first += block) {
+    backward_block<T>(p, task, head, scratch, g, first, std::min(block, keys - first));
+  }
+  write_rows(scratch.dq.with_stride(p.width), task.queries, p.channels, HeadRows<T>(g.dq, head, row));
+}
+
+template <typename T>
+void attend_all(const RaggedProblem& p, const Tensor& q, const Tensor& k, const Tensor& v, const Tensor& out,
+                const Tensor& log_sums) {
+  float* sums = log_sums.data_ptr<float>();
+  for_each_task<ForwardScratch>(p, ragged_tasks(p, kForwardQueries),
+                                [&](const RaggedTask& task, const ForwardScratch& scratch) {
+                                  for (std::int64_t i = 0; i < task.heads; ++i) {
+                                    const std::int64_t head = task.first_head + i;
+                                    attend_task<T>(p, task, head, scratch, q, k, v, out, sums + head * p.rows);
+                                  }
+                                });
+}
+
+template <typename T>
+void backward_all(const RaggedProblem& p, const RaggedGradients& g) {
+  for_each_task<BackwardScratch>(p, ragged_tasks(p, std::numeric_limits<std::int32_t>::max()),
+                                 [&](const RaggedTask& task, const BackwardScratch& scratch) {
+                                   for (std::int64_t i = 0; i < task.heads; ++i) {
+                                     backward_task<T>(p, task, task.first_head + i, scratch, g);
+                                   }
+                                 });
+}
+
+class CpuRaggedAttention : public torch::autograd::Function<CpuRaggedAttention> {
+ public:
+  static Tensor forward(AutogradContext* context, const Tensor& q, const Tensor& k, const Tensor& v,
+                        const Tensor& q_offsets, const Tensor& k_offsets) {
+    const RaggedProblem problem(q, k, q_offsets, k_offsets);
+    const Tensor out = torch::zeros(q.sizes(), q.options());  // what queries without keys keep
+    const Tensor log_sums = torch::empty({problem.heads, problem.rows}, torch::kFloat32);
+    if (nn::dtype_of(q) == torch::kBFloat16) {
+      attend_all<c10::BFloat16>(problem, q, k, v, out, log_sums);
+    } else if (nn::dtype_of(q) == torch::kHalf) {
+      attend_all<c10::Half>(problem, q, k, v, out, log_sums);
+    } else {
+      attend_all<float>(problem, q, k, v, out, log_sums);
+    }
+    context->save_for_backward({q, k, v, out, log_sums, q_offsets, k_offsets});
+    return out;
+  }
+
+  static variable_list backward(AutogradContext* context, variable_list gradients) {
+    TORCH_CHECK(!at::GradMode::is_enabled(),
+                "ragged attention can be differentiated once only: its backward pass, under "
+                "create_graph, would miss terms");
+    const variable_list saved = context->get_saved_variables();
+    const Tensor &q = saved[0], &k = saved[1], &v = saved[2];
+    const RaggedProblem problem(q, k, saved[5], saved[6]);
+    const RaggedGradients g{q,
+                            k,
+                            v,
+                            saved[3],
+                            gradients[0].contiguous(),
+                            saved[4],
+                            torch::zeros(q.sizes(), q.options()),
+                            torch::zeros(k.sizes(), k.options()),
+                            torch::zeros(k.sizes(), k.options())};
+    if (nn::dtype_of(q) == torch::kBFloat16) {
+      backward_all<c10::BFloat16>(problem, g);
+    } else if (nn::dtype_of(q) == torch::kHalf) {
+      backward_all<c10::Half>(problem, g);
+    } else {
+      backward_all<float>(problem, g);
+    }
+    return {g.dq, g.dk, g.dv, Tensor(), Tensor()};
+  }
+};
+
+// The kernels read rows whose channels are adjacent.
+Tensor with_adjacent_channels(const Tensor& x) { return x.stride(2) == 1 ? x : x.contiguous(); }
+
+}  // namespace
+
+Tensor cpu_ragged_attention(const Tensor& q, const Tensor& k, const Tensor& v, const Tensor& q_offsets,
+                            const Tensor& k_offsets) {
+  return CpuRaggedAttention::apply(with_adjacent_channels(q), with_adjacent_channels(k), with_adjacent_channels(v),
+                                   q_offsets, k_offsets);
+}
+
+}  // namespace anigen::sparse

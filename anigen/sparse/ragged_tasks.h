@@ -1,0 +1,55 @@
+#pragma once
+#include <ATen/Parallel.h>
+
+#include <atomic>
+#include <cstdint>
+#include <vector>
+
+#include "anigen/nn/torch.h"
+
+namespace anigen::sparse {
+
+using torch::Tensor;
+
+/// Sizes of a ragged attention, and where its sequences lie. Keeps the offsets' storage by reference.
+struct RaggedProblem {
+  /// @param q, k [rows, H, D] @param q_offsets, k_offsets [S + 1] int64, CPU
+  RaggedProblem(const Tensor& q, const Tensor& k, const Tensor& q_offsets, const Tensor& k_offsets);
+
+  std::int64_t queries(std::int64_t sequence) const { return q_offsets[sequence + 1] - q_offsets[sequence]; }
+  std::int64_t keys(std::int64_t sequence) const { return k_offsets[sequence + 1] - k_offsets[sequence]; }
+
+  const std::int64_t *q_offsets, *k_offsets;
+  std::int64_t sequences, rows, heads, channels;
+  std::int64_t width;                                  ///< channels rounded up for products::multiply
+  std::int64_t longest_queries = 0, longest_keys = 0;  ///< of sequences that have both
+  float scale;                                         ///< 1 / √D
+};
+
+/// What a thread does at a time: some heads of some queries of a sequence that has keys.
+struct RaggedTask {
+  std::int64_t sequence, first_head, heads, first_query, queries;
+};
+
+/// All tasks, the most work first, so that no thread is left with a long one at the end. Heads of short sequences share
+/// a task. @param most_queries of a task; blocks of a sequence are about equally long
+std::vector<RaggedTask> ragged_tasks(const RaggedProblem& problem, std::int64_t most_queries);
+
+/// How many of `total` rows go into a block: as few blocks as possible of at most `most`, about equally long.
+std::int64_t even_block(std::int64_t total, std::int64_t most);
+
+/// Calls body(task, scratch) for every task, with one Scratch(problem) per thread. Which thread does what depends on
+/// timing: a task must write to places of its own.
+template <typename Scratch, typename Body>
+void for_each_task(const RaggedProblem& problem, const std::vector<RaggedTask>& tasks, const Body& body) {
+  const auto count = static_cast<std::int64_t>(tasks.size());
+  const std::int64_t threads = count < at::get_num_threads() ? count : at::get_num_threads();
+  std::atomic<std::int64_t> next{0};
+  at::parallel_for(0, threads, 1, [&](std::int64_t, std::int64_t) {
+    const torch::NoGradGuard no_grad;  // a setting of the thread
+    const Scratch scratch(problem);
+    for (std::int64_t i = next++; i < count; i = next++) body(tasks[static_cast<std::size_t>(i)], scratch);
+  });
+}
+
+}  // namespace anigen::sparse

@@ -1,0 +1,80 @@
+#pragma once
+#include <cstdint>
+#include <memory>
+
+#include "anigen/nn/ragged.h"
+#include "anigen/nn/torch.h"
+
+namespace anigen::sparse {
+
+using torch::Tensor;
+
+class Support;
+using SupportPtr = std::shared_ptr<const Support>;
+
+/// Rows of a support sorted into groups that attend to each other (windows, or whole items).
+struct WindowOrder {
+  Tensor order;              ///< [N] int64: row at each place of the grouped order; ascending inside a window
+  Tensor place;              ///< [N] int64: inverse of order
+  Tensor offsets;            ///< [W + 1] int64, CPU: places where windows begin; no window is empty
+  Tensor windows;            ///< [W] int64, CPU, ascending: number of the window as published (see Support::windows)
+  std::int64_t longest = 0;  ///< rows of the largest window
+};
+
+/// A coarser support and the way to it.
+struct Coarsening {
+  SupportPtr support;  ///< rows sorted by item, x, y, z
+  Tensor row;          ///< [N] int64: coarse row of each fine row
+  Tensor count;        ///< [coarse N] int64: fine rows of each coarse row, at least 1
+};
+
+/// Which voxels exist: the places of a SparseTensor, immutable and shared by every tensor with a feature row per place.
+/// Whatever layers derive from the places (neighbours, windows, the subdivided or coarser support) is worked out at the
+/// first use, by one thread, and kept: all layers of a network on the same support share it. Thread-safe.
+class Support : public std::enable_shared_from_this<Support> {
+ public:
+  /// @param coords [N, 4] integers: item in the batch, x, y, z; rows of an item contiguous, items ascending, x, y, z in
+  /// [0, 2^20); any order of rows inside an item, which every layer keeps @param items number of items, for batches
+  /// whose last items are empty; 0: one more than the last row's
+  /// @throws InputError naming the row: wrong shape or type, items not ascending or more than 2^20, a coordinate out of
+  /// range, a voxel twice
+  static SupportPtr create(const Tensor& coords, std::int64_t items = 0);
+
+  const Tensor& coords() const;     ///< [N, 4] int32, CPU, contiguous
+  std::int64_t size() const;        ///< N
+  const nn::Ragged& items() const;  ///< rows of each item
+  /// Centres (c + 0.5)/R − 0.5 of the voxels. @return [N, 3] fp32 (reference autoencoders.md, 0.1)
+  Tensor centers(std::int64_t resolution) const;
+
+  /// Row of each of the 27 neighbours c + (i−1, j−1, k−1), tap (i·3 + j)·3 + k; −1 where there is none. [27, N] int32
+  const Tensor& neighbours() const;
+  /// The same, kept on another device after the first call for it.
+  Tensor neighbours_on(torch::Device device) const;
+  /// Rows by windows of `size`³ voxels: the window of a row is (item, ⌊(c + shift)/size⌋) (reference autoencoders.md,
+  /// 0.2). With n = ⌈(largest c + shift + 1)/size⌉ windows along an axis, over all items of this support, it has the
+  /// published number ((item · n_x + w_x) · n_y + w_y) · n_z + w_z. Windowed cross attention lets a window of the
+  /// queries see the window of the keys with the same number, whatever places both have: supports with different n pair
+  /// unrelated windows, as published (reference parity README on `ops_window_attention`).
+  /// @throws InputError for a size below 1, a shift below 0 or above 2^20, or numbers beyond 2^62
+  const WindowOrder& windows(std::int64_t size, std::int64_t shift) const;
+  /// Every voxel c becomes the eight 2c + (i, j, k), consecutive, z fastest (reference autoencoders.md, 3.7).
+  /// @throws InputError when a coordinate would leave [0, 2^20), or rows would exceed 2^31
+  SupportPtr subdivided() const;
+  /// Places of c / factor (integer division). @throws InputError for a factor below 1
+  const Coarsening& coarsened(std::int64_t factor) const;
+
+ private:
+  struct Derived;
+  struct Key {};
+
+ public:
+  Support(Key, Tensor coords, nn::Ragged items);  ///< use create()
+  ~Support();
+
+ private:
+  Tensor coords_;
+  nn::Ragged items_;
+  std::unique_ptr<Derived> derived_;
+};
+
+}  // namespace anigen::sparse

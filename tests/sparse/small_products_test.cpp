@@ -1,0 +1,85 @@
+#include "anigen/sparse/small_products.h"
+
+#include <gtest/gtest.h>
+
+#include "anigen/nn/torch.h"
+
+namespace anigen::sparse::products {
+namespace {
+
+using torch::Tensor;
+
+// A matrix in rows that are longer than it needs, with `filler` behind its columns.
+Tensor stored(const Tensor& matrix, std::int64_t stride, double filler) {
+  Tensor rows = torch::full({matrix.size(0), stride}, filler, torch::kFloat32);
+  rows.narrow(1, 0, matrix.size(1)).copy_(matrix);
+  return rows;
+}
+
+Block block_of(const Tensor& rows) { return {rows.data_ptr<float>(), rows.size(1)}; }
+
+// fp32 sums of `depth` products of size one, against fp64.
+double product_error(const Tensor& found, const Tensor& wanted) {
+  return (found.to(torch::kFloat64) - wanted).abs().max().item<double>();
+}
+
+TEST(SmallProducts, EveryNumberOfRowsAndColumns) {
+  torch::manual_seed(31);
+  constexpr std::int64_t kDepth = 37;
+  const Tensor left = torch::randn({40, kDepth}), right = torch::randn({kDepth, 40});
+  const Tensor wanted = left.to(torch::kFloat64).mm(right.to(torch::kFloat64));
+  for (std::int64_t rows = 1; rows <= 40; ++rows) {
+    for (const std::int64_t columns : {1, 15, 16, 17, 32, 40}) {
+      const Tensor a = stored(left.narrow(0, 0, rows), kDepth + 3, 7.0);
+      const Tensor b = stored(right.narrow(1, 0, columns), spread_stride(columns), 0.0);
+      const Tensor out = torch::full({rows, spread_stride(columns)}, 5.0F);
+      multiply({rows, columns, kDepth}, block_of(a).plain(), block_of(b), block_of(out), /*accumulate=*/false);
+      const Tensor expected = wanted.narrow(0, 0, rows).narrow(1, 0, columns);
+      EXPECT_LT(product_error(out.narrow(1, 0, columns), expected), 1e-4) << rows << "x" << columns;
+      // Nothing is written beyond the multiple of kLanes.
+      EXPECT_TRUE((out.narrow(1, padded(columns), out.size(1) - padded(columns)) == 5.0).all().item<bool>());
+    }
+  }
+}
+
+TEST(SmallProducts, TransposedLeftFactorAndAccumulation) {
+  torch::manual_seed(32);
+  for (const std::int64_t rows : {1, 5, 13, 64}) {
+    const Tensor left = torch::randn({29, rows}), right = torch::randn({29, 16}), start = torch::randn({rows, 16});
+    const Tensor out = start.clone();
+    multiply({rows, 16, 29}, block_of(left).transposed(), block_of(right), block_of(out), /*accumulate=*/true);
+    const Tensor wanted = start.to(torch::kFloat64) + left.to(torch::kFloat64).t().mm(right.to(torch::kFloat64));
+    EXPECT_LT(product_error(out, wanted), 1e-4) << rows;
+  }
+}
+
+TEST(SmallProducts, ARowDoesNotDependOnTheOthers) {
+  torch::manual_seed(33);
+  const Tensor left = torch::randn({25, 64}), right = torch::randn({64, 48});
+  const Tensor all = torch::empty({25, 48});
+  multiply({25, 48, 64}, block_of(left).plain(), block_of(right), block_of(all), false);
+  for (std::int64_t r = 0; r < 25; ++r) {
+    const Tensor one = torch::empty({1, 48});
+    multiply({1, 48, 64}, block_of(left).from_row(r).plain(), block_of(right), block_of(one), false);
+    EXPECT_TRUE(torch::equal(one[0], all[r])) << r;
+  }
+}
+
+TEST(SmallProducts, Transpose) {
+  const Tensor in = torch::arange(12 * 20, torch::kFloat32).view({12, 20}), out = torch::zeros({16, 24});
+  transpose(12, 16, block_of(in), block_of(out));
+  EXPECT_TRUE(torch::equal(out.narrow(1, 0, 12), in.narrow(1, 0, 16).t()));
+  EXPECT_TRUE((out.narrow(1, 12, 12) == 0).all().item<bool>());
+}
+
+TEST(SmallProducts, StridesAreAnOddNumberOfCacheLines) {
+  for (const std::int64_t columns : {1, 16, 17, 31, 32, 33, 64, 100, 256}) {
+    EXPECT_GE(spread_stride(columns), padded(columns));
+    EXPECT_LE(spread_stride(columns), padded(columns) + kLanes);
+    EXPECT_EQ(spread_stride(columns) / kLanes % 2, 1) << columns;
+    EXPECT_EQ(spread_stride(columns) % kLanes, 0) << columns;
+  }
+}
+
+}  // namespace
+}  // namespace anigen::sparse::products
