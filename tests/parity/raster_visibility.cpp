@@ -1,5 +1,7 @@
 // What the ray tracer sees against the rasteriser's outputs before antialiasing. Pixels that the fixture marks as too
 // close to call (a centre on a projected edge, two surfaces at one depth) take the expected value.
+#include "tests/parity/raster_visibility.h"
+
 #include <Eigen/LU>
 #include <cmath>
 #include <string>
@@ -9,27 +11,12 @@
 #include "anigen/raytrace/views/projection.h"
 #include "anigen/raytrace/views/render_view.h"
 #include "tests/parity/eigen_tensors.h"
-#include "tests/parity/registry.h"
 
 namespace anigen::test {
 namespace {
 
 // The limits that the fixture's tolerance note states for an implementation with exact coverage.
-constexpr double kEdgeDistance = 1e-3, kDepthGap = 1e-5;
-
-const char* const kNeedRasteriser[] = {"mask",
-                                       "depth",
-                                       "normal",
-                                       "color",
-                                       "normal_map",
-                                       "specified",
-                                       "aa_pairs",
-                                       "mask_ssaa2",
-                                       "normal_ssaa2",
-                                       "grad_mask_vertices",
-                                       "grad_depth_vertices",
-                                       "grad_color_attrs",
-                                       "grad_color_vertices"};
+constexpr double kRayEdgeDistance = 1e-3, kRayDepthGap = 1e-5;
 
 Asset mesh_asset(Fixture& fixture, const std::string& mesh) {
   Asset asset;
@@ -51,7 +38,9 @@ raytrace::Frame frame_of(const Eigen::Matrix4d& extrinsics, const Eigen::Matrix3
   return frame;
 }
 
-void check_mesh(Fixture& fixture, const std::string& mesh) {
+}  // namespace
+
+void check_ray_traced_visibility(Fixture& fixture, const std::string& mesh) {
   const Asset asset = mesh_asset(fixture, mesh);
   const Eigen::Matrix4d extrinsics = matrix(fixture.input(mesh + ".extrinsics"));
   const Eigen::Matrix3d intrinsics = matrix(fixture.input(mesh + ".intrinsics"));
@@ -80,7 +69,7 @@ void check_mesh(Fixture& fixture, const std::string& mesh) {
   const torch::Tensor edge = copy("edge_distance"), gap = copy("z_gap");
   std::size_t compared = 0, masks = 0;
   for (std::size_t i = 0; i < view.face.size(); ++i) {
-    if (!(edge.data_ptr<double>()[i] > kEdgeDistance && gap.data_ptr<double>()[i] > kDepthGap)) continue;
+    if (!(edge.data_ptr<double>()[i] > kRayEdgeDistance && gap.data_ptr<double>()[i] > kRayDepthGap)) continue;
     ++compared;
     const bool hit = view.face[i] >= 0;
     masks += hit == (view.mask[i] != 0) ? 1 : 0;
@@ -112,20 +101,6 @@ void check_mesh(Fixture& fixture, const std::string& mesh) {
   fixture.check(mesh + ".depth_raw", depth);
   fixture.check(mesh + ".normal_raw", normal);
   fixture.check(mesh + ".face_normal", face_normal);
-  fixture.defer(mesh + ".edge_distance", "says where to compare");
-  fixture.defer(mesh + ".z_gap", "says where to compare");
-  for (const char* name : kNeedRasteriser) {
-    fixture.defer(mesh + "." + name,
-                  "needs the differentiable rasteriser (raster/), built with the stages that train with it");
-  }
 }
 
-void run_raster(Fixture& fixture) {
-  const std::size_t meshes = fixture.config().at("meshes").size();
-  for (std::size_t m = 0; m < meshes; ++m) check_mesh(fixture, "m" + std::to_string(m));
-}
-
-}  // namespace
 }  // namespace anigen::test
-
-ANIGEN_PARITY(ops_raster_mesh, anigen::test::run_raster)
