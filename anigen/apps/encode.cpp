@@ -4,40 +4,82 @@
 #include "anigen/core/error.h"
 #include "anigen/core/parallel.h"
 #include "anigen/pipeline/encode_sparse_structure.h"
+#include "anigen/pipeline/encode_structured_latent.h"
 
 namespace {
 
 using namespace anigen;
 
-void encode(const pipeline::EncodeRequest& options, const CommonOptions& common) {
-  at::set_num_threads(common.threads > 0 ? common.threads : thread_count());
-  pipeline::EncodeRequest request = options;
-  request.device = common.device;
-  const pipeline::EncodeResult result = pipeline::encode_sparse_structure(request);
-  std::fputs(common.json ? (to_json(result).dump(2) + "\n").c_str() : to_text(result).c_str(), stdout);
+void print(const Json& json, const std::string& text, const CommonOptions& common) {
+  std::fputs(common.json ? (json.dump(2) + "\n").c_str() : text.c_str(), stdout);
+}
+
+void require_some(const pipeline::EncodedLatents& result) {
   if (!result.failed.empty() && result.failed.size() == result.assets) {
     throw Error("no asset could be encoded; the first: " + result.failed.begin()->second);
   }
+}
+
+void encode_structure(const pipeline::EncodeRequest& request, const CommonOptions& common) {
+  const pipeline::EncodeResult result = pipeline::encode_sparse_structure(request);
+  print(to_json(result), to_text(result), common);
+  require_some(result);
+}
+
+void encode_structured(const pipeline::EncodeRequest& request, const CommonOptions& common) {
+  const pipeline::EncodedLatents result = pipeline::encode_structured_latents(request);
+  print(to_json(result), to_text(result, "latents"), common);
+  require_some(result);
+}
+
+void reconstruct(const pipeline::ReconstructRequest& request, const CommonOptions& common) {
+  const std::vector<pipeline::ReconstructedAsset> made = pipeline::reconstruct_assets(request);
+  print(pipeline::to_json(made), pipeline::to_text(made), common);
+}
+
+void add_encoding_options(CLI::App& command, pipeline::EncodeRequest& request, const std::string& stage) {
+  command.fallthrough();  // so that the common options may stand after the word
+  command.add_option("--run", request.run, "Run folder of stage " + stage)->required();
+  command.add_option("--data", request.data, "Dataset root")->required();
+  command.add_option("--name", request.name, "Name of the latents [that of the run folder]");
+  command.add_option("--ckpt", request.ckpt,
+                     "Checkpoint: final, or the part of a file name after encoder_ [the newest]");
+  command.add_flag("--again", request.again, "Encode also what is up to date");
 }
 
 }  // namespace
 
 int main(int argc, char** argv) {
   CLI::App app{
-      "Writes the latents that the flow stages learn from, by the encoder of a trained stage.\n\n"
+      "Writes the latents that the flow stages learn from, by the encoder of a trained stage, and shows what they\n"
+      "decode to.\n\n"
       "  anigen-encode ss --run runs/ss_dae --data data/tiny\n"
-      "  anigen-encode ss --run runs/ss_dae --data data/tiny --name ss_dae_b --check\n"};
+      "  anigen-encode ss --run runs/ss_dae --data data/tiny --name ss_dae_b --check\n"
+      "  anigen-encode slat --run runs/slat_dae --data data/tiny\n"
+      "  anigen-encode reconstruct --run runs/slat_dae --data data/tiny --id ID --output out\n"};
   CommonOptions common;
-  pipeline::EncodeRequest request;
+  pipeline::EncodeRequest structure, structured;
+  pipeline::ReconstructRequest rebuilt;
   app.require_subcommand(1);
   CLI::App* ss = app.add_subcommand("ss", "Latents of the sparse structure: ss_latents/<name>, for stage 4");
-  ss->fallthrough();  // so that the common options may stand after the word
-  ss->add_option("--run", request.run, "Run folder of stage 2")->required();
-  ss->add_option("--data", request.data, "Dataset root")->required();
-  ss->add_option("--name", request.name, "Name of the latents [that of the run folder]");
-  ss->add_option("--ckpt", request.ckpt, "Checkpoint: final, or the part of a file name after encoder_ [the newest]");
-  ss->add_flag("--check", request.check, "Also decode every latent and compare it with the voxels");
-  ss->add_flag("--again", request.again, "Encode also what is up to date");
+  add_encoding_options(*ss, structure, "2");
+  ss->add_flag("--check", structure.check, "Also decode every latent and compare it with the voxels");
+  CLI::App* slat = app.add_subcommand("slat", "Structured latents: latents/<name>, for stage 5");
+  add_encoding_options(*slat, structured, "3");
+  CLI::App* back = app.add_subcommand("reconstruct", "Assets through the auto-encoder of stage 3, to rigged GLB files");
+  back->fallthrough();
+  back->add_option("--run", rebuilt.run, "Run folder of stage 3")->required();
+  back->add_option("--data", rebuilt.data, "Dataset root")->required();
+  back->add_option("--id", rebuilt.ids, "Asset of the dataset; repeatable")->required();
+  back->add_option("--output", rebuilt.output, "Folder of the files <id>.glb")->required();
+  back->add_option("--ckpt", rebuilt.ckpt, "Checkpoint: final, or the part of a file name after encoder_ [the newest]");
+  back->add_flag("--true-skeleton", rebuilt.true_skeleton, "Decode weights for the asset's own skeleton");
   add_common_options(app, common);
-  return run_command(app, common, argc, argv, [&] { encode(request, common); });
+  return run_command(app, common, argc, argv, [&] {
+    at::set_num_threads(common.threads > 0 ? common.threads : thread_count());
+    structure.device = structured.device = rebuilt.device = common.device;
+    if (ss->parsed()) encode_structure(structure, common);
+    if (slat->parsed()) encode_structured(structured, common);
+    if (back->parsed()) reconstruct(rebuilt, common);
+  });
 }

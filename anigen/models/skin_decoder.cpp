@@ -34,27 +34,45 @@ void SkinDecoderImpl::initialize() {
   nn::xavier_uniform_linears(*this);
 }
 
-std::vector<Tensor> SkinDecoderImpl::logits(const Tensor& vertex_features, const nn::Ragged& vertices,
-                                            const Tensor& joint_features, const SkeletonBatch& skeletons) {
+SkinDecoderImpl::JointKeys SkinDecoderImpl::joint_keys(const Tensor& joint_features, const SkeletonBatch& skeletons) {
   const torch::Dtype dtype = nn::dtype_of(root_features_);
   const torch::Dtype block_dtype = joint_blocks_.empty() ? dtype : joint_blocks_.front()->dtype();
   const Tensor parents = torch::cat({joint_features, root_features_}, 0).index_select(0, skeletons.parent_rows);
-  Tensor v = input_layer_vertex_->forward(vertex_features).to(block_dtype);
   Tensor j = input_layer_skin_->forward(torch::cat({joint_features, parents}, 1)).to(block_dtype);
+  JointKeys joints;
+  joints.items = skeletons.items;
   for (std::size_t i = 0; i < joint_blocks_.size(); ++i) {
     // Vertices see the joints as they were before this round.
-    v = i < cross_blocks_.size() ? cross_blocks_[i]->forward(v, vertices, j, skeletons.items)
-                                 : vertex_blocks_[i - cross_blocks_.size()]->forward(v);
+    if (i < cross_blocks_.size()) joints.rounds.push_back(j);
     j = joint_blocks_[i]->forward(j, skeletons.items);
+  }
+  joints.keys = skeletons.items.split(out_layer_skin_->forward(j.to(dtype)));
+  return joints;
+}
+
+std::vector<Tensor> SkinDecoderImpl::logits(const Tensor& vertex_features, const nn::Ragged& vertices,
+                                            const JointKeys& joints) {
+  const torch::Dtype dtype = nn::dtype_of(root_features_);
+  const torch::Dtype block_dtype = joint_blocks_.empty() ? dtype : joint_blocks_.front()->dtype();
+  Tensor v = input_layer_vertex_->forward(vertex_features).to(block_dtype);
+  for (std::size_t i = 0; i < joint_blocks_.size(); ++i) {
+    v = i < cross_blocks_.size() ? cross_blocks_[i]->forward(v, vertices, joints.rounds[i], joints.items)
+                                 : vertex_blocks_[i - cross_blocks_.size()]->forward(v);
   }
   const std::int64_t channels = options_.model_channels;
   const std::vector<Tensor> parts = out_layer_vertex_->forward(v.to(dtype)).split_with_sizes({channels, 1}, 1);
   const std::vector<Tensor> queries = vertices.split(parts[0]);
   const std::vector<Tensor> temperatures = vertices.split(torch::elu(parts[1]) + 2.0);  // inverse, above 1
-  const std::vector<Tensor> keys = skeletons.items.split(out_layer_skin_->forward(j.to(dtype)));
   std::vector<Tensor> logits;
-  for (std::size_t i = 0; i < keys.size(); ++i) logits.push_back(torch::mm(queries[i], keys[i].t()) * temperatures[i]);
+  for (std::size_t i = 0; i < joints.keys.size(); ++i) {
+    logits.push_back(torch::mm(queries[i], joints.keys[i].t()) * temperatures[i]);
+  }
   return logits;
+}
+
+std::vector<Tensor> SkinDecoderImpl::logits(const Tensor& vertex_features, const nn::Ragged& vertices,
+                                            const Tensor& joint_features, const SkeletonBatch& skeletons) {
+  return logits(vertex_features, vertices, joint_keys(joint_features, skeletons));
 }
 
 std::vector<Tensor> SkinDecoderImpl::decode(const Tensor& vertex_features, const nn::Ragged& vertices,

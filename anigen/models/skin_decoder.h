@@ -21,6 +21,17 @@ class SkinDecoderImpl : public torch::nn::Module {
   /// @return per asset [V, J] fp32
   std::vector<torch::Tensor> logits(const torch::Tensor& vertex_features, const nn::Ragged& vertices,
                                     const torch::Tensor& joint_features, const SkeletonBatch& skeletons);
+  /// What the points of a skeleton are compared with, whatever and however many they are.
+  struct JointKeys {
+    std::vector<torch::Tensor> rounds;  ///< [ΣJ, M] before each round with a vertex cross block
+    std::vector<torch::Tensor> keys;    ///< per asset [J, M]
+    nn::Ragged items{{}};               ///< joints per asset
+  };
+  /// The joint half of logits(), to be done once when points come in portions.
+  JointKeys joint_keys(const torch::Tensor& joint_features, const SkeletonBatch& skeletons);
+  /// The point half. @return per asset [V, J] fp32
+  std::vector<torch::Tensor> logits(const torch::Tensor& vertex_features, const nn::Ragged& vertices,
+                                    const JointKeys& joints);
   /// Skin weights, rows sum to 1. Same arguments as logits.
   std::vector<torch::Tensor> decode(const torch::Tensor& vertex_features, const nn::Ragged& vertices,
                                     const torch::Tensor& joint_features, const SkeletonBatch& skeletons);

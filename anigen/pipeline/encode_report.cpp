@@ -21,16 +21,7 @@ std::string agreement_line(const char* name, const models::VoxelAgreement& agree
 }  // namespace
 
 Json to_json(const EncodeResult& result) {
-  Json failed = Json::object();
-  for (const auto& [id, problem] : result.failed) failed[id] = problem;
-  Json json = {{"name", result.name},
-               {"checkpoint", result.checkpoint.string()},
-               {"assets", result.assets},
-               {"encoded", result.encoded},
-               {"up_to_date", result.up_to_date},
-               {"failed", failed},
-               {"feats", to_json(result.shape)},
-               {"feats_skl", to_json(result.skeleton)}};
+  Json json = to_json(static_cast<const EncodedLatents&>(result));
   if (result.reconstruction) {
     json["reconstruction"] = {{"shape", agreement_json(result.reconstruction->shape)},
                               {"skeleton", agreement_json(result.reconstruction->skeleton)}};
@@ -39,9 +30,7 @@ Json to_json(const EncodeResult& result) {
 }
 
 std::string to_text(const EncodeResult& result) {
-  std::string text = "ss_latents/" + result.name + ": " + std::to_string(result.encoded) + " encoded, " +
-                     std::to_string(result.up_to_date) + " up to date, " + std::to_string(result.failed.size()) +
-                     " failed, by " + result.checkpoint.string() + "\n";
+  std::string text = to_text(static_cast<const EncodedLatents&>(result), "ss_latents");
   if (result.reconstruction) {
     text += agreement_line("shape", result.reconstruction->shape);
     text += agreement_line("skeleton", result.reconstruction->skeleton);

@@ -1,7 +1,9 @@
 #include "anigen/pipeline/latent_folder.h"
 
 #include <algorithm>
+#include <cstddef>
 #include <system_error>
+#include <vector>
 
 #include "anigen/core/atomic_file.h"
 #include "anigen/core/error.h"
@@ -32,10 +34,26 @@ void warn_of_constant_channels(const LatentStatistics& statistics, const char* n
             channels);
 }
 
+/// Arguments of the dataset of stage 5; a channel that does not vary keeps deviation 1.
+Json normalization(const LatentStatistics& shape, const LatentStatistics& skeleton, std::size_t normalized) {
+  std::vector<float> mean = shape.mean(), deviation = shape.deviation();
+  std::fill(mean.begin() + static_cast<std::ptrdiff_t>(std::min(normalized, mean.size())), mean.end(), 0.0f);
+  std::fill(deviation.begin() + static_cast<std::ptrdiff_t>(std::min(normalized, deviation.size())), deviation.end(),
+            1.0f);
+  for (const std::size_t channel : shape.constant_channels()) deviation[channel] = 1.0f;
+  const std::size_t channels = skeleton.mean().size();
+  return {{"mean", mean},
+          {"std", deviation},
+          {"mean_skl", std::vector<float>(channels, 0.0f)},
+          {"std_skl", std::vector<float>(channels, 1.0f)}};
+}
+
 }  // namespace
 
-LatentFolder::LatentFolder(const fs::path& data, const std::string& name, const fs::path& run)
-    : name_(name.empty() ? last_part(run) : name), path_(data / "ss_latents" / name_) {
+LatentFolder::LatentFolder(const fs::path& data, const std::string& name, const fs::path& run, LatentKind kind)
+    : kind_(kind),
+      name_(name.empty() ? last_part(run) : name),
+      path_(data / (kind == LatentKind::kStructure ? "ss_latents" : "latents") / name_) {
   const bool plain = !name_.empty() && name_.front() != '.' && std::all_of(name_.begin(), name_.end(), [](char c) {
     return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '_' || c == '-' ||
            c == '.';
@@ -49,14 +67,16 @@ fs::path LatentFolder::statistics(const char* extension) const {
   return path_.parent_path() / (name_ + "_statistics" + extension);
 }
 
-void LatentFolder::write_statistics(const LatentStatistics& shape, const LatentStatistics& skeleton) const {
+void LatentFolder::write_statistics(const LatentStatistics& shape, const LatentStatistics& skeleton,
+                                    std::size_t normalized) const {
   warn_of_constant_channels(shape, kShape);
   warn_of_constant_channels(skeleton, kSkeleton);
   io::NamedArrays arrays;
   append_arrays(arrays, kShape, shape);
   append_arrays(arrays, kSkeleton, skeleton);
   io::write_npz(statistics(".npz"), arrays);
-  const Json json = {{"assets", shape.assets()}, {kShape, to_json(shape)}, {kSkeleton, to_json(skeleton)}};
+  Json json = {{"assets", shape.assets()}, {kShape, to_json(shape)}, {kSkeleton, to_json(skeleton)}};
+  if (kind_ == LatentKind::kStructured) json["normalization"] = normalization(shape, skeleton, normalized);
   write_file_atomically(statistics(".json"), json.dump(2) + "\n");
 }
 

@@ -4,6 +4,7 @@
 #include "anigen/train/skin_autoencoder_stage.h"
 #include "anigen/train/sparse_structure_autoencoder_stage.h"
 #include "anigen/train/sparse_structure_flow_stage.h"
+#include "anigen/train/structured_latent_autoencoder_stage.h"
 
 namespace anigen::train {
 namespace {
@@ -19,6 +20,7 @@ struct TrainerEntry {
 constexpr TrainerEntry kTrainers[] = {
     {"AniGenSkinAETrainer", make_skin_autoencoder_stage},
     {"AniGenSparseStructureVaeTrainer", make_sparse_structure_autoencoder_stage},
+    {"AniGenSLatVaeSkeletonTrainer", make_structured_latent_autoencoder_stage},
     {"AniGenImageConditionedFlowMatchingCFGTrainer", make_sparse_structure_flow_stage},
     {"AniGenFlowMatchingTrainer", make_sparse_structure_flow_stage},
     {"AniGenFlowMatchingCFGTrainer", make_sparse_structure_flow_stage},

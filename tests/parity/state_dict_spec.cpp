@@ -9,6 +9,8 @@
 #include "anigen/models/sparse_structure_encoder.h"
 #include "anigen/models/sparse_structure_flow.h"
 #include "anigen/models/state_dict.h"
+#include "anigen/models/structured_latent_decoder.h"
+#include "anigen/models/structured_latent_encoder.h"
 #include "tests/parity/registry.h"
 
 namespace anigen::test {
@@ -70,6 +72,12 @@ void run_state_dict_spec(Fixture& fixture) {
   } else if (name == "ss_flow_duet.json") {
     compare_published<models::SparseStructureFlow, models::SparseStructureFlowOptions>(fixture, published_config(name),
                                                                                        "denoiser");
+  } else if (name == "slat_dae.json") {
+    const Json config = published_config(name);
+    compare_published<models::StructuredLatentEncoder, models::StructuredLatentEncoderOptions>(fixture, config,
+                                                                                               "encoder");
+    compare_published<models::StructuredLatentDecoder, models::StructuredLatentDecoderOptions>(fixture, config,
+                                                                                               "decoder");
   } else {
     throw NotBuiltYet{name};
   }

@@ -1,0 +1,106 @@
+#pragma once
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "anigen/core/json.h"
+#include "anigen/fields/mesh_extraction.h"
+#include "anigen/models/skin_autoencoder_options.h"
+
+namespace anigen {
+class ConfigReader;
+}
+
+namespace anigen::models {
+
+/// Arguments that AniGenElasticSLatEncoder and AniGenElasticSLatMeshDecoder share (reference autoencoders.md, 3). Both
+/// hold three transformers over sparse voxels: geometry (no suffix) and skin (`_skin`) on the surface voxels, skeleton
+/// (`_skl`) on the skeleton voxels. Defaults are those of the class, not of its config; where the two classes differ
+/// the derived one sets them.
+struct StructuredLatentCoderOptions {
+  std::int64_t resolution = 0;  ///< R of the voxels; required, like the widths and num_blocks
+  std::int64_t model_channels = 0, model_channels_skl = 0, model_channels_skin = 0;         ///< torso widths
+  std::int64_t latent_channels = 0, latent_channels_skl = 0, latent_channels_vertskin = 0;  ///< L, Lk, Ls
+  std::int64_t num_blocks = 0;
+  std::int64_t num_heads = 0;  ///< of the geometry; 0 (null in JSON): model_channels / num_head_channels
+  std::int64_t num_head_channels = 64;
+  std::int64_t num_heads_skl = 32, num_heads_skin = 32;
+  double mlp_ratio = 4.0;
+  std::string attn_mode = "swin";        ///< of the geometry: "swin" (shifted windows) or "full"
+  std::string attn_mode_cross = "full";  ///< of all attention of the skin and the skeleton
+  std::int64_t window_size = 8;
+  bool use_fp16 = false;
+  bool use_checkpoint = false;  ///< blocks are run again in the backward pass instead of being kept
+  bool qk_rms_norm = false;     ///< of all self attention
+  bool skin_cross_from_geo = false, skl_cross_from_geo = false;  ///< the stream attends to the geometry
+  bool skin_skl_cross = false;                                   ///< skin and skeleton attend to each other
+  bool use_pretrain_branch = true;     ///< training starts from files of weights named after the class and the SkinAE
+  bool freeze_pretrain_branch = true;  ///< with use_pretrain_branch: modules_to_freeze are not trained
+  std::vector<std::string> modules_to_freeze;
+  std::string skin_ae_name = "SkinAE";  ///< name of the SkinAE's file of weights
+  bool normalize_z = false;             ///< encoder: latents of L2 norm normalize_scale; decoder: of norm 1
+  double normalize_scale = 1.0;         ///< above 0
+  bool jp_residual_fields = true;       ///< joints and parents relative to the voxel
+  bool jp_hyper_continuous = true;      ///< with a confidence that is 0 where the nearest joint changes
+
+  std::int64_t heads() const { return num_heads > 0 ? num_heads : model_channels / num_head_channels; }
+  bool freezes() const { return use_pretrain_branch && freeze_pretrain_branch; }
+
+ protected:
+  void read(ConfigReader& reader);
+  void write(Json& json) const;
+  void validate_coder(const std::string& file, const std::string& pointer) const;
+};
+
+/// Arguments of AniGenElasticSLatEncoder.
+struct StructuredLatentEncoderOptions : StructuredLatentCoderOptions {
+  StructuredLatentEncoderOptions();
+  std::int64_t in_channels = 0;          ///< of the image features; required
+  std::int64_t skl_pos_embed_freq = 10;  ///< bands of the embedding of joints and parents
+  SkinEncoderOptions skin_encoder_config;
+  bool encode_upsampled_skin_feat = true;  ///< skin features at eight places of a voxel; false: at its centre
+  bool latent_denoising =
+      true;  ///< skin and skeleton latents are deterministic and may be normalised; false: posteriors
+
+  /// Whether the latents of skin and skeleton lie on a sphere.
+  bool normalizes() const { return latent_denoising && normalize_z; }
+
+  /// @param file, pointer where the object stands, for messages
+  /// @throws InputError on an unknown key (naming the nearest), a wrong type or a value out of range; NotSupportedError
+  /// for serialized attention and rotary positions
+  static StructuredLatentEncoderOptions from_json(const Json& json, const std::string& file = "",
+                                                  const std::string& pointer = "");
+  Json to_json() const;
+  void validate(const std::string& file = "", const std::string& pointer = "") const;
+};
+
+/// Arguments of AniGenElasticSLatMeshDecoder.
+struct StructuredLatentDecoderOptions : StructuredLatentCoderOptions {
+  StructuredLatentDecoderOptions();
+  bool skin_cross_from_groupped = false;    ///< the skin attends to the grouped joints
+  std::int64_t h_skin_unet_num_levels = 4;  ///< of the U-Net behind the skin torso; below 1: none
+  SkinDecoderOptions skin_decoder_config;
+  bool upsample_skl = false;  ///< the skeleton field at 4 R
+  bool skl_defined_on_center =
+      true;  ///< one vote per voxel; false: one per corner, averaged over the voxels that touch it
+  bool use_color = false, use_conf_jp = false, use_conf_skin = false;  ///< representation_config
+  std::string grouping_strategy = "mean_shift";                        ///< or "threshold"
+  fields::MeshFieldOptions mesh_flags;  ///< its switches alone: vertex_skin_feat_…, flexicube_disable_deform
+
+  /// Channels for the confidences of joint and parent.
+  bool has_joint_confidence() const { return use_conf_jp || jp_hyper_continuous; }
+  /// A channel of its own for the confidence of the skin feature.
+  bool has_skin_confidence() const { return use_conf_skin && !jp_hyper_continuous; }
+  std::int64_t skin_feat_channels() const { return skin_decoder_config.skin_feat_channels; }
+  std::int64_t skeleton_resolution() const { return upsample_skl ? 4 * resolution : resolution; }
+  /// Layout of the channels of a fine voxel.
+  fields::MeshFieldOptions mesh_options() const;
+
+  /// As for the encoder.
+  static StructuredLatentDecoderOptions from_json(const Json& json, const std::string& file = "",
+                                                  const std::string& pointer = "");
+  Json to_json() const;
+  void validate(const std::string& file = "", const std::string& pointer = "") const;
+};
+
+}  // namespace anigen::models

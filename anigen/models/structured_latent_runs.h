@@ -1,0 +1,17 @@
+#pragma once
+#include "anigen/models/run_model.h"
+#include "anigen/models/structured_latent_decoder.h"
+#include "anigen/models/structured_latent_encoder.h"
+
+namespace anigen::models {
+
+/// Class names of the two models of stage 3 in configs.
+inline constexpr const char* kStructuredLatentEncoderClass = "AniGenElasticSLatEncoder";
+inline constexpr const char* kStructuredLatentDecoderClass = "AniGenElasticSLatMeshDecoder";
+
+/// A trained model of stage 3 for use: weights loaded strictly, in fp32, evaluation mode, nothing asks for gradients.
+/// @param found by find_run_model() @throws InputError when arguments or weights do not fit
+StructuredLatentEncoder load_structured_latent_encoder(const RunModel& found, torch::Device device);
+StructuredLatentDecoder load_structured_latent_decoder(const RunModel& found, torch::Device device);
+
+}  // namespace anigen::models

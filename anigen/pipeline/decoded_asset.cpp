@@ -1,0 +1,188 @@
+#include "anigen/pipeline/decoded_asset.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <limits>
+#include <utility>
+#include <vector>
+
+#include "anigen/core/error.h"
+#include "anigen/geometry/skeleton_repair.h"
+#include "anigen/nn/shape_text.h"
+#include "anigen/raytrace/srgb.h"
+
+namespace anigen::pipeline {
+namespace {
+
+using torch::Tensor;
+
+std::string indexed(const char* array, std::int64_t index) {
+  return std::string(array) + "[" + std::to_string(index) + "]";
+}
+
+/// On the CPU, contiguous. @throws InputError unless it has `columns` columns and, where not -1, `rows` rows
+Tensor checked_rows(const Tensor& tensor, std::int64_t rows, std::int64_t columns, torch::Dtype dtype,
+                    const char* name) {
+  const bool fits = tensor.defined() && tensor.dim() == 2 && (rows < 0 || tensor.size(0) == rows) &&
+                    (columns < 0 || tensor.size(1) == columns);
+  if (!fits) throw InputError("", name, "decoded tensor has an unexpected shape: " + nn::shape_text(tensor));
+  return tensor.detach().to(torch::kCPU, dtype).contiguous();
+}
+
+std::vector<Eigen::Vector3f> checked_points(const Tensor& tensor, const char* name) {
+  const Tensor values = checked_rows(tensor, -1, 3, torch::kFloat32, name);
+  const float* next = values.data_ptr<float>();
+  std::vector<Eigen::Vector3f> points(static_cast<std::size_t>(values.size(0)));
+  for (std::size_t i = 0; i < points.size(); ++i, next += 3) {
+    points[i] = Eigen::Vector3f(next[0], next[1], next[2]);
+    if (!points[i].allFinite()) throw InputError("", indexed(name, static_cast<std::int64_t>(i)), "not finite");
+  }
+  return points;
+}
+
+std::vector<Triangle> checked_faces(const Tensor& tensor, std::size_t vertices) {
+  const Tensor values = checked_rows(tensor, -1, 3, torch::kInt64, "faces");
+  const std::int64_t* next = values.data_ptr<std::int64_t>();
+  const auto count = static_cast<std::int64_t>(vertices);
+  std::vector<Triangle> faces(static_cast<std::size_t>(values.size(0)));
+  for (std::size_t f = 0; f < faces.size(); ++f) {
+    for (std::int32_t& corner : faces[f]) {
+      const std::int64_t vertex = *next++;
+      if (vertex < 0 || vertex >= count) {
+        throw InputError("", indexed("faces", static_cast<std::int64_t>(f)),
+                         "refers to vertex " + std::to_string(vertex) + " of " + std::to_string(count));
+      }
+      corner = static_cast<std::int32_t>(vertex);
+    }
+  }
+  return faces;
+}
+
+/// The first three attributes, from sRGB to linear. @return empty without colour
+std::vector<Eigen::Vector4f> linear_colors(const Tensor& attributes, std::size_t vertices) {
+  if (!attributes.defined()) return {};
+  const Tensor values =
+      checked_rows(attributes, static_cast<std::int64_t>(vertices), -1, torch::kFloat32, "attributes");
+  const std::int64_t width = values.size(1);
+  if (width < 3) throw InputError("", "attributes", "decoded attributes have no colour: " + nn::shape_text(values));
+  const float* next = values.data_ptr<float>();
+  std::vector<Eigen::Vector4f> colors(vertices, Eigen::Vector4f::Ones());
+  for (std::size_t v = 0; v < vertices; ++v, next += width) {
+    for (int k = 0; k < 3; ++k) {
+      if (!std::isfinite(next[k])) {
+        throw InputError("", indexed("attributes", static_cast<std::int64_t>(v)), "a colour is not finite");
+      }
+      colors[v][k] = raytrace::srgb_to_linear(std::clamp(next[k], 0.0F, 1.0F));
+    }
+  }
+  return colors;
+}
+
+Mesh mesh_of(const fields::ExtractedMesh& decoded) {
+  Mesh mesh;
+  if (!decoded.vertices.defined() || decoded.vertices.numel() == 0 || !decoded.faces.defined() ||
+      decoded.faces.numel() == 0) {
+    throw InputError("", "", "the decoded asset has no surface");
+  }
+  mesh.vertices = checked_points(decoded.vertices, "vertices");
+  if (mesh.vertices.size() > static_cast<std::size_t>(std::numeric_limits<std::int32_t>::max())) {
+    throw InputError("", "vertices", "more than 2^31 - 1");
+  }
+  mesh.faces = checked_faces(decoded.faces, mesh.vertices.size());
+  mesh.normals = vertex_normals(mesh.vertices, mesh.faces);
+  mesh.colors = linear_colors(decoded.attributes, mesh.vertices.size());
+  return mesh;
+}
+
+struct OrderedSkeleton {
+  Skeleton skeleton;
+  std::vector<std::int32_t> new_index;  ///< by decoded joint
+};
+
+std::string joint_name(std::size_t joint) {
+  char text[32];
+  std::snprintf(text, sizeof text, "joint_%03zu", joint);
+  return text;
+}
+
+OrderedSkeleton skeleton_of(const fields::SkeletonTensors& decoded) {
+  const std::vector<Eigen::Vector3f> joints = checked_points(decoded.joints, "joints");
+  if (joints.empty()) throw InputError("", "joints", "the decoded skeleton has no joints");
+  const auto count = static_cast<std::int64_t>(joints.size());
+  if (!decoded.parents.defined() || decoded.parents.dim() != 1 || decoded.parents.size(0) != count) {
+    throw InputError("", "parents",
+                     std::to_string(count) + " joints, but parents of shape " + nn::shape_text(decoded.parents));
+  }
+  const Tensor values = decoded.parents.to(torch::kCPU, torch::kInt64).clamp(-1, count).to(torch::kInt32).contiguous();
+  const std::vector<int> parents(values.data_ptr<std::int32_t>(), values.data_ptr<std::int32_t>() + count);
+  const geometry::RootedTree tree =
+      geometry::one_rooted_tree(joints, geometry::repair_parents_as_published(joints, parents));
+  OrderedSkeleton ordered;
+  ordered.new_index.resize(joints.size());
+  std::vector<Eigen::Vector3d> positions;
+  std::vector<std::string> names;
+  for (std::size_t j = 0; j < tree.order.size(); ++j) {
+    const auto old = static_cast<std::size_t>(tree.order[j]);
+    ordered.new_index[old] = static_cast<std::int32_t>(j);
+    positions.emplace_back(joints[old].cast<double>());
+    names.push_back(joint_name(j));
+  }
+  ordered.skeleton = skeleton_from_joints(positions, tree.parents, names);
+  return ordered;
+}
+
+/// Appends the row of one vertex, without its light influences.
+void append_influences(const float* weights, std::int64_t vertex, const std::vector<std::int32_t>& new_index,
+                       float least_weight, SkinWeights& skin) {
+  std::vector<Influence> row;
+  std::size_t heaviest = 0;
+  for (std::size_t j = 0; j < new_index.size(); ++j) {
+    if (!std::isfinite(weights[j])) throw InputError("", indexed("weights", vertex), "a skin weight is not finite");
+    if (weights[j] > weights[heaviest]) heaviest = j;
+    if (weights[j] >= least_weight && weights[j] > 0.0F) row.push_back({new_index[j], weights[j]});
+  }
+  if (row.empty() && weights[heaviest] > 0.0F) row.push_back({new_index[heaviest], 1.0F});
+  if (!skin.append_row(std::move(row))) throw InputError("", indexed("weights", vertex), "no skin weight is positive");
+}
+
+SkinWeights skin_of(const SkinWeightRows& weights, std::int64_t vertices, const std::vector<std::int32_t>& new_index,
+                    const DecodedAssetOptions& options) {
+  SkinWeights skin;
+  const auto joints = static_cast<std::int64_t>(new_index.size());
+  for (std::int64_t begin = 0; begin < vertices; begin += options.chunk) {
+    const std::int64_t end = std::min(vertices, begin + options.chunk);
+    const Tensor rows = checked_rows(weights(begin, end), end - begin, joints, torch::kFloat32, "weights");
+    const float* next = rows.data_ptr<float>();
+    for (std::int64_t v = begin; v < end; ++v, next += joints) {
+      append_influences(next, v, new_index, options.least_weight, skin);
+    }
+  }
+  return skin;
+}
+
+}  // namespace
+
+Asset decoded_asset(const fields::ExtractedMesh& mesh, const fields::SkeletonTensors& skeleton,
+                    const SkinWeightRows& weights, const DecodedAssetOptions& options) {
+  if (options.chunk < 1) throw InputError("", "chunk", "must be at least 1");
+  Asset asset;
+  asset.name = options.name;
+  asset.mesh = mesh_of(mesh);
+  OrderedSkeleton ordered = skeleton_of(skeleton);
+  asset.skeleton = std::move(ordered.skeleton);
+  asset.skin = skin_of(weights, static_cast<std::int64_t>(asset.mesh.vertices.size()), ordered.new_index, options);
+  return asset;
+}
+
+Asset decoded_asset(const fields::ExtractedMesh& mesh, const fields::SkeletonTensors& skeleton, const Tensor& weights,
+                    const DecodedAssetOptions& options) {
+  const bool has_surface = mesh.vertices.defined() && mesh.vertices.dim() == 2;
+  if (!weights.defined() || weights.dim() != 2 || (has_surface && weights.size(0) != mesh.vertices.size(0))) {
+    throw InputError("", "weights", "expected a row per vertex, got " + nn::shape_text(weights));
+  }
+  const SkinWeightRows rows = [&](std::int64_t begin, std::int64_t end) { return weights.slice(0, begin, end); };
+  return decoded_asset(mesh, skeleton, rows, options);
+}
+
+}  // namespace anigen::pipeline

@@ -1,0 +1,156 @@
+#include "anigen/pipeline/structured_latent_coder.h"
+
+#include <memory>
+
+#include "anigen/core/config_reader.h"
+#include "anigen/core/error.h"
+#include "anigen/core/sha256.h"
+#include "anigen/geometry/nearest_surface.h"
+#include "anigen/io/npz.h"
+#include "anigen/loaders/files/skin_rows.h"
+#include "anigen/loaders/files/voxel_files.h"
+#include "anigen/loaders/ragged_voxels.h"
+#include "anigen/loaders/rig_batch.h"
+#include "anigen/models/tensor_arrays.h"
+#include "anigen/pipeline/decoded_asset.h"
+#include "anigen/pipeline/latent_manifest.h"
+
+namespace anigen::pipeline {
+namespace {
+
+namespace fs = std::filesystem;
+using sparse::SparseTensor;
+using torch::Tensor;
+
+constexpr int kVoxelResolution = 64;
+
+loaders::FeatureSkeletonOptions data_options(const models::RunModel& found) {
+  ConfigReader top(found.run, found.config.string());
+  ConfigReader args = top.object("dataset").object("args");
+  return loaders::FeatureSkeletonOptions::read(args);
+}
+
+models::StructuredLatentVariant variant_of(const models::RunModel& decoder) {
+  const auto options =
+      models::StructuredLatentDecoderOptions::from_json(decoder.args, decoder.config.string(), decoder.pointer);
+  return models::StructuredLatentVariant::of_run(decoder.run, options, decoder.config.string());
+}
+
+fs::path feature_file(const loaders::AssetId& asset, const std::string& model) {
+  return asset.root / "features" / model / (asset.id + ".npz");
+}
+
+SparseTensor sparse_of(const loaders::VoxelRows& rows, const std::string& id, torch::Device device) {
+  const loaders::RaggedVoxels voxels = loaders::collate_voxels({&rows}, {id});
+  return {sparse::Support::create(voxels.coords, 1), voxels.feats.to(device)};
+}
+
+Tensor finite_rows(const SparseTensor& latent, const fs::path& encoder) {
+  const Tensor rows = latent.feats.detach().to(torch::kCPU, torch::kFloat32).contiguous();
+  if (!torch::isfinite(rows).all().item<bool>()) {
+    throw InputError(encoder.string(), "", "this encoder gives a latent that is not finite");
+  }
+  return rows;
+}
+
+// Voxel indices as files hold them: below 256.
+Tensor byte_coords(const SparseTensor& latent) {
+  return latent.support->coords().slice(1, 1).to(torch::kUInt8).contiguous();
+}
+
+}  // namespace
+
+StructuredLatentCoder::StructuredLatentCoder(const fs::path& run, const std::string& ckpt, torch::Device device,
+                                             bool decodes)
+    : device_(device),
+      found_(models::find_run_model(run, models::kStructuredLatentEncoderClass, ckpt)),
+      data_(data_options(found_)) {
+  const models::RunModel decoder = models::find_run_model(run, models::kStructuredLatentDecoderClass, ckpt);
+  variant_ = variant_of(decoder);
+  if (variant_.latent_norm == models::LatentNorm::kNone) found_.args["normalize_z"] = false;
+  encoder_ = models::load_structured_latent_encoder(found_, device);
+  if (!decodes) return;
+  decoder_ = models::load_structured_latent_decoder(decoder, device);
+  const std::string strategy = decoder_->options().grouping_strategy;
+  decoder_->group_with([confidence = variant_.confidence, strategy](const fields::SkeletonField& field) {
+    return fields::group_votes(models::for_grouping(field, confidence), strategy);
+  });
+}
+
+std::string StructuredLatentCoder::fingerprint() const {
+  return sha256(fingerprint_of_files({found_.checkpoint}) + found_.args.dump() + "/" + data_.model + "/" +
+                std::to_string(data_.skl_dilation_iter) + "/" + std::to_string(data_.load_cubvh) + "/" +
+                std::to_string(data_.skin_accum_as_flow) + "/" +
+                std::to_string(static_cast<int>(variant_.latent_norm)));
+}
+
+std::vector<fs::path> StructuredLatentCoder::files(const loaders::AssetId& asset) const {
+  return {feature_file(asset, data_.model), loaders::skeleton_voxel_path(asset), loaders::rig_path(asset)};
+}
+
+StructuredLatentCoder::Inputs StructuredLatentCoder::inputs(const loaders::AssetId& asset) const {
+  loaders::VoxelRows skeleton;
+  skeleton.coords = loaders::read_voxel_rows(loaders::skeleton_voxel_path(asset), kVoxelResolution);
+  if (data_.skl_dilation_iter > 0) {
+    skeleton.coords = geometry::dilate(skeleton.coords, kVoxelResolution, data_.skl_dilation_iter);
+  }
+  loaders::RigArrays rig = loaders::read_rig_arrays(asset);
+  loaders::normalize_skin_rows(rig.skin, rig.joints.size());
+  if (data_.skin_accum_as_flow) loaders::accumulate_skin_as_flow(rig.skin, rig.parents);
+  loaders::RigBatch batch;
+  batch.append(rig);
+
+  Inputs inputs;
+  inputs.x = sparse_of(loaders::read_voxel_features(feature_file(asset, data_.model)), asset.id, device_);
+  inputs.x_skl = sparse_of(skeleton, asset.id, device_);
+  inputs.rigs.joints = {batch.joints.front().to(device_)};
+  inputs.rigs.parents = {batch.parents.front().to(device_)};
+  inputs.rigs.skin = {batch.skin.front().to(device_)};
+  inputs.rigs.vertices = batch.vertices;
+  inputs.rigs.faces = batch.faces;
+  if (data_.load_cubvh) {
+    inputs.rigs.surfaces = {std::make_shared<const geometry::NearestSurface>(rig.vertices, rig.faces)};
+  }
+  return inputs;
+}
+
+models::PerStream<SparseTensor> StructuredLatentCoder::encode(const Inputs& inputs) {
+  const torch::NoGradGuard no_grad;
+  const auto latents = encoder_->forward(inputs.x, inputs.x_skl, inputs.rigs);
+  const models::StructuredLatentEncoderOptions& options = encoder_->options();
+  return {latents.z.with(latents.z_geometry),
+          latents.z.with(models::renormalized(latents.z_skin, options, variant_.latent_norm)),
+          latents.z_skl.with(models::renormalized(latents.z_skl.feats, options, variant_.latent_norm))};
+}
+
+void StructuredLatentCoder::write(const models::PerStream<SparseTensor>& latents, const fs::path& file) const {
+  const Tensor feats =
+      torch::cat({finite_rows(latents.geometry, checkpoint()), finite_rows(latents.skin, checkpoint())}, 1);
+  io::write_npz(file, {{"coords", models::to_array(byte_coords(latents.geometry))},
+                       {"feats", models::to_array(feats)},
+                       {"coords_skl", models::to_array(byte_coords(latents.skeleton))},
+                       {"feats_skl", models::to_array(finite_rows(latents.skeleton, checkpoint()))}});
+}
+
+Asset StructuredLatentCoder::decode(const models::PerStream<SparseTensor>& latents,
+                                    const fields::SkeletonTensors* given, const std::string& name) {
+  if (variant_.geometry_only) {
+    throw InputError(found_.config.string(), "/trainer/args/geometry_only",
+                     "this run trained the shape alone: its skeletons and weights mean nothing");
+  }
+  const torch::NoGradGuard no_grad;
+  std::vector<fields::SkeletonTensors> skeletons;
+  if (given != nullptr) skeletons.push_back(*given);
+  const auto decoded = decoder_->forward(latents, skeletons);
+  const fields::ExtractedMesh mesh = decoder_->extract_meshes(decoded, /*training=*/false).front();
+  const fields::SkeletonTensors& skeleton = decoded.joints.front();
+  const SkinWeightRows weights = [&](std::int64_t begin, std::int64_t end) {
+    return decoder_->skin_weights(mesh.skin_features.slice(0, begin, end), skeleton,
+                                  decoded.joint_features.front().features);
+  };
+  DecodedAssetOptions options;
+  options.name = name;
+  return decoded_asset(mesh, skeleton, weights, options);
+}
+
+}  // namespace anigen::pipeline

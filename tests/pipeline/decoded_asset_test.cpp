@@ -1,0 +1,166 @@
+#include "anigen/pipeline/decoded_asset.h"
+
+#include <gtest/gtest.h>
+
+#include <limits>
+#include <string>
+#include <vector>
+
+#include "anigen/asset/validate.h"
+#include "anigen/core/error.h"
+#include "anigen/io/gltf.h"
+#include "tests/support/paths.h"
+
+namespace anigen::pipeline {
+namespace {
+
+using torch::Tensor;
+
+/// A tetrahedron with three joints: a cycle 0 ⇄ 1 beside the root 2, so that columns move.
+struct DecodedTetrahedron {
+  fields::ExtractedMesh mesh;
+  fields::SkeletonTensors skeleton;
+  Tensor weights;
+
+  DecodedTetrahedron() {
+    mesh.success = true;
+    mesh.vertices = torch::tensor({{0.0F, 0.0F, 0.0F}, {0.4F, 0.0F, 0.0F}, {0.0F, 0.4F, 0.0F}, {0.0F, 0.0F, 0.4F}});
+    mesh.faces = torch::tensor({{0, 2, 1}, {0, 1, 3}, {0, 3, 2}, {1, 2, 3}}, torch::kInt64);
+    mesh.attributes = torch::full({4, 6}, 0.5F);
+    mesh.attributes[1] = torch::tensor({1.0F, 0.0F, 2.0F, 0.0F, 0.0F, 1.0F});
+    skeleton.joints = torch::tensor({{0.0F, 0.0F, 0.3F}, {0.0F, 0.0F, 0.2F}, {0.0F, 0.0F, 0.1F}});
+    skeleton.parents = torch::tensor({1, 0, -1}, torch::kInt64);
+    weights = torch::tensor({{0.7F, 0.29996F, 0.00004F}, {0.0F, 1.0F, 0.0F}, {0.2F, 0.3F, 0.5F}, {0.0F, 0.0F, 1.0F}});
+  }
+
+  Asset asset() const { return decoded_asset(mesh, skeleton, weights); }
+};
+
+std::string refusal_place(const DecodedTetrahedron& decoded) {
+  try {
+    decoded.asset();
+  } catch (const InputError& error) {
+    return error.place();
+  }
+  return "accepted";
+}
+
+float weight_of(const SkinWeights& skin, std::size_t vertex, int joint) {
+  for (std::size_t i = 0; i < skin.row_size(vertex); ++i) {
+    if (skin.row(vertex)[i].joint == joint) return skin.row(vertex)[i].weight;
+  }
+  return 0.0F;
+}
+
+TEST(DecodedAsset, IsASoundAssetWithOneTree) {
+  const Asset asset = DecodedTetrahedron().asset();
+  EXPECT_EQ(validate(asset), std::vector<std::string>{});
+  // Joint 1 is nearer to joint 2 and goes to it; joint 0 stays below joint 1: decoded 2, 1, 0.
+  EXPECT_EQ(asset.skeleton.parents, (std::vector<int>{-1, 0, 1}));
+  EXPECT_EQ(asset.skeleton.names, (std::vector<std::string>{"joint_000", "joint_001", "joint_002"}));
+  EXPECT_NEAR(asset.skeleton.positions()[0].z(), 0.1, 1e-6);
+  EXPECT_NEAR(asset.skeleton.positions()[2].z(), 0.3, 1e-6);
+}
+
+TEST(DecodedAsset, WeightsFollowTheirJointsAndLoseTheirTails) {
+  const Asset asset = DecodedTetrahedron().asset();
+  EXPECT_EQ(asset.skin.row_size(0), 2u);  // 0.00004 is below the threshold
+  EXPECT_NEAR(weight_of(asset.skin, 0, 2), 0.7 / 0.99996, 1e-6);
+  EXPECT_NEAR(weight_of(asset.skin, 0, 1), 0.29996 / 0.99996, 1e-6);
+  EXPECT_EQ(weight_of(asset.skin, 1, 1), 1.0F);
+  EXPECT_NEAR(weight_of(asset.skin, 2, 0), 0.5, 1e-6);
+  EXPECT_EQ(weight_of(asset.skin, 3, 0), 1.0F);
+}
+
+TEST(DecodedAsset, AThresholdAboveAllLeavesTheHeaviest) {
+  const DecodedTetrahedron decoded;
+  DecodedAssetOptions options;
+  options.least_weight = 0.9F;
+  const Asset asset = decoded_asset(decoded.mesh, decoded.skeleton, decoded.weights, options);
+  for (std::size_t v = 0; v < 4; ++v) EXPECT_EQ(asset.skin.row_size(v), 1u);
+  EXPECT_EQ(weight_of(asset.skin, 0, 2), 1.0F);
+  EXPECT_EQ(weight_of(asset.skin, 2, 0), 1.0F);
+}
+
+TEST(DecodedAsset, ChunksGiveTheSameAsset) {
+  const DecodedTetrahedron decoded;
+  DecodedAssetOptions options;
+  options.chunk = 3;
+  std::vector<std::int64_t> asked;
+  const Asset asset = decoded_asset(
+      decoded.mesh, decoded.skeleton,
+      [&](std::int64_t begin, std::int64_t end) {
+        asked.insert(asked.end(), {begin, end});
+        return decoded.weights.slice(0, begin, end);
+      },
+      options);
+  EXPECT_EQ(asked, (std::vector<std::int64_t>{0, 3, 3, 4}));
+  EXPECT_EQ(to_dense(asset.skin, 3), to_dense(decoded.asset().skin, 3));
+}
+
+TEST(DecodedAsset, ColoursBecomeLinearAndNormalsPointOut) {
+  const Asset asset = DecodedTetrahedron().asset();
+  EXPECT_NEAR(asset.mesh.colors[0].x(), 0.21404F, 1e-4F);                                     // sRGB 0.5
+  EXPECT_LT((asset.mesh.colors[1] - Eigen::Vector4f(1.0F, 0.0F, 1.0F, 1.0F)).norm(), 1e-6F);  // blue was 2
+  EXPECT_LT(asset.mesh.normals[0].maxCoeff(), 0.0F);
+  DecodedTetrahedron grey;
+  grey.mesh.attributes = Tensor();
+  EXPECT_TRUE(grey.asset().mesh.colors.empty());
+}
+
+TEST(DecodedAsset, ComesBackFromAGlb) {
+  const test::TemporaryFolder folder;
+  const Asset asset = DecodedTetrahedron().asset();
+  io::write_gltf(folder / "decoded.glb", asset);
+  const Asset back = io::read_gltf(folder / "decoded.glb").asset;
+  ASSERT_EQ(back.mesh.vertices.size(), asset.mesh.vertices.size());
+  for (std::size_t i = 0; i < asset.mesh.vertices.size(); ++i) {  // both are in the bind pose, up to its rounding
+    EXPECT_LT((back.mesh.vertices[i] - asset.mesh.vertices[i]).norm(), 1e-6F) << "vertex " << i;
+  }
+  EXPECT_EQ(back.skeleton.names, asset.skeleton.names);
+  EXPECT_EQ(back.skeleton.parents, asset.skeleton.parents);
+  const std::vector<float> before = to_dense(asset.skin, 3), after = to_dense(back.skin, 3);
+  ASSERT_EQ(after.size(), before.size());
+  for (std::size_t i = 0; i < after.size(); ++i) EXPECT_NEAR(after[i], before[i], 1e-6F);
+}
+
+TEST(DecodedAsset, RefusesWhatIsNotSound) {
+  const float nan = std::numeric_limits<float>::quiet_NaN();
+  EXPECT_EQ(refusal_place(DecodedTetrahedron()), "accepted");
+  DecodedTetrahedron bad;
+  bad.mesh.vertices[2][0] = nan;
+  EXPECT_EQ(refusal_place(bad), "vertices[2]");
+  bad = DecodedTetrahedron();
+  bad.mesh.faces[1][2] = 4;
+  EXPECT_EQ(refusal_place(bad), "faces[1]");
+  bad = DecodedTetrahedron();
+  bad.mesh.attributes[3][2] = nan;
+  EXPECT_EQ(refusal_place(bad), "attributes[3]");
+  bad = DecodedTetrahedron();
+  bad.skeleton.joints[1][0] = nan;
+  EXPECT_EQ(refusal_place(bad), "joints[1]");
+  bad = DecodedTetrahedron();
+  bad.weights[2][1] = nan;
+  EXPECT_EQ(refusal_place(bad), "weights[2]");
+  bad = DecodedTetrahedron();
+  bad.weights[3].zero_();
+  EXPECT_EQ(refusal_place(bad), "weights[3]");
+  bad = DecodedTetrahedron();
+  bad.weights = bad.weights.slice(1, 0, 2);
+  EXPECT_EQ(refusal_place(bad), "weights");
+  bad = DecodedTetrahedron();
+  bad.weights = bad.weights.slice(0, 0, 2);
+  EXPECT_EQ(refusal_place(bad), "weights");
+  bad = DecodedTetrahedron();
+  bad.skeleton.parents = bad.skeleton.parents.slice(0, 1);
+  EXPECT_EQ(refusal_place(bad), "parents");
+  bad = DecodedTetrahedron();
+  bad.skeleton.joints = torch::zeros({0, 3});
+  EXPECT_EQ(refusal_place(bad), "joints");
+  bad = DecodedTetrahedron();
+  bad.mesh.faces = torch::zeros({0, 3}, torch::kInt64);
+  EXPECT_THROW(bad.asset(), InputError);
+}
+
+}  // namespace
+}  // namespace anigen::pipeline

@@ -1,0 +1,171 @@
+#include "anigen/pipeline/encode_structured_latent.h"
+
+#include <gtest/gtest.h>
+
+#include "anigen/core/atomic_file.h"
+#include "anigen/core/csv.h"
+#include "anigen/core/error.h"
+#include "anigen/io/gltf.h"
+#include "anigen/io/npz.h"
+#include "anigen/io/safetensors.h"
+#include "anigen/loaders/datasets/structured_latent_dataset.h"
+#include "anigen/models/state_dict.h"
+#include "anigen/models/structured_latent_runs.h"
+#include "anigen/models/tensor_arrays.h"
+#include "tests/loaders/published_dataset.h"
+#include "tests/support/paths.h"
+#include "tests/train/structured_latent_dataset.h"
+
+namespace anigen::pipeline {
+namespace {
+
+constexpr char kSlatRun[] = R"({
+  "models": {
+    "encoder": {"name": "AniGenElasticSLatEncoder", "args": {
+      "resolution": 64, "in_channels": 4, "model_channels": 24, "model_channels_skl": 16, "model_channels_skin": 16,
+      "latent_channels": 8, "latent_channels_skl": 4, "latent_channels_vertskin": 8, "num_blocks": 1, "num_heads": 4,
+      "num_heads_skl": 4, "num_heads_skin": 4, "mlp_ratio": 1, "attn_mode_cross": "swin",
+      "skin_encoder_config": {"skin_feat_channels": 4, "jp_embed_dim": 16,
+                              "jp_embedder_config": {"hidden_dim": 16, "depth": 1}},
+      "skin_cross_from_geo": false, "skl_cross_from_geo": false, "skin_skl_cross": false,
+      "use_pretrain_branch": false, "jp_residual_fields": true, "jp_hyper_continuous": true}},
+    "decoder": {"name": "AniGenElasticSLatMeshDecoder", "args": {
+      "resolution": 64, "model_channels": 256, "model_channels_skl": 32, "model_channels_skin": 32,
+      "latent_channels": 8, "latent_channels_skl": 4, "latent_channels_vertskin": 8, "num_blocks": 1, "num_heads": 4,
+      "num_heads_skl": 4, "num_heads_skin": 4, "mlp_ratio": 0.25, "attn_mode_cross": "swin",
+      "h_skin_unet_num_levels": -1,
+      "skin_decoder_config": {"skin_feat_channels": 4, "model_channels": 16, "num_blocks": 1},
+      "representation_config": {"use_color": true, "use_conf_jp": true, "use_conf_skin": false},
+      "use_pretrain_branch": false, "jp_residual_fields": true, "jp_hyper_continuous": true}}},
+  "dataset": {"name": "AniGenSparseFeat2Skeleton", "args": {
+    "image_size": 24, "model": "toy", "skl_dilation_iter": 1, "load_cubvh": true, "test_mode": false}},
+  "trainer": {"name": "AniGenSLatVaeSkeletonTrainer", "args": {}}})";
+
+class EncodeStructuredLatents : public testing::Test {
+ protected:
+  void SetUp() override {
+    test::PostDataset::write(folder_ / "data", 3);
+    write_run(Json::parse(kSlatRun));
+    request_.run = folder_ / "slat_run";
+    request_.data = folder_ / "data";
+  }
+  void write_run(const Json& config) {
+    write_file_atomically(folder_ / "slat_run" / "config.json", config.dump());
+    torch::manual_seed(3);
+    const auto args = [&](const char* model) { return config["models"][model]["args"]; };
+    models::StructuredLatentEncoder encoder(models::StructuredLatentEncoderOptions::from_json(args("encoder")));
+    models::StructuredLatentDecoder decoder(models::StructuredLatentDecoderOptions::from_json(args("decoder")));
+    {
+      const torch::NoGradGuard no_grad;  // the geometry's head begins at zero, which would encode nothing
+      for (torch::Tensor parameter : encoder->parameters()) parameter.add_(0.05 * torch::randn_like(parameter));
+    }
+    const auto save = [&](const std::string& name, const torch::nn::Module& model) {
+      io::write_safetensors(folder_ / "slat_run" / "ckpts" / (name + "_step0000003.safetensors"),
+                            models::state_dict(model));
+    };
+    save("encoder", *encoder);
+    save("decoder", *decoder);
+  }
+  torch::Tensor array(int i, const std::string& name) const {
+    const io::NamedArrays arrays =
+        io::read_npz(folder_ / "data" / "latents" / "slat_run" / (test::PostDataset::id(i) + ".npz"));
+    return models::to_tensor(*io::find(arrays, name));
+  }
+  test::TemporaryFolder folder_;
+  EncodeRequest request_;
+};
+
+TEST_F(EncodeStructuredLatents, WritesWhatStageFiveReads) {
+  const EncodedLatents result = encode_structured_latents(request_);
+  EXPECT_EQ(result.encoded, 3u);
+  ASSERT_TRUE(result.failed.empty()) << result.failed.begin()->second;
+  const torch::Tensor feats = array(0, "feats"), feats_skl = array(0, "feats_skl");
+  EXPECT_EQ(array(0, "coords").sizes(), (std::vector<std::int64_t>{feats.size(0), 3}));
+  EXPECT_EQ(feats.size(1), 16);
+  EXPECT_EQ(feats_skl.size(1), 4);
+  EXPECT_TRUE(torch::allclose(feats.slice(1, 8).norm(2, 1), torch::ones({feats.size(0)}), 1e-5, 1e-5))
+      << "skin latents lie on the unit sphere";
+  EXPECT_TRUE(torch::allclose(feats_skl.norm(2, 1), torch::ones({feats_skl.size(0)}), 1e-5, 1e-5));
+
+  const Json statistics = read_json(folder_ / "data" / "latents" / "slat_run_statistics.json");
+  const Json& normalization = statistics.at("normalization");
+  EXPECT_EQ(normalization.at("mean").size(), 16u);
+  EXPECT_EQ(normalization.at("mean").at(8), 0.0);
+  EXPECT_EQ(normalization.at("std").at(15), 1.0);
+  EXPECT_EQ(normalization.at("mean").at(0), statistics.at("feats").at("mean").at(0));
+  const Json dataset = {
+      {"name", "AniGenSLat"},
+      {"args",
+       {{"data_dir", (folder_ / "data").string()}, {"latent_model", "slat_run"}, {"normalization", normalization}}}};
+  const loaders::Datasets data = loaders::make_datasets(ConfigReader(dataset, "config.json", "/dataset"), 1);
+  const auto batch = test::load<loaders::StructuredLatentBatch>(*data.train, {{0, 0}, {1, 1}, {2, 2}});
+  EXPECT_EQ(batch->x_0.feats.size(1), 16);
+}
+
+TEST_F(EncodeStructuredLatents, KeepsWhatIsUpToDate) {
+  encode_structured_latents(request_);
+  EXPECT_EQ(encode_structured_latents(request_).up_to_date, 3u);
+  // Another rig of one asset.
+  io::NamedArrays rig = io::read_npz(folder_ / "data/skeleton/post1/skeleton_voxelized.npz");
+  for (auto& [name, values] : rig) {
+    if (name == "joints") values = io::NdArray::from(std::vector<float>{0, 0, -0.02F, 0, 0, 0, 0, 0, 0.02F}, {3, 3});
+  }
+  io::write_npz(folder_ / "data/skeleton/post1/skeleton_voxelized.npz", rig);
+  std::filesystem::remove(folder_ / "data/features/toy/post2.npz");
+  const EncodedLatents again = encode_structured_latents(request_);
+  EXPECT_EQ(again.up_to_date, 1u);
+  EXPECT_EQ(again.encoded, 1u);
+  EXPECT_EQ(again.failed.count("post2"), 1u);
+  const CsvTable table = read_csv(folder_ / "data/metadata.csv");
+  EXPECT_EQ(table.cell(0, "latent_slat_run") + table.cell(2, "latent_slat_run"), "TrueFalse");
+}
+
+TEST_F(EncodeStructuredLatents, LatentsAreThoseOfTheVariant) {
+  Json config = Json::parse(kSlatRun);
+  config["trainer"]["args"]["normalization"] = "l1";
+  write_run(config);
+  encode_structured_latents(request_);
+  const torch::Tensor skeleton = array(0, "feats_skl");
+  EXPECT_TRUE(torch::allclose(skeleton.abs().sum(1), torch::ones({skeleton.size(0)}), 1e-5, 1e-5));
+}
+
+TEST_F(EncodeStructuredLatents, ReconstructsRiggedAssets) {
+  ReconstructRequest request;
+  request.run = request_.run;
+  request.data = request_.data;
+  request.ids = {"post0", "post1"};
+  request.output = folder_ / "out";
+  request.true_skeleton = true;
+  const std::vector<ReconstructedAsset> made = reconstruct_assets(request);
+  ASSERT_EQ(made.size(), 2u);
+  EXPECT_EQ(made[0].joints, 3u);
+  EXPECT_EQ(to_json(made).at(1).at("id"), "post1");
+  const Asset read = io::read_gltf(made[0].file).asset;
+  EXPECT_EQ(read.skeleton.size(), 3u);
+  EXPECT_GT(made[0].faces, 0u);
+  EXPECT_FALSE(read.mesh.faces.empty());
+  // Fresh heads draw the outline of the voxels.
+  const Box box = bounding_box(read.mesh.vertices);
+  EXPECT_LT(box.longest_side(), 0.2);
+  request.true_skeleton = false;
+  EXPECT_GE(reconstruct_assets(request).front().joints, 1u);
+  request.ids = {"../post0"};
+  EXPECT_THROW(reconstruct_assets(request), InputError);
+  request.ids = {"absent"};
+  EXPECT_THROW(reconstruct_assets(request), InputError);
+}
+
+TEST_F(EncodeStructuredLatents, ARunOfTheShapeAloneHasNoRigs) {
+  Json config = Json::parse(kSlatRun);
+  config["trainer"]["args"]["geometry_only"] = true;
+  write_run(config);
+  ReconstructRequest request;
+  request.run = request_.run;
+  request.data = request_.data;
+  request.ids = {"post0"};
+  request.output = folder_ / "out";
+  EXPECT_THROW(reconstruct_assets(request), InputError);
+}
+
+}  // namespace
+}  // namespace anigen::pipeline
