@@ -163,7 +163,7 @@ class PostRun : public ::testing::Test {
 };
 
 TEST_F(PostRun, LearnsTheSkeletonAndLogsEveryTerm) {
-  train(command("run", {"trainer.args.max_steps=30", "trainer.args.i_log=10", "trainer.args.i_eval=30",
+  train(command("run", {"trainer.args.max_steps=30", "trainer.args.i_log=10", "trainer.args.i_eval=10",
                         "trainer.args.i_save=0"}));
   for (const char* column : {"loss.total",
                              "loss.kl",
