@@ -35,6 +35,9 @@ void encode_structured(const pipeline::EncodeRequest& request, const CommonOptio
 void reconstruct(const pipeline::ReconstructRequest& request, const CommonOptions& common) {
   const std::vector<pipeline::ReconstructedAsset> made = pipeline::reconstruct_assets(request);
   print(pipeline::to_json(made), pipeline::to_text(made), common);
+  std::size_t failed = 0;
+  for (const pipeline::ReconstructedAsset& asset : made) failed += asset.failure.empty() ? 0 : 1;
+  if (failed > 0) throw Error(std::to_string(failed) + " of " + std::to_string(made.size()) + " assets gave no file");
 }
 
 void add_encoding_options(CLI::App& command, pipeline::EncodeRequest& request, const std::string& stage) {
@@ -56,7 +59,8 @@ int main(int argc, char** argv) {
       "  anigen-encode ss --run runs/ss_dae --data data/tiny\n"
       "  anigen-encode ss --run runs/ss_dae --data data/tiny --name ss_dae_b --check\n"
       "  anigen-encode slat --run runs/slat_dae --data data/tiny\n"
-      "  anigen-encode reconstruct --run runs/slat_dae --data data/tiny --id ID --output out\n"};
+      "  anigen-encode reconstruct --run runs/slat_dae --data data/tiny --split data/tiny/splits/test.txt --output "
+      "out\n"};
   CommonOptions common;
   pipeline::EncodeRequest structure, structured;
   pipeline::ReconstructRequest rebuilt;
@@ -70,10 +74,13 @@ int main(int argc, char** argv) {
   back->fallthrough();
   back->add_option("--run", rebuilt.run, "Run folder of stage 3")->required();
   back->add_option("--data", rebuilt.data, "Dataset root")->required();
-  back->add_option("--id", rebuilt.ids, "Asset of the dataset; repeatable")->required();
+  back->add_option("--id", rebuilt.ids, "Asset of the dataset; repeatable");
+  back->add_option("--split", rebuilt.split, "File of more ids, such as splits/test.txt");
   back->add_option("--output", rebuilt.output, "Folder of the files <id>.glb")->required();
   back->add_option("--ckpt", rebuilt.ckpt, "Checkpoint: final, or the part of a file name after encoder_ [the newest]");
   back->add_flag("--true-skeleton", rebuilt.true_skeleton, "Decode weights for the asset's own skeleton");
+  back->add_flag("--votes", rebuilt.votes,
+                 "Also <id>.votes.glb and .ply: the voxels' votes for joints, coloured by confidence");
   add_common_options(app, common);
   return run_command(app, common, argc, argv, [&] {
     at::set_num_threads(common.threads > 0 ? common.threads : thread_count());

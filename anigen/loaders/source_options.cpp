@@ -11,15 +11,15 @@ namespace {
 
 namespace fs = std::filesystem;
 
-fs::path split_file(const std::string& name, const std::string& data_dir) {
+double place_of(const std::string& id) { return static_cast<double>(stable_hash(id) >> 11) * 0x1.0p-53; }
+
+}  // namespace
+
+fs::path file_of_dataset(const std::string& name, const std::string& data_dir) {
   const fs::path below_root = fs::path(data_dir.substr(0, data_dir.find(','))) / name;
   std::error_code error;
   return fs::exists(below_root, error) ? below_root : fs::path(name);
 }
-
-double place_of(const std::string& id) { return static_cast<double>(stable_hash(id) >> 11) * 0x1.0p-53; }
-
-}  // namespace
 
 void SourceOptions::read_common(ConfigReader& reader) {
   data_dir = reader.text("data_dir", "");
@@ -46,13 +46,13 @@ TrainAndEval select(const SourceOptions& options) {
   TrainAndEval result;
   std::set<std::string> held_out;
   if (!options.eval_split.empty()) {
-    held_out = read_split(split_file(options.eval_split, options.data_dir));
+    held_out = read_split(file_of_dataset(options.eval_split, options.data_dir));
     RowFilter evaluated = filter;
     evaluated.only = held_out;
     evaluated.repeat.clear();
     result.eval = select_assets(options.data_dir, evaluated);
   }
-  if (!options.split.empty()) filter.only = read_split(split_file(options.split, options.data_dir));
+  if (!options.split.empty()) filter.only = read_split(file_of_dataset(options.split, options.data_dir));
   for (const AssetId& asset : select_assets(options.data_dir, filter)) {
     if (held_out.count(asset.id) > 0) continue;
     const bool chosen = options.eval_split.empty() && place_of(asset.id) < options.eval_fraction;

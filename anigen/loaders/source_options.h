@@ -1,5 +1,6 @@
 #pragma once
 #include <cstdint>
+#include <filesystem>
 #include <string>
 #include <vector>
 
@@ -26,6 +27,9 @@ struct SourceOptions {
 struct TrainAndEval {
   std::vector<AssetId> train, eval;
 };
+
+/// `name` below the first root of `data_dir` when that exists, else `name` itself.
+std::filesystem::path file_of_dataset(const std::string& name, const std::string& data_dir);
 
 /// Applies filters and splits. @throws InputError when nothing is left to train on, or a held-out split is empty
 TrainAndEval select(const SourceOptions& options);

@@ -5,11 +5,13 @@
 
 #include "anigen/core/error.h"
 #include "anigen/core/interrupt.h"
+#include "anigen/core/log.h"
 #include "anigen/core/progress.h"
 #include "anigen/io/gltf.h"
 #include "anigen/loaders/files/voxel_files.h"
 #include "anigen/pipeline/device.h"
 #include "anigen/pipeline/structured_latent_coder.h"
+#include "anigen/pipeline/votes_cloud.h"
 
 namespace anigen::pipeline {
 namespace {
@@ -52,6 +54,39 @@ class StructuredLatents : public LatentSource {
   StructuredLatentCoder coder_;
 };
 
+std::vector<std::string> wanted_ids(const ReconstructRequest& request) {
+  std::vector<std::string> ids = request.ids;
+  if (!request.split.empty()) {
+    for (const std::string& id : loaders::read_split(request.split)) ids.push_back(id);
+  }
+  if (ids.empty()) throw InputError("", "--id", "neither --id nor --split names an asset");
+  for (const std::string& id : ids) {
+    if (id.empty() || id.front() == '.' || id.find_first_of("/\\") != std::string::npos) {
+      throw InputError("", "--id", "'" + id.substr(0, 80) + "' is no id of an asset");
+    }
+  }
+  return ids;
+}
+
+void reconstruct(const ReconstructRequest& request, StructuredLatentCoder& coder, ReconstructedAsset& one) {
+  loaders::AssetId asset;
+  asset.root = request.data;
+  asset.id = one.id;
+  const StructuredLatentCoder::Inputs inputs = coder.inputs(asset);
+  const fields::SkeletonTensors own{inputs.rigs.joints.front(), inputs.rigs.parents.front().to(torch::kInt64)};
+  one.true_joints = static_cast<std::size_t>(own.joints.size(0));
+  const auto decoded = coder.decode(coder.encode(inputs), request.true_skeleton ? &own : nullptr, one.id);
+  one.joints = decoded.asset.skeleton.size();
+  one.vertices = decoded.asset.mesh.vertices.size();
+  one.faces = decoded.asset.mesh.faces.size();
+  one.file = request.output / (one.id + ".glb");
+  io::write_gltf(one.file, decoded.asset);
+  if (!request.votes) return;
+  for (const char* extension : {".votes.glb", ".votes.ply"}) {
+    write_votes(request.output / (one.id + extension), decoded.votes);
+  }
+}
+
 }  // namespace
 
 EncodedLatents encode_structured_latents(const EncodeRequest& request) {
@@ -61,32 +96,23 @@ EncodedLatents encode_structured_latents(const EncodeRequest& request) {
 }
 
 std::vector<ReconstructedAsset> reconstruct_assets(const ReconstructRequest& request) {
-  if (request.ids.empty()) throw InputError("", "--id", "names no asset");
+  const std::vector<std::string> ids = wanted_ids(request);
   StructuredLatentCoder coder(request.run, request.ckpt, parse_device(request.device), /*decodes=*/true);
   std::error_code error;
   fs::create_directories(request.output, error);
   if (error) throw Error(request.output.string() + ": cannot create folder: " + error.message());
   std::vector<ReconstructedAsset> made;
-  Progress progress("reconstructing", request.ids.size(), "assets");
-  for (const std::string& id : request.ids) {
+  Progress progress("reconstructing", ids.size(), "assets");
+  for (const std::string& id : ids) {
     throw_if_interrupted();
-    if (id.empty() || id.front() == '.' || id.find_first_of("/\\") != std::string::npos) {
-      throw InputError("", "--id", "'" + id.substr(0, 80) + "' is no id of an asset");
-    }
-    loaders::AssetId asset;
-    asset.root = request.data;
-    asset.id = id;
-    const StructuredLatentCoder::Inputs inputs = coder.inputs(asset);
-    const fields::SkeletonTensors own{inputs.rigs.joints.front(), inputs.rigs.parents.front().to(torch::kInt64)};
-    const Asset decoded = coder.decode(coder.encode(inputs), request.true_skeleton ? &own : nullptr, id);
     ReconstructedAsset one;
     one.id = id;
-    one.file = request.output / (id + ".glb");
-    one.joints = decoded.skeleton.size();
-    one.true_joints = static_cast<std::size_t>(own.joints.size(0));
-    one.vertices = decoded.mesh.vertices.size();
-    one.faces = decoded.mesh.faces.size();
-    io::write_gltf(one.file, decoded);
+    try {
+      reconstruct(request, coder, one);
+    } catch (const InputError& failure) {
+      one.failure = failure.what();
+      log::warn("{}: {}", id, failure.what());
+    }
     made.push_back(std::move(one));
     progress.advance();
   }
@@ -103,6 +129,7 @@ Json to_json(const std::vector<ReconstructedAsset>& assets) {
                     {"true_joints", asset.true_joints},
                     {"vertices", asset.vertices},
                     {"faces", asset.faces}});
+    if (!asset.failure.empty()) list.back()["failure"] = asset.failure;
   }
   return list;
 }
@@ -110,6 +137,10 @@ Json to_json(const std::vector<ReconstructedAsset>& assets) {
 std::string to_text(const std::vector<ReconstructedAsset>& assets) {
   std::string text;
   for (const ReconstructedAsset& asset : assets) {
+    if (!asset.failure.empty()) {
+      text += asset.id + ": no file: " + asset.failure + "\n";
+      continue;
+    }
     text += asset.file.string() + ": " + std::to_string(asset.joints) + " joints (of " +
             std::to_string(asset.true_joints) + "), " + std::to_string(asset.vertices) + " vertices, " +
             std::to_string(asset.faces) + " faces\n";

@@ -22,10 +22,12 @@ struct ReconstructRequest {
   std::filesystem::path run;   ///< run folder of stage 3
   std::filesystem::path data;  ///< root of one dataset
   std::vector<std::string> ids;
+  std::filesystem::path split;   ///< file of more ids; may be empty
   std::filesystem::path output;  ///< folder of the files <id>.glb
   std::string ckpt;              ///< as models::find_run_model
   std::string device = "cpu";
   bool true_skeleton = false;  ///< decode weights for the asset's own skeleton instead of the grouped one
+  bool votes = false;          ///< also <id>.votes.glb and <id>.votes.ply, as write_votes()
 };
 
 /// One asset that went through the auto-encoder.
@@ -33,11 +35,13 @@ struct ReconstructedAsset {
   std::string id;
   std::filesystem::path file;
   std::size_t joints = 0, true_joints = 0, vertices = 0, faces = 0;
+  std::string failure;  ///< why there is no file; empty when there is one
 };
 
 /// Encodes assets of a dataset and writes what their latents decode to as rigged GLB files.
-/// @throws InputError when the run is unusable, an asset cannot be read or its latents have no surface; Error when the
-/// disk refuses; Interrupted between assets
+/// An asset that cannot be read, or whose latents have no surface or no joints, is named in the result and the rest goes
+/// on. @throws InputError when the run is unusable or an id is none; Error when the disk refuses; Interrupted between
+/// assets
 std::vector<ReconstructedAsset> reconstruct_assets(const ReconstructRequest& request);
 
 Json to_json(const std::vector<ReconstructedAsset>& assets);

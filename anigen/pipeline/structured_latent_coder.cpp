@@ -70,6 +70,10 @@ StructuredLatentCoder::StructuredLatentCoder(const fs::path& run, const std::str
   if (variant_.latent_norm == models::LatentNorm::kNone) found_.args["normalize_z"] = false;
   encoder_ = models::load_structured_latent_encoder(found_, device);
   if (!decodes) return;
+  if (variant_.geometry_only) {
+    throw InputError(found_.config.string(), "/trainer/args/geometry_only",
+                     "this run trained the shape alone: its skeletons and weights mean nothing");
+  }
   decoder_ = models::load_structured_latent_decoder(decoder, device);
   const std::string strategy = decoder_->options().grouping_strategy;
   decoder_->group_with([confidence = variant_.confidence, strategy](const fields::SkeletonField& field) {
@@ -132,12 +136,9 @@ void StructuredLatentCoder::write(const models::PerStream<SparseTensor>& latents
                        {"feats_skl", models::to_array(finite_rows(latents.skeleton, checkpoint()))}});
 }
 
-Asset StructuredLatentCoder::decode(const models::PerStream<SparseTensor>& latents,
-                                    const fields::SkeletonTensors* given, const std::string& name) {
-  if (variant_.geometry_only) {
-    throw InputError(found_.config.string(), "/trainer/args/geometry_only",
-                     "this run trained the shape alone: its skeletons and weights mean nothing");
-  }
+StructuredLatentCoder::Decoded StructuredLatentCoder::decode(const models::PerStream<SparseTensor>& latents,
+                                                             const fields::SkeletonTensors* given,
+                                                             const std::string& name) {
   const torch::NoGradGuard no_grad;
   std::vector<fields::SkeletonTensors> skeletons;
   if (given != nullptr) skeletons.push_back(*given);
@@ -150,7 +151,8 @@ Asset StructuredLatentCoder::decode(const models::PerStream<SparseTensor>& laten
   };
   DecodedAssetOptions options;
   options.name = name;
-  return decoded_asset(mesh, skeleton, weights, options);
+  return {decoded_asset(mesh, skeleton, weights, options),
+          models::for_grouping(decoded.skeletons.front(), variant_.confidence)};
 }
 
 }  // namespace anigen::pipeline

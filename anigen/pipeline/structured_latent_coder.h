@@ -16,7 +16,7 @@ namespace anigen::pipeline {
 class StructuredLatentCoder {
  public:
   /// @param run folder of stage 3 @param ckpt as models::find_run_model @param decodes also load the decoder
-  /// @throws InputError when the run is unusable
+  /// @throws InputError when the run is unusable, or is to decode and trained the shape alone
   StructuredLatentCoder(const std::filesystem::path& run, const std::string& ckpt, torch::Device device, bool decodes);
 
   const std::filesystem::path& checkpoint() const { return found_.checkpoint; }
@@ -42,10 +42,14 @@ class StructuredLatentCoder {
   /// @throws InputError when a latent is not finite; Error when the disk refuses
   void write(const models::PerStream<sparse::SparseTensor>& latents, const std::filesystem::path& file) const;
 
+  struct Decoded {
+    Asset asset;
+    fields::SkeletonField votes;  ///< of the skeleton voxels, with the confidence that grouping took
+  };
   /// Back to a rigged asset. @param given skeleton to decode weights for instead of the grouped one; may be null
-  /// @pre the decoder was loaded @throws InputError when there is no surface, or the run trained the shape alone
-  Asset decode(const models::PerStream<sparse::SparseTensor>& latents, const fields::SkeletonTensors* given,
-               const std::string& name);
+  /// @pre the decoder was loaded @throws InputError when there is no surface or no joint
+  Decoded decode(const models::PerStream<sparse::SparseTensor>& latents, const fields::SkeletonTensors* given,
+                 const std::string& name);
 
  private:
   torch::Device device_;

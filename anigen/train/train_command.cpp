@@ -11,6 +11,7 @@
 #include "anigen/core/error.h"
 #include "anigen/core/log.h"
 #include "anigen/core/memory.h"
+#include "anigen/loaders/latent_normalization.h"
 #include "anigen/train/blas.h"
 #include "anigen/train/precision.h"
 #include "anigen/train/stages.h"
@@ -31,6 +32,7 @@ Json resolved_config(const TrainCommand& command, std::string& file) {
   Json config = load_config(source);
   apply_overrides(config, command.overrides);
   if (!command.data_dir.empty()) config["dataset"]["args"]["data_dir"] = command.data_dir;
+  if (config.is_object() && config.contains("dataset")) loaders::write_out_statistics(config["dataset"], file);
   return config;
 }
 

@@ -7,6 +7,7 @@
 #include "anigen/loaders/datasets/sparse_structure_dataset.h"
 #include "anigen/loaders/datasets/structure_latent_dataset.h"
 #include "anigen/loaders/datasets/structured_latent_dataset.h"
+#include "anigen/loaders/latent_normalization.h"
 #include "tests/loaders/published_dataset.h"
 #include "tests/support/paths.h"
 
@@ -243,6 +244,34 @@ TEST_F(PublishedClasses, StructureLatentsAreNormalisedFromFiles) {
   const auto batch = test::load<StructureLatentBatch>(*data.train, {{2, 0}});
   EXPECT_EQ(batch->x_0[0][0][0][0][1].item<float>(), (2.0f + 1 / 64.0f - 1.0f) / 2.0f);
   EXPECT_FLOAT_EQ(batch->x_0_skl[0][0][0][0][1].item<float>(), (-2.0f - 1 / 64.0f) / 1e-3f) << "clipped from below";
+}
+
+TEST_F(PublishedClasses, StatisticsMayBeListedAndFilesAreWrittenOut) {
+  io::write_npz(folder_ / "stats.npz", {{"feats_mean", io::NdArray::from(std::vector<float>(8, 1.0f), {8})},
+                                        {"feats_std", io::NdArray::from(std::vector<float>(8, 2.0f), {8})},
+                                        {"feats_skl_mean", io::NdArray::from(std::vector<float>(4, 0.5f), {4})},
+                                        {"feats_skl_std", io::NdArray::from(std::vector<float>(4, 0.0f), {4})}});
+  Json dataset = {{"name", "ImageConditionedAniGenSparseStructureLatent"}, {"args", test::structure_latent_args()}};
+  dataset["args"]["data_dir"] = folder_.path().string() + ",elsewhere";
+  for (const char* key : {"normalization", "normalization_skl"}) dataset["args"][key] = "stats.npz";
+  write_out_statistics(dataset, "config.json");
+  const Json& args = dataset["args"];
+  EXPECT_EQ(args["normalization"], (Json{{"mean", std::vector<double>(8, 1.0)}, {"std", std::vector<double>(8, 2.0)}}));
+  EXPECT_EQ(args["normalization_skl"]["mean"], Json(std::vector<double>(4, 0.5)));
+
+  Json listed = test::structure_latent_args();
+  listed["normalization"] = args["normalization"];
+  const Datasets data = make("ImageConditionedAniGenSparseStructureLatent", listed);
+  const auto batch = test::load<StructureLatentBatch>(*data.train, {{2, 0}});
+  EXPECT_EQ(batch->x_0[0][0][0][0][1].item<float>(), (2.0f + 1 / 64.0f - 1.0f) / 2.0f);
+
+  const Json before = dataset;
+  write_out_statistics(dataset, "config.json");
+  EXPECT_EQ(dataset, before);
+  dataset["args"]["normalization"] = "missing.npz";
+  EXPECT_THROW(write_out_statistics(dataset, "config.json"), InputError);
+  dataset["name"] = "AniGenSLat";
+  EXPECT_NO_THROW(write_out_statistics(dataset, "config.json"));
 }
 
 }  // namespace

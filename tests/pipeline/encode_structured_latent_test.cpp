@@ -2,6 +2,9 @@
 
 #include <gtest/gtest.h>
 
+#include <filesystem>
+#include <fstream>
+
 #include "anigen/core/atomic_file.h"
 #include "anigen/core/csv.h"
 #include "anigen/core/error.h"
@@ -151,8 +154,26 @@ TEST_F(EncodeStructuredLatents, ReconstructsRiggedAssets) {
   EXPECT_GE(reconstruct_assets(request).front().joints, 1u);
   request.ids = {"../post0"};
   EXPECT_THROW(reconstruct_assets(request), InputError);
-  request.ids = {"absent"};
+  request.ids.clear();
   EXPECT_THROW(reconstruct_assets(request), InputError);
+}
+
+TEST_F(EncodeStructuredLatents, ReconstructsASplitNamesFailuresAndShowsVotes) {
+  std::ofstream(folder_ / "ids.txt") << "absent\npost1\n";
+  ReconstructRequest request;
+  request.run = request_.run;
+  request.data = request_.data;
+  request.split = folder_ / "ids.txt";
+  request.output = folder_ / "out";
+  request.votes = true;
+  const std::vector<ReconstructedAsset> made = reconstruct_assets(request);
+  ASSERT_EQ(made.size(), 2u);
+  EXPECT_NE(made[0].failure.find("absent"), std::string::npos) << made[0].failure;
+  EXPECT_TRUE(made[0].file.empty());
+  EXPECT_NE(to_text(made).find("no file"), std::string::npos);
+  EXPECT_EQ(made[1].failure, "");
+  EXPECT_GT(io::read_gltf(folder_ / "out/post1.votes.glb").asset.mesh.faces.size(), 0u);
+  EXPECT_TRUE(std::filesystem::exists(folder_ / "out/post1.votes.ply"));
 }
 
 TEST_F(EncodeStructuredLatents, ARunOfTheShapeAloneHasNoRigs) {

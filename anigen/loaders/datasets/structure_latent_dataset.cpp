@@ -3,6 +3,7 @@
 #include "anigen/core/error.h"
 #include "anigen/core/log.h"
 #include "anigen/core/random.h"
+#include "anigen/loaders/latent_normalization.h"
 #include "anigen/loaders/ragged_voxels.h"
 
 namespace anigen::loaders {
@@ -21,12 +22,6 @@ std::vector<fs::path> files_of(const AssetId& asset, const StructureLatentOption
   // Views are colour first, normals only when asked for: often a dataset has none.
   if (options.condition == ConditionPictures::kNormals) files.push_back(first_normal_picture(condition_folder(asset)));
   return files;
-}
-
-ChannelStatistics statistics(ConfigReader& reader, const char* key, const std::string& prefix, float lowest) {
-  const Json* path = reader.raw(key);
-  if (path == nullptr || path->is_null() || reader.text(key, "").empty()) return {};
-  return read_channel_statistics(reader.text(key, ""), prefix + "_mean", prefix + "_std", lowest);
 }
 
 torch::Tensor latents(const std::vector<const LatentGrid*>& grids, const std::vector<std::string>& ids,
@@ -56,8 +51,8 @@ StructureLatentOptions StructureLatentOptions::read(ConfigReader& reader, bool i
     const bool normals = reader.choice("condition", "color", {"color", "normal"}) == "normal";
     options.condition = normals ? ConditionPictures::kNormals : ConditionPictures::kColor;
   }
-  options.normalization = statistics(reader, "normalization", "feats", 0.0f);
-  options.normalization_skl = statistics(reader, "normalization_skl", "feats_skl", 1e-3f);
+  options.normalization = dense_latent_statistics(reader, "normalization");
+  options.normalization_skl = dense_latent_statistics(reader, "normalization_skl");
   options.ss_dec_path = reader.text("ss_dec_path", "");
   options.ss_dec_ckpt = reader.text("ss_dec_ckpt", "final");
   if (!reader.text("pretrained_ss_dec", "").empty()) {

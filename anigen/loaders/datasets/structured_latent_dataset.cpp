@@ -6,6 +6,7 @@
 #include "anigen/loaders/balanced_groups.h"
 #include "anigen/loaders/datasets/structure_latent_dataset.h"
 #include "anigen/loaders/files/view_files.h"
+#include "anigen/loaders/latent_normalization.h"
 
 namespace anigen::loaders {
 namespace {
@@ -22,18 +23,6 @@ std::vector<fs::path> files_of(const AssetId& asset, const StructuredLatentOptio
   return files;
 }
 
-ChannelStatistics statistics(ConfigReader& reader, const std::string& suffix) {
-  const auto floats = [&](const std::string& key) {
-    const std::vector<double> values = reader.numbers(key, {});
-    return std::vector<float>(values.begin(), values.end());
-  };
-  ChannelStatistics result{floats("mean" + suffix), floats("std" + suffix)};
-  if (!result.mean.empty() || !result.deviation.empty()) {
-    result.check(reader.file(), reader.pointer_to("mean" + suffix));
-  }
-  return result;
-}
-
 }  // namespace
 
 StructuredLatentOptions StructuredLatentOptions::read(ConfigReader& reader, bool image_conditioned) {
@@ -48,8 +37,8 @@ StructuredLatentOptions StructuredLatentOptions::read(ConfigReader& reader, bool
   reader.ignore("max_num_voxels");
   if (const Json* given = reader.raw("normalization"); given != nullptr && !given->is_null()) {
     ConfigReader normalization = reader.object("normalization");
-    options.normalization = statistics(normalization, "");
-    options.normalization_skl = statistics(normalization, "_skl");
+    options.normalization = listed_statistics(normalization, "");
+    options.normalization_skl = listed_statistics(normalization, "_skl");
     normalization.finish();
   }
   options.slat_dec_path = reader.text("slat_dec_path", "");

@@ -1,0 +1,23 @@
+#pragma once
+#include <string>
+
+#include "anigen/core/config_reader.h"
+#include "anigen/core/json.h"
+#include "anigen/loaders/files/latent_files.h"
+
+namespace anigen::loaders {
+
+/// Lists `mean<suffix>` and `std<suffix>` of numbers, one per channel; both missing: none. @throws InputError
+ChannelStatistics listed_statistics(ConfigReader& reader, const std::string& suffix);
+
+/// Statistics of a dense latent in the arguments of a dataset. `key` is `normalization` or `normalization_skl`: the NPZ
+/// that `anigen-encode ss` writes (as published; relative to the first root of `data_dir`, else to the working
+/// directory), or, ours, an object of the lists `mean` and `std`. Missing, null or "": none. @throws InputError
+ChannelStatistics dense_latent_statistics(ConfigReader& args, const std::string& key);
+
+/// Puts the numbers in the place of the files that the `dataset` of a config names for dense latents, so that the
+/// config in a run folder says by itself how its samples become latents again. Leaves other datasets as they are.
+/// @param file the config, for messages @throws InputError
+void write_out_statistics(Json& dataset, const std::string& file);
+
+}  // namespace anigen::loaders
