@@ -30,6 +30,7 @@ PatchImageEncoderOptions PatchImageEncoderOptions::from_json(const Json& json, c
   options.num_blocks = reader.integer("num_blocks", options.num_blocks, 0, 64);
   options.num_heads = reader.integer("num_heads", options.num_heads, 1, 256);
   options.mlp_ratio = reader.number("mlp_ratio", options.mlp_ratio, 0.1, 64.0);
+  options.convolutions = reader.choice("stem", "linear", {"linear", "convolutions"}) == "convolutions";
   reader.finish();
   options.validate(file, pointer);
   return options;
@@ -44,6 +45,7 @@ Json PatchImageEncoderOptions::to_json() const {
   json["num_blocks"] = num_blocks;
   json["num_heads"] = num_heads;
   json["mlp_ratio"] = mlp_ratio;
+  json["stem"] = convolutions ? "convolutions" : "linear";
   return json;
 }
 
@@ -52,6 +54,10 @@ void PatchImageEncoderOptions::validate(const std::string& file, const std::stri
     throw InputError(file, pointer + "/patch_size",
                      "patches of " + std::to_string(patch_size) + " pixels do not divide a picture of " +
                          std::to_string(image_size));
+  }
+  if (convolutions && (patch_size < 2 || (patch_size & (patch_size - 1)) != 0)) {
+    throw InputError(file, pointer + "/patch_size",
+                     std::to_string(patch_size) + " is no power of two, as stem \"convolutions\" needs it");
   }
   if (width % num_heads != 0) {
     throw InputError(file, pointer + "/num_heads",
@@ -65,7 +71,11 @@ PatchImageEncoderImpl::PatchImageEncoderImpl(const PatchImageEncoderOptions& opt
   options_.validate();
   // A convolution whose windows do not overlap is one product per window.
   const std::int64_t values = 3 * options_.patch_size * options_.patch_size;
-  patch_embed_ = register_module("patch_embed", nn::Linear(values, options_.width));
+  if (options_.convolutions) {
+    stem_ = register_module("stem", ConvolutionStem(options_.width, options_.patch_size));
+  } else {
+    patch_embed_ = register_module("patch_embed", nn::Linear(values, options_.width));
+  }
   const Tensor places = patch_places(options_.image_size / options_.patch_size);
   pos_emb_ = register_buffer("pos_emb", nn::absolute_position_embedding(places, options_.width));
   torch::nn::ModuleList list;
@@ -78,19 +88,23 @@ PatchImageEncoderImpl::PatchImageEncoderImpl(const PatchImageEncoderOptions& opt
   if (init == nn::Init::kPublished) nn::xavier_uniform_linears(*this);
 }
 
+Tensor PatchImageEncoderImpl::embed_patches(const Tensor& images) {
+  if (options_.convolutions) return stem_->forward(images);
+  const std::int64_t patch = options_.patch_size, n = options_.image_size / patch, batch = images.size(0);
+  return patch_embed_->forward(images.reshape({batch, 3, n, patch, n, patch})
+                                   .permute({0, 2, 4, 1, 3, 5})
+                                   .reshape({batch, n * n, 3 * patch * patch}));
+}
+
 Tensor PatchImageEncoderImpl::forward(const Tensor& images) {
-  const std::int64_t size = options_.image_size, patch = options_.patch_size, n = size / patch;
+  const std::int64_t size = options_.image_size;
   if (images.dim() != 4 || images.size(1) != 3 || images.size(2) != size || images.size(3) != size) {
     throw InputError("", "image",
                      "the image encoder takes pictures [B, 3, " + std::to_string(size) + ", " + std::to_string(size) +
                          "]; set dataset.args.image_size to its image_size");
   }
   const std::int64_t batch = images.size(0), tokens = options_.tokens();
-  const Tensor patches = (2.0 * images - 1.0)
-                             .reshape({batch, 3, n, patch, n, patch})
-                             .permute({0, 2, 4, 1, 3, 5})
-                             .reshape({batch, tokens, 3 * patch * patch});
-  Tensor x = (patch_embed_->forward(patches) + pos_emb_).reshape({batch * tokens, options_.width});
+  Tensor x = (embed_patches(2.0 * images - 1.0) + pos_emb_).reshape({batch * tokens, options_.width});
   const nn::Ragged items(std::vector<std::int64_t>(static_cast<std::size_t>(batch), tokens));
   for (nn::TransformerBlock& block : blocks_) x = block->forward(x, items);
   const Tensor out = out_layer_->forward(nn::layer_norm(x));

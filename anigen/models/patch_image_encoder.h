@@ -2,6 +2,7 @@
 #include <string>
 
 #include "anigen/core/json.h"
+#include "anigen/models/image_stem.h"
 #include "anigen/nn/init.h"
 #include "anigen/nn/transformer_block.h"
 
@@ -17,6 +18,8 @@ struct PatchImageEncoderOptions {
   std::int64_t num_blocks = 3;
   std::int64_t num_heads = 4;  ///< divides width
   double mlp_ratio = 4.0;
+  bool convolutions = false;  ///< `stem`: "linear", a patch as it is, or "convolutions" (models/image_stem.h), for
+                              ///< which patch_size is a power of two
 
   /// @param json may also hold "name" @throws InputError on an unknown key, a wrong type or a value out of range
   static PatchImageEncoderOptions from_json(const Json& json, const std::string& file = "",
@@ -27,10 +30,10 @@ struct PatchImageEncoderOptions {
 };
 
 /// A condition picture as tokens, learned together with the model that is conditioned: patches (a convolution whose
-/// stride is its width), absolute position embedding of row and column, pre-norm transformer blocks (nn/
-/// transformer_block.h), a linear map to the condition's width. Tokens leave through a layer norm without parameters,
-/// as DINOv2's do before they become a condition (reference flows-and-pipeline.md, 5.3), so that zeros, the condition
-/// of no picture, are unlike those of any picture. Always fp32.
+/// stride is its width, or several that halve), absolute position embedding of row and column, pre-norm transformer
+/// blocks (nn/ transformer_block.h), a linear map to the condition's width. Tokens leave through a layer norm without
+/// parameters, as DINOv2's do before they become a condition (reference flows-and-pipeline.md, 5.3), so that zeros, the
+/// condition of no picture, are unlike those of any picture. Always fp32.
 class PatchImageEncoderImpl : public torch::nn::Module {
  public:
   PatchImageEncoderImpl(const PatchImageEncoderOptions& options, std::int64_t cond_channels,
@@ -44,7 +47,10 @@ class PatchImageEncoderImpl : public torch::nn::Module {
 
  private:
   PatchImageEncoderOptions options_;
+  Tensor embed_patches(const Tensor& images);
+
   nn::Linear patch_embed_ = nullptr, out_layer_ = nullptr;
+  ConvolutionStem stem_ = nullptr;
   Tensor pos_emb_;
   std::vector<nn::TransformerBlock> blocks_;
 };

@@ -57,6 +57,27 @@ TEST(PatchImageEncoder, BlocksLetTokensSeeEachOtherButNotOtherPictures) {
   EXPECT_NEAR(before.square().mean().item<float>(), 1.0f, 1e-2f);
 }
 
+TEST(PatchImageEncoder, ConvolutionsHalveDownToTheSameTokens) {
+  torch::manual_seed(1);
+  PatchImageEncoderOptions options = small_options(0);
+  options.convolutions = true;
+  PatchImageEncoder encoder(options, 10);
+  const Tensor images = torch::rand({2, 3, 12, 12});
+  const Tensor before = encoder->forward(images);
+  ASSERT_EQ(before.sizes(), (std::vector<std::int64_t>{2, 9, 10}));
+  Tensor changed = images.clone();
+  changed[1][2][5][11].add_(0.5);
+  const Tensor difference = (encoder->forward(changed) - before).abs().amax(-1);
+  EXPECT_GT(difference[1][5].item<float>(), 1e-4f);
+  EXPECT_EQ(difference[0].max().item<float>(), 0.0f);
+  before.square().sum().backward();
+  for (const auto& parameter : encoder->named_parameters()) EXPECT_TRUE(parameter.value().grad().defined());
+  EXPECT_EQ(PatchImageEncoderOptions::from_json(options.to_json()).to_json(), options.to_json());
+  EXPECT_THROW(PatchImageEncoderOptions::from_json({{"image_size", 112}, {"patch_size", 14}, {"stem", "convolutions"}}),
+               InputError);
+  EXPECT_THROW(PatchImageEncoderOptions::from_json({{"stem", "pooling"}}), InputError);
+}
+
 TEST(PatchImageEncoder, RefusesWhatDoesNotFit) {
   PatchImageEncoder encoder(small_options(0), 10);
   EXPECT_THROW(encoder->forward(torch::rand({1, 3, 16, 16})), InputError);
