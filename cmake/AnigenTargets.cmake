@@ -100,6 +100,20 @@ function(anigen_test folder)
   elseif(NOT folder STREQUAL core)
     target_precompile_headers(${name} REUSE_FROM anigen_geometry_pch)
   endif()
-  gtest_discover_tests(${name} TEST_PREFIX ${folder}. PROPERTIES LABELS ${ARG_LABEL} TIMEOUT 300
-    DISCOVERY_TIMEOUT 120 DISCOVERY_MODE PRE_TEST)
+  if(ARG_TORCH)
+    anigen_test_suites(${name})
+  else()
+    gtest_discover_tests(${name} TEST_PREFIX ${folder}. PROPERTIES LABELS ${ARG_LABEL} TIMEOUT 300
+      DISCOVERY_TIMEOUT 120 DISCOVERY_MODE PRE_TEST)
+  endif()
+endfunction()
+
+# One ctest test per suite of the program, found when ctest runs. Uses the caller's folder and ARG_LABEL.
+function(anigen_test_suites name)
+  set(ANIGEN_SUITES_PROGRAM $<TARGET_FILE:${name}>)
+  set(ANIGEN_SUITES_LISTING ${CMAKE_CURRENT_BINARY_DIR}/${name}_tests.txt)
+  set(script ${CMAKE_CURRENT_BINARY_DIR}/${name}_suites.cmake)
+  configure_file(${CMAKE_SOURCE_DIR}/cmake/list_suites.cmake.in ${script}.gen @ONLY)
+  file(GENERATE OUTPUT ${script} INPUT ${script}.gen)
+  set_property(DIRECTORY APPEND PROPERTY TEST_INCLUDE_FILES ${script})
 endfunction()

@@ -12,6 +12,7 @@
 #include "anigen/core/interrupt.h"
 #include "anigen/core/log.h"
 #include "anigen/core/progress.h"
+#include "anigen/core/short_id.h"
 #include "anigen/models/voxel_inside.h"
 #include "anigen/pipeline/device.h"
 #include "anigen/pipeline/structure_coder.h"
@@ -165,7 +166,7 @@ class StructureComparison {
   void picture(const loaders::StructureLatentBatch& latents, std::int64_t item,
                const std::vector<std::vector<train::VoxelPair>>& made, const train::VoxelPair& truth) {
     train::VoxelSheetRow row;
-    row.label = latents.ids[static_cast<std::size_t>(item)];
+    row.label = short_id(latents.ids[static_cast<std::size_t>(item)]);
     row.picture = train::picture_of_planes(latents.cond[item]);
     for (const auto& method : made) row.cells.push_back(method[static_cast<std::size_t>(item)]);
     row.cells.push_back(truth);

@@ -3,6 +3,7 @@
 #include <system_error>
 
 #include "anigen/core/error.h"
+#include "anigen/core/short_id.h"
 #include "anigen/models/sparse_structure_volumes.h"
 #include "anigen/train/sparse_structure_autoencoder_stage.h"
 #include "anigen/train/voxel_sheet.h"
@@ -34,7 +35,7 @@ void SparseStructureAutoEncoderStage::sample(const std::filesystem::path& folder
   for (std::size_t i = 0; i < std::min(kSheetAssets, held_out_->size()); ++i) {
     made.push_back(reconstruct(i));
     const Reconstruction& one = made.back();
-    rows.push_back({one.id, {{one.shape, one.skeleton}, {one.decoded_shape, one.decoded_skeleton}}});
+    rows.push_back({short_id(one.id), {{one.shape, one.skeleton}, {one.decoded_shape, one.decoded_skeleton}}});
   }
   write_voxel_sheet(folder / "reconstructions.png", rows, {"ground truth", "reconstruction"});
 
@@ -43,7 +44,7 @@ void SparseStructureAutoEncoderStage::sample(const std::filesystem::path& folder
   std::vector<VoxelSheetRow> strips;
   for (std::size_t i = 0; i + 1 < made.size(); i += 2) {
     const auto &a = made[i].latents, &b = made[i + 1].latents;
-    VoxelSheetRow strip{made[i].id + " to " + made[i + 1].id, {}};
+    VoxelSheetRow strip{short_id(made[i].id) + " to " + short_id(made[i + 1].id), {}};
     for (int step = 0; step < kBetweenSteps; ++step) {
       const double share = static_cast<double>(step) / (kBetweenSteps - 1);
       const Tensor z =

@@ -1,5 +1,6 @@
 #include <algorithm>
 
+#include "anigen/core/short_id.h"
 #include "anigen/models/sparse_structure_runs.h"
 #include "anigen/train/loss_generator.h"
 #include "anigen/train/sparse_structure_flow_stage.h"
@@ -37,7 +38,7 @@ void SparseStructureFlowStage::sample(const std::filesystem::path& folder) {
     const flow::Streams start{noise.to(parts_.device), noise_skl.to(parts_.device)};
     const Tensor condition = condition_of(latents);
     VoxelSheetRow row;
-    row.label = latents.ids.front();
+    row.label = short_id(latents.ids.front());
     if (parts_.encoder) {
       row.picture = picture_of_planes(latents.cond[0]);
       const flow::Streams guided = drawn_sample(start, condition, true);

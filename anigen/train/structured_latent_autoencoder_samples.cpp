@@ -3,6 +3,7 @@
 #include <system_error>
 
 #include "anigen/core/error.h"
+#include "anigen/core/short_id.h"
 #include "anigen/raytrace/contact_sheet.h"
 #include "anigen/raytrace/picture.h"
 #include "anigen/raytrace/srgb.h"
@@ -70,7 +71,7 @@ void StructuredLatentAutoEncoderStage::sample(const std::filesystem::path& folde
     const fields::SkeletonTensors& truth = made.inputs.skeletons.front();
     Asset given, decoded;
     given.mesh = mesh_of(made.inputs.rigs.vertices.front(), made.inputs.rigs.faces.front());
-    tiles.push_back({with_skeleton(given, truth), made.id + ": truth"});
+    tiles.push_back({with_skeleton(given, truth), short_id(made.id) + ": truth"});
     const io::Image nothing(kPictureSize, kPictureSize);
     if (!mesh.success) {
       tiles.push_back({nothing, "no surface"});
