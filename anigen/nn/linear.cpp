@@ -2,6 +2,7 @@
 
 #include "anigen/nn/fused_mlp.h"
 #include "anigen/nn/gelu.h"
+#include "anigen/nn/widened_linear.h"
 
 namespace anigen::nn {
 
@@ -15,7 +16,7 @@ LinearImpl::LinearImpl(std::int64_t in_features, std::int64_t out_features, bool
 }
 
 Tensor LinearImpl::forward(const Tensor& x) {
-  const Tensor y = torch::linear(x, weight, bias);
+  const Tensor y = prefers_widened_linear(x, weight) ? widened_linear(x, weight, bias) : torch::linear(x, weight, bias);
   return lora_A.defined() ? y.add(torch::matmul(torch::matmul(x, lora_A), lora_B), lora_scale_) : y;
 }
 
