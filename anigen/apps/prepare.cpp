@@ -34,6 +34,7 @@ struct Arguments {
   std::vector<std::string> inputs, cleaning_changes;
   std::string cleaning = "none", near_skeletons = "flag", shard;
   std::size_t procedural = 0, memory_mb = 0;
+  std::string condition_cameras = "around";
   bool skip_assets = false, random_poses = false, view_geometry = false, strict = false;
 };
 
@@ -91,6 +92,10 @@ void add_step_options(CLI::App& app, Arguments& a) {
   app.add_option("--view-size", plan.views.size, "Their side in pixels")->capture_default_str();
   app.add_option("--cond-views", plan.condition_views.count, "Pictures for image conditions (published: 24)");
   app.add_option("--cond-view-size", plan.condition_views.size, "Their side in pixels")->capture_default_str();
+  app.add_option("--cond-cameras", a.condition_cameras,
+                 "around: from all sides, as published; front: from where people take pictures")
+      ->capture_default_str()
+      ->check(CLI::IsMember({"around", "front"}));
   app.add_option("--view-samples", plan.views.samples_per_axis, "Anti-aliasing: this many squared rays per pixel")
       ->capture_default_str();
   app.add_flag("--view-geometry", a.view_geometry, "Also write normals and depth of the pictures");
@@ -128,6 +133,7 @@ anigen::prepare::PrepareOptions complete(Arguments& a, const anigen::CommonOptio
   options.plan.poses.own_motion = !a.random_poses;
   options.plan.cleaning = cleaning_options(a);
   options.plan.condition_views.samples_per_axis = options.plan.views.samples_per_axis;
+  options.plan.condition_views.front = a.condition_cameras == "front";
   options.plan.views.geometry = options.plan.condition_views.geometry = a.view_geometry;
   options.tables.near_skeletons = parse_near_skeletons(a.near_skeletons);
   options.run.memory_bytes = std::uint64_t{a.memory_mb} << 20;

@@ -69,6 +69,22 @@ TEST(ViewPlan, ConditionCamerasHoldTheCubeAndFollowTheirDistribution) {
   EXPECT_NEAR(mean, 0.5 * (inverse_square(5) + inverse_square(35)), 0.008);
 }
 
+TEST(ViewPlan, FrontCamerasFaceTheObject) {
+  Rng rng(7, "views");
+  const auto views = front_views(400, rng);
+  ASSERT_EQ(views.size(), 400u);
+  for (std::size_t i = 0; i < views.size(); ++i) {
+    EXPECT_NEAR(std::sin(0.5 * views[i].fov) * views[i].radius, std::sqrt(0.75), 1e-12);
+    const double side = (views[i].yaw + 0.5 * M_PI) * 180 / M_PI, height = views[i].pitch * 180 / M_PI;
+    EXPECT_GE(side, -60.0 + 120.0 * static_cast<double>(i) / 400.0 - 1e-9);  // one camera in each part of the range
+    EXPECT_LE(side, -60.0 + 120.0 * static_cast<double>(i + 1) / 400.0 + 1e-9);
+    EXPECT_GE(height, -5.0);
+    EXPECT_LE(height, 30.0);
+    EXPECT_LT(eye(views[i]).y(), 0.0);  // objects face −Y
+  }
+  EXPECT_THROW(front_views(0, rng), InputError);
+}
+
 TEST(ViewPlan, TheSameSeedGivesTheSameCameras) {
   Rng first(3, "views", 5), second(3, "views", 5), other(3, "views", 6);
   const auto a = condition_views(24, first), b = condition_views(24, second), c = condition_views(24, other);

@@ -34,7 +34,8 @@ Json to_json(const ViewSettings& settings) {
   return {{"count", settings.count},
           {"size", settings.size},
           {"samples", settings.samples_per_axis},
-          {"geometry", settings.geometry}};
+          {"geometry", settings.geometry},
+          {"front", settings.front}};
 }
 
 ViewSettings view_settings(const Json& json) {
@@ -43,6 +44,7 @@ ViewSettings view_settings(const Json& json) {
   json.at("size").get_to(settings.size);
   json.at("samples").get_to(settings.samples_per_axis);
   json.at("geometry").get_to(settings.geometry);
+  settings.front = json.value("front", false);
   return settings;
 }
 

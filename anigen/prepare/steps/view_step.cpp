@@ -19,11 +19,14 @@ namespace {
 namespace fs = std::filesystem;
 
 Json step_options(const ViewSettings& settings) {
-  return {{"count", settings.count},
-          {"size", settings.size},
-          {"samples", settings.samples_per_axis},
-          {"geometry", settings.geometry},
-          {"seed", settings.seed}};
+  Json json{{"count", settings.count},
+            {"size", settings.size},
+            {"samples", settings.samples_per_axis},
+            {"geometry", settings.geometry},
+            {"seed", settings.seed}};
+  // Said only where it holds, so that the records of data sets made before there was a choice still fit.
+  if (settings.front) json["front"] = true;
+  return json;
 }
 
 /// "007.png" and, for an aspect, "007_normal.png".
@@ -130,7 +133,9 @@ Json ConditionViewStep::run(AssetJob& job) const {
   raytrace::ViewOptions options = view_options(settings_);
   options.mean_normal = settings_.geometry;
   const fs::path folder = job.places().condition_views();
-  render_views(job, options, raytrace::condition_views(settings_.count, rng), folder,
+  const auto cameras =
+      settings_.front ? raytrace::front_views(settings_.count, rng) : raytrace::condition_views(settings_.count, rng);
+  render_views(job, options, cameras, folder,
                [&](const raytrace::ViewImages& images, const raytrace::Frame& frame, std::size_t i) {
                  if (!settings_.geometry) return;
                  io::write_png(folder / picture_name(i, "normal"), raytrace::encode_condition_normals(images, frame));

@@ -11,6 +11,7 @@ struct ViewSettings {
   int size = 512;            ///< pixels, square
   int samples_per_axis = 2;  ///< anti-aliasing
   bool geometry = false;     ///< also normals and depth
+  bool front = false;        ///< conditions only: cameras in front (raytrace::front_views) instead of all around
   std::uint64_t seed = 0;    ///< of camera positions, together with the asset's id
 };
 

@@ -62,6 +62,20 @@ std::vector<ViewCamera> condition_views(std::size_t n, Rng& rng) {
   return views;
 }
 
+std::vector<ViewCamera> front_views(std::size_t n, Rng& rng) {
+  require_views(n);
+  constexpr double kFront = -0.5 * kPi, kSide = kPi / 3.0, kLowest = -5.0 * kPi / 180.0, kHighest = kPi / 6.0;
+  std::vector<ViewCamera> views(n);
+  for (std::size_t i = 0; i < n; ++i) {
+    const double place = (static_cast<double>(i) + rng.uniform()) / static_cast<double>(n);
+    views[i].yaw = kFront + kSide * (2.0 * place - 1.0);
+    views[i].pitch = rng.uniform(kLowest, kHighest);
+    views[i].fov = kFeatureFov;
+    views[i].radius = kCubeSphere / std::sin(0.5 * kFeatureFov);
+  }
+  return views;
+}
+
 Eigen::Matrix4d camera_to_world(const ViewCamera& view) {
   const bool finite = std::isfinite(view.yaw) && std::isfinite(view.pitch) && std::isfinite(view.radius);
   if (!finite || !(view.radius > 0.0)) throw InputError("", "view", "its angles or its radius are out of range");

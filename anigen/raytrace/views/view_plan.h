@@ -31,6 +31,11 @@ std::vector<ViewCamera> feature_views(std::size_t n, double offset0, double offs
 /// (1 / radius² is uniform). @throws InputError when n is 0
 std::vector<ViewCamera> condition_views(std::size_t n, Rng& rng);
 
+/// Ours, for data sets too small to learn what every side looks like: cameras in front of the object, which faces −Y,
+/// as people take pictures. Yaw within 60° of the front, one camera in each n-th of that range; pitch from −5° to 30°;
+/// field of view 40° and the radius that belongs to it. @throws InputError when n is 0
+std::vector<ViewCamera> front_views(std::size_t n, Rng& rng);
+
 /// Camera axes in columns and position: Blender's camera-to-world (looks along −Z, +Y up), [4,4]. Well defined at the
 /// poles, too. @throws InputError when a number is not finite, the radius not positive or fov outside (0, π)
 Eigen::Matrix4d camera_to_world(const ViewCamera& view);
