@@ -25,6 +25,7 @@
 #include "anigen/geometry/nearest_surface.h"
 #include "anigen/geometry/surface_sampling.h"
 #include "benchmarks/bumpy_torus.h"
+#include "benchmarks/ratio_reporter.h"
 
 namespace {
 
@@ -96,31 +97,6 @@ void print_transfer_errors() {
     std::printf("%-34s %12.5f %15.5f %8.1f\n", name, exact, vertex, vertex / exact);
   }
 }
-
-/// Remembers the fastest repetition of every row, for the ratios.
-class RatioReporter : public benchmark::ConsoleReporter {
- public:
-  void ReportRuns(const std::vector<Run>& runs) override {
-    ConsoleReporter::ReportRuns(runs);
-    for (const Run& run : runs) {
-      if (run.run_type != Run::RT_Iteration || run.error_occurred) continue;
-      const auto found = run.counters.find("queries_per_second");
-      if (found != run.counters.end()) {
-        double& best = best_[run.run_name.function_name];
-        best = std::max(best, found->second.value);
-      }
-    }
-  }
-
-  void print_ratio(const std::string& what, const std::string& a, const std::string& b) const {
-    const auto first = best_.find(a), second = best_.find(b);
-    if (first == best_.end() || second == best_.end()) return;
-    std::printf("%-52s %8.2f\n", what.c_str(), first->second / second->second);
-  }
-
- private:
-  std::map<std::string, double> best_;
-};
 
 void add(const std::string& name, int threads, std::size_t queries, std::function<void()> body) {
   benchmark::RegisterBenchmark(name.c_str(),
@@ -219,7 +195,7 @@ int main(int argc, char** argv) {
   }
 
   benchmark::Initialize(&argc, argv);
-  RatioReporter reporter;
+  anigen::benchmarks::RatioReporter reporter("queries_per_second");
   benchmark::RunSpecifiedBenchmarks(&reporter);
   std::printf("\nRatios of queries per second (fastest of the repetitions):\n");
   for (const char* name : {"near", "box"}) {

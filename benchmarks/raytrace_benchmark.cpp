@@ -4,12 +4,10 @@
 //   benchmark_raytrace [FILE.glb] [--benchmark_… options]
 #include <benchmark/benchmark.h>
 
-#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <functional>
 #include <limits>
-#include <map>
 #include <string>
 #include <vector>
 
@@ -18,6 +16,7 @@
 #include "anigen/geometry/embree.h"
 #include "anigen/io/gltf.h"
 #include "anigen/raytrace/views/render_view.h"
+#include "benchmarks/ratio_reporter.h"
 
 namespace {
 
@@ -53,29 +52,6 @@ Asset ball() {
   }
   return asset;
 }
-
-/// Remembers the fastest repetition of every row, for the ratios.
-class RatioReporter : public benchmark::ConsoleReporter {
- public:
-  void ReportRuns(const std::vector<Run>& runs) override {
-    ConsoleReporter::ReportRuns(runs);
-    for (const Run& run : runs) {
-      const auto found = run.counters.find("rays_per_second");
-      if (run.run_type != Run::RT_Iteration || run.error_occurred || found == run.counters.end()) continue;
-      double& best = best_[run.run_name.function_name];
-      best = std::max(best, found->second.value);
-    }
-  }
-
-  void print_ratio(const std::string& what, const std::string& a, const std::string& b) const {
-    const auto first = best_.find(a), second = best_.find(b);
-    if (first == best_.end() || second == best_.end()) return;
-    std::printf("%-64s %8.2f\n", what.c_str(), first->second / second->second);
-  }
-
- private:
-  std::map<std::string, double> best_;
-};
 
 void add(const std::string& name, int threads, double rays, std::function<void()> body) {
   benchmark::RegisterBenchmark((name + "/" + std::to_string(threads)).c_str(),
@@ -191,7 +167,7 @@ int main(int argc, char** argv) {
   }
 
   benchmark::Initialize(&argc, argv);
-  RatioReporter reporter;
+  anigen::benchmarks::RatioReporter reporter("rays_per_second");
   benchmark::RunSpecifiedBenchmarks(&reporter);
   std::printf("\nRatios of primary rays per second (fastest of the repetitions):\n");
   for (const std::string threads : {"/1", "/2"}) {

@@ -3,14 +3,13 @@
 // equal bit for bit. Compare only figures of one run.
 #include <benchmark/benchmark.h>
 
-#include <algorithm>
 #include <cstdio>
 #include <functional>
 #include <list>
-#include <map>
 #include <string>
 
 #include "anigen/core/parallel.h"
+#include "benchmarks/ratio_reporter.h"
 #include "tests/geometry/drawn_votes.h"
 #include "tests/geometry/plain_vote_clustering.h"
 
@@ -19,30 +18,6 @@ namespace {
 using anigen::geometry::GroupedSkeleton;
 using anigen::geometry::Votes;
 using Grouping = std::function<GroupedSkeleton(const Votes&)>;
-
-/// Votes per second of every case, fastest repetition.
-class RatioReporter : public benchmark::ConsoleReporter {
- public:
-  void ReportRuns(const std::vector<Run>& runs) override {
-    ConsoleReporter::ReportRuns(runs);
-    for (const Run& run : runs) {
-      if (run.run_type != Run::RT_Iteration || run.error_occurred) continue;
-      const auto found = run.counters.find("votes_per_second");
-      if (found == run.counters.end()) continue;
-      double& best = best_[run.run_name.function_name];
-      best = std::max(best, found->second.value);
-    }
-  }
-
-  void print_ratio(const std::string& what, const std::string& a, const std::string& b) const {
-    const auto first = best_.find(a), second = best_.find(b);
-    if (first == best_.end() || second == best_.end()) return;
-    std::printf("%-60s %8.1f\n", what.c_str(), first->second / second->second);
-  }
-
- private:
-  std::map<std::string, double> best_;
-};
 
 struct Case {
   std::string name;
@@ -93,7 +68,7 @@ int main(int argc, char** argv) {
   }
 
   benchmark::Initialize(&argc, argv);
-  RatioReporter reporter;
+  anigen::benchmarks::RatioReporter reporter("votes_per_second");
   benchmark::RunSpecifiedBenchmarks(&reporter);
   std::printf("\nRatios of votes per second (fastest of the repetitions):\n");
   for (const Case& input : cases) {

@@ -3,11 +3,9 @@
 // meshes in one run; the sets are compared first. Compare only figures of one run.
 #include <benchmark/benchmark.h>
 
-#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <functional>
-#include <map>
 #include <string>
 #include <vector>
 
@@ -24,6 +22,7 @@
 #include "anigen/geometry/voxel_bits.h"
 #include "anigen/geometry/voxelize.h"
 #include "benchmarks/bumpy_torus.h"
+#include "benchmarks/ratio_reporter.h"
 #include "tests/geometry/voxel_brute_force.h"
 
 namespace {
@@ -91,30 +90,6 @@ std::vector<Voxel> by_cgal_tree(const Mesh& mesh, int resolution) {
 }
 #endif
 
-/// Remembers the fastest repetition of every row, for the ratios.
-class RatioReporter : public benchmark::ConsoleReporter {
- public:
-  void ReportRuns(const std::vector<Run>& runs) override {
-    ConsoleReporter::ReportRuns(runs);
-    for (const Run& run : runs) {
-      if (run.run_type != Run::RT_Iteration || run.error_occurred) continue;
-      const auto found = run.counters.find("voxels_per_second");
-      if (found == run.counters.end()) continue;
-      double& best = best_[run.run_name.function_name];
-      best = std::max(best, found->second.value);
-    }
-  }
-
-  void print_ratio(const std::string& what, const std::string& a, const std::string& b) const {
-    const auto first = best_.find(a), second = best_.find(b);
-    if (first == best_.end() || second == best_.end()) return;
-    std::printf("%-60s %8.1f\n", what.c_str(), first->second / second->second);
-  }
-
- private:
-  std::map<std::string, double> best_;
-};
-
 struct Case {
   std::string name;
   Mesh mesh;
@@ -177,7 +152,7 @@ int main(int argc, char** argv) {
   }
 
   benchmark::Initialize(&argc, argv);
-  RatioReporter reporter;
+  anigen::benchmarks::RatioReporter reporter("voxels_per_second");
   benchmark::RunSpecifiedBenchmarks(&reporter);
   std::printf("\nRatios of voxels per second (fastest of the repetitions):\n");
   for (const Case& input : cases) {

@@ -10,12 +10,8 @@ bool converts_to_half(const torch::nn::Module& module) {
 }
 
 void cast_torso(torch::nn::Module& module, torch::Dtype dtype) {
-  module.apply([dtype](torch::nn::Module& part) {
-    if (!converts_to_half(part)) return;
-    for (torch::Tensor& parameter : part.parameters(/*recurse=*/false)) {
-      parameter.set_data(parameter.data().to(dtype));
-    }
-  });
+  nn::cast_linears(module, dtype);
+  sparse::cast_submanifold_kernels(module, dtype);
 }
 
 }  // namespace anigen::models

@@ -86,20 +86,10 @@ void run_dense_blocks(Fixture& fixture) {
 
 nn::ModulatedBlockOptions modulated_options_of(const Fixture& fixture, const std::string& part,
                                                const std::string& self_attention) {
-  const Json& config = fixture.config();
   const io::NamedArrays parameters = parameters_of(fixture, part);
-  nn::ModulatedBlockOptions options;
-  options.channels = config.at("channels");
-  options.context_channels = config.at("ctx_channels");
-  options.num_heads = config.at("num_heads");
-  options.mlp_ratio = config.at("mlp_ratio");
-  options.qkv_bias = has(parameters, self_attention + ".to_qkv.bias");
-  options.qk_rms_norm = has(parameters, self_attention + ".q_rms_norm.gamma");
-  options.qk_rms_norm_cross = has(parameters, "cross_attn.q_rms_norm.gamma");
-  options.share_mod = !has(parameters, "adaLN_modulation.1.weight");
-  options.context_norm = has(parameters, "context_norm.weight");
-  options.lora_self = lora_of(parameters, self_attention + ".to_out", config);
-  options.lora_cross = lora_of(parameters, "cross_attn.to_out", config);
+  auto options = modulated_options<nn::ModulatedBlockOptions>(fixture, part, self_attention);
+  options.lora_self = lora_of(parameters, self_attention + ".to_out", fixture.config());
+  options.lora_cross = lora_of(parameters, "cross_attn.to_out", fixture.config());
   return options;
 }
 

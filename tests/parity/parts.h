@@ -20,6 +20,25 @@ inline bool has(const io::NamedArrays& parameters, const std::string& key) {
   return io::find(parameters, key) != nullptr;
 }
 
+/// Options of a modulated block, dense or sparse, as its config and its parameters show them.
+/// @param self_attention name of the module @tparam Options nn::ModulatedBlockOptions or its sparse counterpart
+template <typename Options>
+Options modulated_options(const Fixture& fixture, const std::string& part, const std::string& self_attention) {
+  const Json& config = fixture.config();
+  const io::NamedArrays parameters = parameters_of(fixture, part);
+  Options options;
+  options.channels = config.at("channels");
+  options.context_channels = config.at("ctx_channels");
+  options.num_heads = config.at("num_heads");
+  options.mlp_ratio = config.at("mlp_ratio");
+  options.qkv_bias = has(parameters, self_attention + ".to_qkv.bias");
+  options.qk_rms_norm = has(parameters, self_attention + ".q_rms_norm.gamma");
+  options.qk_rms_norm_cross = has(parameters, "cross_attn.q_rms_norm.gamma");
+  options.share_mod = !has(parameters, "adaLN_modulation.1.weight");
+  options.context_norm = has(parameters, "context_norm.weight");
+  return options;
+}
+
 /// Fills a module with the parameters of a part; every key must match.
 template <typename Module>
 void load_part(Module& module, const Fixture& fixture, const std::string& part) {

@@ -172,23 +172,6 @@ void run_sparse_block_fp16(Fixture& fixture) {
   fixture.check("y_fp16", HalfBlock(block, options).forward(half).to(torch::kFloat32));
 }
 
-sparse::SparseModulatedBlockOptions sparse_modulated_options_of(const Fixture& fixture, const std::string& part,
-                                                                const std::string& attention) {
-  const Json& config = fixture.config();
-  const io::NamedArrays parameters = parameters_of(fixture, part);
-  sparse::SparseModulatedBlockOptions options;
-  options.channels = config.at("channels");
-  options.context_channels = config.at("ctx_channels");
-  options.num_heads = config.at("num_heads");
-  options.mlp_ratio = config.at("mlp_ratio");
-  options.qkv_bias = has(parameters, attention + ".to_qkv.bias");
-  options.qk_rms_norm = has(parameters, attention + ".q_rms_norm.gamma");
-  options.qk_rms_norm_cross = has(parameters, "cross_attn.q_rms_norm.gamma");
-  options.share_mod = !has(parameters, "adaLN_modulation.1.weight");
-  options.context_norm = has(parameters, "context_norm.weight");
-  return options;
-}
-
 sparse::DualStreamBlockOptions dual_stream_options_of(const Fixture& fixture, const std::string& part) {
   const Json& config = fixture.config();
   const io::NamedArrays parameters = parameters_of(fixture, part);
@@ -212,13 +195,15 @@ void run_sparse_modulated_blocks(Fixture& fixture) {
   const SparseTensor x = block_input(fixture, items, "coords", "feats");
   const SparseTensor x_skl = block_input(fixture, items, "coords_skl", "feats_skl");
   for (const std::string part : {"block", "block_share"}) {
-    const sparse::SparseModulatedBlockOptions options = sparse_modulated_options_of(fixture, part, "attn");
+    const sparse::SparseModulatedBlockOptions options =
+        modulated_options<sparse::SparseModulatedBlockOptions>(fixture, part, "attn");
     sparse::SparseModulatedBlock block(options);
     load_part(block, fixture, part);
     fixture.check(part, block->forward(x, fixture.input(options.share_mod ? "mod6" : "mod")).feats);
   }
 
-  sparse::SparseModulatedCrossBlock cross(sparse_modulated_options_of(fixture, "cross", "self_attn"));
+  sparse::SparseModulatedCrossBlock cross(
+      modulated_options<sparse::SparseModulatedBlockOptions>(fixture, "cross", "self_attn"));
   load_part(cross, fixture, "cross");
   fixture.check("cross", cross->forward_dense(x, fixture.input("mod"), fixture.input("context")).feats);
 

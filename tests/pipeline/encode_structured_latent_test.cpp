@@ -22,33 +22,24 @@
 namespace anigen::pipeline {
 namespace {
 
-constexpr char kSlatRun[] = R"({
-  "models": {
-    "encoder": {"name": "AniGenElasticSLatEncoder", "args": {
-      "resolution": 64, "in_channels": 4, "model_channels": 24, "model_channels_skl": 16, "model_channels_skin": 16,
-      "latent_channels": 8, "latent_channels_skl": 4, "latent_channels_vertskin": 8, "num_blocks": 1, "num_heads": 4,
-      "num_heads_skl": 4, "num_heads_skin": 4, "mlp_ratio": 1, "attn_mode_cross": "swin",
-      "skin_encoder_config": {"skin_feat_channels": 4, "jp_embed_dim": 16,
-                              "jp_embedder_config": {"hidden_dim": 16, "depth": 1}},
-      "skin_cross_from_geo": false, "skl_cross_from_geo": false, "skin_skl_cross": false,
-      "use_pretrain_branch": false, "jp_residual_fields": true, "jp_hyper_continuous": true}},
-    "decoder": {"name": "AniGenElasticSLatMeshDecoder", "args": {
-      "resolution": 64, "model_channels": 256, "model_channels_skl": 32, "model_channels_skin": 32,
-      "latent_channels": 8, "latent_channels_skl": 4, "latent_channels_vertskin": 8, "num_blocks": 1, "num_heads": 4,
-      "num_heads_skl": 4, "num_heads_skin": 4, "mlp_ratio": 0.25, "attn_mode_cross": "swin",
-      "h_skin_unet_num_levels": -1,
-      "skin_decoder_config": {"skin_feat_channels": 4, "model_channels": 16, "num_blocks": 1},
-      "representation_config": {"use_color": true, "use_conf_jp": true, "use_conf_skin": false},
-      "use_pretrain_branch": false, "jp_residual_fields": true, "jp_hyper_continuous": true}}},
-  "dataset": {"name": "AniGenSparseFeat2Skeleton", "args": {
-    "image_size": 24, "model": "toy", "skl_dilation_iter": 1, "load_cubvh": true, "test_mode": false}},
-  "trainer": {"name": "AniGenSLatVaeSkeletonTrainer", "args": {}}})";
+Json slat_run() {
+  return {{"models", test::post_models()},
+          {"dataset",
+           {{"name", "AniGenSparseFeat2Skeleton"},
+            {"args",
+             {{"image_size", 24},
+              {"model", "toy"},
+              {"skl_dilation_iter", 1},
+              {"load_cubvh", true},
+              {"test_mode", false}}}}},
+          {"trainer", {{"name", "AniGenSLatVaeSkeletonTrainer"}, {"args", Json::object()}}}};
+}
 
 class EncodeStructuredLatents : public testing::Test {
  protected:
   void SetUp() override {
     test::PostDataset::write(folder_ / "data", 3);
-    write_run(Json::parse(kSlatRun));
+    write_run(slat_run());
     request_.run = folder_ / "slat_run";
     request_.data = folder_ / "data";
   }
@@ -124,7 +115,7 @@ TEST_F(EncodeStructuredLatents, KeepsWhatIsUpToDate) {
 }
 
 TEST_F(EncodeStructuredLatents, LatentsAreThoseOfTheVariant) {
-  Json config = Json::parse(kSlatRun);
+  Json config = slat_run();
   config["trainer"]["args"]["normalization"] = "l1";
   write_run(config);
   encode_structured_latents(request_);
@@ -177,7 +168,7 @@ TEST_F(EncodeStructuredLatents, ReconstructsASplitNamesFailuresAndShowsVotes) {
 }
 
 TEST_F(EncodeStructuredLatents, ARunOfTheShapeAloneHasNoRigs) {
-  Json config = Json::parse(kSlatRun);
+  Json config = slat_run();
   config["trainer"]["args"]["geometry_only"] = true;
   write_run(config);
   ReconstructRequest request;

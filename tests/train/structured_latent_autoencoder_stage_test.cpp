@@ -25,25 +25,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// The smallest models there are: up-sampling needs 256 channels for its 32 groups.
+// The models are those of test::post_models().
 constexpr char kPostConfig[] = R"({
-  "models": {
-    "encoder": {"name": "AniGenElasticSLatEncoder", "args": {
-      "resolution": 64, "in_channels": 4, "model_channels": 24, "model_channels_skl": 16, "model_channels_skin": 16,
-      "latent_channels": 8, "latent_channels_skl": 4, "latent_channels_vertskin": 8, "num_blocks": 1, "num_heads": 4,
-      "num_heads_skl": 4, "num_heads_skin": 4, "mlp_ratio": 1, "attn_mode_cross": "swin",
-      "skin_encoder_config": {"skin_feat_channels": 4, "jp_embed_dim": 16,
-                              "jp_embedder_config": {"hidden_dim": 16, "depth": 1}},
-      "skin_cross_from_geo": false, "skl_cross_from_geo": false, "skin_skl_cross": false,
-      "use_pretrain_branch": false, "jp_residual_fields": true, "jp_hyper_continuous": true}},
-    "decoder": {"name": "AniGenElasticSLatMeshDecoder", "args": {
-      "resolution": 64, "model_channels": 256, "model_channels_skl": 32, "model_channels_skin": 32,
-      "latent_channels": 8, "latent_channels_skl": 4, "latent_channels_vertskin": 8, "num_blocks": 1, "num_heads": 4,
-      "num_heads_skl": 4, "num_heads_skin": 4, "mlp_ratio": 0.25, "attn_mode_cross": "swin",
-      "h_skin_unet_num_levels": -1,
-      "skin_decoder_config": {"skin_feat_channels": 4, "model_channels": 16, "num_blocks": 1},
-      "representation_config": {"use_color": true, "use_conf_jp": true, "use_conf_skin": false},
-      "use_pretrain_branch": false, "jp_residual_fields": true, "jp_hyper_continuous": true}}},
   "dataset": {"name": "AniGenSparseFeat2Skeleton", "args": {
     "image_size": 24, "model": "toy", "skl_dilation_iter": 1, "load_cubvh": true, "test_mode": false,
     "eval_split": "splits/test.txt"}},
@@ -66,7 +49,9 @@ class PostRun : public ::testing::Test {
  protected:
   void SetUp() override {
     test::PostDataset::write(folder_ / "data", 3);
-    std::ofstream(folder_ / "config.json") << kPostConfig;
+    Json config = Json::parse(kPostConfig);
+    config["models"] = test::post_models();
+    std::ofstream(folder_ / "config.json") << config.dump();
   }
   TrainCommand command(const std::string& output, std::vector<std::string> overrides = {}) {
     return test::train_command(folder_, output, std::move(overrides));
@@ -88,7 +73,7 @@ class PostRun : public ::testing::Test {
   }
   std::string bytes(const std::string& file) { return read_file(folder_ / file); }
 
-  static Json model_args(const char* model) { return Json::parse(kPostConfig)["models"][model]["args"]; }
+  static Json model_args(const char* model) { return test::post_models()[model]["args"]; }
   static StructuredLatentCoders coders() {
     StructuredLatentCoders coders;
     coders.encoder = models::StructuredLatentEncoderOptions::from_json(model_args("encoder"));

@@ -6,11 +6,33 @@
 #include <string>
 #include <vector>
 
+#include "anigen/core/json.h"
 #include "anigen/io/image.h"
 #include "anigen/io/npz.h"
 #include "tests/loaders/published_sample.h"
 
 namespace anigen::test {
+
+/// Models for PostDataset, the smallest there are: up-sampling needs 256 channels for its 32 groups.
+inline Json post_models() {
+  return Json::parse(R"({
+    "encoder": {"name": "AniGenElasticSLatEncoder", "args": {
+      "resolution": 64, "in_channels": 4, "model_channels": 24, "model_channels_skl": 16, "model_channels_skin": 16,
+      "latent_channels": 8, "latent_channels_skl": 4, "latent_channels_vertskin": 8, "num_blocks": 1, "num_heads": 4,
+      "num_heads_skl": 4, "num_heads_skin": 4, "mlp_ratio": 1, "attn_mode_cross": "swin",
+      "skin_encoder_config": {"skin_feat_channels": 4, "jp_embed_dim": 16,
+                              "jp_embedder_config": {"hidden_dim": 16, "depth": 1}},
+      "skin_cross_from_geo": false, "skl_cross_from_geo": false, "skin_skl_cross": false,
+      "use_pretrain_branch": false, "jp_residual_fields": true, "jp_hyper_continuous": true}},
+    "decoder": {"name": "AniGenElasticSLatMeshDecoder", "args": {
+      "resolution": 64, "model_channels": 256, "model_channels_skl": 32, "model_channels_skin": 32,
+      "latent_channels": 8, "latent_channels_skl": 4, "latent_channels_vertskin": 8, "num_blocks": 1, "num_heads": 4,
+      "num_heads_skl": 4, "num_heads_skin": 4, "mlp_ratio": 0.25, "attn_mode_cross": "swin",
+      "h_skin_unet_num_levels": -1,
+      "skin_decoder_config": {"skin_feat_channels": 4, "model_channels": 16, "num_blocks": 1},
+      "representation_config": {"use_color": true, "use_conf_jp": true, "use_conf_skin": false},
+      "use_pretrain_branch": false, "jp_residual_fields": true, "jp_hyper_continuous": true}}})");
+}
 
 /// A dataset of rigged boxes in the published layout: post0, post1, … stand upright in the middle of the 64³ grid, 4 ×
 /// 4 voxels wide and 6 to 8 high, with three joints on their axis and weights that pass from each to the next. Four
