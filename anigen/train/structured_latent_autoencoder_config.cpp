@@ -5,6 +5,7 @@
 #include "anigen/core/error.h"
 #include "anigen/core/log.h"
 #include "anigen/loaders/datasets/dataset_registry.h"
+#include "anigen/loaders/files/pooled_voxels.h"
 #include "anigen/models/lpips_weights.h"
 #include "anigen/models/structured_latent_runs.h"
 #include "anigen/train/structured_latent_autoencoder_stage.h"
@@ -109,8 +110,10 @@ std::unique_ptr<Stage> make_structured_latent_autoencoder_stage(const Json& conf
   dataset.require("name");
   dataset.choice("name", "", {"AniGenSparseFeat2Skeleton"});
   const loaders::Datasets data = loaders::make_datasets(top.object("dataset"), trainer.seed);
-  if (coders.encoder.resolution != 64) {
-    throw InputError(file, "/models/encoder/args/resolution", "must be 64, the grid of the dataset's voxels");
+  const std::int64_t grid = top.object("dataset").object("args").integer("resolution", loaders::kStoredResolution, 1);
+  if (coders.encoder.resolution != grid) {
+    throw InputError(file, "/models/encoder/args/resolution",
+                     "must be " + std::to_string(grid) + ", the grid of the dataset's voxels");
   }
   require_fitting_features(*data.train, coders, file);
   log::info("{} samples an epoch to train on, {} assets held out", data.train->size(),

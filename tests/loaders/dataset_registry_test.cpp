@@ -60,9 +60,9 @@ TEST_F(DatasetRegistry, ArgumentsAreChecked) {
   args["skl_dilation_itr"] = 2;
   EXPECT_TRUE(has(error_of("AniGenSparseFeat2Skeleton", args), "did you mean 'skl_dilation_iter'"));
   args = test::feature_args();
-  args["resolution"] = 32;
+  args["resolution"] = 48;
   const std::string error = error_of("AniGenSparseFeat2Skeleton", args);
-  EXPECT_TRUE(has(error, "not supported") && has(error, "/dataset/args/resolution")) << error;
+  EXPECT_TRUE(has(error, "must divide 64") && has(error, "/dataset/args/resolution")) << error;
   args = test::feature_args();
   args.erase("image_size");
   EXPECT_TRUE(has(error_of("AniGenSparseFeat2Skeleton", args), "image_size"));

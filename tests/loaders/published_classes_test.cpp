@@ -2,6 +2,8 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <array>
+#include <map>
 
 #include "anigen/loaders/datasets/feature_skeleton_dataset.h"
 #include "anigen/loaders/datasets/sparse_structure_dataset.h"
@@ -71,6 +73,30 @@ TEST_F(PublishedClasses, SparseStructureAtAnotherResolutionPoolsVoxels) {
   EXPECT_EQ(batch->ss.sum().item<int>(), 2);
   EXPECT_EQ(batch->ss[0][0][5][10][31].item<int>(), 1);
   EXPECT_EQ(batch->ss[0][0][6][10][30].item<int>(), 1);
+}
+
+TEST_F(PublishedClasses, FeatureSkeletonMergesVoxelsAtALowerResolution) {
+  Json args = test::feature_args();
+  args["resolution"] = 32;
+  const auto coarse = test::load<FeatureSkeletonBatch>(*make("AniGenSparseFeat2Skeleton", args).train, {{2, 0}});
+  const auto places = coarse->feats.coords.to(torch::kLong);
+  std::map<std::array<std::int64_t, 3>, std::vector<int>> members;
+  for (int n = 0; n < 6; ++n) {
+    const auto voxel = test::PublishedSample::voxel(2, n);
+    members[std::array<std::int64_t, 3>{voxel[0] / 2, voxel[1] / 2, voxel[2] / 2}].push_back(n);
+  }
+  ASSERT_EQ(places.size(0), static_cast<std::int64_t>(members.size()));
+  std::int64_t row = 0;
+  for (const auto& [place, rows] : members) {
+    for (int axis = 0; axis < 3; ++axis) EXPECT_EQ(places[row][axis + 1].item<std::int64_t>(), place[axis]);
+    for (int c = 0; c < test::PublishedSample::kChannels; ++c) {
+      double sum = 0.0;
+      for (const int n : rows) sum += test::PublishedSample::feature(2, n, c);
+      EXPECT_FLOAT_EQ(coarse->feats.feats[row][c].item<float>(), static_cast<float>(sum / (rows.size() + 1.0)));
+    }
+    ++row;
+  }
+  EXPECT_LT(coarse->feats_skl.coords.slice(1, 1).max().item<std::int64_t>(), 32);
 }
 
 TEST_F(PublishedClasses, FeatureSkeletonHasAllPacks) {
@@ -270,7 +296,7 @@ TEST_F(PublishedClasses, StatisticsMayBeListedAndFilesAreWrittenOut) {
   EXPECT_EQ(dataset, before);
   dataset["args"]["normalization"] = "missing.npz";
   EXPECT_THROW(write_out_statistics(dataset, "config.json"), InputError);
-  dataset["name"] = "AniGenSLat";
+  dataset["name"] = "AniGenSparseStructure";
   EXPECT_NO_THROW(write_out_statistics(dataset, "config.json"));
 }
 

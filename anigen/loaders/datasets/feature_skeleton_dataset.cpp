@@ -1,16 +1,14 @@
 #include "anigen/loaders/datasets/feature_skeleton_dataset.h"
 
 #include "anigen/core/random.h"
+#include "anigen/loaders/files/pooled_voxels.h"
 #include "anigen/loaders/files/skin_rows.h"
 #include "anigen/loaders/files/view_files.h"
-#include "anigen/loaders/files/voxel_files.h"
 
 namespace anigen::loaders {
 namespace {
 
 namespace fs = std::filesystem;
-
-constexpr int kResolution = 64;
 
 fs::path feature_path(const AssetId& asset, const std::string& model) {
   return asset.root / "features" / model / (asset.id + ".npz");
@@ -48,20 +46,20 @@ FeatureSkeletonDataset::FeatureSkeletonDataset(std::vector<AssetId> assets, cons
 
 std::vector<geometry::Voxel> FeatureSkeletonDataset::skeleton_voxels(const AssetId& asset,
                                                                      std::uint64_t position) const {
-  const std::vector<geometry::Voxel> rows = read_voxel_rows(skeleton_voxel_path(asset), kResolution);
-  const int radius = options_.skl_dilation_iter;
+  const int radius = options_.skl_dilation_iter, resolution = options_.resolution;
+  const std::vector<geometry::Voxel> rows = read_voxels_at(skeleton_voxel_path(asset), resolution);
   if (!options_.skl_dilation_random_aug) {
-    return radius == 0 ? rows : geometry::dilate(rows, kResolution, radius);
+    return radius == 0 ? rows : geometry::dilate(rows, resolution, radius);
   }
   Rng rng(seed(), "skeleton dilation", position);
-  if (!rng.chance(options_.skl_dilation_random_aug_prob)) return geometry::dilate(rows, kResolution, radius);
-  return geometry::dilate_randomly(rows, kResolution, radius, [&rng] { return rng.uniform(); });
+  if (!rng.chance(options_.skl_dilation_random_aug_prob)) return geometry::dilate(rows, resolution, radius);
+  return geometry::dilate_randomly(rows, resolution, radius, [&rng] { return rng.uniform(); });
 }
 
 std::unique_ptr<AssetDataset::Sample> FeatureSkeletonDataset::read(std::size_t index, std::uint64_t position) const {
   const AssetId& id = asset(index);
   auto pack = std::make_unique<Pack>();
-  pack->features = read_voxel_features(feature_path(id, options_.model));
+  pack->features = read_features_at(feature_path(id, options_.model), options_.resolution);
   pack->skeleton.coords = skeleton_voxels(id, position);
   Rng view(seed(), "view", position);
   pack->view = read_view(view_folder(id), options_.image_size, view);

@@ -1,6 +1,6 @@
 #include "anigen/loaders/datasets/feature_skeleton_options.h"
 
-#include "anigen/loaders/files/voxel_files.h"
+#include "anigen/loaders/files/pooled_voxels.h"
 
 namespace anigen::loaders {
 
@@ -10,10 +10,8 @@ FeatureSkeletonOptions FeatureSkeletonOptions::read(ConfigReader& reader) {
   reader.require("image_size");
   options.image_size = static_cast<int>(reader.integer("image_size", 518, 1, 4096));
   options.model = reader.text("model", options.model);
-  if (const std::int64_t resolution = reader.integer("resolution", 64, 1); resolution != 64) {
-    throw NotSupportedError(reader.file(), reader.pointer_to("resolution"),
-                            "resolution " + std::to_string(resolution) + "; only 64 is");
-  }
+  options.resolution = static_cast<int>(reader.integer("resolution", kStoredResolution, 1, kStoredResolution));
+  if (kStoredResolution % options.resolution != 0) throw reader.error("resolution", "must divide 64");
   options.load_cubvh = reader.boolean("load_cubvh", false);
   options.skl_dilation_iter = static_cast<int>(reader.integer("skl_dilation_iter", 0, 0, kMostResolution));
   options.skl_dilation_random_aug = reader.boolean("skl_dilation_random_aug", false);

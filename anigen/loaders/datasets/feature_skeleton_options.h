@@ -14,6 +14,7 @@ struct FeatureSkeletonOptions {
   SourceOptions sources;
   int image_size = 0;                         ///< edge of the view, pixels; required
   std::string model = "dinov2_vitl14_reg";    ///< folder below features/
+  int resolution = 64;                        ///< edge of the voxel grid; below 64 voxels are merged when they are read
   int skl_dilation_iter = 0;                  ///< Chebyshev radius by which skeleton voxels are dilated
   bool skl_dilation_random_aug = false;       ///< see geometry::dilate_randomly
   double skl_dilation_random_aug_prob = 0.5;  ///< of that, per sample
@@ -22,7 +23,7 @@ struct FeatureSkeletonOptions {
   bool bucket_by_voxels = false;              ///< ours: batches of assets with similar numbers of voxels
   std::int64_t memory_budget_mb = 8192;       ///< ours: nearest-surface solvers kept in memory
 
-  /// @throws InputError; NotSupportedError for a resolution other than 64, which the published class pools twice
+  /// @throws InputError, also for a resolution that does not divide 64
   static FeatureSkeletonOptions read(ConfigReader& reader);
 };
 
