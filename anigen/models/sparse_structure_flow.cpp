@@ -4,6 +4,7 @@
 #include "anigen/models/freezing.h"
 #include "anigen/models/sparse_structure_flow_init.h"
 #include "anigen/nn/absolute_position.h"
+#include "anigen/nn/module_list.h"
 
 namespace anigen::models {
 namespace {
@@ -36,13 +37,6 @@ std::vector<nn::ModulatedCrossBlock> flow_blocks(const SparseStructureFlowOption
     blocks.emplace_back(block);
   }
   return blocks;
-}
-
-template <typename Layer>
-torch::nn::ModuleList flow_module_list(const std::vector<Layer>& layers) {
-  torch::nn::ModuleList list;
-  for (const Layer& layer : layers) list->push_back(layer);
-  return list;
 }
 
 Tensor position_table(const FlowStream& stream) {
@@ -109,8 +103,8 @@ void SparseStructureFlowImpl::register_streams() {
   const bool from_ss = options_.skl_cross_from_ss;
   ss.blocks = flow_blocks(options_, ss, options_.cond_channels, options_.use_lora_ss, false);
   skl.blocks = flow_blocks(options_, skl, from_ss ? ss.channels : options_.cond_channels, false, from_ss);
-  register_module("blocks", flow_module_list(ss.blocks));
-  register_module("blocks_skl", flow_module_list(skl.blocks));
+  register_module("blocks", nn::module_list(ss.blocks));
+  register_module("blocks_skl", nn::module_list(skl.blocks));
   if (options_.adapter_ss_to_skl) register_exchange("ss_to_skl", ss, skl);
   if (options_.adapter_skl_to_ss) register_exchange("skl_to_ss", skl, ss);
 
@@ -122,7 +116,7 @@ void SparseStructureFlowImpl::register_exchange(const std::string& direction, co
   if (!options_.exchanges_by_attention()) {
     for (std::int64_t i = 0; i < options_.num_blocks; ++i) to.adapters.emplace_back(from.channels, to.channels);
     const std::string name = "adapter_" + direction + "_layers";
-    register_module(name, flow_module_list(to.adapters));
+    register_module(name, nn::module_list(to.adapters));
     torso_modules_.push_back(name);
     return;
   }
@@ -132,8 +126,8 @@ void SparseStructureFlowImpl::register_exchange(const std::string& direction, co
     to.cross_outputs.emplace_back(to.channels, to.channels);
   }
   const std::string name = "cross_blocks_" + direction;
-  register_module(name, flow_module_list(to.cross_blocks));
-  register_module(name + "_out", flow_module_list(to.cross_outputs));
+  register_module(name, nn::module_list(to.cross_blocks));
+  register_module(name + "_out", nn::module_list(to.cross_outputs));
   torso_modules_.insert(torso_modules_.end(), {name, name + "_out"});
 }
 

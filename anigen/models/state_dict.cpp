@@ -93,7 +93,7 @@ LoadReport load_state_dict(torch::nn::Module& module, const io::NamedArrays& arr
 
 std::vector<torch::Dtype> published_dtypes(const torch::nn::Module& module,
                                            const std::vector<std::string>& half_precision_modules) {
-  std::set<std::string> half;
+  std::set<std::string> half(half_precision_modules.begin(), half_precision_modules.end());
   for (const auto& part : module.named_modules()) {
     const bool below = std::any_of(half_precision_modules.begin(), half_precision_modules.end(),
                                    [&](const std::string& name) { return lies_below(part.key() + ".", name); });

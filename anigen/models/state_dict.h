@@ -40,8 +40,9 @@ LoadReport load_state_dict(torch::nn::Module& module, const io::NamedArrays& arr
                            const std::string& source = "");
 
 /// The dtype that each entry has in the published system: fp16 for the parameters of Linear and convolution layers
-/// below one of the named modules ("skin_decoder.blocks_skin"), fp32 for every other floating-point entry. Differs from
-/// the tensor's own dtype where we compute in fp32, as on a CPU (reference autoencoders.md, 0.4 and appendix A).
+/// below one of the named modules ("skin_decoder.blocks_skin") and for parameters that are named themselves, fp32 for
+/// every other floating-point entry. Differs from the tensor's own dtype where we compute in fp32, as on a CPU
+/// (reference autoencoders.md, 0.4 and appendix A).
 /// @return one per entry of state_entries, in its order
 std::vector<torch::Dtype> published_dtypes(const torch::nn::Module& module,
                                            const std::vector<std::string>& half_precision_modules);

@@ -153,15 +153,20 @@ void check_voxels(const sparse::Support& support, std::int64_t resolution, const
                        std::to_string(resolution) + " voxels a side");
 }
 
+void check_voxel_rows(const SparseTensor& x, std::int64_t channels, const std::string& name) {
+  if (x.support != nullptr && x.feats.defined() && x.feats.dim() == 2 && x.feats.size(0) == x.support->size() &&
+      x.feats.size(1) == channels) {
+    return;
+  }
+  throw InputError("", name,
+                   "must have " + std::to_string(channels) + " channels for each of " +
+                       std::to_string(x.support == nullptr ? 0 : x.support->size()) + " voxels, found " +
+                       nn::shape_text(x.feats));
+}
+
 void check_voxel_features(const SparseTensor& x, std::int64_t channels, std::int64_t resolution,
                           const std::string& name) {
-  if (x.support == nullptr || !x.feats.defined() || x.feats.dim() != 2 || x.feats.size(0) != x.support->size() ||
-      x.feats.size(1) != channels) {
-    throw InputError("", name,
-                     "must have " + std::to_string(channels) + " channels for each of " +
-                         std::to_string(x.support == nullptr ? 0 : x.support->size()) + " voxels, found " +
-                         nn::shape_text(x.feats));
-  }
+  check_voxel_rows(x, channels, name);
   check_voxels(*x.support, resolution, name);
   const Tensor finite = torch::isfinite(x.feats).all(1);
   if (finite.all().item<bool>()) return;

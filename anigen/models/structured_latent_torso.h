@@ -57,6 +57,8 @@ sparse::SparseTensor run_part(bool recompute, const sparse::SparseTensor& x,
 /// @throws InputError for another number of channels, a value that is not finite or a voxel outside [0, resolution)³
 void check_voxel_features(const sparse::SparseTensor& x, std::int64_t channels, std::int64_t resolution,
                           const std::string& name);
+/// The part about the number of channels and of rows alone.
+void check_voxel_rows(const sparse::SparseTensor& x, std::int64_t channels, const std::string& name);
 /// The part about the voxels alone.
 void check_voxels(const sparse::Support& support, std::int64_t resolution, const std::string& name);
 

@@ -51,7 +51,9 @@ Linear linear_of(const Modulation& modulation) {
 
 }  // namespace
 
-ModulationImpl::ModulationImpl(std::int64_t channels) { linear = register_module("1", Linear(channels, 6 * channels)); }
+ModulationImpl::ModulationImpl(std::int64_t channels, std::int64_t values) {
+  linear = register_module("1", Linear(channels, values));
+}
 
 Tensor ModulationImpl::forward(const Tensor& mod) { return linear->forward(torch::silu(mod)); }
 

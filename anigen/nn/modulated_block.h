@@ -18,11 +18,12 @@ struct ModulatedBlockOptions {
 };
 
 /// SiLU · Linear(C → 6C): shift, scale and gate of the attention, then of the MLP. Keys `1.*`. Models with share_mod
-/// have one per stream, otherwise each block has its own.
+/// have one per stream, otherwise each block has its own. Residual blocks take other numbers of values from it.
 class ModulationImpl : public torch::nn::Module {
  public:
-  explicit ModulationImpl(std::int64_t channels);
-  /// @param mod [B, C] @return [B, 6C]
+  explicit ModulationImpl(std::int64_t channels) : ModulationImpl(channels, 6 * channels) {}
+  ModulationImpl(std::int64_t channels, std::int64_t values);
+  /// @param mod [B, C] @return [B, 6C], or [B, values]
   Tensor forward(const Tensor& mod);
   Linear linear = nullptr;
 };

@@ -9,8 +9,8 @@ namespace anigen::sparse {
 /// What one half of a modulated block takes from the modulation: a row of shift, scale and gate per item.
 class ItemModulation {
  public:
-  /// @param shift, scale, gate [B, C], one row per item of the support
-  ItemModulation(SupportPtr support, Tensor shift, const Tensor& scale, Tensor gate);
+  /// @param shift, scale, gate [B, C], one row per item of the support; without a gate only modulate() can be used
+  ItemModulation(SupportPtr support, Tensor shift, const Tensor& scale, Tensor gate = {});
 
   /// LN(x) (1 + scale) + shift, eps 1e-6. @param x [N, C]
   Tensor modulate(const Tensor& x) const;

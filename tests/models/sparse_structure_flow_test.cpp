@@ -2,11 +2,10 @@
 
 #include <gtest/gtest.h>
 
-#include <cmath>
-
 #include "anigen/core/error.h"
 #include "anigen/models/sparse_structure_flow_flops.h"
 #include "anigen/models/state_dict.h"
+#include "tests/models/golden_statistics.h"
 #include "tests/models/wave_fill.h"
 
 namespace anigen::models {
@@ -51,47 +50,32 @@ Velocity run_flow(SparseStructureFlow model, const FlowInputs& inputs = {}) {
 
 double flow_difference(const Tensor& a, const Tensor& b) { return (a - b).abs().max().item<double>(); }
 
-// First four values, last two, sum, sum of squares; the reference's own tolerance.
-void expect_statistics(const Tensor& output, const std::vector<double>& golden) {
-  const Tensor values = output.to(torch::kFloat64).flatten();
-  const auto count = values.size(0);
-  std::vector<double> found;
-  for (const std::int64_t i :
-       {std::int64_t{0}, std::int64_t{1}, std::int64_t{2}, std::int64_t{3}, count - 2, count - 1})
-    found.push_back(values[i].item<double>());
-  found.push_back(values.sum().item<double>());
-  found.push_back(values.square().sum().item<double>());
-  ASSERT_EQ(found.size(), golden.size());
-  for (std::size_t i = 0; i < golden.size(); ++i)
-    EXPECT_NEAR(found[i], golden[i], 1e-6 + 1e-5 * std::abs(golden[i])) << "statistic " << i;
-}
-
 TEST(SparseStructureFlow, GoldenNumbersWithBothAdapters) {
   const Velocity velocity = run_flow(filled_flow(tiny_flow_options()));
-  expect_statistics(velocity.shape,
-                    {-0.1048996, -0.115071, -0.07347682, -0.01890289, -0.3692214, -0.382603, 58.82098, 106.0869});
-  expect_statistics(velocity.skeleton,
-                    {-0.006565571, -0.0428463, -0.0938572, -0.1285243, -0.3232489, -0.3733594, -48.32705, 44.6179});
+  test::expect_statistics(velocity.shape,
+                          {-0.1048996, -0.115071, -0.07347682, -0.01890289, -0.3692214, -0.382603, 58.82098, 106.0869});
+  test::expect_statistics(velocity.skeleton, {-0.006565571, -0.0428463, -0.0938572, -0.1285243, -0.3232489, -0.3733594,
+                                              -48.32705, 44.6179});
 }
 
 TEST(SparseStructureFlow, GoldenNumbersWithLora) {
   SparseStructureFlowOptions options = tiny_flow_options();
   options.use_lora_ss = true;
   const Velocity velocity = run_flow(filled_flow(options));
-  expect_statistics(velocity.shape,
-                    {-0.1045261, -0.1146809, -0.0730335, -0.01841632, -0.3691498, -0.3825245, 58.7989, 105.8783});
-  expect_statistics(velocity.skeleton,
-                    {-0.006052874, -0.04246879, -0.09356873, -0.1282577, -0.3229988, -0.373131, -48.30444, 44.64676});
+  test::expect_statistics(velocity.shape,
+                          {-0.1045261, -0.1146809, -0.0730335, -0.01841632, -0.3691498, -0.3825245, 58.7989, 105.8783});
+  test::expect_statistics(velocity.skeleton, {-0.006052874, -0.04246879, -0.09356873, -0.1282577, -0.3229988, -0.373131,
+                                              -48.30444, 44.64676});
 }
 
 TEST(SparseStructureFlow, GoldenNumbersWithOneAdapter) {
   SparseStructureFlowOptions options = tiny_flow_options();
   options.adapter_skl_to_ss = false;
   const Velocity velocity = run_flow(filled_flow(options));
-  expect_statistics(velocity.shape,
-                    {-0.3092945, -0.3275911, -0.2574761, -0.182135, -0.274856, -0.2201659, 65.79754, 90.67117});
-  expect_statistics(velocity.skeleton,
-                    {0.06325293, 0.005595833, -0.05803882, -0.0962875, -0.2803437, -0.3329267, -41.04142, 43.8881});
+  test::expect_statistics(velocity.shape,
+                          {-0.3092945, -0.3275911, -0.2574761, -0.182135, -0.274856, -0.2201659, 65.79754, 90.67117});
+  test::expect_statistics(velocity.skeleton, {0.06325293, 0.005595833, -0.05803882, -0.0962875, -0.2803437, -0.3329267,
+                                              -41.04142, 43.8881});
 }
 
 TEST(SparseStructureFlow, PublishedSizesHaveThePublishedKeys) {

@@ -11,6 +11,7 @@
 #include "anigen/models/state_dict.h"
 #include "anigen/models/structured_latent_decoder.h"
 #include "anigen/models/structured_latent_encoder.h"
+#include "anigen/models/structured_latent_flow.h"
 #include "tests/parity/registry.h"
 
 namespace anigen::test {
@@ -78,6 +79,9 @@ void run_state_dict_spec(Fixture& fixture) {
                                                                                                "encoder");
     compare_published<models::StructuredLatentDecoder, models::StructuredLatentDecoderOptions>(fixture, config,
                                                                                                "decoder");
+  } else if (name == "slat_flow_auto.json" || name == "slat_flow_control.json") {
+    compare_published<models::StructuredLatentFlow, models::StructuredLatentFlowOptions>(
+        fixture, published_config(name), "denoiser");
   } else {
     throw NotBuiltYet{name};
   }
