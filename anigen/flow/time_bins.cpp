@@ -25,4 +25,9 @@ Tensor mse_per_item(const Tensor& prediction, const Tensor& target) {
   return (prediction.to(wide) - target.to(wide)).square().flatten(1).mean(1);
 }
 
+Tensor mean_per_item(const Tensor& rows, const Tensor& item, std::int64_t items) {
+  const Tensor sums = torch::zeros({items}, rows.options()).index_add(0, item, rows.mean(1));
+  return sums / torch::bincount(item, {}, items).clamp_min(1).to(rows.options());
+}
+
 }  // namespace anigen::flow

@@ -20,4 +20,8 @@ Tensor mean_per_time_bin(const Tensor& values, const Tensor& t, std::int64_t bin
 /// Mean squared error of each item. @param prediction, target [B, ...] @return [B] in fp32 or wider
 Tensor mse_per_item(const Tensor& prediction, const Tensor& target);
 
+/// Mean of each item over its rows and their channels, where rows of several items lie below each other.
+/// @param rows [N, C] @param item [N] int64 @return [items]; 0 for an item without rows
+Tensor mean_per_item(const Tensor& rows, const Tensor& item, std::int64_t items);
+
 }  // namespace anigen::flow

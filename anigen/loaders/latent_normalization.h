@@ -15,8 +15,21 @@ ChannelStatistics listed_statistics(ConfigReader& reader, const std::string& suf
 /// directory), or, ours, an object of the lists `mean` and `std`. Missing, null or "": none. @throws InputError
 ChannelStatistics dense_latent_statistics(ConfigReader& args, const std::string& key);
 
-/// Puts the numbers in the place of the files that the `dataset` of a config names for dense latents, so that the
-/// config in a run folder says by itself how its samples become latents again. Leaves other datasets as they are.
+/// Statistics of both voxel sets of a structured latent.
+struct StreamStatistics {
+  ChannelStatistics shape;  ///< geometry channels, then skin
+  ChannelStatistics skeleton;
+};
+
+/// `normalization` of structured latents: an object of the lists `mean`, `std`, `mean_skl` and `std_skl` (as published;
+/// or, as the published pipeline also takes them, of objects {mean, std} called `slat` and `slat_skl`), or, ours, a
+/// file that `anigen-encode slat` writes, found as above: its JSON normalises as the published config does, geometry
+/// channels only; its NPZ normalises every channel. Missing, null or "": none.
+/// @throws InputError
+StreamStatistics structured_latent_statistics(ConfigReader& args);
+
+/// Puts the numbers in the place of the files that the `dataset` of a config names for its latents, so that the config
+/// in a run folder says by itself how its samples become latents again. Leaves other datasets as they are.
 /// @param file the config, for messages @throws InputError
 void write_out_statistics(Json& dataset, const std::string& file);
 

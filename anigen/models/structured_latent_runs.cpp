@@ -1,5 +1,8 @@
 #include "anigen/models/structured_latent_runs.h"
 
+#include <string>
+
+#include "anigen/core/error.h"
 #include "anigen/models/trained_model.h"
 
 namespace anigen::models {
@@ -10,6 +13,26 @@ StructuredLatentEncoder load_structured_latent_encoder(const RunModel& found, to
 
 StructuredLatentDecoder load_structured_latent_decoder(const RunModel& found, torch::Device device) {
   return load_trained<StructuredLatentDecoder, StructuredLatentDecoderOptions>(found, device);
+}
+
+StructuredLatentVariant variant_of_run(const RunModel& decoder) {
+  const auto options =
+      StructuredLatentDecoderOptions::from_json(decoder.args, decoder.config.string(), decoder.pointer);
+  return StructuredLatentVariant::of_run(decoder.run, options, decoder.config.string());
+}
+
+StructuredLatentDecoder load_rig_decoder(const RunModel& found, torch::Device device) {
+  const StructuredLatentVariant variant = variant_of_run(found);
+  if (variant.geometry_only) {
+    throw InputError(found.config.string(), "/trainer/args/geometry_only",
+                     "this run trained the shape alone: its skeletons and weights mean nothing");
+  }
+  StructuredLatentDecoder decoder = load_structured_latent_decoder(found, device);
+  const std::string strategy = decoder->options().grouping_strategy;
+  decoder->group_with([confidence = variant.confidence, strategy](const fields::SkeletonField& field) {
+    return fields::group_votes(for_grouping(field, confidence), strategy);
+  });
+  return decoder;
 }
 
 }  // namespace anigen::models

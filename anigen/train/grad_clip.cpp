@@ -5,18 +5,9 @@
 #include <string>
 
 #include "anigen/core/error.h"
+#include "anigen/core/percentile.h"
 
 namespace anigen::train {
-
-double percentile(std::vector<float> values, double p) {
-  const double place = p / 100.0 * static_cast<double>(values.size() - 1);
-  const auto low = static_cast<std::size_t>(place);
-  std::nth_element(values.begin(), values.begin() + static_cast<std::ptrdiff_t>(low), values.end());
-  const double a = values[low];
-  if (low + 1 >= values.size()) return a;
-  const double b = *std::min_element(values.begin() + static_cast<std::ptrdiff_t>(low) + 1, values.end());
-  return a + (b - a) * (place - static_cast<double>(low));
-}
 
 AdaptiveGradClipper::AdaptiveGradClipper(const Options& options) : options_(options) {
   if (options.buffer_size == 0) throw InputError("", "buffer_size", "must be at least 1");

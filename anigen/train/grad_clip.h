@@ -6,10 +6,6 @@
 
 namespace anigen::train {
 
-/// Percentile p (0–100) of the values, linearly interpolated between neighbours as numpy does by default.
-/// @pre values is not empty
-double percentile(std::vector<float> values, double p);
-
 /// Clips the gradient's norm at a percentile of the recent norms (reference training-and-data.md, section 2.5).
 ///
 /// The threshold starts at max_norm (or none). Once `buffer_size` finite norms were seen it is, from the next call

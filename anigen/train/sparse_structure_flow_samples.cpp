@@ -2,6 +2,7 @@
 
 #include "anigen/core/short_id.h"
 #include "anigen/models/sparse_structure_runs.h"
+#include "anigen/train/latent_scale.h"
 #include "anigen/train/loss_generator.h"
 #include "anigen/train/sparse_structure_flow_stage.h"
 #include "anigen/train/sparse_structure_sampling.h"
@@ -19,7 +20,7 @@ flow::Streams SparseStructureFlowStage::drawn_sample(const flow::Streams& noise,
 void SparseStructureFlowStage::sample(const std::filesystem::path& folder) {
   if (!parts_.decoder) return;
   const torch::NoGradGuard no_grad;
-  const loaders::StructureLatentDataset& assets = parts_.held_out ? *parts_.held_out : *parts_.data;
+  const loaders::StructureLatentDataset& assets = shown_assets();
   const loaders::StructureLatentOptions& reading = assets.options();
   const auto decoded = [&](const Tensor& z, const Tensor& z_skl) {
     const auto logits = parts_.decoder->forward(denormalised(z.to(parts_.device), reading.normalization),
@@ -36,7 +37,7 @@ void SparseStructureFlowStage::sample(const std::filesystem::path& folder) {
     const Tensor noise = torch::randn(latents.x_0.sizes(), generator);
     const Tensor noise_skl = torch::randn(latents.x_0_skl.sizes(), generator);
     const flow::Streams start{noise.to(parts_.device), noise_skl.to(parts_.device)};
-    const Tensor condition = condition_of(latents);
+    const Tensor condition = condition_of(latents.cond, 1);
     VoxelSheetRow row;
     row.label = short_id(latents.ids.front());
     if (parts_.encoder) {

@@ -20,11 +20,4 @@ flow::Velocities structure_velocities(models::SparseStructureFlow model, const T
   return velocities;
 }
 
-Tensor denormalised(const Tensor& x, const loaders::ChannelStatistics& statistics) {
-  if (statistics.empty()) return x;
-  const Tensor mean = torch::tensor(statistics.mean).to(x.device());
-  const Tensor deviation = torch::tensor(statistics.deviation).to(x.device());
-  return x * deviation.view({1, -1, 1, 1, 1}) + mean.view({1, -1, 1, 1, 1});
-}
-
 }  // namespace anigen::train

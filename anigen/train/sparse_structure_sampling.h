@@ -1,6 +1,5 @@
 #pragma once
 #include "anigen/flow/euler_sampler.h"
-#include "anigen/loaders/files/latent_files.h"
 #include "anigen/models/sparse_structure_flow.h"
 
 namespace anigen::train {
@@ -8,8 +7,5 @@ namespace anigen::train {
 /// Velocities of the sparse-structure flow for flow::sample_euler: streams shape, then skeleton.
 /// @param condition [B, M, C] tokens on the model's device @param guided also the velocity under a condition of zeros
 flow::Velocities structure_velocities(models::SparseStructureFlow model, const torch::Tensor& condition, bool guided);
-
-/// Undoes the normalisation that a dataset of latents applied. @param x [B, C, r, r, r]
-torch::Tensor denormalised(const torch::Tensor& x, const loaders::ChannelStatistics& statistics);
 
 }  // namespace anigen::train

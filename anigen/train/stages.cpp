@@ -5,6 +5,7 @@
 #include "anigen/train/sparse_structure_autoencoder_stage.h"
 #include "anigen/train/sparse_structure_flow_stage.h"
 #include "anigen/train/structured_latent_autoencoder_stage.h"
+#include "anigen/train/structured_latent_flow_stage.h"
 
 namespace anigen::train {
 namespace {
@@ -24,6 +25,9 @@ constexpr TrainerEntry kTrainers[] = {
     {"AniGenImageConditionedFlowMatchingCFGTrainer", make_sparse_structure_flow_stage},
     {"AniGenFlowMatchingTrainer", make_sparse_structure_flow_stage},
     {"AniGenFlowMatchingCFGTrainer", make_sparse_structure_flow_stage},
+    {"AniGenImageConditionedSparseFlowMatchingCFGTrainer", make_structured_latent_flow_stage},
+    {"AniGenSparseFlowMatchingTrainer", make_structured_latent_flow_stage},
+    {"AniGenSparseFlowMatchingCFGTrainer", make_structured_latent_flow_stage},
 };
 
 }  // namespace

@@ -6,6 +6,7 @@
 #include "anigen/models/sparse_structure_loss.h"
 #include "anigen/models/state_dict.h"
 #include "anigen/train/loss_generator.h"
+#include "anigen/train/sparse_batch.h"
 #include "anigen/train/structured_latent_memory.h"
 #include "anigen/train/structured_latent_pictures.h"
 
@@ -26,11 +27,6 @@ bool trains_any_geometry(const torch::nn::Module& model) {
     }
   }
   return false;
-}
-
-SparseTensor sparse_of(const loaders::RaggedVoxels& voxels, torch::Device device) {
-  const auto items = static_cast<std::int64_t>(voxels.lengths.size());
-  return {sparse::Support::create(voxels.coords, items), voxels.feats.to(device)};
 }
 
 std::vector<Tensor> moved(const std::vector<Tensor>& tensors, torch::Device device) {

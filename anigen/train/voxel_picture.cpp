@@ -7,6 +7,7 @@
 #include <limits>
 
 #include "anigen/core/error.h"
+#include "anigen/io/image_resize.h"
 
 namespace anigen::train {
 namespace {
@@ -139,6 +140,12 @@ io::Image picture_of_planes(const torch::Tensor& planes) {
     for (std::size_t c = 0; c < 3; ++c) image.rgba[4 * i + c] = values[c * pixels + i];
   }
   return image;
+}
+
+io::Image fitted_picture(const io::Image& picture, int side) {
+  const double scale = static_cast<double>(side) / std::max(picture.width, picture.height);
+  const auto scaled = [&](int length) { return std::max(1, static_cast<int>(scale * length + 0.5)); };
+  return io::resize_lanczos(picture, scaled(picture.width), scaled(picture.height), io::ResizeAlpha::kPremultiplied);
 }
 
 }  // namespace anigen::train

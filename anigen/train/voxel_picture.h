@@ -18,4 +18,7 @@ io::Image voxel_picture(const VoxelPair& pair, int size);
 /// [3, H, W] in [0, 1], anywhere, as an opaque picture.
 io::Image picture_of_planes(const torch::Tensor& planes);
 
+/// A picture scaled so that its longer side has that many pixels: a large photograph must not blow up a whole sheet.
+io::Image fitted_picture(const io::Image& picture, int side);
+
 }  // namespace anigen::train

@@ -4,18 +4,10 @@
 
 #include "anigen/core/error.h"
 #include "anigen/core/parallel.h"
-#include "anigen/io/image_resize.h"
 #include "anigen/raytrace/contact_sheet.h"
 
 namespace anigen::train {
 namespace {
-
-/// A picture scaled into a cell, so that a large photograph does not blow up the whole sheet.
-io::Image fitted(const io::Image& picture) {
-  const double scale = static_cast<double>(kVoxelCellSize) / std::max(picture.width, picture.height);
-  const auto scaled = [&](int side) { return std::max(1, static_cast<int>(scale * side + 0.5)); };
-  return io::resize_lanczos(picture, scaled(picture.width), scaled(picture.height), io::ResizeAlpha::kPremultiplied);
-}
 
 bool has_pixels(const io::Image& picture) { return picture.width > 0 && picture.height > 0; }
 
@@ -37,7 +29,8 @@ void write_voxel_sheet(const std::filesystem::path& png, const std::vector<Voxel
     tile.caption = column >= first && column - first < columns.size() ? columns[column - first] : "";
     if (column == 0) tile.caption = row.label + (tile.caption.empty() ? "" : ": " + tile.caption);
     if (column < first) {
-      tile.image = has_pixels(row.picture) ? fitted(row.picture) : io::Image(kVoxelCellSize, kVoxelCellSize);
+      tile.image = has_pixels(row.picture) ? fitted_picture(row.picture, kVoxelCellSize)
+                                           : io::Image(kVoxelCellSize, kVoxelCellSize);
     } else if (column - first < row.cells.size()) {
       tile.image = voxel_picture(row.cells[column - first], kVoxelCellSize);
     } else {

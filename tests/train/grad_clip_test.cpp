@@ -12,16 +12,6 @@ namespace {
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
-// numpy.percentile([1, 2, 3, 4, 10], p), worked out by hand: position p/100 · 4.
-TEST(Percentile, InterpolatesLinearly) {
-  const std::vector<float> values{10, 3, 1, 4, 2};
-  EXPECT_DOUBLE_EQ(percentile(values, 0), 1);
-  EXPECT_DOUBLE_EQ(percentile(values, 50), 3);
-  EXPECT_DOUBLE_EQ(percentile(values, 95), 4 + 0.8 * 6);
-  EXPECT_DOUBLE_EQ(percentile(values, 100), 10);
-  EXPECT_DOUBLE_EQ(percentile({7}, 95), 7);
-}
-
 TEST(AdaptiveGradClipper, ThresholdMovesOnceTheBufferIsFull) {
   AdaptiveGradClipper clipper({100.0, 50.0, 3});
   EXPECT_DOUBLE_EQ(clipper.update(1), 1);

@@ -3,18 +3,12 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
-#include <numeric>
 
 #include "anigen/core/atomic_file.h"
-#include "anigen/core/config_file.h"
-#include "anigen/core/csv.h"
 #include "anigen/core/error.h"
-#include "anigen/io/image.h"
 #include "anigen/io/safetensors.h"
 #include "anigen/models/state_dict.h"
-#include "anigen/train/stages.h"
-#include "anigen/train/train_command.h"
-#include "tests/loaders/published_sample.h"
+#include "tests/train/flow_run.h"
 
 namespace anigen::train {
 namespace {
@@ -37,63 +31,12 @@ constexpr char kFlowConfig[] = R"({
     "image_encoder": {"name": "patch", "image_size": 8, "patch_size": 4, "width": 16, "num_blocks": 1,
                       "num_heads": 2}}}})";
 
-class StructureFlow : public ::testing::Test {
+class StructureFlow : public test::FlowRun {
  protected:
-  StructureFlow() {
-    write_file_atomically(sample_.root() / "held_out.txt", test::PublishedSample::id(2) + "\n");
-    write_file_atomically(folder_ / "config.json", kFlowConfig);
-  }
-
-  TrainCommand command(const std::string& output, std::vector<std::string> overrides = {}) {
-    TrainCommand c;
-    c.config = folder_ / "config.json";
-    c.data_dir = sample_.root().string();
-    c.run.output = folder_ / output;
-    c.overrides = std::move(overrides);
-    c.command_line = "anigen-train";
-    return c;
-  }
-
-  /// A stage whose weights are all away from zero, where the published start has them: there every output is zero.
-  std::unique_ptr<Stage> stage(const std::vector<std::string>& overrides = {}) {
-    Json config = parse_json(kFlowConfig, "test");
-    apply_overrides(config, overrides);
-    config["dataset"]["args"]["data_dir"] = sample_.root().string();
-    const Json trainer = config.at("trainer");
-    ConfigReader args(trainer.at("args"), "test", "/trainer/args");
-    const TrainerOptions options = TrainerOptions::read(args);
-    auto made = make_stage(trainer.at("name").get<std::string>(), config, "test", args, options, torch::kCPU);
-    args.finish();
-    const torch::NoGradGuard no_grad;
-    torch::manual_seed(11);
-    for (const NamedModel& model : made->models()) {
-      for (Tensor parameter : model.module->parameters()) parameter.normal_(0.0, 0.2);
-    }
-    return made;
-  }
-
-  static std::unique_ptr<loaders::Batch> batch_of(const Stage& stage) {
-    return stage.data().load({loaders::Draw{0, 0}, loaders::Draw{1, 1}});
-  }
-  std::string bytes(const std::string& file) { return read_file(folder_ / file); }
-
-  test::TemporaryFolder folder_;
-  test::PublishedSample sample_{folder_ / "data"};
+  StructureFlow() : FlowRun(kFlowConfig) {}
 };
 
-double total_loss(const Losses& losses) { return losses.total.item<double>(); }
-
-TEST_F(StructureFlow, DrawsDependOnSeedStepAndMicroBatchAlone) {
-  const auto one = stage(), two = stage();
-  const auto batch = batch_of(*one);
-  const double first = total_loss(one->losses(*batch, {5, 7, 1}));
-  torch::manual_seed(123);
-  torch::randn({100});
-  EXPECT_EQ(total_loss(two->losses(*batch, {5, 7, 1})), first);
-  EXPECT_NE(total_loss(two->losses(*batch, {5, 7, 0})), first);
-  EXPECT_NE(total_loss(two->losses(*batch, {5, 8, 1})), first);
-  EXPECT_NE(total_loss(two->losses(*batch, {6, 7, 1})), first);
-}
+TEST_F(StructureFlow, DrawsDependOnSeedStepAndMicroBatchAlone) { expect_draws_named_by_seed_step_and_micro_batch(); }
 
 TEST_F(StructureFlow, TheLossIsTheSumOfBothStreamsAndOfItsTimeBins) {
   const auto flow = stage();
@@ -110,15 +53,8 @@ TEST_F(StructureFlow, TheLossIsTheSumOfBothStreamsAndOfItsTimeBins) {
 }
 
 TEST_F(StructureFlow, DroppedConditionsDoNotSeeThePicture) {
-  const auto always = stage({"trainer.args.p_uncond=1"}), never = stage({"trainer.args.p_uncond=0"});
-  const auto batch = batch_of(*always);
-  auto& latents = dynamic_cast<loaders::StructureLatentBatch&>(*batch);
-  const double dropped = total_loss(always->losses(*batch, {5, 0, 0})),
-               kept = total_loss(never->losses(*batch, {5, 0, 0}));
-  EXPECT_NE(dropped, kept);
-  latents.cond = 1.0 - latents.cond;
-  EXPECT_EQ(total_loss(always->losses(*batch, {5, 0, 0})), dropped);
-  EXPECT_NE(total_loss(never->losses(*batch, {5, 0, 0})), kept);
+  const auto batch = batch_of(*stage());
+  expect_dropped_conditions_not_to_see_the_picture(*batch, dynamic_cast<loaders::StructureLatentBatch&>(*batch).cond);
 }
 
 TEST_F(StructureFlow, NormalsCanBeTheCondition) {
@@ -149,81 +85,17 @@ TEST_F(StructureFlow, EvaluationRepeatsItself) {
 }
 
 TEST_F(StructureFlow, ReplicasHaveTheSameFrozenWeights) {
-  const std::vector<std::string> frozen = {"models.denoiser.args.use_pretrain_branch=true",
-                                           "models.denoiser.args.freeze_pretrain_branch=true"};
-  EXPECT_THROW(stage(frozen)->warm_start({}), InputError) << "a frozen branch without its warm start";
-  const auto open = stage({frozen[0], frozen[1], "trainer.args.warm_start=none"});
-  for (const auto& parameter : open->models().front().module->named_parameters()) {
-    EXPECT_TRUE(parameter.value().requires_grad()) << parameter.key() << ": nothing is frozen without a warm start";
-  }
-  // With one, the shape stream is frozen, and a replica computes the same although it shares no trained parameter of
-  // it.
-  const auto pretrained = folder_ / "AniGenSparseStructureFlowModel.safetensors";
-  io::write_safetensors(pretrained, models::state_dict(*open->models().front().module));
-  const auto flow = stage({frozen[0], frozen[1], "trainer.args.pretrained_dir=" + folder_.path().string()});
-  flow->warm_start({});
-  const auto twin = flow->replica();
-  ParameterBuffer buffer(flow->models());
-  const ParameterBuffer shared = buffer.share(twin->models());
-  EXPECT_LT(buffer.slots().size(), flow->models().front().module->parameters().size());
-  const auto batch = batch_of(*flow);
-  EXPECT_EQ(total_loss(twin->losses(*batch, {5, 0, 0})), total_loss(flow->losses(*batch, {5, 0, 0})));
+  expect_frozen_branches_to_start_warm("AniGenSparseStructureFlowModel");
 }
 
 TEST_F(StructureFlow, LearnsAndLogs) {
-  train(command("run", {"trainer.args.max_steps=200", "trainer.args.i_log=20", "trainer.args.i_save=200",
-                        "trainer.args.i_eval=100"}));
-  const CsvTable metrics = read_csv(folder_ / "run/metrics.csv");
-  for (const char* column :
-       {"loss.total", "loss.mse", "loss.mse_skl", "loss.bin_7.mse", "loss.bin_7.mse_skl", "eval.mse", "eval.mse_skl"}) {
-    EXPECT_NE(metrics.column(column), CsvTable::kMissing) << column;
-  }
-  std::vector<double> losses;
-  for (std::size_t row = 0; row < metrics.rows.size(); ++row) {
-    if (!metrics.cell(row, "loss.total").empty()) losses.push_back(std::stod(metrics.cell(row, "loss.total")));
-  }
-  // Every row is the mean over 20 steps of 4 assets at random times; thirds of the run smooth that further.
-  const auto third = static_cast<std::ptrdiff_t>(losses.size() / 3);
-  ASSERT_GT(third, 0);
-  EXPECT_LT(std::accumulate(losses.end() - third, losses.end(), 0.0),
-            std::accumulate(losses.begin(), losses.begin() + third, 0.0));
-  for (const char* file : {"ckpts/denoiser_step0000200.safetensors", "ckpts/image_encoder_step0000200.safetensors"}) {
-    EXPECT_TRUE(std::filesystem::exists(folder_ / "run" / file)) << file;
-  }
+  expect_falling_loss(
+      {"loss.total", "loss.mse", "loss.mse_skl", "loss.bin_7.mse", "loss.bin_7.mse_skl", "eval.mse", "eval.mse_skl"});
 }
 
-TEST_F(StructureFlow, ResumedRunsEndWithTheSameBits) {
-  for (const std::string& precision : {std::string("fp32"), std::string("bf16")}) {
-    const std::vector<std::string> overrides{"trainer.args.precision=" + precision, "trainer.args.replicas=2"};
-    std::vector<std::string> leg = overrides;
-    leg.push_back("trainer.args.max_steps=8");
-    train(command(precision + "_whole", overrides));
-    train(command(precision + "_legs", leg));
-    train(command(precision + "_legs", overrides));
-    for (const char* name : {"denoiser", "denoiser_ema0.9", "image_encoder", "image_encoder_ema0.9"}) {
-      const std::string file = std::string("ckpts/") + name + "_step0000012.safetensors";
-      EXPECT_EQ(bytes(precision + "_whole/" + file), bytes(precision + "_legs/" + file)) << file;
-    }
-  }
-  EXPECT_NE(bytes("fp32_whole/ckpts/denoiser_step0000012.safetensors"),
-            bytes("bf16_whole/ckpts/denoiser_step0000012.safetensors"));
-}
+TEST_F(StructureFlow, ResumedRunsEndWithTheSameBits) { expect_same_bits_after_resuming(); }
 
-TEST_F(StructureFlow, SixteenBitBlocksComeCloseAndKeepFullPrecisionMasters) {
-  const auto plain = stage(), reduced = stage();
-  const auto batch = batch_of(*plain);
-  ParameterBuffer buffer(reduced->models(), [&] { reduced->set_compute_dtype(torch::kBFloat16); });
-  const double expected = total_loss(plain->losses(*batch, {5, 0, 0})),
-               found = total_loss(reduced->losses(*batch, {5, 0, 0}));
-  EXPECT_NE(found, expected);
-  EXPECT_NEAR(found, expected, 0.05 * expected) << "bf16 has 8 bits of mantissa";
-  std::vector<Tensor> full;
-  for (const NamedModel& model : plain->models()) {
-    for (const Tensor& parameter : model.module->parameters()) full.push_back(parameter.detach().reshape({-1}));
-  }
-  EXPECT_TRUE(torch::equal(buffer.master(), torch::cat(full))) << "masters keep what bf16 rounds away";
-  EXPECT_THROW(train(command("fp16", {"trainer.args.precision=fp16-published"})), NotSupportedError);
-}
+TEST_F(StructureFlow, SixteenBitBlocksComeCloseAndKeepFullPrecisionMasters) { expect_close_bf16_with_full_masters(); }
 
 TEST_F(StructureFlow, WithoutPicturesItLearnsTheDistribution) {
   const std::vector<std::string> overrides{
@@ -250,25 +122,11 @@ TEST_F(StructureFlow, SamplesBecomeASheetAndATensorBoardPicture) {
 
   train(command("run", {"trainer.args.max_steps=2", "trainer.args.i_sample=100",
                         "dataset.args.ss_dec_path=" + (folder_ / "ss_run").string()}));
-  const io::Image sheet = io::read_image(folder_ / "run/samples/step2/samples.png");
-  EXPECT_GT(sheet.width, 4 * 192) << "picture, guided, not guided, truth";
-  std::string events;
-  for (const auto& file : std::filesystem::directory_iterator(folder_ / "run/tb_logs"))
-    events += read_file(file.path());
-  EXPECT_NE(events.find("samples/samples"), std::string::npos);
-  EXPECT_NE(events.find("\x89PNG"), std::string::npos);
+  EXPECT_GT(sample_sheet("run", 2).width, 4 * 192) << "picture, guided, not guided, truth";
   EXPECT_THROW(train(command("bad", {"trainer.args.i_sample=1", "dataset.args.ss_dec_path=nowhere"})), InputError);
 }
 
 TEST_F(StructureFlow, BadConfigsNameTheKey) {
-  const auto message = [&](const std::vector<std::string>& overrides) {
-    try {
-      stage(overrides);
-    } catch (const InputError& error) {
-      return std::string(error.what());
-    }
-    return std::string("no error");
-  };
   EXPECT_NE(message({"dataset.args.image_size=16"}).find("image_size"), std::string::npos);
   EXPECT_NE(message({"trainer.args.image_encoder={\"name\": \"dinov2\"}"}).find("weights"), std::string::npos);
   EXPECT_NE(message({"trainer.args.image_encoder.nme=1"}).find("nme"), std::string::npos);

@@ -2,7 +2,6 @@
 
 #include "anigen/core/error.h"
 #include "anigen/core/log.h"
-#include "anigen/core/random.h"
 #include "anigen/loaders/latent_normalization.h"
 #include "anigen/loaders/ragged_voxels.h"
 
@@ -17,10 +16,7 @@ fs::path structure_latent_path(const AssetId& asset, const std::string& model) {
 
 std::vector<fs::path> files_of(const AssetId& asset, const StructureLatentOptions& options) {
   std::vector<fs::path> files{structure_latent_path(asset, options.latent_model)};
-  if (!options.image_conditioned) return files;
-  files.push_back(condition_folder(asset) / "transforms.json");
-  // Views are colour first, normals only when asked for: often a dataset has none.
-  if (options.condition == ConditionPictures::kNormals) files.push_back(first_normal_picture(condition_folder(asset)));
+  options.append_condition_files(asset, files);
   return files;
 }
 
@@ -38,19 +34,9 @@ torch::Tensor latents(const std::vector<const LatentGrid*>& grids, const std::ve
 
 }  // namespace
 
-fs::path condition_folder(const AssetId& asset) { return asset.root / "renders_cond" / asset.id; }
-
 StructureLatentOptions StructureLatentOptions::read(ConfigReader& reader, bool image_conditioned) {
   StructureLatentOptions options;
-  options.image_conditioned = image_conditioned;
-  options.sources.read_common(reader);
-  reader.require("latent_model");
-  options.latent_model = reader.text("latent_model", "");
-  if (image_conditioned) {
-    options.image_size = static_cast<int>(reader.integer("image_size", 518, 1, 4096));
-    const bool normals = reader.choice("condition", "color", {"color", "normal"}) == "normal";
-    options.condition = normals ? ConditionPictures::kNormals : ConditionPictures::kColor;
-  }
+  options.read_latents(reader, image_conditioned, "ss_latent_");
   options.normalization = dense_latent_statistics(reader, "normalization");
   options.normalization_skl = dense_latent_statistics(reader, "normalization_skl");
   options.ss_dec_path = reader.text("ss_dec_path", "");
@@ -59,11 +45,6 @@ StructureLatentOptions StructureLatentOptions::read(ConfigReader& reader, bool i
     log::warn_once(reader.file() + ": " + reader.pointer_to("pretrained_ss_dec") +
                    " has no effect: nothing is fetched; ss_dec_path names the run that decodes samples");
   }
-
-  RowFilter& filter = options.sources.filter;
-  filter.required_flags = {"ss_latent_" + options.latent_model};
-  if (image_conditioned) filter.required_flags.push_back("cond_rendered");
-  filter.drop_bad_skin = true;
   return options;
 }
 
@@ -86,10 +67,7 @@ std::unique_ptr<AssetDataset::Sample> StructureLatentDataset::read(std::size_t i
   options_.normalization.normalize_planes(latent.mean.values, channels(latent.mean), path.string() + ": mean");
   options_.normalization_skl.normalize_planes(latent.mean_skl.values, channels(latent.mean_skl),
                                               path.string() + ": mean_skl");
-  if (options_.image_conditioned) {
-    Rng view(seed(), "condition view", position);
-    sample->cond = read_condition_image(condition_folder(asset(index)), options_.image_size, view, options_.condition);
-  }
+  sample->cond = options_.condition_picture(asset(index), seed(), position);
   return sample;
 }
 
@@ -106,8 +84,7 @@ std::unique_ptr<Batch> StructureLatentDataset::collate(const Samples& samples,
   auto batch = std::make_unique<StructureLatentBatch>();
   batch->x_0 = latents(shapes, ids, "mean");
   batch->x_0_skl = latents(skeletons, ids, "mean_skl");
-  if (options_.image_conditioned)
-    batch->cond = stack(images, {3, options_.image_size, options_.image_size}, ids, "cond");
+  batch->cond = options_.condition_batch(images, ids);
   return batch;
 }
 

@@ -5,21 +5,14 @@
 
 #include "anigen/core/config_reader.h"
 #include "anigen/loaders/datasets/asset_dataset.h"
-#include "anigen/loaders/files/latent_files.h"
-#include "anigen/loaders/files/view_files.h"
-#include "anigen/loaders/source_options.h"
+#include "anigen/loaders/datasets/latent_dataset_options.h"
 
 namespace anigen::loaders {
 
 /// `dataset.args` of AniGenSparseStructureLatent and its image-conditioned form (reference training-and-data.md, 1.4).
-/// Rows need `ss_latent_<latent_model>`, and `cond_rendered` when image-conditioned; no bad skeleton, no bad skin.
-struct StructureLatentOptions {
-  SourceOptions sources;
-  bool image_conditioned = false;  ///< by the name of the dataset, not an argument
-  std::string latent_model;        ///< folder below ss_latents/; required
-  int image_size = 518;            ///< edge of the condition image; only when image-conditioned
-  ConditionPictures condition = ConditionPictures::kColor;  ///< ours, `condition`: "color" or "normal"
-  ChannelStatistics normalization, normalization_skl;       ///< read from the files the arguments name; empty: none
+/// Rows need `ss_latent_<latent_model>`. `normalization` and `normalization_skl` as dense_latent_statistics() reads
+/// them.
+struct StructureLatentOptions : LatentDatasetOptions {
   /// Which decoder turns samples into voxels for pictures; nothing here reads it. `pretrained_ss_dec`, the published
   /// name of one to download, is only warned of.
   std::string ss_dec_path, ss_dec_ckpt = "final";
@@ -49,8 +42,5 @@ class StructureLatentDataset : public AssetDataset {
 
   StructureLatentOptions options_;
 };
-
-/// renders_cond/<id>
-std::filesystem::path condition_folder(const AssetId& asset);
 
 }  // namespace anigen::loaders

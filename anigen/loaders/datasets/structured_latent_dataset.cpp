@@ -2,10 +2,7 @@
 
 #include <algorithm>
 
-#include "anigen/core/random.h"
 #include "anigen/loaders/balanced_groups.h"
-#include "anigen/loaders/datasets/structure_latent_dataset.h"
-#include "anigen/loaders/files/view_files.h"
 #include "anigen/loaders/latent_normalization.h"
 
 namespace anigen::loaders {
@@ -18,8 +15,9 @@ fs::path structured_latent_path(const AssetId& asset, const std::string& model) 
 }
 
 std::vector<fs::path> files_of(const AssetId& asset, const StructuredLatentOptions& options) {
-  std::vector<fs::path> files{structured_latent_path(asset, options.latent_model), rig_path(asset)};
-  if (options.image_conditioned) files.push_back(condition_folder(asset) / "transforms.json");
+  std::vector<fs::path> files{structured_latent_path(asset, options.latent_model)};
+  if (options.load_rigs || options.use_joint_num_cond) files.push_back(rig_path(asset));
+  options.append_condition_files(asset, files);
   return files;
 }
 
@@ -27,35 +25,28 @@ std::vector<fs::path> files_of(const AssetId& asset, const StructuredLatentOptio
 
 StructuredLatentOptions StructuredLatentOptions::read(ConfigReader& reader, bool image_conditioned) {
   StructuredLatentOptions options;
-  options.image_conditioned = image_conditioned;
-  options.sources.read_common(reader);
-  reader.require("latent_model");
-  options.latent_model = reader.text("latent_model", "");
-  if (image_conditioned) options.image_size = static_cast<int>(reader.integer("image_size", 518, 1, 4096));
+  options.read_latents(reader, image_conditioned, "latent_");
+  const StreamStatistics statistics = structured_latent_statistics(reader);
+  options.normalization = statistics.shape;
+  options.normalization_skl = statistics.skeleton;
   options.use_joint_num_cond = reader.boolean("use_joint_num_cond", false);
+  options.load_rigs = reader.boolean("load_rigs", true);
   options.load_cubvh = reader.boolean("load_cubvh", false);
+  if (options.load_cubvh && !options.load_rigs) throw reader.error("load_cubvh", "needs load_rigs");
   reader.ignore("max_num_voxels");
-  if (const Json* given = reader.raw("normalization"); given != nullptr && !given->is_null()) {
-    ConfigReader normalization = reader.object("normalization");
-    options.normalization = listed_statistics(normalization, "");
-    options.normalization_skl = listed_statistics(normalization, "_skl");
-    normalization.finish();
-  }
+  options.voxel_limit = reader.integer("voxel_limit", 0, 0);
+  if (options.voxel_limit > 0) options.sources.filter.max_num_voxels = options.voxel_limit;
   options.slat_dec_path = reader.text("slat_dec_path", "");
   options.slat_dec_ckpt = reader.text("slat_dec_ckpt", "final");
   options.bucket_by_voxels = reader.boolean("bucket_by_voxels", false);
   options.memory_budget_mb = reader.integer("memory_budget_mb", 8192, 0, 1 << 24);
-
-  RowFilter& filter = options.sources.filter;
-  filter.required_flags = {"latent_" + options.latent_model};
-  if (image_conditioned) filter.required_flags.push_back("cond_rendered");
-  filter.drop_bad_skin = true;
   return options;
 }
 
 struct StructuredLatentDataset::Latent : Sample {
   VoxelRows surface, skeleton;
-  RigArrays rig;
+  RigArrays rig;  // without joints when no rigs are loaded
+  std::int64_t joints = 0;
   std::shared_ptr<const geometry::NearestSurface> solver;
   std::vector<float> cond;
 };
@@ -90,12 +81,14 @@ std::unique_ptr<AssetDataset::Sample> StructuredLatentDataset::read(std::size_t 
   options_.normalization.normalize_rows(sample->surface.feats, sample->surface.channels, path.string() + ": feats");
   options_.normalization_skl.normalize_rows(sample->skeleton.feats, sample->skeleton.channels,
                                             path.string() + ": feats_skl");
-  sample->rig = read_rig_arrays(id);
-  if (options_.load_cubvh) sample->solver = surfaces_.of(index, sample->rig);
-  if (options_.image_conditioned) {
-    Rng view(seed(), "condition view", position);
-    sample->cond = read_condition_image(condition_folder(id), options_.image_size, view);
+  if (options_.load_rigs) {
+    sample->rig = read_rig_arrays(id);
+    sample->joints = static_cast<std::int64_t>(sample->rig.joints.size());
+    if (options_.load_cubvh) sample->solver = surfaces_.of(index, sample->rig);
+  } else if (options_.use_joint_num_cond) {
+    sample->joints = static_cast<std::int64_t>(count_rows(rig_path(id), "joints"));
   }
+  sample->cond = options_.condition_picture(id, seed(), position);
   return sample;
 }
 
@@ -104,23 +97,20 @@ std::unique_ptr<Batch> StructuredLatentDataset::collate(const Samples& samples,
   auto batch = std::make_unique<StructuredLatentBatch>();
   std::vector<const VoxelRows*> surfaces, skeletons;
   std::vector<const std::vector<float>*> images;
+  std::vector<std::int64_t> joints;
   for (const auto& sample : samples) {
     const auto& latent = static_cast<const Latent&>(*sample);
     surfaces.push_back(&latent.surface);
     skeletons.push_back(&latent.skeleton);
     images.push_back(&latent.cond);
-    batch->rigs.append(latent.rig);
+    joints.push_back(latent.joints);
+    if (options_.load_rigs) batch->rigs.append(latent.rig);
     if (latent.solver) batch->rigs.surfaces.push_back(latent.solver);
   }
   batch->x_0 = collate_voxels(surfaces, ids);
   batch->x_0_skl = collate_voxels(skeletons, ids);
-  if (options_.image_conditioned)
-    batch->cond = stack(images, {3, options_.image_size, options_.image_size}, ids, "cond");
-  if (options_.use_joint_num_cond) {
-    batch->joints_num = torch::empty({static_cast<std::int64_t>(samples.size())}, torch::kInt64);
-    auto* out = batch->joints_num.data_ptr<std::int64_t>();
-    for (const torch::Tensor& joints : batch->rigs.joints) *out++ = joints.size(0);
-  }
+  batch->cond = options_.condition_batch(images, ids);
+  if (options_.use_joint_num_cond) batch->joints_num = torch::tensor(joints, torch::kInt64);
   return batch;
 }
 

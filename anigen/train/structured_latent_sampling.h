@@ -1,0 +1,32 @@
+#pragma once
+#include "anigen/flow/euler_sampler.h"
+#include "anigen/flow/geodesic_noise.h"
+#include "anigen/models/structured_latent_flow.h"
+
+namespace anigen::train {
+
+/// Where structured latents are sampled, and under which condition.
+struct StructuredLatentTarget {
+  sparse::SupportPtr shape, skeleton;  ///< voxels of both streams, B items each
+  torch::Tensor tokens;                ///< [B or 1, K, C] of condition pictures, on the model's device
+  torch::Tensor joints_num;            ///< [B] or [1]; undefined: not asked of the model
+};
+
+/// Velocities of the structured-latent flow for flow::sample_euler: features [N, C] on the shape's voxels, then
+/// [M, C'] on the skeleton's. The negative pass of guidance has tokens of zeros and 0 joints (reference
+/// flows-and-pipeline.md, 4.4).
+/// @param guided also the velocity of that pass
+flow::Velocities structured_latent_velocities(models::StructuredLatentFlow model, const StructuredLatentTarget& target,
+                                              bool guided);
+
+/// Standard normal noise of both streams, on the CPU, skin channels smoothed along the surface where the options say
+/// so (reference flows-and-pipeline.md, 4.5).
+flow::Streams structured_latent_noise(const models::StructuredLatentFlowOptions& model, const sparse::Support& shape,
+                                      const sparse::Support& skeleton, const flow::GeodesicNoiseOptions& smoothing,
+                                      const at::Generator& generator);
+
+/// Noise of the shape's voxels alone: what structured_latent_noise() draws first. [N, C]
+torch::Tensor shape_latent_noise(const models::StructuredLatentFlowOptions& model, const sparse::Support& shape,
+                                 const flow::GeodesicNoiseOptions& smoothing, const at::Generator& generator);
+
+}  // namespace anigen::train
