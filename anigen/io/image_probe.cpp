@@ -2,48 +2,14 @@
 
 #include <algorithm>
 #include <cstdlib>
-#include <string_view>
 
-#include "anigen/core/error.h"
+#include "anigen/io/picture_bytes.h"
+#include "anigen/io/tiff_directory.h"
 
 namespace anigen::io {
 namespace {
 
-// Reads with a bounds check, so that every header below can be walked without thinking about its end.
-class Bytes {
- public:
-  Bytes(const std::vector<std::uint8_t>& bytes, const std::string& name) : bytes_(bytes), name_(name) {}
-
-  std::uint64_t big_endian(std::size_t at, std::size_t count) const {
-    std::uint64_t value = 0;
-    for (std::size_t i = 0; i < count; ++i) value = value << 8 | byte(at + i);
-    return value;
-  }
-  std::uint64_t little_endian(std::size_t at, std::size_t count) const {
-    std::uint64_t value = 0;
-    for (std::size_t i = count; i-- > 0;) value = value << 8 | byte(at + i);
-    return value;
-  }
-  bool matches(std::size_t at, std::string_view text) const {
-    return at + text.size() <= bytes_.size() &&
-           std::equal(text.begin(), text.end(), bytes_.begin() + static_cast<std::ptrdiff_t>(at),
-                      [](char a, std::uint8_t b) { return static_cast<std::uint8_t>(a) == b; });
-  }
-  std::size_t size() const { return bytes_.size(); }
-  [[noreturn]] void truncated(std::size_t at) const {
-    throw InputError(name_, "byte " + std::to_string(at), "picture file is cut short");
-  }
-
- private:
-  std::uint8_t byte(std::size_t at) const {
-    if (at >= bytes_.size()) truncated(at);
-    return bytes_[at];
-  }
-  const std::vector<std::uint8_t>& bytes_;
-  const std::string& name_;
-};
-
-PictureSize png_size(const Bytes& in) {
+PictureSize png_size(const PictureBytes& in) {
   // Chunks: length, type, data, checksum; the last one is IEND.
   for (std::size_t at = 8;; at += static_cast<std::size_t>(in.big_endian(at, 4)) + 12) {
     const std::uint64_t length = in.big_endian(at, 4);
@@ -53,7 +19,7 @@ PictureSize png_size(const Bytes& in) {
   return {true, in.big_endian(16, 4), in.big_endian(20, 4)};
 }
 
-PictureSize jpeg_size(const Bytes& in) {
+PictureSize jpeg_size(const PictureBytes& in) {
   PictureSize size;
   std::size_t at = 2;
   while (true) {
@@ -68,13 +34,13 @@ PictureSize jpeg_size(const Bytes& in) {
   }
 }
 
-PictureSize bmp_size(const Bytes& in) {
+PictureSize bmp_size(const PictureBytes& in) {
   if (in.little_endian(14, 4) == 12) return {true, in.little_endian(18, 2), in.little_endian(20, 2)};
   const auto height = static_cast<std::int32_t>(in.little_endian(22, 4));  // negative: rows from the top
   return {true, in.little_endian(18, 4), static_cast<std::uint64_t>(std::abs(static_cast<std::int64_t>(height)))};
 }
 
-PictureSize webp_size(const Bytes& in) {
+PictureSize webp_size(const PictureBytes& in) {
   if (in.matches(12, "VP8X")) return {true, in.little_endian(24, 3) + 1, in.little_endian(27, 3) + 1};
   if (in.matches(12, "VP8L")) {
     const std::uint64_t bits = in.little_endian(21, 4);
@@ -83,14 +49,21 @@ PictureSize webp_size(const Bytes& in) {
   return {true, in.little_endian(26, 2) & 0x3FFF, in.little_endian(28, 2) & 0x3FFF};
 }
 
+PictureSize tiff_size(const PictureBytes& in) {
+  const auto width = tiff_value(in, 0, kTiffWidth), height = tiff_value(in, 0, kTiffHeight);
+  if (!width || !height) return {};
+  return {true, *width, *height};
+}
+
 }  // namespace
 
 PictureSize probe_picture(const std::vector<std::uint8_t>& bytes, const std::string& name_for_errors) {
-  const Bytes in(bytes, name_for_errors);
-  if (in.matches(0, "\x89PNG\r\n\x1a\n")) return png_size(in);
-  if (in.matches(0, "\xff\xd8\xff")) return jpeg_size(in);
+  const PictureBytes in(bytes, name_for_errors);
+  if (in.matches(0, kPngSignature)) return png_size(in);
+  if (in.matches(0, kJpegSignature)) return jpeg_size(in);
   if (in.matches(0, "BM")) return bmp_size(in);
   if (in.matches(0, "RIFF") && in.matches(8, "WEBP")) return webp_size(in);
+  if (is_tiff(in, 0)) return tiff_size(in);
   return {};
 }
 

@@ -6,7 +6,7 @@
 namespace anigen::io {
 
 struct PictureSize {
-  bool known = false;  ///< false for formats other than PNG, JPEG, BMP and WebP
+  bool known = false;  ///< false for formats other than PNG, JPEG, BMP, WebP and TIFF
   std::uint64_t width = 0, height = 0;
 };
 

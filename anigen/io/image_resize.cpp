@@ -8,6 +8,7 @@
 
 #include "anigen/core/error.h"
 #include "anigen/core/numeric.h"
+#include "anigen/io/byte_product.h"
 
 namespace anigen::io {
 namespace {
@@ -95,16 +96,10 @@ Image along_columns(const Image& image, int height) {
   return result;
 }
 
-// a · b / 255, rounded, in integers.
-std::uint8_t multiply(int a, int b) {
-  const int product = a * b + 128;
-  return static_cast<std::uint8_t>(((product >> 8) + product) >> 8);
-}
-
 void premultiply(Image& image) {
   for (std::size_t i = 0; i < image.rgba.size(); i += kImageChannels) {
     std::uint8_t* p = image.rgba.data() + i;
-    for (int c = 0; c < 3; ++c) p[c] = multiply(p[c], p[3]);
+    for (int c = 0; c < 3; ++c) p[c] = byte_product(p[c], p[3]);
   }
 }
 

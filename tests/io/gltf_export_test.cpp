@@ -11,8 +11,8 @@
 #include "anigen/core/atomic_file.h"
 #include "anigen/core/error.h"
 #include "anigen/io/gltf.h"
-#include "tests/io/parsed_gltf.h"
 #include "tests/io/small_asset.h"
+#include "tests/support/parsed_gltf.h"
 #include "tests/support/paths.h"
 
 namespace anigen::io {

@@ -17,15 +17,15 @@
 namespace anigen::io {
 namespace {
 
-Mesh parsed(const std::string& bytes) {
+Mesh parsed_ply(const std::string& bytes) {
   const test::TemporaryFolder folder;
   std::ofstream(folder / "mesh.ply", std::ios::binary) << bytes;
   return read_ply(folder / "mesh.ply");
 }
 
-std::string complaint(const std::string& bytes) {
+std::string ply_complaint(const std::string& bytes) {
   try {
-    parsed(bytes);
+    parsed_ply(bytes);
   } catch (const InputError& error) {
     return error.place() + ": " + error.problem();
   }
@@ -53,7 +53,7 @@ std::string ascii(const std::string& properties, const std::string& rows, const 
 const std::string kRows = "0 0 0\n1 0 0\n0 1 0\n0 0 1\n";
 
 TEST(Ply, ReadsText) {
-  const Mesh mesh = parsed(ascii(kXyz, kRows, "3 0 1 2\n4 0 1 2 3\n"));
+  const Mesh mesh = parsed_ply(ascii(kXyz, kRows, "3 0 1 2\n4 0 1 2 3\n"));
   ASSERT_EQ(mesh.vertices.size(), 4u);
   EXPECT_EQ(mesh.vertices[3], Eigen::Vector3f(0, 0, 1));
   EXPECT_EQ(mesh.faces, (std::vector<Triangle>{{0, 1, 2}, {0, 1, 2}, {0, 2, 3}}));
@@ -63,21 +63,21 @@ TEST(Ply, ReadsText) {
 TEST(Ply, ReadsCarriageReturns) {
   std::string text = ascii(kXyz, kRows, "3 0 1 2\n"), with_returns;
   for (const char c : text) with_returns += c == '\n' ? std::string("\r\n") : std::string(1, c);
-  EXPECT_EQ(parsed(with_returns).faces.size(), 1u);
+  EXPECT_EQ(parsed_ply(with_returns).faces.size(), 1u);
 }
 
 TEST(Ply, AFileWithoutFacesIsAPointCloud) {
-  const Mesh mesh = parsed(ascii(kXyz, "0 0 0\n1 2 3\n"));
+  const Mesh mesh = parsed_ply(ascii(kXyz, "0 0 0\n1 2 3\n"));
   EXPECT_EQ(mesh.vertices.size(), 2u);
   EXPECT_TRUE(mesh.faces.empty());
 }
 
 TEST(Ply, ReadsNormalsColoursAndTextureCoordinatesInAnyOrder) {
-  const Mesh mesh =
-      parsed(ascii("property uchar red\nproperty double z\nproperty float nz\nproperty list uchar float extra\n"
-                   "property ushort green\nproperty int8 y\nproperty float nx\nproperty float blue\nproperty short x\n"
-                   "property float ny\nproperty float quality\nproperty float s\nproperty float t\n",
-                   "255 3 4 2 7 8 65535 2 0 0.5 1 3 nan 0.25 0.25\n"));
+  const Mesh mesh = parsed_ply(
+      ascii("property uchar red\nproperty double z\nproperty float nz\nproperty list uchar float extra\n"
+            "property ushort green\nproperty int8 y\nproperty float nx\nproperty float blue\nproperty short x\n"
+            "property float ny\nproperty float quality\nproperty float s\nproperty float t\n",
+            "255 3 4 2 7 8 65535 2 0 0.5 1 3 nan 0.25 0.25\n"));
   EXPECT_EQ(mesh.vertices[0], Eigen::Vector3f(1, 2, 3));
   EXPECT_LT((mesh.normals[0] - Eigen::Vector3f(0, 0.6f, 0.8f)).norm(), 1e-6f);
   EXPECT_EQ(mesh.colors[0], Eigen::Vector4f(1, 1, 0.5f, 1));
@@ -105,12 +105,12 @@ TEST_P(PlyBinary, ReadsEveryType) {
   bytes += stored(1.0f, big) + stored<std::uint16_t>(3, big);
   for (const std::uint32_t v : {2u, 0u, 1u}) bytes += stored(v, big);
   bytes += stored<std::int16_t>(2, big) + "ab";
-  const Mesh mesh = parsed(bytes);
+  const Mesh mesh = parsed_ply(bytes);
   EXPECT_EQ(mesh.vertices[2], Eigen::Vector3f(2.25f, -2.0f, 3e9f));
   EXPECT_EQ(mesh.colors[1], Eigen::Vector4f(0.2f, 1, 1, 1));
   EXPECT_EQ(mesh.faces, (std::vector<Triangle>{{2, 0, 1}}));
   for (std::size_t cut = 1; cut < 60; ++cut) {
-    EXPECT_THROW(parsed(bytes.substr(0, bytes.size() - cut)), InputError) << cut << " bytes missing";
+    EXPECT_THROW(parsed_ply(bytes.substr(0, bytes.size() - cut)), InputError) << cut << " bytes missing";
   }
 }
 
@@ -118,47 +118,47 @@ INSTANTIATE_TEST_SUITE_P(Endian, PlyBinary, ::testing::Bool(),
                          [](const auto& info) { return std::string(info.param ? "big" : "little"); });
 
 TEST(Ply, ErrorsNameThePlace) {
-  EXPECT_EQ(complaint("solid\n"), "line 1: not a PLY file: the first line is not 'ply'");
-  EXPECT_EQ(complaint(""), "line 1: the header is cut short");
-  EXPECT_EQ(complaint("ply\nformat ascii 1.0\n"), "line 2: the header is cut short");
-  EXPECT_EQ(complaint("ply\nformat ascii 2.0\n"), "line 2: unknown PLY version '2.0'");
-  EXPECT_EQ(complaint("ply\nformat morse 1.0\n"), "line 2: unknown format 'morse'");
-  EXPECT_EQ(complaint("ply\nhello\n"), "line 2: unknown keyword 'hello'");
-  EXPECT_EQ(complaint("ply\nend_header\n"), "line 2: the header names no format");
-  EXPECT_EQ(complaint("ply\nproperty float x\n"), "line 2: a property before the first element");
-  EXPECT_EQ(complaint("ply\nelement vertex -1\n"), "line 2: an element needs a name and a count");
-  EXPECT_EQ(complaint("ply\nelement vertex 1\nproperty quad x\n"), "line 3: unknown type 'quad'");
-  EXPECT_EQ(complaint("ply\nelement face 1\nproperty list float int vertex_indices\n"),
+  EXPECT_EQ(ply_complaint("solid\n"), "line 1: not a PLY file: the first line is not 'ply'");
+  EXPECT_EQ(ply_complaint(""), "line 1: the header is cut short");
+  EXPECT_EQ(ply_complaint("ply\nformat ascii 1.0\n"), "line 2: the header is cut short");
+  EXPECT_EQ(ply_complaint("ply\nformat ascii 2.0\n"), "line 2: unknown PLY version '2.0'");
+  EXPECT_EQ(ply_complaint("ply\nformat morse 1.0\n"), "line 2: unknown format 'morse'");
+  EXPECT_EQ(ply_complaint("ply\nhello\n"), "line 2: unknown keyword 'hello'");
+  EXPECT_EQ(ply_complaint("ply\nend_header\n"), "line 2: the header names no format");
+  EXPECT_EQ(ply_complaint("ply\nproperty float x\n"), "line 2: a property before the first element");
+  EXPECT_EQ(ply_complaint("ply\nelement vertex -1\n"), "line 2: an element needs a name and a count");
+  EXPECT_EQ(ply_complaint("ply\nelement vertex 1\nproperty quad x\n"), "line 3: unknown type 'quad'");
+  EXPECT_EQ(ply_complaint("ply\nelement face 1\nproperty list float int vertex_indices\n"),
             "line 3: the length of a list must be an integer type");
-  EXPECT_EQ(complaint(ascii(kXyz, kRows, "3 0 1 4\n")), "line 16: a face refers to vertex 4 of 4");
-  EXPECT_EQ(complaint(ascii(kXyz, kRows, "3 0 1 -1\n")), "line 16: a face refers to vertex -1 of 4");
-  EXPECT_EQ(complaint(ascii(kXyz, kRows, "2 0 1 2\n")), "line 16: a face needs at least 3 corners, found 2");
-  EXPECT_EQ(complaint(ascii(kXyz, kRows, "3 0 1 1.5\n")), "line 16: '1.5' does not fit its integer type");
-  EXPECT_EQ(complaint(ascii(kXyz, "0 0 zero\n")), "line 10: 'zero' is not a number");
-  EXPECT_EQ(complaint(ascii(kXyz, "0 0 nan\n")), "line 10: a vertex has a number that is not finite");
-  EXPECT_EQ(complaint(ascii("property float x\nproperty float y\n", "0 0\n")), ": vertices without x, y and z");
-  EXPECT_EQ(complaint("ply\nformat ascii 1.0\nelement vertex 0\n" + kXyz + "end_header\n"), ": no vertices");
+  EXPECT_EQ(ply_complaint(ascii(kXyz, kRows, "3 0 1 4\n")), "line 16: a face refers to vertex 4 of 4");
+  EXPECT_EQ(ply_complaint(ascii(kXyz, kRows, "3 0 1 -1\n")), "line 16: a face refers to vertex -1 of 4");
+  EXPECT_EQ(ply_complaint(ascii(kXyz, kRows, "2 0 1 2\n")), "line 16: a face needs at least 3 corners, found 2");
+  EXPECT_EQ(ply_complaint(ascii(kXyz, kRows, "3 0 1 1.5\n")), "line 16: '1.5' does not fit its integer type");
+  EXPECT_EQ(ply_complaint(ascii(kXyz, "0 0 zero\n")), "line 10: 'zero' is not a number");
+  EXPECT_EQ(ply_complaint(ascii(kXyz, "0 0 nan\n")), "line 10: a vertex has a number that is not finite");
+  EXPECT_EQ(ply_complaint(ascii("property float x\nproperty float y\n", "0 0\n")), ": vertices without x, y and z");
+  EXPECT_EQ(ply_complaint("ply\nformat ascii 1.0\nelement vertex 0\n" + kXyz + "end_header\n"), ": no vertices");
 }
 
 TEST(Ply, HostileCountsAreRefusedBeforeAnythingIsAllocated) {
   for (const char* format : {"ascii", "binary_little_endian"}) {
     const std::string head = std::string("ply\nformat ") + format + " 1.0\n";
     for (const char* count : {"4000000000", "9000000000000000", "1e15"}) {
-      const std::string problem = complaint(head + "element vertex " + count + "\n" + kXyz + "end_header\n0 0 0\n");
+      const std::string problem = ply_complaint(head + "element vertex " + count + "\n" + kXyz + "end_header\n0 0 0\n");
       EXPECT_NE(problem.find("more than the file can hold"), std::string::npos) << problem;
     }
   }
   const std::string list = "ply\nformat binary_little_endian 1.0\nelement vertex 1\n" + kXyz +
                            "element face 1\nproperty list uint int vertex_indices\nend_header\n" +
                            std::string(12, '\0') + "\xff\xff\xff\xff";
-  EXPECT_NE(complaint(list).find("a list of 4294967295 items reaches beyond the end"), std::string::npos);
-  EXPECT_NE(complaint("ply\n" + std::string(2u << 20, 'x')).find("no end_header within 1 MiB"), std::string::npos);
+  EXPECT_NE(ply_complaint(list).find("a list of 4294967295 items reaches beyond the end"), std::string::npos);
+  EXPECT_NE(ply_complaint("ply\n" + std::string(2u << 20, 'x')).find("no end_header within 1 MiB"), std::string::npos);
 }
 
 TEST(Ply, TriangleStripsAreNamedAsNotSupported) {
-  EXPECT_THROW(parsed("ply\nformat ascii 1.0\nelement vertex 3\n" + kXyz +
-                      "element tristrips 1\nproperty list int int vertex_indices\nend_header\n" +
-                      "0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"),
+  EXPECT_THROW(parsed_ply("ply\nformat ascii 1.0\nelement vertex 3\n" + kXyz +
+                          "element tristrips 1\nproperty list int int vertex_indices\nend_header\n" +
+                          "0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"),
                NotSupportedError);
 }
 

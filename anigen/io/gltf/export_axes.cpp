@@ -14,4 +14,11 @@ Eigen::Matrix3d axis_rotation(ExportAxes axes) {
 
 Eigen::Quaterniond axis_quaternion(ExportAxes axes) { return Eigen::Quaterniond(axis_rotation(axes)).normalized(); }
 
+Skeleton unrotated_in_file(const Skeleton& skeleton, ExportAxes axes) {
+  Skeleton result = skeleton;
+  for (Eigen::Matrix4d& bind : result.bind) bind.topLeftCorner<3, 3>() = axis_rotation(axes).transpose();
+  result.rest = bind_pose(result);
+  return result;
+}
+
 }  // namespace anigen::io

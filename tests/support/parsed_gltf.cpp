@@ -1,4 +1,4 @@
-#include "tests/io/parsed_gltf.h"
+#include "tests/support/parsed_gltf.h"
 
 #include <cstdint>
 #include <cstring>
