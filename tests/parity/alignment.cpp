@@ -5,7 +5,7 @@
 #include "anigen/eval/align/procrustes.h"
 #include "anigen/eval/surface/point_index.h"
 #include "anigen/geometry/nearest_surface.h"
-#include "tests/parity/eigen_tensors.h"
+#include "tests/parity/mesh_tensors.h"
 #include "tests/parity/registry.h"
 
 namespace anigen::test {
@@ -19,13 +19,6 @@ eval::Similarity rigid(const torch::Tensor& values) {
 
 double largest_difference(const eval::Similarity& a, const torch::Tensor& b) {
   return (a.matrix() - matrix(b)).cwiseAbs().maxCoeff();
-}
-
-std::vector<Triangle> triangles(const torch::Tensor& faces) {
-  const std::vector<int> flat = ints(faces);
-  std::vector<Triangle> result;
-  for (std::size_t i = 0; i + 2 < flat.size(); i += 3) result.push_back({flat[i], flat[i + 1], flat[i + 2]});
-  return result;
 }
 
 void run_icp(Fixture& fixture) {

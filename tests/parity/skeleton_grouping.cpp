@@ -4,7 +4,7 @@
 
 #include "anigen/fields/skeleton_field.h"
 #include "anigen/geometry/skeleton_repair.h"
-#include "tests/parity/eigen_tensors.h"
+#include "tests/parity/mesh_tensors.h"
 #include "tests/parity/registry.h"
 
 namespace anigen::test {
@@ -90,10 +90,7 @@ void run_skeleton_grouping(Fixture& fixture) {
 void run_skeleton_repair(Fixture& fixture) {
   for (std::size_t c = 0; c < fixture.config().at("cases").size(); ++c) {
     const std::string name = "c" + std::to_string(c) + ".";
-    std::vector<Eigen::Vector3f> joints;
-    for (const Eigen::Vector3d& joint : points(fixture.input(name + "joints"))) {
-      joints.emplace_back(joint.cast<float>());
-    }
+    const std::vector<Eigen::Vector3f> joints = float_points(fixture.input(name + "joints"));
     const std::vector<int> raw = ints(fixture.input(name + "parents"));
     const std::vector<int> repaired = geometry::repair_parents_as_published(joints, raw);
     fixture.check(name + "parents", torch::tensor(repaired, torch::kInt32));

@@ -1,0 +1,171 @@
+#include "anigen/geometry/simplify.h"
+
+#include <Eigen/Geometry>
+#include <cmath>
+#include <cstdint>
+#include <queue>
+#include <string>
+#include <tuple>
+#include <utility>
+
+#include "anigen/asset/mesh_edges.h"
+#include "anigen/core/error.h"
+#include "anigen/core/numeric.h"
+#include "anigen/geometry/edge_collapse.h"
+#include "anigen/geometry/face_sets.h"
+#include "anigen/geometry/quadric.h"
+
+namespace anigen::geometry {
+namespace {
+
+/// What a distance to a face's middle counts beside one to its plane: a normal is off by 0.02, about one degree.
+constexpr double kMiddleWeight = 4e-4;
+/// What a distance to the plane across a border counts beside one to the plane of a face of the same extent.
+constexpr double kBorderWeight = 10.0;
+
+/// A collapse on offer. It is void once either end has moved since.
+struct Offer {
+  double cost;
+  std::int32_t a, b;
+  std::uint32_t moves;  ///< of both ends together
+
+  /// std::priority_queue puts the greatest on top; of equally dear ones the lowest vertices come first.
+  bool operator<(const Offer& other) const { return std::tie(other.cost, other.a, other.b) < std::tie(cost, a, b); }
+};
+
+class Simplifier {
+ public:
+  /// @param edges of these faces @pre no face names a vertex twice
+  Simplifier(const std::vector<Eigen::Vector3d>& positions, const std::vector<Triangle>& faces, const MeshEdges& edges)
+      : mesh_(positions, faces, edges), quadrics_(positions.size()), moves_(positions.size(), 0) {
+    for (std::size_t f = 0; f < faces.size(); ++f) add_face(positions, edges, faces[f], f);
+  }
+
+  bool run(std::size_t target_faces) {
+    // What the checks refused may have become possible by what happened around it.
+    while (mesh_.live_faces() > target_faces) {
+      const std::size_t before = mesh_.live_faces();
+      offer_all();
+      while (mesh_.live_faces() > target_faces && !offers_.empty()) take_offer();
+      if (mesh_.live_faces() == before) return false;
+    }
+    return true;
+  }
+
+  const CollapsibleMesh& mesh() const { return mesh_; }
+
+  Mesh result(const Eigen::Vector3d& center) const {
+    std::vector<Eigen::Vector3f> vertices;
+    vertices.reserve(mesh_.vertex_count());
+    for (std::size_t v = 0; v < mesh_.vertex_count(); ++v) {
+      vertices.emplace_back((mesh_.position(static_cast<std::int32_t>(v)) + center).cast<float>());
+    }
+    FaceMarks live(mesh_.faces().size());
+    for (std::size_t f = 0; f < live.size(); ++f) live[f] = mesh_.is_live(f);
+    return chosen_faces(vertices, mesh_.faces(), live);
+  }
+
+ private:
+  void add_face(const std::vector<Eigen::Vector3d>& positions, const MeshEdges& edges, const Triangle& face,
+                std::size_t index) {
+    const Eigen::Vector3d &a = positions[at(face[0])], &b = positions[at(face[1])], &c = positions[at(face[2])];
+    const Eigen::Vector3d cross = (b - a).cross(c - a);
+    const double area = 0.5 * cross.norm();
+    if (!(area > 0.0)) return;
+    const Eigen::Vector3d normal = cross / (2.0 * area);
+    const Quadric quadric = Quadric::plane(normal, a, area) + Quadric::point((a + b + c) / 3.0, kMiddleWeight * area);
+    for (const std::int32_t vertex : face) quadrics_[at(vertex)] += quadric;
+    for (std::size_t side = 0; side < 3; ++side) {
+      const std::int32_t edge = edges.of_face(index, side);
+      if (edge < 0 || edges.faces(at(edge)).size() != 1) continue;
+      const std::int32_t from = face[side], to = face[(side + 1) % 3];
+      const Eigen::Vector3d along = positions[at(to)] - positions[at(from)];
+      const Quadric across =
+          Quadric::plane(along.cross(normal).normalized(), positions[at(from)], kBorderWeight * along.squaredNorm());
+      quadrics_[at(from)] += across;
+      quadrics_[at(to)] += across;
+    }
+  }
+
+  Quadric joint_quadric(std::int32_t a, std::int32_t b) const { return quadrics_[at(a)] + quadrics_[at(b)]; }
+
+  /// The least of the quadric, or the edge's middle where rounding has made it useless.
+  Eigen::Vector3d target(std::int32_t a, std::int32_t b) const {
+    const Eigen::Vector3d best = joint_quadric(a, b).minimum();
+    const Eigen::Vector3d middle = 0.5 * (mesh_.position(a) + mesh_.position(b));
+    const double length = (mesh_.position(a) - mesh_.position(b)).norm();
+    return (best - middle).norm() <= 2.0 * length ? best : middle;
+  }
+
+  void offer(std::int32_t a, std::int32_t b) {
+    if (mesh_.is_locked(a) || mesh_.is_locked(b)) return;
+    if (a > b) std::swap(a, b);
+    offers_.push({joint_quadric(a, b)(target(a, b)), a, b, moves_[at(a)] + moves_[at(b)]});
+  }
+
+  void offer_all() {
+    for (std::size_t v = 0; v < mesh_.vertex_count(); ++v) {
+      const auto vertex = static_cast<std::int32_t>(v);
+      for (const std::int32_t other : mesh_.neighbours(vertex)) {
+        if (other > vertex) offer(vertex, other);
+      }
+    }
+  }
+
+  void take_offer() {
+    const Offer best = offers_.top();
+    offers_.pop();
+    // Moves only grow, so the sum tells whether either end has moved or is gone.
+    if (best.moves != moves_[at(best.a)] + moves_[at(best.b)]) return;
+    if (!mesh_.collapse(best.a, best.b, target(best.a, best.b))) return;
+    quadrics_[at(best.a)] += quadrics_[at(best.b)];
+    ++moves_[at(best.a)];
+    ++moves_[at(best.b)];
+    for (const std::int32_t other : mesh_.neighbours(best.a)) offer(best.a, other);
+  }
+
+  CollapsibleMesh mesh_;
+  std::vector<Quadric> quadrics_;
+  std::vector<std::uint32_t> moves_;
+  std::priority_queue<Offer> offers_;
+};
+
+/// In double and around the origin, where quadrics lose least to rounding.
+std::vector<Eigen::Vector3d> centred(const std::vector<Eigen::Vector3f>& vertices, const Eigen::Vector3d& center) {
+  std::vector<Eigen::Vector3d> positions;
+  positions.reserve(vertices.size());
+  for (std::size_t v = 0; v < vertices.size(); ++v) {
+    if (!vertices[v].allFinite()) {
+      throw InputError("", "vertices[" + std::to_string(v) + "]", "the position is not finite");
+    }
+    positions.emplace_back(vertices[v].cast<double>() - center);
+  }
+  return positions;
+}
+
+}  // namespace
+
+std::size_t reduced_face_count(std::size_t faces, double reduction) {
+  if (!(reduction >= 0.0 && reduction < 1.0)) throw InputError("", "reduction", "must be at least 0 and below 1");
+  const auto left = static_cast<std::size_t>(std::llround(static_cast<double>(faces) * (1.0 - reduction)));
+  return std::max<std::size_t>(1, left);
+}
+
+Simplified simplify(const std::vector<Eigen::Vector3f>& vertices, const std::vector<Triangle>& faces,
+                    std::size_t target_faces) {
+  if (target_faces == 0) throw InputError("", "target_faces", "must be at least 1");
+  const Box box = bounding_box(vertices);
+  const Eigen::Vector3d center = box.empty() ? Eigen::Vector3d::Zero() : box.center();
+  const std::vector<Triangle> proper = proper_faces(faces);
+  Simplifier simplifier(centred(vertices, center), proper, MeshEdges(proper, vertices.size()));
+  Simplified result;
+  result.faces_before = faces.size();
+  result.reached = simplifier.run(target_faces);
+  for (std::size_t v = 0; v < vertices.size(); ++v) {
+    result.locked += simplifier.mesh().is_locked(static_cast<std::int32_t>(v));
+  }
+  result.mesh = simplifier.result(center);
+  return result;
+}
+
+}  // namespace anigen::geometry
