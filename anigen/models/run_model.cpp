@@ -34,7 +34,7 @@ fs::path named_or_newest(const fs::path& run, const std::string& model, const st
 
 }  // namespace
 
-fs::path newest_checkpoint(const fs::path& folder, const std::string& model) {
+fs::path newest_checkpoint(const fs::path& folder, const std::string& model, bool averaged) {
   std::error_code error;
   const fs::path files = fs::is_directory(folder / "ckpts", error) ? folder / "ckpts" : folder;
   std::vector<std::string> names;
@@ -46,14 +46,17 @@ fs::path newest_checkpoint(const fs::path& folder, const std::string& model) {
   if (names.empty()) throw InputError(files.string(), "", "holds no weights of the model '" + model + "'");
   const auto rank = [&](const std::string& name) {
     const std::int64_t step = io::step_of(name);
-    return std::make_tuple(complete.count(step) > 0, step, is_averaged(name, model));
+    return std::make_tuple(complete.count(step) > 0, step, is_averaged(name, model) == averaged);
   };
   // Of several averages the first by name, which is how they are listed.
   return files / *std::max_element(names.begin(), names.end(),
                                    [&](const std::string& a, const std::string& b) { return rank(a) < rank(b); });
 }
 
-RunModel find_run_model(const fs::path& run, const std::string& class_name, const std::string& ckpt) {
+namespace {
+
+/// The model of one of these classes in a run, without its weights.
+RunModel described_model(const fs::path& run, const std::vector<std::string>& class_names) {
   std::error_code error;
   if (!fs::is_directory(run, error)) throw InputError(run.string(), "", "no such run folder");
   RunModel found;
@@ -61,15 +64,43 @@ RunModel find_run_model(const fs::path& run, const std::string& class_name, cons
   found.run = read_json(found.config);
   if (found.run.is_object() && found.run.contains("models") && found.run["models"].is_object()) {
     for (const auto& [key, model] : found.run["models"].items()) {
-      if (!model.is_object() || !model.contains("name") || model["name"] != class_name) continue;
+      if (!model.is_object() || !model.contains("name")) continue;
+      if (std::find(class_names.begin(), class_names.end(), model["name"]) == class_names.end()) continue;
       found.name = key;
       found.args = model.contains("args") ? model["args"] : Json::object();
       found.pointer = "/models/" + escaped_for_pointer(key) + "/args";
-      found.checkpoint = named_or_newest(run, key, ckpt);
       return found;
     }
   }
-  throw InputError(found.config.string(), "/models", "describes no model named " + class_name);
+  throw InputError(found.config.string(), "/models", "describes no model named " + class_names.front());
+}
+
+}  // namespace
+
+bool has_training_state(const fs::path& run) {
+  std::error_code error;
+  const fs::path files = fs::is_directory(run / "ckpts", error) ? run / "ckpts" : run;
+  const std::vector<std::string> names = io::checkpoint_names(files);
+  return std::any_of(names.begin(), names.end(), is_state);
+}
+
+RunModel find_run_model(const fs::path& run, const std::string& class_name, const std::string& ckpt) {
+  RunModel found = described_model(run, {class_name});
+  found.checkpoint = named_or_newest(run, found.name, ckpt);
+  return found;
+}
+
+RunModel find_flow_model(const fs::path& run, const std::vector<std::string>& class_names, const std::string& ckpt,
+                         Averages averages) {
+  RunModel found = described_model(run, class_names);
+  if (!ckpt.empty()) {
+    found.checkpoint = io::choose_checkpoint(run, found.name, ckpt);
+  } else if (has_training_state(run)) {
+    found.checkpoint = newest_checkpoint(run, found.name, averages != Averages::kNever);
+  } else {
+    found.checkpoint = io::choose_flow_checkpoint(run, averages == Averages::kAlways);
+  }
+  return found;
 }
 
 }  // namespace anigen::models

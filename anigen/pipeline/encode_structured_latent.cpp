@@ -75,7 +75,7 @@ void reconstruct(const ReconstructRequest& request, StructuredLatentCoder& coder
   const StructuredLatentCoder::Inputs inputs = coder.inputs(asset);
   const fields::SkeletonTensors own{inputs.rigs.joints.front(), inputs.rigs.parents.front().to(torch::kInt64)};
   one.true_joints = static_cast<std::size_t>(own.joints.size(0));
-  const auto decoded = coder.decode(coder.encode(inputs), request.true_skeleton ? &own : nullptr, one.id);
+  const auto decoded = coder.decoder().decode(coder.encode(inputs), request.true_skeleton ? &own : nullptr, one.id);
   one.joints = decoded.asset.skeleton.size();
   one.vertices = decoded.asset.mesh.vertices.size();
   one.faces = decoded.asset.mesh.faces.size();

@@ -7,12 +7,11 @@
 #include "anigen/core/sha256.h"
 #include "anigen/geometry/nearest_surface.h"
 #include "anigen/io/npz.h"
+#include "anigen/loaders/files/pooled_voxels.h"
 #include "anigen/loaders/files/skin_rows.h"
-#include "anigen/loaders/files/voxel_files.h"
 #include "anigen/loaders/ragged_voxels.h"
 #include "anigen/loaders/rig_batch.h"
 #include "anigen/models/tensor_arrays.h"
-#include "anigen/pipeline/decoded_asset.h"
 #include "anigen/pipeline/latent_manifest.h"
 
 namespace anigen::pipeline {
@@ -22,18 +21,10 @@ namespace fs = std::filesystem;
 using sparse::SparseTensor;
 using torch::Tensor;
 
-constexpr int kVoxelResolution = 64;
-
 loaders::FeatureSkeletonOptions data_options(const models::RunModel& found) {
   ConfigReader top(found.run, found.config.string());
   ConfigReader args = top.object("dataset").object("args");
   return loaders::FeatureSkeletonOptions::read(args);
-}
-
-models::StructuredLatentVariant variant_of(const models::RunModel& decoder) {
-  const auto options =
-      models::StructuredLatentDecoderOptions::from_json(decoder.args, decoder.config.string(), decoder.pointer);
-  return models::StructuredLatentVariant::of_run(decoder.run, options, decoder.config.string());
 }
 
 fs::path feature_file(const loaders::AssetId& asset, const std::string& model) {
@@ -66,25 +57,16 @@ StructuredLatentCoder::StructuredLatentCoder(const fs::path& run, const std::str
       found_(models::find_run_model(run, models::kStructuredLatentEncoderClass, ckpt)),
       data_(data_options(found_)) {
   const models::RunModel decoder = models::find_run_model(run, models::kStructuredLatentDecoderClass, ckpt);
-  variant_ = variant_of(decoder);
+  variant_ = models::variant_of_run(decoder);
   if (variant_.latent_norm == models::LatentNorm::kNone) found_.args["normalize_z"] = false;
   encoder_ = models::load_structured_latent_encoder(found_, device);
-  if (!decodes) return;
-  if (variant_.geometry_only) {
-    throw InputError(found_.config.string(), "/trainer/args/geometry_only",
-                     "this run trained the shape alone: its skeletons and weights mean nothing");
-  }
-  decoder_ = models::load_structured_latent_decoder(decoder, device);
-  const std::string strategy = decoder_->options().grouping_strategy;
-  decoder_->group_with([confidence = variant_.confidence, strategy](const fields::SkeletonField& field) {
-    return fields::group_votes(models::for_grouping(field, confidence), strategy);
-  });
+  if (decodes) decoder_.emplace(decoder, device);
 }
 
 std::string StructuredLatentCoder::fingerprint() const {
   return sha256(fingerprint_of_files({found_.checkpoint}) + found_.args.dump() + "/" + data_.model + "/" +
                 std::to_string(data_.skl_dilation_iter) + "/" + std::to_string(data_.load_cubvh) + "/" +
-                std::to_string(data_.skin_accum_as_flow) + "/" +
+                std::to_string(data_.skin_accum_as_flow) + "/" + std::to_string(data_.resolution) + "/" +
                 std::to_string(static_cast<int>(variant_.latent_norm)));
 }
 
@@ -94,9 +76,9 @@ std::vector<fs::path> StructuredLatentCoder::files(const loaders::AssetId& asset
 
 StructuredLatentCoder::Inputs StructuredLatentCoder::inputs(const loaders::AssetId& asset) const {
   loaders::VoxelRows skeleton;
-  skeleton.coords = loaders::read_voxel_rows(loaders::skeleton_voxel_path(asset), kVoxelResolution);
+  skeleton.coords = loaders::read_voxels_at(loaders::skeleton_voxel_path(asset), data_.resolution);
   if (data_.skl_dilation_iter > 0) {
-    skeleton.coords = geometry::dilate(skeleton.coords, kVoxelResolution, data_.skl_dilation_iter);
+    skeleton.coords = geometry::dilate(skeleton.coords, data_.resolution, data_.skl_dilation_iter);
   }
   loaders::RigArrays rig = loaders::read_rig_arrays(asset);
   loaders::normalize_skin_rows(rig.skin, rig.joints.size());
@@ -105,7 +87,8 @@ StructuredLatentCoder::Inputs StructuredLatentCoder::inputs(const loaders::Asset
   batch.append(rig);
 
   Inputs inputs;
-  inputs.x = sparse_of(loaders::read_voxel_features(feature_file(asset, data_.model)), asset.id, device_);
+  inputs.x =
+      sparse_of(loaders::read_features_at(feature_file(asset, data_.model), data_.resolution), asset.id, device_);
   inputs.x_skl = sparse_of(skeleton, asset.id, device_);
   inputs.rigs.joints = {batch.joints.front().to(device_)};
   inputs.rigs.parents = {batch.parents.front().to(device_)};
@@ -134,25 +117,6 @@ void StructuredLatentCoder::write(const models::PerStream<SparseTensor>& latents
                        {"feats", models::to_array(feats)},
                        {"coords_skl", models::to_array(byte_coords(latents.skeleton))},
                        {"feats_skl", models::to_array(finite_rows(latents.skeleton, checkpoint()))}});
-}
-
-StructuredLatentCoder::Decoded StructuredLatentCoder::decode(const models::PerStream<SparseTensor>& latents,
-                                                             const fields::SkeletonTensors* given,
-                                                             const std::string& name) {
-  const torch::NoGradGuard no_grad;
-  std::vector<fields::SkeletonTensors> skeletons;
-  if (given != nullptr) skeletons.push_back(*given);
-  const auto decoded = decoder_->forward(latents, skeletons);
-  const fields::ExtractedMesh mesh = decoder_->extract_meshes(decoded, /*training=*/false).front();
-  const fields::SkeletonTensors& skeleton = decoded.joints.front();
-  const SkinWeightRows weights = [&](std::int64_t begin, std::int64_t end) {
-    return decoder_->skin_weights(mesh.skin_features.slice(0, begin, end), skeleton,
-                                  decoded.joint_features.front().features);
-  };
-  DecodedAssetOptions options;
-  options.name = name;
-  return {decoded_asset(mesh, skeleton, weights, options),
-          models::for_grouping(decoded.skeletons.front(), variant_.confidence)};
 }
 
 }  // namespace anigen::pipeline

@@ -1,13 +1,14 @@
 #pragma once
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <vector>
 
-#include "anigen/asset/asset.h"
 #include "anigen/loaders/datasets/feature_skeleton_options.h"
 #include "anigen/loaders/metadata.h"
 #include "anigen/models/structured_latent_runs.h"
 #include "anigen/models/structured_latent_variant.h"
+#include "anigen/pipeline/rig_decoder.h"
 
 namespace anigen::pipeline {
 
@@ -42,14 +43,8 @@ class StructuredLatentCoder {
   /// @throws InputError when a latent is not finite; Error when the disk refuses
   void write(const models::PerStream<sparse::SparseTensor>& latents, const std::filesystem::path& file) const;
 
-  struct Decoded {
-    Asset asset;
-    fields::SkeletonField votes;  ///< of the skeleton voxels, with the confidence that grouping took
-  };
-  /// Back to a rigged asset. @param given skeleton to decode weights for instead of the grouped one; may be null
-  /// @pre the decoder was loaded @throws InputError when there is no surface or no joint
-  Decoded decode(const models::PerStream<sparse::SparseTensor>& latents, const fields::SkeletonTensors* given,
-                 const std::string& name);
+  /// Back to a rigged asset. @pre the decoder was loaded
+  RigDecoder& decoder() { return decoder_.value(); }
 
  private:
   torch::Device device_;
@@ -57,7 +52,7 @@ class StructuredLatentCoder {
   loaders::FeatureSkeletonOptions data_;
   models::StructuredLatentVariant variant_;
   models::StructuredLatentEncoder encoder_ = nullptr;
-  models::StructuredLatentDecoder decoder_ = nullptr;
+  std::optional<RigDecoder> decoder_;
 };
 
 }  // namespace anigen::pipeline

@@ -1,0 +1,154 @@
+#include <cstdio>
+
+#include "anigen/apps/common/command_line.h"
+#include "anigen/core/error.h"
+#include "anigen/core/parallel.h"
+#include "anigen/pipeline/generate_assets.h"
+
+namespace {
+
+using namespace anigen;
+
+struct Words {
+  std::string image, background = "auto", normals = "color", structure_condition = "trained", precision = "fp32";
+  double structure_strength = -1, latent_strength = -1, rescale = 0, joint_density = -1;
+  std::int64_t structure_steps = 0, latent_steps = 0, joints = 0;
+  int level = -1;
+  bool averages = false, no_averages = false, keep_hidden = false, keep_weights = false, no_smoothing = false;
+};
+
+void add_model_options(CLI::App& app, pipeline::GenerateRequest& request, Words& words) {
+  app.add_option("--image", words.image, "Picture, or folder of pictures")->required();
+  app.add_option("--ss-flow", request.models.structure_flow, "Run folder of stage 4, trained here or published")
+      ->required();
+  app.add_option("--slat-flow", request.models.latent_flow, "Run folder of stage 5, trained here or published")
+      ->required();
+  app.add_option("--ss-dae", request.models.structure_autoencoder, "Run folder of stage 2 [the one its flow names]");
+  app.add_option("--slat-dae", request.models.latent_autoencoder, "Run folder of stage 3 [the one its flow names]");
+  app.add_option("--output", request.output, "Folder; every picture gets one of its name in it")->required();
+  app.add_option("--name", request.name, "Name of the asset, for one picture");
+  app.add_flag("--use-ema", words.averages, "Averaged weights [of runs trained here: yes; of published ones: no]");
+  app.add_flag("--no-ema", words.no_averages, "The weights themselves");
+  app.add_option("--precision", words.precision, "Of the flows: fp32, or bf16, which takes half the memory")
+      ->capture_default_str()
+      ->check(CLI::IsMember({"fp32", "bf16"}));
+  app.add_flag("--low-memory", request.models.low_memory,
+               "One model in memory at a time; each is read again per picture");
+  app.add_flag("--again", request.again, "Also make what is there already");
+}
+
+void add_picture_options(CLI::App& app, pipeline::GenerateRequest& request, Words& words) {
+  app.add_option("--background", words.background,
+                 "auto (alpha, else the network, else GrabCut), keep, alpha, grabcut, network")
+      ->capture_default_str();
+  app.add_option("--matting-network", request.pictures.matting.network,
+                 "ONNX file that separates object and background");
+  app.add_option("--condition", words.structure_condition,
+                 "What stage 4 sees: trained (as its config; published runs: normal), color, normal")
+      ->capture_default_str()
+      ->check(CLI::IsMember({"trained", "color", "normal"}));
+  app.add_option("--normals", words.normals,
+                 "Where normals come from: color (the picture stands in), estimator, file, flat")
+      ->capture_default_str();
+  app.add_option("--normal-map", request.normal_map, "With --normals file: the map of one picture");
+  app.add_option("--normal-weights", request.estimator_weights,
+                 "With --normals estimator: dsine.pt (not ours; non-commercial research only)");
+}
+
+void add_sampling_options(CLI::App& app, Words& words) {
+  app.add_option("--cfg-scale-ss", words.structure_strength, "Extra weight of guidance in stage 4, 0: none [config]");
+  app.add_option("--cfg-scale", words.latent_strength, "Extra weight of guidance in stage 5, 0: none [config]");
+  app.add_option("--steps-ss", words.structure_steps, "Steps of stage 4 [config]");
+  app.add_option("--steps", words.latent_steps, "Steps of stage 5 [config]");
+  app.add_option("--joints", words.joints, "Wanted number of joints, for flows trained with it");
+  app.add_option("--joint-density", words.joint_density, "The same as a share of 60 joints, 0 … 1");
+  app.add_option("--joint-level", words.level, "The same by the published levels 0 … 4: none, 10, 15, 25, 35 joints");
+}
+
+void add_finishing_options(CLI::App& app, pipeline::GenerateRequest& request, Words& words) {
+  pipeline::FinishingOptions& finishing = request.finishing;
+  app.add_option("--reduction", finishing.reduction, "Share of the faces taken away, 0: none")->capture_default_str();
+  app.add_flag("--keep-hidden", words.keep_hidden, "Keep faces inside the mesh, close no holes");
+  app.add_option("--hidden-views", finishing.views, "From which faces may be seen (published: 1000)")
+      ->capture_default_str();
+  app.add_flag("--no-filter-skin", words.keep_weights, "Keep weights of joints far away along the skeleton");
+  app.add_flag("--no-smooth-skin", words.no_smoothing, "Leave skin weights as they are decoded");
+  app.add_option("--smooth-iterations", finishing.smoothing_iterations, "Of skin weights")->capture_default_str();
+  app.add_option("--smooth-alpha", finishing.smoothing_alpha, "Share of the neighbours")->capture_default_str();
+  app.add_option("--texture-size", finishing.texture_size, "Texels along a side, 0: vertex colours")
+      ->capture_default_str();
+  app.add_option("--axes", "gltf, or published: (-x, z, y), turned by 180 degrees about the vertical")
+      ->default_str("gltf")
+      ->check(CLI::IsMember({"gltf", "published"}))
+      ->each([&request](const std::string& word) { request.published_axes = word == "published"; });
+  app.add_flag("--intermediate", request.intermediate, "Also voxels.png, votes.glb and dense.glb");
+}
+
+/// The number of joints that one of three options asks for.
+std::int64_t wanted_joints(const Words& words) {
+  const int given = (words.joints != 0) + (words.joint_density >= 0) + (words.level >= 0);
+  if (given > 1)
+    throw InputError("", "--joints", "of --joints, --joint-density and --joint-level only one may be given");
+  if (words.level >= 0) return pipeline::joints_of_level(words.level);
+  if (words.joint_density >= 0) {
+    if (words.joint_density > 1) throw InputError("", "--joint-density", "must lie in 0 … 1");
+    return static_cast<std::int64_t>(words.joint_density * 60 + 0.5);
+  }
+  if (words.joints < 0) throw InputError("", "--joints", "must not be negative");
+  return words.joints;
+}
+
+void settle(pipeline::GenerateRequest& request, const Words& words, const CommonOptions& common) {
+  if (common.seed_given) request.sampling.seed = common.seed;
+  request.models.device = common.device;
+  if (words.averages && words.no_averages) throw InputError("", "--use-ema", "contradicts --no-ema");
+  if (words.averages) request.models.averages = models::Averages::kAlways;
+  if (words.no_averages) request.models.averages = models::Averages::kNever;
+  if (words.precision == "bf16") request.models.precision = torch::kBFloat16;
+  request.pictures.background = pipeline::parse_background(words.background);
+  request.pictures.normals = pipeline::parse_normal_source(words.normals);
+  if (words.structure_condition == "color") {
+    request.models.structure_condition = pipeline::StructureCondition::kColor;
+  } else if (words.structure_condition == "normal") {
+    request.models.structure_condition = pipeline::StructureCondition::kNormal;
+  }
+  pipeline::SamplerOverrides &structure = request.sampling.structure, &latents = request.sampling.latents;
+  if (words.structure_strength >= 0) structure.cfg_strength = words.structure_strength;
+  if (words.latent_strength >= 0) latents.cfg_strength = words.latent_strength;
+  if (words.structure_steps != 0) structure.steps = words.structure_steps;
+  if (words.latent_steps != 0) latents.steps = words.latent_steps;
+  request.sampling.joints = wanted_joints(words);
+  request.finishing.remove_hidden = !words.keep_hidden;
+  request.finishing.filter_skin = !words.keep_weights;
+  if (words.no_smoothing) request.finishing.smoothing_iterations = 0;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  CLI::App app{
+      "Makes a rigged GLB of a picture: mesh, skeleton and skin weights.\n\n"
+      "  anigen-generate --image frog.png --ss-flow runs/ss_flow --slat-flow runs/slat_flow --output results\n"
+      "  anigen-generate --image photos/ --ss-flow ckpts/anigen/ss_flow_duet --slat-flow ckpts/anigen/slat_flow_auto\n"
+      "    --normals estimator --normal-weights ckpts/dsine/dsine.pt --precision bf16 --low-memory --output results\n"};
+  CommonOptions common;
+  pipeline::GenerateRequest request;
+  Words words;
+  add_model_options(app, request, words);
+  add_picture_options(app, request, words);
+  add_sampling_options(app, words);
+  add_finishing_options(app, request, words);
+  add_common_options(app, common);
+  return run_command(app, common, argc, argv, [&] {
+    at::set_num_threads(common.threads > 0 ? common.threads : thread_count());
+    settle(request, words, common);
+    const auto reports = pipeline::generate_assets(request, pipeline::pictures_at(words.image));
+    std::fputs(common.json ? (pipeline::to_json(reports).dump(2) + "\n").c_str() : pipeline::to_text(reports).c_str(),
+               stdout);
+    std::size_t failed = 0;
+    for (const auto& report : reports) failed += report.failure.empty() ? 0 : 1;
+    if (failed > 0) {
+      throw Error(std::to_string(failed) + " of " + std::to_string(reports.size()) + " pictures gave no asset");
+    }
+  });
+}

@@ -1,0 +1,301 @@
+#include "anigen/pipeline/generate_assets.h"
+
+#include <algorithm>
+#include <cctype>
+#include <chrono>
+#include <map>
+#include <memory>
+#include <set>
+#include <system_error>
+#include <utility>
+
+#include "anigen/core/atomic_file.h"
+#include "anigen/core/error.h"
+#include "anigen/core/interrupt.h"
+#include "anigen/core/log.h"
+#include "anigen/features/dsine_normals.h"
+#include "anigen/geometry/skeleton_mesh.h"
+#include "anigen/io/gltf.h"
+#include "anigen/io/gltf/export_axes.h"
+#include "anigen/pipeline/device.h"
+#include "anigen/pipeline/votes_cloud.h"
+#include "anigen/raytrace/contact_sheet.h"
+#include "anigen/raytrace/picture.h"
+#include "anigen/train/voxel_picture.h"
+
+namespace anigen::pipeline {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr const char* kReportFile = "generation.json";
+
+bool is_picture(const fs::path& path) {
+  static const std::set<std::string> kExtensions{".png", ".jpg", ".jpeg", ".webp", ".bmp", ".tif", ".tiff"};
+  std::string extension = path.extension().string();
+  std::transform(extension.begin(), extension.end(), extension.begin(),
+                 [](unsigned char c) { return std::tolower(c); });
+  return kExtensions.count(extension) > 0;
+}
+
+/// Preprocessors of the sizes that the two stages see; they share the estimator of normals.
+class ConditionPictures {
+ public:
+  ConditionPictures(const GenerateRequest& request, const AssetGenerator& generator) : request_(request) {
+    std::shared_ptr<features::NormalEstimator> estimator;
+    if (generator.structure_sees_normals() && request.pictures.normals == NormalSource::kEstimator) {
+      if (request.estimator_weights.empty())
+        throw InputError("", "--normal-weights", "the estimator needs its weights");
+      estimator =
+          std::make_shared<features::DsineNormals>(request.estimator_weights, parse_device(request.models.device));
+    }
+    for (const int size : {generator.structure_size(), generator.latent_size()}) {
+      if (by_size_.count(size) > 0) continue;
+      PreprocessingOptions options = request.pictures;
+      options.size = size;
+      if (!generator.structure_sees_normals()) options.normals = NormalSource::kColors;
+      by_size_[size] = std::make_unique<ImagePreprocessor>(options, estimator);
+    }
+  }
+
+  /// One picture as each size sees it.
+  std::map<int, PreprocessedImage> of(const fs::path& picture) {
+    std::map<int, PreprocessedImage> seen;
+    for (auto& [size, preprocessor] : by_size_) seen[size] = preprocessor->run(picture, request_.normal_map);
+    return seen;
+  }
+
+ private:
+  const GenerateRequest& request_;
+  std::map<int, std::unique_ptr<ImagePreprocessor>> by_size_;
+};
+
+Asset skeleton_asset(const Asset& asset) {
+  geometry::SkeletonMesh solid = geometry::skeleton_mesh(asset.skeleton.positions(), asset.skeleton.parents);
+  Asset shown;
+  shown.name = asset.name + " skeleton";
+  shown.skeleton = asset.skeleton;
+  shown.mesh = std::move(solid.mesh);
+  shown.skin = std::move(solid.skin);
+  shown.mesh.normals = vertex_normals(shown.mesh.vertices, shown.mesh.faces);
+  return shown;
+}
+
+/// The picture, what the flows saw, their voxels, and the asset with its skeleton and its weights.
+io::Image preview(const io::Image& picture, const GeneratedAsset& made, const Asset& asset) {
+  constexpr int kSide = 384;
+  raytrace::PictureOptions colors, bones, weights;
+  for (raytrace::PictureOptions* options : {&colors, &bones, &weights}) options->width = options->height = kSide;
+  bones.mode = raytrace::PictureMode::kNormals;
+  bones.skeleton = true;
+  weights.mode = raytrace::PictureMode::kWeights;
+  raytrace::SheetOptions sheet;
+  sheet.columns = 5;
+  return raytrace::contact_sheet({{train::fitted_picture(picture, kSide), "picture"},
+                                  {train::voxel_picture(made.voxels, kSide), "sparse structure"},
+                                  {raytrace::render(asset, colors), "asset"},
+                                  {raytrace::render(asset, bones), "skeleton"},
+                                  {raytrace::render(asset, weights), "skin weights"}},
+                                 sheet);
+}
+
+Json sampler_json(const SamplerOverrides& overrides) {
+  Json json = Json::object();
+  if (overrides.steps) json["steps"] = *overrides.steps;
+  if (overrides.cfg_strength) json["cfg_strength"] = *overrides.cfg_strength;
+  if (overrides.rescale_t) json["rescale_t"] = *overrides.rescale_t;
+  if (overrides.cfg_interval) json["cfg_interval"] = {overrides.cfg_interval->first, overrides.cfg_interval->second};
+  return json;
+}
+
+/// Everything that decides what is made of a picture.
+Json settings_of(const GenerateRequest& request, const fs::path& picture) {
+  const FinishingOptions& finishing = request.finishing;
+  return {{"picture", fs::absolute(picture).lexically_normal().string()},
+          {"ss_flow", request.models.structure_flow.string()},
+          {"slat_flow", request.models.latent_flow.string()},
+          {"seed", request.sampling.seed},
+          {"joints", request.sampling.joints},
+          {"structure_sampler", sampler_json(request.sampling.structure)},
+          {"latent_sampler", sampler_json(request.sampling.latents)},
+          {"averages", static_cast<int>(request.models.averages)},
+          {"precision", request.models.precision == torch::kFloat32 ? "fp32" : "bf16"},
+          {"published_axes", request.published_axes},
+          {"finishing",
+           {{"reduction", finishing.reduction},
+            {"remove_hidden", finishing.remove_hidden},
+            {"views", finishing.views},
+            {"view_size", finishing.view_size},
+            {"filter_skin", finishing.filter_skin},
+            {"smoothing_iterations", finishing.smoothing_iterations},
+            {"smoothing_alpha", finishing.smoothing_alpha},
+            {"texture_size", finishing.texture_size}}}};
+}
+
+class Generation {
+ public:
+  explicit Generation(const GenerateRequest& request)
+      : request_(request), generator_(request.models), pictures_(request, generator_) {}
+
+  GenerationReport run(const fs::path& picture, const std::string& name) {
+    GenerationReport report;
+    report.name = name;
+    report.folder = request_.output / name;
+    const Json settings = settings_of(request_, picture);
+    if (!request_.again && is_there(report, settings)) return report;
+    try {
+      make(picture, settings, report);
+    } catch (const InputError& failure) {
+      report.failure = failure.what();
+    } catch (const Interrupted&) {
+      throw;
+    } catch (const Error& failure) {
+      report.failure = failure.what();
+    }
+    if (!report.failure.empty()) log::warn("{}: {}", name, report.failure);
+    return report;
+  }
+
+ private:
+  static bool is_there(GenerationReport& report, const Json& settings) {
+    std::error_code error;
+    if (!fs::is_regular_file(report.folder / kReportFile, error)) return false;
+    const Json found = read_json(report.folder / kReportFile);
+    if (!found.is_object() || found.value("settings", Json()) != settings) return false;
+    report.details = found;
+    report.kept = true;
+    return true;
+  }
+
+  void make(const fs::path& picture, const Json& settings, GenerationReport& report) {
+    std::error_code error;
+    fs::remove(report.folder / kReportFile, error);
+    const auto started = std::chrono::steady_clock::now();
+    std::map<int, PreprocessedImage> seen = pictures_.of(picture);
+    const PreprocessedImage& first = seen.at(generator_.structure_size());
+    const PreprocessedImage& second = seen.at(generator_.latent_size());
+    const bool normals = generator_.structure_sees_normals();
+    const GeneratedAsset made = generator_.generate(normals ? first.normals_tensor : first.picture_tensor,
+                                                    second.picture_tensor, report.name, request_.sampling);
+    throw_if_interrupted();
+    FinishedAsset finished = finish_asset(made.decoded.asset, request_.finishing);
+
+    io::ExportOptions axes;
+    if (request_.published_axes) {
+      axes.axes = io::ExportAxes::kPublished;
+      finished.asset.skeleton = io::unrotated_in_file(finished.asset.skeleton, axes.axes);
+    }
+    io::write_png(report.folder / "processed_image.png", second.picture);
+    if (normals) io::write_png(report.folder / "processed_normal.png", first.normals);
+    io::write_gltf(report.folder / "mesh.glb", finished.asset, axes);
+    io::write_gltf(report.folder / "skeleton.glb", skeleton_asset(finished.asset), axes);
+    io::write_png(report.folder / "preview.png", preview(second.picture, made, finished.asset));
+    if (request_.intermediate) {
+      io::write_gltf(report.folder / "dense.glb", made.decoded.asset, axes);
+      write_votes(report.folder / "votes.glb", made.decoded.votes);
+      io::write_png(report.folder / "voxels.png", train::voxel_picture(made.voxels, 512));
+    }
+    std::vector<std::string> notices = first.notices;
+    notices.insert(notices.end(), finished.notices.begin(), finished.notices.end());
+    const std::chrono::duration<double> seconds = std::chrono::steady_clock::now() - started;
+    report.details = {{"settings", settings},
+                      {"notices", notices},
+                      {"voxels", {{"shape", made.shape_voxels}, {"skeleton", made.skeleton_voxels}}},
+                      {"joints", finished.asset.skeleton.size()},
+                      {"vertices", finished.asset.mesh.vertices.size()},
+                      {"faces", finished.asset.mesh.faces.size()},
+                      {"seconds",
+                       {{"condition", made.times.condition},
+                        {"structure", made.times.structure},
+                        {"latents", made.times.latents},
+                        {"decode", made.times.decode},
+                        {"all", seconds.count()}}}};
+    write_file_atomically(report.folder / kReportFile, report.details.dump(2) + "\n");
+  }
+
+  const GenerateRequest& request_;
+  AssetGenerator generator_;
+  ConditionPictures pictures_;
+};
+
+/// Two pictures of one name would overwrite each other's asset.
+void require_distinct(const std::vector<std::string>& names) {
+  std::set<std::string> seen;
+  for (const std::string& name : names) {
+    if (!seen.insert(name).second) throw InputError("", "--image", "two pictures have the name '" + name + "'");
+  }
+}
+
+}  // namespace
+
+std::vector<fs::path> pictures_at(const fs::path& path) {
+  std::error_code error;
+  if (!fs::is_directory(path, error)) return {path};
+  std::vector<fs::path> pictures;
+  for (const fs::directory_entry& entry : fs::directory_iterator(path, error)) {
+    if (entry.is_regular_file(error) && is_picture(entry.path())) pictures.push_back(entry.path());
+  }
+  if (pictures.empty()) {
+    throw InputError(path.string(), "", "holds no picture (png, jpg, jpeg, webp, bmp, tif, tiff)");
+  }
+  std::sort(pictures.begin(), pictures.end());
+  return pictures;
+}
+
+std::vector<GenerationReport> generate_assets(const GenerateRequest& request, const std::vector<fs::path>& pictures) {
+  request.finishing.validate();
+  std::vector<std::string> names;
+  for (const fs::path& picture : pictures) names.push_back(picture.stem().string());
+  if (!request.name.empty()) {
+    if (pictures.size() != 1) throw InputError("", "--name", "is for one picture");
+    names.front() = request.name;
+  }
+  require_distinct(names);
+  if (!request.normal_map.empty() && pictures.size() != 1) {
+    throw InputError("", "--normal-map", "is for one picture");
+  }
+  Generation generation(request);
+  std::vector<GenerationReport> reports;
+  for (std::size_t i = 0; i < pictures.size(); ++i) {
+    throw_if_interrupted();
+    reports.push_back(generation.run(pictures[i], names[i]));
+  }
+  return reports;
+}
+
+Json to_json(const std::vector<GenerationReport>& reports) {
+  Json list = Json::array();
+  for (const GenerationReport& report : reports) {
+    Json one = report.details.is_object() ? report.details : Json::object();
+    one["name"] = report.name;
+    one["folder"] = report.folder.string();
+    if (!report.failure.empty()) one["failure"] = report.failure;
+    list.push_back(std::move(one));
+  }
+  return list;
+}
+
+std::string to_text(const std::vector<GenerationReport>& reports) {
+  std::string text;
+  for (const GenerationReport& report : reports) {
+    text += report.name + ": ";
+    if (!report.failure.empty()) {
+      text += report.failure + "\n";
+      continue;
+    }
+    const Json& details = report.details;
+    char line[200];
+    std::snprintf(line, sizeof line, "%s/mesh.glb, %zu joints, %zu vertices, %zu faces, %s\n",
+                  report.folder.string().c_str(), details.value("joints", std::size_t{0}),
+                  details.value("vertices", std::size_t{0}), details.value("faces", std::size_t{0}),
+                  report.kept
+                      ? "was there"
+                      : (std::to_string(static_cast<int>(details["seconds"].value("all", 0.0))) + " s").c_str());
+    text += line;
+    if (report.kept) continue;
+    for (const auto& notice : details["notices"]) text += "  " + notice.get<std::string>() + "\n";
+  }
+  return text;
+}
+
+}  // namespace anigen::pipeline

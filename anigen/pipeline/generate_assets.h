@@ -1,0 +1,49 @@
+#pragma once
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "anigen/core/json.h"
+#include "anigen/pipeline/asset_finishing.h"
+#include "anigen/pipeline/asset_generator.h"
+
+namespace anigen::pipeline {
+
+struct GenerateRequest {
+  AssetGenerator::Request models;
+  GenerationOptions sampling;
+  PreprocessingOptions pictures;            ///< their size is that of the models' conditions
+  std::filesystem::path normal_map;         ///< for NormalSource::kFile; of one picture
+  std::filesystem::path estimator_weights;  ///< for NormalSource::kEstimator
+  FinishingOptions finishing;
+  bool published_axes = false;   ///< (−x, z, y) in the file, as the published exporter writes; else (x, z, −y)
+  bool intermediate = false;     ///< also what the stages gave: voxels, votes, the dense mesh
+  bool again = false;            ///< also assets whose files are there
+  std::filesystem::path output;  ///< folder; each asset gets one of its own, of the picture's name
+  std::string name;              ///< of the asset, for one picture; empty: the picture's
+};
+
+/// What became of one picture.
+struct GenerationReport {
+  std::string name;
+  std::filesystem::path folder;
+  std::string failure;  ///< empty: there is an asset
+  bool kept = false;    ///< it was there already
+  Json details;         ///< as written to generation.json
+};
+
+/// A picture, or the pictures directly in a folder by name: png, jpg, jpeg, webp, bmp, tif, tiff.
+/// @throws InputError when there is none
+std::vector<std::filesystem::path> pictures_at(const std::filesystem::path& path);
+
+/// Pictures to rigged GLB files. For each `<output>/<name>/`: mesh.glb, skeleton.glb, processed_image.png,
+/// processed_normal.png where normals were seen, preview.png, and generation.json, written last: what made it (runs,
+/// seed, options, notices, times). A picture that cannot be used is reported and does not stop the others.
+/// @throws InputError when the models are unusable or two pictures have one name
+std::vector<GenerationReport> generate_assets(const GenerateRequest& request,
+                                              const std::vector<std::filesystem::path>& pictures);
+
+Json to_json(const std::vector<GenerationReport>& reports);
+std::string to_text(const std::vector<GenerationReport>& reports);
+
+}  // namespace anigen::pipeline

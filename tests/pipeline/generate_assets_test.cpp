@@ -1,0 +1,221 @@
+// From pictures to rigged files with the small models of the parity fixtures, whose voxels, votes and surface exist
+// whatever the noise; the published image encoder, whose weights are not there, is replaced by a small one.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <fstream>
+#include <utility>
+
+#include "anigen/core/atomic_file.h"
+#include "anigen/core/error.h"
+#include "anigen/io/gltf.h"
+#include "anigen/io/safetensors.h"
+#include "anigen/models/patch_image_encoder.h"
+#include "anigen/models/state_dict.h"
+#include "anigen/pipeline/generate_assets.h"
+#include "tests/support/paths.h"
+
+namespace anigen::pipeline {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr int kSide = 32;
+
+/// A blue disc on transparent ground.
+io::Image disc(int side) {
+  io::Image image(side, side, 0);
+  for (int y = 0; y < side; ++y) {
+    for (int x = 0; x < side; ++x) {
+      if (std::hypot(x - side / 2, y - side / 2) > side / 3.0) continue;
+      const std::uint8_t color[] = {40, static_cast<std::uint8_t>(2 * x), 200, 255};
+      std::copy(color, color + 4, image.pixel(x, y));
+    }
+  }
+  return image;
+}
+
+/// A flow's run with a small image encoder in place of DINOv2.
+void give_image_encoder(const fs::path& run) {
+  Json config = read_json(run / "config.json");
+  const std::int64_t channels = config["models"]["denoiser"]["args"]["cond_channels"];
+  const Json encoder = {{"name", "patch"}, {"image_size", kSide}, {"patch_size", 16},
+                        {"width", 16},     {"num_blocks", 1},     {"num_heads", 2}};
+  config["dataset"]["args"]["image_size"] = kSide;
+  config["trainer"]["args"]["image_encoder"] = encoder;
+  config["trainer"]["args"]["sampler"] = {{"steps", 3}, {"cfg_strength", 1.0}};
+  write_file_atomically(run / "config.json", config.dump(2));
+  torch::manual_seed(0);
+  models::PatchImageEncoder model(models::PatchImageEncoderOptions::from_json(encoder), channels);
+  io::write_safetensors(run / "ckpts" / "image_encoder_final.safetensors", models::state_dict(*model));
+}
+
+// Reference flows-and-pipeline.md, A.4: what the published program draws for seed 42.
+TEST(GenerationNoise, IsThePublishedOne) {
+  const at::Generator generator = noise_generator(42);
+  const std::vector<std::vector<std::int64_t>> sizes{{1, 8, 16, 16, 16}, {1, 4, 16, 16, 16}, {1001, 16}, {503, 4}};
+  const std::vector<std::vector<float>> first{{1.9269153F, 1.4872841F, 0.9007172F, -2.1055210F},
+                                              {-0.7837821F, -0.3568874F, -1.3867873F, 1.4456867F},
+                                              {1.2653142F, 0.1725847F, -0.1983433F, 1.1283627F},
+                                              {0.0758839F, -0.0102992F, 0.4272086F, 1.1499642F}};
+  std::vector<torch::Tensor> draws;
+  for (std::size_t i = 0; i < sizes.size(); ++i) {
+    draws.push_back(torch::randn(sizes[i], generator).flatten());
+    EXPECT_TRUE(torch::allclose(draws[i].slice(0, 0, 4), torch::tensor(first[i]), 0.0, 1e-6))
+        << draws[i].slice(0, 0, 4);
+  }
+  EXPECT_NEAR(draws[0][-1].item<float>(), -0.2654118F, 1e-6F);
+  EXPECT_TRUE(torch::allclose(draws[3].slice(0, -2), torch::tensor({0.7880555F, 0.0347525F}), 0.0, 1e-6));
+}
+
+class GenerateAssets : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    const fs::path tree = test::parity_dir() / "ckpt_tree";
+    if (!fs::is_directory(tree)) GTEST_SKIP() << tree << " is not there";
+    fs::copy(tree, folder_.path(), fs::copy_options::recursive);
+    const fs::path runs = folder_ / "ckpts" / "anigen";
+    request_.models.structure_flow = runs / "ss_flow_solo";
+    request_.models.latent_flow = runs / "slat_flow_control";
+    give_image_encoder(request_.models.structure_flow);
+    give_image_encoder(request_.models.latent_flow);
+    request_.output = folder_ / "out";
+    request_.finishing.reduction = 0.8;
+    request_.finishing.views = 12;
+    request_.finishing.view_size = 64;
+    request_.finishing.texture_size = 256;
+    picture_ = folder_ / "disc.png";
+    io::write_png(picture_, disc(96));
+  }
+
+  fs::path made(const std::string& name, const std::string& file) const { return request_.output / name / file; }
+  GenerationReport one(const std::string& name) {
+    GenerateRequest request = request_;
+    request.name = name;
+    return generate_assets(request, {picture_}).front();
+  }
+
+  test::TemporaryFolder folder_;
+  GenerateRequest request_;
+  fs::path picture_;
+};
+
+TEST_F(GenerateAssets, APictureBecomesARiggedFile) {
+  const GenerationReport report = one("a");
+  ASSERT_EQ(report.failure, "");
+  for (const char* file :
+       {"mesh.glb", "skeleton.glb", "processed_image.png", "processed_normal.png", "preview.png", "generation.json"}) {
+    EXPECT_TRUE(fs::is_regular_file(made("a", file))) << file;
+  }
+  const Asset asset = io::read_gltf(made("a", "mesh.glb")).asset;
+  EXPECT_GT(asset.mesh.faces.size(), 100u);
+  EXPECT_GT(asset.skeleton.size(), 0u);
+  EXPECT_EQ(asset.skin.rows(), asset.mesh.vertices.size());
+  EXPECT_EQ(asset.images.size(), 1u) << "a texture";
+  EXPECT_EQ(asset.mesh.uvs.size(), asset.mesh.vertices.size());
+  EXPECT_EQ(report.details["joints"], asset.skeleton.size());
+  EXPECT_EQ(io::read_gltf(made("a", "skeleton.glb")).asset.skeleton.size(), asset.skeleton.size());
+}
+
+std::vector<float> dense_rows(const Asset& asset) { return to_dense(asset.skin, asset.skeleton.size()); }
+
+TEST_F(GenerateAssets, TheSeedAloneDecides) {
+  const torch::Tensor picture = torch::rand({1, 3, kSide, kSide});
+  AssetGenerator generator(request_.models);
+  const auto dense = [&](AssetGenerator& from, std::uint64_t seed) {
+    GenerationOptions options = request_.sampling;
+    options.seed = seed;
+    return from.generate(picture, picture, "a", options);
+  };
+  const GeneratedAsset first = dense(generator, 42), again = dense(generator, 42), other = dense(generator, 43);
+  EXPECT_TRUE(torch::equal(first.voxels.shape, again.voxels.shape));
+  EXPECT_TRUE(torch::equal(first.decoded.votes.joints, again.decoded.votes.joints));
+  EXPECT_EQ(first.decoded.asset.mesh.vertices, again.decoded.asset.mesh.vertices);
+  EXPECT_EQ(dense_rows(first.decoded.asset), dense_rows(again.decoded.asset));
+  EXPECT_NE(first.decoded.asset.mesh.vertices, other.decoded.asset.mesh.vertices);
+
+  AssetGenerator::Request lean = request_.models;
+  lean.low_memory = true;
+  AssetGenerator one_by_one(lean);
+  const GeneratedAsset third = dense(one_by_one, 42);
+  EXPECT_TRUE(torch::equal(first.decoded.votes.joints, third.decoded.votes.joints));
+  EXPECT_EQ(first.decoded.asset.mesh.vertices, third.decoded.asset.mesh.vertices);
+  EXPECT_EQ(dense_rows(first.decoded.asset), dense_rows(third.decoded.asset));
+
+  const Asset finished = finish_asset(first.decoded.asset, request_.finishing).asset;
+  const Asset finished_again = finish_asset(first.decoded.asset, request_.finishing).asset;
+  EXPECT_EQ(finished.mesh.vertices, finished_again.mesh.vertices);
+  EXPECT_EQ(dense_rows(finished), dense_rows(finished_again));
+}
+
+TEST_F(GenerateAssets, TheSameRequestGivesTheSameFiles) {
+  one("a");
+  one("b");
+  const Asset a = io::read_gltf(made("a", "mesh.glb")).asset, b = io::read_gltf(made("b", "mesh.glb")).asset;
+  EXPECT_EQ(a.mesh.vertices, b.mesh.vertices);
+  EXPECT_EQ(a.mesh.uvs, b.mesh.uvs);
+  EXPECT_EQ(dense_rows(a), dense_rows(b));
+  EXPECT_EQ(a.images.front().bytes, b.images.front().bytes);
+}
+
+TEST_F(GenerateAssets, WhatIsThereIsKeptUntilSomethingChanges) {
+  EXPECT_FALSE(one("a").kept);
+  EXPECT_TRUE(one("a").kept);
+  request_.sampling.joints = 10;
+  EXPECT_FALSE(one("a").kept);
+  request_.again = true;
+  EXPECT_FALSE(one("a").kept);
+}
+
+TEST_F(GenerateAssets, ABadPictureDoesNotStopTheOthers) {
+  const fs::path folder = folder_ / "pictures";
+  fs::create_directories(folder);
+  io::write_png(folder / "clear.png", io::Image(64, 64, 0));
+  io::write_png(folder / "disc.png", disc(96));
+  std::ofstream(folder / "text.png") << "not a picture";
+  std::ofstream(folder / "notes.txt") << "ignored";
+  const auto reports = generate_assets(request_, pictures_at(folder));
+  ASSERT_EQ(reports.size(), 3u);
+  EXPECT_NE(reports[0].failure.find("clear.png"), std::string::npos) << reports[0].failure;
+  EXPECT_EQ(reports[1].failure, "");
+  EXPECT_NE(reports[2].failure.find("text.png"), std::string::npos) << reports[2].failure;
+  EXPECT_FALSE(fs::exists(made("text", "generation.json")));
+}
+
+TEST_F(GenerateAssets, UnusableModelsAreNamedBeforeAnythingIsMade) {
+  const auto error_of = [&](const GenerateRequest& request) {
+    try {
+      generate_assets(request, {picture_});
+    } catch (const InputError& error) {
+      return std::string(error.what());
+    }
+    return std::string("no error");
+  };
+  GenerateRequest swapped = request_;
+  std::swap(swapped.models.structure_flow, swapped.models.latent_flow);
+  EXPECT_NE(error_of(swapped).find("describes no model named"), std::string::npos) << error_of(swapped);
+
+  const fs::path runs = folder_ / "ckpts" / "anigen", weights = runs / "slat_flow_control" / "ckpts" / "denoiser.pt";
+  const std::string whole = read_file(weights);
+  std::ofstream(weights, std::ios::binary) << whole.substr(0, whole.size() / 2);
+  EXPECT_NE(error_of(request_).find("denoiser.pt"), std::string::npos) << error_of(request_);
+  fs::remove(weights);
+  fs::remove(runs / "slat_flow_control" / "ckpts" / "denoiser_ema0.9999.pt");
+  EXPECT_NE(error_of(request_).find("slat_flow_control"), std::string::npos) << error_of(request_);
+  fs::remove_all(runs / "ss_dae");
+  EXPECT_NE(error_of(request_).find("ss_dec_path"), std::string::npos) << error_of(request_);
+  EXPECT_FALSE(fs::exists(request_.output));
+}
+
+TEST_F(GenerateAssets, OnePictureOneName) {
+  const fs::path other = folder_ / "more" / "disc.png";
+  fs::create_directories(other.parent_path());
+  io::write_png(other, disc(64));
+  EXPECT_THROW(generate_assets(request_, {picture_, other}), InputError);
+  request_.name = "x";
+  EXPECT_THROW(generate_assets(request_, {picture_, other}), InputError);
+}
+
+}  // namespace
+}  // namespace anigen::pipeline
