@@ -5,14 +5,9 @@
 //                                   [--benchmark_out=FILE]
 // Without --fp32 and --bf16 it does both. Other --benchmark_* flags are accepted and ignored.
 #include <ATen/Parallel.h>
-#include <sys/resource.h>
 
-#include <algorithm>
-#include <chrono>
 #include <cstdio>
-#include <cstdlib>
 #include <exception>
-#include <functional>
 #include <string>
 #include <vector>
 
@@ -20,14 +15,15 @@
 #include "anigen/core/json.h"
 #include "anigen/core/parallel.h"
 #include "anigen/models/sparse_structure_flow_flops.h"
+#include "benchmarks/model_timing.h"
 #include "benchmarks/plain_sparse_structure_flow.h"
 
 namespace {
 
-using torch::Tensor;
+using namespace anigen::benchmarks;
 
 constexpr std::int64_t kConditionTokens = 1374;  // of DINOv2 ViT-L/14 with registers at 518 x 518
-constexpr std::int64_t kProductSide = 2048;
+constexpr const char* kFamily = "sparse_structure_flow";
 
 struct Settings {
   std::vector<torch::Dtype> dtypes;
@@ -35,28 +31,6 @@ struct Settings {
   int steps = 3, plain_steps = 1, threads = 0;
   std::string out;
 };
-
-struct Timed {
-  double seconds = 0.0;       // median of the steps
-  double product_rate = 0.0;  // median of the products around them, FLOP/s
-};
-
-double seconds_of(const std::function<void()>& work) {
-  const auto start = std::chrono::steady_clock::now();
-  work();
-  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-}
-
-double median(std::vector<double> values) {
-  std::sort(values.begin(), values.end());
-  return values.empty() ? 0.0 : values[values.size() / 2];
-}
-
-double peak_gigabytes() {
-  rusage usage{};
-  ::getrusage(RUSAGE_SELF, &usage);
-  return static_cast<double>(usage.ru_maxrss) * 1024.0 / 1e9;
-}
 
 anigen::models::SparseStructureFlowOptions published_options(std::int64_t blocks) {
   anigen::models::SparseStructureFlowOptions options;
@@ -73,60 +47,11 @@ anigen::models::SparseStructureFlowOptions published_options(std::int64_t blocks
   return options;
 }
 
-// Cheap values in place of an initialisation: a sine pattern, and ones for norms.
-void fill(torch::nn::Module& model) {
-  const Tensor pattern = 0.03 * torch::sin(0.37 * torch::arange(1 << 20, torch::kFloat64)).to(torch::kFloat32);
-  for (const auto& item : model.named_parameters()) {
-    Tensor flat = item.value().detach().view({-1});
-    const bool norm = item.key().find("norm") != std::string::npos && item.key().find("bias") == std::string::npos;
-    if (norm) {
-      flat.fill_(1.0);
-      continue;
-    }
-    for (std::int64_t done = 0; done < flat.size(0); done += pattern.size(0)) {
-      const std::int64_t count = std::min(pattern.size(0), flat.size(0) - done);
-      flat.narrow(0, done, count).copy_(pattern.narrow(0, 0, count));
-    }
-  }
-}
-
-// Steps with a large product before and after each, so that both see the same machine.
-Timed time_steps(int steps, torch::Dtype dtype, const std::function<void()>& step) {
-  const Tensor a = torch::ones({kProductSide, kProductSide}, dtype), b = torch::ones_like(a);
-  Tensor c = torch::empty_like(a);
-  const auto product = [&] { at::mm_out(c, a, b); };
-  const double flop = 2.0 * static_cast<double>(kProductSide) * kProductSide * kProductSide;
-  product();
-  std::vector<double> times, rates;
-  for (int i = 0; i < steps; ++i) {
-    rates.push_back(flop / seconds_of(product));
-    times.push_back(seconds_of(step));
-    rates.push_back(flop / seconds_of(product));
-  }
-  return {median(times), median(rates)};
-}
-
-void report(const std::string& name, const Timed& timed, double flop, anigen::Json& list) {
-  const double rate = flop / timed.seconds, peak = peak_gigabytes();
-  std::printf(
-      "%-22s %9.2f s per step, %7.1f GFLOP/s = %5.1f %% of matrix products (%.1f GFLOP/s); peak so far %.2f GB\n",
-      name.c_str(), timed.seconds, rate / 1e9, 100.0 * rate / timed.product_rate, timed.product_rate / 1e9, peak);
-  list.push_back({{"name", "sparse_structure_flow/" + name},
-                  {"run_type", "iteration"},
-                  {"iterations", 1},
-                  {"real_time", 1e3 * timed.seconds},
-                  {"cpu_time", 1e3 * timed.seconds},
-                  {"time_unit", "ms"},
-                  {"flop", flop},
-                  {"share_of_matrix_product", rate / timed.product_rate},
-                  {"peak_gigabytes", peak}});
-}
-
 void run(torch::Dtype dtype, const Settings& settings, anigen::Json& list) {
   const torch::NoGradGuard no_grad;
   const auto options = published_options(settings.blocks);
   anigen::models::SparseStructureFlow model(options, anigen::nn::Init::kNone);
-  fill(*model);
+  fill_with_pattern(*model);
   if (dtype != torch::kFloat32) model->set_compute_dtype(dtype);
   const Tensor x = torch::ones(model->shape_latent_size(1)), x_skl = torch::ones(model->skeleton_latent_size(1));
   const Tensor t = torch::full({1}, 500.0f);
@@ -140,25 +65,17 @@ void run(torch::Dtype dtype, const Settings& settings, anigen::Json& list) {
 
   anigen::models::Velocity ours, plain;
   const Timed timed = time_steps(settings.steps, dtype, [&] { ours = model->forward(x, x_skl, t, cond); });
-  report(type, timed, flop.total(), list);
+  report_step(kFamily, type, timed, flop.total(), list);
   if (settings.plain_steps == 0) return;
   const anigen::benchmarks::PlainSparseStructureFlow eager(model);
   const Timed other = time_steps(settings.plain_steps, dtype, [&] { plain = eager.forward(x, x_skl, t, cond); });
-  report(type + "_plain", other, flop.total(), list);
+  report_step(kFamily, type + "_plain", other, flop.total(), list);
   const double size = plain.shape.abs().max().item<double>();
   std::printf("plain / ours: %.2f; largest difference of the outputs %.1e of the largest value\n\n",
               other.seconds / timed.seconds, (ours.shape - plain.shape).abs().max().item<double>() / size);
 }
 
-bool read_flag(const std::string& word, const std::string& name, long lowest, long& value) {
-  const std::string flag = "--" + name + "=";
-  if (word.compare(0, flag.size(), flag) != 0) return false;
-  value = std::max(lowest, std::strtol(word.c_str() + flag.size(), nullptr, 10));
-  return true;
-}
-
 bool read_settings(int argc, char** argv, Settings& settings) {
-  const std::string out = "--benchmark_out=";
   for (int i = 1; i < argc; ++i) {
     const std::string word = argv[i];
     long number = 0;
@@ -166,16 +83,16 @@ bool read_settings(int argc, char** argv, Settings& settings) {
       settings.dtypes.push_back(torch::kFloat32);
     } else if (word == "--bf16") {
       settings.dtypes.push_back(torch::kBFloat16);
-    } else if (read_flag(word, "blocks", 1, number)) {
+    } else if (read_number(word, "blocks", 1, number)) {
       settings.blocks = number;
-    } else if (read_flag(word, "steps", 1, number)) {
+    } else if (read_number(word, "steps", 1, number)) {
       settings.steps = static_cast<int>(number);
-    } else if (read_flag(word, "plain-steps", 0, number)) {
+    } else if (read_number(word, "plain-steps", 0, number)) {
       settings.plain_steps = static_cast<int>(number);
-    } else if (read_flag(word, "threads", 1, number)) {
+    } else if (read_number(word, "threads", 1, number)) {
       settings.threads = static_cast<int>(number);
-    } else if (word.compare(0, out.size(), out) == 0) {
-      settings.out = word.substr(out.size());
+    } else if (read_text(word, "benchmark_out", settings.out)) {
+      continue;
     } else if (word.compare(0, 12, "--benchmark_") != 0) {
       return false;
     }

@@ -1,0 +1,109 @@
+#pragma once
+#include <sys/resource.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cstdio>
+#include <cstdlib>
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "anigen/core/json.h"
+#include "anigen/nn/torch.h"
+
+namespace anigen::benchmarks {
+
+using torch::Tensor;
+
+/// A step of a model beside the machine's own matrix products in the same type, measured in between.
+struct Timed {
+  double seconds = 0.0;       ///< median of the steps
+  double product_rate = 0.0;  ///< median of the products around them, FLOP/s
+};
+
+inline double seconds_of(const std::function<void()>& work) {
+  const auto start = std::chrono::steady_clock::now();
+  work();
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+}
+
+inline double median(std::vector<double> values) {
+  std::sort(values.begin(), values.end());
+  return values.empty() ? 0.0 : values[values.size() / 2];
+}
+
+/// The most memory that this process has held.
+inline double peak_gigabytes() {
+  rusage usage{};
+  ::getrusage(RUSAGE_SELF, &usage);
+  return static_cast<double>(usage.ru_maxrss) * 1024.0 / 1e9;
+}
+
+/// Cheap values in place of an initialisation: a sine pattern, and ones for norms.
+inline void fill_with_pattern(torch::nn::Module& model) {
+  const Tensor pattern = 0.03 * torch::sin(0.37 * torch::arange(1 << 20, torch::kFloat64)).to(torch::kFloat32);
+  for (const auto& item : model.named_parameters()) {
+    Tensor flat = item.value().detach().view({-1});
+    const bool norm = item.key().find("norm") != std::string::npos && item.key().find("bias") == std::string::npos;
+    if (norm) {
+      flat.fill_(1.0);
+      continue;
+    }
+    for (std::int64_t done = 0; done < flat.size(0); done += pattern.size(0)) {
+      const std::int64_t count = std::min(pattern.size(0), flat.size(0) - done);
+      flat.narrow(0, done, count).copy_(pattern.narrow(0, 0, count));
+    }
+  }
+}
+
+/// Steps with a large product before and after each, so that both see the same machine.
+inline Timed time_steps(int steps, torch::Dtype dtype, const std::function<void()>& step) {
+  constexpr std::int64_t kProductSide = 2048;
+  const Tensor a = torch::ones({kProductSide, kProductSide}, dtype), b = torch::ones_like(a);
+  Tensor c = torch::empty_like(a);
+  const auto product = [&] { at::mm_out(c, a, b); };
+  const double flop = 2.0 * static_cast<double>(kProductSide) * kProductSide * kProductSide;
+  product();
+  std::vector<double> times, rates;
+  for (int i = 0; i < steps; ++i) {
+    rates.push_back(flop / seconds_of(product));
+    times.push_back(seconds_of(step));
+    rates.push_back(flop / seconds_of(product));
+  }
+  return {median(times), median(rates)};
+}
+
+/// Prints a row and adds it to what --benchmark_out gets. @param family of the row's name in the file
+inline void report_step(const std::string& family, const std::string& name, const Timed& timed, double flop,
+                        Json& list) {
+  const double rate = flop / timed.seconds, peak = peak_gigabytes();
+  std::printf(
+      "%-22s %9.2f s per step, %7.1f GFLOP/s = %5.1f %% of matrix products (%.1f GFLOP/s); peak so far %.2f GB\n",
+      name.c_str(), timed.seconds, rate / 1e9, 100.0 * rate / timed.product_rate, timed.product_rate / 1e9, peak);
+  list.push_back({{"name", family + "/" + name},
+                  {"run_type", "iteration"},
+                  {"iterations", 1},
+                  {"real_time", 1e3 * timed.seconds},
+                  {"cpu_time", 1e3 * timed.seconds},
+                  {"time_unit", "ms"},
+                  {"flop", flop},
+                  {"share_of_matrix_product", rate / timed.product_rate},
+                  {"peak_gigabytes", peak}});
+}
+
+inline bool read_number(const std::string& word, const std::string& name, long lowest, long& value) {
+  const std::string flag = "--" + name + "=";
+  if (word.compare(0, flag.size(), flag) != 0) return false;
+  value = std::max(lowest, std::strtol(word.c_str() + flag.size(), nullptr, 10));
+  return true;
+}
+
+inline bool read_text(const std::string& word, const std::string& name, std::string& value) {
+  const std::string flag = "--" + name + "=";
+  if (word.compare(0, flag.size(), flag) != 0) return false;
+  value = word.substr(flag.size());
+  return true;
+}
+
+}  // namespace anigen::benchmarks

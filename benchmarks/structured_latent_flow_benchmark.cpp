@@ -1,0 +1,155 @@
+// What a pass of the published structured-latent flow costs: 24 blocks, widths 1024, 512 and 512, 1,374 condition
+// tokens, on voxels of a real asset or of an ellipsoid of about as many. Seconds and FLOP/s beside the machine's own
+// matrix products in the same type, measured in between; a guided step of the sampler takes two passes.
+//   benchmark_structured_latent_flow [--fp32] [--bf16] [--voxels=PLY --skeleton-voxels=PLY] [--blocks=24] [--steps=2]
+//                                    [--threads=N] [--benchmark_out=FILE]
+// Voxel files are those of a dataset at 64³ (voxels/<id>.ply). Without --fp32 and --bf16 it takes bf16.
+#include <ATen/Parallel.h>
+
+#include <cmath>
+#include <exception>
+
+#include "anigen/core/atomic_file.h"
+#include "anigen/core/parallel.h"
+#include "anigen/loaders/ragged_voxels.h"
+#include "anigen/models/structured_latent_flow.h"
+#include "anigen/models/structured_latent_flow_flops.h"
+#include "benchmarks/model_timing.h"
+
+namespace {
+
+using namespace anigen::benchmarks;
+using anigen::geometry::Voxel;
+
+constexpr const char* kFamily = "structured_latent_flow";
+constexpr std::int64_t kConditionTokens = 1374;  // of DINOv2 ViT-L/14 with registers at 518 x 518
+constexpr int kResolution = 64;
+
+struct Settings {
+  std::vector<torch::Dtype> dtypes;
+  std::int64_t blocks = 24;
+  int steps = 2, threads = 0;
+  std::string voxels, skeleton_voxels, out;
+};
+
+// A shell of two voxels' thickness, or the inside, of an ellipsoid.
+std::vector<Voxel> ellipsoid(double scale, bool shell) {
+  std::vector<Voxel> voxels;
+  const double thickness = 2.0 / kResolution;
+  for (int x = 0; x < kResolution; ++x) {
+    for (int y = 0; y < kResolution; ++y) {
+      for (int z = 0; z < kResolution; ++z) {
+        const double p = (x + 0.5) / kResolution - 0.5, q = (y + 0.5) / kResolution - 0.5,
+                     r = (z + 0.5) / kResolution - 0.5;
+        const double radius = std::sqrt(p * p + q * q + 1.2 * r * r);
+        if (radius > scale || (shell && radius < scale - thickness)) continue;
+        voxels.push_back({x, y, z});
+      }
+    }
+  }
+  return voxels;
+}
+
+anigen::sparse::SparseTensor voxels_of(const std::string& file, std::vector<Voxel> otherwise, std::int64_t channels) {
+  anigen::loaders::VoxelRows rows;
+  rows.coords = file.empty() ? std::move(otherwise) : anigen::loaders::read_voxel_rows(file, kResolution);
+  const auto ragged = anigen::loaders::collate_voxels({&rows}, {file});
+  const Tensor feats = torch::sin(torch::arange(ragged.coords.size(0) * channels, torch::kFloat32));
+  return {anigen::sparse::Support::create(ragged.coords, 1), feats.view({-1, channels})};
+}
+
+anigen::models::StructuredLatentFlowOptions published_options(std::int64_t blocks) {
+  const anigen::Json args = {{"resolution", kResolution},
+                             {"in_channels", 8},
+                             {"in_channels_vert_skin", 8},
+                             {"in_channels_skl", 4},
+                             {"out_channels", 8},
+                             {"out_channels_vert_skin", 8},
+                             {"out_channels_skl", 4},
+                             {"model_channels", 1024},
+                             {"model_channels_vert_skin", 512},
+                             {"model_channels_skl", 512},
+                             {"cond_channels", 1024},
+                             {"num_blocks", blocks},
+                             {"num_heads", 16},
+                             {"num_heads_vert_skin", 16},
+                             {"num_heads_skl", 16},
+                             {"io_block_channels", {128}},
+                             {"io_block_channels_vert_skin", {64}},
+                             {"io_block_channels_skl", {64}},
+                             {"qk_rms_norm", true},
+                             {"freeze_pretrain_branch", false}};
+  return anigen::models::StructuredLatentFlowOptions::from_json(args);
+}
+
+void run(torch::Dtype dtype, const Settings& settings, anigen::Json& list) {
+  const torch::NoGradGuard no_grad;
+  const auto options = published_options(settings.blocks);
+  anigen::models::StructuredLatentFlow model(options, anigen::nn::Init::kNone);
+  fill_with_pattern(*model);
+  if (dtype != torch::kFloat32) model->set_compute_dtype(dtype);
+  const auto x = voxels_of(settings.voxels, ellipsoid(0.47, true), 16);
+  const auto x_skl = voxels_of(settings.skeleton_voxels, ellipsoid(0.17, false), 4);
+  const Tensor t = torch::full({1}, 500.0f);
+  const Tensor cond = torch::sin(torch::arange(kConditionTokens * options.cond_channels, torch::kFloat32))
+                          .view({1, kConditionTokens, options.cond_channels});
+  const auto flop = anigen::models::forward_flops(
+      options, anigen::models::count_voxels(*x.support, options.geometry.levels()),
+      anigen::models::count_voxels(*x_skl.support, options.skeleton.levels()), kConditionTokens);
+  const std::string type = dtype == torch::kFloat32 ? "fp32" : "bf16";
+  std::printf("%s, %lld blocks, %d threads, %lld + %lld voxels: %.3f TFLOP per pass\n", type.c_str(),
+              static_cast<long long>(settings.blocks), at::get_num_threads(), static_cast<long long>(x.support->size()),
+              static_cast<long long>(x_skl.support->size()), flop.total() / 1e12);
+  std::fflush(stdout);
+  const Timed timed = time_steps(settings.steps, dtype, [&] { model->forward(x, x_skl, t, cond); });
+  report_step(kFamily, type, timed, flop.total(), list);
+  std::printf("25 guided steps at this rate: %.0f min\n", 50 * timed.seconds / 60);
+}
+
+bool read_settings(int argc, char** argv, Settings& settings) {
+  for (int i = 1; i < argc; ++i) {
+    const std::string word = argv[i];
+    long number = 0;
+    if (word == "--fp32") {
+      settings.dtypes.push_back(torch::kFloat32);
+    } else if (word == "--bf16") {
+      settings.dtypes.push_back(torch::kBFloat16);
+    } else if (read_number(word, "blocks", 1, number)) {
+      settings.blocks = number;
+    } else if (read_number(word, "steps", 1, number)) {
+      settings.steps = static_cast<int>(number);
+    } else if (read_number(word, "threads", 1, number)) {
+      settings.threads = static_cast<int>(number);
+    } else if (!read_text(word, "voxels", settings.voxels) &&
+               !read_text(word, "skeleton-voxels", settings.skeleton_voxels) &&
+               !read_text(word, "benchmark_out", settings.out) && word.compare(0, 12, "--benchmark_") != 0) {
+      return false;
+    }
+  }
+  if (settings.dtypes.empty()) settings.dtypes = {torch::kBFloat16};
+  return true;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  Settings settings;
+  if (!read_settings(argc, argv, settings)) {
+    std::fprintf(stderr,
+                 "usage: benchmark_structured_latent_flow [--fp32] [--bf16] [--voxels=PLY --skeleton-voxels=PLY] "
+                 "[--blocks=N] [--steps=N] [--threads=N] [--benchmark_out=FILE]\n");
+    return 2;
+  }
+  try {
+    at::set_num_threads(settings.threads > 0 ? settings.threads : anigen::thread_count());
+    anigen::Json list = anigen::Json::array();
+    for (const torch::Dtype dtype : settings.dtypes) run(dtype, settings, list);
+    if (settings.out.empty()) return 0;
+    const anigen::Json json = {{"context", {{"executable", "benchmark_structured_latent_flow"}}}, {"benchmarks", list}};
+    anigen::write_file_atomically(settings.out, json.dump(2) + "\n");
+  } catch (const std::exception& error) {
+    std::fprintf(stderr, "%s\n", error.what());
+    return 1;
+  }
+  return 0;
+}
