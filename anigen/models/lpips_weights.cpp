@@ -7,6 +7,7 @@
 #include "anigen/io/torch_archive.h"
 #include "anigen/models/state_dict.h"
 #include "anigen/models/tensor_arrays.h"
+#include "anigen/models/weight_checks.h"
 #include "anigen/nn/shape_text.h"
 
 namespace anigen::models {
@@ -45,10 +46,6 @@ Found find_weight(const std::string& key, const std::vector<LpipsArrays>& source
   throw InputError(files, key,
                    "is missing; LPIPS needs the convolutions of VGG16 (torchvision's vgg16: features.0 … features.28) "
                    "and the linear heads of the lpips package (lin0 … lin4)");
-}
-
-bool is_floating_point(io::Dtype dtype) {
-  return dtype == io::Dtype::kF16 || dtype == io::Dtype::kBF16 || dtype == io::Dtype::kF32 || dtype == io::Dtype::kF64;
 }
 
 Tensor checked(const Found& found, torch::IntArrayRef shape) {
