@@ -92,6 +92,7 @@ AssetGenerator::AssetGenerator(const Request& request) : request_(request) {
   const StructureGenerator& first = structure();
   structure_size_ = first.reading().image_size;
   structure_sees_normals_ = sees_normals(request, first);
+  runs_ = {request.structure_flow, request.latent_flow, first.autoencoder()};
   forget_unless_kept();
   const StructuredLatentGenerator& second = latents();
   latent_size_ = second.reading().image_size;
@@ -104,6 +105,7 @@ AssetGenerator::AssetGenerator(const Request& request) : request_(request) {
     latent_autoencoder_ = named_run(request.latent_flow, second.reading().slat_dec_path, second.flow().config,
                                     "/dataset/args/slat_dec_path");
   }
+  runs_.push_back(latent_autoencoder_);
   forget_unless_kept();
   require_grid(decoder().options().resolution, latent_autoencoder_);
   forget_unless_kept();

@@ -82,6 +82,8 @@ class AssetGenerator {
   bool structure_sees_normals() const { return structure_sees_normals_; }
   bool counts_joints() const { return counts_joints_; }
   std::int64_t most_joints() const { return most_joints_; }
+  /// The four run folders that are used.
+  const std::vector<std::filesystem::path>& runs() const { return runs_; }
 
   /// @param structure_picture [1, 3, S, S] in [0, 1], S = structure_size(), colours or normals
   /// @param latent_picture likewise for the second flow, colours
@@ -103,6 +105,7 @@ class AssetGenerator {
   std::unique_ptr<StructuredLatentGenerator> latents_;
   std::unique_ptr<RigDecoder> decoder_;
   std::filesystem::path latent_autoencoder_;
+  std::vector<std::filesystem::path> runs_;
   std::string latent_decoder_ckpt_;
   int structure_size_ = 0, latent_size_ = 0;
   bool structure_sees_normals_ = false, counts_joints_ = false;

@@ -13,8 +13,10 @@
 #include "anigen/core/error.h"
 #include "anigen/core/interrupt.h"
 #include "anigen/core/log.h"
+#include "anigen/core/sha256.h"
 #include "anigen/features/dsine_normals.h"
 #include "anigen/geometry/skeleton_mesh.h"
+#include "anigen/io/checkpoint_folder.h"
 #include "anigen/io/gltf.h"
 #include "anigen/io/gltf/export_axes.h"
 #include "anigen/pipeline/device.h"
@@ -108,12 +110,37 @@ Json sampler_json(const SamplerOverrides& overrides) {
   return json;
 }
 
+/// Which files a result was made from, by name, size and time of the last change: the picture and what belongs to it,
+/// every run's config and weights. Their bytes are gigabytes.
+std::string inputs_of(const GenerateRequest& request, const std::vector<fs::path>& runs, const fs::path& picture) {
+  std::vector<fs::path> files{picture, request.normal_map, request.estimator_weights, request.pictures.matting.network};
+  for (const fs::path& run : runs) {
+    files.push_back(run / "config.json");
+    for (const std::string& name : io::checkpoint_names(run / "ckpts")) files.push_back(run / "ckpts" / name);
+  }
+  std::string seen;
+  std::error_code error;
+  for (const fs::path& file : files) {
+    if (!fs::is_regular_file(file, error)) continue;
+    seen += file.string() + "|" + std::to_string(fs::file_size(file, error)) + "|" +
+            std::to_string(fs::last_write_time(file, error).time_since_epoch().count()) + "\n";
+  }
+  return sha256(seen);
+}
+
 /// Everything that decides what is made of a picture.
-Json settings_of(const GenerateRequest& request, const fs::path& picture) {
+Json settings_of(const GenerateRequest& request, const std::vector<fs::path>& runs, const fs::path& picture) {
   const FinishingOptions& finishing = request.finishing;
   return {{"picture", fs::absolute(picture).lexically_normal().string()},
-          {"ss_flow", request.models.structure_flow.string()},
-          {"slat_flow", request.models.latent_flow.string()},
+          {"ss_flow", runs[0].string()},
+          {"slat_flow", runs[1].string()},
+          {"ss_dae", runs[2].string()},
+          {"slat_dae", runs[3].string()},
+          {"inputs", inputs_of(request, runs, picture)},
+          {"background", static_cast<int>(request.pictures.background)},
+          {"normals", static_cast<int>(request.pictures.normals)},
+          {"estimator_side", request.pictures.estimator_side},
+          {"condition", static_cast<int>(request.models.structure_condition)},
           {"seed", request.sampling.seed},
           {"joints", request.sampling.joints},
           {"structure_sampler", sampler_json(request.sampling.structure)},
@@ -141,7 +168,7 @@ class Generation {
     GenerationReport report;
     report.name = name;
     report.folder = request_.output / name;
-    const Json settings = settings_of(request_, picture);
+    const Json settings = settings_of(request_, generator_.runs(), picture);
     if (!request_.again && is_there(report, settings)) return report;
     try {
       make(picture, settings, report);

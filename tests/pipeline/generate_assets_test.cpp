@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <chrono>
 #include <cmath>
 #include <fstream>
 #include <utility>
@@ -164,6 +165,16 @@ TEST_F(GenerateAssets, WhatIsThereIsKeptUntilSomethingChanges) {
   EXPECT_TRUE(one("a").kept);
   request_.sampling.joints = 10;
   EXPECT_FALSE(one("a").kept);
+  request_.pictures.background = Background::kKeep;
+  EXPECT_FALSE(one("a").kept) << "another background";
+  request_.models.structure_condition = StructureCondition::kColor;
+  EXPECT_FALSE(one("a").kept) << "another condition";
+  EXPECT_TRUE(one("a").kept);
+  io::write_png(picture_, disc(80));
+  EXPECT_FALSE(one("a").kept) << "another picture of the same name";
+  const fs::path weights = request_.models.latent_flow / "ckpts" / "image_encoder_final.safetensors";
+  fs::last_write_time(weights, fs::file_time_type::clock::now() + std::chrono::hours(1));
+  EXPECT_FALSE(one("a").kept) << "weights written again";
   request_.again = true;
   EXPECT_FALSE(one("a").kept);
 }
