@@ -1,15 +1,19 @@
 #pragma once
+#include <ATen/Parallel.h>
 #include <sys/resource.h>
 
 #include <algorithm>
 #include <chrono>
 #include <cstdio>
 #include <cstdlib>
+#include <exception>
 #include <functional>
 #include <string>
 #include <vector>
 
+#include "anigen/core/atomic_file.h"
 #include "anigen/core/json.h"
+#include "anigen/core/parallel.h"
 #include "anigen/nn/torch.h"
 
 namespace anigen::benchmarks {
@@ -104,6 +108,50 @@ inline bool read_text(const std::string& word, const std::string& name, std::str
   if (word.compare(0, flag.size(), flag) != 0) return false;
   value = word.substr(flag.size());
   return true;
+}
+
+/// What the benchmarks of both flows are told alike.
+struct FlowSettings {
+  std::vector<torch::Dtype> dtypes;
+  std::int64_t blocks = 24;
+  int steps = 0, threads = 0;
+  std::string out;
+
+  /// @return whether the word was one of these; other --benchmark_* flags are accepted and ignored
+  bool read(const std::string& word) {
+    long number = 0;
+    if (word == "--fp32") {
+      dtypes.push_back(torch::kFloat32);
+    } else if (word == "--bf16") {
+      dtypes.push_back(torch::kBFloat16);
+    } else if (read_number(word, "blocks", 1, number)) {
+      blocks = number;
+    } else if (read_number(word, "steps", 1, number)) {
+      steps = static_cast<int>(number);
+    } else if (read_number(word, "threads", 1, number)) {
+      threads = static_cast<int>(number);
+    } else {
+      return read_text(word, "benchmark_out", out) || word.compare(0, 12, "--benchmark_") == 0;
+    }
+    return true;
+  }
+};
+
+/// Runs every type and writes the rows. @return exit status
+inline int run_flow_benchmark(const std::string& family, const FlowSettings& settings,
+                              const std::function<void(torch::Dtype, Json&)>& run) {
+  try {
+    at::set_num_threads(settings.threads > 0 ? settings.threads : thread_count());
+    Json list = Json::array();
+    for (const torch::Dtype dtype : settings.dtypes) run(dtype, list);
+    if (settings.out.empty()) return 0;
+    const Json json = {{"context", {{"executable", "benchmark_" + family}}}, {"benchmarks", list}};
+    write_file_atomically(settings.out, json.dump(2) + "\n");
+  } catch (const std::exception& error) {
+    std::fprintf(stderr, "%s\n", error.what());
+    return 1;
+  }
+  return 0;
 }
 
 }  // namespace anigen::benchmarks

@@ -4,16 +4,10 @@
 //   benchmark_sparse_structure_flow [--fp32] [--bf16] [--blocks=24] [--steps=3] [--plain-steps=1] [--threads=N]
 //                                   [--benchmark_out=FILE]
 // Without --fp32 and --bf16 it does both. Other --benchmark_* flags are accepted and ignored.
-#include <ATen/Parallel.h>
-
 #include <cstdio>
-#include <exception>
 #include <string>
 #include <vector>
 
-#include "anigen/core/atomic_file.h"
-#include "anigen/core/json.h"
-#include "anigen/core/parallel.h"
 #include "anigen/models/sparse_structure_flow_flops.h"
 #include "benchmarks/model_timing.h"
 #include "benchmarks/plain_sparse_structure_flow.h"
@@ -25,11 +19,8 @@ using namespace anigen::benchmarks;
 constexpr std::int64_t kConditionTokens = 1374;  // of DINOv2 ViT-L/14 with registers at 518 x 518
 constexpr const char* kFamily = "sparse_structure_flow";
 
-struct Settings {
-  std::vector<torch::Dtype> dtypes;
-  std::int64_t blocks = 24;
-  int steps = 3, plain_steps = 1, threads = 0;
-  std::string out;
+struct Settings : FlowSettings {
+  int plain_steps = 1;
 };
 
 anigen::models::SparseStructureFlowOptions published_options(std::int64_t blocks) {
@@ -79,21 +70,9 @@ bool read_settings(int argc, char** argv, Settings& settings) {
   for (int i = 1; i < argc; ++i) {
     const std::string word = argv[i];
     long number = 0;
-    if (word == "--fp32") {
-      settings.dtypes.push_back(torch::kFloat32);
-    } else if (word == "--bf16") {
-      settings.dtypes.push_back(torch::kBFloat16);
-    } else if (read_number(word, "blocks", 1, number)) {
-      settings.blocks = number;
-    } else if (read_number(word, "steps", 1, number)) {
-      settings.steps = static_cast<int>(number);
-    } else if (read_number(word, "plain-steps", 0, number)) {
+    if (read_number(word, "plain-steps", 0, number)) {
       settings.plain_steps = static_cast<int>(number);
-    } else if (read_number(word, "threads", 1, number)) {
-      settings.threads = static_cast<int>(number);
-    } else if (read_text(word, "benchmark_out", settings.out)) {
-      continue;
-    } else if (word.compare(0, 12, "--benchmark_") != 0) {
+    } else if (!settings.read(word)) {
       return false;
     }
   }
@@ -105,22 +84,13 @@ bool read_settings(int argc, char** argv, Settings& settings) {
 
 int main(int argc, char** argv) {
   Settings settings;
+  settings.steps = 3;
   if (!read_settings(argc, argv, settings)) {
     std::fprintf(stderr,
                  "usage: benchmark_sparse_structure_flow [--fp32] [--bf16] [--blocks=N] [--steps=N] [--plain-steps=N] "
                  "[--threads=N] [--benchmark_out=FILE]\n");
     return 2;
   }
-  try {
-    at::set_num_threads(settings.threads > 0 ? settings.threads : anigen::thread_count());
-    anigen::Json list = anigen::Json::array();
-    for (const torch::Dtype dtype : settings.dtypes) run(dtype, settings, list);
-    if (settings.out.empty()) return 0;
-    const anigen::Json json = {{"context", {{"executable", "benchmark_sparse_structure_flow"}}}, {"benchmarks", list}};
-    anigen::write_file_atomically(settings.out, json.dump(2) + "\n");
-  } catch (const std::exception& error) {
-    std::fprintf(stderr, "%s\n", error.what());
-    return 1;
-  }
-  return 0;
+  return run_flow_benchmark(kFamily, settings,
+                            [&](torch::Dtype dtype, anigen::Json& list) { run(dtype, settings, list); });
 }

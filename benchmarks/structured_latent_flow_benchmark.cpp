@@ -4,13 +4,8 @@
 //   benchmark_structured_latent_flow [--fp32] [--bf16] [--voxels=PLY --skeleton-voxels=PLY] [--blocks=24] [--steps=2]
 //                                    [--threads=N] [--benchmark_out=FILE]
 // Voxel files are those of a dataset at 64³ (voxels/<id>.ply). Without --fp32 and --bf16 it takes bf16.
-#include <ATen/Parallel.h>
-
 #include <cmath>
-#include <exception>
 
-#include "anigen/core/atomic_file.h"
-#include "anigen/core/parallel.h"
 #include "anigen/loaders/ragged_voxels.h"
 #include "anigen/models/structured_latent_flow.h"
 #include "anigen/models/structured_latent_flow_flops.h"
@@ -25,11 +20,8 @@ constexpr const char* kFamily = "structured_latent_flow";
 constexpr std::int64_t kConditionTokens = 1374;  // of DINOv2 ViT-L/14 with registers at 518 x 518
 constexpr int kResolution = 64;
 
-struct Settings {
-  std::vector<torch::Dtype> dtypes;
-  std::int64_t blocks = 24;
-  int steps = 2, threads = 0;
-  std::string voxels, skeleton_voxels, out;
+struct Settings : FlowSettings {
+  std::string voxels, skeleton_voxels;
 };
 
 // A shell of two voxels' thickness, or the inside, of an ellipsoid.
@@ -109,20 +101,8 @@ void run(torch::Dtype dtype, const Settings& settings, anigen::Json& list) {
 bool read_settings(int argc, char** argv, Settings& settings) {
   for (int i = 1; i < argc; ++i) {
     const std::string word = argv[i];
-    long number = 0;
-    if (word == "--fp32") {
-      settings.dtypes.push_back(torch::kFloat32);
-    } else if (word == "--bf16") {
-      settings.dtypes.push_back(torch::kBFloat16);
-    } else if (read_number(word, "blocks", 1, number)) {
-      settings.blocks = number;
-    } else if (read_number(word, "steps", 1, number)) {
-      settings.steps = static_cast<int>(number);
-    } else if (read_number(word, "threads", 1, number)) {
-      settings.threads = static_cast<int>(number);
-    } else if (!read_text(word, "voxels", settings.voxels) &&
-               !read_text(word, "skeleton-voxels", settings.skeleton_voxels) &&
-               !read_text(word, "benchmark_out", settings.out) && word.compare(0, 12, "--benchmark_") != 0) {
+    if (!read_text(word, "voxels", settings.voxels) && !read_text(word, "skeleton-voxels", settings.skeleton_voxels) &&
+        !settings.read(word)) {
       return false;
     }
   }
@@ -134,22 +114,13 @@ bool read_settings(int argc, char** argv, Settings& settings) {
 
 int main(int argc, char** argv) {
   Settings settings;
+  settings.steps = 2;
   if (!read_settings(argc, argv, settings)) {
     std::fprintf(stderr,
                  "usage: benchmark_structured_latent_flow [--fp32] [--bf16] [--voxels=PLY --skeleton-voxels=PLY] "
                  "[--blocks=N] [--steps=N] [--threads=N] [--benchmark_out=FILE]\n");
     return 2;
   }
-  try {
-    at::set_num_threads(settings.threads > 0 ? settings.threads : anigen::thread_count());
-    anigen::Json list = anigen::Json::array();
-    for (const torch::Dtype dtype : settings.dtypes) run(dtype, settings, list);
-    if (settings.out.empty()) return 0;
-    const anigen::Json json = {{"context", {{"executable", "benchmark_structured_latent_flow"}}}, {"benchmarks", list}};
-    anigen::write_file_atomically(settings.out, json.dump(2) + "\n");
-  } catch (const std::exception& error) {
-    std::fprintf(stderr, "%s\n", error.what());
-    return 1;
-  }
-  return 0;
+  return run_flow_benchmark(kFamily, settings,
+                            [&](torch::Dtype dtype, anigen::Json& list) { run(dtype, settings, list); });
 }

@@ -6,6 +6,7 @@
 #include "anigen/models/sparse_structure_flow_flops.h"
 #include "anigen/models/state_dict.h"
 #include "tests/models/golden_statistics.h"
+#include "tests/models/torso_dtype.h"
 #include "tests/models/wave_fill.h"
 
 namespace anigen::models {
@@ -178,14 +179,7 @@ TEST(SparseStructureFlow, TorsoComputesInBfloat16) {
   SparseStructureFlow model = filled_flow(options);
   const Velocity full = run_flow(model);
   model->set_compute_dtype(torch::kBFloat16);
-  EXPECT_EQ(model->compute_dtype(), torch::kBFloat16);
-  // Where the published system has fp16 there is bf16 now, and nowhere else.
-  const std::vector<torch::Dtype> published = published_dtypes(*model, model->half_precision_modules());
-  const std::vector<StateEntry> entries = state_entries(*model);
-  for (std::size_t i = 0; i < entries.size(); ++i) {
-    const torch::Dtype wanted = published[i] == torch::kHalf ? torch::kBFloat16 : torch::kFloat32;
-    EXPECT_EQ(entries[i].tensor.scalar_type(), wanted) << entries[i].key;
-  }
+  test::expect_bfloat16_torso(model);
   const Velocity reduced = run_flow(model);
   EXPECT_EQ(reduced.shape.scalar_type(), torch::kFloat32);
   // Eight bits of mantissa through three blocks and the norm at the end; values are of size one.

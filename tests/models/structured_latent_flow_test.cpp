@@ -10,6 +10,7 @@
 #include "tests/models/golden_statistics.h"
 #include "tests/models/small_structured_flow.h"
 #include "tests/models/small_structured_latents.h"
+#include "tests/models/torso_dtype.h"
 
 namespace anigen::models {
 namespace {
@@ -273,14 +274,7 @@ TEST(StructuredLatentFlow, TorsoComputesInBfloat16) {
   StructuredLatentFlow model = filled_slat_flow(tiny_slat_flow_options({{"use_fp16", true}}));
   const StructuredVelocity full = run_slat_flow(model);
   model->set_compute_dtype(torch::kBFloat16);
-  EXPECT_EQ(model->compute_dtype(), torch::kBFloat16);
-  // Where the published system has fp16 there is bf16 now, and nowhere else.
-  const std::vector<torch::Dtype> published = published_dtypes(*model, model->half_precision_modules());
-  const std::vector<StateEntry> entries = state_entries(*model);
-  for (std::size_t i = 0; i < entries.size(); ++i) {
-    const torch::Dtype wanted = published[i] == torch::kHalf ? torch::kBFloat16 : torch::kFloat32;
-    EXPECT_EQ(entries[i].tensor.scalar_type(), wanted) << entries[i].key;
-  }
+  test::expect_bfloat16_torso(model);
   EXPECT_EQ(model->named_parameters()["joint_num_uncond_skl"].scalar_type(), torch::kBFloat16);
   EXPECT_EQ(model->named_parameters()["input_blocks.0.norm1.weight"].scalar_type(), torch::kFloat32);
   const StructuredVelocity reduced = run_slat_flow(model);
