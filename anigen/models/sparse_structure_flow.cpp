@@ -4,6 +4,7 @@
 #include "anigen/models/freezing.h"
 #include "anigen/models/sparse_structure_flow_init.h"
 #include "anigen/nn/absolute_position.h"
+#include "anigen/nn/kept_contexts.h"
 #include "anigen/nn/module_list.h"
 
 namespace anigen::models {
@@ -148,7 +149,10 @@ void SparseStructureFlowImpl::check_inputs(const Tensor& x, const Tensor& x_skl,
 Velocity SparseStructureFlowImpl::forward(const Tensor& x, const Tensor& x_skl, const Tensor& t, const Tensor& cond) {
   check_inputs(x, x_skl, t, cond);
   const torch::Dtype dtype = compute_dtype();
-  const Tensor context = cond.expand({x.size(0), -1, -1}).to(dtype);
+  // The same tensor again at every step of a sampler, so that attentions know it again.
+  const Tensor context = nn::kept(this, cond, [&]() -> std::vector<Tensor> {
+    return {cond.expand({x.size(0), -1, -1}).to(dtype)};
+  })[0];
   const Tensor m = shape_.modulation_of(t).to(dtype), m_skl = skeleton_.modulation_of(t).to(dtype);
   Tensor h = shape_.embed_tokens(x).to(dtype), h_skl = skeleton_.embed_tokens(x_skl).to(dtype);
   std::int64_t crossings = 0;

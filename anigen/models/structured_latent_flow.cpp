@@ -1,12 +1,14 @@
 #include "anigen/models/structured_latent_flow.h"
 
 #include <utility>
+#include <vector>
 
 #include "anigen/core/error.h"
 #include "anigen/models/freezing.h"
 #include "anigen/models/half_precision.h"
 #include "anigen/models/structured_latent_flow_init.h"
 #include "anigen/models/structured_latent_torso.h"
+#include "anigen/nn/kept_contexts.h"
 #include "anigen/nn/module_list.h"
 #include "anigen/nn/shape_text.h"
 
@@ -97,7 +99,10 @@ StructuredVelocity StructuredLatentFlowImpl::forward(const SparseTensor& x, cons
   check_inputs(x, x_skl, t, cond, joints_num);
   const torch::Dtype dtype = compute_dtype();
   const std::int64_t batch = t.size(0), geometry_channels = geometry_.sizes.in_channels;
-  const Tensor context = cond.expand({batch, -1, -1}).to(dtype);
+  // The same tensor again at every step of a sampler, so that attentions know it again.
+  const Tensor context = nn::kept(this, cond, [&]() -> std::vector<Tensor> {
+    return {cond.expand({batch, -1, -1}).to(dtype)};
+  })[0];
   const Tensor counts = joints_num.defined() ? joints_num.to(t.device()).expand({batch}) : torch::zeros_like(t);
   const SparseTensor x_geo = x.with(x.feats.narrow(1, 0, geometry_channels));
   const SparseTensor x_skin = x.with(x.feats.narrow(1, geometry_channels, skin_.sizes.in_channels));

@@ -3,6 +3,7 @@
 #include <vector>
 
 #include "anigen/nn/blocked_attention.h"
+#include "anigen/nn/kept_contexts.h"
 
 namespace anigen::nn {
 namespace {
@@ -35,6 +36,14 @@ DenseAttentionImpl::DenseAttentionImpl(const DenseAttentionOptions& options)
   to_out_ = register_module("to_out", Linear(channels, channels, /*with_bias=*/true, options.lora_out));
 }
 
+std::vector<Tensor> DenseAttentionImpl::keys_and_values(const Tensor& context) {
+  return kept(this, context, [&] {
+    std::vector<Tensor> kv = dense_heads(to_kv_->forward(context), 2, num_heads_);
+    if (!k_rms_norm_.is_empty()) kv[0] = k_rms_norm_->forward(kv[0]);
+    return kv;
+  });
+}
+
 Tensor DenseAttentionImpl::forward(const Tensor& x, const Tensor& context) {
   TORCH_CHECK(x.dim() == 3 && x.size(2) == channels_, "dense attention over ", channels_, " channels: input ",
               x.sizes());
@@ -45,13 +54,13 @@ Tensor DenseAttentionImpl::forward(const Tensor& x, const Tensor& context) {
     TORCH_CHECK(context.dim() == 3 && context.size(0) == x.size(0), "cross attention: input ", x.sizes(), ", context ",
                 context.sizes());
     qkv = dense_heads(to_q_.is_empty() ? x.contiguous() : to_q_->forward(x), 1, num_heads_);
-    for (const Tensor& part : dense_heads(to_kv_->forward(context), 2, num_heads_)) qkv.push_back(part);
+    for (const Tensor& part : keys_and_values(context)) qkv.push_back(part);
   } else {
     qkv = dense_heads(to_qkv_->forward(x), 3, num_heads_);
   }
   if (!q_rms_norm_.is_empty()) {
     qkv[0] = q_rms_norm_->forward(qkv[0]);
-    qkv[1] = k_rms_norm_->forward(qkv[1]);
+    if (!context.defined()) qkv[1] = k_rms_norm_->forward(qkv[1]);
   }
   const Tensor mixed = blocked_attention(qkv[0].transpose(1, 2), qkv[1].transpose(1, 2), qkv[2].transpose(1, 2));
   return to_out_->forward(mixed.transpose(1, 2).reshape(x.sizes()));

@@ -1,4 +1,6 @@
 #pragma once
+#include <vector>
+
 #include "anigen/nn/linear.h"
 #include "anigen/nn/rms_norm.h"
 
@@ -25,6 +27,8 @@ class DenseAttentionImpl : public torch::nn::Module {
   torch::Dtype dtype() const { return dtype_of(to_out_->weight); }
 
  private:
+  std::vector<Tensor> keys_and_values(const Tensor& context);  // [B, M, H, D] both; see KeptContexts
+
   std::int64_t num_heads_, channels_;
   Linear to_qkv_ = nullptr, to_q_ = nullptr, to_kv_ = nullptr, to_out_ = nullptr;
   MultiHeadRmsNorm q_rms_norm_ = nullptr, k_rms_norm_ = nullptr;

@@ -58,7 +58,7 @@ flow::Streams StructureGenerator::sample(const flow::Streams& noise, const Tenso
                                          const flow::SamplerOptions& sampler, bool guided,
                                          const flow::SamplingExtras& extras) {
   const torch::NoGradGuard no_grad;
-  return flow::sample_euler(noise, train::structure_velocities(model_, condition, guided), sampler, extras).samples;
+  return flow::sample_flow(noise, train::structure_velocities(model_, condition, guided), sampler, extras).samples;
 }
 
 models::SparseStructureDecoderImpl::Logits StructureGenerator::logits(const flow::Streams& latents, std::int64_t item) {

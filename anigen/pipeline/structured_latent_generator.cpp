@@ -56,7 +56,7 @@ models::PerStream<sparse::SparseTensor> StructuredLatentGenerator::sample(const 
                                                                           const flow::SamplingExtras& extras) {
   const torch::NoGradGuard no_grad;
   const flow::Velocities velocities = train::structured_latent_velocities(model_, target, guided);
-  const flow::Streams latents = flow::sample_euler(noise, velocities, sampler, extras).samples;
+  const flow::Streams latents = flow::sample_flow(noise, velocities, sampler, extras).samples;
   const Tensor shape = train::denormalised(latents[0], reading_.normalization);
   const Tensor skeleton = train::denormalised(latents[1], reading_.normalization_skl);
   const std::int64_t geometry = model_->options().geometry.out_channels;

@@ -1,8 +1,10 @@
 #include "anigen/sparse/attention.h"
 
 #include <utility>
+#include <vector>
 
 #include "anigen/core/error.h"
+#include "anigen/nn/kept_contexts.h"
 #include "anigen/sparse/ragged_attention.h"
 #include "anigen/sparse/window_rows.h"
 
@@ -107,9 +109,11 @@ SparseTensor SparseAttentionImpl::forward_dense(const SparseTensor& x, const Ten
               " channels: context ", context.sizes());
   const std::int64_t items = context.size(0), tokens = context.size(1);
   const Tensor offsets = torch::arange(items + 1, torch::TensorOptions().dtype(torch::kInt64)) * tokens;
-  const Tensor rows = context.reshape({items * tokens, context.size(2)});
-  return x.with(to_out_->forward(
-      attend(to_q_->forward(x.feats), to_kv_->forward(rows), item_offsets(x.support->items()), offsets)));
+  const Tensor keys_values = nn::kept(this, context, [&]() -> std::vector<Tensor> {
+    return {to_kv_->forward(context.reshape({items * tokens, context.size(2)}))};
+  })[0];
+  return x.with(
+      to_out_->forward(attend(to_q_->forward(x.feats), keys_values, item_offsets(x.support->items()), offsets)));
 }
 
 Tensor SparseAttentionImpl::attend(const Tensor& queries, const Tensor& keys_values, const Tensor& q_offsets,

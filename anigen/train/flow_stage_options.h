@@ -3,7 +3,7 @@
 #include <cstdint>
 
 #include "anigen/core/config_reader.h"
-#include "anigen/flow/euler_sampler.h"
+#include "anigen/flow/sampler.h"
 #include "anigen/flow/time_schedule.h"
 
 namespace anigen::train {

@@ -14,7 +14,7 @@ namespace anigen::train {
 using torch::Tensor;
 
 flow::Streams SparseStructureFlowStage::drawn_sample(const flow::Streams& noise, const Tensor& condition, bool guided) {
-  return flow::sample_euler(noise, structure_velocities(parts_.model, condition, guided), options_.sampler).samples;
+  return flow::sample_flow(noise, structure_velocities(parts_.model, condition, guided), options_.sampler).samples;
 }
 
 void SparseStructureFlowStage::sample(const std::filesystem::path& folder) {

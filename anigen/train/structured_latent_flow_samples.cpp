@@ -86,8 +86,7 @@ flow::Streams StructuredLatentFlowStage::drawn_sample(const Latents& latents, co
   for (Tensor& stream : noise) stream = stream.to(parts_.device);
   const StructuredLatentTarget target{latents.shape.support, latents.skeleton.support, condition, latents.joints_num};
   const bool guided = parts_.encoder || latents.joints_num.defined();
-  return flow::sample_euler(noise, structured_latent_velocities(parts_.model, target, guided), options_.sampler)
-      .samples;
+  return flow::sample_flow(noise, structured_latent_velocities(parts_.model, target, guided), options_.sampler).samples;
 }
 
 void StructuredLatentFlowStage::sample(const std::filesystem::path& folder) {

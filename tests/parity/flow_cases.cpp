@@ -66,7 +66,7 @@ void check_sampling_case(Fixture& fixture, const std::string& name, const flow::
              {fixture.input("inpaint_mask"), fixture.input("inpaint_mask_skl")}};
     extras.inpainting = &known;
   }
-  check_sampled(fixture, name, options, flow::sample_euler(noise, velocities, options, extras));
+  check_sampled(fixture, name, options, flow::sample_flow(noise, velocities, options, extras));
 }
 
 void check_training_step(Fixture& fixture, const torch::nn::Module& model, const FlowMatchingTerm& term,

@@ -1,7 +1,7 @@
 #pragma once
 #include <string>
 
-#include "anigen/flow/euler_sampler.h"
+#include "anigen/flow/sampler.h"
 #include "anigen/models/state_dict.h"
 #include "anigen/nn/init.h"
 #include "tests/parity/fixture.h"

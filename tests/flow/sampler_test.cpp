@@ -1,4 +1,4 @@
-#include "anigen/flow/euler_sampler.h"
+#include "anigen/flow/sampler.h"
 
 #include <gtest/gtest.h>
 
@@ -27,28 +27,61 @@ TEST(TimeGrid, GoldenNumbers) {
   for (std::size_t i = 0; i < golden.size(); ++i) EXPECT_NEAR(times[i], golden[i], 5e-8);
 }
 
-TEST(EulerSampler, ConstantVelocityIsIntegratedExactly) {
+TEST(FlowSampler, ConstantVelocityIsIntegratedExactly) {
   const Tensor noise = torch::tensor({2.0, -1.0}, torch::kFloat64), target = torch::tensor({0.5, 3.0}, torch::kFloat64);
   const Velocities flow = {[&](const Streams&, float) { return Streams{noise - target}; }};
   for (const std::int64_t steps : {1, 7, 50}) {
-    const Sampled result = sample_euler({noise}, flow, with_steps(steps));
+    const Sampled result = sample_flow({noise}, flow, with_steps(steps));
     EXPECT_LT(value((result.samples[0] - target).abs().max()), 1e-13) << steps;
   }
 }
 
-TEST(EulerSampler, LinearFieldConvergesToTheExponential) {
+TEST(FlowSampler, LinearFieldConvergesToTheExponential) {
   // dx/dt = x from t = 1 to 0 shrinks x by e; Euler's n steps give (1 − 1/n)^n.
   const Tensor noise = torch::ones({1}, torch::kFloat64);
   const Velocities flow = {[](const Streams& x, float) { return x; }};
   for (const std::int64_t steps : {10, 100}) {
     const double n = static_cast<double>(steps);
-    const Sampled result = sample_euler({noise}, flow, with_steps(steps));
+    const Sampled result = sample_flow({noise}, flow, with_steps(steps));
     EXPECT_NEAR(value(result.samples[0]), std::pow(1.0 - 1.0 / n, n), 1e-13);
     EXPECT_NEAR(value(result.samples[0]), std::exp(-1.0), 0.2 / n);  // first order: error e⁻¹/(2n)
   }
 }
 
-TEST(EulerSampler, GuidanceGoldenNumbers) {
+TEST(FlowSampler, MidpointAndHeunAreOfSecondOrder) {
+  // dx/dt = x: a step of h multiplies by 1 − h + h²/2 in both; Heun's last step is Euler's.
+  const Tensor noise = torch::ones({1}, torch::kFloat64);
+  for (const Solver solver : {Solver::kMidpoint, Solver::kHeun}) {
+    std::vector<double> errors;
+    for (const std::int64_t steps : {10, 20}) {
+      int passes = 0;
+      const Velocities flow = {[&](const Streams& x, float) { return ++passes, x; }};
+      SamplerOptions options = with_steps(steps);
+      options.solver = solver;
+      const double n = static_cast<double>(steps), h = 1.0 / n, factor = 1.0 - h + 0.5 * h * h;
+      const double expected = solver == Solver::kHeun ? std::pow(factor, n - 1.0) * (1.0 - h) : std::pow(factor, n);
+      const double sampled = value(sample_flow({noise}, flow, options).samples[0]);
+      EXPECT_NEAR(sampled, expected, 1e-13);
+      EXPECT_EQ(passes, solver == Solver::kHeun ? 2 * steps - 1 : 2 * steps);
+      errors.push_back(std::abs(sampled - std::exp(-1.0)));
+    }
+    EXPECT_GT(errors[0] / errors[1], 3.5);
+  }
+}
+
+TEST(FlowSampler, MidpointAsksHalfWayAndGuidesByThatTime) {
+  std::vector<float> asked, guided;
+  const Velocities flow = {[&](const Streams& x, float time) { return asked.push_back(time), x; },
+                           [&](const Streams& x, float time) { return guided.push_back(time), x; }};
+  SamplerOptions options = with_steps(2);  // t = 1, 0.75, 0.5, 0.25
+  options.solver = Solver::kMidpoint;
+  options.cfg_interval = std::make_pair(0.5, 0.8);
+  sample_flow({torch::ones({2})}, flow, options);
+  EXPECT_EQ(asked, (std::vector<float>{1000.0f, 750.0f, 500.0f, 250.0f}));
+  EXPECT_EQ(guided, (std::vector<float>{750.0f, 500.0f}));
+}
+
+TEST(FlowSampler, GuidanceGoldenNumbers) {
   const auto model = [](const Streams& x, float time, double condition, double k) {
     const double t = static_cast<double>(time) / 1000.0;
     return Streams{0.5 * x[0] + (condition * k + t), 0.25 * x[1] - condition * k};
@@ -57,34 +90,34 @@ TEST(EulerSampler, GuidanceGoldenNumbers) {
                            [&](const Streams& x, float time) { return model(x, time, 0.0, 0.0); }};
   SamplerOptions options = with_steps(4);
   options.cfg_strength = 2.0;
-  const Sampled result = sample_euler({torch::tensor({1.0f, 2.0f}), torch::tensor({3.0f})}, flow, options);
+  const Sampled result = sample_flow({torch::tensor({1.0f, 2.0f}), torch::tensor({3.0f})}, flow, options);
   EXPECT_NEAR(value(result.samples[0][0]), -4.8625488, 2e-6);
   EXPECT_NEAR(value(result.samples[0][1]), -4.2763672, 2e-6);
   EXPECT_NEAR(value(result.samples[1][0]), 7.7780000, 2e-6);
 }
 
-TEST(EulerSampler, BothPassesRunAtStrengthZero) {
+TEST(FlowSampler, BothPassesRunAtStrengthZero) {
   int conditional = 0, unconditional = 0;
   const Velocities flow = {[&](const Streams& x, float) { return ++conditional, x; },
                            [&](const Streams& x, float) { return ++unconditional, x; }};
   SamplerOptions options = with_steps(3);
   options.cfg_strength = 0.0;
-  sample_euler({torch::ones({2})}, flow, options);
+  sample_flow({torch::ones({2})}, flow, options);
   EXPECT_EQ(conditional, 3);
   EXPECT_EQ(unconditional, 3);
 }
 
-TEST(EulerSampler, GuidesInsideTheIntervalOnly) {
+TEST(FlowSampler, GuidesInsideTheIntervalOnly) {
   std::vector<float> guided;
   const Velocities flow = {[](const Streams& x, float) { return x; },
                            [&](const Streams& x, float time) { return guided.push_back(time), x; }};
   SamplerOptions options = with_steps(4);  // t = 1, 0.75, 0.5, 0.25
   options.cfg_interval = std::make_pair(0.25, 0.75);
-  sample_euler({torch::ones({2})}, flow, options);
+  sample_flow({torch::ones({2})}, flow, options);
   EXPECT_EQ(guided, (std::vector<float>{750.0f, 500.0f, 250.0f}));  // both ends belong to it
 }
 
-TEST(EulerSampler, TrajectoryAndProgressWhenAskedFor) {
+TEST(FlowSampler, TrajectoryAndProgressWhenAskedFor) {
   const Tensor noise = torch::tensor({2.0}, torch::kFloat64), data = torch::tensor({-1.0}, torch::kFloat64);
   const Velocities flow = {[&](const Streams&, float) { return Streams{velocity_target(data, noise)}; }};
   SamplingExtras extras;
@@ -94,19 +127,19 @@ TEST(EulerSampler, TrajectoryAndProgressWhenAskedFor) {
     EXPECT_EQ(count, 4);
     steps.push_back(step);
   };
-  const Sampled result = sample_euler({noise}, flow, with_steps(4), extras);
+  const Sampled result = sample_flow({noise}, flow, with_steps(4), extras);
   EXPECT_EQ(steps, (std::vector<std::int64_t>{1, 2, 3, 4}));
   ASSERT_EQ(result.x_t.size(), 4u);
   ASSERT_EQ(result.x_0.size(), 4u);
   EXPECT_NEAR(value(result.x_0[0][0]), -1.0, 1e-12);
   EXPECT_TRUE(torch::equal(result.x_t[3][0], result.samples[0]));
-  EXPECT_TRUE(sample_euler({noise}, flow, with_steps(2)).x_t.empty());
+  EXPECT_TRUE(sample_flow({noise}, flow, with_steps(2)).x_t.empty());
 
   extras.progress = [](std::int64_t, std::int64_t) { throw std::runtime_error("enough"); };
-  EXPECT_THROW(sample_euler({noise}, flow, with_steps(4), extras), std::runtime_error);
+  EXPECT_THROW(sample_flow({noise}, flow, with_steps(4), extras), std::runtime_error);
 }
 
-TEST(EulerSampler, InpaintingKeepsWhatIsKnown) {
+TEST(FlowSampler, InpaintingKeepsWhatIsKnown) {
   const Tensor noise = torch::tensor({2.0, 2.0}, torch::kFloat64);
   const Tensor known = torch::tensor({5.0, 7.0}, torch::kFloat64), mask = torch::tensor({1.0, 0.0}, torch::kFloat64);
   const Inpainting inpainting = {{known}, {noise}, {mask}};
@@ -115,28 +148,30 @@ TEST(EulerSampler, InpaintingKeepsWhatIsKnown) {
   SamplerOptions options = with_steps(5);
   options.sigma_min = 0.0;
   const Velocities flow = {[&](const Streams& x, float) { return Streams{torch::ones_like(x[0])}; }};
-  const Sampled result = sample_euler({noise}, flow, options, extras);
+  const Sampled result = sample_flow({noise}, flow, options, extras);
   EXPECT_NEAR(value(result.samples[0][0]), 5.0, 1e-12);
   EXPECT_NEAR(value(result.samples[0][1]), 1.0, 1e-12);
 }
 
-TEST(EulerSampler, RecordsNoGradient) {
+TEST(FlowSampler, RecordsNoGradient) {
   const Tensor weight = torch::ones({1}, torch::requires_grad());
   const Velocities flow = {[&](const Streams& x, float) { return Streams{x[0] * weight}; }};
-  EXPECT_FALSE(sample_euler({torch::ones({1})}, flow, with_steps(2)).samples[0].requires_grad());
+  EXPECT_FALSE(sample_flow({torch::ones({1})}, flow, with_steps(2)).samples[0].requires_grad());
 }
 
-TEST(EulerSampler, RefusesVelocitiesOfAnotherShape) {
+TEST(FlowSampler, RefusesVelocitiesOfAnotherShape) {
   const Velocities flow = {[](const Streams& x, float) { return Streams{x[0], x[0]}; }};
-  EXPECT_THROW(sample_euler({torch::ones({1})}, flow, with_steps(2)), c10::Error);
+  EXPECT_THROW(sample_flow({torch::ones({1})}, flow, with_steps(2)), c10::Error);
 }
 
 TEST(SamplerOptions, ReadsItsConfigAndRefusesNonsense) {
   const Json json = Json::parse(
       R"({"steps": 25, "rescale_t": 2.0, "cfg_strength": 7.5, "cfg_interval": [0.5, 1.0], "sigma_min": 1e-5})");
   EXPECT_EQ(SamplerOptions::from_json(json).to_json(), json);
-  for (const char* bad : {R"({"steps": 0})", R"({"rescale_t": 0})", R"({"cfg_interval": [1, 0]})",
-                          R"({"cfg_interval": [0.5]})", R"({"sigma_min": 1})", R"({"cfg_scale": 1})"}) {
+  EXPECT_EQ(SamplerOptions::from_json(Json::parse(R"({"solver": "heun"})")).solver, Solver::kHeun);
+  for (const char* bad :
+       {R"({"steps": 0})", R"({"rescale_t": 0})", R"({"cfg_interval": [1, 0]})", R"({"cfg_interval": [0.5]})",
+        R"({"sigma_min": 1})", R"({"cfg_scale": 1})", R"({"solver": "rk4"})"}) {
     EXPECT_THROW(SamplerOptions::from_json(Json::parse(bad)), InputError) << bad;
   }
 }

@@ -1,7 +1,8 @@
-#include "anigen/flow/euler_sampler.h"
+#include "anigen/flow/sampler.h"
 
 #include "anigen/core/config_reader.h"
 #include "anigen/core/error.h"
+#include "anigen/nn/kept_contexts.h"
 
 namespace anigen::flow {
 namespace {
@@ -33,6 +34,27 @@ Streams velocity_at(const Streams& x, double t, const Velocities& velocities, co
   return velocity;
 }
 
+Streams moved(const Streams& x, const Streams& velocity, double span) {
+  Streams result;
+  for (std::size_t i = 0; i < x.size(); ++i) result.push_back(x[i] - span * velocity[i]);
+  return result;
+}
+
+/// Where a step leads. @param first the velocity at x and t
+Streams step_from(const Streams& x, const Streams& first, double t, double next, const Velocities& velocities,
+                  const SamplerOptions& options) {
+  const double span = t - next;
+  if (options.solver == Solver::kMidpoint) {
+    return moved(x, velocity_at(moved(x, first, 0.5 * span), t - 0.5 * span, velocities, options), span);
+  }
+  const Streams end = moved(x, first, span);
+  if (options.solver == Solver::kEuler || next <= 0.0) return end;
+  const Streams second = velocity_at(end, next, velocities, options);
+  Streams mean;
+  for (std::size_t i = 0; i < x.size(); ++i) mean.push_back(0.5 * (first[i] + second[i]));
+  return moved(x, mean, span);
+}
+
 void keep_known(Streams& x, double t, const Inpainting& known, double sigma_min) {
   for (std::size_t i = 0; i < x.size(); ++i) {
     x[i] = x[i] * (1.0 - known.mask[i]) + noisy(known.x_0[i], known.noise[i], t, sigma_min) * known.mask[i];
@@ -41,10 +63,22 @@ void keep_known(Streams& x, double t, const Inpainting& known, double sigma_min)
 
 }  // namespace
 
+const char* word_of(Solver solver) {
+  return solver == Solver::kEuler ? "euler" : solver == Solver::kMidpoint ? "midpoint" : "heun";
+}
+
+Solver parse_solver(const std::string& word) {
+  for (const Solver solver : {Solver::kEuler, Solver::kMidpoint, Solver::kHeun}) {
+    if (word == word_of(solver)) return solver;
+  }
+  throw InputError("", "solver", "expected euler, midpoint or heun, found '" + word + "'");
+}
+
 SamplerOptions SamplerOptions::from_json(const Json& json, const std::string& file, const std::string& pointer) {
   ConfigReader reader(json, file, pointer);
   SamplerOptions options;
   options.steps = reader.integer("steps", options.steps, 1, kMaxSteps);
+  options.solver = parse_solver(reader.choice("solver", word_of(options.solver), {"euler", "midpoint", "heun"}));
   options.rescale_t = reader.number("rescale_t", options.rescale_t);
   options.cfg_strength = reader.number("cfg_strength", options.cfg_strength);
   if (reader.has("cfg_interval")) {
@@ -61,6 +95,7 @@ SamplerOptions SamplerOptions::from_json(const Json& json, const std::string& fi
 Json SamplerOptions::to_json() const {
   Json json;
   json["steps"] = steps;
+  if (solver != Solver::kEuler) json["solver"] = word_of(solver);
   json["rescale_t"] = rescale_t;
   json["cfg_strength"] = cfg_strength;
   if (cfg_interval) json["cfg_interval"] = {cfg_interval->first, cfg_interval->second};
@@ -90,8 +125,8 @@ std::vector<double> time_grid(const SamplerOptions& options) {
   return times;
 }
 
-Sampled sample_euler(const Streams& noise, const Velocities& velocities, const SamplerOptions& options,
-                     const SamplingExtras& extras) {
+Sampled sample_flow(const Streams& noise, const Velocities& velocities, const SamplerOptions& options,
+                    const SamplingExtras& extras) {
   options.validate();
   if (extras.inpainting != nullptr) {
     check_streams(extras.inpainting->x_0, noise, "the known latent");
@@ -99,6 +134,7 @@ Sampled sample_euler(const Streams& noise, const Velocities& velocities, const S
     TORCH_CHECK(extras.inpainting->mask.size() == noise.size(), "one inpainting mask per stream");
   }
   const torch::NoGradGuard no_grad;
+  const nn::KeptContexts keep;
   const std::vector<double> times = time_grid(options);
   Sampled result;
   Streams x = noise;
@@ -112,7 +148,7 @@ Sampled sample_euler(const Streams& noise, const Velocities& velocities, const S
       }
       result.x_0.push_back(x_0);
     }
-    for (std::size_t i = 0; i < x.size(); ++i) x[i] = x[i] - (t - next) * velocity[i];
+    x = step_from(x, velocity, t, next, velocities, options);
     if (extras.inpainting != nullptr) keep_known(x, next, *extras.inpainting, options.sigma_min);
     if (extras.trajectory) result.x_t.push_back(x);
     if (extras.progress) extras.progress(static_cast<std::int64_t>(step) + 1, options.steps);
