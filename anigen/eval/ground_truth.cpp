@@ -5,11 +5,11 @@
 #include <set>
 
 #include "anigen/core/error.h"
-#include "anigen/eval/inputs/split.h"
 #include "anigen/eval/skin_metrics.h"
 #include "anigen/io/npz.h"
 #include "anigen/io/rigs/array_fields.h"
 #include "anigen/io/rigs/joint_tree.h"
+#include "anigen/io/rigs/split.h"
 
 namespace anigen::eval {
 
@@ -20,7 +20,7 @@ std::vector<io::DatasetItem> select_split(const std::vector<io::DatasetItem>& it
   std::set<std::string> known, wanted;
   for (const io::DatasetItem& item : items) known.insert(item.id);
   for (const fs::path& split : splits) {
-    for (const SplitLine& line : split_lines(split)) {
+    for (const io::SplitLine& line : io::split_lines(split)) {
       if (known.count(line.id) == 0) {
         throw InputError(split.string(), "line " + std::to_string(line.line),
                          "the dataset has no id \"" + line.id + "\"");

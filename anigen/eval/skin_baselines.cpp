@@ -3,38 +3,27 @@
 #include <algorithm>
 #include <cmath>
 
-#include "anigen/eval/bone_segments.h"
+#include "anigen/geometry/bone_segments.h"
 
 namespace anigen::eval {
 
 std::vector<float> nearest_bone_weights(const GroundTruth& truth) {
-  const auto segments = bone_segments(truth.joints, truth.parents);
-  const std::size_t joints = truth.joint_count();
-  std::vector<float> weights(truth.vertex_count() * joints, 0.0f);
-  for (std::size_t v = 0; v < truth.vertex_count(); ++v) {
-    std::size_t nearest = 0;
-    float least = distance(truth.vertices[v], segments[0]);
-    for (std::size_t j = 1; j < joints; ++j) {
-      const float d = distance(truth.vertices[v], segments[j]);
-      if (d < least) {
-        least = d;
-        nearest = j;
-      }
-    }
-    weights[v * joints + nearest] = 1.0f;
-  }
+  const auto segments = geometry::bone_segments(truth.joints, truth.parents);
+  const std::vector<std::size_t> nearest = geometry::nearest_moving_joints(truth.vertices, segments);
+  std::vector<float> weights(truth.vertex_count() * truth.joint_count(), 0.0f);
+  for (std::size_t v = 0; v < nearest.size(); ++v) weights[v * truth.joint_count() + nearest[v]] = 1.0f;
   return weights;
 }
 
 std::vector<float> inverse_distance_weights(const GroundTruth& truth, double power) {
-  const auto segments = bone_segments(truth.joints, truth.parents);
+  const auto segments = geometry::bone_segments(truth.joints, truth.parents);
   const std::size_t joints = truth.joint_count();
   std::vector<float> weights(truth.vertex_count() * joints);
   std::vector<double> row(joints);
   for (std::size_t v = 0; v < truth.vertex_count(); ++v) {
     double nearest = 1e300, sum = 0;
     for (std::size_t j = 0; j < joints; ++j) {
-      row[j] = distance(truth.vertices[v], segments[j]) + 1e-6;
+      row[j] = geometry::distance(truth.vertices[v], segments[j]) + 1e-6;
       nearest = std::min(nearest, row[j]);
     }
     // Relative to the nearest bone, no power overflows.

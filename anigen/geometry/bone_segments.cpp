@@ -1,11 +1,13 @@
-#include "anigen/eval/bone_segments.h"
+#include "anigen/geometry/bone_segments.h"
 
 #include <algorithm>
 #include <limits>
 
+#include "anigen/core/error.h"
+#include "anigen/core/parallel.h"
 #include "anigen/geometry/segment.h"
 
-namespace anigen::eval {
+namespace anigen::geometry {
 
 std::vector<std::vector<BoneSegment>> bone_segments(const std::vector<Eigen::Vector3f>& joints,
                                                     const std::vector<int>& parents) {
@@ -27,10 +29,27 @@ std::vector<std::vector<BoneSegment>> bone_segments(const std::vector<Eigen::Vec
 float distance(const Eigen::Vector3f& point, const std::vector<BoneSegment>& segments) {
   double nearest = std::numeric_limits<double>::infinity();
   for (const BoneSegment& segment : segments) {
-    nearest = std::min(nearest, geometry::distance_to_segment(point.cast<double>(), segment.start.cast<double>(),
-                                                              segment.end.cast<double>()));
+    nearest = std::min(
+        nearest, distance_to_segment(point.cast<double>(), segment.start.cast<double>(), segment.end.cast<double>()));
   }
   return static_cast<float>(nearest);
 }
 
-}  // namespace anigen::eval
+std::vector<std::size_t> nearest_moving_joints(const std::vector<Eigen::Vector3f>& points,
+                                               const std::vector<std::vector<BoneSegment>>& segments) {
+  if (segments.empty()) throw InputError("", "", "nearest joints of a skeleton without joints");
+  std::vector<std::size_t> joints(points.size(), 0);
+  parallel_for(points.size(), [&](std::size_t p) {
+    float least = distance(points[p], segments[0]);
+    for (std::size_t j = 1; j < segments.size(); ++j) {
+      const float d = distance(points[p], segments[j]);
+      if (d < least) {
+        least = d;
+        joints[p] = j;
+      }
+    }
+  });
+  return joints;
+}
+
+}  // namespace anigen::geometry

@@ -1,8 +1,9 @@
 #pragma once
 #include <Eigen/Core>
+#include <cstddef>
 #include <vector>
 
-namespace anigen::eval {
+namespace anigen::geometry {
 
 /// The segments that a joint moves: from the joint to each of its children. A joint without children gets one that
 /// goes on in the direction of its own bone for half of that bone's length, so that tips own something; a skeleton
@@ -18,4 +19,8 @@ std::vector<std::vector<BoneSegment>> bone_segments(const std::vector<Eigen::Vec
 /// Distance from a point to the nearest of the segments.
 float distance(const Eigen::Vector3f& point, const std::vector<BoneSegment>& segments);
 
-}  // namespace anigen::eval
+/// The joint with the nearest segment, of every point [P]; the lower index wins ties. @throws InputError without joints
+std::vector<std::size_t> nearest_moving_joints(const std::vector<Eigen::Vector3f>& points,
+                                               const std::vector<std::vector<BoneSegment>>& segments);
+
+}  // namespace anigen::geometry

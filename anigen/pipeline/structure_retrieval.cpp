@@ -2,17 +2,16 @@
 
 #include "anigen/core/interrupt.h"
 #include "anigen/core/progress.h"
+#include "anigen/pipeline/picture_cells.h"
 
 namespace anigen::pipeline {
 
 using torch::Tensor;
 
 PictureFeatures picture_features(StructureGenerator& generator, const Tensor& pictures) {
-  constexpr std::int64_t kCells = 16;
   const torch::NoGradGuard no_grad;
   const Tensor tokens = generator.condition(pictures).to(torch::kCPU).flatten(1);
-  return {torch::adaptive_avg_pool2d(pictures, {kCells, kCells}).flatten(1),
-          tokens / tokens.norm(2, {1}, /*keepdim=*/true).clamp_min(1e-12)};
+  return {picture_cells(pictures), tokens / tokens.norm(2, {1}, /*keepdim=*/true).clamp_min(1e-12)};
 }
 
 StructureRetrieval::StructureRetrieval(StructureGenerator& generator, const loaders::StructureLatentDataset& training,

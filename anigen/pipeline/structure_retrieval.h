@@ -8,7 +8,7 @@ namespace anigen::pipeline {
 
 /// Descriptions of pictures, in which near means alike: one row each.
 struct PictureFeatures {
-  torch::Tensor color;   ///< [N, 3 · cells²] means of colour over a grid of cells
+  torch::Tensor color;   ///< [N, 3 · cells²], picture_cells()
   torch::Tensor tokens;  ///< [N, M · C] the image encoder's tokens, of length 1
 };
 

@@ -1,7 +1,6 @@
 #include <gtest/gtest.h>
 
 #include "anigen/eval/inputs/pairs.h"
-#include "anigen/eval/inputs/split.h"
 #include "tests/io/array_file_bytes.h"
 #include "tests/support/rig_files.h"
 
@@ -76,27 +75,6 @@ TEST(MatchPairs, OnlyTheTruthsAskedFor) {
   const PairList list = match_pairs(Names({"a", "b"}), Names({"a", "b"}), {"b"});
   EXPECT_EQ(rows(list), Ids{"b>b"});
   EXPECT_EQ(list.unused, Ids{"a"});
-}
-
-TEST(Split, SelectsInTheSourcesOrderAndNamesTheLineOfAnUnknownId) {
-  const test::TemporaryFolder folder;
-  const Names source({"a", "b", "c"}, {{"c", {"cat", "same"}}, {"b", {"same"}}});
-  test::write_quickly(folder / "test.txt", "# the test split\r\n\r\n  cat \r\na\r\n");
-  test::write_quickly(folder / "more.txt", "a\nb");
-  EXPECT_EQ(select_ids(source, {}), (Ids{"a", "b", "c"}));
-  EXPECT_EQ(select_ids(source, {folder / "test.txt"}), (Ids{"a", "c"}));
-  EXPECT_EQ(select_ids(source, {folder / "test.txt", folder / "more.txt"}), (Ids{"a", "b", "c"}));
-  EXPECT_EQ(read_split(folder / "test.txt")[0].line, 3u);
-  test::write_quickly(folder / "short.txt", "d\n");
-  EXPECT_EQ(select_ids(Names({"c/e", "x/d"}), {folder / "short.txt"}), Ids{"x/d"});
-  const auto problem = [&](const std::string& text) {
-    test::write_quickly(folder / "bad.txt", text);
-    return test::refusal([&] { select_ids(source, {folder / "bad.txt"}); });
-  };
-  EXPECT_EQ(problem("a\n\nz\n"), "line 3: there is no \"z\" in names");
-  EXPECT_EQ(problem("same\n"), "line 1: several shapes are called \"same\" in names");
-  EXPECT_EQ(problem("# nothing\n"), "the split names no id");
-  EXPECT_NE(test::refusal([&] { read_split(folder / "missing.txt"); }), "");
 }
 
 class PairsCsv : public testing::Test {

@@ -5,7 +5,6 @@
 #include <cmath>
 
 #include "anigen/core/random.h"
-#include "anigen/eval/bone_segments.h"
 #include "anigen/eval/skin_metrics.h"
 
 namespace anigen::eval {
@@ -47,18 +46,6 @@ GroundTruth random_truth(std::size_t vertices, std::size_t joints, std::size_t r
 
 double l1(const std::vector<float>& weights, const GroundTruth& truth) {
   return score_skin(weights, truth.skin, truth.vertex_count(), truth.joint_count()).mean.l1;
-}
-
-TEST(BoneSegments, BelongToTheJointThatMovesThem) {
-  const auto segments = bone_segments(chain().joints, chain().parents);
-  ASSERT_EQ(segments.size(), 3u);
-  EXPECT_EQ(segments[0][0].end, Eigen::Vector3f(1, 0, 0));
-  EXPECT_EQ(segments[2][0].start, Eigen::Vector3f(2, 0, 0));
-  EXPECT_EQ(segments[2][0].end, Eigen::Vector3f(2.5f, 0, 0));
-  EXPECT_NEAR(distance({0.5f, 2, 0}, segments[0]), 2.0f, 1e-6f);
-  EXPECT_NEAR(distance({4, 0, 0}, segments[0]), 3.0f, 1e-6f);
-  const auto lone = bone_segments({{1, 2, 3}}, {-1});
-  EXPECT_NEAR(distance({1, 2, 5}, lone[0]), 2.0f, 1e-6f);
 }
 
 TEST(SkinBaselines, NearestBoneTakesTheBoneAVertexLiesOn) {

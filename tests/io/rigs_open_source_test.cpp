@@ -51,6 +51,14 @@ TEST_F(OpenSource, RawDataHidesOtherArraysBesideIt) {
   EXPECT_EQ(open_source(path("a"))->describe(), "2 NPZ rigs in " + path("a").string());
 }
 
+TEST_F(OpenSource, GeneratedAssetsHideTheirCompanions) {
+  for (const char* name : {"a/cat/mesh.glb", "a/cat/skeleton.glb", "a/cat/generation.json", "a/dog/mesh.glb",
+                           "a/dog/generation.json", "a/dog/dense.glb", "a/half/skeleton.glb"})
+    test::write_quickly(path(name), "x");
+  EXPECT_EQ(ids("a"), (Ids{"cat", "dog"}));
+  EXPECT_EQ(ids("a/cat"), Ids{"mesh"});
+}
+
 TEST_F(OpenSource, TextRigsAreToldFromOtherText) {
   test::write_text_rig(path("a/7.txt"), rig_);
   test::write_quickly(path("a/train_final.txt"), "7\n8\n");

@@ -9,7 +9,7 @@
 #include "anigen/eval/comparison/comparison_report.h"
 #include "anigen/eval/comparison/run_comparison.h"
 #include "anigen/eval/inputs/pairs.h"
-#include "anigen/eval/inputs/split.h"
+#include "anigen/io/rigs/split.h"
 
 namespace anigen::eval {
 namespace {
@@ -35,7 +35,7 @@ Opened open(const EvaluationRequest& request) {
   std::vector<std::string> ids;
   if (!request.truth.empty()) {
     truth = io::open_source(request.truth, {request.truth_axes});
-    ids = request.splits.empty() ? truth->ids() : select_ids(*truth, request.splits);
+    ids = request.splits.empty() ? truth->ids() : io::select_ids(*truth, request.splits);
     opened.described["ground_truth"] = truth->describe();
   }
   std::set<std::string> labels;

@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <iterator>
 #include <utility>
 
 #include "anigen/core/error.h"
@@ -94,10 +95,19 @@ std::unique_ptr<ShapeSource> open_file(const fs::path& file, const SourceOptions
       "rigs in " + (extension.empty() ? "files without extension" : extension + " files") + "; convert them to .glb");
 }
 
+/// anigen-generate writes mesh.glb with generation.json, and beside it a solid skeleton and what else was asked for.
+std::vector<fs::path> without_companions(const std::vector<fs::path>& scenes) {
+  std::vector<fs::path> generated;
+  std::copy_if(scenes.begin(), scenes.end(), std::back_inserter(generated), [](const fs::path& file) {
+    return file.filename() == "mesh.glb" && fs::is_regular_file(file.parent_path() / "generation.json");
+  });
+  return generated.empty() ? scenes : generated;
+}
+
 std::unique_ptr<ShapeSource> open_folder(const fs::path& folder, const SourceOptions& options) {
   if (fs::exists(folder / "metadata.csv") && fs::is_directory(folder / "skeleton"))
     return std::make_unique<DatasetSource>(folder, options);
-  const std::vector<fs::path> scenes = files_below(folder, kSceneExtensions);
+  const std::vector<fs::path> scenes = without_companions(files_below(folder, kSceneExtensions));
   std::vector<fs::path> npz = files_below(folder, {".npz"});
   const std::vector<fs::path> torch = files_below(folder, {".pt", ".pth"});
   std::vector<fs::path> text = files_below(folder, {".txt"});

@@ -1,4 +1,4 @@
-#include "anigen/eval/inputs/split.h"
+#include "anigen/io/rigs/split.h"
 
 #include <algorithm>
 #include <map>
@@ -8,7 +8,7 @@
 #include "anigen/core/atomic_file.h"
 #include "anigen/core/error.h"
 
-namespace anigen::eval {
+namespace anigen::io {
 
 std::vector<SplitLine> split_lines(const std::filesystem::path& file) {
   constexpr std::string_view kBlanks = " \t\r\v\f";
@@ -34,7 +34,7 @@ std::vector<SplitLine> read_split(const std::filesystem::path& file) {
   return lines;
 }
 
-std::vector<std::string> select_ids(const io::ShapeSource& source, const std::vector<std::filesystem::path>& splits) {
+std::vector<std::string> select_ids(const ShapeSource& source, const std::vector<std::filesystem::path>& splits) {
   const std::vector<std::string> all = source.ids();
   if (splits.empty()) return all;
   const std::set<std::string> known(all.begin(), all.end());
@@ -64,4 +64,4 @@ std::vector<std::string> select_ids(const io::ShapeSource& source, const std::ve
   return selected;
 }
 
-}  // namespace anigen::eval
+}  // namespace anigen::io

@@ -5,7 +5,7 @@
 
 #include "anigen/io/rigs/shape_source.h"
 
-namespace anigen::eval {
+namespace anigen::io {
 
 /// One id of a split file.
 struct SplitLine {
@@ -23,6 +23,6 @@ std::vector<SplitLine> read_split(const std::filesystem::path& file);
 /// The source's ids that the split files name, each once, in the source's order; all of them without split files.
 /// A line may also give one of a shape's short_names, where no other shape has it.
 /// @throws InputError naming the line for an id that the source does not have
-std::vector<std::string> select_ids(const io::ShapeSource& source, const std::vector<std::filesystem::path>& splits);
+std::vector<std::string> select_ids(const ShapeSource& source, const std::vector<std::filesystem::path>& splits);
 
-}  // namespace anigen::eval
+}  // namespace anigen::io

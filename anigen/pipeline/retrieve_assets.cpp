@@ -1,0 +1,157 @@
+#include "anigen/pipeline/retrieve_assets.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <utility>
+
+#include "anigen/core/atomic_file.h"
+#include "anigen/core/error.h"
+#include "anigen/core/interrupt.h"
+#include "anigen/core/log.h"
+#include "anigen/core/parallel.h"
+#include "anigen/core/progress.h"
+#include "anigen/io/gltf.h"
+#include "anigen/io/rigs/dataset_source.h"
+#include "anigen/io/rigs/split.h"
+#include "anigen/pipeline/generate_assets.h"
+#include "anigen/pipeline/picture_cells.h"
+#include "anigen/raytrace/views/transforms_json.h"
+
+namespace anigen::pipeline {
+namespace {
+
+namespace fs = std::filesystem;
+using torch::Tensor;
+
+constexpr int kSide = 112;  // pixels to which pictures are reduced first
+
+/// The condition views of a data set's assets.
+class Gallery {
+ public:
+  explicit Gallery(const RetrievalRequest& request) : source_(request.dataset), folder_(request.dataset) {
+    for (const std::string& id : io::select_ids(source_, request.splits)) {
+      std::error_code error;
+      if (fs::is_regular_file(folder_ / "renders_cond" / id / "transforms.json", error)) ids_.push_back(id);
+    }
+    if (ids_.empty()) {
+      throw InputError(folder_.string(), "renders_cond",
+                       "no asset has condition views; anigen-prepare --cond-views makes them");
+    }
+    look(request.views);
+  }
+
+  struct Nearest {
+    std::string id;
+    double distance;
+  };
+  /// @param cells [1, C]
+  Nearest nearest(const Tensor& cells) const {
+    const Tensor distances = (cells_ - cells).square().mean(1);
+    const std::int64_t row = distances.argmin().item<std::int64_t>();
+    return {ids_[owners_[static_cast<std::size_t>(row)]], std::sqrt(distances[row].item<double>())};
+  }
+
+  void write(const std::string& id, const fs::path& file) const {
+    const fs::path own = folder_ / "assets" / (id + ".glb");
+    std::error_code error;
+    if (fs::is_regular_file(own, error)) {
+      write_file_atomically(file, read_file(own));
+    } else {
+      io::write_gltf(file, io::to_asset(source_.read(id)));
+    }
+  }
+
+ private:
+  void look(std::size_t most) {
+    std::vector<std::vector<Tensor>> views(ids_.size());
+    Progress progress("looking at the data set", ids_.size(), "assets");
+    parallel_for(ids_.size(), [&](std::size_t i) {
+      throw_if_interrupted();
+      const fs::path folder = folder_ / "renders_cond" / ids_[i];
+      const auto frames = raytrace::read_transforms(folder / "transforms.json").frames;
+      const std::size_t count = most == 0 ? frames.size() : std::min(most, frames.size());
+      for (std::size_t f = 0; f < count; ++f) {
+        const fs::path file = folder / frames[f].file_path;
+        const io::Image seen = features::inference_image(io::read_image(file), kSide, file.string());
+        views[i].push_back(picture_cells(features::color_tensor(seen).unsqueeze(0)));
+      }
+      progress.advance();
+    });
+    progress.finish();
+    std::vector<Tensor> rows;
+    for (std::size_t i = 0; i < views.size(); ++i) {
+      for (Tensor& view : views[i]) {
+        rows.push_back(std::move(view));
+        owners_.push_back(i);
+      }
+    }
+    if (rows.empty()) throw InputError(folder_.string(), "renders_cond", "its transforms.json list no views");
+    cells_ = torch::cat(rows);
+  }
+
+  io::DatasetSource source_;
+  fs::path folder_;
+  std::vector<std::string> ids_;
+  std::vector<std::size_t> owners_;  // of the rows, indices of ids_
+  Tensor cells_;                     // [views of all, C]
+};
+
+}  // namespace
+
+std::vector<RetrievalReport> retrieve_assets(const RetrievalRequest& request, const std::vector<fs::path>& pictures) {
+  require_distinct_names(pictures);
+  PreprocessingOptions options = request.pictures;
+  options.size = kSide;
+  ImagePreprocessor preprocessor(options);
+  const Gallery gallery(request);
+  std::vector<RetrievalReport> reports;
+  for (const fs::path& picture : pictures) {
+    throw_if_interrupted();
+    RetrievalReport report;
+    report.name = picture.stem().string();
+    report.file = request.output / report.name / "mesh.glb";
+    try {
+      const Gallery::Nearest nearest = gallery.nearest(picture_cells(preprocessor.run(picture).picture_tensor));
+      report.asset = nearest.id;
+      report.distance = nearest.distance;
+      gallery.write(nearest.id, report.file);
+      const Json details = {{"retrieved", nearest.id},
+                            {"distance", nearest.distance},
+                            {"dataset", fs::absolute(request.dataset).lexically_normal().string()}};
+      write_file_atomically(report.file.parent_path() / "generation.json", details.dump(2) + "\n");
+    } catch (const InputError& error) {
+      report.failure = error.what();
+      log::warn("{}: {}", report.name, report.failure);
+    }
+    reports.push_back(std::move(report));
+  }
+  return reports;
+}
+
+Json to_json(const std::vector<RetrievalReport>& reports) {
+  Json list = Json::array();
+  for (const RetrievalReport& report : reports) {
+    Json one = {{"name", report.name}, {"file", report.file.string()}};
+    if (report.failure.empty()) {
+      one["asset"] = report.asset;
+      one["distance"] = report.distance;
+    } else {
+      one["failure"] = report.failure;
+    }
+    list.push_back(std::move(one));
+  }
+  return list;
+}
+
+std::string to_text(const std::vector<RetrievalReport>& reports) {
+  std::string text;
+  for (const RetrievalReport& report : reports) {
+    char distance[48];
+    std::snprintf(distance, sizeof distance, ", colours differ by %.3f\n", report.distance);
+    text += report.name + ": " + (report.failure.empty() ? report.asset + distance : report.failure + "\n");
+  }
+  return text;
+}
+
+}  // namespace anigen::pipeline

@@ -1,0 +1,38 @@
+#pragma once
+#include <cstddef>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "anigen/core/json.h"
+#include "anigen/pipeline/image_preprocessing.h"
+
+namespace anigen::pipeline {
+
+struct RetrievalRequest {
+  std::filesystem::path dataset;              ///< with renders_cond/
+  std::vector<std::filesystem::path> splits;  ///< of what may be answered; none: all
+  std::size_t views = 0;                      ///< condition views looked at per asset; 0: all
+  PreprocessingOptions pictures;              ///< of the pictures asked about
+  std::filesystem::path output;               ///< <picture's name>/mesh.glb and generation.json, as generation writes
+};
+
+struct RetrievalReport {
+  std::string name;
+  std::filesystem::path file;
+  std::string failure;    ///< empty: there is a file
+  std::string asset;      ///< the data set's answer
+  double distance = 0.0;  ///< root of the mean squared difference of colours in [0, 1]
+};
+
+/// The baseline that invents nothing: each picture is answered with the asset of a data set that has the most similar
+/// condition view. Both are cropped and put on black as generation does, and compared by the means of colour over
+/// 16 × 16 cells. A picture that cannot be used is reported and does not stop the others.
+/// @throws InputError when the data set has no condition views, or two pictures have one name
+std::vector<RetrievalReport> retrieve_assets(const RetrievalRequest& request,
+                                             const std::vector<std::filesystem::path>& pictures);
+
+Json to_json(const std::vector<RetrievalReport>& reports);
+std::string to_text(const std::vector<RetrievalReport>& reports);
+
+}  // namespace anigen::pipeline

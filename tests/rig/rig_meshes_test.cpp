@@ -1,0 +1,96 @@
+#include "anigen/rig/rig_meshes.h"
+
+#include <gtest/gtest.h>
+
+#include "anigen/asset/validate.h"
+#include "anigen/core/atomic_file.h"
+#include "anigen/core/error.h"
+#include "tests/support/paths.h"
+#include "tests/support/rig_files.h"
+
+namespace anigen::rig {
+namespace {
+
+namespace fs = std::filesystem;
+using test::RigFile;
+
+class RigMeshes : public testing::Test {
+ protected:
+  RigMeshes() {
+    RigFile low = rig_, high = rig_;
+    for (std::size_t i = 2; i < low.joints.size(); i += 3) {
+      low.joints[i] -= 0.3;
+      high.joints[i] += 0.4;
+    }
+    fs::create_directories(folder_ / "rigs");
+    fs::create_directories(folder_ / "meshes/deep");
+    test::write_glb(folder_ / "rigs/low.glb", low);
+    test::write_glb(folder_ / "rigs/middle.glb", rig_);
+    test::write_glb(folder_ / "rigs/high.glb", high);
+    RigFile large = rig_;
+    for (float& x : large.vertices) x = 2.0F * x + 1.0F;
+    test::write_glb(folder_ / "meshes/deep/large.glb", large);
+    test::write_glb(folder_ / "meshes/same.glb", rig_);
+    request_.meshes = folder_ / "meshes";
+    request_.skeletons = folder_ / "rigs";
+    request_.out = folder_ / "out";
+  }
+
+  test::TemporaryFolder folder_;
+  const RigFile rig_;
+  RigRequest request_;
+};
+
+TEST_F(RigMeshes, PlaceTheMiddleSkeletonInEveryBox) {
+  const RigReports reports = rig_meshes(request_);
+  EXPECT_EQ(reports.skeleton, "middle");
+  ASSERT_EQ(reports.meshes.size(), 2u);
+  for (const RigReport& report : reports.meshes) {
+    EXPECT_EQ(report.failure, "");
+    const Asset asset = io::read_gltf(report.file).asset;
+    EXPECT_TRUE(validate(asset).empty());
+    EXPECT_EQ(asset.skeleton.size(), static_cast<std::size_t>(rig_.joint_count()));
+    EXPECT_EQ(asset.skin.largest_row(), 1u);
+    const double scale = report.id == "same" ? 1.0 : 2.0, offset = report.id == "same" ? 0.0 : 1.0;
+    const auto joints = asset.skeleton.positions();
+    for (std::size_t j = 0; j < joints.size(); ++j) {
+      const Eigen::Vector3d expected(rig_.joints[3 * j], rig_.joints[3 * j + 1], rig_.joints[3 * j + 2]);
+      EXPECT_LT((joints[j] - (scale * expected + Eigen::Vector3d::Constant(offset))).norm(), 1e-5);
+    }
+  }
+  EXPECT_TRUE(fs::exists(folder_ / "out/deep/large.glb"));
+  EXPECT_EQ(to_json(reports)["meshes"].size(), 2u);
+}
+
+TEST_F(RigMeshes, ASplitChoosesTheSkeletons) {
+  write_file_atomically(folder_ / "split.txt", "high\n");
+  request_.splits = {folder_ / "split.txt"};
+  EXPECT_EQ(rig_meshes(request_).skeleton, "high");
+}
+
+TEST_F(RigMeshes, OneFileForOneFile) {
+  request_.meshes = folder_ / "meshes/same.glb";
+  request_.out = folder_ / "one.glb";
+  rig_meshes(request_);
+  EXPECT_TRUE(fs::is_regular_file(folder_ / "one.glb"));
+}
+
+TEST_F(RigMeshes, ABrokenMeshIsReportedAndTheOthersAreRigged) {
+  write_file_atomically(folder_ / "meshes/broken.glb", "glTF");
+  const RigReports reports = rig_meshes(request_);
+  ASSERT_EQ(reports.meshes.size(), 3u);
+  EXPECT_NE(reports.meshes[0].failure, "");
+  EXPECT_FALSE(fs::exists(reports.meshes[0].file));
+  EXPECT_NE(to_text(reports).find("broken: "), std::string::npos);
+  EXPECT_EQ(reports.meshes[1].failure + reports.meshes[2].failure, "");
+}
+
+TEST_F(RigMeshes, ACollectionWithoutSkeletonsIsRefused) {
+  fs::create_directories(folder_ / "nothing");
+  write_file_atomically(folder_ / "nothing/broken.glb", "glTF");
+  request_.skeletons = folder_ / "nothing";
+  EXPECT_THROW(rig_meshes(request_), InputError);
+}
+
+}  // namespace
+}  // namespace anigen::rig
