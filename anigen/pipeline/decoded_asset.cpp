@@ -2,12 +2,12 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <limits>
 #include <utility>
 #include <vector>
 
 #include "anigen/core/error.h"
+#include "anigen/geometry/joint_names.h"
 #include "anigen/geometry/skeleton_repair.h"
 #include "anigen/nn/shape_text.h"
 #include "anigen/raytrace/srgb.h"
@@ -100,12 +100,6 @@ struct OrderedSkeleton {
   std::vector<std::int32_t> new_index;  ///< by decoded joint
 };
 
-std::string joint_name(std::size_t joint) {
-  char text[32];
-  std::snprintf(text, sizeof text, "joint_%03zu", joint);
-  return text;
-}
-
 OrderedSkeleton skeleton_of(const fields::SkeletonTensors& decoded) {
   const std::vector<Eigen::Vector3f> joints = checked_points(decoded.joints, "joints");
   if (joints.empty()) throw InputError("", "joints", "the decoded skeleton has no joints");
@@ -121,14 +115,12 @@ OrderedSkeleton skeleton_of(const fields::SkeletonTensors& decoded) {
   OrderedSkeleton ordered;
   ordered.new_index.resize(joints.size());
   std::vector<Eigen::Vector3d> positions;
-  std::vector<std::string> names;
   for (std::size_t j = 0; j < tree.order.size(); ++j) {
     const auto old = static_cast<std::size_t>(tree.order[j]);
     ordered.new_index[old] = static_cast<std::int32_t>(j);
     positions.emplace_back(joints[old].cast<double>());
-    names.push_back(joint_name(j));
   }
-  ordered.skeleton = skeleton_from_joints(positions, tree.parents, names);
+  ordered.skeleton = skeleton_from_joints(positions, tree.parents, geometry::joint_names(positions, tree.parents));
   return ordered;
 }
 

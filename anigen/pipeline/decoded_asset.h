@@ -20,9 +20,9 @@ using SkinWeightRows = std::function<torch::Tensor(std::int64_t begin, std::int6
 
 /// A decoded asset as the world outside knows it, ready for io::write_gltf: the mesh with vertex normals; the decoder's
 /// colours, which are those of pictures (sRGB), as linear vertex colours; the skeleton repaired as published and then
-/// as one tree with the root first (geometry::one_rooted_tree), joints called joint_000, joint_001, … in its order;
-/// skin weights sparse, their columns in the same order, rows divided by the sum of what is left. The frame stays:
-/// object space is the project's world. Vertices keep their order.
+/// as one tree with the root first (geometry::one_rooted_tree), joints called by chain and side
+/// (geometry::joint_names); skin weights sparse, their columns in the same order, rows divided by the sum of what is
+/// left. The frame stays: object space is the project's world. Vertices keep their order.
 /// @param weights asked for chunk by chunk in ascending order, so that [V, J] never needs to exist
 /// @throws InputError without a surface or joints; on shapes that do not fit; naming what is not finite (a vertex,
 /// joint,

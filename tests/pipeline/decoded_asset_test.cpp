@@ -57,7 +57,7 @@ TEST(DecodedAsset, IsASoundAssetWithOneTree) {
   EXPECT_EQ(validate(asset), std::vector<std::string>{});
   // Joint 1 is nearer to joint 2 and goes to it; joint 0 stays below joint 1: decoded 2, 1, 0.
   EXPECT_EQ(asset.skeleton.parents, (std::vector<int>{-1, 0, 1}));
-  EXPECT_EQ(asset.skeleton.names, (std::vector<std::string>{"joint_000", "joint_001", "joint_002"}));
+  EXPECT_EQ(asset.skeleton.names, (std::vector<std::string>{"chain_0_00", "chain_0_01", "chain_0_02"}));
   EXPECT_NEAR(asset.skeleton.positions()[0].z(), 0.1, 1e-6);
   EXPECT_NEAR(asset.skeleton.positions()[2].z(), 0.3, 1e-6);
 }
