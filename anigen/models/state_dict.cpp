@@ -2,9 +2,11 @@
 
 #include <algorithm>
 #include <set>
+#include <type_traits>
 #include <unordered_map>
 #include <unordered_set>
 #include <utility>
+#include <vector>
 
 #include "anigen/core/error.h"
 #include "anigen/models/half_precision.h"
@@ -58,14 +60,19 @@ io::NamedArrays state_dict(const torch::nn::Module& module) {
   return arrays;
 }
 
-LoadReport load_state_dict(torch::nn::Module& module, const io::NamedArrays& arrays, LoadMode mode,
-                           const std::string& source) {
-  std::unordered_map<std::string, const io::NdArray*> by_key;
-  for (const auto& [key, array] : arrays) by_key[key] = &array;
+namespace {
+
+/// @param done called with each array when it is in the model
+template <typename Arrays, typename Done>
+LoadReport load_arrays(torch::nn::Module& module, Arrays& arrays, LoadMode mode, const std::string& source,
+                       const Done& done) {
+  using Array = std::remove_reference_t<decltype((arrays.begin()->second))>;
+  std::unordered_map<std::string, Array*> by_key;
+  for (auto& [key, array] : arrays) by_key[key] = &array;
 
   LoadReport report;
   std::unordered_set<std::string> used;
-  std::vector<std::pair<Tensor, const io::NdArray*>> copies;
+  std::vector<std::pair<Tensor, Array*>> copies;
   for (const StateEntry& entry : state_entries(module)) {
     const auto found = by_key.find(entry.key);
     if (found == by_key.end()) {
@@ -87,8 +94,24 @@ LoadReport load_state_dict(torch::nn::Module& module, const io::NamedArrays& arr
   if (mode == LoadMode::kStrict) check_strict(report, source);
 
   const torch::NoGradGuard no_grad;
-  for (auto& [tensor, array] : copies) tensor.copy_(to_tensor(*array));
+  for (auto& [tensor, array] : copies) {
+    tensor.copy_(to_tensor(*array));
+    done(*array);
+  }
   return report;
+}
+
+}  // namespace
+
+LoadReport load_state_dict(torch::nn::Module& module, const io::NamedArrays& arrays, LoadMode mode,
+                           const std::string& source) {
+  return load_arrays(module, arrays, mode, source, [](const io::NdArray&) {});
+}
+
+LoadReport load_state_dict(torch::nn::Module& module, io::NamedArrays&& arrays, LoadMode mode,
+                           const std::string& source) {
+  return load_arrays(module, arrays, mode, source,
+                     [](io::NdArray& array) { std::vector<std::uint8_t>().swap(array.bytes); });
 }
 
 std::vector<torch::Dtype> published_dtypes(const torch::nn::Module& module,

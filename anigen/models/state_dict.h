@@ -38,6 +38,10 @@ struct LoadReport {
 ///   missing and unexpected keys
 LoadReport load_state_dict(torch::nn::Module& module, const io::NamedArrays& arrays, LoadMode mode,
                            const std::string& source = "");
+/// The same, giving back each array's bytes as soon as they are in the model: a file of gigabytes then needs its size
+/// once, since memory that a model was given without initial values is not used before it is written.
+LoadReport load_state_dict(torch::nn::Module& module, io::NamedArrays&& arrays, LoadMode mode,
+                           const std::string& source = "");
 
 /// The dtype that each entry has in the published system: fp16 for the parameters of Linear and convolution layers
 /// below one of the named modules ("skin_decoder.blocks_skin") and for parameters that are named themselves, fp32 for

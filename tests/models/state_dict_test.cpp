@@ -50,6 +50,17 @@ TEST(StateDict, RoundTrip) {
   EXPECT_TRUE(to->layer->weight.requires_grad());
 }
 
+TEST(StateDict, GivesBackTheBytesOfArraysThatMayBeUsedUp) {
+  const Small from;
+  Small to;
+  io::NamedArrays arrays = state_dict(*from);
+  load_state_dict(*to, arrays, LoadMode::kStrict);
+  EXPECT_FALSE(arrays[0].second.bytes.empty());
+  load_state_dict(*to, std::move(arrays), LoadMode::kStrict);
+  for (const auto& [key, array] : arrays) EXPECT_EQ(array.bytes.capacity(), 0U) << key;  // NOLINT: looked at on purpose
+  EXPECT_TRUE(torch::equal(to->scale, from->scale));
+}
+
 TEST(StateDict, NonStrictReportsAndLeavesTheRestAlone) {
   Small model;
   const LoadReport report =
