@@ -1,8 +1,13 @@
 #include <cstdio>
+#include <filesystem>
+#include <string>
+#include <utility>
+#include <vector>
 
 #include "anigen/apps/common/command_line.h"
 #include "anigen/core/error.h"
 #include "anigen/core/parallel.h"
+#include "anigen/pipeline/flow_runs.h"
 #include "anigen/pipeline/generate_assets.h"
 
 namespace {
@@ -10,7 +15,9 @@ namespace {
 using namespace anigen;
 
 struct Words {
-  std::string image, background = "auto", normals = "color", structure_condition = "trained", precision = "fp32";
+  std::string image, checkpoint, background = "auto", normals = "color", structure_condition = "trained",
+                                 precision = "fp32", solver;
+  std::vector<double> structure_interval, latent_interval;
   double structure_strength = -1, latent_strength = -1, rescale = 0, joint_density = -1;
   std::int64_t structure_steps = 0, latent_steps = 0, joints = 0;
   int level = -1;
@@ -19,10 +26,10 @@ struct Words {
 
 void add_model_options(CLI::App& app, pipeline::GenerateRequest& request, Words& words) {
   app.add_option("--image", words.image, "Picture, or folder of pictures")->required();
-  app.add_option("--ss-flow", request.models.structure_flow, "Run folder of stage 4, trained here or published")
-      ->required();
-  app.add_option("--slat-flow", request.models.latent_flow, "Run folder of stage 5, trained here or published")
-      ->required();
+  app.add_option("--checkpoint", words.checkpoint,
+                 "Folder with the runs of both flows, such as the released ckpts/; of variants the published defaults");
+  app.add_option("--ss-flow", request.models.structure_flow, "Run folder of stage 4, trained here or published");
+  app.add_option("--slat-flow", request.models.latent_flow, "Run folder of stage 5, trained here or published");
   app.add_option("--ss-dae", request.models.structure_autoencoder, "Run folder of stage 2 [the one its flow names]");
   app.add_option("--slat-dae", request.models.latent_autoencoder, "Run folder of stage 3 [the one its flow names]");
   app.add_option("--output", request.output, "Folder; every picture gets one of its name in it")->required();
@@ -60,6 +67,13 @@ void add_sampling_options(CLI::App& app, Words& words) {
   app.add_option("--cfg-scale", words.latent_strength, "Extra weight of guidance in stage 5, 0: none [config]");
   app.add_option("--steps-ss", words.structure_steps, "Steps of stage 4 [config]");
   app.add_option("--steps", words.latent_steps, "Steps of stage 5 [config]");
+  app.add_option("--cfg-interval-ss", words.structure_interval, "Guide stage 4 only at times between the two [config]")
+      ->expected(2);
+  app.add_option("--cfg-interval", words.latent_interval,
+                 "Guide stage 5 only at times between the two, 1: noise [config]")
+      ->expected(2);
+  app.add_option("--solver", words.solver, "euler; midpoint and heun take two passes per step [config]")
+      ->check(CLI::IsMember({"euler", "midpoint", "heun"}));
   app.add_option("--joints", words.joints, "Wanted number of joints, for flows trained with it");
   app.add_option("--joint-density", words.joint_density, "The same as a share of 60 joints, 0 … 1");
   app.add_option("--joint-level", words.level, "The same by the published levels 0 … 4: none, 10, 15, 25, 35 joints");
@@ -81,6 +95,7 @@ void add_finishing_options(CLI::App& app, pipeline::GenerateRequest& request, Wo
       ->default_str("gltf")
       ->check(CLI::IsMember({"gltf", "published"}))
       ->each([&request](const std::string& word) { request.published_axes = word == "published"; });
+  app.add_flag("--obj", request.obj, "Also mesh.obj and mesh.rig.json");
   app.add_flag("--intermediate", request.intermediate, "Also voxels.png, votes.glb and dense.glb");
 }
 
@@ -98,7 +113,21 @@ std::int64_t wanted_joints(const Words& words) {
   return words.joints;
 }
 
+/// What --checkpoint leaves to be found.
+void find_runs(pipeline::GenerateRequest& request, const Words& words) {
+  std::filesystem::path &structure = request.models.structure_flow, &latents = request.models.latent_flow;
+  if (!structure.empty() && !latents.empty()) return;
+  if (words.checkpoint.empty()) {
+    throw InputError("", structure.empty() ? "--ss-flow" : "--slat-flow",
+                     "name the runs of both flows, or the folder of both with --checkpoint");
+  }
+  const pipeline::FlowRuns found = pipeline::find_flow_runs(words.checkpoint, wanted_joints(words) > 0);
+  if (structure.empty()) structure = found.structure;
+  if (latents.empty()) latents = found.latents;
+}
+
 void settle(pipeline::GenerateRequest& request, const Words& words, const CommonOptions& common) {
+  find_runs(request, words);
   if (common.seed_given) request.sampling.seed = common.seed;
   request.models.device = common.device;
   if (words.averages && words.no_averages) throw InputError("", "--use-ema", "contradicts --no-ema");
@@ -117,6 +146,10 @@ void settle(pipeline::GenerateRequest& request, const Words& words, const Common
   if (words.latent_strength >= 0) latents.cfg_strength = words.latent_strength;
   if (words.structure_steps != 0) structure.steps = words.structure_steps;
   if (words.latent_steps != 0) latents.steps = words.latent_steps;
+  const auto interval = [](const std::vector<double>& ends) { return std::make_pair(ends[0], ends[1]); };
+  if (!words.structure_interval.empty()) structure.cfg_interval = interval(words.structure_interval);
+  if (!words.latent_interval.empty()) latents.cfg_interval = interval(words.latent_interval);
+  if (!words.solver.empty()) structure.solver = latents.solver = flow::parse_solver(words.solver);
   request.sampling.joints = wanted_joints(words);
   request.finishing.remove_hidden = !words.keep_hidden;
   request.finishing.filter_skin = !words.keep_weights;
@@ -129,7 +162,7 @@ int main(int argc, char** argv) {
   CLI::App app{
       "Makes a rigged GLB of a picture: mesh, skeleton and skin weights.\n\n"
       "  anigen-generate --image frog.png --ss-flow runs/ss_flow --slat-flow runs/slat_flow --output results\n"
-      "  anigen-generate --image photos/ --ss-flow ckpts/anigen/ss_flow_duet --slat-flow ckpts/anigen/slat_flow_auto\n"
+      "  anigen-generate --image photos/ --checkpoint ckpts/ --ss-flow ckpts/anigen/ss_flow_duet\n"
       "    --normals estimator --normal-weights ckpts/dsine/dsine.pt --precision bf16 --low-memory --output results\n"};
   CommonOptions common;
   pipeline::GenerateRequest request;

@@ -7,6 +7,9 @@
 #include "anigen/eval/inspect/file_table.h"
 #include "anigen/eval/inspect/influence_loss.h"
 #include "anigen/eval/inspect/inspect.h"
+#ifdef ANIGEN_WITH_TORCH
+#include "anigen/pipeline/run_weights.h"
+#endif
 
 namespace {
 
@@ -16,7 +19,7 @@ struct InspectOptions {
   std::vector<std::string> files;
   std::string picture, exported, axes = "gltf";
   std::size_t influences = 4;
-  bool influence_loss = false, keep_going = false;
+  bool influence_loss = false, keep_going = false, weights = false;
 };
 
 /// What only assets can be asked for.
@@ -33,6 +36,29 @@ void use_asset(const io::ImportedAsset& imported, const InspectOptions& options,
   }
 }
 
+/// What a run folder's checkpoints lack.
+Json weights_of(const std::string& run) {
+#ifdef ANIGEN_WITH_TORCH
+  return pipeline::describe_weights(run);
+#else
+  throw NotSupportedError(run, "", "--weights in a build without LibTorch");
+#endif
+}
+
+/// One sentence about the first model whose weights are not all there; empty when all are.
+std::string first_incomplete(const Json& weights) {
+  for (const auto& [model, found] : weights.items()) {
+    if (found["complete"]) continue;
+    if (found.contains("problem")) return model + ": " + found["problem"].get<std::string>();
+    for (const char* what : {"missing", "misshapen", "unexpected"}) {
+      if (!found.contains(what)) continue;
+      return model + ", " + found["checkpoint"].get<std::string>() + ": " + found[what]["count"].dump() + " " + what +
+             " tensors, the first " + found[what]["first"].get<std::string>();
+    }
+  }
+  return "";
+}
+
 eval::InspectedFile inspect_one(const std::string& file, const InspectOptions& options) {
   eval::InspectedFile result{file, {}, ""};
   try {
@@ -46,6 +72,11 @@ eval::InspectedFile inspect_one(const std::string& file, const InspectOptions& o
         throw InputError(file, "", "--picture, --export and --influence-loss need a .glb or .gltf");
       }
       result.description = eval::inspect(file);
+      if (options.weights) {
+        const Json weights = weights_of(file);
+        result.rejection = first_incomplete(weights);
+        result.description["weights"] = weights;
+      }
     }
   } catch (const InputError& error) {
     result.rejection = error.what();
@@ -88,7 +119,8 @@ int main(int argc, char** argv) {
       "  anigen-inspect fox.glb --picture fox.png\n"
       "  anigen-inspect models/*.glb --influence-loss --keep-going\n"
       "  anigen-inspect fox.gltf --export fox.glb --influences 8\n"
-      "  anigen-inspect runs/skin_ae --json"};
+      "  anigen-inspect runs/skin_ae --json\n"
+      "  anigen-inspect ckpts/anigen/* --weights"};
   CommonOptions common;
   InspectOptions options;
   app.add_option("files", options.files, "Files or folders")->required();
@@ -101,6 +133,8 @@ int main(int argc, char** argv) {
       ->capture_default_str()
       ->check(CLI::IsMember({"gltf", "published"}));
   app.add_flag("--influence-loss", options.influence_loss, "What keeping only so many influences changes");
+  app.add_flag("--weights", options.weights,
+               "Of a run or a published folder: do its checkpoints hold what config.json asks for?");
   app.add_flag("--keep-going", options.keep_going, "Exit 0 even when files were rejected");
   add_common_options(app, common);
   return run_command(app, common, argc, argv, [&] { run(options, common.json); });

@@ -19,6 +19,7 @@
 #include "anigen/io/checkpoint_folder.h"
 #include "anigen/io/gltf.h"
 #include "anigen/io/gltf/export_axes.h"
+#include "anigen/io/obj_rig.h"
 #include "anigen/pipeline/device.h"
 #include "anigen/pipeline/votes_cloud.h"
 #include "anigen/raytrace/contact_sheet.h"
@@ -104,6 +105,7 @@ io::Image preview(const io::Image& picture, const GeneratedAsset& made, const As
 Json sampler_json(const SamplerOverrides& overrides) {
   Json json = Json::object();
   if (overrides.steps) json["steps"] = *overrides.steps;
+  if (overrides.solver) json["solver"] = flow::word_of(*overrides.solver);
   if (overrides.cfg_strength) json["cfg_strength"] = *overrides.cfg_strength;
   if (overrides.rescale_t) json["rescale_t"] = *overrides.rescale_t;
   if (overrides.cfg_interval) json["cfg_interval"] = {overrides.cfg_interval->first, overrides.cfg_interval->second};
@@ -148,6 +150,7 @@ Json settings_of(const GenerateRequest& request, const std::vector<fs::path>& ru
           {"averages", static_cast<int>(request.models.averages)},
           {"precision", request.models.precision == torch::kFloat32 ? "fp32" : "bf16"},
           {"published_axes", request.published_axes},
+          {"obj", request.obj},
           {"finishing",
            {{"reduction", finishing.reduction},
             {"remove_hidden", finishing.remove_hidden},
@@ -215,6 +218,7 @@ class Generation {
     io::write_png(report.folder / "processed_image.png", second.picture);
     if (normals) io::write_png(report.folder / "processed_normal.png", first.normals);
     io::write_gltf(report.folder / "mesh.glb", finished.asset, axes);
+    if (request_.obj) io::write_obj_rig(report.folder / "mesh.obj", finished.asset, axes.axes);
     io::write_gltf(report.folder / "skeleton.glb", skeleton_asset(finished.asset), axes);
     io::write_png(report.folder / "preview.png", preview(second.picture, made, finished.asset));
     if (request_.intermediate) {
@@ -245,14 +249,6 @@ class Generation {
   ConditionPictures pictures_;
 };
 
-/// Two pictures of one name would overwrite each other's asset.
-void require_distinct(const std::vector<std::string>& names) {
-  std::set<std::string> seen;
-  for (const std::string& name : names) {
-    if (!seen.insert(name).second) throw InputError("", "--image", "two pictures have the name '" + name + "'");
-  }
-}
-
 }  // namespace
 
 std::vector<fs::path> pictures_at(const fs::path& path) {
@@ -269,6 +265,14 @@ std::vector<fs::path> pictures_at(const fs::path& path) {
   return pictures;
 }
 
+void require_distinct_names(const std::vector<fs::path>& pictures) {
+  std::set<std::string> seen;
+  for (const fs::path& picture : pictures) {
+    const std::string name = picture.stem().string();
+    if (!seen.insert(name).second) throw InputError("", "--image", "two pictures have the name '" + name + "'");
+  }
+}
+
 std::vector<GenerationReport> generate_assets(const GenerateRequest& request, const std::vector<fs::path>& pictures) {
   request.finishing.validate();
   std::vector<std::string> names;
@@ -277,7 +281,7 @@ std::vector<GenerationReport> generate_assets(const GenerateRequest& request, co
     if (pictures.size() != 1) throw InputError("", "--name", "is for one picture");
     names.front() = request.name;
   }
-  require_distinct(names);
+  require_distinct_names(pictures);
   if (!request.normal_map.empty() && pictures.size() != 1) {
     throw InputError("", "--normal-map", "is for one picture");
   }

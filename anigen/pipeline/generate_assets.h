@@ -17,6 +17,7 @@ struct GenerateRequest {
   std::filesystem::path estimator_weights;  ///< for NormalSource::kEstimator
   FinishingOptions finishing;
   bool published_axes = false;   ///< (−x, z, y) in the file, as the published exporter writes; else (x, z, −y)
+  bool obj = false;              ///< also mesh.obj and mesh.rig.json, see io/obj_rig.h
   bool intermediate = false;     ///< also what the stages gave: voxels, votes, the dense mesh
   bool again = false;            ///< also assets whose files are there
   std::filesystem::path output;  ///< folder; each asset gets one of its own, of the picture's name
@@ -35,6 +36,9 @@ struct GenerationReport {
 /// A picture, or the pictures directly in a folder by name: png, jpg, jpeg, webp, bmp, tif, tiff.
 /// @throws InputError when there is none
 std::vector<std::filesystem::path> pictures_at(const std::filesystem::path& path);
+
+/// @throws InputError when two pictures have one name, whose assets would overwrite each other
+void require_distinct_names(const std::vector<std::filesystem::path>& pictures);
 
 /// Pictures to rigged GLB files. For each `<output>/<name>/`: mesh.glb, skeleton.glb, processed_image.png,
 /// processed_normal.png where normals were seen, preview.png, and generation.json, written last: what made it (runs,
