@@ -1,41 +1,91 @@
 #!/usr/bin/env bash
-# Installs, builds, and runs the main job on the embedded dataset: make creatures, train SkinAE, reconstruct skin
-# weights of creatures and rigs it has never seen, compare with what anyone would try, write a report.
-#   scripts/quickstart.sh [--smallest] [--minutes M] [--creatures N] [--rigs FOLDER] [--output FOLDER]
-#     --smallest       a minute instead of about ten: few creatures, a short training
-#     --minutes M      training time (default 5)
-#     --creatures N    procedural creatures to train on (default 600)
+# Installs, builds, and runs the whole system on the embedded dataset: makes creatures, trains all five stages, makes
+# rigged assets from pictures of creatures it has never seen, compares them with two baselines, writes reports. So much
+# training proves that the machinery works, not how good it can be.
+#   scripts/quickstart.sh [--smallest] [--length F] [--creatures N] [--rigs FOLDER] [--output FOLDER]
+#     --smallest       two minutes instead of fifteen: few creatures, a few steps of each stage
+#     --length F       F times as many training steps (default 1)
+#     --creatures N    procedural creatures to train on (default 240)
 #     --rigs FOLDER    rigged GLB/glTF files to add: two thirds are trained on, the rest is evaluated
 #     --output FOLDER  where everything goes (default runs/quickstart)
+# Again with the same --output: what is done is kept, and an interrupted training resumes.
 set -euo pipefail
 here=$PWD
 cd "$(dirname "$0")/.."
 
-minutes=5 creatures=600 held_out=60 output=runs/quickstart rigs=
+creatures=240 held_out=16 length=1 pictures=6 samples=1 output=runs/quickstart rigs=
+steps=(900 150 220 90 70)  # of the five stages
 if [ -d ../shared/assets/rigged ]; then rigs=$PWD/../shared/assets/rigged; fi
 while [ $# -gt 0 ]; do
   case $1 in
-    --smallest) minutes=0.5 creatures=60 held_out=12 output=runs/quickstart-smallest; shift ;;
-    --minutes) minutes=$2; shift 2 ;;
+    --smallest) creatures=24 held_out=4 pictures=2 samples=0 steps=(60 40 20 6 6) output=runs/quickstart-smallest rigs=; shift ;;
+    --length) length=$2; shift 2 ;;
     --creatures) creatures=$2; shift 2 ;;
     --rigs) rigs=$(cd "$here" && cd "$2" && pwd); shift 2 ;;
     --output) output=$2; shift 2 ;;
-    -h|--help) sed -n '2,9s/^# \{0,1\}//p' "$0"; exit 0 ;;
+    -h|--help) sed -n '2,11s/^# \{0,1\}//p' "$0"; exit 0 ;;
     *) echo "quickstart: unknown option '$1'; see --help" >&2; exit 2 ;;
   esac
 done
 
 scripts/setup.sh
 scripts/build.sh release
-bin=build/release/bin
-data=$output/dataset run=$output/skin_ae report=$output/report
+bin=build/release/bin data=$output/dataset runs=$output/runs
+step() { echo "== $1 ($((SECONDS / 60)) min $((SECONDS % 60)) s)"; }
+SECONDS=0
 
-echo "== 1/3 dataset: $creatures procedural creatures${rigs:+ and the rigs in $rigs}"
-"$bin/anigen-prepare" --out "$data" --procedural "$creatures" --procedural-test "$held_out" ${rigs:+--input "$rigs"}
+# train STAGE CONFIG [--set …]: the number of steps is the config's schedule, so it is shortened as a whole.
+train() {
+  local stage=$1 config=$2
+  shift 2
+  local count
+  count=$(awk -v n="${steps[$((stage - 1))]}" -v f="$length" 'BEGIN { n = int(n * f); print n < 2 ? 2 : n }')
+  "$bin/anigen-train" --config "configs/$config.json" --data-dir "$data" --output "$runs/$(basename "$config")" \
+    --set "trainer.args.max_steps=$count" --set "trainer.args.i_eval=$count" --set "trainer.args.i_save=$count" \
+    --set "trainer.args.i_sample=$((samples * count))" "$@"
+}
 
-echo "== 2/3 training SkinAE for $minutes minutes (again with the same --output: it resumes)"
-"$bin/anigen-train" --config configs/tiny/skin_ae.json --data-dir "$data" --output "$run" --set "trainer.args.max_minutes=$minutes"
+step "1/9 dataset: $creatures procedural creatures${rigs:+ and the rigs in $rigs}"
+"$bin/anigen-prepare" --out "$data" --procedural $((creatures + held_out)) --procedural-test "$held_out" ${rigs:+--input "$rigs"} \
+  --views 12 --view-size 128 --cond-views 4 --cond-view-size 256 --cond-cameras front --features surface
 
-echo "== 3/3 evaluation on what was held out"
-"$bin/anigen-eval" --gt "$data" --split "$data/splits/test.txt" --skin-ae "$run" --out "$report"
-echo "report: $report/report.html"
+step "2/9 stage 1: skin weights (SkinAE)"
+train 1 tiny/skin_ae
+"$bin/anigen-eval" --gt "$data" --split "$data/splits/test.txt" --skin-ae "$runs/skin_ae" --out "$output/report_skin"
+
+step "3/9 stage 2: sparse structure, auto-encoder"
+train 2 tiny32/ss_dae
+"$bin/anigen-encode" ss --run "$runs/ss_dae" --data "$data"
+
+step "4/9 stage 4: from a picture to the sparse structure"
+train 4 tiny32/ss_flow --set "dataset.args.ss_dec_path=$runs/ss_dae"
+
+step "5/9 stage 3: structured latents, auto-encoder"
+train 3 tiny32/slat_dae --set "trainer.args.skin_ae_run=$runs/skin_ae"
+"$bin/anigen-encode" slat --run "$runs/slat_dae" --data "$data"
+
+step "6/9 stage 5: from a picture to the structured latents"
+train 5 tiny32/slat_flow --set "dataset.args.slat_dec_path=$runs/slat_dae"
+
+step "7/9 rigged assets from pictures of creatures that no training saw"
+mkdir -p "$output/pictures"
+grep -v '^#' "$data/splits/test.txt" | head -n "$pictures" | while read -r id; do
+  [ ! -f "$data/renders_cond/$id/000.png" ] || cp "$data/renders_cond/$id/000.png" "$output/pictures/$id.png"
+done
+"$bin/anigen-generate" --image "$output/pictures" --checkpoint "$runs" --output "$output/generated" --hidden-views 50
+
+step "8/9 baselines"
+"$bin/anigen-rig" --method retrieval --image "$output/pictures" --dataset "$data" --split "$data/splits/train.txt" \
+  --out "$output/retrieved"
+"$bin/anigen-rig" --method template --mesh "$output/generated" --dataset "$data" --split "$data/splits/train.txt" \
+  --out "$output/template"
+
+step "9/9 evaluation"
+ls "$output/pictures" | sed 's/\.png$//' > "$output/pictured.txt"
+"$bin/anigen-eval" --pred ours="$output/generated" --pred retrieval="$output/retrieved" --pred template="$output/template" \
+  --gt "$data" --split "$output/pictured.txt" --out "$output/report"
+
+step "done"
+echo "generated assets:   $output/generated/*/mesh.glb, preview.png beside each"
+echo "report:             $output/report/report.html"
+echo "skin weights alone: $output/report_skin/report.html"
