@@ -56,8 +56,8 @@ def check(path):
     held = {bone.name: {bone.name} | {b.name for b in bone.children_recursive} for bone in armature.data.bones}
     weights = {mesh: weights_of(mesh) for mesh in meshes}
     rows = [row for mesh in meshes for row in weights[mesh]]
-    worst = max(abs(sum(row.values()) - 1) for row in rows)
-    require(worst < 1e-3, f"weights of a vertex sum to {1 + worst}")
+    worst = max((sum(row.values()) for row in rows), key=lambda total: abs(total - 1))
+    require(abs(worst - 1) < 1e-3, f"weights of a vertex sum to {worst}")
     def share(bone):
         return sum(row.get(name, 0) for row in rows for name in held[bone]) / len(rows)
     bones = sorted((b for b in held if share(b) > 0), key=share)

@@ -13,12 +13,10 @@ set -euo pipefail
 here=$PWD
 cd "$(dirname "$0")/.."
 
-creatures=240 held_out=16 length=1 pictures=6 samples=1 output=runs/quickstart rigs=
-steps=(900 150 220 90 70)  # of the five stages
-if [ -d ../shared/assets/rigged ]; then rigs=$PWD/../shared/assets/rigged; fi
+smallest= length=1 creatures= output= rigs=
 while [ $# -gt 0 ]; do
   case $1 in
-    --smallest) creatures=24 held_out=4 pictures=2 samples=0 steps=(60 40 20 6 6) output=runs/quickstart-smallest rigs=; shift ;;
+    --smallest) smallest=yes; shift ;;
     --length) length=$2; shift 2 ;;
     --creatures) creatures=$2; shift 2 ;;
     --rigs) rigs=$(cd "$here" && cd "$2" && pwd); shift 2 ;;
@@ -27,6 +25,23 @@ while [ $# -gt 0 ]; do
     *) echo "quickstart: unknown option '$1'; see --help" >&2; exit 2 ;;
   esac
 done
+
+if [ -n "$smallest" ]; then
+  : "${creatures:=24}" "${output:=runs/quickstart-smallest}"
+  held_out=4 pictures=2 samples=0 steps=(60 40 6 20 6)
+else
+  : "${creatures:=240}" "${output:=runs/quickstart}"
+  held_out=16 pictures=6 samples=1 steps=(400 150 90 220 70)  # of the five stages
+fi
+
+# What a training has seen must stay what it was: other assets would make another test split.
+settings="creatures $creatures, rigs ${rigs:-none}, length $length"
+mkdir -p "$output"
+if [ -f "$output/settings.txt" ] && [ "$(cat "$output/settings.txt")" != "$settings" ]; then
+  echo "quickstart: $output holds a run with $(cat "$output/settings.txt"); name another --output, or remove it" >&2
+  exit 2
+fi
+echo "$settings" > "$output/settings.txt"
 
 scripts/setup.sh
 scripts/build.sh release
@@ -68,11 +83,17 @@ step "6/9 stage 5: from a picture to the structured latents"
 train 5 tiny32/slat_flow --set "dataset.args.slat_dec_path=$runs/slat_dae"
 
 step "7/9 rigged assets from pictures of creatures that no training saw"
+rm -rf "$output/pictures"
 mkdir -p "$output/pictures"
-grep -v '^#' "$data/splits/test.txt" | head -n "$pictures" | while read -r id; do
+awk -v n="$pictures" '!/^#/ && NF && c++ < n' "$data/splits/test.txt" | while read -r id; do
   [ ! -f "$data/renders_cond/$id/000.png" ] || cp "$data/renders_cond/$id/000.png" "$output/pictures/$id.png"
 done
-"$bin/anigen-generate" --image "$output/pictures" --checkpoint "$runs" --output "$output/generated" --hidden-views 50
+# So little training may leave a picture without an asset, which is no reason to stop.
+"$bin/anigen-generate" --image "$output/pictures" --checkpoint "$runs" --output "$output/generated" --hidden-views 50 || true
+if ! ls "$output"/generated/*/mesh.glb > /dev/null 2>&1; then
+  echo "quickstart: no picture gave an asset; train longer (--length 3)" >&2
+  exit 1
+fi
 
 step "8/9 baselines"
 "$bin/anigen-rig" --method retrieval --image "$output/pictures" --dataset "$data" --split "$data/splits/train.txt" \

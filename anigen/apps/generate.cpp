@@ -121,9 +121,10 @@ void find_runs(pipeline::GenerateRequest& request, const Words& words) {
     throw InputError("", structure.empty() ? "--ss-flow" : "--slat-flow",
                      "name the runs of both flows, or the folder of both with --checkpoint");
   }
-  const pipeline::FlowRuns found = pipeline::find_flow_runs(words.checkpoint, wanted_joints(words) > 0);
-  if (structure.empty()) structure = found.structure;
-  if (latents.empty()) latents = found.latents;
+  const pipeline::FlowRuns found =
+      pipeline::find_flow_runs(words.checkpoint, wanted_joints(words) > 0, {structure, latents});
+  structure = found.structure;
+  latents = found.latents;
 }
 
 void settle(pipeline::GenerateRequest& request, const Words& words, const CommonOptions& common) {

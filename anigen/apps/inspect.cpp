@@ -63,6 +63,7 @@ eval::InspectedFile inspect_one(const std::string& file, const InspectOptions& o
   eval::InspectedFile result{file, {}, ""};
   try {
     if (eval::file_kind(file) == eval::FileKind::kAsset) {
+      if (options.weights) throw InputError(file, "", "--weights needs the folder of a run");
       const io::ImportedAsset imported = io::read_gltf(file);
       result.description = {{"file", file}, {"kind", "asset"}};
       result.description.update(eval::describe_asset(imported));
@@ -72,6 +73,9 @@ eval::InspectedFile inspect_one(const std::string& file, const InspectOptions& o
         throw InputError(file, "", "--picture, --export and --influence-loss need a .glb or .gltf");
       }
       result.description = eval::inspect(file);
+      if (options.weights && eval::file_kind(file) != eval::FileKind::kRun) {
+        throw InputError(file, "", "--weights needs the folder of a run, with config.json and ckpts");
+      }
       if (options.weights) {
         const Json weights = weights_of(file);
         result.rejection = first_incomplete(weights);

@@ -149,10 +149,7 @@ void SparseStructureFlowImpl::check_inputs(const Tensor& x, const Tensor& x_skl,
 Velocity SparseStructureFlowImpl::forward(const Tensor& x, const Tensor& x_skl, const Tensor& t, const Tensor& cond) {
   check_inputs(x, x_skl, t, cond);
   const torch::Dtype dtype = compute_dtype();
-  // The same tensor again at every step of a sampler, so that attentions know it again.
-  const Tensor context = nn::kept(this, cond, [&]() -> std::vector<Tensor> {
-    return {cond.expand({x.size(0), -1, -1}).to(dtype)};
-  })[0];
+  const Tensor context = nn::context_of(this, cond, [&] { return cond.expand({x.size(0), -1, -1}).to(dtype); });
   const Tensor m = shape_.modulation_of(t).to(dtype), m_skl = skeleton_.modulation_of(t).to(dtype);
   Tensor h = shape_.embed_tokens(x).to(dtype), h_skl = skeleton_.embed_tokens(x_skl).to(dtype);
   std::int64_t crossings = 0;

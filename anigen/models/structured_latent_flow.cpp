@@ -99,10 +99,7 @@ StructuredVelocity StructuredLatentFlowImpl::forward(const SparseTensor& x, cons
   check_inputs(x, x_skl, t, cond, joints_num);
   const torch::Dtype dtype = compute_dtype();
   const std::int64_t batch = t.size(0), geometry_channels = geometry_.sizes.in_channels;
-  // The same tensor again at every step of a sampler, so that attentions know it again.
-  const Tensor context = nn::kept(this, cond, [&]() -> std::vector<Tensor> {
-    return {cond.expand({batch, -1, -1}).to(dtype)};
-  })[0];
+  const Tensor context = nn::context_of(this, cond, [&] { return cond.expand({batch, -1, -1}).to(dtype); });
   const Tensor counts = joints_num.defined() ? joints_num.to(t.device()).expand({batch}) : torch::zeros_like(t);
   const SparseTensor x_geo = x.with(x.feats.narrow(1, 0, geometry_channels));
   const SparseTensor x_skin = x.with(x.feats.narrow(1, geometry_channels, skin_.sizes.in_channels));

@@ -37,7 +37,7 @@ DenseAttentionImpl::DenseAttentionImpl(const DenseAttentionOptions& options)
 }
 
 std::vector<Tensor> DenseAttentionImpl::keys_and_values(const Tensor& context) {
-  return kept(this, context, [&] {
+  return projected_context(this, context, [&] {
     std::vector<Tensor> kv = dense_heads(to_kv_->forward(context), 2, num_heads_);
     if (!k_rms_norm_.is_empty()) kv[0] = k_rms_norm_->forward(kv[0]);
     return kv;

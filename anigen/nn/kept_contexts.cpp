@@ -3,9 +3,11 @@
 namespace anigen::nn {
 namespace {
 
-constexpr std::size_t kContexts = 2;  // the condition and its negative
+constexpr std::size_t kConditions = 2;  // the condition and its negative
 
 thread_local KeptContexts* innermost = nullptr;
+
+bool keeps() { return innermost != nullptr && !at::GradMode::is_enabled(); }
 
 }  // namespace
 
@@ -13,15 +15,35 @@ KeptContexts::KeptContexts() : outer_(innermost) { innermost = this; }
 
 KeptContexts::~KeptContexts() { innermost = outer_; }
 
-std::vector<Tensor> kept(const void* owner, const Tensor& context, const std::function<std::vector<Tensor>()>& make) {
-  if (innermost == nullptr || at::GradMode::is_enabled()) return make();
-  std::vector<KeptContexts::Entry>& entries = innermost->entries_[owner];
-  for (const KeptContexts::Entry& entry : entries) {
-    if (entry.context.is_same(context)) return entry.made;
+const KeptContexts::Tensors& KeptContexts::look_up(Entries& entries, const void* owner, const Tensor& from,
+                                                   const Make& make) {
+  std::vector<Entry>& own = entries[owner];
+  for (const Entry& entry : own) {
+    if (entry.from.is_same(from)) return entry.made;
   }
-  if (entries.size() == kContexts) entries.erase(entries.begin());
-  entries.push_back({context, make()});
-  return entries.back().made;
+  if (own.size() == kConditions) own.erase(own.begin());
+  own.push_back({from, make()});
+  return own.back().made;
+}
+
+bool KeptContexts::is_context(const Tensor& tensor) const {
+  for (const auto& [model, entries] : contexts_) {
+    for (const Entry& entry : entries) {
+      if (entry.made.front().is_same(tensor)) return true;
+    }
+  }
+  return false;
+}
+
+Tensor context_of(const void* model, const Tensor& condition, const std::function<Tensor()>& make) {
+  if (!keeps()) return make();
+  return KeptContexts::look_up(innermost->contexts_, model, condition, [&] { return KeptContexts::Tensors{make()}; })
+      .front();
+}
+
+KeptContexts::Tensors projected_context(const void* attention, const Tensor& context, const KeptContexts::Make& make) {
+  if (!keeps() || !innermost->is_context(context)) return make();
+  return KeptContexts::look_up(innermost->projections_, attention, context, make);
 }
 
 }  // namespace anigen::nn

@@ -33,9 +33,10 @@ void add_runs(const fs::path& parent, std::vector<Run>& runs) {
     for (const auto& [name, model] : json["models"].items()) {
       if (!model.is_object() || !model.contains("name") || !model["name"].is_string()) continue;
       run.structure |= model["name"] == models::kSparseStructureFlowClass;
-      run.latents |= model["name"] == models::kStructuredLatentFlowClass;
-      if (model.contains("args") && model["args"].is_object()) {
-        run.counts_joints |= model["args"].value("use_joint_num_cond", false);
+      run.latents |= model["name"] == models::kStructuredLatentFlowClass ||
+                     model["name"] == models::kPlainStructuredLatentFlowClass;
+      if (model.contains("args") && model["args"].is_object() && model["args"].contains("use_joint_num_cond")) {
+        run.counts_joints |= model["args"]["use_joint_num_cond"] == true;
       }
     }
     if (run.structure || run.latents) runs.push_back(run);
@@ -56,7 +57,7 @@ fs::path chosen(const fs::path& folder, const std::vector<fs::path>& found, cons
 
 }  // namespace
 
-FlowRuns find_flow_runs(const fs::path& folder, bool joint_count) {
+FlowRuns find_flow_runs(const fs::path& folder, bool joint_count, const FlowRuns& known) {
   std::error_code error;
   if (!fs::is_directory(folder, error)) throw InputError(folder.string(), "", "there is no such folder");
   std::vector<Run> runs;
@@ -69,11 +70,17 @@ FlowRuns find_flow_runs(const fs::path& folder, bool joint_count) {
     if (run.structure) structure.push_back(run.folder);
     if (run.latents && (!joint_count || run.counts_joints)) latents.push_back(run.folder);
   }
-  return {chosen(folder, structure, "ss_flow_solo",
-                 "the first flow (" + std::string(models::kSparseStructureFlowClass) + ")"),
-          chosen(folder, latents, joint_count ? "slat_flow_control" : "slat_flow_auto",
-                 std::string("the second flow (") + models::kStructuredLatentFlowClass + ")" +
-                     (joint_count ? " that was told numbers of joints" : ""))};
+  FlowRuns found = known;
+  if (found.structure.empty()) {
+    found.structure = chosen(folder, structure, "ss_flow_solo",
+                             "the first flow (" + std::string(models::kSparseStructureFlowClass) + ")");
+  }
+  if (found.latents.empty()) {
+    found.latents = chosen(folder, latents, joint_count ? "slat_flow_control" : "slat_flow_auto",
+                           std::string("the second flow (") + models::kStructuredLatentFlowClass + ")" +
+                               (joint_count ? " that was told numbers of joints" : ""));
+  }
+  return found;
 }
 
 }  // namespace anigen::pipeline

@@ -12,7 +12,8 @@ struct FlowRuns {
 /// trained here. Where several variants lie beside each other the published program's defaults are taken,
 /// `ss_flow_solo` and `slat_flow_auto` (reference flows-and-pipeline.md, 5.1).
 /// @param joint_count whether the second flow must have been told numbers of joints: then `slat_flow_control`
+/// @param known what the user has named already; only the other one is looked for
 /// @throws InputError when one is missing, or several are there and none has the usual name
-FlowRuns find_flow_runs(const std::filesystem::path& folder, bool joint_count);
+FlowRuns find_flow_runs(const std::filesystem::path& folder, bool joint_count, const FlowRuns& known = {});
 
 }  // namespace anigen::pipeline

@@ -199,7 +199,7 @@ class Generation {
 
   void make(const fs::path& picture, const Json& settings, GenerationReport& report) {
     std::error_code error;
-    fs::remove(report.folder / kReportFile, error);
+    for (const char* stale : {kReportFile, "mesh.obj", "mesh.rig.json"}) fs::remove(report.folder / stale, error);
     const auto started = std::chrono::steady_clock::now();
     std::map<int, PreprocessedImage> seen = pictures_.of(picture);
     const PreprocessedImage& first = seen.at(generator_.structure_size());
@@ -269,6 +269,7 @@ void require_distinct_names(const std::vector<fs::path>& pictures) {
   std::set<std::string> seen;
   for (const fs::path& picture : pictures) {
     const std::string name = picture.stem().string();
+    if (name == "." || name == "..") throw InputError(picture.string(), "", "has no name that a folder could have");
     if (!seen.insert(name).second) throw InputError("", "--image", "two pictures have the name '" + name + "'");
   }
 }

@@ -31,6 +31,7 @@ class Gallery {
  public:
   explicit Gallery(const RetrievalRequest& request) : source_(request.dataset), folder_(request.dataset) {
     for (const std::string& id : io::select_ids(source_, request.splits)) {
+      if (!source_.is_usable(id)) continue;
       std::error_code error;
       if (fs::is_regular_file(folder_ / "renders_cond" / id / "transforms.json", error)) ids_.push_back(id);
     }
@@ -63,18 +64,28 @@ class Gallery {
   }
 
  private:
+  /// Cells of the first views of an asset.
+  static std::vector<Tensor> seen(const fs::path& folder, std::size_t most) {
+    const auto frames = raytrace::read_transforms(folder / "transforms.json").frames;
+    const std::size_t count = most == 0 ? frames.size() : std::min(most, frames.size());
+    std::vector<Tensor> views;
+    for (std::size_t f = 0; f < count; ++f) {
+      const fs::path file = folder / frames[f].file_path;
+      const io::Image object = features::inference_image(io::read_image(file), kSide, file.string());
+      views.push_back(picture_cells(features::color_tensor(object).unsqueeze(0)));
+    }
+    return views;
+  }
+
   void look(std::size_t most) {
     std::vector<std::vector<Tensor>> views(ids_.size());
     Progress progress("looking at the data set", ids_.size(), "assets");
     parallel_for(ids_.size(), [&](std::size_t i) {
       throw_if_interrupted();
-      const fs::path folder = folder_ / "renders_cond" / ids_[i];
-      const auto frames = raytrace::read_transforms(folder / "transforms.json").frames;
-      const std::size_t count = most == 0 ? frames.size() : std::min(most, frames.size());
-      for (std::size_t f = 0; f < count; ++f) {
-        const fs::path file = folder / frames[f].file_path;
-        const io::Image seen = features::inference_image(io::read_image(file), kSide, file.string());
-        views[i].push_back(picture_cells(features::color_tensor(seen).unsqueeze(0)));
+      try {
+        views[i] = seen(folder_ / "renders_cond" / ids_[i], most);
+      } catch (const InputError& error) {
+        log::warn("left out: {}", error.what());
       }
       progress.advance();
     });
@@ -86,7 +97,7 @@ class Gallery {
         owners_.push_back(i);
       }
     }
-    if (rows.empty()) throw InputError(folder_.string(), "renders_cond", "its transforms.json list no views");
+    if (rows.empty()) throw InputError(folder_.string(), "renders_cond", "holds no usable view");
     cells_ = torch::cat(rows);
   }
 

@@ -28,7 +28,9 @@ struct RetrievalReport {
 /// The baseline that invents nothing: each picture is answered with the asset of a data set that has the most similar
 /// condition view. Both are cropped and put on black as generation does, and compared by the means of colour over
 /// 16 × 16 cells. A picture that cannot be used is reported and does not stop the others.
-/// @throws InputError when the data set has no condition views, or two pictures have one name
+/// Assets with a damaged
+/// view are left out, with a warning. @throws InputError when the data set has no usable condition views, or two
+/// pictures have one name
 std::vector<RetrievalReport> retrieve_assets(const RetrievalRequest& request,
                                              const std::vector<std::filesystem::path>& pictures);
 

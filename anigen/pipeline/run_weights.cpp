@@ -47,8 +47,19 @@ const std::map<std::string, Builder>& builders() {
        built<models::StructuredLatentEncoder, models::StructuredLatentEncoderOptions>},
       {models::kStructuredLatentDecoderClass,
        built<models::StructuredLatentDecoder, models::StructuredLatentDecoderOptions>},
-      {models::kStructuredLatentFlowClass, built<models::StructuredLatentFlow, models::StructuredLatentFlowOptions>}};
+      {models::kStructuredLatentFlowClass, built<models::StructuredLatentFlow, models::StructuredLatentFlowOptions>},
+      {models::kPlainStructuredLatentFlowClass,
+       built<models::StructuredLatentFlow, models::StructuredLatentFlowOptions>}};
   return kBuilders;
+}
+
+/// The model with the file that generation would read: of a flow by its rules, of an auto-encoder the published
+/// default `final`, which stands for the newest where there is none of that name.
+models::RunModel found_as_generation_does(const fs::path& run, const std::string& class_name) {
+  const std::set<std::string> flows = {models::kSparseStructureFlowClass, models::kStructuredLatentFlowClass,
+                                       models::kPlainStructuredLatentFlowClass};
+  return flows.count(class_name) > 0 ? models::find_flow_model(run, {class_name})
+                                     : models::find_run_model(run, class_name, "final");
 }
 
 void note_keys(Json& json, const char* what, const std::vector<std::string>& keys) {
@@ -93,7 +104,8 @@ Json describe_weights(const fs::path& run) {
     throw InputError((run / "config.json").string(), "/models", "describes no models");
   }
   for (const auto& [name, model] : config["models"].items()) {
-    const std::string class_name = model.is_object() ? model.value("name", "") : "";
+    const bool is_named = model.is_object() && model.contains("name") && model["name"].is_string();
+    const std::string class_name = is_named ? model["name"].get<std::string>() : "";
     Json& one = result[name] = {{"class", class_name}};
     const auto builder = builders().find(class_name);
     if (builder == builders().end()) {
@@ -102,7 +114,7 @@ Json describe_weights(const fs::path& run) {
       continue;
     }
     try {
-      const models::RunModel found = models::find_run_model(run, class_name);
+      const models::RunModel found = found_as_generation_does(run, class_name);
       one["checkpoint"] = found.checkpoint.filename().string();
       one.update(compared(*builder->second(found), io::read_state_dict(found.checkpoint)));
     } catch (const InputError& error) {

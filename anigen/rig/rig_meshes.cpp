@@ -19,9 +19,14 @@ namespace fs = std::filesystem;
 
 Box box_of(const io::RiggedShape& shape) { return bounding_box(shape.mesh.vertices); }
 
-/// Ids may hold folders; files may not.
+/// Ids may hold folders, and come from files that somebody else wrote. @throws InputError for one that leaves `out`
 fs::path file_of(const RigRequest& request, const io::ShapeSource& source, const std::string& id) {
-  return source.is_single_file() ? request.out : request.out / (id + ".glb");
+  if (source.is_single_file()) return request.out;
+  const fs::path below = id;
+  bool leaves = below.empty() || below.is_absolute();
+  for (const fs::path& part : below) leaves = leaves || part == ".." || part.empty();
+  if (leaves) throw InputError(source.describe(), "", "the id \"" + id + "\" names no file below a folder");
+  return request.out / (id + ".glb");
 }
 
 }  // namespace
@@ -35,6 +40,7 @@ std::vector<BoxedSkeleton> skeletons_of(const fs::path& collection, const std::v
   for (const std::string& id : ids) {
     throw_if_interrupted();
     progress.advance();
+    if (!source->is_usable(id)) continue;
     try {
       const io::RiggedShape shape = source->read(id);
       skeletons.push_back(boxed_skeleton(id, shape.joints.positions, shape.joints.parents, box_of(shape)));
@@ -81,8 +87,8 @@ RigReports rig_meshes(const RigRequest& request) {
     const auto started = std::chrono::steady_clock::now();
     RigReport report;
     report.id = id;
-    report.file = file_of(request, *source, id);
     try {
+      report.file = file_of(request, *source, id);
       const Asset asset = rig_by_template(source->read(id), skeleton);
       io::write_gltf(report.file, asset, request.axes);
       report.joints = asset.skeleton.size();

@@ -109,7 +109,7 @@ SparseTensor SparseAttentionImpl::forward_dense(const SparseTensor& x, const Ten
               " channels: context ", context.sizes());
   const std::int64_t items = context.size(0), tokens = context.size(1);
   const Tensor offsets = torch::arange(items + 1, torch::TensorOptions().dtype(torch::kInt64)) * tokens;
-  const Tensor keys_values = nn::kept(this, context, [&]() -> std::vector<Tensor> {
+  const Tensor keys_values = nn::projected_context(this, context, [&]() -> std::vector<Tensor> {
     return {to_kv_->forward(context.reshape({items * tokens, context.size(2)}))};
   })[0];
   return x.with(

@@ -12,7 +12,7 @@ struct StructuredLatentTarget {
   torch::Tensor joints_num;            ///< [B] or [1]; undefined: not asked of the model
 };
 
-/// Velocities of the structured-latent flow for flow::sample: features [N, C] on the shape's voxels, then
+/// Velocities of the structured-latent flow for flow::sample_flow: features [N, C] on the shape's voxels, then
 /// [M, C'] on the skeleton's. The negative pass of guidance has tokens of zeros and 0 joints (reference
 /// flows-and-pipeline.md, 4.4).
 /// @param guided also the velocity of that pass

@@ -49,6 +49,15 @@ TEST_F(FindFlowRuns, TakesTheOnlyOnesWhateverTheyAreCalled) {
   EXPECT_THROW(find_flow_runs(folder_.path(), true), InputError);
 }
 
+TEST_F(FindFlowRuns, LooksOnlyForWhatIsNotKnown) {
+  add("a", "AniGenSparseStructureFlowModel");
+  add("b", "AniGenSparseStructureFlowModel");
+  add("c", "AniGenSLatFlowModel");
+  const FlowRuns runs = find_flow_runs(folder_.path(), false, {"elsewhere", {}});
+  EXPECT_EQ(runs.structure, "elsewhere");
+  EXPECT_EQ(runs.latents, folder_ / "c");
+}
+
 TEST_F(FindFlowRuns, RefusesToGuess) {
   EXPECT_THROW(find_flow_runs(folder_ / "nowhere", false), InputError);
   EXPECT_THROW(find_flow_runs(folder_.path(), false), InputError);

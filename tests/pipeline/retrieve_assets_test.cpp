@@ -94,6 +94,15 @@ TEST_F(RetrieveAssets, ASplitChoosesWhatMayBeAnswered) {
   EXPECT_THROW(retrieve_assets(request_, {picture("leaf", {40, 190, 30})}), InputError);
 }
 
+TEST_F(RetrieveAssets, LeavesOutWhatIsUnusable) {
+  write_file_atomically(data() / "metadata.csv",
+                        "sha256,local_path,is_bad_skeleton\nred,red.glb,False\ngreen,green.glb,True\n");
+  EXPECT_EQ(retrieve_assets(request_, {picture("leaf", {40, 190, 30})})[0].asset, "red");
+  write_file_atomically(data() / "metadata.csv", "sha256,local_path\nred,red.glb\ngreen,green.glb\n");
+  write_file_atomically(data() / "renders_cond/red/001.png", "damaged");
+  EXPECT_EQ(retrieve_assets(request_, {picture("rose", {200, 20, 40})})[0].asset, "green");
+}
+
 TEST_F(RetrieveAssets, ABrokenPictureIsReported) {
   write_file_atomically(folder_ / "text.png", "not a picture");
   const auto reports = retrieve_assets(request_, {folder_ / "text.png", picture("leaf", {40, 190, 30})});

@@ -85,6 +85,20 @@ TEST_F(RigMeshes, ABrokenMeshIsReportedAndTheOthersAreRigged) {
   EXPECT_EQ(reports.meshes[1].failure + reports.meshes[2].failure, "");
 }
 
+TEST_F(RigMeshes, AnIdThatLeavesTheFolderIsRefused) {
+  RigFile leaving = rig_, absolute = rig_;
+  leaving.uuid = "../leaving";
+  absolute.uuid = (folder_ / "absolute").string();
+  test::write_articulation_xl(folder_ / "samples.npz", {leaving, absolute, rig_});
+  request_.meshes = folder_ / "samples.npz";
+  const RigReports reports = rig_meshes(request_);
+  ASSERT_EQ(reports.meshes.size(), 3u);
+  for (const RigReport& report : reports.meshes) EXPECT_EQ(report.failure.empty(), report.id == rig_.uuid) << report.id;
+  EXPECT_FALSE(fs::exists(folder_ / "leaving.glb"));
+  EXPECT_FALSE(fs::exists(folder_ / "absolute.glb"));
+  EXPECT_TRUE(fs::exists(folder_ / "out" / (rig_.uuid + ".glb")));
+}
+
 TEST_F(RigMeshes, ACollectionWithoutSkeletonsIsRefused) {
   fs::create_directories(folder_ / "nothing");
   write_file_atomically(folder_ / "nothing/broken.glb", "glTF");

@@ -20,6 +20,7 @@ class DatasetSource : public ShapeSource {
   /// @throws InputError for a sample whose file is missing, a Git LFS pointer, or damaged
   RiggedShape read(const std::string& id) const override;
   std::string describe() const override;
+  bool is_usable(const std::string& id) const override { return item(id).usable; }
   /// local_path or file_identifier, and its last part without extension.
   std::vector<std::string> other_names(const std::string& id) const override;
 

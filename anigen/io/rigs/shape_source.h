@@ -28,6 +28,8 @@ class ShapeSource {
   /// For files of many samples: content_id() of the arrays that read() makes this one of; needs
   /// SourceOptions::content_ids for Articulation-XL. Empty where a shape is a file of its own.
   virtual std::string sample_id(const std::string& id) const;
+  /// False for a shape that its data set marks as one to leave alone (is_bad_skeleton); read() reads it all the same.
+  virtual bool is_usable(const std::string& id) const;
   /// True for one file that holds one shape: two of those are a pair whatever they are called.
   virtual bool is_single_file() const { return false; }
 };
