@@ -9,6 +9,7 @@
 
 #include "anigen/core/atomic_file.h"
 #include "anigen/core/json.h"
+#include "anigen/core/progress.h"
 #include "anigen/nn/torch.h"
 
 namespace anigen {
@@ -37,24 +38,32 @@ inline TimedTask product_task() {
   return {"product_2048", 2.0 * side * side * side, [=]() mutable { at::mm_out(out, a, b); }};
 }
 
-/// Times all tasks in turn, round after round, so that a machine whose speed wanders treats them alike.
+/// Times all tasks in turn, round after round, so that a machine whose speed wanders treats them alike. A task that
+/// takes longer than kSlowTask in the round that warms up is timed by that one alone: such are alternatives that would
+/// otherwise take nearly all of the time. Says on standard error how far it is.
 inline void time_in_turn(std::vector<TimedTask>& tasks, int rounds) {
+  constexpr double kSlowTask = 5.0;  // seconds
+  Progress progress("timing", tasks.size() * static_cast<std::size_t>(rounds + 1), "tasks");
   for (int round = -1; round < rounds; ++round) {  // the first one warms up
     for (TimedTask& task : tasks) {
+      progress.note(task.name);
+      progress.advance();
+      if (!task.seconds.empty() && task.seconds.front() > kSlowTask) continue;
       const auto begin = std::chrono::steady_clock::now();
       task.work();
       const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
-      if (round >= 0) task.seconds.push_back(seconds);
+      if (round >= 0 || seconds > kSlowTask) task.seconds.push_back(seconds);
     }
   }
 }
 
-/// One line a task: median time, rate, share of the first task's rate.
+/// One line a task: median time, rate, share of the first task's rate, and rounds where they are fewer.
 inline void print_table(const std::vector<TimedTask>& tasks) {
   std::printf("%-42s | %10s %10s %18s\n", "", "ms", "GFLOP/s", "share of product");
   for (const TimedTask& task : tasks) {
-    std::printf("%-42s | %10.2f %10.1f %17.1f%%\n", task.name.c_str(), 1e3 * task.median(), task.gflops(),
-                100.0 * task.gflops() / tasks.front().gflops());
+    std::printf("%-42s | %10.2f %10.1f %17.1f%%%s\n", task.name.c_str(), 1e3 * task.median(), task.gflops(),
+                100.0 * task.gflops() / tasks.front().gflops(),
+                task.seconds.size() < tasks.front().seconds.size() ? "  (once)" : "");
   }
 }
 

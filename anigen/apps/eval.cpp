@@ -99,6 +99,7 @@ void evaluate_shapes(const EvalOptions& options, const CommonOptions& common) {
   request.predictions = options.predictions;
   request.truth = options.truth;
   request.splits = {options.splits.begin(), options.splits.end()};
+  request.most = options.most;
   request.out = options.out;
   request.prediction_axes = io::parse_axes(options.prediction_axes);
   request.truth_axes = io::parse_axes(options.truth_axes);
@@ -151,6 +152,8 @@ void evaluate_sparse_structures(const EvalOptions& options, const CommonOptions&
 }
 
 void run(const EvalOptions& options, const CommonOptions& common) {
+  if (options.most > 0 && options.ss_flow.empty() && (options.predictions.empty() || options.truth.empty()))
+    throw InputError("", "--most", "goes with --pred and --gt, or with --ss-flow");
   if (!options.ss_flow.empty()) {
     if (!options.predictions.empty() || !options.skin_ae.empty() || !options.skins.empty())
       throw InputError("", "--ss-flow", "evaluates a flow of sparse structures, and nothing else at the same time");
@@ -226,7 +229,6 @@ void add_structure_options(CLI::App& app, EvalOptions& options) {
                  "Random views of a training asset to compare with; 0: no retrieval")
       ->capture_default_str()
       ->group(group);
-  app.add_option("--most", options.most, "Only so many assets; 0: all")->capture_default_str()->group(group);
 }
 
 }  // namespace
@@ -251,6 +253,8 @@ int main(int argc, char** argv) {
                  "[NAME=]PATH of predictions: a file, a folder, or a CSV of pairs; repeat");
   app.add_option("--gt", options.truth, "Ground truth: a file, a folder or a dataset");
   app.add_option("--split", options.splits, "Files of ids to evaluate; without, everything");
+  app.add_option("--most", options.most, "With --pred or --ss-flow, only so many of the first assets; 0: all")
+      ->capture_default_str();
   app.add_option("--out", options.out, "Folder for the results")->required();
   app.add_option("--skin-ae", options.skin_ae, "Run folder or checkpoint of a skin auto-encoder to reconstruct with")
       ->group("Skin weights alone");

@@ -36,34 +36,25 @@ void use_asset(const io::ImportedAsset& imported, const InspectOptions& options,
   }
 }
 
-/// What a run folder's checkpoints lack.
-Json weights_of(const std::string& run) {
+/// Adds what the checkpoints of a run hold and lack. @return one sentence about the first that is incomplete, or ""
+std::string add_weights(const std::string& run, Json& description) {
 #ifdef ANIGEN_WITH_TORCH
-  return pipeline::describe_weights(run);
+  description["weights"] = pipeline::describe_weights(run);
+  return pipeline::first_incomplete(description["weights"]);
 #else
+  static_cast<void>(description);
   throw NotSupportedError(run, "", "--weights in a build without LibTorch");
 #endif
-}
-
-/// One sentence about the first model whose weights are not all there; empty when all are.
-std::string first_incomplete(const Json& weights) {
-  for (const auto& [model, found] : weights.items()) {
-    if (found["complete"]) continue;
-    if (found.contains("problem")) return model + ": " + found["problem"].get<std::string>();
-    for (const char* what : {"missing", "misshapen", "unexpected"}) {
-      if (!found.contains(what)) continue;
-      return model + ", " + found["checkpoint"].get<std::string>() + ": " + found[what]["count"].dump() + " " + what +
-             " tensors, the first " + found[what]["first"].get<std::string>();
-    }
-  }
-  return "";
 }
 
 eval::InspectedFile inspect_one(const std::string& file, const InspectOptions& options) {
   eval::InspectedFile result{file, {}, ""};
   try {
-    if (eval::file_kind(file) == eval::FileKind::kAsset) {
-      if (options.weights) throw InputError(file, "", "--weights needs the folder of a run");
+    const eval::FileKind kind = eval::file_kind(file);
+    if (options.weights && kind != eval::FileKind::kRun) {
+      throw InputError(file, "", "--weights needs the folder of a run, with config.json and ckpts");
+    }
+    if (kind == eval::FileKind::kAsset) {
       const io::ImportedAsset imported = io::read_gltf(file);
       result.description = {{"file", file}, {"kind", "asset"}};
       result.description.update(eval::describe_asset(imported));
@@ -73,14 +64,7 @@ eval::InspectedFile inspect_one(const std::string& file, const InspectOptions& o
         throw InputError(file, "", "--picture, --export and --influence-loss need a .glb or .gltf");
       }
       result.description = eval::inspect(file);
-      if (options.weights && eval::file_kind(file) != eval::FileKind::kRun) {
-        throw InputError(file, "", "--weights needs the folder of a run, with config.json and ckpts");
-      }
-      if (options.weights) {
-        const Json weights = weights_of(file);
-        result.rejection = first_incomplete(weights);
-        result.description["weights"] = weights;
-      }
+      if (options.weights) result.rejection = add_weights(file, result.description);
     }
   } catch (const InputError& error) {
     result.rejection = error.what();

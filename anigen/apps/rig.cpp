@@ -3,10 +3,8 @@
 #include "anigen/apps/common/command_line.h"
 #include "anigen/core/error.h"
 #include "anigen/core/parallel.h"
-#include "anigen/io/gltf/export_axes.h"
 #include "anigen/rig/rig_meshes.h"
 #ifdef ANIGEN_WITH_TORCH
-#include "anigen/pipeline/generate_assets.h"
 #include "anigen/pipeline/retrieve_assets.h"
 #endif
 
@@ -16,8 +14,8 @@ using namespace anigen;
 
 struct RigOptions {
   std::string method, mesh, image, dataset, out, background = "auto";
-  std::vector<std::string> splits;
-  std::size_t views = 0;
+  std::vector<std::string> splits, pictured;
+  std::size_t views = 0, most = 0;
 };
 
 template <typename Reports>
@@ -48,7 +46,8 @@ void place_template(const RigOptions& options, const CommonOptions& common) {
 
 void retrieve(const RigOptions& options, const CommonOptions& common) {
 #ifdef ANIGEN_WITH_TORCH
-  if (options.image.empty()) throw InputError("", "--image", "retrieval answers pictures; name one or a folder");
+  if (options.image.empty() == options.pictured.empty())
+    throw InputError("", "--image", "retrieval answers pictures: name one, a folder of them, or --picture-split");
   at::set_num_threads(common.threads > 0 ? common.threads : thread_count());
   pipeline::RetrievalRequest request;
   request.dataset = options.dataset;
@@ -56,7 +55,11 @@ void retrieve(const RigOptions& options, const CommonOptions& common) {
   request.views = options.views;
   request.pictures.background = pipeline::parse_background(options.background);
   request.output = options.out;
-  const auto reports = pipeline::retrieve_assets(request, pipeline::pictures_at(options.image));
+  const auto pictures = options.image.empty()
+                            ? pipeline::pictures_of_dataset(
+                                  options.dataset, {options.pictured.begin(), options.pictured.end()}, options.most)
+                            : pipeline::pictures_at(options.image);
+  const auto reports = pipeline::retrieve_assets(request, pictures);
   print(reports, common);
   require_one(reports, "pictures");
 #else
@@ -81,6 +84,9 @@ int main(int argc, char** argv) {
       ->check(CLI::IsMember({"template", "retrieval"}));
   app.add_option("--mesh", options.mesh, "For template: file or folder; rigs in it are ignored");
   app.add_option("--image", options.image, "For retrieval: picture, or folder of pictures");
+  app.add_option("--picture-split", options.pictured,
+                 "For retrieval, instead of --image: the first condition view of these assets of --dataset");
+  app.add_option("--most", options.most, "Only so many assets of --picture-split; 0: all");
   app.add_option("--dataset", options.dataset, "Where skeletons and answers come from")->required();
   app.add_option("--split", options.splits, "Files of the ids to use; without, everything");
   app.add_option("--views", options.views, "For retrieval: condition views to look at per asset, 0: all")

@@ -19,7 +19,7 @@ int main(int argc, char** argv) {
       ->allow_extra_args(false);
   app.add_option("--load", command.run.load, "Start from a checkpoint of this other run folder");
   app.add_option("--warm-start", warm_start,
-                 "Folder of pretrained weights (SparseStructureEncoder.safetensors, …) for the branches that published "
+                 "Folder of pretrained weights (<class name>.safetensors or .pt) for the branches that published "
                  "runs take from TRELLIS; none: train those too [config's trainer.args.pretrained_dir]");
   app.add_option("--ckpt", command.run.ckpt, "latest, none, or a step")->capture_default_str();
   anigen::add_common_options(app, common, anigen::train::version_details);

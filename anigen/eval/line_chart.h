@@ -10,4 +10,12 @@ namespace anigen::eval {
 /// @return an empty string when fewer than two points are left
 std::string line_chart(const std::string& title, const std::vector<std::pair<double, double>>& points);
 
+struct Curve {
+  std::string label;
+  std::vector<std::pair<double, double>> points;  ///< as of line_chart()
+};
+
+/// Several curves in one picture, with a legend below. Curves of fewer than two points are left out.
+std::string curves_chart(const std::string& title, const std::vector<Curve>& curves);
+
 }  // namespace anigen::eval

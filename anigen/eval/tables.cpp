@@ -63,13 +63,25 @@ std::string to_markdown(const Table& table) {
   return text;
 }
 
+MarkedCell without_marks(const std::string& cell) {
+  if (cell.size() > 4 && cell.rfind("**", 0) == 0 && cell.compare(cell.size() - 2, 2, "**") == 0)
+    return {cell.substr(2, cell.size() - 4), 1};
+  if (cell.size() > 2 && cell.front() == '_' && cell.back() == '_') return {cell.substr(1, cell.size() - 2), 2};
+  return {cell, 0};
+}
+
 std::string to_html(const Table& table) {
   std::string text = "<table>\n<tr>";
   for (const std::string& column : table.columns) text += "<th>" + html_escaped(column) + "</th>";
   text += "</tr>\n";
   for (const auto& row : table.rows) {
     text += "<tr>";
-    for (const std::string& cell : row) text += "<td>" + html_escaped(cell) + "</td>";
+    for (const std::string& cell : row) {
+      const MarkedCell marked = without_marks(cell);
+      const std::string tag = marked.place == 1 ? "b" : marked.place == 2 ? "i" : "";
+      const std::string inside = html_escaped(marked.text);
+      text += "<td>" + (tag.empty() ? inside : "<" + tag + ">" + inside + "</" + tag + ">") + "</td>";
+    }
     text += "</tr>\n";
   }
   return text + "</table>\n";

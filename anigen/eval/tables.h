@@ -14,8 +14,18 @@ struct Table {
 /// than the first, are aligned to the right. Vertical bars inside cells are escaped.
 std::string to_markdown(const Table& table);
 
-/// An HTML <table>; cells are escaped.
+/// A cell without the marks that tables put around the best (`**so**`) and the second best (`_so_`).
+struct MarkedCell {
+  std::string text;
+  int place = 0;  ///< 1 best, 2 second best, 0 neither
+};
+MarkedCell without_marks(const std::string& cell);
+
+/// An HTML <table>; cells are escaped, the best is bold, the second best in italics.
 std::string to_html(const Table& table);
+
+/// A LaTeX tabular (booktabs): the best is bold, the second best underlined; arrows, ± and dashes become LaTeX's.
+std::string to_latex(const Table& table);
 
 /// A number with so many digits after the point; "–" when it is not finite.
 std::string fixed(double value, int digits = 4);

@@ -63,9 +63,12 @@ void keep_known(Streams& x, double t, const Inpainting& known, double sigma_min)
 
 }  // namespace
 
-const char* word_of(Solver solver) {
-  return solver == Solver::kEuler ? "euler" : solver == Solver::kMidpoint ? "midpoint" : "heun";
+const std::vector<std::string>& solver_words() {
+  static const std::vector<std::string> kWords = {"euler", "midpoint", "heun"};  // in the order of Solver
+  return kWords;
 }
+
+const std::string& word_of(Solver solver) { return solver_words()[static_cast<std::size_t>(solver)]; }
 
 Solver parse_solver(const std::string& word) {
   for (const Solver solver : {Solver::kEuler, Solver::kMidpoint, Solver::kHeun}) {
@@ -78,7 +81,7 @@ SamplerOptions SamplerOptions::from_json(const Json& json, const std::string& fi
   ConfigReader reader(json, file, pointer);
   SamplerOptions options;
   options.steps = reader.integer("steps", options.steps, 1, kMaxSteps);
-  options.solver = parse_solver(reader.choice("solver", word_of(options.solver), {"euler", "midpoint", "heun"}));
+  options.solver = parse_solver(reader.choice("solver", word_of(options.solver), solver_words()));
   options.rescale_t = reader.number("rescale_t", options.rescale_t);
   options.cfg_strength = reader.number("cfg_strength", options.cfg_strength);
   if (reader.has("cfg_interval")) {

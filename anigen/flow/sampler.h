@@ -34,9 +34,11 @@ enum class Solver {
               ///< Euler's: models that predict the data have no velocity there (Karras et al. 2022, algorithm 1)
 };
 
-/// "euler", "midpoint" or "heun". @throws InputError for another word
+/// What configs and command lines call them: euler, midpoint, heun.
+const std::vector<std::string>& solver_words();
+/// @throws InputError for another word
 Solver parse_solver(const std::string& word);
-const char* word_of(Solver solver);
+const std::string& word_of(Solver solver);
 
 /// Defaults of the published sampler class; its pipeline takes 25 steps with strength 7.5 for the sparse structure and
 /// 3.0 for structured latents (reference flows-and-pipeline.md, 4.4).

@@ -26,6 +26,7 @@ void SourceOptions::read_common(ConfigReader& reader) {
   split = reader.text("split", "");
   eval_split = reader.text("eval_split", "");
   eval_fraction = reader.number("eval_fraction", 0.0, 0.0, 0.9);
+  train_share = reader.number("train_share", 1.0, 0.0, 1.0);
   skip_broken = reader.boolean("skip_broken", false);
   filter.min_aesthetic_score = reader.number("min_aesthetic_score", 5.0);
   if (const Json* listed = reader.raw("instances"); listed != nullptr && !listed->is_null()) {
@@ -56,11 +57,15 @@ TrainAndEval select(const SourceOptions& options) {
   for (const AssetId& asset : select_assets(options.data_dir, filter)) {
     if (held_out.count(asset.id) > 0) continue;
     const bool chosen = options.eval_split.empty() && place_of(asset.id) < options.eval_fraction;
+    // Another hash than that of eval_fraction, so that the two do not choose alike.
+    if (!chosen && options.train_share < 1.0 && place_of("share " + asset.id) >= options.train_share) continue;
     (chosen ? result.eval : result.train).push_back(asset);
     if (chosen) result.eval.back().repeat = 1;
   }
   if (result.train.empty()) {
-    throw InputError(options.data_dir, "split", "every asset is held out for evaluation; none is left to train on");
+    throw InputError(options.data_dir, "split",
+                     options.train_share < 1.0 ? "train_share leaves no asset to train on"
+                                               : "every asset is held out for evaluation; none is left to train on");
   }
   if (options.eval_fraction > 0.0 && result.eval.empty()) {
     throw InputError(options.data_dir, "eval_fraction",

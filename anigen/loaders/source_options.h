@@ -16,11 +16,12 @@ struct SourceOptions {
   std::string split;           ///< ours: file of ids to use; relative to the first root, else to the working directory
   std::string eval_split;      ///< ours: file of ids held out for evaluation; never trained on
   double eval_fraction = 0.0;  ///< ours, without eval_split: this share of the ids, chosen by a hash of the id
+  double train_share = 1.0;    ///< ours: this share of the training ids, chosen by a hash; smaller in larger ones
   bool skip_broken = false;    ///< ours: leave out assets that cannot be read, counted and named
   RowFilter filter;  ///< ours: `repeat_sources`, for example {"real": 8}, visits assets of a source that often an epoch
 
-  /// data_dir, split, eval_split, eval_fraction, skip_broken, repeat_sources, `instances` (a list of ids) and
-  /// `min_aesthetic_score` (default 5). @throws InputError
+  /// data_dir, split, eval_split, eval_fraction, train_share, skip_broken, repeat_sources, `instances` (a list of ids)
+  /// and `min_aesthetic_score` (default 5). @throws InputError
   void read_common(ConfigReader& reader);
 };
 

@@ -1,11 +1,8 @@
 #include "anigen/pipeline/generate_assets.h"
 
-#include <algorithm>
-#include <cctype>
 #include <chrono>
 #include <map>
 #include <memory>
-#include <set>
 #include <system_error>
 #include <utility>
 
@@ -32,14 +29,6 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr const char* kReportFile = "generation.json";
-
-bool is_picture(const fs::path& path) {
-  static const std::set<std::string> kExtensions{".png", ".jpg", ".jpeg", ".webp", ".bmp", ".tif", ".tiff"};
-  std::string extension = path.extension().string();
-  std::transform(extension.begin(), extension.end(), extension.begin(),
-                 [](unsigned char c) { return std::tolower(c); });
-  return kExtensions.count(extension) > 0;
-}
 
 /// Preprocessors of the sizes that the two stages see; they share the estimator of normals.
 class ConditionPictures {
@@ -251,46 +240,19 @@ class Generation {
 
 }  // namespace
 
-std::vector<fs::path> pictures_at(const fs::path& path) {
-  std::error_code error;
-  if (!fs::is_directory(path, error)) return {path};
-  std::vector<fs::path> pictures;
-  for (const fs::directory_entry& entry : fs::directory_iterator(path, error)) {
-    if (entry.is_regular_file(error) && is_picture(entry.path())) pictures.push_back(entry.path());
-  }
-  if (pictures.empty()) {
-    throw InputError(path.string(), "", "holds no picture (png, jpg, jpeg, webp, bmp, tif, tiff)");
-  }
-  std::sort(pictures.begin(), pictures.end());
-  return pictures;
-}
-
-void require_distinct_names(const std::vector<fs::path>& pictures) {
-  std::set<std::string> seen;
-  for (const fs::path& picture : pictures) {
-    const std::string name = picture.stem().string();
-    if (name == "." || name == "..") throw InputError(picture.string(), "", "has no name that a folder could have");
-    if (!seen.insert(name).second) throw InputError("", "--image", "two pictures have the name '" + name + "'");
-  }
-}
-
-std::vector<GenerationReport> generate_assets(const GenerateRequest& request, const std::vector<fs::path>& pictures) {
+std::vector<GenerationReport> generate_assets(const GenerateRequest& request,
+                                              const std::vector<NamedPicture>& pictures) {
   request.finishing.validate();
-  std::vector<std::string> names;
-  for (const fs::path& picture : pictures) names.push_back(picture.stem().string());
-  if (!request.name.empty()) {
-    if (pictures.size() != 1) throw InputError("", "--name", "is for one picture");
-    names.front() = request.name;
-  }
+  if (!request.name.empty() && pictures.size() != 1) throw InputError("", "--name", "is for one picture");
   require_distinct_names(pictures);
   if (!request.normal_map.empty() && pictures.size() != 1) {
     throw InputError("", "--normal-map", "is for one picture");
   }
   Generation generation(request);
   std::vector<GenerationReport> reports;
-  for (std::size_t i = 0; i < pictures.size(); ++i) {
+  for (const NamedPicture& picture : pictures) {
     throw_if_interrupted();
-    reports.push_back(generation.run(pictures[i], names[i]));
+    reports.push_back(generation.run(picture.file, request.name.empty() ? picture.name : request.name));
   }
   return reports;
 }

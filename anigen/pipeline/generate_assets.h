@@ -6,6 +6,7 @@
 #include "anigen/core/json.h"
 #include "anigen/pipeline/asset_finishing.h"
 #include "anigen/pipeline/asset_generator.h"
+#include "anigen/pipeline/picture_list.h"
 
 namespace anigen::pipeline {
 
@@ -33,19 +34,12 @@ struct GenerationReport {
   Json details;         ///< as written to generation.json
 };
 
-/// A picture, or the pictures directly in a folder by name: png, jpg, jpeg, webp, bmp, tif, tiff.
-/// @throws InputError when there is none
-std::vector<std::filesystem::path> pictures_at(const std::filesystem::path& path);
-
-/// @throws InputError when two pictures have one name, whose assets would overwrite each other
-void require_distinct_names(const std::vector<std::filesystem::path>& pictures);
-
 /// Pictures to rigged GLB files. For each `<output>/<name>/`: mesh.glb, skeleton.glb, processed_image.png,
 /// processed_normal.png where normals were seen, preview.png, and generation.json, written last: what made it (runs,
 /// seed, options, notices, times). A picture that cannot be used is reported and does not stop the others.
 /// @throws InputError when the models are unusable or two pictures have one name
 std::vector<GenerationReport> generate_assets(const GenerateRequest& request,
-                                              const std::vector<std::filesystem::path>& pictures);
+                                              const std::vector<NamedPicture>& pictures);
 
 Json to_json(const std::vector<GenerationReport>& reports);
 std::string to_text(const std::vector<GenerationReport>& reports);

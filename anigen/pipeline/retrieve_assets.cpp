@@ -14,7 +14,6 @@
 #include "anigen/io/gltf.h"
 #include "anigen/io/rigs/dataset_source.h"
 #include "anigen/io/rigs/split.h"
-#include "anigen/pipeline/generate_assets.h"
 #include "anigen/pipeline/picture_cells.h"
 #include "anigen/raytrace/views/transforms_json.h"
 
@@ -110,20 +109,21 @@ class Gallery {
 
 }  // namespace
 
-std::vector<RetrievalReport> retrieve_assets(const RetrievalRequest& request, const std::vector<fs::path>& pictures) {
+std::vector<RetrievalReport> retrieve_assets(const RetrievalRequest& request,
+                                             const std::vector<NamedPicture>& pictures) {
   require_distinct_names(pictures);
   PreprocessingOptions options = request.pictures;
   options.size = kSide;
   ImagePreprocessor preprocessor(options);
   const Gallery gallery(request);
   std::vector<RetrievalReport> reports;
-  for (const fs::path& picture : pictures) {
+  for (const NamedPicture& picture : pictures) {
     throw_if_interrupted();
     RetrievalReport report;
-    report.name = picture.stem().string();
+    report.name = picture.name;
     report.file = request.output / report.name / "mesh.glb";
     try {
-      const Gallery::Nearest nearest = gallery.nearest(picture_cells(preprocessor.run(picture).picture_tensor));
+      const Gallery::Nearest nearest = gallery.nearest(picture_cells(preprocessor.run(picture.file).picture_tensor));
       report.asset = nearest.id;
       report.distance = nearest.distance;
       gallery.write(nearest.id, report.file);

@@ -6,6 +6,7 @@
 
 #include "anigen/core/json.h"
 #include "anigen/pipeline/image_preprocessing.h"
+#include "anigen/pipeline/picture_list.h"
 
 namespace anigen::pipeline {
 
@@ -32,7 +33,7 @@ struct RetrievalReport {
 /// view are left out, with a warning. @throws InputError when the data set has no usable condition views, or two
 /// pictures have one name
 std::vector<RetrievalReport> retrieve_assets(const RetrievalRequest& request,
-                                             const std::vector<std::filesystem::path>& pictures);
+                                             const std::vector<NamedPicture>& pictures);
 
 Json to_json(const std::vector<RetrievalReport>& reports);
 std::string to_text(const std::vector<RetrievalReport>& reports);

@@ -125,4 +125,17 @@ Json describe_weights(const fs::path& run) {
   return result;
 }
 
+std::string first_incomplete(const Json& weights) {
+  for (const auto& [model, found] : weights.items()) {
+    if (found["complete"]) continue;
+    if (found.contains("problem")) return model + ": " + found["problem"].get<std::string>();
+    for (const char* what : {"missing", "misshapen", "unexpected"}) {
+      if (!found.contains(what)) continue;
+      return model + ", " + found["checkpoint"].get<std::string>() + ": " + found[what]["count"].dump() + " " + what +
+             " tensors, the first " + found[what]["first"].get<std::string>();
+    }
+  }
+  return "";
+}
+
 }  // namespace anigen::pipeline

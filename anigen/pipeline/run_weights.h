@@ -1,5 +1,6 @@
 #pragma once
 #include <filesystem>
+#include <string>
 
 #include "anigen/core/json.h"
 
@@ -11,5 +12,8 @@ namespace anigen::pipeline {
 /// keys and the first of them. Models are built without initial values, files are read whole.
 /// @throws InputError when there is no readable config.json
 Json describe_weights(const std::filesystem::path& run);
+
+/// One sentence about the first model of a description whose weights are not all there; empty when all are.
+std::string first_incomplete(const Json& weights);
 
 }  // namespace anigen::pipeline

@@ -27,14 +27,16 @@ using torch::Tensor;
 
 constexpr std::int64_t kSampledAtOnce = 4;  // assets; the answer does not depend on it beyond rounding
 
+/// @param held_out assets to evaluate: a share of the training assets does not reduce them
 std::unique_ptr<loaders::StructureLatentDataset> dataset_of(const loaders::StructureLatentOptions& reading,
                                                             const std::string& data, const fs::path& split,
-                                                            std::uint64_t seed) {
+                                                            std::uint64_t seed, bool held_out) {
   loaders::StructureLatentOptions options = reading;
   if (!data.empty()) options.sources.data_dir = data;
   if (!split.empty()) options.sources.split = split.string();
   options.sources.eval_split.clear();
   options.sources.eval_fraction = 0.0;
+  if (held_out) options.sources.train_share = 1.0;
   options.sources.filter.repeat.clear();
   return std::make_unique<loaders::StructureLatentDataset>(loaders::select(options.sources).train, options, seed);
 }
@@ -65,12 +67,12 @@ class StructureComparison {
       : request_(request),
         generator_({request.run, request.autoencoder, "", request.device}),
         coder_(generator_.autoencoder(), generator_.reading().ss_dec_ckpt, parse_device(request.device), false),
-        assets_(dataset_of(generator_.reading(), request.data, request.split, request.seed)) {
+        assets_(dataset_of(generator_.reading(), request.data, request.split, request.seed, true)) {
     sampler_ = generator_.sampler();
     if (request.steps > 0) sampler_.steps = request.steps;
     strengths_ = request.strengths.empty() ? std::vector<double>{sampler_.cfg_strength} : request.strengths;
     if (request.retrieval_views > 0) {
-      training_ = dataset_of(generator_.reading(), request.data, request.train_split, request.seed);
+      training_ = dataset_of(generator_.reading(), request.data, request.train_split, request.seed, false);
       retrieval_ = std::make_unique<StructureRetrieval>(generator_, *training_, request.retrieval_views);
     }
     name_methods();

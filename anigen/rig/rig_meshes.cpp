@@ -9,6 +9,7 @@
 #include "anigen/core/log.h"
 #include "anigen/core/progress.h"
 #include "anigen/geometry/bone_segments.h"
+#include "anigen/io/gltf.h"
 #include "anigen/io/rigs/shape_source.h"
 #include "anigen/io/rigs/split.h"
 
@@ -90,7 +91,7 @@ RigReports rig_meshes(const RigRequest& request) {
     try {
       report.file = file_of(request, *source, id);
       const Asset asset = rig_by_template(source->read(id), skeleton);
-      io::write_gltf(report.file, asset, request.axes);
+      io::write_gltf(report.file, asset);
       report.joints = asset.skeleton.size();
       report.vertices = asset.mesh.vertices.size();
     } catch (const InputError& error) {

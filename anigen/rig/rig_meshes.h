@@ -4,7 +4,6 @@
 #include <vector>
 
 #include "anigen/core/json.h"
-#include "anigen/io/gltf.h"
 #include "anigen/io/rigs/rigged_shape.h"
 #include "anigen/rig/template_skeleton.h"
 
@@ -25,7 +24,6 @@ struct RigRequest {
   std::filesystem::path skeletons;            ///< the collection whose middle skeleton is the template
   std::vector<std::filesystem::path> splits;  ///< of the collection
   std::filesystem::path out;                  ///< a file for a file, a folder for a folder: <id>.glb each
-  io::ExportOptions axes;
 };
 
 struct RigReport {

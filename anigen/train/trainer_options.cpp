@@ -33,6 +33,14 @@ std::int64_t steps(ConfigReader& reader, const std::string& key, std::int64_t fa
   return value == nullptr ? fallback : std::max<std::int64_t>(1, steps_of(*value, max_steps, reader, key));
 }
 
+// Steps between two of a kind: a number, 0 for never, or a share of all steps, which is never none.
+std::int64_t interval(ConfigReader& reader, const std::string& key, std::int64_t fallback, std::int64_t max_steps,
+                      std::int64_t lowest = 0) {
+  const Json* value = reader.raw(key);
+  return value != nullptr && value->is_string() ? steps(reader, key, fallback, max_steps)
+                                                : reader.integer(key, fallback, lowest);
+}
+
 LrSchedulePtr simple_schedule(const std::string& name, ConfigReader& args, std::int64_t max_steps) {
   if (name == "LinearLR") {
     const double start = args.number("start_factor", 1.0 / 3.0, 0.0), end = args.number("end_factor", 1.0, 0.0);
@@ -177,15 +185,15 @@ TrainerOptions TrainerOptions::read(ConfigReader& reader) {
     for (const auto& [model, unused] : finetune->items()) options.finetune_ckpt[model] = files.text(model, "");
     files.finish();
   }
-  options.i_print = reader.integer("i_print", 500, 0);
-  options.i_log = reader.integer("i_log", 500, 0);
-  options.i_sample = reader.integer("i_sample", 10000, -1);
-  options.i_save = reader.integer("i_save", 10000, 0);
+  options.i_print = interval(reader, "i_print", 500, options.max_steps);
+  options.i_log = interval(reader, "i_log", 500, options.max_steps);
+  options.i_sample = interval(reader, "i_sample", 10000, options.max_steps, -1);
+  options.i_save = interval(reader, "i_save", 10000, options.max_steps);
   // The published trainer has these for machinery that this one does not need.
   for (const char* key : {"elastic", "log_param_stats", "skip_init_snapshot", "i_ddpcheck"}) reader.ignore(key);
   options.seed = static_cast<std::uint64_t>(reader.integer("seed", 0, 0));
   options.max_minutes = reader.number("max_minutes", 0.0, 0.0);
-  options.i_eval = reader.integer("i_eval", 0, 0);
+  options.i_eval = interval(reader, "i_eval", 0, options.max_steps);
   options.replicas = static_cast<std::size_t>(reader.integer("replicas", 1, 1, 256));
   if (reader.has("precision")) options.precision = reader.choice("precision", "", {"fp32", "bf16", "fp16-published"});
   options.compatibility = reader.choice("compatibility", "published", {"published", "paper"});

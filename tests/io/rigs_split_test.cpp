@@ -35,6 +35,8 @@ TEST(Split, SelectsInTheSourcesOrderAndNamesTheLineOfAnUnknownId) {
   EXPECT_EQ(select_ids(source, {}), (Ids{"a", "b", "c"}));
   EXPECT_EQ(select_ids(source, {folder / "test.txt"}), (Ids{"a", "c"}));
   EXPECT_EQ(select_ids(source, {folder / "test.txt", folder / "more.txt"}), (Ids{"a", "b", "c"}));
+  EXPECT_EQ(select_ids(source, {}, 2), (Ids{"a", "b"}));
+  EXPECT_EQ(select_ids(source, {folder / "test.txt"}, 1), Ids{"c"}) << "the split's first, not the source's";
   EXPECT_EQ(read_split(folder / "test.txt")[0].line, 3u);
   test::write_quickly(folder / "short.txt", "d\n");
   EXPECT_EQ(select_ids(Names({"c/e", "x/d"}), {folder / "short.txt"}), Ids{"x/d"});

@@ -15,6 +15,7 @@
 #include "anigen/models/patch_image_encoder.h"
 #include "anigen/models/state_dict.h"
 #include "anigen/pipeline/generate_assets.h"
+#include "anigen/pipeline/picture_list.h"
 #include "tests/support/paths.h"
 
 namespace anigen::pipeline {

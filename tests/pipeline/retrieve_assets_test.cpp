@@ -103,6 +103,23 @@ TEST_F(RetrieveAssets, LeavesOutWhatIsUnusable) {
   EXPECT_EQ(retrieve_assets(request_, {picture("rose", {200, 20, 40})})[0].asset, "green");
 }
 
+TEST_F(RetrieveAssets, PicturesOfADatasetAreItsFirstViewsCalledAsTheAssets) {
+  write_file_atomically(folder_ / "split.txt", "green\nred\ngreen\n");
+  const auto pictures = pictures_of_dataset(data(), {folder_ / "split.txt"}, 0);
+  ASSERT_EQ(pictures.size(), 2u);
+  EXPECT_EQ(pictures[0].name, "green");
+  EXPECT_EQ(pictures[0].file, data() / "renders_cond/green/000.png");
+  const auto reports = retrieve_assets(request_, pictures);
+  EXPECT_EQ(reports[0].asset, "green");
+  EXPECT_TRUE(fs::exists(folder_ / "out/red/mesh.glb"));
+  EXPECT_EQ(pictures_of_dataset(data(), {folder_ / "split.txt"}, 1).size(), 1u);
+  EXPECT_THROW(pictures_of_dataset(data(), {}, 0), InputError);
+  for (const char* unusable : {"blind\n", "nobody\n", "../red\n"}) {
+    write_file_atomically(folder_ / "split.txt", unusable);
+    EXPECT_THROW(pictures_of_dataset(data(), {folder_ / "split.txt"}, 0), InputError) << unusable;
+  }
+}
+
 TEST_F(RetrieveAssets, ABrokenPictureIsReported) {
   write_file_atomically(folder_ / "text.png", "not a picture");
   const auto reports = retrieve_assets(request_, {folder_ / "text.png", picture("leaf", {40, 190, 30})});

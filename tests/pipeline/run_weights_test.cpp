@@ -41,6 +41,7 @@ TEST_F(RunWeights, ACompleteCheckpoint) {
   EXPECT_EQ(found["tensors"], arrays_.size());
   EXPECT_EQ(found["checkpoint"], "model_step0000010.safetensors");
   EXPECT_FALSE(found.contains("missing"));
+  EXPECT_EQ(first_incomplete({{"model", found}}), "");
 }
 
 TEST_F(RunWeights, NamesWhatIsMissingWhatIsTooMuchAndWhatHasAnotherShape) {
@@ -53,6 +54,8 @@ TEST_F(RunWeights, NamesWhatIsMissingWhatIsTooMuchAndWhatHasAnotherShape) {
   EXPECT_EQ(found["missing"], (Json{{"count", 1}, {"first", lost}}));
   EXPECT_EQ(found["misshapen"], (Json{{"count", 1}, {"first", changed}}));
   EXPECT_EQ(found["unexpected"], (Json{{"count", 1}, {"first", "stray"}}));
+  EXPECT_EQ(first_incomplete({{"model", found}}),
+            "model, model_step0000010.safetensors: 1 missing tensors, the first " + lost);
 }
 
 TEST_F(RunWeights, SaysWhyThereIsNothingToCompare) {

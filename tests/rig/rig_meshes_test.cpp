@@ -5,6 +5,7 @@
 #include "anigen/asset/validate.h"
 #include "anigen/core/atomic_file.h"
 #include "anigen/core/error.h"
+#include "anigen/io/gltf.h"
 #include "tests/support/paths.h"
 #include "tests/support/rig_files.h"
 

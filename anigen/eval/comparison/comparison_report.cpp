@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <regex>
 
 #include "anigen/core/error.h"
 #include "anigen/core/html.h"
@@ -97,15 +96,9 @@ std::string settings_html(const Json& settings) {
          "</pre></details>\n";
 }
 
-/// Best and second best carry Markdown marks.
-std::string emphasized(std::string html) {
-  html = std::regex_replace(html, std::regex("\\*\\*([^*<]+)\\*\\*"), "<b>$1</b>");
-  return std::regex_replace(html, std::regex(">_([^_<]+)_<"), "><i>$1</i><");
-}
-
 std::string section(const std::string& title, const Table& table) {
   if (table.rows.empty()) return "";
-  return "<h2>" + html_escaped(title) + "</h2>\n<div class=\"wide\">" + emphasized(to_html(table)) + "</div>\n";
+  return "<h2>" + html_escaped(title) + "</h2>\n<div class=\"wide\">" + to_html(table) + "</div>\n";
 }
 
 }  // namespace

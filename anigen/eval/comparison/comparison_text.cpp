@@ -3,43 +3,6 @@
 namespace anigen::eval {
 namespace {
 
-std::string latex_escaped(const std::string& text) {
-  std::string result;
-  for (const char c : text) {
-    switch (c) {
-      case '\\':
-        result += "\\textbackslash{}";
-        break;
-      case '~':
-        result += "\\textasciitilde{}";
-        break;
-      case '^':
-        result += "\\textasciicircum{}";
-        break;
-      case '&':
-      case '%':
-      case '$':
-      case '#':
-      case '_':
-      case '{':
-      case '}':
-        result += '\\';
-        result += c;
-        break;
-      default:
-        result += c;
-    }
-  }
-  return result;
-}
-
-std::string latex_head(const MetricInfo& metric) {
-  std::string head = latex_escaped(metric.label);
-  if (metric.better == Better::kLower) head += " $\\downarrow$";
-  if (metric.better == Better::kHigher) head += " $\\uparrow$";
-  return head;
-}
-
 void add_section(std::string& text, const std::string& title, const Table& table) {
   if (!table.rows.empty()) text += "\n## " + title + "\n\n" + to_markdown(table);
 }
@@ -65,29 +28,12 @@ std::string to_markdown(const Comparison& comparison) {
 }
 
 std::string to_latex(const Comparison& comparison) {
-  const std::vector<const MetricInfo*> metrics = present_metrics(comparison, true);
-  std::string text =
-      "% needs \\usepackage{booktabs}\n\\begin{tabular}{l" + std::string(metrics.size(), 'r') + "}\n\\toprule\nMethod";
-  for (const MetricInfo* metric : metrics) text += " & " + latex_head(*metric);
-  text += " \\\\\n\\midrule\n";
-  const Table table = method_table(comparison, metrics);
-  for (std::size_t m = 0; m < comparison.methods.size(); ++m) {
-    text += latex_escaped(comparison.methods[m]);
-    for (std::size_t c = 0; c < metrics.size(); ++c) {
-      std::string cell = table.rows[m][c + 3];
-      if (cell == "–") {
-        text += " & --";
-      } else if (cell.rfind("**", 0) == 0) {
-        text += " & \\textbf{" + cell.substr(2, cell.size() - 4) + "}";
-      } else if (cell.front() == '_') {
-        text += " & \\underline{" + cell.substr(1, cell.size() - 2) + "}";
-      } else {
-        text += " & " + cell;
-      }
-    }
-    text += " \\\\\n";
-  }
-  return text + "\\bottomrule\n\\end{tabular}\n";
+  Table table = method_table(comparison, present_metrics(comparison, true));
+  // Papers say elsewhere how many assets there were.
+  const auto shorten = [](std::vector<std::string>& cells) { cells.erase(cells.begin() + 1, cells.begin() + 3); };
+  shorten(table.columns);
+  for (auto& row : table.rows) shorten(row);
+  return to_latex(table);
 }
 
 }  // namespace anigen::eval

@@ -35,7 +35,7 @@ Opened open(const EvaluationRequest& request) {
   std::vector<std::string> ids;
   if (!request.truth.empty()) {
     truth = io::open_source(request.truth, {request.truth_axes});
-    ids = request.splits.empty() ? truth->ids() : io::select_ids(*truth, request.splits);
+    ids = io::select_ids(*truth, request.splits, request.most);
     opened.described["ground_truth"] = truth->describe();
   }
   std::set<std::string> labels;

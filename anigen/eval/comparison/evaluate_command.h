@@ -17,6 +17,7 @@ struct EvaluationRequest {
                                          ///< a list of pairs (read_pairs_csv)
   std::filesystem::path truth;           ///< a source; empty when every prediction is a list of pairs
   std::vector<std::filesystem::path> splits;
+  std::size_t most = 0;  ///< only so many of the first assets; 0: all
   std::filesystem::path out;
   io::Axes prediction_axes = io::Axes::kFormat, truth_axes = io::Axes::kFormat;
   PairSettings settings;

@@ -16,7 +16,7 @@ table.sortable th[data-order=down]::after{content:" ▼"}
 .wide{overflow-x:auto}figure{margin:1.2em 0;padding:.6em;border:1px solid #e3e3e3;border-radius:6px}
 figcaption{margin-bottom:.4em}.turn{background-repeat:no-repeat;cursor:ew-resize;touch-action:none}
 canvas{display:block;background:#eef0f2;touch-action:none;cursor:grab}button{margin:.4em 0}
-code{background:#f3f3f3}.failed{color:#a22}.hint{color:#777;font-size:90%})";
+code{background:#f3f3f3}pre{overflow-x:auto}svg,img,canvas{max-width:100%}.failed{color:#a22}.hint{color:#777;font-size:90%})";
 
 // Sorting: numbers by value, cells without one last in either direction.
 constexpr const char kSort[] = R"(
@@ -100,7 +100,8 @@ function open3d(button){
 }  // namespace
 
 std::string page_begin(const std::string& title) {
-  return "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><title>" + html_escaped(title) +
+  return "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">"
+         "<meta name=\"viewport\" content=\"width=device-width,initial-scale=1\"><title>" + html_escaped(title) +
          "</title><style>" + kStyle + "</style></head><body>\n<h1>" + html_escaped(title) + "</h1>\n";
 }
 

@@ -42,6 +42,7 @@ const std::vector<MetricInfo>& metric_table() {
       {"puppeteer.b2b", "Puppeteer B2B", kLow, "box", "skeleton", false},
       {"connectivity_precision", "bone prec", kHigh, "1", "skeleton", false},
       {"connectivity_recall", "bone rec", kHigh, "1", "skeleton", false},
+      {"joints", "joints", Better::kNeither, "joints", "skeleton", false},
       {"joint_count_error", "joints off", kLow, "joints", "skeleton", false},
       {"tree_edit_distance", "tree edits", kLow, "edits", "skeleton", false},
       {"anymate_cd", "Anymate CD", kLow, "box of side 2", "anymate", false},

@@ -45,6 +45,7 @@ void add_skeleton_metrics(const ComparedShapes& shapes, PairResult& result) {
   const ConnectivityScore bones = connectivity(predicted, truth, match.truth_of);
   result.set("connectivity_precision", bones.precision);
   result.set("connectivity_recall", bones.recall);
+  result.set("joints", static_cast<double>(predicted.size()));
   result.set("joint_count_error", static_cast<double>(joint_count_error(predicted, truth)));
   if (const auto edits = tree_edit_distance(predicted, truth))
     result.set("tree_edit_distance", *edits);

@@ -34,9 +34,13 @@ std::vector<SplitLine> read_split(const std::filesystem::path& file) {
   return lines;
 }
 
-std::vector<std::string> select_ids(const ShapeSource& source, const std::vector<std::filesystem::path>& splits) {
-  const std::vector<std::string> all = source.ids();
-  if (splits.empty()) return all;
+std::vector<std::string> select_ids(const ShapeSource& source, const std::vector<std::filesystem::path>& splits,
+                                    std::size_t most) {
+  std::vector<std::string> all = source.ids();
+  if (splits.empty()) {
+    if (most > 0 && all.size() > most) all.resize(most);
+    return all;
+  }
   const std::set<std::string> known(all.begin(), all.end());
   std::map<std::string, std::vector<std::string>> named;  // by other name
   for (const std::string& id : all) {
@@ -45,6 +49,7 @@ std::vector<std::string> select_ids(const ShapeSource& source, const std::vector
   std::set<std::string> wanted;
   for (const std::filesystem::path& split : splits) {
     for (const SplitLine& line : read_split(split)) {
+      if (most > 0 && wanted.size() == most) break;
       const auto other = named.find(line.id);
       if (known.count(line.id) > 0) {
         wanted.insert(line.id);

@@ -1,4 +1,5 @@
 #pragma once
+#include <cstddef>
 #include <filesystem>
 #include <string>
 #include <vector>
@@ -22,7 +23,9 @@ std::vector<SplitLine> read_split(const std::filesystem::path& file);
 
 /// The source's ids that the split files name, each once, in the source's order; all of them without split files.
 /// A line may also give one of a shape's short_names, where no other shape has it.
+/// @param most only so many of the first ids, as the split files order them; 0: all
 /// @throws InputError naming the line for an id that the source does not have
-std::vector<std::string> select_ids(const ShapeSource& source, const std::vector<std::filesystem::path>& splits);
+std::vector<std::string> select_ids(const ShapeSource& source, const std::vector<std::filesystem::path>& splits,
+                                    std::size_t most = 0);
 
 }  // namespace anigen::io

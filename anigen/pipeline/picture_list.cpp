@@ -1,0 +1,69 @@
+#include "anigen/pipeline/picture_list.h"
+
+#include <algorithm>
+#include <set>
+#include <string>
+#include <system_error>
+#include <utility>
+
+#include "anigen/core/error.h"
+#include "anigen/io/rigs/file_list.h"
+#include "anigen/io/rigs/split.h"
+#include "anigen/raytrace/views/transforms_json.h"
+
+namespace anigen::pipeline {
+
+namespace fs = std::filesystem;
+
+NamedPicture::NamedPicture(fs::path picture) : file(std::move(picture)), name(file.stem().string()) {}
+NamedPicture::NamedPicture(fs::path picture, std::string called) : file(std::move(picture)), name(std::move(called)) {}
+
+std::vector<NamedPicture> pictures_at(const fs::path& path) {
+  std::error_code error;
+  if (!fs::is_directory(path, error)) return {NamedPicture(path)};
+  static const std::set<std::string> kExtensions{".png", ".jpg", ".jpeg", ".webp", ".bmp", ".tif", ".tiff"};
+  std::vector<fs::path> pictures;
+  for (const fs::directory_entry& entry : fs::directory_iterator(path, error)) {
+    if (entry.is_regular_file(error) && kExtensions.count(io::lower_extension(entry.path())) > 0)
+      pictures.push_back(entry.path());
+  }
+  if (pictures.empty()) {
+    throw InputError(path.string(), "", "holds no picture (png, jpg, jpeg, webp, bmp, tif, tiff)");
+  }
+  std::sort(pictures.begin(), pictures.end());
+  return {pictures.begin(), pictures.end()};
+}
+
+std::vector<NamedPicture> pictures_of_dataset(const fs::path& dataset, const std::vector<fs::path>& splits,
+                                              std::size_t most) {
+  if (splits.empty()) throw InputError("", "--split", "which assets' pictures? A file of ids, such as splits/test.txt");
+  std::vector<NamedPicture> pictures;
+  std::set<std::string> seen;
+  for (const fs::path& split : splits) {
+    for (const io::SplitLine& line : io::read_split(split)) {
+      if (most > 0 && pictures.size() == most) return pictures;
+      if (!seen.insert(line.id).second) continue;
+      const fs::path folder = dataset / "renders_cond" / line.id;
+      std::error_code error;
+      if (line.id.find('/') != std::string::npos || !fs::is_regular_file(folder / "transforms.json", error)) {
+        throw InputError(split.string(), "line " + std::to_string(line.line),
+                         "asset '" + line.id + "' has no condition views in " + dataset.string() +
+                             "; anigen-prepare --cond-views makes them");
+      }
+      const fs::path picture = folder / raytrace::read_transforms(folder / "transforms.json").frames.front().file_path;
+      pictures.emplace_back(picture, line.id);
+    }
+  }
+  return pictures;
+}
+
+void require_distinct_names(const std::vector<NamedPicture>& pictures) {
+  std::set<std::string> seen;
+  for (const auto& [file, name] : pictures) {
+    if (name.empty() || name == "." || name == "..")
+      throw InputError(file.string(), "", "has no name that a folder could have");
+    if (!seen.insert(name).second) throw InputError("", "--image", "two pictures have the name '" + name + "'");
+  }
+}
+
+}  // namespace anigen::pipeline
