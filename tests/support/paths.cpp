@@ -17,6 +17,8 @@ fs::path from_environment(const char* variable, const char* beside_checkout) {
 
 }  // namespace
 
+fs::path source_dir() { return ANIGEN_SOURCE_DIR; }
+
 fs::path parity_dir() { return from_environment("ANIGEN_PARITY_DIR", "parity"); }
 
 fs::path assets_dir() { return from_environment("ANIGEN_ASSETS_DIR", "assets"); }

@@ -6,6 +6,8 @@ namespace anigen::test {
 
 /// ANIGEN_PARITY_DIR, else ../shared/parity beside the checkout. May not exist: tests then skip.
 std::filesystem::path parity_dir();
+/// The checkout.
+std::filesystem::path source_dir();
 /// ANIGEN_ASSETS_DIR, else ../shared/assets beside the checkout. May not exist: tests then skip.
 std::filesystem::path assets_dir();
 

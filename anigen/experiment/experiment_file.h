@@ -1,0 +1,67 @@
+#pragma once
+#include <cstdint>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "anigen/core/json.h"
+
+namespace anigen::experiment {
+
+/// What is changed in the steps for one row of the results.
+struct Variant {
+  std::string name;
+  Json changes = Json::object();  ///< step name → what merge_config() overlays on that step
+};
+
+/// A column of a results table.
+struct Column {
+  std::string key;    ///< column of the step's CSV file
+  std::string label;  ///< as people read it; the key where the file says nothing
+  enum class Better { kNone, kLower, kHigher } better = Better::kNone;
+  int digits = 4;
+};
+
+/// A table of the report: what one step measured, a row per variant and method.
+struct TableSpec {
+  std::string title, step;
+  std::string file = "metrics.csv";     ///< in the step's folder: one line per asset and method
+  std::vector<std::string> methods;     ///< values of the column "method"; empty: all, in the file's order
+  std::vector<std::string> not_ranked;  ///< methods to compare with that no method competes with, such as the truth
+  std::vector<Column> columns;
+};
+
+/// A curve of the report, one line per variant and seed.
+struct CurveSpec {
+  std::string title, step, column;  ///< a column of the training run's metrics.csv
+};
+
+/// Pictures of the report.
+struct PictureSpec {
+  std::string title, step;
+  std::string files;     ///< under the step's folder; a folder's name may be *, as in "*/preview.png"
+  std::size_t most = 6;  ///< per variant, of the first seed
+};
+
+/// A whole experiment, as its JSON file says it (docs/experiments.md).
+struct Experiment {
+  std::filesystem::path file;
+  std::string title, purpose;
+  Json steps;  ///< name → step, in the file's order; read one by one by read_step() of step.h
+  std::vector<Variant> variants;
+  std::vector<std::uint64_t> seeds;
+  std::vector<std::string> seeded;  ///< steps that are run once per seed
+  std::vector<std::string> goals;   ///< steps to reach; what they do not need is not run
+  std::vector<TableSpec> tables;
+  std::vector<CurveSpec> curves;
+  std::vector<PictureSpec> pictures;
+};
+
+/// Reads an experiment; `"extends"` works as in configs. Variants are a `"variants"` object, or the product of a
+/// `"grid"`, or both multiplied; without either there is one variant without a name. `"goals"` are the steps that the
+/// tables, curves and pictures speak of and those that the file names; all steps when it names none.
+/// @param overrides path.to.key=value, applied to the whole file before it is read
+/// @throws InputError naming file and JSON pointer
+Experiment read_experiment(const std::filesystem::path& file, const std::vector<std::string>& overrides = {});
+
+}  // namespace anigen::experiment

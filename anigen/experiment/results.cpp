@@ -1,0 +1,197 @@
+#include "anigen/experiment/results.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numeric>
+#include <set>
+#include <utility>
+
+#include "anigen/core/csv.h"
+#include "anigen/core/error.h"
+#include "anigen/core/random.h"
+#include "anigen/experiment/job_record.h"
+
+namespace anigen::experiment {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr std::size_t kFewestForVerdict = 6, kSignDraws = 10000;
+
+double mean_of(const std::vector<double>& values) {
+  return std::accumulate(values.begin(), values.end(), 0.0) / static_cast<double>(values.size());
+}
+
+/// 97.5 % quantile of Student's t; Abramowitz and Stegun 26.7.5 beyond the tabulated degrees of freedom.
+double student_quantile(std::size_t freedom) {
+  constexpr double kTable[] = {12.7062, 4.3027, 3.1824, 2.7764, 2.5706, 2.4469, 2.3646, 2.3060, 2.2622, 2.2281};
+  if (freedom <= std::size(kTable)) return kTable[freedom - 1];
+  constexpr double z = 1.959964;
+  const double n = static_cast<double>(freedom);
+  return z + (z * z * z + z) / (4 * n) + (5 * std::pow(z, 5) + 16 * z * z * z + 3 * z) / (96 * n * n);
+}
+
+/// One file of metrics, asset by asset.
+struct Metrics {
+  std::vector<std::string> methods;                                          ///< in the file's order
+  std::map<std::string, std::vector<std::map<std::string, double>>> values;  ///< method → column → id → value
+  std::map<std::string, std::size_t> assets, failed;
+};
+
+double number_in(const std::string& text) {
+  if (text.empty()) return std::numeric_limits<double>::quiet_NaN();
+  char* end = nullptr;
+  const double value = std::strtod(text.c_str(), &end);
+  return *end == '\0' ? value : std::numeric_limits<double>::quiet_NaN();
+}
+
+Metrics read_metrics(const fs::path& file, const std::vector<Column>& columns) {
+  const CsvTable table = read_csv(file);
+  std::vector<std::size_t> places;
+  for (const char* needed : {"id", "method"}) {
+    if (table.column(needed) == CsvTable::kMissing)
+      throw InputError(file.string(), "line 1", std::string("has no column '") + needed + "'");
+  }
+  for (const Column& column : columns) {
+    places.push_back(table.column(column.key));
+    if (places.back() == CsvTable::kMissing)
+      throw InputError(file.string(), "line 1", "has no column '" + column.key + "'");
+  }
+  Metrics metrics;
+  for (std::size_t r = 0; r < table.rows.size(); ++r) {
+    const std::string& method = table.cell(r, "method");
+    if (metrics.values.count(method) == 0) metrics.methods.push_back(method);
+    auto& values = metrics.values[method];
+    values.resize(columns.size());
+    ++metrics.assets[method];
+    metrics.failed[method] += table.cell(r, "failure").empty() ? 0 : 1;
+    for (std::size_t c = 0; c < places.size(); ++c) {
+      const double value = number_in(table.rows[r][places[c]]);
+      if (std::isfinite(value)) values[c][table.cell(r, "id")] = value;
+    }
+  }
+  return metrics;
+}
+
+Cell cell_of(const std::vector<std::map<std::string, double>>& seeds, const std::string& purpose) {
+  Cell cell;
+  std::map<std::string, std::vector<double>> assets;
+  for (const auto& values : seeds) {
+    if (values.empty()) continue;
+    std::vector<double> all;
+    for (const auto& [id, value] : values) {
+      all.push_back(value);
+      assets[id].push_back(value);
+    }
+    cell.by_seed.push_back(mean_of(all));
+  }
+  if (!cell.has()) return cell;
+  std::vector<double> all;
+  for (const auto& [id, values] : assets) all.push_back(cell.by_asset[id] = mean_of(values));
+  cell.mean = mean_of(cell.by_seed);
+  cell.interval =
+      cell.by_seed.size() > 1 ? student_interval(cell.by_seed) : eval::bootstrap_mean(all, 0, "experiment " + purpose);
+  return cell;
+}
+
+std::vector<Row> rows_of(const std::string& variant, const std::vector<Metrics>& seeds, const TableSpec& spec) {
+  std::vector<std::string> methods = spec.methods;
+  if (spec.methods.empty()) {
+    for (const Metrics& metrics : seeds) {
+      for (const std::string& method : metrics.methods)
+        if (std::find(methods.begin(), methods.end(), method) == methods.end()) methods.push_back(method);
+    }
+  }
+  std::vector<Row> rows;
+  for (const std::string& method : methods) {
+    Row row{variant, method, 0, 0, {}};
+    std::vector<std::vector<std::map<std::string, double>>> by_column(spec.columns.size());
+    for (const Metrics& metrics : seeds) {
+      const auto found = metrics.values.find(method);
+      if (found == metrics.values.end()) continue;
+      row.assets += metrics.assets.at(method);
+      row.failed += metrics.failed.at(method);
+      for (std::size_t c = 0; c < by_column.size(); ++c) by_column[c].push_back(found->second[c]);
+    }
+    for (std::size_t c = 0; c < by_column.size(); ++c)
+      row.cells.push_back(cell_of(by_column[c], method + spec.columns[c].key));
+    rows.push_back(std::move(row));
+  }
+  return rows;
+}
+
+Difference difference_of(const std::vector<Row>& rows, std::size_t row, std::size_t against, const TableSpec& spec) {
+  Difference result{row, against, {}, {}};
+  for (std::size_t c = 0; c < spec.columns.size(); ++c) {
+    const auto &mine = rows[row].cells[c].by_asset, &others = rows[against].cells[c].by_asset;
+    std::vector<double> first, second, differences;
+    for (const auto& [id, value] : mine) {
+      const auto other = others.find(id);
+      if (other == others.end()) continue;
+      first.push_back(value);
+      second.push_back(other->second);
+      differences.push_back(value - other->second);
+    }
+    const std::string purpose = rows[row].variant + spec.columns[c].key;
+    result.columns.push_back(eval::paired_difference(first, second, 0, purpose));
+    result.p.push_back(sign_flip_p(differences, purpose));
+  }
+  return result;
+}
+
+}  // namespace
+
+eval::Interval student_interval(const std::vector<double>& values) {
+  const double mean = mean_of(values);
+  if (values.size() < 2) return {mean, mean};
+  double squares = 0;
+  for (const double value : values) squares += (value - mean) * (value - mean);
+  const double n = static_cast<double>(values.size());
+  const double half = student_quantile(values.size() - 1) * std::sqrt(squares / (n - 1) / n);
+  return {mean - half, mean + half};
+}
+
+double sign_flip_p(const std::vector<double>& differences, const std::string& purpose) {
+  if (differences.size() < kFewestForVerdict) return std::numeric_limits<double>::quiet_NaN();
+  const double seen = std::abs(std::accumulate(differences.begin(), differences.end(), 0.0));
+  Rng rng(0, "sign flips " + purpose);
+  std::size_t as_far = 0;
+  for (std::size_t draw = 0; draw < kSignDraws; ++draw) {
+    double sum = 0;
+    for (const double difference : differences) sum += rng.chance(0.5) ? difference : -difference;
+    as_far += std::abs(sum) >= seen * (1 - 1e-12) ? 1 : 0;
+  }
+  // The signs as they are count too, so that p is never 0.
+  return static_cast<double>(as_far + 1) / static_cast<double>(kSignDraws + 1);
+}
+
+ResultTable collect_results(const Experiment& experiment, const Plan& plan, const fs::path& out,
+                            const TableSpec& spec) {
+  ResultTable table{spec, {}, {}, {}};
+  for (std::size_t v = 0; v < experiment.variants.size(); ++v) {
+    std::vector<Metrics> seeds;
+    std::set<std::size_t> seen;  // a step that no seed reaches is one job
+    for (const PlannedRun& run : plan.runs) {
+      if (run.variant != v || !seen.insert(run.jobs.at(spec.step)).second) continue;
+      const Job& job = plan.jobs[run.jobs.at(spec.step)];
+      if (is_done(out, job)) {
+        seeds.push_back(read_metrics(job.folder / spec.file, spec.columns));
+      } else {
+        table.missing.push_back(job.id + (job.serves.front().empty() ? "" : " (" + job.serves.front() + ")"));
+      }
+    }
+    for (Row& row : rows_of(experiment.variants[v].name, seeds, spec)) table.rows.push_back(std::move(row));
+  }
+  for (std::size_t r = 0; r < table.rows.size(); ++r) {
+    const std::string &reference = experiment.variants.front().name, &method = table.rows[r].method;
+    const auto same = [&](const Row& row) { return row.variant == reference && row.method == method; };
+    const auto first = std::find_if(table.rows.begin(), table.rows.end(), same);
+    if (first == table.rows.end() || table.rows[r].variant == reference) continue;
+    const auto against = static_cast<std::size_t>(first - table.rows.begin());
+    table.differences.push_back(difference_of(table.rows, r, against, spec));
+  }
+  return table;
+}
+
+}  // namespace anigen::experiment

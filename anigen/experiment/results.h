@@ -1,0 +1,54 @@
+#pragma once
+#include <cstddef>
+#include <filesystem>
+#include <map>
+#include <string>
+#include <vector>
+
+#include "anigen/eval/comparison/statistics.h"
+#include "anigen/experiment/plan.h"
+
+namespace anigen::experiment {
+
+/// One metric of one row of a table: an asset's value is its mean over the seeds.
+struct Cell {
+  std::vector<double> by_seed;             ///< mean over assets, per seed that has values
+  std::map<std::string, double> by_asset;  ///< mean over seeds
+  double mean = 0;                         ///< of by_seed
+  eval::Interval interval;                 ///< 95 %: over seeds by Student's t, with one seed over assets by bootstrap
+  bool has() const { return !by_seed.empty(); }
+};
+
+struct Row {
+  std::string variant, method;
+  std::size_t assets = 0, failed = 0;  ///< of all seeds together
+  std::vector<Cell> cells;             ///< one per column
+};
+
+/// A row against the first variant's row of the same method, on the assets that both have.
+struct Difference {
+  std::size_t row = 0, against = 0;  ///< places in `rows`
+  std::vector<eval::PairedDifference> columns;
+  std::vector<double> p;  ///< two-sided, by exchanging signs at random (sign_flip_p); NaN with fewer than 6 assets
+};
+
+struct ResultTable {
+  TableSpec spec;
+  std::vector<Row> rows;
+  std::vector<Difference> differences;
+  std::vector<std::string> missing;  ///< what has not been run yet, in words
+};
+
+/// Collects one table from the metrics.csv files of the jobs that are done.
+/// @throws InputError for a file without the columns "id" and "method", or without a wanted one
+ResultTable collect_results(const Experiment& experiment, const Plan& plan, const std::filesystem::path& out,
+                            const TableSpec& spec);
+
+/// Mean of differences against the hypothesis that each could as well have the other sign: the share of 10,000 random
+/// choices of signs whose mean is as far from zero (Fisher 1935). @return NaN for fewer than 6 differences
+double sign_flip_p(const std::vector<double>& differences, const std::string& purpose);
+
+/// 95 % interval of a mean by Student's t; one value gives an interval without width. @pre not empty
+eval::Interval student_interval(const std::vector<double>& values);
+
+}  // namespace anigen::experiment

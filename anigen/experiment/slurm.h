@@ -1,0 +1,20 @@
+#pragma once
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "anigen/experiment/plan.h"
+
+namespace anigen::experiment {
+
+/// Writes out/slurm: one array job per step, `<n>_<step>.sbatch`, with a task per job of it that is not done, and
+/// submit.sh, which submits them so that a step begins when all of the steps it needs have succeeded. Partition, time
+/// and GPUs are the user's to add: submit.sh hands its own arguments on to every sbatch.
+/// @param command how this program runs one job: anigen-experiment run FILE --out … --only
+/// @param working_folder where relative paths of the experiment's arguments begin
+/// @return the files written @throws Error when they cannot be written
+std::vector<std::filesystem::path> write_slurm(const std::filesystem::path& out, const Plan& plan,
+                                               const std::vector<std::string>& command,
+                                               const std::filesystem::path& working_folder);
+
+}  // namespace anigen::experiment

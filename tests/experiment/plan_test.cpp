@@ -1,0 +1,140 @@
+#include "anigen/experiment/plan.h"
+
+#include <algorithm>
+
+#include "anigen/experiment/placeholders.h"
+#include "tests/experiment/experiment_folder.h"
+
+namespace anigen::experiment {
+namespace {
+
+namespace fs = std::filesystem;
+using ExperimentPlan = ExperimentFolder;
+
+bool has_pair(const std::vector<std::string>& command, const std::string& option, const std::string& value) {
+  for (std::size_t i = 0; i + 1 < command.size(); ++i)
+    if (command[i] == option && command[i + 1] == value) return true;
+  return false;
+}
+
+TEST_F(ExperimentPlan, WhatVariantsAndSeedsShareIsOneJob) {
+  const Plan p = plan(kTwoVariants);
+  EXPECT_EQ(p.runs.size(), 4u);
+  EXPECT_EQ(p.jobs.size(), 1u + 4u + 4u);  // one dataset, four trainings and their evaluations
+  EXPECT_EQ(job_of(p, 0, "data").id, job_of(p, 3, "data").id);
+  EXPECT_EQ(job_of(p, 0, "data").serves.size(), 4u);
+  EXPECT_NE(job_of(p, 0, "fit").id, job_of(p, 1, "fit").id);
+  EXPECT_NE(job_of(p, 0, "fit").id, job_of(p, 2, "fit").id);
+}
+
+TEST_F(ExperimentPlan, JobsComeAfterWhatTheyNeed) {
+  const Plan p = plan(R"({"title": "x", "steps": {
+    "score": {"program": "anigen-eval", "args": {"--pred": "{fit}"}},
+    "fit": {"program": "anigen-train", "config": "train.json", "after": ["latents"], "args": {"--data-dir": "{data}"}},
+    "latents": {"program": "anigen-encode", "words": ["ss"], "writes_into": "data", "args": {"--data": "{data}"}},
+    "data": {"program": "anigen-prepare"}}})");
+  ASSERT_EQ(p.jobs.size(), 4u);
+  for (std::size_t j = 0; j < p.jobs.size(); ++j)
+    for (const std::size_t need : p.jobs[j].needs) EXPECT_LT(need, j);
+  EXPECT_EQ(job_of(p, 0, "latents").folder, job_of(p, 0, "data").folder);
+  EXPECT_EQ(job_of(p, 0, "latents").command.at(1), "ss");
+}
+
+TEST_F(ExperimentPlan, GoalsLeaveOutWhatNothingNeeds) {
+  const std::string steps = R"("steps": {
+    "data": {"program": "anigen-prepare"}, "other": {"program": "anigen-prepare", "args": {"--procedural": 1}},
+    "fit": {"program": "anigen-train", "config": "train.json", "args": {"--data-dir": "{data}"}},
+    "score": {"program": "anigen-eval", "args": {"--pred": "{fit}"}}})";
+  EXPECT_EQ(plan(R"({"title": "x", )" + steps + "}").jobs.size(), 4u);
+  EXPECT_EQ(plan(R"({"title": "x", "goals": ["fit"], )" + steps + "}").jobs.size(), 2u);
+  EXPECT_EQ(
+      plan(R"({"title": "x", "goals": [], "curves": [{"title": "c", "step": "fit", "column": "l"}], )" + steps + "}")
+          .jobs.size(),
+      2u);
+}
+
+TEST_F(ExperimentPlan, CommandsCarryFoldersSettingsAndSeeds) {
+  const Plan p = plan(kTwoVariants);
+  const Job& fit = job_of(p, 3, "fit");  // variant fast, seed 1
+  EXPECT_EQ(fit.command.front(), (folder_ / "bin/anigen-train").string());
+  EXPECT_TRUE(has_pair(fit.command, "--data-dir", job_of(p, 3, "data").folder.string()));
+  EXPECT_TRUE(has_pair(fit.command, "--output", (folder_ / "out" / "jobs" / fit.id).string()));
+  EXPECT_TRUE(has_pair(fit.command, "--set", "trainer.args.lr=2"));
+  EXPECT_TRUE(has_pair(fit.command, "--seed", "1"));
+  EXPECT_TRUE(has_pair(job_of(p, 0, "score").command, "--pred", "ours=" + job_of(p, 0, "fit").folder.string()));
+  EXPECT_EQ(std::count(fit.command.begin(), fit.command.end(), "--threads"), 0);
+}
+
+TEST_F(ExperimentPlan, ListsRepeatFlagsStandAloneAndTextsThatAreJsonKeepTheirQuotes) {
+  const Plan p = plan(R"({"title": "x", "steps": {"a": {"program": "anigen-train", "config": "train.json",
+    "set": {"p": "12", "q": "5%", "r": [1, 2], "s": true},
+    "args": {"--two": ["x", 3], "--yes": true, "--no": false, "--none": null}}}})");
+  const std::vector<std::string>& command = p.jobs[0].command;
+  EXPECT_TRUE(has_pair(command, "--two", "x"));
+  EXPECT_TRUE(has_pair(command, "--two", "3"));
+  EXPECT_EQ(std::count(command.begin(), command.end(), "--yes"), 1);
+  EXPECT_EQ(std::count(command.begin(), command.end(), "--no"), 0);
+  EXPECT_EQ(std::count(command.begin(), command.end(), "--none"), 0);
+  for (const char* setting : {"p=\"12\"", "q=5%", "r=[1,2]", "s=true"})
+    EXPECT_TRUE(has_pair(command, "--set", setting));
+}
+
+TEST_F(ExperimentPlan, AChangeRenamesJustWhatDependsOnIt) {
+  const Plan before = plan(kTwoVariants);
+  std::string changed = kTwoVariants;
+  changed.replace(changed.find("lr\": 2"), 6, "lr\": 7");
+  const Plan after = plan(changed);
+  EXPECT_EQ(job_of(before, 0, "data").key, job_of(after, 0, "data").key);
+  EXPECT_EQ(job_of(before, 0, "fit").key, job_of(after, 0, "fit").key);
+  EXPECT_EQ(job_of(before, 0, "score").key, job_of(after, 0, "score").key);
+  EXPECT_NE(job_of(before, 2, "fit").key, job_of(after, 2, "fit").key);
+  EXPECT_NE(job_of(before, 2, "score").key, job_of(after, 2, "score").key);
+}
+
+TEST_F(ExperimentPlan, TheConfigFilesContentCountsAndItsNameDoesNot) {
+  const Plan before = plan(kTwoVariants);
+  write("train.json", R"({"trainer": {"args": {"steps": 5, "lr": 1}}})");  // the same in another order
+  EXPECT_EQ(job_of(before, 0, "fit").key, job_of(plan(kTwoVariants), 0, "fit").key);
+  write("train.json", R"({"trainer": {"args": {"steps": 6, "lr": 1}}})");
+  EXPECT_NE(job_of(before, 0, "fit").key, job_of(plan(kTwoVariants), 0, "fit").key);
+}
+
+TEST_F(ExperimentPlan, NamedInputsCount) {
+  const std::string json =
+      R"({"title": "x", "steps": {"a": {"program": "anigen-prepare", "args": {"--input": "{path:rigs}"}}}})";
+  EXPECT_NE(error_of([&] { plan(json); }).find("no such file or folder"), std::string::npos);
+  fs::create_directories(folder_ / "rigs");
+  write("rigs/a.glb", "one");
+  const Plan before = plan(json);
+  EXPECT_TRUE(has_pair(before.jobs[0].command, "--input", (folder_ / "rigs").string()));
+  EXPECT_EQ(before.jobs[0].key, plan(json).jobs[0].key);
+  write("rigs/b.glb", "two");
+  EXPECT_NE(before.jobs[0].key, plan(json).jobs[0].key);
+}
+
+TEST_F(ExperimentPlan, MistakesAreNamed) {
+  const auto error = [&](const std::string& args) {
+    return error_of([&] {
+      plan(R"({"title": "x", "steps": {"a": {"program": "anigen-prepare", "args": {"--b": ")" + args +
+           R"("}}, "data": {"program": "anigen-prepare", "args": {"--c": "{a}"}}}})");
+    });
+  };
+  EXPECT_NE(error("{dat}").find("did you mean '{data}'"), std::string::npos);
+  EXPECT_NE(error("{data}").find("wait for each other"), std::string::npos);
+  EXPECT_NE(error("{data").find("without '}'"), std::string::npos);
+  fs::remove(folder_ / "bin/anigen-prepare");
+  EXPECT_NE(error("x").find("no such program"), std::string::npos);
+}
+
+TEST(Placeholders, BracesCanBeWritten) {
+  const Meaning meaning = [](const std::string& inside) { return "<" + inside + ">"; };
+  EXPECT_EQ(filled_in(std::string("a{b}c{{d}{e.name}"), meaning), "a<b>c{d}<e.name>");
+  EXPECT_EQ(filled_in(Json{{"k", {"{x}", 3}}}, meaning), (Json{{"k", {"<x>", 3}}}));
+}
+
+TEST(ShellLine, QuotesWhatAShellWouldReadOtherwise) {
+  EXPECT_EQ(shell_line({"/bin/x", "a b", "it's", "", "k=[1]"}), R"(/bin/x 'a b' 'it'\''s' '' 'k=[1]')");
+}
+
+}  // namespace
+}  // namespace anigen::experiment
