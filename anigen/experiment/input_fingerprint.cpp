@@ -36,8 +36,10 @@ std::string input_fingerprint(const fs::path& path) {
 }
 
 std::string program_fingerprint(const fs::path& program) {
-  static std::map<fs::path, std::string> known;
-  const auto found = known.find(program);
+  static std::map<std::string, std::string> known;  // by path, size and time
+  std::error_code error;
+  const std::string state = program.string() + (fs::exists(program, error) ? input_fingerprint(program) : "");
+  const auto found = known.find(state);
   if (found != known.end()) return found->second;
   std::ifstream stream(program, std::ios::binary);
   if (!stream) throw InputError(program.string(), "", "no such program; build it, or name its folder with --programs");
@@ -45,7 +47,7 @@ std::string program_fingerprint(const fs::path& program) {
   std::vector<char> piece(std::size_t{1} << 20);
   while (stream.read(piece.data(), static_cast<std::streamsize>(piece.size())), stream.gcount() > 0)
     digest.update({piece.data(), static_cast<std::size_t>(stream.gcount())});
-  return known[program] = digest.finish();
+  return known[state] = digest.finish();
 }
 
 }  // namespace anigen::experiment

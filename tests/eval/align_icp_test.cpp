@@ -215,16 +215,17 @@ TEST(Icp, TrimmingIgnoresAPartThatOnlyOneShapeHas) {
   Mesh with_wing = test::walker(10);
   test::add_ellipsoid(with_wing, {0.5, 0.5, 0.3}, {0.15, 0.15, 0.15}, 0, 8);
   const AlignmentShape target(with_wing, 2500, 0);
-  const AlignmentShape source(transformed({1.0, test::random_similarity(60).rotation, {}}, test::walker(10)), 2500, 0);
+  const AlignmentShape source(
+      transformed({1.0, test::random_similarity(60).rotation, Eigen::Vector3d::Zero()}, test::walker(10)), 2500, 0);
   IcpOptions options = light();
   options.trim = 0.6;
-  const Similarity found =
-      compose(register_shapes(source, target, options).transform, {1.0, test::random_similarity(60).rotation, {}});
+  const Similarity found = compose(register_shapes(source, target, options).transform,
+                                   {1.0, test::random_similarity(60).rotation, Eigen::Vector3d::Zero()});
   const Mesh mesh = test::walker(10);
   EXPECT_LT(test::largest_offset(found, mesh, {}, mesh), 1e-4);
   options.trim = 1.0;
-  const Similarity pulled =
-      compose(register_shapes(source, target, options).transform, {1.0, test::random_similarity(60).rotation, {}});
+  const Similarity pulled = compose(register_shapes(source, target, options).transform,
+                                    {1.0, test::random_similarity(60).rotation, Eigen::Vector3d::Zero()});
   EXPECT_GT(test::largest_offset(pulled, mesh, {}, mesh), 1e-2);
 }
 

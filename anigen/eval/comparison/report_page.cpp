@@ -101,8 +101,9 @@ function open3d(button){
 
 std::string page_begin(const std::string& title) {
   return "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">"
-         "<meta name=\"viewport\" content=\"width=device-width,initial-scale=1\"><title>" + html_escaped(title) +
-         "</title><style>" + kStyle + "</style></head><body>\n<h1>" + html_escaped(title) + "</h1>\n";
+         "<meta name=\"viewport\" content=\"width=device-width,initial-scale=1\"><title>" +
+         html_escaped(title) + "</title><style>" + kStyle + "</style></head><body>\n<h1>" + html_escaped(title) +
+         "</h1>\n";
 }
 
 std::string page_end() { return std::string("<script>") + kSort + kTurn + kView + "</script></body></html>\n"; }
