@@ -17,8 +17,9 @@ using namespace anigen;
 struct Words {
   std::string image, dataset, checkpoint, solver;
   std::vector<std::filesystem::path> splits;
+  std::filesystem::path normal_map;
   std::size_t most = 0;
-  std::string background = "auto", normals = "color", structure_condition = "trained", precision = "fp32";
+  std::string background = "auto", normals = "auto", structure_condition = "trained", precision = "fp32";
   std::vector<double> structure_interval, latent_interval;
   double structure_strength = -1, latent_strength = -1, rescale = 0, joint_density = -1;
   std::int64_t structure_steps = 0, latent_steps = 0, joints = 0;
@@ -64,14 +65,15 @@ void add_picture_options(CLI::App& app, pipeline::GenerateRequest& request, Word
       ->capture_default_str()
       ->check(CLI::IsMember({"trained", "color", "normal"}));
   app.add_option("--normals", words.normals,
-                 "Where normals come from: color (the picture stands in), estimator, file, flat")
+                 "Where normals come from: color (the picture stands in), file (--normal-map, or those of --dataset), "
+                 "estimator, flat; auto: file where there is one, else color")
       ->capture_default_str();
-  app.add_option("--normal-map", request.normal_map, "With --normals file: the map of one picture");
+  app.add_option("--normal-map", words.normal_map, "The normals of one picture");
   app.add_option("--normal-weights", request.estimator_weights,
                  "With --normals estimator: dsine.pt (not ours; non-commercial research only)");
 }
 
-void add_sampling_options(CLI::App& app, Words& words) {
+void add_sampling_options(CLI::App& app, pipeline::GenerateRequest& request, Words& words) {
   app.add_option("--cfg-scale-ss", words.structure_strength, "Extra weight of guidance in stage 4, 0: none [config]");
   app.add_option("--cfg-scale", words.latent_strength, "Extra weight of guidance in stage 5, 0: none [config]");
   app.add_option("--steps-ss", words.structure_steps, "Steps of stage 4 [config]");
@@ -83,6 +85,9 @@ void add_sampling_options(CLI::App& app, Words& words) {
       ->expected(2);
   app.add_option("--solver", words.solver, "euler; midpoint and heun take two passes per step [config]")
       ->check(CLI::IsMember(flow::solver_words()));
+  app.add_option("--grouping-bandwidth", request.models.grouping.bandwidth,
+                 "Votes for joints so far apart become one, in units of the box; more for models that trained briefly")
+      ->capture_default_str();
   app.add_option("--joints", words.joints, "Wanted number of joints, for flows trained with it");
   app.add_option("--joint-density", words.joint_density, "The same as a share of 60 joints, 0 … 1");
   app.add_option("--joint-level", words.level, "The same by the published levels 0 … 4: none, 10, 15, 25, 35 joints");
@@ -139,7 +144,12 @@ void find_runs(pipeline::GenerateRequest& request, const Words& words) {
 std::vector<pipeline::NamedPicture> pictures_of(const Words& words) {
   if (!words.dataset.empty()) return pipeline::pictures_of_dataset(words.dataset, words.splits, words.most);
   if (words.image.empty()) throw InputError("", "--image", "which picture? Or name a --dataset and a --split");
-  return pipeline::pictures_at(words.image);
+  std::vector<pipeline::NamedPicture> pictures = pipeline::pictures_at(words.image);
+  if (!words.normal_map.empty()) {
+    if (pictures.size() != 1) throw InputError("", "--normal-map", "is for one picture");
+    pictures.front().normal_map = words.normal_map;
+  }
+  return pictures;
 }
 
 void settle(pipeline::GenerateRequest& request, const Words& words, const CommonOptions& common) {
@@ -185,7 +195,7 @@ int main(int argc, char** argv) {
   Words words;
   add_model_options(app, request, words);
   add_picture_options(app, request, words);
-  add_sampling_options(app, words);
+  add_sampling_options(app, request, words);
   add_finishing_options(app, request, words);
   add_common_options(app, common);
   return run_command(app, common, argc, argv, [&] {

@@ -13,7 +13,7 @@ namespace {
 using namespace anigen;
 
 struct RigOptions {
-  std::string method, mesh, image, dataset, out, background = "auto";
+  std::string method, mesh, image, dataset, out, background = "auto", condition = "color";
   std::vector<std::string> splits, pictured;
   std::size_t views = 0, most = 0;
 };
@@ -54,6 +54,8 @@ void retrieve(const RigOptions& options, const CommonOptions& common) {
   request.splits = {options.splits.begin(), options.splits.end()};
   request.views = options.views;
   request.pictures.background = pipeline::parse_background(options.background);
+  request.seen =
+      options.condition == "normal" ? loaders::ConditionPictures::kNormals : loaders::ConditionPictures::kColor;
   request.output = options.out;
   const auto pictures = options.image.empty()
                             ? pipeline::pictures_of_dataset(
@@ -93,6 +95,10 @@ int main(int argc, char** argv) {
       ->capture_default_str();
   app.add_option("--background", options.background, "For retrieval: auto, keep, alpha, grabcut, as anigen-generate")
       ->capture_default_str();
+  app.add_option("--condition", options.condition,
+                 "For retrieval: what is compared, color, or normal: the maps of --view-geometry, with --picture-split")
+      ->capture_default_str()
+      ->check(CLI::IsMember({"color", "normal"}));
   app.add_option("--out", options.out, "Folder; for template and one mesh the file")->required();
   add_common_options(app, common);
   return run_command(app, common, argc, argv, [&] {

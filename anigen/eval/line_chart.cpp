@@ -103,7 +103,7 @@ std::string svg_of(const std::string& title, const std::vector<Curve>& curves, b
     const double y = kHeight + kLegendLine * static_cast<double>(c) + 8;
     svg += "<line x1=\"58\" x2=\"78\" y1=\"" + text_of(y - 4) + "\" y2=\"" + text_of(y - 4) + "\" stroke=\"" + color +
            "\" stroke-width=\"2\"/>" +
-           text_element(84, y, "start", curves[c].label + ", last " + text_of(curves[c].points.back().second));
+           text_element(84, y, "start", curves[c].label + (curves[c].label.empty() ? "last " : ", last ") + text_of(curves[c].points.back().second));
   }
   return svg + "</svg>\n";
 }

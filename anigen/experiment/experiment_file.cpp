@@ -122,6 +122,31 @@ void for_each_object(ConfigReader& reader, const std::string& key, const Json& s
   }
 }
 
+ViewerSpec read_viewer(const Json& json, const Json& steps, const std::string& file, const std::string& pointer) {
+  ConfigReader reader(json, file, pointer);
+  for (const char* needed : {"title", "shown"}) reader.require(needed);
+  ViewerSpec viewer;
+  viewer.title = reader.text("title", "");
+  viewer.most = static_cast<std::size_t>(reader.integer("most", 3, 1, 100));
+  const std::vector<Json> shown = list_of(reader, "shown");
+  for (std::size_t i = 0; i < shown.size(); ++i) {
+    ConfigReader item(shown[i], file, pointer + "/shown/" + std::to_string(i));
+    for (const char* needed : {"step", "files"}) item.require(needed);
+    ViewerSpec::Entry entry;
+    entry.step = item.text("step", "");
+    require_step(steps, item, "step", entry.step);
+    entry.label = item.text("label", entry.step);
+    entry.files = item.text("files", "");
+    if (std::count(entry.files.begin(), entry.files.end(), '*') != 1)
+      throw item.error("files", "one * is needed, where the name of the asset stands, as in \"*/mesh.glb\"");
+    item.finish();
+    viewer.shown.push_back(std::move(entry));
+  }
+  if (viewer.shown.empty()) throw reader.error("shown", "at least one is needed");
+  reader.finish();
+  return viewer;
+}
+
 void read_report(Experiment& experiment, ConfigReader& reader) {
   for_each_object(reader, "tables", experiment.steps, [&](ConfigReader& item, auto title, auto step) {
     TableSpec table;
@@ -145,6 +170,11 @@ void read_report(Experiment& experiment, ConfigReader& reader) {
     const auto most = static_cast<std::size_t>(item.integer("most", 6, 1, 200));
     experiment.pictures.push_back({title, step, item.text("files", ""), most});
   });
+  const std::vector<Json> viewers = list_of(reader, "viewers");
+  for (std::size_t i = 0; i < viewers.size(); ++i) {
+    experiment.viewers.push_back(
+        read_viewer(viewers[i], experiment.steps, reader.file(), "/viewers/" + std::to_string(i)));
+  }
 }
 
 void read_seeds(Experiment& experiment, ConfigReader& reader) {

@@ -43,6 +43,18 @@ struct PictureSpec {
   std::size_t most = 6;  ///< per variant, of the first seed
 };
 
+/// A 3D view of the report: assets, each as several steps have it, side by side. Shows what there is; unlike tables and
+/// pictures it makes no step a goal.
+struct ViewerSpec {
+  struct Entry {
+    std::string label, step;
+    std::string files;  ///< GLB files under the step's folder, as "*/mesh.glb": one star, which stands for the asset
+  };
+  std::string title;
+  std::vector<Entry> shown;
+  std::size_t most = 3;  ///< assets
+};
+
 /// A whole experiment, as its JSON file says it (docs/experiments.md).
 struct Experiment {
   std::filesystem::path file;
@@ -55,6 +67,7 @@ struct Experiment {
   std::vector<TableSpec> tables;
   std::vector<CurveSpec> curves;
   std::vector<PictureSpec> pictures;
+  std::vector<ViewerSpec> viewers;
 };
 
 /// Reads an experiment; `"extends"` works as in configs. Variants are a `"variants"` object, or the product of a

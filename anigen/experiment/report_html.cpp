@@ -12,6 +12,8 @@
 #include "anigen/experiment/report_facts.h"
 #include "anigen/experiment/report_pictures.h"
 #include "anigen/experiment/result_tables.h"
+#include "anigen/experiment/viewer/report_viewer.h"
+#include "anigen/experiment/viewer/three_modules.h"
 
 namespace anigen::experiment {
 namespace {
@@ -33,7 +35,7 @@ class Page {
         html += "<p class=\"hint\">" + difference_text() + "</p>\n" + wide(difference_table(result));
       if (!result.missing.empty()) html += "<p class=\"failed\">" + html_escaped(missing_text(result)) + "</p>\n";
     }
-    html += curves() + pictures() + links();
+    html += viewers() + curves() + pictures() + links();
     html += "<h2>Cost</h2>\n" + wide(cost_table(plan_, place_.out));
     html += "<h2>Where this comes from</h2>\n" + wide(provenance_table(experiment_, plan_, place_)) + commands();
     html += "<details><summary>Jobs</summary>" + wide(job_table(plan_, place_.out)) + "</details>\n";
@@ -91,6 +93,24 @@ class Page {
       if (!figures.empty()) html += "<h2>" + html_escaped(spec.title) + "</h2>\n" + figures;
     }
     return html;
+  }
+
+  std::string viewers() const {
+    std::string html;
+    std::size_t number = 0;
+    for (const ViewerSpec& spec : experiment_.viewers)
+      html += viewer_html(viewed_assets(experiment_, plan_, spec), spec.title, ++number);
+    if (html.empty()) return "";
+    const fs::path three = find_three(experiment_.file.parent_path());
+    if (three.empty()) {
+      log::warn("the report has no 3D views: three.js is not installed (scripts/setup.sh does it)");
+      return "<p class=\"hint\">No 3D views: three.js was not installed where this report was written.</p>\n";
+    }
+    try {
+      return html + viewer_script_html(three);
+    } catch (const Error& problem) {
+      return "<p class=\"failed\">No 3D views: " + html_escaped(problem.what()) + "</p>\n";
+    }
   }
 
   static std::string picture_or_reason(const fs::path& file) {

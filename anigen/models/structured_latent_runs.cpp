@@ -21,7 +21,8 @@ StructuredLatentVariant variant_of_run(const RunModel& decoder) {
   return StructuredLatentVariant::of_run(decoder.run, options, decoder.config.string());
 }
 
-StructuredLatentDecoder load_rig_decoder(const RunModel& found, torch::Device device) {
+StructuredLatentDecoder load_rig_decoder(const RunModel& found, torch::Device device,
+                                         const geometry::MeanShiftOptions& grouping) {
   const StructuredLatentVariant variant = variant_of_run(found);
   if (variant.geometry_only) {
     throw InputError(found.config.string(), "/trainer/args/geometry_only",
@@ -29,8 +30,8 @@ StructuredLatentDecoder load_rig_decoder(const RunModel& found, torch::Device de
   }
   StructuredLatentDecoder decoder = load_structured_latent_decoder(found, device);
   const std::string strategy = decoder->options().grouping_strategy;
-  decoder->group_with([confidence = variant.confidence, strategy](const fields::SkeletonField& field) {
-    return fields::group_votes(for_grouping(field, confidence), strategy);
+  decoder->group_with([confidence = variant.confidence, strategy, grouping](const fields::SkeletonField& field) {
+    return fields::group_votes(for_grouping(field, confidence), strategy, grouping);
   });
   return decoder;
 }

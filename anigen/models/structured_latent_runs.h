@@ -1,4 +1,5 @@
 #pragma once
+#include "anigen/geometry/vote_clustering.h"
 #include "anigen/models/run_model.h"
 #include "anigen/models/structured_latent_decoder.h"
 #include "anigen/models/structured_latent_encoder.h"
@@ -19,6 +20,8 @@ StructuredLatentDecoder load_structured_latent_decoder(const RunModel& found, to
 StructuredLatentVariant variant_of_run(const RunModel& decoder);
 /// The decoder as its run's variant decodes whole rigs: votes are grouped with the variant's confidences.
 /// @throws InputError as above, and for a run that trained the shape alone, whose skeletons and weights mean nothing
-StructuredLatentDecoder load_rig_decoder(const RunModel& found, torch::Device device);
+/// @param grouping of votes by mean shift; the published values leave many joints of decoders that trained briefly
+StructuredLatentDecoder load_rig_decoder(const RunModel& found, torch::Device device,
+                                         const geometry::MeanShiftOptions& grouping = {});
 
 }  // namespace anigen::models

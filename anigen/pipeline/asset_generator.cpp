@@ -142,7 +142,7 @@ RigDecoder& AssetGenerator::decoder() {
   if (!decoder_) {
     decoder_ = std::make_unique<RigDecoder>(
         models::find_run_model(latent_autoencoder_, models::kStructuredLatentDecoderClass, latent_decoder_ckpt_),
-        parse_device(request_.device));
+        parse_device(request_.device), request_.grouping);
   }
   return *decoder_;
 }

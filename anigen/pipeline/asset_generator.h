@@ -7,6 +7,7 @@
 #include <utility>
 #include <vector>
 
+#include "anigen/geometry/vote_clustering.h"
 #include "anigen/pipeline/image_preprocessing.h"
 #include "anigen/pipeline/rig_decoder.h"
 #include "anigen/pipeline/structure_generator.h"
@@ -72,6 +73,7 @@ class AssetGenerator {
     std::string device = "cpu";
     torch::Dtype precision = torch::kFloat32;  ///< of the flows
     bool low_memory = false;                   ///< one model at a time: each is read again for every picture
+    geometry::MeanShiftOptions grouping;       ///< of the votes for joints
     StructureCondition structure_condition = StructureCondition::kAsTrained;
   };
   /// Reads the configs, and the weights too unless memory is low. @throws InputError when a run is unusable

@@ -31,7 +31,7 @@ std::vector<float> by_channel(const std::vector<float>& rows, std::size_t channe
 class StructuredLatents : public LatentSource {
  public:
   explicit StructuredLatents(const EncodeRequest& request)
-      : coder_(request.run, request.ckpt, parse_device(request.device), /*decodes=*/false) {}
+      : coder_(request.run, request.ckpt, parse_device(request.device), /*decodes=*/std::nullopt) {}
 
   fs::path checkpoint() const override { return coder_.checkpoint(); }
   std::string fingerprint() const override { return coder_.fingerprint(); }
@@ -97,7 +97,7 @@ EncodedLatents encode_structured_latents(const EncodeRequest& request) {
 
 std::vector<ReconstructedAsset> reconstruct_assets(const ReconstructRequest& request) {
   const std::vector<std::string> ids = wanted_ids(request);
-  StructuredLatentCoder coder(request.run, request.ckpt, parse_device(request.device), /*decodes=*/true);
+  StructuredLatentCoder coder(request.run, request.ckpt, parse_device(request.device), request.grouping);
   std::error_code error;
   fs::create_directories(request.output, error);
   if (error) throw Error(request.output.string() + ": cannot create folder: " + error.message());

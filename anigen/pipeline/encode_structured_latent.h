@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "anigen/core/json.h"
+#include "anigen/geometry/vote_clustering.h"
 #include "anigen/pipeline/latent_encoding.h"
 
 namespace anigen::pipeline {
@@ -26,8 +27,9 @@ struct ReconstructRequest {
   std::filesystem::path output;  ///< folder of the files <id>.glb
   std::string ckpt;              ///< as models::find_run_model
   std::string device = "cpu";
-  bool true_skeleton = false;  ///< decode weights for the asset's own skeleton instead of the grouped one
-  bool votes = false;          ///< also <id>.votes.glb and <id>.votes.ply, as write_votes()
+  bool true_skeleton = false;           ///< decode weights for the asset's own skeleton instead of the grouped one
+  geometry::MeanShiftOptions grouping;  ///< of the votes for joints
+  bool votes = false;                   ///< also <id>.votes.glb and <id>.votes.ply, as write_votes()
 };
 
 /// One asset that went through the auto-encoder.
@@ -39,9 +41,9 @@ struct ReconstructedAsset {
 };
 
 /// Encodes assets of a dataset and writes what their latents decode to as rigged GLB files.
-/// An asset that cannot be read, or whose latents have no surface or no joints, is named in the result and the rest goes
-/// on. @throws InputError when the run is unusable or an id is none; Error when the disk refuses; Interrupted between
-/// assets
+/// An asset that cannot be read, or whose latents have no surface or no joints, is named in the result and the rest
+/// goes on. @throws InputError when the run is unusable or an id is none; Error when the disk refuses; Interrupted
+/// between assets
 std::vector<ReconstructedAsset> reconstruct_assets(const ReconstructRequest& request);
 
 Json to_json(const std::vector<ReconstructedAsset>& assets);

@@ -33,7 +33,7 @@ constexpr const char* kReportFile = "generation.json";
 /// Preprocessors of the sizes that the two stages see; they share the estimator of normals.
 class ConditionPictures {
  public:
-  ConditionPictures(const GenerateRequest& request, const AssetGenerator& generator) : request_(request) {
+  ConditionPictures(const GenerateRequest& request, const AssetGenerator& generator) {
     std::shared_ptr<features::NormalEstimator> estimator;
     if (generator.structure_sees_normals() && request.pictures.normals == NormalSource::kEstimator) {
       if (request.estimator_weights.empty())
@@ -51,14 +51,13 @@ class ConditionPictures {
   }
 
   /// One picture as each size sees it.
-  std::map<int, PreprocessedImage> of(const fs::path& picture) {
+  std::map<int, PreprocessedImage> of(const NamedPicture& picture) {
     std::map<int, PreprocessedImage> seen;
-    for (auto& [size, preprocessor] : by_size_) seen[size] = preprocessor->run(picture, request_.normal_map);
+    for (auto& [size, preprocessor] : by_size_) seen[size] = preprocessor->run(picture.file, picture.normal_map);
     return seen;
   }
 
  private:
-  const GenerateRequest& request_;
   std::map<int, std::unique_ptr<ImagePreprocessor>> by_size_;
 };
 
@@ -103,8 +102,9 @@ Json sampler_json(const SamplerOverrides& overrides) {
 
 /// Which files a result was made from, by name, size and time of the last change: the picture and what belongs to it,
 /// every run's config and weights. Their bytes are gigabytes.
-std::string inputs_of(const GenerateRequest& request, const std::vector<fs::path>& runs, const fs::path& picture) {
-  std::vector<fs::path> files{picture, request.normal_map, request.estimator_weights, request.pictures.matting.network};
+std::string inputs_of(const GenerateRequest& request, const std::vector<fs::path>& runs, const NamedPicture& picture) {
+  std::vector<fs::path> files{picture.file, picture.normal_map, request.estimator_weights,
+                              request.pictures.matting.network};
   for (const fs::path& run : runs) {
     files.push_back(run / "config.json");
     for (const std::string& name : io::checkpoint_names(run / "ckpts")) files.push_back(run / "ckpts" / name);
@@ -120,9 +120,9 @@ std::string inputs_of(const GenerateRequest& request, const std::vector<fs::path
 }
 
 /// Everything that decides what is made of a picture.
-Json settings_of(const GenerateRequest& request, const std::vector<fs::path>& runs, const fs::path& picture) {
+Json settings_of(const GenerateRequest& request, const std::vector<fs::path>& runs, const NamedPicture& picture) {
   const FinishingOptions& finishing = request.finishing;
-  return {{"picture", fs::absolute(picture).lexically_normal().string()},
+  return {{"picture", fs::absolute(picture.file).lexically_normal().string()},
           {"ss_flow", runs[0].string()},
           {"slat_flow", runs[1].string()},
           {"ss_dae", runs[2].string()},
@@ -134,6 +134,7 @@ Json settings_of(const GenerateRequest& request, const std::vector<fs::path>& ru
           {"condition", static_cast<int>(request.models.structure_condition)},
           {"seed", request.sampling.seed},
           {"joints", request.sampling.joints},
+          {"grouping_bandwidth", request.models.grouping.bandwidth},
           {"structure_sampler", sampler_json(request.sampling.structure)},
           {"latent_sampler", sampler_json(request.sampling.latents)},
           {"averages", static_cast<int>(request.models.averages)},
@@ -156,7 +157,7 @@ class Generation {
   explicit Generation(const GenerateRequest& request)
       : request_(request), generator_(request.models), pictures_(request, generator_) {}
 
-  GenerationReport run(const fs::path& picture, const std::string& name) {
+  GenerationReport run(const NamedPicture& picture, const std::string& name) {
     GenerationReport report;
     report.name = name;
     report.folder = request_.output / name;
@@ -186,7 +187,7 @@ class Generation {
     return true;
   }
 
-  void make(const fs::path& picture, const Json& settings, GenerationReport& report) {
+  void make(const NamedPicture& picture, const Json& settings, GenerationReport& report) {
     std::error_code error;
     for (const char* stale : {kReportFile, "mesh.obj", "mesh.rig.json"}) fs::remove(report.folder / stale, error);
     const auto started = std::chrono::steady_clock::now();
@@ -245,14 +246,11 @@ std::vector<GenerationReport> generate_assets(const GenerateRequest& request,
   request.finishing.validate();
   if (!request.name.empty() && pictures.size() != 1) throw InputError("", "--name", "is for one picture");
   require_distinct_names(pictures);
-  if (!request.normal_map.empty() && pictures.size() != 1) {
-    throw InputError("", "--normal-map", "is for one picture");
-  }
   Generation generation(request);
   std::vector<GenerationReport> reports;
   for (const NamedPicture& picture : pictures) {
     throw_if_interrupted();
-    reports.push_back(generation.run(picture.file, request.name.empty() ? picture.name : request.name));
+    reports.push_back(generation.run(picture, request.name.empty() ? picture.name : request.name));
   }
   return reports;
 }

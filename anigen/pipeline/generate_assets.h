@@ -14,7 +14,6 @@ struct GenerateRequest {
   AssetGenerator::Request models;
   GenerationOptions sampling;
   PreprocessingOptions pictures;            ///< their size is that of the models' conditions
-  std::filesystem::path normal_map;         ///< for NormalSource::kFile; of one picture
   std::filesystem::path estimator_weights;  ///< for NormalSource::kEstimator
   FinishingOptions finishing;
   bool published_axes = false;   ///< (−x, z, y) in the file, as the published exporter writes; else (x, z, −y)

@@ -26,6 +26,13 @@ Background decided(Background asked, const io::Image& image, bool has_network) {
   return has_network ? Background::kNetwork : Background::kGrabCut;
 }
 
+/// A supplied map at the size of the picture it belongs to.
+io::Image map_of(const InputPicture& map, const io::Image& object, std::vector<std::string>& notices) {
+  check_input_picture(map.image, map.name);
+  notices.push_back("normals: from " + map.name);
+  return supplied_normals(map.image, object.width, object.height, map.name);
+}
+
 }  // namespace
 
 ImagePreprocessor::ImagePreprocessor(const PreprocessingOptions& options,
@@ -48,7 +55,8 @@ ImagePreprocessor::ImagePreprocessor(const PreprocessingOptions& options,
 PreprocessedImage ImagePreprocessor::run(const std::filesystem::path& picture,
                                          const std::filesystem::path& normal_map) {
   const InputPicture input = read_input_picture(picture);
-  if (options_.normals != NormalSource::kFile || normal_map.empty()) return run(input);
+  const bool reads = options_.normals == NormalSource::kFile || options_.normals == NormalSource::kSupplied;
+  if (!reads || normal_map.empty()) return run(input);
   const InputPicture map = read_input_picture(normal_map);
   return run(input, &map);
 }
@@ -107,6 +115,9 @@ std::optional<io::Image> ImagePreprocessor::normals_of(const InputPicture& pictu
                                                        const io::Image& object, std::vector<std::string>& notices) {
   const int width = object.width, height = object.height;
   switch (options_.normals) {
+    case NormalSource::kSupplied:
+      if (normal_map != nullptr) return map_of(*normal_map, object, notices);
+      [[fallthrough]];
     case NormalSource::kColors:
       notices.emplace_back("normals: none; the colour picture stands in for them");
       return std::nullopt;
@@ -115,9 +126,7 @@ std::optional<io::Image> ImagePreprocessor::normals_of(const InputPicture& pictu
       return flat_normals(width, height);
     case NormalSource::kFile:
       if (normal_map == nullptr) throw InputError(picture.name, "normals", "'file' needs a normal map beside it");
-      check_input_picture(normal_map->image, normal_map->name);
-      notices.push_back("normals: from " + normal_map->name);
-      return supplied_normals(normal_map->image, width, height, normal_map->name);
+      return map_of(*normal_map, object, notices);
     case NormalSource::kEstimator:
       break;
   }

@@ -9,6 +9,7 @@
 #include "anigen/core/error.h"
 #include "anigen/io/rigs/file_list.h"
 #include "anigen/io/rigs/split.h"
+#include "anigen/loaders/files/view_files.h"
 #include "anigen/raytrace/views/transforms_json.h"
 
 namespace anigen::pipeline {
@@ -52,6 +53,8 @@ std::vector<NamedPicture> pictures_of_dataset(const fs::path& dataset, const std
       }
       const fs::path picture = folder / raytrace::read_transforms(folder / "transforms.json").frames.front().file_path;
       pictures.emplace_back(picture, line.id);
+      const fs::path normals = loaders::normal_picture_of(picture);
+      if (fs::is_regular_file(normals, error)) pictures.back().normal_map = normals;
     }
   }
   return pictures;
@@ -59,7 +62,8 @@ std::vector<NamedPicture> pictures_of_dataset(const fs::path& dataset, const std
 
 void require_distinct_names(const std::vector<NamedPicture>& pictures) {
   std::set<std::string> seen;
-  for (const auto& [file, name] : pictures) {
+  for (const auto& [file, name, normal_map] : pictures) {
+    static_cast<void>(normal_map);
     if (name.empty() || name == "." || name == "..")
       throw InputError(file.string(), "", "has no name that a folder could have");
     if (!seen.insert(name).second) throw InputError("", "--image", "two pictures have the name '" + name + "'");

@@ -10,6 +10,8 @@ namespace anigen::pipeline {
 struct NamedPicture {
   std::filesystem::path file;
   std::string name;
+  std::filesystem::path
+      normal_map;  ///< the surface normals seen in it, as normal_picture() colours them; empty: unknown
   NamedPicture(std::filesystem::path picture);  ///< called as the file, without its ending
   NamedPicture(std::filesystem::path picture, std::string called);
 };
@@ -18,7 +20,8 @@ struct NamedPicture {
 /// @throws InputError when there is none
 std::vector<NamedPicture> pictures_at(const std::filesystem::path& path);
 
-/// The first condition view of every asset that the splits name, called as the asset.
+/// The first condition view of every asset that the splits name, called as the asset, with its true normals where
+/// the dataset has them (anigen-prepare --view-geometry).
 /// @param most only so many of the first; 0: all @throws InputError naming the asset that has no such view
 std::vector<NamedPicture> pictures_of_dataset(const std::filesystem::path& dataset,
                                               const std::vector<std::filesystem::path>& splits, std::size_t most);

@@ -15,6 +15,8 @@
 #include "anigen/io/rigs/dataset_source.h"
 #include "anigen/io/rigs/split.h"
 #include "anigen/pipeline/picture_cells.h"
+#include "anigen/pipeline/preprocessing/foreground.h"
+#include "anigen/pipeline/preprocessing/normal_source.h"
 #include "anigen/raytrace/views/transforms_json.h"
 
 namespace anigen::pipeline {
@@ -38,7 +40,7 @@ class Gallery {
       throw InputError(folder_.string(), "renders_cond",
                        "no asset has condition views; anigen-prepare --cond-views makes them");
     }
-    look(request.views);
+    look(request.views, request.seen);
   }
 
   struct Nearest {
@@ -64,25 +66,30 @@ class Gallery {
 
  private:
   /// Cells of the first views of an asset.
-  static std::vector<Tensor> seen(const fs::path& folder, std::size_t most) {
+  static std::vector<Tensor> seen(const fs::path& folder, std::size_t most, loaders::ConditionPictures pictures) {
     const auto frames = raytrace::read_transforms(folder / "transforms.json").frames;
     const std::size_t count = most == 0 ? frames.size() : std::min(most, frames.size());
     std::vector<Tensor> views;
     for (std::size_t f = 0; f < count; ++f) {
       const fs::path file = folder / frames[f].file_path;
-      const io::Image object = features::inference_image(io::read_image(file), kSide, file.string());
+      io::Image view = io::read_image(file);
+      if (pictures == loaders::ConditionPictures::kNormals) {
+        const fs::path map = loaders::normal_picture_of(file);
+        view = with_alpha_of(supplied_normals(io::read_image(map), view.width, view.height, map.string()), view);
+      }
+      const io::Image object = features::inference_image(view, kSide, file.string());
       views.push_back(picture_cells(features::color_tensor(object).unsqueeze(0)));
     }
     return views;
   }
 
-  void look(std::size_t most) {
+  void look(std::size_t most, loaders::ConditionPictures pictures) {
     std::vector<std::vector<Tensor>> views(ids_.size());
     Progress progress("looking at the data set", ids_.size(), "assets");
     parallel_for(ids_.size(), [&](std::size_t i) {
       throw_if_interrupted();
       try {
-        views[i] = seen(folder_ / "renders_cond" / ids_[i], most);
+        views[i] = seen(folder_ / "renders_cond" / ids_[i], most, pictures);
       } catch (const InputError& error) {
         log::warn("left out: {}", error.what());
       }
@@ -114,6 +121,8 @@ std::vector<RetrievalReport> retrieve_assets(const RetrievalRequest& request,
   require_distinct_names(pictures);
   PreprocessingOptions options = request.pictures;
   options.size = kSide;
+  const bool normals = request.seen == loaders::ConditionPictures::kNormals;
+  options.normals = normals ? NormalSource::kFile : NormalSource::kColors;
   ImagePreprocessor preprocessor(options);
   const Gallery gallery(request);
   std::vector<RetrievalReport> reports;
@@ -123,12 +132,14 @@ std::vector<RetrievalReport> retrieve_assets(const RetrievalRequest& request,
     report.name = picture.name;
     report.file = request.output / report.name / "mesh.glb";
     try {
-      const Gallery::Nearest nearest = gallery.nearest(picture_cells(preprocessor.run(picture.file).picture_tensor));
+      const PreprocessedImage seen = preprocessor.run(picture.file, picture.normal_map);
+      const Gallery::Nearest nearest = gallery.nearest(picture_cells(seen.normals_tensor));
       report.asset = nearest.id;
       report.distance = nearest.distance;
       gallery.write(nearest.id, report.file);
       const Json details = {{"retrieved", nearest.id},
                             {"distance", nearest.distance},
+                            {"compared", normals ? "normals" : "colours"},
                             {"dataset", fs::absolute(request.dataset).lexically_normal().string()}};
       write_file_atomically(report.file.parent_path() / "generation.json", details.dump(2) + "\n");
     } catch (const InputError& error) {

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "anigen/core/json.h"
+#include "anigen/loaders/files/view_files.h"
 #include "anigen/pipeline/image_preprocessing.h"
 #include "anigen/pipeline/picture_list.h"
 
@@ -13,9 +14,12 @@ namespace anigen::pipeline {
 struct RetrievalRequest {
   std::filesystem::path dataset;              ///< with renders_cond/
   std::vector<std::filesystem::path> splits;  ///< of what may be answered; none: all
-  std::size_t views = 0;                      ///< condition views looked at per asset; 0: all
-  PreprocessingOptions pictures;              ///< of the pictures asked about
-  std::filesystem::path output;               ///< <picture's name>/mesh.glb and generation.json, as generation writes
+  /// What is compared: colours, or the normals that a flow trained on them sees. Pictures without a map of normals
+  /// then fail.
+  loaders::ConditionPictures seen = loaders::ConditionPictures::kColor;
+  std::size_t views = 0;          ///< condition views looked at per asset; 0: all
+  PreprocessingOptions pictures;  ///< of the pictures asked about
+  std::filesystem::path output;   ///< <picture's name>/mesh.glb and generation.json, as generation writes
 };
 
 struct RetrievalReport {
@@ -27,8 +31,8 @@ struct RetrievalReport {
 };
 
 /// The baseline that invents nothing: each picture is answered with the asset of a data set that has the most similar
-/// condition view. Both are cropped and put on black as generation does, and compared by the means of colour over
-/// 16 × 16 cells. A picture that cannot be used is reported and does not stop the others.
+/// condition view. Both are cropped and put on black as generation does, and compared by the means of colour (or of
+/// normals) over 16 × 16 cells. A picture that cannot be used is reported and does not stop the others.
 /// Assets with a damaged
 /// view are left out, with a warning. @throws InputError when the data set has no usable condition views, or two
 /// pictures have one name

@@ -6,8 +6,8 @@
 
 namespace anigen::pipeline {
 
-RigDecoder::RigDecoder(const models::RunModel& found, torch::Device device)
-    : variant_(models::variant_of_run(found)), decoder_(models::load_rig_decoder(found, device)) {}
+RigDecoder::RigDecoder(const models::RunModel& found, torch::Device device, const geometry::MeanShiftOptions& grouping)
+    : variant_(models::variant_of_run(found)), decoder_(models::load_rig_decoder(found, device, grouping)) {}
 
 RigDecoder::Decoded RigDecoder::decode(const models::PerStream<sparse::SparseTensor>& latents,
                                        const fields::SkeletonTensors* given, const std::string& name) {

@@ -4,6 +4,7 @@
 
 #include "anigen/asset/asset.h"
 #include "anigen/fields/skeleton_field.h"
+#include "anigen/geometry/vote_clustering.h"
 #include "anigen/models/structured_latent_runs.h"
 
 namespace anigen::pipeline {
@@ -12,8 +13,9 @@ namespace anigen::pipeline {
 /// reference autoencoders.md, 3.5–3.9), grouped as its run's variant groups.
 class RigDecoder {
  public:
+  /// @param grouping of votes by mean shift
   /// @throws InputError when arguments or weights do not fit, or the run trained the shape alone
-  RigDecoder(const models::RunModel& found, torch::Device device);
+  RigDecoder(const models::RunModel& found, torch::Device device, const geometry::MeanShiftOptions& grouping);
 
   const models::StructuredLatentDecoderOptions& options() const { return decoder_->options(); }
 

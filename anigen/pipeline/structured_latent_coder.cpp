@@ -52,7 +52,7 @@ Tensor byte_coords(const SparseTensor& latent) {
 }  // namespace
 
 StructuredLatentCoder::StructuredLatentCoder(const fs::path& run, const std::string& ckpt, torch::Device device,
-                                             bool decodes)
+                                             const std::optional<geometry::MeanShiftOptions>& decodes)
     : device_(device),
       found_(models::find_run_model(run, models::kStructuredLatentEncoderClass, ckpt)),
       data_(data_options(found_)) {
@@ -60,7 +60,7 @@ StructuredLatentCoder::StructuredLatentCoder(const fs::path& run, const std::str
   variant_ = models::variant_of_run(decoder);
   if (variant_.latent_norm == models::LatentNorm::kNone) found_.args["normalize_z"] = false;
   encoder_ = models::load_structured_latent_encoder(found_, device);
-  if (decodes) decoder_.emplace(decoder, device);
+  if (decodes) decoder_.emplace(decoder, device, *decodes);
 }
 
 std::string StructuredLatentCoder::fingerprint() const {

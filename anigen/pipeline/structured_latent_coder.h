@@ -4,6 +4,7 @@
 #include <string>
 #include <vector>
 
+#include "anigen/geometry/vote_clustering.h"
 #include "anigen/loaders/datasets/feature_skeleton_options.h"
 #include "anigen/loaders/metadata.h"
 #include "anigen/models/structured_latent_runs.h"
@@ -16,9 +17,11 @@ namespace anigen::pipeline {
 /// dilation and surface lookup of its run's config), in whatever variant was trained.
 class StructuredLatentCoder {
  public:
-  /// @param run folder of stage 3 @param ckpt as models::find_run_model @param decodes also load the decoder
+  /// @param run folder of stage 3 @param ckpt as models::find_run_model @param decodes also load
+  /// the decoder, which groups votes so
   /// @throws InputError when the run is unusable, or is to decode and trained the shape alone
-  StructuredLatentCoder(const std::filesystem::path& run, const std::string& ckpt, torch::Device device, bool decodes);
+  StructuredLatentCoder(const std::filesystem::path& run, const std::string& ckpt, torch::Device device,
+                        const std::optional<geometry::MeanShiftOptions>& decodes);
 
   const std::filesystem::path& checkpoint() const { return found_.checkpoint; }
   /// What a latent depends on besides the asset's files.

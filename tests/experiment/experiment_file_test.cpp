@@ -50,6 +50,20 @@ TEST_F(ExperimentFile, SettingsMayBeNestedAndTheLaterOfTwoCounts) {
   EXPECT_EQ(read_step(overridden, e.variants[0], "fit").settings.at("trainer.args.lr"), 9);
 }
 
+TEST_F(ExperimentFile, ViewersNameStepsAndOneStarPerFile) {
+  const auto with = [](const std::string& shown) {
+    return R"({"title": "v", "steps": {"made": {"program": "anigen-prepare"}}, "viewers": [{"title": "t", "shown": )" +
+           shown + "}]}";
+  };
+  const Experiment e = experiment(with(R"([{"step": "made", "files": "*/mesh.glb"}])"));
+  EXPECT_EQ(e.viewers.at(0).shown.at(0).label, "made");
+  EXPECT_EQ(e.viewers.at(0).most, 3u);
+  for (const char* bad : {"[]", R"([{"step": "made", "files": "mesh.glb"}])",
+                          R"([{"step": "made", "files": "*/*.glb"}])", R"([{"step": "mode", "files": "*.glb"}])"}) {
+    EXPECT_NE(error_of([&] { experiment(with(bad)); }), "no error") << bad;
+  }
+}
+
 TEST_F(ExperimentFile, ErrorsNameThePlaceAndTheNearestWord) {
   const auto error = [&](const std::string& json) { return error_of([&] { experiment(json); }); };
   const std::string step = R"("steps": {"data": {"program": "anigen-prepare"}})";

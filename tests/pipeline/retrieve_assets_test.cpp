@@ -120,6 +120,28 @@ TEST_F(RetrieveAssets, PicturesOfADatasetAreItsFirstViewsCalledAsTheAssets) {
   }
 }
 
+TEST_F(RetrieveAssets, ComparesNormalsWhereTheyAreAskedFor) {
+  request_.seen = loaders::ConditionPictures::kNormals;
+  EXPECT_THROW(retrieve_assets(request_, {}), InputError) << "no view has a map of normals";
+
+  // Colours say red and normals say green; the pictures asked about are the dataset's own.
+  const auto add_maps = [this](const char* id, const Rgb& first, const Rgb& second) {
+    io::write_png(data() / "renders_cond" / id / "000_normal.png", disc(first));
+    io::write_png(data() / "renders_cond" / id / "001_normal.png", disc(second, 25));
+  };
+  add_maps("red", {250, 127, 127}, {250, 127, 127});
+  add_maps("green", {127, 127, 250}, {127, 127, 250});
+  write_file_atomically(folder_ / "split.txt", "red\n");
+  auto pictures = pictures_of_dataset(data(), {folder_ / "split.txt"}, 0);
+  EXPECT_EQ(pictures.front().normal_map, data() / "renders_cond/red/000_normal.png");
+  EXPECT_EQ(retrieve_assets(request_, pictures)[0].asset, "red");
+  pictures.front().normal_map = data() / "renders_cond/green/000_normal.png";
+  const auto reports = retrieve_assets(request_, pictures);
+  EXPECT_EQ(reports[0].asset, "green");
+  EXPECT_LT(reports[0].distance, 0.01);
+  EXPECT_NE(retrieve_assets(request_, {picture("rose", {200, 20, 40})})[0].failure, "") << "a picture without a map";
+}
+
 TEST_F(RetrieveAssets, ABrokenPictureIsReported) {
   write_file_atomically(folder_ / "text.png", "not a picture");
   const auto reports = retrieve_assets(request_, {folder_ / "text.png", picture("leaf", {40, 190, 30})});

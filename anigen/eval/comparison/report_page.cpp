@@ -7,8 +7,8 @@ namespace anigen::eval {
 namespace {
 
 constexpr const char kStyle[] = R"(
-body{font:15px/1.45 sans-serif;max-width:1180px;margin:2em auto;padding:0 1em;color:#222}
-table{border-collapse:collapse;margin:.6em 0;font-variant-numeric:tabular-nums}
+body{font:15px/1.45 sans-serif;max-width:1180px;margin:2em auto;padding:0 1em;color:#222;overflow-wrap:anywhere}
+table{border-collapse:collapse;overflow-wrap:normal;margin:.6em 0;font-variant-numeric:tabular-nums}
 th,td{padding:.2em .7em;border-bottom:1px solid #ddd;text-align:right}
 th:first-child,td:first-child{text-align:left}
 table.sortable th{cursor:pointer;user-select:none}table.sortable th[data-order]::after{content:" ▲"}

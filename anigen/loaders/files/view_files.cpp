@@ -19,9 +19,8 @@ raytrace::Frame random_frame(const fs::path& folder, Rng& rng) {
   return views.frames[rng.index(views.frames.size())];
 }
 
-/// "007.png" has its normals in "007_normal.png".
 fs::path normal_picture(const fs::path& color) {
-  const fs::path path = color.parent_path() / (color.stem().string() + "_normal.png");
+  const fs::path path = normal_picture_of(color);
   std::error_code error;
   if (fs::is_regular_file(path, error)) return path;
   throw InputError(path.string(), "",
@@ -50,6 +49,10 @@ void copy_row_major(const Matrix& matrix, std::array<float, N>& out) {
 }
 
 }  // namespace
+
+fs::path normal_picture_of(const fs::path& color) {
+  return color.parent_path() / (color.stem().string() + "_normal.png");
+}
 
 ViewImage read_view(const fs::path& folder, int size, Rng& rng) {
   const raytrace::Frame frame = random_frame(folder, rng);

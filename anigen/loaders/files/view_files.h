@@ -35,6 +35,9 @@ enum class ConditionPictures {
 std::vector<float> read_condition_image(const std::filesystem::path& folder, int size, Rng& rng,
                                         ConditionPictures pictures = ConditionPictures::kColor);
 
+/// Where the normals of a view lie, if there are any: "007.png" has them in "007_normal.png".
+std::filesystem::path normal_picture_of(const std::filesystem::path& color);
+
 /// The picture of normals of the first frame, to see before training whether an asset has them.
 /// @throws InputError naming the file when there is none
 std::filesystem::path first_normal_picture(const std::filesystem::path& folder);

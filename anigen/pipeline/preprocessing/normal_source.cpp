@@ -24,7 +24,8 @@ io::Image opaque_resized(const io::Image& image, int width, int height) {
 
 NormalSource parse_normal_source(const std::string& word) {
   return chosen<NormalSource>("normals", word,
-                              {{"color", NormalSource::kColors},
+                              {{"auto", NormalSource::kSupplied},
+                               {"color", NormalSource::kColors},
                                {"estimator", NormalSource::kEstimator},
                                {"file", NormalSource::kFile},
                                {"flat", NormalSource::kFlat}});

@@ -1,0 +1,56 @@
+// Writes a page with the 3D view of two procedural creatures, as reports of experiments have it, and hands it to
+// another program:
+//   report_in_browser SOURCES COMMAND...
+// The command gets the page and a folder for pictures as its last arguments. The exit code is the program's; 77,
+// skipped, without three.js or without such a program.
+#include <sys/wait.h>
+
+#include <cstdio>
+#include <cstdlib>
+#include <exception>
+#include <string>
+
+#include "anigen/asset/normalize.h"
+#include "anigen/core/atomic_file.h"
+#include "anigen/eval/comparison/report_page.h"
+#include "anigen/experiment/viewer/report_viewer.h"
+#include "anigen/experiment/viewer/three_modules.h"
+#include "anigen/io/gltf.h"
+#include "anigen/prepare/creatures/creature.h"
+#include "tests/support/paths.h"
+
+namespace {
+
+constexpr int kSkipped = 77, kNotFound = 127;
+
+}  // namespace
+
+int main(int argc, char** argv) try {
+  namespace experiment = anigen::experiment;
+  const anigen::test::TemporaryFolder folder;
+  const std::filesystem::path three = experiment::find_three(argc > 1 ? argv[1] : ".");
+  if (three.empty()) {
+    std::fprintf(stderr, "three.js is not installed\n");
+    return kSkipped;
+  }
+  experiment::ViewedAsset shown{"creatures", {}};
+  for (const char* family : {"biped", "quadruped"}) {
+    anigen::Asset asset = anigen::prepare::make_creature(family, 0, 3);
+    anigen::normalize(asset);
+    shown.shown.push_back({family, folder / (std::string(family) + ".glb")});
+    anigen::io::write_gltf(shown.shown.back().file, asset);
+  }
+  const std::filesystem::path page = folder / "report.html";
+  anigen::write_file_atomically(page, anigen::eval::page_begin("Creatures") +
+                                          experiment::viewer_html({shown}, "Creatures in 3D", 1) +
+                                          experiment::viewer_script_html(three) + anigen::eval::page_end());
+  std::string command;
+  for (int i = 2; i < argc; ++i) command += "'" + std::string(argv[i]) + "' ";
+  command += "'" + page.string() + "' '" + (folder / "pictures").string() + "'";
+  const int status = std::system(command.c_str());
+  const int code = WIFEXITED(status) ? WEXITSTATUS(status) : 1;
+  return code == kNotFound ? kSkipped : code;
+} catch (const std::exception& error) {
+  std::fprintf(stderr, "%s\n", error.what());
+  return 1;
+}
