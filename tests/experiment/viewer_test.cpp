@@ -86,7 +86,7 @@ TEST_F(ExperimentViewer, AReportHoldsTheViewsAndTheScriptOnce) {
   EXPECT_EQ(count("importmap"), 0u) << "there is nothing to see";
   write_file_atomically(job_of(plan, 0, "fit").folder / "cat/mesh.glb", "one");
   EXPECT_EQ(count("<script type=\"importmap\">"), 1u);
-  EXPECT_EQ(count("class=\"viewer3d\""), 1u);
+  EXPECT_EQ(count("id=\"viewer-"), 1u);
 }
 
 }  // namespace
