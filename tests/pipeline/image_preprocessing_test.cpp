@@ -292,7 +292,7 @@ TEST(NormalPictures, AreTakenWhereTheyAreSuppliedUnlessColoursAreAskedFor) {
   const io::Image picture = cutout(20, 20, 3, 5, 13, 8);
   const InputPicture map{io::Image(20, 20, 0x7F7FFFFFu), "map.png", false};
   PreprocessingOptions options = sized(12);
-  EXPECT_EQ(ImagePreprocessor(options).run(named(picture), &map).normals.pixel(6, 6)[2], 0x7F);
+  EXPECT_EQ(ImagePreprocessor(options).run(named(picture), &map).normals.pixel(6, 6)[0], 0x7F);
   EXPECT_TRUE(mentions(ImagePreprocessor(options).run(named(picture)).notices, "normals: none"));
   options.normals = NormalSource::kColors;
   const PreprocessedImage colors = ImagePreprocessor(options).run(named(picture), &map);
