@@ -19,7 +19,7 @@ namespace {
 using namespace anigen;
 
 struct EvalOptions {
-  std::vector<std::string> predictions, splits, lpips_weights;
+  std::vector<std::string> predictions, splits, category_splits, lpips_weights;
   std::string truth, out, skin_ae, skins;
   std::string normalization = "centroid-rms", prediction_axes = "format", truth_axes = "format", worst_by;
   std::vector<std::string> groups;
@@ -99,6 +99,7 @@ void evaluate_shapes(const EvalOptions& options, const CommonOptions& common) {
   request.predictions = options.predictions;
   request.truth = options.truth;
   request.splits = {options.splits.begin(), options.splits.end()};
+  request.category_splits = {options.category_splits.begin(), options.category_splits.end()};
   request.most = options.most;
   request.out = options.out;
   request.prediction_axes = io::parse_axes(options.prediction_axes);
@@ -152,6 +153,8 @@ void evaluate_sparse_structures(const EvalOptions& options, const CommonOptions&
 }
 
 void run(const EvalOptions& options, const CommonOptions& common) {
+  if (!options.category_splits.empty() && options.predictions.empty())
+    throw InputError("", "--category-split", "sorts rigged shapes: it needs --pred");
   if (options.most > 0 && options.ss_flow.empty() && (options.predictions.empty() || options.truth.empty()))
     throw InputError("", "--most", "goes with --pred and --gt, or with --ss-flow");
   if (!options.ss_flow.empty()) {
@@ -189,6 +192,11 @@ void add_shape_options(CLI::App& app, EvalOptions& options) {
   app.add_flag("--exhaustive", icp.exhaustive, "Refine every start, without pruning")->group(group);
   app.add_option("--metrics", options.groups, "Only these: skeleton, transport, skin, surface, image, anymate")
       ->delimiter(',')
+      ->group(group);
+  app.add_option("--category-split", options.category_splits,
+                 "Files of ids of the ground truth: is the one nearest to a prediction of its category (metric "
+                 "'category')?")
+      ->type_name("FILE")
       ->group(group);
   app.add_option("--surface-samples", options.settings.surface_samples, "Points per surface")
       ->capture_default_str()

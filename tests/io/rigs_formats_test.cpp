@@ -87,10 +87,13 @@ TEST_F(Formats, PublishedDataSet) {
   rig.skin[9] = 1.5f;  // and one whose weights do not sum to 1
   test::write_rig_npz(folder_ / "skeleton" / "sample" / "skeleton_voxelized.npz", rig);
   write_file_atomically(folder_ / "metadata.csv",
-                        "sha256,local_path,is_bad_skin\nsample,raw/cat.glb,True\nlost,raw/dog.glb,False\n");
+                        "sha256,local_path,is_bad_skin,source\nsample,raw/cat.glb,True,procedural:cat\n"
+                        "lost,raw/dog.glb,False,real\n");
   const auto source = open_source(folder_.path());
   EXPECT_EQ(source->ids(), (std::vector<std::string>{"sample", "lost"}));
   EXPECT_EQ(source->other_names("sample"), (std::vector<std::string>{"raw/cat.glb", "cat"}));
+  EXPECT_EQ(source->category("sample"), "cat");
+  EXPECT_EQ(source->category("lost"), "");
   const RiggedShape shape = source->read("sample");
   rig.skin[0] = 1;
   rig.skin[9] = 0.75f;

@@ -18,6 +18,7 @@ namespace fs = std::filesystem;
 
 struct Opened {
   std::vector<ComparedMethod> methods;
+  std::shared_ptr<const io::ShapeSource> truth;  ///< of --gt, where given
   std::vector<std::string> unused;
   Json described = Json::object();
 };
@@ -31,7 +32,7 @@ ComparedMethod from_pairs(const std::string& label, const fs::path& csv, const E
 
 Opened open(const EvaluationRequest& request) {
   Opened opened;
-  std::shared_ptr<const io::ShapeSource> truth;
+  std::shared_ptr<const io::ShapeSource>& truth = opened.truth;
   std::vector<std::string> ids;
   if (!request.truth.empty()) {
     truth = io::open_source(request.truth, {request.truth_axes});
@@ -58,6 +59,16 @@ Opened open(const EvaluationRequest& request) {
     for (const std::string& id : unused) opened.unused.push_back(label + ": " + id);
   }
   return opened;
+}
+
+/// What predictions are sorted by; null unless the request asks for it.
+std::unique_ptr<CategoryReferences> open_categories(const Opened& opened, const EvaluationRequest& request) {
+  if (request.category_splits.empty()) return nullptr;
+  if (!opened.truth) throw InputError("", "--category-split", "names shapes of the ground truth: it needs --gt");
+  if (!request.settings.wants("surface"))
+    throw InputError("", "--category-split", "goes by surfaces: --metrics must have 'surface'");
+  const std::vector<std::string> ids = io::select_ids(*opened.truth, request.category_splits);
+  return std::make_unique<CategoryReferences>(*opened.truth, ids, request.settings.seed);
 }
 
 /// Reads and aligns the shapes of a picture again: keeping all of them would take a data set's memory.
@@ -107,13 +118,16 @@ Comparison run_evaluation(const EvaluationRequest& request) {
   const Opened opened = open(request);
 
   ComparisonRun run;
+  const std::unique_ptr<CategoryReferences> categories = open_categories(opened, request);
   run.settings = request.settings;
+  if (categories) run.settings.categories = categories->describe();
+  run.categories = categories.get();
   run.perceptual = request.perceptual;
   run.cache = request.out / "pairs";
   run.resume = request.resume;
   Comparison comparison = run_comparison(opened.methods, run);
   comparison.unused = opened.unused;
-  comparison.settings = to_json(request.settings);
+  comparison.settings = to_json(run.settings);
   comparison.settings["version"] = kVersion;
   comparison.settings["sources"] = opened.described;
   Json splits = Json::array();

@@ -18,6 +18,8 @@ struct EvaluationRequest {
   std::filesystem::path truth;           ///< a source; empty when every prediction is a list of pairs
   std::vector<std::filesystem::path> splits;
   std::size_t most = 0;  ///< only so many of the first assets; 0: all
+  /// Lists of the truth's ids whose categories predictions are sorted into, for the metric "category".
+  std::vector<std::filesystem::path> category_splits;
   std::filesystem::path out;
   io::Axes prediction_axes = io::Axes::kFormat, truth_axes = io::Axes::kFormat;
   PairSettings settings;

@@ -63,7 +63,9 @@ PairResult evaluate(const PairPlan& pair, const ComparedMethod& method, const Co
       result.id = pair.id;
       return result;
     }
-    result = evaluate_pair(predicted, truth, run.settings, run.perceptual);
+    CategoryQuestion category;
+    if (run.categories != nullptr) category = {run.categories, method.truths->category(pair.truth_id), pair.truth_id};
+    result = evaluate_pair(predicted, truth, run.settings, run.perceptual, category);
     result.id = pair.id;
     Json json = to_json(result);
     json["stamp"] = wanted;
@@ -82,6 +84,8 @@ Comparison run_comparison(const std::vector<ComparedMethod>& methods, const Comp
   if (methods.empty() || methods[0].pairs.empty()) throw InputError("", "", "there is not one pair to evaluate");
   if (static_cast<bool>(run.perceptual) == run.settings.lpips.is_null())
     throw Error("a perceptual distance and its description belong together: saved results are told apart by it");
+  if ((run.categories == nullptr) != run.settings.categories.is_null())
+    throw Error("references of categories and their description belong together: saved results are told apart by it");
   Comparison comparison;
   comparison.seed = run.settings.seed;
   for (const PairPlan& pair : methods[0].pairs) comparison.ids.push_back(pair.id);

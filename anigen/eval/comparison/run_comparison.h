@@ -8,6 +8,7 @@
 #include "anigen/eval/image/views.h"
 #include "anigen/eval/inputs/pairs.h"
 #include "anigen/eval/pair/pair_settings.h"
+#include "anigen/eval/surface/category_references.h"
 #include "anigen/io/rigs/shape_source.h"
 
 namespace anigen::eval {
@@ -22,8 +23,9 @@ struct ComparedMethod {
 struct ComparisonRun {
   PairSettings settings;
   PerceptualDistance perceptual;  ///< LPIPS of two pictures, called from several threads; settings.lpips describes it
-  std::filesystem::path cache;    ///< results of pairs, one file each: an interrupted run goes on from there
-  bool resume = true;             ///< false: compute everything again
+  const CategoryReferences* categories = nullptr;  ///< settings.categories describes them
+  std::filesystem::path cache;  ///< results of pairs, one file each: an interrupted run goes on from there
+  bool resume = true;           ///< false: compute everything again
 };
 
 /// Evaluates every pair of every method, several at once (set_thread_count). Rows are those of the first method;

@@ -25,6 +25,7 @@ const std::vector<MetricInfo>& metric_table() {
       {"fscore", "F 0.05", kHigh, "1", "surface", true},
       {"fscore_001", "F 0.01", kHigh, "1", "surface", false},
       {"normal_consistency", "normals", kHigh, "1", "surface", false},
+      {"category", "category", kHigh, "1", "surface", false},
       {"psnr", "PSNR", kHigh, "dB", "image", false},
       {"ssim", "SSIM", kHigh, "1", "image", false},
       {"lpips", "LPIPS", kLow, "1", "image", false},

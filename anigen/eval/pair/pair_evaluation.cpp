@@ -101,7 +101,7 @@ ComparedShapes bring_together(const io::RiggedShape& predicted, const io::Rigged
 }
 
 PairResult evaluate_pair(const io::RiggedShape& predicted, const io::RiggedShape& truth, const PairSettings& settings,
-                         const PerceptualDistance& perceptual) {
+                         const PerceptualDistance& perceptual, const CategoryQuestion& category) {
   const auto started = std::chrono::steady_clock::now();
   PairResult result;
   result.id = truth.id;
@@ -137,7 +137,12 @@ PairResult evaluate_pair(const io::RiggedShape& predicted, const io::RiggedShape
   }
   if (settings.wants("surface"))
     add_group(
-        "surface", no_surface, [&] { add_surface_metrics(shapes, settings, result); }, result);
+        "surface", no_surface,
+        [&] {
+          add_surface_metrics(shapes, settings, result);
+          add_category(shapes, category, result);
+        },
+        result);
   if (settings.wants("image"))
     add_group(
         "image", no_surface, [&] { add_image_metrics(shapes, settings, perceptual, result); }, result);

@@ -2,6 +2,7 @@
 #include "anigen/eval/image/views.h"
 #include "anigen/eval/pair/pair_result.h"
 #include "anigen/eval/pair/pair_settings.h"
+#include "anigen/eval/surface/category_references.h"
 #include "anigen/io/rigs/rigged_shape.h"
 
 namespace anigen::eval {
@@ -12,6 +13,13 @@ struct ComparedShapes {
   Alignment alignment;
 };
 
+/// What the prediction should be recognised as, and among what.
+struct CategoryQuestion {
+  const CategoryReferences* references = nullptr;  ///< null: not asked
+  std::string expected;                            ///< the truth's category; may be empty
+  std::string truth_id;                            ///< no reference of this id may answer
+};
+
 /// @throws InputError when the shapes have nothing to align by
 ComparedShapes bring_together(const io::RiggedShape& predicted, const io::RiggedShape& truth,
                               const PairSettings& settings);
@@ -19,8 +27,9 @@ ComparedShapes bring_together(const io::RiggedShape& predicted, const io::Rigged
 /// Every metric of metric_table() that the pair allows, each other one with its reason. Definitions: docs/metrics.md.
 /// Runs on the calling thread; several pairs may be evaluated at once.
 /// @param perceptual LPIPS, when there is a network for it
+/// @param category for the metric of that name
 /// @throws InputError when nothing can be compared at all
 PairResult evaluate_pair(const io::RiggedShape& predicted, const io::RiggedShape& truth, const PairSettings& settings,
-                         const PerceptualDistance& perceptual = nullptr);
+                         const PerceptualDistance& perceptual = nullptr, const CategoryQuestion& category = {});
 
 }  // namespace anigen::eval

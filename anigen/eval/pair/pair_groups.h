@@ -17,6 +17,8 @@ void add_anymate_metrics(const ComparedShapes& shapes, PairResult& result);
 void add_skin_metrics(const ComparedShapes& shapes, const Eigen::MatrixXd& plan, const PairSettings& settings,
                       PairResult& result);
 void add_surface_metrics(const ComparedShapes& shapes, const PairSettings& settings, PairResult& result);
+/// Whether the prediction most resembles a reference of its truth's category.
+void add_category(const ComparedShapes& shapes, const CategoryQuestion& question, PairResult& result);
 void add_image_metrics(const ComparedShapes& shapes, const PairSettings& settings, const PerceptualDistance& perceptual,
                        PairResult& result);
 

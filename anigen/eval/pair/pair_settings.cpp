@@ -30,6 +30,7 @@ Json to_json(const PairSettings& settings) {
   json["poses"] = settings.poses;
   json["groups"] = settings.groups;
   json["lpips"] = settings.lpips;
+  json["categories"] = settings.categories;
   return json;
 }
 

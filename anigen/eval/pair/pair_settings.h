@@ -21,6 +21,9 @@ struct PairSettings {
   /// Which network and weights LPIPS is computed with; null: not computed. It stands here so that no saved result
   /// outlives its weights.
   Json lpips;
+  /// CategoryReferences::describe() of those that predictions are sorted by; null: not sorted. It stands here for the
+  /// same reason.
+  Json categories;
 
   bool wants(const std::string& group) const { return groups.count(group) > 0; }
 };

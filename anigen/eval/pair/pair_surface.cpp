@@ -27,6 +27,16 @@ void add_surface_metrics(const ComparedShapes& shapes, const PairSettings& setti
   result.details["hausdorff"] = scores.hausdorff;
 }
 
+void add_category(const ComparedShapes& shapes, const CategoryQuestion& question, PairResult& result) {
+  if (question.references == nullptr) return result.skip("category", "no --category-split given");
+  if (question.expected.empty())
+    return result.skip("category", "the ground truth's data set does not say what kind it is");
+  const CategoryReferences::Match match = question.references->nearest(shapes.predicted.mesh, question.truth_id);
+  result.set("category", match.category == question.expected ? 1.0 : 0.0);
+  result.details["category"] = {
+      {"expected", question.expected}, {"nearest", match.id}, {"is", match.category}, {"chamfer", match.chamfer}};
+}
+
 void add_image_metrics(const ComparedShapes& shapes, const PairSettings& settings, const PerceptualDistance& perceptual,
                        PairResult& result) {
   if (has_colors(shapes.predicted) != has_colors(shapes.truth))

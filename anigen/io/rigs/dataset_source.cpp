@@ -47,4 +47,10 @@ std::vector<std::string> DatasetSource::other_names(const std::string& id) const
   return stem == name || stem.empty() ? std::vector<std::string>{name} : std::vector<std::string>{name, stem};
 }
 
+std::string DatasetSource::category(const std::string& id) const {
+  static const std::string kPrefix = "procedural:";
+  const std::string& source = item(id).source;
+  return source.rfind(kPrefix, 0) == 0 ? source.substr(kPrefix.size()) : "";
+}
+
 }  // namespace anigen::io

@@ -23,6 +23,8 @@ class DatasetSource : public ShapeSource {
   bool is_usable(const std::string& id) const override { return item(id).usable; }
   /// local_path or file_identifier, and its last part without extension.
   std::vector<std::string> other_names(const std::string& id) const override;
+  /// The family of "procedural:<family>" in the column `source`.
+  std::string category(const std::string& id) const override;
 
  private:
   const DatasetItem& item(const std::string& id) const;

@@ -6,6 +6,8 @@ std::vector<std::string> ShapeSource::other_names(const std::string&) const { re
 
 std::string ShapeSource::sample_id(const std::string&) const { return ""; }
 
+std::string ShapeSource::category(const std::string&) const { return ""; }
+
 bool ShapeSource::is_usable(const std::string&) const { return true; }
 
 std::set<std::string> short_names(const ShapeSource& source, const std::string& id) {

@@ -30,6 +30,9 @@ class ShapeSource {
   virtual std::string sample_id(const std::string& id) const;
   /// False for a shape that its data set marks as one to leave alone (is_bad_skeleton); read() reads it all the same.
   virtual bool is_usable(const std::string& id) const;
+  /// What kind of thing the shape is, where its data set says so, such as the family of a procedural creature; else
+  /// empty.
+  virtual std::string category(const std::string& id) const;
   /// True for one file that holds one shape: two of those are a pair whatever they are called.
   virtual bool is_single_file() const { return false; }
 };
