@@ -122,15 +122,12 @@ void for_each_object(ConfigReader& reader, const std::string& key, const Json& s
   }
 }
 
-ViewerSpec read_viewer(const Json& json, const Json& steps, const std::string& file, const std::string& pointer) {
-  ConfigReader reader(json, file, pointer);
-  for (const char* needed : {"title", "shown"}) reader.require(needed);
-  ViewerSpec viewer;
-  viewer.title = reader.text("title", "");
-  viewer.most = static_cast<std::size_t>(reader.integer("most", 3, 1, 100));
+/// Files of several steps that belong to one asset, whose name is the star of each.
+std::vector<ViewerSpec::Entry> read_shown(ConfigReader& reader, const Json& steps, const std::string& pointer) {
+  std::vector<ViewerSpec::Entry> entries;
   const std::vector<Json> shown = list_of(reader, "shown");
   for (std::size_t i = 0; i < shown.size(); ++i) {
-    ConfigReader item(shown[i], file, pointer + "/shown/" + std::to_string(i));
+    ConfigReader item(shown[i], reader.file(), pointer + "/shown/" + std::to_string(i));
     for (const char* needed : {"step", "files"}) item.require(needed);
     ViewerSpec::Entry entry;
     entry.step = item.text("step", "");
@@ -140,9 +137,19 @@ ViewerSpec read_viewer(const Json& json, const Json& steps, const std::string& f
     if (std::count(entry.files.begin(), entry.files.end(), '*') != 1)
       throw item.error("files", "one * is needed, where the name of the asset stands, as in \"*/mesh.glb\"");
     item.finish();
-    viewer.shown.push_back(std::move(entry));
+    entries.push_back(std::move(entry));
   }
-  if (viewer.shown.empty()) throw reader.error("shown", "at least one is needed");
+  if (entries.empty()) throw reader.error("shown", "at least one is needed");
+  return entries;
+}
+
+ViewerSpec read_viewer(const Json& json, const Json& steps, const std::string& file, const std::string& pointer) {
+  ConfigReader reader(json, file, pointer);
+  for (const char* needed : {"title", "shown"}) reader.require(needed);
+  ViewerSpec viewer;
+  viewer.title = reader.text("title", "");
+  viewer.most = static_cast<std::size_t>(reader.integer("most", 3, 1, 100));
+  viewer.shown = read_shown(reader, steps, pointer);
   reader.finish();
   return viewer;
 }
@@ -169,6 +176,17 @@ void read_report(Experiment& experiment, ConfigReader& reader) {
     item.require("files");
     const auto most = static_cast<std::size_t>(item.integer("most", 6, 1, 200));
     experiment.pictures.push_back({title, step, item.text("files", ""), most});
+  });
+  for_each_object(reader, "sheets", experiment.steps, [&](ConfigReader& item, auto title, auto step) {
+    for (const char* needed : {"method", "order", "shown"}) item.require(needed);
+    SheetSpec sheet;
+    sheet.title = title;
+    sheet.step = step;
+    sheet.method = item.text("method", "");
+    sheet.order = read_column(*item.raw("order"), item.file(), item.pointer_to("order"));
+    sheet.shown = read_shown(item, experiment.steps, item.pointer_to(""));
+    sheet.most = static_cast<std::size_t>(item.integer("most", 100, 3, 1000));
+    experiment.sheets.push_back(std::move(sheet));
   });
   const std::vector<Json> viewers = list_of(reader, "viewers");
   for (std::size_t i = 0; i < viewers.size(); ++i) {

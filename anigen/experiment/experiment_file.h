@@ -55,6 +55,16 @@ struct ViewerSpec {
   std::size_t most = 3;  ///< assets
 };
 
+/// A sheet of every asset that was scored, from the best to the worst: small pictures of it, such as the condition
+/// picture and what was made of it. For every variant, of the first seed; makes no step a goal.
+struct SheetSpec {
+  std::string title, step;               ///< the step whose metrics.csv says how good each is
+  std::string method;                    ///< value of its column "method"
+  Column order;                          ///< the column to sort by; lower is better unless it says "higher"
+  std::vector<ViewerSpec::Entry> shown;  ///< PNG or JPEG files, the star of each standing for the asset's id
+  std::size_t most = 100;                ///< assets, evenly spaced when there are more
+};
+
 /// A whole experiment, as its JSON file says it (docs/experiments.md).
 struct Experiment {
   std::filesystem::path file;
@@ -68,6 +78,7 @@ struct Experiment {
   std::vector<CurveSpec> curves;
   std::vector<PictureSpec> pictures;
   std::vector<ViewerSpec> viewers;
+  std::vector<SheetSpec> sheets;
 };
 
 /// Reads an experiment; `"extends"` works as in configs. Variants are a `"variants"` object, or the product of a

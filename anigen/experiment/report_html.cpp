@@ -8,6 +8,7 @@
 #include "anigen/core/log.h"
 #include "anigen/eval/comparison/report_page.h"
 #include "anigen/eval/line_chart.h"
+#include "anigen/experiment/contact_sheet.h"
 #include "anigen/experiment/report.h"
 #include "anigen/experiment/report_facts.h"
 #include "anigen/experiment/report_pictures.h"
@@ -35,7 +36,7 @@ class Page {
         html += "<p class=\"hint\">" + difference_text() + "</p>\n" + wide(difference_table(result));
       if (!result.missing.empty()) html += "<p class=\"failed\">" + html_escaped(missing_text(result)) + "</p>\n";
     }
-    html += viewers() + curves() + pictures() + links();
+    html += viewers() + sheets() + curves() + pictures() + links();
     html += "<h2>Cost</h2>\n" + wide(cost_table(plan_, place_.out));
     html += "<h2>Where this comes from</h2>\n" + wide(provenance_table(experiment_, plan_, place_)) + commands();
     html += "<details><summary>Jobs</summary>" + wide(job_table(plan_, place_.out)) + "</details>\n";
@@ -91,6 +92,28 @@ class Page {
         }
       }
       if (!figures.empty()) html += "<h2>" + html_escaped(spec.title) + "</h2>\n" + figures;
+    }
+    return html;
+  }
+
+  std::string sheets() const {
+    std::string html;
+    for (const SheetSpec& spec : experiment_.sheets) {
+      std::set<std::size_t> jobs;
+      for (const PlannedRun& run : plan_.runs) {
+        const auto scored = run.jobs.find(spec.step);
+        if (run.seed != experiment_.seeds.front() || scored == run.jobs.end() || !jobs.insert(scored->second).second)
+          continue;
+        const std::string label = run_label(experiment_, run);
+        try {
+          const std::vector<SheetCell> cells = sheet_cells(plan_, place_.out, run, spec);
+          if (cells.empty()) continue;
+          html += "<h2>" + html_escaped(spec.title + (label.empty() ? "" : ": " + label)) + "</h2>\n" +
+                  sheet_html(cells, spec);
+        } catch (const InputError& problem) {
+          html += "<p class=\"failed\">No sheet: " + html_escaped(problem.what()) + "</p>\n";
+        }
+      }
     }
     return html;
   }

@@ -39,13 +39,6 @@ struct Metrics {
   std::map<std::string, std::size_t> assets, failed;
 };
 
-double number_in(const std::string& text) {
-  if (text.empty()) return std::numeric_limits<double>::quiet_NaN();
-  char* end = nullptr;
-  const double value = std::strtod(text.c_str(), &end);
-  return *end == '\0' ? value : std::numeric_limits<double>::quiet_NaN();
-}
-
 Metrics read_metrics(const fs::path& file, const std::vector<Column>& columns) {
   const CsvTable table = read_csv(file);
   std::vector<std::size_t> places;
@@ -141,6 +134,13 @@ Difference difference_of(const std::vector<Row>& rows, std::size_t row, std::siz
 }
 
 }  // namespace
+
+double number_in(const std::string& text) {
+  if (text.empty()) return std::numeric_limits<double>::quiet_NaN();
+  char* end = nullptr;
+  const double value = std::strtod(text.c_str(), &end);
+  return *end == '\0' ? value : std::numeric_limits<double>::quiet_NaN();
+}
 
 eval::Interval student_interval(const std::vector<double>& values) {
   const double mean = mean_of(values);

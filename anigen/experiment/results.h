@@ -44,6 +44,9 @@ struct ResultTable {
 ResultTable collect_results(const Experiment& experiment, const Plan& plan, const std::filesystem::path& out,
                             const TableSpec& spec);
 
+/// A cell of a CSV file; NaN where it holds no number.
+double number_in(const std::string& text);
+
 /// Mean of differences against the hypothesis that each could as well have the other sign: the share of 10,000 random
 /// choices of signs whose mean is as far from zero (Fisher 1935). @return NaN for fewer than 6 differences
 double sign_flip_p(const std::vector<double>& differences, const std::string& purpose);

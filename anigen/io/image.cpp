@@ -19,6 +19,14 @@ void refuse_size(std::uint64_t width, std::uint64_t height, const std::string& n
                        " pixels exceeds the limit of " + std::to_string(kMostPixelsPerSide) + " on a side");
 }
 
+void require_pixels(const Image& image) {
+  const std::size_t expected = 4 * static_cast<std::size_t>(image.width) * static_cast<std::size_t>(image.height);
+  if (image.width > 0 && image.height > 0 && image.rgba.size() == expected) return;
+  throw InputError("", "",
+                   "picture of " + std::to_string(image.width) + " x " + std::to_string(image.height) +
+                       " pixels with " + std::to_string(image.rgba.size()) + " bytes cannot be encoded");
+}
+
 // Keeps the picture as stored: alpha, no turning by EXIF orientation (textures and datasets count on the rows).
 cv::Mat decode(const std::vector<std::uint8_t>& bytes, const std::string& name) {
   try {
@@ -82,12 +90,7 @@ Image read_image(const std::filesystem::path& path) {
 }
 
 std::vector<std::uint8_t> encode_png(const Image& image) {
-  const std::size_t expected = 4 * static_cast<std::size_t>(image.width) * static_cast<std::size_t>(image.height);
-  if (image.width <= 0 || image.height <= 0 || image.rgba.size() != expected) {
-    throw InputError("", "",
-                     "picture of " + std::to_string(image.width) + " x " + std::to_string(image.height) +
-                         " pixels with " + std::to_string(image.rgba.size()) + " bytes cannot be encoded");
-  }
+  require_pixels(image);
   cv::Mat picture(image.height, image.width, CV_8UC4);
   for (int y = 0; y < image.height; ++y) {
     for (int x = 0; x < image.width; ++x) {
@@ -97,6 +100,24 @@ std::vector<std::uint8_t> encode_png(const Image& image) {
   }
   std::vector<std::uint8_t> bytes;
   if (!cv::imencode(".png", picture, bytes)) throw Error("cannot encode a picture as PNG");
+  return bytes;
+}
+
+std::vector<std::uint8_t> encode_jpeg(const Image& image, int quality) {
+  require_pixels(image);
+  cv::Mat picture(image.height, image.width, CV_8UC3);
+  for (int y = 0; y < image.height; ++y) {
+    for (int x = 0; x < image.width; ++x) {
+      const std::uint8_t* pixel = image.pixel(x, y);
+      const auto over_white = [&](int channel) {
+        return static_cast<std::uint8_t>((pixel[channel] * pixel[3] + 255 * (255 - pixel[3]) + 127) / 255);
+      };
+      picture.at<cv::Vec3b>(y, x) = {over_white(2), over_white(1), over_white(0)};
+    }
+  }
+  std::vector<std::uint8_t> bytes;
+  if (!cv::imencode(".jpg", picture, bytes, {cv::IMWRITE_JPEG_QUALITY, quality}))
+    throw Error("cannot encode a picture as JPEG");
   return bytes;
 }
 

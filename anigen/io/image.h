@@ -24,6 +24,8 @@ struct Image {
 Image decode_image(const std::vector<std::uint8_t>& bytes, const std::string& name_for_errors);
 Image read_image(const std::filesystem::path& path);
 std::vector<std::uint8_t> encode_png(const Image& image);
+/// Over white where the picture is transparent. @param quality 1 … 100
+std::vector<std::uint8_t> encode_jpeg(const Image& image, int quality);
 void write_png(const std::filesystem::path& path, const Image& image);  ///< atomic
 
 }  // namespace anigen::io

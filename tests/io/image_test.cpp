@@ -147,5 +147,21 @@ TEST(Image, RefusesToEncodeAnInconsistentPicture) {
   EXPECT_THROW(Image(-1, 2), InputError);
 }
 
+TEST(Image, JpegIsSmallAndHasTransparentPixelsOverWhite) {
+  Image image(32, 16, 0xFFFF0000u);  // bytes R, G, B, A from the lowest
+  for (int y = 0; y < image.height; ++y) {
+    for (int x = 0; x < image.width; ++x) {
+      std::uint8_t* pixel = image.pixel(x, y);
+      pixel[0] = 200, pixel[1] = 0, pixel[2] = 0, pixel[3] = x < 16 ? 255 : 0;
+    }
+  }
+  const Image read = decode_image(encode_jpeg(image, 90), "test");
+  ASSERT_EQ(read.width, 32);
+  EXPECT_NEAR(read.pixel(4, 8)[0], 200, 6);
+  EXPECT_NEAR(read.pixel(4, 8)[1], 0, 6);
+  for (int c = 0; c < 3; ++c) EXPECT_NEAR(read.pixel(28, 8)[c], 255, 6);
+  EXPECT_THROW(encode_jpeg(Image(), 90), InputError);
+}
+
 }  // namespace
 }  // namespace anigen::io

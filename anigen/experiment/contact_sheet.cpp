@@ -1,0 +1,134 @@
+#include "anigen/experiment/contact_sheet.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <system_error>
+
+#include "anigen/core/base64.h"
+#include "anigen/core/csv.h"
+#include "anigen/core/error.h"
+#include "anigen/core/html.h"
+#include "anigen/experiment/job_record.h"
+#include "anigen/experiment/results.h"
+#include "anigen/io/image.h"
+#include "anigen/io/image_resize.h"
+
+namespace anigen::experiment {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr int kHeight = 120, kQuality = 80;
+
+std::vector<SheetCell> ranked_cells(const fs::path& file, const SheetSpec& spec) {
+  const CsvTable table = read_csv(file);
+  for (const std::string& needed : {std::string("id"), std::string("method"), spec.order.key}) {
+    if (table.column(needed) == CsvTable::kMissing)
+      throw InputError(file.string(), "line 1", "has no column '" + needed + "'");
+  }
+  std::vector<SheetCell> ranked, without;
+  for (std::size_t r = 0; r < table.rows.size(); ++r) {
+    if (table.cell(r, "method") != spec.method) continue;
+    SheetCell cell;
+    cell.id = table.cell(r, "id");
+    cell.value = number_in(table.cell(r, spec.order.key));
+    (std::isfinite(cell.value) ? ranked : without).push_back(std::move(cell));
+  }
+  const bool lower = spec.order.better != Column::Better::kHigher;
+  std::stable_sort(ranked.begin(), ranked.end(), [&](const SheetCell& a, const SheetCell& b) {
+    return lower ? a.value < b.value : a.value > b.value;
+  });
+  for (std::size_t i = 0; i < ranked.size(); ++i) ranked[i].place = i + 1;
+  if (!ranked.empty()) {
+    ranked[ranked.size() / 2].mark = "median";
+    ranked.back().mark = "worst";
+    ranked.front().mark = "best";
+  }
+  ranked.insert(ranked.end(), without.begin(), without.end());
+  return ranked;
+}
+
+/// At most `most` cells, evenly spaced, with the first, the middle and the last.
+std::vector<SheetCell> thinned(std::vector<SheetCell> cells, std::size_t most) {
+  if (cells.size() <= most) return cells;
+  std::vector<SheetCell> kept;
+  std::size_t taken = 0;
+  for (std::size_t i = 0; i < cells.size(); ++i) {
+    const bool due = i * most >= taken * cells.size();
+    if (!due && cells[i].mark.empty()) continue;
+    taken += due ? 1 : 0;
+    kept.push_back(std::move(cells[i]));
+  }
+  return kept;
+}
+
+std::string thumbnail(const fs::path& file) {
+  if (file.empty()) return "<span class=\"none\">no file</span>";
+  try {
+    const io::Image image = io::read_image(file);
+    const double width = std::round(static_cast<double>(image.width) * kHeight / image.height);
+    const io::Image small = io::resize_lanczos(image, std::clamp(static_cast<int>(width), 1, 1000), kHeight,
+                                               io::ResizeAlpha::kPremultiplied);
+    const std::vector<std::uint8_t> bytes = io::encode_jpeg(small, kQuality);
+    return "<img loading=\"lazy\" alt=\"" + html_escaped(file.filename().string()) +
+           "\" src=\"data:image/jpeg;base64," +
+           base64(std::string_view(reinterpret_cast<const char*>(bytes.data()), bytes.size())) + "\">";
+  } catch (const Error& problem) {
+    return "<span class=\"none\">" + html_escaped(problem.what()) + "</span>";
+  }
+}
+
+std::string caption(const SheetCell& cell, const SheetSpec& spec) {
+  constexpr std::size_t kShownOfId = 8;
+  if (cell.place == 0) return "no value · " + html_escaped(cell.id.substr(0, kShownOfId));
+  char value[40];
+  std::snprintf(value, sizeof value, "%.*f", spec.order.digits, cell.value);
+  return std::to_string(cell.place) + " · " + value + (cell.mark.empty() ? "" : " · <b>" + cell.mark + "</b>") + " · " +
+         html_escaped(cell.id.substr(0, kShownOfId));
+}
+
+}  // namespace
+
+std::vector<SheetCell> sheet_cells(const Plan& plan, const fs::path& out, const PlannedRun& run,
+                                   const SheetSpec& spec) {
+  const auto scored = run.jobs.find(spec.step);
+  if (scored == run.jobs.end() || !is_done(out, plan.jobs[scored->second])) return {};
+  const Job& scores = plan.jobs[scored->second];
+  std::vector<SheetCell> cells = thinned(ranked_cells(scores.folder / "metrics.csv", spec), spec.most);
+  for (SheetCell& cell : cells) {
+    for (const ViewerSpec::Entry& entry : spec.shown) {
+      const auto job = run.jobs.find(entry.step);
+      fs::path file;
+      if (job != run.jobs.end()) {
+        std::string path = entry.files;
+        path.replace(path.find('*'), 1, cell.id);
+        file = plan.jobs[job->second].folder / path;
+      }
+      std::error_code error;
+      cell.files.push_back(fs::is_regular_file(file, error) ? file : fs::path());
+    }
+  }
+  return cells;
+}
+
+std::string sheet_html(const std::vector<SheetCell>& cells, const SheetSpec& spec) {
+  std::string labels;
+  for (const ViewerSpec::Entry& entry : spec.shown) labels += (labels.empty() ? "" : ", ") + entry.label;
+  std::string html = "<p class=\"hint\">" + html_escaped(labels) + ". Place and " + html_escaped(spec.order.label) +
+                     ", from the best to the worst.</p>\n<div class=\"sheet\">\n";
+  for (const SheetCell& cell : cells) {
+    html += "<figure" + std::string(cell.mark.empty() ? "" : " class=\"marked\"") + "><div>";
+    for (const fs::path& file : cell.files) html += thumbnail(file);
+    html += "</div><figcaption>" + caption(cell, spec) + "</figcaption></figure>\n";
+  }
+  return html +
+         "</div>\n<style>.sheet{display:flex;flex-wrap:wrap;gap:.5em}.sheet figure{margin:0;padding:.2em;border:1px "
+         "solid "
+         "#e3e3e3;border-radius:4px;max-width:100%;overflow:hidden}.sheet figure.marked{border:2px solid #c60}.sheet "
+         "figure>div{display:flex;overflow-x:auto}.sheet img{height:" +
+         std::to_string(kHeight) + "px}.sheet figcaption{font-size:80%}.sheet .none{width:" + std::to_string(kHeight) +
+         "px;color:#a00;font-size:80%}</style>\n";
+}
+
+}  // namespace anigen::experiment
