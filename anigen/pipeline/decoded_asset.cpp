@@ -6,6 +6,7 @@
 #include <utility>
 #include <vector>
 
+#include "anigen/asset/rigid_asset.h"
 #include "anigen/core/error.h"
 #include "anigen/geometry/joint_names.h"
 #include "anigen/geometry/skeleton_repair.h"
@@ -154,6 +155,14 @@ SkinWeights skin_of(const SkinWeightRows& weights, std::int64_t vertices, const 
 }
 
 }  // namespace
+
+Asset decoded_shape(const fields::ExtractedMesh& mesh, const std::string& name) {
+  Asset asset;
+  asset.name = name;
+  asset.mesh = mesh_of(mesh);
+  bind_rigidly(asset, "root");
+  return asset;
+}
 
 Asset decoded_asset(const fields::ExtractedMesh& mesh, const fields::SkeletonTensors& skeleton,
                     const SkinWeightRows& weights, const DecodedAssetOptions& options) {

@@ -33,4 +33,8 @@ Asset decoded_asset(const fields::ExtractedMesh& mesh, const fields::SkeletonTen
 Asset decoded_asset(const fields::ExtractedMesh& mesh, const fields::SkeletonTensors& skeleton,
                     const torch::Tensor& weights, const DecodedAssetOptions& options = {});
 
+/// The same of a model that has no rig: mesh, normals and colours, held by one joint (bind_rigidly). @throws as
+/// decoded_asset, for what concerns the mesh
+Asset decoded_shape(const fields::ExtractedMesh& mesh, const std::string& name);
+
 }  // namespace anigen::pipeline

@@ -75,7 +75,7 @@ void reconstruct(const ReconstructRequest& request, StructuredLatentCoder& coder
   const StructuredLatentCoder::Inputs inputs = coder.inputs(asset);
   const fields::SkeletonTensors own{inputs.rigs.joints.front(), inputs.rigs.parents.front().to(torch::kInt64)};
   one.true_joints = static_cast<std::size_t>(own.joints.size(0));
-  const auto decoded = coder.decoder().decode(coder.encode(inputs), request.true_skeleton ? &own : nullptr, one.id);
+  const auto decoded = coder.decode(coder.encode(inputs), own, request.true_skeleton, one.id);
   one.joints = decoded.asset.skeleton.size();
   one.vertices = decoded.asset.mesh.vertices.size();
   one.faces = decoded.asset.mesh.faces.size();
@@ -98,6 +98,11 @@ EncodedLatents encode_structured_latents(const EncodeRequest& request) {
 std::vector<ReconstructedAsset> reconstruct_assets(const ReconstructRequest& request) {
   const std::vector<std::string> ids = wanted_ids(request);
   StructuredLatentCoder coder(request.run, request.ckpt, parse_device(request.device), request.grouping);
+  if (coder.shape_alone()) {
+    if (request.votes)
+      throw InputError(request.run.string(), "--votes", "this run trained the shape alone: it has no votes");
+    log::info("the run trained the shape alone: files with one joint");
+  }
   std::error_code error;
   fs::create_directories(request.output, error);
   if (error) throw Error(request.output.string() + ": cannot create folder: " + error.message());

@@ -40,10 +40,10 @@ struct ReconstructedAsset {
   std::string failure;  ///< why there is no file; empty when there is one
 };
 
-/// Encodes assets of a dataset and writes what their latents decode to as rigged GLB files.
-/// An asset that cannot be read, or whose latents have no surface or no joints, is named in the result and the rest
-/// goes on. @throws InputError when the run is unusable or an id is none; Error when the disk refuses; Interrupted
-/// between assets
+/// Encodes assets of a dataset and writes what their latents decode to as rigged GLB files; with one joint where the
+/// run trained the shape alone (`geometry_only`). An asset that cannot be read, or whose latents have no surface or no
+/// joints, is named in the result and the rest goes on. @throws InputError when the run is unusable or an id is none;
+/// Error when the disk refuses; Interrupted between assets
 std::vector<ReconstructedAsset> reconstruct_assets(const ReconstructRequest& request);
 
 Json to_json(const std::vector<ReconstructedAsset>& assets);

@@ -12,6 +12,7 @@
 #include "anigen/loaders/ragged_voxels.h"
 #include "anigen/loaders/rig_batch.h"
 #include "anigen/models/tensor_arrays.h"
+#include "anigen/pipeline/decoded_asset.h"
 #include "anigen/pipeline/latent_manifest.h"
 
 namespace anigen::pipeline {
@@ -60,7 +61,8 @@ StructuredLatentCoder::StructuredLatentCoder(const fs::path& run, const std::str
   variant_ = models::variant_of_run(decoder);
   if (variant_.latent_norm == models::LatentNorm::kNone) found_.args["normalize_z"] = false;
   encoder_ = models::load_structured_latent_encoder(found_, device);
-  if (decodes) decoder_.emplace(decoder, device, *decodes);
+  if (decodes && shape_alone()) shape_decoder_ = models::load_structured_latent_decoder(decoder, device);
+  if (decodes && !shape_alone()) decoder_.emplace(decoder, device, *decodes);
 }
 
 std::string StructuredLatentCoder::fingerprint() const {
@@ -108,6 +110,18 @@ models::PerStream<SparseTensor> StructuredLatentCoder::encode(const Inputs& inpu
   return {latents.z.with(latents.z_geometry),
           latents.z.with(models::renormalized(latents.z_skin, options, variant_.latent_norm)),
           latents.z_skl.with(models::renormalized(latents.z_skl.feats, options, variant_.latent_norm))};
+}
+
+RigDecoder::Decoded StructuredLatentCoder::decode(const models::PerStream<SparseTensor>& latents,
+                                                  const fields::SkeletonTensors& own, bool use_own,
+                                                  const std::string& name) {
+  if (decoder_) return decoder_->decode(latents, use_own ? &own : nullptr, name);
+  const torch::NoGradGuard no_grad;
+  // The untrained votes are not grouped: they mean nothing, and may be too many joints for the memory.
+  const auto decoded = shape_decoder_->forward(latents, {own});
+  RigDecoder::Decoded shape;
+  shape.asset = decoded_shape(shape_decoder_->extract_meshes(decoded, /*training=*/false).front(), name);
+  return shape;
 }
 
 void StructuredLatentCoder::write(const models::PerStream<SparseTensor>& latents, const fs::path& file) const {

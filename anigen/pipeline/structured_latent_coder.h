@@ -19,7 +19,7 @@ class StructuredLatentCoder {
  public:
   /// @param run folder of stage 3 @param ckpt as models::find_run_model @param decodes also load
   /// the decoder, which groups votes so
-  /// @throws InputError when the run is unusable, or is to decode and trained the shape alone
+  /// @throws InputError when the run is unusable
   StructuredLatentCoder(const std::filesystem::path& run, const std::string& ckpt, torch::Device device,
                         const std::optional<geometry::MeanShiftOptions>& decodes);
 
@@ -46,8 +46,14 @@ class StructuredLatentCoder {
   /// @throws InputError when a latent is not finite; Error when the disk refuses
   void write(const models::PerStream<sparse::SparseTensor>& latents, const std::filesystem::path& file) const;
 
-  /// Back to a rigged asset. @pre the decoder was loaded
-  RigDecoder& decoder() { return decoder_.value(); }
+  /// True where the run trained the shape alone: what it decodes is held by one joint.
+  bool shape_alone() const { return variant_.geometry_only; }
+  /// Back to an asset: rigged, or the shape of a run that trained nothing else, then without votes.
+  /// @pre the decoder was loaded
+  /// @param own skeleton of the asset @param use_own instead of the grouped one
+  /// @throws as RigDecoder::decode
+  RigDecoder::Decoded decode(const models::PerStream<sparse::SparseTensor>& latents, const fields::SkeletonTensors& own,
+                             bool use_own, const std::string& name);
 
  private:
   torch::Device device_;
@@ -55,7 +61,8 @@ class StructuredLatentCoder {
   loaders::FeatureSkeletonOptions data_;
   models::StructuredLatentVariant variant_;
   models::StructuredLatentEncoder encoder_ = nullptr;
-  std::optional<RigDecoder> decoder_;
+  std::optional<RigDecoder> decoder_;                        ///< of a run with rigs
+  models::StructuredLatentDecoder shape_decoder_ = nullptr;  ///< of one without
 };
 
 }  // namespace anigen::pipeline

@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "anigen/asset/rigid_asset.h"
 #include "anigen/core/error.h"
 #include "anigen/io/gltf.h"
 #include "anigen/io/ply.h"
@@ -78,9 +79,7 @@ Asset votes_asset(const fields::SkeletonField& field, const VotesCloudOptions& o
   for (std::size_t i = 0; i < cloud.vertices.size(); ++i) {
     append_octahedron(cloud.vertices[i], cloud.colors[i], options.radius, asset.mesh);
   }
-  const std::vector<Eigen::Vector3d> origin(1, Eigen::Vector3d::Zero());
-  asset.skeleton = skeleton_from_joints(origin, {-1}, std::vector<std::string>(1, "votes"));
-  for (std::size_t v = 0; v < asset.mesh.vertices.size(); ++v) asset.skin.append_row({Influence{0, 1.0F}});
+  bind_rigidly(asset, "votes");
   return asset;
 }
 

@@ -167,7 +167,7 @@ TEST_F(EncodeStructuredLatents, ReconstructsASplitNamesFailuresAndShowsVotes) {
   EXPECT_TRUE(std::filesystem::exists(folder_ / "out/post1.votes.ply"));
 }
 
-TEST_F(EncodeStructuredLatents, ARunOfTheShapeAloneHasNoRigs) {
+TEST_F(EncodeStructuredLatents, ARunOfTheShapeAloneGivesShapesHeldByOneJoint) {
   Json config = slat_run();
   config["trainer"]["args"]["geometry_only"] = true;
   write_run(config);
@@ -176,6 +176,13 @@ TEST_F(EncodeStructuredLatents, ARunOfTheShapeAloneHasNoRigs) {
   request.data = request_.data;
   request.ids = {"post0"};
   request.output = folder_ / "out";
+  const std::vector<ReconstructedAsset> made = reconstruct_assets(request);
+  ASSERT_EQ(made.front().failure, "");
+  EXPECT_EQ(made.front().joints, 1u);
+  const Asset read = io::read_gltf(made.front().file).asset;
+  EXPECT_EQ(read.skeleton.size(), 1u);
+  EXPECT_GT(read.mesh.faces.size(), 0u);
+  request.votes = true;
   EXPECT_THROW(reconstruct_assets(request), InputError);
 }
 
