@@ -42,9 +42,11 @@ ProjectedPoints project_points(const Tensor& points, const Tensor& extrinsics, c
   return {projected.slice(1, 0, 2) / projected.slice(1, 2, 3), camera.select(1, 2)};
 }
 
+double tsdf_truncation(std::int64_t resolution) { return kTruncationCells / static_cast<double>(resolution); }
+
 Tensor tsdf_loss(const Tensor& points, const Tensor& sdf, const Tensor& depth, const Tensor& extrinsics,
                  const Tensor& intrinsics, std::int64_t resolution) {
-  const double truncation = kTruncationCells / static_cast<double>(resolution);
+  const double truncation = tsdf_truncation(resolution);
   Tensor target, counts;
   {
     const torch::NoGradGuard no_grad;

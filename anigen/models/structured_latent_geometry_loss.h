@@ -33,6 +33,9 @@ struct ProjectedPoints {
 ProjectedPoints project_points(const torch::Tensor& points, const torch::Tensor& extrinsics,
                                const torch::Tensor& intrinsics);
 
+/// Where the signed distances of tsdf_loss() are cut off, in units of the box: 3/R.
+double tsdf_truncation(std::int64_t resolution);
+
 /// Mean over the grid points in front of the truncation of (s − clamp(q, ±3/R))², q = true depth − the point's depth;
 /// the true depth is read bilinearly with pixel corners aligned, as published. No gradient reaches the points; 0 where
 /// no point counts. @param points [M, 3] @param sdf [M] @param depth [H, W] of the true mesh, background 0 @return

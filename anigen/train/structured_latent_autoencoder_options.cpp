@@ -37,6 +37,7 @@ StructuredLatentAutoEncoderStageOptions StructuredLatentAutoEncoderStageOptions:
   options.geometry.extra_color_l1 = !paper;
   options.geometry.resolution = decoder.mesh_options().resolution;
   read_geometry_terms(args, options.geometry);
+  options.lambda_lost_surface = args.number("lambda_lost_surface", options.lambda_lost_surface, 0.0);
   read_rig_terms(args, options.rig);
   options.lambda_kl = args.number("lambda_kl", options.lambda_kl, 0.0);
   options.lambda_kl_skl = args.number("lambda_kl_skl", options.lambda_kl_skl, 0.0);

@@ -241,9 +241,13 @@ Losses StructuredLatentAutoEncoderStage::losses(const loaders::Batch& batch, con
   const Meshes meshes = decoder_->extract_meshes(decoded, /*training=*/true);
   sum.add("reg_loss", mean_regularizer(meshes));
 
-  std::vector<std::size_t> with_surface;
-  for (std::size_t i = 0; i < meshes.size(); ++i) {
-    if (meshes[i].success) with_surface.push_back(i);
+  std::vector<std::size_t> with_surface, lost;
+  for (std::size_t i = 0; i < meshes.size(); ++i) (meshes[i].success ? with_surface : lost).push_back(i);
+  if (trains_geometry_ && !lost.empty() && options_.lambda_lost_surface > 0.0) {
+    const std::int64_t resolution = options_.geometry.resolution;
+    const Tensor tsdf = mean_tsdf_loss(meshes, lost, true_pictures(lost, assets, device_), assets, resolution);
+    const double truncation = models::tsdf_truncation(resolution);
+    sum.add("lost_surface_loss", tsdf / (truncation * truncation), options_.lambda_lost_surface);
   }
   if (trains_geometry_ && !with_surface.empty()) {
     const models::SurfacePictures truth = true_pictures(with_surface, assets, device_);

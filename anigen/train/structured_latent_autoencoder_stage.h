@@ -38,6 +38,8 @@ struct StructuredLatentAutoEncoderStageOptions {
   LatentDenoising noise;      ///< `latent_*`: of the skin latent; the geometry latent never gets any
   LatentDenoising noise_skl;  ///< `latent_*_skl`
   // Ours.
+  /// Of an asset without a surface, which no picture can pull back: its tsdf_loss over the squared truncation.
+  double lambda_lost_surface = 0.0;
   models::StructuredLatentVariant variant;
   std::vector<std::filesystem::path>
       lpips_weights;                  ///< files of VGG16 and of the heads; needed while lambda_lpips counts
@@ -58,9 +60,9 @@ struct StructuredLatentAutoEncoderStageOptions {
 /// Stage 3: structured latents of shape, skin and skeleton on sparse voxels, and their decoder into the S³ fields
 /// (paper 3.3). Loss terms under their published names: "kl" and "kl_skl" where the latent gets no noise; "reg_loss" of
 /// the mesh field; "geo_loss" with "tsdf_loss", "mask_loss", "depth_loss", "normal_loss", "normal_loss_ssim" and
-/// "normal_loss_perceptual", and "color_loss", only while something trainable lies behind the geometry; "joints_loss",
-/// "parents_loss", "skin_feats_joints_var_loss", "skin_kl_loss", "skin_feats_l2_loss_vert", "skin_feats_l2_loss_joints"
-/// unless the shape alone is trained.
+/// "normal_loss_perceptual", "color_loss", and ours, "lost_surface_loss", only while something trainable lies behind
+/// the geometry; "joints_loss", "parents_loss", "skin_feats_joints_var_loss", "skin_kl_loss",
+/// "skin_feats_l2_loss_vert", "skin_feats_l2_loss_joints" unless the shape alone is trained.
 ///
 /// Evaluation on held-out assets, means over them, without noise: "surfaces", the share whose shape has a surface, and
 /// over those "chamfer" to the true one; "joints_loss", "parents_loss", "skin_kl_loss" as above; "joint_count_error",

@@ -299,6 +299,36 @@ TEST_F(PostRun, PicturesTeachTheShape) {
   EXPECT_EQ(gradient(*made->decoder(), "out_layer_skl.weight"), 0.0) << "pictures say nothing about skeletons";
 }
 
+TEST_F(PostRun, ALostSurfaceIsPulledBackByALossOfItsOwn) {
+  // The mean gradient of the eight signed distances' biases of a decoder that finds no cube's inside.
+  const auto pull = [&](double weight, bool& named) {
+    StructuredLatentAutoEncoderStageOptions options = stage_options();
+    options.lambda_lost_surface = weight;
+    options.variant.geometry_only = true;
+    const auto made = stage(options);
+    torch::Tensor bias = made->decoder()->named_parameters()["out_layer.bias"];
+    {
+      const torch::NoGradGuard no_grad;
+      bias.slice(0, 0, 8).fill_(5.0);
+    }
+    const Losses losses = made->losses(*made->data().load({{0, 0}, {1, 1}}), {7, 3, 0});
+    named = false;
+    for (const auto& [name, term] : losses.terms) {
+      EXPECT_NE(std::string(name), "geo_loss") << "there is no surface to render";
+      named = named || std::string(name) == "lost_surface_loss";
+    }
+    losses.total.backward();
+    return bias.grad().slice(0, 0, 8).mean().item<double>();
+  };
+  bool named = true;
+  const double without = pull(0.0, named);
+  EXPECT_FALSE(named);
+  EXPECT_NEAR(without, 0.0, 1e-6);
+  const double with = pull(1.0, named);
+  EXPECT_TRUE(named);
+  EXPECT_GT(with, 1.0) << "distances should fall";
+}
+
 TEST_F(PostRun, DrawsDependOnTheContextAndOnNothingElse) {
   StructuredLatentAutoEncoderStageOptions options = stage_options();
   options.noise_skl = {true, 1.0, 0.75, 0};
