@@ -138,8 +138,7 @@ ConfigReader ConfigReader::object(const std::string& key) {
 const Json* ConfigReader::raw(const std::string& key) { return find(key); }
 
 void ConfigReader::ignore(const std::string& key) {
-  if (find(key) != nullptr)
-    log::warn_once(file_ + ": " + pointer_to(key) + " has no effect (nor in the published code)");
+  if (find(key) != nullptr) log::warn_once(file_ + ": " + pointer_to(key) + " has no effect here");
 }
 
 void ConfigReader::finish() const {
