@@ -15,12 +15,20 @@ Estimates::Estimates(const std::filesystem::path& out) {
     sum.seconds += record->seconds;
     sum.bytes += static_cast<double>(record->disk_bytes);
     ++sum.jobs;
+    if (record->expected_seconds <= 0) continue;
+    sum.stated += record->seconds;
+    sum.expected += record->expected_seconds;
   }
 }
 
 double Estimates::seconds(const Job& job) const {
   const auto found = by_step_.find(job.step);
-  return found == by_step_.end() ? job.minutes * 60 : found->second.seconds / found->second.jobs;
+  const double stated = job.minutes * 60;
+  if (found == by_step_.end()) return stated;
+  const Sum& sum = found->second;
+  // A sweep may train a step for a minute where another experiment of the same folder trained it for an hour.
+  if (stated > 0 && sum.expected > 0) return stated * sum.stated / sum.expected;
+  return sum.seconds / sum.jobs;
 }
 
 double Estimates::bytes(const Job& job) const {

@@ -7,7 +7,8 @@
 
 namespace anigen::experiment {
 
-/// What jobs took here before, by step: their mean. Where a step was never run, the author's word counts.
+/// What jobs take here, by step: the author's minutes times how far they were off for earlier jobs of that step;
+/// without such minutes the mean of the earlier jobs. Where a step was never run, the author's word counts.
 class Estimates {
  public:
   explicit Estimates(const std::filesystem::path& out);
@@ -18,6 +19,7 @@ class Estimates {
  private:
   struct Sum {
     double seconds = 0, bytes = 0;
+    double stated = 0, expected = 0;  ///< seconds of jobs whose author stated them, and what was stated
     int jobs = 0;
   };
   std::map<std::string, Sum> by_step_;

@@ -9,7 +9,8 @@ namespace anigen::experiment {
 /// @throws InputError when there is nothing at that path
 std::string input_fingerprint(const std::filesystem::path& path);
 
-/// SHA-256 of a program file; read again only when its size or time has changed. @throws InputError when it is not there
+/// SHA-256 of a program file; read again only when its size or time has changed. @throws InputError when it is not
+/// there
 std::string program_fingerprint(const std::filesystem::path& program);
 
 }  // namespace anigen::experiment

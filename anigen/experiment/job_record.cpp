@@ -70,6 +70,7 @@ std::optional<JobRecord> read_record(const fs::path& out, const std::string& id)
   record.started = reader.text("started", "");
   record.finished = reader.text("finished", "");
   record.seconds = reader.number("seconds", 0, 0);
+  record.expected_seconds = reader.number("expected_seconds", 0, 0.0);
   record.peak_bytes = static_cast<std::uint64_t>(reader.integer("peak_bytes", 0, 0));
   record.disk_bytes = static_cast<std::uint64_t>(reader.integer("disk_bytes", 0, 0));
   record.attempts = static_cast<int>(reader.integer("attempts", 0, 0, 1 << 20));
@@ -87,6 +88,7 @@ void write_record(const fs::path& out, const std::string& id, const JobRecord& r
                                       {"started", record.started},
                                       {"finished", record.finished},
                                       {"seconds", record.seconds},
+                                      {"expected_seconds", record.expected_seconds},
                                       {"peak_bytes", record.peak_bytes},
                                       {"disk_bytes", record.disk_bytes},
                                       {"attempts", record.attempts},

@@ -17,6 +17,7 @@ struct JobRecord {
   std::string command;            ///< as it was last called
   std::string started, finished;  ///< UTC, ISO 8601; of the last attempt
   double seconds = 0;             ///< of all attempts together
+  double expected_seconds = 0;    ///< what the author expected; 0: unknown
   std::uint64_t peak_bytes = 0;   ///< most memory of a process of the job
   std::uint64_t disk_bytes = 0;   ///< of its folder, once done
   int attempts = 0, status = 0;   ///< exit status of the last one; -N: ended by signal N

@@ -130,6 +130,7 @@ class JobRunner {
     record.step = job.step;
     record.key = job.key;
     record.content = job.content;
+    record.expected_seconds = job.minutes * 60;
     record.command = shell_line(job.command);
     record.started = utc_now();
     record.finished.clear();

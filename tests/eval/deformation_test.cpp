@@ -6,6 +6,7 @@
 
 #include "anigen/core/error.h"
 #include "anigen/core/random.h"
+#include "tests/eval/rigged_walker.h"
 
 namespace anigen::eval {
 namespace {
@@ -182,6 +183,31 @@ TEST(Deformation, RejectsBadInput) {
   options = {};
   options.probability = 1.5;
   EXPECT_THROW(error_of(truth, truth.truth, plan, options), InputError);
+}
+
+TEST(PosedPair, ShowsWhatTheErrorMeasures) {
+  const io::RiggedShape truth = test::rigged_walker();
+  io::RiggedShape predicted = truth;
+  predicted.joints.positions[2] += Vector3d(0.05, 0, 0.1);
+  const MatrixXd plan = MatrixXd::Identity(7, 7) / 7;
+  const PosedPair same = posed_pair(truth, truth, plan, 0);
+  EXPECT_EQ(same.truth, same.predicted);
+  EXPECT_NE(same.truth, truth.mesh.vertices);
+  EXPECT_NE(same.truth, posed_pair(truth, truth, plan, 1).truth);
+
+  DeformationOptions options;
+  options.poses = 1;
+  std::vector<Vector3d> vertices;
+  for (const Eigen::Vector3f& vertex : truth.mesh.vertices) vertices.push_back(vertex.cast<double>());
+  const double error =
+      deformation_error(vertices, truth.joints, truth.skin, predicted.joints, predicted.skin, plan, options).mean;
+  EXPECT_GT(error, 1e-4);
+  const PosedPair posed = posed_pair(truth, predicted, plan, 0, options);
+  double mean = 0;
+  for (std::size_t v = 0; v < vertices.size(); ++v)
+    mean += (posed.truth[v] - posed.predicted[v]).cast<double>().norm() / static_cast<double>(vertices.size());
+  EXPECT_NEAR(mean, error, 1e-6);  // single precision of a unit box
+  EXPECT_THROW(posed_pair(truth, predicted, MatrixXd::Identity(6, 7), 0), InputError);
 }
 
 }  // namespace

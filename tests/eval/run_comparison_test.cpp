@@ -63,6 +63,7 @@ TEST_F(RunComparisonTest, ComparesMethodsAndKeepsMissingPredictionsAsRows) {
     EXPECT_TRUE(fs::exists(folder_ / "out" / name)) << name;
   const std::string report = read_file(folder_ / "out" / "report.html");
   EXPECT_NE(report.find("class=\"turn\""), std::string::npos);
+  EXPECT_NE(report.find("the same random poses"), std::string::npos);
   EXPECT_EQ(report.find("No picture"), std::string::npos);
 }
 

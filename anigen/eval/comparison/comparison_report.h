@@ -13,6 +13,7 @@ struct ComparisonReportOptions {
   std::size_t pictured = 6;  ///< so many of the worst assets of each method
   int picture_size = 240;    ///< pixels of one view
   int views = 8;             ///< of the turntable
+  int poses = 2;             ///< in which both rigs are shown
   std::string worst_by;      ///< metric that orders assets; empty: the first headline metric with values
   /// Reads and aligns a pair again for its picture; what it throws stands in the report in the picture's place.
   std::function<ComparedShapes(std::size_t method, std::size_t asset)> shapes;
@@ -20,7 +21,7 @@ struct ComparisonReportOptions {
 
 /// One HTML file that needs no other: comparison table, differences, reasons for missing values, a sortable table of
 /// all assets with the worst first, and for the worst of each method a turntable of ground truth beside prediction
-/// (drag to turn) and a 3D view of both (WebGL 2) that is loaded on a click.
+/// (drag to turn), both in the same random poses, and a 3D view of both (WebGL 2) that is loaded on a click.
 std::string comparison_report(const Comparison& comparison, const ComparisonReportOptions& options);
 
 }  // namespace anigen::eval

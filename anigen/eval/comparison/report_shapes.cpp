@@ -3,10 +3,14 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <utility>
 
 #include "anigen/core/base64.h"
+#include "anigen/eval/skeleton/joint_ties.h"
+#include "anigen/eval/skin/deformation.h"
 #include "anigen/geometry/bone_distance.h"
 #include "anigen/raytrace/contact_sheet.h"
+#include "anigen/raytrace/picture.h"
 #include "anigen/raytrace/turntable.h"
 
 namespace anigen::eval {
@@ -61,6 +65,18 @@ std::vector<io::Image> views_of(const io::RiggedShape& shape, int views, int siz
   return raytrace::turntable(asset, options, views);
 }
 
+/// The shape with other vertices, every joint a colour.
+io::Image picture_of_weights(const io::RiggedShape& shape, std::vector<Eigen::Vector3f> vertices, int size) {
+  Asset asset = to_asset(shape);
+  asset.mesh.normals = vertex_normals(vertices, asset.mesh.faces);
+  asset.mesh.vertices = std::move(vertices);
+  raytrace::PictureOptions options;
+  options.width = options.height = size;
+  options.ambient_occlusion = false;
+  options.mode = raytrace::PictureMode::kWeights;
+  return raytrace::render(asset, options);
+}
+
 }  // namespace
 
 std::string turntable_html(const ComparedShapes& shapes, int views, int size) {
@@ -78,6 +94,27 @@ std::string turntable_html(const ComparedShapes& shapes, int views, int size) {
   return "<div class=\"turn\" data-views=\"" + std::to_string(views) + "\" style=\"width:" + std::to_string(2 * size) +
          "px;height:" + std::to_string(size) + "px;background-image:url(data:image/png;base64," + strip +
          ")\"></div><div class=\"hint\">left: ground truth, right: prediction; drag to turn</div>\n";
+}
+
+std::string posed_html(const ComparedShapes& shapes, int poses, int size) {
+  for (const io::RiggedShape* shape : {&shapes.truth, &shapes.predicted}) {
+    if (!shape->has_skin() || !shape->has_surface()) return "";
+  }
+  const Eigen::MatrixXd plan = matching_plan(shapes.predicted.joints, shapes.truth.joints);
+  std::vector<raytrace::Tile> tiles;
+  for (int pose = 0; pose < poses; ++pose) {
+    PosedPair posed = posed_pair(shapes.truth, shapes.predicted, plan, pose);
+    tiles.push_back({picture_of_weights(shapes.truth, std::move(posed.truth), size), ""});
+    tiles.push_back({picture_of_weights(shapes.predicted, std::move(posed.predicted), size), ""});
+  }
+  raytrace::SheetOptions sheet;
+  sheet.columns = 2 * poses;
+  sheet.gap = 0;
+  constexpr int kQuality = 85;
+  const std::vector<std::uint8_t> strip = io::encode_jpeg(raytrace::contact_sheet(tiles, sheet), kQuality);
+  return "<img style=\"max-width:100%\" alt=\"poses\" src=\"data:image/jpeg;base64," + base64(strip) +
+         "\"><div class=\"hint\">the same random poses, coloured by weights: ground truth, prediction, ground truth, "
+         "…</div>\n";
 }
 
 std::string view_html(const ComparedShapes& shapes, const std::string& id) {

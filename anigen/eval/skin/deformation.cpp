@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <string>
+#include <utility>
 
 #include "anigen/core/error.h"
 #include "anigen/core/numeric.h"
@@ -79,6 +80,49 @@ Eigen::Vector3d skinned(const Eigen::Vector3d& vertex, const SkinWeights& skin, 
   return sum / weights;  // weights in single precision sum to 1 only to 1e-7
 }
 
+/// Both rigs in the poses of the true one.
+class PosedRigs {
+ public:
+  PosedRigs(const io::JointTree& truth, const io::JointTree& predicted, const Eigen::MatrixXd& plan,
+            const DeformationOptions& options)
+      : truth_(truth),
+        predicted_(predicted),
+        options_(options),
+        match_(strongest_match(plan)),
+        order_(parents_first(truth)),
+        predicted_order_(parents_first(predicted)) {}
+
+  /// Of the true and of the predicted joints.
+  std::pair<std::vector<Motion>, std::vector<Motion>> motions_of(int pose) const {
+    std::vector<Eigen::Matrix3d> orientations = random_rotations(truth_.size(), options_, pose);
+    for (const int j : order_) {
+      const int parent = truth_.parents[at(j)];
+      if (parent >= 0) orientations[at(j)] = orientations[at(parent)] * orientations[at(j)];
+    }
+    std::vector<Eigen::Matrix3d> predicted_orientations;
+    for (const int k : match_) predicted_orientations.push_back(orientations[at(k)]);
+    return {motions(truth_, order_, orientations), motions(predicted_, predicted_order_, predicted_orientations)};
+  }
+
+ private:
+  const io::JointTree &truth_, &predicted_;
+  const DeformationOptions& options_;
+  std::vector<int> match_, order_, predicted_order_;
+};
+
+std::vector<Eigen::Vector3f> posed_vertices(const io::RiggedShape& shape, const std::vector<Motion>& joints) {
+  std::vector<Eigen::Vector3f> posed;
+  for (std::size_t v = 0; v < shape.mesh.vertices.size(); ++v)
+    posed.push_back(skinned(shape.mesh.vertices[v].cast<double>(), shape.skin, v, joints).cast<float>());
+  return posed;
+}
+
+std::vector<Eigen::Vector3d> in_double(const std::vector<Eigen::Vector3f>& points) {
+  std::vector<Eigen::Vector3d> result;
+  for (const Eigen::Vector3f& point : points) result.push_back(point.cast<double>());
+  return result;
+}
+
 void check_skin(const SkinWeights& skin, std::size_t vertices, std::size_t joints, const char* which) {
   if (skin.rows() != vertices) {
     throw InputError("", which, std::to_string(skin.rows()) + " rows for " + std::to_string(vertices) + " vertices");
@@ -123,19 +167,10 @@ DeformationError deformation_error(const std::vector<Eigen::Vector3d>& vertices,
   check_input(vertices, truth, predicted, plan, options);
   check_skin(truth_skin, vertices.size(), truth.size(), "true skin");
   check_skin(predicted_on_truth, vertices.size(), predicted.size(), "predicted skin");
-  const std::vector<int> match = strongest_match(plan), order = parents_first(truth),
-                         predicted_order = parents_first(predicted);
+  const PosedRigs rigs(truth, predicted, plan, options);
   DeformationError error;
   for (int pose = 0; pose < options.poses; ++pose) {
-    std::vector<Eigen::Matrix3d> orientations = random_rotations(truth.size(), options, pose);
-    for (const int j : order) {
-      const int parent = truth.parents[at(j)];
-      if (parent >= 0) orientations[at(j)] = orientations[at(parent)] * orientations[at(j)];
-    }
-    std::vector<Eigen::Matrix3d> predicted_orientations;
-    for (const int k : match) predicted_orientations.push_back(orientations[at(k)]);
-    const std::vector<Motion> true_motions = motions(truth, order, orientations),
-                              predicted_motions = motions(predicted, predicted_order, predicted_orientations);
+    const auto [true_motions, predicted_motions] = rigs.motions_of(pose);
     double sum = 0;
     for (std::size_t v = 0; v < vertices.size(); ++v) {
       const double distance = (skinned(vertices[v], truth_skin, v, true_motions) -
@@ -148,6 +183,17 @@ DeformationError deformation_error(const std::vector<Eigen::Vector3d>& vertices,
   }
   error.mean /= options.poses;
   return error;
+}
+
+PosedPair posed_pair(const io::RiggedShape& truth, const io::RiggedShape& predicted, const Eigen::MatrixXd& plan,
+                     int pose, const DeformationOptions& options) {
+  check_input(in_double(truth.mesh.vertices), truth.joints, predicted.joints, plan, options);
+  check_input(in_double(predicted.mesh.vertices), truth.joints, predicted.joints, plan, options);
+  check_skin(truth.skin, truth.mesh.vertices.size(), truth.joints.size(), "true skin");
+  check_skin(predicted.skin, predicted.mesh.vertices.size(), predicted.joints.size(), "predicted skin");
+  const auto [true_motions, predicted_motions] =
+      PosedRigs(truth.joints, predicted.joints, plan, options).motions_of(pose);
+  return {posed_vertices(truth, true_motions), posed_vertices(predicted, predicted_motions)};
 }
 
 }  // namespace anigen::eval

@@ -5,6 +5,7 @@
 
 #include "anigen/asset/skin_weights.h"
 #include "anigen/io/rigs/joint_tree.h"
+#include "anigen/io/rigs/rigged_shape.h"
 
 namespace anigen::eval {
 
@@ -42,5 +43,16 @@ DeformationError deformation_error(const std::vector<Eigen::Vector3d>& vertices,
                                    const SkinWeights& truth_skin, const io::JointTree& predicted,
                                    const SkinWeights& predicted_on_truth, const Eigen::MatrixXd& plan,
                                    const DeformationOptions& options = {});
+
+/// Vertices of both meshes in one pose.
+struct PosedPair {
+  std::vector<Eigen::Vector3f> truth, predicted;
+};
+
+/// One pose of deformation_error() for eyes: the true mesh moved by the true rig, and the predicted mesh, not the true
+/// one, by the predicted rig. @pre both shapes have a skin @param pose number of the pose, from 0
+/// @throws InputError as deformation_error()
+PosedPair posed_pair(const io::RiggedShape& truth, const io::RiggedShape& predicted, const Eigen::MatrixXd& plan,
+                     int pose, const DeformationOptions& options = {});
 
 }  // namespace anigen::eval
