@@ -197,6 +197,7 @@ TEST(PosedPair, ShowsWhatTheErrorMeasures) {
 
   DeformationOptions options;
   options.poses = 1;
+  options.probability = 1.0;
   std::vector<Vector3d> vertices;
   for (const Eigen::Vector3f& vertex : truth.mesh.vertices) vertices.push_back(vertex.cast<double>());
   const double error =
