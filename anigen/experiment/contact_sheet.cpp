@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <set>
 #include <system_error>
 
 #include "anigen/core/base64.h"
@@ -28,12 +29,19 @@ std::vector<SheetCell> ranked_cells(const fs::path& file, const SheetSpec& spec)
       throw InputError(file.string(), "line 1", "has no column '" + needed + "'");
   }
   std::vector<SheetCell> ranked, without;
+  std::set<std::string> methods;
   for (std::size_t r = 0; r < table.rows.size(); ++r) {
+    methods.insert(table.cell(r, "method"));
     if (table.cell(r, "method") != spec.method) continue;
     SheetCell cell;
     cell.id = table.cell(r, "id");
     cell.value = number_in(table.cell(r, spec.order.key));
     (std::isfinite(cell.value) ? ranked : without).push_back(std::move(cell));
+  }
+  if (methods.count(spec.method) == 0) {
+    std::string known;
+    for (const std::string& method : methods) known += (known.empty() ? "" : ", ") + method;
+    throw InputError(file.string(), "method", "there is no '" + spec.method + "'; there are: " + known);
   }
   const bool lower = spec.order.better != Column::Better::kHigher;
   std::stable_sort(ranked.begin(), ranked.end(), [&](const SheetCell& a, const SheetCell& b) {
@@ -49,7 +57,7 @@ std::vector<SheetCell> ranked_cells(const fs::path& file, const SheetSpec& spec)
   return ranked;
 }
 
-/// At most `most` cells, evenly spaced, with the first, the middle and the last.
+/// `most` cells, evenly spaced, and beside them those with a mark.
 std::vector<SheetCell> thinned(std::vector<SheetCell> cells, std::size_t most) {
   if (cells.size() <= most) return cells;
   std::vector<SheetCell> kept;

@@ -17,9 +17,9 @@ struct SheetCell {
 };
 
 /// Every asset that the sheet's method has a row for, from the best to the worst, those without a value last. Of more
-/// than spec.most with a value as many are taken, evenly spaced, best and worst among them.
+/// than spec.most as many are taken, evenly spaced, and beside them best, median and worst.
 /// @return empty while the evaluation of that run is not done, or not planned
-/// @throws InputError for a file of metrics without "id", "method" or the wanted column
+/// @throws InputError for a file of metrics without "id", "method" or the wanted column, or without that method
 std::vector<SheetCell> sheet_cells(const Plan& plan, const std::filesystem::path& out, const PlannedRun& run,
                                    const SheetSpec& spec);
 

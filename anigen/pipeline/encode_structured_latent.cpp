@@ -99,8 +99,9 @@ std::vector<ReconstructedAsset> reconstruct_assets(const ReconstructRequest& req
   const std::vector<std::string> ids = wanted_ids(request);
   StructuredLatentCoder coder(request.run, request.ckpt, parse_device(request.device), request.grouping);
   if (coder.shape_alone()) {
-    if (request.votes)
-      throw InputError(request.run.string(), "--votes", "this run trained the shape alone: it has no votes");
+    for (const auto& [wanted, option] :
+         {std::pair(request.votes, "--votes"), {request.true_skeleton, "--true-skeleton"}})
+      if (wanted) throw InputError(request.run.string(), option, "this run trained the shape alone");
     log::info("the run trained the shape alone: files with one joint");
   }
   std::error_code error;

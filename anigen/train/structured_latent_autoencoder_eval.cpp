@@ -59,8 +59,12 @@ StructuredLatentAutoEncoderStage::Reconstruction StructuredLatentAutoEncoderStag
   made.latents = encode(made.inputs, nullptr);
   made.decoded = decoder_->forward(streams_of(made.latents), made.inputs.skeletons);
   made.meshes = decoder_->extract_meshes(made.decoded, /*training=*/false);
-  made.grouped = fields::group_votes(models::for_grouping(made.decoded.skeletons.front(), options_.variant.confidence),
-                                     coders_.decoder.grouping_strategy);
+  // Votes that nothing trained may be as many joints as there are voxels.
+  made.grouped =
+      options_.variant.geometry_only
+          ? made.inputs.skeletons.front()
+          : fields::group_votes(models::for_grouping(made.decoded.skeletons.front(), options_.variant.confidence),
+                                coders_.decoder.grouping_strategy);
   return made;
 }
 

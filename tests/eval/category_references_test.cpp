@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <limits>
 #include <map>
 
 #include "anigen/core/error.h"
@@ -72,7 +73,9 @@ TEST(CategoryReferences, TheTruthItselfMayNotAnswer) {
 
 TEST(CategoryReferences, NothingToGoByIsAnError) {
   const MemorySource source = shapes();
-  EXPECT_THROW(CategoryReferences(source, {"unsorted", "empty-1"}, 0), InputError);
+  const CategoryReferences none(source, {"unsorted", "empty-1"}, 0);
+  EXPECT_EQ(none.size(), 0u);
+  EXPECT_THROW(none.nearest(test::unit_cube()), InputError);
   const CategoryReferences one(source, {"ball-1"}, 0);
   EXPECT_THROW(one.nearest(test::unit_cube(), "ball-1"), InputError);
   EXPECT_THROW(one.nearest(Mesh()), InputError);
@@ -84,6 +87,11 @@ TEST(CategoryReferences, AreToldApartBySeedAndIds) {
   EXPECT_EQ(all.describe(), CategoryReferences(source, source.ids(), 0).describe());
   EXPECT_NE(all.describe(), CategoryReferences(source, source.ids(), 1).describe());
   EXPECT_NE(all.describe(), CategoryReferences(source, {"ball-1", "cube-1"}, 0).describe());
+  MemorySource other = source;
+  other.meshes["cube-1"] = test::round_sphere(1.0, 6, 8);
+  EXPECT_NE(all.describe(), CategoryReferences(other, other.ids(), 0).describe());
+  other.meshes["cube-1"].vertices[0].x() = std::numeric_limits<float>::quiet_NaN();
+  EXPECT_EQ(CategoryReferences(other, other.ids(), 0).size(), 3u) << "what cannot be sampled is left out";
 }
 
 TEST(PairEvaluation, CategoryIsAMetricOnlyWhereItIsAskedAndKnown) {

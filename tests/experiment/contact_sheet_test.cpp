@@ -70,6 +70,9 @@ TEST_F(ContactSheet, ThinsALongListEvenly) {
 
   e.sheets[0].order.better = Column::Better::kHigher;
   EXPECT_EQ(sheet_cells(plan, place_.out, plan.runs[0], e.sheets[0]).front().id, "a99");
+  e.sheets[0].method = "theirs";
+  EXPECT_NE(error_of([&] { sheet_cells(plan, place_.out, plan.runs[0], e.sheets[0]); }).find("there are: ours"),
+            std::string::npos);
   e.sheets[0].order.key = "none";
   EXPECT_THROW(sheet_cells(plan, place_.out, plan.runs[0], e.sheets[0]), InputError);
 }

@@ -184,6 +184,9 @@ TEST_F(EncodeStructuredLatents, ARunOfTheShapeAloneGivesShapesHeldByOneJoint) {
   EXPECT_GT(read.mesh.faces.size(), 0u);
   request.votes = true;
   EXPECT_THROW(reconstruct_assets(request), InputError);
+  request.votes = false;
+  request.true_skeleton = true;
+  EXPECT_THROW(reconstruct_assets(request), InputError);
 }
 
 }  // namespace

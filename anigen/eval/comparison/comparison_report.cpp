@@ -80,7 +80,7 @@ std::string pictures(const Comparison& comparison, const ComparisonReportOptions
       try {
         const ComparedShapes shapes = options.shapes(m, i);
         figures += turntable_html(shapes, options.views, options.picture_size);
-        figures += posed_html(shapes, options.poses, options.picture_size);
+        figures += posed_html(shapes, options.poses, options.picture_size, comparison.seed);
         figures += view_html(shapes, "shape-" + std::to_string(m) + "-" + std::to_string(i));
       } catch (const Error& error) {
         figures += "<p class=\"failed\">No picture: " + html_escaped(error.what()) + "</p>";

@@ -4,6 +4,7 @@
 
 #include "anigen/core/atomic_file.h"
 #include "anigen/core/error.h"
+#include "anigen/core/log.h"
 #include "anigen/core/version.h"
 #include "anigen/eval/comparison/comparison_files.h"
 #include "anigen/eval/comparison/comparison_report.h"
@@ -68,7 +69,10 @@ std::unique_ptr<CategoryReferences> open_categories(const Opened& opened, const 
   if (!request.settings.wants("surface"))
     throw InputError("", "--category-split", "goes by surfaces: --metrics must have 'surface'");
   const std::vector<std::string> ids = io::select_ids(*opened.truth, request.category_splits);
-  return std::make_unique<CategoryReferences>(*opened.truth, ids, request.settings.seed);
+  auto references = std::make_unique<CategoryReferences>(*opened.truth, ids, request.settings.seed);
+  if (references->size() > 0) return references;
+  log::warn("--category-split: the data set says of none of these shapes what kind it is; 'category' is left out");
+  return nullptr;
 }
 
 /// Reads and aligns the shapes of a picture again: keeping all of them would take a data set's memory.

@@ -96,14 +96,16 @@ std::string turntable_html(const ComparedShapes& shapes, int views, int size) {
          ")\"></div><div class=\"hint\">left: ground truth, right: prediction; drag to turn</div>\n";
 }
 
-std::string posed_html(const ComparedShapes& shapes, int poses, int size) {
+std::string posed_html(const ComparedShapes& shapes, int poses, int size, std::uint64_t seed) {
   for (const io::RiggedShape* shape : {&shapes.truth, &shapes.predicted}) {
     if (!shape->has_skin() || !shape->has_surface()) return "";
   }
   const Eigen::MatrixXd plan = matching_plan(shapes.predicted.joints, shapes.truth.joints);
+  DeformationOptions options;
+  options.seed = seed;
   std::vector<raytrace::Tile> tiles;
   for (int pose = 0; pose < poses; ++pose) {
-    PosedPair posed = posed_pair(shapes.truth, shapes.predicted, plan, pose);
+    PosedPair posed = posed_pair(shapes.truth, shapes.predicted, plan, pose, options);
     tiles.push_back({picture_of_weights(shapes.truth, std::move(posed.truth), size), ""});
     tiles.push_back({picture_of_weights(shapes.predicted, std::move(posed.predicted), size), ""});
   }
@@ -113,7 +115,8 @@ std::string posed_html(const ComparedShapes& shapes, int poses, int size) {
   constexpr int kQuality = 85;
   const std::vector<std::uint8_t> strip = io::encode_jpeg(raytrace::contact_sheet(tiles, sheet), kQuality);
   return "<img style=\"max-width:100%\" alt=\"poses\" src=\"data:image/jpeg;base64," + base64(strip) +
-         "\"><div class=\"hint\">the same random poses, coloured by weights: ground truth, prediction, ground truth, "
+         "\"><div class=\"hint\">the same random poses, each in the colours of its own joints: ground truth, "
+         "prediction, ground truth, "
          "…</div>\n";
 }
 

@@ -32,8 +32,10 @@ std::string file_name(const std::string& text) {
 }
 
 /// What a saved result is valid for.
-std::string stamp(const PairSettings& settings, const io::RiggedShape& predicted, const io::RiggedShape& truth) {
-  const std::uint64_t hash = stable_hash(to_json(settings).dump() + kVersion, fingerprint(predicted));
+std::string stamp(const PairSettings& settings, const CategoryQuestion& category, const io::RiggedShape& predicted,
+                  const io::RiggedShape& truth) {
+  const std::string asked = category.references == nullptr ? "" : "\n" + category.expected + "\n" + category.truth_id;
+  const std::uint64_t hash = stable_hash(to_json(settings).dump() + kVersion + asked, fingerprint(predicted));
   return std::to_string(hash) + "-" + std::to_string(fingerprint(truth));
 }
 
@@ -57,14 +59,14 @@ PairResult evaluate(const PairPlan& pair, const ComparedMethod& method, const Co
     if (!pair.prediction_id) throw InputError("", "", pair.missing_reason);
     const io::RiggedShape truth = method.truths->read(pair.truth_id);
     const io::RiggedShape predicted = method.predictions->read(*pair.prediction_id);
-    const std::string wanted = stamp(run.settings, predicted, truth);
+    CategoryQuestion category;
+    if (run.categories != nullptr) category = {run.categories, method.truths->category(pair.truth_id), pair.truth_id};
+    const std::string wanted = stamp(run.settings, category, predicted, truth);
     const fs::path saved = run.cache / file_name(method.label) / (file_name(pair.id) + ".json");
     if (run.resume && load(saved, wanted, result)) {
       result.id = pair.id;
       return result;
     }
-    CategoryQuestion category;
-    if (run.categories != nullptr) category = {run.categories, method.truths->category(pair.truth_id), pair.truth_id};
     result = evaluate_pair(predicted, truth, run.settings, run.perceptual, category);
     result.id = pair.id;
     Json json = to_json(result);

@@ -28,7 +28,8 @@ void add_surface_metrics(const ComparedShapes& shapes, const PairSettings& setti
 }
 
 void add_category(const ComparedShapes& shapes, const CategoryQuestion& question, PairResult& result) {
-  if (question.references == nullptr) return result.skip("category", "no --category-split given");
+  if (question.references == nullptr)
+    return result.skip("category", "no --category-split given, or none of its shapes has a category");
   if (question.expected.empty())
     return result.skip("category", "the ground truth's data set does not say what kind it is");
   const CategoryReferences::Match match = question.references->nearest(shapes.predicted.mesh, question.truth_id);

@@ -5,6 +5,8 @@
 #include <utility>
 
 #include "anigen/core/error.h"
+#include "anigen/core/interrupt.h"
+#include "anigen/core/log.h"
 #include "anigen/core/parallel.h"
 #include "anigen/core/progress.h"
 #include "anigen/core/random.h"
@@ -44,17 +46,22 @@ CategoryReferences::CategoryReferences(const io::ShapeSource& source, const std:
   std::vector<Reference> all(ids.size());
   Progress progress("reading categories", ids.size(), "shapes");
   parallel_for(ids.size(), [&](std::size_t i) {
+    if (interrupt_requested()) return;
     progress.advance();
     const std::string category = source.category(ids[i]);
     if (category.empty()) return;
-    const io::RiggedShape shape = source.read(ids[i]);
-    if (shape.has_surface()) all[i] = {ids[i], category, normalized_samples(shape.mesh, seed)};
+    try {
+      const io::RiggedShape shape = source.read(ids[i]);
+      if (shape.has_surface()) all[i] = {ids[i], category, normalized_samples(shape.mesh, seed)};
+    } catch (const InputError& problem) {
+      log::warn("{} is no reference of a category: {}", ids[i], problem.what());
+    }
   });
   progress.finish();
+  throw_if_interrupted();
   for (Reference& reference : all) {
     if (!reference.category.empty()) references_.push_back(std::move(reference));
   }
-  if (references_.empty()) throw InputError("", source.describe(), "says of none of its shapes what kind they are");
 }
 
 CategoryReferences::Match CategoryReferences::nearest(const Mesh& mesh, const std::string& excluded) const {
@@ -75,8 +82,12 @@ CategoryReferences::Match CategoryReferences::nearest(const Mesh& mesh, const st
 
 Json CategoryReferences::describe() const {
   std::uint64_t hash = 0;
-  for (const Reference& reference : references_) hash = stable_hash(reference.id + "\n" + reference.category, hash);
-  return {{"references", references_.size()}, {"samples", kSamples}, {"seed", seed_}, {"ids", std::to_string(hash)}};
+  for (const Reference& reference : references_) {
+    hash = stable_hash(reference.id + "\n" + reference.category, hash);
+    const auto* bytes = reinterpret_cast<const char*>(reference.points.data());
+    hash = stable_hash({bytes, static_cast<std::size_t>(reference.points.size()) * sizeof(float)}, hash);
+  }
+  return {{"references", references_.size()}, {"samples", kSamples}, {"seed", seed_}, {"hash", std::to_string(hash)}};
 }
 
 }  // namespace anigen::eval

@@ -22,9 +22,9 @@ class CategoryReferences {
     double chamfer = 0.0;  ///< longest sides of the bounding boxes are 1
   };
 
-  /// Reads the shapes of `ids` (several at once, set_thread_count); those without a category or faces do not take part.
-  /// @param seed of the samples
-  /// @throws InputError when nothing is left, or a shape cannot be read
+  /// Reads the shapes of `ids` (several at once, set_thread_count); those without a category or faces do not take part,
+  /// nor do those that cannot be read, with a warning. None may be left.
+  /// @param seed of the samples @throws Interrupted after Ctrl-C
   CategoryReferences(const io::ShapeSource& source, const std::vector<std::string>& ids, std::uint64_t seed);
 
   std::size_t size() const { return references_.size(); }
@@ -34,7 +34,8 @@ class CategoryReferences {
   /// @throws InputError when the mesh has no faces or bad ones, or no other reference is left
   Match nearest(const Mesh& mesh, const std::string& excluded = "") const;
 
-  /// What decides an answer, for settings and saved results: number of references, samples, seed, ids as one hash.
+  /// What decides an answer, for settings and saved results: number of references, samples, seed, and a hash of ids,
+  /// categories and samples.
   Json describe() const;
 
  private:
