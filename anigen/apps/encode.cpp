@@ -1,6 +1,7 @@
 #include <cstdio>
 
 #include "anigen/apps/common/command_line.h"
+#include "anigen/apps/common/grouping_options.h"
 #include "anigen/core/error.h"
 #include "anigen/core/parallel.h"
 #include "anigen/pipeline/encode_sparse_structure.h"
@@ -82,10 +83,7 @@ int main(int argc, char** argv) {
   back->add_option("--ckpt", rebuilt.ckpt, "Checkpoint: final, or the part of a file name after encoder_ [the newest]");
   back->add_flag("--true-skeleton", rebuilt.true_skeleton, "Decode weights for the asset's own skeleton");
   back->add_flag("--allow-failures", allow_failures, "Exit with 0 when at least one asset gave a file");
-  back->add_option(
-          "--grouping-bandwidth", rebuilt.grouping.bandwidth,
-          "Votes for joints so far apart become one, in units of the box; more for models that trained briefly")
-      ->capture_default_str();
+  add_grouping_options(*back, rebuilt.grouping);
   back->add_flag("--votes", rebuilt.votes,
                  "Also <id>.votes.glb and .ply: the voxels' votes for joints, coloured by confidence");
   add_common_options(app, common);

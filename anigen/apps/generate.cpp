@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "anigen/apps/common/command_line.h"
+#include "anigen/apps/common/grouping_options.h"
 #include "anigen/core/error.h"
 #include "anigen/core/parallel.h"
 #include "anigen/pipeline/flow_runs.h"
@@ -85,9 +86,7 @@ void add_sampling_options(CLI::App& app, pipeline::GenerateRequest& request, Wor
       ->expected(2);
   app.add_option("--solver", words.solver, "euler; midpoint and heun take two passes per step [config]")
       ->check(CLI::IsMember(flow::solver_words()));
-  app.add_option("--grouping-bandwidth", request.models.grouping.bandwidth,
-                 "Votes for joints so far apart become one, in units of the box; more for models that trained briefly")
-      ->capture_default_str();
+  add_grouping_options(app, request.models.grouping);
   app.add_option("--joints", words.joints, "Wanted number of joints, for flows trained with it");
   app.add_option("--joint-density", words.joint_density, "The same as a share of 60 joints, 0 … 1");
   app.add_option("--joint-level", words.level, "The same by the published levels 0 … 4: none, 10, 15, 25, 35 joints");

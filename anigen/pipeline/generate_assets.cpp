@@ -135,6 +135,7 @@ Json settings_of(const GenerateRequest& request, const std::vector<fs::path>& ru
           {"seed", request.sampling.seed},
           {"joints", request.sampling.joints},
           {"grouping_bandwidth", request.models.grouping.bandwidth},
+          {"grouping_least_votes", request.models.grouping.min_cluster_size},
           {"structure_sampler", sampler_json(request.sampling.structure)},
           {"latent_sampler", sampler_json(request.sampling.latents)},
           {"averages", static_cast<int>(request.models.averages)},

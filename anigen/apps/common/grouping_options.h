@@ -1,0 +1,18 @@
+#pragma once
+#include <CLI/CLI.hpp>
+
+#include "anigen/geometry/vote_clustering.h"
+
+namespace anigen {
+
+/// The options of every program that groups votes for joints.
+inline void add_grouping_options(CLI::App& app, geometry::MeanShiftOptions& grouping) {
+  app.add_option("--grouping-bandwidth", grouping.bandwidth,
+                 "Votes for joints so far apart become one, in units of the box; more for models that trained briefly")
+      ->capture_default_str();
+  app.add_option("--grouping-least-votes", grouping.min_cluster_size,
+                 "Groups of fewer votes are no joint, unless none would be left; fewer for coarse voxels")
+      ->capture_default_str();
+}
+
+}  // namespace anigen
