@@ -7,22 +7,18 @@
 // anything that is not in the file, is wider than the screen, or when a 3D view does not open, does not paint or does
 // not move. Exit code 77: Chromium is not installed.
 import {spawn} from 'node:child_process';
-import {existsSync, mkdirSync, mkdtempSync, rmSync, statSync, writeFileSync} from 'node:fs';
+import {mkdirSync, mkdtempSync, rmSync, statSync, writeFileSync} from 'node:fs';
 import os from 'node:os';
 import path from 'node:path';
 import {pathToFileURL} from 'node:url';
+
+import {chromium} from './chromium.mjs';
 
 const kScreens = {
   desktop: {width: 1280, height: 900, deviceScaleFactor: 1, mobile: false},
   phone: {width: 390, height: 844, deviceScaleFactor: 2, mobile: true},
 };
 const kSeconds = 60;  // until a view must have opened
-
-function chromium() {
-  const folders = (process.env.PATH ?? '').split(path.delimiter);
-  return folders.flatMap((f) => ['chromium', 'chromium-browser', 'google-chrome'].map((n) => path.join(f, n)))
-      .find((f) => existsSync(f));
-}
 
 // The DevTools protocol over two pipes: JSON messages that end in a zero byte.
 class Browser {

@@ -12,17 +12,13 @@ import http from 'node:http';
 import os from 'node:os';
 import path from 'node:path';
 
+import {chromium} from './chromium.mjs';
+
 const kSeconds = 120;
 
 function threeFolder() {
   const folders = [...(process.env.NODE_PATH ?? '').split(path.delimiter), path.join(process.cwd(), 'node_modules')];
   return folders.filter((f) => f !== '').map((f) => path.join(f, 'three')).find((f) => existsSync(path.join(f, 'build')));
-}
-
-function chromium() {
-  const folders = (process.env.PATH ?? '').split(path.delimiter);
-  return folders.flatMap((f) => ['chromium', 'chromium-browser', 'google-chrome'].map((n) => path.join(f, n)))
-      .find((f) => existsSync(f));
 }
 
 const kPage = `<!doctype html><body style="margin:0"><canvas id="c" width="1280" height="640"></canvas>

@@ -11,6 +11,7 @@
 #include "anigen/core/error.h"
 #include "anigen/core/html.h"
 #include "anigen/experiment/job_record.h"
+#include "anigen/experiment/report_pictures.h"
 #include "anigen/experiment/results.h"
 #include "anigen/io/image.h"
 #include "anigen/io/image_resize.h"
@@ -105,14 +106,10 @@ std::vector<SheetCell> sheet_cells(const Plan& plan, const fs::path& out, const 
   const Job& scores = plan.jobs[scored->second];
   std::vector<SheetCell> cells = thinned(ranked_cells(scores.folder / "metrics.csv", spec), spec.most);
   for (SheetCell& cell : cells) {
-    for (const ViewerSpec::Entry& entry : spec.shown) {
+    for (const AssetFiles& entry : spec.shown) {
       const auto job = run.jobs.find(entry.step);
       fs::path file;
-      if (job != run.jobs.end()) {
-        std::string path = entry.files;
-        path.replace(path.find('*'), 1, cell.id);
-        file = plan.jobs[job->second].folder / path;
-      }
+      if (job != run.jobs.end()) file = plan.jobs[job->second].folder / file_of_asset(entry.pattern, cell.id);
       std::error_code error;
       cell.files.push_back(fs::is_regular_file(file, error) ? file : fs::path());
     }
@@ -122,7 +119,7 @@ std::vector<SheetCell> sheet_cells(const Plan& plan, const fs::path& out, const 
 
 std::string sheet_html(const std::vector<SheetCell>& cells, const SheetSpec& spec) {
   std::string labels;
-  for (const ViewerSpec::Entry& entry : spec.shown) labels += (labels.empty() ? "" : ", ") + entry.label;
+  for (const AssetFiles& entry : spec.shown) labels += (labels.empty() ? "" : ", ") + entry.label;
   std::string html = "<p class=\"hint\">" + html_escaped(labels) + ". Place and " + html_escaped(spec.order.label) +
                      ", from the best to the worst.</p>\n<div class=\"sheet\">\n";
   for (const SheetCell& cell : cells) {

@@ -123,18 +123,18 @@ void for_each_object(ConfigReader& reader, const std::string& key, const Json& s
 }
 
 /// Files of several steps that belong to one asset, whose name is the star of each.
-std::vector<ViewerSpec::Entry> read_shown(ConfigReader& reader, const Json& steps, const std::string& pointer) {
-  std::vector<ViewerSpec::Entry> entries;
+std::vector<AssetFiles> read_shown(ConfigReader& reader, const Json& steps, const std::string& pointer) {
+  std::vector<AssetFiles> entries;
   const std::vector<Json> shown = list_of(reader, "shown");
   for (std::size_t i = 0; i < shown.size(); ++i) {
     ConfigReader item(shown[i], reader.file(), pointer + "/shown/" + std::to_string(i));
     for (const char* needed : {"step", "files"}) item.require(needed);
-    ViewerSpec::Entry entry;
+    AssetFiles entry;
     entry.step = item.text("step", "");
     require_step(steps, item, "step", entry.step);
     entry.label = item.text("label", entry.step);
-    entry.files = item.text("files", "");
-    if (std::count(entry.files.begin(), entry.files.end(), '*') != 1)
+    entry.pattern = item.text("files", "");
+    if (std::count(entry.pattern.begin(), entry.pattern.end(), '*') != 1)
       throw item.error("files", "one * is needed, where the name of the asset stands, as in \"*/mesh.glb\"");
     item.finish();
     entries.push_back(std::move(entry));

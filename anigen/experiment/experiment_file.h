@@ -43,26 +43,28 @@ struct PictureSpec {
   std::size_t most = 6;  ///< per variant, of the first seed
 };
 
-/// A 3D view of the report: assets, each as several steps have it, side by side. Shows what there is; unlike tables and
-/// pictures it makes no step a goal.
+/// Where a step has its file of an asset.
+struct AssetFiles {
+  std::string label, step;
+  std::string pattern;  ///< under the step's folder, as "*/mesh.glb": one star, which stands for the asset's name
+};
+
+/// A 3D view of the report: assets as GLB files, each as several steps have it, side by side. Shows what there is;
+/// unlike tables and pictures it makes no step a goal.
 struct ViewerSpec {
-  struct Entry {
-    std::string label, step;
-    std::string files;  ///< GLB files under the step's folder, as "*/mesh.glb": one star, which stands for the asset
-  };
   std::string title;
-  std::vector<Entry> shown;
+  std::vector<AssetFiles> shown;
   std::size_t most = 3;  ///< assets
 };
 
 /// A sheet of every asset that was scored, from the best to the worst: small pictures of it, such as the condition
 /// picture and what was made of it. For every variant, of the first seed; makes no step a goal.
 struct SheetSpec {
-  std::string title, step;               ///< the step whose metrics.csv says how good each is
-  std::string method;                    ///< value of its column "method"
-  Column order;                          ///< the column to sort by; lower is better unless it says "higher"
-  std::vector<ViewerSpec::Entry> shown;  ///< PNG or JPEG files, the star of each standing for the asset's id
-  std::size_t most = 100;                ///< assets, evenly spaced when there are more
+  std::string title, step;        ///< the step whose metrics.csv says how good each is
+  std::string method;             ///< value of its column "method"
+  Column order;                   ///< the column to sort by; lower is better unless it says "higher"
+  std::vector<AssetFiles> shown;  ///< PNG or JPEG files; the name of an asset is its id
+  std::size_t most = 100;         ///< assets, evenly spaced when there are more
 };
 
 /// A whole experiment, as its JSON file says it (docs/experiments.md).

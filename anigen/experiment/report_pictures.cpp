@@ -41,6 +41,10 @@ std::vector<fs::path> matching_files(const fs::path& folder, const std::string& 
   return found;
 }
 
+std::string file_of_asset(std::string pattern, const std::string& asset) {
+  return pattern.replace(pattern.find('*'), 1, asset);
+}
+
 std::string embedded_picture(const fs::path& file) {
   const std::string extension = file.extension();
   const std::string type = extension == ".png" ? "png" : extension == ".jpg" || extension == ".jpeg" ? "jpeg" : "";

@@ -55,7 +55,7 @@ ImagePreprocessor::ImagePreprocessor(const PreprocessingOptions& options,
 PreprocessedImage ImagePreprocessor::run(const std::filesystem::path& picture,
                                          const std::filesystem::path& normal_map) {
   const InputPicture input = read_input_picture(picture);
-  const bool reads = options_.normals == NormalSource::kFile || options_.normals == NormalSource::kSupplied;
+  const bool reads = options_.normals == NormalSource::kFile || options_.normals == NormalSource::kAuto;
   if (!reads || normal_map.empty()) return run(input);
   const InputPicture map = read_input_picture(normal_map);
   return run(input, &map);
@@ -115,7 +115,7 @@ std::optional<io::Image> ImagePreprocessor::normals_of(const InputPicture& pictu
                                                        const io::Image& object, std::vector<std::string>& notices) {
   const int width = object.width, height = object.height;
   switch (options_.normals) {
-    case NormalSource::kSupplied:
+    case NormalSource::kAuto:
       if (normal_map != nullptr) return map_of(*normal_map, object, notices);
       [[fallthrough]];
     case NormalSource::kColors:

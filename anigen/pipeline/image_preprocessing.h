@@ -18,7 +18,7 @@ struct PreprocessingOptions {
   int size = features::kConditionSize;  ///< of the results, S
   Background background = Background::kAuto;
   MattingOptions matting;
-  NormalSource normals = NormalSource::kSupplied;
+  NormalSource normals = NormalSource::kAuto;
   int estimator_side = 0;  ///< longest side that the estimator sees; 0: the whole picture, as published
 };
 
@@ -43,7 +43,7 @@ class ImagePreprocessor {
   explicit ImagePreprocessor(const PreprocessingOptions& options,
                              std::shared_ptr<features::NormalEstimator> estimator = nullptr);
 
-  /// @param normal_map for NormalSource::kFile and kSupplied, which alone read it
+  /// @param normal_map for NormalSource::kFile and kAuto, which alone read it
   /// @throws InputError for an unusable picture or normal map, or when no object is found in it
   PreprocessedImage run(const std::filesystem::path& picture, const std::filesystem::path& normal_map = {});
   /// @param normal_map nullptr: none; NormalSource::kFile needs one

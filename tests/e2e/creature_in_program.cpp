@@ -2,29 +2,15 @@
 //   creature_in_program COMMAND...
 // where {glb} stands for the creature's file and {png} for a picture that the program may write. The exit code is the
 // program's; 77, skipped, when there is no such program.
-#include <sys/wait.h>
-
 #include <cstdio>
-#include <cstdlib>
 #include <exception>
 #include <string>
 
 #include "anigen/asset/normalize.h"
 #include "anigen/io/gltf.h"
 #include "anigen/prepare/creatures/creature.h"
+#include "tests/e2e/other_program.h"
 #include "tests/support/paths.h"
-
-namespace {
-
-constexpr int kSkipped = 77, kNotFound = 127;
-
-std::string quoted(const std::string& text) {
-  std::string result = "'";
-  for (const char c : text) result += c == '\'' ? std::string("'\\''") : std::string(1, c);
-  return result + "'";
-}
-
-}  // namespace
 
 int main(int argc, char** argv) try {
   const anigen::test::TemporaryFolder folder;
@@ -35,11 +21,12 @@ int main(int argc, char** argv) try {
   std::string command;
   for (int i = 1; i < argc; ++i) {
     const std::string word = argv[i];
-    command += quoted(word == "{glb}" ? glb : word == "{png}" ? (folder / "creature.png").string() : word) + " ";
+    command += anigen::test::quoted(word == "{glb}"   ? glb
+                                    : word == "{png}" ? (folder / "creature.png").string()
+                                                      : word) +
+               " ";
   }
-  const int status = std::system(command.c_str());
-  const int code = WIFEXITED(status) ? WEXITSTATUS(status) : 1;
-  return code == kNotFound ? kSkipped : code;
+  return anigen::test::run_program(command);
 } catch (const std::exception& error) {
   std::fprintf(stderr, "%s\n", error.what());
   return 1;

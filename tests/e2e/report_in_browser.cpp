@@ -3,10 +3,7 @@
 //   report_in_browser SOURCES COMMAND...
 // The command gets the page and a folder for pictures as its last arguments. The exit code is the program's; 77,
 // skipped, without three.js or without such a program.
-#include <sys/wait.h>
-
 #include <cstdio>
-#include <cstdlib>
 #include <exception>
 #include <string>
 
@@ -17,13 +14,8 @@
 #include "anigen/experiment/viewer/three_modules.h"
 #include "anigen/io/gltf.h"
 #include "anigen/prepare/creatures/creature.h"
+#include "tests/e2e/other_program.h"
 #include "tests/support/paths.h"
-
-namespace {
-
-constexpr int kSkipped = 77, kNotFound = 127;
-
-}  // namespace
 
 int main(int argc, char** argv) try {
   namespace experiment = anigen::experiment;
@@ -31,7 +23,7 @@ int main(int argc, char** argv) try {
   const std::filesystem::path three = experiment::find_three(argc > 1 ? argv[1] : ".");
   if (three.empty()) {
     std::fprintf(stderr, "three.js is not installed\n");
-    return kSkipped;
+    return anigen::test::kSkipped;
   }
   experiment::ViewedAsset shown{"creatures", {}};
   for (const char* family : {"biped", "quadruped"}) {
@@ -44,12 +36,10 @@ int main(int argc, char** argv) try {
   anigen::write_file_atomically(page, anigen::eval::page_begin("Creatures") +
                                           experiment::viewer_html({shown}, "Creatures in 3D", 1) +
                                           experiment::viewer_script_html(three) + anigen::eval::page_end());
+  using anigen::test::quoted;
   std::string command;
-  for (int i = 2; i < argc; ++i) command += "'" + std::string(argv[i]) + "' ";
-  command += "'" + page.string() + "' '" + (folder / "pictures").string() + "'";
-  const int status = std::system(command.c_str());
-  const int code = WIFEXITED(status) ? WEXITSTATUS(status) : 1;
-  return code == kNotFound ? kSkipped : code;
+  for (int i = 2; i < argc; ++i) command += quoted(argv[i]) + " ";
+  return anigen::test::run_program(command + quoted(page.string()) + " " + quoted((folder / "pictures").string()));
 } catch (const std::exception& error) {
   std::fprintf(stderr, "%s\n", error.what());
   return 1;

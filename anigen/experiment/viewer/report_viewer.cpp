@@ -43,7 +43,7 @@ struct Source {
 
 std::vector<Source> sources_of(const Experiment& experiment, const Plan& plan, const ViewerSpec& spec) {
   std::vector<Source> sources;
-  for (const ViewerSpec::Entry& entry : spec.shown) {
+  for (const AssetFiles& entry : spec.shown) {
     std::set<fs::path> seen;
     std::set<std::size_t> variants;
     std::vector<Source> own;
@@ -52,7 +52,7 @@ std::vector<Source> sources_of(const Experiment& experiment, const Plan& plan, c
       if (job == run.jobs.end() || !variants.insert(run.variant).second) continue;
       const fs::path& folder = plan.jobs[job->second].folder;
       if (!seen.insert(folder).second) continue;
-      own.push_back({experiment.variants[run.variant].name, entry.files, folder});
+      own.push_back({experiment.variants[run.variant].name, entry.pattern, folder});
     }
     for (Source& source : own) {
       // What several variants share needs no variant's name.
@@ -74,10 +74,9 @@ std::vector<ViewedAsset> viewed_assets(const Experiment& experiment, const Plan&
     ViewedAsset asset;
     asset.name = starred(sources.front().pattern, file.lexically_relative(sources.front().folder).string());
     for (const Source& source : sources) {
-      std::string path = source.pattern;
-      path.replace(path.find('*'), 1, asset.name);
+      const fs::path made = source.folder / file_of_asset(source.pattern, asset.name);
       std::error_code error;
-      if (fs::is_regular_file(source.folder / path, error)) asset.shown.push_back({source.label, source.folder / path});
+      if (fs::is_regular_file(made, error)) asset.shown.push_back({source.label, made});
     }
     if (asset.shown.size() > kMostModels) asset.shown.resize(kMostModels);
     assets.push_back(std::move(asset));

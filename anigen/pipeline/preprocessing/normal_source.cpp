@@ -24,7 +24,7 @@ io::Image opaque_resized(const io::Image& image, int width, int height) {
 
 NormalSource parse_normal_source(const std::string& word) {
   return chosen<NormalSource>("normals", word,
-                              {{"auto", NormalSource::kSupplied},
+                              {{"auto", NormalSource::kAuto},
                                {"color", NormalSource::kColors},
                                {"estimator", NormalSource::kEstimator},
                                {"file", NormalSource::kFile},

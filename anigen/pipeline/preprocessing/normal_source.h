@@ -11,11 +11,11 @@ enum class NormalSource {
   kColors,     ///< nowhere: the colour picture stands in, which is what the published training configs show that stage
   kEstimator,  ///< a NormalEstimator sees the whole picture, as published
   kFile,       ///< a picture that the user supplies
-  kSupplied,   ///< kFile for a picture that comes with a map, kColors for the others
+  kAuto,       ///< kFile for a picture that comes with a map, kColors for the others
   kFlat        ///< a surface that faces the viewer everywhere, (128, 128, 255): the published pipeline without weights
 };
 
-/// @param word auto (kSupplied), color, estimator, file or flat @throws InputError for another one
+/// @param word auto (kAuto), color, estimator, file or flat @throws InputError for another one
 NormalSource parse_normal_source(const std::string& word);
 
 /// Normals as the colours that the published pipeline makes of them: x negated, (n + 1) / 2, rounded down to bytes
