@@ -1,6 +1,7 @@
 #pragma once
 /// The only place that includes LibTorch. Everything that differs between the versions we build against (1.13 of
 /// Debian 12, 2.x of Debian 13 and of PyTorch's own builds) is decided here, so that no other file tests a version.
+#include <ATen/Parallel.h>
 #include <torch/torch.h>
 #include <torch/version.h>
 
@@ -12,6 +13,10 @@
 
 #if !ANIGEN_TORCH_AT_LEAST(1, 13)
 #error "AniGen needs LibTorch 1.13 or newer"
+#endif
+
+#if AT_PARALLEL_OPENMP && !defined(_OPENMP)
+#error "compile with OpenMP: without it at::parallel_for of this LibTorch runs on one thread"
 #endif
 
 namespace anigen::nn {
