@@ -22,6 +22,9 @@ int main(int argc, char** argv) {
                  "Folder of pretrained weights (<class name>.safetensors or .pt) for the branches that published "
                  "runs take from TRELLIS; none: train those too [config's trainer.args.pretrained_dir]");
   app.add_option("--ckpt", command.run.ckpt, "latest, none, or a step")->capture_default_str();
+  app.add_option("--profile", command.run.profile_steps,
+                 "Measure where the time of so many steps goes, after two that warm up, into profile.md of the run")
+      ->check(CLI::NonNegativeNumber);
   anigen::add_common_options(app, common, anigen::train::version_details);
   for (int i = 0; i < argc; ++i) command.command_line += (i ? " " : "") + std::string(argv[i]);
   return anigen::run_command(app, common, argc, argv, [&] {

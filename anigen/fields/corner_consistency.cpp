@@ -79,6 +79,7 @@ Tensor deviations(const Tensor& corners, const Tensor& means, const Tensor& vert
 class CornerDeviation : public torch::autograd::Function<CornerDeviation> {
  public:
   static Tensor forward(AutogradContext* context, const Tensor& corners, const Tensor& means, const Tensor& vertices) {
+    RECORD_USER_SCOPE("surface extraction: corner consistency");
     context->save_for_backward({corners, means, vertices});
     if (!corners.is_cpu()) return deviations(corners, means, vertices).square().sum();
     const double sum = corners.scalar_type() == torch::kFloat64 ? sum_of_squares<double>(corners, means, vertices)
@@ -86,6 +87,7 @@ class CornerDeviation : public torch::autograd::Function<CornerDeviation> {
     return torch::full({}, sum, corners.options());
   }
   static variable_list backward(AutogradContext* context, variable_list gradients) {
+    RECORD_USER_SCOPE("surface extraction: corner consistency");
     TORCH_CHECK(!at::GradMode::is_enabled(), "the corner consistency can be differentiated once only");
     const variable_list saved = context->get_saved_variables();
     const Tensor &corners = saved[0], &means = saved[1], &vertices = saved[2];

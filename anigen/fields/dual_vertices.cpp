@@ -49,6 +49,7 @@ class DualVertexFunction : public torch::autograd::Function<DualVertexFunction> 
                                const Tensor& corners, const Tensor& corner_sources, const Tensor& cases,
                                const Tensor& first_dual, const Tensor& first_crossing, std::int64_t duals,
                                std::int64_t crossings, bool with_deviation) {
+    RECORD_USER_SCOPE("surface extraction: dual vertices");
     const variable_list saved = {rows, alpha, beta, corners, corner_sources, cases, first_dual, first_crossing};
     context->save_for_backward(saved);
     const Tensor values = torch::empty({duals, rows.size(1) - 1}, rows.options());
@@ -62,6 +63,7 @@ class DualVertexFunction : public torch::autograd::Function<DualVertexFunction> 
   }
 
   static variable_list backward(AutogradContext* context, variable_list gradients) {
+    RECORD_USER_SCOPE("surface extraction: dual vertices");
     TORCH_CHECK(!at::GradMode::is_enabled(), "dual vertices can be differentiated once only");
     const variable_list saved = context->get_saved_variables();
     const Tensor& rows = saved[kRows];

@@ -225,6 +225,7 @@ void link_quads(const std::vector<Quad>& quads, DualTopology& topology) {
 }  // namespace
 
 DualTopology dual_topology(const CubeField& field) {
+  RECORD_USER_SCOPE("surface extraction: topology");
   const GridNumbering grid{field.resolution + 1};
   const GridSet active_vertices = grid_numbers(field.vertices, grid);
   TORCH_CHECK(std::is_sorted(active_vertices.begin(), active_vertices.end(), std::less_equal<>()),

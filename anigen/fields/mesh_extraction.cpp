@@ -80,6 +80,7 @@ ExtractedMesh extract_mesh(const Tensor& coords, const Tensor& feats, const Mesh
   if (feats.scalar_type() != torch::kFloat32 && feats.scalar_type() != torch::kFloat64) {
     throw InputError("", "feats", "expected fp32 or fp64");
   }
+  RECORD_USER_SCOPE("surface extraction: the rest");
   const CubeCorners corners = split_channels(coords, feats, options);
   ExtractedMesh mesh;
   mesh.field = average_corners(corners, options.resolution);

@@ -68,6 +68,7 @@ VertexMix surface_mix(const Tensor& face, const Tensor& barycentric, const Tenso
 
 VertexMix nearest_surface_mix(const geometry::NearestSurface& surface, const Tensor& vertices, const Tensor& faces,
                               const Tensor& points, double least) {
+  RECORD_USER_SCOPE("skin transfer: nearest surface");
   const Tensor table = mix_faces(faces);
   const std::vector<Eigen::Vector3d> corners = fields::points_of<double>(vertices, "vertices");
   check_mix_indices(table, static_cast<std::int64_t>(corners.size()), "faces");
@@ -93,6 +94,7 @@ VertexMix nearest_surface_mix(const geometry::NearestSurface& surface, const Ten
 }
 
 VertexMix nearest_vertex_mix(const Tensor& vertices, const Tensor& points) {
+  RECORD_USER_SCOPE("skin transfer: nearest vertex");
   const geometry::NearestVertex tree(fields::points_of<float>(vertices, "vertices"));
   const std::vector<std::int32_t> nearest = tree.query(fields::points_of<double>(points, "points"));
   const auto count = static_cast<std::int64_t>(nearest.size());
@@ -104,6 +106,7 @@ VertexMix nearest_vertex_mix(const Tensor& vertices, const Tensor& points) {
 }
 
 Tensor mixed(const Tensor& features, const VertexMix& mix) {
+  RECORD_USER_SCOPE("skin transfer: mixing features");
   const Tensor vertices = mix.vertices.to(features.device()), weights = mix.weights.to(features.options());
   check_mix_indices(mix.vertices, features.size(0), "vertex");
   Tensor sum;

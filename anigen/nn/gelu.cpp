@@ -12,6 +12,7 @@ constexpr std::int64_t kGrain = 16384;  // fewer values than this cost less than
 class VectorGelu : public torch::autograd::Function<VectorGelu> {
  public:
   static Tensor forward(torch::autograd::AutogradContext* context, const Tensor& x) {
+    RECORD_USER_SCOPE("elementwise and copies: gelu");
     context->save_for_backward({x});
     Tensor y = torch::empty_like(x);
     const float* in = x.data_ptr<float>();
@@ -24,6 +25,7 @@ class VectorGelu : public torch::autograd::Function<VectorGelu> {
 
   static torch::autograd::variable_list backward(torch::autograd::AutogradContext* context,
                                                  torch::autograd::variable_list gradients) {
+    RECORD_USER_SCOPE("elementwise and copies: gelu");
     const Tensor x = context->get_saved_variables()[0];
     const Tensor dy = gradients[0].contiguous();
     Tensor dx = torch::empty_like(x);

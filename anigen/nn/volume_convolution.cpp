@@ -72,6 +72,7 @@ ParameterGradients parameter_gradients(const VolumeConvolutionSizes& sizes, cons
 class VolumeConvolution : public torch::autograd::Function<VolumeConvolution> {
  public:
   static Tensor forward(AutogradContext* context, const Tensor& x, const Tensor& weight, const Tensor& bias) {
+    RECORD_USER_SCOPE("convolution: volumes");
     const VolumeConvolutionSizes sizes = convolution_sizes(x, weight);
     const Tensor packed = torch::empty({sizes.weights()}, x.options());
     kernels::pack_volume_weights(weight.contiguous().data_ptr<float>(), sizes, packed.data_ptr<float>());
@@ -82,6 +83,7 @@ class VolumeConvolution : public torch::autograd::Function<VolumeConvolution> {
   }
 
   static variable_list backward(AutogradContext* context, variable_list gradients) {
+    RECORD_USER_SCOPE("convolution: volumes");
     TORCH_CHECK(!at::GradMode::is_enabled(),
                 "volume convolution can be differentiated once only: its backward pass, under create_graph, would "
                 "miss terms");

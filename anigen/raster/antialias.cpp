@@ -140,6 +140,7 @@ class Antialiasing : public torch::autograd::Function<Antialiasing> {
  public:
   static Tensor forward(AutogradContext* context, const Tensor& image, const Tensor& clip, const Tensor& index,
                         const Tensor& weight, const Tensor& row_begin) {
+    RECORD_USER_SCOPE("rasteriser: antialiasing");
     const Tensor from = image.contiguous(), out = torch::empty_like(from);
     const PairTable pairs(index, weight, row_begin, image.size(1));
     if (nn::dtype_of(image) == torch::kFloat64) {
@@ -152,6 +153,7 @@ class Antialiasing : public torch::autograd::Function<Antialiasing> {
   }
 
   static variable_list backward(AutogradContext* context, variable_list gradients) {
+    RECORD_USER_SCOPE("rasteriser: antialiasing");
     TORCH_CHECK(!at::GradMode::is_enabled(), "antialiasing can be differentiated once only");
     const variable_list saved = context->get_saved_variables();
     const bool is_double = nn::dtype_of(saved[0]) == torch::kFloat64;

@@ -53,6 +53,7 @@ struct FaceFrame {
 class FaceNormals : public torch::autograd::Function<FaceNormals> {
  public:
   static Tensor forward(AutogradContext* context, const Tensor& vertices, const Tensor& faces) {
+    RECORD_USER_SCOPE("rasteriser: face normals");
     const Tensor positions = vertices.to(torch::kFloat64).contiguous();
     const Tensor normals = torch::empty({faces.size(0), 3}, torch::kFloat64);
     const double* points = positions.data_ptr<double>();
@@ -69,6 +70,7 @@ class FaceNormals : public torch::autograd::Function<FaceNormals> {
   }
 
   static variable_list backward(AutogradContext* context, variable_list gradients) {
+    RECORD_USER_SCOPE("rasteriser: face normals");
     TORCH_CHECK(!at::GradMode::is_enabled(), "face normals can be differentiated once only");
     const variable_list saved = context->get_saved_variables();
     const Tensor &vertices = saved[0], &faces = saved[1];

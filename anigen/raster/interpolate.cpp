@@ -95,6 +95,7 @@ class Interpolation : public torch::autograd::Function<Interpolation> {
  public:
   static Tensor forward(AutogradContext* context, const Tensor& attributes, const Tensor& barycentric,
                         const Tensor& triangle, const Tensor& faces) {
+    RECORD_USER_SCOPE("rasteriser: interpolation");
     const Tensor table = attributes.contiguous(), weights = barycentric.contiguous();
     const Tensor out = torch::empty({triangle.size(0), triangle.size(1), table.size(1)}, table.options());
     if (nn::dtype_of(table) == torch::kFloat64) {
@@ -109,6 +110,7 @@ class Interpolation : public torch::autograd::Function<Interpolation> {
   }
 
   static variable_list backward(AutogradContext* context, variable_list gradients) {
+    RECORD_USER_SCOPE("rasteriser: interpolation");
     TORCH_CHECK(!at::GradMode::is_enabled(), "interpolation can be differentiated once only");
     const variable_list saved = context->get_saved_variables();
     const bool is_double = nn::dtype_of(saved[0]) == torch::kFloat64;

@@ -60,6 +60,7 @@ class Rasterization : public torch::autograd::Function<Rasterization> {
  public:
   static variable_list forward(AutogradContext* context, const Tensor& clip, const Tensor& faces, std::int64_t height,
                                std::int64_t width, std::int64_t subpixel_bits) {
+    RECORD_USER_SCOPE("rasteriser: rasterisation");
     const Viewport viewport{height, width, subpixel_bits};
     const Tensor positions = clip.to(torch::kFloat64).contiguous();
     check_finite(positions);
@@ -78,6 +79,7 @@ class Rasterization : public torch::autograd::Function<Rasterization> {
   }
 
   static variable_list backward(AutogradContext* context, variable_list gradients) {
+    RECORD_USER_SCOPE("rasteriser: rasterisation");
     TORCH_CHECK(!at::GradMode::is_enabled(), "rasterisation can be differentiated once only");
     const variable_list saved = context->get_saved_variables();
     const Tensor &clip = saved[0], &faces = saved[1], &triangle = saved[2];

@@ -143,6 +143,7 @@ SilhouettePairs packed(const std::vector<std::vector<FoundPair>>& rows) {
 }  // namespace
 
 SilhouettePairs find_silhouette_pairs(const Fragments& fragments, const Tensor& clip, const Tensor& faces) {
+  RECORD_USER_SCOPE("rasteriser: silhouettes");
   const torch::NoGradGuard no_grad;
   check_clip(clip);
   const Tensor corners = checked_faces(faces, clip.size(0), "faces");

@@ -79,6 +79,7 @@ class GroupNormFunction : public torch::autograd::Function<GroupNormFunction> {
  public:
   static Tensor forward(AutogradContext* context, const Tensor& feats, const Tensor& weight, const Tensor& bias,
                         const std::vector<std::int64_t>& lengths, std::int64_t groups, double eps) {
+    RECORD_USER_SCOPE("elementwise and copies: group norm");
     const torch::Dtype wide = nn::accumulation_dtype(nn::dtype_of(feats));
     const Tensor scale = weight.to(wide), shift = bias.to(wide);
     const Tensor out = torch::empty_like(feats);
@@ -105,6 +106,7 @@ class GroupNormFunction : public torch::autograd::Function<GroupNormFunction> {
   // With x̂ = (x − μ) r and sums over the M values of a group of an item:
   // dx = r (w dy − (Σ w dy + x̂ Σ w dy x̂) / M), dw = Σ dy x̂, db = Σ dy.
   static variable_list backward(AutogradContext* context, variable_list gradients) {
+    RECORD_USER_SCOPE("elementwise and copies: group norm");
     TORCH_CHECK(!at::GradMode::is_enabled(),
                 "sparse group norm can be differentiated once only: its backward pass, under create_graph, would miss "
                 "terms");

@@ -14,6 +14,7 @@ class TapFunction : public torch::autograd::Function<TapFunction> {
  public:
   static Tensor forward(AutogradContext* context, const Tensor& feats, const Tensor& matrices, const Tensor& bias,
                         const Tensor& neighbours, bool subdivide) {
+    RECORD_USER_SCOPE("convolution: sparse");
     context->save_for_backward({feats, matrices, neighbours});
     context->saved_data["subdivide"] = subdivide;
     const TapPlan plan = plan_of(subdivide);
@@ -24,6 +25,7 @@ class TapFunction : public torch::autograd::Function<TapFunction> {
   }
 
   static variable_list backward(AutogradContext* context, variable_list gradients) {
+    RECORD_USER_SCOPE("convolution: sparse");
     TORCH_CHECK(!at::GradMode::is_enabled(),
                 "a sparse convolution can be differentiated once only: its backward pass, under create_graph, would "
                 "miss terms");

@@ -51,6 +51,11 @@ std::vector<std::filesystem::path> pictures_in(const std::filesystem::path& fold
   return files;
 }
 
+loaders::StepBatches next_batches(loaders::Prefetcher& batches) {
+  RECORD_USER_SCOPE("step: waiting for data");
+  return batches.next();
+}
+
 // Averaged weights in the models' place for as long as this lives.
 class AveragedWeights {
  public:
@@ -128,8 +133,9 @@ void Trainer::run() {
   printed_at_ = Clock::now();
   const std::int64_t first_step = printed_step_ = step_;
   while (step_ < options_.max_steps && !out_of_time()) {
+    if (run_.profile_steps > 0) profile(step_ - first_step);
     const Clock::time_point begin = Clock::now();
-    const loaders::StepBatches batch = batches.next();
+    const loaders::StepBatches batch = next_batches(batches);
     times_.data += seconds_since(begin);
     train_step(batch);
     ++step_;
@@ -145,6 +151,7 @@ void Trainer::run() {
                         "; everything is saved, run the same command to go on");
     }
   }
+  if (run_.profile_steps > 0) profile(step_ - first_step);
   if (options_.i_eval > 0 && !due(step_, options_.i_eval)) evaluate();
   save();
   if (options_.i_sample > 0 && step_ > first_step && !due(step_, options_.i_sample)) sample();
@@ -157,7 +164,10 @@ void Trainer::train_step(const loaders::StepBatches& batches) {
   workers_->run([&](std::size_t replica) {
     for (std::size_t i = replica; i < batches.size(); i += workers_->count()) {
       const Clock::time_point begin = Clock::now();
-      const Losses losses = stages_[replica]->losses(*batches[i], {options_.seed, step_, i});
+      const Losses losses = [&] {
+        RECORD_USER_SCOPE("step: forward, the rest");
+        return stages_[replica]->losses(*batches[i], {options_.seed, step_, i});
+      }();
       logged[i].emplace_back("loss.total", losses.total.item<double>());
       for (const auto& [name, term] : losses.terms) logged[i].emplace_back("loss." + name, term.item<double>());
       for (const auto& [name, value] : logged[i]) {
@@ -166,13 +176,17 @@ void Trainer::train_step(const loaders::StepBatches& batches) {
                     joined_ids(*batches[i]) + "; nothing was updated, the last checkpoint is sound");
       }
       const Clock::time_point middle = Clock::now();
-      (losses.total * scale).backward();
+      {
+        RECORD_USER_SCOPE("step: backward, the rest");
+        (losses.total * scale).backward();
+      }
       if (replica != 0) continue;
       times_.forward += std::chrono::duration<double>(middle - begin).count();
       times_.backward += seconds_since(middle);
     }
   });
   const Clock::time_point begin = Clock::now();
+  RECORD_USER_SCOPE("step: update of the weights");
   for (ParameterBuffer& buffer : buffers_) buffer.collect_gradients();
   torch::Tensor gradient = buffers_.front().gradient();
   for (std::size_t i = 1; i < buffers_.size(); ++i) gradient.add_(buffers_[i].gradient());
@@ -235,6 +249,19 @@ void Trainer::log_means() {
   means_.clear();
   times_ = StepTimes();
   timed_steps_ = 0;
+}
+
+void Trainer::profile(std::int64_t steps_done) {
+  constexpr std::int64_t kWarmUp = 2;
+  const std::int64_t profiled = steps_done - kWarmUp;
+  if (profiled == 0 && step_ < options_.max_steps) profile_ = std::make_unique<nn::OperatorProfile>();
+  const bool last = step_ == options_.max_steps || out_of_time();
+  if (profile_ == nullptr || profiled < 1 || (profiled < run_.profile_steps && !last)) return;
+  const std::string tables = nn::profile_markdown(profile_->rows(), profiled);
+  profile_.reset();
+  const std::filesystem::path file = run_.output / "profile.md";
+  write_file_atomically(file, tables);
+  log::info("where the time of {} steps went is in {}:\n{}", profiled, file.string(), tables);
 }
 
 void Trainer::evaluate() {

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "anigen/loaders/prefetcher.h"
+#include "anigen/nn/operator_profile.h"
 #include "anigen/train/checkpoint.h"
 #include "anigen/train/metrics_log.h"
 #include "anigen/train/parameter_update.h"
@@ -20,10 +21,11 @@ namespace anigen::train {
 
 /// Where a run lives and what it starts from.
 struct RunOptions {
-  std::filesystem::path output;  ///< run folder: metrics.csv, tb_logs/, ckpts/, samples/
-  std::filesystem::path load;    ///< run folder to start from; empty: output
-  std::string ckpt = "latest";   ///< "latest" complete checkpoint if there is one, "none", or a step that must exist
-  int threads = 1;               ///< LibTorch threads, shared among replicas
+  std::filesystem::path output;    ///< run folder: metrics.csv, tb_logs/, ckpts/, samples/, profile.md
+  std::filesystem::path load;      ///< run folder to start from; empty: output
+  std::string ckpt = "latest";     ///< "latest" complete checkpoint if there is one, "none", or a step that must exist
+  int threads = 1;                 ///< LibTorch threads, shared among replicas
+  std::int64_t profile_steps = 0;  ///< measure where the time of so many steps goes, after two that warm up
 };
 
 /// The loop all stages share (reference training-and-data.md, section 2). Given a seed, a number of threads per
@@ -60,6 +62,7 @@ class Trainer {
   void train_step(const loaders::StepBatches& batches);
   void print();
   void log_means();
+  void profile(std::int64_t steps_done);
   void evaluate();
   void sample();
   void save();
@@ -78,6 +81,7 @@ class Trainer {
   std::unique_ptr<Workers> workers_;
   std::unique_ptr<MetricsLog> metrics_;
   std::unique_ptr<TensorBoardWriter> board_;
+  std::unique_ptr<nn::OperatorProfile> profile_;
   RunningMeans means_;
   StepTimes times_;
   std::int64_t step_ = 0, timed_steps_ = 0, saved_step_ = -1;
