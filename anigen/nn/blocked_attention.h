@@ -6,8 +6,9 @@ namespace anigen::nn {
 /// softmax(q kᵀ / √D) v, a block of queries at a time, so that scores of N x M are never held whole, forward or
 /// backward; the backward pass forms them again from the saved log-sum-exp of each row. Softmax in fp32. Can be
 /// differentiated once; a second time is an error. On a CPU the same number of threads gives the same bits, and another
-/// number may round sums otherwise. 16-bit inputs are multiplied in fp32 on a CPU. A row with scores that are not
-/// finite becomes NaN. On a GPU the fused attention of LibTorch 2 is used.
+/// number may round sums otherwise. On a CPU 16-bit inputs are multiplied in fp32; with AVX512-BF16 the forward pass
+/// multiplies bf16 as it is, adds up in fp32 and rounds the weights of the softmax to bf16. A row with scores that are
+/// not finite becomes NaN. On a GPU the fused attention of LibTorch 2 is used.
 /// @param q [B, H, N, D] @param k, v [B, H, M, D], dtype of q @return [B, H, N, D], dtype of q
 Tensor blocked_attention(const Tensor& q, const Tensor& k, const Tensor& v);
 

@@ -8,6 +8,7 @@
 
 #include "anigen/nn/attention_kernels.h"
 #include "anigen/nn/blocked_attention.h"
+#include "anigen/nn/cpu_bf16_attention.h"
 
 namespace anigen::nn {
 namespace {
@@ -48,8 +49,7 @@ Tensor matrix_in(const Tensor& scratch, std::int64_t offset, std::int64_t rows, 
   return scratch.narrow(0, offset, rows * columns).view({rows, columns});
 }
 
-// What the products of 16-bit inputs are formed in. fp32 keeps the scores exact; on CPUs with 16-bit matrix units the
-// dtype itself would be faster, at the price of scores rounded to 8 bits.
+// What the products of 16-bit inputs are formed in, where prefers_bf16_attention() does not know better.
 Tensor for_products(const Tensor& x) { return x.to(torch::kFloat32); }
 
 // out = a b, or out += a b, in the dtype of b. @param out fp32
@@ -122,34 +122,42 @@ Tensor head_of(const Tensor& x, std::int64_t index, std::int64_t heads, std::int
   return x.select(0, index / heads).select(heads_at - 1, index % heads);
 }
 
+// [B, H, ·, D] → [B, N, H, D] in fp32, and the log-sum-exp of every row. @param log_sums [B · H, N]
+Tensor attend_in_fp32(const Tensor& q, const Tensor& k, const Tensor& v, Tensor& log_sums) {
+  const AttentionPlan plan(q.size(2), k.size(2), q.size(3));
+  const std::int64_t batch = q.size(0), heads = q.size(1), blocks = plan.query_blocks();
+  const Tensor q_rows = for_products(q), k_rows = for_products(k), v_rows = for_products(v);
+  Tensor out = torch::empty({batch, plan.queries, heads, plan.channels}, torch::kFloat32);
+  float* log_sums_data = log_sums.data_ptr<float>();
+  at::parallel_for(0, batch * heads * blocks, 1, [&](std::int64_t begin, std::int64_t end) {
+    const torch::NoGradGuard no_grad;  // a setting of the thread
+    const Tensor scratch = scratch_of(plan.forward_floats());
+    for (std::int64_t item = begin; item < end; ++item) {
+      const std::int64_t head = item / blocks, first = item % blocks * plan.query_block;
+      const std::int64_t rows = std::min(plan.query_block, plan.queries - first);
+      attend_block(plan, scratch, head_of(q_rows, head, heads, 1).narrow(0, first, rows),
+                   head_of(k_rows, head, heads, 1), head_of(v_rows, head, heads, 1),
+                   head_of(out, head, heads, 2).narrow(0, first, rows), log_sums_data + head * plan.queries + first);
+    }
+  });
+  return out;
+}
+
 // q, k, v as [B, H, ·, D]; the output as [B, N, H, D], as the layer that follows reads it.
 class CpuBlockedAttention : public torch::autograd::Function<CpuBlockedAttention> {
  public:
   static Tensor forward(AutogradContext* context, const Tensor& q, const Tensor& k, const Tensor& v) {
-    const AttentionPlan plan(q.size(2), k.size(2), q.size(3));
-    const std::int64_t batch = q.size(0), heads = q.size(1), blocks = plan.query_blocks();
-    const Tensor q_rows = for_products(q), k_rows = for_products(k), v_rows = for_products(v);
-    Tensor sums = torch::empty({batch, plan.queries, heads, plan.channels}, torch::kFloat32);
-    Tensor log_sums = torch::empty({batch * heads, plan.queries}, torch::kFloat32);
-    float* log_sums_data = log_sums.data_ptr<float>();
-    at::parallel_for(0, batch * heads * blocks, 1, [&](std::int64_t begin, std::int64_t end) {
-      const torch::NoGradGuard no_grad;  // a setting of the thread
-      const Tensor scratch = scratch_of(plan.forward_floats());
-      for (std::int64_t item = begin; item < end; ++item) {
-        const std::int64_t head = item / blocks, first = item % blocks * plan.query_block;
-        const std::int64_t rows = std::min(plan.query_block, plan.queries - first);
-        attend_block(plan, scratch, head_of(q_rows, head, heads, 1).narrow(0, first, rows),
-                     head_of(k_rows, head, heads, 1), head_of(v_rows, head, heads, 1),
-                     head_of(sums, head, heads, 2).narrow(0, first, rows), log_sums_data + head * plan.queries + first);
-      }
-    });
-    const Tensor out = sums.to(dtype_of(q));
+    RECORD_USER_SCOPE("attention: dense");
+    Tensor log_sums = torch::empty({q.size(0) * q.size(1), q.size(2)}, torch::kFloat32);
+    const Tensor out = prefers_bf16_attention(q) ? cpu_bf16_attention(q, k, v, log_sums)
+                                                 : attend_in_fp32(q, k, v, log_sums).to(dtype_of(q));
     context->save_for_backward({q, k, v, out, log_sums});
     return out;
   }
 
   // Parallel over heads: each head's sums for dk and dv are formed in one order.
   static variable_list backward(AutogradContext* context, variable_list gradients) {
+    RECORD_USER_SCOPE("attention: dense");
     TORCH_CHECK(!at::GradMode::is_enabled(),
                 "blocked attention can be differentiated once only: its backward pass, under "
                 "create_graph, would miss terms");

@@ -4,6 +4,8 @@
 #include <cmath>
 #include <limits>
 
+#include "anigen/nn/cpu_bf16_attention.h"
+#include "anigen/sparse/cpu_ragged_bf16.h"
 #include "anigen/sparse/head_rows.h"
 #include "anigen/sparse/ragged_softmax.h"
 #include "anigen/sparse/ragged_tasks.h"
@@ -167,10 +169,13 @@ class CpuRaggedAttention : public torch::autograd::Function<CpuRaggedAttention> 
  public:
   static Tensor forward(AutogradContext* context, const Tensor& q, const Tensor& k, const Tensor& v,
                         const Tensor& q_offsets, const Tensor& k_offsets) {
+    RECORD_USER_SCOPE("attention: windows");
     const RaggedProblem problem(q, k, q_offsets, k_offsets);
     const Tensor out = torch::zeros(q.sizes(), q.options());  // what queries without keys keep
     const Tensor log_sums = torch::empty({problem.heads, problem.rows}, torch::kFloat32);
-    if (nn::dtype_of(q) == torch::kBFloat16) {
+    if (nn::prefers_bf16_attention(q)) {
+      attend_ragged_bf16(problem, q, k, v, out, log_sums);
+    } else if (nn::dtype_of(q) == torch::kBFloat16) {
       attend_all<c10::BFloat16>(problem, q, k, v, out, log_sums);
     } else if (nn::dtype_of(q) == torch::kHalf) {
       attend_all<c10::Half>(problem, q, k, v, out, log_sums);
@@ -182,6 +187,7 @@ class CpuRaggedAttention : public torch::autograd::Function<CpuRaggedAttention> 
   }
 
   static variable_list backward(AutogradContext* context, variable_list gradients) {
+    RECORD_USER_SCOPE("attention: windows");
     TORCH_CHECK(!at::GradMode::is_enabled(),
                 "ragged attention can be differentiated once only: its backward pass, under "
                 "create_graph, would miss terms");

@@ -9,8 +9,8 @@ using torch::Tensor;
 /// (sequence, heads) backward, the largest first; keys pass in blocks with a running softmax (after Dao et al. 2022,
 /// "FlashAttention"), and the backward pass forms scores again from the saved log-sum-exp of each query. Rows of a head
 /// are copied to scratch memory of the thread, which holds a block of scores (two backward), the rows it is made of
-/// and, backward, the gradient of all queries of one head of a sequence. Arguments as ragged_attention, which checks
-/// them.
+/// and, backward, the gradient of all queries of one head of a sequence. The forward pass of bf16 has its own kernels
+/// on CPUs with AVX512-BF16 (cpu_ragged_bf16.h). Arguments as ragged_attention, which checks them.
 Tensor cpu_ragged_attention(const Tensor& q, const Tensor& k, const Tensor& v, const Tensor& q_offsets,
                             const Tensor& k_offsets);
 

@@ -160,6 +160,44 @@ TEST(BlockedAttention, SixteenBitInputs) {
   }
 }
 
+// Whole panels of 64 keys, blocks of 256 and 96 queries, and not; every size of head that the kernels for bf16 know,
+// and one that they do not. Whatever the CPU has: without AVX512-BF16 this tests the way through fp32.
+TEST(BlockedAttention, Bf16OfAllSizes) {
+  for (const AttentionSizes& sizes :
+       {AttentionSizes{2, 2, 96, 256, 16}, AttentionSizes{1, 3, 97, 1, 32}, AttentionSizes{1, 2, 192, 320, 48},
+        AttentionSizes{2, 1, 5, 777, 64}, AttentionSizes{1, 2, 100, 65, 64}, AttentionSizes{1, 1, 130, 600, 40}}) {
+    SCOPED_TRACE(testing::Message() << sizes);
+    AttentionCase rounded(sizes);
+    for (Tensor* x : {&rounded.q, &rounded.k, &rounded.v, &rounded.direction}) {
+      *x = x->to(torch::kBFloat16).to(torch::kFloat64);
+    }
+    const auto wanted = rounded.run(plain_attention, torch::kFloat64);
+    expect_agreement(rounded.run(cpu_blocked_attention, torch::kBFloat16), wanted, std::exp2(-6));
+    // As a projection leaves them, side by side, the queries only when there are as many.
+    const Tensor kv = torch::stack({rounded.k, rounded.v}, 3).to(torch::kBFloat16).transpose(1, 2).contiguous();
+    const std::vector<Tensor> parts = kv.transpose(1, 2).unbind(3);
+    const Tensor q = rounded.q.to(torch::kBFloat16);
+    EXPECT_TRUE(torch::equal(cpu_blocked_attention(q, parts[0], parts[1]),
+                             cpu_blocked_attention(q, parts[0].contiguous(), parts[1].contiguous())));
+  }
+}
+
+TEST(BlockedAttention, Bf16LargeAndNotFiniteScores) {
+  AttentionCase c({1, 1, 40, 1030, 64});
+  const Tensor k = c.k.to(torch::kBFloat16), v = c.v.to(torch::kBFloat16);
+  Tensor q = (30.0 * c.q).to(torch::kBFloat16);  // scores of some hundreds
+  const auto as_double = [](const Tensor& x) { return x.to(torch::kFloat64); };
+  EXPECT_LT(
+      relative_difference(cpu_blocked_attention(q, k, v), plain_attention(as_double(q), as_double(k), as_double(v))),
+      std::exp2(-6));
+  for (const float bad : {std::numeric_limits<float>::quiet_NaN(), std::numeric_limits<float>::infinity()}) {
+    q[0][0][7].fill_(bad);
+    const Tensor out = cpu_blocked_attention(q, k.abs(), v);
+    EXPECT_TRUE(out[0][0][7].isnan().all().item<bool>()) << bad;
+    EXPECT_TRUE(out[0][0][6].isfinite().all().item<bool>()) << bad;
+  }
+}
+
 // Sums of 16 to 700 terms: another number of threads may round them otherwise, by 1e-5 of the largest value; the same
 // number gives the same bits.
 TEST(BlockedAttention, DependsOnTheNumberOfThreadsByRoundingOnly) {

@@ -156,27 +156,32 @@ TEST(RaggedAttention, NoRowsAtAll) {
 }
 
 TEST(RaggedAttention, SixteenBitInputs) {
-  const RaggedCase c({2, 16, {140, 30, 1}, {270, 30, 2}});
-  for (const auto& [dtype, digits] : {std::pair(torch::kBFloat16, 8), std::pair(torch::kHalf, 11)}) {
-    // The inputs are rounded first, so that only our own rounding counts: of the result, and of what is saved.
-    RaggedCase rounded = c;
-    for (Tensor* x : {&rounded.q, &rounded.k, &rounded.v, &rounded.direction}) *x = x->to(dtype).to(torch::kFloat64);
-    const auto found = rounded.run(ragged_attention, dtype);
-    EXPECT_EQ(found.out.scalar_type(), dtype);
-    expect_close(found, rounded.run(attention_per_sequence, torch::kFloat64), 4.0 * std::exp2(-digits));
+  for (const RaggedSizes& sizes :
+       {RaggedSizes{2, 16, {140, 30, 1}, {270, 30, 2}}, RaggedSizes{3, 64, {97, 4, 33, 1}, {64, 0, 100, 513}}}) {
+    const RaggedCase c(sizes);
+    for (const auto& [dtype, digits] : {std::pair(torch::kBFloat16, 8), std::pair(torch::kHalf, 11)}) {
+      // The inputs are rounded first, so that only our own rounding counts: of the result, and of what is saved.
+      RaggedCase rounded = c;
+      for (Tensor* x : {&rounded.q, &rounded.k, &rounded.v, &rounded.direction}) *x = x->to(dtype).to(torch::kFloat64);
+      const auto found = rounded.run(ragged_attention, dtype);
+      EXPECT_EQ(found.out.scalar_type(), dtype);
+      expect_close(found, rounded.run(attention_per_sequence, torch::kFloat64), 4.0 * std::exp2(-digits));
+    }
   }
 }
 
 TEST(RaggedAttention, TheSameBitsForAnyNumberOfThreads) {
   const int before = at::get_num_threads();
   const RaggedCase c({5, 16, {300, 2, 70, 33, 33, 1}, {700, 2, 70, 33, 31, 1}});
-  at::set_num_threads(1);
-  const auto wanted = c.run(ragged_attention, torch::kFloat32);
-  for (const int threads : {2, 3}) {
-    at::set_num_threads(threads);
-    const auto found = c.run(ragged_attention, torch::kFloat32);
-    EXPECT_TRUE(torch::equal(found.out, wanted.out)) << threads;
-    for (std::size_t i = 0; i < 3; ++i) EXPECT_TRUE(torch::equal(found.gradients[i], wanted.gradients[i])) << threads;
+  for (const torch::Dtype dtype : {torch::kFloat32, torch::kBFloat16}) {
+    at::set_num_threads(1);
+    const auto wanted = c.run(ragged_attention, dtype);
+    for (const int threads : {2, 3}) {
+      at::set_num_threads(threads);
+      const auto found = c.run(ragged_attention, dtype);
+      EXPECT_TRUE(torch::equal(found.out, wanted.out)) << threads;
+      for (std::size_t i = 0; i < 3; ++i) EXPECT_TRUE(torch::equal(found.gradients[i], wanted.gradients[i])) << threads;
+    }
   }
   at::set_num_threads(before);
 }

@@ -1,0 +1,245 @@
+#include "anigen/nn/bf16_attention_kernels.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdlib>
+#include <cstring>
+#include <limits>
+
+#if defined(__x86_64__) && defined(__GNUC__)
+#define ANIGEN_BF16_X86 1
+#include <immintrin.h>
+#else
+#define ANIGEN_BF16_X86 0
+#endif
+
+namespace anigen::nn::kernels {
+namespace {
+
+constexpr std::int64_t kLanes = 16;                   // fp32 numbers of a vector
+constexpr std::int64_t kPanel = 64, kHalfPanel = 32;  // keys of a panel: four vectors of scores, or two
+constexpr std::int64_t kKeyBlock = 256;               // keys whose scores are in flight
+constexpr std::int64_t kTileRows = 6;                 // 6 x 4 vectors of sums, 4 of factors: 28 of 32 registers
+static_assert(kBf16QueryBlock % kTileRows == 0, "whole tiles");
+
+std::int64_t padded_keys(std::int64_t count) { return (count + kHalfPanel - 1) / kHalfPanel * kHalfPanel; }
+
+}  // namespace
+
+bool bf16_attention_takes(std::int64_t channels) {
+  return channels % kLanes == 0 && channels > 0 && channels <= kPanel;
+}
+
+std::int64_t packed_bf16_size(std::int64_t count, std::int64_t channels) { return padded_keys(count) * channels; }
+
+void pack_bf16_keys(const std::uint16_t* rows, std::int64_t stride, std::int64_t count, std::int64_t channels,
+                    std::uint16_t* packed) {
+  const std::int64_t padded = padded_keys(count);
+  for (std::int64_t first = 0; first < padded; first += kPanel) {
+    const std::int64_t width = std::min(kPanel, padded - first), keys = std::min(width, count - first);
+    if (keys < width) std::fill_n(packed, width * channels, std::uint16_t{0});
+    for (std::int64_t key = 0; key < keys; ++key) {
+      const std::uint16_t* row = rows + (first + key) * stride;
+      for (std::int64_t c = 0; c < channels; c += 2) std::memcpy(packed + c * width + 2 * key, row + c, 4);
+    }
+    packed += width * channels;
+  }
+}
+
+void pack_bf16_values(const std::uint16_t* rows, std::int64_t stride, std::int64_t count, std::int64_t channels,
+                      std::uint16_t* packed) {
+  for (std::int64_t key = 0; key < padded_keys(count); ++key) {
+    std::uint16_t* const place = packed + key / 2 * 2 * channels + key % 2;
+    for (std::int64_t c = 0; c < channels; ++c) place[2 * c] = key < count ? rows[key * stride + c] : 0;
+  }
+}
+
+std::int64_t bf16_scratch_floats(std::int64_t channels) {
+  // Scores, weights in half as many, sums, largest score, sum of weights and factor of each row.
+  return kBf16QueryBlock * (kKeyBlock + kKeyBlock / 2 + channels + 3);
+}
+
+#if ANIGEN_BF16_X86
+// GCC 12 takes the don't-care operands of its own intrinsics for variables without a value.
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wmaybe-uninitialized"
+#pragma GCC diagnostic ignored "-Wuninitialized"
+namespace {
+
+#define ANIGEN_BF16 __attribute__((target("avx512f,avx512bw,avx512vl,avx512dq,avx512bf16")))
+#define ANIGEN_BF16_INLINE ANIGEN_BF16 inline __attribute__((always_inline))
+
+// c[r, :] (+)= Σ_p a[r, 2p] b[p, :, 0] + a[r, 2p + 1] b[p, :, 1] for kRows rows and kVectors · 16 columns.
+template <int kRows, int kVectors, bool kAdd>
+ANIGEN_BF16_INLINE void product_tile(const std::uint16_t* a, std::int64_t a_stride, std::int64_t pairs,
+                                     const std::uint16_t* b, float* c, std::int64_t c_stride) {
+  __m512 sums[kRows][kVectors];
+#pragma GCC unroll 8
+  for (int r = 0; r < kRows; ++r) {
+#pragma GCC unroll 4
+    for (int v = 0; v < kVectors; ++v) {
+      sums[r][v] = kAdd ? _mm512_loadu_ps(c + r * c_stride + v * kLanes) : _mm512_setzero_ps();
+    }
+  }
+  for (std::int64_t p = 0; p < pairs; ++p, b += 2 * kLanes * kVectors) {
+    __m512bh columns[kVectors];
+#pragma GCC unroll 4
+    for (int v = 0; v < kVectors; ++v) {
+      columns[v] = reinterpret_cast<__m512bh>(_mm512_loadu_si512(b + 2 * kLanes * v));
+    }
+#pragma GCC unroll 8
+    for (int r = 0; r < kRows; ++r) {
+      std::int32_t pair;
+      std::memcpy(&pair, a + r * a_stride + 2 * p, sizeof pair);
+      const __m512bh factor = reinterpret_cast<__m512bh>(_mm512_set1_epi32(pair));
+#pragma GCC unroll 4
+      for (int v = 0; v < kVectors; ++v) sums[r][v] = _mm512_dpbf16_ps(sums[r][v], factor, columns[v]);
+    }
+  }
+#pragma GCC unroll 8
+  for (int r = 0; r < kRows; ++r) {
+#pragma GCC unroll 4
+    for (int v = 0; v < kVectors; ++v) _mm512_storeu_ps(c + r * c_stride + v * kLanes, sums[r][v]);
+  }
+}
+
+// Tiles of kTileRows rows, the last ones one by one.
+template <int kVectors, bool kAdd>
+ANIGEN_BF16_INLINE void product_rows(const std::uint16_t* a, std::int64_t a_stride, std::int64_t pairs,
+                                     const std::uint16_t* b, float* c, std::int64_t c_stride, std::int64_t rows) {
+  std::int64_t r = 0;
+  for (; r + kTileRows <= rows; r += kTileRows) {
+    product_tile<kTileRows, kVectors, kAdd>(a + r * a_stride, a_stride, pairs, b, c + r * c_stride, c_stride);
+  }
+  for (; r < rows; ++r) {
+    product_tile<1, kVectors, kAdd>(a + r * a_stride, a_stride, pairs, b, c + r * c_stride, c_stride);
+  }
+}
+
+// e^t, 0 below -87, NaN for NaN and +inf; coefficients of Cephes' expf.
+ANIGEN_BF16_INLINE __m512 exp_vector(__m512 t) {
+  t = _mm512_max_ps(_mm512_set1_ps(-87.0F), t);  // returns the second for NaN
+  const __m512 n = _mm512_roundscale_ps(_mm512_mul_ps(t, _mm512_set1_ps(1.44269504088896341F)), 8);
+  __m512 r = _mm512_fnmadd_ps(n, _mm512_set1_ps(0.693359375F), t);
+  r = _mm512_fnmadd_ps(n, _mm512_set1_ps(-2.12194440e-4F), r);
+  __m512 p = _mm512_set1_ps(1.9875691500e-4F);
+  p = _mm512_fmadd_ps(p, r, _mm512_set1_ps(1.3981999507e-3F));
+  p = _mm512_fmadd_ps(p, r, _mm512_set1_ps(8.3334519073e-3F));
+  p = _mm512_fmadd_ps(p, r, _mm512_set1_ps(4.1665795894e-2F));
+  p = _mm512_fmadd_ps(p, r, _mm512_set1_ps(1.6666665459e-1F));
+  p = _mm512_fmadd_ps(p, r, _mm512_set1_ps(5.0000001201e-1F));
+  p = _mm512_fmadd_ps(p, _mm512_mul_ps(r, r), _mm512_add_ps(r, _mm512_set1_ps(1.0F)));
+  return _mm512_scalef_ps(p, n);
+}
+
+struct RowState {
+  float *largest, *sum, *shrink;
+};
+
+// Scores of a block become weights exp(scale (score − largest)) in bf16, and the state of the rows takes them in.
+ANIGEN_BF16_INLINE void softmax_rows(float* scores, std::uint16_t* weights, std::int64_t rows, std::int64_t columns,
+                                     float scale, const RowState& state) {
+  const __m512 factor = _mm512_set1_ps(scale);
+  for (std::int64_t r = 0; r < rows; ++r, scores += kKeyBlock, weights += kKeyBlock) {
+    __m512 top = _mm512_set1_ps(state.largest[r]);
+    for (std::int64_t c = 0; c < columns; c += kLanes) top = _mm512_max_ps(top, _mm512_loadu_ps(scores + c));
+    const float largest = _mm512_reduce_max_ps(top);
+    const __m512 shift = _mm512_set1_ps(-scale * largest);
+    __m512 sum_a = _mm512_setzero_ps(), sum_b = _mm512_setzero_ps();
+    for (std::int64_t c = 0; c < columns; c += 2 * kLanes) {
+      const __m512 a = exp_vector(_mm512_fmadd_ps(_mm512_loadu_ps(scores + c), factor, shift));
+      const __m512 b = exp_vector(_mm512_fmadd_ps(_mm512_loadu_ps(scores + c + kLanes), factor, shift));
+      sum_a = _mm512_add_ps(sum_a, a);
+      sum_b = _mm512_add_ps(sum_b, b);
+      _mm512_storeu_si512(weights + c, reinterpret_cast<__m512i>(_mm512_cvtne2ps_pbh(b, a)));
+    }
+    const float before = scale * (state.largest[r] - largest);
+    state.shrink[r] = before < -87.0F ? 0.0F : std::exp(before);
+    state.largest[r] = largest;
+    state.sum[r] = state.sum[r] * state.shrink[r] + _mm512_reduce_add_ps(_mm512_add_ps(sum_a, sum_b));
+  }
+}
+
+template <int kVectors>
+ANIGEN_BF16 void attend_rows(const Bf16Keys& head, const std::uint16_t* q, std::int64_t q_stride, std::int64_t rows,
+                             std::uint16_t* out, std::int64_t out_stride, float* log_sums, float* scratch) {
+  constexpr std::int64_t channels = kVectors * kLanes;
+  float* const scores = scratch;
+  auto* const weights = reinterpret_cast<std::uint16_t*>(scores + kBf16QueryBlock * kKeyBlock);
+  float* const sums = scores + kBf16QueryBlock * (kKeyBlock + kKeyBlock / 2);
+  float* const rest = sums + kBf16QueryBlock * channels;
+  const RowState state{rest, rest + kBf16QueryBlock, rest + 2 * kBf16QueryBlock};
+  std::fill_n(state.largest, rows, -std::numeric_limits<float>::infinity());
+  std::fill_n(state.sum, rows, 0.0F);
+  std::fill_n(sums, rows * channels, 0.0F);
+  for (std::int64_t first = 0; first < head.count; first += kKeyBlock) {
+    const std::int64_t keys = std::min(kKeyBlock, head.count - first), columns = padded_keys(keys);
+    for (std::int64_t key = 0; key < columns; key += kPanel) {
+      const std::uint16_t* const panel = head.keys + (first + key) * channels;
+      if (columns - key < kPanel) {
+        product_rows<2, false>(q, q_stride, channels / 2, panel, scores + key, kKeyBlock, rows);
+      } else {
+        product_rows<4, false>(q, q_stride, channels / 2, panel, scores + key, kKeyBlock, rows);
+      }
+    }
+    for (std::int64_t r = 0; keys < columns && r < rows; ++r) {
+      std::fill(scores + r * kKeyBlock + keys, scores + r * kKeyBlock + columns,
+                -std::numeric_limits<float>::infinity());
+    }
+    softmax_rows(scores, weights, rows, columns, head.scale, state);
+    for (std::int64_t r = 0; first > 0 && r < rows; ++r) {
+      const __m512 shrink = _mm512_set1_ps(state.shrink[r]);
+      for (int v = 0; v < kVectors; ++v) {
+        float* const place = sums + r * channels + v * kLanes;
+        _mm512_storeu_ps(place, _mm512_mul_ps(_mm512_loadu_ps(place), shrink));
+      }
+    }
+    product_rows<kVectors, true>(weights, kKeyBlock, columns / 2, head.values + first * channels, sums, channels, rows);
+  }
+  for (std::int64_t r = 0; r < rows; ++r) {
+    // As the scores of a row that is not finite leave NaN here, they do everywhere.
+    const __m512 factor = _mm512_set1_ps(1.0F / state.sum[r]);
+    for (int v = 0; v < kVectors; ++v) {
+      const __m256bh row = _mm512_cvtneps_pbh(_mm512_mul_ps(_mm512_loadu_ps(sums + r * channels + v * kLanes), factor));
+      _mm256_storeu_si256(reinterpret_cast<__m256i*>(out + r * out_stride + v * kLanes),
+                          reinterpret_cast<__m256i>(row));
+    }
+    log_sums[r] = head.scale * state.largest[r] + std::log(state.sum[r]);
+  }
+}
+
+}  // namespace
+
+bool has_bf16_attention() {
+  static const bool has = __builtin_cpu_supports("avx512bf16") != 0 && __builtin_cpu_supports("avx512bw") != 0 &&
+                          __builtin_cpu_supports("avx512vl") != 0 && __builtin_cpu_supports("avx512dq") != 0;
+  return has;
+}
+
+void attend_bf16(const Bf16Keys& head, const std::uint16_t* q, std::int64_t q_stride, std::int64_t rows,
+                 std::uint16_t* out, std::int64_t out_stride, float* log_sums, float* scratch) {
+  switch (head.channels / kLanes) {
+    case 1:
+      return attend_rows<1>(head, q, q_stride, rows, out, out_stride, log_sums, scratch);
+    case 2:
+      return attend_rows<2>(head, q, q_stride, rows, out, out_stride, log_sums, scratch);
+    case 3:
+      return attend_rows<3>(head, q, q_stride, rows, out, out_stride, log_sums, scratch);
+    default:
+      return attend_rows<4>(head, q, q_stride, rows, out, out_stride, log_sums, scratch);
+  }
+}
+#pragma GCC diagnostic pop
+
+#else
+
+bool has_bf16_attention() { return false; }
+
+void attend_bf16(const Bf16Keys&, const std::uint16_t*, std::int64_t, std::int64_t, std::uint16_t*, std::int64_t,
+                 float*, float*) {
+  std::abort();  // has_bf16_attention() said so
+}
+
+#endif
+
+}  // namespace anigen::nn::kernels

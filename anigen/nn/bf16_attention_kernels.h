@@ -1,0 +1,42 @@
+#pragma once
+#include <cstdint>
+
+namespace anigen::nn::kernels {
+
+/// Attention of one head in bf16 on CPUs that multiply pairs of bf16 numbers (AVX512-BF16): products of bf16 numbers
+/// are exact and added up in fp32, the softmax is fp32, its weights are rounded to bf16 before they meet the values.
+///
+/// bf16 numbers are passed as their 16 bits.
+struct Bf16Keys {
+  const std::uint16_t* keys;    ///< of pack_bf16_keys
+  const std::uint16_t* values;  ///< of pack_bf16_values
+  std::int64_t count, channels;
+  float scale;  ///< of the scores
+};
+
+/// Whether this CPU runs what follows.
+bool has_bf16_attention();
+/// Head sizes that the kernels are made for: multiples of 16 up to 64.
+bool bf16_attention_takes(std::int64_t channels);
+
+/// 16-bit numbers of packed keys, and as many of packed values.
+std::int64_t packed_bf16_size(std::int64_t count, std::int64_t channels);
+/// Panels of 64 keys, the last one of 32 or 64: [channels / 2, keys, 2] each, filled up with zeros.
+/// @param rows [count, channels], rows `stride` apart
+void pack_bf16_keys(const std::uint16_t* rows, std::int64_t stride, std::int64_t count, std::int64_t channels,
+                    std::uint16_t* packed);
+/// [keys / 2, channels, 2], filled up with zeros to a multiple of 32 keys.
+void pack_bf16_values(const std::uint16_t* rows, std::int64_t stride, std::int64_t count, std::int64_t channels,
+                      std::uint16_t* packed);
+
+/// Rows that attend_bf16 takes at most, and the floats of scratch it needs.
+inline constexpr std::int64_t kBf16QueryBlock = 96;
+std::int64_t bf16_scratch_floats(std::int64_t channels);
+
+/// out[r, :] = softmax(scale q[r, :] keysᵀ) values, and the log-sum-exp of the scaled scores of each row. A row with
+/// scores that are not finite becomes NaN.
+/// @param q [rows, channels], rows `q_stride` apart @param out rows `out_stride` apart
+void attend_bf16(const Bf16Keys& head, const std::uint16_t* q, std::int64_t q_stride, std::int64_t rows,
+                 std::uint16_t* out, std::int64_t out_stride, float* log_sums, float* scratch);
+
+}  // namespace anigen::nn::kernels
