@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "anigen/core/memory.h"
 #include "anigen/core/parallel.h"
 #include "anigen/nn/attention.h"
 #include "anigen/nn/blocked_attention.h"
@@ -44,6 +45,12 @@ TimedTask forward_task(const std::string& name, std::int64_t heads, const Attent
   return {name, forward_flops(heads), [=] { attention(in[0], in[1], in[2]); }};
 }
 
+TimedTask bf16_forward_task(const std::string& name, std::int64_t heads, const Attention& attention) {
+  std::vector<Tensor> in = inputs_of(heads, false);
+  for (Tensor& part : in) part = part.to(torch::kBFloat16);
+  return {name, forward_flops(heads), [=] { attention(in[0], in[1], in[2]); }};
+}
+
 TimedTask training_task(const std::string& name, std::int64_t heads, const Attention& attention) {
   const std::vector<Tensor> in = inputs_of(heads, true);
   const Tensor direction = torch::randn({1, heads, kTokens, kChannels});
@@ -58,6 +65,7 @@ Tensor plain(const Tensor& q, const Tensor& k, const Tensor& v) { return anigen:
 int main(int argc, char** argv) {
   const std::optional<std::string> out = anigen::benchmark_out(argc, argv);
   if (!out) return 2;
+  anigen::keep_freed_memory();  // as the programs do
   at::set_num_threads(anigen::thread_count());
   torch::manual_seed(0);
   std::vector<TimedTask> tasks;
@@ -66,8 +74,11 @@ int main(int argc, char** argv) {
   tasks.push_back(forward_task("blocked_forward", kHeads, anigen::nn::blocked_attention));
   tasks.push_back(training_task("plain_forward_backward", kPlainHeads, plain));
   tasks.push_back(training_task("blocked_forward_backward", kHeads, anigen::nn::blocked_attention));
+  tasks.push_back(anigen::product_task(torch::kBFloat16));  // twice the rate of fp32 on CPUs with AVX512-BF16
+  tasks.push_back(bf16_forward_task("plain_forward_bf16", kPlainHeads, plain));
+  tasks.push_back(bf16_forward_task("blocked_forward_bf16", kHeads, anigen::nn::blocked_attention));
   anigen::time_in_turn(tasks, kRounds);
-  std::printf("%lld tokens, heads of %lld channels, fp32, %d threads; medians of %d rounds\n",
+  std::printf("%lld tokens, heads of %lld channels, %d threads; medians of %d rounds\n",
               static_cast<long long>(kTokens), static_cast<long long>(kChannels), at::get_num_threads(), kRounds);
   anigen::print_table(tasks);
   std::printf(

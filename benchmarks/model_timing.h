@@ -14,6 +14,7 @@
 #include "anigen/core/atomic_file.h"
 #include "anigen/core/json.h"
 #include "anigen/core/parallel.h"
+#include "anigen/nn/operator_profile.h"
 #include "anigen/nn/torch.h"
 
 namespace anigen::benchmarks {
@@ -78,6 +79,13 @@ inline Timed time_steps(int steps, torch::Dtype dtype, const std::function<void(
   return {median(times), median(rates)};
 }
 
+/// One more step, operator by operator.
+inline void print_profile(const std::function<void()>& step) {
+  const nn::OperatorProfile profile;
+  step();
+  std::printf("\n%s\n", nn::profile_markdown(profile.rows(), 1).c_str());
+}
+
 /// Prints a row and adds it to what --benchmark_out gets. @param family of the row's name in the file
 inline void report_step(const std::string& family, const std::string& name, const Timed& timed, double flop,
                         Json& list) {
@@ -115,6 +123,7 @@ struct FlowSettings {
   std::vector<torch::Dtype> dtypes;
   std::int64_t blocks = 24;
   int steps = 0, threads = 0;
+  bool profile = false;  ///< one more step, for print_profile()
   std::string out;
 
   /// @return whether the word was one of these; other --benchmark_* flags are accepted and ignored
@@ -122,6 +131,8 @@ struct FlowSettings {
     long number = 0;
     if (word == "--fp32") {
       dtypes.push_back(torch::kFloat32);
+    } else if (word == "--profile") {
+      profile = true;
     } else if (word == "--bf16") {
       dtypes.push_back(torch::kBFloat16);
     } else if (read_number(word, "blocks", 1, number)) {

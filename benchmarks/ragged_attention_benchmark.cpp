@@ -13,6 +13,7 @@
 #include <string>
 #include <vector>
 
+#include "anigen/core/memory.h"
 #include "anigen/core/parallel.h"
 #include "anigen/nn/attention.h"
 #include "anigen/sparse/ragged_attention.h"
@@ -117,6 +118,16 @@ TimedTask forward_task(const std::string& name, const Windows& windows, const Wi
   return {name, windows.flops(), work};
 }
 
+TimedTask bf16_forward_task(const std::string& name, const Windows& windows, const WindowAttention& attention) {
+  std::vector<Tensor> in;
+  for (const Tensor& input : windows.inputs) in.push_back(input.to(torch::kBFloat16));
+  const auto work = [in, attention] {
+    const torch::NoGradGuard no_grad;
+    attention(in[0], in[1], in[2]);
+  };
+  return {name, windows.flops(), work};
+}
+
 TimedTask training_task(const std::string& name, const Windows& windows, const WindowAttention& attention) {
   std::vector<Tensor> in;
   for (const Tensor& input : windows.inputs) in.push_back(input.detach().requires_grad_());
@@ -137,6 +148,7 @@ void describe(const char* what, const Windows& windows) {
 int main(int argc, char** argv) {
   const std::optional<std::string> out = anigen::benchmark_out(argc, argv);
   if (!out) return 2;
+  anigen::keep_freed_memory();  // as the programs do
   at::set_num_threads(anigen::thread_count());
   torch::manual_seed(0);
   std::vector<TimedTask> tasks;
@@ -148,6 +160,8 @@ int main(int argc, char** argv) {
   tasks.push_back(training_task("ragged_training_small", small, ragged(small)));
   tasks.push_back(forward_task("padded_forward", large, padded(large)));
   tasks.push_back(forward_task("ragged_forward", large, ragged(large)));
+  tasks.push_back(bf16_forward_task("padded_forward_bf16", large, padded(large)));
+  tasks.push_back(bf16_forward_task("ragged_forward_bf16", large, ragged(large)));
   tasks.push_back(training_task("padded_training", large, padded(large)));
   tasks.push_back(training_task("ragged_training", large, ragged(large)));
   for (const std::int64_t grid : kGrowthGrids) {
@@ -157,7 +171,8 @@ int main(int argc, char** argv) {
   }
   anigen::time_in_turn(tasks, kRounds);
   std::printf(
-      "windows of %lld voxels shifted by %lld, heads of %lld channels, fp32, %d threads; medians of %d rounds\n",
+      "windows of %lld voxels shifted by %lld, heads of %lld channels, fp32 unless said, %d threads; medians of %d "
+      "rounds\n",
       static_cast<long long>(kWindow), static_cast<long long>(kShift), static_cast<long long>(kChannels),
       at::get_num_threads(), kRounds);
   describe("small", small);

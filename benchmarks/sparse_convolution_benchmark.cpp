@@ -16,6 +16,7 @@
 #include <utility>
 #include <vector>
 
+#include "anigen/core/memory.h"
 #include "anigen/core/parallel.h"
 #include "anigen/sparse/convolution.h"
 #include "anigen/sparse/resampling.h"
@@ -125,6 +126,7 @@ void add_subdivided(std::vector<TimedTask>& tasks, std::int64_t width) {
 int main(int argc, char** argv) {
   const std::optional<std::string> out = anigen::benchmark_out(argc, argv);
   if (!out) return 2;
+  anigen::keep_freed_memory();  // as the programs do
   at::set_num_threads(anigen::thread_count());
   torch::manual_seed(0);
   std::vector<TimedTask> tasks;

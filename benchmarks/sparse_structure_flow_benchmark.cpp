@@ -2,7 +2,7 @@
 // 1,374 condition tokens. Seconds and FLOP/s beside the machine's own matrix products in the same type, measured in
 // between, and beside the same model as eager LibTorch code runs it.
 //   benchmark_sparse_structure_flow [--fp32] [--bf16] [--blocks=24] [--steps=3] [--plain-steps=1] [--threads=N]
-//                                   [--benchmark_out=FILE]
+//                                   [--profile] [--benchmark_out=FILE]
 // Without --fp32 and --bf16 it does both. Other --benchmark_* flags are accepted and ignored.
 #include <cstdio>
 #include <string>
@@ -55,8 +55,10 @@ void run(torch::Dtype dtype, const Settings& settings, anigen::Json& list) {
               100.0 * flop.attention / flop.total());
 
   anigen::models::Velocity ours, plain;
-  const Timed timed = time_steps(settings.steps, dtype, [&] { ours = model->forward(x, x_skl, t, cond); });
+  const auto step = [&] { ours = model->forward(x, x_skl, t, cond); };
+  const Timed timed = time_steps(settings.steps, dtype, step);
   report_step(kFamily, type, timed, flop.total(), list);
+  if (settings.profile) print_profile(step);
   if (settings.plain_steps == 0) return;
   const anigen::benchmarks::PlainSparseStructureFlow eager(model);
   const Timed other = time_steps(settings.plain_steps, dtype, [&] { plain = eager.forward(x, x_skl, t, cond); });
@@ -88,7 +90,7 @@ int main(int argc, char** argv) {
   if (!read_settings(argc, argv, settings)) {
     std::fprintf(stderr,
                  "usage: benchmark_sparse_structure_flow [--fp32] [--bf16] [--blocks=N] [--steps=N] [--plain-steps=N] "
-                 "[--threads=N] [--benchmark_out=FILE]\n");
+                 "[--threads=N] [--profile] [--benchmark_out=FILE]\n");
     return 2;
   }
   return run_flow_benchmark(kFamily, settings,

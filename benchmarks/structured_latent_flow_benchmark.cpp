@@ -2,13 +2,12 @@
 // tokens, on voxels of a real asset or of an ellipsoid of about as many. Seconds and FLOP/s beside the machine's own
 // matrix products in the same type, measured in between; a guided step of the sampler takes two passes.
 //   benchmark_structured_latent_flow [--fp32] [--bf16] [--voxels=PLY --skeleton-voxels=PLY] [--blocks=24] [--steps=2]
-//                                    [--threads=N] [--benchmark_out=FILE]
+//                                    [--threads=N] [--profile] [--benchmark_out=FILE]
 // Voxel files are those of a dataset at 64³ (voxels/<id>.ply). Without --fp32 and --bf16 it takes bf16.
-#include <cmath>
-
 #include "anigen/loaders/ragged_voxels.h"
 #include "anigen/models/structured_latent_flow.h"
 #include "anigen/models/structured_latent_flow_flops.h"
+#include "benchmarks/ellipsoid_voxels.h"
 #include "benchmarks/model_timing.h"
 
 namespace {
@@ -23,24 +22,6 @@ constexpr int kResolution = 64;
 struct Settings : FlowSettings {
   std::string voxels, skeleton_voxels;
 };
-
-// A shell of two voxels' thickness, or the inside, of an ellipsoid.
-std::vector<Voxel> ellipsoid(double scale, bool shell) {
-  std::vector<Voxel> voxels;
-  const double thickness = 2.0 / kResolution;
-  for (int x = 0; x < kResolution; ++x) {
-    for (int y = 0; y < kResolution; ++y) {
-      for (int z = 0; z < kResolution; ++z) {
-        const double p = (x + 0.5) / kResolution - 0.5, q = (y + 0.5) / kResolution - 0.5,
-                     r = (z + 0.5) / kResolution - 0.5;
-        const double radius = std::sqrt(p * p + q * q + 1.2 * r * r);
-        if (radius > scale || (shell && radius < scale - thickness)) continue;
-        voxels.push_back({x, y, z});
-      }
-    }
-  }
-  return voxels;
-}
 
 anigen::sparse::SparseTensor voxels_of(const std::string& file, std::vector<Voxel> otherwise, std::int64_t channels) {
   anigen::loaders::VoxelRows rows;
@@ -80,8 +61,8 @@ void run(torch::Dtype dtype, const Settings& settings, anigen::Json& list) {
   anigen::models::StructuredLatentFlow model(options, anigen::nn::Init::kNone);
   fill_with_pattern(*model);
   if (dtype != torch::kFloat32) model->set_compute_dtype(dtype);
-  const auto x = voxels_of(settings.voxels, ellipsoid(0.47, true), 16);
-  const auto x_skl = voxels_of(settings.skeleton_voxels, ellipsoid(0.17, false), 4);
+  const auto x = voxels_of(settings.voxels, ellipsoid_voxels(kResolution, 0.47, true), 16);
+  const auto x_skl = voxels_of(settings.skeleton_voxels, ellipsoid_voxels(kResolution, 0.17, false), 4);
   const Tensor t = torch::full({1}, 500.0f);
   const Tensor cond = torch::sin(torch::arange(kConditionTokens * options.cond_channels, torch::kFloat32))
                           .view({1, kConditionTokens, options.cond_channels});
@@ -93,8 +74,10 @@ void run(torch::Dtype dtype, const Settings& settings, anigen::Json& list) {
               static_cast<long long>(settings.blocks), at::get_num_threads(), static_cast<long long>(x.support->size()),
               static_cast<long long>(x_skl.support->size()), flop.total() / 1e12);
   std::fflush(stdout);
-  const Timed timed = time_steps(settings.steps, dtype, [&] { model->forward(x, x_skl, t, cond); });
+  const auto step = [&] { model->forward(x, x_skl, t, cond); };
+  const Timed timed = time_steps(settings.steps, dtype, step);
   report_step(kFamily, type, timed, flop.total(), list);
+  if (settings.profile) print_profile(step);
   std::printf("25 guided steps at this rate: %.0f min\n", 50 * timed.seconds / 60);
 }
 
@@ -118,7 +101,7 @@ int main(int argc, char** argv) {
   if (!read_settings(argc, argv, settings)) {
     std::fprintf(stderr,
                  "usage: benchmark_structured_latent_flow [--fp32] [--bf16] [--voxels=PLY --skeleton-voxels=PLY] "
-                 "[--blocks=N] [--steps=N] [--threads=N] [--benchmark_out=FILE]\n");
+                 "[--blocks=N] [--steps=N] [--threads=N] [--profile] [--benchmark_out=FILE]\n");
     return 2;
   }
   return run_flow_benchmark(kFamily, settings,

@@ -29,13 +29,14 @@ struct TimedTask {
   double gflops() const { return 1e-9 * flops / median(); }
 };
 
-/// The product that the other tasks are shares of: two fp32 matrices of 2048 × 2048. Comes first in a list of tasks.
-inline TimedTask product_task() {
+/// The product that the other tasks are shares of: two matrices of 2048 × 2048. Comes first in a list of tasks.
+inline TimedTask product_task(torch::Dtype dtype = torch::kFloat32) {
   constexpr std::int64_t kSide = 2048;
-  const torch::Tensor a = torch::randn({kSide, kSide}), b = torch::randn({kSide, kSide});
-  torch::Tensor out = torch::empty({kSide, kSide});
+  const torch::Tensor a = torch::randn({kSide, kSide}).to(dtype), b = torch::randn({kSide, kSide}).to(dtype);
+  torch::Tensor out = torch::empty_like(a);
   const double side = static_cast<double>(kSide);
-  return {"product_2048", 2.0 * side * side * side, [=]() mutable { at::mm_out(out, a, b); }};
+  return {dtype == torch::kFloat32 ? "product_2048" : "product_2048_bf16", 2.0 * side * side * side,
+          [=]() mutable { at::mm_out(out, a, b); }};
 }
 
 /// Times all tasks in turn, round after round, so that a machine whose speed wanders treats them alike. A task that

@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "anigen/core/memory.h"
 #include "anigen/core/parallel.h"
 #include "anigen/nn/volume_convolution.h"
 #include "benchmarks/benchmark_out.h"
@@ -55,6 +56,7 @@ void add_tasks(std::vector<TimedTask>& tasks, const Layer& layer, const std::str
 int main(int argc, char** argv) {
   const std::optional<std::string> out = anigen::benchmark_out(argc, argv);
   if (!out) return 2;
+  anigen::keep_freed_memory();  // as the programs do
   at::set_num_threads(anigen::thread_count());
   torch::manual_seed(0);
   std::vector<TimedTask> tasks;

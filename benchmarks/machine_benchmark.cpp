@@ -1,0 +1,63 @@
+// What this machine can do at most, for the benchmarks that are shares of it: matrix products in fp32 and bf16, and
+// copying memory, on one thread and on all. Prints a table; with --benchmark_out=FILE also Google Benchmark's JSON.
+#include <ATen/Parallel.h>
+
+#include <cstdio>
+#include <cstring>
+#include <string>
+#include <vector>
+
+#include "anigen/core/memory.h"
+#include "anigen/core/parallel.h"
+#include "benchmarks/benchmark_out.h"
+#include "benchmarks/timed_tasks.h"
+
+namespace {
+
+using anigen::TimedTask;
+
+constexpr int kRounds = 7;
+constexpr std::int64_t kCopiedBytes = std::int64_t{1} << 28;  // far more than caches hold
+
+// Counts bytes read and written in place of FLOP.
+TimedTask copy_task() {
+  const torch::Tensor from = torch::zeros({kCopiedBytes}, torch::kUInt8), to = torch::zeros_like(from);
+  return {"copy", 2.0 * static_cast<double>(kCopiedBytes), [=] {
+            at::parallel_for(0, kCopiedBytes, 1 << 20, [&](std::int64_t begin, std::int64_t end) {
+              std::memcpy(to.data_ptr<std::uint8_t>() + begin, from.data_ptr<std::uint8_t>() + begin,
+                          static_cast<std::size_t>(end - begin));
+            });
+          }};
+}
+
+TimedTask on_threads(TimedTask task, int threads) {
+  const auto work = task.work;
+  task.name += threads == 1 ? "_1_thread" : "_" + std::to_string(threads) + "_threads";
+  task.work = [work, threads] {
+    at::set_num_threads(threads);
+    work();
+  };
+  return task;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  const std::optional<std::string> out = anigen::benchmark_out(argc, argv);
+  if (!out) return 2;
+  anigen::keep_freed_memory();
+  const int all = anigen::thread_count();
+  at::set_num_threads(all);
+  std::vector<TimedTask> tasks;
+  for (int threads = all; threads > 0; threads = threads > 1 ? 1 : 0) {
+    tasks.push_back(on_threads(anigen::product_task(), threads));
+    tasks.push_back(on_threads(anigen::product_task(torch::kBFloat16), threads));
+    tasks.push_back(on_threads(copy_task(), threads));
+  }
+  anigen::time_in_turn(tasks, kRounds);
+  std::printf("%d threads; medians of %d rounds; of copies GB/s, read and written, in place of GFLOP/s\n", all,
+              kRounds);
+  anigen::print_table(tasks);
+  if (!out->empty()) anigen::write_json(*out, "benchmark_machine", "machine/", tasks);
+  return 0;
+}
