@@ -97,6 +97,18 @@ void add_sparse(std::vector<TimedTask>& tasks, std::int64_t voxels, std::int64_t
             });
 }
 
+void add_sparse_bf16(std::vector<TimedTask>& tasks, std::int64_t voxels, std::int64_t width) {
+  const SupportPtr support = shell_of(voxels);
+  const Tensor x = torch::randn({voxels, width}).to(torch::kBFloat16),
+               w = torch::randn({width, 3, 3, 3, width}).to(torch::kBFloat16);
+  const double flops = Layer{x, w, Tensor(), pairs_of(support)}.flops();
+  tasks.push_back(
+      {"sparse_bf16_" + std::to_string(width) + "_channels_" + std::to_string(voxels) + "_voxels_forward", flops, [=] {
+         const torch::NoGradGuard no_grad;
+         anigen::sparse::submanifold_convolution(*support, x, w, Tensor());
+       }});
+}
+
 void add_dense(std::vector<TimedTask>& tasks, std::int64_t width) {
   const Layer layer{torch::randn({1, width, kGrid, kGrid, kGrid}), torch::randn({width, width, 3, 3, 3}),
                     torch::randn({width}), 27.0 * static_cast<double>(kGrid * kGrid * kGrid)};
@@ -133,11 +145,12 @@ int main(int argc, char** argv) {
   tasks.push_back(anigen::product_task());  // what the others are shares of
   for (const std::int64_t width : kWidths) {
     for (const std::int64_t voxels : kVoxels) add_sparse(tasks, voxels, width);
+    add_sparse_bf16(tasks, kVoxels[2], width);
     add_dense(tasks, width);
     add_subdivided(tasks, width);
   }
   anigen::time_in_turn(tasks, kRounds);
-  std::printf("fp32, %d threads; medians of %d rounds\n", at::get_num_threads(), kRounds);
+  std::printf("fp32 unless said, %d threads; medians of %d rounds\n", at::get_num_threads(), kRounds);
   for (const std::int64_t voxels : kVoxels) {
     const SupportPtr support = shell_of(voxels);
     std::printf("%lld voxels: %.1f%% of %lld^3, %.1f neighbours each\n", static_cast<long long>(voxels),

@@ -6,21 +6,15 @@
 #include <cstring>
 #include <limits>
 
-#if defined(__x86_64__) && defined(__GNUC__)
-#define ANIGEN_BF16_X86 1
-#include <immintrin.h>
-#else
-#define ANIGEN_BF16_X86 0
-#endif
+#include "anigen/nn/bf16_tile.h"
 
 namespace anigen::nn::kernels {
 namespace {
 
-constexpr std::int64_t kLanes = 16;                   // fp32 numbers of a vector
+constexpr std::int64_t kLanes = kBf16Lanes;
 constexpr std::int64_t kPanel = 64, kHalfPanel = 32;  // keys of a panel: four vectors of scores, or two
 constexpr std::int64_t kKeyBlock = 256;               // keys whose scores are in flight
-constexpr std::int64_t kTileRows = 6;                 // 6 x 4 vectors of sums, 4 of factors: 28 of 32 registers
-static_assert(kBf16QueryBlock % kTileRows == 0, "whole tiles");
+static_assert(kBf16QueryBlock % kBf16TileRows == 0, "whole tiles");
 
 std::int64_t padded_keys(std::int64_t count) { return (count + kHalfPanel - 1) / kHalfPanel * kHalfPanel; }
 
@@ -60,61 +54,8 @@ std::int64_t bf16_scratch_floats(std::int64_t channels) {
 }
 
 #if ANIGEN_BF16_X86
-// GCC 12 takes the don't-care operands of its own intrinsics for variables without a value.
-#pragma GCC diagnostic push
-#pragma GCC diagnostic ignored "-Wmaybe-uninitialized"
-#pragma GCC diagnostic ignored "-Wuninitialized"
+ANIGEN_BF16_BEGIN
 namespace {
-
-#define ANIGEN_BF16 __attribute__((target("avx512f,avx512bw,avx512vl,avx512dq,avx512bf16")))
-#define ANIGEN_BF16_INLINE ANIGEN_BF16 inline __attribute__((always_inline))
-
-// c[r, :] (+)= Σ_p a[r, 2p] b[p, :, 0] + a[r, 2p + 1] b[p, :, 1] for kRows rows and kVectors · 16 columns.
-template <int kRows, int kVectors, bool kAdd>
-ANIGEN_BF16_INLINE void product_tile(const std::uint16_t* a, std::int64_t a_stride, std::int64_t pairs,
-                                     const std::uint16_t* b, float* c, std::int64_t c_stride) {
-  __m512 sums[kRows][kVectors];
-#pragma GCC unroll 8
-  for (int r = 0; r < kRows; ++r) {
-#pragma GCC unroll 4
-    for (int v = 0; v < kVectors; ++v) {
-      sums[r][v] = kAdd ? _mm512_loadu_ps(c + r * c_stride + v * kLanes) : _mm512_setzero_ps();
-    }
-  }
-  for (std::int64_t p = 0; p < pairs; ++p, b += 2 * kLanes * kVectors) {
-    __m512bh columns[kVectors];
-#pragma GCC unroll 4
-    for (int v = 0; v < kVectors; ++v) {
-      columns[v] = reinterpret_cast<__m512bh>(_mm512_loadu_si512(b + 2 * kLanes * v));
-    }
-#pragma GCC unroll 8
-    for (int r = 0; r < kRows; ++r) {
-      std::int32_t pair;
-      std::memcpy(&pair, a + r * a_stride + 2 * p, sizeof pair);
-      const __m512bh factor = reinterpret_cast<__m512bh>(_mm512_set1_epi32(pair));
-#pragma GCC unroll 4
-      for (int v = 0; v < kVectors; ++v) sums[r][v] = _mm512_dpbf16_ps(sums[r][v], factor, columns[v]);
-    }
-  }
-#pragma GCC unroll 8
-  for (int r = 0; r < kRows; ++r) {
-#pragma GCC unroll 4
-    for (int v = 0; v < kVectors; ++v) _mm512_storeu_ps(c + r * c_stride + v * kLanes, sums[r][v]);
-  }
-}
-
-// Tiles of kTileRows rows, the last ones one by one.
-template <int kVectors, bool kAdd>
-ANIGEN_BF16_INLINE void product_rows(const std::uint16_t* a, std::int64_t a_stride, std::int64_t pairs,
-                                     const std::uint16_t* b, float* c, std::int64_t c_stride, std::int64_t rows) {
-  std::int64_t r = 0;
-  for (; r + kTileRows <= rows; r += kTileRows) {
-    product_tile<kTileRows, kVectors, kAdd>(a + r * a_stride, a_stride, pairs, b, c + r * c_stride, c_stride);
-  }
-  for (; r < rows; ++r) {
-    product_tile<1, kVectors, kAdd>(a + r * a_stride, a_stride, pairs, b, c + r * c_stride, c_stride);
-  }
-}
 
 // e^t, 0 below -87, NaN for NaN and +inf; coefficients of Cephes' expf.
 ANIGEN_BF16_INLINE __m512 exp_vector(__m512 t) {
@@ -176,10 +117,12 @@ ANIGEN_BF16 void attend_rows(const Bf16Keys& head, const std::uint16_t* q, std::
     const std::int64_t keys = std::min(kKeyBlock, head.count - first), columns = padded_keys(keys);
     for (std::int64_t key = 0; key < columns; key += kPanel) {
       const std::uint16_t* const panel = head.keys + (first + key) * channels;
+      const auto from = [=](std::int64_t r) { return q + r * q_stride; };
+      const auto to = [=](std::int64_t r) { return scores + r * kKeyBlock + key; };
       if (columns - key < kPanel) {
-        product_rows<2, false>(q, q_stride, channels / 2, panel, scores + key, kKeyBlock, rows);
+        bf16_rows<2, false>(from, to, rows, channels / 2, panel);
       } else {
-        product_rows<4, false>(q, q_stride, channels / 2, panel, scores + key, kKeyBlock, rows);
+        bf16_rows<4, false>(from, to, rows, channels / 2, panel);
       }
     }
     for (std::int64_t r = 0; keys < columns && r < rows; ++r) {
@@ -194,7 +137,9 @@ ANIGEN_BF16 void attend_rows(const Bf16Keys& head, const std::uint16_t* q, std::
         _mm512_storeu_ps(place, _mm512_mul_ps(_mm512_loadu_ps(place), shrink));
       }
     }
-    product_rows<kVectors, true>(weights, kKeyBlock, columns / 2, head.values + first * channels, sums, channels, rows);
+    bf16_rows<kVectors, true>([=](std::int64_t r) { return weights + r * kKeyBlock; },
+                              [=](std::int64_t r) { return sums + r * channels; }, rows, columns / 2,
+                              head.values + first * channels);
   }
   for (std::int64_t r = 0; r < rows; ++r) {
     // As the scores of a row that is not finite leave NaN here, they do everywhere.
@@ -210,12 +155,6 @@ ANIGEN_BF16 void attend_rows(const Bf16Keys& head, const std::uint16_t* q, std::
 
 }  // namespace
 
-bool has_bf16_attention() {
-  static const bool has = __builtin_cpu_supports("avx512bf16") != 0 && __builtin_cpu_supports("avx512bw") != 0 &&
-                          __builtin_cpu_supports("avx512vl") != 0 && __builtin_cpu_supports("avx512dq") != 0;
-  return has;
-}
-
 void attend_bf16(const Bf16Keys& head, const std::uint16_t* q, std::int64_t q_stride, std::int64_t rows,
                  std::uint16_t* out, std::int64_t out_stride, float* log_sums, float* scratch) {
   switch (head.channels / kLanes) {
@@ -229,15 +168,13 @@ void attend_bf16(const Bf16Keys& head, const std::uint16_t* q, std::int64_t q_st
       return attend_rows<4>(head, q, q_stride, rows, out, out_stride, log_sums, scratch);
   }
 }
-#pragma GCC diagnostic pop
+ANIGEN_BF16_END
 
 #else
 
-bool has_bf16_attention() { return false; }
-
 void attend_bf16(const Bf16Keys&, const std::uint16_t*, std::int64_t, std::int64_t, std::uint16_t*, std::int64_t,
                  float*, float*) {
-  std::abort();  // has_bf16_attention() said so
+  std::abort();  // has_bf16_products() said so
 }
 
 #endif

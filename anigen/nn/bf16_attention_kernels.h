@@ -3,8 +3,8 @@
 
 namespace anigen::nn::kernels {
 
-/// Attention of one head in bf16 on CPUs that multiply pairs of bf16 numbers (AVX512-BF16): products of bf16 numbers
-/// are exact and added up in fp32, the softmax is fp32, its weights are rounded to bf16 before they meet the values.
+/// Attention of one head in bf16, where has_bf16_products() of bf16_tile.h says so: products of bf16 numbers are exact
+/// and added up in fp32, the softmax is fp32, its weights are rounded to bf16 before they meet the values.
 ///
 /// bf16 numbers are passed as their 16 bits.
 struct Bf16Keys {
@@ -14,8 +14,6 @@ struct Bf16Keys {
   float scale;  ///< of the scores
 };
 
-/// Whether this CPU runs what follows.
-bool has_bf16_attention();
 /// Head sizes that the kernels are made for: multiples of 16 up to 64.
 bool bf16_attention_takes(std::int64_t channels);
 

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "anigen/nn/bf16_attention_kernels.h"
+#include "anigen/nn/bf16_tile.h"
 
 namespace anigen::nn {
 namespace {
@@ -27,7 +28,7 @@ struct HeadRows {
 
 bool prefers_bf16_attention(const Tensor& q) {
   return q.is_cpu() && dtype_of(q) == torch::kBFloat16 && kernels::bf16_attention_takes(q.size(-1)) &&
-         kernels::has_bf16_attention();
+         kernels::has_bf16_products();
 }
 
 Tensor cpu_bf16_attention(const Tensor& q, const Tensor& k, const Tensor& v, Tensor& log_sums) {

@@ -2,6 +2,8 @@
 
 #include <algorithm>
 
+#include "anigen/nn/bf16_tile.h"
+#include "anigen/sparse/convolution_bf16_kernels.h"
 #include "anigen/sparse/convolution_kernels.h"
 #include "anigen/sparse/tap_product.h"
 
@@ -69,23 +71,34 @@ Tensor in_panels(const Tensor& matrices) {
   return filled.reshape({matrices.size(0), in_channels, panels, kPanel}).permute({0, 2, 1, 3}).contiguous();
 }
 
+// Calls multiply(pairs, link) for all rows, link after link.
+template <typename Multiply>
+void for_each_link(const TapPlan& plan, const Tensor& neighbours, std::int64_t in_channels, std::int64_t out_channels,
+                   const Multiply& multiply) {
+  const RowBlocks blocks(plan, neighbours.size(1), in_channels, out_channels);
+  at::parallel_for(0, blocks.count(), 1, [&](std::int64_t first, std::int64_t last) {
+    PairList pairs(plan, neighbours, blocks.length());
+    for (std::int64_t block = first; block < last; ++block) {
+      for (const TapLink& link : plan.links) {
+        multiply(pairs.list(link, blocks.begin(block), blocks.end(block)), link);
+      }
+    }
+  });
+}
+
 template <typename T>
 void add_products(const TapPlan& plan, const Tensor& neighbours, const Tensor& in, const Tensor& panels, Tensor& out) {
   const std::int64_t in_channels = in.size(1), out_channels = out.size(1);
   const std::int64_t matrix_values = panels_of(out_channels) * in_channels * kPanel;
   const T *in_data = in.data_ptr<T>(), *panel_data = panels.data_ptr<T>();
   T* const out_data = out.data_ptr<T>();
-  const RowBlocks blocks(plan, neighbours.size(1), in_channels, out_channels);
-  at::parallel_for(0, blocks.count(), 1, [&](std::int64_t first, std::int64_t last) {
-    PairList pairs(plan, neighbours, blocks.length());
-    for (std::int64_t block = first; block < last; ++block) {
-      for (const TapLink& link : plan.links) {
-        kernels::multiply_pairs(pairs.list(link, blocks.begin(block), blocks.end(block)), in_data, in_channels,
-                                panel_data + link.matrix * matrix_values, out_data, out_channels);
-      }
-    }
+  for_each_link(plan, neighbours, in_channels, out_channels, [&](const kernels::RowPairs& pairs, const TapLink& link) {
+    kernels::multiply_pairs(pairs, in_data, in_channels, panel_data + link.matrix * matrix_values, out_data,
+                            out_channels);
   });
 }
+
+std::uint16_t* bits_of(const Tensor& x) { return reinterpret_cast<std::uint16_t*>(x.data_ptr<at::BFloat16>()); }
 
 // Parallel over the halves of the matrices (fewer would leave two threads with unequal shares), each summed over all
 // rows in one order.
@@ -121,6 +134,29 @@ void add_cpu_tap_product(const TapPlan& plan, const Tensor& neighbours, const Te
   } else {
     add_products<float>(plan, neighbours, rows, panels, out);
   }
+}
+
+bool prefers_bf16_tap_product(const Tensor& in, const Tensor& matrices) {
+  return in.is_cpu() && nn::dtype_of(in) == torch::kBFloat16 && nn::kernels::has_bf16_products() &&
+         kernels::bf16_pairs_take(matrices.size(1), matrices.size(2));
+}
+
+void add_bf16_tap_product(const TapPlan& plan, const Tensor& neighbours, const Tensor& in, const Tensor& matrices,
+                          Tensor& out) {
+  const Tensor rows = in.contiguous(), rounded = matrices.to(torch::kBFloat16).contiguous();
+  const std::int64_t in_channels = in.size(1), out_channels = out.size(1), matrix_values = in_channels * out_channels;
+  const Tensor packed = torch::empty_like(rounded);
+  at::parallel_for(0, rounded.size(0), 1, [&](std::int64_t begin, std::int64_t end) {
+    for (std::int64_t m = begin * matrix_values; m < end * matrix_values; m += matrix_values) {
+      kernels::pack_bf16_matrix(bits_of(rounded) + m, in_channels, out_channels, bits_of(packed) + m);
+    }
+  });
+  const std::uint16_t *in_data = bits_of(rows), *packed_data = bits_of(packed);
+  float* const out_data = out.data_ptr<float>();
+  for_each_link(plan, neighbours, in_channels, out_channels, [&](const kernels::RowPairs& pairs, const TapLink& link) {
+    kernels::multiply_bf16_pairs(pairs, in_data, in_channels, packed_data + link.matrix * matrix_values, out_data,
+                                 out_channels);
+  });
 }
 
 Tensor cpu_tap_correlation(const TapPlan& plan, const Tensor& neighbours, const Tensor& in, const Tensor& slopes) {

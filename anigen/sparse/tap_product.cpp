@@ -40,6 +40,11 @@ Tensor tensor_tap_correlation(const TapPlan& plan, const Tensor& neighbours, con
 void add_tap_product(const TapPlan& plan, const Tensor& neighbours, const Tensor& in, const Tensor& matrices,
                      Tensor& out) {
   if (!in.is_cpu()) return add_tensor_tap_product(plan, neighbours, in, matrices, out);
+  // The matrices of a subdivision are sums of weights, which bf16 would round once more.
+  const bool plain = plan.from_children == 1 && plan.to_children == 1;
+  if (plain && prefers_bf16_tap_product(in, matrices)) {
+    return add_bf16_tap_product(plan, neighbours, in, matrices, out);
+  }
   const torch::Dtype dtype = nn::dtype_of(out);
   add_cpu_tap_product(plan, neighbours, in.to(dtype), matrices.to(dtype), out);
 }

@@ -22,6 +22,13 @@ void add_cpu_tap_product(const TapPlan& plan, const Tensor& neighbours, const Te
                          Tensor& out);
 Tensor cpu_tap_correlation(const TapPlan& plan, const Tensor& neighbours, const Tensor& in, const Tensor& slopes);
 
+/// Whether add_bf16_tap_product() takes these on this CPU: bf16 rows, matrices of suitable sizes, AVX512-BF16.
+bool prefers_bf16_tap_product(const Tensor& in, const Tensor& matrices);
+/// add_cpu_tap_product() with `in` in bf16 and the matrices rounded to it, multiplied exactly and added up in fp32.
+/// @param out fp32
+void add_bf16_tap_product(const TapPlan& plan, const Tensor& neighbours, const Tensor& in, const Tensor& matrices,
+                          Tensor& out);
+
 /// The same by tensor operations on any device. Products are formed in the dtype of `in`, and added up in that of
 /// `out`.
 void add_tensor_tap_product(const TapPlan& plan, const Tensor& neighbours, const Tensor& in, const Tensor& matrices,
