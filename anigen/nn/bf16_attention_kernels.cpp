@@ -42,9 +42,14 @@ void pack_bf16_keys(const std::uint16_t* rows, std::int64_t stride, std::int64_t
 
 void pack_bf16_values(const std::uint16_t* rows, std::int64_t stride, std::int64_t count, std::int64_t channels,
                       std::uint16_t* packed) {
-  for (std::int64_t key = 0; key < padded_keys(count); ++key) {
-    std::uint16_t* const place = packed + key / 2 * 2 * channels + key % 2;
-    for (std::int64_t c = 0; c < channels; ++c) place[2 * c] = key < count ? rows[key * stride + c] : 0;
+  static constexpr std::uint16_t kZeros[kPanel] = {};  // bf16_attention_takes() bounds the channels
+  const auto row = [&](std::int64_t key) { return key < count ? rows + key * stride : kZeros; };
+  for (std::int64_t key = 0; key < padded_keys(count); key += 2, packed += 2 * channels) {
+    const std::uint16_t *const even = row(key), *const odd = row(key + 1);
+    for (std::int64_t c = 0; c < channels; ++c) {
+      packed[2 * c] = even[c];
+      packed[2 * c + 1] = odd[c];
+    }
   }
 }
 
