@@ -45,10 +45,10 @@ TimedTask forward_task(const std::string& name, std::int64_t heads, const Attent
   return {name, forward_flops(heads), [=] { attention(in[0], in[1], in[2]); }};
 }
 
-TimedTask bf16_forward_task(const std::string& name, std::int64_t heads, const Attention& attention) {
+TimedTask bf16_forward_task(const std::string& name, std::int64_t heads, const Attention& attention, int product) {
   std::vector<Tensor> in = inputs_of(heads, false);
   for (Tensor& part : in) part = part.to(torch::kBFloat16);
-  return {name, forward_flops(heads), [=] { attention(in[0], in[1], in[2]); }};
+  return {name, forward_flops(heads), [=] { attention(in[0], in[1], in[2]); }, product};
 }
 
 TimedTask training_task(const std::string& name, std::int64_t heads, const Attention& attention) {
@@ -74,9 +74,9 @@ int main(int argc, char** argv) {
   tasks.push_back(forward_task("blocked_forward", kHeads, anigen::nn::blocked_attention));
   tasks.push_back(training_task("plain_forward_backward", kPlainHeads, plain));
   tasks.push_back(training_task("blocked_forward_backward", kHeads, anigen::nn::blocked_attention));
-  tasks.push_back(anigen::product_task(torch::kBFloat16));  // twice the rate of fp32 on CPUs with AVX512-BF16
-  tasks.push_back(bf16_forward_task("plain_forward_bf16", kPlainHeads, plain));
-  tasks.push_back(bf16_forward_task("blocked_forward_bf16", kHeads, anigen::nn::blocked_attention));
+  const int product = anigen::add_product(tasks, torch::kBFloat16);
+  tasks.push_back(bf16_forward_task("plain_forward_bf16", kPlainHeads, plain, product));
+  tasks.push_back(bf16_forward_task("blocked_forward_bf16", kHeads, anigen::nn::blocked_attention, product));
   anigen::time_in_turn(tasks, kRounds);
   std::printf("%lld tokens, heads of %lld channels, %d threads; medians of %d rounds\n",
               static_cast<long long>(kTokens), static_cast<long long>(kChannels), at::get_num_threads(), kRounds);

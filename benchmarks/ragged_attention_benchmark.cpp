@@ -118,14 +118,15 @@ TimedTask forward_task(const std::string& name, const Windows& windows, const Wi
   return {name, windows.flops(), work};
 }
 
-TimedTask bf16_forward_task(const std::string& name, const Windows& windows, const WindowAttention& attention) {
+TimedTask bf16_forward_task(const std::string& name, const Windows& windows, const WindowAttention& attention,
+                            int product) {
   std::vector<Tensor> in;
   for (const Tensor& input : windows.inputs) in.push_back(input.to(torch::kBFloat16));
   const auto work = [in, attention] {
     const torch::NoGradGuard no_grad;
     attention(in[0], in[1], in[2]);
   };
-  return {name, windows.flops(), work};
+  return {name, windows.flops(), work, product};
 }
 
 TimedTask training_task(const std::string& name, const Windows& windows, const WindowAttention& attention) {
@@ -160,8 +161,9 @@ int main(int argc, char** argv) {
   tasks.push_back(training_task("ragged_training_small", small, ragged(small)));
   tasks.push_back(forward_task("padded_forward", large, padded(large)));
   tasks.push_back(forward_task("ragged_forward", large, ragged(large)));
-  tasks.push_back(bf16_forward_task("padded_forward_bf16", large, padded(large)));
-  tasks.push_back(bf16_forward_task("ragged_forward_bf16", large, ragged(large)));
+  const int product = anigen::add_product(tasks, torch::kBFloat16);
+  tasks.push_back(bf16_forward_task("padded_forward_bf16", large, padded(large), product));
+  tasks.push_back(bf16_forward_task("ragged_forward_bf16", large, ragged(large), product));
   tasks.push_back(training_task("padded_training", large, padded(large)));
   tasks.push_back(training_task("ragged_training", large, ragged(large)));
   for (const std::int64_t grid : kGrowthGrids) {

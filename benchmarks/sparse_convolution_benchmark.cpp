@@ -97,16 +97,18 @@ void add_sparse(std::vector<TimedTask>& tasks, std::int64_t voxels, std::int64_t
             });
 }
 
-void add_sparse_bf16(std::vector<TimedTask>& tasks, std::int64_t voxels, std::int64_t width) {
+void add_sparse_bf16(std::vector<TimedTask>& tasks, std::int64_t voxels, std::int64_t width, int product) {
   const SupportPtr support = shell_of(voxels);
   const Tensor x = torch::randn({voxels, width}).to(torch::kBFloat16),
                w = torch::randn({width, 3, 3, 3, width}).to(torch::kBFloat16);
   const double flops = Layer{x, w, Tensor(), pairs_of(support)}.flops();
-  tasks.push_back(
-      {"sparse_bf16_" + std::to_string(width) + "_channels_" + std::to_string(voxels) + "_voxels_forward", flops, [=] {
-         const torch::NoGradGuard no_grad;
-         anigen::sparse::submanifold_convolution(*support, x, w, Tensor());
-       }});
+  tasks.push_back({"sparse_bf16_" + std::to_string(width) + "_channels_" + std::to_string(voxels) + "_voxels_forward",
+                   flops,
+                   [=] {
+                     const torch::NoGradGuard no_grad;
+                     anigen::sparse::submanifold_convolution(*support, x, w, Tensor());
+                   },
+                   product});
 }
 
 void add_dense(std::vector<TimedTask>& tasks, std::int64_t width) {
@@ -142,10 +144,11 @@ int main(int argc, char** argv) {
   at::set_num_threads(anigen::thread_count());
   torch::manual_seed(0);
   std::vector<TimedTask> tasks;
-  tasks.push_back(anigen::product_task());  // what the others are shares of
+  tasks.push_back(anigen::product_task());                           // what the others are shares of
+  const int product = anigen::add_product(tasks, torch::kBFloat16);  // and those in bf16
   for (const std::int64_t width : kWidths) {
     for (const std::int64_t voxels : kVoxels) add_sparse(tasks, voxels, width);
-    add_sparse_bf16(tasks, kVoxels[2], width);
+    add_sparse_bf16(tasks, kVoxels[2], width, product);
     add_dense(tasks, width);
     add_subdivided(tasks, width);
   }

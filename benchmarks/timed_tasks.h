@@ -4,7 +4,9 @@
 #include <cstdint>
 #include <cstdio>
 #include <functional>
+#include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "anigen/core/atomic_file.h"
@@ -19,6 +21,7 @@ struct TimedTask {
   std::string name;
   double flops;  ///< that the formula needs; what an implementation does twice is not counted
   std::function<void()> work;
+  int reference = 0;  ///< place in the list of the product that it is a share of, in its own type; kNoReference: none
   std::vector<double> seconds = {};  ///< of each round
 
   double median() const {
@@ -29,7 +32,16 @@ struct TimedTask {
   double gflops() const { return 1e-9 * flops / median(); }
 };
 
-/// The product that the other tasks are shares of: two matrices of 2048 × 2048. Comes first in a list of tasks.
+inline constexpr int kNoReference = -1;
+
+/// Share of the matrix product in the same type; empty without one.
+inline std::optional<double> share_of_product(const std::vector<TimedTask>& tasks, const TimedTask& task) {
+  if (task.reference == kNoReference) return std::nullopt;
+  return task.gflops() / tasks[static_cast<std::size_t>(task.reference)].gflops();
+}
+
+/// The product that other tasks are shares of: two matrices of 2048 × 2048. Tasks that say nothing are shares of the
+/// first of a list.
 inline TimedTask product_task(torch::Dtype dtype = torch::kFloat32) {
   constexpr std::int64_t kSide = 2048;
   const torch::Tensor a = torch::randn({kSide, kSide}).to(dtype), b = torch::randn({kSide, kSide}).to(dtype);
@@ -37,6 +49,12 @@ inline TimedTask product_task(torch::Dtype dtype = torch::kFloat32) {
   const double side = static_cast<double>(kSide);
   return {dtype == torch::kFloat32 ? "product_2048" : "product_2048_bf16", 2.0 * side * side * side,
           [=]() mutable { at::mm_out(out, a, b); }};
+}
+
+/// Adds such a product for tasks of its type. @return its place, their TimedTask::reference
+inline int add_product(std::vector<TimedTask>& tasks, torch::Dtype dtype) {
+  tasks.push_back(product_task(dtype));
+  return tasks.back().reference = static_cast<int>(tasks.size()) - 1;
 }
 
 /// Times all tasks in turn, round after round, so that a machine whose speed wanders treats them alike. A task that
@@ -58,12 +76,14 @@ inline void time_in_turn(std::vector<TimedTask>& tasks, int rounds) {
   }
 }
 
-/// One line a task: median time, rate, share of the first task's rate, and rounds where they are fewer.
+/// One line a task: median time, rate, share of the product's rate, and rounds where they are fewer.
 inline void print_table(const std::vector<TimedTask>& tasks) {
-  std::printf("%-42s | %10s %10s %18s\n", "", "ms", "GFLOP/s", "share of product");
+  std::printf("%-42s | %10s %10s %18s\n", "", "ms", "GFLOP/s", "share of product");  // in the same type
   for (const TimedTask& task : tasks) {
-    std::printf("%-42s | %10.2f %10.1f %17.1f%%%s\n", task.name.c_str(), 1e3 * task.median(), task.gflops(),
-                100.0 * task.gflops() / tasks.front().gflops(),
+    const std::optional<double> share = share_of_product(tasks, task);
+    char text[20] = "";
+    if (share) std::snprintf(text, sizeof text, "%.1f%%", 100.0 * *share);
+    std::printf("%-42s | %10.2f %10.1f %18s%s\n", task.name.c_str(), 1e3 * task.median(), task.gflops(), text,
                 task.seconds.size() < tasks.front().seconds.size() ? "  (once)" : "");
   }
 }
@@ -74,13 +94,10 @@ inline void write_json(const std::string& file, const std::string& executable, c
   Json list = Json::array();
   for (const TimedTask& task : tasks) {
     const double milliseconds = 1e3 * task.median();
-    list.push_back({{"name", prefix + task.name},
-                    {"run_type", "iteration"},
-                    {"iterations", task.seconds.size()},
-                    {"real_time", milliseconds},
-                    {"cpu_time", milliseconds},
-                    {"time_unit", "ms"},
-                    {"share_of_product", task.gflops() / tasks.front().gflops()}});
+    Json row = {{"name", prefix + task.name}, {"run_type", "iteration"},  {"iterations", task.seconds.size()},
+                {"real_time", milliseconds},  {"cpu_time", milliseconds}, {"time_unit", "ms"}};
+    if (const std::optional<double> share = share_of_product(tasks, task)) row["share_of_product"] = *share;
+    list.push_back(std::move(row));
   }
   const Json json = {{"context", {{"executable", executable}}}, {"benchmarks", list}};
   write_file_atomically(file, json.dump(2) + "\n");

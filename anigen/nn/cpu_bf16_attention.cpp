@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "anigen/nn/bf16_attention_kernels.h"
+#include "anigen/nn/bf16_bits.h"
 #include "anigen/nn/bf16_tile.h"
 
 namespace anigen::nn {
@@ -17,8 +18,7 @@ using kernels::kBf16QueryBlock;
 // The rows of a head as bits. @param heads_at which axis of the tensor counts heads
 struct HeadRows {
   HeadRows(const Tensor& x, std::int64_t index, std::int64_t heads, int heads_at)
-      : data(reinterpret_cast<std::uint16_t*>(x.data_ptr<at::BFloat16>()) + index / heads * x.stride(0) +
-             index % heads * x.stride(heads_at)),
+      : data(bf16_bits(x) + index / heads * x.stride(0) + index % heads * x.stride(heads_at)),
         stride(x.stride(3 - heads_at)) {}
   std::uint16_t* data;
   std::int64_t stride;

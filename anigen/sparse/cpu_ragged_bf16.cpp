@@ -1,14 +1,15 @@
 #include "anigen/sparse/cpu_ragged_bf16.h"
 
 #include "anigen/nn/bf16_attention_kernels.h"
+#include "anigen/nn/bf16_bits.h"
 
 namespace anigen::sparse {
 namespace {
 
 namespace bf16 = nn::kernels;
 
-std::uint16_t* bits_of(const Tensor& x, std::int64_t head, std::int64_t row) {
-  return reinterpret_cast<std::uint16_t*>(x.data_ptr<at::BFloat16>()) + head * x.stride(1) + row * x.stride(0);
+std::uint16_t* row_of(const Tensor& x, std::int64_t head, std::int64_t row) {
+  return nn::bf16_bits(x) + head * x.stride(1) + row * x.stride(0);
 }
 
 // Keys and values of every sequence and head as the kernels read them.
@@ -24,8 +25,8 @@ class PackedSequences {
       for (std::int64_t s = begin; s < end; ++s) {
         const std::int64_t first = problem.k_offsets[s], count = problem.keys(s), channels = problem.channels;
         for (std::int64_t head = 0; head < heads_; ++head) {
-          bf16::pack_bf16_keys(bits_of(k, head, first), k.stride(0), count, channels, place(0, s, head));
-          bf16::pack_bf16_values(bits_of(v, head, first), v.stride(0), count, channels, place(1, s, head));
+          bf16::pack_bf16_keys(row_of(k, head, first), k.stride(0), count, channels, place(0, s, head));
+          bf16::pack_bf16_values(row_of(v, head, first), v.stride(0), count, channels, place(1, s, head));
         }
       }
     });
@@ -61,7 +62,7 @@ void attend_ragged_bf16(const RaggedProblem& problem, const Tensor& q, const Ten
         for (std::int64_t head = task.first_head; head < task.first_head + task.heads; ++head) {
           const bf16::Bf16Keys keys{packed.place(0, task.sequence, head), packed.place(1, task.sequence, head),
                                     problem.keys(task.sequence), problem.channels, problem.scale};
-          bf16::attend_bf16(keys, bits_of(q, head, row), q.stride(0), task.queries, bits_of(out, head, row),
+          bf16::attend_bf16(keys, row_of(q, head, row), q.stride(0), task.queries, row_of(out, head, row),
                             out.stride(0), log_sums.data_ptr<float>() + head * problem.rows + row,
                             scratch.floats.data_ptr<float>());
         }

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "anigen/nn/bf16_bits.h"
 #include "anigen/nn/bf16_tile.h"
 #include "anigen/sparse/convolution_bf16_kernels.h"
 #include "anigen/sparse/convolution_kernels.h"
@@ -98,8 +99,6 @@ void add_products(const TapPlan& plan, const Tensor& neighbours, const Tensor& i
   });
 }
 
-std::uint16_t* bits_of(const Tensor& x) { return reinterpret_cast<std::uint16_t*>(x.data_ptr<at::BFloat16>()); }
-
 // Parallel over the halves of the matrices (fewer would leave two threads with unequal shares), each summed over all
 // rows in one order.
 template <typename T>
@@ -148,10 +147,10 @@ void add_bf16_tap_product(const TapPlan& plan, const Tensor& neighbours, const T
   const Tensor packed = torch::empty_like(rounded);
   at::parallel_for(0, rounded.size(0), 1, [&](std::int64_t begin, std::int64_t end) {
     for (std::int64_t m = begin * matrix_values; m < end * matrix_values; m += matrix_values) {
-      kernels::pack_bf16_matrix(bits_of(rounded) + m, in_channels, out_channels, bits_of(packed) + m);
+      kernels::pack_bf16_matrix(nn::bf16_bits(rounded) + m, in_channels, out_channels, nn::bf16_bits(packed) + m);
     }
   });
-  const std::uint16_t *in_data = bits_of(rows), *packed_data = bits_of(packed);
+  const std::uint16_t *in_data = nn::bf16_bits(rows), *packed_data = nn::bf16_bits(packed);
   float* const out_data = out.data_ptr<float>();
   for_each_link(plan, neighbours, in_channels, out_channels, [&](const kernels::RowPairs& pairs, const TapLink& link) {
     kernels::multiply_bf16_pairs(pairs, in_data, in_channels, packed_data + link.matrix * matrix_values, out_data,
