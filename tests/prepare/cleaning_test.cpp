@@ -3,11 +3,14 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <set>
 
 #include "anigen/asset/skinning.h"
 #include "anigen/asset/validate.h"
 #include "anigen/prepare/asset_source.h"
+#include "anigen/prepare/cleaning/coarser_skeleton.h"
 #include "anigen/prepare/cleaning/joint_removal.h"
+#include "anigen/prepare/creatures/creature.h"
 #include "anigen/prepare/import_asset.h"
 #include "anigen/prepare/skeleton_checks.h"
 #include "tests/support/paths.h"
@@ -148,6 +151,41 @@ TEST(Cleaning, AnUnusedRootLeavesTheTopNearestToTheMean) {
   EXPECT_EQ(asset.skeleton.parents, (std::vector<int>{-1, 0, 0}));
 }
 
+TEST(Cleaning, CoarserRigsKeepTheRootAndTheLongestBones) {
+  // A chain with a short bone in its middle and a helper without weights at its end.
+  const std::vector<Eigen::Vector3d> joints = {{0, 0, -0.5}, {0, 0, -0.1}, {0, 0, -0.05}, {0, 0, 0.2}, {0.4, 0, 0.2}};
+  const Asset asset = column(joints, {-1, 0, 1, 2, 3}, {0, 1, 2, 3});
+  const std::vector<char> weighted = weighted_joints(asset);
+  EXPECT_EQ(coarser_heirs(asset.skeleton, weighted, 9), (std::vector<int>{0, 1, 2, 3, 4}));
+  EXPECT_EQ(coarser_heirs(asset.skeleton, weighted, 4), (std::vector<int>{0, 1, 2, 3, 3})) << "the helper goes first";
+  EXPECT_EQ(coarser_heirs(asset.skeleton, weighted, 3), (std::vector<int>{0, 1, 1, 3, 3})) << "then the short bone";
+  EXPECT_EQ(coarser_heirs(asset.skeleton, weighted, 2), (std::vector<int>{0, 1, 1, 1, 1}))
+      << "3 lies nearer to 1, which it hangs on now, than 1 to the root";
+  EXPECT_EQ(coarser_heirs(asset.skeleton, weighted, 0), (std::vector<int>{0, 0, 0, 0, 0}));
+}
+
+TEST(Cleaning, ShareOfJointsIsDrawnForTheName) {
+  CleaningOptions options;
+  options.kept_joints = {0.3, 1.0};
+  std::set<std::size_t> counts;
+  for (std::uint64_t i = 0; i < 12; ++i) {
+    const Asset asset = make_creature("snake", 1, 3);
+    Asset coarse = asset, again = asset;
+    const std::string name = "procedural/1/" + std::to_string(i);
+    const std::vector<CleaningFinding> findings = clean(coarse, {}, options, name);
+    clean(again, {}, options, name);
+    EXPECT_EQ(coarse.skeleton.names, again.skeleton.names);
+    EXPECT_TRUE(validate(coarse).empty());
+    EXPECT_EQ(findings.empty(), coarse.skeleton.size() == asset.skeleton.size());
+    EXPECT_GE(coarse.skeleton.size(), static_cast<std::size_t>(0.3 * static_cast<double>(asset.skeleton.size())));
+    counts.insert(coarse.skeleton.size());
+  }
+  EXPECT_GE(counts.size(), 5u);
+  Asset two = column(kChain, {-1, 0, 1}, {0, 0, 1, 2});
+  options.kept_joints = {0.1, 0.1};
+  EXPECT_EQ(clean(two, {}, options, "x").at(0).detail, "2 of 3 joints kept");
+}
+
 TEST(Cleaning, WhatStaysMovesAsBefore) {
   // Joint 1 carries no weights but turns; 2 follows it, and 3 follows a root that moves, too.
   const std::vector<Eigen::Vector3d> joints = {{0, 0, -0.5}, {0, 0, 0}, {0, 0.1, 0.3}, {0.1, 0, -0.2}};
@@ -195,6 +233,9 @@ TEST(CleaningOptions, PresetsSurviveJsonAndAreChecked) {
   EXPECT_THROW(cleaning_options_from_json({{"unused_joints", "burn"}}), InputError);
   EXPECT_THROW(cleaning_options_from_json({{"max_outside_share", 1.5}}), InputError);
   EXPECT_THROW(cleaning_options_from_json({{"drop_duplicate_names", 1}}), InputError);
+  EXPECT_THROW(cleaning_options_from_json({{"kept_joints", 0.5}}), InputError);
+  EXPECT_THROW(cleaning_options_from_json({{"kept_joints", {0.0, 1.0}}}), InputError);
+  EXPECT_THROW(cleaning_options_from_json({{"kept_joints", {0.5, 1.5}}}), InputError);
   EXPECT_EQ(cleaning_options_from_json(parse_json("{\"joints\": [4, null]}", "memory")).joints.least, 4u);
 }
 

@@ -48,6 +48,13 @@ CountRange range_from(const Json& json, const std::string& key) {
   return range;
 }
 
+ShareRange shares_from(const Json& json, const std::string& key) {
+  const Json& pair = json.at(key);
+  if (!pair.is_array() || pair.size() != 2 || !pair[0].is_number() || !pair[1].is_number())
+    throw InputError("", "/" + key, "expected [least, most]");
+  return {pair[0].get<double>(), pair[1].get<double>()};
+}
+
 double number_from(const Json& json, const std::string& key) {
   if (!json.at(key).is_number()) throw InputError("", "/" + key, "expected a number");
   return json.at(key).get<double>();
@@ -63,6 +70,8 @@ void CleaningOptions::validate() const {
   require(joints.least <= joints.most, "joints", "the least exceeds the most");
   require(max_outside_share >= 0.0 && max_outside_share <= 1.0, "max_outside_share", "must lie in [0, 1]");
   require(least_weight_sum >= 0.0 && least_weight_sum <= 1.0, "least_weight_sum", "must lie in [0, 1]");
+  require(kept_joints.least > 0.0 && kept_joints.least <= kept_joints.most && kept_joints.most <= 1.0, "kept_joints",
+          "needs 0 < least <= most <= 1");
   require(merge_distance >= 0.0 && std::isfinite(merge_distance), "merge_distance", "must not be negative");
 }
 
@@ -96,7 +105,8 @@ Json to_json(const CleaningOptions& options) {
           {"drop_duplicate_names", options.drop_duplicate_names},
           {"duplicate_joints", word(options.duplicate_joints)},
           {"merge_distance", options.merge_distance},
-          {"unused_joints", word(options.unused_joints)}};
+          {"unused_joints", word(options.unused_joints)},
+          {"kept_joints", {options.kept_joints.least, options.kept_joints.most}}};
 }
 
 CleaningOptions cleaning_options_from_json(const Json& json) {
@@ -124,6 +134,7 @@ CleaningOptions cleaning_options_from_json(const Json& json) {
     options.unused_joints = choice_from<UnusedJoints>(
         json, "unused_joints", {UnusedJoints::kKeep, UnusedJoints::kPruneLeaves, UnusedJoints::kPruneAll});
   }
+  if (json.contains("kept_joints")) options.kept_joints = shares_from(json, "kept_joints");
   options.validate();
   return options;
 }

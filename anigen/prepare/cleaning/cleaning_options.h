@@ -16,6 +16,11 @@ struct CountRange {
   bool holds(std::size_t count) const { return count >= least && count <= most; }
 };
 
+/// From which a share of something is drawn, 0 … 1.
+struct ShareRange {
+  double least = 1.0, most = 1.0;
+};
+
 /// What to do with several joints in one place.
 enum class DuplicateJoints { kKeep, kMerge };
 /// What to do with joints that move no vertex: keep them, take away those without children (again and again), or all
@@ -32,6 +37,7 @@ struct CleaningOptions {
   DuplicateJoints duplicate_joints = DuplicateJoints::kKeep;
   double merge_distance = 0.0;  ///< joints no farther from their parent than this are one, normalised frame
   UnusedJoints unused_joints = UnusedJoints::kKeep;
+  ShareRange kept_joints;  ///< below 1 every asset gets a coarser rig, of a density drawn for it (coarser_skeleton.h)
 
   /// @throws InputError naming the option that is out of range
   void validate() const;
