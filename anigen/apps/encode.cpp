@@ -3,7 +3,8 @@
 #include "anigen/apps/common/command_line.h"
 #include "anigen/apps/common/grouping_options.h"
 #include "anigen/core/error.h"
-#include "anigen/core/parallel.h"
+#include "anigen/nn/blas.h"
+#include "anigen/nn/computing.h"
 #include "anigen/pipeline/encode_sparse_structure.h"
 #include "anigen/pipeline/encode_structured_latent.h"
 
@@ -86,9 +87,9 @@ int main(int argc, char** argv) {
   add_grouping_options(*back, rebuilt.grouping);
   back->add_flag("--votes", rebuilt.votes,
                  "Also <id>.votes.glb and .ply: the voxels' votes for joints, coloured by confidence");
-  add_common_options(app, common);
+  add_common_options(app, common, nn::version_details);
   return run_command(app, common, argc, argv, [&] {
-    at::set_num_threads(common.threads > 0 ? common.threads : thread_count());
+    nn::set_up_computing(common.threads);
     structure.device = structured.device = rebuilt.device = common.device;
     if (ss->parsed()) encode_structure(structure, common);
     if (slat->parsed()) encode_structured(structured, common);

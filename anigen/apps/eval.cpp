@@ -2,6 +2,7 @@
 #include <memory>
 
 #include "anigen/apps/common/command_line.h"
+#include "anigen/apps/common/library_versions.h"
 #include "anigen/core/error.h"
 #include "anigen/core/memory.h"
 #include "anigen/core/parallel.h"
@@ -9,6 +10,7 @@
 #include "anigen/eval/comparison/evaluate_command.h"
 #include "anigen/eval/skin_command.h"
 #ifdef ANIGEN_WITH_TORCH
+#include "anigen/nn/computing.h"
 #include "anigen/pipeline/perceptual_metric.h"
 #include "anigen/pipeline/skin_reconstruction.h"
 #include "anigen/pipeline/structure_evaluation.h"
@@ -37,7 +39,7 @@ struct EvalOptions {
 /// Weights encoded by a trained skin auto-encoder and decoded again.
 eval::SkinMethod reconstruction(const std::string& run, const CommonOptions& common, Json& settings) {
 #ifdef ANIGEN_WITH_TORCH
-  at::set_num_threads(common.threads > 0 ? common.threads : thread_count());
+  nn::set_up_computing(common.threads);
   const auto model = std::make_shared<pipeline::SkinReconstruction>(run, common.device);
   settings["checkpoint"] = model->checkpoint().string();
   settings["parameters"] = model->parameters();
@@ -61,7 +63,7 @@ eval::SkinMethod reconstruction(const std::string& run, const CommonOptions& com
 void add_lpips(const EvalOptions& options, const CommonOptions& common, eval::EvaluationRequest& request) {
   if (options.lpips_weights.empty()) return;
 #ifdef ANIGEN_WITH_TORCH
-  at::set_num_threads(common.threads > 0 ? common.threads : thread_count());
+  nn::set_up_computing(common.threads);
   const std::vector<std::filesystem::path> files(options.lpips_weights.begin(), options.lpips_weights.end());
   const auto metric = std::make_shared<pipeline::PerceptualMetric>(files, common.device);
   request.settings.lpips = metric->describe();
@@ -129,7 +131,7 @@ void evaluate_shapes(const EvalOptions& options, const CommonOptions& common) {
 void evaluate_sparse_structures(const EvalOptions& options, const CommonOptions& common) {
 #ifdef ANIGEN_WITH_TORCH
   if (options.splits.size() > 1) throw InputError("", "--split", "one file of ids, with --ss-flow");
-  at::set_num_threads(common.threads > 0 ? common.threads : thread_count());
+  nn::set_up_computing(common.threads);
   pipeline::StructureEvaluationRequest request;
   request.run = options.ss_flow;
   request.autoencoder = options.ss_dae;
@@ -273,6 +275,6 @@ int main(int argc, char** argv) {
   app.add_flag("--no-report", options.no_report, "Do not write report.html");
   add_shape_options(app, options);
   add_structure_options(app, options);
-  add_common_options(app, common);
+  add_common_options(app, common, library_versions());
   return run_command(app, common, argc, argv, [&] { run(options, common); });
 }

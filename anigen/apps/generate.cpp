@@ -7,7 +7,8 @@
 #include "anigen/apps/common/command_line.h"
 #include "anigen/apps/common/grouping_options.h"
 #include "anigen/core/error.h"
-#include "anigen/core/parallel.h"
+#include "anigen/nn/blas.h"
+#include "anigen/nn/computing.h"
 #include "anigen/pipeline/flow_runs.h"
 #include "anigen/pipeline/generate_assets.h"
 
@@ -196,9 +197,9 @@ int main(int argc, char** argv) {
   add_picture_options(app, request, words);
   add_sampling_options(app, request, words);
   add_finishing_options(app, request, words);
-  add_common_options(app, common);
+  add_common_options(app, common, nn::version_details);
   return run_command(app, common, argc, argv, [&] {
-    at::set_num_threads(common.threads > 0 ? common.threads : thread_count());
+    nn::set_up_computing(common.threads);
     settle(request, words, common);
     const auto reports = pipeline::generate_assets(request, pictures_of(words));
     std::fputs(common.json ? (pipeline::to_json(reports).dump(2) + "\n").c_str() : pipeline::to_text(reports).c_str(),

@@ -1,6 +1,7 @@
 #include <cstdio>
 
 #include "anigen/apps/common/command_line.h"
+#include "anigen/apps/common/library_versions.h"
 #include "anigen/core/error.h"
 #include "anigen/core/interrupt.h"
 #include "anigen/eval/inspect/asset_picture.h"
@@ -124,6 +125,6 @@ int main(int argc, char** argv) {
   app.add_flag("--weights", options.weights,
                "Of a run or a published folder: do its checkpoints hold what config.json asks for?");
   app.add_flag("--keep-going", options.keep_going, "Exit 0 even when files were rejected");
-  add_common_options(app, common);
+  add_common_options(app, common, library_versions());
   return run_command(app, common, argc, argv, [&] { run(options, common.json); });
 }

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "anigen/apps/common/command_line.h"
+#include "anigen/apps/common/library_versions.h"
 #include "anigen/core/config_file.h"
 #include "anigen/core/error.h"
 #include "anigen/core/parallel.h"
@@ -195,7 +196,7 @@ int main(int argc, char** argv) {
   add_step_options(app, arguments);
   add_table_options(app, arguments);
   add_run_options(app, arguments);
-  add_common_options(app, common);
+  add_common_options(app, common, library_versions());
   return run_command(app, common, argc, argv, [&] {
     const prepare::PrepareSummary summary = prepare::prepare_dataset(complete(arguments, common));
     show(summary, common);

@@ -1,10 +1,11 @@
 #include <cstdio>
 
 #include "anigen/apps/common/command_line.h"
+#include "anigen/apps/common/library_versions.h"
 #include "anigen/core/error.h"
-#include "anigen/core/parallel.h"
 #include "anigen/rig/rig_meshes.h"
 #ifdef ANIGEN_WITH_TORCH
+#include "anigen/nn/computing.h"
 #include "anigen/pipeline/retrieve_assets.h"
 #endif
 
@@ -48,7 +49,7 @@ void retrieve(const RigOptions& options, const CommonOptions& common) {
 #ifdef ANIGEN_WITH_TORCH
   if (options.image.empty() == options.pictured.empty())
     throw InputError("", "--image", "retrieval answers pictures: name one, a folder of them, or --picture-split");
-  at::set_num_threads(common.threads > 0 ? common.threads : thread_count());
+  nn::set_up_computing(common.threads);
   pipeline::RetrievalRequest request;
   request.dataset = options.dataset;
   request.splits = {options.splits.begin(), options.splits.end()};
@@ -100,7 +101,7 @@ int main(int argc, char** argv) {
       ->capture_default_str()
       ->check(CLI::IsMember({"color", "normal"}));
   app.add_option("--out", options.out, "Folder; for template and one mesh the file")->required();
-  add_common_options(app, common);
+  add_common_options(app, common, library_versions());
   return run_command(app, common, argc, argv, [&] {
     options.method == "template" ? place_template(options, common) : retrieve(options, common);
   });

@@ -1,6 +1,6 @@
 #include "anigen/apps/common/command_line.h"
 #include "anigen/core/parallel.h"
-#include "anigen/train/blas.h"
+#include "anigen/nn/blas.h"
 #include "anigen/train/train_command.h"
 
 int main(int argc, char** argv) {
@@ -25,7 +25,7 @@ int main(int argc, char** argv) {
   app.add_option("--profile", command.run.profile_steps,
                  "Measure where the time of so many steps goes, after two that warm up, into profile.md of the run")
       ->check(CLI::NonNegativeNumber);
-  anigen::add_common_options(app, common, anigen::train::version_details);
+  anigen::add_common_options(app, common, anigen::nn::version_details);
   for (int i = 0; i < argc; ++i) command.command_line += (i ? " " : "") + std::string(argv[i]);
   return anigen::run_command(app, common, argc, argv, [&] {
     command.device = common.device;

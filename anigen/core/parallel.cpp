@@ -1,25 +1,19 @@
 #include "anigen/core/parallel.h"
 
-#include <sched.h>
 #include <tbb/global_control.h>
 #include <tbb/parallel_for.h>
 
-#include <algorithm>
 #include <memory>
-#include <thread>
+
+#include "anigen/core/cores.h"
 
 namespace anigen {
 namespace {
 
-/// Those this process may run on: a batch system gives a job a few of a machine's.
-int available_cores() {
-  cpu_set_t set;
-  if (::sched_getaffinity(0, sizeof set, &set) == 0) return std::max(1, CPU_COUNT(&set));
-  return std::max(1, static_cast<int>(std::thread::hardware_concurrency()));  // more than a cpu_set_t holds
-}
+int cores_to_use() { return default_thread_count(find_cores()); }
 
 int& count_setting() {
-  static int count = available_cores();
+  static int count = cores_to_use();
   return count;
 }
 
@@ -27,7 +21,7 @@ int& count_setting() {
 
 void set_thread_count(int threads) {
   static std::unique_ptr<tbb::global_control> control;
-  count_setting() = threads > 0 ? threads : available_cores();
+  count_setting() = threads > 0 ? threads : cores_to_use();
   control = std::make_unique<tbb::global_control>(tbb::global_control::max_allowed_parallelism,
                                                   static_cast<std::size_t>(count_setting()));
 }

@@ -4,7 +4,7 @@
 
 namespace anigen {
 
-/// Threads that parallel_for uses from now on; 0 means all cores this process may run on. Process-wide.
+/// Threads that parallel_for uses from now on; 0 means as default_thread_count() says (cores.h). Process-wide.
 void set_thread_count(int threads);
 int thread_count();
 

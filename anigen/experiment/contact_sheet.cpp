@@ -6,22 +6,19 @@
 #include <set>
 #include <system_error>
 
-#include "anigen/core/base64.h"
 #include "anigen/core/csv.h"
 #include "anigen/core/error.h"
 #include "anigen/core/html.h"
 #include "anigen/experiment/job_record.h"
 #include "anigen/experiment/report_pictures.h"
 #include "anigen/experiment/results.h"
-#include "anigen/io/image.h"
-#include "anigen/io/image_resize.h"
 
 namespace anigen::experiment {
 namespace {
 
 namespace fs = std::filesystem;
 
-constexpr int kHeight = 120, kQuality = 80;
+constexpr int kHeight = 120;
 
 std::vector<SheetCell> ranked_cells(const fs::path& file, const SheetSpec& spec) {
   const CsvTable table = read_csv(file);
@@ -72,22 +69,6 @@ std::vector<SheetCell> thinned(std::vector<SheetCell> cells, std::size_t most) {
   return kept;
 }
 
-std::string thumbnail(const fs::path& file) {
-  if (file.empty()) return "<span class=\"none\">no file</span>";
-  try {
-    const io::Image image = io::read_image(file);
-    const double width = std::round(static_cast<double>(image.width) * kHeight / image.height);
-    const io::Image small = io::resize_lanczos(image, std::clamp(static_cast<int>(width), 1, 1000), kHeight,
-                                               io::ResizeAlpha::kPremultiplied);
-    const std::vector<std::uint8_t> bytes = io::encode_jpeg(small, kQuality);
-    return "<img loading=\"lazy\" alt=\"" + html_escaped(file.filename().string()) +
-           "\" src=\"data:image/jpeg;base64," +
-           base64(std::string_view(reinterpret_cast<const char*>(bytes.data()), bytes.size())) + "\">";
-  } catch (const Error& problem) {
-    return "<span class=\"none\">" + html_escaped(problem.what()) + "</span>";
-  }
-}
-
 std::string caption(const SheetCell& cell, const SheetSpec& spec) {
   constexpr std::size_t kShownOfId = 8;
   if (cell.place == 0) return "no value · " + html_escaped(cell.id.substr(0, kShownOfId));
@@ -124,7 +105,7 @@ std::string sheet_html(const std::vector<SheetCell>& cells, const SheetSpec& spe
                      ", from the best to the worst.</p>\n<div class=\"sheet\">\n";
   for (const SheetCell& cell : cells) {
     html += "<figure" + std::string(cell.mark.empty() ? "" : " class=\"marked\"") + "><div>";
-    for (const fs::path& file : cell.files) html += thumbnail(file);
+    for (const fs::path& file : cell.files) html += thumbnail(file, kHeight);
     html += "</div><figcaption>" + caption(cell, spec) + "</figcaption></figure>\n";
   }
   return html +

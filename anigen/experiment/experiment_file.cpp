@@ -143,6 +143,28 @@ std::vector<AssetFiles> read_shown(ConfigReader& reader, const Json& steps, cons
   return entries;
 }
 
+StripSpec read_strip(ConfigReader& item, const Json& steps) {
+  item.require("files");
+  StripSpec strip;
+  strip.pattern = item.text("files", "");
+  if (std::count(strip.pattern.begin(), strip.pattern.end(), '*') != 1)
+    throw item.error("files", "one * is needed, where the name of the asset stands, as in \"*/preview.png\"");
+  strip.panels = static_cast<int>(item.integer("panels", 1, 1, 100));
+  strip.panel = static_cast<int>(item.integer("panel", 1, 1, strip.panels));
+  strip.first_panel = static_cast<int>(item.integer("first_panel", 0, 0, strip.panels));
+  strip.most = static_cast<std::size_t>(item.integer("most", 6, 1, 200));
+  if (item.has("value")) {
+    ConfigReader value = item.object("value");
+    for (const char* needed : {"step", "method", "column"}) value.require(needed);
+    strip.value_step = value.text("step", "");
+    require_step(steps, value, "step", strip.value_step);
+    strip.value_method = value.text("method", "");
+    strip.value = read_column(*value.raw("column"), value.file(), value.pointer_to("column"));
+    value.finish();
+  }
+  return strip;
+}
+
 ViewerSpec read_viewer(const Json& json, const Json& steps, const std::string& file, const std::string& pointer) {
   ConfigReader reader(json, file, pointer);
   for (const char* needed : {"title", "shown"}) reader.require(needed);
@@ -187,6 +209,12 @@ void read_report(Experiment& experiment, ConfigReader& reader) {
     sheet.shown = read_shown(item, experiment.steps, item.pointer_to(""));
     sheet.most = static_cast<std::size_t>(item.integer("most", 100, 3, 1000));
     experiment.sheets.push_back(std::move(sheet));
+  });
+  for_each_object(reader, "strips", experiment.steps, [&](ConfigReader& item, auto title, auto step) {
+    StripSpec strip = read_strip(item, experiment.steps);
+    strip.title = title;
+    strip.step = step;
+    experiment.strips.push_back(std::move(strip));
   });
   const std::vector<Json> viewers = list_of(reader, "viewers");
   for (std::size_t i = 0; i < viewers.size(); ++i) {

@@ -67,6 +67,18 @@ struct SheetSpec {
   std::size_t most = 100;         ///< assets, evenly spaced when there are more
 };
 
+/// What every variant made of the same assets, side by side (variant_strip.h). Makes no step a goal.
+struct StripSpec {
+  std::string title, step;
+  std::string pattern;                   ///< under the step's folder, with one star, which stands for the asset's name
+  int panels = 1;                        ///< pictures side by side in each file, equally wide
+  int panel = 1;                         ///< the one to show, from 1
+  int first_panel = 0;                   ///< the one to show once per asset, in front; 0: none
+  std::size_t most = 6;                  ///< assets
+  std::string value_step, value_method;  ///< whose metrics.csv has a number for below each picture; empty: none
+  Column value;
+};
+
 /// A whole experiment, as its JSON file says it (docs/experiments.md).
 struct Experiment {
   std::filesystem::path file;
@@ -81,6 +93,7 @@ struct Experiment {
   std::vector<PictureSpec> pictures;
   std::vector<ViewerSpec> viewers;
   std::vector<SheetSpec> sheets;
+  std::vector<StripSpec> strips;
 };
 
 /// Reads an experiment; `"extends"` works as in configs. Variants are a `"variants"` object, or the product of a

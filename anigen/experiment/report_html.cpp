@@ -13,6 +13,7 @@
 #include "anigen/experiment/report_facts.h"
 #include "anigen/experiment/report_pictures.h"
 #include "anigen/experiment/result_tables.h"
+#include "anigen/experiment/variant_strip.h"
 #include "anigen/experiment/viewer/report_viewer.h"
 #include "anigen/experiment/viewer/three_modules.h"
 
@@ -36,7 +37,7 @@ class Page {
         html += "<p class=\"hint\">" + difference_text() + "</p>\n" + wide(difference_table(result));
       if (!result.missing.empty()) html += "<p class=\"failed\">" + html_escaped(missing_text(result)) + "</p>\n";
     }
-    html += viewers() + sheets() + curves() + pictures() + links();
+    html += viewers() + strips() + sheets() + curves() + pictures() + links();
     html += "<h2>Cost</h2>\n" + wide(cost_table(plan_, place_.out));
     html += "<h2>Where this comes from</h2>\n" + wide(provenance_table(experiment_, plan_, place_)) + commands();
     html += "<details><summary>Jobs</summary>" + wide(job_table(plan_, place_.out)) + "</details>\n";
@@ -113,6 +114,19 @@ class Page {
         } catch (const InputError& problem) {
           html += "<p class=\"failed\">No sheet: " + html_escaped(problem.what()) + "</p>\n";
         }
+      }
+    }
+    return html;
+  }
+
+  std::string strips() const {
+    std::string html;
+    for (const StripSpec& spec : experiment_.strips) {
+      try {
+        const Strip strip = variant_strip(experiment_, plan_, place_.out, spec);
+        if (!strip.rows.empty()) html += "<h2>" + html_escaped(spec.title) + "</h2>\n" + strip_html(strip, spec);
+      } catch (const InputError& problem) {
+        html += "<p class=\"failed\">No strip: " + html_escaped(problem.what()) + "</p>\n";
       }
     }
     return html;

@@ -10,9 +10,8 @@
 #include "anigen/core/config_reader.h"
 #include "anigen/core/error.h"
 #include "anigen/core/log.h"
-#include "anigen/core/memory.h"
 #include "anigen/loaders/latent_normalization.h"
-#include "anigen/train/blas.h"
+#include "anigen/nn/computing.h"
 #include "anigen/train/precision.h"
 #include "anigen/train/stages.h"
 
@@ -78,8 +77,7 @@ void make_deterministic(torch::Device device) {
 }
 
 void train(const TrainCommand& command) {
-  warn_about_blas();
-  keep_freed_memory();
+  nn::set_up_computing(command.run.threads);
   std::string file;
   const Json config = resolved_config(command, file);
   const torch::Device device = parse_device(command.device);
@@ -95,7 +93,6 @@ void train(const TrainCommand& command) {
   top.finish();
   trainer.finish();
 
-  at::set_num_threads(command.run.threads);
   make_deterministic(device);
   torch::manual_seed(options.seed);
   const Precision precision = choose_precision(options, device, file);

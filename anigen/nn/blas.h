@@ -1,7 +1,7 @@
 #pragma once
 #include <string>
 
-namespace anigen::train {
+namespace anigen::nn {
 
 /// The BLAS that LibTorch's matrix products end up in.
 struct Blas {
@@ -18,4 +18,4 @@ void warn_about_blas();
 /// Lines for --version: LibTorch, BLAS, CUDA.
 std::string version_details();
 
-}  // namespace anigen::train
+}  // namespace anigen::nn

@@ -1,4 +1,4 @@
-#include "anigen/train/blas.h"
+#include "anigen/nn/blas.h"
 
 #include <dlfcn.h>
 
@@ -8,7 +8,7 @@
 #include "anigen/core/log.h"
 #include "anigen/nn/torch.h"
 
-namespace anigen::train {
+namespace anigen::nn {
 namespace {
 
 // Libraries that LibTorch links as libblas.so.3 are alternatives behind a link; its target names the package.
@@ -61,4 +61,4 @@ std::string version_details() {
          (torch::cuda::is_available() ? std::to_string(torch::cuda::device_count()) + " devices" : "not available");
 }
 
-}  // namespace anigen::train
+}  // namespace anigen::nn

@@ -1,0 +1,24 @@
+#pragma once
+#include <filesystem>
+#include <limits>
+
+namespace anigen {
+
+/// What this process may compute with.
+struct Cores {
+  int allowed = 1;   ///< processors of its affinity mask: a batch system gives a job a few of a machine's
+  int physical = 1;  ///< of those, the ones that are not second threads of a core counted already
+  double quota = std::numeric_limits<double>::infinity();  ///< processors' worth of time that its control group grants
+  int asked = 0;                                           ///< OMP_NUM_THREADS, 0 when it says nothing
+};
+
+/// Asks the kernel. A container's limit (`docker --cpus 2`) shows only as a quota of its control group, version 1 or 2:
+/// a program that starts a thread per visible processor there is stopped most of the time.
+/// @param root of the file system with proc/ and sys/, another one in tests; what it lacks says nothing
+Cores find_cores(const std::filesystem::path& root = "/");
+
+/// How many threads to compute with when nobody says: as many as OMP_NUM_THREADS asks for; otherwise one per physical
+/// core, since two matrix products on one core only get in each other's way, and no more than the quota rounded up.
+int default_thread_count(const Cores& cores);
+
+}  // namespace anigen
