@@ -33,6 +33,15 @@ find_library(MESHOPTIMIZER_LIBRARY meshoptimizer REQUIRED)
 find_path(LEMON_INCLUDE_DIR lemon/network_simplex.h REQUIRED)
 find_library(LEMON_LIBRARY lemon REQUIRED)
 
+# CGAL: only anigen/curve_skeleton and two benchmarks, whose programs are then GPL-3 as binaries.
+option(ANIGEN_WITH_CGAL "Build curve skeletons by CGAL, whose programs are then GPL-3, when CGAL is there" ON)
+if(ANIGEN_WITH_CGAL)
+  find_package(CGAL QUIET)
+  if(NOT CGAL_FOUND)
+    message(STATUS "CGAL not found: no curve skeletons, and benchmarks leave its rows out")
+  endif()
+endif()
+
 if(ANIGEN_BUILD_TESTS)
   find_package(GTest REQUIRED)
 endif()

@@ -1,8 +1,13 @@
 #include <cstdio>
+#include <filesystem>
+#include <string>
+#include <vector>
 
 #include "anigen/apps/common/command_line.h"
 #include "anigen/apps/common/library_versions.h"
 #include "anigen/core/error.h"
+#include "anigen/eval/inspect/asset_picture.h"
+#include "anigen/io/image.h"
 #include "anigen/rig/rig_meshes.h"
 #ifdef ANIGEN_WITH_TORCH
 #include "anigen/nn/computing.h"
@@ -14,9 +19,11 @@ namespace {
 using namespace anigen;
 
 struct RigOptions {
-  std::string method, mesh, image, dataset, out, background = "auto", condition = "color";
-  std::vector<std::string> splits, pictured;
+  std::string method, mesh, axes = "format", skin, image, background = "auto", condition = "color";
+  std::vector<std::string> pictured;
+  rig::RigRequest request;
   std::size_t views = 0, most = 0;
+  bool pictures = false;
 };
 
 template <typename Reports>
@@ -33,13 +40,19 @@ void require_one(const Reports& each, const char* what) {
   throw Error(std::string("none of the ") + what + " could be rigged");
 }
 
-void place_template(const RigOptions& options, const CommonOptions& common) {
-  if (options.mesh.empty()) throw InputError("", "--mesh", "the template is placed in meshes; name one or a folder");
-  rig::RigRequest request;
+void rig_files(RigOptions& options, const CommonOptions& common) {
+  rig::RigRequest& request = options.request;
+  request.method = rig::parse_rigging_method(options.method, options.skin);
+  if (options.mesh.empty()) throw InputError("", "--mesh", "name the mesh to rig, or a folder of them");
+  if (request.method.joints == rig::JointSource::kTemplate && request.joints.collection.empty())
+    throw InputError("", "--dataset", "the template is the middle skeleton of a collection; name one");
   request.meshes = options.mesh;
-  request.skeletons = options.dataset;
-  request.splits = {options.splits.begin(), options.splits.end()};
-  request.out = options.out;
+  request.axes = io::parse_axes(options.axes);
+  if (options.pictures) {
+    request.also = [](const Asset& asset, std::filesystem::path file) {
+      io::write_png(file.replace_extension(".png"), eval::asset_picture(asset));
+    };
+  }
   const rig::RigReports reports = rig::rig_meshes(request);
   print(reports, common);
   require_one(reports.meshes, "meshes");
@@ -47,51 +60,72 @@ void place_template(const RigOptions& options, const CommonOptions& common) {
 
 void retrieve(const RigOptions& options, const CommonOptions& common) {
 #ifdef ANIGEN_WITH_TORCH
+  if (options.request.joints.collection.empty())
+    throw InputError("", "--dataset", "retrieval answers with an asset of a data set; name one");
   if (options.image.empty() == options.pictured.empty())
     throw InputError("", "--image", "retrieval answers pictures: name one, a folder of them, or --picture-split");
   nn::set_up_computing(common.threads);
   pipeline::RetrievalRequest request;
-  request.dataset = options.dataset;
-  request.splits = {options.splits.begin(), options.splits.end()};
+  request.dataset = options.request.joints.collection;
+  request.splits = options.request.joints.splits;
   request.views = options.views;
   request.pictures.background = pipeline::parse_background(options.background);
   request.seen =
       options.condition == "normal" ? loaders::ConditionPictures::kNormals : loaders::ConditionPictures::kColor;
-  request.output = options.out;
+  request.output = options.request.out;
   const auto pictures = options.image.empty()
                             ? pipeline::pictures_of_dataset(
-                                  options.dataset, {options.pictured.begin(), options.pictured.end()}, options.most)
+                                  request.dataset, {options.pictured.begin(), options.pictured.end()}, options.most)
                             : pipeline::pictures_at(options.image);
   const auto reports = pipeline::retrieve_assets(request, pictures);
   print(reports, common);
   require_one(reports, "pictures");
 #else
   static_cast<void>(common);
-  throw NotSupportedError(options.dataset, "", "--method retrieval in a build without LibTorch");
+  throw NotSupportedError("", "--method", "retrieval in a build without LibTorch");
 #endif
 }
 
-}  // namespace
+void add_mesh_options(CLI::App& app, RigOptions& options) {
+  rig::RigRequest& request = options.request;
+  app.add_option("--mesh", options.mesh,
+                 "File or folder of what to rig: .glb .gltf .fbx .dae .obj .ply, NPZ rigs, data sets");
+  app.add_option("--mesh-axes", options.axes, "Up axis of the meshes: format, y-up, z-up")->capture_default_str();
+  app.add_option("--skin", options.skin,
+                 "How to bind, other than the method does: nearest, geovoxel, heat; none: the skeleton alone")
+      ->check(CLI::IsMember({"nearest", "geovoxel", "heat", "none"}));
+  app.add_option(
+      "--skeleton", request.joints.skeleton,
+      "A rig with the joints to bind to, placed in the mesh [the mesh file's own]; for pinocchio the template");
+  app.add_option("--template", request.joints.templates,
+                 "For pinocchio: biped, quadruped; of several the one that fits best [both]")
+      ->check(CLI::IsMember(rig::template_words()));
+  app.add_option("--resolution", request.binding.geodesic.resolution,
+                 "For geovoxel: voxels along the mesh's longest side")
+      ->capture_default_str();
+  app.add_option("--falloff", request.binding.geodesic.falloff,
+                 "For geovoxel: from weights like 1/d² (0) to weights like 1/d⁴ (1)")
+      ->capture_default_str();
+  app.add_option("--most-joints", request.joints.curve.most_joints, "For curve: no more joints than these")
+      ->capture_default_str();
+  app.add_option_function<std::size_t>(
+         "--influences",
+         [&request](std::size_t most) {
+           request.binding.geodesic.most_influences = request.binding.heat.most_influences = most;
+         },
+         "Joints per vertex, 0: any number")
+      ->default_str(std::to_string(request.binding.heat.most_influences));
+  app.add_flag("--pictures", options.pictures, "Also <name>.png: the asset, its weights, its skeleton");
+}
 
-int main(int argc, char** argv) {
-  CLI::App app{
-      "Rigs by a baseline method, to compare with.\n\n"
-      "  anigen-rig --method template --mesh results/ --dataset data --split data/splits/train.txt --out template\n"
-      "  anigen-rig --method retrieval --image photos/ --dataset data --split data/splits/train.txt --out retrieved\n"};
-  CommonOptions common;
-  RigOptions options;
-  app.add_option("--method", options.method,
-                 "template: the data set's middle skeleton in the mesh's box, vertices bound to the nearest bone; "
-                 "retrieval: the data set's asset whose condition view is most like the picture")
-      ->required()
-      ->check(CLI::IsMember({"template", "retrieval"}));
-  app.add_option("--mesh", options.mesh, "For template: file or folder; rigs in it are ignored");
+void add_dataset_options(CLI::App& app, RigOptions& options) {
+  app.add_option("--dataset", options.request.joints.collection,
+                 "For template and retrieval: where skeletons and answers come from");
+  app.add_option("--split", options.request.joints.splits, "Files of the ids to use; without, everything");
   app.add_option("--image", options.image, "For retrieval: picture, or folder of pictures");
   app.add_option("--picture-split", options.pictured,
                  "For retrieval, instead of --image: the first condition view of these assets of --dataset");
   app.add_option("--most", options.most, "Only so many assets of --picture-split; 0: all");
-  app.add_option("--dataset", options.dataset, "Where skeletons and answers come from")->required();
-  app.add_option("--split", options.splits, "Files of the ids to use; without, everything");
   app.add_option("--views", options.views, "For retrieval: condition views to look at per asset, 0: all")
       ->capture_default_str();
   app.add_option("--background", options.background, "For retrieval: auto, keep, alpha, grabcut, as anigen-generate")
@@ -100,9 +134,35 @@ int main(int argc, char** argv) {
                  "For retrieval: what is compared, color, or normal: the maps of --view-geometry, with --picture-split")
       ->capture_default_str()
       ->check(CLI::IsMember({"color", "normal"}));
-  app.add_option("--out", options.out, "Folder; for template and one mesh the file")->required();
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  CLI::App app{
+      "Rigs meshes without having learned how, to use or to compare with.\n\n"
+      "  anigen-rig --method pinocchio --mesh statue.glb --out rigged.glb --pictures\n"
+      "  anigen-rig --method curve --mesh meshes/ --out rigged/\n"
+      "  anigen-rig --method geovoxel --mesh body.glb --skeleton rig.glb --out rigged.glb\n"
+      "  anigen-rig --method template --mesh results/ --dataset data --split data/splits/train.txt --out template\n"
+      "  anigen-rig --method retrieval --image photos/ --dataset data --split data/splits/train.txt --out retrieved\n"};
+  CommonOptions common;
+  RigOptions options;
+  std::vector<std::string> methods = rig::rigging_method_words();
+  methods.emplace_back("retrieval");
+  app.add_option(
+         "--method", options.method,
+         "nearest, geovoxel, heat: bind a mesh to the skeleton it has, or to --skeleton, by the nearest bone, by "
+         "paths through its inside, or by heat; pinocchio: embed a template, bind by heat; curve: joints along "
+         "the curve that the mesh contracts to, bound by geovoxel; template: the data set's middle skeleton in "
+         "the mesh's box, bound by nearest; retrieval: the data set's asset whose condition view is most like "
+         "the picture")
+      ->required()
+      ->check(CLI::IsMember(methods));
+  add_mesh_options(app, options);
+  add_dataset_options(app, options);
+  app.add_option("--out", options.request.out, "Folder; for one mesh the file")->required();
   add_common_options(app, common, library_versions());
-  return run_command(app, common, argc, argv, [&] {
-    options.method == "template" ? place_template(options, common) : retrieve(options, common);
-  });
+  return run_command(app, common, argc, argv,
+                     [&] { options.method == "retrieval" ? retrieve(options, common) : rig_files(options, common); });
 }

@@ -2,6 +2,7 @@
 
 #include <cstdint>
 #include <string>
+#include <utility>
 
 #include "anigen/core/error.h"
 #include "anigen/core/numeric.h"
@@ -60,6 +61,17 @@ SkeletonMesh skeleton_mesh(const std::vector<Eigen::Vector3d>& joints, const std
            color(160, 180, 200), parent);
   }
   return skeleton;
+}
+
+Asset skeleton_asset(const Skeleton& skeleton) {
+  SkeletonMesh solid = skeleton_mesh(skeleton.positions(), skeleton.parents);
+  Asset shown;
+  shown.name = "skeleton";
+  shown.skeleton = skeleton;
+  shown.mesh = std::move(solid.mesh);
+  shown.skin = std::move(solid.skin);
+  shown.mesh.normals = vertex_normals(shown.mesh.vertices, shown.mesh.faces);
+  return shown;
 }
 
 }  // namespace anigen::geometry

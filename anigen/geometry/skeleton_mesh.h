@@ -2,6 +2,7 @@
 #include <Eigen/Core>
 #include <vector>
 
+#include "anigen/asset/asset.h"
 #include "anigen/asset/mesh.h"
 #include "anigen/asset/skin_weights.h"
 
@@ -19,5 +20,8 @@ struct SkeletonMesh {
 /// @param joints,parents [J], same frame; -1 for a root
 /// @throws InputError without joints, when lengths differ, a parent is out of range or a position is not finite
 SkeletonMesh skeleton_mesh(const std::vector<Eigen::Vector3d>& joints, const std::vector<int>& parents);
+
+/// That solid, bound to its skeleton. @throws InputError as skeleton_mesh()
+Asset skeleton_asset(const Skeleton& skeleton);
 
 }  // namespace anigen::geometry

@@ -61,17 +61,6 @@ class ConditionPictures {
   std::map<int, std::unique_ptr<ImagePreprocessor>> by_size_;
 };
 
-Asset skeleton_asset(const Asset& asset) {
-  geometry::SkeletonMesh solid = geometry::skeleton_mesh(asset.skeleton.positions(), asset.skeleton.parents);
-  Asset shown;
-  shown.name = asset.name + " skeleton";
-  shown.skeleton = asset.skeleton;
-  shown.mesh = std::move(solid.mesh);
-  shown.skin = std::move(solid.skin);
-  shown.mesh.normals = vertex_normals(shown.mesh.vertices, shown.mesh.faces);
-  return shown;
-}
-
 /// The picture, what the flows saw, their voxels, and the asset with its skeleton and its weights.
 io::Image preview(const io::Image& picture, const GeneratedAsset& made, const Asset& asset) {
   constexpr int kSide = 384;
@@ -210,7 +199,7 @@ class Generation {
     if (normals) io::write_png(report.folder / "processed_normal.png", first.normals);
     io::write_gltf(report.folder / "mesh.glb", finished.asset, axes);
     if (request_.obj) io::write_obj_rig(report.folder / "mesh.obj", finished.asset, axes.axes);
-    io::write_gltf(report.folder / "skeleton.glb", skeleton_asset(finished.asset), axes);
+    io::write_gltf(report.folder / "skeleton.glb", geometry::skeleton_asset(finished.asset.skeleton), axes);
     io::write_png(report.folder / "preview.png", preview(second.picture, made, finished.asset));
     if (request_.intermediate) {
       io::write_gltf(report.folder / "dense.glb", made.decoded.asset, axes);

@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "anigen/asset/normalize.h"
+#include "anigen/prepare/cleaning/coarser_skeleton.h"
 #include "anigen/prepare/creatures/creature.h"
 
 namespace anigen::prepare {
@@ -64,6 +65,8 @@ PreparedAsset import_asset(const AssetSource& source, const CleaningOptions& cle
     const ReadQuality quality{record.lowest_weight_sum, record.repeated_names};
     record.findings = clean(prepared.asset, quality, cleaning, source.file_identifier);
   }
+  if (auto finding = coarsen_skeleton(prepared.asset, cleaning.kept_joints, source.file_identifier))
+    record.findings.push_back(std::move(*finding));
   measure(prepared.asset, record);
   return prepared;
 }

@@ -8,17 +8,18 @@
 #include "anigen/core/interrupt.h"
 #include "anigen/core/log.h"
 #include "anigen/core/progress.h"
-#include "anigen/geometry/bone_segments.h"
+#include "anigen/geometry/skeleton_mesh.h"
 #include "anigen/io/gltf.h"
 #include "anigen/io/rigs/shape_source.h"
-#include "anigen/io/rigs/split.h"
 
 namespace anigen::rig {
 namespace {
 
 namespace fs = std::filesystem;
 
-Box box_of(const io::RiggedShape& shape) { return bounding_box(shape.mesh.vertices); }
+double seconds_since(std::chrono::steady_clock::time_point start) {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+}
 
 /// Ids may hold folders, and come from files that somebody else wrote. @throws InputError for one that leaves `out`
 fs::path file_of(const RigRequest& request, const io::ShapeSource& source, const std::string& id) {
@@ -30,57 +31,43 @@ fs::path file_of(const RigRequest& request, const io::ShapeSource& source, const
   return request.out / (id + ".glb");
 }
 
-}  // namespace
-
-std::vector<BoxedSkeleton> skeletons_of(const fs::path& collection, const std::vector<fs::path>& splits) {
-  const auto source = io::open_source(collection);
-  std::vector<BoxedSkeleton> skeletons;
-  std::size_t left_out = 0;
-  const std::vector<std::string> ids = io::select_ids(*source, splits);
-  Progress progress("reading skeletons", ids.size(), "assets");
-  for (const std::string& id : ids) {
-    throw_if_interrupted();
-    progress.advance();
-    if (!source->is_usable(id)) continue;
-    try {
-      const io::RiggedShape shape = source->read(id);
-      skeletons.push_back(boxed_skeleton(id, shape.joints.positions, shape.joints.parents, box_of(shape)));
-    } catch (const InputError& error) {
-      ++left_out;
-      log::debug("{}", error.what());
-    }
+Asset rigged(const io::RiggedShape& shape, const JointProposer& proposer, const RigRequest& request,
+             RigReport& report) {
+  const auto started = std::chrono::steady_clock::now();
+  ProposedJoints proposed = proposer.propose(shape);
+  report.note = std::move(proposed.note);
+  report.joint_seconds = seconds_since(started);
+  if (!request.method.binding) {
+    Asset solid = geometry::skeleton_asset(proposed.skeleton);
+    solid.name = shape.id;
+    return solid;
   }
-  progress.finish();
-  if (skeletons.empty()) throw InputError(collection.string(), "", "holds no skeleton with a mesh that could be used");
-  if (left_out > 0) log::info("{} assets of {} have no usable skeleton", left_out, collection.string());
-  return skeletons;
+  const auto found = std::chrono::steady_clock::now();
+  Asset asset = bound_asset(shape, proposed.skeleton, *request.method.binding, request.binding);
+  report.binding_seconds = seconds_since(found);
+  return asset;
 }
 
-Asset rig_by_template(const io::RiggedShape& shape, const BoxedSkeleton& skeleton) {
+}  // namespace
+
+Asset bound_asset(const io::RiggedShape& shape, const Skeleton& joints, SkinBinding binding,
+                  const BindingOptions& options) {
   if (!shape.has_surface()) throw InputError(shape.file, "", "holds no surface to rig");
-  io::RiggedShape rigged;
-  rigged.id = shape.id;
-  rigged.file = shape.file;
-  rigged.mesh = shape.mesh;
-  rigged.materials = shape.materials;
-  rigged.images = shape.images;
-  rigged.joints.positions = placed_joints(skeleton, box_of(shape));
-  rigged.joints.parents = skeleton.parents;
-  std::vector<Eigen::Vector3f> joints;
-  for (const Eigen::Vector3d& joint : rigged.joints.positions) joints.push_back(joint.cast<float>());
-  const auto segments = geometry::bone_segments(joints, skeleton.parents);
-  for (const std::size_t joint : geometry::nearest_moving_joints(shape.mesh.vertices, segments)) {
-    rigged.skin.append_row({{static_cast<std::int32_t>(joint), 1.0F}});
-  }
-  return io::to_asset(rigged);
+  Asset asset;
+  asset.name = shape.id;
+  asset.mesh = shape.mesh;
+  asset.materials = shape.materials;
+  asset.images = shape.images;
+  asset.skeleton = joints;
+  asset.skin = bind(binding, asset.mesh, asset.skeleton, options);
+  return asset;
 }
 
 RigReports rig_meshes(const RigRequest& request) {
-  const auto source = io::open_source(request.meshes);
-  const std::vector<BoxedSkeleton> skeletons = skeletons_of(request.skeletons, request.splits);
-  const BoxedSkeleton& skeleton = skeletons[medoid(skeletons)];
+  const auto source = io::open_meshes(request.meshes, {request.axes, false});
+  const JointProposer proposer(request.method.joints, request.joints);
   RigReports reports;
-  reports.skeleton = skeleton.id;
+  reports.skeleton = proposer.template_id();
   const std::vector<std::string> ids = source->ids();
   Progress progress("rigging", ids.size(), "meshes");
   for (const std::string& id : ids) {
@@ -90,15 +77,16 @@ RigReports rig_meshes(const RigRequest& request) {
     report.id = id;
     try {
       report.file = file_of(request, *source, id);
-      const Asset asset = rig_by_template(source->read(id), skeleton);
+      const Asset asset = rigged(source->read(id), proposer, request, report);
       io::write_gltf(report.file, asset);
       report.joints = asset.skeleton.size();
       report.vertices = asset.mesh.vertices.size();
+      if (request.also) request.also(asset, report.file);
     } catch (const InputError& error) {
       report.failure = error.what();
       log::warn("{}: {}", id, error.what());
     }
-    report.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - started).count();
+    report.seconds = seconds_since(started);
     reports.meshes.push_back(std::move(report));
     progress.advance();
   }
@@ -113,16 +101,22 @@ Json to_json(const RigReports& reports) {
     if (report.failure.empty()) {
       one["joints"] = report.joints;
       one["vertices"] = report.vertices;
+      one["joint_seconds"] = report.joint_seconds;
+      one["binding_seconds"] = report.binding_seconds;
+      if (!report.note.empty()) one["note"] = report.note;
     } else {
       one["failure"] = report.failure;
     }
     list.push_back(std::move(one));
   }
-  return {{"template", reports.skeleton}, {"meshes", std::move(list)}};
+  Json json = {{"meshes", std::move(list)}};
+  if (!reports.skeleton.empty()) json["template"] = reports.skeleton;
+  return json;
 }
 
 std::string to_text(const RigReports& reports) {
-  std::string text = "template: the skeleton of " + reports.skeleton + "\n";
+  std::string text;
+  if (!reports.skeleton.empty()) text = "template: the skeleton of " + reports.skeleton + "\n";
   for (const RigReport& report : reports.meshes) {
     text += report.id + ": ";
     if (!report.failure.empty()) {
@@ -130,9 +124,9 @@ std::string to_text(const RigReports& reports) {
       continue;
     }
     char line[96];
-    std::snprintf(line, sizeof line, ", %zu joints, %zu vertices, %.2f s\n", report.joints, report.vertices,
+    std::snprintf(line, sizeof line, ", %zu joints, %zu vertices, %.2f s", report.joints, report.vertices,
                   report.seconds);
-    text += report.file.string() + line;
+    text += report.file.string() + line + (report.note.empty() ? "" : ", " + report.note) + "\n";
   }
   return text;
 }

@@ -1,47 +1,51 @@
 #pragma once
 #include <filesystem>
+#include <functional>
 #include <string>
 #include <vector>
 
 #include "anigen/core/json.h"
+#include "anigen/io/rigs/axes.h"
 #include "anigen/io/rigs/rigged_shape.h"
-#include "anigen/rig/template_skeleton.h"
+#include "anigen/rig/joint_proposer.h"
+#include "anigen/rig/rigging_method.h"
 
 namespace anigen::rig {
 
-/// Skeletons of a collection of rigs, each measured by its own mesh. Assets that a data set marks as unusable are left
-/// out. @param collection whatever io::open_source reads @param splits files of ids; none: all
-/// @throws InputError when nothing is left
-std::vector<BoxedSkeleton> skeletons_of(const std::filesystem::path& collection,
-                                        const std::vector<std::filesystem::path>& splits);
+/// The mesh with these joints, bound to them; with its materials and pictures, without its own rig.
+/// @param joints in the mesh's frame @throws InputError without a surface, and as bind()
+Asset bound_asset(const io::RiggedShape& shape, const Skeleton& joints, SkinBinding binding,
+                  const BindingOptions& options = {});
 
-/// A mesh with a template skeleton placed by bounding box, every vertex bound to the joint with the nearest bone.
-/// @throws InputError without a surface
-Asset rig_by_template(const io::RiggedShape& shape, const BoxedSkeleton& skeleton);
-
+/// What to rig and how.
 struct RigRequest {
-  std::filesystem::path meshes;               ///< a file or a folder of them; rigs in them are ignored
-  std::filesystem::path skeletons;            ///< the collection whose middle skeleton is the template
-  std::vector<std::filesystem::path> splits;  ///< of the collection
-  std::filesystem::path out;                  ///< a file for a file, a folder for a folder: <id>.glb each
+  std::filesystem::path meshes;       ///< a file or a folder of them
+  io::Axes axes = io::Axes::kFormat;  ///< which way is up in them, when it is not what their format says
+  std::filesystem::path out;          ///< a file for a file, a folder for a folder: <id>.glb each
+  RiggingMethod method;               ///< without a binding each file holds the skeleton alone, as a solid
+  JointOptions joints;
+  BindingOptions binding;
+  /// Called for each asset after its file is written, with that file's place.
+  std::function<void(const Asset&, const std::filesystem::path&)> also;
 };
 
 struct RigReport {
   std::string id;
   std::filesystem::path file;
   std::string failure;  ///< empty: there is a file
+  std::string note;     ///< of the joints, such as which template was taken
   std::size_t joints = 0, vertices = 0;
-  double seconds = 0.0;  ///< reading, rigging and writing
+  double joint_seconds = 0.0, binding_seconds = 0.0;  ///< of finding joints, of binding
+  double seconds = 0.0;                               ///< of all, with reading and writing
 };
 
 struct RigReports {
-  std::string skeleton;  ///< whose skeleton was the template
+  std::string skeleton;  ///< whose skeleton was placed by JointSource::kTemplate, else empty
   std::vector<RigReport> meshes;
 };
 
-/// The baseline that knows nothing of the mesh but its box: the middle skeleton of a collection (medoid()), placed in
-/// it. A mesh that cannot be used is reported and does not stop the others.
-/// @throws InputError when the template cannot be made or nothing can be read
+/// Rigs every mesh. One that cannot be used is reported and does not stop the others; files are written by rename.
+/// @throws InputError when joints cannot be had for any, or nothing can be read; Interrupted after Ctrl-C
 RigReports rig_meshes(const RigRequest& request);
 
 Json to_json(const RigReports& reports);

@@ -1,5 +1,9 @@
 #include <gtest/gtest.h>
 
+#include "anigen/core/error.h"
+#include "anigen/io/obj.h"
+#include "anigen/io/ply.h"
+#include "anigen/io/rigs/axes.h"
 #include "anigen/io/rigs/shape_source.h"
 #include "tests/io/array_file_bytes.h"
 #include "tests/support/rig_files.h"
@@ -97,6 +101,32 @@ TEST_F(OpenSource, RealAssetsAreAllReadOrRefusedByName) {
     const RiggedShape shape = source->read(id);
     EXPECT_TRUE(shape.has_surface() && shape.has_joints() && shape.has_skin()) << id;
   }
+}
+
+TEST_F(OpenSource, MeshesNeedNoRig) {
+  test::write_quickly(path("m/deep/body.obj"), test::obj_text(rig_));
+  Mesh mesh;
+  mesh.vertices = {{0, 0, 0}, {1, 0, 0}, {0, 2, 0}};
+  mesh.faces = {{0, 1, 2}};
+  write_ply(path("m/flat.ply"), mesh);
+  const auto source = open_meshes(folder_.path() / "m");
+  EXPECT_EQ(source->ids(), (Ids{"deep/body", "flat"}));
+  const RiggedShape obj = source->read("deep/body"), ply = source->read("flat");
+  EXPECT_TRUE(obj.has_surface() && ply.has_surface());
+  EXPECT_FALSE(obj.has_joints() || ply.has_joints());
+  EXPECT_EQ(ply.mesh.vertices[2], Eigen::Vector3f(0, 2, 0)) << "Z up";
+  const Mesh as_in_file = read_obj(path("m/deep/body.obj"));
+  const Eigen::Vector3f& first = as_in_file.vertices[0];
+  EXPECT_EQ(obj.mesh.vertices[0], Eigen::Vector3f(first.x(), -first.z(), first.y())) << "Y up";
+  EXPECT_TRUE(open_meshes(path("m/flat.ply"))->is_single_file());
+  EXPECT_EQ(open_meshes(path("m/flat.ply"), {Axes::kYUp})->read("flat").mesh.vertices[2], Eigen::Vector3f(0, 0, 2));
+
+  test::write_quickly(path("mixed/a.glb"), "x");
+  test::write_quickly(path("mixed/a.obj"), "x");
+  EXPECT_EQ(open_meshes(folder_.path() / "mixed")->ids(), Ids{"a"}) << "rigs go first, as open_source has them";
+  EXPECT_THROW(open_meshes(path("m/none.obj"))->read("none"), InputError);
+  test::write_quickly(path("m/empty.ply"), "");
+  EXPECT_THROW(open_meshes(path("m/empty.ply"))->read("empty"), InputError);
 }
 
 TEST(Axes, WordsAndTurns) {

@@ -165,25 +165,36 @@ TEST(Cleaning, CoarserRigsKeepTheRootAndTheLongestBones) {
 }
 
 TEST(Cleaning, ShareOfJointsIsDrawnForTheName) {
-  CleaningOptions options;
-  options.kept_joints = {0.3, 1.0};
+  const Asset asset = make_creature("snake", 1, 3);
   std::set<std::size_t> counts;
-  for (std::uint64_t i = 0; i < 12; ++i) {
-    const Asset asset = make_creature("snake", 1, 3);
-    Asset coarse = asset, again = asset;
+  for (int i = 0; i < 12; ++i) {
     const std::string name = "procedural/1/" + std::to_string(i);
-    const std::vector<CleaningFinding> findings = clean(coarse, {}, options, name);
-    clean(again, {}, options, name);
+    Asset coarse = asset, again = asset;
+    const auto finding = coarsen_skeleton(coarse, {0.3, 1.0}, name);
+    coarsen_skeleton(again, {0.3, 1.0}, name);
     EXPECT_EQ(coarse.skeleton.names, again.skeleton.names);
     EXPECT_TRUE(validate(coarse).empty());
-    EXPECT_EQ(findings.empty(), coarse.skeleton.size() == asset.skeleton.size());
+    EXPECT_EQ(finding.has_value(), coarse.skeleton.size() < asset.skeleton.size());
     EXPECT_GE(coarse.skeleton.size(), static_cast<std::size_t>(0.3 * static_cast<double>(asset.skeleton.size())));
     counts.insert(coarse.skeleton.size());
   }
   EXPECT_GE(counts.size(), 5u);
   Asset two = column(kChain, {-1, 0, 1}, {0, 0, 1, 2});
-  options.kept_joints = {0.1, 0.1};
-  EXPECT_EQ(clean(two, {}, options, "x").at(0).detail, "2 of 3 joints kept");
+  EXPECT_EQ(coarsen_skeleton(two, {0.1, 0.1}, "x")->detail, "2 of 3 joints kept");
+  EXPECT_FALSE(coarsen_skeleton(two, {1.0, 1.0}, "x").has_value());
+}
+
+TEST(ImportAsset, CreaturesGetCoarserRigsToo) {
+  const AssetSource source = procedural_sources(5, 1).front();
+  CleaningOptions options;
+  options.kept_joints = {0.4, 0.4};
+  const Asset whole = import_asset(source).asset;
+  const PreparedAsset coarse = import_asset(source, options, io::RigReader());
+  EXPECT_EQ(coarse.asset.skeleton.size(),
+            static_cast<std::size_t>(std::lround(0.4 * static_cast<double>(whole.skeleton.size()))));
+  EXPECT_EQ(coarse.asset.mesh.vertices.size(), whole.mesh.vertices.size());
+  ASSERT_EQ(coarse.record.findings.size(), 1u);
+  EXPECT_EQ(coarse.record.findings[0].rule, "kept_joints");
 }
 
 TEST(Cleaning, WhatStaysMovesAsBefore) {

@@ -33,7 +33,8 @@ class RigMeshes : public testing::Test {
     test::write_glb(folder_ / "meshes/deep/large.glb", large);
     test::write_glb(folder_ / "meshes/same.glb", rig_);
     request_.meshes = folder_ / "meshes";
-    request_.skeletons = folder_ / "rigs";
+    request_.method = parse_rigging_method("template");
+    request_.joints.collection = folder_ / "rigs";
     request_.out = folder_ / "out";
   }
 
@@ -65,7 +66,7 @@ TEST_F(RigMeshes, PlaceTheMiddleSkeletonInEveryBox) {
 
 TEST_F(RigMeshes, ASplitChoosesTheSkeletons) {
   write_file_atomically(folder_ / "split.txt", "high\n");
-  request_.splits = {folder_ / "split.txt"};
+  request_.joints.splits = {folder_ / "split.txt"};
   EXPECT_EQ(rig_meshes(request_).skeleton, "high");
 }
 
@@ -100,10 +101,61 @@ TEST_F(RigMeshes, AnIdThatLeavesTheFolderIsRefused) {
   EXPECT_TRUE(fs::exists(folder_ / "out" / (rig_.uuid + ".glb")));
 }
 
+TEST_F(RigMeshes, GivenJointsAreTheFilesOrAnotherFiles) {
+  for (const char* method : {"nearest", "geovoxel", "heat"}) {
+    request_.method = parse_rigging_method(method);
+    request_.joints = {};
+    request_.meshes = folder_ / "meshes/same.glb";
+    request_.out = folder_ / "own.glb";
+    EXPECT_EQ(rig_meshes(request_).meshes.at(0).failure, "") << method;
+    const Asset own = io::read_gltf(folder_ / "own.glb").asset;
+    EXPECT_TRUE(validate(own).empty()) << method;
+    EXPECT_EQ(own.skeleton.size(), static_cast<std::size_t>(rig_.joint_count()));
+
+    request_.joints.skeleton = folder_ / "rigs/high.glb";
+    EXPECT_EQ(rig_meshes(request_).meshes.at(0).failure, "") << method;
+    const Asset other = io::read_gltf(folder_ / "own.glb").asset;
+    EXPECT_NEAR(other.skeleton.positions()[0].z(), own.skeleton.positions()[0].z() + 0.4, 1e-5) << method;
+  }
+}
+
+TEST_F(RigMeshes, AMeshWithoutJointsIsRefusedByBindingsAlone) {
+  write_file_atomically(folder_ / "bare.obj", test::obj_text(rig_));
+  request_.method = parse_rigging_method("geovoxel");
+  request_.joints = {};
+  request_.meshes = folder_ / "bare.obj";
+  request_.out = folder_ / "rigged.glb";
+  EXPECT_NE(rig_meshes(request_).meshes.at(0).failure.find("holds no skeleton to bind to"), std::string::npos);
+  EXPECT_FALSE(fs::exists(folder_ / "rigged.glb"));
+}
+
+TEST_F(RigMeshes, WithoutABindingTheSkeletonAloneIsWritten) {
+  request_.method = parse_rigging_method("nearest", "none");
+  request_.joints = {};
+  request_.meshes = folder_ / "meshes/same.glb";
+  request_.out = folder_ / "skeleton.glb";
+  std::size_t pictures = 0;
+  request_.also = [&](const Asset&, const fs::path& file) { pictures += fs::is_regular_file(file) ? 1 : 0; };
+  EXPECT_EQ(rig_meshes(request_).meshes.at(0).failure, "");
+  EXPECT_EQ(pictures, 1u);
+  const Asset solid = io::read_gltf(folder_ / "skeleton.glb").asset;
+  EXPECT_TRUE(validate(solid).empty());
+  EXPECT_EQ(solid.skeleton.size(), static_cast<std::size_t>(rig_.joint_count()));
+  EXPECT_NE(solid.mesh.vertices.size(), rig_.vertices.size() / 3);
+}
+
+TEST(RiggingMethod, WordsAreChecked) {
+  for (const std::string& word : rigging_method_words()) EXPECT_NO_THROW(parse_rigging_method(word));
+  EXPECT_THROW(parse_rigging_method("magic"), InputError);
+  EXPECT_THROW(parse_rigging_method("curve", "magic"), InputError);
+  EXPECT_FALSE(parse_rigging_method("curve", "none").binding.has_value());
+  EXPECT_EQ(parse_rigging_method("pinocchio", "nearest").binding, SkinBinding::kNearest);
+}
+
 TEST_F(RigMeshes, ACollectionWithoutSkeletonsIsRefused) {
   fs::create_directories(folder_ / "nothing");
   write_file_atomically(folder_ / "nothing/broken.glb", "glTF");
-  request_.skeletons = folder_ / "nothing";
+  request_.joints.collection = folder_ / "nothing";
   EXPECT_THROW(rig_meshes(request_), InputError);
 }
 

@@ -4,7 +4,6 @@
 #include <optional>
 #include <utility>
 
-#include "anigen/prepare/cleaning/coarser_skeleton.h"
 #include "anigen/prepare/cleaning/joint_rules.h"
 #include "anigen/prepare/skeleton_checks.h"
 
@@ -58,7 +57,6 @@ std::vector<CleaningFinding> clean(Asset& asset, const ReadQuality& quality, con
                 three_digits(options.least_weight_sum));
   if (options.duplicate_joints == DuplicateJoints::kMerge) keep(merge_duplicate_joints(asset, options.merge_distance));
   keep(prune_unused_joints(asset, options.unused_joints));
-  keep(coarsen_skeleton(asset, options.kept_joints, file));
   const std::string vertices = broken_range("vertices", asset.mesh.vertices.size(), options.vertices);
   drop_when(!vertices.empty(), "vertex_count", vertices);
   const std::string joints = broken_range("joints", asset.skeleton.size(), options.joints);
