@@ -1,3 +1,4 @@
+#include <cstdint>
 #include <cstdio>
 #include <filesystem>
 #include <string>
@@ -11,6 +12,8 @@
 #include "anigen/rig/rig_meshes.h"
 #ifdef ANIGEN_WITH_TORCH
 #include "anigen/nn/computing.h"
+#include "anigen/pipeline/anymate_rigger.h"
+#include "anigen/pipeline/device.h"
 #include "anigen/pipeline/retrieve_assets.h"
 #endif
 
@@ -18,9 +21,14 @@ namespace {
 
 using namespace anigen;
 
+constexpr const char* kAnymate = "anymate";
+
 struct RigOptions {
   std::string method, mesh, axes = "format", skin, image, background = "auto", condition = "color";
   std::vector<std::string> pictured;
+  std::string joint_model, connectivity_model, skin_model;  // of Anymate
+  std::int64_t points = 0;
+  double eps = 0.0;
   rig::RigRequest request;
   std::size_t views = 0, most = 0;
   bool pictures = false;
@@ -40,9 +48,35 @@ void require_one(const Reports& each, const char* what) {
   throw Error(std::string("none of the ") + what + " could be rigged");
 }
 
+/// Lets Anymate's models do what there are models for.
+void use_anymate(RigOptions& options, const CommonOptions& common) {
+  if (options.joint_model.empty() && options.connectivity_model.empty() && options.skin_model.empty())
+    throw InputError("", "--joint-model", "name a model of Anymate: this one, --connectivity-model or --skin-model");
+  if (!options.skin_model.empty() && !options.skin.empty())
+    throw InputError("", "--skin", "--skin-model binds already; leave out one of the two");
+#ifdef ANIGEN_WITH_TORCH
+  nn::set_up_computing(common.threads);
+  pipeline::AnymateRiggerOptions rigger;
+  rigger.points = options.points;
+  rigger.eps = options.eps;
+  rigger.seed = common.seed;
+  rigger.most_influences = options.request.binding.heat.most_influences;
+  rigger.device = pipeline::parse_device(common.device);
+  const pipeline::AnymateModelFiles files{options.joint_model, options.connectivity_model, options.skin_model};
+  options.request.learned = pipeline::anymate_steps(pipeline::load_anymate_models(files, rigger.device), rigger);
+#else
+  static_cast<void>(common);
+  throw NotSupportedError("", "--method", "Anymate in a build without LibTorch");
+#endif
+}
+
 void rig_files(RigOptions& options, const CommonOptions& common) {
   rig::RigRequest& request = options.request;
-  request.method = rig::parse_rigging_method(options.method, options.skin);
+  const bool learned = options.method == kAnymate;
+  if (!learned && !(options.joint_model + options.connectivity_model + options.skin_model).empty())
+    throw InputError("", "--method", "only anymate uses --joint-model, --connectivity-model and --skin-model");
+  // What Anymate has no model for is done as this method does it.
+  request.method = rig::parse_rigging_method(learned ? "geovoxel" : options.method, options.skin);
   if (options.mesh.empty()) throw InputError("", "--mesh", "name the mesh to rig, or a folder of them");
   if (request.method.joints == rig::JointSource::kTemplate && request.joints.collection.empty())
     throw InputError("", "--dataset", "the template is the middle skeleton of a collection; name one");
@@ -53,6 +87,7 @@ void rig_files(RigOptions& options, const CommonOptions& common) {
       io::write_png(file.replace_extension(".png"), eval::asset_picture(asset));
     };
   }
+  if (learned) use_anymate(options, common);
   const rig::RigReports reports = rig::rig_meshes(request);
   print(reports, common);
   require_one(reports.meshes, "meshes");
@@ -81,6 +116,7 @@ void retrieve(const RigOptions& options, const CommonOptions& common) {
   print(reports, common);
   require_one(reports, "pictures");
 #else
+  static_cast<void>(options);
   static_cast<void>(common);
   throw NotSupportedError("", "--method", "retrieval in a build without LibTorch");
 #endif
@@ -90,6 +126,7 @@ void add_mesh_options(CLI::App& app, RigOptions& options) {
   rig::RigRequest& request = options.request;
   app.add_option("--mesh", options.mesh,
                  "File or folder of what to rig: .glb .gltf .fbx .dae .obj .ply, NPZ rigs, data sets");
+  app.add_option("--mesh-split", request.splits, "Only the meshes whose ids these files list [all]");
   app.add_option("--mesh-axes", options.axes, "Up axis of the meshes: format, y-up, z-up")->capture_default_str();
   app.add_option("--skin", options.skin,
                  "How to bind, other than the method does: nearest, geovoxel, heat; none: the skeleton alone")
@@ -118,6 +155,25 @@ void add_mesh_options(CLI::App& app, RigOptions& options) {
   app.add_flag("--pictures", options.pictures, "Also <name>.png: the asset, its weights, its skeleton");
 }
 
+void add_anymate_options(CLI::App& app, RigOptions& options) {
+  app.add_option(
+         "--joint-model", options.joint_model,
+         "For anymate: a run folder of anigen-train, or a checkpoint, as released or .safetensors [given joints]")
+      ->check(CLI::ExistingPath);
+  app.add_option("--connectivity-model", options.connectivity_model,
+                 "For anymate, likewise [the shortest tree through predicted joints; given joints keep theirs]")
+      ->check(CLI::ExistingPath);
+  app.add_option("--skin-model", options.skin_model, "For anymate, likewise [as --skin says, or geovoxel]")
+      ->check(CLI::ExistingPath);
+  app.add_option("--points", options.points,
+                 "For anymate: points of the surface that the models look at [as in training; released: 8192]")
+      ->check(CLI::PositiveNumber);
+  app.add_option("--eps", options.eps,
+                 "For anymate: predicted joints this near are one, the mesh's longest side being 2 [as released: 0.03 "
+                 "regressed, 0.05 denoised; without meaning for volumes]")
+      ->check(CLI::PositiveNumber);
+}
+
 void add_dataset_options(CLI::App& app, RigOptions& options) {
   app.add_option("--dataset", options.request.joints.collection,
                  "For template and retrieval: where skeletons and answers come from");
@@ -140,26 +196,29 @@ void add_dataset_options(CLI::App& app, RigOptions& options) {
 
 int main(int argc, char** argv) {
   CLI::App app{
-      "Rigs meshes without having learned how, to use or to compare with.\n\n"
+      "Rigs meshes by methods that learned nothing, or by Anymate's models, to use or to compare with.\n\n"
       "  anigen-rig --method pinocchio --mesh statue.glb --out rigged.glb --pictures\n"
       "  anigen-rig --method curve --mesh meshes/ --out rigged/\n"
       "  anigen-rig --method geovoxel --mesh body.glb --skeleton rig.glb --out rigged.glb\n"
+      "  anigen-rig --method anymate --mesh meshes/ --joint-model runs/joints --skin-model runs/skin --out rigged/\n"
       "  anigen-rig --method template --mesh results/ --dataset data --split data/splits/train.txt --out template\n"
       "  anigen-rig --method retrieval --image photos/ --dataset data --split data/splits/train.txt --out retrieved\n"};
   CommonOptions common;
   RigOptions options;
   std::vector<std::string> methods = rig::rigging_method_words();
   methods.emplace_back("retrieval");
+  methods.emplace_back(kAnymate);
   app.add_option(
          "--method", options.method,
          "nearest, geovoxel, heat: bind a mesh to the skeleton it has, or to --skeleton, by the nearest bone, by "
          "paths through its inside, or by heat; pinocchio: embed a template, bind by heat; curve: joints along "
          "the curve that the mesh contracts to, bound by geovoxel; template: the data set's middle skeleton in "
          "the mesh's box, bound by nearest; retrieval: the data set's asset whose condition view is most like "
-         "the picture")
+         "the picture; anymate: joints, their tree and weights by trained models, or only some of these")
       ->required()
       ->check(CLI::IsMember(methods));
   add_mesh_options(app, options);
+  add_anymate_options(app, options);
   add_dataset_options(app, options);
   app.add_option("--out", options.request.out, "Folder; for one mesh the file")->required();
   add_common_options(app, common, library_versions());

@@ -1,6 +1,8 @@
 #pragma once
 #include <filesystem>
+#include <string>
 
+#include "anigen/core/json.h"
 #include "anigen/io/ndarray.h"
 
 namespace anigen::io {
@@ -13,6 +15,17 @@ namespace anigen::io {
 /// state dicts use are executed; anything else is refused by name.
 /// @throws InputError naming file, member and byte; NotSupportedError for files from before PyTorch 1.6 (not zip)
 NamedArrays read_torch_archive(const std::filesystem::path& path);
+
+/// A checkpoint that torch.save wrote with more in it than weights.
+struct TorchCheckpoint {
+  NamedArrays state;  ///< what is below "state_dict" by its keys there; without that key everything, as above
+  Json config;        ///< what is below the key asked for, null when it is not there
+};
+
+/// Reads nothing but these two: the state of an optimiser beside them costs no memory.
+/// @param config_key of the file's dict, "model_config" say: of its value None, booleans, numbers, texts, lists, tuples
+///   and dicts are kept, whatever else is in there becomes null @throws as read_torch_archive()
+TorchCheckpoint read_torch_checkpoint(const std::filesystem::path& path, const std::string& config_key);
 
 /// A state dict from `.pt`/`.pth` or `.safetensors` by extension. When the first key starts with "module." those
 /// seven characters are dropped from every key (reference flows-and-pipeline.md, section 6.3).

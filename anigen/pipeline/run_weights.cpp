@@ -22,6 +22,7 @@
 #include "anigen/models/structured_latent_flow.h"
 #include "anigen/models/structured_latent_flow_runs.h"
 #include "anigen/models/structured_latent_runs.h"
+#include "anigen/pipeline/anymate_models.h"
 
 namespace anigen::pipeline {
 namespace {
@@ -38,6 +39,7 @@ ModulePtr built(const models::RunModel& found) {
 const std::map<std::string, Builder>& builders() {
   static const std::map<std::string, Builder> kBuilders = {
       {"SkinAutoEncoder", built<models::SkinAutoEncoder, models::SkinAutoEncoderOptions>},
+      {kAnymateModelClass, built<models::anymate::AnymateModel, models::anymate::ModelOptions>},
       {models::kSparseStructureEncoderClass,
        built<models::SparseStructureEncoder, models::SparseStructureEncoderOptions>},
       {models::kSparseStructureDecoderClass,

@@ -11,6 +11,7 @@
 #include "anigen/geometry/skeleton_mesh.h"
 #include "anigen/io/gltf.h"
 #include "anigen/io/rigs/shape_source.h"
+#include "anigen/io/rigs/split.h"
 
 namespace anigen::rig {
 namespace {
@@ -31,10 +32,23 @@ fs::path file_of(const RigRequest& request, const io::ShapeSource& source, const
   return request.out / (id + ".glb");
 }
 
+/// The shape with these joints and no weights yet.
+Asset unbound_asset(const io::RiggedShape& shape, const Skeleton& joints) {
+  if (!shape.has_surface()) throw InputError(shape.file, "", "holds no surface to rig");
+  Asset asset;
+  asset.name = shape.id;
+  asset.mesh = shape.mesh;
+  asset.materials = shape.materials;
+  asset.images = shape.images;
+  asset.skeleton = joints;
+  return asset;
+}
+
 Asset rigged(const io::RiggedShape& shape, const JointProposer& proposer, const RigRequest& request,
              RigReport& report) {
   const auto started = std::chrono::steady_clock::now();
-  ProposedJoints proposed = proposer.propose(shape);
+  const LearnedSteps& learned = request.learned;
+  ProposedJoints proposed = learned.propose ? learned.propose(shape, proposer) : proposer.propose(shape);
   report.note = std::move(proposed.note);
   report.joint_seconds = seconds_since(started);
   if (!request.method.binding) {
@@ -43,7 +57,9 @@ Asset rigged(const io::RiggedShape& shape, const JointProposer& proposer, const 
     return solid;
   }
   const auto found = std::chrono::steady_clock::now();
-  Asset asset = bound_asset(shape, proposed.skeleton, *request.method.binding, request.binding);
+  Asset asset = unbound_asset(shape, proposed.skeleton);
+  asset.skin = learned.bind ? learned.bind(shape, asset.skeleton)
+                            : bind(*request.method.binding, asset.mesh, asset.skeleton, request.binding);
   report.binding_seconds = seconds_since(found);
   return asset;
 }
@@ -52,13 +68,7 @@ Asset rigged(const io::RiggedShape& shape, const JointProposer& proposer, const 
 
 Asset bound_asset(const io::RiggedShape& shape, const Skeleton& joints, SkinBinding binding,
                   const BindingOptions& options) {
-  if (!shape.has_surface()) throw InputError(shape.file, "", "holds no surface to rig");
-  Asset asset;
-  asset.name = shape.id;
-  asset.mesh = shape.mesh;
-  asset.materials = shape.materials;
-  asset.images = shape.images;
-  asset.skeleton = joints;
+  Asset asset = unbound_asset(shape, joints);
   asset.skin = bind(binding, asset.mesh, asset.skeleton, options);
   return asset;
 }
@@ -68,7 +78,7 @@ RigReports rig_meshes(const RigRequest& request) {
   const JointProposer proposer(request.method.joints, request.joints);
   RigReports reports;
   reports.skeleton = proposer.template_id();
-  const std::vector<std::string> ids = source->ids();
+  const std::vector<std::string> ids = io::select_ids(*source, request.splits);
   Progress progress("rigging", ids.size(), "meshes");
   for (const std::string& id : ids) {
     throw_if_interrupted();

@@ -17,14 +17,25 @@ namespace anigen::rig {
 Asset bound_asset(const io::RiggedShape& shape, const Skeleton& joints, SkinBinding binding,
                   const BindingOptions& options = {});
 
+/// What a method that has learned puts in the place of the request's; what is unset is done as the request says. Thrown
+/// InputErrors count for the mesh they came up with.
+struct LearnedSteps {
+  /// @param otherwise whoever else would propose joints, to be asked for the joints that are given
+  std::function<ProposedJoints(const io::RiggedShape&, const JointProposer& otherwise)> propose;
+  /// Called after it, for the same shape, unless the skeleton alone is wanted. @return one row per vertex
+  std::function<SkinWeights(const io::RiggedShape&, const Skeleton&)> bind;
+};
+
 /// What to rig and how.
 struct RigRequest {
-  std::filesystem::path meshes;       ///< a file or a folder of them
-  io::Axes axes = io::Axes::kFormat;  ///< which way is up in them, when it is not what their format says
-  std::filesystem::path out;          ///< a file for a file, a folder for a folder: <id>.glb each
-  RiggingMethod method;               ///< without a binding each file holds the skeleton alone, as a solid
+  std::filesystem::path meshes;               ///< a file or a folder of them
+  std::vector<std::filesystem::path> splits;  ///< only what these files of ids name; none: all
+  io::Axes axes = io::Axes::kFormat;          ///< which way is up in them, when it is not what their format says
+  std::filesystem::path out;                  ///< a file for a file, a folder for a folder: <id>.glb each
+  RiggingMethod method;                       ///< without a binding each file holds the skeleton alone, as a solid
   JointOptions joints;
   BindingOptions binding;
+  LearnedSteps learned;
   /// Called for each asset after its file is written, with that file's place.
   std::function<void(const Asset&, const std::filesystem::path&)> also;
 };

@@ -46,6 +46,16 @@ struct Constant final : LrSchedule {
   double rate(double base, std::int64_t step) const override { return step < total ? base * factor : base; }
 };
 
+struct MultiStep final : LrSchedule {
+  MultiStep(std::vector<std::int64_t> at, double factor) : milestones(std::move(at)), gamma(factor) {}
+  double rate(double base, std::int64_t step) const override {
+    const auto reached = std::count_if(milestones.begin(), milestones.end(), [&](auto at) { return at <= step; });
+    return base * std::pow(gamma, static_cast<double>(reached));
+  }
+  std::vector<std::int64_t> milestones;
+  double gamma;
+};
+
 struct Warmup final : LrSchedule {
   std::int64_t steps;
   explicit Warmup(std::int64_t s) : steps(s) {}
@@ -81,6 +91,10 @@ LrSchedulePtr cosine_annealing_lr(std::int64_t t_max, double eta_min) {
 LrSchedulePtr constant_lr(double factor, std::int64_t total_iters) {
   if (total_iters < 0) throw InputError("", "total_iters", "must not be negative");
   return std::make_shared<Constant>(factor, total_iters);
+}
+
+LrSchedulePtr multi_step_lr(std::vector<std::int64_t> milestones, double gamma) {
+  return std::make_shared<MultiStep>(std::move(milestones), gamma);
 }
 
 LrSchedulePtr linear_warmup_lr(std::int64_t warmup_steps) {

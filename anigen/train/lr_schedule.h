@@ -28,6 +28,9 @@ LrSchedulePtr cosine_annealing_lr(std::int64_t t_max, double eta_min);
 /// base · factor until total, then base
 LrSchedulePtr constant_lr(double factor, std::int64_t total_iters);
 
+/// base · gamma^(number of milestones reached); milestones in any order
+LrSchedulePtr multi_step_lr(std::vector<std::int64_t> milestones, double gamma);
+
 /// base · min(1, (step + 1) / warmup)
 LrSchedulePtr linear_warmup_lr(std::int64_t warmup_steps);
 

@@ -8,7 +8,7 @@ namespace anigen::train {
 namespace {
 
 struct Coefficients {
-  float gradient, decay, beta1, one_minus_beta1, beta2, one_minus_beta2, root_correction, eps, step_size;
+  float gradient, decay, l2, beta1, one_minus_beta1, beta2, one_minus_beta2, root_correction, eps, step_size;
 };
 
 // Compiled also for AVX2: no multiply-adds are fused there, so both versions give the same bits.
@@ -18,7 +18,7 @@ __attribute__((target_clones("avx2", "default")))
 void adamw_pass(float* __restrict p, const float* __restrict g, float* __restrict m, float* __restrict v,
                 std::int64_t n, const Coefficients c) {
   for (std::int64_t i = 0; i < n; ++i) {
-    const float gradient = g[i] * c.gradient;
+    const float gradient = g[i] * c.gradient + c.l2 * p[i];
     m[i] = c.beta1 * m[i] + c.one_minus_beta1 * gradient;
     v[i] = c.beta2 * v[i] + c.one_minus_beta2 * gradient * gradient;
     const float denominator = __builtin_sqrtf(v[i]) * c.root_correction + c.eps;
@@ -46,10 +46,12 @@ void AdamW::step(torch::Tensor parameters, const torch::Tensor& gradients, doubl
   const double beta1 = options_.betas[0], beta2 = options_.betas[1];
   const double correction1 = 1.0 - std::pow(beta1, static_cast<double>(steps));
   const double correction2 = 1.0 - std::pow(beta2, static_cast<double>(steps));
-  const double decay = 1.0 - lr * options_.weight_decay;
+  const double decay = options_.decoupled ? 1.0 - lr * options_.weight_decay : 1.0;
+  const double l2 = options_.decoupled ? 0.0 : options_.weight_decay;
   if (parameters.is_cpu()) {
     const Coefficients c{static_cast<float>(gradient_factor),
                          static_cast<float>(decay),
+                         static_cast<float>(l2),
                          static_cast<float>(beta1),
                          static_cast<float>(1.0 - beta1),
                          static_cast<float>(beta2),
@@ -61,7 +63,8 @@ void AdamW::step(torch::Tensor parameters, const torch::Tensor& gradients, doubl
                exp_avg_sq.data_ptr<float>(), parameters.numel(), c);
     return;
   }
-  const torch::Tensor gradient = gradients * gradient_factor;
+  torch::Tensor gradient = gradients * gradient_factor;
+  if (l2 != 0.0) gradient.add_(parameters, l2);
   exp_avg.mul_(beta1).add_(gradient, 1.0 - beta1);
   exp_avg_sq.mul_(beta2).addcmul_(gradient, gradient, 1.0 - beta2);
   const torch::Tensor denominator = exp_avg_sq.sqrt().div_(std::sqrt(correction2)).add_(options_.eps);

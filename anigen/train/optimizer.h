@@ -6,8 +6,9 @@
 
 namespace anigen::train {
 
-/// AdamW (Loshchilov and Hutter 2019, algorithm 2, as torch.optim.AdamW computes it) over one flat fp32 vector. On the
-/// CPU one pass over memory; its result does not depend on the number of threads.
+/// AdamW (Loshchilov and Hutter 2019, algorithm 2, as torch.optim.AdamW computes it) over one flat fp32 vector; or
+/// Adam, whose weight decay is part of the gradient. On the CPU one pass over memory; its result does not depend on the
+/// number of threads.
 class AdamW {
  public:
   struct Options {
@@ -15,6 +16,7 @@ class AdamW {
     std::array<double, 2> betas{0.9, 0.999};
     double eps = 1e-8;
     double weight_decay = 1e-2;
+    bool decoupled = true;  ///< false: Adam (Kingma and Ba 2015, as torch.optim.Adam)
   };
 
   /// @param parameters [P] fp32; only its size and device are used

@@ -40,7 +40,8 @@ inline std::set<std::string> keys_of(const LoadedKeys& loaded, const std::string
   return found == loaded.end() ? std::set<std::string>() : found->second;
 }
 
-/// One of the five training stages: its models, its data and its loss. The loop around it is Trainer's.
+/// What is trained: one of the five stages, or a baseline. Its models, its data and its loss. The loop around it is
+/// Trainer's.
 class Stage {
  public:
   virtual ~Stage() = default;

@@ -1,6 +1,7 @@
 #include "anigen/train/stages.h"
 
 #include "anigen/core/error.h"
+#include "anigen/train/anymate_stage.h"
 #include "anigen/train/skin_autoencoder_stage.h"
 #include "anigen/train/sparse_structure_autoencoder_stage.h"
 #include "anigen/train/sparse_structure_flow_stage.h"
@@ -28,6 +29,7 @@ constexpr TrainerEntry kTrainers[] = {
     {"AniGenImageConditionedSparseFlowMatchingCFGTrainer", make_structured_latent_flow_stage},
     {"AniGenSparseFlowMatchingTrainer", make_structured_latent_flow_stage},
     {"AniGenSparseFlowMatchingCFGTrainer", make_structured_latent_flow_stage},
+    {"AnymateTrainer", make_anymate_stage},
 };
 
 }  // namespace

@@ -55,6 +55,14 @@ LrSchedulePtr simple_schedule(const std::string& name, ConfigReader& args, std::
     const double factor = args.number("factor", 1.0 / 3.0, 0.0);
     return constant_lr(factor, steps(args, "total_iters", 5, max_steps));
   }
+  if (name == "MultiStepLR") {
+    args.require("milestones");
+    const Json& listed = *args.raw("milestones");
+    if (!listed.is_array() || listed.size() > 64) throw args.error("milestones", "must be a list");
+    std::vector<std::int64_t> milestones;
+    for (const Json& milestone : listed) milestones.push_back(steps_of(milestone, max_steps, args, "milestones"));
+    return multi_step_lr(std::move(milestones), args.number("gamma", 0.1, 0.0, 1e3));
+  }
   args.require("warmup_steps");
   return linear_warmup_lr(steps(args, "warmup_steps", 1, max_steps));
 }
@@ -82,7 +90,8 @@ LrSchedulePtr sequence(ConfigReader& reader, ConfigReader& args, std::int64_t ma
 
 void read_optimizer(ConfigReader reader, UpdateOptions& update) {
   reader.require("name");
-  const bool muon = reader.choice("name", "AdamW", {"AdamW", "Muon"}) == "Muon";
+  const std::string name = reader.choice("name", "AdamW", {"AdamW", "Adam", "Muon"});
+  const bool muon = name == "Muon";
   ConfigReader args = reader.object("args");
   if (muon) {
     update.muon.emplace();
@@ -90,6 +99,10 @@ void read_optimizer(ConfigReader reader, UpdateOptions& update) {
     update.muon->min_side = args.integer("min_side", update.muon->min_side, 1);
   }
   AdamW::Options options;
+  if (name == "Adam") {
+    options.decoupled = false;
+    options.weight_decay = 0.0;
+  }
   options.lr = args.number("lr", options.lr, 0.0, 1e3);
   const std::vector<double> betas = args.numbers("betas", {options.betas[0], options.betas[1]});
   if (betas.size() != 2 || betas[0] < 0.0 || betas[0] >= 1.0 || betas[1] < 0.0 || betas[1] >= 1.0) {
@@ -149,7 +162,8 @@ LrSchedulePtr read_schedule(const Json& json, std::int64_t max_steps, const std:
   ConfigReader reader(json, file, pointer);
   reader.require("name");
   const std::string name = reader.choice(
-      "name", "", {"LinearLR", "CosineAnnealingLR", "ConstantLR", "LinearWarmupLRScheduler", "SequentialLR"});
+      "name", "",
+      {"LinearLR", "CosineAnnealingLR", "ConstantLR", "MultiStepLR", "LinearWarmupLRScheduler", "SequentialLR"});
   ConfigReader args = reader.object("args");
   const LrSchedulePtr schedule =
       name == "SequentialLR" ? sequence(reader, args, max_steps) : simple_schedule(name, args, max_steps);

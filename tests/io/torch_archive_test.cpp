@@ -117,6 +117,36 @@ TEST_F(TorchArchive, NestedObjectsBecomePaths) {
   EXPECT_EQ(find(state, "name"), nullptr);
 }
 
+TEST_F(TorchArchive, CheckpointsGiveTheirWeightsAndTheirConfig) {
+  PickleBuilder pickle;  // {'epoch': 3, 'state_dict': {'a.b': tensor}, 'optimizer': {'x': a storage that is not there},
+                         // 'model_config': {'decoder': 'triplane', 'width': 8, 'sizes': [1, 0.5, None], 1: True}}
+  pickle.op("}").mark().text("epoch").integer(3).text("state_dict").op("}").text("a.b");
+  add_tensor(pickle, "FloatStorage", "0", 6, 1, {2}, {1});
+  pickle.op("s").text("optimizer").op("}").text("x");
+  add_tensor(pickle, "FloatStorage", "missing", 6, 1, {2}, {1});
+  pickle.op("s").text("model_config").op("}").mark().text("decoder").text("triplane").text("width").integer(8);
+  pickle.text("sizes").op("]").mark().integer(1).real(0.5).none().op("e").integer(1).boolean(true).op("uu");
+  const auto path = archive(pickle.stop(), {{"data/0", six_}});
+  const TorchCheckpoint checkpoint = read_torch_checkpoint(path, "model_config");
+  ASSERT_EQ(checkpoint.state.size(), 1u);
+  EXPECT_EQ(checkpoint.state[0].first, "a.b");
+  EXPECT_EQ(checkpoint.state[0].second.as<float>(), (std::vector<float>{2, 3}));
+  EXPECT_EQ(checkpoint.config,
+            parse_json(R"({"decoder": "triplane", "width": 8, "sizes": [1, 0.5, null], "1": true})", "expected"));
+  EXPECT_TRUE(read_torch_checkpoint(path, "absent").config.is_null());
+
+  PickleBuilder plain;
+  plain.op("}").text("weight");
+  add_tensor(plain, "FloatStorage", "0", 6, 0, {1}, {1});
+  const auto state = read_torch_checkpoint(archive(plain.op("s").stop(), {{"data/0", six_}}), "model_config").state;
+  ASSERT_EQ(state.size(), 1u);
+  EXPECT_EQ(state[0].first, "weight");
+
+  PickleBuilder cyclic;  // {'state_dict': {}, 'model_config': l} with l = [l]
+  cyclic.op("}").mark().text("state_dict").op("}").text("model_config").op("]").op("q\1").op("h\1").op("au");
+  EXPECT_THROW(read_torch_checkpoint(archive(cyclic.stop(), {}), "model_config"), InputError);
+}
+
 TEST_F(TorchArchive, RefusesDamage) {
   const auto one = [](int count, int offset, const std::vector<int>& shape, const std::vector<int>& stride) {
     PickleBuilder pickle;

@@ -144,6 +144,35 @@ TEST_F(RigMeshes, WithoutABindingTheSkeletonAloneIsWritten) {
   EXPECT_NE(solid.mesh.vertices.size(), rig_.vertices.size() / 3);
 }
 
+TEST_F(RigMeshes, LearnedStepsTakeThePlaceOfTheOthers) {
+  request_.method = parse_rigging_method("geovoxel");
+  request_.joints = {};
+  request_.meshes = folder_ / "meshes/same.glb";
+  request_.learned.propose = [](const io::RiggedShape& shape, const JointProposer& otherwise) {
+    const std::size_t given = otherwise.propose(shape).skeleton.size();
+    return ProposedJoints{skeleton_from_joints({{0, 0, 0}, {0, 0, 1}}, {-1, 0}), std::to_string(given) + " given"};
+  };
+  request_.learned.bind = [](const io::RiggedShape& shape, const Skeleton& skeleton) {
+    return from_dense(std::vector<float>(shape.mesh.vertices.size() * skeleton.size(), 0.5F),
+                      shape.mesh.vertices.size(), skeleton.size());
+  };
+  request_.out = folder_ / "learned.glb";
+  const RigReport report = rig_meshes(request_).meshes.at(0);
+  EXPECT_EQ(report.failure, "");
+  EXPECT_EQ(report.note, std::to_string(rig_.joint_count()) + " given");
+  const Asset asset = io::read_gltf(report.file).asset;
+  EXPECT_TRUE(validate(asset).empty());
+  ASSERT_EQ(asset.skeleton.size(), 2u);
+  EXPECT_EQ(asset.skin.largest_row(), 2u);
+
+  request_.learned.bind = [](const io::RiggedShape&, const Skeleton&) -> SkinWeights {
+    throw InputError("model", "", "does not know such shapes");
+  };
+  EXPECT_NE(rig_meshes(request_).meshes.at(0).failure.find("does not know"), std::string::npos);
+  request_.method = parse_rigging_method("geovoxel", "none");
+  EXPECT_EQ(rig_meshes(request_).meshes.at(0).failure, "") << "nothing is bound for a skeleton alone";
+}
+
 TEST(RiggingMethod, WordsAreChecked) {
   for (const std::string& word : rigging_method_words()) EXPECT_NO_THROW(parse_rigging_method(word));
   EXPECT_THROW(parse_rigging_method("magic"), InputError);

@@ -30,6 +30,13 @@ TEST(LrSchedule, CosineComesBackUpAfterTMax) {
   EXPECT_NEAR(schedule->rate(3e-4, 100), 3e-4, 1e-16);
 }
 
+TEST(LrSchedule, StepsDownAtMilestones) {
+  const LrSchedulePtr steps = multi_step_lr({10, 4}, 0.2);
+  EXPECT_DOUBLE_EQ(steps->rate(2.0, 3), 2.0);
+  EXPECT_DOUBLE_EQ(steps->rate(2.0, 4), 0.4);
+  EXPECT_DOUBLE_EQ(steps->rate(2.0, 10), 2.0 * 0.2 * 0.2);
+}
+
 TEST(LrSchedule, LinearConstantAndWarmUp) {
   EXPECT_DOUBLE_EQ(linear_lr(0.5, 1.0, 10)->rate(2.0, 5), 1.5);
   EXPECT_DOUBLE_EQ(linear_lr(0.5, 0.25, 10)->rate(2.0, 1000), 0.5);

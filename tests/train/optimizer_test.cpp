@@ -32,6 +32,24 @@ TEST(AdamW, FollowsTorch) {
   EXPECT_GT(largest_difference(mine, start), 0.05) << "the comparison must be about something";
 }
 
+TEST(AdamW, WithoutDecouplingItIsTorchsAdam) {
+  torch::manual_seed(2);
+  torch::Tensor mine = torch::randn({501}), theirs = mine.clone().set_requires_grad(true);
+  AdamW::Options options;
+  options.lr = 0.01;
+  options.weight_decay = 0.3;
+  options.decoupled = false;
+  AdamW optimizer(mine, options);
+  torch::optim::Adam reference({theirs}, torch::optim::AdamOptions(0.01).weight_decay(0.3));
+  for (int step = 0; step < 20; ++step) {
+    const torch::Tensor gradient = torch::randn({501});
+    optimizer.step(mine, gradient, 1.0, 0.01);
+    theirs.mutable_grad() = gradient.clone();
+    reference.step();
+  }
+  EXPECT_LT(largest_difference(mine, theirs.detach()), 2e-6);
+}
+
 TEST(AdamW, LearningRateIsTheCallersAndOptionsAreChecked) {
   torch::Tensor p = torch::ones({4});
   AdamW optimizer(p, {});

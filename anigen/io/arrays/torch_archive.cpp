@@ -4,6 +4,7 @@
 #include <utility>
 
 #include "anigen/core/error.h"
+#include "anigen/io/arrays/pickle_json.h"
 #include "anigen/io/arrays/torch_storages.h"
 #include "anigen/io/arrays/torch_tree.h"
 #include "anigen/io/arrays/zip_archive.h"
@@ -56,17 +57,55 @@ bool is_big_endian(const ZipReader& archive, const std::string& folder) {
   return order == "big";
 }
 
+/// The archive with its pickle run and its storages not yet read.
+class OpenArchive {
+ public:
+  explicit OpenArchive(const std::filesystem::path& path) : archive_(checked(path)), member_(pickle_member(archive_)) {
+    document_ = pickle::load(archive_.read(member_), {archive_.file(), member_.name, 0, true});
+  }
+
+  const pickle::Value& root() const { return document_.root(); }
+  /// @return nullptr unless the root is a dict with this key
+  const pickle::Value* below(std::string_view key) const {
+    if (root().kind != pickle::Kind::kDict) return nullptr;
+    for (std::size_t i = 0; i + 1 < root().items.size(); i += 2) {
+      const pickle::Value& found = *root().items[i];
+      if (found.kind == pickle::Kind::kString && found.text == key) return root().items[i + 1];
+    }
+    return nullptr;
+  }
+  NpyPlace place() const { return {archive_.file(), member_.name}; }
+  NamedArrays arrays(const pickle::Value& value) const {
+    const std::string folder = member_.name.substr(0, member_.name.size() - kPickleName.size());
+    return TorchStorages(archive_, folder, is_big_endian(archive_, folder)).materialize(torch_leaves(value, place()));
+  }
+
+ private:
+  static const std::filesystem::path& checked(const std::filesystem::path& path) {
+    refuse_old_formats(path.string());
+    return path;
+  }
+
+  ZipReader archive_;
+  const ZipMember& member_;
+  pickle::Document document_;
+};
+
 }  // namespace
 
 NamedArrays read_torch_archive(const std::filesystem::path& path) {
-  const std::string file = path.string();
-  refuse_old_formats(file);
-  const ZipReader archive(path);
-  const ZipMember& member = pickle_member(archive);
-  const std::string folder = member.name.substr(0, member.name.size() - kPickleName.size());
-  const pickle::Document document = pickle::load(archive.read(member), {file, member.name, 0, true});
-  const std::vector<TorchLeaf> leaves = torch_leaves(document.root(), {file, member.name});
-  return TorchStorages(archive, folder, is_big_endian(archive, folder)).materialize(leaves);
+  const OpenArchive archive(path);
+  return archive.arrays(archive.root());
+}
+
+TorchCheckpoint read_torch_checkpoint(const std::filesystem::path& path, const std::string& config_key) {
+  const OpenArchive archive(path);
+  const pickle::Value* state = archive.below("state_dict");
+  const pickle::Value* config = archive.below(config_key);
+  TorchCheckpoint checkpoint;
+  checkpoint.state = archive.arrays(state ? *state : archive.root());
+  if (config) checkpoint.config = plain_json(*config, archive.place());
+  return checkpoint;
 }
 
 NamedArrays read_state_dict(const std::filesystem::path& path) {

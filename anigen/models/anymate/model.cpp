@@ -10,20 +10,6 @@
 namespace anigen::models::anymate {
 namespace {
 
-// The width of the latents that a decoder takes.
-std::int64_t latent_width(const ModelOptions& options) {
-  switch (options.decoder) {
-    case DecoderKind::kConcatDenoiser:
-      return options.concat_denoiser.width;
-    case DecoderKind::kCrossDenoiser:
-      return options.cross_denoiser.z_dim;
-    case DecoderKind::kTriplaneVolume:
-      return options.triplane.z_dim;
-    default:
-      return options.head.width;
-  }
-}
-
 void require_width(std::int64_t encoder, const ModelOptions& options) {
   const std::int64_t wanted = latent_width(options);
   if (encoder == wanted) return;

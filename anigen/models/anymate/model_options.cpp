@@ -34,6 +34,62 @@ void read_cross_denoiser(ConfigReader& reader, CrossDenoiserOptions& options) {
   options.use_projection = reader.boolean("use_projection", options.use_projection);
 }
 
+// Sizes that released configs have no words for: ours, for small models.
+void read_encoder_sizes(ConfigReader& reader, ModelOptions& options) {
+  ConfigReader bert = reader.object("bert");
+  options.bert.trans_dim = bert.integer("trans_dim", options.bert.trans_dim, 1, kMostWidth);
+  options.bert.depth = bert.integer("depth", options.bert.depth, 1, kMostLayers);
+  options.bert.num_heads = bert.integer("num_heads", options.bert.num_heads, 1, kMostWidth);
+  options.bert.group_size = bert.integer("group_size", options.bert.group_size, 1, kMostTokens);
+  options.bert.num_group = bert.integer("num_group", options.bert.num_group, 1, kMostTokens);
+  options.bert.encoder_dims = bert.integer("encoder_dims", options.bert.encoder_dims, 1, kMostWidth);
+  options.bert.drop_path_rate = bert.number("drop_path_rate", options.bert.drop_path_rate, 0.0, 0.99);
+  options.projection.hidden_1 = bert.integer("projection_1", options.projection.hidden_1, 1, kMostWidth);
+  options.projection.hidden_2 = bert.integer("projection_2", options.projection.hidden_2, 1, kMostWidth);
+  bert.finish();
+  ConfigReader miche = reader.object("michelangelo");
+  MichelangeloOptions& michelangelo = options.michelangelo;
+  michelangelo.num_latents = miche.integer("num_latents", michelangelo.num_latents, 1, kMostTokens);
+  michelangelo.embed_dim = miche.integer("embed_dim", michelangelo.embed_dim, 1, kMostWidth);
+  michelangelo.width = miche.integer("width", michelangelo.width, 1, kMostWidth);
+  michelangelo.heads = miche.integer("heads", michelangelo.heads, 1, kMostWidth);
+  michelangelo.num_encoder_layers =
+      miche.integer("num_encoder_layers", michelangelo.num_encoder_layers, 0, kMostLayers);
+  michelangelo.num_decoder_layers =
+      miche.integer("num_decoder_layers", michelangelo.num_decoder_layers, 0, kMostLayers);
+  miche.finish();
+  ConfigReader scratch = reader.object("scratch");
+  options.scratch.num_latents = scratch.integer("num_latents", options.scratch.num_latents, 1, kMostTokens);
+  options.scratch.width = scratch.integer("width", options.scratch.width, 1, kMostWidth);
+  options.scratch.heads = scratch.integer("heads", options.scratch.heads, 1, kMostWidth);
+  options.scratch.num_encoder_layers =
+      scratch.integer("num_encoder_layers", options.scratch.num_encoder_layers, 0, kMostLayers);
+  scratch.finish();
+}
+
+void read_decoder_sizes(ConfigReader& reader, ModelOptions& options) {
+  options.connectivity_layers = reader.integer("connectivity_layers", options.connectivity_layers, 1, kMostLayers);
+  options.token_layers = reader.integer("token_layers", options.token_layers, 1, kMostLayers);
+  options.head_token_length = reader.integer("head_token_length", options.head_token_length, 1, kMostWidth);
+  options.skinning_layers = reader.integer("skinning_layers", options.skinning_layers, 1, kMostLayers);
+  ConfigReader concat = reader.object("concat_denoiser");
+  options.concat_denoiser.width = concat.integer("width", options.concat_denoiser.width, 1, kMostWidth);
+  options.concat_denoiser.heads = concat.integer("heads", options.concat_denoiser.heads, 1, kMostWidth);
+  concat.finish();
+  ConfigReader skinning = reader.object("concat_skinning");
+  options.concat_skinning.layers = skinning.integer("layers", options.concat_skinning.layers, 1, kMostLayers);
+  options.concat_skinning.concat_num =
+      skinning.integer("concat_num", options.concat_skinning.concat_num, 1, kMostTokens);
+  skinning.finish();
+  ConfigReader triplane = reader.object("triplane");
+  options.triplane.z_dim = triplane.integer("z_dim", options.triplane.z_dim, 1, kMostWidth);
+  options.triplane.w_dim = triplane.integer("w_dim", options.triplane.w_dim, 1, kMostWidth);
+  options.triplane.img_resolution = triplane.integer("img_resolution", options.triplane.img_resolution, 4, 4096);
+  options.triplane.channel_base = triplane.integer("channel_base", options.triplane.channel_base, 1, 1 << 20);
+  options.triplane.channel_max = triplane.integer("channel_max", options.triplane.channel_max, 1, kMostWidth);
+  triplane.finish();
+}
+
 }  // namespace
 
 const std::vector<std::string>& encoder_names() {
@@ -59,6 +115,39 @@ DecoderKind decoder_kind(const std::string& name) {
 
 const std::string& name_of(EncoderKind kind) { return encoder_names()[static_cast<std::size_t>(kind)]; }
 const std::string& name_of(DecoderKind kind) { return decoder_names()[static_cast<std::size_t>(kind)]; }
+
+std::int64_t latent_width(const ModelOptions& options) {
+  switch (options.decoder) {
+    case DecoderKind::kConcatDenoiser:
+      return options.concat_denoiser.width;
+    case DecoderKind::kCrossDenoiser:
+      return options.cross_denoiser.z_dim;
+    case DecoderKind::kTriplaneVolume:
+      return options.triplane.z_dim;
+    default:
+      return options.head.width;
+  }
+}
+
+Task task_of(DecoderKind kind) {
+  switch (kind) {
+    case DecoderKind::kTokenConnectivity:
+    case DecoderKind::kTwoBranchConnectivity:
+      return Task::kConnectivity;
+    case DecoderKind::kConcatSkinning:
+    case DecoderKind::kCrossSkinning:
+      return Task::kSkinning;
+    case DecoderKind::kConcatDenoiser:
+    case DecoderKind::kCrossDenoiser:
+      return Task::kDenoisedJoints;
+    case DecoderKind::kImplicitVolume:
+    case DecoderKind::kTriplaneVolume:
+      return Task::kJointVolume;
+    case DecoderKind::kJointRegression:
+      return Task::kJointRegression;
+  }
+  throw InputError("", "decoder", "is none of the known ones");
+}
 
 ModelOptions ModelOptions::released(const std::string& encoder, const std::string& decoder) {
   ModelOptions options;
@@ -95,7 +184,9 @@ ModelOptions ModelOptions::from_json(const Json& json, const std::string& file, 
   options.concat_denoiser.layers = reader.integer("layers", options.concat_denoiser.layers, 1, kMostLayers);
   options.concat_denoiser.cond_drop_prob =
       reader.number("cond_drop_prob", options.concat_denoiser.cond_drop_prob, 0.0, 1.0);
-  options.projection.out = options.head.width;
+  read_encoder_sizes(reader, options);
+  read_decoder_sizes(reader, options);
+  options.projection.out = latent_width(options);
   for (const char* key : {"num_train_step", "num_training_points", "seed", "num_x", "n_ctx", "flash"}) reader.raw(key);
   reader.finish();
   return options;

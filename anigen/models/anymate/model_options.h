@@ -41,6 +41,10 @@ DecoderKind decoder_kind(const std::string& name);
 const std::string& name_of(EncoderKind kind);
 const std::string& name_of(DecoderKind kind);
 
+/// What a decoder is for, and how it goes about it.
+enum class Task { kJointRegression, kDenoisedJoints, kJointVolume, kConnectivity, kSkinning };
+Task task_of(DecoderKind kind);
+
 /// Sizes of a model; the defaults are the released ones (reference anymate-baselines.md, 2 to 5).
 struct ModelOptions {
   EncoderKind encoder = EncoderKind::kBert;
@@ -73,9 +77,14 @@ struct ModelOptions {
   /// out_channels, width, heads, init_scale, qkv_bias, separate, load_encoder; num_z, num_x, z_dim, x_dim, num_blocks,
   /// num_compute_layers, num_heads, mlp_ratio, num_latents, use_projection; n_ctx, layers, cond_drop_prob. `flash`,
   /// `num_x`, `n_ctx` and the keys of the diffusion schedule change nothing here. As released, width and heads do not
-  /// reach the concatenation denoiser.
+  /// reach the concatenation denoiser. Ours, for small models: objects `bert`, `michelangelo`, `scratch`,
+  /// `concat_denoiser`, `concat_skinning` and `triplane` with the names of the options above, `projection_1` and
+  /// `projection_2` within `bert`, and the numbers of layers and the head_token_length of this struct.
   /// @throws InputError for an unknown key or a value out of range
   static ModelOptions from_json(const Json& json, const std::string& file = "", const std::string& pointer = "");
 };
+
+/// The width of the latents that the decoder takes.
+std::int64_t latent_width(const ModelOptions& options);
 
 }  // namespace anigen::models::anymate

@@ -1,0 +1,175 @@
+#include "anigen/train/anymate_stage.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <fstream>
+#include <map>
+
+#include "anigen/core/config_file.h"
+#include "anigen/core/csv.h"
+#include "anigen/core/error.h"
+#include "anigen/io/safetensors.h"
+#include "anigen/train/checkpoint.h"
+#include "anigen/train/train_command.h"
+#include "tests/loaders/synthetic_dataset.h"
+#include "tests/support/paths.h"
+#include "tests/train/run_folder.h"
+
+namespace anigen::train {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr char kConfig[] = R"({
+  "models": {"model": {"name": "AnymateModel", "args": {
+    "encoder": "bert", "decoder": "transformer_latent", "num_joints": 12, "width": 24, "heads": 2, "init_scale": 0.1,
+    "layers": 2, "concat_denoiser": {"width": 24, "heads": 2},
+    "num_z": 3, "num_latents": 4, "z_dim": 24, "x_dim": 16, "num_blocks": 1, "num_compute_layers": 1, "num_heads": 2,
+    "triplane": {"z_dim": 24, "w_dim": 24, "img_resolution": 16, "channel_base": 64, "channel_max": 8},
+    "token_layers": 1, "head_token_length": 6, "concat_skinning": {"layers": 1, "concat_num": 16},
+    "bert": {"trans_dim": 12, "depth": 1, "num_heads": 2, "num_group": 6, "group_size": 5, "encoder_dims": 16,
+             "projection_1": 16, "projection_2": 16},
+    "michelangelo": {"num_latents": 5, "width": 24, "heads": 2, "embed_dim": 4, "num_encoder_layers": 1,
+                     "num_decoder_layers": 1},
+    "scratch": {"num_latents": 4, "width": 24, "heads": 2, "num_encoder_layers": 1}}}},
+  "dataset": {"name": "Anymate", "args": {"points": 64, "eval_fraction": 0.4}},
+  "trainer": {"name": "AnymateTrainer", "args": {
+    "max_steps": 6, "batch_size": 3, "seed": 5, "num_train_step": 10, "num_training_points": 16, "skin_points": 32,
+    "optimizer": {"name": "Adam", "args": {"lr": 0.003, "weight_decay": 1e-5}},
+    "lr_scheduler": {"name": "MultiStepLR", "args": {"milestones": ["50%"], "gamma": 0.2}},
+    "ema_rate": [0.9], "fp16_mode": "none", "i_log": 1, "i_print": 0, "i_save": 3, "i_eval": 6, "i_sample": 0}}})";
+
+class AnymateRun : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    test::write_synthetic_dataset(folder_ / "data", 10);
+    std::ofstream(folder_ / "config.json") << kConfig;
+  }
+  static std::vector<std::string> of(const std::string& encoder, const std::string& decoder) {
+    return {"models.model.args.encoder=" + encoder, "models.model.args.decoder=" + decoder};
+  }
+  // The last value of every column.
+  std::map<std::string, double> last_values(const std::string& output) {
+    const CsvTable table = read_csv(folder_ / output / "metrics.csv");
+    std::map<std::string, double> row;
+    for (std::size_t c = 0; c < table.columns.size(); ++c) {
+      for (const std::vector<std::string>& cells : table.rows) {
+        if (!cells[c].empty()) row[table.columns[c]] = std::stod(cells[c]);
+      }
+    }
+    return row;
+  }
+  test::TemporaryFolder folder_;
+};
+
+struct Case {
+  const char *encoder, *decoder, *loss, *metric;
+};
+
+TEST_F(AnymateRun, EveryDecoderTrainsAndIsEvaluated) {
+  const Case cases[] = {{"bert", "transformer_latent", "chamfer", "cd"},
+                        {"miche", "transformer_latent", "chamfer", "cd"},
+                        {"bert", "Pointe_Diffusion", "mse", "joints"},
+                        {"miche", "Cross_Attention_Diffusion", "mse", "joints"},
+                        {"transformer", "implicit_transformer", "bce", "joints"},
+                        {"bert", "triplane", "bce", "joints"},
+                        {"bert", "attendjoints_con_combine", "ce", "precision"},
+                        {"miche", "attendjoints_con_token", "ce", "tree_recall"},
+                        {"bert", "attendjoints_combine", "cos_clamp", "cos"},
+                        {"transformer", "attendjoints_multi", "cos_clamp", "l1"}};
+  for (const Case& one : cases) {
+    const std::string output = std::string(one.encoder) + "-" + one.decoder;
+    train(test::train_command(folder_, output, of(one.encoder, one.decoder)));
+    const auto row = last_values(output);
+    const auto loss = row.find(std::string("loss.") + one.loss);
+    ASSERT_NE(loss, row.end()) << output;
+    EXPECT_TRUE(std::isfinite(loss->second)) << output;
+    bool has_metric = false;
+    for (const auto& [name, value] : row)
+      has_metric |= name.find(one.metric) != std::string::npos && std::isfinite(value);
+    EXPECT_TRUE(has_metric) << output << " has no " << one.metric;
+  }
+}
+
+TEST_F(AnymateRun, SamplingWritesTheMetricsOfEachAsset) {
+  std::vector<std::string> skin = of("bert", "attendjoints_combine");
+  skin.emplace_back("trainer.args.i_sample=6");
+  train(test::train_command(folder_, "skin", skin));
+  const CsvTable table = read_csv(folder_ / "skin" / "samples" / "step6" / "scores.csv");
+  ASSERT_GT(table.rows.size(), 0u);
+  EXPECT_EQ(table.rows.size() % 2, 0u) << "the model and the nearest bone";
+  for (std::size_t r = 0; r < table.rows.size(); ++r) {
+    const double mae = std::stod(table.cell(r, "mae"));
+    EXPECT_GE(mae, 0.0);
+    EXPECT_LE(mae, 1.0);
+    EXPECT_EQ(table.cell(r, "method"), r % 2 == 0 ? "model" : "nearest bone");
+  }
+}
+
+TEST_F(AnymateRun, RegressionComesNearerToTheJoints) {
+  train(test::train_command(folder_, "run",
+                            {"trainer.args.max_steps=150", "trainer.args.lr_scheduler=null", "trainer.args.i_eval=0"}));
+  const CsvTable table = read_csv(folder_ / "run" / "metrics.csv");
+  EXPECT_LT(last_values("run").at("loss.chamfer"), 0.6 * std::stod(table.cell(0, "loss.chamfer")));
+}
+
+TEST_F(AnymateRun, ARunThatWasStoppedEndsWithTheSameBits) {
+  const std::vector<std::string> model = of("miche", "Pointe_Diffusion");  // draws in encoder, decoder and loss
+  train(test::train_command(folder_, "whole", model));
+  std::vector<std::string> half = model;
+  half.emplace_back("trainer.args.max_steps=3");
+  half.emplace_back("trainer.args.lr_scheduler.args.milestones=[3]");
+  train(test::train_command(folder_, "parts", half));
+  torch::rand({17});  // what else drew must not matter
+  train(test::train_command(folder_, "parts", model));
+  const auto weights = [&](const std::string& output) {
+    return CheckpointFolder(folder_ / output / "ckpts").weights("model", 6);
+  };
+  const io::NamedArrays whole = weights("whole"), parts = weights("parts");
+  ASSERT_EQ(whole.size(), parts.size());
+  for (std::size_t i = 0; i < whole.size(); ++i)
+    EXPECT_EQ(whole[i].second.bytes, parts[i].second.bytes) << whole[i].first;
+}
+
+TEST(AnymateConfigs, ShippedOnesAreWholeAndSmallOnesCanBeBuilt) {
+  std::size_t files = 0;
+  for (const char* folder : {"anymate", "anymate_tiny"}) {
+    for (const auto& entry : fs::directory_iterator(test::source_dir() / "configs" / folder)) {
+      const std::string file = entry.path().string();
+      Json config = load_config(entry.path());
+      const auto model = models::anymate::ModelOptions::from_json(config["models"]["model"]["args"], file);
+      ConfigReader trainer(config["trainer"]["args"], file);
+      const auto options = TrainerOptions::read(trainer);
+      AnymateStageOptions::read(trainer);
+      EXPECT_NO_THROW(trainer.finish()) << file;
+      EXPECT_EQ(options.replicas, 1u) << file;
+      ConfigReader dataset(config["dataset"]["args"], file);
+      loaders::AnymateDatasetOptions::read(dataset);
+      EXPECT_NO_THROW(dataset.finish()) << file;
+      if (folder == std::string("anymate_tiny")) {
+        EXPECT_NO_THROW(models::anymate::AnymateModel{model}) << file;
+      }
+      ++files;
+    }
+  }
+  EXPECT_EQ(files, 37u);
+}
+
+TEST_F(AnymateRun, BadConfigsNameTheirPlace) {
+  const auto message = [&](const std::string& override) -> std::string {
+    try {
+      train(test::train_command(folder_, "bad", {override}));
+    } catch (const InputError& error) {
+      return error.what();
+    }
+    return "";
+  };
+  EXPECT_NE(message("trainer.args.replicas=2").find("replicas"), std::string::npos);
+  EXPECT_NE(message("models.model.args.decoder=transformer_laten").find("transformer_latent"), std::string::npos);
+  EXPECT_NE(message("models.model.args.bert.dept=2").find("depth"), std::string::npos);
+  EXPECT_NE(message("dataset.args.shards=[\"missing.pt\"]").find("data_dir"), std::string::npos);
+}
+
+}  // namespace
+}  // namespace anigen::train
