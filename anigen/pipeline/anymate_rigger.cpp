@@ -135,7 +135,9 @@ rig::ProposedJoints AnymateRigger::propose(const io::RiggedShape& shape, const r
 SkinWeights AnymateRigger::bind(const io::RiggedShape& shape, const Skeleton& skeleton) {
   const torch::NoGradGuard no_grad;
   const loaders::AnymateMesh mesh = seen(shape);
-  const AnymateBones bones = anymate_bones(placed(skeleton.positions(), mesh.frame), skeleton.parents);
+  const Tensor joints = placed(skeleton.positions(), mesh.frame);
+  const AnymateBones bones =
+      models_.joints ? anymate_bones(joints, skeleton.parents) : bones_of_rig(joints, skeleton.parents);
   const std::size_t vertices = mesh.vertices.size();
   if (bones.heads.empty()) return from_dense(std::vector<float>(vertices, 1.0F), vertices, 1);
   const TrainedAnymateModel& trained = models_.skin.value();

@@ -29,9 +29,9 @@ class AnymateRigger {
   /// @return the shape's frame @throws InputError without a surface, without joints, as `given`
   rig::ProposedJoints propose(const io::RiggedShape& shape, const rig::JointProposer& given);
 
-  /// Weights by the model for skinning, which must be there: of each bone, from its parent to itself for every joint
-  /// but the root, the share that the softmax gives it, for the joint at its head. Shares below 1e-4 are dropped.
-  /// A skeleton of one joint gets all weights.
+  /// Weights by the model for skinning, which must be there: of each bone the share that the softmax gives it, for the
+  /// joint at its head. Predicted joints have the bones between them (anymate_bones()), any others bones of their own
+  /// (bones_of_rig()). Shares below 1e-4 are dropped. A skeleton of one joint gets all weights.
   /// @return one row per vertex of the shape @throws InputError without a surface, or for weights that are not finite
   SkinWeights bind(const io::RiggedShape& shape, const Skeleton& skeleton);
 

@@ -78,6 +78,32 @@ AnymateBones anymate_bones(const Tensor& joints, const std::vector<int>& parents
   return found;
 }
 
+AnymateBones bones_of_rig(const Tensor& joints, const std::vector<int>& parents) {
+  const auto count = static_cast<std::int64_t>(parents.size());
+  Tensor tails = torch::zeros({count, 3});
+  std::vector<std::int64_t> children(parents.size(), 0);
+  AnymateBones found;
+  for (std::int64_t j = 0; j < count; ++j) {
+    found.heads.push_back(static_cast<int>(j));
+    const int parent = parents[static_cast<std::size_t>(j)];
+    if (parent < 0) continue;
+    tails[parent] += joints[j];
+    ++children[static_cast<std::size_t>(parent)];
+  }
+  for (std::int64_t j = 0; j < count; ++j) {
+    const std::int64_t own = children[static_cast<std::size_t>(j)];
+    const int parent = parents[static_cast<std::size_t>(j)];
+    if (own > 0) {
+      tails[j] /= static_cast<double>(own);
+    } else {
+      tails[j] = joints[j];
+      if (parent >= 0) tails[j] += 0.5 * (joints[j] - joints[parent]);
+    }
+  }
+  found.bones = torch::cat({joints, tails}, 1);
+  return found;
+}
+
 SkinWeights anymate_skin(const TrainedAnymateModel& skinning, const Tensor& cloud, const Tensor& vertices,
                          const AnymateBones& bones, std::size_t most_influences) {
   const torch::NoGradGuard no_grad;

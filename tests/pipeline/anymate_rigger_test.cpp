@@ -142,6 +142,18 @@ TEST(AnymateBones, RunFromParentsToChildren) {
   EXPECT_TRUE(torch::equal(found.bones, expected));
 }
 
+TEST(AnymateBones, EveryJointOfAnyOtherRigHasItsOwn) {
+  const torch::Tensor joints =
+      torch::tensor({{0.0F, 0.0F, 0.0F}, {1.0F, 0.0F, 0.0F}, {0.0F, 2.0F, 0.0F}, {1.0F, 4.0F, 0.0F}});
+  const AnymateBones found = bones_of_rig(joints, {-1, 0, 0, 2});
+  EXPECT_EQ(found.heads, (std::vector<int>{0, 1, 2, 3}));
+  EXPECT_TRUE(torch::equal(found.bones.slice(1, 0, 3), joints));
+  // Two children, a tip, one child, a tip.
+  const torch::Tensor tails =
+      torch::tensor({{0.5F, 1.0F, 0.0F}, {1.5F, 0.0F, 0.0F}, {1.0F, 4.0F, 0.0F}, {1.5F, 5.0F, 0.0F}});
+  EXPECT_TRUE(torch::equal(found.bones.slice(1, 3, 6), tails));
+}
+
 /// The shares of the bones at all vertices, as the module gives them without this pipeline.
 torch::Tensor direct_shares(TrainedAnymateModel& trained, const torch::Tensor& cloud, const torch::Tensor& points,
                             const torch::Tensor& bones) {
