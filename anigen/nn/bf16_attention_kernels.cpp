@@ -26,33 +26,6 @@ bool bf16_attention_takes(std::int64_t channels) {
 
 std::int64_t packed_bf16_size(std::int64_t count, std::int64_t channels) { return padded_keys(count) * channels; }
 
-void pack_bf16_keys(const std::uint16_t* rows, std::int64_t stride, std::int64_t count, std::int64_t channels,
-                    std::uint16_t* packed) {
-  const std::int64_t padded = padded_keys(count);
-  for (std::int64_t first = 0; first < padded; first += kPanel) {
-    const std::int64_t width = std::min(kPanel, padded - first), keys = std::min(width, count - first);
-    if (keys < width) std::fill_n(packed, width * channels, std::uint16_t{0});
-    for (std::int64_t key = 0; key < keys; ++key) {
-      const std::uint16_t* row = rows + (first + key) * stride;
-      for (std::int64_t c = 0; c < channels; c += 2) std::memcpy(packed + c * width + 2 * key, row + c, 4);
-    }
-    packed += width * channels;
-  }
-}
-
-void pack_bf16_values(const std::uint16_t* rows, std::int64_t stride, std::int64_t count, std::int64_t channels,
-                      std::uint16_t* packed) {
-  static constexpr std::uint16_t kZeros[kPanel] = {};  // bf16_attention_takes() bounds the channels
-  const auto row = [&](std::int64_t key) { return key < count ? rows + key * stride : kZeros; };
-  for (std::int64_t key = 0; key < padded_keys(count); key += 2, packed += 2 * channels) {
-    const std::uint16_t *const even = row(key), *const odd = row(key + 1);
-    for (std::int64_t c = 0; c < channels; ++c) {
-      packed[2 * c] = even[c];
-      packed[2 * c + 1] = odd[c];
-    }
-  }
-}
-
 std::int64_t bf16_scratch_floats(std::int64_t channels) {
   // Scores, weights in half as many, sums, largest score, sum of weights and factor of each row.
   return kBf16QueryBlock * (kKeyBlock + kKeyBlock / 2 + channels + 3);
@@ -61,6 +34,38 @@ std::int64_t bf16_scratch_floats(std::int64_t channels) {
 #if ANIGEN_BF16_X86
 ANIGEN_BF16_BEGIN
 namespace {
+
+// Rows and columns of 16 × 16 numbers of 32 bits change places.
+ANIGEN_BF16_INLINE void transpose(__m512i (&r)[kLanes]) {
+  __m512i t[kLanes];
+#pragma GCC unroll 8
+  for (int i = 0; i < 16; i += 2) {
+    t[i] = _mm512_unpacklo_epi32(r[i], r[i + 1]);
+    t[i + 1] = _mm512_unpackhi_epi32(r[i], r[i + 1]);
+  }
+#pragma GCC unroll 4
+  for (int i = 0; i < 16; i += 4) {
+    r[i] = _mm512_unpacklo_epi64(t[i], t[i + 2]);
+    r[i + 1] = _mm512_unpackhi_epi64(t[i], t[i + 2]);
+    r[i + 2] = _mm512_unpacklo_epi64(t[i + 1], t[i + 3]);
+    r[i + 3] = _mm512_unpackhi_epi64(t[i + 1], t[i + 3]);
+  }
+  // Lane l of r[4 i + j] now is column 4 l + j of rows 4 i to 4 i + 3.
+#pragma GCC unroll 4
+  for (int j = 0; j < 4; ++j) {
+    t[j] = _mm512_shuffle_i32x4(r[j], r[4 + j], 0x88);
+    t[4 + j] = _mm512_shuffle_i32x4(r[j], r[4 + j], 0xdd);
+    t[8 + j] = _mm512_shuffle_i32x4(r[8 + j], r[12 + j], 0x88);
+    t[12 + j] = _mm512_shuffle_i32x4(r[8 + j], r[12 + j], 0xdd);
+  }
+#pragma GCC unroll 4
+  for (int j = 0; j < 4; ++j) {
+    r[j] = _mm512_shuffle_i32x4(t[j], t[8 + j], 0x88);
+    r[8 + j] = _mm512_shuffle_i32x4(t[j], t[8 + j], 0xdd);
+    r[4 + j] = _mm512_shuffle_i32x4(t[4 + j], t[12 + j], 0x88);
+    r[12 + j] = _mm512_shuffle_i32x4(t[4 + j], t[12 + j], 0xdd);
+  }
+}
 
 // e^t, 0 below -87, NaN for NaN and +inf; coefficients of Cephes' expf.
 ANIGEN_BF16_INLINE __m512 exp_vector(__m512 t) {
@@ -143,7 +148,7 @@ ANIGEN_BF16 void attend_rows(const Bf16Keys& head, const std::uint16_t* q, std::
       }
     }
     bf16_rows<kVectors, true>([=](std::int64_t r) { return weights + r * kKeyBlock; },
-                              [=](std::int64_t r) { return sums + r * channels; }, rows, columns / 2,
+                              [=](std::int64_t r) { return sums + r * channels; }, rows, (keys + 1) / 2,
                               head.values + first * channels);
   }
   for (std::int64_t r = 0; r < rows; ++r) {
@@ -159,6 +164,46 @@ ANIGEN_BF16 void attend_rows(const Bf16Keys& head, const std::uint16_t* q, std::
 }
 
 }  // namespace
+
+ANIGEN_BF16 void pack_bf16_keys(const std::uint16_t* rows, std::int64_t stride, std::int64_t count,
+                                std::int64_t channels, std::uint16_t* packed) {
+  const std::int64_t padded = padded_keys(count), pairs = channels / 2;
+  for (std::int64_t panel = 0; panel < padded; panel += kPanel) {
+    const std::int64_t width = std::min(kPanel, padded - panel);
+    // [pairs, width] numbers of 32 bits, of which the rows are the columns.
+    for (std::int64_t first = 0; first < width; first += kLanes) {
+      for (std::int64_t pair = 0; pair < pairs; pair += kLanes) {
+        const auto taken = static_cast<__mmask16>(pairs - pair < kLanes ? (1 << (pairs - pair)) - 1 : 0xffff);
+        __m512i block[kLanes];
+#pragma GCC unroll 16
+        for (int i = 0; i < kLanes; ++i) {
+          const std::int64_t key = panel + first + i;
+          block[i] =
+              key < count ? _mm512_maskz_loadu_epi32(taken, rows + key * stride + 2 * pair) : _mm512_setzero_si512();
+        }
+        transpose(block);
+        for (int i = 0; i < kLanes && pair + i < pairs; ++i) {
+          _mm512_storeu_si512(packed + 2 * ((pair + i) * width + first), block[i]);
+        }
+      }
+    }
+    packed += width * channels;
+  }
+}
+
+ANIGEN_BF16 void pack_bf16_values(const std::uint16_t* rows, std::int64_t stride, std::int64_t count,
+                                  std::int64_t channels, std::uint16_t* packed) {
+  static constexpr std::uint16_t kZeros[kPanel] = {};  // bf16_attention_takes() bounds the channels
+  const auto row = [&](std::int64_t key) { return key < count ? rows + key * stride : kZeros; };
+  for (std::int64_t key = 0; key < padded_keys(count); key += 2) {
+    const std::uint16_t *const even = row(key), *const odd = row(key + 1);
+    for (std::int64_t c = 0; c < channels; c += kLanes, packed += 2 * kLanes) {
+      const __m512i low = _mm512_cvtepu16_epi32(_mm256_loadu_si256(reinterpret_cast<const __m256i*>(even + c)));
+      const __m512i high = _mm512_cvtepu16_epi32(_mm256_loadu_si256(reinterpret_cast<const __m256i*>(odd + c)));
+      _mm512_storeu_si512(packed, _mm512_or_si512(low, _mm512_slli_epi32(high, 16)));
+    }
+  }
+}
 
 void attend_bf16(const Bf16Keys& head, const std::uint16_t* q, std::int64_t q_stride, std::int64_t rows,
                  std::uint16_t* out, std::int64_t out_stride, float* log_sums, float* scratch) {
@@ -176,6 +221,10 @@ void attend_bf16(const Bf16Keys& head, const std::uint16_t* q, std::int64_t q_st
 ANIGEN_BF16_END
 
 #else
+
+void pack_bf16_keys(const std::uint16_t*, std::int64_t, std::int64_t, std::int64_t, std::uint16_t*) { std::abort(); }
+
+void pack_bf16_values(const std::uint16_t*, std::int64_t, std::int64_t, std::int64_t, std::uint16_t*) { std::abort(); }
 
 void attend_bf16(const Bf16Keys&, const std::uint16_t*, std::int64_t, std::int64_t, std::uint16_t*, std::int64_t,
                  float*, float*) {

@@ -6,7 +6,7 @@ namespace anigen::nn::kernels {
 /// Attention of one head in bf16, where has_bf16_products() of bf16_tile.h says so: products of bf16 numbers are exact
 /// and added up in fp32, the softmax is fp32, its weights are rounded to bf16 before they meet the values.
 ///
-/// bf16 numbers are passed as their 16 bits.
+/// bf16 numbers are passed as their 16 bits. Packing needs the same processor.
 struct Bf16Keys {
   const std::uint16_t* keys;    ///< of pack_bf16_keys
   const std::uint16_t* values;  ///< of pack_bf16_values

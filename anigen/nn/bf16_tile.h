@@ -77,7 +77,8 @@ ANIGEN_BF16_INLINE void bf16_tile(const FactorRow& factors, const SumRow& sums, 
   }
 }
 
-/// Rows 0 … rows of the same in tiles of kBf16TileRows, the last ones one by one.
+/// Rows 0 … rows of the same in tiles of kBf16TileRows, the last ones in one smaller tile: row by row the processor
+/// would wait for its own sums.
 template <int kVectors, bool kAdd, typename FactorRow, typename SumRow>
 ANIGEN_BF16_INLINE void bf16_rows(const FactorRow& factors, const SumRow& sums, std::int64_t rows, std::int64_t pairs,
                                   const std::uint16_t* b) {
@@ -87,7 +88,20 @@ ANIGEN_BF16_INLINE void bf16_rows(const FactorRow& factors, const SumRow& sums, 
   for (; first + kBf16TileRows <= rows; first += kBf16TileRows) {
     bf16_tile<kBf16TileRows, kVectors, kAdd>(from, to, pairs, b);
   }
-  for (; first < rows; ++first) bf16_tile<1, kVectors, kAdd>(from, to, pairs, b);
+  switch (rows - first) {
+    case 1:
+      return bf16_tile<1, kVectors, kAdd>(from, to, pairs, b);
+    case 2:
+      return bf16_tile<2, kVectors, kAdd>(from, to, pairs, b);
+    case 3:
+      return bf16_tile<3, kVectors, kAdd>(from, to, pairs, b);
+    case 4:
+      return bf16_tile<4, kVectors, kAdd>(from, to, pairs, b);
+    case 5:
+      return bf16_tile<5, kVectors, kAdd>(from, to, pairs, b);
+    default:
+      return;
+  }
 }
 
 ANIGEN_BF16_END

@@ -1,5 +1,8 @@
 #include "anigen/sparse/cpu_ragged_bf16.h"
 
+#include <algorithm>
+#include <vector>
+
 #include "anigen/nn/bf16_attention_kernels.h"
 #include "anigen/nn/bf16_bits.h"
 
@@ -12,21 +15,35 @@ std::uint16_t* row_of(const Tensor& x, std::int64_t head, std::int64_t row) {
   return nn::bf16_bits(x) + head * x.stride(1) + row * x.stride(0);
 }
 
-// Keys and values of every sequence and head as the kernels read them.
+// A sequence whose queries make one task: the task packs its keys itself, and they never leave the cache.
+bool is_one_task(const RaggedProblem& problem, std::int64_t sequence) {
+  return problem.queries(sequence) <= bf16::kBf16QueryBlock;
+}
+
+// Keys and values of one head of a sequence as the kernels read them.
+void pack(const RaggedProblem& problem, const Tensor& k, const Tensor& v, std::int64_t sequence, std::int64_t head,
+          std::uint16_t* keys, std::uint16_t* values) {
+  const std::int64_t first = problem.k_offsets[sequence], count = problem.keys(sequence), channels = problem.channels;
+  bf16::pack_bf16_keys(row_of(k, head, first), k.stride(0), count, channels, keys);
+  bf16::pack_bf16_values(row_of(v, head, first), v.stride(0), count, channels, values);
+}
+
+// Those of all heads of the sequences that several tasks share.
 class PackedSequences {
  public:
   PackedSequences(const RaggedProblem& problem, const Tensor& k, const Tensor& v)
       : heads_(problem.heads), starts_(static_cast<std::size_t>(problem.sequences) + 1, 0) {
     for (std::int64_t s = 0; s < problem.sequences; ++s) {
-      starts_[static_cast<std::size_t>(s) + 1] = start(s) + bf16::packed_bf16_size(problem.keys(s), problem.channels);
+      const bool shared = !is_one_task(problem, s);
+      starts_[static_cast<std::size_t>(s) + 1] =
+          start(s) + (shared ? bf16::packed_bf16_size(problem.keys(s), problem.channels) : 0);
     }
     numbers_ = torch::empty({2, heads_ * starts_.back()}, torch::kInt16);
     at::parallel_for(0, problem.sequences, 1, [&](std::int64_t begin, std::int64_t end) {
       for (std::int64_t s = begin; s < end; ++s) {
-        const std::int64_t first = problem.k_offsets[s], count = problem.keys(s), channels = problem.channels;
+        if (is_one_task(problem, s)) continue;
         for (std::int64_t head = 0; head < heads_; ++head) {
-          bf16::pack_bf16_keys(row_of(k, head, first), k.stride(0), count, channels, place(0, s, head));
-          bf16::pack_bf16_values(row_of(v, head, first), v.stride(0), count, channels, place(1, s, head));
+          pack(problem, k, v, s, head, place(0, s, head), place(1, s, head));
         }
       }
     });
@@ -45,10 +62,23 @@ class PackedSequences {
   Tensor numbers_;
 };
 
+// Numbers of packed keys of the longest sequence that is one task.
+std::int64_t longest_own(const RaggedProblem& problem) {
+  std::int64_t longest = 0;
+  for (std::int64_t s = 0; s < problem.sequences; ++s) {
+    if (is_one_task(problem, s)) longest = std::max(longest, problem.keys(s));
+  }
+  return bf16::packed_bf16_size(longest, problem.channels);
+}
+
 struct Scratch {
   explicit Scratch(const RaggedProblem& problem)
-      : floats(torch::empty({bf16::bf16_scratch_floats(problem.channels)}, torch::kFloat32)) {}
-  Tensor floats;
+      : floats(torch::empty({bf16::bf16_scratch_floats(problem.channels)}, torch::kFloat32)),
+        numbers(torch::empty({2, longest_own(problem)}, torch::kInt16)) {}
+  std::uint16_t* own(std::int64_t part) const {
+    return reinterpret_cast<std::uint16_t*>(numbers.data_ptr<std::int16_t>()) + part * numbers.size(1);
+  }
+  Tensor floats, numbers;
 };
 
 }  // namespace
@@ -59,8 +89,11 @@ void attend_ragged_bf16(const RaggedProblem& problem, const Tensor& q, const Ten
   for_each_task<Scratch>(
       problem, ragged_tasks(problem, bf16::kBf16QueryBlock), [&](const RaggedTask& task, const Scratch& scratch) {
         const std::int64_t row = problem.q_offsets[task.sequence] + task.first_query;
+        const bool own = is_one_task(problem, task.sequence);
         for (std::int64_t head = task.first_head; head < task.first_head + task.heads; ++head) {
-          const bf16::Bf16Keys keys{packed.place(0, task.sequence, head), packed.place(1, task.sequence, head),
+          if (own) pack(problem, k, v, task.sequence, head, scratch.own(0), scratch.own(1));
+          const bf16::Bf16Keys keys{own ? scratch.own(0) : packed.place(0, task.sequence, head),
+                                    own ? scratch.own(1) : packed.place(1, task.sequence, head),
                                     problem.keys(task.sequence), problem.channels, problem.scale};
           bf16::attend_bf16(keys, row_of(q, head, row), q.stride(0), task.queries, row_of(out, head, row),
                             out.stride(0), log_sums.data_ptr<float>() + head * problem.rows + row,

@@ -3,6 +3,7 @@
 #include "anigen/core/error.h"
 #include "anigen/core/parallel.h"
 #include "anigen/core/random.h"
+#include "anigen/rig/binding/heat_sources.h"
 #include "tests/rig/binding_shapes.h"
 #include "tests/support/rig_files.h"
 
@@ -99,6 +100,35 @@ TEST(GeodesicVoxels, KeepFingersApartThatTheNearestBoneMixes) {
 TEST(BoneHeat, KeepsFingersApartThatTheNearestBoneMixes) {
   const Body body = two_fingers();
   EXPECT_LT(largest_bleeding(bound(SkinBinding::kHeat, body), body), 0.05F);
+}
+
+TEST(BoneHeat, TheBoneBelowTheSurfaceIsNearerThanTheOneBeforeIt) {
+  const Body body = two_fingers();
+  const WeldedSurface surface = weld_surface(body.mesh);
+  const auto sources = heat_sources(surface, surface_parts(surface), moving_bones(body.skeleton, surface));
+  std::size_t checked = 0;
+  for (std::size_t v = 0; v < body.mesh.vertices.size(); ++v) {
+    const Eigen::Vector3f& p = body.mesh.vertices[v];
+    // The side of the thick finger that faces the thin one: 0.2 from its own bone, 0.1 from the other's.
+    if (std::abs(p.y() - 0.4F) > 1e-6F || p.x() < 1.2F || p.x() > 1.9F || std::abs(p.z() - 0.15F) > 0.06F) continue;
+    const HeatSource& source = sources[at(surface.of_vertex[v])];
+    EXPECT_EQ(source.joints, std::vector<std::int32_t>{1}) << p.transpose();
+    EXPECT_EQ(source.visible, std::vector<bool>{true}) << p.transpose();
+    EXPECT_NEAR(source.distance * surface.size, 0.2, 0.01);
+    ++checked;
+  }
+  EXPECT_GT(checked, 5u);
+}
+
+TEST(MovingBones, JoinedLinesEndInTheMiddleOfTheChildren) {
+  const Body body = two_fingers();
+  const WeldedSurface surface = weld_surface(body.mesh);
+  std::vector<MovingBones> bones = moving_bones(body.skeleton, surface);
+  ASSERT_EQ(bones[0].lines.size(), 2u);
+  join_lines(bones);
+  ASSERT_EQ(bones[0].lines.size(), 1u);
+  EXPECT_LT((bones[0].lines[0].end - surface.to_unit({1.0, 0.35, 0.15})).norm(), 1e-6);
+  EXPECT_EQ(bones[1].lines.size(), 1u);
 }
 
 TEST(GeodesicVoxels, AHigherFalloffIsSharper) {

@@ -70,6 +70,16 @@ TEST_F(RigMeshes, ASplitChoosesTheSkeletons) {
   EXPECT_EQ(rig_meshes(request_).skeleton, "high");
 }
 
+TEST_F(RigMeshes, ASplitChoosesTheMeshes) {
+  write_file_atomically(folder_ / "split.txt", "same\n");
+  request_.splits = {folder_ / "split.txt"};
+  const RigReports reports = rig_meshes(request_);
+  ASSERT_EQ(reports.meshes.size(), 1u);
+  EXPECT_EQ(reports.meshes[0].id, "same");
+  write_file_atomically(folder_ / "split.txt", "nobody\n");
+  EXPECT_THROW(rig_meshes(request_), InputError);
+}
+
 TEST_F(RigMeshes, OneFileForOneFile) {
   request_.meshes = folder_ / "meshes/same.glb";
   request_.out = folder_ / "one.glb";

@@ -125,7 +125,8 @@ SkinWeights bind_by_heat(const Mesh& mesh, const Skeleton& skeleton, const BoneH
     throw InputError("", "heat", "must be a finite number above 0, not " + std::to_string(options.heat));
   }
   const WeldedSurface surface = weld_surface(mesh);
-  const std::vector<MovingBones> bones = moving_bones(skeleton, surface);
+  std::vector<MovingBones> bones = moving_bones(skeleton, surface);
+  join_lines(bones);
   StrongestInfluences influences(surface.places.size(), bones.size(), options.most_influences);
   if (surface.has_extent) offer_heat(heat_problem(surface, bones, options.heat), influences);
   for (std::size_t p = 0; p < surface.places.size(); ++p) {

@@ -16,6 +16,7 @@ namespace {
 constexpr double kEquallyNear = 1.0001;
 constexpr double kSkinDepth = 0.002;   ///< how deep below the surface things still count as on it
 constexpr double kLeastCosine = 0.5;   ///< between the way from the bone and the normal
+constexpr double kLeastFacing = 0.05;  ///< a bone behind the surface is at most so many times farther: 1 / 0.05
 constexpr double kFarthestSeen = 1e3;  ///< rays are in single precision
 
 std::vector<Eigen::Vector3f> rounded(const WeldedSurface& surface) {
@@ -76,14 +77,25 @@ struct Visibility {
   const std::vector<Eigen::Vector3d>* normals;
   const SurfaceParts* parts;
 
+  /// Between a place's normal and the way to it from elsewhere; on sheets whichever side is nearer to it.
+  double cosine(std::size_t place, const Eigen::Vector3d& way) const {
+    const double length = way.norm();
+    if (!(length > 0.0)) return 1.0;
+    const double cosine = (*normals)[place].dot(way) / length;
+    return parts->encloses_space(at(parts->of_place[place])) ? cosine : std::abs(cosine);
+  }
+
+  /// Distance from a bone as the surface faces.
+  double measure(std::size_t place, const Eigen::Vector3d& way) const {
+    return way.norm() / std::max(kLeastFacing, 0.5 * (1.0 + cosine(place, way)));
+  }
+
   bool sees(std::size_t place, const Eigen::Vector3d& position, const Eigen::Vector3d& bone) const {
     const Eigen::Vector3d outward = position - bone;
     const double distance = outward.norm();
     if (distance <= kSkinDepth) return true;
     if (distance > kFarthestSeen) return false;
-    double cosine = (*normals)[place].dot(outward) / distance;
-    if (!parts->encloses_space(at(parts->of_place[place]))) cosine = std::abs(cosine);
-    if (!(cosine > kLeastCosine)) return false;
+    if (!(cosine(place, outward) > kLeastCosine)) return false;
     const std::optional<double> hit = caster->first_hit(position, -outward, std::min(kSkinDepth, 0.5 * distance));
     return !hit || *hit >= distance - kSkinDepth;
   }
@@ -102,15 +114,21 @@ std::vector<HeatSource> heat_sources(const WeldedSurface& surface, const Surface
   std::vector<HeatSource> sources(surface.places.size());
   parallel_for(sources.size(), [&](std::size_t p) {
     const Eigen::Vector3d& place = surface.places[p];
-    std::vector<double> distances;
-    distances.reserve(bones.size());
-    for (const MovingBones& joint : bones) distances.push_back(distance_to(joint, place));
+    std::vector<Eigen::Vector3d> points;
+    std::vector<double> measures;
+    points.reserve(bones.size());
+    measures.reserve(bones.size());
+    for (const MovingBones& joint : bones) {
+      points.push_back(nearest_point(joint, place));
+      measures.push_back(visibility.measure(p, place - points.back()));
+    }
     HeatSource& source = sources[p];
-    source.distance = *std::min_element(distances.begin(), distances.end());
+    const auto least = std::min_element(measures.begin(), measures.end());
+    source.distance = (place - points[static_cast<std::size_t>(least - measures.begin())]).norm();
     for (std::size_t j = 0; j < bones.size(); ++j) {
-      if (distances[j] > kEquallyNear * source.distance) continue;
+      if (measures[j] > kEquallyNear * *least) continue;
       source.joints.push_back(static_cast<std::int32_t>(j));
-      source.visible.push_back(visibility.sees(p, place, nearest_point(bones[j], place)));
+      source.visible.push_back(visibility.sees(p, place, points[j]));
     }
   });
   return sources;

@@ -49,6 +49,15 @@ std::vector<MovingBones> moving_bones(const Skeleton& skeleton, const WeldedSurf
   return bones;
 }
 
+void join_lines(std::vector<MovingBones>& bones) {
+  for (MovingBones& joint : bones) {
+    if (joint.lines.size() < 2) continue;
+    Eigen::Vector3d end = Eigen::Vector3d::Zero();
+    for (const BoneLine& line : joint.lines) end += line.end / static_cast<double>(joint.lines.size());
+    joint.lines = {{joint.lines.front().start, end}};
+  }
+}
+
 double distance_to(const MovingBones& bones, const Eigen::Vector3d& point) {
   double nearest = std::numeric_limits<double>::infinity();
   for (const BoneLine& line : bones.lines) {

@@ -22,6 +22,10 @@ struct MovingBones {
 /// @throws InputError without joints, or naming one that is not finite or whose parent does not come before it
 std::vector<MovingBones> moving_bones(const Skeleton& skeleton, const WeldedSurface& surface);
 
+/// Makes one line of those of every joint with several children: to the middle of their ends. A root's lines to all its
+/// children run through the whole body, and are nearest to most of it.
+void join_lines(std::vector<MovingBones>& bones);
+
 /// Distance from a point to the nearest of a joint's lines.
 double distance_to(const MovingBones& bones, const Eigen::Vector3d& point);
 
