@@ -13,7 +13,7 @@
 #include "anigen/core/parallel.h"
 #include "anigen/nn/attention.h"
 #include "anigen/nn/blocked_attention.h"
-#include "benchmarks/benchmark_out.h"
+#include "benchmarks/benchmark_flags.h"
 #include "benchmarks/timed_tasks.h"
 
 namespace {
@@ -63,8 +63,8 @@ Tensor plain(const Tensor& q, const Tensor& k, const Tensor& v) { return anigen:
 }  // namespace
 
 int main(int argc, char** argv) {
-  const std::optional<std::string> out = anigen::benchmark_out(argc, argv);
-  if (!out) return 2;
+  const std::optional<anigen::BenchmarkFlags> flags = anigen::benchmark_flags(argc, argv);
+  if (!flags) return 2;
   anigen::keep_freed_memory();  // as the programs do
   at::set_num_threads(anigen::thread_count());
   torch::manual_seed(0);
@@ -77,14 +77,14 @@ int main(int argc, char** argv) {
   const int product = anigen::add_product(tasks, torch::kBFloat16);
   tasks.push_back(bf16_forward_task("plain_forward_bf16", kPlainHeads, plain, product));
   tasks.push_back(bf16_forward_task("blocked_forward_bf16", kHeads, anigen::nn::blocked_attention, product));
-  anigen::time_in_turn(tasks, kRounds);
+  const int rounds = anigen::time_in_turn(tasks, *flags, kRounds);
   std::printf("%lld tokens, heads of %lld channels, %d threads; medians of %d rounds\n",
-              static_cast<long long>(kTokens), static_cast<long long>(kChannels), at::get_num_threads(), kRounds);
+              static_cast<long long>(kTokens), static_cast<long long>(kChannels), at::get_num_threads(), rounds);
   anigen::print_table(tasks);
   std::printf(
       "plain: %lld heads, blocked: %lld heads; scratch of the blocked version: %.2f MiB per thread\n",
       static_cast<long long>(kPlainHeads), static_cast<long long>(kHeads),
       static_cast<double>(anigen::nn::blocked_attention_scratch_bytes(kTokens, kTokens, kChannels)) / 1048576.0);
-  if (!out->empty()) anigen::write_json(*out, "benchmark_blocked_attention", "blocked_attention/", tasks);
+  if (!flags->out.empty()) anigen::write_json(flags->out, "benchmark_blocked_attention", "blocked_attention/", tasks);
   return 0;
 }

@@ -9,7 +9,7 @@
 
 #include "anigen/core/memory.h"
 #include "anigen/core/parallel.h"
-#include "benchmarks/benchmark_out.h"
+#include "benchmarks/benchmark_flags.h"
 #include "benchmarks/timed_tasks.h"
 
 namespace {
@@ -44,8 +44,8 @@ TimedTask on_threads(TimedTask task, int threads) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  const std::optional<std::string> out = anigen::benchmark_out(argc, argv);
-  if (!out) return 2;
+  const std::optional<anigen::BenchmarkFlags> flags = anigen::benchmark_flags(argc, argv);
+  if (!flags) return 2;
   anigen::keep_freed_memory();
   const int all = anigen::thread_count();
   at::set_num_threads(all);
@@ -55,10 +55,9 @@ int main(int argc, char** argv) {
     tasks.push_back(on_threads(anigen::product_task(torch::kBFloat16), threads));
     tasks.push_back(on_threads(copy_task(), threads));
   }
-  anigen::time_in_turn(tasks, kRounds);
-  std::printf("%d threads; medians of %d rounds; of copies GB/s, read and written, in place of GFLOP/s\n", all,
-              kRounds);
+  const int rounds = anigen::time_in_turn(tasks, *flags, kRounds);
+  std::printf("%d threads; medians of %d rounds; of copies GB/s, read and written, in place of GFLOP/s\n", all, rounds);
   anigen::print_table(tasks);
-  if (!out->empty()) anigen::write_json(*out, "benchmark_machine", "machine/", tasks);
+  if (!flags->out.empty()) anigen::write_json(flags->out, "benchmark_machine", "machine/", tasks);
   return 0;
 }

@@ -18,7 +18,7 @@
 #include "anigen/nn/attention.h"
 #include "anigen/sparse/ragged_attention.h"
 #include "anigen/sparse/support.h"
-#include "benchmarks/benchmark_out.h"
+#include "benchmarks/benchmark_flags.h"
 #include "benchmarks/timed_tasks.h"
 
 namespace {
@@ -147,8 +147,8 @@ void describe(const char* what, const Windows& windows) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  const std::optional<std::string> out = anigen::benchmark_out(argc, argv);
-  if (!out) return 2;
+  const std::optional<anigen::BenchmarkFlags> flags = anigen::benchmark_flags(argc, argv);
+  if (!flags) return 2;
   anigen::keep_freed_memory();  // as the programs do
   at::set_num_threads(anigen::thread_count());
   torch::manual_seed(0);
@@ -171,15 +171,15 @@ int main(int argc, char** argv) {
     tasks.push_back(
         training_task("ragged_training_" + std::to_string(windows.rows) + "_voxels", windows, ragged(windows)));
   }
-  anigen::time_in_turn(tasks, kRounds);
+  const int rounds = anigen::time_in_turn(tasks, *flags, kRounds);
   std::printf(
       "windows of %lld voxels shifted by %lld, heads of %lld channels, fp32 unless said, %d threads; medians of %d "
       "rounds\n",
       static_cast<long long>(kWindow), static_cast<long long>(kShift), static_cast<long long>(kChannels),
-      at::get_num_threads(), kRounds);
+      at::get_num_threads(), rounds);
   describe("small", small);
   describe("others", large);
   anigen::print_table(tasks);
-  if (!out->empty()) anigen::write_json(*out, "benchmark_ragged_attention", "ragged_attention/", tasks);
+  if (!flags->out.empty()) anigen::write_json(flags->out, "benchmark_ragged_attention", "ragged_attention/", tasks);
   return 0;
 }

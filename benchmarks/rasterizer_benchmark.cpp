@@ -21,7 +21,7 @@
 #include "anigen/raytrace/views/projection.h"
 #include "anigen/raytrace/views/render_view.h"
 #include "anigen/raytrace/views/view_plan.h"
-#include "benchmarks/benchmark_out.h"
+#include "benchmarks/benchmark_flags.h"
 #include "benchmarks/bumpy_torus.h"
 
 namespace {
@@ -137,8 +137,8 @@ void write_json(const std::string& file, const std::vector<Task>& tasks) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  const std::optional<std::string> out = anigen::benchmark_out(argc, argv);
-  if (!out) return 2;
+  const std::optional<anigen::BenchmarkFlags> flags = anigen::benchmark_flags(argc, argv);
+  if (!flags) return 2;
   at::set_num_threads(anigen::thread_count());
   torch::manual_seed(0);
   const Case c;
@@ -161,6 +161,6 @@ int main(int argc, char** argv) {
                 task.median() / tasks.front().median());
   }
   std::printf("render: mask, depth, normals and six attributes, antialiased; …_backward: forward and backward\n");
-  if (!out->empty()) write_json(*out, tasks);
+  if (!flags->out.empty()) write_json(flags->out, tasks);
   return 0;
 }

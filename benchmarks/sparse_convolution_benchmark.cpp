@@ -20,7 +20,7 @@
 #include "anigen/core/parallel.h"
 #include "anigen/sparse/convolution.h"
 #include "anigen/sparse/resampling.h"
-#include "benchmarks/benchmark_out.h"
+#include "benchmarks/benchmark_flags.h"
 #include "benchmarks/timed_tasks.h"
 
 namespace {
@@ -138,8 +138,8 @@ void add_subdivided(std::vector<TimedTask>& tasks, std::int64_t width) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  const std::optional<std::string> out = anigen::benchmark_out(argc, argv);
-  if (!out) return 2;
+  const std::optional<anigen::BenchmarkFlags> flags = anigen::benchmark_flags(argc, argv);
+  if (!flags) return 2;
   anigen::keep_freed_memory();  // as the programs do
   at::set_num_threads(anigen::thread_count());
   torch::manual_seed(0);
@@ -152,8 +152,8 @@ int main(int argc, char** argv) {
     add_dense(tasks, width);
     add_subdivided(tasks, width);
   }
-  anigen::time_in_turn(tasks, kRounds);
-  std::printf("fp32 unless said, %d threads; medians of %d rounds\n", at::get_num_threads(), kRounds);
+  const int rounds = anigen::time_in_turn(tasks, *flags, kRounds);
+  std::printf("fp32 unless said, %d threads; medians of %d rounds\n", at::get_num_threads(), rounds);
   for (const std::int64_t voxels : kVoxels) {
     const SupportPtr support = shell_of(voxels);
     std::printf("%lld voxels: %.1f%% of %lld^3, %.1f neighbours each\n", static_cast<long long>(voxels),
@@ -161,6 +161,6 @@ int main(int argc, char** argv) {
                 static_cast<long long>(kGrid), pairs_of(support) / static_cast<double>(voxels));
   }
   anigen::print_table(tasks);
-  if (!out->empty()) anigen::write_json(*out, "benchmark_sparse_convolution", "sparse_convolution/", tasks);
+  if (!flags->out.empty()) anigen::write_json(flags->out, "benchmark_sparse_convolution", "sparse_convolution/", tasks);
   return 0;
 }

@@ -3,6 +3,7 @@
 #include <chrono>
 #include <cstdint>
 #include <cstdio>
+#include <cstdlib>
 #include <functional>
 #include <optional>
 #include <string>
@@ -13,6 +14,7 @@
 #include "anigen/core/json.h"
 #include "anigen/core/progress.h"
 #include "anigen/nn/torch.h"
+#include "benchmarks/benchmark_flags.h"
 
 namespace anigen {
 
@@ -57,11 +59,39 @@ inline int add_product(std::vector<TimedTask>& tasks, torch::Dtype dtype) {
   return tasks.back().reference = static_cast<int>(tasks.size()) - 1;
 }
 
+/// Leaves the tasks whose names contain `word`, and the products that they are shares of.
+inline void keep_tasks(std::vector<TimedTask>& tasks, const std::string& word) {
+  std::vector<bool> kept(tasks.size(), false);
+  for (std::size_t i = 0; i < tasks.size(); ++i) {
+    if (tasks[i].name.find(word) == std::string::npos) continue;
+    kept[i] = true;
+    if (tasks[i].reference != kNoReference) kept[static_cast<std::size_t>(tasks[i].reference)] = true;
+  }
+  std::vector<int> places(tasks.size(), kNoReference);
+  std::vector<TimedTask> left;
+  for (std::size_t i = 0; i < tasks.size(); ++i) {
+    if (!kept[i]) continue;
+    places[i] = static_cast<int>(left.size());
+    left.push_back(std::move(tasks[i]));
+  }
+  for (TimedTask& task : left) {
+    if (task.reference != kNoReference) task.reference = places[static_cast<std::size_t>(task.reference)];
+  }
+  if (left.empty()) {
+    std::fprintf(stderr, "no task has '%s' in its name\n", word.c_str());
+    std::exit(2);
+  }
+  tasks = std::move(left);
+}
+
 /// Times all tasks in turn, round after round, so that a machine whose speed wanders treats them alike. A task that
 /// takes longer than kSlowTask in the round that warms up is timed by that one alone: such are alternatives that would
 /// otherwise take nearly all of the time. Says on standard error how far it is.
-inline void time_in_turn(std::vector<TimedTask>& tasks, int rounds) {
+/// @param usual_rounds where the flags do not say how many @return the rounds there were
+inline int time_in_turn(std::vector<TimedTask>& tasks, const BenchmarkFlags& flags, int usual_rounds) {
   constexpr double kSlowTask = 5.0;  // seconds
+  const int rounds = flags.rounds(usual_rounds);
+  keep_tasks(tasks, flags.filter);
   Progress progress("timing", tasks.size() * static_cast<std::size_t>(rounds + 1), "tasks");
   for (int round = -1; round < rounds; ++round) {  // the first one warms up
     for (TimedTask& task : tasks) {
@@ -74,6 +104,7 @@ inline void time_in_turn(std::vector<TimedTask>& tasks, int rounds) {
       if (round >= 0 || seconds > kSlowTask) task.seconds.push_back(seconds);
     }
   }
+  return rounds;
 }
 
 /// One line a task: median time, rate, share of the product's rate, and rounds where they are fewer.

@@ -26,7 +26,7 @@
 #include "anigen/eval/transport/tree_geodesics.h"
 #include "anigen/eval/transport/wasserstein.h"
 #include "anigen/io/safetensors.h"
-#include "benchmarks/benchmark_out.h"
+#include "benchmarks/benchmark_flags.h"
 
 namespace {
 
@@ -251,11 +251,11 @@ void write_json(const std::string& file) {
 
 int main(int argc, char** argv) {
   anigen::keep_freed_memory();  // as anigen-eval does
-  const std::optional<std::string> out = anigen::benchmark_out(argc, argv);
-  if (!out) return 2;
+  const std::optional<anigen::BenchmarkFlags> flags = anigen::benchmark_flags(argc, argv);
+  if (!flags) return 2;
   fixture_pairs();
   growth();
   thousand_pairs();
-  if (!out->empty()) write_json(*out);
+  if (!flags->out.empty()) write_json(flags->out);
   return 0;
 }

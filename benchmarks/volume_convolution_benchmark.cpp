@@ -12,7 +12,7 @@
 #include "anigen/core/memory.h"
 #include "anigen/core/parallel.h"
 #include "anigen/nn/volume_convolution.h"
-#include "benchmarks/benchmark_out.h"
+#include "benchmarks/benchmark_flags.h"
 #include "benchmarks/timed_tasks.h"
 
 namespace {
@@ -54,8 +54,8 @@ void add_tasks(std::vector<TimedTask>& tasks, const Layer& layer, const std::str
 }  // namespace
 
 int main(int argc, char** argv) {
-  const std::optional<std::string> out = anigen::benchmark_out(argc, argv);
-  if (!out) return 2;
+  const std::optional<anigen::BenchmarkFlags> flags = anigen::benchmark_flags(argc, argv);
+  if (!flags) return 2;
   anigen::keep_freed_memory();  // as the programs do
   at::set_num_threads(anigen::thread_count());
   torch::manual_seed(0);
@@ -65,9 +65,9 @@ int main(int argc, char** argv) {
     add_tasks(tasks, layer, "library", library_convolution, torch::MemoryFormat::Contiguous);
     add_tasks(tasks, layer, "ours", anigen::nn::volume_convolution, torch::MemoryFormat::ChannelsLast3d);
   }
-  anigen::time_in_turn(tasks, kRounds);
-  std::printf("3^3 convolutions, fp32, %d threads; medians of %d rounds\n", at::get_num_threads(), kRounds);
+  const int rounds = anigen::time_in_turn(tasks, *flags, kRounds);
+  std::printf("3^3 convolutions, fp32, %d threads; medians of %d rounds\n", at::get_num_threads(), rounds);
   anigen::print_table(tasks);
-  if (!out->empty()) anigen::write_json(*out, "benchmark_volume_convolution", "volume_convolution/", tasks);
+  if (!flags->out.empty()) anigen::write_json(flags->out, "benchmark_volume_convolution", "volume_convolution/", tasks);
   return 0;
 }

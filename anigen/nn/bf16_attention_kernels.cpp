@@ -12,11 +12,12 @@ namespace anigen::nn::kernels {
 namespace {
 
 constexpr std::int64_t kLanes = kBf16Lanes;
-constexpr std::int64_t kPanel = 64, kHalfPanel = 32;  // keys of a panel: four vectors of scores, or two
-constexpr std::int64_t kKeyBlock = 256;               // keys whose scores are in flight
-static_assert(kBf16QueryBlock % kBf16TileRows == 0, "whole tiles");
+constexpr std::int64_t kPanel = 64;      // keys of a panel: four vectors of scores
+constexpr std::int64_t kKeyBlock = 256;  // keys whose scores are in flight
+static_assert(kBf16QueryTile == kBf16TileRows && kBf16QueryBlock % kBf16QueryTile == 0, "whole tiles");
 
-std::int64_t padded_keys(std::int64_t count) { return (count + kHalfPanel - 1) / kHalfPanel * kHalfPanel; }
+std::int64_t whole(std::int64_t count, std::int64_t step) { return (count + step - 1) / step * step; }
+std::int64_t padded_keys(std::int64_t count) { return whole(count, kLanes); }
 
 }  // namespace
 
@@ -88,6 +89,7 @@ struct RowState {
 };
 
 // Scores of a block become weights exp(scale (score − largest)) in bf16, and the state of the rows takes them in.
+// @param columns a multiple of 32
 ANIGEN_BF16_INLINE void softmax_rows(float* scores, std::uint16_t* weights, std::int64_t rows, std::int64_t columns,
                                      float scale, const RowState& state) {
   const __m512 factor = _mm512_set1_ps(scale);
@@ -122,24 +124,32 @@ ANIGEN_BF16 void attend_rows(const Bf16Keys& head, const std::uint16_t* q, std::
   const RowState state{rest, rest + kBf16QueryBlock, rest + 2 * kBf16QueryBlock};
   std::fill_n(state.largest, rows, -std::numeric_limits<float>::infinity());
   std::fill_n(state.sum, rows, 0.0F);
-  std::fill_n(sums, rows * channels, 0.0F);
   for (std::int64_t first = 0; first < head.count; first += kKeyBlock) {
     const std::int64_t keys = std::min(kKeyBlock, head.count - first), columns = padded_keys(keys);
     for (std::int64_t key = 0; key < columns; key += kPanel) {
       const std::uint16_t* const panel = head.keys + (first + key) * channels;
       const auto from = [=](std::int64_t r) { return q + r * q_stride; };
       const auto to = [=](std::int64_t r) { return scores + r * kKeyBlock + key; };
-      if (columns - key < kPanel) {
-        bf16_rows<2, false>(from, to, rows, channels / 2, panel);
-      } else {
-        bf16_rows<4, false>(from, to, rows, channels / 2, panel);
+      switch ((columns - key) / kLanes) {
+        case 1:
+          bf16_rows<1, false>(from, to, rows, channels / 2, panel);
+          break;
+        case 2:
+          bf16_rows<2, false>(from, to, rows, channels / 2, panel);
+          break;
+        case 3:
+          bf16_rows<3, false>(from, to, rows, channels / 2, panel);
+          break;
+        default:
+          bf16_rows<4, false>(from, to, rows, channels / 2, panel);
       }
     }
-    for (std::int64_t r = 0; keys < columns && r < rows; ++r) {
-      std::fill(scores + r * kKeyBlock + keys, scores + r * kKeyBlock + columns,
+    const std::int64_t weighed = whole(keys, 2 * kLanes);
+    for (std::int64_t r = 0; keys < weighed && r < rows; ++r) {
+      std::fill(scores + r * kKeyBlock + keys, scores + r * kKeyBlock + weighed,
                 -std::numeric_limits<float>::infinity());
     }
-    softmax_rows(scores, weights, rows, columns, head.scale, state);
+    softmax_rows(scores, weights, rows, weighed, head.scale, state);
     for (std::int64_t r = 0; first > 0 && r < rows; ++r) {
       const __m512 shrink = _mm512_set1_ps(state.shrink[r]);
       for (int v = 0; v < kVectors; ++v) {
@@ -147,9 +157,13 @@ ANIGEN_BF16 void attend_rows(const Bf16Keys& head, const std::uint16_t* q, std::
         _mm512_storeu_ps(place, _mm512_mul_ps(_mm512_loadu_ps(place), shrink));
       }
     }
-    bf16_rows<kVectors, true>([=](std::int64_t r) { return weights + r * kKeyBlock; },
-                              [=](std::int64_t r) { return sums + r * channels; }, rows, (keys + 1) / 2,
-                              head.values + first * channels);
+    const auto weights_of = [=](std::int64_t r) { return weights + r * kKeyBlock; };
+    const auto sums_of = [=](std::int64_t r) { return sums + r * channels; };
+    if (first == 0) {
+      bf16_rows<kVectors, false>(weights_of, sums_of, rows, (keys + 1) / 2, head.values);
+    } else {
+      bf16_rows<kVectors, true>(weights_of, sums_of, rows, (keys + 1) / 2, head.values + first * channels);
+    }
   }
   for (std::int64_t r = 0; r < rows; ++r) {
     // As the scores of a row that is not finite leave NaN here, they do everywhere.

@@ -19,16 +19,18 @@ bool bf16_attention_takes(std::int64_t channels);
 
 /// 16-bit numbers of packed keys, and as many of packed values.
 std::int64_t packed_bf16_size(std::int64_t count, std::int64_t channels);
-/// Panels of 64 keys, the last one of 32 or 64: [channels / 2, keys, 2] each, filled up with zeros.
+/// Panels of 64 keys, the last one of 16, 32, 48 or 64: [channels / 2, keys, 2] each, filled up with zeros.
 /// @param rows [count, channels], rows `stride` apart
 void pack_bf16_keys(const std::uint16_t* rows, std::int64_t stride, std::int64_t count, std::int64_t channels,
                     std::uint16_t* packed);
-/// [keys / 2, channels, 2], filled up with zeros to a multiple of 32 keys.
+/// [keys / 2, channels, 2], filled up with zeros to a multiple of 16 keys.
 void pack_bf16_values(const std::uint16_t* rows, std::int64_t stride, std::int64_t count, std::int64_t channels,
                       std::uint16_t* packed);
 
 /// Rows that attend_bf16 takes at most, and the floats of scratch it needs.
 inline constexpr std::int64_t kBf16QueryBlock = 96;
+/// Rows that are computed together: a multiple of it wastes nothing.
+inline constexpr std::int64_t kBf16QueryTile = 6;
 std::int64_t bf16_scratch_floats(std::int64_t channels);
 
 /// out[r, :] = softmax(scale q[r, :] keysᵀ) values, and the log-sum-exp of the scaled scores of each row. A row with

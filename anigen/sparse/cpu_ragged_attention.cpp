@@ -171,7 +171,10 @@ class CpuRaggedAttention : public torch::autograd::Function<CpuRaggedAttention> 
                         const Tensor& q_offsets, const Tensor& k_offsets) {
     RECORD_USER_SCOPE("attention: windows");
     const RaggedProblem problem(q, k, q_offsets, k_offsets);
-    const Tensor out = torch::zeros(q.sizes(), q.options());  // what queries without keys keep
+    const Tensor out = torch::empty(q.sizes(), q.options());
+    for (std::int64_t s = 0; s < problem.sequences; ++s) {
+      if (problem.keys(s) == 0) out.narrow(0, problem.q_offsets[s], problem.queries(s)).zero_();
+    }
     const Tensor log_sums = torch::empty({problem.heads, problem.rows}, torch::kFloat32);
     if (nn::prefers_bf16_attention(q)) {
       attend_ragged_bf16(problem, q, k, v, out, log_sums);

@@ -15,9 +15,13 @@ std::uint16_t* row_of(const Tensor& x, std::int64_t head, std::int64_t row) {
   return nn::bf16_bits(x) + head * x.stride(1) + row * x.stride(0);
 }
 
+// Queries of a task: a window of 8³ on a surface has up to 140 voxels.
+constexpr std::int64_t kTaskQueries = 192;
+constexpr std::int64_t kOwnKeys = 1024;  // as packed, 256 KiB with 64 channels
+
 // A sequence whose queries make one task: the task packs its keys itself, and they never leave the cache.
 bool is_one_task(const RaggedProblem& problem, std::int64_t sequence) {
-  return problem.queries(sequence) <= bf16::kBf16QueryBlock;
+  return problem.queries(sequence) <= kTaskQueries && problem.keys(sequence) <= kOwnKeys;
 }
 
 // Keys and values of one head of a sequence as the kernels read them.
@@ -71,6 +75,12 @@ std::int64_t longest_own(const RaggedProblem& problem) {
   return bf16::packed_bf16_size(longest, problem.channels);
 }
 
+// Queries that the kernels take at a time: about equally many each, in whole tiles.
+std::int64_t query_block(std::int64_t queries) {
+  const std::int64_t even = even_block(queries, bf16::kBf16QueryBlock), tile = bf16::kBf16QueryTile;
+  return (even + tile - 1) / tile * tile;
+}
+
 struct Scratch {
   explicit Scratch(const RaggedProblem& problem)
       : floats(torch::empty({bf16::bf16_scratch_floats(problem.channels)}, torch::kFloat32)),
@@ -87,17 +97,20 @@ void attend_ragged_bf16(const RaggedProblem& problem, const Tensor& q, const Ten
                         const Tensor& out, const Tensor& log_sums) {
   const PackedSequences packed(problem, k, v);
   for_each_task<Scratch>(
-      problem, ragged_tasks(problem, bf16::kBf16QueryBlock), [&](const RaggedTask& task, const Scratch& scratch) {
-        const std::int64_t row = problem.q_offsets[task.sequence] + task.first_query;
+      problem, ragged_tasks(problem, kTaskQueries), [&](const RaggedTask& task, const Scratch& scratch) {
         const bool own = is_one_task(problem, task.sequence);
+        const std::int64_t block = query_block(task.queries);
         for (std::int64_t head = task.first_head; head < task.first_head + task.heads; ++head) {
           if (own) pack(problem, k, v, task.sequence, head, scratch.own(0), scratch.own(1));
           const bf16::Bf16Keys keys{own ? scratch.own(0) : packed.place(0, task.sequence, head),
                                     own ? scratch.own(1) : packed.place(1, task.sequence, head),
                                     problem.keys(task.sequence), problem.channels, problem.scale};
-          bf16::attend_bf16(keys, row_of(q, head, row), q.stride(0), task.queries, row_of(out, head, row),
-                            out.stride(0), log_sums.data_ptr<float>() + head * problem.rows + row,
-                            scratch.floats.data_ptr<float>());
+          for (std::int64_t first = 0; first < task.queries; first += block) {
+            const std::int64_t row = problem.q_offsets[task.sequence] + task.first_query + first;
+            bf16::attend_bf16(keys, row_of(q, head, row), q.stride(0), std::min(block, task.queries - first),
+                              row_of(out, head, row), out.stride(0),
+                              log_sums.data_ptr<float>() + head * problem.rows + row, scratch.floats.data_ptr<float>());
+          }
         }
       });
 }

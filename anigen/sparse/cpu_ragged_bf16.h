@@ -4,7 +4,7 @@
 namespace anigen::sparse {
 
 /// The forward pass of cpu_ragged_attention() by the kernels for bf16, where nn::prefers_bf16_attention() says so.
-/// Holds a copy of k and v of sequences with more than 96 queries beside the arguments. The bits do not depend on the
+/// Holds a copy of k and v of sequences with more than 192 queries or 1,024 keys beside the arguments. The bits do not depend on the
 /// number of threads.
 /// @param q, k, v bf16, channels adjacent @param out [N, H, D] bf16, dense; rows of queries without keys are left alone
 /// @param log_sums [H, N] fp32

@@ -160,12 +160,14 @@ TEST(BlockedAttention, SixteenBitInputs) {
   }
 }
 
-// Whole panels of 64 keys, blocks of 256 and 96 queries, and not; every size of head that the kernels for bf16 know,
-// and one that they do not. Whatever the CPU has: without AVX512-BF16 this tests the way through fp32.
+// Whole panels of 64 keys and last ones of 16, 32 and 48, blocks of 256 and 96 queries, and not; every size of head
+// that the kernels for bf16 know, and one that they do not. Whatever the CPU has: without AVX512-BF16 this tests the
+// way through fp32.
 TEST(BlockedAttention, Bf16OfAllSizes) {
   for (const AttentionSizes& sizes :
        {AttentionSizes{2, 2, 96, 256, 16}, AttentionSizes{1, 3, 97, 1, 32}, AttentionSizes{1, 2, 192, 320, 48},
-        AttentionSizes{2, 1, 5, 777, 64}, AttentionSizes{1, 2, 100, 65, 64}, AttentionSizes{1, 1, 130, 600, 40}}) {
+        AttentionSizes{2, 1, 5, 777, 64}, AttentionSizes{1, 2, 100, 65, 64}, AttentionSizes{1, 1, 13, 40, 64},
+        AttentionSizes{1, 2, 7, 90, 32}, AttentionSizes{1, 1, 130, 600, 40}}) {
     SCOPED_TRACE(testing::Message() << sizes);
     AttentionCase rounded(sizes);
     for (Tensor* x : {&rounded.q, &rounded.k, &rounded.v, &rounded.direction}) {

@@ -157,7 +157,8 @@ TEST(RaggedAttention, NoRowsAtAll) {
 
 TEST(RaggedAttention, SixteenBitInputs) {
   for (const RaggedSizes& sizes :
-       {RaggedSizes{2, 16, {140, 30, 1}, {270, 30, 2}}, RaggedSizes{3, 64, {97, 4, 33, 1}, {64, 0, 100, 513}}}) {
+       {RaggedSizes{2, 16, {140, 30, 1}, {270, 30, 2}}, RaggedSizes{3, 64, {97, 4, 33, 1}, {64, 0, 100, 513}},
+        RaggedSizes{1, 32, {200, 5, 190}, {40, 1030, 80}}}) {
     const RaggedCase c(sizes);
     for (const auto& [dtype, digits] : {std::pair(torch::kBFloat16, 8), std::pair(torch::kHalf, 11)}) {
       // The inputs are rounded first, so that only our own rounding counts: of the result, and of what is saved.
