@@ -23,9 +23,9 @@ using namespace anigen;
 struct EvalOptions {
   std::vector<std::string> predictions, splits, category_splits, lpips_weights;
   std::string truth, out, skin_ae, skins;
-  std::string normalization = "centroid-rms", prediction_axes = "format", truth_axes = "format", worst_by;
+  std::string normalization = "centroid-rms", prediction_axes = "format", truth_axes = "format", worst_by, motion;
   std::vector<std::string> groups;
-  std::size_t pictured = 4;
+  std::size_t pictured = 4, motions_pictured = 0;
   int workers = 0;
   bool no_icp = false, point_to_plane = false, no_resume = false, no_report = false;
   eval::PairSettings settings;
@@ -118,6 +118,8 @@ void evaluate_shapes(const EvalOptions& options, const CommonOptions& common) {
   request.report = !options.no_report;
   request.pictured = options.pictured;
   request.worst_by = options.worst_by;
+  request.motion = options.motion;
+  request.motions_pictured = options.motions_pictured;
   const eval::Comparison comparison = eval::run_evaluation(request);
   std::fputs(common.json ? (eval::to_json(comparison).dump(2) + "\n").c_str() : eval::to_markdown(comparison).c_str(),
              stdout);
@@ -170,6 +172,9 @@ void run(const EvalOptions& options, const CommonOptions& common) {
                        "compares rigged shapes; --skin-ae and --skins evaluate weights: one or the other");
     return evaluate_shapes(options, common);
   }
+  if (!options.motion.empty() || options.motions_pictured > 0)
+    throw InputError("", options.motion.empty() ? "--motion-pictures" : "--motion",
+                     "moves rigged shapes: it needs --pred");
   if (!options.lpips_weights.empty())
     throw InputError("", "--lpips-weights", "compares pictures of rigged shapes: it needs --pred");
   if (options.truth.empty()) throw InputError("", "--gt", "which ground truth? A file, a folder or a dataset");
@@ -192,7 +197,7 @@ void add_shape_options(CLI::App& app, EvalOptions& options) {
       ->capture_default_str()
       ->group(group);
   app.add_flag("--exhaustive", icp.exhaustive, "Refine every start, without pruning")->group(group);
-  app.add_option("--metrics", options.groups, "Only these: skeleton, transport, skin, surface, image, anymate")
+  app.add_option("--metrics", options.groups, "Only these: skeleton, transport, skin, motion, surface, image, anymate")
       ->delimiter(',')
       ->group(group);
   app.add_option("--category-split", options.category_splits,
@@ -213,6 +218,21 @@ void add_shape_options(CLI::App& app, EvalOptions& options) {
       ->type_name("FILE [FILE]")
       ->group(group);
   app.add_option("--poses", options.settings.poses, "Poses of the deformation error")
+      ->capture_default_str()
+      ->group(group);
+  app.add_option(
+         "--motion", options.motion,
+         "Motion that every ground truth is given, and its predictions with it: a .bvh, or a clip of a rigged "
+         ".glb, .gltf, .fbx or .dae (FILE#CLIP). Without, the first clip of the ground truth itself; without one, "
+         "random poses")
+      ->type_name("FILE[#CLIP]")
+      ->group(group);
+  app.add_option("--motion-frames", options.settings.motion_frames, "Frames of a motion that are compared")
+      ->capture_default_str()
+      ->group(group);
+  app.add_option("--motion-pictures", options.motions_pictured,
+                 "Assets to draw in motion, ground truth beside every prediction: in the report, and as frames and GLB "
+                 "in OUT/motion")
       ->capture_default_str()
       ->group(group);
   app.add_option("--workers", options.workers, "Pairs evaluated at once; without, as many as --threads")
@@ -253,6 +273,7 @@ int main(int argc, char** argv) {
       "  anigen-eval --pred ours=generated/ --pred unirig=other/ --gt articulation_xlv2_test.npz --split test.txt "
       "--out "
       "results\n"
+      "  anigen-eval --pred a=one/ --pred b=two/ --gt rigs/ --out results --motion walk.bvh --motion-pictures 3\n"
       "  anigen-eval --pred pairs.csv --out results          (CSV with columns pred, gt and perhaps id)\n"
       "  anigen-eval --skin-ae runs/skin_ae --gt data --split data/splits/test.txt --out results\n"
       "  anigen-eval --gt data --out results                 (skinning baselines only)\n"

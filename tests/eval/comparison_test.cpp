@@ -73,6 +73,8 @@ TEST(Comparison, FilesHaveTheDocumentedKeys) {
                           "skin_l2",
                           "skin_kl",
                           "deformation_error",
+                          "motion_distance",
+                          "motion_distance_rest",
                           "surface_chamfer",
                           "fscore",
                           "normal_consistency",

@@ -30,9 +30,10 @@ TEST(PairEvaluation, AShapeIsAtNoDistanceFromItself) {
   const io::RiggedShape shape = test::rigged_walker();
   const PairResult result = evaluate_pair(shape, shape, quick());
   expect_complete(result);
-  for (const char* key : {"j2j", "j2b", "b2b", "wasserstein", "gromov_wasserstein", "fused_gromov_wasserstein",
-                          "skin_l1", "skin_l2", "deformation_error", "surface_chamfer", "rignet.b2b", "unirig.b2b",
-                          "puppeteer.b2b", "joint_count_error", "tree_edit_distance", "anymate_cd"})
+  for (const char* key :
+       {"j2j", "j2b", "b2b", "wasserstein", "gromov_wasserstein", "fused_gromov_wasserstein", "skin_l1", "skin_l2",
+        "deformation_error", "motion_distance", "motion_distance_rest", "surface_chamfer", "rignet.b2b", "unirig.b2b",
+        "puppeteer.b2b", "joint_count_error", "tree_edit_distance", "anymate_cd"})
     EXPECT_NEAR(result.value(key), 0.0, 1e-6) << key;
   for (const char* key :
        {"fscore", "normal_consistency", "rignet.iou", "connectivity_precision", "skin_precision", "skin_cos", "ssim"})
@@ -115,6 +116,9 @@ TEST(PairSettings, NamesWhatIsOutOfRange) {
   settings.poses = 0;
   EXPECT_THROW(check(settings), InputError);
   settings = {};
+  settings.motion_frames = 0;
+  EXPECT_THROW(check(settings), InputError);
+  settings = {};
   EXPECT_NO_THROW(check(settings));
 }
 
@@ -131,6 +135,15 @@ TEST(Fingerprint, ChangesWithEverythingThatIsMeasured) {
   changed = shape;
   changed.skin.influences[0].weight *= 0.99f;
   EXPECT_NE(fingerprint(changed), before);
+  changed = shape;
+  io::RigClips clips{skeleton_from_joints(shape.joints.positions, shape.joints.parents), {}};
+  clips.animations.push_back({"nod", {{1, ChannelPath::kRotation, Interpolation::kLinear, {0.0}, {0, 0, 0, 1}}}});
+  changed.clips = std::make_shared<io::RigClips>(clips);
+  const std::uint64_t with_clip = fingerprint(changed);
+  EXPECT_NE(with_clip, before);
+  clips.animations[0].channels[0].values = {1, 0, 0, 0};
+  changed.clips = std::make_shared<io::RigClips>(clips);
+  EXPECT_NE(fingerprint(changed), with_clip);
   changed = shape;
   std::swap(changed.mesh.faces[0], changed.mesh.faces[1]);
   EXPECT_NE(fingerprint(changed), before);

@@ -92,6 +92,15 @@ std::string pictures(const Comparison& comparison, const ComparisonReportOptions
   return text;
 }
 
+std::string motions(const std::vector<MotionStrip>& strips) {
+  if (strips.empty()) return "";
+  std::string text =
+      "<h2>The same motion</h2>\n<p class=\"hint\">Ground truth and predictions at the same times, each in the colours "
+      "of its own joints; drag to move by hand.</p>\n";
+  for (const MotionStrip& strip : strips) text += motion_html(strip);
+  return text;
+}
+
 std::string settings_html(const Json& settings) {
   return "<details><summary>Settings, seeds, versions</summary><pre>" + html_escaped(settings.dump(2)) +
          "</pre></details>\n";
@@ -104,12 +113,17 @@ std::string section(const std::string& title, const Table& table) {
 
 }  // namespace
 
+std::vector<std::size_t> worst_first(const Comparison& comparison, std::size_t method, const std::string& worst_by) {
+  return worst_first(comparison, method, ordering_metric(comparison, worst_by));
+}
+
 std::string comparison_report(const Comparison& comparison, const ComparisonReportOptions& options) {
   const MetricInfo* metric = ordering_metric(comparison, options.worst_by);
   std::string html = page_begin(options.title) + settings_html(comparison.settings);
   html += section(std::to_string(comparison.ids.size()) + " ground truths",
                   method_table(comparison, present_metrics(comparison, true)));
   html += section("Differences to " + comparison.methods[0], difference_table(comparison));
+  html += motions(options.motions);
   html += pictures(comparison, options, metric);
   html += "<h2>All assets</h2>\n<p class=\"hint\">Worst first" +
           (metric == nullptr ? "" : " by " + html_escaped(metric->label)) + "; click a column to sort.</p>\n" +

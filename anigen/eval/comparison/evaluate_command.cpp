@@ -1,6 +1,9 @@
 #include "anigen/eval/comparison/evaluate_command.h"
 
+#include <algorithm>
+#include <optional>
 #include <set>
+#include <utility>
 
 #include "anigen/core/atomic_file.h"
 #include "anigen/core/error.h"
@@ -8,8 +11,11 @@
 #include "anigen/core/version.h"
 #include "anigen/eval/comparison/comparison_files.h"
 #include "anigen/eval/comparison/comparison_report.h"
+#include "anigen/eval/comparison/file_name.h"
+#include "anigen/eval/comparison/motion_pictures.h"
 #include "anigen/eval/comparison/run_comparison.h"
 #include "anigen/eval/inputs/pairs.h"
+#include "anigen/eval/motion/motion_file.h"
 #include "anigen/io/rigs/split.h"
 
 namespace anigen::eval {
@@ -86,13 +92,52 @@ ComparedShapes shapes_of(const std::vector<ComparedMethod>& methods, const Compa
   throw InputError("", comparison.ids[asset], "has no prediction to show");
 }
 
-void write(const Comparison& comparison, const EvaluationRequest& request, const std::vector<ComparedMethod>& methods) {
+/// One asset of every method, in the truth's motion.
+MotionStrip draw_motion(const std::vector<ComparedMethod>& methods, const Comparison& comparison, std::size_t asset,
+                        const ComparisonRun& run, const fs::path& folder) {
+  MotionStrip strip;
+  strip.id = comparison.ids[asset];
+  try {
+    std::vector<MotionRow> rows;
+    for (std::size_t m = 0; m < methods.size(); ++m) {
+      rows.push_back({comparison.methods[m], std::nullopt});
+      if (comparison.results[m][asset].failure.empty())
+        rows.back().shapes = shapes_of(methods, comparison, m, asset, run.settings);
+    }
+    const std::vector<MovingRig> rigs = moving_rigs(rows, run.settings, run.motion);
+    constexpr int kSize = 224;  // five beside each other fit on a page of the report
+    strip.frames = motion_frames(rigs, kSize);
+    write_motion(folder / file_name(strip.id), rigs, strip.frames);
+  } catch (const InputError& error) {
+    strip.problem = error.what();
+  }
+  return strip;
+}
+
+std::vector<MotionStrip> draw_motions(const std::vector<ComparedMethod>& methods, const Comparison& comparison,
+                                      const EvaluationRequest& request, const ComparisonRun& run) {
+  std::vector<MotionStrip> strips;
+  if (request.motions_pictured == 0) return strips;
+  std::vector<std::size_t> assets = worst_first(comparison, 0, request.worst_by);
+  // An asset that the first method failed on may still have nothing to show: those come last.
+  std::stable_partition(assets.begin(), assets.end(),
+                        [&](std::size_t i) { return comparison.results[0][i].failure.empty(); });
+  assets.resize(std::min(assets.size(), request.motions_pictured));
+  for (const std::size_t asset : assets)
+    strips.push_back(draw_motion(methods, comparison, asset, run, request.out / "motion"));
+  return strips;
+}
+
+void write(const Comparison& comparison, const EvaluationRequest& request, const std::vector<ComparedMethod>& methods,
+           const ComparisonRun& run) {
   write_file_atomically(request.out / "metrics.json", to_json(comparison).dump(2) + "\n");
   write_file_atomically(request.out / "metrics.csv", to_csv(to_csv_table(comparison)));
   write_file_atomically(request.out / "table.md", to_markdown(comparison));
   write_file_atomically(request.out / "table.tex", to_latex(comparison));
+  std::vector<MotionStrip> motions = draw_motions(methods, comparison, request, run);
   if (!request.report) return;
   ComparisonReportOptions report;
+  report.motions = std::move(motions);
   report.pictured = request.pictured;
   report.worst_by = request.worst_by;
   report.shapes = [&](std::size_t method, std::size_t asset) {
@@ -126,6 +171,12 @@ Comparison run_evaluation(const EvaluationRequest& request) {
   run.settings = request.settings;
   if (categories) run.settings.categories = categories->describe();
   run.categories = categories.get();
+  MotionFile motion;
+  if (!request.motion.empty()) {
+    motion = read_motion(request.motion, request.settings.motion_frames);
+    run.motion = &motion.motion;
+    run.settings.motion = motion.described;
+  }
   run.perceptual = request.perceptual;
   run.cache = request.out / "pairs";
   run.resume = request.resume;
@@ -137,7 +188,7 @@ Comparison run_evaluation(const EvaluationRequest& request) {
   Json splits = Json::array();
   for (const fs::path& split : request.splits) splits.push_back(split.string());
   comparison.settings["splits"] = splits;
-  write(comparison, request, opened.methods);
+  write(comparison, request, opened.methods, run);
   return comparison;
 }
 

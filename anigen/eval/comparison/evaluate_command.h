@@ -27,11 +27,14 @@ struct EvaluationRequest {
   bool resume = true;
   bool report = true;
   std::size_t pictured = 6;
+  std::string motion;                ///< FILE or FILE#CLIP that every truth moves by (read_motion()); empty: its own
+  std::size_t motions_pictured = 0;  ///< assets drawn in motion: into out/motion and the report
   std::string worst_by;
 };
 
 /// Evaluates and writes metrics.json, metrics.csv, table.md, table.tex and report.html into request.out; results of
-/// single pairs lie under out/pairs, from where an interrupted run goes on.
+/// single pairs lie under out/pairs, from where an interrupted run goes on. Pictures of motions
+/// and the rigs with their clips go to out/motion/<asset>.
 /// @return what was written @throws InputError for what is wrong with the request; what is wrong with one asset is
 /// that asset's row
 Comparison run_evaluation(const EvaluationRequest& request);

@@ -34,7 +34,7 @@ for(const table of document.querySelectorAll('table.sortable')){
  }));
 })";
 
-// A turntable is a strip of views; dragging picks one.
+// A turntable is a strip of views; dragging picks one. A motion is one of frames that also plays, until it is touched.
 constexpr const char kTurn[] = R"(
 for(const turn of document.querySelectorAll('.turn')){
  const views=+turn.dataset.views,height=turn.clientHeight;let view=0,from=null;
@@ -43,6 +43,8 @@ for(const turn of document.querySelectorAll('.turn')){
  turn.addEventListener('pointermove',e=>{if(!from)return;
   view=((Math.round(from[1]+(e.clientX-from[0])/24)%views)+views)%views;show();});
  turn.addEventListener('pointerup',()=>from=null);
+ if(turn.dataset.play){const timer=setInterval(()=>{view=(view+1)%views;show();},1000/turn.dataset.play);
+  turn.addEventListener('pointerdown',()=>clearInterval(timer));}
 })";
 
 // Two shapes side by side in one WebGL 2 canvas under one camera: positions are 16-bit in the box [-1, 1], normals come

@@ -1,7 +1,6 @@
 #include "anigen/eval/comparison/run_comparison.h"
 
 #include <algorithm>
-#include <cctype>
 #include <map>
 
 #include "anigen/core/atomic_file.h"
@@ -13,6 +12,7 @@
 #include "anigen/core/progress.h"
 #include "anigen/core/random.h"
 #include "anigen/core/version.h"
+#include "anigen/eval/comparison/file_name.h"
 #include "anigen/eval/pair/fingerprint.h"
 #include "anigen/eval/pair/pair_evaluation.h"
 
@@ -20,16 +20,6 @@ namespace anigen::eval {
 namespace {
 
 namespace fs = std::filesystem;
-
-/// A file name that any system takes, and that no two ids share.
-std::string file_name(const std::string& text) {
-  std::string name;
-  for (const char c : text.substr(0, 60))
-    name += std::isalnum(static_cast<unsigned char>(c)) || c == '-' || c == '_' ? c : '_';
-  char hash[20];
-  std::snprintf(hash, sizeof hash, "-%08x", static_cast<unsigned>(stable_hash(text)));
-  return name + hash;
-}
 
 /// What a saved result is valid for.
 std::string stamp(const PairSettings& settings, const CategoryQuestion& category, const io::RiggedShape& predicted,
@@ -67,7 +57,7 @@ PairResult evaluate(const PairPlan& pair, const ComparedMethod& method, const Co
       result.id = pair.id;
       return result;
     }
-    result = evaluate_pair(predicted, truth, run.settings, run.perceptual, category);
+    result = evaluate_pair(predicted, truth, run.settings, run.perceptual, category, run.motion);
     result.id = pair.id;
     Json json = to_json(result);
     json["stamp"] = wanted;
@@ -88,6 +78,8 @@ Comparison run_comparison(const std::vector<ComparedMethod>& methods, const Comp
     throw Error("a perceptual distance and its description belong together: saved results are told apart by it");
   if ((run.categories == nullptr) != run.settings.categories.is_null())
     throw Error("references of categories and their description belong together: saved results are told apart by it");
+  if ((run.motion == nullptr) != run.settings.motion.is_null())
+    throw Error("a motion and its description belong together: saved results are told apart by it");
   Comparison comparison;
   comparison.seed = run.settings.seed;
   for (const PairPlan& pair : methods[0].pairs) comparison.ids.push_back(pair.id);

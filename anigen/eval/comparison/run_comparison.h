@@ -7,6 +7,7 @@
 #include "anigen/eval/comparison/comparison.h"
 #include "anigen/eval/image/views.h"
 #include "anigen/eval/inputs/pairs.h"
+#include "anigen/eval/motion/motion.h"
 #include "anigen/eval/pair/pair_settings.h"
 #include "anigen/eval/surface/category_references.h"
 #include "anigen/io/rigs/shape_source.h"
@@ -24,8 +25,9 @@ struct ComparisonRun {
   PairSettings settings;
   PerceptualDistance perceptual;  ///< LPIPS of two pictures, called from several threads; settings.lpips describes it
   const CategoryReferences* categories = nullptr;  ///< settings.categories describes them
-  std::filesystem::path cache;  ///< results of pairs, one file each: an interrupted run goes on from there
-  bool resume = true;           ///< false: compute everything again
+  const Motion* motion = nullptr;  ///< that every truth is given in place of its own; settings.motion describes it
+  std::filesystem::path cache;     ///< results of pairs, one file each: an interrupted run goes on from there
+  bool resume = true;              ///< false: compute everything again
 };
 
 /// Evaluates every pair of every method, several at once (set_thread_count). Rows are those of the first method;

@@ -14,6 +14,25 @@ std::uint64_t hash_of(const std::vector<T>& values, std::uint64_t seed) {
   return stable_hash({reinterpret_cast<const char*>(values.data()), values.size() * sizeof(T)}, counted);
 }
 
+std::uint64_t hash_of(const io::RigClips& clips, std::uint64_t hash) {
+  const auto add = [&hash](const double* values, Eigen::Index count) {
+    hash = hash_of(std::vector<double>(values, values + count), hash);
+  };
+  for (std::size_t j = 0; j < clips.skeleton.size(); ++j) {
+    add(clips.skeleton.bind[j].data(), 16);
+    add(clips.skeleton.rest[j].matrix().eval().data(), 16);
+  }
+  for (const Animation& animation : clips.animations) {
+    hash = stable_hash(animation.name, hash);
+    for (const Channel& channel : animation.channels) {
+      const std::vector<int> kind = {channel.joint, static_cast<int>(channel.path),
+                                     static_cast<int>(channel.interpolation)};
+      hash = hash_of(channel.values, hash_of(channel.times, hash_of(kind, hash)));
+    }
+  }
+  return hash;
+}
+
 }  // namespace
 
 std::uint64_t fingerprint(const io::RiggedShape& shape) {
@@ -35,7 +54,7 @@ std::uint64_t fingerprint(const io::RiggedShape& shape) {
     hash = hash * 1099511628211ULL ^ static_cast<std::uint64_t>(influence.joint);
     hash = stable_hash({reinterpret_cast<const char*>(&influence.weight), sizeof influence.weight}, hash);
   }
-  return hash;
+  return shape.clips == nullptr ? hash : hash_of(*shape.clips, hash);
 }
 
 }  // namespace anigen::eval

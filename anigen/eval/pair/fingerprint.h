@@ -5,8 +5,8 @@
 
 namespace anigen::eval {
 
-/// A hash of everything metrics look at: geometry, skeleton, weights, colours. Two files with the same content agree;
-/// a prediction that was made again differs, so that no saved result outlives its input.
+/// A hash of everything metrics look at: geometry, skeleton, weights, colours, clips. Two files with the same content
+/// agree; a prediction that was made again differs, so that no saved result outlives its input.
 std::uint64_t fingerprint(const io::RiggedShape& shape);
 
 }  // namespace anigen::eval

@@ -21,6 +21,8 @@ const std::vector<MetricInfo>& metric_table() {
       {"skin_ce", "skin CE", kLow, "nats", "skin", false},
       {"skin_cos", "skin cos", kHigh, "1", "skin", false},
       {"skin_mae", "skin MAE", kLow, "mean over joints", "skin", false},
+      {"motion_distance", "motion", kLow, "box", "motion", true},
+      {"motion_distance_rest", "motion at rest", kLow, "box", "motion", false},
       {"surface_chamfer", "Chamfer", kLow, "box", "surface", true},
       {"fscore", "F 0.05", kHigh, "1", "surface", true},
       {"fscore_001", "F 0.01", kHigh, "1", "surface", false},

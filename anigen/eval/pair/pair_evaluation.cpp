@@ -70,6 +70,11 @@ std::string missing_surface(const ComparedShapes& shapes) {
   return "";
 }
 
+std::string missing_to_move(const ComparedShapes& shapes) {
+  const std::string missing = missing_skin(shapes);
+  return missing.empty() ? missing_surface(shapes) : missing;
+}
+
 /// One group that cannot be computed leaves the others alone.
 void add_group(const std::string& group, const std::string& missing, const std::function<void()>& add,
                PairResult& result) {
@@ -101,7 +106,7 @@ ComparedShapes bring_together(const io::RiggedShape& predicted, const io::Rigged
 }
 
 PairResult evaluate_pair(const io::RiggedShape& predicted, const io::RiggedShape& truth, const PairSettings& settings,
-                         const PerceptualDistance& perceptual, const CategoryQuestion& category) {
+                         const PerceptualDistance& perceptual, const CategoryQuestion& category, const Motion* motion) {
   const auto started = std::chrono::steady_clock::now();
   PairResult result;
   result.id = truth.id;
@@ -135,6 +140,9 @@ PairResult evaluate_pair(const io::RiggedShape& predicted, const io::RiggedShape
         },
         result);
   }
+  if (settings.wants("motion"))
+    add_group(
+        "motion", missing_to_move(shapes), [&] { add_motion_metrics(shapes, settings, motion, result); }, result);
   if (settings.wants("surface"))
     add_group(
         "surface", no_surface,

@@ -16,6 +16,9 @@ void add_anymate_metrics(const ComparedShapes& shapes, PairResult& result);
 /// Weights moved to the true vertices, joints matched by matching_plan(); deformation error.
 void add_skin_metrics(const ComparedShapes& shapes, const Eigen::MatrixXd& plan, const PairSettings& settings,
                       PairResult& result);
+/// Both meshes in the truth's motion. @param given a motion for the truth in place of its own; null: its own
+void add_motion_metrics(const ComparedShapes& shapes, const PairSettings& settings, const Motion* given,
+                        PairResult& result);
 void add_surface_metrics(const ComparedShapes& shapes, const PairSettings& settings, PairResult& result);
 /// Whether the prediction most resembles a reference of its truth's category.
 void add_category(const ComparedShapes& shapes, const CategoryQuestion& question, PairResult& result);

@@ -28,9 +28,11 @@ Json to_json(const PairSettings& settings) {
   json["surface_samples"] = settings.surface_samples;
   json["image_size"] = settings.image_size;
   json["poses"] = settings.poses;
+  json["motion_frames"] = settings.motion_frames;
   json["groups"] = settings.groups;
   json["lpips"] = settings.lpips;
   json["categories"] = settings.categories;
+  json["motion"] = settings.motion;
   return json;
 }
 
@@ -49,6 +51,8 @@ void check(const PairSettings& settings) {
   if (settings.image_size < 16 || settings.image_size > 4096)
     throw InputError("", "image size", "must be in 16 … 4096 pixels");
   if (settings.poses < 1 || settings.poses > 10000) throw InputError("", "poses", "must be in 1 … 10000");
+  if (settings.motion_frames < 1 || settings.motion_frames > 10000)
+    throw InputError("", "frames of a motion", "must be in 1 … 10000");
 }
 
 }  // namespace anigen::eval

@@ -13,10 +13,11 @@ struct PairSettings {
   AlignmentOptions alignment;
   std::uint64_t seed = 0;  ///< of samples, starting rotations, poses
   std::size_t surface_samples = 100000;
-  int image_size = 512;  ///< pixels of the views that PSNR, SSIM and LPIPS compare
-  int poses = 10;        ///< of the deformation error
-  /// What to compute, of the six groups of docs/metrics.md.
-  std::set<std::string> groups = {"skeleton", "transport", "skin", "surface", "image", "anymate"};
+  int image_size = 512;    ///< pixels of the views that PSNR, SSIM and LPIPS compare
+  int poses = 10;          ///< of the deformation error
+  int motion_frames = 12;  ///< of a clip or pose sequence that motion_distance looks at
+  /// What to compute, of the seven groups of docs/metrics.md.
+  std::set<std::string> groups = {"skeleton", "transport", "skin", "surface", "image", "motion", "anymate"};
 
   /// Which network and weights LPIPS is computed with; null: not computed. It stands here so that no saved result
   /// outlives its weights.
@@ -24,6 +25,10 @@ struct PairSettings {
   /// CategoryReferences::describe() of those that predictions are sorted by; null: not sorted. It stands here for the
   /// same reason.
   Json categories;
+
+  /// MotionFile::described of the motion that every truth is given; null: each has its own. It stands here for the same
+  /// reason.
+  Json motion;
 
   bool wants(const std::string& group) const { return groups.count(group) > 0; }
 };

@@ -9,76 +9,11 @@
 #include "anigen/core/error.h"
 #include "anigen/core/numeric.h"
 #include "anigen/core/random.h"
+#include "anigen/eval/skin/posing.h"
 #include "anigen/eval/skin/skin_matching.h"
 
 namespace anigen::eval {
 namespace {
-
-/// x ↦ turn · x + shift
-struct Motion {
-  Eigen::Matrix3d turn = Eigen::Matrix3d::Identity();
-  Eigen::Vector3d shift = Eigen::Vector3d::Zero();
-};
-
-std::vector<int> parents_first(const io::JointTree& tree) {
-  std::vector<std::vector<int>> children(tree.size());
-  std::vector<int> order = roots(tree);
-  for (std::size_t j = 0; j < tree.size(); ++j) {
-    if (tree.parents[j] >= 0) children[at(tree.parents[j])].push_back(static_cast<int>(j));
-  }
-  for (std::size_t i = 0; i < order.size(); ++i) {
-    const std::vector<int>& next = children[at(order[i])];
-    order.insert(order.end(), next.begin(), next.end());
-  }
-  return order;
-}
-
-/// One rotation per joint. Every joint takes the same number of draws.
-std::vector<Eigen::Matrix3d> random_rotations(std::size_t joints, const DeformationOptions& options, int pose) {
-  Rng rng(options.seed, "deformation", static_cast<std::uint64_t>(pose));
-  std::vector<Eigen::Matrix3d> rotations(joints, Eigen::Matrix3d::Identity());
-  for (Eigen::Matrix3d& rotation : rotations) {
-    const bool turns = rng.chance(options.probability);
-    const double z = rng.uniform(-1.0, 1.0), longitude = rng.uniform(0.0, 2.0 * kPi);
-    const double angle = rng.uniform() * options.largest_angle_deg * kPi / 180.0;
-    if (!turns) continue;
-    const double radius = std::sqrt(1.0 - z * z);
-    const Eigen::Vector3d axis(radius * std::cos(longitude), radius * std::sin(longitude), z);
-    rotation = Eigen::AngleAxisd(angle, axis).toRotationMatrix();
-  }
-  return rotations;
-}
-
-/// Rest to posed, given world orientations.
-std::vector<Motion> motions(const io::JointTree& tree, const std::vector<int>& order,
-                            const std::vector<Eigen::Matrix3d>& orientations) {
-  std::vector<Motion> result(tree.size());
-  std::vector<Eigen::Vector3d> posed(tree.positions);
-  for (const int j : order) {
-    const int parent = tree.parents[at(j)];
-    if (parent >= 0) {
-      posed[at(j)] =
-          posed[at(parent)] + orientations[at(parent)] * (tree.positions[at(j)] - tree.positions[at(parent)]);
-    }
-    result[at(j)].turn = orientations[at(j)];
-    result[at(j)].shift = posed[at(j)] - orientations[at(j)] * tree.positions[at(j)];
-  }
-  return result;
-}
-
-Eigen::Vector3d skinned(const Eigen::Vector3d& vertex, const SkinWeights& skin, std::size_t v,
-                        const std::vector<Motion>& joints) {
-  if (skin.row_size(v) == 0) return joints[0].turn * vertex + joints[0].shift;
-  Eigen::Vector3d sum = Eigen::Vector3d::Zero();
-  double weights = 0;
-  for (std::size_t i = 0; i < skin.row_size(v); ++i) {
-    const Influence& influence = skin.row(v)[i];
-    const Motion& motion = joints[at(influence.joint)];
-    sum += static_cast<double>(influence.weight) * (motion.turn * vertex + motion.shift);
-    weights += static_cast<double>(influence.weight);
-  }
-  return sum / weights;  // weights in single precision sum to 1 only to 1e-7
-}
 
 /// Both rigs in the poses of the true one.
 class PosedRigs {
@@ -93,7 +28,7 @@ class PosedRigs {
         predicted_order_(parents_first(predicted)) {}
 
   /// Of the true and of the predicted joints.
-  std::pair<std::vector<Motion>, std::vector<Motion>> motions_of(int pose) const {
+  std::pair<std::vector<RigidMotion>, std::vector<RigidMotion>> motions_of(int pose) const {
     std::vector<Eigen::Matrix3d> orientations = random_rotations(truth_.size(), options_, pose);
     for (const int j : order_) {
       const int parent = truth_.parents[at(j)];
@@ -101,7 +36,8 @@ class PosedRigs {
     }
     std::vector<Eigen::Matrix3d> predicted_orientations;
     for (const int k : match_) predicted_orientations.push_back(orientations[at(k)]);
-    return {motions(truth_, order_, orientations), motions(predicted_, predicted_order_, predicted_orientations)};
+    return {rigid_motions(truth_, order_, orientations),
+            rigid_motions(predicted_, predicted_order_, predicted_orientations)};
   }
 
  private:
@@ -109,13 +45,6 @@ class PosedRigs {
   const DeformationOptions& options_;
   std::vector<int> match_, order_, predicted_order_;
 };
-
-std::vector<Eigen::Vector3f> posed_vertices(const io::RiggedShape& shape, const std::vector<Motion>& joints) {
-  std::vector<Eigen::Vector3f> posed;
-  for (std::size_t v = 0; v < shape.mesh.vertices.size(); ++v)
-    posed.push_back(skinned(shape.mesh.vertices[v].cast<double>(), shape.skin, v, joints).cast<float>());
-  return posed;
-}
 
 std::vector<Eigen::Vector3d> in_double(const std::vector<Eigen::Vector3f>& points) {
   std::vector<Eigen::Vector3d> result;
@@ -159,6 +88,21 @@ void check_input(const std::vector<Eigen::Vector3d>& vertices, const io::JointTr
 }
 
 }  // namespace
+
+std::vector<Eigen::Matrix3d> random_rotations(std::size_t joints, const DeformationOptions& options, int pose) {
+  Rng rng(options.seed, "deformation", static_cast<std::uint64_t>(pose));
+  std::vector<Eigen::Matrix3d> rotations(joints, Eigen::Matrix3d::Identity());
+  for (Eigen::Matrix3d& rotation : rotations) {
+    const bool turns = rng.chance(options.probability);
+    const double z = rng.uniform(-1.0, 1.0), longitude = rng.uniform(0.0, 2.0 * kPi);
+    const double angle = rng.uniform() * options.largest_angle_deg * kPi / 180.0;
+    if (!turns) continue;
+    const double radius = std::sqrt(1.0 - z * z);
+    const Eigen::Vector3d axis(radius * std::cos(longitude), radius * std::sin(longitude), z);
+    rotation = Eigen::AngleAxisd(angle, axis).toRotationMatrix();
+  }
+  return rotations;
+}
 
 DeformationError deformation_error(const std::vector<Eigen::Vector3d>& vertices, const io::JointTree& truth,
                                    const SkinWeights& truth_skin, const io::JointTree& predicted,

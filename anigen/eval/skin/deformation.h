@@ -16,6 +16,10 @@ struct DeformationOptions {
   std::uint64_t seed = 0;
 };
 
+/// The local rotations of one pose, one per joint; every joint takes the same number of draws of
+/// Rng(seed, "deformation", pose), whether it turns or not. @pre options in range
+std::vector<Eigen::Matrix3d> random_rotations(std::size_t joints, const DeformationOptions& options, int pose);
+
 /// Distances between vertices posed by the true rig and by the predicted one, in the unit of the input.
 struct DeformationError {
   double mean = 0;  ///< over poses and vertices

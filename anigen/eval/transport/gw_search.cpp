@@ -11,6 +11,7 @@
 #include "anigen/eval/transport/entropic_gromov_wasserstein.h"
 #include "anigen/eval/transport/gw_descent.h"
 #include "anigen/eval/transport/gw_lower_bound.h"
+#include "anigen/eval/transport/line_transport.h"
 #include "anigen/eval/transport/sinkhorn.h"
 
 namespace anigen::eval {

@@ -15,6 +15,9 @@ void turn(RiggedShape& shape, int sign) {
   turn(shape.mesh.vertices, sign);
   turn(shape.mesh.normals, sign);
   turn(shape.joints.positions, sign);
+  Eigen::Matrix3d quarter;
+  quarter << 1, 0, 0, 0, 0, -sign, 0, sign, 0;
+  shape.clips_turn = quarter * shape.clips_turn;
 }
 
 }  // namespace

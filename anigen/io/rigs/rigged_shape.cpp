@@ -12,7 +12,9 @@ RiggedShape rigged_shape(Asset asset, const std::string& id, const std::string& 
   shape.id = id;
   shape.file = file;
   shape.joints = joint_tree(asset.skeleton);
-  shape.joint_names = std::move(asset.skeleton.names);
+  shape.joint_names = asset.skeleton.names;
+  if (!asset.animations.empty())
+    shape.clips = std::make_shared<RigClips>(RigClips{std::move(asset.skeleton), std::move(asset.animations)});
   shape.mesh = std::move(asset.mesh);
   shape.materials = std::move(asset.materials);
   shape.images = std::move(asset.images);
