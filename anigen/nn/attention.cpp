@@ -3,6 +3,8 @@
 #include <cmath>
 #include <vector>
 
+#include "anigen/nn/ragged_attention.h"
+
 namespace anigen::nn {
 namespace {
 
@@ -11,21 +13,9 @@ void check(const AttentionOptions& options) {
               " channels cannot have ", options.num_heads, " heads");
 }
 
-// [..., N, parts·h·d] → parts tensors [..., h, N, d].
+// [ΣN, parts·h·d] → views [ΣN, h, d] of the parts.
 std::vector<Tensor> split_heads(const Tensor& x, std::int64_t parts, std::int64_t heads) {
-  std::vector<std::int64_t> shape(x.sizes().begin(), x.sizes().end() - 1);
-  shape.insert(shape.end(), {parts, heads, x.size(-1) / (parts * heads)});
-  std::vector<Tensor> split = x.view(shape).unbind(-3);
-  for (Tensor& part : split) part = part.transpose(-3, -2);
-  return split;
-}
-
-// [..., h, N, d] → [..., N, h·d]
-Tensor join_heads(const Tensor& x) { return x.transpose(-3, -2).flatten(-2); }
-
-Tensor attend_heads(const Tensor& qkv, std::int64_t heads, const Tensor& mask) {
-  const std::vector<Tensor> parts = split_heads(qkv, 3, heads);
-  return join_heads(attend(parts[0], parts[1], parts[2], mask));
+  return x.view({x.size(0), parts, heads, x.size(1) / (parts * heads)}).unbind(1);
 }
 
 }  // namespace
@@ -46,16 +36,9 @@ SelfAttentionImpl::SelfAttentionImpl(const AttentionOptions& options) : num_head
 }
 
 Tensor SelfAttentionImpl::forward(const Tensor& x, const Ragged& items) {
-  const Tensor qkv = to_qkv_->forward(x);
-  Tensor mixed;
-  if (items.padding_pays()) {
-    mixed = items.unpad(attend_heads(items.pad(qkv), num_heads_, items.key_mask(qkv.options())));
-  } else {
-    std::vector<Tensor> parts;
-    for (const Tensor& item : items.split(qkv)) parts.push_back(attend_heads(item, num_heads_, {}));
-    mixed = torch::cat(parts, 0);
-  }
-  return to_out_->forward(mixed);
+  const std::vector<Tensor> qkv = split_heads(to_qkv_->forward(x), 3, num_heads_);
+  const Tensor offsets = items.row_offsets();
+  return to_out_->forward(ragged_attention(qkv[0], qkv[1], qkv[2], offsets, offsets).flatten(1));
 }
 
 CrossAttentionImpl::CrossAttentionImpl(const AttentionOptions& options) : num_heads_(options.num_heads) {
@@ -70,15 +53,10 @@ Tensor CrossAttentionImpl::forward(const Tensor& x, const Ragged& items, const T
                                    const Ragged& context_items) {
   TORCH_CHECK(items.items() == context_items.items(), "cross attention of ", items.items(), " items to ",
               context_items.items(), " contexts");
-  const std::vector<Tensor> queries = items.split(to_q_->forward(x));
-  const std::vector<Tensor> contexts = context_items.split(to_kv_->forward(context));
-  std::vector<Tensor> mixed;
-  for (std::size_t i = 0; i < queries.size(); ++i) {
-    const Tensor q = split_heads(queries[i], 1, num_heads_)[0];
-    const std::vector<Tensor> kv = split_heads(contexts[i], 2, num_heads_);
-    mixed.push_back(join_heads(attend(q, kv[0], kv[1])));
-  }
-  return to_out_->forward(torch::cat(mixed, 0));
+  const Tensor q = split_heads(to_q_->forward(x), 1, num_heads_)[0];
+  const std::vector<Tensor> kv = split_heads(to_kv_->forward(context), 2, num_heads_);
+  const Tensor mixed = ragged_attention(q, kv[0], kv[1], items.row_offsets(), context_items.row_offsets());
+  return to_out_->forward(mixed.flatten(1));
 }
 
 }  // namespace anigen::nn

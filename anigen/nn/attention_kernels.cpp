@@ -2,23 +2,11 @@
 
 #include <cmath>
 
+#include "anigen/nn/largest_score.h"
 #include "anigen/nn/vector_exp.h"
 
 namespace anigen::nn::kernels {
 namespace {
-
-// Integers in the order of the floats with these bits; its own inverse. Compilers vectorise the maximum of integers,
-// but not that of floats, which has rules for NaN.
-ANIGEN_INLINE std::int32_t ordered(std::int32_t bits) { return bits ^ ((bits >> 31) & 0x7FFFFFFF); }
-
-ANIGEN_INLINE float largest_of(const float* row, std::int64_t n, float start) {
-  std::int32_t largest = ordered(bits_as<std::int32_t>(start));
-  for (std::int64_t c = 0; c < n; ++c) {
-    const std::int32_t key = ordered(bits_as<std::int32_t>(row[c]));
-    largest = largest > key ? largest : key;
-  }
-  return bits_as<float>(ordered(largest));
-}
 
 // Several partial sums, since compilers keep the order of additions of floats.
 ANIGEN_INLINE float sum_of_row(const float* row, std::int64_t n) {
@@ -40,7 +28,7 @@ ANIGEN_VECTOR_CLONES
 void softmax_block(float* __restrict scores, std::int64_t rows, std::int64_t columns, float scale,
                    const RunningSoftmax& state) {
   for (std::int64_t r = 0; r < rows; ++r, scores += columns) {
-    const float before = state.largest[r], largest = largest_of(scores, columns, before);
+    const float before = state.largest[r], largest = largest_score(scores, columns, before);
     for (std::int64_t c = 0; c < columns; ++c) scores[c] = exp_or_nan(scale * (scores[c] - largest));
     const float shrink = exp_clamped(scale * (before - largest));
     state.largest[r] = largest;

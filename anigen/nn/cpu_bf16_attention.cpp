@@ -16,8 +16,8 @@ namespace {
 using kernels::kBf16QueryBlock;
 
 // The rows of a head as bits. @param heads_at which axis of the tensor counts heads
-struct HeadRows {
-  HeadRows(const Tensor& x, std::int64_t index, std::int64_t heads, int heads_at)
+struct Bf16HeadRows {
+  Bf16HeadRows(const Tensor& x, std::int64_t index, std::int64_t heads, int heads_at)
       : data(bf16_bits(x) + index / heads * x.stride(0) + index % heads * x.stride(heads_at)),
         stride(x.stride(3 - heads_at)) {}
   std::uint16_t* data;
@@ -39,7 +39,7 @@ Tensor cpu_bf16_attention(const Tensor& q, const Tensor& k, const Tensor& v, Ten
   std::uint16_t* const packed_values = packed_keys + all * size;
   at::parallel_for(0, all, 1, [&](std::int64_t begin, std::int64_t end) {
     for (std::int64_t head = begin; head < end; ++head) {
-      const HeadRows from_k(k, head, heads, 1), from_v(v, head, heads, 1);
+      const Bf16HeadRows from_k(k, head, heads, 1), from_v(v, head, heads, 1);
       kernels::pack_bf16_keys(from_k.data, from_k.stride, keys, channels, packed_keys + head * size);
       kernels::pack_bf16_values(from_v.data, from_v.stride, keys, channels, packed_values + head * size);
     }
@@ -52,7 +52,7 @@ Tensor cpu_bf16_attention(const Tensor& q, const Tensor& k, const Tensor& v, Ten
     std::vector<float> scratch(static_cast<std::size_t>(kernels::bf16_scratch_floats(channels)));
     for (std::int64_t item = begin; item < end; ++item) {
       const std::int64_t head = item / blocks, first = item % blocks * kBf16QueryBlock;
-      const HeadRows from(q, head, heads, 1), to(out, head, heads, 2);
+      const Bf16HeadRows from(q, head, heads, 1), to(out, head, heads, 2);
       kernels::attend_bf16({packed_keys + head * size, packed_values + head * size, keys, channels, scale},
                            from.data + first * from.stride, from.stride, std::min(kBf16QueryBlock, queries - first),
                            to.data + first * to.stride, to.stride, sums + head * queries + first, scratch.data());

@@ -1,28 +1,28 @@
-#include "anigen/sparse/cpu_ragged_attention.h"
+#include "anigen/nn/cpu_ragged_attention.h"
 
 #include <algorithm>
 #include <cmath>
 #include <limits>
 
 #include "anigen/nn/cpu_bf16_attention.h"
-#include "anigen/sparse/cpu_ragged_bf16.h"
-#include "anigen/sparse/head_rows.h"
-#include "anigen/sparse/ragged_softmax.h"
-#include "anigen/sparse/ragged_tasks.h"
-#include "anigen/sparse/small_products.h"
+#include "anigen/nn/cpu_ragged_bf16.h"
+#include "anigen/nn/head_rows.h"
+#include "anigen/nn/ragged_softmax.h"
+#include "anigen/nn/ragged_tasks.h"
+#include "anigen/nn/small_products.h"
 
-namespace anigen::sparse {
+namespace anigen::nn {
 namespace {
 
 using torch::autograd::AutogradContext;
 using torch::autograd::variable_list;
 
 // A block of scores with the rows it is made of stays in a second-level cache of half a MiB.
-constexpr std::int64_t kForwardQueries = 128, kBackwardQueries = 64, kMostKeys = 256;
+constexpr std::int64_t kForwardQueries = 128, kBackwardQueries = 64, kKeysAtOnce = 256;
 
 std::int64_t at_most(std::int64_t longest, std::int64_t most) { return std::min(longest, most); }
 std::int64_t key_block_rows(const RaggedProblem& problem) {
-  return products::padded(at_most(problem.longest_keys, kMostKeys));
+  return products::padded(at_most(problem.longest_keys, kKeysAtOnce));
 }
 
 struct ForwardScratch {
@@ -42,11 +42,11 @@ template <typename T>
 void attend_task(const RaggedProblem& p, const RaggedTask& task, std::int64_t head, const ForwardScratch& scratch,
                  const Tensor& q, const Tensor& k, const Tensor& v, const Tensor& out, float* log_sums) {
   const std::int64_t rows = task.queries, row = p.q_offsets[task.sequence] + task.first_query;
-  const std::int64_t keys = p.keys(task.sequence), block = even_block(keys, kMostKeys);
+  const std::int64_t keys = p.keys(task.sequence), block = even_block(keys, kKeysAtOnce);
   const products::Block queries = scratch.queries.with_stride(p.width), sums = scratch.sums.with_stride(p.width);
   read_rows(HeadRows<T>(q, head, row), rows, p.channels, rows, queries);
   float* state_values = scratch.state.values();
-  const nn::kernels::RunningSoftmax state{state_values, state_values + rows, state_values + 2 * rows};
+  const kernels::RunningSoftmax state{state_values, state_values + rows, state_values + 2 * rows};
   std::fill_n(state.largest, rows, -std::numeric_limits<float>::infinity());
   std::fill_n(state.sum, rows, 0.0F);
   for (std::int64_t first = 0; first < keys; first += block) {
@@ -59,14 +59,14 @@ void attend_task(const RaggedProblem& p, const RaggedTask& task, std::int64_t he
     products::transpose(whole, p.width, key_block, across);
     products::multiply({rows, columns, p.channels}, queries.plain(), across, scores, /*accumulate=*/false);
     softmax_rows(scores, rows, columns, p.scale, state);
-    if (first > 0) nn::kernels::scale_rows(sums.values, rows, p.width, state.shrink);
+    if (first > 0) kernels::scale_rows(sums.values, rows, p.width, state.shrink);
     products::multiply({rows, p.channels, columns}, scores.plain(), values, sums, /*accumulate=*/first > 0);
   }
   for (std::int64_t r = 0; r < rows; ++r) {
     state.shrink[r] = 1.0F / state.sum[r];
     log_sums[row + r] = p.scale * state.largest[r] + std::log(state.sum[r]);
   }
-  nn::kernels::scale_rows(sums.values, rows, p.width, state.shrink);
+  kernels::scale_rows(sums.values, rows, p.width, state.shrink);
   write_rows(sums, rows, p.channels, HeadRows<T>(out, head, row));
 }
 
@@ -117,8 +117,8 @@ void backward_block(const RaggedProblem& p, const RaggedTask& task, std::int64_t
     products::multiply({rows, columns, p.channels}, q.plain(), keys_across, scores, /*accumulate=*/false);
     products::multiply({rows, columns, p.channels}, dy.plain(), values_across, slopes, /*accumulate=*/false);
     for (std::int64_t r = 0; r < rows; ++r) {  // whole rows of vectors: what is behind the last column is not used
-      nn::kernels::softmax_backward_block(scores.from_row(r).values, slopes.from_row(r).values, 1, whole, p.scale,
-                                          log_sums + i + r, scratch.delta.values() + i + r);
+      kernels::softmax_backward_block(scores.from_row(r).values, slopes.from_row(r).values, 1, whole, p.scale,
+                                      log_sums + i + r, scratch.delta.values() + i + r);
     }
     const products::Block dq = scratch.dq.with_stride(p.width).from_row(i);
     products::multiply({columns, p.channels, rows}, scores.transposed(), dy, dv, /*accumulate=*/i > 0);
@@ -133,7 +133,7 @@ template <typename T>
 void backward_task(const RaggedProblem& p, const RaggedTask& task, std::int64_t head, const BackwardScratch& scratch,
                    const RaggedGradients& g) {
   const std::int64_t row = p.q_offsets[task.sequence], keys = p.keys(task.sequence);
-  const std::int64_t block = even_block(keys, kMostKeys);
+  const std::int64_t block = even_block(keys, kKeysAtOnce);
   dot_rows(HeadRows<T>(g.dy, head, row), HeadRows<T>(g.out, head, row), task.queries, p.channels,
            scratch.delta.values());
   for (std::int64_t first = 0; first < keys; first += block) {
@@ -176,11 +176,11 @@ class CpuRaggedAttention : public torch::autograd::Function<CpuRaggedAttention> 
       if (problem.keys(s) == 0) out.narrow(0, problem.q_offsets[s], problem.queries(s)).zero_();
     }
     const Tensor log_sums = torch::empty({problem.heads, problem.rows}, torch::kFloat32);
-    if (nn::prefers_bf16_attention(q)) {
+    if (prefers_bf16_attention(q)) {
       attend_ragged_bf16(problem, q, k, v, out, log_sums);
-    } else if (nn::dtype_of(q) == torch::kBFloat16) {
+    } else if (dtype_of(q) == torch::kBFloat16) {
       attend_all<c10::BFloat16>(problem, q, k, v, out, log_sums);
-    } else if (nn::dtype_of(q) == torch::kHalf) {
+    } else if (dtype_of(q) == torch::kHalf) {
       attend_all<c10::Half>(problem, q, k, v, out, log_sums);
     } else {
       attend_all<float>(problem, q, k, v, out, log_sums);
@@ -206,9 +206,9 @@ class CpuRaggedAttention : public torch::autograd::Function<CpuRaggedAttention> 
                             torch::zeros(q.sizes(), q.options()),
                             torch::zeros(k.sizes(), k.options()),
                             torch::zeros(k.sizes(), k.options())};
-    if (nn::dtype_of(q) == torch::kBFloat16) {
+    if (dtype_of(q) == torch::kBFloat16) {
       backward_all<c10::BFloat16>(problem, g);
-    } else if (nn::dtype_of(q) == torch::kHalf) {
+    } else if (dtype_of(q) == torch::kHalf) {
       backward_all<c10::Half>(problem, g);
     } else {
       backward_all<float>(problem, g);
@@ -228,4 +228,4 @@ Tensor cpu_ragged_attention(const Tensor& q, const Tensor& k, const Tensor& v, c
                                    q_offsets, k_offsets);
 }
 
-}  // namespace anigen::sparse
+}  // namespace anigen::nn

@@ -1,7 +1,7 @@
 #pragma once
 #include "anigen/nn/torch.h"
 
-namespace anigen::sparse {
+namespace anigen::nn {
 
 using torch::Tensor;
 
@@ -14,4 +14,4 @@ using torch::Tensor;
 Tensor cpu_ragged_attention(const Tensor& q, const Tensor& k, const Tensor& v, const Tensor& q_offsets,
                             const Tensor& k_offsets);
 
-}  // namespace anigen::sparse
+}  // namespace anigen::nn

@@ -1,4 +1,4 @@
-#include "anigen/sparse/cpu_ragged_bf16.h"
+#include "anigen/nn/cpu_ragged_bf16.h"
 
 #include <algorithm>
 #include <vector>
@@ -6,13 +6,13 @@
 #include "anigen/nn/bf16_attention_kernels.h"
 #include "anigen/nn/bf16_bits.h"
 
-namespace anigen::sparse {
+namespace anigen::nn {
 namespace {
 
 namespace bf16 = nn::kernels;
 
 std::uint16_t* row_of(const Tensor& x, std::int64_t head, std::int64_t row) {
-  return nn::bf16_bits(x) + head * x.stride(1) + row * x.stride(0);
+  return bf16_bits(x) + head * x.stride(1) + row * x.stride(0);
 }
 
 // Queries of a task: a window of 8³ on a surface has up to 140 voxels.
@@ -81,8 +81,8 @@ std::int64_t query_block(std::int64_t queries) {
   return (even + tile - 1) / tile * tile;
 }
 
-struct Scratch {
-  explicit Scratch(const RaggedProblem& problem)
+struct Bf16Scratch {
+  explicit Bf16Scratch(const RaggedProblem& problem)
       : floats(torch::empty({bf16::bf16_scratch_floats(problem.channels)}, torch::kFloat32)),
         numbers(torch::empty({2, longest_own(problem)}, torch::kInt16)) {}
   std::uint16_t* own(std::int64_t part) const {
@@ -96,8 +96,8 @@ struct Scratch {
 void attend_ragged_bf16(const RaggedProblem& problem, const Tensor& q, const Tensor& k, const Tensor& v,
                         const Tensor& out, const Tensor& log_sums) {
   const PackedSequences packed(problem, k, v);
-  for_each_task<Scratch>(
-      problem, ragged_tasks(problem, kTaskQueries), [&](const RaggedTask& task, const Scratch& scratch) {
+  for_each_task<Bf16Scratch>(
+      problem, ragged_tasks(problem, kTaskQueries), [&](const RaggedTask& task, const Bf16Scratch& scratch) {
         const bool own = is_one_task(problem, task.sequence);
         const std::int64_t block = query_block(task.queries);
         for (std::int64_t head = task.first_head; head < task.first_head + task.heads; ++head) {
@@ -115,4 +115,4 @@ void attend_ragged_bf16(const RaggedProblem& problem, const Tensor& q, const Ten
       });
 }
 
-}  // namespace anigen::sparse
+}  // namespace anigen::nn

@@ -2,11 +2,11 @@
 #include <algorithm>
 #include <cstdint>
 
+#include "anigen/nn/small_products.h"
 #include "anigen/nn/torch.h"
-#include "anigen/sparse/small_products.h"
 
 /// Rows of one head of a tensor [rows, H, D] of type T, and the fp32 scratch memory that attention works on.
-namespace anigen::sparse {
+namespace anigen::nn {
 
 using torch::Tensor;
 
@@ -72,4 +72,4 @@ class ScratchMatrix {
   float* values_;
 };
 
-}  // namespace anigen::sparse
+}  // namespace anigen::nn

@@ -1,7 +1,7 @@
 #pragma once
 #include "anigen/nn/torch.h"
 
-namespace anigen::sparse {
+namespace anigen::nn {
 
 using torch::Tensor;
 
@@ -17,4 +17,4 @@ using torch::Tensor;
 Tensor ragged_attention(const Tensor& q, const Tensor& k, const Tensor& v, const Tensor& q_offsets,
                         const Tensor& k_offsets);
 
-}  // namespace anigen::sparse
+}  // namespace anigen::nn

@@ -1,26 +1,12 @@
-#include "anigen/sparse/ragged_softmax.h"
+#include "anigen/nn/ragged_softmax.h"
 
 #include <limits>
 
+#include "anigen/nn/largest_score.h"
 #include "anigen/nn/vector_exp.h"
 
-namespace anigen::sparse {
+namespace anigen::nn {
 namespace {
-
-using nn::kernels::bits_as;
-
-// Integers in the order of the floats with these bits; its own inverse. Compilers vectorise the maximum of integers,
-// but not that of floats, which has rules for NaN.
-ANIGEN_INLINE std::int32_t ordered_bits(std::int32_t bits) { return bits ^ ((bits >> 31) & 0x7FFFFFFF); }
-
-ANIGEN_INLINE float largest_score(const float* row, std::int64_t n, float start) {
-  std::int32_t largest = ordered_bits(bits_as<std::int32_t>(start));
-  for (std::int64_t c = 0; c < n; ++c) {
-    const std::int32_t key = ordered_bits(bits_as<std::int32_t>(row[c]));
-    largest = largest > key ? largest : key;
-  }
-  return bits_as<float>(ordered_bits(largest));
-}
 
 // Partial sums side by side, since compilers keep the order of additions of floats, then added in pairs: rows are
 // short, and a chain of sixteen additions would take as long as their exponentials. @param n a multiple of kLanes
@@ -39,19 +25,19 @@ ANIGEN_INLINE float total_weight(const float* row, std::int64_t n) {
 
 ANIGEN_VECTOR_CLONES
 void softmax_rows(const products::Block& scores, std::int64_t rows, std::int64_t columns, float scale,
-                  const nn::kernels::RunningSoftmax& state) {
+                  const kernels::RunningSoftmax& state) {
   const std::int64_t whole = products::padded(columns);
   for (std::int64_t r = 0; r < rows; ++r) {
     float* __restrict row = scores.values + r * scores.stride;
     for (std::int64_t c = columns; c < whole; ++c) row[c] = -std::numeric_limits<float>::infinity();
-    const float before = state.largest[r], largest = largest_score(row, whole, before);
-    for (std::int64_t c = 0; c < whole; ++c) row[c] = nn::kernels::exp_or_nan(scale * (row[c] - largest));
+    const float before = state.largest[r], largest = kernels::largest_score(row, whole, before);
+    for (std::int64_t c = 0; c < whole; ++c) row[c] = kernels::exp_or_nan(scale * (row[c] - largest));
     for (std::int64_t c = columns; c < whole; ++c) row[c] = 0.0F;
-    const float shrink = nn::kernels::exp_clamped(scale * (before - largest));
+    const float shrink = kernels::exp_clamped(scale * (before - largest));
     state.largest[r] = largest;
     state.shrink[r] = shrink;
     state.sum[r] = state.sum[r] * shrink + total_weight(row, whole);
   }
 }
 
-}  // namespace anigen::sparse
+}  // namespace anigen::nn

@@ -1,13 +1,13 @@
 #pragma once
 #include "anigen/nn/attention_kernels.h"
-#include "anigen/sparse/small_products.h"
+#include "anigen/nn/small_products.h"
 
-namespace anigen::sparse {
+namespace anigen::nn {
 
-/// nn::kernels::softmax_block for short rows with gaps between them: on return each score holds exp(scale (score −
+/// kernels::softmax_block for short rows with gaps between them: on return each score holds exp(scale (score −
 /// largest)) and the state includes it; from `columns` to products::padded(columns) there are zeros. A row with a score
 /// that is not finite gets the sum NaN.
 void softmax_rows(const products::Block& scores, std::int64_t rows, std::int64_t columns, float scale,
-                  const nn::kernels::RunningSoftmax& state);
+                  const kernels::RunningSoftmax& state);
 
-}  // namespace anigen::sparse
+}  // namespace anigen::nn

@@ -1,11 +1,11 @@
-#include "anigen/sparse/ragged_tasks.h"
+#include "anigen/nn/ragged_tasks.h"
 
 #include <algorithm>
 #include <cmath>
 
-#include "anigen/sparse/small_products.h"
+#include "anigen/nn/small_products.h"
 
-namespace anigen::sparse {
+namespace anigen::nn {
 namespace {
 
 constexpr std::int64_t kTaskScores = 16384;  // of all heads of a task together: some ten microseconds
@@ -52,4 +52,4 @@ std::vector<RaggedTask> ragged_tasks(const RaggedProblem& problem, std::int64_t 
   return tasks;
 }
 
-}  // namespace anigen::sparse
+}  // namespace anigen::nn

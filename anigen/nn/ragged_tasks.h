@@ -7,7 +7,7 @@
 
 #include "anigen/nn/torch.h"
 
-namespace anigen::sparse {
+namespace anigen::nn {
 
 using torch::Tensor;
 
@@ -52,4 +52,4 @@ void for_each_task(const RaggedProblem& problem, const std::vector<RaggedTask>& 
   });
 }
 
-}  // namespace anigen::sparse
+}  // namespace anigen::nn

@@ -1,11 +1,11 @@
-#include "anigen/sparse/small_products.h"
+#include "anigen/nn/small_products.h"
 
 #include <cstddef>
 #include <utility>
 
 #include "anigen/nn/vector_exp.h"
 
-namespace anigen::sparse::products {
+namespace anigen::nn::products {
 namespace {
 
 // Registers of an instruction set, and how many rows of kLanes sums fit into them beside a row of `right` and a value
@@ -145,4 +145,4 @@ void transpose(std::int64_t rows, std::int64_t columns, const Block& in, const B
   }
 }
 
-}  // namespace anigen::sparse::products
+}  // namespace anigen::nn::products

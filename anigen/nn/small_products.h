@@ -3,7 +3,7 @@
 
 /// Products of matrices that stay in the cache, such as the queries and keys of one window and head, where starting a
 /// product of a library costs as much as the product. fp32, one thread, no allocation.
-namespace anigen::sparse::products {
+namespace anigen::nn::products {
 
 /// Columns that are handled at a time: the rows of `right` and `out` below have space for a multiple of it.
 inline constexpr std::int64_t kLanes = 16;
@@ -43,4 +43,4 @@ void multiply(const ProductSize& size, const Factor& left, const Block& right, c
 /// out(c, r) = in(r, c). @param rows, columns multiples of 4
 void transpose(std::int64_t rows, std::int64_t columns, const Block& in, const Block& out);
 
-}  // namespace anigen::sparse::products
+}  // namespace anigen::nn::products

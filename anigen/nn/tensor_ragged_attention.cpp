@@ -1,4 +1,4 @@
-#include "anigen/sparse/tensor_ragged_attention.h"
+#include "anigen/nn/tensor_ragged_attention.h"
 
 #include <algorithm>
 #include <limits>
@@ -9,7 +9,7 @@
 #include "anigen/nn/attention.h"
 #include "anigen/nn/blocked_attention.h"
 
-namespace anigen::sparse {
+namespace anigen::nn {
 namespace {
 
 constexpr std::int64_t kMostPaddedScores = 1LL << 24;  // of all heads and sequences that are padded together
@@ -69,8 +69,8 @@ Tensor attend_alone(const RaggedSequence& s, const Tensor& q, const Tensor& k, c
   const auto heads_of = [](const Tensor& x, std::int64_t first, std::int64_t rows) {
     return x.narrow(0, first, rows).transpose(0, 1).unsqueeze(0);
   };
-  const Tensor mixed = nn::blocked_attention(heads_of(q, s.first_query, s.queries), heads_of(k, s.first_key, s.keys),
-                                             heads_of(v, s.first_key, s.keys));
+  const Tensor mixed = blocked_attention(heads_of(q, s.first_query, s.queries), heads_of(k, s.first_key, s.keys),
+                                         heads_of(v, s.first_key, s.keys));
   return mixed.squeeze(0).transpose(0, 1);
 }
 
@@ -132,4 +132,4 @@ Tensor tensor_ragged_attention(const Tensor& q, const Tensor& k, const Tensor& v
   return torch::cat(pieces.results, 0).index_select(0, ragged_index(places, q));
 }
 
-}  // namespace anigen::sparse
+}  // namespace anigen::nn

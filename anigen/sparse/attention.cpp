@@ -5,7 +5,7 @@
 
 #include "anigen/core/error.h"
 #include "anigen/nn/kept_contexts.h"
-#include "anigen/sparse/ragged_attention.h"
+#include "anigen/nn/ragged_attention.h"
 #include "anigen/sparse/window_rows.h"
 
 namespace anigen::sparse {
@@ -72,7 +72,7 @@ SparseTensor SparseAttentionImpl::forward(const SparseTensor& x) {
     return attend_heads(qkv[0], qkv[1], qkv[2], offsets, offsets);
   };
   if (!options_.scope.windowed) {
-    return x.with(to_out_->forward(attend_rows(x.feats, item_offsets(x.support->items()))));
+    return x.with(to_out_->forward(attend_rows(x.feats, x.support->items().row_offsets())));
   }
   // Projections treat rows alike, so the narrow rows are sorted, not the three wider results.
   const WindowOrder& windows = x.support->windows(options_.scope.window, options_.scope.shift);
@@ -90,7 +90,7 @@ SparseTensor SparseAttentionImpl::forward(const SparseTensor& x, const SparseTen
               x.support->items().items(), " items to ", context.support->items().items(), " contexts");
   if (!options_.scope.windowed) {
     return x.with(to_out_->forward(attend(to_q_->forward(x.feats), to_kv_->forward(context.feats),
-                                          item_offsets(x.support->items()), item_offsets(context.support->items()))));
+                                          x.support->items().row_offsets(), context.support->items().row_offsets())));
   }
   const WindowOrder& queries = x.support->windows(options_.scope.window, options_.scope.shift);
   const WindowOrder& keys = context.support->windows(options_.scope.window, options_.scope.shift);
@@ -113,7 +113,7 @@ SparseTensor SparseAttentionImpl::forward_dense(const SparseTensor& x, const Ten
     return {to_kv_->forward(context.reshape({items * tokens, context.size(2)}))};
   })[0];
   return x.with(
-      to_out_->forward(attend(to_q_->forward(x.feats), keys_values, item_offsets(x.support->items()), offsets)));
+      to_out_->forward(attend(to_q_->forward(x.feats), keys_values, x.support->items().row_offsets(), offsets)));
 }
 
 Tensor SparseAttentionImpl::attend(const Tensor& queries, const Tensor& keys_values, const Tensor& q_offsets,
@@ -128,7 +128,7 @@ Tensor SparseAttentionImpl::attend_heads(Tensor q, Tensor k, const Tensor& v, co
     q = q_rms_norm_->forward(q);
     k = k_rms_norm_->forward(k);
   }
-  return ragged_attention(q, k, v, q_offsets, k_offsets).reshape({q.size(0), options_.channels});
+  return nn::ragged_attention(q, k, v, q_offsets, k_offsets).reshape({q.size(0), options_.channels});
 }
 
 }  // namespace anigen::sparse

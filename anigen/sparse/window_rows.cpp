@@ -72,10 +72,4 @@ PairedOffsets pair_windows(const WindowOrder& queries, const WindowOrder& keys) 
   return {offset_tensor(q_offsets), offset_tensor(k_offsets)};
 }
 
-Tensor item_offsets(const nn::Ragged& items) {
-  std::vector<std::int64_t> offsets{0};
-  for (const std::int64_t length : items.lengths()) offsets.push_back(offsets.back() + length);
-  return offset_tensor(offsets);
-}
-
 }  // namespace anigen::sparse

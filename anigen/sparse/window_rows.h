@@ -17,7 +17,4 @@ struct PairedOffsets {
 /// One sequence per window number that either side has, by ascending number.
 PairedOffsets pair_windows(const WindowOrder& queries, const WindowOrder& keys);
 
-/// Where the items of a batch begin, and the number of rows. [B + 1] int64, CPU
-Tensor item_offsets(const nn::Ragged& items);
-
 }  // namespace anigen::sparse

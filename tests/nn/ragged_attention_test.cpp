@@ -1,4 +1,4 @@
-#include "anigen/sparse/ragged_attention.h"
+#include "anigen/nn/ragged_attention.h"
 
 #include <ATen/Parallel.h>
 #include <gtest/gtest.h>
@@ -9,10 +9,10 @@
 #include <utility>
 #include <vector>
 
-#include "anigen/sparse/ragged_tasks.h"
-#include "anigen/sparse/tensor_ragged_attention.h"
+#include "anigen/nn/ragged_tasks.h"
+#include "anigen/nn/tensor_ragged_attention.h"
 
-namespace anigen::sparse {
+namespace anigen::nn {
 namespace {
 
 using RaggedFunction = Tensor (*)(const Tensor&, const Tensor&, const Tensor&, const Tensor&, const Tensor&);
@@ -267,4 +267,4 @@ TEST(RaggedTasks, CoverEveryHeadAndQueryOnceLongestFirst) {
 }
 
 }  // namespace
-}  // namespace anigen::sparse
+}  // namespace anigen::nn

@@ -1,10 +1,10 @@
-#include "anigen/sparse/small_products.h"
+#include "anigen/nn/small_products.h"
 
 #include <gtest/gtest.h>
 
 #include "anigen/nn/torch.h"
 
-namespace anigen::sparse::products {
+namespace anigen::nn::products {
 namespace {
 
 using torch::Tensor;
@@ -82,4 +82,4 @@ TEST(SmallProducts, StridesAreAnOddNumberOfCacheLines) {
 }
 
 }  // namespace
-}  // namespace anigen::sparse::products
+}  // namespace anigen::nn::products

@@ -5,10 +5,10 @@
 
 #include "anigen/nn/gelu.h"
 #include "anigen/nn/layer_norm.h"
+#include "anigen/nn/ragged_attention.h"
 #include "anigen/nn/rms_norm.h"
 #include "anigen/sparse/dual_stream_block.h"
 #include "anigen/sparse/modulated_block.h"
-#include "anigen/sparse/ragged_attention.h"
 #include "anigen/sparse/transformer_block.h"
 #include "anigen/sparse/window_rows.h"
 #include "tests/parity/parts.h"
@@ -145,8 +145,8 @@ class HalfBlock {
     const Tensor rows = linear("attn.to_qkv", sparse::to_window_order(x.feats, windows));
     const std::int64_t heads = options_.num_heads;
     const std::vector<Tensor> qkv = rows.view({rows.size(0), 3, heads, options_.channels / heads}).unbind(1);
-    const Tensor mixed = sparse::ragged_attention(normed("q_rms_norm", qkv[0]), normed("k_rms_norm", qkv[1]), qkv[2],
-                                                  windows.offsets, windows.offsets);
+    const Tensor mixed = nn::ragged_attention(normed("q_rms_norm", qkv[0]), normed("k_rms_norm", qkv[1]), qkv[2],
+                                              windows.offsets, windows.offsets);
     return linear("attn.to_out", sparse::from_window_order(mixed.reshape(x.feats.sizes()), windows));
   }
 
