@@ -16,7 +16,7 @@
 #include "anigen/core/memory.h"
 #include "anigen/core/parallel.h"
 #include "anigen/nn/attention.h"
-#include "anigen/sparse/ragged_attention.h"
+#include "anigen/nn/ragged_attention.h"
 #include "anigen/sparse/support.h"
 #include "benchmarks/benchmark_flags.h"
 #include "benchmarks/timed_tasks.h"
@@ -76,7 +76,7 @@ using WindowAttention = std::function<Tensor(const Tensor&, const Tensor&, const
 
 WindowAttention ragged(const Windows& windows) {
   return [offsets = windows.offsets](const Tensor& q, const Tensor& k, const Tensor& v) {
-    return anigen::sparse::ragged_attention(q, k, v, offsets, offsets);
+    return anigen::nn::ragged_attention(q, k, v, offsets, offsets);
   };
 }
 

@@ -4,10 +4,10 @@
 //   benchmark_structured_latent_flow [--fp32] [--bf16] [--voxels=PLY --skeleton-voxels=PLY] [--blocks=24] [--steps=2]
 //                                    [--threads=N] [--profile] [--benchmark_out=FILE]
 // Voxel files are those of a dataset at 64³ (voxels/<id>.ply). Without --fp32 and --bf16 it takes bf16.
-#include "anigen/loaders/ragged_voxels.h"
 #include "anigen/models/structured_latent_flow.h"
 #include "anigen/models/structured_latent_flow_flops.h"
 #include "benchmarks/ellipsoid_voxels.h"
+#include "benchmarks/flow_voxels.h"
 #include "benchmarks/model_timing.h"
 
 namespace {
@@ -24,11 +24,9 @@ struct Settings : FlowSettings {
 };
 
 anigen::sparse::SparseTensor voxels_of(const std::string& file, std::vector<Voxel> otherwise, std::int64_t channels) {
-  anigen::loaders::VoxelRows rows;
-  rows.coords = file.empty() ? std::move(otherwise) : anigen::loaders::read_voxel_rows(file, kResolution);
-  const auto ragged = anigen::loaders::collate_voxels({&rows}, {file});
-  const Tensor feats = torch::sin(torch::arange(ragged.coords.size(0) * channels, torch::kFloat32));
-  return {anigen::sparse::Support::create(ragged.coords, 1), feats.view({-1, channels})};
+  const anigen::sparse::SupportPtr support = voxels_or_ellipsoid(file, std::move(otherwise), kResolution);
+  const Tensor feats = torch::sin(torch::arange(support->size() * channels, torch::kFloat32));
+  return {support, feats.view({-1, channels})};
 }
 
 anigen::models::StructuredLatentFlowOptions published_options(std::int64_t blocks) {

@@ -38,6 +38,7 @@ if [ -n "$published" ]; then
   run sparse_structure_flow --blocks=24 --steps=1 --plain-steps=0 --bf16
   run structured_latent_flow --steps=1 --bf16
   run structured_latent_autoencoder --recompute
+  run generation --low-memory --steps=3
 else
   run sparse_structure_flow --blocks=2 --steps=1
   run structured_latent_flow --blocks=2 --steps=1

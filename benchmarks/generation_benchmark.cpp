@@ -1,0 +1,231 @@
+// What a whole generation costs with the published models: picture tokens by DINOv2, both flows with guidance, both
+// decoders, on voxels of a real asset or of an ellipsoid of about as many. Seconds of every part, what 25 + 25 steps
+// take at the rate of the steps that were made, and the most memory that was held. As `anigen-generate --precision
+// bf16`; with --low-memory one model at a time, as there.
+//   benchmark_generation [--fp32] [--low-memory] [--steps=3] [--voxels=PLY --skeleton-voxels=PLY] [--blocks=N]
+//                        [--threads=N] [--benchmark_out=FILE]
+// Weights are a pattern, which takes as long as trained ones but gives no shape: the second flow and the decoder work
+// on the voxels given, so that reading weights, normals of the picture and finishing of the mesh are not in it.
+#include "anigen/core/config_file.h"
+#include "anigen/core/memory.h"
+#include "anigen/core/progress.h"
+#include "anigen/models/dinov2.h"
+#include "anigen/models/sparse_structure_decoder.h"
+#include "anigen/models/structured_latent_decoder.h"
+#include "anigen/pipeline/asset_generator.h"
+#include "anigen/train/sparse_structure_sampling.h"
+#include "anigen/train/structured_latent_sampling.h"
+#include "benchmarks/ellipsoid_voxels.h"
+#include "benchmarks/flow_voxels.h"
+#include "benchmarks/model_timing.h"
+
+namespace {
+
+using namespace anigen;
+using namespace anigen::benchmarks;
+
+constexpr int kResolution = 64;
+constexpr std::int64_t kPictureSide = 518, kPublishedSteps = 25;
+constexpr std::int64_t kJoints = 40;
+constexpr double kStructureStrength = 7.5, kLatentStrength = 3.0;  // of the published pipeline
+
+struct Settings : FlowSettings {
+  bool low_memory = false;
+  std::string voxels, skeleton_voxels;
+
+  bool read(const std::string& word) {
+    if (word == "--low-memory") return low_memory = true;
+    return read_text(word, "voxels", voxels) || read_text(word, "skeleton-voxels", skeleton_voxels) ||
+           FlowSettings::read(word);
+  }
+};
+
+// Seconds of the parts, of sampling those of kPublishedSteps.
+class Parts {
+ public:
+  explicit Parts(const Settings& settings) : settings_(settings) {}
+
+  void add(const std::string& name, double seconds, std::int64_t steps = 0) {
+    const double whole = steps == 0 ? seconds : seconds / static_cast<double>(steps) * kPublishedSteps;
+    whole_ += whole;
+    measured_ += seconds;
+    std::printf("%-24s %9.1f s", name.c_str(), seconds);
+    if (steps > 0 && steps != kPublishedSteps) {
+      std::printf(" for %lld steps, %.1f min for %lld", static_cast<long long>(steps), whole / 60.0,
+                  static_cast<long long>(kPublishedSteps));
+    }
+    std::printf("; peak so far %.2f GB\n", peak_gigabytes());
+    std::fflush(stdout);
+    row(name, whole);
+  }
+  void finish() {
+    std::printf("%-24s %9.1f min%s; measured %.1f min; peak %.2f GB = %.2f GiB%s\n", "25 + 25 guided steps",
+                whole_ / 60.0, settings_.steps == kPublishedSteps ? "" : " at these rates", measured_ / 60.0,
+                peak_gigabytes(), peak_gigabytes() * 1e9 / 1073741824.0,
+                settings_.low_memory ? ", one model at a time" : "");
+    row("all", whole_);
+    if (settings_.out.empty()) return;
+    const Json json = {{"context", {{"executable", "benchmark_generation"}}}, {"benchmarks", rows_}};
+    write_file_atomically(settings_.out, json.dump(2) + "\n");
+  }
+
+ private:
+  void row(const std::string& name, double seconds) {
+    rows_.push_back({{"name", "generation/" + name},
+                     {"run_type", "iteration"},
+                     {"iterations", 1},
+                     {"real_time", 1e3 * seconds},
+                     {"cpu_time", 1e3 * seconds},
+                     {"time_unit", "ms"},
+                     {"peak_gigabytes", peak_gigabytes()}});
+  }
+
+  const Settings& settings_;
+  Json rows_ = Json::array();
+  double whole_ = 0.0, measured_ = 0.0;
+};
+
+Json published(const std::string& name, const char* part) {
+  const std::string file = std::string(ANIGEN_SOURCE_DIR) + "/configs/published/" + name + ".json";
+  return load_config(file).at("models").at(part).at("args");
+}
+
+Json flow_args(const std::string& name, const Settings& settings) {
+  Json args = published(name, "denoiser");
+  args["num_blocks"] = settings.blocks;
+  return args;
+}
+
+template <typename Model, typename Options>
+Model patterned(const Options& options, torch::Dtype dtype) {
+  Model model(options, nn::Init::kNone);
+  fill_with_pattern(*model);
+  if (dtype != torch::kFloat32) model->set_compute_dtype(dtype);
+  return model;
+}
+
+// The parts in the order of a generation. Models stay in memory until the end, as a program's that makes several
+// assets, unless one at a time is asked for.
+class Generation {
+ public:
+  explicit Generation(const Settings& settings) : settings_(settings), parts_(settings) {}
+
+  void run() {
+    const torch::NoGradGuard no_grad;
+    torch::manual_seed(0);
+    encode_picture();
+    sample_structure();
+    decode_structure();
+    sample_latents();
+    decode_asset();
+    parts_.finish();
+  }
+
+ private:
+  torch::Dtype dtype() const { return settings_.dtypes.front(); }
+  template <typename Model>
+  void keep(const Model& model) {
+    if (!settings_.low_memory) kept_.push_back(model.ptr());
+  }
+
+  void encode_picture() {
+    models::Dinov2 encoder(models::Dinov2Options::named("dinov2_vitl14_reg"));
+    fill_with_pattern(*encoder);
+    keep(encoder);
+    const Tensor picture = torch::rand({1, 3, kPictureSide, kPictureSide});
+    parts_.add("picture tokens", seconds_of([&] { tokens_ = encoder->forward(picture).x_norm; }));
+  }
+
+  void sample_structure() {
+    const auto options = models::SparseStructureFlowOptions::from_json(flow_args("ss_flow_duet", settings_));
+    const auto model = patterned<models::SparseStructureFlow>(options, dtype());
+    keep(model);
+    const flow::Streams noise = {torch::randn(model->shape_latent_size(1)),
+                                 torch::randn(model->skeleton_latent_size(1))};
+    sample("sparse structure", noise, train::structure_velocities(model, tokens_, /*guided=*/true), kStructureStrength);
+  }
+
+  void decode_structure() {
+    models::SparseStructureDecoder decoder(
+        models::SparseStructureDecoderOptions::from_json(published("ss_dae", "decoder")));
+    keep(decoder);
+    const Tensor z = torch::randn({1, 8, 16, 16, 16}), z_skl = torch::randn({1, 4, 16, 16, 16});
+    parts_.add("voxels", seconds_of([&] { decoder->forward(z, z_skl); }));
+  }
+
+  void sample_latents() {
+    const auto options = models::StructuredLatentFlowOptions::from_json(flow_args("slat_flow_auto", settings_));
+    const auto model = patterned<models::StructuredLatentFlow>(options, dtype());
+    keep(model);
+    shape_ = voxels_or_ellipsoid(settings_.voxels, ellipsoid_voxels(kResolution, 0.47, true), kResolution);
+    skeleton_ = voxels_or_ellipsoid(settings_.skeleton_voxels, ellipsoid_voxels(kResolution, 0.17, false), kResolution);
+    std::printf("%lld + %lld voxels\n", static_cast<long long>(shape_->size()),
+                static_cast<long long>(skeleton_->size()));
+    const train::StructuredLatentTarget target{shape_, skeleton_, tokens_, {}};
+    const flow::Streams noise =
+        train::structured_latent_noise(options, *shape_, *skeleton_, {}, pipeline::noise_generator(/*seed=*/0));
+    sample("structured latents", noise, train::structured_latent_velocities(model, target, /*guided=*/true),
+           kLatentStrength);
+  }
+
+  // Of a skeleton given, since votes of a pattern make none.
+  void decode_asset() {
+    const auto options = models::StructuredLatentDecoderOptions::from_json(published("slat_dae", "decoder"));
+    models::StructuredLatentDecoder decoder(options, nn::Init::kNone);
+    fill_with_pattern(*decoder);
+    keep(decoder);
+    const auto latents = [](const sparse::SupportPtr& at, std::int64_t channels) {
+      return sparse::SparseTensor{at, torch::randn({at->size(), channels})};
+    };
+    const models::PerStream<sparse::SparseTensor> z = {latents(shape_, options.latent_channels),
+                                                       latents(shape_, options.latent_channels_vertskin),
+                                                       latents(skeleton_, options.latent_channels_skl)};
+    const fields::SkeletonTensors skeleton = {torch::rand({kJoints, 3}) - 0.5, torch::arange(-1, kJoints - 1)};
+    parts_.add("surface, skeleton, skin", seconds_of([&] {
+                 const auto decoded = decoder->forward(z, {skeleton});
+                 const auto mesh = decoder->extract_meshes(decoded, /*training=*/false).front();
+                 decoder->skin_weights(mesh.skin_features, skeleton, decoded.joint_features.front().features);
+               }));
+  }
+
+  void sample(const std::string& name, const flow::Streams& noise, const flow::Velocities& velocities,
+              double strength) {
+    flow::SamplerOptions options;
+    options.steps = settings_.steps;
+    options.cfg_strength = strength;
+    Progress progress(name, static_cast<std::size_t>(options.steps), "steps");
+    flow::SamplingExtras extras;
+    extras.progress = [&](std::int64_t, std::int64_t) { progress.advance(); };
+    parts_.add(name, seconds_of([&] { flow::sample_flow(noise, velocities, options, extras); }), options.steps);
+  }
+
+  const Settings& settings_;
+  Parts parts_;
+  std::vector<std::shared_ptr<torch::nn::Module>> kept_;
+  Tensor tokens_;
+  sparse::SupportPtr shape_, skeleton_;
+};
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  Settings settings;
+  settings.steps = 3;
+  for (int i = 1; i < argc; ++i) {
+    if (settings.read(argv[i])) continue;
+    std::fprintf(stderr,
+                 "usage: benchmark_generation [--fp32] [--low-memory] [--steps=N] [--voxels=PLY --skeleton-voxels=PLY] "
+                 "[--blocks=N] [--threads=N] [--benchmark_out=FILE]\n");
+    return 2;
+  }
+  if (settings.dtypes.empty()) settings.dtypes = {torch::kBFloat16};
+  try {
+    anigen::keep_freed_memory();  // as the programs do
+    at::set_num_threads(settings.threads > 0 ? settings.threads : anigen::thread_count());
+    Generation(settings).run();
+  } catch (const std::exception& error) {
+    std::fprintf(stderr, "%s\n", error.what());
+    return 1;
+  }
+  return 0;
+}
