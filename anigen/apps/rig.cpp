@@ -15,6 +15,7 @@
 #include "anigen/pipeline/anymate_rigger.h"
 #include "anigen/pipeline/device.h"
 #include "anigen/pipeline/retrieve_assets.h"
+#include "anigen/pipeline/rignet_rigger.h"
 #endif
 
 namespace {
@@ -22,11 +23,12 @@ namespace {
 using namespace anigen;
 
 constexpr const char* kAnymate = "anymate";
+constexpr const char* kRignet = "rignet";
 
 struct RigOptions {
   std::string method, mesh, axes = "format", skin, image, background = "auto", condition = "color";
   std::vector<std::string> pictured;
-  std::string joint_model, connectivity_model, skin_model;  // of Anymate
+  std::string joint_model, connectivity_model, skin_model;  // of Anymate or RigNet
   std::int64_t points = 0;
   double eps = 0.0;
   rig::RigRequest request;
@@ -48,14 +50,8 @@ void require_one(const Reports& each, const char* what) {
   throw Error(std::string("none of the ") + what + " could be rigged");
 }
 
-/// Lets Anymate's models do what there are models for.
-void use_anymate(RigOptions& options, const CommonOptions& common) {
-  if (options.joint_model.empty() && options.connectivity_model.empty() && options.skin_model.empty())
-    throw InputError("", "--joint-model", "name a model of Anymate: this one, --connectivity-model or --skin-model");
-  if (!options.skin_model.empty() && !options.skin.empty())
-    throw InputError("", "--skin", "--skin-model binds already; leave out one of the two");
 #ifdef ANIGEN_WITH_TORCH
-  nn::set_up_computing(common.threads);
+rig::LearnedSteps anymate_steps(const RigOptions& options, const CommonOptions& common) {
   pipeline::AnymateRiggerOptions rigger;
   rigger.points = options.points;
   rigger.eps = options.eps;
@@ -63,19 +59,43 @@ void use_anymate(RigOptions& options, const CommonOptions& common) {
   rigger.most_influences = options.request.binding.heat.most_influences;
   rigger.device = pipeline::parse_device(common.device);
   const pipeline::AnymateModelFiles files{options.joint_model, options.connectivity_model, options.skin_model};
-  options.request.learned = pipeline::anymate_steps(pipeline::load_anymate_models(files, rigger.device), rigger);
+  return pipeline::anymate_steps(pipeline::load_anymate_models(files, rigger.device), rigger);
+}
+
+rig::LearnedSteps rignet_steps(const RigOptions& options, const CommonOptions& common) {
+  if (options.points > 0 || options.eps > 0.0)
+    throw InputError("", options.points > 0 ? "--points" : "--eps", "is for anymate only");
+  pipeline::RignetRiggerOptions rigger;
+  rigger.seed = common.seed;
+  rigger.most_influences = options.request.binding.heat.most_influences;
+  rigger.device = pipeline::parse_device(common.device);
+  const pipeline::RignetModelFiles files{options.joint_model, options.connectivity_model, options.skin_model};
+  return pipeline::rignet_steps(pipeline::load_rignet_models(files, rigger.device), rigger);
+}
+#endif
+
+/// Lets trained models do what there are models for.
+void use_models(RigOptions& options, const CommonOptions& common) {
+  if (options.joint_model.empty() && options.connectivity_model.empty() && options.skin_model.empty())
+    throw InputError("", "--joint-model", "name a trained model: this one, --connectivity-model or --skin-model");
+  if (!options.skin_model.empty() && !options.skin.empty())
+    throw InputError("", "--skin", "--skin-model binds already; leave out one of the two");
+#ifdef ANIGEN_WITH_TORCH
+  nn::set_up_computing(common.threads);
+  options.request.learned = options.method == kAnymate ? anymate_steps(options, common) : rignet_steps(options, common);
 #else
   static_cast<void>(common);
-  throw NotSupportedError("", "--method", "Anymate in a build without LibTorch");
+  throw NotSupportedError("", "--method", "trained models in a build without LibTorch");
 #endif
 }
 
 void rig_files(RigOptions& options, const CommonOptions& common) {
   rig::RigRequest& request = options.request;
-  const bool learned = options.method == kAnymate;
+  const bool learned = options.method == kAnymate || options.method == kRignet;
   if (!learned && !(options.joint_model + options.connectivity_model + options.skin_model).empty())
-    throw InputError("", "--method", "only anymate uses --joint-model, --connectivity-model and --skin-model");
-  // What Anymate has no model for is done as this method does it.
+    throw InputError("", "--method",
+                     "only anymate and rignet use --joint-model, --connectivity-model and --skin-model");
+  // What there is no model for is done as this method does it.
   request.method = rig::parse_rigging_method(learned ? "geovoxel" : options.method, options.skin);
   if (options.mesh.empty()) throw InputError("", "--mesh", "name the mesh to rig, or a folder of them");
   if (request.method.joints == rig::JointSource::kTemplate && request.joints.collection.empty())
@@ -87,7 +107,7 @@ void rig_files(RigOptions& options, const CommonOptions& common) {
       io::write_png(file.replace_extension(".png"), eval::asset_picture(asset));
     };
   }
-  if (learned) use_anymate(options, common);
+  if (learned) use_models(options, common);
   const rig::RigReports reports = rig::rig_meshes(request);
   print(reports, common);
   require_one(reports.meshes, "meshes");
@@ -155,15 +175,16 @@ void add_mesh_options(CLI::App& app, RigOptions& options) {
   app.add_flag("--pictures", options.pictures, "Also <name>.png: the asset, its weights, its skeleton");
 }
 
-void add_anymate_options(CLI::App& app, RigOptions& options) {
+void add_model_options(CLI::App& app, RigOptions& options) {
   app.add_option(
          "--joint-model", options.joint_model,
-         "For anymate: a run folder of anigen-train, or a checkpoint, as released or .safetensors [given joints]")
+         "For anymate and rignet: a run folder of anigen-train, or a .safetensors file of one; for anymate also a "
+         "checkpoint as released [given joints]")
       ->check(CLI::ExistingPath);
   app.add_option("--connectivity-model", options.connectivity_model,
-                 "For anymate, likewise [the shortest tree through predicted joints; given joints keep theirs]")
+                 "For both, likewise [the shortest tree through predicted joints; given joints keep theirs]")
       ->check(CLI::ExistingPath);
-  app.add_option("--skin-model", options.skin_model, "For anymate, likewise [as --skin says, or geovoxel]")
+  app.add_option("--skin-model", options.skin_model, "For both, likewise [as --skin says, or geovoxel]")
       ->check(CLI::ExistingPath);
   app.add_option("--points", options.points,
                  "For anymate: points of the surface that the models look at [as in training; released: 8192]")
@@ -196,11 +217,12 @@ void add_dataset_options(CLI::App& app, RigOptions& options) {
 
 int main(int argc, char** argv) {
   CLI::App app{
-      "Rigs meshes by methods that learned nothing, or by Anymate's models, to use or to compare with.\n\n"
+      "Rigs meshes by methods that learned nothing, or by models of Anymate or RigNet, to use or to compare with.\n\n"
       "  anigen-rig --method pinocchio --mesh statue.glb --out rigged.glb --pictures\n"
       "  anigen-rig --method curve --mesh meshes/ --out rigged/\n"
       "  anigen-rig --method geovoxel --mesh body.glb --skeleton rig.glb --out rigged.glb\n"
       "  anigen-rig --method anymate --mesh meshes/ --joint-model runs/joints --skin-model runs/skin --out rigged/\n"
+      "  anigen-rig --method rignet --mesh body.glb --joint-model runs/rignet_joints --out rigged.glb\n"
       "  anigen-rig --method template --mesh results/ --dataset data --split data/splits/train.txt --out template\n"
       "  anigen-rig --method retrieval --image photos/ --dataset data --split data/splits/train.txt --out retrieved\n"};
   CommonOptions common;
@@ -208,17 +230,18 @@ int main(int argc, char** argv) {
   std::vector<std::string> methods = rig::rigging_method_words();
   methods.emplace_back("retrieval");
   methods.emplace_back(kAnymate);
+  methods.emplace_back(kRignet);
   app.add_option(
          "--method", options.method,
          "nearest, geovoxel, heat: bind a mesh to the skeleton it has, or to --skeleton, by the nearest bone, by "
          "paths through its inside, or by heat; pinocchio: embed a template, bind by heat; curve: joints along "
          "the curve that the mesh contracts to, bound by geovoxel; template: the data set's middle skeleton in "
          "the mesh's box, bound by nearest; retrieval: the data set's asset whose condition view is most like "
-         "the picture; anymate: joints, their tree and weights by trained models, or only some of these")
+         "the picture; anymate, rignet: joints, their tree and weights by trained models, or only some of these")
       ->required()
       ->check(CLI::IsMember(methods));
   add_mesh_options(app, options);
-  add_anymate_options(app, options);
+  add_model_options(app, options);
   add_dataset_options(app, options);
   app.add_option("--out", options.request.out, "Folder; for one mesh the file")->required();
   add_common_options(app, common, library_versions());

@@ -9,6 +9,7 @@
 #include "anigen/io/torch_archive.h"
 #include "anigen/models/run_model.h"
 #include "anigen/models/state_dict.h"
+#include "anigen/pipeline/learned_models.h"
 
 namespace anigen::pipeline {
 namespace {
@@ -20,17 +21,6 @@ using models::anymate::ModelOptions;
 using models::anymate::Task;
 
 constexpr std::int64_t kMostNumber = 1 << 24;
-
-/// @throws what `make` throws; InputErrors without a file then name this one
-template <typename Make>
-auto naming(const fs::path& file, Make make) -> decltype(make()) {
-  try {
-    return make();
-  } catch (const InputError& error) {
-    if (!error.file().empty()) throw;
-    throw InputError(file.string(), error.place(), error.problem());
-  }
-}
 
 TrainedAnymateModel model_of(const ModelOptions& options, io::NamedArrays&& weights, const fs::path& file,
                              const fs::path& described_by, torch::Device device) {
@@ -62,16 +52,6 @@ TrainedAnymateModel of_run(const models::RunModel& found, torch::Device device) 
   trained.points = count_of(top.object("dataset").object("args"), "points", trained.points);
   read_denoising(top.object("trainer").object("args"), trained);
   return trained;
-}
-
-/// The folder of the run that a file of weights belongs to; empty when there is none.
-fs::path run_around(const fs::path& file) {
-  std::error_code error;
-  const fs::path folder = fs::absolute(file).lexically_normal().parent_path();
-  for (const fs::path& run : {folder, folder.filename() == "ckpts" ? folder.parent_path() : folder}) {
-    if (fs::is_regular_file(run / "config.json", error)) return run;
-  }
-  return {};
 }
 
 TrainedAnymateModel of_safetensors(const fs::path& file, torch::Device device) {

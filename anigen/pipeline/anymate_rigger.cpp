@@ -8,12 +8,12 @@
 #include "anigen/core/error.h"
 #include "anigen/core/random.h"
 #include "anigen/fields/tensor_points.h"
-#include "anigen/geometry/joint_names.h"
 #include "anigen/geometry/spanning_trees.h"
 #include "anigen/geometry/surface_sampling.h"
 #include "anigen/models/anymate/connectivity.h"
 #include "anigen/models/anymate/predicted_joints.h"
 #include "anigen/pipeline/anymate_skin.h"
+#include "anigen/pipeline/learned_rigging.h"
 #include "anigen/train/loss_generator.h"
 
 namespace anigen::pipeline {
@@ -115,29 +115,18 @@ std::vector<int> AnymateRigger::parents_of(const loaders::AnymateMesh& mesh, con
 rig::ProposedJoints AnymateRigger::propose(const io::RiggedShape& shape, const rig::JointProposer& given) {
   const torch::NoGradGuard no_grad;
   const loaders::AnymateMesh mesh = seen(shape);
-  io::RiggedShape found;
-  if (models_.joints) {
-    found.joints.positions = predicted(mesh);
-    found.joints.parents = models_.connectivity ? parents_of(mesh, found.joints.positions)
-                                                : geometry::shortest_tree(found.joints.positions);
-  } else {
-    rig::ProposedJoints proposed = given.propose(shape);
-    if (!models_.connectivity) return proposed;
-    found.joints.positions = proposed.skeleton.positions();
-    found.joint_names = std::move(proposed.skeleton.names);
-    found.joints.parents = parents_of(mesh, found.joints.positions);
-  }
-  Skeleton skeleton = io::to_asset(found).skeleton;
-  if (models_.joints) skeleton.names = geometry::joint_names(skeleton.positions(), skeleton.parents);
-  return {std::move(skeleton), ""};
+  JointModels steps;
+  if (models_.joints) steps.predict = [&] { return predicted(mesh); };
+  if (models_.connectivity) steps.connect = [&](const Positions& joints) { return parents_of(mesh, joints); };
+  return propose_by_models(shape, given, steps);
 }
 
 SkinWeights AnymateRigger::bind(const io::RiggedShape& shape, const Skeleton& skeleton) {
   const torch::NoGradGuard no_grad;
   const loaders::AnymateMesh mesh = seen(shape);
   const Tensor joints = placed(skeleton.positions(), mesh.frame);
-  const AnymateBones bones =
-      models_.joints ? anymate_bones(joints, skeleton.parents) : bones_of_rig(joints, skeleton.parents);
+  const RigBones bones =
+      models_.joints ? bones_between(joints, skeleton.parents) : bones_of_rig(joints, skeleton.parents);
   const std::size_t vertices = mesh.vertices.size();
   if (bones.heads.empty()) return from_dense(std::vector<float>(vertices, 1.0F), vertices, 1);
   const TrainedAnymateModel& trained = models_.skin.value();
@@ -146,19 +135,7 @@ SkinWeights AnymateRigger::bind(const io::RiggedShape& shape, const Skeleton& sk
 
 rig::LearnedSteps anymate_steps(AnymateModels models, const AnymateRiggerOptions& options) {
   const bool proposes = models.joints || models.connectivity, binds = models.skin.has_value();
-  const auto rigger = std::make_shared<AnymateRigger>(std::move(models), options);
-  rig::LearnedSteps steps;
-  if (proposes) {
-    steps.propose = [rigger](const io::RiggedShape& shape, const rig::JointProposer& given) {
-      return rigger->propose(shape, given);
-    };
-  }
-  if (binds) {
-    steps.bind = [rigger](const io::RiggedShape& shape, const Skeleton& skeleton) {
-      return rigger->bind(shape, skeleton);
-    };
-  }
-  return steps;
+  return learned_steps(std::make_shared<AnymateRigger>(std::move(models), options), proposes, binds);
 }
 
 }  // namespace anigen::pipeline

@@ -30,7 +30,7 @@ class AnymateRigger {
   rig::ProposedJoints propose(const io::RiggedShape& shape, const rig::JointProposer& given);
 
   /// Weights by the model for skinning, which must be there: of each bone the share that the softmax gives it, for the
-  /// joint at its head. Predicted joints have the bones between them (anymate_bones()), any others bones of their own
+  /// joint at its head. Predicted joints have the bones between them (bones_between()), any others bones of their own
   /// (bones_of_rig()). Shares below 1e-4 are dropped. A skeleton of one joint gets all weights.
   /// @return one row per vertex of the shape @throws InputError without a surface, or for weights that are not finite
   SkinWeights bind(const io::RiggedShape& shape, const Skeleton& skeleton);

@@ -6,7 +6,6 @@
 
 #include "anigen/core/error.h"
 #include "anigen/core/interrupt.h"
-#include "anigen/models/anymate/connectivity.h"
 #include "anigen/models/anymate/skinning.h"
 
 namespace anigen::pipeline {
@@ -37,7 +36,7 @@ void append_rows(const Tensor& shares, const std::vector<int>& heads, SkinWeight
 /// Logits of the bones at any points of a shape that was encoded once.
 class BoneLogits {
  public:
-  BoneLogits(models::anymate::AnymateModel model, const Tensor& cloud, const AnymateBones& bones)
+  BoneLogits(models::anymate::AnymateModel model, const Tensor& cloud, const RigBones& bones)
       : model_(std::move(model)), decoder_(model_->decoder<SkinningImpl>()) {
     input_.latents = model_->encode(cloud);
     input_.bones = bones.bones.unsqueeze(0).to(cloud.device());
@@ -67,45 +66,8 @@ class BoneLogits {
 
 }  // namespace
 
-AnymateBones anymate_bones(const Tensor& joints, const std::vector<int>& parents) {
-  AnymateBones found;
-  std::vector<std::int64_t> parent;
-  for (std::size_t j = 0; j < parents.size(); ++j) {
-    parent.push_back(parents[j] < 0 ? static_cast<std::int64_t>(j) : parents[j]);
-    if (parents[j] >= 0) found.heads.push_back(parents[j]);
-  }
-  found.bones = models::anymate::bones_of(joints, torch::tensor(parent, torch::kInt64));
-  return found;
-}
-
-AnymateBones bones_of_rig(const Tensor& joints, const std::vector<int>& parents) {
-  const auto count = static_cast<std::int64_t>(parents.size());
-  Tensor tails = torch::zeros({count, 3});
-  std::vector<std::int64_t> children(parents.size(), 0);
-  AnymateBones found;
-  for (std::int64_t j = 0; j < count; ++j) {
-    found.heads.push_back(static_cast<int>(j));
-    const int parent = parents[static_cast<std::size_t>(j)];
-    if (parent < 0) continue;
-    tails[parent] += joints[j];
-    ++children[static_cast<std::size_t>(parent)];
-  }
-  for (std::int64_t j = 0; j < count; ++j) {
-    const std::int64_t own = children[static_cast<std::size_t>(j)];
-    const int parent = parents[static_cast<std::size_t>(j)];
-    if (own > 0) {
-      tails[j] /= static_cast<double>(own);
-    } else {
-      tails[j] = joints[j];
-      if (parent >= 0) tails[j] += 0.5 * (joints[j] - joints[parent]);
-    }
-  }
-  found.bones = torch::cat({joints, tails}, 1);
-  return found;
-}
-
 SkinWeights anymate_skin(const TrainedAnymateModel& skinning, const Tensor& cloud, const Tensor& vertices,
-                         const AnymateBones& bones, std::size_t most_influences) {
+                         const RigBones& bones, std::size_t most_influences) {
   const torch::NoGradGuard no_grad;
   BoneLogits logits(skinning.model, cloud, bones);
   SkinWeights skin;

@@ -23,6 +23,7 @@
 #include "anigen/models/structured_latent_flow_runs.h"
 #include "anigen/models/structured_latent_runs.h"
 #include "anigen/pipeline/anymate_models.h"
+#include "anigen/pipeline/rignet_models.h"
 
 namespace anigen::pipeline {
 namespace {
@@ -40,6 +41,7 @@ const std::map<std::string, Builder>& builders() {
   static const std::map<std::string, Builder> kBuilders = {
       {"SkinAutoEncoder", built<models::SkinAutoEncoder, models::SkinAutoEncoderOptions>},
       {kAnymateModelClass, built<models::anymate::AnymateModel, models::anymate::ModelOptions>},
+      {kRignetModelClass, built<models::rignet::RignetModel, models::rignet::RignetOptions>},
       {models::kSparseStructureEncoderClass,
        built<models::SparseStructureEncoder, models::SparseStructureEncoderOptions>},
       {models::kSparseStructureDecoderClass,

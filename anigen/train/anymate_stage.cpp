@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <utility>
 
-#include "anigen/core/atomic_file.h"
 #include "anigen/core/log.h"
 #include "anigen/models/anymate/connectivity.h"
 #include "anigen/models/anymate/joint_denoiser.h"
@@ -44,12 +43,13 @@ AnymateStageOptions AnymateStageOptions::read(ConfigReader& args) {
 
 AnymateStage::AnymateStage(const anymate::ModelOptions& model, const AnymateStageOptions& options,
                            loaders::AnymateDatasets data, std::string model_name, torch::Device device)
-    : options_(options), data_(std::move(data)), model_name_(std::move(model_name)), device_(device), model_(model) {
+    : RigStage("Anymate", data.held_out ? data.held_out->samples() : 0, options.eval_max_assets),
+      options_(options),
+      data_(std::move(data)),
+      model_name_(std::move(model_name)),
+      device_(device),
+      model_(model) {
   model_->to(device_);
-}
-
-std::unique_ptr<Stage> AnymateStage::replica() const {
-  throw NotSupportedError("", "/trainer/args/replicas", "several replicas of Anymate's models");
 }
 
 Losses AnymateStage::losses(const loaders::Batch& batch, const LossContext& context) {
@@ -101,39 +101,21 @@ Losses AnymateStage::losses(const loaders::Batch& batch, const LossContext& cont
   }
 }
 
-AnymateScores AnymateStage::scores() {
-  const std::size_t all = data_.held_out->samples();
-  const auto most = static_cast<std::size_t>(options_.eval_max_assets);
+RigScores AnymateStage::scores(std::size_t assets) {
   model_->eval();
   AnymateScores scores(*model_, options_.num_train_step, options_.num_training_points, device_);
-  for (std::size_t i = 0; i < (most == 0 ? all : std::min(most, all)); ++i) scores.add(data_.held_out->sample(i), i);
+  for (std::size_t i = 0; i < assets; ++i) scores.add(data_.held_out->sample(i), i);
   model_->train();
-  return scores;
-}
-
-Values AnymateStage::evaluate() { return data_.held_out ? scores().means() : Values(); }
-
-void AnymateStage::sample(const std::filesystem::path& folder) {
-  if (data_.held_out) write_file_atomically(folder / "scores.csv", to_csv(scores().table()));
+  return scores.scores();
 }
 
 std::unique_ptr<Stage> make_anymate_stage(const Json& config, const std::string& file, ConfigReader& trainer_args,
                                           const TrainerOptions& trainer, torch::Device device) {
   const auto options = AnymateStageOptions::read(trainer_args);
-  if (trainer.replicas != 1) {
-    throw NotSupportedError(file, "/trainer/args/replicas", "several replicas of Anymate's models");
-  }
+  require_one_replica(trainer, file, "Anymate");
   ConfigReader top(config, file);
-  ConfigReader models = top.object("models");
-  const Json& list = *top.raw("models");
-  if (list.size() != 1) throw models.error("", "this trainer trains exactly one model");
-  const std::string name = list.begin().key();
-  ConfigReader model = models.object(name);
-  model.require("name");
-  model.choice("name", "", {"AnymateModel"});
-  model.require("args");
-  const auto model_options = anymate::ModelOptions::from_json(*model.raw("args"), file, model.pointer_to("args"));
-  model.finish();
+  const OnlyModel model = read_only_model(top, "AnymateModel");
+  const auto model_options = anymate::ModelOptions::from_json(*model.args, file, model.pointer);
 
   ConfigReader dataset = top.object("dataset");
   dataset.require("name");
@@ -146,7 +128,7 @@ std::unique_ptr<Stage> make_anymate_stage(const Json& config, const std::string&
 
   const loaders::AnymateDatasets data = loaders::open_anymate(data_options, trainer.seed);
   log::info("{} samples to train on, {} held out", data.train->samples(), data.held_out ? data.held_out->samples() : 0);
-  return std::make_unique<AnymateStage>(model_options, options, data, name, device);
+  return std::make_unique<AnymateStage>(model_options, options, data, model.name, device);
 }
 
 }  // namespace anigen::train

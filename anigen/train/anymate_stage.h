@@ -6,8 +6,7 @@
 #include "anigen/loaders/anymate/anymate_dataset.h"
 #include "anigen/models/anymate/model.h"
 #include "anigen/train/anymate_scores.h"
-#include "anigen/train/stage.h"
-#include "anigen/train/trainer_options.h"
+#include "anigen/train/rig_stage.h"
 
 namespace anigen::train {
 
@@ -28,9 +27,8 @@ struct AnymateStageOptions {
 /// Evaluation on held-out assets, Anymate's metrics in its frame (reference, 6): joints "cd", "emd", "precision",
 /// "recall", "joints" (their mean number) and "skipped" (the share with fewer than two joints, in no mean);
 /// connectivity "ce", "precision", "recall", and with "tree_" those of the shortest tree through the joints; skinning
-/// "ce", "cos" (the cosine), "mae", "l1", "precision", "recall", and with "nearest_" those of the nearest bone. Modules
-/// draw from LibTorch's default generator, which every step seeds, so there can be no replicas.
-class AnymateStage : public Stage {
+/// "ce", "cos" (the cosine), "mae", "l1", "precision", "recall", and with "nearest_" those of the nearest bone.
+class AnymateStage : public RigStage {
  public:
   AnymateStage(const models::anymate::ModelOptions& model, const AnymateStageOptions& options,
                loaders::AnymateDatasets data, std::string model_name, torch::Device device);
@@ -38,13 +36,9 @@ class AnymateStage : public Stage {
   std::vector<NamedModel> models() const override { return {{model_name_, model_.ptr()}}; }
   const loaders::BatchSource& data() const override { return *data_.train; }
   Losses losses(const loaders::Batch& batch, const LossContext& context) override;
-  Values evaluate() override;
-  void sample(const std::filesystem::path& folder) override;  ///< scores.csv: the metrics of each held-out asset
-  /// @throws NotSupportedError
-  std::unique_ptr<Stage> replica() const override;
 
  private:
-  AnymateScores scores();
+  RigScores scores(std::size_t assets) override;
 
   AnymateStageOptions options_;
   loaders::AnymateDatasets data_;

@@ -2,6 +2,7 @@
 
 #include "anigen/core/error.h"
 #include "anigen/train/anymate_stage.h"
+#include "anigen/train/rignet_stage.h"
 #include "anigen/train/skin_autoencoder_stage.h"
 #include "anigen/train/sparse_structure_autoencoder_stage.h"
 #include "anigen/train/sparse_structure_flow_stage.h"
@@ -30,6 +31,7 @@ constexpr TrainerEntry kTrainers[] = {
     {"AniGenSparseFlowMatchingTrainer", make_structured_latent_flow_stage},
     {"AniGenSparseFlowMatchingCFGTrainer", make_structured_latent_flow_stage},
     {"AnymateTrainer", make_anymate_stage},
+    {"RignetTrainer", make_rignet_stage},
 };
 
 }  // namespace

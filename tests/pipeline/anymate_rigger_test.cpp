@@ -133,19 +133,19 @@ TEST(AnymateRigger, GivenJointsKeepTheirPlacesAndNames) {
   EXPECT_THROW(only_skin.propose(bare, given()), InputError);
 }
 
-TEST(AnymateBones, RunFromParentsToChildren) {
+TEST(RigBones, RunFromParentsToChildren) {
   const torch::Tensor joints = torch::arange(9, torch::kFloat32).view({3, 3});
-  const AnymateBones found = anymate_bones(joints, {1, -1, 0});
+  const RigBones found = bones_between(joints, {1, -1, 0});
   EXPECT_EQ(found.heads, (std::vector<int>{1, 0}));
   const torch::Tensor expected =
       torch::tensor({{3.0F, 4.0F, 5.0F, 0.0F, 1.0F, 2.0F}, {0.0F, 1.0F, 2.0F, 6.0F, 7.0F, 8.0F}});
   EXPECT_TRUE(torch::equal(found.bones, expected));
 }
 
-TEST(AnymateBones, EveryJointOfAnyOtherRigHasItsOwn) {
+TEST(RigBones, EveryJointOfAnyOtherRigHasItsOwn) {
   const torch::Tensor joints =
       torch::tensor({{0.0F, 0.0F, 0.0F}, {1.0F, 0.0F, 0.0F}, {0.0F, 2.0F, 0.0F}, {1.0F, 4.0F, 0.0F}});
-  const AnymateBones found = bones_of_rig(joints, {-1, 0, 0, 2});
+  const RigBones found = bones_of_rig(joints, {-1, 0, 0, 2});
   EXPECT_EQ(found.heads, (std::vector<int>{0, 1, 2, 3}));
   EXPECT_TRUE(torch::equal(found.bones.slice(1, 0, 3), joints));
   // Two children, a tip, one child, a tip.
@@ -167,7 +167,7 @@ TEST(AnymateSkin, OfEveryBoneGoesToItsHead) {
   TrainedAnymateModel trained = small_trained("bert", kSkin);
   torch::manual_seed(5);
   const torch::Tensor cloud = models::anymate::small_cloud(1, 64), vertices = models::anymate::small_cloud(1, 9)[0];
-  const AnymateBones bones = anymate_bones(torch::rand({4, 3}) - 0.5, {-1, 0, 1, 1});
+  const RigBones bones = bones_between(torch::rand({4, 3}) - 0.5, {-1, 0, 1, 1});
   const SkinWeights skin = anymate_skin(trained, cloud, vertices, bones, 0);
   const torch::Tensor shares = direct_shares(trained, cloud, vertices.unsqueeze(0), bones.bones);
   const std::vector<float> dense = to_dense(skin, 4);
@@ -183,7 +183,7 @@ TEST(AnymateSkin, ConcatenationGivesVerticesTheNearestPointsShares) {
   TrainedAnymateModel trained = small_trained("bert", "attendjoints_multi");  // runs of 8 points
   torch::manual_seed(5);
   const torch::Tensor cloud = models::anymate::small_cloud(1, 69);
-  const AnymateBones bones = anymate_bones(torch::rand({3, 3}) - 0.5, {-1, 0, 1});
+  const RigBones bones = bones_between(torch::rand({3, 3}) - 0.5, {-1, 0, 1});
   const std::vector<float> dense = to_dense(anymate_skin(trained, cloud, cloud[0].slice(0, 10, 13), bones, 0), 3);
   const torch::Tensor shares = direct_shares(trained, cloud, cloud.slice(1, 0, 64), bones.bones);
   for (std::size_t v = 0; v < 3; ++v) {

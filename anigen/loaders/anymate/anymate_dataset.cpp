@@ -4,13 +4,10 @@
 #include <utility>
 
 #include "anigen/core/error.h"
-#include "anigen/core/log.h"
-#include "anigen/core/parallel.h"
 #include "anigen/core/progress.h"
 #include "anigen/core/random.h"
 #include "anigen/io/rigs/anymate_archive.h"
-#include "anigen/loaders/broken_assets.h"
-#include "anigen/loaders/rigged_item.h"
+#include "anigen/loaders/converted_assets.h"
 
 namespace anigen::loaders {
 namespace {
@@ -30,23 +27,13 @@ AnymateSample with_points(const AnymateSample& sample, const torch::Tensor& rows
   return taken;
 }
 
-struct Collected {
-  std::vector<AnymateSample> samples;
-  std::vector<std::size_t> repeat;
-  std::vector<std::string> unreadable, rejected;
+using Collected = ConvertedAssets<AnymateSample>;
 
-  std::shared_ptr<const AnymateDataset> dataset(const AnymateDatasetOptions& options, std::uint64_t seed,
-                                                const char* what) && {
-    report_broken(unreadable, samples.size() + unreadable.size() + rejected.size(), options.skip_broken);
-    for (const std::string& problem : rejected) log::debug("left out: {}", problem);
-    if (!rejected.empty()) {
-      log::info("{} of {} assets to {} left out, such as {}", rejected.size(), samples.size() + rejected.size(), what,
-                rejected.front());
-    }
-    if (samples.empty()) throw InputError("", "dataset", std::string("there is nothing left to ") + what);
-    return std::make_shared<const AnymateDataset>(std::move(samples), std::move(repeat), options.points, seed);
-  }
-};
+std::shared_ptr<const AnymateDataset> dataset_of(Collected all, const AnymateDatasetOptions& options,
+                                                 std::uint64_t seed, const char* purpose) {
+  all.report(options.skip_broken, purpose);
+  return std::make_shared<const AnymateDataset>(std::move(all.samples), std::move(all.repeat), options.points, seed);
+}
 
 std::string size_problem(const AnymateSample& sample, const AnymateDatasetOptions& options) {
   const auto joints = static_cast<std::size_t>(sample.joints.size(0));
@@ -59,52 +46,13 @@ std::string size_problem(const AnymateSample& sample, const AnymateDatasetOption
   return "";
 }
 
-void add(AnymateSample sample, std::size_t repeat, const AnymateDatasetOptions& options, Collected& into) {
-  const std::string problem = size_problem(sample, options);
-  if (!problem.empty()) {
-    into.rejected.push_back(sample.name + ": " + problem);
-    return;
-  }
-  into.samples.push_back(std::move(sample));
-  into.repeat.push_back(repeat);
-}
-
 Collected convert(const std::vector<AssetId>& assets, const AnymateDatasetOptions& options) {
-  struct Read {
-    AnymateSample sample;
-    std::string unreadable, rejected;
-  };
   AnymateConversion conversion;
   conversion.points = options.points;
   conversion.cells = options.cells;
-  std::vector<Read> read(assets.size());
-  Progress progress("converting rigs", assets.size(), "assets");
-  parallel_for(assets.size(), [&](std::size_t i) {
-    RiggedItem item;
-    try {
-      item = read_rigged_item(assets[i]);
-    } catch (const InputError& error) {
-      read[i].unreadable = error.what();
-      return;
-    }
-    try {
-      read[i].sample = convert_rig(item, conversion);
-    } catch (const InputError& error) {
-      read[i].rejected = error.what();
-    }
-    progress.advance();
-  });
-  progress.finish();
-  Collected all;
-  for (std::size_t i = 0; i < assets.size(); ++i) {
-    if (!read[i].unreadable.empty())
-      all.unreadable.push_back(read[i].unreadable);
-    else if (!read[i].rejected.empty())
-      all.rejected.push_back(read[i].rejected);
-    else
-      add(std::move(read[i].sample), assets[i].repeat, options, all);
-  }
-  return all;
+  return convert_assets<AnymateSample>(
+      assets, [&](const RiggedItem& item) { return convert_rig(item, conversion); },
+      [&](const AnymateSample& sample) { return size_problem(sample, options); });
 }
 
 Collected read_shards(const std::vector<std::string>& files, const AnymateDatasetOptions& options) {
@@ -115,7 +63,9 @@ Collected read_shards(const std::vector<std::string>& files, const AnymateDatase
     for (std::size_t i = 0; i < archive.names().size(); ++i) {
       progress.advance();
       try {
-        add(read_anymate_sample(archive.sample(i), archive.names()[i], file), 1, options, all);
+        AnymateSample sample = read_anymate_sample(archive.sample(i), archive.names()[i], file);
+        const std::string problem = size_problem(sample, options);
+        all.add(std::move(sample), 1, archive.names()[i], problem);
       } catch (const InputError& error) {
         all.unreadable.emplace_back(error.what());
       }
@@ -173,15 +123,16 @@ std::unique_ptr<Batch> AnymateDataset::load(const std::vector<Draw>& draws) cons
 
 AnymateDatasets open_anymate(const AnymateDatasetOptions& options, std::uint64_t seed) {
   AnymateDatasets sets;
+  const auto train = [&](Collected all) { sets.train = dataset_of(std::move(all), options, seed, "train on"); };
+  const auto hold_out = [&](Collected all) { sets.held_out = dataset_of(std::move(all), options, seed, "hold out"); };
   if (!options.shards.empty()) {
-    sets.train = read_shards(options.shards, options).dataset(options, seed, "train on");
-    if (!options.eval_shards.empty())
-      sets.held_out = read_shards(options.eval_shards, options).dataset(options, seed, "hold out");
+    train(read_shards(options.shards, options));
+    if (!options.eval_shards.empty()) hold_out(read_shards(options.eval_shards, options));
     return sets;
   }
   const TrainAndEval assets = select(options);
-  sets.train = convert(assets.train, options).dataset(options, seed, "train on");
-  if (!assets.eval.empty()) sets.held_out = convert(assets.eval, options).dataset(options, seed, "hold out");
+  train(convert(assets.train, options));
+  if (!assets.eval.empty()) hold_out(convert(assets.eval, options));
   return sets;
 }
 

@@ -49,7 +49,7 @@ void put_weights(const SkinWeights& skin, const std::vector<int>& bone_of, Anyma
   }
 }
 
-AnymateSample converted(const RiggedItem& item, const AnymateConversion& options) {
+AnymateSample converted(const RiggedItem& item, const AnymateConversion& options, std::vector<int>* bone_of) {
   const AnymateMesh mesh = anymate_mesh(item.vertices, item.faces);
   Rng rng(options.seed, "anymate points " + item.id);
   const auto points = geometry::sample_surface(mesh.vertices, mesh.faces, options.points, rng);
@@ -68,14 +68,15 @@ AnymateSample converted(const RiggedItem& item, const AnymateConversion& options
   sample.bones = torch::cat({rows_of(layout.heads), rows_of(layout.tails)}, 1);
   put_weights(skin, layout.bone_of, sample);
   if (options.cells) sample.vox = solid_cells(mesh);
+  if (bone_of != nullptr) *bone_of = layout.bone_of;
   return sample;
 }
 
 }  // namespace
 
-AnymateSample convert_rig(const RiggedItem& item, const AnymateConversion& options) {
+AnymateSample convert_rig(const RiggedItem& item, const AnymateConversion& options, std::vector<int>* bone_of) {
   try {
-    return converted(item, options);
+    return converted(item, options, bone_of);
   } catch (const InputError& error) {
     if (!error.file().empty()) throw;
     throw InputError(item.id, error.place(), error.problem());

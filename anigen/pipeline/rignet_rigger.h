@@ -1,0 +1,47 @@
+#pragma once
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include "anigen/pipeline/rignet_models.h"
+#include "anigen/rig/rig_meshes.h"
+
+namespace anigen::pipeline {
+
+struct RignetRiggerOptions {
+  std::uint64_t seed = 0;              ///< of the graphs' edges and samples
+  std::size_t most_influences = 4;     ///< joints per vertex; 0: any number
+  torch::Device device = torch::kCPU;  ///< where the models are
+};
+
+/// RigNet as a rigger of meshes (Xu et al. 2020; reference anymate-baselines.md, 9.3), any of its models missing. Each
+/// mesh is looked at by itself, as a graph of the size that each model was trained with.
+class RignetRigger {
+ public:
+  /// @throws InputError naming its file for a model that is for another task than its place
+  RignetRigger(RignetModels models, const RignetRiggerOptions& options);
+
+  /// Joints and their tree, what has no model as propose_by_models() says. Parents are those of the published tree.
+  /// @return the shape's frame @throws InputError without a surface, as `given`, or for numbers that are not finite
+  rig::ProposedJoints propose(const io::RiggedShape& shape, const rig::JointProposer& given);
+
+  /// Weights by the model for skinning, which must be there: SkinNet's at the graph's vertices, cleaned
+  /// (models::rignet::cleaned_weights), for the joint at the head of each bone, and at the shape's vertices those of
+  /// the nearest place of the graph's surface. Bones as AnymateRigger::bind() takes them.
+  /// @return one row per vertex of the shape @throws InputError without a surface, or for weights that are not finite
+  SkinWeights bind(const io::RiggedShape& shape, const Skeleton& skeleton);
+
+ private:
+  struct Seen;
+  Seen seen(const io::RiggedShape& shape, const TrainedRignetModel& by) const;
+  std::vector<Eigen::Vector3d> predicted(const io::RiggedShape& shape);
+  std::vector<int> parents_of(const io::RiggedShape& shape, const std::vector<Eigen::Vector3d>& joints);
+
+  RignetModels models_;
+  RignetRiggerOptions options_;
+};
+
+/// The steps of rig_meshes() that these models take over. @throws InputError as RignetRigger
+rig::LearnedSteps rignet_steps(RignetModels models, const RignetRiggerOptions& options);
+
+}  // namespace anigen::pipeline

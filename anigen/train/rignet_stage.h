@@ -1,0 +1,56 @@
+#pragma once
+#include <memory>
+#include <string>
+
+#include "anigen/core/config_reader.h"
+#include "anigen/loaders/rignet/rignet_dataset.h"
+#include "anigen/models/rignet/model.h"
+#include "anigen/train/rig_scores.h"
+#include "anigen/train/rig_stage.h"
+
+namespace anigen::train {
+
+/// Arguments of RignetTrainer beside those all trainers share (reference anymate-baselines.md, 9.3).
+struct RignetStageOptions {
+  /// Of joints: the step from which mean shift is part of the loss. Before it JointNet and MaskNet learn apart, as in
+  /// the published pre-training, each its own term; from it on the loss is chamfer + 2 clusters + 0.1 attention.
+  std::int64_t clustering_from = 0;
+  std::int64_t mean_shifts = 15;
+  double clustering_weight = 2.0, attention_weight = 0.1;  ///< then
+  std::int64_t eval_max_assets = 0;                        ///< held-out assets to look at; 0: all
+
+  static RignetStageOptions read(ConfigReader& trainer_args);
+};
+
+/// One of RigNet's models learns its task. Loss terms: joints "chamfer", "attention", "clusters"; connectivity "bone",
+/// "root"; skinning "ce". Evaluation on held-out assets: those of AnymateStage for the same task, by RigScores.
+class RignetStage : public RigStage {
+ public:
+  RignetStage(const models::rignet::RignetOptions& model, const RignetStageOptions& options,
+              loaders::RignetDatasets data, std::string model_name, torch::Device device);
+
+  std::vector<NamedModel> models() const override { return {{model_name_, model_.ptr()}}; }
+  const loaders::BatchSource& data() const override { return *data_.train; }
+  Losses losses(const loaders::Batch& batch, const LossContext& context) override;
+
+ private:
+  using Samples = std::vector<loaders::RignetSample>;
+  Losses joint_terms(const Samples& samples, std::int64_t step);
+  Losses connectivity_terms(const Samples& samples);
+  Losses skin_terms(const Samples& samples);
+  RigScores scores(std::size_t assets) override;
+
+  RignetStageOptions options_;
+  loaders::RignetDatasets data_;
+  std::string model_name_;
+  torch::Device device_;
+  models::rignet::RignetModel model_;
+};
+
+/// The stage of a config `{models, dataset, trainer}` whose trainer is RignetTrainer: one model "RignetModel" with the
+/// arguments of models::rignet::RignetOptions, and the data set "Rignet". @throws InputError naming file and JSON
+/// pointer
+std::unique_ptr<Stage> make_rignet_stage(const Json& config, const std::string& file, ConfigReader& trainer_args,
+                                         const TrainerOptions& trainer, torch::Device device);
+
+}  // namespace anigen::train
