@@ -58,7 +58,7 @@ rig::LearnedSteps anymate_steps(const RigOptions& options, const CommonOptions& 
   rigger.seed = common.seed;
   rigger.most_influences = options.request.binding.heat.most_influences;
   rigger.device = pipeline::parse_device(common.device);
-  const pipeline::AnymateModelFiles files{options.joint_model, options.connectivity_model, options.skin_model};
+  const pipeline::LearnedModelFiles files{options.joint_model, options.connectivity_model, options.skin_model};
   return pipeline::anymate_steps(pipeline::load_anymate_models(files, rigger.device), rigger);
 }
 
@@ -69,7 +69,7 @@ rig::LearnedSteps rignet_steps(const RigOptions& options, const CommonOptions& c
   rigger.seed = common.seed;
   rigger.most_influences = options.request.binding.heat.most_influences;
   rigger.device = pipeline::parse_device(common.device);
-  const pipeline::RignetModelFiles files{options.joint_model, options.connectivity_model, options.skin_model};
+  const pipeline::LearnedModelFiles files{options.joint_model, options.connectivity_model, options.skin_model};
   return pipeline::rignet_steps(pipeline::load_rignet_models(files, rigger.device), rigger);
 }
 #endif

@@ -169,7 +169,7 @@ class CpuRaggedAttention : public torch::autograd::Function<CpuRaggedAttention> 
  public:
   static Tensor forward(AutogradContext* context, const Tensor& q, const Tensor& k, const Tensor& v,
                         const Tensor& q_offsets, const Tensor& k_offsets) {
-    RECORD_USER_SCOPE("attention: windows");
+    RECORD_USER_SCOPE("attention: sequences");
     const RaggedProblem problem(q, k, q_offsets, k_offsets);
     const Tensor out = torch::empty(q.sizes(), q.options());
     for (std::int64_t s = 0; s < problem.sequences; ++s) {
@@ -190,7 +190,7 @@ class CpuRaggedAttention : public torch::autograd::Function<CpuRaggedAttention> 
   }
 
   static variable_list backward(AutogradContext* context, variable_list gradients) {
-    RECORD_USER_SCOPE("attention: windows");
+    RECORD_USER_SCOPE("attention: sequences");
     TORCH_CHECK(!at::GradMode::is_enabled(),
                 "ragged attention can be differentiated once only: its backward pass, under "
                 "create_graph, would miss terms");

@@ -1,6 +1,5 @@
 #include "anigen/nn/ragged.h"
 
-#include <algorithm>
 #include <utility>
 
 namespace anigen::nn {
@@ -10,7 +9,6 @@ Ragged::Ragged(std::vector<std::int64_t> lengths) : lengths_(std::move(lengths))
     TORCH_CHECK(length >= 0, "an item of a ragged batch cannot have ", length, " rows");
     offsets_.push_back(rows_);
     rows_ += length;
-    longest_ = std::max(longest_, length);
   }
 }
 

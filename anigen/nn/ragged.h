@@ -15,7 +15,6 @@ class Ragged {
   const std::vector<std::int64_t>& lengths() const { return lengths_; }
   std::int64_t items() const { return static_cast<std::int64_t>(lengths_.size()); }
   std::int64_t rows() const { return rows_; }
-  std::int64_t longest() const { return longest_; }
   /// Row where item i begins.
   std::int64_t offset(std::int64_t item) const { return offsets_[static_cast<std::size_t>(item)]; }
 
@@ -27,7 +26,7 @@ class Ragged {
 
  private:
   std::vector<std::int64_t> lengths_, offsets_;
-  std::int64_t rows_ = 0, longest_ = 0;
+  std::int64_t rows_ = 0;
 };
 
 }  // namespace anigen::nn

@@ -113,7 +113,7 @@ TrainedAnymateModel load_anymate_model(const fs::path& path, torch::Device devic
   throw NotSupportedError(path.string(), "", "checkpoints other than .pth.tar, .pt, .pth and .safetensors");
 }
 
-AnymateModels load_anymate_models(const AnymateModelFiles& files, torch::Device device) {
+AnymateModels load_anymate_models(const LearnedModelFiles& files, torch::Device device) {
   AnymateModels models;
   if (!files.joints.empty()) models.joints = load_anymate_model(files.joints, device);
   if (!files.connectivity.empty()) models.connectivity = load_anymate_model(files.connectivity, device);

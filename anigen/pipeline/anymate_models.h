@@ -4,6 +4,7 @@
 #include <optional>
 
 #include "anigen/models/anymate/model.h"
+#include "anigen/pipeline/learned_models.h"
 
 namespace anigen::pipeline {
 
@@ -29,18 +30,13 @@ struct TrainedAnymateModel {
 /// @throws InputError naming the file: when there is nothing of the kind, or arguments or weights do not fit
 TrainedAnymateModel load_anymate_model(const std::filesystem::path& path, torch::Device device);
 
-/// Where the models are; an empty path: no such model.
-struct AnymateModelFiles {
-  std::filesystem::path joints, connectivity, skin;
-};
-
 /// Models of Anymate by what they are to do.
 struct AnymateModels {
   std::optional<TrainedAnymateModel> joints, connectivity, skin;
 };
 
 /// @throws InputError as load_anymate_model, and for a model of another task than its place
-AnymateModels load_anymate_models(const AnymateModelFiles& files, torch::Device device);
+AnymateModels load_anymate_models(const LearnedModelFiles& files, torch::Device device);
 
 /// @throws InputError naming the file of a model that is for another task than its place
 void require_tasks(const AnymateModels& models);

@@ -7,6 +7,11 @@
 
 namespace anigen::pipeline {
 
+/// Where the models of a learned rigger are; an empty path: no such model.
+struct LearnedModelFiles {
+  std::filesystem::path joints, connectivity, skin;
+};
+
 /// The folder of the run that a file of weights belongs to, its own or that of its ckpts/; empty when there is none.
 std::filesystem::path run_around(const std::filesystem::path& file);
 

@@ -43,7 +43,7 @@ TrainedRignetModel load_rignet_model(const fs::path& path, torch::Device device)
   return trained;
 }
 
-RignetModels load_rignet_models(const RignetModelFiles& files, torch::Device device) {
+RignetModels load_rignet_models(const LearnedModelFiles& files, torch::Device device) {
   RignetModels models;
   if (!files.joints.empty()) models.joints = load_rignet_model(files.joints, device);
   if (!files.connectivity.empty()) models.connectivity = load_rignet_model(files.connectivity, device);

@@ -4,6 +4,7 @@
 
 #include "anigen/loaders/rignet/rignet_samples.h"
 #include "anigen/models/rignet/model.h"
+#include "anigen/pipeline/learned_models.h"
 
 namespace anigen::pipeline {
 
@@ -22,18 +23,13 @@ struct TrainedRignetModel {
 /// @throws InputError naming the file: when there is nothing of the kind, or arguments or weights do not fit
 TrainedRignetModel load_rignet_model(const std::filesystem::path& path, torch::Device device);
 
-/// Where the models are; an empty path: no such model.
-struct RignetModelFiles {
-  std::filesystem::path joints, connectivity, skin;
-};
-
 /// Models of RigNet by what they are to do.
 struct RignetModels {
   std::optional<TrainedRignetModel> joints, connectivity, skin;
 };
 
 /// @throws InputError as load_rignet_model, and for a model of another task than its place
-RignetModels load_rignet_models(const RignetModelFiles& files, torch::Device device);
+RignetModels load_rignet_models(const LearnedModelFiles& files, torch::Device device);
 
 /// @throws InputError naming the file of a model that is for another task than its place
 void require_tasks(const RignetModels& models);

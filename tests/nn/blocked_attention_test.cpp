@@ -12,9 +12,13 @@
 
 #include "anigen/nn/cpu_blocked_attention.h"
 #include "anigen/nn/tensor_blocked_attention.h"
+#include "tests/nn/attention_results.h"
 
 namespace anigen::nn {
 namespace {
+
+using test::expect_close;
+using test::share_of_difference;
 
 using Attention = std::function<Tensor(const Tensor&, const Tensor&, const Tensor&)>;
 
@@ -25,12 +29,6 @@ Tensor plain_attention(const Tensor& q, const Tensor& k, const Tensor& v) {
 
 Tensor in_blocks_of_five(const Tensor& q, const Tensor& k, const Tensor& v) {
   return tensor_blocked_attention(q, k, v, 5);
-}
-
-// Largest difference as a share of one plus the largest wanted value (a gradient may vanish).
-double relative_difference(const Tensor& found, const Tensor& wanted) {
-  const Tensor exact = wanted.to(torch::kFloat64);
-  return ((found.to(torch::kFloat64) - exact).abs().max() / (1.0 + exact.abs().max())).item<double>();
 }
 
 struct AttentionSizes {
@@ -55,11 +53,7 @@ struct AttentionCase {
   }
   Tensor q, k, v, direction;
 
-  struct Results {
-    Tensor out;
-    std::vector<Tensor> gradients;
-  };
-  Results run(const Attention& attention, torch::Dtype dtype) const {
+  test::AttentionResults run(const Attention& attention, torch::Dtype dtype) const {
     std::vector<Tensor> inputs;
     for (const Tensor& x : {q, k, v}) inputs.push_back(x.to(dtype).detach().clone().requires_grad_());
     const Tensor out = attention(inputs[0], inputs[1], inputs[2]);
@@ -67,34 +61,24 @@ struct AttentionCase {
   }
 };
 
-void expect_agreement(const AttentionCase::Results& found, const AttentionCase::Results& wanted, double limit) {
-  ASSERT_EQ(found.out.sizes(), wanted.out.sizes());
-  EXPECT_LT(relative_difference(found.out, wanted.out), limit) << "output";
-  const char* names[] = {"dq", "dk", "dv"};
-  for (std::size_t i = 0; i < 3; ++i) {
-    ASSERT_EQ(found.gradients[i].sizes(), wanted.gradients[i].sizes()) << names[i];
-    EXPECT_LT(relative_difference(found.gradients[i], wanted.gradients[i]), limit) << names[i];
-  }
-}
-
 class BlockedAttentionSizes : public testing::TestWithParam<AttentionSizes> {};
 
 TEST_P(BlockedAttentionSizes, CpuVersionAgreesWithTheFormula) {
   const AttentionCase c(GetParam());
   // fp32 sums of up to some thousand terms of size one: a few times 1e-6 of the largest value.
-  expect_agreement(c.run(cpu_blocked_attention, torch::kFloat32), c.run(plain_attention, torch::kFloat64), 2e-5);
+  expect_close(c.run(cpu_blocked_attention, torch::kFloat32), c.run(plain_attention, torch::kFloat64), 2e-5);
 }
 
 TEST_P(BlockedAttentionSizes, TensorVersionAgreesWithTheFormula) {
   const AttentionCase c(GetParam());
-  expect_agreement(c.run(in_blocks_of_five, torch::kFloat64), c.run(plain_attention, torch::kFloat64), 1e-11);
+  expect_close(c.run(in_blocks_of_five, torch::kFloat64), c.run(plain_attention, torch::kFloat64), 1e-11);
 }
 
 TEST_P(BlockedAttentionSizes, ChosenVersionAgreesWithTheFormula) {
   const AttentionCase c(GetParam());
   const auto wanted = c.run(plain_attention, torch::kFloat64);
-  expect_agreement(c.run(blocked_attention, torch::kFloat32), wanted, 2e-5);
-  expect_agreement(c.run(blocked_attention, torch::kFloat64), wanted, 1e-11);
+  expect_close(c.run(blocked_attention, torch::kFloat32), wanted, 2e-5);
+  expect_close(c.run(blocked_attention, torch::kFloat64), wanted, 1e-11);
 }
 
 // One of everything; a single key; blocks of 128 queries and 512 keys filled exactly, and not.
@@ -121,7 +105,7 @@ TEST(BlockedAttention, LargeScoresDoNotOverflow) {
   AttentionCase c({1, 1, 40, 1030, 8});
   c.q = c.q * 30.0;  // scores of some hundreds: nearly all weight on one key, which may be in any block of keys
   // Rounding moves scores of 200 by 2e-5, and weights by as large a share.
-  expect_agreement(c.run(cpu_blocked_attention, torch::kFloat32), c.run(plain_attention, torch::kFloat64), 1e-3);
+  expect_close(c.run(cpu_blocked_attention, torch::kFloat32), c.run(plain_attention, torch::kFloat64), 1e-3);
 }
 
 TEST(BlockedAttention, NotFiniteScoresAreSeen) {
@@ -142,10 +126,10 @@ TEST(BlockedAttention, StridedInputsGiveTheSame) {
   const std::vector<Tensor> parts = qkv.permute({2, 0, 3, 1, 4}).unbind(0);
   const Tensor found = cpu_blocked_attention(parts[0], parts[1], parts[2]);
   const Tensor dense = cpu_blocked_attention(parts[0].contiguous(), parts[1].contiguous(), parts[2].contiguous());
-  EXPECT_LT(relative_difference(found, dense), 1e-6);
+  EXPECT_LT(share_of_difference(found, dense), 1e-6);
   // And with channels that are not adjacent.
   const Tensor across = parts[1].transpose(-2, -1).contiguous().transpose(-2, -1);
-  EXPECT_LT(relative_difference(cpu_blocked_attention(parts[0], across, parts[2]), dense), 1e-6);
+  EXPECT_LT(share_of_difference(cpu_blocked_attention(parts[0], across, parts[2]), dense), 1e-6);
 }
 
 TEST(BlockedAttention, SixteenBitInputs) {
@@ -156,7 +140,7 @@ TEST(BlockedAttention, SixteenBitInputs) {
     for (Tensor* x : {&rounded.q, &rounded.k, &rounded.v, &rounded.direction}) *x = x->to(dtype).to(torch::kFloat64);
     const auto found = rounded.run(blocked_attention, dtype);
     EXPECT_EQ(found.out.scalar_type(), dtype);
-    expect_agreement(found, rounded.run(plain_attention, torch::kFloat64), 4.0 * std::exp2(-digits));
+    expect_close(found, rounded.run(plain_attention, torch::kFloat64), 4.0 * std::exp2(-digits));
   }
 }
 
@@ -174,7 +158,7 @@ TEST(BlockedAttention, Bf16OfAllSizes) {
       *x = x->to(torch::kBFloat16).to(torch::kFloat64);
     }
     const auto wanted = rounded.run(plain_attention, torch::kFloat64);
-    expect_agreement(rounded.run(cpu_blocked_attention, torch::kBFloat16), wanted, std::exp2(-6));
+    expect_close(rounded.run(cpu_blocked_attention, torch::kBFloat16), wanted, std::exp2(-6));
     // As a projection leaves them, side by side, the queries only when there are as many.
     const Tensor kv = torch::stack({rounded.k, rounded.v}, 3).to(torch::kBFloat16).transpose(1, 2).contiguous();
     const std::vector<Tensor> parts = kv.transpose(1, 2).unbind(3);
@@ -190,7 +174,7 @@ TEST(BlockedAttention, Bf16LargeAndNotFiniteScores) {
   Tensor q = (30.0 * c.q).to(torch::kBFloat16);  // scores of some hundreds
   const auto as_double = [](const Tensor& x) { return x.to(torch::kFloat64); };
   EXPECT_LT(
-      relative_difference(cpu_blocked_attention(q, k, v), plain_attention(as_double(q), as_double(k), as_double(v))),
+      share_of_difference(cpu_blocked_attention(q, k, v), plain_attention(as_double(q), as_double(k), as_double(v))),
       std::exp2(-6));
   for (const float bad : {std::numeric_limits<float>::quiet_NaN(), std::numeric_limits<float>::infinity()}) {
     q[0][0][7].fill_(bad);
@@ -212,7 +196,7 @@ TEST(BlockedAttention, DependsOnTheNumberOfThreadsByRoundingOnly) {
       at::set_num_threads(threads);
       const auto first = c.run(cpu_blocked_attention, torch::kFloat32);
       const auto second = c.run(cpu_blocked_attention, torch::kFloat32);
-      expect_agreement(first, one, 1e-5);
+      expect_close(first, one, 1e-5);
       EXPECT_TRUE(torch::equal(first.out, second.out)) << threads << " threads, " << heads << " heads";
       for (std::size_t g = 0; g < 3; ++g) EXPECT_TRUE(torch::equal(first.gradients[g], second.gradients[g]));
     }

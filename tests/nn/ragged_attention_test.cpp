@@ -11,9 +11,13 @@
 
 #include "anigen/nn/ragged_tasks.h"
 #include "anigen/nn/tensor_ragged_attention.h"
+#include "tests/nn/attention_results.h"
 
 namespace anigen::nn {
 namespace {
+
+using test::expect_close;
+using test::share_of_difference;
 
 using RaggedFunction = Tensor (*)(const Tensor&, const Tensor&, const Tensor&, const Tensor&, const Tensor&);
 
@@ -67,34 +71,13 @@ struct RaggedCase {
   }
   Tensor q_offsets, k_offsets, q, k, v, direction;
 
-  struct Results {
-    Tensor out;
-    std::vector<Tensor> gradients;
-  };
-  Results run(RaggedFunction attention, torch::Dtype dtype) const {
+  test::AttentionResults run(RaggedFunction attention, torch::Dtype dtype) const {
     std::vector<Tensor> inputs;
     for (const Tensor& x : {q, k, v}) inputs.push_back(x.to(dtype).detach().clone().requires_grad_());
     const Tensor out = attention(inputs[0], inputs[1], inputs[2], q_offsets, k_offsets);
     return {out.detach(), torch::autograd::grad({out}, inputs, {direction.to(dtype)})};
   }
 };
-
-// Largest difference as a share of one plus the largest wanted value (a gradient may vanish).
-double share_of_difference(const Tensor& found, const Tensor& wanted) {
-  if (wanted.numel() == 0) return 0.0;
-  const Tensor exact = wanted.to(torch::kFloat64);
-  return ((found.to(torch::kFloat64) - exact).abs().max() / (1.0 + exact.abs().max())).item<double>();
-}
-
-void expect_close(const RaggedCase::Results& found, const RaggedCase::Results& wanted, double limit) {
-  ASSERT_EQ(found.out.sizes(), wanted.out.sizes());
-  EXPECT_LT(share_of_difference(found.out, wanted.out), limit) << "output";
-  const char* names[] = {"dq", "dk", "dv"};
-  for (std::size_t i = 0; i < 3; ++i) {
-    ASSERT_EQ(found.gradients[i].sizes(), wanted.gradients[i].sizes()) << names[i];
-    EXPECT_LT(share_of_difference(found.gradients[i], wanted.gradients[i]), limit) << names[i];
-  }
-}
 
 class RaggedAttentionSizes : public testing::TestWithParam<RaggedSizes> {};
 
