@@ -114,7 +114,7 @@ void add_run_options(CLI::App& app, Arguments& a) {
   app.add_option("--memory-mb", a.memory_mb,
                  "Memory of one worker, above which its asset counts as failed; 0: no limit")
       ->capture_default_str();
-  app.add_option("--shard", a.shard, "Part i of n as i/n, counted from 0 [the task of a SLURM array job]");
+  app.add_option("--shard", a.shard, "Only part i of n as i/n, counted from 0; not needed for several to work at once");
   app.add_flag("--retry-failed", run.retry_failed, "Try again what failed before");
   app.add_flag("--strict", a.strict, "Exit with 1 when anything failed or was rejected");
 }
@@ -138,7 +138,7 @@ anigen::prepare::PrepareOptions complete(Arguments& a, const anigen::CommonOptio
   options.plan.views.geometry = options.plan.condition_views.geometry = a.view_geometry;
   options.tables.near_skeletons = parse_near_skeletons(a.near_skeletons);
   options.run.memory_bytes = std::uint64_t{a.memory_mb} << 20;
-  options.run.shard = !a.shard.empty() ? parse_shard(a.shard) : slurm_shard().value_or(Shard{});
+  options.run.shard = a.shard.empty() ? Shard{} : parse_shard(a.shard);
   options.run.log_level = common.quiet ? "error" : "warn";
   options.run.worker_command = {std::filesystem::read_symlink("/proc/self/exe").string(), "--worker"};
   options.plan.validate();  // before hours of listing
@@ -165,7 +165,9 @@ void show(const anigen::prepare::PrepareSummary& summary, const anigen::CommonOp
 }
 
 int merge(int argc, char** argv) {
-  CLI::App app{"Makes tables, splits and card of a dataset whose shards have all finished.", "anigen-prepare merge"};
+  CLI::App app{
+      "Checks that every asset is complete, and makes tables, splits and card of a dataset whose shards have finished.",
+      "anigen-prepare merge"};
   anigen::CommonOptions common;
   std::filesystem::path out;
   app.add_option("--out", out, "Folder of the dataset")->required();
@@ -182,7 +184,9 @@ int main(int argc, char** argv) {
   if (argc >= 2 && std::strcmp(argv[1], "merge") == 0) return merge(argc - 1, argv + 1);
   CLI::App app{
       "Turns rigged files, published datasets and procedural creatures into a dataset on disk.\n"
-      "Repeating a command goes on where it stopped: what exists already is not made again.\n\n"
+      "Repeating a command goes on where it stopped: what exists already is not made again. The same command may be "
+      "at\n"
+      "work several times, on one machine or on many that share the folder: they divide the work (docs/cluster.md).\n\n"
       "Examples:\n"
       "  anigen-prepare --out data/creatures --procedural 400\n"
       "  anigen-prepare --out data/mixed --input models/ more_models/ --procedural 400 --test-fraction 0.333\n"

@@ -10,6 +10,7 @@
 #include <system_error>
 
 #include "anigen/core/error.h"
+#include "anigen/core/process_identity.h"
 
 namespace anigen {
 namespace {
@@ -31,7 +32,8 @@ void flush_to_disk(const fs::path& path, int flags) {
 
 fs::path temporary_beside(const fs::path& target) {
   static std::atomic<unsigned> counter{0};
-  const std::string mark = ".tmp-" + std::to_string(::getpid()) + "-" + std::to_string(counter++);
+  // Not the process id alone: two machines, or two containers, may write to one folder under the same one.
+  const std::string mark = ".tmp-" + process_number() + "-" + std::to_string(counter++);
   return target.parent_path() / (target.stem().string() + mark + target.extension().string());
 }
 

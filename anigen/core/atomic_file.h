@@ -5,8 +5,9 @@
 
 namespace anigen {
 
-/// Writes a file so that a reader, or a crash, never sees half of it: to `<path>.tmp-<pid>-<n>`, fsync, rename,
-/// fsync of the folder. Parent folders are created. @throws Error naming the path when the disk refuses.
+/// Writes a file so that a reader, or a crash, never sees half of it: to `<path>.tmp-<process>-<n>`, fsync,
+/// rename, fsync of the folder. Parent folders are created. Any number of machines may write to one folder
+/// (process_number()). @throws Error naming the path when the disk refuses.
 void write_file_atomically(const std::filesystem::path& path, std::string_view bytes);
 
 /// For writers that need a path of their own (images, zip archives): write to temporary(), then commit().

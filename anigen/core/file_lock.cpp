@@ -34,4 +34,8 @@ FileLock::~FileLock() {
 
 std::filesystem::path dataset_lock_file(const std::filesystem::path& root) { return root / "run" / "lock"; }
 
+std::filesystem::path dataset_prepare_lock_file(const std::filesystem::path& root) {
+  return root / "run" / "lock-prepare";
+}
+
 }  // namespace anigen

@@ -26,8 +26,11 @@ class FileLock {
   int descriptor_;
 };
 
-/// What whoever works on a dataset locks, `<root>/run/lock`: exclusively to write its tables, or all of it; shared to
-/// work on a part of its own while nobody does that.
+/// What programs that add to a dataset, such as anigen-encode, lock together: `<root>/run/lock`.
 std::filesystem::path dataset_lock_file(const std::filesystem::path& root);
+
+/// What those that make a dataset lock together (group_lock.h): `<root>/run/lock-prepare`. Each of the two kinds keeps
+/// the other out.
+std::filesystem::path dataset_prepare_lock_file(const std::filesystem::path& root);
 
 }  // namespace anigen

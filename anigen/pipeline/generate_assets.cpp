@@ -3,6 +3,7 @@
 #include <chrono>
 #include <map>
 #include <memory>
+#include <optional>
 #include <system_error>
 #include <utility>
 
@@ -11,6 +12,7 @@
 #include "anigen/core/interrupt.h"
 #include "anigen/core/log.h"
 #include "anigen/core/sha256.h"
+#include "anigen/core/shared_work.h"
 #include "anigen/features/dsine_normals.h"
 #include "anigen/geometry/skeleton_mesh.h"
 #include "anigen/io/checkpoint_folder.h"
@@ -29,6 +31,7 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr const char* kReportFile = "generation.json";
+constexpr const char* kLeases = ".leases";
 
 /// Preprocessors of the sizes that the two stages see; they share the estimator of normals.
 class ConditionPictures {
@@ -147,14 +150,17 @@ class Generation {
   explicit Generation(const GenerateRequest& request)
       : request_(request), generator_(request.models), pictures_(request, generator_) {}
 
+  /// An asset that was made before, here or by another process, of these inputs.
+  std::optional<GenerationReport> kept(const NamedPicture& picture, const std::string& name) const {
+    GenerationReport report = report_of(name);
+    if (request_.again || !is_there(report, settings_of(request_, generator_.runs(), picture))) return std::nullopt;
+    return report;
+  }
+
   GenerationReport run(const NamedPicture& picture, const std::string& name) {
-    GenerationReport report;
-    report.name = name;
-    report.folder = request_.output / name;
-    const Json settings = settings_of(request_, generator_.runs(), picture);
-    if (!request_.again && is_there(report, settings)) return report;
+    GenerationReport report = report_of(name);
     try {
-      make(picture, settings, report);
+      make(picture, settings_of(request_, generator_.runs(), picture), report);
     } catch (const InputError& failure) {
       report.failure = failure.what();
     } catch (const Interrupted&) {
@@ -167,10 +173,22 @@ class Generation {
   }
 
  private:
+  GenerationReport report_of(const std::string& name) const {
+    GenerationReport report;
+    report.name = name;
+    report.folder = request_.output / name;
+    return report;
+  }
+
   static bool is_there(GenerationReport& report, const Json& settings) {
     std::error_code error;
     if (!fs::is_regular_file(report.folder / kReportFile, error)) return false;
-    const Json found = read_json(report.folder / kReportFile);
+    Json found;
+    try {
+      found = read_json(report.folder / kReportFile);
+    } catch (const InputError&) {
+      return false;  // damaged, or taken away by another process that makes the asset anew
+    }
     if (!found.is_object() || found.value("settings", Json()) != settings) return false;
     report.details = found;
     report.kept = true;
@@ -237,11 +255,19 @@ std::vector<GenerationReport> generate_assets(const GenerateRequest& request,
   if (!request.name.empty() && pictures.size() != 1) throw InputError("", "--name", "is for one picture");
   require_distinct_names(pictures);
   Generation generation(request);
-  std::vector<GenerationReport> reports;
-  for (const NamedPicture& picture : pictures) {
-    throw_if_interrupted();
-    reports.push_back(generation.run(picture, request.name.empty() ? picture.name : request.name));
-  }
+  std::vector<std::string> names;
+  for (const NamedPicture& picture : pictures) names.push_back(request.name.empty() ? picture.name : request.name);
+  std::vector<GenerationReport> reports(pictures.size());
+  const LeaseFolder leases(request.output / kLeases);
+  work_in_turn(
+      leases, names,
+      [&](std::size_t i) {
+        std::optional<GenerationReport> kept = generation.kept(pictures[i], names[i]);
+        if (kept) reports[i] = std::move(*kept);
+        return kept.has_value();
+      },
+      [&](std::size_t i) { reports[i] = generation.run(pictures[i], names[i]); });
+  leases.remove_left();
   return reports;
 }
 

@@ -36,6 +36,8 @@ struct GenerationReport {
 /// Pictures to rigged GLB files. For each `<output>/<name>/`: mesh.glb, skeleton.glb, processed_image.png,
 /// processed_normal.png where normals were seen, preview.png, and generation.json, written last: what made it (runs,
 /// seed, options, notices, times). A picture that cannot be used is reported and does not stop the others.
+/// Several processes called alike share the pictures by leases in <output>/.leases and all return at the end; with
+/// `again` each makes every picture.
 /// @throws InputError when the models are unusable or two pictures have one name
 std::vector<GenerationReport> generate_assets(const GenerateRequest& request,
                                               const std::vector<NamedPicture>& pictures);

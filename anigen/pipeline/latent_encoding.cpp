@@ -9,12 +9,14 @@
 #include <utility>
 
 #include "anigen/core/error.h"
-#include "anigen/core/file_lock.h"
+#include "anigen/core/group_lock.h"
 #include "anigen/core/interrupt.h"
 #include "anigen/core/log.h"
 #include "anigen/core/progress.h"
+#include "anigen/core/shared_work.h"
 #include "anigen/nn/torch.h"
 #include "anigen/pipeline/latent_manifest.h"
+#include "anigen/pipeline/latent_outcomes.h"
 #include "anigen/pipeline/metadata_flag.h"
 
 namespace anigen::pipeline {
@@ -40,11 +42,16 @@ loaders::RowFilter all_with(const std::string& flag) {
   return filter;
 }
 
-/// One run over a dataset.
+/// One run over a dataset, or this process' part of it.
 class LatentEncoding {
  public:
   LatentEncoding(const EncodeRequest& request, const LatentFolder& folder, LatentSource& source)
-      : request_(checked(request)), folder_(folder), source_(source) {
+      : request_(checked(request)),
+        folder_(folder),
+        source_(source),
+        outcomes_(request.data, folder.column()),
+        fingerprint_(source.fingerprint()),
+        encoder_{{"fingerprint", fingerprint_}, {"again", request.again}} {
     result_.name = folder_.name();
     result_.checkpoint = source_.checkpoint();
   }
@@ -52,37 +59,49 @@ class LatentEncoding {
   EncodedLatents run() {
     const torch::NoGradGuard no_grad;
     const FileLock dataset = share_dataset(request_.data);
-    const std::optional<FileLock> latents = FileLock::try_lock(
-        dataset_lock_file(request_.data).parent_path() / ("lock-" + folder_.column()), FileLock::Kind::kExclusive);
-    if (!latents) throw InputError(folder_.path().string(), "", "another anigen-encode is writing these latents");
-    const std::vector<loaders::AssetId> assets =
-        loaders::select_assets(request_.data.string(), all_with(source_.required_flag()));
-    result_.assets = assets.size();
-    LatentManifest manifest(folder_.path(), source_.fingerprint());
-    const std::set<std::string> kept = up_to_date(assets, manifest);
-    invalidate_others(assets, kept, manifest);
-    Progress progress("encoding", assets.size(), "assets");
-    for (std::size_t i = 0; i < assets.size(); ++i) {
-      if (interrupt_requested()) {
-        throw Interrupted("stopped; the latents written so far are kept, run the same command to go on");
+    assets_ = loaders::select_assets(request_.data.string(), all_with(source_.required_flag()));
+    result_.assets = assets_.size();
+    const std::optional<FileLock> latents = join_group(lock_file(""), [this](bool first) {
+      if (first) {
+        begin();
+      } else if (!outcomes_.join(encoder_, kept_)) {
+        throw InputError(folder_.path().string(), "", "another anigen-encode is writing these latents");
       }
-      attempt(assets[i], kept.count(assets[i].id) > 0, manifest);
-      progress.advance();
-      if (request_.progress) request_.progress(i + 1, assets.size());
-    }
-    progress.finish();
-    manifest.save();
-    conclude();
+    });
+    if (!latents) throw InputError(folder_.path().string(), "", "another anigen-encode is writing these latents");
+    encode();
+    // Whoever is first concludes for all; the others only read what came of it.
+    const FileLock conclusion = wait_for_lock(lock_file("-conclusion"), FileLock::Kind::kExclusive);
+    collect();
+    if (!outcomes_.concluded()) conclude();
     return result_;
   }
 
  private:
+  fs::path lock_file(const std::string& part) const {
+    return dataset_lock_file(request_.data).parent_path() / ("lock-" + folder_.column() + part);
+  }
+
   std::string inputs_of(const loaders::AssetId& asset) const { return fingerprint_of_files(source_.inputs(asset)); }
 
+  /// What the first process does while the others wait: finds what can be kept, and takes back what was promised of the
+  /// rest.
+  void begin() {
+    LatentManifest manifest(folder_.path(), fingerprint_);
+    for (const bool again : {false, true}) {
+      const Json encoder{{"fingerprint", fingerprint_}, {"again", again}};
+      for (const auto& [id, inputs] : outcomes_.encoded_by(encoder)) manifest.add(id, inputs);
+    }
+    manifest.save();  // before what it was read from is removed
+    kept_ = up_to_date(manifest);
+    invalidate_others(manifest);
+    outcomes_.begin(encoder_, kept_);
+  }
+
   /// Ids whose latents need not be made again.
-  std::set<std::string> up_to_date(const std::vector<loaders::AssetId>& assets, const LatentManifest& manifest) const {
+  std::set<std::string> up_to_date(const LatentManifest& manifest) const {
     std::set<std::string> kept;
-    for (const loaders::AssetId& asset : assets) {
+    for (const loaders::AssetId& asset : assets_) {
       throw_if_interrupted();
       if (request_.again || !manifest.has(asset.id)) continue;
       std::error_code error;
@@ -96,35 +115,55 @@ class LatentEncoding {
   }
 
   /// Before the first file is replaced nothing may promise it any more, neither to training nor to the next run.
-  void invalidate_others(const std::vector<loaders::AssetId>& assets, const std::set<std::string>& kept,
-                         LatentManifest& manifest) const {
+  void invalidate_others(LatentManifest& manifest) const {
     std::vector<std::string> others;
-    for (const loaders::AssetId& asset : assets) {
-      if (kept.count(asset.id) == 0) others.push_back(asset.id);
+    for (const loaders::AssetId& asset : assets_) {
+      if (kept_.count(asset.id) == 0) others.push_back(asset.id);
     }
     if (others.empty()) return;
-    set_metadata_flag(request_.data, folder_.column(), kept);
+    set_metadata_flag(request_.data, folder_.column(), kept_);
     folder_.remove_statistics();
     manifest.forget(others);
   }
 
-  void attempt(const loaders::AssetId& asset, bool keep, LatentManifest& manifest) {
+  /// Until every asset has an outcome, of this process or of another one.
+  void encode() {
+    std::vector<std::string> names;
+    for (const loaders::AssetId& asset : assets_) names.push_back(asset.id);
+    std::vector<char> seen(assets_.size(), 0);
+    std::size_t count = 0;
+    Progress progress("encoding", assets_.size(), "assets");
+    const LeaseFolder leases(outcomes_.leases());
+    const auto done = [&](std::size_t i) {
+      if (seen[i] == 0 && outcomes_.read(names[i])) {
+        seen[i] = 1;
+        ++count;
+        progress.advance();
+      }
+      return seen[i] != 0;
+    };
+    work_in_turn(leases, names, done, [&](std::size_t i) {
+      outcomes_.write(names[i], attempt(assets_[i]));
+      done(i);
+      if (request_.progress) request_.progress(count, assets_.size());
+    });
+    progress.finish();
+  }
+
+  LatentOutcome attempt(const loaders::AssetId& asset) {
+    LatentOutcome failed;
     try {
-      treat(asset, keep, manifest);
+      return treat(asset);
     } catch (const Interrupted&) {
       throw;
     } catch (const std::bad_alloc&) {
       throw;
     } catch (const c10::Error& error) {
-      note_failure(asset, error.what_without_backtrace());
+      failed.failure = error.what_without_backtrace();
     } catch (const std::exception& error) {
-      note_failure(asset, error.what());
+      failed.failure = error.what();
     }
-  }
-
-  void note_failure(const loaders::AssetId& asset, const std::string& problem) {
-    result_.failed[asset.id] = problem;
-    if (result_.failed.size() <= kNamedInLog) log::warn("{}: {}", asset.id, problem);
+    return failed;
   }
 
   /// Nothing when the file went missing or was damaged since.
@@ -136,30 +175,60 @@ class LatentEncoding {
     }
   }
 
-  void treat(const loaders::AssetId& asset, bool keep, LatentManifest& manifest) {
+  LatentOutcome treat(const loaders::AssetId& asset) {
     const fs::path file = folder_.file(asset.id);
+    LatentOutcome outcome;
     std::optional<LatentValues> latent;
-    if (keep) latent = kept_latent(file);
-    const bool kept = latent.has_value();
-    if (!kept) {
+    if (kept_.count(asset.id) > 0) latent = kept_latent(file);
+    if (!latent) {
       // Of what is read next; before it, so that inputs that change in between are encoded again by the next run.
-      const std::string inputs = inputs_of(asset);
+      outcome.inputs = inputs_of(asset);
       source_.encode(asset, file);
-      manifest.add(asset.id, inputs);
       latent = source_.read(file);
     }
-    // Sums last: an asset that fails half way must not be in one of them only.
-    LatentStatistics shape = result_.shape, skeleton = result_.skeleton;
-    shape.add(latent->shape, latent->shape_channels, file.string());
-    skeleton.add(latent->skeleton, latent->skeleton_channels, file.string());
+    outcome.shape = moments_of(latent->shape, latent->shape_channels, file.string());
+    outcome.skeleton = moments_of(latent->skeleton, latent->skeleton_channels, file.string());
     source_.inspect(asset, file);
-    result_.shape = std::move(shape);
-    result_.skeleton = std::move(skeleton);
-    finished_.insert(asset.id);
-    (kept ? result_.up_to_date : result_.encoded) += 1;
+    return outcome;
+  }
+
+  void note_failure(const std::string& id, const std::string& problem) {
+    result_.failed[id] = problem;
+    if (result_.failed.size() <= kNamedInLog) log::warn("{}: {}", id, problem);
+  }
+
+  /// All outcomes, in the order of the dataset, so that sums do not depend on who encoded what.
+  void collect() {
+    for (const loaders::AssetId& asset : assets_) {
+      const std::optional<LatentOutcome> outcome = outcomes_.read(asset.id);
+      if (!outcome) throw Error(folder_.path().string() + ": what became of " + asset.id + " is not to be found");
+      if (!outcome->failure.empty()) {
+        note_failure(asset.id, outcome->failure);
+        continue;
+      }
+      // Sums last: an asset that fails half way must not be in one of them only.
+      LatentStatistics shape = result_.shape, skeleton = result_.skeleton;
+      try {
+        shape.add(outcome->shape, folder_.file(asset.id).string());
+        skeleton.add(outcome->skeleton, folder_.file(asset.id).string());
+      } catch (const InputError& problem) {
+        note_failure(asset.id, problem.what());
+        continue;
+      }
+      result_.shape = std::move(shape);
+      result_.skeleton = std::move(skeleton);
+      finished_.insert(asset.id);
+      (outcome->inputs.empty() ? result_.up_to_date : result_.encoded) += 1;
+    }
   }
 
   void conclude() {
+    LatentManifest manifest(folder_.path(), fingerprint_);
+    for (const loaders::AssetId& asset : assets_) {
+      const std::optional<LatentOutcome> outcome = outcomes_.read(asset.id);
+      if (outcome && outcome->failure.empty() && !outcome->inputs.empty()) manifest.add(asset.id, outcome->inputs);
+    }
+    manifest.save();
     if (finished_.empty()) {
       folder_.remove_statistics();
     } else {
@@ -167,12 +236,17 @@ class LatentEncoding {
     }
     // Last, so that whoever finds the flags finds the statistics of the same latents.
     set_metadata_flag(request_.data, folder_.column(), finished_);
+    outcomes_.set_concluded();
   }
 
   EncodeRequest request_;
   LatentFolder folder_;
   LatentSource& source_;
-  std::set<std::string> finished_;
+  LatentOutcomes outcomes_;
+  std::string fingerprint_;
+  Json encoder_;
+  std::vector<loaders::AssetId> assets_;
+  std::set<std::string> kept_, finished_;
   EncodedLatents result_;
 };
 

@@ -7,17 +7,11 @@
 
 namespace anigen::pipeline {
 
-void LatentStatistics::add(const std::vector<float>& values, std::size_t channels, const std::string& name) {
-  if (assets_ == 0) {
-    sum_.assign(channels, 0.0);
-    sum_of_squares_.assign(channels, 0.0);
-  }
-  if (channels == 0 || channels != sum_.size() || values.size() % channels != 0) {
-    throw InputError(
-        name, "",
-        "its latent has " + std::to_string(channels) + " channels, others have " + std::to_string(sum_.size()));
-  }
+LatentMoments moments_of(const std::vector<float>& values, std::size_t channels, const std::string& name) {
+  if (channels == 0 || values.empty() || values.size() % channels != 0)
+    throw InputError(name, "", "its latent is empty, or has a part of a channel");
   const std::size_t count = values.size() / channels;
+  LatentMoments moments;
   for (std::size_t c = 0; c < channels; ++c) {
     double sum = 0.0, squares = 0.0;
     for (std::size_t i = c * count; i < (c + 1) * count; ++i) {
@@ -25,8 +19,32 @@ void LatentStatistics::add(const std::vector<float>& values, std::size_t channel
       sum += value;
       squares += value * value;
     }
-    sum_[c] += sum / static_cast<double>(count);
-    sum_of_squares_[c] += squares / static_cast<double>(count);
+    moments.mean.push_back(sum / static_cast<double>(count));
+    moments.mean_square.push_back(squares / static_cast<double>(count));
+  }
+  return moments;
+}
+
+Json to_json(const LatentMoments& moments) { return {{"mean", moments.mean}, {"mean_square", moments.mean_square}}; }
+
+LatentMoments latent_moments_from_json(const Json& json) {
+  return {json.at("mean").get<std::vector<double>>(), json.at("mean_square").get<std::vector<double>>()};
+}
+
+void LatentStatistics::add(const LatentMoments& moments, const std::string& name) {
+  const std::size_t channels = moments.mean.size();
+  if (assets_ == 0) {
+    sum_.assign(channels, 0.0);
+    sum_of_squares_.assign(channels, 0.0);
+  }
+  if (channels != sum_.size()) {
+    throw InputError(
+        name, "",
+        "its latent has " + std::to_string(channels) + " channels, others have " + std::to_string(sum_.size()));
+  }
+  for (std::size_t c = 0; c < channels; ++c) {
+    sum_[c] += moments.mean[c];
+    sum_of_squares_[c] += moments.mean_square[c];
   }
   ++assets_;
 }

@@ -9,12 +9,23 @@
 
 namespace anigen::pipeline {
 
+/// The mean and the mean square of one latent per channel.
+struct LatentMoments {
+  std::vector<double> mean, mean_square;
+};
+
+/// @param values [C, count] or any more dimensions behind C @throws InputError when there are none, or they do not
+/// divide into C channels
+LatentMoments moments_of(const std::vector<float>& values, std::size_t channels, const std::string& name);
+Json to_json(const LatentMoments& moments);
+LatentMoments latent_moments_from_json(const Json& json);
+
 /// Mean and deviation of latents per channel: each asset's mean and mean square, averaged over assets, so that large
 /// assets do not count more; deviation √(E[x²] − E[x]²) (reference training-and-data.md, 1.3).
 class LatentStatistics {
  public:
-  /// @param values [C, count] or any more dimensions behind C @throws InputError when C differs from earlier assets'
-  void add(const std::vector<float>& values, std::size_t channels, const std::string& name);
+  /// @throws InputError when the number of channels differs from earlier assets'
+  void add(const LatentMoments& moments, const std::string& name);
 
   std::size_t assets() const { return assets_; }
   std::vector<float> mean() const;

@@ -1,14 +1,13 @@
 #include "anigen/pipeline/metadata_flag.h"
 
-#include <chrono>
 #include <optional>
 #include <system_error>
-#include <thread>
 #include <utility>
 
 #include "anigen/core/atomic_file.h"
 #include "anigen/core/csv.h"
 #include "anigen/core/error.h"
+#include "anigen/core/group_lock.h"
 
 namespace anigen::pipeline {
 namespace {
@@ -19,14 +18,7 @@ fs::path table_of(const fs::path& root) { return root / "metadata.csv"; }
 
 /// Others hold it for one change of the table, so it is worth waiting for.
 FileLock lock_table(const fs::path& root) {
-  constexpr std::chrono::milliseconds kPause{20};
-  constexpr int kTries = 3000;
-  const fs::path file = dataset_lock_file(root).parent_path() / "lock-metadata";
-  for (int i = 0; i < kTries; ++i) {
-    if (std::optional<FileLock> lock = FileLock::try_lock(file, FileLock::Kind::kExclusive)) return std::move(*lock);
-    std::this_thread::sleep_for(kPause);
-  }
-  throw Error(file.string() + ": another program has kept metadata.csv locked for a minute");
+  return wait_for_lock(dataset_lock_file(root).parent_path() / "lock-metadata", FileLock::Kind::kExclusive);
 }
 
 }  // namespace
@@ -35,7 +27,9 @@ FileLock share_dataset(const fs::path& root) {
   std::error_code error;
   // First, so that no lock file is made in a folder that is no dataset.
   if (!fs::is_regular_file(table_of(root), error)) throw InputError(table_of(root).string(), "", "no such file");
-  std::optional<FileLock> lock = FileLock::try_lock(dataset_lock_file(root), FileLock::Kind::kShared);
+  std::optional<FileLock> lock;
+  while_group_is_empty(dataset_prepare_lock_file(root),
+                       [&] { lock = FileLock::try_lock(dataset_lock_file(root), FileLock::Kind::kShared); });
   if (!lock)
     throw InputError(root.string(), "", "anigen-prepare is working on this dataset; wait until it has finished");
   return std::move(*lock);

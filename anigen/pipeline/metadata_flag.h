@@ -15,7 +15,7 @@ FileLock share_dataset(const std::filesystem::path& root);
 /// table stays as it is. A column that is not there is added. Written atomically, and only if something changes. Safe
 /// beside other programs that change the table: they lock the same files, run/lock and run/lock-metadata.
 /// @param root folder of metadata.csv @throws InputError when the table cannot be read or has no ids, or as
-/// share_dataset(); Error when another program keeps the table locked for a minute
+/// share_dataset(); Interrupted while another program keeps the table locked
 void set_metadata_flag(const std::filesystem::path& root, const std::string& column, const std::set<std::string>& ids);
 
 }  // namespace anigen::pipeline

@@ -1,18 +1,23 @@
 #include "anigen/prepare/dataset.h"
 
 #include <algorithm>
+#include <map>
+#include <optional>
 #include <system_error>
 #include <utility>
 
 #include "anigen/core/atomic_file.h"
 #include "anigen/core/error.h"
+#include "anigen/core/group_lock.h"
 #include "anigen/core/log.h"
 #include "anigen/core/sha256.h"
 #include "anigen/prepare/card/dataset_card.h"
 #include "anigen/prepare/run/carried_columns.h"
+#include "anigen/prepare/run/finished_run.h"
 #include "anigen/prepare/run/manifest.h"
 #include "anigen/prepare/run/run_lock.h"
 #include "anigen/prepare/run/source_scores.h"
+#include "anigen/prepare/run/verify.h"
 
 namespace anigen::prepare {
 namespace {
@@ -26,7 +31,10 @@ Manifest empty_manifest(const PrepareOptions& options, const std::vector<AssetSo
   Sha256 digest;
   for (const AssetSource& source : sources) digest.update(source.file_identifier + "\n");
   manifest.sources_digest = digest.finish();
-  manifest.settings = {{"plan", to_json(options.plan)}, {"tables", to_json(options.tables)}};
+  // Workers of one run may each have a GPU of their own; which one it was is nothing about the dataset.
+  StepPlan plan = options.plan;
+  plan.features.device.erase(std::min(plan.features.device.find(':'), plan.features.device.size()));
+  manifest.settings = {{"plan", to_json(plan)}, {"tables", to_json(options.tables)}};
   return manifest;
 }
 
@@ -57,10 +65,23 @@ CsvTable earlier_table(const fs::path& file) {
   }
 }
 
-/// Everything that is made from manifests and records. @pre the caller has the dataset alone
+/// @throws Error naming what is missing
+void require_complete(const fs::path& out, const std::vector<Manifest>& manifests, const StepPlan& plan) {
+  constexpr std::size_t kNamed = 5;
+  const std::vector<std::string> gaps = find_gaps(out, manifests, plan);
+  if (gaps.empty()) return;
+  std::string text;
+  for (std::size_t i = 0; i < std::min(kNamed, gaps.size()); ++i) text += "; " + gaps[i];
+  throw Error(out.string() + ": " + std::to_string(gaps.size()) +
+              " assets are not complete, run anigen-prepare again to make what is missing" + text +
+              (gaps.size() > kNamed ? "; …" : ""));
+}
+
+/// Everything that is made from manifests and records. @pre nobody else writes in the dataset
 PrepareSummary write_tables(const fs::path& out, const std::vector<Manifest>& manifests) {
   const StepPlan plan = step_plan_from_json(manifests[0].settings.at("plan"));
   const TableOptions options = table_options_from_json(manifests[0].settings.at("tables"));
+  require_complete(out, manifests, plan);
   DatasetRows found = collect_rows(out, manifests, plan, options.near_skeletons);
   const auto write_rejected = [&] {
     write_file_atomically(out / "rejected.csv", to_csv(rejected_table(found.rejected)));
@@ -133,6 +154,62 @@ void check(const PrepareOptions& options) {
   check_sources_lie_outside(options);
 }
 
+/// Enters the outcomes of a shard. @return for how many of its sources nothing had to be made
+std::size_t enter_outcomes(const std::vector<AssetSource>& sources, const std::vector<SourceOutcome>& outcomes,
+                           Manifest& manifest) {
+  std::size_t reused = 0;
+  SourceScores scores;
+  for (const SourceOutcome& outcome : outcomes) {
+    ManifestEntry entry;
+    entry.number = outcome.number;
+    entry.source = sources[outcome.number];
+    entry.aesthetic_score = scores.of(entry.source);
+    if (!outcome.assets.empty()) entry.id = outcome.assets[0].id;
+    bool whole = true;
+    for (const AssetOutcome& asset : outcome.assets) {
+      whole = whole && asset.reused;  // never set for a repeated content
+      entry.failures.insert(entry.failures.end(), asset.failures.begin(), asset.failures.end());
+    }
+    reused += whole && entry.failures.empty();
+    manifest.entries.push_back(std::move(entry));
+  }
+  return reused;
+}
+
+/// What one shard of several can say before the merge.
+PrepareSummary shard_summary(const Manifest& manifest) {
+  PrepareSummary summary;
+  summary.merged = false;
+  for (const ManifestEntry& entry : manifest.entries) {
+    const bool lost = std::any_of(entry.failures.begin(), entry.failures.end(), [](const StepFailure& failure) {
+      return failure.variant == 0 && (failure.step == kImport || failure.step == "skeleton");
+    });
+    summary.failed_steps += entry.failures.size();
+    if (lost) {
+      const StepFailure& failure = entry.failures[0];
+      summary.rejected.push_back({entry.source.file_identifier, failure.reason, failure.step, failure.rule});
+    } else {
+      ++(entry.source.procedural() ? summary.procedural : summary.real);
+    }
+  }
+  return summary;
+}
+
+/// The end of a run, once everything is done: lists for a merge or, of a whole run, the tables themselves.
+PrepareSummary finish(const fs::path& out, const std::vector<AssetSource>& sources,
+                      const std::vector<SourceOutcome>& outcomes, Manifest manifest, FailureLog& failures) {
+  const Shard shard = manifest.shard;
+  const std::size_t reused = enter_outcomes(sources, outcomes, manifest);
+  finish_failures(manifest, failures);
+  write_manifest(out, manifest);
+  // Of processes that were killed meanwhile; those that are left have nothing more to write.
+  if (shard.whole()) sweep_temporary_files(out);
+  PrepareSummary summary = shard.whole() ? write_tables(out, {manifest}) : shard_summary(manifest);
+  summary.reused = reused;
+  write_finished(out, shard, summary);
+  return summary;
+}
+
 }  // namespace
 
 Json to_json(const TableOptions& options) {
@@ -164,57 +241,25 @@ PrepareSummary prepare_dataset(const PrepareOptions& options) {
   check(options);
   const fs::path& out = options.out;
   const Shard& shard = options.run.shard;
-  const RunLock lock(out, shard);
-  if (shard.whole()) sweep_temporary_files(out);
   const std::vector<AssetSource> sources = representable(options.sources);
   Manifest manifest = empty_manifest(options, sources);
-  remove_other_manifests(out, manifest);
+  const RunMembership membership(out, manifest);
+  std::map<std::string, StepCost> costs;
   PrepareSummary summary;
-  std::size_t reused = 0;
   {
     FailureLog failures(out, shard);
     TimingLog timings(out, shard);
     const std::vector<SourceOutcome> outcomes = run_sources(out, sources, options.plan, options.run, failures, timings);
-    SourceScores scores;
-    for (const SourceOutcome& outcome : outcomes) {
-      ManifestEntry entry;
-      entry.number = outcome.number;
-      entry.source = sources[outcome.number];
-      entry.aesthetic_score = scores.of(entry.source);
-      if (!outcome.assets.empty()) entry.id = outcome.assets[0].id;
-      bool whole = true;
-      for (const AssetOutcome& asset : outcome.assets) {
-        whole = whole && asset.reused;  // never set for a repeated content
-        entry.failures.insert(entry.failures.end(), asset.failures.begin(), asset.failures.end());
-      }
-      reused += whole && entry.failures.empty();
-      manifest.entries.push_back(std::move(entry));
-    }
-    summary.costs = timings.costs();
-    finish_failures(manifest, failures);
-  }
-  write_manifest(out, manifest);
-  if (shard.whole()) {
-    std::map<std::string, StepCost> costs = std::move(summary.costs);
-    summary = write_tables(out, {manifest});
-    summary.costs = std::move(costs);
-    summary.reused = reused;
-  } else {
-    summary.merged = false;
-    summary.reused = reused;
-    for (const ManifestEntry& entry : manifest.entries) {
-      const bool lost = std::any_of(entry.failures.begin(), entry.failures.end(), [](const StepFailure& failure) {
-        return failure.variant == 0 && (failure.step == kImport || failure.step == "skeleton");
-      });
-      summary.failed_steps += entry.failures.size();
-      if (lost) {
-        const StepFailure& failure = entry.failures[0];
-        summary.rejected.push_back({entry.source.file_identifier, failure.reason, failure.step, failure.rule});
-      } else {
-        ++(entry.source.procedural() ? summary.procedural : summary.real);
-      }
+    costs = timings.costs();
+    // Whoever is first writes what is made of all outcomes; for the others it is there.
+    const FileLock tables = wait_for_lock(run_folder(out) / "lock-tables", FileLock::Kind::kExclusive);
+    if (std::optional<PrepareSummary> finished = read_finished(out, shard)) {
+      summary = std::move(*finished);
+    } else {
+      summary = finish(out, sources, outcomes, std::move(manifest), failures);
     }
   }
+  summary.costs = std::move(costs);
   for (const Rejected& one : summary.rejected) log::warn("rejected {}: {}", one.file_identifier, one.reason);
   return summary;
 }
@@ -222,7 +267,7 @@ PrepareSummary prepare_dataset(const PrepareOptions& options) {
 PrepareSummary merge_dataset(const fs::path& out) {
   std::error_code error;
   if (!fs::is_directory(out, error)) throw InputError(out.string(), "", "no such folder");
-  const RunLock lock(out, Shard{});
+  const RunAlone lock(out);
   sweep_temporary_files(out);
   return write_tables(out, read_manifests(out));
 }

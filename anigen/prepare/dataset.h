@@ -51,7 +51,7 @@ struct PrepareSummary {
 ///     metadata.csv  rejected.csv  failures.jsonl  splits/*.txt  card.html  card.md  card.png
 ///     skeleton/<id>/skeleton_voxelized.npz  voxels/<id>.ply  voxels/<id>_skeleton.ply  assets/<id>.glb
 ///     renders/<id>/  renders_cond/<id>/  features/<model>/<id>.npz  records/<id>.json
-///     run/    locks, failures, timings and lists per shard: about the run, not part of the dataset
+///     run/    locks, leases, failures, timings and lists per shard: about the run, not part of the dataset
 ///
 /// Every step of every asset is written by rename and recorded; what is recorded under the same content, options and
 /// version is not made again. So a call that ended in whatever way can be repeated, and the dataset that comes out
@@ -60,13 +60,18 @@ struct PrepareSummary {
 /// (carry_over_columns). What cannot be used, or repeats an earlier source, goes to rejected.csv; only usable assets
 /// enter the splits.
 ///
+/// Any number of processes, on any machines that share the folder, may be called alike at any time: they share the work
+/// by leases (core/lease.h), take over what a dead one had, and all return when everything is done; one of them checks
+/// that nothing is missing (run/verify.h) and writes the tables.
+///
 /// A shard only takes its own sources through the steps; merge_dataset() makes the tables when all have finished.
-/// @throws InputError when not one source could be used, or another process works on the same part of the dataset;
-/// Interrupted after Ctrl-C; Error when the disk refuses
+/// @throws InputError when not one source could be used, or the dataset is in other use; Interrupted after Ctrl-C;
+/// Error when the disk refuses, or assets are not complete in the end
 PrepareSummary prepare_dataset(const PrepareOptions& options);
 
-/// The tables, splits and card of a dataset whose shards have all finished, from their lists and the records alone.
-/// @throws InputError naming the shards that are missing
+/// The tables, splits and card of a dataset whose shards have all finished, from their lists and the records alone,
+/// after a check that every asset is complete. @throws InputError naming the shards that are missing, Error naming
+/// assets that are not complete
 PrepareSummary merge_dataset(const std::filesystem::path& out);
 
 Json to_json(const PrepareSummary& summary);

@@ -2,6 +2,9 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
+#include <thread>
+
 #include "anigen/core/atomic_file.h"
 #include "anigen/core/error.h"
 #include "anigen/eval/comparison/evaluate_command.h"
@@ -82,6 +85,29 @@ TEST_F(RunComparisonTest, FinishedPairsAreNotComputedAgainUnlessTheirInputChange
   const Comparison third = run_evaluation(request());
   EXPECT_NE(third.results[1][0].value("j2j"), first.results[1][0].value("j2j"));
   EXPECT_EQ(third.results[0][0].values, first.results[0][0].values);
+}
+
+TEST_F(RunComparisonTest, CallsAtTheSameTimeShareThePairs) {
+  const Comparison alone = run_evaluation(request());
+  fs::remove_all(folder_ / "out");
+  std::vector<Comparison> comparisons(3);
+  std::vector<std::thread> threads;
+  for (Comparison& comparison : comparisons) threads.emplace_back([&] { comparison = run_evaluation(request()); });
+  for (std::thread& thread : threads) thread.join();
+  EXPECT_EQ(saved().size(), 3u) << "results alone, no leases";
+  for (const Comparison& comparison : comparisons) {
+    for (std::size_t m = 0; m < 2; ++m) {
+      for (std::size_t i = 0; i < 2; ++i) {
+        const auto &ours = comparison.results[m][i].values, &wanted = alone.results[m][i].values;
+        ASSERT_EQ(ours.size(), wanted.size());
+        for (const auto& [name, value] : wanted) {
+          if (name == "seconds" || std::isnan(value)) continue;  // NaN: not computed
+          EXPECT_EQ(ours.at(name), value) << name;
+        }
+        EXPECT_EQ(comparison.results[m][i].failure, alone.results[m][i].failure);
+      }
+    }
+  }
 }
 
 TEST_F(RunComparisonTest, ADamagedSavedResultIsComputedAgain) {

@@ -1,5 +1,7 @@
 #include <gtest/gtest.h>
 
+#include <thread>
+
 #include "anigen/core/atomic_file.h"
 #include "anigen/core/csv.h"
 #include "anigen/core/error.h"
@@ -269,6 +271,26 @@ TEST_F(EncodeSparseStructure, OneDatasetAtATimeAndNoneThatIsBeingPrepared) {
   }
   const auto prepare = FileLock::try_lock(dataset_lock_file(sample_.root()), FileLock::Kind::kExclusive);
   EXPECT_THROW(encode_sparse_structure(request_), InputError);
+}
+
+TEST_F(EncodeSparseStructure, CallsAtTheSameTimeShareTheAssets) {
+  encode_sparse_structure(request_);
+  const std::string flags_alone = flags(), statistics_alone = read_file(statistics()),
+                    latent_alone = read_file(latent(1));
+  write_weights(2);
+  encode_interrupted(1);  // so that there is something to do
+  write_weights(1);
+  std::vector<EncodeResult> results(2);
+  std::vector<std::thread> threads;
+  for (EncodeResult& result : results) threads.emplace_back([&] { result = encode_sparse_structure(request_); });
+  for (std::thread& thread : threads) thread.join();
+  EXPECT_EQ(flags(), flags_alone);
+  EXPECT_EQ(read_file(statistics()), statistics_alone);
+  EXPECT_EQ(read_file(latent(1)), latent_alone);
+  for (const EncodeResult& result : results) {
+    EXPECT_EQ(result.encoded + result.up_to_date, 3u);
+    EXPECT_EQ(result.shape.assets(), 3u);
+  }
 }
 
 TEST_F(EncodeSparseStructure, RefusesBadNamesAndRuns) {

@@ -6,6 +6,7 @@
 #include <chrono>
 #include <cmath>
 #include <fstream>
+#include <thread>
 #include <utility>
 
 #include "anigen/core/atomic_file.h"
@@ -118,6 +119,21 @@ TEST_F(GenerateAssets, APictureBecomesARiggedFile) {
   EXPECT_EQ(asset.mesh.uvs.size(), asset.mesh.vertices.size());
   EXPECT_EQ(report.details["joints"], asset.skeleton.size());
   EXPECT_EQ(io::read_gltf(made("a", "skeleton.glb")).asset.skeleton.size(), asset.skeleton.size());
+}
+
+// Of a folder of pictures each is made once, whoever makes it.
+TEST_F(GenerateAssets, CallsAtTheSameTimeShareThePictures) {
+  std::vector<NamedPicture> pictures;
+  for (const char* name : {"a", "b", "c"}) pictures.emplace_back(picture_, name);
+  std::vector<std::vector<GenerationReport>> reports(2);
+  std::vector<std::thread> threads;
+  for (auto& made : reports) threads.emplace_back([&] { made = generate_assets(request_, pictures); });
+  for (std::thread& thread : threads) thread.join();
+  for (std::size_t i = 0; i < pictures.size(); ++i) {
+    EXPECT_NE(reports[0].at(i).kept, reports[1].at(i).kept) << "made by one, found by the other";
+    EXPECT_EQ(reports[0][i].failure + reports[1][i].failure, "");
+  }
+  EXPECT_FALSE(fs::exists(request_.output / ".leases"));
 }
 
 std::vector<float> dense_rows(const Asset& asset) { return to_dense(asset.skin, asset.skeleton.size()); }

@@ -24,8 +24,8 @@ TEST(LatentFolder, IsCalledAsTheRunWasWritten) {
 
 TEST(LatentStatistics, NameChannelsThatDoNotVary) {
   LatentStatistics statistics;
-  statistics.add({0, 0, 7.3f, 7.3f, 7.3f, 7.31f}, 3, "one");
-  statistics.add({0, 0, 7.3f, 7.3f, 7.3f, 7.31f}, 3, "two");
+  statistics.add(moments_of({0, 0, 7.3f, 7.3f, 7.3f, 7.31f}, 3, "one"), "one");
+  statistics.add(moments_of({0, 0, 7.3f, 7.3f, 7.3f, 7.31f}, 3, "two"), "two");
   EXPECT_EQ(statistics.constant_channels(), (std::vector<std::size_t>{0, 1}));
 }
 

@@ -3,6 +3,8 @@
 #include <gtest/gtest.h>
 
 #include <map>
+#include <mutex>
+#include <thread>
 
 #include "anigen/asset/normalize.h"
 #include "anigen/core/atomic_file.h"
@@ -12,6 +14,7 @@
 #include "anigen/io/gltf.h"
 #include "anigen/io/npz.h"
 #include "anigen/prepare/creatures/creature.h"
+#include "anigen/prepare/run/run_lock.h"
 #include "anigen/prepare/steps/asset_places.h"
 #include "anigen/prepare/voxels/voxel_file.h"
 #include "tests/support/paths.h"
@@ -206,6 +209,63 @@ TEST_F(PrepareDataset, GoesOnAfterAnInterruption) {
   fs::remove(folder_ / "out" / "metadata.csv");
   EXPECT_EQ(prepare_dataset(options("out")).reused, 1u);
   EXPECT_EQ(contents(folder_ / "out"), complete);
+}
+
+// What a merge sees when files went missing after they were recorded.
+TEST_F(PrepareDataset, AMergeRefusesAnIncompleteAsset) {
+  prepare_dataset(options("out"));
+  const auto complete = contents(folder_ / "out");
+  EXPECT_NO_THROW(merge_dataset(folder_ / "out"));
+  EXPECT_EQ(contents(folder_ / "out"), complete);
+  const CsvTable table = read_csv(folder_ / "out" / "metadata.csv");
+  const AssetPlaces places{folder_ / "out", table.cell(0, "sha256")};
+  write_file_atomically(places.skeleton_voxels(), "cut off");
+  try {
+    merge_dataset(folder_ / "out");
+    FAIL() << "a file of another size";
+  } catch (const Error& error) {
+    EXPECT_NE(std::string(error.what()).find("input/a.glb has files of voxels of another size"), std::string::npos)
+        << error.what();
+  }
+  fs::remove(places.skeleton());
+  EXPECT_THROW(merge_dataset(folder_ / "out"), Error);
+  prepare_dataset(options("out"));
+  EXPECT_EQ(contents(folder_ / "out"), complete);
+}
+
+// Calls at the same time stand for processes; e2e.prepare_together has real ones, and kills them.
+TEST_F(PrepareDataset, CallsAtTheSameTimeShareTheWork) {
+  const PrepareSummary alone = prepare_dataset(options("alone"));
+  std::vector<std::thread> threads;
+  std::vector<PrepareSummary> summaries(3);
+  std::mutex mutex;
+  std::vector<std::string> problems;
+  for (PrepareSummary& summary : summaries) {
+    threads.emplace_back([&] {
+      try {
+        summary = prepare_dataset(options("together"));
+      } catch (const std::exception& error) {
+        const std::lock_guard<std::mutex> lock(mutex);
+        problems.push_back(error.what());
+      }
+    });
+  }
+  for (std::thread& thread : threads) thread.join();
+  EXPECT_EQ(problems, std::vector<std::string>());
+  EXPECT_EQ(contents(folder_ / "together"), contents(folder_ / "alone"));
+  for (const PrepareSummary& summary : summaries) {
+    EXPECT_EQ(summary.real, alone.real);
+    EXPECT_EQ(summary.train, alone.train);
+    EXPECT_EQ(summary.rejected.size(), alone.rejected.size());
+  }
+}
+
+TEST_F(PrepareDataset, OtherArgumentsMustWait) {
+  const PrepareOptions ours = options("out");
+  Manifest other;
+  other.settings = {{"plan", "another one"}};
+  const RunMembership working(ours.out, other);
+  EXPECT_THROW(prepare_dataset(ours), InputError);
 }
 
 TEST_F(PrepareDataset, FailsOnlyWhenNothingCouldBeUsed) {

@@ -81,7 +81,7 @@ TEST(FailureLogs, SurviveALineThatAKillCutOff) {
   const StepFailure one{"id", 0, "views", "f", "first", ""}, two{"id", 0, "voxels", "f", "second", "rule"};
   { FailureLog(out, {}).add(sources[0], one); }
   {
-    std::ofstream file(run_folder(out) / "failures-0-of-1.jsonl", std::ios::app);
+    std::ofstream file(run_folder(out) / "failures-0-of-1-1.jsonl", std::ios::app);  // of a process that is gone
     file << R"({"source": "procedural/1/0", "id": "x", "vari)";
   }
   { FailureLog(out, {}).add(sources[0], two); }

@@ -6,6 +6,8 @@
 
 #include "anigen/core/atomic_file.h"
 #include "anigen/core/error.h"
+#include "anigen/core/file_lock.h"
+#include "anigen/prepare/run/pieces.h"
 #include "anigen/prepare/run/run_lock.h"
 #include "tests/support/paths.h"
 
@@ -24,55 +26,81 @@ TEST(Shards, ArePartsOfTheSources) {
   }
 }
 
-class SlurmVariables : public testing::Test {
- protected:
-  void SetUp() override { clear(); }
-  void TearDown() override { clear(); }
-  static void clear() {
-    for (const char* name : {"ID", "MIN", "COUNT", "STEP"})
-      ::unsetenv((std::string("SLURM_ARRAY_TASK_") + name).c_str());
-  }
-  static void set(const char* name, const char* value) {
-    ::setenv((std::string("SLURM_ARRAY_TASK_") + name).c_str(), value, 1);
-  }
-};
-
-TEST_F(SlurmVariables, GiveTheShardOfAnArrayJob) {
-  EXPECT_FALSE(slurm_shard().has_value());
-  set("ID", "7");
-  EXPECT_FALSE(slurm_shard().has_value());  // no array: somebody's leftover variable
-  set("MIN", "5");
-  set("COUNT", "4");
-  EXPECT_EQ(*slurm_shard(), (Shard{2, 4}));
-  set("STEP", "2");
-  EXPECT_EQ(*slurm_shard(), (Shard{1, 4}));
-  set("STEP", "3");
-  EXPECT_THROW(slurm_shard(), InputError);  // an array with gaps
-  set("STEP", "1");
-  set("ID", "9");
-  EXPECT_THROW(slurm_shard(), InputError);
-  set("ID", "x");
-  EXPECT_THROW(slurm_shard(), InputError);
+Manifest run_of(const Shard& shard, std::size_t sources = 3) {
+  Manifest run;
+  run.shard = shard;
+  run.sources = sources;
+  run.settings = Json::object();
+  return run;
 }
 
-// "sbatch --array=17" after task 17 of 64 failed must not become the whole dataset.
-TEST_F(SlurmVariables, OfAnArrayOfOneTaskDoNotSayWhichShardItIs) {
-  set("ID", "17");
-  set("MIN", "17");
-  set("COUNT", "1");
-  EXPECT_THROW(slurm_shard(), InputError);
-}
-
-TEST(RunLocks, KeepTwoRunsOfTheSamePartApart) {
+TEST(RunMemberships, GoTogetherWhenTheRunIsTheSame) {
   const test::TemporaryFolder folder;
   {
-    const RunLock first(folder.path(), {0, 2});
-    EXPECT_THROW(RunLock(folder.path(), Shard{0, 2}), InputError);  // the same shard
-    EXPECT_NO_THROW(RunLock(folder.path(), Shard{1, 2}));           // another one
-    EXPECT_THROW(RunLock(folder.path(), Shard{}), InputError);      // everything, or a merge
+    const RunMembership first(folder.path(), run_of({0, 2}));
+    EXPECT_NO_THROW(RunMembership(folder.path(), run_of({0, 2})));
+    EXPECT_NO_THROW(RunMembership(folder.path(), run_of({1, 2})));
+    EXPECT_THROW(RunMembership(folder.path(), run_of({})), InputError);         // other shards
+    EXPECT_THROW(RunMembership(folder.path(), run_of({0, 2}, 4)), InputError);  // other sources
+    EXPECT_THROW(RunAlone(folder.path()), InputError);                          // a merge
   }
-  const RunLock whole(folder.path(), {});
-  EXPECT_THROW(RunLock(folder.path(), Shard{1, 2}), InputError);
+  {
+    const RunAlone merge(folder.path());
+    EXPECT_THROW(RunMembership(folder.path(), run_of({0, 2})), InputError);
+  }
+  EXPECT_NO_THROW(RunMembership(folder.path(), run_of({}, 4)));
+}
+
+TEST(RunMemberships, AndEncodersKeepEachOtherOut) {
+  const test::TemporaryFolder folder;
+  {
+    const auto encoder = FileLock::try_lock(dataset_lock_file(folder.path()), FileLock::Kind::kShared);
+    EXPECT_THROW(RunMembership(folder.path(), run_of({})), InputError);
+    EXPECT_THROW(RunAlone(folder.path()), InputError);
+  }
+  EXPECT_NO_THROW(RunMembership(folder.path(), run_of({})));
+}
+
+TEST(RunMemberships, TheFirstBeginsAnewUnlessItIsOfTheSameArray) {
+  const test::TemporaryFolder folder;
+  const std::filesystem::path piece = pieces_folder(folder.path()) / "prepare-0-of-1-000000.json";
+  const auto stays = [&] {
+    write_file_atomically(piece, "[]");
+    RunMembership(folder.path(), run_of({}));
+    return std::filesystem::exists(piece);
+  };
+  ::unsetenv("SLURM_ARRAY_JOB_ID");
+  EXPECT_FALSE(stays());
+  EXPECT_FALSE(stays()) << "the same command again looks at everything again";
+  ::setenv("SLURM_ARRAY_JOB_ID", "17", 1);
+  EXPECT_FALSE(stays());
+  EXPECT_TRUE(stays()) << "a task that starts late";
+  ::setenv("SLURM_ARRAY_JOB_ID", "18", 1);
+  EXPECT_FALSE(stays());
+  ::unsetenv("SLURM_ARRAY_JOB_ID");
+  {
+    const RunMembership working(folder.path(), run_of({}));
+    EXPECT_TRUE(stays()) << "who joins goes on";
+  }
+}
+
+TEST(Pieces, HoldEveryTaskOnceAndForgetDamagedFiles) {
+  const test::TemporaryFolder folder;
+  const Pieces pieces(folder.path(), "prepare", {}, 7, 3);
+  ASSERT_EQ(pieces.size(), 3u);
+  EXPECT_EQ(pieces.range(2), (std::pair<std::size_t, std::size_t>{6, 7}));
+  EXPECT_EQ(pieces.of_task(5), 1u);
+  EXPECT_EQ(Pieces(folder.path(), "prepare", {}, 0, 3).size(), 0u);
+  EXPECT_FALSE(pieces.read(2));
+  SourceOutcome outcome;
+  outcome.number = 12;
+  pieces.write(2, {outcome});
+  ASSERT_TRUE(pieces.read(2));
+  EXPECT_EQ(pieces.read(2)->at(0).number, 12u);
+  pieces.write(2, {outcome, outcome});
+  EXPECT_FALSE(pieces.read(2)) << "of a run with other pieces";
+  write_file_atomically(pieces_folder(folder.path()) / (pieces.name(2) + ".json"), "[{");
+  EXPECT_FALSE(pieces.read(2));
 }
 
 TEST(Sweep, RemovesWhatKilledWritersLeftAndNothingElse) {

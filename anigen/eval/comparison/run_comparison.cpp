@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <map>
+#include <optional>
 
 #include "anigen/core/atomic_file.h"
 #include "anigen/core/error.h"
@@ -11,6 +12,7 @@
 #include "anigen/core/parallel.h"
 #include "anigen/core/progress.h"
 #include "anigen/core/random.h"
+#include "anigen/core/shared_work.h"
 #include "anigen/core/version.h"
 #include "anigen/eval/comparison/file_name.h"
 #include "anigen/eval/pair/fingerprint.h"
@@ -20,6 +22,8 @@ namespace anigen::eval {
 namespace {
 
 namespace fs = std::filesystem;
+
+constexpr const char* kLeases = ".leases";
 
 /// What a saved result is valid for.
 std::string stamp(const PairSettings& settings, const CategoryQuestion& category, const io::RiggedShape& predicted,
@@ -107,15 +111,26 @@ Comparison run_comparison(const std::vector<ComparedMethod>& methods, const Comp
   // Pairs of one ground truth run one after the other, so that its file is still in the disk cache.
   std::stable_sort(work.begin(), work.end(), [](const Work& a, const Work& b) { return a.row < b.row; });
 
+  std::vector<std::string> names;
+  for (const Work& item : work) names.push_back(methods[item.method].label + "/" + item.pair->id);
+  const LeaseFolder leases(run.cache / kLeases);
   Progress progress("evaluating", work.size(), "pairs");
-  parallel_for(work.size(), [&](std::size_t w) {
-    if (interrupt_requested()) return;
-    const Work& item = work[w];
-    comparison.results[item.method][item.row] = evaluate(*item.pair, methods[item.method], run);
-    progress.advance();
-  });
+  // Whether a pair was done elsewhere shows when its shapes are read, which is for its turn; none counts as done here.
+  work_together(
+      leases, names, [](std::size_t) { return false; },
+      [&](const std::vector<std::size_t>& pieces, const Claim& claim) {
+        parallel_for(pieces.size(), [&](std::size_t p) {
+          if (interrupt_requested()) return;
+          const std::optional<Lease> lease = claim(pieces[p]);
+          if (!lease) return;
+          const Work& item = work[pieces[p]];
+          comparison.results[item.method][item.row] = evaluate(*item.pair, methods[item.method], run);
+          progress.advance();
+        });
+      });
   progress.finish();
   throw_if_interrupted();
+  leases.remove_left();
   return comparison;
 }
 

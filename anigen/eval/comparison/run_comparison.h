@@ -32,7 +32,8 @@ struct ComparisonRun {
 
 /// Evaluates every pair of every method, several at once (set_thread_count). Rows are those of the first method;
 /// where another one has no pair of that id, that is a failure. What a pair throws is its failure and stops nothing.
-/// A saved result counts only for the same shapes, settings and version.
+/// A saved result counts only for the same shapes, settings and version. Several processes with one `cache` share the
+/// pairs by leases: each returns all results, of which it computed some and read the others.
 /// @throws InputError without methods or pairs; Interrupted after Ctrl-C, with finished pairs saved
 Comparison run_comparison(const std::vector<ComparedMethod>& methods, const ComparisonRun& run);
 

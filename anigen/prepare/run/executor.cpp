@@ -24,7 +24,8 @@ class HereExecutor : public Executor {
   void each(std::size_t n, const Task& task, const Take& take) override {
     const auto one = [&](std::size_t i) {
       if (interrupt_requested()) return;
-      take(i, preparer_.prepare(task(i), [](const StepBegin&) {}));
+      const std::optional<SourceTask> wanted = task(i);
+      if (wanted) take(i, preparer_.prepare(*wanted, [](const StepBegin&) {}));
     };
     if (extractor_ == nullptr) {
       parallel_for(n, one);
@@ -85,10 +86,14 @@ class WorkerExecutor : public Executor {
     };
     PoolClient client;
     client.next = [&]() -> std::optional<Json> {
-      if (next == n) return std::nullopt;
-      const SourceTask one = task(next);
-      positions[one.number] = next++;
-      return to_json(one);
+      while (next < n) {
+        const std::size_t position = next++;
+        const std::optional<SourceTask> one = task(position);
+        if (!one) continue;
+        positions[one->number] = position;
+        return to_json(*one);
+      }
+      return std::nullopt;
     };
     client.done = [&](const Json& json, const Json& result) {
       settle(json.at("number").get<std::size_t>(), source_outcome_from_json(result));

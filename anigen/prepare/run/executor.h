@@ -3,6 +3,7 @@
 #include <filesystem>
 #include <functional>
 #include <memory>
+#include <optional>
 
 #include "anigen/prepare/run/run_sources.h"
 #include "anigen/prepare/steps/source_outcome.h"
@@ -12,11 +13,13 @@ namespace anigen::prepare {
 /// Sends tasks somewhere and hands their outcomes in, in any order.
 class Executor {
  public:
-  using Task = std::function<SourceTask(std::size_t)>;
+  /// Asked when there is room for one more. Nothing: it is not for us.
+  using Task = std::function<std::optional<SourceTask>(std::size_t)>;
   using Take = std::function<void(std::size_t, SourceOutcome)>;
 
   virtual ~Executor() = default;
-  /// task(i) and take(i, its outcome) for every i in [0, n). take() may be called from several threads.
+  /// task(i), and take(i, its outcome) where there is a task, for every i in [0, n). Both may be called from several
+  /// threads.
   virtual void each(std::size_t n, const Task& task, const Take& take) = 0;
 };
 

@@ -1,17 +1,23 @@
 #include "anigen/prepare/run/run_lock.h"
 
 #include <cctype>
+#include <cstdlib>
+#include <optional>
 #include <system_error>
+#include <utility>
 #include <vector>
 
+#include "anigen/core/atomic_file.h"
 #include "anigen/core/error.h"
+#include "anigen/core/group_lock.h"
+#include "anigen/prepare/run/pieces.h"
 
 namespace anigen::prepare {
 namespace {
 
 namespace fs = std::filesystem;
 
-/// "<stem>.tmp-<pid>-<n><extension>"
+/// "<stem>.tmp-<process>-<n><extension>"
 bool is_temporary(const std::string& name) {
   const std::size_t mark = name.rfind(".tmp-");
   if (mark == std::string::npos) return false;
@@ -26,20 +32,93 @@ bool is_temporary(const std::string& name) {
   return digits() && (i == name.size() || name[i] == '.');
 }
 
+constexpr const char kJob[] = "job";
+
+/// What all who work on one run have in common; and in which array job of a cluster, where they are in one.
+Json identity_of(const Manifest& run) {
+  const char* job = std::getenv("SLURM_ARRAY_JOB_ID");
+  return {{"shards", run.shard.count},
+          {"sources", run.sources},
+          {"sources_digest", run.sources_digest},
+          {"settings", run.settings},
+          {kJob, job == nullptr ? "" : job}};
+}
+
+/// Of the run that worked here last; null when nobody knows.
+Json read_identity(const fs::path& file) {
+  std::error_code error;
+  if (!fs::exists(file, error)) return nullptr;
+  try {
+    Json json = read_json(file);
+    return json.is_object() && json.contains(kJob) ? json : Json();
+  } catch (const InputError&) {
+    return nullptr;
+  }
+}
+
+bool same_work(Json one, Json other) {
+  if (!one.is_object() || !other.is_object()) return false;
+  one.erase(kJob);
+  other.erase(kJob);
+  return one == other;
+}
+
+void require_no_encoder(const fs::path& out) {
+  if (!FileLock::try_lock(dataset_lock_file(out), FileLock::Kind::kExclusive))
+    throw InputError(out.string(), "", "anigen-encode is working on this dataset; wait until it has finished");
+}
+
+void begin_run(const fs::path& out, const Manifest& run) {
+  sweep_temporary_files(out);
+  std::error_code ignored;
+  fs::remove_all(pieces_folder(out), ignored);
+  fs::remove_all(leases_folder(out), ignored);
+  remove_other_manifests(out, run);
+  for (std::size_t i = 0; i < run.shard.count; ++i) fs::remove(finished_file(out, {i, run.shard.count}), ignored);
+}
+
+/// At the gate: is this work that we can join, or begin?
+void enter(const fs::path& out, const Manifest& run, bool first) {
+  require_no_encoder(out);
+  const fs::path file = run_folder(out) / "run.json";
+  const Json ours = identity_of(run), found = read_identity(file);
+  if (!first && !same_work(ours, found)) {
+    throw InputError(out.string(), "",
+                     "another anigen-prepare is working on this dataset, with other sources or options");
+  }
+  const bool goes_on = same_work(ours, found) && ours.at(kJob) == found.at(kJob) && ours.at(kJob) != "";
+  if (!first || goes_on) return;
+  begin_run(out, run);
+  write_file_atomically(file, ours.dump(1) + "\n");
+}
+
+FileLock join_run(const fs::path& out, const Manifest& run) {
+  std::optional<FileLock> lock =
+      join_group(dataset_prepare_lock_file(out), [&](bool first) { enter(out, run, first); });
+  if (!lock) throw InputError(out.string(), "", "an anigen-prepare merge is working on this dataset");
+  return std::move(*lock);
+}
+
+FileLock take_alone(const fs::path& out) {
+  std::optional<FileLock> lock = instead_of_group(dataset_prepare_lock_file(out));
+  if (!lock) throw InputError(out.string(), "", "another anigen-prepare is working on this dataset");
+  require_no_encoder(out);
+  return std::move(*lock);
+}
+
 }  // namespace
 
 fs::path run_folder(const fs::path& out) { return out / "run"; }
 
-RunLock::RunLock(const fs::path& out, const Shard& shard)
-    : dataset_(FileLock::try_lock(dataset_lock_file(out),
-                                  shard.whole() ? FileLock::Kind::kExclusive : FileLock::Kind::kShared)) {
-  if (!dataset_) {
-    throw InputError(out.string(), "", "another anigen-prepare, or an anigen-encode, is working on this dataset");
-  }
-  if (shard.whole()) return;
-  shard_ = FileLock::try_lock(run_folder(out) / ("lock-" + shard.name()), FileLock::Kind::kExclusive);
-  if (!shard_) throw InputError(out.string(), "", "another anigen-prepare is working on shard " + shard.name());
+fs::path leases_folder(const fs::path& out) { return run_folder(out) / "leases"; }
+
+fs::path finished_file(const fs::path& out, const Shard& shard) {
+  return run_folder(out) / ("finished-" + shard.name() + ".json");
 }
+
+RunMembership::RunMembership(const fs::path& out, const Manifest& run) : lock_(join_run(out, run)) {}
+
+RunAlone::RunAlone(const fs::path& out) : lock_(take_alone(out)) {}
 
 std::size_t sweep_temporary_files(const fs::path& out) {
   std::vector<fs::path> stale;

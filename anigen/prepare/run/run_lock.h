@@ -1,29 +1,45 @@
 #pragma once
 #include <filesystem>
-#include <optional>
 
 #include "anigen/core/file_lock.h"
-#include "anigen/prepare/run/shard.h"
+#include "anigen/prepare/run/manifest.h"
 
 namespace anigen::prepare {
 
-/// Keeps two runs from working on the same part of one dataset, by locks on files of <out>/run (core/file_lock.h). A
-/// shard shares the dataset with other shards and with anigen-encode; a whole run or a merge has it alone. Worker
-/// processes do not inherit it.
-class RunLock {
+/// Being one of the processes that make a dataset: all that are called with the same sources, settings and number of
+/// shards may be at work at the same time, come and go. Others are refused, and so is anigen-encode meanwhile.
+///
+/// The first one begins the run: it sweeps what killed processes left, and forgets which pieces are done, so that
+/// everything is looked at again. Tasks of one SLURM array are one run: a task that begins when the others have ended
+/// goes on where they were. Worker processes do not inherit the membership.
+class RunMembership {
  public:
-  /// @throws InputError when another process is at work there
-  RunLock(const std::filesystem::path& out, const Shard& shard);
+  /// @param run without entries @throws InputError when anigen-encode works there, or anigen-prepare on other sources
+  /// or with other options
+  RunMembership(const std::filesystem::path& out, const Manifest& run);
 
  private:
-  std::optional<FileLock> dataset_, shard_;
+  FileLock lock_;
 };
 
-/// Where a run keeps what is not part of the dataset: locks, failures, timings, lists of what each shard made.
-std::filesystem::path run_folder(const std::filesystem::path& out);
+/// Has a dataset to itself, as a merge wants it. @throws InputError when another process is at work there
+class RunAlone {
+ public:
+  explicit RunAlone(const std::filesystem::path& out);
 
-/// Removes the temporary files that killed processes left in a dataset (see AtomicFile), at any depth. Only for
-/// whoever has the dataset alone. @return how many
+ private:
+  FileLock lock_;
+};
+
+/// Where a run keeps what is not part of the dataset: locks, leases, failures, timings, lists of what each shard made.
+std::filesystem::path run_folder(const std::filesystem::path& out);
+/// Leases on the pieces of a run.
+std::filesystem::path leases_folder(const std::filesystem::path& out);
+/// What says that the tables of a shard's run are written; see finished_run.h.
+std::filesystem::path finished_file(const std::filesystem::path& out, const Shard& shard);
+
+/// Removes the temporary files that killed processes left in a dataset (see AtomicFile), at any depth. Only while
+/// nobody writes there. @return how many
 std::size_t sweep_temporary_files(const std::filesystem::path& out);
 
 }  // namespace anigen::prepare

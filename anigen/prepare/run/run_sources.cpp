@@ -2,15 +2,20 @@
 
 #include <algorithm>
 #include <memory>
-#include <mutex>
 #include <set>
 #include <utility>
 
-#include "anigen/core/progress.h"
 #include "anigen/prepare/run/executor.h"
+#include "anigen/prepare/run/run_lock.h"
+#include "anigen/prepare/run/shared_phase.h"
 
 namespace anigen::prepare {
 namespace {
+
+/// Finding what a source is takes a moment, and leasing it nearly as long: many go together.
+constexpr std::size_t kIdentifiedTogether = 64;
+/// More pieces than this are not worth their files; few enough sources a piece, so that nobody waits long for the last.
+constexpr std::size_t kPieces = 4096, kMostPreparedTogether = 16;
 
 bool contains(const std::vector<StepFailure>& failures, const StepFailure& wanted) {
   return std::any_of(failures.begin(), failures.end(), [&](const StepFailure& one) {
@@ -20,20 +25,9 @@ bool contains(const std::vector<StepFailure>& failures, const StepFailure& wante
 }
 
 /// Finds what each source is, and which repeat an earlier one. @return positions that are left to prepare
-std::vector<std::size_t> identify(Executor& executor, std::vector<SourceTask>& tasks,
-                                  std::vector<SourceOutcome>& outcomes) {
-  Progress progress("identify", tasks.size(), "assets");
-  executor.each(
-      tasks.size(),
-      [&](std::size_t i) {
-        SourceTask task = tasks[i];
-        task.only_identify = true;
-        return task;
-      },
-      [&](std::size_t i, SourceOutcome outcome) {
-        outcomes[i] = std::move(outcome);
-        progress.advance();
-      });
+std::vector<std::size_t> identify(const SharedPhase& phase, const LeaseFolder& leases, Executor& executor,
+                                  std::vector<SourceTask>& tasks, std::vector<SourceOutcome>& outcomes) {
+  outcomes = run_phase(phase, leases, executor);
   std::vector<std::size_t> left;
   std::set<std::string> seen;
   for (std::size_t i = 0; i < tasks.size(); ++i) {
@@ -58,30 +52,43 @@ std::vector<SourceOutcome> run_sources(const std::filesystem::path& out, const s
     const auto found = known.find(sources[i].file_identifier);
     if (found != known.end()) tasks.back().known = found->second;
   }
-  std::vector<SourceOutcome> outcomes(tasks.size());
+  std::vector<SourceOutcome> outcomes;
   if (tasks.empty()) return outcomes;
   const std::unique_ptr<Executor> executor = make_executor(out, plan, options, tasks.size());
+  const LeaseFolder leases(leases_folder(out));
 
-  const std::vector<std::size_t> left = identify(*executor, tasks, outcomes);
-  Progress progress("prepare", left.size(), "assets");
-  std::mutex mutex;
+  const Pieces unknown(out, "identify", options.shard, tasks.size(), kIdentifiedTogether);
+  SharedPhase phase;
+  phase.label = "identify";
+  phase.pieces = &unknown;
+  phase.task = [&](std::size_t i) {
+    SourceTask task = tasks[i];
+    task.only_identify = true;
+    return task;
+  };
+  phase.made = [](std::size_t, const SourceOutcome&) { return std::string(); };
+  const std::vector<std::size_t> left = identify(phase, leases, *executor, tasks, outcomes);
+
+  // No two of these have the same content, so that whoever holds a piece is alone with its files.
+  const Pieces unprepared(out, "prepare", options.shard, left.size(),
+                          std::min(kMostPreparedTogether, left.size() / kPieces + 1));
   std::size_t failed = 0;
-  executor->each(
-      left.size(), [&](std::size_t i) { return tasks[left[i]]; },
-      [&](std::size_t i, SourceOutcome outcome) {
-        const std::lock_guard<std::mutex> lock(mutex);
-        const SourceTask& task = tasks[left[i]];
-        for (const AssetOutcome& asset : outcome.assets) {
-          failed += asset.failures.size();
-          for (const StepFailure& failure : asset.failures) {
-            if (!contains(task.known, failure)) failures.add(task.source, failure);
-          }
-        }
-        timings.add(outcome);
-        outcomes[left[i]] = std::move(outcome);
-        if (failed > 0) progress.note(std::to_string(failed) + " failed");
-        progress.advance();
-      });
+  phase.label = "prepare";
+  phase.pieces = &unprepared;
+  phase.task = [&](std::size_t i) { return tasks[left[i]]; };
+  phase.made = [&](std::size_t i, const SourceOutcome& outcome) {
+    const SourceTask& task = tasks[left[i]];
+    for (const AssetOutcome& asset : outcome.assets) {
+      failed += asset.failures.size();
+      for (const StepFailure& failure : asset.failures) {
+        if (!contains(task.known, failure)) failures.add(task.source, failure);
+      }
+    }
+    timings.add(outcome);
+    return failed > 0 ? std::to_string(failed) + " failed" : std::string();
+  };
+  std::vector<SourceOutcome> prepared = run_phase(phase, leases, *executor);
+  for (std::size_t i = 0; i < left.size(); ++i) outcomes[left[i]] = std::move(prepared[i]);
   return outcomes;
 }
 

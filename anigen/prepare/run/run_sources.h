@@ -25,8 +25,11 @@ struct RunOptions {
   FeatureExtractorFactory features;         ///< for work in this process; workers make their own
 };
 
-/// Takes the sources of the shard through the plan, by worker processes or in this process.
-/// @return what became of them, in order of their numbers
+/// Takes the sources of the shard through the plan, by worker processes or in this process, together with whoever else
+/// runs the same: each takes by lease what nobody has or has done. First all are identified, then each content is
+/// prepared once; both end when the last process has finished its part.
+/// @return what became of them, by whomever, in order of their numbers
+/// @pre the caller belongs to the run (RunMembership)
 /// @throws Interrupted after Ctrl-C, Error when the disk refuses
 std::vector<SourceOutcome> run_sources(const std::filesystem::path& out, const std::vector<AssetSource>& sources,
                                        const StepPlan& plan, const RunOptions& options, FailureLog& failures,

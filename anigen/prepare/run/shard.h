@@ -1,6 +1,5 @@
 #pragma once
 #include <cstddef>
-#include <optional>
 #include <string>
 
 namespace anigen::prepare {
@@ -18,10 +17,5 @@ struct Shard {
 
 /// "i/n" with 0 ≤ i < n. @throws InputError naming --shard
 Shard parse_shard(const std::string& text);
-
-/// The place of this task in a SLURM array job: (ID - MIN) of COUNT. Arrays with a step ("0-30:10") count their
-/// tasks from MIN in units of SLURM_ARRAY_TASK_STEP. @return nothing outside an array job
-/// @throws InputError when the variables contradict each other
-std::optional<Shard> slurm_shard();
 
 }  // namespace anigen::prepare

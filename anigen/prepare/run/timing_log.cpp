@@ -6,6 +6,7 @@
 #include <numeric>
 
 #include "anigen/core/error.h"
+#include "anigen/core/process_identity.h"
 #include "anigen/prepare/run/run_lock.h"
 
 namespace anigen::prepare {
@@ -29,7 +30,7 @@ Figures figures(std::vector<double> seconds) {
 }  // namespace
 
 TimingLog::TimingLog(const std::filesystem::path& out, const Shard& shard) {
-  const std::filesystem::path file = run_folder(out) / ("timings-" + shard.name() + ".csv");
+  const std::filesystem::path file = run_folder(out) / ("timings-" + shard.name() + "-" + process_number() + ".csv");
   stream_ = std::fopen(file.c_str(), "ae");
   if (stream_ == nullptr) throw Error(file.string() + ": cannot open: " + std::strerror(errno));
   std::fseek(stream_, 0, SEEK_END);

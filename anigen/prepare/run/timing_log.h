@@ -17,8 +17,8 @@ struct StepCost {
   std::uint64_t peak_bytes = 0;
 };
 
-/// run/timings-<i>-of-<n>.csv: id, variant, step, seconds, peak_mb, a line per step that was done. Not part of the
-/// dataset: two equal runs differ in it. A resumed run appends.
+/// run/timings-<i>-of-<n>-<process>.csv: id, variant, step, seconds, peak_mb, a line per step that this process did.
+/// Not part of the dataset: two equal runs differ in it.
 class TimingLog {
  public:
   /// @throws Error when the file cannot be written
