@@ -39,6 +39,8 @@ int main(int argc, char** argv) {
       ->capture_default_str()
       ->check(CLI::Range(1, 1024));
   run->add_option("--only", options.only, "Only this job, or the jobs of this step");
+  run->add_flag("--together", options.together,
+                "With --only: others may run the same job at the same time and share its work");
   run->add_option("--emit", "slurm: write array jobs for a cluster instead of running")
       ->check(CLI::IsMember({"slurm"}))
       ->each([&options](const std::string&) { options.slurm = true; });

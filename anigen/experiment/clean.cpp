@@ -31,7 +31,7 @@ std::vector<Leftover> find_leftovers(const fs::path& out, const Plan& plan) {
 void remove_leftovers(const fs::path& out, const std::vector<Leftover>& leftovers) {
   for (const Leftover& leftover : leftovers) {
     for (const fs::path& path : {out / "jobs" / leftover.id, record_file(out, leftover.id), log_file(out, leftover.id),
-                                 job_lock_file(out, leftover.id)}) {
+                                 worker_logs(out, leftover.id), job_lock_file(out, leftover.id)}) {
       std::error_code error;
       fs::remove_all(path, error);
       if (error) throw Error(path.string() + ": cannot be removed: " + error.message());

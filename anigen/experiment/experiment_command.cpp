@@ -23,7 +23,9 @@ fs::path own_program() { return fs::read_symlink("/proc/self/exe"); }
 std::string counted(std::size_t n, const std::string& what) { return std::to_string(n) + " " + what; }
 
 std::string run(const ExperimentCommand& command, const Experiment& experiment, const Plan& plan, bool json) {
-  const RunOutcome outcome = run_jobs(command.place.out, plan, {command.jobs, command.threads, command.only});
+  RunOptions options{command.jobs, command.threads, command.only};
+  options.together = command.together;
+  const RunOutcome outcome = run_jobs(command.place.out, plan, options);
   // A report that cannot be written must hide neither that jobs failed nor, on a cluster, that one job is done.
   std::string text, problem;
   try {

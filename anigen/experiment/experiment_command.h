@@ -19,6 +19,7 @@ struct ExperimentCommand {
   int threads = 0;   ///< that they share; 0: all cores, or each its own choice when there is one at a time
   std::string only;  ///< id or step
   bool dry_run = false, slurm = false, accept_other_code = false;
+  bool together = false;  ///< other processes may run the same job, see RunOptions
 };
 
 /// Does what it is told. @return for people, or as JSON @throws Error when a job failed; what the parts throw

@@ -38,6 +38,7 @@ const char* word_of(JobRecord::State state) { return kWords[static_cast<int>(sta
 
 fs::path record_file(const fs::path& out, const std::string& id) { return out / "records" / (id + ".json"); }
 fs::path log_file(const fs::path& out, const std::string& id) { return out / "records" / (id + ".log"); }
+fs::path worker_logs(const fs::path& out, const std::string& id) { return out / "records" / (id + ".workers"); }
 
 fs::path run_lock_file(const fs::path& out) { return out / "locks" / "all"; }
 fs::path job_lock_file(const fs::path& out, const std::string& id) { return out / "locks" / id; }

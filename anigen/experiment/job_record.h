@@ -27,6 +27,8 @@ const char* word_of(JobRecord::State state);
 
 std::filesystem::path record_file(const std::filesystem::path& out, const std::string& id);
 std::filesystem::path log_file(const std::filesystem::path& out, const std::string& id);
+/// Folder of the logs of processes that shared a job.
+std::filesystem::path worker_logs(const std::filesystem::path& out, const std::string& id);
 
 /// What a run of all jobs, and whoever runs one job, holds exclusively meanwhile.
 std::filesystem::path run_lock_file(const std::filesystem::path& out);

@@ -168,6 +168,7 @@ class RunPlanner {
       job.needs = needs;
       job.minutes = step.minutes;
       job.megabytes = step.megabytes;
+      job.resources = step.resources;
       job.writes_into_other = !step.writes_into.empty();
       job.folder = job.writes_into_other ? job_of(step.writes_into).folder : place_.out / "jobs" / job.id;
       job.command = command(step, job.folder);

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "anigen/experiment/experiment_file.h"
+#include "anigen/experiment/resources.h"
 
 namespace anigen::experiment {
 
@@ -23,6 +24,7 @@ struct Job {
   std::vector<std::size_t> needs;     ///< jobs that come first, by place in the plan
   std::vector<std::string> serves;    ///< "variant", "variant, seed 1" that need it
   double minutes = 0, megabytes = 0;  ///< what the author expects; 0: unknown
+  Resources resources;                ///< of a cluster
 };
 
 /// <step>-<10 hexadecimal digits>, as jobs are called.

@@ -13,6 +13,7 @@
 #include "anigen/core/interrupt.h"
 #include "anigen/core/log.h"
 #include "anigen/core/parallel.h"
+#include "anigen/core/process_identity.h"
 #include "anigen/experiment/estimate.h"
 #include "anigen/experiment/folder_size.h"
 #include "anigen/experiment/input_fingerprint.h"
@@ -60,6 +61,7 @@ class JobRunner {
     std::size_t job;
     FileLock lock;
     LoggedProcess process;
+    fs::path log;
     JobRecord record;
     Clock::time_point started;
   };
@@ -117,7 +119,8 @@ class JobRunner {
 
   void start(std::size_t j) {
     const Job& job = plan_.jobs[j];
-    auto lock = FileLock::try_lock(job_lock_file(out_, job.id), FileLock::Kind::kExclusive);
+    auto lock = FileLock::try_lock(job_lock_file(out_, job.id),
+                                   options_.together ? FileLock::Kind::kShared : FileLock::Kind::kExclusive);
     if (!lock) throw InputError(out_.string(), "", "another anigen-experiment is running " + job.id);
     if (input_fingerprint(job.command.front()) != job.program_state) {
       throw InputError(job.command.front(), "",
@@ -138,8 +141,13 @@ class JobRunner {
     write_record(out_, job.id, record);
     states_[j] = State::kRunning;
     log::info("[{}/{}] {}{}", ++begun_, to_run_, job.id, of_whom(job));
-    running_.push_back(
-        {j, std::move(*lock), LoggedProcess(command_of(job), log_file(out_, job.id)), record, Clock::now()});
+    const fs::path log = log_of(job);
+    running_.push_back({j, std::move(*lock), LoggedProcess(command_of(job), log), log, record, Clock::now()});
+  }
+
+  /// Several processes do not append to one file: on a shared file system lines would be lost.
+  fs::path log_of(const Job& job) const {
+    return options_.together ? worker_logs(out_, job.id) / (process_number() + ".log") : log_file(out_, job.id);
   }
 
   /// With the job's share of the cores, where there is something to share.
@@ -161,7 +169,7 @@ class JobRunner {
 
   void tell(const Running& running) const {
     log::info("  {} {}: {}", plan_.jobs[running.job].id, duration_text(seconds_since(running.started)),
-              last_line(log_file(out_, plan_.jobs[running.job].id)));
+              last_line(running.log));
   }
 
   void collect() {
@@ -187,15 +195,17 @@ class JobRunner {
                    : stopped       ? JobRecord::State::kInterrupted
                                    : JobRecord::State::kFailed;
     if (end.status == 0) record.disk_bytes = job.writes_into_other ? 0 : folder_size(job.folder);
-    write_record(out_, job.id, record);
+    // What happened to this process says nothing about a job that another one has finished.
+    const bool done_elsewhere = options_.together && end.status != 0 && is_done(out_, job);
+    if (!done_elsewhere) write_record(out_, job.id, record);
     states_[running.job] = end.status == 0 ? State::kDone : State::kFailed;
     if (end.status == 0) {
       ++outcome_.done;
       log::info("  {} done in {}", job.id, duration_text(record.seconds));
     } else if (!stopped) {
       ++outcome_.failed;
-      log::error("  {} failed with status {}: {} ({})", job.id, end.status, last_line(log_file(out_, job.id), 300),
-                 log_file(out_, job.id).string());
+      log::error("  {} failed with status {}: {} ({})", job.id, end.status, last_line(running.log, 300),
+                 running.log.string());
     }
   }
 
@@ -226,6 +236,8 @@ RunOutcome run_jobs(const fs::path& out, const Plan& plan, const RunOptions& opt
   // Array tasks of a cluster share the folder, each with a job of its own.
   std::optional<FileLock> lock;
   if (options.only.empty()) lock = FileLock::try_lock(run_lock_file(out), FileLock::Kind::kExclusive);
+  if (options.together && options.only.empty())
+    throw InputError("", "--together", "goes with --only: it is for the tasks of a cluster, each with one job");
   if (options.only.empty() && !lock)
     throw InputError(out.string(), "", "another anigen-experiment is running jobs here");
   return JobRunner(out, plan, options).run();

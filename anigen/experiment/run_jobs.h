@@ -13,6 +13,9 @@ struct RunOptions {
   int threads = 0;           ///< to divide; 0: all cores
   std::string only = {};     ///< id or step of jobs to run; empty: all. What they need must be done.
   double report_every = 60;  ///< seconds between two lines about jobs that run
+  /// Other processes may run the same jobs at the same time, and the programs share the work (core/lease.h). Then any
+  /// one that ends well says that the job is done.
+  bool together = false;
 };
 
 struct RunOutcome {

@@ -98,6 +98,7 @@ Step read_step(const Experiment& experiment, const Variant& variant, const std::
   for (const std::string& other : step.after) require_step(experiment.steps, reader, "after", other);
   step.minutes = reader.number("minutes", 0, 0);
   step.megabytes = reader.number("megabytes", 0, 0);
+  step.resources = read_resources(reader, step.program, step.words.empty() ? "" : step.words.front(), step.arguments);
   require_arguments(step, reader);
   reader.finish();
   return step;

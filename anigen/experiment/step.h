@@ -5,10 +5,7 @@
 
 #include "anigen/core/json.h"
 #include "anigen/experiment/experiment_file.h"
-
-namespace anigen {
-class ConfigReader;
-}
+#include "anigen/experiment/resources.h"
 
 namespace anigen::experiment {
 
@@ -23,6 +20,7 @@ struct Step {
   Json settings = Json::object();     ///< path.to.key → value, for --set; nested objects of the file become paths
   std::vector<std::string> after;     ///< steps that must be done although no argument names them
   double minutes = 0, megabytes = 0;  ///< what the author expects; 0: unknown
+  Resources resources;                ///< of a cluster; they decide nothing about the results
 };
 
 /// One step of the file with the changes of a variant. @throws InputError

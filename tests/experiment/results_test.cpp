@@ -7,7 +7,6 @@
 #include "anigen/experiment/report.h"
 #include "anigen/experiment/result_tables.h"
 #include "anigen/experiment/run_jobs.h"
-#include "anigen/experiment/slurm.h"
 #include "tests/experiment/experiment_folder.h"
 
 namespace anigen::experiment {
@@ -90,19 +89,6 @@ TEST_F(ExperimentResults, TheReportIsOneFileAndNamesItsSources) {
     EXPECT_NE(html.find(part), std::string::npos) << part;
   EXPECT_EQ(html.find("src=\"http"), std::string::npos);
   for (const char* file : {"report.md", "1.tex", "results.json"}) EXPECT_FALSE(read_file(place_.out / file).empty());
-}
-
-TEST_F(ExperimentResults, SlurmArraysWaitForTheStepsTheyNeed) {
-  run_jobs(place_.out, plan_, {1, 0, "data"});
-  const auto files = write_slurm(place_.out, plan_, {"anigen-experiment", "run", "e.json", "--only"}, "/my folder");
-  ASSERT_EQ(files.size(), 3u);  // trainings, evaluations, submit.sh: the dataset is done
-  const std::string fit = read_file(files[0]), submit = read_file(files[2]);
-  EXPECT_NE(fit.find("--array=0-3"), std::string::npos);
-  EXPECT_NE(fit.find(job_of(plan_, 2, "fit").id), std::string::npos);
-  EXPECT_NE(submit.find("job_fit=$(sbatch --parsable \"$@\" 01_fit.sbatch)"), std::string::npos);
-  EXPECT_NE(fit.find("cd '/my folder'"), std::string::npos);
-  EXPECT_NE(fit.find("unset \"${!SLURM_ARRAY_@}\""), std::string::npos) << "anigen-prepare would take a shard";
-  EXPECT_NE(submit.find("--dependency=afterok:$job_fit"), std::string::npos);
 }
 
 }  // namespace
