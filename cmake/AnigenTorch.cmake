@@ -8,6 +8,11 @@ target_link_libraries(anigen_torch INTERFACE ${TORCH_LIBRARIES})
 # Flags that TorchConfig asks for (the C++ ABI of PyTorch's own builds).
 separate_arguments(torch_flags UNIX_COMMAND "${TORCH_CXX_FLAGS}")
 target_compile_options(anigen_torch INTERFACE ${torch_flags})
+# Training by several processes goes through LibTorch's c10d, whose headers need Gloo's.
+find_library(GLOO_LIBRARY gloo)
+if(NOT GLOO_LIBRARY)
+  message(STATUS "Gloo not found (libgloo-dev): no training by several processes")
+endif()
 # LibTorch's parallel_for is a template that runs on one thread in code compiled without OpenMP (nn/torch.h refuses
 # that). Eigen stays out of it: its products would depend on the number of threads.
 find_package(OpenMP REQUIRED COMPONENTS CXX)

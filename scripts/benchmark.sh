@@ -31,7 +31,7 @@ run() {  # NAME [ARGUMENTS]
 }
 run machine
 for name in blocked_attention ragged_attention sparse_convolution volume_convolution flexicubes rasterizer \
-  nearest_surface transport vote_clustering voxelize raytrace assets; do
+  nearest_surface transport vote_clustering voxelize raytrace assets distributed; do
   run "$name"
 done
 if [ -n "$published" ]; then

@@ -5,7 +5,7 @@ set -euo pipefail
 
 packages=(
   build-essential cmake ninja-build ccache git ca-certificates pkg-config
-  libtorch-dev libopenblas0-openmp libopencv-dev libtinygltf-dev libembree-dev nlohmann-json3-dev
+  libtorch-dev libgloo-dev libopenblas0-openmp libopencv-dev libtinygltf-dev libembree-dev nlohmann-json3-dev
   libspdlog-dev libcli11-dev libtbb-dev libeigen3-dev libdraco-dev libmeshoptimizer-dev libzip-dev zlib1g-dev liblemon-dev libassimp-dev
   libnanoflann-dev libcgal-dev
   libgtest-dev libbenchmark-dev python3-numpy

@@ -1,6 +1,12 @@
+#include <algorithm>
+#include <string>
+#include <vector>
+
 #include "anigen/apps/common/command_line.h"
+#include "anigen/core/error.h"
 #include "anigen/core/parallel.h"
 #include "anigen/nn/blas.h"
+#include "anigen/train/distributed/local_ranks.h"
 #include "anigen/train/train_command.h"
 
 int main(int argc, char** argv) {
@@ -8,10 +14,13 @@ int main(int argc, char** argv) {
       "Trains one stage from one config. Run the same command again to go on where it stopped.\n\n"
       "  anigen-train --config configs/tiny/skin_ae.json --data-dir data/tiny --output runs/skin_ae\n"
       "  anigen-train --output runs/skin_ae                     go on with the config of that run\n"
-      "  anigen-train --config FILE --output runs/b --set trainer.args.optimizer.args.lr=3e-4\n"};
+      "  anigen-train --config FILE --output runs/b --set trainer.args.optimizer.args.lr=3e-4\n"
+      "  anigen-train --ranks 2 --restarts 3 --config FILE --output runs/b --set trainer.args.batch_split=2\n"
+      "  srun --ntasks 8 anigen-train --config FILE --output runs/b      or torchrun, or mpirun: docs/cluster.md\n"};
   anigen::CommonOptions common;
   anigen::train::TrainCommand command;
-  std::string warm_start;
+  std::string warm_start, rendezvous, communication = "fp32";
+  anigen::train::LocalRanks local;
   app.add_option("--config", command.config, "JSON config; default: config.json of the output folder");
   app.add_option("--output", command.run.output, "Run folder")->required();
   app.add_option("--data-dir", command.data_dir, "Dataset root, or several separated by commas");
@@ -25,11 +34,40 @@ int main(int argc, char** argv) {
   app.add_option("--profile", command.run.profile_steps,
                  "Measure where the time of so many steps goes, after two that warm up, into profile.md of the run")
       ->check(CLI::NonNegativeNumber);
+  app.add_option("--ranks", local.ranks, "Train by so many processes of this machine")->check(CLI::Range(1, 1024));
+  app.add_option("--restarts", local.restarts,
+                 "With --ranks: start all again from the last checkpoint, so often, after one has failed")
+      ->check(CLI::NonNegativeNumber);
+  app.add_option("--rendezvous", rendezvous,
+                 "Where ranks find each other, tcp://HOST:PORT of rank 0 or file:///PATH [the launcher's environment]");
+  app.add_option("--timeout", command.ranks.timeout, "Seconds without a sign of life after which a rank is lost")
+      ->capture_default_str()
+      ->check(CLI::Range(5.0, 86400.0));
+  app.add_option("--communication", communication, "Gradients travel between ranks in fp32 or bf16")
+      ->capture_default_str()
+      ->check(CLI::IsMember({"fp32", "bf16"}));
   anigen::add_common_options(app, common, anigen::nn::version_details);
   for (int i = 0; i < argc; ++i) command.command_line += (i ? " " : "") + std::string(argv[i]);
-  return anigen::run_command(app, common, argc, argv, [&] {
+  int status_of_ranks = 0;
+  const int status = anigen::run_command(app, common, argc, argv, [&] {
+    command.environment = anigen::train::read_launch_environment(rendezvous);
+    const anigen::train::LaunchEnvironment& environment = command.environment;
+    if (local.ranks > 1 && environment.launcher.empty()) {
+      local.timeout = command.ranks.timeout;
+      status_of_ranks = anigen::train::run_local_ranks(local, std::vector<std::string>(argv, argv + argc));
+      return;
+    }
+    if (local.ranks > 1 && local.ranks != environment.size) {
+      throw anigen::InputError(
+          "--ranks", std::to_string(local.ranks),
+          environment.launcher + " has started " + std::to_string(environment.size) + "; leave the option out");
+    }
+    if (common.threads == 0 && environment.local_size > 1) {
+      anigen::set_thread_count(std::max(1, anigen::thread_count() / environment.local_size));
+    }
     command.device = common.device;
     command.run.threads = anigen::thread_count();
+    command.ranks.sent = communication == "bf16" ? torch::kBFloat16 : torch::kFloat32;
     if (common.seed_given) command.overrides.push_back("trainer.args.seed=" + std::to_string(common.seed));
     if (!warm_start.empty()) {
       command.overrides.push_back(warm_start == "none" ? std::string("trainer.args.warm_start=none")
@@ -37,4 +75,5 @@ int main(int argc, char** argv) {
     }
     anigen::train::train(command);
   });
+  return status != 0 ? status : status_of_ranks;
 }

@@ -33,7 +33,8 @@ Prefetcher::~Prefetcher() {
 StepBatches Prefetcher::load(const std::vector<Draw>& draws) const {
   StepBatches batches;
   for (const std::vector<Draw>& part : source_.split(draws, options_.batch_split)) {
-    batches.push_back(source_.load(part));
+    const bool ours = batches.size() % options_.ranks == options_.rank;
+    batches.push_back(ours ? source_.load(part) : nullptr);
   }
   return batches;
 }

@@ -14,7 +14,7 @@
 
 namespace anigen::loaders {
 
-/// The micro-batches of one training step.
+/// The micro-batches of one training step, by their number among all of them; null: another process works on it.
 using StepBatches = std::vector<std::unique_ptr<Batch>>;
 
 /// Loads the batches of coming steps in the background and hands them out in order. The sequence is the same for
@@ -22,10 +22,11 @@ using StepBatches = std::vector<std::unique_ptr<Batch>>;
 class Prefetcher {
  public:
   struct Options {
-    std::size_t batch_size = 1;   ///< samples per step
-    std::size_t batch_split = 1;  ///< micro-batches they are dealt into, by BatchSource::split
-    std::size_t workers = 1;      ///< 0: load in next()
-    std::size_t ahead = 4;        ///< steps kept ready at most
+    std::size_t batch_size = 1;       ///< samples per step
+    std::size_t batch_split = 1;      ///< micro-batches they are dealt into, by BatchSource::split
+    std::size_t workers = 1;          ///< 0: load in next()
+    std::size_t ahead = 4;            ///< steps kept ready at most
+    std::size_t rank = 0, ranks = 1;  ///< loads micro-batches rank, rank + ranks, … of every step
   };
 
   /// @param source must outlive the prefetcher

@@ -46,7 +46,9 @@ class TrainedPatches : public ConditionEncoder {
       : model_(options, channels, init), channels_(channels), device_(device) {
     model_->to(device);
   }
-  Tensor tokens(const Tensor& images) override { return model_->forward(images.to(device_)); }
+  Tensor tokens(const Tensor& images) override {
+    return model_->forward(images.to(device_, nn::dtype_of(model_->parameters().front())));
+  }
   std::optional<NamedModel> trained() const override { return NamedModel{kEncoderName, model_.ptr()}; }
   std::unique_ptr<ConditionEncoder> replica() const override {
     auto twin = std::make_unique<TrainedPatches>(model_->options(), channels_, device_, nn::Init::kNone);

@@ -26,7 +26,7 @@ void Ema::update(const torch::Tensor& master) {
   for (std::size_t i = 0; i < rates_.size(); ++i) {
     torch::Tensor& average = averages_[i];
     const double rate = rates_[i];
-    if (average.is_cpu()) {
+    if (average.is_cpu() && average.scalar_type() == torch::kFloat32) {
       ema_pass(average.data_ptr<float>(), master.data_ptr<float>(), average.numel(), static_cast<float>(rate),
                static_cast<float>(1.0 - rate));
     } else {

@@ -51,7 +51,11 @@ class FlowStage : public Stage {
     load_pretrained(*parts_.model, {PretrainedFile{pretrained_, ""}}, parts_.start, keys_of(finetuned, parts_.name));
   }
   bool supports(torch::Dtype dtype) const override { return dtype != torch::kHalf || parts_.device.is_cuda(); }
-  void set_compute_dtype(torch::Dtype dtype) override { parts_.model->set_compute_dtype(dtype); }
+  void set_compute_dtype(torch::Dtype dtype) override {
+    if (dtype != torch::kFloat64) return parts_.model->set_compute_dtype(dtype);
+    for (const NamedModel& model : models()) model.module->to(dtype);
+    dtype_ = dtype;
+  }
 
  protected:
   /// @param pretrained name of the file of weights that the published model begins from
@@ -72,6 +76,8 @@ class FlowStage : public Stage {
     twin.start = parts_.start;
     return twin;
   }
+  /// Latents, noise or velocities where the model is, in the type of its input.
+  torch::Tensor placed(const torch::Tensor& x) const { return x.to(parts_.device, dtype_); }
   /// @param pictures of the batch's items; anything without an encoder @return [B, M, C] on the device
   torch::Tensor condition_of(const torch::Tensor& pictures, std::int64_t items) {
     if (parts_.encoder) return parts_.encoder->tokens(pictures);
@@ -91,6 +97,7 @@ class FlowStage : public Stage {
 
  private:
   std::string pretrained_;
+  torch::Dtype dtype_ = torch::kFloat32;  // of the model's inputs: fp64 where everything is
 };
 
 }  // namespace anigen::train

@@ -72,12 +72,13 @@ void MetricsLog::append(std::int64_t step, const Values& values) {
   if (!out) throw Error(file_.string() + ": cannot write");
 }
 
-void RunningMeans::add(const std::string& name, double value) {
-  auto found = std::find_if(entries_.begin(), entries_.end(), [&](const Entry& entry) { return entry.name == name; });
-  if (found == entries_.end()) found = entries_.insert(entries_.end(), Entry{name});
-  if (!std::isfinite(value)) return;
-  found->sum += value;
-  ++found->count;
+void RunningMeans::add_sum(const Entry& other) {
+  auto found =
+      std::find_if(entries_.begin(), entries_.end(), [&](const Entry& entry) { return entry.name == other.name; });
+  if (found == entries_.end()) found = entries_.insert(entries_.end(), Entry{other.name});
+  if (!std::isfinite(other.sum)) return;
+  found->sum += other.sum;
+  found->count += other.count;
 }
 
 Values RunningMeans::means() const {

@@ -34,15 +34,18 @@ class MetricsLog {
 /// out its step for that quantity.
 class RunningMeans {
  public:
-  void add(const std::string& name, double value);
-  Values means() const;
-  void clear() { entries_.clear(); }
-
   struct Entry {
     std::string name;
     double sum = 0.0;
     std::int64_t count = 0;
   };
+
+  void add(const std::string& name, double value) { add_sum({name, value, 1}); }
+  /// Adds a sum that was taken elsewhere.
+  void add_sum(const Entry& other);
+  Values means() const;
+  void clear() { entries_.clear(); }
+
   std::vector<Entry> entries_;  ///< also what a checkpoint keeps, so that resumed runs log the same rows
 };
 

@@ -48,7 +48,7 @@ void AdamW::step(torch::Tensor parameters, const torch::Tensor& gradients, doubl
   const double correction2 = 1.0 - std::pow(beta2, static_cast<double>(steps));
   const double decay = options_.decoupled ? 1.0 - lr * options_.weight_decay : 1.0;
   const double l2 = options_.decoupled ? 0.0 : options_.weight_decay;
-  if (parameters.is_cpu()) {
+  if (parameters.is_cpu() && parameters.scalar_type() == torch::kFloat32) {
     const Coefficients c{static_cast<float>(gradient_factor),
                          static_cast<float>(decay),
                          static_cast<float>(l2),

@@ -24,12 +24,14 @@ void for_each_trainable(const std::vector<NamedModel>& models, const Visit& visi
 ParameterBuffer::ParameterBuffer(const std::vector<NamedModel>& models, const std::function<void()>& convert) {
   std::int64_t count = 0;
   torch::Device device(torch::kCPU);
+  bool wide = true;
   for_each_trainable(models, [&](const std::string&, const torch::Tensor& parameter) {
     count += parameter.numel();
     device = parameter.device();
+    wide = wide && parameter.scalar_type() == torch::kFloat64;
   });
   if (count == 0) throw Error("no trainable parameter: every model is frozen");
-  const auto options = torch::TensorOptions().dtype(torch::kFloat32).device(device);
+  const auto options = torch::TensorOptions().dtype(wide ? torch::kFloat64 : torch::kFloat32).device(device);
   master_ = torch::empty({count}, options);
   std::int64_t offset = 0;
   torch::NoGradGuard no_grad;
@@ -62,7 +64,7 @@ void ParameterBuffer::attach(const std::vector<NamedModel>& models) {
   std::int64_t offset = 0;
   for_each_trainable(models, [&](const std::string& name, torch::Tensor parameter) {
     if (offset + parameter.numel() > master_.numel()) throw Error("replicas of a model have different parameters");
-    const Slot slot{name, parameter, offset, parameter.scalar_type() == torch::kFloat32};
+    const Slot slot{name, parameter, offset, parameter.scalar_type() == master_.scalar_type()};
     offset += parameter.numel();
     if (slot.view) {
       parameter.set_data(part(master_, slot));
@@ -90,16 +92,18 @@ void ParameterBuffer::zero_gradients() {
 }
 
 void ParameterBuffer::collect_gradients() {
+  for (const Slot& slot : slots_) collect_gradient(slot);
+}
+
+void ParameterBuffer::collect_gradient(const Slot& slot) const {
   torch::NoGradGuard no_grad;
-  for (const Slot& slot : slots_) {
-    const torch::Tensor& grad = slot.parameter.grad();
-    if (slot.view) {
-      if (!grad.defined() || grad.data_ptr() != part(gradient_, slot).data_ptr()) {
-        throw Error("gradient of " + slot.name + " was replaced during the backward pass");
-      }
-    } else if (grad.defined()) {
-      part(gradient_, slot).copy_(grad);
+  const torch::Tensor& grad = slot.parameter.grad();
+  if (slot.view) {
+    if (!grad.defined() || grad.data_ptr() != part(gradient_, slot).data_ptr()) {
+      throw Error("gradient of " + slot.name + " was replaced during the backward pass");
     }
+  } else if (grad.defined()) {
+    part(gradient_, slot).copy_(grad);
   }
 }
 

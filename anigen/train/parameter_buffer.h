@@ -17,18 +17,19 @@ struct NamedModel {
 };
 
 /// All trainable parameters of some models as one flat fp32 vector (reference training-and-data.md, sections 2.3,
-/// 2.4), so that clipping, optimiser and averages are single passes over memory.
+/// 2.4), so that clipping, optimiser and averages are single passes over memory. Where all of them are fp64 so is the
+/// vector: tests compare ways to sum in it.
 ///
-/// Order: models as listed, parameters as registered, those with requires_grad only. A parameter that is fp32
-/// becomes a view into the vector, and its gradient a view into gradient(); one of another type keeps its own
-/// storage and is converted on the way in (collect_gradients) and out (publish).
+/// Order: models as listed, parameters as registered, those with requires_grad only. A parameter of the vector's type
+/// becomes a view into it, and its gradient a view into gradient(); one of another type keeps its own storage and is
+/// converted on the way in (collect_gradients) and out (publish).
 class ParameterBuffer {
  public:
   struct Slot {
     std::string name;  ///< "<model>.<parameter>"
     torch::Tensor parameter;
     std::int64_t offset;
-    bool view;  ///< fp32: shares memory with the vector
+    bool view;  ///< of the vector's type: shares memory with it
   };
 
   /// Takes over the current values of the parameters. @throws Error when nothing is trainable
@@ -40,14 +41,16 @@ class ParameterBuffer {
   /// are apart, for a second pair of hands in one step. @throws Error when names or shapes differ
   ParameterBuffer share(const std::vector<NamedModel>& models) const;
 
-  const torch::Tensor& master() const { return master_; }      ///< [P] fp32
-  const torch::Tensor& gradient() const { return gradient_; }  ///< [P] fp32
+  const torch::Tensor& master() const { return master_; }      ///< [P] fp32 (or fp64)
+  const torch::Tensor& gradient() const { return gradient_; }  ///< [P] of the same type
   const std::vector<Slot>& slots() const { return slots_; }
 
   void zero_gradients();
   /// Brings gradients of parameters that are no views into gradient(); a missing one counts as zero. Call once
   /// after the last backward() of a step. @throws Error when someone replaced a gradient that must stay a view
   void collect_gradients();
+  /// The same for one of slots(), as soon as its gradient is there.
+  void collect_gradient(const Slot& slot) const;
   /// Writes master() into the parameters that are no views.
   void publish();
 

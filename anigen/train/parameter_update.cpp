@@ -36,7 +36,7 @@ ParameterUpdate::Result ParameterUpdate::apply(std::int64_t step) {
   if (options_.loss_scaling) gradient.mul_(std::exp2(-log_scale));
   Result result;
   result.lr = options_.schedule->rate(options_.optimizer.lr, step);
-  result.grad_norm = gradient.norm().item<float>();
+  result.grad_norm = gradient.norm().item<double>();
   const double factor = clip_factor(result.grad_norm);
   // A norm can overflow over finite gradients; the factor is then 0 and the update one without gradient.
   result.skipped = !std::isfinite(result.grad_norm) && !torch::isfinite(gradient).all().item<bool>();

@@ -22,6 +22,9 @@ Precision choose_precision(const TrainerOptions& options, torch::Device device, 
     precision.compute = torch::kHalf;
     precision.loss_scaling = options.loss_scaling;
     precision.note = "precision fp16-published: the blocks compute in fp16, parameters are updated in fp32";
+  } else if (options.precision == "fp64") {
+    precision.compute = torch::kFloat64;
+    precision.note = "precision fp64: everything is computed and kept in fp64, many times as slow";
   } else if (options.precision == "fp32") {
     precision.note = "precision fp32";
   } else {

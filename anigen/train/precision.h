@@ -6,7 +6,7 @@
 
 namespace anigen::train {
 
-/// In which numbers a run computes. Masters, optimiser state and averages are fp32 always.
+/// In which numbers a run computes. Masters, optimiser state and averages are fp32, but for fp64.
 struct Precision {
   torch::Dtype compute = torch::kFloat32;  ///< of the torsos (see Stage::set_compute_dtype)
   bool loss_scaling = false;               ///< multiply losses by 2^log_scale: fp16 gradients underflow without
@@ -19,6 +19,7 @@ struct Precision {
 /// |---|---|---|
 /// | absent | fp32 | fp32 parameters; losses scaled if fp16_mode and loss_scaling say so |
 /// | "fp32" | fp32 | fp32 |
+/// | "fp64" | everything in fp64: for comparing ways to sum, stages 1, 4 and 5 | the same |
 /// | "bf16" | torsos in bf16 | torsos in bf16 |
 /// | "fp16-published" | not supported | torsos in fp16, losses scaled (reference training-and-data.md, 2.4) |
 ///

@@ -10,7 +10,7 @@ namespace {
 
 /// A sum that is finite has only finite terms; one that is not may also have overflowed.
 bool all_finite(const torch::Tensor& flat) {
-  return std::isfinite(flat.sum().item<float>()) || torch::isfinite(flat).all().item<bool>();
+  return std::isfinite(flat.sum().item<double>()) || torch::isfinite(flat).all().item<bool>();
 }
 
 }  // namespace

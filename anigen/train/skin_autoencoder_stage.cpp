@@ -12,10 +12,9 @@ namespace {
 
 using torch::Tensor;
 
-std::vector<Tensor> on(torch::Device device, const std::vector<Tensor>& tensors) {
-  if (device.is_cpu()) return tensors;
+std::vector<Tensor> placed(const std::vector<Tensor>& tensors, torch::Device device, torch::Dtype dtype) {
   std::vector<Tensor> moved;
-  for (const Tensor& tensor : tensors) moved.push_back(tensor.to(device));
+  for (const Tensor& tensor : tensors) moved.push_back(tensor.to(device, dtype));
   return moved;
 }
 
@@ -73,10 +72,21 @@ std::unique_ptr<Stage> SkinAutoEncoderStage::replica() const {
   return std::make_unique<SkinAutoEncoderStage>(model_options_, options_, data_, held_out_, model_name_, device_);
 }
 
+void SkinAutoEncoderStage::set_compute_dtype(torch::Dtype dtype) {
+  Stage::set_compute_dtype(dtype);
+  model_->to(dtype);
+  dtype_ = dtype;
+}
+
+models::SkeletonBatch SkinAutoEncoderStage::skeletons_of(const std::vector<Tensor>& joints,
+                                                         const std::vector<Tensor>& parents) const {
+  return models::SkeletonBatch::from_lists(placed(joints, torch::kCPU, dtype_), parents).to(device_);
+}
+
 Losses SkinAutoEncoderStage::losses(const loaders::Batch& batch, const LossContext&) {
   const auto& rigs = dynamic_cast<const loaders::SkinBatch&>(batch);
-  const models::SkeletonBatch skeletons = models::SkeletonBatch::from_lists(rigs.joints, rigs.parents).to(device_);
-  const std::vector<Tensor> skin = on(device_, rigs.skin);
+  const models::SkeletonBatch skeletons = skeletons_of(rigs.joints, rigs.parents);
+  const std::vector<Tensor> skin = placed(rigs.skin, device_, dtype_);
   const models::SkinLosses computed =
       models::skin_losses_from_log(model_->reconstruct_log(skeletons, skin), skin, options_.loss);
   Losses losses{computed.total, {}};
@@ -94,8 +104,8 @@ Values SkinAutoEncoderStage::evaluate() {
   double l1 = 0.0, kl = 0.0;
   for (std::size_t i = 0; i < count; ++i) {
     const auto rig = held_out_->vertices_of(i, static_cast<std::size_t>(options_.eval_max_vertices));
-    const models::SkeletonBatch skeleton = models::SkeletonBatch::from_lists(rig->joints, rig->parents).to(device_);
-    const std::vector<Tensor> skin = on(device_, rig->skin);
+    const models::SkeletonBatch skeleton = skeletons_of(rig->joints, rig->parents);
+    const std::vector<Tensor> skin = placed(rig->skin, device_, dtype_);
     const RowSums errors = row_errors(model_->reconstruct_log(skeleton, skin).front(), skin.front());
     l1 += errors.l1;
     kl += errors.kl;

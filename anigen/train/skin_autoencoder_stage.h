@@ -37,15 +37,21 @@ class SkinAutoEncoderStage : public Stage {
   std::vector<NamedModel> models() const override { return {{model_name_, model_.ptr()}}; }
   const loaders::BatchSource& data() const override { return *data_; }
   Losses losses(const loaders::Batch& batch, const LossContext& context) override;
+  bool supports(torch::Dtype dtype) const override { return dtype == torch::kFloat32 || dtype == torch::kFloat64; }
+  void set_compute_dtype(torch::Dtype dtype) override;
   Values evaluate() override;
   std::unique_ptr<Stage> replica() const override;
 
  private:
+  models::SkeletonBatch skeletons_of(const std::vector<torch::Tensor>& joints,
+                                     const std::vector<torch::Tensor>& parents) const;
+
   models::SkinAutoEncoderOptions model_options_;
   SkinAutoEncoderStageOptions options_;
   Datasets data_, held_out_;
   std::string model_name_;
   torch::Device device_;
+  torch::Dtype dtype_ = torch::kFloat32;
   models::SkinAutoEncoder model_;
 };
 

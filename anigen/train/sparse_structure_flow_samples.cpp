@@ -23,8 +23,11 @@ void SparseStructureFlowStage::sample(const std::filesystem::path& folder) {
   const loaders::StructureLatentDataset& assets = shown_assets();
   const loaders::StructureLatentOptions& reading = assets.options();
   const auto decoded = [&](const Tensor& z, const Tensor& z_skl) {
-    const auto logits = parts_.decoder->forward(denormalised(z.to(parts_.device), reading.normalization),
-                                                denormalised(z_skl.to(parts_.device), reading.normalization_skl));
+    const auto latent = [&](const Tensor& x, const loaders::ChannelStatistics& statistics) {
+      return denormalised(x.to(parts_.device, torch::kFloat32), statistics);
+    };
+    const auto logits =
+        parts_.decoder->forward(latent(z, reading.normalization), latent(z_skl, reading.normalization_skl));
     const auto occupied = [](const Tensor& grid) { return (grid[0][0] > 0).to(torch::kCPU).contiguous(); };
     return VoxelPair{occupied(logits.shape), occupied(logits.skeleton)};
   };
@@ -36,7 +39,7 @@ void SparseStructureFlowStage::sample(const std::filesystem::path& folder) {
     const at::Generator generator = numbered_generator(options_.seed, "flow sample", i);
     const Tensor noise = torch::randn(latents.x_0.sizes(), generator);
     const Tensor noise_skl = torch::randn(latents.x_0_skl.sizes(), generator);
-    const flow::Streams start{noise.to(parts_.device), noise_skl.to(parts_.device)};
+    const flow::Streams start{placed(noise), placed(noise_skl)};
     const Tensor condition = condition_of(latents.cond, 1);
     VoxelSheetRow row;
     row.label = short_id(latents.ids.front());

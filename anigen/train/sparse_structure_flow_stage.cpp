@@ -33,8 +33,8 @@ SparseStructureFlowStage::ItemErrors SparseStructureFlowStage::errors(const load
                                                                       const Tensor& noise_skl,
                                                                       const Tensor& condition) {
   const torch::Device device = parts_.device;
-  const Tensor times = t.to(device), e = noise.to(device), e_skl = noise_skl.to(device);
-  const Tensor x_0 = latents.x_0.to(device), x_0_skl = latents.x_0_skl.to(device);
+  const Tensor times = t.to(device), e = placed(noise), e_skl = placed(noise_skl);
+  const Tensor x_0 = placed(latents.x_0), x_0_skl = placed(latents.x_0_skl);
   const double sigma = options_.sigma_min;
   const models::Velocity velocity = parts_.model->forward(
       flow::noisy(x_0, e, times, sigma), flow::noisy(x_0_skl, e_skl, times, sigma), flow::model_time(times), condition);

@@ -60,7 +60,8 @@ class Stage {
   /// Whether set_compute_dtype() takes this type.
   virtual bool supports(torch::Dtype dtype) const { return dtype == torch::kFloat32; }
   /// The type in which the torsos of the models compute from now on, where the published system has fp16: their linears
-  /// and convolutions are converted in place. Called once, before anyone holds the parameters.
+  /// and convolutions are converted in place. fp64 converts all of the models, and what goes into them. Called once,
+  /// before anyone holds the parameters.
   /// @throws NotSupportedError for a type that supports() does not name
   virtual void set_compute_dtype(torch::Dtype dtype) {
     if (!supports(dtype)) throw NotSupportedError("", "/trainer/args/precision", "this precision in this stage");

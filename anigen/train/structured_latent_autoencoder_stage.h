@@ -81,7 +81,9 @@ class StructuredLatentAutoEncoderStage : public Stage {
   const loaders::BatchSource& data() const override { return *data_; }
   Losses losses(const loaders::Batch& batch, const LossContext& context) override;
   void warm_start(const LoadedKeys& finetuned) override;
-  bool supports(torch::Dtype dtype) const override { return dtype != torch::kHalf || device_.is_cuda(); }
+  bool supports(torch::Dtype dtype) const override {
+    return dtype == torch::kHalf ? device_.is_cuda() : dtype != torch::kFloat64;
+  }
   void set_compute_dtype(torch::Dtype dtype) override;
   Values evaluate() override;
   /// Writes reconstructions.png: for some held-out assets the true mesh with its skeleton, the decoded mesh with the

@@ -83,7 +83,7 @@ flow::Streams StructuredLatentFlowStage::drawn_sample(const Latents& latents, co
   const at::Generator generator = numbered_generator(options_.seed, "structured-latent sample", number);
   flow::Streams noise = structured_latent_noise(parts_.model->options(), *latents.shape.support,
                                                 *latents.skeleton.support, options_.smoothing, generator);
-  for (Tensor& stream : noise) stream = stream.to(parts_.device);
+  for (Tensor& stream : noise) stream = placed(stream);
   const StructuredLatentTarget target{latents.shape.support, latents.skeleton.support, condition, latents.joints_num};
   const bool guided = parts_.encoder || latents.joints_num.defined();
   return flow::sample_flow(noise, structured_latent_velocities(parts_.model, target, guided), options_.sampler).samples;
@@ -102,10 +102,10 @@ void StructuredLatentFlowStage::sample(const std::filesystem::path& folder) {
     const std::string name = short_id(given.ids.front());
     const Latents latents = latents_of(given);
     const auto decoded = [&](const Tensor& x, const Tensor& x_skl) {
-      const Tensor rows = denormalised(x, reading.normalization);
+      const Tensor rows = denormalised(x.to(torch::kFloat32), reading.normalization);
       return decoded_or_problem(parts_.decoder,
                                 {latents.shape.with(geometry_channels(rows)), latents.shape.with(skin_channels(rows)),
-                                 latents.skeleton.with(denormalised(x_skl, reading.normalization_skl))},
+                                 latents.skeleton.with(denormalised(x_skl.to(torch::kFloat32), reading.normalization_skl))},
                                 name);
     };
     const flow::Streams drawn = drawn_sample(latents, condition_of(given.cond, 1), i);

@@ -39,7 +39,11 @@ std::unique_ptr<Stage> StructuredLatentFlowStage::replica() const {
 
 StructuredLatentFlowStage::Latents StructuredLatentFlowStage::latents_of(
     const loaders::StructuredLatentBatch& batch) const {
-  Latents latents{sparse_of(batch.x_0, parts_.device), sparse_of(batch.x_0_skl, parts_.device), Tensor()};
+  const auto voxels = [&](const loaders::RaggedVoxels& given) {
+    const sparse::SparseTensor sparse = sparse_of(given, parts_.device);
+    return sparse.with(placed(sparse.feats));
+  };
+  Latents latents{voxels(batch.x_0), voxels(batch.x_0_skl), Tensor()};
   if (options_.use_joint_num_cond) latents.joints_num = batch.joints_num.to(parts_.device);
   return latents;
 }
@@ -52,7 +56,7 @@ StructuredLatentFlowStage::Errors StructuredLatentFlowStage::errors(const Latent
   const auto noisy = [&](const sparse::SparseTensor& x_0, const Tensor& e) {
     return x_0.with(flow::noisy(x_0.feats, e, times.index_select(0, item_of_rows(x_0)), sigma));
   };
-  const Tensor e = noise[0].to(parts_.device), e_skl = noise[1].to(parts_.device);
+  const Tensor e = placed(noise[0]), e_skl = placed(noise[1]);
   const models::StructuredVelocity velocity = parts_.model->forward(
       noisy(latents.shape, e), noisy(latents.skeleton, e_skl), flow::model_time(times), condition, latents.joints_num);
   return {(velocity.x.feats - flow::velocity_target(latents.shape.feats, e, sigma)).square(),

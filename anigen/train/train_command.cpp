@@ -55,6 +55,49 @@ void append_command(const fs::path& file, const std::string& line) {
   write_file_atomically(file, text + stamp + " " + line + "\n");
 }
 
+// What all ranks do alike, and what rank 0 writes.
+struct StageConfig {
+  const Json& config;
+  const std::string &file, &name;
+  torch::Device device;
+};
+
+void prepare_run_folder(const TrainCommand& command, const Json& config) {
+  std::error_code error;
+  fs::create_directories(command.run.output, error);
+  if (error) throw Error(command.run.output.string() + ": cannot create folder: " + error.message());
+  log::also_to_file(command.run.output / "log.txt");
+  report_changes(command.run.output / "config.json", config);
+  write_config(command.run.output / "config.json", config);
+  append_command(command.run.output / "command.txt", command.command_line);
+}
+
+void train_as_rank(const TrainCommand& command, const std::shared_ptr<Communicator>& ranks, const StageConfig& given,
+                   ConfigReader& args, TrainerOptions& options) {
+  make_deterministic(given.device);
+  torch::manual_seed(options.seed);
+  const Precision precision = choose_precision(options, given.device, given.file);
+  options.update.loss_scaling = precision.loss_scaling;
+  options.compute_dtype = precision.compute;
+  if (!precision.note.empty()) log::info("{}", precision.note);
+  // Everything is read and checked before the run folder is touched.
+  const std::unique_ptr<Stage> stage = make_stage(given.name, given.config, given.file, args, options, given.device);
+  args.finish();
+  if (!stage->supports(precision.compute)) {
+    throw NotSupportedError(given.file, "/trainer/args/precision",
+                            "precision " + options.precision + " with trainer " + given.name.substr(0, 80));
+  }
+
+  if (ranks->rank() == 0) prepare_run_folder(command, given.config);
+  RunOptions run = command.run;
+  run.ranks = ranks;
+  Trainer loop(*stage, options, run);
+  log::info("{} trainable parameters, {} threads, {} replicas", loop.parameters().master().numel(), command.run.threads,
+            options.replicas);
+  loop.run();
+  log::info("finished at step {}; results are in {}", loop.step(), command.run.output.string());
+}
+
 }  // namespace
 
 torch::Device parse_device(const std::string& name) {
@@ -80,7 +123,10 @@ void train(const TrainCommand& command) {
   nn::set_up_computing(command.run.threads);
   std::string file;
   const Json config = resolved_config(command, file);
-  const torch::Device device = parse_device(command.device);
+  const bool several = command.environment.size > 1;
+  const bool numbered = several && command.device == "cuda";
+  const torch::Device device =
+      parse_device(numbered ? "cuda:" + std::to_string(command.environment.local_rank) : command.device);
   ConfigReader top(config, file);
   for (const char* part : {"models", "dataset", "trainer"}) top.require(part);
   ConfigReader trainer = top.object("trainer");
@@ -93,32 +139,23 @@ void train(const TrainCommand& command) {
   top.finish();
   trainer.finish();
 
-  make_deterministic(device);
-  torch::manual_seed(options.seed);
-  const Precision precision = choose_precision(options, device, file);
-  options.update.loss_scaling = precision.loss_scaling;
-  options.compute_dtype = precision.compute;
-  if (!precision.note.empty()) log::info("{}", precision.note);
-  // Everything is read and checked before the run folder is touched.
-  const std::unique_ptr<Stage> stage = make_stage(name, config, file, args, options, device);
-  args.finish();
-  if (!stage->supports(precision.compute)) {
-    throw NotSupportedError(file, "/trainer/args/precision",
-                            "precision " + options.precision + " with trainer " + name.substr(0, 80));
+  const std::shared_ptr<Communicator> ranks = join_ranks(command.environment, command.ranks);
+  if (several) {
+    log::info("rank {} of {}: {}, rendezvous {}", ranks->rank(), ranks->size(), ranks->description(),
+              command.environment.rendezvous.text());
+    // The others have nothing to say that rank 0 does not, but for what goes wrong.
+    if (ranks->rank() > 0 && spdlog::get_level() == spdlog::level::info) spdlog::set_level(spdlog::level::warn);
   }
-
-  std::error_code error;
-  fs::create_directories(command.run.output, error);
-  if (error) throw Error(command.run.output.string() + ": cannot create folder: " + error.message());
-  log::also_to_file(command.run.output / "log.txt");
-  report_changes(command.run.output / "config.json", config);
-  write_config(command.run.output / "config.json", config);
-  append_command(command.run.output / "command.txt", command.command_line);
-  Trainer loop(*stage, options, command.run);
-  log::info("{} trainable parameters, {} threads, {} replicas", loop.parameters().master().numel(), command.run.threads,
-            options.replicas);
-  loop.run();
-  log::info("finished at step {}; results are in {}", loop.step(), command.run.output.string());
+  try {
+    train_as_rank(command, ranks, {config, file, name, device}, args, options);
+  } catch (const RankLost& lost) {
+    throw Error("rank " + std::to_string(ranks->rank()) + " stops: " + lost.what());
+  } catch (const Interrupted&) {
+    throw;
+  } catch (const std::exception& error) {
+    ranks->leave("rank " + std::to_string(ranks->rank()) + " stopped: " + error.what());
+    throw;
+  }
 }
 
 }  // namespace anigen::train

@@ -3,6 +3,7 @@
 #include <string>
 #include <vector>
 
+#include "anigen/train/distributed/join_ranks.h"
 #include "anigen/train/trainer.h"
 
 namespace anigen::train {
@@ -13,12 +14,15 @@ struct TrainCommand {
   std::vector<std::string> overrides;  ///< path.to.key=value
   std::string data_dir;                ///< empty: the config's dataset.args.data_dir
   RunOptions run;
-  std::string device = "cpu";
+  std::string device = "cpu";     ///< of several ranks on a machine "cuda" is the one with the number of the rank
+  LaunchEnvironment environment;  ///< which of how many processes this one is
+  RankOptions ranks;
   std::string command_line;  ///< for command.txt
 };
 
 /// One training run: reads the config, makes the run folder (config.json, command.txt, log.txt), the stage and the
-/// trainer, and trains. @throws what these throw
+/// trainer, and trains. As one of several ranks it joins the others first, and tells them when it fails; the run folder
+/// is rank 0's, and all must see it. @throws what these throw
 void train(const TrainCommand& command);
 
 /// Settings under which a step on this device gives the same bits every time: on a GPU cuDNN's deterministic

@@ -4,8 +4,6 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <cmath>
-#include <limits>
 #include <optional>
 #include <system_error>
 
@@ -15,6 +13,9 @@
 #include "anigen/core/log.h"
 #include "anigen/core/progress.h"
 #include "anigen/io/image_probe.h"
+#include "anigen/train/distributed/same_parameters.h"
+#include "anigen/train/distributed/single_process.h"
+#include "anigen/train/generator_state.h"
 
 namespace anigen::train {
 namespace {
@@ -24,21 +25,6 @@ using Clock = std::chrono::steady_clock;
 double seconds_since(Clock::time_point start) { return std::chrono::duration<double>(Clock::now() - start).count(); }
 
 bool due(std::int64_t step, std::int64_t every) { return every > 0 && step % every == 0; }
-
-std::string joined_ids(const loaders::Batch& batch) {
-  std::string line;
-  for (const std::string& id : batch.ids) line += (line.empty() ? "" : ", ") + id;
-  return line;
-}
-
-bool finite_losses(const std::vector<Values>& logged) {
-  for (const Values& values : logged) {
-    for (const auto& entry : values) {
-      if (!std::isfinite(entry.second)) return false;
-    }
-  }
-  return true;
-}
 
 // The PNG files of a folder, by name; none when a stage wrote no samples.
 std::vector<std::filesystem::path> pictures_in(const std::filesystem::path& folder) {
@@ -83,23 +69,46 @@ class AveragedWeights {
 }  // namespace
 
 Trainer::Trainer(Stage& stage, const TrainerOptions& options, const RunOptions& run)
-    : options_(options), run_(run), stages_{&stage}, checkpoints_(run.output / "ckpts"), started_(Clock::now()) {
+    : options_(options),
+      run_(run),
+      stages_{&stage},
+      ranks_(run.ranks ? run.ranks : std::make_shared<SingleProcess>()),
+      checkpoints_(run.output / "ckpts"),
+      started_(Clock::now()) {
+  const std::size_t ranks = static_cast<std::size_t>(ranks_->size());
   if (options_.replicas > options_.batch_split) {
     throw InputError("", "trainer/args/replicas", "needs a batch_split of at least as many micro-batches");
+  }
+  if (options_.replicas * ranks > options_.batch_split) {
+    throw InputError("", "trainer/args/batch_split",
+                     "is " + std::to_string(options_.batch_split) + "; " + std::to_string(ranks) + " ranks of " +
+                         std::to_string(options_.replicas) + " replicas need " +
+                         std::to_string(options_.replicas * ranks) + " micro-batches, so set it to that or more");
   }
   workers_ =
       std::make_unique<Workers>(options_.replicas, std::max(1, run.threads / static_cast<int>(options_.replicas)));
   check_finetuned_models();
   const CheckpointFolder source((run_.load.empty() ? run_.output : run_.load) / "ckpts");
-  const std::optional<std::int64_t> resumed = step_to_restore(source);
+  const std::optional<std::int64_t> resumed = agreed_on(first() ? step_to_restore(source) : std::nullopt);
   if (!resumed) start_from_files();
   const auto convert = [this](Stage& converted) {
     if (options_.compute_dtype != torch::kFloat32) converted.set_compute_dtype(options_.compute_dtype);
   };
+  // Masters of a reduced type are full; those of fp64 are fp64.
+  const bool wide = options_.compute_dtype == torch::kFloat64;
+  if (wide) convert(stage);
   buffers_.reserve(options_.replicas);  // the update keeps a reference to the first
-  buffers_.emplace_back(stage.models(), [&] { convert(stage); });
+  buffers_.emplace_back(stage.models(), [&] {
+    if (!wide) convert(stage);
+  });
+  if (!alone() && !resumed) {
+    // Processors of different kinds may draw first weights that differ in a bit.
+    ranks_->broadcast(buffers_.front().master());
+    buffers_.front().publish();
+  }
   update_ = std::make_unique<ParameterUpdate>(buffers_.front(), options_.update);
   if (resumed) restore(source, *resumed);
+  require_same_parameters(*ranks_, buffers_.front().master(), "at the start");
   // Replicas last: they share frozen weights, which a file or a checkpoint has filled. Their own initial values, which
   // are overwritten at once, must not count as draws of the run.
   at::Generator generator = at::detail::getDefaultCPUGenerator();
@@ -111,111 +120,78 @@ Trainer::Trainer(Stage& stage, const TrainerOptions& options, const RunOptions& 
     buffers_.push_back(buffers_.front().share(owned_.back()->models()));
   }
   generator.set_state(draws);
+  if (alone()) return;
+  if (!resumed) restore_generator({});
+  generator_saved_ = generator_state();
+  GradientBuckets::Options buckets;
+  buckets.overlap = options_.replicas == 1;
+  buckets_ = std::make_unique<GradientBuckets>(buffers_.front(), *ranks_, buckets);
 }
 
 Trainer::~Trainer() = default;
 
 void Trainer::run() {
+  try {
+    train();
+  } catch (const RankLost&) {
+    save_what_is_complete();
+    throw;
+  }
+}
+
+void Trainer::train() {
   started_ = Clock::now();
-  metrics_ = std::make_unique<MetricsLog>(run_.output / "metrics.csv", step_);
-  board_ = std::make_unique<TensorBoardWriter>(run_.output / "tb_logs", step_ + 1);
+  if (first()) {
+    metrics_ = std::make_unique<MetricsLog>(run_.output / "metrics.csv", step_);
+    board_ = std::make_unique<TensorBoardWriter>(run_.output / "tb_logs", step_ + 1);
+  }
   loaders::Prefetcher::Options loading;
   loading.batch_size = options_.batch_size;
   loading.batch_split = options_.batch_split;
   loading.workers = options_.prefetch_data ? options_.num_workers_dl : 0;
+  loading.rank = static_cast<std::size_t>(ranks_->rank());
+  loading.ranks = static_cast<std::size_t>(ranks_->size());
   loaders::Prefetcher batches(stages_.front()->data(), options_.seed, samples_, loading);
 
   std::optional<Progress> progress;  // a bar on a terminal; elsewhere the lines of print() say enough
-  if (::isatty(STDERR_FILENO) != 0) {
+  if (first() && ::isatty(STDERR_FILENO) != 0) {
     progress.emplace("training", static_cast<std::size_t>(options_.max_steps), "steps");
     progress->start_at(static_cast<std::size_t>(step_));
   }
   printed_at_ = Clock::now();
   const std::int64_t first_step = printed_step_ = step_;
-  while (step_ < options_.max_steps && !out_of_time()) {
-    if (run_.profile_steps > 0) profile(step_ - first_step);
+  // By what all ranks know alike; later by what they agreed on in the step.
+  bool out_of_time = options_.max_minutes > 0.0 && elapsed_before_ >= 60.0 * options_.max_minutes;
+  while (step_ < options_.max_steps && !out_of_time) {
+    ranks_->report(step_, Activity::kTraining);
+    if (run_.profile_steps > 0 && first()) profile(step_ - first_step, /*last=*/false);
     const Clock::time_point begin = Clock::now();
     const loaders::StepBatches batch = next_batches(batches);
     times_.data += seconds_since(begin);
-    train_step(batch);
+    const StepVerdict verdict = train_step(batch);
+    out_of_time = verdict.out_of_time;
     ++step_;
     if (progress) progress->advance();
-    if (due(step_, options_.i_print)) print();
+    if (due(step_, options_.i_ddpcheck)) {
+      require_same_parameters(*ranks_, buffers_.front().master(), "step " + std::to_string(step_));
+    }
+    if (first() && due(step_, options_.i_print)) print();
     if (due(step_, options_.i_log)) log_means();
-    if (due(step_, options_.i_eval)) evaluate();
-    if (due(step_, options_.i_sample)) sample();
+    if (first() && due(step_, options_.i_eval)) evaluate();
+    if (first() && due(step_, options_.i_sample)) sample();
     if (due(step_, options_.i_save)) save();
-    if (interrupt_requested()) {
+    if (alone() ? interrupt_requested() : verdict.interrupted) {
       save();
+      ranks_->barrier();
       throw Interrupted("stopped at step " + std::to_string(step_) +
                         "; everything is saved, run the same command to go on");
     }
   }
-  if (run_.profile_steps > 0) profile(step_ - first_step);
-  if (options_.i_eval > 0 && !due(step_, options_.i_eval)) evaluate();
+  if (run_.profile_steps > 0 && first()) profile(step_ - first_step, /*last=*/true);
+  if (first() && options_.i_eval > 0 && !due(step_, options_.i_eval)) evaluate();
   save();
-  if (options_.i_sample > 0 && step_ > first_step && !due(step_, options_.i_sample)) sample();
-}
-
-void Trainer::train_step(const loaders::StepBatches& batches) {
-  for (ParameterBuffer& buffer : buffers_) buffer.zero_gradients();
-  const double scale = update_->loss_scale() / static_cast<double>(batches.size());
-  std::vector<Values> logged(batches.size());
-  workers_->run([&](std::size_t replica) {
-    for (std::size_t i = replica; i < batches.size(); i += workers_->count()) {
-      const Clock::time_point begin = Clock::now();
-      const Losses losses = [&] {
-        RECORD_USER_SCOPE("step: forward, the rest");
-        return stages_[replica]->losses(*batches[i], {options_.seed, step_, i});
-      }();
-      logged[i].emplace_back("loss.total", losses.total.item<double>());
-      for (const auto& [name, term] : losses.terms) logged[i].emplace_back("loss." + name, term.item<double>());
-      for (const auto& [name, value] : logged[i]) {
-        if (std::isfinite(value) || options_.update.loss_scaling) continue;
-        throw Error("step " + std::to_string(step_) + ": " + name + " is " + std::to_string(value) + " for samples " +
-                    joined_ids(*batches[i]) + "; nothing was updated, the last checkpoint is sound");
-      }
-      const Clock::time_point middle = Clock::now();
-      {
-        RECORD_USER_SCOPE("step: backward, the rest");
-        (losses.total * scale).backward();
-      }
-      if (replica != 0) continue;
-      times_.forward += std::chrono::duration<double>(middle - begin).count();
-      times_.backward += seconds_since(middle);
-    }
-  });
-  const Clock::time_point begin = Clock::now();
-  RECORD_USER_SCOPE("step: update of the weights");
-  for (ParameterBuffer& buffer : buffers_) buffer.collect_gradients();
-  torch::Tensor gradient = buffers_.front().gradient();
-  for (std::size_t i = 1; i < buffers_.size(); ++i) gradient.add_(buffers_[i].gradient());
-  // Under loss scaling such a step is skipped, also where the loss overflows and its gradient does not.
-  if (!finite_losses(logged)) gradient.fill_(std::numeric_limits<double>::quiet_NaN());
-  const ParameterUpdate::Result result = update_->apply(step_);
-  if (result.skipped && !options_.update.loss_scaling) {
-    std::string ids;
-    for (const auto& batch : batches) ids += (ids.empty() ? "" : ", ") + joined_ids(*batch);
-    throw Error("step " + std::to_string(step_) + ": the gradient of " + buffers_.front().first_not_finite(gradient) +
-                " is not finite for samples " + ids + "; nothing was updated, the last checkpoint is sound");
-  }
-  if (result.restored) {
-    log::warn("step {}: the update left weights that are not finite; training goes on with those of step {}", step_,
-              update_->recovery.step());
-  }
-  for (std::size_t i = 1; i < buffers_.size(); ++i) buffers_[i].publish();
-  times_.update += seconds_since(begin);
-  ++timed_steps_;
-  for (const loaders::StepBatches::value_type& batch : batches) samples_ += batch->ids.size();
-  last_loss_ = 0.0;
-  for (const Values& values : logged) {
-    last_loss_ += values.front().second / static_cast<double>(logged.size());
-    for (const auto& [name, value] : values) means_.add(name, value);
-  }
-  means_.add("status.grad_norm", result.grad_norm);
-  means_.add("status.lr", result.lr);
-  if (update_->clipper) means_.add("status.clip_at", update_->clipper->threshold());
-  if (options_.update.loss_scaling) means_.add("status.log_scale", update_->log_scale);
+  if (first() && options_.i_sample > 0 && step_ > first_step && !due(step_, options_.i_sample)) sample();
+  ranks_->barrier();
 }
 
 void Trainer::print() {
@@ -229,6 +205,12 @@ void Trainer::print() {
 }
 
 void Trainer::log_means() {
+  bring_means_together();
+  if (!first()) {
+    times_ = StepTimes();
+    timed_steps_ = 0;
+    return;
+  }
   Values values = means_.means();
   const double steps = static_cast<double>(std::max<std::int64_t>(timed_steps_, 1));
   const double data = times_.data / steps, forward = times_.forward / steps, backward = times_.backward / steps,
@@ -237,7 +219,9 @@ void Trainer::log_means() {
        {std::pair{"data", data}, {"forward", forward}, {"backward", backward}, {"update", update}}) {
     values.emplace_back(std::string("time.") + name + "_ms", seconds * 1e3);
   }
-  const double per_step = data + forward + backward + update;
+  const double communication = times_.communication / steps;
+  if (!alone()) values.emplace_back("time.communication_ms", communication * 1e3);
+  const double per_step = data + forward + backward + communication + update;
   values.emplace_back("time.samples_per_s", static_cast<double>(options_.batch_size) / std::max(per_step, 1e-9));
   values.emplace_back("time.elapsed_s", elapsed());
   metrics_->append(step_, values);
@@ -251,11 +235,10 @@ void Trainer::log_means() {
   timed_steps_ = 0;
 }
 
-void Trainer::profile(std::int64_t steps_done) {
+void Trainer::profile(std::int64_t steps_done, bool last) {
   constexpr std::int64_t kWarmUp = 2;
   const std::int64_t profiled = steps_done - kWarmUp;
-  if (profiled == 0 && step_ < options_.max_steps) profile_ = std::make_unique<nn::OperatorProfile>();
-  const bool last = step_ == options_.max_steps || out_of_time();
+  if (profiled == 0 && !last) profile_ = std::make_unique<nn::OperatorProfile>();
   if (profile_ == nullptr || profiled < 1 || (profiled < run_.profile_steps && !last)) return;
   const std::string tables = nn::profile_markdown(profile_->rows(), profiled);
   profile_.reset();
@@ -265,6 +248,7 @@ void Trainer::profile(std::int64_t steps_done) {
 }
 
 void Trainer::evaluate() {
+  const BusyRank busy(*ranks_, step_);
   Values values;
   {
     const AveragedWeights averaged(buffers_.front(), update_->ema);
@@ -284,6 +268,7 @@ void Trainer::evaluate() {
 }
 
 void Trainer::sample() {
+  const BusyRank busy(*ranks_, step_);
   const std::filesystem::path folder = run_.output / "samples" / ("step" + std::to_string(step_));
   {
     const AveragedWeights averaged(buffers_.front(), update_->ema);

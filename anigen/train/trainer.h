@@ -10,6 +10,8 @@
 #include "anigen/loaders/prefetcher.h"
 #include "anigen/nn/operator_profile.h"
 #include "anigen/train/checkpoint.h"
+#include "anigen/train/distributed/gradient_buckets.h"
+#include "anigen/train/distributed/step_agreement.h"
 #include "anigen/train/metrics_log.h"
 #include "anigen/train/parameter_update.h"
 #include "anigen/train/stage.h"
@@ -26,24 +28,32 @@ struct RunOptions {
   std::string ckpt = "latest";     ///< "latest" complete checkpoint if there is one, "none", or a step that must exist
   int threads = 1;                 ///< LibTorch threads, shared among replicas
   std::int64_t profile_steps = 0;  ///< measure where the time of so many steps goes, after two that warm up
+  std::shared_ptr<Communicator> ranks;  ///< the processes that train together; null: this one alone
 };
 
 /// The loop all stages share (reference training-and-data.md, section 2). Given a seed, a number of threads per
-/// replica and a number of replicas it is deterministic, and a run that was killed and resumed ends with the same bits
-/// as one that was not.
+/// replica, a number of replicas and a number of ranks it is deterministic, and a run that was killed and resumed ends
+/// with the same bits as one that was not.
+///
+/// With several ranks every process runs this loop on its share of the step's micro-batches, number i on rank i mod
+/// ranks. Batches, their split and their random draws are those of one process, so that another number of ranks goes on
+/// with the same data; sums of gradients differ in their last bits. After a step all ranks hold the same weights, bit
+/// for bit. Rank 0 alone writes files, evaluates and draws samples, while the others go on to the next exchange.
 class Trainer {
  public:
   /// Restores the checkpoint that `run` asks for. Where there is none, the models start from `finetune_ckpt`, then from
   /// the stage's own pretrained weights, which win (reference training-and-data.md, 2.2).
   /// @param stage models with their initial weights; must outlive the trainer
-  /// @throws InputError for a file that does not fit, or a frozen parameter that is in none
+  /// @throws InputError for a file that does not fit, a frozen parameter that is in none, or fewer micro-batches than
+  /// there are ranks and replicas
   Trainer(Stage& stage, const TrainerOptions& options, const RunOptions& run);
   ~Trainer();
 
   /// Trains until max_steps or max_minutes, then evaluates, saves and, if i_sample is above 0, samples.
   /// Weights that an update left not finite are replaced by those of the last tenth step.
   /// @throws Interrupted after saving when a signal asked to stop; Error naming step, tensor and samples when a loss
-  /// or a gradient is not finite; with loss scaling such a step leaves the weights alone instead and lowers the scale
+  /// or a gradient is not finite; with loss scaling such a step leaves the weights alone instead and lowers the scale;
+  /// RankLost when another rank is lost, after rank 0 has saved the last step that was completed
   void run();
 
   std::int64_t step() const { return step_; }
@@ -52,30 +62,50 @@ class Trainer {
 
  private:
   struct StepTimes {
-    double data = 0.0, forward = 0.0, backward = 0.0, update = 0.0;  ///< seconds
+    double data = 0.0, forward = 0.0, backward = 0.0, communication = 0.0, update = 0.0;  ///< seconds
   };
 
   void check_finetuned_models() const;
   void start_from_files();
   std::optional<std::int64_t> step_to_restore(const CheckpointFolder& source) const;
   void restore(const CheckpointFolder& source, std::int64_t step);
-  void train_step(const loaders::StepBatches& batches);
+  /// The losses of one micro-batch, by name, and why they cannot be trained on; "" when they can.
+  struct MicroBatch {
+    Values logged;
+    std::string problem;
+  };
+  bool first() const { return ranks_->rank() == 0; }
+  bool alone() const { return ranks_->size() == 1; }
+  void train();
+  StepVerdict train_step(const loaders::StepBatches& batches);
+  void train_micro_batches(const loaders::StepBatches& batches, const std::vector<std::size_t>& ours,
+                           std::vector<MicroBatch>& done);
+  StepVerdict sum_gradients(const StepReport& report);
+  [[noreturn]] void stop_at_losses(const std::vector<MicroBatch>& done);
+  [[noreturn]] void stop_at_gradient(const loaders::StepBatches& batches);
+  void save_what_is_complete() noexcept;
+  void write_checkpoint(const std::vector<std::string>& generators);
   void print();
   void log_means();
-  void profile(std::int64_t steps_done);
+  void profile(std::int64_t steps_done, bool last);
   void evaluate();
   void sample();
   void save();
-  SavedState state() const;
+  std::optional<std::int64_t> agreed_on(const std::optional<std::int64_t>& step_of_rank_0);
+  SavedState state(const std::vector<std::string>& generators) const;
   void restore_state(const SavedState& state);
+  void restore_generator(const SavedState& state);
+  void bring_means_together();
   bool out_of_time() const;
   double elapsed() const;  ///< seconds of training, over all resumed runs
 
   const TrainerOptions options_;
   const RunOptions run_;
   std::vector<std::unique_ptr<Stage>> owned_;
-  std::vector<Stage*> stages_;            // [replicas]
-  std::vector<ParameterBuffer> buffers_;  // [replicas], sharing one master
+  std::vector<Stage*> stages_;  // [replicas]
+  const std::shared_ptr<Communicator> ranks_;
+  std::vector<ParameterBuffer> buffers_;      // [replicas], sharing one master
+  std::unique_ptr<GradientBuckets> buckets_;  // null for one process
   std::unique_ptr<ParameterUpdate> update_;
   CheckpointFolder checkpoints_;
   std::unique_ptr<Workers> workers_;
@@ -87,6 +117,8 @@ class Trainer {
   std::int64_t step_ = 0, timed_steps_ = 0, saved_step_ = -1;
   std::uint64_t samples_ = 0;  // drawn so far
   double elapsed_before_ = 0.0, last_loss_ = 0.0;
+  std::string generator_then_;   // state of LibTorch's generator when this step began; several ranks only
+  std::string generator_saved_;  // and at the last checkpoint
   std::chrono::steady_clock::time_point started_, printed_at_;
   std::int64_t printed_step_ = 0;
 };

@@ -203,13 +203,14 @@ TrainerOptions TrainerOptions::read(ConfigReader& reader) {
   options.i_log = interval(reader, "i_log", 500, options.max_steps);
   options.i_sample = interval(reader, "i_sample", 10000, options.max_steps, -1);
   options.i_save = interval(reader, "i_save", 10000, options.max_steps);
+  options.i_ddpcheck = interval(reader, "i_ddpcheck", 100, options.max_steps);
   // The published trainer has these for machinery that this one does not need.
-  for (const char* key : {"elastic", "log_param_stats", "skip_init_snapshot", "i_ddpcheck"}) reader.ignore(key);
+  for (const char* key : {"elastic", "log_param_stats", "skip_init_snapshot"}) reader.ignore(key);
   options.seed = static_cast<std::uint64_t>(reader.integer("seed", 0, 0));
   options.max_minutes = reader.number("max_minutes", 0.0, 0.0);
   options.i_eval = interval(reader, "i_eval", 0, options.max_steps);
   options.replicas = static_cast<std::size_t>(reader.integer("replicas", 1, 1, 256));
-  if (reader.has("precision")) options.precision = reader.choice("precision", "", {"fp32", "bf16", "fp16-published"});
+  if (reader.has("precision")) options.precision = reader.choice("precision", "", {"fp32", "fp64", "bf16", "fp16-published"});
   options.compatibility = reader.choice("compatibility", "published", {"published", "paper"});
   return options;
 }

@@ -21,6 +21,7 @@ struct TrainerOptions {
   bool prefetch_data = true;
   std::size_t num_workers_dl = 1;                    ///< threads that load batches; the batches do not depend on it
   std::map<std::string, std::string> finetune_ckpt;  ///< model → weights to start from
+  std::int64_t i_ddpcheck = 100;  ///< steps between comparisons of the ranks' parameters (published: 10000); 0: never
   std::int64_t i_print = 500, i_log = 500, i_sample = 10000, i_save = 10000;  ///< steps between; 0: never
 
   // Ours.
@@ -29,7 +30,7 @@ struct TrainerOptions {
   std::int64_t i_eval = 0;                  ///< steps between evaluations on held-out assets; 0: never
   std::size_t replicas = 1;                 ///< copies of the models that work on micro-batches at the same time
   std::string compatibility = "published";  ///< or "paper": which side of a documented difference to take
-  std::string precision;  ///< "fp32", "bf16", "fp16-published"; empty: fp16_mode decides (precision.h)
+  std::string precision;  ///< "fp32", "fp64", "bf16", "fp16-published"; empty: fp16_mode decides (precision.h)
   torch::Dtype compute_dtype = torch::kFloat32;  ///< what that came to; not an argument
 
   /// Marks the keys as known; the caller reads the stage's own and then calls reader.finish().

@@ -12,6 +12,7 @@
 #include "anigen/io/safetensors.h"
 #include "anigen/models/state_dict.h"
 #include "anigen/train/stages.h"
+#include "tests/train/rank_outcomes.h"
 
 namespace anigen::test {
 
@@ -37,6 +38,13 @@ std::unique_ptr<Stage> FlowRun::fresh_stage(const std::vector<std::string>& over
   auto made = train::make_stage(trainer.at("name").get<std::string>(), config, "test", args, options, torch::kCPU);
   args.finish();
   return made;
+}
+
+train::TrainerOptions FlowRun::trainer_options(const std::vector<std::string>& overrides) const {
+  Json config = parse_json(config_, "test");
+  apply_overrides(config, overrides);
+  ConfigReader args(config.at("trainer").at("args"), "test", "/trainer/args");
+  return train::TrainerOptions::read(args);
 }
 
 std::unique_ptr<Stage> FlowRun::stage(const std::vector<std::string>& overrides) {
@@ -174,6 +182,10 @@ void FlowRun::expect_close_bf16_with_full_masters() {
   }
   EXPECT_TRUE(torch::equal(buffer.master(), torch::cat(full))) << "masters keep what bf16 rounds away";
   EXPECT_THROW(train::train(command("fp16", {"trainer.args.precision=fp16-published"})), NotSupportedError);
+}
+
+void FlowRun::expect_the_same_on_several_ranks() {
+  expect_ranks_agree([this] { return stage(); }, trainer_options({"trainer.args.batch_split=4"}), folder_ / "ranks");
 }
 
 }  // namespace anigen::test

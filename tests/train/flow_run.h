@@ -21,6 +21,7 @@ class FlowRun : public ::testing::Test {
   train::TrainCommand command(const std::string& output, std::vector<std::string> overrides = {});
   /// A stage as a run begins with it.
   std::unique_ptr<train::Stage> fresh_stage(const std::vector<std::string>& overrides = {});
+  train::TrainerOptions trainer_options(const std::vector<std::string>& overrides = {}) const;
   /// A stage whose weights are all away from zero, where the published start has them: there every output is zero.
   std::unique_ptr<train::Stage> stage(const std::vector<std::string>& overrides = {});
   /// Of the error that a config gives.
@@ -44,6 +45,7 @@ class FlowRun : public ::testing::Test {
   void expect_falling_loss(const std::vector<std::string>& columns);
   void expect_same_bits_after_resuming(const std::vector<std::string>& overrides = {});
   void expect_close_bf16_with_full_masters();
+  void expect_the_same_on_several_ranks();
 
   std::string config_;
   TemporaryFolder folder_;

@@ -97,6 +97,8 @@ TEST_F(StructureFlow, ResumedRunsEndWithTheSameBits) { expect_same_bits_after_re
 
 TEST_F(StructureFlow, SixteenBitBlocksComeCloseAndKeepFullPrecisionMasters) { expect_close_bf16_with_full_masters(); }
 
+TEST_F(StructureFlow, SeveralRanksTrainAlike) { expect_the_same_on_several_ranks(); }
+
 TEST_F(StructureFlow, WithoutPicturesItLearnsTheDistribution) {
   const std::vector<std::string> overrides{
       "trainer.name=AniGenFlowMatchingTrainer",

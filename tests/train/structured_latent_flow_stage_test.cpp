@@ -191,6 +191,8 @@ TEST_F(LatentFlow, ResumedRunsEndWithTheSameBits) {
 
 TEST_F(LatentFlow, SixteenBitBlocksComeCloseAndKeepFullPrecisionMasters) { expect_close_bf16_with_full_masters(); }
 
+TEST_F(LatentFlow, SeveralRanksTrainAlike) { expect_the_same_on_several_ranks(); }
+
 TEST_F(LatentFlow, WithoutPicturesItLearnsTheDistribution) {
   Json config = parse_json(kLatentFlowConfig, "test");
   config["trainer"]["args"].erase("image_encoder");

@@ -90,6 +90,20 @@ TEST_F(TrainerRun, ResumedRunsEndWithTheSameBits) {
   EXPECT_EQ(untimed(folder_ / "whole/metrics.csv"), untimed(folder_ / "legs/metrics.csv"));
 }
 
+TEST_F(TrainerRun, DoublesAreKeptAndResumed) {
+  const std::string fp64 = "trainer.args.precision=fp64", file = "ckpts/model_step0000012.safetensors";
+  train(command("whole", {fp64}));
+  train(command("legs", {fp64, "trainer.args.max_steps=8", "trainer.args.lr_scheduler.schedulers.1.args.T_max=9"}));
+  train(command("legs", {fp64}));
+  EXPECT_EQ(bytes("whole/" + file), bytes("legs/" + file));
+  for (const auto& [name, array] : io::read_safetensors(folder_ / "whole" / file).tensors) {
+    EXPECT_EQ(array.dtype, io::Dtype::kF64) << name;
+  }
+  train(command("narrow"));
+  const double wide_loss = std::stod(read_csv(folder_ / "whole/metrics.csv").cell(0, "loss.total"));
+  EXPECT_NEAR(wide_loss, std::stod(read_csv(folder_ / "narrow/metrics.csv").cell(0, "loss.total")), 1e-4);
+}
+
 TEST_F(TrainerRun, ReplicasGiveTheSameResultWhateverTheThreads) {
   TrainCommand one = command("one", {"trainer.args.replicas=2"}), two = command("two", {"trainer.args.replicas=2"});
   two.run.threads = 2;

@@ -1,0 +1,78 @@
+#pragma once
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "anigen/core/error.h"
+#include "anigen/nn/torch.h"
+
+namespace anigen::train {
+
+/// Another rank died, hangs or has stopped; what() names it. Every rank that notices gets one.
+class RankLost : public Error {
+ public:
+  using Error::Error;
+};
+
+/// What a rank is doing, as others see it who wait for it.
+enum class Activity {
+  kTraining,  ///< on its way to the next exchange
+  kBusy,      ///< writes a checkpoint, evaluates, draws samples: may take as long as it likes while it is alive
+};
+
+/// A sum under way.
+class PendingSum {
+ public:
+  virtual ~PendingSum() = default;
+  /// Returns when the tensor holds the sum. Once. @throws RankLost
+  virtual void wait() = 0;
+};
+
+/// The processes that train together. They are symmetric but for rank 0, which writes files.
+///
+/// All ranks call the same functions in the same order; only report() and leave() are free of that. A call that waits
+/// for others ends in RankLost when one of them is lost (watchdog.h); afterwards only leave() may be called.
+class Communicator {
+ public:
+  virtual ~Communicator() = default;
+
+  virtual int rank() const = 0;
+  virtual int size() const = 0;
+  /// For the log: "Gloo over 127.0.0.1, gradients in fp32".
+  virtual std::string description() const = 0;
+
+  /// Begins to replace a tensor by its sum over all ranks, the same bits on each of them. Of several sums those that
+  /// began first end first, whoever waits for which. The tensor must be left alone until wait().
+  /// @param flat [n] fp32 or fp64, contiguous, n > 0; fp32 may travel in bf16, fp64 never does
+  virtual std::unique_ptr<PendingSum> start_sum(torch::Tensor flat) = 0;
+  /// Overwrites a tensor by rank 0's. @param flat [n], contiguous, fp32 or fp64
+  virtual void broadcast(torch::Tensor flat) = 0;
+  /// Bytes of every rank, in order of ranks, on every rank.
+  virtual std::vector<std::string> gather(const std::string& bytes) = 0;
+  /// Returns when all ranks have called it.
+  virtual void barrier() = 0;
+
+  /// Tells the others how far this rank is, at no cost to the caller.
+  virtual void report(std::int64_t step, Activity activity) = 0;
+  /// Tells the others why this rank stops before its time; the first reason told is the one they give. Returns within
+  /// seconds whatever the state of the connections.
+  virtual void leave(const std::string& reason) noexcept = 0;
+};
+
+/// Says that this rank is busy for as long as it lives.
+class BusyRank {
+ public:
+  BusyRank(Communicator& ranks, std::int64_t step) : ranks_(ranks), step_(step) {
+    ranks_.report(step_, Activity::kBusy);
+  }
+  ~BusyRank() { ranks_.report(step_, Activity::kTraining); }
+  BusyRank(const BusyRank&) = delete;
+  BusyRank& operator=(const BusyRank&) = delete;
+
+ private:
+  Communicator& ranks_;
+  std::int64_t step_;
+};
+
+}  // namespace anigen::train

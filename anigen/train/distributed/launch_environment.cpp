@@ -1,0 +1,170 @@
+#include "anigen/train/distributed/launch_environment.h"
+
+#include <cstdlib>
+#include <optional>
+
+#include "anigen/core/error.h"
+
+namespace anigen::train {
+namespace {
+
+constexpr int kMostRanks = 1 << 16, kMostPort = 65535;
+constexpr int kUsualPort = 29500;   // of torchrun
+constexpr std::size_t kShown = 80;  // characters of a hostile value that a message repeats
+
+std::optional<std::string> text_of(const Variables& variables, const char* name) {
+  const char* value = variables(name);
+  if (value == nullptr || *value == '\0') return std::nullopt;
+  return std::string(value);
+}
+
+int number(const std::string& name, const std::string& value, int least, int most) {
+  const bool digits = value.size() <= 9 && !value.empty() && value.find_first_not_of("0123456789") == std::string::npos;
+  const int found = digits ? std::stoi(value) : -1;
+  if (found < least || found > most) {
+    throw InputError(name, value.substr(0, kShown),
+                     "expected a whole number from " + std::to_string(least) + " to " + std::to_string(most));
+  }
+  return found;
+}
+
+int required(const Variables& variables, const char* name, const std::string& beside, int least, int most) {
+  const std::optional<std::string> value = text_of(variables, name);
+  if (!value) throw InputError(name, "", "is not set although " + beside + " is; start all ranks by one launcher");
+  return number(name, *value, least, most);
+}
+
+int optional_number(const Variables& variables, const char* name, int fallback, int least, int most) {
+  const std::optional<std::string> value = text_of(variables, name);
+  return value ? number(name, *value, least, most) : fallback;
+}
+
+// The names that one launcher has for the same things.
+struct Names {
+  const char *launcher, *rank, *size, *local_rank, *local_size;
+};
+constexpr Names kTorchrun{"torchrun", "RANK", "WORLD_SIZE", "LOCAL_RANK", "LOCAL_WORLD_SIZE"};
+constexpr Names kOpenMpi{"Open MPI", "OMPI_COMM_WORLD_RANK", "OMPI_COMM_WORLD_SIZE", "OMPI_COMM_WORLD_LOCAL_RANK",
+                         "OMPI_COMM_WORLD_LOCAL_SIZE"};
+// SLURM_NTASKS also stands in a batch script, which is one process; the number of tasks of a step only in its tasks.
+constexpr Names kSlurm{"SLURM", "SLURM_PROCID", "SLURM_STEP_NUM_TASKS", "SLURM_LOCALID", "ANIGEN_NO_SUCH_VARIABLE"};
+constexpr Names kOldSlurm{"SLURM", "SLURM_PROCID", "SLURM_NTASKS", "SLURM_LOCALID", "ANIGEN_NO_SUCH_VARIABLE"};
+
+std::optional<Names> launcher_of(const Variables& variables) {
+  const auto has = [&](const char* name) { return text_of(variables, name).has_value(); };
+  if (has(kTorchrun.rank) || has(kTorchrun.size)) return kTorchrun;
+  if (has(kOpenMpi.rank) || has(kOpenMpi.size)) return kOpenMpi;
+  if (has(kSlurm.size)) return kSlurm;
+  if (has("SLURM_STEP_ID") && has(kSlurm.rank)) return kOldSlurm;
+  return std::nullopt;
+}
+
+Rendezvous parse_rendezvous(const std::string& name, const std::string& url) {
+  Rendezvous found;
+  if (url.rfind("file://", 0) == 0 && url.size() > 7) {
+    found.file = url.substr(7);
+    if (found.file.front() == '/') return found;
+  }
+  if (url.rfind("tcp://", 0) == 0) {
+    const std::size_t colon = url.rfind(':');
+    found.host = url.substr(6, colon > 6 ? colon - 6 : 0);
+    if (!found.host.empty() && found.host.find_first_of("/ ") == std::string::npos) {
+      found.port = number(name, url.substr(colon + 1), 1, kMostPort);
+      return found;
+    }
+  }
+  throw InputError(name, url.substr(0, kShown), "expected tcp://HOST:PORT or file:///PATH");
+}
+
+// A port that two jobs on one machine are unlikely to share.
+int slurm_port(const Variables& variables) {
+  constexpr int kFirst = 20000, kPorts = 10000;
+  const std::optional<std::string> job = text_of(variables, "SLURM_JOB_ID");
+  return job ? kFirst + number("SLURM_JOB_ID", *job, 0, 999'999'999) % kPorts : kUsualPort;
+}
+
+Rendezvous rendezvous_of(const Variables& variables, const LaunchEnvironment& ranks) {
+  Rendezvous found;
+  const std::optional<std::string> host = text_of(variables, "MASTER_ADDR");
+  const int usual = ranks.launcher == kSlurm.launcher ? slurm_port(variables) : kUsualPort;
+  found.port = optional_number(variables, "MASTER_PORT", usual, 1, kMostPort);
+  if (host) {
+    found.host = *host;
+  } else if (ranks.launcher == kSlurm.launcher) {
+    const char* name = text_of(variables, "SLURM_STEP_NODELIST") ? "SLURM_STEP_NODELIST" : "SLURM_JOB_NODELIST";
+    found.host = first_host(text_of(variables, name).value_or(""), name);
+  } else if (ranks.local_size == ranks.size) {
+    found.host = "127.0.0.1";
+  } else {
+    throw InputError("MASTER_ADDR", "",
+                     "is not set, so the ranks cannot find each other; set it to the host of rank 0, or give "
+                     "--rendezvous tcp://HOST:PORT or file:///PATH");
+  }
+  found.served = text_of(variables, "TORCHELASTIC_USE_AGENT_STORE").value_or("") == "True";
+  return found;
+}
+
+}  // namespace
+
+std::string Rendezvous::text() const {
+  return !file.empty() ? "file://" + file : "tcp://" + host + ":" + std::to_string(port);
+}
+
+std::string first_host(const std::string& list, const std::string& variable) {
+  const InputError malformed(variable, list.substr(0, kShown), "expected a list of hosts such as gpu[003-007],login1");
+  const std::size_t end = list.find_first_of("[,");
+  std::string host = list.substr(0, end);
+  if (end != std::string::npos && list[end] == '[') {
+    const std::size_t stop = list.find_first_of("-,]", end + 1);
+    if (stop == std::string::npos || list.find(']', end) == std::string::npos) throw malformed;
+    const std::string digits = list.substr(end + 1, stop - end - 1);
+    if (digits.empty() || digits.find_first_not_of("0123456789") != std::string::npos) throw malformed;
+    const std::size_t after = list.find(']', end) + 1;  // "rack[1-2]node" has a name behind the number, too
+    host += digits + list.substr(after, list.find_first_of("[,", after) - after);
+  }
+  constexpr const char* kOfHosts = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789.-_";
+  if (host.empty() || host.find_first_not_of(kOfHosts) != std::string::npos) throw malformed;
+  return host;
+}
+
+LaunchEnvironment read_launch_environment(const Variables& variables, const std::string& rendezvous) {
+  LaunchEnvironment found;
+  const std::optional<Names> names = launcher_of(variables);
+  if (!names) {
+    if (!rendezvous.empty()) parse_rendezvous("--rendezvous", rendezvous);
+    return found;
+  }
+  found.launcher = names->launcher;
+  found.size = required(variables, names->size, names->rank, 1, kMostRanks);
+  found.rank = required(variables, names->rank, names->size, 0, kMostRanks - 1);
+  if (found.rank >= found.size) {
+    throw InputError(names->rank, std::to_string(found.rank),
+                     "must be less than " + std::string(names->size) + ", which is " + std::to_string(found.size));
+  }
+  found.local_rank = optional_number(variables, names->local_rank, 0, 0, kMostRanks - 1);
+  found.local_size = optional_number(variables, names->local_size, 1, 1, kMostRanks);
+  if (found.local_size > found.size) {
+    throw InputError(names->local_size, std::to_string(found.local_size),
+                     "is more than " + std::string(names->size) + ", which is " + std::to_string(found.size));
+  }
+  if (found.size == 1) return found;
+  const std::optional<std::string> variable = text_of(variables, "ANIGEN_RENDEZVOUS");
+  if (!rendezvous.empty()) {
+    found.rendezvous = parse_rendezvous("--rendezvous", rendezvous);
+  } else if (variable) {
+    found.rendezvous = parse_rendezvous("ANIGEN_RENDEZVOUS", *variable);
+  } else {
+    found.rendezvous = rendezvous_of(variables, found);
+  }
+  for (const char* name : {"TORCHELASTIC_RESTART_COUNT", "SLURM_RESTART_COUNT"}) {
+    found.rendezvous.attempt += "/" + text_of(variables, name).value_or("0").substr(0, kShown);
+  }
+  return found;
+}
+
+LaunchEnvironment read_launch_environment(const std::string& rendezvous) {
+  return read_launch_environment([](const char* name) { return static_cast<const char*>(std::getenv(name)); },
+                                 rendezvous);
+}
+
+}  // namespace anigen::train

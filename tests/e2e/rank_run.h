@@ -1,0 +1,72 @@
+#pragma once
+#include <unistd.h>
+
+#include <cstdio>
+#include <cstdlib>
+#include <filesystem>
+#include <functional>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "anigen/core/atomic_file.h"
+#include "anigen/core/csv.h"
+#include "tests/e2e/other_program.h"
+#include "tests/train/skin_stage_config.h"
+
+namespace anigen::test {
+
+inline void require(bool ok, const std::string& what) {
+  if (!ok) throw std::runtime_error(what);
+}
+
+/// Starts a shell line beside this process. @param prepare is called in the new process before it
+inline pid_t start_program(const std::string& line, const std::function<void()>& prepare = {}) {
+  const pid_t child = ::fork();
+  require(child >= 0, "cannot fork");
+  if (child != 0) return child;
+  try {
+    if (prepare) prepare();
+    ::execl("/bin/sh", "sh", "-c", ("exec " + line).c_str(), static_cast<char*>(nullptr));
+  } catch (const std::exception& error) {
+    std::fprintf(stderr, "%s\n", error.what());
+  }
+  std::_Exit(127);
+}
+
+/// Runs of kSkinStageConfig by anigen-train, on `folder`/config.json and `folder`/data into folders beside them.
+struct RankRun {
+  std::string program;
+  std::filesystem::path folder;
+
+  /// Without ranks and redirection.
+  std::string words(const std::string& output, const std::string& more) const {
+    return quoted(program) + " --config " + quoted((folder / "config.json").string()) + " --data-dir " +
+           quoted((folder / "data").string()) + " --output " + quoted((folder / output).string()) + " --threads 1 " +
+           more;
+  }
+  std::string line(int ranks, const std::string& output, const std::string& more) const {
+    return words(output, "--ranks " + std::to_string(ranks) + " --timeout 30 " + more) + " >" +
+           quoted(said(output).string()) + " 2>&1";
+  }
+  /// Where a run's words go.
+  std::filesystem::path said(const std::string& output) const { return folder / (output + ".txt"); }
+  void train(int ranks, const std::string& output, const std::string& more = "") const {
+    const int code = run_program(line(ranks, output, more));
+    require(code == 0, output + " failed with " + std::to_string(code) + ":\n" + read_file(said(output)));
+  }
+  std::string weights(const std::string& output, int step) const {
+    char name[64];
+    std::snprintf(name, sizeof name, "model_step%07d.safetensors", step);
+    return read_file(folder / output / "ckpts" / name);
+  }
+  /// A column of metrics.csv.
+  std::vector<double> logged(const std::string& output, const std::string& column) const {
+    const CsvTable table = read_csv(folder / output / "metrics.csv");
+    std::vector<double> found;
+    for (std::size_t row = 0; row < table.rows.size(); ++row) found.push_back(std::stod(table.cell(row, column)));
+    return found;
+  }
+};
+
+}  // namespace anigen::test
