@@ -65,11 +65,13 @@ void run_rank(int rank, const std::string& file, const anigen::BenchmarkFlags& f
   const auto plain = join(rank, file + "-fp32", torch::kFloat32),
              rounded = join(rank, file + "-bf16", torch::kBFloat16);
   Work work;
-  GradientBuckets::Options after;
+  GradientBuckets::Options during;
+  during.bytes = plain->sum_bytes();
+  GradientBuckets::Options after = during;
   after.overlap = false;
   // Each way has hooks of its own; only those that expect a pass listen to it.
-  GradientBuckets overlapped(work.buffers.front(), *plain, {}), later(work.buffers.front(), *plain, after);
-  GradientBuckets halved(work.buffers.front(), *rounded, {});
+  GradientBuckets overlapped(work.buffers.front(), *plain, during), later(work.buffers.front(), *plain, after);
+  GradientBuckets halved(work.buffers.front(), *rounded, during);
   const auto by_buckets = [&](GradientBuckets& buckets) {
     return [&] {
       buckets.expect_last_backward();

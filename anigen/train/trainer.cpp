@@ -125,6 +125,7 @@ Trainer::Trainer(Stage& stage, const TrainerOptions& options, const RunOptions& 
   generator_saved_ = generator_state();
   GradientBuckets::Options buckets;
   buckets.overlap = options_.replicas == 1;
+  buckets.bytes = ranks_->sum_bytes();
   buckets_ = std::make_unique<GradientBuckets>(buffers_.front(), *ranks_, buckets);
 }
 

@@ -21,6 +21,9 @@ using std::chrono::milliseconds;
 
 constexpr double kStartPatience = 10.0;                  // timeouts within which all ranks must have been started
 constexpr milliseconds kForGood{7L * 24 * 3600 * 1000};  // the watchdog decides how long to wait, not Gloo
+// A sum of Gloo's keeps at most two segments of 1 MiB on their way, too few for a link with delay.
+constexpr std::size_t kSumsAtOnce = 6;
+constexpr std::int64_t kGlooSumBytes = std::int64_t{4} << 20;
 constexpr milliseconds kBetweenChecks{1000}, kBetweenLooks{1};
 
 std::string first_line(const std::string& text) { return text.substr(0, text.find('\n')); }
@@ -111,7 +114,7 @@ void C10dCommunicator::connect(const LaunchEnvironment& environment, const RankO
   const GlooDevices devices = find_gloo_devices(rendezvous, local);
   auto gloo_options = c10d::ProcessGroupGloo::Options::create(patience);
   gloo_options->devices = devices.devices;
-  gloo_options->threads = static_cast<int>(2 * devices.devices.size());
+  gloo_options->threads = static_cast<int>(kSumsAtOnce * devices.devices.size());
   gloo_ = c10::make_intrusive<Group>(c10::make_intrusive<c10d::PrefixStore>("gloo", store), rank_, size_, gloo_options);
   gloo_->wait_for_good();
   description_ = "Gloo over " + devices.description;
@@ -237,6 +240,8 @@ std::vector<torch::Tensor> C10dCommunicator::gather_equal(const torch::Tensor& o
   finish(gloo_->allgather(all, input));
   return all.front();
 }
+
+std::int64_t C10dCommunicator::sum_bytes() const { return nccl_ ? Communicator::sum_bytes() : kGlooSumBytes; }
 
 void C10dCommunicator::broadcast(torch::Tensor flat) {
   const torch::NoGradGuard no_grad;

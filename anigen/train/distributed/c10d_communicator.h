@@ -30,6 +30,7 @@ class C10dCommunicator : public Communicator {
   int size() const override { return size_; }
   std::string description() const override { return description_; }
   std::unique_ptr<PendingSum> start_sum(torch::Tensor flat) override;
+  std::int64_t sum_bytes() const override;
   void broadcast(torch::Tensor flat) override;
   std::vector<std::string> gather(const std::string& bytes) override;
   void barrier() override { gather(""); }

@@ -46,6 +46,8 @@ class Communicator {
   /// began first end first, whoever waits for which. The tensor must be left alone until wait().
   /// @param flat [n] fp32 or fp64, contiguous, n > 0; fp32 may travel in bf16, fp64 never does
   virtual std::unique_ptr<PendingSum> start_sum(torch::Tensor flat) = 0;
+  /// Bytes of a sum that keep the network busy; several of them are under way at a time.
+  virtual std::int64_t sum_bytes() const { return std::int64_t{25} << 20; }
   /// Overwrites a tensor by rank 0's. @param flat [n], contiguous, fp32 or fp64
   virtual void broadcast(torch::Tensor flat) = 0;
   /// Bytes of every rank, in order of ranks, on every rank.
