@@ -206,6 +206,7 @@ class LatentEncoding {
         note_failure(asset.id, outcome->failure);
         continue;
       }
+      if (!outcome->inputs.empty()) written_.emplace_back(asset.id, outcome->inputs);
       // Sums last: an asset that fails half way must not be in one of them only.
       LatentStatistics shape = result_.shape, skeleton = result_.skeleton;
       try {
@@ -224,10 +225,7 @@ class LatentEncoding {
 
   void conclude() {
     LatentManifest manifest(folder_.path(), fingerprint_);
-    for (const loaders::AssetId& asset : assets_) {
-      const std::optional<LatentOutcome> outcome = outcomes_.read(asset.id);
-      if (outcome && outcome->failure.empty() && !outcome->inputs.empty()) manifest.add(asset.id, outcome->inputs);
-    }
+    for (const auto& [id, inputs] : written_) manifest.add(id, inputs);
     manifest.save();
     if (finished_.empty()) {
       folder_.remove_statistics();
@@ -247,6 +245,7 @@ class LatentEncoding {
   Json encoder_;
   std::vector<loaders::AssetId> assets_;
   std::set<std::string> kept_, finished_;
+  std::vector<std::pair<std::string, std::string>> written_;  // ids and inputs of the latents that this run wrote
   EncodedLatents result_;
 };
 

@@ -16,12 +16,15 @@
 #include "anigen/core/atomic_file.h"
 #include "anigen/core/random.h"
 #include "anigen/io/safetensors.h"
+#include "tests/e2e/other_program.h"
 #include "tests/loaders/synthetic_dataset.h"
 #include "tests/support/paths.h"
 
 namespace {
 
 namespace fs = std::filesystem;
+using anigen::test::quoted;
+using anigen::test::require;
 using Clock = std::chrono::steady_clock;
 
 constexpr char kConfig[] = R"({
@@ -43,26 +46,9 @@ struct Run {
   fs::path folder;
 
   pid_t start(const std::string& output) const {
-    const std::vector<std::string> words{program,
-                                         "--config",
-                                         (folder / "config.json").string(),
-                                         "--data-dir",
-                                         (folder / "data").string(),
-                                         "--output",
-                                         (folder / output).string(),
-                                         "--threads",
-                                         "2",
-                                         "--quiet"};
-    std::vector<char*> arguments;
-    for (const std::string& word : words) arguments.push_back(const_cast<char*>(word.c_str()));
-    arguments.push_back(nullptr);
-    const pid_t child = ::fork();
-    if (child < 0) throw std::runtime_error("cannot fork");
-    if (child == 0) {
-      ::execv(program.c_str(), arguments.data());
-      std::_Exit(127);
-    }
-    return child;
+    return anigen::test::start_program(quoted(program) + " --config " + quoted((folder / "config.json").string()) +
+                                       " --data-dir " + quoted((folder / "data").string()) + " --output " +
+                                       quoted((folder / output).string()) + " --threads 2 --quiet");
   }
 };
 
@@ -71,10 +57,6 @@ int wait_for(pid_t child) {
   int status = 0;
   if (::waitpid(child, &status, 0) < 0) throw std::runtime_error("cannot wait");
   return WIFEXITED(status) ? WEXITSTATUS(status) : -WTERMSIG(status);
-}
-
-void require(bool ok, const std::string& what) {
-  if (!ok) throw std::runtime_error(what);
 }
 
 // Whatever a kill left behind under its final name must be whole.

@@ -1,11 +1,6 @@
 #pragma once
-#include <unistd.h>
-
 #include <cstdio>
-#include <cstdlib>
 #include <filesystem>
-#include <functional>
-#include <stdexcept>
 #include <string>
 #include <vector>
 
@@ -15,24 +10,6 @@
 #include "tests/train/skin_stage_config.h"
 
 namespace anigen::test {
-
-inline void require(bool ok, const std::string& what) {
-  if (!ok) throw std::runtime_error(what);
-}
-
-/// Starts a shell line beside this process. @param prepare is called in the new process before it
-inline pid_t start_program(const std::string& line, const std::function<void()>& prepare = {}) {
-  const pid_t child = ::fork();
-  require(child >= 0, "cannot fork");
-  if (child != 0) return child;
-  try {
-    if (prepare) prepare();
-    ::execl("/bin/sh", "sh", "-c", ("exec " + line).c_str(), static_cast<char*>(nullptr));
-  } catch (const std::exception& error) {
-    std::fprintf(stderr, "%s\n", error.what());
-  }
-  std::_Exit(127);
-}
 
 /// Runs of kSkinStageConfig by anigen-train, on `folder`/config.json and `folder`/data into folders beside them.
 struct RankRun {

@@ -14,13 +14,11 @@ namespace anigen::train {
 /// Finds out which rank is lost. A thread writes this rank's sign of life into shared keys once a second; the signs of
 /// the others are read only while somebody waits for them, so that an undisturbed run costs one write per second.
 ///
-/// | what happened | how it shows | after |
-/// |---|---|---|
-/// | a process died | its connections break and its signs end | 4 s |
-/// | a process is stopped, its machine is off or cut off | its signs end | `timeout` |
-/// | a process lives but gets nowhere | it computes while the others wait | the larger of `timeout` and 5 of the
-/// longest step so far; before the first step 10 `timeout` | | a process gave up | its reason stands in the keys | at
-/// once |
+/// - A process that died shows by broken connections and missing signs, after 4 s.
+/// - One that is stopped, or whose machine is off or cut off, shows by missing signs, after `timeout`.
+/// - One that lives but gets nowhere computes while the others wait: after the larger of `timeout` and 5 of the longest
+///   step so far; before the first step, after 10 `timeout`.
+/// - One that gave up leaves its reason in the keys, and shows at once.
 ///
 /// A rank that says it is busy (Activity) is waited for as long as it gives signs of life.
 class Watchdog {
