@@ -32,6 +32,12 @@ std::int64_t bf16_scratch_floats(std::int64_t channels) {
   return kBf16QueryBlock * (kKeyBlock + kKeyBlock / 2 + channels + 3);
 }
 
+std::int64_t bf16_asking_calls(std::int64_t queries, std::int64_t keys, std::int64_t channels) {
+  const auto steps = [](std::int64_t pairs) { return (pairs + kBf16AskingPairs - 1) / kBf16AskingPairs; };
+  const std::int64_t tiles = (queries + kBf16QueryTile - 1) / kBf16QueryTile;
+  return tiles * ((keys + kPanel - 1) / kPanel * steps(channels / 2) + steps((keys + 1) / 2));
+}
+
 #if ANIGEN_BF16_X86
 ANIGEN_BF16_BEGIN
 namespace {
@@ -115,7 +121,8 @@ ANIGEN_BF16_INLINE void softmax_rows(float* scores, std::uint16_t* weights, std:
 
 template <int kVectors>
 ANIGEN_BF16 void attend_rows(const Bf16Keys& head, const std::uint16_t* q, std::int64_t q_stride, std::int64_t rows,
-                             std::uint16_t* out, std::int64_t out_stride, float* log_sums, float* scratch) {
+                             std::uint16_t* out, std::int64_t out_stride, float* log_sums, float* scratch,
+                             products::RowsAhead& ahead) {
   constexpr std::int64_t channels = kVectors * kLanes;
   float* const scores = scratch;
   auto* const weights = reinterpret_cast<std::uint16_t*>(scores + kBf16QueryBlock * kKeyBlock);
@@ -132,16 +139,16 @@ ANIGEN_BF16 void attend_rows(const Bf16Keys& head, const std::uint16_t* q, std::
       const auto to = [=](std::int64_t r) { return scores + r * kKeyBlock + key; };
       switch ((columns - key) / kLanes) {
         case 1:
-          bf16_rows<1, false>(from, to, rows, channels / 2, panel);
+          bf16_rows<1, false>(from, to, rows, channels / 2, panel, ahead);
           break;
         case 2:
-          bf16_rows<2, false>(from, to, rows, channels / 2, panel);
+          bf16_rows<2, false>(from, to, rows, channels / 2, panel, ahead);
           break;
         case 3:
-          bf16_rows<3, false>(from, to, rows, channels / 2, panel);
+          bf16_rows<3, false>(from, to, rows, channels / 2, panel, ahead);
           break;
         default:
-          bf16_rows<4, false>(from, to, rows, channels / 2, panel);
+          bf16_rows<4, false>(from, to, rows, channels / 2, panel, ahead);
       }
     }
     const std::int64_t weighed = whole(keys, 2 * kLanes);
@@ -160,9 +167,9 @@ ANIGEN_BF16 void attend_rows(const Bf16Keys& head, const std::uint16_t* q, std::
     const auto weights_of = [=](std::int64_t r) { return weights + r * kKeyBlock; };
     const auto sums_of = [=](std::int64_t r) { return sums + r * channels; };
     if (first == 0) {
-      bf16_rows<kVectors, false>(weights_of, sums_of, rows, (keys + 1) / 2, head.values);
+      bf16_rows<kVectors, false>(weights_of, sums_of, rows, (keys + 1) / 2, head.values, ahead);
     } else {
-      bf16_rows<kVectors, true>(weights_of, sums_of, rows, (keys + 1) / 2, head.values + first * channels);
+      bf16_rows<kVectors, true>(weights_of, sums_of, rows, (keys + 1) / 2, head.values + first * channels, ahead);
     }
   }
   for (std::int64_t r = 0; r < rows; ++r) {
@@ -220,16 +227,17 @@ ANIGEN_BF16 void pack_bf16_values(const std::uint16_t* rows, std::int64_t stride
 }
 
 void attend_bf16(const Bf16Keys& head, const std::uint16_t* q, std::int64_t q_stride, std::int64_t rows,
-                 std::uint16_t* out, std::int64_t out_stride, float* log_sums, float* scratch) {
+                 std::uint16_t* out, std::int64_t out_stride, float* log_sums, float* scratch,
+                 products::RowsAhead& ahead) {
   switch (head.channels / kLanes) {
     case 1:
-      return attend_rows<1>(head, q, q_stride, rows, out, out_stride, log_sums, scratch);
+      return attend_rows<1>(head, q, q_stride, rows, out, out_stride, log_sums, scratch, ahead);
     case 2:
-      return attend_rows<2>(head, q, q_stride, rows, out, out_stride, log_sums, scratch);
+      return attend_rows<2>(head, q, q_stride, rows, out, out_stride, log_sums, scratch, ahead);
     case 3:
-      return attend_rows<3>(head, q, q_stride, rows, out, out_stride, log_sums, scratch);
+      return attend_rows<3>(head, q, q_stride, rows, out, out_stride, log_sums, scratch, ahead);
     default:
-      return attend_rows<4>(head, q, q_stride, rows, out, out_stride, log_sums, scratch);
+      return attend_rows<4>(head, q, q_stride, rows, out, out_stride, log_sums, scratch, ahead);
   }
 }
 ANIGEN_BF16_END
@@ -241,7 +249,7 @@ void pack_bf16_keys(const std::uint16_t*, std::int64_t, std::int64_t, std::int64
 void pack_bf16_values(const std::uint16_t*, std::int64_t, std::int64_t, std::int64_t, std::uint16_t*) { std::abort(); }
 
 void attend_bf16(const Bf16Keys&, const std::uint16_t*, std::int64_t, std::int64_t, std::uint16_t*, std::int64_t,
-                 float*, float*) {
+                 float*, float*, products::RowsAhead&) {
   std::abort();  // has_bf16_products() said so
 }
 

@@ -1,6 +1,8 @@
 #pragma once
 #include <cstdint>
 
+#include "anigen/nn/rows_ahead.h"
+
 namespace anigen::nn::kernels {
 
 /// Attention of one head in bf16, where has_bf16_products() of bf16_tile.h says so: products of bf16 numbers are exact
@@ -35,8 +37,11 @@ std::int64_t bf16_scratch_floats(std::int64_t channels);
 
 /// out[r, :] = softmax(scale q[r, :] keysᵀ) values, and the log-sum-exp of the scaled scores of each row. A row with
 /// scores that are not finite becomes NaN.
-/// @param q [rows, channels], rows `q_stride` apart @param out rows `out_stride` apart
+/// @param q [rows, channels], rows `q_stride` apart @param out rows `out_stride` apart @param ahead asked
+/// bf16_asking_calls times, evenly over the products
 void attend_bf16(const Bf16Keys& head, const std::uint16_t* q, std::int64_t q_stride, std::int64_t rows,
-                 std::uint16_t* out, std::int64_t out_stride, float* log_sums, float* scratch);
+                 std::uint16_t* out, std::int64_t out_stride, float* log_sums, float* scratch,
+                 products::RowsAhead& ahead);
+std::int64_t bf16_asking_calls(std::int64_t queries, std::int64_t keys, std::int64_t channels);
 
 }  // namespace anigen::nn::kernels

@@ -29,6 +29,13 @@ inline bool has_bf16_products() {
 inline constexpr std::int64_t kBf16Lanes = 16;  ///< fp32 numbers of a vector
 inline constexpr int kBf16TileRows = 6;         ///< 6 x 4 vectors of sums, 4 of factors: 28 of 32 registers
 
+inline constexpr std::int64_t kBf16AskingPairs = 8;
+
+/// For products that ask for nothing (nn/rows_ahead.h).
+struct NothingAhead {
+  void ask() {}
+};
+
 #if ANIGEN_BF16_X86
 #define ANIGEN_BF16 __attribute__((target("avx512f,avx512bw,avx512vl,avx512dq,avx512bf16")))
 #define ANIGEN_BF16_INLINE ANIGEN_BF16 inline __attribute__((always_inline))
@@ -41,10 +48,11 @@ inline constexpr int kBf16TileRows = 6;         ///< 6 x 4 vectors of sums, 4 of
 ANIGEN_BF16_BEGIN
 
 /// sums(r)[:] (+)= Σ_p factors(r)[2p] b[p, :, 0] + factors(r)[2p + 1] b[p, :, 1] for kRows rows and kVectors · 16
-/// columns. @param factors, sums row → its first number @param b [pairs, columns, 2]
-template <int kRows, int kVectors, bool kAdd, typename FactorRow, typename SumRow>
+/// columns. @param factors, sums row → its first number @param b [pairs, columns, 2] @param ahead asked every
+/// kBf16AskingPairs pairs
+template <int kRows, int kVectors, bool kAdd, typename FactorRow, typename SumRow, typename Ahead>
 ANIGEN_BF16_INLINE void bf16_tile(const FactorRow& factors, const SumRow& sums, std::int64_t pairs,
-                                  const std::uint16_t* b) {
+                                  const std::uint16_t* b, Ahead& ahead) {
   const std::uint16_t* rows[kRows];
   __m512 tile[kRows][kVectors];
 #pragma GCC unroll 8
@@ -56,6 +64,7 @@ ANIGEN_BF16_INLINE void bf16_tile(const FactorRow& factors, const SumRow& sums, 
     }
   }
   for (std::int64_t p = 0; p < pairs; ++p, b += 2 * kBf16Lanes * kVectors) {
+    if (p % kBf16AskingPairs == 0) ahead.ask();
     __m512bh columns[kVectors];
 #pragma GCC unroll 4
     for (int v = 0; v < kVectors; ++v) {
@@ -79,26 +88,26 @@ ANIGEN_BF16_INLINE void bf16_tile(const FactorRow& factors, const SumRow& sums, 
 
 /// Rows 0 … rows of the same in tiles of kBf16TileRows, the last ones in one smaller tile: row by row the processor
 /// would wait for its own sums.
-template <int kVectors, bool kAdd, typename FactorRow, typename SumRow>
+template <int kVectors, bool kAdd, typename FactorRow, typename SumRow, typename Ahead>
 ANIGEN_BF16_INLINE void bf16_rows(const FactorRow& factors, const SumRow& sums, std::int64_t rows, std::int64_t pairs,
-                                  const std::uint16_t* b) {
+                                  const std::uint16_t* b, Ahead&& ahead) {
   std::int64_t first = 0;
   const auto from = [&](int r) { return factors(first + r); };
   const auto to = [&](int r) { return sums(first + r); };
   for (; first + kBf16TileRows <= rows; first += kBf16TileRows) {
-    bf16_tile<kBf16TileRows, kVectors, kAdd>(from, to, pairs, b);
+    bf16_tile<kBf16TileRows, kVectors, kAdd>(from, to, pairs, b, ahead);
   }
   switch (rows - first) {
     case 1:
-      return bf16_tile<1, kVectors, kAdd>(from, to, pairs, b);
+      return bf16_tile<1, kVectors, kAdd>(from, to, pairs, b, ahead);
     case 2:
-      return bf16_tile<2, kVectors, kAdd>(from, to, pairs, b);
+      return bf16_tile<2, kVectors, kAdd>(from, to, pairs, b, ahead);
     case 3:
-      return bf16_tile<3, kVectors, kAdd>(from, to, pairs, b);
+      return bf16_tile<3, kVectors, kAdd>(from, to, pairs, b, ahead);
     case 4:
-      return bf16_tile<4, kVectors, kAdd>(from, to, pairs, b);
+      return bf16_tile<4, kVectors, kAdd>(from, to, pairs, b, ahead);
     case 5:
-      return bf16_tile<5, kVectors, kAdd>(from, to, pairs, b);
+      return bf16_tile<5, kVectors, kAdd>(from, to, pairs, b, ahead);
     default:
       return;
   }

@@ -50,12 +50,14 @@ Tensor cpu_bf16_attention(const Tensor& q, const Tensor& k, const Tensor& v, Ten
   const std::int64_t blocks = (queries + kBf16QueryBlock - 1) / kBf16QueryBlock;
   at::parallel_for(0, all * blocks, 1, [&](std::int64_t begin, std::int64_t end) {
     std::vector<float> scratch(static_cast<std::size_t>(kernels::bf16_scratch_floats(channels)));
+    products::RowsAhead nothing;
     for (std::int64_t item = begin; item < end; ++item) {
       const std::int64_t head = item / blocks, first = item % blocks * kBf16QueryBlock;
       const Bf16HeadRows from(q, head, heads, 1), to(out, head, heads, 2);
       kernels::attend_bf16({packed_keys + head * size, packed_values + head * size, keys, channels, scale},
                            from.data + first * from.stride, from.stride, std::min(kBf16QueryBlock, queries - first),
-                           to.data + first * to.stride, to.stride, sums + head * queries + first, scratch.data());
+                           to.data + first * to.stride, to.stride, sums + head * queries + first, scratch.data(),
+                           nothing);
     }
   });
   return out;

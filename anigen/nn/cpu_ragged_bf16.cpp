@@ -5,6 +5,7 @@
 
 #include "anigen/nn/bf16_attention_kernels.h"
 #include "anigen/nn/bf16_bits.h"
+#include "anigen/nn/head_rows.h"
 
 namespace anigen::nn {
 namespace {
@@ -91,26 +92,46 @@ struct Bf16Scratch {
   Tensor floats, numbers;
 };
 
+// What the next part reads first and writes, to be asked for during the products of this one.
+products::RowsAhead rows_after(const RaggedProblem& problem, const HeadTask& part, const HeadTask& next,
+                               const Tensor& q, const Tensor& k, const Tensor& v, const Tensor& out) {
+  products::RowsAhead ahead;
+  if (next.task == nullptr) return ahead;
+  const std::int64_t sequence = next.task->sequence, row = problem.q_offsets[sequence] + next.task->first_query;
+  const auto add = [&](const Tensor& x, std::int64_t first, std::int64_t count) {
+    add_rows(ahead, HeadRows<c10::BFloat16>(x, next.head, first), count, problem.channels);
+  };
+  if (is_one_task(problem, sequence)) {  // others have packed theirs
+    add(k, problem.k_offsets[sequence], problem.keys(sequence));
+    add(v, problem.k_offsets[sequence], problem.keys(sequence));
+  }
+  add(q, row, next.task->queries);
+  add(out, row, next.task->queries);
+  ahead.spread_over(bf16::bf16_asking_calls(part.task->queries, problem.keys(part.task->sequence), problem.channels));
+  return ahead;
+}
+
 }  // namespace
 
 void attend_ragged_bf16(const RaggedProblem& problem, const Tensor& q, const Tensor& k, const Tensor& v,
                         const Tensor& out, const Tensor& log_sums) {
   const PackedSequences packed(problem, k, v);
-  for_each_task<Bf16Scratch>(
-      problem, ragged_tasks(problem, kTaskQueries), [&](const RaggedTask& task, const Bf16Scratch& scratch) {
-        const bool own = is_one_task(problem, task.sequence);
-        const std::int64_t block = query_block(task.queries);
-        for (std::int64_t head = task.first_head; head < task.first_head + task.heads; ++head) {
-          if (own) pack(problem, k, v, task.sequence, head, scratch.own(0), scratch.own(1));
-          const bf16::Bf16Keys keys{own ? scratch.own(0) : packed.place(0, task.sequence, head),
-                                    own ? scratch.own(1) : packed.place(1, task.sequence, head),
-                                    problem.keys(task.sequence), problem.channels, problem.scale};
-          for (std::int64_t first = 0; first < task.queries; first += block) {
-            const std::int64_t row = problem.q_offsets[task.sequence] + task.first_query + first;
-            bf16::attend_bf16(keys, row_of(q, head, row), q.stride(0), std::min(block, task.queries - first),
-                              row_of(out, head, row), out.stride(0),
-                              log_sums.data_ptr<float>() + head * problem.rows + row, scratch.floats.data_ptr<float>());
-          }
+  for_each_head<Bf16Scratch>(
+      problem, ragged_tasks(problem, kTaskQueries),
+      [&](const HeadTask& part, const HeadTask& next, const Bf16Scratch& scratch) {
+        const std::int64_t sequence = part.task->sequence, head = part.head, block = query_block(part.task->queries);
+        const bool own = is_one_task(problem, sequence);
+        if (own) pack(problem, k, v, sequence, head, scratch.own(0), scratch.own(1));
+        const bf16::Bf16Keys keys{own ? scratch.own(0) : packed.place(0, sequence, head),
+                                  own ? scratch.own(1) : packed.place(1, sequence, head), problem.keys(sequence),
+                                  problem.channels, problem.scale};
+        products::RowsAhead ahead = rows_after(problem, part, next, q, k, v, out);
+        for (std::int64_t first = 0; first < part.task->queries; first += block) {
+          const std::int64_t row = problem.q_offsets[sequence] + part.task->first_query + first;
+          bf16::attend_bf16(keys, row_of(q, head, row), q.stride(0), std::min(block, part.task->queries - first),
+                            row_of(out, head, row), out.stride(0),
+                            log_sums.data_ptr<float>() + head * problem.rows + row, scratch.floats.data_ptr<float>(),
+                            ahead);
         }
       });
 }

@@ -41,6 +41,12 @@ void write_rows(const products::Block& from, std::int64_t rows, std::int64_t cha
   }
 }
 
+template <typename T>
+void add_rows(products::RowsAhead& ahead, const HeadRows<T>& rows, std::int64_t count, std::int64_t channels) {
+  constexpr auto kSize = static_cast<std::int64_t>(sizeof(T));
+  ahead.add(rows.values, count, rows.stride * kSize, channels * kSize);
+}
+
 /// dots[r] = Σ a(r, c) b(r, c), summed in fp32.
 template <typename T>
 void dot_rows(const HeadRows<T>& a, const HeadRows<T>& b, std::int64_t rows, std::int64_t channels, float* dots) {

@@ -8,36 +8,60 @@
 namespace anigen::nn {
 namespace {
 
-// Partial sums side by side, since compilers keep the order of additions of floats, then added in pairs: rows are
-// short, and a chain of sixteen additions would take as long as their exponentials. @param n a multiple of kLanes
-ANIGEN_INLINE float total_weight(const float* row, std::int64_t n) {
-  float lanes[products::kLanes] = {};
-  for (std::int64_t c = 0; c < n; c += products::kLanes) {
-    for (std::int64_t l = 0; l < products::kLanes; ++l) lanes[l] += row[c + l];
-  }
+// Behind the last column, where rows are handled in whole vectors: never the largest, and its weight of e^-87 does not
+// change a sum of at least one. Products of it and of scales up to one stay finite.
+constexpr float kBelowScores = -1e38F;
+
+// Several sums side by side, since compilers keep the order of additions of floats, are added up in pairs: rows are
+// short, and a chain of sixteen additions would take as long as their exponentials.
+ANIGEN_INLINE float total(float* lanes) {
   for (std::int64_t half = products::kLanes / 2; half > 0; half /= 2) {
     for (std::int64_t l = 0; l < half; ++l) lanes[l] += lanes[l + half];
   }
   return lanes[0];
 }
 
+// state.largest with the row in it. Leaves the exponent of state.shrink there, and NaN in the sum of a row that has
+// scores that are not finite: the exponentials need not look for them.
+ANIGEN_INLINE void take_largest(const float* row, std::int64_t whole, float scale, const kernels::RunningSoftmax& state,
+                                std::int64_t r) {
+  const float before = state.largest[r];
+  const kernels::ScoreRange range = kernels::score_range(row, whole, before);
+  const bool finite = range.smallest >= kBelowScores && range.largest <= std::numeric_limits<float>::max();
+  state.largest[r] = range.largest;
+  state.shrink[r] = scale * (before - range.largest);
+  if (!finite) state.sum[r] = std::numeric_limits<float>::quiet_NaN();
+}
+
+ANIGEN_INLINE void take_weights(float* __restrict row, std::int64_t whole, float scale,
+                                const kernels::RunningSoftmax& state, std::int64_t r) {
+  const float shift = -scale * state.largest[r];
+  float lanes[products::kLanes] = {};
+  for (std::int64_t c = 0; c < whole; c += products::kLanes) {
+    for (std::int64_t l = 0; l < products::kLanes; ++l) {
+      const float weight = kernels::exp_up_to_0(scale * row[c + l] + shift);
+      row[c + l] = weight;
+      lanes[l] += weight;
+    }
+  }
+  state.shrink[r] = kernels::exp_clamped(state.shrink[r]);
+  state.sum[r] = state.sum[r] * state.shrink[r] + total(lanes);
+}
+
 }  // namespace
 
+// Three passes, since a processor works on several rows at a time where none waits for a number of its own: for what
+// was just written piece by piece, or for its largest score.
 ANIGEN_VECTOR_CLONES
 void softmax_rows(const products::Block& scores, std::int64_t rows, std::int64_t columns, float scale,
                   const kernels::RunningSoftmax& state) {
   const std::int64_t whole = products::padded(columns);
-  for (std::int64_t r = 0; r < rows; ++r) {
-    float* __restrict row = scores.values + r * scores.stride;
-    for (std::int64_t c = columns; c < whole; ++c) row[c] = -std::numeric_limits<float>::infinity();
-    const float before = state.largest[r], largest = kernels::largest_score(row, whole, before);
-    for (std::int64_t c = 0; c < whole; ++c) row[c] = kernels::exp_or_nan(scale * (row[c] - largest));
-    for (std::int64_t c = columns; c < whole; ++c) row[c] = 0.0F;
-    const float shrink = kernels::exp_clamped(scale * (before - largest));
-    state.largest[r] = largest;
-    state.shrink[r] = shrink;
-    state.sum[r] = state.sum[r] * shrink + total_weight(row, whole);
+  for (std::int64_t r = 0; r < rows && columns < whole; ++r) {
+    float* row = scores.values + r * scores.stride;
+    for (std::int64_t c = columns; c < whole; ++c) row[c] = kBelowScores;
   }
+  for (std::int64_t r = 0; r < rows; ++r) take_largest(scores.values + r * scores.stride, whole, scale, state, r);
+  for (std::int64_t r = 0; r < rows; ++r) take_weights(scores.values + r * scores.stride, whole, scale, state, r);
 }
 
 }  // namespace anigen::nn

@@ -8,7 +8,8 @@
 namespace anigen::nn {
 namespace {
 
-constexpr std::int64_t kTaskScores = 16384;  // of all heads of a task together: some ten microseconds
+constexpr std::int64_t kLeastScores = 16384;  // of all heads of a task together: some ten microseconds
+constexpr std::int64_t kTasksPerThread = 16;  // so that none waits long for the last one
 
 }  // namespace
 
@@ -34,12 +35,15 @@ std::int64_t even_block(std::int64_t total, std::int64_t most) {
 }
 
 std::vector<RaggedTask> ragged_tasks(const RaggedProblem& problem, std::int64_t most_queries) {
+  std::int64_t scores = 0;
+  for (std::int64_t s = 0; s < problem.sequences; ++s) scores += problem.heads * problem.queries(s) * problem.keys(s);
+  const std::int64_t enough = std::max(kLeastScores, scores / (kTasksPerThread * at::get_num_threads()));
   std::vector<RaggedTask> tasks;
   for (std::int64_t s = 0; s < problem.sequences; ++s) {
     const std::int64_t queries = problem.queries(s), keys = problem.keys(s);
     if (queries == 0 || keys == 0) continue;
     const std::int64_t block = even_block(queries, most_queries);
-    const std::int64_t heads = std::clamp<std::int64_t>(kTaskScores / (block * keys), 1, problem.heads);
+    const std::int64_t heads = std::clamp<std::int64_t>(enough / (block * keys), 1, problem.heads);
     for (std::int64_t head = 0; head < problem.heads; head += heads) {
       for (std::int64_t first = 0; first < queries; first += block) {
         tasks.push_back({s, head, std::min(heads, problem.heads - head), first, std::min(block, queries - first)});

@@ -31,24 +31,46 @@ struct RaggedTask {
   std::int64_t sequence, first_head, heads, first_query, queries;
 };
 
-/// All tasks, the most work first, so that no thread is left with a long one at the end. Heads of short sequences share
-/// a task. @param most_queries of a task; blocks of a sequence are about equally long
+/// All tasks, the most work first, so that no thread is left with a long one at the end. A task has as many heads as
+/// leave enough tasks for all threads: heads lie side by side in memory, and a thread that takes them one after the
+/// other finds their pages open. @param most_queries of a task; blocks of a sequence are about equally long
 std::vector<RaggedTask> ragged_tasks(const RaggedProblem& problem, std::int64_t most_queries);
 
 /// How many of `total` rows go into a block: as few blocks as possible of at most `most`, about equally long.
 std::int64_t even_block(std::int64_t total, std::int64_t most);
 
-/// Calls body(task, scratch) for every task, with one Scratch(problem) per thread. Which thread does what depends on
-/// timing: a task must write to places of its own.
+/// One head of a task.
+struct HeadTask {
+  const RaggedTask* task = nullptr;
+  std::int64_t head = 0;
+};
+
+/// Calls body(part, next, scratch) for every head of every task, with one Scratch(problem) per thread; `next` is what
+/// the thread does afterwards, its task null at the end. Which thread does what depends on timing: a part must write to
+/// places of its own.
 template <typename Scratch, typename Body>
-void for_each_task(const RaggedProblem& problem, const std::vector<RaggedTask>& tasks, const Body& body) {
+void for_each_head(const RaggedProblem& problem, const std::vector<RaggedTask>& tasks, const Body& body) {
   const auto count = static_cast<std::int64_t>(tasks.size());
   const std::int64_t threads = count < at::get_num_threads() ? count : at::get_num_threads();
-  std::atomic<std::int64_t> next{0};
+  std::atomic<std::int64_t> taken{0};
+  const auto take = [&]() -> const RaggedTask* {
+    const std::int64_t i = taken++;
+    return i < count ? &tasks[static_cast<std::size_t>(i)] : nullptr;
+  };
   at::parallel_for(0, threads, 1, [&](std::int64_t, std::int64_t) {
     const torch::NoGradGuard no_grad;  // a setting of the thread
     const Scratch scratch(problem);
-    for (std::int64_t i = next++; i < count; i = next++) body(tasks[static_cast<std::size_t>(i)], scratch);
+    for (const RaggedTask* task = take(); task != nullptr;) {
+      const RaggedTask* const following = take();
+      for (std::int64_t head = task->first_head; head < task->first_head + task->heads; ++head) {
+        HeadTask next{task, head + 1};
+        if (next.head == task->first_head + task->heads) {
+          next = {following, following == nullptr ? 0 : following->first_head};
+        }
+        body(HeadTask{task, head}, next, scratch);
+      }
+      task = following;
+    }
   });
 }
 

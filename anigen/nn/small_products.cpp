@@ -1,5 +1,6 @@
 #include "anigen/nn/small_products.h"
 
+#include <algorithm>
 #include <cstddef>
 #include <utility>
 
@@ -8,38 +9,43 @@
 namespace anigen::nn::products {
 namespace {
 
-// Registers of an instruction set, and how many rows of kLanes sums fit into them beside a row of `right` and a value
-// of `left`.
+// Registers of an instruction set, and how many rows of a tile's sums fit into them beside a row of `right` and a value
+// of `left`. Tiles are as wide as the registers allow: a value of `left` is loaded once for all vectors of its row, and
+// processors load no more than one wide vector per product.
 struct Registers128 {
   typedef float Vector __attribute__((vector_size(16)));
   typedef float Unaligned __attribute__((vector_size(16), aligned(4), may_alias));
-  static constexpr std::size_t kRows = 2;
+  static constexpr std::size_t kSums = 8, kWidest = 1;
 };
 struct Registers256 {
   typedef float Vector __attribute__((vector_size(32)));
   typedef float Unaligned __attribute__((vector_size(32), aligned(4), may_alias));
-  static constexpr std::size_t kRows = 6;
+  static constexpr std::size_t kSums = 12, kWidest = 1;
 };
 struct Registers512 {
   typedef float Vector __attribute__((vector_size(64)));
   typedef float Unaligned __attribute__((vector_size(64), aligned(4), may_alias));
-  static constexpr std::size_t kRows = 12;
+  static constexpr std::size_t kSums = 24, kWidest = 4;
 };
+
+// Steps of a tile between rows asked for: more requests at a time than a core has room for would hold it up.
+constexpr std::int64_t kAskingSteps = 16;
 
 struct Operands {
   const float *left, *right;
   float* out;
   std::int64_t left_row, left_step, right_row, out_row, depth;
   bool accumulate;
+  RowsAhead* ahead;
 };
 
 ANIGEN_INLINE float* out_row(const Operands& at, std::size_t row) {
   return at.out + static_cast<std::int64_t>(row) * at.out_row;
 }
 
-// kLanes columns of some rows. The packs count the vectors of a row, and the sums: row by row, vector by vector. Every
-// index is a constant, so that the sums are registers whatever the compiler unrolls; vectors are neither passed nor
-// returned, since how that is done depends on the instruction set.
+// Some rows of a tile. The packs count the vectors of a row, and the sums: row by row, vector by vector. Every index is
+// a constant, so that the sums are registers whatever the compiler unrolls; vectors are neither passed nor returned,
+// since how that is done depends on the instruction set.
 template <typename Registers, std::size_t... kVector, std::size_t... kSum>
 ANIGEN_INLINE void product_tile(const Operands& at, std::index_sequence<kVector...>, std::index_sequence<kSum...>) {
   using Vector = typename Registers::Vector;
@@ -48,12 +54,16 @@ ANIGEN_INLINE void product_tile(const Operands& at, std::index_sequence<kVector.
   Vector sums[kSums];
   ((sums[kSum] = Vector{}), ...);
   const float *left = at.left, *right = at.right;
-  for (std::int64_t k = 0; k < at.depth; ++k) {
-    Vector row[kVectors];
-    ((row[kVector] = reinterpret_cast<const Unaligned*>(right)[kVector]), ...);
-    ((sums[kSum] += left[static_cast<std::int64_t>(kSum / kVectors) * at.left_row] * row[kSum % kVectors]), ...);
-    left += at.left_step;
-    right += at.right_row;
+  for (std::int64_t begin = 0; begin < at.depth; begin += kAskingSteps) {
+    at.ahead->ask();
+    const std::int64_t end = std::min(begin + kAskingSteps, at.depth);
+    for (std::int64_t k = begin; k < end; ++k) {
+      Vector row[kVectors];
+      ((row[kVector] = reinterpret_cast<const Unaligned*>(right)[kVector]), ...);
+      ((sums[kSum] += left[static_cast<std::int64_t>(kSum / kVectors) * at.left_row] * row[kSum % kVectors]), ...);
+      left += at.left_step;
+      right += at.right_row;
+    }
   }
   if (at.accumulate) {
     ((sums[kSum] += reinterpret_cast<Unaligned*>(out_row(at, kSum / kVectors))[kSum % kVectors]), ...);
@@ -62,45 +72,55 @@ ANIGEN_INLINE void product_tile(const Operands& at, std::index_sequence<kVector.
 }
 
 // As many rows at a time as there are registers for, then the rest in halves.
-template <typename Registers, std::size_t kRows>
+template <typename Registers, std::size_t kVectors, std::size_t kRows>
 ANIGEN_INLINE void product_rows(Operands at, std::int64_t rows) {
-  constexpr std::size_t kVectors =
-      static_cast<std::size_t>(kLanes) * sizeof(float) / sizeof(typename Registers::Vector);
   constexpr auto kStep = static_cast<std::int64_t>(kRows);
   for (; rows >= kStep; rows -= kStep) {
     product_tile<Registers>(at, std::make_index_sequence<kVectors>(), std::make_index_sequence<kRows * kVectors>());
     at.left += kStep * at.left_row;
     at.out += kStep * at.out_row;
   }
-  if constexpr (kRows > 1) product_rows<Registers, kRows / 2>(at, rows);
+  if constexpr (kRows > 1) product_rows<Registers, kVectors, kRows / 2>(at, rows);
+}
+
+// Panels of kTimes · kLanes columns, as many as there are, then the rest in narrower ones.
+template <typename Registers, std::size_t kTimes>
+ANIGEN_INLINE void product_panels(Operands at, std::int64_t rows, std::int64_t columns) {
+  constexpr std::size_t kVectors =
+      kTimes * static_cast<std::size_t>(kLanes) * sizeof(float) / sizeof(typename Registers::Vector);
+  constexpr auto kColumns = static_cast<std::int64_t>(kTimes) * kLanes;
+  for (; columns >= kColumns; columns -= kColumns) {
+    product_rows<Registers, kVectors, Registers::kSums / kVectors>(at, rows);
+    at.right += kColumns;
+    at.out += kColumns;
+  }
+  if constexpr (kTimes > 1) product_panels<Registers, kTimes / 2>(at, rows, columns);
 }
 
 template <typename Registers>
-ANIGEN_INLINE void product_panels(const ProductSize& size, const Factor& left, const Block& right, const Block& out,
-                                  bool accumulate) {
-  for (std::int64_t column = 0; column < size.columns; column += kLanes) {
-    const Operands at{left.values, right.values + column, out.values + column, left.row,
-                      left.column, right.stride,          out.stride,          size.depth,
-                      accumulate};
-    product_rows<Registers, Registers::kRows>(at, size.rows);
-  }
+ANIGEN_INLINE void product(const ProductSize& size, const Factor& left, const Block& right, const Block& out,
+                           bool accumulate, RowsAhead& ahead) {
+  const Operands at{left.values,  right.values, out.values, left.row,   left.column,
+                    right.stride, out.stride,   size.depth, accumulate, &ahead};
+  product_panels<Registers, Registers::kWidest>(at, size.rows, padded(size.columns));
 }
 
-using Multiply = void (*)(const ProductSize&, const Factor&, const Block&, const Block&, bool);
+using Multiply = void (*)(const ProductSize&, const Factor&, const Block&, const Block&, bool, RowsAhead&);
 
-void multiply_128(const ProductSize& size, const Factor& left, const Block& right, const Block& out, bool accumulate) {
-  product_panels<Registers128>(size, left, right, out, accumulate);
+void multiply_128(const ProductSize& size, const Factor& left, const Block& right, const Block& out, bool accumulate,
+                  RowsAhead& ahead) {
+  product<Registers128>(size, left, right, out, accumulate, ahead);
 }
 
 #if defined(__x86_64__) && defined(__GNUC__)
 __attribute__((target("avx2,fma"))) void multiply_256(const ProductSize& size, const Factor& left, const Block& right,
-                                                      const Block& out, bool accumulate) {
-  product_panels<Registers256>(size, left, right, out, accumulate);
+                                                      const Block& out, bool accumulate, RowsAhead& ahead) {
+  product<Registers256>(size, left, right, out, accumulate, ahead);
 }
 
 __attribute__((target("avx512f"))) void multiply_512(const ProductSize& size, const Factor& left, const Block& right,
-                                                     const Block& out, bool accumulate) {
-  product_panels<Registers512>(size, left, right, out, accumulate);
+                                                     const Block& out, bool accumulate, RowsAhead& ahead) {
+  product<Registers512>(size, left, right, out, accumulate, ahead);
 }
 
 Multiply fastest_multiply() {
@@ -114,9 +134,22 @@ Multiply fastest_multiply() { return multiply_128; }
 
 }  // namespace
 
-void multiply(const ProductSize& size, const Factor& left, const Block& right, const Block& out, bool accumulate) {
+void multiply(const ProductSize& size, const Factor& left, const Block& right, const Block& out, bool accumulate,
+              RowsAhead& ahead) {
   static const Multiply kFastest = fastest_multiply();
-  kFastest(size, left, right, out, accumulate);
+  kFastest(size, left, right, out, accumulate, ahead);
+}
+
+void multiply(const ProductSize& size, const Factor& left, const Block& right, const Block& out, bool accumulate) {
+  RowsAhead nothing;
+  multiply(size, left, right, out, accumulate, nothing);
+}
+
+std::int64_t asking_calls(const ProductSize& size) {
+  constexpr std::int64_t kRows = Registers512::kSums / Registers512::kWidest;
+  constexpr std::int64_t kColumns = static_cast<std::int64_t>(Registers512::kWidest) * kLanes;
+  return ((size.rows + kRows - 1) / kRows) * ((size.columns + kColumns - 1) / kColumns) *
+         ((size.depth + kAskingSteps - 1) / kAskingSteps);
 }
 
 void transpose(std::int64_t rows, std::int64_t columns, const Block& in, const Block& out) {

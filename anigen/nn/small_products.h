@@ -1,6 +1,8 @@
 #pragma once
 #include <cstdint>
 
+#include "anigen/nn/rows_ahead.h"
+
 /// Products of matrices that stay in the cache, such as the queries and keys of one window and head, where starting a
 /// product of a library costs as much as the product. fp32, one thread, no allocation.
 namespace anigen::nn::products {
@@ -38,7 +40,12 @@ struct ProductSize {
 /// out = left right, or out += left right. Columns up to the next multiple of kLanes are read in `right` and written in
 /// `out`. A row of the result does not depend on how many rows there are.
 /// @param left [rows, depth] @param right [depth, columns] @param out [rows, columns], apart from both
+/// @param ahead asked asking_calls(size) times, evenly over the product, or more often where registers are narrow
+void multiply(const ProductSize& size, const Factor& left, const Block& right, const Block& out, bool accumulate,
+              RowsAhead& ahead);
 void multiply(const ProductSize& size, const Factor& left, const Block& right, const Block& out, bool accumulate);
+
+std::int64_t asking_calls(const ProductSize& size);
 
 /// out(c, r) = in(r, c). @param rows, columns multiples of 4
 void transpose(std::int64_t rows, std::int64_t columns, const Block& in, const Block& out);

@@ -22,15 +22,9 @@ ANIGEN_INLINE To bits_as(From from) {
   return to;
 }
 
-/// e^t to about one unit in the last place for |t| <= 87, clamped beyond (and for NaN). Nothing but arithmetic, so that
-/// loops over it are vectorised: t = n ln 2 + r with |r| <= ln 2 / 2, and a polynomial for e^r (coefficients of Cephes'
-/// expf). The clamp works on the bits, since compilers do not vectorise comparisons of floats, which might trap.
-ANIGEN_INLINE float exp_clamped(float t) {
-  const auto bits = bits_as<std::int32_t>(t);
-  constexpr std::int32_t kBitsOf87 = 0x42AE0000, kMagnitude = 0x7FFFFFFF;
-  const std::int32_t magnitude = bits & kMagnitude;
-  const std::int32_t clamped = magnitude < kBitsOf87 ? magnitude : kBitsOf87;
-  t = bits_as<float>(clamped | (bits & ~kMagnitude));
+/// e^t to about one unit in the last place for |t| <= 87. Nothing but arithmetic, so that loops over it are vectorised:
+/// t = n ln 2 + r with |r| <= ln 2 / 2, and a polynomial for e^r (coefficients of Cephes' expf).
+ANIGEN_INLINE float exp_within_87(float t) {
   constexpr float kShifter = 12582912.0F;  // 1.5 · 2^23: adding it leaves the nearest integer in the low bits
   const float shifted = t * 1.44269504088896341F + kShifter;
   const float n = shifted - kShifter;
@@ -44,6 +38,23 @@ ANIGEN_INLINE float exp_clamped(float t) {
   p = p * (r * r) + r + 1.0F;
   const auto power = (bits_as<std::uint32_t>(shifted) << 23) + 0x3F800000U;  // the bits of 2^n
   return p * bits_as<float>(power);
+}
+
+/// e^t, clamped beyond |t| = 87 (and for NaN). The clamp works on the bits, since compilers do not vectorise
+/// comparisons of floats, which might trap.
+ANIGEN_INLINE float exp_clamped(float t) {
+  const auto bits = bits_as<std::int32_t>(t);
+  constexpr std::int32_t kBitsOf87 = 0x42AE0000, kMagnitude = 0x7FFFFFFF;
+  const std::int32_t magnitude = bits & kMagnitude;
+  const std::int32_t clamped = magnitude < kBitsOf87 ? magnitude : kBitsOf87;
+  return exp_within_87(bits_as<float>(clamped | (bits & ~kMagnitude)));
+}
+
+/// The same for t up to 0, or above it by a rounding: fewer operations. Anything for NaN.
+ANIGEN_INLINE float exp_up_to_0(float t) {
+  const auto bits = bits_as<std::uint32_t>(t);
+  constexpr std::uint32_t kBitsOfMinus87 = 0xC2AE0000U;
+  return exp_within_87(bits_as<float>(bits < kBitsOfMinus87 ? bits : kBitsOfMinus87));
 }
 
 /// exp_clamped, but NaN for NaN and infinities.

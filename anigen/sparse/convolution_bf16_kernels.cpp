@@ -45,7 +45,7 @@ ANIGEN_BF16 void multiply_panel(const RowPairs& pairs, const std::uint16_t* in, 
     nn::kernels::bf16_rows<kVectors, true>([=](std::int64_t i) { return in + pairs.from[i] * in_channels + k; },
                                            [=](std::int64_t i) { return out + pairs.to[i] * out_channels; },
                                            pairs.count, std::min(kBf16Depth, in_channels - k) / 2,
-                                           panel + k * kVectors * kBf16Lanes);
+                                           panel + k * kVectors * kBf16Lanes, nn::kernels::NothingAhead{});
   }
 }
 

@@ -178,7 +178,8 @@ TEST(RaggedAttention, LargeScoresDoNotOverflow) {
 }
 
 TEST(RaggedAttention, NotFiniteScoresAreSeenInTheirRowOnly) {
-  for (const float bad : {std::numeric_limits<float>::quiet_NaN(), std::numeric_limits<float>::infinity()}) {
+  for (const float bad : {std::numeric_limits<float>::quiet_NaN(), -std::numeric_limits<float>::quiet_NaN(),
+                          std::numeric_limits<float>::infinity(), -std::numeric_limits<float>::infinity()}) {
     const RaggedCase c({1, 8, {4, 5}, {300, 5}});
     const Tensor q = c.q.to(torch::kFloat32);
     q[2].fill_(bad);

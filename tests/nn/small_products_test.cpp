@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
+
 #include "anigen/nn/torch.h"
 
 namespace anigen::nn::products {
@@ -26,10 +28,10 @@ double product_error(const Tensor& found, const Tensor& wanted) {
 TEST(SmallProducts, EveryNumberOfRowsAndColumns) {
   torch::manual_seed(31);
   constexpr std::int64_t kDepth = 37;
-  const Tensor left = torch::randn({40, kDepth}), right = torch::randn({kDepth, 40});
+  const Tensor left = torch::randn({40, kDepth}), right = torch::randn({kDepth, 150});
   const Tensor wanted = left.to(torch::kFloat64).mm(right.to(torch::kFloat64));
   for (std::int64_t rows = 1; rows <= 40; ++rows) {
-    for (const std::int64_t columns : {1, 15, 16, 17, 32, 40}) {
+    for (const std::int64_t columns : {1, 15, 16, 17, 32, 40, 64, 100, 112, 150}) {
       const Tensor a = stored(left.narrow(0, 0, rows), kDepth + 3, 7.0);
       const Tensor b = stored(right.narrow(1, 0, columns), spread_stride(columns), 0.0);
       const Tensor out = torch::full({rows, spread_stride(columns)}, 5.0F);
@@ -55,14 +57,43 @@ TEST(SmallProducts, TransposedLeftFactorAndAccumulation) {
 
 TEST(SmallProducts, ARowDoesNotDependOnTheOthers) {
   torch::manual_seed(33);
-  const Tensor left = torch::randn({25, 64}), right = torch::randn({64, 48});
-  const Tensor all = torch::empty({25, 48});
-  multiply({25, 48, 64}, block_of(left).plain(), block_of(right), block_of(all), false);
+  const Tensor left = torch::randn({25, 64}), right = torch::randn({64, 112});
+  const Tensor all = torch::empty({25, 112});
+  multiply({25, 112, 64}, block_of(left).plain(), block_of(right), block_of(all), false);
   for (std::int64_t r = 0; r < 25; ++r) {
-    const Tensor one = torch::empty({1, 48});
-    multiply({1, 48, 64}, block_of(left).from_row(r).plain(), block_of(right), block_of(one), false);
+    const Tensor one = torch::empty({1, 112});
+    multiply({1, 112, 64}, block_of(left).from_row(r).plain(), block_of(right), block_of(one), false);
     EXPECT_TRUE(torch::equal(one[0], all[r])) << r;
   }
+}
+
+TEST(SmallProducts, RowsAheadChangeNothing) {
+  torch::manual_seed(34);
+  const Tensor left = torch::randn({25, 37}), right = torch::randn({37, 64}), next = torch::randn({300, 64});
+  const Tensor plain = torch::empty({25, 64}), asking = torch::empty({25, 64}), untouched = next.clone();
+  multiply({25, 64, 37}, block_of(left).plain(), block_of(right), block_of(plain), false);
+  RowsAhead ahead;
+  ahead.add(next.data_ptr<float>(), 300, 64 * sizeof(float), 64 * sizeof(float));
+  ahead.spread_over(asking_calls({25, 64, 37}));
+  multiply({25, 64, 37}, block_of(left).plain(), block_of(right), block_of(asking), false, ahead);
+  EXPECT_TRUE(torch::equal(asking, plain));
+  EXPECT_TRUE(torch::equal(next, untouched));
+  EXPECT_EQ(ahead.left(), 0);
+}
+
+TEST(RowsAhead, AskForAllRowsInSoManyCalls) {
+  const Tensor a = torch::zeros({7, 40}), b = torch::zeros({5, 3});
+  RowsAhead ahead;
+  ahead.add(a.data_ptr<float>(), 7, 160, 160);
+  ahead.add(b.data_ptr<float>(), 0, 12, 12);  // no rows
+  ahead.add(b.data_ptr<float>(), 5, 12, 12);
+  ahead.spread_over(5);
+  for (int call = 0; call < 5; ++call) {
+    EXPECT_EQ(ahead.left(), std::max(0, 12 - 3 * call)) << call;
+    ahead.ask();
+  }
+  ahead.ask();  // nothing is left to ask for
+  EXPECT_EQ(ahead.left(), 0);
 }
 
 TEST(SmallProducts, Transpose) {
