@@ -110,7 +110,8 @@ void add_finishing_options(CLI::App& app, pipeline::GenerateRequest& request, Wo
       ->check(CLI::IsMember({"gltf", "published"}))
       ->each([&request](const std::string& word) { request.published_axes = word == "published"; });
   app.add_flag("--obj", request.obj, "Also mesh.obj and mesh.rig.json");
-  app.add_flag("--intermediate", request.intermediate, "Also voxels.png, votes.glb and dense.glb");
+  app.add_flag("--intermediate", request.intermediate,
+               "Also what the stages gave: voxels.png, ss_latents.npz, latents.npz, votes.glb and dense.glb");
 }
 
 /// The number of joints that one of three options asks for.

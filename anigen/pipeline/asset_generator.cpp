@@ -172,9 +172,9 @@ GeneratedAsset AssetGenerator::generate(const Tensor& structure_picture, const T
     const Tensor tokens = first.condition(structure_picture);
     made.times.condition = watch.lap();
     Progress progress("sparse structure of " + name, static_cast<std::size_t>(sampler.steps), "steps");
-    const flow::Streams sampled =
+    made.structure =
         first.sample(first.noise(generator), tokens, sampler, sampler.cfg_strength > 0, with_progress(progress));
-    made.voxels = first.decode(sampled).front();
+    made.voxels = first.decode(made.structure).front();
     made.times.structure = watch.lap();
   }
   forget_unless_kept();
@@ -188,7 +188,6 @@ GeneratedAsset AssetGenerator::generate(const Tensor& structure_picture, const T
     throw Error(name + ": the first flow gave no " + (made.shape_voxels == 0 ? "shape" : "skeleton") +
                 " voxels; another seed may");
   }
-  models::PerStream<sparse::SparseTensor> latent;
   {
     StructuredLatentGenerator& second = latents();
     const flow::SamplerOptions sampler = options.latents.over(second.sampler());
@@ -196,12 +195,12 @@ GeneratedAsset AssetGenerator::generate(const Tensor& structure_picture, const T
     if (counts_joints_) target.joints_num = torch::tensor({options.joints}, torch::kInt64).to(device);
     made.times.condition += watch.lap();
     Progress progress("structured latents of " + name, static_cast<std::size_t>(sampler.steps), "steps");
-    latent = second.sample(second.noise(*target.shape, *target.skeleton, generator), target, sampler,
-                           sampler.cfg_strength > 0, with_progress(progress));
+    made.latents = second.sample(second.noise(*target.shape, *target.skeleton, generator), target, sampler,
+                                 sampler.cfg_strength > 0, with_progress(progress));
     made.times.latents = watch.lap();
   }
   forget_unless_kept();
-  made.decoded = decoder().decode(latent, nullptr, name);
+  made.decoded = decoder().decode(made.latents, nullptr, name);
   forget_unless_kept();
   made.times.decode = watch.lap();
   return made;

@@ -20,6 +20,7 @@
 #include "anigen/io/gltf/export_axes.h"
 #include "anigen/io/obj_rig.h"
 #include "anigen/pipeline/device.h"
+#include "anigen/pipeline/latent_files.h"
 #include "anigen/pipeline/votes_cloud.h"
 #include "anigen/raytrace/contact_sheet.h"
 #include "anigen/raytrace/picture.h"
@@ -223,6 +224,9 @@ class Generation {
       io::write_gltf(report.folder / "dense.glb", made.decoded.asset, axes);
       write_votes(report.folder / "votes.glb", made.decoded.votes);
       io::write_png(report.folder / "voxels.png", train::voxel_picture(made.voxels, 512));
+      write_structure_latents(report.folder / "ss_latents.npz", made.structure[0][0], made.structure[1][0],
+                              request_.models.structure_flow);
+      write_structured_latents(report.folder / "latents.npz", made.latents, request_.models.latent_flow);
     }
     std::vector<std::string> notices = first.notices;
     notices.insert(notices.end(), finished.notices.begin(), finished.notices.end());

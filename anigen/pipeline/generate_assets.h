@@ -18,7 +18,7 @@ struct GenerateRequest {
   FinishingOptions finishing;
   bool published_axes = false;   ///< (−x, z, y) in the file, as the published exporter writes; else (x, z, −y)
   bool obj = false;              ///< also mesh.obj and mesh.rig.json, see io/obj_rig.h
-  bool intermediate = false;     ///< also what the stages gave: voxels, votes, the dense mesh
+  bool intermediate = false;     ///< also what the stages gave: voxels, latents, votes, the dense mesh
   bool again = false;            ///< also assets whose files are there
   std::filesystem::path output;  ///< folder; each asset gets one of its own, of the picture's name
   std::string name;              ///< of the asset, for one picture; empty: the picture's

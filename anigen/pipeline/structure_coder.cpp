@@ -5,8 +5,7 @@
 #include "anigen/core/config_reader.h"
 #include "anigen/core/error.h"
 #include "anigen/core/sha256.h"
-#include "anigen/io/npz.h"
-#include "anigen/models/tensor_arrays.h"
+#include "anigen/pipeline/latent_files.h"
 #include "anigen/pipeline/latent_manifest.h"
 
 namespace anigen::pipeline {
@@ -55,11 +54,7 @@ loaders::SparseStructureBatch StructureCoder::voxels(const loaders::AssetId& ass
 void StructureCoder::encode(const loaders::SparseStructureBatch& voxels, const std::filesystem::path& file) {
   const auto latent =
       encoder_->forward(voxels.ss.to(device_, torch::kFloat32), voxels.ss_skl.to(device_, torch::kFloat32));
-  const Tensor mean = latent.mean[0].to(torch::kCPU), mean_skl = latent.mean_skl[0].to(torch::kCPU);
-  if (!torch::isfinite(mean).all().item<bool>() || !torch::isfinite(mean_skl).all().item<bool>()) {
-    throw InputError(found_.checkpoint.string(), "", "this encoder gives a latent that is not finite");
-  }
-  io::write_npz(file, {{"mean", models::to_array(mean)}, {"mean_skl", models::to_array(mean_skl)}});
+  write_structure_latents(file, latent.mean[0], latent.mean_skl[0], found_.checkpoint);
 }
 
 StructureReconstruction StructureCoder::agreement(const loaders::StructureLatent& latent,

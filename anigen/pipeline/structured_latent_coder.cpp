@@ -3,16 +3,14 @@
 #include <memory>
 
 #include "anigen/core/config_reader.h"
-#include "anigen/core/error.h"
 #include "anigen/core/sha256.h"
 #include "anigen/geometry/nearest_surface.h"
-#include "anigen/io/npz.h"
 #include "anigen/loaders/files/pooled_voxels.h"
 #include "anigen/loaders/files/skin_rows.h"
 #include "anigen/loaders/ragged_voxels.h"
 #include "anigen/loaders/rig_batch.h"
-#include "anigen/models/tensor_arrays.h"
 #include "anigen/pipeline/decoded_asset.h"
+#include "anigen/pipeline/latent_files.h"
 #include "anigen/pipeline/latent_manifest.h"
 
 namespace anigen::pipeline {
@@ -35,19 +33,6 @@ fs::path feature_file(const loaders::AssetId& asset, const std::string& model) {
 SparseTensor sparse_of(const loaders::VoxelRows& rows, const std::string& id, torch::Device device) {
   const loaders::RaggedVoxels voxels = loaders::collate_voxels({&rows}, {id});
   return {sparse::Support::create(voxels.coords, 1), voxels.feats.to(device)};
-}
-
-Tensor finite_rows(const SparseTensor& latent, const fs::path& encoder) {
-  const Tensor rows = latent.feats.detach().to(torch::kCPU, torch::kFloat32).contiguous();
-  if (!torch::isfinite(rows).all().item<bool>()) {
-    throw InputError(encoder.string(), "", "this encoder gives a latent that is not finite");
-  }
-  return rows;
-}
-
-// Voxel indices as files hold them: below 256.
-Tensor byte_coords(const SparseTensor& latent) {
-  return latent.support->coords().slice(1, 1).to(torch::kUInt8).contiguous();
 }
 
 }  // namespace
@@ -125,12 +110,7 @@ RigDecoder::Decoded StructuredLatentCoder::decode(const models::PerStream<Sparse
 }
 
 void StructuredLatentCoder::write(const models::PerStream<SparseTensor>& latents, const fs::path& file) const {
-  const Tensor feats =
-      torch::cat({finite_rows(latents.geometry, checkpoint()), finite_rows(latents.skin, checkpoint())}, 1);
-  io::write_npz(file, {{"coords", models::to_array(byte_coords(latents.geometry))},
-                       {"feats", models::to_array(feats)},
-                       {"coords_skl", models::to_array(byte_coords(latents.skeleton))},
-                       {"feats_skl", models::to_array(finite_rows(latents.skeleton, checkpoint()))}});
+  write_structured_latents(file, latents, checkpoint());
 }
 
 }  // namespace anigen::pipeline

@@ -12,7 +12,9 @@
 #include "anigen/core/atomic_file.h"
 #include "anigen/core/error.h"
 #include "anigen/io/gltf.h"
+#include "anigen/io/npz.h"
 #include "anigen/io/safetensors.h"
+#include "anigen/loaders/files/voxel_files.h"
 #include "anigen/models/patch_image_encoder.h"
 #include "anigen/models/state_dict.h"
 #include "anigen/pipeline/generate_assets.h"
@@ -119,6 +121,25 @@ TEST_F(GenerateAssets, APictureBecomesARiggedFile) {
   EXPECT_EQ(asset.mesh.uvs.size(), asset.mesh.vertices.size());
   EXPECT_EQ(report.details["joints"], asset.skeleton.size());
   EXPECT_EQ(io::read_gltf(made("a", "skeleton.glb")).asset.skeleton.size(), asset.skeleton.size());
+}
+
+// What the stages gave, in files as those of a dataset: every voxel that the report counts has a row.
+TEST_F(GenerateAssets, IntermediateResultsAreKeptWhenAskedFor) {
+  ASSERT_EQ(one("without").failure, "");
+  EXPECT_FALSE(fs::exists(made("without", "latents.npz")));
+  request_.intermediate = true;
+  const GenerationReport report = one("a");
+  ASSERT_EQ(report.failure, "");
+  const loaders::VoxelRows shape = loaders::read_voxel_arrays(made("a", "latents.npz"), "coords", "feats");
+  const loaders::VoxelRows skeleton = loaders::read_voxel_arrays(made("a", "latents.npz"), "coords_skl", "feats_skl");
+  EXPECT_EQ(report.details["voxels"]["shape"], shape.coords.size());
+  EXPECT_EQ(report.details["voxels"]["skeleton"], skeleton.coords.size());
+  const io::NamedArrays structure = io::read_npz(made("a", "ss_latents.npz"));
+  for (const char* name : {"mean", "mean_skl"}) {
+    ASSERT_NE(io::find(structure, name), nullptr) << name;
+    EXPECT_EQ(io::find(structure, name)->shape.size(), 4u) << name;
+  }
+  for (const char* file : {"voxels.png", "votes.glb", "dense.glb"}) EXPECT_TRUE(fs::exists(made("a", file))) << file;
 }
 
 // Of a folder of pictures each is made once, whoever makes it.
