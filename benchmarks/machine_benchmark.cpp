@@ -31,10 +31,11 @@ TimedTask copy_task() {
 }
 
 TimedTask on_threads(TimedTask task, int threads) {
-  const auto work = task.work;
   task.reference = anigen::kNoReference;  // these are what others are shares of
   task.name += threads == 1 ? "_1_thread" : "_" + std::to_string(threads) + "_threads";
-  task.work = [work, threads] {
+  // Threads that were just started share a core for the first milliseconds.
+  task.prepare = [work = task.work, threads] {
+    if (at::get_num_threads() == threads) return;
     at::set_num_threads(threads);
     work();
   };

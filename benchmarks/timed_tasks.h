@@ -24,7 +24,8 @@ struct TimedTask {
   double flops;  ///< that the formula needs; what an implementation does twice is not counted
   std::function<void()> work;
   int reference = 0;  ///< place in the list of the product that it is a share of, in its own type; kNoReference: none
-  std::vector<double> seconds = {};  ///< of each round
+  std::function<void()> prepare = {};  ///< before each round, not timed
+  std::vector<double> seconds = {};    ///< of each round
 
   double median() const {
     std::vector<double> sorted = seconds;
@@ -98,6 +99,7 @@ inline int time_in_turn(std::vector<TimedTask>& tasks, const BenchmarkFlags& fla
       progress.note(task.name);
       progress.advance();
       if (!task.seconds.empty() && task.seconds.front() > kSlowTask) continue;
+      if (task.prepare) task.prepare();
       const auto begin = std::chrono::steady_clock::now();
       task.work();
       const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
