@@ -12,8 +12,9 @@ struct SafetensorsFile {
   std::map<std::string, std::string> metadata;  ///< the "__metadata__" entry
 };
 
-/// Checks header length, ranges, overlaps, gaps and dtypes before reading. @throws InputError with the byte offset
-SafetensorsFile read_safetensors(const std::filesystem::path& path);
+/// Checks header length, ranges, overlaps, gaps and dtypes before reading. @param prefix only tensors whose names begin
+/// so are read @throws InputError with the byte offset
+SafetensorsFile read_safetensors(const std::filesystem::path& path, const std::string& prefix = {});
 
 /// Atomic; equal input gives equal bytes. The data section starts at a multiple of 8 bytes, tensors follow each other
 /// in the order given without gaps (which the format forbids). @throws Error when a name is taken twice or reserved

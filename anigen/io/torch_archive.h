@@ -31,4 +31,9 @@ TorchCheckpoint read_torch_checkpoint(const std::filesystem::path& path, const s
 /// seven characters are dropped from every key (reference flows-and-pipeline.md, section 6.3).
 NamedArrays read_state_dict(const std::filesystem::path& path);
 
+/// The tensors whose keys begin with `prefix`, under their keys without it; others are not read, so that a part of a
+/// large model costs no more memory than itself. `.safetensors`, or whatever else torch.save wrote (`.pt`, `.pth`,
+/// `.ckpt`, `.bin`), there below "state_dict" where the file has one. @throws as read_torch_archive()
+NamedArrays read_state_below(const std::filesystem::path& path, const std::string& prefix);
+
 }  // namespace anigen::io

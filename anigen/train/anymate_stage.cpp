@@ -9,6 +9,7 @@
 #include "anigen/models/anymate/joint_regression.h"
 #include "anigen/models/anymate/joint_volume.h"
 #include "anigen/models/anymate/skinning.h"
+#include "anigen/train/anymate_pretrained.h"
 #include "anigen/train/loss_generator.h"
 
 namespace anigen::train {
@@ -38,6 +39,7 @@ AnymateStageOptions AnymateStageOptions::read(ConfigReader& args) {
   options.skin_points = args.integer("skin_points", options.skin_points, 1, 1 << 20);
   options.field_cells = args.integer("field_cells", options.field_cells, 1, 1 << 18);
   options.eval_max_assets = args.integer("eval_max_assets", 0, 0);
+  options.pretrained_encoder = args.text("pretrained_encoder", "");
   return options;
 }
 
@@ -50,6 +52,10 @@ AnymateStage::AnymateStage(const anymate::ModelOptions& model, const AnymateStag
       device_(device),
       model_(model) {
   model_->to(device_);
+}
+
+void AnymateStage::warm_start(const LoadedKeys&) {
+  if (!options_.pretrained_encoder.empty()) load_pretrained_encoder(*model_, options_.pretrained_encoder);
 }
 
 Losses AnymateStage::losses(const loaders::Batch& batch, const LossContext& context) {

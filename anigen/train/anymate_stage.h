@@ -18,6 +18,7 @@ struct AnymateStageOptions {
   std::int64_t skin_points = 1024;         ///< of the sampled points, in a step of skinning
   std::int64_t field_cells = 50000;        ///< of the cells inside, in a step of a field
   std::int64_t eval_max_assets = 0;        ///< held-out assets to look at; 0: all
+  std::string pretrained_encoder;          ///< ours: load_pretrained_encoder()'s path; empty: from random weights
 
   static AnymateStageOptions read(ConfigReader& trainer_args);
 };
@@ -36,6 +37,7 @@ class AnymateStage : public RigStage {
   std::vector<NamedModel> models() const override { return {{model_name_, model_.ptr()}}; }
   const loaders::BatchSource& data() const override { return *data_.train; }
   Losses losses(const loaders::Batch& batch, const LossContext& context) override;
+  void warm_start(const LoadedKeys& finetuned) override;
 
  private:
   RigScores scores(std::size_t assets) override;

@@ -200,7 +200,7 @@ std::string header_text(const std::string& file, const NamedArrays& tensors,
 
 }  // namespace
 
-SafetensorsFile read_safetensors(const std::filesystem::path& path) {
+SafetensorsFile read_safetensors(const std::filesystem::path& path, const std::string& prefix) {
   const std::string file = path.string();
   std::error_code error;
   if (!std::filesystem::is_regular_file(path, error)) throw InputError(file, "", "no such file");
@@ -224,7 +224,9 @@ SafetensorsFile read_safetensors(const std::filesystem::path& path) {
   SafetensorsFile result;
   result.metadata = reader.metadata(header);
   for (Entry& entry : reader.entries(header)) {
+    if (entry.name.rfind(prefix, 0) != 0) continue;
     entry.array.bytes.resize(entry.end - entry.begin);
+    in.seekg(static_cast<std::streamoff>(reader.data_start() + entry.begin));
     in.read(reinterpret_cast<char*>(entry.array.bytes.data()), static_cast<std::streamsize>(entry.array.bytes.size()));
     if (!in)
       throw InputError(file, byte(reader.data_start() + entry.begin), "tensor '" + entry.name + "' cannot be read");

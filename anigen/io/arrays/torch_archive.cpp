@@ -1,5 +1,6 @@
 #include "anigen/io/torch_archive.h"
 
+#include <algorithm>
 #include <fstream>
 #include <utility>
 
@@ -75,9 +76,17 @@ class OpenArchive {
     return nullptr;
   }
   NpyPlace place() const { return {archive_.file(), member_.name}; }
-  NamedArrays arrays(const pickle::Value& value) const {
+  NamedArrays arrays(const pickle::Value& value, const std::string& prefix = {}) const {
     const std::string folder = member_.name.substr(0, member_.name.size() - kPickleName.size());
-    return TorchStorages(archive_, folder, is_big_endian(archive_, folder)).materialize(torch_leaves(value, place()));
+    std::vector<TorchLeaf> leaves = torch_leaves(value, place());
+    const auto unwanted = [&](const TorchLeaf& leaf) { return leaf.name.rfind(prefix, 0) != 0; };
+    leaves.erase(std::remove_if(leaves.begin(), leaves.end(), unwanted), leaves.end());
+    return TorchStorages(archive_, folder, is_big_endian(archive_, folder)).materialize(leaves);
+  }
+  /// The weights: what is below "state_dict", else everything.
+  const pickle::Value& state() const {
+    const pickle::Value* found = below("state_dict");
+    return found == nullptr ? root() : *found;
   }
 
  private:
@@ -100,10 +109,9 @@ NamedArrays read_torch_archive(const std::filesystem::path& path) {
 
 TorchCheckpoint read_torch_checkpoint(const std::filesystem::path& path, const std::string& config_key) {
   const OpenArchive archive(path);
-  const pickle::Value* state = archive.below("state_dict");
   const pickle::Value* config = archive.below(config_key);
   TorchCheckpoint checkpoint;
-  checkpoint.state = archive.arrays(state ? *state : archive.root());
+  checkpoint.state = archive.arrays(archive.state());
   if (config) checkpoint.config = plain_json(*config, archive.place());
   return checkpoint;
 }
@@ -122,6 +130,18 @@ NamedArrays read_state_dict(const std::filesystem::path& path) {
   if (!state.empty() && state.front().first.compare(0, kPrefix.size(), kPrefix) == 0) {
     for (auto& entry : state) entry.first.erase(0, kPrefix.size());
   }
+  return state;
+}
+
+NamedArrays read_state_below(const std::filesystem::path& path, const std::string& prefix) {
+  NamedArrays state;
+  if (path.extension() == ".safetensors") {
+    state = read_safetensors(path, prefix).tensors;
+  } else {
+    const OpenArchive archive(path);
+    state = archive.arrays(archive.state(), prefix);
+  }
+  for (auto& entry : state) entry.first.erase(0, prefix.size());
   return state;
 }
 
