@@ -171,6 +171,25 @@ TEST(RignetTree, GrowsFromTheRootAlongTheLikeliestBones) {
   EXPECT_THROW(skeleton_tree(graph), InputError);
 }
 
+// Hips in the middle, a spine, two legs of two joints each; the likeliest root is a knee.
+TEST(RignetTree, MirroredJointsGrowInPairs) {
+  JointGraph graph;
+  graph.joints = {{0, 1, 0}, {0, 2, 0}, {0.2, 0.6, 0}, {-0.2, 0.6, 0}, {0.2, 0.1, 0}, {-0.2, 0.1, 0}};
+  graph.bone = Eigen::MatrixXd::Constant(6, 6, 0.01);
+  const auto link = [&](int a, int b, double p) { graph.bone(a, b) = graph.bone(b, a) = p; };
+  link(0, 1, 0.9);
+  link(0, 2, 0.8);
+  link(2, 4, 0.8);
+  link(3, 2, 0.95);  // alone, the other leg would hang on this one
+  link(5, 4, 0.95);
+  graph.root = Eigen::VectorXd::Zero(6);
+  graph.root[2] = 1.0;
+  graph.outside = Eigen::MatrixXd::Zero(6, 6);
+  EXPECT_EQ(skeleton_tree(graph), (std::vector<int>{-1, 0, 0, 0, 2, 3}));
+  graph.joints[5].z() = 0.01;  // no longer a mirror image: one at a time, from the likeliest root
+  EXPECT_EQ(skeleton_tree(graph), (std::vector<int>{2, 0, -1, 2, 2, 4}));
+}
+
 TEST(RignetSkin, TheNetworkDoesNotCareHowVerticesAreNumbered) {
   RignetModel model = small_of(Task::kSkinning);
   const MeshGraph graph = random_graph(18);

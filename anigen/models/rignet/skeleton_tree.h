@@ -14,9 +14,12 @@ struct JointGraph {
 
 /// Parents of a tree through all joints: from the likeliest root (the first of equal ones) Prim's algorithm takes the
 /// cheapest edge at a time, an edge costing −ln(p + 1e-10), or twice the number of samples outside where that is above
-/// one, and half of it between joints within 0.02 of x = 0 (reference anymate-baselines.md, 9.3). The published variant
-/// that adds mirrored joints in pairs is left out: it needs joints that are exact mirror images, which ours need not
-/// be. @return [J], -1 for the root @throws InputError for shapes or numbers that are not finite
+/// one, and half of it between joints within 0.02 of x = 0 (reference anymate-baselines.md, 9.3).
+///
+/// Where the joints are mirror images of each other, as clustered_joints() makes them, so is the tree: a root beside
+/// the middle gives way to the nearest joint of the middle, and a joint of the side x > 0 brings its twin along, whose
+/// parent is the twin of its own. Joints that are not, or of which none lies in the middle, are taken one at a time.
+/// @return [J], -1 for the root @throws InputError for shapes or numbers that are not finite
 std::vector<int> skeleton_tree(const JointGraph& graph);
 
 }  // namespace anigen::models::rignet
