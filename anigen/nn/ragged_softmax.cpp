@@ -35,11 +35,11 @@ ANIGEN_INLINE void take_largest(const float* row, std::int64_t whole, float scal
 
 ANIGEN_INLINE void take_weights(float* __restrict row, std::int64_t whole, float scale,
                                 const kernels::RunningSoftmax& state, std::int64_t r) {
-  const float shift = -scale * state.largest[r];
+  const float largest = state.largest[r];
   float lanes[products::kLanes] = {};
   for (std::int64_t c = 0; c < whole; c += products::kLanes) {
     for (std::int64_t l = 0; l < products::kLanes; ++l) {
-      const float weight = kernels::exp_up_to_0(scale * row[c + l] + shift);
+      const float weight = kernels::exp_up_to_0(scale * (row[c + l] - largest));
       row[c + l] = weight;
       lanes[l] += weight;
     }

@@ -46,31 +46,37 @@ struct HeadTask {
 };
 
 /// Calls body(part, next, scratch) for every head of every task, with one Scratch(problem) per thread; `next` is what
-/// the thread does afterwards, its task null at the end. Which thread does what depends on timing: a part must write to
-/// places of its own.
+/// the thread does afterwards, its task null when that is not known yet. Which thread does what depends on timing: a
+/// part must write to places of its own.
 template <typename Scratch, typename Body>
 void for_each_head(const RaggedProblem& problem, const std::vector<RaggedTask>& tasks, const Body& body) {
   const auto count = static_cast<std::int64_t>(tasks.size());
   const std::int64_t threads = count < at::get_num_threads() ? count : at::get_num_threads();
-  std::atomic<std::int64_t> taken{0};
+  std::atomic<std::int64_t> taken{threads};
   const auto take = [&]() -> const RaggedTask* {
     const std::int64_t i = taken++;
     return i < count ? &tasks[static_cast<std::size_t>(i)] : nullptr;
   };
-  at::parallel_for(0, threads, 1, [&](std::int64_t, std::int64_t) {
-    const torch::NoGradGuard no_grad;  // a setting of the thread
-    const Scratch scratch(problem);
-    for (const RaggedTask* task = take(); task != nullptr;) {
-      const RaggedTask* const following = take();
-      for (std::int64_t head = task->first_head; head < task->first_head + task->heads; ++head) {
+  const auto work = [&](const RaggedTask* task, const Scratch& scratch) {
+    while (task != nullptr) {
+      const std::int64_t end = task->first_head + task->heads;
+      const RaggedTask* following = nullptr;
+      for (std::int64_t head = task->first_head; head < end; ++head) {
         HeadTask next{task, head + 1};
-        if (next.head == task->first_head + task->heads) {
+        if (next.head == end) {
+          // Ahead of its turn only while every thread may have another.
+          if (taken.load() + threads <= count) following = take();
           next = {following, following == nullptr ? 0 : following->first_head};
         }
         body(HeadTask{task, head}, next, scratch);
       }
-      task = following;
+      task = following != nullptr ? following : take();
     }
+  };
+  at::parallel_for(0, threads, 1, [&](std::int64_t begin, std::int64_t end) {
+    const torch::NoGradGuard no_grad;  // a setting of the thread
+    const Scratch scratch(problem);
+    for (std::int64_t i = begin; i < end; ++i) work(&tasks[static_cast<std::size_t>(i)], scratch);
   });
 }
 

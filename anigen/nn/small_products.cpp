@@ -146,10 +146,14 @@ void multiply(const ProductSize& size, const Factor& left, const Block& right, c
 }
 
 std::int64_t asking_calls(const ProductSize& size) {
-  constexpr std::int64_t kRows = Registers512::kSums / Registers512::kWidest;
-  constexpr std::int64_t kColumns = static_cast<std::int64_t>(Registers512::kWidest) * kLanes;
-  return ((size.rows + kRows - 1) / kRows) * ((size.columns + kColumns - 1) / kColumns) *
-         ((size.depth + kAskingSteps - 1) / kAskingSteps);
+  // As product_panels with the widest registers: panels as wide as may be, then narrower ones of more rows.
+  std::int64_t tiles = 0, panels = padded(size.columns) / kLanes;
+  for (auto vectors = static_cast<std::int64_t>(Registers512::kWidest); vectors > 0; vectors /= 2) {
+    const std::int64_t rows = static_cast<std::int64_t>(Registers512::kSums) / vectors;
+    tiles += panels / vectors * (size.rows / rows);  // what is left of the rows is asked in beside these
+    panels %= vectors;
+  }
+  return std::max<std::int64_t>(tiles, 1) * ((size.depth + kAskingSteps - 1) / kAskingSteps);
 }
 
 void transpose(std::int64_t rows, std::int64_t columns, const Block& in, const Block& out) {

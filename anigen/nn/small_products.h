@@ -40,7 +40,7 @@ struct ProductSize {
 /// out = left right, or out += left right. Columns up to the next multiple of kLanes are read in `right` and written in
 /// `out`. A row of the result does not depend on how many rows there are.
 /// @param left [rows, depth] @param right [depth, columns] @param out [rows, columns], apart from both
-/// @param ahead asked asking_calls(size) times, evenly over the product, or more often where registers are narrow
+/// @param ahead asked at least asking_calls(size) times, evenly over the product
 void multiply(const ProductSize& size, const Factor& left, const Block& right, const Block& out, bool accumulate,
               RowsAhead& ahead);
 void multiply(const ProductSize& size, const Factor& left, const Block& right, const Block& out, bool accumulate);

@@ -172,9 +172,10 @@ GeneratedAsset AssetGenerator::generate(const Tensor& structure_picture, const T
     const Tensor tokens = first.condition(structure_picture);
     made.times.condition = watch.lap();
     Progress progress("sparse structure of " + name, static_cast<std::size_t>(sampler.steps), "steps");
-    made.structure =
+    const flow::Streams sampled =
         first.sample(first.noise(generator), tokens, sampler, sampler.cfg_strength > 0, with_progress(progress));
-    made.voxels = first.decode(made.structure).front();
+    made.structure = first.denormalised(sampled);
+    made.voxels = first.decode(sampled).front();
     made.times.structure = watch.lap();
   }
   forget_unless_kept();

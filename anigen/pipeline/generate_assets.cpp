@@ -33,6 +33,8 @@ namespace fs = std::filesystem;
 
 constexpr const char* kReportFile = "generation.json";
 constexpr const char* kLeases = ".leases";
+// Of GenerateRequest::intermediate.
+constexpr const char* kIntermediate[] = {"voxels.png", "ss_latents.npz", "latents.npz", "votes.glb", "dense.glb"};
 
 /// Preprocessors of the sizes that the two stages see; they share the estimator of normals.
 class ConditionPictures {
@@ -155,6 +157,10 @@ class Generation {
   std::optional<GenerationReport> kept(const NamedPicture& picture, const std::string& name) const {
     GenerationReport report = report_of(name);
     if (request_.again || !is_there(report, settings_of(request_, generator_.runs(), picture))) return std::nullopt;
+    for (const char* file : kIntermediate) {
+      std::error_code error;
+      if (request_.intermediate && !fs::is_regular_file(report.folder / file, error)) return std::nullopt;
+    }
     return report;
   }
 
@@ -199,6 +205,7 @@ class Generation {
   void make(const NamedPicture& picture, const Json& settings, GenerationReport& report) {
     std::error_code error;
     for (const char* stale : {kReportFile, "mesh.obj", "mesh.rig.json"}) fs::remove(report.folder / stale, error);
+    for (const char* stale : kIntermediate) fs::remove(report.folder / stale, error);
     const auto started = std::chrono::steady_clock::now();
     std::map<int, PreprocessedImage> seen = pictures_.of(picture);
     const PreprocessedImage& first = seen.at(generator_.structure_size());

@@ -33,6 +33,8 @@ void write_structure_latents(const fs::path& file, const Tensor& shape, const Te
 
 void write_structured_latents(const fs::path& file, const models::PerStream<SparseTensor>& latents,
                               const fs::path& maker) {
+  TORCH_CHECK(latents.geometry.support->items().items() == 1 && latents.skeleton.support->items().items() == 1,
+              "structured latents of several assets in one file");
   const Tensor feats = torch::cat({finite(latents.geometry.feats, maker), finite(latents.skin.feats, maker)}, 1);
   io::write_npz(file, {{"coords", models::to_array(byte_coords(latents.geometry))},
                        {"feats", models::to_array(feats)},

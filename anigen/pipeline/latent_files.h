@@ -13,7 +13,8 @@ namespace anigen::pipeline {
 void write_structure_latents(const std::filesystem::path& file, const torch::Tensor& shape,
                              const torch::Tensor& skeleton, const std::filesystem::path& maker);
 
-/// latents/<model>/<id>.npz: coords u8 [N, 3] and feats f32 [N, C of geometry and skin], the same with _skl. Of item 0.
+/// latents/<model>/<id>.npz: coords u8 [N, 3] and feats f32 [N, C of geometry and skin], the same with _skl. Of a batch
+/// of one.
 void write_structured_latents(const std::filesystem::path& file, const models::PerStream<sparse::SparseTensor>& latents,
                               const std::filesystem::path& maker);
 

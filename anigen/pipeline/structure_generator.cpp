@@ -61,10 +61,15 @@ flow::Streams StructureGenerator::sample(const flow::Streams& noise, const Tenso
   return flow::sample_flow(noise, train::structure_velocities(model_, condition, guided), sampler, extras).samples;
 }
 
+flow::Streams StructureGenerator::denormalised(const flow::Streams& latents) const {
+  return {train::denormalised(latents[0].to(device_), reading_.normalization),
+          train::denormalised(latents[1].to(device_), reading_.normalization_skl)};
+}
+
 models::SparseStructureDecoderImpl::Logits StructureGenerator::logits(const flow::Streams& latents, std::int64_t item) {
   const torch::NoGradGuard no_grad;
-  return decoder_->forward(train::denormalised(latents[0].narrow(0, item, 1).to(device_), reading_.normalization),
-                           train::denormalised(latents[1].narrow(0, item, 1).to(device_), reading_.normalization_skl));
+  const flow::Streams one = denormalised({latents[0].narrow(0, item, 1), latents[1].narrow(0, item, 1)});
+  return decoder_->forward(one[0], one[1]);
 }
 
 std::vector<train::VoxelPair> StructureGenerator::decode(const flow::Streams& latents) {

@@ -43,6 +43,8 @@ class StructureGenerator {
   /// Latents, as the dataset normalises them. @param noise of a batch
   flow::Streams sample(const flow::Streams& noise, const torch::Tensor& condition, const flow::SamplerOptions& sampler,
                        bool guided, const flow::SamplingExtras& extras = {});
+  /// What sample() returns as latent files hold it: what normalised it in training is undone.
+  flow::Streams denormalised(const flow::Streams& latents) const;
   /// Both grids of one item before anything is decided, [1, 1, R, R, R]. @param latents as decode()
   models::SparseStructureDecoderImpl::Logits logits(const flow::Streams& latents, std::int64_t item);
   /// Occupied voxels of every item, logit > 0, of the skeleton only the largest component (reference

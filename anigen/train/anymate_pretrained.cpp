@@ -38,11 +38,15 @@ std::vector<Place> places(anymate::EncoderKind kind) {
 std::vector<fs::path> parts(const fs::path& path) {
   std::error_code error;
   if (!fs::is_directory(path, error)) return {path};
-  std::vector<fs::path> files;
-  for (const fs::directory_entry& entry : fs::directory_iterator(path)) {
-    const std::string extension = entry.path().extension().string();
-    if (extension == ".bin" || extension == ".safetensors") files.push_back(entry.path());
+  std::vector<fs::path> pickled, safe;
+  fs::directory_iterator entries(path, error);
+  for (; !error && entries != fs::directory_iterator(); entries.increment(error)) {
+    const std::string name = entries->path().filename().string(), extension = entries->path().extension().string();
+    if (extension == ".bin" && name.rfind("pytorch_model", 0) == 0) pickled.push_back(entries->path());
+    if (extension == ".safetensors" && name.rfind("model", 0) == 0) safe.push_back(entries->path());
   }
+  if (error) throw InputError(path.string(), "", "the folder cannot be read: " + error.message());
+  std::vector<fs::path>& files = safe.empty() ? pickled : safe;
   std::sort(files.begin(), files.end());
   return files;
 }
@@ -57,7 +61,9 @@ io::NamedArrays encoder_arrays(anymate::EncoderKind kind, const fs::path& path) 
     }
   }
   if (found.empty()) {
-    throw InputError(path.string(), "", std::string("has no tensor '") + places(kind).front().theirs + "…'");
+    throw InputError(path.string(), "",
+                     std::string("has no tensor '") + places(kind).front().theirs +
+                         "…', which trainer.args.pretrained_encoder is to name");
   }
   return found;
 }
@@ -65,13 +71,14 @@ io::NamedArrays encoder_arrays(anymate::EncoderKind kind, const fs::path& path) 
 // The columns that a narrower input layer has go before those that the model has beside them.
 void widen_input(const torch::nn::Module& model, io::NamedArrays& arrays) {
   constexpr const char* kKey = "encoder.encoder.input_proj.weight";
+  constexpr std::int64_t kHarmonics = 25;
   const auto found = std::find_if(arrays.begin(), arrays.end(), [](const auto& entry) { return entry.first == kKey; });
   if (found == arrays.end()) return;
   for (const models::StateEntry& entry : models::state_entries(model)) {
     if (entry.key != kKey) continue;
     const torch::Tensor narrow = models::to_tensor(found->second).to(torch::kFloat32);
     const torch::Tensor own = entry.tensor.detach().to(torch::kCPU, torch::kFloat32);
-    if (narrow.dim() != 2 || narrow.size(0) != own.size(0) || narrow.size(1) >= own.size(1)) return;
+    if (narrow.dim() != 2 || narrow.size(0) != own.size(0) || narrow.size(1) + kHarmonics != own.size(1)) return;
     found->second =
         models::to_array(torch::cat({narrow, own.narrow(1, narrow.size(1), own.size(1) - narrow.size(1))}, 1));
   }

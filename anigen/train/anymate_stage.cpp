@@ -122,6 +122,15 @@ std::unique_ptr<Stage> make_anymate_stage(const Json& config, const std::string&
   ConfigReader top(config, file);
   const OnlyModel model = read_only_model(top, "AnymateModel");
   const auto model_options = anymate::ModelOptions::from_json(*model.args, file, model.pointer);
+  if (!options.pretrained_encoder.empty()) {
+    constexpr const char* kPlace = "/trainer/args/pretrained_encoder";
+    if (model_options.encoder == anymate::EncoderKind::kScratch) {
+      throw InputError(file, kPlace, "there are no pretrained weights of the encoder 'transformer'");
+    }
+    if (trainer.finetune_ckpt.count(model.name) > 0) {
+      throw InputError(file, kPlace, "finetune_ckpt names weights of the whole model already");
+    }
+  }
 
   ConfigReader dataset = top.object("dataset");
   dataset.require("name");

@@ -147,6 +147,33 @@ TEST_F(TorchArchive, CheckpointsGiveTheirWeightsAndTheirConfig) {
   EXPECT_THROW(read_torch_checkpoint(archive(cyclic.stop(), {}), "model_config"), InputError);
 }
 
+// {'state_dict': {'model.part.weight': …, 'model.other': …}, 'optimizer': {'x': …}}: what is not asked for is not read,
+// so that its storages need not even be there.
+TEST_F(TorchArchive, APartOfALargeModel) {
+  PickleBuilder pickle;
+  pickle.op("}").mark().text("state_dict").op("}").mark().text("model.part.weight");
+  add_tensor(pickle, "FloatStorage", "0", 6, 2, {2}, {1});
+  pickle.text("model.other");
+  add_tensor(pickle, "FloatStorage", "1", 1000000, 0, {1000000}, {1});
+  pickle.op("u").text("optimizer").op("}").text("x");
+  add_tensor(pickle, "FloatStorage", "2", 1000000, 0, {1000000}, {1});
+  const auto path = archive(pickle.op("su").stop(), {{"data/0", six_}});
+  std::filesystem::rename(path, folder_ / "model.bin");
+  const NamedArrays part = read_state_below(folder_ / "model.bin", "model.part.");
+  ASSERT_EQ(part.size(), 1u);
+  EXPECT_EQ(part[0].first, "weight");
+  EXPECT_EQ(part[0].second.as<float>(), (std::vector<float>{3, 4}));
+  EXPECT_THROW(read_state_below(folder_ / "model.bin", "model."), InputError) << "a storage that is not there";
+  EXPECT_TRUE(read_state_below(folder_ / "model.bin", "decoder.").empty());
+
+  write_safetensors(folder_ / "model.safetensors",
+                    {{"model.other", part[0].second}, {"model.part.bias", part[0].second}});
+  const NamedArrays safe = read_state_below(folder_ / "model.safetensors", "model.part.");
+  ASSERT_EQ(safe.size(), 1u);
+  EXPECT_EQ(safe[0].first, "bias");
+  EXPECT_EQ(safe[0].second.bytes, part[0].second.bytes);
+}
+
 TEST_F(TorchArchive, RefusesDamage) {
   const auto one = [](int count, int offset, const std::vector<int>& shape, const std::vector<int>& stride) {
     PickleBuilder pickle;

@@ -177,6 +177,33 @@ TEST(RaggedAttention, LargeScoresDoNotOverflow) {
   expect_close(c.run(ragged_attention, torch::kFloat32), c.run(attention_per_sequence, torch::kFloat64), 1e-3);
 }
 
+// One key wins by billions, in whichever block of keys it is: no rounding of a score may give weights above one.
+TEST(RaggedAttention, EnormousScoresPickTheirKey) {
+  constexpr std::int64_t kKeys = 600, kChannels = 48;  // a scale that is no power of two
+  torch::manual_seed(9);
+  const Tensor q = torch::full({7, 1, kChannels}, 3e4F), v = torch::randn({kKeys, 1, kChannels});
+  const Tensor offsets = torch::tensor({0, 7}, torch::kInt64), k_offsets = torch::tensor({0, 600}, torch::kInt64);
+  for (const std::int64_t winner : {std::int64_t{3}, kKeys - 1}) {
+    Tensor k = torch::rand({kKeys, 1, kChannels}) * 1e4;
+    k[winner].fill_(3.3e4F);
+    const Tensor out = ragged_attention(q, k, v, offsets, k_offsets);
+    EXPECT_TRUE(torch::allclose(out, v[winner].expand_as(out), 1e-6, 1e-6)) << winner;
+  }
+}
+
+// Fewer tasks than threads, and not many more: every one is done, whoever takes it.
+TEST(RaggedAttention, FewTasksAreDealtOut) {
+  const int before = at::get_num_threads();
+  const RaggedCase c({3, 16, {40}, {40}});
+  at::set_num_threads(1);
+  const Tensor wanted = c.run(ragged_attention, torch::kFloat32).out;
+  for (const int threads : {2, 3, 4, 8}) {
+    at::set_num_threads(threads);
+    EXPECT_TRUE(torch::equal(c.run(ragged_attention, torch::kFloat32).out, wanted)) << threads;
+  }
+  at::set_num_threads(before);
+}
+
 TEST(RaggedAttention, NotFiniteScoresAreSeenInTheirRowOnly) {
   for (const float bad : {std::numeric_limits<float>::quiet_NaN(), -std::numeric_limits<float>::quiet_NaN(),
                           std::numeric_limits<float>::infinity(), -std::numeric_limits<float>::infinity()}) {

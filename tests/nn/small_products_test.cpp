@@ -69,16 +69,22 @@ TEST(SmallProducts, ARowDoesNotDependOnTheOthers) {
 
 TEST(SmallProducts, RowsAheadChangeNothing) {
   torch::manual_seed(34);
-  const Tensor left = torch::randn({25, 37}), right = torch::randn({37, 64}), next = torch::randn({300, 64});
-  const Tensor plain = torch::empty({25, 64}), asking = torch::empty({25, 64}), untouched = next.clone();
-  multiply({25, 64, 37}, block_of(left).plain(), block_of(right), block_of(plain), false);
-  RowsAhead ahead;
-  ahead.add(next.data_ptr<float>(), 300, 64 * sizeof(float), 64 * sizeof(float));
-  ahead.spread_over(asking_calls({25, 64, 37}));
-  multiply({25, 64, 37}, block_of(left).plain(), block_of(right), block_of(asking), false, ahead);
-  EXPECT_TRUE(torch::equal(asking, plain));
+  const Tensor next = torch::randn({300, 64}), untouched = next.clone();
+  for (const std::int64_t rows : {1, 5, 25, 140}) {
+    for (const std::int64_t columns : {16, 32, 48, 64, 112, 144}) {
+      const ProductSize size{rows, columns, 37};
+      const Tensor left = torch::randn({rows, 37}), right = torch::randn({37, columns});
+      const Tensor plain = torch::empty({rows, columns}), asking = torch::empty({rows, columns});
+      multiply(size, block_of(left).plain(), block_of(right), block_of(plain), false);
+      RowsAhead ahead;
+      ahead.add(next.data_ptr<float>(), 300, 64 * sizeof(float), 64 * sizeof(float));
+      ahead.spread_over(asking_calls(size));
+      multiply(size, block_of(left).plain(), block_of(right), block_of(asking), false, ahead);
+      EXPECT_TRUE(torch::equal(asking, plain));
+      EXPECT_EQ(ahead.left(), 0) << rows << "x" << columns;
+    }
+  }
   EXPECT_TRUE(torch::equal(next, untouched));
-  EXPECT_EQ(ahead.left(), 0);
 }
 
 TEST(RowsAhead, AskForAllRowsInSoManyCalls) {

@@ -140,6 +140,40 @@ TEST_F(GenerateAssets, IntermediateResultsAreKeptWhenAskedFor) {
     EXPECT_EQ(io::find(structure, name)->shape.size(), 4u) << name;
   }
   for (const char* file : {"voxels.png", "votes.glb", "dense.glb"}) EXPECT_TRUE(fs::exists(made("a", file))) << file;
+  // Kept only while they are there, and never those of another mesh.
+  fs::remove(made("a", "latents.npz"));
+  EXPECT_FALSE(one("a").kept);
+  EXPECT_TRUE(fs::exists(made("a", "latents.npz")));
+  EXPECT_TRUE(one("a").kept);
+  request_.intermediate = false;
+  request_.sampling.seed = 43;
+  ASSERT_EQ(one("a").failure, "");
+  EXPECT_FALSE(fs::exists(made("a", "latents.npz")));
+}
+
+// Whatever normalises the first flow's latents in training is undone in the file.
+TEST_F(GenerateAssets, StructureLatentsAreThoseThatTheAutoEncoderDecodes) {
+  Json config = read_json(request_.models.structure_flow / "config.json");
+  Json& data = config["dataset"]["args"];
+  const auto channels = [&](const char* key) { return config["models"]["denoiser"]["args"][key].get<std::size_t>(); };
+  const auto statistics = [](std::size_t count) {
+    return Json{{"mean", std::vector<double>(count, 0.5)}, {"std", std::vector<double>(count, 2.0)}};
+  };
+  data["normalization"] = statistics(channels("in_channels"));
+  data["normalization_skl"] = statistics(channels("in_channels_skl"));
+  write_file_atomically(request_.models.structure_flow / "config.json", config.dump(2));
+  AssetGenerator generator(request_.models);
+  const torch::Tensor picture = torch::rand({1, 3, kSide, kSide});
+  const GeneratedAsset asset = generator.generate(picture, picture, "a", request_.sampling);
+  StructureGenerator::Request request;
+  request.run = request_.models.structure_flow;
+  StructureGenerator structure(request);
+  const flow::Streams noise = structure.noise(noise_generator(request_.sampling.seed));
+  const flow::SamplerOptions sampler = structure.sampler();
+  const flow::Streams sampled =
+      structure.sample(noise, structure.condition(picture), sampler, sampler.cfg_strength > 0);
+  EXPECT_TRUE(torch::allclose(asset.structure[0], sampled[0] * 2.0 + 0.5));
+  EXPECT_TRUE(torch::allclose(asset.structure[1], sampled[1] * 2.0 + 0.5));
 }
 
 // Of a folder of pictures each is made once, whoever makes it.

@@ -166,6 +166,7 @@ TEST_F(AnymateRun, BadConfigsNameTheirPlace) {
     return "";
   };
   EXPECT_NE(message("trainer.args.replicas=2").find("replicas"), std::string::npos);
+  EXPECT_NE(message("trainer.args.pretrained_encoder=nowhere.bin").find("nowhere.bin"), std::string::npos);
   EXPECT_NE(message("models.model.args.decoder=transformer_laten").find("transformer_latent"), std::string::npos);
   EXPECT_NE(message("models.model.args.bert.dept=2").find("depth"), std::string::npos);
   EXPECT_NE(message("dataset.args.shards=[\"missing.pt\"]").find("data_dir"), std::string::npos);
