@@ -73,7 +73,8 @@ std::string spread_text(const ResultTable& result) {
   for (const Row& row : result.rows)
     for (const Cell& cell : row.cells) seeds = std::max(seeds, cell.by_seed.size());
   if (seeds < 2) return "Mean over assets ± half of its 95 % interval (bootstrap over assets).";
-  return "Mean over seeds ± half of its 95 % interval (Student's t over up to " + std::to_string(seeds) + " seeds).";
+  return "Mean over seeds ± half of its 95 % interval (Student's t over up to " + std::to_string(seeds) +
+         " seeds; over assets by bootstrap where no seed changes anything).";
 }
 
 std::string difference_text() {

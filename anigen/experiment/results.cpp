@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <limits>
 #include <numeric>
 #include <set>
@@ -67,7 +68,11 @@ Metrics read_metrics(const fs::path& file, const std::vector<Column>& columns) {
   return metrics;
 }
 
-Cell cell_of(const std::vector<std::map<std::string, double>>& seeds, const std::string& purpose) {
+Cell cell_of(std::vector<std::map<std::string, double>> seeds, const std::string& purpose) {
+  // The same values again and again are one run that all seeds share: an interval over them would have no width.
+  if (std::adjacent_find(seeds.begin(), seeds.end(), std::not_equal_to<>()) == seeds.end() && !seeds.empty()) {
+    seeds.resize(1);
+  }
   Cell cell;
   std::map<std::string, std::vector<double>> assets;
   for (const auto& values : seeds) {

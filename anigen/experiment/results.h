@@ -12,7 +12,7 @@ namespace anigen::experiment {
 
 /// One metric of one row of a table: an asset's value is its mean over the seeds.
 struct Cell {
-  std::vector<double> by_seed;             ///< mean over assets, per seed that has values
+  std::vector<double> by_seed;             ///< mean over assets, per seed that has values; one where all are the same
   std::map<std::string, double> by_asset;  ///< mean over seeds
   double mean = 0;                         ///< of by_seed
   eval::Interval interval;                 ///< 95 %: over seeds by Student's t, with one seed over assets by bootstrap

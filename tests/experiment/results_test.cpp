@@ -70,6 +70,16 @@ TEST_F(ExperimentResults, MeansOverSeedsDifferencesOverAssets) {
   EXPECT_NE(to_latex(mean_table(result)).find("\\textbf{3.7500 $\\pm$"), std::string::npos);
 }
 
+// What both seeds share is one run: its interval is over the assets, and not without width.
+TEST_F(ExperimentResults, ARowThatNoSeedChangesHasItsAssetsInterval) {
+  run_jobs(place_.out, plan_, {});
+  for (const std::size_t run : {0, 1, 2, 3}) scores(run, {"1", "2", "3", "4", "5", "6"});
+  const Cell cell = table().rows[0].cells[0];
+  EXPECT_EQ(cell.by_seed, std::vector<double>{3.5});
+  EXPECT_LT(cell.interval.low, 3.0);
+  EXPECT_GT(cell.interval.high, 4.0);
+}
+
 TEST_F(ExperimentResults, WhatIsMissingIsNamed) {
   run_jobs(place_.out, plan_, {1, 0, "data"});
   EXPECT_EQ(table().missing.size(), 4u);
