@@ -57,7 +57,7 @@ TEST_F(OpenSource, RawDataHidesOtherArraysBesideIt) {
 
 TEST_F(OpenSource, GeneratedAssetsHideTheirCompanions) {
   for (const char* name : {"a/cat/mesh.glb", "a/cat/skeleton.glb", "a/cat/generation.json", "a/dog/mesh.glb",
-                           "a/dog/generation.json", "a/dog/dense.glb", "a/half/skeleton.glb"})
+                           "a/dog/generation.json", "a/dog/dense.glb", "a/dog/latents.npz", "a/half/skeleton.glb"})
     test::write_quickly(path(name), "x");
   EXPECT_EQ(ids("a"), (Ids{"cat", "dog"}));
   EXPECT_EQ(ids("a/cat"), Ids{"mesh"});

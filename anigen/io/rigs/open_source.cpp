@@ -96,11 +96,12 @@ std::unique_ptr<ShapeSource> open_file(const fs::path& file, const SourceOptions
 }
 
 /// anigen-generate writes mesh.glb with generation.json, and beside it a solid skeleton and what else was asked for.
+bool is_beside_report(const fs::path& file) { return fs::is_regular_file(file.parent_path() / "generation.json"); }
+
 std::vector<fs::path> without_companions(const std::vector<fs::path>& scenes) {
   std::vector<fs::path> generated;
-  std::copy_if(scenes.begin(), scenes.end(), std::back_inserter(generated), [](const fs::path& file) {
-    return file.filename() == "mesh.glb" && fs::is_regular_file(file.parent_path() / "generation.json");
-  });
+  std::copy_if(scenes.begin(), scenes.end(), std::back_inserter(generated),
+               [](const fs::path& file) { return file.filename() == "mesh.glb" && is_beside_report(file); });
   return generated.empty() ? scenes : generated;
 }
 
@@ -109,6 +110,7 @@ std::unique_ptr<ShapeSource> open_folder(const fs::path& folder, const SourceOpt
     return std::make_unique<DatasetSource>(folder, options);
   const std::vector<fs::path> scenes = without_companions(files_below(folder, kSceneExtensions));
   std::vector<fs::path> npz = files_below(folder, {".npz"});
+  npz.erase(std::remove_if(npz.begin(), npz.end(), is_beside_report), npz.end());  // latents
   const std::vector<fs::path> torch = files_below(folder, {".pt", ".pth"});
   std::vector<fs::path> text = files_below(folder, {".txt"});
   text.erase(std::remove_if(text.begin(), text.end(), [](const fs::path& file) { return !is_text_rig(file); }),

@@ -47,7 +47,8 @@ struct SourceOptions {
 
 /// Opens what a path is about, told by its content:
 ///   - .glb/.gltf/.fbx/.dae, or a folder of those at any depth (glTF: Y up; the others say it themselves). Where it
-///     holds files called mesh.glb beside generation.json, as anigen-generate writes them, only those count;
+///     holds files called mesh.glb beside generation.json, as anigen-generate writes them, only those count,
+///     and NPZ files beside them do not;
 ///   - a data set folder with metadata.csv and skeleton/ (Z up; ids are its sha256 column);
 ///   - .npz with an object array of sample dictionaries, as Articulation-XL 2.0 has them (Z up; ids are uuids; read
 ///     whole and kept);
