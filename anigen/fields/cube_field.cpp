@@ -12,8 +12,6 @@
 namespace anigen::fields {
 namespace {
 
-constexpr std::int64_t kCubeWeights = 21;
-
 void require_shape(const char* what, const Tensor& tensor, torch::IntArrayRef shape, const Tensor& like) {
   bool fits = tensor.defined() && tensor.dim() == static_cast<std::int64_t>(shape.size());
   for (std::size_t i = 0; fits && i < shape.size(); ++i) {

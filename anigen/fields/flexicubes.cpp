@@ -37,10 +37,9 @@ struct SurfaceWeights {
 
 SurfaceWeights surface_weights(const CubeField& field, const DualTopology& topology) {
   const Tensor raw = gather_rows(field.weights, topology.weights.to(field.sdf.device()));
-  const auto around_one = [&](std::int64_t first, std::int64_t count) {
-    return torch::tanh(raw.narrow(1, first, count)) * kWeightRange + 1.0;
-  };
-  return {around_one(0, 12), around_one(12, 8), torch::sigmoid(raw.narrow(1, 20, 1)) * kWeightRange + 0.005};
+  const std::vector<Tensor> parts = raw.split_with_sizes({12, 8, 1}, 1);
+  const auto around_one = [](const Tensor& part) { return torch::tanh(part) * kWeightRange + 1.0; };
+  return {around_one(parts[0]), around_one(parts[1]), torch::sigmoid(parts[2]) * kWeightRange + 0.005};
 }
 
 // Products of gamma over the diagonals 0–2 and 1–3 of each quad. @return [F, 1] each
@@ -98,8 +97,9 @@ ExtractedSurface flexicubes(const CubeField& field, bool training) {
   } else {
     surface.faces = split_quads(quads, diagonals);
   }
-  surface.vertices = values.narrow(1, 0, 3).contiguous();
-  surface.attributes = values.narrow(1, 3, values.size(1) - 3).contiguous();
+  const std::vector<Tensor> parts = values.split_with_sizes({3, values.size(1) - 3}, 1);
+  surface.vertices = parts[0].contiguous();
+  surface.attributes = parts[1].contiguous();
   return surface;
 }
 

@@ -1,6 +1,7 @@
 #include "anigen/fields/mesh_extraction.h"
 
 #include <string>
+#include <vector>
 
 #include "anigen/core/error.h"
 #include "anigen/fields/skin_feature_interpolation.h"
@@ -20,22 +21,17 @@ bool deform_disabled(const MeshFieldOptions& options) {
 
 // The layout of reference autoencoders.md, 3.8. Attributes are the skin feature, then the colours.
 CubeCorners split_channels(const Tensor& coords, const Tensor& feats, const MeshFieldOptions& options) {
-  const std::int64_t cubes = feats.size(0);
-  std::int64_t first = 0;
-  const auto next = [&](std::int64_t count) {
-    const Tensor channels = feats.narrow(1, first, count);
-    first += count;
-    return channels;
-  };
+  const std::int64_t cubes = feats.size(0), colors = options.use_color ? kColorChannels : 0;
+  // The backward pass of a split is one concatenation, that of each range by itself a sum over all channels.
+  const std::vector<Tensor> parts =
+      feats.split_with_sizes({8, 24, kCubeWeights, 8 * colors, 8 * options.skin_channels}, 1);
   CubeCorners corners;
   corners.coords = coords;
-  corners.sdf = next(8) - 1.0 / static_cast<double>(options.resolution);
-  corners.deform = next(24).view({cubes, 8, 3});
-  corners.weights = next(21);
-  const Tensor color = options.use_color ? torch::sigmoid(next(8 * kColorChannels)).view({cubes, 8, kColorChannels})
-                                         : feats.new_zeros({cubes, 8, 0});
-  const Tensor skin = next(8 * options.skin_channels).view({cubes, 8, options.skin_channels});
-  corners.attributes = torch::cat({skin, color}, 2);
+  corners.sdf = parts[0] - 1.0 / static_cast<double>(options.resolution);
+  corners.deform = parts[1].view({cubes, 8, 3});
+  corners.weights = parts[2];
+  const Tensor color = torch::sigmoid(parts[3]).view({cubes, 8, colors});
+  corners.attributes = torch::cat({parts[4].view({cubes, 8, options.skin_channels}), color}, 2);
   return corners;
 }
 
@@ -52,11 +48,11 @@ void set_surface(const ExtractedSurface& surface, const MeshFieldOptions& option
   mesh.faces = surface.faces;
   mesh.success = mesh.vertices.size(0) > 0 && mesh.faces.size(0) > 0;
   const std::int64_t skin = options.skin_channels;
-  if (options.use_color) mesh.attributes = surface.attributes.narrow(1, skin, kColorChannels);
+  const std::vector<Tensor> parts = surface.attributes.split_with_sizes({skin, surface.attributes.size(1) - skin}, 1);
+  if (options.use_color) mesh.attributes = parts[1];
   if (skin == 0) return;
   const bool interpolate = options.skin_interp_sparse || options.skin_nodeform_trilinear;
-  mesh.skin_features = interpolate && mesh.vertices.size(0) > 0 ? interpolated_skin(mesh, options)
-                                                                : surface.attributes.narrow(1, 0, skin);
+  mesh.skin_features = interpolate && mesh.vertices.size(0) > 0 ? interpolated_skin(mesh, options) : parts[0];
 }
 
 void regularize(const CubeCorners& corners, const Tensor& consistency, const Tensor& deviation, ExtractedMesh& mesh) {

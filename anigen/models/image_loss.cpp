@@ -29,12 +29,22 @@ Tensor ssim_kernel() {
   return g / g.sum();
 }
 
-// The window is a product of two, so that two passes of 11 do what one of 121 does. @param planes [M, 1, H, W]
-Tensor ssim_smoothed(const Tensor& planes, const Tensor& kernel) {
-  const std::vector<std::int64_t> one{1, 1}, down{kSsimWindow / 2, 0}, across{0, kSsimWindow / 2};
-  const Tensor columns = at::conv2d(planes, kernel.view({1, 1, kSsimWindow, 1}), Tensor(), one, down);
-  return at::conv2d(columns, kernel.view({1, 1, 1, kSsimWindow}), Tensor(), one, across);
-}
+// The window is a product of two, so that two passes of 11 do what one of 121 does, and symmetric, so that the gradient
+// is smoothed likewise: the library's backward pass of a convolution takes ten times as long.
+class Smoothing : public torch::autograd::Function<Smoothing> {
+ public:
+  // @param planes [M, 1, H, W] @param kernel [11]
+  static Tensor forward(torch::autograd::AutogradContext* context, const Tensor& planes, const Tensor& kernel) {
+    context->save_for_backward({kernel});
+    const std::vector<std::int64_t> one{1, 1}, down{kSsimWindow / 2, 0}, across{0, kSsimWindow / 2};
+    const Tensor columns = at::conv2d(planes, kernel.view({1, 1, kSsimWindow, 1}), Tensor(), one, down);
+    return at::conv2d(columns, kernel.view({1, 1, 1, kSsimWindow}), Tensor(), one, across);
+  }
+  static torch::autograd::variable_list backward(torch::autograd::AutogradContext* context,
+                                                 torch::autograd::variable_list gradients) {
+    return {Smoothing::apply(gradients[0].contiguous(), context->get_saved_variables()[0]), Tensor()};
+  }
+};
 
 }  // namespace
 
@@ -49,7 +59,7 @@ Tensor ssim(const Tensor& a, const Tensor& b) {
   const auto planes = [&](const Tensor& x) { return x.reshape({-1, 1, height, width}); };
   const Tensor pa = planes(a), pb = planes(b);
   const Tensor kernel = ssim_kernel().to(a.options());
-  const Tensor smooth = ssim_smoothed(torch::cat({pa, pb, pa * pa, pb * pb, pa * pb}), kernel);
+  const Tensor smooth = Smoothing::apply(torch::cat({pa, pb, pa * pa, pb * pb, pa * pb}), kernel);
   const std::vector<Tensor> means = smooth.chunk(5);
   const Tensor &mu_a = means[0], &mu_b = means[1];
   const Tensor mu_aa = mu_a * mu_a, mu_bb = mu_b * mu_b, mu_ab = mu_a * mu_b;

@@ -58,6 +58,20 @@ TEST(ImageLoss, SsimIsItsDefinition) {
   EXPECT_THROW(ssim(a, b.slice(3, 0, 5)), InputError);
 }
 
+TEST(ImageLoss, SsimGradientAgreesWithFiniteDifferences) {
+  const Tensor b = drawn_picture(5, {1, 2, 13, 12});
+  Tensor a = (0.6 * b + 0.4 * drawn_picture(6, {1, 2, 13, 12})).requires_grad_();
+  ssim(a, b).sum().backward();
+  const auto value = [&](std::int64_t i, double step) {
+    Tensor moved = a.detach().clone();
+    moved.view(-1)[i] += step;
+    return ssim(moved, b).sum().item<double>();
+  };
+  for (std::int64_t i = 0; i < a.numel(); i += 5) {  // corners, edges and the middle
+    EXPECT_NEAR(a.grad().view(-1)[i].item<double>(), (value(i, 1e-6) - value(i, -1e-6)) / 2e-6, 1e-8) << i;
+  }
+}
+
 TEST(ImageLoss, APerceptualLossHoldsWhatIsWeighted) {
   const Tensor a = drawn_picture(3, {1, 3, 16, 16}), b = drawn_picture(4, {1, 3, 16, 16});
   int calls = 0;
