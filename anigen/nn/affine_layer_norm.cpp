@@ -1,5 +1,7 @@
 #include "anigen/nn/affine_layer_norm.h"
 
+#include "anigen/nn/modulated_rows.h"
+
 namespace anigen::nn {
 
 AffineLayerNormImpl::AffineLayerNormImpl(std::int64_t channels, double eps) : eps_(eps) {
@@ -8,8 +10,7 @@ AffineLayerNormImpl::AffineLayerNormImpl(std::int64_t channels, double eps) : ep
 }
 
 Tensor AffineLayerNormImpl::forward(const Tensor& x) {
-  const torch::Dtype wide = accumulation_dtype(dtype_of(x));
-  return torch::layer_norm(x.to(wide), {x.size(-1)}, weight.to(wide), bias.to(wide), eps_).to(dtype_of(x));
+  return affine_norm(x, weight, bias, eps_);
 }
 
 }  // namespace anigen::nn

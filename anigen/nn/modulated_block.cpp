@@ -4,25 +4,34 @@
 #include <vector>
 
 #include "anigen/nn/layer_norm.h"
+#include "anigen/nn/modulated_rows.h"
 
 namespace anigen::nn {
 namespace {
 
-// What one half of the block takes from the modulation, [B, 1, C] each.
+// What one half of the block takes from the modulation, [B, C] each.
 struct AdaptiveNorm {
+  Ragged items;  // of the same length
   Tensor shift, scale, gate;
 
-  Tensor modulate(const Tensor& x) const { return torch::addcmul(shift, layer_norm(x), scale + 1.0); }
-  Tensor add_gated(const Tensor& x, const Tensor& result) const { return torch::addcmul(x, gate, result); }
+  // @param x [B, N, C]
+  Tensor modulate(const Tensor& x) const {
+    return modulated_norm(x.flatten(0, 1), items, shift, scale, kBlockNormEps).view(x.sizes());
+  }
+  Tensor add_gated(const Tensor& x, const Tensor& result) const {
+    return nn::add_gated(x.flatten(0, 1), items, gate, result.flatten(0, 1)).view(x.sizes());
+  }
 };
 
-// [B, 6C], or with a layer [B, C] → shift, scale, gate of the attention and of the MLP.
-std::pair<AdaptiveNorm, AdaptiveNorm> adaptive_norms(Modulation& layer, const Tensor& mod, std::int64_t channels) {
+// [B, 6C], or with a layer [B, C] → shift, scale, gate of the attention and of the MLP. @param x [B, N, C]
+std::pair<AdaptiveNorm, AdaptiveNorm> adaptive_norms(Modulation& layer, const Tensor& mod, const Tensor& x) {
+  TORCH_CHECK(x.dim() == 3, "a modulated block: input ", x.sizes());
   const Tensor rows = layer.is_empty() ? mod : layer->forward(mod);
-  TORCH_CHECK(rows.dim() == 2 && rows.size(1) == 6 * channels, "modulation ", rows.sizes(), " of a block with ",
-              channels, " channels");
-  const std::vector<Tensor> parts = rows.unsqueeze(1).chunk(6, -1);
-  return {{parts[0], parts[1], parts[2]}, {parts[3], parts[4], parts[5]}};
+  TORCH_CHECK(rows.dim() == 2 && rows.size(0) == x.size(0) && rows.size(1) == 6 * x.size(2), "modulation ",
+              rows.sizes(), " of a block with input ", x.sizes());
+  const std::vector<Tensor> parts = rows.chunk(6, -1);
+  const Ragged items(std::vector<std::int64_t>(static_cast<std::size_t>(x.size(0)), x.size(1)));
+  return {{items, parts[0], parts[1], parts[2]}, {items, parts[3], parts[4], parts[5]}};
 }
 
 DenseAttentionOptions modulated_self(const ModulatedBlockOptions& options) {
@@ -69,7 +78,7 @@ ModulatedCrossBlockImpl::ModulatedCrossBlockImpl(const ModulatedBlockOptions& op
 }
 
 Tensor ModulatedCrossBlockImpl::forward(const Tensor& x, const Tensor& mod, const Tensor& context) {
-  const auto [attention, mlp] = adaptive_norms(modulation_, mod, x.size(-1));
+  const auto [attention, mlp] = adaptive_norms(modulation_, mod, x);
   Tensor h = attention.add_gated(x, self_attention_->forward(attention.modulate(x)));
   const Tensor normed = context_norm_.is_empty() ? context : context_norm_->forward(context);
   h = h + cross_attention_->forward(norm2_->forward(h), normed);
@@ -85,7 +94,7 @@ ModulatedBlockImpl::ModulatedBlockImpl(const ModulatedBlockOptions& options) {
 }
 
 Tensor ModulatedBlockImpl::forward(const Tensor& x, const Tensor& mod) {
-  const auto [attention, mlp] = adaptive_norms(modulation_, mod, x.size(-1));
+  const auto [attention, mlp] = adaptive_norms(modulation_, mod, x);
   const Tensor h = attention.add_gated(x, attention_->forward(attention.modulate(x)));
   return mlp.add_gated(h, mlp_->forward(mlp.modulate(h)));
 }

@@ -10,7 +10,7 @@ namespace anigen::sparse {
 class ItemModulation {
  public:
   /// @param shift, scale, gate [B, C], one row per item of the support; without a gate only modulate() can be used
-  ItemModulation(SupportPtr support, Tensor shift, const Tensor& scale, Tensor gate = {});
+  ItemModulation(SupportPtr support, Tensor shift, Tensor scale, Tensor gate = {});
 
   /// LN(x) (1 + scale) + shift, eps 1e-6. @param x [N, C]
   Tensor modulate(const Tensor& x) const;
@@ -19,7 +19,7 @@ class ItemModulation {
 
  private:
   SupportPtr support_;  // keeps items() alive
-  Tensor shift_, factor_, gate_;
+  Tensor shift_, scale_, gate_;
 };
 
 /// Those of the attention and of the MLP (chunks: shift, scale, gate of one, then of the other; reference

@@ -1,0 +1,206 @@
+#include "anigen/nn/modulated_rows.h"
+
+#include <vector>
+
+#include "anigen/nn/bf16_bits.h"
+#include "anigen/nn/layer_norm.h"
+#include "anigen/nn/row_blocks.h"
+#include "anigen/nn/row_kernels.h"
+#include "anigen/nn/shape_text.h"
+
+namespace anigen::nn {
+namespace {
+
+using torch::autograd::AutogradContext;
+using torch::autograd::variable_list;
+
+void check_once(const char* what) {
+  TORCH_CHECK(!at::GradMode::is_enabled(), what,
+              " can be differentiated once only: its backward pass, under create_graph, would miss terms");
+}
+
+bool has_kernels(const Tensor& x) {
+  return x.is_cpu() && (dtype_of(x) == torch::kFloat32 || dtype_of(x) == torch::kBFloat16);
+}
+
+// body(pointer(tensor)...) with pointers of the kernels' type for a dtype that has kernels.
+template <typename Body>
+void with_pointers(const Tensor& x, const Body& body) {
+  if (dtype_of(x) == torch::kBFloat16) {
+    body([](const Tensor& t) { return bf16_bits(t); });
+  } else {
+    body([](const Tensor& t) { return t.data_ptr<float>(); });
+  }
+}
+
+Tensor as_rows_of_fp32(const Tensor& x) { return x.to(torch::kFloat32).contiguous(); }
+
+class NormRowsFunction : public torch::autograd::Function<NormRowsFunction> {
+ public:
+  // LN(x) (base + factor) + shift. @param x [N, C], contiguous @param factor, shift [B, C]
+  static Tensor forward(AutogradContext* context, const Tensor& x, const Tensor& factor, const Tensor& shift,
+                        const std::vector<std::int64_t>& lengths, double base, double eps) {
+    RECORD_USER_SCOPE("elementwise and copies: norm, modulation");
+    const std::int64_t channels = x.size(1);
+    const std::vector<RowBlock> blocks = row_blocks(lengths, channels);
+    const Tensor factors = as_rows_of_fp32(factor), shifts = as_rows_of_fp32(shift), y = torch::empty_like(x);
+    const Tensor statistics = torch::empty({2, x.size(0)}, torch::kFloat32);
+    float *const means = statistics.data_ptr<float>(), *const rstds = means + x.size(0);
+    const float *const of_items = factors.data_ptr<float>(), *const added = shifts.data_ptr<float>();
+    with_pointers(x, [&](const auto& pointer) {
+      auto *const in = pointer(x), *const out = pointer(y);
+      for_each_block(blocks, [&](const RowBlock& block, std::int64_t) {
+        std::vector<float> scratch(static_cast<std::size_t>(2 * channels));
+        kernels::norm_rows({block.count, channels, static_cast<float>(base), static_cast<float>(eps)},
+                           in + block.first * channels, of_items + block.item * channels, added + block.item * channels,
+                           out + block.first * channels, means + block.first, rstds + block.first,
+                           {scratch.data(), scratch.data() + channels});
+      });
+    });
+    context->save_for_backward({x, factor, statistics});
+    context->saved_data["lengths"] = lengths;
+    context->saved_data["base"] = base;
+    context->saved_data["shift"] = static_cast<std::int64_t>(shift.scalar_type());
+    return y;
+  }
+
+  static variable_list backward(AutogradContext* context, variable_list gradients) {
+    RECORD_USER_SCOPE("elementwise and copies: norm, modulation");
+    check_once("modulated layer norm");
+    const variable_list saved = context->get_saved_variables();
+    const Tensor &x = saved[0], &statistics = saved[2], dy = gradients[0].contiguous();
+    const std::vector<std::int64_t> lengths = context->saved_data["lengths"].toIntVector();
+    const auto base = static_cast<float>(context->saved_data["base"].toDouble());
+    const std::int64_t channels = x.size(1);
+    const std::vector<RowBlock> blocks = row_blocks(lengths, channels);
+    const auto parts = static_cast<std::int64_t>(blocks.size());
+    const Tensor factors = as_rows_of_fp32(saved[1]), dx = torch::empty_like(x);
+    const Tensor sums = torch::zeros({2, parts, channels}, torch::kFloat32);
+    const float *const means = statistics.data_ptr<float>(), *const rstds = means + x.size(0);
+    const float* const of_items = factors.data_ptr<float>();
+    float *const d_factors = sums.data_ptr<float>(), *const d_shifts = d_factors + parts * channels;
+    with_pointers(x, [&](const auto& pointer) {
+      auto *const in = pointer(x), *const slopes = pointer(dy), *const out = pointer(dx);
+      for_each_block(blocks, [&](const RowBlock& block, std::int64_t b) {
+        std::vector<float> scratch(static_cast<std::size_t>(2 * channels));
+        const std::int64_t at = block.first * channels;
+        kernels::norm_rows_backward({block.count, channels, base, 0.0F}, in + at, slopes + at,
+                                    of_items + block.item * channels, means + block.first, rstds + block.first,
+                                    out + at, d_factors + b * channels, d_shifts + b * channels,
+                                    {scratch.data(), scratch.data() + channels});
+      });
+    });
+    const auto items = static_cast<std::int64_t>(lengths.size());
+    const auto shift_dtype = static_cast<torch::Dtype>(context->saved_data["shift"].toInt());
+    return {dx,
+            sums_of_items(blocks, sums[0], items).to(dtype_of(saved[1])),
+            sums_of_items(blocks, sums[1], items).to(shift_dtype),
+            Tensor(),
+            Tensor(),
+            Tensor()};
+  }
+};
+
+class AddGatedFunction : public torch::autograd::Function<AddGatedFunction> {
+ public:
+  static Tensor forward(AutogradContext* context, const Tensor& x, const Tensor& gate, const Tensor& result,
+                        const std::vector<std::int64_t>& lengths) {
+    RECORD_USER_SCOPE("elementwise and copies: norm, modulation");
+    const std::int64_t channels = x.size(1);
+    const Tensor gates = as_rows_of_fp32(gate), y = torch::empty_like(x);
+    const float* const of_items = gates.data_ptr<float>();
+    with_pointers(x, [&](const auto& pointer) {
+      auto *const in = pointer(x), *const added = pointer(result), *const out = pointer(y);
+      for_each_block(row_blocks(lengths, channels), [&](const RowBlock& block, std::int64_t) {
+        const std::int64_t at = block.first * channels;
+        kernels::add_gated_rows(block.count, channels, in + at, of_items + block.item * channels, added + at, out + at);
+      });
+    });
+    context->save_for_backward({gate, result});
+    context->saved_data["lengths"] = lengths;
+    return y;
+  }
+
+  static variable_list backward(AutogradContext* context, variable_list gradients) {
+    RECORD_USER_SCOPE("elementwise and copies: norm, modulation");
+    check_once("a gated sum");
+    const variable_list saved = context->get_saved_variables();
+    const Tensor &result = saved[1], dy = gradients[0].contiguous();
+    const std::vector<std::int64_t> lengths = context->saved_data["lengths"].toIntVector();
+    const std::int64_t channels = result.size(1);
+    const std::vector<RowBlock> blocks = row_blocks(lengths, channels);
+    const Tensor gates = as_rows_of_fp32(saved[0]), d_result = torch::empty_like(result);
+    const Tensor sums = torch::zeros({static_cast<std::int64_t>(blocks.size()), channels}, torch::kFloat32);
+    const float* const of_items = gates.data_ptr<float>();
+    float* const d_gates = sums.data_ptr<float>();
+    with_pointers(result, [&](const auto& pointer) {
+      auto *const slopes = pointer(dy), *const values = pointer(result), *const out = pointer(d_result);
+      for_each_block(blocks, [&](const RowBlock& block, std::int64_t b) {
+        const std::int64_t at = block.first * channels;
+        kernels::add_gated_rows_backward(block.count, channels, slopes + at, of_items + block.item * channels,
+                                         values + at, out + at, d_gates + b * channels);
+      });
+    });
+    const Tensor d_gate = sums_of_items(blocks, sums, static_cast<std::int64_t>(lengths.size()));
+    return {gradients[0], d_gate.to(dtype_of(saved[0])), d_result, Tensor()};
+  }
+};
+
+void check_rows(const char* what, const Tensor& x, const Ragged& items, const Tensor& values) {
+  TORCH_CHECK(x.dim() == 2 && x.size(0) == items.rows() && values.dim() == 2 && values.size(0) == items.items() &&
+                  values.size(1) == x.size(1),
+              what, " of ", items.items(), " items with ", items.rows(), " rows: rows ", shape_text(x), ", values ",
+              shape_text(values));
+}
+
+// The results of body(item) one below the other. Values of an item spread over its rows by an index would have to be
+// stored, and added up again row by row for the gradient; broadcasting inside an item spares both.
+template <typename Body>
+Tensor for_each_item(const Ragged& items, const Body& body) {
+  std::vector<Tensor> parts;
+  for (std::int64_t i = 0; i < items.items(); ++i) parts.push_back(body(i));
+  return parts.size() == 1 ? parts[0] : torch::cat(parts, 0);
+}
+
+}  // namespace
+
+Tensor modulated_norm(const Tensor& x, const Ragged& items, const Tensor& shift, const Tensor& scale, double eps) {
+  check_rows("modulated layer norm", x, items, shift);
+  check_rows("modulated layer norm", x, items, scale);
+  if (has_kernels(x)) return NormRowsFunction::apply(x.contiguous(), scale, shift, items.lengths(), 1.0, eps);
+  const Tensor normed = layer_norm(x, eps), factor = scale + 1.0;
+  if (items.items() == 0) return normed;
+  const std::vector<Tensor> rows = items.split(normed);
+  return for_each_item(items, [&](std::int64_t i) {
+    return torch::addcmul(shift.narrow(0, i, 1), rows[static_cast<std::size_t>(i)], factor.narrow(0, i, 1));
+  });
+}
+
+Tensor affine_norm(const Tensor& x, const Tensor& weight, const Tensor& bias, double eps) {
+  TORCH_CHECK(x.dim() >= 1 && weight.dim() == 1 && bias.dim() == 1 && weight.size(0) == x.size(-1) &&
+                  bias.size(0) == x.size(-1),
+              "layer norm with weight ", shape_text(weight), " and bias ", shape_text(bias), ": rows ", shape_text(x));
+  if (has_kernels(x) && x.size(-1) > 0) {
+    const Tensor rows = x.reshape({-1, x.size(-1)}).contiguous();
+    return NormRowsFunction::apply(rows, weight.unsqueeze(0), bias.unsqueeze(0),
+                                   std::vector<std::int64_t>{rows.size(0)}, 0.0, eps)
+        .view(x.sizes());
+  }
+  const torch::Dtype wide = accumulation_dtype(dtype_of(x));
+  return torch::layer_norm(x.to(wide), {x.size(-1)}, weight.to(wide), bias.to(wide), eps).to(dtype_of(x));
+}
+
+Tensor add_gated(const Tensor& x, const Ragged& items, const Tensor& gate, const Tensor& result) {
+  check_rows("a gated sum", x, items, gate);
+  TORCH_CHECK(result.sizes() == x.sizes() && result.scalar_type() == x.scalar_type(), "a gated sum of ", shape_text(x),
+              " ", x.dtype().name(), " and ", shape_text(result), " ", result.dtype().name());
+  if (has_kernels(x)) return AddGatedFunction::apply(x.contiguous(), gate, result.contiguous(), items.lengths());
+  if (items.items() == 0) return x;
+  const std::vector<Tensor> starts = items.split(x), rows = items.split(result);
+  return for_each_item(items, [&](std::int64_t i) {
+    const auto at = static_cast<std::size_t>(i);
+    return torch::addcmul(starts[at], rows[at], gate.narrow(0, i, 1));
+  });
+}
+
+}  // namespace anigen::nn
