@@ -1,8 +1,8 @@
-#include <algorithm>
 #include <string>
 #include <vector>
 
 #include "anigen/apps/common/command_line.h"
+#include "anigen/core/cores.h"
 #include "anigen/core/error.h"
 #include "anigen/core/parallel.h"
 #include "anigen/nn/blas.h"
@@ -63,7 +63,7 @@ int main(int argc, char** argv) {
           environment.launcher + " has started " + std::to_string(environment.size) + "; leave the option out");
     }
     if (common.threads == 0 && environment.local_size > 1) {
-      anigen::set_thread_count(std::max(1, anigen::thread_count() / environment.local_size));
+      anigen::set_thread_count(anigen::shared_thread_count(anigen::find_cores(), environment.local_size));
     }
     command.device = common.device;
     command.run.threads = anigen::thread_count();

@@ -1,6 +1,7 @@
 #include "anigen/core/cores.h"
 
 #include <sched.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <cmath>
@@ -88,10 +89,15 @@ Cores find_cores(const fs::path& root) {
   cores.asked = number_asked();
   cpu_set_t set;
   if (::sched_getaffinity(0, sizeof set, &set) != 0) {  // more processors than a cpu_set_t holds
-    cores.allowed = cores.physical = std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
+    cores.allowed = cores.physical = cores.launcher =
+        std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
     return cores;
   }
-  cores.allowed = std::max(1, CPU_COUNT(&set));
+  cores.launcher = cores.allowed = std::max(1, CPU_COUNT(&set));
+  cpu_set_t of_parent;
+  if (::sched_getaffinity(::getppid(), sizeof of_parent, &of_parent) == 0) {
+    cores.launcher = std::max(1, CPU_COUNT(&of_parent));
+  }
   std::set<std::string> siblings;
   int untold = 0;
   for (int cpu = 0; cpu < CPU_SETSIZE; ++cpu) {
@@ -112,6 +118,14 @@ int default_thread_count(const Cores& cores) {
   if (cores.asked > 0) return cores.asked;
   const double granted = std::ceil(cores.quota);
   return granted < cores.physical ? std::max(1, static_cast<int>(granted)) : cores.physical;
+}
+
+int shared_thread_count(const Cores& cores, int processes) {
+  Cores own = cores;
+  const int part = std::max(1, cores.launcher / processes);
+  if (cores.allowed > part) own.physical = std::max(1, cores.physical * part / cores.allowed);
+  own.quota = cores.quota / processes;
+  return default_thread_count(own);
 }
 
 }  // namespace anigen

@@ -10,6 +10,7 @@ struct Cores {
   int physical = 1;  ///< of those, the ones that are not second threads of a core counted already
   double quota = std::numeric_limits<double>::infinity();  ///< processors' worth of time that its control group grants
   int asked = 0;                                           ///< OMP_NUM_THREADS, 0 when it says nothing
+  int launcher = 1;  ///< processors of the parent's affinity mask; what binds its processes (mpirun, srun) is not bound
 };
 
 /// Asks the kernel. A container's limit (`docker --cpus 2`) shows only as a quota of its control group, version 1 or 2:
@@ -20,5 +21,10 @@ Cores find_cores(const std::filesystem::path& root = "/");
 /// How many threads to compute with when nobody says: as many as OMP_NUM_THREADS asks for; otherwise one per physical
 /// core, since two matrix products on one core only get in each other's way, and no more than the quota rounded up.
 int default_thread_count(const Cores& cores);
+
+/// The same of one of several processes that a launcher has started on this machine for one run. OMP_NUM_THREADS is
+/// what each of them asks for. Processes that are bound to no more than their part of the launcher's processors have
+/// those to themselves; otherwise they share, as they share a quota.
+int shared_thread_count(const Cores& cores, int processes);
 
 }  // namespace anigen

@@ -1,5 +1,6 @@
 #include "anigen/nn/modulated_rows.h"
 
+#include <algorithm>
 #include <vector>
 
 #include "anigen/nn/bf16_bits.h"
@@ -33,7 +34,10 @@ void with_pointers(const Tensor& x, const Body& body) {
   }
 }
 
-Tensor as_rows_of_fp32(const Tensor& x) { return x.to(torch::kFloat32).contiguous(); }
+Tensor as_rows_of_fp32(const Tensor& x) {
+  TORCH_CHECK(x.is_cpu(), "rows on the CPU beside values on ", x.device());
+  return x.to(torch::kFloat32).contiguous();
+}
 
 class NormRowsFunction : public torch::autograd::Function<NormRowsFunction> {
  public:
@@ -153,14 +157,23 @@ void check_rows(const char* what, const Tensor& x, const Ragged& items, const Te
               shape_text(values));
 }
 
-// The results of body(item) one below the other. Values of an item spread over its rows by an index would have to be
-// stored, and added up again row by row for the gradient; broadcasting inside an item spares both.
+// The results of body(item) one below the other. Values of an item spread over its rows by an index would
+// have to be stored, and added up again row by row for the gradient; broadcasting inside an item spares both.
 template <typename Body>
 Tensor for_each_item(const Ragged& items, const Body& body) {
   std::vector<Tensor> parts;
   for (std::int64_t i = 0; i < items.items(); ++i) parts.push_back(body(i));
   return parts.size() == 1 ? parts[0] : torch::cat(parts, 0);
 }
+
+// Rows of the first item when all have as many, as those of a dense batch have; otherwise 0.
+std::int64_t common_length(const Ragged& items) {
+  const std::vector<std::int64_t>& lengths = items.lengths();
+  const bool same = std::all_of(lengths.begin(), lengths.end(), [&](std::int64_t n) { return n == lengths[0]; });
+  return lengths.empty() || !same ? 0 : lengths[0];
+}
+
+Tensor as_batch(const Tensor& rows, std::int64_t length) { return rows.reshape({-1, length, rows.size(1)}); }
 
 }  // namespace
 
@@ -169,7 +182,10 @@ Tensor modulated_norm(const Tensor& x, const Ragged& items, const Tensor& shift,
   check_rows("modulated layer norm", x, items, scale);
   if (has_kernels(x)) return NormRowsFunction::apply(x.contiguous(), scale, shift, items.lengths(), 1.0, eps);
   const Tensor normed = layer_norm(x, eps), factor = scale + 1.0;
-  if (items.items() == 0) return normed;
+  if (items.rows() == 0) return normed;
+  if (const std::int64_t length = common_length(items); length > 0) {
+    return torch::addcmul(shift.unsqueeze(1), as_batch(normed, length), factor.unsqueeze(1)).view(x.sizes());
+  }
   const std::vector<Tensor> rows = items.split(normed);
   return for_each_item(items, [&](std::int64_t i) {
     return torch::addcmul(shift.narrow(0, i, 1), rows[static_cast<std::size_t>(i)], factor.narrow(0, i, 1));
@@ -192,10 +208,13 @@ Tensor affine_norm(const Tensor& x, const Tensor& weight, const Tensor& bias, do
 
 Tensor add_gated(const Tensor& x, const Ragged& items, const Tensor& gate, const Tensor& result) {
   check_rows("a gated sum", x, items, gate);
-  TORCH_CHECK(result.sizes() == x.sizes() && result.scalar_type() == x.scalar_type(), "a gated sum of ", shape_text(x),
-              " ", x.dtype().name(), " and ", shape_text(result), " ", result.dtype().name());
+  TORCH_CHECK(result.sizes() == x.sizes() && result.scalar_type() == x.scalar_type() && result.device() == x.device(),
+              "a gated sum of ", shape_text(x), " ", x.options(), " and ", shape_text(result), " ", result.options());
   if (has_kernels(x)) return AddGatedFunction::apply(x.contiguous(), gate, result.contiguous(), items.lengths());
-  if (items.items() == 0) return x;
+  if (items.rows() == 0) return x;
+  if (const std::int64_t length = common_length(items); length > 0) {
+    return torch::addcmul(as_batch(x, length), as_batch(result, length), gate.unsqueeze(1)).view(x.sizes());
+  }
   const std::vector<Tensor> starts = items.split(x), rows = items.split(result);
   return for_each_item(items, [&](std::int64_t i) {
     const auto at = static_cast<std::size_t>(i);

@@ -78,7 +78,7 @@ Tensor MultiHeadRmsNormImpl::forward(const Tensor& x) {
   const Tensor factors = gamma.to(wide) * std::sqrt(static_cast<double>(gamma.size(1)));
   TORCH_CHECK(x.dim() >= 2 && x.size(-1) == gamma.size(1) && x.size(-2) == gamma.size(0), "norm of ", gamma.size(0),
               " heads of ", gamma.size(1), " channels: input ", x.sizes());
-  if (x.is_cpu() && (dtype == torch::kFloat32 || dtype == torch::kBFloat16)) {
+  if (x.is_cpu() && gamma.is_cpu() && (dtype == torch::kFloat32 || dtype == torch::kBFloat16)) {
     Tensor rows = x.dim() == 3 ? x : x.reshape({-1, x.size(-2), x.size(-1)});
     if (!has_adjacent_heads(rows)) rows = rows.contiguous();
     return HeadNormFunction::apply(rows, factors.contiguous()).view(x.sizes());

@@ -46,13 +46,18 @@ ANIGEN_INLINE void round_row(const float* wide, std::int64_t n, std::uint16_t* v
   }
 }
 
-ANIGEN_INLINE float row_sum(const float* row, std::int64_t n) {
+ANIGEN_INLINE float mean_beyond(const float* row, std::int64_t n, float start) {
   Lanes lanes{};
   std::int64_t c = 0;
-  for (; c + kLanes <= n; c += kLanes) lanes += lanes_at(row + c);
+  for (; c + kLanes <= n; c += kLanes) lanes += lanes_at(row + c) - start;
   float sum = total(lanes);
-  for (; c < n; ++c) sum += row[c];
-  return sum;
+  for (; c < n; ++c) sum += row[c] - start;
+  return start + sum / static_cast<float>(n);
+}
+
+// Once more around the first result: a row of nearly equal numbers far from 0 would otherwise be mostly its rounding.
+ANIGEN_INLINE float row_mean(const float* row, std::int64_t n) {
+  return mean_beyond(row, n, mean_beyond(row, n, 0.0F));
 }
 
 ANIGEN_INLINE float squares_around(const float* row, std::int64_t n, float mean) {
@@ -74,7 +79,7 @@ ANIGEN_INLINE void norm(const RowNorm& norm, const T* x, const float* factor, co
   const auto members = static_cast<float>(n);
   for (std::int64_t r = 0; r < norm.rows; ++r, x += n, y += n) {
     const float* const row = widened(x, n, scratch.x);
-    const float mean = row_sum(row, n) / members;
+    const float mean = row_mean(row, n);
     const float rstd = 1.0F / std::sqrt(squares_around(row, n, mean) / members + norm.eps);
     float* const out = wide_row(y, scratch.dy);
     for (std::int64_t c = 0; c < n; ++c) out[c] = (row[c] - mean) * rstd * (norm.base + factor[c]) + shift[c];

@@ -67,5 +67,29 @@ TEST(Cores, DefaultIsPhysicalWithinTheQuota) {
   EXPECT_EQ(default_thread_count(cores), 6);
 }
 
+TEST(Cores, ProcessesOfALauncherShareWhatTheyAreNotBoundTo) {
+  Cores cores;
+  cores.allowed = cores.launcher = 64;
+  cores.physical = 32;
+  EXPECT_EQ(shared_thread_count(cores, 4), 8) << "unbound, with two threads per core";
+  EXPECT_EQ(shared_thread_count(cores, 64), 1);
+  EXPECT_EQ(shared_thread_count(cores, 100), 1);
+  cores.quota = 10.0;
+  EXPECT_EQ(shared_thread_count(cores, 4), 3) << "the quota is the container's";
+  cores.quota = std::numeric_limits<double>::infinity();
+  cores.allowed = 16;
+  cores.physical = 8;
+  EXPECT_EQ(shared_thread_count(cores, 4), 8) << "bound to a quarter each";
+  cores.allowed = 32;
+  cores.physical = 16;
+  EXPECT_EQ(shared_thread_count(cores, 4), 8) << "two on each half";
+  cores.launcher = 32;
+  EXPECT_EQ(shared_thread_count(cores, 4), 4) << "a job that has half the machine";
+  cores.launcher = 1;
+  EXPECT_EQ(shared_thread_count(cores, 4), 1) << "a parent that is bound itself";
+  cores.asked = 6;
+  EXPECT_EQ(shared_thread_count(cores, 4), 6) << "each by itself, as torchrun's workers";
+}
+
 }  // namespace
 }  // namespace anigen

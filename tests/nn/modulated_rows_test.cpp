@@ -112,6 +112,15 @@ TEST(ModulatedRows, GradientsAgreeWithFiniteDifferences) {
   }
 }
 
+// Numbers of a row that differ by little beside their mean: what is left is their difference, not the mean's rounding.
+TEST(ModulatedRows, RowsFarFromZeroAreCentred) {
+  const Tensor constant = torch::full({4, 1024}, 1234.567F), weight = torch::ones({1024}), bias = torch::zeros({1024});
+  EXPECT_LT(affine_norm(constant, weight, bias, kEps).abs().max().item<double>(), 0.1);
+  const Tensor near = 1000.0 + torch::randn({4, 1024});
+  const Tensor exact = torch::layer_norm(near.to(torch::kFloat64), {1024}, {}, {}, kEps);
+  EXPECT_LT(largest_difference(affine_norm(near, weight, bias, kEps).to(torch::kFloat64), exact), 2e-4);
+}
+
 TEST(ModulatedRows, AffineNormOfAnyShape) {
   const Tensor x = torch::randn({3, 4, 50}).transpose(0, 1), weight = torch::randn({50}), bias = torch::randn({50});
   const Tensor exact =

@@ -71,6 +71,12 @@ TEST(LaunchEnvironment, SlurmTasksAndBatchScripts) {
   EXPECT_EQ(found.size, 4) << "of the step, not of the job";
   EXPECT_EQ(found.local_rank, 1);
   EXPECT_EQ(found.rendezvous.host, "gpu05");
+  EXPECT_EQ(found.local_size, 1) << "not said";
+  values["SLURM_TASKS_PER_NODE"] = "6";
+  values["SLURM_STEP_TASKS_PER_NODE"] = "3,1";
+  EXPECT_EQ(read(values).local_size, 3) << "of the step, on node 0";
+  values["SLURM_NODEID"] = "1";
+  EXPECT_EQ(read(values).local_size, 1);
   const int port = found.rendezvous.port;
   values["SLURM_JOB_ID"] = "78";
   EXPECT_NE(read(values).rendezvous.port, port) << "two jobs on one machine";
@@ -111,6 +117,16 @@ TEST(LaunchEnvironment, WrongVariablesAreNamed) {
   EXPECT_EQ(blamed({{"RANK", "0"}, {"WORLD_SIZE", "2"}, {"LOCAL_WORLD_SIZE", "3"}}), "LOCAL_WORLD_SIZE");
   EXPECT_EQ(blamed({{"RANK", "0"}, {"WORLD_SIZE", "2"}, {"MASTER_ADDR", "a"}, {"MASTER_PORT", "0"}}), "MASTER_PORT");
   EXPECT_EQ(blamed({{"SLURM_PROCID", "0"}, {"SLURM_STEP_NUM_TASKS", "2"}}), "SLURM_JOB_NODELIST");
+}
+
+TEST(LaunchEnvironment, TasksOfANode) {
+  EXPECT_EQ(tasks_of_node("8", 0, "L"), 8);
+  EXPECT_EQ(tasks_of_node("2(x3),1", 2, "L"), 2);
+  EXPECT_EQ(tasks_of_node("2(x3),1", 3, "L"), 1);
+  EXPECT_EQ(tasks_of_node("4,2(x1000)", 900, "L"), 2);
+  for (const char* wrong : {"", "a", "2(x", "2(x)", "2(x3", "(x3)", "0", "2(x-1)", "2(x3),", "99999999999"}) {
+    EXPECT_THROW(tasks_of_node(wrong, 3, "L"), InputError) << wrong;
+  }
 }
 
 TEST(LaunchEnvironment, FirstHostOfANodeList) {

@@ -2,6 +2,7 @@
 
 #include <cstdlib>
 #include <optional>
+#include <sstream>
 
 #include "anigen/core/error.h"
 
@@ -47,8 +48,8 @@ constexpr Names kTorchrun{"torchrun", "RANK", "WORLD_SIZE", "LOCAL_RANK", "LOCAL
 constexpr Names kOpenMpi{"Open MPI", "OMPI_COMM_WORLD_RANK", "OMPI_COMM_WORLD_SIZE", "OMPI_COMM_WORLD_LOCAL_RANK",
                          "OMPI_COMM_WORLD_LOCAL_SIZE"};
 // SLURM_NTASKS also stands in a batch script, which is one process; the number of tasks of a step only in its tasks.
-constexpr Names kSlurm{"SLURM", "SLURM_PROCID", "SLURM_STEP_NUM_TASKS", "SLURM_LOCALID", "ANIGEN_NO_SUCH_VARIABLE"};
-constexpr Names kOldSlurm{"SLURM", "SLURM_PROCID", "SLURM_NTASKS", "SLURM_LOCALID", "ANIGEN_NO_SUCH_VARIABLE"};
+constexpr Names kSlurm{"SLURM", "SLURM_PROCID", "SLURM_STEP_NUM_TASKS", "SLURM_LOCALID", "SLURM_STEP_TASKS_PER_NODE"};
+constexpr Names kOldSlurm{"SLURM", "SLURM_PROCID", "SLURM_NTASKS", "SLURM_LOCALID", "SLURM_TASKS_PER_NODE"};
 
 std::optional<Names> launcher_of(const Variables& variables) {
   const auto has = [&](const char* name) { return text_of(variables, name).has_value(); };
@@ -57,6 +58,14 @@ std::optional<Names> launcher_of(const Variables& variables) {
   if (has(kSlurm.size)) return kSlurm;
   if (has("SLURM_STEP_ID") && has(kSlurm.rank)) return kOldSlurm;
   return std::nullopt;
+}
+
+int local_size(const Variables& variables, const Names& names) {
+  const std::optional<std::string> tasks = text_of(variables, names.local_size);
+  if (std::string(names.launcher) != kSlurm.launcher || !tasks) {
+    return optional_number(variables, names.local_size, 1, 1, kMostRanks);
+  }
+  return tasks_of_node(*tasks, optional_number(variables, "SLURM_NODEID", 0, 0, kMostRanks), names.local_size);
 }
 
 Rendezvous parse_rendezvous(const std::string& name, const std::string& url) {
@@ -127,6 +136,20 @@ std::string first_host(const std::string& list, const std::string& variable) {
   return host;
 }
 
+int tasks_of_node(const std::string& list, int node, const std::string& variable) {
+  const auto part = [&](const std::string& digits) { return number(variable, digits, 1, kMostRanks); };
+  int nodes = 0;
+  std::istringstream entries(list);
+  for (std::string entry; std::getline(entries, entry, ',');) {
+    const std::size_t times = entry.find("(x");
+    const bool repeated = times != std::string::npos && entry.back() == ')';
+    const int tasks = part(entry.substr(0, repeated ? times : std::string::npos));
+    nodes += repeated ? part(entry.substr(times + 2, entry.size() - times - 3)) : 1;
+    if (node < nodes) return tasks;
+  }
+  throw InputError(variable, list.substr(0, kShown), "says nothing of node " + std::to_string(node));
+}
+
 LaunchEnvironment read_launch_environment(const Variables& variables, const std::string& rendezvous) {
   LaunchEnvironment found;
   const std::optional<Names> names = launcher_of(variables);
@@ -142,7 +165,7 @@ LaunchEnvironment read_launch_environment(const Variables& variables, const std:
                      "must be less than " + std::string(names->size) + ", which is " + std::to_string(found.size));
   }
   found.local_rank = optional_number(variables, names->local_rank, 0, 0, kMostRanks - 1);
-  found.local_size = optional_number(variables, names->local_size, 1, 1, kMostRanks);
+  found.local_size = local_size(variables, *names);
   if (found.local_size > found.size) {
     throw InputError(names->local_size, std::to_string(found.local_size),
                      "is more than " + std::string(names->size) + ", which is " + std::to_string(found.size));

@@ -43,4 +43,8 @@ LaunchEnvironment read_launch_environment(const std::string& rendezvous);
 /// @throws InputError naming `variable` when the list is malformed
 std::string first_host(const std::string& list, const std::string& variable);
 
+/// Tasks on one node by SLURM's list of all: "2(x3),1" is 2 on nodes 0, 1 and 2, and 1 on node 3.
+/// @throws InputError naming `variable` when the list is malformed or has fewer nodes
+int tasks_of_node(const std::string& list, int node, const std::string& variable);
+
 }  // namespace anigen::train
