@@ -153,7 +153,7 @@ TEST(AnymateConfigs, ShippedOnesAreWholeAndSmallOnesCanBeBuilt) {
       ++files;
     }
   }
-  EXPECT_EQ(files, 37u);
+  EXPECT_EQ(files, 38u);
 }
 
 TEST_F(AnymateRun, BadConfigsNameTheirPlace) {
