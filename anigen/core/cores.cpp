@@ -74,8 +74,9 @@ double group_quota(const fs::path& root) {
   return tightest;
 }
 
-int number_asked() {
-  const char* text = std::getenv("OMP_NUM_THREADS");
+/// A positive number in the environment, otherwise 0.
+int number_in(const char* variable) {
+  const char* text = std::getenv(variable);
   if (text == nullptr) return 0;
   const long number = std::strtol(text, nullptr, 10);  // of a list, "4,2", the outermost
   return number > 0 && number < 1 << 16 ? static_cast<int>(number) : 0;
@@ -86,7 +87,9 @@ int number_asked() {
 Cores find_cores(const fs::path& root) {
   Cores cores;
   cores.quota = group_quota(root);
-  cores.asked = number_asked();
+  if (const int on_node = number_in("SLURM_CPUS_ON_NODE")) cores.quota = std::min(cores.quota, double(on_node));
+  cores.asked = number_in("OMP_NUM_THREADS");
+  cores.per_task = number_in("SLURM_CPUS_PER_TASK");
   cpu_set_t set;
   if (::sched_getaffinity(0, sizeof set, &set) != 0) {  // more processors than a cpu_set_t holds
     cores.allowed = cores.physical = cores.launcher =
@@ -116,7 +119,8 @@ Cores find_cores(const fs::path& root) {
 
 int default_thread_count(const Cores& cores) {
   if (cores.asked > 0) return cores.asked;
-  const double granted = std::ceil(cores.quota);
+  double granted = std::ceil(cores.quota);
+  if (cores.per_task > 0) granted = std::min(granted, double(cores.per_task));
   return granted < cores.physical ? std::max(1, static_cast<int>(granted)) : cores.physical;
 }
 

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <cstdlib>
 #include <fstream>
 
 #include "tests/support/paths.h"
@@ -17,12 +18,19 @@ void put(const fs::path& file, const std::string& text) {
   std::ofstream(file) << text;
 }
 
+/// What is found outside a job of SLURM, which these tests may be run in.
+Cores find_outside_jobs(const fs::path& root) {
+  ::unsetenv("SLURM_CPUS_ON_NODE");
+  ::unsetenv("SLURM_CPUS_PER_TASK");
+  return find_cores(root);
+}
+
 TEST(Cores, QuotaOfVersionTwoIsTheTightestOnTheWay) {
   test::TemporaryFolder root;
   put(root / "proc/self/cgroup", "0::/jobs/mine\n");
   put(root / "sys/fs/cgroup/jobs/cpu.max", "150000 100000\n");
   put(root / "sys/fs/cgroup/jobs/mine/cpu.max", "max 100000\n");
-  EXPECT_DOUBLE_EQ(find_cores(root.path()).quota, 1.5);
+  EXPECT_DOUBLE_EQ(find_outside_jobs(root.path()).quota, 1.5);
 }
 
 TEST(Cores, QuotaOfVersionOne) {
@@ -31,27 +39,44 @@ TEST(Cores, QuotaOfVersionOne) {
   // Seen from inside the container, the group is the top of what is mounted.
   put(root / "sys/fs/cgroup/cpu/cpu.cfs_quota_us", "400000\n");
   put(root / "sys/fs/cgroup/cpu/cpu.cfs_period_us", "100000\n");
-  EXPECT_DOUBLE_EQ(find_cores(root.path()).quota, 4.0);
+  EXPECT_DOUBLE_EQ(find_outside_jobs(root.path()).quota, 4.0);
   put(root / "sys/fs/cgroup/cpu/cpu.cfs_quota_us", "-1\n");
-  EXPECT_TRUE(std::isinf(find_cores(root.path()).quota));
+  EXPECT_TRUE(std::isinf(find_outside_jobs(root.path()).quota));
 }
 
 TEST(Cores, NothingSaidIsNoLimit) {
   test::TemporaryFolder root;
-  const Cores cores = find_cores(root.path());
+  const Cores cores = find_outside_jobs(root.path());
   EXPECT_TRUE(std::isinf(cores.quota));
   EXPECT_GE(cores.allowed, 1);
   EXPECT_EQ(cores.physical, cores.allowed);
 }
 
+TEST(Cores, WhatSlurmGrantsLimitsWhereItDoesNotConfine) {
+  test::TemporaryFolder root;
+  ::setenv("SLURM_CPUS_ON_NODE", "12", 1);
+  ::setenv("SLURM_CPUS_PER_TASK", "3", 1);
+  Cores cores = find_cores(root.path());
+  EXPECT_DOUBLE_EQ(cores.quota, 12.0);
+  cores.asked = 0;
+  cores.allowed = cores.launcher = 64;
+  cores.physical = 32;
+  EXPECT_EQ(default_thread_count(cores), 3);
+  EXPECT_EQ(shared_thread_count(cores, 4), 3) << "four tasks of three";
+  EXPECT_EQ(shared_thread_count(cores, 6), 2) << "mpirun's, which are no tasks of SLURM";
+  cores.allowed = cores.physical = 2;
+  EXPECT_EQ(default_thread_count(cores), 2) << "confined to fewer";
+  EXPECT_EQ(find_outside_jobs(root.path()).per_task, 0);
+}
+
 TEST(Cores, SecondThreadsOfACoreAreNotCounted) {
   test::TemporaryFolder root;
-  const int allowed = find_cores(root.path()).allowed;
+  const int allowed = find_outside_jobs(root.path()).allowed;
   for (int cpu = 0; cpu < 1024; ++cpu) {
     put(root / "sys/devices/system/cpu" / ("cpu" + std::to_string(cpu)) / "topology/thread_siblings_list", "0-1023\n");
   }
-  EXPECT_EQ(find_cores(root.path()).physical, 1);
-  EXPECT_EQ(find_cores(root.path()).allowed, allowed);
+  EXPECT_EQ(find_outside_jobs(root.path()).physical, 1);
+  EXPECT_EQ(find_outside_jobs(root.path()).allowed, allowed);
 }
 
 TEST(Cores, DefaultIsPhysicalWithinTheQuota) {
