@@ -20,9 +20,9 @@ VolumeResBlockImpl::VolumeResBlockImpl(std::int64_t in_channels, std::int64_t ou
 }
 
 Tensor VolumeResBlockImpl::forward(const Tensor& x) {
-  const Tensor h = conv1_->forward(torch::silu(norm1_->forward(x)));
+  const Tensor h = conv1_->forward(norm1_->activated(x));
   const Tensor skip = skip_connection_.is_empty() ? x : skip_connection_->forward(x);
-  return skip + conv2_->forward(torch::silu(norm2_->forward(h)));
+  return skip + conv2_->forward(norm2_->activated(h));
 }
 
 void VolumeResBlockImpl::initialize() {
@@ -45,7 +45,7 @@ VolumeHeadImpl::VolumeHeadImpl(std::int64_t in_channels, std::int64_t out_channe
   conv_ = register_module("2", nn::Conv3d(in_channels, out_channels, 3, 1, 1));
 }
 
-Tensor VolumeHeadImpl::forward(const Tensor& x) { return conv_->forward(torch::silu(norm_->forward(x))).contiguous(); }
+Tensor VolumeHeadImpl::forward(const Tensor& x) { return conv_->forward(norm_->activated(x)).contiguous(); }
 
 template <typename Holder>
 void VolumeTorsoImpl::add(Holder layer) {

@@ -8,20 +8,47 @@
 namespace anigen::nn::kernels {
 namespace {
 
-// Partial sums side by side, since compilers keep the order of additions of floats.
-constexpr std::int64_t kLanes = 16;
-typedef float Lanes __attribute__((vector_size(64)));
-typedef float Unaligned __attribute__((vector_size(64), aligned(4), may_alias));
+// Partial sums side by side, since compilers keep the order of additions of floats. Eight for rows that sixteen would
+// leave half to single numbers.
+typedef float Sixteen __attribute__((vector_size(64)));
+typedef float Eight __attribute__((vector_size(32)));
+typedef float UnalignedSixteen __attribute__((vector_size(64), aligned(4), may_alias));
+typedef float UnalignedEight __attribute__((vector_size(32), aligned(4), may_alias));
+
+struct Wide {
+  using Lanes = Sixteen;
+  using Unaligned = UnalignedSixteen;
+  static constexpr std::int64_t kLanes = 16;
+};
+
+struct Narrow {
+  using Lanes = Eight;
+  using Unaligned = UnalignedEight;
+  static constexpr std::int64_t kLanes = 8;
+};
+
+bool fills_wide(std::int64_t channels) { return channels % Wide::kLanes < Narrow::kLanes; }
 
 // By reference, and inlined: how vectors are passed depends on the instruction set.
-ANIGEN_INLINE float total(const Lanes& lanes) {
-  float parts[8];
-  for (int i = 0; i < 8; ++i) parts[i] = lanes[i] + lanes[i + 8];
-  return ((parts[0] + parts[4]) + (parts[2] + parts[6])) + ((parts[1] + parts[5]) + (parts[3] + parts[7]));
+ANIGEN_INLINE float total(const Eight& lanes) {
+  return ((lanes[0] + lanes[4]) + (lanes[2] + lanes[6])) + ((lanes[1] + lanes[5]) + (lanes[3] + lanes[7]));
 }
 
-ANIGEN_INLINE const Unaligned& lanes_at(const float* values) { return *reinterpret_cast<const Unaligned*>(values); }
-ANIGEN_INLINE Unaligned& lanes_at(float* values) { return *reinterpret_cast<Unaligned*>(values); }
+ANIGEN_INLINE float total(const Sixteen& lanes) {
+  Eight halves;
+  for (int i = 0; i < 8; ++i) halves[i] = lanes[i] + lanes[i + 8];
+  return total(halves);
+}
+
+template <typename Width>
+ANIGEN_INLINE const typename Width::Unaligned& lanes_at(const float* values) {
+  return *reinterpret_cast<const typename Width::Unaligned*>(values);
+}
+
+template <typename Width>
+ANIGEN_INLINE typename Width::Unaligned& lanes_at(float* values) {
+  return *reinterpret_cast<typename Width::Unaligned*>(values);
+}
 
 ANIGEN_INLINE const float* widened(const float* values, std::int64_t, float*) { return values; }
 
@@ -46,54 +73,95 @@ ANIGEN_INLINE void round_row(const float* wide, std::int64_t n, std::uint16_t* v
   }
 }
 
-ANIGEN_INLINE float mean_beyond(const float* row, std::int64_t n, float start) {
-  Lanes lanes{};
+template <typename Width>
+ANIGEN_INLINE float row_sum(const float* row, std::int64_t n) {
+  typename Width::Lanes lanes{};
   std::int64_t c = 0;
-  for (; c + kLanes <= n; c += kLanes) lanes += lanes_at(row + c) - start;
+  for (; c + Width::kLanes <= n; c += Width::kLanes) lanes += lanes_at<Width>(row + c);
   float sum = total(lanes);
-  for (; c < n; ++c) sum += row[c] - start;
-  return start + sum / static_cast<float>(n);
-}
-
-// Once more around the first result: a row of nearly equal numbers far from 0 would otherwise be mostly its rounding.
-ANIGEN_INLINE float row_mean(const float* row, std::int64_t n) {
-  return mean_beyond(row, n, mean_beyond(row, n, 0.0F));
-}
-
-ANIGEN_INLINE float squares_around(const float* row, std::int64_t n, float mean) {
-  Lanes lanes{};
-  std::int64_t c = 0;
-  for (; c + kLanes <= n; c += kLanes) {
-    const Lanes centred = lanes_at(row + c) - mean;
-    lanes += centred * centred;
-  }
-  float sum = total(lanes);
-  for (; c < n; ++c) sum += (row[c] - mean) * (row[c] - mean);
+  for (; c < n; ++c) sum += row[c];
   return sum;
+}
+
+template <typename Width>
+ANIGEN_INLINE float sum_of_squares(const float* row, std::int64_t n) {
+  typename Width::Lanes lanes{};
+  std::int64_t c = 0;
+  for (; c + Width::kLanes <= n; c += Width::kLanes) lanes += lanes_at<Width>(row + c) * lanes_at<Width>(row + c);
+  float sum = total(lanes);
+  for (; c < n; ++c) sum += row[c] * row[c];
+  return sum;
+}
+
+struct Moments {
+  float mean, variance;
+};
+
+// Both around a first mean, whose rounding would otherwise be most of what is left of a row of nearly equal numbers
+// far from 0.
+template <typename Width>
+ANIGEN_INLINE Moments row_moments(const float* row, std::int64_t n) {
+  const float members = static_cast<float>(n), start = row_sum<Width>(row, n) / members;
+  typename Width::Lanes lanes{}, squares{};
+  std::int64_t c = 0;
+  for (; c + Width::kLanes <= n; c += Width::kLanes) {
+    const typename Width::Lanes beyond = lanes_at<Width>(row + c) - start;
+    lanes += beyond;
+    squares += beyond * beyond;
+  }
+  float sum = total(lanes), squares_sum = total(squares);
+  for (; c < n; ++c) {
+    sum += row[c] - start;
+    squares_sum += (row[c] - start) * (row[c] - start);
+  }
+  const float rest = sum / members, variance = squares_sum / members - rest * rest;
+  return {start + rest, variance < 0.0F ? 0.0F : variance};  // NaN stays NaN
+}
+
+// y = (x − mean) rstd (base + factor) + shift
+template <typename Width>
+ANIGEN_INLINE void scale_row(const RowNorm& norm, const float* row, const float* factor, const float* shift, float mean,
+                             float rstd, float* out) {
+  std::int64_t c = 0;
+  for (; c + Width::kLanes <= norm.channels; c += Width::kLanes) {
+    lanes_at<Width>(out + c) = (lanes_at<Width>(row + c) - mean) * rstd * (lanes_at<Width>(factor + c) + norm.base) +
+                               lanes_at<Width>(shift + c);
+  }
+  for (; c < norm.channels; ++c) out[c] = (row[c] - mean) * rstd * (norm.base + factor[c]) + shift[c];
+}
+
+template <typename Width, typename T>
+ANIGEN_INLINE void norm_by(const RowNorm& norm, const T* x, const float* factor, const float* shift, T* y, float* means,
+                           float* rstds, const RowScratch& scratch) {
+  const std::int64_t n = norm.channels;
+  for (std::int64_t r = 0; r < norm.rows; ++r, x += n, y += n) {
+    const float* const row = widened(x, n, scratch.x);
+    const Moments moments = row_moments<Width>(row, n);
+    const float rstd = 1.0F / std::sqrt(moments.variance + norm.eps);
+    float* const out = wide_row(y, scratch.dy);
+    scale_row<Width>(norm, row, factor, shift, moments.mean, rstd, out);
+    round_row(out, n, y);
+    means[r] = moments.mean;
+    rstds[r] = rstd;
+  }
 }
 
 template <typename T>
 ANIGEN_INLINE void norm(const RowNorm& norm, const T* x, const float* factor, const float* shift, T* y, float* means,
                         float* rstds, const RowScratch& scratch) {
-  const std::int64_t n = norm.channels;
-  const auto members = static_cast<float>(n);
-  for (std::int64_t r = 0; r < norm.rows; ++r, x += n, y += n) {
-    const float* const row = widened(x, n, scratch.x);
-    const float mean = row_mean(row, n);
-    const float rstd = 1.0F / std::sqrt(squares_around(row, n, mean) / members + norm.eps);
-    float* const out = wide_row(y, scratch.dy);
-    for (std::int64_t c = 0; c < n; ++c) out[c] = (row[c] - mean) * rstd * (norm.base + factor[c]) + shift[c];
-    round_row(out, n, y);
-    means[r] = mean;
-    rstds[r] = rstd;
+  if (fills_wide(norm.channels)) {
+    norm_by<Wide>(norm, x, factor, shift, y, means, rstds, scratch);
+  } else {
+    norm_by<Narrow>(norm, x, factor, shift, y, means, rstds, scratch);
   }
 }
 
 // With g = dy (base + factor): dx = (g − (Σ g + x̂ Σ g x̂) / C) / σ, d_factor = Σ dy x̂, d_shift = Σ dy.
-template <typename T>
-ANIGEN_INLINE void norm_backward(const RowNorm& norm, const T* x, const T* dy, const float* factor, const float* means,
-                                 const float* rstds, T* dx, float* d_factor, float* d_shift,
-                                 const RowScratch& scratch) {
+template <typename Width, typename T>
+ANIGEN_INLINE void norm_backward_by(const RowNorm& norm, const T* x, const T* dy, const float* factor,
+                                    const float* means, const float* rstds, T* dx, float* d_factor, float* d_shift,
+                                    const RowScratch& scratch) {
+  using Lanes = typename Width::Lanes;
   const std::int64_t n = norm.channels;
   const auto members = static_cast<float>(n);
   for (std::int64_t r = 0; r < norm.rows; ++r, x += n, dy += n, dx += n) {
@@ -101,13 +169,13 @@ ANIGEN_INLINE void norm_backward(const RowNorm& norm, const T* x, const T* dy, c
     const float mean = means[r], rstd = rstds[r];
     Lanes sums{}, with_unit{};
     std::int64_t c = 0;
-    for (; c + kLanes <= n; c += kLanes) {
-      const Lanes d = lanes_at(slope + c), unit = (lanes_at(row + c) - mean) * rstd;
-      const Lanes g = d * (lanes_at(factor + c) + norm.base);
+    for (; c + Width::kLanes <= n; c += Width::kLanes) {
+      const Lanes d = lanes_at<Width>(slope + c), unit = (lanes_at<Width>(row + c) - mean) * rstd;
+      const Lanes g = d * (lanes_at<Width>(factor + c) + norm.base);
       sums += g;
       with_unit += g * unit;
-      lanes_at(d_factor + c) += d * unit;
-      lanes_at(d_shift + c) += d;
+      lanes_at<Width>(d_factor + c) += d * unit;
+      lanes_at<Width>(d_shift + c) += d;
     }
     float sum = total(sums), unit_sum = total(with_unit);
     for (; c < n; ++c) {
@@ -119,11 +187,27 @@ ANIGEN_INLINE void norm_backward(const RowNorm& norm, const T* x, const T* dy, c
     }
     const float constant = sum / members, of_unit = unit_sum / members;
     float* const out = wide_row(dx, scratch.x);
-    for (c = 0; c < n; ++c) {
+    for (c = 0; c + Width::kLanes <= n; c += Width::kLanes) {
+      const Lanes unit = (lanes_at<Width>(row + c) - mean) * rstd;
+      const Lanes g = lanes_at<Width>(slope + c) * (lanes_at<Width>(factor + c) + norm.base);
+      lanes_at<Width>(out + c) = rstd * (g - constant - unit * of_unit);
+    }
+    for (; c < n; ++c) {
       const float unit = (row[c] - mean) * rstd;
       out[c] = rstd * (slope[c] * (norm.base + factor[c]) - constant - unit * of_unit);
     }
     round_row(out, n, dx);
+  }
+}
+
+template <typename T>
+ANIGEN_INLINE void norm_backward(const RowNorm& norm, const T* x, const T* dy, const float* factor, const float* means,
+                                 const float* rstds, T* dx, float* d_factor, float* d_shift,
+                                 const RowScratch& scratch) {
+  if (fills_wide(norm.channels)) {
+    norm_backward_by<Wide>(norm, x, dy, factor, means, rstds, dx, d_factor, d_shift, scratch);
+  } else {
+    norm_backward_by<Narrow>(norm, x, dy, factor, means, rstds, dx, d_factor, d_shift, scratch);
   }
 }
 
@@ -154,7 +238,7 @@ ANIGEN_INLINE void gated_backward(std::int64_t rows, std::int64_t n, const T* __
 
 // 1 / max(‖x‖₂, 1e-12)
 ANIGEN_INLINE float inverse_length(const float* x, std::int64_t n) {
-  return 1.0F / std::max(std::sqrt(squares_around(x, n, 0.0F)), 1e-12F);
+  return 1.0F / std::max(std::sqrt(sum_of_squares<Wide>(x, n)), 1e-12F);
 }
 
 template <typename T>
@@ -183,6 +267,19 @@ ANIGEN_VECTOR_CLONES
 void norm_rows(const RowNorm& shape, const std::uint16_t* x, const float* factor, const float* shift, std::uint16_t* y,
                float* mean, float* rstd, const RowScratch& scratch) {
   norm(shape, x, factor, shift, y, mean, rstd, scratch);
+}
+
+ANIGEN_VECTOR_CLONES
+void scale_rows(const RowNorm& norm, const float* x, const float* factor, const float* shift, const float* mean,
+                const float* rstd, float* y) {
+  const std::int64_t n = norm.channels;
+  for (std::int64_t r = 0; r < norm.rows; ++r) {
+    if (fills_wide(n)) {
+      scale_row<Wide>(norm, x + r * n, factor, shift, mean[r], rstd[r], y + r * n);
+    } else {
+      scale_row<Narrow>(norm, x + r * n, factor, shift, mean[r], rstd[r], y + r * n);
+    }
+  }
 }
 
 ANIGEN_VECTOR_CLONES
@@ -244,12 +341,12 @@ void rms_norm_rows_backward(const HeadNorm& norm, const float* x, const float* d
       const float *const head = x + h * n, *const slope = dy + h * n, *const factor = factors + h * n;
       float *const out = dx + h * n, *const d_factor = d_factors + h * n;
       const float inverse = inverse_length(head, n);
-      Lanes sums{};
+      Sixteen sums{};
       std::int64_t c = 0;
-      for (; c + kLanes <= n; c += kLanes) {
-        const Lanes d_unit = lanes_at(slope + c) * lanes_at(head + c) * inverse;
-        sums += d_unit * lanes_at(factor + c);
-        lanes_at(d_factor + c) += d_unit;
+      for (; c + Wide::kLanes <= n; c += Wide::kLanes) {
+        const Sixteen d_unit = lanes_at<Wide>(slope + c) * lanes_at<Wide>(head + c) * inverse;
+        sums += d_unit * lanes_at<Wide>(factor + c);
+        lanes_at<Wide>(d_factor + c) += d_unit;
       }
       float along = total(sums);
       for (; c < n; ++c) {

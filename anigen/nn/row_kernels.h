@@ -22,6 +22,10 @@ void norm_rows(const RowNorm& norm, const float* x, const float* factor, const f
 void norm_rows(const RowNorm& norm, const std::uint16_t* x, const float* factor, const float* shift, std::uint16_t* y,
                float* mean, float* rstd, const RowScratch& scratch);
 
+/// What norm_rows gives for rows with that mean and 1 / σ, [rows].
+void scale_rows(const RowNorm& norm, const float* x, const float* factor, const float* shift, const float* mean,
+                const float* rstd, float* y);
+
 /// Adds to d_factor and d_shift, [C].
 void norm_rows_backward(const RowNorm& norm, const float* x, const float* dy, const float* factor, const float* mean,
                         const float* rstd, float* dx, float* d_factor, float* d_shift, const RowScratch& scratch);

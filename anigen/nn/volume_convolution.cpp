@@ -42,28 +42,51 @@ struct ParameterGradients {
 
 // Into how many chunks the slabs are cut, each with sums of its own that are added up in order: the sizes decide alone,
 // so that any number of threads gives the same bits. Many for balance, as long as the sums stay in a cache; fewer than
-// eight only where they would take more than 256 MiB.
-std::int64_t gradient_chunks(std::int64_t slabs, std::int64_t floats) {
-  constexpr std::int64_t kMost = 32, kUsual = 8, kCached = 1 << 20, kAffordable = 1 << 26;
+// eight only where they would take more than 256 MiB, or where chunks would have so few voxels that to clear and to add
+// up their sums would be a good part of the work.
+std::int64_t gradient_chunks(const VolumeConvolutionSizes& sizes, std::int64_t floats) {
+  constexpr std::int64_t kMost = 32, kUsual = 8, kCached = 1 << 20, kAffordable = 1 << 26, kFewestVoxels = 256;
+  const std::int64_t slabs = sizes.slabs(), voxels = slabs * sizes.y * sizes.z;
   const std::int64_t wanted = std::min(kMost, std::max(kUsual, kCached / floats));
-  return std::min({slabs, wanted, std::max<std::int64_t>(1, kAffordable / floats)});
+  const std::int64_t most = std::max<std::int64_t>(1, std::min(kAffordable / floats, voxels / kFewestVoxels));
+  return std::min({slabs, wanted, most});
+}
+
+// The sums of all chunks, a part of them after the other so that each is read once.
+Tensor added_up(const Tensor& sums) {
+  constexpr std::int64_t kGrain = 8192;
+  const std::int64_t chunks = sums.size(0), floats = sums.size(1);
+  if (chunks == 1) return sums[0];
+  const Tensor total = torch::empty({floats}, sums.options());
+  const float* const from = sums.data_ptr<float>();
+  float* const to = total.data_ptr<float>();
+  at::parallel_for(0, floats, kGrain, [&](std::int64_t begin, std::int64_t end) {
+    for (std::int64_t part = begin; part < end; part += kGrain) {
+      const std::int64_t last = std::min(end, part + kGrain);
+      std::copy(from + part, from + last, to + part);
+      for (std::int64_t chunk = 1; chunk < chunks; ++chunk) {
+        for (std::int64_t i = part; i < last; ++i) to[i] += from[chunk * floats + i];
+      }
+    }
+  });
+  return total;
 }
 
 ParameterGradients parameter_gradients(const VolumeConvolutionSizes& sizes, const Tensor& x, const Tensor& dy) {
   const std::int64_t channels = sizes.padded_out(), floats = sizes.weights() + channels;
-  const std::int64_t chunks = gradient_chunks(sizes.slabs(), floats);
-  Tensor sums = torch::zeros({chunks, floats}, x.options());
+  const std::int64_t chunks = gradient_chunks(sizes, floats);
+  const Tensor sums = torch::empty({chunks, floats}, x.options());
   const float *x_data = x.data_ptr<float>(), *dy_data = dy.data_ptr<float>();
   float* sums_data = sums.data_ptr<float>();
   at::parallel_for(0, chunks, 1, [&](std::int64_t begin, std::int64_t end) {
     for (std::int64_t chunk = begin; chunk < end; ++chunk) {
       float* weight_sums = sums_data + chunk * floats;
+      std::fill_n(weight_sums, floats, 0.0F);  // here, where it stays in the thread's cache
       kernels::add_weight_gradient(sizes, x_data, dy_data, sizes.slabs() * chunk / chunks,
                                    sizes.slabs() * (chunk + 1) / chunks, weight_sums, weight_sums + sizes.weights());
     }
   });
-  Tensor total = sums[0];
-  for (std::int64_t chunk = 1; chunk < chunks; ++chunk) total.add_(sums[chunk]);
+  const Tensor total = added_up(sums);
   const Tensor weight = total.narrow(0, 0, sizes.weights()).view({3, 3, 3, sizes.in, channels});
   return {weight.narrow(4, 0, sizes.out).permute({4, 3, 0, 1, 2}).contiguous(),
           total.narrow(0, sizes.weights(), sizes.out).clone()};

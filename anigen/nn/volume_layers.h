@@ -26,10 +26,13 @@ class VolumeNormImpl : public torch::nn::Module {
  public:
   enum class Kind { kLayer, kGroup };
   explicit VolumeNormImpl(std::int64_t channels, Kind kind = Kind::kLayer, std::int64_t groups = 32);
-  Tensor forward(const Tensor& x);  ///< @param x [B, C, X, Y, Z]
+  Tensor forward(const Tensor& x);    ///< @param x [B, C, X, Y, Z]
+  Tensor activated(const Tensor& x);  ///< SiLU of it (norm_silu.h)
   Tensor weight, bias;
 
  private:
+  Tensor group_norm(const Tensor& x) const;
+
   Kind kind_;
   std::int64_t groups_;
 };

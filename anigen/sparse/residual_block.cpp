@@ -27,7 +27,7 @@ SparseTensor ResidualBlockImpl::forward_up(const SparseTensor& x, const SupportP
   return finish(conv1_->forward(h), upsample(x.with(skipped(x.feats)), fine, 2).feats, embedding);
 }
 
-Tensor ResidualBlockImpl::activated(const Tensor& rows) { return torch::silu(norm1_->forward(rows)); }
+Tensor ResidualBlockImpl::activated(const Tensor& rows) { return norm1_->activated(rows); }
 
 Tensor ResidualBlockImpl::skipped(const Tensor& rows) { return skip_.is_empty() ? rows : skip_->forward(rows); }
 

@@ -19,13 +19,14 @@ struct Case {
 };
 
 // No row, one row, more rows than a block has; channels that do not fill a vector, one channel.
-const std::vector<Case> kCases = {{{3, 0, 1}, 7}, {{2500, 0, 40}, 48}, {{5}, 1}, {{0, 0}, 16}, {{700, 900}, 128}};
+const std::vector<Case> kCases = {{{3, 0, 1}, 7},    {{2500, 0, 40}, 48}, {{5}, 1},         {{0, 0}, 16},
+                                  {{700, 900}, 128}, {{3000, 2000}, 8},   {{90, 1600}, 24}, {{33}, 20}};
 
 struct Inputs {
   Tensor x, scale, shift, result, direction;
 
   Inputs to(torch::Dtype dtype) const {
-    const auto copy = [&](const Tensor& t) { return t.to(dtype).clone().requires_grad_(); };
+    const auto copy = [&](const Tensor& t) { return t.detach().to(dtype).clone().requires_grad_(); };
     return {copy(x), copy(scale), copy(shift), copy(result), direction.to(dtype)};
   }
 };
