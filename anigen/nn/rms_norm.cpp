@@ -4,9 +4,9 @@
 #include <vector>
 
 #include "anigen/nn/bf16_bits.h"
+#include "anigen/nn/head_norm_kernels.h"
 #include "anigen/nn/layer_norm.h"
 #include "anigen/nn/row_blocks.h"
-#include "anigen/nn/row_kernels.h"
 
 namespace anigen::nn {
 namespace {

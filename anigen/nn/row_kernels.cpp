@@ -1,77 +1,11 @@
 #include "anigen/nn/row_kernels.h"
 
-#include <algorithm>
 #include <cmath>
 
-#include "anigen/nn/vector_exp.h"
+#include "anigen/nn/row_vectors.h"
 
 namespace anigen::nn::kernels {
 namespace {
-
-// Partial sums side by side, since compilers keep the order of additions of floats. Eight for rows that sixteen would
-// leave half to single numbers.
-typedef float Sixteen __attribute__((vector_size(64)));
-typedef float Eight __attribute__((vector_size(32)));
-typedef float UnalignedSixteen __attribute__((vector_size(64), aligned(4), may_alias));
-typedef float UnalignedEight __attribute__((vector_size(32), aligned(4), may_alias));
-
-struct Wide {
-  using Lanes = Sixteen;
-  using Unaligned = UnalignedSixteen;
-  static constexpr std::int64_t kLanes = 16;
-};
-
-struct Narrow {
-  using Lanes = Eight;
-  using Unaligned = UnalignedEight;
-  static constexpr std::int64_t kLanes = 8;
-};
-
-bool fills_wide(std::int64_t channels) { return channels % Wide::kLanes < Narrow::kLanes; }
-
-// By reference, and inlined: how vectors are passed depends on the instruction set.
-ANIGEN_INLINE float total(const Eight& lanes) {
-  return ((lanes[0] + lanes[4]) + (lanes[2] + lanes[6])) + ((lanes[1] + lanes[5]) + (lanes[3] + lanes[7]));
-}
-
-ANIGEN_INLINE float total(const Sixteen& lanes) {
-  Eight halves;
-  for (int i = 0; i < 8; ++i) halves[i] = lanes[i] + lanes[i + 8];
-  return total(halves);
-}
-
-template <typename Width>
-ANIGEN_INLINE const typename Width::Unaligned& lanes_at(const float* values) {
-  return *reinterpret_cast<const typename Width::Unaligned*>(values);
-}
-
-template <typename Width>
-ANIGEN_INLINE typename Width::Unaligned& lanes_at(float* values) {
-  return *reinterpret_cast<typename Width::Unaligned*>(values);
-}
-
-ANIGEN_INLINE const float* widened(const float* values, std::int64_t, float*) { return values; }
-
-ANIGEN_INLINE const float* widened(const std::uint16_t* values, std::int64_t n, float* wide) {
-  for (std::int64_t c = 0; c < n; ++c) wide[c] = bits_as<float>(static_cast<std::uint32_t>(values[c]) << 16);
-  return wide;
-}
-
-// Where results are computed: in place, or in fp32 before they are rounded.
-ANIGEN_INLINE float* wide_row(float* values, float*) { return values; }
-ANIGEN_INLINE float* wide_row(std::uint16_t*, float* wide) { return wide; }
-
-ANIGEN_INLINE void round_row(const float*, std::int64_t, float*) {}
-
-// To the nearest, ties to even; NaN stays NaN.
-ANIGEN_INLINE void round_row(const float* wide, std::int64_t n, std::uint16_t* values) {
-  for (std::int64_t c = 0; c < n; ++c) {
-    const auto bits = bits_as<std::uint32_t>(wide[c]);
-    const std::uint32_t rounded = (bits + 0x7FFFU + ((bits >> 16) & 1U)) >> 16;
-    const bool is_nan = (bits & 0x7FFFFFFFU) > 0x7F800000U;
-    values[c] = static_cast<std::uint16_t>(is_nan ? 0x7FC0U : rounded);
-  }
-}
 
 template <typename Width>
 ANIGEN_INLINE float row_sum(const float* row, std::int64_t n) {
@@ -80,16 +14,6 @@ ANIGEN_INLINE float row_sum(const float* row, std::int64_t n) {
   for (; c + Width::kLanes <= n; c += Width::kLanes) lanes += lanes_at<Width>(row + c);
   float sum = total(lanes);
   for (; c < n; ++c) sum += row[c];
-  return sum;
-}
-
-template <typename Width>
-ANIGEN_INLINE float sum_of_squares(const float* row, std::int64_t n) {
-  typename Width::Lanes lanes{};
-  std::int64_t c = 0;
-  for (; c + Width::kLanes <= n; c += Width::kLanes) lanes += lanes_at<Width>(row + c) * lanes_at<Width>(row + c);
-  float sum = total(lanes);
-  for (; c < n; ++c) sum += row[c] * row[c];
   return sum;
 }
 
@@ -236,25 +160,6 @@ ANIGEN_INLINE void gated_backward(std::int64_t rows, std::int64_t n, const T* __
   }
 }
 
-// 1 / max(‖x‖₂, 1e-12)
-ANIGEN_INLINE float inverse_length(const float* x, std::int64_t n) {
-  return 1.0F / std::max(std::sqrt(sum_of_squares<Wide>(x, n)), 1e-12F);
-}
-
-template <typename T>
-ANIGEN_INLINE void rms_norm(const HeadNorm& norm, const T* x, const float* factors, T* y, float* scratch) {
-  const std::int64_t n = norm.channels;
-  for (std::int64_t r = 0; r < norm.rows; ++r, x += norm.x_stride, y += norm.heads * n) {
-    for (std::int64_t h = 0; h < norm.heads; ++h) {
-      const float* const head = widened(x + h * n, n, scratch);
-      float* const out = wide_row(y + h * n, scratch);
-      const float *const factor = factors + h * n, inverse = inverse_length(head, n);
-      for (std::int64_t c = 0; c < n; ++c) out[c] = head[c] * inverse * factor[c];
-      round_row(out, n, y + h * n);
-    }
-  }
-}
-
 }  // namespace
 
 ANIGEN_VECTOR_CLONES
@@ -317,47 +222,6 @@ ANIGEN_VECTOR_CLONES
 void add_gated_rows_backward(std::int64_t rows, std::int64_t channels, const std::uint16_t* dy, const float* gate,
                              const std::uint16_t* result, std::uint16_t* d_result, float* d_gate) {
   gated_backward(rows, channels, dy, gate, result, d_result, d_gate);
-}
-
-ANIGEN_VECTOR_CLONES
-void rms_norm_rows(const HeadNorm& shape, const float* x, const float* factors, float* y) {
-  rms_norm(shape, x, factors, y, nullptr);
-}
-
-ANIGEN_VECTOR_CLONES
-void rms_norm_rows(const HeadNorm& shape, const std::uint16_t* x, const float* factors, std::uint16_t* y,
-                   float* scratch) {
-  rms_norm(shape, x, factors, y, scratch);
-}
-
-// With x̂ of length 1 and g = factors dy: dx = (g − x̂ Σ g x̂) / ‖x‖, d_factors = Σ dy x̂. A head shorter than 1e-12 was
-// multiplied with a constant.
-ANIGEN_VECTOR_CLONES
-void rms_norm_rows_backward(const HeadNorm& norm, const float* x, const float* dy, const float* factors, float* dx,
-                            float* d_factors) {
-  const std::int64_t n = norm.channels, width = norm.heads * n;
-  for (std::int64_t r = 0; r < norm.rows; ++r, x += norm.x_stride, dy += width, dx += width) {
-    for (std::int64_t h = 0; h < norm.heads; ++h) {
-      const float *const head = x + h * n, *const slope = dy + h * n, *const factor = factors + h * n;
-      float *const out = dx + h * n, *const d_factor = d_factors + h * n;
-      const float inverse = inverse_length(head, n);
-      Sixteen sums{};
-      std::int64_t c = 0;
-      for (; c + Wide::kLanes <= n; c += Wide::kLanes) {
-        const Sixteen d_unit = lanes_at<Wide>(slope + c) * lanes_at<Wide>(head + c) * inverse;
-        sums += d_unit * lanes_at<Wide>(factor + c);
-        lanes_at<Wide>(d_factor + c) += d_unit;
-      }
-      float along = total(sums);
-      for (; c < n; ++c) {
-        const float d_unit = slope[c] * head[c] * inverse;
-        along += d_unit * factor[c];
-        d_factor[c] += d_unit;
-      }
-      if (inverse >= 1e12F) along = 0.0F;
-      for (c = 0; c < n; ++c) out[c] = inverse * (slope[c] * factor[c] - head[c] * inverse * along);
-    }
-  }
 }
 
 }  // namespace anigen::nn::kernels

@@ -45,18 +45,4 @@ void add_gated_rows_backward(std::int64_t rows, std::int64_t channels, const flo
 void add_gated_rows_backward(std::int64_t rows, std::int64_t channels, const std::uint16_t* dy, const float* gate,
                              const std::uint16_t* result, std::uint16_t* d_result, float* d_gate);
 
-/// Rows of heads of adjacent channels, the rows of x at a distance and those of the others dense.
-struct HeadNorm {
-  std::int64_t rows, heads, channels, x_stride;
-};
-
-/// y = x / max(‖x‖₂, 1e-12) · factors, per row and head @param factors [H, D]
-void rms_norm_rows(const HeadNorm& norm, const float* x, const float* factors, float* y);
-void rms_norm_rows(const HeadNorm& norm, const std::uint16_t* x, const float* factors, std::uint16_t* y,
-                   float* scratch);
-
-/// Adds to d_factors, [H, D]. @param dx dense
-void rms_norm_rows_backward(const HeadNorm& norm, const float* x, const float* dy, const float* factors, float* dx,
-                            float* d_factors);
-
 }  // namespace anigen::nn::kernels
