@@ -16,6 +16,7 @@ report=build/$preset/tests.xml
 export NODE_PATH=$PWD/.cache/node/node_modules${NODE_PATH:+:$NODE_PATH}
 # Several tests run at a time: threads that wait must not spin.
 export OMP_WAIT_POLICY=passive
+export LSAN_OPTIONS=suppressions=$PWD/tests/support/leaks.txt:print_suppressions=0  # of the asan preset
 status=0
 ctest --test-dir "build/$preset" --output-on-failure --no-tests=error -j "$(nproc)" \
   --output-junit "$PWD/$report" "$@" || status=$?
