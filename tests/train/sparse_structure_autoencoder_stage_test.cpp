@@ -96,7 +96,9 @@ class BallRun : public ::testing::Test {
 };
 
 TEST_F(BallRun, LearnsTheBallsAndSaysHowWell) {
-  train(command("run", {"trainer.args.max_steps=240", "trainer.args.i_eval=240", "trainer.args.i_log=80"}));
+  // At 0.01 it depends on the last bits whether the skeleton is learned at all; at this rate six of six seeds learn it.
+  train(command("run", {"trainer.args.max_steps=240", "trainer.args.i_eval=240", "trainer.args.i_log=80",
+                        "trainer.args.optimizer.args.lr=0.005"}));
   const CsvTable metrics = read_csv(folder_ / "run/metrics.csv");
   for (const char* column : {"loss.total", "loss.dice", "loss.dice_skl", "loss.kl", "eval.iou_shape", "eval.f1_shape",
                              "eval.iou_skl", "eval.f1_skl"}) {
