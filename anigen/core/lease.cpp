@@ -86,8 +86,18 @@ std::optional<Found> read_lease(const fs::path& file) {
   return found;
 }
 
+void remove_file(const fs::path& file) { ::unlink(file.c_str()); }
+
+/// Lets a lease look as if its holder had died long ago: free at once, without any space on the disk. Its file stays,
+/// because a missing number would be given to somebody else while a higher one is held.
+void expire(const fs::path& lease) {
+  const struct timespec long_ago[2] = {};
+  ::utimensat(AT_FDCWD, lease.c_str(), long_ago, 0);
+}
+
 /// Makes a file with this content. @return false when there is one of that name
-bool write_new(const fs::path& file, const std::string& text) {
+/// @param undo what becomes of a file that could not be written whole; its name must not be used again, or is ours
+bool write_new(const fs::path& file, const std::string& text, void (*undo)(const fs::path&) = remove_file) {
   const int descriptor = ::open(file.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
   if (descriptor < 0 && errno == EEXIST) return false;
   if (descriptor < 0) fail(file, "create");
@@ -95,7 +105,7 @@ bool write_new(const fs::path& file, const std::string& text) {
   const bool closed = ::close(descriptor) == 0;
   if (written && closed) return true;
   const int reason = errno;
-  ::unlink(file.c_str());
+  undo(file);
   errno = reason;
   fail(file, "write");
 }
@@ -109,7 +119,7 @@ bool link_into_place(const fs::path& file, const fs::path& name, const std::stri
   if (::stat(file.c_str(), &status) == 0 && status.st_nlink == 2) return true;
   if (reason == EEXIST) return false;
   // Without hard links the file is made in place: exclusive too, but for a moment without its content.
-  if (reason == EPERM || reason == EOPNOTSUPP || reason == ENOSYS) return write_new(name, text);
+  if (reason == EPERM || reason == EOPNOTSUPP || reason == ENOSYS) return write_new(name, text, expire);
   errno = reason;
   fail(name, "link");
 }
@@ -227,14 +237,16 @@ bool Lease::held() const { return held_ && !held_->lost; }
 void Lease::give_back() {
   if (!held_) return;
   held_->keeper->forget(held_.get());
-  // Renamed over, not removed: the number stays taken. What goes wrong here costs others the time until it expires.
+  // Renamed over, not removed: the number stays taken.
+  bool noted = false;
   try {
     const fs::path note = held_->keeper->unused_name();
     write_new(note, kGivenBack);
-    if (::rename(note.c_str(), held_->file.c_str()) != 0) ::unlink(note.c_str());
-  } catch (const Error&) {
-    ::unlink(held_->file.c_str());
+    noted = ::rename(note.c_str(), held_->file.c_str()) == 0;
+    if (!noted) ::unlink(note.c_str());
+  } catch (const Error&) {  // a full disk
   }
+  if (!noted) expire(held_->file);
   held_.reset();
 }
 

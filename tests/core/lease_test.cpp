@@ -3,6 +3,7 @@
 #include <fcntl.h>
 #include <gtest/gtest.h>
 #include <signal.h>
+#include <sys/resource.h>
 #include <sys/stat.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -14,6 +15,7 @@
 #include <thread>
 
 #include "anigen/core/atomic_file.h"
+#include "anigen/core/error.h"
 #include "anigen/core/process_identity.h"
 #include "anigen/core/shared_work.h"
 #include "tests/support/paths.h"
@@ -128,6 +130,72 @@ TEST(Leases, LiveAsLongAsTheirThreadGivesSigns) {
   hold_elsewhere(folder / "piece.2", 0);
   for (int i = 0; i < 200 && lease->held(); ++i) std::this_thread::sleep_for(20ms);
   EXPECT_FALSE(lease->held());
+}
+
+/// While it lives no file can grow, as on a full disk; files of no bytes can still be made.
+class FullDisk {
+ public:
+  FullDisk() {
+    before_ = ::signal(SIGXFSZ, SIG_IGN);
+    ::getrlimit(RLIMIT_FSIZE, &limit_);
+    const struct rlimit none { 0, limit_.rlim_max };
+    ::setrlimit(RLIMIT_FSIZE, &none);
+  }
+  ~FullDisk() {
+    ::setrlimit(RLIMIT_FSIZE, &limit_);
+    ::signal(SIGXFSZ, before_);
+  }
+
+ private:
+  struct rlimit limit_ {};
+  void (*before_)(int) = nullptr;
+};
+
+// A lease that cannot be marked as given back keeps its number: whoever took the next one would share the piece with
+// whoever finds this number unused.
+TEST(Leases, GivenBackOnAFullDiskHaveOneSuccessor) {
+  const test::TemporaryFolder folder;
+  const LeaseFolder leases(folder.path(), 60), others(folder.path(), 60), thirds(folder.path(), 60);
+  std::optional<Lease> stalled = leases.try_take("piece");
+  ASSERT_TRUE(stalled);
+  hold_elsewhere(folder / "piece.1", 70);  // it stood still for longer than a lease lasts
+  const std::optional<Lease> successor = others.try_take("piece");
+  ASSERT_TRUE(successor);
+  {
+    const FullDisk full;
+    stalled.reset();
+  }
+  EXPECT_FALSE(thirds.try_take("piece")) << "a second holder";
+  EXPECT_TRUE(successor->held());
+}
+
+TEST(Leases, GivenBackOnAFullDiskAreFreeAtOnce) {
+  const test::TemporaryFolder folder;
+  const LeaseFolder leases(folder.path(), 60), others(folder.path(), 60);
+  {
+    std::optional<Lease> lease = leases.try_take("piece");
+    ASSERT_TRUE(lease);
+    const FullDisk full;
+    lease.reset();
+  }
+  EXPECT_TRUE(fs::exists(folder / "piece.1")) << "its number is not used again";
+  const std::optional<Lease> next = others.try_take("piece");
+  EXPECT_TRUE(next);
+  EXPECT_TRUE(fs::exists(folder / "piece.2"));
+}
+
+TEST(Leases, CannotBeTakenOnAFullDisk) {
+  const test::TemporaryFolder folder;
+  const LeaseFolder leases(folder / "leases", 60);
+  leases.try_take("piece");
+  {
+    const FullDisk full;
+    EXPECT_THROW(leases.try_take("piece"), Error);
+    EXPECT_THROW(leases.try_take("other"), Error);
+  }
+  const std::optional<Lease> piece = leases.try_take("piece"), other = leases.try_take("other");
+  EXPECT_TRUE(piece && other);
+  EXPECT_FALSE(leases.try_take("piece"));
 }
 
 TEST(Leases, LeaveNothingBehindWhenToldThatAllIsDone) {
