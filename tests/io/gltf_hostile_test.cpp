@@ -261,6 +261,42 @@ TEST(GltfHostile, UrisThatLeaveTheFolder) {
   expect_refused(file, "/images/0/uri", "leaves the folder");
 }
 
+// A link beside the glTF may lead to a file that whoever made it was never given.
+TEST(GltfHostile, LinksThatLeaveTheFolder) {
+  const test::TemporaryFolder outer;
+  fs::create_directories(outer / "inner/data");
+  fs::create_directories(outer / "elsewhere");
+  GltfBuilder file = flag();
+  test::write_bytes(outer / "elsewhere/secret.bin", file.buffer);
+  test::write_bytes(outer / "inner/data/own.bin", file.buffer);
+  fs::create_symlink("../elsewhere/secret.bin", outer / "inner/secret.bin");
+  fs::create_directory_symlink("../elsewhere", outer / "inner/folder");
+  test::write_bytes(outer / "elsewhere/picture.png", "\x89PNG");
+  fs::create_symlink("../elsewhere/picture.png", outer / "inner/picture.png");
+  fs::create_symlink("data/own.bin", outer / "inner/own.bin");
+  fs::create_directory_symlink("inner", outer / "also");
+  const auto read = [&](const char* uri, const fs::path& folder) {
+    file.json["buffers"] = Json::array({Json{{"byteLength", file.buffer.size()}, {"uri", uri}}});
+    test::write_bytes(outer / "inner/file.gltf", file.json.dump());
+    return read_gltf(folder / "file.gltf");
+  };
+  for (const char* uri : {"secret.bin", "folder/secret.bin", "data/../folder/secret.bin"}) {
+    try {
+      read(uri, outer / "inner");
+      ADD_FAILURE() << "read " << uri;
+    } catch (const InputError& error) {
+      EXPECT_EQ(error.file(), (outer / "inner/file.gltf").string());
+      EXPECT_EQ(error.place(), "/buffers/0/uri");
+      EXPECT_NE(error.problem().find("the folder of the glTF file"), std::string::npos) << error.what();
+    }
+  }
+  // Links that stay inside, and a folder that is a link itself, are what they were.
+  EXPECT_EQ(read("own.bin", outer / "inner").asset.mesh.vertices.size(), 4u);
+  EXPECT_EQ(read("own.bin", outer / "also").asset.mesh.vertices.size(), 4u);
+  file.json["images"] = Json::array({Json{{"uri", "picture.png"}}});
+  EXPECT_THROW(read("own.bin", outer / "inner"), InputError) << "also where no material uses the image";
+}
+
 TEST(GltfHostile, Animations) {
   const auto animated = [] {
     GltfBuilder file = flag();

@@ -43,7 +43,7 @@ class ImageReader {
     }
     if (entry.uri.empty()) return {};
     if (entry.uri.rfind("data:", 0) != 0) {
-      const auto path = folder_ / safe_relative_path(entry.uri, document_.file, entry.pointer + "/uri");
+      const auto path = path_of_uri(entry.uri, folder_, document_.file, entry.pointer + "/uri");
       std::error_code error;
       if (!std::filesystem::exists(path, error)) return {};
     }
@@ -95,7 +95,7 @@ MaterialSet read_materials(const Document& document, const std::filesystem::path
   // Refused even where no material uses them, so that a file is either sound or not.
   for (const ImageEntry& image : document.images) {
     if (!image.uri.empty() && image.uri.rfind("data:", 0) != 0)
-      safe_relative_path(image.uri, document.file, image.pointer + "/uri");
+      path_of_uri(image.uri, folder, document.file, image.pointer + "/uri");
   }
   ImageReader reader(document, folder, options, notes);
   MaterialSet result;

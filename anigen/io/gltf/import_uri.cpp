@@ -102,8 +102,21 @@ Resource read_data_uri(const std::string& uri, const std::string& file, const st
   return resource;
 }
 
-}  // namespace
+/// A link may lead anywhere: into a file that whoever made the glTF was never given.
+void require_inside(const fs::path& path, const fs::path& folder, const std::string& uri, const std::string& file,
+                    const std::string& place) {
+  std::error_code error;
+  const fs::path root = fs::weakly_canonical(folder.empty() ? fs::path(".") : folder, error);
+  const fs::path real = error ? fs::path() : fs::weakly_canonical(path, error);
+  if (error) throw InputError(file, place, path.string() + ": cannot be resolved: " + error.message());
+  const fs::path below = real.lexically_relative(root);
+  if (!below.empty() && *below.begin() != "..") return;
+  throw InputError(file, place,
+                   "refusing " + quoted(uri) + ": it is a link to " + real.string() +
+                       ", outside the folder of the glTF file; copy the file there");
+}
 
+/// The relative path a URI names, percent-decoded.
 fs::path safe_relative_path(const std::string& uri, const std::string& file, const std::string& place) {
   if (uri.empty()) throw InputError(file, place, "the uri is empty");
   const std::string path = percent_decoded(uri);
@@ -122,12 +135,21 @@ fs::path safe_relative_path(const std::string& uri, const std::string& file, con
   return path;
 }
 
+}  // namespace
+
+fs::path path_of_uri(const std::string& uri, const fs::path& folder, const std::string& file,
+                     const std::string& place) {
+  const fs::path path = folder / safe_relative_path(uri, file, place);
+  require_inside(path, folder, uri, file, place);
+  return path;
+}
+
 bool is_git_lfs_pointer(const std::string& bytes) { return bytes.rfind("version https://git-lfs", 0) == 0; }
 
 Resource read_uri(const std::string& uri, const fs::path& folder, const std::string& file, const std::string& place,
                   std::uintmax_t max_bytes) {
   if (uri.rfind("data:", 0) == 0) return read_data_uri(uri, file, place, max_bytes);
-  const fs::path path = folder / safe_relative_path(uri, file, place);
+  const fs::path path = path_of_uri(uri, folder, file, place);
   Resource resource;
   try {
     resource.bytes = read_file(path, max_bytes);

@@ -36,8 +36,8 @@ std::string gltf_content_id(const std::filesystem::path& file) {
     const std::string uri = buffer["uri"].get<std::string>();
     if (uri.rfind("data:", 0) == 0) continue;
     const std::string pointer = "/buffers/" + std::to_string(i) + "/uri";
-    const std::filesystem::path relative = gltf_import::safe_relative_path(uri, file.string(), pointer);
-    digest.update(read_file(file.parent_path() / relative, limits.max_file_bytes));
+    const std::filesystem::path buffered = gltf_import::path_of_uri(uri, file.parent_path(), file.string(), pointer);
+    digest.update(read_file(buffered, limits.max_file_bytes));
   }
   return digest.finish();
 }
