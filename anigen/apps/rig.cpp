@@ -103,7 +103,9 @@ void rig_files(RigOptions& options, const CommonOptions& common) {
   request.meshes = options.mesh;
   request.axes = io::parse_axes(options.axes);
   if (options.pictures) {
+  request.also_read = {options.joint_model, options.connectivity_model, options.skin_model};
     request.also = [](const Asset& asset, std::filesystem::path file) {
+    request.also_writes = ".png";
       io::write_png(file.replace_extension(".png"), eval::asset_picture(asset));
     };
   }

@@ -1,12 +1,15 @@
 #include "anigen/core/atomic_file.h"
 
 #include <fcntl.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <atomic>
 #include <cerrno>
 #include <cstring>
 #include <fstream>
+#include <map>
+#include <optional>
 #include <system_error>
 
 #include "anigen/core/error.h"
@@ -17,8 +20,13 @@ namespace {
 
 namespace fs = std::filesystem;
 
-[[noreturn]] void fail(const fs::path& path, const char* action) {
-  throw Error(path.string() + ": cannot " + action + ": " + std::strerror(errno));
+[[noreturn]] void fail(const fs::path& path, const char* action, int reason = errno) {
+  const std::string text = path.string() + ": cannot " + action + ": " + std::strerror(reason);
+  // A name that no file can have concerns one file; everything else concerns the disk.
+  for (const int of_name : {ENAMETOOLONG, ENOTDIR, EISDIR, EEXIST, ENOTEMPTY, EINVAL}) {
+    if (reason == of_name) throw Error(text);
+  }
+  throw WriteError(text);
 }
 
 void flush_to_disk(const fs::path& path, int flags) {
@@ -41,7 +49,16 @@ void make_parent(const fs::path& target) {
   if (!target.has_parent_path()) return;
   std::error_code error;
   fs::create_directories(target.parent_path(), error);
-  if (error) throw Error(target.parent_path().string() + ": cannot create folder: " + error.message());
+  if (error) fail(target.parent_path(), "create folder", error.value());
+}
+
+using FileNumber = std::pair<dev_t, ino_t>;
+
+/// Tells files apart as std::filesystem::equivalent() does; nothing when there is no such file.
+std::optional<FileNumber> number_of(const fs::path& file) {
+  struct stat status {};
+  if (::stat(file.c_str(), &status) != 0) return std::nullopt;
+  return FileNumber(status.st_dev, status.st_ino);
 }
 
 }  // namespace
@@ -92,6 +109,22 @@ std::string read_file(const fs::path& path, std::uintmax_t max_bytes) {
   if (static_cast<std::uintmax_t>(in.gcount()) != size)
     throw InputError(path.string(), "", "file shrank while it was read");
   return bytes;
+}
+
+void refuse_to_overwrite(const std::vector<fs::path>& outputs, const std::function<std::vector<fs::path>()>& inputs) {
+  std::map<FileNumber, fs::path> there;
+  for (const fs::path& output : outputs) {
+    if (const std::optional<FileNumber> number = number_of(output)) there.emplace(*number, output);
+  }
+  if (there.empty()) return;
+  for (const fs::path& input : inputs()) {
+    const std::optional<FileNumber> number = number_of(input);
+    const auto found = number ? there.find(*number) : there.end();
+    if (found == there.end()) continue;
+    const std::string read = found->second == input ? "an input" : "the input " + input.string();
+    throw InputError(found->second.string(), "",
+                     "is " + read + ", which the result would replace: name another output; nothing was changed");
+  }
 }
 
 }  // namespace anigen

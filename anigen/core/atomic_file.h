@@ -1,13 +1,15 @@
 #pragma once
 #include <filesystem>
+#include <functional>
 #include <string>
 #include <string_view>
+#include <vector>
 
 namespace anigen {
 
 /// Writes a file so that a reader, or a crash, never sees half of it: to `<path>.tmp-<process>-<n>`, fsync,
 /// rename, fsync of the folder. Parent folders are created. Any number of machines may write to one folder
-/// (process_number()). @throws Error naming the path when the disk refuses.
+/// (process_number()). @throws WriteError naming the path when the disk refuses, Error when no file can have that name.
 void write_file_atomically(const std::filesystem::path& path, std::string_view bytes);
 
 /// For writers that need a path of their own (images, zip archives): write to temporary(), then commit().
@@ -31,5 +33,12 @@ class AtomicFile {
 /// The whole file. @param max_bytes refuse larger ones before reading
 /// @throws InputError when it is missing, unreadable or larger than max_bytes
 std::string read_file(const std::filesystem::path& path, std::uintmax_t max_bytes = std::uintmax_t{8} << 30);
+
+/// Refuses a command whose outputs would replace what it reads; called before any work. Paths name one file when the
+/// file system says so, as std::filesystem::equivalent() compares: links and other spellings of a path count.
+/// @param outputs those that are empty or do not exist replace nothing
+/// @param inputs asked for only when one of the outputs exists @throws InputError naming the output and the input
+void refuse_to_overwrite(const std::vector<std::filesystem::path>& outputs,
+                         const std::function<std::vector<std::filesystem::path>()>& inputs);
 
 }  // namespace anigen

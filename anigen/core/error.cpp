@@ -1,6 +1,11 @@
 #include "anigen/core/error.h"
 
+#include <algorithm>
+#include <cctype>
+#include <new>
 #include <utility>
+
+#include "anigen/core/memory.h"
 
 namespace anigen {
 namespace {
@@ -9,6 +14,15 @@ std::string one_line(const std::string& file, const std::string& place, const st
   std::string line = file;
   if (!place.empty()) line += (line.empty() ? "" : ": ") + place;
   return line.empty() ? problem : line + ": " + problem;
+}
+
+/// c10::Error appends a backtrace of many lines; cv::Exception ends with a line break.
+std::string without_backtrace(std::string text) {
+  text.resize(std::min(text.find("\nException raised from "), text.size()));
+  while (!text.empty() && std::isspace(static_cast<unsigned char>(text.back())) != 0) text.pop_back();
+  std::replace_if(
+      text.begin(), text.end(), [](char c) { return c == '\n' || c == '\r'; }, ' ');
+  return text;
 }
 
 }  // namespace
@@ -21,5 +35,23 @@ InputError::InputError(std::string file, std::string place, std::string problem)
 
 NotSupportedError::NotSupportedError(std::string file, std::string place, const std::string& feature)
     : InputError(std::move(file), std::move(place), "not supported: " + feature) {}
+
+std::string failure_of_item() {
+  try {
+    throw;
+  } catch (const Interrupted&) {
+    throw;
+  } catch (const WriteError&) {
+    throw;
+  } catch (const InputError& error) {
+    return error.what();
+  } catch (const std::bad_alloc&) {
+    release_freed_memory();
+    return "out of memory";
+  } catch (const std::exception& error) {
+    std::string text = without_backtrace(error.what());
+    return text.empty() ? "failed without a message" : text;
+  }
+}
 
 }  // namespace anigen

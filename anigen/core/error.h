@@ -33,10 +33,23 @@ class NotSupportedError : public InputError {
   NotSupportedError(std::string file, std::string place, const std::string& feature);
 };
 
+/// A file cannot be written: the disk is full, read-only or not ours. It concerns a whole run, not one of its items.
+class WriteError : public Error {
+ public:
+  using Error::Error;
+};
+
 /// Ctrl-C, noticed at a safe point after state was saved. Executables exit 130.
 class Interrupted : public Error {
  public:
   using Error::Error;
 };
+
+/// The exception being handled as the one line that a batch records for the item it came up with, while the others go
+/// on: `catch (...) { report.failure = failure_of_item(); }`. An InputError gives what(), std::bad_alloc "out of
+/// memory" (and freed memory goes back to the system), any other std::exception its message without LibTorch's
+/// backtrace.
+/// @throws the exception itself when it concerns the whole run: Interrupted, WriteError, and what is no std::exception
+std::string failure_of_item();
 
 }  // namespace anigen

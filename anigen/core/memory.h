@@ -7,4 +7,7 @@ namespace anigen {
 /// tenth of a training step of small models, or of a Gromov–Wasserstein distance. Does nothing without glibc.
 void keep_freed_memory();
 
+/// Gives what this process has freed back to the system, for others to use. Does nothing without glibc.
+void release_freed_memory();
+
 }  // namespace anigen

@@ -120,9 +120,9 @@ std::vector<BoxedSkeleton> skeletons_of(const fs::path& collection, const std::v
     try {
       const io::RiggedShape shape = source->read(id);
       skeletons.push_back(boxed_skeleton(id, shape.joints.positions, shape.joints.parents, box_around(shape)));
-    } catch (const InputError& error) {
+    } catch (...) {
       ++left_out;
-      log::debug("{}", error.what());
+      log::debug("{}: {}", id, failure_of_item());
     }
   }
   progress.finish();

@@ -4,10 +4,12 @@
 #include <cstdio>
 #include <utility>
 
+#include "anigen/core/atomic_file.h"
 #include "anigen/core/error.h"
 #include "anigen/core/interrupt.h"
 #include "anigen/core/log.h"
 #include "anigen/core/progress.h"
+#include "anigen/core/version.h"
 #include "anigen/geometry/skeleton_mesh.h"
 #include "anigen/io/gltf.h"
 #include "anigen/io/rigs/shape_source.h"
@@ -22,14 +24,53 @@ double seconds_since(std::chrono::steady_clock::time_point start) {
   return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
 }
 
-/// Ids may hold folders, and come from files that somebody else wrote. @throws InputError for one that leaves `out`
-fs::path file_of(const RigRequest& request, const io::ShapeSource& source, const std::string& id) {
-  if (source.is_single_file()) return request.out;
+/// Ids may hold folders, and come from files that somebody else wrote.
+bool names_file_below(const std::string& id) {
   const fs::path below = id;
   bool leaves = below.empty() || below.is_absolute();
   for (const fs::path& part : below) leaves = leaves || part == ".." || part.empty();
-  if (leaves) throw InputError(source.describe(), "", "the id \"" + id + "\" names no file below a folder");
+  return !leaves;
+}
+
+/// @throws InputError for an id that leaves `out`
+fs::path file_of(const RigRequest& request, const io::ShapeSource& source, const std::string& id) {
+  if (source.is_single_file()) return request.out;
+  if (!names_file_below(id))
+    throw InputError(source.describe(), "", "the id \"" + id + "\" names no file below a folder");
   return request.out / (id + ".glb");
+}
+
+/// Everything that is read for these meshes.
+std::vector<fs::path> inputs_of(const RigRequest& request, const io::ShapeSource& source,
+                                const std::vector<std::string>& ids) {
+  std::vector<fs::path> inputs = request.also_read;
+  const auto add = [&inputs](const std::vector<fs::path>& files) {
+    inputs.insert(inputs.end(), files.begin(), files.end());
+  };
+  const auto add_shapes = [&](const io::ShapeSource& shapes, const std::vector<std::string>& read) {
+    for (const std::string& id : read) add(shapes.files(id));
+  };
+  add(request.splits);
+  add(request.joints.splits);
+  add_shapes(source, ids);
+  for (const fs::path& other : {request.joints.skeleton, request.joints.collection}) {
+    if (other.empty()) continue;
+    const auto shapes = io::open_source(other);
+    add_shapes(*shapes, shapes->ids());
+  }
+  return inputs;
+}
+
+void refuse_lossy_outputs(const RigRequest& request, const io::ShapeSource& source,
+                          const std::vector<std::string>& ids) {
+  std::vector<fs::path> outputs;
+  for (const std::string& id : ids) {
+    if (!source.is_single_file() && !names_file_below(id)) continue;
+    outputs.push_back(file_of(request, source, id));
+    if (!request.also_writes.empty())
+      outputs.push_back(fs::path(outputs.back()).replace_extension(request.also_writes));
+  }
+  refuse_to_overwrite(outputs, [&] { return inputs_of(request, source, ids); });
 }
 
 /// The shape with these joints and no weights yet.
@@ -75,10 +116,11 @@ Asset bound_asset(const io::RiggedShape& shape, const Skeleton& joints, SkinBind
 
 RigReports rig_meshes(const RigRequest& request) {
   const auto source = io::open_meshes(request.meshes, {request.axes, false});
+  const std::vector<std::string> ids = io::select_ids(*source, request.splits);
+  refuse_lossy_outputs(request, *source, ids);
   const JointProposer proposer(request.method.joints, request.joints);
   RigReports reports;
   reports.skeleton = proposer.template_id();
-  const std::vector<std::string> ids = io::select_ids(*source, request.splits);
   Progress progress("rigging", ids.size(), "meshes");
   for (const std::string& id : ids) {
     throw_if_interrupted();
@@ -92,9 +134,9 @@ RigReports rig_meshes(const RigRequest& request) {
       report.joints = asset.skeleton.size();
       report.vertices = asset.mesh.vertices.size();
       if (request.also) request.also(asset, report.file);
-    } catch (const InputError& error) {
-      report.failure = error.what();
-      log::warn("{}: {}", id, error.what());
+    } catch (...) {
+      report.failure = failure_of_item();
+      log::warn("{}: {}", id, report.failure);
     }
     report.seconds = seconds_since(started);
     reports.meshes.push_back(std::move(report));
@@ -119,7 +161,7 @@ Json to_json(const RigReports& reports) {
     }
     list.push_back(std::move(one));
   }
-  Json json = {{"meshes", std::move(list)}};
+  Json json = {{"version", kVersion}, {"commit", commit()}, {"meshes", std::move(list)}};
   if (!reports.skeleton.empty()) json["template"] = reports.skeleton;
   return json;
 }

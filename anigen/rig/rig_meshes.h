@@ -17,8 +17,8 @@ namespace anigen::rig {
 Asset bound_asset(const io::RiggedShape& shape, const Skeleton& joints, SkinBinding binding,
                   const BindingOptions& options = {});
 
-/// What a method that has learned puts in the place of the request's; what is unset is done as the request says. Thrown
-/// InputErrors count for the mesh they came up with.
+/// What a method that has learned puts in the place of the request's; what is unset is done as the request says.
+/// Exceptions count for the mesh they came up with, as failure_of_item() says.
 struct LearnedSteps {
   /// @param otherwise whoever else would propose joints, to be asked for the joints that are given
   std::function<ProposedJoints(const io::RiggedShape&, const JointProposer& otherwise)> propose;
@@ -38,6 +38,8 @@ struct RigRequest {
   LearnedSteps learned;
   /// Called for each asset after its file is written, with that file's place.
   std::function<void(const Asset&, const std::filesystem::path&)> also;
+  std::string also_writes;                       ///< ending of the file that `also` writes beside it, such as ".png"
+  std::vector<std::filesystem::path> also_read;  ///< further inputs, such as files of models: nothing may replace them
 };
 
 struct RigReport {
@@ -55,8 +57,10 @@ struct RigReports {
   std::vector<RigReport> meshes;
 };
 
-/// Rigs every mesh. One that cannot be used is reported and does not stop the others; files are written by rename.
-/// @throws InputError when joints cannot be had for any, or nothing can be read; Interrupted after Ctrl-C
+/// Rigs every mesh. One that fails, for whatever reason, is reported and does not stop the others; files are written by
+/// rename.
+/// @throws InputError when joints cannot be had for any, nothing can be read, or a result would replace an input,
+/// before any work; WriteError when the disk refuses; Interrupted after Ctrl-C
 RigReports rig_meshes(const RigRequest& request);
 
 Json to_json(const RigReports& reports);

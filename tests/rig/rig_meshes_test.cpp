@@ -2,6 +2,9 @@
 
 #include <gtest/gtest.h>
 
+#include <new>
+#include <stdexcept>
+
 #include "anigen/asset/validate.h"
 #include "anigen/core/atomic_file.h"
 #include "anigen/core/error.h"
@@ -109,6 +112,75 @@ TEST_F(RigMeshes, AnIdThatLeavesTheFolderIsRefused) {
   EXPECT_FALSE(fs::exists(folder_ / "leaving.glb"));
   EXPECT_FALSE(fs::exists(folder_ / "absolute.glb"));
   EXPECT_TRUE(fs::exists(folder_ / "out" / (rig_.uuid + ".glb")));
+}
+
+// Before, the mesh was replaced by its rigged copy without a word.
+TEST_F(RigMeshes, AResultThatWouldReplaceAnInputIsRefused) {
+  const fs::path mesh = folder_ / "meshes/same.glb", skeleton = folder_ / "rigs/high.glb";
+  const std::string before = read_file(mesh), joints = read_file(skeleton);
+  fs::create_symlink(mesh, folder_ / "link.glb");
+  request_.method = parse_rigging_method("nearest");
+  request_.joints = {};
+  request_.joints.skeleton = skeleton;
+  request_.meshes = mesh;
+  for (const fs::path& out : {mesh, folder_ / "meshes/../meshes/same.glb", folder_ / "link.glb", skeleton}) {
+    request_.out = out;
+    EXPECT_THROW(rig_meshes(request_), InputError) << out;
+  }
+  request_.meshes = folder_ / "meshes";
+  request_.out = folder_ / "meshes";
+  EXPECT_THROW(rig_meshes(request_), InputError);
+  EXPECT_EQ(read_file(mesh), before);
+  EXPECT_EQ(read_file(skeleton), joints);
+  EXPECT_TRUE(fs::is_symlink(folder_ / "link.glb"));
+
+  request_.method = parse_rigging_method("template");
+  request_.joints.collection = folder_ / "rigs";
+  request_.meshes = mesh;
+  request_.out = folder_ / "rigs/middle.glb";
+  EXPECT_THROW(rig_meshes(request_), InputError) << "a file of the collection";
+  request_.out = folder_ / "rigs/new.glb";
+  EXPECT_EQ(rig_meshes(request_).meshes.at(0).failure, "");
+  EXPECT_EQ(rig_meshes(request_).meshes.at(0).failure, "") << "its own result may be made again";
+}
+
+TEST_F(RigMeshes, APictureMustNotReplaceATexture) {
+  write_file_atomically(folder_ / "obj/bare.obj", "mtllib bare.mtl\n" + test::obj_text(rig_));
+  write_file_atomically(folder_ / "obj/bare.mtl", "newmtl skin\nmap_Kd bare.png\n");
+  write_file_atomically(folder_ / "obj/bare.png", "a texture");
+  request_.meshes = folder_ / "obj/bare.obj";
+  request_.out = folder_ / "obj/bare.glb";
+  request_.also_writes = ".png";
+  request_.also = [](const Asset&, fs::path file) { write_file_atomically(file.replace_extension(".png"), "drawn"); };
+  EXPECT_THROW(rig_meshes(request_), InputError);
+  EXPECT_EQ(read_file(folder_ / "obj/bare.png"), "a texture");
+  request_.out = folder_ / "obj/rigged.glb";
+  EXPECT_EQ(rig_meshes(request_).meshes.at(0).failure, "");
+  EXPECT_EQ(rig_meshes(request_).meshes.at(0).failure, "") << "its own picture may be drawn again";
+}
+
+// Of one mesh: memory, LibTorch, OpenCV; the others go on.
+TEST_F(RigMeshes, WhateverOneMeshThrowsIsItsFailure) {
+  request_.learned.propose = [](const io::RiggedShape& shape, const JointProposer& otherwise) {
+    if (shape.id == "same") throw std::bad_alloc();
+    return otherwise.propose(shape);
+  };
+  RigReports reports = rig_meshes(request_);
+  ASSERT_EQ(reports.meshes.size(), 2u);
+  EXPECT_EQ(reports.meshes[0].failure, "");
+  EXPECT_EQ(reports.meshes[1].failure, "out of memory");
+  EXPECT_NE(to_text(reports).find("same: out of memory"), std::string::npos);
+  request_.also = [](const Asset&, const fs::path& file) {
+    if (file.stem() == "large") throw std::runtime_error("(-215:Assertion failed) in function 'x'\n");
+  };
+  request_.learned = {};
+  reports = rig_meshes(request_);
+  EXPECT_EQ(reports.meshes[0].failure, "(-215:Assertion failed) in function 'x'");
+  EXPECT_EQ(reports.meshes[1].failure, "");
+  request_.also = [](const Asset&, const fs::path&) { throw Interrupted("stopped"); };
+  EXPECT_THROW(rig_meshes(request_), Interrupted);
+  request_.also = [](const Asset&, const fs::path&) { throw WriteError("disk full"); };
+  EXPECT_THROW(rig_meshes(request_), WriteError) << "no mesh after it could be written";
 }
 
 TEST_F(RigMeshes, GivenJointsAreTheFilesOrAnotherFiles) {

@@ -42,10 +42,10 @@ void write_zip(const std::filesystem::path& path, const std::vector<ZipContent>&
   AtomicFile target(path);
   int code = 0;
   std::unique_ptr<zip_t, Discard> archive(zip_open(target.temporary().c_str(), ZIP_CREATE | ZIP_TRUNCATE, &code));
-  if (!archive) throw Error(path.string() + ": cannot be created (zip error " + std::to_string(code) + ")");
+  if (!archive) throw WriteError(path.string() + ": cannot be created (zip error " + std::to_string(code) + ")");
   for (const ZipContent& content : members) add(archive.get(), path.string(), content);
   if (zip_close(archive.get()) != 0) {
-    throw Error(path.string() + ": cannot be written: " + zip_strerror(archive.get()));
+    throw WriteError(path.string() + ": cannot be written: " + zip_strerror(archive.get()));
   }
   archive.release();  // zip_close freed it
   target.commit();

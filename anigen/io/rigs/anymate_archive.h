@@ -39,6 +39,7 @@ class AnymateSource : public ShapeSource {
 
   std::vector<std::string> ids() const override { return ids_; }
   RiggedShape read(const std::string& id) const override;
+  std::vector<std::filesystem::path> files(const std::string& id) const override;
   std::string describe() const override;
   std::string sample_id(const std::string& id) const override;
   bool is_single_file() const override { return single_ && ids_.size() == 1; }

@@ -62,6 +62,12 @@ RiggedShape AnymateSource::read(const std::string& id) const {
   }
 }
 
+std::vector<std::filesystem::path> AnymateSource::files(const std::string& id) const {
+  const auto found = places_.find(id);
+  if (found == places_.end()) throw InputError(describe(), "", "has no sample \"" + id + "\"");
+  return {shards_[found->second.shard]->file};
+}
+
 std::string AnymateSource::describe() const {
   std::string files = shards_.size() == 1 ? shards_.front()->file : std::to_string(shards_.size()) + " files";
   return "Anymate, " + files + ": " + std::to_string(ids_.size()) + " samples";

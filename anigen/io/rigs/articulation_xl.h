@@ -33,6 +33,7 @@ class ArticulationXlSource : public ShapeSource {
   std::vector<std::string> ids() const override { return ids_; }
   /// @throws InputError also for what is wrong with this sample; it does not keep the others from being read
   RiggedShape read(const std::string& id) const override;
+  std::vector<std::filesystem::path> files(const std::string&) const override { return {file_}; }
   std::string describe() const override;
   /// Also for samples that cannot be read.
   std::string sample_id(const std::string& id) const override;

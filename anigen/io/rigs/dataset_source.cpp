@@ -36,6 +36,10 @@ RiggedShape DatasetSource::read(const std::string& id) const {
   return shape;
 }
 
+std::vector<std::filesystem::path> DatasetSource::files(const std::string& id) const {
+  return {root_ / "metadata.csv", root_ / "skeleton" / id / "skeleton_voxelized.npz", root_ / "assets" / (id + ".glb")};
+}
+
 std::string DatasetSource::describe() const {
   return "data set " + root_.string() + ": " + std::to_string(items_.size()) + " samples";
 }

@@ -19,6 +19,7 @@ class DatasetSource : public ShapeSource {
   std::vector<std::string> ids() const override;
   /// @throws InputError for a sample whose file is missing, a Git LFS pointer, or damaged
   RiggedShape read(const std::string& id) const override;
+  std::vector<std::filesystem::path> files(const std::string& id) const override;
   std::string describe() const override;
   bool is_usable(const std::string& id) const override { return item(id).usable; }
   /// local_path or file_identifier, and its last part without extension.

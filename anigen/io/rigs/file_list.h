@@ -25,8 +25,12 @@ class FileListSource : public ShapeSource {
 
   std::vector<std::string> ids() const override;
   RiggedShape read(const std::string& id) const override;
+  std::vector<std::filesystem::path> files(const std::string& id) const override;
   std::string describe() const override { return description_; }
+  /// The file's own name where the id is that of its folder, unless other files are called so too or it says what the
+  /// file is and not whom (names_no_asset()).
   std::vector<std::string> other_names(const std::string& id) const override;
+  std::string sample_id(const std::string& id) const override;
   bool is_single_file() const override { return single_; }
 
  private:
@@ -34,6 +38,7 @@ class FileListSource : public ShapeSource {
 
   std::vector<Entry> entries_;
   std::map<std::string, std::filesystem::path> files_;
+  std::map<std::string, std::size_t> stems_;  ///< how many files are called so
   Reader reader_;
   std::string description_;
   bool single_;
@@ -46,6 +51,10 @@ std::vector<std::filesystem::path> files_below(const std::filesystem::path& fold
 
 /// The extension in lower case, with its dot.
 std::string lower_extension(const std::filesystem::path& file);
+
+/// A file and what it refers to: buffers and images of a glTF, the mesh of a text rig, materials and pictures that an
+/// .obj, .fbx or .dae names, where they are looked for. Some may not exist; a damaged file refers to nothing.
+std::vector<std::filesystem::path> files_read_with(const std::filesystem::path& file);
 
 /// Ids as open_source documents them.
 std::vector<FileListSource::Entry> entries_below(const std::filesystem::path& folder,

@@ -2,6 +2,8 @@
 
 namespace anigen::io {
 
+std::vector<std::filesystem::path> ShapeSource::files(const std::string&) const { return {}; }
+
 std::vector<std::string> ShapeSource::other_names(const std::string&) const { return {}; }
 
 std::string ShapeSource::sample_id(const std::string&) const { return ""; }

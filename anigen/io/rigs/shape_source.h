@@ -22,8 +22,11 @@ class ShapeSource {
   /// One line for settings and reports: the format, how many, from where, and memory kept when it is much.
   virtual std::string describe() const = 0;
 
-  /// Further names of a shape that predictions may go by (a data set's local_path, a file's own name); read() takes
-  /// ids only.
+  /// Files that would be lost with this shape, for refuse_to_overwrite(): those that read() reads, what they refer to
+  /// (files_read_with()), and the asset's own file in a data set. Some may not exist; none for a shape in memory.
+  virtual std::vector<std::filesystem::path> files(const std::string& id) const;
+  /// Further names of a shape that predictions and split files may go by (the uuid and the path that a data set keeps,
+  /// a file's own name); read() takes ids only, NameIndex (split.h) finds the id.
   virtual std::vector<std::string> other_names(const std::string& id) const;
   /// For files of many samples: content_id() of the arrays that read() makes this one of; needs
   /// SourceOptions::content_ids for Articulation-XL. Empty where a shape is a file of its own.
