@@ -23,6 +23,19 @@ ctest --test-dir "build/$preset" --output-on-failure --no-tests=error -j "$(npro
 
 finished=$(date +%s)
 echo "setup $((built - started)) s, build $((tested - built)) s, tests $((finished - tested)) s"
+# Parity tests by the folder that their fixture lies in, which the runner prints first.
+awk -v here="$PWD/" '
+  /<testcase / { parity = /name="parity\./; skips = 0 }
+  parity && /<skipped / { skips = 1; skipped++ }
+  parity && !skips && match($0, /fixture from .*/) {
+    folder = substr($0, RSTART + 13)
+    if (index(folder, here) == 1) folder = substr(folder, length(here) + 1)
+    ran[folder]++
+  }
+  END {
+    for (folder in ran) text = text (text == "" ? "" : ", ") ran[folder] " ran from " folder
+    printf "parity: %s, %d skipped\n", text == "" ? "none ran" : text, skipped
+  }' "$report"
 # The attributes of the report's first element, one a line.
 count() { head -n 12 "$report" | grep -oE "\b$1=\"[0-9]+\"" | head -n 1 | grep -oE '[0-9]+'; }
 total=$(count tests) failed=$(count failures)

@@ -68,7 +68,7 @@ int main(int argc, char** argv) {
   const std::vector<fs::path> sources = real_assets();
   if (sources.empty()) {
     std::printf("skipped: no rigged assets in %s\n", anigen::test::assets_dir().c_str());
-    return kSkipped;
+    return anigen::test::fixtures_are_required() ? 1 : kSkipped;
   }
   if (exit_code_of("node --version") != 0) {
     std::printf("skipped: node is not installed\n");

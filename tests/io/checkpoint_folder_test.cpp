@@ -82,8 +82,7 @@ TEST_F(CheckpointFolder, NothingToChoose) {
 }
 
 TEST(CheckpointFolderFixtures, ExpectedFiles) {
-  const auto root = test::parity_dir() / "ckpt_selection";
-  const auto fixture = test::parity_dir() / "ckpt_selection.json";
+  const auto fixture = test::parity_file("ckpt_selection.json"), root = fixture.parent_path() / "ckpt_selection";
   if (!std::filesystem::exists(fixture)) GTEST_SKIP() << "no " << fixture;
   int checked = 0;
   const Json expectations = read_json(fixture)["config"]["expected_file"];

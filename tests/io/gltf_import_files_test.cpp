@@ -104,7 +104,7 @@ TEST_P(RiggedFile, BindPoseReproducesTheMesh) {
 }
 
 TEST_P(RiggedFile, PosesLikeTheFormula) {
-  if (kCompressed.count(name()) != 0) GTEST_SKIP() << "compressed: no second reader for it";
+  if (kCompressed.count(name()) != 0) GTEST_SKIP() << "not supported: a second reader of compressed files";
   const Asset asset = read_gltf(GetParam()).asset;
   const test::GltfReference reference(GetParam());
   const std::vector<Eigen::Vector3f> expected = reference.vertices();

@@ -179,12 +179,7 @@ class GltfRoundTripOfFile : public ::testing::TestWithParam<fs::path> {};
 GTEST_ALLOW_UNINSTANTIATED_PARAMETERIZED_TEST(GltfRoundTripOfFile);
 
 TEST_P(GltfRoundTripOfFile, KeepsEverything) {
-  Asset before;
-  try {
-    before = read_gltf(GetParam()).asset;
-  } catch (const NotSupportedError& error) {
-    GTEST_SKIP() << error.what();
-  }
+  const Asset before = read_gltf(GetParam()).asset;  // every asset of the folder can be read
   expect_same_asset(before, there_and_back(before, everything(before)));
 }
 

@@ -3,6 +3,11 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <cstdint>
+#include <filesystem>
+#include <set>
+#include <string>
+#include <vector>
 
 #include "anigen/core/json.h"
 #include "tests/io/array_file_bytes.h"
@@ -136,29 +141,92 @@ void expect_listed(const Json& fixture, const NamedArrays& tensors, const std::s
   }
 }
 
-TEST(SafetensorsFixtures, AgreeWithTheirListings) {
-  namespace fs = std::filesystem;
-  if (!fs::exists(test::parity_dir())) GTEST_SKIP() << "no parity folder at " << test::parity_dir();
-  int fixtures = 0;
-  for (const auto& entry : fs::directory_iterator(test::parity_dir())) {
-    if (entry.path().extension() != ".json") continue;
-    const Json fixture = read_json(entry.path());
-    std::vector<std::string> files;
-    if (fixture.contains("files")) {
-      files = fixture["files"].get<std::vector<std::string>>();
-    } else if (fixture.contains("tensors")) {
-      files = {entry.path().stem().string() + ".safetensors"};
-    }
-    NamedArrays tensors;
-    for (const std::string& file : files) {
-      if (fs::path(file).extension() != ".safetensors") continue;
-      for (auto& tensor : read_safetensors(test::parity_dir() / file).tensors) tensors.push_back(std::move(tensor));
-    }
-    if (tensors.empty()) continue;
-    expect_listed(fixture, tensors, entry.path().filename().string());
-    ++fixtures;
+namespace fs = std::filesystem;
+
+// The JSON files of a folder of fixtures; none where it does not exist.
+std::vector<fs::path> fixtures_in(const fs::path& folder) {
+  std::vector<fs::path> files;
+  std::error_code none;
+  for (const auto& entry : fs::directory_iterator(folder, none)) {
+    if (entry.path().extension() == ".json") files.push_back(entry.path());
   }
-  EXPECT_GT(fixtures, 0);
+  return files;
+}
+
+// The safetensors files of a fixture.
+std::vector<fs::path> files_of(const Json& fixture, const fs::path& file) {
+  std::vector<std::string> names;
+  if (fixture.contains("files")) {
+    names = fixture["files"].get<std::vector<std::string>>();
+  } else if (fs::exists(fs::path(file).replace_extension(".safetensors"))) {
+    names = {file.stem().string() + ".safetensors"};
+  }
+  std::vector<fs::path> files;
+  for (const std::string& name : names) {
+    if (fs::path(name).extension() == ".safetensors") files.push_back(file.parent_path() / name);
+  }
+  return files;
+}
+
+TEST(SafetensorsFixtures, AgreeWithTheirListings) {
+  int fixtures = 0;
+  for (const fs::path& folder : test::parity_dirs()) {
+    for (const fs::path& file : fixtures_in(folder)) {
+      const Json fixture = read_json(file);
+      NamedArrays tensors;
+      for (const fs::path& arrays : files_of(fixture, file)) {
+        for (auto& tensor : read_safetensors(arrays).tensors) tensors.push_back(std::move(tensor));
+      }
+      if (tensors.empty()) continue;
+      expect_listed(fixture, tensors, file.string());
+      ++fixtures;
+    }
+  }
+  if (fixtures == 0) GTEST_SKIP() << "no parity fixtures";
+}
+
+// The folder of this repository: every file that a fixture names is there and no other, and none is large.
+TEST(SafetensorsFixtures, TheRepositoryHoldsSmallWholeOnes) {
+  constexpr std::uintmax_t kMostOfOne = 400 * 1024, kMostOfAll = std::uintmax_t{16} << 20;
+  const fs::path folder = test::source_dir() / "tests" / "data" / "parity";
+  std::set<fs::path> wanted;
+  for (const fs::path& file : fixtures_in(folder)) {
+    std::uintmax_t bytes = fs::file_size(file);
+    for (const fs::path& arrays : files_of(read_json(file), file)) {
+      ASSERT_TRUE(fs::exists(arrays)) << arrays;
+      wanted.insert(arrays);
+      bytes += fs::file_size(arrays);
+    }
+    EXPECT_LE(bytes, kMostOfOne) << file;
+  }
+  EXPECT_GE(wanted.size(), 80U);
+  std::uintmax_t all = 0;
+  for (const auto& entry : fs::recursive_directory_iterator(folder)) {
+    if (!entry.is_regular_file()) continue;
+    all += entry.file_size();
+    if (entry.path().extension() == ".safetensors") {
+      EXPECT_EQ(wanted.count(entry.path()), 1U) << entry.path() << " belongs to no fixture";
+    }
+  }
+  EXPECT_LE(all, kMostOfAll);
+}
+
+// Both folders give the same result for a fixture of both.
+TEST(SafetensorsFixtures, FoldersHoldTheSameBytes) {
+  const fs::path here = test::source_dir() / "tests" / "data" / "parity";
+  std::size_t compared = 0;
+  for (const fs::path& folder : test::parity_dirs()) {
+    std::error_code nothing;
+    if (fs::equivalent(folder, here, nothing)) continue;
+    for (const auto& entry : fs::recursive_directory_iterator(here)) {
+      const fs::path other = folder / fs::relative(entry.path(), here);
+      if (!entry.is_regular_file() || !fs::exists(other)) continue;
+      if (entry.path().filename() == "README.md") continue;
+      EXPECT_TRUE(read_file(entry.path()) == read_file(other)) << other;
+      ++compared;
+    }
+  }
+  if (compared == 0) GTEST_SKIP() << "no larger folder of fixtures";
 }
 
 }  // namespace

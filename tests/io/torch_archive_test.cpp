@@ -251,7 +251,7 @@ TEST_F(TorchArchive, DamagedFilesOnlyThrow) {
 
 std::vector<std::filesystem::path> fixtures(const char* folder) {
   std::vector<std::filesystem::path> files;
-  const auto root = test::parity_dir() / folder;
+  const auto root = test::parity_file(folder);
   if (!std::filesystem::exists(root)) return files;
   for (const auto& entry : std::filesystem::recursive_directory_iterator(root)) {
     if (entry.path().extension() == ".pt") files.push_back(entry.path());
@@ -260,9 +260,9 @@ std::vector<std::filesystem::path> fixtures(const char* folder) {
 }
 
 TEST(TorchArchiveFixtures, AllRead) {
-  for (const char* folder : {"ckpt_tree", "ckpt_selection"}) {
+  for (const char* folder : {"ckpt_selection", "ckpt_tree"}) {
     const auto files = fixtures(folder);
-    if (files.empty()) GTEST_SKIP() << "no checkpoints in " << test::parity_dir() / folder;
+    if (files.empty()) GTEST_SKIP() << "no checkpoints in " << test::parity_file(folder);
     for (const auto& file : files) {
       NamedArrays state;
       ASSERT_NO_THROW(state = read_state_dict(file)) << file;
@@ -280,7 +280,7 @@ TEST(TorchArchiveFixtures, AllRead) {
 }
 
 TEST(TorchArchiveFixtures, FlowsHaveTheSizesOfTheirConfigs) {
-  const auto folder = test::parity_dir() / "ckpt_tree/ckpts/anigen/ss_flow_solo";
+  const auto folder = test::parity_file("ckpt_tree/ckpts/anigen/ss_flow_solo");
   if (!std::filesystem::exists(folder)) GTEST_SKIP() << "no " << folder;
   const Json args = read_json(folder / "config.json")["models"]["denoiser"]["args"];
   const auto width = args["model_channels"].get<std::int64_t>(), blocks = args["num_blocks"].get<std::int64_t>();
@@ -300,7 +300,7 @@ TEST(TorchArchiveFixtures, FlowsHaveTheSizesOfTheirConfigs) {
 }
 
 TEST(TorchArchiveFixtures, MiscHoldsOptimiserState) {
-  const auto file = test::parity_dir() / "ckpt_selection/no_ema/ckpts/misc_step0000007.pt";
+  const auto file = test::parity_file("ckpt_selection/no_ema/ckpts/misc_step0000007.pt");
   if (!std::filesystem::exists(file)) GTEST_SKIP() << "no " << file;
   const NamedArrays state = read_torch_archive(file);
   ASSERT_NE(find(state, "optimizer.state.0.exp_avg"), nullptr);

@@ -17,6 +17,13 @@ int skip(const std::string& name, const std::string& reason) {
   return kSkipped;
 }
 
+// Of something that ANIGEN_REQUIRE_FIXTURES=1 asks for.
+int lack(const std::string& name, const std::string& reason) {
+  if (!fixtures_are_required()) return skip(name, reason);
+  std::printf("FAIL %s: %s, although ANIGEN_REQUIRE_FIXTURES=1 asks for it\n", name.c_str(), reason.c_str());
+  return kFailed;
+}
+
 // Some fixtures of options that no published config uses do not say so themselves.
 bool published_configs_need(const Fixture& fixture) {
   for (const char* name : {"ops_sparse_attn_serialized", "ops_sparse_layernorm_quirk", "ops_dense_rope"}) {
@@ -30,10 +37,13 @@ int run(const std::string& name) {
   std::string file = name;
   const std::string specs = "state_dict_spec.";
   if (name.compare(0, specs.size(), specs) == 0) file[specs.size() - 1] = '/';
-  const std::filesystem::path folder = parity_dir();
-  if (!std::filesystem::exists(folder / (file + ".json"))) return skip(name, "no such fixture");
+  const std::filesystem::path json = parity_file(file + ".json");
+  if (!std::filesystem::exists(json)) return lack(name, "no such fixture");
   const ParityHandler handler = find_parity_handler(name);
-  if (handler == nullptr) return skip(name, "belongs to a part that is not built yet");
+  if (handler == nullptr) return lack(name, "belongs to a part that is not built yet");
+  std::filesystem::path folder = json.parent_path();
+  if (file != name) folder = folder.parent_path();
+  std::printf("fixture from %s\n", std::filesystem::weakly_canonical(folder).c_str());
   Fixture fixture(folder, file);
   try {
     handler(fixture);
@@ -70,8 +80,7 @@ int main(int argc, char** argv) {
   try {
     return anigen::test::run(argv[1]);
   } catch (const anigen::test::NotBuiltYet& part) {
-    std::printf("skipped: %s: %s belongs to a part that is not built yet\n", argv[1], part.what.c_str());
-    return 77;
+    return anigen::test::lack(argv[1], part.what + " belongs to a part that is not built yet");
   } catch (const std::exception& error) {
     std::printf("FAIL %s: %s\n", argv[1], error.what());
     return 1;

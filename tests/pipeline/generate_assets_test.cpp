@@ -77,7 +77,7 @@ TEST(GenerationNoise, IsThePublishedOne) {
 class GenerateAssets : public ::testing::Test {
  protected:
   void SetUp() override {
-    const fs::path tree = test::parity_dir() / "ckpt_tree";
+    const fs::path tree = test::parity_file("ckpt_tree");
     if (!fs::is_directory(tree)) GTEST_SKIP() << tree << " is not there";
     fs::copy(tree, folder_.path(), fs::copy_options::recursive);
     const fs::path runs = folder_ / "ckpts" / "anigen";
