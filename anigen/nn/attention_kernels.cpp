@@ -24,9 +24,10 @@ ANIGEN_INLINE float sum_of_row(const float* row, std::int64_t n) {
 
 }  // namespace
 
-ANIGEN_VECTOR_CLONES
-void softmax_block(float* __restrict scores, std::int64_t rows, std::int64_t columns, float scale,
-                   const RunningSoftmax& state) {
+ANIGEN_KERNEL(void, softmax_block,
+              (float* __restrict scores, std::int64_t rows, std::int64_t columns, float scale,
+               const RunningSoftmax& state),
+              (scores, rows, columns, scale, state)) {
   for (std::int64_t r = 0; r < rows; ++r, scores += columns) {
     const float before = state.largest[r], largest = largest_score(scores, columns, before);
     for (std::int64_t c = 0; c < columns; ++c) scores[c] = exp_or_nan(scale * (scores[c] - largest));
@@ -37,17 +38,18 @@ void softmax_block(float* __restrict scores, std::int64_t rows, std::int64_t col
   }
 }
 
-ANIGEN_VECTOR_CLONES
-void scale_rows(float* __restrict values, std::int64_t rows, std::int64_t columns, const float* __restrict factors) {
+ANIGEN_KERNEL(void, scale_rows,
+              (float* __restrict values, std::int64_t rows, std::int64_t columns, const float* __restrict factors),
+              (values, rows, columns, factors)) {
   for (std::int64_t r = 0; r < rows; ++r, values += columns) {
     for (std::int64_t c = 0; c < columns; ++c) values[c] *= factors[r];
   }
 }
 
-ANIGEN_VECTOR_CLONES
-void softmax_finish(const float* __restrict values, std::int64_t rows, std::int64_t columns, float scale,
-                    const RunningSoftmax& state, float* __restrict out, std::int64_t stride,
-                    float* __restrict log_sums) {
+ANIGEN_KERNEL(void, softmax_finish,
+              (const float* __restrict values, std::int64_t rows, std::int64_t columns, float scale,
+               const RunningSoftmax& state, float* __restrict out, std::int64_t stride, float* __restrict log_sums),
+              (values, rows, columns, scale, state, out, stride, log_sums)) {
   for (std::int64_t r = 0; r < rows; ++r, values += columns, out += stride) {
     const float factor = 1.0F / state.sum[r];
     for (std::int64_t c = 0; c < columns; ++c) out[c] = values[c] * factor;
@@ -55,9 +57,10 @@ void softmax_finish(const float* __restrict values, std::int64_t rows, std::int6
   }
 }
 
-ANIGEN_VECTOR_CLONES
-void softmax_backward_block(float* __restrict scores, float* __restrict slopes, std::int64_t rows, std::int64_t columns,
-                            float scale, const float* __restrict log_sums, const float* __restrict delta) {
+ANIGEN_KERNEL(void, softmax_backward_block,
+              (float* __restrict scores, float* __restrict slopes, std::int64_t rows, std::int64_t columns, float scale,
+               const float* __restrict log_sums, const float* __restrict delta),
+              (scores, slopes, rows, columns, scale, log_sums, delta)) {
   for (std::int64_t r = 0; r < rows; ++r, scores += columns, slopes += columns) {
     for (std::int64_t c = 0; c < columns; ++c) {
       const float weight = exp_or_nan(scale * scores[c] - log_sums[r]);

@@ -2,6 +2,8 @@
 #include <cstdint>
 #include <cstring>
 
+#include "anigen/core/kernel_form.h"
+
 /// Products of bf16 matrices on CPUs with AVX512-BF16, which add up pairs of exact products in fp32. Included by
 /// sources of kernels only. Everything but has_bf16_products() must be called from functions marked ANIGEN_BF16, and
 /// only where that says so; ANIGEN_BF16_X86 is 0 where the compiler knows no such CPU. bf16 numbers are passed as their
@@ -15,16 +17,8 @@
 
 namespace anigen::nn::kernels {
 
-/// Whether this CPU multiplies pairs of bf16 numbers.
-inline bool has_bf16_products() {
-#if ANIGEN_BF16_X86
-  static const bool has = __builtin_cpu_supports("avx512bf16") != 0 && __builtin_cpu_supports("avx512bw") != 0 &&
-                          __builtin_cpu_supports("avx512vl") != 0 && __builtin_cpu_supports("avx512dq") != 0;
-  return has;
-#else
-  return false;
-#endif
-}
+/// Whether kernels multiply pairs of bf16 numbers: this CPU does, and ANIGEN_KERNELS asks for nothing narrower.
+inline bool has_bf16_products() { return kernel_form() >= KernelForm::kAvx512Bf16; }
 
 inline constexpr std::int64_t kBf16Lanes = 16;  ///< fp32 numbers of a vector
 inline constexpr int kBf16TileRows = 6;         ///< 6 x 4 vectors of sums, 4 of factors: 28 of 32 registers

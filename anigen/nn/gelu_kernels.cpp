@@ -22,18 +22,19 @@ ANIGEN_INLINE float derivative(float x, float s) {
 
 }  // namespace
 
-ANIGEN_VECTOR_CLONES
-void gelu_forward(const float* __restrict x, float* __restrict y, std::int64_t n) {
+ANIGEN_KERNEL(void, gelu_forward, (const float* __restrict x, float* __restrict y, std::int64_t n), (x, y, n)) {
   for (std::int64_t i = 0; i < n; ++i) y[i] = x[i] * gate(x[i]);
 }
 
-ANIGEN_VECTOR_CLONES
-void gelu_backward(const float* __restrict x, const float* __restrict dy, float* __restrict dx, std::int64_t n) {
+ANIGEN_KERNEL(void, gelu_backward,
+              (const float* __restrict x, const float* __restrict dy, float* __restrict dx, std::int64_t n),
+              (x, dy, dx, n)) {
   for (std::int64_t i = 0; i < n; ++i) dx[i] = dy[i] * derivative(x[i], gate(x[i]));
 }
 
-ANIGEN_VECTOR_CLONES
-void gelu_bias(float* __restrict h, const float* __restrict bias, std::int64_t rows, std::int64_t columns) {
+ANIGEN_KERNEL(void, gelu_bias,
+              (float* __restrict h, const float* __restrict bias, std::int64_t rows, std::int64_t columns),
+              (h, bias, rows, columns)) {
   for (std::int64_t r = 0; r < rows; ++r, h += columns) {
     for (std::int64_t c = 0; c < columns; ++c) {
       const float x = h[c] + bias[c];
@@ -42,9 +43,10 @@ void gelu_bias(float* __restrict h, const float* __restrict bias, std::int64_t r
   }
 }
 
-ANIGEN_VECTOR_CLONES
-void gelu_bias_backward(float* __restrict h, const float* __restrict bias, float* __restrict dh, std::int64_t rows,
-                        std::int64_t columns) {
+ANIGEN_KERNEL(void, gelu_bias_backward,
+              (float* __restrict h, const float* __restrict bias, float* __restrict dh, std::int64_t rows,
+               std::int64_t columns),
+              (h, bias, dh, rows, columns)) {
   for (std::int64_t r = 0; r < rows; ++r, h += columns, dh += columns) {
     for (std::int64_t c = 0; c < columns; ++c) {
       const float x = h[c] + bias[c], s = gate(x);

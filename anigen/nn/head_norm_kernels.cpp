@@ -38,22 +38,23 @@ ANIGEN_INLINE void rms_norm(const HeadNorm& norm, const T* x, const float* facto
 
 }  // namespace
 
-ANIGEN_VECTOR_CLONES
-void rms_norm_rows(const HeadNorm& shape, const float* x, const float* factors, float* y) {
+ANIGEN_KERNEL(void, rms_norm_rows, (const HeadNorm& shape, const float* x, const float* factors, float* y),
+              (shape, x, factors, y)) {
   rms_norm(shape, x, factors, y, nullptr);
 }
 
-ANIGEN_VECTOR_CLONES
-void rms_norm_rows(const HeadNorm& shape, const std::uint16_t* x, const float* factors, std::uint16_t* y,
-                   float* scratch) {
+ANIGEN_KERNEL(void, rms_norm_rows,
+              (const HeadNorm& shape, const std::uint16_t* x, const float* factors, std::uint16_t* y, float* scratch),
+              (shape, x, factors, y, scratch)) {
   rms_norm(shape, x, factors, y, scratch);
 }
 
 // With x̂ of length 1 and g = factors dy: dx = (g − x̂ Σ g x̂) / ‖x‖, d_factors = Σ dy x̂. A head shorter than 1e-12 was
 // multiplied with a constant.
-ANIGEN_VECTOR_CLONES
-void rms_norm_rows_backward(const HeadNorm& norm, const float* x, const float* dy, const float* factors, float* dx,
-                            float* d_factors) {
+ANIGEN_KERNEL(void, rms_norm_rows_backward,
+              (const HeadNorm& norm, const float* x, const float* dy, const float* factors, float* dx,
+               float* d_factors),
+              (norm, x, dy, factors, dx, d_factors)) {
   const std::int64_t n = norm.channels, width = norm.heads * n;
   for (std::int64_t r = 0; r < norm.rows; ++r, x += norm.x_stride, dy += width, dx += width) {
     for (std::int64_t h = 0; h < norm.heads; ++h) {

@@ -10,14 +10,12 @@ namespace {
 
 ANIGEN_INLINE float sigmoid(float u) { return 1.0F / (1.0F + exp_or_nan(-u)); }
 
-ANIGEN_VECTOR_CLONES
-void activate(float* values, std::int64_t n) {
+ANIGEN_KERNEL(void, activate, (float* values, std::int64_t n), (values, n)) {
   for (std::int64_t i = 0; i < n; ++i) values[i] *= sigmoid(values[i]);
 }
 
 // u becomes dy SiLU'(u).
-ANIGEN_VECTOR_CLONES
-void activate_backward(const float* __restrict dy, float* __restrict u, std::int64_t n) {
+ANIGEN_KERNEL(void, activate_backward, (const float* __restrict dy, float* __restrict u, std::int64_t n), (dy, u, n)) {
   for (std::int64_t i = 0; i < n; ++i) {
     const float s = sigmoid(u[i]);
     u[i] = dy[i] * s * (1.0F + u[i] * (1.0F - s));

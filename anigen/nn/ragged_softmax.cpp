@@ -52,9 +52,10 @@ ANIGEN_INLINE void take_weights(float* __restrict row, std::int64_t whole, float
 
 // Three passes, since a processor works on several rows at a time where none waits for a number of its own: for what
 // was just written piece by piece, or for its largest score.
-ANIGEN_VECTOR_CLONES
-void softmax_rows(const products::Block& scores, std::int64_t rows, std::int64_t columns, float scale,
-                  const kernels::RunningSoftmax& state) {
+ANIGEN_KERNEL(void, softmax_rows,
+              (const products::Block& scores, std::int64_t rows, std::int64_t columns, float scale,
+               const kernels::RunningSoftmax& state),
+              (scores, rows, columns, scale, state)) {
   const std::int64_t whole = products::padded(columns);
   for (std::int64_t r = 0; r < rows && columns < whole; ++r) {
     float* row = scores.values + r * scores.stride;

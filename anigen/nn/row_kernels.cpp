@@ -162,21 +162,24 @@ ANIGEN_INLINE void gated_backward(std::int64_t rows, std::int64_t n, const T* __
 
 }  // namespace
 
-ANIGEN_VECTOR_CLONES
-void norm_rows(const RowNorm& shape, const float* x, const float* factor, const float* shift, float* y, float* mean,
-               float* rstd, const RowScratch& scratch) {
+ANIGEN_KERNEL(void, norm_rows,
+              (const RowNorm& shape, const float* x, const float* factor, const float* shift, float* y, float* mean,
+               float* rstd, const RowScratch& scratch),
+              (shape, x, factor, shift, y, mean, rstd, scratch)) {
   norm(shape, x, factor, shift, y, mean, rstd, scratch);
 }
 
-ANIGEN_VECTOR_CLONES
-void norm_rows(const RowNorm& shape, const std::uint16_t* x, const float* factor, const float* shift, std::uint16_t* y,
-               float* mean, float* rstd, const RowScratch& scratch) {
+ANIGEN_KERNEL(void, norm_rows,
+              (const RowNorm& shape, const std::uint16_t* x, const float* factor, const float* shift, std::uint16_t* y,
+               float* mean, float* rstd, const RowScratch& scratch),
+              (shape, x, factor, shift, y, mean, rstd, scratch)) {
   norm(shape, x, factor, shift, y, mean, rstd, scratch);
 }
 
-ANIGEN_VECTOR_CLONES
-void scale_rows(const RowNorm& norm, const float* x, const float* factor, const float* shift, const float* mean,
-                const float* rstd, float* y) {
+ANIGEN_KERNEL(void, scale_rows,
+              (const RowNorm& norm, const float* x, const float* factor, const float* shift, const float* mean,
+               const float* rstd, float* y),
+              (norm, x, factor, shift, mean, rstd, y)) {
   const std::int64_t n = norm.channels;
   for (std::int64_t r = 0; r < norm.rows; ++r) {
     if (fills_wide(n)) {
@@ -187,40 +190,46 @@ void scale_rows(const RowNorm& norm, const float* x, const float* factor, const 
   }
 }
 
-ANIGEN_VECTOR_CLONES
-void norm_rows_backward(const RowNorm& shape, const float* x, const float* dy, const float* factor, const float* mean,
-                        const float* rstd, float* dx, float* d_factor, float* d_shift, const RowScratch& scratch) {
+ANIGEN_KERNEL(void, norm_rows_backward,
+              (const RowNorm& shape, const float* x, const float* dy, const float* factor, const float* mean,
+               const float* rstd, float* dx, float* d_factor, float* d_shift, const RowScratch& scratch),
+              (shape, x, dy, factor, mean, rstd, dx, d_factor, d_shift, scratch)) {
   norm_backward(shape, x, dy, factor, mean, rstd, dx, d_factor, d_shift, scratch);
 }
 
-ANIGEN_VECTOR_CLONES
-void norm_rows_backward(const RowNorm& shape, const std::uint16_t* x, const std::uint16_t* dy, const float* factor,
-                        const float* mean, const float* rstd, std::uint16_t* dx, float* d_factor, float* d_shift,
-                        const RowScratch& scratch) {
+ANIGEN_KERNEL(void, norm_rows_backward,
+              (const RowNorm& shape, const std::uint16_t* x, const std::uint16_t* dy, const float* factor,
+               const float* mean, const float* rstd, std::uint16_t* dx, float* d_factor, float* d_shift,
+               const RowScratch& scratch),
+              (shape, x, dy, factor, mean, rstd, dx, d_factor, d_shift, scratch)) {
   norm_backward(shape, x, dy, factor, mean, rstd, dx, d_factor, d_shift, scratch);
 }
 
-ANIGEN_VECTOR_CLONES
-void add_gated_rows(std::int64_t rows, std::int64_t channels, const float* x, const float* gate, const float* result,
-                    float* y) {
+ANIGEN_KERNEL(void, add_gated_rows,
+              (std::int64_t rows, std::int64_t channels, const float* x, const float* gate, const float* result,
+               float* y),
+              (rows, channels, x, gate, result, y)) {
   gated(rows, channels, x, gate, result, y);
 }
 
-ANIGEN_VECTOR_CLONES
-void add_gated_rows(std::int64_t rows, std::int64_t channels, const std::uint16_t* x, const float* gate,
-                    const std::uint16_t* result, std::uint16_t* y) {
+ANIGEN_KERNEL(void, add_gated_rows,
+              (std::int64_t rows, std::int64_t channels, const std::uint16_t* x, const float* gate,
+               const std::uint16_t* result, std::uint16_t* y),
+              (rows, channels, x, gate, result, y)) {
   gated(rows, channels, x, gate, result, y);
 }
 
-ANIGEN_VECTOR_CLONES
-void add_gated_rows_backward(std::int64_t rows, std::int64_t channels, const float* dy, const float* gate,
-                             const float* result, float* d_result, float* d_gate) {
+ANIGEN_KERNEL(void, add_gated_rows_backward,
+              (std::int64_t rows, std::int64_t channels, const float* dy, const float* gate, const float* result,
+               float* d_result, float* d_gate),
+              (rows, channels, dy, gate, result, d_result, d_gate)) {
   gated_backward(rows, channels, dy, gate, result, d_result, d_gate);
 }
 
-ANIGEN_VECTOR_CLONES
-void add_gated_rows_backward(std::int64_t rows, std::int64_t channels, const std::uint16_t* dy, const float* gate,
-                             const std::uint16_t* result, std::uint16_t* d_result, float* d_gate) {
+ANIGEN_KERNEL(void, add_gated_rows_backward,
+              (std::int64_t rows, std::int64_t channels, const std::uint16_t* dy, const float* gate,
+               const std::uint16_t* result, std::uint16_t* d_result, float* d_gate),
+              (rows, channels, dy, gate, result, d_result, d_gate)) {
   gated_backward(rows, channels, dy, gate, result, d_result, d_gate);
 }
 

@@ -4,7 +4,7 @@
 #include "anigen/nn/vector_exp.h"
 
 /// For kernels over rows of fp32 numbers, or of bf16 numbers as their 16 bits, whose loops hold vectors: everything is
-/// inlined into functions marked ANIGEN_VECTOR_CLONES.
+/// inlined into functions defined by ANIGEN_KERNEL.
 namespace anigen::nn::kernels {
 
 /// Partial sums side by side, since compilers keep the order of additions of floats. Eight for rows that sixteen would

@@ -123,21 +123,20 @@ __attribute__((target("avx512f"))) void multiply_512(const ProductSize& size, co
   product<Registers512>(size, left, right, out, accumulate, ahead);
 }
 
-Multiply fastest_multiply() {
-  if (__builtin_cpu_supports("avx512f") != 0) return multiply_512;
-  if (__builtin_cpu_supports("avx2") != 0 && __builtin_cpu_supports("fma") != 0) return multiply_256;
-  return multiply_128;
+Multiply chosen_multiply() {
+  const KernelForm form = kernel_form();
+  if (form >= KernelForm::kAvx512) return multiply_512;
+  return form >= KernelForm::kAvx2 ? multiply_256 : multiply_128;
 }
 #else
-Multiply fastest_multiply() { return multiply_128; }
+Multiply chosen_multiply() { return multiply_128; }
 #endif
 
 }  // namespace
 
 void multiply(const ProductSize& size, const Factor& left, const Block& right, const Block& out, bool accumulate,
               RowsAhead& ahead) {
-  static const Multiply kFastest = fastest_multiply();
-  kFastest(size, left, right, out, accumulate, ahead);
+  chosen_multiply()(size, left, right, out, accumulate, ahead);
 }
 
 void multiply(const ProductSize& size, const Factor& left, const Block& right, const Block& out, bool accumulate) {

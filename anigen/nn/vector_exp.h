@@ -2,15 +2,11 @@
 #include <cstdint>
 #include <cstring>
 
-/// For sources with loops over arrays of floats: a function marked ANIGEN_VECTOR_CLONES is compiled once per
-/// instruction set, and the program picks when it starts; what it calls in its loops is marked ANIGEN_INLINE.
-#if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__)
-#define ANIGEN_VECTOR_CLONES __attribute__((target_clones("avx512f", "avx2", "default")))
-#define ANIGEN_INLINE inline __attribute__((always_inline))
-#else
-#define ANIGEN_VECTOR_CLONES
-#define ANIGEN_INLINE inline
-#endif
+#include "anigen/core/kernel_form.h"
+
+/// For sources with loops over arrays of floats: functions are defined by ANIGEN_KERNEL, and what they call in their
+/// loops is marked so.
+#define ANIGEN_INLINE ANIGEN_KERNEL_INLINE
 
 namespace anigen::nn::kernels {
 

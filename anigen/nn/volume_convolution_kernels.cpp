@@ -4,6 +4,8 @@
 #include <cstring>
 #include <vector>
 
+#include "anigen/core/kernel_form.h"
+
 namespace anigen::nn::kernels {
 namespace volume_tiles {
 namespace {
@@ -38,14 +40,11 @@ namespace fused {
 #include "anigen/nn/volume_convolution_tiles.inc"
 }  // namespace fused
 #pragma GCC pop_options
-
-bool has_fused() { return __builtin_cpu_supports("avx2") != 0 && __builtin_cpu_supports("fma") != 0; }
 #else
 namespace fused = portable;
-bool has_fused() { return false; }
 #endif
 
-bool takes_fused(VolumeConvolutionPath path) { return path == VolumeConvolutionPath::kBest && has_fused(); }
+bool takes_fused() { return kernel_form() >= KernelForm::kAvx2; }
 
 // Twelve sums fill the registers and hide how long an addition takes.
 constexpr std::int64_t kMostSums = 12;
@@ -166,9 +165,9 @@ void pack_transposed_volume_weights(const float* weight, const VolumeConvolution
 }
 
 void convolve_slabs(const VolumeConvolutionSizes& sizes, const float* input, const float* packed, const float* bias,
-                    float* output, std::int64_t begin, std::int64_t end, VolumeConvolutionPath path) {
+                    float* output, std::int64_t begin, std::int64_t end) {
   using namespace volume_tiles;
-  const auto& tiles = takes_fused(path) ? fused::kForwardTiles : portable::kForwardTiles;
+  const auto& tiles = takes_fused() ? fused::kForwardTiles : portable::kForwardTiles;
   const std::int64_t padded = sizes.padded_out();
   PaddedSlabs slabs(sizes, input);
   ForwardTile tile{};
@@ -196,10 +195,9 @@ void convolve_slabs(const VolumeConvolutionSizes& sizes, const float* input, con
 }
 
 void add_weight_gradient(const VolumeConvolutionSizes& sizes, const float* input, const float* slope,
-                         std::int64_t begin, std::int64_t end, float* weight_sums, float* bias_sums,
-                         VolumeConvolutionPath path) {
+                         std::int64_t begin, std::int64_t end, float* weight_sums, float* bias_sums) {
   using namespace volume_tiles;
-  const auto& tiles = takes_fused(path) ? fused::kGradientTiles : portable::kGradientTiles;
+  const auto& tiles = takes_fused() ? fused::kGradientTiles : portable::kGradientTiles;
   const std::int64_t padded = sizes.padded_out(), run_length = 3 * sizes.in;
   const Parts groups(sizes.y, std::max<std::int64_t>(1, gradient_voxels(sizes) / sizes.z));
   PaddedSlabs slabs(sizes, input);

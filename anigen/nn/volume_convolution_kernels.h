@@ -15,9 +15,6 @@ struct VolumeConvolutionSizes {
   VolumeConvolutionSizes transposed() const { return {batch, x, y, z, out, in}; }  ///< of the gradient of the input
 };
 
-/// Which instructions: kBest is chosen when the program runs; kPortable is there on every machine.
-enum class VolumeConvolutionPath { kBest, kPortable };
-
 /// weight [out, in, 3, 3, 3] dense → packed [sizes.weights()], as convolve_slabs reads it.
 void pack_volume_weights(const float* weight, const VolumeConvolutionSizes& sizes, float* packed);
 
@@ -28,14 +25,12 @@ void pack_transposed_volume_weights(const float* weight, const VolumeConvolution
 /// The output of the slabs begin … end − 1. Every value is the same sum in the same order whatever the range.
 /// @param input [batch, x, y, z, in] dense @param bias [sizes.padded_out()] @param output [batch, x, y, z, out] dense
 void convolve_slabs(const VolumeConvolutionSizes& sizes, const float* input, const float* packed, const float* bias,
-                    float* output, std::int64_t begin, std::int64_t end,
-                    VolumeConvolutionPath path = VolumeConvolutionPath::kBest);
+                    float* output, std::int64_t begin, std::int64_t end);
 
 /// Adds what the slabs begin … end − 1 contribute to the gradients of weight and bias. @param slope dL/d output,
 /// [batch, x, y, z, out] dense @param weight_sums [3, 3, 3, in, sizes.padded_out()] @param bias_sums
 /// [sizes.padded_out()]; in both the channels from `out` on get nothing
 void add_weight_gradient(const VolumeConvolutionSizes& sizes, const float* input, const float* slope,
-                         std::int64_t begin, std::int64_t end, float* weight_sums, float* bias_sums,
-                         VolumeConvolutionPath path = VolumeConvolutionPath::kBest);
+                         std::int64_t begin, std::int64_t end, float* weight_sums, float* bias_sums);
 
 }  // namespace anigen::nn::kernels

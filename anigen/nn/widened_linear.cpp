@@ -2,17 +2,21 @@
 
 #include <ATen/Context.h>
 
+#include "anigen/core/kernel_form.h"
+
 namespace anigen::nn {
 namespace {
 
-bool has_bf16_products() {
+// Whether LibTorch multiplies bf16 numbers well here, and ANIGEN_KERNELS asks for nothing narrower.
+bool has_bf16_linear() {
 #if defined(__x86_64__)
   static const bool has = at::hasMKLDNN() && __builtin_cpu_supports("avx512bw") && __builtin_cpu_supports("avx512vl") &&
                           __builtin_cpu_supports("avx512dq");
+  return has && kernel_form() >= KernelForm::kAvx512;
 #else
   static const bool has = at::hasMKLDNN();
-#endif
   return has;
+#endif
 }
 
 // x wᵀ in fp32.
@@ -38,7 +42,7 @@ class WideProduct : public torch::autograd::Function<WideProduct> {
 
 bool prefers_widened_linear(const Tensor& x, const Tensor& weight) {
   return x.is_cpu() && x.scalar_type() == torch::kBFloat16 && weight.scalar_type() == torch::kBFloat16 &&
-         !has_bf16_products();
+         !has_bf16_linear();
 }
 
 Tensor widened_linear(const Tensor& x, const Tensor& weight, const Tensor& bias) {

@@ -3,11 +3,11 @@
 #include <algorithm>
 #include <cstring>
 
+#include "anigen/core/kernel_form.h"
 #include "anigen/sparse/register_tile.h"
 
 // Both products keep a tile of sums, some rows of one panel, in registers, and step along what is summed over: a vector
-// of the panel and one number per row of the tile at each step. They are compiled once per instruction set, and the
-// program picks when it starts.
+// of the panel and one number per row of the tile at each step. They are compiled once per form of kernels.
 #if defined(__x86_64__) && defined(__GNUC__)
 #define ANIGEN_SPARSE_X86 1
 #else
@@ -186,24 +186,15 @@ ANIGEN_AVX2 void correlate_avx2(const RowPairs& pairs, const T* in, std::int64_t
                                 std::int64_t count, const T* out, std::int64_t out_channels, T* w) {
   correlate<T, 32>(pairs, in, in_channels, first, count, out, out_channels, w);
 }
-
-bool has_avx512() {
-  static const bool has = __builtin_cpu_supports("avx512f") != 0;
-  return has;
-}
-
-bool has_avx2() {
-  static const bool has = __builtin_cpu_supports("avx2") != 0 && __builtin_cpu_supports("fma") != 0;
-  return has;
-}
 #endif
 
 template <typename T>
 void multiply_any(const RowPairs& pairs, const T* in, std::int64_t in_channels, const T* panels, T* out,
                   std::int64_t out_channels) {
 #if ANIGEN_SPARSE_X86
-  if (has_avx512()) return multiply_avx512(pairs, in, in_channels, panels, out, out_channels);
-  if (has_avx2()) return multiply_avx2(pairs, in, in_channels, panels, out, out_channels);
+  const KernelForm form = kernel_form();
+  if (form >= KernelForm::kAvx512) return multiply_avx512(pairs, in, in_channels, panels, out, out_channels);
+  if (form >= KernelForm::kAvx2) return multiply_avx2(pairs, in, in_channels, panels, out, out_channels);
 #endif
   multiply<T, 16>(pairs, in, in_channels, panels, out, out_channels);
 }
@@ -212,8 +203,9 @@ template <typename T>
 void correlate_any(const RowPairs& pairs, const T* in, std::int64_t in_channels, std::int64_t first, std::int64_t count,
                    const T* out, std::int64_t out_channels, T* w) {
 #if ANIGEN_SPARSE_X86
-  if (has_avx512()) return correlate_avx512(pairs, in, in_channels, first, count, out, out_channels, w);
-  if (has_avx2()) return correlate_avx2(pairs, in, in_channels, first, count, out, out_channels, w);
+  const KernelForm form = kernel_form();
+  if (form >= KernelForm::kAvx512) return correlate_avx512(pairs, in, in_channels, first, count, out, out_channels, w);
+  if (form >= KernelForm::kAvx2) return correlate_avx2(pairs, in, in_channels, first, count, out, out_channels, w);
 #endif
   correlate<T, 16>(pairs, in, in_channels, first, count, out, out_channels, w);
 }

@@ -1,14 +1,14 @@
 #include "anigen/train/ema.h"
 
 #include "anigen/core/error.h"
+#include "anigen/core/kernel_form.h"
 
 namespace anigen::train {
 namespace {
 
-#if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__)
-__attribute__((target_clones("avx2", "default")))
-#endif
-void ema_pass(float* __restrict average, const float* __restrict master, std::int64_t n, float keep, float take) {
+ANIGEN_EXACT_KERNEL(void, ema_pass,
+                    (float* __restrict average, const float* __restrict master, std::int64_t n, float keep, float take),
+                    (average, master, n, keep, take)) {
   for (std::int64_t i = 0; i < n; ++i) average[i] = average[i] * keep + master[i] * take;
 }
 

@@ -3,6 +3,7 @@
 #include <cmath>
 
 #include "anigen/core/error.h"
+#include "anigen/core/kernel_form.h"
 
 namespace anigen::train {
 namespace {
@@ -11,12 +12,10 @@ struct Coefficients {
   float gradient, decay, l2, beta1, one_minus_beta1, beta2, one_minus_beta2, root_correction, eps, step_size;
 };
 
-// Compiled also for AVX2: no multiply-adds are fused there, so both versions give the same bits.
-#if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__)
-__attribute__((target_clones("avx2", "default")))
-#endif
-void adamw_pass(float* __restrict p, const float* __restrict g, float* __restrict m, float* __restrict v,
-                std::int64_t n, const Coefficients c) {
+ANIGEN_EXACT_KERNEL(void, adamw_pass,
+                    (float* __restrict p, const float* __restrict g, float* __restrict m, float* __restrict v,
+                     std::int64_t n, const Coefficients c),
+                    (p, g, m, v, n, c)) {
   for (std::int64_t i = 0; i < n; ++i) {
     const float gradient = g[i] * c.gradient + c.l2 * p[i];
     m[i] = c.beta1 * m[i] + c.one_minus_beta1 * gradient;

@@ -17,6 +17,7 @@
 #include "anigen/eval/transport/tree_geodesics.h"
 #include "anigen/eval/transport/wasserstein.h"
 #include "tests/eval/transport_trees.h"
+#include "tests/support/kernel_forms.h"
 
 namespace anigen::eval {
 namespace {
@@ -225,6 +226,16 @@ TEST(GromovWasserstein, EntropicVariantsAreCouplingsAboveTheVertex) {
   GromovWassersteinOptions search;
   search.entropic = true;
   EXPECT_LE(gromov_wasserstein(s.c1, s.c2, s.a, s.b, {}, search).cost, vertex + 1e-9);
+}
+
+TEST(GromovWasserstein, EveryFormOfKernelsGivesTheSameBits) {
+  const Spaces s = random_spaces(11, 23, 30);
+  std::vector<GromovWasserstein> found;
+  test::in_every_kernel_form([&] { found.push_back(solve(s)); });
+  for (const GromovWasserstein& other : found) {
+    EXPECT_EQ(other.cost, found[0].cost);
+    EXPECT_EQ(other.plan, found[0].plan);
+  }
 }
 
 TEST(FusedGromovWasserstein, LiesBetweenItsBounds) {

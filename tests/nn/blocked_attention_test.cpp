@@ -13,6 +13,7 @@
 #include "anigen/nn/cpu_blocked_attention.h"
 #include "anigen/nn/tensor_blocked_attention.h"
 #include "tests/nn/attention_results.h"
+#include "tests/support/kernel_forms.h"
 
 namespace anigen::nn {
 namespace {
@@ -66,7 +67,8 @@ class BlockedAttentionSizes : public testing::TestWithParam<AttentionSizes> {};
 TEST_P(BlockedAttentionSizes, CpuVersionAgreesWithTheFormula) {
   const AttentionCase c(GetParam());
   // fp32 sums of up to some thousand terms of size one: a few times 1e-6 of the largest value.
-  expect_close(c.run(cpu_blocked_attention, torch::kFloat32), c.run(plain_attention, torch::kFloat64), 2e-5);
+  const auto wanted = c.run(plain_attention, torch::kFloat64);
+  test::in_every_kernel_form([&] { expect_close(c.run(cpu_blocked_attention, torch::kFloat32), wanted, 2e-5); });
 }
 
 TEST_P(BlockedAttentionSizes, TensorVersionAgreesWithTheFormula) {
@@ -101,14 +103,14 @@ TEST(BlockedAttention, GradientMatchesFiniteDifferences) {
   EXPECT_NEAR(found.item<double>(), slope, 1e-6 * (1.0 + std::abs(slope)));
 }
 
-TEST(BlockedAttention, LargeScoresDoNotOverflow) {
+KERNEL_TEST(BlockedAttention, LargeScoresDoNotOverflow) {
   AttentionCase c({1, 1, 40, 1030, 8});
   c.q = c.q * 30.0;  // scores of some hundreds: nearly all weight on one key, which may be in any block of keys
   // Rounding moves scores of 200 by 2e-5, and weights by as large a share.
   expect_close(c.run(cpu_blocked_attention, torch::kFloat32), c.run(plain_attention, torch::kFloat64), 1e-3);
 }
 
-TEST(BlockedAttention, NotFiniteScoresAreSeen) {
+KERNEL_TEST(BlockedAttention, NotFiniteScoresAreSeen) {
   for (const float bad : {std::numeric_limits<float>::quiet_NaN(), std::numeric_limits<float>::infinity()}) {
     const AttentionCase c({1, 1, 4, 600, 8});
     Tensor q = c.q.to(torch::kFloat32), k = c.k.to(torch::kFloat32).abs();
@@ -119,7 +121,7 @@ TEST(BlockedAttention, NotFiniteScoresAreSeen) {
   }
 }
 
-TEST(BlockedAttention, StridedInputsGiveTheSame) {
+KERNEL_TEST(BlockedAttention, StridedInputsGiveTheSame) {
   // As a projection leaves them: q, k and v side by side in each row.
   torch::manual_seed(12);
   const Tensor qkv = torch::randn({2, 150, 3, 2, 16});
@@ -132,7 +134,7 @@ TEST(BlockedAttention, StridedInputsGiveTheSame) {
   EXPECT_LT(share_of_difference(cpu_blocked_attention(parts[0], across, parts[2]), dense), 1e-6);
 }
 
-TEST(BlockedAttention, SixteenBitInputs) {
+KERNEL_TEST(BlockedAttention, SixteenBitInputs) {
   const AttentionCase c({1, 2, 140, 530, 16});
   for (const auto& [dtype, digits] : {std::pair(torch::kBFloat16, 8), std::pair(torch::kHalf, 11)}) {
     // The inputs are rounded first, so that only our own rounding counts: of the result, and of what is saved.
@@ -145,9 +147,8 @@ TEST(BlockedAttention, SixteenBitInputs) {
 }
 
 // Whole panels of 64 keys and last ones of 16, 32 and 48, blocks of 256 and 96 queries, and not; every size of head
-// that the kernels for bf16 know, and one that they do not. Whatever the CPU has: without AVX512-BF16 this tests the
-// way through fp32.
-TEST(BlockedAttention, Bf16OfAllSizes) {
+// that the kernels for bf16 know, and one that they do not. All forms but the widest go through fp32.
+KERNEL_TEST(BlockedAttention, Bf16OfAllSizes) {
   for (const AttentionSizes& sizes :
        {AttentionSizes{2, 2, 96, 256, 16}, AttentionSizes{1, 3, 97, 1, 32}, AttentionSizes{1, 2, 192, 320, 48},
         AttentionSizes{2, 1, 5, 777, 64}, AttentionSizes{1, 2, 100, 65, 64}, AttentionSizes{1, 1, 13, 40, 64},
@@ -168,7 +169,7 @@ TEST(BlockedAttention, Bf16OfAllSizes) {
   }
 }
 
-TEST(BlockedAttention, Bf16LargeAndNotFiniteScores) {
+KERNEL_TEST(BlockedAttention, Bf16LargeAndNotFiniteScores) {
   AttentionCase c({1, 1, 40, 1030, 64});
   const Tensor k = c.k.to(torch::kBFloat16), v = c.v.to(torch::kBFloat16);
   Tensor q = (30.0 * c.q).to(torch::kBFloat16);  // scores of some hundreds
@@ -186,7 +187,7 @@ TEST(BlockedAttention, Bf16LargeAndNotFiniteScores) {
 
 // Sums of 16 to 700 terms: another number of threads may round them otherwise, by 1e-5 of the largest value; the same
 // number gives the same bits.
-TEST(BlockedAttention, DependsOnTheNumberOfThreadsByRoundingOnly) {
+KERNEL_TEST(BlockedAttention, DependsOnTheNumberOfThreadsByRoundingOnly) {
   const int before = at::get_num_threads();
   for (const std::int64_t heads : {1, 2, 6}) {
     const AttentionCase c({1, heads, 300, 700, 16});

@@ -5,6 +5,7 @@
 #include "anigen/nn/init.h"
 #include "anigen/nn/linear.h"
 #include "tests/nn/largest_difference.h"
+#include "tests/support/kernel_forms.h"
 
 namespace anigen::nn {
 namespace {
@@ -32,12 +33,12 @@ struct Case {
   }
 };
 
-TEST(FusedMlp, EqualsSeparateLayers) {
+KERNEL_TEST(FusedMlp, EqualsSeparateLayers) {
   const Case c;
   EXPECT_LT(largest_difference(c.fused(), c.separate()), 1e-5);  // sums of 48 products of size one
 }
 
-TEST(FusedMlp, GradientsEqualThoseOfSeparateLayers) {
+KERNEL_TEST(FusedMlp, GradientsEqualThoseOfSeparateLayers) {
   const Case c;
   const std::vector<Tensor> found = c.gradients(c.fused()), wanted = c.gradients(c.separate());
   for (std::size_t i = 0; i < found.size(); ++i) {
@@ -63,7 +64,7 @@ TEST(FusedMlp, ChosenForManyRowsOfModerateWidthOnly) {
       prefers_fused_mlp(torch::empty({100000, 32}, torch::kFloat64), torch::empty({128, 32}, torch::kFloat64)));
 }
 
-TEST(Mlp, ManyRowsEqualFewRows) {
+KERNEL_TEST(Mlp, ManyRowsEqualFewRows) {
   // 20000 rows take the fused way, 100 the other.
   torch::manual_seed(6);
   Mlp mlp(6, 48, 5);

@@ -7,6 +7,7 @@
 
 #include "anigen/nn/rms_norm.h"
 #include "tests/nn/largest_difference.h"
+#include "tests/support/kernel_forms.h"
 
 namespace anigen::nn {
 namespace {
@@ -65,7 +66,7 @@ std::vector<Tensor> gate(const Inputs& in, const Ragged& items) {
 }
 
 // fp64 has no kernels: it is LibTorch's layer norm and sums.
-TEST(ModulatedRows, KernelsAgreeWithDoublePrecision) {
+KERNEL_TEST(ModulatedRows, KernelsAgreeWithDoublePrecision) {
   for (const Case& of : kCases) {
     const Ragged items(of.lengths);
     const Inputs exact = random_inputs(of, torch::kFloat32);
@@ -78,7 +79,7 @@ TEST(ModulatedRows, KernelsAgreeWithDoublePrecision) {
   }
 }
 
-TEST(ModulatedRows, Bf16IsRoundedOnceAtTheEnd) {
+KERNEL_TEST(ModulatedRows, Bf16IsRoundedOnceAtTheEnd) {
   for (const Case& of : kCases) {
     if (of.channels == 1) continue;
     const Ragged items(of.lengths);
@@ -94,7 +95,7 @@ TEST(ModulatedRows, Bf16IsRoundedOnceAtTheEnd) {
   }
 }
 
-TEST(ModulatedRows, GradientsAgreeWithFiniteDifferences) {
+KERNEL_TEST(ModulatedRows, GradientsAgreeWithFiniteDifferences) {
   const Case of{{4, 3}, 5};
   const Ragged items(of.lengths);
   const Inputs in = random_inputs(of, torch::kFloat32).to(torch::kFloat32);
@@ -114,7 +115,7 @@ TEST(ModulatedRows, GradientsAgreeWithFiniteDifferences) {
 }
 
 // Numbers of a row that differ by little beside their mean: what is left is their difference, not the mean's rounding.
-TEST(ModulatedRows, RowsFarFromZeroAreCentred) {
+KERNEL_TEST(ModulatedRows, RowsFarFromZeroAreCentred) {
   const Tensor constant = torch::full({4, 1024}, 1234.567F), weight = torch::ones({1024}), bias = torch::zeros({1024});
   EXPECT_LT(affine_norm(constant, weight, bias, kEps).abs().max().item<double>(), 0.1);
   const Tensor near = 1000.0 + torch::randn({4, 1024});
@@ -122,7 +123,7 @@ TEST(ModulatedRows, RowsFarFromZeroAreCentred) {
   EXPECT_LT(largest_difference(affine_norm(near, weight, bias, kEps).to(torch::kFloat64), exact), 2e-4);
 }
 
-TEST(ModulatedRows, AffineNormOfAnyShape) {
+KERNEL_TEST(ModulatedRows, AffineNormOfAnyShape) {
   const Tensor x = torch::randn({3, 4, 50}).transpose(0, 1), weight = torch::randn({50}), bias = torch::randn({50});
   const Tensor exact =
       torch::layer_norm(x.to(torch::kFloat64), {50}, weight.to(torch::kFloat64), bias.to(torch::kFloat64), kEps);
@@ -132,7 +133,7 @@ TEST(ModulatedRows, AffineNormOfAnyShape) {
   EXPECT_EQ(affine_norm(torch::empty({0, 50}), weight, bias, kEps).size(0), 0);
 }
 
-TEST(ModulatedRows, ResultsDoNotDependOnTheThreads) {
+KERNEL_TEST(ModulatedRows, ResultsDoNotDependOnTheThreads) {
   const Case of{{3000, 2000}, 64};
   const Ragged items(of.lengths);
   const Inputs exact = random_inputs(of, torch::kFloat32);
@@ -149,7 +150,7 @@ TEST(ModulatedRows, ResultsDoNotDependOnTheThreads) {
   }
 }
 
-TEST(ModulatedRows, NotFiniteStaysNotFinite) {
+KERNEL_TEST(ModulatedRows, NotFiniteStaysNotFinite) {
   const Ragged items({2});
   for (const torch::Dtype dtype : {torch::kFloat32, torch::kBFloat16}) {
     Tensor x = torch::randn({2, 20}).to(dtype);
@@ -180,7 +181,7 @@ std::vector<Tensor> normed_heads(const Tensor& projected, const Tensor& gamma, c
   return {y.detach(), rows.grad(), norm->gamma.grad()};
 }
 
-TEST(MultiHeadRmsNorm, KernelsAgreeWithDoublePrecision) {
+KERNEL_TEST(MultiHeadRmsNorm, KernelsAgreeWithDoublePrecision) {
   for (const std::int64_t channels : {5, 16, 40, 64}) {
     torch::manual_seed(channels);
     Tensor projected = torch::randn({1200, 3 * 4 * channels});

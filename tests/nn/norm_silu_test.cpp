@@ -8,6 +8,7 @@
 
 #include "anigen/nn/volume_layers.h"
 #include "tests/nn/largest_difference.h"
+#include "tests/support/kernel_forms.h"
 
 namespace anigen::nn {
 namespace {
@@ -38,7 +39,7 @@ std::vector<Tensor> activate(const ActivatedInputs& in) {
 
 // fp64 has no kernel: it is LibTorch's layer norm and SiLU. Rows that fill vectors and that do not, more rows than a
 // block and than a cache hold, rows longer than either.
-TEST(NormSilu, KernelAgreesWithDoublePrecision) {
+KERNEL_TEST(NormSilu, KernelAgreesWithDoublePrecision) {
   for (const auto& [rows, channels] : {std::pair<std::int64_t, std::int64_t>{9000, 8},
                                        {1700, 24},
                                        {600, 64},
@@ -56,7 +57,7 @@ TEST(NormSilu, KernelAgreesWithDoublePrecision) {
   }
 }
 
-TEST(NormSilu, GradientsAgreeWithFiniteDifferences) {
+KERNEL_TEST(NormSilu, GradientsAgreeWithFiniteDifferences) {
   const ActivatedInputs in = random_rows(6, 8).to(torch::kFloat32);
   const std::vector<Tensor> found = activate(in);
   const ActivatedInputs wide = in.to(torch::kFloat64);  // where differences have digits
@@ -74,7 +75,7 @@ TEST(NormSilu, GradientsAgreeWithFiniteDifferences) {
   }
 }
 
-TEST(NormSilu, ResultsDoNotDependOnTheThreads) {
+KERNEL_TEST(NormSilu, ResultsDoNotDependOnTheThreads) {
   const ActivatedInputs in = random_rows(20000, 24);
   const int before = torch::get_num_threads();
   std::vector<std::vector<Tensor>> found;
@@ -88,7 +89,7 @@ TEST(NormSilu, ResultsDoNotDependOnTheThreads) {
   }
 }
 
-TEST(NormSilu, LargeNumbersAndThoseThatAreNotFinite) {
+KERNEL_TEST(NormSilu, LargeNumbersAndThoseThatAreNotFinite) {
   Tensor x = torch::randn({3, 8});
   x[0][3] = std::numeric_limits<float>::quiet_NaN();
   const Tensor large = torch::full({8}, 500.0F), none = torch::zeros({8});
@@ -110,7 +111,7 @@ TEST(NormSilu, OnlyTheFirstDerivative) {
 }
 
 // Of both kinds, in both memory formats, which are kept.
-TEST(NormSilu, OfVolumes) {
+KERNEL_TEST(NormSilu, OfVolumes) {
   for (const VolumeNormImpl::Kind kind : {VolumeNormImpl::Kind::kLayer, VolumeNormImpl::Kind::kGroup}) {
     VolumeNorm norm(24, kind, 4);
     torch::NoGradGuard no_gradient;

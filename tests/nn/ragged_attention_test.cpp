@@ -12,6 +12,7 @@
 #include "anigen/nn/ragged_tasks.h"
 #include "anigen/nn/tensor_ragged_attention.h"
 #include "tests/nn/attention_results.h"
+#include "tests/support/kernel_forms.h"
 
 namespace anigen::nn {
 namespace {
@@ -85,7 +86,7 @@ TEST_P(RaggedAttentionSizes, KernelsAgreeWithTheDefinition) {
   const RaggedCase c(GetParam());
   const auto wanted = c.run(attention_per_sequence, torch::kFloat64);
   // fp32 sums of up to some thousand terms of size one: a few times 1e-6 of the largest value.
-  expect_close(c.run(ragged_attention, torch::kFloat32), wanted, 2e-5);
+  test::in_every_kernel_form([&] { expect_close(c.run(ragged_attention, torch::kFloat32), wanted, 2e-5); });
 }
 
 TEST_P(RaggedAttentionSizes, TensorOperationsAgreeWithTheDefinition) {
@@ -120,7 +121,7 @@ TEST(RaggedAttention, GradientMatchesFiniteDifferences) {
   EXPECT_NEAR(found.item<double>(), slope, 1e-6 * (1.0 + std::abs(slope)));
 }
 
-TEST(RaggedAttention, QueriesWithoutKeysGiveExactlyZeroAndNoGradient) {
+KERNEL_TEST(RaggedAttention, QueriesWithoutKeysGiveExactlyZeroAndNoGradient) {
   const RaggedCase c({2, 8, {3, 4, 2}, {5, 0, 6}});
   for (const torch::Dtype dtype : {torch::kFloat32, torch::kFloat64, torch::kBFloat16}) {
     const auto found = c.run(ragged_attention, dtype);
@@ -138,7 +139,7 @@ TEST(RaggedAttention, NoRowsAtAll) {
   EXPECT_EQ(tensor_ragged_attention(none, none, none, empty_items, empty_items).sizes(), none.sizes());
 }
 
-TEST(RaggedAttention, SixteenBitInputs) {
+KERNEL_TEST(RaggedAttention, SixteenBitInputs) {
   for (const RaggedSizes& sizes :
        {RaggedSizes{2, 16, {140, 30, 1}, {270, 30, 2}}, RaggedSizes{3, 64, {97, 4, 33, 1}, {64, 0, 100, 513}},
         RaggedSizes{1, 32, {200, 5, 190}, {40, 1030, 80}}}) {
@@ -154,7 +155,7 @@ TEST(RaggedAttention, SixteenBitInputs) {
   }
 }
 
-TEST(RaggedAttention, TheSameBitsForAnyNumberOfThreads) {
+KERNEL_TEST(RaggedAttention, TheSameBitsForAnyNumberOfThreads) {
   const int before = at::get_num_threads();
   const RaggedCase c({5, 16, {300, 2, 70, 33, 33, 1}, {700, 2, 70, 33, 31, 1}});
   for (const torch::Dtype dtype : {torch::kFloat32, torch::kBFloat16}) {
@@ -170,7 +171,7 @@ TEST(RaggedAttention, TheSameBitsForAnyNumberOfThreads) {
   at::set_num_threads(before);
 }
 
-TEST(RaggedAttention, LargeScoresDoNotOverflow) {
+KERNEL_TEST(RaggedAttention, LargeScoresDoNotOverflow) {
   RaggedCase c({1, 8, {40, 3}, {530, 3}});
   c.q = c.q * 30.0;  // scores of some hundreds: nearly all weight on one key, which may be in any block of keys
   // Rounding moves scores of 200 by 2e-5, and weights by as large a share.
@@ -178,7 +179,7 @@ TEST(RaggedAttention, LargeScoresDoNotOverflow) {
 }
 
 // One key wins by billions, in whichever block of keys it is: no rounding of a score may give weights above one.
-TEST(RaggedAttention, EnormousScoresPickTheirKey) {
+KERNEL_TEST(RaggedAttention, EnormousScoresPickTheirKey) {
   constexpr std::int64_t kKeys = 600, kChannels = 48;  // a scale that is no power of two
   torch::manual_seed(9);
   const Tensor q = torch::full({7, 1, kChannels}, 3e4F), v = torch::randn({kKeys, 1, kChannels});
@@ -204,7 +205,7 @@ TEST(RaggedAttention, FewTasksAreDealtOut) {
   at::set_num_threads(before);
 }
 
-TEST(RaggedAttention, NotFiniteScoresAreSeenInTheirRowOnly) {
+KERNEL_TEST(RaggedAttention, NotFiniteScoresAreSeenInTheirRowOnly) {
   for (const float bad : {std::numeric_limits<float>::quiet_NaN(), -std::numeric_limits<float>::quiet_NaN(),
                           std::numeric_limits<float>::infinity(), -std::numeric_limits<float>::infinity()}) {
     const RaggedCase c({1, 8, {4, 5}, {300, 5}});
@@ -217,7 +218,7 @@ TEST(RaggedAttention, NotFiniteScoresAreSeenInTheirRowOnly) {
   }
 }
 
-TEST(RaggedAttention, StridedInputsGiveTheSame) {
+KERNEL_TEST(RaggedAttention, StridedInputsGiveTheSame) {
   // As a projection leaves them: q, k and v side by side in each row.
   torch::manual_seed(42);
   const Tensor offsets = offsets_of_lengths({50, 7, 90});

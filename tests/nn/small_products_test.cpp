@@ -5,6 +5,7 @@
 #include <algorithm>
 
 #include "anigen/nn/torch.h"
+#include "tests/support/kernel_forms.h"
 
 namespace anigen::nn::products {
 namespace {
@@ -25,7 +26,7 @@ double product_error(const Tensor& found, const Tensor& wanted) {
   return (found.to(torch::kFloat64) - wanted).abs().max().item<double>();
 }
 
-TEST(SmallProducts, EveryNumberOfRowsAndColumns) {
+KERNEL_TEST(SmallProducts, EveryNumberOfRowsAndColumns) {
   torch::manual_seed(31);
   constexpr std::int64_t kDepth = 37;
   const Tensor left = torch::randn({40, kDepth}), right = torch::randn({kDepth, 150});
@@ -44,7 +45,7 @@ TEST(SmallProducts, EveryNumberOfRowsAndColumns) {
   }
 }
 
-TEST(SmallProducts, TransposedLeftFactorAndAccumulation) {
+KERNEL_TEST(SmallProducts, TransposedLeftFactorAndAccumulation) {
   torch::manual_seed(32);
   for (const std::int64_t rows : {1, 5, 13, 64}) {
     const Tensor left = torch::randn({29, rows}), right = torch::randn({29, 16}), start = torch::randn({rows, 16});
@@ -55,7 +56,22 @@ TEST(SmallProducts, TransposedLeftFactorAndAccumulation) {
   }
 }
 
-TEST(SmallProducts, ARowDoesNotDependOnTheOthers) {
+#if defined(__x86_64__) && defined(NDEBUG)
+// Forms with fused multiply-adds keep what the portable one rounds away. Builds that do not optimise fuse nothing.
+TEST(SmallProducts, FormsAreThoseAskedFor) {
+  const Tensor left = torch::tensor({{1.0F, 1.0F + 1.0F / 4096.0F}}), right = torch::zeros({2, 16});
+  right[0].fill_(-1.0F - 1.0F / 2048.0F);
+  right[1].fill_(1.0F + 1.0F / 4096.0F);  // its square is 1 + 2^-11 + 2^-24
+  test::in_every_kernel_form([&] {
+    const Tensor out = torch::empty({1, 16});
+    multiply({1, 16, 2}, block_of(left).plain(), block_of(right), block_of(out), /*accumulate=*/false);
+    const float kept = kernel_form() >= KernelForm::kAvx2 ? 1.0F / 16777216.0F : 0.0F;
+    EXPECT_TRUE((out == kept).all().item<bool>()) << out;
+  });
+}
+#endif
+
+KERNEL_TEST(SmallProducts, ARowDoesNotDependOnTheOthers) {
   torch::manual_seed(33);
   const Tensor left = torch::randn({25, 64}), right = torch::randn({64, 112});
   const Tensor all = torch::empty({25, 112});
@@ -67,7 +83,7 @@ TEST(SmallProducts, ARowDoesNotDependOnTheOthers) {
   }
 }
 
-TEST(SmallProducts, RowsAheadChangeNothing) {
+KERNEL_TEST(SmallProducts, RowsAheadChangeNothing) {
   torch::manual_seed(34);
   const Tensor next = torch::randn({300, 64}), untouched = next.clone();
   for (const std::int64_t rows : {1, 5, 25, 140}) {

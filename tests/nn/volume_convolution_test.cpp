@@ -9,6 +9,7 @@
 #include "anigen/nn/volume_convolution_kernels.h"
 #include "anigen/nn/volume_layers.h"
 #include "anigen/nn/volume_layout.h"
+#include "tests/support/kernel_forms.h"
 
 namespace anigen::nn::kernels {
 
@@ -22,7 +23,6 @@ void PrintTo(const VolumeConvolutionSizes& s, std::ostream* out) {
 namespace anigen::nn {
 namespace {
 
-using kernels::VolumeConvolutionPath;
 using kernels::VolumeConvolutionSizes;
 
 constexpr auto kChannelsLast = torch::MemoryFormat::ChannelsLast3d;
@@ -83,31 +83,13 @@ class VolumeConvolutionShapes : public testing::TestWithParam<VolumeConvolutionS
 TEST_P(VolumeConvolutionShapes, AgreesWithTheLibraryInDouble) {
   const VolumeCase c(GetParam());
   const std::vector<Tensor> wanted = c.run(library_convolution, torch::kFloat64);
-  for (const auto format : {torch::MemoryFormat::Contiguous, kChannelsLast}) {
-    const std::vector<Tensor> found = c.run(volume_convolution, torch::kFloat32, format);
-    EXPECT_TRUE(found[0].is_contiguous(kChannelsLast));
-    expect_same_results(found, wanted);
-  }
-}
-
-// What machines without AVX2 run.
-TEST_P(VolumeConvolutionShapes, PortableKernelsAgreeWithTheBest) {
-  const VolumeConvolutionSizes sizes = GetParam();
-  torch::manual_seed(22);
-  const Tensor x = torch::randn({sizes.batch, sizes.x, sizes.y, sizes.z, sizes.in});
-  const Tensor slope = torch::randn({sizes.batch, sizes.x, sizes.y, sizes.z, sizes.out});
-  const Tensor packed = torch::randn({sizes.weights()}), bias = torch::randn({sizes.padded_out()});
-  const auto run = [&](VolumeConvolutionPath path) {
-    const Tensor out = torch::empty_like(slope), weight_sums = torch::zeros({sizes.weights()});
-    const Tensor bias_sums = torch::zeros({sizes.padded_out()});
-    kernels::convolve_slabs(sizes, x.data_ptr<float>(), packed.data_ptr<float>(), bias.data_ptr<float>(),
-                            out.data_ptr<float>(), 0, sizes.slabs(), path);
-    kernels::add_weight_gradient(sizes, x.data_ptr<float>(), slope.data_ptr<float>(), 0, sizes.slabs(),
-                                 weight_sums.data_ptr<float>(), bias_sums.data_ptr<float>(), path);
-    return std::vector<Tensor>{out, weight_sums, bias_sums};
-  };
-  const std::vector<Tensor> best = run(VolumeConvolutionPath::kBest), portable = run(VolumeConvolutionPath::kPortable);
-  for (std::size_t i = 0; i < best.size(); ++i) EXPECT_LT(volume_difference(portable[i], best[i]), 1e-5) << i;
+  test::in_every_kernel_form([&] {
+    for (const auto format : {torch::MemoryFormat::Contiguous, kChannelsLast}) {
+      const std::vector<Tensor> found = c.run(volume_convolution, torch::kFloat32, format);
+      EXPECT_TRUE(found[0].is_contiguous(kChannelsLast));
+      expect_same_results(found, wanted);
+    }
+  });
 }
 
 // Batch, edges, channels in and out: one of everything; one channel; lines that fill tiles of 12 or 6 voxels exactly,
@@ -120,7 +102,7 @@ INSTANTIATE_TEST_SUITE_P(
                     VolumeConvolutionSizes{3, 1, 2, 3, 16, 16}, VolumeConvolutionSizes{1, 40, 9, 12, 8, 8},
                     VolumeConvolutionSizes{1, 4, 33, 24, 8, 8}));
 
-TEST(VolumeConvolution, AnyStridesGiveTheSame) {
+KERNEL_TEST(VolumeConvolution, AnyStridesGiveTheSame) {
   const VolumeCase c({2, 4, 5, 6, 3, 8});
   const Tensor x = c.x.to(torch::kFloat32), weight = c.weight.to(torch::kFloat32), bias = c.bias.to(torch::kFloat32);
   const Tensor wanted = volume_convolution(x, weight, bias);
@@ -137,7 +119,7 @@ TEST(VolumeConvolution, AnyStridesGiveTheSame) {
   EXPECT_TRUE(torch::equal(slope, dense));
 }
 
-TEST(VolumeConvolution, TheNumberOfThreadsChangesNoBit) {
+KERNEL_TEST(VolumeConvolution, TheNumberOfThreadsChangesNoBit) {
   const int before = at::get_num_threads();
   for (const VolumeConvolutionSizes& sizes :
        {VolumeConvolutionSizes{2, 7, 5, 9, 5, 20}, VolumeConvolutionSizes{1, 40, 3, 8, 8, 8}}) {

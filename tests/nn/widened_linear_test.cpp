@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include "tests/support/kernel_forms.h"
+
 namespace anigen::nn {
 namespace {
 
@@ -28,6 +30,15 @@ TEST(WidenedLinear, IsTheWideLayerRoundedOnce) {
     if (with_bias) {
       EXPECT_TRUE(torch::allclose(b.grad().to(torch::kFloat32), wide_b.grad(), 0.005, 1e-5));
     }
+  }
+}
+
+TEST(WidenedLinear, IsForNarrowFormsOfKernels) {
+  const Tensor x = torch::randn({4, 3}).to(torch::kBFloat16), w = torch::randn({2, 3}).to(torch::kBFloat16);
+  for (const KernelForm form : {KernelForm::kPortable, KernelForm::kAvx2}) {
+    if (form > runnable_kernel_forms().back()) continue;
+    const KernelFormScope scope(form);
+    EXPECT_TRUE(prefers_widened_linear(x, w)) << kernel_form_name(form);
   }
 }
 

@@ -13,6 +13,7 @@
 #include "anigen/sparse/resampling.h"
 #include "anigen/sparse/tap_product.h"
 #include "tests/sparse/attention_cases.h"
+#include "tests/support/kernel_forms.h"
 
 namespace anigen::sparse {
 namespace {
@@ -90,8 +91,10 @@ TEST_P(ConvolutionOfSizes, AgreesWithTheDenseOne) {
     return dense_convolution(*c.support, c.side, x, w, b);
   };
   const std::vector<Tensor> wanted = c.run(dense, torch::kFloat64);
-  expect_convolutions_agree(c.run(sparse, torch::kFloat64), wanted, 1e-12);
-  expect_convolutions_agree(c.run(sparse, torch::kFloat32), wanted, 1e-5);  // sums of up to 27 · 300 terms
+  test::in_every_kernel_form([&] {
+    expect_convolutions_agree(c.run(sparse, torch::kFloat64), wanted, 1e-12);
+    expect_convolutions_agree(c.run(sparse, torch::kFloat32), wanted, 1e-5);  // sums of up to 27 · 300 terms
+  });
 }
 
 TEST_P(ConvolutionOfSizes, SubdividedAgreesWithRepeatedRows) {
@@ -104,8 +107,10 @@ TEST_P(ConvolutionOfSizes, SubdividedAgreesWithRepeatedRows) {
     return submanifold_convolution(*fine.support, fine.feats, w, b);
   };
   const std::vector<Tensor> wanted = c.run(repeated, torch::kFloat64);
-  expect_convolutions_agree(c.run(folded, torch::kFloat64), wanted, 1e-12);
-  expect_convolutions_agree(c.run(folded, torch::kFloat32), wanted, 1e-5);
+  test::in_every_kernel_form([&] {
+    expect_convolutions_agree(c.run(folded, torch::kFloat64), wanted, 1e-12);
+    expect_convolutions_agree(c.run(folded, torch::kFloat32), wanted, 1e-5);
+  });
 }
 
 TEST_P(ConvolutionOfSizes, TensorOperationsAgreeWithTheKernels) {
@@ -117,12 +122,15 @@ TEST_P(ConvolutionOfSizes, TensorOperationsAgreeWithTheKernels) {
     const Tensor from = torch::randn({plan.from_children * c.support->size(), matrices.size(1)}, torch::kFloat64);
     Tensor by_kernels = torch::ones({plan.to_children * c.support->size(), matrices.size(2)}, torch::kFloat64);
     Tensor by_operations = by_kernels.clone();
-    add_cpu_tap_product(plan, neighbours, from, matrices, by_kernels);
     add_tensor_tap_product(plan, neighbours, from, matrices, by_operations);
-    EXPECT_LT(share_apart(by_kernels, by_operations), 1e-12);
-    EXPECT_LT(share_apart(cpu_tap_correlation(plan, neighbours, from, by_kernels),
-                          tensor_tap_correlation(plan, neighbours, from, by_kernels)),
-              1e-12);
+    test::in_every_kernel_form([&] {
+      by_kernels.fill_(1.0);
+      add_cpu_tap_product(plan, neighbours, from, matrices, by_kernels);
+      EXPECT_LT(share_apart(by_kernels, by_operations), 1e-12);
+      EXPECT_LT(share_apart(cpu_tap_correlation(plan, neighbours, from, by_kernels),
+                            tensor_tap_correlation(plan, neighbours, from, by_kernels)),
+                1e-12);
+    });
   }
 }
 
@@ -153,7 +161,7 @@ TEST(Convolution, GradientMatchesFiniteDifferences) {
   EXPECT_NEAR(found, slope, 1e-8 * (1.0 + std::abs(slope)));
 }
 
-TEST(Convolution, TheSameBitsForAnyNumberOfThreads) {
+KERNEL_TEST(Convolution, TheSameBitsForAnyNumberOfThreads) {
   const int before = at::get_num_threads();
   const ConvolutionCase plain({{1500}, 14, 24, 40}), subdivided({{400}, 9, 24, 40}, /*subdivide=*/true);
   const auto run = [&] {
@@ -179,7 +187,7 @@ TEST(Convolution, TheSameBitsForAnyNumberOfThreads) {
   at::set_num_threads(before);
 }
 
-TEST(Convolution, OrderOfRowsDoesNotMatter) {
+KERNEL_TEST(Convolution, OrderOfRowsDoesNotMatter) {
   const ConvolutionCase c({{200}, 7, 6, 4});
   const Tensor order = torch::randperm(200);
   const SupportPtr shuffled = Support::create(c.support->coords().index_select(0, order));
@@ -188,7 +196,7 @@ TEST(Convolution, OrderOfRowsDoesNotMatter) {
   EXPECT_TRUE(torch::equal(found, wanted));
 }
 
-TEST(Convolution, SixteenBitInputs) {
+KERNEL_TEST(Convolution, SixteenBitInputs) {
   // The second and third as the kernels for bf16 take them, one panel of columns and several; the first as they do not.
   for (const ConvolutionCase& c : {ConvolutionCase({{150}, 6, 20, 10}), ConvolutionCase({{170}, 6, 16, 48}),
                                    ConvolutionCase({{140}, 6, 272, 80})}) {
@@ -225,7 +233,7 @@ TEST(Convolution, SecondDerivativesAreAnErrorAndNotWrong) {
                c10::Error);
 }
 
-TEST(Convolution, NotFiniteRowsReachTheirNeighboursOnly) {
+KERNEL_TEST(Convolution, NotFiniteRowsReachTheirNeighboursOnly) {
   const SupportPtr support =
       Support::create(torch::tensor({0, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 3}, torch::kInt32).view({3, 4}));
   Tensor feats = torch::ones({3, 5});

@@ -11,6 +11,7 @@
 #include "anigen/sparse/attention.h"
 #include "anigen/sparse/window_rows.h"
 #include "tests/sparse/attention_cases.h"
+#include "tests/support/kernel_forms.h"
 
 namespace anigen::sparse {
 namespace {
@@ -103,7 +104,7 @@ struct AttentionPair {
 
 Tensor exact_copy(const Tensor& x) { return x.detach().to(torch::kFloat64).requires_grad_(); }
 
-TEST(SparseAttention, WindowedSelfAttentionIsMaskedAttention) {
+KERNEL_TEST(SparseAttention, WindowedSelfAttentionIsMaskedAttention) {
   torch::manual_seed(51);
   for (const auto& [window, shift] : {std::pair(4, 0), std::pair(4, 2), std::pair(3, 1), std::pair(20, 0)}) {
     AttentionPair pair(sparse_attention_of(24, 3, 0, true, window, shift));
@@ -116,7 +117,7 @@ TEST(SparseAttention, WindowedSelfAttentionIsMaskedAttention) {
   }
 }
 
-TEST(SparseAttention, FullSelfAttentionIsMaskedAttention) {
+KERNEL_TEST(SparseAttention, FullSelfAttentionIsMaskedAttention) {
   torch::manual_seed(52);
   AttentionPair pair(sparse_attention_of(24, 2, 0, false));
   const SparseTensor x = cases::random_sparse({140, 1, 0, 60}, 10, 24);
@@ -128,7 +129,7 @@ TEST(SparseAttention, FullSelfAttentionIsMaskedAttention) {
 }
 
 // Contexts of the same and of another extent than the queries: the numbers decide, not the places.
-TEST(SparseAttention, WindowedCrossAttentionPairsWindowsByNumber) {
+KERNEL_TEST(SparseAttention, WindowedCrossAttentionPairsWindowsByNumber) {
   torch::manual_seed(53);
   for (const std::int64_t side : {9, 13}) {
     AttentionPair pair(sparse_attention_of(16, 2, 12, true, 3, 1));
@@ -150,7 +151,7 @@ TEST(SparseAttention, WindowedCrossAttentionPairsWindowsByNumber) {
   }
 }
 
-TEST(SparseAttention, FullCrossAttentionStaysInTheItem) {
+KERNEL_TEST(SparseAttention, FullCrossAttentionStaysInTheItem) {
   torch::manual_seed(54);
   AttentionPair pair(sparse_attention_of(16, 4, 10, false));
   const SparseTensor x = cases::random_sparse({30, 50, 20}, 8, 16), context = cases::random_sparse({12, 7, 0}, 8, 10);

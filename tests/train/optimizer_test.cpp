@@ -5,6 +5,7 @@
 #include "anigen/core/error.h"
 #include "anigen/train/ema.h"
 #include "anigen/train/parameter_update.h"
+#include "tests/support/kernel_forms.h"
 
 namespace anigen::train {
 namespace {
@@ -12,7 +13,7 @@ namespace {
 double largest_difference(const torch::Tensor& a, const torch::Tensor& b) { return (a - b).abs().max().item<double>(); }
 
 // torch's own implementation is the reference; both round in fp32, so a few units in the last place remain.
-TEST(AdamW, FollowsTorch) {
+KERNEL_TEST(AdamW, FollowsTorch) {
   torch::manual_seed(1);
   const torch::Tensor start = torch::randn({1003});
   torch::Tensor mine = start.clone(), theirs = start.clone().set_requires_grad(true);
@@ -60,7 +61,29 @@ TEST(AdamW, LearningRateIsTheCallersAndOptionsAreChecked) {
   EXPECT_THROW(AdamW(p, bad), InputError);
 }
 
-TEST(Ema, SeveralRatesFromACopyOfTheStart) {
+// Both passes give the same bits in every form of the kernels, so that a run continues on another machine as it was.
+TEST(AdamW, EveryFormOfKernelsGivesTheSameBits) {
+  torch::manual_seed(3);
+  const torch::Tensor start = torch::randn({1003}), gradient = torch::randn({1003});
+  std::vector<torch::Tensor> parameters, averages;
+  test::in_every_kernel_form([&] {
+    torch::Tensor now = start.clone();
+    AdamW optimizer(now, {});
+    Ema ema({0.9}, start);
+    for (int step = 0; step < 5; ++step) {
+      optimizer.step(now, gradient, 0.5, 0.01);
+      ema.update(now);
+    }
+    parameters.push_back(now);
+    averages.push_back(ema.averages()[0]);
+  });
+  for (std::size_t i = 0; i < parameters.size(); ++i) {
+    EXPECT_TRUE(torch::equal(parameters[i], parameters[0])) << i;
+    EXPECT_TRUE(torch::equal(averages[i], averages[0])) << i;
+  }
+}
+
+KERNEL_TEST(Ema, SeveralRatesFromACopyOfTheStart) {
   const torch::Tensor start = torch::tensor({1.0f, -2.0f});
   torch::Tensor now = torch::tensor({3.0f, 0.0f});
   Ema ema({0.9, 0.5}, start);

@@ -7,6 +7,7 @@
 
 #include "anigen/core/error.h"
 #include "anigen/core/interrupt.h"
+#include "anigen/core/kernel_form.h"
 #include "anigen/core/log.h"
 #include "anigen/core/parallel.h"
 #include "anigen/core/progress.h"
@@ -25,6 +26,7 @@ void add_common_options(CLI::App& app, CommonOptions& options, std::function<std
   app.add_flag("--json", options.json, "Print results as JSON on standard output");
   app.set_version_flag("--version", [details = std::move(version_details)] {
     std::string text = std::string("anigen ") + kVersion;
+    text += "\n" + kernel_form_details();
     if (details) text += "\n" + details();
     return text;
   });
@@ -32,7 +34,11 @@ void add_common_options(CLI::App& app, CommonOptions& options, std::function<std
 
 int run_command(CLI::App& app, CommonOptions& options, int argc, char** argv, const std::function<void()>& body) {
   try {
+    kernel_form();  // refuses what ANIGEN_KERNELS says before anything else
     app.parse(argc, argv);
+  } catch (const InputError& error) {
+    std::fprintf(stderr, "error: %s\n", error.what());
+    return 2;
   } catch (const CLI::ParseError& error) {
     return app.exit(error) == 0 ? 0 : 2;
   }

@@ -2,12 +2,7 @@
 
 #include <limits>
 
-// The sanitizers instrument the functions that choose a version, which then run before the sanitizers are ready.
-#if defined(__x86_64__) && !defined(__SANITIZE_ADDRESS__)
-#define ANIGEN_ROW_CLONES __attribute__((target_clones("avx2", "default")))
-#else
-#define ANIGEN_ROW_CLONES
-#endif
+#include "anigen/core/kernel_form.h"
 
 namespace anigen::eval::kernels {
 namespace {
@@ -15,7 +10,7 @@ namespace {
 // The compiler may not reorder a minimum of doubles on its own; of several independent ones it keeps a vector.
 constexpr int kLanes = 8;
 
-inline double least_of(const double* lanes) {
+ANIGEN_KERNEL_INLINE double least_of(const double* lanes) {
   double result = lanes[0];
   for (int k = 1; k < kLanes; ++k) result = lanes[k] < result ? lanes[k] : result;
   return result;
@@ -23,8 +18,10 @@ inline double least_of(const double* lanes) {
 
 }  // namespace
 
-ANIGEN_ROW_CLONES double relax(const double* __restrict costs, const double* __restrict potential, double offset,
-                               double number, double* __restrict distance, double* __restrict previous, int n) {
+ANIGEN_EXACT_KERNEL(double, relax,
+                    (const double* __restrict costs, const double* __restrict potential, double offset, double number,
+                     double* __restrict distance, double* __restrict previous, int n),
+                    (costs, potential, offset, number, distance, previous, n)) {
   double lanes[kLanes];
   for (double& lane : lanes) lane = std::numeric_limits<double>::infinity();
   int j = 0;
@@ -45,7 +42,7 @@ ANIGEN_ROW_CLONES double relax(const double* __restrict costs, const double* __r
   return least_of(lanes);
 }
 
-ANIGEN_ROW_CLONES double least(const double* values, int n) {
+ANIGEN_EXACT_KERNEL(double, least, (const double* values, int n), (values, n)) {
   double lanes[kLanes];
   for (double& lane : lanes) lane = std::numeric_limits<double>::infinity();
   int j = 0;
@@ -56,7 +53,8 @@ ANIGEN_ROW_CLONES double least(const double* values, int n) {
   return least_of(lanes);
 }
 
-ANIGEN_ROW_CLONES void add_scaled(double lever, const double* __restrict step, double* __restrict row, int n) {
+ANIGEN_EXACT_KERNEL(void, add_scaled, (double lever, const double* __restrict step, double* __restrict row, int n),
+                    (lever, step, row, n)) {
   for (int k = 0; k < n; ++k) row[k] += lever * step[k];
 }
 

@@ -3,7 +3,7 @@
 namespace anigen::eval::kernels {
 
 /// What the transport solvers do to a row of costs, thousands of times per pair of skeletons; rows have some tens of
-/// values. Compiled for wider vectors too, chosen when the program starts; every version gives the same bits.
+/// values. Compiled for wider vectors too; every form of kernels gives the same bits.
 
 /// distance[j] = min(distance[j], costs[j] - potential[j] - offset), previous[j] = number where that was less.
 /// @return the least distance
