@@ -4,7 +4,7 @@
 
 namespace anigen::sparse {
 
-CoarseRows coarse_rows(const Tensor& coords, const nn::Ragged& items, std::int64_t factor) {
+CoarseRows coarse_rows(const Tensor& coords, const nn::Ragged& items, const GridFactor& factor) {
   const VoxelOrder order = voxel_order(coords, items, factor);
   CoarseRows coarse;
   coarse.row = torch::empty({coords.size(0)}, torch::kInt64);
@@ -21,7 +21,9 @@ CoarseRows coarse_rows(const Tensor& coords, const nn::Ragged& items, std::int64
       if (i == first || order.keys[at] != order.keys[at - 1]) {
         const std::int32_t* const c = fine + 4 * order.rows[at];
         places.push_back(c[0]);
-        for (int axis = 1; axis < 4; ++axis) places.push_back(static_cast<std::int32_t>(c[axis] / factor));
+        for (std::size_t axis = 0; axis < 3; ++axis) {
+          places.push_back(static_cast<std::int32_t>(c[axis + 1] / factor.axes[axis]));
+        }
         counts.push_back(0);
       }
       ++counts.back();

@@ -12,6 +12,7 @@ struct CoarseRows {
 };
 
 /// @param coords [N, 4] int32, CPU, contiguous @param items rows of each item @param factor at least 1
-CoarseRows coarse_rows(const Tensor& coords, const nn::Ragged& items, std::int64_t factor);
+/// along every axis
+CoarseRows coarse_rows(const Tensor& coords, const nn::Ragged& items, const GridFactor& factor);
 
 }  // namespace anigen::sparse

@@ -2,7 +2,7 @@
 
 namespace anigen::sparse {
 
-SparseTensor downsample(const SparseTensor& x, std::int64_t factor) {
+SparseTensor downsample(const SparseTensor& x, const GridFactor& factor) {
   const Coarsening& coarse = x.support->coarsened(factor);
   const torch::Dtype dtype = nn::dtype_of(x.feats), wide = nn::accumulation_dtype(dtype);
   const torch::Device device = x.feats.device();
@@ -12,7 +12,7 @@ SparseTensor downsample(const SparseTensor& x, std::int64_t factor) {
   return {coarse.support, (sums / (members + 1)).to(dtype)};
 }
 
-SparseTensor upsample(const SparseTensor& coarse, const SupportPtr& fine, std::int64_t factor) {
+SparseTensor upsample(const SparseTensor& coarse, const SupportPtr& fine, const GridFactor& factor) {
   const Coarsening& coarsening = fine->coarsened(factor);
   TORCH_CHECK(
       coarse.support == coarsening.support || torch::equal(coarse.support->coords(), coarsening.support->coords()),

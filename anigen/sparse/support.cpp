@@ -105,7 +105,7 @@ struct Support::Derived {
   Tensor neighbours, neighbours_elsewhere;
   std::map<std::pair<std::int64_t, std::int64_t>, WindowOrder> windows;  // by size and shift
   SupportPtr subdivided;
-  std::map<std::int64_t, Coarsening> coarsened;  // by factor
+  std::map<GridFactor, Coarsening> coarsened;  // by factor
 
   const Tensor& neighbours_of(const Support& support) {
     if (neighbours.defined()) return neighbours;
@@ -174,11 +174,14 @@ SupportPtr Support::subdivided() const {
   return derived_->subdivided;
 }
 
-const Coarsening& Support::coarsened(std::int64_t factor) const {
+const Coarsening& Support::coarsened(const GridFactor& factor) const {
   const std::lock_guard<std::mutex> lock(derived_->mutex);
   const auto found = derived_->coarsened.find(factor);
   if (found != derived_->coarsened.end()) return found->second;
-  if (factor < 1) fail_support("", "coarser by a factor of " + std::to_string(factor) + "; it must be at least 1");
+  for (const std::int64_t along_axis : factor.axes) {
+    if (along_axis >= 1) continue;
+    fail_support("", "coarser by a factor of " + std::to_string(along_axis) + "; it must be at least 1");
+  }
   CoarseRows rows = coarse_rows(coords_, items_, factor);
   Coarsening coarsening;
   coarsening.support = std::make_shared<Support>(Key{}, std::move(rows.coords), nn::Ragged(std::move(rows.lengths)));

@@ -4,10 +4,9 @@
 
 #include "anigen/nn/ragged.h"
 #include "anigen/nn/torch.h"
+#include "anigen/sparse/voxel_order.h"
 
 namespace anigen::sparse {
-
-using torch::Tensor;
 
 class Support;
 using SupportPtr = std::shared_ptr<const Support>;
@@ -60,8 +59,8 @@ class Support : public std::enable_shared_from_this<Support> {
   /// Every voxel c becomes the eight 2c + (i, j, k), consecutive, z fastest (reference autoencoders.md, 3.7).
   /// @throws InputError when a coordinate would leave [0, 2^20), or rows would exceed 2^31
   SupportPtr subdivided() const;
-  /// Places of c / factor (integer division). @throws InputError for a factor below 1
-  const Coarsening& coarsened(std::int64_t factor) const;
+  /// Places of c / factor (integer division along each axis). @throws InputError for a factor below 1
+  const Coarsening& coarsened(const GridFactor& factor) const;
 
  private:
   struct Derived;

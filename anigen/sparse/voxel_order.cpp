@@ -55,21 +55,19 @@ std::vector<std::int64_t> largest_coordinates(const Tensor& coords) {
   return largest;
 }
 
-VoxelOrder voxel_order(const Tensor& coords, const nn::Ragged& items, std::int64_t divisor) {
+VoxelOrder voxel_order(const Tensor& coords, const nn::Ragged& items, const GridFactor& divisor) {
   const std::vector<std::int64_t> largest = largest_coordinates(coords);
   VoxelOrder order;
-  order.stride_y = static_cast<std::uint64_t>(largest[2] / divisor + 3);  // a free place on either side
-  order.stride_x = order.stride_y * static_cast<std::uint64_t>(largest[1] / divisor + 3);
+  order.stride_y = static_cast<std::uint64_t>(largest[2] / divisor.axes[2] + 3);  // a free place on either side
+  order.stride_x = order.stride_y * static_cast<std::uint64_t>(largest[1] / divisor.axes[1] + 3);
   order.keys.reserve(static_cast<std::size_t>(coords.size(0)));
   order.rows.reserve(static_cast<std::size_t>(coords.size(0)));
   const std::int32_t* c = coords.data_ptr<std::int32_t>();
-  const auto place = [divisor](std::int32_t coordinate) {
-    return static_cast<std::uint64_t>(coordinate / divisor + 1);
-  };
+  const auto place = [&](std::size_t axis) { return static_cast<std::uint64_t>(c[axis + 1] / divisor.axes[axis] + 1); };
   for (std::int64_t item = 0; item < items.items(); ++item) {
     std::vector<std::uint64_t> keys(static_cast<std::size_t>(items.lengths()[static_cast<std::size_t>(item)]));
     for (std::uint64_t& key : keys) {
-      key = place(c[1]) * order.stride_x + place(c[2]) * order.stride_y + place(c[3]);
+      key = place(0) * order.stride_x + place(1) * order.stride_y + place(2);
       c += 4;
     }
     const SortedKeys sorted = sort_keys(std::move(keys));

@@ -1,4 +1,5 @@
 #pragma once
+#include <array>
 #include <cstdint>
 #include <vector>
 
@@ -18,6 +19,15 @@ struct SortedKeys {
 /// A radix sort: linear in the number of keys, and it skips digits that all keys share. @param keys of rows 0, 1, …
 SortedKeys sort_keys(std::vector<std::uint64_t> keys);
 
+/// How many voxels of each axis make one of a coarser grid.
+struct GridFactor {
+  GridFactor(std::int64_t all_axes) : axes{all_axes, all_axes, all_axes} {}  // one number stands for three
+  GridFactor(std::int64_t x, std::int64_t y, std::int64_t z) : axes{x, y, z} {}
+  bool operator<(const GridFactor& other) const { return axes < other.axes; }
+
+  std::array<std::int64_t, 3> axes;  ///< x, y, z
+};
+
 /// The rows of each item sorted by their voxels x, y, z divided by `divisor`. A voxel's key is
 /// (x + 1) · stride_x + (y + 1) · stride_y + z + 1, with strides large enough that the keys of its neighbours follow by
 /// adding ± stride_x ± stride_y ± 1, also across the border of the grid.
@@ -28,7 +38,7 @@ struct VoxelOrder {
 };
 
 /// @param coords [N, 4] int32, CPU, contiguous, each below 2^20 @param items rows of each item
-VoxelOrder voxel_order(const Tensor& coords, const nn::Ragged& items, std::int64_t divisor);
+VoxelOrder voxel_order(const Tensor& coords, const nn::Ragged& items, const GridFactor& divisor);
 
 /// Largest x, y, z, or 0 each without rows. @param coords as above
 std::vector<std::int64_t> largest_coordinates(const Tensor& coords);

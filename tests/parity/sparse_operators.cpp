@@ -87,8 +87,14 @@ void run_sparse_conv3d(Fixture& fixture) {
                 torch::linear(x.feats, weight.view({weight.size(0), weight.size(4)}), pointwise->conv->bias));
 }
 
+// One number, or one per axis.
+sparse::GridFactor grid_factor(const Json& factor) {
+  if (factor.is_number()) return factor.get<std::int64_t>();
+  return {factor.at(0).get<std::int64_t>(), factor.at(1).get<std::int64_t>(), factor.at(2).get<std::int64_t>()};
+}
+
 void run_sparse_down_up(Fixture& fixture) {
-  const std::int64_t factor = fixture.config().at("factor");
+  const sparse::GridFactor factor = grid_factor(fixture.config().at("factor"));
   SparseTensor x = operator_input(fixture, "coords", "feats");
   x.feats.requires_grad_();
   const SparseTensor down = sparse::downsample(x, factor), up = sparse::upsample(down, x.support, factor);

@@ -3,8 +3,10 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <map>
 #include <vector>
 
+#include "anigen/core/error.h"
 #include "tests/sparse/attention_cases.h"
 
 namespace anigen::sparse {
@@ -37,6 +39,57 @@ TEST(Resampling, GradientsMatchFiniteDifferences) {
   const double h = 1e-5;  // error of the central difference ~ h² third derivative, of rounding ~ 1e-14 / h
   const double slope = (loss(x.feats + h * step) - loss(x.feats - h * step)).item<double>() / (2 * h);
   EXPECT_NEAR(found, slope, 1e-6 * (1.0 + std::abs(slope)));
+}
+
+// One voxel at a time: members of each coarse place in a map, which is sorted as the rows shall be.
+TEST(Resampling, AFactorPerAxisAgreesWithOneVoxelAtATime) {
+  torch::manual_seed(35);
+  const SparseTensor x = cases::random_sparse({70, 0, 45}, 9, 3, torch::kFloat64);
+  const std::int64_t rows = x.support->size();
+  const Tensor coords = x.support->coords().to(torch::kInt64);
+  for (const GridFactor& factor :
+       {GridFactor(1, 2, 4), GridFactor(4, 1, 2), GridFactor(1, 1, 3), GridFactor(2, 2, 2)}) {
+    std::map<std::vector<std::int64_t>, std::vector<std::int64_t>> members;  // item, x, y, z → fine rows
+    for (std::int64_t row = 0; row < rows; ++row) {
+      std::vector<std::int64_t> place{coords[row][0].item<std::int64_t>()};
+      for (std::size_t axis = 0; axis < 3; ++axis) {
+        place.push_back(coords[row][static_cast<std::int64_t>(axis) + 1].item<std::int64_t>() / factor.axes[axis]);
+      }
+      members[place].push_back(row);
+    }
+    const Tensor feats = x.feats.clone().requires_grad_();
+    const SparseTensor coarse = downsample(x.with(feats), factor), back = upsample(coarse, x.support, factor);
+    const Tensor direction = torch::randn_like(coarse.feats), back_direction = torch::randn_like(back.feats);
+    const Tensor down_slope = torch::autograd::grad({coarse.feats}, {feats}, {direction}, /*retain_graph=*/true)[0];
+    const Tensor up_slope = torch::autograd::grad({back.feats}, {feats}, {back_direction})[0];
+    ASSERT_EQ(coarse.support->size(), static_cast<std::int64_t>(members.size()));
+    std::int64_t at = 0;
+    for (const auto& [place, fine] : members) {
+      EXPECT_TRUE(torch::equal(coarse.support->coords()[at].to(torch::kInt64), torch::tensor(place, torch::kInt64)));
+      const double share = 1.0 / static_cast<double>(fine.size() + 1);
+      Tensor sum = torch::zeros({3}, torch::kFloat64), slopes = torch::zeros({3}, torch::kFloat64);
+      for (const std::int64_t row : fine) {
+        sum += x.feats[row];
+        slopes += back_direction[row];
+      }
+      EXPECT_LT(cases::distance(coarse.feats[at].detach(), sum * share), 1e-12);
+      for (const std::int64_t row : fine) {
+        EXPECT_LT(cases::distance(back.feats[row].detach(), sum * share), 1e-12);
+        EXPECT_LT(cases::distance(down_slope[row], direction[at] * share), 1e-12);
+        EXPECT_LT(cases::distance(up_slope[row], slopes * share), 1e-12);
+      }
+      ++at;
+    }
+  }
+}
+
+TEST(Resampling, OneFactorStandsForThree) {
+  torch::manual_seed(36);
+  const SparseTensor x = cases::random_sparse({60, 40}, 7, 3);
+  EXPECT_TRUE(torch::equal(downsample(x, 2).feats, downsample(x, {2, 2, 2}).feats));
+  EXPECT_FALSE(downsample(x, 2).support->size() == downsample(x, {1, 2, 2}).support->size());
+  EXPECT_THROW(downsample(x, {2, 0, 2}), InputError);
+  EXPECT_THROW(upsample(downsample(x, {1, 2, 2}), x.support, 2), c10::Error);
 }
 
 TEST(Resampling, ChildrenRepeatTheirVoxel) {

@@ -183,7 +183,8 @@ TEST(Support, SubdivisionPutsEightChildrenInARow) {
 TEST(Support, CoarseVoxelsAreSortedAndCounted) {
   torch::manual_seed(4);
   const SupportPtr support = Support::create(cases::random_voxels({80, 0, 50}, 7));
-  for (const std::int64_t factor : {1, 2, 3, 100}) {
+  for (const GridFactor& factor : {GridFactor(1), GridFactor(2), GridFactor(3), GridFactor(100), GridFactor(1, 2, 4),
+                                   GridFactor(3, 1, 1), GridFactor(1, 1, 100), GridFactor(2, 7, 1)}) {
     const Coarsening& coarse = support->coarsened(factor);
     const std::vector<Place> fine = places_of(*support), places = places_of(*coarse.support);
     EXPECT_TRUE(std::is_sorted(places.begin(), places.end()));
@@ -192,13 +193,15 @@ TEST(Support, CoarseVoxelsAreSortedAndCounted) {
     for (std::size_t row = 0; row < fine.size(); ++row) {
       const auto at = static_cast<std::size_t>(coarse.row[static_cast<std::int64_t>(row)].item<std::int64_t>());
       Place wanted = fine[row];
-      for (std::size_t axis = 1; axis < 4; ++axis) wanted[axis] /= factor;
+      for (std::size_t axis = 1; axis < 4; ++axis) wanted[axis] /= factor.axes[axis - 1];
       EXPECT_EQ(places.at(at), wanted);
       ++count[at];
     }
     EXPECT_TRUE(torch::equal(coarse.count, torch::tensor(count, torch::kInt64)));
   }
   EXPECT_THROW(support->coarsened(0), InputError);
+  EXPECT_THROW(support->coarsened({2, 2, 0}), InputError);
+  EXPECT_THROW(support->coarsened({2, -1, 2}), InputError);
 }
 
 TEST(Support, DerivedThingsAreSharedAndMadeOnce) {
@@ -219,6 +222,8 @@ TEST(Support, DerivedThingsAreSharedAndMadeOnce) {
   EXPECT_EQ(&support->windows(4, 2), &support->windows(4, 2));
   EXPECT_EQ(support->subdivided(), support->subdivided());
   EXPECT_EQ(support->coarsened(2).support, support->coarsened(2).support);
+  EXPECT_EQ(support->coarsened({2, 2, 2}).support, support->coarsened(2).support);
+  EXPECT_NE(support->coarsened({1, 2, 2}).support, support->coarsened({2, 2, 1}).support);
 }
 
 TEST(SortKeys, StableForKeysOfAnySize) {
