@@ -9,7 +9,6 @@
 #include <numeric>
 
 #include "anigen/asset/skinning.h"
-#include "anigen/core/error.h"
 #include "anigen/io/gltf.h"
 #include "tests/io/small_asset.h"
 #include "tests/support/paths.h"

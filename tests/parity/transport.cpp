@@ -29,6 +29,8 @@ using io::JointTree;
 constexpr double kExactRelative = 1e-9;  // what exact transport promises
 constexpr double kGwExcess = 1e-6;  // a Gromov–Wasserstein cost this little above the best published one is as good
 constexpr double kGwShare = 0.95;   // of the pairs must be as good
+// So many starts may agree with the published end by other numbers only: the share of them, or three of few.
+constexpr double kRenumberedShare = 0.25, kRenumberedOfFew = 3.0;
 
 std::string pair_name(std::size_t pair) {
   char text[16];
@@ -157,12 +159,18 @@ Descent relabelled_descent(const Spaces& spaces, const MatrixXd& start, std::uin
           p.transpose() * found.plan * q};
 }
 
+// Starts whose result is compared, and those of them that took renumbered joints.
+struct Starts {
+  int compared = 0, renumbered = 0;
+};
+
 // The published conditional gradient from each of its starts. Its linear programs can tie whatever the bone lengths are
 // (two joints with half of all joints on either side of their bone have the same mean distance), and then the numbering
 // of the joints decides which optimal vertex a solver takes. So where our run ends elsewhere, others with renumbered
-// joints are tried: the published result must be one of ours. Where the fixture itself says that ties decide, its own
+// joints are tried: the published result must be one of ours, and for most starts at the first attempt, since a wrong
+// descent would end there by chance, too, with enough attempts. Where the fixture itself says that ties decide, its own
 // value stands in.
-void check_conditional_gradient(Fixture& fixture, const std::string& pair, const Spaces& spaces) {
+void check_conditional_gradient(Fixture& fixture, const std::string& pair, const Spaces& spaces, Starts& starts) {
   constexpr std::uint64_t kShuffles = 200;
   const std::vector<int> stable = ints(fixture.input(pair + "stable_cg"));
   const std::vector<int> stable_first = ints(fixture.input(pair + "stable_first"));
@@ -186,6 +194,8 @@ void check_conditional_gradient(Fixture& fixture, const std::string& pair, const
             (compare_first && !near(found.first, wanted_first)))) {
       found = relabelled_descent(spaces, start, ++shuffle);
     }
+    starts.compared += compare || compare_first ? 1 : 0;
+    starts.renumbered += shuffle > 0 ? 1 : 0;
     if (shuffle > 0) std::printf("%s: ties; agrees with renumbering %d\n", name.c_str(), static_cast<int>(shuffle));
     if (!compare) std::printf("%s: end decided by ties, not compared\n", name.c_str());
     fixture.check_true(name + ": descends to a coupling",
@@ -267,6 +277,7 @@ bool check_search(Fixture& fixture, const std::string& pair, const JointTree& x,
 void run_gromov_wasserstein(Fixture& fixture) {
   std::vector<std::string> worse;
   std::size_t pairs = 0;
+  Starts starts;
   for (; fixture.has_input(pair_name(pairs) + "joints1"); ++pairs) {
     const std::string pair = pair_name(pairs);
     const JointTree x = skeleton(fixture, pair, "1"), y = skeleton(fixture, pair, "2");
@@ -277,11 +288,14 @@ void run_gromov_wasserstein(Fixture& fixture) {
     const MatrixXd product = spaces.a * spaces.b.transpose();
     fixture.check(pair + "product_cost",
                   torch::full({1}, eval::gw_cost(spaces.c1, spaces.c2, product), torch::kFloat64));
-    check_conditional_gradient(fixture, pair, spaces);
+    check_conditional_gradient(fixture, pair, spaces, starts);
     check_entropics(fixture, pair, spaces);
     if (!check_search(fixture, pair, x, y, spaces)) worse.push_back(pair);
   }
   for (const std::string& pair : worse) std::printf("above the published best by more than 1e-6: %s\n", pair.c_str());
+  std::printf("%d of %d starts agree with renumbered joints only\n", starts.renumbered, starts.compared);
+  fixture.check_true("most starts agree as the joints are numbered",
+                     starts.renumbered <= std::max(kRenumberedOfFew, kRenumberedShare * starts.compared));
   std::printf("at most 1e-6 above the published best: %zu of %zu pairs\n", pairs - worse.size(), pairs);
   fixture.check_true("as good as the published best on 95 % of the pairs",
                      static_cast<double>(pairs - worse.size()) >= kGwShare * static_cast<double>(pairs));
