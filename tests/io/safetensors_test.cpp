@@ -116,6 +116,20 @@ TEST_F(Safetensors, RefusesDamage) {
   EXPECT_THROW(read_safetensors(folder_ / "missing.safetensors"), InputError);
 }
 
+// A file of a terabyte that takes no room on the disk: its data cannot be read into memory.
+TEST_F(Safetensors, MetadataIsReadWithoutTheData) {
+  const std::uint64_t bytes = std::uint64_t{1} << 40;
+  const std::string header = R"({"__metadata__":{"state":"here"},"a":{"dtype":"U8","shape":[1099511627776],)"
+                             R"("data_offsets":[0,1099511627776]}})";
+  const std::filesystem::path file = folder_ / "x.safetensors";
+  write_file_atomically(file, with_header(header));
+  std::filesystem::resize_file(file, 8 + header.size() + bytes);
+  EXPECT_EQ(read_safetensors_metadata(file), (std::map<std::string, std::string>{{"state", "here"}}));
+  std::filesystem::resize_file(file, 8 + header.size() + bytes - 1);
+  EXPECT_THROW(read_safetensors_metadata(file), InputError) << "the header says more than the file holds";
+  EXPECT_THROW(read_safetensors_metadata(folder_ / "missing.safetensors"), InputError);
+}
+
 TEST_F(Safetensors, DamagedFilesOnlyThrow) {
   const NamedArrays tensors = {{"weight", NdArray::from<float>({1, 2, 3, 4}, {2, 2})},
                                {"bias", NdArray::from<double>({3}, {1})}};

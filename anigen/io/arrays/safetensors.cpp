@@ -167,6 +167,42 @@ Header parse_header(const std::string& text, const std::string& file) {
   }
 }
 
+/// A file whose header has been read and checked.
+struct OpenFile {
+  std::ifstream in;
+  std::map<std::string, std::string> metadata;
+  std::vector<Entry> entries;
+  std::uint64_t data_start = 0;
+};
+
+OpenFile open_file(const std::filesystem::path& path) {
+  const std::string file = path.string();
+  std::error_code error;
+  if (!std::filesystem::is_regular_file(path, error)) throw InputError(file, "", "no such file");
+  const std::uint64_t file_bytes = std::filesystem::file_size(path, error);
+  OpenFile opened;
+  opened.in.open(path, std::ios::binary);
+  if (error || !opened.in) throw InputError(file, "", "cannot be opened");
+  if (file_bytes < kLengthBytes) throw InputError(file, byte(file_bytes), "ends inside the header length");
+  const std::uint64_t header_bytes = read_length(opened.in);
+  if (header_bytes > kMaxHeaderBytes || header_bytes > file_bytes - kLengthBytes) {
+    throw InputError(file, byte(0),
+                     "header length " + std::to_string(header_bytes) +
+                         " exceeds the file or the format's limit; truncated, or no safetensors file");
+  }
+  std::string text(header_bytes, '\0');
+  opened.in.read(text.data(), static_cast<std::streamsize>(text.size()));
+  if (!opened.in) throw InputError(file, byte(kLengthBytes), "the header cannot be read");
+  if (text.empty() || text[0] != '{') throw InputError(file, byte(kLengthBytes), "the header does not start with '{'");
+  const Header header = parse_header(text, file);
+
+  const HeaderReader reader(file, header_bytes, file_bytes);
+  opened.metadata = reader.metadata(header);
+  opened.entries = reader.entries(header);
+  opened.data_start = reader.data_start();
+  return opened;
+}
+
 const char* code_of(Dtype dtype) {
   return std::find_if(kDtypes.begin(), kDtypes.end(), [&](const DtypeCode& d) { return d.dtype == dtype; })->code;
 }
@@ -201,38 +237,24 @@ std::string header_text(const std::string& file, const NamedArrays& tensors,
 }  // namespace
 
 SafetensorsFile read_safetensors(const std::filesystem::path& path, const std::string& prefix) {
-  const std::string file = path.string();
-  std::error_code error;
-  if (!std::filesystem::is_regular_file(path, error)) throw InputError(file, "", "no such file");
-  const std::uint64_t file_bytes = std::filesystem::file_size(path, error);
-  std::ifstream in(path, std::ios::binary);
-  if (error || !in) throw InputError(file, "", "cannot be opened");
-  if (file_bytes < kLengthBytes) throw InputError(file, byte(file_bytes), "ends inside the header length");
-  const std::uint64_t header_bytes = read_length(in);
-  if (header_bytes > kMaxHeaderBytes || header_bytes > file_bytes - kLengthBytes) {
-    throw InputError(file, byte(0),
-                     "header length " + std::to_string(header_bytes) +
-                         " exceeds the file or the format's limit; truncated, or no safetensors file");
-  }
-  std::string text(header_bytes, '\0');
-  in.read(text.data(), static_cast<std::streamsize>(text.size()));
-  if (!in) throw InputError(file, byte(kLengthBytes), "the header cannot be read");
-  if (text.empty() || text[0] != '{') throw InputError(file, byte(kLengthBytes), "the header does not start with '{'");
-  const Header header = parse_header(text, file);
-
-  const HeaderReader reader(file, header_bytes, file_bytes);
+  OpenFile opened = open_file(path);
   SafetensorsFile result;
-  result.metadata = reader.metadata(header);
-  for (Entry& entry : reader.entries(header)) {
+  result.metadata = std::move(opened.metadata);
+  for (Entry& entry : opened.entries) {
     if (entry.name.rfind(prefix, 0) != 0) continue;
+    const std::uint64_t begin = opened.data_start + entry.begin;
     entry.array.bytes.resize(entry.end - entry.begin);
-    in.seekg(static_cast<std::streamoff>(reader.data_start() + entry.begin));
-    in.read(reinterpret_cast<char*>(entry.array.bytes.data()), static_cast<std::streamsize>(entry.array.bytes.size()));
-    if (!in)
-      throw InputError(file, byte(reader.data_start() + entry.begin), "tensor '" + entry.name + "' cannot be read");
+    opened.in.seekg(static_cast<std::streamoff>(begin));
+    opened.in.read(reinterpret_cast<char*>(entry.array.bytes.data()),
+                   static_cast<std::streamsize>(entry.array.bytes.size()));
+    if (!opened.in) throw InputError(path.string(), byte(begin), "tensor '" + entry.name + "' cannot be read");
     result.tensors.emplace_back(std::move(entry.name), std::move(entry.array));
   }
   return result;
+}
+
+std::map<std::string, std::string> read_safetensors_metadata(const std::filesystem::path& path) {
+  return open_file(path).metadata;
 }
 
 void write_safetensors(const std::filesystem::path& path, const NamedArrays& tensors,
