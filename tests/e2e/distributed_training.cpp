@@ -1,5 +1,6 @@
 // anigen-train by several processes of this machine: 1, 2 and 4 of them agree; a rank that is killed stops the others
-// with its name and the run goes on to the same end; another number of ranks goes on with the same samples.
+// with its name and the run goes on to the same end; another number of ranks goes on with the same samples; files of an
+// earlier run in the temporary folder are in nobody's way.
 //   distributed_training <anigen-train>        KILLS=10 in the environment for more than one
 #include <signal.h>
 #include <sys/wait.h>
@@ -48,6 +49,28 @@ void check_agreement(const RankRun& run) {
   compare("agree2", 1e-3);
   compare("agree4", 1e-3);
   compare("rounded", 2e-2);
+}
+
+// The launcher's process id names the file by which ranks of an earlier version met; a killed run of the same id left
+// it.
+void check_rendezvous(const RankRun& run) {
+  const fs::path temporary = run.folder / "tmp";
+  fs::create_directories(temporary);
+  for (const char* more : {"", "--set trainer.args.batch_size=0"}) {
+    const std::string output = *more == '\0' ? "meets" : "fails";
+    const pid_t launcher = start_program(run.line(2, output, more), [&] {
+      const std::string stale = "anigen-ranks-" + std::to_string(::getpid()) + "-0";
+      std::ofstream(temporary / stale, std::ios::binary) << std::string(64, '\x7f');
+      ::setenv("TMPDIR", temporary.c_str(), 1);
+    });
+    int status = 0;
+    require(::waitpid(launcher, &status, 0) == launcher && WIFEXITED(status), "cannot wait");
+    require((WEXITSTATUS(status) == 0) == (*more == '\0'),
+            output + ": status " + std::to_string(WEXITSTATUS(status)) + "\n" + anigen::read_file(run.said(output)));
+    std::size_t left = 0;
+    for (const auto& entry : fs::directory_iterator(temporary)) left += entry.is_directory() ? 1 : 0;
+    require(left == 0, output + " left its rendezvous behind");
+  }
 }
 
 // Step and micro-batch → samples, from the debug lines of all ranks.
@@ -141,6 +164,7 @@ int main(int argc, char** argv) {
     const RankRun run{argv[1], folder.path()};
     anigen::test::write_synthetic_dataset(folder / "data", 8);
     anigen::write_file_atomically(folder / "config.json", anigen::test::kSkinStageConfig);
+    check_rendezvous(run);
     check_agreement(run);
     check_data_order(run);
     check_kills(run, kills != nullptr ? std::max(1, std::atoi(kills)) : 1);

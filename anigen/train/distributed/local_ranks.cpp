@@ -58,6 +58,26 @@ pid_t start(const std::vector<std::string>& words, const std::vector<std::string
   std::_Exit(127);
 }
 
+// A new folder that only this user can enter, gone with what is in it at the end.
+class PrivateFolder {
+ public:
+  PrivateFolder() : path_((std::filesystem::temp_directory_path() / "anigen-ranks-XXXXXX").string()) {
+    if (::mkdtemp(path_.data()) == nullptr) {
+      throw Error(path_ + ": cannot create a temporary folder: " + std::strerror(errno));
+    }
+  }
+  ~PrivateFolder() {
+    std::error_code ignored;
+    std::filesystem::remove_all(path_, ignored);
+  }
+  PrivateFolder(const PrivateFolder&) = delete;
+  PrivateFolder& operator=(const PrivateFolder&) = delete;
+  const std::string& path() const { return path_; }
+
+ private:
+  std::string path_;
+};
+
 class Processes {
  public:
   Processes(const LocalRanks& local, const std::vector<std::string>& words, const std::string& rendezvous)
@@ -103,7 +123,7 @@ class Processes {
     child = 0;
     if (WIFSIGNALED(status)) log::error("rank {} was ended by signal {}", rank, WTERMSIG(status));
     const int code = WIFEXITED(status) ? WEXITSTATUS(status) : kFailed;
-    if (first_failure_ == 0) first_failure_ = code;
+    if (first_failure_ == 0 || code == kBadInput) first_failure_ = code;
     return true;
   }
   void tell(int signal) {
@@ -120,12 +140,9 @@ class Processes {
 }  // namespace
 
 int run_local_ranks(const LocalRanks& local, const std::vector<std::string>& words) {
+  const PrivateFolder folder;
   for (int attempt = 0;; ++attempt) {
-    const std::string rendezvous = (std::filesystem::temp_directory_path() / "anigen-ranks-").string() +
-                                   std::to_string(::getpid()) + "-" + std::to_string(attempt);
-    const int status = Processes(local, words, rendezvous).wait();
-    std::error_code ignored;
-    std::filesystem::remove(rendezvous, ignored);
+    const int status = Processes(local, words, folder.path() + "/attempt" + std::to_string(attempt)).wait();
     const bool again = status != 0 && status != kBadInput && status != kInterrupted && !interrupt_requested();
     if (!again || attempt >= local.restarts) return status;
     log::warn("starting all {} ranks again from the last checkpoint ({} of {})", local.ranks, attempt + 1,
