@@ -14,6 +14,7 @@ int main(int argc, char** argv) {
       "Trains one stage from one config. Run the same command again to go on where it stopped.\n\n"
       "  anigen-train --config configs/tiny/skin_ae.json --data-dir data/tiny --output runs/skin_ae\n"
       "  anigen-train --output runs/skin_ae                     go on with the config of that run\n"
+      "  anigen-train --output runs/skin_ae --ckpt 200 --restart  go back to step 200; later steps are moved aside\n"
       "  anigen-train --config FILE --output runs/b --set trainer.args.optimizer.args.lr=3e-4\n"
       "  anigen-train --ranks 2 --restarts 3 --config FILE --output runs/b --set trainer.args.batch_split=2\n"
       "  srun --ntasks 8 anigen-train --config FILE --output runs/b      or torchrun, or mpirun: docs/cluster.md\n"};
@@ -26,11 +27,18 @@ int main(int argc, char** argv) {
   app.add_option("--data-dir", command.data_dir, "Dataset root, or several separated by commas");
   app.add_option("--set", command.overrides, "path.to.key=value overrides a config value; repeatable")
       ->allow_extra_args(false);
-  app.add_option("--load", command.run.load, "Start from a checkpoint of this other run folder");
+  app.add_option("--load", command.run.load,
+                 "Start from a checkpoint of this other run folder; ignored once the output folder has its own");
   app.add_option("--warm-start", warm_start,
                  "Folder of pretrained weights (<class name>.safetensors or .pt) for the branches that published "
                  "runs take from TRELLIS; none: train those too [config's trainer.args.pretrained_dir]");
-  app.add_option("--ckpt", command.run.ckpt, "latest, none, or a step")->capture_default_str();
+  app.add_option("--ckpt", command.run.ckpt,
+                 "latest, none, or a step to start from; ignored once the output folder has checkpoints, so that the "
+                 "same command goes on however often it is started")
+      ->capture_default_str();
+  app.add_flag("--restart", command.run.restart,
+               "Begin again as --load and --ckpt say although the output folder has checkpoints: later steps move to "
+               "ckpts/abandoned-STEP-N there. The same command goes on with what it began until that run has ended");
   app.add_option("--profile", command.run.profile_steps,
                  "Measure where the time of so many steps goes, after two that warm up, into profile.md of the run")
       ->check(CLI::NonNegativeNumber);

@@ -11,7 +11,8 @@ class FileLock {
  public:
   enum class Kind { kShared, kExclusive };
 
-  /// Does not wait. @return nothing when somebody else holds it @throws Error when the file cannot be opened or locked
+  /// Does not wait. @return nothing when somebody else holds it @throws NotSupportedError when the file system has no
+  /// locks; Error when the file cannot be opened or locked
   static std::optional<FileLock> try_lock(const std::filesystem::path& file, Kind kind);
 
   FileLock(FileLock&& other) noexcept : descriptor_(std::exchange(other.descriptor_, -1)) {}

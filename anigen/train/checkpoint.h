@@ -29,14 +29,18 @@ class CheckpointFolder {
 
   /// Writes a set; every file is written to a temporary name, fsynced and renamed. Then deletes what the rule of the
   /// published trainer does not keep: all but the two newest steps and multiples of 100,000 (reference
-  /// training-and-data.md, 2.8), and leftovers of sets that were never finished.
+  /// training-and-data.md, 2.8), and leftovers of sets that were never finished. The set just written is one of the
+  /// two; sets of later steps neither count nor go. @throws Error when the set is not complete afterwards
   void save(std::int64_t step, const WeightFiles& weights, const SavedState& state) const;
 
   /// Steps of complete sets, ascending.
   std::vector<std::int64_t> steps() const;
   /// Newest complete set.
   std::optional<std::int64_t> latest() const;
+  /// Reads the state's header, none of its arrays, and compares the sizes of files.
   bool complete(std::int64_t step) const;
+  /// There is the state of some set, complete or not.
+  bool holds_states() const;
 
   /// @throws InputError when the file is missing or damaged
   io::NamedArrays weights(const std::string& name, std::int64_t step) const;
@@ -46,10 +50,22 @@ class CheckpointFolder {
   std::filesystem::path file(const std::string& name, std::int64_t step) const;
 
  private:
+  std::vector<std::int64_t> stated_steps() const;
   void clean_up(std::int64_t newest) const;
 
   std::filesystem::path folder_;
 };
+
+/// Moves what a run folder holds of the steps after `last` into a new folder `ckpts/abandoned-<first step>-<n>`, out of
+/// the way of a run that begins again at `last`: files of checkpoints, folders of `samples/`, and the rows of
+/// `metrics.csv`. Nothing is deleted. The new folder can be loaded like a run folder.
+/// @return the new folder; nothing when there was nothing to move @throws Error when the disk refuses; InputError when
+/// metrics.csv is no such table, before anything is moved
+std::optional<std::filesystem::path> set_later_steps_aside(const std::filesystem::path& run, std::int64_t last);
+
+/// The folder of a run's checkpoints: its `ckpts/`, or the folder itself where it has none, such as one that
+/// set_later_steps_aside() made.
+std::filesystem::path checkpoint_files_of(const std::filesystem::path& run);
 
 /// Name of an averaged model's files: "model_ema0.9999".
 std::string ema_name(const std::string& model, double rate);

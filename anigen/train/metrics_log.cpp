@@ -26,23 +26,38 @@ std::string csv_line(const std::vector<std::string>& cells) {
   return line + "\n";
 }
 
+// Without a last line that a crash cut short.
+CsvTable read_table(const fs::path& file) {
+  CsvTable table;
+  table.columns = {"step"};
+  std::error_code error;
+  if (!fs::exists(file, error)) return table;
+  std::string text = read_file(file);
+  text.erase(text.rfind('\n') == std::string::npos ? 0 : text.rfind('\n') + 1);
+  if (!text.empty()) table = parse_csv(text, file.string());
+  if (table.columns.empty() || table.columns[0] != "step") {
+    throw InputError(file.string(), "line 1", "is no metrics table: the first column must be 'step'");
+  }
+  return table;
+}
+
+void drop_rows(CsvTable& table, std::int64_t step, bool after) {
+  auto& rows = table.rows;
+  rows.erase(std::remove_if(rows.begin(), rows.end(),
+                            [&](const auto& row) { return (std::atoll(row[0].c_str()) > step) == after; }),
+             rows.end());
+}
+
 }  // namespace
 
-MetricsLog::MetricsLog(fs::path file, std::int64_t last_step) : file_(std::move(file)) {
-  table_.columns = {"step"};
-  std::error_code error;
-  if (fs::exists(file_, error)) {
-    std::string text = read_file(file_);
-    text.erase(text.rfind('\n') == std::string::npos ? 0 : text.rfind('\n') + 1);
-    if (!text.empty()) table_ = parse_csv(text, file_.string());
-    if (table_.columns.empty() || table_.columns[0] != "step") {
-      throw InputError(file_.string(), "line 1", "is no metrics table: the first column must be 'step'");
-    }
-  }
-  auto& rows = table_.rows;
-  rows.erase(
-      std::remove_if(rows.begin(), rows.end(), [&](const auto& row) { return std::atoll(row[0].c_str()) > last_step; }),
-      rows.end());
+CsvTable metrics_after(const fs::path& file, std::int64_t step) {
+  CsvTable table = read_table(file);
+  drop_rows(table, step, /*after=*/false);
+  return table;
+}
+
+MetricsLog::MetricsLog(fs::path file, std::int64_t last_step) : file_(std::move(file)), table_(read_table(file_)) {
+  drop_rows(table_, last_step, /*after=*/true);
   rewrite();
 }
 

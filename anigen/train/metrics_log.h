@@ -30,6 +30,9 @@ class MetricsLog {
   CsvTable table_;
 };
 
+/// Rows of a metrics.csv after a step; none when there is no such file. @throws InputError when it is no such table
+CsvTable metrics_after(const std::filesystem::path& file, std::int64_t step);
+
 /// Sums of per-step values between two log rows; their mean is what gets logged. A value that is not finite counts
 /// out its step for that quantity.
 class RunningMeans {

@@ -2,14 +2,21 @@
 
 #include <ATen/Context.h>
 
+#include <chrono>
 #include <ctime>
+#include <fstream>
+#include <optional>
 #include <system_error>
+#include <thread>
 
 #include "anigen/core/atomic_file.h"
 #include "anigen/core/config_file.h"
 #include "anigen/core/config_reader.h"
 #include "anigen/core/error.h"
+#include "anigen/core/file_lock.h"
+#include "anigen/core/interrupt.h"
 #include "anigen/core/log.h"
+#include "anigen/core/process_identity.h"
 #include "anigen/loaders/latent_normalization.h"
 #include "anigen/nn/computing.h"
 #include "anigen/train/precision.h"
@@ -55,6 +62,57 @@ void append_command(const fs::path& file, const std::string& line) {
   write_file_atomically(file, text + stamp + " " + line + "\n");
 }
 
+// Of the lock file, which its holder has written; nothing when nobody says, or a process that is gone.
+std::optional<ProcessIdentity> holder_of(const fs::path& file) {
+  try {
+    const ProcessIdentity holder = process_identity_from_json(read_json(file));
+    if (!certainly_gone(holder)) return holder;
+  } catch (const InputError&) {  // empty or half written: its holder has only just come
+  } catch (const Json::exception&) {
+  }
+  return std::nullopt;
+}
+
+// The run folder is this process's alone for as long as this lives. The kernel ends the lock with the process; the file
+// stays and says who held it last.
+class RunFolderLock {
+ public:
+  explicit RunFolderLock(const fs::path& run) {
+    const fs::path file = run / "run.lock";
+    try {
+      // A server of files may take so long to notice that a machine is gone, which held the lock.
+      constexpr auto kLongest = std::chrono::seconds(120);
+      const auto begin = std::chrono::steady_clock::now();
+      bool told = false;
+      while (!(lock_ = FileLock::try_lock(file, FileLock::Kind::kExclusive))) {
+        const std::optional<ProcessIdentity> holder = holder_of(file);
+        const std::string name =
+            holder ? "process " + std::to_string(holder->id) + " on " + holder->host : std::string("another process");
+        const bool elsewhere = holder && holder->space != this_process().space;
+        if (!elsewhere || std::chrono::steady_clock::now() - begin > kLongest) {
+          throw InputError(run.string(), "",
+                           "is the run folder of another anigen-train that is running, " + name +
+                               "; wait until it has ended, stop it, or give another --output");
+        }
+        if (!told) log::info("waiting up to 2 minutes for {}: {} holds it", run.string(), name);
+        told = true;
+        throw_if_interrupted();
+        std::this_thread::sleep_for(std::chrono::milliseconds(200));
+      }
+    } catch (const NotSupportedError& problem) {
+      log::warn("{}; no other anigen-train may work on it meanwhile, and nothing checks that", problem.what());
+      return;
+    }
+    // In place: a file that is renamed over this one would not be locked.
+    std::ofstream out(file, std::ios::trunc | std::ios::binary);
+    out << to_json(this_process()).dump() << "\n" << std::flush;
+    if (!out) throw Error(file.string() + ": cannot be written; is the disk full?");
+  }
+
+ private:
+  std::optional<FileLock> lock_;
+};
+
 // What all ranks do alike, and what rank 0 writes.
 struct StageConfig {
   const Json& config;
@@ -68,7 +126,6 @@ void prepare_run_folder(const TrainCommand& command, const Json& config) {
   if (error) throw Error(command.run.output.string() + ": cannot create folder: " + error.message());
   log::also_to_file(command.run.output / "log.txt");
   report_changes(command.run.output / "config.json", config);
-  write_config(command.run.output / "config.json", config);
   append_command(command.run.output / "command.txt", command.command_line);
 }
 
@@ -88,10 +145,20 @@ void train_as_rank(const TrainCommand& command, const std::shared_ptr<Communicat
                             "precision " + options.precision + " with trainer " + given.name.substr(0, 80));
   }
 
-  if (ranks->rank() == 0) prepare_run_folder(command, given.config);
   RunOptions run = command.run;
   run.ranks = ranks;
+  run.command = command.command_line;
+  std::optional<RunFolderLock> lock;
+  if (ranks->rank() == 0) {
+    lock.emplace(run.output);
+    std::error_code error;
+    const fs::path earlier = run.output / "config.json";
+    if (fs::exists(earlier, error)) run.earlier_config = read_file(earlier);
+    prepare_run_folder(command, given.config);
+  }
   Trainer loop(*stage, options, run);
+  // A run that could not begin leaves the config of what the folder holds.
+  if (ranks->rank() == 0) write_config(run.output / "config.json", given.config);
   log::info("{} trainable parameters, {} threads, {} replicas", loop.parameters().master().numel(), command.run.threads,
             options.replicas);
   loop.run();
@@ -120,6 +187,7 @@ void make_deterministic(torch::Device device) {
 }
 
 void train(const TrainCommand& command) {
+  check_start(command.run);
   nn::set_up_computing(command.run.threads);
   std::string file;
   const Json config = resolved_config(command, file);

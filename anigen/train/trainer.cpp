@@ -87,9 +87,11 @@ Trainer::Trainer(Stage& stage, const TrainerOptions& options, const RunOptions& 
   }
   workers_ =
       std::make_unique<Workers>(options_.replicas, std::max(1, run.threads / static_cast<int>(options_.replicas)));
+  check_start(run_);
   check_finetuned_models();
-  const CheckpointFolder source((run_.load.empty() ? run_.output : run_.load) / "ckpts");
-  const std::optional<std::int64_t> resumed = agreed_on(first() ? step_to_restore(source) : std::nullopt);
+  start_ = agreed_on(first() ? choose_start() : StartPoint());
+  const CheckpointFolder source = start_.own ? checkpoints_ : CheckpointFolder(checkpoint_files_of(run_.load));
+  const std::optional<std::int64_t> resumed = start_.step;
   if (!resumed) start_from_files();
   const auto convert = [this](Stage& converted) {
     if (options_.compute_dtype != torch::kFloat32) converted.set_compute_dtype(options_.compute_dtype);
@@ -143,8 +145,9 @@ void Trainer::run() {
 void Trainer::train() {
   started_ = Clock::now();
   if (first()) {
+    if (start_.begins_again) begin_again();
     metrics_ = std::make_unique<MetricsLog>(run_.output / "metrics.csv", step_);
-    board_ = std::make_unique<TensorBoardWriter>(run_.output / "tb_logs", step_ + 1);
+    board_ = std::make_unique<TensorBoardWriter>(run_.output / "tb_logs", last_kept_step() + 1);
   }
   loaders::Prefetcher::Options loading;
   loading.batch_size = options_.batch_size;
@@ -183,6 +186,7 @@ void Trainer::train() {
     if (due(step_, options_.i_save)) save();
     if (alone() ? interrupt_requested() : verdict.interrupted) {
       save();
+      require_saved();
       ranks_->barrier();
       throw Interrupted("stopped at step " + std::to_string(step_) +
                         "; everything is saved, run the same command to go on");
@@ -192,6 +196,8 @@ void Trainer::train() {
   if (first() && options_.i_eval > 0 && !due(step_, options_.i_eval)) evaluate();
   save();
   if (first() && options_.i_sample > 0 && step_ > first_step && !due(step_, options_.i_sample)) sample();
+  require_saved();
+  end_restart();
   ranks_->barrier();
 }
 

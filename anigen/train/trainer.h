@@ -26,10 +26,17 @@ struct RunOptions {
   std::filesystem::path output;    ///< run folder: metrics.csv, tb_logs/, ckpts/, samples/, profile.md
   std::filesystem::path load;      ///< run folder to start from; empty: output
   std::string ckpt = "latest";     ///< "latest" complete checkpoint if there is one, "none", or a step that must exist
+  bool restart = false;            ///< begin at `load` and `ckpt` although the output has complete checkpoints
+  std::string command;             ///< tells a restart that goes on from one that begins: the same text goes on
+  std::string earlier_config;      ///< config.json of the output before this run; kept beside what a restart leaves
   int threads = 1;                 ///< LibTorch threads, shared among replicas
   std::int64_t profile_steps = 0;  ///< measure where the time of so many steps goes, after two that warm up
   std::shared_ptr<Communicator> ranks;  ///< the processes that train together; null: this one alone
 };
+
+/// Checks `load`, `ckpt` and `restart` without looking at any folder. @throws InputError for an unknown word, and for
+/// options of which one would be ignored
+void check_start(const RunOptions& run);
 
 /// The loop all stages share (reference training-and-data.md, section 2). Given a seed, a number of threads per
 /// replica, a number of replicas and a number of ranks it is deterministic, and a run that was killed and resumed ends
@@ -41,15 +48,18 @@ struct RunOptions {
 /// for bit. Rank 0 alone writes files, evaluates and draws samples, while the others go on to the next exchange.
 class Trainer {
  public:
-  /// Restores the checkpoint that `run` asks for. Where there is none, the models start from `finetune_ckpt`, then from
-  /// the stage's own pretrained weights, which win (reference training-and-data.md, 2.2).
+  /// Restores the newest complete checkpoint of the output, so that a command that is run again goes on; where there
+  /// is none, or `restart` is set, the one that `load` and `ckpt` ask for. Without any the models start from
+  /// `finetune_ckpt`, then from the stage's own pretrained weights, which win (reference training-and-data.md, 2.2).
   /// @param stage models with their initial weights; must outlive the trainer
   /// @throws InputError for a file that does not fit, a frozen parameter that is in none, or fewer micro-batches than
   /// there are ranks and replicas
   Trainer(Stage& stage, const TrainerOptions& options, const RunOptions& run);
   ~Trainer();
 
-  /// Trains until max_steps or max_minutes, then evaluates, saves and, if i_sample is above 0, samples.
+  /// Trains until max_steps or max_minutes, then evaluates, saves and, if i_sample is above 0, samples. A restart first
+  /// moves later steps of the output aside (set_later_steps_aside()); until it has ended, `restart` of the same
+  /// `command` goes on.
   /// Weights that an update left not finite are replaced by those of the last tenth step.
   /// @throws Interrupted after saving when a signal asked to stop; Error naming step, tensor and samples when a loss
   /// or a gradient is not finite; with loss scaling such a step leaves the weights alone instead and lowers the scale;
@@ -67,7 +77,18 @@ class Trainer {
 
   void check_finetuned_models() const;
   void start_from_files();
-  std::optional<std::int64_t> step_to_restore(const CheckpointFolder& source) const;
+  struct StartPoint {
+    std::optional<std::int64_t> step;  ///< of the checkpoint; nothing: from the beginning
+    bool own = true;                   ///< a checkpoint of the output; else of `load`
+    bool begins_again = false;         ///< what the output holds of later steps belongs to another history
+  };
+  StartPoint choose_start() const;
+  StartPoint agreed_on(const StartPoint& start_of_rank_0);
+  bool restart_is_under_way() const;
+  std::int64_t last_kept_step() const;
+  void begin_again();
+  void end_restart() const;
+  void require_saved() const;
   void restore(const CheckpointFolder& source, std::int64_t step);
   /// The losses of one micro-batch, by name, and why they cannot be trained on; "" when they can.
   struct MicroBatch {
@@ -91,7 +112,6 @@ class Trainer {
   void evaluate();
   void sample();
   void save();
-  std::optional<std::int64_t> agreed_on(const std::optional<std::int64_t>& step_of_rank_0);
   SavedState state(const std::vector<std::string>& generators) const;
   void restore_state(const SavedState& state);
   void restore_generator(const SavedState& state);
@@ -108,6 +128,7 @@ class Trainer {
   std::unique_ptr<GradientBuckets> buckets_;  // null for one process
   std::unique_ptr<ParameterUpdate> update_;
   CheckpointFolder checkpoints_;
+  StartPoint start_;
   std::unique_ptr<Workers> workers_;
   std::unique_ptr<MetricsLog> metrics_;
   std::unique_ptr<TensorBoardWriter> board_;

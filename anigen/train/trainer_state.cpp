@@ -1,6 +1,9 @@
 #include <map>
+#include <system_error>
 
+#include "anigen/core/atomic_file.h"
 #include "anigen/core/error.h"
+#include "anigen/core/json.h"
 #include "anigen/core/log.h"
 #include "anigen/core/random.h"
 #include "anigen/io/torch_archive.h"
@@ -19,7 +22,51 @@ std::string generator_name(std::size_t rank) {
   return rank == 0 ? std::string("rng.torch") : "rng.torch.rank" + std::to_string(rank);
 }
 
+constexpr char kRestart[] = "restart.json";
+
+// The options of a command line that say where to begin.
+std::string told_start(const RunOptions& run) {
+  std::string text = run.load.empty() ? "" : "--load " + run.load.string();
+  if (run.ckpt != "latest") text += (text.empty() ? "--ckpt " : " --ckpt ") + run.ckpt;
+  return text;
+}
+
+// A checkpoint of the output is its own also when --load names the folder.
+bool loads_another_run(const RunOptions& run) {
+  std::error_code error;
+  return !run.load.empty() && !std::filesystem::equivalent(run.load, run.output, error);
+}
+
+std::optional<std::int64_t> step_to_load(const CheckpointFolder& source, const RunOptions& run) {
+  if (run.ckpt == "none") return std::nullopt;
+  if (run.ckpt == "latest") {
+    const std::optional<std::int64_t> latest = source.latest();
+    if (!latest && !run.load.empty()) throw InputError(run.load.string(), "ckpts", "holds no complete checkpoint");
+    return latest;
+  }
+  const std::int64_t step = std::stoll(run.ckpt);
+  if (source.complete(step)) return step;
+  std::string others;
+  for (const std::int64_t other : source.steps()) others += (others.empty() ? "" : ", ") + std::to_string(other);
+  throw InputError(source.file("state", step).string(), "",
+                   "there is no complete checkpoint of this step, only of " + (others.empty() ? "none" : others));
+}
+
 }  // namespace
+
+void check_start(const RunOptions& run) {
+  const bool step =
+      !run.ckpt.empty() && run.ckpt.size() <= 15 && run.ckpt.find_first_not_of("0123456789") == std::string::npos;
+  if (!step && run.ckpt != "none" && run.ckpt != "latest") {
+    throw InputError("--ckpt", run.ckpt, "expected latest, none or a step");
+  }
+  if (run.ckpt == "none" && !run.load.empty()) {
+    throw InputError("--load", run.load.string(), "--ckpt none reads no checkpoint; leave one of the two out");
+  }
+  if (run.restart && run.ckpt == "latest" && run.load.empty()) {
+    throw InputError("--restart", "", "needs --ckpt none, --ckpt STEP or --load DIR, which say where to begin");
+  }
+}
 
 void Trainer::check_finetuned_models() const {
   std::map<std::string, std::string> unknown = options_.finetune_ckpt;
@@ -38,20 +85,70 @@ void Trainer::start_from_files() {
   stages_.front()->warm_start(finetuned);
 }
 
-std::optional<std::int64_t> Trainer::step_to_restore(const CheckpointFolder& source) const {
-  if (run_.ckpt == "none") return std::nullopt;
-  if (run_.ckpt == "latest") {
-    const std::optional<std::int64_t> latest = source.latest();
-    if (!latest && !run_.load.empty()) throw InputError(run_.load.string(), "ckpts", "holds no complete checkpoint");
-    return latest;
+// The output's newest checkpoint goes before --load and --ckpt, so that whatever started the command again, a person, a
+// launcher or a cluster, the run comes to its end.
+Trainer::StartPoint Trainer::choose_start() const {
+  const std::optional<std::int64_t> newest = checkpoints_.latest();
+  const bool under_way = run_.restart && restart_is_under_way();
+  StartPoint start;
+  if (newest && (!run_.restart || under_way)) {
+    const std::string told = told_start(run_);
+    if (under_way) {
+      log::warn("--restart has begun before by this command: the run goes on from step {} of {}", *newest,
+                run_.output.string());
+    } else if (!told.empty() && told != "--ckpt " + std::to_string(*newest)) {
+      log::warn(
+          "{} is ignored: {} has checkpoints, and the run goes on from the newest of them, step {}; with --restart it "
+          "begins again as the option says, and later steps are moved aside",
+          told, run_.output.string(), *newest);
+    }
+    start.step = newest;
+    return start;
   }
-  if (run_.ckpt.empty() || run_.ckpt.size() > 15 || run_.ckpt.find_first_not_of("0123456789") != std::string::npos) {
-    throw InputError("--ckpt", run_.ckpt, "expected latest, none or a step");
+  start.own = !loads_another_run(run_);
+  start.step = step_to_load(start.own ? checkpoints_ : CheckpointFolder(checkpoint_files_of(run_.load)), run_);
+  const bool goes_on = start.own && start.step;
+  start.begins_again = run_.restart ? !under_way : !goes_on && checkpoints_.holds_states();
+  return start;
+}
+
+bool Trainer::restart_is_under_way() const {
+  const std::filesystem::path file = run_.output / kRestart;
+  std::error_code error;
+  if (!std::filesystem::exists(file, error)) return false;
+  const Json begun = read_json(file);
+  return begun.is_object() && begun.contains("command") && begun["command"] == run_.command;
+}
+
+// Of the history in the output that this run continues; -1 when it begins one.
+std::int64_t Trainer::last_kept_step() const { return start_.own && start_.step ? *start_.step : -1; }
+
+void Trainer::begin_again() {
+  const std::int64_t last = last_kept_step();
+  if (const std::optional<std::filesystem::path> folder = set_later_steps_aside(run_.output, last)) {
+    if (!run_.earlier_config.empty()) write_file_atomically(*folder / "config.json", run_.earlier_config);
+    log::warn("what {} held {} is now in {}; nothing of it is deleted, and another run can --load that folder",
+              run_.output.string(), last < 0 ? "of earlier runs" : "of the steps after " + std::to_string(last),
+              folder->string());
   }
-  const std::int64_t step = std::stoll(run_.ckpt);
-  if (!source.complete(step))
-    throw InputError(source.file("state", step).string(), "", "there is no complete checkpoint of this step");
-  return step;
+  // Not before: a command that is stopped above begins again.
+  if (run_.restart) {
+    write_file_atomically(run_.output / kRestart, Json{{"command", run_.command}, {"last_step", last}}.dump(1) + "\n");
+  }
+  start_.begins_again = false;
+}
+
+void Trainer::end_restart() const {
+  std::error_code error;
+  if (first()) std::filesystem::remove(run_.output / kRestart, error);
+  if (error) throw Error((run_.output / kRestart).string() + ": cannot be removed: " + error.message());
+}
+
+// A message that says "saved" or "finished" follows.
+void Trainer::require_saved() const {
+  if (!first() || checkpoints_.complete(step_)) return;
+  throw Error(checkpoints_.file("state", step_).string() + ": the checkpoint of step " + std::to_string(step_) +
+              " was written and is not whole any more; does another program work in this folder?");
 }
 
 void Trainer::restore(const CheckpointFolder& source, std::int64_t step) {
@@ -69,14 +166,18 @@ void Trainer::restore(const CheckpointFolder& source, std::int64_t step) {
   for (ParameterBuffer& buffer : buffers_) buffer.publish();
   restore_state(source.state(step));
   if (step_ != step) throw InputError(source.file("state", step).string(), "step", "belongs to another step");
-  saved_step_ = run_.load.empty() ? step_ : -1;
+  saved_step_ = start_.own ? step_ : -1;
   log::info("resumed from step {} ({} samples seen)", step_, samples_);
 }
 
 // Rank 0 decides from which step, since it may see a folder that another machine does not see yet.
-std::optional<std::int64_t> Trainer::agreed_on(const std::optional<std::int64_t>& step_of_rank_0) {
-  const std::string said = ranks_->gather(step_of_rank_0 ? std::to_string(*step_of_rank_0) : "").front();
-  return said.empty() ? std::nullopt : std::optional<std::int64_t>(std::stoll(said));
+Trainer::StartPoint Trainer::agreed_on(const StartPoint& start_of_rank_0) {
+  const std::string step = start_of_rank_0.step ? std::to_string(*start_of_rank_0.step) : "";
+  const std::string said = ranks_->gather((start_of_rank_0.own ? "o" : "l") + step).front();
+  StartPoint start = start_of_rank_0;
+  start.own = said.front() == 'o';
+  start.step = said.size() > 1 ? std::optional<std::int64_t>(std::stoll(said.substr(1))) : std::nullopt;
+  return start;
 }
 
 // Sums move to rank 0, which logs and saves them.

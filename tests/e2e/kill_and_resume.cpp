@@ -1,4 +1,6 @@
 // Trains, kills the program at random moments, resumes, and compares the end with an uninterrupted run, bit for bit.
+// Then starts it again in the ways that could cost a run: from its beginning, from an earlier step, from another run,
+// beside itself, and stopped by Ctrl-C.
 //   kill_and_resume <anigen-train>        KILLS=10 in the environment for more than the default of 3
 #include <signal.h>
 #include <sys/wait.h>
@@ -8,12 +10,15 @@
 #include <chrono>
 #include <cstdio>
 #include <cstdlib>
+#include <functional>
+#include <set>
 #include <stdexcept>
 #include <string>
 #include <thread>
 #include <vector>
 
 #include "anigen/core/atomic_file.h"
+#include "anigen/core/csv.h"
 #include "anigen/core/random.h"
 #include "anigen/io/safetensors.h"
 #include "tests/e2e/other_program.h"
@@ -45,10 +50,29 @@ struct Run {
   std::string program;
   fs::path folder;
 
-  pid_t start(const std::string& output) const {
+  pid_t start(const std::string& output, const std::string& more = "") const {
     return anigen::test::start_program(quoted(program) + " --config " + quoted((folder / "config.json").string()) +
                                        " --data-dir " + quoted((folder / "data").string()) + " --output " +
-                                       quoted((folder / output).string()) + " --threads 2 --quiet");
+                                       quoted((folder / output).string()) + " --threads 2 --quiet " + more);
+  }
+  fs::path checkpoint(const std::string& output, int step) const {
+    char name[64];
+    std::snprintf(name, sizeof name, "state_step%07d.safetensors", step);
+    return folder / output / "ckpts" / name;
+  }
+  bool has(const std::string& output, int step) const { return fs::exists(checkpoint(output, step)); }
+  // Newest step that has a state; -1 without one.
+  int newest(const std::string& output) const {
+    int found = -1;
+    std::error_code error;
+    for (fs::directory_iterator entry(folder / output / "ckpts", error), end; !error && entry != end;
+         entry.increment(error)) {
+      const std::string name = entry->path().filename().string();
+      if (name.rfind("state_step", 0) == 0 && name.find(".tmp-") == std::string::npos) {
+        found = std::max(found, std::stoi(name.substr(10, 7)));
+      }
+    }
+    return found;
   }
 };
 
@@ -79,6 +103,89 @@ void check_same(const fs::path& a, const fs::path& b) {
   for (std::size_t i = 0; i < x.size(); ++i) {
     require(x[i].first == y[i].first && x[i].second.bytes == y[i].second.bytes, "state " + x[i].first + " differs");
   }
+}
+
+std::string steps(int most) { return " --set trainer.args.max_steps=" + std::to_string(most); }
+
+// Steps of metrics.csv, as they stand there.
+std::vector<int> logged_steps(const fs::path& folder) {
+  const anigen::CsvTable table = anigen::read_csv(folder / "metrics.csv");
+  std::vector<int> found;
+  for (const auto& row : table.rows) found.push_back(std::stoi(row[0]));
+  return found;
+}
+
+void wait_until(const std::function<bool()>& there, pid_t child, const std::string& what) {
+  const Clock::time_point begin = Clock::now();
+  while (!there()) {
+    require(Clock::now() - begin < std::chrono::minutes(3), what + " did not come");
+    int status = 0;
+    require(::waitpid(child, &status, WNOHANG) == 0, "the run ended before " + what);
+    std::this_thread::sleep_for(std::chrono::milliseconds(10));
+  }
+}
+
+void check_beginnings(const Run& train) {
+  const auto finishes = [&](const std::string& output, const std::string& more) {
+    const int status = wait_for(train.start(output, more));
+    require(status == 0, output + " " + more + ": status " + std::to_string(status));
+  };
+  finishes("other", steps(20));
+  finishes("run", steps(40));
+
+  // 1. A run that begins below the checkpoints of its folder keeps its own, and theirs.
+  finishes("run", "--ckpt none --restart" + steps(15));
+  require(train.has("run", 15) && train.has("run", 10), "the checkpoints of the run that began again are not there");
+  for (const char* step : {"30", "40"}) {
+    require(fs::exists(train.folder / "run/ckpts/abandoned-30-1" /
+                       ("state_step00000" + std::string(step) + ".safetensors")),
+            std::string("the earlier step ") + step + " is lost");
+  }
+  require(logged_steps(train.folder / "run") == std::vector<int>{7, 14}, "metrics.csv holds rows of the earlier run");
+
+  // 2. The command that began from another run goes on when it is run again.
+  const std::string loads = "--load " + quoted((train.folder / "other").string()) + " --ckpt 20";
+  finishes("run2", loads + steps(40));
+  const std::vector<int> before = logged_steps(train.folder / "run2");
+  const std::string at_40 = anigen::read_file(train.checkpoint("run2", 40));
+  finishes("run2", loads + steps(50));
+  require(anigen::read_file(train.checkpoint("run2", 40)) == at_40, "step 40 was trained again");
+  require(logged_steps(train.folder / "run2").size() > before.size(), "nothing was added to metrics.csv");
+
+  // 3. A run that went back does not return to the steps it left, also when it is killed and started by the same words.
+  finishes("run3", steps(40));
+  const std::string rewinds = "--ckpt 30 --restart --set trainer.args.seed=8" + steps(1000000);
+  for (int leg = 0, reached = 30; leg < 2; ++leg) {
+    const pid_t child = train.start("run3", rewinds);
+    const int wanted = reached + 20;
+    wait_until([&] { return train.newest("run3") >= wanted; }, child, "step " + std::to_string(wanted));
+    ::kill(child, SIGKILL);
+    require(wait_for(child) == -SIGKILL, "the run ended by itself");
+    reached = train.newest("run3");
+  }
+  require(fs::exists(train.folder / "run3/ckpts/abandoned-40-1"), "step 40 of the first history is lost");
+  for (const auto& entry : fs::directory_iterator(train.folder / "run3/ckpts")) {
+    require(!entry.is_directory() || entry.path().filename() == "abandoned-40-1", "the same restart began again");
+  }
+  const std::vector<int> rows = logged_steps(train.folder / "run3");
+  require(std::is_sorted(rows.begin(), rows.end()) && std::set<int>(rows.begin(), rows.end()).size() == rows.size(),
+          "metrics.csv holds two histories");
+
+  // 4. A second trainer is refused by the holder's name, and 5. Ctrl-C means that everything is saved.
+  const pid_t holder = train.start("run4", steps(1000000));
+  wait_until([&] { return train.newest("run4") >= 10; }, holder, "step 10");
+  const fs::path said = train.folder / "second.txt";
+  const int refused = wait_for(train.start("run4", steps(1000000) + " 2>" + quoted(said.string())));
+  const std::string message = anigen::read_file(said);
+  require(refused == 2, "a second trainer ended with status " + std::to_string(refused) + ": " + message);
+  require(message.find("process " + std::to_string(holder) + " on ") != std::string::npos, message);
+  ::kill(holder, SIGINT);
+  require(wait_for(holder) == 130, "Ctrl-C did not end with status 130");
+  const std::vector<int> last = logged_steps(train.folder / "run4");
+  const int newest = train.newest("run4");
+  require(!last.empty() && newest >= last.back(), "Ctrl-C lost steps that metrics.csv holds");
+  finishes("run4", steps(newest + 1));
+  std::printf("every way to begin kept what was there\n");
 }
 
 void run(const std::string& program, int kills) {
@@ -112,6 +219,7 @@ void run(const std::string& program, int kills) {
   }
   require(delivered >= kills, "too few kills hit a running program");
   std::printf("%d kills; every resumed run ended with the same bits\n", delivered);
+  check_beginnings(train);
 }
 
 }  // namespace

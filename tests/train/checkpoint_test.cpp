@@ -5,6 +5,8 @@
 #include <fstream>
 #include <limits>
 
+#include "anigen/core/atomic_file.h"
+#include "anigen/core/csv.h"
 #include "anigen/core/error.h"
 #include "tests/support/paths.h"
 
@@ -42,6 +44,60 @@ TEST_F(Checkpoints, KeepsTheTwoNewestAndRoundOnes) {
   for (const std::int64_t step : {100'000, 100'100, 200'000, 200'100, 200'200}) save(step);
   EXPECT_EQ(checkpoints_.steps(), (std::vector<std::int64_t>{100'000, 200'000, 200'100, 200'200}));
   EXPECT_FALSE(checkpoints_.has("model", 100'100));
+}
+
+TEST_F(Checkpoints, TheSetJustWrittenIsKeptBelowLaterOnes) {
+  for (const std::int64_t step : {220, 240, 30}) save(step);
+  EXPECT_EQ(checkpoints_.steps(), (std::vector<std::int64_t>{30, 220, 240}));
+  save(40);
+  save(50);
+  EXPECT_EQ(checkpoints_.steps(), (std::vector<std::int64_t>{40, 50, 220, 240})) << "two of its own, no other's";
+}
+
+// A state of a terabyte that takes no room on the disk: reading it would need as much memory.
+TEST_F(Checkpoints, CompleteSetsAreFoundByTheHeadersOfTheirStates) {
+  save(100);
+  const fs::path state = checkpoints_.file("state", 100), model = checkpoints_.file("model", 100);
+  const std::string header =
+      R"({"__metadata__":{"state":"{\"step\":100,\"files\":{\")" + model.filename().string() + R"(\":)" +
+      std::to_string(fs::file_size(model)) +
+      R"(},\"numbers\":{}}"},"optimizer.exp_avg":{"dtype":"U8","shape":[1099511627776],"data_offsets":[0,1099511627776]}})";
+  std::string length(8, '\0');
+  for (std::size_t i = 0; i < 2; ++i) length[i] = static_cast<char>(header.size() >> (8 * i));
+  write_file_atomically(state, length + header);
+  fs::resize_file(state, length.size() + header.size() + (std::uintmax_t{1} << 40));
+  EXPECT_EQ(checkpoints_.latest(), 100);
+  EXPECT_EQ(checkpoints_.steps(), std::vector<std::int64_t>{100});
+  fs::resize_file(state, fs::file_size(state) - 1);
+  EXPECT_FALSE(checkpoints_.complete(100)) << "the data are cut";
+}
+
+TEST_F(Checkpoints, LaterStepsAreMovedAsideAndCanBeLoadedFromThere) {
+  for (const std::int64_t step : {220, 240, 20}) save(step, static_cast<float>(step));
+  std::ofstream(folder_ / "metrics.csv") << "step,loss\n10,3\n20,2\n220,1\n230,0.5\n";
+  for (const char* step : {"step20", "step220", "final"}) fs::create_directories(folder_ / "samples" / step);
+  EXPECT_EQ(set_later_steps_aside(folder_.path(), 240), std::nullopt);
+
+  const fs::path first = set_later_steps_aside(folder_.path(), 20).value();
+  EXPECT_EQ(first, folder_ / "ckpts/abandoned-220-1");
+  EXPECT_EQ(checkpoints_.steps(), std::vector<std::int64_t>{20});
+  EXPECT_EQ(CheckpointFolder(first).steps(), (std::vector<std::int64_t>{220, 240}));
+  EXPECT_EQ(checkpoint_files_of(first), first);
+  EXPECT_EQ(checkpoint_files_of(folder_.path()), folder_ / "ckpts");
+  EXPECT_EQ(CheckpointFolder(first).weights("model", 240).front().second.as<float>().front(), 240.0f);
+  EXPECT_EQ(read_file(folder_ / "metrics.csv"), "step,loss\n10,3\n20,2\n");
+  EXPECT_EQ(read_file(first / "metrics.csv"), "step,loss\n220,1\n230,0.5\n");
+  EXPECT_TRUE(fs::exists(first / "samples/step220"));
+  EXPECT_TRUE(fs::exists(folder_ / "samples/step20"));
+  EXPECT_TRUE(fs::exists(folder_ / "samples/final"));
+
+  save(220);
+  const fs::path second = set_later_steps_aside(folder_.path(), 20).value();
+  EXPECT_EQ(second, folder_ / "ckpts/abandoned-220-2");
+  EXPECT_EQ(CheckpointFolder(first).steps(), (std::vector<std::int64_t>{220, 240})) << "untouched";
+  save(30);
+  save(40);
+  EXPECT_EQ(CheckpointFolder(second).steps(), std::vector<std::int64_t>{220}) << "no clean-up reaches it";
 }
 
 TEST_F(Checkpoints, ASetWithoutItsStateDoesNotExist) {

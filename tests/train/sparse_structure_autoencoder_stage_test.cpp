@@ -142,6 +142,7 @@ TEST_F(BallRun, ResumedRunsNeedNoWarmStartFiles) {
   // A run that begins anew needs them.
   TrainCommand anew = command("run", frozen());
   anew.run.ckpt = "none";
+  anew.run.restart = true;
   EXPECT_THROW(train(anew), InputError);
 }
 

@@ -2,11 +2,18 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <chrono>
 #include <fstream>
+#include <future>
 #include <limits>
+#include <optional>
+#include <thread>
 
 #include "anigen/core/atomic_file.h"
 #include "anigen/core/error.h"
+#include "anigen/core/file_lock.h"
+#include "anigen/core/process_identity.h"
 #include "anigen/io/safetensors.h"
 #include "anigen/train/skin_autoencoder_stage.h"
 #include "anigen/train/train_command.h"
@@ -145,11 +152,163 @@ TEST_F(TrainerRun, WarmStartAndCheckpointChoice) {
   from.run.ckpt = "8";
   train(from);
   EXPECT_EQ(bytes("third/ckpts/model_step0000008.safetensors"), bytes("first/ckpts/model_step0000008.safetensors"));
+  from.run.output = folder_ / "fourth";
   from.run.ckpt = "9";
   EXPECT_THROW(train(from), InputError);
-  from.run.ckpt = "newest";
-  EXPECT_THROW(train(from), InputError);
+  for (const char* word : {"newest", "-1", ""}) {
+    from.run.ckpt = word;
+    from.run.output = folder_ / "fifth";
+    EXPECT_THROW(train(from), InputError) << word;
+    EXPECT_FALSE(std::filesystem::exists(from.run.output)) << word;
+  }
+  from.run.ckpt = "none";
+  EXPECT_THROW(train(from), InputError) << "--load would be ignored";
+  TrainCommand back = command("first", {"trainer.args.max_steps=8"});
+  const std::string config = bytes("first/config.json");
+  back.run.ckpt = "9";
+  back.run.restart = true;
+  try {
+    train(back);
+    FAIL() << "expected an error";
+  } catch (const InputError& error) {
+    EXPECT_NE(error.problem().find("8, 12"), std::string::npos) << error.problem();
+  }
+  EXPECT_EQ(bytes("first/config.json"), config) << "nothing is changed by a run that cannot begin";
+  TrainCommand nowhere = command("first");
+  nowhere.run.restart = true;
+  EXPECT_THROW(train(nowhere), InputError) << "nothing says where to begin again";
   EXPECT_THROW(train(command("x", {"trainer.args.finetune_ckpt={\"decoder\": \"a.safetensors\"}"})), InputError);
+}
+
+constexpr char kSixSteps[] = "trainer.args.max_steps=6";
+
+TEST_F(TrainerRun, ARunThatBeginsAgainKeepsItsOwnCheckpointAndTheEarlierOnes) {
+  train(command("run"));
+  const std::string earlier = bytes("run/ckpts/model_step0000012.safetensors"), config = bytes("run/config.json");
+  TrainCommand anew = command("run", {"trainer.args.max_steps=3", "trainer.args.seed=6"});
+  anew.run.ckpt = "none";
+  anew.run.restart = true;
+  train(anew);
+  EXPECT_EQ(CheckpointFolder(folder_ / "run/ckpts").steps(), std::vector<std::int64_t>{3});
+  EXPECT_EQ(CheckpointFolder(folder_ / "run/ckpts/abandoned-8-1").steps(), (std::vector<std::int64_t>{8, 12}));
+  EXPECT_EQ(bytes("run/ckpts/abandoned-8-1/model_step0000012.safetensors"), earlier);
+  EXPECT_EQ(bytes("run/ckpts/abandoned-8-1/config.json"), config);
+  EXPECT_EQ(read_csv(folder_ / "run/ckpts/abandoned-8-1/metrics.csv").cell(0, "step"), "5");
+  for (const auto& row : read_csv(folder_ / "run/metrics.csv").rows) EXPECT_LE(std::stoi(row[0]), 3);
+  // What was left can be gone on with.
+  TrainCommand back = command("back", {"trainer.args.max_steps=12"});
+  back.run.load = folder_ / "run/ckpts/abandoned-8-1";
+  train(back);
+  EXPECT_EQ(bytes("back/ckpts/model_step0000012.safetensors"), earlier);
+}
+
+TEST_F(TrainerRun, TheOutputsNewestCheckpointGoesBeforeLoadAndCkpt) {
+  train(command("first", {"trainer.args.max_steps=4"}));
+  for (const bool loads : {true, false}) {
+    const std::string output = loads ? "loads" : "rewinds";
+    TrainCommand leg = command(output, {kSixSteps});
+    if (loads) {
+      leg.run.load = folder_ / "first";
+      leg.run.ckpt = "4";
+    }
+    train(leg);
+    const CsvTable half = read_csv(folder_ / output / "metrics.csv");
+    // The same command with more to do, as after a kill, goes on.
+    leg.overrides = {};
+    leg.run.ckpt = "4";
+    train(leg);
+    EXPECT_NE(bytes(output + "/log.txt").find("is ignored: "), std::string::npos);
+    EXPECT_NE(bytes(output + "/log.txt").find("resumed from step 6"), std::string::npos) << output;
+    EXPECT_EQ(CheckpointFolder(folder_ / output / "ckpts").steps(), (std::vector<std::int64_t>{8, 12}));
+    const CsvTable whole = read_csv(folder_ / output / "metrics.csv");
+    ASSERT_GT(whole.rows.size(), half.rows.size());
+    for (std::size_t row = 0; row < half.rows.size(); ++row) {
+      EXPECT_EQ(whole.cell(row, "time.elapsed_s"), half.cell(row, "time.elapsed_s")) << "rows are not written again";
+    }
+  }
+}
+
+TEST_F(TrainerRun, ARewoundRunNeverGoesBackToTheBranchItLeft) {
+  train(command("run"));
+  TrainCommand rewound = command("run", {"trainer.args.max_steps=9", "trainer.args.seed=6"});
+  rewound.run.ckpt = "8";
+  rewound.run.restart = true;
+  train(rewound);
+  EXPECT_EQ(CheckpointFolder(folder_ / "run/ckpts").steps(), (std::vector<std::int64_t>{8, 9}));
+  const std::string at_9 = bytes("run/ckpts/model_step0000009.safetensors");
+  // Going on continues step 9, although the branch that was left had got to 12.
+  train(command("run", {"trainer.args.max_steps=10", "trainer.args.seed=6"}));
+  EXPECT_NE(bytes("run/log.txt").find("resumed from step 9"), std::string::npos);
+  EXPECT_EQ(bytes("run/ckpts/model_step0000009.safetensors"), at_9);
+  std::vector<int> steps;
+  for (const auto& row : read_csv(folder_ / "run/metrics.csv").rows) steps.push_back(std::stoi(row[0]));
+  EXPECT_TRUE(std::is_sorted(steps.begin(), steps.end())) << "one history";
+  EXPECT_EQ(std::count(steps.begin(), steps.end(), 12), 0);
+  const CsvTable left = read_csv(folder_ / "run/ckpts/abandoned-12-1/metrics.csv");
+  EXPECT_EQ(left.cell(left.rows.size() - 1, "step"), "12");
+}
+
+TEST_F(TrainerRun, TheSameRestartGoesOnUntilItsRunHasEnded) {
+  train(command("run"));
+  TrainCommand again = command("run", {"trainer.args.max_steps=6"});
+  again.run.ckpt = "none";
+  again.run.restart = true;
+  // A restart that was cut after its save at step 4: its last save and the end are undone.
+  train(again);
+  for (const char* name : {"state", "model", "model_ema0.99", "model_ema0.9"}) {
+    std::filesystem::remove(folder_ / "run/ckpts" / (std::string(name) + "_step0000006.safetensors"));
+  }
+  EXPECT_FALSE(std::filesystem::exists(folder_ / "run/restart.json")) << "that run has ended";
+  write_file_atomically(folder_ / "run/restart.json", R"({"command": "anigen-train", "last_step": -1})");
+  train(again);
+  EXPECT_NE(bytes("run/log.txt").find("resumed from step 4"), std::string::npos);
+  EXPECT_FALSE(std::filesystem::exists(folder_ / "run/ckpts/abandoned-4-1"));
+  // Another command, and the same one after the end, begin again.
+  write_file_atomically(folder_ / "run/restart.json", R"({"command": "another", "last_step": -1})");
+  train(again);
+  EXPECT_TRUE(std::filesystem::exists(folder_ / "run/ckpts/abandoned-4-1"));
+  train(again);
+  EXPECT_TRUE(std::filesystem::exists(folder_ / "run/ckpts/abandoned-4-2"));
+}
+
+TEST_F(TrainerRun, DamagedCheckpointsAreMovedAsideByARunThatBeginsFromNothing) {
+  train(command("run", {kSixSteps}));
+  for (const int step : {4, 6}) {
+    std::filesystem::remove(CheckpointFolder(folder_ / "run/ckpts").file("model", step));
+  }
+  train(command("run", {kSixSteps}));
+  EXPECT_EQ(CheckpointFolder(folder_ / "run/ckpts").steps(), (std::vector<std::int64_t>{4, 6}));
+  EXPECT_TRUE(CheckpointFolder(folder_ / "run/ckpts/abandoned-4-1").has("model_ema0.9", 6));
+}
+
+TEST_F(TrainerRun, ARunFolderHasOneTrainer) {
+  train(command("run", {kSixSteps}));
+  const std::string config = bytes("run/config.json"), metrics = bytes("run/metrics.csv");
+  const std::filesystem::path file = folder_ / "run/run.lock";
+  std::optional<FileLock> other = FileLock::try_lock(file, FileLock::Kind::kExclusive);
+  ASSERT_TRUE(other) << "the lock ends with the run";
+  std::ofstream(file) << to_json(this_process()).dump();
+  try {
+    train(command("run"));
+    FAIL() << "expected an error";
+  } catch (const InputError& error) {
+    const ProcessIdentity holder = this_process();
+    EXPECT_EQ(error.file(), (folder_ / "run").string());
+    EXPECT_NE(error.problem().find("process " + std::to_string(holder.id) + " on " + holder.host), std::string::npos)
+        << error.problem();
+  }
+  EXPECT_EQ(bytes("run/config.json"), config) << "nothing is touched";
+  EXPECT_EQ(bytes("run/metrics.csv"), metrics);
+  // A holder on another machine may be gone, which the file system notices later: it is waited for.
+  ProcessIdentity elsewhere = this_process();
+  elsewhere.space = "another machine";
+  std::ofstream(file) << to_json(elsewhere).dump();
+  const std::future<void> ends = std::async(std::launch::async, [&] {
+    std::this_thread::sleep_for(std::chrono::milliseconds(300));
+    other.reset();
+  });
+  train(command("run"));
+  EXPECT_EQ(CheckpointFolder(folder_ / "run/ckpts").latest(), 12);
 }
 
 TEST_F(TrainerRun, AConfigAloneInTheRunFolderIsEnoughToGoOn) {
@@ -254,6 +413,38 @@ TEST_F(TrainerRun, ValuesThatAreNotFiniteStopTheRunAndNameWhatWasWrong) {
     EXPECT_EQ(CheckpointFolder(run.output / "ckpts").latest(), 2);
     EXPECT_TRUE(torch::isfinite(stage.model->weight).all().item<bool>());
   }
+}
+
+/// A stage whose second evaluation loses the checkpoints.
+struct LosingStage : BrokenStage {
+  std::filesystem::path lost;
+  int evaluations = 0;
+  Losses losses(const loaders::Batch&, const LossContext&) override {
+    const torch::Tensor loss = model->forward(torch::ones({1, 2})).square().sum();
+    return {loss, {{"square", loss}}};
+  }
+  Values evaluate() override {
+    if (++evaluations == 2) std::filesystem::remove_all(lost);
+    return {};
+  }
+};
+
+TEST_F(TrainerRun, ARunEndsOnlyWithItsCheckpoint) {
+  LosingStage stage;
+  TrainerOptions options;
+  options.max_steps = options.i_save = 4;
+  options.i_eval = 3;
+  RunOptions run;
+  run.output = folder_ / "run";
+  stage.lost = run.output / "ckpts";
+  Trainer trainer(stage, options, run);
+  try {
+    trainer.run();
+    FAIL() << "expected an error";
+  } catch (const Error& error) {
+    EXPECT_NE(std::string(error.what()).find("state_step0000004"), std::string::npos) << error.what();
+  }
+  EXPECT_EQ(stage.evaluations, 2);
 }
 
 TEST_F(TrainerRun, LossScalingSkipsStepsThatAreNotFinite) {
