@@ -1,5 +1,6 @@
 #include <algorithm>
 
+#include "anigen/core/json.h"
 #include "anigen/experiment/plan.h"
 #include "tests/experiment/experiment_folder.h"
 
@@ -39,6 +40,23 @@ TEST_F(ShippedExperiments, AnAblationRunsOnlyWhatItsTableNeeds) {
   const Plan p = make_plan(read_experiment(test::source_dir() / "experiments/ablation_adapters.json"), place_);
   // Dataset, auto-encoder and latents once; flow and evaluation for three variants with three seeds.
   EXPECT_EQ(p.jobs.size(), 3u + 9u * 2u);
+}
+
+// docs/full_size.md and experiments.md promise it: 1,000 test assets, and latents normalised as the published config
+// does: geometry alone, skin and skeleton as they are.
+TEST_F(ShippedExperiments, ThePublishedOneSplitsAndNormalisesAsPublished) {
+  const Json json = read_json(test::source_dir() / "experiments/published.json");
+  const Json& prepare = json["steps"]["dataset"]["args"];
+  EXPECT_EQ(prepare.value("--test-count", 0), 1000);
+  EXPECT_FALSE(prepare.contains("--test-fraction"));
+  const Json& flow = json["steps"]["slat_flow"]["set"]["dataset.args"];
+  EXPECT_EQ(flow.value("normalization", ""), "latents/{slat_dae.name}_statistics.json");
+  const Json& structure = json["steps"]["ss_flow"]["set"]["dataset.args"];
+  EXPECT_FALSE(structure.contains("normalization")) << "the published stage 4 has none";
+  // The config that the statistics take the place of is about the geometry alone, too.
+  const Json published = read_json(test::source_dir() / "configs/published/slat_flow_auto.json");
+  const Json& lists = published["dataset"]["args"]["normalization"];
+  for (std::size_t c = 8; c < 16; ++c) EXPECT_EQ(lists["std"][c], 1);
 }
 
 }  // namespace
