@@ -91,7 +91,8 @@ std::string fixed(double value, int digits) {
   if (!std::isfinite(value)) return "–";
   char text[64];
   std::snprintf(text, sizeof text, "%.*f", digits, value);
-  return text;
+  const bool zero = std::string(text).find_first_not_of("-0.") == std::string::npos;
+  return zero && text[0] == '-' ? text + 1 : text;
 }
 
 }  // namespace anigen::eval

@@ -27,7 +27,7 @@ std::string to_html(const Table& table);
 /// A LaTeX tabular (booktabs): the best is bold, the second best underlined; arrows, ± and dashes become LaTeX's.
 std::string to_latex(const Table& table);
 
-/// A number with so many digits after the point; "–" when it is not finite.
+/// A number with so many digits after the point; "–" when it is not finite; what rounds to zero has no sign.
 std::string fixed(double value, int digits = 4);
 
 }  // namespace anigen::eval

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "anigen/experiment/estimate.h"
 #include "anigen/experiment/job_record.h"
@@ -9,25 +10,20 @@
 namespace anigen::experiment {
 namespace {
 
-/// Place of every row by mean: 1 best, 2 second; 0 for the others and where nothing can be ranked.
+/// Place of every row by mean: 1 best, 2 second, equal ones alike; 0 for the others and where nothing can be ranked.
 std::vector<int> ranks(const ResultTable& result, std::size_t column) {
-  std::vector<int> ranks(result.rows.size(), 0);
   const Column::Better better = result.spec.columns[column].better;
-  const auto is_reference = [&](const std::string& method) {
-    const std::vector<std::string>& names = result.spec.not_ranked;
-    return std::find(names.begin(), names.end(), method) != names.end();
-  };
-  std::vector<std::size_t> order;
-  for (std::size_t r = 0; r < result.rows.size(); ++r)
-    if (result.rows[r].cells[column].has() && !is_reference(result.rows[r].method)) order.push_back(r);
-  if (better == Column::Better::kNone || order.size() < 2) return ranks;
-  std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) {
-    const double x = result.rows[a].cells[column].mean, y = result.rows[b].cells[column].mean;
-    return better == Column::Better::kLower ? x < y : x > y;
-  });
-  ranks[order[0]] = 1;
-  ranks[order[1]] = 2;
-  return ranks;
+  const std::vector<std::string>& references = result.spec.not_ranked;
+  std::vector<double> means;
+  std::size_t ranked = 0;
+  for (const Row& row : result.rows) {
+    const bool is_reference = std::find(references.begin(), references.end(), row.method) != references.end();
+    const bool has = row.cells[column].has() && !is_reference;
+    means.push_back(has ? row.cells[column].mean : std::numeric_limits<double>::quiet_NaN());
+    ranked += has ? 1 : 0;
+  }
+  if (better == Column::Better::kNone || ranked < 2) return std::vector<int>(result.rows.size(), 0);
+  return eval::places(means, better == Column::Better::kLower);
 }
 
 std::string head(const Column& column) {
@@ -82,7 +78,9 @@ eval::Table difference_table(const ResultTable& result) {
       const eval::PairedDifference& of = difference.columns[c];
       const int digits = result.spec.columns[c].digits;
       std::string text = "–";
-      if (of.n > 0) {
+      if (of.equal) {
+        text = "equal";
+      } else if (of.n > 0) {
         text = (of.mean >= 0 ? "+" : "") + eval::fixed(of.mean, digits) + " [" + eval::fixed(of.interval.low, digits) +
                ", " + eval::fixed(of.interval.high, digits) + "]";
         if (std::isfinite(difference.p[c])) text += ", p " + eval::fixed(difference.p[c], 4);

@@ -129,7 +129,7 @@ Difference difference_of(const std::vector<Row>& rows, std::size_t row, std::siz
       if (other == others.end()) continue;
       first.push_back(value);
       second.push_back(other->second);
-      differences.push_back(value - other->second);
+      differences.push_back(eval::difference(value, other->second));
     }
     const std::string purpose = rows[row].variant + spec.columns[c].key;
     result.columns.push_back(eval::paired_difference(first, second, 0, purpose));

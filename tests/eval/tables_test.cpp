@@ -9,6 +9,12 @@ namespace {
 
 const Table kTable{{"method", "a_b ↓"}, {{"first", "**0.1 ± 0.2**"}, {"", "_0.3_"}, {"50 % & more", "–"}}};
 
+TEST(Fixed, ZeroHasNoSign) {
+  EXPECT_EQ(fixed(-1e-17), "0.0000");
+  EXPECT_EQ(fixed(-0.0, 2), "0.00");
+  EXPECT_EQ(fixed(-0.12346), "-0.1235");
+}
+
 TEST(Tables, MarksBecomeEmphasis) {
   const std::string html = to_html(kTable);
   EXPECT_NE(html.find("<td><b>0.1 ± 0.2</b></td>"), std::string::npos);

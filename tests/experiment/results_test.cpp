@@ -101,5 +101,18 @@ TEST_F(ExperimentResults, TheReportIsOneFileAndNamesItsSources) {
   for (const char* file : {"report.md", "1.tex", "results.json"}) EXPECT_FALSE(read_file(place_.out / file).empty());
 }
 
+TEST_F(ExperimentResults, ValuesThatDifferByRoundingReadEqual) {
+  run_jobs(place_.out, plan_, {});
+  for (const std::size_t run : {0, 1}) scores(run, {"0.1", "0.2", "0.3", "0.4", "0.5", "0.6"});
+  for (const std::size_t run : {2, 3})
+    scores(run, {"0.10000000000000002", "0.20000000000000004", "0.30000000000000004", "0.40000000000000008",
+                 "0.50000000000000011", "0.60000000000000009"});
+  const ResultTable result = table();
+  EXPECT_EQ(difference_table(result).rows.at(0).back(), "equal");
+  EXPECT_DOUBLE_EQ(result.differences[0].p[0], 1.0);
+  const eval::Table means = mean_table(result);
+  for (const auto& row : means.rows) EXPECT_EQ(row.back().rfind("**", 0), 0u) << row.back();
+}
+
 }  // namespace
 }  // namespace anigen::experiment

@@ -61,13 +61,7 @@ std::vector<int> ranks(const Comparison& comparison, const MetricInfo& metric) {
     valued = here;
     means[m] = sum / static_cast<double>(n);
   }
-  const double sign = metric.better == Better::kLower ? 1.0 : -1.0;
-  for (std::size_t m = 0; m < count; ++m) {
-    const auto better =
-        std::count_if(means.begin(), means.end(), [&](double other) { return sign * other < sign * means[m]; });
-    if (better < 2) result[m] = static_cast<int>(better) + 1;
-  }
-  return result;
+  return places(means, metric.better == Better::kLower);
 }
 
 }  // namespace anigen::eval

@@ -63,7 +63,7 @@ Json to_json(const Comparison& comparison) {
                             comparison.seed, metric.key);
       if (of.n > 0)
         differences[metric.key] = {
-            {"mean", of.mean}, {"low", of.interval.low}, {"high", of.interval.high}, {"n", of.n}};
+            {"mean", of.mean}, {"low", of.interval.low}, {"high", of.interval.high}, {"n", of.n}, {"equal", of.equal}};
     }
   }
   json["unused_predictions"] = comparison.unused;

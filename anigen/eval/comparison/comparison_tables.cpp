@@ -93,7 +93,8 @@ Table difference_table(const Comparison& comparison) {
       if (difference.n == 0) continue;
       const bool clear = difference.interval.low > 0 || difference.interval.high < 0;
       const bool lower_wins = metric->better == Better::kLower;
-      const std::string verdict = difference.n < kFewestForVerdict      ? "too few assets to tell"
+      const std::string verdict = difference.equal                      ? "equal"
+                                  : difference.n < kFewestForVerdict    ? "too few assets to tell"
                                   : !clear                              ? "no clear difference"
                                   : (difference.mean < 0) == lower_wins ? "better"
                                                                         : "worse";

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numeric>
 
 #include "anigen/core/random.h"
@@ -26,15 +27,35 @@ Interval bootstrap_mean(const std::vector<double>& values, std::uint64_t seed, c
   return {at(0.025), at(0.975)};
 }
 
+bool numerically_equal(double a, double b) {
+  constexpr double kSinglePrecision = std::numeric_limits<float>::epsilon();
+  return std::abs(a - b) <= kSinglePrecision * std::max({1.0, std::abs(a), std::abs(b)});
+}
+
+double difference(double a, double b) { return numerically_equal(a, b) ? 0.0 : a - b; }
+
+std::vector<int> places(const std::vector<double>& means, bool lower_is_better) {
+  std::vector<int> result(means.size(), 0);
+  for (std::size_t m = 0; m < means.size(); ++m) {
+    if (!std::isfinite(means[m])) continue;
+    const auto better = std::count_if(means.begin(), means.end(), [&](double other) {
+      return std::isfinite(other) && (lower_is_better ? difference(other, means[m]) : difference(means[m], other)) < 0;
+    });
+    if (better < 2) result[m] = static_cast<int>(better) + 1;
+  }
+  return result;
+}
+
 PairedDifference paired_difference(const std::vector<double>& first, const std::vector<double>& second,
                                    std::uint64_t seed, const std::string& purpose) {
   std::vector<double> differences;
   for (std::size_t i = 0; i < std::min(first.size(), second.size()); ++i) {
-    if (std::isfinite(first[i]) && std::isfinite(second[i])) differences.push_back(first[i] - second[i]);
+    if (std::isfinite(first[i]) && std::isfinite(second[i])) differences.push_back(difference(first[i], second[i]));
   }
   PairedDifference result;
   result.n = differences.size();
   if (result.n == 0) return result;
+  result.equal = std::all_of(differences.begin(), differences.end(), [](double d) { return d == 0.0; });
   result.mean = std::accumulate(differences.begin(), differences.end(), 0.0) / static_cast<double>(result.n);
   result.interval = bootstrap_mean(differences, seed, "difference " + purpose);
   return result;
