@@ -24,6 +24,7 @@ struct EvalOptions {
   std::vector<std::string> predictions, splits, category_splits, lpips_weights;
   std::string truth, out, skin_ae, skins;
   std::string normalization = "centroid-rms", prediction_axes = "format", truth_axes = "format", worst_by, motion;
+  std::string transport = "exact";
   std::vector<std::string> groups;
   std::size_t pictured = 4, motions_pictured = 0;
   int workers = 0;
@@ -111,6 +112,7 @@ void evaluate_shapes(const EvalOptions& options, const CommonOptions& common) {
   add_lpips(options, common, request);
   if (options.workers > 0) set_thread_count(options.workers);
   request.settings.alignment.icp = !options.no_icp;
+  request.settings.transport = eval::parse_transport(options.transport);
   request.settings.alignment.normalization = eval::normalization_mode(options.normalization);
   if (options.point_to_plane) request.settings.alignment.registration.variant = eval::IcpVariant::kPointToPlane;
   if (!options.groups.empty()) request.settings.groups = {options.groups.begin(), options.groups.end()};
@@ -199,6 +201,15 @@ void add_shape_options(CLI::App& app, EvalOptions& options) {
   app.add_flag("--exhaustive", icp.exhaustive, "Refine every start, without pruning")->group(group);
   app.add_option("--metrics", options.groups, "Only these: skeleton, transport, skin, motion, surface, image, anymate")
       ->delimiter(',')
+      ->group(group);
+  app.add_option("--transport", options.transport,
+                 "How W and GW are computed: exact, or sinkhorn with its entropic regularisation")
+      ->check(CLI::IsMember({"exact", "sinkhorn"}))
+      ->capture_default_str()
+      ->group(group);
+  app.add_option("--epsilon", options.settings.epsilon,
+                 "Regularisation of --transport sinkhorn, as a share of the largest squared distance [0.001 for W, "
+                 "0.005 for GW]")
       ->group(group);
   app.add_option("--category-split", options.category_splits,
                  "Files of ids of the ground truth: is the one nearest to a prediction of its category (metric "

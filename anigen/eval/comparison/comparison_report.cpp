@@ -122,6 +122,8 @@ std::string comparison_report(const Comparison& comparison, const ComparisonRepo
   std::string html = page_begin(options.title) + settings_html(comparison.settings);
   html += section(std::to_string(comparison.ids.size()) + " ground truths",
                   method_table(comparison, present_metrics(comparison, true)));
+  const std::string transport = transport_text(comparison);
+  if (!transport.empty()) html += "<p class=\"hint\">" + html_escaped(transport) + "</p>\n";
   html += section("Differences to " + comparison.methods[0], difference_table(comparison));
   html += motions(options.motions);
   html += pictures(comparison, options, metric);

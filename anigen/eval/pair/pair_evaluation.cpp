@@ -127,7 +127,7 @@ PairResult evaluate_pair(const io::RiggedShape& predicted, const io::RiggedShape
         "skeleton", no_joints, [&] { add_skeleton_metrics(shapes, result); }, result);
   if (settings.wants("transport"))
     add_group(
-        "transport", no_joints, [&] { add_transport_metrics(shapes, result); }, result);
+        "transport", no_joints, [&] { add_transport_metrics(shapes, settings, result); }, result);
   if (settings.wants("anymate"))
     add_group(
         "anymate", no_joints, [&] { add_anymate_metrics(shapes, result); }, result);

@@ -9,8 +9,8 @@ namespace anigen::eval {
 
 /// Chamfer distances of all protocols, joint matching, connectivity, tree edit distance.
 void add_skeleton_metrics(const ComparedShapes& shapes, PairResult& result);
-/// Wasserstein, Gromov–Wasserstein, fused.
-void add_transport_metrics(const ComparedShapes& shapes, PairResult& result);
+/// Wasserstein, Gromov–Wasserstein, fused; the first two by the method that the settings ask for.
+void add_transport_metrics(const ComparedShapes& shapes, const PairSettings& settings, PairResult& result);
 /// Anymate's joint metrics in its frame, the box of side 2.
 void add_anymate_metrics(const ComparedShapes& shapes, PairResult& result);
 /// Weights moved to the true vertices, joints matched by matching_plan(); deformation error.

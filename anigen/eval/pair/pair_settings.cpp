@@ -18,7 +18,28 @@ Json to_json(const IcpOptions& icp) {
           {"exhaustive", icp.exhaustive}};
 }
 
+Json transport_json(const PairSettings& settings) {
+  if (settings.transport == TransportMethod::kExact) return {{"solver", "exact"}};
+  const TransportOptions options = transport_options(settings);
+  return {{"solver", "sinkhorn"},
+          {"epsilon_wasserstein", options.sinkhorn_options.epsilon},
+          {"epsilon_gromov_wasserstein", options.entropic_options.epsilon}};
+}
+
 }  // namespace
+
+TransportMethod parse_transport(const std::string& word) {
+  if (word == "exact") return TransportMethod::kExact;
+  if (word == "sinkhorn") return TransportMethod::kSinkhorn;
+  throw InputError("", "--transport", "must be exact or sinkhorn, got \"" + word + "\"");
+}
+
+TransportOptions transport_options(const PairSettings& settings) {
+  TransportOptions options;
+  options.sinkhorn = settings.transport == TransportMethod::kSinkhorn;
+  if (settings.epsilon) options.sinkhorn_options.epsilon = options.entropic_options.epsilon = *settings.epsilon;
+  return options;
+}
 
 Json to_json(const PairSettings& settings) {
   Json json;
@@ -29,6 +50,7 @@ Json to_json(const PairSettings& settings) {
   json["image_size"] = settings.image_size;
   json["poses"] = settings.poses;
   json["motion_frames"] = settings.motion_frames;
+  json["transport"] = transport_json(settings);
   json["groups"] = settings.groups;
   json["lpips"] = settings.lpips;
   json["categories"] = settings.categories;
@@ -46,6 +68,13 @@ void check(const PairSettings& settings) {
     throw InputError("", group, "no such group of metrics; there are " + known);
   }
   if (settings.groups.empty()) throw InputError("", "", "no group of metrics to compute");
+  const bool sinkhorn = settings.transport == TransportMethod::kSinkhorn;
+  if (settings.epsilon && !sinkhorn)
+    throw InputError("", "--epsilon", "is that of Sinkhorn's iterations: it goes with --transport sinkhorn");
+  if (settings.epsilon && !(*settings.epsilon > 0.0 && *settings.epsilon <= 1.0))
+    throw InputError("", "--epsilon", "is a share of the largest squared distance: above 0, at most 1");
+  if (sinkhorn && !settings.wants("transport"))
+    throw InputError("", "--transport", "is about the metrics of the group 'transport', which --metrics leaves out");
   if (settings.surface_samples == 0 || settings.surface_samples > 10'000'000)
     throw InputError("", "surface samples", "must be in 1 … 10,000,000");
   if (settings.image_size < 16 || settings.image_size > 4096)

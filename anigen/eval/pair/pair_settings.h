@@ -1,12 +1,22 @@
 #pragma once
 #include <cstdint>
+#include <optional>
 #include <set>
 #include <string>
 
 #include "anigen/core/json.h"
 #include "anigen/eval/align/alignment.h"
+#include "anigen/eval/transport/skeleton_transport.h"
 
 namespace anigen::eval {
+
+/// How the columns wasserstein and gromov_wasserstein are computed.
+enum class TransportMethod {
+  kExact,     ///< network simplex or shortest paths; conditional gradient and exchanges
+  kSinkhorn,  ///< entropic, by Sinkhorn's iterations, as the paper says
+};
+/// @throws InputError for another word than exact and sinkhorn
+TransportMethod parse_transport(const std::string& word);
 
 /// Everything that decides a number of a pair. Recorded in metrics.json.
 struct PairSettings {
@@ -16,6 +26,9 @@ struct PairSettings {
   int image_size = 512;    ///< pixels of the views that PSNR, SSIM and LPIPS compare
   int poses = 10;          ///< of the deformation error
   int motion_frames = 12;  ///< of a clip or pose sequence that motion_distance looks at
+  TransportMethod transport = TransportMethod::kExact;
+  /// Of Sinkhorn, as a share of the largest squared distance; without, those of SinkhornOptions and EntropicGwOptions.
+  std::optional<double> epsilon;
   /// What to compute, of the seven groups of docs/metrics.md.
   std::set<std::string> groups = {"skeleton", "transport", "skin", "surface", "image", "motion", "anymate"};
 
@@ -34,6 +47,9 @@ struct PairSettings {
 };
 
 Json to_json(const PairSettings& settings);
+
+/// What skeleton_transport() is asked for. Gromov–Wasserstein with Sinkhorn searches nothing besides.
+TransportOptions transport_options(const PairSettings& settings);
 
 /// @throws InputError naming the option that is out of range, or an unknown group and those there are
 void check(const PairSettings& settings);

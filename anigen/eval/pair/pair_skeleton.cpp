@@ -11,7 +11,8 @@
 namespace anigen::eval {
 namespace {
 
-constexpr double kAnymateBox = 2.0;  ///< longest side of its frame; ours is 1
+constexpr double kMarginalsAlmostKept = 1e-3;  ///< L1 of masses that sum to 1
+constexpr double kAnymateBox = 2.0;            ///< longest side of its frame; ours is 1
 
 void set_chamfer(const SkeletonChamfer& chamfer, const std::string& prefix, PairResult& result) {
   result.set(prefix + "j2j", chamfer.j2j);
@@ -53,14 +54,27 @@ void add_skeleton_metrics(const ComparedShapes& shapes, PairResult& result) {
     result.skip("tree_edit_distance", "too many joints for it");
 }
 
-void add_transport_metrics(const ComparedShapes& shapes, PairResult& result) {
-  const SkeletonTransport transport = skeleton_transport(shapes.predicted.joints, shapes.truth.joints);
-  result.set("wasserstein", transport.wasserstein);
-  result.set("gromov_wasserstein", transport.gromov_wasserstein);
+void add_transport_metrics(const ComparedShapes& shapes, const PairSettings& settings, PairResult& result) {
+  const TransportOptions options = transport_options(settings);
+  const SkeletonTransport transport = skeleton_transport(shapes.predicted.joints, shapes.truth.joints, options);
+  result.set("wasserstein", options.sinkhorn ? transport.sinkhorn_wasserstein : transport.wasserstein);
+  result.set("gromov_wasserstein",
+             options.sinkhorn ? transport.entropic_gromov_wasserstein : transport.gromov_wasserstein);
   result.set("gw_lower_bound", transport.gw_lower_bound);
   result.set("fused_gromov_wasserstein", transport.fused_gromov_wasserstein);
-  result.details["gw_start"] = transport.gw_start;
+  result.details["gw_start"] = options.sinkhorn ? "entropic" : transport.gw_start;
   result.details["fgw_start"] = transport.fgw_start;
+  if (!options.sinkhorn) return;
+  result.details["sinkhorn"] = {{"squared_wasserstein_gap", transport.sinkhorn_gap},
+                                {"wasserstein_converged", transport.sinkhorn_converged},
+                                {"gromov_wasserstein_marginal_error", transport.entropic_marginal_error}};
+  if (!transport.sinkhorn_converged)
+    result.notes.push_back("Sinkhorn's iterations for the Wasserstein distance stopped before their tolerance");
+  if (!(transport.entropic_marginal_error < kMarginalsAlmostKept))
+    result.notes.push_back(
+        "Sinkhorn's scaling for the Gromov–Wasserstein distance left double precision and its plan was repaired: a "
+        "larger "
+        "--epsilon keeps it");
 }
 
 void add_anymate_metrics(const ComparedShapes& shapes, PairResult& result) {

@@ -7,6 +7,7 @@
 
 #include "anigen/eval/transport/canonical_order.h"
 #include "anigen/eval/transport/fused_gromov_wasserstein.h"
+#include "anigen/eval/transport/gw_problem.h"
 #include "anigen/eval/transport/tree_geodesics.h"
 #include "anigen/eval/transport/wasserstein.h"
 
@@ -74,6 +75,10 @@ SkeletonTransport skeleton_transport(const io::JointTree& predicted, const io::J
     const SinkhornResult entropic = sinkhorn_wasserstein2(x, y, options.sinkhorn_options);
     result.sinkhorn_wasserstein = std::sqrt(std::max(entropic.cost, 0.0));
     result.sinkhorn_gap = entropic.gap();
+    result.sinkhorn_converged = entropic.converged;
+    const EntropicGw found = entropic_gromov_wasserstein(c1, c2, a, b, options.entropic_options);
+    result.entropic_marginal_error = found.marginal_error;
+    result.entropic_gromov_wasserstein = std::sqrt(std::max(gw_cost(c1, c2, round_to_coupling(found.plan, a, b)), 0.0));
   }
   return result;
 }

@@ -3,6 +3,7 @@
 #include <limits>
 #include <string>
 
+#include "anigen/eval/transport/entropic_gromov_wasserstein.h"
 #include "anigen/eval/transport/gromov_wasserstein.h"
 #include "anigen/eval/transport/gw_lower_bound.h"
 #include "anigen/eval/transport/sinkhorn.h"
@@ -11,9 +12,11 @@
 namespace anigen::eval {
 
 struct TransportOptions {
-  double alpha = 0.5;     ///< of the fused distance: (1 - alpha) squared Euclidean + alpha geodesic
-  bool sinkhorn = false;  ///< also report the Sinkhorn approximation of the Wasserstein distance
+  double alpha = 0.5;  ///< of the fused distance: (1 - alpha) squared Euclidean + alpha geodesic
+  bool sinkhorn =
+      false;  ///< also report the entropic approximations of the Wasserstein and Gromov–Wasserstein distances
   SinkhornOptions sinkhorn_options;
+  EntropicGwOptions entropic_options;
   GromovWassersteinOptions gromov_wasserstein_options;
 };
 
@@ -25,6 +28,11 @@ struct SkeletonTransport {
   double gw_lower_bound = 0.0;            ///< certified: the true Gromov–Wasserstein distance is not below
   double sinkhorn_wasserstein = std::numeric_limits<double>::quiet_NaN();  ///< only when asked for
   double sinkhorn_gap = std::numeric_limits<double>::quiet_NaN();          ///< certified, of squared distances
+  bool sinkhorn_converged = false;                                         ///< its marginals reached the tolerance
+  /// Root of the Gromov–Wasserstein cost of the entropic plan, whose marginals are repaired (round_to_coupling), so an
+  /// upper bound of the minimum; only when asked for.
+  double entropic_gromov_wasserstein = std::numeric_limits<double>::quiet_NaN();
+  double entropic_marginal_error = std::numeric_limits<double>::quiet_NaN();  ///< L1, before the repair
   Eigen::MatrixXd plan;   ///< [n,m] of the Wasserstein distance: rows sum to 1/n, columns to 1/m
   std::string gw_start;   ///< where the best Gromov–Wasserstein coupling came from
   std::string fgw_start;  ///< and the fused one
