@@ -88,10 +88,7 @@ void evaluate_skins(const EvalOptions& options, const CommonOptions& common) {
     request.settings["skin_ae"] = options.skin_ae;
     request.methods.push_back(reconstruction(options.skin_ae, common, request.settings));
   }
-  if (!options.skins.empty()) {
-    request.settings["skins"] = options.skins;
-    request.methods.push_back(eval::predictions_from_folder(options.skins));
-  }
+  request.skins = options.skins;
   const eval::SkinEvaluation evaluation = eval::run_skin_evaluation(request);
   std::fputs(common.json ? (to_json(evaluation).dump(2) + "\n").c_str() : to_markdown(evaluation).c_str(), stdout);
   eval::require_scores(evaluation, options.out);
@@ -300,7 +297,8 @@ int main(int argc, char** argv) {
   app.add_option("--out", options.out, "Folder for the results")->required();
   app.add_option("--skin-ae", options.skin_ae, "Run folder or checkpoint of a skin auto-encoder to reconstruct with")
       ->group("Skin weights alone");
-  app.add_option("--skins", options.skins, "Folder of <id>.npz with skin [V, J] for the ground truth's vertices")
+  app.add_option("--skins", options.skins,
+                 "Folder of NPZ files with skin [V, J] for the ground truth's vertices, found by any name of the asset")
       ->group("Skin weights alone");
   app.add_option("--pictures", options.pictured, "Assets to draw in the report: worst (and, of weights, best) ones")
       ->capture_default_str();

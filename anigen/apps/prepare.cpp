@@ -11,6 +11,7 @@
 #include "anigen/core/config_file.h"
 #include "anigen/core/error.h"
 #include "anigen/core/parallel.h"
+#include "anigen/io/rigs/split.h"
 #include "anigen/prepare/dataset.h"
 #include "anigen/prepare/run/worker_main.h"
 #ifdef ANIGEN_WITH_TORCH
@@ -33,7 +34,7 @@ anigen::prepare::FeatureExtractorFactory feature_factory() {
 struct Arguments {
   anigen::prepare::PrepareOptions options;
   std::vector<std::string> inputs, cleaning_changes;
-  std::string cleaning = "none", near_skeletons = "flag", shard;
+  std::string cleaning = "none", near_skeletons = "flag", shard, test_split;
   std::size_t procedural = 0, memory_mb = 0;
   std::string condition_cameras = "around";
   bool skip_assets = false, random_poses = false, view_geometry = false, strict = false;
@@ -55,9 +56,19 @@ void add_table_options(CLI::App& app, Arguments& a) {
   CLI::Option* fraction =
       app.add_option("--test-fraction", split.test_fraction,
                      "Part of the usable real assets kept for testing [0.333, or what the sources say themselves]");
-  app.add_option("--test-count", split.test_count, "Number of usable real assets kept for testing")->excludes(fraction);
-  app.add_option("--procedural-test", split.procedural_test, "Number of usable creatures kept for testing")
-      ->capture_default_str();
+  CLI::Option* count = app.add_option("--test-count", split.test_count, "Number of usable real assets kept for testing")
+                           ->excludes(fraction);
+  CLI::Option* creatures =
+      app.add_option("--procedural-test", split.procedural_test, "Number of usable creatures kept for testing")
+          ->capture_default_str();
+  app.add_option(
+         "--test-split", a.test_split,
+         "File with the names of all test assets, one a line: uuid, sha256, path below the input, or SHARD#UUID")
+      ->check(CLI::ExistingFile)
+      ->type_name("FILE")
+      ->excludes(fraction)
+      ->excludes(count)
+      ->excludes(creatures);
   app.add_option("--min-joints", limits.min_joints, "Fewer joints make is_bad_skeleton")->capture_default_str();
   app.add_option("--max-joints", limits.max_joints, "More joints make is_bad_skeleton")->capture_default_str();
   app.add_option("--same-bone", limits.same_bone,
@@ -141,6 +152,10 @@ anigen::prepare::PrepareOptions complete(Arguments& a, const anigen::CommonOptio
   options.run.shard = a.shard.empty() ? Shard{} : parse_shard(a.shard);
   options.run.log_level = common.quiet ? "error" : "warn";
   options.run.worker_command = {std::filesystem::read_symlink("/proc/self/exe").string(), "--worker"};
+  if (!a.test_split.empty()) {
+    for (const anigen::io::SplitLine& line : anigen::io::read_split(a.test_split))
+      options.tables.split.test_names.push_back(line.id);
+  }
   options.plan.validate();  // before hours of listing
   options.sources = find_assets({a.inputs.begin(), a.inputs.end()});
   for (auto& source : procedural_sources(common.seed, a.procedural)) options.sources.push_back(std::move(source));
@@ -192,6 +207,7 @@ int main(int argc, char** argv) {
       "  anigen-prepare --out data/mixed --input models/ more_models/ --procedural 400 --test-fraction 0.333\n"
       "  anigen-prepare --out data/all --input models/ --augment 4 --views 24 --cond-views 8 --features surface\n"
       "  anigen-prepare --out data/xl --input articulation_xl.npz --test-count 1000 --shard 3/16\n"
+      "  anigen-prepare --out data/xl --input articulation_xl.npz --test-split test_uuids.txt\n"
       "  anigen-prepare merge --out data/xl"};
   CommonOptions common;
   Arguments arguments;

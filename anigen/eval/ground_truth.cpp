@@ -17,15 +17,18 @@ namespace fs = std::filesystem;
 
 std::vector<io::DatasetItem> select_split(const std::vector<io::DatasetItem>& items,
                                           const std::vector<fs::path>& splits) {
+  io::NameIndex index;
   std::set<std::string> known, wanted;
-  for (const io::DatasetItem& item : items) known.insert(item.id);
+  for (const io::DatasetItem& item : items) {
+    known.insert(item.id);
+    index.add(item.id, item.other_names);
+  }
   for (const fs::path& split : splits) {
     for (const io::SplitLine& line : io::split_lines(split)) {
-      if (known.count(line.id) == 0) {
-        throw InputError(split.string(), "line " + std::to_string(line.line),
-                         "the dataset has no id \"" + line.id + "\"");
-      }
-      wanted.insert(line.id);
+      const std::string place = "line " + std::to_string(line.line);
+      const std::string id = known.count(line.id) > 0 ? line.id : index.find_one(line.id, split.string(), place);
+      if (id.empty()) throw InputError(split.string(), place, "the dataset has no asset called \"" + line.id + "\"");
+      wanted.insert(id);
     }
   }
   std::vector<io::DatasetItem> selected;

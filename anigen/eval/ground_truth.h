@@ -10,8 +10,8 @@
 
 namespace anigen::eval {
 
-/// Keeps the ids that a split file names, one a line, blank lines and lines starting with '#' skipped.
-/// @throws InputError naming the line for an id that the dataset does not have
+/// Keeps the items that split files name, one a line, by any of their names (io::NameIndex); blank lines and lines
+/// starting with '#' are skipped. @throws InputError naming the line for a name that no item has, or several
 std::vector<io::DatasetItem> select_split(const std::vector<io::DatasetItem>& items,
                                           const std::vector<std::filesystem::path>& splits);
 

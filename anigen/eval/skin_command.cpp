@@ -2,19 +2,29 @@
 
 #include "anigen/core/atomic_file.h"
 #include "anigen/core/error.h"
+#include "anigen/core/log.h"
 #include "anigen/core/version.h"
 #include "anigen/eval/report_html.h"
+#include "anigen/io/rigs/split.h"
 
 namespace anigen::eval {
 
 SkinEvaluation run_skin_evaluation(const SkinRequest& request) {
-  std::vector<SkinMethod> methods = request.methods;
-  for (SkinMethod& baseline : skin_baselines()) methods.push_back(std::move(baseline));
-
   std::vector<io::DatasetItem> items = io::list_dataset(request.dataset);
   if (!request.splits.empty()) items = select_split(items, request.splits);
   if (items.empty()) throw InputError(request.dataset.string(), "", "there is not one asset to evaluate");
   Json settings = request.settings;
+  std::vector<SkinMethod> methods = request.methods;
+  if (!request.skins.empty()) {
+    std::vector<std::string> unused;
+    methods.push_back(predictions_from_folder(request.skins, request.dataset, items, &unused));
+    settings["skins"] = request.skins.string();
+    settings["unused_predictions"] = unused;
+    if (!unused.empty())
+      log::warn("{}: {} files belong to none of the assets ({})", request.skins.string(), unused.size(),
+                io::listed({unused.begin(), unused.end()}));
+  }
+  for (SkinMethod& baseline : skin_baselines()) methods.push_back(std::move(baseline));
   settings["version"] = kVersion;
   settings["ground_truth"] = request.dataset.string();
   Json splits = Json::array();

@@ -12,7 +12,8 @@ struct SkinRequest {
   std::filesystem::path dataset, out;
   std::filesystem::path run;  ///< of the skin auto-encoder, whose training curves the report shows; may be empty
   std::vector<std::filesystem::path> splits;
-  std::vector<SkinMethod> methods;  ///< before the baselines, which are added
+  std::vector<SkinMethod> methods;  ///< before the predictions of `skins` and the baselines, which are added
+  std::filesystem::path skins;      ///< folder for predictions_from_folder(); may be empty
   Json settings = Json::object();   ///< recorded in metrics.json
   std::size_t pictured = 3;
   bool report = true;

@@ -2,12 +2,17 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
+#include <utility>
 
 #include "anigen/core/error.h"
 #include "anigen/core/interrupt.h"
 #include "anigen/core/parallel.h"
 #include "anigen/core/progress.h"
+#include "anigen/eval/inputs/pairs.h"
 #include "anigen/io/npz.h"
+#include "anigen/io/rigs/dataset_source.h"
+#include "anigen/io/rigs/file_list.h"
 
 namespace anigen::eval {
 namespace {
@@ -92,13 +97,29 @@ SkinEvaluation evaluate_skin(const fs::path& dataset, const std::vector<io::Data
   return evaluation;
 }
 
-SkinMethod predictions_from_folder(const fs::path& folder) {
+SkinMethod predictions_from_folder(const fs::path& folder, const fs::path& dataset,
+                                   const std::vector<io::DatasetItem>& items, std::vector<std::string>* unused) {
   if (!fs::is_directory(folder)) throw InputError(folder.string(), "", "no such folder");
+  const std::vector<fs::path> files = io::files_below(folder, {".npz"});
+  std::map<std::string, fs::path> by_id;
+  std::vector<io::FileListSource::Entry> entries = io::entries_below(folder, files);
+  for (const io::FileListSource::Entry& entry : entries) by_id[entry.id] = entry.file;
+  // Only names are asked for: weights alone are no shape that could be read.
+  const io::FileListSource predictions(std::move(entries), nullptr,
+                                       std::to_string(files.size()) + " NPZ files in " + folder.string(), false);
+  std::vector<std::string> ids;
+  for (const io::DatasetItem& item : items) ids.push_back(item.id);
+  PairList list = match_pairs(io::DatasetSource(dataset), predictions, ids);
+  std::map<std::string, PairPlan> plans;
+  for (PairPlan& plan : list.pairs) plans[plan.id] = std::move(plan);
+  if (unused != nullptr) *unused = std::move(list.unused);
   SkinMethod method;
   method.key = "prediction";
   method.label = "prediction";
-  method.predict = [folder](const io::DatasetItem& item, const GroundTruth& truth) {
-    const fs::path file = folder / (item.id + ".npz");
+  method.predict = [by_id, plans](const io::DatasetItem& item, const GroundTruth& truth) {
+    const PairPlan& plan = plans.at(item.id);
+    if (!plan.prediction_id) throw InputError("", "", plan.missing_reason);
+    const fs::path& file = by_id.at(*plan.prediction_id);
     const io::NamedArrays arrays = io::read_npz(file, {"skin"});
     const io::NdArray& skin = *io::find(arrays, "skin");
     const std::vector<std::int64_t> wanted = {static_cast<std::int64_t>(truth.vertex_count()),

@@ -42,8 +42,13 @@ struct SkinEvaluation {
 SkinEvaluation evaluate_skin(const std::filesystem::path& dataset, const std::vector<io::DatasetItem>& items,
                              const std::vector<SkinMethod>& methods, const Json& settings = Json::object());
 
-/// Reads predictions from <folder>/<id>.npz, member `skin` [V, J] for the vertices and joints of the ground truth.
-SkinMethod predictions_from_folder(const std::filesystem::path& folder);
+/// Reads predictions from the NPZ files below a folder, member `skin` [V, J] for the vertices and joints of the ground
+/// truth. match_pairs() finds each asset's file: "<id>.npz", or by any other name of it.
+/// @param unused when not null: files that belong to none of the assets
+/// @throws InputError when there is no such folder, or as match_pairs() when a name is ambiguous
+SkinMethod predictions_from_folder(const std::filesystem::path& folder, const std::filesystem::path& dataset,
+                                   const std::vector<io::DatasetItem>& items,
+                                   std::vector<std::string>* unused = nullptr);
 
 /// Which assets a summary is about.
 enum class Group { kUsable, kNotUsable };

@@ -1,11 +1,14 @@
 #include "anigen/loaders/metadata.h"
 
+#include <algorithm>
 #include <cstdlib>
 #include <functional>
 #include <sstream>
 
 #include "anigen/core/atomic_file.h"
 #include "anigen/core/error.h"
+#include "anigen/io/rigs/dataset_list.h"
+#include "anigen/io/rigs/split.h"
 
 namespace anigen::loaders {
 namespace {
@@ -75,6 +78,30 @@ std::set<std::string> read_split(const fs::path& file) {
     if (!line.empty() && line.front() != '#') ids.insert(line);
   }
   if (ids.empty()) throw InputError(file.string(), "", "holds no ids");
+  return ids;
+}
+
+std::set<std::string> read_split(const fs::path& file, const std::string& data_dir) {
+  const std::set<std::string> names = read_split(file);
+  std::vector<fs::path> roots;
+  std::istringstream words(data_dir);
+  for (std::string root; std::getline(words, root, ',');) {
+    if (!root.empty()) roots.emplace_back(root);
+  }
+  std::set<std::string> known, ids;
+  for (const fs::path& root : roots) {
+    const CsvTable table = read_csv(root / "metadata.csv");
+    for (std::size_t row = 0; row < table.rows.size(); ++row) known.insert(table.cell(row, "sha256"));
+  }
+  if (std::includes(known.begin(), known.end(), names.begin(), names.end())) return names;
+  io::NameIndex index;
+  for (const fs::path& root : roots) {
+    for (const io::DatasetItem& item : io::list_dataset(root)) index.add(item.id, item.other_names);
+  }
+  for (const std::string& name : names) {
+    const std::string id = known.count(name) > 0 ? name : index.find_one(name, file.string(), "\"" + name + "\"");
+    ids.insert(id.empty() ? name : id);
+  }
   return ids;
 }
 

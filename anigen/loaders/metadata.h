@@ -39,6 +39,11 @@ struct RowFilter {
 /// @throws InputError when it cannot be read or holds none
 std::set<std::string> read_split(const std::filesystem::path& file);
 
+/// The ids (`sha256`) that a split file names in the roots of `data_dir`: a line may be any name of an asset that
+/// io::NameIndex knows, such as its uuid. Lines that name none stay as they are, since a root may lack them.
+/// @throws InputError also when several assets could be meant by a line
+std::set<std::string> read_split(const std::filesystem::path& file, const std::string& data_dir);
+
 /// Ids that pass, in the table's order. @param root only recorded @throws InputError naming the filter that left
 /// nothing and how many rows there were before it, a missing column or a cell that is no number or boolean
 std::vector<AssetId> select_rows(const CsvTable& table, const std::filesystem::path& root, const RowFilter& filter);

@@ -47,13 +47,14 @@ TrainAndEval select(const SourceOptions& options) {
   TrainAndEval result;
   std::set<std::string> held_out;
   if (!options.eval_split.empty()) {
-    held_out = read_split(file_of_dataset(options.eval_split, options.data_dir));
+    held_out = read_split(file_of_dataset(options.eval_split, options.data_dir), options.data_dir);
     RowFilter evaluated = filter;
     evaluated.only = held_out;
     evaluated.repeat.clear();
     result.eval = select_assets(options.data_dir, evaluated);
   }
-  if (!options.split.empty()) filter.only = read_split(file_of_dataset(options.split, options.data_dir));
+  if (!options.split.empty())
+    filter.only = read_split(file_of_dataset(options.split, options.data_dir), options.data_dir);
   for (const AssetId& asset : select_assets(options.data_dir, filter)) {
     if (held_out.count(asset.id) > 0) continue;
     const bool chosen = options.eval_split.empty() && place_of(asset.id) < options.eval_fraction;

@@ -57,7 +57,7 @@ class StructuredLatents : public LatentSource {
 std::vector<std::string> wanted_ids(const ReconstructRequest& request) {
   std::vector<std::string> ids = request.ids;
   if (!request.split.empty()) {
-    for (const std::string& id : loaders::read_split(request.split)) ids.push_back(id);
+    for (const std::string& id : loaders::read_split(request.split, request.data.string())) ids.push_back(id);
   }
   if (ids.empty()) throw InputError("", "--id", "neither --id nor --split names an asset");
   for (const std::string& id : ids) {

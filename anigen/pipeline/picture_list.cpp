@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "anigen/core/error.h"
+#include "anigen/io/rigs/dataset_list.h"
 #include "anigen/io/rigs/file_list.h"
 #include "anigen/io/rigs/split.h"
 #include "anigen/loaders/files/view_files.h"
@@ -39,20 +40,31 @@ std::vector<NamedPicture> pictures_of_dataset(const fs::path& dataset, const std
                                               std::size_t most) {
   if (splits.empty()) throw InputError("", "--split", "which assets' pictures? A file of ids, such as splits/test.txt");
   std::vector<NamedPicture> pictures;
-  std::set<std::string> seen;
+  std::error_code missing;
+  std::set<std::string> known, seen;
+  io::NameIndex index;
+  if (fs::exists(dataset / "metadata.csv", missing)) {
+    for (const io::DatasetItem& item : io::list_dataset(dataset)) {
+      known.insert(item.id);
+      index.add(item.id, item.other_names);
+    }
+  }
   for (const fs::path& split : splits) {
     for (const io::SplitLine& line : io::read_split(split)) {
       if (most > 0 && pictures.size() == most) return pictures;
-      if (!seen.insert(line.id).second) continue;
-      const fs::path folder = dataset / "renders_cond" / line.id;
+      const std::string place = "line " + std::to_string(line.line);
+      std::string id = known.count(line.id) > 0 ? line.id : index.find_one(line.id, split.string(), place);
+      if (id.empty()) id = line.id;  // a folder of pictures without a table
+      if (!seen.insert(id).second) continue;
+      const fs::path folder = dataset / "renders_cond" / id;
       std::error_code error;
-      if (line.id.find('/') != std::string::npos || !fs::is_regular_file(folder / "transforms.json", error)) {
-        throw InputError(split.string(), "line " + std::to_string(line.line),
+      if (id.find('/') != std::string::npos || !fs::is_regular_file(folder / "transforms.json", error)) {
+        throw InputError(split.string(), place,
                          "asset '" + line.id + "' has no condition views in " + dataset.string() +
                              "; anigen-prepare --cond-views makes them");
       }
       const fs::path picture = folder / raytrace::read_transforms(folder / "transforms.json").frames.front().file_path;
-      pictures.emplace_back(picture, line.id);
+      pictures.emplace_back(picture, id);
       const fs::path normals = loaders::normal_picture_of(picture);
       if (fs::is_regular_file(normals, error)) pictures.back().normal_map = normals;
     }

@@ -5,6 +5,7 @@
 
 #include "anigen/core/error.h"
 #include "anigen/core/sha256.h"
+#include "anigen/io/rigs/split.h"
 
 namespace anigen::prepare {
 namespace {
@@ -26,6 +27,11 @@ T member(const Json& json, const char* key) {
 
 }  // namespace
 
+std::string AssetSource::source_path() const {
+  const std::string key = io::key_of_sample(local_path);
+  return key.empty() ? local_path : local_path.substr(0, local_path.size() - key.size() - 1);
+}
+
 Json to_json(const AssetSource& source) {
   Json json;
   if (source.procedural()) {
@@ -38,6 +44,7 @@ Json to_json(const AssetSource& source) {
     json["key"] = source.key;
     json["local_path"] = source.local_path;
     json["is_test"] = source.is_test;
+    json["uuid"] = source.uuid;
   }
   json["file_identifier"] = source.file_identifier;
   return json;
@@ -58,6 +65,7 @@ AssetSource asset_source_from_json(const Json& json) {
   source.key = member<std::string>(json, "key");
   source.local_path = member<std::string>(json, "local_path");
   source.is_test = member<bool>(json, "is_test");
+  source.uuid = json.value("uuid", "");
   return source;
 }
 
@@ -78,6 +86,7 @@ std::vector<AssetSource> find_assets(const std::vector<fs::path>& inputs) {
       source.local_path = entry.local_path;
       source.file_identifier = name + "/" + entry.local_path;
       source.is_test = entry.is_test;
+      source.uuid = entry.uuid;
       sources.push_back(std::move(source));
     }
   }

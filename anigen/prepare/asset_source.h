@@ -19,11 +19,14 @@ struct AssetSource {
   std::string local_path;                       ///< relative to the input folder, with '/'; empty for a creature
   std::string file_identifier;                  ///< "<input folder>/<local path>" or "procedural/<seed>/<index>"
   bool is_test = false;                         ///< the source itself keeps it for testing (io::RigEntry)
+  std::string uuid;                             ///< what the sample is called in its shard (io::RigEntry); or empty
   std::uint64_t seed = 0;                       ///< of a creature
   std::uint64_t index = 0;                      ///< of a creature
 
   bool procedural() const { return file.empty(); }
-  io::RigEntry rig() const { return {format, file, key, local_path, is_test}; }
+  /// local_path without the sample in the shard.
+  std::string source_path() const;
+  io::RigEntry rig() const { return {format, file, key, local_path, is_test, uuid}; }
 };
 
 /// @throws InputError naming the JSON pointer

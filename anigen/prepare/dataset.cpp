@@ -129,6 +129,7 @@ std::vector<AssetSource> representable(const std::vector<AssetSource>& sources) 
     source.key = clean(source.key);
     source.local_path = clean(source.local_path);
     source.file_identifier = clean(source.file_identifier);
+    source.uuid = clean(source.uuid);
   }
   return result;
 }

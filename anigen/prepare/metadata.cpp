@@ -77,16 +77,17 @@ bool bad_skin(const AssetRecord& record, const QualityLimits& limits) {
 
 CsvTable metadata_table(const std::vector<DatasetEntry>& entries, const QualityLimits& limits) {
   CsvTable table;
-  table.columns = {"sha256",       "file_identifier", "local_path",     "source",      "num_joints",
-                   "num_vertices", "num_faces",       "max_influences", "is_bad_skin", "is_bad_skeleton",
-                   "is_test",      "distinct_bones",  "repairs"};
+  table.columns = {"sha256",      "file_identifier", "local_path",   "uuid",           "source_path",
+                   "source",      "num_joints",      "num_vertices", "num_faces",      "max_influences",
+                   "is_bad_skin", "is_bad_skeleton", "is_test",      "distinct_bones", "repairs"};
   for (const DatasetEntry& entry : entries) {
     const AssetRecord& record = entry.record;
-    table.rows.push_back({entry.id, entry.source.file_identifier, entry.source.local_path, record.source,
-                          std::to_string(record.num_joints), std::to_string(record.num_vertices),
-                          std::to_string(record.num_faces), std::to_string(record.max_influences),
-                          csv_flag(bad_skin(record, limits)), csv_flag(!usable(record, limits)),
-                          csv_flag(entry.is_test), csv_flag(distinct_bones(record, limits)), joined(record.repairs)});
+    table.rows.push_back({entry.id, entry.source.file_identifier, entry.source.local_path, entry.source.uuid,
+                          entry.source.source_path(), record.source, std::to_string(record.num_joints),
+                          std::to_string(record.num_vertices), std::to_string(record.num_faces),
+                          std::to_string(record.max_influences), csv_flag(bad_skin(record, limits)),
+                          csv_flag(!usable(record, limits)), csv_flag(entry.is_test),
+                          csv_flag(distinct_bones(record, limits)), joined(record.repairs)});
   }
   return table;
 }

@@ -1,5 +1,6 @@
 // An Articulation-XL shard goes the whole way: prepare with a seeded split, train SkinAE a few steps, evaluate on the
-// test split.
+// test split. Then three programs' predictions are compared on a split of uuids: ours, called by sha256, and two
+// others', called by uuid, against the dataset and against the shard itself.
 //   articulation_xl_to_evaluation <anigen-prepare> <anigen-train> <anigen-eval> [<python3> <write_articulation_xl.py>]
 // With the last two numpy writes the shards, else this program does. Exit status 77: numpy is not installed.
 #include <cstdio>
@@ -76,6 +77,77 @@ struct Programs {
   std::vector<std::string> writer;  ///< of the shards; empty: this program
 };
 
+void write_lines(const fs::path& file, const std::vector<std::string>& lines) {
+  std::string text;
+  for (const std::string& line : lines) text += line + "\n";
+  anigen::write_file_atomically(file, text);
+}
+
+/// Three folders of predictions on one split of uuids, one command each for the dataset and a shard.
+void compare_three(const Programs& programs, const TemporaryFolder& folder) {
+  const fs::path shards = folder / "in", data = folder / "by_uuid";
+  const anigen::CsvTable known = anigen::read_csv(folder / "data" / "metadata.csv");
+  std::vector<std::string> of_first, uuids;  // two test assets of the first shard, and one more of the second
+  for (std::size_t row = 0; row < known.rows.size(); ++row) {
+    const std::string& uuid = known.cell(row, "uuid");
+    require(known.cell(row, "local_path") == known.cell(row, "source_path") + "#" + uuid, "metadata.csv lost a name");
+    const bool first = known.cell(row, "source_path") == "articulation_xl.npz";
+    if (first && of_first.size() < 2) of_first.push_back(uuid);
+    if ((first && uuids.size() < 2) || (!first && uuids.size() == 2)) uuids.push_back(uuid);
+  }
+  require(of_first.size() == 2 && uuids.size() == 3, "the shards are not those expected");
+  write_lines(folder / "uuids.txt", uuids);
+  write_lines(folder / "first.txt", of_first);
+  require(run_program({programs.prepare, "--out", data.string(), "--input", shards.string(), "--test-split",
+                       (folder / "uuids.txt").string(), "--quiet"}) == 0,
+          "anigen-prepare refused a split of uuids");
+  const anigen::CsvTable table = anigen::read_csv(data / "metadata.csv");
+  std::size_t tests = 0;
+  for (std::size_t row = 0; row < table.rows.size(); ++row) {
+    if (!table.flag(row, "is_test", false, "")) continue;
+    ++tests;
+    const std::string &sha = table.cell(row, "sha256"), &uuid = table.cell(row, "uuid");
+    for (const std::string& file :
+         {"ours/" + sha + ".glb", "unirig/" + uuid + ".glb", "puppeteer/" + uuid + "/raw_data.npz"})
+      fs::create_directories((folder / file).parent_path());
+    fs::copy_file(data / "assets" / (sha + ".glb"), folder / ("ours/" + sha + ".glb"));
+    fs::copy_file(data / "assets" / (sha + ".glb"), folder / ("unirig/" + uuid + ".glb"));
+    fs::copy_file(data / "skeleton" / sha / "skeleton_voxelized.npz", folder / ("puppeteer/" + uuid + "/raw_data.npz"));
+  }
+  require(tests == 3, "the split of uuids does not make three test assets");
+
+  const auto evaluate = [&](const fs::path& truth, const char* split, const std::vector<std::string>& more) {
+    std::vector<std::string> words{programs.eval};
+    for (const char* name : {"ours", "unirig", "puppeteer"}) {
+      words.insert(words.end(), {"--pred", std::string(name) + "=" + (folder / name).string()});
+    }
+    words.insert(words.end(),
+                 {"--gt", truth.string(), "--split", (folder / split).string(), "--out", (folder / "compared").string(),
+                  "--metrics", "skeleton,transport", "--no-icp", "--no-report", "--quiet"});
+    words.insert(words.end(), more.begin(), more.end());
+    return run_program(words, folder / "screen.txt");
+  };
+  const auto require_pairs = [&](std::size_t pairs) {
+    const anigen::Json metrics = anigen::read_json(folder / "compared" / "metrics.json");
+    for (const char* name : {"ours", "unirig", "puppeteer"}) {
+      require(metrics["pairing"][name]["paired"] == pairs && metrics["pairing"][name]["missing"].empty(),
+              std::string(name) + " does not pair with its ground truths");
+      require(metrics["methods"][name]["summary"]["j2j"]["mean"].get<double>() < 1e-5,
+              std::string(name) + " is paired with another asset");
+    }
+    return metrics;
+  };
+  require(evaluate(data, "uuids.txt", {}) == 0, "anigen-eval failed on the dataset");
+  require(require_pairs(3)["settings"]["transport"]["solver"] == "exact", "transport is not exact by default");
+  require(evaluate(shards / "articulation_xl.npz", "first.txt", {"--transport", "sinkhorn", "--epsilon", "0.01"}) == 0,
+          "anigen-eval failed on the shard");
+  require(require_pairs(2)["settings"]["transport"]["epsilon_wasserstein"] == 0.01, "--epsilon got lost");
+  require(anigen::read_file(folder / "screen.txt").find("Sinkhorn iterations; epsilon 0.01") != std::string::npos,
+          "the table does not say how transport was computed");
+  constexpr int kBadInput = 2;
+  require(evaluate(data, "uuids.txt", {"--epsilon", "0.01"}) == kBadInput, "--epsilon without Sinkhorn is accepted");
+}
+
 /// @return whether the shards could be written
 bool run(const Programs& programs) {
   const TemporaryFolder folder;
@@ -110,6 +182,7 @@ bool run(const Programs& programs) {
     mentioned += metrics.dump().find(test.substr(at, 64)) != std::string::npos;
   }
   require(mentioned == 3, "the evaluation does not name the three test assets");
+  compare_three(programs, folder);
   return true;
 }
 

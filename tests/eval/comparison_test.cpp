@@ -124,6 +124,43 @@ TEST(Comparison, JudgesDifferencesOnlyWithEnoughAssets) {
   EXPECT_EQ(difference_table(comparison).rows[0].back(), "worse");
 }
 
+TEST(Comparison, ValuesThatDifferByRoundingReadEqualInEveryTable) {
+  Comparison comparison = two_methods();
+  comparison.results.clear();
+  comparison.ids.clear();
+  comparison.results.resize(2);
+  for (int i = 0; i < 8; ++i) {
+    comparison.ids.push_back(std::to_string(i));
+    comparison.results[0].push_back(result(comparison.ids.back(), 0.1 + 0.01 * i, 0.5));
+    comparison.results[1].push_back(result(comparison.ids.back(), 0.1 + 0.01 * i + 1e-16, 0.5 - 1e-9));
+  }
+  EXPECT_EQ(ranks(comparison, metric("j2j")), (std::vector<int>{1, 1}));
+  for (const auto& row : difference_table(comparison).rows) {
+    EXPECT_EQ(row.back(), "equal") << row[1];
+    EXPECT_EQ(row[2], "0.0000");
+  }
+  for (const std::string& text : {to_markdown(comparison), comparison_report(comparison, {})}) {
+    EXPECT_NE(text.find("equal"), std::string::npos);
+    for (const char* word : {"worse", "better", "-0.0000"}) EXPECT_EQ(text.find(word), std::string::npos) << word;
+  }
+  const std::string latex = to_latex(comparison);
+  EXPECT_EQ(latex.find("underline"), std::string::npos) << "both are the best";
+  EXPECT_EQ(to_json(comparison)["differences"]["other_1"]["j2j"]["mean"], 0.0);
+  // A difference that files can hold stays one.
+  for (PairResult& one : comparison.results[1]) one.set("j2j", one.value("j2j") + 1e-5);
+  EXPECT_EQ(difference_table(comparison).rows[0].back(), "worse");
+}
+
+TEST(Comparison, CountsPairsAndNamesWhatIsLeftOver) {
+  Comparison comparison = two_methods();
+  comparison.pairing = {{3, {}, {}}, {1, {"b", "c"}, {"1", "2", "3", "4", "5", "6", "7"}}};
+  for (const std::string& text : {to_markdown(comparison), comparison_report(comparison, {})}) {
+    EXPECT_NE(text.find("2: b, c"), std::string::npos);
+    EXPECT_NE(text.find("7: 1, 2, 3, 4, 5, …"), std::string::npos);
+  }
+  EXPECT_EQ(to_json(comparison)["pairing"]["other_1"]["unused"].size(), 7u);
+}
+
 TEST(Comparison, ReportEscapesNamesAndSurvivesPicturesThatFail) {
   Comparison comparison = two_methods();
   comparison.ids[0] = comparison.results[0][0].id = comparison.results[1][0].id = "<script>alert(1)</script>";
@@ -148,6 +185,16 @@ TEST(Statistics, BootstrapIsDeterministicAndCoversTheMean) {
   EXPECT_EQ(bootstrap_mean({2.0}, 0, "x").low, 2.0);
   EXPECT_EQ(paired_difference({1, NAN, 3}, {0, 5, 1}, 0, "x").n, 2u);
   EXPECT_DOUBLE_EQ(paired_difference({1, NAN, 3}, {0, 5, 1}, 0, "x").mean, 1.5);
+}
+
+TEST(Statistics, EqualIsWhatSinglePrecisionCannotTellApart) {
+  EXPECT_TRUE(numerically_equal(0.0, 1e-17));
+  EXPECT_TRUE(numerically_equal(30.0, 30.0 + 1e-6)) << "decibels: relative";
+  EXPECT_FALSE(numerically_equal(0.0, 1e-6));
+  EXPECT_FALSE(numerically_equal(30.0, 30.0001));
+  EXPECT_FALSE(numerically_equal(0.0, NAN));
+  EXPECT_EQ(places({0.2, 0.1, 0.1 + 1e-12, NAN, 0.3}, true), (std::vector<int>{0, 1, 1, 0, 0}));
+  EXPECT_EQ(places({0.2, 0.1, 0.2 - 1e-3}, false), (std::vector<int>{1, 0, 2}));
 }
 
 TEST(NamedPath, TakesNamesAndPathsWithEqualsSigns) {

@@ -1,6 +1,7 @@
 #include <gtest/gtest.h>
 
 #include "anigen/eval/inputs/pairs.h"
+#include "anigen/io/rigs/split.h"
 #include "tests/io/array_file_bytes.h"
 #include "tests/support/rig_files.h"
 
@@ -56,14 +57,36 @@ TEST(MatchPairs, OtherNamesFindIdsThatAreHashes) {
   EXPECT_TRUE(list.unused.empty());
 }
 
-TEST(MatchPairs, AmbiguousNamesAreNotGuessed) {
-  EXPECT_EQ(rows(match(Names({"a"}), Names({"x/a", "y/a"}))), Ids{"a: several predictions could be meant: x/a, y/a"});
-  const PairList list = match(Names({"x/a", "y/a"}), Names({"a"}));
-  EXPECT_EQ(rows(list), (Ids{"x/a: the prediction a could be meant for several: x/a, y/a",
-                             "y/a: the prediction a could be meant for several: x/a, y/a"}));
-  EXPECT_EQ(list.unused, Ids{"a"});
-  EXPECT_EQ(rows(match(Names({"a"}), Names({"1/a", "2/a", "3/a", "4/a", "5/a"}))),
-            Ids{"a: several predictions could be meant: 1/a, 2/a, 3/a and 2 more"});
+TEST(MatchPairs, AmbiguousNamesAreRefusedWithTheCandidates) {
+  const auto problem = [](const Names& truth, const Names& prediction) {
+    return test::refusal([&] { match(truth, prediction); });
+  };
+  const std::string remedy = "; keep one of them, or name the pairs in a CSV (--pred pairs.csv)";
+  EXPECT_EQ(problem(Names({"a"}), Names({"x/a", "y/a"})),
+            "several predictions could be meant for a: x/a, y/a" + remedy);
+  EXPECT_EQ(problem(Names({"x/a", "y/a"}), Names({"a"})),
+            "the prediction a could be meant for several: x/a, y/a" + remedy);
+  EXPECT_EQ(problem(Names({"a"}), Names({"1/a", "2/a", "3/a", "4/a", "5/a"})),
+            "several predictions could be meant for a: 1/a, 2/a, 3/a and 2 more" + remedy);
+  EXPECT_EQ(problem(Names({"u"}), Names({"u/skeleton", "u/skin"})),
+            "several predictions could be meant for u: u/skeleton, u/skin" + remedy);
+}
+
+TEST(MatchPairs, LongerPathsDecideBetweenEqualNames) {
+  const PairList list = match(Names({"fish/a", "cat/a"}), Names({"out/cat/a", "out/fish/a"}));
+  EXPECT_EQ(rows(list), (Ids{"fish/a>out/fish/a", "cat/a>out/cat/a"}));
+}
+
+TEST(MatchPairs, WhatAnotherTruthHasIsNotGivenAway) {
+  // x/a is that of the truth of this id; so "a" alone says nothing about z/a.
+  const PairList list = match(Names({"x/a", "y/a"}), Names({"x/a", "z/a"}));
+  EXPECT_EQ(rows(list), (Ids{"x/a>x/a", "y/a: no prediction in names: x/a has its name, and is that of x/a"}));
+  EXPECT_EQ(list.unused, Ids{"z/a"});
+}
+
+TEST(MatchPairs, FilesInTheFolderOfATruthAreItsOwn) {
+  EXPECT_EQ(rows(match(Names({"u", "v"}), Names({"out/u/skinned", "out/w/skinned"}))),
+            (Ids{"u>out/u/skinned", "v: no prediction in names"}));
 }
 
 TEST(MatchPairs, TwoSingleFilesAreAPairWhateverTheirNames) {
@@ -75,6 +98,79 @@ TEST(MatchPairs, OnlyTheTruthsAskedFor) {
   const PairList list = match_pairs(Names({"a", "b"}), Names({"a", "b"}), {"b"});
   EXPECT_EQ(rows(list), Ids{"b>b"});
   EXPECT_EQ(list.unused, Ids{"a"});
+}
+
+/// An Articulation-XL shard, the dataset that preparing made of it, and predictions by three programs.
+class ShardPairs : public testing::Test {
+ protected:
+  ShardPairs() {
+    std::string table = "sha256,file_identifier,local_path,uuid,variant_of\n";
+    for (int i = 0; i < 3; ++i) {
+      test::RigFile rig;
+      rig.uuid = "uuid-" + std::to_string(i);
+      rig.joints[4] += i;
+      rigs_.push_back(rig);
+    }
+    test::write_articulation_xl(folder_ / "xl.npz", rigs_);
+    const auto shard = io::open_source(folder_ / "xl.npz", {io::Axes::kFormat, true});
+    for (const test::RigFile& rig : rigs_) {
+      const std::string sha = shard->sample_id(rig.uuid), name = "xl.npz#" + rig.uuid;
+      shas_.push_back(sha);
+      table += sha + ",in/" + name + "," + name + "," + rig.uuid + ",\n" + "pose" + sha + ",in/" + name + "," + name +
+               "," + rig.uuid + "," + sha + "\n";
+      test::write_rig_npz(folder_ / "data" / "skeleton" / sha / "skeleton_voxelized.npz", rig);
+      test::write_glb(folder_ / "ours" / (sha + ".glb"), rig);
+      test::write_glb(folder_ / "unirig" / (rig.uuid + ".glb"), rig);
+      test::write_text_rig(folder_ / "puppeteer" / (rig.uuid + ".txt"), rig);
+      test::write_glb(folder_ / "generated" / rig.uuid / "mesh.glb", rig);
+      test::write_rig_npz(folder_ / "raw" / "xl" / rig.uuid / "raw_data.npz", rig);
+      test::write_glb(folder_ / "named" / ("xl.npz#" + rig.uuid + ".glb"), rig);
+    }
+    test::write_quickly(folder_ / "data" / "metadata.csv", table);
+  }
+
+  /// How many of all truths find their own prediction.
+  std::size_t paired(const std::string& truth, const std::string& prediction) {
+    const auto gt = io::open_source(folder_ / truth, {io::Axes::kFormat, true});
+    const auto pred = io::open_source(folder_ / prediction);
+    test::write_quickly(folder_ / "split.txt", "uuid-0\nxl.npz#uuid-1\n" + shas_[2] + "\n");
+    const PairList list = match_pairs(*gt, *pred, io::select_ids(*gt, {folder_ / "split.txt"}));
+    EXPECT_EQ(list.pairs.size(), 3u);
+    std::size_t count = 0;
+    for (const PairPlan& plan : list.pairs) {
+      if (!plan.prediction_id) continue;
+      const auto number = [&](const std::string& id) {
+        for (std::size_t i = 0; i < shas_.size(); ++i) {
+          if (id.find(shas_[i]) != std::string::npos || id.find(rigs_[i].uuid) != std::string::npos) return i;
+        }
+        return shas_.size();
+      };
+      count += number(plan.truth_id) == number(*plan.prediction_id);
+    }
+    return count;
+  }
+
+  test::TemporaryFolder folder_;
+  std::vector<test::RigFile> rigs_;
+  Ids shas_;
+};
+
+TEST_F(ShardPairs, EveryNameOfAnAssetFindsItInTheDatasetAndInTheShard) {
+  for (const char* truth : {"data", "xl.npz"}) {
+    for (const char* prediction : {"ours", "unirig", "puppeteer", "generated", "raw", "named", "xl.npz", "data"})
+      EXPECT_EQ(paired(truth, prediction), 3u) << truth << " with " << prediction;
+  }
+}
+
+TEST_F(ShardPairs, AUuidInTwoShardsIsRefusedWithBoth) {
+  test::write_quickly(
+      folder_ / "data" / "metadata.csv",
+      "sha256,local_path,uuid\n" + shas_[0] + ",a.npz#uuid-0,uuid-0\n" + shas_[1] + ",b.npz#uuid-0,uuid-0\n");
+  const auto gt = io::open_source(folder_ / "data"), pred = io::open_source(folder_ / "unirig");
+  const std::string problem = test::refusal([&] { match_pairs(*gt, *pred, gt->ids()); });
+  EXPECT_NE(problem.find("uuid-0"), std::string::npos);
+  EXPECT_NE(problem.find(shas_[0]), std::string::npos) << problem;
+  EXPECT_NE(problem.find(shas_[1]), std::string::npos) << problem;
 }
 
 class PairsCsv : public testing::Test {

@@ -6,8 +6,14 @@
 #include <thread>
 
 #include "anigen/core/atomic_file.h"
+#include "anigen/core/csv.h"
 #include "anigen/core/error.h"
+#include "anigen/core/json.h"
+#include "anigen/core/log.h"
+#include "anigen/core/parallel.h"
+#include "anigen/core/version.h"
 #include "anigen/eval/comparison/evaluate_command.h"
+#include "anigen/io/rigs/shape_source.h"
 #include "tests/support/paths.h"
 #include "tests/support/rig_files.h"
 
@@ -144,6 +150,82 @@ TEST_F(RunComparisonTest, TakesACsvOfPairs) {
   const Comparison comparison = run_evaluation(csv);
   EXPECT_EQ(comparison.ids, (std::vector<std::string>{"a", "b"}));
   EXPECT_GT(comparison.results[0][1].value("j2j"), 1e-3);
+}
+
+// One command for three programs on one split of an Articulation-XL shard: predictions called by the sha256 that our
+// dataset gives the samples, and by their uuids as others write them.
+TEST_F(RunComparisonTest, ThreeProgramsOnOneSplitOfAShard) {
+  std::vector<test::RigFile> rigs(3);
+  for (std::size_t i = 0; i < rigs.size(); ++i) {
+    rigs[i].uuid = "uuid-" + std::to_string(i);
+    rigs[i].joints[4] += 0.1 * static_cast<double>(i);
+  }
+  test::write_articulation_xl(folder_ / "xl.npz", rigs);
+  const auto shard = io::open_source(folder_ / "xl.npz", {io::Axes::kFormat, true});
+  for (const test::RigFile& rig : rigs) {
+    test::write_glb(folder_ / "ours" / (shard->sample_id(rig.uuid) + ".glb"), rig);
+    test::write_glb(folder_ / "unirig" / (rig.uuid + ".glb"), rig);
+  }
+  test::write_rig_npz(folder_ / "puppeteer" / "uuid-2" / "raw_data.npz", rigs[2]);
+  test::write_rig_npz(folder_ / "puppeteer" / "stray" / "raw_data.npz", rigs[0]);
+  write_file_atomically(folder_ / "uuids.txt", "uuid-1\nuuid-2\n");
+  EvaluationRequest one = request();
+  one.predictions.clear();
+  for (const char* name : {"ours", "unirig", "puppeteer"})
+    one.predictions.push_back(std::string(name) + "=" + (folder_ / name).string());
+  one.truth = folder_ / "xl.npz";
+  one.splits = {folder_ / "uuids.txt"};
+  one.settings.groups = {"skeleton"};
+  const Comparison comparison = run_evaluation(one);
+  EXPECT_EQ(comparison.ids, (std::vector<std::string>{"uuid-1", "uuid-2"}));
+  for (std::size_t m = 0; m < 3; ++m) EXPECT_NEAR(comparison.results[m][1].value("j2j"), 0.0, 1e-6) << m;
+  EXPECT_EQ(comparison.pairing[0].paired, 2u);
+  EXPECT_EQ(comparison.pairing[0].unused.size(), 1u) << "uuid-0 is not of the split";
+  EXPECT_EQ(comparison.pairing[2].missing, std::vector<std::string>{"uuid-1"});
+  EXPECT_EQ(comparison.pairing[2].unused, std::vector<std::string>{"stray"});
+  EXPECT_NE(read_file(folder_ / "out" / "table.md").find("1: stray"), std::string::npos);
+  EXPECT_EQ(read_json(folder_ / "out" / "metrics.json")["pairing"]["puppeteer"]["missing"][0], "uuid-1");
+  // Of two files of one name none is chosen.
+  fs::create_directories(folder_ / "unirig" / "first");
+  fs::rename(folder_ / "unirig" / "uuid-1.glb", folder_ / "unirig" / "first" / "uuid-1.glb");
+  test::write_glb(folder_ / "unirig" / "again" / "uuid-1.glb", rigs[1]);
+  EXPECT_THROW(run_evaluation(one), InputError);
+}
+
+TEST_F(RunComparisonTest, TransportBySinkhornWhenAskedFor) {
+  EvaluationRequest asked = request();
+  asked.settings.groups = {"transport"};
+  const PairResult exact = run_evaluation(asked).results[1][0];
+  asked.settings.transport = parse_transport("sinkhorn");
+  const PairResult close = run_evaluation(asked).results[1][0];
+  asked.settings.epsilon = 0.5;
+  const PairResult coarse = run_evaluation(asked).results[1][0];
+  for (const char* key : {"wasserstein", "gromov_wasserstein"}) {
+    EXPECT_GE(close.value(key), exact.value(key) - 1e-9) << key;
+    EXPECT_GT(coarse.value(key), exact.value(key) + 1e-3) << key << ": a saved exact result does not count";
+    EXPECT_GT(coarse.value(key), close.value(key) + 1e-3) << key << ": nor one of another epsilon";
+  }
+  EXPECT_NEAR(close.value("wasserstein"), exact.value("wasserstein"), 0.01);
+  for (const char* key : {"gw_lower_bound", "fused_gromov_wasserstein"}) EXPECT_EQ(coarse.value(key), exact.value(key));
+  EXPECT_EQ(coarse.details["gw_start"], "entropic");
+  EXPECT_EQ(read_json(folder_ / "out/metrics.json")["settings"]["transport"],
+            (Json{{"solver", "sinkhorn"}, {"epsilon_wasserstein", 0.5}, {"epsilon_gromov_wasserstein", 0.5}}));
+  for (const char* file : {"table.md", "table.tex", "report.html"})
+    EXPECT_NE(read_file(folder_ / "out" / file).find("Sinkhorn iterations; epsilon 0.5 and 0.5"), std::string::npos)
+        << file;
+
+  EvaluationRequest refused = request();
+  refused.settings.epsilon = 0.01;
+  EXPECT_THROW(run_evaluation(refused), InputError) << "without sinkhorn";
+  refused.settings.transport = TransportMethod::kSinkhorn;
+  for (const double epsilon : {0.0, -1.0, 1.5, std::nan("")}) {
+    refused.settings.epsilon = epsilon;
+    EXPECT_THROW(run_evaluation(refused), InputError) << epsilon;
+  }
+  refused.settings.epsilon.reset();
+  refused.settings.groups = {"skeleton"};
+  EXPECT_THROW(run_evaluation(refused), InputError) << "nothing of it would be computed";
+  EXPECT_THROW(parse_transport("simplex"), InputError);
 }
 
 }  // namespace

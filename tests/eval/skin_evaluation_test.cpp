@@ -39,7 +39,7 @@ class SkinEvaluationTest : public testing::Test {
 
   SkinEvaluation evaluate() {
     std::vector<SkinMethod> methods = skin_baselines();
-    methods.insert(methods.begin(), predictions_from_folder(folder_ / "pred"));
+    methods.insert(methods.begin(), predictions_from_folder(folder_ / "pred", root(), io::list_dataset(root())));
     return evaluate_skin(root(), io::list_dataset(root()), methods);
   }
 
@@ -55,7 +55,7 @@ TEST_F(SkinEvaluationTest, ScoresPredictionsAndKeepsFailuresApart) {
   // Two of three vertices of "a" are right, the third is entirely wrong.
   EXPECT_NEAR(evaluation.assets[0].methods[0].scores.mean.l1, 2.0 / 3, 1e-6);
   EXPECT_NE(evaluation.assets[1].methods[0].failure.find("expected shape [3, 2]"), std::string::npos);
-  EXPECT_NE(evaluation.assets[2].methods[0].failure.find("c.npz"), std::string::npos);
+  EXPECT_NE(evaluation.assets[2].methods[0].failure.find("no prediction in 2 NPZ files"), std::string::npos);
   const auto usable = summarize(evaluation, 0, Group::kUsable);
   EXPECT_EQ(usable[0].n, 1u);
   EXPECT_NEAR(usable[0].mean, 2.0 / 3, 1e-6);
@@ -140,6 +140,23 @@ TEST(Tables, MarkdownEscapesAndAligns) {
   EXPECT_EQ(to_markdown(Table{{"name", "x", "note"}, {{"a|b", "–", "why"}, {"c", "1.25", ""}}}),
             "| name |    x | note |\n| ---- | ---: | ---- |\n| a\\|b |    – | why  |\n| c    | 1.25 |      |\n");
   EXPECT_EQ(html_escaped("<a & \"b\">"), "&lt;a &amp; &quot;b&quot;&gt;");
+}
+
+TEST_F(SkinEvaluationTest, PredictionsAndSplitsMayUseAnyNameOfAnAsset) {
+  write_file_atomically(root() / "metadata.csv",
+                        "sha256,local_path,uuid\na,xl.npz#u-1,u-1\nb,xl.npz#u-2,u-2\nc,xl.npz#u-3,u-3\n");
+  fs::rename(folder_ / "pred" / "a.npz", folder_ / "pred" / "u-1.npz");
+  fs::copy_file(folder_ / "pred" / "u-1.npz", folder_ / "pred" / "stray.npz");
+  write_file_atomically(folder_ / "split.txt", "u-1\nxl.npz#u-2\n");
+  const auto items = select_split(io::list_dataset(root()), {folder_ / "split.txt"});
+  ASSERT_EQ(items.size(), 2u);
+  std::vector<std::string> unused;
+  const SkinMethod method = predictions_from_folder(folder_ / "pred", root(), items, &unused);
+  EXPECT_EQ(unused, std::vector<std::string>{"stray"});
+  EXPECT_EQ(method.predict(items[0], read_ground_truth(root(), "a")), (std::vector<float>{1, 0, 1, 0, 1, 0}));
+  fs::create_directories(folder_ / "pred" / "more");
+  fs::copy_file(folder_ / "pred" / "u-1.npz", folder_ / "pred" / "more" / "u-1.npz");
+  EXPECT_THROW(predictions_from_folder(folder_ / "pred", root(), items), InputError) << "two files of one name";
 }
 
 }  // namespace

@@ -8,6 +8,7 @@
 #include "anigen/core/error.h"
 #include "anigen/io/rigs/anymate_sample.h"
 #include "anigen/io/rigs/articulation_xl.h"
+#include "anigen/io/rigs/dataset_list.h"
 #include "anigen/io/rigs/rig_arrays.h"
 #include "anigen/io/rigs/text_rig.h"
 #include "anigen/io/safetensors.h"
@@ -91,7 +92,7 @@ TEST_F(Formats, PublishedDataSet) {
                         "lost,raw/dog.glb,False,real\n");
   const auto source = open_source(folder_.path());
   EXPECT_EQ(source->ids(), (std::vector<std::string>{"sample", "lost"}));
-  EXPECT_EQ(source->other_names("sample"), (std::vector<std::string>{"raw/cat.glb", "cat"}));
+  EXPECT_EQ(source->other_names("sample"), (std::vector<std::string>{"raw/cat.glb"}));
   EXPECT_EQ(source->category("sample"), "cat");
   EXPECT_EQ(source->category("lost"), "");
   const RiggedShape shape = source->read("sample");
@@ -300,6 +301,21 @@ TEST_F(Formats, SeveralThreadsReadAtOnce) {
     for (std::thread& thread : threads) thread.join();
     EXPECT_EQ(right, 40);
   }
+}
+
+TEST_F(Formats, DataSetsKeepEveryNameOfAnAsset) {
+  write_file_atomically(folder_ / "metadata.csv",
+                        "sha256,file_identifier,local_path,uuid,variant_of\n"
+                        "1,in/xl.npz#u-1,xl.npz#u-1,u-1,\n"
+                        "2,in/xl.npz#u-1,xl.npz#u-1,u-1,1\n");
+  const std::vector<DatasetItem> items = list_dataset(folder_.path());
+  EXPECT_EQ(items[0].uuid, "u-1");
+  EXPECT_EQ(items[0].other_names, (std::vector<std::string>{"u-1", "xl.npz#u-1", "in/xl.npz#u-1"}));
+  EXPECT_TRUE(items[1].other_names.empty()) << "a posed variant is another shape";
+  // Tables from before there was a column for it say it in the path.
+  write_file_atomically(folder_ / "metadata.csv", "sha256,local_path\n1,xl.npz#u-1\n2,raw/cat#1.glb\n");
+  EXPECT_EQ(list_dataset(folder_.path())[0].uuid, "u-1");
+  EXPECT_EQ(list_dataset(folder_.path())[1].uuid, "");
 }
 
 }  // namespace

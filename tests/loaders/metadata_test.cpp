@@ -102,5 +102,20 @@ TEST(Split, OneIdPerLine) {
   EXPECT_THROW(read_split(folder / "empty.txt"), InputError);
 }
 
+TEST(Split, NamesAssetsAsOtherProgramsDo) {
+  const test::TemporaryFolder folder;
+  const auto table = [&](const char* root, const std::string& rows) {
+    std::filesystem::create_directories(folder / root);
+    std::ofstream(folder / root / "metadata.csv") << "sha256,local_path,uuid,variant_of\n" << rows;
+  };
+  table("one", "a,xl.npz#u-a,u-a,\na1,xl.npz#u-a,u-a,a\n");
+  table("two", "b,b.glb,,\nc,c.glb,,\n");
+  std::ofstream(folder / "split.txt") << "u-a\nb.glb\nc\nelsewhere\n";
+  const std::string roots = (folder / "one").string() + "," + (folder / "two").string();
+  EXPECT_EQ(read_split(folder / "split.txt", roots), (std::set<std::string>{"a", "b", "c", "elsewhere"}));
+  table("two", "b,b.glb,u-a,\n");
+  EXPECT_THROW(read_split(folder / "split.txt", roots), InputError) << "two assets have that uuid";
+}
+
 }  // namespace
 }  // namespace anigen::loaders

@@ -19,6 +19,7 @@ TEST(AssetSource, SurvivesJson) {
   source.file = "/data/xl test.npz";
   source.key = "uuid-1";
   source.local_path = "xl test.npz#uuid-1";
+  source.uuid = "uuid-1";
   source.file_identifier = "data/xl test.npz#uuid-1";
   source.is_test = true;
   const AssetSource again = asset_source_from_json(parse_json(to_json(source).dump(), "memory"));
@@ -26,6 +27,8 @@ TEST(AssetSource, SurvivesJson) {
   EXPECT_EQ(again.file, source.file);
   EXPECT_EQ(again.key, source.key);
   EXPECT_EQ(again.local_path, source.local_path);
+  EXPECT_EQ(again.uuid, source.uuid);
+  EXPECT_EQ(again.source_path(), "xl test.npz");
   EXPECT_EQ(again.file_identifier, source.file_identifier);
   EXPECT_TRUE(again.is_test);
   const AssetSource creature = asset_source_from_json(to_json(procedural_sources(7, 3)[2]));

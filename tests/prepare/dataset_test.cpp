@@ -18,6 +18,7 @@
 #include "anigen/prepare/steps/asset_places.h"
 #include "anigen/prepare/voxels/voxel_file.h"
 #include "tests/support/paths.h"
+#include "tests/support/rig_files.h"
 
 namespace anigen::prepare {
 namespace {
@@ -300,6 +301,39 @@ TEST_F(PrepareDataset, IdsFollowTheContentOfExternalBuffers) {
   EXPECT_EQ(first.size(), 64u);
   write_file_atomically(folder_ / "ext" / "my data.bin", "two");
   EXPECT_NE(asset_id(source), first);
+}
+
+TEST(ShardDataset, KeepsUuidPathAndShardOfASampleAndHandsThemOn) {
+  const test::TemporaryFolder folder;
+  std::vector<test::RigFile> rigs(3);
+  for (std::size_t i = 0; i < rigs.size(); ++i) {
+    rigs[i].uuid = "u-" + std::to_string(i);
+    rigs[i].joints[4] += 0.1 * static_cast<double>(i);
+  }
+  test::write_articulation_xl(folder / "in" / "sub" / "xl.npz", rigs);
+  PrepareOptions options;
+  options.out = folder / "out";
+  options.sources = find_assets({folder / "in"});
+  options.plan.variants = 1;
+  options.tables.split.test_names = {"u-1", "sub/xl.npz#u-2"};
+  EXPECT_EQ(prepare_dataset(options).test, 2u);
+  options.sources = find_assets({folder / "out"});
+  options.plan.variants = 0;
+  options.out = folder / "again";
+  options.tables.split.test_names = {"u-1"};
+  EXPECT_EQ(prepare_dataset(options).test, 1u);
+  for (const char* name : {"out", "again"}) {
+    const CsvTable table = read_csv(folder / name / "metadata.csv");
+    std::map<std::string, std::size_t> rows;
+    for (std::size_t row = 0; row < table.rows.size(); ++row) {
+      if (table.cell(row, "variant_of").empty()) rows[table.cell(row, "uuid")] = row;
+    }
+    ASSERT_EQ(rows.count("u-2"), 1u) << name;
+    EXPECT_EQ(table.rows.size(), 6u) << "three samples, and the posed variant of each";
+    EXPECT_EQ(table.cell(rows["u-2"], "source_path"), "sub/xl.npz") << name;
+    EXPECT_EQ(table.cell(rows["u-2"], "local_path"), "sub/xl.npz#u-2") << name;
+    EXPECT_EQ(table.flag(rows["u-2"], "is_test", false, ""), std::string(name) == "out");
+  }
 }
 
 TEST(ProceduralDataset, TrainsOnAllUnlessTestCreaturesAreAskedFor) {

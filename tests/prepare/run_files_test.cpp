@@ -146,6 +146,28 @@ TEST(Splits, KeepTheTestFlagsOfASourceUnlessAskedOtherwise) {
   EXPECT_THROW(mark_test(rows, many, {}), InputError);
 }
 
+TEST(Splits, TakeTheTestAssetsThatAListNames) {
+  std::vector<DatasetRow> rows{row("a", true), row("b", false), row("c", false), row("d", false),
+                               row("b1", false, 1, "b")};
+  rows[1].entry.source.uuid = rows[4].entry.source.uuid = "u-b";
+  rows[2].entry.source.local_path = "fish/manta.glb";
+  rows[3].entry.record.num_joints = 1;  // not usable
+  const auto marked = [&](std::vector<std::string> names) {
+    SplitOptions options;
+    options.test_names = std::move(names);
+    EXPECT_EQ(split_options_from_json(to_json(options)).test_names, options.test_names);
+    mark_test(rows, options, {});
+    std::string ids;
+    for (const DatasetRow& one : rows) ids += one.entry.is_test ? one.entry.id + " " : "";
+    return ids;
+  };
+  EXPECT_EQ(marked({"u-b", "manta", "d", "of nobody"}), "b c b1 ");
+  EXPECT_EQ(marked({"a"}), "a ");
+  EXPECT_THROW(marked({"of nobody"}), InputError);
+  rows[3].entry.source.uuid = "u-b";
+  EXPECT_THROW(marked({"u-b"}), InputError) << "b or d?";
+}
+
 TEST(Tables, SayWhatIsThereForEveryRow) {
   std::vector<DatasetRow> rows{row("a", false), row("b", false)};
   rows[0].records.steps["voxels"].columns = {{"num_voxels", 12}, {"num_skeleton_voxels", 3}};

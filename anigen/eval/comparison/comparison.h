@@ -13,12 +13,20 @@
 
 namespace anigen::eval {
 
+/// How many ground truths found a prediction, and what was left over on both sides.
+struct Pairing {
+  std::size_t paired = 0;
+  std::vector<std::string> missing;  ///< ground truths without a prediction
+  std::vector<std::string> unused;   ///< predictions that belong to none of the ground truths asked for
+};
+
 /// Several predictions of the same ground truths.
 struct Comparison {
   std::vector<std::string> methods;              ///< labels, at least one
   std::vector<std::string> ids;                  ///< one per ground truth, in its order
   std::vector<std::vector<PairResult>> results;  ///< [method][id]; a missing prediction is a failure, never left out
   std::vector<std::string> unused;               ///< "<method>: <id>" of predictions without a ground truth
+  std::vector<Pairing> pairing;                  ///< one per method; empty: not known
   Json settings = Json::object();                ///< everything that decides a number
   std::uint64_t seed = 0;                        ///< of the bootstrap intervals
 };

@@ -28,6 +28,10 @@ Table method_table(const Comparison& comparison, const std::vector<const MetricI
 /// Mean, median, interval and number of every metric of one method.
 Table metric_summary_table(const Comparison& comparison, std::size_t method);
 
+/// Ground truths, pairs and what is left over on both sides, with counts and the first names; no row when the pairing
+/// is not known.
+Table pairing_table(const Comparison& comparison);
+
 /// Failures and reasons for missing values, each once with the number of assets.
 Table reason_table(const Comparison& comparison);
 

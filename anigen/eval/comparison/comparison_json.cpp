@@ -67,6 +67,11 @@ Json to_json(const Comparison& comparison) {
     }
   }
   json["unused_predictions"] = comparison.unused;
+  for (std::size_t m = 0; m < comparison.pairing.size(); ++m) {
+    const Pairing& pairing = comparison.pairing[m];
+    json["pairing"][comparison.methods[m]] = {
+        {"paired", pairing.paired}, {"missing", pairing.missing}, {"unused", pairing.unused}};
+  }
   return json;
 }
 

@@ -124,6 +124,7 @@ std::string comparison_report(const Comparison& comparison, const ComparisonRepo
                   method_table(comparison, present_metrics(comparison, true)));
   const std::string transport = transport_text(comparison);
   if (!transport.empty()) html += "<p class=\"hint\">" + html_escaped(transport) + "</p>\n";
+  html += section("Pairs", pairing_table(comparison));
   html += section("Differences to " + comparison.methods[0], difference_table(comparison));
   html += motions(options.motions);
   html += pictures(comparison, options, metric);

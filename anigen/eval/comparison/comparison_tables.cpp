@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <cmath>
 #include <map>
 
@@ -53,6 +54,23 @@ Table metric_summary_table(const Comparison& comparison, std::size_t method) {
                           fixed(summary.summary.median, places), fixed(summary.summary.std, places),
                           fixed(summary.interval.low, places) + " – " + fixed(summary.interval.high, places),
                           std::to_string(summary.summary.n)});
+  }
+  return table;
+}
+
+Table pairing_table(const Comparison& comparison) {
+  constexpr std::size_t kNamed = 5;
+  const auto counted = [&](const std::vector<std::string>& names) {
+    std::string text = std::to_string(names.size());
+    for (std::size_t i = 0; i < std::min(kNamed, names.size()); ++i) text += (i == 0 ? ": " : ", ") + names[i];
+    return text + (names.size() > kNamed ? ", …" : "");
+  };
+  Table table;
+  table.columns = {"method", "ground truths", "paired", "without a prediction", "unused predictions"};
+  for (std::size_t m = 0; m < comparison.pairing.size(); ++m) {
+    const Pairing& pairing = comparison.pairing[m];
+    table.rows.push_back({comparison.methods[m], std::to_string(pairing.paired + pairing.missing.size()),
+                          std::to_string(pairing.paired), counted(pairing.missing), counted(pairing.unused)});
   }
   return table;
 }

@@ -23,16 +23,11 @@ std::string to_markdown(const Comparison& comparison) {
     text += "\nBest in bold, second best in italics; methods with values on different assets are not ranked.\n";
   const std::string transport = transport_text(comparison);
   if (!transport.empty()) text += "\n" + transport + "\n";
+  add_section(text, "Pairs", pairing_table(comparison));
   add_section(text, "Differences to " + comparison.methods[0], difference_table(comparison));
   for (std::size_t m = 0; m < comparison.methods.size(); ++m)
     add_section(text, "All metrics, " + comparison.methods[m], metric_summary_table(comparison, m));
   add_section(text, "Not computed", reason_table(comparison));
-  if (!comparison.unused.empty()) {
-    text += "\nPredictions without a ground truth: " + std::to_string(comparison.unused.size()) + " (";
-    for (std::size_t i = 0; i < comparison.unused.size() && i < 10; ++i)
-      text += (i > 0 ? ", " : "") + comparison.unused[i];
-    text += comparison.unused.size() > 10 ? ", …)\n" : ")\n";
-  }
   return text;
 }
 

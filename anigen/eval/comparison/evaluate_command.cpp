@@ -27,6 +27,7 @@ struct Opened {
   std::vector<ComparedMethod> methods;
   std::shared_ptr<const io::ShapeSource> truth;  ///< of --gt, where given
   std::vector<std::string> unused;
+  std::vector<Pairing> pairing;
   Json described = Json::object();
 };
 
@@ -37,33 +38,73 @@ ComparedMethod from_pairs(const std::string& label, const fs::path& csv, const E
   return {label, std::move(sources.prediction), std::move(sources.truth), std::move(sources.list.pairs)};
 }
 
+/// True when a prediction or a split file calls something by a sha256: only then are the truths' contents worth hashing.
+bool asks_for_contents(const EvaluationRequest& request, const std::vector<ComparedMethod>& methods) {
+  const auto hashed = [](const std::string& name) {
+    const io::NameForms forms = io::name_forms(name);
+    return std::any_of(forms.begin(), forms.end(), [](const auto& form) { return io::is_sha256(form.first); });
+  };
+  for (const ComparedMethod& method : methods) {
+    const std::vector<std::string> ids = method.predictions->ids();
+    if (std::any_of(ids.begin(), ids.end(), hashed)) return true;
+  }
+  for (const std::vector<fs::path>* lists : {&request.splits, &request.category_splits}) {
+    for (const fs::path& list : *lists) {
+      const std::vector<io::SplitLine> lines = io::split_lines(list);
+      if (std::any_of(lines.begin(), lines.end(), [&](const io::SplitLine& line) { return hashed(line.id); }))
+        return true;
+    }
+  }
+  return false;
+}
+
+/// What is left over on both sides, for the table.
+Pairing pairing_of(const std::vector<PairPlan>& pairs, std::vector<std::string> unused) {
+  Pairing pairing;
+  for (const PairPlan& pair : pairs) {
+    if (pair.prediction_id)
+      ++pairing.paired;
+    else
+      pairing.missing.push_back(pair.id);
+  }
+  pairing.unused = std::move(unused);
+  return pairing;
+}
+
 Opened open(const EvaluationRequest& request) {
   Opened opened;
-  std::shared_ptr<const io::ShapeSource>& truth = opened.truth;
-  std::vector<std::string> ids;
-  if (!request.truth.empty()) {
-    truth = io::open_source(request.truth, {request.truth_axes});
-    ids = io::select_ids(*truth, request.splits, request.most);
-    opened.described["ground_truth"] = truth->describe();
-  }
   std::set<std::string> labels;
-  for (const std::string& text : request.predictions) {
+  std::vector<std::vector<std::string>> unused(request.predictions.size());
+  for (std::size_t m = 0; m < request.predictions.size(); ++m) {
+    const std::string& text = request.predictions[m];
     const auto [label, path] = named_path(text);
     if (!labels.insert(label).second)
       throw InputError(text, "", "two predictions are called '" + label + "': name them, as in --pred ours=FOLDER");
-    std::vector<std::string> unused;
     if (path.extension() == ".csv") {
-      opened.methods.push_back(from_pairs(label, path, request, unused));
+      opened.methods.push_back(from_pairs(label, path, request, unused[m]));
     } else {
-      if (!truth) throw InputError(text, "", "needs --gt with the ground truth, unless it is a CSV of pairs");
-      ComparedMethod method{label, io::open_source(path, {request.prediction_axes}), truth, {}};
-      PairList list = match_pairs(*truth, *method.predictions, ids);
-      method.pairs = std::move(list.pairs);
-      unused = std::move(list.unused);
-      opened.methods.push_back(std::move(method));
+      if (request.truth.empty())
+        throw InputError(text, "", "needs --gt with the ground truth, unless it is a CSV of pairs");
+      opened.methods.push_back({label, io::open_source(path, {request.prediction_axes}), nullptr, {}});
     }
     opened.described["predictions"][label] = opened.methods.back().predictions->describe();
-    for (const std::string& id : unused) opened.unused.push_back(label + ": " + id);
+  }
+  if (!request.truth.empty()) {
+    opened.truth = io::open_source(request.truth, {request.truth_axes, asks_for_contents(request, opened.methods)});
+    opened.described["ground_truth"] = opened.truth->describe();
+    const std::vector<std::string> ids = io::select_ids(*opened.truth, request.splits, request.most);
+    for (std::size_t m = 0; m < opened.methods.size(); ++m) {
+      ComparedMethod& method = opened.methods[m];
+      if (method.truths) continue;
+      method.truths = opened.truth;
+      PairList list = match_pairs(*opened.truth, *method.predictions, ids);
+      method.pairs = std::move(list.pairs);
+      unused[m] = std::move(list.unused);
+    }
+  }
+  for (std::size_t m = 0; m < opened.methods.size(); ++m) {
+    for (const std::string& id : unused[m]) opened.unused.push_back(opened.methods[m].label + ": " + id);
+    opened.pairing.push_back(pairing_of(opened.methods[m].pairs, std::move(unused[m])));
   }
   return opened;
 }
@@ -182,6 +223,7 @@ Comparison run_evaluation(const EvaluationRequest& request) {
   run.resume = request.resume;
   Comparison comparison = run_comparison(opened.methods, run);
   comparison.unused = opened.unused;
+  comparison.pairing = opened.pairing;
   comparison.settings = to_json(run.settings);
   comparison.settings["version"] = kVersion;
   comparison.settings["sources"] = opened.described;

@@ -4,60 +4,106 @@
 #include <map>
 #include <set>
 
+#include "anigen/core/error.h"
+#include "anigen/io/rigs/split.h"
+
 namespace anigen::eval {
 namespace {
 
-std::string listed(const std::set<std::string>& ids) {
-  std::string text;
-  std::size_t told = 0;
-  for (const std::string& id : ids) {
-    if (++told > 3) return text + " and " + std::to_string(ids.size() - 3) + " more";
-    text += (text.empty() ? "" : ", ") + id;
-  }
-  return text;
+/// The names of a prediction; least of all counts the folder that it lies in, "<uuid>/skinned.fbx".
+io::NameForms prediction_forms(const io::ShapeSource& source, const std::string& id) {
+  io::NameForms forms = io::name_forms(source, id);
+  const std::string folder = std::filesystem::path(id).parent_path().filename().string();
+  if (!folder.empty()) forms.emplace(folder, 0);
+  return forms;
 }
 
-using Index = std::map<std::string, std::set<std::string>>;  // name → ids
-
-Index index_by_name(const io::ShapeSource& source, const std::vector<std::string>& ids) {
-  Index index;
-  for (const std::string& id : ids) {
-    for (const std::string& name : short_names(source, id)) index[name].insert(id);
-  }
-  return index;
+bool ends_in_sha256(const std::string& id) {
+  const io::NameForms forms = io::name_forms(id);
+  return std::any_of(forms.begin(), forms.end(), [](const auto& form) { return io::is_sha256(form.first); });
 }
 
-/// All ids that share a name with this one.
-std::set<std::string> candidates(const Index& index, const std::set<std::string>& names) {
-  std::set<std::string> found;
-  for (const std::string& name : names) {
-    const auto there = index.find(name);
-    if (there != index.end()) found.insert(there->second.begin(), there->second.end());
-  }
-  return found;
-}
+constexpr const char* kRemedy = "; keep one of them, or name the pairs in a CSV (--pred pairs.csv)";
 
-/// The second round: pairs by name among what ids left over.
-void match_by_name(const io::ShapeSource& truth, const io::ShapeSource& prediction,
-                   const std::vector<std::string>& open_predictions, std::vector<PairPlan*>& open_truths) {
-  std::vector<std::string> truth_ids;
-  for (const PairPlan* plan : open_truths) truth_ids.push_back(plan->truth_id);
-  const Index predictions = index_by_name(prediction, open_predictions), truths = index_by_name(truth, truth_ids);
-  for (PairPlan* plan : open_truths) {
-    const std::set<std::string> found = candidates(predictions, short_names(truth, plan->truth_id));
-    if (found.empty()) {
-      plan->missing_reason = "no prediction in " + prediction.describe();
-    } else if (found.size() > 1) {
-      plan->missing_reason = "several predictions could be meant: " + listed(found);
-    } else {
-      const std::set<std::string> rivals = candidates(truths, short_names(prediction, *found.begin()));
-      if (rivals.size() > 1)
-        plan->missing_reason = "the prediction " + *found.begin() + " could be meant for several: " + listed(rivals);
-      else
-        plan->prediction_id = *found.begin();
+/// The second round: pairs by name what ids left over.
+class PairsByName {
+ public:
+  /// @param paired prediction → truth of equal id
+  PairsByName(const io::ShapeSource& truth, const io::ShapeSource& prediction,
+              std::map<std::string, std::string> paired)
+      : truth_(truth), prediction_(prediction), paired_(std::move(paired)) {
+    for (const std::string& id : prediction.ids()) predictions_.add(id, prediction_forms(prediction, id));
+    for (const std::string& id : truth.ids()) truths_.add(id, io::name_forms(truth, id));
+  }
+
+  void pair(const std::vector<PairPlan*>& plans) {
+    std::vector<std::string> open;
+    for (const PairPlan* plan : plans) open.push_back(plan->truth_id);
+    const std::vector<std::string> predictions = prediction_.ids();
+    const bool hashed = std::any_of(predictions.begin(), predictions.end(), [this](const std::string& id) {
+      return paired_.count(id) == 0 && ends_in_sha256(id);
+    });
+    // Whose content has which sha256 costs reading every truth.
+    io::NameIndex contents;
+    if (hashed) io::add_content_ids(truth_, open, contents);
+    for (PairPlan* plan : plans) pair(*plan);
+    if (!hashed) return;
+    std::map<std::string, PairPlan*> by_id;
+    for (PairPlan* plan : plans) by_id[plan->truth_id] = plan;
+    for (const std::string& id : predictions) {
+      if (paired_.count(id) > 0) continue;
+      const std::set<std::string> found = contents.find(io::name_forms(id));
+      if (found.size() > 1) refuse_prediction(id, found);
+      if (found.size() == 1) settle_by_content(*by_id.at(*found.begin()), id);
     }
   }
-}
+
+ private:
+  void pair(PairPlan& plan) {
+    const std::set<std::string> found = predictions_.find(io::name_forms(truth_, plan.truth_id));
+    plan.missing_reason = "no prediction in " + prediction_.describe();
+    if (found.empty()) return;
+    const auto taken = std::find_if(found.begin(), found.end(), [this, &plan](const std::string& id) {
+      const auto there = paired_.find(id);
+      return there != paired_.end() && there->second != plan.truth_id;
+    });
+    if (taken != found.end()) {
+      plan.missing_reason += ": " + *taken + " has its name, and is that of " + paired_.at(*taken);
+      return;
+    }
+    if (found.size() > 1)
+      throw InputError(prediction_.describe(), "",
+                       "several predictions could be meant for " + plan.truth_id + ": " + io::listed(found) + kRemedy);
+    const std::string& prediction = *found.begin();
+    const std::set<std::string> rivals = truths_.find(prediction_forms(prediction_, prediction));
+    if (rivals.size() > 1) refuse_prediction(prediction, rivals);
+    if (*rivals.begin() == plan.truth_id) settle(plan, prediction);
+  }
+
+  [[noreturn]] void refuse_prediction(const std::string& id, const std::set<std::string>& truths) const {
+    throw InputError(truth_.describe(), "",
+                     "the prediction " + id + " could be meant for several: " + io::listed(truths) + kRemedy);
+  }
+
+  void settle(PairPlan& plan, const std::string& prediction) {
+    plan.prediction_id = prediction;
+    plan.missing_reason.clear();
+    paired_.emplace(prediction, plan.truth_id);
+  }
+
+  void settle_by_content(PairPlan& plan, const std::string& prediction) {
+    if (plan.prediction_id)
+      throw InputError(prediction_.describe(), "",
+                       "several predictions could be meant for " + plan.truth_id + ": " +
+                           io::listed({*plan.prediction_id, prediction}) + kRemedy);
+    settle(plan, prediction);
+  }
+
+  const io::ShapeSource& truth_;
+  const io::ShapeSource& prediction_;
+  std::map<std::string, std::string> paired_;
+  io::NameIndex predictions_, truths_;
+};
 
 }  // namespace
 
@@ -68,24 +114,23 @@ PairList match_pairs(const io::ShapeSource& truth, const io::ShapeSource& predic
   PairList list;
   for (const std::string& id : truth_ids) list.pairs.push_back({id, id, std::nullopt, ""});
   std::vector<PairPlan*> open;
-  std::set<std::string> used;
   for (PairPlan& plan : list.pairs) {
-    if (known.count(plan.truth_id) > 0) {
+    if (known.count(plan.truth_id) > 0)
       plan.prediction_id = plan.truth_id;
-      used.insert(plan.truth_id);
-    } else {
+    else
       open.push_back(&plan);
-    }
   }
   const bool single = truth.is_single_file() && prediction.is_single_file();
   if (single && open.size() == 1 && predictions.size() == 1) {
     open.front()->prediction_id = predictions.front();
-  } else {
-    std::vector<std::string> left;
-    std::copy_if(predictions.begin(), predictions.end(), std::back_inserter(left),
-                 [&used](const std::string& id) { return used.count(id) == 0; });
-    match_by_name(truth, prediction, left, open);
+  } else if (!open.empty()) {
+    std::map<std::string, std::string> paired;
+    for (const std::string& id : truth.ids()) {
+      if (known.count(id) > 0) paired.emplace(id, id);
+    }
+    PairsByName(truth, prediction, std::move(paired)).pair(open);
   }
+  std::set<std::string> used;
   for (const PairPlan& plan : list.pairs) {
     if (plan.prediction_id) used.insert(*plan.prediction_id);
   }

@@ -22,9 +22,12 @@ struct PairList {
   std::vector<std::string> unused;  ///< predictions that belong to none of them
 };
 
-/// Finds each truth's prediction: the one of equal id; else, among what is left on both sides, the one with a name in
-/// common (short_names) when that is unambiguous. Two single files are a pair whatever their names.
+/// Finds each truth's prediction: the one of equal id; else the one that io::NameIndex finds by any name of the truth
+/// (uuid, sha256, path, "<shard>#<uuid>"), by the sha256 of the truth's content, or by the folder that the prediction
+/// lies in. Two single files are a pair whatever their names.
 /// @param truth_ids ids of `truth`, each once (select_ids)
+/// @throws InputError naming the candidates when two predictions could be meant for one truth, or two truths by one
+/// prediction
 PairList match_pairs(const io::ShapeSource& truth, const io::ShapeSource& prediction,
                      const std::vector<std::string>& truth_ids);
 

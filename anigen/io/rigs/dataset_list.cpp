@@ -5,6 +5,7 @@
 
 #include "anigen/core/csv.h"
 #include "anigen/core/error.h"
+#include "anigen/io/rigs/split.h"
 
 namespace anigen::io {
 
@@ -24,6 +25,16 @@ std::vector<DatasetItem> list_dataset(const std::filesystem::path& root) {
     item.source = table.cell(row, "source");
     for (const char* column : {"local_path", "file_identifier", "sha256"}) {
       if (item.name.empty()) item.name = table.cell(row, column);
+    }
+    item.is_variant = !table.cell(row, "variant_of").empty();
+    if (!item.is_variant) {
+      item.uuid = table.cell(row, "uuid");
+      for (const char* column : {"local_path", "file_identifier"}) {
+        if (item.uuid.empty()) item.uuid = key_of_sample(table.cell(row, column));
+      }
+      for (const std::string& name : {item.uuid, table.cell(row, "local_path"), table.cell(row, "file_identifier")}) {
+        if (!name.empty() && name != item.id) item.other_names.push_back(name);
+      }
     }
     item.usable = !table.flag(row, "is_bad_skeleton", false, file.string());
     item.bad_skin = table.flag(row, "is_bad_skin", false, file.string());

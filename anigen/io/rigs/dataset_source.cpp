@@ -44,12 +44,7 @@ std::string DatasetSource::describe() const {
   return "data set " + root_.string() + ": " + std::to_string(items_.size()) + " samples";
 }
 
-std::vector<std::string> DatasetSource::other_names(const std::string& id) const {
-  const std::string& name = item(id).name;
-  if (name.empty() || name == id) return {};
-  const std::string stem = std::filesystem::path(name).stem().string();
-  return stem == name || stem.empty() ? std::vector<std::string>{name} : std::vector<std::string>{name, stem};
-}
+std::vector<std::string> DatasetSource::other_names(const std::string& id) const { return item(id).other_names; }
 
 std::string DatasetSource::category(const std::string& id) const {
   static const std::string kPrefix = "procedural:";

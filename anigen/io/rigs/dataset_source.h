@@ -22,7 +22,7 @@ class DatasetSource : public ShapeSource {
   std::vector<std::filesystem::path> files(const std::string& id) const override;
   std::string describe() const override;
   bool is_usable(const std::string& id) const override { return item(id).usable; }
-  /// local_path or file_identifier, and its last part without extension.
+  /// uuid, local_path and file_identifier; none for a posed variant.
   std::vector<std::string> other_names(const std::string& id) const override;
   /// The family of "procedural:<family>" in the column `source`.
   std::string category(const std::string& id) const override;

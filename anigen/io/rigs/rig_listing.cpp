@@ -43,13 +43,13 @@ bool is_test_shard(const fs::path& file) {
 void add_samples(RigFormat format, const fs::path& file, const std::string& local_path,
                  const std::vector<std::string>& keys, std::vector<RigEntry>& entries) {
   for (const std::string& key : keys)
-    entries.push_back({format, file, key, local_path + "#" + key, is_test_shard(file)});
+    entries.push_back({format, file, key, local_path + "#" + key, is_test_shard(file), key});
 }
 
 /// @param required whether a .txt that is no rig is an error
 void add_file(const fs::path& file, const std::string& local_path, bool required, std::vector<RigEntry>& entries) {
   const std::string extension = lower_extension(file);
-  const auto add = [&](RigFormat format) { entries.push_back({format, file, "", local_path, false}); };
+  const auto add = [&](RigFormat format) { entries.push_back({format, file, "", local_path, false, ""}); };
   if (extension == ".glb" || extension == ".gltf") return add(RigFormat::kGltf);
   if (extension == ".fbx" || extension == ".dae") return add(RigFormat::kAssimp);
   if (extension == ".txt") {
@@ -68,7 +68,8 @@ void add_file(const fs::path& file, const std::string& local_path, bool required
 std::vector<RigEntry> list_published(const fs::path& folder) {
   std::vector<RigEntry> entries;
   for (const DatasetItem& item : list_dataset(folder))
-    entries.push_back({RigFormat::kDataset, folder, item.id, item.name, item.test});
+    entries.push_back(
+        {RigFormat::kDataset, folder, item.id, item.is_variant ? item.id : item.name, item.test, item.uuid});
   if (entries.empty()) throw InputError((folder / "metadata.csv").string(), "", "the dataset has no row");
   return entries;
 }
@@ -116,7 +117,7 @@ std::vector<RigEntry> list_rigs(const fs::path& path) {
       const RigFormat format = extension == ".txt"   ? RigFormat::kTextRig
                                : extension == ".npz" ? RigFormat::kRigArrays
                                                      : RigFormat::kAnymate;
-      entries.push_back({format, file, "", local, false});
+      entries.push_back({format, file, "", local, false, ""});
     }
   }
   if (entries.empty())

@@ -1,7 +1,6 @@
 #pragma once
 #include <filesystem>
 #include <memory>
-#include <set>
 #include <string>
 #include <vector>
 
@@ -28,8 +27,10 @@ class ShapeSource {
   /// Further names of a shape that predictions and split files may go by (the uuid and the path that a data set keeps,
   /// a file's own name); read() takes ids only, NameIndex (split.h) finds the id.
   virtual std::vector<std::string> other_names(const std::string& id) const;
-  /// For files of many samples: content_id() of the arrays that read() makes this one of; needs
-  /// SourceOptions::content_ids for Articulation-XL. Empty where a shape is a file of its own.
+  /// The sha256 under which anigen-prepare would keep the shape: RigReader::content_id() of a file, content_id() of the
+  /// arrays of a sample. Reads the file. Empty where there is none: for Articulation-XL without
+  /// SourceOptions::content_ids, for meshes without a rig, and for data sets, whose ids it already is.
+  /// @throws InputError when the file cannot be read
   virtual std::string sample_id(const std::string& id) const;
   /// False for a shape that its data set marks as one to leave alone (is_bad_skeleton); read() reads it all the same.
   virtual bool is_usable(const std::string& id) const;
@@ -40,12 +41,10 @@ class ShapeSource {
   virtual bool is_single_file() const { return false; }
 };
 
-/// What else a shape is called: the last part of its id ("fish/manta" → "manta") and its other_names().
-std::set<std::string> short_names(const ShapeSource& source, const std::string& id);
-
 struct SourceOptions {
   Axes axes = Axes::kFormat;  ///< which way is up in the file, when it is not what its format says
   bool content_ids = false;   ///< sample_id() is wanted: costs a digest of everything that is read
+  bool require_rig = true;    ///< false: glTF, FBX and COLLADA files without a skin are read, too
 };
 
 /// Opens what a path is about, told by its content:

@@ -6,6 +6,8 @@
 
 #include "anigen/core/atomic_file.h"
 #include "anigen/core/error.h"
+#include "anigen/core/log.h"
+#include "anigen/io/rigs/split.h"
 #include "anigen/prepare/split.h"
 
 namespace anigen::prepare {
@@ -42,6 +44,38 @@ void mark(std::vector<DatasetRow>& rows, const SplitOptions& options, const Qual
   for (std::size_t k = 0; k < candidates.size(); ++k) rows[candidates[k]].entry.is_test = chosen[k];
 }
 
+/// The usable assets that split.test_names names.
+void mark_named(std::vector<DatasetRow>& rows, const std::vector<std::string>& names, const QualityLimits& limits) {
+  constexpr const char* kOption = "--test-split";
+  io::NameIndex index;
+  for (const DatasetRow& row : rows) {
+    if (row.variant > 0) continue;
+    const AssetSource& source = row.entry.source;
+    index.add(row.entry.id, {source.uuid, source.local_path, source.file_identifier});
+  }
+  std::set<std::string> test, unknown;
+  for (const std::string& name : names) {
+    const std::string id = index.find_one(name, "", kOption);
+    (id.empty() ? unknown : test).insert(id.empty() ? name : id);
+  }
+  if (test.empty())
+    throw InputError("", kOption,
+                     "no asset of the dataset is called like one of its " + std::to_string(names.size()) +
+                         " names: " + io::listed(unknown));
+  if (!unknown.empty())
+    log::warn("{}: {} of {} names are those of no asset of the dataset ({}); rejected.csv tells what was left out",
+              kOption, unknown.size(), names.size(), io::listed(unknown));
+  std::set<std::string> unusable;
+  for (DatasetRow& row : rows) {
+    if (row.variant > 0 || test.count(row.entry.id) == 0) continue;
+    row.entry.is_test = usable(row.entry.record, limits);
+    if (!row.entry.is_test) unusable.insert(row.entry.id);
+  }
+  if (!unusable.empty())
+    log::warn("{}: {} of the assets that it names are not usable ({}); they stand in splits/unusable.txt", kOption,
+              unusable.size(), io::listed(unusable));
+}
+
 }  // namespace
 
 void SplitOptions::validate() const {
@@ -52,6 +86,7 @@ Json to_json(const SplitOptions& options) {
   Json json = {{"seed", options.seed}, {"procedural_test", options.procedural_test}};
   if (options.test_fraction) json["test_fraction"] = *options.test_fraction;
   if (options.test_count) json["test_count"] = *options.test_count;
+  if (!options.test_names.empty()) json["test_names"] = options.test_names;
   return json;
 }
 
@@ -61,13 +96,18 @@ SplitOptions split_options_from_json(const Json& json) {
   json.at("procedural_test").get_to(options.procedural_test);
   if (json.contains("test_fraction")) options.test_fraction = json.at("test_fraction").get<double>();
   if (json.contains("test_count")) options.test_count = json.at("test_count").get<std::size_t>();
+  if (json.contains("test_names")) json.at("test_names").get_to(options.test_names);
   return options;
 }
 
 void mark_test(std::vector<DatasetRow>& rows, const SplitOptions& options, const QualityLimits& limits) {
   for (DatasetRow& row : rows) row.entry.is_test = false;
-  mark(rows, options, limits, false);
-  mark(rows, options, limits, true);
+  if (options.test_names.empty()) {
+    mark(rows, options, limits, false);
+    mark(rows, options, limits, true);
+  } else {
+    mark_named(rows, options.test_names, limits);
+  }
   std::set<std::string> test;
   for (const DatasetRow& row : rows) {
     if (row.entry.is_test) test.insert(row.entry.id);

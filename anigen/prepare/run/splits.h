@@ -3,6 +3,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <optional>
+#include <string>
 #include <vector>
 
 #include "anigen/core/json.h"
@@ -18,6 +19,9 @@ struct SplitOptions {
   std::optional<double> test_fraction;
   std::optional<std::size_t> test_count;  ///< of the usable real assets
   std::size_t procedural_test = 0;        ///< of the usable procedural assets
+  /// Names of all test assets, real and procedural: uuid, sha256, path or "<shard>#<uuid>" (io::NameIndex). Not empty:
+  /// the three numbers above and the sources' own flags do not count.
+  std::vector<std::string> test_names;
 
   /// @throws InputError for a fraction outside [0, 1]
   void validate() const;
@@ -29,7 +33,8 @@ struct SplitCounts {
   std::size_t train = 0, test = 0, unusable = 0;
 };
 
-/// Sets is_test of every row. @throws InputError when more are asked for than are usable
+/// Sets is_test of every row. Warns of test_names that no asset has. @throws InputError when more are asked for than
+/// are usable, no asset has one of test_names, or several could be meant by one
 void mark_test(std::vector<DatasetRow>& rows, const SplitOptions& options, const QualityLimits& limits);
 
 /// splits/train.txt, test.txt, test_variants.txt and unusable.txt: ids, one a line. Atomic.
