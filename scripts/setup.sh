@@ -1,19 +1,26 @@
 #!/usr/bin/env bash
 # Installs everything the project needs on Debian 12 or 13, from Debian's packages only. Safe to run again.
-# What each package is for stands in README.md.
+# README.md says what each package is for.
 set -euo pipefail
 
+# One of several that exclude each other, "a|b": a is installed where none of them is.
 packages=(
   build-essential cmake ninja-build ccache git ca-certificates pkg-config
-  libtorch-dev libgloo-dev libopenblas0-openmp libopencv-dev libtinygltf-dev libembree-dev nlohmann-json3-dev
+  "libtorch-dev|libtorch-cuda-dev" "libgloo-dev|libgloo-cuda-dev" libopenblas0-openmp libopencv-dev libtinygltf-dev libembree-dev nlohmann-json3-dev
   libspdlog-dev libcli11-dev libtbb-dev libeigen3-dev libdraco-dev libmeshoptimizer-dev libzip-dev zlib1g-dev liblemon-dev libassimp-dev
   libnanoflann-dev libcgal-dev
   libgtest-dev libbenchmark-dev python3-numpy
 )
 
+installed() { dpkg-query -W -f '${Status}' "$1" 2>/dev/null | grep -q 'ok installed'; }
+
 missing=()
-for package in "${packages[@]}"; do
-  dpkg-query -W -f '${Status}' "$package" 2>/dev/null | grep -q 'ok installed' || missing+=("$package")
+for choice in "${packages[@]}"; do
+  found=
+  for package in ${choice//|/ }; do
+    if installed "$package"; then found=yes; fi
+  done
+  [ -n "$found" ] || missing+=("${choice%%|*}")
 done
 
 if [ ${#missing[@]} -gt 0 ]; then
@@ -24,7 +31,8 @@ if [ ${#missing[@]} -gt 0 ]; then
   fi
   echo "setup: installing ${missing[*]}"
   "${as_root[@]}" apt-get update -qq
-  DEBIAN_FRONTEND=noninteractive "${as_root[@]}" apt-get install -y -qq --no-install-recommends "${missing[@]}" >/dev/null
+  # What the machine has stays: where a package would take the place of another one, apt-get stops and names both.
+  DEBIAN_FRONTEND=noninteractive "${as_root[@]}" apt-get install -y -qq --no-remove --no-install-recommends "${missing[@]}" >/dev/null
 fi
 
 # LibTorch takes whichever BLAS the alternatives system points to. The OpenMP flavour of OpenBLAS shares LibTorch's
