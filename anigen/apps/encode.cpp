@@ -50,7 +50,11 @@ void add_encoding_options(CLI::App& command, pipeline::EncodeRequest& request, c
   command.add_option("--name", request.name, "Name of the latents [that of the run folder]");
   command.add_option("--ckpt", request.ckpt,
                      "Checkpoint: final, or the part of a file name after encoder_ [the newest]");
-  command.add_flag("--again", request.again, "Encode also what is up to date");
+  CLI::Option* again = command.add_flag("--again", request.again, "Encode also what is up to date");
+  command
+      .add_flag("--accept-other-code", request.accept_other_code,
+                "Keep latents that another build of this program encoded, when all else is the same")
+      ->excludes(again);
 }
 
 }  // namespace
@@ -87,7 +91,7 @@ int main(int argc, char** argv) {
   add_grouping_options(*back, rebuilt.grouping);
   back->add_flag("--votes", rebuilt.votes,
                  "Also <id>.votes.glb and .ply: the voxels' votes for joints, coloured by confidence");
-  add_common_options(app, common, nn::version_details);
+  add_common_options(app, common, nn::version_details, {{"--seed", "draws nothing at random"}});
   return run_command(app, common, argc, argv, [&] {
     nn::set_up_computing(common.threads);
     structure.device = structured.device = rebuilt.device = common.device;

@@ -1,8 +1,10 @@
+#include <algorithm>
 #include <cstdio>
 #include <memory>
 
 #include "anigen/apps/common/command_line.h"
 #include "anigen/apps/common/library_versions.h"
+#include "anigen/apps/common/ranges.h"
 #include "anigen/core/error.h"
 #include "anigen/core/memory.h"
 #include "anigen/core/parallel.h"
@@ -20,6 +22,9 @@ namespace {
 
 using namespace anigen;
 
+constexpr const char* kShapeGroup = "Rigged shapes (--pred)";
+constexpr const char* kStructureGroup = "Sparse structures (--ss-flow)";
+
 struct EvalOptions {
   std::vector<std::string> predictions, splits, category_splits, lpips_weights;
   std::string truth, out, skin_ae, skins;
@@ -29,6 +34,7 @@ struct EvalOptions {
   std::size_t pictured = 4, motions_pictured = 0;
   int workers = 0;
   bool no_icp = false, point_to_plane = false, no_resume = false, no_report = false;
+  bool accept_other_code = false;
   eval::PairSettings settings;
   // Sparse structures.
   std::string ss_flow, ss_dae, train_split;
@@ -114,6 +120,7 @@ void evaluate_shapes(const EvalOptions& options, const CommonOptions& common) {
   if (options.point_to_plane) request.settings.alignment.registration.variant = eval::IcpVariant::kPointToPlane;
   if (!options.groups.empty()) request.settings.groups = {options.groups.begin(), options.groups.end()};
   request.resume = !options.no_resume;
+  request.accept_other_code = options.accept_other_code;
   request.report = !options.no_report;
   request.pictured = options.pictured;
   request.worst_by = options.worst_by;
@@ -182,17 +189,19 @@ void run(const EvalOptions& options, const CommonOptions& common) {
 
 void add_shape_options(CLI::App& app, EvalOptions& options) {
   auto& icp = options.settings.alignment.registration;
-  const char* group = "Rigged shapes (--pred)";
+  const char* group = kShapeGroup;
   app.add_option("--normalize", options.normalization, "centroid-rms, bounding-box or none")
       ->capture_default_str()
       ->group(group);
   app.add_flag("--no-icp", options.no_icp, "Normalise only, do not register")->group(group);
   app.add_option("--rotations", icp.rotations, "Random rotations that registration starts from, beside the identity")
+      ->check(whole_number(0, 100'000))
       ->capture_default_str()
       ->group(group);
   app.add_flag("--icp-scale", icp.similarity, "Registration may change the scale")->group(group);
   app.add_flag("--icp-plane", options.point_to_plane, "Point-to-plane registration")->group(group);
   app.add_option("--icp-trim", icp.trim, "Fraction of the closest correspondences to keep")
+      ->check(number(0, 1, RangeEnds::kOpenBelow))
       ->capture_default_str()
       ->group(group);
   app.add_flag("--exhaustive", icp.exhaustive, "Refine every start, without pruning")->group(group);
@@ -207,6 +216,7 @@ void add_shape_options(CLI::App& app, EvalOptions& options) {
   app.add_option("--epsilon", options.settings.epsilon,
                  "Regularisation of --transport sinkhorn, as a share of the largest squared distance [0.001 for W, "
                  "0.005 for GW]")
+      ->check(number(0, 1, RangeEnds::kOpenBelow))
       ->group(group);
   app.add_option("--category-split", options.category_splits,
                  "Files of ids of the ground truth: is the one nearest to a prediction of its category (metric "
@@ -214,9 +224,11 @@ void add_shape_options(CLI::App& app, EvalOptions& options) {
       ->type_name("FILE")
       ->group(group);
   app.add_option("--surface-samples", options.settings.surface_samples, "Points per surface")
+      ->check(whole_number(1, 10'000'000))
       ->capture_default_str()
       ->group(group);
   app.add_option("--image-size", options.settings.image_size, "Pixels of the views for PSNR, SSIM and LPIPS")
+      ->check(whole_number(16, 4096))
       ->capture_default_str()
       ->group(group);
   app.add_option("--lpips-weights", options.lpips_weights,
@@ -226,6 +238,7 @@ void add_shape_options(CLI::App& app, EvalOptions& options) {
       ->type_name("FILE [FILE]")
       ->group(group);
   app.add_option("--poses", options.settings.poses, "Poses of the deformation error")
+      ->check(whole_number(1, 10'000))
       ->capture_default_str()
       ->group(group);
   app.add_option(
@@ -236,37 +249,86 @@ void add_shape_options(CLI::App& app, EvalOptions& options) {
       ->type_name("FILE[#CLIP]")
       ->group(group);
   app.add_option("--motion-frames", options.settings.motion_frames, "Frames of a motion that are compared")
+      ->check(whole_number(1, 10'000))
       ->capture_default_str()
       ->group(group);
   app.add_option("--motion-pictures", options.motions_pictured,
                  "Assets to draw in motion, ground truth beside every prediction: in the report, and as frames and GLB "
                  "in OUT/motion")
+      ->check(whole_number(0, 10'000))
       ->capture_default_str()
       ->group(group);
   app.add_option("--workers", options.workers, "Pairs evaluated at once; without, as many as --threads")
-      ->check(CLI::Range(1, 1024))
+      ->check(whole_number(1, 1024))
       ->group(group);
   app.add_option("--pred-axes", options.prediction_axes, "Up axis of predictions: format, y-up, z-up")->group(group);
   app.add_option("--gt-axes", options.truth_axes, "Up axis of the ground truth: format, y-up, z-up")->group(group);
   app.add_option("--worst-by", options.worst_by, "Metric that orders the report's assets")->group(group);
-  app.add_flag("--no-resume", options.no_resume, "Compute pairs again that an earlier run finished")->group(group);
+  CLI::Option* again =
+      app.add_flag("--no-resume", options.no_resume, "Compute pairs again that an earlier run finished")->group(group);
+  app.add_flag("--accept-other-code", options.accept_other_code,
+               "Keep pairs that another build of this program finished, when all else is the same")
+      ->excludes(again)
+      ->group(group);
 }
 
 void add_structure_options(CLI::App& app, EvalOptions& options) {
-  const char* group = "Sparse structures (--ss-flow)";
+  const char* group = kStructureGroup;
   app.add_option("--ss-flow", options.ss_flow, "Run folder of stage 4: generate voxels from pictures and compare them")
       ->group(group);
   app.add_option("--ss-dae", options.ss_dae, "Run folder of stage 2 [as the flow's config says]")->group(group);
   app.add_option("--guidance", options.strengths, "Strengths of guidance to try [as the flow's config says]")
       ->delimiter(',')
+      ->check(number(0, 1000))
       ->group(group);
-  app.add_option("--steps", options.steps, "Steps of the sampler [as the flow's config says]")->group(group);
+  app.add_option("--steps", options.steps, "Steps of the sampler [as the flow's config says]")
+      ->check(whole_number(1, 100'000))
+      ->group(group);
   app.add_option("--train-split", options.train_split, "Ids that retrieval chooses from [as the flow's config says]")
       ->group(group);
   app.add_option("--retrieval-views", options.views,
                  "Random views of a training asset to compare with; 0: no retrieval")
+      ->check(whole_number(0, 1000))
       ->capture_default_str()
       ->group(group);
+}
+
+/// Refuses whatever was given of a group of options.
+void refuse_group(const CLI::App& app, const char* group, const std::string& reason) {
+  for (const CLI::Option* option : app.get_options())
+    if (option->get_group() == group) refuse_given(app, {option->get_name()}, reason);
+}
+
+/// Options of another evaluation than the one asked for, or that others leave without effect.
+void refuse_ignored(const CLI::App& app, const EvalOptions& options) {
+  const bool structures = !options.ss_flow.empty(), shapes = !options.predictions.empty();
+  if (!structures) refuse_group(app, kStructureGroup, "is of sparse structures: it needs --ss-flow");
+  if (!shapes) refuse_group(app, kShapeGroup, "is of rigged shapes: it needs --pred");
+  if (structures) {
+    refuse_given(app, {"--json"}, "--ss-flow prints a table; OUT/metrics.json has its numbers");
+    refuse_given(app, {"--no-report"}, "--ss-flow writes no report");
+  } else if (options.no_report) {
+    refuse_given(app, {"--pictures"}, "--no-report writes no pictures");
+  }
+  if (!structures && !shapes) refuse_given(app, {"--seed"}, "the evaluation of weights draws nothing at random");
+  if (!structures && options.skin_ae.empty() && options.lpips_weights.empty()) {
+    refuse_given(app, {"--device"},
+                 "is of networks, which only --ss-flow, --skin-ae and --lpips-weights use; the rest is for the CPU");
+  }
+  if (options.no_icp) {
+    refuse_given(app, {"--rotations", "--icp-scale", "--icp-plane", "--icp-trim", "--exhaustive"},
+                 "is of the registration that --no-icp leaves out");
+  }
+  const auto wants = [&](const char* metrics) {
+    return options.groups.empty() ||
+           std::find(options.groups.begin(), options.groups.end(), metrics) != options.groups.end();
+  };
+  if (!wants("image")) refuse_given(app, {"--image-size", "--lpips-weights"}, "--metrics leaves 'image' out");
+  if (!wants("surface") && !wants("motion"))
+    refuse_given(app, {"--surface-samples"}, "--metrics leaves 'surface' and 'motion' out");
+  if (!wants("motion") && options.motions_pictured == 0)
+    refuse_given(app, {"--motion", "--motion-frames"}, "--metrics leaves 'motion' out");
+  if (!wants("skin")) refuse_given(app, {"--poses"}, "--metrics leaves 'skin' out");
 }
 
 }  // namespace
@@ -293,6 +355,7 @@ int main(int argc, char** argv) {
   app.add_option("--gt", options.truth, "Ground truth: a file, a folder or a dataset");
   app.add_option("--split", options.splits, "Files of ids to evaluate; without, everything");
   app.add_option("--most", options.most, "With --pred or --ss-flow, only so many of the first assets; 0: all")
+      ->check(whole_number(0))
       ->capture_default_str();
   app.add_option("--out", options.out, "Folder for the results")->required();
   app.add_option("--skin-ae", options.skin_ae, "Run folder or checkpoint of a skin auto-encoder to reconstruct with")
@@ -301,10 +364,14 @@ int main(int argc, char** argv) {
                  "Folder of NPZ files with skin [V, J] for the ground truth's vertices, found by any name of the asset")
       ->group("Skin weights alone");
   app.add_option("--pictures", options.pictured, "Assets to draw in the report: worst (and, of weights, best) ones")
+      ->check(whole_number(0, 100'000))
       ->capture_default_str();
   app.add_flag("--no-report", options.no_report, "Do not write report.html");
   add_shape_options(app, options);
   add_structure_options(app, options);
   add_common_options(app, common, library_versions());
-  return run_command(app, common, argc, argv, [&] { run(options, common); });
+  return run_command(app, common, argc, argv, [&] {
+    refuse_ignored(app, options);
+    run(options, common);
+  });
 }

@@ -1,6 +1,7 @@
 #include <cstdio>
 
 #include "anigen/apps/common/command_line.h"
+#include "anigen/apps/common/ranges.h"
 #include "anigen/experiment/experiment_command.h"
 
 namespace {
@@ -37,10 +38,11 @@ int main(int argc, char** argv) {
   run->add_flag("--dry-run", options.dry_run, "Only show the plan");
   run->add_option("--jobs", options.jobs, "Jobs at a time; they share the cores")
       ->capture_default_str()
-      ->check(CLI::Range(1, 1024));
-  run->add_option("--only", options.only, "Only this job, or the jobs of this step");
+      ->check(anigen::whole_number(1, 1024));
+  CLI::Option* only = run->add_option("--only", options.only, "Only this job, or the jobs of this step");
   run->add_flag("--together", options.together,
-                "With --only: others may run the same job at the same time and share its work");
+                "With --only: others may run the same job at the same time and share its work")
+      ->needs(only);
   run->add_option("--emit", "slurm: write array jobs for a cluster instead of running")
       ->check(CLI::IsMember({"slurm"}))
       ->each([&options](const std::string&) { options.slurm = true; });
@@ -49,7 +51,7 @@ int main(int argc, char** argv) {
   CLI::App* clean = app.add_subcommand("clean", "Remove results that the file no longer asks for");
   for (CLI::App* command : {status, report, clean}) add_options(*command, options);
   clean->add_flag("--dry-run", options.dry_run, "Only list them");
-  anigen::add_common_options(app, common);
+  anigen::add_common_options(app, common, {}, {{"--seed", "takes seeds from the experiment's file"}});
   return anigen::run_command(app, common, argc, argv, [&] {
     using What = ExperimentCommand::What;
     options.what = status->parsed()   ? What::kStatus

@@ -6,6 +6,7 @@
 
 #include "anigen/apps/common/command_line.h"
 #include "anigen/apps/common/grouping_options.h"
+#include "anigen/apps/common/ranges.h"
 #include "anigen/core/error.h"
 #include "anigen/nn/blas.h"
 #include "anigen/nn/computing.h"
@@ -36,7 +37,9 @@ void add_model_options(CLI::App& app, pipeline::GenerateRequest& request, Words&
       app.add_option("--dataset", words.dataset, "Instead of --image: the first condition view of its assets")
           ->excludes(image);
   app.add_option("--split", words.splits, "Files of the ids of --dataset to use")->needs(dataset);
-  app.add_option("--most", words.most, "Only so many assets of --dataset; 0: all")->needs(dataset);
+  app.add_option("--most", words.most, "Only so many assets of --dataset; 0: all")
+      ->check(whole_number(0))
+      ->needs(dataset);
   app.add_option("--checkpoint", words.checkpoint,
                  "Folder with the runs of both flows, such as the released ckpts/; of variants the published defaults");
   app.add_option("--ss-flow", request.models.structure_flow, "Run folder of stage 4, trained here or published");
@@ -52,7 +55,10 @@ void add_model_options(CLI::App& app, pipeline::GenerateRequest& request, Words&
       ->check(CLI::IsMember({"fp32", "bf16"}));
   app.add_flag("--low-memory", request.models.low_memory,
                "One model in memory at a time; each is read again per picture");
-  app.add_flag("--again", request.again, "Also make what is there already");
+  CLI::Option* again = app.add_flag("--again", request.again, "Also make what is there already");
+  app.add_flag("--accept-other-code", request.accept_other_code,
+               "Keep what another build of this program made, when all else is the same")
+      ->excludes(again);
   app.add_flag("--allow-failures", words.allow_failures, "Exit with 0 when at least one picture gave an asset");
 }
 
@@ -60,8 +66,22 @@ void add_picture_options(CLI::App& app, pipeline::GenerateRequest& request, Word
   app.add_option("--background", words.background,
                  "auto (alpha, else the network, else GrabCut), keep, alpha, grabcut, network")
       ->capture_default_str();
-  app.add_option("--matting-network", request.pictures.matting.network,
-                 "ONNX file that separates object and background");
+  CLI::Option* network = app.add_option("--matting-network", request.pictures.matting.network,
+                                        "ONNX file that separates object and background");
+  app.add_option("--matting-mean", request.pictures.matting.mean,
+                 "Colours as the network wants them: this is taken from red, green and blue in 0 … 1 [BiRefNet's]")
+      ->delimiter(',')
+      ->check(number(-1000, 1000))
+      ->needs(network)
+      ->type_name("R,G,B")
+      ->default_str("0.485,0.456,0.406");
+  app.add_option("--matting-deviation", request.pictures.matting.deviation,
+                 "Then they are divided by this [BiRefNet's]")
+      ->delimiter(',')
+      ->check(number(0, 1000, RangeEnds::kOpenBelow))
+      ->needs(network)
+      ->type_name("R,G,B")
+      ->default_str("0.229,0.224,0.225");
   app.add_option("--condition", words.structure_condition,
                  "What stage 4 sees: trained (as its config; published runs: normal), color, normal")
       ->capture_default_str()
@@ -76,34 +96,49 @@ void add_picture_options(CLI::App& app, pipeline::GenerateRequest& request, Word
 }
 
 void add_sampling_options(CLI::App& app, pipeline::GenerateRequest& request, Words& words) {
-  app.add_option("--cfg-scale-ss", words.structure_strength, "Extra weight of guidance in stage 4, 0: none [config]");
-  app.add_option("--cfg-scale", words.latent_strength, "Extra weight of guidance in stage 5, 0: none [config]");
-  app.add_option("--steps-ss", words.structure_steps, "Steps of stage 4 [config]");
-  app.add_option("--steps", words.latent_steps, "Steps of stage 5 [config]");
+  app.add_option("--cfg-scale-ss", words.structure_strength, "Extra weight of guidance in stage 4, 0: none [config]")
+      ->check(number(0, 1000));
+  app.add_option("--cfg-scale", words.latent_strength, "Extra weight of guidance in stage 5, 0: none [config]")
+      ->check(number(0, 1000));
+  app.add_option("--steps-ss", words.structure_steps, "Steps of stage 4 [config]")->check(whole_number(1, 100'000));
+  app.add_option("--steps", words.latent_steps, "Steps of stage 5 [config]")->check(whole_number(1, 100'000));
   app.add_option("--cfg-interval-ss", words.structure_interval, "Guide stage 4 only at times between the two [config]")
+      ->check(number(0, 1))
       ->expected(2);
   app.add_option("--cfg-interval", words.latent_interval,
                  "Guide stage 5 only at times between the two, 1: noise [config]")
+      ->check(number(0, 1))
       ->expected(2);
   app.add_option("--solver", words.solver, "euler; midpoint and heun take two passes per step [config]")
       ->check(CLI::IsMember(flow::solver_words()));
   add_grouping_options(app, request.models.grouping);
-  app.add_option("--joints", words.joints, "Wanted number of joints, for flows trained with it");
-  app.add_option("--joint-density", words.joint_density, "The same as a share of 60 joints, 0 … 1");
-  app.add_option("--joint-level", words.level, "The same by the published levels 0 … 4: none, 10, 15, 25, 35 joints");
+  app.add_option("--joints", words.joints, "Wanted number of joints, for flows trained with it; 0: any")
+      ->check(whole_number(0, 10'000));
+  app.add_option("--joint-density", words.joint_density, "The same as a share of 60 joints, 0 … 1")
+      ->check(number(0, 1));
+  app.add_option("--joint-level", words.level, "The same by the published levels 0 … 4: none, 10, 15, 25, 35 joints")
+      ->check(whole_number(0, 4));
 }
 
 void add_finishing_options(CLI::App& app, pipeline::GenerateRequest& request, Words& words) {
   pipeline::FinishingOptions& finishing = request.finishing;
-  app.add_option("--reduction", finishing.reduction, "Share of the faces taken away, 0: none")->capture_default_str();
+  app.add_option("--reduction", finishing.reduction, "Share of the faces taken away, 0: none")
+      ->check(number(0, 1, RangeEnds::kOpenAbove))
+      ->capture_default_str();
   app.add_flag("--keep-hidden", words.keep_hidden, "Keep faces inside the mesh, close no holes");
   app.add_option("--hidden-views", finishing.views, "From which faces may be seen (published: 1000)")
+      ->check(whole_number(1, 100'000))
       ->capture_default_str();
   app.add_flag("--no-filter-skin", words.keep_weights, "Keep weights of joints far away along the skeleton");
   app.add_flag("--no-smooth-skin", words.no_smoothing, "Leave skin weights as they are decoded");
-  app.add_option("--smooth-iterations", finishing.smoothing_iterations, "Of skin weights")->capture_default_str();
-  app.add_option("--smooth-alpha", finishing.smoothing_alpha, "Share of the neighbours")->capture_default_str();
-  app.add_option("--texture-size", finishing.texture_size, "Texels along a side, 0: vertex colours")
+  app.add_option("--smooth-iterations", finishing.smoothing_iterations, "Of skin weights")
+      ->check(whole_number(0, 1'000'000))
+      ->capture_default_str();
+  app.add_option("--smooth-alpha", finishing.smoothing_alpha, "Share of the neighbours")
+      ->check(number(0, 1))
+      ->capture_default_str();
+  app.add_option("--texture-size", finishing.texture_size, "Texels along a side, 64 or more; 0: vertex colours")
+      ->check(whole_number(0, 8192))
       ->capture_default_str();
   app.add_option("--axes", "gltf, or published: (-x, z, y), turned by 180 degrees about the vertical")
       ->default_str("gltf")
@@ -112,6 +147,25 @@ void add_finishing_options(CLI::App& app, pipeline::GenerateRequest& request, Wo
   app.add_flag("--obj", request.obj, "Also mesh.obj and mesh.rig.json");
   app.add_flag("--intermediate", request.intermediate,
                "Also what the stages gave: voxels.png, ss_latents.npz, latents.npz, votes.glb and dense.glb");
+}
+
+/// Options that the others leave without effect.
+void refuse_ignored(const CLI::App& app, const Words& words) {
+  if (words.background != "auto" && words.background != "network") {
+    refuse_given(app, {"--matting-network", "--matting-mean", "--matting-deviation"},
+                 "is not used by --background " + words.background);
+  }
+  if (!words.dataset.empty()) refuse_given(app, {"--normal-map"}, "--dataset brings its own maps of normals");
+  if (words.normals != "auto" && words.normals != "file")
+    refuse_given(app, {"--normal-map"}, "is not used by --normals " + words.normals);
+  if (words.normals != "estimator") refuse_given(app, {"--normal-weights"}, "are of --normals estimator");
+  if (app.get_option("--ss-flow")->count() > 0 && app.get_option("--slat-flow")->count() > 0)
+    refuse_given(app, {"--checkpoint"}, "has nothing to add: --ss-flow and --slat-flow name both runs");
+  if (words.structure_strength == 0) refuse_given(app, {"--cfg-interval-ss"}, "--cfg-scale-ss 0 guides at no time");
+  if (words.latent_strength == 0) refuse_given(app, {"--cfg-interval"}, "--cfg-scale 0 guides at no time");
+  if (words.keep_hidden) refuse_given(app, {"--hidden-views"}, "--keep-hidden looks for no hidden faces");
+  if (words.no_smoothing)
+    refuse_given(app, {"--smooth-iterations", "--smooth-alpha"}, "--no-smooth-skin leaves the weights as they are");
 }
 
 /// The number of joints that one of three options asks for.
@@ -201,6 +255,7 @@ int main(int argc, char** argv) {
   add_common_options(app, common, nn::version_details);
   return run_command(app, common, argc, argv, [&] {
     nn::set_up_computing(common.threads);
+    refuse_ignored(app, words);
     settle(request, words, common);
     const auto reports = pipeline::generate_assets(request, pictures_of(words));
     std::fputs(common.json ? (pipeline::to_json(reports).dump(2) + "\n").c_str() : pipeline::to_text(reports).c_str(),

@@ -2,6 +2,7 @@
 
 #include "anigen/apps/common/command_line.h"
 #include "anigen/apps/common/library_versions.h"
+#include "anigen/apps/common/ranges.h"
 #include "anigen/core/error.h"
 #include "anigen/core/interrupt.h"
 #include "anigen/eval/inspect/asset_picture.h"
@@ -117,7 +118,7 @@ int main(int argc, char** argv) {
   app.add_option("--export", options.exported, "Write the asset to this .glb or .gltf");
   app.add_option("--influences", options.influences, "Influences per vertex of --export and --influence-loss")
       ->capture_default_str()
-      ->check(CLI::Range(1, 64));
+      ->check(whole_number(1, 64));
   app.add_option("--axes", options.axes, "Axes of --export: gltf, or published (turned by 180 degrees)")
       ->capture_default_str()
       ->check(CLI::IsMember({"gltf", "published"}));
@@ -125,6 +126,12 @@ int main(int argc, char** argv) {
   app.add_flag("--weights", options.weights,
                "Of a run or a published folder: do its checkpoints hold what config.json asks for?");
   app.add_flag("--keep-going", options.keep_going, "Exit 0 even when files were rejected");
-  add_common_options(app, common, library_versions());
-  return run_command(app, common, argc, argv, [&] { run(options, common.json); });
+  add_common_options(app, common, library_versions(),
+                     {{"--seed", "draws nothing at random"}, {"--device", "uses the CPU"}});
+  return run_command(app, common, argc, argv, [&] {
+    if (options.exported.empty()) refuse_given(app, {"--axes"}, "is of the file of --export");
+    if (options.exported.empty() && !options.influence_loss)
+      refuse_given(app, {"--influences"}, "is of --export and --influence-loss");
+    run(options, common.json);
+  });
 }

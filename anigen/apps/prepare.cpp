@@ -8,6 +8,7 @@
 
 #include "anigen/apps/common/command_line.h"
 #include "anigen/apps/common/library_versions.h"
+#include "anigen/apps/common/ranges.h"
 #include "anigen/core/config_file.h"
 #include "anigen/core/error.h"
 #include "anigen/core/parallel.h"
@@ -45,7 +46,8 @@ void add_source_options(CLI::App& app, Arguments& a) {
   app.add_option("--input", a.inputs,
                  "Folders or files: .glb .gltf .fbx .dae, obj with rig text, Articulation-XL or rig .npz, Anymate .pt, "
                  "published datasets");
-  app.add_option("--procedural", a.procedural, "Number of procedural creatures");
+  app.add_option("--procedural", a.procedural, "Number of procedural creatures")
+      ->check(anigen::whole_number(0, 10'000'000));
   app.add_option("--clean", a.cleaning, "Cleaning rules: none, anymate or articulation-xl")->capture_default_str();
   app.add_option("--clean-set", a.cleaning_changes, "Changes one rule, such as joints=[3,200] (datasets/README.md)");
 }
@@ -55,11 +57,14 @@ void add_table_options(CLI::App& app, Arguments& a) {
   anigen::prepare::QualityLimits& limits = a.options.tables.limits;
   CLI::Option* fraction =
       app.add_option("--test-fraction", split.test_fraction,
-                     "Part of the usable real assets kept for testing [0.333, or what the sources say themselves]");
+                     "Part of the usable real assets kept for testing [0.333, or what the sources say themselves]")
+          ->check(anigen::number(0, 1));
   CLI::Option* count = app.add_option("--test-count", split.test_count, "Number of usable real assets kept for testing")
+                           ->check(anigen::whole_number(0))
                            ->excludes(fraction);
   CLI::Option* creatures =
       app.add_option("--procedural-test", split.procedural_test, "Number of usable creatures kept for testing")
+          ->check(anigen::whole_number(0))
           ->capture_default_str();
   app.add_option(
          "--test-split", a.test_split,
@@ -69,18 +74,26 @@ void add_table_options(CLI::App& app, Arguments& a) {
       ->excludes(fraction)
       ->excludes(count)
       ->excludes(creatures);
-  app.add_option("--min-joints", limits.min_joints, "Fewer joints make is_bad_skeleton")->capture_default_str();
-  app.add_option("--max-joints", limits.max_joints, "More joints make is_bad_skeleton")->capture_default_str();
+  app.add_option("--min-joints", limits.min_joints, "Fewer joints make is_bad_skeleton")
+      ->check(anigen::whole_number(0))
+      ->capture_default_str();
+  app.add_option("--max-joints", limits.max_joints, "More joints make is_bad_skeleton")
+      ->check(anigen::whole_number(1))
+      ->capture_default_str();
   app.add_option("--same-bone", limits.same_bone,
                  "Bones that differ by no more than this make is_bad_skeleton; 0 compares exactly")
+      ->check(anigen::number(0, 1))
       ->capture_default_str();
   app.add_option("--max-outside", limits.max_outside_share,
                  "A larger part of joints outside the mesh's box makes is_bad_skeleton")
+      ->check(anigen::number(0, 1))
       ->capture_default_str();
   app.add_option("--max-invented-rows", limits.max_invented_rows,
                  "A larger part of vertices without weights in the file makes is_bad_skin")
+      ->check(anigen::number(0, 1))
       ->capture_default_str();
   app.add_option("--least-weight-sum", limits.least_weight_sum, "A vertex with a lower sum makes is_bad_skin")
+      ->check(anigen::number(0, 1))
       ->capture_default_str();
   app.add_option("--near-skeletons", a.near_skeletons, "Skeletons nearly equal to an earlier one: ignore, flag or drop")
       ->capture_default_str();
@@ -93,22 +106,35 @@ void add_step_options(CLI::App& app, Arguments& a) {
                  "skeleton, voxels, and those with a number or a model below]")
       ->delimiter(',');
   app.add_flag("--no-assets", a.skip_assets, "Do not keep the assets themselves (assets/<id>.glb)");
-  app.add_option("--augment", plan.variants, "Posed variants of every asset")->capture_default_str();
+  app.add_option("--augment", plan.variants, "Posed variants of every asset")
+      ->check(anigen::whole_number(0, 10'000))
+      ->capture_default_str();
   app.add_flag("--random-poses", a.random_poses, "Do not take poses from the assets' own animations");
   app.add_option("--pose-probability", plan.poses.probability, "Of each joint to be turned in a random pose")
+      ->check(anigen::number(0, 1))
       ->capture_default_str();
   app.add_option("--pose-angle", plan.poses.max_angle, "Largest angle of a random pose, degrees")
+      ->check(anigen::number(0, 180))
       ->capture_default_str();
-  app.add_option("--resolution", plan.resolution, "Of the voxel grid")->capture_default_str();
-  app.add_option("--views", plan.views.count, "Pictures for features (published: 150)");
-  app.add_option("--view-size", plan.views.size, "Their side in pixels")->capture_default_str();
-  app.add_option("--cond-views", plan.condition_views.count, "Pictures for image conditions (published: 24)");
-  app.add_option("--cond-view-size", plan.condition_views.size, "Their side in pixels")->capture_default_str();
+  app.add_option("--resolution", plan.resolution, "Of the voxel grid")
+      ->check(anigen::whole_number(2, 1024))
+      ->capture_default_str();
+  app.add_option("--views", plan.views.count, "Pictures for features (published: 150)")
+      ->check(anigen::whole_number(0, 1000));
+  app.add_option("--view-size", plan.views.size, "Their side in pixels")
+      ->check(anigen::whole_number(8, 4096))
+      ->capture_default_str();
+  app.add_option("--cond-views", plan.condition_views.count, "Pictures for image conditions (published: 24)")
+      ->check(anigen::whole_number(0, 1000));
+  app.add_option("--cond-view-size", plan.condition_views.size, "Their side in pixels")
+      ->check(anigen::whole_number(8, 4096))
+      ->capture_default_str();
   app.add_option("--cond-cameras", a.condition_cameras,
                  "around: from all sides, as published; front: from where people take pictures")
       ->capture_default_str()
       ->check(CLI::IsMember({"around", "front"}));
   app.add_option("--view-samples", plan.views.samples_per_axis, "Anti-aliasing: this many squared rays per pixel")
+      ->check(anigen::whole_number(1, 16))
       ->capture_default_str();
   app.add_flag("--view-geometry", a.view_geometry, "Also write normals and depth of the pictures");
   app.add_option("--features", plan.features.model, "surface, or a DINOv2 model such as dinov2_vitl14_reg");
@@ -118,16 +144,54 @@ void add_step_options(CLI::App& app, Arguments& a) {
 void add_run_options(CLI::App& app, Arguments& a) {
   anigen::prepare::RunOptions& run = a.options.run;
   run.timeout = 1800;
-  app.add_option("--workers", run.workers, "Worker processes [as many as --threads]");
+  app.add_option("--workers", run.workers, "Worker processes [as many as --threads]")
+      ->check(anigen::whole_number(0, 1024));
   app.add_option("--timeout", run.timeout, "Seconds for one asset, after which it counts as failed; 0: no limit")
-      ->check(CLI::NonNegativeNumber)
+      ->check(anigen::number(0, 1e9))
       ->capture_default_str();
   app.add_option("--memory-mb", a.memory_mb,
                  "Memory of one worker, above which its asset counts as failed; 0: no limit")
+      ->check(anigen::whole_number(0, 1'000'000'000))
       ->capture_default_str();
   app.add_option("--shard", a.shard, "Only part i of n as i/n, counted from 0; not needed for several to work at once");
   app.add_flag("--retry-failed", run.retry_failed, "Try again what failed before");
   app.add_flag("--strict", a.strict, "Exit with 1 when anything failed or was rejected");
+}
+
+/// Options of what is not made, which would be ignored.
+void refuse_ignored(const CLI::App& app, const Arguments& a) {
+  const anigen::prepare::StepPlan& plan = a.options.plan;
+  const bool condition_views = plan.wants("cond_views"), features = plan.wants("features");
+  // Features of a network are made of views, which are made for them where they are not there.
+  const bool views = plan.wants("views") || (features && plan.features.model != "surface");
+  if (!views && plan.views.count > 0) anigen::refuse_given(app, {"--views"}, "--steps leaves views out");
+  if (!condition_views && plan.condition_views.count > 0)
+    anigen::refuse_given(app, {"--cond-views"}, "--steps leaves cond_views out");
+  // A number of 0 says that none are wanted, as a variant of an experiment does that keeps the other options.
+  const bool no_views = !views && app.get_option("--views")->count() == 0;
+  const bool no_condition_views = !condition_views && app.get_option("--cond-views")->count() == 0;
+  if (no_views) anigen::refuse_given(app, {"--view-size"}, "is of the pictures of --views, and none are made");
+  if (no_condition_views) {
+    anigen::refuse_given(app, {"--cond-view-size", "--cond-cameras"},
+                         "is of the pictures of --cond-views, and none are made");
+  }
+  if (no_views && no_condition_views) {
+    anigen::refuse_given(app, {"--view-samples", "--view-geometry"},
+                         "is of the pictures of --views and --cond-views, and none are made");
+  }
+  if (!features && !plan.features.model.empty())
+    anigen::refuse_given(app, {"--features"}, "--steps leaves features out");
+  if (!features || plan.features.model == "surface") {
+    anigen::refuse_given(app, {"--feature-weights", "--device"},
+                         "is of the network of --features dinov2_…, and none is used");
+  }
+  if (!plan.wants("voxels") && !features)
+    anigen::refuse_given(app, {"--resolution"}, "is of voxels, and --steps leaves them out");
+  if (plan.variants == 0 && app.get_option("--augment")->count() == 0) {
+    anigen::refuse_given(app, {"--random-poses", "--pose-probability", "--pose-angle"},
+                         "is of the variants of --augment, and none are made");
+  }
+  if (!plan.steps.empty()) anigen::refuse_given(app, {"--no-assets"}, "--steps says already what is made");
 }
 
 anigen::prepare::CleaningOptions cleaning_options(const Arguments& a) {
@@ -186,7 +250,7 @@ int merge(int argc, char** argv) {
   anigen::CommonOptions common;
   std::filesystem::path out;
   app.add_option("--out", out, "Folder of the dataset")->required();
-  anigen::add_common_options(app, common);
+  anigen::add_common_options(app, common, {}, {{"--seed", "draws nothing at random"}, {"--device", "uses the CPU"}});
   return anigen::run_command(app, common, argc, argv, [&] { show(anigen::prepare::merge_dataset(out), common); });
 }
 
@@ -218,6 +282,7 @@ int main(int argc, char** argv) {
   add_run_options(app, arguments);
   add_common_options(app, common, library_versions());
   return run_command(app, common, argc, argv, [&] {
+    refuse_ignored(app, arguments);
     const prepare::PrepareSummary summary = prepare::prepare_dataset(complete(arguments, common));
     show(summary, common);
     if (arguments.strict && (!summary.rejected.empty() || summary.failed_steps > 0)) {

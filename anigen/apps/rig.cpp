@@ -6,6 +6,7 @@
 
 #include "anigen/apps/common/command_line.h"
 #include "anigen/apps/common/library_versions.h"
+#include "anigen/apps/common/ranges.h"
 #include "anigen/core/error.h"
 #include "anigen/eval/inspect/asset_picture.h"
 #include "anigen/io/image.h"
@@ -103,9 +104,9 @@ void rig_files(RigOptions& options, const CommonOptions& common) {
   request.meshes = options.mesh;
   request.axes = io::parse_axes(options.axes);
   if (options.pictures) {
-  request.also_read = {options.joint_model, options.connectivity_model, options.skin_model};
+    request.also_read = {options.joint_model, options.connectivity_model, options.skin_model};
     request.also = [](const Asset& asset, std::filesystem::path file) {
-    request.also_writes = ".png";
+      request.also_writes = ".png";
       io::write_png(file.replace_extension(".png"), eval::asset_picture(asset));
     };
   }
@@ -161,11 +162,14 @@ void add_mesh_options(CLI::App& app, RigOptions& options) {
       ->check(CLI::IsMember(rig::template_words()));
   app.add_option("--resolution", request.binding.geodesic.resolution,
                  "For geovoxel: voxels along the mesh's longest side")
+      ->check(whole_number(2, 512))
       ->capture_default_str();
   app.add_option("--falloff", request.binding.geodesic.falloff,
                  "For geovoxel: from weights like 1/d² (0) to weights like 1/d⁴ (1)")
+      ->check(number(0, 1))
       ->capture_default_str();
   app.add_option("--most-joints", request.joints.curve.most_joints, "For curve: no more joints than these")
+      ->check(whole_number(2, 10'000))
       ->capture_default_str();
   app.add_option_function<std::size_t>(
          "--influences",
@@ -173,6 +177,7 @@ void add_mesh_options(CLI::App& app, RigOptions& options) {
            request.binding.geodesic.most_influences = request.binding.heat.most_influences = most;
          },
          "Joints per vertex, 0: any number")
+      ->check(whole_number(0, 1024))
       ->default_str(std::to_string(request.binding.heat.most_influences));
   app.add_flag("--pictures", options.pictures, "Also <name>.png: the asset, its weights, its skeleton");
 }
@@ -190,11 +195,11 @@ void add_model_options(CLI::App& app, RigOptions& options) {
       ->check(CLI::ExistingPath);
   app.add_option("--points", options.points,
                  "For anymate: points of the surface that the models look at [as in training; released: 8192]")
-      ->check(CLI::PositiveNumber);
+      ->check(whole_number(1, 10'000'000));
   app.add_option("--eps", options.eps,
                  "For anymate: predicted joints this near are one, the mesh's longest side being 2 [as released: 0.03 "
                  "regressed, 0.05 denoised; without meaning for volumes]")
-      ->check(CLI::PositiveNumber);
+      ->check(number(0, 2, RangeEnds::kOpenBelow));
 }
 
 void add_dataset_options(CLI::App& app, RigOptions& options) {
@@ -204,8 +209,9 @@ void add_dataset_options(CLI::App& app, RigOptions& options) {
   app.add_option("--image", options.image, "For retrieval: picture, or folder of pictures");
   app.add_option("--picture-split", options.pictured,
                  "For retrieval, instead of --image: the first condition view of these assets of --dataset");
-  app.add_option("--most", options.most, "Only so many assets of --picture-split; 0: all");
+  app.add_option("--most", options.most, "Only so many assets of --picture-split; 0: all")->check(whole_number(0));
   app.add_option("--views", options.views, "For retrieval: condition views to look at per asset, 0: all")
+      ->check(whole_number(0, 1000))
       ->capture_default_str();
   app.add_option("--background", options.background, "For retrieval: auto, keep, alpha, grabcut, as anigen-generate")
       ->capture_default_str();
@@ -213,6 +219,53 @@ void add_dataset_options(CLI::App& app, RigOptions& options) {
                  "For retrieval: what is compared, color, or normal: the maps of --view-geometry, with --picture-split")
       ->capture_default_str()
       ->check(CLI::IsMember({"color", "normal"}));
+}
+
+/// Options that another method would use, or that others leave without effect.
+void refuse_ignored(const CLI::App& app, const RigOptions& options) {
+  const std::string& method = options.method;
+  const std::string whose = "is not used by --method " + method;
+  if (method == "retrieval") {
+    refuse_given(app,
+                 {"--mesh", "--mesh-split", "--mesh-axes", "--skin", "--skeleton", "--template", "--resolution",
+                  "--falloff", "--most-joints", "--influences", "--pictures", "--joint-model", "--connectivity-model",
+                  "--skin-model", "--points", "--eps", "--seed", "--device"},
+                 whose + ", which answers pictures");
+    if (options.pictured.empty()) refuse_given(app, {"--most"}, "is of the assets of --picture-split");
+    return;
+  }
+  refuse_given(app, {"--image", "--picture-split", "--most", "--views", "--background", "--condition"},
+               whose + "; it is for retrieval");
+  const bool learned = method == kAnymate || method == kRignet;
+  if (!learned) {
+    refuse_given(app, {"--joint-model", "--connectivity-model", "--skin-model"},
+                 whose + "; it is for anymate and rignet");
+    refuse_given(app, {"--seed"}, whose + ", which draws nothing at random");
+    refuse_given(app, {"--device"}, whose + ", which computes on the CPU");
+  }
+  if (method != kAnymate) refuse_given(app, {"--points", "--eps"}, whose + "; it is for anymate");
+  if (options.joint_model.empty()) refuse_given(app, {"--eps"}, "merges the joints of --joint-model");
+  if (method != "template") refuse_given(app, {"--dataset", "--split"}, whose + "; it is for template and retrieval");
+  if (method != "curve") refuse_given(app, {"--most-joints"}, whose + "; it is for curve");
+  if (method != "pinocchio") refuse_given(app, {"--template"}, whose + "; it is for pinocchio");
+  if (method == "curve" || method == "template")
+    refuse_given(app, {"--skeleton"}, whose + ", which makes the skeleton itself");
+  if (!options.joint_model.empty()) refuse_given(app, {"--skeleton"}, "--joint-model finds the joints");
+  if (!options.request.joints.skeleton.empty()) refuse_given(app, {"--template"}, "--skeleton is the template already");
+  if (!options.skin_model.empty()) {
+    refuse_given(app, {"--resolution", "--falloff"}, "is for geovoxel, and --skin-model binds");
+    return;
+  }
+  std::string binding = options.skin;
+  if (binding.empty()) {
+    binding = method == "nearest" || method == "template" ? "nearest"
+              : method == "heat" || method == "pinocchio" ? "heat"
+                                                          : "geovoxel";
+  }
+  if (binding != "geovoxel")
+    refuse_given(app, {"--resolution", "--falloff"}, "is for geovoxel, and the binding is " + binding);
+  if (binding == "none" || binding == "nearest")
+    refuse_given(app, {"--influences"}, "has no effect where the binding is " + binding);
 }
 
 }  // namespace
@@ -247,6 +300,8 @@ int main(int argc, char** argv) {
   add_dataset_options(app, options);
   app.add_option("--out", options.request.out, "Folder; for one mesh the file")->required();
   add_common_options(app, common, library_versions());
-  return run_command(app, common, argc, argv,
-                     [&] { options.method == "retrieval" ? retrieve(options, common) : rig_files(options, common); });
+  return run_command(app, common, argc, argv, [&] {
+    refuse_ignored(app, options);
+    options.method == "retrieval" ? retrieve(options, common) : rig_files(options, common);
+  });
 }

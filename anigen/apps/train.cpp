@@ -2,6 +2,7 @@
 #include <vector>
 
 #include "anigen/apps/common/command_line.h"
+#include "anigen/apps/common/ranges.h"
 #include "anigen/core/cores.h"
 #include "anigen/core/error.h"
 #include "anigen/core/parallel.h"
@@ -41,25 +42,34 @@ int main(int argc, char** argv) {
                "ckpts/abandoned-STEP-N there. The same command goes on with what it began until that run has ended");
   app.add_option("--profile", command.run.profile_steps,
                  "Measure where the time of so many steps goes, after two that warm up, into profile.md of the run")
-      ->check(CLI::NonNegativeNumber);
-  app.add_option("--ranks", local.ranks, "Train by so many processes of this machine")->check(CLI::Range(1, 1024));
+      ->check(anigen::whole_number(0, 1'000'000));
+  CLI::Option* ranks = app.add_option("--ranks", local.ranks, "Train by so many processes of this machine")
+                           ->check(anigen::whole_number(1, 1024));
   app.add_option("--restarts", local.restarts,
                  "With --ranks: start all again from the last checkpoint, so often, after one has failed")
-      ->check(CLI::NonNegativeNumber);
+      ->check(anigen::whole_number(0, 1'000'000))
+      ->needs(ranks);
   app.add_option("--rendezvous", rendezvous,
                  "Where ranks find each other, tcp://HOST:PORT of rank 0 or file:///PATH [the launcher's environment]");
   app.add_option("--timeout", command.ranks.timeout, "Seconds without a sign of life after which a rank is lost")
       ->capture_default_str()
-      ->check(CLI::Range(5.0, 86400.0));
+      ->check(anigen::number(5, 86400));
   app.add_option("--communication", communication, "Gradients travel between ranks in fp32 or bf16")
       ->capture_default_str()
       ->check(CLI::IsMember({"fp32", "bf16"}));
-  anigen::add_common_options(app, common, anigen::nn::version_details);
+  anigen::add_common_options(app, common, anigen::nn::version_details,
+                             {{"--json", "prints no results: metrics.csv of the run folder has them"}});
   for (int i = 0; i < argc; ++i) command.command_line += (i ? " " : "") + std::string(argv[i]);
   int status_of_ranks = 0;
   const int status = anigen::run_command(app, common, argc, argv, [&] {
     command.environment = anigen::train::read_launch_environment(rendezvous);
     const anigen::train::LaunchEnvironment& environment = command.environment;
+    if (local.ranks == 1)
+      anigen::refuse_given(app, {"--restarts"}, "starts the processes of --ranks again, of which it needs two or more");
+    if (ranks->count() == 0 && environment.launcher.empty()) {
+      anigen::refuse_given(app, {"--timeout", "--communication"},
+                           "is for several processes: there is neither --ranks nor a launcher");
+    }
     if (local.ranks > 1 && environment.launcher.empty()) {
       local.timeout = command.ranks.timeout;
       status_of_ranks = anigen::train::run_local_ranks(local, std::vector<std::string>(argv, argv + argc));

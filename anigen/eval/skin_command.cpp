@@ -34,6 +34,7 @@ SkinEvaluation run_skin_evaluation(const SkinRequest& request) {
 
   SkinEvaluation evaluation = evaluate_skin(request.dataset, items, methods, settings);
   write_file_atomically(request.out / "metrics.json", to_json(evaluation).dump(2) + "\n");
+  settings["commit"] = commit();
   write_file_atomically(request.out / "metrics.csv", to_csv(to_csv_table(evaluation)));
   write_file_atomically(request.out / "table.md", to_markdown(evaluation));
   if (request.report) {

@@ -1,11 +1,11 @@
 #include "anigen/experiment/input_fingerprint.h"
 
 #include <algorithm>
-#include <fstream>
 #include <map>
 #include <system_error>
 #include <vector>
 
+#include "anigen/core/atomic_file.h"
 #include "anigen/core/error.h"
 #include "anigen/core/sha256.h"
 
@@ -17,6 +17,24 @@ namespace fs = std::filesystem;
 std::string line_of(const fs::path& file, const std::string& name) {
   return name + " " + std::to_string(fs::file_size(file)) + " " +
          std::to_string(fs::last_write_time(file).time_since_epoch().count()) + "\n";
+}
+
+/// Clears so many bytes behind each place where a mark is found.
+void clear_behind(std::string& bytes, const std::string& mark, std::size_t count) {
+  for (std::size_t at = bytes.find(mark); at != std::string::npos; at = bytes.find(mark, at + mark.size())) {
+    for (std::size_t i = at + mark.size(); i < std::min(bytes.size(), at + mark.size() + count); ++i) bytes[i] = '\0';
+  }
+}
+
+/// The program's file without what changes although the code does not.
+std::string code_of(std::string bytes) {
+  // As cmake/AnigenVersion.cmake writes it; put together here, so that this program holds it once.
+  const std::string mark = std::string("anigen ") + "commit: ";
+  constexpr std::size_t kStamp = 64;
+  clear_behind(bytes, mark, kStamp - mark.size());
+  // The ELF note of 20 bytes that is called GNU and is of kind 3, a build id.
+  clear_behind(bytes, std::string("\4\0\0\0\24\0\0\0\3\0\0\0GNU\0", 16), 20);
+  return bytes;
 }
 
 }  // namespace
@@ -41,13 +59,9 @@ std::string program_fingerprint(const fs::path& program) {
   const std::string state = program.string() + (fs::exists(program, error) ? input_fingerprint(program) : "");
   const auto found = known.find(state);
   if (found != known.end()) return found->second;
-  std::ifstream stream(program, std::ios::binary);
-  if (!stream) throw InputError(program.string(), "", "no such program; build it, or name its folder with --programs");
-  Sha256 digest;
-  std::vector<char> piece(std::size_t{1} << 20);
-  while (stream.read(piece.data(), static_cast<std::streamsize>(piece.size())), stream.gcount() > 0)
-    digest.update({piece.data(), static_cast<std::size_t>(stream.gcount())});
-  return known[state] = digest.finish();
+  if (!fs::is_regular_file(program, error))
+    throw InputError(program.string(), "", "no such program; build it, or name its folder with --programs");
+  return known[state] = sha256(code_of(read_file(program)));
 }
 
 }  // namespace anigen::experiment

@@ -9,8 +9,9 @@ namespace anigen::experiment {
 /// @throws InputError when there is nothing at that path
 std::string input_fingerprint(const std::filesystem::path& path);
 
-/// SHA-256 of a program file; read again only when its size or time has changed. @throws InputError when it is not
-/// there
+/// SHA-256 of a program file but for the commit that it was built of (core/version.h) and the linker's own digest of
+/// it: a commit that leaves a program's code as it was leaves this as it was. Read again only when the file's size or
+/// time has changed. @throws InputError when it is not there
 std::string program_fingerprint(const std::filesystem::path& program);
 
 }  // namespace anigen::experiment

@@ -51,6 +51,18 @@ void append_option(std::vector<std::string>& command, const std::string& option,
   if (!value.is_boolean()) command.push_back(option_text(value));
 }
 
+/// Whether a program computes on --device with these arguments; it refuses the option where it does not.
+bool uses_device(const std::string& program, const Json& arguments) {
+  const auto given = [&](const char* option) {
+    return arguments.contains(option) && !arguments[option].is_null() && arguments[option] != false;
+  };
+  if (program == "anigen-prepare") return given("--features") && arguments["--features"] != "surface";
+  if (program == "anigen-rig")
+    return given("--method") && (arguments["--method"] == "anymate" || arguments["--method"] == "rignet");
+  if (program == "anigen-eval") return given("--ss-flow") || given("--skin-ae") || given("--lpips-weights");
+  return program != "anigen-inspect";
+}
+
 /// One variant with one seed, step by step.
 class RunPlanner {
  public:
@@ -196,7 +208,8 @@ class RunPlanner {
     for (const auto& [path, value] : texts.settings.items())
       append_option(command, "--set", path + "=" + setting_text(value));
     if (seeded(step.name)) append_option(command, "--seed", run_.seed);
-    if (place_.device != "cpu") append_option(command, "--device", place_.device);
+    if (place_.device != "cpu" && uses_device(step.program, texts.arguments))
+      append_option(command, "--device", place_.device);
     return command;
   }
 

@@ -150,9 +150,11 @@ class JobRunner {
     return options_.together ? worker_logs(out_, job.id) / (process_number() + ".log") : log_file(out_, job.id);
   }
 
-  /// With the job's share of the cores, where there is something to share.
+  /// With the job's share of the cores, where there is something to share. What lies in a job's folder was made by
+  /// equal code, whatever its commit: the code is part of the job's name.
   std::vector<std::string> command_of(const Job& job) const {
     std::vector<std::string> command = job.command;
+    if (job.program == "anigen-generate") command.emplace_back("--accept-other-code");
     if (options_.threads == 0 && options_.at_once == 1) return command;
     const int cores = options_.threads > 0 ? options_.threads : thread_count();
     command.insert(command.end(),

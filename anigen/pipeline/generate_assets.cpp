@@ -13,6 +13,7 @@
 #include "anigen/core/log.h"
 #include "anigen/core/sha256.h"
 #include "anigen/core/shared_work.h"
+#include "anigen/core/version.h"
 #include "anigen/features/dsine_normals.h"
 #include "anigen/geometry/skeleton_mesh.h"
 #include "anigen/io/checkpoint_folder.h"
@@ -44,6 +45,10 @@ class ConditionPictures {
     if (generator.structure_sees_normals() && request.pictures.normals == NormalSource::kEstimator) {
       if (request.estimator_weights.empty())
         throw InputError("", "--normal-weights", "the estimator needs its weights");
+    const NormalSource normals = request.pictures.normals;
+    if (!generator.structure_sees_normals() && normals != NormalSource::kAuto && normals != NormalSource::kColors)
+      throw InputError("", "--normals",
+                       "the first flow sees colours, as trained or by --condition color: leave it out");
       estimator =
           std::make_shared<features::DsineNormals>(request.estimator_weights, parse_device(request.models.device));
     }
@@ -117,35 +122,40 @@ std::string inputs_of(const GenerateRequest& request, const std::vector<fs::path
 /// Everything that decides what is made of a picture.
 Json settings_of(const GenerateRequest& request, const std::vector<fs::path>& runs, const NamedPicture& picture) {
   const FinishingOptions& finishing = request.finishing;
-  return {{"picture", fs::absolute(picture.file).lexically_normal().string()},
-          {"ss_flow", runs[0].string()},
-          {"slat_flow", runs[1].string()},
-          {"ss_dae", runs[2].string()},
-          {"slat_dae", runs[3].string()},
-          {"inputs", inputs_of(request, runs, picture)},
-          {"background", static_cast<int>(request.pictures.background)},
-          {"normals", static_cast<int>(request.pictures.normals)},
-          {"estimator_side", request.pictures.estimator_side},
-          {"condition", static_cast<int>(request.models.structure_condition)},
-          {"seed", request.sampling.seed},
-          {"joints", request.sampling.joints},
-          {"grouping_bandwidth", request.models.grouping.bandwidth},
-          {"grouping_least_votes", request.models.grouping.min_cluster_size},
-          {"structure_sampler", sampler_json(request.sampling.structure)},
-          {"latent_sampler", sampler_json(request.sampling.latents)},
-          {"averages", static_cast<int>(request.models.averages)},
-          {"precision", request.models.precision == torch::kFloat32 ? "fp32" : "bf16"},
-          {"published_axes", request.published_axes},
-          {"obj", request.obj},
-          {"finishing",
-           {{"reduction", finishing.reduction},
-            {"remove_hidden", finishing.remove_hidden},
-            {"views", finishing.views},
-            {"view_size", finishing.view_size},
-            {"filter_skin", finishing.filter_skin},
-            {"smoothing_iterations", finishing.smoothing_iterations},
-            {"smoothing_alpha", finishing.smoothing_alpha},
-            {"texture_size", finishing.texture_size}}}};
+  Json settings = {{"picture", fs::absolute(picture.file).lexically_normal().string()},
+                   {"ss_flow", runs[0].string()},
+                   {"slat_flow", runs[1].string()},
+                   {"ss_dae", runs[2].string()},
+                   {"slat_dae", runs[3].string()},
+                   {"inputs", inputs_of(request, runs, picture)},
+                   {"background", static_cast<int>(request.pictures.background)},
+                   {"normals", static_cast<int>(request.pictures.normals)},
+                   {"estimator_side", request.pictures.estimator_side},
+                   {"condition", static_cast<int>(request.models.structure_condition)},
+                   {"seed", request.sampling.seed},
+                   {"joints", request.sampling.joints},
+                   {"grouping_bandwidth", request.models.grouping.bandwidth},
+                   {"grouping_least_votes", request.models.grouping.min_cluster_size},
+                   {"structure_sampler", sampler_json(request.sampling.structure)},
+                   {"latent_sampler", sampler_json(request.sampling.latents)},
+                   {"averages", static_cast<int>(request.models.averages)},
+                   {"precision", request.models.precision == torch::kFloat32 ? "fp32" : "bf16"},
+                   {"published_axes", request.published_axes},
+                   {"obj", request.obj},
+                   {"finishing",
+                    {{"reduction", finishing.reduction},
+                     {"remove_hidden", finishing.remove_hidden},
+                     {"views", finishing.views},
+                     {"view_size", finishing.view_size},
+                     {"filter_skin", finishing.filter_skin},
+                     {"smoothing_iterations", finishing.smoothing_iterations},
+                     {"smoothing_alpha", finishing.smoothing_alpha},
+                     {"texture_size", finishing.texture_size}}}};
+  const MattingOptions& matting = request.pictures.matting;
+  if (!matting.network.empty())
+    settings["matting"] = {
+        {"network", matting.network.string()}, {"mean", matting.mean}, {"deviation", matting.deviation}};
+  return settings;
 }
 
 class Generation {
@@ -167,6 +177,24 @@ class Generation {
   GenerationReport run(const NamedPicture& picture, const std::string& name) {
     GenerationReport report = report_of(name);
     try {
+  /// Refuses to mix what this build makes with what another one made of equal inputs, before anything is made.
+  /// @throws InputError naming both
+  void require_own_code(const std::vector<NamedPicture>& pictures, const std::vector<std::string>& names) const {
+    if (request_.accept_other_code) return;
+    std::size_t count = 0;
+    GenerationReport first;
+    for (std::size_t i = 0; i < pictures.size(); ++i) {
+      GenerationReport report = kept(pictures[i], names[i]).value_or(GenerationReport{});
+      if (!report.kept || commit_of(report) == commit()) continue;
+      if (count++ == 0) first = std::move(report);
+    }
+    if (count == 0) return;
+    throw InputError((first.folder / kReportFile).string(), "/commit",
+                     "was made by " + named_commit(commit_of(first)) +
+                         (count > 1 ? ", and so are " + std::to_string(count - 1) + " more" : "") + "; this is " +
+                         named_commit(commit()) + ": --again makes them anew, --accept-other-code keeps them");
+  }
+
       make(picture, settings_of(request_, generator_.runs(), picture), report);
     } catch (const InputError& failure) {
       report.failure = failure.what();
@@ -185,6 +213,11 @@ class Generation {
     report.name = name;
     report.folder = request_.output / name;
     return report;
+  }
+
+  static std::string commit_of(const GenerationReport& report) {
+    const Json found = report.details.value("commit", Json());
+    return found.is_string() ? found.get<std::string>() : "";
   }
 
   static bool is_there(GenerationReport& report, const Json& settings) {
@@ -238,7 +271,9 @@ class Generation {
     std::vector<std::string> notices = first.notices;
     notices.insert(notices.end(), finished.notices.begin(), finished.notices.end());
     const std::chrono::duration<double> seconds = std::chrono::steady_clock::now() - started;
-    report.details = {{"settings", settings},
+    report.details = {{"version", kVersion},
+                      {"commit", commit()},
+                      {"settings", settings},
                       {"notices", notices},
                       {"voxels", {{"shape", made.shape_voxels}, {"skeleton", made.skeleton_voxels}}},
                       {"joints", finished.asset.skeleton.size()},
@@ -268,6 +303,7 @@ std::vector<GenerationReport> generate_assets(const GenerateRequest& request,
   Generation generation(request);
   std::vector<std::string> names;
   for (const NamedPicture& picture : pictures) names.push_back(request.name.empty() ? picture.name : request.name);
+  generation.require_own_code(pictures, names);
   std::vector<GenerationReport> reports(pictures.size());
   const LeaseFolder leases(request.output / kLeases);
   work_in_turn(

@@ -16,12 +16,13 @@ struct GenerateRequest {
   PreprocessingOptions pictures;            ///< their size is that of the models' conditions
   std::filesystem::path estimator_weights;  ///< for NormalSource::kEstimator
   FinishingOptions finishing;
-  bool published_axes = false;   ///< (−x, z, y) in the file, as the published exporter writes; else (x, z, −y)
-  bool obj = false;              ///< also mesh.obj and mesh.rig.json, see io/obj_rig.h
-  bool intermediate = false;     ///< also what the stages gave: voxels, latents, votes, the dense mesh
-  bool again = false;            ///< also assets whose files are there
-  std::filesystem::path output;  ///< folder; each asset gets one of its own, of the picture's name
-  std::string name;              ///< of the asset, for one picture; empty: the picture's
+  bool published_axes = false;     ///< (−x, z, y) in the file, as the published exporter writes; else (x, z, −y)
+  bool obj = false;                ///< also mesh.obj and mesh.rig.json, see io/obj_rig.h
+  bool intermediate = false;       ///< also what the stages gave: voxels, latents, votes, the dense mesh
+  bool again = false;              ///< also assets whose files are there
+  bool accept_other_code = false;  ///< what is there counts whatever build of the program made it
+  std::filesystem::path output;    ///< folder; each asset gets one of its own, of the picture's name
+  std::string name;                ///< of the asset, for one picture; empty: the picture's
 };
 
 /// What became of one picture.
@@ -34,11 +35,13 @@ struct GenerationReport {
 };
 
 /// Pictures to rigged GLB files. For each `<output>/<name>/`: mesh.glb, skeleton.glb, processed_image.png,
-/// processed_normal.png where normals were seen, preview.png, and generation.json, written last: what made it (runs,
-/// seed, options, notices, times). A picture that cannot be used is reported and does not stop the others.
+/// processed_normal.png where normals were seen, preview.png, and generation.json, written last: what made it (commit,
+/// runs, seed, options, notices, times). A picture that fails, for whatever reason, is
+/// reported and does not stop the others.
 /// Several processes called alike share the pictures by leases in <output>/.leases and all return at the end; with
 /// `again` each makes every picture.
-/// @throws InputError when the models are unusable or two pictures have one name
+/// @throws InputError when the models are unusable, two pictures have one name, or an asset that is there and would be
+/// kept was made by another commit (core/version.h), unless the request says `again` or `accept_other_code`
 std::vector<GenerationReport> generate_assets(const GenerateRequest& request,
                                               const std::vector<NamedPicture>& pictures);
 

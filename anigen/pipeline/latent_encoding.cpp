@@ -2,7 +2,7 @@
 
 #include <exception>
 #include <limits>
-#include <new>
+#include <map>
 #include <optional>
 #include <set>
 #include <system_error>
@@ -14,6 +14,7 @@
 #include "anigen/core/log.h"
 #include "anigen/core/progress.h"
 #include "anigen/core/shared_work.h"
+#include "anigen/core/version.h"
 #include "anigen/nn/torch.h"
 #include "anigen/pipeline/latent_manifest.h"
 #include "anigen/pipeline/latent_outcomes.h"
@@ -90,10 +91,11 @@ class LatentEncoding {
     LatentManifest manifest(folder_.path(), fingerprint_);
     for (const bool again : {false, true}) {
       const Json encoder{{"fingerprint", fingerprint_}, {"again", again}};
-      for (const auto& [id, inputs] : outcomes_.encoded_by(encoder)) manifest.add(id, inputs);
+      for (const auto& [id, outcome] : outcomes_.encoded_by(encoder)) manifest.add(id, outcome.inputs, outcome.commit);
     }
     manifest.save();  // before what it was read from is removed
     kept_ = up_to_date(manifest);
+    if (!request_.accept_other_code) leave_out_other_code(manifest);
     invalidate_others(manifest);
     outcomes_.begin(encoder_, kept_);
   }
@@ -112,6 +114,24 @@ class LatentEncoding {
       }
     }
     return kept;
+  }
+
+  /// Latents of another build of the program are encoded again, which is said once.
+  void leave_out_other_code(const LatentManifest& manifest) {
+    std::set<std::string> own;
+    std::string other;
+    for (const std::string& id : kept_) {
+      if (manifest.commit_of(id) == commit()) {
+        own.insert(id);
+      } else {
+        other = manifest.commit_of(id);
+      }
+    }
+    if (own.size() < kept_.size()) {
+      log::warn("{} latents of {} were encoded by {}; {} encodes them again (--accept-other-code keeps them)",
+                kept_.size() - own.size(), folder_.path().string(), named_commit(other), named_commit(commit()));
+    }
+    kept_ = std::move(own);
   }
 
   /// Before the first file is replaced nothing may promise it any more, neither to training nor to the next run.
@@ -179,6 +199,7 @@ class LatentEncoding {
     const fs::path file = folder_.file(asset.id);
     LatentOutcome outcome;
     std::optional<LatentValues> latent;
+      outcome.commit = commit();
     if (kept_.count(asset.id) > 0) latent = kept_latent(file);
     if (!latent) {
       // Of what is read next; before it, so that inputs that change in between are encoded again by the next run.
@@ -206,7 +227,7 @@ class LatentEncoding {
         note_failure(asset.id, outcome->failure);
         continue;
       }
-      if (!outcome->inputs.empty()) written_.emplace_back(asset.id, outcome->inputs);
+      if (!outcome->inputs.empty()) written_[asset.id] = *outcome;
       // Sums last: an asset that fails half way must not be in one of them only.
       LatentStatistics shape = result_.shape, skeleton = result_.skeleton;
       try {
@@ -225,7 +246,7 @@ class LatentEncoding {
 
   void conclude() {
     LatentManifest manifest(folder_.path(), fingerprint_);
-    for (const auto& [id, inputs] : written_) manifest.add(id, inputs);
+    for (const auto& [id, outcome] : written_) manifest.add(id, outcome.inputs, outcome.commit);
     manifest.save();
     if (finished_.empty()) {
       folder_.remove_statistics();
@@ -245,7 +266,7 @@ class LatentEncoding {
   Json encoder_;
   std::vector<loaders::AssetId> assets_;
   std::set<std::string> kept_, finished_;
-  std::vector<std::pair<std::string, std::string>> written_;  // ids and inputs of the latents that this run wrote
+  std::map<std::string, LatentOutcome> written_;  // of the latents that this run wrote, by id
   EncodedLatents result_;
 };
 

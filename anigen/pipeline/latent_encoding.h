@@ -19,8 +19,9 @@ struct EncodeRequest {
   std::string name;            ///< of the latents, as LatentFolder; empty: that of the run folder
   std::string ckpt;            ///< as models::find_run_model
   std::string device = "cpu";
-  bool check = false;  ///< ss: also decode every latent and compare with its voxels
-  bool again = false;  ///< encode also what is up to date
+  bool check = false;              ///< ss: also decode every latent and compare with its voxels
+  bool again = false;              ///< encode also what is up to date
+  bool accept_other_code = false;  ///< keep latents whatever build of the program made them
   /// Called after each asset; whatever it throws ends the run as Ctrl-C does.
   std::function<void(std::size_t done, std::size_t assets)> progress = nullptr;
 };
@@ -65,8 +66,8 @@ class LatentSource {
   }
 };
 
-/// Encodes the assets of a dataset, keeping the latents whose encoder and inputs have not changed; writes their
-/// statistics, and the flags into metadata.csv.
+/// Encodes the assets of a dataset, keeping the latents whose encoder, inputs and commit (core/version.h) have not
+/// changed; writes their statistics, and the flags into metadata.csv.
 /// However a run ends, what metadata.csv flags and the statistics describe are latents of one encoder: before the first
 /// latent is replaced the flags become those of what is kept and the statistics are removed; both return at the end.
 /// An asset that fails is named in the result and not flagged.

@@ -26,10 +26,16 @@ LatentManifest::LatentManifest(const fs::path& folder, std::string encoder)
   try {
     const Json json = read_json(file_);
     if (json.at("encoder") != encoder_) return;
-    for (const auto& [id, inputs] : json.at("assets").items()) inputs_[id] = inputs.get<std::string>();
+    for (const auto& [id, asset] : json.at("assets").items()) {
+      if (asset.is_string()) {  // as programs wrote it that recorded no commit
+        entries_[id] = {asset.get<std::string>(), ""};
+      } else {
+        entries_[id] = {asset.at("inputs").get<std::string>(), asset.at("commit").get<std::string>()};
+      }
+    }
   } catch (const std::exception& problem) {
     log::warn("{}: {}; everything is encoded again", file_.string(), problem.what());
-    inputs_.clear();
+    entries_.clear();
   }
 }
 
@@ -43,23 +49,28 @@ LatentManifest::~LatentManifest() {
 }
 
 bool LatentManifest::up_to_date(const std::string& id, const std::string& inputs) const {
-  const auto entry = inputs_.find(id);
-  return entry != inputs_.end() && entry->second == inputs;
+  const auto entry = entries_.find(id);
+  return entry != entries_.end() && entry->second.inputs == inputs;
+}
+
+std::string LatentManifest::commit_of(const std::string& id) const {
+  const auto entry = entries_.find(id);
+  return entry == entries_.end() ? "" : entry->second.commit;
 }
 
 void LatentManifest::forget(const std::vector<std::string>& ids) {
-  for (const std::string& id : ids) inputs_.erase(id);
+  for (const std::string& id : ids) entries_.erase(id);
   save();
 }
 
-void LatentManifest::add(const std::string& id, const std::string& inputs) {
-  inputs_[id] = inputs;
+void LatentManifest::add(const std::string& id, const std::string& inputs, const std::string& commit) {
+  entries_[id] = {inputs, commit};
   if (++unsaved_ >= kSaveEvery) save();
 }
 
 void LatentManifest::save() {
   Json assets = Json::object();
-  for (const auto& [id, inputs] : inputs_) assets[id] = inputs;
+  for (const auto& [id, entry] : entries_) assets[id] = {{"inputs", entry.inputs}, {"commit", entry.commit}};
   const Json json = {{"encoder", encoder_}, {"assets", assets}};
   write_file_atomically(file_, json.dump(1) + "\n");
   unsaved_ = 0;

@@ -5,6 +5,7 @@
 #include "anigen/core/atomic_file.h"
 #include "anigen/core/error.h"
 #include "anigen/core/file_lock.h"
+#include "anigen/core/version.h"
 
 namespace anigen::pipeline {
 namespace {
@@ -35,15 +36,15 @@ void write(const fs::path& file, const Json& json) {
 LatentOutcomes::LatentOutcomes(const fs::path& data, const std::string& column)
     : folder_(dataset_lock_file(data).parent_path() / ("encode-" + column)) {}
 
-std::map<std::string, std::string> LatentOutcomes::encoded_by(const Json& encoder) const {
-  std::map<std::string, std::string> encoded;
+std::map<std::string, LatentOutcome> LatentOutcomes::encoded_by(const Json& encoder) const {
+  std::map<std::string, LatentOutcome> encoded;
   if (!is_of(read_or_null(run_file()), encoder)) return encoded;
   std::error_code error;
   for (fs::directory_iterator entry(folder_ / "assets", error), end; !error && entry != end; entry.increment(error)) {
     const std::string id = entry->path().stem().string();
     if (id.find(".tmp-") != std::string::npos) continue;  // what a killed process left
     const std::optional<LatentOutcome> outcome = read(id);
-    if (outcome && outcome->failure.empty() && !outcome->inputs.empty()) encoded[id] = outcome->inputs;
+    if (outcome && outcome->failure.empty() && !outcome->inputs.empty()) encoded[id] = *outcome;
   }
   return encoded;
 }
@@ -52,12 +53,12 @@ void LatentOutcomes::begin(const Json& encoder, const std::set<std::string>& kep
   std::error_code error;
   fs::remove_all(folder_, error);
   if (error) throw Error(folder_.string() + ": cannot be removed: " + error.message());
-  pipeline::write(run_file(), {{"encoder", encoder}, {"kept", kept}});
+  pipeline::write(run_file(), {{"encoder", encoder}, {"kept", kept}, {"commit", commit()}});
 }
 
 bool LatentOutcomes::join(const Json& encoder, std::set<std::string>& kept) const {
   const Json run = read_or_null(run_file());
-  if (!is_of(run, encoder)) return false;
+  if (!is_of(run, encoder) || run.value("commit", Json()) != commit()) return false;
   kept = run.at("kept").get<std::set<std::string>>();
   return true;
 }
@@ -67,7 +68,8 @@ std::optional<LatentOutcome> LatentOutcomes::read(const std::string& id) const {
   if (!json.is_object()) return std::nullopt;
   try {
     return LatentOutcome{json.at("inputs").get<std::string>(), json.at("failure").get<std::string>(),
-                         latent_moments_from_json(json.at("shape")), latent_moments_from_json(json.at("skeleton"))};
+                         latent_moments_from_json(json.at("shape")), latent_moments_from_json(json.at("skeleton")),
+                         json.value("commit", "")};
   } catch (const Json::exception&) {
     return std::nullopt;
   }
@@ -77,7 +79,8 @@ void LatentOutcomes::write(const std::string& id, const LatentOutcome& outcome) 
   pipeline::write(file(id), {{"inputs", outcome.inputs},
                              {"failure", outcome.failure},
                              {"shape", to_json(outcome.shape)},
-                             {"skeleton", to_json(outcome.skeleton)}});
+                             {"skeleton", to_json(outcome.skeleton)},
+                             {"commit", outcome.commit}});
 }
 
 bool LatentOutcomes::concluded() const {

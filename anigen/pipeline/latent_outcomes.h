@@ -15,6 +15,7 @@ struct LatentOutcome {
   std::string inputs;   ///< fingerprint of what was encoded; empty: the latent was kept from an earlier run
   std::string failure;  ///< empty: there is a latent
   LatentMoments shape, skeleton;
+  std::string commit{};  ///< of the program that encoded it (core/version.h); empty when it was kept
 };
 
 /// What the processes that encode one dataset by one encoder tell each other, run/encode-<column>/: run.json, which
@@ -26,11 +27,11 @@ class LatentOutcomes {
   /// Files of leases.
   std::filesystem::path leases() const { return folder_ / "leases"; }
 
-  /// What the run that was here last encoded, id → fingerprint of its inputs. Empty when its encoder was another one.
-  std::map<std::string, std::string> encoded_by(const Json& encoder) const;
+  /// What the run that was here last encoded, by id. Empty when its encoder was another one.
+  std::map<std::string, LatentOutcome> encoded_by(const Json& encoder) const;
   /// Forgets that run and begins another one.
   void begin(const Json& encoder, const std::set<std::string>& kept) const;
-  /// Of the run that is going on. @return false when it is of another encoder
+  /// Of the run that is going on. @return false when it is of another encoder, or of another commit of the program
   bool join(const Json& encoder, std::set<std::string>& kept) const;
 
   std::optional<LatentOutcome> read(const std::string& id) const;  ///< nothing: not done yet

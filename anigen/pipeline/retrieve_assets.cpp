@@ -11,6 +11,7 @@
 #include "anigen/core/log.h"
 #include "anigen/core/parallel.h"
 #include "anigen/core/progress.h"
+#include "anigen/core/version.h"
 #include "anigen/io/gltf.h"
 #include "anigen/io/rigs/dataset_source.h"
 #include "anigen/io/rigs/split.h"
@@ -137,7 +138,9 @@ std::vector<RetrievalReport> retrieve_assets(const RetrievalRequest& request,
       report.asset = nearest.id;
       report.distance = nearest.distance;
       gallery.write(nearest.id, report.file);
-      const Json details = {{"retrieved", nearest.id},
+      const Json details = {{"version", kVersion},
+                            {"commit", commit()},
+                            {"retrieved", nearest.id},
                             {"distance", nearest.distance},
                             {"compared", normals ? "normals" : "colours"},
                             {"dataset", fs::absolute(request.dataset).lexically_normal().string()}};

@@ -95,6 +95,48 @@ TEST_F(RunComparisonTest, FinishedPairsAreNotComputedAgainUnlessTheirInputChange
 
 TEST_F(RunComparisonTest, CallsAtTheSameTimeShareThePairs) {
   const Comparison alone = run_evaluation(request());
+// A saved result of another build is that build's: it counts only when the request accepts it, and then under its name.
+TEST_F(RunComparisonTest, ResultsOfAnotherCommitAreComputedAgainUnlessAccepted) {
+  run_evaluation(request());
+  const auto relabel = [&](const Json& commit) {
+    for (const fs::path& file : saved()) {
+      Json json = read_json(file);
+      EXPECT_EQ(json["commit"], Json(anigen::commit())) << file;
+      json["commit"] = commit;
+      json["values"]["j2j"] = 7.5;
+      write_file_atomically(file, json.dump());
+    }
+  };
+  for (const Json& other : {Json("0123456789"), Json()}) {
+    relabel(other);
+    if (other.is_null()) {  // as programs wrote them that recorded no commit
+      for (const fs::path& file : saved()) {
+        Json json = read_json(file);
+        json.erase("commit");
+        write_file_atomically(file, json.dump());
+      }
+    }
+    EvaluationRequest accepting = request();
+    accepting.accept_other_code = true;
+    const Comparison accepted = run_evaluation(accepting);
+    EXPECT_EQ(accepted.results[0][0].value("j2j"), 7.5);
+    EXPECT_EQ(accepted.settings["commit"], Json(anigen::commit()));
+    EXPECT_EQ(accepted.settings["results_of_other_commits"],
+              (Json{{other.is_null() ? "none recorded" : "0123456789", 3}}));
+
+    testing::internal::CaptureStderr();
+    log::setup("warn");
+    const Comparison again = run_evaluation(request());
+    const std::string said = testing::internal::GetCapturedStderr();
+    EXPECT_NEAR(again.results[0][0].value("j2j"), 0.0, 1e-6);
+    EXPECT_FALSE(again.settings.contains("results_of_other_commits"));
+    const std::size_t first = said.find("3 saved results of pairs were made by ");
+    ASSERT_NE(first, std::string::npos) << said;
+    EXPECT_NE(said.find(other.is_null() ? "recorded no commit" : "0123456789", first), std::string::npos) << said;
+    EXPECT_EQ(said.find("3 saved results", first + 1), std::string::npos) << "said once: " << said;
+  }
+}
+
   fs::remove_all(folder_ / "out");
   std::vector<Comparison> comparisons(3);
   std::vector<std::thread> threads;

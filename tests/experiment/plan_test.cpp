@@ -79,6 +79,44 @@ TEST_F(ExperimentPlan, ListsRepeatFlagsStandAloneAndTextsThatAreJsonKeepTheirQuo
     EXPECT_TRUE(has_pair(command, "--set", setting));
 }
 
+TEST_F(ExperimentPlan, OnlyProgramsThatComputeOnTheDeviceAreTold) {
+  place_.device = "cuda:1";
+  program("anigen-rig", "#!/bin/sh\n");
+  const Plan p = plan(R"({"title": "x", "steps": {
+    "plain": {"program": "anigen-prepare", "args": {"--procedural": 3}},
+    "features": {"program": "anigen-prepare", "args": {"--procedural": 3, "--features": "dinov2_vits14_reg"}},
+    "surface": {"program": "anigen-prepare", "args": {"--procedural": 3, "--features": "surface"}},
+    "fit": {"program": "anigen-train", "config": "train.json", "args": {"--data-dir": "{plain}"}},
+    "latents": {"program": "anigen-encode", "words": ["ss"], "writes_into": "plain", "args": {"--data": "{plain}"}},
+    "embedded": {"program": "anigen-rig", "args": {"--method": "pinocchio", "--mesh": "{plain}"}},
+    "learned": {"program": "anigen-rig", "args": {"--method": "anymate", "--mesh": "{plain}"}},
+    "score": {"program": "anigen-eval", "args": {"--pred": "{fit}"}},
+    "weights": {"program": "anigen-eval", "args": {"--skin-ae": "{fit}"}}}})");
+  for (const char* step : {"features", "fit", "latents", "learned", "weights"})
+    EXPECT_TRUE(has_pair(job_of(p, 0, step).command, "--device", "cuda:1")) << step;
+  for (const char* step : {"plain", "surface", "embedded", "score"}) {
+    const std::vector<std::string>& command = job_of(p, 0, step).command;
+    EXPECT_EQ(std::count(command.begin(), command.end(), "--device"), 0) << step;
+  }
+}
+
+// A week of training does not start again because of a commit that changed another program.
+TEST_F(ExperimentPlan, TheCommitOfAProgramIsNotItsCode) {
+  const auto key_of = [&](const std::string& bytes) {
+    program("anigen-train", bytes);
+    return job_of(plan(kTwoVariants), 0, "fit").key;
+  };
+  const auto stamped = [](std::string commit) {
+    commit.resize(49, '\0');
+    return "anigen commit: " + commit;
+  };
+  const std::string note("\4\0\0\0\24\0\0\0\3\0\0\0GNU\0", 16);
+  const std::string before = key_of("code" + stamped("1111111111") + "more" + note + std::string(20, 'a') + "rest");
+  EXPECT_EQ(before, key_of("code" + stamped("2222222222+changes") + "more" + note + std::string(20, 'b') + "rest"));
+  EXPECT_NE(before, key_of("code" + stamped("1111111111") + "less" + note + std::string(20, 'a') + "rest"));
+  EXPECT_NE(before, key_of("code" + stamped("1111111111") + "more" + note + std::string(20, 'a') + "test"));
+}
+
 TEST_F(ExperimentPlan, AChangeRenamesJustWhatDependsOnIt) {
   const Plan before = plan(kTwoVariants);
   std::string changed = kTwoVariants;

@@ -3,11 +3,14 @@
 #include <thread>
 
 #include "anigen/core/atomic_file.h"
+#include <utility>
 #include "anigen/core/csv.h"
 #include "anigen/core/error.h"
 #include "anigen/core/file_lock.h"
 #include "anigen/io/npz.h"
 #include "anigen/io/safetensors.h"
+#include "anigen/core/log.h"
+#include "anigen/core/version.h"
 #include "anigen/loaders/datasets/sparse_structure_dataset.h"
 #include "anigen/loaders/datasets/structure_latent_dataset.h"
 #include "anigen/models/sparse_structure_runs.h"
@@ -146,6 +149,53 @@ TEST_F(EncodeSparseStructure, KeepsWhatIsUpToDateAndOnlyThat) {
 
 TEST_F(EncodeSparseStructure, TheNextStageCanReadIt) {
   const EncodeResult result = encode_sparse_structure(request_);
+// Latents of another build do not pass for those of this one, neither after a whole run nor after an interrupted one.
+TEST_F(EncodeSparseStructure, WhatAnotherCommitEncodedIsEncodedAgainUnlessAccepted) {
+  const auto list = sample_.root() / "ss_latents" / "ss_run" / "encoded.json";
+  const auto outcomes = sample_.root() / "run" / "encode-ss_latent_ss_run" / "assets";
+  const auto relabel = [](const std::filesystem::path& file, const char* place) {
+    Json json = read_json(file);
+    Json& commit = json[Json::json_pointer(place)];
+    EXPECT_EQ(commit, Json(anigen::commit())) << file;
+    commit = "0123456789";
+    write_file_atomically(file, json.dump());
+  };
+  encode_sparse_structure(request_);
+  std::filesystem::remove_all(outcomes.parent_path());
+  const std::string id = test::PublishedSample::id(0);
+  relabel(list, ("/assets/" + id + "/commit").c_str());
+  request_.accept_other_code = true;
+  EXPECT_EQ(encode_sparse_structure(request_).up_to_date, 3u);
+  EXPECT_EQ(read_json(list)["assets"][id]["commit"], "0123456789") << "kept, under its name";
+  request_.accept_other_code = false;
+  std::filesystem::remove_all(outcomes.parent_path());
+  testing::internal::CaptureStderr();
+  log::setup("warn");
+  const EncodeResult again = encode_sparse_structure(request_);
+  const std::string said = testing::internal::GetCapturedStderr();
+  EXPECT_EQ(again.encoded, 1u);
+  EXPECT_EQ(again.up_to_date, 2u);
+  for (const std::string& word :
+       {std::string("1 latents of "), std::string("commit 0123456789"), named_commit(commit())})
+    EXPECT_NE(said.find(word), std::string::npos) << said;
+  EXPECT_EQ(read_json(list)["assets"][id]["commit"], commit());
+  EXPECT_EQ(encode_sparse_structure(request_).up_to_date, 3u);
+
+  write_weights(2);
+  encode_interrupted(2);
+  std::size_t relabelled = 0;
+  for (const auto& entry : std::filesystem::directory_iterator(outcomes)) {
+    relabel(entry.path(), "/commit");
+    ++relabelled;
+  }
+  EXPECT_EQ(relabelled, 2u);
+  request_.accept_other_code = true;
+  encode_interrupted(3);
+  EXPECT_EQ(read_json(list)["assets"].size(), 2u) << "kept so far";
+  request_.accept_other_code = false;
+  EXPECT_EQ(encode_sparse_structure(request_).up_to_date, 1u) << "what the second of both encoded";
+}
+
   const std::string statistics = (sample_.root() / "ss_latents" / "ss_run_statistics.npz").string();
   const Json args = {{"latent_model", "ss_run"}, {"normalization", statistics}, {"normalization_skl", statistics}};
   const loaders::Datasets data = test::make_published(sample_, "AniGenSparseStructureLatent", args);

@@ -11,6 +11,7 @@
 
 #include "anigen/core/atomic_file.h"
 #include "anigen/core/error.h"
+#include "anigen/core/version.h"
 #include "anigen/io/gltf.h"
 #include "anigen/io/npz.h"
 #include "anigen/io/safetensors.h"
@@ -19,6 +20,7 @@
 #include "anigen/models/state_dict.h"
 #include "anigen/pipeline/generate_assets.h"
 #include "anigen/pipeline/picture_list.h"
+#include "tests/pipeline/onnx_files.h"
 #include "tests/support/paths.h"
 
 namespace anigen::pipeline {
@@ -287,6 +289,59 @@ TEST_F(GenerateAssets, UnusableModelsAreNamedBeforeAnythingIsMade) {
   fs::remove(runs / "slat_flow_control" / "ckpts" / "denoiser_ema0.9999.pt");
   EXPECT_NE(error_of(request_).find("slat_flow_control"), std::string::npos) << error_of(request_);
   fs::remove_all(runs / "ss_dae");
+// An asset of another build does not pass for one of this build: the run stops before anything is made, and says how to
+// go on.
+TEST_F(GenerateAssets, WhatAnotherCommitMadeIsRefusedUntilTheRequestSaysWhatToDo) {
+  ASSERT_EQ(one("a").failure, "");
+  Json record = read_json(made("a", "generation.json"));
+  EXPECT_EQ(record["commit"], commit());
+  EXPECT_EQ(record["version"], kVersion);
+  EXPECT_TRUE(one("a").kept);
+  for (const Json& other : {Json("0123456789"), Json()}) {
+    record["commit"] = other;
+    if (other.is_null()) record.erase("commit");  // as programs wrote it that recorded no commit
+    write_file_atomically(made("a", "generation.json"), record.dump(2));
+    try {
+      one("a");
+      ADD_FAILURE() << "kept, or made again";
+    } catch (const InputError& error) {
+      for (const std::string& word :
+           {std::string(other.is_null() ? "recorded no commit" : "commit 0123456789"), named_commit(commit()),
+            std::string("--again"), std::string("--accept-other-code")})
+        EXPECT_NE(std::string(error.what()).find(word), std::string::npos) << error.what();
+    }
+    EXPECT_EQ(read_json(made("a", "generation.json")), record) << "untouched";
+    request_.accept_other_code = true;
+    EXPECT_TRUE(one("a").kept);
+    request_.accept_other_code = false;
+    request_.sampling.seed = 43;
+    EXPECT_FALSE(one("a").kept) << "other options: there is nothing to keep";
+    EXPECT_EQ(read_json(made("a", "generation.json"))["commit"], commit());
+    request_.sampling.seed = GenerateRequest().sampling.seed;
+    write_file_atomically(made("a", "generation.json"), record.dump(2));
+    request_.again = true;
+    EXPECT_FALSE(one("a").kept);
+    EXPECT_EQ(read_json(made("a", "generation.json"))["commit"], commit());
+    request_.again = false;
+  }
+}
+
+TEST_F(GenerateAssets, TheRecordNamesTheMattingNetworkAndItsNormalisation) {
+  ASSERT_EQ(one("without").failure, "");
+  EXPECT_FALSE(read_json(made("without", "generation.json"))["settings"].contains("matting"));
+  request_.pictures.matting.network = folder_ / "network.onnx";
+  write_file_atomically(request_.pictures.matting.network, test::onnx_bytes(test::channel_sum_network(8, {1, 0, 0})));
+  ASSERT_EQ(one("a").failure, "");
+  const Json matting = read_json(made("a", "generation.json"))["settings"]["matting"];
+  EXPECT_EQ(matting["network"], request_.pictures.matting.network.string());
+  EXPECT_EQ(matting["mean"], (Json{0.485, 0.456, 0.406}));
+  EXPECT_EQ(matting["deviation"], (Json{0.229, 0.224, 0.225}));
+  EXPECT_TRUE(one("a").kept);
+  request_.pictures.matting.mean = {0.5, 0.5, 0.5};
+  EXPECT_FALSE(one("a").kept) << "another mean";
+  EXPECT_EQ(read_json(made("a", "generation.json"))["settings"]["matting"]["mean"], (Json{0.5, 0.5, 0.5}));
+}
+
   EXPECT_NE(error_of(request_).find("ss_dec_path"), std::string::npos) << error_of(request_);
   EXPECT_FALSE(fs::exists(request_.output));
 }
@@ -302,3 +357,11 @@ TEST_F(GenerateAssets, OnePictureOneName) {
 
 }  // namespace
 }  // namespace anigen::pipeline
+TEST_F(GenerateAssets, NormalsThatNoFlowSeesAreRefused) {
+  request_.models.structure_condition = StructureCondition::kColor;
+  request_.pictures.normals = NormalSource::kFlat;
+  EXPECT_THROW(one("a"), InputError);
+  request_.pictures.normals = NormalSource::kColors;
+  EXPECT_EQ(one("a").failure, "");
+}
+

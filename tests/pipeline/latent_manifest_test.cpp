@@ -12,8 +12,8 @@ class Manifest : public testing::Test {
  protected:
   Manifest() {
     LatentManifest first(folder_.path(), "A");
-    first.add("one", "voxels 1");
-    first.add("two", "voxels 2");
+    first.add("one", "voxels 1", "first commit");
+    first.add("two", "voxels 2", "second commit");
   }
   bool on_disk(const std::string& encoder, const std::string& id, const std::string& inputs) const {
     return LatentManifest(folder_.path(), encoder).up_to_date(id, inputs);
@@ -34,7 +34,7 @@ TEST_F(Manifest, PromisesNothingThatIsAboutToBeReplaced) {
   running.forget({"one"});
   EXPECT_FALSE(on_disk("A", "one", "voxels 1"));
   EXPECT_TRUE(on_disk("A", "two", "voxels 2"));
-  running.add("one", "voxels 1, again");
+  running.add("one", "voxels 1, again", "third commit");
   EXPECT_FALSE(on_disk("A", "one", "voxels 1"));
 }
 
@@ -44,6 +44,16 @@ TEST_F(Manifest, OfAnotherEncoderForgetsTheFirst) {
   running.forget({"one"});
   EXPECT_FALSE(on_disk("A", "one", "voxels 1"));
   EXPECT_FALSE(on_disk("A", "two", "voxels 2"));
+}
+
+TEST_F(Manifest, SaysWhichProgramEncodedAnAsset) {
+  const LatentManifest manifest(folder_.path(), "A");
+  EXPECT_EQ(manifest.commit_of("one"), "first commit");
+  EXPECT_EQ(manifest.commit_of("two"), "second commit");
+  // A file of a program that recorded no commit still says what was encoded.
+  write_file_atomically(folder_ / "encoded.json", R"({"encoder": "A", "assets": {"one": "voxels 1"}})");
+  EXPECT_TRUE(on_disk("A", "one", "voxels 1"));
+  EXPECT_EQ(LatentManifest(folder_.path(), "A").commit_of("one"), "");
 }
 
 TEST_F(Manifest, ThatIsDamagedCountsAsEmpty) {

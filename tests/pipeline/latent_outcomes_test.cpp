@@ -32,16 +32,33 @@ TEST(LatentOutcomes, GoFromOneProcessToTheOthers) {
   EXPECT_TRUE(second.concluded());
 }
 
+// Two builds of the program do not share a run: their latents may differ.
+TEST(LatentOutcomes, AreNotSharedWithAnotherCommit) {
+  const test::TemporaryFolder folder;
+  const LatentOutcomes outcomes(folder.path(), "latent_x");
+  outcomes.begin("A", {});
+  std::set<std::string> kept;
+  EXPECT_TRUE(outcomes.join("A", kept));
+  const auto file = folder / "run" / "encode-latent_x" / "run.json";
+  Json run = read_json(file);
+  run["commit"] = "0123456789";
+  write_file_atomically(file, run.dump());
+  EXPECT_FALSE(outcomes.join("A", kept));
+}
+
 TEST(LatentOutcomes, TellTheNextRunWhatWasEncodedByItsEncoder) {
   const test::TemporaryFolder folder;
   const LatentOutcomes outcomes(folder.path(), "latent_x");
   EXPECT_TRUE(outcomes.encoded_by("A").empty());
   outcomes.begin("A", {});
-  outcomes.write("one", {"voxels", "", {}, {}});
+  outcomes.write("one", {"voxels", "", {}, {}, "a commit"});
   outcomes.write("kept", {"", "", {}, {}});
   outcomes.write("two", {"voxels", "is broken", {}, {}});
   write_file_atomically(folder / "run" / "encode-latent_x" / "assets" / "three.json", "{");
-  EXPECT_EQ(outcomes.encoded_by("A"), (std::map<std::string, std::string>{{"one", "voxels"}}));
+  const std::map<std::string, LatentOutcome> encoded = outcomes.encoded_by("A");
+  ASSERT_EQ(encoded.size(), 1u);
+  EXPECT_EQ(encoded.at("one").inputs, "voxels");
+  EXPECT_EQ(encoded.at("one").commit, "a commit");
   EXPECT_TRUE(outcomes.encoded_by("B").empty());
   outcomes.begin("A", {});
   EXPECT_TRUE(outcomes.encoded_by("A").empty());

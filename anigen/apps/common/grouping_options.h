@@ -1,6 +1,7 @@
 #pragma once
 #include <CLI/CLI.hpp>
 
+#include "anigen/apps/common/ranges.h"
 #include "anigen/geometry/vote_clustering.h"
 
 namespace anigen {
@@ -9,9 +10,11 @@ namespace anigen {
 inline void add_grouping_options(CLI::App& app, geometry::MeanShiftOptions& grouping) {
   app.add_option("--grouping-bandwidth", grouping.bandwidth,
                  "Votes for joints so far apart become one, in units of the box; more for models that trained briefly")
+      ->check(number(0, 1, RangeEnds::kOpenBelow))
       ->capture_default_str();
   app.add_option("--grouping-least-votes", grouping.min_cluster_size,
                  "Groups of fewer votes are no joint, unless none would be left; fewer for coarse voxels")
+      ->check(whole_number(1, 1'000'000))
       ->capture_default_str();
 }
 

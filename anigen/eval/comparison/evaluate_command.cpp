@@ -1,6 +1,7 @@
 #include "anigen/eval/comparison/evaluate_command.h"
 
 #include <algorithm>
+#include <map>
 #include <optional>
 #include <set>
 #include <utility>
@@ -194,6 +195,18 @@ std::pair<std::string, fs::path> named_path(const std::string& text) {
   // A path may hold an equals sign, too; a name holds no separator.
   if (sign != std::string::npos && sign > 0 && text.find('/') > sign && sign + 1 < text.size())
     return {text.substr(0, sign), text.substr(sign + 1)};
+/// How many results each other build of the program made, where they were accepted.
+Json other_commits(const Comparison& comparison) {
+  std::map<std::string, std::size_t> counts;
+  for (const std::vector<PairResult>& method : comparison.results) {
+    for (const PairResult& result : method) {
+      if (result.failure.empty() && result.commit != commit())
+        ++counts[result.commit.empty() ? "none recorded" : result.commit];
+    }
+  }
+  return counts;
+}
+
   fs::path path = fs::path(text).lexically_normal();
   if (!path.has_filename()) path = path.parent_path();
   const std::string label = fs::is_directory(path) ? path.filename().string() : path.stem().string();
@@ -235,3 +248,7 @@ Comparison run_evaluation(const EvaluationRequest& request) {
 }
 
 }  // namespace anigen::eval
+  run.accept_other_code = request.accept_other_code;
+  comparison.settings["commit"] = commit();
+  const Json others = other_commits(comparison);
+  if (!others.empty()) comparison.settings["results_of_other_commits"] = others;

@@ -24,7 +24,7 @@ struct EvaluationRequest {
   io::Axes prediction_axes = io::Axes::kFormat, truth_axes = io::Axes::kFormat;
   PairSettings settings;
   PerceptualDistance perceptual;  ///< LPIPS of two pictures, called from several threads; settings.lpips describes it
-  bool resume = true;
+  bool resume = true, accept_other_code = false;  ///< as ComparisonRun's
   bool report = true;
   std::size_t pictured = 6;
   std::string motion;                ///< FILE or FILE#CLIP that every truth moves by (read_motion()); empty: its own

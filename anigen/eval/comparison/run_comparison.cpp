@@ -1,8 +1,10 @@
 #include "anigen/eval/comparison/run_comparison.h"
 
 #include <algorithm>
+#include <exception>
 #include <map>
 #include <optional>
+#include <utility>
 
 #include "anigen/core/atomic_file.h"
 #include "anigen/core/error.h"
@@ -33,18 +35,47 @@ std::string stamp(const PairSettings& settings, const CategoryQuestion& category
   return std::to_string(hash) + "-" + std::to_string(fingerprint(truth));
 }
 
-bool load(const fs::path& path, const std::string& wanted, PairResult& result) {
+bool load(const fs::path& path, const std::string& wanted, bool accept_other_code, PairResult& result) {
   std::error_code ignored;
   if (!fs::exists(path, ignored)) return false;
   try {
     const Json json = read_json(path);
     if (json.value("stamp", "") != wanted) return false;
-    result = pair_result_from_json(json, path.string());
+    PairResult found = pair_result_from_json(json, path.string());
+    if (found.commit != commit() && !accept_other_code) return false;
+    result = std::move(found);
     return true;
   } catch (const InputError& error) {
     log::warn("{}: computed again", error.what());
     return false;
   }
+}
+
+fs::path saved_file(const ComparisonRun& run, const std::string& label, const std::string& id) {
+  return run.cache / file_name(label) / (file_name(id) + ".json");
+}
+
+/// Says once which saved results another build of the program made, and that they do not count.
+void tell_of_other_code(const std::vector<ComparedMethod>& methods, const ComparisonRun& run) {
+  if (!run.resume || run.accept_other_code) return;
+  std::size_t count = 0;
+  std::string by;
+  for (const ComparedMethod& method : methods) {
+    for (const PairPlan& pair : method.pairs) {
+      const fs::path file = saved_file(run, method.label, pair.id);
+      std::error_code ignored;
+      if (!fs::exists(file, ignored)) continue;
+      try {
+        const std::string found = read_json(file).value("commit", "");
+        if (found == commit()) continue;
+        if (count++ == 0) by = found;
+      } catch (const std::exception&) {  // damaged: said when the pair's turn comes
+      }
+    }
+  }
+  if (count == 0) return;
+  log::warn("{} saved results of pairs were made by {}; {} computes them again (--accept-other-code keeps them)", count,
+            named_commit(by), named_commit(commit()));
 }
 
 PairResult evaluate(const PairPlan& pair, const ComparedMethod& method, const ComparisonRun& run) {
@@ -56,13 +87,14 @@ PairResult evaluate(const PairPlan& pair, const ComparedMethod& method, const Co
     CategoryQuestion category;
     if (run.categories != nullptr) category = {run.categories, method.truths->category(pair.truth_id), pair.truth_id};
     const std::string wanted = stamp(run.settings, category, predicted, truth);
-    const fs::path saved = run.cache / file_name(method.label) / (file_name(pair.id) + ".json");
-    if (run.resume && load(saved, wanted, result)) {
+    const fs::path saved = saved_file(run, method.label, pair.id);
+    if (run.resume && load(saved, wanted, run.accept_other_code, result)) {
       result.id = pair.id;
       return result;
     }
     result = evaluate_pair(predicted, truth, run.settings, run.perceptual, category, run.motion);
     result.id = pair.id;
+    result.commit = commit();
     Json json = to_json(result);
     json["stamp"] = wanted;
     write_file_atomically(saved, json.dump(1) + "\n");
@@ -84,6 +116,7 @@ Comparison run_comparison(const std::vector<ComparedMethod>& methods, const Comp
     throw Error("references of categories and their description belong together: saved results are told apart by it");
   if ((run.motion == nullptr) != run.settings.motion.is_null())
     throw Error("a motion and its description belong together: saved results are told apart by it");
+  tell_of_other_code(methods, run);
   Comparison comparison;
   comparison.seed = run.settings.seed;
   for (const PairPlan& pair : methods[0].pairs) comparison.ids.push_back(pair.id);

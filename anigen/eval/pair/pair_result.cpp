@@ -28,6 +28,7 @@ Json to_json(const PairResult& result) {
   json["not_computed"] = result.not_computed;
   json["notes"] = result.notes;
   json["details"] = result.details;
+  json["commit"] = result.commit;
   return json;
 }
 
@@ -40,6 +41,7 @@ PairResult pair_result_from_json(const Json& json, const std::string& file) {
     result.not_computed = json.at("not_computed").get<std::map<std::string, std::string>>();
     result.notes = json.at("notes").get<std::vector<std::string>>();
     result.details = json.at("details");
+    result.commit = json.value("commit", "");
     return result;
   } catch (const Json::exception& error) {
     throw InputError(file, "", std::string("not a saved evaluation of a pair: ") + error.what());

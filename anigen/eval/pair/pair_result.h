@@ -15,6 +15,7 @@ struct PairResult {
   std::map<std::string, std::string> not_computed;  ///< key → reason
   std::vector<std::string> notes;                   ///< repairs of the inputs, starts chosen, anything worth knowing
   Json details = Json::object();                    ///< alignment, sizes, matching: what a reviewer may ask for
+  std::string commit;  ///< of the program that computed it (core/version.h); empty where a saved result has none
 
   /// Sets a value; one that is not finite becomes a reason instead.
   void set(const std::string& key, double value);

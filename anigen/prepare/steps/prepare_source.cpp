@@ -5,6 +5,7 @@
 #include <optional>
 #include <utility>
 
+#include "anigen/core/version.h"
 #include "anigen/core/error.h"
 #include "anigen/prepare/augment/pose_augmentation.h"
 #include "anigen/prepare/import_asset.h"
@@ -107,7 +108,7 @@ AssetOutcome SourcePreparer::prepare_asset(const Root& root, AssetJob& job, cons
   const std::string root_fingerprint = records.fingerprint(kImport, kImportVersion, root.options, {});
   if (!records.has(kImport) || records.steps.at(kImport).fingerprint != root_fingerprint ||
       !readable(records.columns(kImport))) {
-    StepResult result{root_fingerprint, kImportVersion, root.options, {}, 0, 0, Json::object()};
+    StepResult result{root_fingerprint, kImportVersion, root.options, {}, 0, 0, Json::object(), commit()};
     const std::string name = root.variant == 0 ? kImport : "augment";
     if (!attempt(name, root_fingerprint, [&] { result.columns = root.columns(); })) return outcome;
     records.steps[kImport] = std::move(result);
@@ -120,6 +121,7 @@ AssetOutcome SourcePreparer::prepare_asset(const Root& root, AssetJob& job, cons
   for (const PlannedStep& planned : steps_) {
     if (outcome.rejected_pose) break;
     const Step& step = *planned.step;
+    result.commit = commit();
     bool possible = true;
     for (const std::string& input : step.inputs()) possible = possible && records.has(input);
     if (!possible || up_to_date(step, job.places(), records, !planned.asked)) continue;

@@ -64,6 +64,7 @@ StepRecords read_step_records(const std::filesystem::path& file) {
       step.at("files").get_to(result.files);
       step.at("bytes").get_to(result.bytes);
       result.columns = step.at("columns");
+      result.commit = step.value("commit", "");
       if (!result.columns.is_object()) return {};
       records.steps[name] = std::move(result);
     }
@@ -80,7 +81,7 @@ void write_step_records(const std::filesystem::path& file, const std::string& id
   for (const auto& [name, result] : records.steps) {
     steps[name] = {{"fingerprint", result.fingerprint}, {"version", result.version}, {"options", result.options},
                    {"inputs", result.inputs},           {"files", result.files},     {"bytes", result.bytes},
-                   {"columns", result.columns}};
+                   {"columns", result.columns},         {"commit", result.commit}};
   }
   const Json json = {{"format", kFormat}, {"id", id}, {"steps", steps}};
   // Names inside some files are not UTF-8; a record is, whatever it quotes.

@@ -18,6 +18,7 @@ struct StepResult {
   std::size_t files = 0;            ///< outputs
   std::uintmax_t bytes = 0;
   Json columns = Json::object();  ///< what it measured; the merge makes cells of metadata.csv from them
+  std::string commit{};  ///< of the program that did it (core/version.h), for people: `version` decides what is kept
 };
 
 /// records/<id>.json: which steps are done for an asset, under which options, and what they found. Depends on the
