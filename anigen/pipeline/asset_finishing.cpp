@@ -44,6 +44,13 @@ Mesh finished_mesh(const Mesh& dense, const FinishingOptions& options, std::vect
   return mesh;
 }
 
+/// Skin weights and colours at the finished mesh's vertices. Vertices that nothing replaced keep their own rows: a
+/// transfer would take those of whatever lies nearest, another layer where two touch.
+geometry::TransferredAttributes carried_attributes(const Asset& dense, const std::vector<Eigen::Vector3f>& vertices) {
+  if (vertices == dense.mesh.vertices) return {dense.skin, dense.mesh.colors};
+  return geometry::transfer_attributes(dense.mesh, dense.skin, vertices);
+}
+
 /// @return false, with a notice, for a surface in too many pieces for the texture
 bool give_texture(Asset& asset, const Mesh& colored, const FinishingOptions& options, FinishedAsset& finished) {
   raytrace::TextureOptions texture;
@@ -81,7 +88,7 @@ FinishedAsset finish_asset(const Asset& dense, const FinishingOptions& options) 
   asset.name = dense.name;
   asset.skeleton = dense.skeleton;
   asset.mesh = finished_mesh(dense.mesh, options, finished.notices);
-  geometry::TransferredAttributes carried = geometry::transfer_attributes(dense.mesh, dense.skin, asset.mesh.vertices);
+  geometry::TransferredAttributes carried = carried_attributes(dense, asset.mesh.vertices);
   asset.skin = std::move(carried.skin);
   const std::size_t joints = asset.skeleton.size();
   if (options.filter_skin) {

@@ -31,8 +31,9 @@ struct FinishedAsset {
   std::vector<std::string> notices;  ///< a sentence each: what was done, with numbers
 };
 
-/// Simplifies the mesh, removes hidden faces, closes small holes, carries skin weights over, filters and smooths them,
-/// and turns vertex colours into a texture, in the published order. The skeleton stays as it is.
+/// Simplifies the mesh, removes hidden faces, closes small holes, carries skin weights over unless the vertices stayed
+/// what they were, filters and smooths the weights, and turns vertex colours into a texture, in the published order. The
+/// skeleton stays as it is.
 /// @param dense as decoded_asset() gives it: vertex colours, skin rows that sum to 1
 /// @throws InputError on an option out of range
 FinishedAsset finish_asset(const Asset& dense, const FinishingOptions& options = {});

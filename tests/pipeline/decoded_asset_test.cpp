@@ -9,6 +9,7 @@
 #include "anigen/asset/validate.h"
 #include "anigen/core/error.h"
 #include "anigen/io/gltf.h"
+#include "anigen/pipeline/asset_finishing.h"
 #include "tests/support/paths.h"
 
 namespace anigen::pipeline {
@@ -160,6 +161,52 @@ TEST(DecodedAsset, RefusesWhatIsNotSound) {
   bad = DecodedTetrahedron();
   bad.mesh.faces = torch::zeros({0, 3}, torch::kInt64);
   EXPECT_THROW(bad.asset(), InputError);
+}
+
+/// Two squares in one place that share no vertex, each with a joint of its own, and a vertex without faces.
+Asset two_layers() {
+  Asset asset;
+  asset.skeleton = skeleton_from_joints({{0, 0, 0}, {0, 0, 0.5}}, {-1, 0}, {"lower", "upper"});
+  for (std::int32_t layer = 0; layer < 2; ++layer) {
+    for (const auto& [x, y] : {std::pair(0.0F, 0.0F), {0.4F, 0.0F}, {0.4F, 0.4F}, {0.0F, 0.4F}}) {
+      asset.mesh.vertices.emplace_back(x, y, 0.0F);
+      asset.mesh.colors.emplace_back(static_cast<float>(layer), 0.5F, 0.5F, 1.0F);
+      asset.skin.append_row({{layer, 1.0F}});
+    }
+    asset.mesh.faces.push_back({4 * layer, 4 * layer + 1, 4 * layer + 2});
+    asset.mesh.faces.push_back({4 * layer, 4 * layer + 2, 4 * layer + 3});
+  }
+  asset.mesh.vertices.emplace_back(0.2F, 0.2F, 0.2F);
+  asset.mesh.colors.emplace_back(0.25F, 0.25F, 0.25F, 1.0F);
+  asset.skin.append_row({{0, 0.5F}, {1, 0.5F}});
+  return asset;
+}
+
+FinishingOptions nothing_to_finish() {
+  FinishingOptions options;
+  options.reduction = 0.0;
+  options.remove_hidden = options.filter_skin = false;
+  options.smoothing_iterations = options.texture_size = 0;
+  return options;
+}
+
+// Reference flows-and-pipeline.md, end of 5.8: weights are transferred only when the mesh became another one.
+TEST(FinishedAssets, VerticesThatStayKeepTheirOwnRows) {
+  const Asset dense = two_layers();
+  const Asset finished = finish_asset(dense, nothing_to_finish()).asset;
+  ASSERT_EQ(finished.mesh.vertices, dense.mesh.vertices);
+  EXPECT_EQ(to_dense(finished.skin, 2), to_dense(dense.skin, 2));
+  EXPECT_EQ(finished.mesh.colors, dense.mesh.colors);
+}
+
+TEST(FinishedAssets, VerticesOfAnotherMeshGetWhatLiesNearest) {
+  FinishingOptions options = nothing_to_finish();
+  options.reduction = 0.25;
+  const Asset dense = two_layers();
+  const Asset finished = finish_asset(dense, options).asset;
+  EXPECT_NE(finished.mesh.vertices, dense.mesh.vertices);
+  ASSERT_EQ(finished.skin.rows(), finished.mesh.vertices.size());
+  for (std::size_t v = 0; v < finished.skin.rows(); ++v) EXPECT_GT(finished.skin.row_size(v), 0u);
 }
 
 }  // namespace
