@@ -70,8 +70,10 @@ std::vector<float> to_dense(const SkinWeights& weights, std::size_t joints) {
   return dense;
 }
 
-SkinWeights from_dense(const std::vector<float>& dense, std::size_t rows, std::size_t joints, float threshold) {
+SkinWeights from_dense(const std::vector<float>& dense, std::size_t rows, std::size_t joints, float threshold,
+                       std::size_t* unweighted) {
   SkinWeights weights;
+  std::size_t empty = 0;
   std::vector<Influence> row;
   for (std::size_t v = 0; v < rows; ++v) {
     row.clear();
@@ -79,9 +81,13 @@ SkinWeights from_dense(const std::vector<float>& dense, std::size_t rows, std::s
       const float weight = dense[v * joints + j];
       if (weight > threshold) row.push_back({static_cast<std::int32_t>(j), weight});
     }
-    if (row.empty()) row.push_back({0, 1.0f});
+    if (row.empty()) {
+      row.push_back({0, 1.0f});
+      ++empty;
+    }
     weights.append_row(row);
   }
+  if (unweighted != nullptr) *unweighted = empty;
   return weights;
 }
 

@@ -33,6 +33,8 @@ SkinWeights limit_influences(const SkinWeights& weights, std::size_t count);
 std::vector<float> to_dense(const SkinWeights& weights, std::size_t joints);
 /// @param dense row-major [rows, joints]; entries ≤ threshold are dropped and rows divided by their sum. A row
 /// with nothing left becomes weight 1 on joint 0 (what the published SkinAE trainer does).
-SkinWeights from_dense(const std::vector<float>& dense, std::size_t rows, std::size_t joints, float threshold = 0.0f);
+/// @param unweighted gets the number of such rows, unless null
+SkinWeights from_dense(const std::vector<float>& dense, std::size_t rows, std::size_t joints, float threshold = 0.0f,
+                       std::size_t* unweighted = nullptr);
 
 }  // namespace anigen

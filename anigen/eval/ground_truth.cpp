@@ -56,7 +56,9 @@ GroundTruth read_ground_truth(const fs::path& root, const std::string& id) {
   const std::size_t columns = truth.joints.size();
   for (std::size_t v = 0; v < truth.vertices.size(); ++v) {
     float* row = truth.skin.data() + v * columns;
-    if (std::all_of(row, row + columns, [](float w) { return w == 0.0f; })) row[0] = 1.0f;
+    if (std::any_of(row, row + columns, [](float w) { return w != 0.0f; })) continue;
+    row[0] = 1.0f;
+    ++truth.unweighted;
   }
   normalize_rows(truth.skin, truth.vertices.size(), columns, file.string());
   truth.faces = fields.triangles("faces", truth.vertices.size());

@@ -7,6 +7,7 @@
 
 #include "anigen/core/error.h"
 #include "anigen/core/interrupt.h"
+#include "anigen/core/log.h"
 #include "anigen/core/parallel.h"
 #include "anigen/core/progress.h"
 #include "anigen/eval/inputs/pairs.h"
@@ -29,12 +30,22 @@ MethodResult run_method(const SkinMethod& method, const io::DatasetItem& item, c
     }
     normalize_rows(predicted, truth.vertex_count(), truth.joint_count(), method.label);
     result.scores = score_skin(predicted, truth.skin, truth.vertex_count(), truth.joint_count());
-  } catch (const Interrupted&) {
-    throw;
-  } catch (const std::exception& error) {
-    result.failure = error.what();
+  } catch (...) {
+    result.failure = failure_of_item();
   }
   return result;
+}
+
+/// Vertices that the ground truth does not bind count like all others, for joint 0: whoever reads the scores must know.
+void tell_of_unweighted(const std::vector<AssetResult>& assets) {
+  std::size_t vertices = 0, touched = 0;
+  for (const AssetResult& asset : assets) {
+    vertices += asset.unweighted;
+    touched += asset.unweighted > 0 ? 1 : 0;
+  }
+  if (vertices == 0) return;
+  log::warn("{} vertices of {} assets have no weight in the ground truth: they are evaluated as bound to joint 0",
+            vertices, touched);
 }
 
 /// The methods that may (or may not) run in parallel on one asset.
@@ -43,12 +54,14 @@ void run_methods(const fs::path& dataset, const std::vector<SkinMethod>& methods
     const GroundTruth truth = read_ground_truth(dataset, asset.item.id);
     asset.joints = truth.joint_count();
     asset.vertices = truth.vertex_count();
+    asset.unweighted = truth.unweighted;
     for (std::size_t m = 0; m < methods.size(); ++m) {
       if (methods[m].parallel == parallel) asset.methods[m] = run_method(methods[m], asset.item, truth);
     }
-  } catch (const InputError& error) {
+  } catch (...) {
+    const std::string failure = failure_of_item();
     for (std::size_t m = 0; m < methods.size(); ++m) {
-      if (methods[m].parallel == parallel) asset.methods[m].failure = error.what();
+      if (methods[m].parallel == parallel) asset.methods[m].failure = failure;
     }
   }
 }
@@ -94,6 +107,7 @@ SkinEvaluation evaluate_skin(const fs::path& dataset, const std::vector<io::Data
     progress.advance();
   }
   throw_if_interrupted();
+  tell_of_unweighted(evaluation.assets);
   return evaluation;
 }
 

@@ -21,6 +21,7 @@ struct MethodResult {
 struct AssetResult {
   io::DatasetItem item;
   std::size_t joints = 0, vertices = 0;
+  std::size_t unweighted = 0;         ///< vertices without weights in the ground truth, bound to joint 0
   std::vector<MethodResult> methods;  ///< one per method of the evaluation
 };
 

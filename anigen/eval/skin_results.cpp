@@ -39,6 +39,7 @@ Json asset_json(const AssetResult& asset, std::size_t method) {
   Json json = {{"id", asset.item.id},         {"name", asset.item.name},         {"source", asset.item.source},
                {"usable", asset.item.usable}, {"bad_skin", asset.item.bad_skin}, {"joints", asset.joints},
                {"vertices", asset.vertices}};
+  if (asset.unweighted > 0) json["unweighted_vertices"] = asset.unweighted;
   if (!result.failure.empty()) {
     json["failure"] = result.failure;
     return json;

@@ -46,7 +46,7 @@ RiggedItem read_rigged_item(const AssetId& asset, std::size_t max_joints) {
   RigArrays arrays = read_rig_arrays(asset, max_joints);
   RiggedItem item;
   item.id = asset.id;
-  item.skin = from_dense(arrays.skin, arrays.vertices.size(), arrays.joints.size());
+  item.skin = from_dense(arrays.skin, arrays.vertices.size(), arrays.joints.size(), 0.0f, &item.unweighted);
   item.joints = std::move(arrays.joints);
   item.parents = std::move(arrays.parents);
   item.vertices = std::move(arrays.vertices);

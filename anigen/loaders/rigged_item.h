@@ -19,6 +19,7 @@ struct RiggedItem {
   std::vector<Eigen::Vector3f> vertices;  ///< [V]
   std::vector<Triangle> faces;            ///< [F], F > 0
   SkinWeights skin;                       ///< [V] rows; an all-zero row has weight 1 on joint 0
+  std::size_t unweighted = 0;             ///< those rows
 
   std::size_t bytes() const;  ///< memory it takes, about
 };

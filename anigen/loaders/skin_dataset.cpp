@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "anigen/core/error.h"
+#include "anigen/core/log.h"
 #include "anigen/core/parallel.h"
 #include "anigen/core/progress.h"
 #include "anigen/loaders/broken_assets.h"
@@ -56,6 +57,7 @@ struct SkinDataset::Entry {
 SkinDataset::SkinDataset(std::vector<AssetId> assets, const Options& options) : options_(options) {
   std::vector<std::string> errors;
   std::uintmax_t used = 0;
+  std::size_t unweighted = 0, touched = 0;  // vertices, and assets that have such
   Progress progress("reading rigs", assets.size(), "assets");
   for (std::size_t first = 0; first < assets.size(); first += kReadTogether) {
     const std::size_t count = std::min(kReadTogether, assets.size() - first);
@@ -77,6 +79,10 @@ SkinDataset::SkinDataset(std::vector<AssetId> assets, const Options& options) : 
         errors.push_back(problems[i]);
         continue;
       }
+      if (read[i] && read[i]->item.unweighted > 0) {
+        unweighted += read[i]->item.unweighted;
+        ++touched;
+      }
       if (read[i]) used += read[i]->bytes();
       if (used > options.memory_budget) read[i] = nullptr;
       visits_.insert(visits_.end(), assets[first + i].repeat, assets_.size());
@@ -85,6 +91,8 @@ SkinDataset::SkinDataset(std::vector<AssetId> assets, const Options& options) : 
     }
   }
   progress.finish();
+  if (unweighted > 0)
+    log::warn("{} vertices of {} assets have no weight and follow joint 0, as published", unweighted, touched);
   report_broken(errors, assets.size(), options.skip_broken);
 }
 

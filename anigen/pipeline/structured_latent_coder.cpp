@@ -3,6 +3,7 @@
 #include <memory>
 
 #include "anigen/core/config_reader.h"
+#include "anigen/core/log.h"
 #include "anigen/core/sha256.h"
 #include "anigen/geometry/nearest_surface.h"
 #include "anigen/loaders/files/pooled_voxels.h"
@@ -68,7 +69,11 @@ StructuredLatentCoder::Inputs StructuredLatentCoder::inputs(const loaders::Asset
     skeleton.coords = geometry::dilate(skeleton.coords, data_.resolution, data_.skl_dilation_iter);
   }
   loaders::RigArrays rig = loaders::read_rig_arrays(asset);
-  loaders::normalize_skin_rows(rig.skin, rig.joints.size());
+  const std::size_t unweighted = loaders::normalize_skin_rows(rig.skin, rig.joints.size());
+  if (unweighted > 0) {
+    log::warn("{}: {} of {} vertices have no weight and follow joint 0, as published", asset.id, unweighted,
+              rig.vertices.size());
+  }
   if (data_.skin_accum_as_flow) loaders::accumulate_skin_as_flow(rig.skin, rig.parents);
   loaders::RigBatch batch;
   batch.append(rig);

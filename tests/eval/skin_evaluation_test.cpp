@@ -2,6 +2,9 @@
 
 #include <gtest/gtest.h>
 
+#include <new>
+#include <stdexcept>
+
 #include "anigen/core/atomic_file.h"
 #include "anigen/core/error.h"
 #include "anigen/core/html.h"
@@ -48,6 +51,36 @@ class SkinEvaluationTest : public testing::Test {
 
 TEST_F(SkinEvaluationTest, GroundTruthRowsAreRepairedAsTrainingDoes) {
   EXPECT_EQ(read_ground_truth(root(), "a").skin, (std::vector<float>{1, 0, 1, 0, 0, 1}));
+}
+
+// Whoever reads a score must know that part of its ground truth was made up.
+TEST_F(SkinEvaluationTest, VerticesWithoutWeightsInTheGroundTruthAreCounted) {
+  const fs::path file = root() / "skeleton" / "a" / "skeleton_voxelized.npz";
+  io::NamedArrays arrays = io::read_npz(file);
+  for (auto& [name, array] : arrays) {
+    if (name == "skin") array = io::NdArray::from(std::vector<float>{0, 0, 0, 0, 0, 1}, {3, 2});
+  }
+  io::write_npz(file, arrays);
+  const SkinEvaluation evaluation = evaluate();
+  EXPECT_EQ(evaluation.assets[0].unweighted, 2u);
+  const Json json = to_json(evaluation);
+  EXPECT_EQ(json["assets"][0]["unweighted_vertices"], 2);
+}
+
+TEST_F(SkinEvaluationTest, AMethodThatRunsOutOfMemoryOrIsInterrupted) {
+  std::vector<SkinMethod> methods = skin_baselines();
+  methods[0].parallel = false;
+  methods[0].predict = [](const io::DatasetItem& item, const GroundTruth&) -> std::vector<float> {
+    if (item.id == "a") throw std::bad_alloc();
+    throw std::runtime_error("shapes differ\nException raised from f at x.cpp:1\nframe #0");
+  };
+  const SkinEvaluation evaluation = evaluate_skin(root(), io::list_dataset(root()), methods);
+  EXPECT_EQ(evaluation.assets[0].methods[0].failure, "out of memory");
+  EXPECT_EQ(evaluation.assets[1].methods[0].failure, "shapes differ");
+  methods[0].predict = [](const io::DatasetItem&, const GroundTruth&) -> std::vector<float> {
+    throw Interrupted("stopped");
+  };
+  EXPECT_THROW(evaluate_skin(root(), io::list_dataset(root()), methods), Interrupted);
 }
 
 TEST_F(SkinEvaluationTest, ScoresPredictionsAndKeepsFailuresApart) {

@@ -10,7 +10,7 @@ namespace {
 
 TEST(SkinRows, ZeroRowsGoToJointZeroAndRowsSumToOne) {
   std::vector<float> skin{0, 0, 0, 0, 2, 6, 0.5f, 0.25f, 0.25f};
-  normalize_skin_rows(skin, 3);
+  EXPECT_EQ(normalize_skin_rows(skin, 3), 1u) << "rows without weight";
   EXPECT_EQ(skin, (std::vector<float>{1, 0, 0, 0, 0.25f, 0.75f, 0.5f, 0.25f, 0.25f}));
 }
 

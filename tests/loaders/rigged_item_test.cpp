@@ -51,7 +51,9 @@ TEST_F(RiggedItemFile, RowsWithoutWeightGoToJointZeroAndOthersAreNormalised) {
   std::fill_n(skin.begin(), 5, 0.0f);
   for (int j = 0; j < 5; ++j) skin[static_cast<std::size_t>(5 + j)] = j == 2 ? 3.0f : j == 4 ? 1.0f : 0.0f;
   arrays[2].second = io::NdArray::from(skin, {80, 5});
-  const std::vector<float> dense = to_dense(read(arrays).skin, 5);
+  const RiggedItem item = read(arrays);
+  EXPECT_EQ(item.unweighted, 1u);
+  const std::vector<float> dense = to_dense(item.skin, 5);
   EXPECT_EQ(dense[0], 1.0f);
   EXPECT_EQ(dense[5 + 2], 0.75f);
   EXPECT_EQ(dense[5 + 4], 0.25f);

@@ -1,5 +1,6 @@
 #include "anigen/loaders/datasets/feature_skeleton_dataset.h"
 
+#include "anigen/core/log.h"
 #include "anigen/core/random.h"
 #include "anigen/loaders/files/pooled_voxels.h"
 #include "anigen/loaders/files/skin_rows.h"
@@ -64,7 +65,11 @@ std::unique_ptr<AssetDataset::Sample> FeatureSkeletonDataset::read(std::size_t i
   Rng view(seed(), "view", position);
   pack->view = read_view(view_folder(id), options_.image_size, view);
   pack->rig = read_rig_arrays(id);
-  normalize_skin_rows(pack->rig.skin, pack->rig.joints.size());
+  const std::size_t unweighted = normalize_skin_rows(pack->rig.skin, pack->rig.joints.size());
+  if (unweighted > 0 && !told_unweighted_.exchange(true)) {
+    log::warn("{}: {} of {} vertices have no weight and follow joint 0, as published; said of the first such asset only",
+              rig_path(id).string(), unweighted, pack->rig.vertices.size());
+  }
   if (options_.skin_accum_as_flow) accumulate_skin_as_flow(pack->rig.skin, pack->rig.parents);
   if (options_.load_cubvh) pack->surface = surfaces_.of(index, pack->rig);
   pack->is_bad_skin = id.is_bad_skin;

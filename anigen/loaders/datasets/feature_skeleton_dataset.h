@@ -1,6 +1,8 @@
 #pragma once
 #include <torch/torch.h>
 
+#include <atomic>
+
 #include "anigen/loaders/datasets/asset_dataset.h"
 #include "anigen/loaders/datasets/feature_skeleton_options.h"
 #include "anigen/loaders/ragged_voxels.h"
@@ -35,6 +37,7 @@ class FeatureSkeletonDataset : public AssetDataset {
 
   FeatureSkeletonOptions options_;
   mutable SurfaceCache surfaces_;
+  mutable std::atomic<bool> told_unweighted_{false};
 };
 
 }  // namespace anigen::loaders

@@ -6,14 +6,19 @@
 
 namespace anigen::loaders {
 
-void normalize_skin_rows(std::vector<float>& skin, std::size_t joints) {
+std::size_t normalize_skin_rows(std::vector<float>& skin, std::size_t joints) {
+  std::size_t unweighted = 0;
   for (std::size_t first = 0; first < skin.size(); first += joints) {
     float* row = skin.data() + first;
-    if (*std::max_element(row, row + joints) == 0.0f) row[0] = 1.0f;
+    if (*std::max_element(row, row + joints) == 0.0f) {
+      row[0] = 1.0f;
+      ++unweighted;
+    }
     float sum = 0.0f;
     for (std::size_t j = 0; j < joints; ++j) sum += row[j];
     for (std::size_t j = 0; j < joints; ++j) row[j] /= sum;
   }
+  return unweighted;
 }
 
 void accumulate_skin_as_flow(std::vector<float>& skin, const std::vector<int>& parents) {
