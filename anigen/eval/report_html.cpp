@@ -60,8 +60,8 @@ std::string figure(const SkinEvaluation& evaluation, const AssetResult& result, 
     const io::Image image =
         compare(truth, evaluation.methods[0].predict(result.item, truth), evaluation.methods[0], options.picture_size);
     text += "<img alt=\"\" src=\"data:image/png;base64," + base64(io::encode_png(image)) + "\">";
-  } catch (const InputError& error) {
-    text += "<p>No picture: " + html_escaped(error.what()) + "</p>";
+  } catch (...) {
+    text += "<p>No picture: " + html_escaped(failure_of_item()) + "</p>";
   }
   return text + "</figure>\n";
 }

@@ -13,6 +13,14 @@ SkinEvaluation run_skin_evaluation(const SkinRequest& request) {
   std::vector<io::DatasetItem> items = io::list_dataset(request.dataset);
   if (!request.splits.empty()) items = select_split(items, request.splits);
   if (items.empty()) throw InputError(request.dataset.string(), "", "there is not one asset to evaluate");
+  refuse_to_overwrite({request.out / "metrics.json", request.out / "metrics.csv", request.out / "table.md",
+                       request.out / "report.html"},
+                      [&] {
+                        std::vector<std::filesystem::path> inputs = request.splits;
+                        inputs.push_back(request.dataset / "metadata.csv");
+                        if (std::filesystem::is_directory(request.run)) inputs.push_back(request.run / "metrics.csv");
+                        return inputs;
+                      });
   Json settings = request.settings;
   std::vector<SkinMethod> methods = request.methods;
   if (!request.skins.empty()) {
@@ -26,6 +34,7 @@ SkinEvaluation run_skin_evaluation(const SkinRequest& request) {
   }
   for (SkinMethod& baseline : skin_baselines()) methods.push_back(std::move(baseline));
   settings["version"] = kVersion;
+  settings["commit"] = commit();
   settings["ground_truth"] = request.dataset.string();
   Json splits = Json::array();
   for (const auto& split : request.splits) splits.push_back(split.string());
@@ -34,7 +43,6 @@ SkinEvaluation run_skin_evaluation(const SkinRequest& request) {
 
   SkinEvaluation evaluation = evaluate_skin(request.dataset, items, methods, settings);
   write_file_atomically(request.out / "metrics.json", to_json(evaluation).dump(2) + "\n");
-  settings["commit"] = commit();
   write_file_atomically(request.out / "metrics.csv", to_csv(to_csv_table(evaluation)));
   write_file_atomically(request.out / "table.md", to_markdown(evaluation));
   if (request.report) {

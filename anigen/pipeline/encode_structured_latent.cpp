@@ -3,11 +3,13 @@
 #include <system_error>
 #include <utility>
 
+#include "anigen/core/atomic_file.h"
 #include "anigen/core/error.h"
 #include "anigen/core/interrupt.h"
 #include "anigen/core/log.h"
 #include "anigen/core/progress.h"
 #include "anigen/io/gltf.h"
+#include "anigen/loaders/files/rig_arrays.h"
 #include "anigen/loaders/files/voxel_files.h"
 #include "anigen/pipeline/device.h"
 #include "anigen/pipeline/structured_latent_coder.h"
@@ -17,6 +19,8 @@ namespace anigen::pipeline {
 namespace {
 
 namespace fs = std::filesystem;
+
+constexpr const char* kVotes[] = {".votes.glb", ".votes.ply"};
 
 // [N, C] → [C, N].
 std::vector<float> by_channel(const std::vector<float>& rows, std::size_t channels) {
@@ -68,6 +72,27 @@ std::vector<std::string> wanted_ids(const ReconstructRequest& request) {
   return ids;
 }
 
+/// A dataset's own assets count as inputs: --output may name the folder where they are.
+void refuse_lossy_outputs(const ReconstructRequest& request, const std::vector<std::string>& ids) {
+  std::vector<fs::path> outputs;
+  for (const std::string& id : ids) {
+    outputs.push_back(request.output / (id + ".glb"));
+    for (const char* extension : kVotes) outputs.push_back(request.output / (id + extension));
+  }
+  refuse_to_overwrite(outputs, [&] {
+    std::vector<fs::path> inputs = {request.split};
+    loaders::AssetId asset;
+    asset.root = request.data;
+    for (const std::string& id : ids) {
+      asset.id = id;
+      inputs.push_back(request.data / "assets" / (id + ".glb"));
+      inputs.push_back(loaders::skeleton_voxel_path(asset));
+      inputs.push_back(loaders::rig_path(asset));
+    }
+    return inputs;
+  });
+}
+
 void reconstruct(const ReconstructRequest& request, StructuredLatentCoder& coder, ReconstructedAsset& one) {
   loaders::AssetId asset;
   asset.root = request.data;
@@ -82,7 +107,7 @@ void reconstruct(const ReconstructRequest& request, StructuredLatentCoder& coder
   one.file = request.output / (one.id + ".glb");
   io::write_gltf(one.file, decoded.asset);
   if (!request.votes) return;
-  for (const char* extension : {".votes.glb", ".votes.ply"}) {
+  for (const char* extension : kVotes) {
     write_votes(request.output / (one.id + extension), decoded.votes);
   }
 }
@@ -97,6 +122,7 @@ EncodedLatents encode_structured_latents(const EncodeRequest& request) {
 
 std::vector<ReconstructedAsset> reconstruct_assets(const ReconstructRequest& request) {
   const std::vector<std::string> ids = wanted_ids(request);
+  refuse_lossy_outputs(request, ids);
   StructuredLatentCoder coder(request.run, request.ckpt, parse_device(request.device), request.grouping);
   if (coder.shape_alone()) {
     for (const auto& [wanted, option] :
@@ -115,9 +141,9 @@ std::vector<ReconstructedAsset> reconstruct_assets(const ReconstructRequest& req
     one.id = id;
     try {
       reconstruct(request, coder, one);
-    } catch (const InputError& failure) {
-      one.failure = failure.what();
-      log::warn("{}: {}", id, failure.what());
+    } catch (...) {
+      one.failure = failure_of_item();
+      log::warn("{}: {}", id, one.failure);
     }
     made.push_back(std::move(one));
     progress.advance();

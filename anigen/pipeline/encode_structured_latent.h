@@ -41,9 +41,9 @@ struct ReconstructedAsset {
 };
 
 /// Encodes assets of a dataset and writes what their latents decode to as rigged GLB files; with one joint where the
-/// run trained the shape alone (`geometry_only`). An asset that cannot be read, or whose latents have no surface or no
-/// joints, is named in the result and the rest goes on. @throws InputError when the run is unusable or an id is none;
-/// Error when the disk refuses; Interrupted between assets
+/// run trained the shape alone (`geometry_only`). An asset that fails, for whatever reason, is named in the result and
+/// the rest goes on. @throws InputError when the run is unusable, an id is none, or a result would replace a file of the
+/// dataset, before any work; WriteError when the disk refuses; Interrupted between assets
 std::vector<ReconstructedAsset> reconstruct_assets(const ReconstructRequest& request);
 
 Json to_json(const std::vector<ReconstructedAsset>& assets);

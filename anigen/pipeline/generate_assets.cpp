@@ -34,7 +34,10 @@ namespace fs = std::filesystem;
 
 constexpr const char* kReportFile = "generation.json";
 constexpr const char* kLeases = ".leases";
-// Of GenerateRequest::intermediate.
+// Files of an asset: always, of GenerateRequest::obj, of GenerateRequest::intermediate.
+constexpr const char* kAlways[] = {"mesh.glb",    "skeleton.glb", "processed_image.png", "processed_normal.png",
+                                   "preview.png", kReportFile};
+constexpr const char* kObj[] = {"mesh.obj", "mesh.rig.json"};
 constexpr const char* kIntermediate[] = {"voxels.png", "ss_latents.npz", "latents.npz", "votes.glb", "dense.glb"};
 
 /// Preprocessors of the sizes that the two stages see; they share the estimator of normals.
@@ -42,13 +45,13 @@ class ConditionPictures {
  public:
   ConditionPictures(const GenerateRequest& request, const AssetGenerator& generator) {
     std::shared_ptr<features::NormalEstimator> estimator;
-    if (generator.structure_sees_normals() && request.pictures.normals == NormalSource::kEstimator) {
-      if (request.estimator_weights.empty())
-        throw InputError("", "--normal-weights", "the estimator needs its weights");
     const NormalSource normals = request.pictures.normals;
     if (!generator.structure_sees_normals() && normals != NormalSource::kAuto && normals != NormalSource::kColors)
       throw InputError("", "--normals",
                        "the first flow sees colours, as trained or by --condition color: leave it out");
+    if (generator.structure_sees_normals() && request.pictures.normals == NormalSource::kEstimator) {
+      if (request.estimator_weights.empty())
+        throw InputError("", "--normal-weights", "the estimator needs its weights");
       estimator =
           std::make_shared<features::DsineNormals>(request.estimator_weights, parse_device(request.models.device));
     }
@@ -174,9 +177,6 @@ class Generation {
     return report;
   }
 
-  GenerationReport run(const NamedPicture& picture, const std::string& name) {
-    GenerationReport report = report_of(name);
-    try {
   /// Refuses to mix what this build makes with what another one made of equal inputs, before anything is made.
   /// @throws InputError naming both
   void require_own_code(const std::vector<NamedPicture>& pictures, const std::vector<std::string>& names) const {
@@ -195,13 +195,13 @@ class Generation {
                          named_commit(commit()) + ": --again makes them anew, --accept-other-code keeps them");
   }
 
+  GenerationReport run(const NamedPicture& picture, const std::string& name) {
+    GenerationReport report = report_of(name);
+    try {
+      if (request_.started) request_.started(picture);
       make(picture, settings_of(request_, generator_.runs(), picture), report);
-    } catch (const InputError& failure) {
-      report.failure = failure.what();
-    } catch (const Interrupted&) {
-      throw;
-    } catch (const Error& failure) {
-      report.failure = failure.what();
+    } catch (...) {
+      report.failure = failure_of_item();
     }
     if (!report.failure.empty()) log::warn("{}: {}", name, report.failure);
     return report;
@@ -237,7 +237,8 @@ class Generation {
 
   void make(const NamedPicture& picture, const Json& settings, GenerationReport& report) {
     std::error_code error;
-    for (const char* stale : {kReportFile, "mesh.obj", "mesh.rig.json"}) fs::remove(report.folder / stale, error);
+    fs::remove(report.folder / kReportFile, error);
+    for (const char* stale : kObj) fs::remove(report.folder / stale, error);
     for (const char* stale : kIntermediate) fs::remove(report.folder / stale, error);
     const auto started = std::chrono::steady_clock::now();
     std::map<int, PreprocessedImage> seen = pictures_.of(picture);
@@ -293,6 +294,25 @@ class Generation {
   ConditionPictures pictures_;
 };
 
+/// Stale files are removed, too, so all names count, whatever is asked for.
+void refuse_lossy_outputs(const GenerateRequest& request, const std::vector<NamedPicture>& pictures,
+                          const std::vector<std::string>& names) {
+  std::vector<fs::path> outputs;
+  for (const std::string& name : names) {
+    for (const char* file : kAlways) outputs.push_back(request.output / name / file);
+    for (const char* file : kObj) outputs.push_back(request.output / name / file);
+    for (const char* file : kIntermediate) outputs.push_back(request.output / name / file);
+  }
+  refuse_to_overwrite(outputs, [&] {
+    std::vector<fs::path> inputs = {request.estimator_weights, request.pictures.matting.network};
+    for (const NamedPicture& picture : pictures) {
+      inputs.push_back(picture.file);
+      inputs.push_back(picture.normal_map);
+    }
+    return inputs;
+  });
+}
+
 }  // namespace
 
 std::vector<GenerationReport> generate_assets(const GenerateRequest& request,
@@ -300,9 +320,10 @@ std::vector<GenerationReport> generate_assets(const GenerateRequest& request,
   request.finishing.validate();
   if (!request.name.empty() && pictures.size() != 1) throw InputError("", "--name", "is for one picture");
   require_distinct_names(pictures);
-  Generation generation(request);
   std::vector<std::string> names;
   for (const NamedPicture& picture : pictures) names.push_back(request.name.empty() ? picture.name : request.name);
+  refuse_lossy_outputs(request, pictures, names);
+  Generation generation(request);
   generation.require_own_code(pictures, names);
   std::vector<GenerationReport> reports(pictures.size());
   const LeaseFolder leases(request.output / kLeases);

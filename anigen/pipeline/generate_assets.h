@@ -1,5 +1,6 @@
 #pragma once
 #include <filesystem>
+#include <functional>
 #include <string>
 #include <vector>
 
@@ -23,6 +24,8 @@ struct GenerateRequest {
   bool accept_other_code = false;  ///< what is there counts whatever build of the program made it
   std::filesystem::path output;    ///< folder; each asset gets one of its own, of the picture's name
   std::string name;                ///< of the asset, for one picture; empty: the picture's
+  /// Called before work on a picture begins. What it throws counts for that picture, as failure_of_item() says.
+  std::function<void(const NamedPicture&)> started = nullptr;
 };
 
 /// What became of one picture.
@@ -41,7 +44,8 @@ struct GenerationReport {
 /// Several processes called alike share the pictures by leases in <output>/.leases and all return at the end; with
 /// `again` each makes every picture.
 /// @throws InputError when the models are unusable, two pictures have one name, or an asset that is there and would be
-/// kept was made by another commit (core/version.h), unless the request says `again` or `accept_other_code`
+/// kept was made by another commit (core/version.h), unless the request says `again` or `accept_other_code`; before
+/// any work, when a result would replace an input. WriteError when the disk refuses
 std::vector<GenerationReport> generate_assets(const GenerateRequest& request,
                                               const std::vector<NamedPicture>& pictures);
 

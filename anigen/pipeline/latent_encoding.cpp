@@ -174,14 +174,8 @@ class LatentEncoding {
     LatentOutcome failed;
     try {
       return treat(asset);
-    } catch (const Interrupted&) {
-      throw;
-    } catch (const std::bad_alloc&) {
-      throw;
-    } catch (const c10::Error& error) {
-      failed.failure = error.what_without_backtrace();
-    } catch (const std::exception& error) {
-      failed.failure = error.what();
+    } catch (...) {
+      failed.failure = failure_of_item();
     }
     return failed;
   }
@@ -199,13 +193,13 @@ class LatentEncoding {
     const fs::path file = folder_.file(asset.id);
     LatentOutcome outcome;
     std::optional<LatentValues> latent;
-      outcome.commit = commit();
     if (kept_.count(asset.id) > 0) latent = kept_latent(file);
     if (!latent) {
       // Of what is read next; before it, so that inputs that change in between are encoded again by the next run.
       outcome.inputs = inputs_of(asset);
       source_.encode(asset, file);
       latent = source_.read(file);
+      outcome.commit = commit();
     }
     outcome.shape = moments_of(latent->shape, latent->shape_channels, file.string());
     outcome.skeleton = moments_of(latent->skeleton, latent->skeleton_channels, file.string());

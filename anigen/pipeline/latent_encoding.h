@@ -70,7 +70,7 @@ class LatentSource {
 /// changed; writes their statistics, and the flags into metadata.csv.
 /// However a run ends, what metadata.csv flags and the statistics describe are latents of one encoder: before the first
 /// latent is replaced the flags become those of what is kept and the statistics are removed; both return at the end.
-/// An asset that fails is named in the result and not flagged.
+/// An asset that fails, for whatever reason, is named in the result and not flagged.
 /// Several processes called alike share the assets by leases; each returns, with the result of all, when everything is
 /// encoded. What LatentSource::inspect() gathers is of the assets that this process had.
 /// @throws InputError when dataset or name are unusable, no asset can be encoded, or another program is at work there;

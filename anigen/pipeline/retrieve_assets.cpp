@@ -27,6 +27,8 @@ namespace fs = std::filesystem;
 using torch::Tensor;
 
 constexpr int kSide = 112;  // pixels to which pictures are reduced first
+constexpr const char* kMeshFile = "mesh.glb";
+constexpr const char* kReportFile = "generation.json";
 
 /// The condition views of a data set's assets.
 class Gallery {
@@ -91,8 +93,8 @@ class Gallery {
       throw_if_interrupted();
       try {
         views[i] = seen(folder_ / "renders_cond" / ids_[i], most, pictures);
-      } catch (const InputError& error) {
-        log::warn("left out: {}", error.what());
+      } catch (...) {
+        log::warn("left out {}: {}", ids_[i], failure_of_item());
       }
       progress.advance();
     });
@@ -115,6 +117,25 @@ class Gallery {
   Tensor cells_;                     // [views of all, C]
 };
 
+void refuse_lossy_outputs(const RetrievalRequest& request, const std::vector<NamedPicture>& pictures) {
+  std::vector<fs::path> outputs;
+  for (const NamedPicture& picture : pictures) {
+    for (const char* file : {kMeshFile, kReportFile}) outputs.push_back(request.output / picture.name / file);
+  }
+  refuse_to_overwrite(outputs, [&] {
+    std::vector<fs::path> inputs = request.splits;
+    for (const NamedPicture& picture : pictures) {
+      inputs.push_back(picture.file);
+      inputs.push_back(picture.normal_map);
+    }
+    const io::DatasetSource source(request.dataset);
+    for (const std::string& id : source.ids()) {
+      for (fs::path& file : source.files(id)) inputs.push_back(std::move(file));
+    }
+    return inputs;
+  });
+}
+
 }  // namespace
 
 std::vector<RetrievalReport> retrieve_assets(const RetrievalRequest& request,
@@ -124,6 +145,7 @@ std::vector<RetrievalReport> retrieve_assets(const RetrievalRequest& request,
   options.size = kSide;
   const bool normals = request.seen == loaders::ConditionPictures::kNormals;
   options.normals = normals ? NormalSource::kFile : NormalSource::kColors;
+  refuse_lossy_outputs(request, pictures);
   ImagePreprocessor preprocessor(options);
   const Gallery gallery(request);
   std::vector<RetrievalReport> reports;
@@ -131,7 +153,7 @@ std::vector<RetrievalReport> retrieve_assets(const RetrievalRequest& request,
     throw_if_interrupted();
     RetrievalReport report;
     report.name = picture.name;
-    report.file = request.output / report.name / "mesh.glb";
+    report.file = request.output / report.name / kMeshFile;
     try {
       const PreprocessedImage seen = preprocessor.run(picture.file, picture.normal_map);
       const Gallery::Nearest nearest = gallery.nearest(picture_cells(seen.normals_tensor));
@@ -144,9 +166,9 @@ std::vector<RetrievalReport> retrieve_assets(const RetrievalRequest& request,
                             {"distance", nearest.distance},
                             {"compared", normals ? "normals" : "colours"},
                             {"dataset", fs::absolute(request.dataset).lexically_normal().string()}};
-      write_file_atomically(report.file.parent_path() / "generation.json", details.dump(2) + "\n");
-    } catch (const InputError& error) {
-      report.failure = error.what();
+      write_file_atomically(report.file.parent_path() / kReportFile, details.dump(2) + "\n");
+    } catch (...) {
+      report.failure = failure_of_item();
       log::warn("{}: {}", report.name, report.failure);
     }
     reports.push_back(std::move(report));

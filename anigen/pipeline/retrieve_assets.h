@@ -32,10 +32,10 @@ struct RetrievalReport {
 
 /// The baseline that invents nothing: each picture is answered with the asset of a data set that has the most similar
 /// condition view. Both are cropped and put on black as generation does, and compared by the means of colour (or of
-/// normals) over 16 × 16 cells. A picture that cannot be used is reported and does not stop the others.
-/// Assets with a damaged
-/// view are left out, with a warning. @throws InputError when the data set has no usable condition views, or two
-/// pictures have one name
+/// normals) over 16 × 16 cells. A picture that fails, for whatever reason, is reported and does not stop the
+/// others. Assets with a damaged view are left out, with a warning.
+/// @throws InputError when the data set has no usable condition views, two pictures have one name, or a result would
+/// replace an input, before any work; WriteError when the disk refuses
 std::vector<RetrievalReport> retrieve_assets(const RetrievalRequest& request,
                                              const std::vector<NamedPicture>& pictures);
 

@@ -242,6 +242,12 @@ eval::Table StructureEvaluation::table(const std::string& source) const {
 
 StructureEvaluation evaluate_structures(const StructureEvaluationRequest& request) {
   if (request.split.empty()) throw InputError("", "--split", "which assets? A file of ids, such as splits/test.txt");
+  refuse_to_overwrite(
+      {request.out / "metrics.csv", request.out / "metrics.json", request.out / "table.md", request.out / "samples.png"},
+      [&] {
+        return std::vector<std::filesystem::path>{request.split, request.train_split, request.run / "metrics.csv",
+                                                  request.autoencoder / "metrics.csv"};
+      });
   const torch::NoGradGuard no_grad;
   return StructureComparison(request).run();
 }

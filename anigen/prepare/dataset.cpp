@@ -134,14 +134,22 @@ std::vector<AssetSource> representable(const std::vector<AssetSource>& sources) 
   return result;
 }
 
-/// Steps clear the files they make anew, so what they read must lie elsewhere.
+/// Steps clear the files they make anew, so what they read must lie elsewhere, also when a folder of --out is a link.
 void check_sources_lie_outside(const PrepareOptions& options) {
-  const fs::path out = fs::weakly_canonical(options.out);
+  std::vector<fs::path> written = {fs::weakly_canonical(options.out)};
+  std::error_code error;
+  for (fs::directory_iterator entry(options.out, error), end; !error && entry != end; entry.increment(error)) {
+    std::error_code broken;
+    if (entry->is_symlink(broken) && entry->is_directory(broken))
+      written.push_back(fs::weakly_canonical(entry->path(), broken));
+  }
   for (const AssetSource& source : options.sources) {
     if (source.procedural()) continue;
-    const fs::path below = fs::weakly_canonical(source.file).lexically_relative(out);
-    if (!below.empty() && *below.begin() != "..") {
-      throw InputError(source.file.string(), "", "lies in --out, whose files are written anew: name another folder");
+    const fs::path file = fs::weakly_canonical(source.file);
+    for (const fs::path& folder : written) {
+      const fs::path below = file.lexically_relative(folder);
+      if (!below.empty() && *below.begin() != "..")
+        throw InputError(source.file.string(), "", "lies in --out, whose files are written anew: name another folder");
     }
   }
 }

@@ -3,6 +3,8 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <new>
+#include <stdexcept>
 #include <thread>
 
 #include "anigen/core/atomic_file.h"
@@ -93,8 +95,6 @@ TEST_F(RunComparisonTest, FinishedPairsAreNotComputedAgainUnlessTheirInputChange
   EXPECT_EQ(third.results[0][0].values, first.results[0][0].values);
 }
 
-TEST_F(RunComparisonTest, CallsAtTheSameTimeShareThePairs) {
-  const Comparison alone = run_evaluation(request());
 // A saved result of another build is that build's: it counts only when the request accepts it, and then under its name.
 TEST_F(RunComparisonTest, ResultsOfAnotherCommitAreComputedAgainUnlessAccepted) {
   run_evaluation(request());
@@ -137,6 +137,8 @@ TEST_F(RunComparisonTest, ResultsOfAnotherCommitAreComputedAgainUnlessAccepted) 
   }
 }
 
+TEST_F(RunComparisonTest, CallsAtTheSameTimeShareThePairs) {
+  const Comparison alone = run_evaluation(request());
   fs::remove_all(folder_ / "out");
   std::vector<Comparison> comparisons(3);
   std::vector<std::thread> threads;
@@ -170,6 +172,52 @@ TEST_F(RunComparisonTest, DamagedFilesFailTheirRowOnly) {
   const Comparison comparison = run_evaluation(request());
   EXPECT_TRUE(comparison.results[0][0].failure.empty());
   EXPECT_NE(comparison.results[0][1].failure.find("b.glb"), std::string::npos);
+}
+
+// Memory, LibTorch, OpenCV: one pair's failure, and the others are evaluated.
+TEST_F(RunComparisonTest, WhateverOnePairThrowsIsItsFailure) {
+  EvaluationRequest with_lpips = request();
+  with_lpips.settings.groups = {"image"};
+  with_lpips.settings.lpips = "of a test";
+  with_lpips.report = false;
+  set_thread_count(1);
+  std::size_t calls = 0;
+  with_lpips.perceptual = [&calls](const io::Image&, const io::Image&) -> double {
+    if (++calls == 1) throw std::bad_alloc();
+    if (calls == 2) throw std::runtime_error("shapes differ\nException raised from f at x.cpp:1");
+    return 0.5;
+  };
+  const Comparison comparison = run_evaluation(with_lpips);
+  set_thread_count(0);
+  EXPECT_EQ(comparison.results[0][0].failure, "out of memory");
+  EXPECT_EQ(comparison.results[1][0].failure, "shapes differ");
+  EXPECT_EQ(comparison.results[0][1].failure, "");
+  EXPECT_NEAR(comparison.results[0][1].value("lpips"), 0.5, 1e-9);
+  EXPECT_EQ(read_csv(folder_ / "out/metrics.csv").rows.size(), 4u);
+  with_lpips.resume = false;
+  with_lpips.perceptual = [](const io::Image&, const io::Image&) -> double { throw Interrupted("stopped"); };
+  EXPECT_THROW(run_evaluation(with_lpips), Interrupted);
+}
+
+TEST_F(RunComparisonTest, AResultThatWouldReplaceAnInputIsRefused) {
+  fs::create_directories(folder_ / "out");
+  write_file_atomically(folder_ / "out/metrics.csv", "pred,gt\n../good/a.glb,../truth/a.glb\n");
+  const std::string before = read_file(folder_ / "out/metrics.csv");
+  EvaluationRequest csv = request();
+  csv.predictions = {(folder_ / "out/metrics.csv").string()};
+  csv.truth.clear();
+  EXPECT_THROW(run_evaluation(csv), InputError);
+  EXPECT_EQ(read_file(folder_ / "out/metrics.csv"), before);
+  EvaluationRequest split = request();
+  split.splits = {folder_ / "out/table.md"};
+  write_file_atomically(folder_ / "out/table.md", "a\n");
+  EXPECT_THROW(run_evaluation(split), InputError);
+  EvaluationRequest moving = request();
+  moving.motions_pictured = 1;
+  test::write_glb(folder_ / "out/motion/a/truth.glb", {});
+  moving.truth = folder_ / "out/motion/a";
+  EXPECT_THROW(run_evaluation(moving), InputError);
+  EXPECT_FALSE(fs::exists(folder_ / "out/pairs")) << "before any work";
 }
 
 TEST_F(RunComparisonTest, RefusesARequestThatCannotBeMeant) {

@@ -1,5 +1,7 @@
 #include <gtest/gtest.h>
 
+#include <set>
+
 #include "anigen/core/error.h"
 #include "anigen/io/obj.h"
 #include "anigen/io/ply.h"
@@ -81,6 +83,33 @@ TEST_F(OpenSource, ShardsOfSamplesAreOneSource) {
 }
 
 TEST_F(OpenSource, RefusesWhatItCannotTell) {
+// Results must not replace what a shape is read with.
+TEST_F(OpenSource, ShapesKnowTheirFiles) {
+  const auto files = [&](const std::string& folder, const std::string& id) {
+    std::set<fs::path> found;
+    for (const fs::path& file : open_meshes(folder_.path() / folder)->files(id)) found.insert(file);
+    return found;
+  };
+  test::write_quickly(path("gltf/fish.gltf"), R"({"asset": {"version": "2.0"}, "buffers": [{"uri": "fish%201.bin"}],
+    "images": [{"uri": "maps/fish.png"}, {"uri": "data:image/png;base64,AAAA"}]})");
+  EXPECT_EQ(files("gltf", "fish"),
+            (std::set<fs::path>{path("gltf/fish.gltf"), path("gltf/fish 1.bin"), path("gltf/maps/fish.png")}));
+  test::write_quickly(path("gltf/broken.gltf"), "{");
+  EXPECT_EQ(files("gltf", "broken"), (std::set<fs::path>{path("gltf/broken.gltf")}));
+
+  test::write_quickly(path("obj/fish.obj"), "mtllib fish.mtl\n" + test::obj_text(rig_));
+  test::write_quickly(path("obj/fish.mtl"), "newmtl skin\nmap_Kd maps\\big fish.png\n");
+  const std::set<fs::path> of_obj = files("obj", "fish");
+  for (const char* name : {"obj/fish.obj", "obj/fish.mtl", "obj/big fish.png", "obj/textures/big fish.png"})
+    EXPECT_EQ(of_obj.count(path(name)), 1u) << name;
+  test::write_quickly(path("dae/fish.dae"), "<init_from>fish.png</init_from>");
+  EXPECT_EQ(files("dae", "fish").count(path("dae/fish.png")), 1u);
+
+  test::write_rig_npz(path("data/skeleton/a/skeleton_voxelized.npz"), rig_);
+  test::write_quickly(path("data/metadata.csv"), "sha256\na\n");
+  EXPECT_EQ(files("data", "a").count(path("data/assets/a.glb")), 1u) << "the asset itself";
+}
+
   fs::create_directories(path("empty/x"));
   EXPECT_EQ(problem("empty").substr(0, 35), "holds nothing that can be read: no ");
   test::write_quickly(path("a/x.glb"), "x");

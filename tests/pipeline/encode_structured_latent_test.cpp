@@ -149,6 +149,20 @@ TEST_F(EncodeStructuredLatents, ReconstructsRiggedAssets) {
   EXPECT_THROW(reconstruct_assets(request), InputError);
 }
 
+// The folder of a dataset's own assets is no place for what an auto-encoder makes of them.
+TEST_F(EncodeStructuredLatents, AReconstructionDoesNotReplaceTheDatasetsAsset) {
+  const std::filesystem::path asset = request_.data / "assets/post0.glb";
+  write_file_atomically(asset, "the asset");
+  ReconstructRequest request;
+  request.run = request_.run;
+  request.data = request_.data;
+  request.ids = {"post0", "post1"};
+  request.output = request_.data / "assets";
+  EXPECT_THROW(reconstruct_assets(request), InputError);
+  EXPECT_EQ(read_file(asset), "the asset");
+  EXPECT_FALSE(std::filesystem::exists(request_.data / "assets/post1.glb")) << "before any work";
+}
+
 TEST_F(EncodeStructuredLatents, ReconstructsASplitNamesFailuresAndShowsVotes) {
   std::ofstream(folder_ / "ids.txt") << "absent\npost1\n";
   ReconstructRequest request;

@@ -1,16 +1,18 @@
 #include <gtest/gtest.h>
 
+#include <functional>
+#include <new>
 #include <thread>
+#include <utility>
 
 #include "anigen/core/atomic_file.h"
-#include <utility>
 #include "anigen/core/csv.h"
 #include "anigen/core/error.h"
 #include "anigen/core/file_lock.h"
-#include "anigen/io/npz.h"
-#include "anigen/io/safetensors.h"
 #include "anigen/core/log.h"
 #include "anigen/core/version.h"
+#include "anigen/io/npz.h"
+#include "anigen/io/safetensors.h"
 #include "anigen/loaders/datasets/sparse_structure_dataset.h"
 #include "anigen/loaders/datasets/structure_latent_dataset.h"
 #include "anigen/models/sparse_structure_runs.h"
@@ -147,8 +149,6 @@ TEST_F(EncodeSparseStructure, KeepsWhatIsUpToDateAndOnlyThat) {
   EXPECT_EQ(encode_sparse_structure(request_).encoded, 3u);
 }
 
-TEST_F(EncodeSparseStructure, TheNextStageCanReadIt) {
-  const EncodeResult result = encode_sparse_structure(request_);
 // Latents of another build do not pass for those of this one, neither after a whole run nor after an interrupted one.
 TEST_F(EncodeSparseStructure, WhatAnotherCommitEncodedIsEncodedAgainUnlessAccepted) {
   const auto list = sample_.root() / "ss_latents" / "ss_run" / "encoded.json";
@@ -196,6 +196,8 @@ TEST_F(EncodeSparseStructure, WhatAnotherCommitEncodedIsEncodedAgainUnlessAccept
   EXPECT_EQ(encode_sparse_structure(request_).up_to_date, 1u) << "what the second of both encoded";
 }
 
+TEST_F(EncodeSparseStructure, TheNextStageCanReadIt) {
+  const EncodeResult result = encode_sparse_structure(request_);
   const std::string statistics = (sample_.root() / "ss_latents" / "ss_run_statistics.npz").string();
   const Json args = {{"latent_model", "ss_run"}, {"normalization", statistics}, {"normalization_skl", statistics}};
   const loaders::Datasets data = test::make_published(sample_, "AniGenSparseStructureLatent", args);
@@ -308,6 +310,43 @@ TEST_F(EncodeSparseStructure, AnAssetThatDoesNotFitFailsAlone) {
   EXPECT_EQ(result.shape.assets(), 2u);
   EXPECT_EQ(result.skeleton.assets(), 2u);
   EXPECT_EQ(flags(), "TFT");
+}
+
+/// An encoder of three assets that throws what a test wants.
+class ThrowingSource : public LatentSource {
+ public:
+  explicit ThrowingSource(std::function<void(const std::string&)> problem) : problem_(std::move(problem)) {}
+  std::filesystem::path checkpoint() const override { return "encoder_of_a_test"; }
+  std::string fingerprint() const override { return "of a test"; }
+  std::string required_flag() const override { return "voxelized"; }
+  std::vector<std::filesystem::path> inputs(const loaders::AssetId&) const override { return {}; }
+  void encode(const loaders::AssetId& asset, const std::filesystem::path& file) override {
+    problem_(asset.id);
+    write_file_atomically(file, "latent");
+  }
+  LatentValues read(const std::filesystem::path&) const override { return {{1, 2}, {3, 4}, 1, 1}; }
+
+ private:
+  std::function<void(const std::string&)> problem_;
+};
+
+TEST_F(EncodeSparseStructure, WhateverOneAssetThrowsIsItsFailure) {
+  const LatentFolder folder(request_.data, "latents_of_a_test", request_.run, LatentKind::kStructure);
+  ThrowingSource source([](const std::string& id) {
+    if (id == test::PublishedSample::id(0)) throw std::bad_alloc();
+    if (id == test::PublishedSample::id(1)) torch::zeros({2, 3}).matmul(torch::zeros({2, 3}));
+  });
+  const EncodedLatents result = encode_latents(request_, folder, source);
+  EXPECT_EQ(result.assets, 3u);
+  EXPECT_EQ(result.encoded, 1u);
+  ASSERT_EQ(result.failed.size(), 2u);
+  EXPECT_EQ(result.failed.at(test::PublishedSample::id(0)), "out of memory");
+  EXPECT_NE(result.failed.at(test::PublishedSample::id(1)).find("mat1 and mat2"), std::string::npos);
+  ThrowingSource stopped([](const std::string&) { throw Interrupted("stopped"); });
+  request_.again = true;
+  EXPECT_THROW(encode_latents(request_, folder, stopped), Interrupted);
+  ThrowingSource full([](const std::string&) { throw WriteError("disk full"); });
+  EXPECT_THROW(encode_latents(request_, folder, full), WriteError) << "no fault of the asset";
 }
 
 TEST_F(EncodeSparseStructure, OneDatasetAtATimeAndNoneThatIsBeingPrepared) {

@@ -178,6 +178,42 @@ TEST_F(GenerateAssets, StructureLatentsAreThoseThatTheAutoEncoderDecodes) {
   EXPECT_TRUE(torch::allclose(asset.structure[1], sampled[1] * 2.0 + 0.5));
 }
 
+// Results of a picture lie under fixed names, which a picture of an earlier result may have.
+TEST_F(GenerateAssets, AResultThatWouldReplaceAnInputIsRefused) {
+  fs::create_directories(request_.output / "a");
+  for (const char* file : {"processed_image.png", "preview.png", "voxels.png"}) {
+    const fs::path input = made("a", file);
+    fs::copy_file(picture_, input);
+    request_.name = "a";
+    EXPECT_THROW(generate_assets(request_, {input}), InputError) << file;
+    NamedPicture with_normals(picture_);
+    with_normals.normal_map = input;
+    EXPECT_THROW(generate_assets(request_, {with_normals}), InputError) << file;
+    EXPECT_EQ(read_file(input), read_file(picture_));
+    fs::remove(input);
+  }
+  EXPECT_FALSE(fs::exists(made("a", "generation.json")));
+}
+
+TEST_F(GenerateAssets, WhateverOnePictureThrowsIsItsFailure) {
+  std::vector<NamedPicture> pictures;
+  for (const char* name : {"memory", "torch", "good"}) pictures.emplace_back(picture_, name);
+  request_.started = [](const NamedPicture& picture) {
+    if (picture.name == "memory") throw std::bad_alloc();
+    if (picture.name == "torch") torch::zeros({2, 3}).matmul(torch::zeros({2, 3}));
+  };
+  const std::vector<GenerationReport> reports = generate_assets(request_, pictures);
+  ASSERT_EQ(reports.size(), 3u);
+  EXPECT_EQ(reports[0].failure, "out of memory");
+  EXPECT_NE(reports[1].failure.find("mat1 and mat2"), std::string::npos) << reports[1].failure;
+  EXPECT_EQ(reports[1].failure.find('\n'), std::string::npos) << "one line";
+  EXPECT_EQ(reports[2].failure, "");
+  EXPECT_TRUE(fs::exists(made("good", "mesh.glb")));
+  request_.started = [](const NamedPicture&) { throw Interrupted("stopped"); };
+  request_.output = folder_ / "other";
+  EXPECT_THROW(generate_assets(request_, pictures), Interrupted);
+}
+
 // Of a folder of pictures each is made once, whoever makes it.
 TEST_F(GenerateAssets, CallsAtTheSameTimeShareThePictures) {
   std::vector<NamedPicture> pictures;
@@ -253,42 +289,6 @@ TEST_F(GenerateAssets, WhatIsThereIsKeptUntilSomethingChanges) {
   EXPECT_FALSE(one("a").kept);
 }
 
-TEST_F(GenerateAssets, ABadPictureDoesNotStopTheOthers) {
-  const fs::path folder = folder_ / "pictures";
-  fs::create_directories(folder);
-  io::write_png(folder / "clear.png", io::Image(64, 64, 0));
-  io::write_png(folder / "disc.png", disc(96));
-  std::ofstream(folder / "text.png") << "not a picture";
-  std::ofstream(folder / "notes.txt") << "ignored";
-  const auto reports = generate_assets(request_, pictures_at(folder));
-  ASSERT_EQ(reports.size(), 3u);
-  EXPECT_NE(reports[0].failure.find("clear.png"), std::string::npos) << reports[0].failure;
-  EXPECT_EQ(reports[1].failure, "");
-  EXPECT_NE(reports[2].failure.find("text.png"), std::string::npos) << reports[2].failure;
-  EXPECT_FALSE(fs::exists(made("text", "generation.json")));
-}
-
-TEST_F(GenerateAssets, UnusableModelsAreNamedBeforeAnythingIsMade) {
-  const auto error_of = [&](const GenerateRequest& request) {
-    try {
-      generate_assets(request, {picture_});
-    } catch (const InputError& error) {
-      return std::string(error.what());
-    }
-    return std::string("no error");
-  };
-  GenerateRequest swapped = request_;
-  std::swap(swapped.models.structure_flow, swapped.models.latent_flow);
-  EXPECT_NE(error_of(swapped).find("describes no model named"), std::string::npos) << error_of(swapped);
-
-  const fs::path runs = folder_ / "ckpts" / "anigen", weights = runs / "slat_flow_control" / "ckpts" / "denoiser.pt";
-  const std::string whole = read_file(weights);
-  std::ofstream(weights, std::ios::binary) << whole.substr(0, whole.size() / 2);
-  EXPECT_NE(error_of(request_).find("denoiser.pt"), std::string::npos) << error_of(request_);
-  fs::remove(weights);
-  fs::remove(runs / "slat_flow_control" / "ckpts" / "denoiser_ema0.9999.pt");
-  EXPECT_NE(error_of(request_).find("slat_flow_control"), std::string::npos) << error_of(request_);
-  fs::remove_all(runs / "ss_dae");
 // An asset of another build does not pass for one of this build: the run stops before anything is made, and says how to
 // go on.
 TEST_F(GenerateAssets, WhatAnotherCommitMadeIsRefusedUntilTheRequestSaysWhatToDo) {
@@ -342,8 +342,52 @@ TEST_F(GenerateAssets, TheRecordNamesTheMattingNetworkAndItsNormalisation) {
   EXPECT_EQ(read_json(made("a", "generation.json"))["settings"]["matting"]["mean"], (Json{0.5, 0.5, 0.5}));
 }
 
+TEST_F(GenerateAssets, ABadPictureDoesNotStopTheOthers) {
+  const fs::path folder = folder_ / "pictures";
+  fs::create_directories(folder);
+  io::write_png(folder / "clear.png", io::Image(64, 64, 0));
+  io::write_png(folder / "disc.png", disc(96));
+  std::ofstream(folder / "text.png") << "not a picture";
+  std::ofstream(folder / "notes.txt") << "ignored";
+  const auto reports = generate_assets(request_, pictures_at(folder));
+  ASSERT_EQ(reports.size(), 3u);
+  EXPECT_NE(reports[0].failure.find("clear.png"), std::string::npos) << reports[0].failure;
+  EXPECT_EQ(reports[1].failure, "");
+  EXPECT_NE(reports[2].failure.find("text.png"), std::string::npos) << reports[2].failure;
+  EXPECT_FALSE(fs::exists(made("text", "generation.json")));
+}
+
+TEST_F(GenerateAssets, UnusableModelsAreNamedBeforeAnythingIsMade) {
+  const auto error_of = [&](const GenerateRequest& request) {
+    try {
+      generate_assets(request, {picture_});
+    } catch (const InputError& error) {
+      return std::string(error.what());
+    }
+    return std::string("no error");
+  };
+  GenerateRequest swapped = request_;
+  std::swap(swapped.models.structure_flow, swapped.models.latent_flow);
+  EXPECT_NE(error_of(swapped).find("describes no model named"), std::string::npos) << error_of(swapped);
+
+  const fs::path runs = folder_ / "ckpts" / "anigen", weights = runs / "slat_flow_control" / "ckpts" / "denoiser.pt";
+  const std::string whole = read_file(weights);
+  std::ofstream(weights, std::ios::binary) << whole.substr(0, whole.size() / 2);
+  EXPECT_NE(error_of(request_).find("denoiser.pt"), std::string::npos) << error_of(request_);
+  fs::remove(weights);
+  fs::remove(runs / "slat_flow_control" / "ckpts" / "denoiser_ema0.9999.pt");
+  EXPECT_NE(error_of(request_).find("slat_flow_control"), std::string::npos) << error_of(request_);
+  fs::remove_all(runs / "ss_dae");
   EXPECT_NE(error_of(request_).find("ss_dec_path"), std::string::npos) << error_of(request_);
   EXPECT_FALSE(fs::exists(request_.output));
+}
+
+TEST_F(GenerateAssets, NormalsThatNoFlowSeesAreRefused) {
+  request_.models.structure_condition = StructureCondition::kColor;
+  request_.pictures.normals = NormalSource::kFlat;
+  EXPECT_THROW(one("a"), InputError);
+  request_.pictures.normals = NormalSource::kColors;
+  EXPECT_EQ(one("a").failure, "");
 }
 
 TEST_F(GenerateAssets, OnePictureOneName) {
@@ -357,11 +401,3 @@ TEST_F(GenerateAssets, OnePictureOneName) {
 
 }  // namespace
 }  // namespace anigen::pipeline
-TEST_F(GenerateAssets, NormalsThatNoFlowSeesAreRefused) {
-  request_.models.structure_condition = StructureCondition::kColor;
-  request_.pictures.normals = NormalSource::kFlat;
-  EXPECT_THROW(one("a"), InputError);
-  request_.pictures.normals = NormalSource::kColors;
-  EXPECT_EQ(one("a").failure, "");
-}
-

@@ -86,6 +86,23 @@ TEST_F(RetrieveAssets, GivesTheDataSetsOwnFileWhereThereIsOne) {
   EXPECT_EQ(read_file(folder_ / "out/rose/mesh.glb"), read_file(data() / "assets/red.glb"));
 }
 
+TEST_F(RetrieveAssets, AResultThatWouldReplaceAnInputIsRefused) {
+  test::write_glb(data() / "assets/red.glb", rig_);
+  const std::string before = read_file(data() / "assets/red.glb");
+  fs::create_directories(folder_ / "out/rose");
+  fs::create_hard_link(data() / "assets/red.glb", folder_ / "out/rose/mesh.glb");
+  const fs::path rose = picture("rose", {200, 20, 40});
+  EXPECT_THROW(retrieve_assets(request_, {rose}), InputError);
+  EXPECT_FALSE(fs::exists(folder_ / "out/rose/generation.json"));
+  fs::remove(folder_ / "out/rose/mesh.glb");
+  fs::create_symlink(rose, folder_ / "out/rose/generation.json");
+  EXPECT_THROW(retrieve_assets(request_, {rose}), InputError);
+  EXPECT_EQ(read_file(data() / "assets/red.glb"), before);
+  fs::remove(folder_ / "out/rose/generation.json");
+  EXPECT_EQ(retrieve_assets(request_, {rose}).at(0).failure, "");
+  EXPECT_EQ(retrieve_assets(request_, {rose}).at(0).failure, "") << "its own results may be made again";
+}
+
 TEST_F(RetrieveAssets, ASplitChoosesWhatMayBeAnswered) {
   write_file_atomically(folder_ / "split.txt", "red\n");
   request_.splits = {folder_ / "split.txt"};

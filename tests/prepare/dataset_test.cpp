@@ -290,6 +290,12 @@ TEST_F(PrepareDataset, RefusesSourcesInsideTheOutputFolder) {
   EXPECT_THROW(prepare_dataset(inside), InputError);
   EXPECT_TRUE(fs::exists(input() / "a.glb"));
   EXPECT_FALSE(fs::exists(input() / "records"));
+  // A folder of the output that leads into the input.
+  PrepareOptions linked = options("linked");
+  fs::create_directories(folder_ / "linked");
+  fs::create_directory_symlink(input(), folder_ / "linked/assets");
+  EXPECT_THROW(prepare_dataset(linked), InputError);
+  EXPECT_FALSE(fs::exists(folder_ / "linked/records"));
 }
 
 TEST_F(PrepareDataset, IdsFollowTheContentOfExternalBuffers) {

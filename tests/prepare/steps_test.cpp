@@ -1,8 +1,11 @@
 #include <gtest/gtest.h>
 
 #include <fstream>
+#include <functional>
 #include <map>
+#include <new>
 #include <set>
+#include <stdexcept>
 
 #include "anigen/core/atomic_file.h"
 #include "anigen/core/error.h"
@@ -30,6 +33,7 @@ class FakeExtractor : public FeatureExtractor {
   bool needs_views() const override { return needs_views_; }
   io::NdArray extract(const FeatureRequest& request) const override {
     ++calls_;
+    if (problem_) problem_();
     if (needs_views_) raytrace::read_transforms(request.views / "transforms.json");
     io::NdArray array;
     array.dtype = io::Dtype::kF16;
@@ -40,6 +44,7 @@ class FakeExtractor : public FeatureExtractor {
 
   std::string fingerprint_ = "one";
   bool needs_views_ = true;
+  std::function<void()> problem_;
   mutable int calls_ = 0;
 };
 
@@ -198,6 +203,26 @@ TEST_F(Steps, ThatFailedBeforeAreSkippedAndOthersGoOn) {
   EXPECT_EQ(second.assets[0].failures[0].reason, "took too long");
   plan_.resolution = 32;  // not the same any more
   EXPECT_TRUE(prepare({known}).assets[0].failures.empty());
+}
+
+// Whatever a step throws fails the step of that asset, and the worker lives on for the next one.
+TEST_F(Steps, FailWithWhateverTheyThrow) {
+  const auto failure = [&](std::function<void()> problem) {
+    fs::remove_all(folder_ / "out");
+    extractor_->problem_ = std::move(problem);
+    const SourceOutcome outcome = prepare();
+    EXPECT_EQ(steps(), (Names{"import", "skeleton", "voxels", "views", "cond_views", "features/fake"}));
+    return outcome.assets.at(0).failures.size() == 1 ? outcome.assets[0].failures[0].reason : "";
+  };
+  EXPECT_NE(failure([] { throw std::bad_alloc(); }).find("out of memory"), std::string::npos);
+  EXPECT_NE(failure([] { throw std::runtime_error("a\nException raised from b"); }).find(": a"), std::string::npos);
+  EXPECT_NE(failure([] { throw Error("Embree cannot start"); }).find("Embree"), std::string::npos);
+  EXPECT_NE(failure([] { throw InputError("x.pth", "", "is cut off"); }).find("x.pth"), std::string::npos);
+  extractor_->problem_ = [] { throw Interrupted("stopped"); };
+  fs::remove_all(folder_ / "out");
+  EXPECT_THROW(prepare(), Interrupted);
+  extractor_->problem_ = [] { throw WriteError("disk full"); };
+  EXPECT_THROW(prepare(), WriteError) << "no fault of the asset";
 }
 
 TEST_F(Steps, GiveEqualBytesHoweverTheyWereInterrupted) {

@@ -82,8 +82,8 @@ std::string pictures(const Comparison& comparison, const ComparisonReportOptions
         figures += turntable_html(shapes, options.views, options.picture_size);
         figures += posed_html(shapes, options.poses, options.picture_size, comparison.seed);
         figures += view_html(shapes, "shape-" + std::to_string(m) + "-" + std::to_string(i));
-      } catch (const Error& error) {
-        figures += "<p class=\"failed\">No picture: " + html_escaped(error.what()) + "</p>";
+      } catch (...) {
+        figures += "<p class=\"failed\">No picture: " + html_escaped(failure_of_item()) + "</p>";
       }
       figures += "</figure>\n";
     }

@@ -110,6 +110,31 @@ Opened open(const EvaluationRequest& request) {
   return opened;
 }
 
+/// Results lie in --out under fixed names; pictures of motions replace whatever is in their folder.
+void refuse_lossy_outputs(const EvaluationRequest& request, const Opened& opened) {
+  std::vector<fs::path> outputs;
+  for (const char* file : {"metrics.json", "metrics.csv", "table.md", "table.tex", "report.html"})
+    outputs.push_back(request.out / file);
+  std::error_code error;
+  for (fs::recursive_directory_iterator entry(request.out / "motion", error), end;
+       request.motions_pictured > 0 && !error && entry != end; entry.increment(error))
+    outputs.push_back(entry->path());
+  refuse_to_overwrite(outputs, [&] {
+    std::vector<fs::path> inputs = request.splits;
+    inputs.insert(inputs.end(), request.category_splits.begin(), request.category_splits.end());
+    inputs.push_back(request.motion.substr(0, request.motion.find('#')));
+    for (const std::string& text : request.predictions) inputs.push_back(named_path(text).second);
+    for (const ComparedMethod& method : opened.methods) {
+      for (const PairPlan& pair : method.pairs) {
+        for (fs::path& file : method.truths->files(pair.truth_id)) inputs.push_back(std::move(file));
+        if (!pair.prediction_id) continue;
+        for (fs::path& file : method.predictions->files(*pair.prediction_id)) inputs.push_back(std::move(file));
+      }
+    }
+    return inputs;
+  });
+}
+
 /// What predictions are sorted by; null unless the request asks for it.
 std::unique_ptr<CategoryReferences> open_categories(const Opened& opened, const EvaluationRequest& request) {
   if (request.category_splits.empty()) return nullptr;
@@ -150,8 +175,8 @@ MotionStrip draw_motion(const std::vector<ComparedMethod>& methods, const Compar
     constexpr int kSize = 224;  // five beside each other fit on a page of the report
     strip.frames = motion_frames(rigs, kSize);
     write_motion(folder / file_name(strip.id), rigs, strip.frames);
-  } catch (const InputError& error) {
-    strip.problem = error.what();
+  } catch (...) {
+    strip.problem = failure_of_item();
   }
   return strip;
 }
@@ -168,6 +193,18 @@ std::vector<MotionStrip> draw_motions(const std::vector<ComparedMethod>& methods
   for (const std::size_t asset : assets)
     strips.push_back(draw_motion(methods, comparison, asset, run, request.out / "motion"));
   return strips;
+}
+
+/// How many results each other build of the program made, where they were accepted.
+Json other_commits(const Comparison& comparison) {
+  std::map<std::string, std::size_t> counts;
+  for (const std::vector<PairResult>& method : comparison.results) {
+    for (const PairResult& result : method) {
+      if (result.failure.empty() && result.commit != commit())
+        ++counts[result.commit.empty() ? "none recorded" : result.commit];
+    }
+  }
+  return counts;
 }
 
 void write(const Comparison& comparison, const EvaluationRequest& request, const std::vector<ComparedMethod>& methods,
@@ -195,18 +232,6 @@ std::pair<std::string, fs::path> named_path(const std::string& text) {
   // A path may hold an equals sign, too; a name holds no separator.
   if (sign != std::string::npos && sign > 0 && text.find('/') > sign && sign + 1 < text.size())
     return {text.substr(0, sign), text.substr(sign + 1)};
-/// How many results each other build of the program made, where they were accepted.
-Json other_commits(const Comparison& comparison) {
-  std::map<std::string, std::size_t> counts;
-  for (const std::vector<PairResult>& method : comparison.results) {
-    for (const PairResult& result : method) {
-      if (result.failure.empty() && result.commit != commit())
-        ++counts[result.commit.empty() ? "none recorded" : result.commit];
-    }
-  }
-  return counts;
-}
-
   fs::path path = fs::path(text).lexically_normal();
   if (!path.has_filename()) path = path.parent_path();
   const std::string label = fs::is_directory(path) ? path.filename().string() : path.stem().string();
@@ -219,6 +244,7 @@ Comparison run_evaluation(const EvaluationRequest& request) {
   if (!request.worst_by.empty() && find_metric(request.worst_by) == nullptr)
     throw InputError("", request.worst_by, "no such metric; docs/metrics.md lists them");
   const Opened opened = open(request);
+  refuse_lossy_outputs(request, opened);
 
   ComparisonRun run;
   const std::unique_ptr<CategoryReferences> categories = open_categories(opened, request);
@@ -234,11 +260,15 @@ Comparison run_evaluation(const EvaluationRequest& request) {
   run.perceptual = request.perceptual;
   run.cache = request.out / "pairs";
   run.resume = request.resume;
+  run.accept_other_code = request.accept_other_code;
   Comparison comparison = run_comparison(opened.methods, run);
   comparison.unused = opened.unused;
   comparison.pairing = opened.pairing;
   comparison.settings = to_json(run.settings);
   comparison.settings["version"] = kVersion;
+  comparison.settings["commit"] = commit();
+  const Json others = other_commits(comparison);
+  if (!others.empty()) comparison.settings["results_of_other_commits"] = others;
   comparison.settings["sources"] = opened.described;
   Json splits = Json::array();
   for (const fs::path& split : request.splits) splits.push_back(split.string());
@@ -248,7 +278,3 @@ Comparison run_evaluation(const EvaluationRequest& request) {
 }
 
 }  // namespace anigen::eval
-  run.accept_other_code = request.accept_other_code;
-  comparison.settings["commit"] = commit();
-  const Json others = other_commits(comparison);
-  if (!others.empty()) comparison.settings["results_of_other_commits"] = others;

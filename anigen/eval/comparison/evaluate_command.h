@@ -35,8 +35,8 @@ struct EvaluationRequest {
 /// Evaluates and writes metrics.json, metrics.csv, table.md, table.tex and report.html into request.out; results of
 /// single pairs lie under out/pairs, from where an interrupted run goes on. Pictures of motions
 /// and the rigs with their clips go to out/motion/<asset>.
-/// @return what was written @throws InputError for what is wrong with the request; what is wrong with one asset is
-/// that asset's row
+/// @return what was written @throws InputError for what is wrong with the request, before any work where a result would
+/// replace an input; what is wrong with one asset is that asset's row
 Comparison run_evaluation(const EvaluationRequest& request);
 
 /// "NAME=PATH" split; a path alone is called by its last part without extension.

@@ -98,9 +98,9 @@ PairResult evaluate(const PairPlan& pair, const ComparedMethod& method, const Co
     Json json = to_json(result);
     json["stamp"] = wanted;
     write_file_atomically(saved, json.dump(1) + "\n");
-  } catch (const InputError& error) {
+  } catch (...) {
     result = {};
-    result.failure = error.what();
+    result.failure = failure_of_item();
   }
   result.id = pair.id;
   return result;

@@ -1,12 +1,11 @@
 #include "anigen/prepare/steps/prepare_source.h"
 
 #include <chrono>
-#include <new>
 #include <optional>
 #include <utility>
 
-#include "anigen/core/version.h"
 #include "anigen/core/error.h"
+#include "anigen/core/version.h"
 #include "anigen/prepare/augment/pose_augmentation.h"
 #include "anigen/prepare/import_asset.h"
 #include "anigen/prepare/steps/import_columns.h"
@@ -18,8 +17,8 @@ namespace {
 /// Raised whenever the same source would give another asset or other numbers.
 constexpr int kImportVersion = 1;
 
-/// Runs work and puts into `failure` what was wrong with the asset, if anything was. Errors that are no asset's fault
-/// pass. @return whether it succeeded
+/// Runs work and puts into `failure` what was wrong with the asset, if anything was. @return whether it succeeded
+/// @throws as failure_of_item(), for what is no asset's fault
 bool try_work(const std::string& name, const std::function<void()>& work, StepFailure& failure) {
   try {
     work();
@@ -29,12 +28,8 @@ bool try_work(const std::string& name, const std::function<void()>& work, StepFa
     failure.rule = error.finding().rule;
   } catch (const InputError& error) {
     failure.reason = error.what();
-  } catch (const Error&) {
-    throw;
-  } catch (const std::bad_alloc&) {
-    failure.reason = name + ": needs more memory than there is";
-  } catch (const std::exception& error) {
-    failure.reason = name + ": " + error.what();
+  } catch (...) {
+    failure.reason = name + ": " + failure_of_item();
   }
   return false;
 }
@@ -121,12 +116,12 @@ AssetOutcome SourcePreparer::prepare_asset(const Root& root, AssetJob& job, cons
   for (const PlannedStep& planned : steps_) {
     if (outcome.rejected_pose) break;
     const Step& step = *planned.step;
-    result.commit = commit();
     bool possible = true;
     for (const std::string& input : step.inputs()) possible = possible && records.has(input);
     if (!possible || up_to_date(step, job.places(), records, !planned.asked)) continue;
     StepResult result;
     result.version = step.version();
+    result.commit = commit();
     result.options = step.options();
     result.inputs = step.inputs();
     result.fingerprint = records.fingerprint(step.name(), result.version, result.options, result.inputs);

@@ -28,7 +28,7 @@ class SourcePreparer {
   /// @param extractor for the features; null when the plan wants none
   SourcePreparer(std::filesystem::path out, StepPlan plan, std::shared_ptr<const FeatureExtractor> extractor);
 
-  /// @throws Error for what is no asset's fault: a full disk, an unwritable folder
+  /// @throws WriteError for what is no asset's fault: a full disk, an unwritable folder
   SourceOutcome prepare(const SourceTask& task, const StepObserver& observe) const;
 
  private:
