@@ -41,10 +41,10 @@ bool finite(const Transform& t) {
   return t.translation.allFinite() && t.rotation.coeffs().allFinite() && t.scale.allFinite();
 }
 
-void check_mesh(Findings& findings, const Asset& asset) {
+void check_mesh(Findings& findings, const Asset& asset, bool require_faces) {
   const Mesh& mesh = asset.mesh;
   if (mesh.vertices.empty()) findings.add("mesh", "mesh has no vertices");
-  if (mesh.faces.empty()) findings.add("mesh", "mesh has no faces");
+  if (mesh.faces.empty() && require_faces) findings.add("mesh", "mesh has no faces");
   const std::size_t count = mesh.vertices.size();
   check_length(findings, "normals", mesh.normals.size(), count, true);
   check_length(findings, "uvs", mesh.uvs.size(), count, true);
@@ -202,11 +202,14 @@ void check_animation(Findings& findings, const Animation& animation, std::size_t
 
 }  // namespace
 
-std::vector<std::string> validate(const Asset& asset, std::size_t at_most) {
+std::vector<std::string> validate(const Asset& asset, std::size_t at_most, bool require_rig) {
   Findings findings(at_most);
-  check_mesh(findings, asset);
-  check_skeleton(findings, asset.skeleton);
-  check_skin(findings, asset);
+  const bool has_skin = asset.skin.offsets.size() != 1 || !asset.skin.influences.empty();
+  const bool has_skeleton = asset.skeleton.size() > 0, has_mesh = !asset.mesh.vertices.empty();
+  if (require_rig || has_mesh || !has_skeleton || !asset.mesh.faces.empty())
+    check_mesh(findings, asset, require_rig || has_skin);
+  if (require_rig || has_skeleton || has_skin) check_skeleton(findings, asset.skeleton);
+  if (require_rig || has_skin) check_skin(findings, asset);
   for (const Animation& animation : asset.animations) check_animation(findings, animation, asset.skeleton.size());
   return findings.take();
 }

@@ -61,7 +61,7 @@ Image::Image(int width, int height, std::uint32_t rgba_fill) : width(width), hei
   for (std::size_t i = 0; i < rgba.size(); ++i) rgba[i] = static_cast<std::uint8_t>(rgba_fill >> (24 - 8 * (i % 4)));
 }
 
-Image decode_image(const std::vector<std::uint8_t>& bytes, const std::string& name_for_errors) {
+Image decode_image(const std::vector<std::uint8_t>& bytes, const std::string& name_for_errors, StoredPixels* stored) {
   if (bytes.empty()) throw InputError(name_for_errors, "", "picture of zero bytes");
   if (bytes.size() > std::size_t{1} << 30) throw InputError(name_for_errors, "", "picture file larger than 1 GiB");
   // Before OpenCV allocates what a hostile header asks for.
@@ -73,6 +73,7 @@ Image decode_image(const std::vector<std::uint8_t>& bytes, const std::string& na
   if (channels > 4 || (depth != CV_8U && depth != CV_16U && depth != CV_32F)) {
     throw NotSupportedError(name_for_errors, "", "this pixel type of a picture");
   }
+  if (stored != nullptr) *stored = {channels, depth == CV_8U ? 8 : depth == CV_16U ? 16 : 32};
   Image image(picture.cols, picture.rows);
   for (int y = 0; y < image.height; ++y) {
     for (int x = 0; x < image.width; ++x) {

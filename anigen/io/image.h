@@ -20,8 +20,16 @@ struct Image {
   const std::uint8_t* pixel(int x, int y) const { return rgba.data() + 4 * (static_cast<std::size_t>(y) * width + x); }
 };
 
-/// PNG, JPEG or what OpenCV reads. @throws InputError when it cannot be decoded or exceeds 16,384 pixels on a side
-Image decode_image(const std::vector<std::uint8_t>& bytes, const std::string& name_for_errors);
+/// How a file keeps its pixels.
+struct StoredPixels {
+  int channels = 0;  ///< 1 grey, 2 grey and alpha, 3 colour, 4 colour and alpha; a palette counts as colour
+  int bits = 0;      ///< per channel: 8, 16 or 32 (a float); fewer count as 8
+};
+
+/// PNG, JPEG or what OpenCV reads. @param stored set, when not null, to what the file held
+/// @throws InputError when it cannot be decoded or exceeds 16,384 pixels on a side
+Image decode_image(const std::vector<std::uint8_t>& bytes, const std::string& name_for_errors,
+                   StoredPixels* stored = nullptr);
 Image read_image(const std::filesystem::path& path);
 std::vector<std::uint8_t> encode_png(const Image& image);
 /// Over white where the picture is transparent. @param quality 1 … 100

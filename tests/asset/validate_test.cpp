@@ -12,6 +12,40 @@ namespace {
 
 TEST(Validate, SoundAssetHasNoFindings) { EXPECT_TRUE(validate(test::small_rig()).empty()); }
 
+TEST(Validate, PartsMayBeMissingWhereNoRigIsRequired) {
+  const auto findings = [](const std::function<void(Asset&)>& change) {
+    Asset asset = test::small_rig();
+    change(asset);
+    return validate(asset, 3, false);
+  };
+  const auto no_rig = [](Asset& a) {
+    a.skeleton = {};
+    a.skin = {};
+    a.animations.clear();
+  };
+  const auto no_mesh = [](Asset& a) {
+    a.mesh = {};
+    a.skin = {};
+  };
+  EXPECT_TRUE(findings([](Asset&) {}).empty());
+  EXPECT_TRUE(findings(no_rig).empty());
+  EXPECT_TRUE(findings(no_mesh).empty());
+  EXPECT_TRUE(findings([](Asset& a) { a.skin = {}; }).empty());
+  EXPECT_TRUE(findings([&](Asset& a) {
+                no_rig(a);
+                a.mesh.faces.clear();
+              }).empty())
+      << "points";
+  EXPECT_FALSE(findings([](Asset& a) { a = {}; }).empty()) << "neither mesh nor skeleton";
+  EXPECT_FALSE(findings([](Asset& a) { a.skeleton = {}; }).empty()) << "weights for no joint";
+  EXPECT_FALSE(findings([](Asset& a) { a.mesh.vertices.clear(); }).empty()) << "faces without vertices";
+  EXPECT_FALSE(findings([&](Asset& a) {
+                 no_rig(a);
+                 a.mesh.faces[0][0] = 9;
+               }).empty());
+  EXPECT_FALSE(findings([](Asset& a) { a.mesh.faces.clear(); }).empty()) << "a skin moves a surface";
+}
+
 struct Damage {
   const char* word;  // what the finding must mention
   std::function<void(Asset&)> apply;

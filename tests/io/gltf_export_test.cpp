@@ -411,6 +411,63 @@ INSTANTIATE_TEST_SUITE_P(
                       Flaw{"material_of_unknown_image", [](Asset& a) { a.materials[1].image = 5; }}),
     [](const auto& info) { return std::string(info.param.name); });
 
+ExportOptions without_rig() {
+  ExportOptions options;
+  options.require_rig = false;
+  return options;
+}
+
+TEST(GltfExport, AMeshWithoutARigIsWrittenWhereTheCallerAllowsIt) {
+  Asset asset = small_asset();
+  asset.skeleton = {};
+  asset.skin = {};
+  asset.animations.clear();
+  EXPECT_THROW(exported(asset), InputError);
+  const test::TemporaryFolder folder;
+  write_gltf(folder / "asset.glb", asset, without_rig());
+  const ParsedGltf file(folder / "asset.glb");
+  EXPECT_FALSE(file.json.contains("skins"));
+  EXPECT_EQ(file.json["scenes"][0]["nodes"], Json::array({0}));
+  EXPECT_FALSE(file.json["nodes"][0].contains("skin"));
+  EXPECT_FALSE(file.json["meshes"][0]["primitives"][0]["attributes"].contains("JOINTS_0"));
+  ImportOptions options;
+  options.require_rig = false;
+  const Asset back = read_gltf(folder / "asset.glb", options).asset;
+  EXPECT_EQ(back.mesh.vertices, asset.mesh.vertices);
+  EXPECT_EQ(back.mesh.faces, asset.mesh.faces);
+  EXPECT_EQ(back.skeleton.size(), 0u);
+}
+
+TEST(GltfExport, ASkeletonWithoutAMeshIsWrittenWithItsMotion) {
+  Asset asset = small_asset();
+  asset.mesh = {};
+  asset.skin = {};
+  asset.materials.clear();
+  asset.images.clear();
+  EXPECT_THROW(exported(asset), InputError);
+  const test::TemporaryFolder folder;
+  write_gltf(folder / "asset.glb", asset, without_rig());
+  EXPECT_FALSE(ParsedGltf(folder / "asset.glb").json.contains("meshes"));
+  ImportOptions options;
+  options.require_rig = false;
+  const Asset back = read_gltf(folder / "asset.glb", options).asset;
+  EXPECT_EQ(back.skeleton.names, asset.skeleton.names);
+  EXPECT_TRUE(back.mesh.vertices.empty());
+  ASSERT_EQ(back.animations.size(), 1u);
+  EXPECT_EQ(back.animations[0].channels.size(), asset.animations[0].channels.size());
+}
+
+TEST(GltfExport, AMeshBesideASkeletonNeedsWeights) {
+  Asset asset = small_asset();
+  asset.skin = {};
+  try {
+    exported(asset, without_rig());
+    FAIL() << "was written";
+  } catch (const InputError& error) {
+    EXPECT_NE(std::string(error.what()).find("no skin weights"), std::string::npos);
+  }
+}
+
 TEST(GltfExport, RefusedExportKeepsTheOldFile) {
   const test::TemporaryFolder folder;
   write_file_atomically(folder / "asset.glb", "old");

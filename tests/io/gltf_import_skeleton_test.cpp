@@ -243,5 +243,71 @@ TEST(GltfImportSkeleton, NeedsASkin) {
   test::expect_refused(file, "/skins", "no skin: nothing to animate");
 }
 
+/// The flag without its skin, which stands two metres to the side; its node may move.
+GltfBuilder bare_flag(bool moves) {
+  GltfBuilder file = flag();
+  file.json.erase("skins");
+  file.json["nodes"][0].erase("skin");
+  file.json["nodes"][0]["translation"] = {2, 0, 0};
+  if (moves) file.animate(0, "translation", {0, 1.5f}, {2, 0, 0, 3, 0, 0});
+  return file;
+}
+
+ImportedAsset import_without_rig(const GltfBuilder& file) {
+  const test::TemporaryFolder folder;
+  file.save(folder / "a.glb");
+  ImportOptions options;
+  options.require_rig = false;
+  return read_gltf(folder / "a.glb", options);
+}
+
+TEST(GltfImportSkeleton, AMeshWithoutASkinStandsWhereItsSceneShowsIt) {
+  const ImportedAsset imported = import_without_rig(bare_flag(true));
+  EXPECT_EQ(imported.asset.skeleton.size(), 0u);
+  EXPECT_EQ(imported.asset.skin.rows(), 0u);
+  ASSERT_EQ(imported.asset.mesh.vertices.size(), 4u);
+  EXPECT_EQ(imported.asset.mesh.vertices[3], Eigen::Vector3f(3, 0, 2)) << "(1, 2, 0) moved to (3, 2, 0), Z up";
+  EXPECT_TRUE(imported.asset.animations.empty());
+  ASSERT_EQ(imported.node_clips.size(), 1u);
+  EXPECT_EQ(imported.node_clips[0].name, "move");
+  EXPECT_EQ(imported.node_clips[0].seconds, 1.5);
+  EXPECT_EQ(imported.node_clips[0].tracks, 1u);
+  EXPECT_TRUE(import_without_rig(bare_flag(false)).node_clips.empty());
+}
+
+TEST(GltfImportSkeleton, ASkinWithoutAMeshIsASkeleton) {
+  GltfBuilder file = flag();
+  file.json.erase("meshes");
+  file.json["nodes"][0].erase("mesh");
+  file.json["nodes"][0].erase("skin");
+  const ImportedAsset imported = import_without_rig(file);
+  EXPECT_EQ(imported.asset.skeleton.names, (std::vector<std::string>{"hip", "knee"}));
+  EXPECT_TRUE(imported.asset.mesh.vertices.empty());
+  test::expect_refused(file, "/meshes", "no triangles");
+}
+
+TEST(GltfImportSkeleton, MovingNodesWithoutAMeshAreASkeleton) {
+  GltfBuilder file = bare_flag(false);
+  file.json.erase("meshes");
+  file.json["nodes"][0].erase("mesh");
+  file.animate(1, "rotation", {0, 1}, {0, 0, 0, 1, 0, 0, 1, 0});
+  const ImportedAsset imported = import_without_rig(file);
+  EXPECT_EQ(imported.asset.skeleton.names, (std::vector<std::string>{"hip", "knee"})) << "the knee hangs on the hip";
+  ASSERT_EQ(imported.asset.animations.size(), 1u);
+  EXPECT_EQ(imported.asset.animations[0].duration(), 1.0);
+}
+
+TEST(GltfImportSkeleton, ASceneOfNothingIsRefused) {
+  GltfBuilder file = bare_flag(false);
+  file.json["meshes"][0]["primitives"][0]["mode"] = 1;  // lines
+  try {
+    import_without_rig(file);
+    FAIL() << "was read";
+  } catch (const InputError& error) {
+    EXPECT_EQ(error.problem(),
+              "the scene shows nothing but points and lines, no triangles, no skin and no animation: nothing to read");
+  }
+}
+
 }  // namespace
 }  // namespace anigen::io

@@ -98,6 +98,54 @@ TEST_P(Scenes, GiveTheRig) {
   EXPECT_LT((color - Eigen::Vector4f(0.25f, 0.5f, 0.75f, 1.0f)).norm(), 1e-5);
 }
 
+/// The text without what binds the mesh to the joints.
+std::string without_skin(std::string text, bool is_fbx) {
+  if (is_fbx) {
+    for (std::size_t at; (at = text.find("Deformer: ")) != std::string::npos;) text.replace(at, 10, "Nothing: ");
+    return text;
+  }
+  const std::string controller = "<instance_controller url=\"#skin\"><skeleton>#j0</skeleton>";
+  text.replace(text.find(controller), controller.size(), "<instance_geometry url=\"#mesh\">");
+  const std::string end = "</instance_controller>";
+  text.replace(text.find(end), end.size(), "</instance_geometry>");
+  return text;
+}
+
+TEST_P(Scenes, WithoutASkinAreMeshesWhereTheCallerWantsThem) {
+  SceneOptions scene;
+  scene.unit = 0.01;
+  const std::string content = without_skin(text(scene), is_fbx());
+  EXPECT_NE(refusal(content).find("no skin"), std::string::npos);
+  ImportOptions options;
+  options.require_rig = false;
+  const ImportedAsset imported = read_assimp(write(content), options);
+  EXPECT_EQ(imported.asset.skeleton.size(), 0u);
+  EXPECT_EQ(imported.asset.skin.rows(), 0u);
+  EXPECT_EQ(imported.asset.mesh.faces.size(), 4u);
+  EXPECT_NEAR(bounding_box(imported.asset.mesh.vertices).longest_side(), 0.01, 1e-6) << "metres, Z up";
+  EXPECT_EQ(imported.frame.up, 'Z');
+  EXPECT_NEAR(imported.frame.metres, 0.01, 1e-9);
+  ASSERT_EQ(imported.node_clips.size(), 1u);
+  EXPECT_NEAR(imported.node_clips[0].seconds, 1.0, 1e-5);
+}
+
+TEST_P(Scenes, WithoutAMeshAreSkeletonsOfWhatMoves) {
+  std::string content = without_skin(text(), is_fbx());
+  if (is_fbx()) {
+    content.replace(content.find("Geometry: "), 10, "Nothing: ");
+  } else {
+    const std::size_t begin = content.find("<instance_geometry"), end = content.find("</instance_geometry>") + 20;
+    content.erase(begin, end - begin);
+  }
+  ImportOptions options;
+  options.require_rig = false;
+  const Asset asset = read_assimp(write(content), options).asset;
+  EXPECT_TRUE(asset.mesh.vertices.empty());
+  EXPECT_EQ(asset.skeleton.names, (std::vector<std::string>{"j1", "j2"})) << "j1 turns, j2 hangs on it";
+  ASSERT_EQ(asset.animations.size(), 1u);
+  EXPECT_NEAR(asset.animations[0].duration(), 1.0, 1e-5);
+}
+
 TEST_P(Scenes, UnitsBecomeMetres) {
   SceneOptions options;
   options.unit = 0.01;
@@ -213,11 +261,74 @@ TEST(ColladaScan, RefusesWhatRecursionCannotStand) {
   std::string deep;
   for (int i = 0; i < 100'000; ++i) deep += "<node>";
   EXPECT_EQ(problem([&] { assimp_import::scan_collada(deep, "f"); }), "elements are nested deeper than 1024");
-  EXPECT_EQ(problem([] { assimp_import::scan_collada("<a><instance_node url='#a'/></a>", "f"); }),
-            "not supported: COLLADA instance_node");
+  EXPECT_EQ(problem([] {
+              assimp_import::scan_collada("<node id='a'><node id='b'><instance_node url='#a'/></node></node>", "f");
+            }),
+            "a node is its own ancestor: the scene graph has a cycle");
+  std::string doubling = "<node id='n0'/>";  // every node has the one before twice
+  for (int i = 1; i < 40; ++i) {
+    const std::string url = "<instance_node url='#n" + std::to_string(i - 1) + "'/>";
+    doubling += "<node id='n" + std::to_string(i) + "'>" + url + url + "</node>";
+  }
+  EXPECT_EQ(problem([&] { assimp_import::scan_collada(doubling, "f", 1000); }),
+            "the scene graph has more nodes than the limit of 1000");
+  EXPECT_EQ(problem([] { assimp_import::scan_collada(std::string("\xFF\xFE<\0a\0", 6), "f"); }),
+            "not supported: text in UTF-16; convert it: iconv -f UTF-16 -t UTF-8");
   std::string flat = "<?xml?><!-- <x> --><![CDATA[ <y> ]]>";
   for (int i = 0; i < 5'000; ++i) flat += "<node a='>'/><node></node>";
   EXPECT_EQ(problem([&] { assimp_import::scan_collada(flat, "f"); }), "");
+}
+
+TEST(ColladaScan, ReadsAxisAndUnitOfTheScene) {
+  const FileFrame frame = assimp_import::scan_collada(
+      "<COLLADA><asset><unit name='inch' meter=\"0.0254\"/><up_axis> X_UP </up_axis></asset><library><part><asset>"
+      "<unit meter='7'/><up_axis>Y_UP</up_axis></asset></part></library></COLLADA>",
+      "f");
+  EXPECT_EQ(frame.up, 'X');
+  EXPECT_EQ(frame.metres, 0.0254);
+}
+
+// Assimp 5.2 takes the blank for a number that is none. Exporters of Godot's users write such files.
+TEST(Collada, NumbersMayBeginWithBlanks) {
+  const test::TemporaryFolder folder;
+  std::string text = test::collada_text(RigFile());
+  for (const std::string tag : {"<color>", "<bind_shape_matrix>", "<vcount>", "<v>", "<p>"}) {
+    ASSERT_NE(text.find(tag), std::string::npos) << tag;
+    text.insert(text.find(tag) + tag.size(), "\n\t ");
+  }
+  write_file_atomically(folder / "a.dae", text);
+  const Asset asset = read_assimp(folder / "a.dae").asset;
+  expect_rig(asset, RigFile(), 1.0);
+  EXPECT_LT((asset.materials.at(0).base_color - Eigen::Vector4f(0.25f, 0.5f, 0.75f, 1.0f)).norm(), 1e-5);
+}
+
+TEST(Collada, NodesShownAgainAreRead) {
+  const test::TemporaryFolder folder;
+  std::string text = test::collada_text(RigFile());
+  const std::string extra = "<node id=\"again\"><instance_node url=\"#lamp\"/></node>";
+  text.insert(text.find("<library_visual_scenes>"), "<library_nodes><node id=\"lamp\"/></library_nodes>");
+  text.insert(text.find("\n<node id=\"body\""), extra);
+  write_file_atomically(folder / "a.dae", text);
+  EXPECT_EQ(read_assimp(folder / "a.dae").asset.skeleton.size(), 3u);
+}
+
+// A picture inside the file that is no base64 makes Assimp 5.2 free memory that it never asked for.
+TEST(Fbx, WhatCrashesAssimpIsRefused) {
+  const test::TemporaryFolder folder;
+  write_file_atomically(
+      folder / "a.fbx",
+      "; FBX 7.4.0 project file\nFBXHeaderExtension:  {\n\tFBXHeaderVersion: 1003\n\tFBXVersion: 7400\n}\n"
+      "GlobalSettings:  {\n\tVersion: 1000\n}\nObjects:  {\n"
+      "Material: 300, \"Material::skin\", \"\" {\n}\nModel: 100, \"Model::m\", \"Mesh\" {\n}\n"
+      "Texture: 400, \"Texture::t\", \"\" {\n\tFileName: \"a.png\"\n\tRelativeFilename: \"a.png\"\n}\n"
+      "Video: 500, \"Video::v\", \"Clip\" {\n\tFilename: \"a.png\"\n\tRelativeFilename: \"a.png\"\n"
+      "\tContent: ,\n \"AAAA?AAA\"\n}\n"
+      "Geometry: 1000, \"Geometry::g\", \"Mesh\" {\n\tVertices: *9 {\n\ta: 0,0,0,1,0,0,0,1,0\n\t}\n"
+      "\tPolygonVertexIndex: *3 {\n\ta: 0,1,-3\n\t}\n}\n}\n"
+      "Connections:  {\nC: \"OO\",100,0\nC: \"OO\",1000,100\nC: \"OO\",300,100\n"
+      "C: \"OP\",400,300, \"DiffuseColor\"\nC: \"OO\",500,400\n}\n");
+  const std::string refused = problem([&] { read_assimp(folder / "a.fbx"); });
+  EXPECT_EQ(refused.rfind("Assimp cannot read it: it crashed (", 0), 0u) << refused;
 }
 
 std::string fbx_graph(const std::string& models, const std::string& links) {

@@ -3,6 +3,7 @@
 #include <set>
 
 #include "anigen/core/error.h"
+#include "anigen/io/gltf.h"
 #include "anigen/io/obj.h"
 #include "anigen/io/ply.h"
 #include "anigen/io/rigs/axes.h"
@@ -82,7 +83,6 @@ TEST_F(OpenSource, ShardsOfSamplesAreOneSource) {
   EXPECT_EQ(problem("a"), "sample 0: the name second is also that of sample 0 in " + path("a/train_1.pt").string());
 }
 
-TEST_F(OpenSource, RefusesWhatItCannotTell) {
 // Results must not replace what a shape is read with.
 TEST_F(OpenSource, ShapesKnowTheirFiles) {
   const auto files = [&](const std::string& folder, const std::string& id) {
@@ -110,6 +110,7 @@ TEST_F(OpenSource, ShapesKnowTheirFiles) {
   EXPECT_EQ(files("data", "a").count(path("data/assets/a.glb")), 1u) << "the asset itself";
 }
 
+TEST_F(OpenSource, RefusesWhatItCannotTell) {
   fs::create_directories(path("empty/x"));
   EXPECT_EQ(problem("empty").substr(0, 35), "holds nothing that can be read: no ");
   test::write_quickly(path("a/x.glb"), "x");
@@ -149,6 +150,22 @@ TEST_F(OpenSource, MeshesNeedNoRig) {
   EXPECT_EQ(obj.mesh.vertices[0], Eigen::Vector3f(first.x(), -first.z(), first.y())) << "Y up";
   EXPECT_TRUE(open_meshes(path("m/flat.ply"))->is_single_file());
   EXPECT_EQ(open_meshes(path("m/flat.ply"), {Axes::kYUp})->read("flat").mesh.vertices[2], Eigen::Vector3f(0, 0, 2));
+
+  test::write_quickly(path("m/block.stl"),
+                      "solid\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 0 3\nendloop\n"
+                      "endfacet\nendsolid\n");
+  EXPECT_EQ(open_meshes(path("m/block.stl"))->read("block").mesh.vertices[2], Eigen::Vector3f(0, 0, 3)) << "Z up";
+
+  // Scenes need no skin here, and still do for those who want rigs.
+  Asset bare;
+  bare.mesh = mesh;
+  ExportOptions without_rig;
+  without_rig.require_rig = false;
+  write_gltf(path("bare.glb"), bare, without_rig);
+  const RiggedShape scene = open_meshes(path("bare.glb"))->read("bare");
+  EXPECT_EQ(scene.mesh.vertices, mesh.vertices);
+  EXPECT_FALSE(scene.has_joints());
+  EXPECT_NE(test::refusal([&] { open_source(path("bare.glb"))->read("bare"); }).find("no skin"), std::string::npos);
 
   test::write_quickly(path("mixed/a.glb"), "x");
   test::write_quickly(path("mixed/a.obj"), "x");

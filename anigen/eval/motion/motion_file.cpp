@@ -31,7 +31,9 @@ Clips read_clips(const fs::path& file) {
   const bool is_gltf = extension == ".glb" || extension == ".gltf";
   if (!is_gltf && extension != ".fbx" && extension != ".dae")
     throw InputError(file.string(), "", "a motion is a .bvh, .glb, .gltf, .fbx or .dae");
-  Asset asset = (is_gltf ? io::read_gltf(file) : io::read_assimp(file)).asset;
+  io::ImportOptions options;
+  options.require_rig = false;  // clips of motion libraries come without a mesh
+  Asset asset = (is_gltf ? io::read_gltf(file, options) : io::read_assimp(file, options)).asset;
   if (asset.animations.empty()) throw InputError(file.string(), "", "there is no clip in it");
   return {std::move(asset.skeleton), std::move(asset.animations)};
 }

@@ -12,8 +12,8 @@ struct MotionFile {
   Json described;  ///< file, sha256, clip, number of joints: saved results are told apart by it
 };
 
-/// Reads "FILE" or "FILE#CLIP": .bvh, which has one clip, or a rigged .glb, .gltf, .fbx or .dae. CLIP is a clip's name,
-/// else its number from 0; without it the first clip that moves.
+/// Reads "FILE" or "FILE#CLIP": .bvh, which has one clip, or a .glb, .gltf, .fbx or .dae that is rigged or has no mesh.
+/// CLIP is a clip's name, else its number from 0; without it the first clip that moves.
 /// @throws InputError naming the file: unreadable, another extension, no clip, no clip of that name (with those there
 /// are), or nothing in it moves
 MotionFile read_motion(const std::string& file_and_clip, int frames);

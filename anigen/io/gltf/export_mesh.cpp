@@ -49,7 +49,8 @@ Json write_attributes(GltfDocument& document, const Asset& asset, const Eigen::M
     }
     attributes["COLOR_0"] = document.add_floats(values, 4, ViewTarget::kVertices);
   }
-  write_skin_attributes(document, attributes, asset.skin, asset.skeleton.size(), influences);
+  if (asset.skeleton.size() > 0)
+    write_skin_attributes(document, attributes, asset.skin, asset.skeleton.size(), influences);
   return attributes;
 }
 

@@ -41,12 +41,18 @@ void write_nodes(GltfDocument& document, const Asset& asset, ExportAxes axes) {
   for (std::size_t j = 0; j < skeleton.size(); ++j) {
     if (skeleton.parents[j] >= 0) nodes[static_cast<std::size_t>(skeleton.parents[j])]["children"].push_back(j);
   }
-  const std::string name = unused_name(asset.name.empty() ? "mesh" : asset.name, skeleton.names);
-  nodes.push_back({{"name", name}, {"mesh", 0}, {"skin", 0}});
+  Json roots = Json::array();
+  if (skeleton.size() > 0) roots.push_back(0);
+  if (!asset.mesh.vertices.empty()) {
+    const std::string name = unused_name(asset.name.empty() ? "mesh" : asset.name, skeleton.names);
+    roots.push_back(nodes.size());
+    nodes.push_back({{"name", name}, {"mesh", 0}});
+    if (skeleton.size() > 0) nodes.back()["skin"] = 0;
+  }
   document.json["scene"] = 0;
   Json scene = Json::object();
   if (!asset.name.empty()) scene["name"] = asset.name;
-  scene["nodes"] = Json::array({0, skeleton.size()});
+  scene["nodes"] = std::move(roots);
   document.json["scenes"] = Json::array({std::move(scene)});
   document.json["nodes"] = std::move(nodes);
 }

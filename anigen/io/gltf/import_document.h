@@ -13,6 +13,7 @@
 #include "anigen/asset/animation.h"
 #include "anigen/asset/mesh.h"
 #include "anigen/asset/skeleton.h"
+#include "anigen/io/gltf.h"
 
 namespace anigen::io::gltf_import {
 
@@ -110,6 +111,7 @@ struct AnimationEntry {
 
 struct Document {
   std::string file;
+  FileFrame frame;
   std::vector<std::unique_ptr<std::string>> storage;  ///< what the views point into, beside the container
   std::vector<BufferView> views;
   std::vector<Accessor> accessors;

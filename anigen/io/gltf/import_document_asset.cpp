@@ -17,7 +17,7 @@ namespace anigen::io::gltf_import {
 ImportedAsset document_asset(const Document& document, const std::filesystem::path& path, const ImportOptions& options,
                              Notes& notes) {
   const std::vector<TrackSet> tracks = read_tracks(document, notes);
-  Rig rig = build_rig(document, moving_nodes(document, tracks), options.max_joints, notes);
+  Rig rig = build_rig(document, moving_nodes(document, tracks), options, notes);
   const std::vector<SkinBinding> bindings = bind_skins(document, rig, notes);
 
   ImportedAsset result;
@@ -29,9 +29,13 @@ ImportedAsset document_asset(const Document& document, const std::filesystem::pa
   MaterialSet materials = read_materials(document, path.parent_path(), options, notes);
   asset.materials = std::move(materials.materials);
   asset.images = std::move(materials.images);
-  asset.animations = convert_animations(tracks, rig, notes);
+  if (rig.skeleton.size() > 0)
+    asset.animations = convert_animations(tracks, rig, notes);
+  else
+    result.node_clips = clips_of_nodes(tracks);
   asset.skeleton = std::move(rig.skeleton);
-  const std::vector<std::string> findings = validate(asset, 1);
+  result.frame = document.frame;
+  const std::vector<std::string> findings = validate(asset, 1, options.require_rig);
   if (!findings.empty()) throw InputError(path.string(), "", "cannot be made a sound asset: " + findings.front());
   result.notes = notes.take();
   result.lowest_weight_sum = notes.lowest_weight_sum();

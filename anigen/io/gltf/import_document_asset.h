@@ -7,8 +7,9 @@
 
 namespace anigen::io::gltf_import {
 
-/// What every importer that fills a Document ends with: one skeleton, one mesh in its bind pose, materials, animations;
-/// repaired where the file is wrong. @param path of the file; pictures are read from its folder
+/// What every importer that fills a Document ends with: one skeleton, one mesh in its bind pose, materials, animations,
+/// or what of these options.require_rig lets be missing; repaired where the file is wrong. @param path of the file;
+/// pictures are read from its folder
 /// @throws InputError also when the result is no sound asset
 ImportedAsset document_asset(const Document& document, const std::filesystem::path& path, const ImportOptions& options,
                              Notes& notes);

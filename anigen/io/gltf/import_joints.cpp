@@ -46,6 +46,26 @@ void promote_nodes(const Document& document, const std::vector<char>& moving, st
               moved + uneven);
 }
 
+bool shows_triangles(const Document& document) {
+  for (std::size_t n = 0; n < document.nodes.size(); ++n) {
+    const int mesh = document.nodes[n].mesh;
+    if (mesh < 0 || document.in_scene[n] == 0) continue;
+    const std::vector<Primitive>& primitives = document.meshes[at(mesh)].primitives;
+    if (std::any_of(primitives.begin(), primitives.end(), [](const Primitive& one) { return one.mode >= 4; }))
+      return true;
+  }
+  return false;
+}
+
+/// A motion without a mesh: ends of chains often do not move themselves.
+void mark_moving_trees(const Document& document, const std::vector<char>& moving, std::vector<char>& is_joint) {
+  for (const int n : document.top_down) {
+    const int parent = document.nodes[at(n)].parent;
+    const bool below = parent >= 0 && is_joint[at(parent)] != 0;
+    if (document.in_scene[at(n)] != 0 && (moving[at(n)] != 0 || below)) is_joint[at(n)] = 1;
+  }
+}
+
 }  // namespace
 
 std::vector<int> count_below(const Document& document, const std::vector<char>& marked) {
@@ -68,8 +88,8 @@ int common_ancestor(const Document& document, const std::vector<int>& nodes) {
   return deepest;
 }
 
-JointChoice choose_joints(const Document& document, const std::vector<char>& moving, Notes& notes) {
-  if (document.skins.empty())
+JointChoice choose_joints(const Document& document, const std::vector<char>& moving, bool require_skin, Notes& notes) {
+  if (document.skins.empty() && require_skin)
     throw InputError(document.file, "/skins", "no skin: nothing to animate; export the mesh with its armature");
   JointChoice choice;
   choice.skin_used = used_skins(document);
@@ -80,7 +100,9 @@ JointChoice choose_joints(const Document& document, const std::vector<char>& mov
     any = true;
     for (const int n : document.skins[s].joints) choice.is_joint[at(n)] = 1;
   }
-  if (!any) throw InputError(document.file, "/skins", "no skin in this scene: nothing to animate");
+  if (!any && require_skin) throw InputError(document.file, "/skins", "no skin in this scene: nothing to animate");
+  if (!any && shows_triangles(document)) return choice;
+  if (!any) mark_moving_trees(document, moving, choice.is_joint);
   promote_nodes(document, moving, choice.is_joint, notes);
   return choice;
 }

@@ -15,8 +15,11 @@ struct JointChoice {
 
 /// The joints of every used skin, and promoted: nodes above joints that move or that cannot be folded into a joint
 /// (uneven scale, shear), and moving nodes that carry meshes without skin.
-/// @param moving per node, from moving_nodes() @throws InputError when there is no skin
-JointChoice choose_joints(const Document& document, const std::vector<char>& moving, Notes& notes);
+/// @param moving per node, from moving_nodes()
+/// @param require_skin false: a scene without a skin has no joints where it shows triangles; where it does not, they
+/// are the nodes that move and all below them
+/// @throws InputError when there is no skin and one is required
+JointChoice choose_joints(const Document& document, const std::vector<char>& moving, bool require_skin, Notes& notes);
 
 /// Per node, the number of marked nodes at or below it.
 std::vector<int> count_below(const Document& document, const std::vector<char>& marked);

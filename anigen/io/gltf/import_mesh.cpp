@@ -22,6 +22,7 @@ class MeshMerger {
       : document_(document),
         rig_(rig),
         bindings_(bindings),
+        require_rig_(options.require_rig),
         notes_(notes),
         vertices_left_(std::min<std::size_t>(options.max_vertices, 0x7FFFFFFF)),
         faces_left_(options.max_faces),
@@ -47,6 +48,7 @@ class MeshMerger {
   void add_faces(const Primitive& primitive, const std::vector<std::uint32_t>& indices);
   Matrix4d rigid_to_bind(int node) const;
   Matrix4d to_bind(const VertexBlock& block, int node) const;
+  bool has_rig() const { return rig_.skeleton.size() > 0; }
   bool is_skinned(const VertexBlock& block, int node) const {
     return document_.nodes[at(node)].skin >= 0 && !block.influences.empty();
   }
@@ -54,6 +56,7 @@ class MeshMerger {
   const Document& document_;
   const Rig& rig_;
   const std::vector<SkinBinding>& bindings_;
+  bool require_rig_;
   Notes& notes_;
   // Counts what was read, not what was kept: primitives that leave nothing behind cost time, too.
   std::size_t vertices_left_, faces_left_;
@@ -68,6 +71,7 @@ class MeshMerger {
   };
   std::vector<Instance> instances_;
   std::vector<char> counted_;  // per node: its mesh without skin was noted
+  bool skipped_ = false;       // points or lines
   double conflict_ = 0.0;      // largest distance between a vertex by formula and by the matrix of its skin
 };
 
@@ -77,6 +81,7 @@ void MeshMerger::add_mesh(const MeshEntry& entry, const std::vector<int>& nodes)
   for (const Primitive& primitive : entry.primitives) {
     if (primitive.mode < 4) {
       notes_.tally("skipped_lines", "primitives of points or lines were skipped", nodes.size());
+      skipped_ = true;
       continue;
     }
     TextureUse texture;
@@ -130,6 +135,12 @@ Matrix4d MeshMerger::rigid_to_bind(int node) const {
   const Matrix4d& below = rig_.below_joint[at(node)];
   const int joint = rig_.nearest_joint[at(node)];
   if (joint >= 0) return rig_.skeleton.bind[at(joint)] * below;
+  if (!has_rig()) {  // nothing is rounded: (X, Y, Z) → (X, −Z, Y)
+    Matrix4d turned = below;
+    turned.row(1) = Eigen::RowVector4d::Zero() - below.row(2);  // no −0
+    turned.row(2) = below.row(1);
+    return turned;
+  }
   // Carried along by the root from where both rest.
   const Matrix4d world = y_up_to_z_up().matrix() * below;
   const Matrix4d to_bind = rig_.skeleton.bind[0] * rest_[0].inverse();
@@ -141,6 +152,11 @@ Matrix4d MeshMerger::to_bind(const VertexBlock& block, int node) const {
 }
 
 void MeshMerger::add_rigid(const VertexBlock& block, int node) {
+  const Placement placement(rigid_to_bind(node));
+  if (!has_rig()) {
+    for (std::size_t v = 0; v < block.count; ++v) arrays_.add_vertex(block, v, placement);
+    return;
+  }
   const int joint = rig_.nearest_joint[at(node)];
   const std::size_t meshes = counted_[at(node)] != 0 ? 0 : 1;  // not once per primitive
   counted_[at(node)] = 1;
@@ -148,7 +164,6 @@ void MeshMerger::add_rigid(const VertexBlock& block, int node) {
     notes_.tally("rigid_mesh_on_joint", "meshes without skin follow the joint above them", meshes);
   else
     notes_.tally("unskinned_mesh", "meshes without skin and without a joint above them follow the root joint", meshes);
-  const Placement placement(rigid_to_bind(node));
   for (std::size_t v = 0; v < block.count; ++v) {
     arrays_.add_vertex(block, v, placement);
     skin_.append_row({{std::max(joint, 0), 1.0f}});
@@ -189,6 +204,13 @@ void MeshMerger::add_faces(const Primitive& primitive, const std::vector<std::ui
 }
 
 MergedMesh MeshMerger::finish() {
+  if (!require_rig_ && arrays_.faces() == 0) {
+    if (has_rig()) return {};  // a skeleton without a mesh
+    throw InputError(document_.file, "",
+                     std::string(skipped_ ? "the scene shows nothing but points and lines, no triangles"
+                                          : "the scene has no triangles") +
+                         ", no skin and no animation: nothing to read");
+  }
   MergedMesh result{arrays_.finish(notes_), std::move(skin_)};
   // Float noise of inverse bind matrices is no disagreement.
   if (conflict_ > 1e-5 * bounding_box(result.mesh.vertices).diagonal()) {

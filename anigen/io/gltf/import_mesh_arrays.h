@@ -31,6 +31,7 @@ class MeshArrays {
   explicit MeshArrays(const std::string& file) : file_(file) {}
 
   std::size_t vertices() const { return mesh_.vertices.size(); }
+  std::size_t faces() const { return mesh_.faces.size(); }
   Eigen::Vector3f vertex(std::size_t v) const { return mesh_.vertices[v]; }
   /// @throws InputError when the vertex leaves the range of float
   void add_vertex(const VertexBlock& block, std::size_t vertex, const Placement& placement);

@@ -22,11 +22,13 @@ class Notes {
   double lowest_weight_sum() const { return lowest_weight_sum_; }
   std::vector<ImportNote> take() const;
 
- private:
   struct Entry {
     std::string code, text;
-    std::size_t count;  // 0: a sentence
+    std::size_t count;  ///< 0: a sentence
   };
+  const std::vector<Entry>& entries() const { return entries_; }
+
+ private:
   std::vector<Entry> entries_;
   double lowest_weight_sum_ = 1.0;
 };

@@ -152,12 +152,12 @@ class RigBuilder {
 
 }  // namespace
 
-Rig build_rig(const Document& document, const std::vector<char>& moving, std::size_t max_joints, Notes& notes) {
-  const JointChoice choice = choose_joints(document, moving, notes);
+Rig build_rig(const Document& document, const std::vector<char>& moving, const ImportOptions& options, Notes& notes) {
+  const JointChoice choice = choose_joints(document, moving, options.require_rig, notes);
   const auto joints = static_cast<std::size_t>(std::count(choice.is_joint.begin(), choice.is_joint.end(), 1));
-  if (joints > max_joints) {
+  if (joints > options.max_joints) {
     throw InputError(document.file, "/skins",
-                     std::to_string(joints) + " joints exceed the limit of " + std::to_string(max_joints));
+                     std::to_string(joints) + " joints exceed the limit of " + std::to_string(options.max_joints));
   }
   return RigBuilder(document, choice).build(notes);
 }

@@ -22,7 +22,9 @@ struct Rig {
 
 /// Chooses the joints (those of every skin in the scene; nodes above them that move or that scale unevenly; moving
 /// nodes that carry rigid meshes), folds static nodes between them, and puts one root on top.
-/// @param moving per node, from moving_nodes() @throws InputError when there is no skin, or too many joints
-Rig build_rig(const Document& document, const std::vector<char>& moving, std::size_t max_joints, Notes& notes);
+/// A scene without a skin may leave a rig without joints, as options.require_rig says.
+/// @param moving per node, from moving_nodes()
+/// @throws InputError when there is no skin and options.require_rig, or there are too many joints
+Rig build_rig(const Document& document, const std::vector<char>& moving, const ImportOptions& options, Notes& notes);
 
 }  // namespace anigen::io::gltf_import

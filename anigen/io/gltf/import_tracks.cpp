@@ -106,6 +106,16 @@ std::vector<TrackSet> read_tracks(const Document& document, Notes& notes) {
   return result;
 }
 
+std::vector<NodeClip> clips_of_nodes(const std::vector<TrackSet>& animations) {
+  std::vector<NodeClip> clips;
+  for (const TrackSet& set : animations) {
+    NodeClip clip{set.name, 0.0, set.tracks.size()};
+    for (const Track& track : set.tracks) clip.seconds = std::max(clip.seconds, track.times.back());
+    if (clip.tracks > 0) clips.push_back(std::move(clip));
+  }
+  return clips;
+}
+
 std::vector<char> moving_nodes(const Document& document, const std::vector<TrackSet>& animations) {
   std::vector<char> moving(document.nodes.size(), 0);
   for (const TrackSet& animation : animations) {

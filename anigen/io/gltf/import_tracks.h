@@ -25,6 +25,9 @@ struct TrackSet {
 /// channels for one property. @throws InputError when the animations together have too many values
 std::vector<TrackSet> read_tracks(const Document& document, Notes& notes);
 
+/// For a mesh without joints: what its file animates.
+std::vector<NodeClip> clips_of_nodes(const std::vector<TrackSet>& animations);
+
 /// Per node: whether some animation moves it away from the transform it rests in. Exporters often write constant
 /// tracks for nodes that never move.
 std::vector<char> moving_nodes(const Document& document, const std::vector<TrackSet>& animations);

@@ -3,6 +3,8 @@
 #include <charconv>
 #include <system_error>
 
+#include "anigen/core/error.h"
+
 namespace anigen::io {
 namespace {
 
@@ -35,6 +37,13 @@ std::string_view take_token(std::string_view& text) {
   const std::string_view token = text.substr(begin, end == std::string_view::npos ? end : end - begin);
   text = end == std::string_view::npos ? std::string_view() : text.substr(end);
   return token;
+}
+
+void refuse_utf16(std::string_view bytes, const std::string& file) {
+  using std::string_view_literals::operator""sv;
+  const std::string_view mark = bytes.substr(0, 2);
+  if (mark == "\xFF\xFE"sv || mark == "\xFE\xFF"sv || mark == "<\0"sv || mark == "\0<"sv)
+    throw NotSupportedError(file, "byte 0", "text in UTF-16; convert it: iconv -f UTF-16 -t UTF-8");
 }
 
 void append_number(std::string& text, float value) { append_shortest(text, value); }

@@ -164,6 +164,9 @@ class ObjParser {
 
 }  // namespace
 
-ObjFile parse_obj(const std::string& text, const std::string& file) { return ObjParser(text, file).parse(); }
+ObjFile parse_obj(const std::string& text, const std::string& file) {
+  refuse_utf16(text, file);
+  return ObjParser(text, file).parse();
+}
 
 }  // namespace anigen::io

@@ -3,9 +3,11 @@
 #include <cstddef>
 #include <cstdint>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "anigen/io/gltf/import_document.h"
+#include "anigen/io/gltf/import_notes.h"
 
 namespace anigen::io::assimp_import {
 
@@ -29,5 +31,11 @@ class DocumentArrays {
 
   gltf_import::Document& document_;
 };
+
+/// A document whose arrays DocumentArrays made, with the notes of making it, as bytes for another process of this
+/// program.
+std::string to_bytes(const gltf_import::Document& document, const gltf_import::Notes& notes);
+/// @throws Error when the bytes are not those of to_bytes()
+void from_bytes(std::string_view bytes, gltf_import::Document& document, gltf_import::Notes& notes);
 
 }  // namespace anigen::io::assimp_import

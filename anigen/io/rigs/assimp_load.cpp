@@ -115,18 +115,21 @@ class SceneCheck {
 
 }  // namespace
 
-const aiScene& load(Assimp::Importer& importer, const std::filesystem::path& path, const ImportOptions& options) {
+const aiScene& load(Assimp::Importer& importer, const std::filesystem::path& path, const ImportOptions& options,
+                    FileFrame& frame) {
   const std::string file = path.string();
   const std::string extension = lower_extension(path);
   if (extension != ".fbx" && extension != ".dae") throw NotSupportedError(file, "", extension + " files");
-  const std::string bytes = read_file(path, options.max_file_bytes);
+  std::string bytes = read_file(path, options.max_file_bytes);
   if (extension == ".dae")
-    scan_collada(bytes, file);
+    frame = scan_collada(bytes, file, options.max_nodes);
   else
     scan_fbx(bytes, options.max_nodes, file);
+  if (extension == ".dae") mend_collada(bytes);
 
   importer.SetPropertyInteger(AI_CONFIG_PP_SBP_REMOVE, aiPrimitiveType_POINT | aiPrimitiveType_LINE);
   importer.SetPropertyBool(AI_CONFIG_IMPORT_REMOVE_EMPTY_BONES, false);  // joints are joints without weights, too
+  importer.SetPropertyBool(AI_CONFIG_IMPORT_NO_SKELETON_MESHES, true);   // else it draws one where there is no mesh
   importer.SetPropertyBool(AI_CONFIG_IMPORT_FBX_READ_CAMERAS, false);
   importer.SetPropertyBool(AI_CONFIG_IMPORT_FBX_READ_LIGHTS, false);
   try {

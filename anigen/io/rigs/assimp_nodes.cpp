@@ -32,7 +32,8 @@ Eigen::RowVector3d axis(const aiScene& scene, const char* name, int number, int 
 }
 
 /// FBX: to Y up and metres. Its axes are right, up and front; a file that contradicts itself is taken as Y up.
-Matrix4d fbx_root(const aiScene& scene) {
+/// @param frame set to what the file says
+Matrix4d fbx_root(const aiScene& scene, FileFrame& frame) {
   Eigen::Matrix3d turn;
   turn.row(0) = axis(scene, "CoordAxis", 0, 1);
   turn.row(1) = axis(scene, "UpAxis", 1, 1);
@@ -45,8 +46,12 @@ Matrix4d fbx_root(const aiScene& scene) {
       unit = static_cast<double>(single);
   }
   if (!(unit > 0.0) || !std::isfinite(unit)) unit = 1.0;
+  for (int k = 0; k < 3; ++k) {
+    if (turn(1, k) != 0.0) frame.up = static_cast<char>('X' + k);
+  }
+  frame.metres = 0.01 * unit;
   Matrix4d result = Matrix4d::Identity();
-  result.topLeftCorner<3, 3>() = 0.01 * unit * turn;
+  result.topLeftCorner<3, 3>() = frame.metres * turn;
   return result;
 }
 
@@ -82,7 +87,7 @@ NodeTable add_nodes(const aiScene& scene, bool is_fbx, gltf_import::Document& do
       node.parent = one.parent;
       node.matrix = Matrix4d::Identity();
       for (const aiNode* link : one.above) node.matrix = Matrix4d(node.matrix * to_matrix(link->mTransformation));
-      if (is_fbx && one.parent < 0) node.matrix = fbx_root(scene);
+      if (is_fbx && one.parent < 0) node.matrix = fbx_root(scene, document.frame);
       node.matrix.row(3) = Eigen::RowVector4d(0, 0, 0, 1);
       node.local = decompose(node.matrix, &node.shear);
       if (!node.matrix.allFinite() || !std::isfinite(node.matrix.squaredNorm()) || !node.local.scale.allFinite() ||

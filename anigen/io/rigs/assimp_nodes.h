@@ -21,7 +21,8 @@ struct NodeTable {
 };
 
 /// Appends the nodes to an empty document, parents before children, without meshes. For FBX, the root gets the up axis
-/// and the unit that the file's metadata tell (to glTF's: Y up, metres); COLLADA's already has them.
+/// and the unit that the file's metadata tell (to glTF's: Y up, metres), which document.frame keeps; COLLADA's already
+/// has them.
 /// @throws InputError when a transform is not finite
 NodeTable add_nodes(const aiScene& scene, bool is_fbx, gltf_import::Document& document);
 

@@ -13,21 +13,15 @@
 namespace anigen::io::assimp_import {
 namespace {
 
-constexpr std::size_t kMostNestedRecords = 64, kMostNestedModels = 1024;
+constexpr std::size_t kMostNestedRecords = 64, kMostNestedNodes = 1024;
 constexpr std::string_view kBinaryMagic = "Kaydara FBX Binary";  // as much of it as Assimp looks at
 constexpr std::uint64_t kMostArrayBytes = std::uint64_t{4} << 30;
-
-/// What both forms of the file are scanned for.
-struct Graph {
-  std::vector<std::int64_t> models;
-  std::vector<std::pair<std::int64_t, std::int64_t>> links;  ///< child, parent
-};
 
 class BinaryScanner {
  public:
   BinaryScanner(std::string_view bytes, const std::string& file) : bytes_(bytes), file_(file) {}
 
-  Graph scan() {
+  SceneGraph scan() {
     constexpr std::size_t kHeader = 27;
     if (bytes_.size() < kHeader) fail(bytes_.size(), "the header is cut short");
     wide_ = number(23, 4) >= 7500;
@@ -95,7 +89,7 @@ class BinaryScanner {
     if (open_.size() != 1) return;
     std::int64_t child = 0, parent = 0;
     if (open_[0].name == "Objects" && name == "Model") {
-      if (take_id(at, end, child)) graph_.models.push_back(child);
+      if (take_id(at, end, child)) graph_.nodes.push_back(child);
     } else if (open_[0].name == "Connections") {
       if (at + 5 > end || bytes_[at] != 'S') return;
       const std::uint64_t size = number(at + 1, 4);
@@ -140,7 +134,7 @@ class BinaryScanner {
   bool wide_ = false;
   std::uint64_t claimed_ = 0;
   std::vector<Open> open_;
-  Graph graph_;
+  SceneGraph graph_;
 };
 
 /// Statements are `Name: value, value, … { statements }`.
@@ -148,7 +142,7 @@ class TextScanner {
  public:
   TextScanner(std::string_view text, const std::string& file) : text_(text), file_(file) {}
 
-  Graph scan() {
+  SceneGraph scan() {
     std::size_t at = 0;
     while (at < text_.size()) {
       const char c = text_[at];
@@ -204,7 +198,7 @@ class TextScanner {
 
   void flush() {
     if (open_.size() == 1 && open_[0] == "Objects" && name_ == "Model" && !numbers_.empty())
-      graph_.models.push_back(numbers_[0]);
+      graph_.nodes.push_back(numbers_[0]);
     if (open_.size() == 1 && open_[0] == "Connections" && numbers_.size() == 2)
       graph_.links.emplace_back(numbers_[0], numbers_[1]);
     numbers_.clear();
@@ -215,14 +209,17 @@ class TextScanner {
   std::vector<std::string_view> open_;  ///< names of the blocks around
   std::string_view name_;               ///< of the statement at hand
   std::vector<std::int64_t> numbers_;   ///< its first two whole numbers
-  Graph graph_;
+  SceneGraph graph_;
 };
 
-/// Walks the models below the scene's root in an order that has parents first (Kahn).
-void check_models(const Graph& graph, std::size_t max_nodes, const std::string& file) {
+}  // namespace
+
+// Walks the nodes below the scene in an order that has parents first (Kahn).
+void check_graph(const SceneGraph& graph, std::size_t max_nodes, const std::string& what, const std::string& place,
+                 const std::string& file) {
   std::unordered_map<std::int64_t, std::size_t> number;
   number.emplace(0, 0);  // the root, which is no object
-  for (const std::int64_t model : graph.models) number.emplace(model, number.size());
+  for (const std::int64_t node : graph.nodes) number.emplace(node, number.size());
   std::vector<std::vector<std::size_t>> children(number.size());
   std::vector<std::size_t> parents_left(number.size(), 0);
   for (const auto& [child, parent] : graph.links) {
@@ -243,15 +240,15 @@ void check_models(const Graph& graph, std::size_t max_nodes, const std::string& 
   }
   const std::size_t reachable = queue.size();
   std::vector<std::size_t> depth(number.size(), 0);
-  std::vector<double> copies(number.size(), 0.0);  // how often the tree that Assimp makes repeats a model
+  std::vector<double> copies(number.size(), 0.0);  // how often the tree that Assimp makes repeats a node
   copies[0] = 1.0;
   double total = 0.0;
   queue = {0};
   for (std::size_t k = 0; k < queue.size(); ++k) {
     const std::size_t one = queue[k];
     total += copies[one];
-    if (depth[one] > kMostNestedModels)
-      throw InputError(file, "Connections", "models are nested deeper than " + std::to_string(kMostNestedModels));
+    if (depth[one] > kMostNestedNodes)
+      throw InputError(file, place, what + " are nested deeper than " + std::to_string(kMostNestedNodes));
     for (const std::size_t child : children[one]) {
       copies[child] += copies[one];
       depth[child] = std::max(depth[child], depth[one] + 1);
@@ -259,17 +256,16 @@ void check_models(const Graph& graph, std::size_t max_nodes, const std::string& 
     }
   }
   if (queue.size() != reachable)
-    throw InputError(file, "Connections", "a model is its own ancestor: the scene graph has a cycle");
+    throw InputError(file, place,
+                     "a " + what.substr(0, what.size() - 1) + " is its own ancestor: the scene graph has a cycle");
   if (!(total <= static_cast<double>(max_nodes)))
-    throw InputError(file, "Connections",
-                     "the scene graph has more nodes than the limit of " + std::to_string(max_nodes));
+    throw InputError(file, place, "the scene graph has more nodes than the limit of " + std::to_string(max_nodes));
 }
-
-}  // namespace
 
 void scan_fbx(std::string_view bytes, std::size_t max_nodes, const std::string& file) {
   const bool is_binary = bytes.substr(0, kBinaryMagic.size()) == kBinaryMagic;
-  check_models(is_binary ? BinaryScanner(bytes, file).scan() : TextScanner(bytes, file).scan(), max_nodes, file);
+  const SceneGraph graph = is_binary ? BinaryScanner(bytes, file).scan() : TextScanner(bytes, file).scan();
+  check_graph(graph, max_nodes, "models", "Connections", file);
 }
 
 }  // namespace anigen::io::assimp_import

@@ -11,8 +11,10 @@ namespace anigen::io {
 /// their keys. Materials keep base colour, and the texture when it is embedded or lies in or below the file's folder.
 ///
 /// Before Assimp sees a file it is scanned for what its recursion cannot stand: nesting, scene graphs with cycles or
-/// that grow without bound.
-/// @throws InputError naming the file; NotSupportedError for COLLADA's instance_node and other extensions
+/// that grow without bound. Assimp works in a process of its own (run_guarded), since files exist that end it or that
+/// it never finishes.
+/// @throws InputError naming the file, also when Assimp crashed on it or took too long; NotSupportedError for other
+/// extensions
 ImportedAsset read_assimp(const std::filesystem::path& file, const ImportOptions& options = {});
 
 }  // namespace anigen::io

@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <utility>
 
 #include "anigen/core/error.h"
@@ -6,18 +7,19 @@
 #include "anigen/io/rigs/file_list.h"
 #include "anigen/io/rigs/shape_source.h"
 #include "anigen/io/rigs/text_rig.h"
+#include "anigen/io/stl.h"
 
 namespace anigen::io {
 namespace {
 
 namespace fs = std::filesystem;
 
-const std::vector<std::string> kMeshExtensions = {".obj", ".ply"};
+const std::vector<std::string> kMeshExtensions = {".obj", ".ply", ".stl"};
 const std::vector<std::string> kRiggedExtensions = {".glb", ".gltf", ".fbx", ".dae", ".npz", ".pt", ".pth"};
 
 bool is_mesh_file(const fs::path& file) {
   const std::string extension = lower_extension(file);
-  return extension == ".obj" || extension == ".ply";
+  return std::find(kMeshExtensions.begin(), kMeshExtensions.end(), extension) != kMeshExtensions.end();
 }
 
 RiggedShape read_mesh_shape(const fs::path& file, const std::string& id, Axes axes) {
@@ -25,8 +27,9 @@ RiggedShape read_mesh_shape(const fs::path& file, const std::string& id, Axes ax
   RiggedShape shape;
   shape.id = id;
   shape.file = file.string();
-  const bool obj = lower_extension(file) == ".obj";
-  shape.mesh = obj ? read_obj(file) : read_ply(file);
+  const std::string extension = lower_extension(file);
+  const bool obj = extension == ".obj";
+  shape.mesh = obj ? read_obj(file) : extension == ".ply" ? read_ply(file) : read_stl(file);
   turn_to_z_up(shape, axes, obj ? Axes::kYUp : Axes::kZUp);
   return shape;
 }
@@ -41,7 +44,9 @@ bool holds_rigs(const fs::path& folder) {
 
 }  // namespace
 
-std::unique_ptr<ShapeSource> open_meshes(const fs::path& path, const SourceOptions& options) {
+std::unique_ptr<ShapeSource> open_meshes(const fs::path& path, const SourceOptions& wanted) {
+  SourceOptions options = wanted;
+  options.require_rig = false;
   std::error_code error;
   const bool folder = fs::is_directory(path, error);
   if (folder ? holds_rigs(path) : !is_mesh_file(path)) return open_source(path, options);

@@ -52,7 +52,10 @@ FileListSource::Reader reader(Format format, const SourceOptions& options) {
     case Format::kScene:
       break;
   }
-  return [axes](const fs::path& file, const std::string& id) { return read_scene_shape(file, id, axes); };
+  const bool require_rig = options.require_rig;
+  return [axes, require_rig](const fs::path& file, const std::string& id) {
+    return read_scene_shape(file, id, axes, require_rig);
+  };
 }
 
 /// Files that carry one name in every folder say who they are by the folder.

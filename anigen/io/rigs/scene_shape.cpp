@@ -9,13 +9,15 @@
 
 namespace anigen::io {
 
-RiggedShape read_scene_shape(const std::filesystem::path& file, const std::string& id, Axes axes) {
+RiggedShape read_scene_shape(const std::filesystem::path& file, const std::string& id, Axes axes, bool require_rig) {
   const std::string extension = lower_extension(file);
   const bool is_gltf = extension == ".glb" || extension == ".gltf";
-  ImportedAsset imported = is_gltf ? read_gltf(file) : read_assimp(file);
+  ImportOptions options;
+  options.require_rig = require_rig;
+  ImportedAsset imported = is_gltf ? read_gltf(file, options) : read_assimp(file, options);
   RiggedShape shape = rigged_shape(std::move(imported.asset), id, file.string());
   shape.lowest_weight_sum = imported.lowest_weight_sum;
-  check(shape.joints, shape.file);
+  if (shape.has_joints()) check(shape.joints, shape.file);
   for (const ImportNote& note : imported.notes) shape.notes.push_back(note.code + ": " + note.message);
   if (axes == Axes::kZUp) to_y_up(shape);
   note_missing_parts(shape);

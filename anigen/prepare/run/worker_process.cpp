@@ -6,10 +6,13 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cerrno>
 #include <cstdio>
 #include <cstring>
+#include <filesystem>
 #include <fstream>
+#include <system_error>
 
 #include "anigen/core/error.h"
 
@@ -37,6 +40,12 @@ struct Pipe {
     return end;
   }
 };
+
+std::uint64_t resident_pages(const std::string& folder) {
+  std::ifstream file(folder + "/statm");
+  std::uint64_t total = 0, resident = 0;
+  return file >> total >> resident ? resident : 0;
+}
 
 }  // namespace
 
@@ -116,10 +125,17 @@ std::vector<std::string> WorkerProcess::receive(bool& ended) {
 }
 
 std::uint64_t WorkerProcess::resident_bytes() const {
-  std::ifstream file("/proc/" + std::to_string(id_) + "/statm");
-  std::uint64_t total = 0, resident = 0;
-  if (!(file >> total >> resident)) return 0;
-  return resident * static_cast<std::uint64_t>(::sysconf(_SC_PAGESIZE));
+  const std::string folder = "/proc/" + std::to_string(id_);
+  const std::uint64_t own = resident_pages(folder);
+  std::uint64_t pages = own;
+  std::error_code error;
+  for (std::filesystem::directory_iterator thread(folder + "/task", error), end; !error && thread != end;
+       thread.increment(error)) {
+    std::ifstream children(thread->path() / "children");
+    // A copy shares the worker's pages until one of them writes: those count once.
+    for (std::string child; children >> child;) pages += std::max(own, resident_pages("/proc/" + child)) - own;
+  }
+  return pages * static_cast<std::uint64_t>(::sysconf(_SC_PAGESIZE));
 }
 
 void WorkerProcess::kill() {

@@ -26,7 +26,7 @@ class WorkerProcess {
   bool send(const std::string& line);
   /// Takes what is there without waiting for more. @return complete lines; `ended` is set at end of file
   std::vector<std::string> receive(bool& ended);
-  /// Memory that the worker has in RAM, bytes; 0 when it cannot be told.
+  /// Memory that the worker and the processes it started (run_guarded) have in RAM, bytes; 0 when it cannot be told.
   std::uint64_t resident_bytes() const;
   /// Ends it at once. A worker writes files by rename only, so this leaves nothing half-done under a final name.
   void kill();

@@ -1,0 +1,204 @@
+#include "anigen/core/guarded_process.h"
+
+#include <fcntl.h>
+#include <poll.h>
+#include <signal.h>
+#include <sys/prctl.h>
+#include <sys/resource.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <chrono>
+#include <cmath>
+#include <cstring>
+#include <exception>
+#include <fstream>
+
+#include "anigen/core/error.h"
+
+namespace anigen {
+namespace {
+
+constexpr int kWorkThrew = 3;
+constexpr int kPollMilliseconds = 20;
+/// Of time that passes to time the processor works: only work that waits for something reaches it.
+constexpr double kPatience = 10.0;
+
+[[noreturn]] void refuse(const char* what) { throw Error(std::string("cannot ") + what + ": " + std::strerror(errno)); }
+
+std::uint64_t page_bytes() { return static_cast<std::uint64_t>(::sysconf(_SC_PAGESIZE)); }
+
+/// Of address space; 0 when the system does not say.
+std::uint64_t bytes_in_use() {
+  std::ifstream file("/proc/self/statm");
+  std::uint64_t pages = 0;
+  return file >> pages ? pages * page_bytes() : 0;
+}
+
+void lower_limit(int resource, std::uint64_t value) {
+  rlimit limit{};
+  if (::getrlimit(static_cast<__rlimit_resource_t>(resource), &limit) != 0) return;
+  limit.rlim_cur = std::min<rlim_t>(value, limit.rlim_max);
+  ::setrlimit(static_cast<__rlimit_resource_t>(resource), &limit);
+}
+
+bool write_all(int to, const char* bytes, std::size_t count) {
+  while (count > 0) {
+    const ssize_t n = ::write(to, bytes, count);
+    if (n < 0 && errno != EINTR) return false;
+    if (n < 0) continue;
+    bytes += n;
+    count -= static_cast<std::size_t>(n);
+  }
+  return true;
+}
+
+/// The copy's side: the length of the result, then the result. It never returns.
+[[noreturn]] void work_in_copy(const std::function<std::string()>& work, const ProcessLimits& limits,
+                               std::uint64_t memory, int to) {
+  for (const int signal : {SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGABRT, SIGXCPU}) ::signal(signal, SIG_DFL);
+  ::signal(SIGINT, SIG_IGN);  // a Ctrl-C is for the parent to act on
+  lower_limit(RLIMIT_CORE, 0);
+  lower_limit(RLIMIT_CPU, static_cast<std::uint64_t>(std::ceil(std::max(1.0, limits.cpu_seconds))));
+  if (memory > 0) lower_limit(RLIMIT_AS, memory);
+  int status = kWorkThrew;
+  try {
+    const std::string result = work();
+    const std::uint64_t size = result.size();
+    char head[sizeof size];
+    std::memcpy(head, &size, sizeof size);
+    if (write_all(to, head, sizeof head) && write_all(to, result.data(), result.size())) status = 0;
+  } catch (const std::exception&) {
+  }
+  ::_exit(status);
+}
+
+/// What has come of the copy's result.
+class Receiver {
+ public:
+  explicit Receiver(int from) : from_(from) {}
+
+  /// Takes what is there. @return false when no more can come
+  bool receive() {
+    char buffer[65536];
+    for (;;) {
+      const ssize_t n = ::read(from_, buffer, sizeof buffer);
+      if (n > 0)
+        bytes_.append(buffer, static_cast<std::size_t>(n));
+      else if (n == 0)
+        return false;
+      else if (errno != EINTR)
+        return errno == EAGAIN || errno == EWOULDBLOCK;
+      if (is_complete()) return false;
+    }
+  }
+  bool is_complete() const {
+    std::uint64_t size = 0;
+    if (bytes_.size() < sizeof size) return false;
+    std::memcpy(&size, bytes_.data(), sizeof size);
+    return bytes_.size() - sizeof size >= size;
+  }
+  std::string take() {
+    bytes_.erase(0, sizeof(std::uint64_t));
+    return std::move(bytes_);
+  }
+
+ private:
+  int from_;
+  std::string bytes_;
+};
+
+class Copy {
+ public:
+  explicit Copy(pid_t id, int from) : id_(id), from_(from) {}
+  ~Copy() {
+    ::close(from_);
+    if (id_ > 0) end();
+  }
+  Copy(const Copy&) = delete;
+  Copy& operator=(const Copy&) = delete;
+
+  bool has_ended() {
+    if (id_ <= 0) return true;
+    const pid_t ended = ::waitpid(id_, &status_, WNOHANG);
+    if (ended == id_ || (ended < 0 && errno != EINTR)) id_ = -1;
+    return id_ <= 0;
+  }
+  void end() {
+    ::kill(id_, SIGKILL);
+    while (::waitpid(id_, &status_, 0) < 0 && errno == EINTR) {
+    }
+    id_ = -1;
+  }
+  int status() const { return status_; }
+
+ private:
+  pid_t id_;
+  int from_, status_ = 0;
+};
+
+std::string ending(int status, double cpu_seconds) {
+  if (!WIFSIGNALED(status)) return "crashed (status " + std::to_string(WEXITSTATUS(status)) + ")";
+  const int signal = WTERMSIG(status);
+  if (signal == SIGXCPU)
+    return "took more than " + std::to_string(static_cast<long>(std::ceil(cpu_seconds))) + " s of processor time";
+  if (signal == SIGKILL) return "was ended by the system, which happens when memory runs out";
+  return std::string("crashed (") + ::strsignal(signal) + ")";
+}
+
+}  // namespace
+
+GuardedWork run_guarded(const std::function<std::string()>& work, const ProcessLimits& limits) {
+  const std::uint64_t machine = static_cast<std::uint64_t>(::sysconf(_SC_PHYS_PAGES)) * page_bytes();
+  const std::uint64_t used = bytes_in_use();
+  const std::uint64_t memory = used > 0 ? used + (limits.more_memory > 0 ? limits.more_memory : machine) : 0;
+  int ends[2];
+  if (::pipe2(ends, O_CLOEXEC) != 0) refuse("make a pipe");
+  const pid_t parent = ::getpid(), id = ::fork();
+  if (id < 0) {
+    const int problem = errno;
+    ::close(ends[0]);
+    ::close(ends[1]);
+    errno = problem;
+    refuse("start a process");
+  }
+  if (id == 0) {
+    ::prctl(PR_SET_PDEATHSIG, SIGKILL);
+    if (::getppid() != parent) ::_exit(kWorkThrew);
+    ::close(ends[0]);
+    work_in_copy(work, limits, memory, ends[1]);
+  }
+  ::close(ends[1]);
+  ::fcntl(ends[0], F_SETFL, ::fcntl(ends[0], F_GETFL) | O_NONBLOCK);
+  Copy copy(id, ends[0]);
+  Receiver receiver(ends[0]);
+  using Clock = std::chrono::steady_clock;
+  const Clock::time_point start = Clock::now();
+  GuardedWork outcome;
+  for (bool ended = false;;) {
+    // Looked at before the pipe is emptied: then nothing can come after it. The pipe's end alone does not tell, since a
+    // copy that another thread makes meanwhile keeps it open.
+    ended = copy.has_ended();
+    const bool more = receiver.receive();
+    if (receiver.is_complete()) {
+      outcome.finished = true;
+      outcome.result = receiver.take();
+      return outcome;
+    }
+    if (ended) break;
+    if (std::chrono::duration<double>(Clock::now() - start).count() > kPatience * std::max(1.0, limits.cpu_seconds)) {
+      copy.end();
+      outcome.failure = "did not finish within " +
+                        std::to_string(static_cast<long>(kPatience * std::max(1.0, limits.cpu_seconds))) + " s";
+      return outcome;
+    }
+    pollfd wanted{ends[0], POLLIN, 0};
+    ::poll(&wanted, more ? 1 : 0, more ? kPollMilliseconds : 1);
+  }
+  outcome.failure = ending(copy.status(), limits.cpu_seconds);
+  return outcome;
+}
+
+}  // namespace anigen
