@@ -3,12 +3,14 @@
 #include "anigen/apps/common/command_line.h"
 #include "anigen/apps/common/library_versions.h"
 #include "anigen/apps/common/ranges.h"
+#include "anigen/core/atomic_file.h"
 #include "anigen/core/error.h"
 #include "anigen/core/interrupt.h"
 #include "anigen/eval/inspect/asset_picture.h"
 #include "anigen/eval/inspect/file_table.h"
 #include "anigen/eval/inspect/influence_loss.h"
 #include "anigen/eval/inspect/inspect.h"
+#include "anigen/io/rigs/file_list.h"
 #ifdef ANIGEN_WITH_TORCH
 #include "anigen/pipeline/run_weights.h"
 #endif
@@ -24,17 +26,19 @@ struct InspectOptions {
   bool influence_loss = false, keep_going = false, weights = false;
 };
 
-/// What only assets can be asked for.
-void use_asset(const io::ImportedAsset& imported, const InspectOptions& options, Json& description) {
+/// What only meshes and skeletons can be asked for.
+void use_asset(const std::string& file, const Asset& asset, const InspectOptions& options, Json& description) {
   if (options.influence_loss) {
-    description["influence_loss"] = eval::to_json(eval::influence_loss(imported.asset, options.influences));
+    if (asset.skin.rows() == 0) throw InputError(file, "", "--influence-loss needs skin weights, and it has none");
+    description["influence_loss"] = eval::to_json(eval::influence_loss(asset, options.influences));
   }
-  if (!options.picture.empty()) io::write_png(options.picture, eval::asset_picture(imported.asset));
+  if (!options.picture.empty()) io::write_png(options.picture, eval::asset_picture(asset));
   if (!options.exported.empty()) {
     io::ExportOptions exported;
     exported.influences = options.influences;
     exported.axes = options.axes == "published" ? io::ExportAxes::kPublished : io::ExportAxes::kGltf;
-    io::write_gltf(options.exported, imported.asset, exported);
+    exported.require_rig = false;
+    io::write_gltf(options.exported, asset, exported);
   }
 }
 
@@ -56,20 +60,26 @@ eval::InspectedFile inspect_one(const std::string& file, const InspectOptions& o
     if (options.weights && kind != eval::FileKind::kRun) {
       throw InputError(file, "", "--weights needs the folder of a run, with config.json and ckpts");
     }
-    if (kind == eval::FileKind::kAsset) {
-      const io::ImportedAsset imported = io::read_gltf(file);
-      result.description = {{"file", file}, {"kind", "asset"}};
-      result.description.update(eval::describe_asset(imported));
-      use_asset(imported, options, result.description);
+    if (eval::is_geometry(kind)) {
+      refuse_to_overwrite({options.picture, options.exported}, [&] {
+        const auto sample = eval::sample_of(file);
+        return io::files_read_with(sample ? sample->first : std::filesystem::path(file));
+      });
+      const eval::Geometry geometry = eval::read_geometry(file, kind);
+      result.description = eval::describe_geometry(file, geometry);
+      use_asset(file, geometry.imported.asset, options, result.description);
     } else {
       if (options.influence_loss || !options.picture.empty() || !options.exported.empty()) {
-        throw InputError(file, "", "--picture, --export and --influence-loss need a .glb or .gltf");
+        throw InputError(
+            file, "",
+            "--picture, --export and --influence-loss need a file with a mesh or a skeleton, or one sample of "
+            "a shard: FILE#ID");
       }
       result.description = eval::inspect(file);
       if (options.weights) result.rejection = add_weights(file, result.description);
     }
-  } catch (const InputError& error) {
-    result.rejection = error.what();
+  } catch (...) {
+    result.rejection = failure_of_item();
   }
   return result;
 }
@@ -88,7 +98,8 @@ void run(const InspectOptions& options, bool json) {
   for (const auto& result : results) rejected += !result.rejection.empty();
   if (!several && rejected == 1 && !json && !options.keep_going) throw InputError("", "", results[0].rejection);
   if (json) {
-    std::printf("%s\n", eval::to_json(results).dump(2).c_str());
+    // Names come from foreign files and need not be UTF-8, which JSON demands.
+    std::printf("%s\n", eval::to_json(results).dump(2, ' ', false, Json::error_handler_t::replace).c_str());
   } else if (several || rejected > 0) {
     std::fputs(eval::to_markdown(eval::file_table(results)).c_str(), stdout);
   } else {
@@ -103,19 +114,23 @@ void run(const InspectOptions& options, bool json) {
 
 int main(int argc, char** argv) {
   CLI::App app{
-      "Says what is in a file or folder: a rigged asset, arrays or a checkpoint, a config, a dataset, a run.\n"
-      "Several files give a table. Exit status 2 when a file was rejected, unless --keep-going.\n\n"
+      "Says what is in a file or folder: a rigged asset, a mesh without a rig, a skeleton, a motion (.glb .gltf .fbx\n"
+      ".dae .obj .ply .stl .bvh, text and NPZ rigs), a shard of rigs or one sample of it (FILE#ID), a picture, arrays\n"
+      "or a checkpoint, a config, a dataset, a run. Several files give a table. Exit status 2 when a file was\n"
+      "rejected, unless --keep-going.\n\n"
       "Examples:\n"
       "  anigen-inspect fox.glb --picture fox.png\n"
       "  anigen-inspect models/*.glb --influence-loss --keep-going\n"
+      "  anigen-inspect statue.obj walk.bvh photo.jpg\n"
+      "  anigen-inspect 'shard.npz#UUID' --export one.glb\n"
       "  anigen-inspect fox.gltf --export fox.glb --influences 8\n"
       "  anigen-inspect runs/skin_ae --json\n"
       "  anigen-inspect ckpts/anigen/* --weights"};
   CommonOptions common;
   InspectOptions options;
   app.add_option("files", options.files, "Files or folders")->required();
-  app.add_option("--picture", options.picture, "Draw the asset (colour, weights, skeleton) to this PNG");
-  app.add_option("--export", options.exported, "Write the asset to this .glb or .gltf");
+  app.add_option("--picture", options.picture, "Draw what the file has (colour, weights, skeleton) to this PNG");
+  app.add_option("--export", options.exported, "Write the mesh, its rig or its motion to this .glb or .gltf");
   app.add_option("--influences", options.influences, "Influences per vertex of --export and --influence-loss")
       ->capture_default_str()
       ->check(whole_number(1, 64));

@@ -6,6 +6,8 @@
 #include "anigen/core/csv.h"
 #include "anigen/core/error.h"
 #include "anigen/eval/inspect/inspect.h"
+#include "anigen/io/rigs/file_list.h"
+#include "anigen/io/rigs/text_rig.h"
 
 namespace anigen::eval {
 namespace {
@@ -34,6 +36,25 @@ long checkpoint_step(const std::string& name) {
 }
 
 }  // namespace
+
+Json describe_folder(const fs::path& folder) {
+  std::map<std::string, std::size_t> counts;
+  for (const fs::path& file :
+       io::files_below(folder, {".glb", ".gltf", ".fbx", ".dae", ".obj", ".ply", ".stl", ".bvh", ".npz", ".pt", ".pth",
+                                ".safetensors", ".png", ".jpg", ".jpeg", ".webp", ".bmp", ".tif", ".tiff"}))
+    ++counts[io::lower_extension(file)];
+  std::size_t rigs = 0;
+  for (const fs::path& file : io::files_below(folder, {".txt"})) rigs += io::is_text_rig(file);
+  if (counts.empty() && rigs == 0) {
+    throw InputError(
+        folder.string(), "",
+        "is neither a dataset (metadata.csv) nor a run folder (config.json, ckpts), and holds no file that "
+        "can be read");
+  }
+  Json json = {{"files", counts}};
+  if (rigs > 0) json["text_rigs"] = rigs;
+  return json;
+}
 
 Json describe_dataset(const fs::path& folder) {
   const fs::path file = folder / "metadata.csv";

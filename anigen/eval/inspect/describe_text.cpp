@@ -7,7 +7,10 @@ namespace {
 
 bool plain(const Json& value) { return !value.is_object() && !value.is_array(); }
 
-std::string word(const Json& value) { return value.is_string() ? value.get<std::string>() : value.dump(); }
+/// Names come from foreign files and need not be UTF-8, which JSON demands.
+std::string compact(const Json& value) { return value.dump(-1, ' ', false, Json::error_handler_t::replace); }
+
+std::string word(const Json& value) { return value.is_string() ? value.get<std::string>() : compact(value); }
 
 /// "a, b, c" for lists of plain values, "k: v, k: v" for objects of plain values; empty when it does not fit a line.
 std::string one_line(const Json& value) {
@@ -17,7 +20,7 @@ std::string one_line(const Json& value) {
     const bool flat_list = item.is_array() && std::all_of(item.begin(), item.end(), plain);
     if (!plain(item) && !flat_list) return "";
     text += (text.empty() ? "" : ", ") + (value.is_object() ? key + " " : std::string()) +
-            (flat_list ? item.dump() : word(item));
+            (flat_list ? compact(item) : word(item));
   }
   if (text.empty()) return "none";
   return text.size() <= 160 ? text : "";

@@ -9,11 +9,34 @@ std::string cell(const Json& description, const char* key) {
   return description.contains(key) ? description[key].dump() : std::string();
 }
 
+/// "12 arrays, 345 numbers" of what a description counts under these keys.
+std::string counts(const Json& description, const std::vector<std::pair<const char*, const char*>>& words) {
+  std::string text;
+  for (const auto& [key, word] : words) {
+    const std::string value = cell(description, key);
+    if (!value.empty()) text += (text.empty() ? "" : ", ") + value + " " + word;
+  }
+  return text;
+}
+
+std::string summary(const Json& description) {
+  if (description.contains("width"))
+    return description.value("format", "") + ", " + cell(description, "width") + " x " + cell(description, "height") +
+           ", " + cell(description, "channels") + " channels of " + cell(description, "bits") + " bits";
+  return counts(description, {{"samples", "samples"},
+                              {"arrays", "arrays"},
+                              {"numbers", "numbers"},
+                              {"rows", "rows"},
+                              {"checkpoint_steps", "checkpoint steps"},
+                              {"files", "files"}});
+}
+
 std::string repairs(const Json& description) {
   std::string text;
-  if (!description.contains("notes")) return description.value("kind", "");
+  if (!description.contains("notes")) return summary(description);
   for (const Json& note : description["notes"]) {
-    text += (text.empty() ? "" : " ") + note["code"].get<std::string>();
+    const std::string code = note["code"].get<std::string>();
+    text += (text.empty() ? "" : " ") + (code == "note" ? note["message"].get<std::string>() : code);
   }
   return text;
 }
@@ -31,7 +54,11 @@ std::string most_influences(const Json& description) {
 Table file_table(const std::vector<InspectedFile>& files) {
   const bool losses = std::any_of(files.begin(), files.end(),
                                   [](const InspectedFile& f) { return f.description.contains("influence_loss"); });
+  const bool kinds = std::any_of(files.begin(), files.end(), [](const InspectedFile& f) {
+    return f.rejection.empty() && f.description.value("kind", "asset") != "asset";
+  });
   Table table{{"file", "joints", "vertices", "faces", "influences"}, {}};
+  if (kinds) table.columns.insert(table.columns.begin() + 1, "kind");
   if (losses) {
     for (const char* name : {"affected", "max l1", "mean l1", "frames", "max shift / diagonal"})
       table.columns.push_back(name);
@@ -41,6 +68,7 @@ Table file_table(const std::vector<InspectedFile>& files) {
     const Json& d = file.description;
     std::vector<std::string> row = {file.file, cell(d, "joints"), cell(d, "vertices"), cell(d, "faces"),
                                     most_influences(d)};
+    if (kinds) row.insert(row.begin() + 1, file.rejection.empty() ? d.value("kind", "") : "");
     if (losses && d.contains("influence_loss")) {
       const Json& loss = d["influence_loss"];
       row.push_back(loss["affected"].dump());

@@ -14,8 +14,9 @@ struct InspectedFile {
   std::string rejection;  ///< empty: not rejected
 };
 
-/// One row per file: joints, vertices, faces, influences, and the codes of what was repaired or the reason of the
-/// rejection; with the loss by fewer influences when the descriptions carry it.
+/// One row per file: joints, vertices, faces, influences, and the codes of what was repaired, a summary of what has no
+/// mesh, or the reason of the rejection; with the kind where not all are assets, and the loss by fewer influences when
+/// the descriptions carry it.
 Table file_table(const std::vector<InspectedFile>& files);
 
 /// The description of a single file; a list for several. A rejected file is {"file", "rejected": reason}.
