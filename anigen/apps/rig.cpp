@@ -103,10 +103,10 @@ void rig_files(RigOptions& options, const CommonOptions& common) {
     throw InputError("", "--dataset", "the template is the middle skeleton of a collection; name one");
   request.meshes = options.mesh;
   request.axes = io::parse_axes(options.axes);
+  request.also_read = {options.joint_model, options.connectivity_model, options.skin_model};
   if (options.pictures) {
-    request.also_read = {options.joint_model, options.connectivity_model, options.skin_model};
+    request.also_writes = ".png";
     request.also = [](const Asset& asset, std::filesystem::path file) {
-      request.also_writes = ".png";
       io::write_png(file.replace_extension(".png"), eval::asset_picture(asset));
     };
   }

@@ -139,7 +139,7 @@ TEST_F(RigMeshes, AResultThatWouldReplaceAnInputIsRefused) {
   request_.meshes = mesh;
   request_.out = folder_ / "rigs/middle.glb";
   EXPECT_THROW(rig_meshes(request_), InputError) << "a file of the collection";
-  request_.out = folder_ / "rigs/new.glb";
+  request_.out = folder_ / "out/new.glb";
   EXPECT_EQ(rig_meshes(request_).meshes.at(0).failure, "");
   EXPECT_EQ(rig_meshes(request_).meshes.at(0).failure, "") << "its own result may be made again";
 }
