@@ -62,6 +62,7 @@ TEST(NameForms, AreThoseThatOtherProgramsWrite) {
   EXPECT_EQ(name_forms("raw_data.npz"), (NameForms{{"raw_data", 1}})) << "has no other name";
   EXPECT_EQ(name_forms("v1.2"), (NameForms{{"v1.2", 1}})) << "what follows a point is not always an extension";
   EXPECT_TRUE(name_forms("").empty());
+  EXPECT_TRUE(name_forms("../other/uuid.glb").empty());
 }
 
 TEST(NameIndex, TheLongestSharedFormDecidesAndTwoAreAmbiguous) {

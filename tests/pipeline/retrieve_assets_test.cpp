@@ -130,6 +130,8 @@ TEST_F(RetrieveAssets, PicturesOfADatasetAreItsFirstViewsCalledAsTheAssets) {
   EXPECT_EQ(reports[0].asset, "green");
   EXPECT_TRUE(fs::exists(folder_ / "out/red/mesh.glb"));
   EXPECT_EQ(pictures_of_dataset(data(), {folder_ / "split.txt"}, 1).size(), 1u);
+  write_file_atomically(folder_ / "split.txt", "raw/green.glb\n");
+  EXPECT_EQ(pictures_of_dataset(data(), {folder_ / "split.txt"}, 0).at(0).name, "green") << "by another name";
   EXPECT_THROW(pictures_of_dataset(data(), {}, 0), InputError);
   for (const char* unusable : {"blind\n", "nobody\n", "../red\n"}) {
     write_file_atomically(folder_ / "split.txt", unusable);

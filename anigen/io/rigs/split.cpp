@@ -33,6 +33,7 @@ void add_path(const std::string& path, NameForms& forms) {
   for (std::size_t start = 0; start <= path.size();) {
     const std::size_t end = std::min(path.find('/', start), path.size());
     const std::string part = path.substr(start, end - start);
+    if (part == "..") return;  // leads out of the folder that names are about
     if (!part.empty() && part != ".") parts.push_back(part);
     start = end + 1;
   }
