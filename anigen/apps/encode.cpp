@@ -1,47 +1,13 @@
-#include <cstdio>
 
 #include "anigen/apps/common/command_line.h"
 #include "anigen/apps/common/grouping_options.h"
-#include "anigen/core/error.h"
-#include "anigen/nn/blas.h"
-#include "anigen/nn/computing.h"
-#include "anigen/pipeline/encode_sparse_structure.h"
-#include "anigen/pipeline/encode_structured_latent.h"
+#include "anigen/apps/common/library_versions.h"
+#include "anigen/apps/common/torch_half.h"
+#include "anigen/apps/encode_arguments.h"
 
 namespace {
 
 using namespace anigen;
-
-void print(const Json& json, const std::string& text, const CommonOptions& common) {
-  std::fputs(common.json ? (json.dump(2) + "\n").c_str() : text.c_str(), stdout);
-}
-
-void require_some(const pipeline::EncodedLatents& result) {
-  if (!result.failed.empty() && result.failed.size() == result.assets) {
-    throw Error("no asset could be encoded; the first: " + result.failed.begin()->second);
-  }
-}
-
-void encode_structure(const pipeline::EncodeRequest& request, const CommonOptions& common) {
-  const pipeline::EncodeResult result = pipeline::encode_sparse_structure(request);
-  print(to_json(result), to_text(result), common);
-  require_some(result);
-}
-
-void encode_structured(const pipeline::EncodeRequest& request, const CommonOptions& common) {
-  const pipeline::EncodedLatents result = pipeline::encode_structured_latents(request);
-  print(to_json(result), to_text(result, "latents"), common);
-  require_some(result);
-}
-
-void reconstruct(const pipeline::ReconstructRequest& request, bool allow_failures, const CommonOptions& common) {
-  const std::vector<pipeline::ReconstructedAsset> made = pipeline::reconstruct_assets(request);
-  print(pipeline::to_json(made), pipeline::to_text(made), common);
-  std::size_t failed = 0;
-  for (const pipeline::ReconstructedAsset& asset : made) failed += asset.failure.empty() ? 0 : 1;
-  if (failed > 0 && (!allow_failures || failed == made.size()))
-    throw Error(std::to_string(failed) + " of " + std::to_string(made.size()) + " assets gave no file");
-}
 
 void add_encoding_options(CLI::App& command, pipeline::EncodeRequest& request, const std::string& stage) {
   command.fallthrough();  // so that the common options may stand after the word
@@ -70,8 +36,8 @@ int main(int argc, char** argv) {
       "out\n"};
   CommonOptions common;
   pipeline::EncodeRequest structure, structured;
-  pipeline::ReconstructRequest rebuilt;
-  bool allow_failures = false;
+  EncodeArguments arguments;
+  pipeline::ReconstructRequest& rebuilt = arguments.rebuilt;
   app.require_subcommand(1);
   CLI::App* ss = app.add_subcommand("ss", "Latents of the sparse structure: ss_latents/<name>, for stage 4");
   add_encoding_options(*ss, structure, "2");
@@ -87,16 +53,19 @@ int main(int argc, char** argv) {
   back->add_option("--output", rebuilt.output, "Folder of the files <id>.glb")->required();
   back->add_option("--ckpt", rebuilt.ckpt, "Checkpoint: final, or the part of a file name after encoder_ [the newest]");
   back->add_flag("--true-skeleton", rebuilt.true_skeleton, "Decode weights for the asset's own skeleton");
-  back->add_flag("--allow-failures", allow_failures, "Exit with 0 when at least one asset gave a file");
+  back->add_flag("--allow-failures", arguments.allow_failures, "Exit with 0 when at least one asset gave a file");
   add_grouping_options(*back, rebuilt.grouping);
   back->add_flag("--votes", rebuilt.votes,
                  "Also <id>.votes.glb and .ply: the voxels' votes for joints, coloured by confidence");
-  add_common_options(app, common, nn::version_details, {{"--seed", "draws nothing at random"}});
+  add_common_options(app, common, library_versions(), {{"--seed", "draws nothing at random"}});
   return run_command(app, common, argc, argv, [&] {
-    nn::set_up_computing(common.threads);
     structure.device = structured.device = rebuilt.device = common.device;
-    if (ss->parsed()) encode_structure(structure, common);
-    if (slat->parsed()) encode_structured(structured, common);
-    if (back->parsed()) reconstruct(rebuilt, allow_failures, common);
+    if (ss->parsed()) arguments.encoded = structure;
+    if (slat->parsed()) {
+      arguments.task = EncodeArguments::Task::kStructuredLatents;
+      arguments.encoded = structured;
+    }
+    if (back->parsed()) arguments.task = EncodeArguments::Task::kReconstruct;
+    torch_half("encoding").encode(arguments, common);
   });
 }

@@ -1,22 +1,17 @@
 #include <algorithm>
 #include <cstdio>
-#include <memory>
 
 #include "anigen/apps/common/command_line.h"
 #include "anigen/apps/common/library_versions.h"
 #include "anigen/apps/common/ranges.h"
+#include "anigen/apps/common/torch_half.h"
+#include "anigen/apps/eval_arguments.h"
 #include "anigen/core/error.h"
 #include "anigen/core/memory.h"
 #include "anigen/core/parallel.h"
 #include "anigen/eval/comparison/comparison_files.h"
 #include "anigen/eval/comparison/evaluate_command.h"
 #include "anigen/eval/skin_command.h"
-#ifdef ANIGEN_WITH_TORCH
-#include "anigen/nn/computing.h"
-#include "anigen/pipeline/perceptual_metric.h"
-#include "anigen/pipeline/skin_reconstruction.h"
-#include "anigen/pipeline/structure_evaluation.h"
-#endif
 
 namespace {
 
@@ -25,64 +20,7 @@ using namespace anigen;
 constexpr const char* kShapeGroup = "Rigged shapes (--pred)";
 constexpr const char* kStructureGroup = "Sparse structures (--ss-flow)";
 
-struct EvalOptions {
-  std::vector<std::string> predictions, splits, category_splits, lpips_weights;
-  std::string truth, out, skin_ae, skins;
-  std::string normalization = "centroid-rms", prediction_axes = "format", truth_axes = "format", worst_by, motion;
-  std::string transport = "exact";
-  std::vector<std::string> groups;
-  std::size_t pictured = 4, motions_pictured = 0;
-  int workers = 0;
-  bool no_icp = false, point_to_plane = false, no_resume = false, no_report = false;
-  bool accept_other_code = false;
-  eval::PairSettings settings;
-  // Sparse structures.
-  std::string ss_flow, ss_dae, train_split;
-  std::vector<double> strengths;
-  std::int64_t steps = 0;
-  std::size_t most = 0, views = 4;
-};
-
-/// Weights encoded by a trained skin auto-encoder and decoded again.
-eval::SkinMethod reconstruction(const std::string& run, const CommonOptions& common, Json& settings) {
-#ifdef ANIGEN_WITH_TORCH
-  nn::set_up_computing(common.threads);
-  const auto model = std::make_shared<pipeline::SkinReconstruction>(run, common.device);
-  settings["checkpoint"] = model->checkpoint().string();
-  settings["parameters"] = model->parameters();
-  settings["features_per_vertex"] = model->features_per_vertex();
-  eval::SkinMethod method;
-  method.key = "skin_ae";
-  method.label = "SkinAE reconstruction";
-  method.parallel = false;
-  method.predict = [model](const io::DatasetItem&, const eval::GroundTruth& truth) {
-    return model->reconstruct(truth.joints, truth.parents, truth.skin);
-  };
-  return method;
-#else
-  static_cast<void>(common);
-  static_cast<void>(settings);
-  throw NotSupportedError(run, "", "--skin-ae in a build without LibTorch");
-#endif
-}
-
-/// LPIPS, which is computed only with weights that the user has.
-void add_lpips(const EvalOptions& options, const CommonOptions& common, eval::EvaluationRequest& request) {
-  if (options.lpips_weights.empty()) return;
-#ifdef ANIGEN_WITH_TORCH
-  nn::set_up_computing(common.threads);
-  const std::vector<std::filesystem::path> files(options.lpips_weights.begin(), options.lpips_weights.end());
-  const auto metric = std::make_shared<pipeline::PerceptualMetric>(files, common.device);
-  request.settings.lpips = metric->describe();
-  request.perceptual = [metric](const io::Image& a, const io::Image& b) { return metric->distance(a, b); };
-#else
-  static_cast<void>(common);
-  static_cast<void>(request);
-  throw NotSupportedError("", "", "--lpips-weights in a build without LibTorch");
-#endif
-}
-
-void evaluate_skins(const EvalOptions& options, const CommonOptions& common) {
+void evaluate_skins(const EvalArguments& options, const CommonOptions& common) {
   eval::SkinRequest request;
   request.dataset = options.truth;
   request.splits = {options.splits.begin(), options.splits.end()};
@@ -92,7 +30,7 @@ void evaluate_skins(const EvalOptions& options, const CommonOptions& common) {
   if (!options.skin_ae.empty()) {
     request.run = options.skin_ae;
     request.settings["skin_ae"] = options.skin_ae;
-    request.methods.push_back(reconstruction(options.skin_ae, common, request.settings));
+    request.methods.push_back(torch_half("--skin-ae").skin_reconstruction(options.skin_ae, common, request.settings));
   }
   request.skins = options.skins;
   const eval::SkinEvaluation evaluation = eval::run_skin_evaluation(request);
@@ -100,7 +38,7 @@ void evaluate_skins(const EvalOptions& options, const CommonOptions& common) {
   eval::require_scores(evaluation, options.out);
 }
 
-void evaluate_shapes(const EvalOptions& options, const CommonOptions& common) {
+void evaluate_shapes(const EvalArguments& options, const CommonOptions& common) {
   eval::EvaluationRequest request;
   request.predictions = options.predictions;
   request.truth = options.truth;
@@ -112,7 +50,7 @@ void evaluate_shapes(const EvalOptions& options, const CommonOptions& common) {
   request.truth_axes = io::parse_axes(options.truth_axes);
   request.settings = options.settings;
   request.settings.seed = common.seed;
-  add_lpips(options, common, request);
+  if (!options.lpips_weights.empty()) torch_half("--lpips-weights").add_perceptual_metric(options, common, request);
   if (options.workers > 0) set_thread_count(options.workers);
   request.settings.alignment.icp = !options.no_icp;
   request.settings.transport = eval::parse_transport(options.transport);
@@ -136,33 +74,7 @@ void evaluate_shapes(const EvalOptions& options, const CommonOptions& common) {
   }
 }
 
-void evaluate_sparse_structures(const EvalOptions& options, const CommonOptions& common) {
-#ifdef ANIGEN_WITH_TORCH
-  if (options.splits.size() > 1) throw InputError("", "--split", "one file of ids, with --ss-flow");
-  nn::set_up_computing(common.threads);
-  pipeline::StructureEvaluationRequest request;
-  request.run = options.ss_flow;
-  request.autoencoder = options.ss_dae;
-  request.data = options.truth;
-  request.split = options.splits.empty() ? "" : options.splits.front();
-  request.train_split = options.train_split;
-  request.out = options.out;
-  request.strengths = options.strengths;
-  request.steps = options.steps;
-  request.most = options.most;
-  request.pictured = options.pictured;
-  request.retrieval_views = options.views;
-  request.seed = common.seed;
-  request.device = common.device;
-  const pipeline::StructureEvaluation evaluation = pipeline::evaluate_structures(request);
-  std::fputs((eval::to_markdown(evaluation.table()) + "\n").c_str(), stdout);
-#else
-  static_cast<void>(common);
-  throw NotSupportedError(options.ss_flow, "", "--ss-flow in a build without LibTorch");
-#endif
-}
-
-void run(const EvalOptions& options, const CommonOptions& common) {
+void run(const EvalArguments& options, const CommonOptions& common) {
   if (!options.category_splits.empty() && options.predictions.empty())
     throw InputError("", "--category-split", "sorts rigged shapes: it needs --pred");
   if (options.most > 0 && options.ss_flow.empty() && (options.predictions.empty() || options.truth.empty()))
@@ -170,7 +82,8 @@ void run(const EvalOptions& options, const CommonOptions& common) {
   if (!options.ss_flow.empty()) {
     if (!options.predictions.empty() || !options.skin_ae.empty() || !options.skins.empty())
       throw InputError("", "--ss-flow", "evaluates a flow of sparse structures, and nothing else at the same time");
-    return evaluate_sparse_structures(options, common);
+    if (options.splits.size() > 1) throw InputError("", "--split", "one file of ids, with --ss-flow");
+    return torch_half("--ss-flow").evaluate_structures(options, common);
   }
   if (!options.predictions.empty()) {
     if (!options.skin_ae.empty() || !options.skins.empty())
@@ -187,7 +100,7 @@ void run(const EvalOptions& options, const CommonOptions& common) {
   evaluate_skins(options, common);
 }
 
-void add_shape_options(CLI::App& app, EvalOptions& options) {
+void add_shape_options(CLI::App& app, EvalArguments& options) {
   auto& icp = options.settings.alignment.registration;
   const char* group = kShapeGroup;
   app.add_option("--normalize", options.normalization, "centroid-rms, bounding-box or none")
@@ -272,7 +185,7 @@ void add_shape_options(CLI::App& app, EvalOptions& options) {
       ->group(group);
 }
 
-void add_structure_options(CLI::App& app, EvalOptions& options) {
+void add_structure_options(CLI::App& app, EvalArguments& options) {
   const char* group = kStructureGroup;
   app.add_option("--ss-flow", options.ss_flow, "Run folder of stage 4: generate voxels from pictures and compare them")
       ->group(group);
@@ -300,7 +213,7 @@ void refuse_group(const CLI::App& app, const char* group, const std::string& rea
 }
 
 /// Options of another evaluation than the one asked for, or that others leave without effect.
-void refuse_ignored(const CLI::App& app, const EvalOptions& options) {
+void refuse_ignored(const CLI::App& app, const EvalArguments& options) {
   const bool structures = !options.ss_flow.empty(), shapes = !options.predictions.empty();
   if (!structures) refuse_group(app, kStructureGroup, "is of sparse structures: it needs --ss-flow");
   if (!shapes) refuse_group(app, kShapeGroup, "is of rigged shapes: it needs --pred");
@@ -349,7 +262,7 @@ int main(int argc, char** argv) {
       "  anigen-eval --gt data --out results                 (skinning baselines only)\n"
       "  anigen-eval --ss-flow runs/ss_flow --gt data --split splits/test.txt --out results   (voxels from pictures)"};
   CommonOptions common;
-  EvalOptions options;
+  EvalArguments options;
   app.add_option("--pred", options.predictions,
                  "[NAME=]PATH of predictions: a file, a folder, or a CSV of pairs; repeat");
   app.add_option("--gt", options.truth, "Ground truth: a file, a folder or a dataset");

@@ -3,6 +3,7 @@
 #include "anigen/apps/common/command_line.h"
 #include "anigen/apps/common/library_versions.h"
 #include "anigen/apps/common/ranges.h"
+#include "anigen/apps/common/torch_half.h"
 #include "anigen/core/atomic_file.h"
 #include "anigen/core/error.h"
 #include "anigen/core/interrupt.h"
@@ -11,9 +12,6 @@
 #include "anigen/eval/inspect/influence_loss.h"
 #include "anigen/eval/inspect/inspect.h"
 #include "anigen/io/rigs/file_list.h"
-#ifdef ANIGEN_WITH_TORCH
-#include "anigen/pipeline/run_weights.h"
-#endif
 
 namespace {
 
@@ -42,17 +40,6 @@ void use_asset(const std::string& file, const Asset& asset, const InspectOptions
   }
 }
 
-/// Adds what the checkpoints of a run hold and lack. @return one sentence about the first that is incomplete, or ""
-std::string add_weights(const std::string& run, Json& description) {
-#ifdef ANIGEN_WITH_TORCH
-  description["weights"] = pipeline::describe_weights(run);
-  return pipeline::first_incomplete(description["weights"]);
-#else
-  static_cast<void>(description);
-  throw NotSupportedError(run, "", "--weights in a build without LibTorch");
-#endif
-}
-
 eval::InspectedFile inspect_one(const std::string& file, const InspectOptions& options) {
   eval::InspectedFile result{file, {}, ""};
   try {
@@ -76,7 +63,7 @@ eval::InspectedFile inspect_one(const std::string& file, const InspectOptions& o
             "a shard: FILE#ID");
       }
       result.description = eval::inspect(file);
-      if (options.weights) result.rejection = add_weights(file, result.description);
+      if (options.weights) result.rejection = torch_half("--weights").describe_weights(file, result.description);
     }
   } catch (...) {
     result.rejection = failure_of_item();

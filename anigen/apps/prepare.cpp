@@ -9,26 +9,20 @@
 #include "anigen/apps/common/command_line.h"
 #include "anigen/apps/common/library_versions.h"
 #include "anigen/apps/common/ranges.h"
+#include "anigen/apps/common/torch_half.h"
 #include "anigen/core/config_file.h"
 #include "anigen/core/error.h"
 #include "anigen/core/parallel.h"
 #include "anigen/io/rigs/split.h"
 #include "anigen/prepare/dataset.h"
 #include "anigen/prepare/run/worker_main.h"
-#ifdef ANIGEN_WITH_TORCH
-#include "anigen/features/feature_models.h"
-#endif
 
 namespace {
 
 anigen::prepare::FeatureExtractorFactory feature_factory() {
-#ifdef ANIGEN_WITH_TORCH
-  return anigen::features::make_feature_extractor;
-#else
-  return [](const anigen::prepare::FeatureOptions&) -> std::unique_ptr<anigen::prepare::FeatureExtractor> {
-    throw anigen::NotSupportedError("", "--features", "features in a build without LibTorch");
+  return [](const anigen::prepare::FeatureOptions& options) {
+    return anigen::torch_half("--features").feature_extractor(options);
   };
-#endif
 }
 
 /// What the command line says, before it becomes prepare::PrepareOptions.

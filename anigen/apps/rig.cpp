@@ -7,35 +7,16 @@
 #include "anigen/apps/common/command_line.h"
 #include "anigen/apps/common/library_versions.h"
 #include "anigen/apps/common/ranges.h"
+#include "anigen/apps/common/torch_half.h"
+#include "anigen/apps/rig_arguments.h"
 #include "anigen/core/error.h"
 #include "anigen/eval/inspect/asset_picture.h"
 #include "anigen/io/image.h"
 #include "anigen/rig/rig_meshes.h"
-#ifdef ANIGEN_WITH_TORCH
-#include "anigen/nn/computing.h"
-#include "anigen/pipeline/anymate_rigger.h"
-#include "anigen/pipeline/device.h"
-#include "anigen/pipeline/retrieve_assets.h"
-#include "anigen/pipeline/rignet_rigger.h"
-#endif
 
 namespace {
 
 using namespace anigen;
-
-constexpr const char* kAnymate = "anymate";
-constexpr const char* kRignet = "rignet";
-
-struct RigOptions {
-  std::string method, mesh, axes = "format", skin, image, background = "auto", condition = "color";
-  std::vector<std::string> pictured;
-  std::string joint_model, connectivity_model, skin_model;  // of Anymate or RigNet
-  std::int64_t points = 0;
-  double eps = 0.0;
-  rig::RigRequest request;
-  std::size_t views = 0, most = 0;
-  bool pictures = false;
-};
 
 template <typename Reports>
 void print(const Reports& reports, const CommonOptions& common) {
@@ -51,46 +32,16 @@ void require_one(const Reports& each, const char* what) {
   throw Error(std::string("none of the ") + what + " could be rigged");
 }
 
-#ifdef ANIGEN_WITH_TORCH
-rig::LearnedSteps anymate_steps(const RigOptions& options, const CommonOptions& common) {
-  pipeline::AnymateRiggerOptions rigger;
-  rigger.points = options.points;
-  rigger.eps = options.eps;
-  rigger.seed = common.seed;
-  rigger.most_influences = options.request.binding.heat.most_influences;
-  rigger.device = pipeline::parse_device(common.device);
-  const pipeline::LearnedModelFiles files{options.joint_model, options.connectivity_model, options.skin_model};
-  return pipeline::anymate_steps(pipeline::load_anymate_models(files, rigger.device), rigger);
-}
-
-rig::LearnedSteps rignet_steps(const RigOptions& options, const CommonOptions& common) {
-  if (options.points > 0 || options.eps > 0.0)
-    throw InputError("", options.points > 0 ? "--points" : "--eps", "is for anymate only");
-  pipeline::RignetRiggerOptions rigger;
-  rigger.seed = common.seed;
-  rigger.most_influences = options.request.binding.heat.most_influences;
-  rigger.device = pipeline::parse_device(common.device);
-  const pipeline::LearnedModelFiles files{options.joint_model, options.connectivity_model, options.skin_model};
-  return pipeline::rignet_steps(pipeline::load_rignet_models(files, rigger.device), rigger);
-}
-#endif
-
 /// Lets trained models do what there are models for.
-void use_models(RigOptions& options, const CommonOptions& common) {
+void use_models(RigArguments& options, const CommonOptions& common) {
   if (options.joint_model.empty() && options.connectivity_model.empty() && options.skin_model.empty())
     throw InputError("", "--joint-model", "name a trained model: this one, --connectivity-model or --skin-model");
   if (!options.skin_model.empty() && !options.skin.empty())
     throw InputError("", "--skin", "--skin-model binds already; leave out one of the two");
-#ifdef ANIGEN_WITH_TORCH
-  nn::set_up_computing(common.threads);
-  options.request.learned = options.method == kAnymate ? anymate_steps(options, common) : rignet_steps(options, common);
-#else
-  static_cast<void>(common);
-  throw NotSupportedError("", "--method", "trained models in a build without LibTorch");
-#endif
+  options.request.learned = torch_half("trained models").learned_steps(options, common);
 }
 
-void rig_files(RigOptions& options, const CommonOptions& common) {
+void rig_files(RigArguments& options, const CommonOptions& common) {
   rig::RigRequest& request = options.request;
   const bool learned = options.method == kAnymate || options.method == kRignet;
   if (!learned && !(options.joint_model + options.connectivity_model + options.skin_model).empty())
@@ -116,36 +67,15 @@ void rig_files(RigOptions& options, const CommonOptions& common) {
   require_one(reports.meshes, "meshes");
 }
 
-void retrieve(const RigOptions& options, const CommonOptions& common) {
-#ifdef ANIGEN_WITH_TORCH
+void retrieve(const RigArguments& options, const CommonOptions& common) {
   if (options.request.joints.collection.empty())
     throw InputError("", "--dataset", "retrieval answers with an asset of a data set; name one");
   if (options.image.empty() == options.pictured.empty())
     throw InputError("", "--image", "retrieval answers pictures: name one, a folder of them, or --picture-split");
-  nn::set_up_computing(common.threads);
-  pipeline::RetrievalRequest request;
-  request.dataset = options.request.joints.collection;
-  request.splits = options.request.joints.splits;
-  request.views = options.views;
-  request.pictures.background = pipeline::parse_background(options.background);
-  request.seen =
-      options.condition == "normal" ? loaders::ConditionPictures::kNormals : loaders::ConditionPictures::kColor;
-  request.output = options.request.out;
-  const auto pictures = options.image.empty()
-                            ? pipeline::pictures_of_dataset(
-                                  request.dataset, {options.pictured.begin(), options.pictured.end()}, options.most)
-                            : pipeline::pictures_at(options.image);
-  const auto reports = pipeline::retrieve_assets(request, pictures);
-  print(reports, common);
-  require_one(reports, "pictures");
-#else
-  static_cast<void>(options);
-  static_cast<void>(common);
-  throw NotSupportedError("", "--method", "retrieval in a build without LibTorch");
-#endif
+  torch_half("retrieval").retrieve(options, common);
 }
 
-void add_mesh_options(CLI::App& app, RigOptions& options) {
+void add_mesh_options(CLI::App& app, RigArguments& options) {
   rig::RigRequest& request = options.request;
   app.add_option("--mesh", options.mesh,
                  "File or folder of what to rig: .glb .gltf .fbx .dae .obj .ply, NPZ rigs, data sets");
@@ -182,7 +112,7 @@ void add_mesh_options(CLI::App& app, RigOptions& options) {
   app.add_flag("--pictures", options.pictures, "Also <name>.png: the asset, its weights, its skeleton");
 }
 
-void add_model_options(CLI::App& app, RigOptions& options) {
+void add_model_options(CLI::App& app, RigArguments& options) {
   app.add_option(
          "--joint-model", options.joint_model,
          "For anymate and rignet: a run folder of anigen-train, or a .safetensors file of one; for anymate also a "
@@ -202,7 +132,7 @@ void add_model_options(CLI::App& app, RigOptions& options) {
       ->check(number(0, 2, RangeEnds::kOpenBelow));
 }
 
-void add_dataset_options(CLI::App& app, RigOptions& options) {
+void add_dataset_options(CLI::App& app, RigArguments& options) {
   app.add_option("--dataset", options.request.joints.collection,
                  "For template and retrieval: where skeletons and answers come from");
   app.add_option("--split", options.request.joints.splits, "Files of the ids to use; without, everything");
@@ -222,7 +152,7 @@ void add_dataset_options(CLI::App& app, RigOptions& options) {
 }
 
 /// Options that another method would use, or that others leave without effect.
-void refuse_ignored(const CLI::App& app, const RigOptions& options) {
+void refuse_ignored(const CLI::App& app, const RigArguments& options) {
   const std::string& method = options.method;
   const std::string whose = "is not used by --method " + method;
   if (method == "retrieval") {
@@ -281,7 +211,7 @@ int main(int argc, char** argv) {
       "  anigen-rig --method template --mesh results/ --dataset data --split data/splits/train.txt --out template\n"
       "  anigen-rig --method retrieval --image photos/ --dataset data --split data/splits/train.txt --out retrieved\n"};
   CommonOptions common;
-  RigOptions options;
+  RigArguments options;
   std::vector<std::string> methods = rig::rigging_method_words();
   methods.emplace_back("retrieval");
   methods.emplace_back(kAnymate);

@@ -56,12 +56,17 @@ std::string input_fingerprint(const fs::path& path) {
 std::string program_fingerprint(const fs::path& program) {
   static std::map<std::string, std::string> known;  // by path, size and time
   std::error_code error;
-  const std::string state = program.string() + (fs::exists(program, error) ? input_fingerprint(program) : "");
+  const fs::path module = program.parent_path().parent_path() / "lib" / "anigen" / "anigen-torch.so";
+  // A change to networks must not make whole datasets anew: the steps of a preparation have versions of their own.
+  const bool loads = program.filename() != "anigen-prepare" && fs::exists(module, error);
+  const std::string state = program.string() + (fs::exists(program, error) ? input_fingerprint(program) : "") +
+                            (loads ? input_fingerprint(module) : "");
   const auto found = known.find(state);
   if (found != known.end()) return found->second;
   if (!fs::is_regular_file(program, error))
     throw InputError(program.string(), "", "no such program; build it, or name its folder with --programs");
-  return known[state] = sha256(code_of(read_file(program)));
+  const std::string own = sha256(code_of(read_file(program)));
+  return known[state] = loads ? sha256(own + sha256(code_of(read_file(module)))) : own;
 }
 
 }  // namespace anigen::experiment

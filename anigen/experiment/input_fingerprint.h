@@ -9,9 +9,10 @@ namespace anigen::experiment {
 /// @throws InputError when there is nothing at that path
 std::string input_fingerprint(const std::filesystem::path& path);
 
-/// SHA-256 of a program file but for the commit that it was built of (core/version.h) and the linker's own digest of
-/// it: a commit that leaves a program's code as it was leaves this as it was. Read again only when the file's size or
-/// time has changed. @throws InputError when it is not there
+/// SHA-256 of a program file and of the module that it loads, ../lib/anigen/anigen-torch.so, where there is one
+/// (apps/common/torch_half.h); but for the commit that they were built of (core/version.h) and the linker's own digest
+/// of them: a commit that leaves the code as it was leaves this as it was. Read again only when a file's size or time
+/// has changed. @throws InputError when the program is not there
 std::string program_fingerprint(const std::filesystem::path& program);
 
 }  // namespace anigen::experiment

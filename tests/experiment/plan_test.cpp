@@ -117,6 +117,19 @@ TEST_F(ExperimentPlan, TheCommitOfAProgramIsNotItsCode) {
   EXPECT_NE(before, key_of("code" + stamped("1111111111") + "more" + note + std::string(20, 'a') + "test"));
 }
 
+TEST_F(ExperimentPlan, CodeOfTheModuleThatProgramsLoadCounts) {
+  const fs::path module = folder_ / "lib/anigen/anigen-torch.so";
+  program("anigen-train", "code");
+  const auto key_with = [&](const std::string& bytes) {
+    fs::create_directories(module.parent_path());
+    std::ofstream(module, std::ios::binary) << bytes;
+    return job_of(plan(kTwoVariants), 0, "fit").key;
+  };
+  const std::string without = job_of(plan(kTwoVariants), 0, "fit").key, first = key_with("layers");
+  EXPECT_NE(without, first);
+  EXPECT_NE(first, key_with("other layers"));
+}
+
 TEST_F(ExperimentPlan, AChangeRenamesJustWhatDependsOnIt) {
   const Plan before = plan(kTwoVariants);
   std::string changed = kTwoVariants;

@@ -313,7 +313,9 @@ TEST(Collada, NodesShownAgainAreRead) {
 }
 
 // A picture inside the file that is no base64 makes Assimp 5.2 free memory that it never asked for.
-TEST(Fbx, WhatCrashesAssimpIsRefused) {
+// Assimp 5.2 writes past a buffer for the '?' in the base64 text: it crashes or not, as the heap lies. This process
+// goes on in both cases; GuardedProcess tests hold a crash that is certain.
+TEST(Fbx, WhatMayCrashAssimpIsRefused) {
   const test::TemporaryFolder folder;
   write_file_atomically(
       folder / "a.fbx",
@@ -328,7 +330,8 @@ TEST(Fbx, WhatCrashesAssimpIsRefused) {
       "Connections:  {\nC: \"OO\",100,0\nC: \"OO\",1000,100\nC: \"OO\",300,100\n"
       "C: \"OP\",400,300, \"DiffuseColor\"\nC: \"OO\",500,400\n}\n");
   const std::string refused = problem([&] { read_assimp(folder / "a.fbx"); });
-  EXPECT_EQ(refused.rfind("Assimp cannot read it: it crashed (", 0), 0u) << refused;
+  const bool crashed = refused.rfind("Assimp cannot read it: it crashed (", 0) == 0;
+  EXPECT_TRUE(crashed || refused == "no skin: nothing to animate; export the mesh with its armature") << refused;
 }
 
 std::string fbx_graph(const std::string& models, const std::string& links) {

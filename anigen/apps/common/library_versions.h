@@ -1,16 +1,15 @@
 #pragma once
 #include <functional>
 #include <string>
-#ifdef ANIGEN_WITH_TORCH
-#include "anigen/nn/blas.h"
-#endif
+
+#include "anigen/apps/common/torch_half.h"
 
 namespace anigen {
 
-/// What --version adds in a program that can also be built without LibTorch.
+/// Lines that --version adds: libraries of the half that needs LibTorch, which is loaded for them.
 inline std::function<std::string()> library_versions() {
 #ifdef ANIGEN_WITH_TORCH
-  return nn::version_details;
+  return [] { return torch_half("--version").version_details(); };
 #else
   return {};
 #endif

@@ -29,9 +29,6 @@ SkeletonChamfer sampled(const JointGraph& a, const JointGraph& b, const std::vec
 
 }  // namespace
 
-const std::vector<SkeletonProtocol> kSkeletonProtocols = {SkeletonProtocol::kPaper, SkeletonProtocol::kRignet,
-                                                          SkeletonProtocol::kUnirig, SkeletonProtocol::kPuppeteer};
-
 std::string name(SkeletonProtocol protocol) {
   switch (protocol) {
     case SkeletonProtocol::kPaper:

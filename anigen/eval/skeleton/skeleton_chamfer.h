@@ -1,4 +1,5 @@
 #pragma once
+#include <array>
 #include <string>
 #include <vector>
 
@@ -16,7 +17,9 @@ enum class SkeletonProtocol {
   kPuppeteer,  ///< as kRignet, after puppeteer_cleaned() of both sides (MagicArticulate, Puppeteer)
 };
 
-extern const std::vector<SkeletonProtocol> kSkeletonProtocols;  ///< all, in the order above
+/// All, in the order above.
+inline constexpr std::array<SkeletonProtocol, 4> kSkeletonProtocols = {
+    SkeletonProtocol::kPaper, SkeletonProtocol::kRignet, SkeletonProtocol::kUnirig, SkeletonProtocol::kPuppeteer};
 
 /// "paper", "rignet", "unirig", "puppeteer".
 std::string name(SkeletonProtocol protocol);

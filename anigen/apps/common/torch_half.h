@@ -1,0 +1,65 @@
+#pragma once
+#include <memory>
+#include <string>
+
+#include "anigen/core/json.h"
+
+namespace anigen {
+
+namespace eval {
+struct EvaluationRequest;
+struct SkinMethod;
+}  // namespace eval
+namespace prepare {
+class FeatureExtractor;
+struct FeatureOptions;
+}  // namespace prepare
+namespace rig {
+struct LearnedSteps;
+}  // namespace rig
+
+struct CommonOptions;
+struct EncodeArguments;
+struct EvalArguments;
+struct GenerateArguments;
+struct RigArguments;
+struct TrainArguments;
+
+/// The half of the project that needs LibTorch, as the programs call it. LibTorch brings some 280 shared libraries that
+/// take half a second to load, so the programs do not link it: they load this half when a command needs it, after the
+/// command line was read. Every function throws as the one it stands for.
+struct TorchHalf {
+  /// Lines of --version: LibTorch, BLAS, kernels, CUDA (nn/blas.h).
+  std::string (*version_details)();
+
+  // Whole programs; results go to standard output.
+  void (*encode)(const EncodeArguments& arguments, const CommonOptions& common);
+  void (*generate)(const GenerateArguments& arguments, const CommonOptions& common);
+  /// @return the exit status of ranks that it has started, else 0
+  int (*train)(const TrainArguments& arguments, const CommonOptions& common);
+
+  // Parts of programs.
+  /// anigen-rig --method retrieval.
+  void (*retrieve)(const RigArguments& arguments, const CommonOptions& common);
+  /// anigen-rig --method anymate or rignet.
+  rig::LearnedSteps (*learned_steps)(const RigArguments& arguments, const CommonOptions& common);
+  /// anigen-eval --lpips-weights: sets the request's perceptual metric.
+  void (*add_perceptual_metric)(const EvalArguments& arguments, const CommonOptions& common,
+                                eval::EvaluationRequest& request);
+  /// anigen-eval --skin-ae: weights encoded by a trained skin auto-encoder and decoded again.
+  eval::SkinMethod (*skin_reconstruction)(const std::string& run, const CommonOptions& common, Json& settings);
+  /// anigen-eval --ss-flow.
+  void (*evaluate_structures)(const EvalArguments& arguments, const CommonOptions& common);
+  /// anigen-inspect --weights: adds "weights" to the description. @return one sentence about the first checkpoint that
+  /// is incomplete, or ""
+  std::string (*describe_weights)(const std::string& run, Json& description);
+  /// anigen-prepare --features.
+  std::unique_ptr<prepare::FeatureExtractor> (*feature_extractor)(const prepare::FeatureOptions& options);
+};
+
+/// Loads the half on the first call: `anigen-torch.so` in ../lib/anigen beside the folder of the program, or in the
+/// program's own folder. @throws Error naming the file when it cannot be loaded; NotSupportedError in a build without
+/// LibTorch, which names `what`
+const TorchHalf& torch_half(const std::string& what);
+
+}  // namespace anigen

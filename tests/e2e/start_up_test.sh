@@ -1,0 +1,29 @@
+#!/usr/bin/env bash
+# Programs start without LibTorch, whose libraries take half a second to load; --help and errors of the command line
+# need none of it, and --version loads it.
+#   start_up_test.sh FOLDER_OF_PROGRAMS
+set -euo pipefail
+failed=0
+fail() { echo "FAILED: $*"; failed=1; }
+for name in inspect prepare eval rig train encode generate experiment; do
+  program=$1/anigen-$name
+  libraries=$(ldd "$program")
+  if grep -q torch <<<"$libraries"; then fail "anigen-$name links LibTorch"; fi
+  for argument in --help --no-such-option; do
+    loaded=$( (LD_DEBUG=files "$program" "$argument" 2>&1 || true) | grep -c 'anigen-torch.so.*needed\|file=anigen-torch\|libtorch' || true)
+    [ "$loaded" -eq 0 ] || fail "anigen-$name $argument loads LibTorch"
+  done
+done
+for name in inspect prepare eval rig train encode generate; do
+  "$1/anigen-$name" --version | grep -q '^LibTorch ' || fail "anigen-$name --version does not name LibTorch"
+done
+# Objects that both the program and the module construct would be constructed, and destroyed, twice: constants of the
+# library that need construction stay local to their source, or are constexpr.
+constructed() { nm -DC --defined-only "$1" | awk '$2 == "B"' | cut -d' ' -f3- | grep '^anigen::' | sort; }
+for name in inspect prepare eval rig train encode generate; do
+  twice=$(comm -12 <(constructed "$1/anigen-$name") <(constructed "$1/../lib/anigen/anigen-torch.so"))
+  [ -z "$twice" ] || fail "anigen-$name and its module both construct $twice"
+done
+# The program and the module that it loads share what core holds: a signal, the log, the form of the kernels.
+ANIGEN_KERNELS=portable "$1/anigen-train" --version | grep -q '^kernels portable' || fail "kernels are not shared"
+exit $failed
