@@ -24,7 +24,7 @@ struct InspectOptions {
   bool influence_loss = false, keep_going = false, weights = false;
 };
 
-/// What only meshes and skeletons can be asked for.
+/// Does the tasks that need a mesh or a skeleton: influence loss, picture, export.
 void use_asset(const std::string& file, const Asset& asset, const InspectOptions& options, Json& description) {
   if (options.influence_loss) {
     if (asset.skin.rows() == 0) throw InputError(file, "", "--influence-loss needs skin weights, and it has none");

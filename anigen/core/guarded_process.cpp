@@ -75,7 +75,7 @@ bool write_all(int to, const char* bytes, std::size_t count) {
   ::_exit(status);
 }
 
-/// What has come of the copy's result.
+/// Collects the result that the copy sends.
 class Receiver {
  public:
   explicit Receiver(int from) : from_(from) {}

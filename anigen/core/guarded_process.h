@@ -5,14 +5,14 @@
 
 namespace anigen {
 
-/// What a process of its own may use before it is ended.
+/// Limits of a guarded process; past one of them it is ended.
 struct ProcessLimits {
   double cpu_seconds = 60.0;
   std::uint64_t more_memory =
       0;  ///< bytes of address space beyond what this process has; 0: as much as the machine has
 };
 
-/// How the work went.
+/// Outcome of guarded work.
 struct GuardedWork {
   bool finished = false;
   std::string result;   ///< what the work returned, when it finished

@@ -51,7 +51,7 @@ void append_option(std::vector<std::string>& command, const std::string& option,
   if (!value.is_boolean()) command.push_back(option_text(value));
 }
 
-/// Whether a program computes on --device with these arguments; it refuses the option where it does not.
+/// True if a program computes on --device with these arguments; otherwise it refuses the option.
 bool uses_device(const std::string& program, const Json& arguments) {
   const auto given = [&](const char* option) {
     return arguments.contains(option) && !arguments[option].is_null() && arguments[option] != false;

@@ -28,7 +28,7 @@ struct ImportOptions {
   bool require_rig = true;
 };
 
-/// What a file says about its frame, before it was turned to Z up.
+/// Frame that a file declares, before it was turned to Z up.
 struct FileFrame {
   char up = 'Y';        ///< 'X', 'Y' or 'Z'
   double metres = 1.0;  ///< one unit of the file; what was read is in metres

@@ -20,7 +20,7 @@ struct Image {
   const std::uint8_t* pixel(int x, int y) const { return rgba.data() + 4 * (static_cast<std::size_t>(y) * width + x); }
 };
 
-/// How a file keeps its pixels.
+/// Pixel layout of a file.
 struct StoredPixels {
   int channels = 0;  ///< 1 grey, 2 grey and alpha, 3 colour, 4 colour and alpha; a palette counts as colour
   int bits = 0;      ///< per channel: 8, 16 or 32 (a float); fewer count as 8

@@ -17,7 +17,7 @@
 
 namespace anigen::nn::kernels {
 
-/// Whether kernels multiply pairs of bf16 numbers: this CPU does, and ANIGEN_KERNELS asks for nothing narrower.
+/// True if kernels multiply pairs of bf16 numbers: this CPU does, and ANIGEN_KERNELS asks for nothing narrower.
 inline bool has_bf16_products() { return kernel_form() >= KernelForm::kAvx512Bf16; }
 
 inline constexpr std::int64_t kBf16Lanes = 16;  ///< fp32 numbers of a vector

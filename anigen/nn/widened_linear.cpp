@@ -7,7 +7,7 @@
 namespace anigen::nn {
 namespace {
 
-// Whether LibTorch multiplies bf16 numbers well here, and ANIGEN_KERNELS asks for nothing narrower.
+// True if LibTorch multiplies bf16 numbers well here, and ANIGEN_KERNELS asks for nothing narrower.
 bool has_bf16_linear() {
 #if defined(__x86_64__)
   static const bool has = at::hasMKLDNN() && __builtin_cpu_supports("avx512bw") && __builtin_cpu_supports("avx512vl") &&

@@ -27,7 +27,7 @@ class LatentOutcomes {
   /// Files of leases.
   std::filesystem::path leases() const { return folder_ / "leases"; }
 
-  /// What the run that was here last encoded, by id. Empty when its encoder was another one.
+  /// Assets that the previous run encoded here, by id. Empty when its encoder was another one.
   std::map<std::string, LatentOutcome> encoded_by(const Json& encoder) const;
   /// Forgets that run and begins another one.
   void begin(const Json& encoder, const std::set<std::string>& kept) const;

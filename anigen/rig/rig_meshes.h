@@ -17,7 +17,7 @@ namespace anigen::rig {
 Asset bound_asset(const io::RiggedShape& shape, const Skeleton& joints, SkinBinding binding,
                   const BindingOptions& options = {});
 
-/// What a method that has learned puts in the place of the request's; what is unset is done as the request says.
+/// Callbacks of a learned rigger. An unset one falls back to the request's method.
 /// Exceptions count for the mesh they came up with, as failure_of_item() says.
 struct LearnedSteps {
   /// @param otherwise whoever else would propose joints, to be asked for the joints that are given

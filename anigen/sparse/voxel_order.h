@@ -19,7 +19,7 @@ struct SortedKeys {
 /// A radix sort: linear in the number of keys, and it skips digits that all keys share. @param keys of rows 0, 1, …
 SortedKeys sort_keys(std::vector<std::uint64_t> keys);
 
-/// How many voxels of each axis make one of a coarser grid.
+/// Number of voxels along each axis that make one voxel of a coarser grid.
 struct GridFactor {
   GridFactor(std::int64_t all_axes) : axes{all_axes, all_axes, all_axes} {}  // one number stands for three
   GridFactor(std::int64_t x, std::int64_t y, std::int64_t z) : axes{x, y, z} {}

@@ -114,7 +114,7 @@ TEST_F(RefuseToOverwrite, NothingElse) {
   EXPECT_FALSE(asked) << "listing inputs may take long";
 }
 
-/// What a batch records for an item that throws this.
+/// Text that a batch records for an item that throws this.
 template <typename Exception>
 std::string failure_by(const Exception& exception) {
   try {

@@ -82,7 +82,7 @@ TEST(KernelForm, AScopeLastsUntilItsEnd) {
 __attribute__((target("avx512f"))) void written_for_avx512(const float* a, const float* b, float* c) { *c += *a * *b; }
 void written_for_all(const float* a, const float* b, float* c) { *c += *a * *b; }
 
-// Where the compiler optimises, code for AVX-512 fuses and other code does not.
+// In optimised builds, code for AVX-512 fuses and other code does not.
 TEST(KernelForm, KernelsRunInTheFormInUse) {
   for (const KernelForm form : runnable_kernel_forms()) {
     const KernelFormScope scope(form);

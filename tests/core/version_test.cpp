@@ -104,7 +104,7 @@ TEST_F(CommitOfABuild, IsTheNewestOneThatChangedTheProgramsAndSaysWhatWasChanged
   EXPECT_EQ(stamped(), head());
 }
 
-// What makes a build compile the source again is its time.
+// A build compiles the source again when its time changes.
 TEST_F(CommitOfABuild, IsWrittenOnlyWhenItChanges) {
   git("init -q");
   commit_all("first");

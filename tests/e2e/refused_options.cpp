@@ -107,7 +107,7 @@ void check_numbers(Check& check, bool torch) {
   for (const std::string& program : programs) options += check.number_ranges(program);
   require(options > 50, "only " + std::to_string(options) + " options with numbers were found in --help");
 
-  // What the reader is told, and values that once were taken for others.
+  // Messages for the reader, and values that once were taken for others.
   const std::string at_least_0 = "is not a whole number of at least 0";
   check.refuses("anigen-prepare --out x --procedural -5",
                 {"--procedural: '-5' is not a whole number from 0 to 10000000"});

@@ -129,7 +129,7 @@ class ShardPairs : public testing::Test {
     test::write_quickly(folder_ / "data" / "metadata.csv", table);
   }
 
-  /// How many of all truths find their own prediction.
+  /// Number of truths that find their own prediction.
   std::size_t paired(const std::string& truth, const std::string& prediction) {
     const auto gt = io::open_source(folder_ / truth, {io::Axes::kFormat, true});
     const auto pred = io::open_source(folder_ / prediction);

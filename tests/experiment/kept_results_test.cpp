@@ -92,7 +92,7 @@ bool is_number(const std::string& cell) {
   return std::regex_match(cell, first) || is_measure(cell);
 }
 
-// Whether most filled cells behind the first column are numbers, or at least two and half of those of one column are
+// True if most filled cells behind the first column are numbers, or at least two and half of those of one column are
 // measures.
 bool is_measured(const MarkdownTable& table) {
   std::size_t filled = 0, numbers = 0;
@@ -133,7 +133,7 @@ std::string strange_row(const MarkdownTable& shown, const MarkdownTable& kept) {
   return "";
 }
 
-// What is wrong with the tables of a page: "page.md:12: …", a line each.
+// Problems of the tables of a page: "page.md:12: …", a line each.
 std::string problems_of_page(const std::string& page, const std::string& text, const fs::path& results) {
   std::string problems;
   for (const MarkdownTable& table : tables_of(text)) {

@@ -11,7 +11,7 @@ namespace anigen::test {
 std::vector<std::filesystem::path> parity_dirs();
 /// A file or folder in the first of parity_dirs() that has it; where none has, a path in the first that does not exist.
 std::filesystem::path parity_file(const std::filesystem::path& relative);
-/// Whether ANIGEN_REQUIRE_FIXTURES says 1: a test that lacks a fixture or an asset then fails instead of being skipped.
+/// True if ANIGEN_REQUIRE_FIXTURES is 1: a test that lacks a fixture or an asset then fails instead of being skipped.
 /// Every program that calls a function of this header does so for all of its GoogleTest tests, but for those that skip
 /// with the words "not supported: ".
 bool fixtures_are_required();

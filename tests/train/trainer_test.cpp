@@ -195,7 +195,7 @@ TEST_F(TrainerRun, ARunThatBeginsAgainKeepsItsOwnCheckpointAndTheEarlierOnes) {
   EXPECT_EQ(bytes("run/ckpts/abandoned-8-1/config.json"), config);
   EXPECT_EQ(read_csv(folder_ / "run/ckpts/abandoned-8-1/metrics.csv").cell(0, "step"), "5");
   for (const auto& row : read_csv(folder_ / "run/metrics.csv").rows) EXPECT_LE(std::stoi(row[0]), 3);
-  // What was left can be gone on with.
+  // The branch that was left can be continued.
   TrainCommand back = command("back", {"trainer.args.max_steps=12"});
   back.run.load = folder_ / "run/ckpts/abandoned-8-1";
   train(back);
@@ -213,7 +213,7 @@ TEST_F(TrainerRun, TheOutputsNewestCheckpointGoesBeforeLoadAndCkpt) {
     }
     train(leg);
     const CsvTable half = read_csv(folder_ / output / "metrics.csv");
-    // The same command with more to do, as after a kill, goes on.
+    // An equal command with more to do, as after a kill, goes on.
     leg.overrides = {};
     leg.run.ckpt = "4";
     train(leg);

@@ -13,7 +13,7 @@
 
 namespace anigen::eval {
 
-/// How many ground truths found a prediction, and what was left over on both sides.
+/// Counts of ground truths with a prediction, and the names left over on both sides.
 struct Pairing {
   std::size_t paired = 0;
   std::vector<std::string> missing;  ///< ground truths without a prediction

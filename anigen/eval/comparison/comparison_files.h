@@ -13,7 +13,7 @@ Json to_json(const Comparison& comparison);
 /// metrics.csv: one row per asset and method, a column per metric; a cell without value is empty, `failure` says why.
 CsvTable to_csv_table(const Comparison& comparison);
 
-/// How transport distances were computed, where that is not exactly; else empty.
+/// One sentence on the transport solver when it is not the exact one; else empty.
 std::string transport_text(const Comparison& comparison);
 
 /// table.md: headline metrics, all metrics, differences, failures with their reasons, what was not computed and why.

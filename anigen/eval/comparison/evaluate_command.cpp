@@ -39,7 +39,8 @@ ComparedMethod from_pairs(const std::string& label, const fs::path& csv, const E
   return {label, std::move(sources.prediction), std::move(sources.truth), std::move(sources.list.pairs)};
 }
 
-/// True when a prediction or a split file calls something by a sha256: only then are the truths' contents worth hashing.
+/// True when a prediction or a split file calls something by a sha256: only then are the truths' contents worth
+/// hashing.
 bool asks_for_contents(const EvaluationRequest& request, const std::vector<ComparedMethod>& methods) {
   const auto hashed = [](const std::string& name) {
     const io::NameForms forms = io::name_forms(name);
@@ -59,7 +60,7 @@ bool asks_for_contents(const EvaluationRequest& request, const std::vector<Compa
   return false;
 }
 
-/// What is left over on both sides, for the table.
+/// Names left over on both sides, for the table.
 Pairing pairing_of(const std::vector<PairPlan>& pairs, std::vector<std::string> unused) {
   Pairing pairing;
   for (const PairPlan& pair : pairs) {
@@ -195,7 +196,7 @@ std::vector<MotionStrip> draw_motions(const std::vector<ComparedMethod>& methods
   return strips;
 }
 
-/// How many results each other build of the program made, where they were accepted.
+/// Number of accepted results by the other build of the program that made them.
 Json other_commits(const Comparison& comparison) {
   std::map<std::string, std::size_t> counts;
   for (const std::vector<PairResult>& method : comparison.results) {

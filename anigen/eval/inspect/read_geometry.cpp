@@ -41,7 +41,7 @@ Geometry scene(const fs::path& file) {
   return geometry;
 }
 
-/// What a file without a rule of its own is taken for.
+/// Kind of a file that has no rule of its own.
 std::string by_custom(char up) { return std::string(1, up) + " up by custom; the file does not say"; }
 
 /// A shape's parts as far as it has them; its notes keep their sentences, under the codes that importers gave them.

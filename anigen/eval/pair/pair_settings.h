@@ -10,7 +10,7 @@
 
 namespace anigen::eval {
 
-/// How the columns wasserstein and gromov_wasserstein are computed.
+/// Solver of the columns wasserstein and gromov_wasserstein.
 enum class TransportMethod {
   kExact,     ///< network simplex or shortest paths; conditional gradient and exchanges
   kSinkhorn,  ///< entropic, by Sinkhorn's iterations, as the paper says
@@ -48,7 +48,7 @@ struct PairSettings {
 
 Json to_json(const PairSettings& settings);
 
-/// What skeleton_transport() is asked for. Gromov–Wasserstein with Sinkhorn searches nothing besides.
+/// Options of skeleton_transport(). Gromov–Wasserstein with Sinkhorn searches nothing besides.
 TransportOptions transport_options(const PairSettings& settings);
 
 /// @throws InputError naming the option that is out of range, or an unknown group and those there are

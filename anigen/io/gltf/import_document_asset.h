@@ -7,7 +7,7 @@
 
 namespace anigen::io::gltf_import {
 
-/// What every importer that fills a Document ends with: one skeleton, one mesh in its bind pose, materials, animations,
+/// Last step of every importer that fills a Document: one skeleton, one mesh in its bind pose, materials, animations,
 /// or what of these options.require_rig lets be missing; repaired where the file is wrong. @param path of the file;
 /// pictures are read from its folder
 /// @throws InputError also when the result is no sound asset

@@ -10,7 +10,7 @@
 
 namespace anigen::io::assimp_import {
 
-/// Which nodes hang on which. Node 0 is the scene.
+/// Edges of the node graph. Node 0 is the scene.
 struct SceneGraph {
   std::vector<std::int64_t> nodes;
   std::vector<std::pair<std::int64_t, std::int64_t>> links;  ///< child, parent; those of unknown nodes do not count

@@ -65,8 +65,8 @@ struct SourceOptions {
 /// (metadata.csv, the list of samples) is damaged; damage of single shapes shows when they are read
 std::unique_ptr<ShapeSource> open_source(const std::filesystem::path& path, const SourceOptions& options = {});
 
-/// The same for those who need surfaces only: glTF, FBX and COLLADA files need no skin; also an .obj (Y up), .ply or
-/// .stl (Z up) without any rig, or a folder of those that holds nothing else. @throws InputError as open_source()
+/// Opens a source for users who need surfaces only: glTF, FBX and COLLADA files need no skin; also an .obj (Y up), .ply
+/// or .stl (Z up) without any rig, or a folder of those that holds nothing else. @throws InputError as open_source()
 std::unique_ptr<ShapeSource> open_meshes(const std::filesystem::path& path, const SourceOptions& options = {});
 
 }  // namespace anigen::io
