@@ -38,7 +38,7 @@ struct Work {
       layers->push_back(torch::nn::ReLU());
     }
     net = layers;
-    buffers.emplace_back(std::vector<NamedModel>{{"net", net.ptr()}});
+    buffers.emplace_back(std::vector<nn::NamedModel>{{"net", net.ptr()}});
   }
   void forward() {
     buffers.front().zero_gradients();

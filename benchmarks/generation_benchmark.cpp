@@ -11,10 +11,10 @@
 #include "anigen/core/progress.h"
 #include "anigen/models/dinov2.h"
 #include "anigen/models/sparse_structure_decoder.h"
+#include "anigen/models/sparse_structure_sampling.h"
 #include "anigen/models/structured_latent_decoder.h"
+#include "anigen/models/structured_latent_sampling.h"
 #include "anigen/pipeline/asset_generator.h"
-#include "anigen/train/sparse_structure_sampling.h"
-#include "anigen/train/structured_latent_sampling.h"
 #include "benchmarks/ellipsoid_voxels.h"
 #include "benchmarks/flow_voxels.h"
 #include "benchmarks/model_timing.h"
@@ -142,7 +142,8 @@ class Generation {
     keep(model);
     const flow::Streams noise = {torch::randn(model->shape_latent_size(1)),
                                  torch::randn(model->skeleton_latent_size(1))};
-    sample("sparse structure", noise, train::structure_velocities(model, tokens_, /*guided=*/true), kStructureStrength);
+    sample("sparse structure", noise, models::structure_velocities(model, tokens_, /*guided=*/true),
+           kStructureStrength);
   }
 
   void decode_structure() {
@@ -161,10 +162,10 @@ class Generation {
     skeleton_ = voxels_or_ellipsoid(settings_.skeleton_voxels, ellipsoid_voxels(kResolution, 0.17, false), kResolution);
     std::printf("%lld + %lld voxels\n", static_cast<long long>(shape_->size()),
                 static_cast<long long>(skeleton_->size()));
-    const train::StructuredLatentTarget target{shape_, skeleton_, tokens_, {}};
+    const models::StructuredLatentTarget target{shape_, skeleton_, tokens_, {}};
     const flow::Streams noise =
-        train::structured_latent_noise(options, *shape_, *skeleton_, {}, pipeline::noise_generator(/*seed=*/0));
-    sample("structured latents", noise, train::structured_latent_velocities(model, target, /*guided=*/true),
+        models::structured_latent_noise(options, *shape_, *skeleton_, {}, pipeline::noise_generator(/*seed=*/0));
+    sample("structured latents", noise, models::structured_latent_velocities(model, target, /*guided=*/true),
            kLatentStrength);
   }
 

@@ -8,6 +8,14 @@ namespace anigen::fields {
 
 using torch::Tensor;
 
+/// Meaning of the two confidence channels of the skeleton field (reference training-and-data.md, 4).
+enum class FieldConfidence {
+  kExplicit,  ///< learned towards a target; after a sigmoid (`jp_hyper_continuous`)
+  kNone,      ///< there are none: every vote counts alike
+  kLearned,   ///< the published alternative, C = eˣ + 1, whose barrier has no gradient in practice
+  kBayesian   ///< ours in its place: logarithm s of the scale of a Laplace distribution (Kendall and Gal 2017)
+};
+
 /// The decoded skeleton field of one asset at the centres of its skeleton voxels (reference autoencoders.md, 3.6).
 struct SkeletonField {
   Tensor positions;       ///< [M, 3] voxel centres (of each corner when the field stands on corners, before averaging)

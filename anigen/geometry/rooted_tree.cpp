@@ -6,7 +6,6 @@
 #include <utility>
 
 #include "anigen/core/error.h"
-#include "anigen/geometry/joint_field.h"
 #include "anigen/geometry/parent_cycles.h"
 #include "anigen/geometry/skeleton_repair.h"
 

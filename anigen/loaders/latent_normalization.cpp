@@ -126,4 +126,13 @@ void write_out_statistics(Json& dataset, const std::string& file) {
   }
 }
 
+torch::Tensor denormalised(const torch::Tensor& x, const ChannelStatistics& statistics) {
+  if (statistics.empty()) return x;
+  std::vector<std::int64_t> per_channel(static_cast<std::size_t>(x.dim()), 1);
+  per_channel[1] = -1;
+  const torch::Tensor mean = torch::tensor(statistics.mean).to(x.device()).view(per_channel);
+  const torch::Tensor deviation = torch::tensor(statistics.deviation).to(x.device()).view(per_channel);
+  return x * deviation + mean;
+}
+
 }  // namespace anigen::loaders

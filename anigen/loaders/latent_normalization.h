@@ -4,6 +4,7 @@
 #include "anigen/core/config_reader.h"
 #include "anigen/core/json.h"
 #include "anigen/loaders/files/latent_files.h"
+#include "anigen/nn/torch.h"
 
 namespace anigen::loaders {
 
@@ -14,6 +15,9 @@ ChannelStatistics listed_statistics(ConfigReader& reader, const std::string& suf
 /// that `anigen-encode ss` writes (as published; relative to the first root of `data_dir`, else to the working
 /// directory), or, ours, an object of the lists `mean` and `std`. Missing, null or "": none. @throws InputError
 ChannelStatistics dense_latent_statistics(ConfigReader& args, const std::string& key);
+
+/// Undoes a normalisation per channel. @param x [B, C, …] dense, or [N, C] rows of voxels
+torch::Tensor denormalised(const torch::Tensor& x, const ChannelStatistics& statistics);
 
 /// Statistics of both voxel sets of a structured latent.
 struct StreamStatistics {

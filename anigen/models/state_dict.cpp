@@ -9,8 +9,8 @@
 #include <vector>
 
 #include "anigen/core/error.h"
-#include "anigen/models/half_precision.h"
 #include "anigen/models/tensor_arrays.h"
+#include "anigen/nn/init.h"
 #include "anigen/nn/shape_text.h"
 
 namespace anigen::models {
@@ -120,7 +120,7 @@ std::vector<torch::Dtype> published_dtypes(const torch::nn::Module& module,
   for (const auto& part : module.named_modules()) {
     const bool below = std::any_of(half_precision_modules.begin(), half_precision_modules.end(),
                                    [&](const std::string& name) { return lies_below(part.key() + ".", name); });
-    if (!below || !converts_to_half(*part.value())) continue;
+    if (!below || !nn::is_linear_or_convolution(*part.value())) continue;
     for (const auto& item : part.value()->named_parameters(/*recurse=*/false))
       half.insert(part.key() + "." + item.key());
   }

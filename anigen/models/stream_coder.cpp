@@ -5,7 +5,7 @@
 
 #include "anigen/core/error.h"
 #include "anigen/models/freezing.h"
-#include "anigen/models/half_precision.h"
+#include "anigen/nn/init.h"
 
 namespace anigen::models {
 
@@ -40,7 +40,7 @@ void StreamCoder::set_torso_dtype(torch::Dtype dtype) { cast(parts_.torso, dtype
 
 void StreamCoder::cast(const std::vector<std::string>& names, torch::Dtype dtype) {
   const auto modules = named_modules();
-  for (const std::string& name : names) cast_torso(*modules[name], dtype);
+  for (const std::string& name : names) nn::cast_linears(*modules[name], dtype);
 }
 
 }  // namespace anigen::models

@@ -5,9 +5,9 @@
 
 #include "anigen/core/error.h"
 #include "anigen/models/freezing.h"
-#include "anigen/models/half_precision.h"
 #include "anigen/models/structured_latent_flow_init.h"
 #include "anigen/models/structured_latent_torso.h"
+#include "anigen/nn/init.h"
 #include "anigen/nn/kept_contexts.h"
 #include "anigen/nn/module_list.h"
 #include "anigen/nn/shape_text.h"
@@ -136,7 +136,7 @@ void StructuredLatentFlowImpl::set_compute_dtype(torch::Dtype dtype) {
     throw NotSupportedError("", "", "fp16 on a CPU; use bf16, or move the model to a GPU first");
   }
   const auto modules = named_modules();
-  for (const std::string& name : torso_modules_) cast_torso(*modules[name], dtype);
+  for (const std::string& name : torso_modules_) nn::cast_linears(*modules[name], dtype);
   auto parameters = named_parameters(/*recurse=*/false);
   for (const std::string& name : torso_parameters_) {
     Tensor& parameter = parameters[name];

@@ -34,11 +34,11 @@ Tensor vote_loss(const Tensor& difference, const Tensor& weight, const Tensor& t
   const Tensor plain = options.squared ? difference.square().sum(1, /*keepdim=*/true) : difference.abs();
   const Tensor distance = plain * weight;
   switch (options.confidence) {
-    case FieldConfidence::kNone:
+    case fields::FieldConfidence::kNone:
       return distance.mean();
-    case FieldConfidence::kExplicit:
+    case fields::FieldConfidence::kExplicit:
       return (target * distance).mean() + (confidence - target).abs().mean();
-    case FieldConfidence::kLearned: {
+    case fields::FieldConfidence::kLearned: {
       const Tensor c = torch::exp(confidence) + 1.0;
       const Tensor barrier = -alpha * torch::log(c).clamp_min(kLeastLogConfidence);
       return (c * distance + (barrier - barrier.detach())).mean();
@@ -96,7 +96,7 @@ SkeletonTargets skeleton_targets(const Tensor& positions, const Tensor& joints, 
 
 SkeletonLosses skeleton_losses(const fields::SkeletonField& predicted, const SkeletonTargets& targets,
                                const SkeletonLossOptions& options) {
-  const bool needs_confidence = options.confidence != FieldConfidence::kNone;
+  const bool needs_confidence = options.confidence != fields::FieldConfidence::kNone;
   if (needs_confidence && !(predicted.conf_j.defined() && predicted.conf_p.defined())) {
     throw InputError("", "", "this loss needs the confidences of a skeleton field");
   }

@@ -1,7 +1,7 @@
 #pragma once
 #include <string>
 
-#include "anigen/models/structured_latent_variant.h"
+#include "anigen/fields/skeleton_field.h"
 
 namespace anigen::models {
 
@@ -9,7 +9,7 @@ namespace anigen::models {
 // 3.3, skeleton terms, and 5).
 
 struct SkeletonLossOptions {
-  FieldConfidence confidence = FieldConfidence::kExplicit;
+  fields::FieldConfidence confidence = fields::FieldConfidence::kExplicit;
   double alpha_conf_j = 0.1, alpha_conf_p = 0.1;  ///< of the barrier of kLearned
   double least_confidence = 0.1;                  ///< targets of the confidence are at least this
   bool crowding = true;                           ///< joints that stand close together count up to ten times

@@ -11,18 +11,18 @@ using torch::Tensor;
 constexpr double kReferencePercentile = 0.99;
 constexpr double kLeastLength = 1e-12;
 
-FieldConfidence derived_confidence(const StructuredLatentDecoderOptions& decoder) {
-  if (decoder.jp_hyper_continuous) return FieldConfidence::kExplicit;
-  return decoder.has_joint_confidence() ? FieldConfidence::kLearned : FieldConfidence::kNone;
+fields::FieldConfidence derived_confidence(const StructuredLatentDecoderOptions& decoder) {
+  if (decoder.jp_hyper_continuous) return fields::FieldConfidence::kExplicit;
+  return decoder.has_joint_confidence() ? fields::FieldConfidence::kLearned : fields::FieldConfidence::kNone;
 }
 
-const char* word_of(FieldConfidence confidence) {
+const char* word_of(fields::FieldConfidence confidence) {
   switch (confidence) {
-    case FieldConfidence::kExplicit:
+    case fields::FieldConfidence::kExplicit:
       return "explicit";
-    case FieldConfidence::kNone:
+    case fields::FieldConfidence::kNone:
       return "none";
-    case FieldConfidence::kLearned:
+    case fields::FieldConfidence::kLearned:
       return "learned";
     default:
       return "bayesian";
@@ -40,17 +40,17 @@ Tensor relative_precision(const Tensor& log_scale) {
 StructuredLatentVariant StructuredLatentVariant::read(ConfigReader& args, const StructuredLatentDecoderOptions& decoder,
                                                       const std::string& compatibility) {
   StructuredLatentVariant variant;
-  const FieldConfidence derived = derived_confidence(decoder);
+  const fields::FieldConfidence derived = derived_confidence(decoder);
   const std::string word = args.choice("confidence", word_of(derived), {"explicit", "none", "learned", "bayesian"});
   variant.confidence = derived;
   if (word == "bayesian") {
-    if (derived != FieldConfidence::kLearned) {
+    if (derived != fields::FieldConfidence::kLearned) {
       throw args.error(
           "confidence",
           "\"bayesian\" needs models with jp_hyper_continuous false and use_conf_jp true, whose confidence "
           "channels are free");
     }
-    variant.confidence = FieldConfidence::kBayesian;
+    variant.confidence = fields::FieldConfidence::kBayesian;
   } else if (word != word_of(derived)) {
     throw args.error("confidence", "\"" + word +
                                        "\" contradicts the models, whose jp_hyper_continuous and use_conf_jp "
@@ -84,8 +84,8 @@ Tensor renormalized(const Tensor& z, const StructuredLatentEncoderOptions& encod
   return encoder.normalize_scale * z / z.abs().sum(-1, /*keepdim=*/true).clamp_min(kLeastLength);
 }
 
-fields::SkeletonField for_grouping(const fields::SkeletonField& field, FieldConfidence confidence) {
-  if (confidence != FieldConfidence::kBayesian) return field;
+fields::SkeletonField for_grouping(const fields::SkeletonField& field, fields::FieldConfidence confidence) {
+  if (confidence != fields::FieldConfidence::kBayesian) return field;
   fields::SkeletonField mapped = field;
   mapped.conf_j = relative_precision(field.conf_j);
   mapped.conf_p = relative_precision(field.conf_p);

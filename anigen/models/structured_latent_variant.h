@@ -7,14 +7,6 @@
 
 namespace anigen::models {
 
-/// What the two confidence channels of the skeleton field are (reference training-and-data.md, 4).
-enum class FieldConfidence {
-  kExplicit,  ///< learned towards a target; after a sigmoid (`jp_hyper_continuous`)
-  kNone,      ///< there are none: every vote counts alike
-  kLearned,   ///< the published alternative, C = eˣ + 1, whose barrier has no gradient in practice
-  kBayesian   ///< ours in its place: logarithm s of the scale of a Laplace distribution (Kendall and Gal 2017)
-};
-
 /// How skin and skeleton latents are normalised. Geometry latents never are.
 enum class LatentNorm {
   kL2,   ///< as published
@@ -25,7 +17,7 @@ enum class LatentNorm {
 /// Which variant of the structured-latent auto-encoder a run trains, beyond what its models' arguments say. Ours, read
 /// from `trainer.args`, also by whoever uses the trained models.
 struct StructuredLatentVariant {
-  FieldConfidence confidence = FieldConfidence::kExplicit;
+  fields::FieldConfidence confidence = fields::FieldConfidence::kExplicit;
   LatentNorm latent_norm = LatentNorm::kL2;
   bool joint_skin =
       false;  ///< `skin_ae` "joint": no pretrained SkinAE; its decoder is trained along, its encoder silent
@@ -50,6 +42,6 @@ torch::Tensor renormalized(const torch::Tensor& z, const StructuredLatentEncoder
 
 /// The field with confidences that grouping can compare with a threshold: for kBayesian e^(−s) divided by its 99th
 /// percentile in the asset, at most 1 (reference training-and-data.md, 4); otherwise unchanged.
-fields::SkeletonField for_grouping(const fields::SkeletonField& field, FieldConfidence confidence);
+fields::SkeletonField for_grouping(const fields::SkeletonField& field, fields::FieldConfidence confidence);
 
 }  // namespace anigen::models

@@ -80,7 +80,8 @@ void zero_parameters(torch::nn::Module& module) {
 bool is_linear_or_convolution(const torch::nn::Module& module) {
   return module.as<LinearImpl>() != nullptr || module.as<torch::nn::LinearImpl>() != nullptr ||
          module.as<Conv3dImpl>() != nullptr || module.as<torch::nn::Conv1dImpl>() != nullptr ||
-         module.as<torch::nn::Conv2dImpl>() != nullptr || module.as<torch::nn::Conv3dImpl>() != nullptr;
+         module.as<torch::nn::Conv2dImpl>() != nullptr || module.as<torch::nn::Conv3dImpl>() != nullptr ||
+         dynamic_cast<const Convolution*>(&module) != nullptr;
 }
 
 void cast_linears(torch::nn::Module& module, torch::Dtype dtype) {

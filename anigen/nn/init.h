@@ -31,7 +31,13 @@ void normal_linear(LinearImpl& linear, double std = 0.02);
 /// Zeros in every parameter of this module and those below.
 void zero_parameters(torch::nn::Module& module);
 
-/// Whether fp16 conversion of a model concerns this module's own parameters.
+/// Base of convolutions that are defined above nn (sparse::SubmanifoldKernel): fp16 conversion concerns them too.
+class Convolution {
+ public:
+  virtual ~Convolution() = default;
+};
+
+/// True for linears and convolutions, dense and sparse: the published fp16 conversion changes their own parameters.
 bool is_linear_or_convolution(const torch::nn::Module& module);
 
 /// Converts the parameters of every Linear and convolution below `module`, in place; norms and bare parameters keep

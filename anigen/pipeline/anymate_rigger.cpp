@@ -12,9 +12,9 @@
 #include "anigen/geometry/surface_sampling.h"
 #include "anigen/models/anymate/connectivity.h"
 #include "anigen/models/anymate/predicted_joints.h"
+#include "anigen/nn/generator.h"
 #include "anigen/pipeline/anymate_skin.h"
 #include "anigen/pipeline/learned_rigging.h"
-#include "anigen/train/loss_generator.h"
 
 namespace anigen::pipeline {
 namespace {
@@ -87,7 +87,7 @@ Positions AnymateRigger::predicted(const loaders::AnymateMesh& mesh) {
   prediction.denoised_joints = trained.denoised_joints;
   const anymate::Task task = anymate::task_of(trained.model->options().decoder);
   if (task == anymate::Task::kDenoisedJoints) {
-    const at::Generator generator = train::numbered_generator(options_.seed, "anymate noise", 0);
+    const at::Generator generator = nn::numbered_generator(options_.seed, "anymate noise", 0);
     prediction.noise = torch::randn({1, trained.denoised_joints, 3}, generator).to(options_.device);
   } else if (task == anymate::Task::kJointVolume) {
     prediction.cells = loaders::solid_cells(mesh);

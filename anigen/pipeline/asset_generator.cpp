@@ -180,7 +180,7 @@ GeneratedAsset AssetGenerator::generate(const Tensor& structure_picture, const T
   }
   forget_unless_kept();
   require_grid(made.voxels.shape.size(0), request_.structure_flow);
-  train::StructuredLatentTarget target;
+  models::StructuredLatentTarget target;
   target.shape = support_of(made.voxels.shape);
   target.skeleton = support_of(made.voxels.skeleton);
   made.shape_voxels = target.shape->size();

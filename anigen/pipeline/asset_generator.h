@@ -44,7 +44,7 @@ struct GenerationTimes {
 struct GeneratedAsset {
   RigDecoder::Decoded decoded;  ///< dense mesh with vertex colours, skeleton, skin; the votes
   flow::Streams structure;      ///< what the first flow gave, shape and skeleton, denormalised: [1, C, r, r, r] each
-  train::VoxelPair voxels;      ///< the same, decoded
+  models::VoxelPair voxels;     ///< the same, decoded
   models::PerStream<sparse::SparseTensor> latents;  ///< what the second flow gave
   std::int64_t shape_voxels = 0, skeleton_voxels = 0;
   GenerationTimes times;

@@ -20,12 +20,12 @@
 #include "anigen/io/gltf.h"
 #include "anigen/io/gltf/export_axes.h"
 #include "anigen/io/obj_rig.h"
+#include "anigen/models/voxel_picture.h"
 #include "anigen/pipeline/device.h"
 #include "anigen/pipeline/latent_files.h"
 #include "anigen/pipeline/votes_cloud.h"
 #include "anigen/raytrace/contact_sheet.h"
 #include "anigen/raytrace/picture.h"
-#include "anigen/train/voxel_picture.h"
 
 namespace anigen::pipeline {
 namespace {
@@ -85,8 +85,8 @@ io::Image preview(const io::Image& picture, const GeneratedAsset& made, const As
   weights.mode = raytrace::PictureMode::kWeights;
   raytrace::SheetOptions sheet;
   sheet.columns = 5;
-  return raytrace::contact_sheet({{train::fitted_picture(picture, kSide), "picture"},
-                                  {train::voxel_picture(made.voxels, kSide), "sparse structure"},
+  return raytrace::contact_sheet({{models::fitted_picture(picture, kSide), "picture"},
+                                  {models::voxel_picture(made.voxels, kSide), "sparse structure"},
                                   {raytrace::render(asset, colors), "asset"},
                                   {raytrace::render(asset, bones), "skeleton"},
                                   {raytrace::render(asset, weights), "skin weights"}},
@@ -264,7 +264,7 @@ class Generation {
     if (request_.intermediate) {
       io::write_gltf(report.folder / "dense.glb", made.decoded.asset, axes);
       write_votes(report.folder / "votes.glb", made.decoded.votes);
-      io::write_png(report.folder / "voxels.png", train::voxel_picture(made.voxels, 512));
+      io::write_png(report.folder / "voxels.png", models::voxel_picture(made.voxels, 512));
       write_structure_latents(report.folder / "ss_latents.npz", made.structure[0][0], made.structure[1][0],
                               request_.models.structure_flow);
       write_structured_latents(report.folder / "latents.npz", made.latents, request_.models.latent_flow);

@@ -14,10 +14,10 @@
 #include "anigen/core/progress.h"
 #include "anigen/core/short_id.h"
 #include "anigen/models/voxel_inside.h"
+#include "anigen/models/voxel_sheet.h"
 #include "anigen/pipeline/device.h"
 #include "anigen/pipeline/structure_coder.h"
 #include "anigen/pipeline/structure_retrieval.h"
-#include "anigen/train/voxel_sheet.h"
 
 namespace anigen::pipeline {
 namespace {
@@ -54,7 +54,7 @@ std::map<std::string, std::string> sources_of(const std::string& roots) {
   return sources;
 }
 
-StructureScore score(const train::VoxelPair& made, const train::VoxelPair& truth) {
+StructureScore score(const models::VoxelPair& made, const models::VoxelPair& truth) {
   const models::VoxelAgreement shape = models::voxel_agreement(made.shape, truth.shape);
   const models::VoxelAgreement skeleton = models::voxel_agreement(made.skeleton, truth.skeleton);
   return {shape.iou, shape.f1, skeleton.iou, skeleton.f1, models::share_inside(made.skeleton, made.shape)};
@@ -118,7 +118,7 @@ class StructureComparison {
                         {"retrieval_views", request_.retrieval_views}};
   }
 
-  train::VoxelPair truth_of(const loaders::AssetId& asset) const {
+  models::VoxelPair truth_of(const loaders::AssetId& asset) const {
     const loaders::SparseStructureBatch voxels = coder_.voxels(asset);
     return {voxels.ss[0][0] > 0, voxels.ss_skl[0][0] > 0};
   }
@@ -137,7 +137,7 @@ class StructureComparison {
     const Tensor condition = generator_.condition(latents.cond);
     const flow::Streams start{torch::cat(noise), torch::cat(noise_skl)};
 
-    std::vector<std::vector<train::VoxelPair>> made;  // [method][asset of the batch]
+    std::vector<std::vector<models::VoxelPair>> made;  // [method][asset of the batch]
     made.push_back(generator_.decode(generator_.sample(start, condition, sampler_, false)));
     for (const double strength : strengths_) {
       flow::SamplerOptions guided = sampler_;
@@ -147,7 +147,7 @@ class StructureComparison {
     made.push_back(generator_.decode({latents.x_0, latents.x_0_skl}));
     const auto rows = static_cast<std::int64_t>(end - begin);
     if (retrieval_) {
-      std::vector<train::VoxelPair> by_color, by_tokens;
+      std::vector<models::VoxelPair> by_color, by_tokens;
       for (std::int64_t i = 0; i < rows; ++i) {
         const auto nearest = retrieval_->nearest(picture_features(generator_, latents.cond.narrow(0, i, 1)));
         by_color.push_back(truth_of(training_->asset(nearest.by_color)));
@@ -158,7 +158,7 @@ class StructureComparison {
     }
     for (std::int64_t i = 0; i < rows; ++i) {
       const auto at = static_cast<std::size_t>(i);
-      const train::VoxelPair truth = truth_of(assets_->asset(begin + at));
+      const models::VoxelPair truth = truth_of(assets_->asset(begin + at));
       for (std::size_t m = 0; m < made.size(); ++m) result_.scores[m].push_back(score(made[m][at], truth));
       result_.scores.back().push_back(score(truth, truth));
       if (sheet_.size() < request_.pictured) picture(latents, i, made, truth);
@@ -166,10 +166,10 @@ class StructureComparison {
   }
 
   void picture(const loaders::StructureLatentBatch& latents, std::int64_t item,
-               const std::vector<std::vector<train::VoxelPair>>& made, const train::VoxelPair& truth) {
-    train::VoxelSheetRow row;
+               const std::vector<std::vector<models::VoxelPair>>& made, const models::VoxelPair& truth) {
+    models::VoxelSheetRow row;
     row.label = short_id(latents.ids[static_cast<std::size_t>(item)]);
-    row.picture = train::picture_of_planes(latents.cond[item]);
+    row.picture = models::picture_of_planes(latents.cond[item]);
     for (const auto& method : made) row.cells.push_back(method[static_cast<std::size_t>(item)]);
     row.cells.push_back(truth);
     sheet_.push_back(std::move(row));
@@ -196,7 +196,7 @@ class StructureComparison {
     write_file_atomically(request_.out / "metrics.json", all.dump(2) + "\n");
     write_file_atomically(request_.out / "table.md", eval::to_markdown(result_.table()) + "\n");
     std::vector<std::string> columns = result_.methods;
-    train::write_voxel_sheet(request_.out / "samples.png", sheet_, columns);
+    models::write_voxel_sheet(request_.out / "samples.png", sheet_, columns);
   }
 
   StructureEvaluationRequest request_;
@@ -207,7 +207,7 @@ class StructureComparison {
   std::vector<double> strengths_;
   std::unique_ptr<loaders::StructureLatentDataset> training_;
   std::unique_ptr<StructureRetrieval> retrieval_;
-  std::vector<train::VoxelSheetRow> sheet_;
+  std::vector<models::VoxelSheetRow> sheet_;
   StructureEvaluation result_;
 };
 
@@ -242,12 +242,13 @@ eval::Table StructureEvaluation::table(const std::string& source) const {
 
 StructureEvaluation evaluate_structures(const StructureEvaluationRequest& request) {
   if (request.split.empty()) throw InputError("", "--split", "which assets? A file of ids, such as splits/test.txt");
-  refuse_to_overwrite(
-      {request.out / "metrics.csv", request.out / "metrics.json", request.out / "table.md", request.out / "samples.png"},
-      [&] {
-        return std::vector<std::filesystem::path>{request.split, request.train_split, request.run / "metrics.csv",
-                                                  request.autoencoder / "metrics.csv"};
-      });
+  refuse_to_overwrite({request.out / "metrics.csv", request.out / "metrics.json", request.out / "table.md",
+                       request.out / "samples.png"},
+                      [&] {
+                        return std::vector<std::filesystem::path>{request.split, request.train_split,
+                                                                  request.run / "metrics.csv",
+                                                                  request.autoencoder / "metrics.csv"};
+                      });
   const torch::NoGradGuard no_grad;
   return StructureComparison(request).run();
 }

@@ -2,14 +2,14 @@
 
 #include "anigen/core/config_reader.h"
 #include "anigen/core/error.h"
+#include "anigen/features/trained_condition_encoder.h"
+#include "anigen/loaders/latent_normalization.h"
+#include "anigen/models/sparse_structure_sampling.h"
 #include "anigen/models/voxel_components.h"
+#include "anigen/nn/generator.h"
 #include "anigen/pipeline/conditioned_reading.h"
 #include "anigen/pipeline/device.h"
 #include "anigen/pipeline/run_paths.h"
-#include "anigen/pipeline/trained_condition_encoder.h"
-#include "anigen/train/latent_scale.h"
-#include "anigen/train/loss_generator.h"
-#include "anigen/train/sparse_structure_flow_stage.h"
 
 namespace anigen::pipeline {
 
@@ -24,7 +24,7 @@ StructureGenerator::StructureGenerator(const Request& request)
           conditioned_reading<loaders::StructureLatentOptions>(flow_, "ImageConditionedAniGenSparseStructureLatent")) {
   ConfigReader top(flow_.run, flow_.config.string());
   ConfigReader args = top.object("trainer").object("args");
-  sampler_ = train::SparseStructureFlowStageOptions::read(args).sampler;
+  sampler_ = models::SparseStructureFlowStageOptions::read(args).sampler;
   if (autoencoder_.empty()) {
     autoencoder_ = named_run(run_, reading_.ss_dec_path, flow_.config, "/dataset/args/ss_dec_path");
   }
@@ -37,13 +37,14 @@ StructureGenerator::StructureGenerator(const Request& request)
 Tensor StructureGenerator::condition(const Tensor& pictures) {
   const torch::NoGradGuard no_grad;
   if (!encoder_) {
-    encoder_ = trained_condition_encoder(run_, flow_, reading_.image_size, model_->options().cond_channels, device_);
+    encoder_ =
+        features::trained_condition_encoder(run_, flow_, reading_.image_size, model_->options().cond_channels, device_);
   }
   return encoder_->tokens(pictures);
 }
 
 flow::Streams StructureGenerator::noise(std::uint64_t seed, std::uint64_t number) const {
-  return noise(train::numbered_generator(seed, "structure noise", number));
+  return noise(nn::numbered_generator(seed, "structure noise", number));
 }
 
 flow::Streams StructureGenerator::noise(const at::Generator& generator) const {
@@ -58,12 +59,12 @@ flow::Streams StructureGenerator::sample(const flow::Streams& noise, const Tenso
                                          const flow::SamplerOptions& sampler, bool guided,
                                          const flow::SamplingExtras& extras) {
   const torch::NoGradGuard no_grad;
-  return flow::sample_flow(noise, train::structure_velocities(model_, condition, guided), sampler, extras).samples;
+  return flow::sample_flow(noise, models::structure_velocities(model_, condition, guided), sampler, extras).samples;
 }
 
 flow::Streams StructureGenerator::denormalised(const flow::Streams& latents) const {
-  return {train::denormalised(latents[0].to(device_), reading_.normalization),
-          train::denormalised(latents[1].to(device_), reading_.normalization_skl)};
+  return {loaders::denormalised(latents[0].to(device_), reading_.normalization),
+          loaders::denormalised(latents[1].to(device_), reading_.normalization_skl)};
 }
 
 models::SparseStructureDecoderImpl::Logits StructureGenerator::logits(const flow::Streams& latents, std::int64_t item) {
@@ -72,9 +73,9 @@ models::SparseStructureDecoderImpl::Logits StructureGenerator::logits(const flow
   return decoder_->forward(one[0], one[1]);
 }
 
-std::vector<train::VoxelPair> StructureGenerator::decode(const flow::Streams& latents) {
+std::vector<models::VoxelPair> StructureGenerator::decode(const flow::Streams& latents) {
   const torch::NoGradGuard no_grad;
-  std::vector<train::VoxelPair> decoded;
+  std::vector<models::VoxelPair> decoded;
   for (std::int64_t i = 0; i < latents[0].size(0); ++i) {  // one by one: a batch of 64³ volumes is large
     const auto logits = this->logits(latents, i);
     const auto occupied = [](const Tensor& grid) { return (grid[0][0] > 0).to(torch::kCPU).contiguous(); };

@@ -4,11 +4,11 @@
 #include <string>
 #include <vector>
 
+#include "anigen/features/condition_encoder.h"
 #include "anigen/loaders/datasets/structure_latent_dataset.h"
 #include "anigen/models/sparse_structure_runs.h"
-#include "anigen/train/condition_encoder.h"
-#include "anigen/train/sparse_structure_sampling.h"
-#include "anigen/train/voxel_picture.h"
+#include "anigen/models/sparse_structure_sampling.h"
+#include "anigen/models/voxel_picture.h"
 
 namespace anigen::pipeline {
 
@@ -49,7 +49,7 @@ class StructureGenerator {
   models::SparseStructureDecoderImpl::Logits logits(const flow::Streams& latents, std::int64_t item);
   /// Occupied voxels of every item, logit > 0, of the skeleton only the largest component (reference
   /// flows-and-pipeline.md, 5.5). @param latents as sample() returns them, or as the dataset holds them
-  std::vector<train::VoxelPair> decode(const flow::Streams& latents);
+  std::vector<models::VoxelPair> decode(const flow::Streams& latents);
 
  private:
   torch::Device device_;
@@ -59,7 +59,7 @@ class StructureGenerator {
   loaders::StructureLatentOptions reading_;
   flow::SamplerOptions sampler_;
   models::SparseStructureFlow model_ = nullptr;
-  std::unique_ptr<train::ConditionEncoder> encoder_;  // from the first condition() on
+  std::unique_ptr<features::ConditionEncoder> encoder_;  // from the first condition() on
   models::SparseStructureDecoder decoder_ = nullptr;
 };
 

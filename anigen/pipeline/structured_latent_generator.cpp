@@ -2,21 +2,21 @@
 
 #include "anigen/core/config_reader.h"
 #include "anigen/core/error.h"
+#include "anigen/features/trained_condition_encoder.h"
+#include "anigen/loaders/latent_normalization.h"
 #include "anigen/models/structured_latent_flow_runs.h"
 #include "anigen/pipeline/conditioned_reading.h"
 #include "anigen/pipeline/device.h"
-#include "anigen/pipeline/trained_condition_encoder.h"
-#include "anigen/train/latent_scale.h"
 
 namespace anigen::pipeline {
 namespace {
 
 using torch::Tensor;
 
-train::StructuredLatentFlowStageOptions training_options(const models::RunModel& flow) {
+models::StructuredLatentFlowStageOptions training_options(const models::RunModel& flow) {
   ConfigReader top(flow.run, flow.config.string());
   ConfigReader args = top.object("trainer").object("args");
-  return train::StructuredLatentFlowStageOptions::read(args);
+  return models::StructuredLatentFlowStageOptions::read(args);
 }
 
 }  // namespace
@@ -36,7 +36,8 @@ StructuredLatentGenerator::StructuredLatentGenerator(const Request& request)
 Tensor StructuredLatentGenerator::condition(const Tensor& pictures) {
   const torch::NoGradGuard no_grad;
   if (!encoder_) {
-    encoder_ = trained_condition_encoder(run_, flow_, reading_.image_size, model_->options().cond_channels, device_);
+    encoder_ =
+        features::trained_condition_encoder(run_, flow_, reading_.image_size, model_->options().cond_channels, device_);
   }
   return encoder_->tokens(pictures);
 }
@@ -44,21 +45,21 @@ Tensor StructuredLatentGenerator::condition(const Tensor& pictures) {
 flow::Streams StructuredLatentGenerator::noise(const sparse::Support& shape, const sparse::Support& skeleton,
                                                const at::Generator& generator) const {
   flow::Streams streams =
-      train::structured_latent_noise(model_->options(), shape, skeleton, training_.smoothing, generator);
+      models::structured_latent_noise(model_->options(), shape, skeleton, training_.smoothing, generator);
   for (Tensor& stream : streams) stream = stream.to(device_);
   return streams;
 }
 
 models::PerStream<sparse::SparseTensor> StructuredLatentGenerator::sample(const flow::Streams& noise,
-                                                                          const train::StructuredLatentTarget& target,
+                                                                          const models::StructuredLatentTarget& target,
                                                                           const flow::SamplerOptions& sampler,
                                                                           bool guided,
                                                                           const flow::SamplingExtras& extras) {
   const torch::NoGradGuard no_grad;
-  const flow::Velocities velocities = train::structured_latent_velocities(model_, target, guided);
+  const flow::Velocities velocities = models::structured_latent_velocities(model_, target, guided);
   const flow::Streams latents = flow::sample_flow(noise, velocities, sampler, extras).samples;
-  const Tensor shape = train::denormalised(latents[0], reading_.normalization);
-  const Tensor skeleton = train::denormalised(latents[1], reading_.normalization_skl);
+  const Tensor shape = loaders::denormalised(latents[0], reading_.normalization);
+  const Tensor skeleton = loaders::denormalised(latents[1], reading_.normalization_skl);
   const std::int64_t geometry = model_->options().geometry.out_channels;
   return {{target.shape, shape.slice(1, 0, geometry).contiguous()},
           {target.shape, shape.slice(1, geometry).contiguous()},

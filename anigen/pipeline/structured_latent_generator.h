@@ -3,11 +3,11 @@
 #include <memory>
 #include <string>
 
+#include "anigen/features/condition_encoder.h"
 #include "anigen/loaders/datasets/structured_latent_dataset.h"
 #include "anigen/models/run_model.h"
 #include "anigen/models/stream_coder.h"
-#include "anigen/train/condition_encoder.h"
-#include "anigen/train/structured_latent_flow_stage.h"
+#include "anigen/models/structured_latent_sampling.h"
 
 namespace anigen::pipeline {
 
@@ -40,7 +40,7 @@ class StructuredLatentGenerator {
   /// Latents as the decoder takes them: what normalised them in training is undone.
   /// @param target voxels, tokens and joint counts @param progress see flow::SamplingExtras
   models::PerStream<sparse::SparseTensor> sample(const flow::Streams& noise,
-                                                 const train::StructuredLatentTarget& target,
+                                                 const models::StructuredLatentTarget& target,
                                                  const flow::SamplerOptions& sampler, bool guided,
                                                  const flow::SamplingExtras& extras = {});
 
@@ -49,9 +49,9 @@ class StructuredLatentGenerator {
   std::filesystem::path run_;
   models::RunModel flow_;
   loaders::StructuredLatentOptions reading_;
-  train::StructuredLatentFlowStageOptions training_;
+  models::StructuredLatentFlowStageOptions training_;
   models::StructuredLatentFlow model_ = nullptr;
-  std::unique_ptr<train::ConditionEncoder> encoder_;  // from the first condition() on
+  std::unique_ptr<features::ConditionEncoder> encoder_;  // from the first condition() on
 };
 
 }  // namespace anigen::pipeline

@@ -92,11 +92,4 @@ void default_submanifold_kernels(torch::nn::Module& module) {
   });
 }
 
-void cast_submanifold_kernels(torch::nn::Module& module, torch::Dtype dtype) {
-  module.apply([dtype](torch::nn::Module& part) {
-    if (part.as<SubmanifoldKernelImpl>() == nullptr) return;
-    for (Tensor& parameter : part.parameters(/*recurse=*/false)) parameter.set_data(parameter.data().to(dtype));
-  });
-}
-
 }  // namespace anigen::sparse

@@ -1,4 +1,5 @@
 #pragma once
+#include "anigen/nn/init.h"
 #include "anigen/sparse/sparse_tensor.h"
 
 namespace anigen::sparse {
@@ -19,7 +20,7 @@ Tensor subdivided_convolution(const Support& support, const Tensor& feats, const
 /// Parameters of a submanifold convolution, keys `weight` [out, k, k, k, in] and `bias` [out]; not initialised (see
 /// nn::Linear). Kernel 3 or 1. With kernel 1 the stored weight is read as a matrix [in, out] without transposing it,
 /// as the library behind the published checkpoints does (reference autoencoders.md, 0.3).
-class SubmanifoldKernelImpl : public torch::nn::Module {
+class SubmanifoldKernelImpl : public torch::nn::Module, public nn::Convolution {
  public:
   SubmanifoldKernelImpl(std::int64_t in_channels, std::int64_t out_channels, std::int64_t kernel);
   SparseTensor forward(const SparseTensor& x);
@@ -39,9 +40,5 @@ TORCH_MODULE(SubmanifoldConv3d);
 /// Kaiming-uniform weights with a = √5 and biases uniform in ± 1/√fan-in, fan-in = Cin · k³, for every
 /// SubmanifoldKernel below `module` (reference autoencoders.md, 3.10).
 void default_submanifold_kernels(torch::nn::Module& module);
-
-/// Converts the parameters of every SubmanifoldKernel below `module`, in place: nn::cast_linears for convolutions that
-/// nn does not know of.
-void cast_submanifold_kernels(torch::nn::Module& module, torch::Dtype dtype);
 
 }  // namespace anigen::sparse

@@ -31,7 +31,7 @@ void AnymateScores::add(const anymate::AnymateSample& sample, std::uint64_t inde
 void AnymateScores::add_joints(const anymate::AnymateSample& sample, const Tensor& latents, std::uint64_t index) {
   anymate::JointPrediction options;
   options.train_steps = train_steps_;
-  options.noise = torch::randn({1, joints_, 3}, numbered_generator(0, "anymate held-out noise", index)).to(device_);
+  options.noise = torch::randn({1, joints_, 3}, nn::numbered_generator(0, "anymate held-out noise", index)).to(device_);
   options.cells = sample.vox;
   const Tensor predicted = anymate::predicted_joints(model_, latents, options);
   scores_.add_joints(sample.name, fields::points_of<double>(predicted, "predicted"),

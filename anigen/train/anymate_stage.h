@@ -34,7 +34,7 @@ class AnymateStage : public RigStage {
   AnymateStage(const models::anymate::ModelOptions& model, const AnymateStageOptions& options,
                loaders::AnymateDatasets data, std::string model_name, torch::Device device);
 
-  std::vector<NamedModel> models() const override { return {{model_name_, model_.ptr()}}; }
+  std::vector<nn::NamedModel> models() const override { return {{model_name_, model_.ptr()}}; }
   const loaders::BatchSource& data() const override { return *data_.train; }
   Losses losses(const loaders::Batch& batch, const LossContext& context) override;
   void warm_start(const LoadedKeys& finetuned) override;

@@ -5,10 +5,10 @@
 #include <utility>
 #include <vector>
 
+#include "anigen/features/condition_encoder.h"
 #include "anigen/flow/condition_dropout.h"
+#include "anigen/flow/flow_stage_options.h"
 #include "anigen/nn/init.h"
-#include "anigen/train/condition_encoder.h"
-#include "anigen/train/flow_stage_options.h"
 #include "anigen/train/stage.h"
 #include "anigen/train/warm_start.h"
 
@@ -31,17 +31,17 @@ class FlowStage : public Stage {
   struct Parts {
     std::string name = "denoiser";  ///< of the model, in the config and in checkpoints
     Model model = nullptr;
-    std::unique_ptr<ConditionEncoder> encoder;  ///< null: not conditioned, the flow sees one token of zeros
-    Dataset data, held_out;                     ///< held_out may be null
-    Decoder decoder = nullptr;                  ///< of the latents, for sample(); null: no samples
+    std::unique_ptr<features::ConditionEncoder> encoder;  ///< null: not conditioned, the flow sees one token of zeros
+    Dataset data, held_out;                               ///< held_out may be null
+    Decoder decoder = nullptr;                            ///< of the latents, for sample(); null: no samples
     torch::Device device = torch::kCPU;
     WarmStartOptions start;
   };
 
-  std::vector<NamedModel> models() const override {
-    std::vector<NamedModel> all{{parts_.name, parts_.model.ptr()}};
+  std::vector<nn::NamedModel> models() const override {
+    std::vector<nn::NamedModel> all{{parts_.name, parts_.model.ptr()}};
     if (parts_.encoder) {
-      if (const std::optional<NamedModel> trained = parts_.encoder->trained()) all.push_back(*trained);
+      if (const std::optional<nn::NamedModel> trained = parts_.encoder->trained()) all.push_back(*trained);
     }
     return all;
   }
@@ -53,7 +53,7 @@ class FlowStage : public Stage {
   bool supports(torch::Dtype dtype) const override { return dtype != torch::kHalf || parts_.device.is_cuda(); }
   void set_compute_dtype(torch::Dtype dtype) override {
     if (dtype != torch::kFloat64) return parts_.model->set_compute_dtype(dtype);
-    for (const NamedModel& model : models()) model.module->to(dtype);
+    for (const nn::NamedModel& model : models()) model.module->to(dtype);
     dtype_ = dtype;
   }
 

@@ -7,10 +7,10 @@
 #include <vector>
 
 #include "anigen/core/log.h"
+#include "anigen/features/condition_encoder.h"
 #include "anigen/loaders/datasets/dataset_registry.h"
 #include "anigen/loaders/files/view_files.h"
 #include "anigen/models/run_model.h"
-#include "anigen/train/condition_encoder.h"
 #include "anigen/train/trainer_options.h"
 #include "anigen/train/warm_start.h"
 
@@ -85,8 +85,8 @@ typename StageType::Parts flow_parts(const Json& config, const std::string& file
     const auto& reading = parts.data->options();
     const bool normals = reading.condition == loaders::ConditionPictures::kNormals;
     log::info("conditioned on pictures of {}", normals ? "normals" : "colour");
-    parts.encoder =
-        make_condition_encoder(trainer_args, reading.image_size, parts.model->options().cond_channels, device);
+    parts.encoder = features::make_condition_encoder(trainer_args, reading.image_size,
+                                                     parts.model->options().cond_channels, device);
   }
   return parts;
 }

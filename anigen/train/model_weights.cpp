@@ -10,7 +10,7 @@ namespace anigen::train {
 namespace {
 
 // Slots of one model by state-dict key.
-std::unordered_map<std::string, const ParameterBuffer::Slot*> slots_of(const NamedModel& model,
+std::unordered_map<std::string, const ParameterBuffer::Slot*> slots_of(const nn::NamedModel& model,
                                                                        const ParameterBuffer& buffer) {
   std::unordered_map<std::string, const ParameterBuffer::Slot*> slots;
   const std::string prefix = model.name + ".";
@@ -22,7 +22,7 @@ std::unordered_map<std::string, const ParameterBuffer::Slot*> slots_of(const Nam
 
 }  // namespace
 
-io::NamedArrays weights_of(const NamedModel& model, const ParameterBuffer& buffer, const torch::Tensor& flat) {
+io::NamedArrays weights_of(const nn::NamedModel& model, const ParameterBuffer& buffer, const torch::Tensor& flat) {
   torch::NoGradGuard no_grad;
   const auto slots = slots_of(model, buffer);
   io::NamedArrays arrays;
@@ -36,7 +36,7 @@ io::NamedArrays weights_of(const NamedModel& model, const ParameterBuffer& buffe
   return arrays;
 }
 
-void set_weights(const NamedModel& model, const ParameterBuffer& buffer, torch::Tensor flat,
+void set_weights(const nn::NamedModel& model, const ParameterBuffer& buffer, torch::Tensor flat,
                  const io::NamedArrays& arrays, const std::string& source) {
   torch::NoGradGuard no_grad;
   const auto slots = slots_of(model, buffer);

@@ -6,8 +6,8 @@ namespace anigen::train {
 namespace {
 
 template <typename Visit>
-void for_each_parameter(const std::vector<NamedModel>& models, bool trainable, const Visit& visit) {
-  for (const NamedModel& model : models) {
+void for_each_parameter(const std::vector<nn::NamedModel>& models, bool trainable, const Visit& visit) {
+  for (const nn::NamedModel& model : models) {
     for (const auto& entry : model.module->named_parameters()) {
       if (entry.value().requires_grad() == trainable) visit(model.name + "." + entry.key(), entry.value());
     }
@@ -15,13 +15,13 @@ void for_each_parameter(const std::vector<NamedModel>& models, bool trainable, c
 }
 
 template <typename Visit>
-void for_each_trainable(const std::vector<NamedModel>& models, const Visit& visit) {
+void for_each_trainable(const std::vector<nn::NamedModel>& models, const Visit& visit) {
   for_each_parameter(models, /*trainable=*/true, visit);
 }
 
 }  // namespace
 
-ParameterBuffer::ParameterBuffer(const std::vector<NamedModel>& models, const std::function<void()>& convert) {
+ParameterBuffer::ParameterBuffer(const std::vector<nn::NamedModel>& models, const std::function<void()>& convert) {
   std::int64_t count = 0;
   torch::Device device(torch::kCPU);
   bool wide = true;
@@ -47,7 +47,7 @@ ParameterBuffer::ParameterBuffer(const std::vector<NamedModel>& models, const st
   attach(models);
 }
 
-ParameterBuffer ParameterBuffer::share(const std::vector<NamedModel>& models) const {
+ParameterBuffer ParameterBuffer::share(const std::vector<nn::NamedModel>& models) const {
   ParameterBuffer twin;
   twin.master_ = master_;
   twin.attach(models);
@@ -59,7 +59,7 @@ ParameterBuffer ParameterBuffer::share(const std::vector<NamedModel>& models) co
   return twin;
 }
 
-void ParameterBuffer::attach(const std::vector<NamedModel>& models) {
+void ParameterBuffer::attach(const std::vector<nn::NamedModel>& models) {
   gradient_ = torch::zeros_like(master_);
   std::int64_t offset = 0;
   for_each_trainable(models, [&](const std::string& name, torch::Tensor parameter) {

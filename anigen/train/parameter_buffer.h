@@ -8,13 +8,9 @@
 #include <string>
 #include <vector>
 
-namespace anigen::train {
+#include "anigen/nn/named_model.h"
 
-/// A model under the name it has in the config; checkpoints are called after it.
-struct NamedModel {
-  std::string name;
-  std::shared_ptr<torch::nn::Module> module;
-};
+namespace anigen::train {
 
 /// All trainable parameters of some models as one flat fp32 vector (reference training-and-data.md, sections 2.3,
 /// 2.4), so that clipping, optimiser and averages are single passes over memory. Where all of them are fp64 so is the
@@ -35,11 +31,11 @@ class ParameterBuffer {
   /// Takes over the current values of the parameters. @throws Error when nothing is trainable
   /// @param convert called when the values are taken and before parameters become views: may change the parameters'
   ///   types, so that masters and frozen() keep the full precision of what was loaded
-  explicit ParameterBuffer(const std::vector<NamedModel>& models, const std::function<void()>& convert = nullptr);
+  explicit ParameterBuffer(const std::vector<nn::NamedModel>& models, const std::function<void()>& convert = nullptr);
 
   /// The same layout for other models of the same architecture: their parameters share master(), their gradients
   /// are apart, for a second pair of hands in one step. @throws Error when names or shapes differ
-  ParameterBuffer share(const std::vector<NamedModel>& models) const;
+  ParameterBuffer share(const std::vector<nn::NamedModel>& models) const;
 
   const torch::Tensor& master() const { return master_; }      ///< [P] fp32 (or fp64)
   const torch::Tensor& gradient() const { return gradient_; }  ///< [P] of the same type
@@ -64,7 +60,7 @@ class ParameterBuffer {
 
  private:
   ParameterBuffer() = default;
-  void attach(const std::vector<NamedModel>& models);
+  void attach(const std::vector<nn::NamedModel>& models);
 
   torch::Tensor master_, gradient_;
   std::vector<Slot> slots_;

@@ -29,7 +29,7 @@ class RignetStage : public RigStage {
   RignetStage(const models::rignet::RignetOptions& model, const RignetStageOptions& options,
               loaders::RignetDatasets data, std::string model_name, torch::Device device);
 
-  std::vector<NamedModel> models() const override { return {{model_name_, model_.ptr()}}; }
+  std::vector<nn::NamedModel> models() const override { return {{model_name_, model_.ptr()}}; }
   const loaders::BatchSource& data() const override { return *data_.train; }
   Losses losses(const loaders::Batch& batch, const LossContext& context) override;
 

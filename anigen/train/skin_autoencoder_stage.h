@@ -34,7 +34,7 @@ class SkinAutoEncoderStage : public Stage {
   SkinAutoEncoderStage(const models::SkinAutoEncoderOptions& model, const SkinAutoEncoderStageOptions& options,
                        Datasets data, Datasets held_out, std::string model_name, torch::Device device);
 
-  std::vector<NamedModel> models() const override { return {{model_name_, model_.ptr()}}; }
+  std::vector<nn::NamedModel> models() const override { return {{model_name_, model_.ptr()}}; }
   const loaders::BatchSource& data() const override { return *data_; }
   Losses losses(const loaders::Batch& batch, const LossContext& context) override;
   bool supports(torch::Dtype dtype) const override { return dtype == torch::kFloat32 || dtype == torch::kFloat64; }

@@ -5,8 +5,8 @@
 #include "anigen/core/error.h"
 #include "anigen/core/short_id.h"
 #include "anigen/models/sparse_structure_volumes.h"
+#include "anigen/models/voxel_sheet.h"
 #include "anigen/train/sparse_structure_autoencoder_stage.h"
-#include "anigen/train/voxel_sheet.h"
 
 namespace anigen::train {
 namespace {
@@ -31,20 +31,20 @@ void SparseStructureAutoEncoderStage::sample(const std::filesystem::path& folder
   if (error) throw Error(folder.string() + ": cannot create folder: " + error.message());
 
   std::vector<Reconstruction> made;
-  std::vector<VoxelSheetRow> rows;
+  std::vector<models::VoxelSheetRow> rows;
   for (std::size_t i = 0; i < std::min(kSheetAssets, held_out_->size()); ++i) {
     made.push_back(reconstruct(i));
     const Reconstruction& one = made.back();
     rows.push_back({short_id(one.id), {{one.shape, one.skeleton}, {one.decoded_shape, one.decoded_skeleton}}});
   }
-  write_voxel_sheet(folder / "reconstructions.png", rows, {"ground truth", "reconstruction"});
+  models::write_voxel_sheet(folder / "reconstructions.png", rows, {"ground truth", "reconstruction"});
 
   const torch::NoGradGuard no_grad;
   const models::SparseStructureEncoderOptions& coder = coders_.encoder;
-  std::vector<VoxelSheetRow> strips;
+  std::vector<models::VoxelSheetRow> strips;
   for (std::size_t i = 0; i + 1 < made.size(); i += 2) {
     const auto &a = made[i].latents, &b = made[i + 1].latents;
-    VoxelSheetRow strip{short_id(made[i].id) + " to " + short_id(made[i + 1].id), {}};
+    models::VoxelSheetRow strip{short_id(made[i].id) + " to " + short_id(made[i + 1].id), {}};
     for (int step = 0; step < kBetweenSteps; ++step) {
       const double share = static_cast<double>(step) / (kBetweenSteps - 1);
       const Tensor z =
@@ -56,7 +56,7 @@ void SparseStructureAutoEncoderStage::sample(const std::filesystem::path& folder
     }
     strips.push_back(std::move(strip));
   }
-  if (!strips.empty()) write_voxel_sheet(folder / "between_latents.png", strips);
+  if (!strips.empty()) models::write_voxel_sheet(folder / "between_latents.png", strips);
 }
 
 }  // namespace anigen::train

@@ -55,7 +55,9 @@ class SparseStructureAutoEncoderStage : public Stage {
                                   const SparseStructureAutoEncoderStageOptions& options, Dataset data, Dataset held_out,
                                   torch::Device device, nn::Init init = nn::Init::kPublished);
 
-  std::vector<NamedModel> models() const override { return {{"encoder", encoder_.ptr()}, {"decoder", decoder_.ptr()}}; }
+  std::vector<nn::NamedModel> models() const override {
+    return {{"encoder", encoder_.ptr()}, {"decoder", decoder_.ptr()}};
+  }
   const loaders::BatchSource& data() const override { return *data_; }
   Losses losses(const loaders::Batch& batch, const LossContext& context) override;
   void warm_start(const LoadedKeys& finetuned) override;

@@ -19,7 +19,7 @@ const FlowConfigNames& structure_names() {
 std::unique_ptr<Stage> make_sparse_structure_flow_stage(const Json& config, const std::string& file,
                                                         ConfigReader& trainer_args, const TrainerOptions& trainer,
                                                         torch::Device device) {
-  SparseStructureFlowStageOptions options = SparseStructureFlowStageOptions::read(trainer_args);
+  models::SparseStructureFlowStageOptions options = models::SparseStructureFlowStageOptions::read(trainer_args);
   options.seed = trainer.seed;
   auto parts = flow_parts<SparseStructureFlowStage>(config, file, trainer_args, trainer, device, structure_names());
   const loaders::StructureLatentOptions& reading = parts.data->options();

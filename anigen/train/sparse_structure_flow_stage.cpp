@@ -7,21 +7,10 @@
 #include "anigen/train/loss_generator.h"
 
 namespace anigen::train {
-namespace {
-
-constexpr double kStructureStrength = 7.5;
-
-}  // namespace
 
 using torch::Tensor;
 
-SparseStructureFlowStageOptions SparseStructureFlowStageOptions::read(ConfigReader& args) {
-  SparseStructureFlowStageOptions options;
-  options.read_flow(args, kStructureStrength);
-  return options;
-}
-
-SparseStructureFlowStage::SparseStructureFlowStage(const SparseStructureFlowStageOptions& options, Parts parts)
+SparseStructureFlowStage::SparseStructureFlowStage(const models::SparseStructureFlowStageOptions& options, Parts parts)
     : FlowStage(std::move(parts), models::kSparseStructureFlowClass), options_(options) {}
 
 std::unique_ptr<Stage> SparseStructureFlowStage::replica() const {
@@ -74,7 +63,7 @@ Values SparseStructureFlowStage::evaluate() {
     const Tensor condition = condition_of(latents.cond, 1);  // once: the model takes it for all times
     latents.x_0 = latents.x_0.expand({times, -1, -1, -1, -1}).contiguous();
     latents.x_0_skl = latents.x_0_skl.expand({times, -1, -1, -1, -1}).contiguous();
-    const at::Generator generator = numbered_generator(options_.seed, "held-out flow", i);
+    const at::Generator generator = nn::numbered_generator(options_.seed, "held-out flow", i);
     const Tensor noise = torch::randn(latents.x_0.sizes(), generator);
     const Tensor noise_skl = torch::randn(latents.x_0_skl.sizes(), generator);
     const ItemErrors found = errors(latents, t, noise, noise_skl, condition);

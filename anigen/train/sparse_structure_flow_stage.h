@@ -5,17 +5,11 @@
 #include "anigen/loaders/datasets/structure_latent_dataset.h"
 #include "anigen/models/sparse_structure_decoder.h"
 #include "anigen/models/sparse_structure_flow.h"
+#include "anigen/models/sparse_structure_sampling.h"
 #include "anigen/train/flow_stage.h"
 #include "anigen/train/trainer_options.h"
 
 namespace anigen::train {
-
-/// Arguments of the trainers of stage 4 beside those all trainers share: those of both flows. Samples are guided with
-/// strength 7.5 by default.
-struct SparseStructureFlowStageOptions : FlowStageOptions {
-  /// `image_encoder` is read by make_condition_encoder(). @throws InputError
-  static SparseStructureFlowStageOptions read(ConfigReader& trainer_args);
-};
 
 /// Stage 4: the sparse-structure flow learns the velocity from noise to the latents of stage 2 (paper 3.3.3). One time
 /// per item, shared by both streams, independent noise; L = mse + mse_skl. Terms: "mse", "mse_skl", and both for every
@@ -26,7 +20,7 @@ struct SparseStructureFlowStageOptions : FlowStageOptions {
 class SparseStructureFlowStage
     : public FlowStage<models::SparseStructureFlow, loaders::StructureLatentDataset, models::SparseStructureDecoder> {
  public:
-  SparseStructureFlowStage(const SparseStructureFlowStageOptions& options, Parts parts);
+  SparseStructureFlowStage(const models::SparseStructureFlowStageOptions& options, Parts parts);
 
   Losses losses(const loaders::Batch& batch, const LossContext& context) override;
   Values evaluate() override;
@@ -44,7 +38,7 @@ class SparseStructureFlowStage
                     const torch::Tensor& noise_skl, const torch::Tensor& condition);
   flow::Streams drawn_sample(const flow::Streams& noise, const torch::Tensor& condition, bool guided);
 
-  SparseStructureFlowStageOptions options_;
+  models::SparseStructureFlowStageOptions options_;
 };
 
 /// The stage of a config whose trainer is AniGenImageConditionedFlowMatchingCFGTrainer, or AniGenFlowMatchingTrainer or

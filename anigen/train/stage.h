@@ -47,7 +47,7 @@ class Stage {
   virtual ~Stage() = default;
 
   /// In config order, which is the order of the optimiser's parameters. Always the same modules.
-  virtual std::vector<NamedModel> models() const = 0;
+  virtual std::vector<nn::NamedModel> models() const = 0;
   virtual const loaders::BatchSource& data() const = 0;
   virtual Losses losses(const loaders::Batch& batch, const LossContext& context) = 0;
 

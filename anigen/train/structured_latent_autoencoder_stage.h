@@ -77,7 +77,9 @@ class StructuredLatentAutoEncoderStage : public Stage {
                                    Dataset held_out, torch::Device device, models::Lpips lpips = nullptr,
                                    nn::Init init = nn::Init::kPublished);
 
-  std::vector<NamedModel> models() const override { return {{"encoder", encoder_.ptr()}, {"decoder", decoder_.ptr()}}; }
+  std::vector<nn::NamedModel> models() const override {
+    return {{"encoder", encoder_.ptr()}, {"decoder", decoder_.ptr()}};
+  }
   const loaders::BatchSource& data() const override { return *data_; }
   Losses losses(const loaders::Batch& batch, const LossContext& context) override;
   void warm_start(const LoadedKeys& finetuned) override;

@@ -62,7 +62,7 @@ void check_decoder(const models::StructuredLatentFlowOptions& model,
 // Three switches of the same name: the trainer's needs the other two.
 void check_joint_counts(const models::StructuredLatentFlowOptions& model,
                         const loaders::StructuredLatentOptions& reading,
-                        const StructuredLatentFlowStageOptions& options, const ConfigReader& trainer_args) {
+                        const models::StructuredLatentFlowStageOptions& options, const ConfigReader& trainer_args) {
   constexpr const char* kSwitch = "use_joint_num_cond";
   if (options.use_joint_num_cond && !model.use_joint_num_cond) {
     throw trainer_args.error(kSwitch, "needs the model's use_joint_num_cond");
@@ -80,7 +80,7 @@ void check_joint_counts(const models::StructuredLatentFlowOptions& model,
 std::unique_ptr<Stage> make_structured_latent_flow_stage(const Json& config, const std::string& file,
                                                          ConfigReader& trainer_args, const TrainerOptions& trainer,
                                                          torch::Device device) {
-  StructuredLatentFlowStageOptions options = StructuredLatentFlowStageOptions::read(trainer_args);
+  models::StructuredLatentFlowStageOptions options = models::StructuredLatentFlowStageOptions::read(trainer_args);
   options.seed = trainer.seed;
   auto parts =
       flow_parts<StructuredLatentFlowStage>(config, file, trainer_args, trainer, device, structured_latent_names());

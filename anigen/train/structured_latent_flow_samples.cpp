@@ -4,13 +4,13 @@
 #include "anigen/core/log.h"
 #include "anigen/core/short_id.h"
 #include "anigen/loaders/files/rig_arrays.h"
+#include "anigen/loaders/latent_normalization.h"
+#include "anigen/models/voxel_picture.h"
 #include "anigen/raytrace/contact_sheet.h"
-#include "anigen/train/latent_scale.h"
 #include "anigen/train/loss_generator.h"
 #include "anigen/train/rig_pictures.h"
 #include "anigen/train/structured_latent_flow_stage.h"
 #include "anigen/train/tensor_mesh.h"
-#include "anigen/train/voxel_picture.h"
 
 // What a run shows of itself; the loss is in structured_latent_flow_stage.cpp.
 namespace anigen::train {
@@ -80,13 +80,15 @@ raytrace::Tile tile_of_asset(const loaders::AssetId& id) {
 
 flow::Streams StructuredLatentFlowStage::drawn_sample(const Latents& latents, const Tensor& condition,
                                                       std::uint64_t number) {
-  const at::Generator generator = numbered_generator(options_.seed, "structured-latent sample", number);
-  flow::Streams noise = structured_latent_noise(parts_.model->options(), *latents.shape.support,
-                                                *latents.skeleton.support, options_.smoothing, generator);
+  const at::Generator generator = nn::numbered_generator(options_.seed, "structured-latent sample", number);
+  flow::Streams noise = models::structured_latent_noise(parts_.model->options(), *latents.shape.support,
+                                                        *latents.skeleton.support, options_.smoothing, generator);
   for (Tensor& stream : noise) stream = placed(stream);
-  const StructuredLatentTarget target{latents.shape.support, latents.skeleton.support, condition, latents.joints_num};
+  const models::StructuredLatentTarget target{latents.shape.support, latents.skeleton.support, condition,
+                                              latents.joints_num};
   const bool guided = parts_.encoder || latents.joints_num.defined();
-  return flow::sample_flow(noise, structured_latent_velocities(parts_.model, target, guided), options_.sampler).samples;
+  return flow::sample_flow(noise, models::structured_latent_velocities(parts_.model, target, guided), options_.sampler)
+      .samples;
 }
 
 void StructuredLatentFlowStage::sample(const std::filesystem::path& folder) {
@@ -102,14 +104,16 @@ void StructuredLatentFlowStage::sample(const std::filesystem::path& folder) {
     const std::string name = short_id(given.ids.front());
     const Latents latents = latents_of(given);
     const auto decoded = [&](const Tensor& x, const Tensor& x_skl) {
-      const Tensor rows = denormalised(x.to(torch::kFloat32), reading.normalization);
-      return decoded_or_problem(parts_.decoder,
-                                {latents.shape.with(geometry_channels(rows)), latents.shape.with(skin_channels(rows)),
-                                 latents.skeleton.with(denormalised(x_skl.to(torch::kFloat32), reading.normalization_skl))},
-                                name);
+      const Tensor rows = loaders::denormalised(x.to(torch::kFloat32), reading.normalization);
+      return decoded_or_problem(
+          parts_.decoder,
+          {latents.shape.with(geometry_channels(rows)), latents.shape.with(skin_channels(rows)),
+           latents.skeleton.with(loaders::denormalised(x_skl.to(torch::kFloat32), reading.normalization_skl))},
+          name);
     };
     const flow::Streams drawn = drawn_sample(latents, condition_of(given.cond, 1), i);
-    if (parts_.encoder) tiles.push_back({fitted_picture(picture_of_planes(given.cond[0]), kRigPictureSize), name});
+    if (parts_.encoder)
+      tiles.push_back({models::fitted_picture(models::picture_of_planes(given.cond[0]), kRigPictureSize), name});
     add_tiles(tiles, decoded(drawn[0], drawn[1]), parts_.encoder ? "sample" : name + ": sample");
     add_tiles(tiles, decoded(latents.shape.feats, latents.skeleton.feats), "its latents");
     tiles.push_back(tile_of_asset(assets.asset(i)));

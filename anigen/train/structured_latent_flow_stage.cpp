@@ -9,7 +9,6 @@
 namespace anigen::train {
 namespace {
 
-constexpr double kStructuredLatentStrength = 3.0;
 // TRELLIS' flow for the geometry stream; unlike those of the other models it is not called like its class.
 constexpr const char* kPretrainedFlow = "AniGenSlatFlowImage";
 
@@ -21,16 +20,8 @@ torch::Tensor item_of_rows(const sparse::SparseTensor& voxels) {
 
 using torch::Tensor;
 
-StructuredLatentFlowStageOptions StructuredLatentFlowStageOptions::read(ConfigReader& args) {
-  StructuredLatentFlowStageOptions options;
-  options.read_flow(args, kStructuredLatentStrength);
-  options.use_joint_num_cond = args.boolean("use_joint_num_cond", options.use_joint_num_cond);
-  options.p_uncond_joint_num = args.number("p_uncond_joint_num", options.p_uncond_joint_num, 0.0, 1.0);
-  options.smoothing = flow::GeodesicNoiseOptions::read(args);
-  return options;
-}
-
-StructuredLatentFlowStage::StructuredLatentFlowStage(const StructuredLatentFlowStageOptions& options, Parts parts)
+StructuredLatentFlowStage::StructuredLatentFlowStage(const models::StructuredLatentFlowStageOptions& options,
+                                                     Parts parts)
     : FlowStage(std::move(parts), kPretrainedFlow), options_(options) {}
 
 std::unique_ptr<Stage> StructuredLatentFlowStage::replica() const {
@@ -78,7 +69,7 @@ Losses StructuredLatentFlowStage::losses(const loaders::Batch& batch, const Loss
   // In the published order: noise of the shape, times, noise of the skeleton.
   const at::Generator generator = loss_generator(context, "structured-latent flow");
   const Tensor noise =
-      shape_latent_noise(parts_.model->options(), *latents.shape.support, options_.smoothing, generator);
+      models::shape_latent_noise(parts_.model->options(), *latents.shape.support, options_.smoothing, generator);
   const Tensor t = options_.t_schedule.sample(items, generator);
   const Tensor noise_skl = torch::randn(given.x_0_skl.feats.sizes(), generator);
   const Tensor condition = training_condition(given.cond, items, options_.p_uncond, generator);
@@ -113,11 +104,11 @@ Values StructuredLatentFlowStage::evaluate() {
     const auto& given = dynamic_cast<const loaders::StructuredLatentBatch&>(*batch);
     const Latents latents = latents_of(given);
     const Tensor condition = condition_of(given.cond, 1);
-    const at::Generator generator = numbered_generator(options_.seed, "held-out structured-latent flow", i);
+    const at::Generator generator = nn::numbered_generator(options_.seed, "held-out structured-latent flow", i);
     // Time by time: what was worked out about the voxels serves all of them.
     for (const Tensor& t : grid.split(1)) {
-      const flow::Streams noise = structured_latent_noise(parts_.model->options(), *latents.shape.support,
-                                                          *latents.skeleton.support, options_.smoothing, generator);
+      const flow::Streams noise = models::structured_latent_noise(
+          parts_.model->options(), *latents.shape.support, *latents.skeleton.support, options_.smoothing, generator);
       const Errors found = errors(latents, t, noise, condition);
       const Tensor means[] = {found.shape, geometry_channels(found.shape), skin_channels(found.shape), found.skeleton};
       for (std::size_t k = 0; k < sums.size(); ++k) sums[k].second += means[k].mean().item<double>();

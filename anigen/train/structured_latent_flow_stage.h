@@ -5,22 +5,11 @@
 #include "anigen/loaders/datasets/structured_latent_dataset.h"
 #include "anigen/models/structured_latent_decoder.h"
 #include "anigen/models/structured_latent_flow.h"
+#include "anigen/models/structured_latent_sampling.h"
 #include "anigen/train/flow_stage.h"
-#include "anigen/train/structured_latent_sampling.h"
 #include "anigen/train/trainer_options.h"
 
 namespace anigen::train {
-
-/// Arguments of the trainers of stage 5 beside those all trainers share: those of both flows, where samples are guided
-/// with strength 3 by default, and these (reference training-and-data.md, 3.4).
-struct StructuredLatentFlowStageOptions : FlowStageOptions {
-  bool use_joint_num_cond = false;       ///< show the model how many joints an asset has
-  double p_uncond_joint_num = 0.1;       ///< share of items for which it is told nothing, whatever its picture
-  flow::GeodesicNoiseOptions smoothing;  ///< `geodesic_smooth_noise…`: of the skin's noise, in training and samples
-
-  /// `image_encoder` is read by make_condition_encoder(). @throws InputError
-  static StructuredLatentFlowStageOptions read(ConfigReader& trainer_args);
-};
 
 /// Stage 5: the structured-latent flow learns the velocity from noise to the latents of stage 3 on their voxels (paper
 /// 3.4). One time per item, shared by all streams, independent noise; L = mse + mse_skl, where `mse` is the mean over
@@ -34,7 +23,7 @@ struct StructuredLatentFlowStageOptions : FlowStageOptions {
 class StructuredLatentFlowStage : public FlowStage<models::StructuredLatentFlow, loaders::StructuredLatentDataset,
                                                    models::StructuredLatentDecoder> {
  public:
-  StructuredLatentFlowStage(const StructuredLatentFlowStageOptions& options, Parts parts);
+  StructuredLatentFlowStage(const models::StructuredLatentFlowStageOptions& options, Parts parts);
 
   Losses losses(const loaders::Batch& batch, const LossContext& context) override;
   Values evaluate() override;
@@ -62,7 +51,7 @@ class StructuredLatentFlowStage : public FlowStage<models::StructuredLatentFlow,
   torch::Tensor skin_channels(const torch::Tensor& shape) const;
   flow::Streams drawn_sample(const Latents& latents, const torch::Tensor& condition, std::uint64_t number);
 
-  StructuredLatentFlowStageOptions options_;
+  models::StructuredLatentFlowStageOptions options_;
 };
 
 /// The stage of a config whose trainer is AniGenImageConditionedSparseFlowMatchingCFGTrainer, or

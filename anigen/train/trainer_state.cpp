@@ -70,14 +70,14 @@ void check_start(const RunOptions& run) {
 
 void Trainer::check_finetuned_models() const {
   std::map<std::string, std::string> unknown = options_.finetune_ckpt;
-  for (const NamedModel& model : stages_.front()->models()) unknown.erase(model.name);
+  for (const nn::NamedModel& model : stages_.front()->models()) unknown.erase(model.name);
   if (unknown.empty()) return;
   throw InputError("", "trainer/args/finetune_ckpt/" + unknown.begin()->first, "there is no model of that name");
 }
 
 void Trainer::start_from_files() {
   LoadedKeys finetuned;
-  for (const NamedModel& model : stages_.front()->models()) {
+  for (const nn::NamedModel& model : stages_.front()->models()) {
     const auto file = options_.finetune_ckpt.find(model.name);
     if (file == options_.finetune_ckpt.end()) continue;
     finetuned[model.name] = load_matching(*model.module, io::read_state_dict(file->second), file->second);
@@ -152,7 +152,7 @@ void Trainer::require_saved() const {
 }
 
 void Trainer::restore(const CheckpointFolder& source, std::int64_t step) {
-  for (const NamedModel& model : stages_.front()->models()) {
+  for (const nn::NamedModel& model : stages_.front()->models()) {
     set_weights(model, buffers_.front(), buffers_.front().master(), source.weights(model.name, step),
                 source.file(model.name, step).string());
     for (std::size_t i = 0; i < update_->ema.rates().size(); ++i) {
@@ -224,7 +224,7 @@ void Trainer::save_what_is_complete() noexcept {
 void Trainer::write_checkpoint(const std::vector<std::string>& generators) {
   const BusyRank busy(*ranks_, step_);
   WeightFiles files;
-  for (const NamedModel& model : stages_.front()->models()) {
+  for (const nn::NamedModel& model : stages_.front()->models()) {
     files.emplace_back(model.name, weights_of(model, buffers_.front(), buffers_.front().master()));
     for (std::size_t i = 0; i < update_->ema.rates().size(); ++i) {
       files.emplace_back(ema_name(model.name, update_->ema.rates()[i]),

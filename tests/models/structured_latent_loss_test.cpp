@@ -201,33 +201,33 @@ TEST(SkeletonLoss, EveryConfidenceHasItsForm) {
   const SkeletonTargets targets = skeleton_targets(two.positions, two.joints, two.parents, options);
   const Tensor c = targets.confidence;
   const Tensor distance = torch::tensor({{0.25F, 0.0F, 0.0F}, {0.0F, 0.0F, 0.0F}, {0.5F, 0.0F, 0.0F}});
-  const auto joints_loss = [&](FieldConfidence confidence, const fields::SkeletonField& field) {
+  const auto joints_loss = [&](fields::FieldConfidence confidence, const fields::SkeletonField& field) {
     options.confidence = confidence;
     return skeleton_losses(field, targets, options).joints;
   };
   const fields::SkeletonField field = two.field();
   const double expected = ((c * distance).mean() + (0.5F - c).abs().mean()).item<double>();
-  EXPECT_NEAR(joints_loss(FieldConfidence::kExplicit, field).item<double>(), expected, 1e-6);
-  EXPECT_NEAR(joints_loss(FieldConfidence::kNone, field).item<double>(), distance.mean().item<double>(), 1e-6);
-  EXPECT_NEAR(joints_loss(FieldConfidence::kLearned, field).item<double>(),
+  EXPECT_NEAR(joints_loss(fields::FieldConfidence::kExplicit, field).item<double>(), expected, 1e-6);
+  EXPECT_NEAR(joints_loss(fields::FieldConfidence::kNone, field).item<double>(), distance.mean().item<double>(), 1e-6);
+  EXPECT_NEAR(joints_loss(fields::FieldConfidence::kLearned, field).item<double>(),
               (std::exp(0.5) + 1.0) * distance.mean().item<double>(), 1e-6);
-  EXPECT_NEAR(joints_loss(FieldConfidence::kBayesian, field).item<double>(),
+  EXPECT_NEAR(joints_loss(fields::FieldConfidence::kBayesian, field).item<double>(),
               std::exp(-0.5) * distance.mean().item<double>() + 0.5, 1e-6);
   options.squared = true;
-  EXPECT_NEAR(joints_loss(FieldConfidence::kBayesian, field).item<double>(),
+  EXPECT_NEAR(joints_loss(fields::FieldConfidence::kBayesian, field).item<double>(),
               0.5 * (std::exp(-0.5) * (0.0625 + 0.25) / 3.0 + 0.5), 1e-6);
   options.squared = false;
   fields::SkeletonField without = two.field();
   without.conf_j = Tensor();
-  EXPECT_THROW(joints_loss(FieldConfidence::kExplicit, without), InputError);
-  EXPECT_NO_THROW(joints_loss(FieldConfidence::kNone, without));
+  EXPECT_THROW(joints_loss(fields::FieldConfidence::kExplicit, without), InputError);
+  EXPECT_NO_THROW(joints_loss(fields::FieldConfidence::kNone, without));
 }
 
 // e^(−s) d + s is least at s = log d: the scale is learned from the errors alone.
 TEST(SkeletonLoss, TheBayesianScaleSettlesAtTheError) {
   const TwoJoints two;
   SkeletonLossOptions options;
-  options.confidence = FieldConfidence::kBayesian;
+  options.confidence = fields::FieldConfidence::kBayesian;
   const SkeletonTargets targets = skeleton_targets(two.positions, two.joints, two.parents, options);
   fields::SkeletonField field = two.field();
   field.joints = targets.joints.index_select(0, targets.joint) + 0.05F;
@@ -310,11 +310,11 @@ TEST(StructuredLatentVariant, NormsAndConfidencesAreThoseItNames) {
   fields::SkeletonField field;
   field.conf_j = torch::linspace(-3.0F, 3.0F, 200).unsqueeze(1);
   field.conf_p = field.conf_j;
-  const Tensor mapped = for_grouping(field, FieldConfidence::kBayesian).conf_j;
+  const Tensor mapped = for_grouping(field, fields::FieldConfidence::kBayesian).conf_j;
   EXPECT_EQ(mapped.max().item<double>(), 1.0);
   EXPECT_GT(mapped.min().item<double>(), 0.0);
   EXPECT_TRUE((mapped.slice(0, 1) <= mapped.slice(0, 0, -1)).all().item<bool>()) << "a larger scale is less certain";
-  EXPECT_TRUE(torch::equal(for_grouping(field, FieldConfidence::kExplicit).conf_j, field.conf_j));
+  EXPECT_TRUE(torch::equal(for_grouping(field, fields::FieldConfidence::kExplicit).conf_j, field.conf_j));
 }
 
 TEST(StructuredLatentVariant, ContradictionsAreErrors) {
@@ -323,15 +323,15 @@ TEST(StructuredLatentVariant, ContradictionsAreErrors) {
     ConfigReader reader(args, "config.json", "/trainer/args");
     return StructuredLatentVariant::read(reader, decoder, "published");
   };
-  EXPECT_EQ(read(Json::object()).confidence, FieldConfidence::kExplicit);
+  EXPECT_EQ(read(Json::object()).confidence, fields::FieldConfidence::kExplicit);
   EXPECT_THROW(read({{"confidence", "bayesian"}}), InputError);
   EXPECT_THROW(read({{"confidence", "none"}}), InputError);
   decoder.jp_hyper_continuous = false;
   decoder.use_conf_jp = true;
-  EXPECT_EQ(read(Json::object()).confidence, FieldConfidence::kLearned);
-  EXPECT_EQ(read({{"confidence", "bayesian"}}).confidence, FieldConfidence::kBayesian);
+  EXPECT_EQ(read(Json::object()).confidence, fields::FieldConfidence::kLearned);
+  EXPECT_EQ(read({{"confidence", "bayesian"}}).confidence, fields::FieldConfidence::kBayesian);
   decoder.use_conf_jp = false;
-  EXPECT_EQ(read({{"confidence", "none"}}).confidence, FieldConfidence::kNone);
+  EXPECT_EQ(read({{"confidence", "none"}}).confidence, fields::FieldConfidence::kNone);
   EXPECT_FALSE(read({{"skin_ae", "joint"}}).needs_skin_ae());
   EXPECT_FALSE(read({{"geometry_only", true}}).needs_skin_ae());
 }

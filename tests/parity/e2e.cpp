@@ -45,7 +45,7 @@ void check_structure(Fixture& fixture, const fs::path& runs) {
   const auto logits = generator.logits(latents, 0);
   fixture.check("ss_logits", logits.shape);
   fixture.check("ss_logits_skl", logits.skeleton);
-  const train::VoxelPair voxels = generator.decode(latents).front();
+  const models::VoxelPair voxels = generator.decode(latents).front();
   fixture.check("coords", voxels_of(voxels.shape));
   fixture.check("coords_skl", voxels_of(voxels.skeleton));
 
@@ -61,7 +61,7 @@ models::PerStream<sparse::SparseTensor> check_latents(Fixture& fixture, const fs
   request.run = runs / "slat_flow_control";
   pipeline::StructuredLatentGenerator generator(request);
   const Json& config = fixture.config();
-  train::StructuredLatentTarget target;
+  models::StructuredLatentTarget target;
   target.shape = sparse::Support::create(fixture.expected("coords"));
   target.skeleton = sparse::Support::create(fixture.expected("coords_skl"));
   target.tokens = fixture.input("cond_slat");

@@ -176,9 +176,9 @@ void run_case(Fixture& fixture, const Json& described, std::size_t items) {
   const std::string name = described.at("name");
   models::RigLossOptions options = rig_options(fixture.config());
   const bool confidence = described.at("conf"), hyper = described.at("jp_hyper_continuous");
-  options.skeleton.confidence = hyper        ? models::FieldConfidence::kExplicit
-                                : confidence ? models::FieldConfidence::kLearned
-                                             : models::FieldConfidence::kNone;
+  options.skeleton.confidence = hyper        ? fields::FieldConfidence::kExplicit
+                                : confidence ? fields::FieldConfidence::kLearned
+                                             : fields::FieldConfidence::kNone;
   std::vector<AssetInputs> inputs;
   std::vector<models::RigPrediction> predictions;
   std::vector<models::RigTruth> truths;

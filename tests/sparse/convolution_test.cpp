@@ -279,7 +279,7 @@ TEST(SubmanifoldConv3d, InitialValues) {
     EXPECT_LE(parameter.abs().max().item<double>(), bound);
     EXPECT_GT(parameter.abs().max().item<double>(), 0.9 * bound);
   }
-  cast_submanifold_kernels(*convolution, torch::kHalf);
+  nn::cast_linears(*convolution, torch::kHalf);
   for (const Tensor& parameter : convolution->parameters()) EXPECT_EQ(parameter.scalar_type(), torch::kHalf);
 }
 

@@ -109,7 +109,7 @@ TEST(SubdivideBlock, SixteenBitConvolutionsKeepTheNorms) {
   default_group_norms(*block);
   const torch::NoGradGuard no_grad;
   const Tensor wanted = block->forward(x).feats;
-  cast_submanifold_kernels(*block, torch::kBFloat16);
+  nn::cast_linears(*block, torch::kBFloat16);
   EXPECT_EQ(block->dtype(), torch::kBFloat16);
   EXPECT_EQ(block->named_parameters()["out_layers.1.weight"].scalar_type(), torch::kFloat32);
   const Tensor found = block->forward(x.with(x.feats.to(torch::kBFloat16))).feats;

@@ -46,7 +46,7 @@ void compare_with_a_sum_afterwards(Communicator& ranks, const BucketCase& how) {
   for (int copy = 0; copy < how.copies; ++copy) nets.push_back(std::make_shared<NetImpl>());
   std::vector<ParameterBuffer> buffers;
   buffers.reserve(nets.size());
-  buffers.emplace_back(std::vector<NamedModel>{{"net", nets.front()}}, [&] { nets.front()->to(how.dtype); });
+  buffers.emplace_back(std::vector<nn::NamedModel>{{"net", nets.front()}}, [&] { nets.front()->to(how.dtype); });
   for (std::size_t copy = 1; copy < nets.size(); ++copy) {
     nets[copy]->to(how.dtype);
     buffers.push_back(buffers.front().share({{"net", nets[copy]}}));
@@ -99,7 +99,7 @@ TEST(GradientBuckets, TellWhoseGradientWasNotFinite) {
   test::run_ranks_well(2, [](Communicator& ranks) {
     const auto net = std::make_shared<NetImpl>();
     std::vector<ParameterBuffer> buffers;
-    buffers.emplace_back(std::vector<NamedModel>{{"net", net}});
+    buffers.emplace_back(std::vector<nn::NamedModel>{{"net", net}});
     GradientBuckets buckets(buffers.front(), ranks, {});
     for (int step = 0; step < 3; ++step) {
       buffers.front().zero_gradients();
@@ -118,7 +118,7 @@ TEST(GradientBuckets, HooksEndWithThem) {
   test::run_ranks_well(2, [](Communicator& ranks) {
     const auto net = std::make_shared<NetImpl>();
     std::vector<ParameterBuffer> buffers;
-    buffers.emplace_back(std::vector<NamedModel>{{"net", net}});
+    buffers.emplace_back(std::vector<nn::NamedModel>{{"net", net}});
     {
       GradientBuckets buckets(buffers.front(), ranks, {});
       buckets.expect_last_backward();

@@ -40,7 +40,7 @@ struct RegressionStage : Stage, loaders::BatchSource {
     }
     model->to(dtype);
   }
-  std::vector<NamedModel> models() const override { return {{"net", model.ptr()}}; }
+  std::vector<nn::NamedModel> models() const override { return {{"net", model.ptr()}}; }
   const loaders::BatchSource& data() const override { return *this; }
   std::size_t size() const override { return 11; }
   std::unique_ptr<loaders::Batch> load(const std::vector<loaders::Draw>& draws) const override {

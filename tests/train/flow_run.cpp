@@ -16,7 +16,7 @@
 
 namespace anigen::test {
 
-using train::NamedModel;
+using nn::NamedModel;
 using train::Stage;
 
 FlowRun::FlowRun(std::string config) : config_(std::move(config)) {
@@ -51,7 +51,7 @@ std::unique_ptr<Stage> FlowRun::stage(const std::vector<std::string>& overrides)
   auto made = fresh_stage(overrides);
   const torch::NoGradGuard no_grad;
   torch::manual_seed(11);
-  for (const NamedModel& model : made->models()) {
+  for (const nn::NamedModel& model : made->models()) {
     for (torch::Tensor parameter : model.module->parameters()) parameter.normal_(0.0, 0.2);
   }
   return made;
@@ -177,7 +177,7 @@ void FlowRun::expect_close_bf16_with_full_masters() {
   EXPECT_NE(found, expected);
   EXPECT_NEAR(found, expected, 0.05 * expected) << "bf16 has 8 bits of mantissa";
   std::vector<torch::Tensor> full;
-  for (const NamedModel& model : plain->models()) {
+  for (const nn::NamedModel& model : plain->models()) {
     for (const torch::Tensor& parameter : model.module->parameters()) full.push_back(parameter.detach().reshape({-1}));
   }
   EXPECT_TRUE(torch::equal(buffer.master(), torch::cat(full))) << "masters keep what bf16 rounds away";

@@ -112,7 +112,7 @@ struct SmallStage : Stage, loaders::BatchSource {
     model = std::make_shared<torch::nn::LinearImpl>(2, 1);
   }
   std::shared_ptr<torch::nn::LinearImpl> model;
-  std::vector<NamedModel> models() const override { return {{"net", model}}; }
+  std::vector<nn::NamedModel> models() const override { return {{"net", model}}; }
   const loaders::BatchSource& data() const override { return *this; }
   std::size_t size() const override { return 3; }
   std::unique_ptr<loaders::Batch> load(const std::vector<loaders::Draw>&) const override {

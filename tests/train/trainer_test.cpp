@@ -373,7 +373,7 @@ struct BrokenStage : Stage, loaders::BatchSource {
   int warm_starts = 0;
   void warm_start(const LoadedKeys&) override { ++warm_starts; }
   std::shared_ptr<torch::nn::LinearImpl> model = std::make_shared<torch::nn::LinearImpl>(2, 1);
-  std::vector<NamedModel> models() const override { return {{"net", model}}; }
+  std::vector<nn::NamedModel> models() const override { return {{"net", model}}; }
   const loaders::BatchSource& data() const override { return *this; }
   std::size_t size() const override { return 3; }
   std::unique_ptr<loaders::Batch> load(const std::vector<loaders::Draw>& draws) const override {

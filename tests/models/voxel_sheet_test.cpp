@@ -1,4 +1,4 @@
-#include "anigen/train/voxel_sheet.h"
+#include "anigen/models/voxel_sheet.h"
 
 #include <gtest/gtest.h>
 
@@ -7,7 +7,7 @@
 #include "anigen/core/error.h"
 #include "tests/support/paths.h"
 
-namespace anigen::train {
+namespace anigen::models {
 namespace {
 
 using torch::Tensor;
@@ -65,7 +65,7 @@ TEST(VoxelPicture, TheSkeletonShowsThroughTheShape) {
   const Tensor solid = torch::ones({8, 8, 8}, torch::kBool);
   Tensor skeleton = empty_grid(8);
   skeleton.slice(0, 3, 5).slice(1, 3, 5).slice(2, 3, 5).fill_(true);
-  const io::Image with = voxel_picture({solid, skeleton}, 64), without = voxel_picture({solid, {}}, 64);
+  const io::Image with = voxel_picture({solid, skeleton}, 64), without = models::voxel_picture({solid, {}}, 64);
   const auto warmth = [](const io::Image& image) { return int{image.pixel(32, 32)[0]} - int{image.pixel(32, 32)[2]}; };
   EXPECT_GT(warmth(with), 50) << "orange";
   EXPECT_LT(warmth(without), 0) << "grey-blue";
@@ -96,4 +96,4 @@ TEST(VoxelSheet, HoldsEveryRowAndAPhotograph) {
 }
 
 }  // namespace
-}  // namespace anigen::train
+}  // namespace anigen::models

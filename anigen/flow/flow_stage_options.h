@@ -6,17 +6,17 @@
 #include "anigen/flow/sampler.h"
 #include "anigen/flow/time_schedule.h"
 
-namespace anigen::train {
+namespace anigen::flow {
 
 /// Arguments that the trainers of both flows have beside those all trainers share (reference training-and-data.md,
 /// 3.4).
 struct FlowStageOptions {
-  double p_uncond = 0.1;          ///< share of items whose condition becomes that of no picture
-  flow::TimeSchedule t_schedule;  ///< published: logit-normal, mean 1
-  double sigma_min = flow::kSigmaMin;
+  double p_uncond = 0.1;    ///< share of items whose condition becomes that of no picture
+  TimeSchedule t_schedule;  ///< published: logit-normal, mean 1
+  double sigma_min = kSigmaMin;
   // Ours.
   /// Of sample(): `sampler`, default that of the published pipeline, 25 steps; with our sigma_min.
-  flow::SamplerOptions sampler;
+  SamplerOptions sampler;
   std::int64_t sample_assets = 4;    ///< rows of a sheet of samples
   std::int64_t eval_max_assets = 0;  ///< held-out assets, 0: all
   std::int64_t eval_times = 4;       ///< flow times per held-out asset
@@ -33,4 +33,4 @@ struct FlowStageOptions {
   torch::Tensor eval_grid() const;
 };
 
-}  // namespace anigen::train
+}  // namespace anigen::flow

@@ -2,7 +2,7 @@
 #include "anigen/io/image.h"
 #include "anigen/nn/torch.h"
 
-namespace anigen::train {
+namespace anigen::models {
 
 /// Occupancy of a shape and of its skeleton on one grid: bool [R, R, R], axes x, y, z. Either may be undefined.
 struct VoxelPair {
@@ -21,4 +21,4 @@ io::Image picture_of_planes(const torch::Tensor& planes);
 /// A picture scaled so that its longer side has that many pixels: a large photograph must not blow up a whole sheet.
 io::Image fitted_picture(const io::Image& picture, int side);
 
-}  // namespace anigen::train
+}  // namespace anigen::models

@@ -1,4 +1,4 @@
-#include "anigen/train/condition_encoder.h"
+#include "anigen/features/condition_encoder.h"
 
 #include <filesystem>
 #include <system_error>
@@ -10,7 +10,7 @@
 #include "anigen/models/patch_image_encoder.h"
 #include "anigen/models/state_dict.h"
 
-namespace anigen::train {
+namespace anigen::features {
 namespace {
 
 constexpr const char* kEncoderName = "image_encoder";
@@ -32,7 +32,7 @@ std::optional<std::filesystem::path> published_weights(const std::string& model)
 class FrozenDinov2 : public ConditionEncoder {
  public:
   explicit FrozenDinov2(models::Dinov2 model) : model_(std::move(model)) {}
-  Tensor tokens(const Tensor& images) override { return features::image_condition(model_, images); }
+  Tensor tokens(const Tensor& images) override { return image_condition(model_, images); }
   std::unique_ptr<ConditionEncoder> replica() const override { return std::make_unique<FrozenDinov2>(model_); }
 
  private:
@@ -49,7 +49,7 @@ class TrainedPatches : public ConditionEncoder {
   Tensor tokens(const Tensor& images) override {
     return model_->forward(images.to(device_, nn::dtype_of(model_->parameters().front())));
   }
-  std::optional<NamedModel> trained() const override { return NamedModel{kEncoderName, model_.ptr()}; }
+  std::optional<nn::NamedModel> trained() const override { return nn::NamedModel{kEncoderName, model_.ptr()}; }
   std::unique_ptr<ConditionEncoder> replica() const override {
     auto twin = std::make_unique<TrainedPatches>(model_->options(), channels_, device_, nn::Init::kNone);
     models::load_state_dict(*twin->model_, models::state_dict(*model_), models::LoadMode::kStrict);
@@ -116,4 +116,4 @@ std::unique_ptr<ConditionEncoder> make_condition_encoder(ConfigReader& trainer_a
   return std::make_unique<TrainedPatches>(options, channels, device, nn::Init::kPublished);
 }
 
-}  // namespace anigen::train
+}  // namespace anigen::features

@@ -3,9 +3,9 @@
 #include <string>
 #include <vector>
 
-#include "anigen/train/voxel_picture.h"
+#include "anigen/models/voxel_picture.h"
 
-namespace anigen::train {
+namespace anigen::models {
 
 /// One line of a contact sheet: a label, perhaps an ordinary picture, then pictures of voxels.
 struct VoxelSheetRow {
@@ -22,4 +22,4 @@ inline constexpr int kVoxelCellSize = 192;
 void write_voxel_sheet(const std::filesystem::path& png, const std::vector<VoxelSheetRow>& rows,
                        const std::vector<std::string>& columns = {});
 
-}  // namespace anigen::train
+}  // namespace anigen::models

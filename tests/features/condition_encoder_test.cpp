@@ -1,11 +1,11 @@
-#include "anigen/train/condition_encoder.h"
+#include "anigen/features/condition_encoder.h"
 
 #include <gtest/gtest.h>
 
 #include "anigen/core/atomic_file.h"
 #include "tests/support/paths.h"
 
-namespace anigen::train {
+namespace anigen::features {
 namespace {
 
 namespace fs = std::filesystem;
@@ -46,4 +46,4 @@ TEST_F(PublishedConditions, AreTakenFromTheirPublishedPlace) {
 }
 
 }  // namespace
-}  // namespace anigen::train
+}  // namespace anigen::features

@@ -1,17 +1,31 @@
-#include "anigen/train/structured_latent_sampling.h"
+#include "anigen/models/structured_latent_sampling.h"
 
 #include <utility>
 
-namespace anigen::train {
+namespace anigen::models {
+namespace {
+
+constexpr double kStructuredLatentStrength = 3.0;
+
+}  // namespace
 
 using torch::Tensor;
 
-flow::Velocities structured_latent_velocities(models::StructuredLatentFlow model, const StructuredLatentTarget& target,
+StructuredLatentFlowStageOptions StructuredLatentFlowStageOptions::read(ConfigReader& args) {
+  StructuredLatentFlowStageOptions options;
+  options.read_flow(args, kStructuredLatentStrength);
+  options.use_joint_num_cond = args.boolean("use_joint_num_cond", options.use_joint_num_cond);
+  options.p_uncond_joint_num = args.number("p_uncond_joint_num", options.p_uncond_joint_num, 0.0, 1.0);
+  options.smoothing = flow::GeodesicNoiseOptions::read(args);
+  return options;
+}
+
+flow::Velocities structured_latent_velocities(StructuredLatentFlow model, const StructuredLatentTarget& target,
                                               bool guided) {
   const auto velocity_under = [model = std::move(model), target](const Tensor& tokens, const Tensor& joints_num) {
     return [model, target, tokens, joints_num](const flow::Streams& x, float time) mutable {
       const Tensor t = torch::full({target.shape->items().items()}, time, x[0].options());
-      const models::StructuredVelocity velocity =
+      const StructuredVelocity velocity =
           model->forward({target.shape, x[0]}, {target.skeleton, x[1]}, t, tokens, joints_num);
       return flow::Streams{velocity.x.feats, velocity.x_skl.feats};
     };
@@ -25,18 +39,18 @@ flow::Velocities structured_latent_velocities(models::StructuredLatentFlow model
   return velocities;
 }
 
-Tensor shape_latent_noise(const models::StructuredLatentFlowOptions& model, const sparse::Support& shape,
+Tensor shape_latent_noise(const StructuredLatentFlowOptions& model, const sparse::Support& shape,
                           const flow::GeodesicNoiseOptions& smoothing, const at::Generator& generator) {
   const std::int64_t geometry = model.geometry.in_channels, channels = geometry + model.skin.in_channels;
   const Tensor noise = torch::randn({shape.size(), channels}, generator);
   return flow::smooth_geodesic_noise(noise, shape.coords(), geometry, channels, smoothing);
 }
 
-flow::Streams structured_latent_noise(const models::StructuredLatentFlowOptions& model, const sparse::Support& shape,
+flow::Streams structured_latent_noise(const StructuredLatentFlowOptions& model, const sparse::Support& shape,
                                       const sparse::Support& skeleton, const flow::GeodesicNoiseOptions& smoothing,
                                       const at::Generator& generator) {
   Tensor noise = shape_latent_noise(model, shape, smoothing, generator);
   return {std::move(noise), torch::randn({skeleton.size(), model.skeleton.in_channels}, generator)};
 }
 
-}  // namespace anigen::train
+}  // namespace anigen::models

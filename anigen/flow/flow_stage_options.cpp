@@ -1,16 +1,16 @@
-#include "anigen/train/flow_stage_options.h"
+#include "anigen/flow/flow_stage_options.h"
 
 #include <algorithm>
 
 #include "anigen/core/error.h"
 
-namespace anigen::train {
+namespace anigen::flow {
 namespace {
 
 constexpr std::int64_t kPublishedSamplerSteps = 25;
 
 /// `sampler`, by default that of the published pipeline.
-flow::SamplerOptions samples_sampler(ConfigReader& args, double cfg_strength, double sigma_min) {
+SamplerOptions samples_sampler(ConfigReader& args, double cfg_strength, double sigma_min) {
   Json sampler = {{"steps", kPublishedSamplerSteps}, {"cfg_strength", cfg_strength}};
   if (const Json* given = args.raw("sampler")) {
     const ConfigReader keys = args.object("sampler");
@@ -18,7 +18,7 @@ flow::SamplerOptions samples_sampler(ConfigReader& args, double cfg_strength, do
       throw keys.error("sigma_min", "samples take the trainer's sigma_min; leave this one out");
     sampler.update(*given);
   }
-  flow::SamplerOptions options = flow::SamplerOptions::from_json(sampler, args.file(), args.pointer_to("sampler"));
+  SamplerOptions options = SamplerOptions::from_json(sampler, args.file(), args.pointer_to("sampler"));
   options.sigma_min = sigma_min;
   return options;
 }
@@ -28,7 +28,7 @@ flow::SamplerOptions samples_sampler(ConfigReader& args, double cfg_strength, do
 void FlowStageOptions::read_flow(ConfigReader& args, double cfg_strength) {
   p_uncond = args.number("p_uncond", p_uncond, 0.0, 1.0);
   if (const Json* schedule = args.raw("t_schedule")) {
-    t_schedule = flow::TimeSchedule::from_json(*schedule, args.file(), args.pointer_to("t_schedule"));
+    t_schedule = TimeSchedule::from_json(*schedule, args.file(), args.pointer_to("t_schedule"));
   }
   sigma_min = args.number("sigma_min", sigma_min, 0.0, 0.5);
   if (args.boolean("train_inpaint", false)) {
@@ -52,4 +52,4 @@ torch::Tensor FlowStageOptions::eval_grid() const {
   return (torch::arange(eval_times).to(torch::kFloat32) + 0.5) / static_cast<double>(eval_times);
 }
 
-}  // namespace anigen::train
+}  // namespace anigen::flow

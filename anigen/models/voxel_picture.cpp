@@ -1,4 +1,4 @@
-#include "anigen/train/voxel_picture.h"
+#include "anigen/models/voxel_picture.h"
 
 #include <Eigen/Core>
 #include <algorithm>
@@ -9,7 +9,7 @@
 #include "anigen/core/error.h"
 #include "anigen/io/image_resize.h"
 
-namespace anigen::train {
+namespace anigen::models {
 namespace {
 
 using Eigen::Vector3d;
@@ -148,4 +148,4 @@ io::Image fitted_picture(const io::Image& picture, int side) {
   return io::resize_lanczos(picture, scaled(picture.width), scaled(picture.height), io::ResizeAlpha::kPremultiplied);
 }
 
-}  // namespace anigen::train
+}  // namespace anigen::models

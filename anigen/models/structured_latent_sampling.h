@@ -1,9 +1,21 @@
 #pragma once
+#include "anigen/flow/flow_stage_options.h"
 #include "anigen/flow/geodesic_noise.h"
 #include "anigen/flow/sampler.h"
 #include "anigen/models/structured_latent_flow.h"
 
-namespace anigen::train {
+namespace anigen::models {
+
+/// Arguments of the trainers of stage 5 beside those all trainers share: those of both flows, where samples are guided
+/// with strength 3 by default, and these (reference training-and-data.md, 3.4).
+struct StructuredLatentFlowStageOptions : flow::FlowStageOptions {
+  bool use_joint_num_cond = false;       ///< show the model how many joints an asset has
+  double p_uncond_joint_num = 0.1;       ///< share of items for which it is told nothing, whatever its picture
+  flow::GeodesicNoiseOptions smoothing;  ///< `geodesic_smooth_noise…`: of the skin's noise, in training and samples
+
+  /// `image_encoder` is read by features::make_condition_encoder(). @throws InputError
+  static StructuredLatentFlowStageOptions read(ConfigReader& trainer_args);
+};
 
 /// Where structured latents are sampled, and under which condition.
 struct StructuredLatentTarget {
@@ -16,17 +28,17 @@ struct StructuredLatentTarget {
 /// [M, C'] on the skeleton's. The negative pass of guidance has tokens of zeros and 0 joints (reference
 /// flows-and-pipeline.md, 4.4).
 /// @param guided also the velocity of that pass
-flow::Velocities structured_latent_velocities(models::StructuredLatentFlow model, const StructuredLatentTarget& target,
+flow::Velocities structured_latent_velocities(StructuredLatentFlow model, const StructuredLatentTarget& target,
                                               bool guided);
 
 /// Standard normal noise of both streams, on the CPU, skin channels smoothed along the surface where the options say
 /// so (reference flows-and-pipeline.md, 4.5).
-flow::Streams structured_latent_noise(const models::StructuredLatentFlowOptions& model, const sparse::Support& shape,
+flow::Streams structured_latent_noise(const StructuredLatentFlowOptions& model, const sparse::Support& shape,
                                       const sparse::Support& skeleton, const flow::GeodesicNoiseOptions& smoothing,
                                       const at::Generator& generator);
 
 /// Noise of the shape's voxels alone: what structured_latent_noise() draws first. [N, C]
-torch::Tensor shape_latent_noise(const models::StructuredLatentFlowOptions& model, const sparse::Support& shape,
+torch::Tensor shape_latent_noise(const StructuredLatentFlowOptions& model, const sparse::Support& shape,
                                  const flow::GeodesicNoiseOptions& smoothing, const at::Generator& generator);
 
-}  // namespace anigen::train
+}  // namespace anigen::models

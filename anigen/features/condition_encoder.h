@@ -4,10 +4,10 @@
 #include <string>
 
 #include "anigen/core/config_reader.h"
+#include "anigen/nn/named_model.h"
 #include "anigen/nn/torch.h"
-#include "anigen/train/parameter_buffer.h"
 
-namespace anigen::train {
+namespace anigen::features {
 
 using torch::Tensor;
 
@@ -19,7 +19,7 @@ class ConditionEncoder {
   /// @param images [B, 3, S, S] in [0, 1], anywhere @return [B, M, C] on the encoder's device
   virtual Tensor tokens(const Tensor& images) = 0;
   /// What is trained together with the flow, and saved beside it; none for a frozen encoder.
-  virtual std::optional<NamedModel> trained() const { return std::nullopt; }
+  virtual std::optional<nn::NamedModel> trained() const { return std::nullopt; }
   /// One with parameters of its own, of the same values, over the same frozen weights.
   virtual std::unique_ptr<ConditionEncoder> replica() const = 0;
 };
@@ -39,4 +39,4 @@ class ConditionEncoder {
 std::unique_ptr<ConditionEncoder> make_condition_encoder(ConfigReader& trainer_args, std::int64_t image_size,
                                                          std::int64_t channels, torch::Device device);
 
-}  // namespace anigen::train
+}  // namespace anigen::features

@@ -1,4 +1,4 @@
-#include "anigen/train/voxel_sheet.h"
+#include "anigen/models/voxel_sheet.h"
 
 #include <algorithm>
 
@@ -6,7 +6,7 @@
 #include "anigen/core/parallel.h"
 #include "anigen/raytrace/contact_sheet.h"
 
-namespace anigen::train {
+namespace anigen::models {
 namespace {
 
 bool has_pixels(const io::Image& picture) { return picture.width > 0 && picture.height > 0; }
@@ -43,4 +43,4 @@ void write_voxel_sheet(const std::filesystem::path& png, const std::vector<Voxel
   io::write_png(png, raytrace::contact_sheet(tiles, options));
 }
 
-}  // namespace anigen::train
+}  // namespace anigen::models
