@@ -9,8 +9,8 @@
 #include <vector>
 
 #include "anigen/core/parallel.h"
-#include "anigen/io/gltf.h"
-#include "anigen/prepare/creatures/creature.h"
+#include "anigen/creatures/body.h"
+#include "anigen/io/gltf/gltf.h"
 
 namespace {
 
@@ -41,7 +41,7 @@ void import_tinygltf(benchmark::State& state, const fs::path& file) {
 
 void make_creatures(benchmark::State& state, const std::string& family) {
   std::uint64_t index = 0;
-  for (auto _ : state) benchmark::DoNotOptimize(anigen::prepare::make_creature(family, 0, index++));
+  for (auto _ : state) benchmark::DoNotOptimize(anigen::creatures::make_creature(family, 0, index++));
   state.counters["assets_per_second"] =
       benchmark::Counter(static_cast<double>(state.iterations()), benchmark::Counter::kIsRate);
 }
@@ -52,7 +52,7 @@ void make_mixed_creatures(benchmark::State& state) {
   std::uint64_t first = 0;
   for (auto _ : state) {
     anigen::parallel_for(
-        kBatch, [&](std::size_t i) { benchmark::DoNotOptimize(anigen::prepare::make_creature(0, first + i)); });
+        kBatch, [&](std::size_t i) { benchmark::DoNotOptimize(anigen::creatures::make_creature(0, first + i)); });
     first += kBatch;
   }
   state.counters["assets_per_second"] =
@@ -73,7 +73,7 @@ int main(int argc, char** argv) {
     benchmark::RegisterBenchmark(("import/tinygltf/" + stem).c_str(), import_tinygltf, file)
         ->Unit(benchmark::kMillisecond);
   }
-  for (const std::string& family : anigen::prepare::creature_families()) {
+  for (const std::string& family : anigen::creatures::creature_families()) {
     benchmark::RegisterBenchmark(("creature/" + family).c_str(), make_creatures, family)->Unit(benchmark::kMillisecond);
   }
   benchmark::RegisterBenchmark("creatures/threads", make_mixed_creatures)

@@ -8,9 +8,9 @@
 #include <string>
 #include <vector>
 
-#include "anigen/core/atomic_file.h"
+#include "anigen/core/config.h"
 #include "anigen/core/error.h"
-#include "anigen/core/json.h"
+#include "anigen/core/files.h"
 
 namespace {
 

@@ -9,10 +9,9 @@
 #include <string>
 #include <vector>
 
-#include "anigen/core/memory.h"
+#include "anigen/core/log.h"
 #include "anigen/core/parallel.h"
 #include "anigen/nn/attention.h"
-#include "anigen/nn/blocked_attention.h"
 #include "benchmarks/benchmark_flags.h"
 #include "benchmarks/timed_tasks.h"
 

@@ -16,7 +16,7 @@
 #include <vector>
 
 #include "anigen/train/distributed/gradient_buckets.h"
-#include "anigen/train/distributed/join_ranks.h"
+#include "anigen/train/distributed/launch.h"
 #include "benchmarks/benchmark_flags.h"
 #include "benchmarks/timed_tasks.h"
 
@@ -38,7 +38,7 @@ struct Work {
       layers->push_back(torch::nn::ReLU());
     }
     net = layers;
-    buffers.emplace_back(std::vector<nn::NamedModel>{{"net", net.ptr()}});
+    buffers.emplace_back(std::vector<anigen::nn::NamedModel>{{"net", net.ptr()}});
   }
   void forward() {
     buffers.front().zero_gradients();

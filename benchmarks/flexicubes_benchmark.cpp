@@ -1,6 +1,7 @@
-// From an averaged field to a mesh: fields::flexicubes beside the same formulas as tensor operations on the whole grid,
-// forward, and forward with backward. A bumpy sphere whose cubes are active in a shell, as a decoder's voxels are (so
-// that there is a second surface inside), and ten attributes. Seconds and the memory that each call adds at its peak.
+// From an averaged field to a mesh: shape_field::flexicubes beside the same formulas as tensor operations on the whole
+// grid, forward, and forward with backward. A bumpy sphere whose cubes are active in a shell, as a decoder's voxels are
+// (so that there is a second surface inside), and ten attributes. Seconds and the memory that each call adds at its
+// peak.
 //   benchmark_flexicubes [--most=256] [--dense-most=128] [--rounds=3] [--benchmark_out=FILE]
 // --most: finest grid, of 64, 128 and 256; --dense-most: finest one for the dense version, which needs many GB at
 // 256. Other --benchmark_* flags are accepted and ignored.
@@ -17,16 +18,16 @@
 #include <string>
 #include <vector>
 
-#include "anigen/core/atomic_file.h"
-#include "anigen/core/json.h"
+#include "anigen/core/config.h"
+#include "anigen/core/files.h"
 #include "anigen/core/parallel.h"
 #include "benchmarks/plain_flexicubes.h"
 
 namespace {
 
-using anigen::fields::CubeCorners;
-using anigen::fields::CubeField;
-using anigen::fields::ExtractedSurface;
+using anigen::shape_field::CubeCorners;
+using anigen::shape_field::CubeField;
+using anigen::shape_field::ExtractedSurface;
 using torch::Tensor;
 
 constexpr std::int64_t kAttributes = 10;
@@ -94,7 +95,7 @@ CubeField field_of(std::int64_t resolution) {
   corners.deform = 0.3 * torch::randn({count, 8, 3});
   corners.attributes = torch::rand({count, 8, kAttributes});
   corners.weights = 0.3 * torch::randn({count, 21});
-  return anigen::fields::average_corners(corners, resolution);
+  return anigen::shape_field::average_corners(corners, resolution);
 }
 
 using Extract = std::function<ExtractedSurface(const CubeField&, bool)>;
@@ -148,14 +149,14 @@ void report(const std::string& name, const Measured& ours, const Measured* other
 void run(std::int64_t resolution, const Settings& settings, anigen::Json& list) {
   torch::manual_seed(0);
   const CubeField field = field_of(resolution);
-  const ExtractedSurface surface = anigen::fields::flexicubes(field, false);
+  const ExtractedSurface surface = anigen::shape_field::flexicubes(field, false);
   std::printf("R = %lld: %lld active cubes, %lld vertices, %lld faces\n", static_cast<long long>(resolution),
               static_cast<long long>(field.coords.size(0)), static_cast<long long>(surface.vertices.size(0)),
               static_cast<long long>(surface.faces.size(0)));
   const bool with_dense = resolution <= settings.dense_most;
   const std::string at_resolution = "_" + std::to_string(resolution);
-  const Measured ours = forward(settings.rounds, field, anigen::fields::flexicubes);
-  const Measured ours_training = training(settings.rounds, field, anigen::fields::flexicubes);
+  const Measured ours = forward(settings.rounds, field, anigen::shape_field::flexicubes);
+  const Measured ours_training = training(settings.rounds, field, anigen::shape_field::flexicubes);
   Measured other, other_training;
   if (with_dense) {
     other = forward(settings.rounds, field, dense);

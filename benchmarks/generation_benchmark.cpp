@@ -6,15 +6,14 @@
 //                        [--threads=N] [--benchmark_out=FILE]
 // Weights are a pattern, which takes as long as trained ones but gives no shape: the second flow and the decoder work
 // on the voxels given, so that reading weights, normals of the picture and finishing of the mesh are not in it.
-#include "anigen/core/config_file.h"
-#include "anigen/core/memory.h"
-#include "anigen/core/progress.h"
-#include "anigen/models/dinov2.h"
-#include "anigen/models/sparse_structure_decoder.h"
-#include "anigen/models/sparse_structure_sampling.h"
-#include "anigen/models/structured_latent_decoder.h"
-#include "anigen/models/structured_latent_sampling.h"
-#include "anigen/pipeline/asset_generator.h"
+#include "anigen/core/config.h"
+#include "anigen/core/log.h"
+#include "anigen/generate/asset_generator.h"
+#include "anigen/sparse_structure/autoencoder.h"
+#include "anigen/sparse_structure/flow.h"
+#include "anigen/structured_latent/decoder.h"
+#include "anigen/structured_latent/sampling.h"
+#include "anigen/vision/dinov2.h"
 #include "benchmarks/ellipsoid_voxels.h"
 #include "benchmarks/flow_voxels.h"
 #include "benchmarks/model_timing.h"
@@ -129,7 +128,7 @@ class Generation {
   }
 
   void encode_picture() {
-    models::Dinov2 encoder(models::Dinov2Options::named("dinov2_vitl14_reg"));
+    vision::Dinov2 encoder(vision::Dinov2Options::named("dinov2_vitl14_reg"));
     fill_with_pattern(*encoder);
     keep(encoder);
     const Tensor picture = torch::rand({1, 3, kPictureSide, kPictureSide});
@@ -137,51 +136,52 @@ class Generation {
   }
 
   void sample_structure() {
-    const auto options = models::SparseStructureFlowOptions::from_json(flow_args("ss_flow_duet", settings_));
-    const auto model = patterned<models::SparseStructureFlow>(options, dtype());
+    const auto options = sparse_structure::SparseStructureFlowOptions::from_json(flow_args("ss_flow_duet", settings_));
+    const auto model = patterned<sparse_structure::SparseStructureFlow>(options, dtype());
     keep(model);
     const flow::Streams noise = {torch::randn(model->shape_latent_size(1)),
                                  torch::randn(model->skeleton_latent_size(1))};
-    sample("sparse structure", noise, models::structure_velocities(model, tokens_, /*guided=*/true),
+    sample("sparse structure", noise, sparse_structure::structure_velocities(model, tokens_, /*guided=*/true),
            kStructureStrength);
   }
 
   void decode_structure() {
-    models::SparseStructureDecoder decoder(
-        models::SparseStructureDecoderOptions::from_json(published("ss_dae", "decoder")));
+    sparse_structure::SparseStructureDecoder decoder(
+        sparse_structure::SparseStructureDecoderOptions::from_json(published("ss_dae", "decoder")));
     keep(decoder);
     const Tensor z = torch::randn({1, 8, 16, 16, 16}), z_skl = torch::randn({1, 4, 16, 16, 16});
     parts_.add("voxels", seconds_of([&] { decoder->forward(z, z_skl); }));
   }
 
   void sample_latents() {
-    const auto options = models::StructuredLatentFlowOptions::from_json(flow_args("slat_flow_auto", settings_));
-    const auto model = patterned<models::StructuredLatentFlow>(options, dtype());
+    const auto options =
+        structured_latent::StructuredLatentFlowOptions::from_json(flow_args("slat_flow_auto", settings_));
+    const auto model = patterned<structured_latent::StructuredLatentFlow>(options, dtype());
     keep(model);
     shape_ = voxels_or_ellipsoid(settings_.voxels, ellipsoid_voxels(kResolution, 0.47, true), kResolution);
     skeleton_ = voxels_or_ellipsoid(settings_.skeleton_voxels, ellipsoid_voxels(kResolution, 0.17, false), kResolution);
     std::printf("%lld + %lld voxels\n", static_cast<long long>(shape_->size()),
                 static_cast<long long>(skeleton_->size()));
-    const models::StructuredLatentTarget target{shape_, skeleton_, tokens_, {}};
-    const flow::Streams noise =
-        models::structured_latent_noise(options, *shape_, *skeleton_, {}, pipeline::noise_generator(/*seed=*/0));
-    sample("structured latents", noise, models::structured_latent_velocities(model, target, /*guided=*/true),
+    const structured_latent::StructuredLatentTarget target{shape_, skeleton_, tokens_, {}};
+    const flow::Streams noise = structured_latent::structured_latent_noise(options, *shape_, *skeleton_, {},
+                                                                           generate::noise_generator(/*seed=*/0));
+    sample("structured latents", noise, structured_latent::structured_latent_velocities(model, target, /*guided=*/true),
            kLatentStrength);
   }
 
   // Of a skeleton given, since votes of a pattern make none.
   void decode_asset() {
-    const auto options = models::StructuredLatentDecoderOptions::from_json(published("slat_dae", "decoder"));
-    models::StructuredLatentDecoder decoder(options, nn::Init::kNone);
+    const auto options = structured_latent::StructuredLatentDecoderOptions::from_json(published("slat_dae", "decoder"));
+    structured_latent::StructuredLatentDecoder decoder(options, nn::Init::kNone);
     fill_with_pattern(*decoder);
     keep(decoder);
     const auto latents = [](const sparse::SupportPtr& at, std::int64_t channels) {
       return sparse::SparseTensor{at, torch::randn({at->size(), channels})};
     };
-    const models::PerStream<sparse::SparseTensor> z = {latents(shape_, options.latent_channels),
-                                                       latents(shape_, options.latent_channels_vertskin),
-                                                       latents(skeleton_, options.latent_channels_skl)};
-    const fields::SkeletonTensors skeleton = {torch::rand({kJoints, 3}) - 0.5, torch::arange(-1, kJoints - 1)};
+    const structured_latent::PerStream<sparse::SparseTensor> z = {latents(shape_, options.latent_channels),
+                                                                  latents(shape_, options.latent_channels_vertskin),
+                                                                  latents(skeleton_, options.latent_channels_skl)};
+    const skeleton_field::SkeletonTensors skeleton = {torch::rand({kJoints, 3}) - 0.5, torch::arange(-1, kJoints - 1)};
     parts_.add("surface, skeleton, skin", seconds_of([&] {
                  const auto decoded = decoder->forward(z, {skeleton});
                  const auto mesh = decoder->extract_meshes(decoded, /*training=*/false).front();

@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "anigen/core/memory.h"
+#include "anigen/core/log.h"
 #include "anigen/core/parallel.h"
 #include "benchmarks/benchmark_flags.h"
 #include "benchmarks/timed_tasks.h"

@@ -11,10 +11,10 @@
 #include <string>
 #include <vector>
 
-#include "anigen/core/atomic_file.h"
-#include "anigen/core/json.h"
+#include "anigen/core/config.h"
+#include "anigen/core/files.h"
 #include "anigen/core/parallel.h"
-#include "anigen/nn/operator_profile.h"
+#include "anigen/nn/profile.h"
 #include "anigen/nn/torch.h"
 
 namespace anigen::benchmarks {

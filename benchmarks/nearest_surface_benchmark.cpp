@@ -20,10 +20,10 @@
 
 #include "anigen/core/parallel.h"
 #include "anigen/core/random.h"
-#include "anigen/eval/surface/point_index.h"
-#include "anigen/eval/surface/skin_transfer.h"
+#include "anigen/geometry/correspondence.h"
+#include "anigen/geometry/nearest_point.h"
 #include "anigen/geometry/nearest_surface.h"
-#include "anigen/geometry/surface_sampling.h"
+#include "anigen/geometry/sampling.h"
 #include "benchmarks/bumpy_torus.h"
 #include "benchmarks/ratio_reporter.h"
 
@@ -92,8 +92,8 @@ void print_transfer_errors() {
     for (const auto& at : anigen::geometry::sample_surface(mesh.vertices, mesh.faces, kQueries, rng)) {
       points.push_back(anigen::geometry::position(at, mesh.vertices, mesh.faces));
     }
-    const double exact = mean_l1(anigen::eval::transfer_skin(mesh, skin, points), points);
-    const double vertex = mean_l1(anigen::eval::transfer_skin_by_vertex(vertices, skin, points), points);
+    const double exact = mean_l1(anigen::geometry::transfer_skin(mesh, skin, points), points);
+    const double vertex = mean_l1(anigen::geometry::transfer_skin_by_vertex(vertices, skin, points), points);
     std::printf("%-34s %12.5f %15.5f %8.1f\n", name, exact, vertex, vertex / exact);
   }
 }
@@ -148,7 +148,7 @@ int main(int argc, char** argv) {
   const anigen::geometry::NearestSurface surface(mesh);
   Points vertices;
   for (const Eigen::Vector3f& vertex : mesh.vertices) vertices.push_back(vertex.cast<double>());
-  const anigen::eval::PointIndex index(vertices);
+  const anigen::geometry::PointIndex index(vertices);
   const std::map<std::string, Points> sets = {{"near", near_surface(mesh, kQueries)}, {"box", in_box(kQueries)}};
   std::printf("%zu triangles, %zu queries\n", mesh.faces.size(), kQueries);
 

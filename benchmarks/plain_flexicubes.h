@@ -4,19 +4,19 @@
 #include <tuple>
 #include <vector>
 
-#include "anigen/fields/flexicubes.h"
-#include "anigen/fields/flexicubes_tables.h"
+#include "anigen/shape_field/flexicubes.h"
 
 namespace anigen::benchmarks {
 
 using torch::Tensor;
 
 /// FlexiCubes as one writes it with tensor operations on the whole grid, (R + 1)³ vertices and R³ cubes: what
-/// fields::flexicubes is timed against, and checked against on small grids.
+/// shape_field::flexicubes is timed against, and checked against on small grids.
 class PlainFlexicubes {
  public:
   /// Spreads a sparse field over the grid: sdf +1, everything else 0, where it has nothing.
-  explicit PlainFlexicubes(const fields::CubeField& field) : resolution_(field.resolution), side_(resolution_ + 1) {
+  explicit PlainFlexicubes(const shape_field::CubeField& field)
+      : resolution_(field.resolution), side_(resolution_ + 1) {
     const auto options = field.sdf.options();
     const Tensor vertices = numbers(field.vertices.to(torch::kInt64), side_);
     const Tensor cubes = numbers(field.coords.to(torch::kInt64), resolution_);
@@ -34,8 +34,8 @@ class PlainFlexicubes {
                      torch::tanh(spread(field.deform, vertices, vertex_count));
   }
 
-  fields::ExtractedSurface extract(bool training) {
-    fields::ExtractedSurface surface;
+  shape_field::ExtractedSurface extract(bool training) {
+    shape_field::ExtractedSurface surface;
     find_surface_cubes();
     find_crossings();
     const Tensor raw = weights_.index_select(0, surface_);
@@ -104,7 +104,7 @@ class PlainFlexicubes {
     corners_ = corners.index_select(0, surface_);
     cases_ = (inside.index_select(0, surface_).to(torch::kInt64) * list({1, 2, 4, 8, 16, 32, 64, 128})).sum(1);
 
-    const Tensor row = flat_table(fields::flexicubes_tables().ambiguity).view({256, 5}).index_select(0, cases_);
+    const Tensor row = flat_table(shape_field::flexicubes_tables().ambiguity).view({256, 5}).index_select(0, cases_);
     const Tensor flagged = row.select(1, 0).eq(1);
     const Tensor grid_flags =
         torch::zeros({r * r * r}, torch::kUInt8).index_copy(0, surface_, flagged.to(torch::kUInt8));
@@ -116,8 +116,8 @@ class PlainFlexicubes {
 
   // One entry per dual vertex and edge, dual vertices by number of groups of their cube, then cube, then group.
   void find_crossings() {
-    const Tensor groups = flat_table(fields::flexicubes_tables().groups).view({256, 4, 7});
-    const Tensor count = flat_table(fields::flexicubes_tables().counts).index_select(0, cases_);
+    const Tensor groups = flat_table(shape_field::flexicubes_tables().groups).view({256, 4, 7});
+    const Tensor count = flat_table(shape_field::flexicubes_tables().counts).index_select(0, cases_);
     std::vector<Tensor> cube, edge, dual;
     dual_count_ = 0;
     for (std::int64_t n = 1; n <= 4; ++n) {
@@ -132,7 +132,7 @@ class PlainFlexicubes {
     cube_ = torch::cat(cube);
     edge_ = torch::cat(edge);
     dual_ = torch::cat(dual);
-    const Tensor ends = flat_table(fields::kEdgeCorners).view({12, 2}).index_select(0, edge_);
+    const Tensor ends = flat_table(shape_field::kEdgeCorners).view({12, 2}).index_select(0, edge_);
     end_a_ = cube_ * 8 + ends.select(1, 0);
     end_b_ = cube_ * 8 + ends.select(1, 1);
     vertex_a_ = corners_.view({-1}).index_select(0, end_a_);
@@ -166,7 +166,7 @@ class PlainFlexicubes {
   void find_quads() {
     const Tensor dual_of =
         torch::full({surface_.size(0) * 12}, -1, torch::kInt64).index_copy(0, cube_ * 12 + edge_, dual_);
-    const Tensor ends = flat_table(fields::kEdgeCorners).view({12, 2});
+    const Tensor ends = flat_table(shape_field::kEdgeCorners).view({12, 2});
     const Tensor first = corners_.index_select(1, ends.select(1, 0)).reshape({-1});
     const Tensor second = corners_.index_select(1, ends.select(1, 1)).reshape({-1});
     const Tensor crossing = where_true(inside_.index_select(0, first).ne(inside_.index_select(0, second)));

@@ -4,8 +4,8 @@
 #include <string>
 #include <vector>
 
-#include "anigen/models/sparse_structure_flow.h"
-#include "anigen/models/state_dict.h"
+#include "anigen/nn/state_dict.h"
+#include "anigen/sparse_structure/flow.h"
 
 namespace anigen::benchmarks {
 
@@ -16,11 +16,11 @@ class PlainSparseStructureFlow {
  public:
   using Tensor = torch::Tensor;
 
-  explicit PlainSparseStructureFlow(const models::SparseStructureFlow& model) : options_(model->options()) {
-    for (const models::StateEntry& entry : models::state_entries(*model.ptr())) weights_[entry.key] = entry.tensor;
+  explicit PlainSparseStructureFlow(const sparse_structure::SparseStructureFlow& model) : options_(model->options()) {
+    for (const nn::StateEntry& entry : nn::state_entries(*model.ptr())) weights_[entry.key] = entry.tensor;
   }
 
-  models::Velocity forward(const Tensor& x, const Tensor& x_skl, const Tensor& t, const Tensor& cond) const {
+  sparse_structure::Velocity forward(const Tensor& x, const Tensor& x_skl, const Tensor& t, const Tensor& cond) const {
     const torch::Dtype torso = stored("blocks.0.mlp.mlp.0.weight").scalar_type();
     const Tensor context = cond.to(torso), e = embed_time(t, "").to(torso), e_skl = embed_time(t, "_skl").to(torso);
     Tensor h = enter(x, "").to(torso), h_skl = enter(x_skl, "_skl").to(torso);
@@ -93,7 +93,7 @@ class PlainSparseStructureFlow {
     return x + chunks[5] * linear(key + ".mlp.mlp.2", torch::gelu(linear(key + ".mlp.mlp.0", h), "tanh"));
   }
 
-  models::SparseStructureFlowOptions options_;
+  sparse_structure::SparseStructureFlowOptions options_;
   std::map<std::string, Tensor> weights_;
 };
 

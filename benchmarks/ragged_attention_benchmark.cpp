@@ -13,7 +13,7 @@
 #include <string>
 #include <vector>
 
-#include "anigen/core/memory.h"
+#include "anigen/core/log.h"
 #include "anigen/core/parallel.h"
 #include "anigen/nn/attention.h"
 #include "anigen/nn/ragged_attention.h"

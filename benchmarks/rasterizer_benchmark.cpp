@@ -12,15 +12,13 @@
 #include <string>
 #include <vector>
 
-#include "anigen/core/atomic_file.h"
-#include "anigen/core/json.h"
+#include "anigen/core/config.h"
+#include "anigen/core/files.h"
 #include "anigen/core/parallel.h"
 #include "anigen/raster/antialias.h"
-#include "anigen/raster/camera.h"
 #include "anigen/raster/mesh_renderer.h"
-#include "anigen/raytrace/views/projection.h"
-#include "anigen/raytrace/views/render_view.h"
-#include "anigen/raytrace/views/view_plan.h"
+#include "anigen/render/cameras_json.h"
+#include "anigen/render/dataset_views.h"
 #include "benchmarks/benchmark_flags.h"
 #include "benchmarks/bumpy_torus.h"
 
@@ -64,11 +62,10 @@ struct Case {
     for (const anigen::Triangle& face : asset.mesh.faces) {
       for (const int index : face) *corner++ = index;
     }
-    const anigen::raytrace::ViewCamera camera{0.6, 0.7, anigen::raytrace::kFeatureRadius,
-                                              anigen::raytrace::kFeatureFov};
-    frame = anigen::raytrace::make_frame(camera, "000.png");
-    extrinsics = tensor_of(anigen::raytrace::extrinsics_of(anigen::raytrace::camera_to_world(camera)));
-    intrinsics = tensor_of(anigen::raytrace::intrinsics_of(camera.fov));
+    const anigen::render::ViewCamera camera{0.6, 0.7, anigen::render::kFeatureRadius, anigen::render::kFeatureFov};
+    frame = anigen::render::make_frame(camera, "000.png");
+    extrinsics = tensor_of(anigen::render::extrinsics_of(anigen::render::camera_to_world(camera)));
+    intrinsics = tensor_of(anigen::render::intrinsics_of(camera.fov));
     attributes = torch::rand({vertices.size(0), 6});
     vertices.requires_grad_();
     attributes.requires_grad_();
@@ -82,7 +79,7 @@ struct Case {
   }
 
   anigen::Asset asset;
-  anigen::raytrace::Frame frame;
+  anigen::render::Frame frame;
   Tensor vertices, faces, attributes, extrinsics, intrinsics;
 };
 
@@ -99,12 +96,12 @@ void render_all(const Case& c, bool backward) {
   torch::autograd::grad({loss}, {c.vertices, c.attributes});
 }
 
-void trace(const anigen::raytrace::Scene& scene, const anigen::raytrace::Frame& frame) {
-  anigen::raytrace::ViewOptions options;
+void trace(const anigen::render::Scene& scene, const anigen::render::Frame& frame) {
+  anigen::render::ViewOptions options;
   options.size = static_cast<int>(kPixels);
   options.color = false;
   options.visibility = true;
-  anigen::raytrace::render_view(scene, frame, options);
+  anigen::render::render_view(scene, frame, options);
 }
 
 void run(std::vector<Task>& tasks) {
@@ -142,10 +139,10 @@ int main(int argc, char** argv) {
   at::set_num_threads(anigen::thread_count());
   torch::manual_seed(0);
   const Case c;
-  const anigen::raytrace::Scene scene(c.asset);
+  const anigen::render::Scene scene(c.asset);
   std::vector<Task> tasks;  // the first is what the others are compared with
   tasks.push_back({"ray_traced_visibility", [&] { trace(scene, c.frame); }, {}});
-  tasks.push_back({"tree_and_ray_traced_visibility", [&] { trace(anigen::raytrace::Scene(c.asset), c.frame); }, {}});
+  tasks.push_back({"tree_and_ray_traced_visibility", [&] { trace(anigen::render::Scene(c.asset), c.frame); }, {}});
   tasks.push_back({"rasterize", [&] { rasterize_only(c, false); }, {}});
   tasks.push_back({"rasterize_backward", [&] { rasterize_only(c, true); }, {}});
   tasks.push_back({"render", [&] { render_all(c, false); }, {}});

@@ -11,19 +11,19 @@
 #include <string>
 #include <vector>
 
-#include "anigen/asset/normalize.h"
+#include "anigen/asset/rigged_asset.h"
 #include "anigen/core/parallel.h"
 #include "anigen/geometry/embree.h"
-#include "anigen/io/gltf.h"
-#include "anigen/raytrace/views/render_view.h"
+#include "anigen/io/gltf/gltf.h"
+#include "anigen/render/dataset_views.h"
 #include "benchmarks/ratio_reporter.h"
 
 namespace {
 
 using anigen::Asset;
-using anigen::raytrace::Camera;
-using anigen::raytrace::Scene;
-using anigen::raytrace::ViewOptions;
+using anigen::render::Camera;
+using anigen::render::Scene;
+using anigen::render::ViewOptions;
 
 constexpr int kSize = 1024;
 
@@ -133,14 +133,14 @@ int main(int argc, char** argv) {
     asset = anigen::io::read_gltf(argv[1]).asset;
     anigen::normalize(asset);
   }
-  const anigen::raytrace::Frame frame =
-      anigen::raytrace::make_frame(anigen::raytrace::feature_views(24, 0.5, 0.5)[12], "012.png");
-  const Camera camera = anigen::raytrace::view_camera(frame, kSize);
+  const anigen::render::Frame frame =
+      anigen::render::make_frame(anigen::render::feature_views(24, 0.5, 0.5)[12], "012.png");
+  const Camera camera = anigen::render::view_camera(frame, kSize);
   const Eigen::Vector3f eye = camera.eye.cast<float>();
   const std::vector<Eigen::Vector3f> rays = view_rays(camera);
   const anigen::geometry::EmbreeMesh tree(asset.mesh.vertices, asset.mesh.faces);
   const Scene scene(asset);
-  const anigen::raytrace::ViewRenderer renderer(scene);
+  const anigen::render::ViewRenderer renderer(scene);
   ViewOptions geometry;
   geometry.size = kSize;
   geometry.color = false;

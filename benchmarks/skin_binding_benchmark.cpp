@@ -12,16 +12,15 @@
 #include <vector>
 
 #include "anigen/core/parallel.h"
-#include "anigen/rig/binding/binding.h"
-#include "anigen/rig/binding/solid_voxels.h"
-#include "anigen/rig/binding/voxel_paths.h"
+#include "anigen/rigging/binding.h"
+#include "anigen/rigging/voxels.h"
 #include "benchmarks/bumpy_torus.h"
 #include "benchmarks/ratio_reporter.h"
 
 namespace {
 
 using namespace anigen;
-using namespace anigen::rig;
+using namespace anigen::rigging;
 
 constexpr int kJoints = 48;
 

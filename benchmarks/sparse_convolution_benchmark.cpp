@@ -16,10 +16,10 @@
 #include <utility>
 #include <vector>
 
-#include "anigen/core/memory.h"
+#include "anigen/core/log.h"
 #include "anigen/core/parallel.h"
+#include "anigen/sparse/blocks.h"
 #include "anigen/sparse/convolution.h"
-#include "anigen/sparse/resampling.h"
 #include "benchmarks/benchmark_flags.h"
 #include "benchmarks/timed_tasks.h"
 

@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "anigen/models/sparse_structure_flow_flops.h"
+#include "anigen/sparse_structure/flow.h"
 #include "benchmarks/model_timing.h"
 #include "benchmarks/plain_sparse_structure_flow.h"
 
@@ -23,8 +23,8 @@ struct Settings : FlowSettings {
   int plain_steps = 1;
 };
 
-anigen::models::SparseStructureFlowOptions published_options(std::int64_t blocks) {
-  anigen::models::SparseStructureFlowOptions options;
+anigen::sparse_structure::SparseStructureFlowOptions published_options(std::int64_t blocks) {
+  anigen::sparse_structure::SparseStructureFlowOptions options;
   options.resolution = 16;
   options.in_channels = options.out_channels = 8;
   options.in_channels_skl = options.out_channels_skl = 4;
@@ -41,20 +41,20 @@ anigen::models::SparseStructureFlowOptions published_options(std::int64_t blocks
 void run(torch::Dtype dtype, const Settings& settings, anigen::Json& list) {
   const torch::NoGradGuard no_grad;
   const auto options = published_options(settings.blocks);
-  anigen::models::SparseStructureFlow model(options, anigen::nn::Init::kNone);
+  anigen::sparse_structure::SparseStructureFlow model(options, anigen::nn::Init::kNone);
   fill_with_pattern(*model);
   if (dtype != torch::kFloat32) model->set_compute_dtype(dtype);
   const Tensor x = torch::ones(model->shape_latent_size(1)), x_skl = torch::ones(model->skeleton_latent_size(1));
   const Tensor t = torch::full({1}, 500.0f);
   const Tensor cond = torch::sin(torch::arange(kConditionTokens * options.cond_channels, torch::kFloat32))
                           .view({1, kConditionTokens, options.cond_channels});
-  const anigen::models::FlopCount flop = anigen::models::forward_flops(options, 1, kConditionTokens);
+  const anigen::nn::FlopCount flop = anigen::sparse_structure::forward_flops(options, 1, kConditionTokens);
   const std::string type = dtype == torch::kFloat32 ? "fp32" : "bf16";
   std::printf("%s, %lld blocks, %d threads: %.3f TFLOP per forward pass, %.0f %% of them in attention\n", type.c_str(),
               static_cast<long long>(settings.blocks), at::get_num_threads(), flop.total() / 1e12,
               100.0 * flop.attention / flop.total());
 
-  anigen::models::Velocity ours, plain;
+  anigen::sparse_structure::Velocity ours, plain;
   const auto step = [&] { ours = model->forward(x, x_skl, t, cond); };
   const Timed timed = time_steps(settings.steps, dtype, step);
   report_step(kFamily, type, timed, flop.total(), list);

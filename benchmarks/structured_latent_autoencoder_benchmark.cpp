@@ -7,16 +7,16 @@
 // --recompute: blocks keep only their inputs for the backward pass. --train-all: nothing is frozen (the published
 // config freezes geometry and SkinAE). --decode: instead of a training step, what generation does with the latents:
 // decoder, surface, and the weights of its vertices.
-#include "anigen/asset/asset.h"
-#include "anigen/core/config_file.h"
-#include "anigen/core/memory.h"
+#include "anigen/asset/rigged_asset.h"
+#include "anigen/core/config.h"
+#include "anigen/core/log.h"
+#include "anigen/creatures/body.h"
+#include "anigen/data/voxel_files.h"
 #include "anigen/geometry/nearest_surface.h"
-#include "anigen/loaders/ragged_voxels.h"
-#include "anigen/models/structured_latent_decoder.h"
-#include "anigen/models/structured_latent_encoder.h"
-#include "anigen/nn/operator_profile.h"
-#include "anigen/prepare/creatures/creature.h"
-#include "anigen/train/structured_latent_memory.h"
+#include "anigen/nn/profile.h"
+#include "anigen/structured_latent/decoder.h"
+#include "anigen/structured_latent/encoder.h"
+#include "anigen/train/stages/structured_latent_report.h"
 #include "benchmarks/ellipsoid_voxels.h"
 #include "benchmarks/model_timing.h"
 
@@ -42,18 +42,18 @@ struct Settings {
 };
 
 anigen::sparse::SparseTensor voxels_of(double scale, bool shell, std::int64_t channels) {
-  anigen::loaders::VoxelRows rows;
+  anigen::data::VoxelRows rows;
   rows.coords = ellipsoid_voxels(kResolution, scale, shell);
-  const auto ragged = anigen::loaders::collate_voxels({&rows}, {"ellipsoid"});
+  const auto ragged = anigen::data::collate_voxels({&rows}, {"ellipsoid"});
   const Tensor feats = torch::sin(torch::arange(ragged.coords.size(0) * channels, torch::kFloat32));
   return {anigen::sparse::Support::create(ragged.coords, 1), feats.view({-1, channels})};
 }
 
-anigen::models::RiggedMeshes rig_of(const anigen::Asset& asset) {
+anigen::structured_latent::RiggedMeshes rig_of(const anigen::Asset& asset) {
   const auto vertices = static_cast<std::int64_t>(asset.mesh.vertices.size());
   const auto faces = static_cast<std::int64_t>(asset.mesh.faces.size());
   const auto joints = static_cast<std::int64_t>(asset.skeleton.size());
-  anigen::models::RiggedMeshes rigs;
+  anigen::structured_latent::RiggedMeshes rigs;
   Tensor points = torch::empty({vertices, 3}), corners = torch::empty({faces, 3}, torch::kInt32);
   for (std::int64_t i = 0; i < vertices; ++i) {
     for (int k = 0; k < 3; ++k) points[i][k].fill_(asset.mesh.vertices[static_cast<std::size_t>(i)][k]);
@@ -89,23 +89,23 @@ void add_row(const std::string& name, double seconds, anigen::Json& list) {
                   {"peak_gigabytes", peak_gigabytes()}});
 }
 
-void decode(anigen::models::StructuredLatentDecoder& decoder, const anigen::sparse::SparseTensor& x,
-            const anigen::sparse::SparseTensor& x_skl, const anigen::fields::SkeletonTensors& skeleton,
+void decode(anigen::structured_latent::StructuredLatentDecoder& decoder, const anigen::sparse::SparseTensor& x,
+            const anigen::sparse::SparseTensor& x_skl, const anigen::skeleton_field::SkeletonTensors& skeleton,
             anigen::Json& list) {
   const torch::NoGradGuard no_grad;
   torch::manual_seed(0);
-  const anigen::models::StructuredLatentDecoderOptions& options = decoder->options();
+  const anigen::structured_latent::StructuredLatentDecoderOptions& options = decoder->options();
   const auto latents = [](const anigen::sparse::SparseTensor& at, std::int64_t channels) {
     return at.with(torch::randn({at.support->size(), channels}));
   };
-  const anigen::models::PerStream<anigen::sparse::SparseTensor> z = {latents(x, options.latent_channels),
-                                                                     latents(x, options.latent_channels_vertskin),
-                                                                     latents(x_skl, options.latent_channels_skl)};
-  anigen::models::StructuredLatentDecoderImpl::Fields decoded;
+  const anigen::structured_latent::PerStream<anigen::sparse::SparseTensor> z = {
+      latents(x, options.latent_channels), latents(x, options.latent_channels_vertskin),
+      latents(x_skl, options.latent_channels_skl)};
+  anigen::structured_latent::StructuredLatentDecoderImpl::Fields decoded;
   const double fields = seconds_of([&] { decoded = decoder->forward(z, {skeleton}); });
   std::printf("fields   %8.2f s, peak so far %.2f GB\n", fields, peak_gigabytes());
   std::fflush(stdout);
-  anigen::fields::ExtractedMesh mesh;
+  anigen::shape_field::ExtractedMesh mesh;
   const double surface = seconds_of([&] { mesh = decoder->extract_meshes(decoded, /*training=*/false).front(); });
   std::printf("surface  %8.2f s, peak so far %.2f GB: %lld vertices, %lld faces\n", surface, peak_gigabytes(),
               static_cast<long long>(mesh.vertices.size(0)), static_cast<long long>(mesh.faces.size(0)));
@@ -126,10 +126,10 @@ void run(const Settings& settings, anigen::Json& list) {
     if (settings.train_all) args["freeze_pretrain_branch"] = false;
     return args;
   };
-  const auto encoder_options = anigen::models::StructuredLatentEncoderOptions::from_json(args_of("encoder"));
-  const auto decoder_options = anigen::models::StructuredLatentDecoderOptions::from_json(args_of("decoder"));
-  anigen::models::StructuredLatentEncoder encoder(encoder_options, anigen::nn::Init::kNone);
-  anigen::models::StructuredLatentDecoder decoder(decoder_options, anigen::nn::Init::kNone);
+  const auto encoder_options = anigen::structured_latent::StructuredLatentEncoderOptions::from_json(args_of("encoder"));
+  const auto decoder_options = anigen::structured_latent::StructuredLatentDecoderOptions::from_json(args_of("decoder"));
+  anigen::structured_latent::StructuredLatentEncoder encoder(encoder_options, anigen::nn::Init::kNone);
+  anigen::structured_latent::StructuredLatentDecoder decoder(decoder_options, anigen::nn::Init::kNone);
   fill_with_pattern(*encoder);
   fill_with_pattern(*decoder);
   encoder->recompute_blocks(settings.recompute);
@@ -137,8 +137,9 @@ void run(const Settings& settings, anigen::Json& list) {
   const double weights = peak_gigabytes();
 
   const auto x = voxels_of(0.47, true, encoder_options.in_channels), x_skl = voxels_of(0.17, false, 1);
-  const anigen::models::RiggedMeshes rigs = rig_of(anigen::prepare::make_creature("quadruped", 0, 0));
-  const std::vector<anigen::fields::SkeletonTensors> skeletons = {{rigs.joints[0], rigs.parents[0].to(torch::kInt64)}};
+  const anigen::structured_latent::RiggedMeshes rigs = rig_of(anigen::creatures::make_creature("quadruped", 0, 0));
+  const std::vector<anigen::skeleton_field::SkeletonTensors> skeletons = {
+      {rigs.joints[0], rigs.parents[0].to(torch::kInt64)}};
   const double activations = static_cast<double>(anigen::train::activation_bytes(
                                  encoder_options, decoder_options, x.support->size(), x_skl.support->size())) /
                              1e9;
@@ -155,8 +156,8 @@ void run(const Settings& settings, anigen::Json& list) {
     Tensor loss;
     forward = seconds_of([&] {
       const auto latents = encoder->forward(x, x_skl, rigs);
-      const anigen::models::PerStream<anigen::sparse::SparseTensor> z = {latents.z.with(latents.z_geometry),
-                                                                         latents.z.with(latents.z_skin), latents.z_skl};
+      const anigen::structured_latent::PerStream<anigen::sparse::SparseTensor> z = {
+          latents.z.with(latents.z_geometry), latents.z.with(latents.z_skin), latents.z_skl};
       const auto decoded = decoder->forward(z, skeletons);
       loss = decoded.mesh.feats.square().mean() + decoded.skeleton.feats.square().mean();
     });

@@ -4,8 +4,7 @@
 //   benchmark_structured_latent_flow [--fp32] [--bf16] [--voxels=PLY --skeleton-voxels=PLY] [--blocks=24] [--steps=2]
 //                                    [--threads=N] [--profile] [--benchmark_out=FILE]
 // Voxel files are those of a dataset at 64³ (voxels/<id>.ply). Without --fp32 and --bf16 it takes bf16.
-#include "anigen/models/structured_latent_flow.h"
-#include "anigen/models/structured_latent_flow_flops.h"
+#include "anigen/structured_latent/flow.h"
 #include "benchmarks/ellipsoid_voxels.h"
 #include "benchmarks/flow_voxels.h"
 #include "benchmarks/model_timing.h"
@@ -29,7 +28,7 @@ anigen::sparse::SparseTensor voxels_of(const std::string& file, std::vector<Voxe
   return {support, feats.view({-1, channels})};
 }
 
-anigen::models::StructuredLatentFlowOptions published_options(std::int64_t blocks) {
+anigen::structured_latent::StructuredLatentFlowOptions published_options(std::int64_t blocks) {
   const anigen::Json args = {{"resolution", kResolution},
                              {"in_channels", 8},
                              {"in_channels_vert_skin", 8},
@@ -50,13 +49,13 @@ anigen::models::StructuredLatentFlowOptions published_options(std::int64_t block
                              {"io_block_channels_skl", {64}},
                              {"qk_rms_norm", true},
                              {"freeze_pretrain_branch", false}};
-  return anigen::models::StructuredLatentFlowOptions::from_json(args);
+  return anigen::structured_latent::StructuredLatentFlowOptions::from_json(args);
 }
 
 void run(torch::Dtype dtype, const Settings& settings, anigen::Json& list) {
   const torch::NoGradGuard no_grad;
   const auto options = published_options(settings.blocks);
-  anigen::models::StructuredLatentFlow model(options, anigen::nn::Init::kNone);
+  anigen::structured_latent::StructuredLatentFlow model(options, anigen::nn::Init::kNone);
   fill_with_pattern(*model);
   if (dtype != torch::kFloat32) model->set_compute_dtype(dtype);
   const auto x = voxels_of(settings.voxels, ellipsoid_voxels(kResolution, 0.47, true), 16);
@@ -64,9 +63,9 @@ void run(torch::Dtype dtype, const Settings& settings, anigen::Json& list) {
   const Tensor t = torch::full({1}, 500.0f);
   const Tensor cond = torch::sin(torch::arange(kConditionTokens * options.cond_channels, torch::kFloat32))
                           .view({1, kConditionTokens, options.cond_channels});
-  const auto flop = anigen::models::forward_flops(
-      options, anigen::models::count_voxels(*x.support, options.geometry.levels()),
-      anigen::models::count_voxels(*x_skl.support, options.skeleton.levels()), kConditionTokens);
+  const auto flop = anigen::structured_latent::forward_flops(
+      options, anigen::structured_latent::count_voxels(*x.support, options.geometry.levels()),
+      anigen::structured_latent::count_voxels(*x_skl.support, options.skeleton.levels()), kConditionTokens);
   const std::string type = dtype == torch::kFloat32 ? "fp32" : "bf16";
   std::printf("%s, %lld blocks, %d threads, %lld + %lld voxels: %.3f TFLOP per pass\n", type.c_str(),
               static_cast<long long>(settings.blocks), at::get_num_threads(), static_cast<long long>(x.support->size()),

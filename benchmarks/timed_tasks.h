@@ -10,9 +10,9 @@
 #include <utility>
 #include <vector>
 
-#include "anigen/core/atomic_file.h"
-#include "anigen/core/json.h"
-#include "anigen/core/progress.h"
+#include "anigen/core/config.h"
+#include "anigen/core/files.h"
+#include "anigen/core/log.h"
 #include "anigen/nn/torch.h"
 #include "benchmarks/benchmark_flags.h"
 

@@ -15,23 +15,23 @@
 #include <string>
 #include <vector>
 
-#include "anigen/core/atomic_file.h"
-#include "anigen/core/csv.h"
-#include "anigen/core/json.h"
-#include "anigen/core/memory.h"
+#include "anigen/core/config.h"
+#include "anigen/core/files.h"
+#include "anigen/core/log.h"
 #include "anigen/core/parallel.h"
 #include "anigen/core/random.h"
-#include "anigen/eval/pair/pair_evaluation.h"
-#include "anigen/eval/transport/skeleton_transport.h"
-#include "anigen/eval/transport/tree_geodesics.h"
-#include "anigen/eval/transport/wasserstein.h"
-#include "anigen/io/safetensors.h"
+#include "anigen/core/table.h"
+#include "anigen/eval/pair.h"
+#include "anigen/io/arrays/safetensors.h"
+#include "anigen/metrics/gw_problem.h"
+#include "anigen/metrics/skeleton_transport.h"
+#include "anigen/metrics/wasserstein.h"
 #include "benchmarks/benchmark_flags.h"
 
 namespace {
 
 namespace fs = std::filesystem;
-using anigen::io::JointTree;
+using anigen::JointTree;
 
 struct Entry {
   std::string name;
@@ -72,11 +72,11 @@ struct Pair {
 
 struct Timing {
   double everything, gw, bound, exact, lemon;
-  anigen::eval::SkeletonTransport found;
+  anigen::metrics::SkeletonTransport found;
 };
 
 Timing time_pair(const Pair& pair) {
-  using namespace anigen::eval;
+  using namespace anigen::metrics;
   Timing timing;
   timing.everything =
       median_ms(pair.name + "/skeleton_transport", [&] { timing.found = skeleton_transport(pair.x, pair.y); });
@@ -204,7 +204,7 @@ void thousand_pairs() {
   anigen::eval::PairSettings settings;
   settings.groups = {"skeleton", "transport", "anymate"};
   settings.alignment.icp = false;
-  settings.alignment.normalization = anigen::eval::NormalizationMode::kNone;
+  settings.alignment.normalization = anigen::metrics::NormalizationMode::kNone;
   const auto shape = [](const JointTree& tree) {
     anigen::io::RiggedShape result;
     result.joints = tree;

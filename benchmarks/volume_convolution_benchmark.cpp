@@ -9,9 +9,9 @@
 #include <string>
 #include <vector>
 
-#include "anigen/core/memory.h"
+#include "anigen/core/log.h"
 #include "anigen/core/parallel.h"
-#include "anigen/nn/volume_convolution.h"
+#include "anigen/nn/volumes.h"
 #include "benchmarks/benchmark_flags.h"
 #include "benchmarks/timed_tasks.h"
 

@@ -10,13 +10,13 @@
 
 #include "anigen/core/parallel.h"
 #include "benchmarks/ratio_reporter.h"
-#include "tests/geometry/drawn_votes.h"
-#include "tests/geometry/plain_vote_clustering.h"
+#include "tests/skeleton_field/drawn_votes.h"
+#include "tests/skeleton_field/plain_vote_clustering.h"
 
 namespace {
 
-using anigen::geometry::GroupedSkeleton;
-using anigen::geometry::Votes;
+using anigen::skeleton_field::GroupedSkeleton;
+using anigen::skeleton_field::Votes;
 using Grouping = std::function<GroupedSkeleton(const Votes&)>;
 
 struct Case {
@@ -46,9 +46,9 @@ bool equal(const GroupedSkeleton& a, const GroupedSkeleton& b) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  const Grouping ours = [](const Votes& votes) { return anigen::geometry::mean_shift_grouping(votes); };
+  const Grouping ours = [](const Votes& votes) { return anigen::skeleton_field::mean_shift_grouping(votes); };
   const Grouping plain = [](const Votes& votes) { return anigen::test::PlainVoteClustering::mean_shift(votes, {}); };
-  const Grouping ours_threshold = [](const Votes& votes) { return anigen::geometry::threshold_grouping(votes); };
+  const Grouping ours_threshold = [](const Votes& votes) { return anigen::skeleton_field::threshold_grouping(votes); };
   const Grouping plain_threshold = [](const Votes& votes) {
     return anigen::test::PlainVoteClustering::threshold(votes, {});
   };

@@ -19,7 +19,7 @@
 #endif
 
 #include "anigen/core/parallel.h"
-#include "anigen/geometry/voxel_bits.h"
+#include "anigen/geometry/voxel_grid.h"
 #include "anigen/geometry/voxelize.h"
 #include "benchmarks/bumpy_torus.h"
 #include "benchmarks/ratio_reporter.h"

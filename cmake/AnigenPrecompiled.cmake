@@ -3,8 +3,8 @@
 
 function(anigen_precompiled_header_set name)
   cmake_parse_arguments(ARG "" "" "HEADERS;LINK" ${ARGN})
-  file(CONFIGURE OUTPUT ${CMAKE_BINARY_DIR}/${name}.cpp CONTENT "// Holds a precompiled header.\n")
-  add_library(${name} OBJECT ${CMAKE_BINARY_DIR}/${name}.cpp)
+  file(CONFIGURE OUTPUT ${PROJECT_BINARY_DIR}/${name}.cpp CONTENT "// Holds a precompiled header.\n")
+  add_library(${name} OBJECT ${PROJECT_BINARY_DIR}/${name}.cpp)
   target_link_libraries(${name} PRIVATE ${ARG_LINK})
   anigen_compile_options(${name})
   target_precompile_headers(${name} PRIVATE ${ARG_HEADERS})

@@ -43,7 +43,7 @@ if(CMAKE_SCRIPT_MODE_FILE STREQUAL CMAKE_CURRENT_LIST_FILE)
     unset(ENV{${variable}})
   endforeach()
   anigen_find_commit(commit)
-  # The mark lets anigen/experiment/input_fingerprint.cpp tell the commit from a program's code, and the fixed length
+  # The mark lets anigen/experiment/run_jobs.cpp tell the commit from a program's code, and the fixed length
   # leaves everything behind it in its place.
   file(CONFIGURE OUTPUT ${OUTPUT} CONTENT [=[
 #include "anigen/core/version.h"
@@ -65,8 +65,8 @@ endif()
 function(anigen_version_source target)
   set(output ${CMAKE_CURRENT_BINARY_DIR}/version.cpp)
   add_custom_target(${target}_version
-    COMMAND ${CMAKE_COMMAND} -D ROOT=${CMAKE_SOURCE_DIR} -D OUTPUT=${output} -D VERSION=${PROJECT_VERSION}
-      -P ${CMAKE_SOURCE_DIR}/cmake/AnigenVersion.cmake
+    COMMAND ${CMAKE_COMMAND} -D ROOT=${PROJECT_SOURCE_DIR} -D OUTPUT=${output} -D VERSION=${PROJECT_VERSION}
+      -P ${PROJECT_SOURCE_DIR}/cmake/AnigenVersion.cmake
     BYPRODUCTS ${output} COMMENT "Asking git for the commit" VERBATIM)
   add_dependencies(${target} ${target}_version)
   target_sources(${target} PRIVATE ${output})

@@ -8,14 +8,14 @@
 #include <string>
 #include <vector>
 
-#include "anigen/asset/normalize.h"
+#include "anigen/asset/rigged_asset.h"
 #include "anigen/core/parallel.h"
-#include "anigen/io/gltf.h"
+#include "anigen/creatures/body.h"
+#include "anigen/io/gltf/gltf.h"
 #include "anigen/io/image.h"
-#include "anigen/prepare/augment/pose_augmentation.h"
-#include "anigen/prepare/creatures/creature.h"
-#include "anigen/raytrace/contact_sheet.h"
-#include "anigen/raytrace/picture.h"
+#include "anigen/prepare/pose_augmentation.h"
+#include "anigen/render/contact_sheet.h"
+#include "anigen/render/picture.h"
 
 namespace {
 
@@ -23,18 +23,18 @@ using namespace anigen;
 
 Asset read(const std::string& name) {
   const std::string prefix = "creature:";
-  Asset asset =
-      name.rfind(prefix, 0) == 0 ? prepare::make_creature(name.substr(prefix.size()), 0, 6) : io::read_gltf(name).asset;
+  Asset asset = name.rfind(prefix, 0) == 0 ? creatures::make_creature(name.substr(prefix.size()), 0, 6)
+                                           : io::read_gltf(name).asset;
   if (asset.name.empty() || name.rfind(prefix, 0) != 0) asset.name = std::filesystem::path(name).stem().string();
   normalize(asset);
   return asset;
 }
 
-raytrace::Tile tile(const Asset& asset, const std::string& caption, int size) {
-  raytrace::PictureOptions options;
+render::Tile tile(const Asset& asset, const std::string& caption, int size) {
+  render::PictureOptions options;
   options.width = options.height = size;
   options.samples_per_axis = 3;
-  return {raytrace::render(asset, options), caption};
+  return {render::render(asset, options), caption};
 }
 
 std::string caption(const prepare::Provenance& provenance) {
@@ -69,7 +69,7 @@ int main(int argc, char** argv) {
   try {
     prepare::PoseAugmentation options;
     if (all) options.limits = {1e-6, 0, 1e-3, 1e3, 0, 0, 1e3, 0, 1e3, 1, 1, 1};
-    std::vector<raytrace::Tile> tiles(names.size() * (variants + 1));
+    std::vector<render::Tile> tiles(names.size() * (variants + 1));
     std::vector<std::string> lines(tiles.size());
     parallel_for(names.size(), [&](std::size_t row) {
       const std::size_t first = row * (variants + 1);
@@ -83,18 +83,18 @@ int main(int argc, char** argv) {
         prepare::Provenance provenance;
         const std::optional<Asset> posed = augmenter.variant(k, provenance);
         tiles[first + 1 + k] =
-            posed ? tile(*posed, caption(provenance), size) : raytrace::Tile{io::Image(size, size), "rejected"};
+            posed ? tile(*posed, caption(provenance), size) : render::Tile{io::Image(size, size), "rejected"};
         lines[first + 1 + k] = to_json(provenance).dump();
       }
     });
     for (const std::string& line : lines) {
       if (!line.empty()) std::printf("%s\n", line.c_str());
     }
-    raytrace::SheetOptions sheet;
+    render::SheetOptions sheet;
     sheet.columns = static_cast<int>(variants + 1);
     sheet.gap = 6;
     sheet.text_height = 9;
-    io::write_png(out, raytrace::contact_sheet(tiles, sheet));
+    io::write_png(out, render::contact_sheet(tiles, sheet));
     return 0;
   } catch (const std::exception& error) {
     std::fprintf(stderr, "error: %s\n", error.what());

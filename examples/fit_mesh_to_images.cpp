@@ -14,9 +14,8 @@
 #include "anigen/core/parallel.h"
 #include "anigen/io/image.h"
 #include "anigen/raster/mesh_renderer.h"
-#include "anigen/raytrace/contact_sheet.h"
-#include "anigen/raytrace/views/projection.h"
-#include "anigen/raytrace/views/view_plan.h"
+#include "anigen/render/cameras_json.h"
+#include "anigen/render/contact_sheet.h"
 
 namespace {
 
@@ -40,9 +39,9 @@ Tensor tensor_of(const Eigen::MatrixXd& matrix) {
 
 std::vector<View> views_around() {
   std::vector<View> views;
-  for (const anigen::raytrace::ViewCamera& camera : anigen::raytrace::feature_views(kViews, 0.5, 0.5)) {
-    views.push_back({tensor_of(anigen::raytrace::extrinsics_of(anigen::raytrace::camera_to_world(camera))),
-                     tensor_of(anigen::raytrace::intrinsics_of(camera.fov))});
+  for (const anigen::render::ViewCamera& camera : anigen::render::feature_views(kViews, 0.5, 0.5)) {
+    views.push_back({tensor_of(anigen::render::extrinsics_of(anigen::render::camera_to_world(camera))),
+                     tensor_of(anigen::render::intrinsics_of(camera.fov))});
   }
   return views;
 }
@@ -141,7 +140,7 @@ anigen::io::Image picture(const Rendering& rendering) {
   return image;
 }
 
-void add_row(std::vector<anigen::raytrace::Tile>& tiles, const std::string& name, const std::vector<Tensor>& meshes,
+void add_row(std::vector<anigen::render::Tile>& tiles, const std::string& name, const std::vector<Tensor>& meshes,
              const Tensor& faces, const View& view) {
   const char* const states[] = {"target", "start", "result"};
   const torch::NoGradGuard no_grad;
@@ -159,18 +158,18 @@ void run(const std::string& out) {
        [](const Tensor&) { return torch::zeros(1).sum(); }, 0.005, 80},
       {"deformation", bumpy, torch::zeros_like(plain), [&](const Tensor& p) { return plain + p; },
        [](const Tensor& p) { return 0.1 * roughness(p); }, 0.001, 160}};
-  std::vector<anigen::raytrace::Tile> tiles;
+  std::vector<anigen::render::Tile> tiles;
   for (const Problem& problem : problems) {
     const Tensor start = problem.vertices_of(problem.parameters), result = fit(problem, faces, views);
     for (const std::size_t view : {std::size_t{0}, views.size() / 2}) {
       add_row(tiles, problem.name, {problem.target, start, result}, faces, views[view]);
     }
   }
-  anigen::raytrace::SheetOptions sheet;
+  anigen::render::SheetOptions sheet;
   sheet.columns = 6;
   sheet.gap = 6;
   sheet.text_height = 9;
-  anigen::io::write_png(out, anigen::raytrace::contact_sheet(tiles, sheet));
+  anigen::io::write_png(out, anigen::render::contact_sheet(tiles, sheet));
 }
 
 }  // namespace

@@ -4,14 +4,15 @@
 #include <cstdio>
 #include <exception>
 
-#include "anigen/io/gltf.h"
-#include "anigen/pipeline/asset_finishing.h"
-#include "anigen/pipeline/asset_generator.h"
-#include "anigen/pipeline/flow_runs.h"
-#include "anigen/pipeline/image_preprocessing.h"
+#include "anigen/generate/assemble.h"
+#include "anigen/generate/asset_generator.h"
+#include "anigen/generate/finishing.h"
+#include "anigen/generate/picture_input.h"
+#include "anigen/generate/run_weights.h"
+#include "anigen/io/gltf/gltf.h"
 
 int main(int argc, char** argv) try {
-  using namespace anigen::pipeline;
+  using namespace anigen::generate;
   if (argc != 4) {
     std::fprintf(stderr, "usage: %s PICTURE CHECKPOINTS OUT.glb\n", argv[0]);
     return 2;

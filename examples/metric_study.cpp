@@ -3,10 +3,10 @@
 #include <cstdio>
 #include <string>
 
-#include "anigen/core/atomic_file.h"
 #include "anigen/core/error.h"
-#include "anigen/eval/study/metric_study.h"
-#include "anigen/io/rigs/shape_source.h"
+#include "anigen/core/files.h"
+#include "anigen/eval/study.h"
+#include "anigen/io/rigs/rigged_shape.h"
 
 int main(int argc, char** argv) {
   using namespace anigen;

@@ -7,18 +7,17 @@
 #include <string>
 #include <vector>
 
-#include "anigen/asset/normalize.h"
+#include "anigen/asset/rigged_asset.h"
 #include "anigen/core/random.h"
-#include "anigen/io/gltf.h"
+#include "anigen/io/gltf/gltf.h"
 #include "anigen/io/image.h"
-#include "anigen/raytrace/contact_sheet.h"
-#include "anigen/raytrace/views/render_view.h"
-#include "anigen/raytrace/views/view_encoding.h"
-#include "anigen/raytrace/views/view_plan.h"
+#include "anigen/render/cameras_json.h"
+#include "anigen/render/contact_sheet.h"
+#include "anigen/render/dataset_views.h"
 
 namespace {
 
-using namespace anigen::raytrace;
+using namespace anigen::render;
 
 constexpr int kSize = 192, kSamples = 4;
 

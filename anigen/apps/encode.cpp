@@ -1,7 +1,4 @@
-
-#include "anigen/apps/common/command_line.h"
 #include "anigen/apps/common/grouping_options.h"
-#include "anigen/apps/common/library_versions.h"
 #include "anigen/apps/common/torch_half.h"
 #include "anigen/apps/encode_arguments.h"
 
@@ -9,7 +6,7 @@ namespace {
 
 using namespace anigen;
 
-void add_encoding_options(CLI::App& command, pipeline::EncodeRequest& request, const std::string& stage) {
+void add_encoding_options(CLI::App& command, generate::EncodeRequest& request, const std::string& stage) {
   command.fallthrough();  // so that the common options may stand after the word
   command.add_option("--run", request.run, "Run folder of stage " + stage)->required();
   command.add_option("--data", request.data, "Dataset root")->required();
@@ -35,9 +32,9 @@ int main(int argc, char** argv) {
       "  anigen-encode reconstruct --run runs/slat_dae --data data/tiny --split data/tiny/splits/test.txt --output "
       "out\n"};
   CommonOptions common;
-  pipeline::EncodeRequest structure, structured;
+  generate::EncodeRequest structure, structured;
   EncodeArguments arguments;
-  pipeline::ReconstructRequest& rebuilt = arguments.rebuilt;
+  generate::ReconstructRequest& rebuilt = arguments.rebuilt;
   app.require_subcommand(1);
   CLI::App* ss = app.add_subcommand("ss", "Latents of the sparse structure: ss_latents/<name>, for stage 4");
   add_encoding_options(*ss, structure, "2");

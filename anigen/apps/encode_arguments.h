@@ -1,5 +1,5 @@
 #pragma once
-#include "anigen/pipeline/encode_structured_latent.h"
+#include "anigen/generate/encode.h"
 
 namespace anigen {
 
@@ -7,8 +7,8 @@ namespace anigen {
 struct EncodeArguments {
   enum class Task { kStructure, kStructuredLatents, kReconstruct };
   Task task = Task::kStructure;
-  pipeline::EncodeRequest encoded;       ///< of the first two
-  pipeline::ReconstructRequest rebuilt;  ///< of the third
+  generate::EncodeRequest encoded;       ///< of the first two
+  generate::ReconstructRequest rebuilt;  ///< of the third
   bool allow_failures = false;
 };
 

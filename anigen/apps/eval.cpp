@@ -2,16 +2,14 @@
 #include <cstdio>
 
 #include "anigen/apps/common/command_line.h"
-#include "anigen/apps/common/library_versions.h"
-#include "anigen/apps/common/ranges.h"
 #include "anigen/apps/common/torch_half.h"
 #include "anigen/apps/eval_arguments.h"
 #include "anigen/core/error.h"
-#include "anigen/core/memory.h"
+#include "anigen/core/log.h"
 #include "anigen/core/parallel.h"
-#include "anigen/eval/comparison/comparison_files.h"
-#include "anigen/eval/comparison/evaluate_command.h"
-#include "anigen/eval/skin_command.h"
+#include "anigen/eval/comparison.h"
+#include "anigen/eval/evaluate_command.h"
+#include "anigen/eval/skin_evaluation.h"
 
 namespace {
 
@@ -54,8 +52,8 @@ void evaluate_shapes(const EvalArguments& options, const CommonOptions& common) 
   if (options.workers > 0) set_thread_count(options.workers);
   request.settings.alignment.icp = !options.no_icp;
   request.settings.transport = eval::parse_transport(options.transport);
-  request.settings.alignment.normalization = eval::normalization_mode(options.normalization);
-  if (options.point_to_plane) request.settings.alignment.registration.variant = eval::IcpVariant::kPointToPlane;
+  request.settings.alignment.normalization = metrics::normalization_mode(options.normalization);
+  if (options.point_to_plane) request.settings.alignment.registration.variant = metrics::IcpVariant::kPointToPlane;
   if (!options.groups.empty()) request.settings.groups = {options.groups.begin(), options.groups.end()};
   request.resume = !options.no_resume;
   request.accept_other_code = options.accept_other_code;
@@ -65,7 +63,7 @@ void evaluate_shapes(const EvalArguments& options, const CommonOptions& common) 
   request.motion = options.motion;
   request.motions_pictured = options.motions_pictured;
   const eval::Comparison comparison = eval::run_evaluation(request);
-  std::fputs(common.json ? (eval::to_json(comparison).dump(2) + "\n").c_str() : eval::to_markdown(comparison).c_str(),
+  std::fputs(common.json ? (eval::to_json(comparison).dump(2) + "\n").c_str() : to_markdown(comparison).c_str(),
              stdout);
   for (std::size_t m = 0; m < comparison.methods.size(); ++m) {
     if (eval::failures(comparison, m) == comparison.ids.size())

@@ -3,7 +3,7 @@
 #include <string>
 #include <vector>
 
-#include "anigen/eval/pair/pair_settings.h"
+#include "anigen/eval/pair.h"
 
 namespace anigen {
 

@@ -1,8 +1,7 @@
 #include <cstdio>
 
 #include "anigen/apps/common/command_line.h"
-#include "anigen/apps/common/ranges.h"
-#include "anigen/experiment/experiment_command.h"
+#include "anigen/experiment/command.h"
 
 namespace {
 

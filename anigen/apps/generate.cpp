@@ -1,9 +1,6 @@
 #include <string>
 
-#include "anigen/apps/common/command_line.h"
 #include "anigen/apps/common/grouping_options.h"
-#include "anigen/apps/common/library_versions.h"
-#include "anigen/apps/common/ranges.h"
 #include "anigen/apps/common/torch_half.h"
 #include "anigen/apps/generate_arguments.h"
 
@@ -102,7 +99,7 @@ void add_sampling_options(CLI::App& app, GenerateArguments& arguments) {
 }
 
 void add_finishing_options(CLI::App& app, GenerateArguments& arguments) {
-  pipeline::FinishingOptions& finishing = arguments.finishing;
+  generate::FinishingOptions& finishing = arguments.finishing;
   app.add_option("--reduction", finishing.reduction, "Share of the faces taken away, 0: none")
       ->check(number(0, 1, RangeEnds::kOpenAbove))
       ->capture_default_str();

@@ -5,9 +5,9 @@
 #include <string>
 #include <vector>
 
-#include "anigen/geometry/vote_clustering.h"
-#include "anigen/pipeline/asset_finishing.h"
-#include "anigen/pipeline/preprocessing/matting_network.h"
+#include "anigen/generate/finishing.h"
+#include "anigen/generate/preprocess.h"
+#include "anigen/skeleton_field/voting.h"
 
 namespace anigen {
 
@@ -24,16 +24,16 @@ struct GenerateArguments {
   // Conditions.
   std::string background = "auto", normals = "auto", structure_condition = "trained";
   std::filesystem::path normal_map, estimator_weights;
-  pipeline::MattingOptions matting;
+  generate::MattingOptions matting;
   // Sampling.
   std::string solver;
   std::vector<double> structure_interval, latent_interval;
   double structure_strength = -1, latent_strength = -1, joint_density = -1;
   std::int64_t structure_steps = 0, latent_steps = 0, joints = 0;
   int level = -1;
-  geometry::MeanShiftOptions grouping;
+  skeleton_field::MeanShiftOptions grouping;
   // Finishing and files.
-  pipeline::FinishingOptions finishing;
+  generate::FinishingOptions finishing;
   bool keep_hidden = false, keep_weights = false, no_smoothing = false;
   bool published_axes = false, obj = false, intermediate = false;
 };

@@ -1,17 +1,13 @@
 #include <cstdio>
 
 #include "anigen/apps/common/command_line.h"
-#include "anigen/apps/common/library_versions.h"
-#include "anigen/apps/common/ranges.h"
 #include "anigen/apps/common/torch_half.h"
-#include "anigen/core/atomic_file.h"
 #include "anigen/core/error.h"
-#include "anigen/core/interrupt.h"
-#include "anigen/eval/inspect/asset_picture.h"
-#include "anigen/eval/inspect/file_table.h"
-#include "anigen/eval/inspect/influence_loss.h"
-#include "anigen/eval/inspect/inspect.h"
-#include "anigen/io/rigs/file_list.h"
+#include "anigen/core/files.h"
+#include "anigen/core/process.h"
+#include "anigen/eval/describe.h"
+#include "anigen/eval/inspect.h"
+#include "anigen/io/rigs/rig_listing.h"
 
 namespace {
 
@@ -88,7 +84,7 @@ void run(const InspectOptions& options, bool json) {
     // Names come from foreign files and need not be UTF-8, which JSON demands.
     std::printf("%s\n", eval::to_json(results).dump(2, ' ', false, Json::error_handler_t::replace).c_str());
   } else if (several || rejected > 0) {
-    std::fputs(eval::to_markdown(eval::file_table(results)).c_str(), stdout);
+    std::fputs(to_markdown(eval::file_table(results)).c_str(), stdout);
   } else {
     std::fputs(eval::to_text(results[0].description).c_str(), stdout);
   }

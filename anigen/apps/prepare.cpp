@@ -7,15 +7,13 @@
 #include <vector>
 
 #include "anigen/apps/common/command_line.h"
-#include "anigen/apps/common/library_versions.h"
-#include "anigen/apps/common/ranges.h"
 #include "anigen/apps/common/torch_half.h"
-#include "anigen/core/config_file.h"
+#include "anigen/core/config.h"
 #include "anigen/core/error.h"
 #include "anigen/core/parallel.h"
-#include "anigen/io/rigs/split.h"
+#include "anigen/io/rigs/rig_listing.h"
 #include "anigen/prepare/dataset.h"
-#include "anigen/prepare/run/worker_main.h"
+#include "anigen/prepare/workers.h"
 
 namespace {
 

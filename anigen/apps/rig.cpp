@@ -5,14 +5,12 @@
 #include <vector>
 
 #include "anigen/apps/common/command_line.h"
-#include "anigen/apps/common/library_versions.h"
-#include "anigen/apps/common/ranges.h"
 #include "anigen/apps/common/torch_half.h"
 #include "anigen/apps/rig_arguments.h"
 #include "anigen/core/error.h"
-#include "anigen/eval/inspect/asset_picture.h"
+#include "anigen/eval/describe.h"
 #include "anigen/io/image.h"
-#include "anigen/rig/rig_meshes.h"
+#include "anigen/rigging/rig_meshes.h"
 
 namespace {
 
@@ -42,15 +40,15 @@ void use_models(RigArguments& options, const CommonOptions& common) {
 }
 
 void rig_files(RigArguments& options, const CommonOptions& common) {
-  rig::RigRequest& request = options.request;
+  rigging::RigRequest& request = options.request;
   const bool learned = options.method == kAnymate || options.method == kRignet;
   if (!learned && !(options.joint_model + options.connectivity_model + options.skin_model).empty())
     throw InputError("", "--method",
                      "only anymate and rignet use --joint-model, --connectivity-model and --skin-model");
   // What there is no model for is done as this method does it.
-  request.method = rig::parse_rigging_method(learned ? "geovoxel" : options.method, options.skin);
+  request.method = rigging::parse_rigging_method(learned ? "geovoxel" : options.method, options.skin);
   if (options.mesh.empty()) throw InputError("", "--mesh", "name the mesh to rig, or a folder of them");
-  if (request.method.joints == rig::JointSource::kTemplate && request.joints.collection.empty())
+  if (request.method.joints == rigging::JointSource::kTemplate && request.joints.collection.empty())
     throw InputError("", "--dataset", "the template is the middle skeleton of a collection; name one");
   request.meshes = options.mesh;
   request.axes = io::parse_axes(options.axes);
@@ -62,7 +60,7 @@ void rig_files(RigArguments& options, const CommonOptions& common) {
     };
   }
   if (learned) use_models(options, common);
-  const rig::RigReports reports = rig::rig_meshes(request);
+  const rigging::RigReports reports = rigging::rig_meshes(request);
   print(reports, common);
   require_one(reports.meshes, "meshes");
 }
@@ -76,7 +74,7 @@ void retrieve(const RigArguments& options, const CommonOptions& common) {
 }
 
 void add_mesh_options(CLI::App& app, RigArguments& options) {
-  rig::RigRequest& request = options.request;
+  rigging::RigRequest& request = options.request;
   app.add_option("--mesh", options.mesh,
                  "File or folder of what to rig: .glb .gltf .fbx .dae .obj .ply, NPZ rigs, data sets");
   app.add_option("--mesh-split", request.splits, "Only the meshes whose ids these files list [all]");
@@ -89,7 +87,7 @@ void add_mesh_options(CLI::App& app, RigArguments& options) {
       "A rig with the joints to bind to, placed in the mesh [the mesh file's own]; for pinocchio the template");
   app.add_option("--template", request.joints.templates,
                  "For pinocchio: biped, quadruped; of several the one that fits best [both]")
-      ->check(CLI::IsMember(rig::template_words()));
+      ->check(CLI::IsMember(rigging::template_words()));
   app.add_option("--resolution", request.binding.geodesic.resolution,
                  "For geovoxel: voxels along the mesh's longest side")
       ->check(whole_number(2, 512))
@@ -212,7 +210,7 @@ int main(int argc, char** argv) {
       "  anigen-rig --method retrieval --image photos/ --dataset data --split data/splits/train.txt --out retrieved\n"};
   CommonOptions common;
   RigArguments options;
-  std::vector<std::string> methods = rig::rigging_method_words();
+  std::vector<std::string> methods = rigging::rigging_method_words();
   methods.emplace_back("retrieval");
   methods.emplace_back(kAnymate);
   methods.emplace_back(kRignet);

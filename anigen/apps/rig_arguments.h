@@ -3,7 +3,7 @@
 #include <string>
 #include <vector>
 
-#include "anigen/rig/rig_meshes.h"
+#include "anigen/rigging/rig_meshes.h"
 
 namespace anigen {
 
@@ -17,7 +17,7 @@ struct RigArguments {
   std::string joint_model, connectivity_model, skin_model;  ///< of Anymate or RigNet
   std::int64_t points = 0;
   double eps = 0.0;
-  rig::RigRequest request;
+  rigging::RigRequest request;
   std::size_t views = 0, most = 0;
   bool pictures = false;
 };

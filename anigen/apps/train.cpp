@@ -2,8 +2,6 @@
 #include <vector>
 
 #include "anigen/apps/common/command_line.h"
-#include "anigen/apps/common/library_versions.h"
-#include "anigen/apps/common/ranges.h"
 #include "anigen/apps/common/torch_half.h"
 #include "anigen/apps/train_arguments.h"
 

@@ -4,6 +4,7 @@
 #include <cmath>
 
 namespace anigen {
+
 namespace {
 
 using Value = Eigen::Vector4d;  // a quaternion (x, y, z, w), or a vector in the first three

@@ -3,6 +3,8 @@
 #include <cstdint>
 #include <vector>
 
+#include "anigen/asset/mesh.h"
+
 namespace anigen {
 
 struct Influence {
@@ -36,5 +38,40 @@ std::vector<float> to_dense(const SkinWeights& weights, std::size_t joints);
 /// @param unweighted gets the number of such rows, unless null
 SkinWeights from_dense(const std::vector<float>& dense, std::size_t rows, std::size_t joints, float threshold = 0.0f,
                        std::size_t* unweighted = nullptr);
+
+/// How far from its anchor a joint may move a vertex of a generated asset, in hops along the skeleton: 2 · max(1, ⌊J /
+/// 10⌋) (reference flows-and-pipeline.md, 5.9).
+int published_max_hops(std::size_t joints);
+
+/// Drops the weights of joints that are farther than `max_hops` from the vertex' anchor and divides what is left by its
+/// sum (reference flows-and-pipeline.md, 5.9): a learned decoder gives every joint some weight, so that a hand would
+/// follow the other hand a little. A row with a sum of 1e-8 or less becomes weight 1 on its anchor.
+/// @param hops [J][J] distances along the undirected skeleton, as skeleton_field::hop_distances gives them
+/// @param anchors [V] a joint per vertex; empty: the heaviest joint of its row, joint 0 for a row without weights
+/// @throws InputError when hops is not square, anchors has another length, or a joint is out of range
+SkinWeights filter_skin(const SkinWeights& skin, const std::vector<std::vector<int>>& hops, int max_hops,
+                        const std::vector<int>& anchors = {});
+
+struct SkinSmoothing {
+  int iterations = 100;
+  double alpha = 1.0;  ///< share that the neighbours get; from 1 on a vertex has no say in its own weights
+
+  /// What becomes of a vertex without edges: false: it keeps its weights. True: as published, α = 1 leaves it without
+  /// any (an empty row), a smaller α keeps them.
+  bool empties_isolated = false;
+};
+
+/// Weights averaged over the mesh (reference flows-and-pipeline.md, 5.9): `iterations` times
+///     w_v ← (1 − α) w_v + α · mean over neighbours of w,    each row then divided by its sum,
+/// neighbours along the edges of the mesh. An empty row stays empty until a neighbour has weights. Weights below 1e-7
+/// at the end are dropped, since they are nothing beside the rounding of the others.
+///
+/// Vertices that were split at texture seams are not neighbours: smooth before splitting. Runs on all threads, over
+/// blocks of joints; memory is what the result takes and two blocks of [V, 16] per thread. Rows do not depend on the
+/// number of threads.
+/// @param edges of the mesh, one row of skin per vertex @param joints J, more than every joint in a row
+/// @throws InputError when an edge or a joint is out of range, iterations < 0, or alpha is not a number ≥ 0
+SkinWeights smooth_skin(const SkinWeights& skin, const MeshEdges& edges, std::size_t joints,
+                        const SkinSmoothing& options = {});
 
 }  // namespace anigen

@@ -5,9 +5,10 @@
 #include <new>
 #include <utility>
 
-#include "anigen/core/memory.h"
+#include "anigen/core/log.h"
 
 namespace anigen {
+
 namespace {
 
 std::string one_line(const std::string& file, const std::string& place, const std::string& problem) {

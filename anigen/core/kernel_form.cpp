@@ -7,6 +7,7 @@
 #include "anigen/core/error.h"
 
 namespace anigen {
+
 namespace {
 
 constexpr KernelForm kForms[] = {KernelForm::kPortable, KernelForm::kAvx2, KernelForm::kAvx512,

@@ -3,7 +3,6 @@
 #include <fcntl.h>
 #include <sys/stat.h>
 #include <unistd.h>
-
 #include <algorithm>
 #include <atomic>
 #include <cctype>
@@ -20,10 +19,12 @@
 #include <utility>
 
 #include "anigen/core/error.h"
-#include "anigen/core/process_identity.h"
+#include "anigen/core/log.h"
+#include "anigen/core/process.h"
 #include "anigen/core/random.h"
 
 namespace anigen {
+
 namespace {
 
 namespace fs = std::filesystem;
@@ -32,7 +33,7 @@ using Clock = std::chrono::steady_clock;
 constexpr const char kGivenBack[] = "given back\n";
 constexpr const char kNew[] = ".new-";
 
-[[noreturn]] void fail(const fs::path& path, const std::string& action) {
+[[noreturn]] void throw_errno(const fs::path& path, const std::string& action) {
   throw Error(path.string() + ": cannot " + action + ": " + std::strerror(errno));
 }
 
@@ -65,7 +66,7 @@ std::optional<Found> read_lease(const fs::path& file) {
   const int descriptor = ::open(file.c_str(), O_RDONLY | O_CLOEXEC);
   if (descriptor < 0) {
     if (errno == ENOENT || errno == ESTALE) return std::nullopt;
-    fail(file, "open");
+    throw_errno(file, "open");
   }
   struct stat status {};
   char text[2048];
@@ -100,14 +101,14 @@ void expire(const fs::path& lease) {
 bool write_new(const fs::path& file, const std::string& text, void (*undo)(const fs::path&) = remove_file) {
   const int descriptor = ::open(file.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
   if (descriptor < 0 && errno == EEXIST) return false;
-  if (descriptor < 0) fail(file, "create");
+  if (descriptor < 0) throw_errno(file, "create");
   const bool written = ::write(descriptor, text.data(), text.size()) == static_cast<ssize_t>(text.size());
   const bool closed = ::close(descriptor) == 0;
   if (written && closed) return true;
   const int reason = errno;
   undo(file);
   errno = reason;
-  fail(file, "write");
+  throw_errno(file, "write");
 }
 
 /// Gives a file a second name, unless that is taken. An answer that got lost on the way from an NFS server looks like a
@@ -121,7 +122,7 @@ bool link_into_place(const fs::path& file, const fs::path& name, const std::stri
   // Without hard links the file is made in place: exclusive too, but for a moment without its content.
   if (reason == EPERM || reason == EOPNOTSUPP || reason == ENOSYS) return write_new(name, text, expire);
   errno = reason;
-  fail(name, "link");
+  throw_errno(name, "link");
 }
 
 }  // namespace
@@ -194,7 +195,7 @@ class LeaseFolder::Keeper {
       const int reason = errno;
       ::unlink(probe.c_str());
       errno = reason;
-      if (!known) fail(probe, "read the time");
+      if (!known) throw_errno(probe, "read the time");
       asked_ = here;
       answer_ = seconds_of(status.st_mtim);
     }
@@ -307,6 +308,68 @@ void LeaseFolder::remove_left() const {
     for (std::size_t n = number; n > 0; --n) ::unlink(keeper_->file(word, n).c_str());
   }
   fs::remove(keeper_->folder, error);
+}
+
+namespace {
+
+using namespace std::chrono_literals;
+
+/// Longer and longer, so that many who wait for one do not keep the file system busy.
+class Patience {
+ public:
+  void reset() { pause_ = kShortest; }
+  void wait() {
+    if (pause_ == kShortest) log::info("waiting for other processes, which have what is left of the work");
+    for (auto left = pause_; left > 0ms; left -= kShortest) {
+      throw_if_interrupted();
+      std::this_thread::sleep_for(kShortest);
+    }
+    pause_ = std::min(pause_ * 2, kLongest);
+  }
+
+ private:
+  static constexpr std::chrono::milliseconds kShortest = 50ms, kLongest = 3200ms;
+  std::chrono::milliseconds pause_ = kShortest;
+};
+
+}  // namespace
+
+void work_together(const LeaseFolder& leases, const std::vector<std::string>& names,
+                   const std::function<bool(std::size_t)>& done, const WorkPass& pass) {
+  std::vector<std::size_t> left;
+  for (std::size_t i = 0; i < names.size(); ++i) left.push_back(i);
+  std::vector<char> ours(names.size(), 0);
+  std::mutex mutex;
+  Patience patience;
+  for (;;) {
+    throw_if_interrupted();
+    left.erase(std::remove_if(left.begin(), left.end(), [&](std::size_t i) { return ours[i] != 0 || done(i); }),
+               left.end());
+    if (left.empty()) return;
+    bool any = false;
+    pass(left, [&](std::size_t piece) -> std::optional<Lease> {
+      if (done(piece)) return std::nullopt;
+      std::optional<Lease> lease = leases.try_take(names[piece]);
+      if (!lease) return std::nullopt;
+      const std::lock_guard<std::mutex> lock(mutex);
+      any = true;
+      if (done(piece)) return std::nullopt;  // while we were taking it
+      ours[piece] = 1;
+      return lease;
+    });
+    any ? patience.reset() : patience.wait();
+  }
+}
+
+void work_in_turn(const LeaseFolder& leases, const std::vector<std::string>& names,
+                  const std::function<bool(std::size_t)>& done, const std::function<void(std::size_t)>& work) {
+  work_together(leases, names, done, [&](const std::vector<std::size_t>& pieces, const Claim& claim) {
+    for (const std::size_t piece : pieces) {
+      throw_if_interrupted();
+      const std::optional<Lease> lease = claim(piece);
+      if (lease) work(piece);
+    }
+  });
 }
 
 }  // namespace anigen

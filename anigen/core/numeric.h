@@ -1,7 +1,10 @@
 #pragma once
-/// Two things that nearly every file with geometry in it needs.
-
 #include <cstddef>
+#include <cstdint>
+#include <string>
+#include <vector>
+
+/// Two things that nearly every file with geometry in it needs.
 
 namespace anigen {
 
@@ -9,5 +12,21 @@ inline constexpr double kPi = 3.14159265358979323846;
 
 /// A known non-negative int (joint, vertex and face numbers are int) as a subscript of a standard container.
 constexpr std::size_t at(int index) { return static_cast<std::size_t>(index); }
+
+/// Percentile p (0–100) of the values, linearly interpolated between neighbours as numpy does by default.
+/// @pre values is not empty
+double percentile(std::vector<float> values, double p);
+
+/// An id for a caption: of a long one, such as the SHA-256 of a file, the first eight characters.
+inline std::string short_id(const std::string& id) {
+  constexpr std::size_t kLongest = 24, kKept = 8;
+  return id.size() <= kLongest ? id : id.substr(0, kKept);
+}
+
+/// a · b / 255, rounded, in integers as Pillow blends: bytes that stand for numbers in [0, 1].
+inline std::uint8_t byte_product(int a, int b) {
+  const int product = a * b + 128;
+  return static_cast<std::uint8_t>(((product >> 8) + product) >> 8);
+}
 
 }  // namespace anigen

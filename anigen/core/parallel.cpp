@@ -1,13 +1,21 @@
 #include "anigen/core/parallel.h"
 
+#include <sched.h>
 #include <tbb/global_control.h>
 #include <tbb/parallel_for.h>
-
+#include <unistd.h>
+#include <algorithm>
+#include <cmath>
+#include <cstdlib>
+#include <fstream>
 #include <memory>
-
-#include "anigen/core/cores.h"
+#include <set>
+#include <sstream>
+#include <string>
+#include <thread>
 
 namespace anigen {
+
 namespace {
 
 int cores_to_use() { return default_thread_count(find_cores()); }
@@ -34,6 +42,125 @@ void parallel_for(std::size_t n, const std::function<void(std::size_t)>& body) {
     return;
   }
   tbb::parallel_for(std::size_t{0}, n, [&](std::size_t i) { body(i); });
+}
+
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr double kNoQuota = std::numeric_limits<double>::infinity();
+
+std::string first_line(const fs::path& file) {
+  std::ifstream in(file);
+  std::string line;
+  std::getline(in, line);
+  return line;
+}
+
+/// Numbers of a file's first line; not a number, such as "max", counts as negative.
+double share(const std::string& quota, const std::string& period) {
+  char* end = nullptr;
+  const double time = std::strtod(quota.c_str(), &end);
+  const bool is_number = end != quota.c_str();
+  const double of = std::strtod(period.c_str(), nullptr);
+  return is_number && time > 0.0 && of > 0.0 ? time / of : kNoQuota;
+}
+
+double quota_of(const fs::path& group) {
+  std::istringstream together(first_line(group / "cpu.max"));  // version 2
+  std::string quota, period;
+  if (together >> quota >> period) return share(quota, period);
+  return share(first_line(group / "cpu.cfs_quota_us"), first_line(group / "cpu.cfs_period_us"));  // version 1
+}
+
+/// Every group above the process' own limits it, too. Inside a container the path that /proc names may lie outside
+/// what is mounted; the mount's own top is then the container's group.
+double tightest_quota(const fs::path& mount, const std::string& path) {
+  double tightest = quota_of(mount);
+  fs::path group = mount;
+  for (const fs::path& part : fs::path(path).relative_path()) {
+    group /= part;
+    tightest = std::min(tightest, quota_of(group));
+  }
+  return tightest;
+}
+
+double group_quota(const fs::path& root) {
+  std::ifstream groups(root / "proc/self/cgroup");
+  double tightest = kNoQuota;
+  // "0::/path" for version 2, "4:cpu,cpuacct:/path" for version 1.
+  for (std::string line; std::getline(groups, line);) {
+    const std::size_t first = line.find(':'), second = line.find(':', first + 1);
+    if (first == std::string::npos || second == std::string::npos) continue;
+    const std::string controllers = "," + line.substr(first + 1, second - first - 1) + ",";
+    const std::string path = line.substr(second + 1);
+    if (controllers == ",,") {
+      tightest = std::min(tightest, tightest_quota(root / "sys/fs/cgroup", path));
+      tightest = std::min(tightest, tightest_quota(root / "sys/fs/cgroup/unified", path));
+    } else if (controllers.find(",cpu,") != std::string::npos) {
+      tightest = std::min(tightest, tightest_quota(root / "sys/fs/cgroup/cpu", path));
+      tightest = std::min(tightest, tightest_quota(root / "sys/fs/cgroup/cpu,cpuacct", path));
+    }
+  }
+  return tightest;
+}
+
+/// A positive number in the environment, otherwise 0.
+int number_in(const char* variable) {
+  const char* text = std::getenv(variable);
+  if (text == nullptr) return 0;
+  const long number = std::strtol(text, nullptr, 10);  // of a list, "4,2", the outermost
+  return number > 0 && number < 1 << 16 ? static_cast<int>(number) : 0;
+}
+
+}  // namespace
+
+Cores find_cores(const fs::path& root) {
+  Cores cores;
+  cores.quota = group_quota(root);
+  if (const int on_node = number_in("SLURM_CPUS_ON_NODE")) cores.quota = std::min(cores.quota, double(on_node));
+  cores.asked = number_in("OMP_NUM_THREADS");
+  cores.per_task = number_in("SLURM_CPUS_PER_TASK");
+  cpu_set_t set;
+  if (::sched_getaffinity(0, sizeof set, &set) != 0) {  // more processors than a cpu_set_t holds
+    cores.allowed = cores.physical = cores.launcher =
+        std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
+    return cores;
+  }
+  cores.launcher = cores.allowed = std::max(1, CPU_COUNT(&set));
+  cpu_set_t of_parent;
+  if (::sched_getaffinity(::getppid(), sizeof of_parent, &of_parent) == 0) {
+    cores.launcher = std::max(1, CPU_COUNT(&of_parent));
+  }
+  std::set<std::string> siblings;
+  int untold = 0;
+  for (int cpu = 0; cpu < CPU_SETSIZE; ++cpu) {
+    if (!CPU_ISSET(cpu, &set)) continue;
+    const fs::path topology = root / "sys/devices/system/cpu" / ("cpu" + std::to_string(cpu)) / "topology";
+    const std::string names = first_line(topology / "thread_siblings_list");
+    if (names.empty()) {
+      ++untold;
+    } else {
+      siblings.insert(names);
+    }
+  }
+  cores.physical = std::max(1, static_cast<int>(siblings.size()) + untold);
+  return cores;
+}
+
+int default_thread_count(const Cores& cores) {
+  if (cores.asked > 0) return cores.asked;
+  double granted = std::ceil(cores.quota);
+  if (cores.per_task > 0) granted = std::min(granted, double(cores.per_task));
+  return granted < cores.physical ? std::max(1, static_cast<int>(granted)) : cores.physical;
+}
+
+int shared_thread_count(const Cores& cores, int processes) {
+  Cores own = cores;
+  const int part = std::max(1, cores.launcher / processes);
+  if (cores.allowed > part) own.physical = std::max(1, cores.physical * part / cores.allowed);
+  own.quota = cores.quota / processes;
+  return default_thread_count(own);
 }
 
 }  // namespace anigen

@@ -1,6 +1,8 @@
 #pragma once
 #include <cstddef>
+#include <filesystem>
 #include <functional>
+#include <limits>
 
 namespace anigen {
 
@@ -11,5 +13,33 @@ int thread_count();
 /// Calls body(i) for i in [0, n), in any order, on thread_count() threads; the first exception is rethrown after
 /// the others finished. Results must not depend on the order: write to slot i only.
 void parallel_for(std::size_t n, const std::function<void(std::size_t)>& body);
+
+/// What this process may compute with.
+struct Cores {
+  int allowed = 1;   ///< processors of its affinity mask: a batch system gives a job a few of a machine's
+  int physical = 1;  ///< of those, the ones that are not second threads of a core counted already
+  /// Processors' worth of time that its control group grants, and SLURM the whole job on this machine.
+  double quota = std::numeric_limits<double>::infinity();
+  int asked = 0;     ///< OMP_NUM_THREADS, 0 when it says nothing
+  int per_task = 0;  ///< processors that SLURM grants each task of its job, 0 when it says nothing
+  int launcher = 1;  ///< processors of the parent's affinity mask; what binds its processes (mpirun, srun) is not bound
+};
+
+/// Asks the kernel. A container's limit (`docker --cpus 2`) shows only as a quota of its control group, version 1 or 2:
+/// a program that starts a thread per visible processor there is stopped most of the time. What SLURM
+/// grants shows only in SLURM_CPUS_ON_NODE and SLURM_CPUS_PER_TASK where a cluster does not confine its tasks
+/// (TaskPlugin=task/none): each of several tasks on a machine would take all of it.
+/// @param root of the file system with proc/ and sys/, another one in tests; what it lacks says nothing
+Cores find_cores(const std::filesystem::path& root = "/");
+
+/// How many threads to compute with when nobody says: as many as OMP_NUM_THREADS asks for; otherwise one per physical
+/// core, since two matrix products on one core only get in each other's way, and no more than the quota rounded up or
+/// than SLURM grants a task.
+int default_thread_count(const Cores& cores);
+
+/// The same of one of several processes that a launcher has started on this machine for one run. OMP_NUM_THREADS is
+/// what each of them asks for. Processes that are bound to no more than their part of the launcher's processors have
+/// those to themselves; otherwise they share, as they share a quota.
+int shared_thread_count(const Cores& cores, int processes);
 
 }  // namespace anigen

@@ -7,6 +7,7 @@
 #include "anigen/core/numeric.h"
 
 namespace anigen {
+
 namespace {
 
 constexpr std::uint64_t kGamma = 0x9E3779B97F4A7C15ull;

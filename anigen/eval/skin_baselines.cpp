@@ -1,9 +1,10 @@
 #include "anigen/eval/skin_baselines.h"
 
+#include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
 
-#include "anigen/geometry/bone_segments.h"
+#include "anigen/geometry/bones.h"
 
 namespace anigen::eval {
 
@@ -58,6 +59,125 @@ std::vector<SkinMethod> skin_baselines() {
       geometric("mixture4", "mixture of 4 rows (oracle)", [](const GroundTruth& t) { return mixture_weights(t); })};
   for (std::size_t i = 2; i < methods.size(); ++i) methods[i].oracle = true;
   return methods;
+}
+
+namespace {
+
+using Rows = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+
+/// The non-zero entries of the true weights, row by row: weights are sparse, so fitting only visits these.
+struct SparseRows {
+  std::vector<std::size_t> offsets{0};
+  std::vector<std::size_t> joints;
+  std::vector<double> weights;
+};
+
+SparseRows sparse_rows(const GroundTruth& truth) {
+  SparseRows sparse;
+  for (std::size_t v = 0; v < truth.vertex_count(); ++v) {
+    for (std::size_t j = 0; j < truth.joint_count(); ++j) {
+      const float w = truth.skin[v * truth.joint_count() + j];
+      if (w <= 0.0f) continue;
+      sparse.joints.push_back(j);
+      sparse.weights.push_back(w);
+    }
+    sparse.offsets.push_back(sparse.joints.size());
+  }
+  return sparse;
+}
+
+Rows dense_rows(const GroundTruth& truth) {
+  return Eigen::Map<const Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>>(
+             truth.skin.data(), static_cast<Eigen::Index>(truth.vertex_count()),
+             static_cast<Eigen::Index>(truth.joint_count()))
+      .cast<double>();
+}
+
+/// Rows of W that are far from each other, mixed with a little of the mean row so that no entry starts at 0, where
+/// expectation–maximisation would keep it.
+Rows farthest_rows(const Rows& weights, std::size_t rank) {
+  const Eigen::RowVectorXd mean = weights.colwise().mean();
+  Rows basis(static_cast<Eigen::Index>(rank), weights.cols());
+  Eigen::VectorXd nearest = (weights.rowwise() - mean).cwiseAbs().rowwise().sum();
+  for (Eigen::Index k = 0; k < basis.rows(); ++k) {
+    Eigen::Index farthest = 0;
+    nearest.maxCoeff(&farthest);
+    const Eigen::RowVectorXd chosen = weights.row(farthest);
+    const Eigen::VectorXd gap = (weights.rowwise() - chosen).cwiseAbs().rowwise().sum();
+    nearest = k == 0 ? gap : Eigen::VectorXd(nearest.cwiseMin(gap));
+    basis.row(k) = 0.8 * chosen + 0.2 * mean;
+  }
+  return basis;
+}
+
+}  // namespace
+
+std::vector<float> low_rank_weights(const GroundTruth& truth, std::size_t rank) {
+  const Rows weights = dense_rows(truth);
+  const Eigen::Index joints = weights.cols(), kept = std::min(static_cast<Eigen::Index>(rank), joints);
+  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(weights.transpose() * weights);
+  const Eigen::MatrixXd leading = solver.eigenvectors().rightCols(kept);  // eigenvalues come in increasing order
+  const Rows approximation = (weights * leading) * leading.transpose();
+  std::vector<float> result(truth.skin.size(), 0.0f);
+  for (Eigen::Index v = 0; v < weights.rows(); ++v) {
+    float* row = result.data() + v * joints;
+    const double sum = approximation.row(v).cwiseMax(0.0).sum();
+    if (sum > 0.0) {
+      for (Eigen::Index j = 0; j < joints; ++j) row[j] = static_cast<float>(std::max(0.0, approximation(v, j)) / sum);
+    } else {
+      Eigen::Index largest = 0;
+      approximation.row(v).maxCoeff(&largest);
+      row[largest] = 1.0f;
+    }
+  }
+  return result;
+}
+
+std::vector<float> mixture_weights(const GroundTruth& truth, std::size_t rank, std::size_t iterations) {
+  const std::size_t joints = truth.joint_count(), vertices = truth.vertex_count();
+  if (rank >= joints) return truth.skin;
+  const SparseRows sparse = sparse_rows(truth);
+  Rows basis;
+  Rows mix = Rows::Constant(static_cast<Eigen::Index>(vertices), static_cast<Eigen::Index>(rank),
+                            1.0 / static_cast<double>(rank));
+  {
+    const Rows weights = dense_rows(truth);
+    basis = farthest_rows(weights, rank);
+    for (Eigen::Index k = 0; k < basis.rows(); ++k) {
+      mix.col(k) = ((weights.rowwise() - basis.row(k)).cwiseAbs().rowwise().sum().array() + 0.1).inverse();
+    }
+    mix.array().colwise() /= mix.rowwise().sum().array().eval();
+  }
+  const auto r = static_cast<Eigen::Index>(rank);
+  Eigen::RowVectorXd share(r);
+  for (std::size_t step = 0; step < iterations; ++step) {
+    Rows next = Rows::Zero(r, static_cast<Eigen::Index>(joints));
+    for (std::size_t v = 0; v < vertices; ++v) {
+      const auto row = static_cast<Eigen::Index>(v);
+      Eigen::RowVectorXd mixed = Eigen::RowVectorXd::Zero(r);
+      for (std::size_t i = sparse.offsets[v]; i < sparse.offsets[v + 1]; ++i) {
+        const auto j = static_cast<Eigen::Index>(sparse.joints[i]);
+        share = mix.row(row).cwiseProduct(basis.col(j).transpose());
+        const double sum = share.sum();
+        if (!(sum > 0.0)) continue;
+        share *= sparse.weights[i] / sum;
+        mixed += share;
+        next.col(j) += share.transpose();
+      }
+      if (mixed.sum() > 0.0) mix.row(row) = mixed / mixed.sum();
+    }
+    for (Eigen::Index k = 0; k < r; ++k) {
+      if (next.row(k).sum() > 0.0) basis.row(k) = next.row(k) / next.row(k).sum();
+    }
+  }
+  std::vector<float> result(truth.skin.size());
+  for (std::size_t v = 0; v < vertices; ++v) {
+    const Eigen::RowVectorXd row = mix.row(static_cast<Eigen::Index>(v)) * basis;
+    for (std::size_t j = 0; j < joints; ++j) {
+      result[v * joints + j] = static_cast<float>(row[static_cast<Eigen::Index>(j)] / row.sum());
+    }
+  }
+  return result;
 }
 
 }  // namespace anigen::eval

@@ -3,7 +3,7 @@
 #include <string>
 #include <vector>
 
-#include "anigen/eval/ground_truth.h"
+#include "anigen/eval/pairs.h"
 
 namespace anigen::eval {
 

@@ -5,16 +5,16 @@
 #include <string>
 #include <vector>
 
-#include "anigen/core/csv.h"
-#include "anigen/core/json.h"
+#include "anigen/core/config.h"
+#include "anigen/core/table.h"
 #include "anigen/eval/skin_baselines.h"
-#include "anigen/eval/skin_metrics.h"
+#include "anigen/metrics/skin_metrics.h"
 
 namespace anigen::eval {
 
 /// One method on one asset.
 struct MethodResult {
-  SkinScores scores;
+  metrics::SkinScores scores;
   std::string failure;  ///< why there are no scores; empty when there are
 };
 
@@ -56,7 +56,7 @@ enum class Group { kUsable, kNotUsable };
 
 /// "skin_l1", "skin_l2", "skin_kl", in the order of score_values().
 extern const std::array<const char*, 3> kScoreNames;
-std::array<double, 3> score_values(const SkinScore& score);
+std::array<double, 3> score_values(const metrics::SkinScore& score);
 
 /// The summaries of a method's three scores over the assets of a group.
 std::array<Summary, 3> summarize(const SkinEvaluation& evaluation, std::size_t method, Group group);
@@ -71,5 +71,33 @@ Json to_json(const SkinEvaluation& evaluation);
 CsvTable to_csv_table(const SkinEvaluation& evaluation);
 /// table.md: the usable assets, those that are not (named), failures (named with their reason).
 std::string to_markdown(const SkinEvaluation& evaluation);
+
+/// What `anigen-eval --skin-ae …`, `--skins …` or neither was asked to do.
+struct SkinRequest {
+  std::filesystem::path dataset, out;
+  std::filesystem::path run;  ///< of the skin auto-encoder, whose training curves the report shows; may be empty
+  std::vector<std::filesystem::path> splits;
+  std::vector<SkinMethod> methods;  ///< before the predictions of `skins` and the baselines, which are added
+  std::filesystem::path skins;      ///< folder for predictions_from_folder(); may be empty
+  Json settings = Json::object();   ///< recorded in metrics.json
+  std::size_t pictured = 3;
+  bool report = true;
+};
+
+/// Evaluates and writes metrics.json, metrics.csv, table.md and report.html into request.out.
+/// @throws InputError when the dataset or a split cannot be read or nothing is left
+SkinEvaluation run_skin_evaluation(const SkinRequest& request);
+
+/// @throws Error when not one asset has scores for the first method
+void require_scores(const SkinEvaluation& evaluation, const std::filesystem::path& out);
+
+/// Methods × scores over a group of assets: mean l1, l2, KL, median l1, and mean l1 by number of true influences.
+anigen::Table summary_table(const SkinEvaluation& evaluation, Group group);
+
+/// The first method's scores per asset of a group, worst l1 first; failures last with their reason.
+anigen::Table asset_table(const SkinEvaluation& evaluation, Group group);
+
+/// Assets of a group, whether they have scores or not.
+std::size_t count(const SkinEvaluation& evaluation, Group group);
 
 }  // namespace anigen::eval

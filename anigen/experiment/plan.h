@@ -2,14 +2,60 @@
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <map>
 #include <string>
 #include <vector>
 
-#include "anigen/experiment/experiment_file.h"
-#include "anigen/experiment/resources.h"
+#include "anigen/core/config.h"
+#include "anigen/experiment/file.h"
 
 namespace anigen::experiment {
+
+/// What the text between '{' and '}' stands for. Throws InputError for what it does not know.
+using Meaning = std::function<std::string(const std::string& inside)>;
+
+/// `text` with every `{…}` replaced by its meaning; "{{" is a brace. @throws InputError for a brace without its pair
+std::string filled_in(const std::string& text, const Meaning& meaning);
+
+/// The same for every text inside a JSON value; keys stay.
+Json filled_in(const Json& value, const Meaning& meaning);
+
+/// What a step asks of a cluster: `"resources"` of the step. 0 or empty: nothing said, the cluster's own default.
+struct Resources {
+  int workers = 1;  ///< array tasks that share one job; only for programs that share their work by leases
+  int cpus = 0, gpus = 0;
+  double memory_gb = 0, hours = 0;
+  std::string partition;
+};
+
+/// @param program of the step @param word that stands first on its command line @param arguments of the step
+/// @throws InputError for numbers out of range, or several workers of a program that cannot share its work
+Resources read_resources(ConfigReader& step, const std::string& program, const std::string& word,
+                         const Json& arguments);
+
+/// Lines of a batch script, each with its end.
+std::string sbatch_lines(const Resources& resources);
+
+/// One call of a program.
+struct Step {
+  std::string name, program;
+  std::vector<std::string> words;     ///< what stands first on the command line, such as a subcommand
+  Json arguments = Json::object();    ///< option → text, number, true, or a list of these
+  std::string output;                 ///< option that receives the folder of the results; empty: writes into another's
+  std::string writes_into;            ///< step whose folder this one adds to
+  std::filesystem::path config;       ///< for anigen-train; absolute
+  Json settings = Json::object();     ///< path.to.key → value, for --set; nested objects of the file become paths
+  std::vector<std::string> after;     ///< steps that must be done although no argument names them
+  double minutes = 0, megabytes = 0;  ///< what the author expects; 0: unknown
+  Resources resources;                ///< of a cluster; they decide nothing about the results
+};
+
+/// One step of the file with the changes of a variant. @throws InputError
+Step read_step(const Experiment& experiment, const Variant& variant, const std::string& name);
+
+/// @throws InputError, with the nearest word, when `steps` has no step of that name; `key` says where it was named
+void require_step(const Json& steps, const ConfigReader& reader, const std::string& key, const std::string& name);
 
 /// One program call that the plan holds once, however many variants and seeds need it.
 struct Job {

@@ -1,11 +1,408 @@
 #include "anigen/experiment/report.h"
 
-#include "anigen/core/atomic_file.h"
-#include "anigen/core/config_file.h"
-#include "anigen/experiment/report_facts.h"
-#include "anigen/experiment/result_tables.h"
+#include <algorithm>
+#include <cmath>
+#include <cstdlib>
+#include <fstream>
+#include <set>
+#include <system_error>
+#include <thread>
+
+#include "anigen/core/config.h"
+#include "anigen/core/error.h"
+#include "anigen/core/files.h"
+#include "anigen/core/hash.h"
+#include "anigen/core/log.h"
+#include "anigen/core/table.h"
+#include "anigen/core/version.h"
+#include "anigen/eval/comparison_report.h"
+#include "anigen/eval/report.h"
+#include "anigen/experiment/command.h"
+#include "anigen/experiment/results.h"
+#include "anigen/experiment/run_jobs.h"
+#include "anigen/experiment/sheets.h"
+#include "anigen/experiment/viewer.h"
+#include "anigen/io/image.h"
+#include "anigen/io/image_resize.h"
 
 namespace anigen::experiment {
+
+namespace {
+
+std::string processor() {
+  std::ifstream stream("/proc/cpuinfo");
+  for (std::string line; std::getline(stream, line);) {
+    const std::size_t colon = line.find(": ");
+    if (line.rfind("model name", 0) == 0 && colon != std::string::npos) return line.substr(colon + 2);
+  }
+  return "unknown processor";
+}
+
+}  // namespace
+
+Table provenance_table(const Experiment& experiment, const Plan& plan, const Workplace& place) {
+  std::string seeds;
+  for (const std::uint64_t seed : experiment.seeds) seeds += (seeds.empty() ? "" : ", ") + std::to_string(seed);
+  std::size_t done = 0;
+  std::set<std::string> programs;
+  for (const Job& job : plan.jobs) {
+    done += is_done(place.out, job) ? 1 : 0;
+    programs.insert(job.program);
+  }
+  Table table{{"what", "is"}, {}};
+  table.rows = {{"experiment", std::filesystem::absolute(experiment.file).lexically_normal().string()},
+                {"written", utc_now()},
+                {"jobs done", std::to_string(done) + " of " + std::to_string(plan.jobs.size())},
+                {"seeds", seeds + (experiment.seeded.empty() ? " (no step takes them)" : "")},
+                {"version", kVersion},
+                {"machine", processor() + ", " + std::to_string(std::thread::hardware_concurrency()) + " threads"},
+                {"device", place.device}};
+  constexpr std::size_t kDigits = 16;
+  for (const std::string& program : programs)
+    table.rows.push_back({program, "SHA-256 " + program_fingerprint(place.programs / program).substr(0, kDigits)});
+  return table;
+}
+
+Table job_table(const Plan& plan, const std::filesystem::path& out) {
+  Table table{{"job", "for", "state", "time", "peak memory", "attempts"}, {}};
+  for (const Job& job : plan.jobs) {
+    const auto record = read_record(out, job.id);
+    const std::string whom = job.serves.size() > 1 ? std::to_string(job.serves.size()) + " runs" : job.serves.front();
+    if (!record) {
+      table.rows.push_back({job.id, whom, "not begun", "", "", ""});
+    } else {
+      table.rows.push_back({job.id, whom, word_of(record->state), duration_text(record->seconds),
+                            size_text(static_cast<double>(record->peak_bytes)), std::to_string(record->attempts)});
+    }
+  }
+  return table;
+}
+
+std::string run_label(const Experiment& experiment, const PlannedRun& run) {
+  std::string label = experiment.variants[run.variant].name;
+  if (experiment.seeds.size() > 1) label += (label.empty() ? "" : ", ") + ("seed " + std::to_string(run.seed));
+  return label;
+}
+
+std::string spread_text(const ResultTable& result) {
+  std::size_t seeds = 0;
+  for (const Row& row : result.rows)
+    for (const Cell& cell : row.cells) seeds = std::max(seeds, cell.by_seed.size());
+  if (seeds < 2) return "Mean over assets ± half of its 95 % interval (bootstrap over assets).";
+  return "Mean over seeds ± half of its 95 % interval (Student's t over up to " + std::to_string(seeds) +
+         " seeds; over assets by bootstrap where no seed changes anything).";
+}
+
+std::string difference_text() {
+  return "Against the first variant, asset by asset, each asset's value being its mean over the seeds: mean, 95 % "
+         "bootstrap interval over assets, p by exchanging signs at random (from 6 assets on).";
+}
+
+std::string missing_text(const ResultTable& result) {
+  std::string text;
+  for (const std::string& job : result.missing) text += (text.empty() ? "" : ", ") + job;
+  return text.empty() ? "" : "Not run yet: " + text + ".";
+}
+
+namespace {
+
+namespace fs = std::filesystem;
+
+class Page {
+ public:
+  Page(const Experiment& experiment, const Plan& plan, const Workplace& place, const std::vector<ResultTable>& results)
+      : experiment_(experiment), plan_(plan), place_(place), results_(results) {}
+
+  std::string html() const {
+    std::string html = eval::page_begin(experiment_.title);
+    if (!experiment_.purpose.empty()) html += "<p>" + html_escaped(experiment_.purpose) + "</p>\n";
+    for (const ResultTable& result : results_) {
+      html += "<h2>" + html_escaped(result.spec.title) + "</h2>\n<p class=\"hint\">" + spread_text(result) + "</p>\n" +
+              wide(mean_table(result));
+      if (!result.differences.empty())
+        html += "<p class=\"hint\">" + difference_text() + "</p>\n" + wide(difference_table(result));
+      if (!result.missing.empty()) html += "<p class=\"failed\">" + html_escaped(missing_text(result)) + "</p>\n";
+    }
+    html += viewers() + strips() + sheets() + curves() + pictures() + links();
+    html += "<h2>Cost</h2>\n" + wide(cost_table(plan_, place_.out));
+    html += "<h2>Where this comes from</h2>\n" + wide(provenance_table(experiment_, plan_, place_)) + commands();
+    html += "<details><summary>Jobs</summary>" + wide(job_table(plan_, place_.out)) + "</details>\n";
+    return html + eval::page_end();
+  }
+
+ private:
+  static std::string wide(const Table& table) { return "<div class=\"wide\">" + to_html(table) + "</div>\n"; }
+
+  std::string curves() const {
+    std::string html;
+    for (const CurveSpec& spec : experiment_.curves) {
+      std::vector<eval::Curve> lines;
+      std::set<std::size_t> seen;
+      for (const PlannedRun& run : plan_.runs) {
+        const std::size_t j = run.jobs.at(spec.step);
+        const fs::path file = plan_.jobs[j].folder / "metrics.csv";
+        std::error_code error;
+        if (!seen.insert(j).second || !fs::exists(file, error)) continue;
+        try {
+          lines.push_back({run_label(experiment_, run), points(read_csv(file), spec.column)});
+        } catch (const InputError& problem) {  // of a training that is being written, or was killed
+          log::warn("left out of the report: {}", problem.what());
+        }
+      }
+      html += eval::curves_chart(spec.title, lines);
+    }
+    return html.empty() ? "" : "<h2>Training</h2>\n<div>" + html + "</div>\n";
+  }
+
+  static std::vector<std::pair<double, double>> points(const CsvTable& table, const std::string& column) {
+    std::vector<std::pair<double, double>> points;
+    for (std::size_t r = 0; r < table.rows.size(); ++r) {
+      const std::string &x = table.cell(r, "step"), &y = table.cell(r, column);
+      if (!x.empty() && !y.empty())
+        points.emplace_back(std::strtod(x.c_str(), nullptr), std::strtod(y.c_str(), nullptr));
+    }
+    return points;
+  }
+
+  std::string pictures() const {
+    std::string html;
+    for (const PictureSpec& spec : experiment_.pictures) {
+      std::string figures;
+      std::set<std::size_t> variants;
+      for (const PlannedRun& run : plan_.runs) {
+        if (!variants.insert(run.variant).second) continue;
+        const std::vector<fs::path> files = matching_files(plan_.jobs[run.jobs.at(spec.step)].folder, spec.files);
+        for (std::size_t f = 0; f < files.size() && f < spec.most; ++f) {
+          const fs::path shown = fs::relative(files[f], plan_.jobs[run.jobs.at(spec.step)].folder);
+          figures += "<figure><figcaption>" + html_escaped(run_label(experiment_, run)) + " " +
+                     html_escaped(shown.string()) + "</figcaption>" + picture_or_reason(files[f]) + "</figure>\n";
+        }
+      }
+      if (!figures.empty()) html += "<h2>" + html_escaped(spec.title) + "</h2>\n" + figures;
+    }
+    return html;
+  }
+
+  std::string sheets() const {
+    std::string html;
+    for (const SheetSpec& spec : experiment_.sheets) {
+      std::set<std::size_t> jobs;
+      for (const PlannedRun& run : plan_.runs) {
+        const auto scored = run.jobs.find(spec.step);
+        if (run.seed != experiment_.seeds.front() || scored == run.jobs.end() || !jobs.insert(scored->second).second)
+          continue;
+        const std::string label = run_label(experiment_, run);
+        try {
+          const std::vector<SheetCell> cells = sheet_cells(plan_, place_.out, run, spec);
+          if (cells.empty()) continue;
+          html += "<h2>" + html_escaped(spec.title + (label.empty() ? "" : ": " + label)) + "</h2>\n" +
+                  sheet_html(cells, spec);
+        } catch (const InputError& problem) {
+          html += "<p class=\"failed\">No sheet: " + html_escaped(problem.what()) + "</p>\n";
+        }
+      }
+    }
+    return html;
+  }
+
+  std::string strips() const {
+    std::string html;
+    for (const StripSpec& spec : experiment_.strips) {
+      try {
+        const Strip strip = variant_strip(experiment_, plan_, place_.out, spec);
+        if (!strip.rows.empty()) html += "<h2>" + html_escaped(spec.title) + "</h2>\n" + strip_html(strip, spec);
+      } catch (const InputError& problem) {
+        html += "<p class=\"failed\">No strip: " + html_escaped(problem.what()) + "</p>\n";
+      }
+    }
+    return html;
+  }
+
+  std::string viewers() const {
+    std::string html;
+    std::size_t number = 0;
+    for (const ViewerSpec& spec : experiment_.viewers)
+      html += viewer_html(viewed_assets(experiment_, plan_, spec), spec.title, ++number);
+    if (html.empty()) return "";
+    const fs::path three = find_three(experiment_.file.parent_path());
+    if (three.empty()) {
+      log::warn("the report has no 3D views: three.js is not installed (scripts/setup.sh does it)");
+      return "<p class=\"hint\">No 3D views: three.js was not installed where this report was written.</p>\n";
+    }
+    try {
+      return html + viewer_script_html(three);
+    } catch (const Error& problem) {
+      return "<p class=\"failed\">No 3D views: " + html_escaped(problem.what()) + "</p>\n";
+    }
+  }
+
+  static std::string picture_or_reason(const fs::path& file) {
+    try {
+      return embedded_picture(file);
+    } catch (const Error& problem) {
+      return "<p class=\"failed\">No picture: " + html_escaped(problem.what()) + "</p>";
+    }
+  }
+
+  /// Reports that steps wrote themselves.
+  std::string links() const {
+    std::string html;
+    for (const Job& job : plan_.jobs) {
+      std::error_code error;
+      if (job.writes_into_other || !fs::exists(job.folder / "report.html", error)) continue;
+      const std::string target = fs::relative(job.folder / "report.html", place_.out).string();
+      html += "<li><a href=\"" + html_escaped(target) + "\">" + html_escaped(job.id) + "</a> " +
+              html_escaped(job.serves.front()) + "</li>\n";
+    }
+    return html.empty() ? "" : "<h2>Reports of single steps</h2>\n<ul>" + html + "</ul>\n";
+  }
+
+  std::string commands() const {
+    std::string html = "<details><summary>Commands</summary><pre>";
+    for (const Job& job : plan_.jobs) html += html_escaped(shell_line(job.command)) + "\n";
+    html += "</pre></details>\n<details><summary>Variants</summary><pre>";
+    for (const Variant& variant : experiment_.variants)
+      html += html_escaped(variant.name + " " + variant.changes.dump(2)) + "\n";
+    return html + "</pre></details>\n";
+  }
+
+  const Experiment& experiment_;
+  const Plan& plan_;
+  const Workplace& place_;
+  const std::vector<ResultTable>& results_;
+};
+
+}  // namespace
+
+std::string report_html(const Experiment& experiment, const Plan& plan, const Workplace& place,
+                        const std::vector<ResultTable>& results) {
+  return Page(experiment, plan, place, results).html();
+}
+
+namespace {
+
+Json differences_of(const ResultTable& result) {
+  Json all = Json::array();
+  for (const Difference& difference : result.differences) {
+    Json values = Json::object();
+    for (std::size_t c = 0; c < difference.columns.size(); ++c) {
+      const eval::PairedDifference& of = difference.columns[c];
+      const double p = difference.p[c];
+      values[result.spec.columns[c].key] = {{"mean", of.mean},
+                                            {"low", of.interval.low},
+                                            {"high", of.interval.high},
+                                            {"n", of.n},
+                                            {"p", std::isfinite(p) ? Json(p) : Json(nullptr)}};
+    }
+    all.push_back({{"variant", result.rows[difference.row].variant},
+                   {"against", result.rows[difference.against].variant},
+                   {"method", result.rows[difference.row].method},
+                   {"values", values}});
+  }
+  return all;
+}
+
+}  // namespace
+
+Json results_json(const Experiment& experiment, const std::vector<ResultTable>& results) {
+  Json tables = Json::array();
+  for (const ResultTable& result : results) {
+    Json rows = Json::array();
+    for (const Row& row : result.rows) {
+      Json cells = Json::object();
+      for (std::size_t c = 0; c < row.cells.size(); ++c) {
+        const Cell& cell = row.cells[c];
+        if (!cell.has()) continue;
+        cells[result.spec.columns[c].key] = {
+            {"mean", cell.mean}, {"low", cell.interval.low}, {"high", cell.interval.high}, {"by_seed", cell.by_seed}};
+      }
+      rows.push_back({{"variant", row.variant},
+                      {"method", row.method},
+                      {"assets", row.assets},
+                      {"failed", row.failed},
+                      {"values", cells}});
+    }
+    tables.push_back({{"title", result.spec.title},
+                      {"rows", rows},
+                      {"differences", differences_of(result)},
+                      {"missing", result.missing}});
+  }
+  return {{"title", experiment.title}, {"seeds", experiment.seeds}, {"tables", tables}};
+}
+
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr std::uintmax_t kLargestPicture = 32u << 20;
+
+bool matches(const std::string& name, const std::string& pattern) {
+  const std::size_t star = pattern.find('*');
+  if (star == std::string::npos) return name == pattern;
+  const std::string before = pattern.substr(0, star), after = pattern.substr(star + 1);
+  return name.size() >= before.size() + after.size() && name.compare(0, before.size(), before) == 0 &&
+         name.compare(name.size() - after.size(), after.size(), after) == 0;
+}
+
+io::Image panel_of(io::Image image, Panel panel) {
+  if (panel.of == 1) return image;
+  const int left = image.width * (panel.number - 1) / panel.of, right = image.width * panel.number / panel.of;
+  io::Image part(std::max(1, right - left), image.height);
+  for (int y = 0; y < part.height; ++y) {
+    const std::uint8_t* row = image.pixel(std::min(left, image.width - 1), y);
+    std::copy(row, row + io::kImageChannels * part.width, part.pixel(0, y));
+  }
+  return part;
+}
+
+}  // namespace
+
+std::vector<fs::path> matching_files(const fs::path& folder, const std::string& pattern) {
+  std::vector<fs::path> found{folder};
+  for (const fs::path& part : fs::path(pattern)) {
+    std::vector<fs::path> next;
+    for (const fs::path& parent : found) {
+      std::error_code error;
+      if (!fs::is_directory(parent, error)) continue;
+      for (const auto& entry : fs::directory_iterator(parent)) {
+        if (matches(entry.path().filename(), part)) next.push_back(entry.path());
+      }
+    }
+    found = std::move(next);
+  }
+  std::sort(found.begin(), found.end());
+  return found;
+}
+
+std::string file_of_asset(std::string pattern, const std::string& asset) {
+  return pattern.replace(pattern.find('*'), 1, asset);
+}
+
+std::string thumbnail(const fs::path& file, int height, Panel panel) {
+  constexpr int kQuality = 80, kWidest = 1000;
+  if (file.empty()) return "<span class=\"none\">no file</span>";
+  try {
+    const io::Image image = panel_of(io::read_image(file), panel);
+    const double width = std::round(static_cast<double>(image.width) * height / image.height);
+    const io::Image small = io::resize_lanczos(image, std::clamp(static_cast<int>(width), 1, kWidest), height,
+                                               io::ResizeAlpha::kPremultiplied);
+    const std::vector<std::uint8_t> bytes = io::encode_jpeg(small, kQuality);
+    return "<img loading=\"lazy\" alt=\"" + html_escaped(file.filename().string()) +
+           "\" src=\"data:image/jpeg;base64," +
+           base64(std::string_view(reinterpret_cast<const char*>(bytes.data()), bytes.size())) + "\">";
+  } catch (const Error& problem) {
+    return "<span class=\"none\">" + html_escaped(problem.what()) + "</span>";
+  }
+}
+
+std::string embedded_picture(const fs::path& file) {
+  const std::string extension = file.extension();
+  const std::string type = extension == ".png" ? "png" : extension == ".jpg" || extension == ".jpeg" ? "jpeg" : "";
+  if (type.empty()) return "";
+  return "<img loading=\"lazy\" style=\"max-width:100%\" alt=\"" + html_escaped(file.filename().string()) +
+         "\" src=\"data:image/" + type + ";base64," + base64(std::string_view(read_file(file, kLargestPicture))) +
+         "\">";
+}
 
 namespace fs = std::filesystem;
 
@@ -38,7 +435,7 @@ fs::path write_report(const Experiment& experiment, const Plan& plan, const Work
   const std::vector<ResultTable> results = collect_all_results(experiment, plan, place);
   write_file_atomically(place.out / "report.md", report_markdown(experiment, plan, place, results));
   for (std::size_t t = 0; t < results.size(); ++t)
-    write_file_atomically(place.out / (std::to_string(t + 1) + ".tex"), eval::to_latex(mean_table(results[t])));
+    write_file_atomically(place.out / (std::to_string(t + 1) + ".tex"), to_latex(mean_table(results[t])));
   write_config(place.out / "results.json", results_json(experiment, results));
   const fs::path page = place.out / "report.html";
   write_file_atomically(page, report_html(experiment, plan, place, results));

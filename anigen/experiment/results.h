@@ -5,7 +5,8 @@
 #include <string>
 #include <vector>
 
-#include "anigen/eval/comparison/statistics.h"
+#include "anigen/core/table.h"
+#include "anigen/eval/comparison.h"
 #include "anigen/experiment/plan.h"
 
 namespace anigen::experiment {
@@ -53,5 +54,15 @@ double sign_flip_p(const std::vector<double>& differences, const std::string& pu
 
 /// 95 % interval of a mean by Student's t; one value gives an interval without width. @pre not empty
 eval::Interval student_interval(const std::vector<double>& values);
+
+/// Variant, method, assets, failures, and every column as "mean ± half of the 95 % interval"; the best of a column
+/// `**bold**`, the second `_underlined_`, unless no direction is given.
+Table mean_table(const ResultTable& result);
+
+/// Every variant against the first: difference, interval and p per column. Without rows when there is one variant.
+Table difference_table(const ResultTable& result);
+
+/// Time, memory and disk of every step, mean over its jobs (the papers' table of cost).
+Table cost_table(const Plan& plan, const std::filesystem::path& out);
 
 }  // namespace anigen::experiment

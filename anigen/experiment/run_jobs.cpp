@@ -2,25 +2,233 @@
 
 #include <algorithm>
 #include <chrono>
+#include <ctime>
 #include <list>
+#include <map>
 #include <optional>
+#include <set>
 #include <system_error>
 #include <thread>
 #include <utility>
+#include <vector>
 
+#include "anigen/core/config.h"
 #include "anigen/core/error.h"
-#include "anigen/core/file_lock.h"
-#include "anigen/core/interrupt.h"
+#include "anigen/core/files.h"
+#include "anigen/core/hash.h"
 #include "anigen/core/log.h"
 #include "anigen/core/parallel.h"
-#include "anigen/core/process_identity.h"
-#include "anigen/experiment/estimate.h"
-#include "anigen/experiment/folder_size.h"
-#include "anigen/experiment/input_fingerprint.h"
-#include "anigen/experiment/job_record.h"
-#include "anigen/experiment/logged_process.h"
+#include "anigen/core/process.h"
+#include "anigen/experiment/command.h"
+#include "anigen/experiment/slurm.h"
 
 namespace anigen::experiment {
+
+std::uint64_t folder_size(const std::filesystem::path& folder) {
+  namespace fs = std::filesystem;
+  std::uint64_t bytes = 0;
+  std::error_code error;
+  fs::recursive_directory_iterator entry(folder, fs::directory_options::skip_permission_denied, error);
+  for (; !error && entry != fs::recursive_directory_iterator(); entry.increment(error)) {
+    std::error_code unreadable;
+    if (!entry->is_regular_file(unreadable)) continue;
+    const std::uintmax_t size = entry->file_size(unreadable);
+    if (!unreadable) bytes += size;
+  }
+  return bytes;
+}
+
+namespace {
+
+namespace fs = std::filesystem;
+
+std::string line_of(const fs::path& file, const std::string& name) {
+  return name + " " + std::to_string(fs::file_size(file)) + " " +
+         std::to_string(fs::last_write_time(file).time_since_epoch().count()) + "\n";
+}
+
+/// Clears so many bytes behind each place where a mark is found.
+void clear_behind(std::string& bytes, const std::string& mark, std::size_t count) {
+  for (std::size_t at = bytes.find(mark); at != std::string::npos; at = bytes.find(mark, at + mark.size())) {
+    for (std::size_t i = at + mark.size(); i < std::min(bytes.size(), at + mark.size() + count); ++i) bytes[i] = '\0';
+  }
+}
+
+/// The program's file without what changes although the code does not.
+std::string code_of(std::string bytes) {
+  // As cmake/AnigenVersion.cmake writes it; put together here, so that this program holds it once.
+  const std::string mark = std::string("anigen ") + "commit: ";
+  constexpr std::size_t kStamp = 64;
+  clear_behind(bytes, mark, kStamp - mark.size());
+  // The ELF note of 20 bytes that is called GNU and is of kind 3, a build id.
+  clear_behind(bytes, std::string("\4\0\0\0\24\0\0\0\3\0\0\0GNU\0", 16), 20);
+  return bytes;
+}
+
+}  // namespace
+
+std::string input_fingerprint(const fs::path& path) {
+  std::error_code error;
+  if (fs::is_regular_file(path, error)) return sha256(line_of(path, path.filename().string()));
+  if (!fs::is_directory(path, error)) throw InputError(path.string(), "", "no such file or folder");
+  std::vector<std::string> lines;
+  for (const auto& entry : fs::recursive_directory_iterator(path)) {
+    if (entry.is_regular_file()) lines.push_back(line_of(entry.path(), fs::relative(entry.path(), path).string()));
+  }
+  std::sort(lines.begin(), lines.end());
+  Sha256 all;
+  for (const std::string& line : lines) all.update(line);
+  return all.finish();
+}
+
+std::string program_fingerprint(const fs::path& program) {
+  static std::map<std::string, std::string> known;  // by path, size and time
+  std::error_code error;
+  const fs::path module = program.parent_path().parent_path() / "lib" / "anigen" / "anigen-torch.so";
+  // A change to networks must not make whole datasets anew: the steps of a preparation have versions of their own.
+  const bool loads = program.filename() != "anigen-prepare" && fs::exists(module, error);
+  const std::string state = program.string() + (fs::exists(program, error) ? input_fingerprint(program) : "") +
+                            (loads ? input_fingerprint(module) : "");
+  const auto found = known.find(state);
+  if (found != known.end()) return found->second;
+  if (!fs::is_regular_file(program, error))
+    throw InputError(program.string(), "", "no such program; build it, or name its folder with --programs");
+  const std::string own = sha256(code_of(read_file(program)));
+  return known[state] = loads ? sha256(own + sha256(code_of(read_file(module)))) : own;
+}
+
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr const char* kWords[] = {"begun", "done", "failed", "interrupted"};
+
+JobRecord::State state_of(const std::string& word) {
+  const auto found = std::find(std::begin(kWords), std::end(kWords), word);
+  return static_cast<JobRecord::State>(found - std::begin(kWords));
+}
+
+/// A command without its program.
+std::string arguments_of(const std::string& command) {
+  const std::size_t space = command.find(' ');
+  return space == std::string::npos ? "" : command.substr(space);
+}
+
+void replace_all(std::string& text, const std::string& from, const std::string& to) {
+  for (std::size_t at = text.find(from); at != std::string::npos; at = text.find(from, at + to.size()))
+    text.replace(at, from.size(), to);
+}
+
+}  // namespace
+
+const char* word_of(JobRecord::State state) { return kWords[static_cast<int>(state)]; }
+
+fs::path record_file(const fs::path& out, const std::string& id) { return out / "records" / (id + ".json"); }
+fs::path log_file(const fs::path& out, const std::string& id) { return out / "records" / (id + ".log"); }
+fs::path worker_logs(const fs::path& out, const std::string& id) { return out / "records" / (id + ".workers"); }
+
+fs::path run_lock_file(const fs::path& out) { return out / "locks" / "all"; }
+fs::path job_lock_file(const fs::path& out, const std::string& id) { return out / "locks" / id; }
+
+std::vector<std::string> recorded_jobs(const fs::path& out) {
+  std::vector<std::string> ids;
+  std::error_code error;
+  if (!fs::is_directory(out / "records", error)) return ids;
+  for (const auto& entry : fs::directory_iterator(out / "records")) {
+    const std::string id = entry.path().stem().string();
+    // Other names are records that are being written.
+    if (entry.path().extension() == ".json" && is_job_id(id)) ids.push_back(id);
+  }
+  std::sort(ids.begin(), ids.end());
+  return ids;
+}
+
+std::optional<JobRecord> read_record(const fs::path& out, const std::string& id) {
+  const fs::path file = record_file(out, id);
+  std::error_code error;
+  if (!fs::exists(file, error)) return std::nullopt;
+  const Json json = read_json(file);
+  ConfigReader reader(json, file.string());
+  JobRecord record;
+  record.state = state_of(reader.choice("state", "begun", {std::begin(kWords), std::end(kWords)}));
+  record.step = reader.text("step", "");
+  record.key = reader.text("key", "");
+  record.content = reader.text("content", "");
+  record.command = reader.text("command", "");
+  record.started = reader.text("started", "");
+  record.finished = reader.text("finished", "");
+  record.seconds = reader.number("seconds", 0, 0);
+  record.expected_seconds = reader.number("expected_seconds", 0, 0.0);
+  record.peak_bytes = static_cast<std::uint64_t>(reader.integer("peak_bytes", 0, 0));
+  record.disk_bytes = static_cast<std::uint64_t>(reader.integer("disk_bytes", 0, 0));
+  record.attempts = static_cast<int>(reader.integer("attempts", 0, 0, 1 << 20));
+  record.status = static_cast<int>(reader.integer("status", 0, -256, 256));
+  reader.finish();
+  return record;
+}
+
+void write_record(const fs::path& out, const std::string& id, const JobRecord& record) {
+  write_config(record_file(out, id), {{"state", word_of(record.state)},
+                                      {"step", record.step},
+                                      {"key", record.key},
+                                      {"content", record.content},
+                                      {"command", record.command},
+                                      {"started", record.started},
+                                      {"finished", record.finished},
+                                      {"seconds", record.seconds},
+                                      {"expected_seconds", record.expected_seconds},
+                                      {"peak_bytes", record.peak_bytes},
+                                      {"disk_bytes", record.disk_bytes},
+                                      {"attempts", record.attempts},
+                                      {"status", record.status}});
+}
+
+bool is_done(const fs::path& out, const Job& job) {
+  std::error_code error;
+  if (!fs::is_directory(job.folder, error)) return false;
+  const std::optional<JobRecord> record = read_record(out, job.id);
+  return record && record->state == JobRecord::State::kDone;
+}
+
+void accept_other_code(const fs::path& out, Plan& plan) {
+  std::multimap<std::string, std::string> by_content;  // of what is done
+  for (const std::string& id : recorded_jobs(out)) {
+    const std::optional<JobRecord> record = read_record(out, id);
+    if (record && record->state == JobRecord::State::kDone) by_content.emplace(record->content, id);
+  }
+  std::vector<std::pair<std::string, std::string>> renamed;
+  const auto rename_in = [&](Job& job, const std::string& before, const std::string& after) {
+    for (std::string& word : job.command) replace_all(word, before, after);
+    std::string folder = job.folder.string();
+    replace_all(folder, before, after);
+    job.folder = folder;
+  };
+  for (Job& job : plan.jobs) {
+    for (const auto& [before, after] : renamed) rename_in(job, before, after);
+    if (is_done(out, job)) continue;
+    const auto [first, last] = by_content.equal_range(job.content);
+    for (auto candidate = first; candidate != last; ++candidate) {
+      Job other = job;
+      other.id = candidate->second;
+      rename_in(other, job.id, other.id);
+      // The same command but for the place of the program: what it read was made by the jobs accepted before it.
+      if (!is_done(out, other) ||
+          arguments_of(read_record(out, other.id)->command) != arguments_of(shell_line(other.command)))
+        continue;
+      renamed.emplace_back(job.id, other.id);
+      job = std::move(other);
+      break;
+    }
+  }
+}
+
+std::string utc_now() {
+  const std::time_t now = std::time(nullptr);
+  char stamp[32];
+  std::strftime(stamp, sizeof stamp, "%Y-%m-%dT%H:%M:%SZ", std::gmtime(&now));
+  return stamp;
+}
+
 namespace {
 
 namespace fs = std::filesystem;
@@ -243,6 +451,36 @@ RunOutcome run_jobs(const fs::path& out, const Plan& plan, const RunOptions& opt
   if (options.only.empty() && !lock)
     throw InputError(out.string(), "", "another anigen-experiment is running jobs here");
   return JobRunner(out, plan, options).run();
+}
+
+namespace fs = std::filesystem;
+
+std::vector<Leftover> find_leftovers(const fs::path& out, const Plan& plan) {
+  std::set<std::string> planned, found;
+  for (const Job& job : plan.jobs) planned.insert(job.id);
+  for (const char* part : {"jobs", "records"}) {
+    std::error_code error;
+    if (!fs::is_directory(out / part, error)) continue;
+    for (const auto& entry : fs::directory_iterator(out / part)) {
+      const std::string name = entry.is_directory() ? entry.path().filename() : entry.path().stem();
+      // Only what this program has named is ever removed.
+      if (is_job_id(name) && planned.count(name) == 0) found.insert(name);
+    }
+  }
+  std::vector<Leftover> leftovers;
+  for (const std::string& id : found) leftovers.push_back({id, folder_size(out / "jobs" / id)});
+  return leftovers;
+}
+
+void remove_leftovers(const fs::path& out, const std::vector<Leftover>& leftovers) {
+  for (const Leftover& leftover : leftovers) {
+    for (const fs::path& path : {out / "jobs" / leftover.id, record_file(out, leftover.id), log_file(out, leftover.id),
+                                 worker_logs(out, leftover.id), job_lock_file(out, leftover.id)}) {
+      std::error_code error;
+      fs::remove_all(path, error);
+      if (error) throw Error(path.string() + ": cannot be removed: " + error.message());
+    }
+  }
 }
 
 }  // namespace anigen::experiment

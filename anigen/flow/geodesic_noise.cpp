@@ -3,9 +3,10 @@
 #include <tuple>
 #include <vector>
 
-#include "anigen/core/config_reader.h"
+#include "anigen/core/config.h"
 
 namespace anigen::flow {
+
 namespace {
 
 constexpr std::int64_t kMostSmoothings = 10000;

@@ -5,7 +5,7 @@
 
 namespace anigen {
 class ConfigReader;
-}
+}  // namespace anigen
 
 namespace anigen::flow {
 

@@ -1,4 +1,5 @@
 #pragma once
+#include <cstddef>
 #include <cstdint>
 #include <functional>
 #include <optional>
@@ -6,8 +7,8 @@
 #include <utility>
 #include <vector>
 
-#include "anigen/core/json.h"
-#include "anigen/flow/flow_matching.h"
+#include "anigen/core/config.h"
+#include "anigen/flow/matching.h"
 
 namespace anigen::flow {
 
@@ -88,5 +89,30 @@ Sampled sample_flow(const Streams& noise, const Velocities& velocities, const Sa
 
 /// The steps + 1 times from 1 to 0, rescaled.
 std::vector<double> time_grid(const SamplerOptions& options);
+
+/// Arguments that the trainers of both flows have beside those all trainers share (reference training-and-data.md,
+/// 3.4).
+struct FlowStageOptions {
+  double p_uncond = 0.1;    ///< share of items whose condition becomes that of no picture
+  TimeSchedule t_schedule;  ///< published: logit-normal, mean 1
+  double sigma_min = kSigmaMin;
+  // Ours.
+  /// Of sample(): `sampler`, default that of the published pipeline, 25 steps; with our sigma_min.
+  SamplerOptions sampler;
+  std::int64_t sample_assets = 4;    ///< rows of a sheet of samples
+  std::int64_t eval_max_assets = 0;  ///< held-out assets, 0: all
+  std::int64_t eval_times = 4;       ///< flow times per held-out asset
+  std::uint64_t seed = 0;            ///< of evaluation and samples: the trainer's
+
+  /// All but the seed. `image_encoder` is read by make_condition_encoder().
+  /// @param cfg_strength of the published pipeline in this stage
+  /// @throws InputError; NotSupportedError for train_inpaint, whose model is not published
+  void read_flow(ConfigReader& trainer_args, double cfg_strength);
+
+  /// How many of the held-out assets an evaluation looks at.
+  std::size_t eval_count(std::size_t held_out) const;
+  /// The times (k + ½) / eval_times of an evaluation, [eval_times] fp32.
+  torch::Tensor eval_grid() const;
+};
 
 }  // namespace anigen::flow

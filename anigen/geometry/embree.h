@@ -1,6 +1,8 @@
 #pragma once
 #include <Eigen/Core>
 #include <cstddef>
+#include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -15,6 +17,7 @@
 #endif
 
 // The only place that knows which Embree this is. For sources of geometry and raytrace; other headers keep it out.
+
 namespace anigen::geometry {
 
 /// Coordinates beyond this are refused: Embree silently drops triangles near 1.8e18, and squares must stay finite.
@@ -77,5 +80,27 @@ inline void embree_occluded(RTCScene scene, RTCRay& ray) {
   rtcOccluded1(scene, &context, &ray);
 #endif
 }
+
+/// Where rays meet a mesh: set up once per mesh (a BVH), query many times. Distances are in single precision (relative
+/// error about 1e-6 of the scene). Queries are thread-safe.
+class RayCaster {
+ public:
+  /// Copies the mesh. @throws InputError without faces, on a bad index, or on a vertex that is not finite
+  RayCaster(const std::vector<Eigen::Vector3f>& vertices, const std::vector<Triangle>& faces);
+  explicit RayCaster(const Mesh& mesh) : RayCaster(mesh.vertices, mesh.faces) {}
+  ~RayCaster();
+  RayCaster(RayCaster&&) noexcept;
+  RayCaster& operator=(RayCaster&&) noexcept;
+
+  /// Distance from `origin` to the first surface that is at least `nearest` away along `direction` (of any length but
+  /// zero); both sides of a triangle count. Nothing when the ray leaves the mesh.
+  /// @throws InputError when the origin or the direction is not finite, or the direction is zero
+  std::optional<double> first_hit(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction,
+                                  double nearest = 0.0) const;
+
+ private:
+  struct Implementation;
+  std::unique_ptr<Implementation> implementation_;
+};
 
 }  // namespace anigen::geometry

@@ -1,11 +1,44 @@
 #pragma once
 #include <Eigen/Core>
+#include <cstddef>
+#include <cstdint>
 #include <vector>
 
 #include "anigen/asset/mesh.h"
-#include "anigen/geometry/face_sets.h"
 
 namespace anigen::geometry {
+
+/// Parts of meshes: faces chosen by a mark per face, 0 for no.
+using FaceMarks = std::vector<char>;
+
+/// The faces that name three different vertices, in order.
+std::vector<Triangle> proper_faces(const std::vector<Triangle>& faces);
+
+/// Faces that hang together by edges, as lists of faces, each ascending; in the order of their first faces.
+/// @param chosen [F], or empty for all faces
+std::vector<std::vector<std::int32_t>> face_components(const MeshEdges& edges, std::size_t faces,
+                                                       const FaceMarks& chosen = {});
+
+/// The chosen faces and the vertices they use, both in their old order; nothing else of a mesh.
+/// @pre faces refer to vertices that exist, one mark per face
+Mesh chosen_faces(const std::vector<Eigen::Vector3f>& vertices, const std::vector<Triangle>& faces,
+                  const FaceMarks& chosen);
+
+/// An edge of an undirected graph: cutting it costs its capacity.
+struct CutEdge {
+  std::int32_t a, b;
+  double capacity;  ///< ≥ 0
+};
+
+/// The cheapest cut between a source and a sink that are joined to some of the nodes by edges of capacity 1 (maximum
+/// flow by push-relabel, Goldberg and Tarjan 1988). Capacities count to 1e-9; one that exceeds the number of nodes can
+/// never be worth cutting and is taken for that number.
+/// @return [nodes] 1 on the source's side. Of several cheapest cuts the one with the most nodes there: all that the
+/// sink cannot be reached from. @throws InputError when an edge, a source or a sink is no node, or a capacity negative
+/// or NaN
+std::vector<char> source_side_of_min_cut(std::size_t nodes, const std::vector<CutEdge>& edges,
+                                         const std::vector<std::int32_t>& sources,
+                                         const std::vector<std::int32_t>& sinks);
 
 /// Constants of reference flows-and-pipeline.md, 5.8.
 struct HiddenFaceRules {
@@ -19,7 +52,7 @@ struct HiddenFaceRules {
 /// sees are inside, faces that are seen more often than most of their component outside; between them the surface is
 /// cut where the cut is shortest, and of the pieces inside those are hidden that are rarely seen and leave no large
 /// hole. Medians are the lower one of two.
-/// @param visibility [F] share of views around the mesh in which a face is seen, as raytrace::face_visibility gives it
+/// @param visibility [F] share of views around the mesh in which a face is seen, as render::face_visibility gives it
 /// @return [F] marks; none when every face is seen
 /// @throws InputError when lengths differ or a face refers to a missing vertex
 FaceMarks hidden_faces(const std::vector<Eigen::Vector3f>& vertices, const std::vector<Triangle>& faces,

@@ -10,10 +10,94 @@
 
 #include "anigen/core/error.h"
 #include "anigen/core/parallel.h"
+#include "anigen/geometry/bones.h"
 #include "anigen/geometry/embree.h"
-#include "anigen/geometry/space_curve.h"
+#include "anigen/geometry/sampling.h"
 
 namespace anigen::geometry {
+
+NearestPoint nearest_on_triangle(const Eigen::Vector3d& p, const Eigen::Vector3d& a, const Eigen::Vector3d& b,
+                                 const Eigen::Vector3d& c) {
+  NearestPoint best;
+  const Eigen::Vector3d ab = b - a, ac = c - a, ap = p - a;
+  const Eigen::Vector3d normal = ab.cross(ac);
+  const double squared = normal.squaredNorm();
+  // Relative to the edges: a sliver's projection is rounding noise, while its edges are still exact.
+  if (squared > 1e-24 * ab.squaredNorm() * ac.squaredNorm()) {
+    const double v = ap.cross(ac).dot(normal), w = ab.cross(ap).dot(normal);
+    if (v >= 0.0 && w >= 0.0 && v + w <= squared) {
+      best.at.barycentric = {1.0 - v / squared - w / squared, v / squared, w / squared};
+      best.position = a + best.at.barycentric[1] * ab + best.at.barycentric[2] * ac;
+      best.distance = (best.position - p).norm();
+      // Rounding of the difference only; the weights are promised not to be negative.
+      best.at.barycentric[0] = std::max(best.at.barycentric[0], 0.0);
+      return best;
+    }
+  }
+  // Not above the inside: the nearest point is on the boundary.
+  const Eigen::Vector3d* corners[3] = {&a, &b, &c};
+  double nearest = std::numeric_limits<double>::infinity(), along = 0.0;
+  int edge = 0;
+  for (int k = 0; k < 3; ++k) {
+    const Eigen::Vector3d &start = *corners[k], &end = *corners[(k + 1) % 3];
+    const double t = nearest_on_segment(p, start, end);
+    const Eigen::Vector3d position = start + t * (end - start);
+    const double distance = (position - p).squaredNorm();
+    if (distance < nearest) {
+      nearest = distance;
+      best.position = position;
+      along = t;
+      edge = k;
+    }
+  }
+  best.distance = std::sqrt(nearest);
+  best.at.barycentric[edge] = 1.0 - along;
+  best.at.barycentric[(edge + 1) % 3] = along;
+  return best;
+}
+
+Eigen::Vector3d position(const SurfacePoint& point, const std::vector<Eigen::Vector3f>& vertices,
+                         const std::vector<Triangle>& faces) {
+  const Triangle& face = faces[static_cast<std::size_t>(point.face)];
+  Eigen::Vector3d result = Eigen::Vector3d::Zero();
+  for (int k = 0; k < 3; ++k) {
+    result +=
+        point.barycentric[k] * vertices[static_cast<std::size_t>(face[static_cast<std::size_t>(k)])].cast<double>();
+  }
+  return result;
+}
+
+SkinWeights interpolate_skin(const SkinWeights& weights, const std::vector<Triangle>& faces,
+                             const std::vector<SurfacePoint>& points) {
+  SkinWeights result;
+  result.offsets.reserve(points.size() + 1);
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    const SurfacePoint& point = points[i];
+    if (point.face < 0 || static_cast<std::size_t>(point.face) >= faces.size()) {
+      throw InputError("", "points[" + std::to_string(i) + "]", "there is no face " + std::to_string(point.face));
+    }
+    std::vector<Influence> row;
+    for (int k = 0; k < 3; ++k) {
+      const auto vertex =
+          static_cast<std::size_t>(faces[static_cast<std::size_t>(point.face)][static_cast<std::size_t>(k)]);
+      if (vertex >= weights.rows()) {
+        throw InputError("", "faces[" + std::to_string(point.face) + "]",
+                         "vertex " + std::to_string(vertex) + " has no skin weights; there are " +
+                             std::to_string(weights.rows()) + " rows");
+      }
+      for (std::size_t n = 0; n < weights.row_size(vertex); ++n) {
+        const Influence& influence = weights.row(vertex)[n];
+        row.push_back({influence.joint, static_cast<float>(point.barycentric[k] * influence.weight)});
+      }
+    }
+    if (!result.append_row(std::move(row))) {
+      // append_row left an empty row behind; fill it in place.
+      result.influences.push_back({0, 1.0f});
+      result.offsets.back() = result.influences.size();
+    }
+  }
+  return result;
+}
 
 struct NearestSurface::Implementation {
   Implementation(const std::vector<Eigen::Vector3f>& rounded, std::vector<Eigen::Vector3d> exact,

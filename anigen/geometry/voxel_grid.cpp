@@ -2,11 +2,12 @@
 
 #include <algorithm>
 #include <cmath>
+#include <string>
 
 #include "anigen/core/error.h"
-#include "anigen/geometry/voxel_bits.h"
 
 namespace anigen::geometry {
+
 namespace {
 
 std::string text_of(const Voxel& voxel) {
@@ -112,6 +113,93 @@ std::vector<Voxel> dilate_randomly(const std::vector<Voxel>& voxels, int resolut
   // The smaller dilation is part of the larger one, so only what it lacks is drawn for.
   for (const Voxel& voxel : dilated(voxels, resolution, clamped + 1).voxels()) {
     if (small.contains(voxel) || !(draw() < 0.5)) result.push_back(voxel);
+  }
+  return result;
+}
+
+namespace {
+
+void set_bits(std::uint64_t* word, std::uint64_t mask) {
+  // Most voxels are met by several triangles: looking first spares the locked instruction.
+  if ((__atomic_load_n(word, __ATOMIC_RELAXED) & mask) == mask) return;
+  __atomic_fetch_or(word, mask, __ATOMIC_RELAXED);
+}
+
+}  // namespace
+
+VoxelBits::VoxelBits(int resolution)
+    : resolution_(resolution),
+      words_((static_cast<std::size_t>(resolution) + 63) / 64),
+      bits_(static_cast<std::size_t>(resolution) * static_cast<std::size_t>(resolution) * words_) {}
+
+void VoxelBits::insert_run(int x, int y, int first, int last) {
+  std::uint64_t* words = row(x, y);
+  for (int start = first; start <= last;) {
+    const int end = std::min(last, start | 63);  // the last voxel of this word
+    const std::uint64_t ones = ~std::uint64_t{0} >> (63 - (end - start));
+    set_bits(words + start / 64, ones << (start % 64));
+    start = end + 1;
+  }
+}
+
+std::vector<Voxel> VoxelBits::voxels() const {
+  std::size_t count = 0;
+  for (const std::uint64_t word : bits_) count += static_cast<std::size_t>(__builtin_popcountll(word));
+  std::vector<Voxel> result;
+  result.reserve(count);
+  for (int x = 0; x < resolution_; ++x) {
+    for (int y = 0; y < resolution_; ++y) {
+      const std::uint64_t* words = row(x, y);
+      for (std::size_t w = 0; w < words_; ++w) {
+        for (std::uint64_t left = words[w]; left != 0; left &= left - 1) {
+          result.push_back({x, y, static_cast<std::int32_t>(w) * 64 + __builtin_ctzll(left)});
+        }
+      }
+    }
+  }
+  return result;
+}
+
+namespace {
+
+/// Rounds toward minus infinity, so that blocks are alike on both sides of 0.
+std::int32_t block_of(std::int32_t index, int factor) {
+  return index >= 0 ? index / factor : -((-static_cast<std::int64_t>(index) + factor - 1) / factor);
+}
+
+}  // namespace
+
+std::vector<Voxel> pool_voxels(const std::vector<Voxel>& voxels, int factor) {
+  if (factor < 1) throw InputError("", "factor", "cannot pool blocks of " + std::to_string(factor) + " voxels");
+  std::vector<Voxel> pooled = voxels;
+  for (Voxel& voxel : pooled) {
+    for (std::int32_t& index : voxel) index = block_of(index, factor);
+  }
+  sort_unique(pooled);
+  return pooled;
+}
+
+PooledVoxels pool_features(const std::vector<Voxel>& voxels, const std::vector<float>& features, std::size_t channels,
+                           int factor) {
+  if (features.size() != voxels.size() * channels) {
+    throw InputError("", "features",
+                     std::to_string(features.size()) + " numbers for " + std::to_string(voxels.size()) + " voxels of " +
+                         std::to_string(channels) + " channels");
+  }
+  PooledVoxels result;
+  result.voxels = pool_voxels(voxels, factor);
+  result.features.resize(result.voxels.size() * channels);
+  std::vector<float> count(result.voxels.size(), 1.0f);
+  for (std::size_t v = 0; v < voxels.size(); ++v) {
+    Voxel block = voxels[v];
+    for (std::int32_t& index : block) index = block_of(index, factor);
+    const auto found = std::lower_bound(result.voxels.begin(), result.voxels.end(), block);
+    const auto row = static_cast<std::size_t>(found - result.voxels.begin());
+    count[row] += 1.0f;
+    for (std::size_t c = 0; c < channels; ++c) result.features[row * channels + c] += features[v * channels + c];
+  }
+  for (std::size_t row = 0; row < count.size(); ++row) {
+    for (std::size_t c = 0; c < channels; ++c) result.features[row * channels + c] /= count[row];
   }
   return result;
 }

@@ -1,6 +1,7 @@
 #pragma once
 #include <Eigen/Core>
 #include <array>
+#include <cstddef>
 #include <cstdint>
 #include <functional>
 #include <string>
@@ -47,5 +48,53 @@ std::vector<Voxel> dilate(const std::vector<Voxel>& voxels, int resolution, int 
 ///        the smaller dilation decides @throws InputError as dilate
 std::vector<Voxel> dilate_randomly(const std::vector<Voxel>& voxels, int resolution, int radius,
                                    const std::function<double()>& draw);
+
+/// A set of voxels as one bit each: R² rows along z of whole 64-bit words. Inserting may happen from many threads at
+/// once, and the set does not depend on their order; everything else may not run at the same time as inserting.
+class VoxelBits {
+ public:
+  /// The empty set. @pre 1 ≤ resolution ≤ kMaxVoxelResolution
+  explicit VoxelBits(int resolution);
+
+  int resolution() const { return resolution_; }
+  std::size_t words() const { return words_; }  ///< per row
+  std::uint64_t* row(int x, int y) { return bits_.data() + row_start(x, y); }
+  const std::uint64_t* row(int x, int y) const { return bits_.data() + row_start(x, y); }
+
+  /// @pre inside the grid, as everywhere in this class
+  void insert(const Voxel& voxel) { insert_run(voxel[0], voxel[1], voxel[2], voxel[2]); }
+  /// (x, y, first) … (x, y, last), nothing when last < first
+  void insert_run(int x, int y, int first, int last);
+  bool contains(const Voxel& voxel) const {
+    return (row(voxel[0], voxel[1])[voxel[2] / 64] >> (voxel[2] % 64) & 1) != 0;
+  }
+
+  std::vector<Voxel> voxels() const;  ///< in lexicographic order
+
+ private:
+  std::size_t row_start(int x, int y) const {
+    return (static_cast<std::size_t>(x) * static_cast<std::size_t>(resolution_) + static_cast<std::size_t>(y)) * words_;
+  }
+
+  int resolution_;
+  std::size_t words_;
+  std::vector<std::uint64_t> bits_;
+};
+
+struct PooledVoxels {
+  std::vector<Voxel> voxels;    ///< at resolution R / factor, lexicographic
+  std::vector<float> features;  ///< row-major [voxels, channels]
+};
+
+/// The coarser voxels that contain the given ones.
+/// @param voxels in any order @throws InputError unless factor ≥ 1
+std::vector<Voxel> pool_voxels(const std::vector<Voxel>& voxels, int factor);
+
+/// Merges the voxels of each factor³ block. A block of n voxels gets Σ features / (n + 1): the published pooling
+/// averages the zero it starts from as well, which shrinks a lone voxel's features by half (reference
+/// training-and-data.md, 1.4, resolution other than 64).
+/// @param features row-major [voxels, channels] @throws InputError when lengths differ or factor < 1
+PooledVoxels pool_features(const std::vector<Voxel>& voxels, const std::vector<float>& features, std::size_t channels,
+                           int factor);
 
 }  // namespace anigen::geometry

@@ -1,16 +1,208 @@
 #include "anigen/geometry/voxelize.h"
 
 #include <algorithm>
+#include <cstdlib>
 #include <string>
 
 #include "anigen/core/error.h"
 #include "anigen/core/parallel.h"
-#include "anigen/geometry/bone_distance.h"
-#include "anigen/geometry/voxel_bits.h"
-#include "anigen/geometry/voxel_segment.h"
-#include "anigen/geometry/voxel_triangle.h"
+#include "anigen/geometry/bones.h"
+#include "anigen/geometry/voxel_grid.h"
 
 namespace anigen::geometry {
+
+namespace {
+
+/// The crossings of voxel borders along one axis.
+struct Walk {
+  std::int64_t cell, left;       ///< where it is, and how many crossings are to come
+  std::int64_t reached, length;  ///< the next crossing happens at the fraction reached / length of the segment
+  int step;
+
+  Walk(std::int64_t from, std::int64_t to)
+      : cell(from >> kFractionBits), length(std::abs(to - from)), step(to < from ? -1 : 1) {
+    left = std::abs((to >> kFractionBits) - cell);
+    reached = step > 0 ? (cell + 1) * kVoxelUnits - from : from - cell * kVoxelUnits;
+  }
+
+  void cross() {
+    cell += step;
+    reached += kVoxelUnits;
+    --left;
+  }
+};
+
+/// < 0 when a crosses first. A point on a border belongs to the upper voxel: going up, the voxel changes on the
+/// border, going down just after it.
+int order(const Walk& a, const Walk& b) {
+  const Int128 first = Int128{a.reached} * b.length, second = Int128{b.reached} * a.length;
+  if (first != second) return first < second ? -1 : 1;
+  return b.step - a.step;
+}
+
+}  // namespace
+
+void append_segment(const FixedPoint& from, const FixedPoint& to, std::vector<Voxel>& voxels) {
+  std::array<Walk, 3> axes = {Walk(from[0], to[0]), Walk(from[1], to[1]), Walk(from[2], to[2])};
+  for (;;) {
+    voxels.push_back({static_cast<std::int32_t>(axes[0].cell), static_cast<std::int32_t>(axes[1].cell),
+                      static_cast<std::int32_t>(axes[2].cell)});
+    const Walk* next = nullptr;
+    for (const Walk& axis : axes) {
+      if (axis.left > 0 && (next == nullptr || order(axis, *next) < 0)) next = &axis;
+    }
+    if (next == nullptr) return;
+    const Walk first = *next;
+    for (Walk& axis : axes) {
+      if (axis.left > 0 && order(axis, first) == 0) axis.cross();
+    }
+  }
+}
+
+namespace {
+
+struct Range {
+  std::int64_t first, last;
+  bool single() const { return first == last; }
+  void cut(const Range& other) {
+    first = std::max(first, other.first);
+    last = std::min(last, other.last);
+  }
+};
+
+/// Voxels whose closed extent along an axis meets the triangle's.
+Range touched(const FixedTriangle& t, std::size_t axis, int resolution) {
+  const auto [low, high] = std::minmax({t[0][axis], t[1][axis], t[2][axis]});
+  return {std::max<std::int64_t>(0, (low - 1) >> kFractionBits),
+          std::min<std::int64_t>(resolution - 1, high >> kFractionBits)};
+}
+
+/// Twice the signed area of the triangle seen along the third axis.
+Int128 area(const FixedTriangle& t, std::size_t a, std::size_t b) {
+  return Int128{t[1][a] - t[0][a]} * (t[2][b] - t[0][b]) - Int128{t[1][b] - t[0][b]} * (t[2][a] - t[0][a]);
+}
+
+/// The triangle seen along one axis, as conditions u·i + v·j + w ≥ 0 on the indices of voxels: the corner of the
+/// voxel's square that lies furthest inward must not be outside an edge. Two edges of a triangle without area face
+/// both ways.
+class Projection {
+ public:
+  Projection(const FixedTriangle& t, std::size_t a, std::size_t b) {
+    const Int128 twice_area = area(t, a, b);
+    for (std::size_t k = 0; k < 3; ++k) {
+      const FixedPoint &from = t[k], &to = t[(k + 1) % 3];
+      const std::int64_t u = from[b] - to[b], v = to[a] - from[a];  // the edge's normal, inward for positive area
+      if (twice_area >= 0) add(u, v, from[a], from[b]);
+      if (twice_area <= 0) add(-u, -v, from[a], from[b]);
+    }
+  }
+
+  /// Second indices that go with a first index.
+  Range seconds(std::int64_t first, Range within) const {
+    for (int k = 0; k < count_; ++k) {
+      const auto& [u, v, w] = conditions_[static_cast<std::size_t>(k)];
+      const std::int64_t rest = u * first + w;
+      if (v > 0) {
+        within.first = std::max(within.first, -floor_div(rest, v));
+      } else if (v < 0) {
+        within.last = std::min(within.last, floor_div(rest, -v));
+      } else if (rest < 0) {
+        return {0, -1};
+      }
+    }
+    return within;
+  }
+
+ private:
+  struct Condition {
+    std::int64_t u, v, w;
+  };
+
+  void add(std::int64_t u, std::int64_t v, std::int64_t a, std::int64_t b) {
+    const Int128 at_corner = -(Int128{u} * a + Int128{v} * b) +
+                             Int128{std::max<std::int64_t>(u, 0) + std::max<std::int64_t>(v, 0)} * kVoxelUnits;
+    // u·i + v·j is an integer number of voxels: rounding down what is added to it changes no sign.
+    conditions_[static_cast<std::size_t>(count_++)] = {u, v, static_cast<std::int64_t>(at_corner >> kFractionBits)};
+  }
+
+  std::array<Condition, 6> conditions_;
+  int count_ = 0;
+};
+
+/// floor(a / b), b > 0, correct where it lies in [low, high]; outside, any number on the same side.
+std::int64_t floor_div_near(Int128 a, Int128 b, std::int64_t low, std::int64_t high) {
+  const double estimate = static_cast<double>(a) / static_cast<double>(b);
+  if (estimate < static_cast<double>(low) - 2.0) return low - 1;
+  if (estimate > static_cast<double>(high) + 2.0) return high + 1;
+  auto quotient = static_cast<std::int64_t>(estimate);
+  while (b * quotient > a) --quotient;
+  while (b * (quotient + 1) <= a) ++quotient;
+  return quotient;
+}
+
+/// The triangle's plane n: boxes must have corners on both sides, or on it.
+class Plane {
+ public:
+  explicit Plane(const FixedTriangle& t) : n_{area(t, 1, 2), area(t, 2, 0), area(t, 0, 1)} {
+    // Seen edge-on along z, the conditions of the x, y projection say the same.
+    bounds_ = n_[2] != 0;
+    if (n_[2] < 0) {
+      for (Int128& component : n_) component = -component;
+    }
+    const Int128 zero = 0;
+    const Int128 offset = n_[0] * t[0][0] + n_[1] * t[0][1] + n_[2] * t[0][2];
+    const Int128 positive = std::max(n_[0], zero) + std::max(n_[1], zero) + std::max(n_[2], zero);
+    const Int128 negative = std::min(n_[0], zero) + std::min(n_[1], zero) + std::min(n_[2], zero);
+    above_ = (positive * kVoxelUnits - offset) >> kFractionBits;  // n·(i, j, k) + above_ ≥ 0
+    below_ = (offset - negative * kVoxelUnits) >> kFractionBits;  // n·(i, j, k) ≤ below_
+  }
+
+  void cut(std::int64_t x, std::int64_t y, Range& z) const {
+    if (!bounds_) return;
+    const Int128 at_zero = n_[0] * x + n_[1] * y;
+    const Range wanted = z;
+    z.first = std::max(wanted.first, -floor_div_near(at_zero + above_, n_[2], -wanted.last, -wanted.first));
+    z.last = std::min(wanted.last, floor_div_near(below_ - at_zero, n_[2], wanted.first, wanted.last));
+  }
+
+ private:
+  std::array<Int128, 3> n_;
+  Int128 above_, below_;
+  bool bounds_;
+};
+
+void insert_box(const Range& x, const Range& y, const Range& z, VoxelBits& voxels) {
+  for (std::int64_t i = x.first; i <= x.last; ++i) {
+    for (std::int64_t j = y.first; j <= y.last; ++j) {
+      voxels.insert_run(static_cast<int>(i), static_cast<int>(j), static_cast<int>(z.first), static_cast<int>(z.last));
+    }
+  }
+}
+
+}  // namespace
+
+void insert_triangle(const FixedTriangle& triangle, VoxelBits& voxels) {
+  const int resolution = voxels.resolution();
+  const Range x = touched(triangle, 0, resolution), y = touched(triangle, 1, resolution),
+              z = touched(triangle, 2, resolution);
+  // Along one axis a connected shape meets every voxel of its extent.
+  if (x.single() + y.single() + z.single() >= 2) return insert_box(x, y, z, voxels);
+  const Projection xy(triangle, 0, 1), xz(triangle, 0, 2), yz(triangle, 1, 2);
+  const Plane plane(triangle);
+  std::array<Range, kMaxVoxelResolution> z_of_y;
+  for (std::int64_t j = y.first; j <= y.last; ++j) z_of_y[static_cast<std::size_t>(j)] = yz.seconds(j, z);
+  for (std::int64_t i = x.first; i <= x.last; ++i) {
+    const Range z_of_x = xz.seconds(i, z), columns = xy.seconds(i, y);
+    for (std::int64_t j = columns.first; j <= columns.last; ++j) {
+      Range run = z_of_x;
+      run.cut(z_of_y[static_cast<std::size_t>(j)]);
+      if (run.first <= run.last) plane.cut(i, j, run);
+      voxels.insert_run(static_cast<int>(i), static_cast<int>(j), static_cast<int>(run.first),
+                        static_cast<int>(run.last));
+    }
+  }
+}
+
 namespace {
 
 void require_faces(const std::vector<Triangle>& faces, std::size_t vertices) {

@@ -1,14 +1,18 @@
 #include "anigen/io/image.h"
 
+#include <algorithm>
+#include <cstdlib>
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
+#include <optional>
+#include <string>
 #include <string_view>
 
-#include "anigen/core/atomic_file.h"
 #include "anigen/core/error.h"
-#include "anigen/io/image_probe.h"
+#include "anigen/core/files.h"
 
 namespace anigen::io {
+
 namespace {
 
 void refuse_size(std::uint64_t width, std::uint64_t height, const std::string& name) {
@@ -125,6 +129,192 @@ std::vector<std::uint8_t> encode_jpeg(const Image& image, int quality) {
 void write_png(const std::filesystem::path& path, const Image& image) {
   const std::vector<std::uint8_t> bytes = encode_png(image);
   write_file_atomically(path, {reinterpret_cast<const char*>(bytes.data()), bytes.size()});
+}
+
+namespace {
+
+PictureSize png_size(const PictureBytes& in) {
+  // Chunks: length, type, data, checksum; the last one is IEND.
+  for (std::size_t at = 8;; at += static_cast<std::size_t>(in.big_endian(at, 4)) + 12) {
+    const std::uint64_t length = in.big_endian(at, 4);
+    if (length > in.size() || at + length + 12 > in.size()) in.truncated(in.size());
+    if (in.matches(at + 4, "IEND")) break;
+  }
+  return {true, in.big_endian(16, 4), in.big_endian(20, 4)};
+}
+
+PictureSize jpeg_size(const PictureBytes& in) {
+  PictureSize size;
+  std::size_t at = 2;
+  while (true) {
+    while (in.big_endian(at, 1) != 0xFF) ++at;  // stray bytes between segments are allowed
+    while (in.big_endian(at, 1) == 0xFF) ++at;
+    const std::uint64_t marker = in.big_endian(at++, 1);
+    if (marker == 0xD9) return size;                                                 // end of image
+    if (marker == 0 || marker == 1 || (marker >= 0xD0 && marker <= 0xD7)) continue;  // markers without a length
+    const bool is_frame = marker >= 0xC0 && marker <= 0xCF && marker != 0xC4 && marker != 0xC8 && marker != 0xCC;
+    if (is_frame) size = {true, in.big_endian(at + 5, 2), in.big_endian(at + 3, 2)};
+    at += std::max<std::size_t>(2, static_cast<std::size_t>(in.big_endian(at, 2)));
+  }
+}
+
+PictureSize bmp_size(const PictureBytes& in) {
+  if (in.little_endian(14, 4) == 12) return {true, in.little_endian(18, 2), in.little_endian(20, 2)};
+  const auto height = static_cast<std::int32_t>(in.little_endian(22, 4));  // negative: rows from the top
+  return {true, in.little_endian(18, 4), static_cast<std::uint64_t>(std::abs(static_cast<std::int64_t>(height)))};
+}
+
+PictureSize webp_size(const PictureBytes& in) {
+  if (in.matches(12, "VP8X")) return {true, in.little_endian(24, 3) + 1, in.little_endian(27, 3) + 1};
+  if (in.matches(12, "VP8L")) {
+    const std::uint64_t bits = in.little_endian(21, 4);
+    return {true, (bits & 0x3FFF) + 1, (bits >> 14 & 0x3FFF) + 1};
+  }
+  return {true, in.little_endian(26, 2) & 0x3FFF, in.little_endian(28, 2) & 0x3FFF};
+}
+
+PictureSize tiff_size(const PictureBytes& in) {
+  const auto width = tiff_value(in, 0, kTiffWidth), height = tiff_value(in, 0, kTiffHeight);
+  if (!width || !height) return {};
+  return {true, *width, *height};
+}
+
+}  // namespace
+
+PictureSize probe_picture(const std::vector<std::uint8_t>& bytes, const std::string& name_for_errors) {
+  const PictureBytes in(bytes, name_for_errors);
+  if (in.matches(0, kPngSignature)) return png_size(in);
+  if (in.matches(0, kJpegSignature)) return jpeg_size(in);
+  if (in.matches(0, "BM")) return bmp_size(in);
+  if (in.matches(0, "RIFF") && in.matches(8, "WEBP")) return webp_size(in);
+  if (is_tiff(in, 0)) return tiff_size(in);
+  return {};
+}
+
+namespace {
+
+using std::string_view_literals::operator""sv;
+
+constexpr std::string_view kExifPrefix = "Exif\0\0"sv;
+constexpr int kUpright = 1, kOrientations = 8;
+
+// Where the EXIF block begins: its TIFF header.
+std::optional<std::size_t> in_jpeg(const PictureBytes& in) {
+  for (std::size_t at = 2; in.big_endian(at, 1) == 0xFF;) {
+    const std::uint64_t marker = in.big_endian(at + 1, 1);
+    if (marker == 0xFF) {  // a fill byte
+      ++at;
+      continue;
+    }
+    if (marker == 0xDA || marker == 0xD9) return std::nullopt;  // the picture itself begins, or ends
+    if (marker == 0xE1 && in.matches(at + 4, kExifPrefix)) return at + 4 + kExifPrefix.size();
+    at += 2 + static_cast<std::size_t>(in.big_endian(at + 2, 2));
+  }
+  return std::nullopt;
+}
+
+std::optional<std::size_t> in_png(const PictureBytes& in) {
+  for (std::size_t at = kPngSignature.size(); at < in.size();) {
+    if (in.matches(at + 4, "eXIf")) return at + 8;
+    at += static_cast<std::size_t>(in.big_endian(at, 4)) + 12;  // length, type, data, checksum
+  }
+  return std::nullopt;
+}
+
+std::optional<std::size_t> in_webp(const PictureBytes& in) {
+  for (std::size_t at = 12; at + 8 <= in.size();) {
+    if (in.matches(at, "EXIF")) {
+      const std::size_t block = at + 8;
+      return in.matches(block, kExifPrefix) ? block + kExifPrefix.size() : block;  // some writers keep JPEG's prefix
+    }
+    const auto length = static_cast<std::size_t>(in.little_endian(at + 4, 4));
+    at += 8 + length + length % 2;
+  }
+  return std::nullopt;
+}
+
+std::optional<std::size_t> exif_block(const PictureBytes& in) {
+  if (in.matches(0, kJpegSignature)) return in_jpeg(in);
+  if (in.matches(0, kPngSignature)) return in_png(in);
+  if (in.matches(0, "RIFF") && in.matches(8, "WEBP")) return in_webp(in);
+  return std::nullopt;
+}
+
+}  // namespace
+
+int exif_orientation(const std::vector<std::uint8_t>& bytes) {
+  const std::string no_name;
+  const PictureBytes in(bytes, no_name);
+  try {
+    const std::optional<std::size_t> block = exif_block(in);
+    if (!block || !is_tiff(in, *block)) return kUpright;
+    const std::uint64_t value = tiff_value(in, *block, kTiffOrientation).value_or(kUpright);
+    return value >= 1 && value <= kOrientations ? static_cast<int>(value) : kUpright;
+  } catch (const InputError&) {
+    return kUpright;  // a damaged remark is no reason to refuse a picture
+  }
+}
+
+Image upright(const Image& stored, int orientation) {
+  if (orientation < 1 || orientation > kOrientations) {
+    throw InputError("", "", "orientation " + std::to_string(orientation) + " of a picture; EXIF has 1 … 8");
+  }
+  if (orientation == kUpright) return stored;
+  const bool exchanged = orientation >= 5;
+  const bool from_right = orientation == 2 || orientation == 3 || orientation == 7 || orientation == 8;
+  const bool from_below = orientation == 3 || orientation == 4 || orientation == 6 || orientation == 7;
+  Image result(exchanged ? stored.height : stored.width, exchanged ? stored.width : stored.height);
+  for (int y = 0; y < result.height; ++y) {
+    for (int x = 0; x < result.width; ++x) {
+      const int across = exchanged ? y : x, down = exchanged ? x : y;
+      const std::uint8_t* from =
+          stored.pixel(from_right ? stored.width - 1 - across : across, from_below ? stored.height - 1 - down : down);
+      std::copy_n(from, kImageChannels, result.pixel(x, y));
+    }
+  }
+  return result;
+}
+
+namespace {
+
+using std::string_view_literals::operator""sv;
+
+constexpr std::size_t kEntryBytes = 12;
+
+std::size_t bytes_of_type(std::uint64_t type) {
+  switch (type) {
+    case 1:
+      return 1;
+    case 3:
+      return 2;
+    case 4:
+      return 4;
+    default:
+      return 0;
+  }
+}
+
+}  // namespace
+
+bool is_tiff(const PictureBytes& in, std::size_t at) {
+  return in.matches(at, "II\x2a\0"sv) || in.matches(at, "MM\0\x2a"sv);
+}
+
+std::optional<std::uint64_t> tiff_value(const PictureBytes& in, std::size_t at, std::uint64_t tag) {
+  const bool little = in.matches(at, "II");
+  const auto value = [&](std::size_t place, std::size_t count) {
+    return little ? in.little_endian(place, count) : in.big_endian(place, count);
+  };
+  const std::size_t directory = at + static_cast<std::size_t>(value(at + 4, 4));
+  const std::uint64_t entries = value(directory, 2);
+  for (std::uint64_t i = 0; i < entries; ++i) {
+    const std::size_t entry = directory + 2 + kEntryBytes * static_cast<std::size_t>(i);
+    if (value(entry, 2) != tag) continue;
+    const std::size_t bytes = bytes_of_type(value(entry + 2, 2));  // tag, type, count, then the value itself
+    if (bytes == 0) return std::nullopt;
+    return value(entry + 8, bytes);
+  }
+  return std::nullopt;
 }
 
 }  // namespace anigen::io

@@ -1,11 +1,171 @@
 #include "anigen/nn/attention.h"
 
+#include <algorithm>
 #include <cmath>
 #include <vector>
 
+#include "anigen/nn/condition_cache.h"
+#include "anigen/nn/kernels/attention_fp32.h"
 #include "anigen/nn/ragged_attention.h"
 
 namespace anigen::nn {
+
+namespace {
+
+constexpr std::int64_t kFewScores = 65536;             // below it, blocks cost more than they save
+constexpr std::int64_t kShortRows = 256;               // sequences up to it have kernels without a product per head
+constexpr std::int64_t kMostTensorScores = 1LL << 25;  // of all heads together in tensor_blocked_attention
+
+// [B, H, N, D] → [B · N, H, D], a view of what a projection left.
+Tensor as_rows(const Tensor& x) { return x.transpose(1, 2).flatten(0, 1); }
+
+Tensor offsets_of(const Tensor& x) {
+  return torch::arange(x.size(0) + 1, torch::TensorOptions().dtype(torch::kInt64)) * x.size(2);
+}
+
+// Calls of a product cost as much as the products of short sequences themselves.
+Tensor short_attention(const Tensor& q, const Tensor& k, const Tensor& v) {
+  const Tensor mixed = ragged_attention(as_rows(q), as_rows(k), as_rows(v), offsets_of(q), offsets_of(k));
+  return mixed.view({q.size(0), q.size(2), q.size(1), q.size(3)}).transpose(1, 2);
+}
+
+}  // namespace
+
+Tensor blocked_attention(const Tensor& q, const Tensor& k, const Tensor& v) {
+  TORCH_CHECK(q.dim() == 4 && k.dim() == 4 && v.sizes() == k.sizes() && q.size(0) == k.size(0) &&
+                  q.size(1) == k.size(1) && q.size(3) == k.size(3) && k.size(2) > 0,
+              "attention of queries ", q.sizes(), " to keys ", k.sizes(), " and values ", v.sizes());
+  TORCH_CHECK(dtype_of(q) == dtype_of(k) && dtype_of(q) == dtype_of(v), "attention of queries of type ", q.dtype(),
+              " to keys of type ", k.dtype(), " and values of type ", v.dtype());
+  const std::int64_t per_query = q.size(0) * q.size(1) * k.size(2), scores = per_query * q.size(2);
+  const bool half_on_cpu = q.is_cpu() && dtype_of(q) == torch::kHalf;  // not every LibTorch multiplies these
+  if (scores == 0 || (scores < kFewScores && !half_on_cpu)) return attend(q, k, v);
+  if (q.is_cpu() && dtype_of(q) != torch::kFloat64) {
+    const bool is_short = q.size(2) <= kShortRows && k.size(2) <= kShortRows;
+    return is_short ? short_attention(q, k, v) : cpu_blocked_attention(q, k, v);
+  }
+  if (kHasFusedAttention && q.is_cuda()) return fused_attention(q, k, v);
+  return tensor_blocked_attention(q, k, v, std::max<std::int64_t>(1, kMostTensorScores / per_query));
+}
+
+namespace {
+
+double score_scale(const Tensor& q) { return 1.0 / std::sqrt(static_cast<double>(q.size(-1))); }
+
+// Scaled scores of some queries with all keys, in the type of sums.
+Tensor wide_scores(const Tensor& q_rows, const Tensor& k) {
+  const Tensor scores = torch::matmul(q_rows * score_scale(q_rows), k.transpose(-2, -1));
+  return scores.to(accumulation_dtype(dtype_of(scores)));
+}
+
+class TensorBlockedAttention : public torch::autograd::Function<TensorBlockedAttention> {
+ public:
+  static Tensor forward(torch::autograd::AutogradContext* context, const Tensor& q, const Tensor& k, const Tensor& v,
+                        std::int64_t rows) {
+    std::vector<Tensor> out, log_sums;
+    for (std::int64_t i = 0; i < q.size(2); i += rows) {
+      const Tensor scores = wide_scores(q.narrow(2, i, std::min(rows, q.size(2) - i)), k);
+      log_sums.push_back(scores.logsumexp(-1, /*keepdim=*/true));
+      out.push_back(torch::matmul((scores - log_sums.back()).exp_().to(dtype_of(q)), v));
+    }
+    const Tensor result = torch::cat(out, 2);
+    context->save_for_backward({q, k, v, result, torch::cat(log_sums, 2)});
+    context->saved_data["rows"] = rows;
+    return result;
+  }
+
+  static torch::autograd::variable_list backward(torch::autograd::AutogradContext* context,
+                                                 torch::autograd::variable_list gradients) {
+    TORCH_CHECK(!at::GradMode::is_enabled(),
+                "blocked attention can be differentiated once only: its backward pass, under "
+                "create_graph, would miss terms");
+    const torch::autograd::variable_list saved = context->get_saved_variables();
+    const Tensor &q = saved[0], &k = saved[1], &v = saved[2], &out = saved[3], &log_sums = saved[4], &dy = gradients[0];
+    const std::int64_t rows = context->saved_data["rows"].toInt();
+    const torch::Dtype dtype = dtype_of(q), wide = dtype_of(log_sums);
+    const Tensor delta = (dy.to(wide) * out.to(wide)).sum(-1, /*keepdim=*/true);
+    Tensor dk = torch::zeros(k.sizes(), k.options().dtype(wide)), dv = torch::zeros_like(dk);
+    std::vector<Tensor> dq;
+    for (std::int64_t i = 0; i < q.size(2); i += rows) {
+      const auto block = [&](const Tensor& x) { return x.narrow(2, i, std::min(rows, x.size(2) - i)); };
+      const Tensor q_rows = block(q), dy_rows = block(dy);
+      const Tensor weights = (wide_scores(q_rows, k) - block(log_sums)).exp_();
+      const Tensor slopes = torch::matmul(dy_rows, v.transpose(-2, -1)).to(wide);
+      const Tensor dscores = ((slopes - block(delta)).mul_(weights) * score_scale(q)).to(dtype);
+      dv.add_(torch::matmul(weights.to(dtype).transpose(-2, -1), dy_rows));
+      dk.add_(torch::matmul(dscores.transpose(-2, -1), q_rows));
+      dq.push_back(torch::matmul(dscores, k));
+    }
+    return {torch::cat(dq, 2), dk.to(dtype), dv.to(dtype), Tensor()};
+  }
+};
+
+}  // namespace
+
+Tensor tensor_blocked_attention(const Tensor& q, const Tensor& k, const Tensor& v, std::int64_t rows) {
+  return TensorBlockedAttention::apply(q, k, v, rows);
+}
+
+namespace {
+
+// [B, N, parts·C] → views [B, N, H, D] of the parts.
+std::vector<Tensor> dense_heads(const Tensor& x, std::int64_t parts, std::int64_t heads) {
+  return x.view({x.size(0), x.size(1), parts, heads, x.size(2) / (parts * heads)}).unbind(2);
+}
+
+}  // namespace
+
+DenseAttentionImpl::DenseAttentionImpl(const DenseAttentionOptions& options)
+    : num_heads_(options.num_heads), channels_(options.channels) {
+  TORCH_CHECK(options.num_heads > 0 && options.channels % options.num_heads == 0, "attention with ", options.channels,
+              " channels cannot have ", options.num_heads, " heads");
+  TORCH_CHECK(options.context_channels > 0 || !options.x_is_query, "x_is_query is an option of cross attention");
+  const std::int64_t channels = options.channels, context = options.context_channels;
+  if (context == 0) {
+    to_qkv_ = register_module("to_qkv", Linear(channels, 3 * channels, options.qkv_bias, options.lora_qkv));
+  } else {
+    if (!options.x_is_query) {
+      to_q_ = register_module("to_q", Linear(channels, channels, options.qkv_bias, options.lora_qkv));
+    }
+    to_kv_ = register_module("to_kv", Linear(context, 2 * channels, options.qkv_bias, options.lora_qkv));
+  }
+  if (options.qk_rms_norm) {
+    q_rms_norm_ = register_module("q_rms_norm", MultiHeadRmsNorm(channels / num_heads_, num_heads_));
+    k_rms_norm_ = register_module("k_rms_norm", MultiHeadRmsNorm(channels / num_heads_, num_heads_));
+  }
+  to_out_ = register_module("to_out", Linear(channels, channels, /*with_bias=*/true, options.lora_out));
+}
+
+std::vector<Tensor> DenseAttentionImpl::keys_and_values(const Tensor& context) {
+  return projected_context(this, context, [&] {
+    std::vector<Tensor> kv = dense_heads(to_kv_->forward(context), 2, num_heads_);
+    if (!k_rms_norm_.is_empty()) kv[0] = k_rms_norm_->forward(kv[0]);
+    return kv;
+  });
+}
+
+Tensor DenseAttentionImpl::forward(const Tensor& x, const Tensor& context) {
+  TORCH_CHECK(x.dim() == 3 && x.size(2) == channels_, "dense attention over ", channels_, " channels: input ",
+              x.sizes());
+  TORCH_CHECK(context.defined() == to_qkv_.is_empty(), "dense attention: ",
+              context.defined() ? "self attention was given a context" : "cross attention needs a context");
+  std::vector<Tensor> qkv;
+  if (context.defined()) {
+    TORCH_CHECK(context.dim() == 3 && context.size(0) == x.size(0), "cross attention: input ", x.sizes(), ", context ",
+                context.sizes());
+    qkv = dense_heads(to_q_.is_empty() ? x.contiguous() : to_q_->forward(x), 1, num_heads_);
+    for (const Tensor& part : keys_and_values(context)) qkv.push_back(part);
+  } else {
+    qkv = dense_heads(to_qkv_->forward(x), 3, num_heads_);
+  }
+  if (!q_rms_norm_.is_empty()) {
+    qkv[0] = q_rms_norm_->forward(qkv[0]);
+    if (!context.defined()) qkv[1] = k_rms_norm_->forward(qkv[1]);
+  }
+  const Tensor mixed = blocked_attention(qkv[0].transpose(1, 2), qkv[1].transpose(1, 2), qkv[2].transpose(1, 2));
+  return to_out_->forward(mixed.transpose(1, 2).reshape(x.sizes()));
+}
+
 namespace {
 
 void check(const AttentionOptions& options) {

@@ -1,7 +1,21 @@
 #pragma once
+#include <Eigen/Core>
+#include <cstdint>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "anigen/core/error.h"
+#include "anigen/io/arrays/ndarray.h"
 #include "anigen/nn/linear.h"
+#include "anigen/nn/torch.h"
 
 namespace anigen::nn {
+
+/// LibTorch's random numbers for anything that is numbered, such as a held-out asset or a sample: a CPU generator
+/// seeded by (seed, purpose, index). LibTorch's generator begins with 32 bits of its seed: of many indices some share
+/// their random numbers, by chance and far apart.
+at::Generator numbered_generator(std::uint64_t seed, std::string_view purpose, std::uint64_t index);
 
 /// What a model's constructor leaves in its parameters.
 enum class Init {
@@ -43,5 +57,50 @@ bool is_linear_or_convolution(const torch::nn::Module& module);
 /// Converts the parameters of every Linear and convolution below `module`, in place; norms and bare parameters keep
 /// their type (reference autoencoders.md, 0.4, "fp16 torso").
 void cast_linears(torch::nn::Module& module, torch::Dtype dtype);
+
+/// "[2, 8, 4]", for messages.
+std::string shape_text(torch::IntArrayRef shape);
+/// Of a tensor; "nothing" for an undefined one.
+std::string shape_text(const Tensor& tensor);
+
+/// @throws InputError naming the tensor unless it is [rows, columns]; -1 for any number of rows
+inline void require_matrix(const torch::Tensor& tensor, std::int64_t rows, std::int64_t columns,
+                           const std::string& name) {
+  if (tensor.defined() && tensor.dim() == 2 && tensor.size(1) == columns && (rows < 0 || tensor.size(0) == rows)) {
+    return;
+  }
+  const std::string wanted = rows < 0 ? "N" : std::to_string(rows);
+  throw InputError("", name,
+                   "expected shape [" + wanted + ", " + std::to_string(columns) + "], got " + shape_text(tensor));
+}
+
+/// A tensor [N, 3] of any device and floating-point type as points on the CPU.
+/// @throws InputError naming the tensor on another shape
+template <typename Scalar = float>
+std::vector<Eigen::Matrix<Scalar, 3, 1>> points_of(const torch::Tensor& tensor, const std::string& name) {
+  require_matrix(tensor, -1, 3, name);
+  const torch::Tensor values = tensor.detach().to(torch::kCPU, c10::CppTypeToScalarType<Scalar>::value).contiguous();
+  const Scalar* numbers = values.data_ptr<Scalar>();
+  std::vector<Eigen::Matrix<Scalar, 3, 1>> points(static_cast<std::size_t>(values.size(0)));
+  for (Eigen::Matrix<Scalar, 3, 1>& point : points) {
+    point = Eigen::Matrix<Scalar, 3, 1>(numbers[0], numbers[1], numbers[2]);
+    numbers += 3;
+  }
+  return points;
+}
+
+using torch::Tensor;
+
+/// A tensor on the CPU that holds a copy of the array. Unsigned 16- and 32-bit integers, which torch lacks, become
+/// int32 and int64. @throws InputError for uint64 and for bytes that do not fill the shape
+Tensor to_tensor(const io::NdArray& array);
+
+/// A copy of the tensor's values, contiguous, from any device. @throws Error for dtypes files do not hold (complex,
+/// quantised)
+io::NdArray to_array(const Tensor& tensor);
+
+/// torch's name of an array dtype. @throws InputError for the dtypes torch lacks
+torch::Dtype torch_dtype(io::Dtype dtype);
+io::Dtype array_dtype(torch::Dtype dtype);
 
 }  // namespace anigen::nn

@@ -1,8 +1,12 @@
 #include "anigen/nn/linear.h"
 
-#include "anigen/nn/fused_mlp.h"
-#include "anigen/nn/gelu.h"
-#include "anigen/nn/widened_linear.h"
+#include <ATen/Context.h>
+#include <ATen/Parallel.h>
+#include <algorithm>
+#include <vector>
+
+#include "anigen/core/kernel_form.h"
+#include "anigen/nn/kernels/activations.h"
 
 namespace anigen::nn {
 
@@ -30,6 +34,192 @@ Tensor MlpImpl::forward(const Tensor& x) {
     return fused_mlp(x, first_->weight, first_->bias, second_->weight, second_->bias);
   }
   return second_->forward(gelu_tanh(first_->forward(x)));
+}
+
+namespace {
+
+// True if LibTorch multiplies bf16 numbers well here, and ANIGEN_KERNELS asks for nothing narrower.
+bool has_bf16_linear() {
+#if defined(__x86_64__)
+  static const bool has = at::hasMKLDNN() && __builtin_cpu_supports("avx512bw") && __builtin_cpu_supports("avx512vl") &&
+                          __builtin_cpu_supports("avx512dq");
+  return has && kernel_form() >= KernelForm::kAvx512;
+#else
+  static const bool has = at::hasMKLDNN();
+  return has;
+#endif
+}
+
+// x wᵀ in fp32.
+class WideProduct : public torch::autograd::Function<WideProduct> {
+ public:
+  static Tensor forward(torch::autograd::AutogradContext* context, const Tensor& x, const Tensor& weight) {
+    context->save_for_backward({x, weight});
+    return torch::matmul(x.to(torch::kFloat32), weight.to(torch::kFloat32).t());
+  }
+
+  static torch::autograd::variable_list backward(torch::autograd::AutogradContext* context,
+                                                 torch::autograd::variable_list gradients) {
+    const auto saved = context->get_saved_variables();
+    const Tensor &x = saved[0], &weight = saved[1];
+    const Tensor dy = gradients[0].reshape({-1, weight.size(0)});
+    const Tensor dx = torch::mm(dy, weight.to(torch::kFloat32)).to(x.scalar_type()).view(x.sizes());
+    const Tensor rows = x.to(torch::kFloat32).reshape({-1, weight.size(1)});
+    return {dx, torch::mm(dy.t(), rows).to(weight.scalar_type())};
+  }
+};
+
+}  // namespace
+
+bool prefers_widened_linear(const Tensor& x, const Tensor& weight) {
+  return x.is_cpu() && x.scalar_type() == torch::kBFloat16 && weight.scalar_type() == torch::kBFloat16 &&
+         !has_bf16_linear();
+}
+
+Tensor widened_linear(const Tensor& x, const Tensor& weight, const Tensor& bias) {
+  const Tensor y = WideProduct::apply(x, weight);
+  return (bias.defined() ? y + bias.to(torch::kFloat32) : y).to(x.scalar_type());
+}
+
+namespace {
+
+constexpr std::int64_t kGrain = 16384;  // fewer values than this cost less than starting a second thread
+
+class VectorGelu : public torch::autograd::Function<VectorGelu> {
+ public:
+  static Tensor forward(torch::autograd::AutogradContext* context, const Tensor& x) {
+    RECORD_USER_SCOPE("elementwise and copies: gelu");
+    context->save_for_backward({x});
+    Tensor y = torch::empty_like(x);
+    const float* in = x.data_ptr<float>();
+    float* out = y.data_ptr<float>();
+    at::parallel_for(0, x.numel(), kGrain, [&](std::int64_t begin, std::int64_t end) {
+      kernels::gelu_forward(in + begin, out + begin, end - begin);
+    });
+    return y;
+  }
+
+  static torch::autograd::variable_list backward(torch::autograd::AutogradContext* context,
+                                                 torch::autograd::variable_list gradients) {
+    RECORD_USER_SCOPE("elementwise and copies: gelu");
+    const Tensor x = context->get_saved_variables()[0];
+    const Tensor dy = gradients[0].contiguous();
+    Tensor dx = torch::empty_like(x);
+    const float *in = x.data_ptr<float>(), *grad = dy.data_ptr<float>();
+    float* out = dx.data_ptr<float>();
+    at::parallel_for(0, x.numel(), kGrain, [&](std::int64_t begin, std::int64_t end) {
+      kernels::gelu_backward(in + begin, grad + begin, out + begin, end - begin);
+    });
+    return {dx};
+  }
+};
+
+}  // namespace
+
+Tensor gelu_tanh(const Tensor& x) {
+  if (!x.is_cpu() || dtype_of(x) != torch::kFloat32) return torch::gelu(x, "tanh");
+  return VectorGelu::apply(x.contiguous());
+}
+
+namespace {
+
+constexpr std::int64_t kCachedValues = 32768;  // hidden values in flight per thread: two buffers of 128 KiB
+constexpr std::int64_t kWidestHidden = 1024;   // beyond it the products dominate and large ones run faster
+constexpr std::int64_t kFewestBlocks = 8;      // below it the separate layers are as fast
+
+std::int64_t block_rows(std::int64_t hidden) { return std::max<std::int64_t>(32, kCachedValues / hidden); }
+
+// Calls body(thread's part, first row, last row) for blocks of rows; each part is one contiguous run of blocks, so sums
+// over a part do not depend on timing.
+template <typename Body>
+void for_each_block(std::int64_t rows, std::int64_t block, std::int64_t parts, const Body& body) {
+  const std::int64_t blocks = (rows + block - 1) / block;
+  at::parallel_for(0, parts, 1, [&](std::int64_t first_part, std::int64_t last_part) {
+    const torch::NoGradGuard no_grad;
+    for (std::int64_t part = first_part; part < last_part; ++part) {
+      for (std::int64_t b = blocks * part / parts; b < blocks * (part + 1) / parts; ++b) {
+        body(part, b * block, std::min(rows, (b + 1) * block));
+      }
+    }
+  });
+}
+
+std::vector<Tensor> one_per_part(std::int64_t parts, torch::IntArrayRef shape) {
+  std::vector<Tensor> tensors;
+  for (std::int64_t i = 0; i < parts; ++i) tensors.push_back(torch::zeros(shape));
+  return tensors;
+}
+
+Tensor sum_of(const std::vector<Tensor>& parts) {
+  Tensor sum = parts[0];
+  for (std::size_t i = 1; i < parts.size(); ++i) sum.add_(parts[i]);
+  return sum;
+}
+
+class FusedMlp : public torch::autograd::Function<FusedMlp> {
+ public:
+  static Tensor forward(torch::autograd::AutogradContext* context, const Tensor& x, const Tensor& w1, const Tensor& b1,
+                        const Tensor& w2, const Tensor& b2) {
+    context->save_for_backward({x, w1, b1, w2});
+    const std::int64_t rows = x.size(0), hidden = w1.size(0), block = block_rows(hidden);
+    const std::int64_t parts = at::get_num_threads();
+    Tensor y = torch::empty({rows, w2.size(0)});
+    std::vector<Tensor> buffers = one_per_part(parts, {block, hidden});
+    const Tensor w1_t = w1.t(), w2_t = w2.t();
+    const float* bias = b1.data_ptr<float>();
+    for_each_block(rows, block, parts, [&](std::int64_t part, std::int64_t first, std::int64_t last) {
+      Tensor h = buffers[static_cast<std::size_t>(part)].narrow(0, 0, last - first);
+      at::mm_out(h, x.narrow(0, first, last - first), w1_t);
+      kernels::gelu_bias(h.data_ptr<float>(), bias, last - first, hidden);
+      Tensor out = y.narrow(0, first, last - first);
+      at::addmm_out(out, b2, h, w2_t);
+    });
+    return y;
+  }
+
+  static torch::autograd::variable_list backward(torch::autograd::AutogradContext* context,
+                                                 torch::autograd::variable_list gradients) {
+    const torch::autograd::variable_list saved = context->get_saved_variables();
+    const Tensor &x = saved[0], &w1 = saved[1], &b1 = saved[2], &w2 = saved[3];
+    const Tensor dy = gradients[0].contiguous();
+    const std::int64_t rows = x.size(0), hidden = w1.size(0), block = block_rows(hidden);
+    const std::int64_t parts = at::get_num_threads();
+    std::vector<Tensor> buffers = one_per_part(parts, {block, hidden}), slopes = one_per_part(parts, {block, hidden});
+    std::vector<Tensor> dw1 = one_per_part(parts, w1.sizes()), db1 = one_per_part(parts, b1.sizes());
+    std::vector<Tensor> dw2 = one_per_part(parts, w2.sizes()), db2 = one_per_part(parts, {w2.size(0)});
+    Tensor dx = context->needs_input_grad(0) ? torch::empty_like(x) : Tensor();
+    const Tensor w1_t = w1.t();
+    const float* bias = b1.data_ptr<float>();
+    for_each_block(rows, block, parts, [&](std::int64_t part, std::int64_t first, std::int64_t last) {
+      const auto p = static_cast<std::size_t>(part);
+      const std::int64_t count = last - first;
+      const Tensor x_rows = x.narrow(0, first, count), dy_rows = dy.narrow(0, first, count);
+      Tensor h = buffers[p].narrow(0, 0, count), dh = slopes[p].narrow(0, 0, count);
+      at::mm_out(h, x_rows, w1_t);
+      at::mm_out(dh, dy_rows, w2);
+      kernels::gelu_bias_backward(h.data_ptr<float>(), bias, dh.data_ptr<float>(), count, hidden);
+      dw2[p].addmm_(dy_rows.t(), h);
+      db2[p].add_(dy_rows.sum(0));
+      dw1[p].addmm_(dh.t(), x_rows);
+      db1[p].add_(dh.sum(0));
+      if (!dx.defined()) return;
+      Tensor dx_rows = dx.narrow(0, first, count);
+      at::mm_out(dx_rows, dh, w1);
+    });
+    return {dx, sum_of(dw1), sum_of(db1), sum_of(dw2), sum_of(db2)};
+  }
+};
+
+}  // namespace
+
+bool prefers_fused_mlp(const Tensor& x, const Tensor& w1) {
+  const std::int64_t hidden = w1.size(0);
+  return x.is_cpu() && x.dim() == 2 && dtype_of(x) == torch::kFloat32 && dtype_of(w1) == torch::kFloat32 &&
+         hidden <= kWidestHidden && x.size(0) >= kFewestBlocks * block_rows(hidden);
+}
+
+Tensor fused_mlp(const Tensor& x, const Tensor& w1, const Tensor& b1, const Tensor& w2, const Tensor& b2) {
+  return FusedMlp::apply(x.contiguous(), w1, b1, w2, b2);
 }
 
 }  // namespace anigen::nn

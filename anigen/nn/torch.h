@@ -1,11 +1,11 @@
 #pragma once
-/// The only place that includes LibTorch. Everything that differs between the versions we build against (1.13 of
-/// Debian 12, 2.x of Debian 13 and of PyTorch's own builds) is decided here, so that no other file tests a version.
 #include <ATen/Parallel.h>
 #include <torch/torch.h>
 #include <torch/version.h>
-
 #include <cstdint>
+
+/// The only place that includes LibTorch. Everything that differs between the versions we build against (1.13 of
+/// Debian 12, 2.x of Debian 13 and of PyTorch's own builds) is decided here, so that no other file tests a version.
 
 /// True when this LibTorch is at least major.minor.
 #define ANIGEN_TORCH_AT_LEAST(major, minor) \

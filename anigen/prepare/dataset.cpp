@@ -2,24 +2,24 @@
 
 #include <algorithm>
 #include <map>
+#include <mutex>
 #include <optional>
 #include <system_error>
 #include <utility>
 
-#include "anigen/core/atomic_file.h"
 #include "anigen/core/error.h"
-#include "anigen/core/group_lock.h"
+#include "anigen/core/files.h"
+#include "anigen/core/hash.h"
+#include "anigen/core/lease.h"
 #include "anigen/core/log.h"
-#include "anigen/core/sha256.h"
-#include "anigen/prepare/card/dataset_card.h"
-#include "anigen/prepare/run/carried_columns.h"
-#include "anigen/prepare/run/finished_run.h"
-#include "anigen/prepare/run/manifest.h"
-#include "anigen/prepare/run/run_lock.h"
-#include "anigen/prepare/run/source_scores.h"
-#include "anigen/prepare/run/verify.h"
+#include "anigen/core/process.h"
+#include "anigen/prepare/dataset_card.h"
+#include "anigen/prepare/manifest.h"
+#include "anigen/prepare/merge.h"
+#include "anigen/prepare/run.h"
 
 namespace anigen::prepare {
+
 namespace {
 
 namespace fs = std::filesystem;
@@ -279,6 +279,143 @@ PrepareSummary merge_dataset(const fs::path& out) {
   const RunAlone lock(out);
   sweep_temporary_files(out);
   return write_tables(out, read_manifests(out));
+}
+
+namespace {
+
+class PhaseRun {
+ public:
+  PhaseRun(const SharedPhase& phase, const LeaseFolder& leases, Executor& executor)
+      : phase_(phase),
+        pieces_(*phase.pieces),
+        leases_(leases),
+        executor_(executor),
+        outcomes_(pieces_.size()),
+        progress_(phase.label, pieces_.size() == 0 ? 0 : pieces_.range(pieces_.size() - 1).second, "assets") {}
+
+  std::vector<SourceOutcome> run() {
+    std::vector<std::string> names;
+    for (std::size_t piece = 0; piece < pieces_.size(); ++piece) names.push_back(pieces_.name(piece));
+    work_together(
+        leases_, names, [this](std::size_t piece) { return done(piece); },
+        [this](const std::vector<std::size_t>& pieces, const Claim& claim) { pass(pieces, claim); });
+    std::vector<SourceOutcome> all;
+    for (auto& outcomes : outcomes_) {
+      for (SourceOutcome& outcome : *outcomes) all.push_back(std::move(outcome));
+    }
+    return all;
+  }
+
+ private:
+  /// A piece that was asked for in this pass.
+  struct Open {
+    std::optional<Lease> lease;  ///< nothing: somebody else has it
+    std::vector<SourceOutcome> outcomes;
+    std::size_t missing = 0;
+  };
+
+  /// Not for two threads at a time: a pass asks under its mutex.
+  bool done(std::size_t piece) {
+    if (outcomes_[piece]) return true;
+    outcomes_[piece] = pieces_.read(piece);
+    if (!outcomes_[piece]) return false;
+    progress_.advance(outcomes_[piece]->size());
+    return true;
+  }
+
+  void pass(const std::vector<std::size_t>& pieces, const Claim& claim) {
+    std::vector<std::size_t> tasks;
+    for (const std::size_t piece : pieces) {
+      const auto [begin, end] = pieces_.range(piece);
+      for (std::size_t task = begin; task < end; ++task) tasks.push_back(task);
+    }
+    std::mutex mutex;
+    std::map<std::size_t, Open> open;
+    executor_.each(
+        tasks.size(),
+        [&](std::size_t i) -> std::optional<SourceTask> {
+          const std::lock_guard<std::mutex> lock(mutex);
+          const std::size_t piece = pieces_.of_task(tasks[i]);
+          const auto [entry, is_new] = open.try_emplace(piece);
+          if (is_new) {
+            const auto [begin, end] = pieces_.range(piece);
+            entry->second.lease = claim(piece);
+            entry->second.missing = end - begin;
+            entry->second.outcomes.resize(end - begin);
+          }
+          if (!entry->second.lease) return std::nullopt;
+          return phase_.task(tasks[i]);
+        },
+        [&](std::size_t i, SourceOutcome outcome) {
+          const std::lock_guard<std::mutex> lock(mutex);
+          const std::size_t piece = pieces_.of_task(tasks[i]);
+          Open& mine = open.at(piece);
+          const std::string note = phase_.made(tasks[i], outcome);
+          if (!note.empty()) progress_.note(note);
+          mine.outcomes[tasks[i] - pieces_.range(piece).first] = std::move(outcome);
+          progress_.advance();
+          if (--mine.missing > 0) return;
+          pieces_.write(piece, mine.outcomes);
+          outcomes_[piece] = std::move(mine.outcomes);
+          mine.lease.reset();  // after the file: who takes the lease next finds the piece done
+        });
+  }
+
+  const SharedPhase& phase_;
+  const Pieces& pieces_;
+  const LeaseFolder& leases_;
+  Executor& executor_;
+  std::vector<std::optional<std::vector<SourceOutcome>>> outcomes_;
+  Progress progress_;
+};
+
+}  // namespace
+
+std::vector<SourceOutcome> run_phase(const SharedPhase& phase, const LeaseFolder& leases, Executor& executor) {
+  return PhaseRun(phase, leases, executor).run();
+}
+
+namespace {
+
+PrepareSummary summary_from_json(const Json& json) {
+  PrepareSummary summary;
+  json.at("real").get_to(summary.real);
+  json.at("procedural").get_to(summary.procedural);
+  json.at("variants").get_to(summary.variants);
+  json.at("rejected_poses").get_to(summary.rejected_poses);
+  json.at("reused").get_to(summary.reused);
+  json.at("bad_skeleton").get_to(summary.bad_skeleton);
+  json.at("bad_skin").get_to(summary.bad_skin);
+  json.at("train").get_to(summary.train);
+  json.at("test").get_to(summary.test);
+  json.at("failed_steps").get_to(summary.failed_steps);
+  json.at("bytes").get_to(summary.bytes);
+  json.at("merged").get_to(summary.merged);
+  for (const Json& one : json.at("rejected")) {
+    summary.rejected.push_back({one.at("file_identifier").get<std::string>(), one.at("reason").get<std::string>(),
+                                one.at("step").get<std::string>(), one.at("rule").get<std::string>()});
+  }
+  return summary;
+}
+
+}  // namespace
+
+std::optional<PrepareSummary> read_finished(const std::filesystem::path& out, const Shard& shard) {
+  const std::filesystem::path file = finished_file(out, shard);
+  std::error_code error;
+  if (!std::filesystem::exists(file, error)) return std::nullopt;
+  try {
+    return summary_from_json(read_json(file));
+  } catch (const InputError&) {
+    return std::nullopt;  // damaged: the tables are written again, with the same bytes
+  } catch (const Json::exception&) {
+    return std::nullopt;
+  }
+}
+
+void write_finished(const std::filesystem::path& out, const Shard& shard, const PrepareSummary& summary) {
+  write_file_atomically(finished_file(out, shard),
+                        to_json(summary).dump(1, ' ', false, Json::error_handler_t::replace) + "\n");
 }
 
 }  // namespace anigen::prepare

@@ -1,17 +1,19 @@
 #pragma once
 #include <cstddef>
 #include <filesystem>
+#include <functional>
 #include <map>
+#include <optional>
 #include <string>
 #include <vector>
 
-#include "anigen/core/json.h"
-#include "anigen/prepare/asset_source.h"
-#include "anigen/prepare/run/dataset_rows.h"
-#include "anigen/prepare/run/run_sources.h"
-#include "anigen/prepare/run/splits.h"
-#include "anigen/prepare/skeleton_checks.h"
-#include "anigen/prepare/steps/step_plan.h"
+#include "anigen/core/config.h"
+#include "anigen/core/lease.h"
+#include "anigen/prepare/merge.h"
+#include "anigen/prepare/run.h"
+#include "anigen/prepare/sources.h"
+#include "anigen/prepare/steps.h"
+#include "anigen/prepare/workers.h"
 
 namespace anigen::prepare {
 
@@ -62,7 +64,7 @@ struct PrepareSummary {
 ///
 /// Any number of processes, on any machines that share the folder, may be called alike at any time: they share the work
 /// by leases (core/lease.h), take over what a dead one had, and all return when everything is done; one of them checks
-/// that nothing is missing (run/verify.h) and writes the tables.
+/// that nothing is missing (merge.h) and writes the tables.
 ///
 /// A shard only takes its own sources through the steps; merge_dataset() makes the tables when all have finished.
 /// @throws InputError when not one source could be used, or the dataset is in other use; Interrupted after Ctrl-C;
@@ -77,5 +79,24 @@ PrepareSummary merge_dataset(const std::filesystem::path& out);
 Json to_json(const PrepareSummary& summary);
 /// A few lines for the screen.
 std::string to_text(const PrepareSummary& summary);
+
+/// One phase of a run, shared with whoever else works on the dataset.
+struct SharedPhase {
+  std::string label;  ///< of the progress bar
+  const Pieces* pieces = nullptr;
+  std::function<SourceTask(std::size_t)> task;
+  /// An outcome that this process made; called by one thread at a time. @return a note for the bar, or nothing to say
+  std::function<std::string(std::size_t, const SourceOutcome&)> made;
+};
+
+/// Sends pieces to the executor as their leases can be had, until all are done by somebody.
+/// @return what became of every task, in order, from whichever process
+/// @throws what Executor::each() throws
+std::vector<SourceOutcome> run_phase(const SharedPhase& phase, const LeaseFolder& leases, Executor& executor);
+
+/// What the process that wrote the tables of a run leaves for the others, run/finished-<i>-of-<n>.json: that they are
+/// written, and what is in them. @return nothing when they are not written yet
+std::optional<PrepareSummary> read_finished(const std::filesystem::path& out, const Shard& shard);
+void write_finished(const std::filesystem::path& out, const Shard& shard, const PrepareSummary& summary);  ///< atomic
 
 }  // namespace anigen::prepare

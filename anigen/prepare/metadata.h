@@ -1,17 +1,55 @@
 #pragma once
 #include <cstddef>
+#include <cstdint>
 #include <filesystem>
+#include <functional>
+#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
 
-#include "anigen/core/csv.h"
-#include "anigen/prepare/asset_source.h"
-#include "anigen/prepare/cleaning/cleaning.h"
-#include "anigen/prepare/cleaning/skeleton_descriptor.h"
-#include "anigen/prepare/skeleton_checks.h"
+#include "anigen/asset/rigged_asset.h"
+#include "anigen/asset/skeleton.h"
+#include "anigen/core/config.h"
+#include "anigen/core/table.h"
+#include "anigen/geometry/voxel_grid.h"
+#include "anigen/io/arrays/ndarray.h"
+#include "anigen/prepare/cleaning.h"
+#include "anigen/prepare/sources.h"
 
 namespace anigen::prepare {
+
+/// What is kept of a skeleton to compare it with those of other assets: where joints are in the skeleton's own bounding
+/// box (centre at the origin, longest side 1), and how they hang together, whatever their order and names. Small enough
+/// for a record, so that shards of a dataset can be compared after they were merged.
+struct SkeletonDescriptor {
+  std::string topology;              ///< equal for trees that are equal up to the order of children
+  double length = 0.0;               ///< mean bone length, of the rounded places
+  std::vector<std::int32_t> places;  ///< [J, 3] in 1/kPlaces of the longest side
+  std::vector<std::int32_t> depths;  ///< [J] bones between the root and the joint
+
+  static constexpr double kPlaces = 1000.0;
+  std::size_t joints() const { return depths.size(); }
+};
+
+SkeletonDescriptor describe(const Skeleton& skeleton);
+
+Json to_json(const SkeletonDescriptor& descriptor);
+SkeletonDescriptor skeleton_descriptor_from_json(const Json& json);
+
+/// Whether the trees are equal, every joint of each has one of the same depth in the other within `tolerance` (in the
+/// unit of the longest side), and their mean bone lengths differ by no more than twice that.
+bool near(const SkeletonDescriptor& a, const SkeletonDescriptor& b, double tolerance);
+
+/// Published pipelines remove assets by skeleton similarity without saying which (reference anymate-baselines.md, 1.1);
+/// 1 % is our choice.
+inline constexpr double kNearSkeleton = 0.01;
+
+/// For every descriptor the first earlier one that it is near to and that is itself near to none; nothing for those
+/// that stay. Skeletons of fewer than `least_joints` joints are compared with none: small ones are alike by chance.
+/// Compares only trees that are equal and of about one mean bone length, so the usual cost is far below n².
+std::vector<std::optional<std::size_t>> near_duplicates(const std::vector<SkeletonDescriptor>& descriptors,
+                                                        double tolerance = kNearSkeleton, std::size_t least_joints = 4);
 
 /// What was measured when an asset was imported. Depends on its content only, never on where it lay or on limits,
 /// so that it can be kept beside the asset and reused.
@@ -52,5 +90,55 @@ bool usable(const AssetRecord& record, const QualityLimits& limits);
 bool bad_skin(const AssetRecord& record, const QualityLimits& limits);
 
 CsvTable metadata_table(const std::vector<DatasetEntry>& entries, const QualityLimits& limits);
+
+/// Chooses test entries: the `count` ids with the smallest hash of (seed, id). The choice does not depend on the
+/// order of the ids, and adding an id moves at most one other across the border.
+/// @return one flag per id, true for test @pre ids are unique
+std::vector<bool> choose_test(const std::vector<std::string>& ids, std::size_t count, std::uint64_t seed);
+
+/// round(fraction · n). @throws InputError when the fraction is not in [0, 1]
+std::size_t test_count(std::size_t n, double fraction);
+
+/// What the features of one asset are computed from.
+struct FeatureRequest {
+  const Asset& asset;                          ///< normalised into [-0.5, 0.5]³, Z up, in its bind pose
+  const std::vector<geometry::Voxel>& voxels;  ///< [N] surface voxels, sorted
+  int resolution = 64;                         ///< of the voxel grid
+  std::filesystem::path views;                 ///< renders/<id>; empty when the extractor needs no views
+};
+
+/// Gives every surface voxel a vector: features/<name>/<id>.npz of the published layout (reference
+/// training-and-data.md, 1.1). Made in the worker that uses it, never in the parent of a run, since an extractor may
+/// start a tensor library. extract() is called from one thread at a time.
+class FeatureExtractor {
+ public:
+  virtual ~FeatureExtractor() = default;
+
+  /// The folder under features/ and the column feature_<name> of metadata.csv.
+  virtual std::string name() const = 0;
+  /// What the values depend on besides the asset and its views: weights by content, number of views used, version
+  /// of the method. Outputs made under another fingerprint are made again.
+  virtual std::string fingerprint() const { return name(); }
+  virtual int channels() const = 0;
+  /// Whether FeatureRequest::views must hold transforms.json and its pictures.
+  virtual bool needs_views() const = 0;
+  /// @return float16 [N, channels()], rows in the order of request.voxels
+  /// @throws InputError naming a view that cannot be read
+  virtual io::NdArray extract(const FeatureRequest& request) const = 0;
+};
+
+/// Which extractor, as the command line names it.
+struct FeatureOptions {
+  std::string model;              ///< "surface", "dinov2_vits14_reg", "dinov2_vitl14_reg", …; empty for none
+  std::filesystem::path weights;  ///< .pth or .safetensors of a learned model
+  std::string device = "cpu";
+  bool operator==(const FeatureOptions& other) const {
+    return model == other.model && weights == other.weights && device == other.device;
+  }
+};
+
+/// Makes the extractor that the options name. @throws InputError for an unknown model or missing weights,
+/// NotSupportedError for a model that this build cannot run
+using FeatureExtractorFactory = std::function<std::unique_ptr<FeatureExtractor>(const FeatureOptions&)>;
 
 }  // namespace anigen::prepare

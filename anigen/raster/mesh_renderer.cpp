@@ -1,17 +1,107 @@
 #include "anigen/raster/mesh_renderer.h"
 
+#include <cmath>
+#include <limits>
 #include <string>
 #include <vector>
 
 #include "anigen/core/error.h"
-#include "anigen/nn/shape_text.h"
+#include "anigen/nn/init.h"
 #include "anigen/raster/antialias.h"
-#include "anigen/raster/camera.h"
-#include "anigen/raster/check_inputs.h"
-#include "anigen/raster/face_normals.h"
-#include "anigen/raster/viewport.h"
+#include "anigen/raster/interpolate.h"
+#include "anigen/raster/rasterize.h"
 
 namespace anigen::raster {
+
+namespace {
+
+void check_square(const Tensor& matrix, std::int64_t size, const std::string& name) {
+  check_real(matrix, 2, name);
+  if (matrix.size(0) != size || matrix.size(1) != size) {
+    const std::string side = std::to_string(size);
+    throw InputError("", name, "must be [" + side + ", " + side + "], is " + nn::shape_text(matrix));
+  }
+}
+
+}  // namespace
+
+Tensor projection_matrix(const Tensor& intrinsics, double near, double far) {
+  check_square(intrinsics, 3, "intrinsics");
+  if (!(near > 0.0 && far > near && std::isfinite(far))) {
+    throw InputError("", "near, far", "must be finite with 0 < near < far");
+  }
+  const auto entry = [&](std::int64_t row, std::int64_t column) { return intrinsics.select(0, row).select(0, column); };
+  const Tensor zero = torch::zeros({}, intrinsics.options()), one = torch::ones({}, intrinsics.options());
+  return torch::stack({2.0 * entry(0, 0), zero, 2.0 * entry(0, 2) - 1.0, zero,                     //
+                       zero, 2.0 * entry(1, 1), 1.0 - 2.0 * entry(1, 2), zero,                     //
+                       zero, zero, one * (far / (far - near)), one * (near * far / (near - far)),  //
+                       zero, zero, one, zero})
+      .view({4, 4});
+}
+
+Tensor to_clip(const Tensor& vertices, const Tensor& extrinsics, const Tensor& projection) {
+  check_real(vertices, 2, "vertices");
+  if (vertices.size(1) != 3) throw InputError("", "vertices", "must be [V, 3], is " + nn::shape_text(vertices));
+  check_square(extrinsics, 4, "extrinsics");
+  check_square(projection, 4, "projection");
+  if (nn::dtype_of(extrinsics) != nn::dtype_of(vertices) || nn::dtype_of(projection) != nn::dtype_of(vertices)) {
+    throw InputError("", "extrinsics, intrinsics", "must be of the vertices' type");
+  }
+  const Tensor camera =
+      vertices.matmul(extrinsics.narrow(0, 0, 3).narrow(1, 0, 3).t()) + extrinsics.narrow(0, 0, 3).select(1, 3);
+  return camera.matmul(projection.narrow(1, 0, 3).t()) + projection.select(1, 3);
+}
+
+void check_real(const Tensor& tensor, std::int64_t dimensions, const std::string& name) {
+  if (!tensor.defined() || tensor.dim() != dimensions) {
+    throw InputError("", name,
+                     "needs " + std::to_string(dimensions) + " dimensions, its shape is " + nn::shape_text(tensor));
+  }
+  if (nn::dtype_of(tensor) != torch::kFloat32 && nn::dtype_of(tensor) != torch::kFloat64) {
+    throw InputError("", name, "must be fp32 or fp64");
+  }
+}
+
+void check_clip(const Tensor& clip) {
+  check_real(clip, 2, "clip");
+  if (clip.size(1) != 4) throw InputError("", "clip", "must be [V, 4], is " + nn::shape_text(clip));
+}
+
+Tensor checked_faces(const Tensor& faces, std::int64_t vertices, const std::string& name) {
+  if (!faces.defined() || faces.dim() != 2 || faces.size(1) != 3 || nn::dtype_of(faces) != torch::kInt64) {
+    throw InputError("", name, "must be int64 [F, 3], the shape is " + nn::shape_text(faces));
+  }
+  if (faces.size(0) >= std::numeric_limits<std::int32_t>::max() ||
+      vertices >= std::numeric_limits<std::int32_t>::max()) {
+    throw InputError("", name, "more triangles or vertices than 32 bits can count");
+  }
+  const Tensor host = faces.to(torch::kCPU).contiguous();
+  const std::int64_t* index = host.data_ptr<std::int64_t>();
+  for (std::int64_t i = 0; i < host.numel(); ++i) {
+    if (index[i] < 0 || index[i] >= vertices) {
+      throw InputError("", name + ", triangle " + std::to_string(i / 3),
+                       "vertex " + std::to_string(index[i]) + " of " + std::to_string(vertices));
+    }
+  }
+  return host;
+}
+
+Tensor checked_triangles(const Tensor& triangle, std::int64_t faces) {
+  if (!triangle.defined() || triangle.dim() != 2 || nn::dtype_of(triangle) != torch::kInt64) {
+    throw InputError("", "triangle", "must be int64 [H, W], the shape is " + nn::shape_text(triangle));
+  }
+  const Tensor host = triangle.to(torch::kCPU).contiguous();
+  const std::int64_t* id = host.data_ptr<std::int64_t>();
+  for (std::int64_t i = 0; i < host.numel(); ++i) {
+    if (id[i] < 0 || id[i] > faces) {
+      throw InputError("", "pixel " + std::to_string(i),
+                       "shows triangle " + std::to_string(id[i]) + " of " + std::to_string(faces) +
+                           ": the picture was made with other faces");
+    }
+  }
+  return host;
+}
+
 namespace {
 
 void check_options(const RenderOptions& options) {

@@ -1,7 +1,118 @@
 #pragma once
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
 #include "anigen/nn/torch.h"
 
 namespace anigen::raster {
+
+inline constexpr std::int64_t kMostPixelsPerSide = 16384;
+inline constexpr std::int64_t kMostSubpixelBits = 12;  // positions and products of them then fit in 32 and 64 bits
+
+/// A picture's pixels and the grid to which corners are snapped before coverage is decided.
+struct Viewport {
+  std::int64_t height = 0, width = 0;
+  std::int64_t subpixel_bits = 4;  ///< steps of 1/2^bits pixel
+
+  /// x/w of a column's centre, y/w of a row's.
+  double x(std::int64_t column) const { return static_cast<double>(2 * column + 1) / static_cast<double>(width) - 1.0; }
+  double y(std::int64_t row) const { return static_cast<double>(2 * row + 1) / static_cast<double>(height) - 1.0; }
+  double half_width() const { return 0.5 * static_cast<double>(width); }
+  double half_height() const { return 0.5 * static_cast<double>(height); }
+};
+
+using ClipPoint = std::array<double, 4>;  ///< x, y, z, w
+
+/// A convex polygon in clip space; room for what cutting a triangle with seven planes can leave.
+struct ClipPolygon {
+  static constexpr std::size_t kMostPoints = 16;
+  std::array<ClipPoint, kMostPoints> points{};
+  std::size_t size = 0;
+
+  void add(const ClipPoint& point) {
+    if (size < kMostPoints) points[size++] = point;
+  }
+};
+
+/// Whether all corners have w > 0, |z| ≤ w, |x| ≤ guard_x w and |y| ≤ guard_y w.
+bool inside_view(const std::array<ClipPoint, 3>& triangle, double guard_x, double guard_y);
+
+/// The part of a triangle of which inside_view() holds; fewer than three points when there is none. Triangles that
+/// share an edge are cut at the same points of it, so no gap opens between them.
+/// (Sutherland and Hodgman 1974, "Reentrant polygon clipping".)
+ClipPolygon clip_to_view(const std::array<ClipPoint, 3>& triangle, double guard_x, double guard_y);
+
+/// A triangle ready to be drawn: where it covers pixel centres, and its depth there. A triangle that had to be clipped
+/// becomes several of these, all with the plane of the whole.
+struct ScreenTriangle {
+  std::array<std::int32_t, 3> x, y;                             ///< corners in steps of 1/2^subpixel_bits pixel
+  std::int32_t first_column, last_column, first_row, last_row;  ///< of the pixel centres that it may cover
+  std::int32_t face;
+  double depth_at_origin, depth_per_column, depth_per_row;  ///< z/w as a plane over pixels, from unsnapped corners
+  double nearest, farthest;                                 ///< z/w of the visible corners bounds it
+};
+
+/// Appends what there is to draw of one face; nothing when it lies outside the picture, covers no pixel centre or has
+/// no area. Corners turn so that the area is positive (x right, y down).
+/// @param clip [V, 4] @param corners its three vertices
+void append_screen_triangles(const Viewport& viewport, const double* clip, const std::int64_t* corners,
+                             std::int32_t face, std::vector<ScreenTriangle>& triangles);
+
+/// A triangle as a pixel at (X, Y) sees it. With q_k = (x_k − X w_k, y_k − Y w_k), the unnormalised weights of the
+/// corners are q1 × q2, q2 × q0, q0 × q1 (reference README-ops.md, rasterisation rules).
+struct PixelTriangle {
+  std::array<double, 3> qx, qy, weight;
+  double sum;  ///< of the weights; 0: the triangle has no area as seen from here
+
+  /// @param clip [V, 4] @param corners its three vertices
+  PixelTriangle(const double* clip, const std::int64_t* corners, double x, double y) {
+    double determinant = 0.0, largest_w = 0.0;
+    for (std::size_t k = 0; k < 3; ++k) {
+      const double* p = clip + 4 * corners[k];
+      qx[k] = p[0] - x * p[3];
+      qy[k] = p[1] - y * p[3];
+      largest_w = std::max(largest_w, p[3]);
+    }
+    sum = 0.0;
+    for (std::size_t k = 0; k < 3; ++k) {
+      const std::size_t i = (k + 1) % 3, j = (k + 2) % 3;
+      weight[k] = qx[i] * qy[j] - qy[i] * qx[j];
+      sum += weight[k];
+      determinant += weight[k] * clip[4 * corners[k] + 3];
+    }
+    // At what is seen w is determinant / sum, and no more than at the farthest corner. A pixel that only snapping put
+    // into the triangle may lie beyond its horizon.
+    const double least = std::abs(determinant) / largest_w;
+    if (!(determinant * sum > 0.0) || std::abs(sum) < least) sum = std::copysign(least, determinant);
+    if (!std::isfinite(sum)) sum = 0.0;
+  }
+
+  /// u and v, clamped to [0, 1] and their sum to 1: snapping shows triangles a little beyond their edges.
+  std::array<double, 2> barycentric() const {
+    if (sum == 0.0) return {1.0 / 3.0, 1.0 / 3.0};
+    const double u = std::clamp(weight[0] / sum, 0.0, 1.0), v = std::clamp(weight[1] / sum, 0.0, 1.0);
+    const double shrink = 1.0 / std::max(u + v, 1.0);
+    return {u * shrink, v * shrink};
+  }
+
+  /// From gradients of u and v those of (x_k, y_k, w_k); clamping passes them on unchanged.
+  std::array<std::array<double, 3>, 3> gradients(double x, double y, double du, double dv) const {
+    std::array<std::array<double, 3>, 3> corners{};
+    if (sum == 0.0) return corners;
+    const double common = (du * weight[0] + dv * weight[1]) / sum;
+    const std::array<double, 3> dweight{(du - common) / sum, (dv - common) / sum, -common / sum};
+    for (std::size_t k = 0; k < 3; ++k) {
+      const std::size_t i = (k + 1) % 3, j = (k + 2) % 3;
+      const double dx = dweight[j] * qy[i] - dweight[i] * qy[j], dy = dweight[i] * qx[j] - dweight[j] * qx[i];
+      corners[k] = {dx, dy, -x * dx - y * dy};
+    }
+    return corners;
+  }
+};
 
 using torch::Tensor;
 
@@ -26,5 +137,13 @@ Fragments rasterize(const Tensor& clip, const Tensor& faces, std::int64_t height
 /// @param attributes [V', C] fp32 or fp64 @param faces [F, 3] int64 into attributes @return [H, W, C]
 /// @throws InputError when shapes, types or indices do not fit
 Tensor interpolate(const Tensor& attributes, const Fragments& fragments, const Tensor& faces);
+
+/// The nearest triangle at every pixel centre, and of several equally near ones the first. Edges that two triangles
+/// share are covered by exactly one of them: positions are integers, and a centre on an edge belongs to the triangle
+/// whose left or top edge it is. Runs on all threads, each drawing some rows; the same result for any number.
+/// @param clip [V, 4], finite @param faces [F, 3], valid
+/// @param depth [H, W] z/w; infinity where there is nothing @param triangle [H, W] index + 1; 0 where there is nothing
+void find_visible(const Viewport& viewport, const double* clip, const std::int64_t* faces, std::int64_t face_count,
+                  double* depth, std::int64_t* triangle);
 
 }  // namespace anigen::raster

@@ -4,11 +4,12 @@
 #include <vector>
 
 #include "anigen/core/error.h"
-#include "anigen/nn/kept_contexts.h"
+#include "anigen/nn/condition_cache.h"
 #include "anigen/nn/ragged_attention.h"
-#include "anigen/sparse/window_rows.h"
+#include "anigen/sparse/windows.h"
 
 namespace anigen::sparse {
+
 namespace {
 
 // [N, parts · C] → views [N, H, D] of the parts.

@@ -3,8 +3,8 @@
 #include <vector>
 
 #include "anigen/nn/linear.h"
-#include "anigen/nn/rms_norm.h"
-#include "anigen/sparse/sparse_tensor.h"
+#include "anigen/nn/norms.h"
+#include "anigen/sparse/support.h"
 
 namespace anigen::sparse {
 

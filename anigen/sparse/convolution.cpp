@@ -1,13 +1,153 @@
 #include "anigen/sparse/convolution.h"
 
+#include <algorithm>
 #include <cmath>
 #include <string>
 
 #include "anigen/core/error.h"
-#include "anigen/nn/shape_text.h"
-#include "anigen/sparse/tap_function.h"
+#include "anigen/nn/init.h"
 
 namespace anigen::sparse {
+
+namespace {
+
+constexpr std::int64_t kTaps = 27;
+
+}  // namespace
+
+TapPlan submanifold_plan() {
+  TapPlan plan;
+  for (std::int64_t tap = 0; tap < kTaps; ++tap) plan.links.push_back({tap, 0, 0, tap});
+  return plan;
+}
+
+TapPlan subdivision_plan() {
+  TapPlan plan;
+  plan.to_children = 8;
+  for (std::int64_t child = 0; child < 8; ++child) {
+    for (std::int64_t side = 0; side < 8; ++side) {
+      // Along an axis, bit 0 of a child sees the voxel before its own and its own, bit 1 its own and the next.
+      const std::int64_t x = child / 4 + side / 4, y = child / 2 % 2 + side / 2 % 2, z = child % 2 + side % 2;
+      plan.links.push_back({(x * 3 + y) * 3 + z, 0, child, child * 8 + side});
+    }
+  }
+  return plan;
+}
+
+TapPlan reversed(const TapPlan& plan) {
+  TapPlan back;
+  back.from_children = plan.to_children;
+  back.to_children = plan.from_children;
+  for (const TapLink& link : plan.links) {
+    back.links.push_back({kTaps - 1 - link.tap, link.to_child, link.from_child, link.matrix});
+  }
+  std::stable_sort(back.links.begin(), back.links.end(),
+                   [](const TapLink& a, const TapLink& b) { return a.to_child < b.to_child; });
+  return back;
+}
+
+namespace {
+
+// Rows that a link joins, as indices of `in` and `out`.
+struct LinkedRows {
+  Tensor from, to;
+};
+
+LinkedRows linked_rows(const TapPlan& plan, const TapLink& link, const Tensor& neighbours) {
+  const Tensor found = neighbours.select(0, link.tap);
+  const Tensor rows = found.ge(0).nonzero().squeeze(1);
+  return {found.index_select(0, rows).to(torch::kInt64) * plan.from_children + link.from_child,
+          rows * plan.to_children + link.to_child};
+}
+
+}  // namespace
+
+void add_tensor_tap_product(const TapPlan& plan, const Tensor& neighbours, const Tensor& in, const Tensor& matrices,
+                            Tensor& out) {
+  const Tensor weights = matrices.to(nn::dtype_of(in));
+  for (const TapLink& link : plan.links) {
+    const LinkedRows rows = linked_rows(plan, link, neighbours);
+    const Tensor product = in.index_select(0, rows.from).mm(weights.select(0, link.matrix));
+    out.index_add_(0, rows.to, product.to(nn::dtype_of(out)));
+  }
+}
+
+Tensor tensor_tap_correlation(const TapPlan& plan, const Tensor& neighbours, const Tensor& in, const Tensor& slopes) {
+  Tensor matrices = torch::empty({plan.matrices(), in.size(1), slopes.size(1)},
+                                 in.options().dtype(nn::accumulation_dtype(nn::dtype_of(in))));
+  for (const TapLink& link : plan.links) {
+    const LinkedRows rows = linked_rows(plan, link, neighbours);
+    matrices.select(0, link.matrix).copy_(in.index_select(0, rows.from).t().mm(slopes.index_select(0, rows.to)));
+  }
+  return matrices;
+}
+
+void add_tap_product(const TapPlan& plan, const Tensor& neighbours, const Tensor& in, const Tensor& matrices,
+                     Tensor& out) {
+  if (!in.is_cpu()) return add_tensor_tap_product(plan, neighbours, in, matrices, out);
+  // The matrices of a subdivision are sums of weights, which bf16 would round once more.
+  const bool plain = plan.from_children == 1 && plan.to_children == 1;
+  if (plain && prefers_bf16_tap_product(in, matrices)) {
+    return add_bf16_tap_product(plan, neighbours, in, matrices, out);
+  }
+  const torch::Dtype dtype = nn::dtype_of(out);
+  add_cpu_tap_product(plan, neighbours, in.to(dtype), matrices.to(dtype), out);
+}
+
+Tensor tap_correlation(const TapPlan& plan, const Tensor& neighbours, const Tensor& in, const Tensor& slopes) {
+  if (!in.is_cpu()) return tensor_tap_correlation(plan, neighbours, in, slopes);
+  const torch::Dtype dtype = nn::accumulation_dtype(nn::dtype_of(in));
+  return cpu_tap_correlation(plan, neighbours, in.to(dtype), slopes.to(dtype));
+}
+
+namespace {
+
+using torch::autograd::AutogradContext;
+using torch::autograd::variable_list;
+
+TapPlan plan_of(bool subdivide) { return subdivide ? subdivision_plan() : submanifold_plan(); }
+
+class TapFunction : public torch::autograd::Function<TapFunction> {
+ public:
+  static Tensor forward(AutogradContext* context, const Tensor& feats, const Tensor& matrices, const Tensor& bias,
+                        const Tensor& neighbours, bool subdivide) {
+    RECORD_USER_SCOPE("convolution: sparse");
+    context->save_for_backward({feats, matrices, neighbours});
+    context->saved_data["subdivide"] = subdivide;
+    const TapPlan plan = plan_of(subdivide);
+    Tensor out = torch::empty({neighbours.size(1) * plan.to_children, matrices.size(2)}, matrices.options());
+    out.copy_(bias);
+    add_tap_product(plan, neighbours, feats, matrices, out);
+    return out.to(nn::dtype_of(feats));
+  }
+
+  static variable_list backward(AutogradContext* context, variable_list gradients) {
+    RECORD_USER_SCOPE("convolution: sparse");
+    TORCH_CHECK(!at::GradMode::is_enabled(),
+                "a sparse convolution can be differentiated once only: its backward pass, under create_graph, would "
+                "miss terms");
+    const variable_list saved = context->get_saved_variables();
+    const Tensor &feats = saved[0], &matrices = saved[1], &neighbours = saved[2], &slopes = gradients[0];
+    const TapPlan plan = plan_of(context->saved_data["subdivide"].toBool());
+    Tensor d_feats, d_matrices, d_bias;
+    if (context->needs_input_grad(0)) {
+      Tensor sums = torch::zeros(feats.sizes(), matrices.options());
+      add_tap_product(reversed(plan), neighbours, slopes, matrices.transpose(1, 2), sums);
+      d_feats = sums.to(nn::dtype_of(feats));
+    }
+    if (context->needs_input_grad(1)) d_matrices = tap_correlation(plan, neighbours, feats, slopes);
+    if (context->needs_input_grad(2)) d_bias = slopes.to(nn::dtype_of(matrices)).sum(0);
+    return {d_feats, d_matrices, d_bias, Tensor(), Tensor()};
+  }
+};
+
+}  // namespace
+
+Tensor tap_function(const Tensor& feats, const Tensor& matrices, const Tensor& bias, const Tensor& neighbours,
+                    bool subdivide) {
+  return TapFunction::apply(feats, matrices, bias, neighbours, subdivide);
+}
+
 namespace {
 
 constexpr std::int64_t kKernel = 3, kKernelTaps = kKernel * kKernel * kKernel;

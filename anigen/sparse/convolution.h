@@ -1,8 +1,81 @@
 #pragma once
+#include <cstdint>
+#include <vector>
+
 #include "anigen/nn/init.h"
-#include "anigen/sparse/sparse_tensor.h"
+#include "anigen/nn/torch.h"
+#include "anigen/sparse/support.h"
 
 namespace anigen::sparse {
+
+/// One product of a convolution; see TapPlan.
+struct TapLink {
+  std::int64_t tap, from_child, to_child, matrix;
+};
+
+/// Which rows a convolution over the neighbours of N voxels joins, by which matrix. For every link and every row r
+/// whose neighbour q = neighbours[tap][r] exists:
+///   out[r · to_children + to_child] += in[q · from_children + from_child] · W[matrix]
+/// No two links have the same matrix, and links of one to_child follow one another.
+struct TapPlan {
+  std::int64_t from_children = 1, to_children = 1;
+  std::vector<TapLink> links;
+
+  std::int64_t matrices() const { return static_cast<std::int64_t>(links.size()); }
+};
+
+/// A 3×3×3 convolution: matrix t is that of tap t (Support::neighbours).
+TapPlan submanifold_plan();
+
+/// A 3×3×3 convolution on the subdivided support of features that eight children share. The 27 neighbours of a child
+/// lie in eight voxels of the coarse support, so that eight products with sums of weights are enough. Matrix (child · 8
+/// + side): `side` counts these voxels, x slowest, along each axis the lower one first.
+TapPlan subdivision_plan();
+
+/// The way back, from rows of the output to rows of the input, each matrix to be transposed: the neighbour relation is
+/// symmetric, tap t of p is q where tap 26 − t of q is p.
+TapPlan reversed(const TapPlan& plan);
+
+using torch::Tensor;
+
+/// out += what the plan says, in the dtype of `out`. Never holds more than a block of rows besides the arguments.
+/// @param neighbours [27, N] int32, device of `in` @param in [N · from_children, Cin] @param matrices [M, Cin, Cout],
+/// any strides @param out [N · to_children, Cout], contiguous
+void add_tap_product(const TapPlan& plan, const Tensor& neighbours, const Tensor& in, const Tensor& matrices,
+                     Tensor& out);
+
+/// The gradient of the matrices for a gradient of `out`. @param slopes [N · to_children, Cout] @return [M, Cin, Cout]
+/// in the type that sums of their type are formed in (nn::accumulation_dtype)
+Tensor tap_correlation(const TapPlan& plan, const Tensor& neighbours, const Tensor& in, const Tensor& slopes);
+
+/// The same on a CPU, all in fp32 or all in fp64: own kernels that read rows where they lie. The result has the same
+/// bits for any number of threads.
+void add_cpu_tap_product(const TapPlan& plan, const Tensor& neighbours, const Tensor& in, const Tensor& matrices,
+                         Tensor& out);
+Tensor cpu_tap_correlation(const TapPlan& plan, const Tensor& neighbours, const Tensor& in, const Tensor& slopes);
+
+/// Whether add_bf16_tap_product() takes these on this CPU: bf16 rows, matrices of suitable sizes, AVX512-BF16.
+bool prefers_bf16_tap_product(const Tensor& in, const Tensor& matrices);
+/// add_cpu_tap_product() with `in` in bf16 and the matrices rounded to it, multiplied exactly and added up in fp32.
+/// @param out fp32
+void add_bf16_tap_product(const TapPlan& plan, const Tensor& neighbours, const Tensor& in, const Tensor& matrices,
+                          Tensor& out);
+
+/// The same by tensor operations on any device. Products are formed in the dtype of `in`, and added up in that of
+/// `out`.
+void add_tensor_tap_product(const TapPlan& plan, const Tensor& neighbours, const Tensor& in, const Tensor& matrices,
+                            Tensor& out);
+Tensor tensor_tap_correlation(const TapPlan& plan, const Tensor& neighbours, const Tensor& in, const Tensor& slopes);
+
+using torch::Tensor;
+
+/// A convolution over the neighbours of N voxels as a differentiable function of feats, matrices and bias; once only.
+/// @param feats [N, Cin] @param matrices [27, Cin, Cout], or with `subdivide` [64, Cin, Cout] (submanifold_plan,
+/// subdivision_plan) @param bias [Cout]; both in the type that sums of feats are formed in
+/// @param neighbours [27, N] int32, on the device of feats @return [N, Cout], or with `subdivide` [8 N, Cout]; the
+/// dtype of feats
+Tensor tap_function(const Tensor& feats, const Tensor& matrices, const Tensor& bias, const Tensor& neighbours,
+                    bool subdivide);
 
 /// Submanifold convolution as rows: out[p] = bias + Σ W[:, i, j, k, :] · in[p + (i−1, j−1, k−1)], absent neighbours 0
 /// (reference autoencoders.md, 0.3). Differentiable once in feats, weight and bias. Sums over taps are formed in fp32

@@ -1,15 +1,22 @@
 #include "anigen/train/metrics_log.h"
 
+#include <unistd.h>
 #include <algorithm>
+#include <array>
+#include <cerrno>
+#include <chrono>
 #include <cmath>
 #include <cstdlib>
+#include <cstring>
 #include <fstream>
+#include <system_error>
 
-#include "anigen/core/atomic_file.h"
+#include "anigen/core/config.h"
 #include "anigen/core/error.h"
-#include "anigen/core/json.h"
+#include "anigen/core/files.h"
 
 namespace anigen::train {
+
 namespace {
 
 namespace fs = std::filesystem;
@@ -102,6 +109,143 @@ Values RunningMeans::means() const {
     values.emplace_back(entry.name, entry.count > 0 ? entry.sum / static_cast<double>(entry.count) : std::nan(""));
   }
   return values;
+}
+
+namespace {
+
+namespace fs = std::filesystem;
+
+std::array<std::uint32_t, 256> make_table() {
+  std::array<std::uint32_t, 256> table{};
+  for (std::uint32_t i = 0; i < 256; ++i) {
+    std::uint32_t c = i;
+    for (int bit = 0; bit < 8; ++bit) c = c & 1 ? (c >> 1) ^ 0x82F63B78u : c >> 1;
+    table[i] = c;
+  }
+  return table;
+}
+
+// Protobuf wire format: a key is field << 3 | type, with type 0 varint, 1 eight bytes, 2 length-delimited, 5 four
+// bytes.
+void put_varint(std::string& out, std::uint64_t value) {
+  for (; value >= 0x80; value >>= 7) out.push_back(static_cast<char>(value | 0x80));
+  out.push_back(static_cast<char>(value));
+}
+
+template <typename T>
+void put_bytes(std::string& out, T value) {
+  char bytes[sizeof(T)];
+  std::memcpy(bytes, &value, sizeof(T));
+  out.append(bytes, sizeof(T));
+}
+
+void put_integer(std::string& out, int field, std::uint64_t value) {
+  put_varint(out, static_cast<std::uint64_t>(field) << 3);
+  put_varint(out, value);
+}
+
+void put_double(std::string& out, int field, double value) {
+  put_varint(out, static_cast<std::uint64_t>(field) << 3 | 1);
+  put_bytes(out, value);
+}
+
+void put_float(std::string& out, int field, float value) {
+  put_varint(out, static_cast<std::uint64_t>(field) << 3 | 5);
+  put_bytes(out, value);
+}
+
+void put_string(std::string& out, int field, std::string_view text) {
+  put_varint(out, static_cast<std::uint64_t>(field) << 3 | 2);
+  put_varint(out, text.size());
+  out.append(text);
+}
+
+// Field numbers of tensorflow.Event, Summary, Summary.Value, Summary.Image and SessionLog.
+enum EventField { kWallTime = 1, kStep = 2, kFileVersion = 3, kSummary = 5, kSessionLog = 7 };
+enum SummaryField { kValue = 1, kTag = 1, kSimpleValue = 2, kImage = 4 };
+enum ImageField { kHeight = 1, kWidth = 2, kColorspace = 3, kEncoded = 4 };
+
+std::string summary(const std::string& value) {
+  std::string message, event_part;
+  put_string(message, kValue, value);
+  put_string(event_part, kSummary, message);
+  return event_part;
+}
+
+double seconds_now() {
+  return std::chrono::duration<double>(std::chrono::system_clock::now().time_since_epoch()).count();
+}
+
+}  // namespace
+
+std::uint32_t crc32c(std::string_view bytes) {
+  static const std::array<std::uint32_t, 256> table = make_table();
+  std::uint32_t c = 0xFFFFFFFFu;
+  for (const unsigned char byte : bytes) c = table[(c ^ byte) & 0xFF] ^ (c >> 8);
+  return c ^ 0xFFFFFFFFu;
+}
+
+std::uint32_t masked_crc32c(std::string_view bytes) {
+  const std::uint32_t c = crc32c(bytes);
+  return ((c >> 15) | (c << 17)) + 0xA282EAD8u;
+}
+
+TensorBoardWriter::TensorBoardWriter(const fs::path& folder, std::int64_t first_step) {
+  std::error_code error;
+  fs::create_directories(folder, error);
+  char host[256] = "host";
+  ::gethostname(host, sizeof host - 1);
+  path_ = folder / ("events.out.tfevents." + std::to_string(static_cast<long long>(seconds_now())) + "." + host + "." +
+                    std::to_string(::getpid()));
+  file_ = std::fopen(path_.c_str(), "ab");
+  if (file_ == nullptr) throw Error(path_.string() + ": cannot write: " + std::strerror(errno));
+  std::string version, mark, session;
+  put_string(version, kFileVersion, "brain.Event:2");
+  write_event(0, version);
+  put_integer(session, 1, 1);  // SessionLog.status = START
+  put_string(mark, kSessionLog, session);
+  write_event(first_step, mark);
+}
+
+TensorBoardWriter::~TensorBoardWriter() { std::fclose(file_); }
+
+void TensorBoardWriter::write_event(std::int64_t step, const std::string& payload) {
+  std::string event;
+  put_double(event, kWallTime, seconds_now());
+  if (step != 0) put_integer(event, kStep, static_cast<std::uint64_t>(step));
+  event += payload;
+  std::string length, frame;
+  put_bytes(length, static_cast<std::uint64_t>(event.size()));
+  frame = length;
+  put_bytes(frame, masked_crc32c(length));
+  frame += event;
+  put_bytes(frame, masked_crc32c(event));
+  if (std::fwrite(frame.data(), 1, frame.size(), file_) != frame.size()) {
+    throw Error(path_.string() + ": cannot write: " + std::strerror(errno));
+  }
+}
+
+void TensorBoardWriter::scalar(const std::string& tag, double value, std::int64_t step) {
+  std::string entry;
+  put_string(entry, kTag, tag);
+  put_float(entry, kSimpleValue, static_cast<float>(value));
+  write_event(step, summary(entry));
+}
+
+void TensorBoardWriter::image(const std::string& tag, const std::vector<std::uint8_t>& png, int width, int height,
+                              std::int64_t step) {
+  std::string picture, entry;
+  put_integer(picture, kHeight, static_cast<std::uint64_t>(height));
+  put_integer(picture, kWidth, static_cast<std::uint64_t>(width));
+  put_integer(picture, kColorspace, 4);  // RGBA
+  put_string(picture, kEncoded, {reinterpret_cast<const char*>(png.data()), png.size()});
+  put_string(entry, kTag, tag);
+  put_string(entry, kImage, picture);
+  write_event(step, summary(entry));
+}
+
+void TensorBoardWriter::flush() {
+  if (std::fflush(file_) != 0) throw Error(path_.string() + ": cannot write: " + std::strerror(errno));
 }
 
 }  // namespace anigen::train

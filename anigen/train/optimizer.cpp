@@ -1,11 +1,124 @@
 #include "anigen/train/optimizer.h"
 
+#include <algorithm>
 #include <cmath>
+#include <string>
+#include <utility>
 
 #include "anigen/core/error.h"
 #include "anigen/core/kernel_form.h"
+#include "anigen/core/numeric.h"
 
 namespace anigen::train {
+
+namespace {
+
+void require_positive(std::int64_t value, const char* name) {
+  if (value < 1) throw InputError("", name, "must be at least 1, is " + std::to_string(value));
+}
+
+struct Unscheduled final : LrSchedule {
+  double rate(double base, std::int64_t) const override { return base; }
+};
+
+struct Linear final : LrSchedule {
+  double start, end;
+  std::int64_t total;
+  Linear(double s, double e, std::int64_t t) : start(s), end(e), total(t) {}
+  double rate(double base, std::int64_t step) const override {
+    const double done = static_cast<double>(std::min(step, total)) / static_cast<double>(total);
+    return base * (start + (end - start) * done);
+  }
+};
+
+struct Cosine final : LrSchedule {
+  std::int64_t t_max;
+  double eta_min;
+  Cosine(std::int64_t t, double e) : t_max(t), eta_min(e) {}
+  double rate(double base, std::int64_t step) const override {
+    const double angle = kPi * static_cast<double>(step % (2 * t_max)) / static_cast<double>(t_max);
+    return eta_min + (base - eta_min) * 0.5 * (1.0 + std::cos(angle));
+  }
+};
+
+struct Constant final : LrSchedule {
+  double factor;
+  std::int64_t total;
+  Constant(double f, std::int64_t t) : factor(f), total(t) {}
+  double rate(double base, std::int64_t step) const override { return step < total ? base * factor : base; }
+};
+
+struct MultiStep final : LrSchedule {
+  MultiStep(std::vector<std::int64_t> at, double factor) : milestones(std::move(at)), gamma(factor) {}
+  double rate(double base, std::int64_t step) const override {
+    const auto reached = std::count_if(milestones.begin(), milestones.end(), [&](auto at) { return at <= step; });
+    return base * std::pow(gamma, static_cast<double>(reached));
+  }
+  std::vector<std::int64_t> milestones;
+  double gamma;
+};
+
+struct Warmup final : LrSchedule {
+  std::int64_t steps;
+  explicit Warmup(std::int64_t s) : steps(s) {}
+  double rate(double base, std::int64_t step) const override {
+    return base * std::min(1.0, static_cast<double>(step + 1) / static_cast<double>(steps));
+  }
+};
+
+struct Sequential final : LrSchedule {
+  std::vector<LrSchedulePtr> schedules;
+  std::vector<std::int64_t> milestones;
+  double rate(double base, std::int64_t step) const override {
+    const auto i =
+        static_cast<std::size_t>(std::upper_bound(milestones.begin(), milestones.end(), step) - milestones.begin());
+    return schedules[i]->rate(base, i == 0 ? step : step - milestones[i - 1]);
+  }
+};
+
+}  // namespace
+
+LrSchedulePtr unscheduled() { return std::make_shared<Unscheduled>(); }
+
+LrSchedulePtr linear_lr(double start_factor, double end_factor, std::int64_t total_iters) {
+  require_positive(total_iters, "total_iters");
+  return std::make_shared<Linear>(start_factor, end_factor, total_iters);
+}
+
+LrSchedulePtr cosine_annealing_lr(std::int64_t t_max, double eta_min) {
+  require_positive(t_max, "T_max");
+  return std::make_shared<Cosine>(t_max, eta_min);
+}
+
+LrSchedulePtr constant_lr(double factor, std::int64_t total_iters) {
+  if (total_iters < 0) throw InputError("", "total_iters", "must not be negative");
+  return std::make_shared<Constant>(factor, total_iters);
+}
+
+LrSchedulePtr multi_step_lr(std::vector<std::int64_t> milestones, double gamma) {
+  return std::make_shared<MultiStep>(std::move(milestones), gamma);
+}
+
+LrSchedulePtr linear_warmup_lr(std::int64_t warmup_steps) {
+  require_positive(warmup_steps, "warmup_steps");
+  return std::make_shared<Warmup>(warmup_steps);
+}
+
+LrSchedulePtr sequential_lr(std::vector<LrSchedulePtr> schedules, std::vector<std::int64_t> milestones) {
+  if (schedules.empty() || milestones.size() + 1 != schedules.size()) {
+    throw InputError("", "milestones",
+                     std::to_string(schedules.size()) + " schedules need one milestone fewer, not " +
+                         std::to_string(milestones.size()));
+  }
+  if (!std::is_sorted(milestones.begin(), milestones.end()) || (!milestones.empty() && milestones.front() < 0)) {
+    throw InputError("", "milestones", "must not be negative and must not decrease");
+  }
+  auto sequence = std::make_shared<Sequential>();
+  sequence->schedules = std::move(schedules);
+  sequence->milestones = std::move(milestones);
+  return sequence;
+}
+
 namespace {
 
 struct Coefficients {
@@ -68,6 +181,175 @@ void AdamW::step(torch::Tensor parameters, const torch::Tensor& gradients, doubl
   exp_avg_sq.mul_(beta2).addcmul_(gradient, gradient, 1.0 - beta2);
   const torch::Tensor denominator = exp_avg_sq.sqrt().div_(std::sqrt(correction2)).add_(options_.eps);
   parameters.mul_(decay).addcdiv_(exp_avg, denominator, -lr / correction1);
+}
+
+torch::Tensor orthogonalize(const torch::Tensor& matrix) {
+  constexpr double kA = 3.4445, kB = -4.7750, kC = 2.0315;
+  // Working on the wide orientation keeps the Gram matrix small.
+  const bool tall = matrix.size(0) > matrix.size(1);
+  torch::Tensor x = tall ? matrix.t() : matrix;
+  x = x / (x.norm() + 1e-7);
+  for (int i = 0; i < 5; ++i) {
+    const torch::Tensor gram = x.mm(x.t());
+    const torch::Tensor polynomial = torch::addmm(gram, gram, gram, kB, kC);
+    x = torch::addmm(x, polynomial, x, kA, 1.0);
+  }
+  return tall ? x.t() : x;
+}
+
+Muon::Muon(const ParameterBuffer& buffer, const Options& options)
+    : momentum(torch::zeros_like(buffer.master())), options_(options) {
+  if (!(options.momentum >= 0.0 && options.momentum < 1.0)) {
+    throw InputError("", "/trainer/args/optimizer/args/momentum", "must be in [0, 1)");
+  }
+  for (std::size_t i = 0; i < buffer.slots().size(); ++i) {
+    const torch::Tensor& parameter = buffer.slots()[i].parameter;
+    if (parameter.dim() == 2 && std::min(parameter.size(0), parameter.size(1)) >= options.min_side)
+      matrices_.push_back(i);
+  }
+}
+
+void Muon::step(ParameterBuffer& buffer, AdamW& rest, double gradient_factor, double lr) {
+  const torch::NoGradGuard no_grad;
+  const double beta = options_.momentum;
+  std::vector<torch::Tensor> before;
+  before.reserve(matrices_.size());
+  for (const std::size_t i : matrices_) before.push_back(buffer.part(buffer.master(), buffer.slots()[i]).clone());
+  // One pass of AdamW over everything is cheaper than gathering its parts; the matrices are then set back.
+  rest.step(buffer.master(), buffer.gradient(), gradient_factor, lr);
+  for (std::size_t k = 0; k < matrices_.size(); ++k) {
+    const ParameterBuffer::Slot& slot = buffer.slots()[matrices_[k]];
+    const torch::Tensor gradient = buffer.part(buffer.gradient(), slot) * gradient_factor;
+    torch::Tensor average = buffer.part(momentum, slot);
+    average.mul_(beta).add_(gradient, 1.0 - beta);
+    const torch::Tensor direction = orthogonalize(gradient * (1.0 - beta) + average * beta);
+    const double scale = 0.2 * std::sqrt(static_cast<double>(std::max(direction.size(0), direction.size(1))));
+    torch::Tensor weight = buffer.part(buffer.master(), slot);
+    weight.copy_(before[k].mul_(1.0 - lr * rest.options().weight_decay).add_(direction, -lr * scale));
+  }
+}
+
+AdaptiveGradClipper::AdaptiveGradClipper(const Options& options) : options_(options) {
+  if (options.buffer_size == 0) throw InputError("", "buffer_size", "must be at least 1");
+  if (!(options.clip_percentile >= 0.0 && options.clip_percentile <= 100.0)) {
+    throw InputError("", "clip_percentile", "must lie in [0, 100]");
+  }
+  if (options.max_norm && !(*options.max_norm > 0.0)) throw InputError("", "max_norm", "must be positive");
+  state_.buffer.assign(options.buffer_size, 0.0f);
+  if (options.max_norm) state_.threshold = *options.max_norm;
+}
+
+double AdaptiveGradClipper::update(double norm) {
+  // Not std::min: a NaN must reach the gradients, so that the update is seen to be bad.
+  const double ratio = state_.threshold / (norm + 1e-6);
+  const double factor = ratio > 1.0 ? 1.0 : ratio;
+  if (!std::isfinite(norm)) return factor;
+  state_.buffer[state_.pointer] = static_cast<float>(norm);
+  state_.pointer = (state_.pointer + 1) % options_.buffer_size;
+  state_.length = std::min(state_.length + 1, options_.buffer_size);
+  if (state_.length == options_.buffer_size) {
+    state_.threshold = percentile(state_.buffer, options_.clip_percentile);
+    if (options_.max_norm) state_.threshold = std::min(state_.threshold, *options_.max_norm);
+  }
+  return factor;
+}
+
+void AdaptiveGradClipper::restore(const State& state) {
+  if (state.buffer.size() != options_.buffer_size || state.pointer >= options_.buffer_size ||
+      state.length > options_.buffer_size) {
+    throw InputError("", "grad_clip",
+                     "saved with a buffer of " + std::to_string(state.buffer.size()) + " norms, configured with " +
+                         std::to_string(options_.buffer_size));
+  }
+  state_ = state;
+}
+
+namespace {
+
+/// A sum that is finite has only finite terms; one that is not may also have overflowed.
+bool all_finite(const torch::Tensor& flat) {
+  return std::isfinite(flat.sum().item<double>()) || torch::isfinite(flat).all().item<bool>();
+}
+
+}  // namespace
+
+void RecoveryPoint::before_update(std::int64_t step, const torch::Tensor& master) {
+  if (step % kEvery == 0 && all_finite(master)) restore(step, master);
+}
+
+bool RecoveryPoint::after_update(std::int64_t step, torch::Tensor master) const {
+  const torch::NoGradGuard no_grad;
+  if (all_finite(master)) return false;
+  if (step_ < 0) {
+    throw Error("step " + std::to_string(step) +
+                ": the update left weights that are not finite, and there are no earlier ones to go back to");
+  }
+  master.copy_(master_);
+  return true;
+}
+
+void RecoveryPoint::restore(std::int64_t step, const torch::Tensor& master) {
+  const torch::NoGradGuard no_grad;
+  if (master_.defined()) {
+    master_.copy_(master);
+  } else {
+    master_ = master.detach().clone();
+  }
+  step_ = step;
+}
+
+namespace {
+
+constexpr double kLowestLogScale = -100.0;
+
+}  // namespace
+
+ParameterUpdate::ParameterUpdate(ParameterBuffer& buffer, const UpdateOptions& options)
+    : optimizer(buffer.master(), options.optimizer),
+      ema(options.ema_rates, buffer.master()),
+      buffer_(buffer),
+      options_(options) {
+  if (options.muon) muon.emplace(buffer, *options.muon);
+  if (const auto* adaptive = std::get_if<AdaptiveGradClipper::Options>(&options.grad_clip)) clipper.emplace(*adaptive);
+}
+
+double ParameterUpdate::loss_scale() const { return options_.loss_scaling ? std::exp2(log_scale) : 1.0; }
+
+double ParameterUpdate::clip_factor(double norm) {
+  if (clipper) return clipper->update(norm);
+  if (const double* fixed = std::get_if<double>(&options_.grad_clip)) {
+    const double ratio = *fixed / (norm + 1e-6);
+    return ratio > 1.0 ? 1.0 : ratio;
+  }
+  return 1.0;
+}
+
+ParameterUpdate::Result ParameterUpdate::apply(std::int64_t step) {
+  torch::NoGradGuard no_grad;
+  torch::Tensor gradient = buffer_.gradient();
+  if (options_.loss_scaling) gradient.mul_(std::exp2(-log_scale));
+  Result result;
+  result.lr = options_.schedule->rate(options_.optimizer.lr, step);
+  result.grad_norm = gradient.norm().item<double>();
+  const double factor = clip_factor(result.grad_norm);
+  // A norm can overflow over finite gradients; the factor is then 0 and the update one without gradient.
+  result.skipped = !std::isfinite(result.grad_norm) && !torch::isfinite(gradient).all().item<bool>();
+  recovery.before_update(step, buffer_.master());
+  if (!result.skipped) {
+    if (muon) {
+      muon->step(buffer_, optimizer, factor, result.lr);
+    } else {
+      optimizer.step(buffer_.master(), gradient, factor, result.lr);
+    }
+    buffer_.publish();
+    log_scale += options_.fp16_scale_growth;
+  } else {
+    log_scale = std::max(log_scale - 1.0, kLowestLogScale);
+  }
+  result.restored = recovery.after_update(step, buffer_.master());
+  if (result.restored) buffer_.publish();
+  ema.update(buffer_.master());
+  return result;
 }
 
 }  // namespace anigen::train

@@ -1,19 +1,26 @@
 #pragma once
+#include <condition_variable>
 #include <cstddef>
 #include <cstdint>
+#include <exception>
 #include <filesystem>
+#include <functional>
 #include <map>
 #include <memory>
+#include <mutex>
 #include <set>
 #include <string>
+#include <string_view>
+#include <thread>
 #include <utility>
 #include <vector>
 
 #include "anigen/core/error.h"
-#include "anigen/loaders/batch_source.h"
+#include "anigen/data/batches.h"
+#include "anigen/nn/init.h"
 #include "anigen/nn/torch.h"
 #include "anigen/train/metrics_log.h"
-#include "anigen/train/parameter_buffer.h"
+#include "anigen/train/parameters.h"
 
 namespace anigen::train {
 
@@ -48,8 +55,8 @@ class Stage {
 
   /// In config order, which is the order of the optimiser's parameters. Always the same modules.
   virtual std::vector<nn::NamedModel> models() const = 0;
-  virtual const loaders::BatchSource& data() const = 0;
-  virtual Losses losses(const loaders::Batch& batch, const LossContext& context) = 0;
+  virtual const data::BatchSource& data() const = 0;
+  virtual Losses losses(const data::Batch& batch, const LossContext& context) = 0;
 
   /// Loads the pretrained weights that the published models of this stage begin with. Called once by a run that goes on
   /// from no checkpoint, after `finetune_ckpt`, before replicas are made (reference training-and-data.md, 2.2): a
@@ -74,6 +81,37 @@ class Stage {
 
   /// The same stage with models of its own, over the same data.
   virtual std::unique_ptr<Stage> replica() const = 0;
+};
+
+/// Random numbers of one micro-batch: nn::numbered_generator() by (seed, step, micro_batch) and a purpose, so that a
+/// loss does not depend on replicas, threads or what was drawn before.
+at::Generator loss_generator(const LossContext& context, std::string_view purpose);
+
+/// A few threads that repeat the same job over and over, each with its own number of LibTorch threads: small models
+/// gain far more from working on two micro-batches at once than from two threads inside every small operation.
+class Workers {
+ public:
+  /// @param count jobs that run at the same time; the calling thread is the first
+  /// @param threads LibTorch threads of each; also set for the calling thread
+  Workers(std::size_t count, int threads);
+  ~Workers();
+  Workers(const Workers&) = delete;
+  Workers& operator=(const Workers&) = delete;
+
+  /// job(0) … job(count − 1) at once, job i always on the same thread; waits for all. @throws the first job's exception
+  void run(const std::function<void(std::size_t)>& job);
+  std::size_t count() const { return threads_.size() + 1; }
+
+ private:
+  void work(std::size_t index, int threads);
+
+  std::mutex mutex_;
+  std::condition_variable begin_, done_;
+  const std::function<void(std::size_t)>* job_ = nullptr;
+  std::size_t round_ = 0, running_ = 0;
+  bool stop_ = false;
+  std::vector<std::exception_ptr> errors_;
+  std::vector<std::thread> threads_;
 };
 
 }  // namespace anigen::train

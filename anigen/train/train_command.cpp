@@ -1,7 +1,6 @@
 #include "anigen/train/train_command.h"
 
 #include <ATen/Context.h>
-
 #include <chrono>
 #include <ctime>
 #include <fstream>
@@ -9,20 +8,67 @@
 #include <system_error>
 #include <thread>
 
-#include "anigen/core/atomic_file.h"
-#include "anigen/core/config_file.h"
-#include "anigen/core/config_reader.h"
+#include "anigen/core/config.h"
 #include "anigen/core/error.h"
-#include "anigen/core/file_lock.h"
-#include "anigen/core/interrupt.h"
+#include "anigen/core/files.h"
 #include "anigen/core/log.h"
-#include "anigen/core/process_identity.h"
-#include "anigen/loaders/latent_normalization.h"
-#include "anigen/nn/computing.h"
-#include "anigen/train/precision.h"
-#include "anigen/train/stages.h"
+#include "anigen/core/process.h"
+#include "anigen/data/latent_files.h"
+#include "anigen/nn/profile.h"
+#include "anigen/train/options.h"
+#include "anigen/train/stages/anymate.h"
+#include "anigen/train/stages/rignet.h"
+#include "anigen/train/stages/skin_autoencoder.h"
+#include "anigen/train/stages/sparse_structure_autoencoder.h"
+#include "anigen/train/stages/sparse_structure_flow.h"
+#include "anigen/train/stages/structured_latent_autoencoder.h"
+#include "anigen/train/stages/structured_latent_flow.h"
 
 namespace anigen::train {
+
+namespace {
+
+using StageFactory = std::unique_ptr<Stage> (*)(const Json& config, const std::string& file, ConfigReader& trainer_args,
+                                                const TrainerOptions& trainer, torch::Device device);
+
+struct TrainerEntry {
+  const char* name;
+  StageFactory make;
+};
+
+constexpr TrainerEntry kTrainers[] = {
+    {"AniGenSkinAETrainer", make_skin_autoencoder_stage},
+    {"AniGenSparseStructureVaeTrainer", make_sparse_structure_autoencoder_stage},
+    {"AniGenSLatVaeSkeletonTrainer", make_structured_latent_autoencoder_stage},
+    {"AniGenImageConditionedFlowMatchingCFGTrainer", make_sparse_structure_flow_stage},
+    {"AniGenFlowMatchingTrainer", make_sparse_structure_flow_stage},
+    {"AniGenFlowMatchingCFGTrainer", make_sparse_structure_flow_stage},
+    {"AniGenImageConditionedSparseFlowMatchingCFGTrainer", make_structured_latent_flow_stage},
+    {"AniGenSparseFlowMatchingTrainer", make_structured_latent_flow_stage},
+    {"AniGenSparseFlowMatchingCFGTrainer", make_structured_latent_flow_stage},
+    {"AnymateTrainer", make_anymate_stage},
+    {"RignetTrainer", make_rignet_stage},
+};
+
+}  // namespace
+
+std::vector<std::string> trainer_names() {
+  std::vector<std::string> names;
+  for (const TrainerEntry& entry : kTrainers) names.emplace_back(entry.name);
+  return names;
+}
+
+std::unique_ptr<Stage> make_stage(const std::string& trainer_name, const Json& config, const std::string& file,
+                                  ConfigReader& trainer_args, const TrainerOptions& trainer, torch::Device device) {
+  for (const TrainerEntry& entry : kTrainers) {
+    if (trainer_name == entry.name) return entry.make(config, file, trainer_args, trainer, device);
+  }
+  std::string known;
+  for (const std::string& name : trainer_names()) known += (known.empty() ? "" : ", ") + name;
+  throw NotSupportedError(file, "/trainer/name",
+                          "trainer '" + trainer_name.substr(0, 80) + "'; this build trains " + known);
+}
+
 namespace {
 
 namespace fs = std::filesystem;
@@ -38,7 +84,7 @@ Json resolved_config(const TrainCommand& command, std::string& file) {
   Json config = load_config(source);
   apply_overrides(config, command.overrides);
   if (!command.data_dir.empty()) config["dataset"]["args"]["data_dir"] = command.data_dir;
-  if (config.is_object() && config.contains("dataset")) loaders::write_out_statistics(config["dataset"], file);
+  if (config.is_object() && config.contains("dataset")) data::write_out_statistics(config["dataset"], file);
   return config;
 }
 

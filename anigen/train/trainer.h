@@ -7,17 +7,14 @@
 #include <string>
 #include <vector>
 
-#include "anigen/loaders/prefetcher.h"
-#include "anigen/nn/operator_profile.h"
-#include "anigen/train/checkpoint.h"
+#include "anigen/data/batches.h"
+#include "anigen/nn/profile.h"
 #include "anigen/train/distributed/gradient_buckets.h"
-#include "anigen/train/distributed/step_agreement.h"
 #include "anigen/train/metrics_log.h"
-#include "anigen/train/parameter_update.h"
+#include "anigen/train/optimizer.h"
+#include "anigen/train/options.h"
 #include "anigen/train/stage.h"
-#include "anigen/train/tensorboard.h"
-#include "anigen/train/trainer_options.h"
-#include "anigen/train/workers.h"
+#include "anigen/train/trainer_state.h"
 
 namespace anigen::train {
 
@@ -98,12 +95,12 @@ class Trainer {
   bool first() const { return ranks_->rank() == 0; }
   bool alone() const { return ranks_->size() == 1; }
   void train();
-  StepVerdict train_step(const loaders::StepBatches& batches);
-  void train_micro_batches(const loaders::StepBatches& batches, const std::vector<std::size_t>& ours,
+  StepVerdict train_step(const data::StepBatches& batches);
+  void train_micro_batches(const data::StepBatches& batches, const std::vector<std::size_t>& ours,
                            std::vector<MicroBatch>& done);
   StepVerdict sum_gradients(const StepReport& report);
   [[noreturn]] void stop_at_losses(const std::vector<MicroBatch>& done);
-  [[noreturn]] void stop_at_gradient(const loaders::StepBatches& batches);
+  [[noreturn]] void stop_at_gradient(const data::StepBatches& batches);
   void save_what_is_complete() noexcept;
   void write_checkpoint(const std::vector<std::string>& generators);
   void print();

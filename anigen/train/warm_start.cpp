@@ -5,11 +5,12 @@
 
 #include "anigen/core/error.h"
 #include "anigen/core/log.h"
-#include "anigen/io/torch_archive.h"
-#include "anigen/models/freezing.h"
-#include "anigen/models/state_dict.h"
+#include "anigen/io/arrays/torch_archive.h"
+#include "anigen/nn/state_dict.h"
+#include "anigen/nn/trainable.h"
 
 namespace anigen::train {
+
 namespace {
 
 namespace fs = std::filesystem;
@@ -40,7 +41,7 @@ void refuse_unfilled(const torch::nn::Module& model, const std::set<std::string>
                      const std::vector<PretrainedFile>& files, const fs::path& folder) {
   std::size_t unfilled = 0;
   std::string first;
-  for (const std::string& key : models::frozen_parameters(model)) {
+  for (const std::string& key : nn::frozen_parameters(model)) {
     if (loaded.count(key) > 0) continue;
     if (unfilled++ == 0) first = key;
   }
@@ -66,7 +67,7 @@ WarmStartOptions WarmStartOptions::read(ConfigReader& args) {
 
 std::set<std::string> load_matching(torch::nn::Module& model, const io::NamedArrays& arrays,
                                     const std::string& source) {
-  const models::LoadReport report = models::load_state_dict(model, arrays, models::LoadMode::kNonStrict, source);
+  const nn::LoadReport report = nn::load_state_dict(model, arrays, nn::LoadMode::kNonStrict, source);
   const std::set<std::string> unexpected(report.unexpected.begin(), report.unexpected.end());
   std::set<std::string> loaded;
   for (const auto& entry : arrays) {
@@ -95,8 +96,8 @@ void load_pretrained(torch::nn::Module& model, const std::vector<PretrainedFile>
 
 void share_frozen_weights(const torch::nn::Module& original, torch::nn::Module& replica) {
   const torch::NoGradGuard no_grad;
-  const std::vector<models::StateEntry> from = models::state_entries(original);
-  const std::vector<models::StateEntry> to = models::state_entries(replica);
+  const std::vector<nn::StateEntry> from = nn::state_entries(original);
+  const std::vector<nn::StateEntry> to = nn::state_entries(replica);
   bool same = from.size() == to.size();
   for (std::size_t i = 0; same && i < from.size(); ++i) {
     same = from[i].key == to[i].key && from[i].tensor.requires_grad() == to[i].tensor.requires_grad();

@@ -1,5 +1,5 @@
 #pragma once
-#include "anigen/asset/asset.h"
+#include "anigen/asset/rigged_asset.h"
 
 namespace anigen::test {
 

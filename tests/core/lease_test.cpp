@@ -14,10 +14,9 @@
 #include <map>
 #include <thread>
 
-#include "anigen/core/atomic_file.h"
 #include "anigen/core/error.h"
-#include "anigen/core/process_identity.h"
-#include "anigen/core/shared_work.h"
+#include "anigen/core/files.h"
+#include "anigen/core/process.h"
 #include "tests/support/paths.h"
 
 namespace anigen {

@@ -7,7 +7,7 @@
 #include <fstream>
 #include <regex>
 
-#include "anigen/core/atomic_file.h"
+#include "anigen/core/files.h"
 #include "tests/support/paths.h"
 
 namespace anigen {

@@ -5,10 +5,9 @@
 // With the last two numpy writes the shards, else this program does. Exit status 77: numpy is not installed.
 #include <cstdio>
 
-#include "anigen/core/config_file.h"
-#include "anigen/core/csv.h"
-#include "anigen/core/json.h"
+#include "anigen/core/config.h"
 #include "anigen/core/random.h"
+#include "anigen/core/table.h"
 #include "tests/e2e/prepare_support.h"
 #include "tests/support/paths.h"
 #include "tests/support/rig_files.h"

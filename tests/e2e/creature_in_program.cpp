@@ -6,15 +6,15 @@
 #include <exception>
 #include <string>
 
-#include "anigen/asset/normalize.h"
-#include "anigen/io/gltf.h"
-#include "anigen/prepare/creatures/creature.h"
+#include "anigen/asset/rigged_asset.h"
+#include "anigen/creatures/body.h"
+#include "anigen/io/gltf/gltf.h"
 #include "tests/e2e/other_program.h"
 #include "tests/support/paths.h"
 
 int main(int argc, char** argv) try {
   const anigen::test::TemporaryFolder folder;
-  anigen::Asset asset = anigen::prepare::make_creature("biped", 0, 3);
+  anigen::Asset asset = anigen::creatures::make_creature("biped", 0, 3);
   anigen::normalize(asset);
   const std::string glb = (folder / "creature.glb").string();
   anigen::io::write_gltf(glb, asset);

@@ -20,10 +20,10 @@
 #include <thread>
 #include <vector>
 
-#include "anigen/core/atomic_file.h"
+#include "anigen/core/files.h"
 #include "anigen/core/random.h"
+#include "tests/data/synthetic_dataset.h"
 #include "tests/e2e/rank_run.h"
-#include "tests/loaders/synthetic_dataset.h"
 #include "tests/support/paths.h"
 
 namespace {

@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "anigen/core/error.h"
-#include "anigen/io/gltf.h"
+#include "anigen/io/gltf/gltf.h"
 #include "tests/support/paths.h"
 
 namespace {

@@ -17,12 +17,12 @@
 #include <thread>
 #include <vector>
 
-#include "anigen/core/atomic_file.h"
-#include "anigen/core/csv.h"
+#include "anigen/core/files.h"
 #include "anigen/core/random.h"
-#include "anigen/io/safetensors.h"
+#include "anigen/core/table.h"
+#include "anigen/io/arrays/safetensors.h"
+#include "tests/data/synthetic_dataset.h"
 #include "tests/e2e/other_program.h"
-#include "tests/loaders/synthetic_dataset.h"
 #include "tests/support/paths.h"
 
 namespace {

@@ -7,8 +7,8 @@
 #include <exception>
 #include <string>
 
+#include "tests/data/synthetic_dataset.h"
 #include "tests/e2e/rank_run.h"
-#include "tests/loaders/synthetic_dataset.h"
 #include "tests/support/paths.h"
 
 namespace {

@@ -4,9 +4,9 @@
 #include <array>
 #include <cstdio>
 
-#include "anigen/core/csv.h"
-#include "anigen/core/json.h"
-#include "anigen/io/gltf.h"
+#include "anigen/core/config.h"
+#include "anigen/core/table.h"
+#include "anigen/io/gltf/gltf.h"
 #include "tests/e2e/prepare_support.h"
 #include "tests/support/paths.h"
 

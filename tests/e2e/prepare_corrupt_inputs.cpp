@@ -3,8 +3,8 @@
 #include <cstdio>
 #include <set>
 
-#include "anigen/core/csv.h"
-#include "anigen/core/json.h"
+#include "anigen/core/config.h"
+#include "anigen/core/table.h"
 #include "tests/e2e/prepare_support.h"
 #include "tests/support/paths.h"
 #include "tests/support/rig_files.h"

@@ -7,8 +7,8 @@
 #include <thread>
 
 #include "anigen/core/random.h"
-#include "anigen/io/gltf.h"
-#include "anigen/prepare/creatures/creature.h"
+#include "anigen/creatures/body.h"
+#include "anigen/io/gltf/gltf.h"
 #include "tests/e2e/prepare_support.h"
 #include "tests/support/paths.h"
 
@@ -58,7 +58,7 @@ struct Setup {
 
 void write_inputs(const fs::path& folder) {
   for (std::size_t i = 0; i < 3; ++i) {
-    anigen::io::write_gltf(folder / ("creature" + std::to_string(i) + ".glb"), anigen::prepare::make_creature(77, i));
+    anigen::io::write_gltf(folder / ("creature" + std::to_string(i) + ".glb"), anigen::creatures::make_creature(77, i));
   }
   fs::copy_file(folder / "creature0.glb", folder / "twin.glb");
   const std::string whole = anigen::read_file(folder / "creature1.glb");

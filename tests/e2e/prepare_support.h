@@ -11,7 +11,7 @@
 #include <string>
 #include <vector>
 
-#include "anigen/core/atomic_file.h"
+#include "anigen/core/files.h"
 
 /// Running programs and comparing what they leave, for the tests of whole programs on datasets.
 namespace anigen::test {

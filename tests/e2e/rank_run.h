@@ -4,10 +4,10 @@
 #include <string>
 #include <vector>
 
-#include "anigen/core/atomic_file.h"
-#include "anigen/core/csv.h"
+#include "anigen/core/files.h"
+#include "anigen/core/table.h"
 #include "tests/e2e/other_program.h"
-#include "tests/train/skin_stage_config.h"
+#include "tests/train/distributed/skin_stage_config.h"
 
 namespace anigen::test {
 

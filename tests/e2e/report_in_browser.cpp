@@ -7,13 +7,12 @@
 #include <exception>
 #include <string>
 
-#include "anigen/asset/normalize.h"
-#include "anigen/core/atomic_file.h"
-#include "anigen/eval/comparison/report_page.h"
-#include "anigen/experiment/viewer/report_viewer.h"
-#include "anigen/experiment/viewer/three_modules.h"
-#include "anigen/io/gltf.h"
-#include "anigen/prepare/creatures/creature.h"
+#include "anigen/asset/rigged_asset.h"
+#include "anigen/core/files.h"
+#include "anigen/creatures/body.h"
+#include "anigen/eval/comparison_report.h"
+#include "anigen/experiment/viewer.h"
+#include "anigen/io/gltf/gltf.h"
 #include "tests/e2e/other_program.h"
 #include "tests/support/paths.h"
 
@@ -27,7 +26,7 @@ int main(int argc, char** argv) try {
   }
   experiment::ViewedAsset shown{"creatures", {}};
   for (const char* family : {"biped", "quadruped"}) {
-    anigen::Asset asset = anigen::prepare::make_creature(family, 0, 3);
+    anigen::Asset asset = anigen::creatures::make_creature(family, 0, 3);
     anigen::normalize(asset);
     shown.shown.push_back({family, folder / (std::string(family) + ".glb")});
     anigen::io::write_gltf(shown.shown.back().file, asset);

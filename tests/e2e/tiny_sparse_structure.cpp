@@ -10,8 +10,8 @@
 #include <string>
 #include <vector>
 
-#include "anigen/core/csv.h"
-#include "anigen/core/json.h"
+#include "anigen/core/config.h"
+#include "anigen/core/table.h"
 #include "tests/support/paths.h"
 
 namespace {

@@ -23,10 +23,10 @@
 #include <thread>
 #include <vector>
 
-#include "anigen/core/atomic_file.h"
+#include "anigen/core/files.h"
+#include "tests/data/synthetic_dataset.h"
 #include "tests/e2e/rank_run.h"
 #include "tests/e2e/shaped_link.h"
-#include "tests/loaders/synthetic_dataset.h"
 #include "tests/support/paths.h"
 
 namespace {

@@ -1,4 +1,4 @@
-#include "anigen/eval/inspect/inspect.h"
+#include "anigen/eval/inspect.h"
 
 #include <gtest/gtest.h>
 
@@ -6,14 +6,12 @@
 #include <cmath>
 #include <tuple>
 
-#include "anigen/core/atomic_file.h"
-#include "anigen/core/base64.h"
 #include "anigen/core/error.h"
-#include "anigen/eval/inspect/asset_picture.h"
-#include "anigen/eval/inspect/file_table.h"
-#include "anigen/eval/inspect/influence_loss.h"
-#include "anigen/eval/line_chart.h"
-#include "anigen/io/npz.h"
+#include "anigen/core/files.h"
+#include "anigen/core/hash.h"
+#include "anigen/eval/describe.h"
+#include "anigen/eval/report.h"
+#include "anigen/io/arrays/npz.h"
 #include "anigen/io/obj.h"
 #include "anigen/io/ply.h"
 #include "tests/support/paths.h"
@@ -219,7 +217,7 @@ TEST_F(InspectGeometry, TablesSayTheKindWhereItDiffers) {
   io::write_png(folder_ / "p.png", io::Image(4, 2));
   std::vector<InspectedFile> files;
   for (const char* name : {"walk.bvh", "a.glb", "p.png"}) files.push_back({name, described(name), ""});
-  const Table table = file_table(files);
+  const anigen::Table table = file_table(files);
   EXPECT_EQ(table.columns[1], "kind");
   EXPECT_EQ(table.rows[0], (std::vector<std::string>{"walk.bvh", "motion", "3", "0", "0", "", ""}));
   EXPECT_EQ(table.rows[1][1], "asset");
@@ -306,7 +304,7 @@ TEST(FileTable, ShowsRepairsAndRejections) {
                      {"faces", 6},
                      {"influences", {{"1", 3}, {"12", 5}}},
                      {"notes", {{{"code", "nan_weights"}, {"message", "m"}}}}};
-  const Table table = file_table({{"a.glb", good, ""}, {"b.glb", {}, "truncated"}});
+  const anigen::Table table = file_table({{"a.glb", good, ""}, {"b.glb", {}, "truncated"}});
   ASSERT_EQ(table.rows.size(), 2u);
   EXPECT_EQ(table.rows[0], (std::vector<std::string>{"a.glb", "4", "8", "6", "12", "nan_weights"}));
   EXPECT_EQ(table.rows[1].back(), "rejected: truncated");

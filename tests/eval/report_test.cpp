@@ -1,9 +1,9 @@
-#include "anigen/eval/report_html.h"
+#include "anigen/eval/report.h"
 
 #include <gtest/gtest.h>
 
-#include "anigen/core/atomic_file.h"
-#include "anigen/io/npz.h"
+#include "anigen/core/files.h"
+#include "anigen/io/arrays/npz.h"
 #include "tests/support/paths.h"
 
 namespace anigen::eval {
@@ -45,6 +45,17 @@ TEST(SkinReport, IsOneFileWithTablesPicturesAndCurves) {
   EXPECT_NE(html.find("&lt;first&gt;.glb"), std::string::npos);
   EXPECT_NE(html.find("third.glb"), std::string::npos);
   EXPECT_EQ(occurrences(html, "<table>"), occurrences(html, "</table>"));
+}
+
+TEST(LineChart, SeveralCurvesHaveALegendAndShortOnesAreLeftOut) {
+  const std::string svg =
+      curves_chart("Loss", {{"one", {{0, 3}, {1, 2}}}, {"two", {{0, 1}, {2, 4}}}, {"dot", {{0, 1}}}});
+  EXPECT_NE(svg.find("one, last 2"), std::string::npos);
+  EXPECT_NE(svg.find("two, last 4"), std::string::npos);
+  EXPECT_EQ(svg.find("dot"), std::string::npos);
+  EXPECT_EQ(curves_chart("Loss", {{"dot", {{0, 1}}}}), "");
+  const std::string single = line_chart("Loss", {{0, 3}, {1, 2}});
+  EXPECT_NE(single.find("Loss, last 2"), std::string::npos);
 }
 
 }  // namespace

@@ -2,7 +2,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "tests/eval/align_shapes.h"
+#include "tests/metrics/align_shapes.h"
 
 namespace anigen::test {
 

@@ -1,4 +1,4 @@
-#include "anigen/eval/comparison/run_comparison.h"
+#include "anigen/eval/comparison.h"
 
 #include <gtest/gtest.h>
 
@@ -7,15 +7,15 @@
 #include <stdexcept>
 #include <thread>
 
-#include "anigen/core/atomic_file.h"
-#include "anigen/core/csv.h"
+#include "anigen/core/config.h"
 #include "anigen/core/error.h"
-#include "anigen/core/json.h"
+#include "anigen/core/files.h"
 #include "anigen/core/log.h"
 #include "anigen/core/parallel.h"
+#include "anigen/core/table.h"
 #include "anigen/core/version.h"
-#include "anigen/eval/comparison/evaluate_command.h"
-#include "anigen/io/rigs/shape_source.h"
+#include "anigen/eval/evaluate_command.h"
+#include "anigen/io/rigs/rigged_shape.h"
 #include "tests/support/paths.h"
 #include "tests/support/rig_files.h"
 

@@ -5,7 +5,7 @@
 #include <cmath>
 
 #include "anigen/core/random.h"
-#include "anigen/eval/skin_metrics.h"
+#include "anigen/metrics/skin_metrics.h"
 
 namespace anigen::eval {
 namespace {
@@ -45,7 +45,7 @@ GroundTruth random_truth(std::size_t vertices, std::size_t joints, std::size_t r
 }
 
 double l1(const std::vector<float>& weights, const GroundTruth& truth) {
-  return score_skin(weights, truth.skin, truth.vertex_count(), truth.joint_count()).mean.l1;
+  return metrics::score_skin(weights, truth.skin, truth.vertex_count(), truth.joint_count()).mean.l1;
 }
 
 TEST(SkinBaselines, NearestBoneTakesTheBoneAVertexLiesOn) {

@@ -5,11 +5,10 @@
 #include <new>
 #include <stdexcept>
 
-#include "anigen/core/atomic_file.h"
 #include "anigen/core/error.h"
-#include "anigen/core/html.h"
-#include "anigen/eval/skin_results.h"
-#include "anigen/io/npz.h"
+#include "anigen/core/files.h"
+#include "anigen/core/table.h"
+#include "anigen/io/arrays/npz.h"
 #include "tests/support/paths.h"
 
 namespace anigen::eval {
@@ -170,7 +169,7 @@ TEST(Summary, MatchesHandComputedValues) {
 }
 
 TEST(Tables, MarkdownEscapesAndAligns) {
-  EXPECT_EQ(to_markdown(Table{{"name", "x", "note"}, {{"a|b", "–", "why"}, {"c", "1.25", ""}}}),
+  EXPECT_EQ(to_markdown(anigen::Table{{"name", "x", "note"}, {{"a|b", "–", "why"}, {"c", "1.25", ""}}}),
             "| name |    x | note |\n| ---- | ---: | ---- |\n| a\\|b |    – | why  |\n| c    | 1.25 |      |\n");
   EXPECT_EQ(html_escaped("<a & \"b\">"), "&lt;a &amp; &quot;b&quot;&gt;");
 }

@@ -4,11 +4,8 @@
 #include <csignal>
 #include <thread>
 
-#include "anigen/core/file_lock.h"
-#include "anigen/core/interrupt.h"
 #include "anigen/core/log.h"
-#include "anigen/experiment/clean.h"
-#include "anigen/experiment/job_record.h"
+#include "anigen/core/process.h"
 #include "tests/experiment/experiment_folder.h"
 
 namespace anigen::experiment {

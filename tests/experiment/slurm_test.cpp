@@ -4,9 +4,8 @@
 
 #include <cstdlib>
 
-#include "anigen/core/atomic_file.h"
-#include "anigen/core/file_lock.h"
-#include "anigen/experiment/job_record.h"
+#include "anigen/core/files.h"
+#include "anigen/core/process.h"
 #include "anigen/experiment/run_jobs.h"
 #include "tests/experiment/experiment_folder.h"
 

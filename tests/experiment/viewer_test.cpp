@@ -1,11 +1,10 @@
 #include <gtest/gtest.h>
 
-#include "anigen/core/atomic_file.h"
-#include "anigen/core/base64.h"
-#include "anigen/core/json.h"
+#include "anigen/core/config.h"
+#include "anigen/core/files.h"
+#include "anigen/core/hash.h"
 #include "anigen/experiment/report.h"
-#include "anigen/experiment/viewer/report_viewer.h"
-#include "anigen/experiment/viewer/three_modules.h"
+#include "anigen/experiment/viewer.h"
 #include "tests/experiment/experiment_folder.h"
 
 namespace anigen::experiment {

@@ -5,7 +5,7 @@
 #include <array>
 #include <vector>
 
-#include "anigen/core/config_reader.h"
+#include "anigen/core/config.h"
 #include "anigen/core/error.h"
 
 namespace anigen::flow {

@@ -7,7 +7,7 @@
 
 #include "anigen/core/error.h"
 #include "anigen/core/numeric.h"
-#include "anigen/geometry/primitive_meshes.h"
+#include "anigen/geometry/primitives.h"
 #include "tests/geometry/mesh_shape.h"
 
 namespace anigen::geometry {

@@ -8,8 +8,7 @@
 #include "anigen/core/error.h"
 #include "anigen/core/numeric.h"
 #include "anigen/core/random.h"
-#include "anigen/geometry/min_cut.h"
-#include "anigen/geometry/primitive_meshes.h"
+#include "anigen/geometry/primitives.h"
 #include "tests/geometry/mesh_shape.h"
 
 namespace anigen::geometry {

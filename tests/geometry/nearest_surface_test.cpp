@@ -7,12 +7,12 @@
 #include <filesystem>
 #include <limits>
 
-#include "anigen/asset/normalize.h"
+#include "anigen/asset/rigged_asset.h"
 #include "anigen/core/error.h"
 #include "anigen/core/parallel.h"
 #include "anigen/core/random.h"
-#include "anigen/geometry/segment.h"
-#include "anigen/io/gltf.h"
+#include "anigen/geometry/bones.h"
+#include "anigen/io/gltf/gltf.h"
 #include "tests/support/paths.h"
 
 namespace anigen::geometry {

@@ -10,8 +10,8 @@
 #include "anigen/core/numeric.h"
 #include "anigen/core/random.h"
 #include "anigen/geometry/nearest_surface.h"
-#include "anigen/geometry/primitive_meshes.h"
-#include "anigen/geometry/surface_sampling.h"
+#include "anigen/geometry/primitives.h"
+#include "anigen/geometry/sampling.h"
 #include "tests/geometry/mesh_shape.h"
 
 namespace anigen::geometry {

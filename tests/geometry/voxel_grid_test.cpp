@@ -9,7 +9,6 @@
 
 #include "anigen/core/error.h"
 #include "anigen/core/random.h"
-#include "anigen/geometry/voxel_pooling.h"
 
 namespace anigen::geometry {
 namespace {

@@ -1,17 +1,19 @@
-#include "anigen/io/image.h"
-
 #include <gtest/gtest.h>
-
 #include <opencv2/imgcodecs.hpp>
 #include <string>
 
-#include "anigen/core/atomic_file.h"
 #include "anigen/core/error.h"
+#include "anigen/core/files.h"
+#include "anigen/io/image.h"
 #include "tests/io/file_fuzz.h"
 #include "tests/io/small_asset.h"
 #include "tests/support/paths.h"
+#include "tests/support/picture_files.h"
+
+// Kinds of picture files that people have and OpenCV does not write.
 
 namespace anigen::io {
+
 namespace {
 
 using Bytes = std::vector<std::uint8_t>;
@@ -164,4 +166,160 @@ TEST(Image, JpegIsSmallAndHasTransparentPixelsOverWhite) {
 }
 
 }  // namespace
+
+namespace {
+
+using test::FileBytes;
+
+std::vector<int> channels(const Image& image, int x, int y) {
+  const std::uint8_t* pixel = image.pixel(x, y);
+  return {pixel[0], pixel[1], pixel[2], pixel[3]};
+}
+
+TEST(ImageFormats, PalettesAreResolvedWithTheirAlpha) {
+  const Image image = decode_image(test::palette_png({10, 20, 30, 255}, {200, 100, 50, 77}), "palette");
+  ASSERT_EQ(image.width, 2);
+  EXPECT_EQ(channels(image, 0, 0), (std::vector<int>{10, 20, 30, 255}));
+  EXPECT_EQ(channels(image, 1, 0), (std::vector<int>{200, 100, 50, 77}));
+}
+
+TEST(ImageFormats, InksBecomeColours) {
+  const auto color = [](const std::array<std::uint8_t, 4>& inks) {
+    return channels(decode_image(test::cmyk_jpeg(inks), "print"), 3, 5);
+  };
+  const auto expect_near = [](const std::vector<int>& found, const std::vector<int>& wanted) {
+    for (std::size_t c = 0; c < 4; ++c) EXPECT_NEAR(found[c], wanted[c], 2) << "channel " << c;
+  };
+  expect_near(color({255, 255, 255, 255}), {255, 255, 255, 255});  // no ink
+  expect_near(color({255, 0, 0, 255}), {255, 0, 0, 255});          // magenta and yellow: red
+  expect_near(color({0, 255, 255, 255}), {0, 255, 255, 255});      // cyan
+  expect_near(color({255, 255, 255, 128}), {128, 128, 128, 255});  // half of black
+  expect_near(color({128, 255, 255, 128}), {64, 128, 128, 255});
+}
+
+TEST(ImageFormats, TransparentWebPAndDeepTiff) {
+  FileBytes webp, tiff;
+  ASSERT_TRUE(cv::imencode(".webp", cv::Mat(9, 7, CV_8UC4, cv::Scalar(30, 60, 90, 120)), webp,
+                           {cv::IMWRITE_WEBP_QUALITY, 101}));  // above 100: without loss
+  EXPECT_EQ(channels(decode_image(webp, "webp"), 3, 4), (std::vector<int>{90, 60, 30, 120}));
+  ASSERT_TRUE(cv::imencode(".tif", cv::Mat(9, 7, CV_16UC3, cv::Scalar(0, 257 * 9, 65535)), tiff));
+  EXPECT_EQ(channels(decode_image(tiff, "tiff"), 3, 4), (std::vector<int>{255, 9, 0, 255}));
+  EXPECT_EQ(channels(decode_image(test::grey_tiff(3, 1, {7, 8, 9}), "tiff"), 1, 0), (std::vector<int>{8, 8, 8, 255}));
+}
+
+TEST(ImageFormats, AHugeTiffIsRefusedByItsHeader) {
+  const FileBytes tiff = test::grey_tiff(20000, 20000, {1, 2, 3});
+  const PictureSize size = probe_picture(tiff, "scan.tif");
+  EXPECT_TRUE(size.known);
+  EXPECT_EQ(size.width, 20000u);
+  try {
+    decode_image(tiff, "scan.tif");
+    ADD_FAILURE() << "accepted";
+  } catch (const InputError& error) {
+    EXPECT_NE(error.problem().find("20000 x 20000"), std::string::npos) << error.what();
+  }
+  for (std::size_t length = 0; length < 120; ++length) {
+    const FileBytes part(tiff.begin(), tiff.begin() + static_cast<std::ptrdiff_t>(length));
+    EXPECT_THROW(decode_image(part, "scan.tif"), InputError) << length;
+  }
+}
+
+}  // namespace
+
+namespace {
+
+using test::FileBytes;
+
+/// 3 × 2 pixels: 1 2 3 / 4 5 6
+Image numbered() {
+  Image image(3, 2);
+  for (int i = 0; i < 6; ++i) image.pixel(i % 3, i / 3)[0] = static_cast<std::uint8_t>(i + 1);
+  return image;
+}
+
+std::vector<int> reds(const Image& image) {
+  std::vector<int> found;
+  for (std::size_t i = 0; i < image.rgba.size(); i += 4) found.push_back(image.rgba[i]);
+  return found;
+}
+
+FileBytes encoded_image_orientation(const char* extension) {
+  FileBytes bytes;
+  if (!cv::imencode(extension, cv::Mat(16, 24, CV_8UC3, cv::Scalar(200, 100, 50)), bytes)) throw std::bad_alloc();
+  return bytes;
+}
+
+// Where the stored row 0 and column 0 lie in the upright picture, EXIF 2.3, section 4.6.4, "Orientation".
+const std::vector<std::vector<int>> kUprightPixels{{1, 2, 3, 4, 5, 6},   // top, left
+                                                   {3, 2, 1, 6, 5, 4},   // top, right
+                                                   {6, 5, 4, 3, 2, 1},   // bottom, right
+                                                   {4, 5, 6, 1, 2, 3},   // bottom, left
+                                                   {1, 4, 2, 5, 3, 6},   // left, top
+                                                   {4, 1, 5, 2, 6, 3},   // right, top
+                                                   {6, 3, 5, 2, 4, 1},   // right, bottom
+                                                   {3, 6, 2, 5, 1, 4}};  // left, bottom
+
+TEST(Upright, TurnsAndMirrorsEveryOrientation) {
+  for (int orientation = 1; orientation <= 8; ++orientation) {
+    const Image found = upright(numbered(), orientation);
+    EXPECT_EQ(found.width, orientation < 5 ? 3 : 2) << orientation;
+    EXPECT_EQ(found.height, orientation < 5 ? 2 : 3) << orientation;
+    EXPECT_EQ(reds(found), kUprightPixels[static_cast<std::size_t>(orientation - 1)]) << orientation;
+  }
+  EXPECT_THROW(upright(numbered(), 0), InputError);
+  EXPECT_THROW(upright(numbered(), 9), InputError);
+}
+
+TEST(Upright, TiffIsUprightOnceItIsDecoded) {
+  for (int orientation = 1; orientation <= 8; ++orientation) {
+    const FileBytes tiff = test::grey_tiff(3, 2, {1, 2, 3, 4, 5, 6}, orientation);
+    EXPECT_EQ(reds(decode_image(tiff, "scan")), kUprightPixels[static_cast<std::size_t>(orientation - 1)]);
+    EXPECT_EQ(exif_orientation(tiff), 1) << "would be turned twice";
+  }
+}
+
+TEST(ExifOrientation, IsReadFromEveryFormatAndByteOrder) {
+  for (int orientation = 1; orientation <= 8; ++orientation) {
+    for (const bool big_endian : {false, true}) {
+      const FileBytes exif = test::exif_block(orientation, big_endian);
+      EXPECT_EQ(exif_orientation(test::jpeg_with_exif(encoded_image_orientation(".jpg"), exif)), orientation);
+      EXPECT_EQ(exif_orientation(test::png_with_exif(encoded_image_orientation(".png"), exif)), orientation);
+      FileBytes webp = encoded_image_orientation(".webp");
+      webp.insert(webp.end(), {'E', 'X', 'I', 'F', static_cast<std::uint8_t>(exif.size()), 0, 0, 0});
+      webp.insert(webp.end(), exif.begin(), exif.end());
+      EXPECT_EQ(exif_orientation(webp), orientation);
+    }
+  }
+}
+
+TEST(ExifOrientation, IsUprightWhereNothingUsefulIsSaid) {
+  for (const char* extension : {".jpg", ".png", ".webp", ".bmp", ".tif"}) {
+    EXPECT_EQ(exif_orientation(encoded_image_orientation(extension)), 1) << extension;
+  }
+  EXPECT_EQ(exif_orientation({}), 1);
+  for (const int nonsense : {0, 9, 65535}) {
+    EXPECT_EQ(exif_orientation(test::jpeg_with_exif(encoded_image_orientation(".jpg"), test::exif_block(nonsense))), 1);
+  }
+}
+
+TEST(ExifOrientation, DamagedBlocksAreNoError) {
+  const FileBytes exif = test::exif_block(6);
+  const FileBytes jpeg = test::jpeg_with_exif(encoded_image_orientation(".jpg"), exif);
+  const FileBytes png = test::png_with_exif(encoded_image_orientation(".png"), exif);
+  for (const FileBytes& whole : {jpeg, png}) {
+    for (std::size_t length = 0; length < 80; ++length) {
+      const int found = exif_orientation({whole.begin(), whole.begin() + static_cast<std::ptrdiff_t>(length)});
+      EXPECT_TRUE(found == 1 || found == 6) << length;
+    }
+    for (std::size_t at = 0; at < 80; ++at) {
+      FileBytes damaged = whole;
+      damaged[at] = 0xFF;
+      const int found = exif_orientation(damaged);
+      EXPECT_TRUE(found >= 1 && found <= 8) << at;
+    }
+  }
+}
+
+}  // namespace
+
 }  // namespace anigen::io

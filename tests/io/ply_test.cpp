@@ -8,8 +8,8 @@
 #include <limits>
 #include <string>
 
-#include "anigen/core/atomic_file.h"
 #include "anigen/core/error.h"
+#include "anigen/core/files.h"
 #include "tests/io/file_fuzz.h"
 #include "tests/io/small_asset.h"
 #include "tests/support/paths.h"

@@ -2,7 +2,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "anigen/asset/asset.h"
+#include "anigen/asset/rigged_asset.h"
 
 namespace anigen::test {
 

@@ -1,4 +1,4 @@
-#include "anigen/nn/dense_attention.h"
+#include "anigen/nn/attention.h"
 
 #include <gtest/gtest.h>
 
@@ -6,8 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "anigen/nn/dense_block.h"
-#include "anigen/nn/modulated_block.h"
+#include "anigen/nn/blocks.h"
 
 namespace anigen::nn {
 namespace {

@@ -1,20 +1,17 @@
-#include "anigen/nn/ragged_attention.h"
-
 #include <ATen/Parallel.h>
 #include <gtest/gtest.h>
-
 #include <cmath>
 #include <limits>
 #include <ostream>
 #include <utility>
 #include <vector>
 
-#include "anigen/nn/ragged_tasks.h"
-#include "anigen/nn/tensor_ragged_attention.h"
+#include "anigen/nn/ragged_attention.h"
 #include "tests/nn/attention_results.h"
 #include "tests/support/kernel_forms.h"
 
 namespace anigen::nn {
+
 namespace {
 
 using test::expect_close;
@@ -279,4 +276,23 @@ TEST(RaggedTasks, CoverEveryHeadAndQueryOnceLongestFirst) {
 }
 
 }  // namespace
+
+namespace {
+
+TEST(Ragged, SplitGivesItemsInOrder) {
+  const Ragged items({2, 0, 1});
+  const std::vector<Tensor> parts = items.split(torch::arange(3));
+  ASSERT_EQ(parts.size(), 3U);
+  EXPECT_EQ(parts[1].numel(), 0);
+  EXPECT_EQ(parts[2][0].item<int>(), 2);
+  EXPECT_EQ(items.offset(2), 2);
+}
+
+TEST(Ragged, RowOffsetsEndWithTheNumberOfRows) {
+  EXPECT_TRUE(torch::equal(Ragged({2, 0, 1}).row_offsets(), torch::tensor({0, 2, 2, 3}, torch::kInt64)));
+  EXPECT_TRUE(torch::equal(Ragged({}).row_offsets(), torch::tensor({0}, torch::kInt64)));
+}
+
+}  // namespace
+
 }  // namespace anigen::nn

@@ -1,10 +1,10 @@
 // Procrustes and plain ICP against points and against a mesh.
 #include <algorithm>
 
-#include "anigen/eval/align/plain_icp.h"
-#include "anigen/eval/align/procrustes.h"
-#include "anigen/eval/surface/point_index.h"
+#include "anigen/geometry/nearest_point.h"
 #include "anigen/geometry/nearest_surface.h"
+#include "anigen/metrics/icp.h"
+#include "anigen/metrics/similarity.h"
 #include "tests/parity/mesh_tensors.h"
 #include "tests/parity/registry.h"
 
@@ -12,38 +12,38 @@ namespace anigen::test {
 namespace {
 
 /// A rigid 4 × 4 matrix as a similarity.
-eval::Similarity rigid(const torch::Tensor& values) {
+metrics::Similarity rigid(const torch::Tensor& values) {
   const Eigen::MatrixXd m = matrix(values);
   return {1.0, m.topLeftCorner<3, 3>(), m.topRightCorner<3, 1>()};
 }
 
-double largest_difference(const eval::Similarity& a, const torch::Tensor& b) {
+double largest_difference(const metrics::Similarity& a, const torch::Tensor& b) {
   return (a.matrix() - matrix(b)).cwiseAbs().maxCoeff();
 }
 
 void run_icp(Fixture& fixture) {
   const auto source = points(fixture.input("source")), target = points(fixture.input("target"));
-  const eval::Similarity kabsch = eval::procrustes(source, target, eval::PairScale::kFixed);
+  const metrics::Similarity kabsch = metrics::procrustes(source, target, metrics::PairScale::kFixed);
   fixture.check("kabsch", tensor(kabsch.matrix()));
   double cost = 0.0;
   for (std::size_t i = 0; i < source.size(); ++i) cost += (kabsch(source[i]) - target[i]).squaredNorm();
   fixture.check("kabsch_cost", scalar(cost / static_cast<double>(source.size())));
-  fixture.check("kabsch_scale", tensor(eval::procrustes(source, target, eval::PairScale::kSizeRatio).matrix()));
+  fixture.check("kabsch_scale", tensor(metrics::procrustes(source, target, metrics::PairScale::kSizeRatio).matrix()));
   const Eigen::MatrixXd weights = matrix(fixture.input("weights"));
-  fixture.check("kabsch_weighted", tensor(eval::procrustes(source, target, eval::PairScale::kFixed,
-                                                           {weights.data(), weights.data() + weights.size()})
+  fixture.check("kabsch_weighted", tensor(metrics::procrustes(source, target, metrics::PairScale::kFixed,
+                                                              {weights.data(), weights.data() + weights.size()})
                                               .matrix()));
 
   const int iterations = fixture.config().at("max_iterations");
   // The reference's threshold is on the mean over coordinates, ours on the mean over points.
   const double threshold = 3.0 * fixture.config().at("threshold").get<double>();
-  const eval::PointIndex index(points(fixture.input("target_exact")));
+  const geometry::PointIndex index(points(fixture.input("target_exact")));
   const auto to_points = [&](const Eigen::Vector3d& p) { return index.point(index.nearest(p).index); };
-  const eval::Similarity initial = rigid(fixture.input("initial"));
-  const eval::Similarity icp = eval::plain_icp(source, to_points, initial, iterations, threshold).transform;
+  const metrics::Similarity initial = rigid(fixture.input("initial"));
+  const metrics::Similarity icp = metrics::plain_icp(source, to_points, initial, iterations, threshold).transform;
   fixture.check("icp", tensor(icp.matrix()));
   fixture.check("icp_error", scalar(largest_difference(icp, fixture.input("true"))));
-  fixture.check("icp_first", tensor(eval::plain_icp(source, to_points, initial, 1, threshold).transform.matrix()));
+  fixture.check("icp_first", tensor(metrics::plain_icp(source, to_points, initial, 1, threshold).transform.matrix()));
 
   const geometry::NearestSurface surface(points(fixture.input("mesh_vertices")),
                                          triangles(fixture.input("mesh_faces")));
@@ -52,10 +52,10 @@ void run_icp(Fixture& fixture) {
   // did. What can be asked is that the reference's result is a step of our iteration, and not one before that
   // threshold.
   const auto mesh_points = points(fixture.input("mesh_points"));
-  eval::Similarity on_mesh = eval::plain_icp(mesh_points, to_surface, {}, iterations, threshold).transform;
+  metrics::Similarity on_mesh = metrics::plain_icp(mesh_points, to_surface, {}, iterations, threshold).transform;
   const torch::Tensor expected = fixture.expected("icp_mesh");
   for (int step = 0; step < iterations; ++step) {
-    const eval::Similarity next = eval::plain_icp(mesh_points, to_surface, on_mesh, 1, threshold).transform;
+    const metrics::Similarity next = metrics::plain_icp(mesh_points, to_surface, on_mesh, 1, threshold).transform;
     if (largest_difference(next, expected) >= largest_difference(on_mesh, expected)) break;
     on_mesh = next;
   }

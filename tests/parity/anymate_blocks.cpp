@@ -1,8 +1,7 @@
 // Embedders and attention blocks of Anymate's modules.
-#include "anigen/models/anymate/blocks.h"
-#include "anigen/models/anymate/embedders.h"
-#include "anigen/models/anymate/read_write_blocks.h"
-#include "anigen/nn/timestep_embedder.h"
+#include "anigen/anymate/blocks.h"
+#include "anigen/anymate/denoisers.h"
+#include "anigen/nn/embeddings.h"
 #include "tests/parity/anymate_parts.h"
 #include "tests/parity/registry.h"
 
@@ -14,9 +13,9 @@ using torch::Tensor;
 void run_anymate_embedders(Fixture& fixture) {
   const std::int64_t freqs = anymate_size(fixture, "num_freqs");
   const Tensor x = fixture.input("x"), t = fixture.input("t_int");
-  fixture.check("fourier_pi", models::anymate::fourier_features(x, freqs, true));
-  fixture.check("fourier", models::anymate::fourier_features(x, freqs, false));
-  fixture.check("sh", models::anymate::spherical_harmonics(fixture.input("dirs")));
+  fixture.check("fourier_pi", anymate::fourier_features(x, freqs, true));
+  fixture.check("fourier", anymate::fourier_features(x, freqs, false));
+  fixture.check("sh", anymate::spherical_harmonics(fixture.input("dirs")));
   fixture.check("temb", nn::timestep_features(t, anymate_size(fixture, "dim")));
   fixture.check("temb_odd", nn::timestep_features(t, anymate_size(fixture, "odd")));
 }
@@ -30,7 +29,6 @@ std::int64_t stack_layers(const Fixture& fixture) {
 }
 
 void run_attention_blocks(Fixture& fixture) {
-  namespace anymate = models::anymate;
   const torch::NoGradGuard no_grad;
   const std::int64_t width = anymate_size(fixture, "width"), heads = anymate_size(fixture, "heads");
   const bool bias = fixture.config().at("qkv_bias");

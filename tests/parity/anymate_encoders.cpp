@@ -1,8 +1,5 @@
 // Anymate's three encoders of point clouds.
-#include "anigen/models/anymate/latent_projection.h"
-#include "anigen/models/anymate/michelangelo.h"
-#include "anigen/models/anymate/point_bert.h"
-#include "anigen/models/anymate/scratch_encoder.h"
+#include "anigen/anymate/point_encoders.h"
 #include "tests/parity/anymate_parts.h"
 #include "tests/parity/registry.h"
 
@@ -12,7 +9,6 @@ namespace {
 using torch::Tensor;
 
 void run_pointbert(Fixture& fixture) {
-  namespace anymate = models::anymate;
   const torch::NoGradGuard no_grad;
   anymate::PointBertOptions options;
   options.trans_dim = anymate_size(fixture, "trans_dim");
@@ -42,7 +38,6 @@ void run_pointbert(Fixture& fixture) {
 }
 
 void run_michelangelo(Fixture& fixture) {
-  namespace anymate = models::anymate;
   const torch::NoGradGuard no_grad;
   const Json& config = fixture.config();
   anymate::MichelangeloOptions options;
@@ -70,12 +65,11 @@ void run_michelangelo(Fixture& fixture) {
 
   options.only_embed = true;
   anymate::MichelangeloEncoder embedder(options, nn::Init::kNone);
-  models::load_state_dict(*embedder, fixture.parameters(), models::LoadMode::kNonStrict);
+  nn::load_state_dict(*embedder, fixture.parameters(), nn::LoadMode::kNonStrict);
   fixture.check("embed_only", embedder(points));
 }
 
 void run_transformer_encoder(Fixture& fixture) {
-  namespace anymate = models::anymate;
   const torch::NoGradGuard no_grad;
   anymate::ScratchEncoderOptions options;
   options.num_latents = anymate_size(fixture, "num_latents");

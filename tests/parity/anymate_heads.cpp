@@ -1,7 +1,6 @@
 // Anymate's connectivity and skinning heads, and how its samples become batches.
-#include "anigen/models/anymate/collate.h"
-#include "anigen/models/anymate/connectivity_heads.h"
-#include "anigen/models/anymate/skinning_heads.h"
+#include "anigen/anymate/heads.h"
+#include "anigen/anymate/model.h"
 #include "tests/parity/anymate_parts.h"
 #include "tests/parity/registry.h"
 
@@ -11,7 +10,6 @@ namespace {
 using torch::Tensor;
 
 void run_collate(Fixture& fixture) {
-  namespace anymate = models::anymate;
   std::vector<anymate::AnymateSample> samples;
   for (std::size_t i = 0; fixture.has_input("s" + std::to_string(i) + ".joints"); ++i) {
     const std::string prefix = "s" + std::to_string(i) + ".";
@@ -35,10 +33,10 @@ void run_collate(Fixture& fixture) {
                 anymate::collate_diffusion(samples, anymate_size(fixture, "return_joints_num")).joints_repeat);
 }
 
-void check_connectivity(Fixture& fixture, models::anymate::ConnectivityImpl& model) {
+void check_connectivity(Fixture& fixture, anymate::ConnectivityImpl& model) {
   const Tensor latents = input_with_gradient(fixture, "latents");
   const Tensor logits = model.forward(latents, fixture.input("joints"), fixture.input("joints_mask"));
-  const Tensor loss = models::anymate::connectivity_loss(logits, fixture.input("conns"));
+  const Tensor loss = anymate::connectivity_loss(logits, fixture.input("conns"));
   loss.backward();
   fixture.check("logits", logits);
   fixture.check("loss", loss);
@@ -46,28 +44,28 @@ void check_connectivity(Fixture& fixture, models::anymate::ConnectivityImpl& mod
 }
 
 void run_conn_combine(Fixture& fixture) {
-  models::anymate::TwoBranchConnectivity model(anymate_head(fixture), anymate_size(fixture, "layers"), nn::Init::kNone);
+  anymate::TwoBranchConnectivity model(anymate_head(fixture), anymate_size(fixture, "layers"), nn::Init::kNone);
   load_all(model, fixture);
   check_connectivity(fixture, *model);
 }
 
 void run_conn_token(Fixture& fixture) {
-  models::anymate::TokenConnectivity model(anymate_head(fixture), anymate_size(fixture, "layers"),
-                                           anymate_size(fixture, "head_token_length"), nn::Init::kNone);
+  anymate::TokenConnectivity model(anymate_head(fixture), anymate_size(fixture, "layers"),
+                                   anymate_size(fixture, "head_token_length"), nn::Init::kNone);
   load_all(model, fixture);
   check_connectivity(fixture, *model);
 }
 
-models::anymate::SkinningInput skinning_input(const Fixture& fixture) {
+anymate::SkinningInput skinning_input(const Fixture& fixture) {
   return {input_with_gradient(fixture, "latents"), fixture.input("points_cloud"), fixture.input("bones"),
           fixture.input("bones_mask")};
 }
 
 // @return the logits
-Tensor check_skinning(Fixture& fixture, models::anymate::SkinningImpl& model) {
-  const models::anymate::SkinningInput input = skinning_input(fixture);
+Tensor check_skinning(Fixture& fixture, anymate::SkinningImpl& model) {
+  const anymate::SkinningInput input = skinning_input(fixture);
   const Tensor logits = model.forward(input);
-  const models::anymate::SkinningLosses losses = models::anymate::skinning_losses(logits, fixture.input("skins"));
+  const anymate::SkinningLosses losses = anymate::skinning_losses(logits, fixture.input("skins"));
   losses.cos_clamp.backward();
   fixture.check("logits", logits);
   fixture.check("cos", losses.cos);
@@ -79,29 +77,29 @@ Tensor check_skinning(Fixture& fixture, models::anymate::SkinningImpl& model) {
 
 void run_skin_cross(Fixture& fixture) {
   const std::int64_t layers = anymate_size(fixture, "layers");
-  models::anymate::CrossSkinning model(anymate_head(fixture), layers, false, nn::Init::kNone);
+  anymate::CrossSkinning model(anymate_head(fixture), layers, false, nn::Init::kNone);
   load_part(model, fixture, "a");
   check_skinning(fixture, *model);
-  models::anymate::CrossSkinning separate(anymate_head(fixture), layers, true, nn::Init::kNone);
+  anymate::CrossSkinning separate(anymate_head(fixture), layers, true, nn::Init::kNone);
   load_part(separate, fixture, "b");
 
   const torch::NoGradGuard no_grad;
-  models::anymate::SkinningInput input = skinning_input(fixture);
+  anymate::SkinningInput input = skinning_input(fixture);
   fixture.check("logits_separate", separate(input));
   input.points = fixture.input("vertices");
   fixture.check("logits_vertices", model(input, /*chunk=*/4));
 }
 
 void run_skin_concat(Fixture& fixture) {
-  models::anymate::ConcatSkinningOptions options;
+  anymate::ConcatSkinningOptions options;
   options.layers = anymate_size(fixture, "layers");
   options.concat_num = anymate_size(fixture, "concat_num");
   options.tiled_masks = true;
-  models::anymate::ConcatSkinning model(anymate_head(fixture), options, nn::Init::kNone);
+  anymate::ConcatSkinning model(anymate_head(fixture), options, nn::Init::kNone);
   load_all(model, fixture);
   const Tensor logits = check_skinning(fixture, *model), points = fixture.input("points_cloud");
   fixture.check("nearest_skin",
-                models::anymate::nearest_point_logits(fixture.input("vert"), points[0].slice(1, 0, 3), logits[0]));
+                anymate::nearest_point_logits(fixture.input("vert"), points[0].slice(1, 0, 3), logits[0]));
 }
 
 }  // namespace

@@ -1,10 +1,7 @@
 // Anymate's joint prediction: regression, diffusion, and fields over voxels.
-#include "anigen/models/anymate/concat_denoiser.h"
-#include "anigen/models/anymate/cross_denoiser.h"
-#include "anigen/models/anymate/dbscan.h"
-#include "anigen/models/anymate/implicit_volume.h"
-#include "anigen/models/anymate/joint_regression.h"
-#include "anigen/models/anymate/triplane_volume.h"
+#include "anigen/anymate/denoisers.h"
+#include "anigen/anymate/joints.h"
+#include "anigen/anymate/volumes.h"
 #include "tests/parity/anymate_parts.h"
 #include "tests/parity/registry.h"
 
@@ -16,39 +13,38 @@ using torch::Tensor;
 void run_dbscan(Fixture& fixture) {
   const Tensor points = fixture.input("points");
   for (const Json& set : fixture.config().at("sets")) {
-    const models::anymate::DbscanOptions options = {set.at("eps"), set.at("min_samples")};
-    const std::vector<std::int64_t> labels = models::anymate::dbscan_labels(points, options);
+    const anymate::DbscanOptions options = {set.at("eps"), set.at("min_samples")};
+    const std::vector<std::int64_t> labels = anymate::dbscan_labels(points, options);
     const std::string name = set.at("name");
     fixture.check("labels_" + name, torch::tensor(labels, torch::kInt64));
-    fixture.check("centers_" + name, models::anymate::cluster_means(points, labels));
+    fixture.check("centers_" + name, anymate::cluster_means(points, labels));
   }
 }
 
 void run_joint_transformer(Fixture& fixture) {
-  models::anymate::JointRegression model(anymate_head(fixture), anymate_size(fixture, "num_latents"), 3,
-                                         nn::Init::kNone);
+  anymate::JointRegression model(anymate_head(fixture), anymate_size(fixture, "num_latents"), 3, nn::Init::kNone);
   load_all(model, fixture);
   const Tensor latents = input_with_gradient(fixture, "latents"), predicted = model(latents);
   const Tensor loss =
-      models::anymate::joint_chamfer_loss(predicted, fixture.input("joints"), anymate_counts(fixture, "joints_num"));
+      anymate::joint_chamfer_loss(predicted, fixture.input("joints"), anymate_counts(fixture, "joints_num"));
   loss.backward();
   fixture.check("pred", predicted);
   fixture.check("loss", loss);
   fixture.check("grad_query", model->named_parameters()["query"].grad());
   fixture.check("grad_latents", latents.grad());
-  const models::anymate::DbscanOptions options = {fixture.config().at("eps"), fixture.config().at("min_samples")};
-  fixture.check("clusters", models::anymate::merged_joints(predicted[0], options));
+  const anymate::DbscanOptions options = {fixture.config().at("eps"), fixture.config().at("min_samples")};
+  fixture.check("clusters", anymate::merged_joints(predicted[0], options));
 }
 
 void run_ddim(Fixture& fixture) {
   const std::int64_t steps = anymate_size(fixture, "num_inference_steps");
-  const models::anymate::DdimSchedule schedule(anymate_size(fixture, "num_train_timesteps"));
+  const anymate::DdimSchedule schedule(anymate_size(fixture, "num_train_timesteps"));
   fixture.check("alphas_cumprod", schedule.alphas_cumprod());
   fixture.check("noisy", schedule.noisy(fixture.input("x0"), fixture.input("noise"), fixture.input("t")));
   const std::vector<std::int64_t> times = schedule.timesteps(steps);
   fixture.check("timesteps", torch::tensor(times, torch::kInt64));
   const Tensor predicted = fixture.input("eps_pred");
-  models::anymate::DdimSchedule::Step step = {fixture.input("start"), {}};
+  anymate::DdimSchedule::Step step = {fixture.input("start"), {}};
   std::vector<Tensor> chain;
   for (std::size_t i = 0; i < times.size(); ++i) {
     step =
@@ -60,11 +56,11 @@ void run_ddim(Fixture& fixture) {
 }
 
 // The training loss with its gradient, and a call as at inference.
-void check_denoiser(Fixture& fixture, models::anymate::JointDenoiserImpl& model) {
-  const models::anymate::DdimSchedule schedule;
+void check_denoiser(Fixture& fixture, anymate::JointDenoiserImpl& model) {
+  const anymate::DdimSchedule schedule;
   const Tensor latents = input_with_gradient(fixture, "latent");
-  const models::anymate::DenoisingTerm term = models::anymate::denoising_term(
-      model, schedule, fixture.input("samples"), latents, fixture.input("noise"), fixture.input("t"));
+  const anymate::DenoisingTerm term = anymate::denoising_term(model, schedule, fixture.input("samples"), latents,
+                                                              fixture.input("noise"), fixture.input("t"));
   term.loss.backward();
   fixture.check("noisy", term.noisy);
   fixture.check("pred", term.predicted);
@@ -76,17 +72,17 @@ void check_denoiser(Fixture& fixture, models::anymate::JointDenoiserImpl& model)
 }
 
 void run_diffusion_concat(Fixture& fixture) {
-  models::anymate::ConcatDenoiserOptions options;
+  anymate::ConcatDenoiserOptions options;
   options.width = anymate_size(fixture, "width");
   options.layers = anymate_size(fixture, "layers");
   options.heads = anymate_size(fixture, "heads");
-  models::anymate::ConcatDenoiser model(options, nn::Init::kNone);
+  anymate::ConcatDenoiser model(options, nn::Init::kNone);
   load_all(model, fixture);
   check_denoiser(fixture, *model);
 }
 
 void run_diffusion_cross(Fixture& fixture) {
-  models::anymate::CrossDenoiserOptions options;
+  anymate::CrossDenoiserOptions options;
   options.num_z = anymate_size(fixture, "num_z");
   options.num_latents = anymate_size(fixture, "num_latents");
   options.z_dim = anymate_size(fixture, "z_dim");
@@ -97,7 +93,7 @@ void run_diffusion_cross(Fixture& fixture) {
   options.mlp_ratio = fixture.config().at("mlp_ratio");
   options.qkv_bias = fixture.config().at("qkv_bias");
   options.use_projection = fixture.config().at("use_projection");
-  models::anymate::CrossDenoiser model(options, nn::Init::kNone);
+  anymate::CrossDenoiser model(options, nn::Init::kNone);
   load_all(model, fixture);
   check_denoiser(fixture, *model);
 }
@@ -111,7 +107,7 @@ Tensor sorted_points(Tensor points) {
 }
 
 void run_implicit(Fixture& fixture) {
-  models::anymate::ImplicitVolume model(anymate_head(fixture), nn::Init::kNone);
+  anymate::ImplicitVolume model(anymate_head(fixture), nn::Init::kNone);
   load_all(model, fixture);
   const Tensor latents = input_with_gradient(fixture, "latents"), joints = fixture.input("joints");
   const std::vector<std::int64_t> counts = anymate_counts(fixture, "joints_num");
@@ -120,31 +116,31 @@ void run_implicit(Fixture& fixture) {
     const std::string item = std::to_string(b);
     voxels.push_back(fixture.input("vox" + item));
     truths.push_back(joints[b].narrow(0, 0, counts.at(static_cast<std::size_t>(b))));
-    const Tensor corners = models::anymate::voxel_corners(voxels.back());
+    const Tensor corners = anymate::voxel_corners(voxels.back());
     fixture.check("co" + item, corners);
-    fixture.check("gt" + item, models::anymate::joint_heat(corners, truths.back()));
+    fixture.check("gt" + item, anymate::joint_heat(corners, truths.back()));
     // In chunks, which must not show.
     const Tensor one = latents.detach().narrow(0, b, 1);
-    fixture.check("logits" + item, models::anymate::joint_volume(*model, one, voxels.back(), 7));
+    fixture.check("logits" + item, anymate::joint_volume(*model, one, voxels.back(), 7));
   }
-  const Tensor loss = models::anymate::joint_volume_loss(*model, latents, voxels, truths);
+  const Tensor loss = anymate::joint_volume_loss(*model, latents, voxels, truths);
   loss.backward();
   fixture.check("loss", loss);
   fixture.check("grad_latents", latents.grad());
   fixture.check("keypoints",
-                sorted_points(models::anymate::joint_key_points(fixture.input("heat"), fixture.input("heat_vox"))));
+                sorted_points(anymate::joint_key_points(fixture.input("heat"), fixture.input("heat_vox"))));
 }
 
 void run_triplane(Fixture& fixture) {
   const torch::NoGradGuard no_grad;
-  models::anymate::StyleGeneratorOptions options;
+  anymate::StyleGeneratorOptions options;
   options.z_dim = anymate_size(fixture, "z_dim");
   options.w_dim = anymate_size(fixture, "w_dim");
   options.img_resolution = anymate_size(fixture, "img_resolution");
   options.channel_base = anymate_size(fixture, "channel_base");
   options.channel_max = anymate_size(fixture, "channel_max");
   options.mapping_layers = anymate_size(fixture, "mapping_layers");
-  models::anymate::TriplaneVolume model(options, nn::Init::kNone);
+  anymate::TriplaneVolume model(options, nn::Init::kNone);
   load_all(model, fixture);
   const Tensor z = fixture.input("z");
   fixture.check("ws", model->styles(z));
@@ -152,10 +148,10 @@ void run_triplane(Fixture& fixture) {
   for (std::int64_t b = 0; b < z.size(0); ++b) {
     const std::string item = std::to_string(b);
     fixture.check("logits" + item,
-                  models::anymate::joint_volume(*model, z.narrow(0, b, 1), fixture.input("vox" + item), /*chunk=*/6));
+                  anymate::joint_volume(*model, z.narrow(0, b, 1), fixture.input("vox" + item), /*chunk=*/6));
   }
-  fixture.check("plane_axes", models::anymate::triplane_axes());
-  const Tensor sampled = models::anymate::sample_planes(fixture.input("plane_feats"), fixture.input("queries"));
+  fixture.check("plane_axes", anymate::triplane_axes());
+  const Tensor sampled = anymate::sample_planes(fixture.input("plane_feats"), fixture.input("queries"));
   fixture.check("sampled", sampled);
   fixture.check("decoded", model->decoded(sampled));
 }

@@ -1,10 +1,8 @@
 // Anymate's metrics of joints and of connectivity, and the skeleton it grows from predicted connectivity.
-#include "anigen/eval/skeleton/anymate_connectivity.h"
-#include "anigen/eval/skeleton/anymate_joint.h"
-#include "anigen/eval/skeleton/anymate_tree.h"
-#include "anigen/eval/skeleton/joint_matching.h"
-#include "anigen/eval/skeleton/skeleton_chamfer.h"
-#include "anigen/eval/transport/exact_transport.h"
+#include "anigen/metrics/chamfer.h"
+#include "anigen/metrics/matching.h"
+#include "anigen/metrics/published_protocols.h"
+#include "anigen/metrics/wasserstein.h"
 #include "tests/parity/eigen_tensors.h"
 #include "tests/parity/registry.h"
 
@@ -19,7 +17,7 @@ double exact_emd(const Points& a, const Points& b) {
     for (std::size_t k = 0; k < b.size(); ++k)
       cost(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(k)) = (a[i] - b[k]).norm();
   }
-  return eval::exact_transport(cost, eval::uniform_masses(a.size()), eval::uniform_masses(b.size())).cost;
+  return metrics::exact_transport(cost, metrics::uniform_masses(a.size()), metrics::uniform_masses(b.size())).cost;
 }
 
 /// Central differences of the Chamfer distance in every predicted coordinate: evaluation has no backward pass.
@@ -30,9 +28,9 @@ torch::Tensor chamfer_slopes(const Points& predicted, const Points& truth) {
   for (std::size_t i = 0; i < predicted.size(); ++i) {
     for (int k = 0; k < 3; ++k) {
       moved[i][k] = predicted[i][k] + step;
-      const double above = eval::anymate_joint(moved, truth).cd;
+      const double above = metrics::anymate_joint(moved, truth).cd;
       moved[i][k] = predicted[i][k] - step;
-      const double below = eval::anymate_joint(moved, truth).cd;
+      const double below = metrics::anymate_joint(moved, truth).cd;
       moved[i][k] = predicted[i][k];
       result(static_cast<Eigen::Index>(i), k) = (above - below) / (2.0 * step);
     }
@@ -47,7 +45,7 @@ void run_joint(Fixture& fixture) {
   for (; fixture.has_input("q" + std::to_string(pairs) + ".pred"); ++pairs) {
     const std::string pair = "q" + std::to_string(pairs) + ".";
     const Points predicted = points(fixture.input(pair + "pred")), truth = points(fixture.input(pair + "gt"));
-    const eval::AnymateJointScore score = eval::anymate_joint(predicted, truth, threshold);
+    const metrics::AnymateJointScore score = metrics::anymate_joint(predicted, truth, threshold);
     fixture.check_true(pair + "computed", score.not_computed.empty());
     fixture.check(pair + "cd", scalar(score.cd));
     fixture.check(pair + "emd", scalar(score.emd.cost));
@@ -67,28 +65,28 @@ void run_connectivity(Fixture& fixture) {
   const std::vector<int> indices = ints(fixture.input("vox"));
   std::vector<std::array<int, 3>> cells;
   for (std::size_t i = 0; i + 2 < indices.size(); i += 3) cells.push_back({indices[i], indices[i + 1], indices[i + 2]});
-  const eval::AnymateOccupancy inside(cells);
+  const metrics::AnymateOccupancy inside(cells);
 
-  const eval::AnymateConnectivityScore score = eval::anymate_connectivity(predicted, truth);
+  const metrics::AnymateConnectivityScore score = metrics::anymate_connectivity(predicted, truth);
   fixture.check("precision", scalar(score.precision));
   fixture.check("recall", scalar(score.recall));
   fixture.check("cross_entropy", scalar(score.cross_entropy));
-  fixture.check("cross_entropy_rows", tensor(eval::anymate_cross_entropy(predicted, truth)).flatten());
+  fixture.check("cross_entropy_rows", tensor(metrics::anymate_cross_entropy(predicted, truth)).flatten());
 
-  const eval::AnymateTree skeleton = eval::grow_anymate_tree(joints, predicted, inside);
-  const eval::AnymateTree skeleton_truth = eval::grow_anymate_tree(joints, truth, inside);
+  const metrics::AnymateTree skeleton = metrics::grow_anymate_tree(joints, predicted, inside);
+  const metrics::AnymateTree skeleton_truth = metrics::grow_anymate_tree(joints, truth, inside);
   fixture.check("root", torch::tensor(skeleton.root, torch::kInt64));
   fixture.check("cost_matrix", tensor(skeleton.cost));
   fixture.check("parents", torch::tensor(skeleton.tree.parents, torch::kInt32));
   fixture.check("parents_gt", torch::tensor(skeleton_truth.tree.parents, torch::kInt32));
-  const auto rignet = eval::SkeletonProtocol::kRignet;
-  fixture.check("bone2bone", scalar(eval::skeleton_chamfer(skeleton.tree, skeleton_truth.tree, rignet).b2b));
+  const auto rignet = metrics::SkeletonProtocol::kRignet;
+  fixture.check("bone2bone", scalar(metrics::skeleton_chamfer(skeleton.tree, skeleton_truth.tree, rignet).b2b));
 
   // The joints and connectivity of another skeleton against the true ones.
-  const eval::AnymateTree whole = eval::grow_anymate_tree(other, matrix(fixture.input("conn2")), inside);
-  const eval::SkeletonChamfer chamfer = eval::skeleton_chamfer(whole.tree, skeleton_truth.tree, rignet);
+  const metrics::AnymateTree whole = metrics::grow_anymate_tree(other, matrix(fixture.input("conn2")), inside);
+  const metrics::SkeletonChamfer chamfer = metrics::skeleton_chamfer(whole.tree, skeleton_truth.tree, rignet);
   const double threshold = fixture.config().at("fs_threshold");
-  const eval::JointMatch match = eval::match_joints(other, joints, threshold);
+  const metrics::JointMatch match = metrics::match_joints(other, joints, threshold);
   fixture.check("skeleton",
                 torch::tensor({chamfer.j2j, chamfer.j2b, chamfer.b2b, match.iou, match.precision, match.recall},
                               torch::kFloat64));

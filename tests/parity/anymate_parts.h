@@ -1,5 +1,5 @@
 #pragma once
-#include "anigen/models/anymate/head_options.h"
+#include "anigen/anymate/heads.h"
 #include "tests/parity/parts.h"
 
 namespace anigen::test {
@@ -9,8 +9,8 @@ inline std::int64_t anymate_size(const Fixture& fixture, const char* key) {
 }
 
 /// What the heads have in common.
-inline models::anymate::HeadOptions anymate_head(const Fixture& fixture) {
-  models::anymate::HeadOptions options;
+inline anymate::HeadOptions anymate_head(const Fixture& fixture) {
+  anymate::HeadOptions options;
   options.width = anymate_size(fixture, "width");
   options.heads = anymate_size(fixture, "heads");
   options.num_freqs = fixture.config().value("num_freqs", options.num_freqs);
@@ -21,7 +21,7 @@ inline models::anymate::HeadOptions anymate_head(const Fixture& fixture) {
 /// Fills a module with all parameters of a fixture, every key must match, and puts it into evaluation.
 template <typename Module>
 void load_all(Module& module, const Fixture& fixture) {
-  models::load_state_dict(*module, fixture.parameters(), models::LoadMode::kStrict, fixture.name() + ".safetensors");
+  nn::load_state_dict(*module, fixture.parameters(), nn::LoadMode::kStrict, fixture.name() + ".safetensors");
   module->eval();
 }
 

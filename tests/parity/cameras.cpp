@@ -3,17 +3,15 @@
 #include <string>
 
 #include "anigen/core/numeric.h"
-#include "anigen/raytrace/views/preview_views.h"
-#include "anigen/raytrace/views/projection.h"
-#include "anigen/raytrace/views/transforms_json.h"
-#include "anigen/raytrace/views/view_plan.h"
+#include "anigen/render/cameras_json.h"
+#include "anigen/render/dataset_views.h"
 #include "tests/parity/eigen_tensors.h"
 #include "tests/parity/registry.h"
 
 namespace anigen::test {
 namespace {
 
-using raytrace::ViewCamera;
+using render::ViewCamera;
 
 torch::Tensor column(const std::vector<double>& values) { return torch::tensor(values, torch::kFloat64); }
 
@@ -24,20 +22,20 @@ void check_orbit_cameras(Fixture& fixture) {
   const double near = fixture.config().at("near"), far = fixture.config().at("far");
   std::vector<torch::Tensor> extrinsics, intrinsics, projections, uvs, depths, back;
   for (Eigen::Index i = 0; i < yaws.rows(); ++i) {
-    const ViewCamera view = raytrace::from_preview({yaws(i, 0), pitches(i, 0), radius, fov});
-    const Eigen::Matrix4d extrinsic = raytrace::extrinsics_of(raytrace::camera_to_world(view));
-    const Eigen::Matrix3d intrinsic = raytrace::intrinsics_of(fov);
+    const ViewCamera view = render::from_preview({yaws(i, 0), pitches(i, 0), radius, fov});
+    const Eigen::Matrix4d extrinsic = render::extrinsics_of(render::camera_to_world(view));
+    const Eigen::Matrix3d intrinsic = render::intrinsics_of(fov);
     Eigen::MatrixXd uv(world.size(), 2), depth(world.size(), 1), unprojected(world.size(), 3);
     for (std::size_t p = 0; p < world.size(); ++p) {
       const auto row = static_cast<Eigen::Index>(p);
-      const Eigen::Vector3d seen = raytrace::project(world[p], extrinsic, intrinsic);
+      const Eigen::Vector3d seen = render::project(world[p], extrinsic, intrinsic);
       uv.row(row) = seen.head<2>().transpose();
       depth(row, 0) = seen.z();
-      unprojected.row(row) = raytrace::unproject(seen, extrinsic, intrinsic).transpose();
+      unprojected.row(row) = render::unproject(seen, extrinsic, intrinsic).transpose();
     }
     extrinsics.push_back(tensor(extrinsic));
     intrinsics.push_back(tensor(intrinsic));
-    projections.push_back(tensor(raytrace::clip_projection(intrinsic, near, far)));
+    projections.push_back(tensor(render::clip_projection(intrinsic, near, far)));
     uvs.push_back(tensor(uv));
     depths.push_back(tensor(depth).reshape({-1}));
     back.push_back(tensor(unprojected));
@@ -55,11 +53,11 @@ void check_frames(Fixture& fixture) {
   const Eigen::MatrixXd fovs = matrix(fixture.input("camera_angle_x"));
   std::vector<torch::Tensor> extrinsics, intrinsics;
   for (std::int64_t i = 0; i < matrices.size(0); ++i) {
-    raytrace::Frame frame;
+    render::Frame frame;
     frame.camera_to_world = matrix(matrices[i]);
     frame.camera_angle_x = fovs(i, 0);
-    extrinsics.push_back(tensor(raytrace::extrinsics(frame)));
-    intrinsics.push_back(tensor(raytrace::intrinsics(frame)));
+    extrinsics.push_back(tensor(render::extrinsics(frame)));
+    intrinsics.push_back(tensor(render::intrinsics(frame)));
   }
   fixture.check("render_extrinsics", torch::stack(extrinsics));
   fixture.check("render_intrinsics", torch::stack(intrinsics));
@@ -68,7 +66,7 @@ void check_frames(Fixture& fixture) {
 torch::Tensor hammersley(std::size_t n, double offset0, double offset1, bool upper) {
   Eigen::MatrixXd angles(n, 2);
   for (std::size_t i = 0; i < n; ++i) {
-    const ViewCamera view = raytrace::hammersley_view(i, n, offset0, offset1, upper);
+    const ViewCamera view = render::hammersley_view(i, n, offset0, offset1, upper);
     angles.row(static_cast<Eigen::Index>(i)) << view.yaw, view.pitch;
   }
   return tensor(angles);
@@ -85,21 +83,21 @@ void run_cameras(Fixture& fixture) {
 
   const torch::Tensor grid = fixture.expected("image_uv");
   std::vector<double> centres;
-  for (const Eigen::Vector2d& uv : raytrace::image_uv(static_cast<int>(grid.size(1)), static_cast<int>(grid.size(0)))) {
+  for (const Eigen::Vector2d& uv : render::image_uv(static_cast<int>(grid.size(1)), static_cast<int>(grid.size(0)))) {
     centres.insert(centres.end(), {uv.x(), uv.y()});
   }
   fixture.check("image_uv", column(centres).reshape(grid.sizes()));
 
   std::vector<double> yaws, pitches, sides;
-  for (const ViewCamera& view : raytrace::preview_turn(fixture.config().at("num_frames").get<std::size_t>())) {
+  for (const ViewCamera& view : render::preview_turn(fixture.config().at("num_frames").get<std::size_t>())) {
     yaws.push_back(view.yaw);
     pitches.push_back(view.pitch);
   }
   fixture.check("video_yaws", column(yaws));
   fixture.check("video_pitch", column(pitches));
-  for (const ViewCamera& view : raytrace::snapshot_views()) sides.push_back(view.yaw);
+  for (const ViewCamera& view : render::snapshot_views()) sides.push_back(view.yaw);
   fixture.check("snapshot_yaws", column(sides));
-  fixture.check("snapshot_pitch", torch::full({}, raytrace::snapshot_views().front().pitch, torch::kFloat64));
+  fixture.check("snapshot_pitch", torch::full({}, render::snapshot_views().front().pitch, torch::kFloat64));
 }
 
 }  // namespace

@@ -1,10 +1,10 @@
 // Which file of a checkpoint folder is read, and what the models compute with it.
-#include "anigen/io/checkpoint_folder.h"
-#include "anigen/io/torch_archive.h"
-#include "anigen/models/sparse_structure_decoder.h"
-#include "anigen/models/sparse_structure_flow.h"
-#include "anigen/models/state_dict.h"
-#include "anigen/models/tensor_arrays.h"
+#include "anigen/io/arrays/safetensors.h"
+#include "anigen/io/arrays/torch_archive.h"
+#include "anigen/nn/init.h"
+#include "anigen/nn/state_dict.h"
+#include "anigen/sparse_structure/autoencoder.h"
+#include "anigen/sparse_structure/flow.h"
 #include "tests/parity/registry.h"
 
 namespace anigen::test {
@@ -23,7 +23,7 @@ bool readable(const fs::path& file) {
   const io::NamedArrays arrays = io::read_state_dict(file);
   for (const auto& [key, array] : arrays) {
     if (key.compare(0, 7, "module.") == 0) return false;
-    if (!torch::isfinite(models::to_tensor(array).to(torch::kFloat32)).all().item<bool>()) return false;
+    if (!torch::isfinite(nn::to_tensor(array).to(torch::kFloat32)).all().item<bool>()) return false;
   }
   return !arrays.empty();
 }
@@ -34,21 +34,22 @@ Model build(const fs::path& folder, const std::string& model_key, const fs::path
   const fs::path config = folder / "config.json";
   const Json arguments = read_json(config).at("models").at(model_key).at("args");
   Model model(Options::from_json(arguments, config.string(), "/models/" + model_key + "/args"));
-  models::load_state_dict(*model, io::read_state_dict(weights), models::LoadMode::kNonStrict, weights.string());
+  nn::load_state_dict(*model, io::read_state_dict(weights), nn::LoadMode::kNonStrict, weights.string());
   return model;
 }
 
 void check_outputs(Fixture& fixture, const std::string& name, const fs::path& folder, const fs::path& weights) {
   const torch::NoGradGuard no_grad;
   if (name.find('.') == std::string::npos) {
-    auto decoder =
-        build<models::SparseStructureDecoder, models::SparseStructureDecoderOptions>(folder, "decoder", weights);
+    auto decoder = build<sparse_structure::SparseStructureDecoder, sparse_structure::SparseStructureDecoderOptions>(
+        folder, "decoder", weights);
     const auto logits = decoder->forward(fixture.input("z"), fixture.input("z_skl"));
     fixture.check(name + ".occ", logits.shape);
     fixture.check(name + ".occ_skl", logits.skeleton);
     return;
   }
-  auto denoiser = build<models::SparseStructureFlow, models::SparseStructureFlowOptions>(folder, "denoiser", weights);
+  auto denoiser = build<sparse_structure::SparseStructureFlow, sparse_structure::SparseStructureFlowOptions>(
+      folder, "denoiser", weights);
   const auto velocity =
       denoiser->forward(fixture.input("x"), fixture.input("x_skl"), fixture.input("t"), fixture.input("cond"));
   fixture.check(name + ".v", velocity.shape);

@@ -1,6 +1,5 @@
 // Dense attention and the blocks made of it. Which options a module has follows from its parameters.
-#include "anigen/nn/dense_block.h"
-#include "anigen/nn/modulated_block.h"
+#include "anigen/nn/blocks.h"
 #include "tests/parity/parts.h"
 #include "tests/parity/registry.h"
 

@@ -1,14 +1,9 @@
 // Norms, layouts and embeddings of the dense models.
 #include "anigen/core/error.h"
-#include "anigen/nn/absolute_position.h"
-#include "anigen/nn/affine_layer_norm.h"
-#include "anigen/nn/fourier_embedding.h"
+#include "anigen/nn/embeddings.h"
 #include "anigen/nn/init.h"
-#include "anigen/nn/layer_norm.h"
-#include "anigen/nn/rms_norm.h"
-#include "anigen/nn/timestep_embedder.h"
-#include "anigen/nn/volume_layers.h"
-#include "anigen/nn/volume_layout.h"
+#include "anigen/nn/norms.h"
+#include "anigen/nn/volumes.h"
 #include "tests/parity/parts.h"
 #include "tests/parity/registry.h"
 
@@ -69,7 +64,7 @@ void run_absolute_position(Fixture& fixture) {
 
 nn::TimestepEmbedder embedder_of(const Fixture& fixture, std::int64_t channels, std::int64_t width) {
   nn::TimestepEmbedder embedder(channels, width);
-  models::load_state_dict(*embedder, fixture.parameters(), models::LoadMode::kStrict, fixture.name() + ".safetensors");
+  nn::load_state_dict(*embedder, fixture.parameters(), nn::LoadMode::kStrict, fixture.name() + ".safetensors");
   return embedder;
 }
 

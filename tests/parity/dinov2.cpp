@@ -1,10 +1,9 @@
 // DINOv2: tokens, position embeddings, and the parameters of the published models.
-#include "anigen/models/dinov2.h"
+#include "anigen/vision/dinov2.h"
 
-#include "anigen/models/dinov2_positions.h"
-#include "anigen/models/state_dict.h"
-#include "anigen/models/tensor_arrays.h"
-#include "anigen/nn/layer_norm.h"
+#include "anigen/nn/init.h"
+#include "anigen/nn/norms.h"
+#include "anigen/nn/state_dict.h"
 #include "tests/parity/registry.h"
 
 namespace anigen::test {
@@ -13,15 +12,15 @@ namespace {
 using torch::Tensor;
 
 // The config without the keys that describe inputs.
-models::Dinov2Options options_of(const Fixture& fixture) {
+vision::Dinov2Options options_of(const Fixture& fixture) {
   Json config = fixture.config();
   config.erase("nonsquare");
-  return models::Dinov2Options::from_json(config, fixture.name() + ".json", "/config");
+  return vision::Dinov2Options::from_json(config, fixture.name() + ".json", "/config");
 }
 
-models::Dinov2 model_of(const Fixture& fixture) {
-  models::Dinov2 model(options_of(fixture));
-  models::load_state_dict(*model, fixture.parameters(), models::LoadMode::kStrict, fixture.name() + ".safetensors");
+vision::Dinov2 model_of(const Fixture& fixture) {
+  vision::Dinov2 model(options_of(fixture));
+  nn::load_state_dict(*model, fixture.parameters(), nn::LoadMode::kStrict, fixture.name() + ".safetensors");
   return model;
 }
 
@@ -32,9 +31,9 @@ Tensor enlarged(const Tensor& image, std::int64_t height, std::int64_t width) {
 
 void run_native(Fixture& fixture) {
   const torch::NoGradGuard no_grad;
-  models::Dinov2 model = model_of(fixture);
+  vision::Dinov2 model = model_of(fixture);
   const std::int64_t size = model->options().img_size;
-  const models::Dinov2Tokens tokens = model->forward(enlarged(fixture.input("base"), size, size));
+  const vision::Dinov2Tokens tokens = model->forward(enlarged(fixture.input("base"), size, size));
   fixture.check("x_prenorm", tokens.x_prenorm);
   fixture.check("x_norm_clstoken", tokens.norm_class());
   fixture.check("x_norm_regtokens", tokens.norm_registers());
@@ -46,10 +45,10 @@ constexpr std::int64_t kSmallSide = 224;  // "base224" in the fixtures' names
 
 void run_registers(Fixture& fixture) {
   const torch::NoGradGuard no_grad;
-  models::Dinov2 model = model_of(fixture);
+  vision::Dinov2 model = model_of(fixture);
   const std::int64_t patch = model->options().patch_size;
   const Tensor images = enlarged(fixture.input("base224"), kSmallSide, kSmallSide);
-  const models::Dinov2Tokens tokens = model->forward(images);
+  const vision::Dinov2Tokens tokens = model->forward(images);
   fixture.check("pos224", model->positions(kSmallSide / patch, kSmallSide / patch));
   fixture.check("x224_prenorm", tokens.x_prenorm);
   fixture.check("x224_norm_patch", tokens.norm_patches());
@@ -63,8 +62,8 @@ void run_registers(Fixture& fixture) {
 
 void run_plain(Fixture& fixture) {
   const torch::NoGradGuard no_grad;
-  models::Dinov2 model = model_of(fixture);
-  const models::Dinov2Tokens tokens = model->forward(enlarged(fixture.input("base224"), kSmallSide, kSmallSide));
+  vision::Dinov2 model = model_of(fixture);
+  const vision::Dinov2Tokens tokens = model->forward(enlarged(fixture.input("base224"), kSmallSide, kSmallSide));
   fixture.check("x_prenorm", tokens.x_prenorm);
   fixture.check("x_norm_clstoken", tokens.norm_class());
   fixture.check("x_norm_patchtokens", tokens.norm_patches());
@@ -75,12 +74,12 @@ void run_positions(Fixture& fixture) {
   const std::int64_t patch = config.at("patch_size");
   Tensor embedding;
   for (const auto& [key, array] : fixture.parameters()) {
-    if (key == "pos_embed") embedding = models::to_tensor(array);
+    if (key == "pos_embed") embedding = nn::to_tensor(array);
   }
   for (const auto& [name, flags] : config.at("flags").items()) {
     for (const Json& size : config.at("sizes")) {
       const std::int64_t height = size.at(0), width = size.at(1);
-      const Tensor found = models::interpolate_positions(
+      const Tensor found = vision::interpolate_positions(
           embedding, height / patch, width / patch, flags.at("interpolate_antialias"), flags.at("interpolate_offset"));
       fixture.check(name + "_" + std::to_string(height) + "x" + std::to_string(width), found);
     }
@@ -90,11 +89,11 @@ void run_positions(Fixture& fixture) {
 void run_keys(Fixture& fixture) {
   for (const auto& [name, spec] : fixture.json().at("models").items()) {
     const Json& wanted = spec.at("state_dict");
-    const models::Dinov2Options options = models::Dinov2Options::named(name);
+    const vision::Dinov2Options options = vision::Dinov2Options::named(name);
     fixture.check_true(name + ": the arguments of the name are the published ones",
-                       options.to_json() == models::Dinov2Options::from_json(spec.at("args")).to_json());
-    const models::Dinov2 model(options);
-    const std::vector<models::StateEntry> entries = models::state_entries(*model);
+                       options.to_json() == vision::Dinov2Options::from_json(spec.at("args")).to_json());
+    const vision::Dinov2 model(options);
+    const std::vector<nn::StateEntry> entries = nn::state_entries(*model);
     fixture.check_true(
         name + ": " + std::to_string(entries.size()) + " tensors, expected " + std::to_string(wanted.size()),
         entries.size() == wanted.size());
@@ -102,7 +101,7 @@ void run_keys(Fixture& fixture) {
     std::size_t i = 0;
     for (const auto& [key, shape] : wanted.items()) {
       if (i >= entries.size()) break;
-      const models::StateEntry& entry = entries[i++];
+      const nn::StateEntry& entry = entries[i++];
       elements += entry.tensor.numel();
       const bool equal = entry.key == key && Json(entry.tensor.sizes().vec()) == shape && !entry.is_buffer &&
                          entry.tensor.scalar_type() == torch::kFloat32;

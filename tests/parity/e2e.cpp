@@ -2,10 +2,10 @@
 // What is compared is what anigen-generate computes; only the image's tokens and the noise are the fixture's.
 #include <algorithm>
 
-#include "anigen/models/sparse_structure_runs.h"
-#include "anigen/models/structured_latent_runs.h"
-#include "anigen/pipeline/asset_generator.h"
-#include "anigen/pipeline/run_paths.h"
+#include "anigen/generate/asset_generator.h"
+#include "anigen/generate/run_weights.h"
+#include "anigen/sparse_structure/autoencoder.h"
+#include "anigen/structured_latent/decoder.h"
 #include "tests/parity/registry.h"
 
 namespace anigen::test {
@@ -30,44 +30,44 @@ Tensor voxels_of(const Tensor& occupied) {
   return torch::cat({torch::zeros({places.size(0), 1}, torch::kInt32), places}, 1);
 }
 
-flow::Streams sampled_structure(Fixture& fixture, pipeline::StructureGenerator& generator, const Json& settings) {
+flow::Streams sampled_structure(Fixture& fixture, generate::StructureGenerator& generator, const Json& settings) {
   return generator.sample({fixture.input("noise_ss"), fixture.input("noise_ss_skl")}, fixture.input("cond_ss"),
                           sampler(settings.at("ss_steps"), settings.at("cfg_scale_ss")), /*guided=*/true);
 }
 
 void check_structure(Fixture& fixture, const fs::path& runs) {
-  pipeline::StructureGenerator::Request request;
+  generate::StructureGenerator::Request request;
   request.run = runs / "ss_flow_solo";
-  pipeline::StructureGenerator generator(request);
+  generate::StructureGenerator generator(request);
   const flow::Streams latents = sampled_structure(fixture, generator, fixture.config());
   fixture.check("z_s", latents[0]);
   fixture.check("z_s_skl", latents[1]);
   const auto logits = generator.logits(latents, 0);
   fixture.check("ss_logits", logits.shape);
   fixture.check("ss_logits_skl", logits.skeleton);
-  const models::VoxelPair voxels = generator.decode(latents).front();
+  const sparse_structure::VoxelPair voxels = generator.decode(latents).front();
   fixture.check("coords", voxels_of(voxels.shape));
   fixture.check("coords_skl", voxels_of(voxels.skeleton));
 
-  request.averages = models::Averages::kAlways;
-  pipeline::StructureGenerator averaged(request);
+  request.averages = nn::Averages::kAlways;
+  generate::StructureGenerator averaged(request);
   const flow::Streams others = sampled_structure(fixture, averaged, fixture.config().at("ema"));
   fixture.check("ema.z_s", others[0]);
   fixture.check("ema.z_s_skl", others[1]);
 }
 
-models::PerStream<sparse::SparseTensor> check_latents(Fixture& fixture, const fs::path& runs) {
-  pipeline::StructuredLatentGenerator::Request request;
+structured_latent::PerStream<sparse::SparseTensor> check_latents(Fixture& fixture, const fs::path& runs) {
+  generate::StructuredLatentGenerator::Request request;
   request.run = runs / "slat_flow_control";
-  pipeline::StructuredLatentGenerator generator(request);
+  generate::StructuredLatentGenerator generator(request);
   const Json& config = fixture.config();
-  models::StructuredLatentTarget target;
+  structured_latent::StructuredLatentTarget target;
   target.shape = sparse::Support::create(fixture.expected("coords"));
   target.skeleton = sparse::Support::create(fixture.expected("coords_skl"));
   target.tokens = fixture.input("cond_slat");
   target.joints_num = torch::tensor({config.at("joints_num").get<std::int64_t>()});
   fixture.check_true("joints of the level",
-                     pipeline::joints_of_level(config.at("joints_density").get<int>()) == config.at("joints_num"));
+                     generate::joints_of_level(config.at("joints_density").get<int>()) == config.at("joints_num"));
   auto latents = generator.sample({fixture.input("noise_slat"), fixture.input("noise_slat_skl")}, target,
                                   sampler(config.at("slat_steps"), config.at("cfg_scale_slat")), /*guided=*/true);
   fixture.check("slat", torch::cat({latents.geometry.feats, latents.skin.feats}, 1));
@@ -98,25 +98,26 @@ Tensor with_given_diagonals(const Tensor& faces, const Tensor& wanted, std::int6
   return result;
 }
 
-void check_decoding(Fixture& fixture, const fs::path& runs, const models::PerStream<sparse::SparseTensor>& latents) {
-  const models::RunModel found =
-      models::find_run_model(runs / "slat_dae", models::kStructuredLatentDecoderClass, "final");
-  models::StructuredLatentDecoder decoder = models::load_rig_decoder(found, torch::kCPU);
+void check_decoding(Fixture& fixture, const fs::path& runs,
+                    const structured_latent::PerStream<sparse::SparseTensor>& latents) {
+  const nn::RunModel found =
+      nn::find_run_model(runs / "slat_dae", structured_latent::kStructuredLatentDecoderClass, "final");
+  structured_latent::StructuredLatentDecoder decoder = structured_latent::load_rig_decoder(found, torch::kCPU);
   const auto decoded = decoder->forward(latents);
   const Tensor rows = fixture.input("mesh_rows");
   fixture.check("mesh_coords_rows", decoded.mesh.support->coords().index_select(0, rows));
   fixture.check("mesh_feats_rows", decoded.mesh.feats.index_select(0, rows));
   fixture.check("mesh_feats_sum", decoded.mesh.feats.sum(0));
-  const fields::SkeletonField& votes = decoded.skeletons.front();
+  const skeleton_field::SkeletonField& votes = decoded.skeletons.front();
   fixture.check("joint_votes", votes.joints);
   fixture.check("parent_votes", votes.parents);
   fixture.check("conf_j", votes.conf_j);
   fixture.check("conf_p", votes.conf_p);
-  const fields::SkeletonTensors& skeleton = decoded.joints.front();
+  const skeleton_field::SkeletonTensors& skeleton = decoded.joints.front();
   fixture.check("joints", skeleton.joints);
   fixture.check("parents", skeleton.parents);
   fixture.check("joint_skin_feats", decoded.joint_features.front().features);
-  const fields::ExtractedMesh mesh = decoder->extract_meshes(decoded, /*training=*/false).front();
+  const shape_field::ExtractedMesh mesh = decoder->extract_meshes(decoded, /*training=*/false).front();
   constexpr std::int64_t kOtherDiagonals = 4;
   fixture.check("vertices", mesh.vertices);
   fixture.check("faces",
@@ -128,15 +129,15 @@ void check_decoding(Fixture& fixture, const fs::path& runs, const models::PerStr
 }
 
 void check_encoders(Fixture& fixture, const fs::path& runs) {
-  auto structure = models::load_sparse_structure_encoder(
-      models::find_run_model(runs / "ss_dae", models::kSparseStructureEncoderClass, "final"), torch::kCPU);
+  auto structure = sparse_structure::load_sparse_structure_encoder(
+      nn::find_run_model(runs / "ss_dae", sparse_structure::kSparseStructureEncoderClass, "final"), torch::kCPU);
   const auto dense = structure->forward(fixture.input("enc.occ"), fixture.input("enc.occ_skl"));
   fixture.check("enc.z_ss", dense.z);
   fixture.check("enc.z_ss_skl", dense.z_skl);
 
-  auto encoder = models::load_structured_latent_encoder(
-      models::find_run_model(runs / "slat_dae", models::kStructuredLatentEncoderClass, "final"), torch::kCPU);
-  models::RiggedMeshes rig;
+  auto encoder = structured_latent::load_structured_latent_encoder(
+      nn::find_run_model(runs / "slat_dae", structured_latent::kStructuredLatentEncoderClass, "final"), torch::kCPU);
+  structured_latent::RiggedMeshes rig;
   rig.joints = {fixture.input("enc.joints")};
   rig.parents = {fixture.input("enc.parents")};
   rig.skin = {fixture.input("enc.skin")};

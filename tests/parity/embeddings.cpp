@@ -1,5 +1,5 @@
 // Fourier features of continuous coordinates.
-#include "anigen/nn/fourier_embedding.h"
+#include "anigen/nn/embeddings.h"
 #include "tests/parity/registry.h"
 
 namespace anigen::test {

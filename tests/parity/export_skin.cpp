@@ -4,10 +4,10 @@
 #include <string>
 #include <vector>
 
-#include "anigen/asset/angle_normals.h"
-#include "anigen/asset/asset.h"
-#include "anigen/io/gltf.h"
-#include "anigen/io/gltf/export_axes.h"
+#include "anigen/asset/mesh.h"
+#include "anigen/asset/rigged_asset.h"
+#include "anigen/io/gltf/export.h"
+#include "anigen/io/gltf/gltf.h"
 #include "tests/parity/mesh_tensors.h"
 #include "tests/parity/registry.h"
 #include "tests/support/parsed_gltf.h"

@@ -1,10 +1,8 @@
 // What pictures and views become: Pillow's resize, crops, tensors for DINOv2, features on voxels.
-#include "anigen/features/backprojection.h"
-#include "anigen/features/image_condition.h"
 #include "anigen/geometry/voxel_grid.h"
-#include "anigen/io/image_crop.h"
-#include "anigen/io/image_planes.h"
 #include "anigen/io/image_resize.h"
+#include "anigen/vision/condition.h"
+#include "anigen/vision/voxel_features.h"
 #include "tests/parity/eigen_tensors.h"
 #include "tests/parity/registry.h"
 
@@ -53,18 +51,18 @@ void run_preprocess(Fixture& fixture) {
 
   const io::PixelBox box = io::condition_box(image);
   fixture.check("cond_box", torch::tensor({box.x0, box.y0, box.x1, box.y1}, torch::kInt64));
-  const Tensor condition = features::condition_image(image, size);
+  const Tensor condition = vision::condition_image(image, size);
   fixture.check("cond_image", condition);
-  fixture.check("normalized", models::imagenet_normalized(condition));
+  fixture.check("normalized", vision::imagenet_normalized(condition));
 
   const io::Image separate = io::resize_lanczos(image, size, size, io::ResizeAlpha::kSeparate);
-  fixture.check("gt_image", features::color_tensor(separate));
+  fixture.check("gt_image", vision::color_tensor(separate));
   fixture.check("gt_alpha", torch::tensor(io::alpha_plane(separate)).view({size, size}));
 
-  const Tensor view = features::view_image(image);
+  const Tensor view = vision::view_image(image);
   fixture.check("feat_image_sub", thinned(view, 1, 2));
   fixture.check("feat_image_sum", view.to(torch::kFloat64).sum(torch::IntArrayRef{1, 2}));
-  const Tensor inference = tensor_of(features::inference_image(image), 3);
+  const Tensor inference = tensor_of(vision::inference_image(image), 3);
   fixture.check("infer_image_sub", thinned(inference, 0, 1));
   fixture.check("infer_image_sum", inference.to(torch::kInt64).sum(torch::IntArrayRef{0, 1}));
 }
@@ -73,12 +71,12 @@ void run_backprojection(Fixture& fixture) {
   const Json& config = fixture.config();
   const std::int64_t registers = config.at("num_register_tokens"), side = config.at("n_patch");
   const Tensor positions = fixture.input("positions");
-  const Tensor uv = features::project_points(positions, fixture.input("extrinsics"), fixture.input("intrinsics"));
+  const Tensor uv = vision::project_points(positions, fixture.input("extrinsics"), fixture.input("intrinsics"));
   fixture.check("uv", uv);
   const Tensor patches = fixture.input("x_prenorm").slice(1, 1 + registers);
-  const Tensor per_view = features::sample_patches(patches, side, side, uv);
+  const Tensor per_view = vision::sample_patches(patches, side, side, uv);
   fixture.check("per_view", per_view);
-  features::ViewMean mean;
+  vision::ViewMean mean;
   mean.add(per_view.slice(0, 0, 2));  // in two batches
   mean.add(per_view.slice(0, 2));
   fixture.check("patchtokens", mean.mean());

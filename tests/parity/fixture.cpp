@@ -6,8 +6,8 @@
 #include <stdexcept>
 #include <utility>
 
-#include "anigen/io/safetensors.h"
-#include "anigen/models/tensor_arrays.h"
+#include "anigen/io/arrays/safetensors.h"
+#include "anigen/nn/init.h"
 
 namespace anigen::test {
 namespace {
@@ -54,7 +54,7 @@ const io::NdArray& Fixture::tensor(const std::string& key) const {
 
 bool Fixture::has_input(const std::string& name) const { return io::find(tensors(), "in." + name) != nullptr; }
 
-Tensor Fixture::input(const std::string& name) const { return models::to_tensor(tensor("in." + name)); }
+Tensor Fixture::input(const std::string& name) const { return nn::to_tensor(tensor("in." + name)); }
 
 std::vector<Tensor> Fixture::inputs(const std::string& prefix) const {
   std::vector<Tensor> list;
@@ -64,7 +64,7 @@ std::vector<Tensor> Fixture::inputs(const std::string& prefix) const {
   return list;
 }
 
-Tensor Fixture::expected(const std::string& name) const { return models::to_tensor(tensor("out." + name)); }
+Tensor Fixture::expected(const std::string& name) const { return nn::to_tensor(tensor("out." + name)); }
 
 std::vector<std::string> Fixture::outputs() const {
   std::vector<std::string> names;

@@ -4,8 +4,8 @@
 #include <string>
 #include <vector>
 
-#include "anigen/core/json.h"
-#include "anigen/io/ndarray.h"
+#include "anigen/core/config.h"
+#include "anigen/io/arrays/ndarray.h"
 #include "anigen/nn/torch.h"
 
 namespace anigen::test {

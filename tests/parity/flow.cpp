@@ -1,9 +1,6 @@
 // The flow-matching objective: time schedules, noising, velocities, condition dropout and losses, with a stand-in for
 // the network.
-#include "anigen/flow/condition_dropout.h"
-#include "anigen/flow/flow_matching.h"
-#include "anigen/flow/time_bins.h"
-#include "anigen/flow/time_schedule.h"
+#include "anigen/flow/matching.h"
 #include "tests/parity/registry.h"
 
 namespace anigen::test {

@@ -4,7 +4,7 @@
 #include <utility>
 #include <vector>
 
-#include "anigen/models/freezing.h"
+#include "anigen/nn/trainable.h"
 
 namespace anigen::test {
 namespace {
@@ -28,13 +28,13 @@ void check_sampled(Fixture& fixture, const std::string& name, const flow::Sample
 
 void check_gradients(Fixture& fixture, const torch::nn::Module& model) {
   const std::string prefix = "grad.";
-  for (const models::StateEntry& entry : models::state_entries(model)) {
+  for (const nn::StateEntry& entry : nn::state_entries(model)) {
     for (const std::string& name : fixture.outputs()) {
       if (name == prefix + entry.key) fixture.check(name, entry.tensor.grad());
     }
   }
   if (!fixture.json().contains("frozen_params")) return;
-  const std::vector<std::string> frozen = models::frozen_parameters(model);
+  const std::vector<std::string> frozen = nn::frozen_parameters(model);
   const auto wanted = fixture.json().at("frozen_params").get<std::vector<std::string>>();
   fixture.check_true(
       "frozen: " + std::to_string(frozen.size()) + " parameters, expected " + std::to_string(wanted.size()),

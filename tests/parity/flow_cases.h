@@ -2,8 +2,8 @@
 #include <string>
 
 #include "anigen/flow/sampler.h"
-#include "anigen/models/state_dict.h"
 #include "anigen/nn/init.h"
+#include "anigen/nn/state_dict.h"
 #include "tests/parity/fixture.h"
 
 // What the fixtures of the two flows have in common: sampling runs described by `config.cases`, and training steps.
@@ -32,7 +32,7 @@ void check_training_step(Fixture& fixture, const torch::nn::Module& model, const
 template <typename Model, typename Options>
 Model loaded_flow(Fixture& fixture, const Json& arguments, const std::string& pointer) {
   Model model(Options::from_json(arguments, fixture.name() + ".json", pointer), nn::Init::kNone);
-  models::load_state_dict(*model, fixture.parameters(), models::LoadMode::kStrict, fixture.name() + ".safetensors");
+  nn::load_state_dict(*model, fixture.parameters(), nn::LoadMode::kStrict, fixture.name() + ".safetensors");
   return model;
 }
 

@@ -3,9 +3,9 @@
 #include <cmath>
 #include <limits>
 
-#include "anigen/models/tensor_arrays.h"
-#include "anigen/train/parameter_update.h"
-#include "anigen/train/trainer_options.h"
+#include "anigen/nn/init.h"
+#include "anigen/train/optimizer.h"
+#include "anigen/train/options.h"
 #include "tests/parity/registry.h"
 
 namespace anigen::test {
@@ -20,7 +20,7 @@ struct MixedPrecisionModel : torch::nn::Module {
     for (const char* name : {"frozen", "lin.weight", "lin.bias", "norm.weight", "norm.bias"}) {
       const io::NdArray* array = io::find(arrays, name);
       if (array == nullptr) throw std::runtime_error(std::string("the fixture lacks param.") + name);
-      Tensor value = models::to_tensor(*array);
+      Tensor value = nn::to_tensor(*array);
       if (std::string(name).rfind("lin", 0) == 0) value = value.to(torch::kHalf);
       std::string key = name;
       for (char& c : key) c = c == '.' ? '_' : c;  // a parameter of this module itself

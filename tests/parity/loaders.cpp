@@ -1,8 +1,8 @@
 // The loader's part of the published data path: skin weights as stored, balanced micro-batches.
 #include <algorithm>
 
-#include "anigen/loaders/balanced_groups.h"
-#include "anigen/loaders/files/skin_rows.h"
+#include "anigen/data/batches.h"
+#include "anigen/data/view_files.h"
 #include "tests/parity/registry.h"
 
 namespace anigen::test {
@@ -17,10 +17,10 @@ void run_skeleton_load(Fixture& fixture) {
   std::vector<float> skin(raw.data_ptr<float>(), raw.data_ptr<float>() + raw.numel());
   const std::vector<int> parents(stored.data_ptr<int>(), stored.data_ptr<int>() + stored.numel());
   const auto tensor = [&] { return torch::tensor(skin).reshape(raw.sizes()); };
-  loaders::normalize_skin_rows(skin, joints);
+  data::normalize_skin_rows(skin, joints);
   fixture.check("skin", tensor());
   fixture.check("parents", torch::tensor(parents, torch::kInt32));
-  loaders::accumulate_skin_as_flow(skin, parents);
+  data::accumulate_skin_as_flow(skin, parents);
   fixture.check("skin_flow", tensor());
 }
 
@@ -28,8 +28,7 @@ void check_groups(Fixture& fixture, const std::string& suffix, bool equal_size) 
   const Tensor loads = fixture.input("loads").to(torch::kInt64).contiguous();
   const std::vector<std::uint64_t> values(loads.data_ptr<std::int64_t>(),
                                           loads.data_ptr<std::int64_t>() + loads.numel());
-  const auto groups =
-      loaders::balanced_groups(values, fixture.config().at("num_groups").get<std::size_t>(), equal_size);
+  const auto groups = data::balanced_groups(values, fixture.config().at("num_groups").get<std::size_t>(), equal_size);
   Tensor group_of = torch::full_like(loads, -1), order = torch::full_like(loads, -1);
   for (std::size_t g = 0; g < groups.size(); ++g) {
     for (std::size_t i = 0; i < groups[g].size(); ++i) {

@@ -1,10 +1,9 @@
 // LPIPS as a loss: VGG16 trunk by the fixture's formula, published linear heads.
-#include "anigen/models/lpips.h"
+#include "anigen/vision/lpips.h"
 
-#include "anigen/models/lpips_weights.h"
-#include "anigen/models/state_dict.h"
-#include "tests/models/lpips_formula.h"
+#include "anigen/nn/state_dict.h"
 #include "tests/parity/registry.h"
+#include "tests/vision/lpips_formula.h"
 
 namespace anigen::test {
 namespace {
@@ -15,7 +14,7 @@ using torch::Tensor;
 io::NamedArrays heads_of(const Fixture& fixture) {
   std::vector<std::vector<float>> heads;
   const io::NamedArrays parameters = fixture.parameters();
-  for (std::size_t s = 0; s < models::kLpipsStages; ++s) {
+  for (std::size_t s = 0; s < vision::kLpipsStages; ++s) {
     const io::NdArray* head = io::find(parameters, "lin" + std::to_string(s));
     if (head == nullptr) throw std::runtime_error("the fixture has no head lin" + std::to_string(s));
     heads.push_back(head->as<float>());
@@ -25,11 +24,11 @@ io::NamedArrays heads_of(const Fixture& fixture) {
 
 void run_lpips(Fixture& fixture) {
   fixture.check_true("version 0.1", fixture.config().at("version") == "0.1");
-  models::Lpips lpips;
-  models::set_lpips_weights(*lpips, {{"formula", formula_trunk()}, {fixture.name(), heads_of(fixture)}});
+  vision::Lpips lpips;
+  vision::set_lpips_weights(*lpips, {{"formula", formula_trunk()}, {fixture.name(), heads_of(fixture)}});
 
   std::vector<Tensor> weights, biases;
-  for (const models::StateEntry& entry : models::state_entries(*lpips)) {
+  for (const nn::StateEntry& entry : nn::state_entries(*lpips)) {
     if (entry.key.rfind("features.", 0) != 0) continue;
     const Tensor flat = entry.tensor.flatten();
     if (entry.tensor.dim() == 4) {

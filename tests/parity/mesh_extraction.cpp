@@ -1,11 +1,11 @@
 // From the channels of fine voxels to a mesh: evaluation, training with regulariser and gradient, and the alternative
 // interpolations of vertex features.
-#include "anigen/fields/mesh_extraction.h"
+#include "anigen/shape_field/mesh_extraction.h"
 
 #include <string>
 #include <utility>
 
-#include "anigen/core/config_reader.h"
+#include "anigen/core/config.h"
 #include "tests/parity/registry.h"
 
 namespace anigen::test {
@@ -13,8 +13,8 @@ namespace {
 
 using torch::Tensor;
 
-fields::MeshFieldOptions mesh_options(const Fixture& fixture, const Json& switches, const std::string& pointer) {
-  using Options = fields::MeshFieldOptions;
+shape_field::MeshFieldOptions mesh_options(const Fixture& fixture, const Json& switches, const std::string& pointer) {
+  using Options = shape_field::MeshFieldOptions;
   static const std::pair<const char*, bool Options::*> kSwitches[] = {
       {"flexicube_disable_deform", &Options::disable_deform},
       {"vertex_skin_feat_interp_sparse", &Options::skin_interp_sparse},
@@ -34,13 +34,13 @@ fields::MeshFieldOptions mesh_options(const Fixture& fixture, const Json& switch
   return options;
 }
 
-fields::ExtractedMesh extracted(const Fixture& fixture, const Tensor& feats, const fields::MeshFieldOptions& options,
-                                bool training) {
-  return fields::extract_mesh(fixture.input("coords").narrow(1, 1, 3), feats, options, training);
+shape_field::ExtractedMesh extracted(const Fixture& fixture, const Tensor& feats,
+                                     const shape_field::MeshFieldOptions& options, bool training) {
+  return shape_field::extract_mesh(fixture.input("coords").narrow(1, 1, 3), feats, options, training);
 }
 
 // Area and unit normal of every face. The normals of slivers are noise: those are not compared.
-void check_faces(Fixture& fixture, const fields::ExtractedMesh& mesh) {
+void check_faces(Fixture& fixture, const shape_field::ExtractedMesh& mesh) {
   const auto corner = [&](std::int64_t k) { return mesh.vertices.detach().index_select(0, mesh.faces.select(1, k)); };
   const Tensor normal = torch::cross(corner(1) - corner(0), corner(2) - corner(0), 1);
   const Tensor length = normal.norm(2, 1, /*keepdim=*/true);
@@ -50,7 +50,7 @@ void check_faces(Fixture& fixture, const fields::ExtractedMesh& mesh) {
   fixture.check("face_normal", same_faces ? torch::where(compared, normal / length, wanted) : normal / length);
 }
 
-void check_training(Fixture& fixture, const fields::ExtractedMesh& mesh, const Tensor& feats) {
+void check_training(Fixture& fixture, const shape_field::ExtractedMesh& mesh, const Tensor& feats) {
   fixture.check("reg_loss", mesh.regularizer);
   fixture.check("L_dev_mean", mesh.terms.deviation);
   fixture.check("weights_abs_mean", mesh.terms.weights);
@@ -70,9 +70,10 @@ void check_training(Fixture& fixture, const fields::ExtractedMesh& mesh, const T
 
 void run_mesh(Fixture& fixture) {
   const bool training = fixture.config().at("training");
-  const fields::MeshFieldOptions options = mesh_options(fixture, fixture.config().at("options"), "/config/options");
+  const shape_field::MeshFieldOptions options =
+      mesh_options(fixture, fixture.config().at("options"), "/config/options");
   const Tensor feats = fixture.input("feats").requires_grad_(training);
-  const fields::ExtractedMesh mesh = extracted(fixture, feats, options, training);
+  const shape_field::ExtractedMesh mesh = extracted(fixture, feats, options, training);
   fixture.check("success", torch::tensor({mesh.success ? 1 : 0}, torch::kInt32));
   fixture.check("vertices", mesh.vertices);
   fixture.check("faces", mesh.faces);
@@ -89,8 +90,8 @@ void run_mesh(Fixture& fixture) {
 void run_mesh_skin_options(Fixture& fixture) {
   const torch::NoGradGuard no_grad;
   for (const auto& [name, switches] : fixture.config().at("cases").items()) {
-    const fields::MeshFieldOptions options = mesh_options(fixture, switches, "/config/cases/" + name);
-    const fields::ExtractedMesh mesh = extracted(fixture, fixture.input("feats"), options, /*training=*/false);
+    const shape_field::MeshFieldOptions options = mesh_options(fixture, switches, "/config/cases/" + name);
+    const shape_field::ExtractedMesh mesh = extracted(fixture, fixture.input("feats"), options, /*training=*/false);
     for (const std::string& output : fixture.outputs()) {
       if (output == name + ".vertices") fixture.check(output, mesh.vertices);
       if (output == name + ".faces") fixture.check(output, mesh.faces);

@@ -1,7 +1,7 @@
 #pragma once
 #include <string>
 
-#include "anigen/models/state_dict.h"
+#include "anigen/nn/state_dict.h"
 #include "tests/parity/fixture.h"
 
 namespace anigen::test {
@@ -42,8 +42,7 @@ Options modulated_options(const Fixture& fixture, const std::string& part, const
 /// Fills a module with the parameters of a part; every key must match.
 template <typename Module>
 void load_part(Module& module, const Fixture& fixture, const std::string& part) {
-  models::load_state_dict(*module, parameters_of(fixture, part), models::LoadMode::kStrict,
-                          fixture.name() + ".safetensors");
+  nn::load_state_dict(*module, parameters_of(fixture, part), nn::LoadMode::kStrict, fixture.name() + ".safetensors");
 }
 
 }  // namespace anigen::test

@@ -5,11 +5,9 @@
 #include <string>
 
 #include "anigen/raster/antialias.h"
-#include "anigen/raster/camera.h"
-#include "anigen/raster/face_normals.h"
+#include "anigen/raster/interpolate.h"
 #include "anigen/raster/mesh_renderer.h"
-#include "anigen/raster/silhouette_pairs.h"
-#include "anigen/raster/viewport.h"
+#include "anigen/raster/rasterize.h"
 #include "tests/parity/raster_visibility.h"
 #include "tests/parity/registry.h"
 

@@ -7,9 +7,9 @@
 #include <string>
 #include <vector>
 
-#include "anigen/raytrace/scene.h"
-#include "anigen/raytrace/views/projection.h"
-#include "anigen/raytrace/views/render_view.h"
+#include "anigen/render/cameras_json.h"
+#include "anigen/render/dataset_views.h"
+#include "anigen/render/scene.h"
 #include "tests/parity/eigen_tensors.h"
 
 namespace anigen::test {
@@ -29,8 +29,8 @@ Asset mesh_asset(Fixture& fixture, const std::string& mesh) {
   return asset;
 }
 
-raytrace::Frame frame_of(const Eigen::Matrix4d& extrinsics, const Eigen::Matrix3d& intrinsics) {
-  raytrace::Frame frame;
+render::Frame frame_of(const Eigen::Matrix4d& extrinsics, const Eigen::Matrix3d& intrinsics) {
+  render::Frame frame;
   frame.camera_angle_x = 2.0 * std::atan(0.5 / intrinsics(0, 0));
   frame.camera_to_world = extrinsics.inverse();
   frame.camera_to_world.topRows<3>().col(1) *= -1.0;
@@ -45,7 +45,7 @@ void check_ray_traced_visibility(Fixture& fixture, const std::string& mesh) {
   const Eigen::Matrix4d extrinsics = matrix(fixture.input(mesh + ".extrinsics"));
   const Eigen::Matrix3d intrinsics = matrix(fixture.input(mesh + ".intrinsics"));
   const Eigen::Matrix4d clip =
-      raytrace::clip_projection(intrinsics, fixture.config().at("near"), fixture.config().at("far"));
+      render::clip_projection(intrinsics, fixture.config().at("near"), fixture.config().at("far"));
   Eigen::MatrixXd corners(asset.mesh.vertices.size(), 4);
   for (std::size_t v = 0; v < asset.mesh.vertices.size(); ++v) {
     const Eigen::Vector4d point = asset.mesh.vertices[v].cast<double>().homogeneous();
@@ -53,13 +53,13 @@ void check_ray_traced_visibility(Fixture& fixture, const std::string& mesh) {
   }
   fixture.check(mesh + ".clip", tensor(corners));
 
-  const raytrace::Scene scene(asset);
-  raytrace::ViewOptions options;
+  const render::Scene scene(asset);
+  render::ViewOptions options;
   options.size = fixture.config().at("resolution");
   options.color = false;
   options.geometry = options.visibility = options.flat_normals = true;
-  const raytrace::Frame frame = frame_of(extrinsics, intrinsics);
-  const raytrace::ViewImages view = raytrace::render_view(scene, frame, options);
+  const render::Frame frame = frame_of(extrinsics, intrinsics);
+  const render::ViewImages view = render::render_view(scene, frame, options);
 
   const auto copy = [&](const std::string& name) {
     return fixture.expected(mesh + "." + name).to(torch::kFloat64).contiguous().clone();

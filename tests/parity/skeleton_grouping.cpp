@@ -2,8 +2,8 @@
 #include <string>
 #include <vector>
 
-#include "anigen/fields/skeleton_field.h"
-#include "anigen/geometry/skeleton_repair.h"
+#include "anigen/skeleton_field/field.h"
+#include "anigen/skeleton_field/skeleton_repair.h"
 #include "tests/parity/mesh_tensors.h"
 #include "tests/parity/registry.h"
 
@@ -27,22 +27,23 @@ Tensor optional_input(const Fixture& fixture, const std::string& name) {
 
 void run_grouping(Fixture& fixture) {
   for (const auto& [name, setup] : fixture.config().at("cases").items()) {
-    fields::SkeletonField field;
+    skeleton_field::SkeletonField field;
     field.joints = fixture.input(name + ".joints");
     field.parents = fixture.input(name + ".parents");
     field.conf_j = optional_input(fixture, name + ".joints_conf");
     field.conf_p = optional_input(fixture, name + ".parents_conf");
     const std::string strategy = setup.at("strategy");
     const Json& arguments = setup.at("kwargs");
-    geometry::MeanShiftOptions mean_shift;
+    skeleton_field::MeanShiftOptions mean_shift;
     read_number(arguments, "conf_threshold", mean_shift.confidence_threshold);
     read_number(arguments, "threshold", mean_shift.bandwidth);
     read_number(arguments, "cluster_size_threshold", mean_shift.min_cluster_size);
-    geometry::ThresholdOptions threshold;
+    skeleton_field::ThresholdOptions threshold;
     read_number(arguments, "conf_threshold", threshold.confidence_threshold);
     read_number(arguments, "threshold", threshold.distance);
 
-    const fields::SkeletonTensors skeleton = fields::group_votes(field, strategy, mean_shift, threshold);
+    const skeleton_field::SkeletonTensors skeleton =
+        skeleton_field::group_votes(field, strategy, mean_shift, threshold);
     fixture.check(name + ".joints", skeleton.joints);
     Tensor parents = skeleton.parents;
     if (parents.numel() == 0) {
@@ -57,16 +58,16 @@ void run_grouping(Fixture& fixture) {
 
 void run_skeleton_grouping(Fixture& fixture) {
   const Json& config = fixture.config();
-  geometry::MeanShiftOptions mean_shift;
+  skeleton_field::MeanShiftOptions mean_shift;
   read_number(config, "ms_conf_threshold", mean_shift.confidence_threshold);
   read_number(config, "ms_threshold", mean_shift.bandwidth);
   read_number(config, "cluster_size_threshold", mean_shift.min_cluster_size);
-  geometry::ThresholdOptions threshold;
+  skeleton_field::ThresholdOptions threshold;
   read_number(config, "conf_threshold", threshold.confidence_threshold);
   read_number(config, "threshold", threshold.distance);
   for (std::size_t c = 0; c < config.at("cases").size(); ++c) {
     const std::string name = "c" + std::to_string(c) + ".";
-    fields::SkeletonField field;
+    skeleton_field::SkeletonField field;
     field.joints = fixture.input(name + "joints");
     field.parents = fixture.input(name + "parents");
     field.conf_j = fixture.input(name + "conf_j");
@@ -75,13 +76,15 @@ void run_skeleton_grouping(Fixture& fixture) {
     field.positions = fixture.input(name + "positions");
     field.skin_features = fixture.input(name + "skin_feats");
 
-    const fields::SkeletonTensors by_threshold = fields::group_votes(field, "threshold", mean_shift, threshold);
+    const skeleton_field::SkeletonTensors by_threshold =
+        skeleton_field::group_votes(field, "threshold", mean_shift, threshold);
     fixture.check(name + "thr_joints", by_threshold.joints);
     fixture.check(name + "thr_parents", by_threshold.parents);
-    const fields::SkeletonTensors by_shift = fields::group_votes(field, "mean_shift", mean_shift, threshold);
+    const skeleton_field::SkeletonTensors by_shift =
+        skeleton_field::group_votes(field, "mean_shift", mean_shift, threshold);
     fixture.check(name + "ms_joints", by_shift.joints);
     fixture.check(name + "ms_parents", by_shift.parents);
-    const fields::JointSkinFeatures features = fields::joint_skin_features(field, by_shift.joints);
+    const skeleton_field::JointSkinFeatures features = skeleton_field::joint_skin_features(field, by_shift.joints);
     fixture.check(name + "feat_joints", features.features);
     fixture.check(name + "var_loss", features.variance);
   }
@@ -92,14 +95,14 @@ void run_skeleton_repair(Fixture& fixture) {
     const std::string name = "c" + std::to_string(c) + ".";
     const std::vector<Eigen::Vector3f> joints = float_points(fixture.input(name + "joints"));
     const std::vector<int> raw = ints(fixture.input(name + "parents"));
-    const std::vector<int> repaired = geometry::repair_parents_as_published(joints, raw);
+    const std::vector<int> repaired = skeleton_field::repair_parents_as_published(joints, raw);
     fixture.check(name + "parents", torch::tensor(repaired, torch::kInt32));
     fixture.check(name + "parents_nojoints",
-                  torch::tensor(geometry::repair_parents_as_published({}, raw), torch::kInt32));
+                  torch::tensor(skeleton_field::repair_parents_as_published({}, raw), torch::kInt32));
     const auto count = static_cast<std::int64_t>(repaired.size());
     const Tensor hops = torch::empty({count, count}, torch::kInt32);
     std::int32_t* next = hops.data_ptr<std::int32_t>();
-    for (const std::vector<int>& row : geometry::hop_distances(repaired)) {
+    for (const std::vector<int>& row : skeleton_field::hop_distances(repaired)) {
       for (const int distance : row) *next++ = distance;
     }
     fixture.check(name + "hops", hops);

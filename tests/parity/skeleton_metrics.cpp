@@ -1,20 +1,18 @@
 // Chamfer distances of skeleton pairs in the public conventions, and the edit distance of their trees.
-#include "anigen/eval/skeleton/bone_samples.h"
-#include "anigen/eval/skeleton/nearest_bone.h"
-#include "anigen/eval/skeleton/skeleton_chamfer.h"
-#include "anigen/eval/skeleton/tree_edit_distance.h"
+#include "anigen/metrics/chamfer.h"
+#include "anigen/metrics/tree_edit.h"
 #include "tests/parity/eigen_tensors.h"
 #include "tests/parity/registry.h"
 
 namespace anigen::test {
 namespace {
 
-torch::Tensor three(const eval::SkeletonChamfer& score) {
+torch::Tensor three(const metrics::SkeletonChamfer& score) {
   return torch::tensor({score.j2j, score.j2b, score.b2b}, torch::kFloat64);
 }
 
-std::int64_t spaced_count(const eval::JointGraph& graph) {
-  return eval::sample_count(eval::spaced_samples(eval::bone_lines(graph)));
+std::int64_t spaced_count(const metrics::JointGraph& graph) {
+  return metrics::sample_count(metrics::spaced_samples(metrics::bone_lines(graph)));
 }
 
 void run_skeleton_chamfer(Fixture& fixture) {
@@ -22,23 +20,23 @@ void run_skeleton_chamfer(Fixture& fixture) {
   const double width = range.at(1).get<double>() - range.at(0).get<double>();
   for (int q = 0; fixture.has_input("q" + std::to_string(q) + ".joints_a"); ++q) {
     const std::string pair = "q" + std::to_string(q) + ".";
-    const io::JointTree a{points(fixture.input(pair + "joints_a")), ints(fixture.input(pair + "parents_a"))};
-    const io::JointTree b{points(fixture.input(pair + "joints_b")), ints(fixture.input(pair + "parents_b"))};
-    const eval::JointGraph graph_a = eval::joint_graph(a), graph_b = eval::joint_graph(b);
-    fixture.check(pair + "unirig", three(eval::skeleton_chamfer(a, b, eval::SkeletonProtocol::kUnirig, width)));
-    fixture.check(pair + "rignet", three(eval::skeleton_chamfer(a, b, eval::SkeletonProtocol::kRignet)));
+    const JointTree a{points(fixture.input(pair + "joints_a")), ints(fixture.input(pair + "parents_a"))};
+    const JointTree b{points(fixture.input(pair + "joints_b")), ints(fixture.input(pair + "parents_b"))};
+    const metrics::JointGraph graph_a = metrics::joint_graph(a), graph_b = metrics::joint_graph(b);
+    fixture.check(pair + "unirig", three(metrics::skeleton_chamfer(a, b, metrics::SkeletonProtocol::kUnirig, width)));
+    fixture.check(pair + "rignet", three(metrics::skeleton_chamfer(a, b, metrics::SkeletonProtocol::kRignet)));
     // The published distance functions by themselves: the merging of joints comes before them.
-    fixture.check(pair + "puppeteer", three(eval::spaced_chamfer(graph_a, graph_b)));
+    fixture.check(pair + "puppeteer", three(metrics::spaced_chamfer(graph_a, graph_b)));
     fixture.check(pair + "num_samples", torch::tensor({spaced_count(graph_a), spaced_count(graph_b)}, torch::kInt64));
 
-    const eval::NearestBone bones_b(eval::bone_lines(graph_b));
+    const metrics::NearestBone bones_b(metrics::bone_lines(graph_b));
     std::vector<double> exact;
     for (const Eigen::Vector3d& joint : a.positions) exact.push_back(bones_b.distance(joint));
     fixture.check(pair + "exact_point_segment", torch::tensor(exact, torch::kFloat64));
     // The published function is off by its guards against division by zero, less than the tolerance.
     fixture.check(pair + "unirig_point_segment", torch::tensor(exact, torch::kFloat64));
 
-    const auto edits = eval::tree_edit_distance(a, b, eval::ChildOrder::kIndex);
+    const auto edits = metrics::tree_edit_distance(a, b, metrics::ChildOrder::kIndex);
     fixture.check(pair + "edit", torch::tensor({static_cast<double>(edits.value())}, torch::kFloat64));
   }
 }

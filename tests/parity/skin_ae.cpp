@@ -1,15 +1,16 @@
 // The skin auto-encoder: outputs, and gradients of the sum of squares of everything it returns.
-#include "anigen/models/skin_autoencoder.h"
-#include "anigen/models/state_dict.h"
+#include "anigen/nn/state_dict.h"
+#include "anigen/skin_field/skin_autoencoder.h"
 #include "tests/parity/registry.h"
 
 namespace anigen::test {
 namespace {
 
 void run_skin_ae(Fixture& fixture) {
-  const auto options = models::SkinAutoEncoderOptions::from_json(fixture.config(), fixture.name() + ".json", "/config");
-  models::SkinAutoEncoder model(options, nn::Init::kNone);
-  models::load_state_dict(*model, fixture.parameters(), models::LoadMode::kStrict, fixture.name() + ".safetensors");
+  const auto options =
+      skin_field::SkinAutoEncoderOptions::from_json(fixture.config(), fixture.name() + ".json", "/config");
+  skin_field::SkinAutoEncoder model(options, nn::Init::kNone);
+  nn::load_state_dict(*model, fixture.parameters(), nn::LoadMode::kStrict, fixture.name() + ".safetensors");
 
   const auto output = model->forward(fixture.inputs("joints"), fixture.inputs("parents"), fixture.inputs("skin"));
   torch::Tensor sum = torch::zeros({1});
@@ -23,7 +24,7 @@ void run_skin_ae(Fixture& fixture) {
   fixture.check("S", sum);
   sum.backward();
   const std::string prefix = "grad.";
-  for (const models::StateEntry& entry : models::state_entries(*model)) {
+  for (const nn::StateEntry& entry : nn::state_entries(*model)) {
     for (const std::string& name : fixture.outputs()) {
       if (name == prefix + entry.key) fixture.check(name, entry.tensor.grad());
     }

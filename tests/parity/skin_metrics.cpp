@@ -1,5 +1,5 @@
 // Skin metrics of Anymate and Puppeteer, and the plain distances under their several averagings.
-#include "anigen/eval/skin/skin_protocols.h"
+#include "anigen/metrics/skin_metrics.h"
 #include "tests/parity/eigen_tensors.h"
 #include "tests/parity/registry.h"
 
@@ -11,9 +11,9 @@ namespace {
 /// negative.
 /// @param step_of step for a weight
 template <typename Score, typename Step>
-torch::Tensor slopes(const eval::SkinMatrix& predicted, Score score, Step step_of) {
+torch::Tensor slopes(const metrics::SkinMatrix& predicted, Score score, Step step_of) {
   Eigen::MatrixXd result(predicted.rows(), predicted.cols());
-  eval::SkinMatrix moved = predicted;
+  metrics::SkinMatrix moved = predicted;
   for (Eigen::Index v = 0; v < predicted.rows(); ++v) {
     for (Eigen::Index j = 0; j < predicted.cols(); ++j) {
       const double weight = predicted(v, j), step = step_of(weight);
@@ -33,25 +33,27 @@ torch::Tensor slopes(const eval::SkinMatrix& predicted, Score score, Step step_o
 }
 
 void run_skin(Fixture& fixture) {
-  const eval::SkinMatrix predicted = matrix(fixture.input("pred")), truth = matrix(fixture.input("gt"));
+  const metrics::SkinMatrix predicted = matrix(fixture.input("pred")), truth = matrix(fixture.input("gt"));
   const double threshold = fixture.config().at("threshold"), filter = fixture.config().at("filter_thre");
 
-  const eval::AnymateSkinScore anymate = eval::anymate_skin(predicted, truth, threshold);
+  const metrics::AnymateSkinScore anymate = metrics::anymate_skin(predicted, truth, threshold);
   fixture.check("anymate", torch::tensor({anymate.cos_loss, anymate.cross_entropy, anymate.cos_clamp_loss, anymate.mae,
                                           anymate.mean_l1, anymate.overlap.precision, anymate.overlap.recall},
                                          torch::kFloat64));
-  const auto cross_entropy = [&](const eval::SkinMatrix& p) { return eval::anymate_skin(p, truth).cross_entropy; };
-  const auto cos_clamp = [&](const eval::SkinMatrix& p) { return eval::anymate_skin(p, truth).cos_clamp_loss; };
+  const auto cross_entropy = [&](const metrics::SkinMatrix& p) {
+    return metrics::anymate_skin(p, truth).cross_entropy;
+  };
+  const auto cos_clamp = [&](const metrics::SkinMatrix& p) { return metrics::anymate_skin(p, truth).cos_clamp_loss; };
   fixture.check("grad_ce", slopes(predicted, cross_entropy, [](double w) { return 1e-3 * (w + 1e-6); }));
   fixture.check("grad_cos_clamp", slopes(predicted, cos_clamp, [](double) { return 1e-6; }));
 
-  const eval::SkinMatrix raw = matrix(fixture.input("pred_puppeteer"));
-  fixture.check("puppeteer_filtered", tensor(eval::puppeteer_filtered(raw, filter)));
-  const eval::PuppeteerSkinScore puppeteer = eval::puppeteer_skin(raw, truth, filter);
+  const metrics::SkinMatrix raw = matrix(fixture.input("pred_puppeteer"));
+  fixture.check("puppeteer_filtered", tensor(metrics::puppeteer_filtered(raw, filter)));
+  const metrics::PuppeteerSkinScore puppeteer = metrics::puppeteer_skin(raw, truth, filter);
   fixture.check("puppeteer",
                 torch::tensor({puppeteer.overlap.precision, puppeteer.overlap.recall, puppeteer.l1}, torch::kFloat64));
 
-  const eval::PlainSkinScore plain = eval::plain_skin(predicted, truth);
+  const metrics::PlainSkinScore plain = metrics::plain_skin(predicted, truth);
   fixture.check("l1_mean", scalar(plain.l1_mean));
   fixture.check("l2_mean", scalar(plain.l2_mean));
   fixture.check("l1_per_vertex", scalar(plain.l1_per_vertex));

@@ -2,11 +2,10 @@
 #include <string>
 #include <vector>
 
-#include "anigen/asset/mesh_edges.h"
-#include "anigen/asset/skin_filter.h"
-#include "anigen/asset/skin_smoothing.h"
-#include "anigen/geometry/joint_field.h"
-#include "anigen/geometry/skeleton_repair.h"
+#include "anigen/asset/mesh.h"
+#include "anigen/asset/skin_weights.h"
+#include "anigen/skeleton_field/field.h"
+#include "anigen/skeleton_field/skeleton_repair.h"
 #include "tests/parity/mesh_tensors.h"
 #include "tests/parity/registry.h"
 
@@ -19,8 +18,8 @@ torch::Tensor dense(const SkinWeights& skin, std::int64_t joints) {
 
 std::vector<int> nearest_anchors(const Fixture& fixture, const std::string& mesh) {
   std::vector<int> anchors;
-  for (const geometry::NearestJoints& nearest :
-       geometry::nearest_joints(points(fixture.input(mesh + "vertices")), points(fixture.input(mesh + "joints")))) {
+  for (const skeleton_field::NearestJoints& nearest : skeleton_field::nearest_joints(
+           points(fixture.input(mesh + "vertices")), points(fixture.input(mesh + "joints")))) {
     anchors.push_back(nearest.joint);
   }
   return anchors;
@@ -31,9 +30,9 @@ void check_mesh_skin(Fixture& fixture, const std::string& mesh) {
   const torch::Tensor input = fixture.input(mesh + "skin");
   const std::int64_t joints = input.size(1);
   const SkinWeights skin = skin_rows(input);
-  const std::vector<int> parents = geometry::repair_parents_as_published(float_points(fixture.input(mesh + "joints")),
-                                                                         ints(fixture.input(mesh + "parents")));
-  const auto hops = geometry::hop_distances(parents);
+  const std::vector<int> parents = skeleton_field::repair_parents_as_published(
+      float_points(fixture.input(mesh + "joints")), ints(fixture.input(mesh + "parents")));
+  const auto hops = skeleton_field::hop_distances(parents);
   const int max_hops = published_max_hops(static_cast<std::size_t>(joints));
   fixture.check(mesh + "max_hops", torch::full({}, max_hops, torch::kInt64));
   fixture.check(mesh + "filtered", dense(filter_skin(skin, hops, max_hops), joints));

@@ -55,7 +55,7 @@ sparse::SparseAttention windowed_attention(const Fixture& fixture, std::int64_t 
   sparse::SparseAttentionOptions options = attention_options_of(fixture, parameters);
   options.scope = sparse::AttentionScope::of("windowed", fixture.config().at("window_size"), shift);
   sparse::SparseAttention attention(options);
-  models::load_state_dict(*attention, parameters, models::LoadMode::kStrict, fixture.name() + ".safetensors");
+  nn::load_state_dict(*attention, parameters, nn::LoadMode::kStrict, fixture.name() + ".safetensors");
   return attention;
 }
 

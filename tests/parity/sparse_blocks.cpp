@@ -3,14 +3,11 @@
 #include <string>
 #include <vector>
 
-#include "anigen/nn/gelu.h"
-#include "anigen/nn/layer_norm.h"
+#include "anigen/nn/linear.h"
+#include "anigen/nn/norms.h"
 #include "anigen/nn/ragged_attention.h"
-#include "anigen/nn/rms_norm.h"
-#include "anigen/sparse/dual_stream_block.h"
-#include "anigen/sparse/modulated_block.h"
-#include "anigen/sparse/transformer_block.h"
-#include "anigen/sparse/window_rows.h"
+#include "anigen/sparse/blocks.h"
+#include "anigen/sparse/windows.h"
 #include "tests/parity/parts.h"
 #include "tests/parity/registry.h"
 
@@ -165,7 +162,7 @@ void run_sparse_block_fp16(Fixture& fixture) {
   options.qk_rms_norm = config.at("qk_rms_norm").get<bool>();
   options.scope = sparse::AttentionScope::of("windowed", config.at("window_size"), config.at("shift_window"));
   sparse::SparseTransformerBlock block(options);
-  models::load_state_dict(*block, parameters, models::LoadMode::kStrict, fixture.name() + ".safetensors");
+  nn::load_state_dict(*block, parameters, nn::LoadMode::kStrict, fixture.name() + ".safetensors");
   const SparseTensor x = block_input(fixture, items_of_inputs(fixture, {"coords"}), "coords", "feats");
   fixture.check("y_fp32", block->forward(x).feats);
   const SparseTensor half = x.with(x.feats.to(torch::kHalf));

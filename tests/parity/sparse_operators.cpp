@@ -3,10 +3,10 @@
 #include <vector>
 
 #include "anigen/core/error.h"
-#include "anigen/nn/layer_norm.h"
+#include "anigen/nn/norms.h"
+#include "anigen/sparse/blocks.h"
 #include "anigen/sparse/convolution.h"
-#include "anigen/sparse/group_norm.h"
-#include "anigen/sparse/resampling.h"
+#include "anigen/sparse/norms.h"
 #include "tests/parity/parts.h"
 #include "tests/parity/registry.h"
 
@@ -120,7 +120,7 @@ void run_sparse_group_norm(Fixture& fixture) {
   x.feats.requires_grad_();
   sparse::SparseGroupNorm norm(config.at("num_channels").get<std::int64_t>(),
                                config.at("num_groups").get<std::int64_t>(), config.at("eps").get<double>());
-  models::load_state_dict(*norm, fixture.parameters(), models::LoadMode::kStrict, fixture.name() + ".safetensors");
+  nn::load_state_dict(*norm, fixture.parameters(), nn::LoadMode::kStrict, fixture.name() + ".safetensors");
   const Tensor y = norm->forward(x).feats;
   fixture.check("feats", y);
   const std::vector<Tensor> gradients =

@@ -1,10 +1,9 @@
 // The sparse-structure auto-encoder: both models in all variants, its losses with gradients, the noise on its latents.
-#include "anigen/models/sparse_structure_decoder.h"
-#include "anigen/models/sparse_structure_encoder.h"
-#include "anigen/models/sparse_structure_loss.h"
-#include "anigen/models/state_dict.h"
-#include "anigen/models/tensor_arrays.h"
-#include "anigen/train/latent_denoising.h"
+#include "anigen/nn/init.h"
+#include "anigen/nn/state_dict.h"
+#include "anigen/sparse_structure/autoencoder.h"
+#include "anigen/sparse_structure/voxel_metrics.h"
+#include "anigen/train/stages/flow_stage.h"
 #include "tests/parity/described_part.h"
 #include "tests/parity/registry.h"
 
@@ -18,13 +17,13 @@ Model filled_coder(Fixture& fixture) {
   Model model(Options::from_json(fixture.config(), fixture.name() + ".json", "/config"), nn::Init::kNone);
   // Position tables are computed here and stored there: compare before the stored ones take their place.
   const io::NamedArrays parameters = fixture.parameters();
-  for (const models::StateEntry& entry : models::state_entries(*model)) {
+  for (const nn::StateEntry& entry : nn::state_entries(*model)) {
     const io::NdArray* stored = io::find(parameters, entry.key);
     if (!entry.is_buffer || stored == nullptr) continue;
     fixture.check_true(entry.key + " equals the stored table",
-                       torch::allclose(entry.tensor, models::to_tensor(*stored), 1e-5, 1e-5));
+                       torch::allclose(entry.tensor, nn::to_tensor(*stored), 1e-5, 1e-5));
   }
-  models::load_state_dict(*model, parameters, models::LoadMode::kStrict, fixture.name() + ".safetensors");
+  nn::load_state_dict(*model, parameters, nn::LoadMode::kStrict, fixture.name() + ".safetensors");
   return model;
 }
 
@@ -44,8 +43,9 @@ Tensor occupancy_input(const Fixture& fixture, const std::string& dense, const s
 }
 
 void run_ss_encoder(Fixture& fixture) {
-  auto model = filled_coder<models::SparseStructureEncoder, models::SparseStructureEncoderOptions>(fixture);
-  models::PosteriorNoise noise;
+  auto model =
+      filled_coder<sparse_structure::SparseStructureEncoder, sparse_structure::SparseStructureEncoderOptions>(fixture);
+  sparse_structure::PosteriorNoise noise;
   if (fixture.has_input("eps")) noise.z = fixture.input("eps");
   if (fixture.has_input("eps_skl")) noise.z_skl = fixture.input("eps_skl");
   const bool sampled = noise.z.defined() || noise.z_skl.defined();
@@ -61,7 +61,8 @@ void run_ss_encoder(Fixture& fixture) {
 }
 
 void run_ss_decoder(Fixture& fixture) {
-  auto model = filled_coder<models::SparseStructureDecoder, models::SparseStructureDecoderOptions>(fixture);
+  auto model =
+      filled_coder<sparse_structure::SparseStructureDecoder, sparse_structure::SparseStructureDecoderOptions>(fixture);
   const torch::NoGradGuard no_grad;
   const auto logits = model->forward(fixture.input("x"), fixture.input("x_skl"));
   const Json& outputs = fixture.json().at("outputs");
@@ -81,13 +82,14 @@ void run_ss_decoder(Fixture& fixture) {
 void run_ss_loss(Fixture& fixture) {
   const double lambda_kl = fixture.config().at("lambda_kl"), lambda_kl_skl = fixture.config().at("lambda_kl_skl");
   for (const std::string name : {"dice", "bce", "l1"}) {
-    const models::OccupancyLoss kind = models::occupancy_loss_named(name);
+    const sparse_structure::OccupancyLoss kind = sparse_structure::occupancy_loss_named(name);
     const Tensor logits = fixture.input("logits").requires_grad_(), mean = fixture.input("mean").requires_grad_(),
                  logvar = fixture.input("logvar").requires_grad_();
-    const Tensor shape = models::occupancy_loss(logits, fixture.input("ss"), kind);
-    const Tensor skeleton = models::occupancy_loss(fixture.input("logits_skl"), fixture.input("ss_skl"), kind);
-    const Tensor kl = models::posterior_kl(mean, logvar);
-    const Tensor kl_skl = models::posterior_kl(fixture.input("mean_skl"), fixture.input("logvar_skl"));
+    const Tensor shape = sparse_structure::occupancy_loss(logits, fixture.input("ss"), kind);
+    const Tensor skeleton =
+        sparse_structure::occupancy_loss(fixture.input("logits_skl"), fixture.input("ss_skl"), kind);
+    const Tensor kl = sparse_structure::posterior_kl(mean, logvar);
+    const Tensor kl_skl = sparse_structure::posterior_kl(fixture.input("mean_skl"), fixture.input("logvar_skl"));
     const Tensor total = shape + skeleton + lambda_kl * kl + lambda_kl_skl * kl_skl;
     total.backward();
     fixture.check(name, shape);

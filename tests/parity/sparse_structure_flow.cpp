@@ -1,20 +1,20 @@
 // The sparse-structure flow: forward passes of every variant, the samplers, and one training step's gradients.
-#include "anigen/models/sparse_structure_flow.h"
+#include "anigen/sparse_structure/flow.h"
 
 #include <string>
 
-#include "anigen/flow/flow_matching.h"
+#include "anigen/flow/matching.h"
 #include "tests/parity/flow_cases.h"
 #include "tests/parity/registry.h"
 
 namespace anigen::test {
 namespace {
 
-using models::SparseStructureFlow;
+using sparse_structure::SparseStructureFlow;
 using torch::Tensor;
 
 SparseStructureFlow load_flow(Fixture& fixture, const Json& arguments, const std::string& pointer) {
-  return loaded_flow<SparseStructureFlow, models::SparseStructureFlowOptions>(fixture, arguments, pointer);
+  return loaded_flow<SparseStructureFlow, sparse_structure::SparseStructureFlowOptions>(fixture, arguments, pointer);
 }
 
 void run_ss_flow(Fixture& fixture) {

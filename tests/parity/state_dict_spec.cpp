@@ -3,15 +3,14 @@
 #include <cstdio>
 #include <filesystem>
 
-#include "anigen/core/config_file.h"
-#include "anigen/models/skin_autoencoder.h"
-#include "anigen/models/sparse_structure_decoder.h"
-#include "anigen/models/sparse_structure_encoder.h"
-#include "anigen/models/sparse_structure_flow.h"
-#include "anigen/models/state_dict.h"
-#include "anigen/models/structured_latent_decoder.h"
-#include "anigen/models/structured_latent_encoder.h"
-#include "anigen/models/structured_latent_flow.h"
+#include "anigen/core/config.h"
+#include "anigen/nn/state_dict.h"
+#include "anigen/skin_field/skin_autoencoder.h"
+#include "anigen/sparse_structure/autoencoder.h"
+#include "anigen/sparse_structure/flow.h"
+#include "anigen/structured_latent/decoder.h"
+#include "anigen/structured_latent/encoder.h"
+#include "anigen/structured_latent/flow.h"
 #include "tests/parity/registry.h"
 
 namespace anigen::test {
@@ -20,15 +19,15 @@ namespace {
 void compare(Fixture& fixture, const std::string& model_key, const torch::nn::Module& module,
              const std::vector<std::string>& half_precision_modules) {
   const Json& spec = fixture.json().at("models").at(model_key);
-  const std::vector<models::StateEntry> entries = models::state_entries(module);
-  const std::vector<torch::Dtype> dtypes = models::published_dtypes(module, half_precision_modules);
+  const std::vector<nn::StateEntry> entries = nn::state_entries(module);
+  const std::vector<torch::Dtype> dtypes = nn::published_dtypes(module, half_precision_modules);
   const Json& wanted = spec.at("tensors");
   fixture.check_true(
       model_key + ": " + std::to_string(entries.size()) + " tensors, expected " + std::to_string(wanted.size()),
       entries.size() == wanted.size() && entries.size() == spec.at("n_tensors").get<std::size_t>());
   std::int64_t elements = 0, trainable = 0;
   for (std::size_t i = 0; i < entries.size() && i < wanted.size(); ++i) {
-    const models::StateEntry& entry = entries[i];
+    const nn::StateEntry& entry = entries[i];
     Json found;
     found["key"] = entry.key;
     found["shape"] = entry.tensor.sizes().vec();
@@ -62,25 +61,25 @@ void compare_published(Fixture& fixture, const Json& config, const std::string& 
 void run_state_dict_spec(Fixture& fixture) {
   const std::string name = fixture.json().at("config");
   if (name == "anigen_skin_ae.json") {
-    compare_published<models::SkinAutoEncoder, models::SkinAutoEncoderOptions>(fixture, published_config(name),
-                                                                               "model");
+    compare_published<skin_field::SkinAutoEncoder, skin_field::SkinAutoEncoderOptions>(fixture, published_config(name),
+                                                                                       "model");
   } else if (name == "ss_dae.json") {
     const Json config = published_config(name);
-    compare_published<models::SparseStructureEncoder, models::SparseStructureEncoderOptions>(fixture, config,
-                                                                                             "encoder");
-    compare_published<models::SparseStructureDecoder, models::SparseStructureDecoderOptions>(fixture, config,
-                                                                                             "decoder");
+    compare_published<sparse_structure::SparseStructureEncoder, sparse_structure::SparseStructureEncoderOptions>(
+        fixture, config, "encoder");
+    compare_published<sparse_structure::SparseStructureDecoder, sparse_structure::SparseStructureDecoderOptions>(
+        fixture, config, "decoder");
   } else if (name == "ss_flow_duet.json") {
-    compare_published<models::SparseStructureFlow, models::SparseStructureFlowOptions>(fixture, published_config(name),
-                                                                                       "denoiser");
+    compare_published<sparse_structure::SparseStructureFlow, sparse_structure::SparseStructureFlowOptions>(
+        fixture, published_config(name), "denoiser");
   } else if (name == "slat_dae.json") {
     const Json config = published_config(name);
-    compare_published<models::StructuredLatentEncoder, models::StructuredLatentEncoderOptions>(fixture, config,
-                                                                                               "encoder");
-    compare_published<models::StructuredLatentDecoder, models::StructuredLatentDecoderOptions>(fixture, config,
-                                                                                               "decoder");
+    compare_published<structured_latent::StructuredLatentEncoder, structured_latent::StructuredLatentEncoderOptions>(
+        fixture, config, "encoder");
+    compare_published<structured_latent::StructuredLatentDecoder, structured_latent::StructuredLatentDecoderOptions>(
+        fixture, config, "decoder");
   } else if (name == "slat_flow_auto.json" || name == "slat_flow_control.json") {
-    compare_published<models::StructuredLatentFlow, models::StructuredLatentFlowOptions>(
+    compare_published<structured_latent::StructuredLatentFlow, structured_latent::StructuredLatentFlowOptions>(
         fixture, published_config(name), "denoiser");
   } else {
     throw NotBuiltYet{name};

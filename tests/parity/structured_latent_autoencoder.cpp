@@ -2,8 +2,8 @@
 // the decoder gives to points.
 #include <set>
 
-#include "anigen/models/structured_latent_decoder.h"
-#include "anigen/models/structured_latent_encoder.h"
+#include "anigen/structured_latent/decoder.h"
+#include "anigen/structured_latent/encoder.h"
 #include "tests/parity/parts.h"
 #include "tests/parity/registry.h"
 
@@ -25,7 +25,7 @@ template <typename Model, typename Options>
 Model filled_latent_coder(Fixture& fixture) {
   Model model(Options::from_json(class_arguments(fixture.config()), fixture.name() + ".json", "/config"),
               nn::Init::kNone);
-  models::load_state_dict(*model, fixture.parameters(), models::LoadMode::kStrict, fixture.name() + ".safetensors");
+  nn::load_state_dict(*model, fixture.parameters(), nn::LoadMode::kStrict, fixture.name() + ".safetensors");
   return model;
 }
 
@@ -50,8 +50,9 @@ std::set<std::string> output_names(const Fixture& fixture) {
 }
 
 void run_slat_encoder(Fixture& fixture) {
-  auto model = filled_latent_coder<models::StructuredLatentEncoder, models::StructuredLatentEncoderOptions>(fixture);
-  models::RiggedMeshes rigs;
+  auto model = filled_latent_coder<structured_latent::StructuredLatentEncoder,
+                                   structured_latent::StructuredLatentEncoderOptions>(fixture);
+  structured_latent::RiggedMeshes rigs;
   rigs.joints = fixture.inputs("joints");
   rigs.parents = fixture.inputs("parents");
   rigs.skin = fixture.inputs("skin");
@@ -64,9 +65,9 @@ void run_slat_encoder(Fixture& fixture) {
   }
   const std::vector<Tensor> face = fixture.inputs("bvh_face_id"), places = fixture.inputs("bvh_uvw");
   const torch::NoGradGuard no_grad;
-  std::vector<models::VertexMix> lookups;
+  std::vector<skin_field::VertexMix> lookups;
   for (std::size_t i = 0; i < face.size(); ++i) {
-    lookups.push_back(models::surface_mix(face[i], places[i], rigs.faces[i]));
+    lookups.push_back(skin_field::surface_mix(face[i], places[i], rigs.faces[i]));
   }
   if (lookups.empty()) lookups = model->skin_lookups(*x.support, rigs);
   const auto output = model->forward(x, x_skl, rigs, lookups, noise);
@@ -85,7 +86,8 @@ void run_slat_encoder(Fixture& fixture) {
 }
 
 void check_skeleton_field(Fixture& fixture, const std::set<std::string>& wanted, const std::string& prefix,
-                          const fields::SkeletonField& field, const fields::JointSkinFeatures& features) {
+                          const skeleton_field::SkeletonField& field,
+                          const skeleton_field::JointSkinFeatures& features) {
   const std::pair<const char*, Tensor> parts[] = {{"joints", field.joints},
                                                   {"parents", field.parents},
                                                   {"positions", field.positions},
@@ -106,8 +108,9 @@ void check_skeleton_field(Fixture& fixture, const std::set<std::string>& wanted,
 }
 
 void run_slat_decoder(Fixture& fixture) {
-  auto model = filled_latent_coder<models::StructuredLatentDecoder, models::StructuredLatentDecoderOptions>(fixture);
-  std::vector<fields::SkeletonTensors> given;
+  auto model = filled_latent_coder<structured_latent::StructuredLatentDecoder,
+                                   structured_latent::StructuredLatentDecoderOptions>(fixture);
+  std::vector<skeleton_field::SkeletonTensors> given;
   const std::vector<Tensor> joints = fixture.inputs("gt_joints"), parents = fixture.inputs("gt_parents");
   for (std::size_t i = 0; i < joints.size(); ++i) given.push_back({joints[i], parents[i]});
   const torch::NoGradGuard no_grad;

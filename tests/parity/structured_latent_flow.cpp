@@ -1,25 +1,25 @@
 // The structured-latent flow: forward passes of every variant, the samplers with smoothed noise and joint counts, one
 // training step's gradients, and the smoothing of noise alone.
-#include "anigen/models/structured_latent_flow.h"
+#include "anigen/structured_latent/flow.h"
 
 #include <string>
 #include <vector>
 
-#include "anigen/core/config_reader.h"
-#include "anigen/flow/flow_matching.h"
+#include "anigen/core/config.h"
 #include "anigen/flow/geodesic_noise.h"
+#include "anigen/flow/matching.h"
 #include "tests/parity/flow_cases.h"
 #include "tests/parity/registry.h"
 
 namespace anigen::test {
 namespace {
 
-using models::StructuredLatentFlow;
 using sparse::SparseTensor;
+using structured_latent::StructuredLatentFlow;
 using torch::Tensor;
 
 StructuredLatentFlow loaded_slat_flow(Fixture& fixture, const Json& arguments, const std::string& pointer) {
-  return loaded_flow<StructuredLatentFlow, models::StructuredLatentFlowOptions>(fixture, arguments, pointer);
+  return loaded_flow<StructuredLatentFlow, structured_latent::StructuredLatentFlowOptions>(fixture, arguments, pointer);
 }
 
 SparseTensor voxels_with(const Fixture& fixture, const std::string& coords, const std::string& feats) {

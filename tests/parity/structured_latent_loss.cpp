@@ -5,9 +5,8 @@
 #include <string>
 #include <vector>
 
-#include "anigen/models/image_loss.h"
-#include "anigen/models/structured_latent_geometry_loss.h"
-#include "anigen/models/structured_latent_rig_loss.h"
+#include "anigen/shape_field/mesh_extraction.h"
+#include "anigen/structured_latent/rig_loss.h"
 #include "tests/parity/registry.h"
 
 namespace anigen::test {
@@ -19,23 +18,23 @@ void run_image_terms(Fixture& fixture) {
   const Json& config = fixture.config();
   const Tensor a = fixture.input("img1").requires_grad_(), b = fixture.input("img2");
   fixture.check_true("window of 11 pixels", config.at("window_size") == 11);
-  fixture.check("window", models::ssim_window());
+  fixture.check("window", shape_field::ssim_window());
   fixture.check("l1", at::l1_loss(a, b));
   fixture.check("l2", at::mse_loss(a, b));
-  fixture.check("psnr", models::psnr(a, b));
+  fixture.check("psnr", shape_field::psnr(a, b));
   const Tensor smooth = at::smooth_l1_loss(a, b, at::Reduction::Mean, config.at("beta").get<double>());
   fixture.check("smooth_l1", smooth);
-  const Tensor ssim = models::ssim(a, b);
+  const Tensor ssim = shape_field::ssim(a, b);
   fixture.check("ssim_per_image", ssim);
   fixture.check("ssim", ssim.mean());
-  fixture.check("normal_angle", models::normal_angle(fixture.input("normals1"), fixture.input("normals2")));
+  fixture.check("normal_angle", shape_field::normal_angle(fixture.input("normals1"), fixture.input("normals2")));
   fixture.check("grad_ssim_img1", torch::autograd::grad({ssim.mean()}, {a})[0]);
   fixture.check("grad_smooth_img1", torch::autograd::grad({smooth}, {a})[0]);
 }
 
 void run_geometry_loss(Fixture& fixture) {
   const Json& config = fixture.config();
-  models::GeometryLossOptions options;
+  shape_field::GeometryLossOptions options;
   options.perceptual.lambda_ssim = config.at("lambda_ssim");
   options.perceptual.lambda_lpips = config.at("lambda_lpips");
   options.lambda_depth = config.at("lambda_depth");
@@ -47,33 +46,33 @@ void run_geometry_loss(Fixture& fixture) {
   // The fixture stands for the network by the values it returned, in the order of the calls.
   const Tensor lpips_values = fixture.input("lpips_values");
   std::int64_t call = 0;
-  const models::PictureDistance lpips = [&](const Tensor&, const Tensor&) { return lpips_values[call++]; };
+  const shape_field::PictureDistance lpips = [&](const Tensor&, const Tensor&) { return lpips_values[call++]; };
 
-  models::SurfacePictures truth{fixture.input("gt_mask"), fixture.input("gt_depth"),
-                                models::facing_camera(fixture.input("gt_normal"), extrinsics, intrinsics),
-                                fixture.input("gt_normal_map")};
+  shape_field::SurfacePictures truth{fixture.input("gt_mask"), fixture.input("gt_depth"),
+                                     shape_field::facing_camera(fixture.input("gt_normal"), extrinsics, intrinsics),
+                                     fixture.input("gt_normal_map")};
   fixture.check("flipped_normal", truth.normal);
   const Tensor depth = fixture.input("depth").requires_grad_();
-  const models::SurfacePictures predicted{fixture.input("mask"), depth, fixture.input("normal"),
-                                          fixture.input("normal_map")};
+  const shape_field::SurfacePictures predicted{fixture.input("mask"), depth, fixture.input("normal"),
+                                               fixture.input("normal_map")};
 
   const Tensor points = fixture.input("tsdf_v"), sdf = fixture.input("tsdf_s").requires_grad_();
   const std::int64_t items = points.size(0);
   std::vector<Tensor> uv, depths;
   Tensor tsdf;
   for (std::int64_t i = 0; i < items; ++i) {
-    const models::ProjectedPoints seen = models::project_points(points[i], extrinsics[i], intrinsics[i]);
+    const shape_field::ProjectedPoints seen = shape_field::project_points(points[i], extrinsics[i], intrinsics[i]);
     uv.push_back(seen.uv);
     depths.push_back(seen.depth);
     const Tensor one =
-        models::tsdf_loss(points[i], sdf[i], truth.depth[i][0], extrinsics[i], intrinsics[i], options.resolution);
+        shape_field::tsdf_loss(points[i], sdf[i], truth.depth[i][0], extrinsics[i], intrinsics[i], options.resolution);
     tsdf = i == 0 ? one : tsdf + one;
   }
   fixture.check("proj_uv", torch::stack(uv));
   fixture.check("pts_depth", torch::stack(depths));
 
-  const models::GeometryLosses losses =
-      models::geometry_losses(predicted, truth, tsdf / static_cast<double>(items), options, lpips);
+  const shape_field::GeometryLosses losses =
+      shape_field::geometry_losses(predicted, truth, tsdf / static_cast<double>(items), options, lpips);
   fixture.check("tsdf_loss", losses.tsdf);
   fixture.check("mask_loss", losses.mask);
   fixture.check("depth_loss", losses.depth);
@@ -85,12 +84,12 @@ void run_geometry_loss(Fixture& fixture) {
   const auto gradients = torch::autograd::grad({losses.total}, {sdf, depth});
   fixture.check("grad_tsdf_s", gradients[0]);
   fixture.check("grad_depth", gradients[1]);
-  fixture.check("color_loss", models::color_loss(fixture.input("color"), fixture.input("image"), fixture.input("alpha"),
-                                                 options, lpips));
+  fixture.check("color_loss", shape_field::color_loss(fixture.input("color"), fixture.input("image"),
+                                                      fixture.input("alpha"), options, lpips));
 
   options.set_depth_loss("smooth_l1");
   options.perceptual.lambda_lpips = 0.0;
-  fixture.check("depth_loss_smooth", models::geometry_losses(predicted, truth, Tensor(), options).depth);
+  fixture.check("depth_loss_smooth", shape_field::geometry_losses(predicted, truth, Tensor(), options).depth);
 }
 
 // The predictions of one asset in one case, which gradients are asked for.
@@ -110,9 +109,9 @@ struct AssetInputs {
   std::string prefix_;
 };
 
-models::RigPrediction prediction_of(AssetInputs& inputs, const Json& described, bool success) {
-  models::RigPrediction predicted;
-  fields::SkeletonField& field = predicted.field;
+structured_latent::RigPrediction prediction_of(AssetInputs& inputs, const Json& described, bool success) {
+  structured_latent::RigPrediction predicted;
+  skeleton_field::SkeletonField& field = predicted.field;
   field.positions = inputs.get("positions");
   field.joints = inputs.leaves["joints_pred"];
   field.parents = inputs.leaves["parents_pred"];
@@ -131,23 +130,23 @@ models::RigPrediction prediction_of(AssetInputs& inputs, const Json& described, 
   return predicted;
 }
 
-models::RigTruth truth_of(const AssetInputs& inputs, const Json& described, bool bad) {
-  models::RigTruth truth;
+structured_latent::RigTruth truth_of(const AssetInputs& inputs, const Json& described, bool bad) {
+  structured_latent::RigTruth truth;
   truth.joints = inputs.get("joints_gt");
   truth.parents = inputs.get("parents_gt");
   truth.joint_features = inputs.get("joint_skin_gt");
   truth.skin = inputs.get("skin_gt");
   truth.vertex_features = inputs.get("vert_skin_gt");
   truth.mix = described.at("bvh").get<bool>()
-                  ? models::surface_mix(inputs.get("face_id"), inputs.get("uvw"), inputs.get("gt_faces"),
-                                        models::kLossLeastWeight)
-                  : models::nearest_vertex_mix(inputs.get("gt_vertices"), inputs.get("pred_vertices"));
+                  ? skin_field::surface_mix(inputs.get("face_id"), inputs.get("uvw"), inputs.get("gt_faces"),
+                                            skin_field::kLossLeastWeight)
+                  : skin_field::nearest_vertex_mix(inputs.get("gt_vertices"), inputs.get("pred_vertices"));
   truth.is_bad_skin = bad;
   return truth;
 }
 
-models::RigLossOptions rig_options(const Json& config) {
-  models::RigLossOptions options;
+structured_latent::RigLossOptions rig_options(const Json& config) {
+  structured_latent::RigLossOptions options;
   const Json& lambdas = config.at("lambdas");
   options.lambda_joints = lambdas.at("joints");
   options.lambda_parents = lambdas.at("parents");
@@ -163,8 +162,8 @@ models::RigLossOptions rig_options(const Json& config) {
 void check_targets(Fixture& fixture, std::size_t items) {
   for (std::size_t i = 0; i < items; ++i) {
     const AssetInputs inputs(fixture, i);
-    const models::SkeletonTargets targets =
-        models::skeleton_targets(inputs.get("positions"), inputs.get("joints_gt"), inputs.get("parents_gt"));
+    const skeleton_field::SkeletonTargets targets =
+        skeleton_field::skeleton_targets(inputs.get("positions"), inputs.get("joints_gt"), inputs.get("parents_gt"));
     const std::string suffix = "_i" + std::to_string(i);
     fixture.check("nn_idx" + suffix, targets.joint);
     fixture.check("factor" + suffix, targets.confidence);
@@ -174,20 +173,20 @@ void check_targets(Fixture& fixture, std::size_t items) {
 
 void run_case(Fixture& fixture, const Json& described, std::size_t items) {
   const std::string name = described.at("name");
-  models::RigLossOptions options = rig_options(fixture.config());
+  structured_latent::RigLossOptions options = rig_options(fixture.config());
   const bool confidence = described.at("conf"), hyper = described.at("jp_hyper_continuous");
-  options.skeleton.confidence = hyper        ? fields::FieldConfidence::kExplicit
-                                : confidence ? fields::FieldConfidence::kLearned
-                                             : fields::FieldConfidence::kNone;
+  options.skeleton.confidence = hyper        ? skeleton_field::FieldConfidence::kExplicit
+                                : confidence ? skeleton_field::FieldConfidence::kLearned
+                                             : skeleton_field::FieldConfidence::kNone;
   std::vector<AssetInputs> inputs;
-  std::vector<models::RigPrediction> predictions;
-  std::vector<models::RigTruth> truths;
+  std::vector<structured_latent::RigPrediction> predictions;
+  std::vector<structured_latent::RigTruth> truths;
   for (std::size_t i = 0; i < items; ++i) {
     inputs.emplace_back(fixture, i);
     predictions.push_back(prediction_of(inputs.back(), described, described.at("success").at(i)));
     truths.push_back(truth_of(inputs.back(), described, described.at("bad").at(i)));
   }
-  const models::RigLosses losses = models::rig_losses(predictions, truths, options);
+  const structured_latent::RigLosses losses = structured_latent::rig_losses(predictions, truths, options);
   const Tensor total = losses.total(options);
   total.backward();
   fixture.check(name + ".terms", torch::stack({losses.joints, losses.parents, losses.skin_var, losses.skin_kl,

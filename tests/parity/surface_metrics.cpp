@@ -1,5 +1,5 @@
 // Nearest points on meshes with attribute transfer, and the metrics of surface point sets.
-#include "anigen/eval/surface/point_cloud_metrics.h"
+#include "anigen/metrics/surface.h"
 
 #include <string>
 
@@ -62,15 +62,16 @@ void run_point_to_mesh(Fixture& fixture) {
 }
 
 void run_point_clouds(Fixture& fixture) {
-  const eval::CloudDistances distances = eval::cloud_distances(points(fixture.input("a")), points(fixture.input("b")));
-  fixture.check("chamfer_l1", scalar(eval::chamfer_l1(distances)));
-  fixture.check("chamfer_l2", scalar(eval::chamfer_l2(distances)));
-  fixture.check("hausdorff", scalar(eval::hausdorff(distances)));
-  fixture.check("normal_consistency",
-                scalar(eval::normal_consistency(distances, points(fixture.input("na")), points(fixture.input("nb")))));
+  const metrics::CloudDistances distances =
+      metrics::cloud_distances(points(fixture.input("a")), points(fixture.input("b")));
+  fixture.check("chamfer_l1", scalar(metrics::chamfer_l1(distances)));
+  fixture.check("chamfer_l2", scalar(metrics::chamfer_l2(distances)));
+  fixture.check("hausdorff", scalar(metrics::hausdorff(distances)));
+  fixture.check("normal_consistency", scalar(metrics::normal_consistency(distances, points(fixture.input("na")),
+                                                                         points(fixture.input("nb")))));
   std::vector<double> fscores, precisions, recalls;
   for (const double threshold : fixture.config().at("tau").get<std::vector<double>>()) {
-    const eval::FScore score = eval::fscore(distances, threshold);
+    const metrics::FScore score = metrics::fscore(distances, threshold);
     fscores.push_back(score.fscore);
     precisions.push_back(score.precision);
     recalls.push_back(score.recall);

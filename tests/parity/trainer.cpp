@@ -1,7 +1,6 @@
 // Pieces of the training loop: adaptive gradient clipping, learning-rate schedules, moving averages.
-#include "anigen/train/ema.h"
-#include "anigen/train/grad_clip.h"
-#include "anigen/train/lr_schedule.h"
+#include "anigen/train/optimizer.h"
+#include "anigen/train/parameters.h"
 #include "tests/parity/registry.h"
 
 namespace anigen::test {

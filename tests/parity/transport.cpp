@@ -9,13 +9,10 @@
 #include <vector>
 
 #include "anigen/core/random.h"
-#include "anigen/eval/transport/entropic_gromov_wasserstein.h"
-#include "anigen/eval/transport/exact_transport.h"
-#include "anigen/eval/transport/gromov_wasserstein.h"
-#include "anigen/eval/transport/gw_lower_bound.h"
-#include "anigen/eval/transport/gw_problem.h"
-#include "anigen/eval/transport/tree_geodesics.h"
-#include "anigen/eval/transport/wasserstein.h"
+#include "anigen/metrics/gromov_wasserstein.h"
+#include "anigen/metrics/gw_bound.h"
+#include "anigen/metrics/gw_problem.h"
+#include "anigen/metrics/wasserstein.h"
 #include "tests/parity/eigen_tensors.h"
 #include "tests/parity/registry.h"
 
@@ -24,7 +21,6 @@ namespace {
 
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
-using io::JointTree;
 
 constexpr double kExactRelative = 1e-9;  // what exact transport promises
 constexpr double kGwExcess = 1e-6;  // a Gromov–Wasserstein cost this little above the best published one is as good
@@ -61,14 +57,15 @@ void check_plan(Fixture& fixture, const std::string& name, const MatrixXd& plan,
 }
 
 void check_exact(Fixture& fixture, const std::string& pair, const JointTree& x, const JointTree& y) {
-  const VectorXd a = eval::uniform_masses(x.size()), b = eval::uniform_masses(y.size());
-  const MatrixXd cost = eval::squared_distances(x.positions, y.positions);
+  const VectorXd a = metrics::uniform_masses(x.size()), b = metrics::uniform_masses(y.size());
+  const MatrixXd cost = metrics::squared_distances(x.positions, y.positions);
   const double wanted = fixture.expected(pair + "w2_cost").item<double>();
-  for (const eval::ExactSolver solver : {eval::ExactSolver::kNetworkSimplex, eval::ExactSolver::kShortestPaths}) {
-    const eval::TransportPlan found = eval::exact_transport(cost, a, b, solver);
+  for (const metrics::ExactSolver solver :
+       {metrics::ExactSolver::kNetworkSimplex, metrics::ExactSolver::kShortestPaths}) {
+    const metrics::TransportPlan found = metrics::exact_transport(cost, a, b, solver);
     fixture.check(pair + "w2_cost", scalar(found.cost));
-    fixture.check(pair + "w2", scalar(eval::wasserstein2(x.positions, y.positions, solver).distance));
-    fixture.check(pair + "w1_cost", scalar(eval::wasserstein1(x.positions, y.positions, solver).distance));
+    fixture.check(pair + "w2", scalar(metrics::wasserstein2(x.positions, y.positions, solver).distance));
+    fixture.check(pair + "w1_cost", scalar(metrics::wasserstein1(x.positions, y.positions, solver).distance));
     fixture.check_true(pair + "w2_cost within 1e-9 of the reference",
                        std::abs(found.cost - wanted) <= kExactRelative * wanted + 1e-15 * cost.maxCoeff());
     check_plan(fixture, pair + "w2_plan", found.plan, a, b, found.cost, wanted);
@@ -76,27 +73,27 @@ void check_exact(Fixture& fixture, const std::string& pair, const JointTree& x, 
 }
 
 void check_sinkhorn(Fixture& fixture, const std::string& pair, const JointTree& x, const JointTree& y) {
-  const MatrixXd cost = eval::squared_distances(x.positions, y.positions);
-  const VectorXd a = eval::uniform_masses(x.size()), b = eval::uniform_masses(y.size());
+  const MatrixXd cost = metrics::squared_distances(x.positions, y.positions);
+  const VectorXd a = metrics::uniform_masses(x.size()), b = metrics::uniform_masses(y.size());
   const std::vector<double> shares = fixture.config().at("reg_rel");
   for (std::size_t k = 0; k < shares.size(); ++k) {
     const std::string name = pair + "sinkhorn" + std::to_string(k);
     // The published solver starts cold, projects columns before rows and stops after 20,000 rounds (see the notes of
     // the fixture), which for a few pairs is before it has converged: the same rounds on the transposed problem.
-    eval::SinkhornOptions options;
+    metrics::SinkhornOptions options;
     options.epsilon = shares[k];
     options.start_epsilon = 0.0;
     options.tolerance = 1e-13;
     options.max_iterations = 20000;
     options.round = false;
-    const eval::SinkhornResult found = eval::sinkhorn(cost.transpose(), b, a, options);
+    const metrics::SinkhornResult found = metrics::sinkhorn(cost.transpose(), b, a, options);
     if (!found.converged)
       std::printf("%s: not converged, row masses off by %.1e\n", name.c_str(), found.marginal_error);
     fixture.check(name + "_plan", tensor(found.plan.transpose()));
     fixture.check(name + "_cost", scalar(found.cost));
     fixture.check(name + "_reg", scalar(shares[k] * cost.maxCoeff()));
   }
-  const eval::SinkhornResult bounded = eval::sinkhorn_wasserstein2(x.positions, y.positions);
+  const metrics::SinkhornResult bounded = metrics::sinkhorn_wasserstein2(x.positions, y.positions);
   const double exact = fixture.expected(pair + "w2_cost").item<double>(), rounding = 1e-12 * cost.maxCoeff();
   std::printf("%ssinkhorn with default settings: exact %.6g in [%.6g, %.6g]\n", pair.c_str(), exact,
               bounded.lower_bound, bounded.cost);
@@ -154,8 +151,8 @@ Descent relabelled_descent(const Spaces& spaces, const MatrixXd& start, std::uin
   const MatrixXd c1 = p * spaces.c1 * p.transpose(), c2 = q * spaces.c2 * q.transpose();
   const VectorXd a = p * spaces.a, b = q * spaces.b;
   const MatrixXd moved = p * start * q.transpose();
-  const eval::GwConditionalGradient found = eval::gw_conditional_gradient(c1, c2, a, b, moved);
-  return {eval::gw_conditional_gradient(c1, c2, a, b, moved, 1).cost, found.cost, found.iterations,
+  const metrics::GwConditionalGradient found = metrics::gw_conditional_gradient(c1, c2, a, b, moved);
+  return {metrics::gw_conditional_gradient(c1, c2, a, b, moved, 1).cost, found.cost, found.iterations,
           p.transpose() * found.plan * q};
 }
 
@@ -199,7 +196,7 @@ void check_conditional_gradient(Fixture& fixture, const std::string& pair, const
     if (shuffle > 0) std::printf("%s: ties; agrees with renumbering %d\n", name.c_str(), static_cast<int>(shuffle));
     if (!compare) std::printf("%s: end decided by ties, not compared\n", name.c_str());
     fixture.check_true(name + ": descends to a coupling",
-                       found.cost <= eval::gw_cost(spaces.c1, spaces.c2, start) + 1e-12 &&
+                       found.cost <= metrics::gw_cost(spaces.c1, spaces.c2, start) + 1e-12 &&
                            marginal_error(found.plan, spaces.a, spaces.b) < 1e-12);
     if (compare_first) first[k] = found.first;
     if (compare) {
@@ -220,8 +217,9 @@ void check_conditional_gradient(Fixture& fixture, const std::string& pair, const
 }
 
 void check_entropic(Fixture& fixture, const std::string& pair, const Spaces& spaces, const std::string& name,
-                    const eval::EntropicGwOptions& options, bool stable) {
-  const eval::EntropicGw found = eval::entropic_gromov_wasserstein(spaces.c1, spaces.c2, spaces.a, spaces.b, options);
+                    const metrics::EntropicGwOptions& options, bool stable) {
+  const metrics::EntropicGw found =
+      metrics::entropic_gromov_wasserstein(spaces.c1, spaces.c2, spaces.a, spaces.b, options);
   const double scale = std::max(spaces.c1.maxCoeff(), spaces.c2.maxCoeff());
   if (stable) {
     fixture.check(pair + name + "_plan", tensor(found.plan));
@@ -237,13 +235,13 @@ void check_entropic(Fixture& fixture, const std::string& pair, const Spaces& spa
 void check_entropics(Fixture& fixture, const std::string& pair, const Spaces& spaces) {
   const std::vector<double> epsilons = fixture.config().at("eps");
   const std::vector<int> stable_pgd = ints(fixture.input(pair + "stable_pgd"));
-  eval::EntropicGwOptions options;
+  metrics::EntropicGwOptions options;
   options.max_iterations = fixture.config().at("max_iter_pgd");
   for (std::size_t k = 0; k < epsilons.size(); ++k) {
     options.epsilon = epsilons[k];
     check_entropic(fixture, pair, spaces, "pgd" + std::to_string(k), options, stable_pgd[k] != 0);
   }
-  options.solver = eval::EntropicGwSolver::kProximalPoint;
+  options.solver = metrics::EntropicGwSolver::kProximalPoint;
   options.epsilon = fixture.config().at("ppa_eps");
   options.max_iterations = fixture.config().at("max_iter_ppa");
   check_entropic(fixture, pair, spaces, "ppa", options, ints(fixture.input(pair + "stable_ppa"))[0] != 0);
@@ -252,10 +250,10 @@ void check_entropics(Fixture& fixture, const std::string& pair, const Spaces& sp
 // @return whether our search is as good as the best published start
 bool check_search(Fixture& fixture, const std::string& pair, const JointTree& x, const JointTree& y,
                   const Spaces& spaces) {
-  const eval::JointTransport matched = eval::wasserstein2(x.positions, y.positions);
-  const eval::GromovWasserstein found =
-      eval::gromov_wasserstein(spaces.c1, spaces.c2, spaces.a, spaces.b, {{"wasserstein", matched.plan}});
-  const eval::GwLowerBound bound = eval::gw_lower_bound(spaces.c1, spaces.c2, spaces.a, spaces.b);
+  const metrics::JointTransport matched = metrics::wasserstein2(x.positions, y.positions);
+  const metrics::GromovWasserstein found =
+      metrics::gromov_wasserstein(spaces.c1, spaces.c2, spaces.a, spaces.b, {{"wasserstein", matched.plan}});
+  const metrics::GwLowerBound bound = metrics::gw_lower_bound(spaces.c1, spaces.c2, spaces.a, spaces.b);
   const double wanted = fixture.expected(pair + "best_cost").item<double>();
   std::printf("%ssearch: cost %.8f, published best %.8f, difference %+.2e, from %s; value %.6f >= bound %.6f\n",
               pair.c_str(), found.cost, wanted, found.cost - wanted, found.start.c_str(), found.value, bound.best);
@@ -281,13 +279,13 @@ void run_gromov_wasserstein(Fixture& fixture) {
   for (; fixture.has_input(pair_name(pairs) + "joints1"); ++pairs) {
     const std::string pair = pair_name(pairs);
     const JointTree x = skeleton(fixture, pair, "1"), y = skeleton(fixture, pair, "2");
-    const Spaces spaces{eval::tree_geodesics(x), eval::tree_geodesics(y), eval::uniform_masses(x.size()),
-                        eval::uniform_masses(y.size())};
+    const Spaces spaces{metrics::tree_geodesics(x), metrics::tree_geodesics(y), metrics::uniform_masses(x.size()),
+                        metrics::uniform_masses(y.size())};
     fixture.check(pair + "C1", tensor(spaces.c1));
     fixture.check(pair + "C2", tensor(spaces.c2));
     const MatrixXd product = spaces.a * spaces.b.transpose();
     fixture.check(pair + "product_cost",
-                  torch::full({1}, eval::gw_cost(spaces.c1, spaces.c2, product), torch::kFloat64));
+                  torch::full({1}, metrics::gw_cost(spaces.c1, spaces.c2, product), torch::kFloat64));
     check_conditional_gradient(fixture, pair, spaces, starts);
     check_entropics(fixture, pair, spaces);
     if (!check_search(fixture, pair, x, y, spaces)) worse.push_back(pair);

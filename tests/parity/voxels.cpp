@@ -4,12 +4,11 @@
 #include <stdexcept>
 #include <string>
 
-#include "anigen/geometry/joint_field.h"
 #include "anigen/geometry/voxel_grid.h"
-#include "anigen/geometry/voxel_pooling.h"
 #include "anigen/geometry/voxelize.h"
-#include "anigen/models/tensor_arrays.h"
-#include "anigen/nn/fourier_embedding.h"
+#include "anigen/nn/embeddings.h"
+#include "anigen/nn/init.h"
+#include "anigen/skeleton_field/field.h"
 #include "tests/parity/eigen_tensors.h"
 #include "tests/parity/registry.h"
 
@@ -120,8 +119,8 @@ std::vector<Eigen::Vector3d> centers(const std::vector<Voxel>& voxels, int resol
 /// (a learned vector where there is none), and the nearest joint's skin embedding.
 torch::Tensor check_fields(Fixture& fixture, const std::string& s, const Sample& sample,
                            const nn::FourierEmbedding& embedding, const torch::Tensor& root) {
-  const auto field = geometry::joint_field(centers(sample.skeleton_voxels, fixture.config().at("resolution")),
-                                           sample.joints, sample.parents, geometry::RootParent::kLastJoint);
+  const auto field = skeleton_field::joint_field(centers(sample.skeleton_voxels, fixture.config().at("resolution")),
+                                                 sample.joints, sample.parents, skeleton_field::RootParent::kLastJoint);
   Eigen::MatrixXd to_joint(static_cast<Eigen::Index>(field.size()), 4), to_parent = to_joint;
   std::vector<std::int64_t> nearest;
   for (std::size_t i = 0; i < field.size(); ++i) {
@@ -159,7 +158,7 @@ torch::Tensor at_nearest_vertices(const Fixture& fixture, const std::string& s, 
     queries.insert(queries.end(), eight.begin(), eight.end());
   }
   std::vector<std::int64_t> nearest;  // vertices are to these points what joints are to voxels
-  for (const auto& found : geometry::nearest_joints(queries, sample.vertices)) nearest.push_back(found.joint);
+  for (const auto& found : skeleton_field::nearest_joints(queries, sample.vertices)) nearest.push_back(found.joint);
   return fixture.input(s + ".vert_embed").index_select(0, torch::tensor(nearest));
 }
 
@@ -173,7 +172,7 @@ void check_votes(Fixture& fixture, const std::vector<Eigen::Vector3d>& positions
     const Eigen::Vector3d& center = positions[static_cast<std::size_t>(i)];
     std::array<double, 8> voted{};
     for (Eigen::Index c = 0; c < 8; ++c) voted[static_cast<std::size_t>(c)] = rows(i, c);
-    const geometry::JointVote vote = geometry::joint_vote(center, voted);
+    const skeleton_field::JointVote vote = skeleton_field::joint_vote(center, voted);
     joints.row(i) = vote.joint.transpose();
     parents.row(i) = vote.parent.transpose();
     centers.row(i) = center.transpose();
@@ -195,7 +194,7 @@ void run_joint_parent_fields(Fixture& fixture) {
     throw std::runtime_error("only the residual, hyper-continuous form is compared");
   }
   const nn::FourierEmbedding embedding(config.at("skl_pos_embed_freq").get<std::int64_t>());
-  const torch::Tensor root = models::to_tensor(*io::find(fixture.parameters(), "root_embedding"));
+  const torch::Tensor root = nn::to_tensor(*io::find(fixture.parameters(), "root_embedding"));
   std::vector<torch::Tensor> skeleton, by_vertex, by_surface;
   std::vector<Eigen::Vector3d> positions;
   for (std::size_t i = 0; i < config.at("skeletons").size(); ++i) {

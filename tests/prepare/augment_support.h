@@ -6,8 +6,8 @@
 #include <utility>
 #include <vector>
 
-#include "anigen/asset/asset.h"
-#include "anigen/prepare/augment/pose_augmentation.h"
+#include "anigen/asset/rigged_asset.h"
+#include "anigen/prepare/pose_augmentation.h"
 
 // A small asset to pose, and looking at what became of it.
 namespace anigen::prepare {

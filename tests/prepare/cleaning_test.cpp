@@ -1,18 +1,14 @@
-#include "anigen/prepare/cleaning/cleaning.h"
+#include "anigen/prepare/cleaning.h"
 
 #include <gtest/gtest.h>
 
 #include <cmath>
 #include <set>
 
-#include "anigen/asset/skinning.h"
-#include "anigen/asset/validate.h"
-#include "anigen/prepare/asset_source.h"
-#include "anigen/prepare/cleaning/coarser_skeleton.h"
-#include "anigen/prepare/cleaning/joint_removal.h"
-#include "anigen/prepare/creatures/creature.h"
-#include "anigen/prepare/import_asset.h"
-#include "anigen/prepare/skeleton_checks.h"
+#include "anigen/asset/rigged_asset.h"
+#include "anigen/creatures/body.h"
+#include "anigen/prepare/prepare_source.h"
+#include "anigen/prepare/sources.h"
 #include "tests/support/paths.h"
 #include "tests/support/rig_files.h"
 
@@ -165,7 +161,7 @@ TEST(Cleaning, CoarserRigsKeepTheRootAndTheLongestBones) {
 }
 
 TEST(Cleaning, ShareOfJointsIsDrawnForTheName) {
-  const Asset asset = make_creature("snake", 1, 3);
+  const Asset asset = creatures::make_creature("snake", 1, 3);
   std::set<std::size_t> counts;
   for (int i = 0; i < 12; ++i) {
     const std::string name = "procedural/1/" + std::to_string(i);

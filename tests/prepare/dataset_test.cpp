@@ -6,17 +6,17 @@
 #include <mutex>
 #include <thread>
 
-#include "anigen/asset/normalize.h"
-#include "anigen/core/atomic_file.h"
-#include "anigen/core/csv.h"
+#include "anigen/asset/rigged_asset.h"
 #include "anigen/core/error.h"
+#include "anigen/core/files.h"
 #include "anigen/core/parallel.h"
-#include "anigen/io/gltf.h"
-#include "anigen/io/npz.h"
-#include "anigen/prepare/creatures/creature.h"
-#include "anigen/prepare/run/run_lock.h"
-#include "anigen/prepare/steps/asset_places.h"
-#include "anigen/prepare/voxels/voxel_file.h"
+#include "anigen/core/table.h"
+#include "anigen/creatures/body.h"
+#include "anigen/io/arrays/npz.h"
+#include "anigen/io/gltf/gltf.h"
+#include "anigen/prepare/run.h"
+#include "anigen/prepare/step.h"
+#include "anigen/prepare/steps.h"
 #include "tests/support/paths.h"
 #include "tests/support/rig_files.h"
 
@@ -353,7 +353,7 @@ TEST(ProceduralDataset, TrainsOnAllUnlessTestCreaturesAreAskedFor) {
   EXPECT_EQ(summary.test, 0u);
   EXPECT_FALSE(fs::exists(folder / "out" / "assets"));
   const CsvTable table = read_csv(folder / "out" / "metadata.csv");
-  EXPECT_EQ(table.cell(2, "source"), "procedural:" + creature_family(11, 2));
+  EXPECT_EQ(table.cell(2, "source"), "procedural:" + creatures::creature_family(11, 2));
   EXPECT_EQ(table.cell(2, "file_identifier"), "procedural/11/2");
   options.tables.split.procedural_test = 1;
   EXPECT_EQ(prepare_dataset(options).test, 1u);

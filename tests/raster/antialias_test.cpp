@@ -8,8 +8,6 @@
 #include <vector>
 
 #include "anigen/core/error.h"
-#include "anigen/raster/edge_neighbours.h"
-#include "anigen/raster/silhouette_pairs.h"
 #include "tests/raster/raster_meshes.h"
 
 namespace anigen::raster {

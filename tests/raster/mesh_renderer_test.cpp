@@ -6,7 +6,6 @@
 #include <limits>
 
 #include "anigen/core/error.h"
-#include "anigen/raster/camera.h"
 #include "tests/raster/raster_meshes.h"
 
 namespace anigen::raster {

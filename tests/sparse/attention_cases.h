@@ -2,7 +2,7 @@
 #include <string>
 #include <vector>
 
-#include "anigen/sparse/sparse_tensor.h"
+#include "anigen/sparse/support.h"
 
 namespace anigen::sparse::cases {
 

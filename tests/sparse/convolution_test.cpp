@@ -10,8 +10,7 @@
 #include <vector>
 
 #include "anigen/core/error.h"
-#include "anigen/sparse/resampling.h"
-#include "anigen/sparse/tap_product.h"
+#include "anigen/sparse/blocks.h"
 #include "tests/sparse/attention_cases.h"
 #include "tests/support/kernel_forms.h"
 

@@ -1,11 +1,10 @@
-#include "anigen/sparse/subdivide_block.h"
+#include "anigen/sparse/blocks.h"
 
 #include <gtest/gtest.h>
 
 #include <string>
 #include <vector>
 
-#include "anigen/sparse/resampling.h"
 #include "tests/sparse/attention_cases.h"
 
 namespace anigen::sparse {

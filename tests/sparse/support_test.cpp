@@ -10,7 +10,6 @@
 #include <vector>
 
 #include "anigen/core/error.h"
-#include "anigen/sparse/voxel_order.h"
 #include "tests/sparse/attention_cases.h"
 
 namespace anigen::sparse {

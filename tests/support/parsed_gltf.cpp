@@ -4,7 +4,7 @@
 #include <cstring>
 #include <stdexcept>
 
-#include "anigen/core/atomic_file.h"
+#include "anigen/core/files.h"
 
 namespace anigen::test {
 namespace {

@@ -4,7 +4,7 @@
 #include <string>
 #include <vector>
 
-#include "anigen/core/json.h"
+#include "anigen/core/config.h"
 
 namespace anigen::test {
 

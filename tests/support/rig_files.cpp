@@ -3,12 +3,11 @@
 #include <cstring>
 #include <sstream>
 
-#include "anigen/asset/asset.h"
+#include "anigen/asset/rigged_asset.h"
 #include "anigen/io/arrays/npy.h"
-#include "anigen/io/arrays/zip_archive.h"
-#include "anigen/io/gltf.h"
-#include "anigen/io/npz.h"
-#include "tests/io/array_file_bytes.h"
+#include "anigen/io/arrays/npz.h"
+#include "anigen/io/gltf/gltf.h"
+#include "tests/io/arrays/array_file_bytes.h"
 
 namespace anigen::test {
 namespace {
@@ -147,7 +146,7 @@ void add_anymate_sample(TorchPickle& out, const RigFile& rig, bool whole_mesh) {
     out.tensor(name + "_weight", "FloatStorage", rig.skin, {rig.skin_rows, rig.skin_columns});
   }
   out.pickle.op("u");
-}
+}  // namespace anigen::test
 
 }  // namespace
 

@@ -1,13 +1,20 @@
-#include "anigen/train/optimizer.h"
-
 #include <gtest/gtest.h>
+#include <cmath>
+#include <limits>
+#include <memory>
 
 #include "anigen/core/error.h"
-#include "anigen/train/ema.h"
-#include "anigen/train/parameter_update.h"
+#include "anigen/core/files.h"
+#include "anigen/core/numeric.h"
+#include "anigen/train/optimizer.h"
+#include "anigen/train/options.h"
+#include "anigen/train/parameters.h"
+#include "anigen/train/trainer.h"
 #include "tests/support/kernel_forms.h"
+#include "tests/support/paths.h"
 
 namespace anigen::train {
+
 namespace {
 
 double largest_difference(const torch::Tensor& a, const torch::Tensor& b) { return (a - b).abs().max().item<double>(); }
@@ -167,4 +174,344 @@ TEST(ParameterUpdate, ANonFiniteGradientSkipsTheUpdateAndLowersTheScale) {
 }
 
 }  // namespace
+
+namespace {
+
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+
+TEST(AdaptiveGradClipper, ThresholdMovesOnceTheBufferIsFull) {
+  AdaptiveGradClipper clipper({100.0, 50.0, 3});
+  EXPECT_DOUBLE_EQ(clipper.update(1), 1);
+  EXPECT_DOUBLE_EQ(clipper.update(2), 1);
+  EXPECT_DOUBLE_EQ(clipper.threshold(), 100) << "two of three norms seen";
+  clipper.update(9);
+  EXPECT_DOUBLE_EQ(clipper.threshold(), 2) << "median of 1, 2, 9";
+  EXPECT_DOUBLE_EQ(clipper.update(8), 2 / (8 + 1e-6)) << "clipped at the threshold before this norm";
+  EXPECT_DOUBLE_EQ(clipper.threshold(), 8) << "8 replaced 1: median of 8, 2, 9";
+}
+
+TEST(AdaptiveGradClipper, MaxNormCapsTheThreshold) {
+  AdaptiveGradClipper clipper({1.0, 95.0, 2});
+  clipper.update(50);
+  clipper.update(60);
+  EXPECT_DOUBLE_EQ(clipper.threshold(), 1);
+}
+
+TEST(AdaptiveGradClipper, WithoutMaxNormNothingIsClippedAtFirst) {
+  AdaptiveGradClipper clipper({std::nullopt, 95.0, 2});
+  EXPECT_DOUBLE_EQ(clipper.update(1e6), 1);
+  EXPECT_EQ(clipper.threshold(), kInfinity);
+}
+
+TEST(AdaptiveGradClipper, NormsThatAreNotFiniteAreNotRecorded) {
+  AdaptiveGradClipper clipper({1.0, 95.0, 4});
+  EXPECT_EQ(clipper.update(kInfinity), 0);
+  EXPECT_TRUE(std::isnan(clipper.update(std::nan(""))));
+  EXPECT_EQ(clipper.state().length, 0u);
+}
+
+TEST(AdaptiveGradClipper, RestoredStateContinuesTheSame) {
+  AdaptiveGradClipper whole({5.0, 90.0, 4}), first({5.0, 90.0, 4}), second({5.0, 90.0, 4});
+  const std::vector<double> norms{1, 3, 2, 4, 0.5, 2.5, 7, 1.5};
+  for (const double norm : norms) whole.update(norm);
+  for (std::size_t i = 0; i < 5; ++i) first.update(norms[i]);
+  second.restore(first.state());
+  for (std::size_t i = 5; i < norms.size(); ++i) second.update(norms[i]);
+  EXPECT_EQ(second.threshold(), whole.threshold());
+  EXPECT_EQ(second.state().buffer, whole.state().buffer);
+  AdaptiveGradClipper other({5.0, 90.0, 3});
+  EXPECT_THROW(other.restore(first.state()), InputError);
+}
+
+}  // namespace
+
+namespace {
+
+TEST(LrSchedule, PublishedWarmUpThenCosine) {
+  const LrSchedulePtr schedule =
+      sequential_lr({linear_lr(1e-6, 1.0, 1000), cosine_annealing_lr(1'000'000, 0.0)}, {1000});
+  for (const std::int64_t s : {0, 1, 500, 999}) {
+    EXPECT_NEAR(schedule->rate(1e-4, s), 1e-4 * (1e-6 + (1 - 1e-6) * static_cast<double>(s) / 1000.0), 1e-18);
+  }
+  EXPECT_DOUBLE_EQ(schedule->rate(1e-4, 1000), 1e-4);
+  for (const std::int64_t s : {1001, 250'000, 1'000'000}) {
+    EXPECT_NEAR(schedule->rate(1e-4, s), 0.5e-4 * (1 + std::cos(kPi * static_cast<double>(s - 1000) / 1e6)), 1e-17);
+  }
+}
+
+TEST(LrSchedule, CosineComesBackUpAfterTMax) {
+  const LrSchedulePtr schedule = cosine_annealing_lr(50, 1e-5);
+  EXPECT_NEAR(schedule->rate(3e-4, 50), 1e-5, 1e-18);
+  EXPECT_NEAR(schedule->rate(3e-4, 75), schedule->rate(3e-4, 25), 1e-16);
+  EXPECT_NEAR(schedule->rate(3e-4, 100), 3e-4, 1e-16);
+}
+
+TEST(LrSchedule, StepsDownAtMilestones) {
+  const LrSchedulePtr steps = multi_step_lr({10, 4}, 0.2);
+  EXPECT_DOUBLE_EQ(steps->rate(2.0, 3), 2.0);
+  EXPECT_DOUBLE_EQ(steps->rate(2.0, 4), 0.4);
+  EXPECT_DOUBLE_EQ(steps->rate(2.0, 10), 2.0 * 0.2 * 0.2);
+}
+
+TEST(LrSchedule, LinearConstantAndWarmUp) {
+  EXPECT_DOUBLE_EQ(linear_lr(0.5, 1.0, 10)->rate(2.0, 5), 1.5);
+  EXPECT_DOUBLE_EQ(linear_lr(0.5, 0.25, 10)->rate(2.0, 1000), 0.5);
+  EXPECT_DOUBLE_EQ(constant_lr(0.1, 3)->rate(2.0, 2), 0.2);
+  EXPECT_DOUBLE_EQ(constant_lr(0.1, 3)->rate(2.0, 3), 2.0);
+  EXPECT_DOUBLE_EQ(linear_warmup_lr(7)->rate(7.0, 0), 1.0);
+  EXPECT_DOUBLE_EQ(linear_warmup_lr(7)->rate(7.0, 6), 7.0);
+  EXPECT_DOUBLE_EQ(linear_warmup_lr(7)->rate(7.0, 600), 7.0);
+}
+
+TEST(LrSchedule, SeveralMilestonesCountTheirOwnSteps) {
+  const LrSchedulePtr schedule =
+      sequential_lr({constant_lr(0.5, 100), linear_lr(0.0, 1.0, 10), unscheduled()}, {3, 13});
+  EXPECT_DOUBLE_EQ(schedule->rate(1.0, 2), 0.5);
+  EXPECT_DOUBLE_EQ(schedule->rate(1.0, 3), 0.0);
+  EXPECT_DOUBLE_EQ(schedule->rate(1.0, 8), 0.5);
+  EXPECT_DOUBLE_EQ(schedule->rate(1.0, 13), 1.0);
+  EXPECT_THROW(sequential_lr({unscheduled()}, {3}), InputError);
+  EXPECT_THROW(sequential_lr({unscheduled(), unscheduled(), unscheduled()}, {5, 3}), InputError);
+}
+
+TEST(LrSchedule, ReadsJsonAndSharesOfMaxSteps) {
+  const Json json = Json::parse(R"({"name": "SequentialLR", "schedulers": [
+      {"name": "LinearLR", "args": {"start_factor": 0.1, "total_iters": "10%"}},
+      {"name": "CosineAnnealingLR", "args": {"T_max": 90}}], "args": {"milestones": ["10%"]}})");
+  const LrSchedulePtr schedule = read_schedule(json, 100, "f", "/s");
+  EXPECT_DOUBLE_EQ(schedule->rate(1.0, 0), 0.1);
+  EXPECT_DOUBLE_EQ(schedule->rate(1.0, 10), 1.0);
+  EXPECT_NEAR(schedule->rate(1.0, 55), 0.5, 1e-12);
+}
+
+TEST(LrSchedule, BadJsonNamesThePlace) {
+  const auto message = [](const char* text) {
+    try {
+      read_schedule(Json::parse(text), 100, "f.json", "/s");
+    } catch (const InputError& error) {
+      return std::string(error.what());
+    }
+    return std::string("no error");
+  };
+  EXPECT_NE(message(R"({"name": "CosineAnnealingLR", "args": {"T_mx": 3}})").find("T_max"), std::string::npos);
+  EXPECT_NE(message(R"({"name": "StepLR"})").find("LinearLR"), std::string::npos);
+  EXPECT_NE(message(R"({"name": "LinearLR", "args": {"total_iters": "x%"}})").find("/s/args/total_iters"),
+            std::string::npos);
+  EXPECT_NE(message(R"({"name": "SequentialLR", "schedulers": [], "args": {"milestones": []}})").find("milestones"),
+            std::string::npos);
+}
+
+}  // namespace
+
+namespace {
+
+TEST(Orthogonalize, BringsSingularValuesNearOne) {
+  torch::manual_seed(0);
+  for (const auto& shape : {std::vector<std::int64_t>{24, 64}, {64, 24}, {32, 32}}) {
+    const torch::Tensor out = orthogonalize(torch::randn(shape));
+    ASSERT_EQ(out.sizes(), torch::IntArrayRef(shape));
+    const torch::Tensor values = std::get<1>(torch::linalg_svd(out.to(torch::kFloat64), false));
+    // The quintic's plateau reaches from about 0.68 to 1.13 for values that began above 0.003 of the norm.
+    EXPECT_LT(values.max().item<double>(), 1.25);
+    if (shape[0] != shape[1]) {
+      EXPECT_GT(values.min().item<double>(), 0.6);
+    }
+  }
+}
+
+struct TwoLayersImpl : torch::nn::Module {
+  TwoLayersImpl() {
+    hidden = register_module("hidden", torch::nn::Linear(32, 32));
+    head = register_module("head", torch::nn::Linear(32, 3));
+  }
+  torch::nn::Linear hidden{nullptr}, head{nullptr};
+};
+
+TEST(Muon, TurnsMatricesAndLeavesTheRestToAdamW) {
+  torch::manual_seed(1);
+  const auto model = std::make_shared<TwoLayersImpl>(), twin = std::make_shared<TwoLayersImpl>();
+  {
+    torch::NoGradGuard no_grad;
+    for (std::size_t i = 0; i < twin->parameters().size(); ++i) twin->parameters()[i].copy_(model->parameters()[i]);
+  }
+  ParameterBuffer buffer({{"model", model}}), reference({{"model", twin}});
+  const torch::Tensor gradient = torch::randn_like(buffer.gradient());
+  AdamW rest(buffer.master(), {}), alone(reference.master(), {});
+  Muon muon(buffer, {});
+  const torch::Tensor before = model->hidden->weight.detach().clone();
+  buffer.gradient().copy_(gradient);
+  muon.step(buffer, rest, 1.0, 0.01);
+  alone.step(reference.master(), gradient, 1.0, 0.01);
+  EXPECT_TRUE(torch::equal(model->head->weight, twin->head->weight));  // a side of 3: AdamW
+  EXPECT_TRUE(torch::equal(model->hidden->bias, twin->hidden->bias));
+  EXPECT_FALSE(torch::equal(model->hidden->weight, twin->hidden->weight));
+  // Root mean square of the change: lr · 0.2 · sqrt(32) · sqrt(32 · σ² / 32²) = lr · 0.2 · σ, σ in the plateau.
+  const double change = (model->hidden->weight - before * (1.0 - 0.01 * 0.01)).pow(2).mean().sqrt().item<double>();
+  EXPECT_NEAR(change / (0.01 * 0.2), 0.9, 0.25);
+}
+
+TEST(Muon, RefusesAMomentumThatNeverForgets) {
+  const auto model = std::make_shared<TwoLayersImpl>();
+  const ParameterBuffer buffer({{"model", model}});
+  Muon::Options options;
+  options.momentum = 1.0;
+  EXPECT_THROW(Muon(buffer, options), InputError);
+}
+
+}  // namespace
+
+namespace {
+
+/// The base rate, but for one step at which finite gradients make weights that are not finite.
+struct Burst : LrSchedule {
+  explicit Burst(std::int64_t at) : at(at) {}
+  double rate(double base, std::int64_t step) const override {
+    return step == at ? std::numeric_limits<double>::infinity() : base;
+  }
+  std::int64_t at;
+};
+
+/// fp32 and fp16 weights, so that both ways from the master to the model are covered.
+struct MixedImpl : torch::nn::Module {
+  MixedImpl() {
+    torch::manual_seed(2);
+    single = register_parameter("single", torch::randn({5}));
+    half = register_parameter("half", torch::randn({3}).to(torch::kHalf));
+  }
+  torch::Tensor single, half;
+};
+
+class RecoveryTest : public ::testing::Test {
+ protected:
+  RecoveryTest() : model_(std::make_shared<MixedImpl>()), buffer_({{"m", model_}}) { options_.ema_rates = {0.5}; }
+
+  ParameterUpdate::Result apply(ParameterUpdate& update, std::int64_t step) {
+    torch::Tensor gradient = buffer_.gradient();
+    torch::manual_seed(static_cast<std::uint64_t>(step));
+    gradient.copy_(torch::randn_like(gradient));
+    return update.apply(step);
+  }
+
+  std::shared_ptr<MixedImpl> model_;
+  ParameterBuffer buffer_;
+  UpdateOptions options_;
+};
+
+TEST_F(RecoveryTest, GoesBackToTheLastTenthStepAndOn) {
+  options_.schedule = std::make_shared<Burst>(13);
+  ParameterUpdate update(buffer_, options_);
+  torch::Tensor tenth, average;
+  for (std::int64_t step = 0; step < 13; ++step) {
+    if (step == 10) tenth = buffer_.master().clone();
+    EXPECT_FALSE(apply(update, step).restored) << step;
+  }
+  ASSERT_FALSE(torch::equal(buffer_.master(), tenth));
+  average = update.ema.averages()[0].clone();
+  const std::int64_t optimizer_steps = update.optimizer.steps;
+
+  EXPECT_TRUE(apply(update, 13).restored);
+  EXPECT_EQ(update.recovery.step(), 10);
+  EXPECT_TRUE(torch::equal(buffer_.master(), tenth));
+  EXPECT_TRUE(torch::equal(model_->single, tenth.slice(0, 0, 5)));
+  EXPECT_TRUE(torch::equal(model_->half, tenth.slice(0, 5, 8).to(torch::kHalf)));
+  EXPECT_TRUE(torch::allclose(update.ema.averages()[0], 0.5 * average + 0.5 * tenth)) << "averages come after recovery";
+  EXPECT_EQ(update.optimizer.steps, optimizer_steps + 1) << "the optimiser is not set back";
+
+  EXPECT_FALSE(apply(update, 14).restored);
+  EXPECT_FALSE(torch::equal(buffer_.master(), tenth));
+  for (std::int64_t step = 15; step <= 20; ++step) apply(update, step);
+  EXPECT_EQ(update.recovery.step(), 20);
+}
+
+TEST_F(RecoveryTest, TheTenthStepItselfCanBeUndone) {
+  options_.schedule = std::make_shared<Burst>(0);
+  ParameterUpdate update(buffer_, options_);
+  const torch::Tensor start = buffer_.master().clone();
+  EXPECT_TRUE(apply(update, 0).restored);
+  EXPECT_TRUE(torch::equal(buffer_.master(), start));
+}
+
+TEST_F(RecoveryTest, IsAnErrorWhenThereIsNothingToGoBackTo) {
+  options_.schedule = std::make_shared<Burst>(3);
+  ParameterUpdate update(buffer_, options_);
+  EXPECT_THROW(apply(update, 3), Error);
+}
+
+TEST_F(RecoveryTest, WeightsThatAreNotFiniteAreNeverKept) {
+  RecoveryPoint recovery;
+  torch::Tensor weights = torch::tensor({1.0f, 2.0f});
+  recovery.before_update(0, weights);
+  recovery.before_update(10, torch::tensor({1.0f, std::numeric_limits<float>::quiet_NaN()}));
+  recovery.before_update(11, torch::tensor({5.0f, 6.0f}));
+  EXPECT_EQ(recovery.step(), 0);
+  // Finite weights whose sum overflows are no reason to go back.
+  torch::Tensor huge = torch::full({2}, 3e38f);
+  EXPECT_FALSE(recovery.after_update(11, huge));
+  torch::Tensor opposite =
+      torch::tensor({std::numeric_limits<float>::infinity(), -std::numeric_limits<float>::infinity()});
+  EXPECT_TRUE(recovery.after_update(12, opposite));
+  EXPECT_TRUE(torch::equal(opposite, weights));
+}
+
+/// A loss that differs from step to step.
+struct SmallStage : Stage, data::BatchSource {
+  SmallStage() {
+    torch::manual_seed(7);
+    model = std::make_shared<torch::nn::LinearImpl>(2, 1);
+  }
+  std::shared_ptr<torch::nn::LinearImpl> model;
+  std::vector<nn::NamedModel> models() const override { return {{"net", model}}; }
+  const data::BatchSource& data() const override { return *this; }
+  std::size_t size() const override { return 3; }
+  std::unique_ptr<data::Batch> load(const std::vector<data::Draw>&) const override {
+    auto batch = std::make_unique<data::Batch>();
+    batch->ids.push_back("sample");
+    return batch;
+  }
+  Losses losses(const data::Batch&, const LossContext& context) override {
+    const auto step = static_cast<float>(context.step);
+    torch::Tensor loss = (model->forward(torch::tensor({{1.0f, 0.1f * step}})) - 3.0).square().sum();
+    return {loss, {{"square", loss}}};
+  }
+  std::unique_ptr<Stage> replica() const override { return std::make_unique<SmallStage>(*this); }
+};
+
+class RecoveryRun : public ::testing::Test {
+ protected:
+  void train(const std::string& output, std::int64_t max_steps) {
+    SmallStage stage;
+    TrainerOptions options;
+    options.max_steps = max_steps;
+    options.i_save = 1000;
+    options.update.schedule = std::make_shared<Burst>(17);
+    RunOptions run;
+    run.output = folder_ / output;
+    Trainer(stage, options, run).run();
+  }
+  std::string weights(const std::string& run, int step) {
+    return read_file(CheckpointFolder(folder_ / run / "ckpts").file("net", step));
+  }
+  bool saves_the_clone(const std::string& run, int step) {
+    const SavedState state = CheckpointFolder(folder_ / run / "ckpts").state(step);
+    return io::find(state.arrays, "recovery.master") != nullptr;
+  }
+  test::TemporaryFolder folder_;
+};
+
+TEST_F(RecoveryRun, ResumedRunsRecoverToTheSameBits) {
+  train("ten", 10);
+  train("burst", 18);
+  EXPECT_EQ(weights("burst", 18), weights("ten", 10)) << "step 17 goes back to the weights before step 10";
+  train("whole", 30);
+  train("legs", 16);
+  EXPECT_TRUE(saves_the_clone("legs", 16));
+  EXPECT_FALSE(saves_the_clone("ten", 10)) << "step 10 takes a new clone";
+  train("legs", 30);
+  EXPECT_EQ(weights("legs", 30), weights("whole", 30));
+  train("ten", 30);
+  EXPECT_EQ(weights("ten", 30), weights("whole", 30));
+}
+
+}  // namespace
+
 }  // namespace anigen::train

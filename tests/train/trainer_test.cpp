@@ -10,16 +10,15 @@
 #include <optional>
 #include <thread>
 
-#include "anigen/core/atomic_file.h"
 #include "anigen/core/error.h"
-#include "anigen/core/file_lock.h"
-#include "anigen/core/process_identity.h"
-#include "anigen/io/safetensors.h"
-#include "anigen/train/skin_autoencoder_stage.h"
+#include "anigen/core/files.h"
+#include "anigen/core/process.h"
+#include "anigen/io/arrays/safetensors.h"
+#include "anigen/train/stages/skin_autoencoder.h"
 #include "anigen/train/train_command.h"
-#include "tests/loaders/synthetic_dataset.h"
+#include "tests/data/synthetic_dataset.h"
 #include "tests/support/paths.h"
-#include "tests/train/run_folder.h"
+#include "tests/train/stages/run_folder.h"
 
 namespace anigen::train {
 namespace {
@@ -367,21 +366,21 @@ TEST_F(TrainerRun, AFineTuningFileWithoutAnyTensorOfTheModelIsAnError) {
 }
 
 /// A stage whose loss or gradient goes bad at step 2.
-struct BrokenStage : Stage, loaders::BatchSource {
+struct BrokenStage : Stage, data::BatchSource {
   bool in_gradient = false;
   bool in_constant = false;  ///< a loss that is infinite while its gradient is not
   int warm_starts = 0;
   void warm_start(const LoadedKeys&) override { ++warm_starts; }
   std::shared_ptr<torch::nn::LinearImpl> model = std::make_shared<torch::nn::LinearImpl>(2, 1);
   std::vector<nn::NamedModel> models() const override { return {{"net", model}}; }
-  const loaders::BatchSource& data() const override { return *this; }
+  const data::BatchSource& data() const override { return *this; }
   std::size_t size() const override { return 3; }
-  std::unique_ptr<loaders::Batch> load(const std::vector<loaders::Draw>& draws) const override {
-    auto batch = std::make_unique<loaders::Batch>();
-    for (const loaders::Draw& draw : draws) batch->ids.push_back("sample" + std::to_string(draw.item));
+  std::unique_ptr<data::Batch> load(const std::vector<data::Draw>& draws) const override {
+    auto batch = std::make_unique<data::Batch>();
+    for (const data::Draw& draw : draws) batch->ids.push_back("sample" + std::to_string(draw.item));
     return batch;
   }
-  Losses losses(const loaders::Batch&, const LossContext& context) override {
+  Losses losses(const data::Batch&, const LossContext& context) override {
     torch::Tensor loss = model->forward(torch::ones({1, 2})).square().sum();
     // d/dx of sqrt at 0 is infinite although its value is not.
     if (context.step == 2 && in_constant) return {loss + std::numeric_limits<double>::infinity(), {{"square", loss}}};
@@ -419,7 +418,7 @@ TEST_F(TrainerRun, ValuesThatAreNotFiniteStopTheRunAndNameWhatWasWrong) {
 struct LosingStage : BrokenStage {
   std::filesystem::path lost;
   int evaluations = 0;
-  Losses losses(const loaders::Batch&, const LossContext&) override {
+  Losses losses(const data::Batch&, const LossContext&) override {
     const torch::Tensor loss = model->forward(torch::ones({1, 2})).square().sum();
     return {loss, {{"square", loss}}};
   }

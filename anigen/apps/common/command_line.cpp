@@ -5,13 +5,11 @@
 #include <new>
 #include <utility>
 
-#include "anigen/apps/common/ranges.h"
 #include "anigen/core/error.h"
-#include "anigen/core/interrupt.h"
 #include "anigen/core/kernel_form.h"
 #include "anigen/core/log.h"
 #include "anigen/core/parallel.h"
-#include "anigen/core/progress.h"
+#include "anigen/core/process.h"
 #include "anigen/core/version.h"
 
 namespace anigen {

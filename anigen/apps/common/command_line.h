@@ -1,11 +1,104 @@
 #pragma once
 #include <CLI/CLI.hpp>
+#include <cerrno>
+#include <cmath>
 #include <cstdint>
+#include <cstdio>
+#include <cstdlib>
 #include <functional>
+#include <limits>
 #include <string>
 #include <vector>
 
+#include "anigen/apps/common/torch_half.h"
+
 namespace anigen {
+
+/// Checks of numbers while the command line is parsed, so that a value out of range ends a program at once, with the
+/// option and the range. CLI11 alone reads "-5" as a huge unsigned number, and its own range takes "nan".
+
+inline constexpr std::uint64_t kAnyNumber = std::numeric_limits<std::uint64_t>::max();  ///< no upper end
+
+namespace detail {
+
+inline std::string range_text(std::int64_t least, std::uint64_t most) {
+  const std::string from = std::to_string(least);
+  return most == kAnyNumber ? "of at least " + from : "from " + from + " to " + std::to_string(most);
+}
+
+/// Decimal digits, perhaps behind a minus; no leading zeros, which CLI11 would read as octal.
+inline bool in_whole_range(const std::string& text, std::int64_t least, std::uint64_t most) {
+  const bool negative = !text.empty() && text[0] == '-';
+  const std::string digits = text.substr(negative ? 1 : 0);
+  if (digits.empty() || digits.find_first_not_of("0123456789") != std::string::npos) return false;
+  if (digits.size() > 1 && digits[0] == '0') return false;
+  errno = 0;
+  if (negative) {
+    const long long value = std::strtoll(text.c_str(), nullptr, 10);
+    return errno == 0 && value >= least;
+  }
+  const unsigned long long value = std::strtoull(digits.c_str(), nullptr, 10);
+  return errno == 0 && value <= most && (least <= 0 || value >= static_cast<std::uint64_t>(least));
+}
+
+inline std::string number_text(double value) {
+  char text[32];
+  std::snprintf(text, sizeof text, "%g", value);
+  return text;
+}
+
+}  // namespace detail
+
+/// A whole number from `least` to `most`.
+inline CLI::Validator whole_number(std::int64_t least, std::uint64_t most = kAnyNumber) {
+  const std::string range = detail::range_text(least, most);
+  return CLI::Validator(
+      [=](std::string& text) {
+        if (detail::in_whole_range(text, least, most)) return std::string();
+        return "'" + text + "' is not a whole number " + range;
+      },
+      most == kAnyNumber ? ">=" + std::to_string(least) : std::to_string(least) + ".." + std::to_string(most));
+}
+
+enum class RangeEnds { kClosed, kOpenBelow, kOpenAbove };
+
+/// A finite number from `least` to `most`, one of which may be left out.
+inline CLI::Validator number(double least, double most = std::numeric_limits<double>::infinity(),
+                             RangeEnds ends = RangeEnds::kClosed) {
+  const std::string from = detail::number_text(least), to = detail::number_text(most);
+  std::string range, brief;
+  if (std::isinf(most)) {
+    range = (ends == RangeEnds::kOpenBelow ? "above " : "of at least ") + from;
+    brief = (ends == RangeEnds::kOpenBelow ? ">" : ">=") + from;
+  } else {
+    range = ends == RangeEnds::kOpenBelow
+                ? "above " + from + " and at most " + to
+                : "from " + from + (ends == RangeEnds::kOpenAbove ? " to below " : " to ") + to;
+    brief = from + ".." + to;
+  }
+  return CLI::Validator(
+      [=](std::string& text) {
+        char* end = nullptr;
+        const double value = std::strtod(text.c_str(), &end);
+        const bool above = ends == RangeEnds::kOpenBelow ? value > least : value >= least;
+        const bool below = ends == RangeEnds::kOpenAbove ? value < most : value <= most;
+        if (!text.empty() && end == text.c_str() + text.size() && std::isfinite(value) && above && below)
+          return std::string();
+        return "'" + text + "' is not a finite number " + range;
+      },
+      brief);
+}
+
+/// cpu, cuda or cuda:N.
+inline CLI::Validator device_name() {
+  return CLI::Validator(
+      [](std::string& text) {
+        const bool numbered = text.rfind("cuda:", 0) == 0 && detail::in_whole_range(text.substr(5), 0, 1023);
+        if (text == "cpu" || text == "cuda" || numbered) return std::string();
+        return "'" + text + "' is none of cpu, cuda and cuda:N";
+      },
+      std::string());
+}
 
 /// One of the common options that a program would not look at.
 struct UnusedOption {
@@ -37,5 +130,14 @@ void refuse_given(const CLI::App& app, const std::vector<std::string>& names, co
 /// Parses, sets up logging, threads and the interrupt handler, runs body, and turns exceptions into one clear line
 /// and an exit status: 0, 2 for bad input, 1 for a failed run, 130 after Ctrl-C.
 int run_command(CLI::App& app, CommonOptions& options, int argc, char** argv, const std::function<void()>& body);
+
+/// Lines that --version adds: libraries of the half that needs LibTorch, which is loaded for them.
+inline std::function<std::string()> library_versions() {
+#ifdef ANIGEN_WITH_TORCH
+  return [] { return torch_half("--version").version_details(); };
+#else
+  return {};
+#endif
+}
 
 }  // namespace anigen

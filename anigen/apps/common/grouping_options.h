@@ -1,13 +1,11 @@
 #pragma once
-#include <CLI/CLI.hpp>
-
-#include "anigen/apps/common/ranges.h"
-#include "anigen/geometry/vote_clustering.h"
+#include "anigen/apps/common/command_line.h"
+#include "anigen/skeleton_field/voting.h"
 
 namespace anigen {
 
 /// The options of every program that groups votes for joints.
-inline void add_grouping_options(CLI::App& app, geometry::MeanShiftOptions& grouping) {
+inline void add_grouping_options(CLI::App& app, skeleton_field::MeanShiftOptions& grouping) {
   app.add_option("--grouping-bandwidth", grouping.bandwidth,
                  "Votes for joints so far apart become one, in units of the box; more for models that trained briefly")
       ->check(number(0, 1, RangeEnds::kOpenBelow))

@@ -1,13 +1,13 @@
 #include "anigen/apps/common/torch_half.h"
 
 #include <dlfcn.h>
-
 #include <filesystem>
 #include <system_error>
 
 #include "anigen/core/error.h"
 
 namespace anigen {
+
 namespace {
 
 namespace fs = std::filesystem;

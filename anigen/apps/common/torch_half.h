@@ -2,7 +2,7 @@
 #include <memory>
 #include <string>
 
-#include "anigen/core/json.h"
+#include "anigen/core/config.h"
 
 namespace anigen {
 
@@ -14,9 +14,9 @@ namespace prepare {
 class FeatureExtractor;
 struct FeatureOptions;
 }  // namespace prepare
-namespace rig {
+namespace rigging {
 struct LearnedSteps;
-}  // namespace rig
+}  // namespace rigging
 
 struct CommonOptions;
 struct EncodeArguments;
@@ -29,7 +29,7 @@ struct TrainArguments;
 /// take half a second to load, so the programs do not link it: they load this half when a command needs it, after the
 /// command line was read. Every function throws as the one it stands for.
 struct TorchHalf {
-  /// Lines of --version: LibTorch, BLAS, kernels, CUDA (nn/blas.h).
+  /// Lines of --version: LibTorch, BLAS, kernels, CUDA (nn/profile.h).
   std::string (*version_details)();
 
   // Whole programs; results go to standard output.
@@ -42,7 +42,7 @@ struct TorchHalf {
   /// anigen-rig --method retrieval.
   void (*retrieve)(const RigArguments& arguments, const CommonOptions& common);
   /// anigen-rig --method anymate or rignet.
-  rig::LearnedSteps (*learned_steps)(const RigArguments& arguments, const CommonOptions& common);
+  rigging::LearnedSteps (*learned_steps)(const RigArguments& arguments, const CommonOptions& common);
   /// anigen-eval --lpips-weights: sets the request's perceptual metric.
   void (*add_perceptual_metric)(const EvalArguments& arguments, const CommonOptions& common,
                                 eval::EvaluationRequest& request);

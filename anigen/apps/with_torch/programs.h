@@ -8,7 +8,7 @@ void run_encode(const EncodeArguments& arguments, const CommonOptions& common);
 void run_generate(const GenerateArguments& arguments, const CommonOptions& common);
 int run_train(const TrainArguments& arguments, const CommonOptions& common);
 void retrieve(const RigArguments& arguments, const CommonOptions& common);
-rig::LearnedSteps learned_steps(const RigArguments& arguments, const CommonOptions& common);
+rigging::LearnedSteps learned_steps(const RigArguments& arguments, const CommonOptions& common);
 void add_perceptual_metric(const EvalArguments& arguments, const CommonOptions& common,
                            eval::EvaluationRequest& request);
 eval::SkinMethod skin_reconstruction(const std::string& run, const CommonOptions& common, Json& settings);

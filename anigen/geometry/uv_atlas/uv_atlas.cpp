@@ -1,8 +1,10 @@
 #include "anigen/geometry/uv_atlas/uv_atlas.h"
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <iterator>
+#include <mutex>
 #include <string>
 #include <utility>
 
@@ -10,14 +12,13 @@
 #include "anigen/core/numeric.h"
 #include "anigen/core/parallel.h"
 #include "anigen/geometry/embree.h"
-#include "anigen/geometry/uv_atlas/chart_mask.h"
-#include "anigen/geometry/uv_atlas/chart_packing.h"
-#include "anigen/geometry/uv_atlas/chart_splitting.h"
-#include "anigen/geometry/uv_atlas/face_adjacency.h"
-#include "anigen/geometry/uv_atlas/planar_chart.h"
-#include "anigen/geometry/uv_atlas/surface_charts.h"
+#include "anigen/geometry/nearest_surface.h"
+#include "anigen/geometry/uv_atlas/chart_merging.h"
+#include "anigen/geometry/uv_atlas/charts.h"
+#include "anigen/geometry/uv_atlas/packing.h"
 
 namespace anigen::geometry {
+
 namespace {
 
 constexpr double kGoodOccupancy = 0.6;  ///< below it, cutting charts is worth the seams
@@ -153,6 +154,173 @@ UvAtlas make_uv_atlas(const std::vector<Eigen::Vector3f>& vertices, const std::v
   if (faces.empty()) throw InputError("", "mesh.faces", "a mesh without faces has no surface to unwrap");
   check_mesh(vertices, faces);
   return AtlasBuilder(vertices, faces, options).run();
+}
+
+namespace {
+
+constexpr int kMostBakedTexels = 8192;
+constexpr int kMostSupersampling = 8;
+constexpr double kAboutAsNear = 3.0;  ///< times as far as the nearest point, for one that faces the right way
+
+/// Twice the area times the normal: enough to know which way a face looks.
+Eigen::Vector3d facing(const std::vector<Eigen::Vector3f>& vertices, const Triangle& face) {
+  const Eigen::Vector3d a = vertices[at(face[0])].cast<double>();
+  return (vertices[at(face[1])].cast<double>() - a).cross(vertices[at(face[2])].cast<double>() - a);
+}
+
+void require_sound_atlas(const UvAtlas& atlas, std::size_t vertices) {
+  if (atlas.size < 1 || atlas.size > kMostBakedTexels) {
+    throw InputError("", "atlas.size", "must be between 1 and " + std::to_string(kMostBakedTexels));
+  }
+  if (!(atlas.texels_per_unit > 0.0)) throw InputError("", "atlas.texels_per_unit", "must be positive");
+  if (atlas.uvs.size() != atlas.vertices.size() || atlas.face_charts.size() != atlas.faces.size()) {
+    throw InputError("", "atlas", "its arrays differ in length");
+  }
+  const auto require = [](bool is_sound, const char* array, std::size_t index) {
+    if (!is_sound) {
+      throw InputError("", std::string("atlas.") + array + "[" + std::to_string(index) + "]",
+                       "out of range: the atlas belongs to another mesh");
+    }
+  };
+  const auto inside = [](std::int32_t index, std::size_t count) { return index >= 0 && at(index) < count; };
+  for (std::size_t v = 0; v < atlas.vertices.size(); ++v) {
+    require(inside(atlas.vertices[v], vertices), "vertices", v);
+    const Eigen::Vector2f& uv = atlas.uvs[v];
+    require(uv.minCoeff() >= 0.0F && uv.maxCoeff() <= 1.0F, "uvs", v);
+  }
+  for (std::size_t f = 0; f < atlas.faces.size(); ++f) {
+    for (const std::int32_t corner : atlas.faces[f]) require(inside(corner, atlas.vertices.size()), "faces", f);
+    require(inside(atlas.face_charts[f], atlas.charts.size()), "face_charts", f);
+  }
+}
+
+void require_colors(const Mesh& colored) {
+  if (colored.colors.size() != colored.vertices.size() || colored.colors.empty()) {
+    throw InputError("", "colored.colors",
+                     "a texture is read from vertex colours, but there are " + std::to_string(colored.colors.size()) +
+                         " for " + std::to_string(colored.vertices.size()) + " vertices");
+  }
+  for (std::size_t v = 0; v < colored.colors.size(); ++v) {
+    if (!colored.colors[v].head<3>().allFinite()) {
+      throw InputError("", "colored.colors[" + std::to_string(v) + "]", "not finite");
+    }
+  }
+}
+
+/// The colour of the dense mesh at places of the other one.
+class ColorSource {
+ public:
+  ColorSource(const Mesh& colored, double texel) : colored_(colored), surface_(colored), texel_(texel) {
+    for (const Triangle& face : colored.faces) facing_.push_back(facing(colored.vertices, face));
+  }
+
+  /// @param normal of the place, any length @param guess a face near it, replaced by the one found
+  Eigen::Vector3f color(const Eigen::Vector3d& point, const Eigen::Vector3d& normal, std::int32_t& guess) const {
+    NearestPoint found = surface_.query(point, guess);
+    guess = found.at.face;
+    if (faces_away(found, normal)) {
+      for (const NearestPoint& other : surface_.within(point, kAboutAsNear * found.distance + texel_)) {
+        if (faces_away(other, normal)) continue;
+        found = other;
+        break;
+      }
+    }
+    Eigen::Vector3f sum = Eigen::Vector3f::Zero();
+    const Triangle& face = colored_.faces[at(found.at.face)];
+    for (std::size_t k = 0; k < 3; ++k) {
+      const auto weight = static_cast<float>(found.at.barycentric[static_cast<Eigen::Index>(k)]);
+      sum += weight * colored_.colors[at(face[k])].head<3>();
+    }
+    return sum;
+  }
+
+ private:
+  bool faces_away(const NearestPoint& point, const Eigen::Vector3d& normal) const {
+    return facing_[at(point.at.face)].dot(normal) < 0.0;
+  }
+
+  const Mesh& colored_;
+  NearestSurface surface_;
+  std::vector<Eigen::Vector3d> facing_;  ///< per face
+  double texel_;                         ///< its side on the surface
+};
+
+class TextureBaker {
+ public:
+  TextureBaker(const UvAtlas& atlas, const std::vector<Eigen::Vector3f>& vertices, const Mesh& colored, int samples)
+      : atlas_(atlas),
+        vertices_(vertices),
+        source_(colored, 1.0 / atlas.texels_per_unit),
+        shown_(texel_faces(atlas)),
+        samples_(samples) {}
+
+  LinearTexture run(const std::function<void(std::size_t, std::size_t)>& progress) const {
+    LinearTexture texture;
+    texture.size = atlas_.size;
+    texture.texels.assign(shown_.size(), Eigen::Vector3f::Zero());
+    std::mutex mutex;
+    std::size_t done = 0;
+    parallel_for(at(atlas_.size), [&](std::size_t row) {
+      bake_row(static_cast<int>(row), texture);
+      if (!progress) return;
+      const std::lock_guard<std::mutex> lock(mutex);
+      progress(++done, at(atlas_.size));
+    });
+    std::vector<char> known(shown_.size());
+    std::transform(shown_.begin(), shown_.end(), known.begin(), [](std::int32_t face) { return face >= 0 ? 1 : 0; });
+    fill_unknown_texels(texture.size, known, texture.texels);
+    return texture;
+  }
+
+ private:
+  void bake_row(int y, LinearTexture& texture) const {
+    std::int32_t guess = -1;
+    for (int x = 0; x < atlas_.size; ++x) {
+      const std::size_t texel = at(y) * at(atlas_.size) + at(x);
+      if (shown_[texel] < 0) continue;
+      const auto face = at(shown_[texel]);
+      Eigen::Vector3f sum = Eigen::Vector3f::Zero();
+      for (int i = 0; i < samples_ * samples_; ++i) {
+        const double step = 1.0 / samples_;
+        const Eigen::Vector3d place(x + (i % samples_ + 0.5) * step, y + (i / samples_ + 0.5) * step, 0.0);
+        sum += sample(place, face, guess);
+      }
+      texture.texels[texel] = sum / static_cast<float>(samples_ * samples_);
+    }
+  }
+
+  /// @param place in texels; outside the face one goes on along its chart's plane
+  Eigen::Vector3f sample(const Eigen::Vector3d& place, std::size_t face, std::int32_t& guess) const {
+    const Triangle& t = atlas_.faces[face];
+    const NearestPoint on_face =
+        nearest_on_triangle(place, texel_corner(atlas_, t, 0), texel_corner(atlas_, t, 1), texel_corner(atlas_, t, 2));
+    const Triangle corners = {atlas_.vertices[at(t[0])], atlas_.vertices[at(t[1])], atlas_.vertices[at(t[2])]};
+    const Eigen::Vector3d beyond = place - on_face.position;
+    const AtlasChart& chart = atlas_.charts[at(atlas_.face_charts[face])];
+    Eigen::Vector3d point = beyond.x() * chart.right + beyond.y() * chart.down;
+    for (std::size_t k = 0; k < 3; ++k) {
+      point += on_face.at.barycentric[static_cast<Eigen::Index>(k)] * vertices_[at(corners[k])].cast<double>();
+    }
+    return source_.color(point, facing(vertices_, corners), guess);
+  }
+
+  const UvAtlas& atlas_;
+  const std::vector<Eigen::Vector3f>& vertices_;
+  ColorSource source_;
+  std::vector<std::int32_t> shown_;  ///< face per texel
+  int samples_;
+};
+
+}  // namespace
+
+LinearTexture bake_texture(const UvAtlas& atlas, const std::vector<Eigen::Vector3f>& vertices, const Mesh& colored,
+                           const TextureBakingOptions& options) {
+  if (options.supersampling < 1 || options.supersampling > kMostSupersampling) {
+    throw InputError("", "supersampling", "must be between 1 and " + std::to_string(kMostSupersampling));
+  }
+  require_sound_atlas(atlas, vertices.size());
+  require_colors(colored);
+  return TextureBaker(atlas, vertices, colored, options.supersampling).run(options.progress);
 }
 
 }  // namespace anigen::geometry

@@ -5,7 +5,7 @@
 #include <string_view>
 #include <vector>
 
-#include "anigen/io/ndarray.h"
+#include "anigen/io/arrays/ndarray.h"
 
 namespace anigen::io {
 

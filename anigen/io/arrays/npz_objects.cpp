@@ -9,6 +9,7 @@
 #include "anigen/io/arrays/pickle.h"
 
 namespace anigen::io {
+
 namespace {
 
 constexpr int kMaxDepth = 32;  // of Python objects inside each other; also ends cycles

@@ -4,7 +4,7 @@
 #include <vector>
 
 #include "anigen/io/arrays/npy.h"
-#include "anigen/io/npz.h"
+#include "anigen/io/arrays/npz.h"
 
 namespace anigen::io {
 

@@ -7,8 +7,8 @@
 #include <string_view>
 #include <vector>
 
+#include "anigen/io/arrays/ndarray.h"
 #include "anigen/io/arrays/npy.h"
-#include "anigen/io/ndarray.h"
 
 namespace anigen::io::pickle {
 

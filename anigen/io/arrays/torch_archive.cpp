@@ -1,17 +1,244 @@
-#include "anigen/io/torch_archive.h"
+#include "anigen/io/arrays/torch_archive.h"
 
 #include <algorithm>
+#include <cstring>
 #include <fstream>
+#include <limits>
+#include <unordered_set>
 #include <utility>
 
 #include "anigen/core/error.h"
-#include "anigen/io/arrays/pickle_json.h"
-#include "anigen/io/arrays/torch_storages.h"
-#include "anigen/io/arrays/torch_tree.h"
-#include "anigen/io/arrays/zip_archive.h"
-#include "anigen/io/safetensors.h"
+#include "anigen/io/arrays/npz.h"
+#include "anigen/io/arrays/pickle_scanner.h"
+#include "anigen/io/arrays/safetensors.h"
 
 namespace anigen::io {
+
+namespace {
+
+constexpr int kDeepestTree = 64;  // also ends cycles
+constexpr std::size_t kMaxVisits = 10'000'000;
+
+class Walker {
+ public:
+  explicit Walker(const NpyPlace& place) : place_(place) {}
+
+  void visit(const pickle::Value& value, const std::string& name, int depth) {
+    if (depth > kDeepestTree)
+      fail("objects are nested too deeply, or contain themselves, at '" + name.substr(0, 80) + "'");
+    if (++visits_ > kMaxVisits) fail("too many objects");
+    switch (value.kind) {
+      case pickle::Kind::kTensor:
+      case pickle::Kind::kArray:
+      case pickle::Kind::kBool:
+      case pickle::Kind::kInt:
+      case pickle::Kind::kFloat:
+        if (!names_.insert(name).second) fail("two values have the path '" + name + "'");
+        leaves.push_back({name, &value});
+        return;
+      case pickle::Kind::kDict:
+        for (std::size_t i = 0; i + 1 < value.items.size(); i += 2) {
+          visit(*value.items[i + 1], join(name, key(*value.items[i])), depth + 1);
+        }
+        return;
+      case pickle::Kind::kList:
+      case pickle::Kind::kTuple:
+      case pickle::Kind::kSet:
+      case pickle::Kind::kObjectArray:
+        for (std::size_t i = 0; i < value.items.size(); ++i) {
+          visit(*value.items[i], join(name, std::to_string(i)), depth + 1);
+        }
+        return;
+      case pickle::Kind::kNone:
+      case pickle::Kind::kString:
+      case pickle::Kind::kBytes:
+      case pickle::Kind::kDtype:
+      case pickle::Kind::kOpaque:
+        return;
+      case pickle::Kind::kGlobal:
+      case pickle::Kind::kStorage:
+        throw NotSupportedError(place_.file, place_.member,
+                                std::string("a bare ") + pickle::name_of(value.kind) + " at '" + name + "'");
+    }
+  }
+
+  std::vector<TorchLeaf> leaves;
+
+ private:
+  [[noreturn]] void fail(const std::string& problem) const { throw InputError(place_.file, place_.member, problem); }
+  static std::string join(const std::string& name, const std::string& key) {
+    return name.empty() ? key : name + "." + key;
+  }
+  std::string key(const pickle::Value& key) const {
+    switch (key.kind) {
+      case pickle::Kind::kString:
+      case pickle::Kind::kBytes:
+        return std::string(key.text);
+      case pickle::Kind::kInt:
+      case pickle::Kind::kBool:
+        return std::to_string(key.integer);
+      default:
+        throw NotSupportedError(place_.file, place_.member,
+                                std::string("a dict key that is a ") + pickle::name_of(key.kind));
+    }
+  }
+
+  const NpyPlace& place_;
+  std::unordered_set<std::string> names_;
+  std::size_t visits_ = 0;
+};
+
+}  // namespace
+
+std::vector<TorchLeaf> torch_leaves(const pickle::Value& root, const NpyPlace& place) {
+  Walker walker(place);
+  walker.visit(root, "", 0);
+  return std::move(walker.leaves);
+}
+
+namespace {
+
+/// One past the last element a view touches; false when that overflows.
+bool last_element(const pickle::Value& tensor, std::uint64_t& end) {
+  constexpr std::uint64_t kMost = std::uint64_t{1} << 62;
+  end = static_cast<std::uint64_t>(tensor.integer);
+  for (std::size_t d = 0; d < tensor.sizes.size(); ++d) {
+    const auto steps = static_cast<std::uint64_t>(tensor.sizes[d] - 1);
+    const auto stride = static_cast<std::uint64_t>(tensor.strides[d]);
+    if (stride != 0 && steps > kMost / stride) return false;
+    end += steps * stride;
+    if (end > kMost) return false;
+  }
+  ++end;
+  return true;
+}
+
+bool is_contiguous(const pickle::Value& tensor) {
+  std::int64_t expected = 1;
+  for (std::size_t d = tensor.sizes.size(); d-- > 0;) {
+    if (tensor.sizes[d] == 1) continue;
+    if (tensor.strides[d] != expected) return false;
+    expected *= tensor.sizes[d];
+  }
+  return true;
+}
+
+void copy_strided(const pickle::Value& tensor, const char* storage, std::size_t item, std::vector<std::uint8_t>& out) {
+  const std::size_t rank = tensor.sizes.size();
+  std::vector<std::int64_t> index(rank, 0);
+  auto source = static_cast<std::size_t>(tensor.integer);
+  for (std::size_t at = 0; at < out.size(); at += item) {
+    std::memcpy(out.data() + at, storage + source * item, item);
+    for (std::size_t d = rank; d-- > 0;) {
+      source += static_cast<std::size_t>(tensor.strides[d]);
+      if (++index[d] < tensor.sizes[d]) break;
+      source -= static_cast<std::size_t>(tensor.strides[d]) * static_cast<std::size_t>(tensor.sizes[d]);
+      index[d] = 0;
+    }
+  }
+}
+
+}  // namespace
+
+TorchStorages::TorchStorages(const ZipReader& archive, std::string folder, bool big_endian)
+    : archive_(archive), folder_(std::move(folder)), big_endian_(big_endian) {
+  std::uint64_t stored = 0;
+  for (const ZipMember& member : archive.members()) stored += member.bytes;
+  budget_ = 16 * stored + (std::uint64_t{64} << 20);
+}
+
+void TorchStorages::fail(const TorchLeaf& leaf, const std::string& problem) const {
+  throw InputError(archive_.file(), "'" + leaf.name + "'", problem);
+}
+
+NamedArrays TorchStorages::materialize(const std::vector<TorchLeaf>& leaves) {
+  for (const TorchLeaf& leaf : leaves) {
+    if (leaf.value->kind != pickle::Kind::kTensor) continue;
+    const pickle::Value& storage = *leaf.value->items[0];
+    Shared& shared = shared_[std::string(storage.text)];
+    if (shared.uses++ > 0 && (shared.dtype != storage.element.dtype || shared.count != storage.integer)) {
+      fail(leaf, "storage " + std::string(storage.text) + " is described in two ways");
+    }
+    shared.dtype = storage.element.dtype;
+    shared.count = storage.integer;
+  }
+  NamedArrays arrays;
+  arrays.reserve(leaves.size());
+  for (const TorchLeaf& leaf : leaves) {
+    switch (leaf.value->kind) {
+      case pickle::Kind::kTensor:
+        arrays.emplace_back(leaf.name, tensor(leaf));
+        break;
+      case pickle::Kind::kBool:
+        arrays.emplace_back(leaf.name, NdArray{Dtype::kBool, {}, {static_cast<std::uint8_t>(leaf.value->integer)}});
+        break;
+      case pickle::Kind::kInt:
+        arrays.emplace_back(leaf.name, NdArray::from<std::int64_t>({leaf.value->integer}, {}));
+        break;
+      case pickle::Kind::kFloat:
+        arrays.emplace_back(leaf.name, NdArray::from<double>({leaf.value->real}, {}));
+        break;
+      default:
+        if (!leaf.value->array) fail(leaf, "a numpy array without content");
+        if (leaf.value->array->bytes.size() > budget_) fail(leaf, "the arrays exceed by far what the file holds");
+        budget_ -= leaf.value->array->bytes.size();
+        arrays.emplace_back(leaf.name, *leaf.value->array);
+    }
+  }
+  return arrays;
+}
+
+NdArray TorchStorages::tensor(const TorchLeaf& leaf) {
+  const pickle::Value& view = *leaf.value;
+  const pickle::Value& storage = *view.items[0];
+  NdArray array;
+  array.dtype = storage.element.dtype;
+  array.shape = view.sizes;
+  const std::size_t item = size_of(array.dtype);
+  std::size_t count = 0;
+  if (!count_elements(array.shape, item, count)) fail(leaf, "its shape overflows");
+  std::uint64_t end = 0;
+  if (count > 0 && (!last_element(view, end) || end > static_cast<std::uint64_t>(storage.integer))) {
+    fail(leaf, "the tensor reaches beyond its storage of " + std::to_string(storage.integer) + " elements");
+  }
+  if (count * item > budget_) fail(leaf, "expanded tensors exceed by far what the file holds");
+  budget_ -= count * item;
+
+  Shared& shared = shared_.at(std::string(storage.text));
+  if (!shared.loaded) {
+    shared.bytes = load(storage);
+    shared.loaded = true;
+  }
+  array.bytes.resize(count * item);
+  if (count > 0 && is_contiguous(view)) {
+    std::memcpy(array.bytes.data(), shared.bytes.data() + static_cast<std::size_t>(view.integer) * item, count * item);
+  } else if (count > 0) {
+    copy_strided(view, shared.bytes.data(), item, array.bytes);
+  }
+  if (--shared.uses == 0) std::string().swap(shared.bytes);
+  return array;
+}
+
+std::string TorchStorages::load(const pickle::Value& storage) const {
+  const std::string name = folder_ + "data/" + std::string(storage.text);
+  const ZipMember* member = archive_.find(name);
+  if (!member) throw InputError(archive_.file(), name, "the pickle refers to this storage, which the archive lacks");
+  const std::size_t item = size_of(storage.element.dtype);
+  if (member->bytes % item != 0 || member->bytes / item != static_cast<std::uint64_t>(storage.integer)) {
+    throw InputError(archive_.file(), name,
+                     "holds " + std::to_string(member->bytes) + " bytes, and the pickle says " +
+                         std::to_string(storage.integer) + " elements of " + std::to_string(item));
+  }
+  std::string bytes = archive_.read(*member);
+  if (big_endian_) {
+    for (std::size_t i = 0; i < bytes.size(); i += item) {
+      std::reverse(bytes.begin() + static_cast<std::ptrdiff_t>(i),
+                   bytes.begin() + static_cast<std::ptrdiff_t>(i + item));
+    }
+  }
+  return bytes;
+}
+
 namespace {
 
 constexpr std::string_view kPickleName = "data.pkl";

@@ -1,20 +1,507 @@
+#include "anigen/io/gltf/export.h"
+
+#include <Eigen/Geometry>
+#include <Eigen/LU>
+#include <algorithm>
+#include <cctype>
+#include <cmath>
+#include <cstdint>
+#include <limits>
+#include <map>
 #include <string>
+#include <utility>
 #include <vector>
 
-#include "anigen/asset/validate.h"
-#include "anigen/core/atomic_file.h"
+#include "anigen/asset/rigged_asset.h"
 #include "anigen/core/error.h"
-#include "anigen/io/gltf.h"
-#include "anigen/io/gltf/export_animations.h"
-#include "anigen/io/gltf/export_axes.h"
-#include "anigen/io/gltf/export_container.h"
-#include "anigen/io/gltf/export_document.h"
-#include "anigen/io/gltf/export_materials.h"
-#include "anigen/io/gltf/export_mesh.h"
-#include "anigen/io/gltf/export_nodes.h"
-#include "anigen/io/gltf/export_skin.h"
+#include "anigen/core/files.h"
+#include "anigen/core/hash.h"
+#include "anigen/io/gltf/gltf.h"
+#include "anigen/io/gltf/materials.h"
 
 namespace anigen::io {
+
+Eigen::Matrix3d axis_rotation(ExportAxes axes) {
+  Eigen::Matrix3d rotation;
+  if (axes == ExportAxes::kPublished) {
+    rotation << -1, 0, 0, 0, 0, 1, 0, 1, 0;
+  } else {
+    rotation << 1, 0, 0, 0, 0, 1, 0, -1, 0;
+  }
+  return rotation;
+}
+
+Eigen::Quaterniond axis_quaternion(ExportAxes axes) { return Eigen::Quaterniond(axis_rotation(axes)).normalized(); }
+
+Skeleton unrotated_in_file(const Skeleton& skeleton, ExportAxes axes) {
+  Skeleton result = skeleton;
+  for (Eigen::Matrix4d& bind : result.bind) bind.topLeftCorner<3, 3>() = axis_rotation(axes).transpose();
+  result.rest = bind_pose(result);
+  return result;
+}
+
+namespace {
+
+template <typename T>
+int add_array(GltfDocument& document, const std::vector<T>& values, std::size_t width, ComponentType component,
+              ViewTarget target) {
+  const int view = document.add_view(values.data(), values.size() * sizeof(T), target);
+  return document.add_accessor(view, 0, component, accessor_type(width), values.size() / width);
+}
+
+}  // namespace
+
+const char* accessor_type(std::size_t width) {
+  switch (width) {
+    case 1:
+      return "SCALAR";
+    case 2:
+      return "VEC2";
+    case 3:
+      return "VEC3";
+    case 4:
+      return "VEC4";
+    default:
+      return "MAT4";
+  }
+}
+
+GltfDocument::GltfDocument() : json(Json::object()) {
+  json["asset"] = {{"version", "2.0"}, {"generator", "AniGen in C++"}};
+}
+
+int GltfDocument::add_view(const void* data, std::size_t bytes, ViewTarget target) {
+  Json view = {{"buffer", 0}, {"byteOffset", binary_.size()}, {"byteLength", bytes}};
+  if (target != ViewTarget::kNone) view["target"] = static_cast<int>(target);
+  if (bytes > 0) binary_.append(static_cast<const char*>(data), bytes);
+  binary_.append((4 - binary_.size() % 4) % 4, '\0');
+  views_.push_back(std::move(view));
+  return static_cast<int>(views_.size()) - 1;
+}
+
+int GltfDocument::add_accessor(int view, std::size_t byte_offset, ComponentType component, const char* type,
+                               std::size_t count) {
+  Json accessor = {{"bufferView", view}};
+  if (byte_offset > 0) accessor["byteOffset"] = byte_offset;
+  accessor["componentType"] = static_cast<int>(component);
+  accessor["count"] = count;
+  accessor["type"] = type;
+  accessors_.push_back(std::move(accessor));
+  return static_cast<int>(accessors_.size()) - 1;
+}
+
+void GltfDocument::set_bounds(int accessor, const std::vector<float>& values, std::size_t width) {
+  std::vector<double> low(values.begin(), values.begin() + static_cast<std::ptrdiff_t>(width));
+  std::vector<double> high = low;
+  for (std::size_t i = width; i < values.size(); ++i) {
+    low[i % width] = std::min<double>(low[i % width], values[i]);
+    high[i % width] = std::max<double>(high[i % width], values[i]);
+  }
+  accessors_[static_cast<std::size_t>(accessor)]["min"] = low;
+  accessors_[static_cast<std::size_t>(accessor)]["max"] = high;
+}
+
+int GltfDocument::add_floats(const std::vector<float>& values, std::size_t width, ViewTarget target) {
+  return add_array(*this, values, width, ComponentType::kFloat, target);
+}
+
+int GltfDocument::add_uint8(const std::vector<std::uint8_t>& values, std::size_t width, ViewTarget target) {
+  return add_array(*this, values, width, ComponentType::kUint8, target);
+}
+
+int GltfDocument::add_uint16(const std::vector<std::uint16_t>& values, std::size_t width, ViewTarget target) {
+  return add_array(*this, values, width, ComponentType::kUint16, target);
+}
+
+int GltfDocument::add_uint32(const std::vector<std::uint32_t>& values, std::size_t width, ViewTarget target) {
+  return add_array(*this, values, width, ComponentType::kUint32, target);
+}
+
+std::string GltfDocument::json_text(const std::string& buffer_uri) const {
+  Json whole = json;
+  whole["accessors"] = accessors_;
+  whole["bufferViews"] = views_;
+  Json buffer = {{"byteLength", binary_.size()}};
+  if (!buffer_uri.empty()) buffer["uri"] = buffer_uri;
+  whole["buffers"] = Json::array({std::move(buffer)});
+  // Names come from foreign files and need not be UTF-8, which JSON demands.
+  return whole.dump(-1, ' ', false, Json::error_handler_t::replace);
+}
+
+namespace {
+
+std::vector<float> rotated(const std::vector<Eigen::Vector3f>& vectors, const Eigen::Matrix3d& rotation, bool unit) {
+  std::vector<float> values;
+  values.reserve(3 * vectors.size());
+  for (const Eigen::Vector3f& v : vectors) {
+    Eigen::Vector3d r = rotation * v.cast<double>();
+    if (unit) {
+      const double length = r.norm();
+      // A normal without direction would make the file invalid; up is as good as any.
+      r = length > 1e-12 ? Eigen::Vector3d(r / length) : Eigen::Vector3d::UnitY();
+    }
+    // The sum turns -0 into 0, which comparing tools and readers of the JSON bounds expect.
+    for (int k = 0; k < 3; ++k) values.push_back(static_cast<float>(r[k]) + 0.0f);
+  }
+  return values;
+}
+
+Json write_attributes(GltfDocument& document, const Asset& asset, const Eigen::Matrix3d& rotation,
+                      std::size_t influences) {
+  const Mesh& mesh = asset.mesh;
+  Json attributes = Json::object();
+  const std::vector<float> positions = rotated(mesh.vertices, rotation, false);
+  const int position = document.add_floats(positions, 3, ViewTarget::kVertices);
+  document.set_bounds(position, positions, 3);
+  attributes["POSITION"] = position;
+  if (!mesh.normals.empty()) {
+    attributes["NORMAL"] = document.add_floats(rotated(mesh.normals, rotation, true), 3, ViewTarget::kVertices);
+  }
+  if (!mesh.uvs.empty()) {
+    std::vector<float> values;
+    for (const Eigen::Vector2f& uv : mesh.uvs) values.insert(values.end(), {uv.x(), uv.y()});
+    attributes["TEXCOORD_0"] = document.add_floats(values, 2, ViewTarget::kVertices);
+  }
+  if (!mesh.colors.empty()) {
+    std::vector<float> values;
+    for (const Eigen::Vector4f& color : mesh.colors) {
+      for (int k = 0; k < 4; ++k) values.push_back(std::clamp(color[k], 0.0f, 1.0f));
+    }
+    attributes["COLOR_0"] = document.add_floats(values, 4, ViewTarget::kVertices);
+  }
+  if (asset.skeleton.size() > 0)
+    write_skin_attributes(document, attributes, asset.skin, asset.skeleton.size(), influences);
+  return attributes;
+}
+
+int write_indices(GltfDocument& document, const std::vector<std::uint32_t>& indices) {
+  const std::uint32_t largest = *std::max_element(indices.begin(), indices.end());
+  // 65535 itself restarts a strip in OpenGL and is forbidden.
+  if (largest < std::numeric_limits<std::uint16_t>::max()) {
+    return document.add_uint16({indices.begin(), indices.end()}, 1, ViewTarget::kIndices);
+  }
+  return document.add_uint32(indices, 1, ViewTarget::kIndices);
+}
+
+}  // namespace
+
+void write_mesh(GltfDocument& document, const Asset& asset, const Eigen::Matrix3d& rotation,
+                const std::map<int, int>& materials, std::size_t influences) {
+  const Mesh& mesh = asset.mesh;
+  const Json attributes = write_attributes(document, asset, rotation, influences);
+  std::map<int, std::vector<std::uint32_t>> indices_by_material;
+  for (std::size_t f = 0; f < mesh.faces.size(); ++f) {
+    const int material = mesh.face_materials.empty() ? -1 : mesh.face_materials[f];
+    std::vector<std::uint32_t>& indices = indices_by_material[material];
+    for (const std::int32_t v : mesh.faces[f]) indices.push_back(static_cast<std::uint32_t>(v));
+  }
+  Json primitives = Json::array();
+  for (const auto& [material, indices] : indices_by_material) {
+    primitives.push_back({{"attributes", attributes},
+                          {"indices", write_indices(document, indices)},
+                          {"material", materials.at(material)},
+                          {"mode", 4}});
+  }
+  Json entry = Json::object();
+  if (!asset.name.empty()) entry["name"] = asset.name;
+  entry["primitives"] = std::move(primitives);
+  document.json["meshes"] = Json::array({std::move(entry)});
+}
+
+namespace {
+
+constexpr std::size_t kSetSize = 4;
+
+// The row's weights in single precision with a sum as close to 1 as Khronos' validator demands (2e-7 per influence).
+// A row that is close enough stays as it is, so that reading the file back gives the same numbers; otherwise the
+// heaviest takes the rounding of the others.
+std::vector<float> weights_of_row(const SkinWeights& skin, std::size_t v) {
+  const Influence* row = skin.row(v);
+  const std::size_t n = skin.row_size(v);
+  std::vector<float> weights(n);
+  double sum = 0.0;
+  for (std::size_t i = 0; i < n; ++i) sum += static_cast<double>(weights[i] = row[i].weight);
+  if (std::abs(sum - 1.0) <= 1e-7 * static_cast<double>(n)) return weights;
+  double others = 0.0;
+  for (std::size_t i = 1; i < n; ++i) {
+    weights[i] = static_cast<float>(static_cast<double>(row[i].weight) / sum);
+    others += static_cast<double>(weights[i]);
+  }
+  weights[0] = static_cast<float>(1.0 - others);
+  return weights;
+}
+
+template <typename Index>
+std::vector<Index> joint_set(const SkinWeights& skin, std::size_t set) {
+  std::vector<Index> joints(kSetSize * skin.rows(), 0);
+  for (std::size_t v = 0; v < skin.rows(); ++v) {
+    for (std::size_t k = 0, i = kSetSize * set; k < kSetSize && i < skin.row_size(v); ++k, ++i) {
+      joints[kSetSize * v + k] = static_cast<Index>(skin.row(v)[i].joint);
+    }
+  }
+  return joints;
+}
+
+std::string numbered(const char* name, std::size_t set) { return name + std::to_string(set); }
+
+}  // namespace
+
+void write_skin_attributes(GltfDocument& document, Json& attributes, const SkinWeights& skin, std::size_t joints,
+                           std::size_t influences) {
+  const SkinWeights limited = limit_influences(skin, influences);
+  const std::size_t sets = std::max<std::size_t>(1, (limited.largest_row() + kSetSize - 1) / kSetSize);
+  std::vector<std::vector<float>> weights(sets, std::vector<float>(kSetSize * limited.rows(), 0.0f));
+  for (std::size_t v = 0; v < limited.rows(); ++v) {
+    const std::vector<float> row = weights_of_row(limited, v);
+    for (std::size_t i = 0; i < row.size(); ++i) weights[i / kSetSize][kSetSize * v + i % kSetSize] = row[i];
+  }
+  constexpr std::size_t kMostJointsInBytes = 255;
+  for (std::size_t set = 0; set < sets; ++set) {
+    attributes[numbered("JOINTS_", set)] =
+        joints <= kMostJointsInBytes
+            ? document.add_uint8(joint_set<std::uint8_t>(limited, set), kSetSize, ViewTarget::kVertices)
+            : document.add_uint16(joint_set<std::uint16_t>(limited, set), kSetSize, ViewTarget::kVertices);
+    attributes[numbered("WEIGHTS_", set)] = document.add_floats(weights[set], kSetSize, ViewTarget::kVertices);
+  }
+}
+
+void write_skin(GltfDocument& document, const Skeleton& skeleton, const Eigen::Matrix3d& rotation,
+                const std::string& file) {
+  Eigen::Matrix4d to_world = Eigen::Matrix4d::Identity();
+  to_world.topLeftCorner<3, 3>() = rotation.transpose();
+  std::vector<float> matrices;
+  matrices.reserve(16 * skeleton.size());
+  Json joints = Json::array();
+  for (std::size_t j = 0; j < skeleton.size(); ++j) {
+    Eigen::Matrix4f inverse = (skeleton.bind[j].inverse() * to_world).cast<float>();
+    inverse.row(3) << 0.0f, 0.0f, 0.0f, 1.0f;
+    if (!inverse.allFinite()) {
+      throw InputError(file, "", "inverse bind matrix of joint " + std::to_string(j) + " exceeds single precision");
+    }
+    matrices.insert(matrices.end(), inverse.data(), inverse.data() + 16);  // column-major, as in glTF
+    joints.push_back(j);
+  }
+  document.json["skins"] = Json::array({{{"inverseBindMatrices", document.add_floats(matrices, 16, ViewTarget::kNone)},
+                                         {"skeleton", 0},
+                                         {"joints", std::move(joints)}}});
+}
+
+namespace {
+
+Json joint_node(const std::string& name, const Transform& rest) {
+  const Eigen::Vector3d& t = rest.translation;
+  const Eigen::Vector3d& s = rest.scale;
+  const Eigen::Quaterniond q = rest.rotation.normalized();
+  return {{"name", name},
+          {"translation", {t.x() + 0.0, t.y() + 0.0, t.z() + 0.0}},
+          {"rotation", {q.x() + 0.0, q.y() + 0.0, q.z() + 0.0, q.w() + 0.0}},
+          {"scale", {s.x(), s.y(), s.z()}}};
+}
+
+std::string unused_name(const std::string& wanted, const std::vector<std::string>& taken) {
+  std::string name = wanted;
+  for (int i = 1; std::find(taken.begin(), taken.end(), name) != taken.end(); ++i) {
+    name = wanted + "_mesh" + (i == 1 ? "" : std::to_string(i));
+  }
+  return name;
+}
+
+}  // namespace
+
+void write_nodes(GltfDocument& document, const Asset& asset, ExportAxes axes) {
+  const Skeleton& skeleton = asset.skeleton;
+  Json nodes = Json::array();
+  for (std::size_t j = 0; j < skeleton.size(); ++j) {
+    Transform rest = skeleton.rest[j];
+    if (skeleton.parents[j] < 0) {
+      rest.translation = axis_rotation(axes) * rest.translation;
+      rest.rotation = axis_quaternion(axes) * rest.rotation;
+    }
+    nodes.push_back(joint_node(skeleton.names[j], rest));
+  }
+  for (std::size_t j = 0; j < skeleton.size(); ++j) {
+    if (skeleton.parents[j] >= 0) nodes[static_cast<std::size_t>(skeleton.parents[j])]["children"].push_back(j);
+  }
+  Json roots = Json::array();
+  if (skeleton.size() > 0) roots.push_back(0);
+  if (!asset.mesh.vertices.empty()) {
+    const std::string name = unused_name(asset.name.empty() ? "mesh" : asset.name, skeleton.names);
+    roots.push_back(nodes.size());
+    nodes.push_back({{"name", name}, {"mesh", 0}});
+    if (skeleton.size() > 0) nodes.back()["skin"] = 0;
+  }
+  document.json["scene"] = 0;
+  Json scene = Json::object();
+  if (!asset.name.empty()) scene["name"] = asset.name;
+  scene["nodes"] = std::move(roots);
+  document.json["scenes"] = Json::array({std::move(scene)});
+  document.json["nodes"] = std::move(nodes);
+}
+
+namespace {
+
+// Keys of one channel in single precision, in the file's axes.
+struct Keys {
+  std::vector<float> times, values;
+  Interpolation interpolation = Interpolation::kLinear;
+};
+
+// The numbers of all animations share one view; accessors follow once it is complete.
+struct Pool {
+  struct Part {
+    std::size_t offset, count, width;
+    bool bounds;
+  };
+  std::vector<float> numbers;
+  std::vector<Part> parts;
+  std::map<std::vector<float>, std::size_t> known_times;  // exporters of animations repeat one time line per joint
+
+  std::size_t add(const std::vector<float>& values, std::size_t width, bool bounds) {
+    parts.push_back({numbers.size(), values.size() / width, width, bounds});
+    numbers.insert(numbers.end(), values.begin(), values.end());
+    return parts.size() - 1;
+  }
+  std::size_t add_times(const std::vector<float>& times) {
+    const auto known = known_times.find(times);
+    return known != known_times.end() ? known->second : known_times[times] = add(times, 1, true);
+  }
+};
+
+const char* path_name(ChannelPath path) {
+  switch (path) {
+    case ChannelPath::kTranslation:
+      return "translation";
+    case ChannelPath::kRotation:
+      return "rotation";
+    default:
+      return "scale";
+  }
+}
+
+const char* interpolation_name(Interpolation interpolation) {
+  switch (interpolation) {
+    case Interpolation::kStep:
+      return "STEP";
+    case Interpolation::kLinear:
+      return "LINEAR";
+    default:
+      return "CUBICSPLINE";
+  }
+}
+
+[[noreturn]] void reject(const std::string& file, const Channel& channel, const std::string& problem) {
+  throw InputError(
+      file, std::string("animation channel ") + path_name(channel.path) + " of joint " + std::to_string(channel.joint),
+      problem);
+}
+
+// Turns the root's vectors into the file's axes, one element (key value or tangent) at a time.
+void turn_root(const Channel& channel, ExportAxes axes, double* value) {
+  if (channel.path == ChannelPath::kTranslation) {
+    Eigen::Map<Eigen::Vector3d> v(value);
+    v = (axis_rotation(axes) * v).eval();
+  } else if (channel.path == ChannelPath::kRotation) {
+    const Eigen::Quaterniond q = axis_quaternion(axes) * Eigen::Quaterniond(value[3], value[0], value[1], value[2]);
+    value[0] = q.x(), value[1] = q.y(), value[2] = q.z(), value[3] = q.w();
+  }
+}
+
+Keys convert(const Channel& channel, bool is_root, ExportAxes axes, const std::string& file) {
+  const std::size_t width = channel.path == ChannelPath::kRotation ? 4 : 3;
+  const bool cubic = channel.interpolation == Interpolation::kCubicSpline;
+  const std::size_t per_key = width * (cubic ? 3 : 1);
+  const std::size_t value_at = cubic ? width : 0;
+  Keys keys;
+  keys.interpolation = channel.interpolation;
+  for (std::size_t k = 0; k < channel.times.size(); ++k) {
+    std::vector<double> key(channel.values.begin() + static_cast<std::ptrdiff_t>(k * per_key),
+                            channel.values.begin() + static_cast<std::ptrdiff_t>((k + 1) * per_key));
+    if (is_root) {
+      for (std::size_t i = 0; i < per_key; i += width) turn_root(channel, axes, key.data() + i);
+    }
+    if (channel.path == ChannelPath::kRotation) {
+      const double length = Eigen::Map<Eigen::Vector4d>(key.data() + value_at).norm();
+      if (!(length > 1e-12)) reject(file, channel, "key " + std::to_string(k) + " is a rotation of length zero");
+      for (double& x : key) x /= length;
+    }
+    const float time = static_cast<float>(channel.times[k]);
+    std::size_t keep = 0;
+    if (!keys.times.empty() && time <= keys.times.back()) {
+      // The merged key arrives with the tangent of the earlier and leaves with that of the later one.
+      keep = value_at;
+      keys.values.resize(keys.values.size() - per_key + keep);
+    } else {
+      keys.times.push_back(time);
+    }
+    for (std::size_t i = keep; i < per_key; ++i) keys.values.push_back(static_cast<float>(key[i]) + 0.0f);
+  }
+  for (const std::vector<float>* numbers : {&keys.times, &keys.values}) {
+    for (const float x : *numbers) {
+      if (!std::isfinite(x)) reject(file, channel, "a number exceeds single precision");
+    }
+  }
+  if (cubic && keys.times.size() == 1) {  // the format wants two keys for a spline; one key is a constant
+    keys.interpolation = Interpolation::kStep;
+    keys.values = {keys.values.begin() + static_cast<std::ptrdiff_t>(value_at),
+                   keys.values.begin() + static_cast<std::ptrdiff_t>(value_at + width)};
+  }
+  return keys;
+}
+
+// Samplers refer to parts of the pool here; write_animations() replaces them by accessors.
+Json animation_json(const Animation& animation, const Asset& asset, ExportAxes axes, const std::string& file,
+                    Pool& pool) {
+  std::map<std::pair<int, ChannelPath>, const Channel*> last;
+  for (const Channel& channel : animation.channels) last[{channel.joint, channel.path}] = &channel;
+  Json channels = Json::array(), samplers = Json::array();
+  for (const Channel& channel : animation.channels) {
+    if (channel.times.empty() || last[{channel.joint, channel.path}] != &channel) continue;
+    const bool is_root = asset.skeleton.parents[static_cast<std::size_t>(channel.joint)] < 0;
+    const Keys keys = convert(channel, is_root, axes, file);
+    const std::size_t input = pool.add_times(keys.times);
+    const std::size_t output = pool.add(keys.values, channel.path == ChannelPath::kRotation ? 4 : 3, false);
+    channels.push_back(
+        {{"sampler", samplers.size()}, {"target", {{"node", channel.joint}, {"path", path_name(channel.path)}}}});
+    samplers.push_back(
+        {{"input", input}, {"interpolation", interpolation_name(keys.interpolation)}, {"output", output}});
+  }
+  Json entry = Json::object();
+  if (!animation.name.empty()) entry["name"] = animation.name;
+  entry["channels"] = std::move(channels);
+  entry["samplers"] = std::move(samplers);
+  return entry;
+}
+
+}  // namespace
+
+void write_animations(GltfDocument& document, const Asset& asset, ExportAxes axes, const std::string& file) {
+  Pool pool;
+  Json animations = Json::array();
+  for (const Animation& animation : asset.animations) {
+    Json entry = animation_json(animation, asset, axes, file, pool);
+    if (!entry["channels"].empty()) animations.push_back(std::move(entry));
+  }
+  if (animations.empty()) return;
+  const int view = document.add_view(pool.numbers.data(), pool.numbers.size() * sizeof(float), ViewTarget::kNone);
+  std::vector<int> accessors;
+  for (const Pool::Part& part : pool.parts) {
+    accessors.push_back(document.add_accessor(view, part.offset * sizeof(float), ComponentType::kFloat,
+                                              accessor_type(part.width), part.count));
+    if (part.bounds) {
+      const auto begin = pool.numbers.begin() + static_cast<std::ptrdiff_t>(part.offset);
+      document.set_bounds(accessors.back(), {begin, begin + static_cast<std::ptrdiff_t>(part.count * part.width)},
+                          part.width);
+    }
+  }
+  for (Json& animation : animations) {
+    for (Json& sampler : animation["samplers"]) {
+      sampler["input"] = accessors[sampler["input"].get<std::size_t>()];
+      sampler["output"] = accessors[sampler["output"].get<std::size_t>()];
+    }
+  }
+  document.json["animations"] = std::move(animations);
+}
+
 namespace {
 
 void refuse_unsound(const std::string& file, const Asset& asset, const ExportOptions& options) {
@@ -52,6 +539,50 @@ void write_gltf(const std::filesystem::path& path, const Asset& asset, const Exp
   if (asset.skeleton.size() > 0) write_skin(document, asset.skeleton, rotation, file);
   if (options.animations) write_animations(document, asset, options.axes, file);
   write_file_atomically(path, binary ? glb_bytes(document, file) : embedded_gltf_bytes(document));
+}
+
+namespace {
+
+void append_uint32(std::string& bytes, std::uint64_t value) {
+  for (int shift = 0; shift < 32; shift += 8) bytes.push_back(static_cast<char>((value >> shift) & 0xFF));
+}
+
+}  // namespace
+
+bool is_binary_extension(const std::filesystem::path& path) {
+  std::string extension = path.extension().string();
+  std::transform(extension.begin(), extension.end(), extension.begin(),
+                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  if (extension == ".glb") return true;
+  if (extension == ".gltf") return false;
+  throw InputError(path.string(), "", "a glTF file must be called .glb or .gltf");
+}
+
+std::string glb_bytes(const GltfDocument& document, const std::string& file) {
+  constexpr std::uint64_t kHeader = 12, kChunkHeader = 8;
+  std::string text = document.json_text("");
+  text.append((4 - text.size() % 4) % 4, ' ');
+  const std::string& binary = document.binary();
+  const std::uint64_t total = kHeader + kChunkHeader + text.size() + kChunkHeader + binary.size();
+  if (total > std::numeric_limits<std::uint32_t>::max()) {
+    throw NotSupportedError(file, "", "a .glb of " + std::to_string(total) + " bytes (the format ends at 4 GiB)");
+  }
+  std::string bytes;
+  bytes.reserve(static_cast<std::size_t>(total));
+  bytes += "glTF";
+  append_uint32(bytes, 2);
+  append_uint32(bytes, total);
+  append_uint32(bytes, text.size());
+  bytes += "JSON";
+  bytes += text;
+  append_uint32(bytes, binary.size());
+  bytes.append("BIN\0", 4);
+  bytes += binary;
+  return bytes;
+}
+
+std::string embedded_gltf_bytes(const GltfDocument& document) {
+  return document.json_text("data:application/octet-stream;base64," + base64(document.binary()));
 }
 
 }  // namespace anigen::io

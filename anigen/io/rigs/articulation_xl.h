@@ -5,8 +5,8 @@
 #include <string>
 #include <vector>
 
-#include "anigen/io/npz.h"
-#include "anigen/io/rigs/shape_source.h"
+#include "anigen/io/arrays/npz.h"
+#include "anigen/io/rigs/rigged_shape.h"
 
 namespace anigen::io {
 

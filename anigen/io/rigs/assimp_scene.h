@@ -1,7 +1,17 @@
 #pragma once
+#include <assimp/scene.h>
+#include <Eigen/Core>
+#include <cstddef>
+#include <cstdint>
 #include <filesystem>
+#include <string>
+#include <string_view>
+#include <unordered_map>
+#include <vector>
 
-#include "anigen/io/gltf.h"
+#include "anigen/io/gltf/container.h"
+#include "anigen/io/gltf/document.h"
+#include "anigen/io/gltf/gltf.h"
 
 namespace anigen::io {
 
@@ -18,3 +28,58 @@ namespace anigen::io {
 ImportedAsset read_assimp(const std::filesystem::path& file, const ImportOptions& options = {});
 
 }  // namespace anigen::io
+
+namespace anigen::io::assimp_import {
+
+/// Puts arrays into a document as accessors, so that the stages of the glTF importer can read them.
+class DocumentArrays {
+ public:
+  explicit DocumentArrays(gltf_import::Document& document) : document_(document) {}
+
+  /// @param values [count, width of type], row-major @param type "SCALAR", "VEC3", … @return the accessor
+  int add(const std::vector<float>& values, const std::string& type, std::size_t width, const std::string& place);
+  int add(const std::vector<std::uint16_t>& values, const std::string& type, std::size_t width,
+          const std::string& place);
+  int add(const std::vector<std::uint32_t>& values, const std::string& type, std::size_t width,
+          const std::string& place);
+  /// @return the view
+  int add_bytes(std::string bytes);
+
+ private:
+  int add(const void* values, std::size_t bytes, std::size_t item, gltf_import::Component component,
+          const std::string& type, std::size_t width, const std::string& place);
+
+  gltf_import::Document& document_;
+};
+
+/// A document whose arrays DocumentArrays made, with the notes of making it, as bytes for another process of this
+/// program.
+std::string to_bytes(const gltf_import::Document& document, const gltf_import::Notes& notes);
+/// @throws Error when the bytes are not those of to_bytes()
+void from_bytes(std::string_view bytes, gltf_import::Document& document, gltf_import::Notes& notes);
+
+Eigen::Matrix4d to_matrix(const aiMatrix4x4& matrix);
+
+/// The nodes of a scene. Assimp breaks an FBX model into a chain of helper nodes, one for each pivot, offset and
+/// rotation of its transform; these are folded into the nodes below them, so that a joint stays one joint.
+struct NodeTable {
+  std::vector<const aiNode*> node;                ///< [N] in the order of document.nodes, parents first
+  std::vector<std::vector<const aiNode*>> chain;  ///< [N] what a node's transform is the product of, itself last
+  std::unordered_map<std::string, int> by_name;   ///< the first node of each name
+};
+
+/// Appends the nodes to an empty document, parents before children, without meshes. For FBX, the root gets the up axis
+/// and the unit that the file's metadata tell (to glTF's: Y up, metres), which document.frame keeps; COLLADA's already
+/// has them.
+/// @throws InputError when a transform is not finite
+NodeTable add_nodes(const aiScene& scene, bool is_fbx, gltf_import::Document& document);
+
+/// Appends a node below another that shows a mesh.
+void add_mesh_node(gltf_import::Document& document, int parent, int mesh, int skin);
+
+/// Appends the materials with the textures of their base colour: embedded PNG and JPEG pictures, and files that lie
+/// where the material says or, since exporters write paths of the author's disk, under that name beside the model or in
+/// its folder "textures". Nothing outside the model's folder is looked at.
+void add_materials(const aiScene& scene, const std::filesystem::path& folder, gltf_import::Document& document);
+
+}  // namespace anigen::io::assimp_import

@@ -10,12 +10,13 @@
 #include <utility>
 #include <vector>
 
-#include "anigen/core/atomic_file.h"
 #include "anigen/core/error.h"
+#include "anigen/core/files.h"
 #include "anigen/core/numeric.h"
-#include "anigen/io/meshes/number_text.h"
+#include "anigen/io/obj.h"
 
 namespace anigen::io {
+
 namespace {
 
 constexpr std::uintmax_t kMostBytes = std::uintmax_t{1} << 30;

@@ -4,10 +4,8 @@
 #include <vector>
 
 #include "anigen/core/error.h"
-#include "anigen/io/arrays/zip_archive.h"
-#include "anigen/io/npz.h"
-#include "anigen/io/rigs/array_fields.h"
-#include "anigen/io/rigs/shape_parts.h"
+#include "anigen/io/arrays/npz.h"
+#include "anigen/io/rigs/rigged_shape.h"
 
 namespace anigen::io {
 
@@ -17,7 +15,7 @@ RiggedShape shape_from_rig_arrays(const NamedArrays& arrays, const std::string& 
   if (fields.has("joints")) {
     shape.joints.positions = fields.precise_points("joints");
     shape.joints.parents = fields.integers("parents", {fields.rows("joints")});
-    check(shape.joints, file);
+    anigen::check(shape.joints, file);
     if (fields.has("skin")) set_dense_skin(fields, "skin", shape);
   }
   note_missing_parts(shape);

@@ -2,7 +2,7 @@
 #include <filesystem>
 #include <string>
 
-#include "anigen/io/ndarray.h"
+#include "anigen/io/arrays/ndarray.h"
 #include "anigen/io/rigs/rigged_shape.h"
 
 namespace anigen::io {

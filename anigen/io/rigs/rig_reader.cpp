@@ -1,21 +1,258 @@
 #include "anigen/io/rigs/rig_reader.h"
 
+#include <algorithm>
+#include <iterator>
 #include <utility>
 
-#include "anigen/asset/validate.h"
-#include "anigen/core/atomic_file.h"
+#include "anigen/asset/rigged_asset.h"
+#include "anigen/core/config.h"
 #include "anigen/core/error.h"
-#include "anigen/core/sha256.h"
-#include "anigen/io/npz.h"
-#include "anigen/io/rigs/anymate_archive.h"
+#include "anigen/core/files.h"
+#include "anigen/core/hash.h"
+#include "anigen/io/arrays/npz.h"
+#include "anigen/io/gltf/container.h"
+#include "anigen/io/gltf/gltf.h"
+#include "anigen/io/obj.h"
+#include "anigen/io/ply.h"
+#include "anigen/io/rigs/anymate.h"
 #include "anigen/io/rigs/articulation_xl.h"
 #include "anigen/io/rigs/assimp_scene.h"
-#include "anigen/io/rigs/content_id.h"
-#include "anigen/io/rigs/file_list.h"
 #include "anigen/io/rigs/rig_arrays.h"
+#include "anigen/io/rigs/rig_listing.h"
+#include "anigen/io/rigs/rigged_shape.h"
 #include "anigen/io/rigs/text_rig.h"
+#include "anigen/io/stl.h"
 
 namespace anigen::io {
+
+std::string content_id(NamedArrays arrays) {
+  std::sort(arrays.begin(), arrays.end(), [](const auto& a, const auto& b) { return a.first < b.first; });
+  Sha256 digest;
+  for (const auto& [name, array] : arrays) {
+    std::string header = name + '\0' + name_of(array.dtype);
+    for (const std::int64_t size : array.shape) header += ' ' + std::to_string(size);
+    digest.update(header + '\0');
+    digest.update({reinterpret_cast<const char*>(array.bytes.data()), array.bytes.size()});
+  }
+  return digest.finish();
+}
+
+std::string gltf_content_id(const std::filesystem::path& file) {
+  const ImportOptions limits;
+  const std::string text = read_file(file, limits.max_file_bytes);
+  Sha256 digest;
+  digest.update(text);
+  const Json json = parse_json(text, file.string(), JsonLimits{limits.max_json_depth});
+  const auto buffers = json.is_object() ? json.find("buffers") : json.end();
+  if (buffers == json.end() || !buffers->is_array()) return digest.finish();
+  for (std::size_t i = 0; i < buffers->size(); ++i) {
+    const Json& buffer = (*buffers)[i];
+    if (!buffer.is_object() || !buffer.contains("uri") || !buffer["uri"].is_string()) continue;
+    const std::string uri = buffer["uri"].get<std::string>();
+    if (uri.rfind("data:", 0) == 0) continue;
+    const std::string pointer = "/buffers/" + std::to_string(i) + "/uri";
+    const std::filesystem::path buffered = gltf_import::path_of_uri(uri, file.parent_path(), file.string(), pointer);
+    digest.update(read_file(buffered, limits.max_file_bytes));
+  }
+  return digest.finish();
+}
+
+namespace {
+
+namespace fs = std::filesystem;
+
+const std::vector<std::string> kMeshExtensions = {".obj", ".ply", ".stl"};
+const std::vector<std::string> kRiggedExtensions = {".glb", ".gltf", ".fbx", ".dae", ".npz", ".pt", ".pth"};
+
+bool is_mesh_file(const fs::path& file) {
+  const std::string extension = lower_extension(file);
+  return std::find(kMeshExtensions.begin(), kMeshExtensions.end(), extension) != kMeshExtensions.end();
+}
+
+RiggedShape read_mesh_shape(const fs::path& file, const std::string& id, Axes axes) {
+  require_content(file);
+  RiggedShape shape;
+  shape.id = id;
+  shape.file = file.string();
+  const std::string extension = lower_extension(file);
+  const bool obj = extension == ".obj";
+  shape.mesh = obj ? read_obj(file) : extension == ".ply" ? read_ply(file) : read_stl(file);
+  turn_to_z_up(shape, axes, obj ? Axes::kYUp : Axes::kZUp);
+  return shape;
+}
+
+bool holds_rigs(const fs::path& folder) {
+  if (fs::exists(folder / "metadata.csv") || !files_below(folder, kRiggedExtensions).empty()) return true;
+  for (const fs::path& file : files_below(folder, {".txt"})) {
+    if (is_text_rig(file)) return true;
+  }
+  return false;
+}
+
+}  // namespace
+
+std::unique_ptr<ShapeSource> open_meshes(const fs::path& path, const SourceOptions& wanted) {
+  SourceOptions options = wanted;
+  options.require_rig = false;
+  std::error_code error;
+  const bool folder = fs::is_directory(path, error);
+  if (folder ? holds_rigs(path) : !is_mesh_file(path)) return open_source(path, options);
+  const Axes axes = options.axes;
+  const auto reader = [axes](const fs::path& file, const std::string& id) { return read_mesh_shape(file, id, axes); };
+  if (!folder) {
+    std::vector<FileListSource::Entry> entries = {{path.stem().string(), path}};
+    return std::make_unique<FileListSource>(std::move(entries), reader, "mesh " + path.string(), true);
+  }
+  const std::vector<fs::path> files = files_below(path, kMeshExtensions);
+  if (files.empty()) return open_source(path, options);  // which says what it looked for
+  return std::make_unique<FileListSource>(entries_below(path, files), reader,
+                                          std::to_string(files.size()) + " meshes in " + path.string(), false);
+}
+
+namespace {
+
+namespace fs = std::filesystem;
+
+enum class Format { kScene, kRigNpz, kTextRig };
+
+const std::vector<std::string> kSceneExtensions = {".glb", ".gltf", ".fbx", ".dae"};
+
+bool is_scene(const std::string& extension) {
+  return std::find(kSceneExtensions.begin(), kSceneExtensions.end(), extension) != kSceneExtensions.end();
+}
+
+const char* name_of(Format format) {
+  switch (format) {
+    case Format::kRigNpz:
+      return "NPZ rig";
+    case Format::kTextRig:
+      return "text rig";
+    case Format::kScene:
+      break;
+  }
+  return "rigged file";
+}
+
+FileListSource::Reader reader(Format format, const SourceOptions& options) {
+  const Axes axes = options.axes;
+  switch (format) {
+    case Format::kRigNpz:
+      return [axes](const fs::path& file, const std::string& id) {
+        RiggedShape shape = read_rig_npz(file, id);
+        turn_to_z_up(shape, axes, Axes::kZUp);
+        return shape;
+      };
+    case Format::kTextRig:
+      return [axes](const fs::path& file, const std::string& id) { return read_text_rig(file, id, axes); };
+    case Format::kScene:
+      break;
+  }
+  const bool require_rig = options.require_rig;
+  return [axes, require_rig](const fs::path& file, const std::string& id) {
+    return read_scene_shape(file, id, axes, require_rig);
+  };
+}
+
+/// Files that carry one name in every folder say who they are by the folder.
+std::string id_of_single(const fs::path& file) {
+  const std::string stem = file.stem().string();
+  const std::string folder = fs::absolute(file).parent_path().filename().string();
+  return (stem == "raw_data" || stem == "skeleton_voxelized") && !folder.empty() ? folder : stem;
+}
+
+std::unique_ptr<ShapeSource> single(const fs::path& file, Format format, const SourceOptions& options) {
+  std::vector<FileListSource::Entry> entries = {{id_of_single(file), file}};
+  return std::make_unique<FileListSource>(std::move(entries), reader(format, options),
+                                          std::string(name_of(format)) + " " + file.string(), true);
+}
+
+std::unique_ptr<ShapeSource> several(const fs::path& folder, const std::vector<fs::path>& files, Format format,
+                                     const SourceOptions& options) {
+  return std::make_unique<FileListSource>(
+      entries_below(folder, files), reader(format, options),
+      std::to_string(files.size()) + " " + name_of(format) + (files.size() == 1 ? "" : "s") + " in " + folder.string(),
+      false);
+}
+
+std::unique_ptr<ShapeSource> open_npz(const fs::path& file, const SourceOptions& options) {
+  require_content(file);
+  if (is_rig_npz(file)) return single(file, Format::kRigNpz, options);
+  return std::make_unique<ArticulationXlSource>(file, options);
+}
+
+std::unique_ptr<ShapeSource> open_file(const fs::path& file, const SourceOptions& options) {
+  const std::string extension = lower_extension(file);
+  if (is_scene(extension)) return single(file, Format::kScene, options);
+  if (extension == ".txt") return single(file, Format::kTextRig, options);
+  if (extension == ".npz") return open_npz(file, options);
+  if (extension == ".pt" || extension == ".pth")
+    return std::make_unique<AnymateSource>(std::vector<fs::path>{file}, options, true);
+  if (extension == ".csv") throw InputError(file.string(), "", "a CSV of pairs names both sides at once");
+  throw NotSupportedError(
+      file.string(), "",
+      "rigs in " + (extension.empty() ? "files without extension" : extension + " files") + "; convert them to .glb");
+}
+
+/// anigen-generate writes mesh.glb with generation.json, and beside it a solid skeleton and what else was asked for.
+bool is_beside_report(const fs::path& file) { return fs::is_regular_file(file.parent_path() / "generation.json"); }
+
+std::vector<fs::path> without_companions(const std::vector<fs::path>& scenes) {
+  std::vector<fs::path> generated;
+  std::copy_if(scenes.begin(), scenes.end(), std::back_inserter(generated),
+               [](const fs::path& file) { return file.filename() == "mesh.glb" && is_beside_report(file); });
+  return generated.empty() ? scenes : generated;
+}
+
+std::unique_ptr<ShapeSource> open_folder(const fs::path& folder, const SourceOptions& options) {
+  if (fs::exists(folder / "metadata.csv") && fs::is_directory(folder / "skeleton"))
+    return std::make_unique<DatasetSource>(folder, options);
+  const std::vector<fs::path> scenes = without_companions(files_below(folder, kSceneExtensions));
+  std::vector<fs::path> npz = files_below(folder, {".npz"});
+  npz.erase(std::remove_if(npz.begin(), npz.end(), is_beside_report), npz.end());  // latents
+  const std::vector<fs::path> torch = files_below(folder, {".pt", ".pth"});
+  std::vector<fs::path> text = files_below(folder, {".txt"});
+  text.erase(std::remove_if(text.begin(), text.end(), [](const fs::path& file) { return !is_text_rig(file); }),
+             text.end());
+  std::vector<fs::path> raw_data;
+  std::copy_if(npz.begin(), npz.end(), std::back_inserter(raw_data),
+               [](const fs::path& file) { return file.filename() == "raw_data.npz"; });
+  if (!raw_data.empty()) npz = raw_data;
+
+  std::string found;
+  int formats = 0;
+  const auto count = [&](std::size_t files, const char* what) {
+    if (files == 0) return;
+    ++formats;
+    found += (found.empty() ? "" : ", ") + std::to_string(files) + " " + what;
+  };
+  count(scenes.size(), "glTF/FBX/DAE");
+  count(npz.size(), "NPZ");
+  count(torch.size(), "PyTorch");
+  count(text.size(), "text rigs");
+  if (formats == 0) {
+    throw InputError(
+        folder.string(), "",
+        "holds nothing that can be read: no .glb, .gltf, .fbx, .dae, .npz, .pt, text rig, or metadata.csv with "
+        "skeleton/");
+  }
+  if (formats > 1) {
+    throw InputError(folder.string(), "", "holds several formats (" + found + "); name a sub-folder with one of them");
+  }
+  if (!scenes.empty()) return several(folder, scenes, Format::kScene, options);
+  if (!text.empty()) return several(folder, text, Format::kTextRig, options);
+  if (!torch.empty()) return std::make_unique<AnymateSource>(torch, options, false);
+  return several(folder, npz, Format::kRigNpz, options);
+}
+
+}  // namespace
+
+std::unique_ptr<ShapeSource> open_source(const fs::path& path, const SourceOptions& options) {
+  std::error_code error;
+  const fs::file_status status = fs::status(path, error);
+  if (!fs::exists(status)) throw InputError(path.string(), "", "there is no such file or folder");
+  return fs::is_directory(status) ? open_folder(path, options) : open_file(path, options);
+}
+
 namespace {
 
 namespace fs = std::filesystem;
@@ -42,7 +279,7 @@ ImportedAsset asset_of(RiggedShape shape) {
   };
   tally("zero_weights", shape.unweighted, "vertices had no weight and were bound to the root");
   tally("duplicate_joint_names", repeated_names(shape.joint_names), "joints had the name of an earlier one");
-  const std::size_t trees = roots(shape.joints).size();
+  const std::size_t trees = anigen::roots(shape.joints).size();
   if (trees > 1) tally("several_roots", trees, "joint roots: all but the first became its children");
   imported.asset = to_asset(shape);
   imported.asset.name = shape.id;

@@ -1,13 +1,23 @@
 #pragma once
+#include <filesystem>
 #include <memory>
 #include <mutex>
 #include <string>
 
-#include "anigen/io/gltf.h"
+#include "anigen/io/arrays/ndarray.h"
+#include "anigen/io/gltf/gltf.h"
 #include "anigen/io/rigs/rig_listing.h"
-#include "anigen/io/rigs/shape_source.h"
+#include "anigen/io/rigs/rigged_shape.h"
 
 namespace anigen::io {
+
+/// sha256 of the arrays, sorted by name: of each its name, dtype, shape and bytes. So it does not matter in which file
+/// or in which order they are.
+std::string content_id(NamedArrays arrays);
+
+/// sha256 of a .gltf followed by its external buffers in order. @throws InputError when one is missing or lies outside
+/// the folder
+std::string gltf_content_id(const std::filesystem::path& file);
 
 /// Reads listed rigs as assets: mesh, one skeleton with parents first, weights; Z up. The shard that was read last
 /// stays open, so samples are best read in the order of the listing; several threads may read at once.

@@ -5,8 +5,8 @@
 #include <string>
 #include <vector>
 
-#include "anigen/io/rigs/axes.h"
-#include "anigen/io/rigs/joint_tree.h"
+#include "anigen/asset/skeleton.h"
+#include "anigen/io/rigs/rigged_shape.h"
 
 namespace anigen::io {
 
@@ -22,7 +22,7 @@ struct TextRig {
     std::int64_t vertex;
     std::vector<std::pair<int, float>> weights;  ///< joint, weight
   };
-  JointTree joints;
+  anigen::JointTree joints;
   std::vector<std::string> names;
   int root = 0;
   std::vector<SkinLine> skin;

@@ -1,6 +1,7 @@
 #pragma once
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -75,6 +76,31 @@ class BusyRank {
  private:
   Communicator& ranks_;
   std::int64_t step_;
+};
+
+/// One process that trains alone: every sum is what it was, nothing is sent, no thread runs.
+class SingleProcess : public Communicator {
+ public:
+  int rank() const override { return 0; }
+  int size() const override { return 1; }
+  std::string description() const override { return "one process"; }
+  std::unique_ptr<PendingSum> start_sum(torch::Tensor flat) override;
+  void broadcast(torch::Tensor flat) override { static_cast<void>(flat); }
+  std::vector<std::string> gather(const std::string& bytes) override { return {bytes}; }
+  void barrier() override {}
+  void report(std::int64_t, Activity) override {}
+  void leave(const std::string&) noexcept override {}
+};
+
+/// Small values that all ranks see, beside the connections between them. Functions may be called from several threads
+/// and throw when whoever keeps the values is gone.
+class SharedKeys {
+ public:
+  virtual ~SharedKeys() = default;
+  virtual void set(const std::string& key, const std::string& value) = 0;
+  virtual std::optional<std::string> find(const std::string& key) = 0;
+  /// Adds to a number that begins at 0. @return the sum
+  virtual std::int64_t add(const std::string& key, std::int64_t amount) = 0;
 };
 
 }  // namespace anigen::train

@@ -1,12 +1,47 @@
 #pragma once
 #include <cstdint>
 #include <memory>
+#include <string>
 #include <vector>
 
 #include "anigen/train/distributed/communicator.h"
-#include "anigen/train/parameter_buffer.h"
+#include "anigen/train/parameters.h"
 
 namespace anigen::train {
+
+/// What one rank has to say about a step, and what all of them said.
+struct StepReport {
+  double loss_sum = 0.0;     ///< over micro-batches
+  bool bad_loss = false;     ///< one was not finite
+  bool interrupted = false;  ///< a signal asked this process to stop
+  bool out_of_time = false;  ///< by this process's clock
+};
+struct StepVerdict {
+  double loss_sum = 0.0;      ///< over all ranks
+  std::vector<int> bad_loss;  ///< ranks
+  bool interrupted = false;   ///< any rank was
+  bool out_of_time = false;   ///< by rank 0's clock
+};
+
+/// Brings reports together: one small exact sum that travels beside the gradients.
+class StepAgreement {
+ public:
+  /// Call when every sum of gradients has begun. @param ranks must outlive this
+  StepAgreement(Communicator& ranks, const StepReport& report);
+  StepVerdict finish();
+
+ private:
+  torch::Tensor values_;  // fp64 [3 + ranks]
+  std::unique_ptr<PendingSum> sum_;
+};
+
+/// A checksum of a tensor's bits, at the speed of reading them. It changes with every bit and with the order.
+/// @param flat contiguous, of 4- or 8-byte elements
+std::uint64_t checksum(const torch::Tensor& flat);
+
+/// Compares a tensor over all ranks, bit for bit (by checksum; 8 bytes per rank are sent). All ranks must call it.
+/// @param moment for the message: "step 100" @throws Error on every rank, naming those that differ from most others
+void require_same_parameters(Communicator& ranks, const torch::Tensor& flat, const std::string& moment);
 
 /// Sums the gradients of all ranks while the backward pass is still running: parameters are put into buckets in the
 /// order in which their gradients are ready, and a bucket's sum begins when its last one is (the scheme of PyTorch's

@@ -7,6 +7,7 @@
 #include <sstream>
 
 namespace anigen::train {
+
 namespace {
 
 using Clock = Watchdog::Clock;

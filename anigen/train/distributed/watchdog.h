@@ -7,7 +7,6 @@
 #include <vector>
 
 #include "anigen/train/distributed/communicator.h"
-#include "anigen/train/distributed/shared_keys.h"
 
 namespace anigen::train {
 

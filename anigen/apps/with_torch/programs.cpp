@@ -1,0 +1,342 @@
+#include "anigen/apps/with_torch/programs.h"
+
+#include <cstdio>
+#include <memory>
+#include <string>
+#include <utility>
+
+#include "anigen/apps/common/command_line.h"
+#include "anigen/apps/common/torch_half.h"
+#include "anigen/apps/encode_arguments.h"
+#include "anigen/apps/eval_arguments.h"
+#include "anigen/apps/generate_arguments.h"
+#include "anigen/apps/rig_arguments.h"
+#include "anigen/apps/train_arguments.h"
+#include "anigen/core/error.h"
+#include "anigen/core/parallel.h"
+#include "anigen/eval/evaluate_command.h"
+#include "anigen/eval/skin_evaluation.h"
+#include "anigen/generate/anymate_rigger.h"
+#include "anigen/generate/encode_report.h"
+#include "anigen/generate/evaluate.h"
+#include "anigen/generate/generate_assets.h"
+#include "anigen/generate/retrieve.h"
+#include "anigen/generate/rignet_rigger.h"
+#include "anigen/generate/run_weights.h"
+#include "anigen/nn/profile.h"
+#include "anigen/rigging/rig_meshes.h"
+#include "anigen/train/distributed/launch.h"
+#include "anigen/train/train_command.h"
+#include "anigen/vision/voxel_features.h"
+
+namespace anigen {
+
+namespace {
+
+void print(const Json& json, const std::string& text, const CommonOptions& common) {
+  std::fputs(common.json ? (json.dump(2) + "\n").c_str() : text.c_str(), stdout);
+}
+
+void require_some(const generate::EncodedLatents& result) {
+  if (!result.failed.empty() && result.failed.size() == result.assets) {
+    throw Error("no asset could be encoded; the first: " + result.failed.begin()->second);
+  }
+}
+
+void reconstruct(const generate::ReconstructRequest& request, bool allow_failures, const CommonOptions& common) {
+  const std::vector<generate::ReconstructedAsset> made = generate::reconstruct_assets(request);
+  print(generate::to_json(made), generate::to_text(made), common);
+  std::size_t failed = 0;
+  for (const generate::ReconstructedAsset& asset : made) failed += asset.failure.empty() ? 0 : 1;
+  if (failed > 0 && (!allow_failures || failed == made.size()))
+    throw Error(std::to_string(failed) + " of " + std::to_string(made.size()) + " assets gave no file");
+}
+
+}  // namespace
+
+void run_encode(const EncodeArguments& arguments, const CommonOptions& common) {
+  nn::set_up_computing(common.threads);
+  if (arguments.task == EncodeArguments::Task::kReconstruct)
+    return reconstruct(arguments.rebuilt, arguments.allow_failures, common);
+  if (arguments.task == EncodeArguments::Task::kStructure) {
+    const generate::EncodeResult result = generate::encode_sparse_structure(arguments.encoded);
+    print(to_json(result), to_text(result), common);
+    return require_some(result);
+  }
+  const generate::EncodedLatents result = generate::encode_structured_latents(arguments.encoded);
+  print(to_json(result), to_text(result, "latents"), common);
+  require_some(result);
+}
+
+eval::SkinMethod skin_reconstruction(const std::string& run, const CommonOptions& common, Json& settings) {
+  nn::set_up_computing(common.threads);
+  const auto model = std::make_shared<generate::SkinReconstruction>(run, common.device);
+  settings["checkpoint"] = model->checkpoint().string();
+  settings["parameters"] = model->parameters();
+  settings["features_per_vertex"] = model->features_per_vertex();
+  eval::SkinMethod method;
+  method.key = "skin_ae";
+  method.label = "SkinAE reconstruction";
+  method.parallel = false;
+  method.predict = [model](const io::DatasetItem&, const eval::GroundTruth& truth) {
+    return model->reconstruct(truth.joints, truth.parents, truth.skin);
+  };
+  return method;
+}
+
+void add_perceptual_metric(const EvalArguments& arguments, const CommonOptions& common,
+                           eval::EvaluationRequest& request) {
+  nn::set_up_computing(common.threads);
+  const std::vector<std::filesystem::path> files(arguments.lpips_weights.begin(), arguments.lpips_weights.end());
+  const auto metric = std::make_shared<generate::PerceptualMetric>(files, common.device);
+  request.settings.lpips = metric->describe();
+  request.perceptual = [metric](const io::Image& a, const io::Image& b) { return metric->distance(a, b); };
+}
+
+void evaluate_structures(const EvalArguments& arguments, const CommonOptions& common) {
+  nn::set_up_computing(common.threads);
+  generate::StructureEvaluationRequest request;
+  request.run = arguments.ss_flow;
+  request.autoencoder = arguments.ss_dae;
+  request.data = arguments.truth;
+  request.split = arguments.splits.empty() ? "" : arguments.splits.front();
+  request.train_split = arguments.train_split;
+  request.out = arguments.out;
+  request.strengths = arguments.strengths;
+  request.steps = arguments.steps;
+  request.most = arguments.most;
+  request.pictured = arguments.pictured;
+  request.retrieval_views = arguments.views;
+  request.seed = common.seed;
+  request.device = common.device;
+  const generate::StructureEvaluation evaluation = generate::evaluate_structures(request);
+  std::fputs((to_markdown(evaluation.table()) + "\n").c_str(), stdout);
+}
+
+namespace {
+
+/// The number of joints that one of three options asks for.
+std::int64_t wanted_joints(const GenerateArguments& arguments) {
+  const int given = (arguments.joints != 0) + (arguments.joint_density >= 0) + (arguments.level >= 0);
+  if (given > 1)
+    throw InputError("", "--joints", "of --joints, --joint-density and --joint-level only one may be given");
+  if (arguments.level >= 0) return generate::joints_of_level(arguments.level);
+  if (arguments.joint_density >= 0) return static_cast<std::int64_t>(arguments.joint_density * 60 + 0.5);
+  return arguments.joints;
+}
+
+/// The runs of both flows, of which --checkpoint finds those that were not named.
+generate::FlowRuns runs_of(const GenerateArguments& arguments) {
+  const generate::FlowRuns named{arguments.structure_flow, arguments.latent_flow};
+  if (!named.structure.empty() && !named.latents.empty()) return named;
+  if (arguments.checkpoint.empty()) {
+    throw InputError("", named.structure.empty() ? "--ss-flow" : "--slat-flow",
+                     "name the runs of both flows, or the folder of both with --checkpoint");
+  }
+  return generate::find_flow_runs(arguments.checkpoint, wanted_joints(arguments) > 0, named);
+}
+
+std::vector<generate::NamedPicture> pictures_of(const GenerateArguments& arguments) {
+  if (!arguments.dataset.empty())
+    return generate::pictures_of_dataset(arguments.dataset, arguments.splits, arguments.most);
+  if (arguments.image.empty()) throw InputError("", "--image", "which picture? Or name a --dataset and a --split");
+  std::vector<generate::NamedPicture> pictures = generate::pictures_at(arguments.image);
+  if (!arguments.normal_map.empty()) {
+    if (pictures.size() != 1) throw InputError("", "--normal-map", "is for one picture");
+    pictures.front().normal_map = arguments.normal_map;
+  }
+  return pictures;
+}
+
+void set_models(const GenerateArguments& arguments, const CommonOptions& common,
+                generate::AssetGenerator::Request& models) {
+  const generate::FlowRuns runs = runs_of(arguments);
+  models.structure_flow = runs.structure;
+  models.latent_flow = runs.latents;
+  models.structure_autoencoder = arguments.structure_autoencoder;
+  models.latent_autoencoder = arguments.latent_autoencoder;
+  models.device = common.device;
+  models.low_memory = arguments.low_memory;
+  models.grouping = arguments.grouping;
+  if (arguments.averages && arguments.no_averages) throw InputError("", "--use-ema", "contradicts --no-ema");
+  if (arguments.averages) models.averages = nn::Averages::kAlways;
+  if (arguments.no_averages) models.averages = nn::Averages::kNever;
+  if (arguments.precision == "bf16") models.precision = torch::kBFloat16;
+  if (arguments.structure_condition == "color") {
+    models.structure_condition = generate::StructureCondition::kColor;
+  } else if (arguments.structure_condition == "normal") {
+    models.structure_condition = generate::StructureCondition::kNormal;
+  }
+}
+
+void set_sampling(const GenerateArguments& arguments, const CommonOptions& common,
+                  generate::GenerationOptions& sampling) {
+  if (common.seed_given) sampling.seed = common.seed;
+  sampling.joints = wanted_joints(arguments);
+  generate::SamplerOverrides &structure = sampling.structure, &latents = sampling.latents;
+  if (arguments.structure_strength >= 0) structure.cfg_strength = arguments.structure_strength;
+  if (arguments.latent_strength >= 0) latents.cfg_strength = arguments.latent_strength;
+  if (arguments.structure_steps != 0) structure.steps = arguments.structure_steps;
+  if (arguments.latent_steps != 0) latents.steps = arguments.latent_steps;
+  const auto interval = [](const std::vector<double>& ends) { return std::make_pair(ends[0], ends[1]); };
+  if (!arguments.structure_interval.empty()) structure.cfg_interval = interval(arguments.structure_interval);
+  if (!arguments.latent_interval.empty()) latents.cfg_interval = interval(arguments.latent_interval);
+  if (!arguments.solver.empty()) structure.solver = latents.solver = flow::parse_solver(arguments.solver);
+}
+
+generate::GenerateRequest request_of(const GenerateArguments& arguments, const CommonOptions& common) {
+  generate::GenerateRequest request;
+  set_models(arguments, common, request.models);
+  set_sampling(arguments, common, request.sampling);
+  request.pictures.background = generate::parse_background(arguments.background);
+  request.pictures.normals = generate::parse_normal_source(arguments.normals);
+  request.pictures.matting = arguments.matting;
+  request.estimator_weights = arguments.estimator_weights;
+  request.finishing = arguments.finishing;
+  request.finishing.remove_hidden = !arguments.keep_hidden;
+  request.finishing.filter_skin = !arguments.keep_weights;
+  if (arguments.no_smoothing) request.finishing.smoothing_iterations = 0;
+  request.published_axes = arguments.published_axes;
+  request.obj = arguments.obj;
+  request.intermediate = arguments.intermediate;
+  request.again = arguments.again;
+  request.accept_other_code = arguments.accept_other_code;
+  request.output = arguments.output;
+  request.name = arguments.name;
+  return request;
+}
+
+}  // namespace
+
+void run_generate(const GenerateArguments& arguments, const CommonOptions& common) {
+  nn::set_up_computing(common.threads);
+  const auto reports = generate::generate_assets(request_of(arguments, common), pictures_of(arguments));
+  std::fputs(common.json ? (generate::to_json(reports).dump(2) + "\n").c_str() : generate::to_text(reports).c_str(),
+             stdout);
+  std::size_t failed = 0;
+  for (const auto& report : reports) failed += report.failure.empty() ? 0 : 1;
+  if (failed > 0 && (!arguments.allow_failures || failed == reports.size())) {
+    throw Error(std::to_string(failed) + " of " + std::to_string(reports.size()) + " pictures gave no asset");
+  }
+}
+
+rigging::LearnedSteps learned_steps(const RigArguments& arguments, const CommonOptions& common) {
+  nn::set_up_computing(common.threads);
+  const generate::LearnedModelFiles files{arguments.joint_model, arguments.connectivity_model, arguments.skin_model};
+  const torch::Device device = generate::parse_device(common.device);
+  const std::size_t influences = arguments.request.binding.heat.most_influences;
+  if (arguments.method == kAnymate) {
+    generate::AnymateRiggerOptions rigger;
+    rigger.points = arguments.points;
+    rigger.eps = arguments.eps;
+    rigger.seed = common.seed;
+    rigger.most_influences = influences;
+    rigger.device = device;
+    return generate::anymate_steps(generate::load_anymate_models(files, device), rigger);
+  }
+  generate::RignetRiggerOptions rigger;
+  rigger.seed = common.seed;
+  rigger.most_influences = influences;
+  rigger.device = device;
+  return generate::rignet_steps(generate::load_rignet_models(files, device), rigger);
+}
+
+void retrieve(const RigArguments& arguments, const CommonOptions& common) {
+  nn::set_up_computing(common.threads);
+  generate::RetrievalRequest request;
+  request.dataset = arguments.request.joints.collection;
+  request.splits = arguments.request.joints.splits;
+  request.views = arguments.views;
+  request.pictures.background = generate::parse_background(arguments.background);
+  request.seen = arguments.condition == "normal" ? data::ConditionPictures::kNormals : data::ConditionPictures::kColor;
+  request.output = arguments.request.out;
+  const auto pictures =
+      arguments.image.empty()
+          ? generate::pictures_of_dataset(request.dataset, {arguments.pictured.begin(), arguments.pictured.end()},
+                                          arguments.most)
+          : generate::pictures_at(arguments.image);
+  const auto reports = generate::retrieve_assets(request, pictures);
+  std::fputs(common.json ? (to_json(reports).dump(2) + "\n").c_str() : to_text(reports).c_str(), stdout);
+  for (const auto& report : reports) {
+    if (report.failure.empty()) return;
+  }
+  throw Error("none of the pictures could be rigged");
+}
+
+namespace {
+
+train::TrainCommand command_of(const TrainArguments& arguments, const CommonOptions& common) {
+  train::TrainCommand command;
+  command.config = arguments.config;
+  command.overrides = arguments.overrides;
+  command.data_dir = arguments.data_dir;
+  command.run.output = arguments.output;
+  command.run.load = arguments.load;
+  command.run.ckpt = arguments.ckpt;
+  command.run.restart = arguments.restart;
+  command.run.profile_steps = arguments.profile_steps;
+  command.run.threads = thread_count();
+  command.device = common.device;
+  command.ranks.timeout = arguments.timeout;
+  command.ranks.sent = arguments.communication == "bf16" ? torch::kBFloat16 : torch::kFloat32;
+  for (const std::string& word : arguments.words)
+    command.command_line += (command.command_line.empty() ? "" : " ") + word;
+  if (common.seed_given) command.overrides.push_back("trainer.args.seed=" + std::to_string(common.seed));
+  if (!arguments.warm_start.empty()) {
+    command.overrides.push_back(arguments.warm_start == "none" ? std::string("trainer.args.warm_start=none")
+                                                               : "trainer.args.pretrained_dir=" + arguments.warm_start);
+  }
+  return command;
+}
+
+}  // namespace
+
+int run_train(const TrainArguments& arguments, const CommonOptions& common) {
+  const train::LaunchEnvironment environment = train::read_launch_environment(arguments.rendezvous);
+  if (!arguments.ranks_given && environment.launcher.empty() && !arguments.only_of_ranks.empty()) {
+    throw InputError("", arguments.only_of_ranks.front(),
+                     "is for several processes: there is neither --ranks nor a launcher");
+  }
+  if (arguments.ranks > 1 && environment.launcher.empty())
+    return train::run_local_ranks({arguments.ranks, arguments.restarts, arguments.timeout}, arguments.words);
+  if (arguments.ranks > 1 && arguments.ranks != environment.size) {
+    throw InputError(
+        "--ranks", std::to_string(arguments.ranks),
+        environment.launcher + " has started " + std::to_string(environment.size) + "; leave the option out");
+  }
+  if (common.threads == 0 && environment.local_size > 1)
+    set_thread_count(shared_thread_count(find_cores(), environment.local_size));
+  train::TrainCommand command = command_of(arguments, common);
+  command.environment = environment;
+  train::train(command);
+  return 0;
+}
+
+namespace {
+
+std::string describe_weights(const std::string& run, Json& description) {
+  description["weights"] = generate::describe_weights(run);
+  return generate::first_incomplete(description["weights"]);
+}
+
+}  // namespace
+
+/// The entry that torch_half() looks for.
+extern "C" __attribute__((visibility("default"))) const TorchHalf* anigen_torch_half() {
+  static const TorchHalf half{
+      nn::version_details,
+      run_encode,
+      run_generate,
+      run_train,
+      retrieve,
+      learned_steps,
+      add_perceptual_metric,
+      skin_reconstruction,
+      evaluate_structures,
+      describe_weights,
+      vision::make_feature_extractor,
+  };
+  return &half;
+}
+
+}  // namespace anigen

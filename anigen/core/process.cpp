@@ -1,0 +1,381 @@
+#include "anigen/core/process.h"
+
+#include <fcntl.h>
+#include <poll.h>
+#include <signal.h>
+#include <sys/file.h>
+#include <sys/prctl.h>
+#include <sys/resource.h>
+#include <sys/wait.h>
+#include <unistd.h>
+#include <algorithm>
+#include <cerrno>
+#include <chrono>
+#include <cmath>
+#include <csignal>
+#include <cstring>
+#include <exception>
+#include <fstream>
+#include <sstream>
+#include <system_error>
+#include <thread>
+#include <utility>
+
+#include "anigen/core/error.h"
+#include "anigen/core/random.h"
+
+namespace anigen {
+
+namespace {
+
+/// What /proc/<id>/stat says behind the program's name, which may hold blanks and brackets itself.
+struct ProcessState {
+  char state = 0;  ///< 0: there is no such process, or nobody says
+  std::uint64_t started = 0;
+};
+
+ProcessState state_of(std::int64_t id) {
+  constexpr int kFieldsBetween = 18;  // from the state, field 3, to the time of the start, field 22
+  std::ifstream file("/proc/" + std::to_string(id) + "/stat");
+  std::string line;
+  if (!std::getline(file, line)) return {};
+  const std::size_t name_end = line.rfind(')');
+  if (name_end == std::string::npos) return {};
+  std::istringstream fields(line.substr(name_end + 1));
+  ProcessState found;
+  std::string skipped;
+  fields >> found.state;
+  for (int i = 0; i < kFieldsBetween; ++i) fields >> skipped;
+  fields >> found.started;
+  return fields ? found : ProcessState{};
+}
+
+/// @param kind of namespace, as in /proc/self/ns
+std::string read_space(const char* kind) {
+  std::ifstream file("/proc/sys/kernel/random/boot_id");
+  std::string boot;
+  std::getline(file, boot);
+  char name[64];
+  const ssize_t size = ::readlink((std::string("/proc/self/ns/") + kind).c_str(), name, sizeof name);
+  return boot.empty() || size <= 0 ? "" : boot + "/" + std::string(name, static_cast<std::size_t>(size));
+}
+
+std::string read_host() {
+  char name[256] = {};
+  return ::gethostname(name, sizeof name - 1) == 0 ? name : "unknown";
+}
+
+}  // namespace
+
+ProcessIdentity this_process() {
+  // Of the machine, and so the same after a fork.
+  static const std::string host = read_host(), space = read_space("pid");
+  ProcessIdentity process{host, space, ::getpid(), 0};
+  process.started = state_of(process.id).started;
+  return process;
+}
+
+bool certainly_gone(const ProcessIdentity& process) {
+  const ProcessIdentity here = this_process();
+  if (process.space.empty() || process.space != here.space || here.started == 0) return false;
+  const ProcessState found = state_of(process.id);
+  return found.state == 0 || found.state == 'Z' || found.state == 'X' || found.started != process.started;
+}
+
+std::string network_space() {
+  const std::string space = read_space("net");
+  return space.empty() ? read_host() : space;
+}
+
+std::string process_number() {
+  // Kept, since it names every file that is written; asked for anew after a fork.
+  thread_local std::int64_t of_process = -1;
+  thread_local std::string number;
+  if (of_process != ::getpid()) {
+    const ProcessIdentity process = this_process();
+    of_process = process.id;
+    number = std::to_string(stable_hash(to_json(process).dump()));
+  }
+  return number;
+}
+
+Json to_json(const ProcessIdentity& process) {
+  return {{"host", process.host}, {"space", process.space}, {"id", process.id}, {"started", process.started}};
+}
+
+ProcessIdentity process_identity_from_json(const Json& json) {
+  return {json.at("host").get<std::string>(), json.at("space").get<std::string>(), json.at("id").get<std::int64_t>(),
+          json.at("started").get<std::uint64_t>()};
+}
+
+std::optional<FileLock> FileLock::try_lock(const std::filesystem::path& file, Kind kind) {
+  if (file.has_parent_path()) {
+    std::error_code error;
+    std::filesystem::create_directories(file.parent_path(), error);
+    if (error) throw Error(file.parent_path().string() + ": cannot create folder: " + error.message());
+  }
+  const int descriptor = ::open(file.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0666);
+  if (descriptor < 0) throw Error(file.string() + ": cannot open: " + std::strerror(errno));
+  const int operation = kind == Kind::kShared ? LOCK_SH : LOCK_EX;
+  if (::flock(descriptor, operation | LOCK_NB) == 0) return FileLock(descriptor);
+  const int reason = errno;
+  ::close(descriptor);
+  if (reason == EWOULDBLOCK) return std::nullopt;
+  if (reason == ENOSYS || reason == EOPNOTSUPP || reason == ENOLCK) {
+    throw NotSupportedError(file.string(), "", "locks (flock) by the file system of this folder");
+  }
+  throw Error(file.string() + ": cannot lock: " + std::strerror(reason));
+}
+
+FileLock::~FileLock() {
+  if (descriptor_ >= 0) ::close(descriptor_);
+}
+
+std::filesystem::path dataset_lock_file(const std::filesystem::path& root) { return root / "run" / "lock"; }
+
+std::filesystem::path dataset_prepare_lock_file(const std::filesystem::path& root) {
+  return root / "run" / "lock-prepare";
+}
+
+namespace {
+
+namespace fs = std::filesystem;
+using Kind = FileLock::Kind;
+
+FileLock pass_gate(const fs::path& file) { return wait_for_lock(file.string() + "-gate", Kind::kExclusive); }
+
+}  // namespace
+
+FileLock wait_for_lock(const fs::path& file, Kind kind) {
+  for (;;) {
+    if (std::optional<FileLock> lock = FileLock::try_lock(file, kind)) return std::move(*lock);
+    throw_if_interrupted();
+    std::this_thread::sleep_for(std::chrono::milliseconds(20));
+  }
+}
+
+std::optional<FileLock> join_group(const fs::path& file, const std::function<void(bool)>& enter) {
+  const FileLock gate = pass_gate(file);
+  const bool first = FileLock::try_lock(file, Kind::kExclusive).has_value();
+  if (!first && !FileLock::try_lock(file, Kind::kShared)) return std::nullopt;
+  enter(first);
+  return FileLock::try_lock(file, Kind::kShared);
+}
+
+std::optional<FileLock> instead_of_group(const fs::path& file) {
+  const FileLock gate = pass_gate(file);
+  return FileLock::try_lock(file, Kind::kExclusive);
+}
+
+bool while_group_is_empty(const fs::path& file, const std::function<void()>& action) {
+  const FileLock gate = pass_gate(file);
+  if (!FileLock::try_lock(file, Kind::kExclusive)) return false;
+  action();
+  return true;
+}
+
+namespace {
+
+volatile std::sig_atomic_t requested = 0;
+
+void handle(int signal) {
+  requested = 1;
+  std::signal(signal, SIG_DFL);
+}
+
+}  // namespace
+
+void install_interrupt_handler() {
+  std::signal(SIGINT, handle);
+  std::signal(SIGTERM, handle);
+}
+
+bool interrupt_requested() { return requested != 0; }
+
+void throw_if_interrupted() {
+  if (interrupt_requested()) throw Interrupted("interrupted; what was finished is saved");
+}
+
+namespace {
+
+constexpr int kWorkThrew = 3;
+constexpr int kPollMilliseconds = 20;
+/// Of time that passes to time the processor works: only work that waits for something reaches it.
+constexpr double kPatience = 10.0;
+
+[[noreturn]] void refuse(const char* what) { throw Error(std::string("cannot ") + what + ": " + std::strerror(errno)); }
+
+std::uint64_t page_bytes() { return static_cast<std::uint64_t>(::sysconf(_SC_PAGESIZE)); }
+
+/// Of address space; 0 when the system does not say.
+std::uint64_t bytes_in_use() {
+  std::ifstream file("/proc/self/statm");
+  std::uint64_t pages = 0;
+  return file >> pages ? pages * page_bytes() : 0;
+}
+
+void lower_limit(int resource, std::uint64_t value) {
+  rlimit limit{};
+  if (::getrlimit(static_cast<__rlimit_resource_t>(resource), &limit) != 0) return;
+  limit.rlim_cur = std::min<rlim_t>(value, limit.rlim_max);
+  ::setrlimit(static_cast<__rlimit_resource_t>(resource), &limit);
+}
+
+bool write_all(int to, const char* bytes, std::size_t count) {
+  while (count > 0) {
+    const ssize_t n = ::write(to, bytes, count);
+    if (n < 0 && errno != EINTR) return false;
+    if (n < 0) continue;
+    bytes += n;
+    count -= static_cast<std::size_t>(n);
+  }
+  return true;
+}
+
+/// The copy's side: the length of the result, then the result. It never returns.
+[[noreturn]] void work_in_copy(const std::function<std::string()>& work, const ProcessLimits& limits,
+                               std::uint64_t memory, int to) {
+  for (const int signal : {SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGABRT, SIGXCPU}) ::signal(signal, SIG_DFL);
+  ::signal(SIGINT, SIG_IGN);  // a Ctrl-C is for the parent to act on
+  lower_limit(RLIMIT_CORE, 0);
+  lower_limit(RLIMIT_CPU, static_cast<std::uint64_t>(std::ceil(std::max(1.0, limits.cpu_seconds))));
+  if (memory > 0) lower_limit(RLIMIT_AS, memory);
+  int status = kWorkThrew;
+  try {
+    const std::string result = work();
+    const std::uint64_t size = result.size();
+    char head[sizeof size];
+    std::memcpy(head, &size, sizeof size);
+    if (write_all(to, head, sizeof head) && write_all(to, result.data(), result.size())) status = 0;
+  } catch (const std::exception&) {
+  }
+  ::_exit(status);
+}
+
+/// Collects the result that the copy sends.
+class Receiver {
+ public:
+  explicit Receiver(int from) : from_(from) {}
+
+  /// Takes what is there. @return false when no more can come
+  bool receive() {
+    char buffer[65536];
+    for (;;) {
+      const ssize_t n = ::read(from_, buffer, sizeof buffer);
+      if (n > 0)
+        bytes_.append(buffer, static_cast<std::size_t>(n));
+      else if (n == 0)
+        return false;
+      else if (errno != EINTR)
+        return errno == EAGAIN || errno == EWOULDBLOCK;
+      if (is_complete()) return false;
+    }
+  }
+  bool is_complete() const {
+    std::uint64_t size = 0;
+    if (bytes_.size() < sizeof size) return false;
+    std::memcpy(&size, bytes_.data(), sizeof size);
+    return bytes_.size() - sizeof size >= size;
+  }
+  std::string take() {
+    bytes_.erase(0, sizeof(std::uint64_t));
+    return std::move(bytes_);
+  }
+
+ private:
+  int from_;
+  std::string bytes_;
+};
+
+class Copy {
+ public:
+  explicit Copy(pid_t id, int from) : id_(id), from_(from) {}
+  ~Copy() {
+    ::close(from_);
+    if (id_ > 0) end();
+  }
+  Copy(const Copy&) = delete;
+  Copy& operator=(const Copy&) = delete;
+
+  bool has_ended() {
+    if (id_ <= 0) return true;
+    const pid_t ended = ::waitpid(id_, &status_, WNOHANG);
+    if (ended == id_ || (ended < 0 && errno != EINTR)) id_ = -1;
+    return id_ <= 0;
+  }
+  void end() {
+    ::kill(id_, SIGKILL);
+    while (::waitpid(id_, &status_, 0) < 0 && errno == EINTR) {
+    }
+    id_ = -1;
+  }
+  int status() const { return status_; }
+
+ private:
+  pid_t id_;
+  int from_, status_ = 0;
+};
+
+std::string ending(int status, double cpu_seconds) {
+  if (!WIFSIGNALED(status)) return "crashed (status " + std::to_string(WEXITSTATUS(status)) + ")";
+  const int signal = WTERMSIG(status);
+  if (signal == SIGXCPU)
+    return "took more than " + std::to_string(static_cast<long>(std::ceil(cpu_seconds))) + " s of processor time";
+  if (signal == SIGKILL) return "was ended by the system, which happens when memory runs out";
+  return std::string("crashed (") + ::strsignal(signal) + ")";
+}
+
+}  // namespace
+
+GuardedWork run_guarded(const std::function<std::string()>& work, const ProcessLimits& limits) {
+  const std::uint64_t machine = static_cast<std::uint64_t>(::sysconf(_SC_PHYS_PAGES)) * page_bytes();
+  const std::uint64_t used = bytes_in_use();
+  const std::uint64_t memory = used > 0 ? used + (limits.more_memory > 0 ? limits.more_memory : machine) : 0;
+  int ends[2];
+  if (::pipe2(ends, O_CLOEXEC) != 0) refuse("make a pipe");
+  const pid_t parent = ::getpid(), id = ::fork();
+  if (id < 0) {
+    const int problem = errno;
+    ::close(ends[0]);
+    ::close(ends[1]);
+    errno = problem;
+    refuse("start a process");
+  }
+  if (id == 0) {
+    ::prctl(PR_SET_PDEATHSIG, SIGKILL);
+    if (::getppid() != parent) ::_exit(kWorkThrew);
+    ::close(ends[0]);
+    work_in_copy(work, limits, memory, ends[1]);
+  }
+  ::close(ends[1]);
+  ::fcntl(ends[0], F_SETFL, ::fcntl(ends[0], F_GETFL) | O_NONBLOCK);
+  Copy copy(id, ends[0]);
+  Receiver receiver(ends[0]);
+  using Clock = std::chrono::steady_clock;
+  const Clock::time_point start = Clock::now();
+  GuardedWork outcome;
+  for (bool ended = false;;) {
+    // Looked at before the pipe is emptied: then nothing can come after it. The pipe's end alone does not tell, since a
+    // copy that another thread makes meanwhile keeps it open.
+    ended = copy.has_ended();
+    const bool more = receiver.receive();
+    if (receiver.is_complete()) {
+      outcome.finished = true;
+      outcome.result = receiver.take();
+      return outcome;
+    }
+    if (ended) break;
+    if (std::chrono::duration<double>(Clock::now() - start).count() > kPatience * std::max(1.0, limits.cpu_seconds)) {
+      copy.end();
+      outcome.failure = "did not finish within " +
+                        std::to_string(static_cast<long>(kPatience * std::max(1.0, limits.cpu_seconds))) + " s";
+      return outcome;
+    }
+    pollfd wanted{ends[0], POLLIN, 0};
+    ::poll(&wanted, more ? 1 : 0, more ? kPollMilliseconds : 1);
+  }
+  outcome.failure = ending(copy.status(), limits.cpu_seconds);
+  return outcome;
+}
+
+}  // namespace anigen

@@ -1,0 +1,553 @@
+#include "anigen/data/datasets.h"
+
+#include <algorithm>
+#include <functional>
+#include <system_error>
+#include <utility>
+
+#include "anigen/core/error.h"
+#include "anigen/core/log.h"
+#include "anigen/core/parallel.h"
+#include "anigen/core/random.h"
+#include "anigen/data/batches.h"
+#include "anigen/data/latent_files.h"
+#include "anigen/data/view_files.h"
+#include "anigen/data/voxel_files.h"
+
+namespace anigen::data {
+
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr int kReplacements = 20;
+
+// Only whether files are there: reading all of a large dataset would take hours.
+std::string missing_file(const std::vector<fs::path>& files) {
+  for (const fs::path& file : files) {
+    std::error_code error;
+    if (!fs::is_regular_file(file, error)) return InputError(file.string(), "", "no such file").what();
+  }
+  return "";
+}
+
+}  // namespace
+
+AssetDataset::AssetDataset(std::vector<AssetId> assets, const Options& options, const Files& files)
+    : options_(options) {
+  std::vector<std::string> problems(assets.size());
+  std::vector<std::uint64_t> voxels(assets.size(), 0);
+  parallel_for(assets.size(), [&](std::size_t i) {
+    try {
+      problems[i] = missing_file(files.of(assets[i]));
+      if (!problems[i].empty() || !files.count_voxels) return;
+      voxels[i] = assets[i].num_voxels > 0 ? assets[i].num_voxels : files.count_voxels(assets[i]);
+    } catch (const InputError& error) {
+      problems[i] = error.what();
+    }
+  });
+  std::vector<std::string> named;
+  for (std::size_t i = 0; i < assets.size(); ++i) {
+    if (!problems[i].empty()) {
+      named.push_back(problems[i]);
+      continue;
+    }
+    visits_.insert(visits_.end(), assets[i].repeat, assets_.size());
+    assets_.push_back(std::move(assets[i]));
+    if (files.count_voxels) voxels_.push_back(voxels[i]);
+  }
+  report_broken(named, problems.size(), options.skip_broken);
+}
+
+std::size_t AssetDataset::item_of(std::size_t asset) const {
+  // The visits of an asset follow each other, in the order of assets.
+  return static_cast<std::size_t>(std::lower_bound(visits_.begin(), visits_.end(), asset) - visits_.begin());
+}
+
+std::unique_ptr<Batch> AssetDataset::load(const std::vector<Draw>& draws) const {
+  Samples samples;
+  std::vector<std::string> ids;
+  for (const Draw& draw : draws) {
+    samples.push_back(sample(draw));
+    ids.push_back(samples.back()->id);
+  }
+  std::unique_ptr<Batch> batch = collate(samples, ids);
+  batch->ids = std::move(ids);
+  return batch;
+}
+
+std::unique_ptr<AssetDataset::Sample> AssetDataset::sample(const Draw& draw) const {
+  std::size_t asset = visits_[draw.item];
+  Rng replacement(options_.seed, "replacement", draw.position);
+  for (int attempt = 0;; ++attempt) {
+    try {
+      std::unique_ptr<Sample> found = read(asset, draw.position);
+      found->id = assets_[asset].id;
+      return found;
+    } catch (const InputError& error) {
+      if (!options_.skip_broken) throw;
+      broken_.note(assets_[asset].id, error.what());
+      if (attempt == kReplacements) {
+        throw InputError("", "dataset",
+                         std::to_string(broken_.count()) + " assets cannot be read, the last " +
+                             std::to_string(kReplacements + 1) + " in a row; the last error: " + error.what());
+      }
+      asset = visits_[replacement.index(visits_.size())];
+    }
+  }
+}
+
+std::vector<std::uint64_t> AssetDataset::bucket_loads() const {
+  std::vector<std::uint64_t> loads;
+  if (!options_.bucket_by_voxels) return loads;
+  for (std::size_t item = 0; item < visits_.size(); ++item) loads.push_back(voxels_of_item(item));
+  return loads;
+}
+
+FeatureSkeletonOptions FeatureSkeletonOptions::read(ConfigReader& reader) {
+  FeatureSkeletonOptions options;
+  options.sources.read_common(reader);
+  reader.require("image_size");
+  options.image_size = static_cast<int>(reader.integer("image_size", 518, 1, 4096));
+  options.model = reader.text("model", options.model);
+  options.resolution = static_cast<int>(reader.integer("resolution", kStoredResolution, 1, kStoredResolution));
+  if (kStoredResolution % options.resolution != 0) throw reader.error("resolution", "must divide 64");
+  options.load_cubvh = reader.boolean("load_cubvh", false);
+  options.skl_dilation_iter = static_cast<int>(reader.integer("skl_dilation_iter", 0, 0, kMostResolution));
+  options.skl_dilation_random_aug = reader.boolean("skl_dilation_random_aug", false);
+  options.skl_dilation_random_aug_prob = reader.number("skl_dilation_random_aug_prob", 0.5, 0.0, 1.0);
+  options.skin_accum_as_flow = reader.boolean("skin_accum_as_flow", false);
+  reader.ignore("joint_merge_res");
+  options.bucket_by_voxels = reader.boolean("bucket_by_voxels", false);
+  options.memory_budget_mb = reader.integer("memory_budget_mb", 8192, 0, 1 << 24);
+
+  RowFilter& filter = options.sources.filter;
+  filter.required_flags = {"feature_" + options.model};
+  filter.required_columns = {"is_bad_skin"};
+  filter.max_num_voxels = reader.integer("max_num_voxels", 32768, 0);
+  filter.drop_bad_skin = reader.boolean("filter_bad_skin", false);
+  const bool test_mode = reader.boolean("test_mode", true), is_test = reader.boolean("is_test", false);
+  if (test_mode) filter.is_test = is_test;
+  return options;
+}
+
+namespace {
+
+namespace fs = std::filesystem;
+
+fs::path feature_path(const AssetId& asset, const std::string& model) {
+  return asset.root / "features" / model / (asset.id + ".npz");
+}
+
+fs::path view_folder(const AssetId& asset) { return asset.root / "renders" / asset.id; }
+
+torch::Tensor matrices(std::vector<float> values, std::int64_t batch, std::int64_t edge) {
+  return tensor_of(values, {batch, edge, edge});
+}
+
+}  // namespace
+
+struct FeatureSkeletonDataset::Pack : Sample {
+  VoxelRows features, skeleton;
+  ViewImage view;
+  RigArrays rig;
+  std::shared_ptr<const geometry::NearestSurface> surface;
+  bool is_bad_skin = false;
+};
+
+FeatureSkeletonDataset::FeatureSkeletonDataset(std::vector<AssetId> assets, const FeatureSkeletonOptions& options,
+                                               std::uint64_t seed)
+    : AssetDataset(std::move(assets), {seed, options.sources.skip_broken, options.bucket_by_voxels},
+                   {[&](const AssetId& asset) {
+                      return std::vector{feature_path(asset, options.model), skeleton_voxel_path(asset),
+                                         view_folder(asset) / "transforms.json", rig_path(asset)};
+                    },
+                    options.bucket_by_voxels ? std::function<std::uint64_t(const AssetId&)>([&](const AssetId& asset) {
+                      return count_rows(feature_path(asset, options.model), "indices");
+                    })
+                                             : nullptr}),
+      options_(options),
+      surfaces_(static_cast<std::uintmax_t>(options.memory_budget_mb) << 20) {}
+
+std::vector<geometry::Voxel> FeatureSkeletonDataset::skeleton_voxels(const AssetId& asset,
+                                                                     std::uint64_t position) const {
+  const int radius = options_.skl_dilation_iter, resolution = options_.resolution;
+  const std::vector<geometry::Voxel> rows = read_voxels_at(skeleton_voxel_path(asset), resolution);
+  if (!options_.skl_dilation_random_aug) {
+    return radius == 0 ? rows : geometry::dilate(rows, resolution, radius);
+  }
+  Rng rng(seed(), "skeleton dilation", position);
+  if (!rng.chance(options_.skl_dilation_random_aug_prob)) return geometry::dilate(rows, resolution, radius);
+  return geometry::dilate_randomly(rows, resolution, radius, [&rng] { return rng.uniform(); });
+}
+
+std::unique_ptr<AssetDataset::Sample> FeatureSkeletonDataset::read(std::size_t index, std::uint64_t position) const {
+  const AssetId& id = asset(index);
+  auto pack = std::make_unique<Pack>();
+  pack->features = read_features_at(feature_path(id, options_.model), options_.resolution);
+  pack->skeleton.coords = skeleton_voxels(id, position);
+  Rng view(seed(), "view", position);
+  pack->view = read_view(view_folder(id), options_.image_size, view);
+  pack->rig = read_rig_arrays(id);
+  const std::size_t unweighted = normalize_skin_rows(pack->rig.skin, pack->rig.joints.size());
+  if (unweighted > 0 && !told_unweighted_.exchange(true)) {
+    log::warn(
+        "{}: {} of {} vertices have no weight and follow joint 0, as published; said of the first such asset only",
+        rig_path(id).string(), unweighted, pack->rig.vertices.size());
+  }
+  if (options_.skin_accum_as_flow) accumulate_skin_as_flow(pack->rig.skin, pack->rig.parents);
+  if (options_.load_cubvh) pack->surface = surfaces_.of(index, pack->rig);
+  pack->is_bad_skin = id.is_bad_skin;
+  return pack;
+}
+
+std::unique_ptr<Batch> FeatureSkeletonDataset::collate(const Samples& samples,
+                                                       const std::vector<std::string>& ids) const {
+  auto batch = std::make_unique<FeatureSkeletonBatch>();
+  std::vector<const VoxelRows*> features, skeletons;
+  std::vector<const std::vector<float>*> images, alphas;
+  std::vector<float> extrinsics, intrinsics;
+  for (const auto& sample : samples) {
+    const auto& pack = static_cast<const Pack&>(*sample);
+    features.push_back(&pack.features);
+    skeletons.push_back(&pack.skeleton);
+    images.push_back(&pack.view.image);
+    alphas.push_back(&pack.view.alpha);
+    extrinsics.insert(extrinsics.end(), pack.view.extrinsics.begin(), pack.view.extrinsics.end());
+    intrinsics.insert(intrinsics.end(), pack.view.intrinsics.begin(), pack.view.intrinsics.end());
+    batch->rigs.append(pack.rig);
+    if (pack.surface) batch->rigs.surfaces.push_back(pack.surface);
+    batch->is_bad_skin.push_back(pack.is_bad_skin);
+  }
+  const std::int64_t edge = options_.image_size, count = static_cast<std::int64_t>(samples.size());
+  batch->feats = collate_voxels(features, ids);
+  batch->feats_skl = collate_voxels(skeletons, ids);
+  batch->image = stack(images, {3, edge, edge}, ids, "image");
+  batch->alpha = stack(alphas, {edge, edge}, ids, "alpha");
+  batch->extrinsics = matrices(std::move(extrinsics), count, 4);
+  batch->intrinsics = matrices(std::move(intrinsics), count, 3);
+  return batch;
+}
+
+namespace {
+
+namespace fs = std::filesystem;
+
+fs::path structure_latent_path(const AssetId& asset, const std::string& model) {
+  return asset.root / "ss_latents" / model / (asset.id + ".npz");
+}
+
+std::vector<fs::path> files_of(const AssetId& asset, const StructureLatentOptions& options) {
+  std::vector<fs::path> files{structure_latent_path(asset, options.latent_model)};
+  options.append_condition_files(asset, files);
+  return files;
+}
+
+torch::Tensor latents(const std::vector<const LatentGrid*>& grids, const std::vector<std::string>& ids,
+                      const char* name) {
+  std::vector<const std::vector<float>*> values;
+  for (std::size_t i = 0; i < grids.size(); ++i) {
+    if (grids[i]->shape != grids[0]->shape) {
+      throw InputError(ids[i], name, "is of another shape than that of " + ids[0] + ", in the same batch");
+    }
+    values.push_back(&grids[i]->values);
+  }
+  return stack(values, {grids[0]->shape.begin(), grids[0]->shape.end()}, ids, name);
+}
+
+}  // namespace
+
+StructureLatentOptions StructureLatentOptions::read(ConfigReader& reader, bool image_conditioned) {
+  StructureLatentOptions options;
+  options.read_latents(reader, image_conditioned, "ss_latent_");
+  options.normalization = dense_latent_statistics(reader, "normalization");
+  options.normalization_skl = dense_latent_statistics(reader, "normalization_skl");
+  options.ss_dec_path = reader.text("ss_dec_path", "");
+  options.ss_dec_ckpt = reader.text("ss_dec_ckpt", "final");
+  if (!reader.text("pretrained_ss_dec", "").empty()) {
+    log::warn_once(reader.file() + ": " + reader.pointer_to("pretrained_ss_dec") +
+                   " has no effect: nothing is fetched; ss_dec_path names the run that decodes samples");
+  }
+  return options;
+}
+
+struct StructureLatentDataset::Latent : Sample {
+  StructureLatent latent;
+  std::vector<float> cond;
+};
+
+StructureLatentDataset::StructureLatentDataset(std::vector<AssetId> assets, const StructureLatentOptions& options,
+                                               std::uint64_t seed)
+    : AssetDataset(std::move(assets), {seed, options.sources.skip_broken, false},
+                   {[&](const AssetId& asset) { return files_of(asset, options); }, nullptr}),
+      options_(options) {}
+
+std::unique_ptr<AssetDataset::Sample> StructureLatentDataset::read(std::size_t index, std::uint64_t position) const {
+  auto sample = std::make_unique<Latent>();
+  const fs::path path = structure_latent_path(asset(index), options_.latent_model);
+  StructureLatent& latent = sample->latent = read_structure_latent(path);
+  const auto channels = [](const LatentGrid& grid) { return static_cast<std::size_t>(grid.shape[0]); };
+  options_.normalization.normalize_planes(latent.mean.values, channels(latent.mean), path.string() + ": mean");
+  options_.normalization_skl.normalize_planes(latent.mean_skl.values, channels(latent.mean_skl),
+                                              path.string() + ": mean_skl");
+  sample->cond = options_.condition_picture(asset(index), seed(), position);
+  return sample;
+}
+
+std::unique_ptr<Batch> StructureLatentDataset::collate(const Samples& samples,
+                                                       const std::vector<std::string>& ids) const {
+  std::vector<const LatentGrid*> shapes, skeletons;
+  std::vector<const std::vector<float>*> images;
+  for (const auto& sample : samples) {
+    const auto& latent = static_cast<const Latent&>(*sample);
+    shapes.push_back(&latent.latent.mean);
+    skeletons.push_back(&latent.latent.mean_skl);
+    images.push_back(&latent.cond);
+  }
+  auto batch = std::make_unique<StructureLatentBatch>();
+  batch->x_0 = latents(shapes, ids, "mean");
+  batch->x_0_skl = latents(skeletons, ids, "mean_skl");
+  batch->cond = options_.condition_batch(images, ids);
+  return batch;
+}
+
+namespace {
+
+using geometry::Voxel;
+
+torch::Tensor occupancy_grids(const std::vector<const std::vector<Voxel>*>& sets, int resolution) {
+  const std::int64_t r = resolution;
+  torch::Tensor grids = torch::empty({static_cast<std::int64_t>(sets.size()), 1, r, r, r}, torch::kInt64);
+  std::int64_t* grid = grids.data_ptr<std::int64_t>();
+  std::fill_n(grid, grids.numel(), std::int64_t{0});
+  for (const std::vector<Voxel>* voxels : sets) {
+    for (const Voxel& v : *voxels) grid[(v[0] * r + v[1]) * r + v[2]] = 1;
+    grid += r * r * r;
+  }
+  return grids;
+}
+
+}  // namespace
+
+SparseStructureOptions SparseStructureOptions::read(ConfigReader& reader) {
+  SparseStructureOptions options;
+  options.sources.read_common(reader);
+  options.sources.filter.required_flags = {"voxelized"};
+  options.sources.filter.drop_bad_skeleton = false;
+  options.resolution = static_cast<int>(reader.integer("resolution", 64, 1, kMostResolution));
+  options.skl_dilation_iter = static_cast<int>(reader.integer("skl_dilation_iter", 0, 0, kMostResolution));
+  return options;
+}
+
+struct SparseStructureDataset::Occupancy : Sample {
+  std::vector<Voxel> surface, skeleton;
+};
+
+SparseStructureDataset::SparseStructureDataset(std::vector<AssetId> assets, const SparseStructureOptions& options,
+                                               std::uint64_t seed)
+    : AssetDataset(std::move(assets), {seed, options.sources.skip_broken, false},
+                   {[](const AssetId& asset) {
+                      return std::vector{surface_voxel_path(asset), skeleton_voxel_path(asset)};
+                    },
+                    nullptr}),
+      options_(options) {}
+
+std::unique_ptr<AssetDataset::Sample> SparseStructureDataset::read(std::size_t index, std::uint64_t) const {
+  auto sample = std::make_unique<Occupancy>();
+  sample->surface = read_voxel_rows(surface_voxel_path(asset(index)), options_.resolution);
+  sample->skeleton = geometry::dilate(read_voxel_rows(skeleton_voxel_path(asset(index)), options_.resolution),
+                                      options_.resolution, options_.skl_dilation_iter);
+  return sample;
+}
+
+std::unique_ptr<Batch> SparseStructureDataset::collate(const Samples& samples, const std::vector<std::string>&) const {
+  std::vector<const std::vector<Voxel>*> surfaces, skeletons;
+  for (const auto& sample : samples) {
+    const auto& occupancy = static_cast<const Occupancy&>(*sample);
+    surfaces.push_back(&occupancy.surface);
+    skeletons.push_back(&occupancy.skeleton);
+  }
+  auto batch = std::make_unique<SparseStructureBatch>();
+  batch->ss = occupancy_grids(surfaces, options_.resolution);
+  batch->ss_skl = occupancy_grids(skeletons, options_.resolution);
+  return batch;
+}
+
+namespace {
+
+namespace fs = std::filesystem;
+
+fs::path structured_latent_path(const AssetId& asset, const std::string& model) {
+  return asset.root / "latents" / model / (asset.id + ".npz");
+}
+
+std::vector<fs::path> files_of_structured_latent_dataset(const AssetId& asset, const StructuredLatentOptions& options) {
+  std::vector<fs::path> files{structured_latent_path(asset, options.latent_model)};
+  if (options.load_rigs || options.use_joint_num_cond) files.push_back(rig_path(asset));
+  options.append_condition_files(asset, files);
+  return files;
+}
+
+}  // namespace
+
+StructuredLatentOptions StructuredLatentOptions::read(ConfigReader& reader, bool image_conditioned) {
+  StructuredLatentOptions options;
+  options.read_latents(reader, image_conditioned, "latent_");
+  const StreamStatistics statistics = structured_latent_statistics(reader);
+  options.normalization = statistics.shape;
+  options.normalization_skl = statistics.skeleton;
+  options.use_joint_num_cond = reader.boolean("use_joint_num_cond", false);
+  options.load_rigs = reader.boolean("load_rigs", true);
+  options.load_cubvh = reader.boolean("load_cubvh", false);
+  if (options.load_cubvh && !options.load_rigs) throw reader.error("load_cubvh", "needs load_rigs");
+  reader.ignore("max_num_voxels");
+  options.voxel_limit = reader.integer("voxel_limit", 0, 0);
+  if (options.voxel_limit > 0) options.sources.filter.max_num_voxels = options.voxel_limit;
+  options.slat_dec_path = reader.text("slat_dec_path", "");
+  options.slat_dec_ckpt = reader.text("slat_dec_ckpt", "final");
+  options.bucket_by_voxels = reader.boolean("bucket_by_voxels", false);
+  options.memory_budget_mb = reader.integer("memory_budget_mb", 8192, 0, 1 << 24);
+  return options;
+}
+
+struct StructuredLatentDataset::Latent : Sample {
+  VoxelRows surface, skeleton;
+  RigArrays rig;  // without joints when no rigs are loaded
+  std::int64_t joints = 0;
+  std::shared_ptr<const geometry::NearestSurface> solver;
+  std::vector<float> cond;
+};
+
+StructuredLatentDataset::StructuredLatentDataset(std::vector<AssetId> assets, const StructuredLatentOptions& options,
+                                                 std::uint64_t seed)
+    : AssetDataset(std::move(assets), {seed, options.sources.skip_broken, options.bucket_by_voxels},
+                   {[&](const AssetId& asset) { return files_of_structured_latent_dataset(asset, options); },
+                    [&](const AssetId& asset) {
+                      return count_rows(structured_latent_path(asset, options.latent_model), "coords");
+                    }}),
+      options_(options),
+      surfaces_(static_cast<std::uintmax_t>(options.memory_budget_mb) << 20) {}
+
+std::vector<std::vector<Draw>> StructuredLatentDataset::split(const std::vector<Draw>& draws, std::size_t parts) const {
+  std::vector<std::uint64_t> loads;
+  for (const Draw& draw : draws) loads.push_back(std::max<std::uint64_t>(1, voxels_of_item(draw.item)));
+  std::vector<std::vector<Draw>> packs;
+  for (const auto& group : balanced_groups(loads, std::max<std::size_t>(1, std::min(parts, draws.size())))) {
+    packs.emplace_back();
+    for (const std::size_t i : group) packs.back().push_back(draws[i]);
+  }
+  return packs;
+}
+
+std::unique_ptr<AssetDataset::Sample> StructuredLatentDataset::read(std::size_t index, std::uint64_t position) const {
+  const AssetId& id = asset(index);
+  auto sample = std::make_unique<Latent>();
+  const fs::path path = structured_latent_path(id, options_.latent_model);
+  sample->surface = read_voxel_arrays(path, "coords", "feats");
+  sample->skeleton = read_voxel_arrays(path, "coords_skl", "feats_skl");
+  options_.normalization.normalize_rows(sample->surface.feats, sample->surface.channels, path.string() + ": feats");
+  options_.normalization_skl.normalize_rows(sample->skeleton.feats, sample->skeleton.channels,
+                                            path.string() + ": feats_skl");
+  if (options_.load_rigs) {
+    sample->rig = read_rig_arrays(id);
+    sample->joints = static_cast<std::int64_t>(sample->rig.joints.size());
+    if (options_.load_cubvh) sample->solver = surfaces_.of(index, sample->rig);
+  } else if (options_.use_joint_num_cond) {
+    sample->joints = static_cast<std::int64_t>(count_rows(rig_path(id), "joints"));
+  }
+  sample->cond = options_.condition_picture(id, seed(), position);
+  return sample;
+}
+
+std::unique_ptr<Batch> StructuredLatentDataset::collate(const Samples& samples,
+                                                        const std::vector<std::string>& ids) const {
+  auto batch = std::make_unique<StructuredLatentBatch>();
+  std::vector<const VoxelRows*> surfaces, skeletons;
+  std::vector<const std::vector<float>*> images;
+  std::vector<std::int64_t> joints;
+  for (const auto& sample : samples) {
+    const auto& latent = static_cast<const Latent&>(*sample);
+    surfaces.push_back(&latent.surface);
+    skeletons.push_back(&latent.skeleton);
+    images.push_back(&latent.cond);
+    joints.push_back(latent.joints);
+    if (options_.load_rigs) batch->rigs.append(latent.rig);
+    if (latent.solver) batch->rigs.surfaces.push_back(latent.solver);
+  }
+  batch->x_0 = collate_voxels(surfaces, ids);
+  batch->x_0_skl = collate_voxels(skeletons, ids);
+  batch->cond = options_.condition_batch(images, ids);
+  if (options_.use_joint_num_cond) batch->joints_num = torch::tensor(joints, torch::kInt64);
+  return batch;
+}
+
+namespace {
+
+using Factory = std::function<Datasets(ConfigReader&, std::uint64_t)>;
+
+template <typename Dataset, typename Options>
+Datasets both(const Options& options, std::uint64_t seed) {
+  TrainAndEval assets = select(options.sources);
+  Datasets datasets;
+  datasets.train = std::make_shared<const Dataset>(std::move(assets.train), options, seed);
+  if (!assets.eval.empty()) datasets.eval = std::make_shared<const Dataset>(std::move(assets.eval), options, seed);
+  return datasets;
+}
+
+template <typename Dataset, typename Options, typename... Extra>
+Factory factory(Extra... extra) {
+  return [=](ConfigReader& args, std::uint64_t seed) {
+    const Options options = Options::read(args, extra...);
+    args.finish();
+    return both<Dataset>(options, seed);
+  };
+}
+
+const std::vector<std::pair<std::string, Factory>>& registry() {
+  static const std::vector<std::pair<std::string, Factory>> entries{
+      {"AniGenSparseStructure", factory<SparseStructureDataset, SparseStructureOptions>()},
+      {"AniGenSparseFeat2Skeleton", factory<FeatureSkeletonDataset, FeatureSkeletonOptions>()},
+      {"AniGenSparseStructureLatent", factory<StructureLatentDataset, StructureLatentOptions>(false)},
+      {"ImageConditionedAniGenSparseStructureLatent", factory<StructureLatentDataset, StructureLatentOptions>(true)},
+      {"AniGenSLat", factory<StructuredLatentDataset, StructuredLatentOptions>(false)},
+      {"AniGenImageConditionedSLat", factory<StructuredLatentDataset, StructuredLatentOptions>(true)}};
+  return entries;
+}
+
+// Listed in the published registry without an implementation, or for text conditions, which no released model has.
+const std::vector<std::string>& unimplemented() {
+  static const std::vector<std::string> names{"AniGenSparseFeat2Render", "AniGenTextConditionedSLat",
+                                              "TextConditionedSLat", "TextConditionedAniGenSparseStructureLatent"};
+  return names;
+}
+
+}  // namespace
+
+const std::vector<std::string>& dataset_names() {
+  static const std::vector<std::string> names = [] {
+    std::vector<std::string> all;
+    for (const auto& entry : registry()) all.push_back(entry.first);
+    return all;
+  }();
+  return names;
+}
+
+Datasets make_datasets(ConfigReader dataset, std::uint64_t seed) {
+  dataset.require("name");
+  const std::string name = dataset.text("name", "");
+  ConfigReader args = dataset.object("args");
+  dataset.finish();
+  for (const auto& [known, make] : registry()) {
+    if (known == name) return make(args, seed);
+  }
+  for (const std::string& other : unimplemented()) {
+    if (other == name) throw NotSupportedError(dataset.file(), dataset.pointer_to("name"), "dataset '" + name + "'");
+  }
+  std::string known;
+  for (const std::string& word : dataset_names()) known += (known.empty() ? "" : ", ") + word;
+  const std::string nearest = nearest_word(name, dataset_names());
+  throw dataset.error("name", "unknown dataset '" + name.substr(0, 80) + "'; " +
+                                  (nearest.empty() ? "known are " + known : "did you mean '" + nearest + "'?"));
+}
+
+}  // namespace anigen::data

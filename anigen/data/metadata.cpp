@@ -1,0 +1,282 @@
+#include "anigen/data/metadata.h"
+
+#include <algorithm>
+#include <cstdlib>
+#include <filesystem>
+#include <functional>
+#include <set>
+#include <sstream>
+#include <system_error>
+
+#include "anigen/core/error.h"
+#include "anigen/core/files.h"
+#include "anigen/core/log.h"
+#include "anigen/core/random.h"
+#include "anigen/io/rigs/rig_listing.h"
+
+namespace anigen::data {
+
+namespace {
+
+namespace fs = std::filesystem;
+
+double number(const CsvTable& table, std::size_t row, const std::string& column, const std::string& file) {
+  const std::string& text = table.cell(row, column);
+  char* end = nullptr;
+  const double value = std::strtod(text.c_str(), &end);
+  if (text.empty() || end != text.c_str() + text.size()) {
+    throw InputError(file, "row " + std::to_string(row + 1) + ", " + column, "'" + text + "' is not a number");
+  }
+  return value;
+}
+
+std::uint64_t voxel_count(const CsvTable& table, std::size_t row, const std::string& file) {
+  if (table.cell(row, "num_voxels").empty()) return 0;
+  const double count = number(table, row, "num_voxels", file);
+  if (!(count >= 0.0) || count > 1e15) {
+    throw InputError(file, "row " + std::to_string(row + 1) + ", num_voxels", "is not a number of voxels");
+  }
+  return static_cast<std::uint64_t>(count);
+}
+
+// Filters one after another, so that the one that leaves nothing can be named.
+class Sieve {
+ public:
+  Sieve(const CsvTable& table, std::string file) : file_(std::move(file)) {
+    for (std::size_t i = 0; i < table.rows.size(); ++i) rows_.push_back(i);
+    if (rows_.empty()) throw InputError(file_, "", "has no rows");
+  }
+
+  void keep(const std::string& filter, const std::function<bool(std::size_t)>& passes) {
+    std::vector<std::size_t> kept;
+    for (const std::size_t row : rows_) {
+      if (passes(row)) kept.push_back(row);
+    }
+    if (kept.empty()) {
+      throw InputError(
+          file_, filter,
+          "this filter leaves none of the " + std::to_string(rows_.size()) + " rows that passed the filters before it");
+    }
+    rows_ = std::move(kept);
+  }
+
+  const std::vector<std::size_t>& rows() const { return rows_; }
+
+ private:
+  std::string file_;
+  std::vector<std::size_t> rows_;
+};
+
+// An id names a folder below the root; nothing else may come out of a table.
+bool safe_id(const std::string& id) {
+  return !id.empty() && id.size() <= 200 && id.front() != '.' && id.find('/') == std::string::npos &&
+         id.find('\\') == std::string::npos && id.find('\0') == std::string::npos;
+}
+
+}  // namespace
+
+std::set<std::string> read_split(const fs::path& file) {
+  std::istringstream lines(read_file(file, std::uintmax_t{1} << 28));
+  std::set<std::string> ids;
+  for (std::string line; std::getline(lines, line);) {
+    while (!line.empty() && (line.back() == '\r' || line.back() == ' ')) line.pop_back();
+    if (!line.empty() && line.front() != '#') ids.insert(line);
+  }
+  if (ids.empty()) throw InputError(file.string(), "", "holds no ids");
+  return ids;
+}
+
+std::set<std::string> read_split(const fs::path& file, const std::string& data_dir) {
+  const std::set<std::string> names = read_split(file);
+  std::vector<fs::path> roots;
+  std::istringstream words(data_dir);
+  for (std::string root; std::getline(words, root, ',');) {
+    if (!root.empty()) roots.emplace_back(root);
+  }
+  std::set<std::string> known, ids;
+  for (const fs::path& root : roots) {
+    const CsvTable table = read_csv(root / "metadata.csv");
+    for (std::size_t row = 0; row < table.rows.size(); ++row) known.insert(table.cell(row, "sha256"));
+  }
+  if (std::includes(known.begin(), known.end(), names.begin(), names.end())) return names;
+  io::NameIndex index;
+  for (const fs::path& root : roots) {
+    for (const io::DatasetItem& item : io::list_dataset(root)) index.add(item.id, item.other_names);
+  }
+  for (const std::string& name : names) {
+    const std::string id = known.count(name) > 0 ? name : index.find_one(name, file.string(), "\"" + name + "\"");
+    ids.insert(id.empty() ? name : id);
+  }
+  return ids;
+}
+
+std::vector<AssetId> select_rows(const CsvTable& table, const fs::path& root, const RowFilter& filter) {
+  const std::string file = (root / "metadata.csv").string();
+  const auto has = [&](const char* name) { return table.column(name) != CsvTable::kMissing; };
+  if (!has("sha256")) throw InputError(file, "sha256", "no such column; it holds the ids");
+  Sieve sieve(table, file);
+  if (filter.only) {
+    sieve.keep("split", [&](std::size_t row) { return filter.only->count(table.cell(row, "sha256")) > 0; });
+  }
+  if (filter.instances) {
+    sieve.keep("instances", [&](std::size_t row) { return filter.instances->count(table.cell(row, "sha256")) > 0; });
+  }
+  for (const std::string& column : filter.required_columns) {
+    if (!has(column.c_str()))
+      throw InputError(file, column, "no such column; prepare the dataset up to this step first");
+  }
+  for (const std::string& flag : filter.required_flags) {
+    if (!has(flag.c_str())) throw InputError(file, flag, "no such column; prepare the dataset up to this step first");
+    sieve.keep(flag, [&](std::size_t row) { return table.flag(row, flag, false, file); });
+  }
+  if (has("aesthetic_score")) {
+    const std::string name = "min_aesthetic_score " + std::to_string(filter.min_aesthetic_score);
+    sieve.keep(name, [&](std::size_t row) {
+      return number(table, row, "aesthetic_score", file) >= filter.min_aesthetic_score;
+    });
+  }
+  if (filter.max_num_voxels && has("num_voxels")) {
+    const auto limit = static_cast<double>(*filter.max_num_voxels);
+    sieve.keep("max_num_voxels " + std::to_string(*filter.max_num_voxels),
+               [&](std::size_t row) { return number(table, row, "num_voxels", file) <= limit; });
+  }
+  if (filter.drop_bad_skeleton) {
+    sieve.keep("is_bad_skeleton", [&](std::size_t row) { return !table.flag(row, "is_bad_skeleton", false, file); });
+  }
+  if (filter.drop_bad_skin) {
+    sieve.keep("filter_bad_skin", [&](std::size_t row) { return !table.flag(row, "is_bad_skin", false, file); });
+  }
+  if (filter.is_test) {
+    if (!has("is_test")) throw InputError(file, "is_test", "no such column, which \"test_mode\": true needs");
+    sieve.keep(*filter.is_test ? "is_test true" : "is_test false",
+               [&](std::size_t row) { return table.flag(row, "is_test", false, file) == *filter.is_test; });
+  }
+  std::vector<AssetId> assets;
+  std::set<std::string> seen;
+  for (const std::size_t row : sieve.rows()) {
+    const std::string& id = table.cell(row, "sha256");
+    const std::string place = "row " + std::to_string(row + 1) + ", sha256";
+    if (!safe_id(id)) throw InputError(file, place, "'" + id.substr(0, 80) + "' cannot be the name of a folder");
+    if (!seen.insert(id).second) throw InputError(file, place, "'" + id + "' is there twice");
+    std::size_t repeat = 1;
+    if (!filter.repeat.empty() && has("source")) {
+      const auto found = filter.repeat.find(table.cell(row, "source"));
+      if (found != filter.repeat.end()) repeat = found->second;
+    }
+    assets.push_back({root, id, repeat, voxel_count(table, row, file), table.flag(row, "is_bad_skin", false, file)});
+  }
+  return assets;
+}
+
+std::vector<AssetId> select_assets(const std::string& data_dir, const RowFilter& filter) {
+  std::vector<AssetId> assets;
+  std::istringstream roots(data_dir);
+  for (std::string root; std::getline(roots, root, ',');) {
+    if (root.empty()) continue;
+    const std::vector<AssetId> more = select_rows(read_csv(fs::path(root) / "metadata.csv"), root, filter);
+    assets.insert(assets.end(), more.begin(), more.end());
+  }
+  if (assets.empty()) throw InputError("--data-dir", "", "names no dataset root");
+  return assets;
+}
+
+namespace {
+
+namespace fs = std::filesystem;
+
+double share_of(const std::string& id) { return static_cast<double>(stable_hash(id) >> 11) * 0x1.0p-53; }
+
+}  // namespace
+
+fs::path file_of_dataset(const std::string& name, const std::string& data_dir) {
+  const fs::path below_root = fs::path(data_dir.substr(0, data_dir.find(','))) / name;
+  std::error_code error;
+  return fs::exists(below_root, error) ? below_root : fs::path(name);
+}
+
+void SourceOptions::read_common(ConfigReader& reader) {
+  data_dir = reader.text("data_dir", "");
+  split = reader.text("split", "");
+  eval_split = reader.text("eval_split", "");
+  eval_fraction = reader.number("eval_fraction", 0.0, 0.0, 0.9);
+  train_share = reader.number("train_share", 1.0, 0.0, 1.0);
+  skip_broken = reader.boolean("skip_broken", false);
+  filter.min_aesthetic_score = reader.number("min_aesthetic_score", 5.0);
+  if (const Json* listed = reader.raw("instances"); listed != nullptr && !listed->is_null()) {
+    const std::vector<std::string> ids = reader.texts("instances", {});
+    filter.instances = std::set<std::string>(ids.begin(), ids.end());
+  }
+  ConfigReader repeat = reader.object("repeat_sources");
+  if (const Json* sources = reader.raw("repeat_sources"); sources != nullptr && sources->is_object()) {
+    for (const auto& source : sources->items()) {
+      filter.repeat[source.key()] = static_cast<std::size_t>(repeat.integer(source.key(), 1, 1, 10000));
+    }
+  }
+  repeat.finish();
+}
+
+TrainAndEval select(const SourceOptions& options) {
+  RowFilter filter = options.filter;
+  TrainAndEval result;
+  std::set<std::string> held_out;
+  if (!options.eval_split.empty()) {
+    held_out = read_split(file_of_dataset(options.eval_split, options.data_dir), options.data_dir);
+    RowFilter evaluated = filter;
+    evaluated.only = held_out;
+    evaluated.repeat.clear();
+    result.eval = select_assets(options.data_dir, evaluated);
+  }
+  if (!options.split.empty())
+    filter.only = read_split(file_of_dataset(options.split, options.data_dir), options.data_dir);
+  for (const AssetId& asset : select_assets(options.data_dir, filter)) {
+    if (held_out.count(asset.id) > 0) continue;
+    const bool chosen = options.eval_split.empty() && share_of(asset.id) < options.eval_fraction;
+    // Another hash than that of eval_fraction, so that the two do not choose alike.
+    if (!chosen && options.train_share < 1.0 && share_of("share " + asset.id) >= options.train_share) continue;
+    (chosen ? result.eval : result.train).push_back(asset);
+    if (chosen) result.eval.back().repeat = 1;
+  }
+  if (result.train.empty()) {
+    throw InputError(options.data_dir, "split",
+                     options.train_share < 1.0 ? "train_share leaves no asset to train on"
+                                               : "every asset is held out for evaluation; none is left to train on");
+  }
+  if (options.eval_fraction > 0.0 && result.eval.empty()) {
+    throw InputError(options.data_dir, "eval_fraction",
+                     "holds out none of " + std::to_string(result.train.size()) + " assets");
+  }
+  return result;
+}
+
+void report_broken(const std::vector<std::string>& problems, std::size_t assets, bool skip_broken) {
+  constexpr std::size_t kNamed = 5;
+  if (!problems.empty() && !skip_broken) {
+    std::string named;
+    for (std::size_t i = 0; i < std::min(kNamed, problems.size()); ++i) named += "\n  " + problems[i];
+    throw InputError("", "dataset",
+                     std::to_string(problems.size()) + " of " + std::to_string(assets) +
+                         " assets cannot be read; \"skip_broken\": true leaves them out:" + named);
+  }
+  for (const std::string& problem : problems) log::warn("left out: {}", problem);
+  if (problems.size() >= assets) {
+    throw InputError("", "dataset", "none of the " + std::to_string(assets) + " assets can be read");
+  }
+}
+
+void BrokenAssets::note(const std::string& id, const std::string& problem) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  if (!problems_.emplace(id, problem).second) return;
+  log::warn("{} broken assets so far; another one takes the place of {}: {}", problems_.size(), id, problem);
+}
+
+std::size_t BrokenAssets::count() const {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  return problems_.size();
+}
+
+std::map<std::string, std::string> BrokenAssets::problems() const {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  return problems_;
+}
+
+}  // namespace anigen::data

@@ -1,0 +1,72 @@
+#pragma once
+#include <torch/torch.h>
+#include <cstdint>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "anigen/data/metadata.h"
+#include "anigen/geometry/voxel_grid.h"
+
+namespace anigen::data {
+
+/// Voxels of one asset with a row of numbers each.
+struct VoxelRows {
+  std::vector<geometry::Voxel> coords;  ///< [N] (x, y, z), in file order
+  std::vector<float> feats;             ///< [N, channels] row-major, finite
+  std::size_t channels = 0;
+};
+
+/// Largest edge of a grid that a dataset may have.
+constexpr int kMostResolution = 256;
+
+/// Voxels of a PLY with voxel centres: index trunc((p + ½)·R), rows in file order, repetitions kept.
+/// @throws InputError naming the row of a point outside the grid, or when there are no points
+std::vector<geometry::Voxel> read_voxel_rows(const std::filesystem::path& path, int resolution);
+
+/// `features/<model>/<id>.npz`: `indices` [N, 3], `patchtokens` [N, C] of any floating dtype.
+/// @throws InputError naming file, array and index: shapes, numbers not finite, a voxel outside the 64³ grid or twice
+VoxelRows read_voxel_features(const std::filesystem::path& path);
+
+/// Two arrays of an NPZ as voxels and rows: `coords` [N, 3] and `feats` [N, C] under any names.
+VoxelRows read_voxel_arrays(const std::filesystem::path& path, const std::string& coords, const std::string& feats);
+
+/// Length of an array of an NPZ, from its header alone. @throws InputError when there is no such array
+std::uint64_t count_rows(const std::filesystem::path& path, const std::string& name);
+
+std::filesystem::path surface_voxel_path(const AssetId& asset);   ///< voxels/<id>.ply
+std::filesystem::path skeleton_voxel_path(const AssetId& asset);  ///< voxels/<id>_skeleton.ply
+
+/// Edge of the grid that datasets on disk hold for structured latents.
+constexpr int kStoredResolution = 64;
+
+/// The voxels of a dataset on a coarser grid, for models of fewer voxels. Features merge as the published data set
+/// merges them (geometry::pool_features). The published data set merges the skeleton twice when its resolution is not
+/// 64, by which half of the grid stays empty; here both are merged once (reference training-and-data.md, 1.4).
+/// @param resolution divides kStoredResolution, which leaves everything as it is stored
+VoxelRows read_features_at(const std::filesystem::path& features, int resolution);
+/// @return in file order with repetitions at kStoredResolution, else lexicographic
+std::vector<geometry::Voxel> read_voxels_at(const std::filesystem::path& voxels, int resolution);
+
+/// Voxels of several assets, one asset after the other: what the sparse models take (reference training-and-data.md,
+/// 1.4, collation).
+struct RaggedVoxels {
+  torch::Tensor coords;               ///< [ΣN, 4] int32: asset in the batch, x, y, z
+  torch::Tensor feats;                ///< [ΣN, C] fp32; C = 0 where only places count
+  std::vector<std::int64_t> lengths;  ///< N of each asset
+};
+
+/// @param rows one per asset @param ids of the assets, for messages
+/// @throws InputError naming the asset whose number of channels differs from the first one's
+RaggedVoxels collate_voxels(const std::vector<const VoxelRows*>& rows, const std::vector<std::string>& ids);
+
+/// A tensor of its own from as many numbers as the shape holds. Filled by the calling thread alone: loading threads
+/// must not each start a team of threads.
+torch::Tensor tensor_of(const std::vector<float>& values, torch::IntArrayRef shape);
+
+/// [B, shape…] from one list of numbers per asset. @throws InputError naming the asset whose list is longer or shorter
+/// @param what of an asset, for messages
+torch::Tensor stack(const std::vector<const std::vector<float>*>& values, std::vector<std::int64_t> shape,
+                    const std::vector<std::string>& ids, const std::string& what);
+
+}  // namespace anigen::data

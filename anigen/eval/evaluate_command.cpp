@@ -1,0 +1,279 @@
+#include "anigen/eval/evaluate_command.h"
+
+#include <algorithm>
+#include <map>
+#include <optional>
+#include <set>
+#include <utility>
+
+#include "anigen/core/error.h"
+#include "anigen/core/files.h"
+#include "anigen/core/log.h"
+#include "anigen/core/version.h"
+#include "anigen/eval/comparison.h"
+#include "anigen/eval/comparison_report.h"
+#include "anigen/eval/pairs.h"
+#include "anigen/io/rigs/rig_listing.h"
+#include "anigen/metrics/motion.h"
+
+namespace anigen::eval {
+
+namespace {
+
+namespace fs = std::filesystem;
+
+struct Opened {
+  std::vector<ComparedMethod> methods;
+  std::shared_ptr<const io::ShapeSource> truth;  ///< of --gt, where given
+  std::vector<std::string> unused;
+  std::vector<Pairing> pairing;
+  Json described = Json::object();
+};
+
+ComparedMethod from_pairs(const std::string& label, const fs::path& csv, const EvaluationRequest& request,
+                          std::vector<std::string>& unused) {
+  PairedSources sources = read_pairs_csv(csv, {request.truth_axes}, {request.prediction_axes});
+  unused = sources.list.unused;
+  return {label, std::move(sources.prediction), std::move(sources.truth), std::move(sources.list.pairs)};
+}
+
+/// True when a prediction or a split file calls something by a sha256: only then are the truths' contents worth
+/// hashing.
+bool asks_for_contents(const EvaluationRequest& request, const std::vector<ComparedMethod>& methods) {
+  const auto hashed = [](const std::string& name) {
+    const io::NameForms forms = io::name_forms(name);
+    return std::any_of(forms.begin(), forms.end(), [](const auto& form) { return io::is_sha256(form.first); });
+  };
+  for (const ComparedMethod& method : methods) {
+    const std::vector<std::string> ids = method.predictions->ids();
+    if (std::any_of(ids.begin(), ids.end(), hashed)) return true;
+  }
+  for (const std::vector<fs::path>* lists : {&request.splits, &request.category_splits}) {
+    for (const fs::path& list : *lists) {
+      const std::vector<io::SplitLine> lines = io::split_lines(list);
+      if (std::any_of(lines.begin(), lines.end(), [&](const io::SplitLine& line) { return hashed(line.id); }))
+        return true;
+    }
+  }
+  return false;
+}
+
+/// Names left over on both sides, for the table.
+Pairing pairing_of(const std::vector<PairPlan>& pairs, std::vector<std::string> unused) {
+  Pairing pairing;
+  for (const PairPlan& pair : pairs) {
+    if (pair.prediction_id)
+      ++pairing.paired;
+    else
+      pairing.missing.push_back(pair.id);
+  }
+  pairing.unused = std::move(unused);
+  return pairing;
+}
+
+Opened open(const EvaluationRequest& request) {
+  Opened opened;
+  std::set<std::string> labels;
+  std::vector<std::vector<std::string>> unused(request.predictions.size());
+  for (std::size_t m = 0; m < request.predictions.size(); ++m) {
+    const std::string& text = request.predictions[m];
+    const auto [label, path] = named_path(text);
+    if (!labels.insert(label).second)
+      throw InputError(text, "", "two predictions are called '" + label + "': name them, as in --pred ours=FOLDER");
+    if (path.extension() == ".csv") {
+      opened.methods.push_back(from_pairs(label, path, request, unused[m]));
+    } else {
+      if (request.truth.empty())
+        throw InputError(text, "", "needs --gt with the ground truth, unless it is a CSV of pairs");
+      opened.methods.push_back({label, io::open_source(path, {request.prediction_axes}), nullptr, {}});
+    }
+    opened.described["predictions"][label] = opened.methods.back().predictions->describe();
+  }
+  if (!request.truth.empty()) {
+    opened.truth = io::open_source(request.truth, {request.truth_axes, asks_for_contents(request, opened.methods)});
+    opened.described["ground_truth"] = opened.truth->describe();
+    const std::vector<std::string> ids = io::select_ids(*opened.truth, request.splits, request.most);
+    for (std::size_t m = 0; m < opened.methods.size(); ++m) {
+      ComparedMethod& method = opened.methods[m];
+      if (method.truths) continue;
+      method.truths = opened.truth;
+      PairList list = match_pairs(*opened.truth, *method.predictions, ids);
+      method.pairs = std::move(list.pairs);
+      unused[m] = std::move(list.unused);
+    }
+  }
+  for (std::size_t m = 0; m < opened.methods.size(); ++m) {
+    for (const std::string& id : unused[m]) opened.unused.push_back(opened.methods[m].label + ": " + id);
+    opened.pairing.push_back(pairing_of(opened.methods[m].pairs, std::move(unused[m])));
+  }
+  return opened;
+}
+
+/// Results lie in --out under fixed names; pictures of motions replace whatever is in their folder.
+void refuse_lossy_outputs(const EvaluationRequest& request, const Opened& opened) {
+  std::vector<fs::path> outputs;
+  for (const char* file : {"metrics.json", "metrics.csv", "table.md", "table.tex", "report.html"})
+    outputs.push_back(request.out / file);
+  std::error_code error;
+  for (fs::recursive_directory_iterator entry(request.out / "motion", error), end;
+       request.motions_pictured > 0 && !error && entry != end; entry.increment(error))
+    outputs.push_back(entry->path());
+  refuse_to_overwrite(outputs, [&] {
+    std::vector<fs::path> inputs = request.splits;
+    inputs.insert(inputs.end(), request.category_splits.begin(), request.category_splits.end());
+    inputs.push_back(request.motion.substr(0, request.motion.find('#')));
+    for (const std::string& text : request.predictions) inputs.push_back(named_path(text).second);
+    for (const ComparedMethod& method : opened.methods) {
+      for (const PairPlan& pair : method.pairs) {
+        for (fs::path& file : method.truths->files(pair.truth_id)) inputs.push_back(std::move(file));
+        if (!pair.prediction_id) continue;
+        for (fs::path& file : method.predictions->files(*pair.prediction_id)) inputs.push_back(std::move(file));
+      }
+    }
+    return inputs;
+  });
+}
+
+/// What predictions are sorted by; null unless the request asks for it.
+std::unique_ptr<CategoryReferences> open_categories(const Opened& opened, const EvaluationRequest& request) {
+  if (request.category_splits.empty()) return nullptr;
+  if (!opened.truth) throw InputError("", "--category-split", "names shapes of the ground truth: it needs --gt");
+  if (!request.settings.wants("surface"))
+    throw InputError("", "--category-split", "goes by surfaces: --metrics must have 'surface'");
+  const std::vector<std::string> ids = io::select_ids(*opened.truth, request.category_splits);
+  auto references = std::make_unique<CategoryReferences>(*opened.truth, ids, request.settings.seed);
+  if (references->size() > 0) return references;
+  log::warn("--category-split: the data set says of none of these shapes what kind it is; 'category' is left out");
+  return nullptr;
+}
+
+/// Reads and aligns the shapes of a picture again: keeping all of them would take a data set's memory.
+ComparedShapes shapes_of(const std::vector<ComparedMethod>& methods, const Comparison& comparison, std::size_t method,
+                         std::size_t asset, const PairSettings& settings) {
+  for (const PairPlan& pair : methods[method].pairs) {
+    if (pair.id != comparison.ids[asset] || !pair.prediction_id) continue;
+    return bring_together(methods[method].predictions->read(*pair.prediction_id),
+                          methods[method].truths->read(pair.truth_id), settings);
+  }
+  throw InputError("", comparison.ids[asset], "has no prediction to show");
+}
+
+/// One asset of every method, in the truth's motion.
+MotionStrip draw_motion(const std::vector<ComparedMethod>& methods, const Comparison& comparison, std::size_t asset,
+                        const ComparisonRun& run, const fs::path& folder) {
+  MotionStrip strip;
+  strip.id = comparison.ids[asset];
+  try {
+    std::vector<MotionRow> rows;
+    for (std::size_t m = 0; m < methods.size(); ++m) {
+      rows.push_back({comparison.methods[m], std::nullopt});
+      if (comparison.results[m][asset].failure.empty())
+        rows.back().shapes = shapes_of(methods, comparison, m, asset, run.settings);
+    }
+    const std::vector<MovingRig> rigs = moving_rigs(rows, run.settings, run.motion);
+    constexpr int kSize = 224;  // five beside each other fit on a page of the report
+    strip.frames = motion_frames(rigs, kSize);
+    write_motion(folder / file_name(strip.id), rigs, strip.frames);
+  } catch (...) {
+    strip.problem = failure_of_item();
+  }
+  return strip;
+}
+
+std::vector<MotionStrip> draw_motions(const std::vector<ComparedMethod>& methods, const Comparison& comparison,
+                                      const EvaluationRequest& request, const ComparisonRun& run) {
+  std::vector<MotionStrip> strips;
+  if (request.motions_pictured == 0) return strips;
+  std::vector<std::size_t> assets = worst_first(comparison, 0, request.worst_by);
+  // An asset that the first method failed on may still have nothing to show: those come last.
+  std::stable_partition(assets.begin(), assets.end(),
+                        [&](std::size_t i) { return comparison.results[0][i].failure.empty(); });
+  assets.resize(std::min(assets.size(), request.motions_pictured));
+  for (const std::size_t asset : assets)
+    strips.push_back(draw_motion(methods, comparison, asset, run, request.out / "motion"));
+  return strips;
+}
+
+/// Number of accepted results by the other build of the program that made them.
+Json other_commits(const Comparison& comparison) {
+  std::map<std::string, std::size_t> counts;
+  for (const std::vector<PairResult>& method : comparison.results) {
+    for (const PairResult& result : method) {
+      if (result.failure.empty() && result.commit != commit())
+        ++counts[result.commit.empty() ? "none recorded" : result.commit];
+    }
+  }
+  return counts;
+}
+
+void write(const Comparison& comparison, const EvaluationRequest& request, const std::vector<ComparedMethod>& methods,
+           const ComparisonRun& run) {
+  write_file_atomically(request.out / "metrics.json", to_json(comparison).dump(2) + "\n");
+  write_file_atomically(request.out / "metrics.csv", to_csv(to_csv_table(comparison)));
+  write_file_atomically(request.out / "table.md", to_markdown(comparison));
+  write_file_atomically(request.out / "table.tex", to_latex(comparison));
+  std::vector<MotionStrip> motions = draw_motions(methods, comparison, request, run);
+  if (!request.report) return;
+  ComparisonReportOptions report;
+  report.motions = std::move(motions);
+  report.pictured = request.pictured;
+  report.worst_by = request.worst_by;
+  report.shapes = [&](std::size_t method, std::size_t asset) {
+    return shapes_of(methods, comparison, method, asset, request.settings);
+  };
+  write_file_atomically(request.out / "report.html", comparison_report(comparison, report));
+}
+
+}  // namespace
+
+std::pair<std::string, fs::path> named_path(const std::string& text) {
+  const std::size_t sign = text.find('=');
+  // A path may hold an equals sign, too; a name holds no separator.
+  if (sign != std::string::npos && sign > 0 && text.find('/') > sign && sign + 1 < text.size())
+    return {text.substr(0, sign), text.substr(sign + 1)};
+  fs::path path = fs::path(text).lexically_normal();
+  if (!path.has_filename()) path = path.parent_path();
+  const std::string label = fs::is_directory(path) ? path.filename().string() : path.stem().string();
+  return {label.empty() ? "prediction" : label, text};
+}
+
+Comparison run_evaluation(const EvaluationRequest& request) {
+  if (request.predictions.empty()) throw InputError("", "--pred", "nothing to evaluate");
+  check(request.settings);
+  if (!request.worst_by.empty() && find_metric(request.worst_by) == nullptr)
+    throw InputError("", request.worst_by, "no such metric; docs/metrics.md lists them");
+  const Opened opened = open(request);
+  refuse_lossy_outputs(request, opened);
+
+  ComparisonRun run;
+  const std::unique_ptr<CategoryReferences> categories = open_categories(opened, request);
+  run.settings = request.settings;
+  if (categories) run.settings.categories = categories->describe();
+  run.categories = categories.get();
+  metrics::MotionFile motion;
+  if (!request.motion.empty()) {
+    motion = metrics::read_motion(request.motion, request.settings.motion_frames);
+    run.motion = &motion.motion;
+    run.settings.motion = motion.described;
+  }
+  run.perceptual = request.perceptual;
+  run.cache = request.out / "pairs";
+  run.resume = request.resume;
+  run.accept_other_code = request.accept_other_code;
+  Comparison comparison = run_comparison(opened.methods, run);
+  comparison.unused = opened.unused;
+  comparison.pairing = opened.pairing;
+  comparison.settings = to_json(run.settings);
+  comparison.settings["version"] = kVersion;
+  comparison.settings["commit"] = commit();
+  const Json others = other_commits(comparison);
+  if (!others.empty()) comparison.settings["results_of_other_commits"] = others;
+  comparison.settings["sources"] = opened.described;
+  Json splits = Json::array();
+  for (const fs::path& split : request.splits) splits.push_back(split.string());
+  comparison.settings["splits"] = splits;
+  write(comparison, request, opened.methods, run);
+  return comparison;
+}
+
+}  // namespace anigen::eval

@@ -1,0 +1,69 @@
+#pragma once
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <utility>
+
+#include "anigen/core/config.h"
+#include "anigen/io/gltf/gltf.h"
+
+namespace anigen::eval {
+
+/// What a file or folder is.
+enum class FileKind {
+  kScene,    ///< .glb .gltf .fbx .dae: a rigged asset, a mesh without a rig, or a skeleton with its motion
+  kMesh,     ///< .obj .ply .stl
+  kTextRig,  ///< .txt with a rig of RigNet, and its .obj
+  kRigNpz,   ///< .npz with plain arrays of a rig
+  kSample,   ///< FILE#ID of a shard, or of a data set
+  kMotion,   ///< .bvh
+  kShard,    ///< .npz of Articulation-XL, .pt or .pth of Anymate: many rigs
+  kPicture,
+  kArrays,
+  kConfig,
+  kDataset,
+  kRun,
+  kFolder  ///< another folder with files of these kinds
+};
+
+/// The two parts of FILE#ID, where such a file or folder exists; nothing where the whole is a file, or none exists.
+std::optional<std::pair<std::filesystem::path, std::string>> sample_of(const std::filesystem::path& path);
+
+/// By extension, and by content where that says too little (.npz .pt .pth .txt, folders: metadata.csv is a data set's,
+/// config.json or ckpts a run's). @throws InputError for anything else
+FileKind file_kind(const std::filesystem::path& path);
+
+/// Meshes, skeletons and what binds them: what read_geometry() reads.
+bool is_geometry(FileKind kind);
+
+/// A file's mesh and skeleton, through the readers that rigging and evaluation use. Parts may be missing.
+struct Geometry {
+  io::ImportedAsset imported;  ///< Z up
+  Json source;                 ///< `format`, `axes`, `unit`, and what only this format has
+};
+
+/// @throws InputError with file and place
+Geometry read_geometry(const std::filesystem::path& path, FileKind kind);
+
+/// Each describes one kind as JSON: counts, names, ranges. What could not be read is an InputError.
+Json describe_asset(const io::ImportedAsset& imported);
+Json describe_picture(const std::filesystem::path& file);
+Json describe_shard(const std::filesystem::path& file);
+Json describe_arrays(const std::filesystem::path& file);
+Json describe_config(const std::filesystem::path& file);
+Json describe_dataset(const std::filesystem::path& folder);
+Json describe_run(const std::filesystem::path& folder);
+Json describe_folder(const std::filesystem::path& folder);
+
+/// `file` and `kind`, then what the file's format says and describe_asset(). The kind is "asset" for a skinned mesh,
+/// "mesh" and "points" without a rig, "rig" for a mesh beside a skeleton that does not move it, "skeleton" and "motion"
+/// without a mesh.
+Json describe_geometry(const std::filesystem::path& path, const Geometry& geometry);
+
+/// The description of a file or folder with its `file` and `kind` first.
+Json inspect(const std::filesystem::path& path);
+
+/// Any JSON as indented lines "key: value" for people; lists of plain values stay on one line.
+std::string to_text(const Json& description);
+
+}  // namespace anigen::eval

@@ -1,0 +1,516 @@
+#include "anigen/eval/pair.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <functional>
+#include <limits>
+#include <string>
+
+#include "anigen/core/error.h"
+#include "anigen/eval/metric_table.h"
+#include "anigen/geometry/correspondence.h"
+#include "anigen/metrics/chamfer.h"
+#include "anigen/metrics/deformation.h"
+#include "anigen/metrics/matching.h"
+#include "anigen/metrics/motion.h"
+#include "anigen/metrics/published_protocols.h"
+#include "anigen/metrics/skeleton_transport.h"
+#include "anigen/metrics/skin_metrics.h"
+#include "anigen/metrics/surface.h"
+#include "anigen/metrics/tree_edit.h"
+#include "anigen/metrics/wasserstein.h"
+
+namespace anigen::eval {
+
+namespace {
+
+Json to_json(const metrics::IcpOptions& icp) {
+  return {{"rotations", icp.rotations},
+          {"principal_axes", icp.principal_axes},
+          {"samples", icp.samples},
+          {"score_samples", icp.score_samples},
+          {"max_iterations", icp.max_iterations},
+          {"variant", icp.variant == metrics::IcpVariant::kPointToPlane ? "point-to-plane" : "point-to-point"},
+          {"scale", icp.similarity},
+          {"trim", icp.trim},
+          {"to_surface", icp.to_surface},
+          {"exhaustive", icp.exhaustive}};
+}
+
+Json transport_json(const PairSettings& settings) {
+  if (settings.transport == TransportMethod::kExact) return {{"solver", "exact"}};
+  const metrics::TransportOptions options = transport_options(settings);
+  return {{"solver", "sinkhorn"},
+          {"epsilon_wasserstein", options.sinkhorn_options.epsilon},
+          {"epsilon_gromov_wasserstein", options.entropic_options.epsilon}};
+}
+
+}  // namespace
+
+TransportMethod parse_transport(const std::string& word) {
+  if (word == "exact") return TransportMethod::kExact;
+  if (word == "sinkhorn") return TransportMethod::kSinkhorn;
+  throw InputError("", "--transport", "must be exact or sinkhorn, got \"" + word + "\"");
+}
+
+metrics::TransportOptions transport_options(const PairSettings& settings) {
+  metrics::TransportOptions options;
+  options.sinkhorn = settings.transport == TransportMethod::kSinkhorn;
+  if (settings.epsilon) options.sinkhorn_options.epsilon = options.entropic_options.epsilon = *settings.epsilon;
+  return options;
+}
+
+Json to_json(const PairSettings& settings) {
+  Json json;
+  json["normalization"] = metrics::to_string(settings.alignment.normalization);
+  json["icp"] = settings.alignment.icp ? to_json(settings.alignment.registration) : Json(nullptr);
+  json["seed"] = settings.seed;
+  json["surface_samples"] = settings.surface_samples;
+  json["image_size"] = settings.image_size;
+  json["poses"] = settings.poses;
+  json["motion_frames"] = settings.motion_frames;
+  json["transport"] = transport_json(settings);
+  json["groups"] = settings.groups;
+  json["lpips"] = settings.lpips;
+  json["categories"] = settings.categories;
+  json["motion"] = settings.motion;
+  return json;
+}
+
+void check(const PairSettings& settings) {
+  check(settings.alignment.registration);
+  static const std::set<std::string> kGroups = PairSettings().groups;
+  for (const std::string& group : settings.groups) {
+    if (kGroups.count(group) > 0) continue;
+    std::string known;
+    for (const std::string& name : kGroups) known += (known.empty() ? "" : ", ") + name;
+    throw InputError("", group, "no such group of metrics; there are " + known);
+  }
+  if (settings.groups.empty()) throw InputError("", "", "no group of metrics to compute");
+  const bool sinkhorn = settings.transport == TransportMethod::kSinkhorn;
+  if (settings.epsilon && !sinkhorn)
+    throw InputError("", "--epsilon", "is that of Sinkhorn's iterations: it goes with --transport sinkhorn");
+  if (settings.epsilon && !(*settings.epsilon > 0.0 && *settings.epsilon <= 1.0))
+    throw InputError("", "--epsilon", "is a share of the largest squared distance: above 0, at most 1");
+  if (sinkhorn && !settings.wants("transport"))
+    throw InputError("", "--transport", "is about the metrics of the group 'transport', which --metrics leaves out");
+  if (settings.surface_samples == 0 || settings.surface_samples > 10'000'000)
+    throw InputError("", "surface samples", "must be in 1 … 10,000,000");
+  if (settings.image_size < 16 || settings.image_size > 4096)
+    throw InputError("", "image size", "must be in 16 … 4096 pixels");
+  if (settings.poses < 1 || settings.poses > 10000) throw InputError("", "poses", "must be in 1 … 10000");
+  if (settings.motion_frames < 1 || settings.motion_frames > 10000)
+    throw InputError("", "frames of a motion", "must be in 1 … 10000");
+}
+
+void PairResult::set(const std::string& key, double value) {
+  if (std::isfinite(value))
+    values[key] = value;
+  else
+    skip(key, "the result is not finite");
+}
+
+void PairResult::skip(const std::string& key, const std::string& reason) { not_computed[key] = reason; }
+
+double PairResult::value(const std::string& key) const {
+  const auto found = values.find(key);
+  return found == values.end() ? std::numeric_limits<double>::quiet_NaN() : found->second;
+}
+
+Json to_json(const PairResult& result) {
+  Json json = {{"id", result.id}};
+  if (!result.failure.empty()) json["failure"] = result.failure;
+  json["values"] = result.values;
+  json["not_computed"] = result.not_computed;
+  json["notes"] = result.notes;
+  json["details"] = result.details;
+  json["commit"] = result.commit;
+  return json;
+}
+
+PairResult pair_result_from_json(const Json& json, const std::string& file) {
+  try {
+    PairResult result;
+    result.id = json.at("id").get<std::string>();
+    result.failure = json.value("failure", "");
+    result.values = json.at("values").get<std::map<std::string, double>>();
+    result.not_computed = json.at("not_computed").get<std::map<std::string, std::string>>();
+    result.notes = json.at("notes").get<std::vector<std::string>>();
+    result.details = json.at("details");
+    result.commit = json.value("commit", "");
+    return result;
+  } catch (const Json::exception& error) {
+    throw InputError(file, "", std::string("not a saved evaluation of a pair: ") + error.what());
+  }
+}
+
+namespace {
+
+Json to_json_pair_evaluation(const metrics::Similarity& similarity) {
+  Json rows = Json::array();
+  const Eigen::Matrix4d matrix = similarity.matrix();
+  for (int row = 0; row < 4; ++row) rows.push_back({matrix(row, 0), matrix(row, 1), matrix(row, 2), matrix(row, 3)});
+  return rows;
+}
+
+Json to_json_pair_evaluation(const metrics::Alignment& alignment) {
+  Json json = {{"by", metrics::to_string(alignment.by)},
+               {"prediction_to_frame", to_json_pair_evaluation(alignment.prediction)},
+               {"truth_to_frame", to_json_pair_evaluation(alignment.truth)}};
+  if (alignment.icp_used) {
+    json["icp"] = {{"rmse", alignment.icp.rmse},
+                   {"start", alignment.icp.start},
+                   {"starts", alignment.icp.starts},
+                   {"refined", alignment.icp.refined},
+                   {"iterations", alignment.icp.iterations}};
+  }
+  return json;
+}
+
+Json sizes(const io::RiggedShape& shape) {
+  return {{"joints", shape.joints.size()},
+          {"roots", roots(shape.joints).size()},
+          {"vertices", shape.mesh.vertices.size()},
+          {"faces", shape.mesh.faces.size()}};
+}
+
+void copy_notes(const io::RiggedShape& shape, const std::string& side, PairResult& result) {
+  for (const std::string& note : shape.notes) result.notes.push_back(side + ": " + note);
+}
+
+/// What keeps a group from being computed, or nothing.
+std::string missing_joints(const ComparedShapes& shapes) {
+  if (!shapes.truth.has_joints()) return "the ground truth has no skeleton";
+  if (!shapes.predicted.has_joints()) return "the prediction has no skeleton";
+  return "";
+}
+
+std::string missing_skin(const io::RiggedShape& shape, const std::string& side) {
+  if (shape.has_skin()) return "";
+  if (shape.skin.rows() == 0) return side + " has no skin weights";
+  return side + " has weights for " + std::to_string(shape.skin.rows()) + " of " +
+         std::to_string(shape.mesh.vertices.size()) + " vertices";
+}
+
+std::string missing_skin(const ComparedShapes& shapes) {
+  std::string missing = missing_joints(shapes);
+  if (missing.empty()) missing = missing_skin(shapes.truth, "the ground truth");
+  if (missing.empty()) missing = missing_skin(shapes.predicted, "the prediction");
+  return missing;
+}
+
+std::string missing_surface(const ComparedShapes& shapes) {
+  if (!shapes.truth.has_surface()) return "the ground truth has no faces";
+  if (!shapes.predicted.has_surface()) return "the prediction has no faces";
+  return "";
+}
+
+std::string missing_to_move(const ComparedShapes& shapes) {
+  const std::string missing = missing_skin(shapes);
+  return missing.empty() ? missing_surface(shapes) : missing;
+}
+
+/// One group that cannot be computed leaves the others alone.
+void add_group(const std::string& group, const std::string& missing, const std::function<void()>& add,
+               PairResult& result) {
+  if (!missing.empty()) return skip_group(group, missing, result);
+  try {
+    add();
+  } catch (const InputError& error) {
+    skip_group(group, error.what(), result);
+  }
+}
+
+}  // namespace
+
+void skip_group(const std::string& group, const std::string& reason, PairResult& result) {
+  for (const MetricInfo& metric : metric_table()) {
+    if (metric.group == group && result.values.count(metric.key) == 0) result.skip(metric.key, reason);
+  }
+}
+
+ComparedShapes bring_together(const io::RiggedShape& predicted, const io::RiggedShape& truth,
+                              const PairSettings& settings) {
+  metrics::AlignmentOptions options = settings.alignment;
+  options.registration.seed = settings.seed;
+  ComparedShapes shapes;
+  shapes.alignment = metrics::align(predicted, truth, options);
+  shapes.predicted = metrics::transformed(shapes.alignment.prediction, predicted);
+  shapes.truth = metrics::transformed(shapes.alignment.truth, truth);
+  return shapes;
+}
+
+PairResult evaluate_pair(const io::RiggedShape& predicted, const io::RiggedShape& truth, const PairSettings& settings,
+                         const metrics::PerceptualDistance& perceptual, const CategoryQuestion& category,
+                         const metrics::Motion* motion) {
+  const auto started = std::chrono::steady_clock::now();
+  PairResult result;
+  result.id = truth.id;
+  copy_notes(truth, "ground truth", result);
+  copy_notes(predicted, "prediction", result);
+  const ComparedShapes shapes = bring_together(predicted, truth, settings);
+  result.details["alignment"] = to_json_pair_evaluation(shapes.alignment);
+  result.details["prediction"] = sizes(predicted);
+  result.details["ground_truth"] = sizes(truth);
+  if (shapes.alignment.icp_used)
+    result.set("icp_rmse", shapes.alignment.icp.rmse);
+  else
+    result.skip("icp_rmse", settings.alignment.icp ? "no registration was needed" : "registration was switched off");
+
+  const std::string no_joints = missing_joints(shapes), no_surface = missing_surface(shapes);
+  if (settings.wants("skeleton"))
+    add_group(
+        "skeleton", no_joints, [&] { add_skeleton_metrics(shapes, result); }, result);
+  if (settings.wants("transport"))
+    add_group(
+        "transport", no_joints, [&] { add_transport_metrics(shapes, settings, result); }, result);
+  if (settings.wants("anymate"))
+    add_group(
+        "anymate", no_joints, [&] { add_anymate_metrics(shapes, result); }, result);
+  if (settings.wants("skin")) {
+    add_group(
+        "skin", missing_skin(shapes),
+        [&] {
+          const Eigen::MatrixXd plan = metrics::matching_plan(shapes.predicted.joints, shapes.truth.joints);
+          add_skin_metrics(shapes, plan, settings, result);
+        },
+        result);
+  }
+  if (settings.wants("motion"))
+    add_group(
+        "motion", missing_to_move(shapes), [&] { add_motion_metrics(shapes, settings, motion, result); }, result);
+  if (settings.wants("surface"))
+    add_group(
+        "surface", no_surface,
+        [&] {
+          add_surface_metrics(shapes, settings, result);
+          add_category(shapes, category, result);
+        },
+        result);
+  if (settings.wants("image"))
+    add_group(
+        "image", no_surface, [&] { add_image_metrics(shapes, settings, perceptual, result); }, result);
+  result.set("seconds", std::chrono::duration<double>(std::chrono::steady_clock::now() - started).count());
+  return result;
+}
+
+namespace {
+
+constexpr double kMarginalsAlmostKept = 1e-3;  ///< L1 of masses that sum to 1
+constexpr double kAnymateBox = 2.0;            ///< longest side of its frame; ours is 1
+
+void set_chamfer(const metrics::SkeletonChamfer& chamfer, const std::string& prefix, PairResult& result) {
+  result.set(prefix + "j2j", chamfer.j2j);
+  result.set(prefix + "j2b", chamfer.j2b);
+  result.set(prefix + "b2b", chamfer.b2b);
+}
+
+}  // namespace
+
+void add_skeleton_metrics(const ComparedShapes& shapes, PairResult& result) {
+  const JointTree& predicted = shapes.predicted.joints;
+  const JointTree& truth = shapes.truth.joints;
+  for (const metrics::SkeletonProtocol protocol : metrics::kSkeletonProtocols) {
+    const std::string prefix = protocol == metrics::SkeletonProtocol::kPaper ? "" : metrics::name(protocol) + ".";
+    try {
+      set_chamfer(metrics::skeleton_chamfer(predicted, truth, protocol), prefix, result);
+    } catch (const InputError& error) {
+      for (const char* key : {"j2j", "j2b", "b2b"}) result.skip(prefix + key, error.what());
+    }
+  }
+  // The tolerance of joint matching is half the thickness of the true shape at each joint, where there is a shape.
+  std::vector<double> tolerance(truth.size(), metrics::kFixedTolerance);
+  if (shapes.truth.has_surface())
+    tolerance = metrics::joint_tolerances(truth, geometry::RayCaster(shapes.truth.mesh));
+  else
+    result.notes.push_back("joints matched within 0.05: without a true surface there is no thickness to go by");
+  const metrics::JointMatch match = metrics::match_joints(predicted, truth, tolerance);
+  result.set("rignet.iou", match.iou);
+  result.set("rignet.precision", match.precision);
+  result.set("rignet.recall", match.recall);
+  const metrics::ConnectivityScore bones = metrics::connectivity(predicted, truth, match.truth_of);
+  result.set("connectivity_precision", bones.precision);
+  result.set("connectivity_recall", bones.recall);
+  result.set("joints", static_cast<double>(predicted.size()));
+  result.set("joint_count_error", static_cast<double>(metrics::joint_count_error(predicted, truth)));
+  if (const auto edits = metrics::tree_edit_distance(predicted, truth))
+    result.set("tree_edit_distance", *edits);
+  else
+    result.skip("tree_edit_distance", "too many joints for it");
+}
+
+void add_transport_metrics(const ComparedShapes& shapes, const PairSettings& settings, PairResult& result) {
+  const metrics::TransportOptions options = transport_options(settings);
+  const metrics::SkeletonTransport transport =
+      metrics::skeleton_transport(shapes.predicted.joints, shapes.truth.joints, options);
+  result.set("wasserstein", options.sinkhorn ? transport.sinkhorn_wasserstein : transport.wasserstein);
+  result.set("gromov_wasserstein",
+             options.sinkhorn ? transport.entropic_gromov_wasserstein : transport.gromov_wasserstein);
+  result.set("gw_lower_bound", transport.gw_lower_bound);
+  result.set("fused_gromov_wasserstein", transport.fused_gromov_wasserstein);
+  result.details["gw_start"] = options.sinkhorn ? "entropic" : transport.gw_start;
+  result.details["fgw_start"] = transport.fgw_start;
+  if (!options.sinkhorn) return;
+  result.details["sinkhorn"] = {{"squared_wasserstein_gap", transport.sinkhorn_gap},
+                                {"wasserstein_converged", transport.sinkhorn_converged},
+                                {"gromov_wasserstein_marginal_error", transport.entropic_marginal_error}};
+  if (!transport.sinkhorn_converged)
+    result.notes.push_back("Sinkhorn's iterations for the Wasserstein distance stopped before their tolerance");
+  if (!(transport.entropic_marginal_error < kMarginalsAlmostKept))
+    result.notes.push_back(
+        "Sinkhorn's scaling for the Gromov–Wasserstein distance left double precision and its plan was repaired: a "
+        "larger "
+        "--epsilon keeps it");
+}
+
+void add_anymate_metrics(const ComparedShapes& shapes, PairResult& result) {
+  const auto doubled = [](std::vector<Eigen::Vector3d> points) {
+    for (Eigen::Vector3d& point : points) point *= kAnymateBox;
+    return points;
+  };
+  const std::vector<Eigen::Vector3d> predicted = doubled(shapes.predicted.joints.positions);
+  const std::vector<Eigen::Vector3d> truth = doubled(shapes.truth.joints.positions);
+  const metrics::AnymateJointScore score = metrics::anymate_joint(predicted, truth);
+  if (!score.not_computed.empty()) return skip_group("anymate", score.not_computed, result);
+  result.set("anymate_cd", score.cd);
+  result.set("anymate_emd", score.emd.cost);
+  result.set("anymate_precision", score.precision);
+  result.set("anymate_recall", score.recall);
+  result.set("anymate_emd_exact", metrics::wasserstein1(predicted, truth).distance);
+}
+
+void add_skin_metrics(const ComparedShapes& shapes, const Eigen::MatrixXd& plan, const PairSettings& settings,
+                      PairResult& result) {
+  const io::RiggedShape& predicted = shapes.predicted;
+  const io::RiggedShape& truth = shapes.truth;
+  std::vector<Eigen::Vector3d> vertices;
+  for (const Eigen::Vector3f& vertex : truth.mesh.vertices) vertices.push_back(vertex.cast<double>());
+
+  SkinWeights moved;
+  if (predicted.has_surface()) {
+    moved = geometry::transfer_skin_to_mesh(predicted.mesh, predicted.skin, truth.mesh);
+  } else {
+    std::vector<Eigen::Vector3d> points;
+    for (const Eigen::Vector3f& vertex : predicted.mesh.vertices) points.push_back(vertex.cast<double>());
+    moved = geometry::transfer_skin_by_vertex(points, predicted.skin, vertices);
+    result.notes.push_back("predicted weights taken from the nearest point: the prediction has no faces");
+  }
+
+  const std::size_t count = vertices.size(), joints = truth.joints.size();
+  const std::vector<double> matched = metrics::matched_weights(moved, plan);
+  const std::vector<float> dense_truth = to_dense(truth.skin, joints);
+  const metrics::SkinScore score =
+      metrics::score_skin(metrics::single_precision(matched), dense_truth, count, joints).mean;
+  result.set("skin_l1", score.l1);
+  result.set("skin_l2", score.l2);
+  result.set("skin_kl", score.kl);
+
+  const auto matched_matrix = metrics::skin_matrix(matched, count, joints);
+  const metrics::SkinMatrix truth_matrix = metrics::skin_matrix(dense_truth, count, joints);
+  const metrics::SkinOverlap overlap = metrics::rignet_skin_overlap(matched_matrix, truth_matrix);
+  result.set("skin_precision", overlap.precision);
+  result.set("skin_recall", overlap.recall);
+  const metrics::AnymateSkinScore anymate = metrics::anymate_skin(matched_matrix, truth_matrix);
+  result.set("skin_ce", anymate.cross_entropy);
+  result.set("skin_cos", 1.0 - anymate.cos_loss);
+  result.set("skin_mae", anymate.mae);
+
+  metrics::DeformationOptions deformation;
+  deformation.poses = settings.poses;
+  deformation.seed = settings.seed;
+  const metrics::DeformationError error =
+      metrics::deformation_error(vertices, truth.joints, truth.skin, predicted.joints, moved, plan, deformation);
+  result.set("deformation_error", error.mean);
+  result.details["largest_deformation_error"] = error.max;
+}
+
+namespace {
+
+/// Whether anything but the renderer's grey would be seen.
+bool has_colors(const io::RiggedShape& shape) {
+  if (!shape.mesh.colors.empty()) return true;
+  for (const Material& material : shape.materials) {
+    if (material.image >= 0 || material.base_color != Eigen::Vector4f::Ones()) return true;
+  }
+  return false;
+}
+
+}  // namespace
+
+void add_surface_metrics(const ComparedShapes& shapes, const PairSettings& settings, PairResult& result) {
+  metrics::SurfaceOptions options;
+  options.samples = settings.surface_samples;
+  options.seed = settings.seed;
+  const metrics::SurfaceScores scores = metrics::surface_scores(shapes.predicted.mesh, shapes.truth.mesh, options);
+  result.set("surface_chamfer", scores.chamfer);
+  result.set("fscore", scores.fscore_005);
+  result.set("fscore_001", scores.fscore_001);
+  result.set("normal_consistency", scores.normal_consistency);
+  result.details["hausdorff"] = scores.hausdorff;
+}
+
+void add_category(const ComparedShapes& shapes, const CategoryQuestion& question, PairResult& result) {
+  if (question.references == nullptr)
+    return result.skip("category", "no --category-split given, or none of its shapes has a category");
+  if (question.expected.empty())
+    return result.skip("category", "the ground truth's data set does not say what kind it is");
+  const CategoryReferences::Match match = question.references->nearest(shapes.predicted.mesh, question.truth_id);
+  result.set("category", match.category == question.expected ? 1.0 : 0.0);
+  result.details["category"] = {
+      {"expected", question.expected}, {"nearest", match.id}, {"is", match.category}, {"chamfer", match.chamfer}};
+}
+
+void add_image_metrics(const ComparedShapes& shapes, const PairSettings& settings,
+                       const metrics::PerceptualDistance& perceptual, PairResult& result) {
+  if (has_colors(shapes.predicted) != has_colors(shapes.truth))
+    return skip_group("image", "only one side has colours, so colour renders do not compare", result);
+  metrics::ViewOptions options;
+  options.size = settings.image_size;
+  const metrics::ImageScores scores =
+      metrics::image_scores(metrics::render_views(shapes.predicted, metrics::Similarity(), options),
+                            metrics::render_views(shapes.truth, metrics::Similarity(), options), perceptual);
+  result.set("psnr", scores.psnr);
+  result.set("ssim", scores.ssim);
+  if (scores.lpips)
+    result.set("lpips", *scores.lpips);
+  else
+    result.skip("lpips", "no weights given");
+}
+
+namespace {
+
+constexpr std::size_t kMostSamples = 5000;  ///< per frame: many frames make up for few samples
+constexpr double kNotedScaling = 0.01;
+
+}  // namespace
+
+MovedPair same_motion(const ComparedShapes& shapes, const PairSettings& settings, const metrics::Motion* given) {
+  MovedPair moved;
+  moved.truth =
+      metrics::truth_motion(shapes.truth, shapes.alignment.truth, given, settings.seed, settings.motion_frames);
+  moved.predicted = metrics::retarget(moved.truth, shapes.predicted.joints);
+  return moved;
+}
+
+void add_motion_metrics(const ComparedShapes& shapes, const PairSettings& settings, const metrics::Motion* given,
+                        PairResult& result) {
+  const MovedPair moved = same_motion(shapes, settings, given);
+  metrics::MotionScoreOptions options;
+  options.samples = std::min(settings.surface_samples, kMostSamples);
+  options.seed = settings.seed;
+  const metrics::MotionScore score =
+      metrics::motion_score(shapes.truth, moved.truth, shapes.predicted, moved.predicted, options);
+  result.set("motion_distance", score.moving);
+  result.set("motion_distance_rest", score.rest);
+  result.details["motion"] = {{"clip", moved.truth.name},
+                              {"frames", moved.truth.frames.size()},
+                              {"distance", score.by_vertex ? "vertices" : "surfaces"},
+                              {"largest", score.largest}};
+  if (moved.truth.scaling > kNotedScaling) {
+    result.notes.push_back("the clip scales joints by up to " + std::to_string(moved.truth.scaling) +
+                           " from 1, which motion_distance leaves out on both sides");
+  }
+}
+
+}  // namespace anigen::eval

@@ -1,0 +1,144 @@
+#pragma once
+#include <Eigen/Core>
+#include <cstdint>
+#include <map>
+#include <optional>
+#include <set>
+#include <string>
+#include <vector>
+
+#include "anigen/core/config.h"
+#include "anigen/eval/metric_table.h"
+#include "anigen/io/rigs/rigged_shape.h"
+#include "anigen/metrics/alignment.h"
+#include "anigen/metrics/image.h"
+#include "anigen/metrics/motion.h"
+#include "anigen/metrics/skeleton_transport.h"
+
+namespace anigen::eval {
+
+/// Solver of the columns wasserstein and gromov_wasserstein.
+enum class TransportMethod {
+  kExact,     ///< network simplex or shortest paths; conditional gradient and exchanges
+  kSinkhorn,  ///< entropic, by Sinkhorn's iterations, as the paper says
+};
+/// @throws InputError for another word than exact and sinkhorn
+TransportMethod parse_transport(const std::string& word);
+
+/// Everything that decides a number of a pair. Recorded in metrics.json.
+struct PairSettings {
+  metrics::AlignmentOptions alignment;
+  std::uint64_t seed = 0;  ///< of samples, starting rotations, poses
+  std::size_t surface_samples = 100000;
+  int image_size = 512;    ///< pixels of the views that PSNR, SSIM and LPIPS compare
+  int poses = 10;          ///< of the deformation error
+  int motion_frames = 12;  ///< of a clip or pose sequence that motion_distance looks at
+  TransportMethod transport = TransportMethod::kExact;
+  /// Of Sinkhorn, as a share of the largest squared distance; without, those of SinkhornOptions and EntropicGwOptions.
+  std::optional<double> epsilon;
+  /// What to compute, of the seven groups of docs/metrics.md.
+  std::set<std::string> groups = {"skeleton", "transport", "skin", "surface", "image", "motion", "anymate"};
+
+  /// Which network and weights LPIPS is computed with; null: not computed. It stands here so that no saved result
+  /// outlives its weights.
+  Json lpips;
+  /// CategoryReferences::describe() of those that predictions are sorted by; null: not sorted. It stands here for the
+  /// same reason.
+  Json categories;
+
+  /// MotionFile::described of the motion that every truth is given; null: each has its own. It stands here for the same
+  /// reason.
+  Json motion;
+
+  bool wants(const std::string& group) const { return groups.count(group) > 0; }
+};
+
+Json to_json(const PairSettings& settings);
+
+/// Options of skeleton_transport(). Gromov–Wasserstein with Sinkhorn searches nothing besides.
+metrics::TransportOptions transport_options(const PairSettings& settings);
+
+/// @throws InputError naming the option that is out of range, or an unknown group and those there are
+void check(const PairSettings& settings);
+
+/// What one prediction scored against one ground truth. A metric either has a value or a reason why it has none.
+struct PairResult {
+  std::string id;
+  std::string failure;                              ///< why nothing was computed at all; empty when something was
+  std::map<std::string, double> values;             ///< key of metric_table() → finite value
+  std::map<std::string, std::string> not_computed;  ///< key → reason
+  std::vector<std::string> notes;                   ///< repairs of the inputs, starts chosen, anything worth knowing
+  Json details = Json::object();                    ///< alignment, sizes, matching: what a reviewer may ask for
+  std::string commit;  ///< of the program that computed it (core/version.h); empty where a saved result has none
+
+  /// Sets a value; one that is not finite becomes a reason instead.
+  void set(const std::string& key, double value);
+  void skip(const std::string& key, const std::string& reason);
+  /// NaN when there is none.
+  double value(const std::string& key) const;
+};
+
+Json to_json(const PairResult& result);
+/// @throws InputError naming `file` when a field has another type
+PairResult pair_result_from_json(const Json& json, const std::string& file);
+
+/// Ground truth and prediction in the frame they are scored in.
+struct ComparedShapes {
+  io::RiggedShape predicted, truth;
+  metrics::Alignment alignment;
+};
+
+/// What the prediction should be recognised as, and among what.
+struct CategoryQuestion {
+  const CategoryReferences* references = nullptr;  ///< null: not asked
+  std::string expected;                            ///< the truth's category; may be empty
+  std::string truth_id;                            ///< no reference of this id may answer
+};
+
+/// What both sides of a pair do in the metric `motion_distance` and in pictures of it: the same frames.
+struct MovedPair {
+  metrics::Motion truth, predicted;
+};
+
+/// The truth's motion (truth_motion()) and, retargeted, the prediction's. @param given a motion for the truth in place
+/// of its own; null: its own @pre both have joints @throws InputError as check()
+MovedPair same_motion(const ComparedShapes& shapes, const PairSettings& settings, const metrics::Motion* given);
+
+/// @throws InputError when the shapes have nothing to align by
+ComparedShapes bring_together(const io::RiggedShape& predicted, const io::RiggedShape& truth,
+                              const PairSettings& settings);
+
+/// Every metric of metric_table() that the pair allows, each other one with its reason. Definitions: docs/metrics.md.
+/// Runs on the calling thread; several pairs may be evaluated at once.
+/// @param perceptual LPIPS, when there is a network for it
+/// @param category for the metric of that name
+/// @param motion as in same_motion(); settings.motion describes it
+/// @throws InputError when nothing can be compared at all
+PairResult evaluate_pair(const io::RiggedShape& predicted, const io::RiggedShape& truth, const PairSettings& settings,
+                         const metrics::PerceptualDistance& perceptual = nullptr, const CategoryQuestion& category = {},
+                         const metrics::Motion* motion = nullptr);
+
+// The groups of metrics, each on shapes that were brought together; they only add to the result.
+
+/// Chamfer distances of all protocols, joint matching, connectivity, tree edit distance.
+void add_skeleton_metrics(const ComparedShapes& shapes, PairResult& result);
+/// Wasserstein, Gromov–Wasserstein, fused; the first two by the method that the settings ask for.
+void add_transport_metrics(const ComparedShapes& shapes, const PairSettings& settings, PairResult& result);
+/// Anymate's joint metrics in its frame, the box of side 2.
+void add_anymate_metrics(const ComparedShapes& shapes, PairResult& result);
+/// Weights moved to the true vertices, joints matched by matching_plan(); deformation error.
+void add_skin_metrics(const ComparedShapes& shapes, const Eigen::MatrixXd& plan, const PairSettings& settings,
+                      PairResult& result);
+/// Both meshes in the truth's motion. @param given a motion for the truth in place of its own; null: its own
+void add_motion_metrics(const ComparedShapes& shapes, const PairSettings& settings, const metrics::Motion* given,
+                        PairResult& result);
+void add_surface_metrics(const ComparedShapes& shapes, const PairSettings& settings, PairResult& result);
+/// Whether the prediction most resembles a reference of its truth's category.
+void add_category(const ComparedShapes& shapes, const CategoryQuestion& question, PairResult& result);
+void add_image_metrics(const ComparedShapes& shapes, const PairSettings& settings,
+                       const metrics::PerceptualDistance& perceptual, PairResult& result);
+
+/// Gives every metric of a group the same reason.
+void skip_group(const std::string& group, const std::string& reason, PairResult& result);
+
+}  // namespace anigen::eval

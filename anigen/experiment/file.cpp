@@ -1,0 +1,283 @@
+#include "anigen/experiment/file.h"
+
+#include <algorithm>
+#include <set>
+
+#include "anigen/core/config.h"
+#include "anigen/core/error.h"
+#include "anigen/experiment/plan.h"
+
+namespace anigen::experiment {
+
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr std::size_t kMostVariants = 256, kMostSeeds = 64;
+
+/// Names become parts of file names and of placeholders.
+void require_name(const ConfigReader& reader, const std::string& key, const std::string& name) {
+  const bool fine = !name.empty() && name.size() <= 40 && std::all_of(name.begin(), name.end(), [](char c) {
+    return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '_';
+  });
+  if (!fine) throw reader.error(key, "names of steps are made of 1 to 40 letters, digits and '_'");
+}
+
+std::vector<Json> list_of(ConfigReader& reader, const std::string& key) {
+  const Json* value = reader.raw(key);
+  if (value == nullptr) return {};
+  if (!value->is_array()) throw reader.error(key, "expected a list");
+  return {value->begin(), value->end()};
+}
+
+/// The variants that one entry of "grid" stands for: {"step": "ss_flow", "set": "path.to.key", "values": […]}.
+std::vector<Variant> axis_of(const Json& json, const Json& steps, const std::string& file, const std::string& pointer) {
+  ConfigReader reader(json, file, pointer);
+  for (const char* key : {"step", "set", "values"}) reader.require(key);
+  const std::string step = reader.text("step", ""), path = reader.text("set", "");
+  require_step(steps, reader, "step", step);
+  const std::string label = reader.text("label", path.substr(path.find_last_of('.') + 1));
+  std::vector<Variant> axis;
+  for (const Json& value : list_of(reader, "values")) {
+    const std::string text = value.is_string() ? value.get<std::string>() : value.dump();
+    Variant variant{label + "=" + text, Json::object()};
+    variant.changes[step]["set"][path] = value;
+    axis.push_back(std::move(variant));
+  }
+  if (axis.empty()) throw reader.error("values", "at least one is needed");
+  reader.finish();
+  return axis;
+}
+
+std::vector<Variant> product(const std::vector<Variant>& first, const std::vector<Variant>& second,
+                             const std::string& file) {
+  if (first.size() * second.size() > kMostVariants)
+    throw InputError(file, "/grid", "more than " + std::to_string(kMostVariants) + " variants");
+  std::vector<Variant> all;
+  for (const Variant& a : first) {
+    for (const Variant& b : second) {
+      Variant both{a.name + (a.name.empty() || b.name.empty() ? "" : ", ") + b.name, a.changes};
+      merge_config(both.changes, b.changes);
+      all.push_back(std::move(both));
+    }
+  }
+  return all;
+}
+
+std::vector<Variant> read_variants(ConfigReader& reader, const Json& steps) {
+  std::vector<Variant> variants{Variant{}};
+  if (reader.has("variants")) {
+    ConfigReader named = reader.object("variants");
+    variants.clear();
+    for (const auto& [name, changes] : reader.raw("variants")->items()) {
+      const Json& object = *named.raw(name);
+      ConfigReader inner(object, named.file(), named.pointer_to(name));
+      for (const auto& [step, unused] : object.items()) {
+        require_step(steps, inner, step, step);
+        inner.object(step);
+      }
+      variants.push_back({name, changes});
+    }
+    if (variants.empty()) throw reader.error("variants", "at least one is needed");
+  }
+  const std::vector<Json> grid = list_of(reader, "grid");
+  for (std::size_t i = 0; i < grid.size(); ++i) {
+    variants = product(variants, axis_of(grid[i], steps, reader.file(), "/grid/" + std::to_string(i)), reader.file());
+  }
+  if (variants.size() > kMostVariants)
+    throw reader.error("variants", "more than " + std::to_string(kMostVariants) + " variants");
+  return variants;
+}
+
+Column read_column(const Json& json, const std::string& file, const std::string& pointer) {
+  Column column;
+  if (json.is_string()) {
+    column.key = column.label = json.get<std::string>();
+    return column;
+  }
+  ConfigReader reader(json, file, pointer);
+  reader.require("key");
+  column.key = reader.text("key", "");
+  column.label = reader.text("label", column.key);
+  const std::string better = reader.choice("better", "none", {"none", "lower", "higher"});
+  column.better = better == "lower"    ? Column::Better::kLower
+                  : better == "higher" ? Column::Better::kHigher
+                                       : Column::Better::kNone;
+  column.digits = static_cast<int>(reader.integer("digits", column.digits, 0, 9));
+  reader.finish();
+  return column;
+}
+
+/// Calls `read` for every object of a list and refuses what it did not ask for.
+template <typename Read>
+void for_each_object(ConfigReader& reader, const std::string& key, const Json& steps, Read read) {
+  const std::vector<Json> list = list_of(reader, key);
+  for (std::size_t i = 0; i < list.size(); ++i) {
+    ConfigReader item(list[i], reader.file(), "/" + key + "/" + std::to_string(i));
+    for (const char* needed : {"title", "step"}) item.require(needed);
+    const std::string step = item.text("step", "");
+    require_step(steps, item, "step", step);
+    read(item, item.text("title", ""), step);
+    item.finish();
+  }
+}
+
+/// Files of several steps that belong to one asset, whose name is the star of each.
+std::vector<AssetFiles> read_shown(ConfigReader& reader, const Json& steps, const std::string& pointer) {
+  std::vector<AssetFiles> entries;
+  const std::vector<Json> shown = list_of(reader, "shown");
+  for (std::size_t i = 0; i < shown.size(); ++i) {
+    ConfigReader item(shown[i], reader.file(), pointer + "/shown/" + std::to_string(i));
+    for (const char* needed : {"step", "files"}) item.require(needed);
+    AssetFiles entry;
+    entry.step = item.text("step", "");
+    require_step(steps, item, "step", entry.step);
+    entry.label = item.text("label", entry.step);
+    entry.pattern = item.text("files", "");
+    if (std::count(entry.pattern.begin(), entry.pattern.end(), '*') != 1)
+      throw item.error("files", "one * is needed, where the name of the asset stands, as in \"*/mesh.glb\"");
+    item.finish();
+    entries.push_back(std::move(entry));
+  }
+  if (entries.empty()) throw reader.error("shown", "at least one is needed");
+  return entries;
+}
+
+StripSpec read_strip(ConfigReader& item, const Json& steps) {
+  item.require("files");
+  StripSpec strip;
+  strip.pattern = item.text("files", "");
+  if (std::count(strip.pattern.begin(), strip.pattern.end(), '*') != 1)
+    throw item.error("files", "one * is needed, where the name of the asset stands, as in \"*/preview.png\"");
+  strip.panels = static_cast<int>(item.integer("panels", 1, 1, 100));
+  strip.panel = static_cast<int>(item.integer("panel", 1, 1, strip.panels));
+  strip.first_panel = static_cast<int>(item.integer("first_panel", 0, 0, strip.panels));
+  strip.most = static_cast<std::size_t>(item.integer("most", 6, 1, 200));
+  if (item.has("value")) {
+    ConfigReader value = item.object("value");
+    for (const char* needed : {"step", "method", "column"}) value.require(needed);
+    strip.value_step = value.text("step", "");
+    require_step(steps, value, "step", strip.value_step);
+    strip.value_method = value.text("method", "");
+    strip.value = read_column(*value.raw("column"), value.file(), value.pointer_to("column"));
+    value.finish();
+  }
+  return strip;
+}
+
+ViewerSpec read_viewer(const Json& json, const Json& steps, const std::string& file, const std::string& pointer) {
+  ConfigReader reader(json, file, pointer);
+  for (const char* needed : {"title", "shown"}) reader.require(needed);
+  ViewerSpec viewer;
+  viewer.title = reader.text("title", "");
+  viewer.most = static_cast<std::size_t>(reader.integer("most", 3, 1, 100));
+  viewer.shown = read_shown(reader, steps, pointer);
+  reader.finish();
+  return viewer;
+}
+
+void read_report(Experiment& experiment, ConfigReader& reader) {
+  for_each_object(reader, "tables", experiment.steps, [&](ConfigReader& item, auto title, auto step) {
+    TableSpec table;
+    table.title = title;
+    table.step = step;
+    table.file = item.text("file", table.file);
+    table.methods = item.texts("methods", {});
+    table.not_ranked = item.texts("not_ranked", {});
+    const std::vector<Json> columns = list_of(item, "columns");
+    for (std::size_t c = 0; c < columns.size(); ++c)
+      table.columns.push_back(read_column(columns[c], item.file(), item.pointer_to("columns/" + std::to_string(c))));
+    if (table.columns.empty()) throw item.error("columns", "at least one is needed");
+    experiment.tables.push_back(std::move(table));
+  });
+  for_each_object(reader, "curves", experiment.steps, [&](ConfigReader& item, auto title, auto step) {
+    item.require("column");
+    experiment.curves.push_back({title, step, item.text("column", "")});
+  });
+  for_each_object(reader, "pictures", experiment.steps, [&](ConfigReader& item, auto title, auto step) {
+    item.require("files");
+    const auto most = static_cast<std::size_t>(item.integer("most", 6, 1, 200));
+    experiment.pictures.push_back({title, step, item.text("files", ""), most});
+  });
+  for_each_object(reader, "sheets", experiment.steps, [&](ConfigReader& item, auto title, auto step) {
+    for (const char* needed : {"method", "order", "shown"}) item.require(needed);
+    SheetSpec sheet;
+    sheet.title = title;
+    sheet.step = step;
+    sheet.method = item.text("method", "");
+    sheet.order = read_column(*item.raw("order"), item.file(), item.pointer_to("order"));
+    sheet.shown = read_shown(item, experiment.steps, item.pointer_to(""));
+    sheet.most = static_cast<std::size_t>(item.integer("most", 100, 3, 1000));
+    experiment.sheets.push_back(std::move(sheet));
+  });
+  for_each_object(reader, "strips", experiment.steps, [&](ConfigReader& item, auto title, auto step) {
+    StripSpec strip = read_strip(item, experiment.steps);
+    strip.title = title;
+    strip.step = step;
+    experiment.strips.push_back(std::move(strip));
+  });
+  const std::vector<Json> viewers = list_of(reader, "viewers");
+  for (std::size_t i = 0; i < viewers.size(); ++i) {
+    experiment.viewers.push_back(
+        read_viewer(viewers[i], experiment.steps, reader.file(), "/viewers/" + std::to_string(i)));
+  }
+}
+
+void read_seeds(Experiment& experiment, ConfigReader& reader) {
+  for (const std::int64_t seed : reader.integers("seeds", {0})) {
+    if (seed < 0) throw reader.error("seeds", "must not be negative");
+    experiment.seeds.push_back(static_cast<std::uint64_t>(seed));
+  }
+  const std::set<std::uint64_t> different(experiment.seeds.begin(), experiment.seeds.end());
+  if (experiment.seeds.empty() || experiment.seeds.size() > kMostSeeds || different.size() != experiment.seeds.size())
+    throw reader.error("seeds", "expected 1 to " + std::to_string(kMostSeeds) + " different numbers");
+  experiment.seeded = reader.texts("seeded", {});
+  for (const std::string& step : experiment.seeded) require_step(experiment.steps, reader, "seeded", step);
+  if (experiment.seeds.size() > 1 && experiment.seeded.empty())
+    throw reader.error("seeded", "several seeds, but no step that takes them: name the steps to repeat");
+}
+
+void read_goals(Experiment& experiment, ConfigReader& reader) {
+  std::vector<std::string>& goals = experiment.goals;
+  if (reader.has("goals")) {
+    goals = reader.texts("goals", {});
+    for (const std::string& step : goals) require_step(experiment.steps, reader, "goals", step);
+    for (const TableSpec& table : experiment.tables) goals.push_back(table.step);
+    for (const CurveSpec& curve : experiment.curves) goals.push_back(curve.step);
+    for (const PictureSpec& picture : experiment.pictures) goals.push_back(picture.step);
+    if (goals.empty()) throw reader.error("goals", "names no step, and no table, curve or picture does");
+  } else {
+    for (const auto& [step, unused] : experiment.steps.items()) goals.push_back(step);
+  }
+}
+
+}  // namespace
+
+Experiment read_experiment(const fs::path& file, const std::vector<std::string>& overrides) {
+  Json json = load_config(file);
+  apply_overrides(json, overrides);
+  ConfigReader reader(json, file.string());
+  for (const char* key : {"title", "steps"}) reader.require(key);
+  Experiment experiment;
+  experiment.file = file;
+  experiment.title = reader.text("title", "");
+  experiment.purpose = reader.text("purpose", "");
+  ConfigReader steps = reader.object("steps");
+  experiment.steps = *reader.raw("steps");
+  if (experiment.steps.empty()) throw reader.error("steps", "at least one is needed");
+  for (const auto& [name, unused] : experiment.steps.items()) {
+    require_name(steps, name, name);
+    steps.object(name);
+  }
+  experiment.variants = read_variants(reader, experiment.steps);
+  read_seeds(experiment, reader);
+  read_report(experiment, reader);
+  read_goals(experiment, reader);
+  reader.finish();
+  for (const Variant& variant : experiment.variants) {
+    for (const auto& [name, unused] : experiment.steps.items()) read_step(experiment, variant, name);
+  }
+  return experiment;
+}
+
+}  // namespace anigen::experiment

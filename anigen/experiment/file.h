@@ -1,0 +1,106 @@
+#pragma once
+#include <cstdint>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "anigen/core/config.h"
+
+namespace anigen::experiment {
+
+/// What is changed in the steps for one row of the results.
+struct Variant {
+  std::string name;
+  Json changes = Json::object();  ///< step name → what merge_config() overlays on that step
+};
+
+/// A column of a results table.
+struct Column {
+  std::string key;    ///< column of the step's CSV file
+  std::string label;  ///< as people read it; the key where the file says nothing
+  enum class Better { kNone, kLower, kHigher } better = Better::kNone;
+  int digits = 4;
+};
+
+/// A table of the report: what one step measured, a row per variant and method.
+struct TableSpec {
+  std::string title, step;
+  std::string file = "metrics.csv";     ///< in the step's folder: one line per asset and method
+  std::vector<std::string> methods;     ///< values of the column "method"; empty: all, in the file's order
+  std::vector<std::string> not_ranked;  ///< methods to compare with that no method competes with, such as the truth
+  std::vector<Column> columns;
+};
+
+/// A curve of the report, one line per variant and seed.
+struct CurveSpec {
+  std::string title, step, column;  ///< a column of the training run's metrics.csv
+};
+
+/// Pictures of the report.
+struct PictureSpec {
+  std::string title, step;
+  std::string files;     ///< under the step's folder; a folder's name may be *, as in "*/preview.png"
+  std::size_t most = 6;  ///< per variant, of the first seed
+};
+
+/// Where a step has its file of an asset.
+struct AssetFiles {
+  std::string label, step;
+  std::string pattern;  ///< under the step's folder, as "*/mesh.glb": one star, which stands for the asset's name
+};
+
+/// A 3D view of the report: assets as GLB files, each as several steps have it, side by side. Shows what there is;
+/// unlike tables and pictures it makes no step a goal.
+struct ViewerSpec {
+  std::string title;
+  std::vector<AssetFiles> shown;
+  std::size_t most = 3;  ///< assets
+};
+
+/// A sheet of every asset that was scored, from the best to the worst: small pictures of it, such as the condition
+/// picture and what was made of it. For every variant, of the first seed; makes no step a goal.
+struct SheetSpec {
+  std::string title, step;        ///< the step whose metrics.csv says how good each is
+  std::string method;             ///< value of its column "method"
+  Column order;                   ///< the column to sort by; lower is better unless it says "higher"
+  std::vector<AssetFiles> shown;  ///< PNG or JPEG files; the name of an asset is its id
+  std::size_t most = 100;         ///< assets, evenly spaced when there are more
+};
+
+/// What every variant made of the same assets, side by side (variant_strip.h). Makes no step a goal.
+struct StripSpec {
+  std::string title, step;
+  std::string pattern;                   ///< under the step's folder, with one star, which stands for the asset's name
+  int panels = 1;                        ///< pictures side by side in each file, equally wide
+  int panel = 1;                         ///< the one to show, from 1
+  int first_panel = 0;                   ///< the one to show once per asset, in front; 0: none
+  std::size_t most = 6;                  ///< assets
+  std::string value_step, value_method;  ///< whose metrics.csv has a number for below each picture; empty: none
+  Column value;
+};
+
+/// A whole experiment, as its JSON file says it (docs/experiments.md).
+struct Experiment {
+  std::filesystem::path file;
+  std::string title, purpose;
+  Json steps;  ///< name → step, in the file's order; read one by one by read_step() of step.h
+  std::vector<Variant> variants;
+  std::vector<std::uint64_t> seeds;
+  std::vector<std::string> seeded;  ///< steps that are run once per seed
+  std::vector<std::string> goals;   ///< steps to reach; what they do not need is not run
+  std::vector<TableSpec> tables;
+  std::vector<CurveSpec> curves;
+  std::vector<PictureSpec> pictures;
+  std::vector<ViewerSpec> viewers;
+  std::vector<SheetSpec> sheets;
+  std::vector<StripSpec> strips;
+};
+
+/// Reads an experiment; `"extends"` works as in configs. Variants are a `"variants"` object, or the product of a
+/// `"grid"`, or both multiplied; without either there is one variant without a name. `"goals"` are the steps that the
+/// tables, curves and pictures speak of and those that the file names; all steps when it names none.
+/// @param overrides path.to.key=value, applied to the whole file before it is read
+/// @throws InputError naming file and JSON pointer
+Experiment read_experiment(const std::filesystem::path& file, const std::vector<std::string>& overrides = {});
+
+}  // namespace anigen::experiment

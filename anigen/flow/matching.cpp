@@ -1,0 +1,122 @@
+#include "anigen/flow/matching.h"
+
+#include <limits>
+#include <vector>
+
+#include "anigen/core/config.h"
+
+namespace anigen::flow {
+
+namespace {
+
+// [B] → [B, 1, 1, …], to multiply a tensor with B entries along its first axis.
+Tensor over_items(const Tensor& t, const Tensor& x) {
+  TORCH_CHECK(t.dim() == 1 && t.size(0) == x.size(0), "a flow takes one time per entry: ", x.size(0),
+              " entries, times ", t.sizes());
+  std::vector<std::int64_t> shape(static_cast<std::size_t>(x.dim()), 1);
+  shape[0] = t.size(0);
+  return t.to(x.options()).view(shape);
+}
+
+}  // namespace
+
+Tensor noisy(const Tensor& x_0, const Tensor& noise, const Tensor& t, double sigma_min) {
+  const Tensor time = over_items(t, x_0);
+  return (1.0 - time) * x_0 + (sigma_min + (1.0 - sigma_min) * time) * noise;
+}
+
+Tensor velocity_target(const Tensor& x_0, const Tensor& noise, double sigma_min) {
+  return (1.0 - sigma_min) * noise - x_0;
+}
+
+Tensor x0_from_velocity(const Tensor& x_t, const Tensor& velocity, const Tensor& t, double sigma_min) {
+  const Tensor time = over_items(t, x_t);
+  return (1.0 - sigma_min) * x_t - (sigma_min + (1.0 - sigma_min) * time) * velocity;
+}
+
+Tensor noise_from_velocity(const Tensor& x_t, const Tensor& velocity, const Tensor& t) {
+  return (1.0 - over_items(t, x_t)) * velocity + x_t;
+}
+
+Tensor noisy(const Tensor& x_0, const Tensor& noise, double t, double sigma_min) {
+  return (1.0 - t) * x_0 + (sigma_min + (1.0 - sigma_min) * t) * noise;
+}
+
+Tensor x0_from_velocity(const Tensor& x_t, const Tensor& velocity, double t, double sigma_min) {
+  return (1.0 - sigma_min) * x_t - (sigma_min + (1.0 - sigma_min) * t) * velocity;
+}
+
+Tensor model_time(const Tensor& t) { return (t * kTimeScale).to(torch::kFloat32); }
+
+Tensor time_bin(const Tensor& t, std::int64_t bins) {
+  const Tensor edges = torch::linspace(0.0, 1.0, bins + 1, torch::kFloat64);
+  const Tensor times = t.detach().to(torch::kCPU, torch::kFloat64).contiguous();
+  return torch::bucketize(times, edges, /*out_int32=*/false, /*right=*/true) - 1;
+}
+
+Tensor mean_per_time_bin(const Tensor& values, const Tensor& t, std::int64_t bins) {
+  const Tensor bin = time_bin(t, bins), list = values.detach().to(torch::kCPU, torch::kFloat64);
+  Tensor means = torch::full({bins}, std::numeric_limits<double>::quiet_NaN(), torch::kFloat64);
+  for (std::int64_t b = 0; b < bins; ++b) {
+    const Tensor inside = list.masked_select(bin == b);
+    if (inside.numel() > 0) means[b] = inside.mean();
+  }
+  return means;
+}
+
+Tensor mse_per_item(const Tensor& prediction, const Tensor& target) {
+  const torch::Dtype wide = nn::accumulation_dtype(nn::dtype_of(prediction));
+  return (prediction.to(wide) - target.to(wide)).square().flatten(1).mean(1);
+}
+
+Tensor mean_per_item(const Tensor& rows, const Tensor& item, std::int64_t items) {
+  const Tensor sums = torch::zeros({items}, rows.options()).index_add(0, item, rows.mean(1));
+  return sums / torch::bincount(item, {}, items).clamp_min(1).to(rows.options());
+}
+
+TimeSchedule TimeSchedule::from_json(const Json& json, const std::string& file, const std::string& pointer) {
+  ConfigReader reader(json, file, pointer);
+  TimeSchedule schedule;
+  const std::string name = reader.choice("name", "logitNormal", {"uniform", "logitNormal"});
+  schedule.kind = name == "uniform" ? Kind::kUniform : Kind::kLogitNormal;
+  ConfigReader args = reader.object("args");
+  if (schedule.kind == Kind::kLogitNormal) {
+    schedule.mean = args.number("mean", schedule.mean);
+    schedule.deviation = args.number("std", schedule.deviation);
+    if (schedule.deviation <= 0.0) throw args.error("std", "must be positive");
+  }
+  args.finish();
+  reader.finish();
+  return schedule;
+}
+
+Json TimeSchedule::to_json() const {
+  Json json;
+  json["name"] = kind == Kind::kUniform ? "uniform" : "logitNormal";
+  if (kind == Kind::kLogitNormal) json["args"] = {{"mean", mean}, {"std", deviation}};
+  return json;
+}
+
+Tensor TimeSchedule::sample(std::int64_t count, at::Generator generator) const {
+  return from_draws(kind == Kind::kUniform ? torch::rand({count}, generator) : torch::randn({count}, generator));
+}
+
+Tensor TimeSchedule::from_draws(const Tensor& draws) const {
+  return kind == Kind::kUniform ? draws : torch::sigmoid(draws * deviation + mean);
+}
+
+Tensor draw_condition_dropout(std::int64_t count, double probability, at::Generator generator) {
+  // In double, so that probability 1 drops every item and 0 none.
+  return torch::rand({count}, generator, torch::kFloat64) < probability;
+}
+
+Tensor replace_condition(const Tensor& condition, const Tensor& dropped, const Tensor& negative) {
+  TORCH_CHECK(dropped.dim() == 1 && dropped.size(0) == condition.size(0), "condition dropout of ", condition.size(0),
+              " items with a mask of shape ", dropped.sizes());
+  std::vector<std::int64_t> shape(static_cast<std::size_t>(condition.dim()), 1);
+  shape[0] = dropped.size(0);
+  const Tensor mask = dropped.to(condition.device(), torch::kBool).view(shape);
+  return torch::where(mask, negative.defined() ? negative : torch::zeros_like(condition), condition);
+}
+
+}  // namespace anigen::flow

@@ -1,0 +1,210 @@
+#include "anigen/generate/asset_generator.h"
+
+#include <chrono>
+
+#include "anigen/core/error.h"
+#include "anigen/core/log.h"
+#include "anigen/generate/run_weights.h"
+#include "anigen/sparse_structure/autoencoder.h"
+
+namespace anigen::generate {
+
+namespace {
+
+using torch::Tensor;
+
+class Stopwatch {
+ public:
+  /// Seconds since the last call.
+  double lap() {
+    const auto now = std::chrono::steady_clock::now();
+    const double seconds = std::chrono::duration<double>(now - last_).count();
+    last_ = now;
+    return seconds;
+  }
+
+ private:
+  std::chrono::steady_clock::time_point last_ = std::chrono::steady_clock::now();
+};
+
+/// Voxels of one asset, x, y, z ascending.
+sparse::SupportPtr support_of(const Tensor& occupied) {
+  const Tensor places = torch::nonzero(occupied).to(torch::kInt32);
+  const Tensor item = torch::zeros({places.size(0), 1}, torch::kInt32);
+  return sparse::Support::create(torch::cat({item, places}, 1), 1);
+}
+
+flow::SamplingExtras with_progress(Progress& progress) {
+  flow::SamplingExtras extras;
+  extras.progress = [&](std::int64_t, std::int64_t) { progress.advance(); };
+  return extras;
+}
+
+/// What the generators of both stages are asked for alike.
+template <typename Generator>
+typename Generator::Request flow_request(const AssetGenerator::Request& from, const std::filesystem::path& run) {
+  typename Generator::Request request;
+  request.run = run;
+  request.device = from.device;
+  request.averages = from.averages;
+  request.precision = from.precision;
+  return request;
+}
+
+bool sees_normals(const AssetGenerator::Request& request, const StructureGenerator& flow) {
+  switch (request.structure_condition) {
+    case StructureCondition::kColor:
+      return false;
+    case StructureCondition::kNormal:
+      return true;
+    case StructureCondition::kAsTrained:
+      break;
+  }
+  return flow.reading().condition == data::ConditionPictures::kNormals ||
+         !nn::has_training_state(request.structure_flow);
+}
+
+}  // namespace
+
+flow::SamplerOptions SamplerOverrides::over(flow::SamplerOptions options) const {
+  options.steps = steps.value_or(options.steps);
+  options.solver = solver.value_or(options.solver);
+  options.cfg_strength = cfg_strength.value_or(options.cfg_strength);
+  options.rescale_t = rescale_t.value_or(options.rescale_t);
+  if (cfg_interval) options.cfg_interval = cfg_interval;
+  options.validate();
+  return options;
+}
+
+at::Generator noise_generator(std::uint64_t seed) {
+  at::Generator generator = at::detail::createCPUGenerator();
+  generator.set_current_seed(seed);
+  return generator;
+}
+
+std::int64_t joints_of_level(int level) {
+  constexpr std::int64_t kJoints[] = {0, 10, 15, 25, 35};
+  if (level < 0 || level > 4) throw InputError("", "joint density level", "must be 0 … 4");
+  return kJoints[level];
+}
+
+AssetGenerator::AssetGenerator(const Request& request) : request_(request) {
+  // Each once, so that a run that cannot be used is named before anything is sampled.
+  const StructureGenerator& first = structure();
+  structure_size_ = first.reading().image_size;
+  structure_sees_normals_ = sees_normals(request, first);
+  runs_ = {request.structure_flow, request.latent_flow, first.autoencoder()};
+  forget_unless_kept();
+  const StructuredLatentGenerator& second = latents();
+  latent_size_ = second.reading().image_size;
+  grid_ = second.options().resolution;
+  counts_joints_ = second.options().use_joint_num_cond;
+  most_joints_ = second.options().joint_num_max;
+  latent_decoder_ckpt_ = second.reading().slat_dec_ckpt;
+  latent_autoencoder_ = request.latent_autoencoder;
+  if (latent_autoencoder_.empty()) {
+    latent_autoencoder_ = named_run(request.latent_flow, second.reading().slat_dec_path, second.flow().config,
+                                    "/dataset/args/slat_dec_path");
+  }
+  runs_.push_back(latent_autoencoder_);
+  forget_unless_kept();
+  require_grid(decoder().options().resolution, latent_autoencoder_);
+  forget_unless_kept();
+}
+
+AssetGenerator::~AssetGenerator() = default;
+
+void AssetGenerator::require_grid(std::int64_t found, const std::filesystem::path& run) const {
+  if (found == grid_) return;
+  throw InputError(run.string(), "",
+                   "works on " + std::to_string(found) + "³ voxels, the flow " + request_.latent_flow.string() +
+                       " on " + std::to_string(grid_) + "³");
+}
+
+StructureGenerator& AssetGenerator::structure() {
+  if (!structure_) {
+    auto request = flow_request<StructureGenerator>(request_, request_.structure_flow);
+    request.autoencoder = request_.structure_autoencoder;
+    structure_ = std::make_unique<StructureGenerator>(request);
+  }
+  return *structure_;
+}
+
+StructuredLatentGenerator& AssetGenerator::latents() {
+  if (!latents_) {
+    latents_ = std::make_unique<StructuredLatentGenerator>(
+        flow_request<StructuredLatentGenerator>(request_, request_.latent_flow));
+  }
+  return *latents_;
+}
+
+RigDecoder& AssetGenerator::decoder() {
+  if (!decoder_) {
+    decoder_ = std::make_unique<RigDecoder>(
+        nn::find_run_model(latent_autoencoder_, structured_latent::kStructuredLatentDecoderClass, latent_decoder_ckpt_),
+        parse_device(request_.device), request_.grouping);
+  }
+  return *decoder_;
+}
+
+void AssetGenerator::forget_unless_kept() {
+  if (!request_.low_memory) return;
+  structure_.reset();
+  latents_.reset();
+  decoder_.reset();
+}
+
+GeneratedAsset AssetGenerator::generate(const Tensor& structure_picture, const Tensor& latent_picture,
+                                        const std::string& name, const GenerationOptions& options) {
+  if (options.joints < 0) throw InputError("", "joints", "must not be negative");
+  if (options.joints > 0 && !counts_joints_) {
+    throw InputError(request_.latent_flow.string(), "/models/denoiser/args/use_joint_num_cond",
+                     "a number of joints was asked for, but this flow was not trained to be told one");
+  }
+  const torch::NoGradGuard no_grad;
+  const torch::Device device = parse_device(request_.device);
+  const at::Generator generator = noise_generator(options.seed);
+  GeneratedAsset made;
+  Stopwatch watch;
+  {
+    StructureGenerator& first = structure();
+    const flow::SamplerOptions sampler = options.structure.over(first.sampler());
+    const Tensor tokens = first.condition(structure_picture);
+    made.times.condition = watch.lap();
+    Progress progress("sparse structure of " + name, static_cast<std::size_t>(sampler.steps), "steps");
+    const flow::Streams sampled =
+        first.sample(first.noise(generator), tokens, sampler, sampler.cfg_strength > 0, with_progress(progress));
+    made.structure = first.denormalised(sampled);
+    made.voxels = first.decode(sampled).front();
+    made.times.structure = watch.lap();
+  }
+  forget_unless_kept();
+  require_grid(made.voxels.shape.size(0), request_.structure_flow);
+  structured_latent::StructuredLatentTarget target;
+  target.shape = support_of(made.voxels.shape);
+  target.skeleton = support_of(made.voxels.skeleton);
+  made.shape_voxels = target.shape->size();
+  made.skeleton_voxels = target.skeleton->size();
+  if (made.shape_voxels == 0 || made.skeleton_voxels == 0) {
+    throw Error(name + ": the first flow gave no " + (made.shape_voxels == 0 ? "shape" : "skeleton") +
+                " voxels; another seed may");
+  }
+  {
+    StructuredLatentGenerator& second = latents();
+    const flow::SamplerOptions sampler = options.latents.over(second.sampler());
+    target.tokens = second.condition(latent_picture);
+    if (counts_joints_) target.joints_num = torch::tensor({options.joints}, torch::kInt64).to(device);
+    made.times.condition += watch.lap();
+    Progress progress("structured latents of " + name, static_cast<std::size_t>(sampler.steps), "steps");
+    made.latents = second.sample(second.noise(*target.shape, *target.skeleton, generator), target, sampler,
+                                 sampler.cfg_strength > 0, with_progress(progress));
+    made.times.latents = watch.lap();
+  }
+  forget_unless_kept();
+  made.decoded = decoder().decode(made.latents, nullptr, name);
+  forget_unless_kept();
+  made.times.decode = watch.lap();
+  return made;
+}
+
+}  // namespace anigen::generate

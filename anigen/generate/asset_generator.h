@@ -1,0 +1,118 @@
+#pragma once
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "anigen/generate/picture_input.h"
+#include "anigen/generate/stage_generators.h"
+#include "anigen/skeleton_field/voting.h"
+
+namespace anigen::generate {
+
+/// How one flow is sampled; what is not set is as its config samples.
+struct SamplerOverrides {
+  std::optional<std::int64_t> steps;
+  std::optional<flow::Solver> solver;
+  std::optional<double> cfg_strength;  ///< the extra weight: 7.5 is a guidance scale of 8.5; 0: no guidance
+  std::optional<double> rescale_t;
+  std::optional<std::pair<double, double>> cfg_interval;
+
+  flow::SamplerOptions over(flow::SamplerOptions options) const;
+};
+
+/// Which picture conditions the first flow: what its config trained on, which a published config does not say and the
+/// published pipeline fixes to normals (reference flows-and-pipeline.md, 5.1), or one of the two.
+enum class StructureCondition { kAsTrained, kColor, kNormal };
+
+struct GenerationOptions {
+  std::uint64_t seed = 42;
+  SamplerOverrides structure, latents;
+  std::int64_t joints = 0;  ///< wanted number of joints, for flows that were told it in training; 0: as many as fit
+};
+
+/// Times of one generation, seconds.
+struct GenerationTimes {
+  double condition = 0, structure = 0, latents = 0, decode = 0;
+};
+
+struct GeneratedAsset {
+  RigDecoder::Decoded decoded;  ///< dense mesh with vertex colours, skeleton, skin; the votes
+  flow::Streams structure;      ///< what the first flow gave, shape and skeleton, denormalised: [1, C, r, r, r] each
+  sparse_structure::VoxelPair voxels;                          ///< the same, decoded
+  structured_latent::PerStream<sparse::SparseTensor> latents;  ///< what the second flow gave
+  std::int64_t shape_voxels = 0, skeleton_voxels = 0;
+  GenerationTimes times;
+};
+
+/// The noise of one asset: the draws of the published program for a seed on a CPU (reference flows-and-pipeline.md,
+/// 5.5), as long as LibTorch draws them so.
+at::Generator noise_generator(std::uint64_t seed);
+
+/// The published joint density levels 0 … 4 as numbers of joints: 0 (none asked), 10, 15, 25, 35 (reference
+/// flows-and-pipeline.md, 5.6). @throws InputError for another level
+std::int64_t joints_of_level(int level);
+
+/// The whole way from pictures to a rigged asset: sparse structure, structured latents, decoding (paper 3.4; reference
+/// flows-and-pipeline.md, 5.1). Preprocessing and what is done to the mesh afterwards stand in image_preprocessing.h
+/// and asset_finishing.h.
+///
+/// Noise comes from one generator of the seed in the published order: shape and skeleton of the structure, then both
+/// streams of the latents; so the same seed gives the same asset whatever else is generated, and the noise of the
+/// published program.
+class AssetGenerator {
+ public:
+  struct Request {
+    std::filesystem::path structure_flow;                             ///< run folder of stage 4, or a published one
+    std::filesystem::path latent_flow;                                ///< run folder of stage 5, or a published one
+    std::filesystem::path structure_autoencoder, latent_autoencoder;  ///< empty: the runs that the flows' configs name
+    nn::Averages averages = nn::Averages::kUsual;
+    std::string device = "cpu";
+    torch::Dtype precision = torch::kFloat32;   ///< of the flows
+    bool low_memory = false;                    ///< one model at a time: each is read again for every picture
+    skeleton_field::MeanShiftOptions grouping;  ///< of the votes for joints
+    StructureCondition structure_condition = StructureCondition::kAsTrained;
+  };
+  /// Reads the configs, and the weights too unless memory is low. @throws InputError when a run is unusable
+  explicit AssetGenerator(const Request& request);
+  ~AssetGenerator();
+
+  int structure_size() const { return structure_size_; }  ///< pixels of the picture that the first flow sees
+  int latent_size() const { return latent_size_; }
+  bool structure_sees_normals() const { return structure_sees_normals_; }
+  bool counts_joints() const { return counts_joints_; }
+  std::int64_t most_joints() const { return most_joints_; }
+  /// The four run folders that are used.
+  const std::vector<std::filesystem::path>& runs() const { return runs_; }
+
+  /// @param structure_picture [1, 3, S, S] in [0, 1], S = structure_size(), colours or normals
+  /// @param latent_picture likewise for the second flow, colours
+  /// @throws InputError when joints are asked of a flow that knows nothing of them; Error when the first flow gives no
+  /// voxels, or the decoder no surface or joint
+  GeneratedAsset generate(const torch::Tensor& structure_picture, const torch::Tensor& latent_picture,
+                          const std::string& name, const GenerationOptions& options);
+
+ private:
+  StructureGenerator& structure();
+  StructuredLatentGenerator& latents();
+  RigDecoder& decoder();
+  void forget_unless_kept();
+  /// @throws InputError when a run's voxels are not those of the second flow
+  void require_grid(std::int64_t found, const std::filesystem::path& run) const;
+
+  Request request_;
+  std::unique_ptr<StructureGenerator> structure_;
+  std::unique_ptr<StructuredLatentGenerator> latents_;
+  std::unique_ptr<RigDecoder> decoder_;
+  std::filesystem::path latent_autoencoder_;
+  std::vector<std::filesystem::path> runs_;
+  std::string latent_decoder_ckpt_;
+  int structure_size_ = 0, latent_size_ = 0;
+  bool structure_sees_normals_ = false, counts_joints_ = false;
+  std::int64_t most_joints_ = 0, grid_ = 0;
+};
+
+}  // namespace anigen::generate

@@ -1,0 +1,421 @@
+#include "anigen/generate/evaluate.h"
+
+#include <algorithm>
+#include <cmath>
+#include <fstream>
+#include <limits>
+#include <map>
+#include <memory>
+#include <string_view>
+#include <utility>
+
+#include "anigen/core/config.h"
+#include "anigen/core/error.h"
+#include "anigen/core/files.h"
+#include "anigen/core/hash.h"
+#include "anigen/core/log.h"
+#include "anigen/core/numeric.h"
+#include "anigen/core/process.h"
+#include "anigen/core/table.h"
+#include "anigen/generate/retrieve.h"
+#include "anigen/generate/run_weights.h"
+#include "anigen/generate/stage_generators.h"
+#include "anigen/io/arrays/safetensors.h"
+#include "anigen/io/arrays/torch_archive.h"
+#include "anigen/nn/state_dict.h"
+#include "anigen/sparse_structure/voxel_metrics.h"
+#include "anigen/sparse_structure/voxel_picture.h"
+#include "anigen/vision/lpips.h"
+
+namespace anigen::generate {
+
+using torch::Tensor;
+
+PictureFeatures picture_features(StructureGenerator& generator, const Tensor& pictures) {
+  const torch::NoGradGuard no_grad;
+  const Tensor tokens = generator.condition(pictures).to(torch::kCPU).flatten(1);
+  return {picture_cells(pictures), tokens / tokens.norm(2, {1}, /*keepdim=*/true).clamp_min(1e-12)};
+}
+
+StructureRetrieval::StructureRetrieval(StructureGenerator& generator, const data::StructureLatentDataset& training,
+                                       std::size_t views)
+    : views_(views) {
+  std::vector<Tensor> color, tokens;
+  Progress progress("describing training pictures", training.assets(), "assets");
+  for (std::size_t asset = 0; asset < training.assets(); ++asset) {
+    throw_if_interrupted();
+    std::vector<data::Draw> draws;
+    for (std::size_t view = 0; view < views; ++view) {
+      draws.push_back({training.item_of(asset), asset * views + view});  // the position chooses the view
+    }
+    const auto batch = training.load(draws);
+    const PictureFeatures one =
+        picture_features(generator, dynamic_cast<const data::StructureLatentBatch&>(*batch).cond);
+    color.push_back(one.color);
+    tokens.push_back(one.tokens);
+    progress.advance();
+  }
+  progress.finish();
+  features_ = {torch::cat(color), torch::cat(tokens)};
+}
+
+StructureRetrieval::Nearest StructureRetrieval::nearest(const PictureFeatures& features) const {
+  const auto row = [&](const Tensor& distances) {
+    return static_cast<std::size_t>(distances.argmin().item<std::int64_t>()) / views_;
+  };
+  return {row((features_.color - features.color).square().sum(1)), row(-features_.tokens.mv(features.tokens[0]))};
+}
+
+namespace {
+
+namespace fs = std::filesystem;
+using torch::Tensor;
+
+constexpr std::int64_t kSampledAtOnce = 4;  // assets; the answer does not depend on it beyond rounding
+
+/// @param held_out assets to evaluate: a share of the training assets does not reduce them
+std::unique_ptr<data::StructureLatentDataset> dataset_of(const data::StructureLatentOptions& reading,
+                                                         const std::string& data, const fs::path& split,
+                                                         std::uint64_t seed, bool held_out) {
+  data::StructureLatentOptions options = reading;
+  if (!data.empty()) options.sources.data_dir = data;
+  if (!split.empty()) options.sources.split = split.string();
+  options.sources.eval_split.clear();
+  options.sources.eval_fraction = 0.0;
+  if (held_out) options.sources.train_share = 1.0;
+  options.sources.filter.repeat.clear();
+  return std::make_unique<data::StructureLatentDataset>(data::select(options.sources).train, options, seed);
+}
+
+std::map<std::string, std::string> sources_of(const std::string& roots) {
+  std::map<std::string, std::string> sources;
+  for (std::size_t begin = 0; begin <= roots.size();) {
+    const std::size_t end = std::min(roots.find(',', begin), roots.size());
+    const CsvTable table = read_csv(fs::path(roots.substr(begin, end - begin)) / "metadata.csv");
+    for (std::size_t row = 0; row < table.rows.size(); ++row) {
+      sources[table.cell(row, "sha256")] = table.cell(row, "source");
+    }
+    begin = end + 1;
+  }
+  return sources;
+}
+
+StructureScore score(const sparse_structure::VoxelPair& made, const sparse_structure::VoxelPair& truth) {
+  const sparse_structure::VoxelAgreement shape = sparse_structure::voxel_agreement(made.shape, truth.shape);
+  const sparse_structure::VoxelAgreement skeleton = sparse_structure::voxel_agreement(made.skeleton, truth.skeleton);
+  return {shape.iou, shape.f1, skeleton.iou, skeleton.f1, sparse_structure::share_inside(made.skeleton, made.shape)};
+}
+
+/// One run of the comparison.
+class StructureComparison {
+ public:
+  explicit StructureComparison(const StructureEvaluationRequest& request)
+      : request_(request),
+        generator_({request.run, request.autoencoder, "", request.device}),
+        coder_(generator_.autoencoder(), generator_.reading().ss_dec_ckpt, parse_device(request.device), false),
+        assets_(dataset_of(generator_.reading(), request.data, request.split, request.seed, true)) {
+    sampler_ = generator_.sampler();
+    if (request.steps > 0) sampler_.steps = request.steps;
+    strengths_ = request.strengths.empty() ? std::vector<double>{sampler_.cfg_strength} : request.strengths;
+    if (request.retrieval_views > 0) {
+      training_ = dataset_of(generator_.reading(), request.data, request.train_split, request.seed, false);
+      retrieval_ = std::make_unique<StructureRetrieval>(generator_, *training_, request.retrieval_views);
+    }
+    name_methods();
+  }
+
+  StructureEvaluation run() {
+    const std::map<std::string, std::string> sources = sources_of(assets_->options().sources.data_dir);
+    const std::size_t count = request_.most == 0 ? assets_->assets() : std::min(request_.most, assets_->assets());
+    Progress progress("generating", count, "assets");
+    for (std::size_t begin = 0; begin < count; begin += static_cast<std::size_t>(kSampledAtOnce)) {
+      throw_if_interrupted();
+      const std::size_t end = std::min(count, begin + static_cast<std::size_t>(kSampledAtOnce));
+      compare(begin, end);
+      for (std::size_t i = begin; i < end; ++i) {
+        result_.ids.push_back(assets_->asset(i).id);
+        const auto found = sources.find(assets_->asset(i).id);
+        result_.sources.push_back(found == sources.end() ? "" : found->second);
+        progress.advance();
+      }
+    }
+    progress.finish();
+    write();
+    return std::move(result_);
+  }
+
+ private:
+  void name_methods() {
+    result_.methods = {"flow, not guided"};
+    for (const double strength : strengths_) result_.methods.push_back("flow, guidance " + fixed(strength, 1));
+    result_.methods.emplace_back("auto-encoder");
+    if (retrieval_) {
+      result_.methods.emplace_back("retrieval by colour");
+      result_.methods.emplace_back("retrieval by tokens");
+    }
+    result_.methods.emplace_back("ground truth");
+    result_.scores.resize(result_.methods.size());
+    result_.settings = {{"run", request_.run.string()},
+                        {"checkpoint", generator_.flow().checkpoint.string()},
+                        {"autoencoder", coder_.checkpoint().string()},
+                        {"split", request_.split.string()},
+                        {"steps", sampler_.steps},
+                        {"seed", request_.seed},
+                        {"retrieval_views", request_.retrieval_views}};
+  }
+
+  sparse_structure::VoxelPair truth_of(const data::AssetId& asset) const {
+    const data::SparseStructureBatch voxels = coder_.voxels(asset);
+    return {voxels.ss[0][0] > 0, voxels.ss_skl[0][0] > 0};
+  }
+
+  void compare(std::size_t begin, std::size_t end) {
+    std::vector<data::Draw> draws;
+    std::vector<Tensor> noise, noise_skl;
+    for (std::size_t i = begin; i < end; ++i) {
+      draws.push_back({i, i});
+      const flow::Streams one = generator_.noise(request_.seed, i);
+      noise.push_back(one[0]);
+      noise_skl.push_back(one[1]);
+    }
+    const auto batch = assets_->load(draws);
+    const auto& latents = dynamic_cast<const data::StructureLatentBatch&>(*batch);
+    const Tensor condition = generator_.condition(latents.cond);
+    const flow::Streams start{torch::cat(noise), torch::cat(noise_skl)};
+
+    std::vector<std::vector<sparse_structure::VoxelPair>> made;  // [method][asset of the batch]
+    made.push_back(generator_.decode(generator_.sample(start, condition, sampler_, false)));
+    for (const double strength : strengths_) {
+      flow::SamplerOptions guided = sampler_;
+      guided.cfg_strength = strength;
+      made.push_back(generator_.decode(generator_.sample(start, condition, guided, true)));
+    }
+    made.push_back(generator_.decode({latents.x_0, latents.x_0_skl}));
+    const auto rows = static_cast<std::int64_t>(end - begin);
+    if (retrieval_) {
+      std::vector<sparse_structure::VoxelPair> by_color, by_tokens;
+      for (std::int64_t i = 0; i < rows; ++i) {
+        const auto nearest = retrieval_->nearest(picture_features(generator_, latents.cond.narrow(0, i, 1)));
+        by_color.push_back(truth_of(training_->asset(nearest.by_color)));
+        by_tokens.push_back(truth_of(training_->asset(nearest.by_tokens)));
+      }
+      made.push_back(std::move(by_color));
+      made.push_back(std::move(by_tokens));
+    }
+    for (std::int64_t i = 0; i < rows; ++i) {
+      const auto at = static_cast<std::size_t>(i);
+      const sparse_structure::VoxelPair truth = truth_of(assets_->asset(begin + at));
+      for (std::size_t m = 0; m < made.size(); ++m) result_.scores[m].push_back(score(made[m][at], truth));
+      result_.scores.back().push_back(score(truth, truth));
+      if (sheet_.size() < request_.pictured) picture(latents, i, made, truth);
+    }
+  }
+
+  void picture(const data::StructureLatentBatch& latents, std::int64_t item,
+               const std::vector<std::vector<sparse_structure::VoxelPair>>& made,
+               const sparse_structure::VoxelPair& truth) {
+    sparse_structure::VoxelSheetRow row;
+    row.label = short_id(latents.ids[static_cast<std::size_t>(item)]);
+    row.picture = sparse_structure::picture_of_planes(latents.cond[item]);
+    for (const auto& method : made) row.cells.push_back(method[static_cast<std::size_t>(item)]);
+    row.cells.push_back(truth);
+    sheet_.push_back(std::move(row));
+  }
+
+  void write() const {
+    CsvTable rows{{"id", "source", "method", "iou", "f1", "iou_skl", "f1_skl", "inside"}, {}};
+    for (std::size_t m = 0; m < result_.methods.size(); ++m) {
+      for (std::size_t i = 0; i < result_.ids.size(); ++i) {
+        const StructureScore& s = result_.scores[m][i];
+        rows.rows.push_back({result_.ids[i], result_.sources[i], result_.methods[m], fixed(s.iou, 6), fixed(s.f1, 6),
+                             fixed(s.iou_skl, 6), fixed(s.f1_skl, 6), fixed(s.inside, 6)});
+      }
+    }
+    write_file_atomically(request_.out / "metrics.csv", to_csv(rows));
+    Json means = Json::object();
+    for (std::size_t m = 0; m < result_.methods.size(); ++m) {
+      const StructureScore s = result_.mean(m);
+      means[result_.methods[m]] = {
+          {"iou", s.iou}, {"f1", s.f1}, {"iou_skl", s.iou_skl}, {"f1_skl", s.f1_skl}, {"inside", s.inside}};
+    }
+    const Json all{{"settings", result_.settings}, {"assets", result_.ids.size()}, {"means", means}};
+    write_file_atomically(request_.out / "metrics.json", all.dump(2) + "\n");
+    write_file_atomically(request_.out / "table.md", to_markdown(result_.table()) + "\n");
+    std::vector<std::string> columns = result_.methods;
+    sparse_structure::write_voxel_sheet(request_.out / "samples.png", sheet_, columns);
+  }
+
+  StructureEvaluationRequest request_;
+  StructureGenerator generator_;
+  StructureCoder coder_;
+  std::unique_ptr<data::StructureLatentDataset> assets_;
+  flow::SamplerOptions sampler_;
+  std::vector<double> strengths_;
+  std::unique_ptr<data::StructureLatentDataset> training_;
+  std::unique_ptr<StructureRetrieval> retrieval_;
+  std::vector<sparse_structure::VoxelSheetRow> sheet_;
+  StructureEvaluation result_;
+};
+
+}  // namespace
+
+StructureScore StructureEvaluation::mean(std::size_t method, const std::string& source) const {
+  StructureScore sum;
+  std::size_t count = 0;
+  for (std::size_t i = 0; i < ids.size(); ++i) {
+    if (sources[i].compare(0, source.size(), source) != 0) continue;
+    const StructureScore& s = scores[method][i];
+    sum.iou += s.iou;
+    sum.f1 += s.f1;
+    sum.iou_skl += s.iou_skl;
+    sum.f1_skl += s.f1_skl;
+    sum.inside += s.inside;
+    ++count;
+  }
+  const double n = count == 0 ? std::numeric_limits<double>::quiet_NaN() : static_cast<double>(count);
+  return {sum.iou / n, sum.f1 / n, sum.iou_skl / n, sum.f1_skl / n, sum.inside / n};
+}
+
+Table StructureEvaluation::table(const std::string& source) const {
+  Table table{{"method", "IoU", "F1", "IoU skeleton", "F1 skeleton", "skeleton inside"}, {}};
+  for (std::size_t m = 0; m < methods.size(); ++m) {
+    const StructureScore s = mean(m, source);
+    table.rows.push_back(
+        {methods[m], fixed(s.iou, 3), fixed(s.f1, 3), fixed(s.iou_skl, 3), fixed(s.f1_skl, 3), fixed(s.inside, 3)});
+  }
+  return table;
+}
+
+StructureEvaluation evaluate_structures(const StructureEvaluationRequest& request) {
+  if (request.split.empty()) throw InputError("", "--split", "which assets? A file of ids, such as splits/test.txt");
+  refuse_to_overwrite({request.out / "metrics.csv", request.out / "metrics.json", request.out / "table.md",
+                       request.out / "samples.png"},
+                      [&] {
+                        return std::vector<std::filesystem::path>{request.split, request.train_split,
+                                                                  request.run / "metrics.csv",
+                                                                  request.autoencoder / "metrics.csv"};
+                      });
+  const torch::NoGradGuard no_grad;
+  return StructureComparison(request).run();
+}
+
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr std::int64_t kVerticesAtOnce = 8192;
+
+/// The run folder's config.json, or for a weight file the one beside it or above it (ckpts/ lies inside the run).
+fs::path config_of(const fs::path& run) {
+  std::error_code ignored;
+  if (fs::is_directory(run, ignored)) return run / "config.json";
+  const fs::path folder = fs::absolute(run).parent_path();
+  return fs::exists(folder / "config.json", ignored) ? folder / "config.json" : folder.parent_path() / "config.json";
+}
+
+skin_field::SkinAutoEncoderOptions options_of(const fs::path& file) {
+  const Json config = read_json(file);
+  if (config.is_object() && config.contains("models") && config["models"].is_object()) {
+    for (const auto& [key, model] : config["models"].items()) {
+      if (!model.is_object() || !model.contains("name") || model["name"] != "SkinAutoEncoder") continue;
+      return skin_field::SkinAutoEncoderOptions::from_json(model.contains("args") ? model["args"] : Json::object(),
+                                                           file.string(), "/models/" + key + "/args");
+    }
+  }
+  throw InputError(file.string(), "/models", "describes no model named SkinAutoEncoder");
+}
+
+}  // namespace
+
+SkinReconstruction::SkinReconstruction(const fs::path& run, const std::string& device) : device_(parse_device(device)) {
+  std::error_code ignored;
+  if (!fs::exists(run, ignored)) throw InputError(run.string(), "", "no such run folder or checkpoint");
+  checkpoint_ = fs::is_directory(run, ignored) ? io::choose_flow_checkpoint(run, true) : run;
+  model_ = skin_field::SkinAutoEncoder(options_of(config_of(run)), nn::Init::kNone);
+  nn::load_state_dict(*model_, io::read_state_dict(checkpoint_), nn::LoadMode::kStrict, checkpoint_.string());
+  model_->to(device_);
+  model_->eval();
+}
+
+std::size_t SkinReconstruction::parameters() const {
+  std::size_t count = 0;
+  for (const auto& parameter : model_->parameters()) count += static_cast<std::size_t>(parameter.numel());
+  return count;
+}
+
+std::vector<float> SkinReconstruction::reconstruct(const std::vector<Eigen::Vector3f>& joints,
+                                                   const std::vector<int>& parents, const std::vector<float>& skin) {
+  const torch::NoGradGuard no_grad;
+  const auto joint_count = static_cast<std::int64_t>(joints.size());
+  torch::Tensor positions = torch::empty({joint_count, 3}, torch::kFloat32);
+  torch::Tensor parent_indices = torch::empty({joint_count}, torch::kInt64);
+  for (std::int64_t j = 0; j < joint_count; ++j) {
+    for (int k = 0; k < 3; ++k) positions.data_ptr<float>()[3 * j + k] = joints[static_cast<std::size_t>(j)][k];
+    parent_indices.data_ptr<std::int64_t>()[j] = parents[static_cast<std::size_t>(j)];
+  }
+  const auto skeletons = skin_field::SkeletonBatch::from_lists({positions}, {parent_indices}).to(device_);
+  const auto code = model_->encode_joints(skeletons);
+
+  std::vector<float> result(skin.size());
+  const std::int64_t vertices = joint_count > 0 ? static_cast<std::int64_t>(skin.size()) / joint_count : 0;
+  for (std::int64_t first = 0; first < vertices; first += kVerticesAtOnce) {
+    const std::int64_t rows = std::min(kVerticesAtOnce, vertices - first);
+    const torch::Tensor truth =
+        torch::from_blob(const_cast<float*>(skin.data()) + first * joint_count, {rows, joint_count}, torch::kFloat32)
+            .to(device_);
+    const torch::Tensor features = model_->encode_vertices(code, skeletons, {truth});
+    const torch::Tensor decoded = model_->decode(features, skin_field::rows_of({truth}), code.features, skeletons)[0]
+                                      .to(torch::kCPU)
+                                      .contiguous();
+    std::copy_n(decoded.data_ptr<float>(), rows * joint_count, result.data() + first * joint_count);
+  }
+  return result;
+}
+
+namespace {
+
+/// In pieces: with its classifier, the published VGG16 has 528 MB.
+std::string file_digest(const std::filesystem::path& file) {
+  std::ifstream in(file, std::ios::binary);
+  std::vector<char> piece(std::size_t{1} << 20);
+  Sha256 digest;
+  while (in) {
+    in.read(piece.data(), static_cast<std::streamsize>(piece.size()));
+    digest.update(std::string_view(piece.data(), static_cast<std::size_t>(in.gcount())));
+  }
+  if (!in.eof()) throw InputError(file.string(), "", "cannot be read");
+  return digest.finish();
+}
+
+/// [1, 3, H, W] in [0, 1]
+torch::Tensor to_batch(const io::Image& image, const torch::Device& device) {
+  const torch::Tensor pixels =
+      torch::from_blob(const_cast<std::uint8_t*>(image.rgba.data()), {image.height, image.width, 4}, torch::kUInt8)
+          .narrow(2, 0, 3);
+  return pixels.permute({2, 0, 1}).unsqueeze(0).to(device, torch::kFloat32) / 255.0;
+}
+
+}  // namespace
+
+PerceptualMetric::PerceptualMetric(const std::vector<std::filesystem::path>& weights, const std::string& device)
+    : device_(parse_device(device)), lpips_(vision::load_lpips(weights)) {
+  lpips_->to(device_);
+  description_ = {{"network", "LPIPS v0.1, VGG16"}, {"weights_sha256", Json::array()}};
+  for (const std::filesystem::path& file : weights) description_["weights_sha256"].push_back(file_digest(file));
+}
+
+double PerceptualMetric::distance(const io::Image& a, const io::Image& b) {
+  if (a.width != b.width || a.height != b.height) throw InputError("", "image", "LPIPS compares pictures of one size");
+  for (const io::Image* image : {&a, &b}) {
+    const std::size_t bytes =
+        std::size_t{4} * static_cast<std::size_t>(image->width) * static_cast<std::size_t>(image->height);
+    if (image->rgba.size() != bytes) throw InputError("", "image", "a picture is incomplete");
+  }
+  const std::lock_guard<std::mutex> one_at_a_time(mutex_);
+  const torch::NoGradGuard no_grad;
+  const double value = lpips_->forward(to_batch(a, device_), to_batch(b, device_)).item<double>();
+  if (!std::isfinite(value)) throw InputError("", "lpips", "is not finite: the numbers of these weights overflow");
+  return value;
+}
+
+}  // namespace anigen::generate

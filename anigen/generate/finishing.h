@@ -1,0 +1,41 @@
+#pragma once
+#include <cstddef>
+#include <string>
+#include <vector>
+
+#include "anigen/asset/rigged_asset.h"
+#include "anigen/asset/skin_weights.h"
+#include "anigen/geometry/fill_holes.h"
+#include "anigen/geometry/simplify.h"
+
+namespace anigen::generate {
+
+/// What is done to a decoded asset before it is written; defaults are the published pipeline's, but for the number of
+/// views (reference flows-and-pipeline.md, 5.8–5.10).
+struct FinishingOptions {
+  double reduction = geometry::kPublishedReduction;  ///< share of faces taken away, 0: none
+  bool remove_hidden = true;                         ///< faces inside the mesh, and then close small holes
+  std::size_t views = 200;         ///< from which faces may be seen; published: 1000, too slow without a GPU
+  int view_size = 512;             ///< pixels; published: 1024
+  bool filter_skin = true;         ///< no weights of joints far away along the skeleton
+  int smoothing_iterations = 100;  ///< of skin weights along the mesh; 0: none
+  double smoothing_alpha = 1.0;
+  int texture_size = 1024;  ///< texels; 0: vertex colours
+
+  /// @throws InputError naming what is out of range
+  void validate() const;
+};
+
+struct FinishedAsset {
+  Asset asset;
+  std::vector<std::string> notices;  ///< a sentence each: what was done, with numbers
+};
+
+/// Simplifies the mesh, removes hidden faces, closes small holes, carries skin weights over unless the vertices stayed
+/// what they were, filters and smooths the weights, and turns vertex colours into a texture, in the published order.
+/// The skeleton stays as it is.
+/// @param dense as decoded_asset() gives it: vertex colours, skin rows that sum to 1
+/// @throws InputError on an option out of range
+FinishedAsset finish_asset(const Asset& dense, const FinishingOptions& options = {});
+
+}  // namespace anigen::generate

@@ -1,0 +1,379 @@
+#include "anigen/generate/generate_assets.h"
+
+#include <chrono>
+#include <map>
+#include <memory>
+#include <optional>
+#include <system_error>
+#include <utility>
+
+#include "anigen/core/error.h"
+#include "anigen/core/files.h"
+#include "anigen/core/hash.h"
+#include "anigen/core/lease.h"
+#include "anigen/core/log.h"
+#include "anigen/core/process.h"
+#include "anigen/core/version.h"
+#include "anigen/generate/assemble.h"
+#include "anigen/generate/finishing.h"
+#include "anigen/generate/latent_records.h"
+#include "anigen/generate/run_weights.h"
+#include "anigen/geometry/primitives.h"
+#include "anigen/io/arrays/safetensors.h"
+#include "anigen/io/gltf/export.h"
+#include "anigen/io/gltf/gltf.h"
+#include "anigen/io/obj.h"
+#include "anigen/render/contact_sheet.h"
+#include "anigen/render/picture.h"
+#include "anigen/sparse_structure/voxel_picture.h"
+#include "anigen/vision/dsine.h"
+
+namespace anigen::generate {
+
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr const char* kReportFile = "generation.json";
+constexpr const char* kLeases = ".leases";
+// Files of an asset: always, of GenerateRequest::obj, of GenerateRequest::intermediate.
+constexpr const char* kAlways[] = {"mesh.glb",    "skeleton.glb", "processed_image.png", "processed_normal.png",
+                                   "preview.png", kReportFile};
+constexpr const char* kObj[] = {"mesh.obj", "mesh.rig.json"};
+constexpr const char* kIntermediate[] = {"voxels.png", "ss_latents.npz", "latents.npz", "votes.glb", "dense.glb"};
+
+/// Preprocessors of the sizes that the two stages see; they share the estimator of normals.
+class ConditionPictures {
+ public:
+  ConditionPictures(const GenerateRequest& request, const AssetGenerator& generator) {
+    std::shared_ptr<vision::NormalEstimator> estimator;
+    const NormalSource normals = request.pictures.normals;
+    if (!generator.structure_sees_normals() && normals != NormalSource::kAuto && normals != NormalSource::kColors)
+      throw InputError("", "--normals",
+                       "the first flow sees colours, as trained or by --condition color: leave it out");
+    if (generator.structure_sees_normals() && request.pictures.normals == NormalSource::kEstimator) {
+      if (request.estimator_weights.empty())
+        throw InputError("", "--normal-weights", "the estimator needs its weights");
+      estimator =
+          std::make_shared<vision::DsineNormals>(request.estimator_weights, parse_device(request.models.device));
+    }
+    for (const int size : {generator.structure_size(), generator.latent_size()}) {
+      if (by_size_.count(size) > 0) continue;
+      PreprocessingOptions options = request.pictures;
+      options.size = size;
+      if (!generator.structure_sees_normals()) options.normals = NormalSource::kColors;
+      by_size_[size] = std::make_unique<ImagePreprocessor>(options, estimator);
+    }
+  }
+
+  /// One picture as each size sees it.
+  std::map<int, PreprocessedImage> of(const NamedPicture& picture) {
+    std::map<int, PreprocessedImage> seen;
+    for (auto& [size, preprocessor] : by_size_) seen[size] = preprocessor->run(picture.file, picture.normal_map);
+    return seen;
+  }
+
+ private:
+  std::map<int, std::unique_ptr<ImagePreprocessor>> by_size_;
+};
+
+/// The picture, what the flows saw, their voxels, and the asset with its skeleton and its weights.
+io::Image preview(const io::Image& picture, const GeneratedAsset& made, const Asset& asset) {
+  constexpr int kSide = 384;
+  render::PictureOptions colors, bones, weights;
+  for (render::PictureOptions* options : {&colors, &bones, &weights}) options->width = options->height = kSide;
+  bones.mode = render::PictureMode::kNormals;
+  bones.skeleton = true;
+  weights.mode = render::PictureMode::kWeights;
+  render::SheetOptions sheet;
+  sheet.columns = 5;
+  return render::contact_sheet({{sparse_structure::fitted_picture(picture, kSide), "picture"},
+                                {sparse_structure::voxel_picture(made.voxels, kSide), "sparse structure"},
+                                {render::render(asset, colors), "asset"},
+                                {render::render(asset, bones), "skeleton"},
+                                {render::render(asset, weights), "skin weights"}},
+                               sheet);
+}
+
+Json sampler_json(const SamplerOverrides& overrides) {
+  Json json = Json::object();
+  if (overrides.steps) json["steps"] = *overrides.steps;
+  if (overrides.solver) json["solver"] = flow::word_of(*overrides.solver);
+  if (overrides.cfg_strength) json["cfg_strength"] = *overrides.cfg_strength;
+  if (overrides.rescale_t) json["rescale_t"] = *overrides.rescale_t;
+  if (overrides.cfg_interval) json["cfg_interval"] = {overrides.cfg_interval->first, overrides.cfg_interval->second};
+  return json;
+}
+
+/// Which files a result was made from, by name, size and time of the last change: the picture and what belongs to it,
+/// every run's config and weights. Their bytes are gigabytes.
+std::string inputs_of(const GenerateRequest& request, const std::vector<fs::path>& runs, const NamedPicture& picture) {
+  std::vector<fs::path> files{picture.file, picture.normal_map, request.estimator_weights,
+                              request.pictures.matting.network};
+  for (const fs::path& run : runs) {
+    files.push_back(run / "config.json");
+    for (const std::string& name : io::checkpoint_names(run / "ckpts")) files.push_back(run / "ckpts" / name);
+  }
+  std::string seen;
+  std::error_code error;
+  for (const fs::path& file : files) {
+    if (!fs::is_regular_file(file, error)) continue;
+    seen += file.string() + "|" + std::to_string(fs::file_size(file, error)) + "|" +
+            std::to_string(fs::last_write_time(file, error).time_since_epoch().count()) + "\n";
+  }
+  return sha256(seen);
+}
+
+/// Everything that decides what is made of a picture.
+Json settings_of(const GenerateRequest& request, const std::vector<fs::path>& runs, const NamedPicture& picture) {
+  const FinishingOptions& finishing = request.finishing;
+  Json settings = {{"picture", fs::absolute(picture.file).lexically_normal().string()},
+                   {"ss_flow", runs[0].string()},
+                   {"slat_flow", runs[1].string()},
+                   {"ss_dae", runs[2].string()},
+                   {"slat_dae", runs[3].string()},
+                   {"inputs", inputs_of(request, runs, picture)},
+                   {"background", static_cast<int>(request.pictures.background)},
+                   {"normals", static_cast<int>(request.pictures.normals)},
+                   {"estimator_side", request.pictures.estimator_side},
+                   {"condition", static_cast<int>(request.models.structure_condition)},
+                   {"seed", request.sampling.seed},
+                   {"joints", request.sampling.joints},
+                   {"grouping_bandwidth", request.models.grouping.bandwidth},
+                   {"grouping_least_votes", request.models.grouping.min_cluster_size},
+                   {"structure_sampler", sampler_json(request.sampling.structure)},
+                   {"latent_sampler", sampler_json(request.sampling.latents)},
+                   {"averages", static_cast<int>(request.models.averages)},
+                   {"precision", request.models.precision == torch::kFloat32 ? "fp32" : "bf16"},
+                   {"published_axes", request.published_axes},
+                   {"obj", request.obj},
+                   {"finishing",
+                    {{"reduction", finishing.reduction},
+                     {"remove_hidden", finishing.remove_hidden},
+                     {"views", finishing.views},
+                     {"view_size", finishing.view_size},
+                     {"filter_skin", finishing.filter_skin},
+                     {"smoothing_iterations", finishing.smoothing_iterations},
+                     {"smoothing_alpha", finishing.smoothing_alpha},
+                     {"texture_size", finishing.texture_size}}}};
+  const MattingOptions& matting = request.pictures.matting;
+  if (!matting.network.empty())
+    settings["matting"] = {
+        {"network", matting.network.string()}, {"mean", matting.mean}, {"deviation", matting.deviation}};
+  return settings;
+}
+
+class Generation {
+ public:
+  explicit Generation(const GenerateRequest& request)
+      : request_(request), generator_(request.models), pictures_(request, generator_) {}
+
+  /// An asset that was made before, here or by another process, of these inputs.
+  std::optional<GenerationReport> kept(const NamedPicture& picture, const std::string& name) const {
+    GenerationReport report = report_of(name);
+    if (request_.again || !is_there(report, settings_of(request_, generator_.runs(), picture))) return std::nullopt;
+    for (const char* file : kIntermediate) {
+      std::error_code error;
+      if (request_.intermediate && !fs::is_regular_file(report.folder / file, error)) return std::nullopt;
+    }
+    return report;
+  }
+
+  /// Refuses to mix what this build makes with what another one made of equal inputs, before anything is made.
+  /// @throws InputError naming both
+  void require_own_code(const std::vector<NamedPicture>& pictures, const std::vector<std::string>& names) const {
+    if (request_.accept_other_code) return;
+    std::size_t count = 0;
+    GenerationReport first;
+    for (std::size_t i = 0; i < pictures.size(); ++i) {
+      GenerationReport report = kept(pictures[i], names[i]).value_or(GenerationReport{});
+      if (!report.kept || commit_of(report) == commit()) continue;
+      if (count++ == 0) first = std::move(report);
+    }
+    if (count == 0) return;
+    throw InputError((first.folder / kReportFile).string(), "/commit",
+                     "was made by " + named_commit(commit_of(first)) +
+                         (count > 1 ? ", and so are " + std::to_string(count - 1) + " more" : "") + "; this is " +
+                         named_commit(commit()) + ": --again makes them anew, --accept-other-code keeps them");
+  }
+
+  GenerationReport run(const NamedPicture& picture, const std::string& name) {
+    GenerationReport report = report_of(name);
+    try {
+      if (request_.started) request_.started(picture);
+      make(picture, settings_of(request_, generator_.runs(), picture), report);
+    } catch (...) {
+      report.failure = failure_of_item();
+    }
+    if (!report.failure.empty()) log::warn("{}: {}", name, report.failure);
+    return report;
+  }
+
+ private:
+  GenerationReport report_of(const std::string& name) const {
+    GenerationReport report;
+    report.name = name;
+    report.folder = request_.output / name;
+    return report;
+  }
+
+  static std::string commit_of(const GenerationReport& report) {
+    const Json found = report.details.value("commit", Json());
+    return found.is_string() ? found.get<std::string>() : "";
+  }
+
+  static bool is_there(GenerationReport& report, const Json& settings) {
+    std::error_code error;
+    if (!fs::is_regular_file(report.folder / kReportFile, error)) return false;
+    Json found;
+    try {
+      found = read_json(report.folder / kReportFile);
+    } catch (const InputError&) {
+      return false;  // damaged, or taken away by another process that makes the asset anew
+    }
+    if (!found.is_object() || found.value("settings", Json()) != settings) return false;
+    report.details = found;
+    report.kept = true;
+    return true;
+  }
+
+  void make(const NamedPicture& picture, const Json& settings, GenerationReport& report) {
+    std::error_code error;
+    fs::remove(report.folder / kReportFile, error);
+    for (const char* stale : kObj) fs::remove(report.folder / stale, error);
+    for (const char* stale : kIntermediate) fs::remove(report.folder / stale, error);
+    const auto started = std::chrono::steady_clock::now();
+    std::map<int, PreprocessedImage> seen = pictures_.of(picture);
+    const PreprocessedImage& first = seen.at(generator_.structure_size());
+    const PreprocessedImage& second = seen.at(generator_.latent_size());
+    const bool normals = generator_.structure_sees_normals();
+    const GeneratedAsset made = generator_.generate(normals ? first.normals_tensor : first.picture_tensor,
+                                                    second.picture_tensor, report.name, request_.sampling);
+    throw_if_interrupted();
+    FinishedAsset finished = finish_asset(made.decoded.asset, request_.finishing);
+
+    io::ExportOptions axes;
+    if (request_.published_axes) {
+      axes.axes = io::ExportAxes::kPublished;
+      finished.asset.skeleton = io::unrotated_in_file(finished.asset.skeleton, axes.axes);
+    }
+    io::write_png(report.folder / "processed_image.png", second.picture);
+    if (normals) io::write_png(report.folder / "processed_normal.png", first.normals);
+    io::write_gltf(report.folder / "mesh.glb", finished.asset, axes);
+    if (request_.obj) io::write_obj_rig(report.folder / "mesh.obj", finished.asset, axes.axes);
+    io::write_gltf(report.folder / "skeleton.glb", geometry::skeleton_asset(finished.asset.skeleton), axes);
+    io::write_png(report.folder / "preview.png", preview(second.picture, made, finished.asset));
+    if (request_.intermediate) {
+      io::write_gltf(report.folder / "dense.glb", made.decoded.asset, axes);
+      write_votes(report.folder / "votes.glb", made.decoded.votes);
+      io::write_png(report.folder / "voxels.png", sparse_structure::voxel_picture(made.voxels, 512));
+      write_structure_latents(report.folder / "ss_latents.npz", made.structure[0][0], made.structure[1][0],
+                              request_.models.structure_flow);
+      write_structured_latents(report.folder / "latents.npz", made.latents, request_.models.latent_flow);
+    }
+    std::vector<std::string> notices = first.notices;
+    notices.insert(notices.end(), finished.notices.begin(), finished.notices.end());
+    const std::chrono::duration<double> seconds = std::chrono::steady_clock::now() - started;
+    report.details = {{"version", kVersion},
+                      {"commit", commit()},
+                      {"settings", settings},
+                      {"notices", notices},
+                      {"voxels", {{"shape", made.shape_voxels}, {"skeleton", made.skeleton_voxels}}},
+                      {"joints", finished.asset.skeleton.size()},
+                      {"vertices", finished.asset.mesh.vertices.size()},
+                      {"faces", finished.asset.mesh.faces.size()},
+                      {"seconds",
+                       {{"condition", made.times.condition},
+                        {"structure", made.times.structure},
+                        {"latents", made.times.latents},
+                        {"decode", made.times.decode},
+                        {"all", seconds.count()}}}};
+    write_file_atomically(report.folder / kReportFile, report.details.dump(2) + "\n");
+  }
+
+  const GenerateRequest& request_;
+  AssetGenerator generator_;
+  ConditionPictures pictures_;
+};
+
+/// Stale files are removed, too, so all names count, whatever is asked for.
+void refuse_lossy_outputs(const GenerateRequest& request, const std::vector<NamedPicture>& pictures,
+                          const std::vector<std::string>& names) {
+  std::vector<fs::path> outputs;
+  for (const std::string& name : names) {
+    for (const char* file : kAlways) outputs.push_back(request.output / name / file);
+    for (const char* file : kObj) outputs.push_back(request.output / name / file);
+    for (const char* file : kIntermediate) outputs.push_back(request.output / name / file);
+  }
+  refuse_to_overwrite(outputs, [&] {
+    std::vector<fs::path> inputs = {request.estimator_weights, request.pictures.matting.network};
+    for (const NamedPicture& picture : pictures) {
+      inputs.push_back(picture.file);
+      inputs.push_back(picture.normal_map);
+    }
+    return inputs;
+  });
+}
+
+}  // namespace
+
+std::vector<GenerationReport> generate_assets(const GenerateRequest& request,
+                                              const std::vector<NamedPicture>& pictures) {
+  request.finishing.validate();
+  if (!request.name.empty() && pictures.size() != 1) throw InputError("", "--name", "is for one picture");
+  require_distinct_names(pictures);
+  std::vector<std::string> names;
+  for (const NamedPicture& picture : pictures) names.push_back(request.name.empty() ? picture.name : request.name);
+  refuse_lossy_outputs(request, pictures, names);
+  Generation generation(request);
+  generation.require_own_code(pictures, names);
+  std::vector<GenerationReport> reports(pictures.size());
+  const LeaseFolder leases(request.output / kLeases);
+  work_in_turn(
+      leases, names,
+      [&](std::size_t i) {
+        std::optional<GenerationReport> kept = generation.kept(pictures[i], names[i]);
+        if (kept) reports[i] = std::move(*kept);
+        return kept.has_value();
+      },
+      [&](std::size_t i) { reports[i] = generation.run(pictures[i], names[i]); });
+  leases.remove_left();
+  return reports;
+}
+
+Json to_json(const std::vector<GenerationReport>& reports) {
+  Json list = Json::array();
+  for (const GenerationReport& report : reports) {
+    Json one = report.details.is_object() ? report.details : Json::object();
+    one["name"] = report.name;
+    one["folder"] = report.folder.string();
+    if (!report.failure.empty()) one["failure"] = report.failure;
+    list.push_back(std::move(one));
+  }
+  return list;
+}
+
+std::string to_text(const std::vector<GenerationReport>& reports) {
+  std::string text;
+  for (const GenerationReport& report : reports) {
+    text += report.name + ": ";
+    if (!report.failure.empty()) {
+      text += report.failure + "\n";
+      continue;
+    }
+    const Json& details = report.details;
+    char line[200];
+    std::snprintf(line, sizeof line, "%s/mesh.glb, %zu joints, %zu vertices, %zu faces, %s\n",
+                  report.folder.string().c_str(), details.value("joints", std::size_t{0}),
+                  details.value("vertices", std::size_t{0}), details.value("faces", std::size_t{0}),
+                  report.kept
+                      ? "was there"
+                      : (std::to_string(static_cast<int>(details["seconds"].value("all", 0.0))) + " s").c_str());
+    text += line;
+    if (report.kept) continue;
+    for (const auto& notice : details["notices"]) text += "  " + notice.get<std::string>() + "\n";
+  }
+  return text;
+}
+
+}  // namespace anigen::generate

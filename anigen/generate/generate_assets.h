@@ -1,0 +1,56 @@
+#pragma once
+#include <filesystem>
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "anigen/core/config.h"
+#include "anigen/generate/assemble.h"
+#include "anigen/generate/asset_generator.h"
+#include "anigen/generate/finishing.h"
+#include "anigen/generate/picture_input.h"
+
+namespace anigen::generate {
+
+struct GenerateRequest {
+  AssetGenerator::Request models;
+  GenerationOptions sampling;
+  PreprocessingOptions pictures;            ///< their size is that of the models' conditions
+  std::filesystem::path estimator_weights;  ///< for NormalSource::kEstimator
+  FinishingOptions finishing;
+  bool published_axes = false;     ///< (−x, z, y) in the file, as the published exporter writes; else (x, z, −y)
+  bool obj = false;                ///< also mesh.obj and mesh.rig.json, see io/obj.h
+  bool intermediate = false;       ///< also what the stages gave: voxels, latents, votes, the dense mesh
+  bool again = false;              ///< also assets whose files are there
+  bool accept_other_code = false;  ///< what is there counts whatever build of the program made it
+  std::filesystem::path output;    ///< folder; each asset gets one of its own, of the picture's name
+  std::string name;                ///< of the asset, for one picture; empty: the picture's
+  /// Called before work on a picture begins. What it throws counts for that picture, as failure_of_item() says.
+  std::function<void(const NamedPicture&)> started = nullptr;
+};
+
+/// What became of one picture.
+struct GenerationReport {
+  std::string name;
+  std::filesystem::path folder;
+  std::string failure;  ///< empty: there is an asset
+  bool kept = false;    ///< it was there already
+  Json details;         ///< as written to generation.json
+};
+
+/// Pictures to rigged GLB files. For each `<output>/<name>/`: mesh.glb, skeleton.glb, processed_image.png,
+/// processed_normal.png where normals were seen, preview.png, and generation.json, written last: what made it (commit,
+/// runs, seed, options, notices, times). A picture that fails, for whatever reason, is
+/// reported and does not stop the others.
+/// Several processes called alike share the pictures by leases in <output>/.leases and all return at the end; with
+/// `again` each makes every picture.
+/// @throws InputError when the models are unusable, two pictures have one name, or an asset that is there and would be
+/// kept was made by another commit (core/version.h), unless the request says `again` or `accept_other_code`; before
+/// any work, when a result would replace an input. WriteError when the disk refuses
+std::vector<GenerationReport> generate_assets(const GenerateRequest& request,
+                                              const std::vector<NamedPicture>& pictures);
+
+Json to_json(const std::vector<GenerationReport>& reports);
+std::string to_text(const std::vector<GenerationReport>& reports);
+
+}  // namespace anigen::generate

@@ -1,0 +1,142 @@
+#pragma once
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "anigen/generate/preprocess.h"
+#include "anigen/io/image.h"
+#include "anigen/vision/condition.h"
+#include "anigen/vision/dsine.h"
+
+namespace anigen::generate {
+
+inline constexpr int kLeastPictureSide = 8;
+/// Bounds the memory of preprocessing, whose largest part is the crop of a picture that fills its frame.
+inline constexpr std::int64_t kMostPicturePixels = 100'000'000;
+
+/// A picture that somebody hands in.
+struct InputPicture {
+  io::Image image;
+  std::string name;     ///< for messages
+  bool turned = false;  ///< by its EXIF orientation
+};
+
+/// A PNG, JPEG (CMYK too), WebP, BMP or TIFF of any depth, as 8-bit RGBA: grey becomes three equal channels, 16 bit are
+/// rounded to 8, palettes are resolved with their alpha. Turned upright as EXIF says, unlike the published pipeline,
+/// where the background remover honours EXIF and the normal map does not (reference flows-and-pipeline.md, 5.2).
+/// Colour profiles are not applied.
+/// @throws InputError when it cannot be read, or check_input_picture refuses it
+InputPicture read_input_picture(const std::filesystem::path& path);
+
+/// @throws InputError for a picture with a side below kLeastPictureSide or above io::kMostPixelsPerSide, with more than
+/// kMostPicturePixels, or in which every pixel is fully transparent
+void check_input_picture(const io::Image& image, const std::string& name);
+
+/// A picture and what its asset is to be called.
+struct NamedPicture {
+  std::filesystem::path file;
+  std::string name;
+  std::filesystem::path
+      normal_map;  ///< the surface normals seen in it, as normal_picture() colours them; empty: unknown
+  NamedPicture(std::filesystem::path picture);  ///< called as the file, without its ending
+  NamedPicture(std::filesystem::path picture, std::string called);
+};
+
+/// A picture, or the pictures directly in a folder by name: png, jpg, jpeg, webp, bmp, tif, tiff.
+/// @throws InputError when there is none
+std::vector<NamedPicture> pictures_at(const std::filesystem::path& path);
+
+/// The first condition view of every asset that the splits name, called as the asset, with its true normals where
+/// the dataset has them (anigen-prepare --view-geometry).
+/// @param most only so many of the first; 0: all @throws InputError naming the asset that has no such view
+std::vector<NamedPicture> pictures_of_dataset(const std::filesystem::path& dataset,
+                                              const std::vector<std::filesystem::path>& splits, std::size_t most);
+
+/// @throws InputError when two pictures have one name, whose assets would overwrite each other
+void require_distinct_names(const std::vector<NamedPicture>& pictures);
+
+/// Where the picture of surface normals comes from that conditions the published first stage.
+enum class NormalSource {
+  kColors,     ///< nowhere: the colour picture stands in, which is what the published training configs show that stage
+  kEstimator,  ///< a NormalEstimator sees the whole picture, as published
+  kFile,       ///< a picture that the user supplies
+  kAuto,       ///< kFile for a picture that comes with a map, kColors for the others
+  kFlat        ///< a surface that faces the viewer everywhere, (128, 128, 255): the published pipeline without weights
+};
+
+/// @param word auto (kAuto), color, estimator, file or flat @throws InputError for another one
+NormalSource parse_normal_source(const std::string& word);
+
+/// Normals as the colours that the published pipeline makes of them: x negated, (n + 1) / 2, rounded down to bytes
+/// (reference flows-and-pipeline.md, 5.2, step 1). This is the common colouring of the viewer's frame (X right, Y up,
+/// Z towards the viewer): a wall that faces the camera is (127, 127, 255).
+/// @param normals [1, 3, H, W] as NormalEstimator returns them @return opaque
+/// @throws InputError when they are not finite
+io::Image normal_picture(const torch::Tensor& normals);
+
+/// The estimate for a whole picture, its alpha ignored.
+/// @param largest_side of the picture that the estimator sees, the estimate being enlarged to the picture's size
+/// (Lanczos); 0: the picture as it is, which is what is published
+/// @param name of the picture, for messages
+io::Image estimated_normals(vision::NormalEstimator& estimator, const io::Image& image, int largest_side,
+                            const std::string& name);
+
+/// A map that the user supplies, coloured as normal_picture() colours, its alpha ignored, resized (Lanczos) to the
+/// picture it belongs to.
+/// @throws InputError when its aspect differs from the picture's by more than a pixel or a hundredth
+io::Image supplied_normals(const io::Image& map, int width, int height, const std::string& name);
+
+io::Image flat_normals(int width, int height);
+
+struct PreprocessingOptions {
+  int size = vision::kConditionSize;  ///< of the results, S
+  Background background = Background::kAuto;
+  MattingOptions matting;
+  NormalSource normals = NormalSource::kAuto;
+  int estimator_side = 0;  ///< longest side that the estimator sees; 0: the whole picture, as published
+};
+
+/// What a picture becomes before the flow models are conditioned on it.
+struct PreprocessedImage {
+  io::Image picture;                             ///< S × S, opaque, the object on black
+  io::Image normals;                             ///< its surface normals, cut out, cropped and resized alike
+  torch::Tensor picture_tensor, normals_tensor;  ///< the same, [1, 3, S, S] fp32 in [0, 1]
+  std::vector<std::string> notices;              ///< what was done, a sentence each: turning, background, normals
+};
+
+/// Pictures as people take them → what the flow models see (reference flows-and-pipeline.md, 5.2).
+///
+/// A picture with transparency is used as it is; of another one the background is removed, after it has been reduced to
+/// 1024 pixels. Both pictures are cropped to io::inference_box, resized and put on black. Unlike the published pipeline
+/// it turns pictures upright by EXIF, and counts the alpha of grey and palette pictures, not of RGBA alone.
+class ImagePreprocessor {
+ public:
+  /// Loads the matting network, when there is one.
+  /// @param estimator for NormalSource::kEstimator
+  /// @throws InputError when an option lacks what it needs, or the network is unusable
+  explicit ImagePreprocessor(const PreprocessingOptions& options,
+                             std::shared_ptr<vision::NormalEstimator> estimator = nullptr);
+
+  /// @param normal_map for NormalSource::kFile and kAuto, which alone read it
+  /// @throws InputError for an unusable picture or normal map, or when no object is found in it
+  PreprocessedImage run(const std::filesystem::path& picture, const std::filesystem::path& normal_map = {});
+  /// @param normal_map nullptr: none; NormalSource::kFile needs one
+  PreprocessedImage run(const InputPicture& picture, const InputPicture* normal_map = nullptr);
+
+ private:
+  /// Removes the background, or keeps it, and says so. Transparent black outside the object.
+  io::Image object_of(const InputPicture& picture, std::vector<std::string>& notices);
+  /// A picture of normals as large as `object`; nothing for NormalSource::kColors.
+  std::optional<io::Image> normals_of(const InputPicture& picture, const InputPicture* normal_map,
+                                      const io::Image& object, std::vector<std::string>& notices);
+
+  PreprocessingOptions options_;
+  std::shared_ptr<vision::NormalEstimator> estimator_;
+  std::unique_ptr<MattingNetwork> network_;
+};
+
+}  // namespace anigen::generate

@@ -1,0 +1,77 @@
+#pragma once
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <vector>
+
+#include "anigen/generate/learned_rigging.h"
+#include "anigen/rigging/rig_meshes.h"
+#include "anigen/rignet/dataset.h"
+#include "anigen/rignet/model.h"
+
+namespace anigen::generate {
+
+/// What the config of a run calls the class of all of RigNet's models.
+inline constexpr const char* kRignetModelClass = "RignetModel";
+
+/// One of RigNet's models for use: evaluation mode, nothing asks for gradients. And how its training made graphs of
+/// meshes.
+struct TrainedRignetModel {
+  rignet::RignetModel model = nullptr;
+  std::filesystem::path file;  ///< of the weights, for messages
+  rignet::RignetMeshOptions mesh;
+};
+
+/// Reads a model of a run of anigen-train (model_at()), weights strictly. The published checkpoints have other keys.
+/// @throws InputError naming the file: when there is nothing of the kind, or arguments or weights do not fit
+TrainedRignetModel load_rignet_model(const std::filesystem::path& path, torch::Device device);
+
+/// Models of RigNet by what they are to do.
+struct RignetModels {
+  std::optional<TrainedRignetModel> joints, connectivity, skin;
+};
+
+/// @throws InputError as load_rignet_model, and for a model of another task than its place
+RignetModels load_rignet_models(const LearnedModelFiles& files, torch::Device device);
+
+/// @throws InputError naming the file of a model that is for another task than its place
+void require_tasks(const RignetModels& models);
+
+struct RignetRiggerOptions {
+  std::uint64_t seed = 0;              ///< of the graphs' edges and samples
+  std::size_t most_influences = 4;     ///< joints per vertex; 0: any number
+  torch::Device device = torch::kCPU;  ///< where the models are
+};
+
+/// RigNet as a rigger of meshes (Xu et al. 2020; reference anymate-baselines.md, 9.3), any of its models missing. Each
+/// mesh is looked at by itself, as a graph of the size that each model was trained with.
+class RignetRigger {
+ public:
+  /// @throws InputError naming its file for a model that is for another task than its place
+  RignetRigger(RignetModels models, const RignetRiggerOptions& options);
+
+  /// Joints and their tree, what has no model as propose_by_models() says. Parents are those of the published tree.
+  /// @return the shape's frame @throws InputError without a surface, as `given`, or for numbers that are not finite
+  rigging::ProposedJoints propose(const io::RiggedShape& shape, const rigging::JointProposer& given);
+
+  /// Weights by the model for skinning, which must be there: SkinNet's at the graph's vertices, cleaned
+  /// (rignet::cleaned_weights), for the joint at the head of each bone, and at the shape's vertices those of
+  /// the nearest place of the graph's surface. Bones as AnymateRigger::bind() takes them.
+  /// @return one row per vertex of the shape @throws InputError without a surface, or for weights that are not finite
+  SkinWeights bind(const io::RiggedShape& shape, const Skeleton& skeleton);
+
+ private:
+  struct Seen;
+  Seen seen(const io::RiggedShape& shape, const TrainedRignetModel& by) const;
+  std::vector<Eigen::Vector3d> predicted(const io::RiggedShape& shape);
+  std::vector<int> parents_of(const io::RiggedShape& shape, const std::vector<Eigen::Vector3d>& joints);
+
+  RignetModels models_;
+  RignetRiggerOptions options_;
+};
+
+/// The steps of rig_meshes() that these models take over. @throws InputError as RignetRigger
+rigging::LearnedSteps rignet_steps(RignetModels models, const RignetRiggerOptions& options);
+
+}  // namespace anigen::generate

@@ -1,0 +1,382 @@
+#include "anigen/generate/stage_generators.h"
+
+#include <memory>
+#include <vector>
+
+#include "anigen/core/config.h"
+#include "anigen/core/error.h"
+#include "anigen/core/hash.h"
+#include "anigen/core/log.h"
+#include "anigen/data/latent_files.h"
+#include "anigen/data/rigged_item.h"
+#include "anigen/data/view_files.h"
+#include "anigen/data/voxel_files.h"
+#include "anigen/generate/assemble.h"
+#include "anigen/generate/evaluate.h"
+#include "anigen/generate/latent_records.h"
+#include "anigen/generate/run_weights.h"
+#include "anigen/geometry/nearest_surface.h"
+#include "anigen/io/arrays/npz.h"
+#include "anigen/nn/init.h"
+#include "anigen/sparse_structure/flow.h"
+#include "anigen/sparse_structure/voxel_metrics.h"
+#include "anigen/structured_latent/sampling.h"
+#include "anigen/vision/condition.h"
+
+namespace anigen::generate {
+
+namespace {
+
+namespace fs = std::filesystem;
+using sparse::SparseTensor;
+using torch::Tensor;
+
+Tensor finite(const Tensor& latent, const fs::path& maker) {
+  const Tensor values = latent.detach().to(torch::kCPU, torch::kFloat32).contiguous();
+  if (!torch::isfinite(values).all().item<bool>()) {
+    throw InputError(maker.string(), "", "this model gives a latent that is not finite");
+  }
+  return values;
+}
+
+// Voxel indices as files hold them: below 256.
+Tensor byte_coords(const SparseTensor& latent) {
+  return latent.support->coords().slice(1, 1).to(torch::kUInt8).contiguous();
+}
+
+}  // namespace
+
+void write_structure_latents(const fs::path& file, const Tensor& shape, const Tensor& skeleton, const fs::path& maker) {
+  io::write_npz(file,
+                {{"mean", nn::to_array(finite(shape, maker))}, {"mean_skl", nn::to_array(finite(skeleton, maker))}});
+}
+
+void write_structured_latents(const fs::path& file, const structured_latent::PerStream<SparseTensor>& latents,
+                              const fs::path& maker) {
+  TORCH_CHECK(latents.geometry.support->items().items() == 1 && latents.skeleton.support->items().items() == 1,
+              "structured latents of several assets in one file");
+  const Tensor feats = torch::cat({finite(latents.geometry.feats, maker), finite(latents.skin.feats, maker)}, 1);
+  io::write_npz(file, {{"coords", nn::to_array(byte_coords(latents.geometry))},
+                       {"feats", nn::to_array(feats)},
+                       {"coords_skl", nn::to_array(byte_coords(latents.skeleton))},
+                       {"feats_skl", nn::to_array(finite(latents.skeleton.feats, maker))}});
+}
+
+namespace {
+
+using torch::Tensor;
+
+data::SparseStructureOptions occupancy_options(const nn::RunModel& encoder) {
+  ConfigReader top(encoder.run, encoder.config.string());
+  ConfigReader args = top.object("dataset").object("args");
+  data::SparseStructureOptions options;
+  options.resolution = static_cast<int>(args.integer("resolution", 64, 1, 256));
+  options.skl_dilation_iter = static_cast<int>(args.integer("skl_dilation_iter", 0, 0, 256));
+  return options;
+}
+
+}  // namespace
+
+StructureCoder::StructureCoder(const std::filesystem::path& run, const std::string& ckpt, torch::Device device,
+                               bool decodes)
+    : device_(device),
+      found_(nn::find_run_model(run, sparse_structure::kSparseStructureEncoderClass, ckpt)),
+      options_(occupancy_options(found_)),
+      encoder_(sparse_structure::load_sparse_structure_encoder(found_, device)) {
+  if (encoder_->options().encode_global || encoder_->options().encode_global_skl) {
+    throw NotSupportedError(found_.config.string(), found_.pointer + "/encode_global", "latents of global tokens");
+  }
+  if (decodes) {
+    decoder_ = sparse_structure::load_sparse_structure_decoder(
+        nn::find_run_model(run, sparse_structure::kSparseStructureDecoderClass, ckpt), device);
+  }
+}
+
+std::string StructureCoder::fingerprint() const {
+  return sha256(fingerprint_of_files({found_.checkpoint}) + found_.args.dump() + "/" +
+                std::to_string(options_.resolution) + "/" + std::to_string(options_.skl_dilation_iter));
+}
+
+data::SparseStructureBatch StructureCoder::voxels(const data::AssetId& asset) const {
+  // One asset: its own errors, and nothing to leave out or replace.
+  const data::SparseStructureDataset one({asset}, options_, 0);
+  const std::unique_ptr<data::Batch> batch = one.load({data::Draw{0, 0}});
+  return dynamic_cast<const data::SparseStructureBatch&>(*batch);
+}
+
+void StructureCoder::encode(const data::SparseStructureBatch& voxels, const std::filesystem::path& file) {
+  const auto latent =
+      encoder_->forward(voxels.ss.to(device_, torch::kFloat32), voxels.ss_skl.to(device_, torch::kFloat32));
+  write_structure_latents(file, latent.mean[0], latent.mean_skl[0], found_.checkpoint);
+}
+
+StructureReconstruction StructureCoder::agreement(const data::StructureLatent& latent,
+                                                  const data::SparseStructureBatch& voxels) {
+  const auto tensor = [&](const data::LatentGrid& grid) {
+    const auto& s = grid.shape;
+    return torch::tensor(grid.values).view({1, s[0], s[1], s[2], s[3]}).to(device_);
+  };
+  const auto logits = decoder_->forward(tensor(latent.mean), tensor(latent.mean_skl));
+  const auto of = [](const Tensor& grid, const Tensor& truth) {
+    return sparse_structure::voxel_agreement((grid[0][0] > 0).to(torch::kCPU), truth[0][0] > 0);
+  };
+  return {of(logits.shape, voxels.ss), of(logits.skeleton, voxels.ss_skl)};
+}
+
+using torch::Tensor;
+
+StructureGenerator::StructureGenerator(const Request& request)
+    : device_(parse_device(request.device)),
+      run_(request.run),
+      flow_(nn::find_flow_model(request.run, {sparse_structure::kSparseStructureFlowClass}, request.ckpt,
+                                request.averages)),
+      autoencoder_(request.autoencoder),
+      reading_(
+          conditioned_reading<data::StructureLatentOptions>(flow_, "ImageConditionedAniGenSparseStructureLatent")) {
+  ConfigReader top(flow_.run, flow_.config.string());
+  ConfigReader args = top.object("trainer").object("args");
+  sampler_ = sparse_structure::SparseStructureFlowStageOptions::read(args).sampler;
+  if (autoencoder_.empty()) {
+    autoencoder_ = named_run(run_, reading_.ss_dec_path, flow_.config, "/dataset/args/ss_dec_path");
+  }
+  model_ = sparse_structure::load_sparse_structure_flow(flow_, device_);
+  if (request.precision != torch::kFloat32) model_->set_compute_dtype(request.precision);
+  decoder_ = sparse_structure::load_sparse_structure_decoder(
+      nn::find_run_model(autoencoder_, sparse_structure::kSparseStructureDecoderClass, reading_.ss_dec_ckpt), device_);
+}
+
+Tensor StructureGenerator::condition(const Tensor& pictures) {
+  const torch::NoGradGuard no_grad;
+  if (!encoder_) {
+    encoder_ =
+        vision::trained_condition_encoder(run_, flow_, reading_.image_size, model_->options().cond_channels, device_);
+  }
+  return encoder_->tokens(pictures);
+}
+
+flow::Streams StructureGenerator::noise(std::uint64_t seed, std::uint64_t number) const {
+  return noise(nn::numbered_generator(seed, "structure noise", number));
+}
+
+flow::Streams StructureGenerator::noise(const at::Generator& generator) const {
+  const sparse_structure::SparseStructureFlowOptions& options = model_->options();
+  const std::int64_t r = options.resolution;
+  const Tensor shape = torch::randn({1, options.in_channels, r, r, r}, generator);
+  const Tensor skeleton = torch::randn({1, options.in_channels_skl, r, r, r}, generator);
+  return {shape.to(device_), skeleton.to(device_)};
+}
+
+flow::Streams StructureGenerator::sample(const flow::Streams& noise, const Tensor& condition,
+                                         const flow::SamplerOptions& sampler, bool guided,
+                                         const flow::SamplingExtras& extras) {
+  const torch::NoGradGuard no_grad;
+  return flow::sample_flow(noise, sparse_structure::structure_velocities(model_, condition, guided), sampler, extras)
+      .samples;
+}
+
+flow::Streams StructureGenerator::denormalised(const flow::Streams& latents) const {
+  return {data::denormalised(latents[0].to(device_), reading_.normalization),
+          data::denormalised(latents[1].to(device_), reading_.normalization_skl)};
+}
+
+sparse_structure::SparseStructureDecoderImpl::Logits StructureGenerator::logits(const flow::Streams& latents,
+                                                                                std::int64_t item) {
+  const torch::NoGradGuard no_grad;
+  const flow::Streams one = denormalised({latents[0].narrow(0, item, 1), latents[1].narrow(0, item, 1)});
+  return decoder_->forward(one[0], one[1]);
+}
+
+std::vector<sparse_structure::VoxelPair> StructureGenerator::decode(const flow::Streams& latents) {
+  const torch::NoGradGuard no_grad;
+  std::vector<sparse_structure::VoxelPair> decoded;
+  for (std::int64_t i = 0; i < latents[0].size(0); ++i) {  // one by one: a batch of 64³ volumes is large
+    const auto logits = this->logits(latents, i);
+    const auto occupied = [](const Tensor& grid) { return (grid[0][0] > 0).to(torch::kCPU).contiguous(); };
+    decoded.push_back({occupied(logits.shape), sparse_structure::largest_component(occupied(logits.skeleton))});
+  }
+  return decoded;
+}
+
+RigDecoder::RigDecoder(const nn::RunModel& found, torch::Device device,
+                       const skeleton_field::MeanShiftOptions& grouping)
+    : variant_(structured_latent::variant_of_run(found)),
+      decoder_(structured_latent::load_rig_decoder(found, device, grouping)) {}
+
+RigDecoder::Decoded RigDecoder::decode(const structured_latent::PerStream<sparse::SparseTensor>& latents,
+                                       const skeleton_field::SkeletonTensors* given, const std::string& name) {
+  const torch::NoGradGuard no_grad;
+  std::vector<skeleton_field::SkeletonTensors> skeletons;
+  if (given != nullptr) skeletons.push_back(*given);
+  const auto decoded = decoder_->forward(latents, skeletons);
+  const shape_field::ExtractedMesh mesh = decoder_->extract_meshes(decoded, /*training=*/false).front();
+  const skeleton_field::SkeletonTensors& skeleton = decoded.joints.front();
+  const SkinWeightRows weights = [&](std::int64_t begin, std::int64_t end) {
+    return decoder_->skin_weights(mesh.skin_features.slice(0, begin, end), skeleton,
+                                  decoded.joint_features.front().features);
+  };
+  DecodedAssetOptions options;
+  options.name = name;
+  return {decoded_asset(mesh, skeleton, weights, options),
+          structured_latent::for_grouping(decoded.skeletons.front(), variant_.confidence)};
+}
+
+namespace {
+
+namespace fs = std::filesystem;
+using sparse::SparseTensor;
+using torch::Tensor;
+
+data::FeatureSkeletonOptions data_options(const nn::RunModel& found) {
+  ConfigReader top(found.run, found.config.string());
+  ConfigReader args = top.object("dataset").object("args");
+  return data::FeatureSkeletonOptions::read(args);
+}
+
+fs::path feature_file(const data::AssetId& asset, const std::string& model) {
+  return asset.root / "features" / model / (asset.id + ".npz");
+}
+
+SparseTensor sparse_of(const data::VoxelRows& rows, const std::string& id, torch::Device device) {
+  const data::RaggedVoxels voxels = data::collate_voxels({&rows}, {id});
+  return {sparse::Support::create(voxels.coords, 1), voxels.feats.to(device)};
+}
+
+}  // namespace
+
+StructuredLatentCoder::StructuredLatentCoder(const fs::path& run, const std::string& ckpt, torch::Device device,
+                                             const std::optional<skeleton_field::MeanShiftOptions>& decodes)
+    : device_(device),
+      found_(nn::find_run_model(run, structured_latent::kStructuredLatentEncoderClass, ckpt)),
+      data_(data_options(found_)) {
+  const nn::RunModel decoder = nn::find_run_model(run, structured_latent::kStructuredLatentDecoderClass, ckpt);
+  variant_ = structured_latent::variant_of_run(decoder);
+  if (variant_.latent_norm == structured_latent::LatentNorm::kNone) found_.args["normalize_z"] = false;
+  encoder_ = structured_latent::load_structured_latent_encoder(found_, device);
+  if (decodes && shape_alone()) shape_decoder_ = structured_latent::load_structured_latent_decoder(decoder, device);
+  if (decodes && !shape_alone()) decoder_.emplace(decoder, device, *decodes);
+}
+
+std::string StructuredLatentCoder::fingerprint() const {
+  return sha256(fingerprint_of_files({found_.checkpoint}) + found_.args.dump() + "/" + data_.model + "/" +
+                std::to_string(data_.skl_dilation_iter) + "/" + std::to_string(data_.load_cubvh) + "/" +
+                std::to_string(data_.skin_accum_as_flow) + "/" + std::to_string(data_.resolution) + "/" +
+                std::to_string(static_cast<int>(variant_.latent_norm)));
+}
+
+std::vector<fs::path> StructuredLatentCoder::files(const data::AssetId& asset) const {
+  return {feature_file(asset, data_.model), data::skeleton_voxel_path(asset), data::rig_path(asset)};
+}
+
+StructuredLatentCoder::Inputs StructuredLatentCoder::inputs(const data::AssetId& asset) const {
+  data::VoxelRows skeleton;
+  skeleton.coords = data::read_voxels_at(data::skeleton_voxel_path(asset), data_.resolution);
+  if (data_.skl_dilation_iter > 0) {
+    skeleton.coords = geometry::dilate(skeleton.coords, data_.resolution, data_.skl_dilation_iter);
+  }
+  data::RigArrays rig = data::read_rig_arrays(asset);
+  const std::size_t unweighted = data::normalize_skin_rows(rig.skin, rig.joints.size());
+  if (unweighted > 0) {
+    log::warn("{}: {} of {} vertices have no weight and follow joint 0, as published", asset.id, unweighted,
+              rig.vertices.size());
+  }
+  if (data_.skin_accum_as_flow) data::accumulate_skin_as_flow(rig.skin, rig.parents);
+  data::RigBatch batch;
+  batch.append(rig);
+
+  Inputs inputs;
+  inputs.x = sparse_of(data::read_features_at(feature_file(asset, data_.model), data_.resolution), asset.id, device_);
+  inputs.x_skl = sparse_of(skeleton, asset.id, device_);
+  inputs.rigs.joints = {batch.joints.front().to(device_)};
+  inputs.rigs.parents = {batch.parents.front().to(device_)};
+  inputs.rigs.skin = {batch.skin.front().to(device_)};
+  inputs.rigs.vertices = batch.vertices;
+  inputs.rigs.faces = batch.faces;
+  if (data_.load_cubvh) {
+    inputs.rigs.surfaces = {std::make_shared<const geometry::NearestSurface>(rig.vertices, rig.faces)};
+  }
+  return inputs;
+}
+
+structured_latent::PerStream<SparseTensor> StructuredLatentCoder::encode(const Inputs& inputs) {
+  const torch::NoGradGuard no_grad;
+  const auto latents = encoder_->forward(inputs.x, inputs.x_skl, inputs.rigs);
+  const structured_latent::StructuredLatentEncoderOptions& options = encoder_->options();
+  return {latents.z.with(latents.z_geometry),
+          latents.z.with(structured_latent::renormalized(latents.z_skin, options, variant_.latent_norm)),
+          latents.z_skl.with(structured_latent::renormalized(latents.z_skl.feats, options, variant_.latent_norm))};
+}
+
+RigDecoder::Decoded StructuredLatentCoder::decode(const structured_latent::PerStream<SparseTensor>& latents,
+                                                  const skeleton_field::SkeletonTensors& own, bool use_own,
+                                                  const std::string& name) {
+  if (decoder_) return decoder_->decode(latents, use_own ? &own : nullptr, name);
+  const torch::NoGradGuard no_grad;
+  // The untrained votes are not grouped: they mean nothing, and may be too many joints for the memory.
+  const auto decoded = shape_decoder_->forward(latents, {own});
+  RigDecoder::Decoded shape;
+  shape.asset = decoded_shape(shape_decoder_->extract_meshes(decoded, /*training=*/false).front(), name);
+  return shape;
+}
+
+void StructuredLatentCoder::write(const structured_latent::PerStream<SparseTensor>& latents,
+                                  const fs::path& file) const {
+  write_structured_latents(file, latents, checkpoint());
+}
+
+namespace {
+
+using torch::Tensor;
+
+structured_latent::StructuredLatentFlowStageOptions training_options(const nn::RunModel& flow) {
+  ConfigReader top(flow.run, flow.config.string());
+  ConfigReader args = top.object("trainer").object("args");
+  return structured_latent::StructuredLatentFlowStageOptions::read(args);
+}
+
+}  // namespace
+
+StructuredLatentGenerator::StructuredLatentGenerator(const Request& request)
+    : device_(parse_device(request.device)),
+      run_(request.run),
+      flow_(nn::find_flow_model(
+          request.run,
+          {structured_latent::kStructuredLatentFlowClass, structured_latent::kPlainStructuredLatentFlowClass},
+          request.ckpt, request.averages)),
+      reading_(conditioned_reading<data::StructuredLatentOptions>(flow_, "AniGenImageConditionedSLat")),
+      training_(training_options(flow_)) {
+  model_ = structured_latent::load_structured_latent_flow(flow_, device_);
+  if (request.precision != torch::kFloat32) model_->set_compute_dtype(request.precision);
+}
+
+Tensor StructuredLatentGenerator::condition(const Tensor& pictures) {
+  const torch::NoGradGuard no_grad;
+  if (!encoder_) {
+    encoder_ =
+        vision::trained_condition_encoder(run_, flow_, reading_.image_size, model_->options().cond_channels, device_);
+  }
+  return encoder_->tokens(pictures);
+}
+
+flow::Streams StructuredLatentGenerator::noise(const sparse::Support& shape, const sparse::Support& skeleton,
+                                               const at::Generator& generator) const {
+  flow::Streams streams =
+      structured_latent::structured_latent_noise(model_->options(), shape, skeleton, training_.smoothing, generator);
+  for (Tensor& stream : streams) stream = stream.to(device_);
+  return streams;
+}
+
+structured_latent::PerStream<sparse::SparseTensor> StructuredLatentGenerator::sample(
+    const flow::Streams& noise, const structured_latent::StructuredLatentTarget& target,
+    const flow::SamplerOptions& sampler, bool guided, const flow::SamplingExtras& extras) {
+  const torch::NoGradGuard no_grad;
+  const flow::Velocities velocities = structured_latent::structured_latent_velocities(model_, target, guided);
+  const flow::Streams latents = flow::sample_flow(noise, velocities, sampler, extras).samples;
+  const Tensor shape = data::denormalised(latents[0], reading_.normalization);
+  const Tensor skeleton = data::denormalised(latents[1], reading_.normalization_skl);
+  const std::int64_t geometry = model_->options().geometry.out_channels;
+  return {{target.shape, shape.slice(1, 0, geometry).contiguous()},
+          {target.shape, shape.slice(1, geometry).contiguous()},
+          {target.skeleton, skeleton}};
+}
+
+}  // namespace anigen::generate

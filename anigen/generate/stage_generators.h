@@ -1,0 +1,245 @@
+#pragma once
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "anigen/asset/rigged_asset.h"
+#include "anigen/data/datasets.h"
+#include "anigen/data/latent_files.h"
+#include "anigen/data/metadata.h"
+#include "anigen/nn/state_dict.h"
+#include "anigen/nn/trainable.h"
+#include "anigen/skeleton_field/field.h"
+#include "anigen/skeleton_field/voting.h"
+#include "anigen/sparse_structure/autoencoder.h"
+#include "anigen/sparse_structure/flow.h"
+#include "anigen/sparse_structure/voxel_metrics.h"
+#include "anigen/sparse_structure/voxel_picture.h"
+#include "anigen/structured_latent/decoder.h"
+#include "anigen/structured_latent/options.h"
+#include "anigen/structured_latent/sampling.h"
+#include "anigen/vision/condition.h"
+
+namespace anigen::generate {
+
+/// Writes a latent of one asset as datasets hold it, whole or not at all, to ss_latents/<model>/<id>.npz: mean and
+/// mean_skl.
+/// @param shape, skeleton [C, r, r, r] @param maker the model's file @throws InputError naming it when a value is not
+/// finite
+void write_structure_latents(const std::filesystem::path& file, const torch::Tensor& shape,
+                             const torch::Tensor& skeleton, const std::filesystem::path& maker);
+
+/// The same for structured latents, to latents/<model>/<id>.npz: coords u8 [N, 3] and feats f32 [N, C of geometry and
+/// skin], the same with _skl. Of a batch of one.
+void write_structured_latents(const std::filesystem::path& file,
+                              const structured_latent::PerStream<sparse::SparseTensor>& latents,
+                              const std::filesystem::path& maker);
+
+/// How well decoded latents give back what was encoded, the skeleton as dilated as it was encoded.
+struct StructureReconstruction {
+  sparse_structure::VoxelAgreement shape, skeleton;
+};
+
+/// A trained sparse-structure auto-encoder at work on one asset at a time, whose voxels it sees as in its training
+/// (resolution and dilation of its run's config).
+class StructureCoder {
+ public:
+  /// @param run folder of stage 2 @param ckpt as nn::find_run_model @param decodes also load the decoder
+  /// @throws InputError when the run is unusable; NotSupportedError for encoders of global tokens
+  StructureCoder(const std::filesystem::path& run, const std::string& ckpt, torch::Device device, bool decodes);
+
+  const std::filesystem::path& checkpoint() const { return found_.checkpoint; }
+  /// What a latent depends on besides its voxels.
+  std::string fingerprint() const;
+
+  /// The very tensors that training saw, a batch of one. @throws InputError when the asset cannot be read
+  data::SparseStructureBatch voxels(const data::AssetId& asset) const;
+  /// Writes `mean` and `mean_skl`, without noise. @throws InputError when they are not finite; Error when the disk
+  /// refuses
+  void encode(const data::SparseStructureBatch& voxels, const std::filesystem::path& file);
+  /// @pre the decoder was loaded
+  StructureReconstruction agreement(const data::StructureLatent& latent, const data::SparseStructureBatch& voxels);
+
+ private:
+  torch::Device device_;
+  nn::RunModel found_;
+  data::SparseStructureOptions options_;
+  sparse_structure::SparseStructureEncoder encoder_;
+  sparse_structure::SparseStructureDecoder decoder_ = nullptr;
+};
+
+/// A trained sparse-structure flow with its image encoder and the decoder of its latents: pictures become voxels of a
+/// shape and its skeleton (paper 3.4; reference flows-and-pipeline.md, 4).
+class StructureGenerator {
+ public:
+  struct Request {
+    std::filesystem::path run;          ///< run folder of stage 4
+    std::filesystem::path autoencoder;  ///< run folder of stage 2; empty: the one its dataset's ss_dec_path names
+    std::string ckpt;                   ///< of the flow, as nn::find_flow_model
+    std::string device = "cpu";
+    nn::Averages averages = nn::Averages::kUsual;
+    torch::Dtype precision = torch::kFloat32;  ///< of the flow's torso
+  };
+  /// @throws InputError when a run is unusable, or the flow was trained without pictures
+  explicit StructureGenerator(const Request& request);
+
+  const nn::RunModel& flow() const { return flow_; }
+  const std::filesystem::path& autoencoder() const { return autoencoder_; }
+  /// Of its dataset: the size and kind of its pictures, and what normalises its latents.
+  const data::StructureLatentOptions& reading() const { return reading_; }
+  const flow::SamplerOptions& sampler() const { return sampler_; }  ///< as its config samples
+
+  /// @param pictures [B, 3, S, S] in [0, 1], S = reading().image_size @return [B, M, C]
+  /// @throws InputError at the first call, when the image encoder or its weights are missing or do not fit
+  torch::Tensor condition(const torch::Tensor& pictures);
+  /// Standard normal numbers of a latent, from the seed and the number of an asset, whatever else is sampled with it.
+  flow::Streams noise(std::uint64_t seed, std::uint64_t number) const;
+  /// The same as the generator gives them, shape first (reference flows-and-pipeline.md, 5.5).
+  flow::Streams noise(const at::Generator& generator) const;
+  /// Latents, as the dataset normalises them. @param noise of a batch
+  flow::Streams sample(const flow::Streams& noise, const torch::Tensor& condition, const flow::SamplerOptions& sampler,
+                       bool guided, const flow::SamplingExtras& extras = {});
+  /// What sample() returns as latent files hold it: what normalised it in training is undone.
+  flow::Streams denormalised(const flow::Streams& latents) const;
+  /// Both grids of one item before anything is decided, [1, 1, R, R, R]. @param latents as decode()
+  sparse_structure::SparseStructureDecoderImpl::Logits logits(const flow::Streams& latents, std::int64_t item);
+  /// Occupied voxels of every item, logit > 0, of the skeleton only the largest component (reference
+  /// flows-and-pipeline.md, 5.5). @param latents as sample() returns them, or as the dataset holds them
+  std::vector<sparse_structure::VoxelPair> decode(const flow::Streams& latents);
+
+ private:
+  torch::Device device_;
+  std::filesystem::path run_;
+  nn::RunModel flow_;
+  std::filesystem::path autoencoder_;
+  data::StructureLatentOptions reading_;
+  flow::SamplerOptions sampler_;
+  sparse_structure::SparseStructureFlow model_ = nullptr;
+  std::unique_ptr<vision::ConditionEncoder> encoder_;  // from the first condition() on
+  sparse_structure::SparseStructureDecoder decoder_ = nullptr;
+};
+
+/// The decoder of stage 3 at work on one asset at a time: structured latents become a rigged asset (paper 3.3;
+/// reference autoencoders.md, 3.5–3.9), grouped as its run's variant groups.
+class RigDecoder {
+ public:
+  /// @param grouping of votes by mean shift
+  /// @throws InputError when arguments or weights do not fit, or the run trained the shape alone
+  RigDecoder(const nn::RunModel& found, torch::Device device, const skeleton_field::MeanShiftOptions& grouping);
+
+  const structured_latent::StructuredLatentDecoderOptions& options() const { return decoder_->options(); }
+
+  struct Decoded {
+    Asset asset;
+    skeleton_field::SkeletonField votes;  ///< of the skeleton voxels, with the confidence that grouping took
+  };
+  /// @param latents a batch of one, as the encoder writes them: not normalised
+  /// @param given skeleton to decode weights for instead of the grouped one; may be null
+  /// @throws InputError when there is no surface or no joint
+  Decoded decode(const structured_latent::PerStream<sparse::SparseTensor>& latents,
+                 const skeleton_field::SkeletonTensors* given, const std::string& name);
+
+ private:
+  structured_latent::StructuredLatentVariant variant_;
+  structured_latent::StructuredLatentDecoder decoder_ = nullptr;
+};
+
+/// A trained structured-latent auto-encoder at work on one asset at a time, which it sees as in its training (features,
+/// dilation and surface lookup of its run's config), in whatever variant was trained.
+class StructuredLatentCoder {
+ public:
+  /// @param run folder of stage 3 @param ckpt as nn::find_run_model @param decodes also load
+  /// the decoder, which groups votes so
+  /// @throws InputError when the run is unusable
+  StructuredLatentCoder(const std::filesystem::path& run, const std::string& ckpt, torch::Device device,
+                        const std::optional<skeleton_field::MeanShiftOptions>& decodes);
+
+  const std::filesystem::path& checkpoint() const { return found_.checkpoint; }
+  /// What a latent depends on besides the asset's files.
+  std::string fingerprint() const;
+  /// Folder of the features below features/.
+  const std::string& feature_model() const { return data_.model; }
+  std::int64_t geometry_channels() const { return encoder_->options().latent_channels; }
+
+  /// What an asset's latent is made from: features, skeleton voxels, rig.
+  std::vector<std::filesystem::path> files(const data::AssetId& asset) const;
+
+  struct Inputs {
+    sparse::SparseTensor x, x_skl;
+    structured_latent::RiggedMeshes rigs;
+  };
+  /// A batch of one. @throws InputError when the asset cannot be read
+  Inputs inputs(const data::AssetId& asset) const;
+
+  /// Posterior means of the geometry, normalised latents of skin and skeleton: no noise.
+  structured_latent::PerStream<sparse::SparseTensor> encode(const Inputs& inputs);
+  /// Writes coords, feats, coords_skl and feats_skl (reference training-and-data.md, 1.1).
+  /// @throws InputError when a latent is not finite; Error when the disk refuses
+  void write(const structured_latent::PerStream<sparse::SparseTensor>& latents,
+             const std::filesystem::path& file) const;
+
+  /// True where the run trained the shape alone: what it decodes is held by one joint.
+  bool shape_alone() const { return variant_.geometry_only; }
+  /// Back to an asset: rigged, or the shape of a run that trained nothing else, then without votes.
+  /// @pre the decoder was loaded
+  /// @param own skeleton of the asset @param use_own instead of the grouped one
+  /// @throws as RigDecoder::decode
+  RigDecoder::Decoded decode(const structured_latent::PerStream<sparse::SparseTensor>& latents,
+                             const skeleton_field::SkeletonTensors& own, bool use_own, const std::string& name);
+
+ private:
+  torch::Device device_;
+  nn::RunModel found_;
+  data::FeatureSkeletonOptions data_;
+  structured_latent::StructuredLatentVariant variant_;
+  structured_latent::StructuredLatentEncoder encoder_ = nullptr;
+  std::optional<RigDecoder> decoder_;                                   ///< of a run with rigs
+  structured_latent::StructuredLatentDecoder shape_decoder_ = nullptr;  ///< of one without
+};
+
+/// A trained structured-latent flow with its image encoder: pictures and the voxels of a shape and its skeleton become
+/// structured latents (paper 3.4; reference flows-and-pipeline.md, 5.6).
+class StructuredLatentGenerator {
+ public:
+  struct Request {
+    std::filesystem::path run;  ///< run folder of stage 5, or a published one
+    std::string ckpt;           ///< as nn::find_flow_model
+    nn::Averages averages = nn::Averages::kUsual;
+    std::string device = "cpu";
+    torch::Dtype precision = torch::kFloat32;  ///< of the torso
+  };
+  /// @throws InputError when the run is unusable, or the flow was trained without pictures
+  explicit StructuredLatentGenerator(const Request& request);
+
+  const nn::RunModel& flow() const { return flow_; }
+  const structured_latent::StructuredLatentFlowOptions& options() const { return model_->options(); }
+  /// Of its dataset: the size and kind of its pictures, what normalises its latents, and the decoder's run.
+  const data::StructuredLatentOptions& reading() const { return reading_; }
+  const flow::SamplerOptions& sampler() const { return training_.sampler; }  ///< as its config samples
+
+  /// @param pictures [B, 3, S, S] in [0, 1], S = reading().image_size @return [B, K, C]
+  /// @throws InputError at the first call, when the image encoder or its weights are missing or do not fit
+  torch::Tensor condition(const torch::Tensor& pictures);
+  /// Standard normal noise of both streams as the generator gives it, shape first, smoothed where the config says so.
+  flow::Streams noise(const sparse::Support& shape, const sparse::Support& skeleton,
+                      const at::Generator& generator) const;
+  /// Latents as the decoder takes them: what normalised them in training is undone.
+  /// @param target voxels, tokens and joint counts @param progress see flow::SamplingExtras
+  structured_latent::PerStream<sparse::SparseTensor> sample(const flow::Streams& noise,
+                                                            const structured_latent::StructuredLatentTarget& target,
+                                                            const flow::SamplerOptions& sampler, bool guided,
+                                                            const flow::SamplingExtras& extras = {});
+
+ private:
+  torch::Device device_;
+  std::filesystem::path run_;
+  nn::RunModel flow_;
+  data::StructuredLatentOptions reading_;
+  structured_latent::StructuredLatentFlowStageOptions training_;
+  structured_latent::StructuredLatentFlow model_ = nullptr;
+  std::unique_ptr<vision::ConditionEncoder> encoder_;  // from the first condition() on
+};
+
+}  // namespace anigen::generate

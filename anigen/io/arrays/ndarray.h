@@ -1,0 +1,47 @@
+#pragma once
+#include <cstddef>
+#include <cstdint>
+#include <string>
+#include <utility>
+#include <vector>
+
+namespace anigen::io {
+
+enum class Dtype { kBool, kU8, kI8, kI16, kU16, kI32, kU32, kI64, kU64, kF16, kBF16, kF32, kF64 };
+
+std::size_t size_of(Dtype dtype);
+const char* name_of(Dtype dtype);  ///< "float32", "int64", …
+
+/// A dense row-major array with its bytes, what array files hold. Little-endian.
+struct NdArray {
+  Dtype dtype = Dtype::kF32;
+  std::vector<std::int64_t> shape;
+  std::vector<std::uint8_t> bytes;
+
+  std::size_t count() const;  ///< product of shape; 1 for a scalar
+  /// The numbers converted to T (float, double, int32_t, int64_t, uint8_t), row-major. Booleans become 0 and 1.
+  /// @throws Error when a value does not fit an integer T (out of range, not whole, NaN)
+  template <typename T>
+  std::vector<T> as() const;
+  /// An array of dtype T from as many numbers as the shape holds. @throws Error when the counts differ
+  template <typename T>
+  static NdArray from(const std::vector<T>& values, std::vector<std::int64_t> shape);
+};
+
+/// Product of a shape. @return false when a size is negative or the product in bytes of `item_size` overflows
+bool count_elements(const std::vector<std::int64_t>& shape, std::size_t item_size, std::size_t& count);
+
+/// Names with their arrays, in file order.
+using NamedArrays = std::vector<std::pair<std::string, NdArray>>;
+
+/// @return nullptr when there is none of that name
+const NdArray* find(const NamedArrays& arrays, const std::string& name);
+
+/// 16-bit floats as they lie in files. To float is exact (NaN payloads and subnormals included); from float rounds to
+/// nearest, ties to even, and overflows to infinity, as IEEE 754 and every deep-learning framework do.
+float half_to_float(std::uint16_t half);          ///< IEEE binary16: 1 sign, 5 exponent, 10 fraction bits
+float bfloat16_to_float(std::uint16_t bfloat16);  ///< the upper half of a float
+std::uint16_t float_to_half(float value);
+std::uint16_t float_to_bfloat16(float value);
+
+}  // namespace anigen::io

@@ -1,0 +1,63 @@
+#pragma once
+#include <cstdint>
+#include <filesystem>
+#include <map>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "anigen/io/arrays/ndarray.h"
+
+namespace anigen::io {
+
+struct SafetensorsFile {
+  NamedArrays tensors;                          ///< in order of their offsets in the file
+  std::map<std::string, std::string> metadata;  ///< the "__metadata__" entry
+};
+
+/// Checks header length, ranges, overlaps, gaps and dtypes before reading. @param prefix only tensors whose names begin
+/// so are read @throws InputError with the byte offset
+SafetensorsFile read_safetensors(const std::filesystem::path& path, const std::string& prefix = {});
+
+/// The "__metadata__" entry alone. Reads and checks the header, also against the size of the file, and none of the
+/// data.
+/// @throws InputError as read_safetensors()
+std::map<std::string, std::string> read_safetensors_metadata(const std::filesystem::path& path);
+
+/// Atomic; equal input gives equal bytes. The data section starts at a multiple of 8 bytes, tensors follow each other
+/// in the order given without gaps (which the format forbids). @throws Error when a name is taken twice or reserved
+void write_safetensors(const std::filesystem::path& path, const NamedArrays& tensors,
+                       const std::map<std::string, std::string>& metadata = {});
+
+/// Which file of a model folder holds the weights (reference flows-and-pipeline.md, 6.3 and 6.4). All functions take
+/// the model folder, whose files lie in its `ckpts/`, or that folder itself. Besides the published `.pt` files they
+/// accept `.safetensors` with the same stems, which our trainer writes. Where both exist for one stem the `.pt` wins,
+/// so that a published folder reads as published whatever was converted beside it. Optimiser state (`misc…`,
+/// `state…`) is never chosen.
+
+/// A flow model's file. Without prefer_ema: files whose name contains no "ema"; if there is none, the moving averages,
+/// with a warning. With prefer_ema: the other way round. Among them the highest step wins; names without a step count
+/// as -1; equal steps go by name.
+/// @throws InputError when the folder is missing or holds no weights
+std::filesystem::path choose_flow_checkpoint(const std::filesystem::path& folder, bool prefer_ema);
+
+/// `<model>_<name>`, else `<name>`: model "encoder" and name "final" find encoder_final.pt.
+/// @throws InputError that lists what was tried and what is there
+std::filesystem::path choose_checkpoint(const std::filesystem::path& folder, const std::string& model,
+                                        const std::string& name);
+
+/// A decoder's file: choose_checkpoint with model "decoder".
+std::filesystem::path choose_decoder_checkpoint(const std::filesystem::path& folder, const std::string& name);
+
+/// The largest step in any checkpoint's name, from which training resumes; nothing when there is none, also when the
+/// folder does not exist.
+std::optional<std::int64_t> latest_step(const std::filesystem::path& folder);
+
+/// Names of the .pt and .safetensors files that lie directly in a folder, by stem; of two with one stem only the .pt.
+/// Temporary files, which killed writers leave behind, do not count. @throws InputError when it cannot be listed
+std::vector<std::string> checkpoint_names(const std::filesystem::path& folder);
+
+/// The integer after the last "step" of a file name ("denoiser_step0000200.pt": 200); -1 when there is none.
+std::int64_t step_of(const std::string& file_name);
+
+}  // namespace anigen::io

@@ -1,0 +1,44 @@
+#pragma once
+#include <cstdint>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include "anigen/io/gltf/container.h"
+#include "anigen/io/gltf/document.h"
+
+namespace anigen::io::gltf_import {
+
+/// The numbers of an accessor, row-major [count, width], sparse replacements applied. Normalised integers become
+/// [0, 1] or [-1, 1] (glTF 2.0, section 3.6.2.2: max(c / 127, -1) and so on).
+/// @param at_most read only this many elements @throws InputError when a sparse index is out of range
+std::vector<float> read_floats(const Document& document, int accessor);
+std::vector<double> read_doubles(const Document& document, int accessor, std::size_t at_most = ~std::size_t{0});
+
+/// The same for unsigned integers, never normalised. @pre the component is kU8, kU16 or kU32
+std::vector<std::uint32_t> read_unsigned(const Document& document, int accessor);
+
+/// What a normalised integer of this component is multiplied with.
+double normalized_scale(Component component);
+
+/// A primitive decoded from KHR_draco_mesh_compression.
+struct DracoMesh {
+  std::size_t vertices = 0;
+  std::vector<std::uint32_t> indices;  ///< triangle list
+  /// Row-major [vertices, width of the accessor]; normalised as the accessor says.
+  std::vector<std::pair<std::string, std::vector<float>>> attributes;
+};
+
+/// @param max_vertices, max_faces refuse larger meshes, as far as possible before decoding
+/// @throws InputError when the data cannot be decoded or does not fit the primitive's accessors
+DracoMesh decode_draco(const Document& document, const Primitive& primitive, std::size_t max_vertices,
+                       std::size_t max_faces);
+
+/// Decodes a bufferView compressed by EXT_meshopt_compression.
+/// @param extension the extension's object @param source its bytes, already cut out of their buffer
+/// @param expected  length the bufferView declares, which the decoded data must have
+/// @throws InputError when the parameters break the extension's rules or the data cannot be decoded
+std::string decode_meshopt(const JsonPlace& extension, std::string_view source, std::size_t expected);
+
+}  // namespace anigen::io::gltf_import

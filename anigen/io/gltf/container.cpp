@@ -1,0 +1,398 @@
+#include "anigen/io/gltf/container.h"
+
+#include <array>
+#include <cctype>
+#include <cmath>
+#include <cstring>
+
+#include "anigen/core/error.h"
+#include "anigen/core/files.h"
+
+namespace anigen::io::gltf_import {
+
+JsonPlace::JsonPlace(const Json& value, const std::string& file, std::string pointer)
+    : value_(&value), file_(&file), pointer_(std::move(pointer)) {}
+
+void JsonPlace::fail(const std::string& problem) const {
+  throw InputError(*file_, pointer_.empty() ? "/" : pointer_, problem);
+}
+
+void JsonPlace::not_supported(const std::string& feature) const {
+  throw NotSupportedError(*file_, pointer_.empty() ? "/" : pointer_, feature);
+}
+
+std::optional<JsonPlace> JsonPlace::find(const char* key) const {
+  if (!value_->is_object()) fail(std::string("expected an object, found ") + value_->type_name());
+  const auto found = value_->find(key);
+  if (found == value_->end()) return std::nullopt;
+  return JsonPlace(*found, *file_, pointer_ + "/" + escaped_for_pointer(key));
+}
+
+JsonPlace JsonPlace::at(const char* key) const {
+  std::optional<JsonPlace> member = find(key);
+  if (!member) fail(std::string("'") + key + "' is missing");
+  return *member;
+}
+
+std::vector<std::string> JsonPlace::keys() const {
+  if (!value_->is_object()) fail(std::string("expected an object, found ") + value_->type_name());
+  std::vector<std::string> result;
+  for (const auto& item : value_->items()) result.push_back(item.key());
+  return result;
+}
+
+std::size_t JsonPlace::size() const {
+  if (!value_->is_array()) fail(std::string("expected an array, found ") + value_->type_name());
+  return value_->size();
+}
+
+JsonPlace JsonPlace::operator[](std::size_t index) const {
+  return JsonPlace((*value_)[index], *file_, pointer_ + "/" + std::to_string(index));
+}
+
+std::uint64_t JsonPlace::integer(std::uint64_t low, std::uint64_t high) const {
+  std::uint64_t result = 0;
+  if (value_->is_number_unsigned()) {
+    result = value_->get<std::uint64_t>();
+  } else if (value_->is_number_float()) {
+    const double number = value_->get<double>();
+    if (!(number >= 0.0 && number <= 9007199254740992.0) || number != std::floor(number))
+      fail("expected a whole number ≥ 0");
+    result = static_cast<std::uint64_t>(number);
+  } else if (value_->is_number_integer()) {
+    fail("expected a number ≥ 0, found " + std::to_string(value_->get<std::int64_t>()));
+  } else {
+    fail(std::string("expected a whole number, found ") + value_->type_name());
+  }
+  if (result < low || result > high) {
+    fail(std::to_string(result) + " is outside [" + std::to_string(low) + ", " + std::to_string(high) + "]");
+  }
+  return result;
+}
+
+double JsonPlace::number() const {
+  if (!value_->is_number()) fail(std::string("expected a number, found ") + value_->type_name());
+  const double result = value_->get<double>();
+  if (!std::isfinite(result)) fail("the number is not finite");
+  return result;
+}
+
+std::string JsonPlace::string() const {
+  if (!value_->is_string()) fail(std::string("expected a string, found ") + value_->type_name());
+  return value_->get<std::string>();
+}
+
+bool JsonPlace::boolean() const {
+  if (!value_->is_boolean()) fail(std::string("expected true or false, found ") + value_->type_name());
+  return value_->get<bool>();
+}
+
+std::vector<double> JsonPlace::numbers(std::size_t count) const {
+  if (size() != count) fail("expected " + std::to_string(count) + " numbers, found " + std::to_string(size()));
+  std::vector<double> result(count);
+  for (std::size_t i = 0; i < count; ++i) result[i] = (*this)[i].number();
+  return result;
+}
+
+std::uint64_t JsonPlace::integer_or(const char* key, std::uint64_t fallback, std::uint64_t high) const {
+  const std::optional<JsonPlace> member = find(key);
+  return member ? member->integer(0, high) : fallback;
+}
+
+std::string JsonPlace::string_or(const char* key, const std::string& fallback) const {
+  const std::optional<JsonPlace> member = find(key);
+  return member ? member->string() : fallback;
+}
+
+bool JsonPlace::boolean_or(const char* key, bool fallback) const {
+  const std::optional<JsonPlace> member = find(key);
+  return member ? member->boolean() : fallback;
+}
+
+int JsonPlace::index_or_none(const char* key, std::size_t count, const char* what) const {
+  const std::optional<JsonPlace> member = find(key);
+  return member ? member->as_index(count, what) : -1;
+}
+
+int JsonPlace::index(const char* key, std::size_t count, const char* what) const {
+  return at(key).as_index(count, what);
+}
+
+int JsonPlace::as_index(std::size_t count, const char* what) const {
+  const std::uint64_t result = integer(0, 0x7FFFFFFF);
+  if (result >= count) {
+    fail(std::string("there is no ") + what + " " + std::to_string(result) + ": the file has " + std::to_string(count));
+  }
+  return static_cast<int>(result);
+}
+
+std::size_t JsonPlace::size_of(const char* key) const {
+  const std::optional<JsonPlace> member = find(key);
+  return member ? member->size() : 0;
+}
+
+namespace {
+
+// Distinct sentences of one code; more would bury the report.
+constexpr std::size_t kMostSentences = 8;
+
+}  // namespace
+
+void Notes::add(const std::string& code, const std::string& sentence) {
+  std::size_t same = 0;
+  for (const Entry& entry : entries_) {
+    if (entry.code != code) continue;
+    if (entry.text == sentence || ++same >= kMostSentences) return;
+  }
+  entries_.push_back({code, sentence, 0});
+}
+
+void Notes::tally(const std::string& code, const std::string& what, std::size_t count) {
+  if (count == 0) return;
+  for (Entry& entry : entries_) {
+    if (entry.code == code && entry.text == what) {
+      entry.count += count;
+      return;
+    }
+  }
+  entries_.push_back({code, what, count});
+}
+
+std::vector<ImportNote> Notes::take() const {
+  std::vector<ImportNote> result;
+  for (const Entry& entry : entries_) {
+    result.push_back({entry.code, entry.count == 0 ? entry.text : std::to_string(entry.count) + " " + entry.text});
+  }
+  return result;
+}
+
+namespace {
+
+constexpr std::uint32_t kJsonChunk = 0x4E4F534A;
+constexpr std::uint32_t kBinaryChunk = 0x004E4942;
+
+std::uint32_t u32_at(std::string_view bytes, std::size_t offset) {
+  std::uint32_t value;
+  std::memcpy(&value, bytes.data() + offset, sizeof value);  // GLB and every host we support are little-endian
+  return value;
+}
+
+std::string byte(std::size_t offset) { return "byte " + std::to_string(offset); }
+
+// The JSON chunk's text; sets `binary`. GLB: 12 bytes of header, then chunks of length, type, data.
+std::string_view split_glb(std::string_view bytes, Container& container) {
+  const std::string& file = container.file;
+  if (bytes.size() < 20) throw InputError(file, byte(bytes.size()), "GLB ends inside its header: truncated file");
+  const std::uint32_t version = u32_at(bytes, 4);
+  if (version != 2) throw NotSupportedError(file, byte(4), "GLB version " + std::to_string(version));
+  const std::size_t length = u32_at(bytes, 8);
+  if (length > bytes.size() || length < 20) {
+    throw InputError(file, byte(8),
+                     "GLB header says " + std::to_string(length) + " bytes, the file has " +
+                         std::to_string(bytes.size()) + ": truncated or damaged file");
+  }
+  bytes = bytes.substr(0, length);
+  std::string_view json;
+  for (std::size_t offset = 12, chunk = 0; offset < length; ++chunk) {
+    if (length - offset < 8) {
+      // Some writers pad the end of the file.
+      if (chunk > 0) break;
+      throw InputError(file, byte(offset), "GLB ends inside a chunk header: truncated file");
+    }
+    const std::size_t size = u32_at(bytes, offset);
+    const std::uint32_t type = u32_at(bytes, offset + 4);
+    offset += 8;
+    if (size > length - offset) {
+      throw InputError(
+          file, byte(offset - 8),
+          "GLB chunk of " + std::to_string(size) + " bytes, only " + std::to_string(length - offset) + " are left");
+    }
+    if (chunk == 0 && type != kJsonChunk) throw InputError(file, byte(offset - 4), "the first GLB chunk is not JSON");
+    if (chunk == 0) json = bytes.substr(offset, size);
+    if (chunk > 0 && type == kBinaryChunk && !container.has_binary) {
+      container.binary = bytes.substr(offset, size);
+      container.has_binary = true;
+    }
+    offset += size;
+  }
+  return json;
+}
+
+}  // namespace
+
+void read_container(const std::filesystem::path& path, const ImportOptions& options, Container& container) {
+  container.file = path.string();
+  container.folder = path.parent_path();
+  container.bytes = read_file(path, options.max_file_bytes);
+  const std::string& bytes = container.bytes;
+  if (bytes.empty()) throw InputError(container.file, "byte 0", "the file is empty");
+  if (is_git_lfs_pointer(bytes)) {
+    throw InputError(container.file, "byte 0", "a Git LFS pointer, not the file itself: run 'git lfs pull'");
+  }
+  const bool binary = bytes.compare(0, 4, "glTF") == 0;
+  const std::string_view text = binary ? split_glb(bytes, container) : std::string_view(bytes);
+  if (!binary) {
+    const std::size_t first = text.find_first_not_of("\xEF\xBB\xBF \t\r\n");
+    if (first == std::string_view::npos || text[first] != '{')
+      throw InputError(container.file, "byte 0", "neither a GLB nor a JSON object: not a glTF file");
+  }
+  container.json = parse_json(text, container.file, JsonLimits{options.max_json_depth});
+  if (!binary) std::string().swap(container.bytes);
+}
+
+namespace {
+
+namespace fs = std::filesystem;
+
+// Error messages quote URIs; data URIs and hostile ones can be long.
+std::string quoted(const std::string& uri) {
+  std::string result = "'";
+  for (const char c : uri.substr(0, 80)) result += std::isprint(static_cast<unsigned char>(c)) != 0 ? c : '?';
+  return result + (uri.size() > 80 ? "…'" : "'");
+}
+
+int hex_digit(char c) {
+  if (c >= '0' && c <= '9') return c - '0';
+  if (c >= 'a' && c <= 'f') return c - 'a' + 10;
+  if (c >= 'A' && c <= 'F') return c - 'A' + 10;
+  return -1;
+}
+
+std::string percent_decoded(const std::string& text) {
+  std::string result;
+  result.reserve(text.size());
+  for (std::size_t i = 0; i < text.size(); ++i) {
+    const int high = text[i] == '%' && i + 2 < text.size() ? hex_digit(text[i + 1]) : -1;
+    const int low = high >= 0 ? hex_digit(text[i + 2]) : -1;
+    if (low >= 0) {
+      result += static_cast<char>(16 * high + low);
+      i += 2;
+    } else {
+      result += text[i];
+    }
+  }
+  return result;
+}
+
+// RFC 3986: a letter, then letters, digits, '+', '-', '.', up to ':'.
+bool has_scheme(const std::string& uri) {
+  if (uri.empty() || std::isalpha(static_cast<unsigned char>(uri[0])) == 0) return false;
+  for (const char c : uri) {
+    if (c == ':') return true;
+    if (std::isalnum(static_cast<unsigned char>(c)) == 0 && c != '+' && c != '-' && c != '.') return false;
+  }
+  return false;
+}
+
+std::array<std::int8_t, 256> base64_table() {
+  std::array<std::int8_t, 256> table{};
+  table.fill(-1);
+  const std::string alphabet = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+  for (std::size_t i = 0; i < alphabet.size(); ++i)
+    table[static_cast<unsigned char>(alphabet[i])] = static_cast<std::int8_t>(i);
+  table[static_cast<unsigned char>('-')] = 62;  // the URL-safe alphabet, which some exporters use
+  table[static_cast<unsigned char>('_')] = 63;
+  return table;
+}
+
+bool decode_base64(const char* text, std::size_t size, std::string& out) {
+  static const std::array<std::int8_t, 256> table = base64_table();
+  while (size > 0 && text[size - 1] == '=') --size;
+  out.reserve(size / 4 * 3 + 3);
+  std::uint32_t bits = 0;
+  int count = 0;
+  for (std::size_t i = 0; i < size; ++i) {
+    const int value = table[static_cast<unsigned char>(text[i])];
+    if (value < 0) return false;
+    bits = bits << 6 | static_cast<std::uint32_t>(value);
+    count += 6;
+    if (count >= 8) {
+      count -= 8;
+      out += static_cast<char>(bits >> count & 0xFF);
+    }
+  }
+  return count != 6;  // a single left-over digit encodes nothing
+}
+
+Resource read_data_uri(const std::string& uri, const std::string& file, const std::string& place,
+                       std::uintmax_t max_bytes) {
+  const std::size_t comma = uri.find(',');
+  if (comma == std::string::npos) throw InputError(file, place, "data URI without a comma");
+  const std::string header = uri.substr(5, comma - 5);
+  Resource resource;
+  resource.mime_type = header.substr(0, header.find(';'));
+  // 3 bytes for 4 characters.
+  if ((uri.size() - comma) / 4 * 3 > max_bytes)
+    throw InputError(file, place, "data URI exceeds the limit of " + std::to_string(max_bytes) + " bytes");
+  const std::string ending = ";base64";
+  const bool is_base64 =
+      header.size() >= ending.size() && header.compare(header.size() - ending.size(), ending.size(), ending) == 0;
+  if (!is_base64) {
+    resource.bytes = percent_decoded(uri.substr(comma + 1));
+  } else if (!decode_base64(uri.data() + comma + 1, uri.size() - comma - 1, resource.bytes)) {
+    throw InputError(file, place, "data URI is not valid base64");
+  }
+  return resource;
+}
+
+/// A link may lead anywhere: into a file that whoever made the glTF was never given.
+void require_inside(const fs::path& path, const fs::path& folder, const std::string& uri, const std::string& file,
+                    const std::string& place) {
+  std::error_code error;
+  const fs::path root = fs::weakly_canonical(folder.empty() ? fs::path(".") : folder, error);
+  const fs::path real = error ? fs::path() : fs::weakly_canonical(path, error);
+  if (error) throw InputError(file, place, path.string() + ": cannot be resolved: " + error.message());
+  const fs::path below = real.lexically_relative(root);
+  if (!below.empty() && *below.begin() != "..") return;
+  throw InputError(file, place,
+                   "refusing " + quoted(uri) + ": it is a link to " + real.string() +
+                       ", outside the folder of the glTF file; copy the file there");
+}
+
+/// The relative path a URI names, percent-decoded.
+fs::path safe_relative_path(const std::string& uri, const std::string& file, const std::string& place) {
+  if (uri.empty()) throw InputError(file, place, "the uri is empty");
+  const std::string path = percent_decoded(uri);
+  if (has_scheme(uri) || has_scheme(path)) {
+    throw InputError(file, place,
+                     "refusing " + quoted(uri) + ": only data URIs and files beside the glTF are read; download it");
+  }
+  if (path.find('\0') != std::string::npos) throw InputError(file, place, "the uri contains a NUL character");
+  if (path.find('\\') != std::string::npos)
+    throw InputError(file, place, "refusing " + quoted(uri) + ": a uri separates folders by '/', not by '\\'");
+  if (path.front() == '/') throw InputError(file, place, "refusing the absolute path " + quoted(uri));
+  for (const fs::path& part : fs::path(path)) {
+    if (part == "..")
+      throw InputError(file, place, "refusing " + quoted(uri) + ": it leaves the folder of the glTF file");
+  }
+  return path;
+}
+
+}  // namespace
+
+fs::path path_of_uri(const std::string& uri, const fs::path& folder, const std::string& file,
+                     const std::string& place) {
+  const fs::path path = folder / safe_relative_path(uri, file, place);
+  require_inside(path, folder, uri, file, place);
+  return path;
+}
+
+bool is_git_lfs_pointer(const std::string& bytes) { return bytes.rfind("version https://git-lfs", 0) == 0; }
+
+Resource read_uri(const std::string& uri, const fs::path& folder, const std::string& file, const std::string& place,
+                  std::uintmax_t max_bytes) {
+  if (uri.rfind("data:", 0) == 0) return read_data_uri(uri, file, place, max_bytes);
+  const fs::path path = path_of_uri(uri, folder, file, place);
+  Resource resource;
+  try {
+    resource.bytes = read_file(path, max_bytes);
+  } catch (const InputError& error) {
+    throw InputError(file, place, path.string() + ": " + error.problem());
+  }
+  if (is_git_lfs_pointer(resource.bytes)) {
+    throw InputError(file, place, path.string() + " is a Git LFS pointer, not the file itself: run 'git lfs pull'");
+  }
+  return resource;
+}
+
+}  // namespace anigen::io::gltf_import

@@ -1,0 +1,129 @@
+#pragma once
+#include <algorithm>
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "anigen/core/config.h"
+#include "anigen/io/gltf/gltf.h"
+
+namespace anigen::io::gltf_import {
+
+/// A value of a glTF's JSON together with where it is, so that every wrong type, index or number becomes an
+/// InputError with a JSON pointer. Refers to the JSON and the file name; both must outlive it.
+class JsonPlace {
+ public:
+  JsonPlace(const Json& value, const std::string& file, std::string pointer = "");
+
+  const Json& value() const { return *value_; }
+  const std::string& file() const { return *file_; }
+  const std::string& pointer() const { return pointer_; }
+  [[noreturn]] void fail(const std::string& problem) const;
+  [[noreturn]] void not_supported(const std::string& feature) const;
+
+  /// Members of an object; find() gives nothing when it is absent. @throws InputError when this is no object
+  std::optional<JsonPlace> find(const char* key) const;
+  JsonPlace at(const char* key) const;
+  std::vector<std::string> keys() const;
+
+  /// Elements of an array. @throws InputError when this is no array
+  std::size_t size() const;
+  JsonPlace operator[](std::size_t index) const;
+
+  /// Scalars; a float with an integral value counts as an integer, as JSON knows only numbers.
+  std::uint64_t integer(std::uint64_t low, std::uint64_t high) const;
+  double number() const;  ///< finite
+  std::string string() const;
+  bool boolean() const;
+  /// Exactly `count` finite numbers.
+  std::vector<double> numbers(std::size_t count) const;
+
+  /// Optional members with their default.
+  std::uint64_t integer_or(const char* key, std::uint64_t fallback, std::uint64_t high) const;
+  std::string string_or(const char* key, const std::string& fallback) const;
+  bool boolean_or(const char* key, bool fallback) const;
+  /// An optional index into an array of `count` entries; -1 when absent.
+  int index_or_none(const char* key, std::size_t count, const char* what) const;
+  int index(const char* key, std::size_t count, const char* what) const;
+  /// The same for the value itself.
+  int as_index(std::size_t count, const char* what) const;
+  /// Length of an optional array member; 0 when absent.
+  std::size_t size_of(const char* key) const;
+
+ private:
+  const Json* value_;
+  const std::string* file_;
+  std::string pointer_;
+};
+
+/// Collects what the importer changed, in the order it happened; one note per kind of change however often it
+/// happened, so that a broken file of a million vertices does not report a million times.
+class Notes {
+ public:
+  /// A sentence, once.
+  void add(const std::string& code, const std::string& sentence);
+  /// Counts; the note reads "<count> <what>", for example "6 vertices with weights that are not numbers".
+  void tally(const std::string& code, const std::string& what, std::size_t count = 1);
+  /// What the weights of a vertex sum to in the file.
+  void weight_sum(double sum) { lowest_weight_sum_ = std::min(lowest_weight_sum_, sum); }
+  /// Of all vertices with weights; 1 when there are none, or all sum to more.
+  double lowest_weight_sum() const { return lowest_weight_sum_; }
+  std::vector<ImportNote> take() const;
+
+  struct Entry {
+    std::string code, text;
+    std::size_t count;  ///< 0: a sentence
+  };
+  const std::vector<Entry>& entries() const { return entries_; }
+
+ private:
+  std::vector<Entry> entries_;
+  double lowest_weight_sum_ = 1.0;
+};
+
+/// A .gltf or .glb taken apart: its JSON and its binary chunk. Not copyable, since `binary` points into `bytes`.
+struct Container {
+  std::string file;              ///< path as the user gave it
+  std::filesystem::path folder;  ///< what relative URIs start from
+  Json json;
+  std::string bytes;        ///< of a .glb; empty for a .gltf
+  std::string_view binary;  ///< the BIN chunk
+  bool has_binary = false;
+
+  Container() = default;
+  Container(const Container&) = delete;
+  Container& operator=(const Container&) = delete;
+};
+
+/// Reads the file and splits it, by its magic number and not by its name (glTF 2.0, section 4.4: GLB). Git LFS
+/// pointers, lengths that disagree with the file, wrong versions, over-deep or over-long JSON are refused.
+/// @throws InputError with the byte offset
+void read_container(const std::filesystem::path& path, const ImportOptions& options, Container& container);
+
+/// What a glTF's "uri" member refers to.
+struct Resource {
+  std::string bytes;
+  std::string mime_type;  ///< of a data URI; may be empty
+};
+
+/// Reads a data URI, or a file named by a plain relative path inside `folder`. Everything else is refused before
+/// any file is touched: other schemes, absolute paths, parent folders (also percent-encoded), backslashes, NUL. So is a
+/// link that leads out of the folder.
+/// @param place JSON pointer of the uri, for the message @param max_bytes of the decoded content
+/// @throws InputError
+Resource read_uri(const std::string& uri, const std::filesystem::path& folder, const std::string& file,
+                  const std::string& place, std::uintmax_t max_bytes);
+
+/// The path of the file that a URI names, percent-decoded and checked as above; there may be no such file.
+/// @throws InputError
+std::filesystem::path path_of_uri(const std::string& uri, const std::filesystem::path& folder, const std::string& file,
+                                  const std::string& place);
+
+/// True for the text that Git LFS leaves in place of a file that was not downloaded.
+bool is_git_lfs_pointer(const std::string& bytes);
+
+}  // namespace anigen::io::gltf_import

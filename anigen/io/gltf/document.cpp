@@ -1,0 +1,451 @@
+#include "anigen/io/gltf/document.h"
+
+#include <algorithm>
+#include <cmath>
+#include <set>
+#include <utility>
+#include <vector>
+
+#include "anigen/asset/rigged_asset.h"
+#include "anigen/core/error.h"
+#include "anigen/io/gltf/animations.h"
+#include "anigen/io/gltf/materials.h"
+#include "anigen/io/gltf/mesh.h"
+#include "anigen/io/gltf/rig.h"
+
+namespace anigen::io::gltf_import {
+
+namespace {
+
+void check_version(const JsonPlace& root) {
+  const JsonPlace asset = root.at("asset");
+  const std::string version = asset.at("version").string();
+  if (version.rfind("2.", 0) != 0) asset.not_supported("glTF version '" + version.substr(0, 20) + "'");
+  const std::string minimum = asset.string_or("minVersion", "2.0");
+  if (minimum != "2.0") asset.not_supported("glTF minVersion '" + minimum.substr(0, 20) + "'");
+}
+
+// Extensions that a file may require and that we read, or that change nothing we keep (shading, lights).
+bool is_supported(const std::string& extension) {
+  static const std::set<std::string> read = {"KHR_draco_mesh_compression", "EXT_meshopt_compression",
+                                             "KHR_mesh_quantization", "KHR_texture_transform", "KHR_lights_punctual"};
+  return read.count(extension) != 0 || extension.rfind("KHR_materials_", 0) == 0;
+}
+
+}  // namespace
+
+Document parse_document(const Container& container, const ImportOptions& options, Notes& notes) {
+  Document document;
+  document.file = container.file;
+  const JsonPlace root(container.json, container.file);
+  check_version(root);
+  if (const auto required = root.find("extensionsRequired")) {
+    for (std::size_t i = 0; i < required->size(); ++i) {
+      const std::string extension = (*required)[i].string();
+      if (!is_supported(extension)) (*required)[i].not_supported("extension " + extension.substr(0, 80));
+    }
+  }
+  parse_buffers(root, container, options, document, notes);
+  parse_accessors(root, options, document);
+  parse_materials(root, document, notes);
+  parse_meshes(root, document);
+  parse_nodes(root, options, document, notes);
+  parse_skins(root, document);
+  parse_animations(root, document, notes);
+  return document;
+}
+
+namespace {
+
+Interpolation parse_interpolation(const JsonPlace& sampler) {
+  const std::string name = sampler.string_or("interpolation", "LINEAR");
+  if (name == "LINEAR") return Interpolation::kLinear;
+  if (name == "STEP") return Interpolation::kStep;
+  if (name == "CUBICSPLINE") return Interpolation::kCubicSpline;
+  sampler.at("interpolation").fail("unknown interpolation '" + name.substr(0, 20) + "'");
+}
+
+// Types and lengths of a sampler's accessors for the property they drive (glTF 2.0, section 3.11).
+void check_sampler(const JsonPlace& sampler, const Document& document, const AnimationChannel& channel) {
+  const Accessor& input = document.accessors[static_cast<std::size_t>(channel.input)];
+  const Accessor& output = document.accessors[static_cast<std::size_t>(channel.output)];
+  if (input.type != "SCALAR" || input.component != Component::kF32)
+    sampler.at("input").fail("key times must be 32-bit float SCALARs");
+  const bool rotation = channel.path == ChannelPath::kRotation;
+  if (output.type != (rotation ? "VEC4" : "VEC3"))
+    sampler.at("output").fail(std::string("expected ") + (rotation ? "VEC4" : "VEC3") + " values, found " +
+                              output.type);
+  if (output.component == Component::kU32) sampler.at("output").fail("key values cannot be 32-bit integers");
+  const std::size_t parts = channel.interpolation == Interpolation::kCubicSpline ? 3 : 1;
+  if (output.count != parts * input.count) {
+    sampler.at("output").fail("there are " + std::to_string(output.count) + " values for " +
+                              std::to_string(input.count) + " keys");
+  }
+}
+
+AnimationEntry parse_animation(const JsonPlace& place, std::size_t nodes, const Document& document, Notes& notes) {
+  AnimationEntry animation;
+  animation.name = place.string_or("name", "");
+  const JsonPlace channels = place.at("channels"), samplers = place.at("samplers");
+  for (std::size_t i = 0; i < channels.size(); ++i) {
+    const JsonPlace entry = channels[i];
+    AnimationChannel channel;
+    channel.pointer = entry.pointer();
+    const JsonPlace sampler = samplers[static_cast<std::size_t>(entry.index("sampler", samplers.size(), "sampler"))];
+    channel.input = sampler.index("input", document.accessors.size(), "accessor");
+    channel.output = sampler.index("output", document.accessors.size(), "accessor");
+    channel.interpolation = parse_interpolation(sampler);
+    const JsonPlace target = entry.at("target");
+    const std::string path = target.at("path").string();
+    channel.node = target.index_or_none("node", nodes, "node");
+    if (path == "weights") {
+      notes.tally("morph_targets", "animation channels of morph targets were ignored");
+      continue;
+    }
+    if (path == "pointer" || channel.node < 0) {
+      notes.tally("dropped_channels", "animation channels without a target node were dropped");
+      continue;
+    }
+    if (path == "translation")
+      channel.path = ChannelPath::kTranslation;
+    else if (path == "rotation")
+      channel.path = ChannelPath::kRotation;
+    else if (path == "scale")
+      channel.path = ChannelPath::kScale;
+    else
+      target.at("path").fail("unknown path '" + path.substr(0, 20) + "'");
+    check_sampler(sampler, document, channel);
+    animation.channels.push_back(std::move(channel));
+  }
+  return animation;
+}
+
+}  // namespace
+
+void parse_animations(const JsonPlace& root, Document& document, Notes& notes) {
+  const auto list = root.find("animations");
+  for (std::size_t i = 0; list && i < list->size(); ++i)
+    document.animations.push_back(parse_animation((*list)[i], document.nodes.size(), document, notes));
+}
+
+namespace {
+
+// KHR_texture_transform: uv' = T · R · S · uv, with R turning by -rotation in a frame whose v points down.
+void parse_texture_transform(const JsonPlace& extension, TextureUse& use) {
+  if (const auto offset = extension.find("offset")) {
+    const std::vector<double> o = offset->numbers(2);
+    use.offset = {o[0], o[1]};
+  }
+  Eigen::Vector2d scale = Eigen::Vector2d::Ones();
+  if (const auto member = extension.find("scale")) {
+    const std::vector<double> s = member->numbers(2);
+    scale = {s[0], s[1]};
+  }
+  double angle = 0.0;
+  if (const auto rotation = extension.find("rotation")) angle = rotation->number();
+  Eigen::Matrix2d rotation;
+  rotation << std::cos(angle), std::sin(angle), -std::sin(angle), std::cos(angle);
+  use.linear = rotation * scale.asDiagonal();
+  use.set = static_cast<int>(extension.integer_or("texCoord", static_cast<std::uint64_t>(use.set), 255));
+  use.is_transformed = true;
+}
+
+TextureUse parse_texture(const JsonPlace& place, std::size_t textures) {
+  TextureUse use;
+  use.texture = place.index("index", textures, "texture");
+  use.set = static_cast<int>(place.integer_or("texCoord", 0, 255));
+  if (const auto extensions = place.find("extensions")) {
+    if (const auto transform = extensions->find("KHR_texture_transform")) parse_texture_transform(*transform, use);
+  }
+  return use;
+}
+
+void parse_base_color(const JsonPlace& place, const char* factor_key, const char* texture_key, std::size_t textures,
+                      MaterialEntry& entry) {
+  if (const auto factor = place.find(factor_key)) {
+    const std::vector<double> f = factor->numbers(4);
+    for (std::size_t i = 0; i < 4; ++i)
+      entry.material.base_color[static_cast<Eigen::Index>(i)] = static_cast<float>(std::clamp(f[i], 0.0, 1.0));
+  }
+  if (const auto texture = place.find(texture_key)) entry.base_color = parse_texture(*texture, textures);
+}
+
+MaterialEntry parse_material(const JsonPlace& place, std::size_t textures) {
+  MaterialEntry entry;
+  entry.material.name = place.string_or("name", "");
+  entry.material.double_sided = place.boolean_or("doubleSided", false);
+  if (const auto pbr = place.find("pbrMetallicRoughness")) {
+    parse_base_color(*pbr, "baseColorFactor", "baseColorTexture", textures, entry);
+  } else if (const auto extensions = place.find("extensions")) {
+    // The older model's diffuse colour is the closest thing to a base colour such a material has.
+    if (const auto specular = extensions->find("KHR_materials_pbrSpecularGlossiness"))
+      parse_base_color(*specular, "diffuseFactor", "diffuseTexture", textures, entry);
+  }
+  return entry;
+}
+
+}  // namespace
+
+void parse_materials(const JsonPlace& root, Document& document, Notes& notes) {
+  if (const auto images = root.find("images")) {
+    for (std::size_t i = 0; i < images->size(); ++i) {
+      const JsonPlace place = (*images)[i];
+      ImageEntry image;
+      image.pointer = place.pointer();
+      image.name = place.string_or("name", "");
+      image.mime_type = place.string_or("mimeType", "");
+      image.uri = place.string_or("uri", "");
+      image.view = place.index_or_none("bufferView", document.views.size(), "bufferView");
+      document.images.push_back(std::move(image));
+    }
+  }
+  if (const auto textures = root.find("textures")) {
+    for (std::size_t i = 0; i < textures->size(); ++i) {
+      const int source = (*textures)[i].index_or_none("source", document.images.size(), "image");
+      if (source < 0) notes.tally("unsupported_texture", "textures without a PNG or JPEG source were left out");
+      document.texture_images.push_back(source);
+    }
+  }
+  if (const auto materials = root.find("materials")) {
+    for (std::size_t i = 0; i < materials->size(); ++i)
+      document.materials.push_back(parse_material((*materials)[i], document.texture_images.size()));
+  }
+}
+
+namespace {
+
+void parse_draco(const JsonPlace& extension, const Document& document, Primitive& primitive) {
+  primitive.draco_view = extension.index("bufferView", document.views.size(), "bufferView");
+  const JsonPlace attributes = extension.at("attributes");
+  for (const std::string& name : attributes.keys()) {
+    const JsonPlace id = attributes.at(name.c_str());
+    if (primitive.attribute(name) < 0) id.fail("the primitive itself has no attribute '" + name.substr(0, 40) + "'");
+    primitive.draco_attributes.emplace_back(name, static_cast<std::uint32_t>(id.integer(0, 0xFFFFFFFF)));
+  }
+  if (primitive.mode != 4 && primitive.mode != 5) extension.fail("Draco holds triangles only");
+}
+
+Primitive parse_primitive(const JsonPlace& place, const Document& document, std::size_t materials) {
+  Primitive primitive;
+  primitive.pointer = place.pointer();
+  primitive.mode = static_cast<int>(place.integer_or("mode", 4, 6));
+  primitive.material = place.index_or_none("material", materials, "material");
+  primitive.indices = place.index_or_none("indices", document.accessors.size(), "accessor");
+  if (primitive.indices >= 0) {
+    const Accessor& accessor = document.accessors[static_cast<std::size_t>(primitive.indices)];
+    const bool is_unsigned = accessor.component == Component::kU8 || accessor.component == Component::kU16 ||
+                             accessor.component == Component::kU32;
+    if (accessor.type != "SCALAR" || !is_unsigned)
+      place.at("indices").fail("indices must be unsigned SCALARs, not " + accessor.type);
+  }
+  const JsonPlace attributes = place.at("attributes");
+  for (const std::string& name : attributes.keys()) {
+    const int accessor = attributes.index(name.c_str(), document.accessors.size(), "accessor");
+    primitive.attributes.emplace_back(name, accessor);
+  }
+  if (const auto targets = place.find("targets")) primitive.has_targets = targets->size() > 0;
+  const auto extensions = place.find("extensions");
+  const auto draco = extensions ? extensions->find("KHR_draco_mesh_compression") : std::nullopt;
+  if (draco) parse_draco(*draco, document, primitive);
+  return primitive;
+}
+
+}  // namespace
+
+void parse_meshes(const JsonPlace& root, Document& document) {
+  const auto list = root.find("meshes");
+  for (std::size_t i = 0; list && i < list->size(); ++i) {
+    const JsonPlace primitives = (*list)[i].at("primitives");
+    MeshEntry mesh;
+    for (std::size_t k = 0; k < primitives.size(); ++k)
+      mesh.primitives.push_back(parse_primitive(primitives[k], document, document.materials.size()));
+    document.meshes.push_back(std::move(mesh));
+  }
+}
+
+namespace {
+
+Transform parse_trs(const JsonPlace& place, Notes& notes) {
+  Transform local;
+  if (const auto translation = place.find("translation")) {
+    const std::vector<double> t = translation->numbers(3);
+    local.translation = {t[0], t[1], t[2]};
+  }
+  if (const auto rotation = place.find("rotation")) {
+    const std::vector<double> q = rotation->numbers(4);
+    local.rotation = Eigen::Quaterniond(q[3], q[0], q[1], q[2]);
+    const double norm = local.rotation.norm();
+    if (!(norm > 1e-9) || !std::isfinite(norm)) rotation->fail("the rotation is not a quaternion of unit length");
+    if (std::abs(norm - 1.0) > 1e-3)
+      notes.tally("unnormalised_rotation", "node rotations were not of unit length and were normalised");
+    local.rotation.coeffs() /= norm;
+  }
+  if (const auto scale = place.find("scale")) {
+    const std::vector<double> s = scale->numbers(3);
+    local.scale = {s[0], s[1], s[2]};
+  }
+  return local;
+}
+
+void parse_transform(const JsonPlace& place, Node& node, Notes& notes) {
+  const auto matrix = place.find("matrix");
+  if (!matrix) {
+    node.local = parse_trs(place, notes);
+    node.matrix = node.local.matrix();
+  } else {
+    const std::vector<double> m = matrix->numbers(16);
+    node.matrix = Eigen::Map<const Eigen::Matrix4d>(m.data());
+    // Exporters write float noise here; anything more is a projection, which glTF does not allow.
+    if ((node.matrix.row(3) - Eigen::RowVector4d(0, 0, 0, 1)).cwiseAbs().maxCoeff() > 1e-3)
+      matrix->fail("the last row of a node's matrix must be 0 0 0 1");
+    node.matrix.row(3) = Eigen::RowVector4d(0, 0, 0, 1);
+    node.local = decompose(node.matrix, &node.shear);
+  }
+  const Transform& local = node.local;
+  if (!node.matrix.allFinite() || !local.translation.allFinite() || !local.rotation.coeffs().allFinite() ||
+      !local.scale.allFinite() || !std::isfinite(node.matrix.squaredNorm())) {
+    place.fail("the node's transform is not finite");
+  }
+}
+
+// Gives every node its parent, refusing a second one: with the check for cycles that makes the graph a forest.
+void link(const JsonPlace& list, std::vector<Node>& nodes) {
+  for (std::size_t i = 0; i < nodes.size(); ++i) {
+    const auto children = list[i].find("children");
+    for (std::size_t k = 0; children && k < children->size(); ++k) {
+      const int child = (*children)[k].as_index(nodes.size(), "node");
+      Node& node = nodes[static_cast<std::size_t>(child)];
+      if (node.parent >= 0) {
+        (*children)[k].fail("node " + std::to_string(child) + " already is a child of node " +
+                            std::to_string(node.parent));
+      }
+      node.parent = static_cast<int>(i);
+      nodes[i].children.push_back(child);
+    }
+  }
+}
+
+// Breadth first from the roots; nodes of a cycle are never reached.
+std::vector<int> top_down_order(const JsonPlace& list, const std::vector<Node>& nodes) {
+  std::vector<int> order;
+  for (std::size_t i = 0; i < nodes.size(); ++i) {
+    if (nodes[i].parent < 0) order.push_back(static_cast<int>(i));
+  }
+  for (std::size_t k = 0; k < order.size(); ++k) {
+    for (const int child : nodes[static_cast<std::size_t>(order[k])].children) order.push_back(child);
+  }
+  if (order.size() == nodes.size()) return order;
+  std::vector<char> reached(nodes.size(), 0);
+  for (const int node : order) reached[static_cast<std::size_t>(node)] = 1;
+  for (std::size_t i = 0; i < nodes.size(); ++i) {
+    if (reached[i] == 0) list[i].fail("node " + std::to_string(i) + " is its own ancestor: the node graph has a cycle");
+  }
+  return order;
+}
+
+void mark_scene(const JsonPlace& root, const ImportOptions& options, Document& document) {
+  const std::size_t scenes = root.size_of("scenes");
+  int scene = root.index_or_none("scene", scenes, "scene");
+  if (options.scene >= 0) {
+    if (static_cast<std::size_t>(options.scene) >= scenes) {
+      root.fail("scene " + std::to_string(options.scene) + " was asked for, the file has " + std::to_string(scenes));
+    }
+    scene = options.scene;
+  }
+  if (scene < 0 && scenes > 0) scene = 0;
+  document.in_scene.assign(document.nodes.size(), scene < 0 ? 1 : 0);
+  if (scene < 0) return;  // a file without scenes: everything is shown
+  const auto list = root.at("scenes")[static_cast<std::size_t>(scene)].find("nodes");
+  for (std::size_t i = 0; list && i < list->size(); ++i)
+    document.in_scene[static_cast<std::size_t>((*list)[i].as_index(document.nodes.size(), "node"))] = 1;
+  for (const int n : document.top_down) {
+    const int parent = document.nodes[static_cast<std::size_t>(n)].parent;
+    if (parent >= 0 && document.in_scene[static_cast<std::size_t>(parent)] != 0)
+      document.in_scene[static_cast<std::size_t>(n)] = 1;
+  }
+}
+
+}  // namespace
+
+void parse_nodes(const JsonPlace& root, const ImportOptions& options, Document& document, Notes& notes) {
+  const std::size_t meshes = root.size_of("meshes"), skins = root.size_of("skins");
+  if (const auto list = root.find("nodes")) {
+    if (list->size() > options.max_nodes) {
+      list->fail(std::to_string(list->size()) + " nodes exceed the limit of " + std::to_string(options.max_nodes));
+    }
+    for (std::size_t i = 0; i < list->size(); ++i) {
+      const JsonPlace place = (*list)[i];
+      Node node;
+      node.name = place.string_or("name", "");
+      node.mesh = place.index_or_none("mesh", meshes, "mesh");
+      node.skin = place.index_or_none("skin", skins, "skin");
+      parse_transform(place, node, notes);
+      document.nodes.push_back(std::move(node));
+    }
+    link(*list, document.nodes);
+    document.top_down = top_down_order(*list, document.nodes);
+  }
+  mark_scene(root, options, document);
+}
+
+void parse_skins(const JsonPlace& root, Document& document) {
+  const auto list = root.find("skins");
+  for (std::size_t i = 0; list && i < list->size(); ++i) {
+    const JsonPlace place = (*list)[i];
+    Skin skin;
+    skin.pointer = place.pointer();
+    const JsonPlace joints = place.at("joints");
+    if (joints.size() == 0) joints.fail("the skin has no joints");
+    if (joints.size() > document.nodes.size()) joints.fail("the skin lists more joints than the file has nodes");
+    std::vector<char> listed(document.nodes.size(), 0);
+    for (std::size_t k = 0; k < joints.size(); ++k) {
+      const int joint = joints[k].as_index(document.nodes.size(), "node");
+      if (listed[static_cast<std::size_t>(joint)]++ != 0)
+        joints[k].fail("node " + std::to_string(joint) + " is listed twice");
+      skin.joints.push_back(joint);
+    }
+    place.index_or_none("skeleton", document.nodes.size(), "node");
+    skin.inverse_bind_accessor = place.index_or_none("inverseBindMatrices", document.accessors.size(), "accessor");
+    if (skin.inverse_bind_accessor >= 0) {
+      const Accessor& accessor = document.accessors[static_cast<std::size_t>(skin.inverse_bind_accessor)];
+      const JsonPlace where = place.at("inverseBindMatrices");
+      if (accessor.type != "MAT4" || accessor.component != Component::kF32)
+        where.fail("inverse bind matrices must be 32-bit float MAT4");
+      if (accessor.count < skin.joints.size()) {
+        where.fail("there are " + std::to_string(accessor.count) + " inverse bind matrices for " +
+                   std::to_string(skin.joints.size()) + " joints");
+      }
+    }
+    document.skins.push_back(std::move(skin));
+  }
+}
+
+ImportedAsset document_asset(const Document& document, const std::filesystem::path& path, const ImportOptions& options,
+                             Notes& notes) {
+  const std::vector<TrackSet> tracks = read_tracks(document, notes);
+  Rig rig = build_rig(document, moving_nodes(document, tracks), options, notes);
+  const std::vector<SkinBinding> bindings = bind_skins(document, rig, notes);
+
+  ImportedAsset result;
+  Asset& asset = result.asset;
+  asset.name = path.stem().string();
+  MergedMesh merged = merge_meshes(document, rig, bindings, options, notes);
+  asset.mesh = std::move(merged.mesh);
+  asset.skin = std::move(merged.skin);
+  MaterialSet materials = read_materials(document, path.parent_path(), options, notes);
+  asset.materials = std::move(materials.materials);
+  asset.images = std::move(materials.images);
+  if (rig.skeleton.size() > 0)
+    asset.animations = convert_animations(tracks, rig, notes);
+  else
+    result.node_clips = clips_of_nodes(tracks);
+  asset.skeleton = std::move(rig.skeleton);
+  result.frame = document.frame;
+  const std::vector<std::string> findings = validate(asset, 1, options.require_rig);
+  if (!findings.empty()) throw InputError(path.string(), "", "cannot be made a sound asset: " + findings.front());
+  result.notes = notes.take();
+  result.lowest_weight_sum = notes.lowest_weight_sum();
+  return result;
+}
+
+}  // namespace anigen::io::gltf_import

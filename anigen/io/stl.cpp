@@ -1,0 +1,185 @@
+#include "anigen/io/stl.h"
+
+#include <cctype>
+#include <cmath>
+#include <cstdint>
+#include <cstring>
+#include <string>
+#include <string_view>
+#include <unordered_map>
+
+#include "anigen/core/error.h"
+#include "anigen/core/files.h"
+#include "anigen/io/obj.h"
+
+namespace anigen::io {
+
+namespace {
+
+constexpr std::uintmax_t kMostStlBytes = std::uintmax_t{2} << 30;
+constexpr std::size_t kHeaderBytes = 84, kTriangleBytes = 50;
+
+std::string lower(std::string_view word) {
+  std::string text(word);
+  for (char& c : text) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+  return text;
+}
+
+/// Collects triangles given by their corners' places.
+class Corners {
+ public:
+  explicit Corners(const std::string& file) : file_(file) {}
+
+  void add(const Eigen::Vector3f& place) {
+    const Eigen::Vector3f p = place + Eigen::Vector3f::Zero();  // -0 and 0 are one place
+    std::string key(sizeof(float) * 3, '\0');
+    std::memcpy(key.data(), p.data(), key.size());
+    const auto [known, is_new] = known_.try_emplace(std::move(key), 0);
+    if (is_new) {
+      known->second = face_index(mesh_.vertices.size(), file_);
+      mesh_.vertices.push_back(p);
+    }
+    face_[corner_++] = known->second;
+    if (corner_ < 3) return;
+    corner_ = 0;
+    any_ = true;
+    if (face_[0] != face_[1] && face_[1] != face_[2] && face_[0] != face_[2]) mesh_.faces.push_back(face_);
+  }
+
+  Mesh finish() {
+    if (!any_) throw InputError(file_, "", "no triangles");
+    if (mesh_.faces.empty()) throw InputError(file_, "", "every triangle names a place twice: there is no surface");
+    return std::move(mesh_);
+  }
+
+ private:
+  const std::string& file_;
+  Mesh mesh_;
+  std::unordered_map<std::string, std::int32_t> known_;
+  Triangle face_{};
+  std::size_t corner_ = 0;
+  bool any_ = false;
+};
+
+class TextReader {
+ public:
+  TextReader(std::string_view text, const std::string& file) : rest_(text), file_(file), corners_(file) {}
+
+  /// Names of solids may hold any words, so those lines are skipped whole.
+  Mesh read() {
+    while (next_line()) {
+      std::string_view left = line_;
+      const std::string word = lower(take_token(left));
+      if (word.empty() || word == "solid" || word == "endsolid") continue;
+      if (word == "vertex")
+        vertex(left);
+      else if (word == "facet")
+        open();
+      else if (word == "endfacet")
+        close();
+      else if (word != "outer" && word != "endloop")
+        fail("\"" + word.substr(0, 40) + "\" is none of solid, facet, outer loop, vertex, endloop, endfacet, endsolid");
+    }
+    if (inside_) fail("the file ends inside a facet");
+    return corners_.finish();
+  }
+
+ private:
+  [[noreturn]] void fail(const std::string& problem) const {
+    throw InputError(file_, "line " + std::to_string(number_), problem);
+  }
+
+  bool next_line() {
+    if (rest_.empty()) return false;
+    const std::size_t end = rest_.find('\n');
+    line_ = rest_.substr(0, end);
+    rest_ = end == std::string_view::npos ? std::string_view() : rest_.substr(end + 1);
+    ++number_;
+    return true;
+  }
+
+  void open() {
+    if (inside_) fail("a facet begins inside another one");
+    inside_ = true;
+    vertices_ = 0;
+  }
+
+  void close() {
+    if (!inside_ || vertices_ != 3) fail("a facet has " + std::to_string(vertices_) + " vertices in place of 3");
+    inside_ = false;
+  }
+
+  void vertex(std::string_view left) {
+    if (!inside_ || ++vertices_ > 3) fail("a vertex stands outside a facet of three");
+    Eigen::Vector3f place;
+    for (float& x : place) {
+      const std::string_view token = take_token(left);
+      double value = 0.0;
+      if (!parse_number(token, value) || !std::isfinite(static_cast<float>(value)))
+        fail("\"" + std::string(token.substr(0, 40)) + "\" is not a finite number");
+      x = static_cast<float>(value);
+    }
+    corners_.add(place);
+  }
+
+  std::string_view rest_, line_;
+  const std::string& file_;
+  std::size_t number_ = 0, vertices_ = 0;
+  bool inside_ = false;
+  Corners corners_;
+};
+
+template <typename T>
+T little_endian(const std::string& bytes, std::size_t at) {
+  std::uint32_t bits = 0;
+  for (std::size_t i = 0; i < 4; ++i)
+    bits |= static_cast<std::uint32_t>(static_cast<unsigned char>(bytes[at + i])) << (8 * i);
+  T value;
+  static_assert(sizeof value == sizeof bits);
+  std::memcpy(&value, &bits, sizeof bits);
+  return value;
+}
+
+std::uint64_t announced(const std::string& bytes) {
+  return bytes.size() < kHeaderBytes ? 0 : little_endian<std::uint32_t>(bytes, kHeaderBytes - 4);
+}
+
+bool is_text(const std::string& bytes) {
+  if (bytes.size() >= kHeaderBytes && bytes.size() == kHeaderBytes + kTriangleBytes * announced(bytes)) return false;
+  const std::size_t begin = bytes.find_first_not_of(" \t\r\n");
+  return begin != std::string::npos && lower(std::string_view(bytes).substr(begin, 5)) == "solid" &&
+         bytes.substr(0, 512).find('\0') == std::string::npos;
+}
+
+Mesh read_binary(const std::string& bytes, const std::string& file) {
+  if (bytes.size() < kHeaderBytes)
+    throw InputError(file, "byte " + std::to_string(bytes.size()), "the header is cut short");
+  const std::uint64_t triangles = announced(bytes);
+  if (triangles > (bytes.size() - kHeaderBytes) / kTriangleBytes) {
+    throw InputError(file, "byte " + std::to_string(bytes.size()),
+                     "the file ends before the " + std::to_string(triangles) +
+                         " triangles that it announces: cut short, "
+                         "or no STL file");
+  }
+  Corners corners(file);
+  for (std::size_t t = 0; t < triangles; ++t) {
+    for (std::size_t corner = 1; corner <= 3; ++corner) {  // the normal is first
+      const std::size_t at = kHeaderBytes + kTriangleBytes * t + 12 * corner;
+      Eigen::Vector3f place;
+      for (std::size_t k = 0; k < 3; ++k) place[static_cast<Eigen::Index>(k)] = little_endian<float>(bytes, at + 4 * k);
+      if (!place.allFinite()) throw InputError(file, "byte " + std::to_string(at), "a vertex is not finite");
+      corners.add(place);
+    }
+  }
+  return corners.finish();
+}
+
+}  // namespace
+
+Mesh read_stl(const std::filesystem::path& path) {
+  const std::string file = path.string();
+  const std::string bytes = read_file(path, kMostStlBytes);
+  return is_text(bytes) ? TextReader(bytes, file).read() : read_binary(bytes, file);
+}
+
+}  // namespace anigen::io

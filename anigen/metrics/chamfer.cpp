@@ -1,0 +1,281 @@
+#include "anigen/metrics/chamfer.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+
+#include "anigen/core/error.h"
+#include "anigen/metrics/published_protocols.h"
+
+namespace anigen::metrics {
+
+JointGraph joint_graph(const JointTree& tree) {
+  check(tree, "");
+  JointGraph graph;
+  graph.joints = tree.positions;
+  for (std::size_t j = 0; j < tree.size(); ++j) {
+    if (tree.parents[j] >= 0) graph.bones.push_back({tree.parents[j], static_cast<int>(j)});
+  }
+  return graph;
+}
+
+std::vector<BoneLine> bone_lines(const JointGraph& graph) {
+  std::vector<BoneLine> lines;
+  for (const auto& [parent, child] : graph.bones) {
+    lines.push_back({graph.joints[static_cast<std::size_t>(parent)], graph.joints[static_cast<std::size_t>(child)]});
+  }
+  if (lines.empty()) {
+    for (const Eigen::Vector3d& joint : graph.joints) lines.push_back({joint, joint});
+  }
+  return lines;
+}
+
+namespace {
+
+[[noreturn]] void refuse(const std::string& why) {
+  throw InputError("", "skeleton", why + "; bring it into the unit box first");
+}
+
+}  // namespace
+
+std::vector<BoneSamples> spaced_samples(const std::vector<BoneLine>& lines, double spacing) {
+  std::vector<BoneSamples> all;
+  all.reserve(lines.size());
+  double total = 0;
+  for (const BoneLine& line : lines) {
+    const Eigen::Vector3d along = line.tail - line.head;
+    const double steps = std::nearbyint(along.norm() / spacing);  // half to even, the default rounding
+    total += steps + 1;
+    // Written so that an infinite length is refused too.
+    if (!(total <= kMostBoneSamples)) refuse("its bones are too long to be sampled every 0.005");
+    BoneSamples samples;
+    samples.start = line.head;
+    samples.last = static_cast<std::int64_t>(steps);
+    if (samples.last > 0) samples.step = along / steps;
+    all.push_back(samples);
+  }
+  return all;
+}
+
+std::vector<BoneSamples> counted_samples(const std::vector<BoneLine>& lines, int count) {
+  if (static_cast<double>(lines.size()) * count > kMostBoneSamples) refuse("it has too many bones to be sampled");
+  std::vector<BoneSamples> all;
+  all.reserve(lines.size());
+  for (const BoneLine& line : lines) all.push_back({line.tail, (line.head - line.tail) / count, count - 1});
+  return all;
+}
+
+std::int64_t sample_count(const std::vector<BoneSamples>& samples) {
+  std::int64_t count = 0;
+  for (const BoneSamples& bone : samples) count += bone.last + 1;
+  return count;
+}
+
+std::vector<Eigen::Vector3d> sample_points(const std::vector<BoneSamples>& samples) {
+  std::vector<Eigen::Vector3d> points;
+  points.reserve(static_cast<std::size_t>(sample_count(samples)));
+  for (const BoneSamples& bone : samples) {
+    for (std::int64_t i = 0; i <= bone.last; ++i) points.push_back(bone.point(i));
+  }
+  return points;
+}
+
+namespace {
+
+constexpr int kLeaf = 4;
+constexpr double kShortest = 1e-280;  // squared length whose inverse is still finite
+
+double squared_distance_to_box(const Eigen::Vector3d& p, const Eigen::Vector3d& low, const Eigen::Vector3d& high) {
+  return (low - p).cwiseMax(p - high).cwiseMax(0.0).squaredNorm();
+}
+
+}  // namespace
+
+NearestBone::NearestBone(const std::vector<BoneLine>& lines) {
+  for (const BoneLine& line : lines) add(line.head, line.tail - line.head, 1.0);
+  build();
+}
+
+NearestBone::NearestBone(const std::vector<BoneSamples>& samples) : rounded_(true) {
+  for (const BoneSamples& bone : samples) add(bone.start, bone.step, static_cast<double>(bone.last));
+  build();
+}
+
+NearestBone NearestBone::of_points(const std::vector<Eigen::Vector3d>& points) {
+  std::vector<BoneLine> lines;
+  lines.reserve(points.size());
+  for (const Eigen::Vector3d& point : points) lines.push_back({point, point});
+  return NearestBone(lines);
+}
+
+void NearestBone::add(const Eigen::Vector3d& start, const Eigen::Vector3d& step, double last) {
+  const double squared = step.squaredNorm();
+  pieces_.push_back({start, step, squared > kShortest ? 1.0 / squared : 0.0, last});
+}
+
+void NearestBone::build() {
+  if (pieces_.empty()) throw InputError("", "skeleton", "there is no bone to measure the distance to");
+  // Median splits along the widest axis: halves differ by at most one, so the depth is that of log2 of the count.
+  struct Task {
+    int begin, end, parent;
+  };
+  std::vector<Task> tasks{{0, static_cast<int>(pieces_.size()), -1}};
+  while (!tasks.empty()) {
+    const Task task = tasks.back();
+    tasks.pop_back();
+    const int index = static_cast<int>(nodes_.size());
+    if (task.parent >= 0) nodes_[static_cast<std::size_t>(task.parent)].right = index;
+    Node node{Eigen::Vector3d::Constant(std::numeric_limits<double>::infinity()),
+              Eigen::Vector3d::Constant(-std::numeric_limits<double>::infinity()), task.begin, task.end, -1};
+    for (int i = task.begin; i < task.end; ++i) {
+      const Piece& piece = pieces_[static_cast<std::size_t>(i)];
+      const Eigen::Vector3d end = piece.start + piece.last * piece.step;
+      node.low = node.low.cwiseMin(piece.start).cwiseMin(end);
+      node.high = node.high.cwiseMax(piece.start).cwiseMax(end);
+    }
+    nodes_.push_back(node);
+    if (task.end - task.begin <= kLeaf) continue;
+    Eigen::Index axis = 0;
+    (node.high - node.low).maxCoeff(&axis);
+    const int middle = (task.begin + task.end) / 2;
+    std::nth_element(pieces_.begin() + task.begin, pieces_.begin() + middle, pieces_.begin() + task.end,
+                     [axis](const Piece& a, const Piece& b) {
+                       return 2 * a.start[axis] + a.last * a.step[axis] < 2 * b.start[axis] + b.last * b.step[axis];
+                     });
+    // The second half first: the one popped next must become the node that follows this one.
+    tasks.push_back({middle, task.end, index});
+    tasks.push_back({task.begin, middle, -1});
+  }
+}
+
+double NearestBone::squared_distance(const Piece& piece, const Eigen::Vector3d& p) const {
+  double t = std::clamp((p - piece.start).dot(piece.step) * piece.inverse, 0.0, piece.last);
+  if (rounded_) t = static_cast<double>(static_cast<std::int64_t>(t + 0.5));
+  return (piece.start + t * piece.step - p).squaredNorm();
+}
+
+double NearestBone::distance(const Eigen::Vector3d& p) const {
+  struct Entry {
+    int node;
+    double squared;
+  };
+  std::array<Entry, 64> stack;  // depth ≤ log2(2^31)
+  std::size_t top = 0;
+  double best = std::numeric_limits<double>::infinity();
+  stack[top++] = {0, 0.0};
+  while (top > 0) {
+    const Entry entry = stack[--top];
+    if (!(entry.squared < best)) continue;
+    const Node& node = nodes_[static_cast<std::size_t>(entry.node)];
+    if (node.right < 0) {
+      for (int i = node.begin; i < node.end; ++i) {
+        best = std::min(best, squared_distance(pieces_[static_cast<std::size_t>(i)], p));
+      }
+      continue;
+    }
+    const Node& first = nodes_[static_cast<std::size_t>(entry.node) + 1];
+    const Node& second = nodes_[static_cast<std::size_t>(node.right)];
+    Entry near{entry.node + 1, squared_distance_to_box(p, first.low, first.high)};
+    Entry far{node.right, squared_distance_to_box(p, second.low, second.high)};
+    if (far.squared < near.squared) std::swap(near, far);
+    if (far.squared < best) stack[top++] = far;
+    if (near.squared < best) stack[top++] = near;
+  }
+  return std::sqrt(best);
+}
+
+double NearestBone::mean_distance(const std::vector<Eigen::Vector3d>& points) const {
+  double sum = 0;
+  for (const Eigen::Vector3d& point : points) sum += distance(point);
+  return sum / static_cast<double>(points.size());
+}
+
+double NearestBone::mean_distance(const std::vector<BoneSamples>& samples) const {
+  double sum = 0;
+  std::int64_t count = 0;
+  for (const BoneSamples& bone : samples) {
+    for (std::int64_t i = 0; i <= bone.last; ++i) sum += distance(bone.point(i));
+    count += bone.last + 1;
+  }
+  return sum / static_cast<double>(count);
+}
+
+namespace {
+
+double symmetric(double there, double back) { return 0.5 * (there + back); }
+
+/// @param bones what distances to bones are measured to, of either side
+SkeletonChamfer chamfer(const JointGraph& a, const JointGraph& b, const std::vector<BoneSamples>& samples_a,
+                        const std::vector<BoneSamples>& samples_b, const NearestBone& bones_a,
+                        const NearestBone& bones_b) {
+  SkeletonChamfer result;
+  result.j2j = symmetric(NearestBone::of_points(b.joints).mean_distance(a.joints),
+                         NearestBone::of_points(a.joints).mean_distance(b.joints));
+  result.j2b = symmetric(bones_b.mean_distance(a.joints), bones_a.mean_distance(b.joints));
+  result.b2b = symmetric(bones_b.mean_distance(samples_a), bones_a.mean_distance(samples_b));
+  return result;
+}
+
+SkeletonChamfer sampled(const JointGraph& a, const JointGraph& b, const std::vector<BoneSamples>& samples_a,
+                        const std::vector<BoneSamples>& samples_b) {
+  return chamfer(a, b, samples_a, samples_b, NearestBone(samples_a), NearestBone(samples_b));
+}
+
+}  // namespace
+
+std::string name(SkeletonProtocol protocol) {
+  switch (protocol) {
+    case SkeletonProtocol::kPaper:
+      return "paper";
+    case SkeletonProtocol::kRignet:
+      return "rignet";
+    case SkeletonProtocol::kUnirig:
+      return "unirig";
+    case SkeletonProtocol::kPuppeteer:
+      return "puppeteer";
+  }
+  return "";
+}
+
+SkeletonProtocol parse_skeleton_protocol(const std::string& text) {
+  for (const SkeletonProtocol protocol : kSkeletonProtocols) {
+    if (name(protocol) == text) return protocol;
+  }
+  throw InputError("", "protocol", "\"" + text + "\" is none of paper, rignet, unirig, puppeteer");
+}
+
+SkeletonChamfer exact_chamfer(const JointGraph& predicted, const JointGraph& truth) {
+  const std::vector<BoneLine> a = bone_lines(predicted), b = bone_lines(truth);
+  return chamfer(predicted, truth, spaced_samples(a), spaced_samples(b), NearestBone(a), NearestBone(b));
+}
+
+SkeletonChamfer spaced_chamfer(const JointGraph& predicted, const JointGraph& truth) {
+  return sampled(predicted, truth, spaced_samples(bone_lines(predicted)), spaced_samples(bone_lines(truth)));
+}
+
+SkeletonChamfer counted_chamfer(const JointGraph& predicted, const JointGraph& truth) {
+  return sampled(predicted, truth, counted_samples(bone_lines(predicted)), counted_samples(bone_lines(truth)));
+}
+
+SkeletonChamfer skeleton_chamfer(const JointTree& predicted, const JointTree& truth, SkeletonProtocol protocol,
+                                 double unirig_range) {
+  switch (protocol) {
+    case SkeletonProtocol::kPaper:
+      return exact_chamfer(joint_graph(predicted), joint_graph(truth));
+    case SkeletonProtocol::kRignet:
+      return spaced_chamfer(joint_graph(predicted), joint_graph(truth));
+    case SkeletonProtocol::kPuppeteer:
+      return spaced_chamfer(puppeteer_cleaned(predicted), puppeteer_cleaned(truth));
+    case SkeletonProtocol::kUnirig:
+      break;
+  }
+  if (!(unirig_range > 0.0)) throw InputError("", "unirig_range", "the coordinate range must be positive");
+  SkeletonChamfer result = counted_chamfer(joint_graph(predicted), joint_graph(truth));
+  result.j2j /= unirig_range;
+  result.j2b /= unirig_range;
+  result.b2b /= unirig_range;
+  return result;
+}
+
+}  // namespace anigen::metrics

@@ -1,0 +1,101 @@
+#pragma once
+#include <Eigen/Core>
+#include <cstdint>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "anigen/metrics/gw_bound.h"
+
+namespace anigen::metrics {
+
+/// Pairs of joints up to which the iterated search runs all its rounds; about 45 joints a side.
+inline constexpr int kFullSearchCells = 2000;
+
+struct GromovWassersteinOptions {
+  int descents = 2;  ///< starts that go on to a local minimum: those of least cost
+  /// Rounds of iterated local search after the starts: a few random exchanges of the best coupling, then descent.
+  /// Drawn from a stream of this seed in the canonical numbering, so equal input gives equal output.
+  /// One takes time in proportion to n·m: beyond kFullSearchCells of them there are fewer, so that all take as long.
+  int perturbations = 60;
+  std::uint64_t seed = 0;
+  bool entropic = false;  ///< also start from an entropic (proximal) plan; slower, seldom better
+};
+
+/// The best coupling found and where it came from. The problem is a nonconvex quadratic program, so `cost` is an upper
+/// bound of the minimum; gw_lower_bound bounds it from the other side.
+struct GromovWasserstein {
+  double value = 0.0;    ///< root of the cost, in the unit of the distances
+  double cost = 0.0;     ///< sum (d1 - d2)^2 plan plan, no factor 1/2; never negative
+  Eigen::MatrixXd plan;  ///< [n,m] a vertex (sparse), rows sum to a, columns to b
+  std::string start;     ///< name of the start that won; "+ exchanges" when the iterated search improved on it
+  std::vector<std::pair<std::string, double>> costs;  ///< of every start, where it stopped
+};
+
+/// Gromov–Wasserstein distance with square loss (equation 8 of the paper; Mémoli's definition has a factor 1/2 more).
+/// Conditional gradient and exchanges from the cheapest few of several deterministic starts, the best kept: an
+/// isomorphism when the two trees have one (then the minimum is 0 and nothing else is tried), joints sorted by mean
+/// distance, eccentricity and position along the longest path, the coupling of the third lower bound, and `starts`.
+/// Tree geodesics are recognised by themselves and numbered canonically first, so labels do not matter; other metrics
+/// are solved as they come.
+/// @param c1 [n,n], @param c2 [m,m]  symmetric, zero diagonal, nonnegative
+/// @param a [n], @param b [m]  masses that sum to 1
+/// @param starts more couplings to start from, for example the Wasserstein plan of the joints
+/// @throws InputError for anything else, naming what is wrong
+GromovWasserstein gromov_wasserstein(const Eigen::MatrixXd& c1, const Eigen::MatrixXd& c2, const Eigen::VectorXd& a,
+                                     const Eigen::VectorXd& b, const std::vector<GwStart>& starts = {},
+                                     const GromovWassersteinOptions& options = {});
+
+/// Conditional gradient from one coupling and nothing else: what the published solvers do.
+struct GwConditionalGradient {
+  double cost = 0.0;
+  int iterations = 0;
+  Eigen::MatrixXd plan;
+};
+GwConditionalGradient gw_conditional_gradient(const Eigen::MatrixXd& c1, const Eigen::MatrixXd& c2,
+                                              const Eigen::VectorXd& a, const Eigen::VectorXd& b,
+                                              const Eigen::MatrixXd& start, int max_iterations = 1000);
+
+/// Fused Gromov–Wasserstein (Vayer et al. 2019, q = 2): the least over couplings of
+///   (1 - alpha) * <M, plan> + alpha * sum (d1 - d2)^2 plan plan,
+/// with M squared Euclidean distances of matched joints. It sees both where joints are and how they are connected; the
+/// value is the root, in the unit of the positions. Same search as gromov_wasserstein.
+/// @param features M [n,m]  nonnegative, in squared units of the distances
+/// @param alpha in [0, 1]: 0 is Wasserstein (then exact), 1 is Gromov–Wasserstein
+GromovWasserstein fused_gromov_wasserstein(const Eigen::MatrixXd& features, const Eigen::MatrixXd& c1,
+                                           const Eigen::MatrixXd& c2, const Eigen::VectorXd& a,
+                                           const Eigen::VectorXd& b, double alpha = 0.5,
+                                           const std::vector<GwStart>& starts = {},
+                                           const GromovWassersteinOptions& options = {});
+
+enum class EntropicGwSolver {
+  kProjectedGradient,  ///< PGD: mirror descent on cost + epsilon * negative entropy (Peyré, Cuturi and Solomon 2016)
+  kProximalPoint,      ///< PPA: the entropy is taken relative to the last plan, so it vanishes at the limit (Xu et al.
+                       ///< 2019)
+};
+
+struct EntropicGwOptions {
+  EntropicGwSolver solver = EntropicGwSolver::kProjectedGradient;
+  double epsilon = 5e-3;  ///< in the unit of squared distances after division by the largest distance of both spaces
+  int max_iterations = 200;
+  double tolerance = 1e-9;  ///< on the Frobenius norm of a plan's change, looked at every 10th iteration
+  int sinkhorn_iterations = 1000;
+  double sinkhorn_tolerance = 1e-9;  ///< on the Euclidean norm of the column masses' error, looked at every 10th
+};
+
+struct EntropicGw {
+  Eigen::MatrixXd plan;  ///< [n,m]; columns may miss their masses by marginal_error
+  double cost = 0.0;     ///< Gromov–Wasserstein cost of the plan without entropy, in squared units of the input
+  double marginal_error = 0.0;  ///< L1 over rows and columns
+  int iterations = 0;
+};
+
+/// Entropic Gromov–Wasserstein with square loss from the product plan, both matrices divided by the largest distance:
+/// plan <- Sinkhorn(2 (const - 2 C1 plan C2), epsilon), with epsilon log(plan) subtracted for the proximal variant.
+/// Iterates in the order of the published solver (POT), so that plans agree with it. Should a scaling leave the range
+/// of double precision, the last good one counts.
+/// @param c1 [n,n], @param c2 [m,m]  symmetric, @param a [n], @param b [m]
+EntropicGw entropic_gromov_wasserstein(const Eigen::MatrixXd& c1, const Eigen::MatrixXd& c2, const Eigen::VectorXd& a,
+                                       const Eigen::VectorXd& b, const EntropicGwOptions& options = {});
+
+}  // namespace anigen::metrics

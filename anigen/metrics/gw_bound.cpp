@@ -1,0 +1,166 @@
+#include "anigen/metrics/gw_bound.h"
+
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+#include "anigen/metrics/transport_plan.h"
+#include "anigen/metrics/wasserstein.h"
+
+namespace anigen::metrics {
+
+namespace {
+
+constexpr double kRounding = 1e-12;
+
+// All distances with the masses of their pairs, sorted.
+void distance_distribution(const Eigen::MatrixXd& c, const Eigen::VectorXd& a, Eigen::VectorXd& values,
+                           Eigen::VectorXd& masses) {
+  const Eigen::MatrixXd pairs = a * a.transpose();
+  const Eigen::VectorXd distances = Eigen::Map<const Eigen::VectorXd>(c.data(), c.size());
+  const std::vector<int> order = ascending(distances);
+  values = picked(distances, order);
+  masses = picked(Eigen::Map<const Eigen::VectorXd>(pairs.data(), pairs.size()), order);
+}
+
+double global_bound(const Eigen::MatrixXd& c1, const Eigen::MatrixXd& c2, const Eigen::VectorXd& a,
+                    const Eigen::VectorXd& b) {
+  Eigen::VectorXd x, y, p, q;
+  distance_distribution(c1, a, x, p);
+  distance_distribution(c2, b, y, q);
+  return line_cost(x, p, y, q);
+}
+
+double local_bound(const RowMatrix& costs, const Eigen::VectorXd& a, const Eigen::VectorXd& b) {
+  const MassUnits units = mass_units(a, b);
+  TransportSolver transport(units);
+  transport.solve(costs);
+  return transport.lower_bound() / static_cast<double>(units.total);
+}
+
+// Eigenvalues of D^(1/2) C D^(1/2) on the complement of the vector sqrt(a), downwards. That vector itself adds a 0.
+Eigen::VectorXd centred_spectrum(const Eigen::MatrixXd& c, const Eigen::VectorXd& a) {
+  const Eigen::VectorXd root = a.cwiseSqrt() / std::sqrt(a.sum());
+  Eigen::MatrixXd scaled = root.asDiagonal() * c * root.asDiagonal();
+  const Eigen::VectorXd image = scaled * root;
+  scaled -= image * root.transpose() + root * image.transpose();
+  scaled += root.dot(image) * root * root.transpose();
+  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(scaled, Eigen::EigenvaluesOnly);
+  return solver.eigenvalues().reverse();
+}
+
+}  // namespace
+
+RowMatrix profile_costs(const Eigen::MatrixXd& c1, const Eigen::MatrixXd& c2, const Eigen::VectorXd& a,
+                        const Eigen::VectorXd& b) {
+  const Eigen::Index n = c1.rows(), m = c2.rows();
+  const MassUnits units = mass_units(a, b);
+  // Sorted distances seen from each joint, one column per joint.
+  Eigen::MatrixXd x = c1, y = c2, p(n, n), q(m, m);
+  for (Eigen::Index i = 0; i < n; ++i) {
+    if (units.uniform) {
+      std::sort(x.col(i).data(), x.col(i).data() + n);
+    } else {
+      const std::vector<int> order = ascending(c1.col(i));
+      x.col(i) = picked(c1.col(i), order);
+      p.col(i) = picked(a, order);
+    }
+  }
+  for (Eigen::Index k = 0; k < m; ++k) {
+    if (units.uniform) {
+      std::sort(y.col(k).data(), y.col(k).data() + m);
+    } else {
+      const std::vector<int> order = ascending(c2.col(k));
+      y.col(k) = picked(c2.col(k), order);
+      q.col(k) = picked(b, order);
+    }
+  }
+  RowMatrix costs(n, m);
+  if (!units.uniform) {
+    for (Eigen::Index i = 0; i < n; ++i) {
+      for (Eigen::Index k = 0; k < m; ++k) costs(i, k) = line_cost(x.col(i), p.col(i), y.col(k), q.col(k));
+    }
+    return costs;
+  }
+  // With equal masses every pair shares one monotone coupling, and the cross term is a matrix product.
+  const double unit = 1.0 / static_cast<double>(units.total);
+  Eigen::MatrixXd coupled = Eigen::MatrixXd::Zero(n, m);
+  const std::vector<int> rows = ascending(Eigen::VectorXd::Zero(n)), columns = ascending(Eigen::VectorXd::Zero(m));
+  for (const PlanCell& cell : monotone_coupling(units, rows, columns))
+    coupled.row(cell.row) += cell.mass * unit * y.row(cell.column);
+  costs.noalias() = -2.0 * x.transpose() * coupled;
+  const Eigen::VectorXd first = x.colwise().squaredNorm() / static_cast<double>(n);
+  const Eigen::RowVectorXd second = y.colwise().squaredNorm() / static_cast<double>(m);
+  costs.colwise() += first;
+  costs.rowwise() += second;
+  return costs.cwiseMax(0.0);
+}
+
+double spectral_bound(const Eigen::MatrixXd& c1, const Eigen::MatrixXd& c2, const Eigen::VectorXd& a,
+                      const Eigen::VectorXd& b) {
+  const Eigen::VectorXd mean1 = c1 * a, mean2 = c2 * b;
+  const double squares = a.dot(c1.cwiseAbs2() * a) + b.dot(c2.cwiseAbs2() * b);
+  const MassUnits units = mass_units(a, b);
+  double linear = 0.0;  // the largest <(C1 a)(C2 b)^T, plan>, reached by sorting both
+  for (const PlanCell& cell : monotone_coupling(units, ascending(mean1), ascending(mean2)))
+    linear += cell.mass / static_cast<double>(units.total) * mean1[cell.row] * mean2[cell.column];
+  const Eigen::VectorXd spectrum1 = centred_spectrum(c1, a), spectrum2 = centred_spectrum(c2, b);
+  double quadratic = 0.0;  // largest positive with largest positive, most negative with most negative
+  for (Eigen::Index k = 0; k < std::min(spectrum1.size(), spectrum2.size()); ++k) {
+    quadratic += std::max(spectrum1[k], 0.0) * std::max(spectrum2[k], 0.0);
+    quadratic +=
+        std::min(spectrum1[spectrum1.size() - 1 - k], 0.0) * std::min(spectrum2[spectrum2.size() - 1 - k], 0.0);
+  }
+  return squares - 2.0 * (2.0 * linear - a.dot(mean1) * b.dot(mean2) + quadratic);
+}
+
+GwLowerBound gw_lower_bound(const Eigen::MatrixXd& c1, const Eigen::MatrixXd& c2, const Eigen::VectorXd& a,
+                            const Eigen::VectorXd& b) {
+  // Masses that are not equal are themselves rounded to 2^-40 (mass_units.h).
+  const double masses = mass_units(a, b).uniform ? 0.0 : std::ldexp(static_cast<double>(a.size() + b.size()), -39);
+  const double largest = std::max(c1.maxCoeff(), c2.maxCoeff()), rounding = (kRounding + masses) * largest * largest;
+  const auto root = [&](double squared) { return std::sqrt(std::max(squared - rounding, 0.0)); };
+  GwLowerBound bound;
+  bound.global_distances = root(global_bound(c1, c2, a, b));
+  bound.local_distances = root(local_bound(profile_costs(c1, c2, a, b), a, b));
+  bound.spectral = root(spectral_bound(c1, c2, a, b));
+  bound.best = std::max({bound.global_distances, bound.local_distances, bound.spectral});
+  return bound;
+}
+
+namespace {
+
+Eigen::VectorXd masses(const std::vector<std::int64_t>& units) {
+  Eigen::VectorXd result(static_cast<Eigen::Index>(units.size()));
+  for (std::size_t i = 0; i < units.size(); ++i) result[static_cast<Eigen::Index>(i)] = static_cast<double>(units[i]);
+  return result;
+}
+
+// Distance to one end of the longest path minus distance to the other.
+Eigen::VectorXd along_diameter(const RowMatrix& c) {
+  Eigen::Index one = 0, two = 0;
+  c.maxCoeff(&one, &two);
+  return c.col(one) - c.col(two);
+}
+
+}  // namespace
+
+std::vector<GwSparseStart> sorted_starts(const GwProblem& problem) {
+  const MassUnits& units = problem.units;
+  const auto monotone = [&](const Eigen::VectorXd& rows, const Eigen::VectorXd& columns) {
+    return monotone_coupling(units, ascending(rows), ascending(columns));
+  };
+  const Eigen::VectorXd path1 = along_diameter(problem.c1), path2 = along_diameter(problem.c2);
+  return {{"product", monotone(problem.c1 * masses(units.supplies), problem.c2 * masses(units.demands))},
+          {"eccentricity", monotone(problem.c1.rowwise().maxCoeff(), problem.c2.rowwise().maxCoeff())},
+          {"diameter", monotone(path1, path2)},
+          {"diameter reversed", monotone(path1, -path2)}};
+}
+
+GwSparseStart profile_start(const GwProblem& problem, const RowMatrix& costs) {
+  TransportSolver transport(problem.units);
+  return {"profiles", transport.solve(costs)};
+}
+
+}  // namespace anigen::metrics

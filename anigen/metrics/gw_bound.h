@@ -1,0 +1,58 @@
+#pragma once
+#include <Eigen/Core>
+#include <string>
+#include <vector>
+
+#include "anigen/metrics/gw_problem.h"
+#include "anigen/metrics/transport_plan.h"
+
+namespace anigen::metrics {
+
+/// Certified bounds from below of the Gromov–Wasserstein value, in the unit of the distances. All are lowered by the
+/// rounding they may carry (1e-12 of the largest squared distance), so none is above the true value.
+struct GwLowerBound {
+  double global_distances = 0.0;  ///< second lower bound of Mémoli 2011: all distances as one distribution on a line
+  double local_distances = 0.0;   ///< third lower bound: transport between joints, each a distribution of distances
+  double spectral = 0.0;          ///< eigenvalue bound, see spectral_bound
+  double best = 0.0;              ///< the largest
+};
+
+/// @param c1 [n,n], @param c2 [m,m]  symmetric, zero diagonal, @param a [n], @param b [m]  masses that sum to 1
+GwLowerBound gw_lower_bound(const Eigen::MatrixXd& c1, const Eigen::MatrixXd& c2, const Eigen::VectorXd& a,
+                            const Eigen::VectorXd& b);
+
+/// Squared Wasserstein-2 distance on the line between the distances seen from i and from j: what matching i with j
+/// costs at least. [n,m]; O(n m (n + m)), as a matrix product when the masses are equal.
+RowMatrix profile_costs(const Eigen::MatrixXd& c1, const Eigen::MatrixXd& c2, const Eigen::VectorXd& a,
+                        const Eigen::VectorXd& b);
+
+/// Minimum over couplings of the linear part about the product plan plus the least the quadratic part can be: the
+/// scaled deviation from the product has singular values of at most 1, so by von Neumann's inequality the quadratic
+/// part is at most the sum of products of the sorted eigenvalues of the centred distance matrices (the projected
+/// eigenvalue bound of Hadley, Rendl and Wolkowicz 1992, extended to couplings). Squared; O(n^3 + m^3).
+double spectral_bound(const Eigen::MatrixXd& c1, const Eigen::MatrixXd& c2, const Eigen::VectorXd& a,
+                      const Eigen::VectorXd& b);
+
+/// A place where the search for a Gromov–Wasserstein coupling begins.
+struct GwStart {
+  std::string name;
+  Eigen::MatrixXd plan;  ///< [n,m] a coupling of the masses
+};
+
+/// The same as sparse cells in units of the problem.
+struct GwSparseStart {
+  std::string name;
+  std::vector<PlanCell> cells;
+};
+
+/// Starts made of the two metric spaces alone, each a monotone coupling of joints sorted by one number:
+///   product        mean distance; exactly the vertex where conditional gradient goes from the product plan
+///   eccentricity   largest distance
+///   diameter       position between the two ends of the longest path, and the same reversed
+std::vector<GwSparseStart> sorted_starts(const GwProblem& problem);
+
+/// The coupling that the third lower bound attains ("profiles"): joints matched by their sorted distances to the
+/// others. @param costs profile_costs of the problem's matrices
+GwSparseStart profile_start(const GwProblem& problem, const RowMatrix& costs);
+
+}  // namespace anigen::metrics

@@ -1,0 +1,85 @@
+#include "anigen/metrics/skeleton_transport.h"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+#include <vector>
+
+#include "anigen/metrics/gromov_wasserstein.h"
+#include "anigen/metrics/gw_problem.h"
+#include "anigen/metrics/wasserstein.h"
+
+namespace anigen::metrics {
+
+namespace {
+
+using Points = std::vector<Eigen::Vector3d>;
+
+// The tree as it is: bone lengths as edges, the caller's numbering.
+MetricTree bone_tree(const JointTree& forest) {
+  const JointTree tree = connected(forest);
+  MetricTree result{tree.parents, std::vector<double>(tree.size(), 0.0), roots(tree)};
+  std::vector<std::vector<int>> children(tree.size());
+  for (std::size_t j = 0; j < tree.size(); ++j) {
+    if (tree.parents[j] < 0) continue;
+    const std::size_t parent = static_cast<std::size_t>(tree.parents[j]);
+    children[parent].push_back(static_cast<int>(j));
+    result.lengths[j] = (tree.positions[j] - tree.positions[parent]).norm();
+  }
+  for (std::size_t k = 0; k < result.order.size(); ++k) {
+    const std::vector<int>& below = children[static_cast<std::size_t>(result.order[k])];
+    result.order.insert(result.order.end(), below.begin(), below.end());
+  }
+  return result;
+}
+
+Points picked(const Points& points, const std::vector<int>& order) {
+  Points result;
+  for (const int joint : order) result.push_back(points[static_cast<std::size_t>(joint)]);
+  return result;
+}
+
+}  // namespace
+
+SkeletonTransport skeleton_transport(const JointTree& predicted, const JointTree& truth,
+                                     const TransportOptions& options) {
+  check(predicted, "predicted skeleton");
+  check(truth, "true skeleton");
+  const Eigen::VectorXd a = uniform_masses(predicted.size()), b = uniform_masses(truth.size());
+  const CanonicalOrder order =
+      canonical_order({bone_tree(predicted), a, predicted.positions}, {bone_tree(truth), b, truth.positions});
+  const Points x = picked(predicted.positions, order.first), y = picked(truth.positions, order.second);
+  const Eigen::MatrixXd c1 = path_lengths(order.first_tree), c2 = path_lengths(order.second_tree);
+
+  SkeletonTransport result;
+  const JointTransport matched = wasserstein2(x, y);
+  result.wasserstein = matched.distance;
+  result.plan.setZero(static_cast<Eigen::Index>(x.size()), static_cast<Eigen::Index>(y.size()));
+  for (const PlanCell& cell : plan_cells(matched.plan))
+    result.plan(order.first[static_cast<std::size_t>(cell.row)], order.second[static_cast<std::size_t>(cell.column)]) =
+        cell.mass;
+
+  const GromovWassersteinOptions& search = options.gromov_wasserstein_options;
+  const GromovWasserstein gw = gromov_wasserstein(c1, c2, a, b, {{"wasserstein", matched.plan}}, search);
+  result.gromov_wasserstein = gw.value;
+  result.gw_start = gw.start;
+  result.gw_lower_bound = gw_lower_bound(c1, c2, a, b).best;
+
+  const GromovWasserstein fused = fused_gromov_wasserstein(squared_distances(x, y), c1, c2, a, b, options.alpha,
+                                                           {{"gromov-wasserstein", gw.plan}}, search);
+  result.fused_gromov_wasserstein = fused.value;
+  result.fgw_start = fused.start;
+
+  if (options.sinkhorn) {
+    const SinkhornResult entropic = sinkhorn_wasserstein2(x, y, options.sinkhorn_options);
+    result.sinkhorn_wasserstein = std::sqrt(std::max(entropic.cost, 0.0));
+    result.sinkhorn_gap = entropic.gap();
+    result.sinkhorn_converged = entropic.converged;
+    const EntropicGw found = entropic_gromov_wasserstein(c1, c2, a, b, options.entropic_options);
+    result.entropic_marginal_error = found.marginal_error;
+    result.entropic_gromov_wasserstein = std::sqrt(std::max(gw_cost(c1, c2, round_to_coupling(found.plan, a, b)), 0.0));
+  }
+  return result;
+}
+
+}  // namespace anigen::metrics

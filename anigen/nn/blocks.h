@@ -1,0 +1,204 @@
+#pragma once
+#include <string>
+
+#include "anigen/nn/attention.h"
+#include "anigen/nn/linear.h"
+#include "anigen/nn/norms.h"
+
+namespace anigen::nn {
+
+/// FFN(a→b; r): Linear(a→r·a) · gelu (tanh form) · Linear(r·a→b). Keys `mlp.0.*` and `mlp.2.*`
+/// (reference autoencoders.md, 0.2). The hidden width follows the input width, not the output width.
+class FeedForwardImpl : public torch::nn::Module {
+ public:
+  FeedForwardImpl(std::int64_t in_channels, std::int64_t out_channels, double mlp_ratio = 4.0);
+
+  /// @param x [..., a] @return [..., b]
+  Tensor forward(const Tensor& x) { return mlp_->forward(x); }
+  torch::Dtype dtype() const { return mlp_->dtype(); }
+
+ private:
+  Mlp mlp_ = nullptr;
+};
+TORCH_MODULE(FeedForward);
+
+/// Pre-norm block x += MHSA(LN(x)), x += FFN(LN(x)); norms in fp32, eps 1e-6, without parameters (reference
+/// autoencoders.md, 0.2, Block). Keys `attn.*` (or the given name) and `mlp.mlp.{0,2}.*`.
+class TransformerBlockImpl : public torch::nn::Module {
+ public:
+  TransformerBlockImpl(std::int64_t channels, std::int64_t num_heads, double mlp_ratio = 4.0,
+                       const std::string& attention_name = "attn");
+  /// @param x [ΣN, C] @return [ΣN, C]
+  Tensor forward(const Tensor& x, const Ragged& items);
+  torch::Dtype dtype() const { return attention_->dtype(); }
+
+ private:
+  SelfAttention attention_ = nullptr;
+  FeedForward mlp_ = nullptr;
+};
+TORCH_MODULE(TransformerBlock);
+
+/// Pre-norm block without self attention: x += CrossAttn(LN(x), context), x += FFN(LN(x)); the context is not
+/// normalised (reference autoencoders.md, 1.2). Keys `cross_attn.*` and `mlp.mlp.{0,2}.*`.
+class CrossBlockImpl : public torch::nn::Module {
+ public:
+  CrossBlockImpl(std::int64_t channels, std::int64_t num_heads, double mlp_ratio = 4.0);
+  /// @param x [ΣN, C] @param context [ΣM, C] @return [ΣN, C]
+  Tensor forward(const Tensor& x, const Ragged& items, const Tensor& context, const Ragged& context_items);
+
+ private:
+  CrossAttention attention_ = nullptr;
+  FeedForward mlp_ = nullptr;
+};
+TORCH_MODULE(CrossBlock);
+
+struct ModulatedBlockOptions {
+  std::int64_t channels = 0;
+  std::int64_t context_channels = 0;  ///< of the cross block
+  std::int64_t num_heads = 1;
+  double mlp_ratio = 4.0;
+  bool qk_rms_norm = false, qk_rms_norm_cross = false;
+  bool qkv_bias = true;
+  bool share_mod = false;      ///< forward() is given the six chunks [B, 6C]; no `adaLN_modulation`
+  bool context_norm = false;   ///< affine layer norm of the context (key `context_norm.*`)
+  Lora lora_self, lora_cross;  ///< of every projection of the self and the cross attention
+};
+
+/// SiLU · Linear(C → 6C): shift, scale and gate of the attention, then of the MLP. Keys `1.*`. Models with share_mod
+/// have one per stream, otherwise each block has its own. Residual blocks take other numbers of values from it.
+class ModulationImpl : public torch::nn::Module {
+ public:
+  explicit ModulationImpl(std::int64_t channels) : ModulationImpl(channels, 6 * channels) {}
+  ModulationImpl(std::int64_t channels, std::int64_t values);
+  /// @param mod [B, C] @return [B, 6C], or [B, values]
+  Tensor forward(const Tensor& mod);
+  Linear linear = nullptr;
+};
+TORCH_MODULE(Modulation);
+
+/// Dense block modulated by adaptive layer norm, with cross attention in the middle that is neither gated nor
+/// modulated (reference flows-and-pipeline.md, 1.5, ten steps). Keys `norm2.*`, `self_attn.*`, `cross_attn.*`,
+/// `mlp.mlp.{0,2}.*`, `adaLN_modulation.1.*`, `context_norm.*`.
+class ModulatedCrossBlockImpl : public torch::nn::Module {
+ public:
+  explicit ModulatedCrossBlockImpl(const ModulatedBlockOptions& options);
+  /// @param x [B, N, C] @param mod [B, C], or [B, 6C] with share_mod @param context [B, M, K] @return [B, N, C]
+  Tensor forward(const Tensor& x, const Tensor& mod, const Tensor& context);
+  /// The linear layer of `adaLN_modulation`, which models initialise to zero; null with share_mod.
+  Linear modulation() const;
+
+ private:
+  AffineLayerNorm norm2_ = nullptr, context_norm_ = nullptr;
+  DenseAttention self_attention_ = nullptr, cross_attention_ = nullptr;
+  FeedForward mlp_ = nullptr;
+  Modulation modulation_ = nullptr;
+};
+TORCH_MODULE(ModulatedCrossBlock);
+
+/// The same without cross attention. Keys `attn.*`, `mlp.mlp.{0,2}.*`, `adaLN_modulation.1.*`.
+class ModulatedBlockImpl : public torch::nn::Module {
+ public:
+  explicit ModulatedBlockImpl(const ModulatedBlockOptions& options);
+  /// @param x [B, N, C] @param mod [B, C], or [B, 6C] with share_mod @return [B, N, C]
+  Tensor forward(const Tensor& x, const Tensor& mod);
+  /// The linear layer of `adaLN_modulation`, which models initialise to zero; null with share_mod.
+  Linear modulation() const;
+
+ private:
+  DenseAttention attention_ = nullptr;
+  FeedForward mlp_ = nullptr;
+  Modulation modulation_ = nullptr;
+};
+TORCH_MODULE(ModulatedBlock);
+
+struct DenseBlockOptions {
+  std::int64_t channels = 0;
+  std::int64_t out_channels = 0;      ///< 0: channels; another width sends the last residual through `res_mlp`
+  std::int64_t context_channels = 0;  ///< of the cross block
+  std::int64_t num_heads = 1;
+  double mlp_ratio = 4.0;
+  bool qkv_bias = true;
+  bool qk_rms_norm = false, qk_rms_norm_cross = false;
+  bool affine_norms = false;   ///< layer norms with parameters (keys `norm{1,2,3}.*`)
+  bool self_attention = true;  ///< false: a cross block without its first step (published as no_self)
+};
+
+/// Layer norm with eps 1e-6 that has parameters or not, as an option of the block says.
+class BlockNorm {
+ public:
+  BlockNorm() = default;
+  /// Registers an AffineLayerNorm under this name in the block when affine.
+  BlockNorm(torch::nn::Module& block, const char* name, std::int64_t channels, bool affine);
+  Tensor operator()(const Tensor& x);
+
+ private:
+  AffineLayerNorm affine_ = nullptr;
+};
+
+/// The last step of a pre-norm block: x, or res_mlp(x) when the width changes, + mlp(LN(x)). Keys `<mlp>.mlp.{0,2}.*`
+/// and `res_<mlp>.mlp.{0,2}.*`, the latter with hidden width C.
+class BlockOutput {
+ public:
+  BlockOutput() = default;
+  BlockOutput(torch::nn::Module& block, const std::string& mlp, const DenseBlockOptions& options);
+  /// @param x the residual @param normed what the MLP sees @return [..., out_channels]
+  Tensor operator()(const Tensor& x, const Tensor& normed);
+
+ private:
+  FeedForward mlp_ = nullptr, residual_ = nullptr;
+};
+
+/// Pre-norm block over a dense batch: x += attn(LN(x)), then BlockOutput (reference flows-and-pipeline.md, 3.8). Keys
+/// `norm{1,2}.*` if affine, `attn.*`, `mlp.mlp.*`, `res_mlp.mlp.*` if the width changes.
+class DenseBlockImpl : public torch::nn::Module {
+ public:
+  explicit DenseBlockImpl(const DenseBlockOptions& options);
+  /// @param x [B, N, C] @return [B, N, out_channels]
+  Tensor forward(const Tensor& x);
+
+ private:
+  BlockNorm norm1_, norm2_;
+  DenseAttention attention_ = nullptr;
+  BlockOutput output_;
+};
+TORCH_MODULE(DenseBlock);
+
+/// x += self(LN1(x)), x += cross(LN2(x), context), then BlockOutput with LN3; the context is not normalised (reference
+/// flows-and-pipeline.md, 3.8). Keys `norm{1,2,3}.*` if affine, `self_attn.*`, `cross_attn.*`, `mlp.mlp.*`,
+/// `res_mlp.mlp.*`.
+class DenseCrossBlockImpl : public torch::nn::Module {
+ public:
+  explicit DenseCrossBlockImpl(const DenseBlockOptions& options);
+  /// @param x [B, N, C] @param context [B, M, K] @return [B, N, out_channels]
+  Tensor forward(const Tensor& x, const Tensor& context);
+
+ private:
+  BlockNorm norm1_, norm2_, norm3_;
+  DenseAttention self_attention_ = nullptr, cross_attention_ = nullptr;
+  BlockOutput output_;
+};
+TORCH_MODULE(DenseCrossBlock);
+
+/// Vertices take up the joints' features by their skin weights, joints attend to each other (reference
+/// flows-and-pipeline.md, 3.8): x ← x + skin · to_v(LN1 j), then BlockOutput with LN2; u = j + attn(LN3 j), then
+/// j ← (j or res_joint_mlp(j)) + joint_mlp(u) without a norm. Keys `norm{1,2,3}.*` if affine, `joint_attn.*`, `to_v.*`,
+/// `mlp.mlp.*`, `joint_mlp.mlp.*`, `res_mlp.mlp.*`, `res_joint_mlp.mlp.*`.
+class SkinCrossBlockImpl : public torch::nn::Module {
+ public:
+  explicit SkinCrossBlockImpl(const DenseBlockOptions& options);
+  struct Output {
+    Tensor vertices;  ///< [B, V, out_channels]
+    Tensor joints;    ///< [B, J, out_channels]
+  };
+  /// @param vertices [B, V, C] @param joints [B, J, C] @param skin [B, V, J]
+  Output forward(const Tensor& vertices, const Tensor& joints, const Tensor& skin);
+
+ private:
+  BlockNorm norm1_, norm2_, norm3_;
+  DenseAttention attention_ = nullptr;
+  Linear to_values_ = nullptr;
+  BlockOutput output_, joint_output_;
+};
+TORCH_MODULE(SkinCrossBlock);
+
+}  // namespace anigen::nn

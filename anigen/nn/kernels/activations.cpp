@@ -1,0 +1,115 @@
+#include "anigen/nn/kernels/activations.h"
+
+#include <algorithm>
+#include <vector>
+
+#include "anigen/nn/kernels/tiles.h"
+
+namespace anigen::nn::kernels {
+
+namespace {
+
+constexpr float kSqrtTwoOverPi = 0.7978845608028654F;
+constexpr float kCubic = 0.044715F;
+
+// (1 + tanh(u)) / 2 as sigmoid(2u), which does not cancel for negative values.
+ANIGEN_INLINE float gate(float x) {
+  const float u = kSqrtTwoOverPi * (x + kCubic * (x * x * x));
+  return 1.0F / (1.0F + exp_clamped(-2.0F * u));
+}
+
+// d/dx of x gate(x), given gate(x).
+ANIGEN_INLINE float derivative(float x, float s) {
+  const float slope = kSqrtTwoOverPi * (1.0F + 3.0F * kCubic * (x * x));
+  return s + 2.0F * x * s * (1.0F - s) * slope;
+}
+
+}  // namespace
+
+ANIGEN_KERNEL(void, gelu_forward, (const float* __restrict x, float* __restrict y, std::int64_t n), (x, y, n)) {
+  for (std::int64_t i = 0; i < n; ++i) y[i] = x[i] * gate(x[i]);
+}
+
+ANIGEN_KERNEL(void, gelu_backward,
+              (const float* __restrict x, const float* __restrict dy, float* __restrict dx, std::int64_t n),
+              (x, dy, dx, n)) {
+  for (std::int64_t i = 0; i < n; ++i) dx[i] = dy[i] * derivative(x[i], gate(x[i]));
+}
+
+ANIGEN_KERNEL(void, gelu_bias,
+              (float* __restrict h, const float* __restrict bias, std::int64_t rows, std::int64_t columns),
+              (h, bias, rows, columns)) {
+  for (std::int64_t r = 0; r < rows; ++r, h += columns) {
+    for (std::int64_t c = 0; c < columns; ++c) {
+      const float x = h[c] + bias[c];
+      h[c] = x * gate(x);
+    }
+  }
+}
+
+ANIGEN_KERNEL(void, gelu_bias_backward,
+              (float* __restrict h, const float* __restrict bias, float* __restrict dh, std::int64_t rows,
+               std::int64_t columns),
+              (h, bias, dh, rows, columns)) {
+  for (std::int64_t r = 0; r < rows; ++r, h += columns, dh += columns) {
+    for (std::int64_t c = 0; c < columns; ++c) {
+      const float x = h[c] + bias[c], s = gate(x);
+      h[c] = x * s;
+      dh[c] *= derivative(x, s);
+    }
+  }
+}
+
+namespace {
+
+ANIGEN_INLINE float sigmoid(float u) { return 1.0F / (1.0F + exp_or_nan(-u)); }
+
+ANIGEN_KERNEL(void, activate, (float* values, std::int64_t n), (values, n)) {
+  for (std::int64_t i = 0; i < n; ++i) values[i] *= sigmoid(values[i]);
+}
+
+// u becomes dy SiLU'(u).
+ANIGEN_KERNEL(void, activate_backward, (const float* __restrict dy, float* __restrict u, std::int64_t n), (dy, u, n)) {
+  for (std::int64_t i = 0; i < n; ++i) {
+    const float s = sigmoid(u[i]);
+    u[i] = dy[i] * s * (1.0F + u[i] * (1.0F - s));
+  }
+}
+
+// Calls body(norm of some rows, the first of them), as many at a time as stay in a first-level cache with their slopes.
+template <typename Body>
+void for_cached_rows(const RowNorm& norm, const Body& body) {
+  constexpr std::int64_t kCached = 2048;
+  const std::int64_t most = std::max<std::int64_t>(1, kCached / norm.channels);
+  for (std::int64_t first = 0; first < norm.rows; first += most) {
+    RowNorm some = norm;
+    some.rows = std::min(most, norm.rows - first);
+    body(some, first);
+  }
+}
+
+}  // namespace
+
+void norm_silu_rows(const RowNorm& norm, const float* x, const float* factor, const float* shift, float* y, float* mean,
+                    float* rstd) {
+  for_cached_rows(norm, [&](const RowNorm& some, std::int64_t first) {
+    float* const out = y + first * norm.channels;
+    norm_rows(some, x + first * norm.channels, factor, shift, out, mean + first, rstd + first, {});
+    activate(out, some.rows * norm.channels);
+  });
+}
+
+void norm_silu_rows_backward(const RowNorm& norm, const float* x, const float* dy, const float* factor,
+                             const float* shift, const float* mean, const float* rstd, float* dx, float* d_factor,
+                             float* d_shift) {
+  std::vector<float> slopes;
+  for_cached_rows(norm, [&](const RowNorm& some, std::int64_t first) {
+    const std::int64_t at = first * norm.channels, count = some.rows * norm.channels;
+    slopes.resize(std::max(slopes.size(), static_cast<std::size_t>(count)));
+    scale_rows(some, x + at, factor, shift, mean + first, rstd + first, slopes.data());
+    activate_backward(dy + at, slopes.data(), count);
+    norm_rows_backward(some, x + at, slopes.data(), factor, mean + first, rstd + first, dx + at, d_factor, d_shift, {});
+  });
+}
+
+}  // namespace anigen::nn::kernels

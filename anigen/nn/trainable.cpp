@@ -1,0 +1,167 @@
+#include "anigen/nn/trainable.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "anigen/core/error.h"
+#include "anigen/nn/init.h"
+
+namespace anigen::nn {
+
+namespace {
+
+constexpr char kTrainableMark[] = "lora";
+
+void freeze_parameter(const std::string& path, torch::Tensor parameter) {
+  if (path.find(kTrainableMark) == std::string::npos) parameter.set_requires_grad(false);
+}
+
+}  // namespace
+
+void freeze_modules(torch::nn::Module& module, const std::vector<std::string>& names) {
+  const auto children = module.named_children();
+  const auto own = module.named_parameters(/*recurse=*/false);
+  for (const std::string& name : names) {
+    if (const auto* parameter = own.find(name)) freeze_parameter(name, *parameter);
+    const auto* child = children.find(name);
+    if (child == nullptr) continue;
+    for (const auto& item : (*child)->named_parameters()) freeze_parameter(item.key(), item.value());
+  }
+}
+
+std::vector<std::string> frozen_parameters(const torch::nn::Module& module) {
+  std::vector<std::string> keys;
+  for (const auto& item : module.named_parameters()) {
+    if (!item.value().requires_grad()) keys.push_back(item.key());
+  }
+  return keys;
+}
+
+StreamCoder::StreamCoder(Parts parts) : parts_(std::move(parts)) {}
+
+void StreamCoder::apply_freezing() {
+  std::vector<std::string> names = parts_.to_freeze;
+  if (parts_.all_is_a_word && std::find(names.begin(), names.end(), "all") != names.end()) {
+    for (const auto& item : named_parameters(/*recurse=*/false)) names.push_back(item.key());
+    for (const auto& item : named_children()) names.push_back(item.key());
+  }
+  freeze_modules(*this, names);
+}
+
+std::vector<std::string> StreamCoder::half_precision_modules() const {
+  std::vector<std::string> names = parts_.always;
+  if (parts_.use_fp16) {
+    names.insert(names.end(), parts_.torso.begin(), parts_.torso.end());
+    names.insert(names.end(), parts_.beside.begin(), parts_.beside.end());
+  }
+  return names;
+}
+
+void StreamCoder::convert_to_fp16() {
+  if (!parameters().front().is_cuda()) {
+    throw NotSupportedError("", "", "fp16 on a CPU; move the model to a GPU first");
+  }
+  cast(half_precision_modules(), torch::kHalf);
+}
+
+void StreamCoder::set_torso_dtype(torch::Dtype dtype) { cast(parts_.torso, dtype); }
+
+void StreamCoder::cast(const std::vector<std::string>& names, torch::Dtype dtype) {
+  const auto modules = named_modules();
+  for (const std::string& name : names) cast_linears(*modules[name], dtype);
+}
+
+namespace {
+
+using torch::Tensor;
+using RecomputedPart = std::function<Tensor(const std::vector<Tensor>&)>;
+
+// A function as a value that an AutogradContext can keep.
+struct KeptPart : torch::CustomClassHolder {
+  explicit KeptPart(RecomputedPart kept) : part(std::move(kept)) {}
+  RecomputedPart part;
+};
+
+struct RecomputedCall {
+  RecomputedPart part;
+  Tensor output;  // when it is known already; detached
+};
+
+class Recompute : public torch::autograd::Function<Recompute> {
+ public:
+  // `anchor` requires a gradient, so that the backward pass runs for the parameters also when no input needs one.
+  static Tensor forward(torch::autograd::AutogradContext* context, const Tensor& anchor, const RecomputedCall& call,
+                        const at::TensorList& inputs) {
+    static_cast<void>(anchor);
+    context->saved_data["part"] = c10::IValue::make_capsule(c10::make_intrusive<KeptPart>(call.part));
+    context->save_for_backward(inputs.vec());
+    if (call.output.defined()) return call.output;
+    return call.part(inputs.vec());  // autograd switches recording off around forward()
+  }
+
+  static torch::autograd::variable_list backward(torch::autograd::AutogradContext* context,
+                                                 torch::autograd::variable_list gradients) {
+    const auto kept = c10::static_intrusive_pointer_cast<KeptPart>(context->saved_data["part"].toCapsule());
+    std::vector<Tensor> inputs;
+    for (const Tensor& saved : context->get_saved_variables()) {
+      Tensor input = saved.detach();
+      input.set_requires_grad(saved.requires_grad());
+      inputs.push_back(input);
+    }
+    Tensor output;
+    {
+      const torch::AutoGradMode with_grad(true);
+      output = kept->part(inputs);
+    }
+    if (output.requires_grad()) torch::autograd::backward({output}, {gradients[0]});
+    torch::autograd::variable_list result = {Tensor(), Tensor()};
+    for (const Tensor& input : inputs) result.push_back(input.requires_grad() ? input.grad() : Tensor());
+    return result;
+  }
+};
+
+}  // namespace
+
+Tensor recomputed(const std::vector<Tensor>& inputs, const RecomputedPart& part) {
+  RecomputedCall call{part, {}};
+  const auto wants_gradient = [](const Tensor& input) { return input.requires_grad(); };
+  if (std::none_of(inputs.begin(), inputs.end(), wants_gradient)) {
+    // Only the part knows its parameters: whether one of them wants a gradient shows in what it returns. If none does,
+    // nothing was kept; else what was kept goes with this output.
+    const Tensor output = part(inputs);
+    if (!output.requires_grad()) return output;
+    call.output = output.detach();
+  }
+  const Tensor anchor = torch::zeros({1}, torch::requires_grad());
+  return Recompute::apply(anchor, call, at::TensorList(inputs));
+}
+
+FlopCount& FlopCount::operator+=(const FlopCount& more) {
+  linear += more.linear;
+  attention += more.attention;
+  convolution += more.convolution;
+  return *this;
+}
+
+double linear_flops(double rows, double in, double out, double rank) {
+  return 2.0 * rows * in * out + 2.0 * rows * rank * (in + out);
+}
+
+FlopCount cross_block_flops(const CrossBlockSize& s) {
+  const double n = s.tokens, c = s.channels;
+  FlopCount count;
+  count.linear += linear_flops(n, c, 3.0 * c, s.self_rank) + linear_flops(n, c, c, s.self_rank);
+  count.linear += linear_flops(n, c, c, s.cross_rank) +
+                  linear_flops(s.context_tokens, s.context_channels, 2.0 * c, s.cross_rank) +
+                  linear_flops(n, c, c, s.cross_rank);
+  count.linear += linear_flops(n, c, s.hidden) + linear_flops(n, s.hidden, c);
+  if (s.own_modulation) count.linear += linear_flops(s.items, c, 6.0 * c);
+  count.attention = 4.0 * s.attended * c;
+  return count;
+}
+
+double hidden_channels(double channels, double mlp_ratio) {
+  return static_cast<double>(static_cast<std::int64_t>(channels * mlp_ratio));
+}
+
+}  // namespace anigen::nn

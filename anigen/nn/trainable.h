@@ -1,0 +1,97 @@
+#pragma once
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "anigen/nn/torch.h"
+
+namespace anigen::nn {
+
+/// A model under the name it has in the config; checkpoints are called after it.
+struct NamedModel {
+  std::string name;
+  std::shared_ptr<torch::nn::Module> module;
+};
+
+/// Turns off gradients below the named attributes of a model, as `modules_to_freeze` does (reference autoencoders.md,
+/// 2.4): a name stands for exactly the child module or parameter of that name — `blocks` is not `blocks_skl` — and
+/// names the model lacks are ignored. Parameters whose own path contains "lora" stay trainable: low-rank additions are
+/// what a frozen stream learns.
+void freeze_modules(torch::nn::Module& module, const std::vector<std::string>& names);
+
+/// State-dict keys of the parameters that ask for no gradient, in registration order.
+std::vector<std::string> frozen_parameters(const torch::nn::Module& module);
+
+/// What the encoders and decoders of the sparse structure and of the structured latents do alike: freezing and
+/// precision. Parameters are fp32 until one of the conversions below.
+class StreamCoder : public torch::nn::Module {
+ public:
+  /// Names of modules below this one; dots lead to modules further down.
+  struct Parts {
+    std::vector<std::string> torso;   ///< fp16 with use_fp16
+    std::vector<std::string> beside;  ///< the same, but no part of the torso
+    std::vector<std::string> always;  ///< fp16 whatever use_fp16 says
+    bool use_fp16 = false;
+    std::vector<std::string> to_freeze;  ///< modules_to_freeze
+    bool all_is_a_word = false;          ///< "all" among them stands for everything
+  };
+
+  /// Turns off gradients as modules_to_freeze says, whatever the two flags say (see freezing.h).
+  void apply_freezing();
+  /// Names of the modules whose linears and convolutions are fp16 in the published system (reference autoencoders.md,
+  /// 0.4 and appendix A), for published_dtypes().
+  std::vector<std::string> half_precision_modules() const;
+  /// Converts those modules in place. @throws NotSupportedError when the model is not on a GPU
+  void convert_to_fp16();
+  /// Converts the torso to any type, whatever use_fp16 says.
+  void set_torso_dtype(torch::Dtype dtype);
+
+ protected:
+  explicit StreamCoder(Parts parts);
+
+ private:
+  void cast(const std::vector<std::string>& names, torch::Dtype dtype);
+
+  Parts parts_;
+};
+
+/// Part of a network that keeps nothing but its inputs for the backward pass, which runs it forward a second time:
+/// less memory for a third more work ("gradient checkpointing"). The part must give the same result both times, so it
+/// must draw no random numbers. Gradients reach its inputs and any parameters it uses; those of parameters are added
+/// to `.grad` directly, so use backward(), not torch::autograd::grad() for them. Can be differentiated once.
+/// @param part a function of the inputs; kept alive until the backward pass
+torch::Tensor recomputed(const std::vector<torch::Tensor>& inputs,
+                         const std::function<torch::Tensor(const std::vector<torch::Tensor>&)>& part);
+
+/// Floating-point operations of a pass, a multiplication and an addition counting as two. Norms, activations,
+/// softmax and residual sums are left out: they are a few operations per value.
+struct FlopCount {
+  double linear = 0.0;       ///< 2 · rows · in · out per linear layer
+  double attention = 0.0;    ///< 2 · 2 · N · M · C per attention: scores, and weighted sum of values
+  double convolution = 0.0;  ///< 2 · P · in · out per sparse convolution, P pairs of a voxel and a neighbour or itself
+  double total() const { return linear + attention + convolution; }
+  FlopCount& operator+=(const FlopCount& more);
+};
+
+/// Of a linear layer with a low-rank addition.
+double linear_flops(double rows, double in, double out, double rank = 0.0);
+
+/// Sizes of a transformer block with self and cross attention, over all items of a batch.
+struct CrossBlockSize {
+  double items = 1.0;
+  double tokens = 0.0, channels = 0.0;
+  double context_tokens = 0.0, context_channels = 0.0;
+  double attended = 0.0;  ///< Σ n (n + m) over items with n tokens and m context tokens
+  double hidden = 0.0;    ///< channels inside the MLP
+  bool own_modulation = true;
+  double self_rank = 0.0, cross_rank = 0.0;  ///< of low-rank additions to the projections
+};
+
+FlopCount cross_block_flops(const CrossBlockSize& size);
+
+/// Width inside an MLP, as the layers round it.
+double hidden_channels(double channels, double mlp_ratio);
+
+}  // namespace anigen::nn

@@ -1,0 +1,457 @@
+#include "anigen/prepare/dataset_card.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <exception>
+#include <numeric>
+#include <set>
+#include <system_error>
+#include <utility>
+
+#include "anigen/core/error.h"
+#include "anigen/core/files.h"
+#include "anigen/core/hash.h"
+#include "anigen/core/table.h"
+#include "anigen/io/gltf/gltf.h"
+#include "anigen/io/image.h"
+#include "anigen/io/rigs/rig_arrays.h"
+#include "anigen/prepare/cleaning.h"
+#include "anigen/prepare/step.h"
+#include "anigen/render/contact_sheet.h"
+#include "anigen/render/picture.h"
+
+namespace anigen::prepare {
+
+namespace {
+
+/// The smallest of 1, 2, 5 times a power of ten that is not below a positive number.
+double round_up(double value) {
+  const double decade = std::pow(10.0, std::floor(std::log10(value)));
+  for (const double step : {1.0, 2.0, 5.0}) {
+    if (step * decade >= value * (1.0 - 1e-9)) return step * decade;
+  }
+  return 10.0 * decade;
+}
+
+std::vector<double> equal_edges(double low, double high, std::size_t most) {
+  const double width = high > low ? round_up((high - low) / static_cast<double>(most - 1)) : 1.0;
+  std::vector<double> edges{std::floor(low / width) * width};
+  while (edges.back() <= high && edges.size() <= most)
+    edges.push_back(edges.front() + width * static_cast<double>(edges.size()));
+  return edges;
+}
+
+/// 1, 2, 5, 10, …: every number is at most 2.5 times the one before. Decades only when that makes too many.
+std::vector<double> decade_edges(double low, double high, std::size_t most) {
+  const double first = std::pow(10.0, std::floor(std::log10(low)));
+  for (const std::vector<double>& steps : {std::vector<double>{1, 2, 5}, std::vector<double>{1}}) {
+    std::vector<double> edges;
+    for (double decade = first; edges.empty() || edges.back() <= high; decade *= 10.0) {
+      for (const double step : steps) {
+        if (edges.empty() || edges.back() <= high) edges.push_back(step * decade);
+      }
+    }
+    while (edges.size() > 2 && edges[1] <= low) edges.erase(edges.begin());
+    if (edges.size() <= most + 1) return edges;
+  }
+  return {low, high};
+}
+
+std::string text_of(const char* format, double value) {
+  char text[48];
+  std::snprintf(text, sizeof text, format, value);
+  return text;
+}
+
+}  // namespace
+
+std::vector<HistogramBin> histogram(const std::vector<double>& values, std::size_t most) {
+  if (values.empty()) return {};
+  const auto [least, largest] = std::minmax_element(values.begin(), values.end());
+  const bool wide = *least > 0.0 && *largest / *least > 100.0;
+  const std::vector<double> edges =
+      wide ? decade_edges(*least, *largest, most) : equal_edges(*least, *largest, std::max<std::size_t>(2, most));
+  std::vector<HistogramBin> bins;
+  for (std::size_t i = 0; i + 1 < edges.size(); ++i) bins.push_back({edges[i], edges[i + 1], 0});
+  for (const double value : values) {
+    const auto above = std::upper_bound(edges.begin(), edges.end(), value) - edges.begin();
+    const auto bin = std::clamp<std::ptrdiff_t>(above - 1, 0, static_cast<std::ptrdiff_t>(bins.size()) - 1);
+    ++bins[static_cast<std::size_t>(bin)].count;
+  }
+  return bins;
+}
+
+Spread spread(std::vector<double> values) {
+  if (values.empty()) return {};
+  std::sort(values.begin(), values.end());
+  const double sum = std::accumulate(values.begin(), values.end(), 0.0);
+  return {values.front(), values[values.size() / 2], sum / static_cast<double>(values.size()), values.back()};
+}
+
+std::string short_number(double value) {
+  if (value >= 1e6) return text_of("%.3gM", value / 1e6);
+  if (value >= 1e3) return text_of("%.3gk", value / 1e3);
+  return text_of("%.3g", value);
+}
+
+std::string histogram_svg(const std::vector<HistogramBin>& bins) {
+  if (bins.empty()) return "";
+  std::size_t tallest = 1;
+  for (const HistogramBin& bin : bins) tallest = std::max(tallest, bin.count);
+  constexpr double kWidth = 46, kHeight = 120, kTop = 16, kBottom = 18;
+  const double width = kWidth * static_cast<double>(bins.size());
+  std::string svg = "<svg viewBox=\"0 0 " + text_of("%.0f", width) + " " + text_of("%.0f", kTop + kHeight + kBottom) +
+                    "\" width=\"" + text_of("%.0f", width) + "\" role=\"img\">\n";
+  for (std::size_t i = 0; i < bins.size(); ++i) {
+    const double x = kWidth * static_cast<double>(i);
+    const double height = kHeight * static_cast<double>(bins[i].count) / static_cast<double>(tallest);
+    svg += "<rect x=\"" + text_of("%.0f", x + 2) + "\" y=\"" + text_of("%.1f", kTop + kHeight - height) +
+           "\" width=\"" + text_of("%.0f", kWidth - 4) + "\" height=\"" + text_of("%.1f", height) + "\"/>";
+    if (bins[i].count > 0) {
+      svg += "<text x=\"" + text_of("%.0f", x + kWidth / 2) + "\" y=\"" + text_of("%.1f", kTop + kHeight - height - 3) +
+             "\">" + std::to_string(bins[i].count) + "</text>";
+    }
+    svg += "<text x=\"" + text_of("%.0f", x + kWidth / 2) + "\" y=\"" + text_of("%.0f", kTop + kHeight + 13) + "\">" +
+           short_number(bins[i].low) + "</text>\n";
+  }
+  return svg + "</svg>\n";
+}
+
+std::string histogram_text(const std::vector<HistogramBin>& bins) {
+  std::size_t tallest = 1;
+  for (const HistogramBin& bin : bins) tallest = std::max(tallest, bin.count);
+  std::string text;
+  for (const HistogramBin& bin : bins) {
+    const std::size_t length = (40 * bin.count + tallest - 1) / tallest;
+    char line[96];
+    std::snprintf(line, sizeof line, "%8s - %-8s %-40s %zu\n", short_number(bin.low).c_str(),
+                  short_number(bin.high).c_str(), std::string(length, '#').c_str(), bin.count);
+    text += line;
+  }
+  return text;
+}
+
+namespace {
+
+/// The card shows this many failures; failures.jsonl has all.
+constexpr std::size_t kMostFailures = 50;
+
+std::string text(std::size_t count) { return std::to_string(count); }
+
+std::string mib_text(std::uintmax_t bytes) {
+  char buffer[32];
+  std::snprintf(buffer, sizeof buffer, "%.2f", static_cast<double>(bytes) / 1048576.0);
+  return buffer;
+}
+
+std::vector<std::pair<std::string, std::string>> counts_of(const DatasetRows& found, const QualityLimits& limits) {
+  std::size_t sources = 0, variants = 0, unusable = 0, skin = 0, train = 0, test = 0;
+  std::uintmax_t bytes = 0;
+  for (const DatasetRow& row : found.rows) {
+    const bool good = usable(row.entry.record, limits);
+    ++(row.variant > 0 ? variants : sources);
+    unusable += !good;
+    skin += bad_skin(row.entry.record, limits);
+    train += good && !row.entry.is_test;
+    test += good && row.entry.is_test && row.variant == 0;
+    for (const auto& [name, step] : row.records.steps) bytes += step.bytes;
+  }
+  return {{"assets", text(sources)},
+          {"posed variants", text(variants)},
+          {"poses given up as degenerate", text(found.rejected_poses)},
+          {"train", text(train)},
+          {"test", text(test)},
+          {"is_bad_skeleton", text(unusable)},
+          {"is_bad_skin", text(skin)},
+          {"rejected sources and variants", text(found.rejected.size())},
+          {"steps that failed", text(found.failures.size())},
+          {"MiB", mib_text(bytes)},
+          {"KiB per asset and variant",
+           found.rows.empty() ? "0" : text(static_cast<std::size_t>(bytes / found.rows.size() / 1024))}};
+}
+
+CardTable source_table(const DatasetRows& found) {
+  std::map<std::string, std::size_t> counts;
+  for (const DatasetRow& row : found.rows) {
+    if (row.variant > 0) continue;
+    const std::string format =
+        row.entry.source.procedural() ? "" : std::string(", ") + io::name_of(row.entry.source.format);
+    ++counts[row.entry.record.source + format];
+  }
+  CardTable table{"Sources", "", {"source", "assets"}, {}};
+  for (const auto& [name, count] : counts) table.rows.push_back({name, text(count)});
+  return table;
+}
+
+CardTable cleaning_table(const DatasetRows& found) {
+  CleaningCounts counts;
+  std::size_t near = 0;
+  for (const DatasetRow& row : found.rows) {
+    if (row.variant > 0) continue;  // they inherit those of their source
+    count(row.entry.record.findings, counts);
+    near += !row.near_skeleton_of.empty();
+  }
+  for (const Rejected& one : found.rejected) {
+    if (!one.rule.empty()) ++counts[one.rule]["dropped"];
+  }
+  if (near > 0) counts["near_duplicate_skeleton"]["flagged"] += near;
+  CardTable table{"Cleaning", "Assets per rule and action.", {"rule", "action", "assets"}, {}};
+  for (const auto& [rule, actions] : counts) {
+    for (const auto& [action, n] : actions) table.rows.push_back({rule, action, text(n)});
+  }
+  return table;
+}
+
+CardTable repair_table(const DatasetRows& found) {
+  std::map<std::string, std::size_t> counts;
+  for (const DatasetRow& row : found.rows) {
+    if (row.variant > 0) continue;
+    for (const std::string& code : row.entry.record.repairs) ++counts[code];
+  }
+  CardTable table{
+      "Repairs by the importers", "Notes of the importers, which `anigen-inspect` explains.", {"code", "assets"}, {}};
+  for (const auto& [code, n] : counts) table.rows.push_back({code, text(n)});
+  return table;
+}
+
+CardTable pose_table(const DatasetRows& found) {
+  std::map<std::string, std::size_t> counts;
+  for (const DatasetRow& row : found.rows) {
+    if (row.variant > 0) ++counts[row.columns(kImport).at("pose").value("kind", std::string("unknown"))];
+  }
+  CardTable table{"Posed variants", "", {"pose from", "variants"}, {}};
+  for (const auto& [kind, n] : counts) table.rows.push_back({kind, text(n)});
+  return table;
+}
+
+CardTable step_table(const DatasetRows& found) {
+  struct Sum {
+    std::size_t assets = 0, files = 0;
+    std::uintmax_t bytes = 0;
+  };
+  std::map<std::string, Sum> sums;
+  for (const DatasetRow& row : found.rows) {
+    for (const auto& [name, step] : row.records.steps) {
+      Sum& sum = sums[name];
+      ++sum.assets;
+      sum.files += step.files;
+      sum.bytes += step.bytes;
+    }
+  }
+  CardTable table{"Steps", "", {"step", "assets", "files", "MiB"}, {}};
+  for (const auto& [name, sum] : sums) {
+    table.rows.push_back({name, text(sum.assets), text(sum.files), mib_text(sum.bytes)});
+  }
+  return table;
+}
+
+CardTable failure_table(const DatasetRows& found) {
+  CardTable table{"Failures", "", {"source", "step", "reason"}, {}};
+  for (const auto& [source, failure] : found.failures) {
+    if (table.rows.size() == kMostFailures) break;
+    const std::string pose = failure.variant == 0 ? "" : ", pose " + text(failure.variant - 1);
+    table.rows.push_back({source.file_identifier + pose, failure.step, failure.reason});
+  }
+  if (found.failures.size() > kMostFailures) {
+    table.note =
+        "The first " + text(kMostFailures) + " of " + text(found.failures.size()) + "; failures.jsonl has all.";
+  }
+  return table;
+}
+
+CardHistogram histogram_of(const std::string& title, const std::vector<double>& values) {
+  return {title, spread(values), histogram(values)};
+}
+
+}  // namespace
+
+CardFacts card_facts(const DatasetRows& found, const StepPlan& plan, const QualityLimits& limits) {
+  std::vector<double> joints, vertices, voxels, skeleton_voxels;
+  for (const DatasetRow& row : found.rows) {
+    if (row.variant == 0) {
+      joints.push_back(static_cast<double>(row.entry.record.num_joints));
+      vertices.push_back(static_cast<double>(row.entry.record.num_vertices));
+    }
+    if (!row.records.has("voxels")) continue;
+    voxels.push_back(row.columns("voxels").value("num_voxels", 0.0));
+    skeleton_voxels.push_back(row.columns("voxels").value("num_skeleton_voxels", 0.0));
+  }
+  CardFacts facts;
+  facts.counts = counts_of(found, limits);
+  facts.tables = {source_table(found), step_table(found),   cleaning_table(found),
+                  pose_table(found),   repair_table(found), failure_table(found)};
+  facts.histograms = {histogram_of("Joints", joints), histogram_of("Vertices", vertices)};
+  if (!voxels.empty()) {
+    facts.histograms.push_back(histogram_of("Surface voxels", voxels));
+    facts.histograms.push_back(histogram_of("Skeleton voxels", skeleton_voxels));
+  }
+  facts.settings = to_json(plan).dump(2);
+  return facts;
+}
+
+namespace {
+
+constexpr std::size_t kMostTiles = 24;
+constexpr int kTileSize = 192;
+
+std::optional<render::Tile> tile_of(const std::filesystem::path& out, const DatasetRow& row) {
+  const AssetPlaces places{out, row.entry.id};
+  try {
+    Asset asset;
+    if (row.records.has("asset")) {
+      asset = io::read_gltf(places.asset()).asset;
+    } else if (row.records.has("skeleton")) {
+      asset = io::to_asset(io::read_rig_npz(places.skeleton(), row.entry.id));
+    } else {
+      return std::nullopt;
+    }
+    render::PictureOptions options;
+    options.width = options.height = kTileSize;
+    options.ambient_occlusion = false;
+    options.skeleton = true;
+    const std::string caption = row.entry.id.substr(0, 8) + (row.variant > 0 ? " posed" : "") + ", " +
+                                std::to_string(row.entry.record.num_joints) + " joints";
+    return render::Tile{render::render(asset, options), caption};
+  } catch (const std::exception&) {
+    return std::nullopt;  // a card is not the place to fail over one picture
+  }
+}
+
+}  // namespace
+
+std::optional<io::Image> card_pictures(const std::filesystem::path& out, const std::vector<DatasetRow>& rows) {
+  const std::size_t count = std::min(kMostTiles, rows.size());
+  std::vector<std::optional<render::Tile>> made(count);
+  for (std::size_t i = 0; i < count; ++i) made[i] = tile_of(out, rows[i * rows.size() / count]);
+  std::vector<render::Tile> tiles;
+  for (auto& tile : made) {
+    if (tile) tiles.push_back(std::move(*tile));
+  }
+  if (tiles.empty()) return std::nullopt;
+  render::SheetOptions options;
+  options.text_height = 9;
+  return render::contact_sheet(tiles, options);
+}
+
+namespace {
+
+constexpr char kHead[] = R"(<!DOCTYPE html>
+<html lang="en"><head><meta charset="utf-8"><title>Dataset card</title>
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<style>
+body { font: 15px/1.5 system-ui, sans-serif; max-width: 1100px; margin: 2em auto; padding: 0 1em; color: #22252a; }
+table { border-collapse: collapse; margin: 0.5em 0 1.5em; }
+th, td { text-align: left; padding: 0.2em 1em 0.2em 0; border-bottom: 1px solid #dde0e5; vertical-align: top; }
+td { overflow-wrap: anywhere; }
+img { max-width: 100%; } svg { max-width: 100%; height: auto; }
+svg rect { fill: #4878a8; } svg text { font-size: 11px; text-anchor: middle; fill: #555b66; }
+pre { background: #f4f5f7; padding: 1em; overflow-x: auto; } .note { color: #555b66; }
+</style></head><body>
+<h1>Dataset card</h1>
+)";
+
+std::string html_table(const CardTable& table) {
+  std::string html = "<h2>" + html_escaped(table.title) + "</h2>\n";
+  if (!table.note.empty()) html += "<p class=\"note\">" + html_escaped(table.note) + "</p>\n";
+  html += "<table><tr>";
+  for (const std::string& name : table.columns) html += "<th>" + html_escaped(name) + "</th>";
+  html += "</tr>\n";
+  for (const auto& row : table.rows) {
+    html += "<tr>";
+    for (const std::string& cell : row) html += "<td>" + html_escaped(cell) + "</td>";
+    html += "</tr>\n";
+  }
+  return html + "</table>\n";
+}
+
+}  // namespace
+
+std::string card_html(const CardFacts& facts, const std::vector<std::string>& columns,
+                      const std::vector<std::uint8_t>& picture) {
+  CardTable counts{"Counts", "", {"", ""}, {}};
+  for (const auto& [name, value] : facts.counts) counts.rows.push_back({name, value});
+  std::string html = kHead + html_table(counts);
+  if (!picture.empty()) {
+    html += "<h2>Assets</h2>\n<img alt=\"assets of the dataset with their skeletons\" src=\"data:image/png;base64," +
+            base64(picture) + "\">\n";
+  }
+  for (const CardHistogram& one : facts.histograms) {
+    html += "<h2>" + html_escaped(one.title) + "</h2>\n<p class=\"note\">" + short_number(one.spread.least) + " to " +
+            short_number(one.spread.most) + ", median " + short_number(one.spread.median) + ", mean " +
+            short_number(one.spread.mean) + "</p>\n" + histogram_svg(one.bins);
+  }
+  for (const CardTable& table : facts.tables) {
+    if (!table.rows.empty()) html += html_table(table);
+  }
+  html += "<h2>Columns of metadata.csv</h2>\n<p>";
+  for (std::size_t i = 0; i < columns.size(); ++i) html += (i > 0 ? ", " : "") + html_escaped(columns[i]);
+  html += "</p>\n<h2>How it was made</h2>\n<pre>" + html_escaped(facts.settings) + "</pre>\n</body></html>\n";
+  return html;
+}
+
+namespace {
+
+/// A table cell: no line breaks, no column ends.
+std::string cell_text(const std::string& text) {
+  std::string cell;
+  for (const char c : text) {
+    if (c == '|') cell += '\\';
+    cell += c == '\n' || c == '\r' ? ' ' : c;
+  }
+  return cell;
+}
+
+std::string row_text(const std::vector<std::string>& cells) {
+  std::string line = "|";
+  for (const std::string& cell : cells) line += " " + cell_text(cell) + " |";
+  return line + "\n";
+}
+
+std::string markdown_table(const CardTable& table) {
+  std::string text = "## " + table.title + "\n\n";
+  if (!table.note.empty()) text += table.note + "\n\n";
+  text += row_text(table.columns) + "|";
+  for (std::size_t i = 0; i < table.columns.size(); ++i) text += "---|";
+  text += "\n";
+  for (const auto& row : table.rows) text += row_text(row);
+  return text + "\n";
+}
+
+}  // namespace
+
+std::string card_markdown(const CardFacts& facts, const std::vector<std::string>& columns, bool picture) {
+  CardTable counts{"Counts", "", {"", ""}, {}};
+  for (const auto& [name, value] : facts.counts) counts.rows.push_back({name, value});
+  std::string text = "# Dataset card\n\n" + markdown_table(counts);
+  if (picture) text += "## Assets\n\n![assets of the dataset with their skeletons](card.png)\n\n";
+  for (const CardHistogram& one : facts.histograms) {
+    text += "## " + one.title + "\n\n" + short_number(one.spread.least) + " to " + short_number(one.spread.most) +
+            ", median " + short_number(one.spread.median) + ", mean " + short_number(one.spread.mean) + "\n\n```\n" +
+            histogram_text(one.bins) + "```\n\n";
+  }
+  for (const CardTable& table : facts.tables) {
+    if (!table.rows.empty()) text += markdown_table(table);
+  }
+  text += "## Columns of metadata.csv\n\n";
+  for (std::size_t i = 0; i < columns.size(); ++i) text += (i > 0 ? ", `" : "`") + columns[i] + "`";
+  return text + "\n\n## How it was made\n\n```json\n" + facts.settings + "\n```\n";
+}
+
+void write_card(const std::filesystem::path& out, const DatasetRows& found, const CsvTable& table, const StepPlan& plan,
+                const QualityLimits& limits) {
+  const CardFacts facts = card_facts(found, plan, limits);
+  const std::optional<io::Image> sheet = card_pictures(out, found.rows);
+  std::vector<std::uint8_t> picture;
+  if (sheet) {
+    picture = io::encode_png(*sheet);
+    io::write_png(out / "card.png", *sheet);
+  } else {
+    std::error_code ignored;
+    std::filesystem::remove(out / "card.png", ignored);
+  }
+  write_file_atomically(out / "card.md", card_markdown(facts, table.columns, sheet.has_value()));
+  write_file_atomically(out / "card.html", card_html(facts, table.columns, picture));
+}
+
+}  // namespace anigen::prepare

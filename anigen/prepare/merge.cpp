@@ -1,0 +1,472 @@
+#include "anigen/prepare/merge.h"
+
+#include <algorithm>
+#include <cstdio>
+#include <map>
+#include <set>
+#include <string>
+#include <system_error>
+#include <utility>
+
+#include "anigen/core/error.h"
+#include "anigen/core/files.h"
+#include "anigen/core/log.h"
+#include "anigen/core/parallel.h"
+#include "anigen/io/rigs/rig_listing.h"
+#include "anigen/prepare/metadata.h"
+#include "anigen/prepare/pose_augmentation.h"
+#include "anigen/prepare/prepare_source.h"
+#include "anigen/prepare/run.h"
+#include "anigen/prepare/step.h"
+
+namespace anigen::prepare {
+
+namespace {
+
+constexpr char kId[] = "sha256";
+
+bool written_at_times(const std::string& column) {
+  return column == "aesthetic_score" || column == "near_skeleton_of" || column.rfind("feature_", 0) == 0;
+}
+
+bool holds_flags(const CsvTable& table, std::size_t column) {
+  bool any = false;
+  for (const auto& row : table.rows) {
+    if (row[column].empty()) continue;
+    if (row[column] != csv_flag(true) && row[column] != csv_flag(false)) return false;
+    any = true;
+  }
+  return any;
+}
+
+}  // namespace
+
+void carry_over_columns(CsvTable& table, const CsvTable& earlier) {
+  const std::size_t id = table.column(kId), earlier_id = earlier.column(kId);
+  if (id == CsvTable::kMissing || earlier_id == CsvTable::kMissing) return;
+  std::map<std::string, const std::vector<std::string>*> known;
+  for (const auto& row : earlier.rows) known.emplace(row[earlier_id], &row);
+  for (std::size_t column = 0; column < earlier.columns.size(); ++column) {
+    const std::string& name = earlier.columns[column];
+    if (table.column(name) != CsvTable::kMissing || written_at_times(name)) continue;
+    const std::string unknown = holds_flags(earlier, column) ? csv_flag(false) : std::string();
+    table.columns.push_back(name);
+    for (auto& row : table.rows) {
+      const auto found = known.find(row[id]);
+      row.push_back(found == known.end() ? unknown : (*found->second)[column]);
+    }
+  }
+}
+
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr char kFeatures[] = "features/";
+
+/// The failure that keeps an asset out of the dataset: without these steps it has nothing that could be trained on.
+const StepFailure* fatal_failure(const ManifestEntry& entry, std::size_t variant) {
+  for (const StepFailure& failure : entry.failures) {
+    if (failure.variant != variant) continue;
+    if (failure.step == kImport || failure.step == "augment" || failure.step == "skeleton") return &failure;
+  }
+  return nullptr;
+}
+
+std::string variant_name(const AssetSource& source, std::size_t variant) {
+  return source.file_identifier + (variant == 0 ? "" : "#pose" + std::to_string(variant - 1));
+}
+
+/// Adds the asset, or says why not. @return whether it is in
+bool add_row(const fs::path& out, const ManifestEntry& entry, std::size_t variant, const std::string& id,
+             DatasetRows& found) {
+  if (const StepFailure* failure = fatal_failure(entry, variant)) {
+    found.rejected.push_back({variant_name(entry.source, variant), failure->reason, failure->step, failure->rule});
+    return false;
+  }
+  const fs::path file = AssetPlaces{out, id}.record();
+  DatasetRow row;
+  row.records = read_step_records(file);
+  if (!row.records.has(kImport)) {
+    throw InputError(file.string(), "", "missing or damaged: run " + entry.source.file_identifier + " again");
+  }
+  if (is_rejected_pose(row.columns(kImport))) {
+    ++found.rejected_poses;
+    return false;
+  }
+  row.entry = {id, entry.source, record_from_columns(row.columns(kImport)), false};
+  row.variant = variant;
+  if (variant > 0) row.variant_of = entry.id;
+  row.aesthetic_score = entry.aesthetic_score;
+  found.rows.push_back(std::move(row));
+  return true;
+}
+
+/// Marks or takes out sources whose skeleton is nearly that of an earlier one; variants share the fate of theirs.
+void apply_near(NearSkeletons near, DatasetRows& found) {
+  if (near == NearSkeletons::kIgnore) return;
+  std::vector<std::size_t> sources;
+  std::vector<SkeletonDescriptor> descriptors;
+  for (std::size_t i = 0; i < found.rows.size(); ++i) {
+    if (found.rows[i].variant > 0) continue;
+    sources.push_back(i);
+    descriptors.push_back(found.rows[i].entry.record.skeleton);
+  }
+  std::map<std::string, std::string> original;
+  const auto duplicates = near_duplicates(descriptors);
+  for (std::size_t k = 0; k < duplicates.size(); ++k) {
+    if (duplicates[k]) original[found.rows[sources[k]].entry.id] = found.rows[sources[*duplicates[k]]].entry.id;
+  }
+  std::vector<DatasetRow> kept;
+  for (DatasetRow& row : found.rows) {
+    const auto twin = original.find(row.variant > 0 ? row.variant_of : row.entry.id);
+    if (twin != original.end()) row.near_skeleton_of = twin->second;
+    if (near == NearSkeletons::kDrop && twin != original.end()) {
+      if (row.variant == 0) {
+        found.rejected.push_back({row.entry.source.file_identifier, "skeleton nearly that of " + twin->second, kImport,
+                                  "near_duplicate_skeleton"});
+      }
+      continue;
+    }
+    kept.push_back(std::move(row));
+  }
+  found.rows = std::move(kept);
+}
+
+}  // namespace
+
+NearSkeletons parse_near_skeletons(const std::string& word) {
+  for (const NearSkeletons choice : {NearSkeletons::kIgnore, NearSkeletons::kFlag, NearSkeletons::kDrop}) {
+    if (word == name_of(choice)) return choice;
+  }
+  throw InputError("", "--near-skeletons", "must be ignore, flag or drop, got \"" + word + "\"");
+}
+
+const char* name_of(NearSkeletons choice) {
+  return choice == NearSkeletons::kIgnore ? "ignore" : choice == NearSkeletons::kFlag ? "flag" : "drop";
+}
+
+DatasetRows collect_rows(const fs::path& out, const std::vector<Manifest>& manifests, const StepPlan& plan,
+                         NearSkeletons near) {
+  std::vector<const ManifestEntry*> entries;
+  for (const Manifest& manifest : manifests) {
+    for (const ManifestEntry& entry : manifest.entries) entries.push_back(&entry);
+  }
+  std::sort(entries.begin(), entries.end(),
+            [](const ManifestEntry* a, const ManifestEntry* b) { return a->number < b->number; });
+  DatasetRows found;
+  std::map<std::string, const ManifestEntry*> first;
+  for (const ManifestEntry* entry : entries) {
+    if (!entry->id.empty()) {
+      const auto [earlier, added] = first.emplace(entry->id, entry);
+      if (!added) {
+        found.rejected.push_back({entry->source.file_identifier,
+                                  "same content as " + earlier->second->source.file_identifier, "identify", ""});
+        continue;
+      }
+    }
+    for (const StepFailure& failure : entry->failures) found.failures.emplace_back(entry->source, failure);
+    if (!add_row(out, *entry, 0, entry->id, found)) continue;
+    for (std::size_t k = 0; k < plan.variants; ++k) {
+      add_row(out, *entry, variant_number(k), variant_id(entry->id, plan.seed, k, plan.poses), found);
+    }
+  }
+  apply_near(near, found);
+  return found;
+}
+
+CsvTable dataset_table(const std::vector<DatasetRow>& rows, const QualityLimits& limits) {
+  std::vector<DatasetEntry> entries;
+  std::set<std::string> models;
+  bool scored = !rows.empty(), near = false;
+  for (const DatasetRow& row : rows) {
+    entries.push_back(row.entry);
+    scored = scored && !row.aesthetic_score.empty();
+    near = near || !row.near_skeleton_of.empty();
+    for (const auto& [step, result] : row.records.steps) {
+      if (step.rfind(kFeatures, 0) == 0) models.insert(step.substr(sizeof kFeatures - 1));
+    }
+  }
+  CsvTable table = metadata_table(entries, limits);
+  const auto column = [&](const std::string& name, const auto& cell) {
+    table.columns.push_back(name);
+    for (std::size_t i = 0; i < rows.size(); ++i) table.rows[i].push_back(cell(rows[i]));
+  };
+  const auto flag = [&](const std::string& name, const std::string& step) {
+    column(name, [&](const DatasetRow& row) { return csv_flag(row.records.has(step)); });
+  };
+  const auto count = [&](const std::string& name, const std::string& step) {
+    column(name, [&](const DatasetRow& row) { return std::to_string(row.columns(step).value(name, std::size_t{0})); });
+  };
+  if (scored) column("aesthetic_score", [](const DatasetRow& row) { return row.aesthetic_score; });
+  flag("voxelized", "voxels");
+  count("num_voxels", "voxels");
+  count("num_skeleton_voxels", "voxels");
+  flag("rendered", "views");
+  count("views", "views");
+  flag("cond_rendered", "cond_views");
+  count("cond_views", "cond_views");
+  for (const std::string& model : models) flag("feature_" + model, kFeatures + model);
+  column("variant_of", [](const DatasetRow& row) { return row.variant_of; });
+  column("pose", [](const DatasetRow& row) {
+    const Json& columns = row.columns(kImport);
+    return columns.contains("pose") ? columns.at("pose").value("kind", std::string()) : std::string();
+  });
+  if (near) column("near_skeleton_of", [](const DatasetRow& row) { return row.near_skeleton_of; });
+  return table;
+}
+
+namespace {
+
+constexpr double kDefaultTestFraction = 0.333;
+
+void mark(std::vector<DatasetRow>& rows, const SplitOptions& options, const QualityLimits& limits, bool procedural) {
+  std::vector<std::size_t> candidates;
+  std::vector<std::string> ids;
+  std::size_t flagged = 0;
+  for (std::size_t i = 0; i < rows.size(); ++i) {
+    const DatasetEntry& entry = rows[i].entry;
+    if (rows[i].variant > 0 || entry.source.procedural() != procedural || !usable(entry.record, limits)) continue;
+    candidates.push_back(i);
+    ids.push_back(entry.id);
+    flagged += entry.source.is_test;
+  }
+  const bool own_split = !procedural && !options.test_count && !options.test_fraction && flagged > 0;
+  if (own_split) {
+    for (const std::size_t i : candidates) rows[i].entry.is_test = rows[i].entry.source.is_test;
+    return;
+  }
+  const std::size_t count = procedural ? options.procedural_test
+                                       : options.test_count.value_or(prepare::test_count(
+                                             ids.size(), options.test_fraction.value_or(kDefaultTestFraction)));
+  if (count > ids.size()) {
+    throw InputError(
+        "", procedural ? "--procedural-test" : "--test-count",
+        std::to_string(count) + " test assets wanted, but only " + std::to_string(ids.size()) + " are usable");
+  }
+  const std::vector<bool> chosen = choose_test(ids, count, options.seed);
+  for (std::size_t k = 0; k < candidates.size(); ++k) rows[candidates[k]].entry.is_test = chosen[k];
+}
+
+/// The usable assets that split.test_names names.
+void mark_named(std::vector<DatasetRow>& rows, const std::vector<std::string>& names, const QualityLimits& limits) {
+  constexpr const char* kOption = "--test-split";
+  io::NameIndex index;
+  for (const DatasetRow& row : rows) {
+    if (row.variant > 0) continue;
+    const AssetSource& source = row.entry.source;
+    index.add(row.entry.id, {source.uuid, source.local_path, source.file_identifier});
+  }
+  std::set<std::string> test, unknown;
+  for (const std::string& name : names) {
+    const std::string id = index.find_one(name, "", kOption);
+    (id.empty() ? unknown : test).insert(id.empty() ? name : id);
+  }
+  if (test.empty())
+    throw InputError("", kOption,
+                     "no asset of the dataset is called like one of its " + std::to_string(names.size()) +
+                         " names: " + io::listed(unknown));
+  if (!unknown.empty())
+    log::warn("{}: {} of {} names are those of no asset of the dataset ({}); rejected.csv tells what was left out",
+              kOption, unknown.size(), names.size(), io::listed(unknown));
+  std::set<std::string> unusable;
+  for (DatasetRow& row : rows) {
+    if (row.variant > 0 || test.count(row.entry.id) == 0) continue;
+    row.entry.is_test = usable(row.entry.record, limits);
+    if (!row.entry.is_test) unusable.insert(row.entry.id);
+  }
+  if (!unusable.empty())
+    log::warn("{}: {} of the assets that it names are not usable ({}); they stand in splits/unusable.txt", kOption,
+              unusable.size(), io::listed(unusable));
+}
+
+}  // namespace
+
+void SplitOptions::validate() const {
+  if (test_fraction) prepare::test_count(0, *test_fraction);
+}
+
+Json to_json(const SplitOptions& options) {
+  Json json = {{"seed", options.seed}, {"procedural_test", options.procedural_test}};
+  if (options.test_fraction) json["test_fraction"] = *options.test_fraction;
+  if (options.test_count) json["test_count"] = *options.test_count;
+  if (!options.test_names.empty()) json["test_names"] = options.test_names;
+  return json;
+}
+
+SplitOptions split_options_from_json(const Json& json) {
+  SplitOptions options;
+  json.at("seed").get_to(options.seed);
+  json.at("procedural_test").get_to(options.procedural_test);
+  if (json.contains("test_fraction")) options.test_fraction = json.at("test_fraction").get<double>();
+  if (json.contains("test_count")) options.test_count = json.at("test_count").get<std::size_t>();
+  if (json.contains("test_names")) json.at("test_names").get_to(options.test_names);
+  return options;
+}
+
+void mark_test(std::vector<DatasetRow>& rows, const SplitOptions& options, const QualityLimits& limits) {
+  for (DatasetRow& row : rows) row.entry.is_test = false;
+  if (options.test_names.empty()) {
+    mark(rows, options, limits, false);
+    mark(rows, options, limits, true);
+  } else {
+    mark_named(rows, options.test_names, limits);
+  }
+  std::set<std::string> test;
+  for (const DatasetRow& row : rows) {
+    if (row.entry.is_test) test.insert(row.entry.id);
+  }
+  for (DatasetRow& row : rows) {
+    if (row.variant > 0) row.entry.is_test = test.count(row.variant_of) > 0;
+  }
+}
+
+SplitCounts write_splits(const std::filesystem::path& out, const std::vector<DatasetRow>& rows,
+                         const QualityLimits& limits) {
+  SplitCounts counts;
+  std::string train, test, variants, unusable;
+  for (const DatasetRow& row : rows) {
+    const std::string line = row.entry.id + "\n";
+    if (!usable(row.entry.record, limits)) {
+      ++counts.unusable;
+      unusable += line;
+    } else if (!row.entry.is_test) {
+      ++counts.train;
+      train += line;
+    } else if (row.variant > 0) {
+      variants += line;
+    } else {
+      ++counts.test;
+      test += line;
+    }
+  }
+  write_file_atomically(out / "splits" / "train.txt", train);
+  write_file_atomically(out / "splits" / "test.txt", test);
+  write_file_atomically(out / "splits" / "test_variants.txt", variants);
+  write_file_atomically(out / "splits" / "unusable.txt", unusable);
+  return counts;
+}
+
+namespace {
+
+bool failed(const ManifestEntry& entry, std::size_t variant) {
+  return std::any_of(entry.failures.begin(), entry.failures.end(),
+                     [&](const StepFailure& failure) { return failure.variant == variant; });
+}
+
+/// The planned steps that a record lacks, by the words of the plan.
+std::string missing_steps(const StepRecords& records, const StepPlan& plan) {
+  std::string missing;
+  for (const std::string& word : step_words()) {
+    if (word == "augment" || !plan.wants(word)) continue;
+    const std::string name = word == "features" ? "features/" : word;
+    const auto found = records.steps.lower_bound(name);
+    const bool there =
+        found != records.steps.end() && (word == "features" ? found->first.rfind(name, 0) == 0 : found->first == name);
+    if (!there) missing += (missing.empty() ? "" : ", ") + word;
+  }
+  return missing;
+}
+
+/// The plan makes this step. What earlier plans made may have been removed since: pictures, once features are there.
+bool planned(const std::string& step, const StepPlan& plan) {
+  if (step.rfind("features/", 0) == 0) return plan.wants("features") && step == "features/" + plan.features.model;
+  return plan.wants(step);
+}
+
+/// @return what is wrong with one asset; empty: nothing
+std::string gap_of(const AssetPlaces& places, const ManifestEntry& entry, std::size_t variant, const StepPlan& plan) {
+  const StepRecords records = read_step_records(places.record());
+  if (!records.has(kImport)) return failed(entry, variant) ? "" : "has neither a record nor a failure";
+  if (is_rejected_pose(records.columns(kImport))) return "";
+  for (const auto& [name, step] : records.steps) {
+    if (!planned(name, plan)) continue;
+    StepResult now;
+    const bool complete = measure_files(recorded_files(name, step.options, places), now);
+    if (!complete) return "lacks a file of " + name;
+    if (now.files != step.files || now.bytes != step.bytes) return "has files of " + name + " of another size";
+  }
+  const std::string missing = missing_steps(records, plan);
+  return missing.empty() || failed(entry, variant) ? "" : "was not taken through " + missing;
+}
+
+/// Of a source and its variants.
+std::string gaps_of(const std::filesystem::path& out, const ManifestEntry& entry, const StepPlan& plan) {
+  if (entry.id.empty()) return failed(entry, 0) ? "" : "was not identified, and nothing says why";
+  std::string gap = gap_of({out, entry.id}, entry, 0, plan);
+  if (!gap.empty() || !read_step_records(AssetPlaces{out, entry.id}.record()).has(kImport)) return gap;
+  for (std::size_t k = 0; k < plan.variants && gap.empty(); ++k) {
+    gap = gap_of({out, variant_id(entry.id, plan.seed, k, plan.poses)}, entry, variant_number(k), plan);
+    if (!gap.empty()) gap = "pose " + std::to_string(k) + " " + gap;
+  }
+  return gap;
+}
+
+}  // namespace
+
+std::vector<std::string> find_gaps(const std::filesystem::path& out, const std::vector<Manifest>& manifests,
+                                   const StepPlan& plan) {
+  std::vector<const ManifestEntry*> entries;
+  for (const Manifest& manifest : manifests) {
+    for (const ManifestEntry& entry : manifest.entries) entries.push_back(&entry);
+  }
+  std::sort(entries.begin(), entries.end(),
+            [](const ManifestEntry* a, const ManifestEntry* b) { return a->number < b->number; });
+  // A repeated content has the files of the first source that has it.
+  std::set<std::string> seen;
+  entries.erase(
+      std::remove_if(entries.begin(), entries.end(),
+                     [&](const ManifestEntry* entry) { return !entry->id.empty() && !seen.insert(entry->id).second; }),
+      entries.end());
+  std::vector<std::string> found(entries.size()), gaps;
+  parallel_for(entries.size(), [&](std::size_t i) { found[i] = gaps_of(out, *entries[i], plan); });
+  for (std::size_t i = 0; i < entries.size(); ++i) {
+    if (!found[i].empty()) gaps.push_back(entries[i]->source.file_identifier + " " + found[i]);
+  }
+  return gaps;
+}
+
+namespace fs = std::filesystem;
+
+fs::path pieces_folder(const fs::path& out) { return run_folder(out) / "pieces"; }
+
+Pieces::Pieces(const fs::path& out, const std::string& phase, const Shard& shard, std::size_t tasks,
+               std::size_t per_piece)
+    : folder_(pieces_folder(out)),
+      prefix_(phase + "-" + shard.name() + "-"),
+      tasks_(tasks),
+      per_piece_(std::max<std::size_t>(1, per_piece)) {}
+
+std::pair<std::size_t, std::size_t> Pieces::range(std::size_t piece) const {
+  return {piece * per_piece_, std::min(tasks_, (piece + 1) * per_piece_)};
+}
+
+std::string Pieces::name(std::size_t piece) const {
+  char number[24];
+  std::snprintf(number, sizeof number, "%06zu", piece);
+  return prefix_ + number;
+}
+
+fs::path Pieces::file(std::size_t piece) const { return folder_ / (name(piece) + ".json"); }
+
+std::optional<std::vector<SourceOutcome>> Pieces::read(std::size_t piece) const {
+  std::error_code error;
+  if (!fs::exists(file(piece), error)) return std::nullopt;
+  try {
+    std::vector<SourceOutcome> outcomes;
+    for (const Json& outcome : read_json(file(piece))) outcomes.push_back(source_outcome_from_json(outcome));
+    const auto [begin, end] = range(piece);
+    if (outcomes.size() == end - begin) return outcomes;
+  } catch (const std::exception&) {
+    return std::nullopt;
+  }
+  return std::nullopt;
+}
+
+void Pieces::write(std::size_t piece, const std::vector<SourceOutcome>& outcomes) const {
+  Json json = Json::array();
+  for (const SourceOutcome& outcome : outcomes) json.push_back(to_json(outcome));
+  write_file_atomically(file(piece), json.dump(-1, ' ', false, Json::error_handler_t::replace) + "\n");
+}
+
+}  // namespace anigen::prepare

@@ -1,0 +1,367 @@
+#include "anigen/prepare/poses.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdio>
+#include <map>
+#include <string>
+#include <tuple>
+#include <utility>
+
+#include "anigen/core/error.h"
+#include "anigen/core/random.h"
+#include "anigen/geometry/embree.h"
+#include "anigen/geometry/sampling.h"
+
+namespace anigen::prepare {
+
+namespace {
+
+constexpr std::size_t kPlaces = 400;
+constexpr int kDirections = 32;
+constexpr double kShrunk = 0.05, kStretched = 4.0, kFarthest = 1000.0, kSmallest = 1e-4;
+
+using Vertices = std::vector<Eigen::Vector3f>;
+
+Eigen::Vector3d corner(const Vertices& vertices, const Triangle& face, std::size_t i) {
+  return vertices[static_cast<std::size_t>(face[i])].cast<double>();
+}
+
+double area(const Vertices& vertices, const Triangle& face) {
+  const Eigen::Vector3d a = corner(vertices, face, 0);
+  return 0.5 * (corner(vertices, face, 1) - a).cross(corner(vertices, face, 2) - a).norm();
+}
+
+double length(const Vertices& vertices, const Triangle& face, std::size_t edge) {
+  return (corner(vertices, face, (edge + 1) % 3) - corner(vertices, face, edge)).norm();
+}
+
+// Middle over longest side of the bounding box.
+double thickness(const Box& box) {
+  Eigen::Vector3d sides = box.high - box.low;
+  std::sort(sides.data(), sides.data() + 3);
+  return sides[2] > 0.0 ? sides[1] / sides[2] : 0.0;
+}
+
+// The value below which half of the weight lies.
+double weighted_median(std::vector<std::pair<double, double>> values_and_weights) {
+  std::sort(values_and_weights.begin(), values_and_weights.end());
+  double total = 0.0, below = 0.0;
+  for (const auto& [value, weight] : values_and_weights) total += weight;
+  for (const auto& [value, weight] : values_and_weights) {
+    below += weight;
+    if (below >= 0.5 * total) return value;
+  }
+  return 1.0;
+}
+
+// Signed volume, seen from the middle of the vertices, which keeps the terms small.
+double volume(const Vertices& vertices, const std::vector<Triangle>& faces) {
+  const Eigen::Vector3d middle = bounding_box(vertices).center();
+  double sum = 0.0;
+  for (const Triangle& face : faces) {
+    const Eigen::Vector3d a = corner(vertices, face, 0) - middle, b = corner(vertices, face, 1) - middle;
+    sum += a.dot(b.cross(corner(vertices, face, 2) - middle)) / 6.0;
+  }
+  return sum;
+}
+
+// Every edge is walked as often one way as the other, with vertices at one position taken as one: only then does the
+// sum above not depend on where it is taken from.
+bool closed(const Vertices& vertices, const std::vector<Triangle>& faces) {
+  std::map<std::tuple<float, float, float>, int> ids;
+  std::vector<int> id(vertices.size());
+  for (std::size_t v = 0; v < vertices.size(); ++v) {
+    const Eigen::Vector3f& p = vertices[v];
+    id[v] = ids.emplace(std::make_tuple(p.x(), p.y(), p.z()), static_cast<int>(ids.size())).first->second;
+  }
+  std::map<std::pair<int, int>, int> balance;
+  for (const Triangle& face : faces) {
+    for (std::size_t i = 0; i < 3; ++i) {
+      const int a = id[static_cast<std::size_t>(face[i])], b = id[static_cast<std::size_t>(face[(i + 1) % 3])];
+      if (a != b) balance[std::minmax(a, b)] += a < b ? 1 : -1;
+    }
+  }
+  return std::all_of(balance.begin(), balance.end(), [](const auto& edge) { return edge.second == 0; });
+}
+
+// Evenly over the sphere, along a spiral of golden angles.
+std::array<Eigen::Vector3d, kDirections> directions() {
+  std::array<Eigen::Vector3d, kDirections> result;
+  for (int i = 0; i < kDirections; ++i) {
+    const double z = 1.0 - (2.0 * i + 1.0) / kDirections, turn = 2.399963229728653 * i, r = std::sqrt(1.0 - z * z);
+    result[static_cast<std::size_t>(i)] = {r * std::cos(turn), r * std::sin(turn), z};
+  }
+  return result;
+}
+
+}  // namespace
+
+struct PoseChecks::Implementation {
+  Vertices vertices;
+  std::vector<Triangle> faces;
+  Box box;
+  std::vector<double> areas;
+  double total_area = 0.0;
+  std::optional<double> volume;
+  std::vector<geometry::SurfacePoint> places;
+  std::vector<bool> hidden;  // before
+
+  std::vector<bool> hidden_places(const Vertices& posed, double size) const {
+    static const std::array<Eigen::Vector3d, kDirections> rays = directions();
+    const geometry::RayCaster caster(posed, faces);
+    std::vector<bool> result;
+    for (const geometry::SurfacePoint& place : places) {
+      const Eigen::Vector3d from = geometry::position(place, posed, faces);
+      result.push_back(std::all_of(rays.begin(), rays.end(), [&](const Eigen::Vector3d& direction) {
+        return caster.first_hit(from, direction, 1e-4 * size).has_value();
+      }));
+    }
+    return result;
+  }
+};
+
+PoseChecks::PoseChecks(const Mesh& source) : implementation_(std::make_unique<Implementation>()) {
+  Implementation& self = *implementation_;
+  self.vertices = source.vertices;
+  self.faces = source.faces;
+  Rng rng(0, "places of pose checks");
+  self.places = geometry::sample_surface(self.vertices, self.faces, kPlaces, rng);
+  self.box = bounding_box(self.vertices);
+  self.hidden = self.hidden_places(self.vertices, self.box.longest_side());  // refuses bad vertices
+  for (const Triangle& face : self.faces) {
+    self.areas.push_back(area(self.vertices, face));
+    self.total_area += self.areas.back();
+  }
+  if (closed(self.vertices, self.faces)) {
+    const double enclosed = prepare::volume(self.vertices, self.faces);
+    // A sheet with two sides is closed, but encloses nothing that could be compared.
+    if (std::abs(enclosed) > 1e-3 * std::pow(self.total_area, 1.5)) self.volume = enclosed;
+  }
+}
+
+PoseChecks::~PoseChecks() = default;
+PoseChecks::PoseChecks(PoseChecks&&) noexcept = default;
+PoseChecks& PoseChecks::operator=(PoseChecks&&) noexcept = default;
+
+PoseMeasures PoseChecks::measure(const Vertices& vertices) const {
+  const Implementation& self = *implementation_;
+  if (vertices.size() != self.vertices.size()) throw InputError("", "vertices", "a pose must move every vertex");
+  PoseMeasures result;
+  const double size = self.box.longest_side();
+  for (const Eigen::Vector3f& vertex : vertices) {
+    result.finite &= vertex.allFinite() && vertex.cast<double>().cwiseAbs().maxCoeff() <=
+                                               kFarthest * size + self.box.center().cwiseAbs().maxCoeff();
+  }
+  if (!result.finite) return result;
+
+  std::vector<double> areas;
+  std::vector<std::pair<double, double>> changes;
+  double after = 0.0;
+  for (std::size_t f = 0; f < self.faces.size(); ++f) {
+    areas.push_back(area(vertices, self.faces[f]));
+    after += areas[f];
+    if (self.areas[f] > 0.0) changes.emplace_back(areas[f] / self.areas[f], self.areas[f]);
+  }
+  result.scale = std::sqrt(weighted_median(std::move(changes)));
+  if (!(result.scale > kSmallest)) return result;
+  const double scale = result.scale;
+
+  Eigen::Vector3d mean = Eigen::Vector3d::Zero();
+  const auto way = [&](std::size_t v) {
+    return Eigen::Vector3d(vertices[v].cast<double>() / scale - self.vertices[v].cast<double>());
+  };
+  for (std::size_t v = 0; v < vertices.size(); ++v) mean += way(v);
+  mean /= static_cast<double>(vertices.size());
+  double squares = 0.0;
+  for (std::size_t v = 0; v < vertices.size(); ++v) squares += (way(v) - mean).squaredNorm();
+  result.change = std::sqrt(squares / static_cast<double>(vertices.size())) / size;
+
+  const Box box = bounding_box(vertices);
+  result.box_ratio = box.longest_side() / (scale * size);
+  const double thickness_before = thickness(self.box);
+  result.thickness_ratio = thickness_before > 1e-6 ? thickness(box) / thickness_before : 1.0;
+
+  double shrunk = 0.0, stretched = 0.0;
+  for (std::size_t f = 0; f < self.faces.size(); ++f) {
+    const Triangle& face = self.faces[f];
+    if (areas[f] < kShrunk * scale * scale * self.areas[f]) shrunk += self.areas[f];
+    for (std::size_t e = 0; e < 3; ++e) {
+      if (!(length(vertices, face, e) > kStretched * scale * length(self.vertices, face, e))) continue;
+      stretched += areas[f];
+      break;
+    }
+  }
+  if (self.total_area > 0.0) {
+    result.area_ratio = after / (scale * scale * self.total_area);
+    result.shrunk_share = shrunk / self.total_area;
+  }
+  if (after > 0.0) result.stretched_share = stretched / after;
+  if (self.volume) result.volume_ratio = prepare::volume(vertices, self.faces) / (scale * scale * scale * *self.volume);
+
+  const std::vector<bool> hidden = self.hidden_places(vertices, box.longest_side());
+  std::size_t buried = 0;
+  for (std::size_t i = 0; i < hidden.size(); ++i) buried += hidden[i] && !self.hidden[i] ? 1 : 0;
+  result.buried_share = static_cast<double>(buried) / static_cast<double>(hidden.size());
+  return result;
+}
+
+std::string to_string(PoseKind kind) { return kind == PoseKind::kAnimation ? "animation" : "random"; }
+
+Json to_json(const Provenance& provenance) {
+  Json json;
+  json["source"] = provenance.source_id;
+  json["seed"] = provenance.seed;
+  json["k"] = provenance.k;
+  json["kind"] = to_string(provenance.kind);
+  if (provenance.kind == PoseKind::kAnimation) {
+    json["clip"] = provenance.clip;
+    json["time"] = provenance.time;
+    json["second_time"] = provenance.second_time;
+    json["blend"] = provenance.blend;
+  }
+  json["attempt"] = provenance.attempt;
+  json["turned_joints"] = provenance.turned;
+  json["largest_angle_degrees"] = provenance.largest_angle;
+  json["scale"] = provenance.renormalization.scale;
+  const Eigen::Vector3d& offset = provenance.renormalization.offset;
+  json["offset"] = {offset.x(), offset.y(), offset.z()};
+  json["measures"] = to_json(provenance.measures);
+  json["rejections"] = provenance.rejections;
+  json["unused_clips"] = provenance.unused_clips;
+  return json;
+}
+
+namespace {
+
+Eigen::Vector3d random_direction(Rng& rng) {
+  const double z = rng.uniform(-1.0, 1.0), longitude = rng.uniform(0.0, 2.0 * EIGEN_PI);
+  const double radius = std::sqrt(std::max(0.0, 1.0 - z * z));
+  return {radius * std::cos(longitude), radius * std::sin(longitude), z};
+}
+
+}  // namespace
+
+JointTurns draw_turns(std::size_t joints, double probability, double max_angle, bool include_root, Rng& rng) {
+  JointTurns turns;
+  turns.rotations.assign(joints, Eigen::Matrix3d::Identity());
+  turns.angles.assign(joints, 0.0);
+  for (std::size_t j = include_root ? 0 : 1; j < joints; ++j) {
+    if (!rng.chance(probability)) continue;
+    const Eigen::Vector3d axis = random_direction(rng);
+    turns.angles[j] = rng.uniform(0.0, max_angle);
+    turns.rotations[j] = Eigen::AngleAxisd(turns.angles[j], axis.normalized()).toRotationMatrix();
+  }
+  return turns;
+}
+
+std::vector<Eigen::Matrix4d> turned_joints(const Skeleton& skeleton, const JointTurns& turns) {
+  const std::vector<Eigen::Vector3d> joints = skeleton.positions();
+  std::vector<Eigen::Matrix3d> frames(joints.size());  // G_k
+  std::vector<Eigen::Vector3d> places(joints.size());  // g_k
+  std::vector<Eigen::Matrix4d> world(joints.size());
+  for (std::size_t k = 0; k < joints.size(); ++k) {
+    const int parent = skeleton.parents[k];
+    if (parent < 0) {
+      frames[k] = turns.rotations[k];
+      places[k] = joints[k];
+    } else {
+      const auto p = static_cast<std::size_t>(parent);
+      frames[k] = frames[p] * turns.rotations[k];
+      places[k] = places[p] + frames[p] * (joints[k] - joints[p]);
+    }
+    world[k] = skeleton.bind[k];
+    world[k].topLeftCorner<3, 3>() = frames[k] * skeleton.bind[k].topLeftCorner<3, 3>();
+    world[k].topRightCorner<3, 1>() = places[k];
+  }
+  return world;
+}
+
+namespace {
+
+double rounded(double value) { return std::isfinite(value) ? std::round(value * 1e6) / 1e6 : 0.0; }
+
+std::string sentence(const char* what, double value, const char* bound, double limit) {
+  char text[160];
+  std::snprintf(text, sizeof text, "%s %.3g, %s %.3g", what, value, bound, limit);
+  return text;
+}
+
+// Written so that a measure that is not a number is broken, too.
+std::string within(const char* what, double value, double low, double high) {
+  if (!(value >= low)) return sentence(what, value, "at least", low);
+  if (!(value <= high)) return sentence(what, value, "at most", high);
+  return "";
+}
+
+}  // namespace
+
+void PoseLimits::validate() const {
+  const std::pair<const char*, double> all[] = {
+      {"least_change", least_change},       {"least_box", least_box},     {"most_box", most_box},
+      {"least_thickness", least_thickness}, {"least_area", least_area},   {"most_area", most_area},
+      {"least_volume", least_volume},       {"most_volume", most_volume}, {"most_shrunk", most_shrunk},
+      {"most_stretched", most_stretched},   {"most_buried", most_buried}};
+  for (const auto& [name, value] : all) {
+    if (!(value >= 0.0)) throw InputError("", std::string("limits.") + name, "must be a number ≥ 0");
+  }
+  if (!(least_box > 0.0)) throw InputError("", "limits.least_box", "must be above 0: a point cannot be normalised");
+  if (!(least_scale > 0.0)) throw InputError("", "limits.least_scale", "must be above 0");
+}
+
+Json to_json(const PoseMeasures& measures) {
+  Json json;
+  json["finite"] = measures.finite;
+  json["scale"] = rounded(measures.scale);
+  json["change"] = rounded(measures.change);
+  json["box_ratio"] = rounded(measures.box_ratio);
+  json["thickness_ratio"] = rounded(measures.thickness_ratio);
+  json["area_ratio"] = rounded(measures.area_ratio);
+  json["volume_ratio"] = measures.volume_ratio ? Json(rounded(*measures.volume_ratio)) : Json();
+  json["shrunk_share"] = rounded(measures.shrunk_share);
+  json["stretched_share"] = rounded(measures.stretched_share);
+  json["buried_share"] = rounded(measures.buried_share);
+  return json;
+}
+
+Json to_json(const PoseLimits& limits) {
+  Json json;
+  json["least_scale"] = limits.least_scale;
+  json["least_change"] = limits.least_change;
+  json["box"] = {limits.least_box, limits.most_box};
+  json["least_thickness"] = limits.least_thickness;
+  json["area"] = {limits.least_area, limits.most_area};
+  json["volume"] = {limits.least_volume, limits.most_volume};
+  json["most_shrunk"] = limits.most_shrunk;
+  json["most_stretched"] = limits.most_stretched;
+  json["most_buried"] = limits.most_buried;
+  return json;
+}
+
+std::string broken_limit(const PoseMeasures& measures, const PoseLimits& limits) {
+  if (!measures.finite) return "not finite: a vertex is nowhere, or a thousand times as far as the object is long";
+  constexpr double kAny = 1e300;
+  for (std::string problem : {
+           within("vanished: scale, of the source's,", measures.scale, limits.least_scale, kAny),
+           within("unchanged: vertices move by", measures.change, limits.least_change, kAny),
+           within("bounding box: longest side, of the source's,", measures.box_ratio, limits.least_box,
+                  limits.most_box),
+           within("bounding box: thickness, of the source's,", measures.thickness_ratio, limits.least_thickness, kAny),
+           within("surface: area, of the source's,", measures.area_ratio, limits.least_area, limits.most_area),
+           within("volume: of the source's,", measures.volume_ratio.value_or(1.0), limits.least_volume,
+                  limits.most_volume),
+           within("collapsed: share of the surface with almost no area left", measures.shrunk_share, 0.0,
+                  limits.most_shrunk),
+           within("torn: share of the surface with an edge four times as long", measures.stretched_share, 0.0,
+                  limits.most_stretched),
+           within("buried: share of the surface that vanished into other parts", measures.buried_share, 0.0,
+                  limits.most_buried),
+       }) {
+    if (!problem.empty()) return problem;
+  }
+  return "";
+}
+
+}  // namespace anigen::prepare

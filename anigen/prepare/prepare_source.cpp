@@ -1,0 +1,412 @@
+#include "anigen/prepare/prepare_source.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cstdlib>
+#include <optional>
+#include <utility>
+
+#include "anigen/asset/rigged_asset.h"
+#include "anigen/core/error.h"
+#include "anigen/core/version.h"
+#include "anigen/creatures/body.h"
+#include "anigen/prepare/cleaning.h"
+#include "anigen/prepare/pose_augmentation.h"
+#include "anigen/prepare/sources.h"
+#include "anigen/prepare/step.h"
+
+namespace anigen::prepare {
+
+Json import_columns(const AssetRecord& record) { return to_json(record); }
+
+Json variant_columns(const Json& source, const Asset* posed, const Provenance& provenance) {
+  if (posed == nullptr) return {{"rejected_pose", true}, {"pose", to_json(provenance)}};
+  AssetRecord record = record_from_columns(source);
+  // Posing keeps mesh and tree; only lengths change, by the new normalisation, and directions.
+  std::vector<Eigen::Vector3f> joints;
+  for (const Eigen::Vector3d& p : posed->skeleton.positions()) joints.push_back(p.cast<float>());
+  record.closest_bones = closest_bones(joints, posed->skeleton.parents);
+  const Similarity again = provenance.renormalization;
+  record.scale *= again.scale;
+  for (std::size_t i = 0; i < 3; ++i) {
+    record.offset[i] = again.scale * record.offset[i] + again.offset[static_cast<Eigen::Index>(i)];
+  }
+  Json columns = to_json(record);
+  columns["pose"] = to_json(provenance);
+  return columns;
+}
+
+Similarity normalisation_of(const Json& columns) {
+  const AssetRecord record = record_from_columns(columns);
+  return {record.scale, Eigen::Vector3d(record.offset[0], record.offset[1], record.offset[2])};
+}
+
+bool is_rejected_pose(const Json& columns) { return columns.contains("rejected_pose"); }
+
+bool readable(const Json& columns) {
+  if (is_rejected_pose(columns)) return true;
+  try {
+    record_from_columns(columns);
+    return true;
+  } catch (const InputError&) {
+    return false;
+  }
+}
+
+AssetRecord record_from_columns(const Json& columns) {
+  try {
+    AssetRecord record = asset_record_from_json(columns);
+    if (record.offset.size() != 3) throw InputError("", "", "the record of an asset is damaged: offset");
+    return record;
+  } catch (const Json::exception& error) {
+    throw InputError("", "", std::string("the record of an asset is damaged: ") + error.what());
+  }
+}
+
+Json to_json(const StepFailure& failure) {
+  return {{"id", failure.id},         {"variant", failure.variant},
+          {"step", failure.step},     {"fingerprint", failure.fingerprint},
+          {"reason", failure.reason}, {"rule", failure.rule}};
+}
+
+StepFailure step_failure_from_json(const Json& json) {
+  StepFailure failure;
+  json.at("id").get_to(failure.id);
+  json.at("variant").get_to(failure.variant);
+  json.at("step").get_to(failure.step);
+  json.at("fingerprint").get_to(failure.fingerprint);
+  json.at("reason").get_to(failure.reason);
+  json.at("rule").get_to(failure.rule);
+  return failure;
+}
+
+Json to_json(const SourceTask& task) {
+  Json known = Json::array();
+  for (const StepFailure& failure : task.known) known.push_back(to_json(failure));
+  return {{"number", task.number},
+          {"source", to_json(task.source)},
+          {"known", known},
+          {"id", task.id},
+          {"only_identify", task.only_identify}};
+}
+
+SourceTask source_task_from_json(const Json& json) {
+  SourceTask task;
+  json.at("number").get_to(task.number);
+  task.source = asset_source_from_json(json.at("source"));
+  json.at("id").get_to(task.id);
+  json.at("only_identify").get_to(task.only_identify);
+  for (const Json& failure : json.at("known")) task.known.push_back(step_failure_from_json(failure));
+  return task;
+}
+
+Json to_json(const SourceOutcome& outcome) {
+  Json assets = Json::array();
+  for (const AssetOutcome& asset : outcome.assets) {
+    Json failures = Json::array(), timings = Json::array();
+    for (const StepFailure& failure : asset.failures) failures.push_back(to_json(failure));
+    for (const StepTiming& timing : asset.timings) {
+      timings.push_back({{"step", timing.step}, {"seconds", timing.seconds}, {"peak_bytes", timing.peak_bytes}});
+    }
+    assets.push_back({{"id", asset.id},
+                      {"variant", asset.variant},
+                      {"imported", asset.imported},
+                      {"rejected_pose", asset.rejected_pose},
+                      {"reused", asset.reused},
+                      {"failures", failures},
+                      {"timings", timings}});
+  }
+  return {{"number", outcome.number}, {"assets", assets}};
+}
+
+SourceOutcome source_outcome_from_json(const Json& json) {
+  SourceOutcome outcome;
+  json.at("number").get_to(outcome.number);
+  for (const Json& one : json.at("assets")) {
+    AssetOutcome asset;
+    one.at("id").get_to(asset.id);
+    one.at("variant").get_to(asset.variant);
+    one.at("imported").get_to(asset.imported);
+    one.at("rejected_pose").get_to(asset.rejected_pose);
+    one.at("reused").get_to(asset.reused);
+    for (const Json& failure : one.at("failures")) asset.failures.push_back(step_failure_from_json(failure));
+    for (const Json& timing : one.at("timings")) {
+      asset.timings.push_back({timing.at("step").get<std::string>(), timing.at("seconds").get<double>(),
+                               timing.at("peak_bytes").get<std::uint64_t>()});
+    }
+    outcome.assets.push_back(std::move(asset));
+  }
+  return outcome;
+}
+
+namespace {
+
+/// Raised whenever the same source would give another asset or other numbers.
+constexpr int kImportVersion = 1;
+
+/// Runs work and puts into `failure` what was wrong with the asset, if anything was. @return whether it succeeded
+/// @throws as failure_of_item(), for what is no asset's fault
+bool try_work(const std::string& name, const std::function<void()>& work, StepFailure& failure) {
+  try {
+    work();
+    return true;
+  } catch (const CleanedOut& error) {
+    failure.reason = error.what();
+    failure.rule = error.finding().rule;
+  } catch (const InputError& error) {
+    failure.reason = error.what();
+  } catch (...) {
+    failure.reason = name + ": " + failure_of_item();
+  }
+  return false;
+}
+
+class Stopwatch {
+ public:
+  Stopwatch() { reset_peak_memory(); }
+  StepTiming read(const std::string& step) const {
+    const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin_).count();
+    return {step, seconds, peak_memory_bytes()};
+  }
+
+ private:
+  std::chrono::steady_clock::time_point begin_ = std::chrono::steady_clock::now();
+};
+
+/// Ids of other datasets are whatever their tables say; ours name files.
+bool is_safe_id(const std::string& id) {
+  return !id.empty() && id.size() <= 200 && id.front() != '.' && id.find('/') == std::string::npos &&
+         id.find('\\') == std::string::npos && id.find('\0') == std::string::npos;
+}
+
+const StepFailure* find_known(const SourceTask& task, const StepBegin& at) {
+  for (const StepFailure& failure : task.known) {
+    if (failure.id == at.id && failure.step == at.step && failure.fingerprint == at.fingerprint) return &failure;
+  }
+  return nullptr;
+}
+
+}  // namespace
+
+/// The first step of an asset, which everything else depends on.
+struct SourcePreparer::Root {
+  std::size_t variant = 0;
+  Json options;
+  std::function<Json()> columns;  ///< makes the asset available to the job and returns what was measured
+};
+
+SourcePreparer::SourcePreparer(std::filesystem::path out, StepPlan plan,
+                               std::shared_ptr<const FeatureExtractor> extractor)
+    : out_(std::move(out)), plan_(std::move(plan)), steps_(planned_steps(plan_, std::move(extractor))) {}
+
+AssetOutcome SourcePreparer::prepare_asset(const Root& root, AssetJob& job, const SourceTask& task,
+                                           const StepObserver& observe) const {
+  AssetOutcome outcome;
+  outcome.id = job.id();
+  outcome.variant = root.variant;
+  StepRecords records = read_step_records(job.places().record());
+  bool unsaved = false, made = false;
+  const auto save = [&] {
+    write_step_records(job.places().record(), job.id(), records);
+    unsaved = false;
+  };
+  // Does one step unless it failed before in the same way; true when it is done.
+  const auto attempt = [&](const std::string& name, const std::string& fingerprint, const std::function<void()>& work) {
+    const StepBegin at{job.id(), root.variant, name, fingerprint};
+    if (const StepFailure* known = find_known(task, at)) {
+      outcome.failures.push_back(*known);
+      return false;
+    }
+    observe(at);
+    made = true;
+    const Stopwatch watch;
+    StepFailure failure{job.id(), root.variant, name, fingerprint, "", ""};
+    const bool done = try_work(task.source.file_identifier, work, failure);
+    outcome.timings.push_back(watch.read(name));
+    if (!done) outcome.failures.push_back(std::move(failure));
+    return done;
+  };
+
+  const std::string root_fingerprint = records.fingerprint(kImport, kImportVersion, root.options, {});
+  if (!records.has(kImport) || records.steps.at(kImport).fingerprint != root_fingerprint ||
+      !readable(records.columns(kImport))) {
+    StepResult result{root_fingerprint, kImportVersion, root.options, {}, 0, 0, Json::object(), commit()};
+    const std::string name = root.variant == 0 ? kImport : "augment";
+    if (!attempt(name, root_fingerprint, [&] { result.columns = root.columns(); })) return outcome;
+    records.steps[kImport] = std::move(result);
+    records.drop_stale();
+    unsaved = true;  // saved with the first step that follows: alone it saves nothing worth an fsync
+  }
+  outcome.imported = true;
+  outcome.rejected_pose = is_rejected_pose(records.columns(kImport));
+  if (!outcome.rejected_pose) job.set_normalisation(normalisation_of(records.columns(kImport)));
+  for (const PlannedStep& planned : steps_) {
+    if (outcome.rejected_pose) break;
+    const Step& step = *planned.step;
+    bool possible = true;
+    for (const std::string& input : step.inputs()) possible = possible && records.has(input);
+    if (!possible || up_to_date(step, job.places(), records, !planned.asked)) continue;
+    StepResult result;
+    result.version = step.version();
+    result.commit = commit();
+    result.options = step.options();
+    result.inputs = step.inputs();
+    result.fingerprint = records.fingerprint(step.name(), result.version, result.options, result.inputs);
+    if (records.steps.erase(step.name()) > 0) {
+      // Whatever is half-replaced after a kill must not pass for done.
+      records.drop_stale();
+      save();
+    }
+    const bool done = attempt(step.name(), result.fingerprint, [&] {
+      step.clear(job.places());
+      result.columns = step.run(job);
+      if (!measure_files(step.outputs(job.places(), result.options), result))
+        throw Error(step.name() + " left out a file");
+    });
+    if (!done) continue;
+    records.steps[step.name()] = std::move(result);
+    save();
+  }
+  records.drop_stale();
+  if (unsaved) save();
+  outcome.reused = !made;
+  return outcome;
+}
+
+SourceOutcome SourcePreparer::prepare(const SourceTask& task, const StepObserver& observe) const {
+  SourceOutcome outcome;
+  outcome.number = task.number;
+  std::string id = task.id;
+  StepFailure unreadable{"", 0, kImport, "", "", ""};
+  if (id.empty() && !try_work(
+                        task.source.file_identifier, [&] { id = asset_id(task.source, reader_); }, unreadable)) {
+    AssetOutcome failed;
+    failed.failures.push_back(std::move(unreadable));
+    outcome.assets.push_back(std::move(failed));
+    return outcome;
+  }
+  if (!is_safe_id(id)) {
+    AssetOutcome failed;
+    failed.failures.push_back({"", 0, kImport, "", task.source.file_identifier + ": its id cannot name a file", ""});
+    outcome.assets.push_back(std::move(failed));
+    return outcome;
+  }
+  if (task.only_identify) {
+    outcome.assets.emplace_back();
+    outcome.assets[0].id = id;
+    return outcome;
+  }
+
+  std::optional<PreparedAsset> prepared;
+  const auto import = [&]() -> PreparedAsset& {
+    if (!prepared) prepared = import_asset(task.source, plan_.cleaning, reader_);
+    return *prepared;
+  };
+  // The asset moves into the job, which keeps it for the steps and for the variants.
+  AssetJob job({out_, id}, [&] { return std::move(import().asset); });
+  Root root;
+  root.options = {{"source", id}, {"cleaning", to_json(plan_.cleaning)}};
+  if (!task.source.procedural() && task.source.format == io::RigFormat::kDataset) {
+    // Assets of a dataset keep their ids, which say nothing about the content.
+    try_work(
+        task.source.file_identifier, [&] { root.options["content"] = reader_.content_id(task.source.rig()); },
+        unreadable);
+  }
+  root.columns = [&] { return import_columns(import().record); };
+  outcome.assets.push_back(prepare_asset(root, job, task, observe));
+  if (!outcome.assets[0].imported) return outcome;
+
+  std::optional<PoseAugmenter> augmenter;
+  for (std::size_t k = 0; k < plan_.variants; ++k) {
+    std::optional<Asset> posed;
+    Json columns;
+    const auto pose = [&] {
+      if (!columns.is_null()) return;
+      if (!augmenter) augmenter.emplace(job.asset(), id, plan_.seed, plan_.poses);
+      Provenance provenance;
+      posed = augmenter->variant(k, provenance);
+      const StepRecords records = read_step_records(job.places().record());
+      columns = variant_columns(records.columns(kImport), posed ? &*posed : nullptr, provenance);
+    };
+    AssetJob variant({out_, variant_id(id, plan_.seed, k, plan_.poses)}, [&] {
+      pose();
+      return std::move(posed).value();
+    });
+    Root variant_root;
+    variant_root.variant = variant_number(k);
+    variant_root.options = {
+        {"source", root.options}, {"seed", plan_.seed}, {"variant", k}, {"poses", to_json(plan_.poses)}};
+    variant_root.columns = [&] {
+      pose();
+      return columns;
+    };
+    outcome.assets.push_back(prepare_asset(variant_root, variant, task, observe));
+  }
+  return outcome;
+}
+
+namespace {
+
+/// The numbers that notes of one of these codes start with, added up.
+std::size_t told_count(const std::vector<io::ImportNote>& notes, const std::vector<std::string>& codes) {
+  std::size_t count = 0;
+  for (const io::ImportNote& note : notes) {
+    if (std::find(codes.begin(), codes.end(), note.code) != codes.end())
+      count += std::strtoull(note.message.c_str(), nullptr, 10);
+  }
+  return count;
+}
+
+void measure(const Asset& asset, AssetRecord& record) {
+  record.num_joints = asset.skeleton.size();
+  record.num_vertices = asset.mesh.vertices.size();
+  record.num_faces = asset.mesh.faces.size();
+  record.max_influences = asset.skin.largest_row();
+  const std::vector<Eigen::Vector3d> positions = asset.skeleton.positions();
+  std::vector<Eigen::Vector3f> joints;
+  for (const Eigen::Vector3d& p : positions) joints.push_back(p.cast<float>());
+  record.closest_bones = closest_bones(joints, asset.skeleton.parents);
+  record.outside_share = outside_share(positions, bounding_box(asset.mesh.vertices));
+  record.skeleton = describe(asset.skeleton);
+}
+
+}  // namespace
+
+std::size_t invented_rows(const std::vector<io::ImportNote>& notes) {
+  return told_count(notes, {"nan_weights", "zero_weights"});
+}
+
+PreparedAsset import_asset(const AssetSource& source, const CleaningOptions& cleaning, const io::RigReader& reader) {
+  PreparedAsset prepared;
+  AssetRecord& record = prepared.record;
+  if (source.procedural()) {
+    prepared.asset = creatures::make_creature(source.seed, source.index);
+    record.source = "procedural:" + creatures::creature_family(source.seed, source.index);
+  } else {
+    io::ImportedAsset imported = reader.read(source.rig());
+    prepared.asset = std::move(imported.asset);
+    record.source = "real";
+    record.invented_rows = invented_rows(imported.notes);
+    record.lowest_weight_sum = imported.lowest_weight_sum;
+    record.repeated_names = told_count(imported.notes, {"duplicate_joint_names"});
+    for (const io::ImportNote& note : imported.notes) {
+      if (std::find(record.repairs.begin(), record.repairs.end(), note.code) == record.repairs.end())
+        record.repairs.push_back(note.code);
+    }
+  }
+  const Similarity similarity = normalize(prepared.asset);
+  record.scale = similarity.scale;
+  record.offset = {similarity.offset.x(), similarity.offset.y(), similarity.offset.z()};
+  if (!source.procedural()) {
+    const ReadQuality quality{record.lowest_weight_sum, record.repeated_names};
+    record.findings = clean(prepared.asset, quality, cleaning, source.file_identifier);
+  }
+  if (auto finding = coarsen_skeleton(prepared.asset, cleaning.kept_joints, source.file_identifier))
+    record.findings.push_back(std::move(*finding));
+  measure(prepared.asset, record);
+  return prepared;
+}
+
+PreparedAsset import_asset(const AssetSource& source) { return import_asset(source, {}, io::RigReader()); }
+
+}  // namespace anigen::prepare

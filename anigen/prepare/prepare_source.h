@@ -1,0 +1,136 @@
+#pragma once
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <functional>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "anigen/asset/rigged_asset.h"
+#include "anigen/core/config.h"
+#include "anigen/io/gltf/gltf.h"
+#include "anigen/io/rigs/rig_reader.h"
+#include "anigen/prepare/metadata.h"
+#include "anigen/prepare/poses.h"
+#include "anigen/prepare/sources.h"
+#include "anigen/prepare/steps.h"
+
+namespace anigen::prepare {
+
+/// The columns of the first step: what was measured of an imported asset, and of a variant also where it came from.
+Json import_columns(const AssetRecord& record);
+
+/// @param source columns of the asset that was posed @param posed null when no pose passed; the columns then only say
+/// why
+Json variant_columns(const Json& source, const Asset* posed, const Provenance& provenance);
+
+/// x → scale · x + offset, from the source to the dataset.
+Similarity normalisation_of(const Json& columns);
+bool is_rejected_pose(const Json& columns);
+/// Whether this version of the program understands them.
+bool readable(const Json& columns);
+/// @throws InputError when they are not what import_columns() or variant_columns() made
+AssetRecord record_from_columns(const Json& columns);
+
+/// A step of one asset that could not be done, and why.
+struct StepFailure {
+  std::string id;           ///< of the asset; empty when the source could not even be identified
+  std::size_t variant = 0;  ///< 0: the asset itself, k + 1: its posed variant k
+  std::string step;
+  std::string fingerprint;  ///< what was tried; the same again is not tried again unless asked for
+  std::string reason;
+  std::string rule;  ///< of cleaning, when one dropped the asset
+};
+
+/// What one step cost.
+struct StepTiming {
+  std::string step;
+  double seconds = 0;
+  std::uint64_t peak_bytes = 0;  ///< most memory in RAM of the whole process meanwhile
+};
+
+/// What became of one asset: the source itself, or one of its posed variants.
+struct AssetOutcome {
+  std::string id;
+  std::size_t variant = 0;  ///< 0: the source itself, k + 1: its posed variant k
+  bool imported = false;    ///< its record holds what the merge needs
+  bool rejected_pose = false;
+  bool reused = false;  ///< nothing had to be made
+  std::vector<StepFailure> failures;
+  std::vector<StepTiming> timings;
+};
+
+/// One source to prepare.
+struct SourceTask {
+  std::size_t number = 0;  ///< of the source in the run
+  AssetSource source;
+  std::vector<StepFailure> known;  ///< failures that are taken as they are
+  std::string id;                  ///< of the content, once somebody computed it
+  bool only_identify = false;      ///< find the id and no more
+};
+
+struct SourceOutcome {
+  std::size_t number = 0;
+  std::vector<AssetOutcome> assets;  ///< the source itself first, then its variants
+};
+
+/// What workers and their parent say to each other.
+Json to_json(const StepFailure& failure);
+StepFailure step_failure_from_json(const Json& json);
+Json to_json(const SourceTask& task);
+SourceTask source_task_from_json(const Json& json);
+Json to_json(const SourceOutcome& outcome);
+SourceOutcome source_outcome_from_json(const Json& json);
+
+/// Called before each step: of which asset, and the fingerprint of what is about to be made.
+struct StepBegin {
+  std::string id;
+  std::size_t variant = 0;
+  std::string step, fingerprint;
+};
+using StepObserver = std::function<void(const StepBegin&)>;
+
+/// Takes sources through the steps of a plan: the source itself, then its posed variants. Made once per process; with
+/// no feature extractor prepare() may be called from several threads.
+///
+/// What records/<id>.json says is up to date is not made again. A step that fails leaves the others that do not need
+/// it to go on. Killed at any moment, the same call goes on from the last step that was recorded.
+class SourcePreparer {
+ public:
+  /// @param extractor for the features; null when the plan wants none
+  SourcePreparer(std::filesystem::path out, StepPlan plan, std::shared_ptr<const FeatureExtractor> extractor);
+
+  /// @throws WriteError for what is no asset's fault: a full disk, an unwritable folder
+  SourceOutcome prepare(const SourceTask& task, const StepObserver& observe) const;
+
+ private:
+  struct Root;
+  AssetOutcome prepare_asset(const Root& root, AssetJob& job, const SourceTask& task,
+                             const StepObserver& observe) const;
+
+  std::filesystem::path out_;
+  StepPlan plan_;
+  std::vector<PlannedStep> steps_;
+  io::RigReader reader_;  ///< keeps the shard that was read last open
+};
+
+/// Where variant k of an asset is called a variant: see StepFailure::variant.
+inline std::size_t variant_number(std::size_t k) { return k + 1; }
+
+struct PreparedAsset {
+  Asset asset;  ///< normalised into [-0.5, 0.5]³, Z up
+  AssetRecord record;
+};
+
+/// Reads or generates the asset, normalises it, cleans it and measures it. Creatures are not cleaned.
+/// @param reader kept by the caller over many calls, so that shards are not opened for every sample
+/// @throws InputError, NotSupportedError for a file that cannot be used, CleanedOut when a rule drops it
+PreparedAsset import_asset(const AssetSource& source, const CleaningOptions& cleaning, const io::RigReader& reader);
+/// The same without cleaning.
+PreparedAsset import_asset(const AssetSource& source);
+
+/// How many vertices got weights that were not in the file, as the importer's notes tell.
+std::size_t invented_rows(const std::vector<io::ImportNote>& notes);
+
+}  // namespace anigen::prepare

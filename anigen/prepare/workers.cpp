@@ -1,0 +1,512 @@
+#include "anigen/prepare/workers.h"
+
+#include <fcntl.h>
+#include <poll.h>
+#include <signal.h>
+#include <sys/prctl.h>
+#include <sys/wait.h>
+#include <unistd.h>
+#include <algorithm>
+#include <cerrno>
+#include <cstdio>
+#include <cstdlib>
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+#include <iostream>
+#include <map>
+#include <memory>
+#include <optional>
+#include <string>
+#include <system_error>
+#include <utility>
+
+#include "anigen/core/error.h"
+#include "anigen/core/log.h"
+#include "anigen/core/parallel.h"
+#include "anigen/core/process.h"
+#include "anigen/prepare/prepare_source.h"
+
+namespace anigen::prepare {
+
+namespace {
+
+/// Far above any message; a worker that sends more without a line break has lost its way.
+constexpr std::size_t kLongestLine = std::size_t{64} << 20;
+
+[[noreturn]] void refuse(const char* what) { throw Error(std::string("cannot ") + what + ": " + std::strerror(errno)); }
+
+struct Pipe {
+  int ends[2] = {-1, -1};
+  Pipe() {
+    if (::pipe2(ends, O_CLOEXEC) != 0) refuse("make a pipe");
+  }
+  ~Pipe() {
+    for (const int end : ends) {
+      if (end >= 0) ::close(end);
+    }
+  }
+  int take(int which) {
+    const int end = ends[which];
+    ends[which] = -1;
+    return end;
+  }
+};
+
+std::uint64_t resident_pages(const std::string& folder) {
+  std::ifstream file(folder + "/statm");
+  std::uint64_t total = 0, resident = 0;
+  return file >> total >> resident ? resident : 0;
+}
+
+}  // namespace
+
+WorkerProcess::WorkerProcess(const std::vector<std::string>& command) {
+  std::vector<char*> arguments;
+  for (const std::string& word : command) arguments.push_back(const_cast<char*>(word.c_str()));
+  arguments.push_back(nullptr);
+  // Writing to a worker that died must be an error code, not a signal that ends us.
+  ::signal(SIGPIPE, SIG_IGN);
+  Pipe to_worker, from_worker;
+  const pid_t parent = ::getpid();
+  id_ = ::fork();
+  if (id_ < 0) refuse("start a process");
+  if (id_ == 0) {
+    // Between fork and exec only calls that are safe after a fork of a program with threads.
+    ::prctl(PR_SET_PDEATHSIG, SIGKILL);
+    if (::getppid() != parent) ::_exit(127);
+    ::dup2(to_worker.ends[0], STDIN_FILENO);
+    ::dup2(from_worker.ends[1], STDOUT_FILENO);
+    // Ctrl-C reaches the whole group; what happens to workers is for the parent to decide.
+    ::signal(SIGINT, SIG_IGN);
+    ::signal(SIGTERM, SIG_DFL);
+    ::signal(SIGPIPE, SIG_DFL);
+    ::execv(arguments[0], arguments.data());
+    ::_exit(127);
+  }
+  input_ = to_worker.take(1);
+  output_ = from_worker.take(0);
+  ::fcntl(output_, F_SETFL, ::fcntl(output_, F_GETFL) | O_NONBLOCK);
+}
+
+WorkerProcess::~WorkerProcess() {
+  if (id_ > 0) {
+    kill();
+    wait();
+  }
+  if (input_ >= 0) ::close(input_);
+  if (output_ >= 0) ::close(output_);
+}
+
+bool WorkerProcess::send(const std::string& line) {
+  const std::string text = line + "\n";
+  std::size_t sent = 0;
+  while (sent < text.size()) {
+    const ssize_t n = ::write(input_, text.data() + sent, text.size() - sent);
+    if (n >= 0) {
+      sent += static_cast<std::size_t>(n);
+    } else if (errno != EINTR) {
+      return false;
+    }
+  }
+  return true;
+}
+
+std::vector<std::string> WorkerProcess::receive(bool& ended) {
+  char buffer[65536];
+  for (;;) {
+    const ssize_t n = ::read(output_, buffer, sizeof buffer);
+    if (n > 0) {
+      unread_.append(buffer, static_cast<std::size_t>(n));
+      if (unread_.size() > kLongestLine) kill();
+    } else if (n == 0) {
+      ended = true;
+      break;
+    } else if (errno != EINTR) {
+      ended = errno != EAGAIN && errno != EWOULDBLOCK;
+      break;
+    }
+  }
+  std::vector<std::string> lines;
+  std::size_t begin = 0;
+  for (std::size_t end; (end = unread_.find('\n', begin)) != std::string::npos; begin = end + 1) {
+    lines.push_back(unread_.substr(begin, end - begin));
+  }
+  unread_.erase(0, begin);
+  return lines;
+}
+
+std::uint64_t WorkerProcess::resident_bytes() const {
+  const std::string folder = "/proc/" + std::to_string(id_);
+  const std::uint64_t own = resident_pages(folder);
+  std::uint64_t pages = own;
+  std::error_code error;
+  for (std::filesystem::directory_iterator thread(folder + "/task", error), end; !error && thread != end;
+       thread.increment(error)) {
+    std::ifstream children(thread->path() / "children");
+    // A copy shares the worker's pages until one of them writes: those count once.
+    for (std::string child; children >> child;) pages += std::max(own, resident_pages("/proc/" + child)) - own;
+  }
+  return pages * static_cast<std::uint64_t>(::sysconf(_SC_PAGESIZE));
+}
+
+void WorkerProcess::kill() {
+  if (id_ > 0) ::kill(id_, SIGKILL);
+}
+
+std::string WorkerProcess::wait() {
+  int status = 0;
+  for (int round = 0;; ++round) {
+    // One that closed its output without ending gets a second and is then made to end.
+    const pid_t ended = ::waitpid(id_, &status, round < 100 ? WNOHANG : 0);
+    if (ended == id_) break;
+    if (ended < 0 && errno != EINTR) {
+      id_ = -1;
+      return "was lost";
+    }
+    ::usleep(10000);
+    if (round == 99) kill();
+  }
+  id_ = -1;
+  if (WIFSIGNALED(status)) {
+    const int signal = WTERMSIG(status);
+    return "was ended by signal " + std::to_string(signal) + " (" + ::strsignal(signal) + ")";
+  }
+  return "ended with status " + std::to_string(WEXITSTATUS(status));
+}
+
+namespace {
+
+/// How often memory and time are looked at. A worker that allocates 4 GB/s overshoots its budget by 100 MB.
+constexpr int kWatchMilliseconds = 25;
+constexpr std::size_t kMostStillborn = 3;
+
+std::string seconds_text(double seconds) {
+  char text[32];
+  std::snprintf(text, sizeof text, "%g", seconds);
+  return text;
+}
+
+}  // namespace
+
+void WorkerPool::start(Worker& worker) {
+  worker = Worker{};
+  worker.process = std::make_unique<WorkerProcess>(options_.command);
+  worker.process->send(options_.settings.dump());
+}
+
+void WorkerPool::give(Worker& worker, const PoolClient& client) {
+  std::optional<Json> task;
+  if (!again_.empty()) {
+    task = std::move(again_.front());
+    again_.pop_front();
+  } else if (!exhausted_) {
+    task = client.next();
+    exhausted_ = !task;
+  }
+  if (!task) return;
+  if (!worker.process) start(worker);
+  worker.task = std::move(task);
+  worker.at = nullptr;
+  worker.since = Clock::now();
+  worker.process->send(worker.task->dump());  // when it is gone, its end of file tells
+}
+
+void WorkerPool::check_limits(Worker& worker) {
+  if (!worker.process || !worker.task || worker.killed) return;
+  const double elapsed = std::chrono::duration<double>(Clock::now() - worker.since).count();
+  if (options_.timeout > 0 && !worker.ready && elapsed > options_.timeout) {
+    worker.process->kill();  // stuck while starting, which bury() counts
+  } else if (options_.timeout > 0 && worker.ready && elapsed > options_.timeout) {
+    worker.killed = WorkerDeath::Cause::kTimeout;
+  } else if (options_.memory_bytes > 0 && worker.process->resident_bytes() > options_.memory_bytes) {
+    worker.killed = WorkerDeath::Cause::kMemory;
+  }
+  if (worker.killed) worker.process->kill();
+}
+
+void WorkerPool::handle(Worker& worker, const Json& message, const PoolClient& client) {
+  const std::string event = message.at("event").get<std::string>();
+  if (event == "ready") {
+    worker.ready = true;
+    worker.since = Clock::now();
+    stillborn_ = 0;
+  } else if (event == "step") {
+    if (worker.at.is_null() || worker.at.at("asset") != message.at("asset")) worker.since = Clock::now();
+    worker.at = message;
+  } else if (event == "done") {
+    if (!worker.task) throw Error("a worker answered without a task");
+    const Json task = std::move(*worker.task);
+    worker.task.reset();
+    client.done(task, message.at("result"));
+  } else if (event == "fatal") {
+    const std::string text = message.at("message").get<std::string>();
+    if (message.at("bad_input").get<bool>()) throw InputError("", "", text);
+    throw Error(text);
+  } else {
+    throw Error("a worker sent an unknown event \"" + event + "\"");
+  }
+}
+
+void WorkerPool::bury(Worker& worker, const PoolClient& client) {
+  const std::string end = worker.process->wait();
+  const bool ready = worker.ready;
+  WorkerDeath death;
+  death.at = worker.at;
+  if (worker.killed == WorkerDeath::Cause::kTimeout) {
+    death = {*worker.killed, "took longer than " + seconds_text(options_.timeout) + " s (--timeout)", worker.at};
+  } else if (worker.killed == WorkerDeath::Cause::kMemory) {
+    death = {*worker.killed, "needed more than " + std::to_string(options_.memory_bytes >> 20) + " MB (--memory-mb)",
+             worker.at};
+  } else {
+    death.reason = "the worker " + end;
+  }
+  std::optional<Json> task = std::move(worker.task);
+  worker = Worker{};
+  if (!ready && !(task && death.cause != WorkerDeath::Cause::kCrash)) {
+    // It never got to the task: that says nothing about the asset, and trying for ever would hang.
+    if (++stillborn_ >= kMostStillborn) throw Error("workers cannot start: the last one " + end);
+    if (task) again_.push_front(std::move(*task));
+    return;
+  }
+  if (!task) return;
+  if (std::optional<Json> other = client.died(*task, death)) again_.push_front(std::move(*other));
+}
+
+void WorkerPool::run(const PoolClient& client) {
+  exhausted_ = false;
+  for (;;) {
+    if (interrupt_requested()) {
+      throw Interrupted("interrupted: what was finished is kept, the same command goes on from there");
+    }
+    std::vector<pollfd> watched;
+    std::vector<Worker*> owners;
+    for (Worker& worker : workers_) {
+      if (!worker.task) give(worker, client);
+      if (!worker.task) continue;
+      watched.push_back({worker.process->output(), POLLIN, 0});
+      owners.push_back(&worker);
+    }
+    if (owners.empty()) return;
+    ::poll(watched.data(), watched.size(), kWatchMilliseconds);
+    for (std::size_t i = 0; i < owners.size(); ++i) {
+      Worker& worker = *owners[i];
+      check_limits(worker);
+      if (watched[i].revents == 0) continue;
+      bool ended = false;
+      const std::vector<std::string> lines = worker.process->receive(ended);
+      for (const std::string& line : lines) {
+        if (worker.killed) break;  // judged already; a "done" that came late must not count twice
+        handle(worker, parse_json(line, "message of a worker"), client);
+      }
+      if (ended) bury(worker, client);
+    }
+  }
+}
+
+namespace {
+
+/// Writes messages to what was standard output, which now is standard error for everybody else.
+class Messages {
+ public:
+  Messages() : descriptor_(::dup(STDOUT_FILENO)) { ::dup2(STDERR_FILENO, STDOUT_FILENO); }
+  ~Messages() { ::close(descriptor_); }
+
+  void send(const Json& message) const {
+    const std::string text = message.dump(-1, ' ', false, Json::error_handler_t::replace) + "\n";
+    std::size_t sent = 0;
+    while (sent < text.size()) {
+      const ssize_t n = ::write(descriptor_, text.data() + sent, text.size() - sent);
+      if (n >= 0) {
+        sent += static_cast<std::size_t>(n);
+      } else if (errno != EINTR) {
+        std::_Exit(1);  // nobody listens any more
+      }
+    }
+  }
+
+ private:
+  int descriptor_;
+};
+
+void work(const FeatureExtractorFactory& factory, const Messages& messages) {
+  std::string line;
+  if (!std::getline(std::cin, line)) return;
+  const WorkerSettings settings = worker_settings_from_json(parse_json(line, "settings of a worker"));
+  log::setup(settings.log_level);
+  Progress::set_quiet(true);
+  set_thread_count(settings.threads);
+  const SourcePreparer preparer(settings.out, settings.plan, make_extractor(settings.plan, factory));
+  messages.send({{"event", "ready"}});
+  const auto observe = [&](const StepBegin& at) {
+    messages.send({{"event", "step"},
+                   {"asset", at.id},
+                   {"variant", at.variant},
+                   {"step", at.step},
+                   {"fingerprint", at.fingerprint}});
+  };
+  while (std::getline(std::cin, line)) {
+    const SourceTask task = source_task_from_json(parse_json(line, "task of a worker"));
+    messages.send({{"event", "done"}, {"result", to_json(preparer.prepare(task, observe))}});
+  }
+}
+
+}  // namespace
+
+Json to_json(const WorkerSettings& settings) {
+  return {{"out", settings.out.string()},
+          {"plan", to_json(settings.plan)},
+          {"threads", settings.threads},
+          {"log_level", settings.log_level}};
+}
+
+WorkerSettings worker_settings_from_json(const Json& json) {
+  WorkerSettings settings;
+  settings.out = json.at("out").get<std::string>();
+  settings.plan = step_plan_from_json(json.at("plan"));
+  json.at("threads").get_to(settings.threads);
+  json.at("log_level").get_to(settings.log_level);
+  return settings;
+}
+
+int run_worker(const FeatureExtractorFactory& factory) {
+  const Messages messages;
+  try {
+    work(factory, messages);
+    return 0;
+  } catch (const std::exception& error) {
+    const bool bad_input = dynamic_cast<const InputError*>(&error) != nullptr;
+    messages.send({{"event", "fatal"}, {"message", error.what()}, {"bad_input", bad_input}});
+    return bad_input ? 2 : 1;
+  }
+}
+
+namespace {
+
+class HereExecutor : public Executor {
+ public:
+  HereExecutor(const std::filesystem::path& out, const StepPlan& plan, const FeatureExtractorFactory& factory)
+      : extractor_(make_extractor(plan, factory)), preparer_(out, plan, extractor_) {}
+
+  void each(std::size_t n, const Task& task, const Take& take) override {
+    const auto one = [&](std::size_t i) {
+      if (interrupt_requested()) return;
+      const std::optional<SourceTask> wanted = task(i);
+      if (wanted) take(i, preparer_.prepare(*wanted, [](const StepBegin&) {}));
+    };
+    if (extractor_ == nullptr) {
+      parallel_for(n, one);
+    } else {
+      for (std::size_t i = 0; i < n; ++i) one(i);  // an extractor takes one request at a time
+    }
+    if (interrupt_requested()) {
+      throw Interrupted("interrupted: what was finished is kept, the same command goes on from there");
+    }
+  }
+
+ private:
+  std::shared_ptr<const FeatureExtractor> extractor_;
+  SourcePreparer preparer_;
+};
+
+/// What to do when a worker died over a task: a crash that no limit explains may have come from outside (somebody's
+/// kill, the kernel short of memory), so the step gets a second chance; after that, and for a limit at once, it counts
+/// as failed and the rest of the task goes on without it.
+class Undertaker {
+ public:
+  std::optional<Json> replace(const Json& old_task, const WorkerDeath& death) {
+    SourceTask task = source_task_from_json(old_task);
+    StepFailure failure;
+    if (!death.at.is_null()) {
+      death.at.at("asset").get_to(failure.id);
+      death.at.at("variant").get_to(failure.variant);
+      death.at.at("step").get_to(failure.step);
+      death.at.at("fingerprint").get_to(failure.fingerprint);
+    }
+    failure.reason = task.source.file_identifier + ": " + death.reason;
+    if (death.cause == WorkerDeath::Cause::kCrash && ++crashes_[{task.number, failure.id + failure.step}] < 2) {
+      return old_task;
+    }
+    if (failure.step.empty()) return std::nullopt;  // not even identified
+    task.known.push_back(std::move(failure));
+    return to_json(task);
+  }
+
+ private:
+  std::map<std::pair<std::size_t, std::string>, int> crashes_;
+};
+
+class WorkerExecutor : public Executor {
+ public:
+  WorkerExecutor(const std::filesystem::path& out, const StepPlan& plan, const RunOptions& options, std::size_t most)
+      : pool_(pool_options(out, plan, options, most)) {}
+
+  void each(std::size_t n, const Task& task, const Take& take) override {
+    std::size_t next = 0;
+    std::map<std::size_t, std::size_t> positions;  // of tasks that are out, by their number
+    const auto settle = [&](std::size_t number, SourceOutcome outcome) {
+      const auto found = positions.find(number);
+      if (found == positions.end()) throw Error("a worker answered for a task it was not given");
+      const std::size_t position = found->second;
+      positions.erase(found);
+      take(position, std::move(outcome));
+    };
+    PoolClient client;
+    client.next = [&]() -> std::optional<Json> {
+      while (next < n) {
+        const std::size_t position = next++;
+        const std::optional<SourceTask> one = task(position);
+        if (!one) continue;
+        positions[one->number] = position;
+        return to_json(*one);
+      }
+      return std::nullopt;
+    };
+    client.done = [&](const Json& json, const Json& result) {
+      settle(json.at("number").get<std::size_t>(), source_outcome_from_json(result));
+    };
+    client.died = [&](const Json& json, const WorkerDeath& death) {
+      std::optional<Json> again = undertaker_.replace(json, death);
+      if (again) return again;
+      const SourceTask lost = source_task_from_json(json);
+      const std::string reason = lost.source.file_identifier + ": " + death.reason;
+      SourceOutcome outcome;
+      outcome.number = lost.number;
+      outcome.assets.emplace_back();
+      outcome.assets[0].failures.push_back({lost.id, 0, kImport, "", reason, ""});
+      settle(lost.number, std::move(outcome));
+      return again;
+    };
+    pool_.run(client);
+  }
+
+ private:
+  static PoolOptions pool_options(const std::filesystem::path& out, const StepPlan& plan, const RunOptions& options,
+                                  std::size_t most) {
+    const auto threads = static_cast<std::size_t>(std::max(1, thread_count()));
+    PoolOptions pool;
+    pool.command = options.worker_command;
+    pool.workers = std::max<std::size_t>(1, std::min(options.workers > 0 ? options.workers : threads, most));
+    pool.timeout = options.timeout;
+    pool.memory_bytes = options.memory_bytes;
+    WorkerSettings settings{out, plan, 1, options.log_level};
+    settings.threads = static_cast<int>(std::max<std::size_t>(1, threads / pool.workers));
+    pool.settings = to_json(settings);
+    // Read by OpenMP when a worker loads it, before its first line of ours.
+    ::setenv("OMP_NUM_THREADS", std::to_string(settings.threads).c_str(), 1);
+    return pool;
+  }
+
+  WorkerPool pool_;
+  Undertaker undertaker_;
+};
+
+}  // namespace
+
+std::unique_ptr<Executor> make_executor(const std::filesystem::path& out, const StepPlan& plan,
+                                        const RunOptions& options, std::size_t most) {
+  if (options.worker_command.empty()) return std::make_unique<HereExecutor>(out, plan, options.features);
+  return std::make_unique<WorkerExecutor>(out, plan, options, most);
+}
+
+}  // namespace anigen::prepare

@@ -1,0 +1,124 @@
+#include "anigen/render/contact_sheet.h"
+
+#include <algorithm>
+#include <cmath>
+#include <opencv2/imgproc.hpp>
+
+#include "anigen/core/error.h"
+
+namespace anigen::render {
+
+namespace {
+
+constexpr int kFont = cv::FONT_HERSHEY_SIMPLEX;
+constexpr int kCapital = 21;  ///< height of this font's capitals at scale 1, pixels
+constexpr std::int64_t kLargestSide = 16384;
+
+void check(int value, int low, int high, const char* option) {
+  if (value >= low && value <= high) return;
+  throw InputError("", option, "must be between " + std::to_string(low) + " and " + std::to_string(high));
+}
+
+std::uint8_t byte(float value) {
+  return static_cast<std::uint8_t>(std::lround(255.0f * std::clamp(value, 0.0f, 1.0f)));
+}
+
+std::string ascii(const std::string& text) {
+  std::string result;
+  for (const char c : text) {
+    const auto value = static_cast<unsigned char>(c);
+    // One '?' per character of UTF-8: continuation bytes are dropped.
+    if (value >= 0x80 && value < 0xC0) continue;
+    result += value >= 0x20 && value < 0x7F ? c : '?';
+  }
+  return result;
+}
+
+/// Draws one line with its baseline at y, centred in [x, x + width].
+void put_text(cv::Mat& canvas, const std::string& line, int x, int width, int y, int height,
+              const Eigen::Vector3f& color) {
+  const std::string text = ascii(line);
+  double scale = static_cast<double>(height) / kCapital;
+  int baseline = 0;
+  const int natural = cv::getTextSize(text, kFont, scale, 1, &baseline).width;
+  if (natural > width && natural > 0) scale *= static_cast<double>(width) / natural;
+  const int thickness = scale > 0.9 ? 2 : 1;
+  const int actual = cv::getTextSize(text, kFont, scale, thickness, &baseline).width;
+  cv::putText(canvas, text, {x + std::max(0, (width - actual) / 2), y}, kFont, scale,
+              cv::Scalar(byte(color.x()), byte(color.y()), byte(color.z()), 255), thickness, cv::LINE_AA);
+}
+
+/// Straight-alpha picture over an opaque sheet.
+void put_image(io::Image& sheet, const io::Image& image, int left, int top) {
+  for (int y = 0; y < image.height; ++y) {
+    for (int x = 0; x < image.width; ++x) {
+      const std::uint8_t* from = image.pixel(x, y);
+      std::uint8_t* to = sheet.pixel(left + x, top + y);
+      for (int c = 0; c < 3; ++c) {
+        to[c] = static_cast<std::uint8_t>((from[c] * from[3] + to[c] * (255 - from[3]) + 127) / 255);
+      }
+    }
+  }
+}
+
+}  // namespace
+
+io::Image contact_sheet(const std::vector<Tile>& tiles, const SheetOptions& options) {
+  if (tiles.empty()) throw InputError("", "tiles", "a contact sheet needs at least one picture");
+  check(options.columns, 0, 10'000, "columns");
+  check(options.gap, 0, 1000, "gap");
+  check(options.text_height, 4, 200, "text_height");
+  int cell_width = 1, cell_height = 1;
+  bool captions = false;
+  for (const Tile& tile : tiles) {
+    if (tile.image.rgba.size() !=
+        std::size_t{4} * static_cast<std::size_t>(tile.image.width) * static_cast<std::size_t>(tile.image.height)) {
+      throw InputError("", "tiles", "a picture's bytes do not fit its size");
+    }
+    cell_width = std::max(cell_width, tile.image.width);
+    cell_height = std::max(cell_height, tile.image.height);
+    captions = captions || !tile.caption.empty();
+  }
+  const int count = static_cast<int>(tiles.size());
+  const int wanted = options.columns > 0 ? options.columns : static_cast<int>(std::ceil(std::sqrt(count)));
+  const int columns = std::min(wanted, count), rows = (count + columns - 1) / columns;
+  const int caption_height = captions ? 2 * options.text_height : 0;
+  const int title_height = options.title.empty() ? 0 : 3 * options.text_height;
+  const std::int64_t width = std::int64_t{columns} * (cell_width + options.gap) + options.gap;
+  const std::int64_t height =
+      title_height + std::int64_t{rows} * (cell_height + caption_height + options.gap) + options.gap;
+  if (width > kLargestSide || height > kLargestSide) {
+    throw InputError("", "tiles",
+                     "the sheet would be " + std::to_string(width) + " x " + std::to_string(height) +
+                         " pixels, more than 16384 on a side: use fewer or smaller pictures");
+  }
+
+  io::Image sheet(static_cast<int>(width), static_cast<int>(height));
+  cv::Mat canvas(sheet.height, sheet.width, CV_8UC4, sheet.rgba.data());
+  canvas.setTo(
+      cv::Scalar(byte(options.background.x()), byte(options.background.y()), byte(options.background.z()), 255));
+  if (title_height > 0) {
+    const int baseline = options.gap + 2 * options.text_height;
+    put_text(canvas, options.title, options.gap, sheet.width - 2 * options.gap, baseline, 3 * options.text_height / 2,
+             options.text);
+  }
+  for (int i = 0; i < count; ++i) {
+    const Tile& tile = tiles[static_cast<std::size_t>(i)];
+    const int left = options.gap + i % columns * (cell_width + options.gap);
+    const int top = title_height + options.gap + i / columns * (cell_height + caption_height + options.gap);
+    put_image(sheet, tile.image, left + (cell_width - tile.image.width) / 2,
+              top + (cell_height - tile.image.height) / 2);
+    if (!tile.caption.empty()) {
+      put_text(canvas, tile.caption, left, cell_width, top + cell_height + 3 * options.text_height / 2,
+               options.text_height, options.text);
+    }
+  }
+  return sheet;
+}
+
+io::Image side_by_side(const Tile& left, const Tile& right, SheetOptions options) {
+  options.columns = 2;
+  return contact_sheet({left, right}, options);
+}
+
+}  // namespace anigen::render

@@ -1,0 +1,320 @@
+#include "anigen/rigging/bone_heat.h"
+
+#include <Eigen/Geometry>
+#include <Eigen/SparseCholesky>
+#include <Eigen/SparseCore>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "anigen/core/error.h"
+#include "anigen/core/numeric.h"
+#include "anigen/core/parallel.h"
+#include "anigen/geometry/bones.h"
+#include "anigen/geometry/embree.h"
+#include "anigen/rigging/binding.h"
+
+namespace anigen::rigging {
+
+namespace {
+
+constexpr double kLargestCotangent = 1e3;
+
+/// Of the angles at the three corners.
+std::array<double, 3> cotangents(const std::array<Eigen::Vector3d, 3>& corners, double twice_area) {
+  std::array<double, 3> result{};
+  bool is_sliver = !(twice_area > 0.0);
+  for (std::size_t k = 0; k < 3; ++k) {
+    const Eigen::Vector3d &p = corners[k], &q = corners[(k + 1) % 3], &r = corners[(k + 2) % 3];
+    const double dot = (q - p).dot(r - p);
+    result[k] = dot / twice_area;
+    if (!(twice_area > 0.0)) result[k] = dot > 0.0 ? kLargestCotangent : 0.0;
+    is_sliver = is_sliver || !(std::abs(result[k]) <= kLargestCotangent);
+  }
+  if (is_sliver) {
+    for (double& cotangent : result) cotangent = std::clamp(cotangent, 0.0, kLargestCotangent);
+  }
+  return result;
+}
+
+}  // namespace
+
+CotangentLaplacian cotangent_laplacian(const WeldedSurface& surface) {
+  CotangentLaplacian laplacian;
+  laplacian.areas.assign(surface.places.size(), 0.0);
+  laplacian.edges.reserve(3 * surface.faces.size());
+  for (const Triangle& face : surface.faces) {
+    const std::array<Eigen::Vector3d, 3> corners = {surface.places[at(face[0])], surface.places[at(face[1])],
+                                                    surface.places[at(face[2])]};
+    const double twice_area = (corners[1] - corners[0]).cross(corners[2] - corners[0]).norm();
+    const std::array<double, 3> opposite = cotangents(corners, twice_area);
+    for (std::size_t k = 0; k < 3; ++k) {
+      const auto [low, high] = std::minmax(face[(k + 1) % 3], face[(k + 2) % 3]);
+      laplacian.edges.push_back({low, high, 0.5 * opposite[k]});
+      laplacian.areas[at(face[k])] += twice_area / 6.0;
+    }
+  }
+  // Stable, so that sums are taken in the order of faces.
+  std::vector<CotangentLaplacian::Edge>& edges = laplacian.edges;
+  std::stable_sort(edges.begin(), edges.end(),
+                   [](const auto& e, const auto& f) { return e.a != f.a ? e.a < f.a : e.b < f.b; });
+  std::size_t kept = 0;
+  for (std::size_t e = 0; e < edges.size(); ++e) {
+    if (kept > 0 && edges[kept - 1].a == edges[e].a && edges[kept - 1].b == edges[e].b) {
+      edges[kept - 1].conductance += edges[e].conductance;
+    } else {
+      edges[kept++] = edges[e];
+    }
+  }
+  edges.resize(kept);
+  return laplacian;
+}
+
+namespace {
+
+constexpr double kEquallyNear = 1.0001;
+constexpr double kSkinDepth = 0.002;   ///< how deep below the surface things still count as on it
+constexpr double kLeastCosine = 0.5;   ///< between the way from the bone and the normal
+constexpr double kLeastFacing = 0.05;  ///< a bone behind the surface is at most so many times farther: 1 / 0.05
+constexpr double kFarthestSeen = 1e3;  ///< rays are in single precision
+
+std::vector<Eigen::Vector3f> rounded(const WeldedSurface& surface) {
+  std::vector<Eigen::Vector3f> vertices;
+  vertices.reserve(surface.places.size());
+  // Places without faces may lie anywhere, and are not part of the surface.
+  for (const Eigen::Vector3d& place : surface.places) {
+    vertices.push_back(place.cwiseMax(-1.0).cwiseMin(1.0).cast<float>());
+  }
+  return vertices;
+}
+
+/// Surface in at least five of the six directions along the axes: inside, also near a hole.
+bool is_enclosed(const Eigen::Vector3d& point, const geometry::RayCaster& caster) {
+  int hits = 0;
+  for (int axis = 0; axis < 3; ++axis) {
+    for (const double sign : {-1.0, 1.0})
+      hits += caster.first_hit(point, sign * Eigen::Vector3d::Unit(axis)).has_value();
+  }
+  return hits >= 5;
+}
+
+/// Ends a made-up line where it comes out of the body, of whose parts it may cross several: a little before, so that
+/// nobody sees it from outside.
+void end_inside(BoneLine& line, const geometry::RayCaster& caster) {
+  const Eigen::Vector3d along = line.end - line.start;
+  const double length = along.norm();
+  if (!(length > 0.0) || line.start.cwiseAbs().maxCoeff() > kFarthestSeen) return;
+  constexpr double kStep = 2.0 * kSkinDepth;
+  for (double reached = 0.0; reached < length;) {
+    const std::optional<double> hit = caster.first_hit(line.start, along, reached);
+    if (!hit || *hit >= length) return;
+    if (!is_enclosed(line.start + along * ((*hit + kStep) / length), caster)) {
+      line.end = line.start + along * (std::max(0.0, *hit - kStep) / length);
+      return;
+    }
+    reached = *hit + kStep;
+  }
+}
+
+/// The point of a joint's lines nearest to another.
+Eigen::Vector3d nearest_point(const MovingBones& joint, const Eigen::Vector3d& place) {
+  Eigen::Vector3d nearest = joint.lines.front().start;
+  double least = std::numeric_limits<double>::infinity();
+  for (const BoneLine& line : joint.lines) {
+    const double t = geometry::nearest_on_segment(place, line.start, line.end);
+    const Eigen::Vector3d point = line.start + t * (line.end - line.start);
+    if ((point - place).norm() < least) {
+      least = (point - place).norm();
+      nearest = point;
+    }
+  }
+  return nearest;
+}
+
+struct Visibility {
+  const geometry::RayCaster* caster;
+  const std::vector<Eigen::Vector3d>* normals;
+  const SurfaceParts* parts;
+
+  /// Between a place's normal and the way to it from elsewhere; on sheets whichever side is nearer to it.
+  double cosine(std::size_t place, const Eigen::Vector3d& way) const {
+    const double length = way.norm();
+    if (!(length > 0.0)) return 1.0;
+    const double cosine = (*normals)[place].dot(way) / length;
+    return parts->encloses_space(at(parts->of_place[place])) ? cosine : std::abs(cosine);
+  }
+
+  /// Distance from a bone as the surface faces.
+  double measure(std::size_t place, const Eigen::Vector3d& way) const {
+    return way.norm() / std::max(kLeastFacing, 0.5 * (1.0 + cosine(place, way)));
+  }
+
+  bool sees(std::size_t place, const Eigen::Vector3d& position, const Eigen::Vector3d& bone) const {
+    const Eigen::Vector3d outward = position - bone;
+    const double distance = outward.norm();
+    if (distance <= kSkinDepth) return true;
+    if (distance > kFarthestSeen) return false;
+    if (!(cosine(place, outward) > kLeastCosine)) return false;
+    const std::optional<double> hit = caster->first_hit(position, -outward, std::min(kSkinDepth, 0.5 * distance));
+    return !hit || *hit >= distance - kSkinDepth;
+  }
+};
+
+}  // namespace
+
+std::vector<HeatSource> heat_sources(const WeldedSurface& surface, const SurfaceParts& parts,
+                                     std::vector<MovingBones> bones) {
+  const geometry::RayCaster caster(rounded(surface), surface.faces);
+  for (MovingBones& joint : bones) {
+    if (joint.is_tip) end_inside(joint.lines.front(), caster);
+  }
+  const std::vector<Eigen::Vector3d> normals = outward_normals(surface, parts);
+  const Visibility visibility{&caster, &normals, &parts};
+  std::vector<HeatSource> sources(surface.places.size());
+  parallel_for(sources.size(), [&](std::size_t p) {
+    const Eigen::Vector3d& place = surface.places[p];
+    std::vector<Eigen::Vector3d> points;
+    std::vector<double> measures;
+    points.reserve(bones.size());
+    measures.reserve(bones.size());
+    for (const MovingBones& joint : bones) {
+      points.push_back(nearest_point(joint, place));
+      measures.push_back(visibility.measure(p, place - points.back()));
+    }
+    HeatSource& source = sources[p];
+    const auto least = std::min_element(measures.begin(), measures.end());
+    source.distance = (place - points[static_cast<std::size_t>(least - measures.begin())]).norm();
+    for (std::size_t j = 0; j < bones.size(); ++j) {
+      if (measures[j] > kEquallyNear * *least) continue;
+      source.joints.push_back(static_cast<std::int32_t>(j));
+      source.visible.push_back(visibility.sees(p, place, points[j]));
+    }
+  });
+  return sources;
+}
+
+namespace {
+
+constexpr double kNearestSource = 1e-4;  ///< H is not infinite on a bone
+/// Places need an area for heat to enter; of those without faces it does not matter how much.
+constexpr double kLeastArea = 1e-12;
+/// Heat that a place takes from a nearest bone that it does not see, as a part of what it would take: next to nothing
+/// where heat comes from nearby, and what decides far away from any place that sees a bone.
+constexpr double kFaintHeat = 0.01;
+constexpr double kLeastSeen = 0.1;  ///< of a part's area, or all of it is warmed as if it saw
+constexpr double kLeastWeight = 1e-8;
+
+using HeatMatrix = Eigen::SparseMatrix<double>;
+using HeatSolver = Eigen::SimplicialLDLT<HeatMatrix, Eigen::Lower, Eigen::AMDOrdering<int>>;
+
+/// Where a joint's heat comes in.
+struct Inflow {
+  std::int32_t place;
+  double heat;
+};
+
+struct HeatProblem {
+  HeatMatrix matrix;                         ///< [P, P], lower half
+  std::vector<std::vector<Inflow>> inflows;  ///< [J]
+};
+
+/// Parts of which enough sees a bone.
+std::vector<char> seeing_parts(const SurfaceParts& parts, const std::vector<HeatSource>& sources,
+                               const std::vector<double>& areas) {
+  std::vector<double> all(parts.size(), 0.0), seeing(parts.size(), 0.0);
+  for (std::size_t p = 0; p < sources.size(); ++p) {
+    const std::size_t part = at(parts.of_place[p]);
+    const std::vector<bool>& visible = sources[p].visible;
+    all[part] += areas[p];
+    if (std::find(visible.begin(), visible.end(), true) != visible.end()) seeing[part] += areas[p];
+  }
+  std::vector<char> result(parts.size());
+  for (std::size_t i = 0; i < parts.size(); ++i) result[i] = seeing[i] > kLeastSeen * all[i];
+  return result;
+}
+
+HeatProblem heat_problem(const WeldedSurface& surface, const std::vector<MovingBones>& bones, double heat) {
+  const SurfaceParts parts = surface_parts(surface);
+  const std::vector<HeatSource> sources = heat_sources(surface, parts, bones);
+  const CotangentLaplacian laplacian = cotangent_laplacian(surface);
+  const std::vector<char> sees = seeing_parts(parts, sources, laplacian.areas);
+  HeatProblem problem;
+  problem.inflows.resize(bones.size());
+  std::vector<double> diagonal(sources.size(), 0.0);
+  for (std::size_t p = 0; p < sources.size(); ++p) {
+    const double d = std::max(sources[p].distance, kNearestSource);
+    const double full = std::max(laplacian.areas[p], kLeastArea) * heat / (d * d);
+    for (std::size_t i = 0; i < sources[p].joints.size(); ++i) {
+      const bool counts = sources[p].visible[i] || sees[at(parts.of_place[p])] == 0;
+      const double inflow = counts ? full : kFaintHeat * full;
+      problem.inflows[at(sources[p].joints[i])].push_back({static_cast<std::int32_t>(p), inflow});
+      diagonal[p] += inflow;
+    }
+  }
+  std::vector<Eigen::Triplet<double>> entries;
+  entries.reserve(laplacian.edges.size() + diagonal.size());
+  for (const CotangentLaplacian::Edge& edge : laplacian.edges) {
+    entries.emplace_back(edge.b, edge.a, -edge.conductance);
+    diagonal[at(edge.a)] += edge.conductance;
+    diagonal[at(edge.b)] += edge.conductance;
+  }
+  for (std::size_t p = 0; p < diagonal.size(); ++p) {
+    entries.emplace_back(static_cast<int>(p), static_cast<int>(p), diagonal[p]);
+  }
+  const auto places = static_cast<Eigen::Index>(sources.size());
+  problem.matrix.resize(places, places);
+  problem.matrix.setFromTriplets(entries.begin(), entries.end());
+  return problem;
+}
+
+/// Weights of every joint, joints a batch at a time: memory is what a batch takes.
+void offer_heat(const HeatProblem& problem, StrongestInfluences& influences) {
+  const HeatSolver solver(problem.matrix);
+  if (solver.info() != Eigen::Success) throw Error("the heat equation of this mesh cannot be factorised");
+  const std::size_t joints = problem.inflows.size(), batch = at(thread_count());
+  std::vector<Eigen::VectorXd> weights(batch);
+  for (std::size_t first = 0; first < joints; first += batch) {
+    const std::size_t count = std::min(batch, joints - first);
+    parallel_for(count, [&](std::size_t b) {
+      weights[b].setZero(problem.matrix.rows());
+      for (const Inflow& inflow : problem.inflows[first + b]) weights[b][inflow.place] = inflow.heat;
+      if (!problem.inflows[first + b].empty()) weights[b] = solver.solve(weights[b]);
+    });
+    for (Eigen::Index p = 0; p < problem.matrix.rows(); ++p) {
+      for (std::size_t b = 0; b < count; ++b) {
+        const double weight = std::min(weights[b][p], 1.0);
+        if (weight >= kLeastWeight)
+          influences.offer(static_cast<std::size_t>(p), first + b, static_cast<float>(weight));
+      }
+    }
+  }
+}
+
+std::size_t nearest_joint(const std::vector<MovingBones>& bones, const Eigen::Vector3d& place) {
+  std::vector<double> distances;
+  for (const MovingBones& joint : bones) distances.push_back(distance_to(joint, place));
+  return static_cast<std::size_t>(std::min_element(distances.begin(), distances.end()) - distances.begin());
+}
+
+}  // namespace
+
+SkinWeights bind_by_heat(const Mesh& mesh, const Skeleton& skeleton, const BoneHeatOptions& options) {
+  if (!(options.heat > 0.0 && std::isfinite(options.heat))) {
+    throw InputError("", "heat", "must be a finite number above 0, not " + std::to_string(options.heat));
+  }
+  const WeldedSurface surface = weld_surface(mesh);
+  std::vector<MovingBones> bones = moving_bones(skeleton, surface);
+  join_lines(bones);
+  StrongestInfluences influences(surface.places.size(), bones.size(), options.most_influences);
+  if (surface.has_extent) offer_heat(heat_problem(surface, bones, options.heat), influences);
+  for (std::size_t p = 0; p < surface.places.size(); ++p) {
+    if (influences.empty(p)) influences.offer(p, nearest_joint(bones, surface.places[p]), 1.0F);
+  }
+  return rows_of_vertices(influences.rows(), surface);
+}
+
+}  // namespace anigen::rigging

@@ -1,0 +1,408 @@
+#include "anigen/rigging/rig_meshes.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <cstdio>
+#include <limits>
+#include <utility>
+
+#include "anigen/asset/skeleton.h"
+#include "anigen/core/error.h"
+#include "anigen/core/files.h"
+#include "anigen/core/log.h"
+#include "anigen/core/parallel.h"
+#include "anigen/core/process.h"
+#include "anigen/core/version.h"
+#include "anigen/geometry/primitives.h"
+#include "anigen/io/gltf/gltf.h"
+#include "anigen/io/rigs/rig_listing.h"
+#include "anigen/io/rigs/rigged_shape.h"
+
+namespace anigen::rigging {
+
+namespace {
+
+using Points = std::vector<Eigen::Vector3d>;
+
+double mean_nearest_distance(const Points& from, const Points& to) {
+  double sum = 0.0;
+  for (const Eigen::Vector3d& point : from) {
+    double nearest = std::numeric_limits<double>::infinity();
+    for (const Eigen::Vector3d& other : to) nearest = std::min(nearest, (point - other).squaredNorm());
+    sum += std::sqrt(nearest);
+  }
+  return sum / static_cast<double>(from.size());
+}
+
+double joint_distance(const Points& a, const Points& b) {
+  return 0.5 * (mean_nearest_distance(a, b) + mean_nearest_distance(b, a));
+}
+
+}  // namespace
+
+BoxedSkeleton boxed_skeleton(const std::string& id, const Points& joints, const std::vector<int>& parents,
+                             const Box& box) {
+  if (box.empty() || !box.low.allFinite() || !box.high.allFinite()) {
+    throw InputError(id, "", "a skeleton is measured by its mesh, and there is none");
+  }
+  if (joints.empty()) throw InputError(id, "", "there is no joint");
+  BoxedSkeleton boxed{id, {}, parents};
+  const Eigen::Vector3d extent = box.high - box.low;
+  for (std::size_t j = 0; j < joints.size(); ++j) {
+    if (!joints[j].allFinite()) throw InputError(id, "joint " + std::to_string(j), "is not finite");
+    Eigen::Vector3d place = Eigen::Vector3d::Constant(0.5);
+    for (int axis = 0; axis < 3; ++axis) {
+      if (extent[axis] > 0.0) place[axis] = (joints[j][axis] - box.low[axis]) / extent[axis];
+    }
+    boxed.joints.push_back(place);
+  }
+  return boxed;
+}
+
+Points placed_joints(const BoxedSkeleton& skeleton, const Box& box) {
+  Points joints;
+  for (const Eigen::Vector3d& place : skeleton.joints) {
+    joints.push_back(box.low + place.cwiseProduct(box.high - box.low));
+  }
+  return joints;
+}
+
+std::size_t medoid(const std::vector<BoxedSkeleton>& skeletons) {
+  if (skeletons.empty()) throw InputError("", "", "the middle of no skeletons");
+  // Every distance twice: N² of them would not fit for the data sets that people have.
+  std::vector<double> sums(skeletons.size(), 0.0);
+  Progress progress("comparing skeletons", skeletons.size(), "skeletons");
+  parallel_for(skeletons.size(), [&](std::size_t i) {
+    for (const BoxedSkeleton& other : skeletons) sums[i] += joint_distance(skeletons[i].joints, other.joints);
+    progress.advance();
+  });
+  progress.finish();
+  return static_cast<std::size_t>(std::min_element(sums.begin(), sums.end()) - sums.begin());
+}
+
+namespace {
+
+const std::vector<std::pair<std::string, RiggingMethod>>& known_methods() {
+  static const std::vector<std::pair<std::string, RiggingMethod>> methods{
+      {"nearest", {JointSource::kGiven, SkinBinding::kNearest}},
+      {"geovoxel", {JointSource::kGiven, SkinBinding::kGeodesicVoxels}},
+      {"heat", {JointSource::kGiven, SkinBinding::kHeat}},
+      {"template", {JointSource::kTemplate, SkinBinding::kNearest}},
+      {"curve", {JointSource::kCurve, SkinBinding::kGeodesicVoxels}},
+      {"pinocchio", {JointSource::kPinocchio, SkinBinding::kHeat}},
+  };
+  return methods;
+}
+
+}  // namespace
+
+RiggingMethod parse_rigging_method(const std::string& method, const std::string& skin) {
+  std::string words;
+  for (const auto& [word, known] : known_methods()) {
+    words += (words.empty() ? "" : ", ") + word;
+    if (word != method) continue;
+    RiggingMethod result = known;
+    if (skin == "none") {
+      result.binding.reset();
+    } else if (!skin.empty()) {
+      result.binding = parse_skin_binding(skin);
+    }
+    return result;
+  }
+  throw InputError("", "--method", "\"" + method + "\" is none of " + words);
+}
+
+std::vector<std::string> rigging_method_words() {
+  std::vector<std::string> words;
+  for (const auto& [word, unused] : known_methods()) words.push_back(word);
+  return words;
+}
+
+namespace {
+
+namespace fs = std::filesystem;
+
+Box box_around(const io::RiggedShape& shape) { return bounding_box(shape.mesh.vertices); }
+
+/// @return one that belongs to an asset: parents first, one root
+Skeleton skeleton_in(const io::RiggedShape& shape) {
+  if (!shape.has_joints()) throw InputError(shape.file, "", "holds no skeleton");
+  return io::to_asset(shape).skeleton;
+}
+
+io::RiggedShape only_shape_of(const fs::path& file) {
+  const auto source = io::open_source(file);
+  const std::vector<std::string> ids = source->ids();
+  if (ids.size() != 1) throw InputError(file.string(), "", "holds " + std::to_string(ids.size()) + " rigs, not one");
+  return source->read(ids.front());
+}
+
+std::vector<TemplateSkeleton> templates_of(const JointOptions& options) {
+  std::vector<TemplateSkeleton> templates;
+  if (!options.skeleton.empty()) {
+    const io::RiggedShape shape = only_shape_of(options.skeleton);
+    templates.push_back(template_from_skeleton(skeleton_in(shape), box_around(shape)));
+    templates.back().name = options.skeleton.stem().string();
+    return templates;
+  }
+  for (const std::string& word : options.templates.empty() ? template_words() : options.templates) {
+    if (word == "biped") {
+      templates.push_back(biped_template());
+    } else if (word == "quadruped") {
+      templates.push_back(quadruped_template());
+    } else {
+      throw InputError("", "--template", "\"" + word + "\" is neither biped nor quadruped");
+    }
+  }
+  return templates;
+}
+
+ProposedJoints embedded(const Mesh& mesh, const std::vector<TemplateSkeleton>& templates,
+                        const EmbeddingOptions& options) {
+  TemplateChoice choice = choose_template(mesh, templates, options);
+  char note[160];
+  std::snprintf(note, sizeof note, "%.40s, penalty %.3f%s%s", templates[choice.index].name.c_str(),
+                choice.embedded.penalty, choice.embedded.penalty >= 1.0 ? " (fits badly)" : "",
+                choice.embedded.best ? "" : ", perhaps not the best embedding");
+  return {std::move(choice.embedded.skeleton), note};
+}
+
+}  // namespace
+
+std::vector<std::string> template_words() { return {"biped", "quadruped"}; }
+
+JointProposer::JointProposer(JointSource source, JointOptions options) : source_(source), options_(std::move(options)) {
+  switch (source_) {
+    case JointSource::kGiven:
+      if (!options_.skeleton.empty()) given_ = skeleton_in(only_shape_of(options_.skeleton));
+      break;
+    case JointSource::kTemplate: {
+      const std::vector<BoxedSkeleton> skeletons = skeletons_of(options_.collection, options_.splits);
+      boxed_ = skeletons[medoid(skeletons)];
+      break;
+    }
+    case JointSource::kCurve:
+      break;
+    case JointSource::kPinocchio:
+      templates_ = templates_of(options_);
+      break;
+  }
+}
+
+ProposedJoints JointProposer::propose(const io::RiggedShape& shape) const {
+  if (!shape.has_surface()) throw InputError(shape.file, "", "holds no surface to rig");
+  switch (source_) {
+    case JointSource::kGiven:
+      if (!options_.skeleton.empty()) return {given_, ""};
+      if (!shape.has_joints())
+        throw InputError(shape.file, "", "holds no skeleton to bind to; name one, or a method that finds joints");
+      return {skeleton_in(shape), ""};
+    case JointSource::kTemplate: {
+      io::RiggedShape placed;
+      placed.joints.positions = placed_joints(boxed_, box_around(shape));
+      placed.joints.parents = boxed_.parents;
+      Skeleton skeleton = skeleton_in(placed);
+      skeleton.names = joint_names(skeleton.positions(), skeleton.parents);
+      return {std::move(skeleton), ""};
+    }
+    case JointSource::kCurve:
+      return {propose_curve_skeleton(shape.mesh, options_.curve), ""};
+    case JointSource::kPinocchio:
+      break;
+  }
+  return embedded(shape.mesh, templates_, options_.embedding);
+}
+
+std::vector<BoxedSkeleton> skeletons_of(const fs::path& collection, const std::vector<fs::path>& splits) {
+  const auto source = io::open_source(collection);
+  std::vector<BoxedSkeleton> skeletons;
+  std::size_t left_out = 0;
+  const std::vector<std::string> ids = io::select_ids(*source, splits);
+  Progress progress("reading skeletons", ids.size(), "assets");
+  for (const std::string& id : ids) {
+    throw_if_interrupted();
+    progress.advance();
+    if (!source->is_usable(id)) continue;
+    try {
+      const io::RiggedShape shape = source->read(id);
+      skeletons.push_back(boxed_skeleton(id, shape.joints.positions, shape.joints.parents, box_around(shape)));
+    } catch (...) {
+      ++left_out;
+      log::debug("{}: {}", id, failure_of_item());
+    }
+  }
+  progress.finish();
+  if (skeletons.empty()) throw InputError(collection.string(), "", "holds no skeleton with a mesh that could be used");
+  if (left_out > 0) log::info("{} assets of {} have no usable skeleton", left_out, collection.string());
+  return skeletons;
+}
+
+namespace {
+
+namespace fs = std::filesystem;
+
+double seconds_since(std::chrono::steady_clock::time_point start) {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+}
+
+/// Ids may hold folders, and come from files that somebody else wrote.
+bool names_file_below(const std::string& id) {
+  const fs::path below = id;
+  bool leaves = below.empty() || below.is_absolute();
+  for (const fs::path& part : below) leaves = leaves || part == ".." || part.empty();
+  return !leaves;
+}
+
+/// @throws InputError for an id that leaves `out`
+fs::path file_of(const RigRequest& request, const io::ShapeSource& source, const std::string& id) {
+  if (source.is_single_file()) return request.out;
+  if (!names_file_below(id))
+    throw InputError(source.describe(), "", "the id \"" + id + "\" names no file below a folder");
+  return request.out / (id + ".glb");
+}
+
+/// Everything that is read for these meshes.
+std::vector<fs::path> inputs_of(const RigRequest& request, const io::ShapeSource& source,
+                                const std::vector<std::string>& ids) {
+  std::vector<fs::path> inputs = request.also_read;
+  const auto add = [&inputs](const std::vector<fs::path>& files) {
+    inputs.insert(inputs.end(), files.begin(), files.end());
+  };
+  const auto add_shapes = [&](const io::ShapeSource& shapes, const std::vector<std::string>& read) {
+    for (const std::string& id : read) add(shapes.files(id));
+  };
+  add(request.splits);
+  add(request.joints.splits);
+  add_shapes(source, ids);
+  for (const fs::path& other : {request.joints.skeleton, request.joints.collection}) {
+    if (other.empty()) continue;
+    const auto shapes = io::open_source(other);
+    add_shapes(*shapes, shapes->ids());
+  }
+  return inputs;
+}
+
+void refuse_lossy_outputs(const RigRequest& request, const io::ShapeSource& source,
+                          const std::vector<std::string>& ids) {
+  std::vector<fs::path> outputs;
+  for (const std::string& id : ids) {
+    if (!source.is_single_file() && !names_file_below(id)) continue;
+    outputs.push_back(file_of(request, source, id));
+    if (!request.also_writes.empty())
+      outputs.push_back(fs::path(outputs.back()).replace_extension(request.also_writes));
+  }
+  refuse_to_overwrite(outputs, [&] { return inputs_of(request, source, ids); });
+}
+
+/// The shape with these joints and no weights yet.
+Asset unbound_asset(const io::RiggedShape& shape, const Skeleton& joints) {
+  if (!shape.has_surface()) throw InputError(shape.file, "", "holds no surface to rig");
+  Asset asset;
+  asset.name = shape.id;
+  asset.mesh = shape.mesh;
+  asset.materials = shape.materials;
+  asset.images = shape.images;
+  asset.skeleton = joints;
+  return asset;
+}
+
+Asset rigged(const io::RiggedShape& shape, const JointProposer& proposer, const RigRequest& request,
+             RigReport& report) {
+  const auto started = std::chrono::steady_clock::now();
+  const LearnedSteps& learned = request.learned;
+  ProposedJoints proposed = learned.propose ? learned.propose(shape, proposer) : proposer.propose(shape);
+  report.note = std::move(proposed.note);
+  report.joint_seconds = seconds_since(started);
+  if (!request.method.binding) {
+    Asset solid = geometry::skeleton_asset(proposed.skeleton);
+    solid.name = shape.id;
+    return solid;
+  }
+  const auto found = std::chrono::steady_clock::now();
+  Asset asset = unbound_asset(shape, proposed.skeleton);
+  asset.skin = learned.bind ? learned.bind(shape, asset.skeleton)
+                            : bind(*request.method.binding, asset.mesh, asset.skeleton, request.binding);
+  report.binding_seconds = seconds_since(found);
+  return asset;
+}
+
+}  // namespace
+
+Asset bound_asset(const io::RiggedShape& shape, const Skeleton& joints, SkinBinding binding,
+                  const BindingOptions& options) {
+  Asset asset = unbound_asset(shape, joints);
+  asset.skin = bind(binding, asset.mesh, asset.skeleton, options);
+  return asset;
+}
+
+RigReports rig_meshes(const RigRequest& request) {
+  const auto source = io::open_meshes(request.meshes, {request.axes, false});
+  const std::vector<std::string> ids = io::select_ids(*source, request.splits);
+  refuse_lossy_outputs(request, *source, ids);
+  const JointProposer proposer(request.method.joints, request.joints);
+  RigReports reports;
+  reports.skeleton = proposer.template_id();
+  Progress progress("rigging", ids.size(), "meshes");
+  for (const std::string& id : ids) {
+    throw_if_interrupted();
+    const auto started = std::chrono::steady_clock::now();
+    RigReport report;
+    report.id = id;
+    try {
+      report.file = file_of(request, *source, id);
+      const Asset asset = rigged(source->read(id), proposer, request, report);
+      io::write_gltf(report.file, asset);
+      report.joints = asset.skeleton.size();
+      report.vertices = asset.mesh.vertices.size();
+      if (request.also) request.also(asset, report.file);
+    } catch (...) {
+      report.failure = failure_of_item();
+      log::warn("{}: {}", id, report.failure);
+    }
+    report.seconds = seconds_since(started);
+    reports.meshes.push_back(std::move(report));
+    progress.advance();
+  }
+  progress.finish();
+  return reports;
+}
+
+Json to_json(const RigReports& reports) {
+  Json list = Json::array();
+  for (const RigReport& report : reports.meshes) {
+    Json one = {{"id", report.id}, {"file", report.file.string()}, {"seconds", report.seconds}};
+    if (report.failure.empty()) {
+      one["joints"] = report.joints;
+      one["vertices"] = report.vertices;
+      one["joint_seconds"] = report.joint_seconds;
+      one["binding_seconds"] = report.binding_seconds;
+      if (!report.note.empty()) one["note"] = report.note;
+    } else {
+      one["failure"] = report.failure;
+    }
+    list.push_back(std::move(one));
+  }
+  Json json = {{"version", kVersion}, {"commit", commit()}, {"meshes", std::move(list)}};
+  if (!reports.skeleton.empty()) json["template"] = reports.skeleton;
+  return json;
+}
+
+std::string to_text(const RigReports& reports) {
+  std::string text;
+  if (!reports.skeleton.empty()) text = "template: the skeleton of " + reports.skeleton + "\n";
+  for (const RigReport& report : reports.meshes) {
+    text += report.id + ": ";
+    if (!report.failure.empty()) {
+      text += report.failure + "\n";
+      continue;
+    }
+    char line[96];
+    std::snprintf(line, sizeof line, ", %zu joints, %zu vertices, %.2f s", report.joints, report.vertices,
+                  report.seconds);
+    text += report.file.string() + line + (report.note.empty() ? "" : ", " + report.note) + "\n";
+  }
+  return text;
+}
+
+}  // namespace anigen::rigging

@@ -1,0 +1,164 @@
+#pragma once
+#include <Eigen/Core>
+#include <filesystem>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "anigen/asset/mesh.h"
+#include "anigen/asset/skeleton.h"
+#include "anigen/core/config.h"
+#include "anigen/io/rigs/rigged_shape.h"
+#include "anigen/rigging/binding.h"
+#include "anigen/rigging/curve.h"
+#include "anigen/rigging/pinocchio.h"
+
+namespace anigen::rigging {
+
+/// A skeleton whose joints are measured by the bounding box of its mesh: 0 at the lower, 1 at the upper side of each
+/// axis. Joints may lie outside.
+struct BoxedSkeleton {
+  std::string id;
+  std::vector<Eigen::Vector3d> joints;  ///< [J]
+  std::vector<int> parents;             ///< [J], -1 for the root
+};
+
+/// @throws InputError naming `id` when there is no joint, a number is not finite, or the box is empty. Along an axis
+/// without extent every joint is at 0.5.
+BoxedSkeleton boxed_skeleton(const std::string& id, const std::vector<Eigen::Vector3d>& joints,
+                             const std::vector<int>& parents, const Box& box);
+
+/// Joints of a boxed skeleton in another box.
+std::vector<Eigen::Vector3d> placed_joints(const BoxedSkeleton& skeleton, const Box& box);
+
+/// The index of the skeleton with the least sum of distances to all others, the first of equals. Skeletons of different
+/// trees have no mean that is one; the medoid is the mean's nearest relative that is always a skeleton. Distance is
+/// the symmetric mean of nearest-joint distances (J2J) in box coordinates. O(N² J²), on all threads.
+/// @throws InputError without skeletons
+std::size_t medoid(const std::vector<BoxedSkeleton>& skeletons);
+
+/// Where the joints of a mesh come from.
+enum class JointSource {
+  kGiven,     ///< the mesh's own file, or another one
+  kTemplate,  ///< the middle skeleton of a collection, by bounding box (medoid())
+  kCurve,     ///< the curve that the mesh contracts to (propose_curve_skeleton())
+  kPinocchio  ///< a template embedded in the mesh (choose_template())
+};
+
+/// What makes a rig of a mesh without having learned anything.
+struct RiggingMethod {
+  JointSource joints = JointSource::kGiven;
+  std::optional<SkinBinding> binding = SkinBinding::kGeodesicVoxels;  ///< nothing: joints only
+};
+
+/// "nearest", "geovoxel", "heat": that binding to given joints; "template": with the nearest bone, as a baseline that
+/// looks at nothing; "curve": with geodesic voxels; "pinocchio": with heat, as published.
+/// @param skin "": as above; "none": joints only; or the word of a binding
+/// @throws InputError for another word, naming all of them
+RiggingMethod parse_rigging_method(const std::string& method, const std::string& skin = "");
+std::vector<std::string> rigging_method_words();
+
+/// What the sources of joints need to know.
+struct JointOptions {
+  std::filesystem::path skeleton;             ///< kGiven: the file whose joints to use, in the mesh's frame; empty: the
+                                              ///< mesh's own file. kPinocchio: the template; empty: `templates`
+  std::vector<std::string> templates;         ///< kPinocchio: of template_words(); the one of least penalty is taken
+  std::filesystem::path collection;           ///< kTemplate: whatever io::open_source reads
+  std::vector<std::filesystem::path> splits;  ///< of the collection
+  CurveSkeletonOptions curve;
+  EmbeddingOptions embedding;
+};
+
+/// "biped", "quadruped".
+std::vector<std::string> template_words();
+
+/// Joints for one mesh.
+struct ProposedJoints {
+  Skeleton skeleton;  ///< the mesh's frame
+  std::string note;   ///< how it came about, for the report; may be empty
+};
+
+/// Finds joints for one mesh after another; what they share is read once. Const: several threads may ask at once.
+class JointProposer {
+ public:
+  /// @throws InputError for a file that holds no skeleton, an unknown template, or a collection without skeletons
+  JointProposer(JointSource source, JointOptions options);
+
+  /// Reads the mesh only; a rig in its file counts for JointSource::kGiven alone.
+  /// @throws InputError when there are no joints to be had
+  ProposedJoints propose(const io::RiggedShape& shape) const;
+
+  /// The id of the skeleton that JointSource::kTemplate places, else empty.
+  const std::string& template_id() const { return boxed_.id; }
+
+ private:
+  JointSource source_;
+  JointOptions options_;
+  BoxedSkeleton boxed_;                      // kTemplate
+  Skeleton given_;                           // kGiven, of another file
+  std::vector<TemplateSkeleton> templates_;  // kPinocchio
+};
+
+/// Skeletons of a collection of rigs, each measured by its own mesh. Assets that a data set marks as unusable are left
+/// out. @param collection whatever io::open_source reads @param splits files of ids; none: all
+/// @throws InputError when nothing is left
+std::vector<BoxedSkeleton> skeletons_of(const std::filesystem::path& collection,
+                                        const std::vector<std::filesystem::path>& splits);
+
+/// The mesh with these joints, bound to them; with its materials and pictures, without its own rig.
+/// @param joints in the mesh's frame @throws InputError without a surface, and as bind()
+Asset bound_asset(const io::RiggedShape& shape, const Skeleton& joints, SkinBinding binding,
+                  const BindingOptions& options = {});
+
+/// Callbacks of a learned rigger. An unset one falls back to the request's method.
+/// Exceptions count for the mesh they came up with, as failure_of_item() says.
+struct LearnedSteps {
+  /// @param otherwise whoever else would propose joints, to be asked for the joints that are given
+  std::function<ProposedJoints(const io::RiggedShape&, const JointProposer& otherwise)> propose;
+  /// Called after it, for the same shape, unless the skeleton alone is wanted. @return one row per vertex
+  std::function<SkinWeights(const io::RiggedShape&, const Skeleton&)> bind;
+};
+
+/// What to rig and how.
+struct RigRequest {
+  std::filesystem::path meshes;               ///< a file or a folder of them
+  std::vector<std::filesystem::path> splits;  ///< only what these files of ids name; none: all
+  io::Axes axes = io::Axes::kFormat;          ///< which way is up in them, when it is not what their format says
+  std::filesystem::path out;                  ///< a file for a file, a folder for a folder: <id>.glb each
+  RiggingMethod method;                       ///< without a binding each file holds the skeleton alone, as a solid
+  JointOptions joints;
+  BindingOptions binding;
+  LearnedSteps learned;
+  /// Called for each asset after its file is written, with that file's place.
+  std::function<void(const Asset&, const std::filesystem::path&)> also;
+  std::string also_writes;                       ///< ending of the file that `also` writes beside it, such as ".png"
+  std::vector<std::filesystem::path> also_read;  ///< further inputs, such as files of models: nothing may replace them
+};
+
+struct RigReport {
+  std::string id;
+  std::filesystem::path file;
+  std::string failure;  ///< empty: there is a file
+  std::string note;     ///< of the joints, such as which template was taken
+  std::size_t joints = 0, vertices = 0;
+  double joint_seconds = 0.0, binding_seconds = 0.0;  ///< of finding joints, of binding
+  double seconds = 0.0;                               ///< of all, with reading and writing
+};
+
+struct RigReports {
+  std::string skeleton;  ///< whose skeleton was placed by JointSource::kTemplate, else empty
+  std::vector<RigReport> meshes;
+};
+
+/// Rigs every mesh. One that fails, for whatever reason, is reported and does not stop the others; files are written by
+/// rename.
+/// @throws InputError when joints cannot be had for any, nothing can be read, or a result would replace an input,
+/// before any work; WriteError when the disk refuses; Interrupted after Ctrl-C
+RigReports rig_meshes(const RigRequest& request);
+
+Json to_json(const RigReports& reports);
+std::string to_text(const RigReports& reports);
+
+}  // namespace anigen::rigging

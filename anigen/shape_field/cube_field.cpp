@@ -1,0 +1,253 @@
+#include "anigen/shape_field/cube_field.h"
+
+#include <ATen/Parallel.h>
+#include <algorithm>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "anigen/core/error.h"
+#include "anigen/nn/init.h"
+#include "anigen/shape_field/dual_vertex_kernels.h"
+#include "anigen/shape_field/grid.h"
+
+namespace anigen::shape_field {
+
+namespace {
+
+void require_shape(const char* what, const Tensor& tensor, torch::IntArrayRef shape, const Tensor& like) {
+  bool fits = tensor.defined() && tensor.dim() == static_cast<std::int64_t>(shape.size());
+  for (std::size_t i = 0; fits && i < shape.size(); ++i) {
+    fits = shape[i] < 0 || tensor.size(static_cast<std::int64_t>(i)) == shape[i];
+  }
+  if (!fits) {
+    throw InputError("", what, "expected " + nn::shape_text(shape) + " (-1: any), found " + nn::shape_text(tensor));
+  }
+  if (tensor.scalar_type() != like.scalar_type() || tensor.device() != like.device()) {
+    throw InputError("", what, "must have the type and device of the signed distances");
+  }
+}
+
+void require_corners(const CubeCorners& corners, std::int64_t resolution) {
+  if (resolution < 1 || resolution > kMostCubeResolution) {
+    throw InputError(
+        "", "resolution",
+        "must be in [1, " + std::to_string(kMostCubeResolution) + "], found " + std::to_string(resolution));
+  }
+  const Tensor& coords = corners.coords;
+  const bool places = coords.defined() && coords.dim() == 2 && coords.size(1) == 3 &&
+                      (coords.scalar_type() == torch::kInt32 || coords.scalar_type() == torch::kInt64);
+  if (!places) throw InputError("", "coords", "expected integers [C, 3], found " + nn::shape_text(coords));
+  if (!corners.sdf.defined() ||
+      (corners.sdf.scalar_type() != torch::kFloat32 && corners.sdf.scalar_type() != torch::kFloat64)) {
+    throw InputError("", "sdf", "expected fp32 or fp64");
+  }
+  const std::int64_t cubes = coords.size(0);
+  require_shape("sdf", corners.sdf, {cubes, kCubeCorners}, corners.sdf);
+  require_shape("deform", corners.deform, {cubes, kCubeCorners, 3}, corners.sdf);
+  require_shape("attributes", corners.attributes, {cubes, kCubeCorners, -1}, corners.sdf);
+  require_shape("weights", corners.weights, {cubes, kCubeWeights}, corners.sdf);
+}
+
+// Active cubes in ascending order, and the row of each.
+struct SortedCubes {
+  GridSet numbers;
+  std::vector<std::int32_t> rows;
+};
+
+SortedCubes sorted_cubes(const Tensor& coords, std::int64_t resolution, const GridNumbering& grid) {
+  const Tensor outside = (coords.lt(0)).logical_or(coords.ge(resolution)).any(1);
+  if (outside.any().item<bool>()) {
+    const std::int64_t row = outside.nonzero()[0].item<std::int64_t>();
+    throw InputError("", "coords row " + std::to_string(row),
+                     "cube outside the grid of resolution " + std::to_string(resolution));
+  }
+  const std::vector<std::int64_t> numbers = grid_numbers(coords, grid);
+  SortedCubes sorted{{}, sorting_order(numbers)};
+  sorted.numbers.reserve(numbers.size());
+  for (const std::int32_t row : sorted.rows) {
+    const std::int64_t number = numbers[static_cast<std::size_t>(row)];
+    if (!sorted.numbers.empty() && sorted.numbers.back() == number) {
+      throw InputError("", "coords row " + std::to_string(row), "a cube that is there twice");
+    }
+    sorted.numbers.push_back(number);
+  }
+  return sorted;
+}
+
+// Which vertex each corner is: targets by cube and corner, sources with one slot per corner number.
+RowLinks link_corners(const SortedCubes& cubes, const GridSet& vertices, const GridNumbering& grid) {
+  const auto cube_count = static_cast<std::int64_t>(cubes.numbers.size());
+  const auto vertex_count = static_cast<std::int64_t>(vertices.size());
+  RowLinks links{torch::empty({cube_count * kCubeCorners}, torch::kInt64),
+                 torch::full({vertex_count, kCubeCorners}, -1, torch::kInt32)};
+  std::int64_t* targets = links.targets.data_ptr<std::int64_t>();
+  std::int32_t* sources = links.sources.data_ptr<std::int32_t>();
+  for (int corner = 0; corner < kCubeCorners; ++corner) {
+    match_shifted(vertices, cubes.numbers, grid.corner_step(corner), [&](std::int64_t i, std::int64_t vertex) {
+      const std::int32_t entry = cubes.rows[static_cast<std::size_t>(i)] * kCubeCorners + corner;
+      targets[entry] = vertex;
+      sources[vertex * kCubeCorners + corner] = entry;
+    });
+  }
+  return links;
+}
+
+}  // namespace
+
+Tensor vertex_positions(const Tensor& places, const Tensor& deform, std::int64_t resolution, const Tensor& like) {
+  const auto size = static_cast<double>(resolution);
+  const Tensor grid = places.to(like.device(), like.scalar_type()) / size - 0.5;
+  if (!deform.defined()) return grid;
+  return grid + torch::tanh(deform) * ((1.0 - 1e-8) / (2.0 * size));
+}
+
+Tensor CubeField::grid_positions() const { return vertex_positions(vertices, Tensor(), resolution, sdf); }
+
+Tensor CubeField::positions() const { return vertex_positions(vertices, deform, resolution, sdf); }
+
+CubeField average_corners(const CubeCorners& corners, std::int64_t resolution) {
+  require_corners(corners, resolution);
+  const GridNumbering grid{resolution + 1};
+  const SortedCubes cubes = sorted_cubes(corners.coords, resolution, grid);
+  TORCH_CHECK(cubes.numbers.size() < (std::size_t{1} << 28), "too many cubes");  // entries are numbered with 31 bits
+  GridSet vertices = cubes.numbers;
+  for (const int axis : {2, 1, 0}) vertices = with_shifted(vertices, grid.step(axis));
+
+  const torch::Device device = corners.sdf.device();
+  const RowLinks links = link_corners(cubes, vertices, grid).to(device);
+  const Tensor counts = links.sources.ge(0).sum(1, /*keepdim=*/true).to(corners.sdf.scalar_type());
+  const auto mean = [&](const Tensor& values) { return sum_rows(values, links) / counts; };
+
+  CubeField field;
+  field.resolution = resolution;
+  field.vertices = grid_places(vertices, grid).to(device);
+  field.sdf = mean(corners.sdf.unsqueeze(-1)).squeeze(-1);
+  field.deform = mean(corners.deform);
+  field.attributes = mean(corners.attributes);
+  field.coords = corners.coords;
+  field.corner_vertices = links.targets.view({-1, kCubeCorners});
+  field.weights = corners.weights;
+  return field;
+}
+
+namespace {
+
+using torch::autograd::AutogradContext;
+using torch::autograd::variable_list;
+
+constexpr std::int64_t kCubesPerSum = 2048;  // partial sums have this length for any number of threads
+
+// Corner values [C, 8, ch] beside the means [V, ch] they belong to.
+template <typename T>
+struct CornerValues {
+  CornerValues(const Tensor& corners, const Tensor& means, const Tensor& vertices)
+      : corner(corners.data_ptr<T>()),
+        mean(means.data_ptr<T>()),
+        vertex(vertices.data_ptr<std::int64_t>()),
+        cube_stride(corners.stride(0)),
+        corner_stride(corners.stride(1)),
+        mean_stride(means.stride(0)),
+        channels(corners.size(2)) {}
+
+  // body(position in a dense [C, 8, ch] tensor, deviation from the mean)
+  template <typename Body>
+  void for_cubes(std::int64_t begin, std::int64_t end, const Body& body) const {
+    for (std::int64_t entry = begin * kCubeCorners; entry < end * kCubeCorners; ++entry) {
+      const T* values = corner + entry / kCubeCorners * cube_stride + entry % kCubeCorners * corner_stride;
+      const T* means = mean + vertex[entry] * mean_stride;
+      for (std::int64_t c = 0; c < channels; ++c) body(entry * channels + c, values[c] - means[c]);
+    }
+  }
+
+  const T *corner, *mean;
+  const std::int64_t* vertex;
+  std::int64_t cube_stride, corner_stride, mean_stride, channels;
+};
+
+template <typename T>
+double sum_of_squares(const Tensor& corners, const Tensor& means, const Tensor& vertices) {
+  const CornerValues<T> values(corners, means, vertices);
+  const std::int64_t cubes = corners.size(0), parts = (cubes + kCubesPerSum - 1) / kCubesPerSum;
+  std::vector<double> sums(static_cast<std::size_t>(parts), 0.0);
+  at::parallel_for(0, parts, 1, [&](std::int64_t begin, std::int64_t end) {
+    for (std::int64_t part = begin; part < end; ++part) {
+      double sum = 0.0;
+      values.for_cubes(part * kCubesPerSum, std::min(cubes, (part + 1) * kCubesPerSum), [&](std::int64_t, T deviation) {
+        sum += static_cast<double>(deviation) * static_cast<double>(deviation);
+      });
+      sums[static_cast<std::size_t>(part)] = sum;
+    }
+  });
+  double total = 0.0;
+  for (const double sum : sums) total += sum;
+  return total;
+}
+
+template <typename T>
+void scaled_deviations(const Tensor& corners, const Tensor& means, const Tensor& vertices, double scale,
+                       const Tensor& out) {
+  const CornerValues<T> values(corners, means, vertices);
+  T* result = out.data_ptr<T>();
+  at::parallel_for(0, corners.size(0), kCubesPerSum, [&](std::int64_t begin, std::int64_t end) {
+    values.for_cubes(begin, end,
+                     [&](std::int64_t at_value, T deviation) { result[at_value] = static_cast<T>(scale) * deviation; });
+  });
+}
+
+// corner − mean as a tensor, for devices without the kernels above.
+Tensor deviations(const Tensor& corners, const Tensor& means, const Tensor& vertices) {
+  return corners - means.index_select(0, vertices.reshape({-1})).view(corners.sizes());
+}
+
+class CornerDeviation : public torch::autograd::Function<CornerDeviation> {
+ public:
+  static Tensor forward(AutogradContext* context, const Tensor& corners, const Tensor& means, const Tensor& vertices) {
+    RECORD_USER_SCOPE("surface extraction: corner consistency");
+    context->save_for_backward({corners, means, vertices});
+    if (!corners.is_cpu()) return deviations(corners, means, vertices).square().sum();
+    const double sum = corners.scalar_type() == torch::kFloat64 ? sum_of_squares<double>(corners, means, vertices)
+                                                                : sum_of_squares<float>(corners, means, vertices);
+    return torch::full({}, sum, corners.options());
+  }
+  static variable_list backward(AutogradContext* context, variable_list gradients) {
+    RECORD_USER_SCOPE("surface extraction: corner consistency");
+    TORCH_CHECK(!at::GradMode::is_enabled(), "the corner consistency can be differentiated once only");
+    const variable_list saved = context->get_saved_variables();
+    const Tensor &corners = saved[0], &means = saved[1], &vertices = saved[2];
+    if (!corners.is_cpu()) {
+      return {2.0 * gradients[0] * deviations(corners, means, vertices), Tensor(), Tensor()};
+    }
+    const double scale = 2.0 * gradients[0].item<double>();
+    const Tensor out = torch::empty(corners.sizes(), corners.options());
+    if (corners.scalar_type() == torch::kFloat64) {
+      scaled_deviations<double>(corners, means, vertices, scale, out);
+    } else {
+      scaled_deviations<float>(corners, means, vertices, scale, out);
+    }
+    return {out, Tensor(), Tensor()};
+  }
+};
+
+// The kernels step through channels one by one.
+Tensor adjacent(const Tensor& x) { return x.size(-1) <= 1 || x.stride(-1) == 1 ? x : x.contiguous(); }
+
+Tensor squared_deviation(const Tensor& corners, const Tensor& means, const Tensor& vertices) {
+  TORCH_CHECK(corners.dim() == 3 && corners.size(0) == vertices.size(0) && corners.size(2) == means.size(1), "corners ",
+              corners.sizes(), " beside averaged values ", means.sizes());
+  return CornerDeviation::apply(adjacent(corners), adjacent(means.detach()), vertices);
+}
+
+}  // namespace
+
+Tensor corner_consistency(const CubeCorners& corners, const CubeField& field) {
+  const std::int64_t values = corners.sdf.numel() + corners.deform.numel() + corners.attributes.numel();
+  if (values == 0) return torch::zeros({}, corners.sdf.options());
+  const Tensor vertices = field.corner_vertices.contiguous();
+  const Tensor sum = squared_deviation(corners.sdf.unsqueeze(-1), field.sdf.unsqueeze(-1), vertices) +
+                     squared_deviation(corners.deform, field.deform, vertices) +
+                     squared_deviation(corners.attributes, field.attributes, vertices);
+  return sum / static_cast<double>(values);
+}
+
+}  // namespace anigen::shape_field

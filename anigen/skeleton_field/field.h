@@ -1,0 +1,114 @@
+#pragma once
+#include <Eigen/Core>
+#include <array>
+#include <string>
+#include <vector>
+
+#include "anigen/nn/torch.h"
+#include "anigen/skeleton_field/voting.h"
+
+namespace anigen::skeleton_field {
+
+/// The skeleton as seen from points in space (reference training-and-data.md, 5; autoencoders.md, 3.2): what the
+/// encoder reads and what the skeleton field learns to predict.
+
+/// The two joints nearest to a point.
+struct NearestJoints {
+  int joint = -1;       ///< the nearest; the lowest index of equally near ones
+  double first = 0.0;   ///< squared distance to it
+  double second = 0.0;  ///< squared distance to the second nearest; 0 when there is only one joint, as published
+};
+
+/// One result per point; runs on all threads. Distances are computed in double.
+/// @throws InputError without joints, or naming a joint or a point that is not finite or beyond 1e100
+std::vector<NearestJoints> nearest_joints(const std::vector<Eigen::Vector3d>& points,
+                                          const std::vector<Eigen::Vector3d>& joints);
+
+/// κ = 1 − min(1, d₁² / (d₂² + 1e-8)): 1 at a joint, 0 halfway between two, and 0 with a single joint.
+double joint_confidence(const NearestJoints& nearest);
+/// What the losses take instead: max(0.1, κ).
+double target_confidence(const NearestJoints& nearest);
+
+/// Whose position stands in for the parent of a joint that has none.
+enum class RootParent {
+  kFirstJoint,  ///< as in the published loss; for a root that is joint 0 the parent is the joint itself
+  kLastJoint    ///< as in the published encoder, which then puts a learned vector in its place
+};
+
+struct JointFieldPoint {
+  int joint = -1;             ///< nearest joint j
+  int parent = -1;            ///< parent of that joint, -1 for a root
+  Eigen::Vector3d to_joint;   ///< J_j − p
+  Eigen::Vector3d to_parent;  ///< J_parent(j) − p
+  double confidence = 0.0;    ///< κ, not clamped
+};
+
+/// The residual field at points: usually the centres of the dilated skeleton voxels.
+/// @param joints [J] @param parents [J], -1 for roots
+/// @throws InputError as nearest_joints, and when lengths differ or a parent is out of range
+std::vector<JointFieldPoint> joint_field(const std::vector<Eigen::Vector3d>& points,
+                                         const std::vector<Eigen::Vector3d>& joints, const std::vector<int>& parents,
+                                         RootParent root = RootParent::kFirstJoint);
+
+/// What a voxel votes for: the inverse of the residual field.
+struct JointVote {
+  Eigen::Vector3d joint, parent;                           ///< positions
+  double joint_confidence = 0.0, parent_confidence = 0.0;  ///< in (0, 1)
+};
+
+/// @param center of the voxel @param channels of the decoder: joint 3 and parent 3 relative to the centre, then the
+/// logits of both confidences (reference autoencoders.md, 3.6, with jp_residual_fields and jp_hyper_continuous)
+JointVote joint_vote(const Eigen::Vector3d& center, const std::array<double, 8>& channels);
+
+using torch::Tensor;
+
+/// Meaning of the two confidence channels of the skeleton field (reference training-and-data.md, 4).
+enum class FieldConfidence {
+  kExplicit,  ///< learned towards a target; after a sigmoid (`jp_hyper_continuous`)
+  kNone,      ///< there are none: every vote counts alike
+  kLearned,   ///< the published alternative, C = eˣ + 1, whose barrier has no gradient in practice
+  kBayesian   ///< ours in its place: logarithm s of the scale of a Laplace distribution (Kendall and Gal 2017)
+};
+
+/// The decoded skeleton field of one asset at the centres of its skeleton voxels (reference autoencoders.md, 3.6).
+struct SkeletonField {
+  Tensor positions;       ///< [M, 3] voxel centres (of each corner when the field stands on corners, before averaging)
+  Tensor joints;          ///< [M, 3] votes, object space
+  Tensor parents;         ///< [M, 3] votes, object space
+  Tensor conf_j, conf_p;  ///< [M, 1] as the configuration activates them; undefined without confidence
+  Tensor conf_skin;       ///< [M, 1]; undefined without
+  Tensor skin_features;   ///< [M, S]
+};
+
+struct SkeletonTensors {
+  Tensor joints;   ///< [J, 3] fp32
+  Tensor parents;  ///< [J] int64, -1 for a root
+};
+
+enum class Grouping { kMeanShift, kThreshold };
+
+/// @param name "mean_shift" or "threshold" @throws InputError on another one
+Grouping grouping_named(const std::string& name);
+
+/// The votes of a field on the CPU; confidences stay empty where the field has none.
+/// @throws InputError when shapes do not fit
+Votes votes_of(const SkeletonField& field);
+
+/// Clusters votes into a skeleton; not differentiable. @param strategy "mean_shift" or "threshold"
+/// @return on the device of the votes; parents are raw, see skeleton_field::GroupedSkeleton
+/// @throws InputError on another strategy, when shapes do not fit, and as skeleton_field::mean_shift_grouping
+SkeletonTensors group_votes(const SkeletonField& field, const std::string& strategy,
+                            const MeanShiftOptions& mean_shift = {}, const ThresholdOptions& threshold = {});
+
+struct JointSkinFeatures {
+  Tensor features;  ///< [J, S]
+  Tensor variance;  ///< scalar: mean over joints and channels of the weighted variance inside a joint
+};
+/// Each voxel belongs to the joint nearest its centre; features are means weighted by sigmoid(conf_skin), or 1 without
+/// it; a joint without voxels gets zeros (reference autoencoders.md, 4.5). Differentiable in features and confidence.
+/// Of equally near joints the first counts. fp32, or fp64 for fp64 features. Without joints both results are empty or
+/// zero.
+/// @param joints [J, 3] @throws InputError when shapes do not fit, or naming a joint or centre that is not finite
+JointSkinFeatures joint_skin_features(const SkeletonField& field, const Tensor& joints);
+
+}  // namespace anigen::skeleton_field

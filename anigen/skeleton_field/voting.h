@@ -1,0 +1,61 @@
+#pragma once
+#include <Eigen/Core>
+#include <vector>
+
+namespace anigen::skeleton_field {
+
+/// Where each skeleton voxel believes its joint and that joint's parent to be (reference autoencoders.md, 4.5).
+struct Votes {
+  std::vector<Eigen::Vector3f> joints, parents;            ///< [N] positions
+  std::vector<float> joint_confidence, parent_confidence;  ///< [N], or empty: all 1
+};
+
+struct GroupedSkeleton {
+  std::vector<Eigen::Vector3f> joints;
+  std::vector<int> parents;  ///< -1 for a root; raw as published: none or several roots and cycles can occur
+};
+
+struct MeanShiftOptions {
+  float confidence_threshold = 0.5F;
+  float bandwidth = 0.01F;  ///< published `threshold`
+  int max_iterations = 30;
+  int max_neighbours = 32;
+  int min_cluster_size = 5;  ///< published `cluster_size_threshold`
+};
+
+struct ThresholdOptions {
+  float confidence_threshold = 0.1F;
+  float distance = 1.0F / 32.0F;  ///< published `threshold`
+  int max_neighbours = 8;
+};
+
+/// Algorithm 1 of the paper as published: votes move to where votes are densest, and those that end within half a
+/// bandwidth of each other become one joint. Votes count whose confidences both reach the threshold. Neighbours are the
+/// first ones in index order, found in a grid of cells (see PointCells) with the same result, bit for bit, as comparing
+/// all pairs, on any number of threads.
+/// Without a confident vote the result is one joint at the origin that is its own parent (index 0, not -1), and without
+/// any vote an empty skeleton. A single confident vote, which the published program fails on, is one root.
+/// @throws InputError naming the vote: a position that is not finite or beyond 1e15, a confidence likewise; when
+/// lengths
+///   differ; on a bandwidth outside [1e-6, 1e6] or a negative count
+GroupedSkeleton mean_shift_grouping(const Votes& votes, const MeanShiftOptions& options = {});
+
+/// The published alternative: union-find over votes closer than a distance. Empty without a confident vote.
+/// @throws InputError as mean_shift_grouping
+GroupedSkeleton threshold_grouping(const Votes& votes, const ThresholdOptions& options = {});
+
+/// The votes both of whose confidences reach the threshold, in order, with confidences filled in.
+/// @throws InputError when lengths differ, or naming the vote with a number that is not finite or beyond 1e15
+Votes confident_votes(const Votes& votes, float threshold);
+
+/// Joints from labelled votes: means of the votes weighted by confidence, over (Σ confidence + 1e-8), so that a label
+/// without votes lies at the origin; parents are the joints nearest to the mean parent votes, -1 where that is the
+/// joint itself. Labels with fewer than `min_size` votes are dropped unless all would be.
+/// @param labels [N] of confident votes, in [0, count)
+GroupedSkeleton skeleton_of_clusters(const Votes& votes, const std::vector<int>& labels, std::size_t count,
+                                     int min_size);
+
+/// @throws InputError unless low ≤ value ≤ high
+void require_vote_option(const char* name, double value, double low, double high);
+
+}  // namespace anigen::skeleton_field

@@ -1,0 +1,444 @@
+#include "anigen/skin_field/skin_autoencoder.h"
+
+#include <algorithm>
+#include <cmath>
+#include <string>
+
+#include "anigen/core/config.h"
+#include "anigen/core/error.h"
+#include "anigen/nn/init.h"
+#include "anigen/nn/linear.h"
+#include "anigen/nn/norms.h"
+
+namespace anigen::skin_field {
+
+namespace {
+
+// Limits that no sensible model reaches, so that a mistyped size is an error and not an allocation failure.
+constexpr std::int64_t kMaxWidth = 16384;
+constexpr std::int64_t kMaxBlocks = 256;
+constexpr std::int64_t kMaxBands = 64;
+
+void check(bool valid, const std::string& file, const std::string& place, const std::string& problem) {
+  if (!valid) throw InputError(file, place, problem);
+}
+
+JointEmbedderOptions read_joint_embedder(ConfigReader reader) {
+  JointEmbedderOptions options;
+  options.hidden_dim = reader.integer("hidden_dim", options.hidden_dim, 1, kMaxWidth);
+  options.depth = reader.integer("depth", options.depth, 0, kMaxBlocks);
+  options.jp_embed_attn = reader.boolean("jp_embed_attn", options.jp_embed_attn);
+  options.mlp_ratio = reader.number("mlp_ratio", options.mlp_ratio, 0.0, 64.0);
+  reader.finish();
+  return options;
+}
+
+SkinEncoderOptions read_encoder(ConfigReader reader) {
+  SkinEncoderOptions options;
+  options.skin_feat_channels = reader.integer("skin_feat_channels", options.skin_feat_channels, 1, kMaxWidth);
+  options.skl_pos_embed_freq = reader.integer("skl_pos_embed_freq", options.skl_pos_embed_freq, 1, kMaxBands);
+  options.jp_embed_dim = reader.integer("jp_embed_dim", options.jp_embed_dim, 1, kMaxWidth);
+  options.jp_embedder_config = read_joint_embedder(reader.object("jp_embedder_config"));
+  options.relative_pe = reader.boolean("relative_pe", options.relative_pe);
+  options.vert_feat_is_linear = reader.boolean("vert_feat_is_linear", options.vert_feat_is_linear);
+  options.normalize_feat = reader.boolean("normalize_feat", options.normalize_feat);
+  reader.finish();
+  return options;
+}
+
+SkinDecoderOptions read_decoder(ConfigReader reader) {
+  SkinDecoderOptions options;
+  options.model_type = reader.text("model_type", options.model_type);
+  options.skin_feat_channels = reader.integer("skin_feat_channels", options.skin_feat_channels, 1, kMaxWidth);
+  options.model_channels = reader.integer("model_channels", options.model_channels, 1, kMaxWidth);
+  options.num_blocks = reader.integer("num_blocks", options.num_blocks, 0, kMaxBlocks);
+  options.num_heads = reader.integer("num_heads", options.num_heads, 1, kMaxWidth);
+  options.vert_cross_blocks_num = reader.integer("vert_cross_blocks_num", options.vert_cross_blocks_num, 0, kMaxBlocks);
+  reader.finish();
+  return options;
+}
+
+}  // namespace
+
+SkinEncoderOptions SkinEncoderOptions::from_json(const Json& json, const std::string& file,
+                                                 const std::string& pointer) {
+  const SkinEncoderOptions options = read_encoder(ConfigReader(json, file, pointer));
+  options.validate(file, pointer);
+  return options;
+}
+
+Json SkinEncoderOptions::to_json() const {
+  Json embedder;
+  embedder["hidden_dim"] = hidden_dim();
+  embedder["depth"] = jp_embedder_config.depth;
+  embedder["jp_embed_attn"] = jp_embedder_config.jp_embed_attn;
+  embedder["mlp_ratio"] = jp_embedder_config.mlp_ratio;
+  Json json;
+  json["skin_feat_channels"] = skin_feat_channels;
+  json["skl_pos_embed_freq"] = skl_pos_embed_freq;
+  json["jp_embedder_config"] = embedder;
+  json["jp_embed_dim"] = jp_embed_dim;
+  json["relative_pe"] = relative_pe;
+  json["vert_feat_is_linear"] = vert_feat_is_linear;
+  json["normalize_feat"] = normalize_feat;
+  return json;
+}
+
+void SkinEncoderOptions::validate(const std::string& file, const std::string& pointer) const {
+  const std::string embedder = pointer + "/jp_embedder_config";
+  check(!jp_embedder_config.jp_embed_attn || hidden_dim() % kJointEmbedderHeads == 0, file, embedder + "/hidden_dim",
+        "with jp_embed_attn the hidden width must be a multiple of " + std::to_string(kJointEmbedderHeads) +
+            ", found " + std::to_string(hidden_dim()));
+  const auto narrowest = static_cast<double>(std::min(hidden_dim(), 2 * jp_embed_dim));
+  check(std::floor(narrowest * jp_embedder_config.mlp_ratio) >= 1.0, file, embedder + "/mlp_ratio",
+        "leaves no hidden channel");
+}
+
+SkinDecoderOptions SkinDecoderOptions::from_json(const Json& json, const std::string& file,
+                                                 const std::string& pointer) {
+  const SkinDecoderOptions options = read_decoder(ConfigReader(json, file, pointer));
+  options.validate(file, pointer);
+  return options;
+}
+
+Json SkinDecoderOptions::to_json() const {
+  Json json;
+  json["model_type"] = model_type;
+  json["skin_feat_channels"] = skin_feat_channels;
+  json["model_channels"] = model_channels;
+  json["num_blocks"] = num_blocks;
+  json["num_heads"] = num_heads;
+  json["vert_cross_blocks_num"] = vert_cross_blocks_num;
+  return json;
+}
+
+void SkinDecoderOptions::validate(const std::string& file, const std::string& pointer) const {
+  if (model_type != "tree")
+    throw NotSupportedError(file, pointer + "/model_type", "skin decoder '" + model_type + "'; use 'tree'");
+  check(num_heads > 0 && model_channels % num_heads == 0, file, pointer + "/num_heads",
+        std::to_string(num_heads) + " heads do not divide " + std::to_string(model_channels) + " channels");
+  check(vert_cross_blocks_num <= num_blocks, file, pointer + "/vert_cross_blocks_num",
+        "there are only " + std::to_string(num_blocks) + " blocks");
+}
+
+SkinAutoEncoderOptions SkinAutoEncoderOptions::from_json(const Json& json, const std::string& file,
+                                                         const std::string& pointer) {
+  ConfigReader reader(json, file, pointer);
+  SkinAutoEncoderOptions options;
+  options.encoder_config = read_encoder(reader.object("encoder_config"));
+  options.decoder_config = read_decoder(reader.object("decoder_config"));
+  options.use_fp16 = reader.boolean("use_fp16", options.use_fp16);
+  reader.finish();
+  options.validate(file, pointer);
+  return options;
+}
+
+Json SkinAutoEncoderOptions::to_json() const {
+  Json json;
+  json["encoder_config"] = encoder_config.to_json();
+  json["decoder_config"] = decoder_config.to_json();
+  json["use_fp16"] = use_fp16;
+  return json;
+}
+
+void SkinAutoEncoderOptions::validate(const std::string& file, const std::string& pointer) const {
+  encoder_config.validate(file, pointer + "/encoder_config");
+  decoder_config.validate(file, pointer + "/decoder_config");
+  check(encoder_config.skin_feat_channels == decoder_config.skin_feat_channels, file,
+        pointer + "/decoder_config/skin_feat_channels",
+        "the decoder takes " + std::to_string(decoder_config.skin_feat_channels) + " channels, the encoder gives " +
+            std::to_string(encoder_config.skin_feat_channels));
+}
+
+using torch::Tensor;
+
+JointEmbedderImpl::JointEmbedderImpl(std::int64_t in_channels, std::int64_t hidden_dim, std::int64_t out_channels,
+                                     const JointEmbedderOptions& options) {
+  in_layer_ = register_module("in_layer", nn::FeedForward(in_channels, hidden_dim, options.mlp_ratio));
+  torch::nn::ModuleList blocks;
+  for (std::int64_t i = 0; i < options.depth; ++i) {
+    if (options.jp_embed_attn) {
+      attention_blocks_.emplace_back(hidden_dim, kJointEmbedderHeads, options.mlp_ratio);
+      blocks->push_back(attention_blocks_.back());
+    } else {
+      plain_blocks_.emplace_back(hidden_dim, hidden_dim, options.mlp_ratio);
+      blocks->push_back(plain_blocks_.back());
+    }
+  }
+  register_module("blocks", blocks);
+  out_layer_ = register_module("out_layer", nn::Linear(hidden_dim, out_channels));
+}
+
+Tensor JointEmbedderImpl::forward(const Tensor& pairs, const nn::Ragged& items) {
+  const Tensor first = in_layer_->forward(pairs);
+  return out_layer_->forward(run_blocks(first, items).to(nn::dtype_of(first)));
+}
+
+Tensor JointEmbedderImpl::run_blocks(const Tensor& first, const nn::Ragged& items) {
+  if (!attention_blocks_.empty()) {
+    Tensor h = first.to(attention_blocks_.front()->dtype());
+    for (nn::TransformerBlock& block : attention_blocks_) h = block->forward(h, items);
+    return h;
+  }
+  if (plain_blocks_.empty()) return first;
+  // Each block adds the embedder's own input layer again, not the running value.
+  const Tensor skip = first.to(plain_blocks_.front()->dtype());
+  Tensor h = skip;
+  for (nn::FeedForward& block : plain_blocks_) h = block->forward(h) + skip;
+  return h;
+}
+
+namespace {
+
+using torch::Tensor;
+
+void check_skin(const std::vector<Tensor>& skin, const nn::Ragged& joints) {
+  if (static_cast<std::int64_t>(skin.size()) != joints.items()) {
+    throw InputError(
+        "", "", std::to_string(skin.size()) + " skin matrices for " + std::to_string(joints.items()) + " skeletons");
+  }
+  for (std::size_t i = 0; i < skin.size(); ++i) {
+    if (skin[i].dim() == 2 && skin[i].size(1) == joints.lengths()[i]) continue;
+    throw InputError("", "skeleton " + std::to_string(i),
+                     "skin weights must have shape [V, " + std::to_string(joints.lengths()[i]) + "]");
+  }
+}
+
+// Weighted sums over the joints of each asset: [ΣJ, C] → [ΣV, C].
+Tensor weighted(const std::vector<Tensor>& skin, const Tensor& features, const nn::Ragged& joints) {
+  const std::vector<Tensor> per_asset = joints.split(features);
+  std::vector<Tensor> sums;
+  for (std::size_t i = 0; i < skin.size(); ++i) sums.push_back(torch::mm(skin[i].to(features.options()), per_asset[i]));
+  return sums.size() == 1 ? sums[0] : torch::cat(sums, 0);
+}
+
+}  // namespace
+
+SkinEncoderImpl::SkinEncoderImpl(const SkinEncoderOptions& options)
+    : options_(options), fourier_(options.skl_pos_embed_freq) {
+  const std::int64_t embed = options.jp_embed_dim, features = options.skin_feat_channels;
+  root_embedding_ = register_parameter("root_embedding", torch::empty({1, embed}));
+  pos_embedder_linear_ = register_module("pos_embedder_linear", nn::Linear(fourier_.width(3), embed));
+  joint_embedder_ = register_module("joint_embedder",
+                                    JointEmbedder(2 * embed, options.hidden_dim(), embed, options.jp_embedder_config));
+  out_layer_vert_ = register_module("out_layer_vert", nn::FeedForward(embed, features));
+  out_layer_joint_ = register_module("out_layer_joint", nn::FeedForward(embed, features));
+}
+
+void SkinEncoderImpl::initialize() {
+  torch::nn::init::zeros_(root_embedding_);
+  nn::xavier_uniform_linears(*this);
+}
+
+Tensor SkinEncoderImpl::embed_joints(const SkeletonBatch& skeletons) {
+  const Tensor joints = skeletons.joints.to(root_embedding_.options());
+  const Tensor positions = options_.relative_pe ? joints - joints.index_select(0, skeletons.anchor_rows) : joints;
+  const Tensor own = pos_embedder_linear_->forward(fourier_(positions));
+  const Tensor parent = torch::cat({own, root_embedding_}, 0).index_select(0, skeletons.parent_rows);
+  const Tensor embedded = joint_embedder_->forward(torch::cat({own, parent}, 1), skeletons.items);
+  return options_.normalize_feat ? nn::unit_length(embedded) : embedded;
+}
+
+Tensor SkinEncoderImpl::joint_features(const Tensor& embeddings) { return out_layer_joint_->forward(embeddings); }
+
+Tensor SkinEncoderImpl::vertex_features(const Tensor& embeddings, const nn::Ragged& joints,
+                                        const std::vector<Tensor>& skin) {
+  check_skin(skin, joints);
+  // The head is applied per joint where it may be: there are far fewer joints than points.
+  if (options_.vert_feat_is_linear) return weighted(skin, out_layer_vert_->forward(embeddings), joints);
+  return out_layer_vert_->forward(weighted(skin, embeddings, joints));
+}
+
+using torch::Tensor;
+
+SkinDecoderImpl::SkinDecoderImpl(const SkinDecoderOptions& options) : options_(options) {
+  const std::int64_t features = options.skin_feat_channels, channels = options.model_channels;
+  root_features_ = register_parameter("root_features", torch::empty({1, features}));
+  input_layer_vertex_ = register_module("input_layer_vertex", nn::Linear(features, channels));
+  input_layer_skin_ = register_module("input_layer_skin", nn::Linear(2 * features, channels));
+  torch::nn::ModuleList vertex_blocks, joint_blocks;
+  for (std::int64_t i = 0; i < options.num_blocks; ++i) {
+    if (i < options.vert_cross_blocks_num) {
+      cross_blocks_.emplace_back(channels, options.num_heads);
+      vertex_blocks->push_back(cross_blocks_.back());
+    } else {
+      vertex_blocks_.emplace_back(channels, channels);
+      vertex_blocks->push_back(vertex_blocks_.back());
+    }
+    joint_blocks_.emplace_back(channels, options.num_heads);
+    joint_blocks->push_back(joint_blocks_.back());
+  }
+  register_module("blocks_vertex", vertex_blocks);
+  register_module("blocks_skin", joint_blocks);
+  out_layer_vertex_ = register_module("out_layer_vertex", nn::Mlp(channels, 4 * channels, channels + 1));
+  out_layer_skin_ = register_module("out_layer_skin", nn::Mlp(channels, 4 * channels, channels));
+}
+
+void SkinDecoderImpl::initialize() {
+  torch::nn::init::zeros_(root_features_);
+  nn::xavier_uniform_linears(*this);
+}
+
+SkinDecoderImpl::JointKeys SkinDecoderImpl::joint_keys(const Tensor& joint_features, const SkeletonBatch& skeletons) {
+  const torch::Dtype dtype = nn::dtype_of(root_features_);
+  const torch::Dtype block_dtype = joint_blocks_.empty() ? dtype : joint_blocks_.front()->dtype();
+  const Tensor parents = torch::cat({joint_features, root_features_}, 0).index_select(0, skeletons.parent_rows);
+  Tensor j = input_layer_skin_->forward(torch::cat({joint_features, parents}, 1)).to(block_dtype);
+  JointKeys joints;
+  joints.items = skeletons.items;
+  for (std::size_t i = 0; i < joint_blocks_.size(); ++i) {
+    // Vertices see the joints as they were before this round.
+    if (i < cross_blocks_.size()) joints.rounds.push_back(j);
+    j = joint_blocks_[i]->forward(j, skeletons.items);
+  }
+  joints.keys = skeletons.items.split(out_layer_skin_->forward(j.to(dtype)));
+  return joints;
+}
+
+std::vector<Tensor> SkinDecoderImpl::logits(const Tensor& vertex_features, const nn::Ragged& vertices,
+                                            const JointKeys& joints) {
+  const torch::Dtype dtype = nn::dtype_of(root_features_);
+  const torch::Dtype block_dtype = joint_blocks_.empty() ? dtype : joint_blocks_.front()->dtype();
+  Tensor v = input_layer_vertex_->forward(vertex_features).to(block_dtype);
+  for (std::size_t i = 0; i < joint_blocks_.size(); ++i) {
+    v = i < cross_blocks_.size() ? cross_blocks_[i]->forward(v, vertices, joints.rounds[i], joints.items)
+                                 : vertex_blocks_[i - cross_blocks_.size()]->forward(v);
+  }
+  const std::int64_t channels = options_.model_channels;
+  const std::vector<Tensor> parts = out_layer_vertex_->forward(v.to(dtype)).split_with_sizes({channels, 1}, 1);
+  const std::vector<Tensor> queries = vertices.split(parts[0]);
+  const std::vector<Tensor> temperatures = vertices.split(torch::elu(parts[1]) + 2.0);  // inverse, above 1
+  std::vector<Tensor> logits;
+  for (std::size_t i = 0; i < joints.keys.size(); ++i) {
+    logits.push_back(torch::mm(queries[i], joints.keys[i].t()) * temperatures[i]);
+  }
+  return logits;
+}
+
+std::vector<Tensor> SkinDecoderImpl::logits(const Tensor& vertex_features, const nn::Ragged& vertices,
+                                            const Tensor& joint_features, const SkeletonBatch& skeletons) {
+  return logits(vertex_features, vertices, joint_keys(joint_features, skeletons));
+}
+
+std::vector<Tensor> SkinDecoderImpl::decode(const Tensor& vertex_features, const nn::Ragged& vertices,
+                                            const Tensor& joint_features, const SkeletonBatch& skeletons) {
+  std::vector<Tensor> weights = logits(vertex_features, vertices, joint_features, skeletons);
+  for (Tensor& item : weights) item = torch::softmax(item, -1);
+  return weights;
+}
+
+std::vector<Tensor> SkinDecoderImpl::decode_log(const Tensor& vertex_features, const nn::Ragged& vertices,
+                                                const Tensor& joint_features, const SkeletonBatch& skeletons) {
+  std::vector<Tensor> weights = logits(vertex_features, vertices, joint_features, skeletons);
+  for (Tensor& item : weights) item = torch::log_softmax(item, -1);
+  return weights;
+}
+
+using torch::Tensor;
+
+SkinAutoEncoderImpl::SkinAutoEncoderImpl(const SkinAutoEncoderOptions& options, nn::Init init) : options_(options) {
+  options.validate();
+  encoder_ = register_module("skin_encoder", SkinEncoder(options.encoder_config));
+  decoder_ = register_module("skin_decoder", SkinDecoder(options.decoder_config));
+  if (init == nn::Init::kNone) return;
+  encoder_->initialize();
+  decoder_->initialize();
+}
+
+SkinAutoEncoderImpl::Output SkinAutoEncoderImpl::forward(const std::vector<Tensor>& joints,
+                                                         const std::vector<Tensor>& parents,
+                                                         const std::vector<Tensor>& skin) {
+  const SkeletonBatch skeletons = SkeletonBatch::from_lists(joints, parents);
+  const JointCode code = encode_joints(skeletons);
+  const Tensor vertex_features = encode_vertices(code, skeletons, skin);
+  const nn::Ragged vertices = rows_of(skin);
+  Output output;
+  output.joint_embeds = skeletons.items.split(code.features);
+  output.vert_embeds = vertices.split(vertex_features);
+  output.skin = decode(vertex_features, vertices, code.features, skeletons);
+  return output;
+}
+
+std::vector<Tensor> SkinAutoEncoderImpl::reconstruct_log(const SkeletonBatch& skeletons,
+                                                         const std::vector<Tensor>& skin) {
+  const JointCode code = encode_joints(skeletons);
+  return decoder_->decode_log(encode_vertices(code, skeletons, skin), rows_of(skin), code.features, skeletons);
+}
+
+SkinAutoEncoderImpl::JointCode SkinAutoEncoderImpl::encode_joints(const SkeletonBatch& skeletons) {
+  JointCode code;
+  code.embeddings = encoder_->embed_joints(skeletons);
+  code.features = encoder_->joint_features(code.embeddings);
+  return code;
+}
+
+Tensor SkinAutoEncoderImpl::encode_vertices(const JointCode& joints, const SkeletonBatch& skeletons,
+                                            const std::vector<Tensor>& skin) {
+  return encoder_->vertex_features(joints.embeddings, skeletons.items, skin);
+}
+
+std::vector<Tensor> SkinAutoEncoderImpl::decode(const Tensor& vertex_features, const nn::Ragged& vertices,
+                                                const Tensor& joint_features, const SkeletonBatch& skeletons) {
+  return decoder_->decode(vertex_features, vertices, joint_features, skeletons);
+}
+
+std::vector<std::string> SkinAutoEncoderImpl::half_precision_modules() const {
+  std::vector<std::string> names = {"skin_encoder.joint_embedder.blocks"};
+  if (options_.use_fp16) names.insert(names.end(), {"skin_decoder.blocks_vertex", "skin_decoder.blocks_skin"});
+  return names;
+}
+
+void SkinAutoEncoderImpl::convert_to_fp16() {
+  if (!parameters().front().is_cuda()) throw NotSupportedError("", "", "fp16 on a CPU; move the model to a GPU first");
+  const auto modules = named_modules();
+  for (const std::string& name : half_precision_modules()) nn::cast_linears(*modules[name], torch::kHalf);
+}
+
+nn::Ragged rows_of(const std::vector<Tensor>& matrices) {
+  std::vector<std::int64_t> rows;
+  for (const Tensor& matrix : matrices) rows.push_back(matrix.size(0));
+  return nn::Ragged(rows);
+}
+
+namespace {
+
+using torch::Tensor;
+
+constexpr double kGeluSecondMoment = 0.425;  // of a standard normal
+
+bool ends_with(const std::string& text, const std::string& end) {
+  return text.size() >= end.size() && text.compare(text.size() - end.size(), end.size(), end) == 0;
+}
+
+// Xavier's variance is 2 / (in + out).
+void set_variance(Tensor weight, double variance) {
+  const auto sum = static_cast<double>(weight.size(0) + weight.size(1));
+  weight.mul_(std::sqrt(variance * sum / 2.0));
+}
+
+double inputs(const Tensor& weight) { return static_cast<double>(weight.size(1)); }
+
+}  // namespace
+
+void rescale_to_unit_gain(SkinAutoEncoder& model) {
+  const torch::NoGradGuard no_grad;
+  const auto embed = static_cast<double>(model->options().encoder_config.jp_embed_dim);
+  const auto channels = static_cast<double>(model->options().decoder_config.model_channels);
+  for (const auto& part : model->named_modules("", /*include_self=*/false)) {
+    if (part.value()->as<nn::MlpImpl>() != nullptr) {
+      const auto parameters = part.value()->named_parameters();
+      const Tensor &first = parameters["0.weight"], &second = parameters["2.weight"];
+      const bool behind_embedding =
+          ends_with(part.key(), "out_layer_vert.mlp") || ends_with(part.key(), "out_layer_joint.mlp");
+      const bool makes_logits = ends_with(part.key(), "out_layer_vertex") || ends_with(part.key(), "out_layer_skin");
+      const bool unit_length = behind_embedding && model->options().encoder_config.normalize_feat;
+      set_variance(first, (unit_length ? embed : 1.0) / inputs(first));
+      set_variance(second, (makes_logits ? 1.0 / std::sqrt(channels) : 1.0) / (kGeluSecondMoment * inputs(second)));
+    } else if (ends_with(part.key(), "input_layer_vertex") || ends_with(part.key(), "input_layer_skin")) {
+      const Tensor weight = part.value()->named_parameters()["weight"];
+      set_variance(weight, 1.0 / inputs(weight));
+    }
+  }
+}
+
+}  // namespace anigen::skin_field

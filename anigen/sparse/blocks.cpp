@@ -1,0 +1,337 @@
+#include "anigen/sparse/blocks.h"
+
+#include <vector>
+
+#include "anigen/nn/init.h"
+#include "anigen/nn/norms.h"
+#include "anigen/sparse/norms.h"
+
+namespace anigen::sparse {
+
+namespace {
+
+SparseAttentionOptions block_self_attention(const SparseBlockOptions& options) {
+  SparseAttentionOptions attention;
+  attention.channels = options.channels;
+  attention.num_heads = options.num_heads;
+  attention.scope = options.scope;
+  attention.qkv_bias = options.qkv_bias;
+  attention.qk_rms_norm = options.qk_rms_norm;
+  return attention;
+}
+
+SparseAttentionOptions block_cross_attention(const SparseBlockOptions& options, std::int64_t context_channels) {
+  TORCH_CHECK(context_channels > 0, "a block with cross attention needs the width of its context");
+  SparseAttentionOptions attention = block_self_attention(options);
+  attention.context_channels = context_channels;
+  attention.scope = options.cross_scope;
+  attention.qk_rms_norm = options.qk_rms_norm_cross;
+  return attention;
+}
+
+nn::FeedForward block_mlp(const SparseBlockOptions& options) {
+  return nn::FeedForward(options.channels, options.channels, options.mlp_ratio);
+}
+
+}  // namespace
+
+SparseTransformerBlockImpl::SparseTransformerBlockImpl(const SparseBlockOptions& options) {
+  norm1_ = nn::BlockNorm(*this, "norm1", options.channels, options.affine_norms);
+  norm2_ = nn::BlockNorm(*this, "norm2", options.channels, options.affine_norms);
+  attention_ = register_module(options.attention_name, SparseAttention(block_self_attention(options)));
+  mlp_ = register_module("mlp", block_mlp(options));
+}
+
+SparseTensor SparseTransformerBlockImpl::forward(const SparseTensor& x) {
+  const Tensor h = x.feats + attention_->forward(x.with(norm1_(x.feats))).feats;
+  return x.with(h + mlp_->forward(norm2_(h)));
+}
+
+SparseCrossBlockImpl::SparseCrossBlockImpl(const SparseBlockOptions& options) : norm_context_(options.norm_context) {
+  TORCH_CHECK(options.context_channels.size() == 1, "a cross block has one context, not ",
+              options.context_channels.size());
+  const std::int64_t context = options.context_channels[0];
+  norm1_ = nn::BlockNorm(*this, "norm1", options.channels, options.affine_norms);
+  norm2_ = nn::BlockNorm(*this, "norm2", options.channels, options.affine_norms);
+  norm3_ = nn::BlockNorm(*this, "norm3", options.channels, options.affine_norms);
+  if (norm_context_) norm4_ = nn::BlockNorm(*this, "norm4", context, options.affine_norms);
+  self_attention_ = register_module("self_attn", SparseAttention(block_self_attention(options)));
+  cross_attention_ = register_module("cross_attn", SparseAttention(block_cross_attention(options, context)));
+  mlp_ = register_module("mlp", block_mlp(options));
+}
+
+SparseTensor SparseCrossBlockImpl::forward(const SparseTensor& x, const SparseTensor& context) {
+  const SparseTensor seen = norm_context_ ? context.with(norm4_(context.feats)) : context;
+  Tensor h = x.feats + self_attention_->forward(x.with(norm1_(x.feats))).feats;
+  h = h + cross_attention_->forward(x.with(norm2_(h)), seen).feats;
+  return x.with(h + mlp_->forward(norm3_(h)));
+}
+
+SparseMultiContextBlockImpl::SparseMultiContextBlockImpl(const SparseBlockOptions& options) {
+  const bool cross = !options.context_channels.empty();
+  norm1_ = nn::BlockNorm(*this, "norm1", options.channels, options.affine_norms);
+  if (cross) norm2_ = nn::BlockNorm(*this, "norm2", options.channels, /*affine=*/true);
+  norm3_ = nn::BlockNorm(*this, "norm3", options.channels, options.affine_norms);
+  self_attention_ = register_module("self_attn", SparseAttention(block_self_attention(options)));
+  for (const std::int64_t width : options.context_channels) {
+    const std::string number = std::to_string(cross_attentions_.size());
+    cross_attentions_.push_back(
+        register_module("cross_attn_" + number, SparseAttention(block_cross_attention(options, width))));
+    context_norms_.push_back(register_module("ctx_norm_" + number, nn::AffineLayerNorm(width, nn::kBlockNormEps)));
+  }
+  mlp_ = register_module("mlp", block_mlp(options));
+}
+
+SparseTensor SparseMultiContextBlockImpl::forward(const SparseTensor& x, const std::vector<SparseTensor>& contexts) {
+  TORCH_CHECK(contexts.size() == cross_attentions_.size(), "a block for ", cross_attentions_.size(),
+              " contexts was given ", contexts.size());
+  Tensor h = x.feats + self_attention_->forward(x.with(norm1_(x.feats))).feats;
+  if (!contexts.empty()) {
+    const SparseTensor queries = x.with(norm2_(h));
+    for (std::size_t i = 0; i < contexts.size(); ++i) {
+      const SparseTensor context = contexts[i].with(context_norms_[i]->forward(contexts[i].feats));
+      h = h + cross_attentions_[i]->forward(queries, context).feats;
+    }
+  }
+  return x.with(h + mlp_->forward(norm3_(h)));
+}
+
+namespace {
+
+SparseAttentionOptions modulated_self_attention(const SparseModulatedBlockOptions& options) {
+  SparseAttentionOptions attention;
+  attention.channels = options.channels;
+  attention.num_heads = options.num_heads;
+  attention.scope = options.scope;
+  attention.qkv_bias = options.qkv_bias;
+  attention.qk_rms_norm = options.qk_rms_norm;
+  return attention;
+}
+
+SparseAttentionOptions modulated_cross_attention(const SparseModulatedBlockOptions& options) {
+  TORCH_CHECK(options.context_channels > 0, "a block with cross attention needs the width of its context");
+  SparseAttentionOptions attention = modulated_self_attention(options);
+  attention.context_channels = options.context_channels;
+  attention.scope = AttentionScope();
+  attention.qk_rms_norm = options.qk_rms_norm_cross;
+  return attention;
+}
+
+}  // namespace
+
+SparseModulatedBlockImpl::SparseModulatedBlockImpl(const SparseModulatedBlockOptions& options) {
+  attention_ = register_module("attn", SparseAttention(modulated_self_attention(options)));
+  mlp_ = register_module("mlp", nn::FeedForward(options.channels, options.channels, options.mlp_ratio));
+  if (!options.share_mod) modulation_ = register_module("adaLN_modulation", nn::Modulation(options.channels));
+}
+
+SparseTensor SparseModulatedBlockImpl::forward(const SparseTensor& x, const Tensor& mod) {
+  const auto [attention, mlp] = item_modulations(modulation_, mod, x);
+  const Tensor h = attention.add_gated(x.feats, attention_->forward(x.with(attention.modulate(x.feats))).feats);
+  return x.with(mlp.add_gated(h, mlp_->forward(mlp.modulate(h))));
+}
+
+nn::Linear SparseModulatedBlockImpl::modulation() const { return linear_layer_of(modulation_); }
+
+SparseModulatedCrossBlockImpl::SparseModulatedCrossBlockImpl(const SparseModulatedBlockOptions& options) {
+  norm2_ = register_module("norm2", nn::AffineLayerNorm(options.channels, nn::kBlockNormEps));
+  if (options.context_norm) {
+    context_norm_ = register_module("context_norm", nn::AffineLayerNorm(options.context_channels, nn::kBlockNormEps));
+  }
+  self_attention_ = register_module("self_attn", SparseAttention(modulated_self_attention(options)));
+  cross_attention_ = register_module("cross_attn", SparseAttention(modulated_cross_attention(options)));
+  mlp_ = register_module("mlp", nn::FeedForward(options.channels, options.channels, options.mlp_ratio));
+  if (!options.share_mod) modulation_ = register_module("adaLN_modulation", nn::Modulation(options.channels));
+}
+
+template <typename Cross>
+SparseTensor SparseModulatedCrossBlockImpl::forward_with(const SparseTensor& x, const Tensor& mod, const Cross& cross) {
+  const auto [attention, mlp] = item_modulations(modulation_, mod, x);
+  Tensor h = attention.add_gated(x.feats, self_attention_->forward(x.with(attention.modulate(x.feats))).feats);
+  h = h + cross(x.with(norm2_->forward(h))).feats;
+  return x.with(mlp.add_gated(h, mlp_->forward(mlp.modulate(h))));
+}
+
+Tensor SparseModulatedCrossBlockImpl::normed_context(const Tensor& context) {
+  return context_norm_.is_empty() ? context : context_norm_->forward(context);
+}
+
+SparseTensor SparseModulatedCrossBlockImpl::forward(const SparseTensor& x, const Tensor& mod,
+                                                    const SparseTensor& context) {
+  const SparseTensor seen = context.with(normed_context(context.feats));
+  return forward_with(x, mod, [&](const SparseTensor& queries) { return cross_attention_->forward(queries, seen); });
+}
+
+SparseTensor SparseModulatedCrossBlockImpl::forward_dense(const SparseTensor& x, const Tensor& mod,
+                                                          const Tensor& context) {
+  const Tensor seen = normed_context(context);
+  return forward_with(x, mod,
+                      [&](const SparseTensor& queries) { return cross_attention_->forward_dense(queries, seen); });
+}
+
+nn::Linear SparseModulatedCrossBlockImpl::modulation() const { return linear_layer_of(modulation_); }
+
+namespace {
+
+SparseAttention stream_attention(const DualStreamBlockOptions& options, bool skeleton, std::int64_t context_channels,
+                                 bool qk_rms_norm) {
+  TORCH_CHECK(context_channels > 0, "a block with cross attention needs the width of its context");
+  SparseAttentionOptions attention;
+  attention.channels = skeleton ? options.channels_skl : options.channels;
+  attention.num_heads = skeleton ? options.num_heads_skl : options.num_heads;
+  attention.context_channels = context_channels;
+  attention.qkv_bias = options.qkv_bias;
+  attention.qk_rms_norm = qk_rms_norm;
+  return SparseAttention(attention);
+}
+
+}  // namespace
+
+DualStreamBlockImpl::DualStreamBlockImpl(const DualStreamBlockOptions& options) {
+  const std::int64_t channels = options.channels, channels_skl = options.channels_skl;
+  const std::int64_t context = options.context_channels;
+  const bool norm = options.qk_rms_norm, norm_cross = options.qk_rms_norm_cross;
+  norm2_ = register_module("norm2", nn::AffineLayerNorm(channels, nn::kBlockNormEps));
+  norm2_skl_ = register_module("norm2_skl", nn::AffineLayerNorm(channels_skl, nn::kBlockNormEps));
+  attention_ = register_module("attn", stream_attention(options, false, channels_skl, norm));
+  attention_skl_ = register_module("attn_skl", stream_attention(options, true, channels, norm));
+  context_attention_ = register_module("context_cross_attn", stream_attention(options, false, context, norm_cross));
+  context_attention_skl_ =
+      register_module("context_cross_attn_skl", stream_attention(options, true, context, norm_cross));
+  mlp_ = register_module("mlp", nn::FeedForward(channels, channels, options.mlp_ratio));
+  mlp_skl_ = register_module("mlp_skl", nn::FeedForward(channels_skl, channels_skl, options.mlp_ratio));
+  if (options.share_mod) return;
+  modulation_ = register_module("adaLN_modulation", nn::Modulation(channels));
+  modulation_skl_ = register_module("adaLN_modulation_skl", nn::Modulation(channels_skl));
+}
+
+DualStreamBlockImpl::Output DualStreamBlockImpl::forward(const SparseTensor& x, const SparseTensor& x_skl,
+                                                         const Tensor& mod, const Tensor& mod_skl,
+                                                         const Tensor& context) {
+  const auto [attention, mlp] = item_modulations(modulation_, mod, x);
+  const auto [attention_skl, mlp_skl] = item_modulations(modulation_skl_, mod_skl, x_skl);
+  const SparseTensor seen = x_skl.with(attention_skl.modulate(x_skl.feats));
+  const SparseTensor mixed = attention_->forward(x.with(attention.modulate(x.feats)), seen);
+  const SparseTensor mixed_skl = attention_skl_->forward(seen, mixed);  // the shape stream as it is after its attention
+  Tensor h = attention.add_gated(x.feats, mixed.feats);
+  Tensor h_skl = attention_skl.add_gated(x_skl.feats, mixed_skl.feats);
+  h = h + context_attention_->forward_dense(x.with(norm2_->forward(h)), context).feats;
+  h_skl = h_skl + context_attention_skl_->forward_dense(x_skl.with(norm2_skl_->forward(h_skl)), context).feats;
+  return {x.with(mlp.add_gated(h, mlp_->forward(mlp.modulate(h)))),
+          x_skl.with(mlp_skl.add_gated(h_skl, mlp_skl_->forward(mlp_skl.modulate(h_skl))))};
+}
+
+nn::Linear DualStreamBlockImpl::modulation() const { return linear_layer_of(modulation_); }
+nn::Linear DualStreamBlockImpl::modulation_skl() const { return linear_layer_of(modulation_skl_); }
+
+ResidualBlockImpl::ResidualBlockImpl(const ResidualBlockOptions& options) {
+  const std::int64_t in = options.channels, out = options.out_channels;
+  norm1_ = register_module("norm1", nn::AffineLayerNorm(in, nn::kBlockNormEps));
+  conv1_ = register_module("conv1", SubmanifoldConv3d(in, out));
+  conv2_ = register_module("conv2", SubmanifoldConv3d(out, out));
+  modulation_ = register_module("emb_layers", nn::Modulation(options.embedding_channels, 2 * out));
+  if (in != out) skip_ = register_module("skip_connection", nn::Linear(in, out));
+}
+
+SparseTensor ResidualBlockImpl::forward(const SparseTensor& x, const Tensor& embedding) {
+  return finish(conv1_->forward(x.with(activated(x.feats))), skipped(x.feats), embedding);
+}
+
+SparseTensor ResidualBlockImpl::forward_up(const SparseTensor& x, const SupportPtr& fine, const Tensor& embedding) {
+  const SparseTensor h = upsample(x.with(activated(x.feats)), fine, 2);
+  return finish(conv1_->forward(h), upsample(x.with(skipped(x.feats)), fine, 2).feats, embedding);
+}
+
+Tensor ResidualBlockImpl::activated(const Tensor& rows) { return norm1_->activated(rows); }
+
+Tensor ResidualBlockImpl::skipped(const Tensor& rows) { return skip_.is_empty() ? rows : skip_->forward(rows); }
+
+SparseTensor ResidualBlockImpl::finish(const SparseTensor& h, const Tensor& skip, const Tensor& embedding) {
+  const std::int64_t items = h.support->items().items();
+  const Tensor values = modulation_->forward(embedding);
+  TORCH_CHECK(values.dim() == 2 && values.size(0) == items, "a residual block of ", items, " items was given the ",
+              "embedding ", embedding.sizes());
+  const std::vector<Tensor> parts = values.chunk(2, -1);
+  const ItemModulation modulation(h.support, /*shift=*/parts[1], /*scale=*/parts[0]);
+  return h.with(conv2_->forward(h.with(torch::silu(modulation.modulate(h.feats)))).feats + skip);
+}
+
+void ResidualBlockImpl::initialize() { nn::zero_parameters(*conv2_); }
+
+namespace {
+
+// Without a gradient in place: at 256³ every copy of the features counts.
+Tensor normed_silu(SparseGroupNorm& norm, const SparseTensor& x) {
+  Tensor rows = norm->forward(x).feats;
+  return at::GradMode::is_enabled() ? torch::silu(rows) : at::silu_(rows);
+}
+
+}  // namespace
+
+SubdivideBlockImpl::SubdivideBlockImpl(const SubdivideBlockOptions& options) : options_(options) {
+  const std::int64_t in = options.channels, out = options.out_channels;
+  norm1_ = SparseGroupNorm(in, options.groups);
+  norm2_ = SparseGroupNorm(out, options.groups);
+  conv1_ = SubmanifoldConv3d(in, out);
+  conv2_ = SubmanifoldConv3d(out, out);
+  // Published as sequences; their other members, activations, have no parameters.
+  torch::nn::ModuleDict act_layers, out_layers;
+  act_layers->update({{"0", norm1_.ptr()}});
+  out_layers->update({{"0", conv1_.ptr()}, {"1", norm2_.ptr()}, {"3", conv2_.ptr()}});
+  register_module("act_layers", act_layers);
+  register_module("out_layers", out_layers);
+  if (in != out || options.skip_convolution) {
+    skip_ = register_module("skip_connection", SubmanifoldConv3d(in, out, 1));
+  }
+}
+
+// The skip acts on each voxel alone, so it comes before the subdivision: eight children would repeat it.
+SparseTensor SubdivideBlockImpl::forward(const SparseTensor& x) {
+  SparseTensor h = x.with(normed_silu(norm1_, x));
+  if (options_.subdivide) {
+    const SubmanifoldKernelImpl& kernel = *conv1_->conv;
+    h = {x.support->subdivided(), subdivided_convolution(*x.support, h.feats, kernel.weight, kernel.bias)};
+  } else {
+    h = conv1_->forward(h);
+  }
+  h = h.with(normed_silu(norm2_, h));
+  h = conv2_->forward(h);
+  const Tensor skip = skip_.is_empty() ? x.feats : skip_->forward(x).feats;
+  if (!options_.subdivide) return h.with(h.feats + skip);
+  const Tensor children = h.feats.view({skip.size(0), 8, h.channels()});
+  return h.with((children + skip.unsqueeze(1)).reshape(h.feats.sizes()));
+}
+
+void SubdivideBlockImpl::initialize() {
+  torch::nn::init::zeros_(conv2_->conv->weight);
+  torch::nn::init::zeros_(conv2_->conv->bias);
+}
+
+torch::Dtype SubdivideBlockImpl::dtype() const { return nn::dtype_of(conv1_->conv->weight); }
+
+SparseTensor downsample(const SparseTensor& x, const GridFactor& factor) {
+  const Coarsening& coarse = x.support->coarsened(factor);
+  const torch::Dtype dtype = nn::dtype_of(x.feats), wide = nn::accumulation_dtype(dtype);
+  const torch::Device device = x.feats.device();
+  const Tensor sums = torch::zeros({coarse.support->size(), x.channels()}, x.feats.options().dtype(wide))
+                          .index_add(0, coarse.row.to(device), x.feats.to(wide));
+  const Tensor members = coarse.count.to(device).to(wide).unsqueeze(1);
+  return {coarse.support, (sums / (members + 1)).to(dtype)};
+}
+
+SparseTensor upsample(const SparseTensor& coarse, const SupportPtr& fine, const GridFactor& factor) {
+  const Coarsening& coarsening = fine->coarsened(factor);
+  TORCH_CHECK(
+      coarse.support == coarsening.support || torch::equal(coarse.support->coords(), coarsening.support->coords()),
+      "up-sampling from ", coarse.support->size(), " voxels, which are not the ", coarsening.support->size(),
+      " that the ", fine->size(), " fine ones lie in");
+  return {fine, coarse.feats.index_select(0, coarsening.row.to(coarse.feats.device()))};
+}
+
+SparseTensor subdivide(const SparseTensor& x) {
+  const std::int64_t rows = x.support->size();
+  return {x.support->subdivided(),
+          x.feats.unsqueeze(1).expand({rows, 8, x.channels()}).reshape({8 * rows, x.channels()})};
+}
+
+}  // namespace anigen::sparse

@@ -1,0 +1,531 @@
+#include "anigen/sparse_structure/flow.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "anigen/core/config.h"
+#include "anigen/core/error.h"
+#include "anigen/nn/condition_cache.h"
+#include "anigen/nn/embeddings.h"
+#include "anigen/nn/init.h"
+#include "anigen/nn/linear.h"
+#include "anigen/nn/norms.h"
+#include "anigen/nn/trainable.h"
+#include "anigen/nn/volumes.h"
+
+namespace anigen::sparse_structure {
+
+namespace {
+
+// Limits that no sensible model reaches, so that a mistyped size is an error and not an allocation failure.
+constexpr std::int64_t kMaxFlowWidth = 16384;
+constexpr std::int64_t kMaxFlowBlocks = 256;
+constexpr std::int64_t kMaxFlowResolution = 128;
+constexpr std::int64_t kMaxFlowTokens = 1 << 21;
+constexpr std::int64_t kLoraRank = 8;
+
+std::int64_t required_size(ConfigReader& reader, const std::string& key, std::int64_t highest) {
+  reader.require(key);
+  return reader.integer(key, 0, 1, highest);
+}
+
+void read_flow_sizes(ConfigReader& reader, SparseStructureFlowOptions& options) {
+  options.resolution = required_size(reader, "resolution", kMaxFlowResolution);
+  options.in_channels = required_size(reader, "in_channels", kMaxFlowWidth);
+  options.in_channels_skl = required_size(reader, "in_channels_skl", kMaxFlowWidth);
+  options.out_channels = required_size(reader, "out_channels", kMaxFlowWidth);
+  options.out_channels_skl = required_size(reader, "out_channels_skl", kMaxFlowWidth);
+  options.model_channels = required_size(reader, "model_channels", kMaxFlowWidth);
+  options.model_channels_skl = required_size(reader, "model_channels_skl", kMaxFlowWidth);
+  options.cond_channels = required_size(reader, "cond_channels", kMaxFlowWidth);
+  options.num_blocks = required_size(reader, "num_blocks", kMaxFlowBlocks);
+  const Json* heads = reader.raw("num_heads");  // null means the same as leaving it out
+  if (heads != nullptr && !heads->is_null()) options.num_heads = reader.integer("num_heads", 0, 1, kMaxFlowWidth);
+  options.num_head_channels = reader.integer("num_head_channels", options.num_head_channels, 1, kMaxFlowWidth);
+  options.mlp_ratio = reader.number("mlp_ratio", options.mlp_ratio, 0.0, 64.0);
+  options.patch_size = reader.integer("patch_size", options.patch_size, 1, kMaxFlowResolution);
+}
+
+void read_flow_switches(ConfigReader& reader, SparseStructureFlowOptions& options) {
+  options.pe_mode = reader.choice("pe_mode", options.pe_mode, {"ape", "rope"});
+  const std::pair<const char*, bool*> switches[] = {{"use_fp16", &options.use_fp16},
+                                                    {"use_checkpoint", &options.use_checkpoint},
+                                                    {"share_mod", &options.share_mod},
+                                                    {"qk_rms_norm", &options.qk_rms_norm},
+                                                    {"qk_rms_norm_cross", &options.qk_rms_norm_cross},
+                                                    {"use_pretrain_branch", &options.use_pretrain_branch},
+                                                    {"freeze_pretrain_branch", &options.freeze_pretrain_branch},
+                                                    {"use_lora_ss", &options.use_lora_ss},
+                                                    {"adapter_ss_to_skl", &options.adapter_ss_to_skl},
+                                                    {"adapter_skl_to_ss", &options.adapter_skl_to_ss},
+                                                    {"predict_x0", &options.predict_x0},
+                                                    {"predict_x0_skl", &options.predict_x0_skl},
+                                                    {"z_is_global", &options.z_is_global},
+                                                    {"z_skl_is_global", &options.z_skl_is_global},
+                                                    {"skl_cross_from_ss", &options.skl_cross_from_ss}};
+  for (const auto& [key, value] : switches) *value = reader.boolean(key, *value);
+}
+
+void check_flow_option(bool valid, const std::string& file, const std::string& place, const std::string& problem) {
+  if (!valid) throw InputError(file, place, problem);
+}
+
+}  // namespace
+
+SparseStructureFlowOptions SparseStructureFlowOptions::from_json(const Json& json, const std::string& file,
+                                                                 const std::string& pointer) {
+  ConfigReader reader(json, file, pointer);
+  SparseStructureFlowOptions options;
+  read_flow_sizes(reader, options);
+  read_flow_switches(reader, options);
+  options.lora_lr_rate_ss = reader.number("lora_lr_rate_ss", options.lora_lr_rate_ss);
+  options.modules_to_freeze = reader.texts("modules_to_freeze", options.modules_to_freeze);
+  options.t_eps = reader.number("t_eps", options.t_eps, 0.0);
+  options.t_scale = reader.number("t_scale", options.t_scale, 0.0);
+  options.global_token_num = reader.integer("global_token_num", options.global_token_num, 1, kMaxFlowTokens);
+  options.global_token_num_skl =
+      reader.integer("global_token_num_skl", options.global_token_num_skl, 1, kMaxFlowTokens);
+  options.cross_adapter_every = reader.integer("cross_adapter_every", options.cross_adapter_every, 1, kMaxFlowBlocks);
+  reader.finish();
+  options.validate(file, pointer);
+  return options;
+}
+
+Json SparseStructureFlowOptions::to_json() const {
+  Json json;
+  json["resolution"] = resolution;
+  json["in_channels"] = in_channels;
+  json["in_channels_skl"] = in_channels_skl;
+  json["out_channels"] = out_channels;
+  json["out_channels_skl"] = out_channels_skl;
+  json["model_channels"] = model_channels;
+  json["model_channels_skl"] = model_channels_skl;
+  json["cond_channels"] = cond_channels;
+  json["num_blocks"] = num_blocks;
+  if (num_heads > 0) json["num_heads"] = num_heads;
+  json["num_head_channels"] = num_head_channels;
+  json["mlp_ratio"] = mlp_ratio;
+  json["patch_size"] = patch_size;
+  json["pe_mode"] = pe_mode;
+  json["use_fp16"] = use_fp16;
+  json["use_checkpoint"] = use_checkpoint;
+  json["share_mod"] = share_mod;
+  json["qk_rms_norm"] = qk_rms_norm;
+  json["qk_rms_norm_cross"] = qk_rms_norm_cross;
+  json["use_pretrain_branch"] = use_pretrain_branch;
+  json["freeze_pretrain_branch"] = freeze_pretrain_branch;
+  json["use_lora_ss"] = use_lora_ss;
+  json["lora_lr_rate_ss"] = lora_lr_rate_ss;
+  json["modules_to_freeze"] = modules_to_freeze;
+  json["adapter_ss_to_skl"] = adapter_ss_to_skl;
+  json["adapter_skl_to_ss"] = adapter_skl_to_ss;
+  json["predict_x0"] = predict_x0;
+  json["predict_x0_skl"] = predict_x0_skl;
+  json["t_eps"] = t_eps;
+  json["t_scale"] = t_scale;
+  json["z_is_global"] = z_is_global;
+  json["z_skl_is_global"] = z_skl_is_global;
+  json["global_token_num"] = global_token_num;
+  json["global_token_num_skl"] = global_token_num_skl;
+  json["cross_adapter_every"] = cross_adapter_every;
+  json["skl_cross_from_ss"] = skl_cross_from_ss;
+  return json;
+}
+
+void SparseStructureFlowOptions::validate(const std::string& file, const std::string& pointer) const {
+  if (pe_mode != "ape") throw NotSupportedError(file, pointer + "/pe_mode", "pe_mode '" + pe_mode + "'; use 'ape'");
+  check_flow_option(resolution > 0 && in_channels > 0 && in_channels_skl > 0 && out_channels > 0 &&
+                        out_channels_skl > 0 && model_channels > 0 && model_channels_skl > 0 && cond_channels > 0 &&
+                        num_blocks > 0,
+                    file, pointer, "every size must be positive");
+  check_flow_option(
+      patch_size > 0 && resolution % patch_size == 0, file, pointer + "/patch_size",
+      "patches of " + std::to_string(patch_size) + " do not divide a resolution of " + std::to_string(resolution));
+  const std::int64_t count = heads();
+  check_flow_option(count > 0, file, pointer + "/num_head_channels", "leaves no head");
+  const std::pair<const char*, std::int64_t> widths[] = {{"/model_channels", model_channels},
+                                                         {"/model_channels_skl", model_channels_skl}};
+  for (const auto& [key, channels] : widths) {
+    check_flow_option(channels % count == 0, file, pointer + key,
+                      std::to_string(count) + " heads do not divide " + std::to_string(channels) + " channels");
+    check_flow_option(static_cast<double>(channels) * mlp_ratio >= 1.0, file, pointer + "/mlp_ratio",
+                      "leaves no hidden channel");
+  }
+  check_flow_option(!predict_x0 || (in_channels == out_channels), file, pointer + "/predict_x0",
+                    "needs as many output as input channels");
+  check_flow_option(!predict_x0_skl || (in_channels_skl == out_channels_skl), file, pointer + "/predict_x0_skl",
+                    "needs as many output as input channels");
+  check_flow_option(t_eps > 0.0 && t_scale > 0.0, file, pointer + "/t_eps", "t_eps and t_scale must be positive");
+}
+
+std::int64_t SparseStructureFlowOptions::tokens() const {
+  const std::int64_t side = resolution / patch_size;
+  return z_is_global ? global_token_num : side * side * side;
+}
+
+std::int64_t SparseStructureFlowOptions::tokens_skl() const {
+  const std::int64_t side = resolution / patch_size;
+  return z_skl_is_global ? global_token_num_skl : side * side * side;
+}
+
+bool SparseStructureFlowOptions::has_cross_adapter(std::int64_t block) const {
+  if (!exchanges_by_attention()) return false;
+  return num_blocks < cross_adapter_every ? block + 1 == num_blocks : (block + 1) % cross_adapter_every == 0;
+}
+
+std::int64_t SparseStructureFlowOptions::lora_rank_self(std::int64_t block) const {
+  const std::int64_t first = std::max<std::int64_t>(1, num_blocks / 3 * 2);
+  return use_lora_ss && block >= first ? kLoraRank : 0;
+}
+
+std::int64_t SparseStructureFlowOptions::lora_rank_cross(std::int64_t block) const {
+  const std::int64_t third = std::max<std::int64_t>(1, num_blocks / 3);
+  return use_lora_ss ? kLoraRank * (1 + block / third) : 0;
+}
+
+namespace {
+
+using torch::Tensor;
+
+constexpr double kFinalNormEps = 1e-5;
+
+std::string size_text(const std::vector<std::int64_t>& sizes) {
+  std::string text = "[B";
+  for (std::size_t i = 1; i < sizes.size(); ++i) text += ", " + std::to_string(sizes[i]);
+  return text + "]";
+}
+
+}  // namespace
+
+std::vector<std::int64_t> FlowStream::latent_size(std::int64_t batch) const {
+  if (is_global) return {batch, tokens, in_channels};
+  return {batch, in_channels, resolution, resolution, resolution};
+}
+
+void FlowStream::check_latent(const Tensor& x) const {
+  const std::vector<std::int64_t> wanted = latent_size(x.dim() > 0 ? x.size(0) : 0);
+  if (x.sizes() == torch::IntArrayRef(wanted)) return;
+  throw InputError("", name, "expected shape " + size_text(wanted) + ", found " + c10::str(x.sizes()));
+}
+
+Tensor FlowStream::embed_tokens(const Tensor& x) {
+  const Tensor rows = is_global ? x : nn::patchify(x, patch).flatten(2).transpose(1, 2).contiguous();
+  return input_layer->forward(rows) + pos_emb;
+}
+
+Tensor FlowStream::modulation_of(const Tensor& t) {
+  const Tensor embedding = t_embedder->forward(t);
+  return shared_modulation.is_empty() ? embedding : shared_modulation->forward(embedding);
+}
+
+Tensor FlowStream::run(nn::ModulatedCrossBlock block, const Tensor& h, const Tensor& modulation,
+                       const Tensor& context) const {
+  if (!recompute || !at::GradMode::is_enabled()) return block->forward(h, modulation, context);
+  return nn::recomputed({h, modulation, context}, [block](const std::vector<Tensor>& inputs) mutable {
+    return block->forward(inputs[0], inputs[1], inputs[2]);
+  });
+}
+
+Tensor FlowStream::run_block(std::size_t i, const Tensor& h, const Tensor& modulation, const Tensor& context) {
+  return run(blocks[i], h, modulation, context);
+}
+
+Tensor FlowStream::receive(std::size_t i, std::int64_t crossing, const Tensor& own, const Tensor& other,
+                           const Tensor& modulation) {
+  if (!adapters.empty()) return own + adapters[i]->forward(other);
+  if (cross_blocks.empty() || crossing < 0) return own;
+  const auto c = static_cast<std::size_t>(crossing);
+  const Tensor crossed = run(cross_blocks[c], own, modulation, other);
+  return own + cross_outputs[c]->forward(crossed - own);
+}
+
+Tensor FlowStream::project(const Tensor& h) {
+  const Tensor rows = out_layer->forward(nn::layer_norm(h, kFinalNormEps));
+  if (is_global) return rows;
+  const std::int64_t side = resolution / patch;
+  return nn::unpatchify(rows.transpose(1, 2).reshape({h.size(0), rows.size(2), side, side, side}), patch);
+}
+
+namespace {
+
+using torch::Tensor;
+
+nn::ModulatedBlockOptions flow_block_options(const SparseStructureFlowOptions& options, const FlowStream& stream,
+                                             std::int64_t context_channels) {
+  nn::ModulatedBlockOptions block;
+  block.channels = stream.channels;
+  block.context_channels = context_channels;
+  block.num_heads = options.heads();
+  block.mlp_ratio = options.mlp_ratio;
+  block.qk_rms_norm = options.qk_rms_norm;
+  block.qk_rms_norm_cross = options.qk_rms_norm_cross;
+  block.share_mod = options.share_mod;
+  return block;
+}
+
+std::vector<nn::ModulatedCrossBlock> flow_blocks(const SparseStructureFlowOptions& options, const FlowStream& stream,
+                                                 std::int64_t context_channels, bool lora, bool context_norm) {
+  std::vector<nn::ModulatedCrossBlock> blocks;
+  for (std::int64_t i = 0; i < options.num_blocks; ++i) {
+    nn::ModulatedBlockOptions block = flow_block_options(options, stream, context_channels);
+    block.context_norm = context_norm;
+    if (lora) {
+      block.lora_self = nn::Lora{options.lora_rank_self(i), options.lora_lr_rate_ss};
+      block.lora_cross = nn::Lora{options.lora_rank_cross(i), options.lora_lr_rate_ss};
+    }
+    blocks.emplace_back(block);
+  }
+  return blocks;
+}
+
+Tensor position_table(const FlowStream& stream) {
+  const Tensor cells = stream.is_global ? torch::arange(stream.tokens, torch::kInt64).unsqueeze(1)
+                                        : nn::grid_coordinates(stream.resolution / stream.patch);
+  return nn::absolute_position_embedding(cells, stream.channels);
+}
+
+// The network's output is x₀: v = (x_t − x₀) / max(t, ε) with t in [0, 1].
+Tensor velocity_of_prediction(const Tensor& x_t, const Tensor& x_0, const Tensor& t,
+                              const SparseStructureFlowOptions& options) {
+  std::vector<std::int64_t> shape(static_cast<std::size_t>(x_t.dim()), 1);
+  shape[0] = t.size(0);
+  return (x_t - x_0) / (t / options.t_scale).clamp_min(options.t_eps).to(x_t.options()).view(shape);
+}
+
+}  // namespace
+
+SparseStructureFlowImpl::SparseStructureFlowImpl(const SparseStructureFlowOptions& options, nn::Init init)
+    : options_(options) {
+  options.validate();
+  describe_streams();
+  register_streams();
+  torso_weight_ = shape_.blocks.front()->named_parameters()["mlp.mlp.0.weight"];
+  if (init == nn::Init::kPublished) initialize_flow(*this, shape_, skeleton_);
+  if (options.freezes_shape_stream()) nn::freeze_modules(*this, options.modules_to_freeze);
+}
+
+void SparseStructureFlowImpl::describe_streams() {
+  shape_.name = "x";
+  shape_.in_channels = options_.in_channels;
+  shape_.out_channels = options_.out_channels;
+  shape_.channels = options_.model_channels;
+  shape_.tokens = options_.tokens();
+  shape_.is_global = options_.z_is_global;
+  skeleton_.name = "x_skl";
+  skeleton_.in_channels = options_.in_channels_skl;
+  skeleton_.out_channels = options_.out_channels_skl;
+  skeleton_.channels = options_.model_channels_skl;
+  skeleton_.tokens = options_.tokens_skl();
+  skeleton_.is_global = options_.z_skl_is_global;
+  for (FlowStream* stream : {&shape_, &skeleton_}) {
+    stream->resolution = options_.resolution;
+    stream->patch = stream->is_global ? 1 : options_.patch_size;
+    stream->recompute = options_.use_checkpoint;
+  }
+}
+
+void SparseStructureFlowImpl::register_streams() {
+  FlowStream &ss = shape_, &skl = skeleton_;
+  ss.pos_emb = register_buffer("pos_emb", position_table(ss));
+  skl.pos_emb = register_buffer("pos_emb_skl", position_table(skl));
+  ss.t_embedder = register_module("t_embedder", nn::TimestepEmbedder(ss.channels));
+  skl.t_embedder = register_module("t_embedder_skl", nn::TimestepEmbedder(skl.channels));
+  if (options_.share_mod) {
+    ss.shared_modulation = register_module("adaLN_modulation", nn::Modulation(ss.channels));
+    skl.shared_modulation = register_module("adaLN_modulation_skl", nn::Modulation(skl.channels));
+  }
+  const auto values_per_token = [](const FlowStream& stream) { return stream.patch * stream.patch * stream.patch; };
+  ss.input_layer = register_module("input_layer", nn::Linear(ss.in_channels * values_per_token(ss), ss.channels));
+  skl.input_layer =
+      register_module("input_layer_skl", nn::Linear(skl.in_channels * values_per_token(skl), skl.channels));
+
+  const bool from_ss = options_.skl_cross_from_ss;
+  ss.blocks = flow_blocks(options_, ss, options_.cond_channels, options_.use_lora_ss, false);
+  skl.blocks = flow_blocks(options_, skl, from_ss ? ss.channels : options_.cond_channels, false, from_ss);
+  register_module("blocks", nn::module_list(ss.blocks));
+  register_module("blocks_skl", nn::module_list(skl.blocks));
+  if (options_.adapter_ss_to_skl) register_exchange("ss_to_skl", ss, skl);
+  if (options_.adapter_skl_to_ss) register_exchange("skl_to_ss", skl, ss);
+
+  ss.out_layer = register_module("out_layer", nn::Linear(ss.channels, ss.out_channels * values_per_token(ss)));
+  skl.out_layer = register_module("out_layer_skl", nn::Linear(skl.channels, skl.out_channels * values_per_token(skl)));
+}
+
+void SparseStructureFlowImpl::register_exchange(const std::string& direction, const FlowStream& from, FlowStream& to) {
+  if (!options_.exchanges_by_attention()) {
+    for (std::int64_t i = 0; i < options_.num_blocks; ++i) to.adapters.emplace_back(from.channels, to.channels);
+    const std::string name = "adapter_" + direction + "_layers";
+    register_module(name, nn::module_list(to.adapters));
+    torso_modules_.push_back(name);
+    return;
+  }
+  for (std::int64_t i = 0; i < options_.num_blocks; ++i) {
+    if (!options_.has_cross_adapter(i)) continue;
+    to.cross_blocks.emplace_back(flow_block_options(options_, to, from.channels));
+    to.cross_outputs.emplace_back(to.channels, to.channels);
+  }
+  const std::string name = "cross_blocks_" + direction;
+  register_module(name, nn::module_list(to.cross_blocks));
+  register_module(name + "_out", nn::module_list(to.cross_outputs));
+  torso_modules_.insert(torso_modules_.end(), {name, name + "_out"});
+}
+
+void SparseStructureFlowImpl::check_inputs(const Tensor& x, const Tensor& x_skl, const Tensor& t,
+                                           const Tensor& cond) const {
+  shape_.check_latent(x);
+  skeleton_.check_latent(x_skl);
+  const std::int64_t batch = x.size(0);
+  if (x_skl.size(0) != batch) throw InputError("", "x_skl", "not as many items as x");
+  if (t.dim() != 1 || t.size(0) != batch) throw InputError("", "t", "expected one time per item");
+  if (cond.dim() != 3 || cond.size(2) != options_.cond_channels || (cond.size(0) != batch && cond.size(0) != 1)) {
+    throw InputError("", "cond",
+                     "expected tokens [" + std::to_string(batch) + " or 1, M, " +
+                         std::to_string(options_.cond_channels) + "], found " + c10::str(cond.sizes()));
+  }
+}
+
+Velocity SparseStructureFlowImpl::forward(const Tensor& x, const Tensor& x_skl, const Tensor& t, const Tensor& cond) {
+  check_inputs(x, x_skl, t, cond);
+  const torch::Dtype dtype = compute_dtype();
+  const Tensor context = nn::context_of(this, cond, [&] { return cond.expand({x.size(0), -1, -1}).to(dtype); });
+  const Tensor m = shape_.modulation_of(t).to(dtype), m_skl = skeleton_.modulation_of(t).to(dtype);
+  Tensor h = shape_.embed_tokens(x).to(dtype), h_skl = skeleton_.embed_tokens(x_skl).to(dtype);
+  std::int64_t crossings = 0;
+  for (std::size_t i = 0; i < shape_.blocks.size(); ++i) {
+    const Tensor f = shape_.run_block(i, h, m, context);
+    const Tensor f_skl = skeleton_.run_block(i, h_skl, m_skl, options_.skl_cross_from_ss ? h : context);
+    const std::int64_t crossing = options_.has_cross_adapter(static_cast<std::int64_t>(i)) ? crossings++ : -1;
+    // Both read what the blocks gave, not what the other exchange has already changed.
+    h = shape_.receive(i, crossing, f, f_skl, m);
+    h_skl = skeleton_.receive(i, crossing, f_skl, f, m_skl);
+  }
+  Velocity velocity = {shape_.project(h.to(nn::dtype_of(x))), skeleton_.project(h_skl.to(nn::dtype_of(x_skl)))};
+  if (options_.predict_x0) velocity.shape = velocity_of_prediction(x, velocity.shape, t, options_);
+  if (options_.predict_x0_skl) velocity.skeleton = velocity_of_prediction(x_skl, velocity.skeleton, t, options_);
+  return velocity;
+}
+
+std::vector<std::string> SparseStructureFlowImpl::half_precision_modules() const {
+  return options_.use_fp16 ? torso_modules_ : std::vector<std::string>{};
+}
+
+void SparseStructureFlowImpl::set_compute_dtype(torch::Dtype dtype) {
+  if (dtype == torch::kHalf && !torso_weight_.is_cuda()) {
+    throw NotSupportedError("", "", "fp16 on a CPU; use bf16, or move the model to a GPU first");
+  }
+  const auto modules = named_modules();
+  for (const std::string& name : torso_modules_) nn::cast_linears(*modules[name], dtype);
+}
+
+namespace {
+
+void initialize_flow_stream(FlowStream& stream) {
+  nn::normal_linear(*stream.t_embedder->first);
+  nn::normal_linear(*stream.t_embedder->second);
+  if (!stream.shared_modulation.is_empty()) nn::zero_parameters(*stream.shared_modulation);
+  for (const nn::ModulatedCrossBlock& block : stream.blocks) {
+    const nn::Linear modulation = block->modulation();
+    if (!modulation.is_empty()) nn::zero_parameters(*modulation.ptr());
+  }
+  nn::zero_parameters(*stream.out_layer);
+  for (const nn::Linear& adapter : stream.adapters) nn::zero_parameters(*adapter.ptr());
+  for (const nn::Linear& output : stream.cross_outputs) nn::zero_parameters(*output.ptr());
+}
+
+}  // namespace
+
+void initialize_flow(torch::nn::Module& model, FlowStream& shape, FlowStream& skeleton) {
+  nn::xavier_uniform_linears(model);
+  nn::default_norms(model);
+  initialize_flow_stream(shape);
+  initialize_flow_stream(skeleton);
+}
+
+namespace {
+
+// Sizes of one block, per batch item.
+nn::CrossBlockSize block_size(const SparseStructureFlowOptions& options, double tokens, double channels,
+                              double context_tokens, double context_channels) {
+  nn::CrossBlockSize size;
+  size.tokens = tokens;
+  size.channels = channels;
+  size.context_tokens = context_tokens;
+  size.context_channels = context_channels;
+  size.attended = tokens * (tokens + context_tokens);
+  size.hidden = nn::hidden_channels(channels, options.mlp_ratio);
+  size.own_modulation = !options.share_mod;
+  return size;
+}
+
+}  // namespace
+
+nn::FlopCount forward_flops(const SparseStructureFlowOptions& options, std::int64_t batch,
+                            std::int64_t condition_tokens) {
+  constexpr double kTimeFeatures = 256.0;
+  const auto ss = static_cast<double>(options.model_channels), skl = static_cast<double>(options.model_channels_skl);
+  const auto n_ss = static_cast<double>(options.tokens()), n_skl = static_cast<double>(options.tokens_skl());
+  const auto m = static_cast<double>(condition_tokens), k = static_cast<double>(options.cond_channels);
+  nn::FlopCount count;
+  for (const bool is_skeleton : {false, true}) {
+    const double c = is_skeleton ? skl : ss, n = is_skeleton ? n_skl : n_ss;
+    const bool global = is_skeleton ? options.z_skl_is_global : options.z_is_global;
+    const auto side = static_cast<double>(global ? 1 : options.patch_size);
+    const std::int64_t values =
+        is_skeleton ? options.in_channels_skl + options.out_channels_skl : options.in_channels + options.out_channels;
+    count.linear += nn::linear_flops(n, static_cast<double>(values) * side * side * side, c);
+    count.linear += nn::linear_flops(1.0, kTimeFeatures + c, c);
+    if (options.share_mod) count.linear += nn::linear_flops(1.0, c, 6.0 * c);
+  }
+  for (std::int64_t i = 0; i < options.num_blocks; ++i) {
+    nn::CrossBlockSize shape = block_size(options, n_ss, ss, m, k);
+    shape.self_rank = static_cast<double>(options.lora_rank_self(i));
+    shape.cross_rank = static_cast<double>(options.lora_rank_cross(i));
+    count += nn::cross_block_flops(shape);
+    const bool from_ss = options.skl_cross_from_ss;
+    count += nn::cross_block_flops(block_size(options, n_skl, skl, from_ss ? n_ss : m, from_ss ? ss : k));
+    const bool crossing = options.has_cross_adapter(i), linear = !options.exchanges_by_attention();
+    if (options.adapter_ss_to_skl && linear) count.linear += nn::linear_flops(n_skl, ss, skl);
+    if (options.adapter_skl_to_ss && linear) count.linear += nn::linear_flops(n_ss, skl, ss);
+    if (options.adapter_ss_to_skl && crossing) {
+      count += nn::cross_block_flops(block_size(options, n_skl, skl, n_ss, ss));
+      count.linear += nn::linear_flops(n_skl, skl, skl);
+    }
+    if (options.adapter_skl_to_ss && crossing) {
+      count += nn::cross_block_flops(block_size(options, n_ss, ss, n_skl, skl));
+      count.linear += nn::linear_flops(n_ss, ss, ss);
+    }
+  }
+  count.linear *= static_cast<double>(batch);
+  count.attention *= static_cast<double>(batch);
+  return count;
+}
+
+namespace {
+
+constexpr double kStructureStrength = 7.5;
+
+}  // namespace
+
+using torch::Tensor;
+
+SparseStructureFlowStageOptions SparseStructureFlowStageOptions::read(ConfigReader& args) {
+  SparseStructureFlowStageOptions options;
+  options.read_flow(args, kStructureStrength);
+  return options;
+}
+
+flow::Velocities structure_velocities(SparseStructureFlow model, const Tensor& condition, bool guided) {
+  const auto velocity_under = [model = std::move(model)](const Tensor& tokens) {
+    return [model, tokens](const flow::Streams& x, float time) mutable {
+      const Tensor t = torch::full({x[0].size(0)}, time, x[0].options());
+      const Velocity velocity = model->forward(x[0], x[1], t, tokens);
+      return flow::Streams{velocity.shape, velocity.skeleton};
+    };
+  };
+  flow::Velocities velocities;
+  velocities.conditional = velocity_under(condition);
+  if (guided) velocities.unconditional = velocity_under(torch::zeros_like(condition));
+  return velocities;
+}
+
+}  // namespace anigen::sparse_structure

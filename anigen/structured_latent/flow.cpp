@@ -1,0 +1,594 @@
+#include "anigen/structured_latent/flow.h"
+
+#include <utility>
+#include <vector>
+
+#include "anigen/core/config.h"
+#include "anigen/core/error.h"
+#include "anigen/nn/condition_cache.h"
+#include "anigen/nn/embeddings.h"
+#include "anigen/nn/init.h"
+#include "anigen/nn/linear.h"
+#include "anigen/nn/norms.h"
+#include "anigen/nn/torch.h"
+#include "anigen/nn/trainable.h"
+#include "anigen/sparse/blocks.h"
+#include "anigen/sparse/convolution.h"
+#include "anigen/structured_latent/torso.h"
+
+namespace anigen::structured_latent {
+
+namespace {
+
+// Limits that no sensible model reaches, so that a mistyped size is an error and not an allocation failure.
+constexpr std::int64_t kMostSlatFlowChannels = 16384;
+constexpr std::int64_t kMostSlatFlowBlocks = 256;
+constexpr std::int64_t kMostSlatFlowResolution = 1 << 20;
+constexpr std::int64_t kMostSlatFlowJoints = 1 << 16;
+constexpr std::int64_t kMostSlatFlowBands = 24;
+constexpr std::int64_t kMostSlatFlowLevels = 8;
+
+using StreamSizes = StructuredLatentFlowStreamOptions;
+
+struct SlatFlowStreamKey {
+  const char* suffix;
+  StreamSizes StructuredLatentFlowOptions::*stream;
+};
+constexpr SlatFlowStreamKey kSlatFlowStreams[] = {{"", &StructuredLatentFlowOptions::geometry},
+                                                  {"_vert_skin", &StructuredLatentFlowOptions::skin},
+                                                  {"_skl", &StructuredLatentFlowOptions::skeleton}};
+
+struct SlatFlowSwitch {
+  const char* key;
+  bool StructuredLatentFlowOptions::*value;
+};
+constexpr SlatFlowSwitch kSlatFlowSwitches[] = {
+    {"use_fp16", &StructuredLatentFlowOptions::use_fp16},
+    {"use_checkpoint", &StructuredLatentFlowOptions::use_checkpoint},
+    {"use_skip_connection", &StructuredLatentFlowOptions::use_skip_connection},
+    {"share_mod", &StructuredLatentFlowOptions::share_mod},
+    {"qk_rms_norm", &StructuredLatentFlowOptions::qk_rms_norm},
+    {"qk_rms_norm_cross", &StructuredLatentFlowOptions::qk_rms_norm_cross},
+    {"use_pretrain_branch", &StructuredLatentFlowOptions::use_pretrain_branch},
+    {"freeze_pretrain_branch", &StructuredLatentFlowOptions::freeze_pretrain_branch},
+    {"predict_x0", &StructuredLatentFlowOptions::predict_x0},
+    {"use_joint_num_cond", &StructuredLatentFlowOptions::use_joint_num_cond}};
+
+std::int64_t needed_size(ConfigReader& reader, const std::string& key, std::int64_t highest) {
+  reader.require(key);
+  return reader.integer(key, 0, 1, highest);
+}
+
+bool is_null_or_absent(ConfigReader& reader, const std::string& key) {
+  const Json* value = reader.raw(key);
+  return value == nullptr || value->is_null();
+}
+
+void read_flow_stream(ConfigReader& reader, const std::string& suffix, StreamSizes& stream) {
+  stream.in_channels = needed_size(reader, "in_channels" + suffix, kMostSlatFlowChannels);
+  stream.out_channels = needed_size(reader, "out_channels" + suffix, kMostSlatFlowChannels);
+  stream.model_channels = needed_size(reader, "model_channels" + suffix, kMostSlatFlowChannels);
+  const std::string heads = "num_heads" + suffix, widths = "io_block_channels" + suffix;
+  if (!is_null_or_absent(reader, heads)) stream.num_heads = reader.integer(heads, 0, 1, kMostSlatFlowChannels);
+  stream.num_head_channels =
+      reader.integer("num_head_channels" + suffix, stream.num_head_channels, 1, kMostSlatFlowChannels);
+  stream.num_io_res_blocks =
+      reader.integer("num_io_res_blocks" + suffix, stream.num_io_res_blocks, 1, kMostSlatFlowBlocks);
+  if (!is_null_or_absent(reader, widths)) stream.io_block_channels = reader.integers(widths, {});
+}
+
+void write_flow_stream(Json& json, const std::string& suffix, const StreamSizes& stream) {
+  json["in_channels" + suffix] = stream.in_channels;
+  json["out_channels" + suffix] = stream.out_channels;
+  json["model_channels" + suffix] = stream.model_channels;
+  json["num_heads" + suffix] = stream.num_heads > 0 ? Json(stream.num_heads) : Json(nullptr);
+  json["num_head_channels" + suffix] = stream.num_head_channels;
+  json["num_io_res_blocks" + suffix] = stream.num_io_res_blocks;
+  json["io_block_channels" + suffix] = stream.io_block_channels ? Json(*stream.io_block_channels) : Json(nullptr);
+}
+
+// Where the options stand, for messages.
+struct SlatFlowPlace {
+  const std::string &file, &pointer;
+
+  void check(bool valid, const std::string& key, const std::string& problem) const {
+    if (!valid) throw InputError(file, key.empty() ? pointer : pointer + "/" + key, problem);
+  }
+};
+
+void check_flow_stream(const SlatFlowPlace& at, const std::string& suffix, const StreamSizes& stream,
+                       const StructuredLatentFlowOptions& options) {
+  at.check(stream.in_channels > 0 && stream.out_channels > 0 && stream.model_channels > 0, "model_channels" + suffix,
+           "every width must be positive");
+  const std::int64_t heads = stream.heads();
+  at.check(heads > 0, "num_head_channels" + suffix, "leaves no head");
+  at.check(stream.model_channels % heads == 0, "model_channels" + suffix,
+           std::to_string(heads) + " heads do not divide " + std::to_string(stream.model_channels) + " channels");
+  at.check(static_cast<double>(stream.model_channels) * options.mlp_ratio >= 1.0, "mlp_ratio",
+           "leaves no hidden channel");
+  if (!stream.io_block_channels) return;
+  const std::string key = "io_block_channels" + suffix;
+  for (const std::int64_t width : *stream.io_block_channels) {
+    at.check(width > 0 && width <= kMostSlatFlowChannels, key, "widths must be positive and sensible");
+  }
+  at.check(stream.num_io_res_blocks > 0, "num_io_res_blocks" + suffix, "must be at least 1");
+  at.check(stream.levels() <= kMostSlatFlowLevels && options.patch_size == std::int64_t{1} << stream.levels(), key,
+           std::to_string(stream.levels()) + " widths halve the resolution as often, which is not a patch_size of " +
+               std::to_string(options.patch_size));
+}
+
+}  // namespace
+
+StructuredLatentFlowOptions StructuredLatentFlowOptions::read(ConfigReader& reader) {
+  StructuredLatentFlowOptions options;
+  options.resolution = needed_size(reader, "resolution", kMostSlatFlowResolution);
+  for (const auto& [suffix, stream] : kSlatFlowStreams) read_flow_stream(reader, suffix, options.*stream);
+  options.cond_channels = needed_size(reader, "cond_channels", kMostSlatFlowChannels);
+  options.num_blocks = needed_size(reader, "num_blocks", kMostSlatFlowBlocks);
+  options.mlp_ratio = reader.number("mlp_ratio", options.mlp_ratio, 0.0, 64.0);
+  options.patch_size = reader.integer("patch_size", options.patch_size, 1, std::int64_t{1} << kMostSlatFlowLevels);
+  options.pe_mode = reader.choice("pe_mode", options.pe_mode, {"ape", "rope"});
+  for (const auto& [key, value] : kSlatFlowSwitches) options.*value = reader.boolean(key, options.*value);
+  options.modules_to_freeze = reader.texts("modules_to_freeze", options.modules_to_freeze);
+  options.t_eps = reader.number("t_eps", options.t_eps, 0.0);
+  options.t_scale = reader.number("t_scale", options.t_scale, 0.0);
+  options.joint_num_max = reader.integer("joint_num_max", options.joint_num_max, 1, kMostSlatFlowJoints);
+  options.joint_num_fourier_bands =
+      reader.integer("joint_num_fourier_bands", options.joint_num_fourier_bands, 1, kMostSlatFlowBands);
+  options.validate(reader.file(), reader.pointer_to(""));
+  return options;
+}
+
+StructuredLatentFlowOptions StructuredLatentFlowOptions::from_json(const Json& json, const std::string& file,
+                                                                   const std::string& pointer) {
+  ConfigReader reader(json, file, pointer);
+  StructuredLatentFlowOptions options = read(reader);
+  reader.finish();
+  return options;
+}
+
+Json StructuredLatentFlowOptions::to_json() const {
+  Json json;
+  json["resolution"] = resolution;
+  for (const auto& [suffix, stream] : kSlatFlowStreams) write_flow_stream(json, suffix, this->*stream);
+  json["cond_channels"] = cond_channels;
+  json["num_blocks"] = num_blocks;
+  json["mlp_ratio"] = mlp_ratio;
+  json["patch_size"] = patch_size;
+  json["pe_mode"] = pe_mode;
+  for (const auto& [key, value] : kSlatFlowSwitches) json[key] = this->*value;
+  json["modules_to_freeze"] = modules_to_freeze;
+  json["t_eps"] = t_eps;
+  json["t_scale"] = t_scale;
+  json["joint_num_max"] = joint_num_max;
+  json["joint_num_fourier_bands"] = joint_num_fourier_bands;
+  return json;
+}
+
+void StructuredLatentFlowOptions::validate(const std::string& file, const std::string& pointer) const {
+  if (pe_mode != "ape") throw NotSupportedError(file, pointer + "/pe_mode", "pe_mode '" + pe_mode + "'; use 'ape'");
+  const SlatFlowPlace at{file, pointer};
+  at.check(resolution > 0 && cond_channels > 0 && num_blocks > 0, "", "every size must be positive");
+  for (const auto& [suffix, stream] : kSlatFlowStreams) check_flow_stream(at, suffix, this->*stream, *this);
+  at.check(geometry.levels() == skin.levels(), "io_block_channels_vert_skin",
+           "the skin must have as many widths as the geometry, whose voxels it shares");
+  for (const auto& [suffix, stream] : kSlatFlowStreams) {
+    const StreamSizes& sizes = this->*stream;
+    const bool concerned = predict_x0 && &sizes != &geometry;
+    at.check(!concerned || sizes.in_channels == sizes.out_channels, std::string("out_channels") + suffix,
+             "predict_x0 needs as many output as input channels");
+  }
+  at.check(t_eps > 0.0 && t_scale > 0.0, "t_eps", "t_eps and t_scale must be positive");
+  at.check(joint_num_max > 0 && joint_num_fourier_bands > 0, "joint_num_max",
+           "joint_num_max and joint_num_fourier_bands must be positive");
+}
+
+namespace {
+
+using sparse::SparseTensor;
+using torch::Tensor;
+
+constexpr double kSlatFlowFinalNormEps = 1e-5;
+
+Tensor with_voxel_positions(const SparseTensor& x) {
+  const Tensor places = x.support->coords().slice(1, 1).to(x.feats.device());
+  return x.feats + nn::absolute_position_embedding(places, x.channels()).to(nn::dtype_of(x.feats));
+}
+
+}  // namespace
+
+void StructuredLatentFlowStream::register_time(torch::nn::Module& model, const StructuredLatentFlowOptions& options) {
+  use_skips = options.use_skip_connection;
+  recompute = options.use_checkpoint;
+  t_embedder = model.register_module("t_embedder" + suffix, nn::TimestepEmbedder(sizes.model_channels));
+}
+
+void StructuredLatentFlowStream::register_modulation(torch::nn::Module& model) {
+  shared_modulation = model.register_module("adaLN_modulation" + suffix, nn::Modulation(sizes.model_channels));
+}
+
+void StructuredLatentFlowStream::register_joint_count(torch::nn::Module& model,
+                                                      const StructuredLatentFlowOptions& options) {
+  joint_embedder = model.register_module(
+      "joint_num_embedder" + suffix,
+      nn::JointCountEmbedder(sizes.model_channels, options.joint_num_max, options.joint_num_fourier_bands));
+  joint_unconditional = model.register_parameter("joint_num_uncond" + suffix, torch::empty({sizes.model_channels}));
+}
+
+void StructuredLatentFlowStream::register_layers(torch::nn::Module& model, const StructuredLatentFlowOptions& options,
+                                                 std::int64_t context_channels) {
+  const std::int64_t outer = sizes.levels() > 0 ? sizes.io_block_channels->front() : sizes.model_channels;
+  input_layer = model.register_module("input_layer" + suffix, nn::Linear(sizes.in_channels, outer));
+  make_residual_blocks();
+  model.register_module("input_blocks" + suffix, nn::module_list(input_blocks));
+
+  sparse::SparseModulatedBlockOptions block;
+  block.channels = sizes.model_channels;
+  block.context_channels = context_channels;
+  block.num_heads = sizes.heads();
+  block.mlp_ratio = options.mlp_ratio;
+  block.qk_rms_norm = options.qk_rms_norm;
+  block.qk_rms_norm_cross = options.qk_rms_norm_cross;
+  block.share_mod = options.share_mod;
+  block.context_norm = true;
+  for (std::int64_t i = 0; i < options.num_blocks; ++i) blocks.emplace_back(block);
+  model.register_module("blocks" + suffix, nn::module_list(blocks));
+  model.register_module("out_blocks" + suffix, nn::module_list(out_blocks));
+  out_layer = model.register_module("out_layer" + suffix, nn::Linear(outer, sizes.out_channels));
+}
+
+void StructuredLatentFlowStream::make_residual_blocks() {
+  const std::int64_t width = sizes.model_channels, both = use_skips ? 2 : 1;
+  std::vector<std::int64_t> widths = sizes.io_block_channels.value_or(std::vector<std::int64_t>());
+  widths.push_back(width);
+  for (std::size_t level = 0; level + 1 < widths.size(); ++level) {
+    for (std::int64_t i = 0; i < sizes.num_io_res_blocks; ++i) {
+      const std::int64_t out = i + 1 == sizes.num_io_res_blocks ? widths[level + 1] : widths[level];
+      input_blocks.emplace_back(sparse::ResidualBlockOptions{widths[level], out, width});
+    }
+  }
+  for (std::size_t level = widths.size() - 1; level-- > 0;) {
+    for (std::int64_t i = 0; i < sizes.num_io_res_blocks; ++i) {
+      const std::int64_t in = i == 0 ? widths[level + 1] : widths[level];
+      out_blocks.emplace_back(sparse::ResidualBlockOptions{both * in, widths[level], width});
+    }
+  }
+}
+
+StructuredLatentFlowState StructuredLatentFlowStream::enter(const SparseTensor& x, const Tensor& t,
+                                                            const Tensor& joints_num, torch::Dtype dtype) {
+  StructuredLatentFlowState state;
+  Tensor embedding = t_embedder->forward(t);
+  if (!joint_embedder.is_empty()) embedding = embedding + joint_embedder->forward(joints_num, joint_unconditional);
+  state.embedding = embedding.to(dtype);
+  state.modulation = shared_modulation.is_empty() ? state.embedding : shared_modulation->forward(embedding).to(dtype);
+  state.h = x.with(input_layer->forward(x.feats.to(nn::dtype_of(input_layer->weight))).to(dtype));
+  descend(state);
+  state.h = state.h.with(with_voxel_positions(state.h));
+  return state;
+}
+
+void StructuredLatentFlowStream::descend(StructuredLatentFlowState& state) const {
+  const auto per_level = static_cast<std::size_t>(sizes.num_io_res_blocks);
+  for (std::size_t i = 0; i < input_blocks.size(); ++i) {
+    const bool down = (i + 1) % per_level == 0;
+    const sparse::SupportPtr own = state.h.support;
+    const auto part = [block = input_blocks[i], own, down](const std::vector<Tensor>& inputs) mutable {
+      const SparseTensor x{own, inputs[0]};
+      return block->forward(down ? sparse::downsample(x, 2) : x, inputs[1]).feats;
+    };
+    const Tensor feats = run({state.h.feats, state.embedding}, part);
+    if (down) state.finer.push_back(own);
+    state.h = {down ? own->coarsened(2).support : own, feats};
+    if (use_skips) state.skips.push_back(feats);
+  }
+}
+
+SparseTensor StructuredLatentFlowStream::run_block(std::size_t i, const StructuredLatentFlowState& state,
+                                                   const Tensor& context, const sparse::SupportPtr& places) const {
+  const auto part = [block = blocks[i], own = state.h.support, places](const std::vector<Tensor>& inputs) mutable {
+    const SparseTensor x{own, inputs[0]};
+    if (places == nullptr) return block->forward_dense(x, inputs[1], inputs[2]).feats;
+    return block->forward(x, inputs[1], {places, inputs[2]}).feats;
+  };
+  return state.h.with(run({state.h.feats, state.modulation, context}, part));
+}
+
+void StructuredLatentFlowStream::ascend(StructuredLatentFlowState& state) const {
+  const auto per_level = static_cast<std::size_t>(sizes.num_io_res_blocks);
+  for (std::size_t i = 0; i < out_blocks.size(); ++i) {
+    const sparse::SupportPtr own = state.h.support;
+    sparse::SupportPtr fine;  // of a block that doubles the resolution
+    if (i % per_level == 0) {
+      fine = state.finer.back();
+      state.finer.pop_back();
+    }
+    std::vector<Tensor> inputs{state.embedding, state.h.feats};
+    if (use_skips) {
+      inputs.push_back(state.skips.back());
+      state.skips.pop_back();
+    }
+    const auto part = [block = out_blocks[i], own, fine](const std::vector<Tensor>& rows) mutable {
+      const SparseTensor x{own, rows.size() > 2 ? torch::cat({rows[1], rows[2]}, 1) : rows[1]};
+      return (fine == nullptr ? block->forward(x, rows[0]) : block->forward_up(x, fine, rows[0])).feats;
+    };
+    state.h = {fine == nullptr ? own : fine, run(inputs, part)};
+  }
+}
+
+Tensor StructuredLatentFlowStream::leave(StructuredLatentFlowState state) {
+  ascend(state);
+  // The norm comes before the conversion: what leaves a 16-bit torso is rounded once more.
+  const Tensor rows = nn::layer_norm(state.h.feats, kSlatFlowFinalNormEps);
+  return out_layer->forward(rows.to(nn::dtype_of(out_layer->weight)));
+}
+
+Tensor StructuredLatentFlowStream::run(const std::vector<Tensor>& inputs,
+                                       const std::function<Tensor(const std::vector<Tensor>&)>& part) const {
+  return recompute && at::GradMode::is_enabled() ? nn::recomputed(inputs, part) : part(inputs);
+}
+
+namespace {
+
+using sparse::SparseTensor;
+using torch::Tensor;
+
+// The network's output is formed into a velocity; the sign is the published one, opposite to that of the sparse
+// structure (reference flows-and-pipeline.md, 2.5, step 8).
+Tensor velocity_of_sparse_prediction(const SparseTensor& x_t, const Tensor& output, const Tensor& t,
+                                     const StructuredLatentFlowOptions& options) {
+  const Tensor item = x_t.support->coords().select(1, 0).to(t.device(), torch::kInt64);
+  const Tensor time = (t / options.t_scale).clamp_min(options.t_eps).index_select(0, item).unsqueeze(1);
+  return (output - x_t.feats) / time.to(nn::dtype_of(output));
+}
+
+}  // namespace
+
+StructuredLatentFlowImpl::StructuredLatentFlowImpl(const StructuredLatentFlowOptions& options, nn::Init init)
+    : options_(options) {
+  options.validate();
+  geometry_.sizes = options.geometry;
+  skin_.suffix = "_vert_skin";
+  skin_.sizes = options.skin;
+  skeleton_.suffix = "_skl";
+  skeleton_.sizes = options.skeleton;
+  register_streams();
+  torso_weight_ = geometry_.blocks.front()->named_parameters()["mlp.mlp.0.weight"];
+  if (init == nn::Init::kPublished) initialize_flow(*this, streams(), adapters_);
+  if (options.freezes_geometry()) nn::freeze_modules(*this, options.modules_to_freeze);
+}
+
+void StructuredLatentFlowImpl::register_streams() {
+  for (StructuredLatentFlowStream* stream : streams()) stream->register_time(*this, options_);
+  if (options_.share_mod) {
+    for (StructuredLatentFlowStream* stream : streams()) stream->register_modulation(*this);
+  }
+  if (options_.use_joint_num_cond) {
+    for (StructuredLatentFlowStream* stream : {&skin_, &skeleton_}) {
+      stream->register_joint_count(*this, options_);
+      torso_modules_.push_back("joint_num_embedder" + stream->suffix);
+      torso_parameters_.push_back("joint_num_uncond" + stream->suffix);
+    }
+  }
+  geometry_.register_layers(*this, options_, options_.cond_channels);
+  skin_.register_layers(*this, options_, skeleton_.sizes.model_channels);
+  skeleton_.register_layers(*this, options_, skin_.sizes.model_channels);
+  for (const StructuredLatentFlowStream* stream : streams()) {
+    for (const char* part : {"input_blocks", "blocks", "out_blocks"}) torso_modules_.push_back(part + stream->suffix);
+  }
+  for (std::int64_t i = 0; i < options_.num_blocks; ++i) {
+    adapters_.emplace_back(geometry_.sizes.model_channels, skin_.sizes.model_channels);
+  }
+  register_module("adapter_geo_to_skin", nn::module_list(adapters_));
+  torso_modules_.push_back("adapter_geo_to_skin");
+}
+
+void StructuredLatentFlowImpl::check_inputs(const SparseTensor& x, const SparseTensor& x_skl, const Tensor& t,
+                                            const Tensor& cond, const Tensor& joints_num) const {
+  check_voxel_rows(x, options_.geometry.in_channels + options_.skin.in_channels, "x");
+  check_voxel_rows(x_skl, options_.skeleton.in_channels, "x_skl");
+  const std::int64_t batch = x.support->items().items();
+  const auto is_per_item = [batch](const Tensor& values, std::int64_t dims) {
+    return values.dim() == dims && (values.size(0) == batch || values.size(0) == 1);
+  };
+  if (x_skl.support->items().items() != batch) throw InputError("", "x_skl", "not as many items as x");
+  if (t.dim() != 1 || t.size(0) != batch) throw InputError("", "t", "expected one time per item");
+  if (!is_per_item(cond, 3) || cond.size(2) != options_.cond_channels) {
+    throw InputError("", "cond",
+                     "expected tokens [" + std::to_string(batch) + " or 1, K, " +
+                         std::to_string(options_.cond_channels) + "], found " + nn::shape_text(cond));
+  }
+  if (!joints_num.defined()) return;
+  if (!options_.use_joint_num_cond) {
+    throw InputError("", "joints_num", "this model is not conditioned on a number of joints (use_joint_num_cond)");
+  }
+  if (!is_per_item(joints_num, 1)) {
+    throw InputError("", "joints_num",
+                     "expected one number for each of " + std::to_string(batch) + " items, or one for all, found " +
+                         nn::shape_text(joints_num));
+  }
+}
+
+StructuredVelocity StructuredLatentFlowImpl::forward(const SparseTensor& x, const SparseTensor& x_skl, const Tensor& t,
+                                                     const Tensor& cond, const Tensor& joints_num) {
+  check_inputs(x, x_skl, t, cond, joints_num);
+  const torch::Dtype dtype = compute_dtype();
+  const std::int64_t batch = t.size(0), geometry_channels = geometry_.sizes.in_channels;
+  const Tensor context = nn::context_of(this, cond, [&] { return cond.expand({batch, -1, -1}).to(dtype); });
+  const Tensor counts = joints_num.defined() ? joints_num.to(t.device()).expand({batch}) : torch::zeros_like(t);
+  const SparseTensor x_geo = x.with(x.feats.narrow(1, 0, geometry_channels));
+  const SparseTensor x_skin = x.with(x.feats.narrow(1, geometry_channels, skin_.sizes.in_channels));
+  StructuredLatentFlowState geo = geometry_.enter(x_geo, t, counts, dtype);
+  StructuredLatentFlowState skin = skin_.enter(x_skin, t, counts, dtype);
+  StructuredLatentFlowState skl = skeleton_.enter(x_skl, t, counts, dtype);
+  for (std::size_t i = 0; i < adapters_.size(); ++i) {
+    // All three see each other as they were before this block.
+    const Tensor from_geometry = adapters_[i]->forward(geo.h.feats);
+    geo.h = geometry_.run_block(i, geo, context);
+    const SparseTensor f_skin = skin_.run_block(i, skin, skl.h.feats, skl.h.support);
+    skl.h = skeleton_.run_block(i, skl, skin.h.feats, skin.h.support);
+    skin.h = f_skin.with(f_skin.feats + from_geometry);
+  }
+  const torch::Dtype out = nn::dtype_of(x.feats), out_skl = nn::dtype_of(x_skl.feats);
+  const Tensor v_geo = geometry_.leave(std::move(geo)).to(out);
+  Tensor v_skin = skin_.leave(std::move(skin)).to(out), v_skl = skeleton_.leave(std::move(skl)).to(out_skl);
+  if (options_.predict_x0) {
+    v_skin = velocity_of_sparse_prediction(x_skin, v_skin, t, options_);
+    v_skl = velocity_of_sparse_prediction(x_skl, v_skl, t, options_);
+  }
+  return {x.with(torch::cat({v_geo, v_skin}, 1)), x_skl.with(v_skl)};
+}
+
+std::vector<std::string> StructuredLatentFlowImpl::half_precision_modules() const {
+  if (!options_.use_fp16) return {};
+  std::vector<std::string> names = torso_modules_;
+  names.insert(names.end(), torso_parameters_.begin(), torso_parameters_.end());
+  return names;
+}
+
+void StructuredLatentFlowImpl::set_compute_dtype(torch::Dtype dtype) {
+  if (dtype == torch::kHalf && !torso_weight_.is_cuda()) {
+    throw NotSupportedError("", "", "fp16 on a CPU; use bf16, or move the model to a GPU first");
+  }
+  const auto modules = named_modules();
+  for (const std::string& name : torso_modules_) nn::cast_linears(*modules[name], dtype);
+  auto parameters = named_parameters(/*recurse=*/false);
+  for (const std::string& name : torso_parameters_) {
+    Tensor& parameter = parameters[name];
+    parameter.set_data(parameter.data().to(dtype));
+  }
+}
+
+namespace {
+
+void initialize_slat_flow_stream(StructuredLatentFlowStream& stream) {
+  nn::normal_linear(*stream.t_embedder->first);
+  nn::normal_linear(*stream.t_embedder->second);
+  if (!stream.shared_modulation.is_empty()) nn::zero_parameters(*stream.shared_modulation);
+  if (stream.joint_unconditional.defined()) torch::nn::init::zeros_(stream.joint_unconditional);
+  for (auto* blocks : {&stream.input_blocks, &stream.out_blocks}) {
+    for (sparse::ResidualBlock& block : *blocks) block->initialize();
+  }
+  for (const sparse::SparseModulatedCrossBlock& block : stream.blocks) {
+    const nn::Linear modulation = block->modulation();
+    if (!modulation.is_empty()) nn::zero_parameters(*modulation.ptr());
+  }
+  nn::zero_parameters(*stream.out_layer);
+}
+
+}  // namespace
+
+void initialize_flow(torch::nn::Module& model, const std::vector<StructuredLatentFlowStream*>& streams,
+                     const std::vector<nn::Linear>& adapters) {
+  nn::xavier_uniform_linears(model);
+  nn::default_norms(model);
+  sparse::default_submanifold_kernels(model);
+  for (StructuredLatentFlowStream* stream : streams) initialize_slat_flow_stream(*stream);
+  for (const nn::Linear& adapter : adapters) nn::zero_parameters(*adapter.ptr());
+}
+
+namespace {
+
+constexpr double kSlatFlowTimeFeatures = 256.0;
+
+// Blocks around the transformer, there and back.
+nn::FlopCount residual_flops(const StructuredLatentFlowStreamOptions& stream, bool skips, const VoxelCounts& voxels) {
+  nn::FlopCount count;
+  const auto items = static_cast<double>(voxels.item_voxels.size());
+  const auto width = static_cast<double>(stream.model_channels);
+  // A skip through a linear layer is formed at the lower resolution when the block changes it.
+  const auto add = [&](double in, double out, std::size_t level, std::size_t skip_level) {
+    count.convolution += 2.0 * voxels.taps[level] * out * (in + out);
+    count.linear += nn::linear_flops(items, width, 2.0 * out);
+    if (in != out) count.linear += nn::linear_flops(voxels.voxels[skip_level], in, out);
+  };
+  std::vector<double> widths;
+  for (std::int64_t level = 0; level < stream.levels(); ++level) {
+    widths.push_back(static_cast<double>((*stream.io_block_channels)[static_cast<std::size_t>(level)]));
+  }
+  widths.push_back(width);
+  const double both = skips ? 2.0 : 1.0;
+  for (std::size_t level = 0; level + 1 < widths.size(); ++level) {
+    for (std::int64_t i = 1; i < stream.num_io_res_blocks; ++i) {
+      add(widths[level], widths[level], level, level);
+      add(both * widths[level], widths[level], level, level);
+    }
+    add(widths[level], widths[level + 1], level + 1, level + 1);
+    add(both * widths[level + 1], widths[level], level, level + 1);
+  }
+  return count;
+}
+
+// What surrounds the blocks of a stream: input, output, time and joint count.
+nn::FlopCount outer_flops(const StructuredLatentFlowOptions& options, const StructuredLatentFlowStreamOptions& stream,
+                          bool counts_joints, const VoxelCounts& voxels) {
+  nn::FlopCount count;
+  const auto items = static_cast<double>(voxels.item_voxels.size());
+  const auto c = static_cast<double>(stream.model_channels);
+  const double outer = stream.levels() > 0 ? static_cast<double>(stream.io_block_channels->front()) : c;
+  count.linear +=
+      nn::linear_flops(voxels.voxels[0], static_cast<double>(stream.in_channels + stream.out_channels), outer);
+  count.linear += nn::linear_flops(items, kSlatFlowTimeFeatures + c, c);
+  if (options.share_mod) count.linear += nn::linear_flops(items, c, 6.0 * c);
+  if (counts_joints) {
+    count.linear += nn::linear_flops(items, 2.0 * static_cast<double>(options.joint_num_fourier_bands) + c, c);
+  }
+  return count;
+}
+
+nn::CrossBlockSize slat_block_size(const StructuredLatentFlowOptions& options,
+                                   const StructuredLatentFlowStreamOptions& stream, const VoxelCounts& voxels,
+                                   const std::vector<double>& context, double context_channels) {
+  nn::CrossBlockSize size;
+  size.items = static_cast<double>(voxels.item_voxels.size());
+  size.tokens = voxels.voxels.back();
+  size.channels = static_cast<double>(stream.model_channels);
+  size.context_channels = context_channels;
+  for (std::size_t i = 0; i < voxels.item_voxels.size(); ++i) {
+    size.context_tokens += context[i];
+    size.attended += voxels.item_voxels[i] * (voxels.item_voxels[i] + context[i]);
+  }
+  size.hidden = nn::hidden_channels(size.channels, options.mlp_ratio);
+  size.own_modulation = !options.share_mod;
+  return size;
+}
+
+}  // namespace
+
+VoxelCounts count_voxels(const sparse::Support& support, std::int64_t levels) {
+  VoxelCounts counts;
+  const sparse::Support* at = &support;
+  for (std::int64_t level = 0; level <= levels; ++level) {
+    if (level > 0) at = at->coarsened(2).support.get();
+    counts.voxels.push_back(static_cast<double>(at->size()));
+    counts.taps.push_back(static_cast<double>((at->neighbours() >= 0).sum().item<std::int64_t>()));
+  }
+  for (const std::int64_t length : at->items().lengths()) counts.item_voxels.push_back(static_cast<double>(length));
+  return counts;
+}
+
+nn::FlopCount forward_flops(const StructuredLatentFlowOptions& options, const VoxelCounts& shape,
+                            const VoxelCounts& skeleton, std::int64_t condition_tokens) {
+  const std::vector<double> condition(shape.item_voxels.size(), static_cast<double>(condition_tokens));
+  const double geo = static_cast<double>(options.geometry.model_channels);
+  const double skin = static_cast<double>(options.skin.model_channels);
+  const double skl = static_cast<double>(options.skeleton.model_channels);
+  nn::FlopCount block = nn::cross_block_flops(
+      slat_block_size(options, options.geometry, shape, condition, static_cast<double>(options.cond_channels)));
+  block += nn::cross_block_flops(slat_block_size(options, options.skin, shape, skeleton.item_voxels, skl));
+  block += nn::cross_block_flops(slat_block_size(options, options.skeleton, skeleton, shape.item_voxels, skin));
+  block.linear += nn::linear_flops(shape.voxels.back(), geo, skin);
+  nn::FlopCount count;
+  for (std::int64_t i = 0; i < options.num_blocks; ++i) count += block;
+  const bool joints = options.use_joint_num_cond;
+  count += outer_flops(options, options.geometry, false, shape);
+  count += outer_flops(options, options.skin, joints, shape);
+  count += outer_flops(options, options.skeleton, joints, skeleton);
+  for (const StructuredLatentFlowStreamOptions* stream : {&options.geometry, &options.skin}) {
+    count += residual_flops(*stream, options.use_skip_connection, shape);
+  }
+  count += residual_flops(options.skeleton, options.use_skip_connection, skeleton);
+  return count;
+}
+
+}  // namespace anigen::structured_latent

@@ -1,0 +1,63 @@
+#include "anigen/structured_latent/sampling.h"
+
+#include <utility>
+
+#include "anigen/nn/state_dict.h"
+
+namespace anigen::structured_latent {
+
+StructuredLatentFlow load_structured_latent_flow(const nn::RunModel& found, torch::Device device) {
+  return nn::load_trained<StructuredLatentFlow, StructuredLatentFlowOptions>(found, device);
+}
+
+namespace {
+
+constexpr double kStructuredLatentStrength = 3.0;
+
+}  // namespace
+
+using torch::Tensor;
+
+StructuredLatentFlowStageOptions StructuredLatentFlowStageOptions::read(ConfigReader& args) {
+  StructuredLatentFlowStageOptions options;
+  options.read_flow(args, kStructuredLatentStrength);
+  options.use_joint_num_cond = args.boolean("use_joint_num_cond", options.use_joint_num_cond);
+  options.p_uncond_joint_num = args.number("p_uncond_joint_num", options.p_uncond_joint_num, 0.0, 1.0);
+  options.smoothing = flow::GeodesicNoiseOptions::read(args);
+  return options;
+}
+
+flow::Velocities structured_latent_velocities(StructuredLatentFlow model, const StructuredLatentTarget& target,
+                                              bool guided) {
+  const auto velocity_under = [model = std::move(model), target](const Tensor& tokens, const Tensor& joints_num) {
+    return [model, target, tokens, joints_num](const flow::Streams& x, float time) mutable {
+      const Tensor t = torch::full({target.shape->items().items()}, time, x[0].options());
+      const StructuredVelocity velocity =
+          model->forward({target.shape, x[0]}, {target.skeleton, x[1]}, t, tokens, joints_num);
+      return flow::Streams{velocity.x.feats, velocity.x_skl.feats};
+    };
+  };
+  flow::Velocities velocities;
+  velocities.conditional = velocity_under(target.tokens, target.joints_num);
+  if (guided) {
+    const Tensor none = target.joints_num.defined() ? torch::zeros_like(target.joints_num) : Tensor();
+    velocities.unconditional = velocity_under(torch::zeros_like(target.tokens), none);
+  }
+  return velocities;
+}
+
+Tensor shape_latent_noise(const StructuredLatentFlowOptions& model, const sparse::Support& shape,
+                          const flow::GeodesicNoiseOptions& smoothing, const at::Generator& generator) {
+  const std::int64_t geometry = model.geometry.in_channels, channels = geometry + model.skin.in_channels;
+  const Tensor noise = torch::randn({shape.size(), channels}, generator);
+  return flow::smooth_geodesic_noise(noise, shape.coords(), geometry, channels, smoothing);
+}
+
+flow::Streams structured_latent_noise(const StructuredLatentFlowOptions& model, const sparse::Support& shape,
+                                      const sparse::Support& skeleton, const flow::GeodesicNoiseOptions& smoothing,
+                                      const at::Generator& generator) {
+  Tensor noise = shape_latent_noise(model, shape, smoothing, generator);
+  return {std::move(noise), torch::randn({skeleton.size(), model.skeleton.in_channels}, generator)};
+}
+
+}  // namespace anigen::structured_latent

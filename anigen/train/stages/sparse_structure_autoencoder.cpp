@@ -1,0 +1,318 @@
+#include "anigen/train/stages/sparse_structure_autoencoder.h"
+
+#include <algorithm>
+#include <system_error>
+
+#include "anigen/core/error.h"
+#include "anigen/core/log.h"
+#include "anigen/core/numeric.h"
+#include "anigen/data/datasets.h"
+#include "anigen/sparse_structure/autoencoder.h"
+#include "anigen/sparse_structure/layers.h"
+#include "anigen/sparse_structure/voxel_metrics.h"
+#include "anigen/sparse_structure/voxel_picture.h"
+#include "anigen/train/stage.h"
+
+// From a config to the stage of the sparse-structure auto-encoder.
+
+// Pictures of what the auto-encoder of the sparse structure reconstructs, and of what lies between two of its latents.
+
+namespace anigen::train {
+
+namespace {
+
+using torch::Tensor;
+
+Tensor normal_draws(const std::vector<std::int64_t>& shape, at::Generator& generator, torch::Device device) {
+  return torch::randn(shape, generator, torch::TensorOptions(torch::kFloat32)).to(device);
+}
+
+// What one stream of one micro-batch adds to the loss.
+struct StreamLoss {
+  Tensor reconstruction, kl;  // kl undefined where the latent gets noise
+};
+
+// [1, 1, R, R, R] logits or counts → bool [R, R, R] on the CPU.
+Tensor occupied_grid(const Tensor& values) { return (values[0][0] > 0).to(torch::kCPU); }
+
+void add_mean(Values& means, const std::string& name, double value, std::size_t count) {
+  const double part = value / static_cast<double>(count);
+  for (auto& entry : means) {
+    if (entry.first == name) {
+      entry.second += part;
+      return;
+    }
+  }
+  means.emplace_back(name, part);
+}
+
+}  // namespace
+
+SparseStructureAutoEncoderStageOptions SparseStructureAutoEncoderStageOptions::read(ConfigReader& args) {
+  SparseStructureAutoEncoderStageOptions options;
+  options.loss_type = sparse_structure::occupancy_loss_named(args.choice("loss_type", "bce", {"dice", "bce", "l1"}));
+  options.lambda_kl = args.number("lambda_kl", options.lambda_kl, 0.0);
+  options.lambda_kl_skl = args.number("lambda_kl_skl", options.lambda_kl_skl, 0.0);
+  options.noise = LatentDenoising::read(args, "");
+  options.noise_skl = LatentDenoising::read(args, "_skl");
+  options.eval_max_assets = args.integer("eval_max_assets", 0, 0);
+  options.warm_start = WarmStartOptions::read(args);
+  return options;
+}
+
+SparseStructureAutoEncoderStage::SparseStructureAutoEncoderStage(const SparseStructureCoders& coders,
+                                                                 const SparseStructureAutoEncoderStageOptions& options,
+                                                                 Dataset data, Dataset held_out, torch::Device device,
+                                                                 nn::Init init)
+    : coders_(coders),
+      options_(options),
+      data_(std::move(data)),
+      held_out_(std::move(held_out)),
+      device_(device),
+      encoder_(coders.encoder, init),
+      decoder_(coders.decoder, init) {
+  encoder_->to(device_);
+  decoder_->to(device_);
+}
+
+std::unique_ptr<Stage> SparseStructureAutoEncoderStage::replica() const {
+  auto twin =
+      std::make_unique<SparseStructureAutoEncoderStage>(coders_, options_, data_, held_out_, device_, nn::Init::kNone);
+  share_frozen_weights(*encoder_, *twin->encoder_);
+  share_frozen_weights(*decoder_, *twin->decoder_);
+  return twin;
+}
+
+void SparseStructureAutoEncoderStage::warm_start(const LoadedKeys& finetuned) {
+  const auto start = [&](torch::nn::Module& model, bool wanted, const char* name, const char* class_name) {
+    if (wanted) load_pretrained(model, {PretrainedFile{class_name, ""}}, options_.warm_start, keys_of(finetuned, name));
+  };
+  start(*encoder_, coders_.encoder.use_pretrain_branch, "encoder", sparse_structure::kSparseStructureEncoderClass);
+  start(*decoder_, coders_.decoder.use_pretrain_branch, "decoder", sparse_structure::kSparseStructureDecoderClass);
+}
+
+void SparseStructureAutoEncoderStage::set_compute_dtype(torch::Dtype dtype) {
+  encoder_->set_torso_dtype(dtype);
+  decoder_->set_torso_dtype(dtype);
+}
+
+Losses SparseStructureAutoEncoderStage::losses(const data::Batch& batch, const LossContext& context) {
+  const auto& grids = dynamic_cast<const data::SparseStructureBatch&>(batch);
+  at::Generator generator = loss_generator(context, "sparse structure latents");
+  const auto stream = [&](bool skeleton) {
+    const Tensor occupancy = (skeleton ? grids.ss_skl : grids.ss).to(device_);
+    const std::int64_t items = occupancy.size(0);
+    const bool deterministic = skeleton ? coders_.encoder.latent_denoising_skl : coders_.encoder.latent_denoising;
+    const LatentDenoising& noise = skeleton ? options_.noise_skl : options_.noise;
+    Tensor posterior_noise;
+    if (!deterministic) {
+      posterior_noise = normal_draws(encoder_->latent_shape(items, occupancy.size(2), skeleton), generator, device_);
+    }
+    const auto latent = skeleton ? encoder_->encode_skeleton(occupancy, posterior_noise)
+                                 : encoder_->encode_shape(occupancy, posterior_noise);
+    StreamLoss loss;
+    Tensor z = latent.z;
+    if (noise.enabled) {
+      const Tensor u = torch::rand({items}, generator, torch::TensorOptions(torch::kFloat32)).to(device_);
+      const Tensor times = latent_times(u, noise.time_max_at(context.step));
+      z = mix_latent_noise(z, normal_draws(z.sizes().vec(), generator, device_), times, noise.gamma);
+    } else {
+      loss.kl = sparse_structure::posterior_kl(latent.mean, latent.logvar);
+    }
+    const Tensor logits = skeleton ? decoder_->decode_skeleton(z) : decoder_->decode_shape(z);
+    loss.reconstruction = sparse_structure::occupancy_loss(logits, occupancy, options_.loss_type);
+    return loss;
+  };
+  const StreamLoss shape = stream(false), skeleton = stream(true);
+  const std::string name = sparse_structure::name_of(options_.loss_type);
+  Losses losses{shape.reconstruction + skeleton.reconstruction,
+                {{name, shape.reconstruction}, {name + "_skl", skeleton.reconstruction}}};
+  if (shape.kl.defined()) {
+    losses.total = losses.total + options_.lambda_kl * shape.kl;
+    losses.terms.emplace_back("kl", shape.kl);
+  }
+  if (skeleton.kl.defined()) {
+    losses.total = losses.total + options_.lambda_kl_skl * skeleton.kl;
+    losses.terms.emplace_back("kl_skl", skeleton.kl);
+  }
+  return losses;
+}
+
+SparseStructureAutoEncoderStage::Reconstruction SparseStructureAutoEncoderStage::reconstruct(std::size_t index) {
+  const torch::NoGradGuard no_grad;
+  const auto batch = held_out_->load({{index, static_cast<std::uint64_t>(index)}});
+  const auto& grids = dynamic_cast<const data::SparseStructureBatch&>(*batch);
+  Reconstruction made;
+  made.id = batch->ids.front();
+  made.latents = encoder_->forward(grids.ss.to(device_), grids.ss_skl.to(device_));
+  const auto logits = decoder_->forward(made.latents.z, made.latents.z_skl);
+  made.shape = occupied_grid(grids.ss);
+  made.skeleton = occupied_grid(grids.ss_skl);
+  made.decoded_shape = occupied_grid(logits.shape);
+  made.decoded_skeleton = occupied_grid(logits.skeleton);
+  return made;
+}
+
+Values SparseStructureAutoEncoderStage::evaluate() {
+  if (!held_out_) return {};
+  const auto most = static_cast<std::size_t>(options_.eval_max_assets);
+  const std::size_t count = most == 0 ? held_out_->size() : std::min(most, held_out_->size());
+  Values means;
+  for (std::size_t i = 0; i < count; ++i) {
+    const Reconstruction made = reconstruct(i);
+    const sparse_structure::VoxelAgreement shape = sparse_structure::voxel_agreement(made.decoded_shape, made.shape);
+    const sparse_structure::VoxelAgreement skeleton =
+        sparse_structure::voxel_agreement(made.decoded_skeleton, made.skeleton);
+    add_mean(means, "iou_shape", shape.iou, count);
+    add_mean(means, "f1_shape", shape.f1, count);
+    add_mean(means, "iou_skl", skeleton.iou, count);
+    add_mean(means, "f1_skl", skeleton.f1, count);
+  }
+  return means;
+}
+
+namespace {
+
+template <typename Options>
+Options read_coder(ConfigReader& models, const std::string& name, const std::string& class_name) {
+  models.require(name);
+  ConfigReader model = models.object(name);
+  model.require("name");
+  model.choice("name", "", {class_name});
+  const Json* args = model.raw("args");
+  const Options options =
+      Options::from_json(args != nullptr ? *args : Json::object(), models.file(), model.pointer_to("args"));
+  model.finish();
+  return options;
+}
+
+void require_one_channel(std::int64_t channels, const std::string& file, const char* argument) {
+  if (channels == 1) return;
+  throw InputError(file, std::string("/models/") + argument,
+                   "occupancy has one channel, found " + std::to_string(channels));
+}
+
+void require_fit(bool fits, const std::string& file, const std::string& key, const std::string& problem) {
+  if (!fits) throw InputError(file, "/models/decoder/args/" + key, problem);
+}
+
+void unfreeze(sparse_structure::SparseStructureCoderOptions& options) {
+  options.use_pretrain_branch = false;
+  options.freeze_pretrain_branch = false;
+}
+
+}  // namespace
+
+void SparseStructureCoders::validate(const std::string& file) const {
+  require_fit(encoder.latent_channels == decoder.latent_channels, file, "latent_channels",
+              "differs from the encoder's " + std::to_string(encoder.latent_channels));
+  require_fit(encoder.latent_channels_skl == decoder.latent_channels_skl, file, "latent_channels_skl",
+              "differs from the encoder's " + std::to_string(encoder.latent_channels_skl));
+  require_fit(encoder.levels() == decoder.levels(), file, "channels",
+              "has another number of levels than the encoder's " + std::to_string(encoder.levels()));
+  require_fit(encoder.encode_global == decoder.encode_global, file, "encode_global", "differs from the encoder's");
+  require_fit(encoder.encode_global_skl == decoder.encode_global_skl, file, "encode_global_skl",
+              "differs from the encoder's");
+  require_fit(!encoder.encode_global || encoder.global_token_num == decoder.global_token_num, file, "global_token_num",
+              "differs from the encoder's");
+  require_fit(!encoder.encode_global_skl || encoder.global_token_num_skl == decoder.global_token_num_skl, file,
+              "global_token_num_skl", "differs from the encoder's");
+  require_one_channel(encoder.in_channels, file, "encoder/args/in_channels");
+  require_one_channel(encoder.in_channels_skl, file, "encoder/args/in_channels_skl");
+  require_one_channel(decoder.out_channels, file, "decoder/args/out_channels");
+  require_one_channel(decoder.out_channels_skl, file, "decoder/args/out_channels_skl");
+}
+
+void SparseStructureCoders::require_resolution(std::int64_t resolution, const ConfigReader& dataset_args) const {
+  if (resolution % encoder.downsampling() != 0) {
+    throw dataset_args.error("resolution", "must be a multiple of " + std::to_string(encoder.downsampling()) +
+                                               ", by which the models' channels divide it");
+  }
+  const bool tokens = encoder.encode_global || encoder.encode_global_skl;
+  if (tokens && resolution != sparse_structure::kGlobalTokenResolution) {
+    throw dataset_args.error("resolution", "must be " + std::to_string(sparse_structure::kGlobalTokenResolution) +
+                                               " for models with encode_global or encode_global_skl");
+  }
+}
+
+std::unique_ptr<Stage> make_sparse_structure_autoencoder_stage(const Json& config, const std::string& file,
+                                                               ConfigReader& trainer_args,
+                                                               const TrainerOptions& trainer, torch::Device device) {
+  const auto options = SparseStructureAutoEncoderStageOptions::read(trainer_args);
+  ConfigReader top(config, file);
+  ConfigReader models = top.object("models");
+  SparseStructureCoders coders;
+  coders.encoder = read_coder<sparse_structure::SparseStructureEncoderOptions>(
+      models, "encoder", sparse_structure::kSparseStructureEncoderClass);
+  coders.decoder = read_coder<sparse_structure::SparseStructureDecoderOptions>(
+      models, "decoder", sparse_structure::kSparseStructureDecoderClass);
+  models.finish();
+  coders.validate(file);
+  if (!options.warm_start.enabled) {
+    unfreeze(coders.encoder);
+    unfreeze(coders.decoder);
+  }
+
+  ConfigReader dataset = top.object("dataset");
+  dataset.require("name");
+  dataset.choice("name", "", {"AniGenSparseStructure"});
+  const data::Datasets data = data::make_datasets(top.object("dataset"), trainer.seed);
+  ConfigReader dataset_args = dataset.object("args");
+  coders.require_resolution(dataset_args.integer("resolution", data::SparseStructureOptions().resolution),
+                            dataset_args);
+  log::info("{} samples an epoch to train on, {} assets held out", data.train->size(),
+            data.eval ? data.eval->size() : 0);
+  return std::make_unique<SparseStructureAutoEncoderStage>(coders, options, data.train, data.eval, device);
+}
+
+namespace {
+
+using torch::Tensor;
+
+constexpr std::size_t kSheetAssets = 8;
+constexpr int kBetweenSteps = 5;
+
+// On the way from a to b; latents of the unit sphere stay on their sphere.
+Tensor latent_between(const Tensor& a, const Tensor& b, double share, bool on_sphere, double radius) {
+  const Tensor z = torch::lerp(a, b, share);
+  return on_sphere ? radius * sparse_structure::unit_latents(z) : z;
+}
+
+}  // namespace
+
+void SparseStructureAutoEncoderStage::sample(const std::filesystem::path& folder) {
+  if (!held_out_ || held_out_->size() == 0) return;
+  std::error_code error;
+  std::filesystem::create_directories(folder, error);
+  if (error) throw Error(folder.string() + ": cannot create folder: " + error.message());
+
+  std::vector<Reconstruction> made;
+  std::vector<sparse_structure::VoxelSheetRow> rows;
+  for (std::size_t i = 0; i < std::min(kSheetAssets, held_out_->size()); ++i) {
+    made.push_back(reconstruct(i));
+    const Reconstruction& one = made.back();
+    rows.push_back({short_id(one.id), {{one.shape, one.skeleton}, {one.decoded_shape, one.decoded_skeleton}}});
+  }
+  sparse_structure::write_voxel_sheet(folder / "reconstructions.png", rows, {"ground truth", "reconstruction"});
+
+  const torch::NoGradGuard no_grad;
+  const sparse_structure::SparseStructureEncoderOptions& coder = coders_.encoder;
+  std::vector<sparse_structure::VoxelSheetRow> strips;
+  for (std::size_t i = 0; i + 1 < made.size(); i += 2) {
+    const auto &a = made[i].latents, &b = made[i + 1].latents;
+    sparse_structure::VoxelSheetRow strip{short_id(made[i].id) + " to " + short_id(made[i + 1].id), {}};
+    for (int step = 0; step < kBetweenSteps; ++step) {
+      const double share = static_cast<double>(step) / (kBetweenSteps - 1);
+      const Tensor z =
+          latent_between(a.z, b.z, share, coder.latent_denoising && coder.normalize_z, coder.normalize_scale);
+      const Tensor z_skl = latent_between(a.z_skl, b.z_skl, share, coder.latent_denoising_skl && coder.normalize_z_skl,
+                                          coder.normalize_scale);
+      const auto logits = decoder_->forward(z, z_skl);
+      strip.cells.push_back({(logits.shape[0][0] > 0).to(torch::kCPU), (logits.skeleton[0][0] > 0).to(torch::kCPU)});
+    }
+    strips.push_back(std::move(strip));
+  }
+  if (!strips.empty()) sparse_structure::write_voxel_sheet(folder / "between_latents.png", strips);
+}
+
+}  // namespace anigen::train

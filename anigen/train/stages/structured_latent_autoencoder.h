@@ -1,0 +1,153 @@
+#pragma once
+#include <cstddef>
+#include <filesystem>
+#include <memory>
+#include <set>
+#include <string>
+#include <vector>
+
+#include "anigen/core/config.h"
+#include "anigen/data/datasets.h"
+#include "anigen/shape_field/mesh_extraction.h"
+#include "anigen/structured_latent/decoder.h"
+#include "anigen/structured_latent/encoder.h"
+#include "anigen/structured_latent/options.h"
+#include "anigen/structured_latent/rig_loss.h"
+#include "anigen/train/options.h"
+#include "anigen/train/stage.h"
+#include "anigen/train/stages/flow_stage.h"
+#include "anigen/train/warm_start.h"
+#include "anigen/vision/lpips.h"
+
+namespace anigen::train {
+
+/// The two models of the stage. They must fit each other.
+struct StructuredLatentCoders {
+  structured_latent::StructuredLatentEncoderOptions encoder;
+  structured_latent::StructuredLatentDecoderOptions decoder;
+
+  /// @throws InputError naming what does not fit
+  void validate(const std::string& file) const;
+};
+
+/// Arguments of AniGenSLatVaeSkeletonTrainer beside those all trainers share (reference training-and-data.md, 3.3).
+struct StructuredLatentAutoEncoderStageOptions {
+  shape_field::GeometryLossOptions
+      geometry;                           ///< `depth_loss_type`, `lambda_depth`, `_tsdf`, `_color`, `_ssim`, `_lpips`
+  structured_latent::RigLossOptions rig;  ///< `lambda_joints`, `lambda_parents`, `lambda_skin_…`, `alpha_conf_…`
+  double lambda_kl = 1e-3, lambda_kl_skl = 1e-3;  ///< of the posterior's divergence, where a latent gets no noise
+  LatentDenoising noise;      ///< `latent_*`: of the skin latent; the geometry latent never gets any
+  LatentDenoising noise_skl;  ///< `latent_*_skl`
+  // Ours.
+  /// Of an asset without a surface, which no picture can pull back: its tsdf_loss over the squared truncation.
+  double lambda_lost_surface = 0.0;
+  structured_latent::StructuredLatentVariant variant;
+  std::vector<std::filesystem::path>
+      lpips_weights;                  ///< files of VGG16 and of the heads; needed while lambda_lpips counts
+  std::filesystem::path skin_ae_run;  ///< run folder of stage 1 in place of pretrained_dir/<skin_ae_name>
+  std::int64_t skin_vertices = 0;     ///< vertices per asset that the skin is compared at, drawn anew; 0: all
+  std::int64_t memory_budget_mb = 0;  ///< of activations of a micro-batch; above it blocks are recomputed. 0: none
+  std::int64_t eval_max_assets = 0;   ///< held-out assets, 0: all
+  std::int64_t eval_surface_points = 8192;  ///< per surface, of the Chamfer distance
+  std::int64_t sample_assets = 4;           ///< rows of a sheet
+  WarmStartOptions warm_start;
+
+  /// @param decoder as the config has it @param compatibility see docs/training.md @throws InputError
+  static StructuredLatentAutoEncoderStageOptions read(ConfigReader& trainer_args,
+                                                      const structured_latent::StructuredLatentDecoderOptions& decoder,
+                                                      const std::string& compatibility);
+};
+
+/// Stage 3: structured latents of shape, skin and skeleton on sparse voxels, and their decoder into the S³ fields
+/// (paper 3.3). Loss terms under their published names: "kl" and "kl_skl" where the latent gets no noise; "reg_loss" of
+/// the mesh field; "geo_loss" with "tsdf_loss", "mask_loss", "depth_loss", "normal_loss", "normal_loss_ssim" and
+/// "normal_loss_perceptual", "color_loss", and ours, "lost_surface_loss", only while something trainable lies behind
+/// the geometry; "joints_loss", "parents_loss", "skin_feats_joints_var_loss", "skin_kl_loss",
+/// "skin_feats_l2_loss_vert", "skin_feats_l2_loss_joints" unless the shape alone is trained.
+///
+/// Evaluation on held-out assets, means over them, without noise: "surfaces", the share whose shape has a surface, and
+/// over those "chamfer" to the true one; "joints_loss", "parents_loss", "skin_kl_loss" as above; "joint_count_error",
+/// |grouped − true joints|, and "joint_chamfer" between them.
+class StructuredLatentAutoEncoderStage : public Stage {
+ public:
+  using Dataset = std::shared_ptr<const data::BatchSource>;  ///< of FeatureSkeletonBatch
+
+  /// @param held_out may be null: evaluate() and sample() then do nothing @param lpips with weights; may be null
+  StructuredLatentAutoEncoderStage(const StructuredLatentCoders& coders,
+                                   const StructuredLatentAutoEncoderStageOptions& options, Dataset data,
+                                   Dataset held_out, torch::Device device, vision::Lpips lpips = nullptr,
+                                   nn::Init init = nn::Init::kPublished);
+
+  std::vector<nn::NamedModel> models() const override {
+    return {{"encoder", encoder_.ptr()}, {"decoder", decoder_.ptr()}};
+  }
+  const data::BatchSource& data() const override { return *data_; }
+  Losses losses(const data::Batch& batch, const LossContext& context) override;
+  void warm_start(const LoadedKeys& finetuned) override;
+  bool supports(torch::Dtype dtype) const override {
+    return dtype == torch::kHalf ? device_.is_cuda() : dtype != torch::kFloat64;
+  }
+  void set_compute_dtype(torch::Dtype dtype) override;
+  Values evaluate() override;
+  /// Writes reconstructions.png: for some held-out assets the true mesh with its skeleton, the decoded mesh with the
+  /// grouped one, the true skin weights, and those decoded for the true joints.
+  void sample(const std::filesystem::path& folder) override;
+  std::unique_ptr<Stage> replica() const override;
+
+  structured_latent::StructuredLatentEncoder& encoder() { return encoder_; }
+  structured_latent::StructuredLatentDecoder& decoder() { return decoder_; }
+  /// Whether anything trainable lies behind the decoded shape.
+  bool trains_geometry() const { return trains_geometry_; }
+
+ private:
+  /// A batch on the device.
+  struct Inputs {
+    sparse::SparseTensor x, x_skl;
+    structured_latent::RiggedMeshes rigs;
+    std::vector<skeleton_field::SkeletonTensors> skeletons;  ///< true ones, per asset
+    std::vector<bool> is_bad_skin;
+  };
+  using Latents = structured_latent::StructuredLatentEncoderImpl::Output;
+  using Fields = structured_latent::StructuredLatentDecoderImpl::Fields;
+  using Meshes = std::vector<shape_field::ExtractedMesh>;
+
+  /// One held-out asset and what the models make of it.
+  struct Reconstruction {
+    std::string id;
+    Inputs inputs;
+    Latents latents;
+    Fields decoded;  ///< with the true skeleton
+    Meshes meshes;   ///< one
+    skeleton_field::SkeletonTensors grouped;
+  };
+
+  Inputs inputs_of(const data::FeatureSkeletonBatch& batch) const;
+  Latents encode(const Inputs& inputs, at::Generator* generator);
+  static structured_latent::PerStream<sparse::SparseTensor> streams_of(const Latents& latents);
+  void silence_skin_encoder();
+  void fit_memory(const data::FeatureSkeletonBatch& batch);
+  void start_model(torch::nn::Module& model, bool pretrained, const char* class_name, const std::string& skin_name,
+                   const std::string& skin_part, std::set<std::string> loaded);
+  shape_field::PictureDistance picture_distance();
+  /// @param chosen per asset, rows of the mesh's vertices that count; an undefined tensor: all
+  structured_latent::RigLosses compare_rigs(const Inputs& inputs, const Latents& latents, const Fields& decoded,
+                                            const Meshes& meshes, const std::vector<torch::Tensor>& chosen);
+  Reconstruction reconstruct(std::size_t held_out);
+
+  StructuredLatentCoders coders_;
+  StructuredLatentAutoEncoderStageOptions options_;
+  Dataset data_, held_out_;
+  torch::Device device_;
+  vision::Lpips lpips_;
+  structured_latent::StructuredLatentEncoder encoder_;
+  structured_latent::StructuredLatentDecoder decoder_;
+  bool trains_geometry_ = false;
+};
+
+/// The stage of a config `{models, dataset, trainer}` whose trainer is AniGenSLatVaeSkeletonTrainer.
+/// @param trainer the options already read from the same config @throws InputError naming file and JSON pointer
+std::unique_ptr<Stage> make_structured_latent_autoencoder_stage(const Json& config, const std::string& file,
+                                                                ConfigReader& trainer_args,
+                                                                const TrainerOptions& trainer, torch::Device device);
+
+}  // namespace anigen::train

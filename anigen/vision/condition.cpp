@@ -1,0 +1,177 @@
+#include "anigen/vision/condition.h"
+
+#include <filesystem>
+#include <optional>
+#include <system_error>
+#include <utility>
+#include <vector>
+
+#include "anigen/core/config.h"
+#include "anigen/core/log.h"
+#include "anigen/io/arrays/torch_archive.h"
+#include "anigen/io/image_resize.h"
+#include "anigen/nn/norms.h"
+#include "anigen/nn/state_dict.h"
+#include "anigen/vision/dinov2.h"
+#include "anigen/vision/patch_encoder.h"
+
+namespace anigen::vision {
+
+namespace {
+
+constexpr double kConditionEps = 1e-5;
+
+Tensor planes_tensor(const std::vector<float>& planes, int height, int width) {
+  return torch::tensor(planes).view({3, height, width});
+}
+
+}  // namespace
+
+Tensor condition_image(const io::Image& image, int size, const std::string& name) {
+  const io::Image part = io::crop(image, io::condition_box(image, name));
+  return view_image(part, size);
+}
+
+io::Image inference_image(const io::Image& image, int size, const std::string& name) {
+  const io::Image part = io::crop(image, io::inference_box(image, name));
+  return io::composed_on_black(io::resize_lanczos(part, size, size, io::ResizeAlpha::kPremultiplied));
+}
+
+Tensor view_image(const io::Image& image, int size) {
+  const io::Image resized = io::resize_lanczos(image, size, size, io::ResizeAlpha::kPremultiplied);
+  return planes_tensor(io::premultiplied_planes(resized), size, size);
+}
+
+Tensor color_tensor(const io::Image& image) {
+  return planes_tensor(io::color_planes(image), image.height, image.width);
+}
+
+Tensor image_condition(Dinov2& model, const Tensor& images) {
+  const torch::NoGradGuard no_grad;
+  const Tensor any_weight = model->parameters().front();
+  const Tensor here = images.to(any_weight.device(), nn::dtype_of(any_weight));
+  const Tensor tokens = model->tokens_after(imagenet_normalized(here), model->options().depth);
+  return nn::layer_norm(tokens, kConditionEps);
+}
+
+Tensor null_condition(const Tensor& condition) { return torch::zeros_like(condition); }
+
+namespace {
+
+constexpr const char* kEncoderName = "image_encoder";
+constexpr const char* kModelName = "image_cond_model";
+constexpr const char* kPublishedFolder = "ckpts/dinov2";
+
+/// The weights where the published trainer has its DINOv2; nothing when they are not there.
+std::optional<std::filesystem::path> published_weights(const std::string& model) {
+  for (const char* extension : {".pth", ".safetensors"}) {
+    const std::filesystem::path file =
+        std::filesystem::path(kPublishedFolder) / (Dinov2Options::published_file_stem(model) + extension);
+    std::error_code error;
+    if (std::filesystem::is_regular_file(file, error)) return file;
+  }
+  return std::nullopt;
+}
+
+/// Frozen, so that replicas share it: its forward pass changes nothing.
+class FrozenDinov2 : public ConditionEncoder {
+ public:
+  explicit FrozenDinov2(Dinov2 model) : model_(std::move(model)) {}
+  Tensor tokens(const Tensor& images) override { return image_condition(model_, images); }
+  std::unique_ptr<ConditionEncoder> replica() const override { return std::make_unique<FrozenDinov2>(model_); }
+
+ private:
+  Dinov2 model_;
+};
+
+class TrainedPatches : public ConditionEncoder {
+ public:
+  TrainedPatches(const PatchImageEncoderOptions& options, std::int64_t channels, torch::Device device, nn::Init init)
+      : model_(options, channels, init), channels_(channels), device_(device) {
+    model_->to(device);
+  }
+  Tensor tokens(const Tensor& images) override {
+    return model_->forward(images.to(device_, nn::dtype_of(model_->parameters().front())));
+  }
+  std::optional<nn::NamedModel> trained() const override { return nn::NamedModel{kEncoderName, model_.ptr()}; }
+  std::unique_ptr<ConditionEncoder> replica() const override {
+    auto twin = std::make_unique<TrainedPatches>(model_->options(), channels_, device_, nn::Init::kNone);
+    nn::load_state_dict(*twin->model_, nn::state_dict(*model_), nn::LoadMode::kStrict);
+    return twin;
+  }
+
+ private:
+  PatchImageEncoder model_;
+  std::int64_t channels_;
+  torch::Device device_;
+};
+
+/// @param reader, key where the name stands, for messages
+std::unique_ptr<ConditionEncoder> make_dinov2(const ConfigReader& reader, const char* key, const std::string& name,
+                                              const std::filesystem::path& weights, std::int64_t image_size,
+                                              std::int64_t channels, torch::Device device) {
+  const auto options = Dinov2Options::named(name);
+  if (options.embed_dim != channels) {
+    throw reader.error(key, "its tokens have " + std::to_string(options.embed_dim) +
+                                " channels, the flow's cond_channels are " + std::to_string(channels));
+  }
+  if (image_size % options.patch_size != 0) {
+    throw reader.error(key, "its patches of " + std::to_string(options.patch_size) +
+                                " pixels do not divide the dataset's image_size, " + std::to_string(image_size));
+  }
+  Dinov2 model(options);
+  load_dinov2_weights(model, weights);
+  model->to(device);
+  return std::make_unique<FrozenDinov2>(model);
+}
+
+}  // namespace
+
+std::unique_ptr<ConditionEncoder> make_condition_encoder(ConfigReader& trainer_args, std::int64_t image_size,
+                                                         std::int64_t channels, torch::Device device) {
+  const std::string published_model = trainer_args.text(kModelName, "dinov2_vitl14_reg");
+  if (!trainer_args.has(kEncoderName)) {
+    const std::optional<std::filesystem::path> weights = published_weights(published_model);
+    if (!weights) {
+      throw trainer_args.error(
+          kEncoderName, std::string("says what turns pictures into conditions; without it the weights of DINOv2 "
+                                    "must lie in ") +
+                            kPublishedFolder + "/" + Dinov2Options::published_file_stem(published_model) +
+                            ".pth (or .safetensors). Put them there, or set {\"name\": \"dinov2\", "
+                            "\"weights\": FILE}, or {\"name\": \"patch\"}, a small encoder trained with the flow");
+    }
+    log::info("conditions are tokens of {}", weights->string());
+    return make_dinov2(trainer_args, kModelName, published_model, *weights, image_size, channels, device);
+  }
+  ConfigReader encoder = trainer_args.object(kEncoderName);
+  encoder.require("name");
+  if (encoder.choice("name", "", {"dinov2", "patch"}) == "dinov2") {
+    encoder.require("weights");
+    const std::string model = encoder.text("model", published_model), weights = encoder.text("weights", "");
+    encoder.finish();
+    return make_dinov2(encoder, "model", model, weights, image_size, channels, device);
+  }
+  const auto options = PatchImageEncoderOptions::from_json(*trainer_args.raw(kEncoderName), encoder.file(),
+                                                           trainer_args.pointer_to(kEncoderName));
+  if (options.image_size != image_size) {
+    throw encoder.error("image_size", "is " + std::to_string(options.image_size) + ", the dataset's image_size is " +
+                                          std::to_string(image_size));
+  }
+  return std::make_unique<TrainedPatches>(options, channels, device, nn::Init::kPublished);
+}
+
+std::unique_ptr<ConditionEncoder> trained_condition_encoder(const std::filesystem::path& run, const nn::RunModel& flow,
+                                                            std::int64_t image_size, std::int64_t channels,
+                                                            torch::Device device) {
+  ConfigReader top(flow.run, flow.config.string());
+  ConfigReader trainer_args = top.object("trainer").object("args");
+  auto encoder = make_condition_encoder(trainer_args, image_size, channels, device);
+  const std::optional<nn::NamedModel> trained = encoder->trained();
+  if (!trained) return encoder;
+  const std::filesystem::path weights = nn::newest_checkpoint(run, trained->name);
+  nn::load_state_dict(*trained->module, io::read_state_dict(weights), nn::LoadMode::kStrict, weights.string());
+  trained->module->eval();
+  return encoder;
+}
+
+}  // namespace anigen::vision

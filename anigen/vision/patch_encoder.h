@@ -1,0 +1,77 @@
+#pragma once
+#include <string>
+
+#include "anigen/core/config.h"
+#include "anigen/nn/blocks.h"
+#include "anigen/nn/init.h"
+#include "anigen/nn/torch.h"
+
+namespace anigen::vision {
+
+using torch::Tensor;
+
+/// Pictures to tokens by halving: 3 × 3 convolutions of stride 2, each but the last followed by a group norm without
+/// parameters and GELU. Knows edges before anything is learned, which a transformer over raw patches has to find out
+/// (Xiao et al. 2021, "Early Convolutions Help Transformers See Better"). Keys `layers.<i>.weight` and `.bias`.
+class ConvolutionStemImpl : public torch::nn::Module {
+ public:
+  /// @param width channels of the tokens @param patch_size pixels that become one token, a power of two above 1
+  ConvolutionStemImpl(std::int64_t width, std::int64_t patch_size);
+
+  /// @param images [B, 3, S, S], S a multiple of patch_size @return [B, (S / patch_size)², width], row by row
+  Tensor forward(const Tensor& images);
+
+ private:
+  std::vector<torch::nn::Conv2d> layers_;
+};
+TORCH_MODULE(ConvolutionStem);
+
+using torch::Tensor;
+
+/// Arguments of a small image encoder of ours, for conditions where the published system uses DINOv2.
+struct PatchImageEncoderOptions {
+  std::int64_t image_size = 112;  ///< pixels on a side
+  std::int64_t patch_size = 14;   ///< divides image_size; 112 / 14 gives 8 x 8 tokens
+  std::int64_t width = 192;       ///< channels of the blocks
+  std::int64_t num_blocks = 3;
+  std::int64_t num_heads = 4;  ///< divides width
+  double mlp_ratio = 4.0;
+  bool convolutions = false;  ///< `stem`: "linear", a patch as it is, or "convolutions" (vision/patch_encoder.h), for
+                              ///< which patch_size is a power of two
+
+  /// @param json may also hold "name" @throws InputError on an unknown key, a wrong type or a value out of range
+  static PatchImageEncoderOptions from_json(const Json& json, const std::string& file = "",
+                                            const std::string& pointer = "");
+  Json to_json() const;
+  void validate(const std::string& file = "", const std::string& pointer = "") const;
+  std::int64_t tokens() const { return (image_size / patch_size) * (image_size / patch_size); }
+};
+
+/// A condition picture as tokens, learned together with the model that is conditioned: patches (a convolution whose
+/// stride is its width, or several that halve), absolute position embedding of row and column, pre-norm transformer
+/// blocks (nn/ transformer_block.h), a linear map to the condition's width. Tokens leave through a layer norm without
+/// parameters, as DINOv2's do before they become a condition (reference flows-and-pipeline.md, 5.3), so that zeros, the
+/// condition of no picture, are unlike those of any picture. Always fp32.
+class PatchImageEncoderImpl : public torch::nn::Module {
+ public:
+  PatchImageEncoderImpl(const PatchImageEncoderOptions& options, std::int64_t cond_channels,
+                        nn::Init init = nn::Init::kPublished);
+
+  /// @param images [B, 3, S, S] fp32 in [0, 1], S = image_size @return [B, tokens, cond_channels], patches row by row
+  /// @throws InputError on another shape
+  Tensor forward(const Tensor& images);
+
+  const PatchImageEncoderOptions& options() const { return options_; }
+
+ private:
+  PatchImageEncoderOptions options_;
+  Tensor embed_patches(const Tensor& images);
+
+  nn::Linear patch_embed_ = nullptr, out_layer_ = nullptr;
+  ConvolutionStem stem_ = nullptr;
+  Tensor pos_emb_;
+  std::vector<nn::TransformerBlock> blocks_;
+};
+TORCH_MODULE(PatchImageEncoder);
+
+}  // namespace anigen::vision

@@ -1,0 +1,159 @@
+#include <gtest/gtest.h>
+#include <signal.h>
+#include <sys/mman.h>
+#include <unistd.h>
+#include <atomic>
+#include <cstdlib>
+#include <functional>
+#include <stdexcept>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "anigen/core/error.h"
+#include "anigen/core/process.h"
+#include "tests/support/paths.h"
+
+namespace anigen {
+
+namespace {
+
+using Kind = FileLock::Kind;
+
+TEST(FileLock, SharedOnesGoTogetherAnExclusiveOneStandsAlone) {
+  const test::TemporaryFolder folder;
+  const auto file = dataset_lock_file(folder / "data");
+  {
+    const std::optional<FileLock> first = FileLock::try_lock(file, Kind::kShared);
+    ASSERT_TRUE(first) << "makes the folder, too";
+    EXPECT_TRUE(FileLock::try_lock(file, Kind::kShared));
+    EXPECT_FALSE(FileLock::try_lock(file, Kind::kExclusive));
+  }
+  std::optional<FileLock> alone = FileLock::try_lock(file, Kind::kExclusive);
+  ASSERT_TRUE(alone);
+  const FileLock moved = std::move(*alone);
+  alone.reset();
+  EXPECT_FALSE(FileLock::try_lock(file, Kind::kShared)) << "the lock goes with the object";
+}
+
+TEST(FileLock, SaysWhatCannotBeOpened) {
+  const test::TemporaryFolder folder;
+  EXPECT_THROW(FileLock::try_lock(folder.path(), Kind::kShared), Error) << "a folder";
+}
+
+}  // namespace
+
+namespace {
+
+TEST(GroupLock, HasExactlyOneFirst) {
+  const test::TemporaryFolder folder;
+  const auto file = folder / "lock";
+  std::atomic<int> firsts{0}, members{0};
+  std::vector<std::thread> threads;
+  for (int i = 0; i < 8; ++i) {
+    threads.emplace_back([&] {
+      const auto lock = join_group(file, [&](bool first) { firsts += first ? 1 : 0; });
+      ++members;
+      while (members < 8) std::this_thread::yield();
+    });
+  }
+  for (std::thread& thread : threads) thread.join();
+  EXPECT_EQ(firsts, 1);
+  bool first = false;
+  const auto again = join_group(file, [&](bool is_first) { first = is_first; });
+  EXPECT_TRUE(first) << "the others have left";
+}
+
+TEST(GroupLock, KeepsApartMembersAndWhoWantsThePlaceAlone) {
+  const test::TemporaryFolder folder;
+  const auto file = folder / "lock";
+  {
+    const auto member = join_group(file, [](bool) {});
+    EXPECT_FALSE(instead_of_group(file));
+    EXPECT_FALSE(while_group_is_empty(file, [] { FAIL() << "there is a member"; }));
+  }
+  EXPECT_TRUE(while_group_is_empty(file, [] {}));
+  const auto alone = instead_of_group(file);
+  ASSERT_TRUE(alone);
+  EXPECT_FALSE(join_group(file, [](bool) { FAIL() << "somebody is there"; }));
+}
+
+TEST(GroupLock, WhoIsRefusedAtTheGateIsNoMember) {
+  const test::TemporaryFolder folder;
+  EXPECT_THROW(join_group(folder / "lock", [](bool) { throw InputError("", "", "not you"); }), InputError);
+  EXPECT_TRUE(instead_of_group(folder / "lock"));
+}
+
+}  // namespace
+
+namespace {
+
+TEST(GuardedProcess, GivesBackWhatTheWorkReturns) {
+  std::string large(3'000'000, 'x');  // many times what a pipe holds
+  large[1'234'567] = '\0';
+  const GuardedWork work = run_guarded([&] { return large; }, {});
+  EXPECT_TRUE(work.finished);
+  EXPECT_EQ(work.result, large);
+  EXPECT_EQ(work.failure, "");
+  EXPECT_TRUE(run_guarded([] { return std::string(); }, {}).finished) << "nothing is a result, too";
+}
+
+TEST(GuardedProcess, LeavesNothingBehindInThisProcess) {
+  int value = 1;
+  const GuardedWork work = run_guarded([&] { return std::to_string(value = 2); }, {});
+  EXPECT_EQ(work.result, "2");
+  EXPECT_EQ(value, 1);
+}
+
+TEST(GuardedProcess, OutlivesACrash) {
+  const auto failure = [](const std::function<void()>& end) {
+    const GuardedWork work = run_guarded(
+        [&] {
+          end();
+          return std::string("not reached");
+        },
+        {});
+    EXPECT_FALSE(work.finished);
+    EXPECT_EQ(work.result, "");
+    return work.failure;
+  };
+  EXPECT_EQ(failure([] { ::raise(SIGSEGV); }), "crashed (Segmentation fault)");
+  EXPECT_EQ(failure([] { std::abort(); }), "crashed (Aborted)");
+  EXPECT_EQ(failure([] { throw std::runtime_error("?"); }), "crashed (status 3)");
+  EXPECT_EQ(failure([] { ::_exit(0); }), "crashed (status 0)") << "without a result nothing was finished";
+}
+
+TEST(GuardedProcess, EndsWhatNeverEnds) {
+  ProcessLimits limits;
+  limits.cpu_seconds = 1.0;
+  const GuardedWork work = run_guarded(
+      [] {
+        for (volatile unsigned spin = 0;; spin = spin + 1) {
+        }
+        return std::string();
+      },
+      limits);
+  EXPECT_FALSE(work.finished);
+  EXPECT_EQ(work.failure, "took more than 1 s of processor time");
+}
+
+TEST(GuardedProcess, BoundsTheMemory) {
+  ProcessLimits limits;
+  limits.more_memory = std::uint64_t{256} << 20;
+  const auto reserves = [&](std::size_t mebibytes) {
+    return run_guarded(
+               [&] {
+                 void* memory =
+                     ::mmap(nullptr, mebibytes << 20, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+                 return std::string(memory == MAP_FAILED ? "refused" : "there");
+               },
+               limits)
+        .result;
+  };
+  EXPECT_EQ(reserves(16), "there");
+  EXPECT_EQ(reserves(1024), "refused");
+}
+
+}  // namespace
+
+}  // namespace anigen

@@ -1,0 +1,162 @@
+#include <gtest/gtest.h>
+#include <cmath>
+#include <fstream>
+#include <set>
+
+#include "anigen/core/error.h"
+#include "anigen/core/files.h"
+#include "anigen/data/metadata.h"
+#include "tests/support/paths.h"
+
+namespace anigen::data {
+
+namespace {
+
+CsvTable table() {
+  return parse_csv(
+      "sha256,aesthetic_score,is_bad_skin,is_bad_skeleton,is_test,num_voxels,captions\n"
+      "a,6.0,False,False,False,100,\"[\"\"x, y\"\"]\"\n"
+      "b,4.0,False,False,True,100,\n"
+      "c,7.0,True,False,False,40000,\n"
+      "d,7.0,False,True,False,100,\n",
+      "metadata.csv");
+}
+
+std::string ids(const CsvTable& rows, const RowFilter& filter) {
+  std::string line;
+  for (const AssetId& asset : select_rows(rows, "root", filter)) line += asset.id;
+  return line;
+}
+
+std::string error_of(const CsvTable& rows, const RowFilter& filter) {
+  try {
+    select_rows(rows, "root", filter);
+  } catch (const InputError& error) {
+    return error.what();
+  }
+  return "no error";
+}
+
+TEST(RowFilter, EachFilterDropsItsRows) {
+  RowFilter none;
+  none.min_aesthetic_score = 0;
+  none.drop_bad_skeleton = false;
+  EXPECT_EQ(ids(table(), none), "abcd");
+  RowFilter f = none;
+  f.min_aesthetic_score = 4.5;
+  EXPECT_EQ(ids(table(), f), "acd");
+  f = none;
+  f.drop_bad_skeleton = true;
+  EXPECT_EQ(ids(table(), f), "abc");
+  f = none;
+  f.drop_bad_skin = true;
+  EXPECT_EQ(ids(table(), f), "abd");
+  f = none;
+  f.max_num_voxels = 32768;
+  EXPECT_EQ(ids(table(), f), "abd");
+  f = none;
+  f.is_test = true;
+  EXPECT_EQ(ids(table(), f), "b");
+  f.is_test = false;
+  EXPECT_EQ(ids(table(), f), "acd");
+  f = none;
+  f.only = std::set<std::string>{"d", "a", "elsewhere"};
+  EXPECT_EQ(ids(table(), f), "ad");
+}
+
+TEST(RowFilter, ASourceWithoutTheColumnPasses) {
+  const CsvTable bare = parse_csv("sha256\nx\n", "metadata.csv");
+  RowFilter all;
+  all.drop_bad_skin = true;
+  all.max_num_voxels = 5;
+  EXPECT_EQ(ids(bare, all), "x");
+  all.is_test = true;
+  EXPECT_NE(error_of(bare, all).find("is_test"), std::string::npos);
+}
+
+TEST(RowFilter, AFilterThatLeavesNothingIsNamedWithCounts) {
+  RowFilter strict;
+  strict.min_aesthetic_score = 9;
+  EXPECT_NE(error_of(table(), strict).find("min_aesthetic_score"), std::string::npos);
+  EXPECT_NE(error_of(table(), strict).find("none of the 4 rows"), std::string::npos);
+  RowFilter flagged;
+  flagged.required_flags = {"voxelized"};
+  EXPECT_NE(error_of(table(), flagged).find("voxelized"), std::string::npos);
+}
+
+TEST(RowFilter, HostileTablesAreErrors) {
+  RowFilter f;
+  for (const char* id : {"../../etc/passwd", "", ".hidden", "a/b", "..\\\\x"}) {
+    EXPECT_THROW(select_rows(parse_csv("sha256,x\n" + std::string(id) + ",1\n", "m"), "root", f), InputError) << id;
+  }
+  EXPECT_THROW(select_rows(parse_csv("sha256\na\na\n", "m"), "root", f), InputError) << "twice";
+  EXPECT_THROW(select_rows(parse_csv("sha256,aesthetic_score\na,good\n", "m"), "root", f), InputError);
+  EXPECT_THROW(select_rows(parse_csv("sha256,is_bad_skeleton\na,perhaps\n", "m"), "root", f), InputError);
+  EXPECT_THROW(select_rows(parse_csv("id\na\n", "m"), "root", f), InputError) << "no sha256";
+  EXPECT_THROW(select_rows(parse_csv("sha256\n", "m"), "root", f), InputError) << "no rows";
+}
+
+TEST(Split, OneIdPerLine) {
+  const test::TemporaryFolder folder;
+  std::ofstream(folder / "split.txt") << "# held out\na\r\n\nb\n";
+  EXPECT_EQ(read_split(folder / "split.txt"), (std::set<std::string>{"a", "b"}));
+  std::ofstream(folder / "empty.txt") << "# nothing\n";
+  EXPECT_THROW(read_split(folder / "empty.txt"), InputError);
+}
+
+TEST(Split, NamesAssetsAsOtherProgramsDo) {
+  const test::TemporaryFolder folder;
+  const auto table = [&](const char* root, const std::string& rows) {
+    std::filesystem::create_directories(folder / root);
+    std::ofstream(folder / root / "metadata.csv") << "sha256,local_path,uuid,variant_of\n" << rows;
+  };
+  table("one", "a,xl.npz#u-a,u-a,\na1,xl.npz#u-a,u-a,a\n");
+  table("two", "b,b.glb,,\nc,c.glb,,\n");
+  std::ofstream(folder / "split.txt") << "u-a\nb.glb\nc\nelsewhere\n";
+  const std::string roots = (folder / "one").string() + "," + (folder / "two").string();
+  EXPECT_EQ(read_split(folder / "split.txt", roots), (std::set<std::string>{"a", "b", "c", "elsewhere"}));
+  table("two", "b,b.glb,u-a,\n");
+  EXPECT_THROW(read_split(folder / "split.txt", roots), InputError) << "two assets have that uuid";
+}
+
+}  // namespace
+
+namespace {
+
+TEST(SourceOptions, SmallerTrainingSharesArePartOfLargerOnesAndLeaveHeldOutAssetsAlone) {
+  const test::TemporaryFolder folder;
+  std::string table = "sha256\n", held_out;
+  for (int i = 0; i < 300; ++i) {
+    table += "asset" + std::to_string(i) + "\n";
+    if (i % 10 == 0) held_out += "asset" + std::to_string(i) + "\n";
+  }
+  write_file_atomically(folder / "metadata.csv", table);
+  write_file_atomically(folder / "test.txt", held_out);
+  SourceOptions options;
+  options.data_dir = folder.path().string();
+  options.eval_split = "test.txt";
+  std::set<std::string> larger;
+  for (const double share : {1.0, 0.5, 0.25, 0.125}) {
+    options.train_share = share;
+    const TrainAndEval chosen = select(options);
+    EXPECT_EQ(chosen.eval.size(), 30u);
+    // Four standard deviations of a binomial choice.
+    EXPECT_NEAR(static_cast<double>(chosen.train.size()), 270 * share, 4 * std::sqrt(270 * share * (1 - share)));
+    std::set<std::string> ids;
+    for (const AssetId& asset : chosen.train) ids.insert(asset.id);
+    for (const std::string& id : ids) EXPECT_TRUE(larger.empty() || larger.count(id) > 0) << id;
+    larger = ids;
+  }
+  options.train_share = 0;
+  EXPECT_THROW(select(options), InputError);
+  options.train_share = 0.5;
+  options.eval_split.clear();
+  options.eval_fraction = 0.2;
+  const std::size_t held = select(options).eval.size();
+  options.train_share = 1;
+  EXPECT_EQ(select(options).eval.size(), held);
+}
+
+}  // namespace
+
+}  // namespace anigen::data

@@ -1,0 +1,403 @@
+// From pictures to rigged files with the small models of the parity fixtures, whose voxels, votes and surface exist
+// whatever the noise; the published image encoder, whose weights are not there, is replaced by a small one.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <fstream>
+#include <thread>
+#include <utility>
+
+#include "anigen/core/error.h"
+#include "anigen/core/files.h"
+#include "anigen/core/version.h"
+#include "anigen/data/voxel_files.h"
+#include "anigen/generate/generate_assets.h"
+#include "anigen/generate/picture_input.h"
+#include "anigen/io/arrays/npz.h"
+#include "anigen/io/arrays/safetensors.h"
+#include "anigen/io/gltf/gltf.h"
+#include "anigen/nn/state_dict.h"
+#include "anigen/vision/patch_encoder.h"
+#include "tests/generate/onnx_files.h"
+#include "tests/support/paths.h"
+
+namespace anigen::generate {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr int kSide = 32;
+
+/// A blue disc on transparent ground.
+io::Image disc(int side) {
+  io::Image image(side, side, 0);
+  for (int y = 0; y < side; ++y) {
+    for (int x = 0; x < side; ++x) {
+      if (std::hypot(x - side / 2, y - side / 2) > side / 3.0) continue;
+      const std::uint8_t color[] = {40, static_cast<std::uint8_t>(2 * x), 200, 255};
+      std::copy(color, color + 4, image.pixel(x, y));
+    }
+  }
+  return image;
+}
+
+/// A flow's run with a small image encoder in place of DINOv2.
+void give_image_encoder(const fs::path& run) {
+  Json config = read_json(run / "config.json");
+  const std::int64_t channels = config["models"]["denoiser"]["args"]["cond_channels"];
+  const Json encoder = {{"name", "patch"}, {"image_size", kSide}, {"patch_size", 16},
+                        {"width", 16},     {"num_blocks", 1},     {"num_heads", 2}};
+  config["dataset"]["args"]["image_size"] = kSide;
+  config["trainer"]["args"]["image_encoder"] = encoder;
+  config["trainer"]["args"]["sampler"] = {{"steps", 3}, {"cfg_strength", 1.0}};
+  write_file_atomically(run / "config.json", config.dump(2));
+  torch::manual_seed(0);
+  vision::PatchImageEncoder model(vision::PatchImageEncoderOptions::from_json(encoder), channels);
+  io::write_safetensors(run / "ckpts" / "image_encoder_final.safetensors", nn::state_dict(*model));
+}
+
+// Reference flows-and-pipeline.md, A.4: what the published program draws for seed 42.
+TEST(GenerationNoise, IsThePublishedOne) {
+  const at::Generator generator = noise_generator(42);
+  const std::vector<std::vector<std::int64_t>> sizes{{1, 8, 16, 16, 16}, {1, 4, 16, 16, 16}, {1001, 16}, {503, 4}};
+  const std::vector<std::vector<float>> first{{1.9269153F, 1.4872841F, 0.9007172F, -2.1055210F},
+                                              {-0.7837821F, -0.3568874F, -1.3867873F, 1.4456867F},
+                                              {1.2653142F, 0.1725847F, -0.1983433F, 1.1283627F},
+                                              {0.0758839F, -0.0102992F, 0.4272086F, 1.1499642F}};
+  std::vector<torch::Tensor> draws;
+  for (std::size_t i = 0; i < sizes.size(); ++i) {
+    draws.push_back(torch::randn(sizes[i], generator).flatten());
+    EXPECT_TRUE(torch::allclose(draws[i].slice(0, 0, 4), torch::tensor(first[i]), 0.0, 1e-6))
+        << draws[i].slice(0, 0, 4);
+  }
+  EXPECT_NEAR(draws[0][-1].item<float>(), -0.2654118F, 1e-6F);
+  EXPECT_TRUE(torch::allclose(draws[3].slice(0, -2), torch::tensor({0.7880555F, 0.0347525F}), 0.0, 1e-6));
+}
+
+class GenerateAssets : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    const fs::path tree = test::parity_file("ckpt_tree");
+    if (!fs::is_directory(tree)) GTEST_SKIP() << tree << " is not there";
+    fs::copy(tree, folder_.path(), fs::copy_options::recursive);
+    const fs::path runs = folder_ / "ckpts" / "anigen";
+    request_.models.structure_flow = runs / "ss_flow_solo";
+    request_.models.latent_flow = runs / "slat_flow_control";
+    give_image_encoder(request_.models.structure_flow);
+    give_image_encoder(request_.models.latent_flow);
+    request_.output = folder_ / "out";
+    request_.finishing.reduction = 0.8;
+    request_.finishing.views = 12;
+    request_.finishing.view_size = 64;
+    request_.finishing.texture_size = 256;
+    picture_ = folder_ / "disc.png";
+    io::write_png(picture_, disc(96));
+  }
+
+  fs::path made(const std::string& name, const std::string& file) const { return request_.output / name / file; }
+  GenerationReport one(const std::string& name) {
+    GenerateRequest request = request_;
+    request.name = name;
+    return generate_assets(request, {picture_}).front();
+  }
+
+  test::TemporaryFolder folder_;
+  GenerateRequest request_;
+  fs::path picture_;
+};
+
+TEST_F(GenerateAssets, APictureBecomesARiggedFile) {
+  const GenerationReport report = one("a");
+  ASSERT_EQ(report.failure, "");
+  for (const char* file :
+       {"mesh.glb", "skeleton.glb", "processed_image.png", "processed_normal.png", "preview.png", "generation.json"}) {
+    EXPECT_TRUE(fs::is_regular_file(made("a", file))) << file;
+  }
+  const Asset asset = io::read_gltf(made("a", "mesh.glb")).asset;
+  EXPECT_GT(asset.mesh.faces.size(), 100u);
+  EXPECT_GT(asset.skeleton.size(), 0u);
+  EXPECT_EQ(asset.skin.rows(), asset.mesh.vertices.size());
+  EXPECT_EQ(asset.images.size(), 1u) << "a texture";
+  EXPECT_EQ(asset.mesh.uvs.size(), asset.mesh.vertices.size());
+  EXPECT_EQ(report.details["joints"], asset.skeleton.size());
+  EXPECT_EQ(io::read_gltf(made("a", "skeleton.glb")).asset.skeleton.size(), asset.skeleton.size());
+}
+
+// What the stages gave, in files as those of a dataset: every voxel that the report counts has a row.
+TEST_F(GenerateAssets, IntermediateResultsAreKeptWhenAskedFor) {
+  ASSERT_EQ(one("without").failure, "");
+  EXPECT_FALSE(fs::exists(made("without", "latents.npz")));
+  request_.intermediate = true;
+  const GenerationReport report = one("a");
+  ASSERT_EQ(report.failure, "");
+  const data::VoxelRows shape = data::read_voxel_arrays(made("a", "latents.npz"), "coords", "feats");
+  const data::VoxelRows skeleton = data::read_voxel_arrays(made("a", "latents.npz"), "coords_skl", "feats_skl");
+  EXPECT_EQ(report.details["voxels"]["shape"], shape.coords.size());
+  EXPECT_EQ(report.details["voxels"]["skeleton"], skeleton.coords.size());
+  const io::NamedArrays structure = io::read_npz(made("a", "ss_latents.npz"));
+  for (const char* name : {"mean", "mean_skl"}) {
+    ASSERT_NE(io::find(structure, name), nullptr) << name;
+    EXPECT_EQ(io::find(structure, name)->shape.size(), 4u) << name;
+  }
+  for (const char* file : {"voxels.png", "votes.glb", "dense.glb"}) EXPECT_TRUE(fs::exists(made("a", file))) << file;
+  // Kept only while they are there, and never those of another mesh.
+  fs::remove(made("a", "latents.npz"));
+  EXPECT_FALSE(one("a").kept);
+  EXPECT_TRUE(fs::exists(made("a", "latents.npz")));
+  EXPECT_TRUE(one("a").kept);
+  request_.intermediate = false;
+  request_.sampling.seed = 43;
+  ASSERT_EQ(one("a").failure, "");
+  EXPECT_FALSE(fs::exists(made("a", "latents.npz")));
+}
+
+// Whatever normalises the first flow's latents in training is undone in the file.
+TEST_F(GenerateAssets, StructureLatentsAreThoseThatTheAutoEncoderDecodes) {
+  Json config = read_json(request_.models.structure_flow / "config.json");
+  Json& data = config["dataset"]["args"];
+  const auto channels = [&](const char* key) { return config["models"]["denoiser"]["args"][key].get<std::size_t>(); };
+  const auto statistics = [](std::size_t count) {
+    return Json{{"mean", std::vector<double>(count, 0.5)}, {"std", std::vector<double>(count, 2.0)}};
+  };
+  data["normalization"] = statistics(channels("in_channels"));
+  data["normalization_skl"] = statistics(channels("in_channels_skl"));
+  write_file_atomically(request_.models.structure_flow / "config.json", config.dump(2));
+  AssetGenerator generator(request_.models);
+  const torch::Tensor picture = torch::rand({1, 3, kSide, kSide});
+  const GeneratedAsset asset = generator.generate(picture, picture, "a", request_.sampling);
+  StructureGenerator::Request request;
+  request.run = request_.models.structure_flow;
+  StructureGenerator structure(request);
+  const flow::Streams noise = structure.noise(noise_generator(request_.sampling.seed));
+  const flow::SamplerOptions sampler = structure.sampler();
+  const flow::Streams sampled =
+      structure.sample(noise, structure.condition(picture), sampler, sampler.cfg_strength > 0);
+  EXPECT_TRUE(torch::allclose(asset.structure[0], sampled[0] * 2.0 + 0.5));
+  EXPECT_TRUE(torch::allclose(asset.structure[1], sampled[1] * 2.0 + 0.5));
+}
+
+// Results of a picture lie under fixed names, which a picture of an earlier result may have.
+TEST_F(GenerateAssets, AResultThatWouldReplaceAnInputIsRefused) {
+  fs::create_directories(request_.output / "a");
+  for (const char* file : {"processed_image.png", "preview.png", "voxels.png"}) {
+    const fs::path input = made("a", file);
+    fs::copy_file(picture_, input);
+    request_.name = "a";
+    EXPECT_THROW(generate_assets(request_, {input}), InputError) << file;
+    NamedPicture with_normals(picture_);
+    with_normals.normal_map = input;
+    EXPECT_THROW(generate_assets(request_, {with_normals}), InputError) << file;
+    EXPECT_EQ(read_file(input), read_file(picture_));
+    fs::remove(input);
+  }
+  EXPECT_FALSE(fs::exists(made("a", "generation.json")));
+}
+
+TEST_F(GenerateAssets, WhateverOnePictureThrowsIsItsFailure) {
+  std::vector<NamedPicture> pictures;
+  for (const char* name : {"memory", "torch", "good"}) pictures.emplace_back(picture_, name);
+  request_.started = [](const NamedPicture& picture) {
+    if (picture.name == "memory") throw std::bad_alloc();
+    if (picture.name == "torch") torch::zeros({2, 3}).matmul(torch::zeros({2, 3}));
+  };
+  const std::vector<GenerationReport> reports = generate_assets(request_, pictures);
+  ASSERT_EQ(reports.size(), 3u);
+  EXPECT_EQ(reports[0].failure, "out of memory");
+  EXPECT_NE(reports[1].failure.find("mat1 and mat2"), std::string::npos) << reports[1].failure;
+  EXPECT_EQ(reports[1].failure.find('\n'), std::string::npos) << "one line";
+  EXPECT_EQ(reports[2].failure, "");
+  EXPECT_TRUE(fs::exists(made("good", "mesh.glb")));
+  request_.started = [](const NamedPicture&) { throw Interrupted("stopped"); };
+  request_.output = folder_ / "other";
+  EXPECT_THROW(generate_assets(request_, pictures), Interrupted);
+}
+
+// Of a folder of pictures each is made once, whoever makes it.
+TEST_F(GenerateAssets, CallsAtTheSameTimeShareThePictures) {
+  std::vector<NamedPicture> pictures;
+  for (const char* name : {"a", "b", "c"}) pictures.emplace_back(picture_, name);
+  std::vector<std::vector<GenerationReport>> reports(2);
+  std::vector<std::thread> threads;
+  for (auto& made : reports) threads.emplace_back([&] { made = generate_assets(request_, pictures); });
+  for (std::thread& thread : threads) thread.join();
+  for (std::size_t i = 0; i < pictures.size(); ++i) {
+    EXPECT_NE(reports[0].at(i).kept, reports[1].at(i).kept) << "made by one, found by the other";
+    EXPECT_EQ(reports[0][i].failure + reports[1][i].failure, "");
+  }
+  EXPECT_FALSE(fs::exists(request_.output / ".leases"));
+}
+
+std::vector<float> dense_rows(const Asset& asset) { return to_dense(asset.skin, asset.skeleton.size()); }
+
+TEST_F(GenerateAssets, TheSeedAloneDecides) {
+  const torch::Tensor picture = torch::rand({1, 3, kSide, kSide});
+  AssetGenerator generator(request_.models);
+  const auto dense = [&](AssetGenerator& from, std::uint64_t seed) {
+    GenerationOptions options = request_.sampling;
+    options.seed = seed;
+    return from.generate(picture, picture, "a", options);
+  };
+  const GeneratedAsset first = dense(generator, 42), again = dense(generator, 42), other = dense(generator, 43);
+  EXPECT_TRUE(torch::equal(first.voxels.shape, again.voxels.shape));
+  EXPECT_TRUE(torch::equal(first.decoded.votes.joints, again.decoded.votes.joints));
+  EXPECT_EQ(first.decoded.asset.mesh.vertices, again.decoded.asset.mesh.vertices);
+  EXPECT_EQ(dense_rows(first.decoded.asset), dense_rows(again.decoded.asset));
+  EXPECT_NE(first.decoded.asset.mesh.vertices, other.decoded.asset.mesh.vertices);
+
+  AssetGenerator::Request lean = request_.models;
+  lean.low_memory = true;
+  AssetGenerator one_by_one(lean);
+  const GeneratedAsset third = dense(one_by_one, 42);
+  EXPECT_TRUE(torch::equal(first.decoded.votes.joints, third.decoded.votes.joints));
+  EXPECT_EQ(first.decoded.asset.mesh.vertices, third.decoded.asset.mesh.vertices);
+  EXPECT_EQ(dense_rows(first.decoded.asset), dense_rows(third.decoded.asset));
+
+  const Asset finished = finish_asset(first.decoded.asset, request_.finishing).asset;
+  const Asset finished_again = finish_asset(first.decoded.asset, request_.finishing).asset;
+  EXPECT_EQ(finished.mesh.vertices, finished_again.mesh.vertices);
+  EXPECT_EQ(dense_rows(finished), dense_rows(finished_again));
+}
+
+TEST_F(GenerateAssets, TheSameRequestGivesTheSameFiles) {
+  one("a");
+  one("b");
+  const Asset a = io::read_gltf(made("a", "mesh.glb")).asset, b = io::read_gltf(made("b", "mesh.glb")).asset;
+  EXPECT_EQ(a.mesh.vertices, b.mesh.vertices);
+  EXPECT_EQ(a.mesh.uvs, b.mesh.uvs);
+  EXPECT_EQ(dense_rows(a), dense_rows(b));
+  EXPECT_EQ(a.images.front().bytes, b.images.front().bytes);
+}
+
+TEST_F(GenerateAssets, WhatIsThereIsKeptUntilSomethingChanges) {
+  EXPECT_FALSE(one("a").kept);
+  EXPECT_TRUE(one("a").kept);
+  request_.sampling.joints = 10;
+  EXPECT_FALSE(one("a").kept);
+  request_.pictures.background = Background::kKeep;
+  EXPECT_FALSE(one("a").kept) << "another background";
+  request_.models.structure_condition = StructureCondition::kColor;
+  EXPECT_FALSE(one("a").kept) << "another condition";
+  EXPECT_TRUE(one("a").kept);
+  io::write_png(picture_, disc(80));
+  EXPECT_FALSE(one("a").kept) << "another picture of the same name";
+  const fs::path weights = request_.models.latent_flow / "ckpts" / "image_encoder_final.safetensors";
+  fs::last_write_time(weights, fs::file_time_type::clock::now() + std::chrono::hours(1));
+  EXPECT_FALSE(one("a").kept) << "weights written again";
+  request_.again = true;
+  EXPECT_FALSE(one("a").kept);
+}
+
+// An asset of another build does not pass for one of this build: the run stops before anything is made, and says how to
+// go on.
+TEST_F(GenerateAssets, WhatAnotherCommitMadeIsRefusedUntilTheRequestSaysWhatToDo) {
+  ASSERT_EQ(one("a").failure, "");
+  Json record = read_json(made("a", "generation.json"));
+  EXPECT_EQ(record["commit"], commit());
+  EXPECT_EQ(record["version"], kVersion);
+  EXPECT_TRUE(one("a").kept);
+  for (const Json& other : {Json("0123456789"), Json()}) {
+    record["commit"] = other;
+    if (other.is_null()) record.erase("commit");  // as programs wrote it that recorded no commit
+    write_file_atomically(made("a", "generation.json"), record.dump(2));
+    try {
+      one("a");
+      ADD_FAILURE() << "kept, or made again";
+    } catch (const InputError& error) {
+      for (const std::string& word :
+           {std::string(other.is_null() ? "recorded no commit" : "commit 0123456789"), named_commit(commit()),
+            std::string("--again"), std::string("--accept-other-code")})
+        EXPECT_NE(std::string(error.what()).find(word), std::string::npos) << error.what();
+    }
+    EXPECT_EQ(read_json(made("a", "generation.json")), record) << "untouched";
+    request_.accept_other_code = true;
+    EXPECT_TRUE(one("a").kept);
+    request_.accept_other_code = false;
+    request_.sampling.seed = 43;
+    EXPECT_FALSE(one("a").kept) << "other options: there is nothing to keep";
+    EXPECT_EQ(read_json(made("a", "generation.json"))["commit"], commit());
+    request_.sampling.seed = GenerateRequest().sampling.seed;
+    write_file_atomically(made("a", "generation.json"), record.dump(2));
+    request_.again = true;
+    EXPECT_FALSE(one("a").kept);
+    EXPECT_EQ(read_json(made("a", "generation.json"))["commit"], commit());
+    request_.again = false;
+  }
+}
+
+TEST_F(GenerateAssets, TheRecordNamesTheMattingNetworkAndItsNormalisation) {
+  ASSERT_EQ(one("without").failure, "");
+  EXPECT_FALSE(read_json(made("without", "generation.json"))["settings"].contains("matting"));
+  request_.pictures.matting.network = folder_ / "network.onnx";
+  write_file_atomically(request_.pictures.matting.network, test::onnx_bytes(test::channel_sum_network(8, {1, 0, 0})));
+  ASSERT_EQ(one("a").failure, "");
+  const Json matting = read_json(made("a", "generation.json"))["settings"]["matting"];
+  EXPECT_EQ(matting["network"], request_.pictures.matting.network.string());
+  EXPECT_EQ(matting["mean"], (Json{0.485, 0.456, 0.406}));
+  EXPECT_EQ(matting["deviation"], (Json{0.229, 0.224, 0.225}));
+  EXPECT_TRUE(one("a").kept);
+  request_.pictures.matting.mean = {0.5, 0.5, 0.5};
+  EXPECT_FALSE(one("a").kept) << "another mean";
+  EXPECT_EQ(read_json(made("a", "generation.json"))["settings"]["matting"]["mean"], (Json{0.5, 0.5, 0.5}));
+}
+
+TEST_F(GenerateAssets, ABadPictureDoesNotStopTheOthers) {
+  const fs::path folder = folder_ / "pictures";
+  fs::create_directories(folder);
+  io::write_png(folder / "clear.png", io::Image(64, 64, 0));
+  io::write_png(folder / "disc.png", disc(96));
+  std::ofstream(folder / "text.png") << "not a picture";
+  std::ofstream(folder / "notes.txt") << "ignored";
+  const auto reports = generate_assets(request_, pictures_at(folder));
+  ASSERT_EQ(reports.size(), 3u);
+  EXPECT_NE(reports[0].failure.find("clear.png"), std::string::npos) << reports[0].failure;
+  EXPECT_EQ(reports[1].failure, "");
+  EXPECT_NE(reports[2].failure.find("text.png"), std::string::npos) << reports[2].failure;
+  EXPECT_FALSE(fs::exists(made("text", "generation.json")));
+}
+
+TEST_F(GenerateAssets, UnusableModelsAreNamedBeforeAnythingIsMade) {
+  const auto error_of = [&](const GenerateRequest& request) {
+    try {
+      generate_assets(request, {picture_});
+    } catch (const InputError& error) {
+      return std::string(error.what());
+    }
+    return std::string("no error");
+  };
+  GenerateRequest swapped = request_;
+  std::swap(swapped.models.structure_flow, swapped.models.latent_flow);
+  EXPECT_NE(error_of(swapped).find("describes no model named"), std::string::npos) << error_of(swapped);
+
+  const fs::path runs = folder_ / "ckpts" / "anigen", weights = runs / "slat_flow_control" / "ckpts" / "denoiser.pt";
+  const std::string whole = read_file(weights);
+  std::ofstream(weights, std::ios::binary) << whole.substr(0, whole.size() / 2);
+  EXPECT_NE(error_of(request_).find("denoiser.pt"), std::string::npos) << error_of(request_);
+  fs::remove(weights);
+  fs::remove(runs / "slat_flow_control" / "ckpts" / "denoiser_ema0.9999.pt");
+  EXPECT_NE(error_of(request_).find("slat_flow_control"), std::string::npos) << error_of(request_);
+  fs::remove_all(runs / "ss_dae");
+  EXPECT_NE(error_of(request_).find("ss_dec_path"), std::string::npos) << error_of(request_);
+  EXPECT_FALSE(fs::exists(request_.output));
+}
+
+TEST_F(GenerateAssets, NormalsThatNoFlowSeesAreRefused) {
+  request_.models.structure_condition = StructureCondition::kColor;
+  request_.pictures.normals = NormalSource::kFlat;
+  EXPECT_THROW(one("a"), InputError);
+  request_.pictures.normals = NormalSource::kColors;
+  EXPECT_EQ(one("a").failure, "");
+}
+
+TEST_F(GenerateAssets, OnePictureOneName) {
+  const fs::path other = folder_ / "more" / "disc.png";
+  fs::create_directories(other.parent_path());
+  io::write_png(other, disc(64));
+  EXPECT_THROW(generate_assets(request_, {picture_, other}), InputError);
+  request_.name = "x";
+  EXPECT_THROW(generate_assets(request_, {picture_, other}), InputError);
+}
+
+}  // namespace
+}  // namespace anigen::generate

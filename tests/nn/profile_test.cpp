@@ -1,0 +1,94 @@
+#include <gtest/gtest.h>
+#include <chrono>
+#include <stdexcept>
+#include <thread>
+
+#include "anigen/nn/profile.h"
+#include "anigen/nn/torch.h"
+#include "tests/parity/described_part.h"
+
+namespace anigen::test {
+
+namespace {
+
+TEST(DescribedPart, ReadsStartStopAndStep) {
+  const torch::Tensor volume = torch::arange(2 * 10 * 12).reshape({2, 10, 12});
+  const auto expect = [&](const std::string& description, const torch::Tensor& wanted) {
+    EXPECT_TRUE(torch::equal(described_part(volume, description), wanted)) << description;
+  };
+  expect("logits[:,:,:]", volume);
+  expect("[:,1::4,::3] of the logits", volume.slice(1, 1, 10, 4).slice(2, 0, 12, 3));
+  expect("[0:1,0:8:2,3:5]", volume.slice(0, 0, 1).slice(1, 0, 8, 2).slice(2, 3, 5));
+  expect("int [3] rows, [:, 2:, :-2]", volume.slice(1, 2, 10).slice(2, 0, 10));
+}
+
+TEST(DescribedPart, RefusesWhatItCannotRead) {
+  const torch::Tensor volume = torch::zeros({2, 3, 4});
+  for (const char* description : {"all of it", "[:,:]", "[:,:,:,:]", "[:,:,1]", "[:,,:]", "[:,:,0:1:2:3]"}) {
+    EXPECT_THROW(described_part(volume, description), std::runtime_error) << description;
+  }
+}
+
+}  // namespace
+
+}  // namespace anigen::test
+
+namespace anigen::nn {
+
+namespace {
+
+using Row = OperatorProfile::Row;
+
+Row row_of(const std::vector<Row>& rows, const std::string& name) {
+  for (const Row& row : rows) {
+    if (row.name == name) return row;
+  }
+  return {name, 0, 0.0};
+}
+
+TEST(OperatorProfile, CountsOperatorsAndTakesInnerOnesFromTheOuter) {
+  const torch::Tensor a = torch::randn({256, 256}), b = torch::randn({256, 256}).requires_grad_();
+  const OperatorProfile profile;
+  {
+    RECORD_USER_SCOPE("test: outer");
+    torch::mm(a, b).sum().backward();
+    {
+      RECORD_USER_SCOPE("test: inner");
+      std::this_thread::sleep_for(std::chrono::milliseconds(40));
+    }
+  }
+  const std::vector<Row> rows = profile.rows();
+  EXPECT_EQ(row_of(rows, "aten::mm").calls, 2);  // one in the backward pass
+  EXPECT_EQ(row_of(rows, "MmBackward0").calls, 1);
+  EXPECT_EQ(row_of(rows, "test: outer").calls, 1);
+  EXPECT_GE(row_of(rows, "test: inner").seconds, 0.04);
+  EXPECT_LT(row_of(rows, "test: outer").seconds, 0.04);
+  for (std::size_t i = 1; i < rows.size(); ++i) EXPECT_GE(rows[i - 1].seconds, rows[i].seconds);
+  const std::vector<Row> groups = OperatorProfile::by_group(rows);
+  EXPECT_EQ(row_of(groups, "test").calls, 2);
+  EXPECT_EQ(row_of(groups, "matrix products").calls, 2);
+  EXPECT_GT(row_of(groups, "elementwise and copies").calls, 0);
+}
+
+TEST(OperatorProfile, SeesNothingAfterItsEndAndCanBeStartedAgain) {
+  const torch::Tensor a = torch::ones({2});
+  {
+    const OperatorProfile first;
+    EXPECT_THROW(OperatorProfile(), std::logic_error);
+    a.exp();
+    EXPECT_EQ(row_of(first.rows(), "aten::exp").calls, 1);
+  }
+  a.exp();
+  const OperatorProfile second;
+  EXPECT_EQ(row_of(second.rows(), "aten::exp").calls, 0);
+}
+
+TEST(OperatorProfile, TablesGiveTimesPerStep) {
+  const std::string text = profile_markdown({{"aten::mm", 6, 0.03}, {"attention: dense", 2, 0.01}}, 2);
+  EXPECT_NE(text.find("| matrix products | 3.0 | 15.00 | 75.0 % |"), std::string::npos) << text;
+  EXPECT_NE(text.find("| attention: dense | 1.0 | 5.00 | 25.0 % |"), std::string::npos) << text;
+}
+
+}  // namespace
+
+}  // namespace anigen::nn

@@ -1,0 +1,312 @@
+#include <gtest/gtest.h>
+#include <limits>
+#include <new>
+#include <stdexcept>
+
+#include "anigen/asset/rigged_asset.h"
+#include "anigen/core/error.h"
+#include "anigen/core/files.h"
+#include "anigen/io/gltf/gltf.h"
+#include "anigen/rigging/rig_meshes.h"
+#include "tests/support/paths.h"
+#include "tests/support/rig_files.h"
+
+namespace anigen::rigging {
+
+namespace {
+
+namespace fs = std::filesystem;
+using test::RigFile;
+
+class RigMeshes : public testing::Test {
+ protected:
+  RigMeshes() {
+    RigFile low = rig_, high = rig_;
+    for (std::size_t i = 2; i < low.joints.size(); i += 3) {
+      low.joints[i] -= 0.3;
+      high.joints[i] += 0.4;
+    }
+    fs::create_directories(folder_ / "rigs");
+    fs::create_directories(folder_ / "meshes/deep");
+    test::write_glb(folder_ / "rigs/low.glb", low);
+    test::write_glb(folder_ / "rigs/middle.glb", rig_);
+    test::write_glb(folder_ / "rigs/high.glb", high);
+    RigFile large = rig_;
+    for (float& x : large.vertices) x = 2.0F * x + 1.0F;
+    test::write_glb(folder_ / "meshes/deep/large.glb", large);
+    test::write_glb(folder_ / "meshes/same.glb", rig_);
+    request_.meshes = folder_ / "meshes";
+    request_.method = parse_rigging_method("template");
+    request_.joints.collection = folder_ / "rigs";
+    request_.out = folder_ / "out";
+  }
+
+  test::TemporaryFolder folder_;
+  const RigFile rig_;
+  RigRequest request_;
+};
+
+TEST_F(RigMeshes, PlaceTheMiddleSkeletonInEveryBox) {
+  const RigReports reports = rig_meshes(request_);
+  EXPECT_EQ(reports.skeleton, "middle");
+  ASSERT_EQ(reports.meshes.size(), 2u);
+  for (const RigReport& report : reports.meshes) {
+    EXPECT_EQ(report.failure, "");
+    const Asset asset = io::read_gltf(report.file).asset;
+    EXPECT_TRUE(validate(asset).empty());
+    EXPECT_EQ(asset.skeleton.size(), static_cast<std::size_t>(rig_.joint_count()));
+    EXPECT_EQ(asset.skin.largest_row(), 1u);
+    const double scale = report.id == "same" ? 1.0 : 2.0, offset = report.id == "same" ? 0.0 : 1.0;
+    const auto joints = asset.skeleton.positions();
+    for (std::size_t j = 0; j < joints.size(); ++j) {
+      const Eigen::Vector3d expected(rig_.joints[3 * j], rig_.joints[3 * j + 1], rig_.joints[3 * j + 2]);
+      EXPECT_LT((joints[j] - (scale * expected + Eigen::Vector3d::Constant(offset))).norm(), 1e-5);
+    }
+  }
+  EXPECT_TRUE(fs::exists(folder_ / "out/deep/large.glb"));
+  EXPECT_EQ(to_json(reports)["meshes"].size(), 2u);
+}
+
+TEST_F(RigMeshes, ASplitChoosesTheSkeletons) {
+  write_file_atomically(folder_ / "split.txt", "high\n");
+  request_.joints.splits = {folder_ / "split.txt"};
+  EXPECT_EQ(rig_meshes(request_).skeleton, "high");
+}
+
+TEST_F(RigMeshes, ASplitChoosesTheMeshes) {
+  write_file_atomically(folder_ / "split.txt", "same\n");
+  request_.splits = {folder_ / "split.txt"};
+  const RigReports reports = rig_meshes(request_);
+  ASSERT_EQ(reports.meshes.size(), 1u);
+  EXPECT_EQ(reports.meshes[0].id, "same");
+  write_file_atomically(folder_ / "split.txt", "nobody\n");
+  EXPECT_THROW(rig_meshes(request_), InputError);
+}
+
+TEST_F(RigMeshes, OneFileForOneFile) {
+  request_.meshes = folder_ / "meshes/same.glb";
+  request_.out = folder_ / "one.glb";
+  rig_meshes(request_);
+  EXPECT_TRUE(fs::is_regular_file(folder_ / "one.glb"));
+}
+
+TEST_F(RigMeshes, ABrokenMeshIsReportedAndTheOthersAreRigged) {
+  write_file_atomically(folder_ / "meshes/broken.glb", "glTF");
+  const RigReports reports = rig_meshes(request_);
+  ASSERT_EQ(reports.meshes.size(), 3u);
+  EXPECT_NE(reports.meshes[0].failure, "");
+  EXPECT_FALSE(fs::exists(reports.meshes[0].file));
+  EXPECT_NE(to_text(reports).find("broken: "), std::string::npos);
+  EXPECT_EQ(reports.meshes[1].failure + reports.meshes[2].failure, "");
+}
+
+TEST_F(RigMeshes, AnIdThatLeavesTheFolderIsRefused) {
+  RigFile leaving = rig_, absolute = rig_;
+  leaving.uuid = "../leaving";
+  absolute.uuid = (folder_ / "absolute").string();
+  test::write_articulation_xl(folder_ / "samples.npz", {leaving, absolute, rig_});
+  request_.meshes = folder_ / "samples.npz";
+  const RigReports reports = rig_meshes(request_);
+  ASSERT_EQ(reports.meshes.size(), 3u);
+  for (const RigReport& report : reports.meshes) EXPECT_EQ(report.failure.empty(), report.id == rig_.uuid) << report.id;
+  EXPECT_FALSE(fs::exists(folder_ / "leaving.glb"));
+  EXPECT_FALSE(fs::exists(folder_ / "absolute.glb"));
+  EXPECT_TRUE(fs::exists(folder_ / "out" / (rig_.uuid + ".glb")));
+}
+
+// Before, the mesh was replaced by its rigged copy without a word.
+TEST_F(RigMeshes, AResultThatWouldReplaceAnInputIsRefused) {
+  const fs::path mesh = folder_ / "meshes/same.glb", skeleton = folder_ / "rigs/high.glb";
+  const std::string before = read_file(mesh), joints = read_file(skeleton);
+  fs::create_symlink(mesh, folder_ / "link.glb");
+  request_.method = parse_rigging_method("nearest");
+  request_.joints = {};
+  request_.joints.skeleton = skeleton;
+  request_.meshes = mesh;
+  for (const fs::path& out : {mesh, folder_ / "meshes/../meshes/same.glb", folder_ / "link.glb", skeleton}) {
+    request_.out = out;
+    EXPECT_THROW(rig_meshes(request_), InputError) << out;
+  }
+  request_.meshes = folder_ / "meshes";
+  request_.out = folder_ / "meshes";
+  EXPECT_THROW(rig_meshes(request_), InputError);
+  EXPECT_EQ(read_file(mesh), before);
+  EXPECT_EQ(read_file(skeleton), joints);
+  EXPECT_TRUE(fs::is_symlink(folder_ / "link.glb"));
+
+  request_.method = parse_rigging_method("template");
+  request_.joints.collection = folder_ / "rigs";
+  request_.meshes = mesh;
+  request_.out = folder_ / "rigs/middle.glb";
+  EXPECT_THROW(rig_meshes(request_), InputError) << "a file of the collection";
+  request_.out = folder_ / "out/new.glb";
+  EXPECT_EQ(rig_meshes(request_).meshes.at(0).failure, "");
+  EXPECT_EQ(rig_meshes(request_).meshes.at(0).failure, "") << "its own result may be made again";
+}
+
+TEST_F(RigMeshes, APictureMustNotReplaceATexture) {
+  write_file_atomically(folder_ / "obj/bare.obj", "mtllib bare.mtl\n" + test::obj_text(rig_));
+  write_file_atomically(folder_ / "obj/bare.mtl", "newmtl skin\nmap_Kd bare.png\n");
+  write_file_atomically(folder_ / "obj/bare.png", "a texture");
+  request_.meshes = folder_ / "obj/bare.obj";
+  request_.out = folder_ / "obj/bare.glb";
+  request_.also_writes = ".png";
+  request_.also = [](const Asset&, fs::path file) { write_file_atomically(file.replace_extension(".png"), "drawn"); };
+  EXPECT_THROW(rig_meshes(request_), InputError);
+  EXPECT_EQ(read_file(folder_ / "obj/bare.png"), "a texture");
+  request_.out = folder_ / "obj/rigged.glb";
+  EXPECT_EQ(rig_meshes(request_).meshes.at(0).failure, "");
+  EXPECT_EQ(rig_meshes(request_).meshes.at(0).failure, "") << "its own picture may be drawn again";
+}
+
+// Of one mesh: memory, LibTorch, OpenCV; the others go on.
+TEST_F(RigMeshes, WhateverOneMeshThrowsIsItsFailure) {
+  request_.learned.propose = [](const io::RiggedShape& shape, const JointProposer& otherwise) {
+    if (shape.id == "same") throw std::bad_alloc();
+    return otherwise.propose(shape);
+  };
+  RigReports reports = rig_meshes(request_);
+  ASSERT_EQ(reports.meshes.size(), 2u);
+  EXPECT_EQ(reports.meshes[0].failure, "");
+  EXPECT_EQ(reports.meshes[1].failure, "out of memory");
+  EXPECT_NE(to_text(reports).find("same: out of memory"), std::string::npos);
+  request_.also = [](const Asset&, const fs::path& file) {
+    if (file.stem() == "large") throw std::runtime_error("(-215:Assertion failed) in function 'x'\n");
+  };
+  request_.learned = {};
+  reports = rig_meshes(request_);
+  EXPECT_EQ(reports.meshes[0].failure, "(-215:Assertion failed) in function 'x'");
+  EXPECT_EQ(reports.meshes[1].failure, "");
+  request_.also = [](const Asset&, const fs::path&) { throw Interrupted("stopped"); };
+  EXPECT_THROW(rig_meshes(request_), Interrupted);
+  request_.also = [](const Asset&, const fs::path&) { throw WriteError("disk full"); };
+  EXPECT_THROW(rig_meshes(request_), WriteError) << "no mesh after it could be written";
+}
+
+TEST_F(RigMeshes, GivenJointsAreTheFilesOrAnotherFiles) {
+  for (const char* method : {"nearest", "geovoxel", "heat"}) {
+    request_.method = parse_rigging_method(method);
+    request_.joints = {};
+    request_.meshes = folder_ / "meshes/same.glb";
+    request_.out = folder_ / "own.glb";
+    EXPECT_EQ(rig_meshes(request_).meshes.at(0).failure, "") << method;
+    const Asset own = io::read_gltf(folder_ / "own.glb").asset;
+    EXPECT_TRUE(validate(own).empty()) << method;
+    EXPECT_EQ(own.skeleton.size(), static_cast<std::size_t>(rig_.joint_count()));
+
+    request_.joints.skeleton = folder_ / "rigs/high.glb";
+    EXPECT_EQ(rig_meshes(request_).meshes.at(0).failure, "") << method;
+    const Asset other = io::read_gltf(folder_ / "own.glb").asset;
+    EXPECT_NEAR(other.skeleton.positions()[0].z(), own.skeleton.positions()[0].z() + 0.4, 1e-5) << method;
+  }
+}
+
+TEST_F(RigMeshes, AMeshWithoutJointsIsRefusedByBindingsAlone) {
+  write_file_atomically(folder_ / "bare.obj", test::obj_text(rig_));
+  request_.method = parse_rigging_method("geovoxel");
+  request_.joints = {};
+  request_.meshes = folder_ / "bare.obj";
+  request_.out = folder_ / "rigged.glb";
+  EXPECT_NE(rig_meshes(request_).meshes.at(0).failure.find("holds no skeleton to bind to"), std::string::npos);
+  EXPECT_FALSE(fs::exists(folder_ / "rigged.glb"));
+}
+
+TEST_F(RigMeshes, WithoutABindingTheSkeletonAloneIsWritten) {
+  request_.method = parse_rigging_method("nearest", "none");
+  request_.joints = {};
+  request_.meshes = folder_ / "meshes/same.glb";
+  request_.out = folder_ / "skeleton.glb";
+  std::size_t pictures = 0;
+  request_.also = [&](const Asset&, const fs::path& file) { pictures += fs::is_regular_file(file) ? 1 : 0; };
+  EXPECT_EQ(rig_meshes(request_).meshes.at(0).failure, "");
+  EXPECT_EQ(pictures, 1u);
+  const Asset solid = io::read_gltf(folder_ / "skeleton.glb").asset;
+  EXPECT_TRUE(validate(solid).empty());
+  EXPECT_EQ(solid.skeleton.size(), static_cast<std::size_t>(rig_.joint_count()));
+  EXPECT_NE(solid.mesh.vertices.size(), rig_.vertices.size() / 3);
+}
+
+TEST_F(RigMeshes, LearnedStepsTakeThePlaceOfTheOthers) {
+  request_.method = parse_rigging_method("geovoxel");
+  request_.joints = {};
+  request_.meshes = folder_ / "meshes/same.glb";
+  request_.learned.propose = [](const io::RiggedShape& shape, const JointProposer& otherwise) {
+    const std::size_t given = otherwise.propose(shape).skeleton.size();
+    return ProposedJoints{skeleton_from_joints({{0, 0, 0}, {0, 0, 1}}, {-1, 0}), std::to_string(given) + " given"};
+  };
+  request_.learned.bind = [](const io::RiggedShape& shape, const Skeleton& skeleton) {
+    return from_dense(std::vector<float>(shape.mesh.vertices.size() * skeleton.size(), 0.5F),
+                      shape.mesh.vertices.size(), skeleton.size());
+  };
+  request_.out = folder_ / "learned.glb";
+  const RigReport report = rig_meshes(request_).meshes.at(0);
+  EXPECT_EQ(report.failure, "");
+  EXPECT_EQ(report.note, std::to_string(rig_.joint_count()) + " given");
+  const Asset asset = io::read_gltf(report.file).asset;
+  EXPECT_TRUE(validate(asset).empty());
+  ASSERT_EQ(asset.skeleton.size(), 2u);
+  EXPECT_EQ(asset.skin.largest_row(), 2u);
+
+  request_.learned.bind = [](const io::RiggedShape&, const Skeleton&) -> SkinWeights {
+    throw InputError("model", "", "does not know such shapes");
+  };
+  EXPECT_NE(rig_meshes(request_).meshes.at(0).failure.find("does not know"), std::string::npos);
+  request_.method = parse_rigging_method("geovoxel", "none");
+  EXPECT_EQ(rig_meshes(request_).meshes.at(0).failure, "") << "nothing is bound for a skeleton alone";
+}
+
+TEST(RiggingMethod, WordsAreChecked) {
+  for (const std::string& word : rigging_method_words()) EXPECT_NO_THROW(parse_rigging_method(word));
+  EXPECT_THROW(parse_rigging_method("magic"), InputError);
+  EXPECT_THROW(parse_rigging_method("curve", "magic"), InputError);
+  EXPECT_FALSE(parse_rigging_method("curve", "none").binding.has_value());
+  EXPECT_EQ(parse_rigging_method("pinocchio", "nearest").binding, SkinBinding::kNearest);
+}
+
+TEST_F(RigMeshes, ACollectionWithoutSkeletonsIsRefused) {
+  fs::create_directories(folder_ / "nothing");
+  write_file_atomically(folder_ / "nothing/broken.glb", "glTF");
+  request_.joints.collection = folder_ / "nothing";
+  EXPECT_THROW(rig_meshes(request_), InputError);
+}
+
+}  // namespace
+
+namespace {
+
+const Box kBox = {{-1, 0, 2}, {1, 4, 2}};  // flat along z
+
+TEST(BoxedSkeleton, IsMeasuredByTheBoxAndPlacedInAnother) {
+  const BoxedSkeleton boxed = boxed_skeleton("x", {{0, 1, 2}, {3, 4, 2}}, {-1, 0}, kBox);
+  EXPECT_TRUE(boxed.joints[0].isApprox(Eigen::Vector3d(0.5, 0.25, 0.5)));
+  EXPECT_TRUE(boxed.joints[1].isApprox(Eigen::Vector3d(2.0, 1.0, 0.5)));
+  const auto placed = placed_joints(boxed, {{0, 0, 0}, {2, 2, 2}});
+  EXPECT_TRUE(placed[1].isApprox(Eigen::Vector3d(4, 2, 1)));
+  EXPECT_TRUE(placed_joints(boxed, kBox)[1].isApprox(Eigen::Vector3d(3, 4, 2)));
+}
+
+TEST(BoxedSkeleton, RefusesWhatCannotBeMeasured) {
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  EXPECT_THROW(boxed_skeleton("x", {{0, 0, 0}}, {-1}, Box()), InputError);
+  EXPECT_THROW(boxed_skeleton("x", {}, {}, kBox), InputError);
+  EXPECT_THROW(boxed_skeleton("x", {{0, nan, 0}}, {-1}, kBox), InputError);
+}
+
+TEST(Medoid, IsTheSkeletonNearestToAllOthers) {
+  const auto at = [](double x) { return BoxedSkeleton{"", {{x, 0, 0}, {x, 1, 0}}, {-1, 0}}; };
+  EXPECT_EQ(medoid({at(0.0), at(0.9), at(0.3), at(0.4), at(5.0)}), 3u);
+  EXPECT_EQ(medoid({at(1.0), at(1.0)}), 0u);  // the first of equals
+  EXPECT_EQ(medoid({at(7.0)}), 0u);
+  EXPECT_THROW(medoid({}), InputError);
+}
+
+TEST(Medoid, ManyJointsOfOneSkeletonCountAsMuchAsOne) {
+  // Distances are means over joints, so a skeleton of many joints at the same places is as near as one of few.
+  BoxedSkeleton few{"", {{0, 0, 0}, {1, 0, 0}}, {-1, 0}}, many = few, far{"", {{0, 3, 0}}, {-1}};
+  for (int i = 0; i < 20; ++i) many.joints.push_back({0.05 * i, 0, 0});
+  EXPECT_EQ(medoid({far, few, many, few}), 1u);
+}
+
+}  // namespace
+
+}  // namespace anigen::rigging

@@ -1,0 +1,287 @@
+#include <gtest/gtest.h>
+#include <cmath>
+#include <limits>
+#include <string>
+#include <vector>
+
+#include "anigen/core/error.h"
+#include "anigen/core/parallel.h"
+#include "anigen/core/random.h"
+#include "anigen/skeleton_field/field.h"
+
+namespace anigen::skeleton_field {
+
+namespace {
+
+/// 24 voxels on a line of x, voting alternately for joints at x = -0.25 and 0.25; the first is the parent of both.
+SkeletonField two_joint_field() {
+  SkeletonField field;
+  const Tensor x = torch::linspace(-0.4, 0.4, 24).view({24, 1}), zeros = torch::zeros({24, 2});
+  const Tensor side = torch::arange(24).remainder(2).to(torch::kFloat32).view({24, 1}) * 0.5 - 0.25;
+  field.positions = torch::cat({x, zeros}, 1);
+  field.joints = torch::cat({side, zeros}, 1);
+  field.parents = torch::cat({torch::full({24, 1}, -0.25), zeros}, 1);
+  field.conf_j = torch::full({24, 1}, 0.9);
+  field.conf_p = torch::full({24, 1}, 0.8);
+  return field;
+}
+
+TEST(SkeletonField, GroupsVotesByBothStrategies) {
+  for (const std::string strategy : {"mean_shift", "threshold"}) {
+    const SkeletonTensors skeleton = group_votes(two_joint_field(), strategy);
+    ASSERT_EQ(skeleton.joints.sizes(), (std::vector<std::int64_t>{2, 3})) << strategy;
+    EXPECT_EQ(skeleton.joints.scalar_type(), torch::kFloat32);
+    EXPECT_NEAR(skeleton.joints[0][0].item<float>(), -0.25F, 1e-6F);
+    EXPECT_NEAR(skeleton.joints[1][0].item<float>(), 0.25F, 1e-6F);
+    EXPECT_TRUE(torch::equal(skeleton.parents, torch::tensor({-1, 0}, torch::kInt64))) << strategy;
+  }
+}
+
+TEST(SkeletonField, GroupingTakesConfidenceFromTheField) {
+  SkeletonField field = two_joint_field();
+  field.conf_j = torch::full({24, 1}, 0.3);  // enough for the threshold strategy only
+  EXPECT_EQ(group_votes(field, "threshold").joints.size(0), 2);
+  const SkeletonTensors hopeless = group_votes(field, "mean_shift");
+  EXPECT_TRUE(torch::equal(hopeless.joints, torch::zeros({1, 3})));
+  EXPECT_TRUE(torch::equal(hopeless.parents, torch::zeros({1}, torch::kInt64)));
+  field.conf_j = field.conf_p = Tensor();  // without confidence every vote counts
+  EXPECT_EQ(group_votes(field, "mean_shift").joints.size(0), 2);
+}
+
+TEST(SkeletonField, GroupsNoVotesIntoNothing) {
+  SkeletonField field;
+  field.joints = field.parents = torch::zeros({0, 3});
+  for (const std::string strategy : {"mean_shift", "threshold"}) {
+    EXPECT_EQ(group_votes(field, strategy).joints.sizes(), (std::vector<std::int64_t>{0, 3}));
+    EXPECT_EQ(group_votes(field, strategy).parents.numel(), 0);
+  }
+}
+
+TEST(SkeletonField, GroupingRefusesBadFields) {
+  const auto place = [](const SkeletonField& field) -> std::string {
+    try {
+      group_votes(field, "mean_shift");
+    } catch (const InputError& error) {
+      return error.place();
+    }
+    return "";
+  };
+  SkeletonField field = two_joint_field();
+  field.joints[7][1] = std::numeric_limits<float>::quiet_NaN();
+  EXPECT_EQ(place(field), "joints[7]");
+  field = two_joint_field();
+  field.parents = field.parents.slice(0, 1);
+  EXPECT_EQ(place(field), "parents");
+  field = two_joint_field();
+  field.conf_p = field.conf_p.view({24});
+  EXPECT_EQ(place(field), "conf_p");
+  field = two_joint_field();
+  field.joints = Tensor();
+  EXPECT_EQ(place(field), "joints");
+  EXPECT_THROW(group_votes(two_joint_field(), "dbscan"), InputError);
+}
+
+/// The sums written out voxel by voxel.
+JointSkinFeatures plain_joint_features(const SkeletonField& field, const Tensor& joints) {
+  const Tensor owner = (field.positions.unsqueeze(1) - joints.unsqueeze(0)).square().sum(2).argmin(1);
+  std::vector<Tensor> means, variances;
+  for (std::int64_t j = 0; j < joints.size(0); ++j) {
+    const Tensor rows = (owner == j).nonzero().squeeze(1);
+    const Tensor features = field.skin_features.index_select(0, rows);
+    const Tensor weights = field.conf_skin.defined() ? torch::sigmoid(field.conf_skin.index_select(0, rows))
+                                                     : torch::ones({rows.size(0), 1}, features.options());
+    const Tensor total = weights.sum().clamp_min(1e-6);
+    means.push_back((weights * features).sum(0) / total);
+    variances.push_back((weights * features.square()).sum(0) / total - means.back().square());
+  }
+  return {torch::stack(means), torch::stack(variances).mean()};
+}
+
+SkeletonField random_field(std::int64_t voxels, std::int64_t channels) {
+  SkeletonField field;
+  field.positions = torch::rand({voxels, 3}, torch::kFloat64) - 0.5;
+  field.skin_features = torch::randn({voxels, channels}, torch::kFloat64);
+  field.conf_skin = torch::rand({voxels, 1}, torch::kFloat64);
+  return field;
+}
+
+TEST(JointSkinFeatures, AreWeightedMeansOverTheVoxelsNearestToAJoint) {
+  torch::manual_seed(1);
+  for (const bool weighted : {true, false}) {
+    SkeletonField field = random_field(200, 4);
+    if (!weighted) field.conf_skin = Tensor();
+    const Tensor joints = torch::rand({7, 3}, torch::kFloat64) - 0.5;
+    const JointSkinFeatures found = joint_skin_features(field, joints), expected = plain_joint_features(field, joints);
+    EXPECT_TRUE(torch::allclose(found.features, expected.features, 1e-10, 1e-12));
+    EXPECT_TRUE(torch::allclose(found.variance, expected.variance, 1e-10, 1e-12));
+  }
+}
+
+TEST(JointSkinFeatures, AJointWithoutVoxelsGetsZeros) {
+  torch::manual_seed(2);
+  const SkeletonField field = random_field(30, 3);
+  const Tensor joints = torch::tensor({{0.0, 0.0, 0.0}, {50.0, 0.0, 0.0}}, torch::kFloat64);
+  const JointSkinFeatures found = joint_skin_features(field, joints);
+  EXPECT_TRUE(torch::equal(found.features[1], torch::zeros({3}, torch::kFloat64)));
+  EXPECT_GT(found.variance.item<double>(), 0.0);
+  const SkeletonField none = random_field(0, 3);
+  EXPECT_TRUE(torch::equal(joint_skin_features(none, joints).features, torch::zeros({2, 3}, torch::kFloat64)));
+  const JointSkinFeatures jointless = joint_skin_features(field, torch::zeros({0, 3}));
+  EXPECT_EQ(jointless.features.sizes(), (std::vector<std::int64_t>{0, 3}));
+  EXPECT_EQ(jointless.variance.item<double>(), 0.0);
+}
+
+// A joint halfway between voxels: of two equally near joints the first owns the voxel.
+TEST(JointSkinFeatures, TiesGoToTheFirstJoint) {
+  SkeletonField field;
+  field.positions = torch::zeros({1, 3});
+  field.skin_features = torch::ones({1, 2});
+  const Tensor features = joint_skin_features(field, torch::tensor({{0.5, 0.0, 0.0}, {-0.5, 0.0, 0.0}})).features;
+  EXPECT_TRUE(torch::equal(features, torch::tensor({{1.0F, 1.0F}, {0.0F, 0.0F}})));
+}
+
+TEST(JointSkinFeatures, GradientsAreThoseOfFiniteDifferences) {
+  torch::manual_seed(3);
+  const SkeletonField base = random_field(9, 2);
+  const Tensor joints = torch::rand({3, 3}, torch::kFloat64) - 0.5, mix = torch::randn({3, 2}, torch::kFloat64);
+  const auto value = [&](const Tensor& features, const Tensor& confidence) {
+    SkeletonField field = base;
+    field.skin_features = features;
+    field.conf_skin = confidence;
+    const JointSkinFeatures result = joint_skin_features(field, joints);
+    return (result.features * mix).sum() + 3.0 * result.variance;
+  };
+  const Tensor features = base.skin_features.clone().requires_grad_();
+  const Tensor confidence = base.conf_skin.clone().requires_grad_();
+  value(features, confidence).backward();
+  const torch::NoGradGuard no_grad;
+  const double step = 1e-6;
+  const auto check = [&](const Tensor& input, const auto& at) {
+    for (std::int64_t i = 0; i < input.numel(); ++i) {
+      const Tensor up = input.detach().clone(), down = input.detach().clone();
+      up.view({-1})[i] += step;
+      down.view({-1})[i] -= step;
+      const double expected = (at(up) - at(down)).template item<double>() / (2.0 * step);
+      // Central differences of a function of order one in double: about 1e-10 by rounding.
+      EXPECT_NEAR(input.grad().view({-1})[i].item<double>(), expected, 1e-8) << i;
+    }
+  };
+  check(features, [&](const Tensor& moved) { return value(moved, confidence); });
+  check(confidence, [&](const Tensor& moved) { return value(features, moved); });
+}
+
+TEST(JointSkinFeatures, RefusesShapesThatDoNotFit) {
+  torch::manual_seed(4);
+  const Tensor joints = torch::zeros({2, 3});
+  SkeletonField field = random_field(5, 3);
+  field.conf_skin = field.conf_skin.slice(0, 1);
+  EXPECT_THROW(joint_skin_features(field, joints), InputError);
+  field = random_field(5, 3);
+  field.skin_features = Tensor();
+  EXPECT_THROW(joint_skin_features(field, joints), InputError);
+  field = random_field(5, 3);
+  EXPECT_THROW(joint_skin_features(field, torch::zeros({2, 2})), InputError);
+  EXPECT_THROW(joint_skin_features(field, torch::full({1, 3}, std::numeric_limits<float>::infinity())), InputError);
+}
+
+}  // namespace
+
+namespace {
+
+std::vector<Eigen::Vector3d> draw_points(std::size_t count, std::uint64_t seed, int lattice) {
+  Rng rng(seed, "points");
+  std::vector<Eigen::Vector3d> points(count);
+  for (Eigen::Vector3d& point : points) {
+    for (double& x : point) {
+      x = lattice > 0 ? static_cast<double>(rng.index(static_cast<std::size_t>(lattice))) : rng.uniform(-0.5, 0.5);
+    }
+  }
+  return points;
+}
+
+NearestJoints brute_force(const Eigen::Vector3d& point, const std::vector<Eigen::Vector3d>& joints) {
+  NearestJoints best{-1, std::numeric_limits<double>::infinity(), std::numeric_limits<double>::infinity()};
+  for (std::size_t j = 0; j < joints.size(); ++j) {
+    const double squared = (joints[j] - point).squaredNorm();
+    if (squared < best.first) {
+      best = {static_cast<int>(j), squared, best.first};
+    } else {
+      best.second = std::min(best.second, squared);
+    }
+  }
+  if (joints.size() == 1) best.second = 0.0;
+  return best;
+}
+
+TEST(JointField, NearestJointsEqualBruteForceWithTies) {
+  // On a small lattice most points have several equally near joints, and joints coincide.
+  for (const int lattice : {0, 3, 6}) {
+    for (const std::size_t count : {1u, 2u, 7u, 60u, 400u}) {
+      const auto joints = draw_points(count, 1, lattice), points = draw_points(1000, 2, lattice);
+      const std::vector<NearestJoints> found = nearest_joints(points, joints);
+      for (std::size_t p = 0; p < points.size(); ++p) {
+        const NearestJoints expected = brute_force(points[p], joints);
+        ASSERT_EQ(found[p].joint, expected.joint) << lattice << " " << count << " " << p;
+        ASSERT_EQ(found[p].first, expected.first);
+        ASSERT_EQ(found[p].second, expected.second);
+      }
+    }
+  }
+}
+
+TEST(JointField, ConfidenceFallsFromOneAtAJointToZeroBetweenTwo) {
+  const std::vector<Eigen::Vector3d> joints = {{0, 0, 0}, {1, 0, 0}};
+  const auto confidence = [&](double x) { return joint_confidence(nearest_joints({{x, 0, 0}}, joints)[0]); };
+  EXPECT_DOUBLE_EQ(confidence(0.0), 1.0);
+  EXPECT_NEAR(confidence(0.25), 1.0 - 1.0 / 9.0, 1e-7);
+  EXPECT_NEAR(confidence(0.5), 0.0, 1e-7);
+  EXPECT_DOUBLE_EQ(target_confidence(nearest_joints({{0.5, 0, 0}}, joints)[0]), 0.1);
+  // A single joint has no second: never confident away from it.
+  EXPECT_DOUBLE_EQ(joint_confidence(nearest_joints({{0.2, 0, 0}}, {{0, 0, 0}})[0]), 0.0);
+}
+
+TEST(JointField, PointsToTheNearestJointAndToItsParent) {
+  const std::vector<Eigen::Vector3d> joints = {{0, 0, 0}, {0, 0, 1}, {0.5, 0, 1}};
+  const std::vector<Eigen::Vector3d> points = {{0.1, 0, 0.9}, {0, 0.1, 0.1}};
+  const auto field = joint_field(points, joints, {-1, 0, 1});
+  EXPECT_EQ(field[0].joint, 1);
+  EXPECT_EQ(field[0].parent, 0);
+  EXPECT_LT((field[0].to_joint - Eigen::Vector3d(-0.1, 0, 0.1)).norm(), 1e-15);
+  EXPECT_LT((field[0].to_parent - Eigen::Vector3d(-0.1, 0, -0.9)).norm(), 1e-15);
+  EXPECT_EQ(field[1].parent, -1);
+  EXPECT_EQ(field[1].to_parent, field[1].to_joint);  // the root is joint 0
+  const auto published = joint_field(points, joints, {-1, 0, 1}, RootParent::kLastJoint);
+  EXPECT_LT((published[1].to_parent - (joints[2] - points[1])).norm(), 1e-15);
+}
+
+TEST(JointField, VotesInvertTheField) {
+  const auto joints = draw_points(20, 3, 0), points = draw_points(50, 4, 0);
+  std::vector<int> parents(20);
+  for (int j = 0; j < 20; ++j) parents[static_cast<std::size_t>(j)] = j == 0 ? -1 : (j - 1) / 2;
+  const auto field = joint_field(points, joints, parents);
+  for (std::size_t p = 0; p < points.size(); ++p) {
+    const JointFieldPoint& at = field[p];
+    const JointVote vote = joint_vote(points[p], {at.to_joint.x(), at.to_joint.y(), at.to_joint.z(), at.to_parent.x(),
+                                                  at.to_parent.y(), at.to_parent.z(), 0.0, std::log(3.0)});
+    EXPECT_LT((vote.joint - joints[static_cast<std::size_t>(at.joint)]).norm(), 1e-15);
+    EXPECT_LT((vote.parent - joints[static_cast<std::size_t>(std::max(0, at.parent))]).norm(), 1e-15);
+    EXPECT_DOUBLE_EQ(vote.joint_confidence, 0.5);
+    EXPECT_NEAR(vote.parent_confidence, 0.75, 1e-15);
+  }
+}
+
+TEST(JointField, RefusesBadInput) {
+  const std::vector<Eigen::Vector3d> joints = {{0, 0, 0}, {0, 0, 1}}, points = {{0, 0, 0}};
+  EXPECT_THROW(nearest_joints(points, {}), InputError);
+  EXPECT_THROW(nearest_joints({{0, std::nan(""), 0}}, joints), InputError);
+  EXPECT_THROW(nearest_joints({{0, 1e200, 0}}, joints), InputError);
+  EXPECT_THROW(nearest_joints(points, {{INFINITY, 0, 0}}), InputError);
+  EXPECT_THROW(joint_field(points, joints, {-1}), InputError);
+  EXPECT_THROW(joint_field(points, joints, {-1, 2}), InputError);
+  EXPECT_THROW(joint_field(points, joints, {-1, -2}), InputError);
+  EXPECT_TRUE(nearest_joints({}, joints).empty());
+}
+
+}  // namespace
+
+}  // namespace anigen::skeleton_field
