@@ -1,4 +1,4 @@
-# Every third-party library, each from its Debian package; README.md says what each is for.
+# Every third-party library, each from its Debian package; third_party/README.md says what each is for.
 find_package(Threads REQUIRED)
 find_package(Eigen3 REQUIRED NO_MODULE)
 find_package(nlohmann_json REQUIRED)

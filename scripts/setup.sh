@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Installs everything the project needs on Debian 12 or 13, from Debian's packages only. Safe to run again.
-# README.md says what each package is for.
+# third_party/README.md says what each package is for.
 set -euo pipefail
 
 # One of several that exclude each other, "a|b": a is installed where none of them is.
