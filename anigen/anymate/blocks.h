@@ -11,15 +11,15 @@ namespace anigen::anymate {
 
 using torch::Tensor;
 
-/// Which keys of each item of a batch count. The released models set the scores of the others to -1e8, whose softmax is
-/// zero in fp32 unless an item has no key that counts, which then attends to all of its keys alike.
+/// Mask of the keys that count in each item of a batch. The released models set the scores of the others to -1e8, whose
+/// softmax is zero in fp32 unless an item has no key that counts, which then attends to all of its keys alike.
 class KeyMask {
  public:
   KeyMask() = default;  ///< all keys count
   /// @param mask [B, S], numbers or bool: not zero where the key counts @throws InputError for another shape
   explicit KeyMask(const Tensor& mask);
 
-  /// Whether nothing is masked.
+  /// True when nothing is masked.
   bool all() const { return rows_.empty(); }
   std::int64_t items() const { return static_cast<std::int64_t>(rows_.size()); }
   std::int64_t keys() const { return keys_; }

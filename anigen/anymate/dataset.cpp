@@ -33,7 +33,7 @@ struct Bones {
   std::vector<int> parents;           // [K] bone or -1
 };
 
-// What each joint holds: Σ w and Σ w · point.
+// Sums of each joint: Σ w and Σ w · point.
 struct Held {
   std::vector<double> weight;
   std::vector<Eigen::Vector3d> moment;

@@ -39,7 +39,7 @@ BoneLayout lay_out_bones(const std::vector<Eigen::Vector3f>& joints, const std::
                          const std::vector<bool>& used, const std::vector<Eigen::Vector3f>& points,
                          const SkinWeights& skin);
 
-/// Where Anymate's models expect an object: Y up, the middle of its box at the origin, its longest side from -1 to 1
+/// Frame that Anymate's models expect: Y up, the middle of its box at the origin, its longest side from -1 to 1
 /// (reference anymate-baselines.md, 1.3, the demo's normalisation). The released data put the middle of the *sampled
 /// points* there instead, which is the same but for chance.
 class AnymateFrame {

@@ -232,7 +232,7 @@ Tensor CrossDenoiserImpl::latent_stream(const Tensor& t, const Tensor& latents) 
                                : nn::context_of(this, latents, [&] { return proj_transformer_(latents); });
   const Tensor level = time_embed_(level_features(t, items, options_.z_dim).to(latents.options())).unsqueeze(1);
   const Tensor z = torch::cat({z_init_.expand({items, -1, -1}), condition, level}, 1);
-  // Where PointInfinity hands over the latents of the step before, a learned constant.
+  // In place of PointInfinity's latents of the step before, a learned constant.
   return z + ln_latent_(prev_latent_ + latent_mlp_(prev_latent_.detach()));
 }
 

@@ -77,7 +77,7 @@ struct DenoisingTerm {
 DenoisingTerm denoising_term(JointDenoiserImpl& model, const DdimSchedule& schedule, const Tensor& joints,
                              const Tensor& latents, const Tensor& noise, const Tensor& t);
 
-/// The same with noise and levels drawn from torch's default generator.
+/// Overload with noise and levels drawn from torch's default generator.
 DenoisingTerm denoising_term(JointDenoiserImpl& model, const DdimSchedule& schedule, const Tensor& joints,
                              const Tensor& latents);
 

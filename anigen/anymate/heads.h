@@ -8,7 +8,7 @@
 
 namespace anigen::anymate {
 
-/// What the attention heads of all tasks share, under the released argument names.
+/// Options that the attention heads of all tasks share, under the released argument names.
 struct HeadOptions {
   std::int64_t width = 768, heads = 12;
   std::int64_t num_freqs = 8;  ///< of the Fourier features of positions, with the factor π
@@ -19,8 +19,8 @@ struct HeadOptions {
 
 using torch::Tensor;
 
-/// Who is whose parent, from joints and a shape. Row i of the logits is joint i as a child, column m a candidate for
-/// its parent, and column i of row i says that i is a root (reference anymate-baselines.md, 1.6 and 4).
+/// Connectivity: the parent of each joint, from joints and a shape. Row i of the logits is joint i as a child, column m
+/// a candidate for its parent, and column i of row i says that i is a root (reference anymate-baselines.md, 1.6 and 4).
 class ConnectivityImpl : public torch::nn::Module {
  public:
   /// @param latents [B, L, W] @param joints [B, J or more, 3] in [-1, 1], padded @param mask [B, J], not zero for real
@@ -96,7 +96,7 @@ TORCH_MODULE(TokenConnectivity);
 
 using torch::Tensor;
 
-/// What a skinning head looks at.
+/// Input of a skinning head.
 struct SkinningInput {
   Tensor latents;  ///< [B, L, W]
   Tensor points;   ///< [B, N, 6], positions in [-1, 1] and unit normals: of surface samples or of vertices

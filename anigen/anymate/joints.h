@@ -29,7 +29,7 @@ std::vector<std::int64_t> dbscan_labels(const Tensor& points, const DbscanOption
 /// @param points [N, 3] @return [K, 3], dtype of the points, on the CPU
 Tensor cluster_means(const Tensor& points, const std::vector<std::int64_t>& labels);
 
-/// What turns the joints of a regression or a diffusion into a set: the means of dbscan_labels. The released eps is
+/// Clusters the joints of a regression or a diffusion into a set: the means of dbscan_labels. The released eps is
 /// 0.03 for regression and 0.05 for diffusion (reference anymate-baselines.md, 3.1 and 3.2).
 Tensor merged_joints(const Tensor& joints, const DbscanOptions& options = {});
 
@@ -57,7 +57,7 @@ TORCH_MODULE(JointRegression);
 /// @return scalar @throws InputError for shapes or counts that do not fit
 Tensor joint_chamfer_loss(const Tensor& predicted, const Tensor& joints, const std::vector<std::int64_t>& counts);
 
-/// What predicted_joints needs beside a model; each kind of decoder looks at its own part.
+/// Options of predicted_joints beside the model; each kind of decoder looks at its own part.
 struct JointPrediction {
   double eps = 0.0;                    ///< joints this near become one; 0: as released, 0.03 regressed, 0.05 denoised
   std::int64_t denoised_joints = 128;  ///< how many a denoiser starts from

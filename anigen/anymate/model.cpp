@@ -234,7 +234,7 @@ void require_indices(const Tensor& indices, std::int64_t lowest, std::int64_t co
                "holds an index outside [" + std::to_string(lowest) + ", " + std::to_string(count) + ")");
 }
 
-// Whether all samples have a part. @throws InputError when only some have
+// True when all samples have a part. @throws InputError when only some have
 bool all_have(const std::vector<AnymateSample>& samples, Tensor AnymateSample::*part, const char* name) {
   const bool first = (samples.front().*part).defined();
   for (const AnymateSample& sample : samples) {
@@ -284,7 +284,7 @@ Tensor stacked(const std::vector<AnymateSample>& samples, const char* part, cons
   return torch::stack(items);
 }
 
-// What both kinds of batches hold.
+// Members that both kinds of batches hold.
 AnymateBatch positions_of(const std::vector<AnymateSample>& samples, const CollateOptions& options) {
   if (samples.empty()) throw InputError("", "samples", "there is nothing to collate");
   AnymateBatch batch;

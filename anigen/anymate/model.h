@@ -39,7 +39,7 @@ DecoderKind decoder_kind(const std::string& name);
 const std::string& name_of(EncoderKind kind);
 const std::string& name_of(DecoderKind kind);
 
-/// What a decoder is for, and how it goes about it.
+/// Task and architecture of a decoder.
 enum class Task { kJointRegression, kDenoisedJoints, kJointVolume, kConnectivity, kSkinning };
 Task task_of(DecoderKind kind);
 

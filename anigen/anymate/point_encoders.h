@@ -38,7 +38,7 @@ class PointwiseConvImpl : public torch::nn::Module {
 };
 TORCH_MODULE(PointwiseConv);
 
-/// What a group of points looks like (Yu et al. 2022, "Point-BERT", after PointNet; reference
+/// Encoder of a group of points (Yu et al. 2022, "Point-BERT", after PointNet; reference
 /// anymate-baselines.md, 2.2): each point through two layers, the maximum over the group beside each, two more layers,
 /// the maximum again. Batch norms take statistics over all points while training and their running ones in evaluation.
 /// Keys `first_conv.{0,1,3}` and `second_conv.{0,1,3}`, of which 1 is the norm.
@@ -145,7 +145,7 @@ struct MichelangeloOptions {
   bool only_embed = false;  ///< what the tri-plane decoder needs: no bottleneck and no decoder
 };
 
-/// What the encoder computes on its way.
+/// Intermediate results of the encoder.
 struct MichelangeloCode {
   Tensor shape_embed;         ///< [B, W], the class token in the space of pictures and text
   Tensor shape_latents;       ///< [B, M, W], before the bottleneck
@@ -166,7 +166,7 @@ class MichelangeloEncoderImpl : public torch::nn::Module {
   ///   default generator while training, none (the mean) in evaluation, where the released code draws too
   /// @return [B, 1 + M, W]; with only_embed [B, W] @throws InputError for other shapes
   Tensor forward(const Tensor& points, const Tensor& noise = {});
-  /// The same step by step. @throws InputError with only_embed
+  /// Forward pass with its intermediate results. @throws InputError with only_embed
   MichelangeloCode encode(const Tensor& points, const Tensor& noise = {});
   Tensor shape_embed(const Tensor& points);  ///< [B, W]
 
@@ -215,8 +215,8 @@ class TokenProjectionImpl : public torch::nn::Module {
 };
 TORCH_MODULE(TokenProjection);
 
-/// The same, and a learned weighted sum of the tokens after it, for decoders of one vector. Keys `0.{0,2,4}.*` and
-/// `1.{weight [1, T], bias}`.
+/// Latents as above, and a learned weighted sum of the tokens after it, for decoders of one vector. Keys `0.{0,2,4}.*`
+/// and `1.{weight [1, T], bias}`.
 class PooledProjectionImpl : public torch::nn::Module {
  public:
   PooledProjectionImpl(const ProjectionWidths& widths, std::int64_t tokens);

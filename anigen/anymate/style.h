@@ -22,7 +22,7 @@ class EqualizedLinearImpl : public torch::nn::Module {
 };
 TORCH_MODULE(EqualizedLinear);
 
-/// How the noise of a style layer is made.
+/// Source of the noise of a style layer.
 enum class StyleNoise {
   kRandom,  ///< drawn from torch's default generator, as while training
   kConst,   ///< the stored map

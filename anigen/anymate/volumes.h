@@ -24,7 +24,7 @@ class JointVolumeImpl : public torch::nn::Module {
   virtual Tensor forward(const Tensor& latents, const Tensor& queries) = 0;
 };
 
-/// Where the field of an item is asked about: the lower corner of each occupied cell, i / 32 - 1 (reference
+/// Query points of an item's field: the lower corner of each occupied cell, i / 32 - 1 (reference
 /// anymate-baselines.md, 1.4 and 3.5). @param voxels [V, 3] integers in [0, 64) @return [V, 3] fp32
 /// @throws InputError for another shape or an index outside
 Tensor voxel_corners(const Tensor& voxels);

@@ -23,7 +23,7 @@ anigen::prepare::FeatureExtractorFactory feature_factory() {
   };
 }
 
-/// What the command line says, before it becomes prepare::PrepareOptions.
+/// Arguments of the command line, before they become prepare::PrepareOptions.
 struct Arguments {
   anigen::prepare::PrepareOptions options;
   std::vector<std::string> inputs, cleaning_changes;
@@ -250,7 +250,7 @@ int merge(int argc, char** argv) {
 
 int main(int argc, char** argv) {
   using namespace anigen;
-  // How this program starts itself; everything else comes through its standard input.
+  // Command by which this program starts itself; everything else comes through its standard input.
   if (argc == 2 && std::strcmp(argv[1], "--worker") == 0) return prepare::run_worker(feature_factory());
   if (argc >= 2 && std::strcmp(argv[1], "merge") == 0) return merge(argc - 1, argv + 1);
   CLI::App app{

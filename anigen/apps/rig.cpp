@@ -45,7 +45,7 @@ void rig_files(RigArguments& options, const CommonOptions& common) {
   if (!learned && !(options.joint_model + options.connectivity_model + options.skin_model).empty())
     throw InputError("", "--method",
                      "only anymate and rignet use --joint-model, --connectivity-model and --skin-model");
-  // What there is no model for is done as this method does it.
+  // Fallback method where no model is given.
   request.method = rigging::parse_rigging_method(learned ? "geovoxel" : options.method, options.skin);
   if (options.mesh.empty()) throw InputError("", "--mesh", "name the mesh to rig, or a folder of them");
   if (request.method.joints == rigging::JointSource::kTemplate && request.joints.collection.empty())

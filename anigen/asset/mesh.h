@@ -18,7 +18,7 @@ struct EncodedImage {
   std::vector<std::uint8_t> bytes;
 };
 
-/// What the project keeps of a glTF material: base colour only.
+/// The part of a glTF material that the project keeps: base colour only.
 struct Material {
   std::string name;
   Eigen::Vector4f base_color = Eigen::Vector4f::Ones();  ///< linear RGBA factor

@@ -90,7 +90,7 @@ std::vector<int> likeliest_tree(const Eigen::MatrixXd& log_likelihood);
 /// the root outwards, longest first, and joints within a chain from 0: `chain_0_03`. Two chains that begin at the same
 /// joint or at mirrored ones, have as many joints, and mirror each other across the plane of constant x through the
 /// root share a number and tell their side: `chain_2.L_03`, left being +x, the left of one who faces −y (glTF's +Z).
-/// Where every joint lies in one point there is nothing to tell: `joint_017`, by index.
+/// When all joints coincide no direction can be told: `joint_017`, by index.
 ///
 /// Small movements of joints keep the names, unless two chains are about as long as each other.
 /// @param positions [J], Z up @param parents [J], parents first, root first with -1

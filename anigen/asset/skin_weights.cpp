@@ -244,7 +244,7 @@ bool fill(Block& block, const SkinWeights& skin, std::size_t first) {
   return any;
 }
 
-/// What one block of joints contributes to the rows, vertex by vertex.
+/// Contribution of one block of joints to the rows, vertex by vertex.
 struct Part {
   std::vector<std::size_t> offsets;  ///< [V + 1], or empty for a block without weights
   std::vector<Influence> influences;

@@ -39,8 +39,8 @@ std::vector<float> to_dense(const SkinWeights& weights, std::size_t joints);
 SkinWeights from_dense(const std::vector<float>& dense, std::size_t rows, std::size_t joints, float threshold = 0.0f,
                        std::size_t* unweighted = nullptr);
 
-/// How far from its anchor a joint may move a vertex of a generated asset, in hops along the skeleton: 2 · max(1, ⌊J /
-/// 10⌋) (reference flows-and-pipeline.md, 5.9).
+/// Largest distance from its anchor at which a joint may move a vertex of a generated asset, in hops along the
+/// skeleton: 2 · max(1, ⌊J / 10⌋) (reference flows-and-pipeline.md, 5.9).
 int published_max_hops(std::size_t joints);
 
 /// Drops the weights of joints that are farther than `max_hops` from the vertex' anchor and divides what is left by its
@@ -56,7 +56,7 @@ struct SkinSmoothing {
   int iterations = 100;
   double alpha = 1.0;  ///< share that the neighbours get; from 1 on a vertex has no say in its own weights
 
-  /// What becomes of a vertex without edges: false: it keeps its weights. True: as published, α = 1 leaves it without
+  /// Treatment of a vertex without edges: false: it keeps its weights. True: as published, α = 1 leaves it without
   /// any (an empty row), a smaller α keeps them.
   bool empties_isolated = false;
 };

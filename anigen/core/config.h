@@ -15,7 +15,7 @@ namespace anigen {
 /// JSON that keeps the order of keys, since configs list models in the order that optimisers see them.
 using Json = nlohmann::ordered_json;
 
-/// What a text may ask of a parser: recursion overflows the stack, and a parsed value takes 50 bytes and more where
+/// Limits of a text to parse: recursion overflows the stack, and a parsed value takes 50 bytes and more where
 /// its text took two.
 struct JsonLimits {
   std::size_t depth = 256;

@@ -133,7 +133,7 @@ struct Lease::Held {
   std::atomic<bool> lost{false};
 };
 
-/// What the folder and its leases share: the thread that gives signs of life, and the folder's clock.
+/// State that the folder and its leases share: the thread that gives signs of life, and the folder's clock.
 class LeaseFolder::Keeper {
  public:
   Keeper(fs::path folder, double expires) : folder(std::move(folder)), expires(expires) {}

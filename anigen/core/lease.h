@@ -78,7 +78,7 @@ using WorkPass = std::function<void(const std::vector<std::size_t>& pieces, cons
 void work_together(const LeaseFolder& leases, const std::vector<std::string>& names,
                    const std::function<bool(std::size_t)>& done, const WorkPass& pass);
 
-/// The same one piece after the other. @param work is called under the lease
+/// Works through the pieces one after the other. @param work is called under the lease
 void work_in_turn(const LeaseFolder& leases, const std::vector<std::string>& names,
                   const std::function<bool(std::size_t)>& done, const std::function<void(std::size_t)>& work);
 

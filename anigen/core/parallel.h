@@ -14,7 +14,7 @@ int thread_count();
 /// the others finished. Results must not depend on the order: write to slot i only.
 void parallel_for(std::size_t n, const std::function<void(std::size_t)>& body);
 
-/// What this process may compute with.
+/// Processors that this process may use.
 struct Cores {
   int allowed = 1;   ///< processors of its affinity mask: a batch system gives a job a few of a machine's
   int physical = 1;  ///< of those, the ones that are not second threads of a core counted already
@@ -32,14 +32,14 @@ struct Cores {
 /// @param root of the file system with proc/ and sys/, another one in tests; what it lacks says nothing
 Cores find_cores(const std::filesystem::path& root = "/");
 
-/// How many threads to compute with when nobody says: as many as OMP_NUM_THREADS asks for; otherwise one per physical
+/// Default number of threads: as many as OMP_NUM_THREADS asks for; otherwise one per physical
 /// core, since two matrix products on one core only get in each other's way, and no more than the quota rounded up or
 /// than SLURM grants a task.
 int default_thread_count(const Cores& cores);
 
-/// The same of one of several processes that a launcher has started on this machine for one run. OMP_NUM_THREADS is
-/// what each of them asks for. Processes that are bound to no more than their part of the launcher's processors have
-/// those to themselves; otherwise they share, as they share a quota.
+/// Default number of threads of one of several processes that a launcher has started on this machine for one run.
+/// OMP_NUM_THREADS is what each of them asks for. Processes that are bound to no more than their part of the launcher's
+/// processors have those to themselves; otherwise they share, as they share a quota.
 int shared_thread_count(const Cores& cores, int processes);
 
 }  // namespace anigen

@@ -28,7 +28,7 @@ namespace anigen {
 
 namespace {
 
-/// What /proc/<id>/stat says behind the program's name, which may hold blanks and brackets itself.
+/// Fields of /proc/<id>/stat behind the program's name, which may hold blanks and brackets itself.
 struct ProcessState {
   char state = 0;  ///< 0: there is no such process, or nobody says
   std::uint64_t started = 0;

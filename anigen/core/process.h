@@ -10,7 +10,7 @@
 
 namespace anigen {
 
-/// Who a process is, for files that several machines and containers share, where a process id alone means nothing.
+/// Identity of a process, for files that several machines and containers share, where a process id alone means nothing.
 struct ProcessIdentity {
   std::string host;           ///< for people
   std::string space;          ///< boot of the machine and process-id namespace: where `id` means something
@@ -24,8 +24,8 @@ ProcessIdentity this_process();
 /// also where that cannot be told.
 bool certainly_gone(const ProcessIdentity& process);
 
-/// Where this process's loopback leads: boot of the machine and network namespace, the same for processes that reach
-/// each other at 127.0.0.1; the name of the host where the system does not say.
+/// Identity of this process's loopback network: boot of the machine and network namespace, the same for processes that
+/// reach each other at 127.0.0.1; the name of the host where the system does not say.
 std::string network_space();
 
 /// A number for names of temporary files, different for every process that could write to the same folder. Decimal.
@@ -57,10 +57,10 @@ class FileLock {
   int descriptor_;
 };
 
-/// What programs that add to a dataset, such as anigen-encode, lock together: `<root>/run/lock`.
+/// Lock shared by programs that add to a dataset, such as anigen-encode: `<root>/run/lock`.
 std::filesystem::path dataset_lock_file(const std::filesystem::path& root);
 
-/// What those that make a dataset lock together (group_lock.h): `<root>/run/lock-prepare`. Each of the two kinds keeps
+/// Lock shared by programs that make a dataset: `<root>/run/lock-prepare`. Each of the two kinds keeps
 /// the other out.
 std::filesystem::path dataset_prepare_lock_file(const std::filesystem::path& root);
 

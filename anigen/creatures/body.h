@@ -104,8 +104,8 @@ std::vector<double> taper(double from, double to, int count, double bulge = 1.0)
 /// A rotation whose third column is along z, and whose first is as close to x as that allows.
 Eigen::Matrix3d frame_along(const Eigen::Vector3d& z, const Eigen::Vector3d& x = Eigen::Vector3d::UnitX());
 
-/// How the joints of a body are written down: their order and the orientation of their frames, which differ between
-/// real files as much as between two of these.
+/// Form in which the joints of a body are written: their order and the orientation of their frames, which differ
+/// between real files as much as between two of these.
 struct RigStyle {
   enum class Frames { kWorld, kBoneAlongY, kBoneAlongX };
   Frames frames = Frames::kWorld;          ///< joint axes parallel to the world's, or one of them along the bone

@@ -5,7 +5,7 @@
 
 namespace anigen::creatures {
 
-/// How a part of a creature is coloured. Colours are linear RGB.
+/// Paint of a part of a creature. Colours are linear RGB.
 struct Paint {
   enum class Pattern { kPlain, kStripes, kBands, kSpots, kMottled, kEye, kPanels };
   Pattern pattern = Pattern::kPlain;

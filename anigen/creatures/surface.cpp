@@ -90,7 +90,7 @@ void settle(Primitive& p) {
   p.length = axis.norm();
   if (p.length < 1e-12) p.length = 0.0;
   if (p.length > 0.0) p.unit = axis / p.length;
-  // Where one end ball holds the other the formula would have no solution; the clamp keeps it close.
+  // When one end ball holds the other the formula would have no solution; the clamp keeps it close.
   const double k = p.length > 0.0 ? std::clamp((p.rb - p.ra) / p.length, -0.999, 0.999) : 0.0;
   p.lean = k / std::sqrt(1.0 - k * k);
 }
@@ -426,7 +426,7 @@ class Net {
       normal = normal.norm() > 1e-30 ? normal.normalized() : Vector3d::UnitZ();
       field_.narrow(surface_.vertices[v], grid_.lists()[surface_.vertex_lists[v]], 0.1 * grid_.spacing(), list);
       const Vector3d exact = field_.gradient(surface_.vertices[v], list, 0.03 * grid_.spacing());
-      // Where the mesh cannot follow the field (thin gaps, repaired cells) its own normal is the right one.
+      // When the mesh cannot follow the field (thin gaps, repaired cells) its own normal is the right one.
       if (exact.norm() > 0.1 && exact.normalized().dot(normal) > 0.6) normal = exact.normalized();
     }
   }

@@ -69,7 +69,7 @@ class Field {
   void narrow(const Eigen::Vector3d& x, const PrimitiveList& list, double reach, PrimitiveList& result) const;
 
   enum class Content { kOutside, kInside, kMixed };
-  /// What a ball holds; for kMixed `list` receives those of `candidates` that shape the field there.
+  /// Content of a ball; for kMixed `list` receives those of `candidates` that shape the field there.
   /// @param candidates all primitives, or the list of a larger ball around this one
   Content classify(const Eigen::Vector3d& center, double radius, const PrimitiveList& candidates,
                    PrimitiveList& list) const;
@@ -99,7 +99,7 @@ struct Surface {
 /// Edges and seams are rounded by about a spacing, since a mesh without sharp features would show them ragged.
 Surface extract_surface(const std::vector<Primitive>& primitives, double spacing, int relaxations);
 
-/// How many vertices extract_surface() would return, from a coarse grid; within some ten percent.
+/// Estimated number of vertices of extract_surface(), from a coarse grid; within some ten percent.
 double estimate_vertices(const std::vector<Primitive>& primitives, double spacing);
 
 }  // namespace anigen::creatures

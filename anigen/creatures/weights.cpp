@@ -93,7 +93,7 @@ class Painter {
     std::vector<int> children, twists;
   };
 
-  /// How much of x follows joint j rather than its parent.
+  /// Share of x that follows joint j rather than its parent.
   double gate(int j, const Vector3d& x) const {
     const double s = (x - body_.joints[j].position).dot(joints_[j].normal);
     return smoothstep(0.5 + 0.5 * s / joints_[j].band);
@@ -194,7 +194,7 @@ class Painter {
     }
   }
 
-  /// Whether one of the joints is an ancestor of the other, at most kHops away.
+  /// True when one of the joints is an ancestor of the other, at most kHops away.
   bool related(int a, int b) const {
     if (joints_[a].depth > joints_[b].depth) std::swap(a, b);
     if (joints_[b].depth - joints_[a].depth > kHops) return false;
@@ -210,7 +210,7 @@ class Painter {
       const double share = 0.5 / static_cast<double>(adjacency_[v].size());
       for (int n : adjacency_[v]) {
         for (const auto& [j, w] : rows[n]) {
-          // What the vertex must not hear it keeps to itself, so that rows go on summing to one.
+          // A vertex keeps the weight of joints that may not move it, so that rows go on summing to one.
           const bool known =
               std::any_of(rows[v].begin(), rows[v].end(), [j = j](const auto& e) { return e.first == j; });
           add(row, known || related(owners_[v], j) ? j : rows[v].front().first, share * w);

@@ -70,7 +70,7 @@ struct OrderedAllocator {
 /// vertex without a face or with several fans of them, several pieces
 void require_closed_surface(const std::vector<Eigen::Vector3d>& vertices, const std::vector<Triangle>& faces);
 
-/// What a surface was contracted to.
+/// Result of contracting a surface.
 struct CurveGraph {
   std::vector<Eigen::Vector3d> points;    ///< the mesh's frame
   std::vector<std::array<int, 2>> edges;  ///< without direction; a surface with handles gives cycles
@@ -83,7 +83,7 @@ struct ContractionOptions {
   double centering = 0.2;             ///< CGAL's medially_centered_speed_tradeoff: higher is nearer to the medial axis
 };
 
-/// Whether contract_curve() is there: built with CMake option ANIGEN_WITH_CGAL, which makes a program GPL-3.
+/// True when contract_curve() is available: built with CMake option ANIGEN_WITH_CGAL, which makes a program GPL-3.
 bool can_contract();
 
 /// Contracts a surface to a curve by mean curvature flow (Tagliasacchi et al. 2012, "Mean curvature skeletons", as

@@ -59,7 +59,7 @@ std::vector<std::size_t> by_stretched_load(const std::vector<std::uint64_t>& loa
   return order;
 }
 
-// Where among `blocks` full batches, sorted by load, the batch shared by the epochs e − 1 and e lies.
+// Position among `blocks` full batches, sorted by load, the batch shared by the epochs e − 1 and e lies.
 std::size_t boundary(std::uint64_t seed, std::uint64_t epoch, std::size_t blocks) {
   const double quantile = Rng(seed, "bucket boundary", epoch).uniform();
   return static_cast<std::size_t>(quantile * static_cast<double>(blocks + 1));

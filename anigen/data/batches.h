@@ -33,7 +33,7 @@ class BatchSource {
   /// @throws InputError naming file and place when an item cannot be read
   virtual std::unique_ptr<Batch> load(const std::vector<Draw>& draws) const = 0;
 
-  /// Where batches are to hold items of similar size: the size of every item. Empty: order does not look at sizes.
+  /// Sizes of the items, for batches of items of similar size. Empty: order does not look at sizes.
   virtual std::vector<std::uint64_t> bucket_loads() const { return {}; }
   /// Deals the draws of one step into at most `parts` micro-batches, none empty: contiguous runs as equal as possible,
   /// unless a dataset balances them. @param draws not empty

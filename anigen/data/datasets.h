@@ -17,7 +17,7 @@
 
 namespace anigen::data {
 
-/// What the published dataset classes have in common: assets whose files are read anew for every draw (their pictures
+/// Base of the published dataset classes: assets whose files are read anew for every draw (their pictures
 /// and features do not fit into memory), one sample per draw, samples collated into a batch.
 ///
 /// The published loaders replace a sample that cannot be read by a random other one without counting it. Here it is an
@@ -49,7 +49,7 @@ class AssetDataset : public BatchSource {
   };
   using Samples = std::vector<std::unique_ptr<Sample>>;
 
-  /// How a class finds what it needs to know of its assets before training.
+  /// Way in which a class finds what it needs to know of its assets before training.
   struct Files {
     /// All files a sample is read from; an InputError that it throws is the asset's problem.
     std::function<std::vector<std::filesystem::path>(const AssetId&)> of;
@@ -131,7 +131,7 @@ class FeatureSkeletonDataset : public AssetDataset {
 /// Rows need `ss_latent_<latent_model>`. `normalization` and `normalization_skl` as dense_latent_statistics() reads
 /// them.
 struct StructureLatentOptions : LatentDatasetOptions {
-  /// Which decoder turns samples into voxels for pictures; nothing here reads it. `pretrained_ss_dec`, the published
+  /// Decoder that turns samples into voxels for pictures; nothing here reads it. `pretrained_ss_dec`, the published
   /// name of one to download, is only warned of.
   std::string ss_dec_path, ss_dec_ckpt = "final";
 

@@ -210,7 +210,7 @@ StreamStatistics listed_streams(ConfigReader lists) {
   return listed;
 }
 
-// What `anigen-encode slat` proposes to the dataset of stage 5.
+// Statistics that `anigen-encode slat` proposes to the dataset of stage 5.
 StreamStatistics proposed_statistics(const std::filesystem::path& file) {
   const Json json = read_json(file);
   ConfigReader top(json, file.string());

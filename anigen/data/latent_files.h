@@ -15,7 +15,7 @@
 
 namespace anigen::data {
 
-/// What a member of a dataset's NPZ file has to look like.
+/// Expected shape and type of a member of a dataset's NPZ file.
 struct ArraySpec {
   std::string name;
   std::vector<std::int64_t> shape;          ///< -1: any size
@@ -100,8 +100,8 @@ StreamStatistics structured_latent_statistics(ConfigReader& args);
 /// @param file the config, for messages @throws InputError
 void write_out_statistics(Json& dataset, const std::string& file);
 
-/// What the `dataset.args` of AniGenSparseStructureLatent, AniGenSLat and their image-conditioned forms have in common
-/// (reference training-and-data.md, 1.4): which latents, and which pictures condition the flow that learns them.
+/// Options that the `dataset.args` of AniGenSparseStructureLatent, AniGenSLat and their image-conditioned forms have in
+/// common (reference training-and-data.md, 1.4): which latents, and which pictures condition the flow that learns them.
 struct LatentDatasetOptions {
   SourceOptions sources;
   bool image_conditioned = false;  ///< by the name of the dataset, not an argument

@@ -23,7 +23,7 @@ struct AssetId {
   bool is_bad_skin = false;      ///< column is_bad_skin
 };
 
-/// Which rows of metadata.csv a dataset keeps (reference training-and-data.md, sections 1.1 and 1.4). A filter on a
+/// Filters on the rows of metadata.csv (reference training-and-data.md, sections 1.1 and 1.4). A filter on a
 /// column that a source does not have lets every row pass, except is_test, without which there is no test split.
 struct RowFilter {
   double min_aesthetic_score = 5.0;                ///< column aesthetic_score
@@ -54,8 +54,8 @@ std::vector<AssetId> select_rows(const CsvTable& table, const std::filesystem::p
 /// Reads `<root>/metadata.csv` of every root, in order. @param data_dir comma-separated roots
 std::vector<AssetId> select_assets(const std::string& data_dir, const RowFilter& filter);
 
-/// Which assets a dataset uses: the arguments all dataset classes share (reference training-and-data.md, 1.4). The
-/// class adds its own filters to `filter`.
+/// Choice of the assets of a dataset: the arguments all dataset classes share (reference training-and-data.md, 1.4).
+/// The class adds its own filters to `filter`.
 struct SourceOptions {
   std::string data_dir;        ///< ours: comma-separated roots; --data-dir sets it
   std::string split;           ///< ours: file of ids to use; relative to the first root, else to the working directory
@@ -80,7 +80,7 @@ std::filesystem::path file_of_dataset(const std::string& name, const std::string
 /// Applies filters and splits. @throws InputError when nothing is left to train on, or a held-out split is empty
 TrainAndEval select(const SourceOptions& options);
 
-/// What to do about assets that turned out unreadable before training begins: an error that counts them and names the
+/// Handling of assets that turned out unreadable before training begins: an error that counts them and names the
 /// first, or with skip_broken a warning for each. @throws InputError also when none of `assets` is left
 void report_broken(const std::vector<std::string>& problems, std::size_t assets, bool skip_broken);
 

@@ -22,7 +22,7 @@
 
 namespace anigen::data {
 
-/// What `skeleton/<id>/skeleton_voxelized.npz` holds, in memory: reference training-and-data.md, section 1.1. World
+/// Contents of `skeleton/<id>/skeleton_voxelized.npz`, in memory: reference training-and-data.md, section 1.1. World
 /// frame, object in [-0.5, 0.5]³. Skin weights are sparse: dense ones of a large set would not fit into memory.
 struct RiggedItem {
   std::string id;

@@ -50,7 +50,7 @@ class SkinSampler {
 void add_weights_at(const RiggedItem& item, const geometry::SurfacePoint& point, const std::vector<int>& joint_of,
                     float* out);
 
-/// What the skin auto-encoder trains on: per asset a skeleton and skin weights at points of the surface.
+/// Training data of the skin auto-encoder: per asset a skeleton and skin weights at points of the surface.
 struct SkinBatch : Batch {
   std::vector<torch::Tensor> joints;   ///< per asset [J, 3] fp32, world frame
   std::vector<torch::Tensor> parents;  ///< per asset [J] int64, -1 for a root

@@ -25,7 +25,7 @@ struct ViewImage {
 /// @param folder renders/<id> @throws InputError naming the file: no frames, a picture that is missing or broken
 ViewImage read_view(const std::filesystem::path& folder, int size, Rng& rng);
 
-/// Which pictures of a view condition a model.
+/// Kind of image of a view that conditions a model.
 enum class ConditionPictures {
   kColor,  ///< NNN.png: what the published training data holds
   /// NNN_normal.png: normals in the camera's frame as the published normal estimator gives them, x negated, mapped to
@@ -40,7 +40,7 @@ enum class ConditionPictures {
 std::vector<float> read_condition_image(const std::filesystem::path& folder, int size, Rng& rng,
                                         ConditionPictures pictures = ConditionPictures::kColor);
 
-/// Where the normals of a view lie, if there are any: "007.png" has them in "007_normal.png".
+/// File of the normals of a view, if there are any: "007.png" has them in "007_normal.png".
 std::filesystem::path normal_picture_of(const std::filesystem::path& color);
 
 /// The picture of normals of the first frame, to see before training whether an asset has them.

@@ -402,7 +402,7 @@ namespace fs = std::filesystem;
 
 constexpr const char* kLeases = ".leases";
 
-/// What a saved result is valid for.
+/// Key for which a saved result is valid.
 std::string stamp(const PairSettings& settings, const CategoryQuestion& category, const io::RiggedShape& predicted,
                   const io::RiggedShape& truth) {
   const std::string asked = category.references == nullptr ? "" : "\n" + category.expected + "\n" + category.truth_id;
@@ -523,7 +523,7 @@ Comparison run_comparison(const std::vector<ComparedMethod>& methods, const Comp
   for (const Work& item : work) names.push_back(methods[item.method].label + "/" + item.pair->id);
   const LeaseFolder leases(run.cache / kLeases);
   Progress progress("evaluating", work.size(), "pairs");
-  // Whether a pair was done elsewhere shows when its shapes are read, which is for its turn; none counts as done here.
+  // A pair done elsewhere is noticed when its shapes are read, which is for its turn; none counts as done here.
   work_together(
       leases, names, [](std::size_t) { return false; },
       [&](const std::vector<std::size_t>& pieces, const Claim& claim) {

@@ -16,7 +16,7 @@ namespace anigen::eval {
 /// @param size of one picture in pixels @throws InputError for points without faces
 io::Image asset_picture(const Asset& asset, int size = 480);
 
-/// What is lost when only the `influences` heaviest joints of every vertex are kept, as exporters do.
+/// Weight lost when only the `influences` heaviest joints of every vertex are kept, as exporters do.
 struct InfluenceLoss {
   std::size_t influences = 4;
   std::size_t affected = 0;  ///< vertices with more influences

@@ -134,7 +134,7 @@ void refuse_lossy_outputs(const EvaluationRequest& request, const Opened& opened
   });
 }
 
-/// What predictions are sorted by; null unless the request asks for it.
+/// Order of the predictions; null unless the request asks for it.
 std::unique_ptr<CategoryReferences> open_categories(const Opened& opened, const EvaluationRequest& request) {
   if (request.category_splits.empty()) return nullptr;
   if (!opened.truth) throw InputError("", "--category-split", "names shapes of the ground truth: it needs --gt");

@@ -9,7 +9,7 @@
 
 namespace anigen::eval {
 
-/// What a file or folder is.
+/// Kind of a file or folder.
 enum class FileKind {
   kScene,    ///< .glb .gltf .fbx .dae: a rigged asset, a mesh without a rig, or a skeleton with its motion
   kMesh,     ///< .obj .ply .stl

@@ -13,7 +13,7 @@ namespace anigen::eval {
 
 enum class Better { kLower, kHigher, kNeither };
 
-/// What a key of metrics.json means. The definitions in full: docs/metrics.md.
+/// Meaning of a key of metrics.json. The definitions in full: docs/metrics.md.
 struct MetricInfo {
   std::string key;
   std::string label;  ///< column head for people
@@ -59,8 +59,8 @@ class CategoryReferences {
   /// @throws InputError when the mesh has no faces or bad ones, or no other reference is left
   Match nearest(const Mesh& mesh, const std::string& excluded = "") const;
 
-  /// What decides an answer, for settings and saved results: number of references, samples, seed, and a hash of ids,
-  /// categories and samples.
+  /// Inputs that decide an answer, for settings and saved results: number of references, samples, seed, and a hash of
+  /// ids, categories and samples.
   Json describe() const;
 
  private:

@@ -179,7 +179,7 @@ void copy_notes(const io::RiggedShape& shape, const std::string& side, PairResul
   for (const std::string& note : shape.notes) result.notes.push_back(side + ": " + note);
 }
 
-/// What keeps a group from being computed, or nothing.
+/// Reason why a group cannot be computed, or nothing.
 std::string missing_joints(const ComparedShapes& shapes) {
   if (!shapes.truth.has_joints()) return "the ground truth has no skeleton";
   if (!shapes.predicted.has_joints()) return "the prediction has no skeleton";
@@ -427,7 +427,7 @@ void add_skin_metrics(const ComparedShapes& shapes, const Eigen::MatrixXd& plan,
 
 namespace {
 
-/// Whether anything but the renderer's grey would be seen.
+/// True when anything but the renderer's grey would be seen.
 bool has_colors(const io::RiggedShape& shape) {
   if (!shape.mesh.colors.empty()) return true;
   for (const Material& material : shape.materials) {

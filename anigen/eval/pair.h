@@ -36,10 +36,10 @@ struct PairSettings {
   TransportMethod transport = TransportMethod::kExact;
   /// Of Sinkhorn, as a share of the largest squared distance; without, those of SinkhornOptions and EntropicGwOptions.
   std::optional<double> epsilon;
-  /// What to compute, of the seven groups of docs/metrics.md.
+  /// Groups to compute, of the seven of docs/metrics.md.
   std::set<std::string> groups = {"skeleton", "transport", "skin", "surface", "image", "motion", "anymate"};
 
-  /// Which network and weights LPIPS is computed with; null: not computed. It stands here so that no saved result
+  /// Network and weights of LPIPS; null: not computed. It stands here so that no saved result
   /// outlives its weights.
   Json lpips;
   /// CategoryReferences::describe() of those that predictions are sorted by; null: not sorted. It stands here for the
@@ -61,7 +61,7 @@ metrics::TransportOptions transport_options(const PairSettings& settings);
 /// @throws InputError naming the option that is out of range, or an unknown group and those there are
 void check(const PairSettings& settings);
 
-/// What one prediction scored against one ground truth. A metric either has a value or a reason why it has none.
+/// Scores of one prediction against one ground truth. A metric either has a value or a reason why it has none.
 struct PairResult {
   std::string id;
   std::string failure;                              ///< why nothing was computed at all; empty when something was
@@ -88,14 +88,14 @@ struct ComparedShapes {
   metrics::Alignment alignment;
 };
 
-/// What the prediction should be recognised as, and among what.
+/// Category that the prediction should be recognised as, and its rivals.
 struct CategoryQuestion {
   const CategoryReferences* references = nullptr;  ///< null: not asked
   std::string expected;                            ///< the truth's category; may be empty
   std::string truth_id;                            ///< no reference of this id may answer
 };
 
-/// What both sides of a pair do in the metric `motion_distance` and in pictures of it: the same frames.
+/// Motion of both sides of a pair in the metric `motion_distance` and in pictures of it: the same frames.
 struct MovedPair {
   metrics::Motion truth, predicted;
 };
@@ -133,7 +133,7 @@ void add_skin_metrics(const ComparedShapes& shapes, const Eigen::MatrixXd& plan,
 void add_motion_metrics(const ComparedShapes& shapes, const PairSettings& settings, const metrics::Motion* given,
                         PairResult& result);
 void add_surface_metrics(const ComparedShapes& shapes, const PairSettings& settings, PairResult& result);
-/// Whether the prediction most resembles a reference of its truth's category.
+/// True when the prediction most resembles a reference of its truth's category.
 void add_category(const ComparedShapes& shapes, const CategoryQuestion& question, PairResult& result);
 void add_image_metrics(const ComparedShapes& shapes, const PairSettings& settings,
                        const metrics::PerceptualDistance& perceptual, PairResult& result);

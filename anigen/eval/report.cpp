@@ -54,7 +54,7 @@ std::vector<std::pair<double, double>> drawable(const std::vector<std::pair<doub
   return curve;
 }
 
-/// Where numbers stand in the picture.
+/// Positions of numbers in the chart.
 struct Frame {
   double x_low, x_high, y_low = 0, y_high = 0;  // errors: zero belongs to the picture
 

@@ -51,7 +51,7 @@ SkinMethod predictions_from_folder(const std::filesystem::path& folder, const st
                                    const std::vector<io::DatasetItem>& items,
                                    std::vector<std::string>* unused = nullptr);
 
-/// Which assets a summary is about.
+/// Assets that a summary covers.
 enum class Group { kUsable, kNotUsable };
 
 /// "skin_l1", "skin_l2", "skin_kl", in the order of score_values().
@@ -60,7 +60,7 @@ std::array<double, 3> score_values(const metrics::SkinScore& score);
 
 /// The summaries of a method's three scores over the assets of a group.
 std::array<Summary, 3> summarize(const SkinEvaluation& evaluation, std::size_t method, Group group);
-/// The same over the vertices of one influence class: per asset first, then over the assets that have such vertices.
+/// Summary over the vertices of one influence class: per asset first, then over the assets that have such vertices.
 std::array<Summary, 3> summarize_class(const SkinEvaluation& evaluation, std::size_t method, Group group,
                                        std::size_t influence_class);
 
@@ -72,7 +72,7 @@ CsvTable to_csv_table(const SkinEvaluation& evaluation);
 /// table.md: the usable assets, those that are not (named), failures (named with their reason).
 std::string to_markdown(const SkinEvaluation& evaluation);
 
-/// What `anigen-eval --skin-ae …`, `--skins …` or neither was asked to do.
+/// Request of `anigen-eval --skin-ae …`, `--skins …` or neither.
 struct SkinRequest {
   std::filesystem::path dataset, out;
   std::filesystem::path run;  ///< of the skin auto-encoder, whose training curves the report shows; may be empty

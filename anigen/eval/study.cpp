@@ -25,7 +25,7 @@ double extent(const JointTree& tree) {
   return box.longest_side();
 }
 
-/// Which joints lie in the subtree of each: bits would do, but skeletons are small.
+/// Joints in the subtree of each joint: bits would do, but skeletons are small.
 std::vector<std::vector<int>> subtrees(const JointTree& tree) {
   std::vector<std::vector<int>> result(tree.size());
   for (std::size_t j = 0; j < tree.size(); ++j) {
@@ -297,7 +297,7 @@ PairSettings unaligned() {
   return settings;
 }
 
-/// How far a metric is from perfect.
+/// Distance of a metric from its perfect value.
 double loss(const PairResult& result, const MetricInfo& metric) {
   const double value = result.value(metric.key);
   return metric.better == Better::kHigher ? 1.0 - value : value;

@@ -20,7 +20,7 @@ io::RiggedShape with_inserted_joint(io::RiggedShape shape);
 /// joints' bounding box; original and copy share each weight equally.
 io::RiggedShape with_duplicated_branch(io::RiggedShape shape, double offset = 0.001);
 
-/// The same subtree hung on the joint farthest from where it was; positions and weights stay.
+/// Hangs the subtree on the joint farthest from where it was; positions and weights stay.
 io::RiggedShape with_reparented_subtree(io::RiggedShape shape);
 
 /// A tenth of the joints, at least one, gone; drawn from (seed, "dropped joints") among those that are no root. What
@@ -33,7 +33,7 @@ io::RiggedShape with_blurred_weights(io::RiggedShape shape, int rounds = 5);
 /// A random rotation, a uniform scale in [0.2, 5] and a translation, from (seed, "placement").
 io::RiggedShape with_random_placement(io::RiggedShape shape, std::uint64_t seed = 0);
 
-/// What a metric should do when the mistake is made.
+/// Expected response of a metric to a mistake.
 enum class Expected {
   kZero,      ///< stay near zero
   kPositive,  ///< see it
@@ -49,7 +49,7 @@ struct Perturbation {
 /// The five mistakes with their expectations, in the order of docs/metrics.md.
 const std::vector<Perturbation>& perturbations();
 
-// What the metrics do where the answer is known; the tables of docs/metric_study.md.
+// Behaviour of the metrics where the answer is known; the tables of docs/metric_study.md.
 
 /// A metric counts as zero below this: the mistakes move joints by a thousandth of the box.
 inline constexpr double kStudyZero = 1e-3;
@@ -66,8 +66,8 @@ MistakeResults evaluate_mistakes(const std::vector<io::RiggedShape>& shapes);
 /// One row per mistake and metric: what was expected, the median over shapes, and on how many shapes it held.
 anigen::Table sensitivity(const MistakeResults& results);
 
-/// The same pairs under every public convention: means of J2J, J2B and B2B over shapes, and their ratio to the paper's
-/// definition.
+/// Scores of the pairs under every public convention: means of J2J, J2B and B2B over shapes, and their ratio to the
+/// paper's definition.
 anigen::Table conventions(const MistakeResults& results);
 
 /// Broken and degenerate predictions of one shape and what becomes of each.

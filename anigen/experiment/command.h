@@ -10,8 +10,8 @@
 
 namespace anigen::experiment {
 
-/// What jobs take here, by step: the author's minutes times how far they were off for earlier jobs of that step;
-/// without such minutes the mean of the earlier jobs. Where a step was never run, the author's word counts.
+/// Minutes of jobs on this machine, by step: the author's minutes times how far they were off for earlier jobs of that
+/// step; without such minutes the mean of the earlier jobs. Where a step was never run, the author's word counts.
 class Estimates {
  public:
   explicit Estimates(const std::filesystem::path& out);

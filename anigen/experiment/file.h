@@ -8,7 +8,7 @@
 
 namespace anigen::experiment {
 
-/// What is changed in the steps for one row of the results.
+/// Changes to the steps for one row of the results.
 struct Variant {
   std::string name;
   Json changes = Json::object();  ///< step name → what merge_config() overlays on that step
@@ -43,7 +43,7 @@ struct PictureSpec {
   std::size_t most = 6;  ///< per variant, of the first seed
 };
 
-/// Where a step has its file of an asset.
+/// File of an asset within a step's folder.
 struct AssetFiles {
   std::string label, step;
   std::string pattern;  ///< under the step's folder, as "*/mesh.glb": one star, which stands for the asset's name
@@ -67,7 +67,7 @@ struct SheetSpec {
   std::size_t most = 100;         ///< assets, evenly spaced when there are more
 };
 
-/// What every variant made of the same assets, side by side (variant_strip.h). Makes no step a goal.
+/// Results of every variant on common assets, side by side (variant_strip.h). Makes no step a goal.
 struct StripSpec {
   std::string title, step;
   std::string pattern;                   ///< under the step's folder, with one star, which stands for the asset's name

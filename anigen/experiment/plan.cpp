@@ -48,7 +48,7 @@ namespace {
 
 constexpr int kMost = 1 << 16;
 
-/// Whether several processes of a program, called alike, divide the work.
+/// True when several processes of a program, called alike, divide the work.
 bool shares_its_work(const std::string& program, const std::string& word, const Json& arguments) {
   if (program == "anigen-encode") return word != "reconstruct";
   if (program == "anigen-eval") return arguments.contains("--pred");
@@ -326,7 +326,7 @@ class RunPlanner {
 
   const Job& job_of(const std::string& step) const { return plan_.jobs[run_.jobs.at(step)]; }
 
-  /// What decides the result: as the command, with keys and contents where that has paths.
+  /// Inputs that decide the result: the command, with keys and contents where that has paths.
   Json description(const Step& step, const std::vector<std::size_t>& needs, bool code) const {
     const Meaning meaning = [&](const std::string& inside) -> std::string {
       if (inside == "seed") return std::to_string(run_.seed);

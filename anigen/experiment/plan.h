@@ -12,16 +12,17 @@
 
 namespace anigen::experiment {
 
-/// What the text between '{' and '}' stands for. Throws InputError for what it does not know.
+/// Value of the text between '{' and '}'. Throws InputError for what it does not know.
 using Meaning = std::function<std::string(const std::string& inside)>;
 
 /// `text` with every `{…}` replaced by its meaning; "{{" is a brace. @throws InputError for a brace without its pair
 std::string filled_in(const std::string& text, const Meaning& meaning);
 
-/// The same for every text inside a JSON value; keys stay.
+/// Replaces placeholders in every text inside a JSON value; keys stay.
 Json filled_in(const Json& value, const Meaning& meaning);
 
-/// What a step asks of a cluster: `"resources"` of the step. 0 or empty: nothing said, the cluster's own default.
+/// Resources that a step asks of a cluster: `"resources"` of the step. 0 or empty: nothing said, the cluster's own
+/// default.
 struct Resources {
   int workers = 1;  ///< array tasks that share one job; only for programs that share their work by leases
   int cpus = 0, gpus = 0;
@@ -88,7 +89,7 @@ struct Plan {
   std::vector<PlannedRun> runs;
 };
 
-/// What a plan depends on beside the experiment's file.
+/// Inputs of a plan beside the experiment's file.
 struct Workplace {
   std::filesystem::path out;       ///< folder of the experiment: jobs/, records/, report
   std::filesystem::path programs;  ///< folder of the executables

@@ -8,7 +8,7 @@
 
 namespace anigen::experiment {
 
-/// Where the numbers come from: file, seeds, version, machine, programs.
+/// Provenance of the numbers: file, seeds, version, machine, programs.
 Table provenance_table(const Experiment& experiment, const Plan& plan, const Workplace& place);
 
 /// Every job with its state, time and memory.
@@ -17,7 +17,7 @@ Table job_table(const Plan& plan, const std::filesystem::path& out);
 /// "variant, seed 1"; empty when there is but one of each.
 std::string run_label(const Experiment& experiment, const PlannedRun& run);
 
-/// How the ± of a table was made, and what its differences are, in a sentence each.
+/// One sentence each on the ± of a table and on its differences.
 std::string spread_text(const ResultTable& result);
 std::string difference_text();
 

@@ -211,7 +211,7 @@ void accept_other_code(const fs::path& out, Plan& plan) {
       Job other = job;
       other.id = candidate->second;
       rename_in(other, job.id, other.id);
-      // The same command but for the place of the program: what it read was made by the jobs accepted before it.
+      // An equal command but for the place of the program: what it read was made by the jobs accepted before it.
       if (!is_done(out, other) ||
           arguments_of(read_record(out, other.id)->command) != arguments_of(shell_line(other.command)))
         continue;
@@ -299,7 +299,7 @@ class JobRunner {
     }
   }
 
-  /// What was written into another job's folder is gone when that job has to be run again.
+  /// Results written into another job's folder are gone when that job has to be run again.
   bool lost_its_folder(const Job& job) const {
     return job.writes_into_other && std::any_of(job.needs.begin(), job.needs.end(), [&](std::size_t need) {
              return plan_.jobs[need].folder == job.folder && states_[need] != State::kDone;
@@ -405,7 +405,7 @@ class JobRunner {
                    : stopped       ? JobRecord::State::kInterrupted
                                    : JobRecord::State::kFailed;
     if (end.status == 0) record.disk_bytes = job.writes_into_other ? 0 : folder_size(job.folder);
-    // What happened to this process says nothing about a job that another one has finished.
+    // An event of this process says nothing about a job that another one has finished.
     const bool done_elsewhere = options_.together && end.status != 0 && is_done(out_, job);
     if (!done_elsewhere) write_record(out_, job.id, record);
     states_[running.job] = end.status == 0 ? State::kDone : State::kFailed;

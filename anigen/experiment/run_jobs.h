@@ -13,7 +13,7 @@ namespace anigen::experiment {
 /// Bytes of the files under a folder; what vanishes meanwhile, or cannot be read, counts nothing.
 std::uint64_t folder_size(const std::filesystem::path& folder);
 
-/// What a file, or all files under a folder, are known by: relative path, size and time of change. Cheap enough for
+/// Fingerprint of a file, or of all files under a folder: relative path, size and time of change. Cheap enough for
 /// folders of many gigabytes; copying a file without its time counts as a change.
 /// @throws InputError when there is nothing at that path
 std::string input_fingerprint(const std::filesystem::path& path);
@@ -24,7 +24,7 @@ std::string input_fingerprint(const std::filesystem::path& path);
 /// has changed. @throws InputError when the program is not there
 std::string program_fingerprint(const std::filesystem::path& program);
 
-/// What is known of a job that was begun: records/<id>.json, beside its log records/<id>.log.
+/// Record of a job that was begun: records/<id>.json, beside its log records/<id>.log.
 struct JobRecord {
   enum class State { kBegun, kDone, kFailed, kInterrupted };
   State state = State::kBegun;
@@ -45,7 +45,7 @@ std::filesystem::path log_file(const std::filesystem::path& out, const std::stri
 /// Folder of the logs of processes that shared a job.
 std::filesystem::path worker_logs(const std::filesystem::path& out, const std::string& id);
 
-/// What a run of all jobs, and whoever runs one job, holds exclusively meanwhile.
+/// Lock that a run of all jobs, and a run of one job, holds meanwhile.
 std::filesystem::path run_lock_file(const std::filesystem::path& out);
 std::filesystem::path job_lock_file(const std::filesystem::path& out, const std::string& id);
 

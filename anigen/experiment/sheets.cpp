@@ -124,7 +124,7 @@ namespace fs = std::filesystem;
 
 constexpr int kStripHeight = 180;
 
-/// What the star of `pattern` stands for in each file under `folder`.
+/// Text that the star of `pattern` matches in each file under `folder`.
 std::set<std::string> assets_under(const fs::path& folder, const std::string& pattern) {
   const std::size_t before = pattern.find('*'), after = pattern.size() - before - 1;
   std::set<std::string> assets;

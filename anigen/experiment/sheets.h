@@ -26,7 +26,7 @@ std::vector<SheetCell> sheet_cells(const Plan& plan, const std::filesystem::path
 /// The cells with their pictures as small JPEG files, and what the mark and the value are.
 std::string sheet_html(const std::vector<SheetCell>& cells, const SheetSpec& spec);
 
-/// What one variant made of an asset.
+/// Result of one variant for an asset.
 struct StripCell {
   std::filesystem::path file;  ///< empty where the variant has none
   std::string value;           ///< of the wanted column, as shown; empty where there is none
@@ -38,7 +38,7 @@ struct StripRow {
   std::vector<StripCell> cells;  ///< one per column of the strip
 };
 
-/// The same assets under every variant, side by side, as the paper shows joint densities: a row per asset, a column per
+/// Assets under every variant, side by side, as the paper shows joint densities: a row per asset, a column per
 /// variant, of the first seed.
 struct Strip {
   std::vector<std::string> columns;

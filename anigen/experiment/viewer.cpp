@@ -123,7 +123,7 @@ std::string starred(const std::string& pattern, const std::string& path) {
   return path.substr(star, path.size() + 1 - pattern.size());
 }
 
-/// Where a viewer's entry finds its files, and how each is called.
+/// Files of a viewer's entry, and their names.
 struct Source {
   std::string label, pattern;
   fs::path folder;
@@ -143,7 +143,7 @@ std::vector<Source> sources_of(const Experiment& experiment, const Plan& plan, c
       own.push_back({experiment.variants[run.variant].name, entry.pattern, folder});
     }
     for (Source& source : own) {
-      // What several variants share needs no variant's name.
+      // A file that several variants share needs no variant's name.
       source.label = own.size() == 1 ? entry.label : entry.label + ", " + source.label;
       sources.push_back(std::move(source));
     }

@@ -29,7 +29,7 @@ struct ViewedAsset {
   std::vector<ViewedModel> shown;
 };
 
-/// What a viewer can show of what is done so far: one asset per file that the first of its entries finds in the first
+/// Entries that a viewer can show so far: one asset per file that the first of its entries finds in the first
 /// variant, named by what stands where the pattern has its star; then the files of that name of every other variant
 /// and of the other entries. Of several seeds the first.
 std::vector<ViewedAsset> viewed_assets(const Experiment& experiment, const Plan& plan, const ViewerSpec& spec);

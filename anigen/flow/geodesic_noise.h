@@ -22,7 +22,7 @@ struct GeodesicNoiseOptions {
   static GeodesicNoiseOptions read(ConfigReader& reader);
 };
 
-/// Which voxels of an item share a face.
+/// Pairs of voxels of an item that share a face.
 struct FaceNeighbours {
   Tensor row, neighbour;  ///< [E] int64: every pair in both directions
   Tensor degree;          ///< [N] int64: neighbours of each row, 0 to 6
@@ -38,7 +38,8 @@ FaceNeighbours face_neighbours(const Tensor& coords);
 /// @param noise [N, C] @return [N, C]
 Tensor smooth_geodesic_noise(const Tensor& noise, const FaceNeighbours& neighbours, std::int64_t first,
                              std::int64_t last, const GeodesicNoiseOptions& options);
-/// The same from the voxels; they are not looked at when the options are not enabled. @param coords [N, 4]
+/// Overload that finds the neighbours from the voxels, which are not read when the options are not enabled. @param
+/// coords [N, 4]
 Tensor smooth_geodesic_noise(const Tensor& noise, const Tensor& coords, std::int64_t first, std::int64_t last,
                              const GeodesicNoiseOptions& options);
 

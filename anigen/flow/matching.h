@@ -24,7 +24,7 @@ Tensor x0_from_velocity(const Tensor& x_t, const Tensor& velocity, const Tensor&
 /// ε = (1 − t) v + x_t
 Tensor noise_from_velocity(const Tensor& x_t, const Tensor& velocity, const Tensor& t);
 
-/// The same for one time that all entries share, as in a sampler.
+/// Overload for one time that all entries share, as in a sampler.
 Tensor noisy(const Tensor& x_0, const Tensor& noise, double t, double sigma_min = kSigmaMin);
 Tensor x0_from_velocity(const Tensor& x_t, const Tensor& velocity, double t, double sigma_min = kSigmaMin);
 
@@ -35,7 +35,8 @@ using torch::Tensor;
 
 inline constexpr std::int64_t kTimeBins = 10;
 
-/// Which of `bins` equal parts of [0, 1] each time lies in; a part holds its lower end. t = 1 gives `bins`.
+/// Index of the part, of `bins` equal parts of [0, 1], that each time lies in; a part holds its lower end. t = 1 gives
+/// `bins`.
 /// @return [B] int64
 Tensor time_bin(const Tensor& t, std::int64_t bins = kTimeBins);
 
@@ -52,7 +53,7 @@ Tensor mean_per_item(const Tensor& rows, const Tensor& item, std::int64_t items)
 
 using torch::Tensor;
 
-/// How training draws the flow time t of each batch item, shared by all streams of the item: 1 is noise, 0 is data
+/// Distribution of the flow time t of each batch item, shared by all streams of the item: 1 is noise, 0 is data
 /// (reference flows-and-pipeline.md, 4.1). Config object `t_schedule`: {"name": "uniform"} or
 /// {"name": "logitNormal", "args": {"mean": 1.0, "std": 1.0}}.
 struct TimeSchedule {

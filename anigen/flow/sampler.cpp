@@ -43,7 +43,7 @@ Streams moved(const Streams& x, const Streams& velocity, double span) {
   return result;
 }
 
-/// Where a step leads. @param first the velocity at x and t
+/// Result of one step. @param first the velocity at x and t
 Streams step_from(const Streams& x, const Streams& first, double t, double next, const Velocities& velocities,
                   const SamplerOptions& options) {
   const double span = t - next;

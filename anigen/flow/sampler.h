@@ -26,8 +26,8 @@ struct Velocities {
   VelocityFunction unconditional = nullptr;  ///< none: sampling without guidance
 };
 
-/// How a step goes from t to t'. The published sampler is Euler's; the other two ask for the velocity twice per step,
-/// and their error falls with the square of the step instead of with the step.
+/// Integration rule of a step from t to t'. The published sampler is Euler's; the other two ask for the velocity twice
+/// per step, and their error falls with the square of the step instead of with the step.
 enum class Solver {
   kEuler,     ///< along the velocity at t
   kMidpoint,  ///< along the velocity half way, where Euler's half step leads
@@ -35,7 +35,7 @@ enum class Solver {
               ///< Euler's: models that predict the data have no velocity there (Karras et al. 2022, algorithm 1)
 };
 
-/// What configs and command lines call them: euler, midpoint, heun.
+/// Names in configs and on command lines: euler, midpoint, heun.
 const std::vector<std::string>& solver_words();
 /// @throws InputError for another word
 Solver parse_solver(const std::string& word);
@@ -59,7 +59,7 @@ struct SamplerOptions {
   void validate(const std::string& file = "", const std::string& pointer = "") const;
 };
 
-/// What is known beforehand and kept while the rest is sampled: after each step x ← (1 − m) x + m x_t(known).
+/// Known values, kept while the rest is sampled: after each step x ← (1 − m) x + m x_t(known).
 struct Inpainting {
   Streams x_0;    ///< the known latent
   Streams noise;  ///< its noise
@@ -109,7 +109,7 @@ struct FlowStageOptions {
   /// @throws InputError; NotSupportedError for train_inpaint, whose model is not published
   void read_flow(ConfigReader& trainer_args, double cfg_strength);
 
-  /// How many of the held-out assets an evaluation looks at.
+  /// Number of held-out assets that an evaluation covers.
   std::size_t eval_count(std::size_t held_out) const;
   /// The times (k + ½) / eval_times of an evaluation, [eval_times] fp32.
   torch::Tensor eval_grid() const;

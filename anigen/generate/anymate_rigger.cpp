@@ -221,7 +221,7 @@ std::int64_t points_for(const TrainedAnymateModel& trained, const AnymateRiggerO
   return options.points > 0 ? options.points : trained.points;
 }
 
-/// How many points there must be, for the groups of Point-BERT or a run of the concatenating skinning.
+/// Least number of points, for the groups of Point-BERT or a run of the concatenating skinning.
 std::int64_t fewest_points(const anymate::ModelOptions& options) {
   std::int64_t fewest = 1;
   if (options.encoder == anymate::EncoderKind::kBert) {

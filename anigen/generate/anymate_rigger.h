@@ -13,7 +13,7 @@
 
 namespace anigen::generate {
 
-/// What the config of a run calls the class of all of Anymate's models.
+/// Class name of Anymate's models in the config of a run.
 inline constexpr const char* kAnymateModelClass = "AnymateModel";
 
 /// One of Anymate's models for use: evaluation mode, nothing asks for gradients. And what its training says about it;

@@ -36,7 +36,7 @@ Asset decoded_asset(const shape_field::ExtractedMesh& mesh, const skeleton_field
 Asset decoded_asset(const shape_field::ExtractedMesh& mesh, const skeleton_field::SkeletonTensors& skeleton,
                     const torch::Tensor& weights, const DecodedAssetOptions& options = {});
 
-/// The same of a model that has no rig: mesh, normals and colours, held by one joint (bind_rigidly). @throws as
+/// Asset of a model that has no rig: mesh, normals and colours, held by one joint (bind_rigidly). @throws as
 /// decoded_asset, for what concerns the mesh
 Asset decoded_shape(const shape_field::ExtractedMesh& mesh, const std::string& name);
 
@@ -53,7 +53,7 @@ struct VotesCloudOptions {
 /// @throws InputError naming a vote or confidence that is not finite, and when shapes do not fit
 Mesh votes_cloud(const skeleton_field::SkeletonField& field, const VotesCloudOptions& options = {});
 
-/// The same with an octahedron per point, as an asset with one joint: what io::write_gltf can write. Viewers draw the
+/// Votes with an octahedron per point, as an asset with one joint: what io::write_gltf can write. Viewers draw the
 /// points of a GLB one pixel wide, if at all, while octahedra show from every distance.
 Asset votes_asset(const skeleton_field::SkeletonField& field, const VotesCloudOptions& options = {});
 

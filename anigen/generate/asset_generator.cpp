@@ -40,7 +40,7 @@ flow::SamplingExtras with_progress(Progress& progress) {
   return extras;
 }
 
-/// What the generators of both stages are asked for alike.
+/// Request that the generators of both stages share.
 template <typename Generator>
 typename Generator::Request flow_request(const AssetGenerator::Request& from, const std::filesystem::path& run) {
   typename Generator::Request request;

@@ -13,7 +13,7 @@
 
 namespace anigen::generate {
 
-/// How one flow is sampled; what is not set is as its config samples.
+/// Sampling options of one flow; what is not set is as its config samples.
 struct SamplerOverrides {
   std::optional<std::int64_t> steps;
   std::optional<flow::Solver> solver;
@@ -24,8 +24,8 @@ struct SamplerOverrides {
   flow::SamplerOptions over(flow::SamplerOptions options) const;
 };
 
-/// Which picture conditions the first flow: what its config trained on, which a published config does not say and the
-/// published pipeline fixes to normals (reference flows-and-pipeline.md, 5.1), or one of the two.
+/// Kind of image that conditions the first flow: what its config trained on, which a published config does not say and
+/// the published pipeline fixes to normals (reference flows-and-pipeline.md, 5.1), or one of the two.
 enum class StructureCondition { kAsTrained, kColor, kNormal };
 
 struct GenerationOptions {

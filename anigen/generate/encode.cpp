@@ -129,7 +129,7 @@ class LatentEncoding {
 
   std::string inputs_of(const data::AssetId& asset) const { return fingerprint_of_files(source_.inputs(asset)); }
 
-  /// What the first process does while the others wait: finds what can be kept, and takes back what was promised of the
+  /// Work of the first process while the others wait: finds what can be kept, and takes back what was promised of the
   /// rest.
   void begin() {
     LatentManifest manifest(folder_.path(), fingerprint_);

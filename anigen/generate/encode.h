@@ -25,7 +25,7 @@ FileLock share_dataset(const std::filesystem::path& root);
 /// share_dataset(); Interrupted while another program keeps the table locked
 void set_metadata_flag(const std::filesystem::path& root, const std::string& column, const std::set<std::string>& ids);
 
-/// What `anigen-encode reconstruct` is told.
+/// Request of `anigen-encode reconstruct`.
 struct ReconstructRequest {
   std::filesystem::path run;   ///< run folder of stage 3
   std::filesystem::path data;  ///< root of one dataset
@@ -39,7 +39,7 @@ struct ReconstructRequest {
   bool votes = false;                         ///< also <id>.votes.glb and <id>.votes.ply, as write_votes()
 };
 
-/// What `anigen-encode ss` and `anigen-encode slat` are told.
+/// Request of `anigen-encode ss` and `anigen-encode slat`.
 struct EncodeRequest {
   std::filesystem::path run;   ///< run folder of stage 2 or 3
   std::filesystem::path data;  ///< root of one dataset
@@ -53,7 +53,7 @@ struct EncodeRequest {
   std::function<void(std::size_t done, std::size_t assets)> progress = nullptr;
 };
 
-/// What became of the assets of a dataset.
+/// Outcome of encoding the assets of a dataset.
 struct EncodedLatents {
   std::string name;
   std::filesystem::path checkpoint;
@@ -84,7 +84,7 @@ class LatentSource {
   virtual void encode(const data::AssetId& asset, const std::filesystem::path& file) = 0;
   /// @throws InputError when the file is missing or damaged
   virtual LatentValues read(const std::filesystem::path& file) const = 0;
-  /// How many channels of the shape latents LatentFolder::write_statistics() normalises.
+  /// Number of channels of the shape latents that LatentFolder::write_statistics() normalises.
   virtual std::size_t normalized_channels() const { return 0; }
   /// Anything else to do with a latent that was encoded or kept; it counts only when this returns.
   virtual void inspect(const data::AssetId& asset, const std::filesystem::path& file) {

@@ -17,7 +17,7 @@
 #include "anigen/generate/stage_generators.h"
 #include "anigen/io/gltf/gltf.h"
 
-// How the result of an encoding is printed; what it does is in encode_sparse_structure.cpp.
+// Prints the result of an encoding.
 
 namespace anigen::generate {
 

@@ -16,7 +16,7 @@
 
 namespace anigen::generate {
 
-/// How a flow that was conditioned on pictures read its dataset.
+/// Dataset options of a flow that was conditioned on images.
 /// @tparam Options of the dataset's class @param dataset name of that class
 /// @throws InputError when the flow was trained on another one
 template <typename Options>
@@ -57,7 +57,7 @@ class StructureRetrieval {
   std::size_t views_;
 };
 
-/// What `anigen-eval --ss-flow …` is told.
+/// Request of `anigen-eval --ss-flow …`.
 struct StructureEvaluationRequest {
   std::filesystem::path run;          ///< run folder of stage 4
   std::filesystem::path autoencoder;  ///< run folder of stage 2; empty: the one of the flow's config
@@ -74,7 +74,7 @@ struct StructureEvaluationRequest {
   std::string device = "cpu";
 };
 
-/// How near one method's voxels come to those of an asset.
+/// Distance of one method's voxels to those of an asset.
 struct StructureScore {
   double iou = 0.0, f1 = 0.0;          ///< of the surface; F1 within one voxel (sparse_structure/voxel_metrics.h)
   double iou_skl = 0.0, f1_skl = 0.0;  ///< of the skeleton, dilated as stage 2 saw it
@@ -141,7 +141,7 @@ class PerceptualMetric {
   /// @throws InputError when the pictures differ in size or are smaller than 16 × 16
   double distance(const io::Image& a, const io::Image& b);
 
-  /// What decides the numbers: network, and the SHA-256 of every file in the order given.
+  /// Inputs that decide the numbers: network, and the SHA-256 of every file in the order given.
   const Json& describe() const { return description_; }
 
  private:

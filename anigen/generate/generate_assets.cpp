@@ -105,8 +105,8 @@ Json sampler_json(const SamplerOverrides& overrides) {
   return json;
 }
 
-/// Which files a result was made from, by name, size and time of the last change: the picture and what belongs to it,
-/// every run's config and weights. Their bytes are gigabytes.
+/// Fingerprint of the files that a result was made from, by name, size and time of the last change: the picture and
+/// what belongs to it, every run's config and weights. Their bytes are gigabytes.
 std::string inputs_of(const GenerateRequest& request, const std::vector<fs::path>& runs, const NamedPicture& picture) {
   std::vector<fs::path> files{picture.file, picture.normal_map, request.estimator_weights,
                               request.pictures.matting.network};

@@ -29,7 +29,7 @@ struct GenerateRequest {
   std::function<void(const NamedPicture&)> started = nullptr;
 };
 
-/// What became of one picture.
+/// Outcome of one image.
 struct GenerationReport {
   std::string name;
   std::filesystem::path folder;

@@ -12,10 +12,10 @@
 
 namespace anigen::generate {
 
-/// What latents of a folder were made from, kept in the folder as encoded.json: a fingerprint of the encoder and, for
-/// every asset, one of the files that were encoded and the commit (core/version.h) of the program that encoded them. An
-/// entry is added after its latent was written and erased before it is replaced, so what the file promises is there
-/// however a run ends; latents that a killed run did not enter are made again.
+/// Manifest of the inputs of a folder's latents, kept in the folder as encoded.json: a fingerprint of the encoder and,
+/// for every asset, one of the files that were encoded and the commit (core/version.h) of the program that encoded
+/// them. An entry is added after its latent was written and erased before it is replaced, so what the file promises is
+/// there however a run ends; latents that a killed run did not enter are made again.
 class LatentManifest {
  public:
   /// Reads the folder's manifest; one of another encoder, or a damaged one, counts as empty.
@@ -88,8 +88,8 @@ enum class LatentKind {
   kStructured  ///< of stage 3: latents/, columns latent_<name>
 };
 
-/// Where a dataset keeps the latents of one encoder: <kind>/<name>/<id>.npz, beside the folder <name>_statistics.npz
-/// and .json, and in metadata.csv a column of flags.
+/// Folder in which a dataset keeps the latents of one encoder: <kind>/<name>/<id>.npz, beside the folder
+/// <name>_statistics.npz and .json, and in metadata.csv a column of flags.
 class LatentFolder {
  public:
   /// @param name letters, digits, '_', '-', '.'; empty: the last part of the run's path, as it was given
@@ -121,7 +121,7 @@ class LatentFolder {
   std::filesystem::path path_;
 };
 
-/// What became of one asset that was to be encoded.
+/// Outcome of encoding one asset.
 struct LatentOutcome {
   std::string inputs;   ///< fingerprint of what was encoded; empty: the latent was kept from an earlier run
   std::string failure;  ///< empty: there is a latent
@@ -129,7 +129,7 @@ struct LatentOutcome {
   std::string commit{};  ///< of the program that encoded it (core/version.h); empty when it was kept
 };
 
-/// What the processes that encode one dataset by one encoder tell each other, run/encode-<column>/: run.json, which
+/// Messages between the processes that encode one dataset by one encoder, run/encode-<column>/: run.json, which
 /// encoder it is and whose latents of earlier runs are kept, and a file per asset, so that nobody writes to another's.
 class LatentOutcomes {
  public:
@@ -148,7 +148,7 @@ class LatentOutcomes {
   std::optional<LatentOutcome> read(const std::string& id) const;  ///< nothing: not done yet
   void write(const std::string& id, const LatentOutcome& outcome) const;
 
-  /// Whether flags, statistics and list are those of this run.
+  /// True when flags, statistics and list are those of this run.
   bool concluded() const;
   void set_concluded() const;
 

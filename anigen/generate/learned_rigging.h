@@ -13,7 +13,7 @@
 
 namespace anigen::generate {
 
-/// Where the models of a learned rigger are; an empty path: no such model.
+/// Folders of the models of a learned rigger; an empty path: no such model.
 struct LearnedModelFiles {
   std::filesystem::path joints, connectivity, skin;
 };
@@ -26,7 +26,7 @@ std::filesystem::path run_around(const std::filesystem::path& file);
 /// @throws InputError naming the file when there is no such thing
 nn::RunModel model_at(const std::filesystem::path& path, const std::string& class_name);
 
-/// What `make` makes; InputErrors without a file then name this one.
+/// Returns the result of `make`; InputErrors without a file then name this one.
 template <typename Make>
 auto naming(const std::filesystem::path& file, Make make) -> decltype(make()) {
   try {
@@ -52,7 +52,7 @@ RigBones bones_between(const torch::Tensor& joints, const std::vector<int>& pare
 /// data have it end where its weights are; here it goes half of its parent's bone straight on.
 RigBones bones_of_rig(const torch::Tensor& joints, const std::vector<int>& parents);
 
-/// What a learned rigger does about joints; unset where it has no model for it. Positions are in the shape's frame.
+/// Callbacks of a learned rigger for joints; unset where it has no model for it. Positions are in the shape's frame.
 struct JointModels {
   std::function<std::vector<Eigen::Vector3d>()> predict;
   std::function<std::vector<int>(const std::vector<Eigen::Vector3d>&)> connect;  ///< [J], -1 for the root

@@ -59,7 +59,7 @@ std::vector<NamedPicture> pictures_of_dataset(const std::filesystem::path& datas
 /// @throws InputError when two pictures have one name, whose assets would overwrite each other
 void require_distinct_names(const std::vector<NamedPicture>& pictures);
 
-/// Where the picture of surface normals comes from that conditions the published first stage.
+/// Source of the image of surface normals that conditions the published first stage.
 enum class NormalSource {
   kColors,     ///< nowhere: the colour picture stands in, which is what the published training configs show that stage
   kEstimator,  ///< a NormalEstimator sees the whole picture, as published
@@ -100,7 +100,7 @@ struct PreprocessingOptions {
   int estimator_side = 0;  ///< longest side that the estimator sees; 0: the whole picture, as published
 };
 
-/// What a picture becomes before the flow models are conditioned on it.
+/// Preprocessed image, before the flow models are conditioned on it.
 struct PreprocessedImage {
   io::Image picture;                             ///< S × S, opaque, the object on black
   io::Image normals;                             ///< its surface normals, cut out, cropped and resized alike

@@ -14,7 +14,7 @@
 
 namespace anigen::generate {
 
-/// What a word on the command line stands for. @throws InputError naming the option and listing its words
+/// Value of a word on the command line. @throws InputError naming the option and listing its words
 template <typename Choice>
 Choice chosen(const std::string& option, const std::string& word,
               const std::vector<std::pair<std::string, Choice>>& choices) {
@@ -26,7 +26,7 @@ Choice chosen(const std::string& option, const std::string& word,
   throw InputError("", option, "'" + word + "' is none of: " + words);
 }
 
-/// What becomes of the background of a picture.
+/// Handling of the background of an image.
 enum class Background {
   kAuto,     ///< as published: alpha where there is some, else the network; GrabCut where no network is named
   kKeep,     ///< nothing is removed; an alpha channel still counts
@@ -84,7 +84,7 @@ class QuietOpenCv {
 /// @return [H · W] alpha 0 … 255; all 0 when nothing stands out
 std::vector<std::uint8_t> grabcut_mask(const io::Image& image);
 
-/// What a network in an ONNX file takes and gives.
+/// Inputs and outputs of a network in an ONNX file.
 struct OnnxSignature {
   struct Value {
     std::string name;

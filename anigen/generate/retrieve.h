@@ -22,7 +22,7 @@ inline torch::Tensor picture_cells(const torch::Tensor& pictures) {
 struct RetrievalRequest {
   std::filesystem::path dataset;              ///< with renders_cond/
   std::vector<std::filesystem::path> splits;  ///< of what may be answered; none: all
-  /// What is compared: colours, or the normals that a flow trained on them sees. Pictures without a map of normals
+  /// Compared quantity: colours, or the normals that a flow trained on them sees. Pictures without a map of normals
   /// then fail.
   data::ConditionPictures seen = data::ConditionPictures::kColor;
   std::size_t views = 0;          ///< condition views looked at per asset; 0: all

@@ -12,7 +12,7 @@
 
 namespace anigen::generate {
 
-/// What the config of a run calls the class of all of RigNet's models.
+/// Class name of RigNet's models in the config of a run.
 inline constexpr const char* kRignetModelClass = "RignetModel";
 
 /// One of RigNet's models for use: evaluation mode, nothing asks for gradients. And how its training made graphs of

@@ -31,7 +31,7 @@ struct FlowRuns {
 /// @throws InputError when one is missing, or several are there and none has the usual name
 FlowRuns find_flow_runs(const std::filesystem::path& folder, bool joint_count, const FlowRuns& known = {});
 
-/// Whether a run folder holds the weights that its config asks for: for every model under /models an object of
+/// Completeness of the weights of a run folder that its config asks for: for every model under /models an object of
 /// `class`; `checkpoint`, the file that generation would read; `tensors`, how many the model has, and `parameters`,
 /// their elements; `complete`; and where not, `problem`, or `missing`, `unexpected` and `misshapen` with the number of
 /// keys and the first of them. Models are built without initial values, files are read whole.

@@ -31,13 +31,13 @@ namespace anigen::generate {
 void write_structure_latents(const std::filesystem::path& file, const torch::Tensor& shape,
                              const torch::Tensor& skeleton, const std::filesystem::path& maker);
 
-/// The same for structured latents, to latents/<model>/<id>.npz: coords u8 [N, 3] and feats f32 [N, C of geometry and
-/// skin], the same with _skl. Of a batch of one.
+/// Writes a structured latent of one asset to latents/<model>/<id>.npz: coords u8 [N, 3] and feats f32 [N, C of
+/// geometry and skin], the same with _skl. Of a batch of one.
 void write_structured_latents(const std::filesystem::path& file,
                               const structured_latent::PerStream<sparse::SparseTensor>& latents,
                               const std::filesystem::path& maker);
 
-/// How well decoded latents give back what was encoded, the skeleton as dilated as it was encoded.
+/// Reconstruction error of decoded latents, the skeleton as dilated as it was encoded.
 struct StructureReconstruction {
   sparse_structure::VoxelAgreement shape, skeleton;
 };
@@ -51,7 +51,7 @@ class StructureCoder {
   StructureCoder(const std::filesystem::path& run, const std::string& ckpt, torch::Device device, bool decodes);
 
   const std::filesystem::path& checkpoint() const { return found_.checkpoint; }
-  /// What a latent depends on besides its voxels.
+  /// Inputs of a latent besides its voxels.
   std::string fingerprint() const;
 
   /// The very tensors that training saw, a batch of one. @throws InputError when the asset cannot be read
@@ -96,12 +96,12 @@ class StructureGenerator {
   torch::Tensor condition(const torch::Tensor& pictures);
   /// Standard normal numbers of a latent, from the seed and the number of an asset, whatever else is sampled with it.
   flow::Streams noise(std::uint64_t seed, std::uint64_t number) const;
-  /// The same as the generator gives them, shape first (reference flows-and-pipeline.md, 5.5).
+  /// Noise as the generator gives it, shape first (reference flows-and-pipeline.md, 5.5).
   flow::Streams noise(const at::Generator& generator) const;
   /// Latents, as the dataset normalises them. @param noise of a batch
   flow::Streams sample(const flow::Streams& noise, const torch::Tensor& condition, const flow::SamplerOptions& sampler,
                        bool guided, const flow::SamplingExtras& extras = {});
-  /// What sample() returns as latent files hold it: what normalised it in training is undone.
+  /// Latents of sample() as latent files hold them: what normalised it in training is undone.
   flow::Streams denormalised(const flow::Streams& latents) const;
   /// Both grids of one item before anything is decided, [1, 1, R, R, R]. @param latents as decode()
   sparse_structure::SparseStructureDecoderImpl::Logits logits(const flow::Streams& latents, std::int64_t item);
@@ -157,13 +157,13 @@ class StructuredLatentCoder {
                         const std::optional<skeleton_field::MeanShiftOptions>& decodes);
 
   const std::filesystem::path& checkpoint() const { return found_.checkpoint; }
-  /// What a latent depends on besides the asset's files.
+  /// Inputs of a latent besides the asset's files.
   std::string fingerprint() const;
   /// Folder of the features below features/.
   const std::string& feature_model() const { return data_.model; }
   std::int64_t geometry_channels() const { return encoder_->options().latent_channels; }
 
-  /// What an asset's latent is made from: features, skeleton voxels, rig.
+  /// Files that an asset's latent is made from: features, skeleton voxels, rig.
   std::vector<std::filesystem::path> files(const data::AssetId& asset) const;
 
   struct Inputs {

@@ -162,7 +162,7 @@ class Matcher {
     return faces;
   }
 
-  // How far one side's faces are from finding their like on the other side: 0 when each does.
+  // Distance of one side's faces from finding their like on the other side: 0 when each does.
   double missing(const Eigen::Vector3d& center, const std::vector<FaceShape>& faces,
                  const std::vector<FaceShape>& others) const {
     double sum = 0.0, total = 0.0;

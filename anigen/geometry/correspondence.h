@@ -34,7 +34,7 @@ class VertexFaces {
 
 /// For every vertex of `to` the place on `from` that it corresponds to, after the two were aligned: the nearest place.
 ///
-/// Where several parts of `from` touch or coincide (clothes, nested parts, shells, copies of a mesh), a vertex lies on
+/// When several parts of `from` touch or coincide (clothes, nested parts, shells, copies of a mesh), a vertex lies on
 /// all of them, and the nearest place is whichever rounding prefers, although each may carry other weights. Places
 /// within 1e-6 of the size of `from` of the nearest are therefore told apart by shape: the one is taken whose
 /// surroundings on `from` continue like the vertex' surroundings on `to`. In figures: every face f around the
@@ -62,7 +62,7 @@ SkinWeights transfer_skin(const NearestSurface& surface, const std::vector<Trian
 /// @throws InputError also when the mesh has no faces
 SkinWeights transfer_skin(const Mesh& mesh, const SkinWeights& skin, const std::vector<Eigen::Vector3d>& points);
 
-/// The same at the vertices of a mesh, whose faces settle which place is meant where several coincide: see
+/// Overload for the vertices of a mesh, whose faces settle which place is meant where several coincide: see
 /// matching_places.h. This is how predicted weights come to the ground truth.
 SkinWeights transfer_skin_to_mesh(const Mesh& mesh, const SkinWeights& skin, const Mesh& to);
 
@@ -71,7 +71,7 @@ SkinWeights transfer_skin_to_mesh(const Mesh& mesh, const SkinWeights& skin, con
 SkinWeights transfer_skin_by_vertex(const std::vector<Eigen::Vector3d>& vertices, const SkinWeights& skin,
                                     const std::vector<Eigen::Vector3d>& points);
 
-/// What a mesh had at its vertices, for the vertices of a mesh made from it.
+/// Attributes that a mesh had at its vertices, for the vertices of a mesh made from it.
 struct TransferredAttributes {
   SkinWeights skin;                     ///< one row per point; no rows when there were none
   std::vector<Eigen::Vector4f> colors;  ///< one per point; empty when there were none

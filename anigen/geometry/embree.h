@@ -81,8 +81,8 @@ inline void embree_occluded(RTCScene scene, RTCRay& ray) {
 #endif
 }
 
-/// Where rays meet a mesh: set up once per mesh (a BVH), query many times. Distances are in single precision (relative
-/// error about 1e-6 of the scene). Queries are thread-safe.
+/// Intersections of rays with a mesh: set up once per mesh (a BVH), query many times. Distances are in single precision
+/// (relative error about 1e-6 of the scene). Queries are thread-safe.
 class RayCaster {
  public:
   /// Copies the mesh. @throws InputError without faces, on a bad index, or on a vertex that is not finite

@@ -209,7 +209,7 @@ std::vector<Triangle> triangulate_hole(const HoleOutline& hole) { return Triangu
 
 namespace {
 
-/// How much larger than its surroundings a triangle may be (Liepa's α).
+/// Largest size of a triangle relative to its surroundings (Liepa's α).
 const double kDensity = std::sqrt(2.0);
 constexpr int kMostRounds = 50;          ///< of adding points: each halves the size at least
 constexpr std::size_t kMostTurns = 100;  ///< times the number of faces: turning edges ends by itself but for rounding
@@ -289,7 +289,7 @@ class Refinement {
     return std::atan2(a.cross(b).norm(), a.dot(b));
   }
 
-  /// Whether the patch or the mesh around it has no edge between the two yet.
+  /// True when the patch or the mesh around it has no edge between the two yet.
   bool is_free(std::int32_t a, std::int32_t b) const {
     if (side_of_.count({a, b}) > 0 || side_of_.count({b, a}) > 0) return false;
     return a >= patch_.outline || b >= patch_.outline || may_connect_(a, b);

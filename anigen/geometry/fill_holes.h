@@ -25,7 +25,7 @@ BoundaryLoops boundary_loops(const std::vector<Triangle>& faces, const MeshEdges
 struct HoleOutline {
   std::vector<Eigen::Vector3d> points;   ///< [n] along the hole, against the direction of the faces around it
   std::vector<Eigen::Vector3d> outside;  ///< [n] unit normal of the face beyond the edge from point i to the next
-  /// Whether an edge between two points of the outline that are not next to each other may be made.
+  /// True when an edge between two points of the outline that are not next to each other may be made.
   std::function<bool(std::int32_t, std::int32_t)> may_connect;
 };
 

@@ -48,7 +48,7 @@ struct HiddenFaceRules {
   double most_outer = 0.5;     ///<   the 75th percentile of its component, within these
 };
 
-/// Which faces are inside a closed or nearly closed surface (reference flows-and-pipeline.md, 5.8). Faces that no view
+/// Faces inside a closed or nearly closed surface (reference flows-and-pipeline.md, 5.8). Faces that no view
 /// sees are inside, faces that are seen more often than most of their component outside; between them the surface is
 /// cut where the cut is shortest, and of the pieces inside those are hidden that are rarely seen and leave no large
 /// hole. Medians are the lower one of two.

@@ -43,7 +43,7 @@ class NearestSurface {
  public:
   /// Copies the mesh. @throws InputError without faces, on a bad index, or on a vertex that is not finite
   NearestSurface(const std::vector<Eigen::Vector3f>& vertices, const std::vector<Triangle>& faces);
-  /// The same over vertices in double precision, which distances then refer to.
+  /// Overload for vertices in double precision, which distances then refer to.
   NearestSurface(const std::vector<Eigen::Vector3d>& vertices, const std::vector<Triangle>& faces);
   explicit NearestSurface(const Mesh& mesh) : NearestSurface(mesh.vertices, mesh.faces) {}
   ~NearestSurface();
@@ -52,8 +52,8 @@ class NearestSurface {
 
   /// @throws InputError when the point is not finite or beyond 1e100
   NearestPoint query(const Eigen::Vector3d& point) const;
-  /// The same result, found sooner when `guess` is a face near the point: the answer for a point nearby. Any number is
-  /// allowed; one that is no face is ignored.
+  /// Returns an equal result, found sooner when `guess` is a face near the point: the answer for a point nearby. Any
+  /// number is allowed; one that is no face is ignored.
   NearestPoint query(const Eigen::Vector3d& point, std::int32_t guess) const;
   /// One result per point, in order; runs on all threads. Points are visited along a space-filling curve, each starting
   /// from the answer before it: many at once are quicker than one by one. @throws InputError naming the point that is

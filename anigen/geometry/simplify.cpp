@@ -151,9 +151,9 @@ bool CollapsibleMesh::collapse(std::int32_t a, std::int32_t b, const Eigen::Vect
 
 namespace {
 
-/// What a distance to a face's middle counts beside one to its plane: a normal is off by 0.02, about one degree.
+/// Weight of a distance to a face's middle beside one to its plane: a normal is off by 0.02, about one degree.
 constexpr double kMiddleWeight = 4e-4;
-/// What a distance to the plane across a border counts beside one to the plane of a face of the same extent.
+/// Weight of a distance to the plane across a border beside one to the plane of a face of the same extent.
 constexpr double kBorderWeight = 10.0;
 
 /// A collapse on offer. It is void once either end has moved since.
@@ -175,7 +175,7 @@ class Simplifier {
   }
 
   bool run(std::size_t target_faces) {
-    // What the checks refused may have become possible by what happened around it.
+    // A collapse that the checks refused may have become possible by what happened around it.
     while (mesh_.live_faces() > target_faces) {
       const std::size_t before = mesh_.live_faces();
       offer_all();

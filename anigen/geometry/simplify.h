@@ -40,7 +40,7 @@ struct Quadric {
     const double value = x.dot(a * x) - 2.0 * b.dot(x) + c;
     return value > 0.0 ? value : 0.0;
   }
-  /// Where the form is least. @pre A is invertible, as with any point() in the sum
+  /// Minimizer of the form. @pre A is invertible, as with any point() in the sum
   Eigen::Vector3d minimum() const { return a.inverse() * b; }
 };
 
@@ -53,7 +53,7 @@ class CollapsibleMesh {
   std::size_t vertex_count() const { return positions_.size(); }
   std::size_t live_faces() const { return live_faces_; }
   const Eigen::Vector3d& position(std::int32_t vertex) const { return positions_[static_cast<std::size_t>(vertex)]; }
-  /// Whether an edge of this vertex has one face only.
+  /// True when an edge of this vertex has one face only.
   bool on_border(std::int32_t vertex) const { return border_[static_cast<std::size_t>(vertex)] != 0; }
   /// Vertices with an edge of more than two faces, which collapse() leaves alone.
   bool is_locked(std::int32_t vertex) const { return locked_[static_cast<std::size_t>(vertex)] != 0; }

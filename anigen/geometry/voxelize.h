@@ -59,7 +59,7 @@ using FixedTriangle = std::array<FixedPoint, 3>;
 /// @pre coordinates in [0, R · 2³⁰]
 void insert_triangle(const FixedTriangle& triangle, VoxelBits& voxels);
 
-/// What to do with a vertex outside the cube [-0.5, 0.5]³.
+/// Handling of a vertex outside the cube [-0.5, 0.5]³.
 enum class OutsideCube {
   kClip,   ///< every coordinate of every vertex is clipped to [-0.5 + 1e-6, 0.5 − 1e-6], as published
   kRefuse  ///< InputError naming the vertex; vertices on the cube's surface stay there

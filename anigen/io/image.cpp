@@ -198,7 +198,7 @@ using std::string_view_literals::operator""sv;
 constexpr std::string_view kExifPrefix = "Exif\0\0"sv;
 constexpr int kUpright = 1, kOrientations = 8;
 
-// Where the EXIF block begins: its TIFF header.
+// Start of the EXIF block: its TIFF header.
 std::optional<std::size_t> in_jpeg(const PictureBytes& in) {
   for (std::size_t at = 2; in.big_endian(at, 1) == 0xFF;) {
     const std::uint64_t marker = in.big_endian(at + 1, 1);

@@ -52,7 +52,7 @@ struct PictureSize {
 /// @throws InputError when the header is cut short or the file is truncated
 PictureSize probe_picture(const std::vector<std::uint8_t>& bytes, const std::string& name_for_errors);
 
-/// How a camera was held, 1 … 8 as the EXIF tag "Orientation" counts: 1 is upright; 5 … 8 exchange width and height.
+/// Orientation of a camera, 1 … 8 as the EXIF tag "Orientation" counts: 1 is upright; 5 … 8 exchange width and height.
 /// Read from JPEG, PNG (eXIf) and WebP. A picture that says nothing, or nonsense, is upright; so is every TIFF, whose
 /// orientation decode_image() has already undone.
 int exif_orientation(const std::vector<std::uint8_t>& bytes);

@@ -5,7 +5,7 @@
 
 namespace anigen::io {
 
-/// How a resize treats the colour of transparent pixels.
+/// Treatment in a resize of the colour of transparent pixels.
 enum class ResizeAlpha {
   /// Colours are multiplied by alpha (8 bit, rounded), filtered, and divided again: what Pillow does with a picture in
   /// mode RGBA. A transparent pixel's colour does not bleed into its neighbours.

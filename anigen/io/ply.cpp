@@ -257,7 +257,7 @@ namespace {
 
 constexpr std::uintmax_t kMostPlyBytes = std::uintmax_t{4} << 30;
 
-// Where a vertex property goes; the numbers of one vertex are gathered in this order.
+// Destination of a vertex property; the numbers of one vertex are gathered in this order.
 enum Slot { kX, kY, kZ, kNx, kNy, kNz, kRed, kGreen, kBlue, kAlpha, kU, kV, kSlots, kNone };
 
 Slot slot_named(const std::string& name) {

@@ -9,7 +9,7 @@
 
 namespace anigen::metrics {
 
-/// What "normalise scale and centre" means; the published protocol leaves it open (reference
+/// Meaning of "normalise scale and centre"; the published protocol leaves it open (reference
 /// training-and-data.md, 7.1).
 enum class NormalizationMode {
   kCentroidRms,  ///< centroid of the surface at the origin, RMS distance of the surface from it 1: the only one that
@@ -22,8 +22,9 @@ enum class NormalizationMode {
 NormalizationMode normalization_mode(const std::string& word);
 std::string to_string(NormalizationMode mode);
 
-/// Where a surface's mass lies. Integrals over the triangles in closed form, so that neither seed nor tessellation
-/// matters: what seeded area-uniform samples estimate. A mesh whose faces have no area counts its vertices instead.
+/// Centre and extent of a surface's mass. Integrals over the triangles in closed form, so that neither seed nor
+/// tessellation matters: what seeded area-uniform samples estimate. A mesh whose faces have no area counts its vertices
+/// instead.
 struct SurfaceMoments {
   double area = 0.0;
   Eigen::Vector3d centroid = Eigen::Vector3d::Zero();
@@ -38,7 +39,7 @@ SurfaceMoments surface_moments(const Mesh& mesh);
 /// @throws InputError without vertices, on a bad index or a position that is not finite or beyond 1e15
 Similarity normalization(const Mesh& mesh, NormalizationMode mode);
 
-/// The same for points that count equally: joints of a shape without a surface.
+/// As above, for points that count equally: joints of a shape without a surface.
 Similarity normalization(const std::vector<Eigen::Vector3d>& points, NormalizationMode mode);
 
 struct AlignmentOptions {
@@ -47,7 +48,7 @@ struct AlignmentOptions {
   IcpOptions registration;
 };
 
-/// What the alignment looked at: the best that both shapes have.
+/// Features that the alignment used: the best that both shapes have.
 enum class AlignedBy {
   kSurface,   ///< both have faces
   kVertices,  ///< one is a point set: vertices, or samples of the other's surface
@@ -56,8 +57,8 @@ enum class AlignedBy {
 
 std::string to_string(AlignedBy by);
 
-/// How a prediction and its ground truth come into one frame, the frame of scores: the truth's bounding box centred at
-/// the origin with its longest side 1 (reference training-and-data.md, 7.1), whatever normalisation ICP ran on. With
+/// Transform of a prediction and its ground truth into one frame, the frame of scores: the truth's bounding box centred
+/// at the origin with its longest side 1 (reference training-and-data.md, 7.1), whatever normalisation ICP ran on. With
 /// NormalizationMode::kNone it is the truth's own frame and unit.
 struct Alignment {
   Similarity prediction;  ///< prediction's file → frame of scores

@@ -48,7 +48,7 @@ struct DeformationError {
   double max = 0;   ///< the largest of all
 };
 
-/// What a wrong skeleton or wrong weights do to an animation, RigNet's deformation error made precise:
+/// Effect of a wrong skeleton or wrong weights on an animation, RigNet's deformation error made precise:
 ///  1. In each pose every true joint, with the given probability, gets a rotation about a uniformly random axis. World
 ///     orientations multiply down the tree (parent first) and positions follow: R_j = R_parent Q_j, x_j = x_parent +
 ///     R_parent (rest_j − rest_parent); roots stay in place.

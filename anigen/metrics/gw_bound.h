@@ -39,7 +39,7 @@ struct GwStart {
   Eigen::MatrixXd plan;  ///< [n,m] a coupling of the masses
 };
 
-/// The same as sparse cells in units of the problem.
+/// As above, as sparse cells in units of the problem.
 struct GwSparseStart {
   std::string name;
   std::vector<PlanCell> cells;

@@ -180,7 +180,7 @@ struct Rooted {
   MetricTree tree;  // rooted at order[0], not renumbered
 };
 
-// The same tree hung from another node.
+// Hangs a tree from another node.
 MetricTree rerooted(const MetricTree& tree, int root) {
   const std::size_t n = tree.parents.size();
   std::vector<std::vector<std::pair<int, double>>> neighbours(n);

@@ -57,7 +57,7 @@ struct GwProblem {
   /// <linear, X> + <gradient(X), X>, halved.
   double objective(const std::vector<PlanCell>& cells, const RowMatrix& gradient) const;
   double objective(const std::vector<PlanCell>& cells) const { return objective(cells, gradient(cells)); }
-  /// Whether a coupling has few enough cells (a vertex has n + m - 1 at most) for work on all pairs of them.
+  /// True when a coupling has few enough cells (a vertex has n + m - 1 at most) for work on all pairs of them.
   bool sparse(std::size_t cells) const { return cells <= 4 * static_cast<std::size_t>(rows() + columns()); }
   /// Changes of the objective below this are rounding.
   double resolution() const;
@@ -67,11 +67,11 @@ struct GwProblem {
 /// Costs the square of the number of cells. @param cells with masses that sum to 1
 double gw_cost(const RowMatrix& c1, const RowMatrix& c2, const std::vector<PlanCell>& cells);
 
-/// The same for a dense coupling, by three matrix products; rounding may leave a tiny negative number, which is
+/// As above, for a dense coupling, by three matrix products; rounding may leave a tiny negative number, which is
 /// returned as 0. @param plan [n,m]
 double gw_cost(const Eigen::MatrixXd& c1, const Eigen::MatrixXd& c2, const Eigen::MatrixXd& plan);
 
-/// What canonical_order needs to know of one tree.
+/// Input of canonical_order for one tree.
 struct LabelledTree {
   MetricTree tree;
   Eigen::VectorXd masses;                  ///< [n]

@@ -168,7 +168,7 @@ class Stage {
       normal_matrix.selfadjointView<Eigen::Lower>().rankUpdate(row, pair.weight);
       right -= pair.weight * pair.normal.dot(moved - pair.to) * row;
     }
-    // What the normals leave undetermined (a plane slides, a sphere turns) stays where it is.
+    // Motion that the normals leave undetermined (a plane slides, a sphere turns) stays where it is.
     const double size = std::max(normal_matrix.diagonal().maxCoeff(), std::numeric_limits<double>::min());
     normal_matrix.diagonal().array() += 1e-9 * size;
     const Vector7d step = normal_matrix.selfadjointView<Eigen::Lower>().ldlt().solve(right);
@@ -260,7 +260,7 @@ constexpr std::size_t kFirstSamples = 100, kFirstScoreSamples = 200, kSecondSamp
 constexpr int kFirstIterations = 15, kSecondIterations = 20;
 constexpr std::size_t kAfterFirst = 16, kAfterSecond = 8, kAfterThird = 4;
 constexpr double kNearSecond = 1.3, kNearThird = 1.1;
-// What two samplings of one surface are apart, at most, as a share of its size: no candidate below is worse than
+// Largest distance between two samplings of one surface, as a share of its size: no candidate below is worse than
 // another.
 constexpr double kSamplingNoise = 0.05;
 // Two candidates this close converge to one place.

@@ -23,7 +23,7 @@ std::vector<Eigen::Matrix3d> random_rotations(int count, std::uint64_t seed);
 std::vector<Eigen::Matrix3d> principal_axis_rotations(const Eigen::Matrix3d& from_covariance,
                                                       const Eigen::Matrix3d& to_covariance);
 
-/// What an ICP update minimises, given the current nearest points.
+/// Objective of an ICP update, given the current nearest points.
 enum class IcpVariant {
   kPointToPoint,  ///< Σ |T(p) − q|², closed form (Besl and McKay 1992)
   kPointToPlane  ///< Σ (n · (T(p) − q))², one Gauss–Newton step (Chen and Medioni 1992); where that step makes the

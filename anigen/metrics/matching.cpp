@@ -18,7 +18,7 @@ namespace {
 constexpr double kDepthShare = 1e-3;
 constexpr double kParentWeight = 1e-9;
 
-/// Where the parent is and how many joints lie above.
+/// Position of the parent and depth in the tree.
 struct Hanging {
   Eigen::Vector3d parent;
   double depth = 0;
@@ -138,7 +138,7 @@ std::vector<int> assign(const Eigen::MatrixXd& cost) {
 
 namespace {
 
-// What settles which of several joints in one place is which; far below any distance that matters.
+// Tie-breaking weight among coincident joints; far below any distance that matters.
 constexpr double kTieWeight = 1e-6;
 constexpr double kNearestHit = 1e-6;  // a joint on the surface must not measure the surface it lies on
 

@@ -8,7 +8,7 @@
 
 namespace anigen::metrics {
 
-/// What tells joints apart that lie in one place: how far their parents are from each other (a root is its own parent),
+/// Tie-breaking cost for coincident joints: how far their parents are from each other (a root is its own parent),
 /// and a thousandth of the difference in depth. Added to a matching cost with a weight far below any distance that
 /// matters, it makes a skeleton with coinciding joints match itself, however they are numbered.
 /// @return [n, m] for sound trees of n and m joints, the unit of the positions
@@ -51,7 +51,7 @@ JointMatch match_joints(const std::vector<Eigen::Vector3d>& predicted, const std
 JointMatch match_joints(const std::vector<Eigen::Vector3d>& predicted, const std::vector<Eigen::Vector3d>& truth,
                         double tolerance = kFixedTolerance);
 
-/// The same for skeletons: joints that lie in one place are told apart by joint_ties().
+/// As above, for skeletons: joints that lie in one place are told apart by joint_ties().
 /// @throws InputError also as check()
 JointMatch match_joints(const JointTree& predicted, const JointTree& truth, const std::vector<double>& tolerance);
 
@@ -64,7 +64,7 @@ JointMatch match_joints(const JointTree& predicted, const JointTree& truth, cons
 std::vector<double> joint_tolerances(const JointTree& truth, const geometry::RayCaster& surface,
                                      double fallback = kFixedTolerance);
 
-/// Which bones of the ground truth a prediction has. A predicted bone is right when both of its joints are matched
+/// Bones of the ground truth that a prediction has. A predicted bone is right when both of its joints are matched
 /// (see match_joints()) and their true joints are the two ends of one true bone, in either direction: a skeleton with
 /// another root keeps its score. Since joints are matched one to one, each true bone is found at most once.
 struct ConnectivityScore {

@@ -374,7 +374,7 @@ std::size_t nearest(const Eigen::Vector3d& place, const JointTree& tree) {
   return best;
 }
 
-/// Where every target joint takes its motion from; an empty list: from its parent.
+/// Source joints of every target joint's motion; an empty list: from its parent.
 std::vector<Shares> all_shares(const Motion& source, const JointTree& target, const Eigen::MatrixXd& plan) {
   std::vector<Shares> result;
   for (std::size_t j = 0; j < target.size(); ++j) {

@@ -23,7 +23,7 @@ struct MotionFrame {
                                         ///< staying (rigid_motions()): travel of the root, bones that stretch
 };
 
-/// What a clip does to a rig.
+/// Motion of a rig in a clip.
 struct Motion {
   std::string name;
   JointTree joints;                 ///< in the bind pose
@@ -36,13 +36,13 @@ struct Motion {
 /// @pre the animation belongs to the skeleton (validate()) @throws InputError unless frames is in 1 … 10000
 Motion motion_of(const Animation& animation, const Skeleton& skeleton, int frames);
 
-/// What each joint does to its vertices in a frame. @pre the frame has one turn and shift per joint of the tree
+/// Rigid motion of each joint in a frame. @pre the frame has one turn and shift per joint of the tree
 std::vector<RigidMotion> rigid_motions(const JointTree& tree, const MotionFrame& frame);
 
-/// The same motion of joints that a similarity has moved.
+/// Motion of joints that a similarity has moved.
 Motion transformed(const Similarity& similarity, Motion motion);
 
-/// Whether frames differ, by more than 1e-3 of the skeleton's size or as many radians.
+/// True when frames differ, by more than 1e-3 of the skeleton's size or as many radians.
 bool moves(const Motion& motion);
 
 /// Largest side of the box around the joints; 1 for joints that are all in one place.
@@ -72,12 +72,12 @@ MotionFile read_motion(const std::string& file_and_clip, int frames);
 /// The first clip that moves(), else nothing: .frames is empty. @param frames as in motion_of()
 Motion first_moving_clip(const std::vector<Animation>& animations, const Skeleton& skeleton, int frames);
 
-/// How far a piece of bone may lie from its counterpart, in sizes (size_of()) of the source skeleton.
+/// Largest distance of a piece of bone from its counterpart, in sizes (size_of()) of the source skeleton.
 inline constexpr double kReach = 0.2;
 /// For skeletons of different beings, each scaled to size 1: whatever can have a counterpart gets one.
 inline constexpr double kFarReach = 1.0;
 
-/// Which joint of one skeleton corresponds to which of another: an exact transport plan like that of the metrics
+/// Correspondence of the joints of two skeletons: an exact transport plan like that of the metrics
 /// (squared Euclidean cost, ties as in matching_plan()), but of the skeletons' bones in place of their joints.
 ///
 /// Joints with equal masses, as `wasserstein` has them, do not serve to move a rig: five more joints on one bone draw
@@ -98,7 +98,7 @@ Eigen::MatrixXd motion_plan(const JointTree& target, const JointTree& source, do
 /// Source joints with less than this share of a target joint's row of the plan do not turn it.
 inline constexpr double kLeastShare = 0.1;
 
-/// The same motion on another skeleton. In every frame a target joint takes
+/// Transfers a motion to another skeleton. In every frame a target joint takes
 ///  - the world rotation since the bind pose of its source joints: their quaternions' mean, weighted by the shares of
 ///  its
 ///    row of the plan (the mean that is the closest rotation in the sense of Markley et al. 2007). A bone that spans

@@ -53,7 +53,7 @@ std::vector<int> anymate_parents(const std::vector<Eigen::Vector3d>& joints, Eig
 /// object in [-1, 1]³, longest side 2, so coordinates of the unit box must be doubled first.
 inline constexpr double kAnymateJointThreshold = 0.1;
 
-/// What their `earth_movers_distance` returns: not the exact transport cost but that of a log-domain Sinkhorn plan at
+/// Result of their `earth_movers_distance`: not the exact transport cost but that of a log-domain Sinkhorn plan at
 /// regularisation 1e-4 after at most 100 iterations, which is seldom converged (see exact transport for the true one).
 struct ReleasedEmd {
   double cost = 0;       ///< Σ plan · distance
@@ -101,7 +101,7 @@ inline constexpr double kPuppeteerMerge = 0.0025;    ///< joints nearer than thi
 inline constexpr double kPuppeteerConnect = 0.02;    ///< components nearer than this are joined in a joint
 inline constexpr std::size_t kLargestForest = 3000;  ///< joints of a forest whose components can be connected
 
-/// What MagicArticulate and Puppeteer do to prediction and ground truth before they measure (reference
+/// Cleaning by MagicArticulate and Puppeteer of prediction and ground truth before they measure (reference
 /// anymate-baselines.md, 10.2 step 4). Thresholds are for a skeleton in the unit box.
 ///  1. In index order, a joint takes in all later joints nearer than 0.0025 that no other took; the group is replaced
 ///     by its first joint, or by the tree's first root when that is in it. The result need not be a tree any more.

@@ -40,7 +40,7 @@ Mesh transformed(const Similarity& similarity, Mesh mesh);
 /// Mesh and joints.
 io::RiggedShape transformed(const Similarity& similarity, io::RiggedShape shape);
 
-/// How a transform between paired points is scaled.
+/// Scaling of a transform between paired points.
 enum class PairScale {
   kFixed,         ///< 1: rigid
   kLeastSquares,  ///< what minimises the squared distances together with the rotation (Umeyama 1991); ICP's

@@ -5,7 +5,7 @@
 
 namespace anigen::metrics::kernels {
 
-/// What the transport solvers do to a row of costs, thousands of times per pair of skeletons; rows have some tens of
+/// Row operations of the transport solvers, thousands of times per pair of skeletons; rows have some tens of
 /// values. Compiled for wider vectors too; every form of kernels gives the same bits.
 
 /// distance[j] = min(distance[j], costs[j] - potential[j] - offset), previous[j] = number where that was less.
@@ -32,7 +32,7 @@ struct SinkhornOptions {
   bool round = true;            ///< repair the marginals (Altschuler et al. 2017, algorithm 2)
 };
 
-/// What sinkhorn() found.
+/// Result of sinkhorn().
 struct SinkhornResult {
   Eigen::MatrixXd plan;         ///< [n,m]; feasible when rounded
   double cost = 0.0;            ///< <plan, cost>, without the entropy term

@@ -22,7 +22,7 @@ struct SurfaceSamples {
 /// @throws InputError without faces, on a bad index or a position that is not finite
 SurfaceSamples sample_mesh(const Mesh& mesh, std::size_t count, std::uint64_t seed, std::string_view purpose);
 
-/// The same points, ordered by face: neighbours in the list are neighbours on the surface, which makes long runs of
+/// Points ordered by face: neighbours in the list are neighbours on the surface, which makes long runs of
 /// nearest-point queries quicker. For sums over all samples, which do not care.
 SurfaceSamples sorted_by_face(const SurfaceSamples& samples);
 
@@ -58,7 +58,7 @@ FScore fscore(const CloudDistances& distances, double threshold);
 double normal_consistency(const CloudDistances& distances, const std::vector<Eigen::Vector3d>& a_normals,
                           const std::vector<Eigen::Vector3d>& b_normals);
 
-/// What a sample's distance to the other mesh means.
+/// Meaning of a sample's distance to the other mesh.
 enum class SurfaceDistance {
   kSampleToSurface,  ///< to the nearest point of the surface, exact. The default: two copies of a surface score 0
                      ///< whatever their tessellation, and the score does not depend on how densely the other mesh is
@@ -92,7 +92,7 @@ struct SurfaceScores {
 /// @throws InputError when a mesh has no faces or bad ones, a position is not finite, or samples is 0
 SurfaceScores surface_scores(const Mesh& prediction, const Mesh& truth, const SurfaceOptions& options = {});
 
-/// The same with search structures that exist already, which belong to the same meshes.
+/// As above, with search structures that exist already, which belong to the same meshes.
 SurfaceScores surface_scores(const Mesh& prediction, const geometry::NearestSurface& prediction_surface,
                              const Mesh& truth, const geometry::NearestSurface& truth_surface,
                              const SurfaceOptions& options = {});

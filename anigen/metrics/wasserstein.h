@@ -43,7 +43,7 @@ TransportPlan exact_transport(const Eigen::MatrixXd& cost, const Eigen::VectorXd
 TransportPlan network_simplex_transport(const Eigen::MatrixXd& cost, const Eigen::VectorXd& a,
                                         const Eigen::VectorXd& b);
 
-/// The same on masses in units. @param cost [n,m] finite
+/// As above, on masses in units. @param cost [n,m] finite
 /// @param rounding by how much the plan's cost, in units * cost, may at most exceed the optimum
 /// @return the cells of the plan, masses in units, sorted by row then column
 std::vector<PlanCell> network_simplex_cells(const RowMatrix& cost, const MassUnits& units, double& rounding);

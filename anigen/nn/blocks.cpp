@@ -48,7 +48,7 @@ Tensor CrossBlockImpl::forward(const Tensor& x, const Ragged& items, const Tenso
 
 namespace {
 
-// What one half of the block takes from the modulation, [B, C] each.
+// Modulation of one half of the block, [B, C] each.
 struct AdaptiveNorm {
   Ragged items;  // of the same length
   Tensor shift, scale, gate;

@@ -95,7 +95,7 @@ class ModulatedCrossBlockImpl : public torch::nn::Module {
 };
 TORCH_MODULE(ModulatedCrossBlock);
 
-/// The same without cross attention. Keys `attn.*`, `mlp.mlp.{0,2}.*`, `adaLN_modulation.1.*`.
+/// As above, without cross attention. Keys `attn.*`, `mlp.mlp.{0,2}.*`, `adaLN_modulation.1.*`.
 class ModulatedBlockImpl : public torch::nn::Module {
  public:
   explicit ModulatedBlockImpl(const ModulatedBlockOptions& options);

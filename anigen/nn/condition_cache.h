@@ -42,7 +42,7 @@ class KeptContexts {
 /// The context that a model makes of its condition: make(), or what it gave before. The last two are kept.
 Tensor context_of(const void* model, const Tensor& condition, const std::function<Tensor()>& make);
 
-/// What a cross attention makes of a context: make(), or what it gave before for a tensor that context_of() gave.
+/// Keys and values of a context: make(), or what it gave before for a tensor that context_of() gave.
 /// Other contexts, such as another stream's features, are new at every step, and nothing is kept of them.
 KeptContexts::Tensors projected_context(const void* attention, const Tensor& context, const KeptContexts::Make& make);
 

@@ -62,7 +62,7 @@ TORCH_MODULE(TimestepEmbedder);
 torch::Tensor joint_count_features(const torch::Tensor& joints_num, std::int64_t most, std::int64_t bands,
                                    torch::Dtype dtype);
 
-/// How many joints an asset shall have, as an addition to the time embedding of a stream (reference
+/// Number of joints of an asset, as an addition to the time embedding of a stream (reference
 /// flows-and-pipeline.md, 2.6): joint_count_features · Linear · SiLU · Linear; counts of 0 and below stand for no wish
 /// and give a learned vector instead. Keys `0.*`, `2.*`; the vector belongs to the model, under a name of its own.
 class JointCountEmbedderImpl : public torch::nn::Module {

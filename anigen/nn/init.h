@@ -17,7 +17,7 @@ namespace anigen::nn {
 /// their random numbers, by chance and far apart.
 at::Generator numbered_generator(std::uint64_t seed, std::string_view purpose, std::uint64_t index);
 
-/// What a model's constructor leaves in its parameters.
+/// Initial values that a model's constructor leaves.
 enum class Init {
   kPublished,  ///< the published initial values, drawn from torch's default generator (seed it with torch::manual_seed)
   kNone        ///< nothing: memory is reserved but not written; load every tensor (strictly) before use

@@ -44,7 +44,7 @@ TORCH_MODULE(Mlp);
 
 using torch::Tensor;
 
-/// Whether bf16 products on this CPU are better done in fp32: LibTorch then has no bf16 kernel of its own but a loop
+/// True when bf16 products on this CPU are better done in fp32: LibTorch then has no bf16 kernel of its own but a loop
 /// more than ten times slower (no oneDNN, or no AVX-512). @param x, weight of a linear layer
 bool prefers_widened_linear(const Tensor& x, const Tensor& weight);
 
@@ -89,7 +89,7 @@ Tensor gelu_tanh(const Tensor& x);
 /// out]
 Tensor fused_mlp(const Tensor& x, const Tensor& w1, const Tensor& b1, const Tensor& w2, const Tensor& b2);
 
-/// Whether fused_mlp applies to this input and is the faster way.
+/// True when fused_mlp applies to this input and is the faster way.
 bool prefers_fused_mlp(const Tensor& x, const Tensor& w1);
 
 }  // namespace anigen::nn

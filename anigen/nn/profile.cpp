@@ -102,7 +102,7 @@ struct Began : at::ObserverContext {
   Clock::time_point at = Clock::now();
 };
 
-// What the nodes of a backward pass do outside operators has little to tell, so it counts as one.
+// Time of backward nodes outside operators has little to tell, so it counts as one.
 std::string plain_name(const std::string& name) {
   const bool node = name.rfind("autograd::engine", 0) == 0 || name.rfind("torch::autograd", 0) == 0;
   return node ? "step: backward, handing out gradients" : name;

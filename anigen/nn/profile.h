@@ -20,7 +20,7 @@ void warn_about_blas();
 /// Lines for --version: LibTorch, BLAS, CUDA.
 std::string version_details();
 
-/// What every program that computes with tensors does first; the whole policy on threads is here and in
+/// Set-up of every program that computes with tensors; the whole policy on threads is here and in
 /// core/parallel.h.
 ///  - Threads: core::parallel_for (TBB), LibTorch's operators and our kernels (OpenMP), and OpenBLAS and oneDNN inside
 ///    them, which use the same OpenMP threads, all get `threads`; 0: default_thread_count(). Parts that run beside each
@@ -49,7 +49,7 @@ class OperatorProfile {
   /// So far, longest first.
   std::vector<Row> rows() const;
 
-  /// What an operator is for: the text before the colon of our own scopes; of LibTorch's operators "matrix products"
+  /// Purpose of an operator: the text before the colon of our own scopes; of LibTorch's operators "matrix products"
   /// (dense convolutions count as such), else "elementwise and copies".
   static std::string group_of(const std::string& name);
 

@@ -8,7 +8,7 @@
 
 namespace anigen::nn {
 
-/// How the rows of a concatenated batch [ΣN, C] fall into items of different length. Row-wise layers (Linear, norms)
+/// Division of the rows of a concatenated batch [ΣN, C] into items of different length. Row-wise layers (Linear, norms)
 /// then run as one product over all rows, and only attention needs to know where an item begins and ends.
 class Ragged {
  public:
@@ -21,7 +21,7 @@ class Ragged {
   /// Row where item i begins.
   std::int64_t offset(std::int64_t item) const { return offsets_[static_cast<std::size_t>(item)]; }
 
-  /// Where the items begin, and the number of rows, as ragged_attention() takes them: [items + 1] int64, CPU.
+  /// First row of every item, and the number of rows, as ragged_attention() takes them: [items + 1] int64, CPU.
   Tensor row_offsets() const;
 
   /// Views of the items, [N_i, C] each. The backward pass is one concatenation, unlike slicing row ranges.
@@ -49,7 +49,7 @@ struct RaggedProblem {
   float scale;                                         ///< 1 / √D
 };
 
-/// What a thread does at a time: some heads of some queries of a sequence that has keys.
+/// Unit of work of a thread: some heads of some queries of a sequence that has keys.
 struct RaggedTask {
   std::int64_t sequence, first_head, heads, first_query, queries;
 };
@@ -59,7 +59,7 @@ struct RaggedTask {
 /// other finds their pages open. @param most_queries of a task; blocks of a sequence are about equally long
 std::vector<RaggedTask> ragged_tasks(const RaggedProblem& problem, std::int64_t most_queries);
 
-/// How many of `total` rows go into a block: as few blocks as possible of at most `most`, about equally long.
+/// Number of `total` rows in a block: as few blocks as possible of at most `most`, about equally long.
 std::int64_t even_block(std::int64_t total, std::int64_t most);
 
 /// One head of a task.

@@ -49,7 +49,7 @@ struct LoadReport {
 ///   missing and unexpected keys
 LoadReport load_state_dict(torch::nn::Module& module, const io::NamedArrays& arrays, LoadMode mode,
                            const std::string& source = "");
-/// The same, giving back each array's bytes as soon as they are in the model: a file of gigabytes then needs its size
+/// Overload that frees each array's bytes as soon as they are in the model: a file of gigabytes then needs its size
 /// once, since memory that a model was given without initial values is not used before it is written.
 LoadReport load_state_dict(torch::nn::Module& module, io::NamedArrays&& arrays, LoadMode mode,
                            const std::string& source = "");
@@ -81,17 +81,17 @@ struct RunModel {
 /// @throws InputError naming folder or file when the run, the model or its weights are missing
 RunModel find_run_model(const std::filesystem::path& run, const std::string& class_name, const std::string& ckpt = "");
 
-/// Whether a folder's checkpoints lie beside the state of the training that wrote them; a published folder has none.
+/// True when a folder's checkpoints lie beside the state of the training that wrote them; a published folder has none.
 /// @throws InputError when its files cannot be listed
 bool has_training_state(const std::filesystem::path& run);
 
-/// Whether weights or their moving average (EMA) are wanted.
+/// True when weights or their moving average (EMA) are wanted.
 enum class Averages { kUsual, kAlways, kNever };
 
-/// The same for a flow, of any of several class names. Without a name of a file kUsual takes what the kind of folder is
-/// usually used with: the newest averages of a run that was trained here, the weights themselves of a published folder
-/// (reference flows-and-pipeline.md, 6.4). @throws InputError as find_run_model(), also when what is asked for is
-/// missing
+/// As above, for a flow, of any of several class names. Without a name of a file kUsual takes what the kind of folder
+/// is usually used with: the newest averages of a run that was trained here, the weights themselves of a published
+/// folder (reference flows-and-pipeline.md, 6.4). @throws InputError as find_run_model(), also when what is asked for
+/// is missing
 RunModel find_flow_model(const std::filesystem::path& run, const std::vector<std::string>& class_names,
                          const std::string& ckpt = "", Averages averages = Averages::kUsual);
 

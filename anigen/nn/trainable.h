@@ -24,7 +24,7 @@ void freeze_modules(torch::nn::Module& module, const std::vector<std::string>& n
 /// State-dict keys of the parameters that ask for no gradient, in registration order.
 std::vector<std::string> frozen_parameters(const torch::nn::Module& module);
 
-/// What the encoders and decoders of the sparse structure and of the structured latents do alike: freezing and
+/// Base of the encoders and decoders of the sparse structure and of the structured latents: freezing and
 /// precision. Parameters are fp32 until one of the conversions below.
 class StreamCoder : public torch::nn::Module {
  public:

@@ -12,7 +12,7 @@ Tensor unpatchify(const Tensor& patches, std::int64_t patch);  ///< inverse of p
 /// memory format, contiguous or ChannelsLast3d.
 Tensor pixel_shuffle_3d(const Tensor& volume, std::int64_t scale);
 
-/// Whether volume_convolution can stand for torch::conv3d with this stride and padding: fp32 on a CPU, a 3³ kernel,
+/// True when volume_convolution can stand for torch::conv3d with this stride and padding: fp32 on a CPU, a 3³ kernel,
 /// stride 1 and padding 1, and an input with values.
 bool volume_convolution_supports(const Tensor& x, const Tensor& weight, std::int64_t stride, std::int64_t padding);
 
@@ -23,8 +23,8 @@ bool volume_convolution_supports(const Tensor& x, const Tensor& weight, std::int
 /// @param weight [O, I, 3, 3, 3] @param bias [O] @return [B, O, X, Y, Z], ChannelsLast3d
 Tensor volume_convolution(const Tensor& x, const Tensor& weight, const Tensor& bias);
 
-/// Whether torch::conv3d without padding is a product of dense rows with a matrix: an fp32 volume on a CPU, a kernel as
-/// long as its stride, and edges that are multiples of it (1³, or 2³ of stride 2).
+/// True when torch::conv3d without padding is a product of dense rows with a matrix: an fp32 volume on a CPU, a kernel
+/// as long as its stride, and edges that are multiples of it (1³, or 2³ of stride 2).
 bool patch_convolution_supports(const Tensor& x, const Tensor& weight, std::int64_t stride, std::int64_t padding);
 
 /// Convolution of stride k and padding 0, as such a product. @param x [B, I, X, Y, Z] @param weight [O, I, k, k, k]

@@ -309,7 +309,7 @@ namespace {
 
 using Eigen::Matrix4d;
 
-/// Where everything goes.
+/// New index of every joint.
 struct Plan {
   std::vector<int> kept;     ///< old numbers in the new order, parents first
   std::vector<int> number;   ///< [J] new number, -1 for a removed joint

@@ -25,13 +25,13 @@ struct ShareRange {
   double least = 1.0, most = 1.0;
 };
 
-/// What to do with several joints in one place.
+/// Handling of several joints in one place.
 enum class DuplicateJoints { kKeep, kMerge };
-/// What to do with joints that move no vertex: keep them, take away those without children (again and again), or all
+/// Handling of joints that move no vertex: keep them, take away those without children (again and again), or all
 /// of them, giving their children to their parent.
 enum class UnusedJoints { kKeep, kPruneLeaves, kPruneAll };
 
-/// Which assets are left out and what is changed in the others while they are imported. The default does nothing:
+/// Rules that leave assets out or change them on import. The default does nothing:
 /// every measure is recorded all the same and QualityLimits turn it into is_bad_skeleton and is_bad_skin.
 struct CleaningOptions {
   CountRange vertices, joints;
@@ -82,7 +82,7 @@ class CleanedOut : public InputError {
   CleaningFinding finding_;
 };
 
-/// What only the importer knows.
+/// Facts that only the importer knows.
 struct ReadQuality {
   double lowest_weight_sum = 1.0;  ///< of a vertex with weights, before rows were divided by their sum
   std::size_t repeated_names = 0;  ///< joints whose name in the file another joint has, too
@@ -95,7 +95,7 @@ struct ReadQuality {
 std::vector<CleaningFinding> clean(Asset& asset, const ReadQuality& quality, const CleaningOptions& options,
                                    const std::string& file);
 
-/// How often each rule took each action: counts["duplicate_joints"]["changed"].
+/// Count of each action by rule: counts["duplicate_joints"]["changed"].
 using CleaningCounts = std::map<std::string, std::map<std::string, std::size_t>>;
 void count(const std::vector<CleaningFinding>& findings, CleaningCounts& counts);
 
@@ -108,7 +108,7 @@ std::optional<CleaningFinding> merge_duplicate_joints(Asset& asset, double dista
 /// @return what was pruned, if anything
 std::optional<CleaningFinding> prune_unused_joints(Asset& asset, UnusedJoints which);
 
-/// Which joints of a skeleton a coarser rig of `wanted` joints keeps: those without weights go first, then, one at a
+/// Joints that a coarser rig of `wanted` joints keeps: those without weights go first, then, one at a
 /// time, the joint nearest to its parent among what is left, as somebody with fewer joints to spend would leave out
 /// the twist helper before the elbow. The root always stays.
 /// @param weighted [J] whether a joint has weights
@@ -125,7 +125,7 @@ std::optional<CleaningFinding> coarsen_skeleton(Asset& asset, const ShareRange& 
 
 /// Takes joints out of an asset. What stays keeps its world transform in the bind pose, in the rest pose and in every
 /// animation; keys of joints that hang elsewhere afterwards are made anew at the times of all keys that moved them.
-/// Where several joints are left without a parent, the one nearest to their mean becomes the root and takes the others
+/// When several joints are left without a parent, the one nearest to their mean becomes the root and takes the others
 /// (reference anymate-baselines.md, 1.3).
 /// @param heir per joint: itself when it stays, else the joint that stays, of a smaller number, which gets its weights
 /// and children, or -1 for a joint without weights above all that stay

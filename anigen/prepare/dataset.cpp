@@ -185,7 +185,7 @@ std::size_t enter_outcomes(const std::vector<AssetSource>& sources, const std::v
   return reused;
 }
 
-/// What one shard of several can say before the merge.
+/// Summary of one shard before the merge.
 PrepareSummary shard_summary(const Manifest& manifest) {
   PrepareSummary summary;
   summary.merged = false;

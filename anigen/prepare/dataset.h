@@ -17,7 +17,7 @@
 
 namespace anigen::prepare {
 
-/// What the finished dataset says about its assets; may be changed without making any of them again.
+/// Tables of the finished dataset; may be changed without making any of them again.
 struct TableOptions {
   SplitOptions split;
   QualityLimits limits;
@@ -94,7 +94,7 @@ struct SharedPhase {
 /// @throws what Executor::each() throws
 std::vector<SourceOutcome> run_phase(const SharedPhase& phase, const LeaseFolder& leases, Executor& executor);
 
-/// What the process that wrote the tables of a run leaves for the others, run/finished-<i>-of-<n>.json: that they are
+/// Note of the process that wrote the tables of a run, for the others, run/finished-<i>-of-<n>.json: that they are
 /// written, and what is in them. @return nothing when they are not written yet
 std::optional<PrepareSummary> read_finished(const std::filesystem::path& out, const Shard& shard);
 void write_finished(const std::filesystem::path& out, const Shard& shard, const PrepareSummary& summary);  ///< atomic

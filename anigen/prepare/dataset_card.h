@@ -21,7 +21,7 @@ struct HistogramBin {
   std::size_t count = 0;
 };
 
-/// How numbers are spread: with equal bins of a round width, or, when they span more than two decades, bins at 1, 2, 5,
+/// Histogram of numbers: with equal bins of a round width, or, when they span more than two decades, bins at 1, 2, 5,
 /// 10, 20, … @return at most `most` bins, none without values
 std::vector<HistogramBin> histogram(const std::vector<double>& values, std::size_t most = 12);
 

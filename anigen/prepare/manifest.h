@@ -45,7 +45,7 @@ class FailureLog {
   /// Replaces the files of all processes by one with these failures. @param failures with their sources, in order
   void finish(const std::vector<std::pair<const AssetSource*, const StepFailure*>>& failures);
 
-  /// What all shards failed at so far; a line that a kill cut off is left out.
+  /// Failures of all shards so far; a line that a kill cut off is left out.
   static KnownFailures read(const std::filesystem::path& out);
 
  private:
@@ -59,7 +59,7 @@ class FailureLog {
 /// The line, without its end.
 std::string failure_line(const AssetSource& source, const StepFailure& failure);
 
-/// What a step cost over all assets of a run.
+/// Cost of a step over all assets of a run.
 struct StepCost {
   std::vector<double> seconds;
   std::uint64_t peak_bytes = 0;
@@ -108,7 +108,7 @@ struct ManifestEntry {
   std::vector<StepFailure> failures;  ///< of the source and its variants
 };
 
-/// What a finished shard leaves for the merge, run/sources-<i>-of-<n>.jsonl: how the run was set up, then a line for
+/// Report of a finished shard for the merge, run/sources-<i>-of-<n>.jsonl: how the run was set up, then a line for
 /// each source. The facts about assets are in their records.
 struct Manifest {
   Shard shard;

@@ -23,7 +23,7 @@ namespace anigen::prepare {
 /// (aesthetic_score, near_skeleton_of, feature_<model>), are not carried over. @param earlier without ids: nothing
 void carry_over_columns(CsvTable& table, const CsvTable& earlier);
 
-/// What to do with an asset whose skeleton is nearly that of an earlier one (near_duplicates()).
+/// Handling of an asset whose skeleton is nearly that of an earlier one (near_duplicates()).
 enum class NearSkeletons { kIgnore, kFlag, kDrop };
 NearSkeletons parse_near_skeletons(const std::string& word);  ///< ignore, flag, drop @throws InputError
 const char* name_of(NearSkeletons choice);
@@ -48,7 +48,7 @@ struct Rejected {
   std::string rule;  ///< of cleaning, when one dropped it
 };
 
-/// What the manifests and the records together say.
+/// Rows of the manifests and the records together.
 struct DatasetRows {
   std::vector<DatasetRow> rows;  ///< in order of sources; each source before its variants
   std::vector<Rejected> rejected;
@@ -64,7 +64,7 @@ DatasetRows collect_rows(const std::filesystem::path& out, const std::vector<Man
 /// num_voxels, cond_rendered, feature_<model>) and our own. aesthetic_score appears when every row has one.
 CsvTable dataset_table(const std::vector<DatasetRow>& rows, const QualityLimits& limits);
 
-/// How usable assets are divided. Variants follow their source: those of a test asset are never trained on.
+/// Split of usable assets. Variants follow their source: those of a test asset are never trained on.
 struct SplitOptions {
   std::uint64_t seed = 0;
   /// Of the usable real assets. Without this and without a count, a source that brings its own test flags keeps them,
@@ -94,7 +94,7 @@ void mark_test(std::vector<DatasetRow>& rows, const SplitOptions& options, const
 SplitCounts write_splits(const std::filesystem::path& out, const std::vector<DatasetRow>& rows,
                          const QualityLimits& limits);
 
-/// What is missing in a dataset that should be complete: of every source and every posed variant there must be a record
+/// Missing parts of a dataset that should be complete: of every source and every posed variant there must be a record
 /// or the failure that kept it out; every step of the plan must be recorded, unless one of this asset failed, and of
 /// every such record all files must be there, with as many bytes as it says. Looks at names and sizes, on all threads,
 /// and reads no contents: files come into being by rename, so one of the right size is whole.
@@ -128,7 +128,7 @@ class Pieces {
   std::size_t tasks_, per_piece_;
 };
 
-/// Where the files of all pieces lie.
+/// Folder of the files of all pieces.
 std::filesystem::path pieces_folder(const std::filesystem::path& out);
 
 }  // namespace anigen::prepare

@@ -47,7 +47,7 @@ std::string topology_of(const std::vector<int>& parents) {
   return parents.empty() ? "" : texts[at(number)];
 }
 
-/// Whether every joint of `a` has one of its depth in `b` within `limit`.
+/// True when every joint of `a` has one of its depth in `b` within `limit`.
 bool covered(const SkeletonDescriptor& a, const SkeletonDescriptor& b, double limit) {
   for (std::size_t i = 0; i < a.joints(); ++i) {
     bool found = false;

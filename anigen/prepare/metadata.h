@@ -19,7 +19,7 @@
 
 namespace anigen::prepare {
 
-/// What is kept of a skeleton to compare it with those of other assets: where joints are in the skeleton's own bounding
+/// Descriptor of a skeleton, compared with those of other assets: where joints are in the skeleton's own bounding
 /// box (centre at the origin, longest side 1), and how they hang together, whatever their order and names. Small enough
 /// for a record, so that shards of a dataset can be compared after they were merged.
 struct SkeletonDescriptor {
@@ -37,7 +37,7 @@ SkeletonDescriptor describe(const Skeleton& skeleton);
 Json to_json(const SkeletonDescriptor& descriptor);
 SkeletonDescriptor skeleton_descriptor_from_json(const Json& json);
 
-/// Whether the trees are equal, every joint of each has one of the same depth in the other within `tolerance` (in the
+/// True when the trees are equal, every joint of each has one of the same depth in the other within `tolerance` (in the
 /// unit of the longest side), and their mean bone lengths differ by no more than twice that.
 bool near(const SkeletonDescriptor& a, const SkeletonDescriptor& b, double tolerance);
 
@@ -51,7 +51,7 @@ inline constexpr double kNearSkeleton = 0.01;
 std::vector<std::optional<std::size_t>> near_duplicates(const std::vector<SkeletonDescriptor>& descriptors,
                                                         double tolerance = kNearSkeleton, std::size_t least_joints = 4);
 
-/// What was measured when an asset was imported. Depends on its content only, never on where it lay or on limits,
+/// Measurements of an asset on import. Depends on its content only, never on where it lay or on limits,
 /// so that it can be kept beside the asset and reused.
 struct AssetRecord {
   std::string source;  ///< "real" or "procedural:<family>"
@@ -99,7 +99,7 @@ std::vector<bool> choose_test(const std::vector<std::string>& ids, std::size_t c
 /// round(fraction · n). @throws InputError when the fraction is not in [0, 1]
 std::size_t test_count(std::size_t n, double fraction);
 
-/// What the features of one asset are computed from.
+/// Input of the features of one asset.
 struct FeatureRequest {
   const Asset& asset;                          ///< normalised into [-0.5, 0.5]³, Z up, in its bind pose
   const std::vector<geometry::Voxel>& voxels;  ///< [N] surface voxels, sorted
@@ -116,18 +116,18 @@ class FeatureExtractor {
 
   /// The folder under features/ and the column feature_<name> of metadata.csv.
   virtual std::string name() const = 0;
-  /// What the values depend on besides the asset and its views: weights by content, number of views used, version
+  /// Inputs of the values besides the asset and its views: weights by content, number of views used, version
   /// of the method. Outputs made under another fingerprint are made again.
   virtual std::string fingerprint() const { return name(); }
   virtual int channels() const = 0;
-  /// Whether FeatureRequest::views must hold transforms.json and its pictures.
+  /// True when FeatureRequest::views must hold transforms.json and its pictures.
   virtual bool needs_views() const = 0;
   /// @return float16 [N, channels()], rows in the order of request.voxels
   /// @throws InputError naming a view that cannot be read
   virtual io::NdArray extract(const FeatureRequest& request) const = 0;
 };
 
-/// Which extractor, as the command line names it.
+/// Extractor, as the command line names it.
 struct FeatureOptions {
   std::string model;              ///< "surface", "dinov2_vits14_reg", "dinov2_vitl14_reg", …; empty for none
   std::filesystem::path weights;  ///< .pth or .safetensors of a learned model

@@ -18,7 +18,7 @@ namespace anigen::prepare {
 /// turned as the faces around them turned (vertices split at a seam share theirs), joint frames as given. Everything
 /// else but the animations is copied; those are dropped. Not normalised.
 ///
-/// Where frames carry scale that differs by axis, a frame relative to its parent can be sheared, which translation,
+/// When frames carry scale that differs by axis, a frame relative to its parent can be sheared, which translation,
 /// rotation and scale cannot say; all frames are then replaced by their rotations. Frames are free to
 /// choose: the mesh is at rest in this pose.
 /// @param world joint → world of the pose, [J], finite and invertible
@@ -75,10 +75,10 @@ class OwnMotion {
   double total_way_ = 0.0;
 };
 
-/// What is wrong with a clip's keys; empty when nothing is.
+/// Problem of a clip's keys; empty when nothing is.
 std::string broken_keys(const Animation& animation, std::size_t joints);
 
-/// How further samples are made of an asset by posing it (paper, section 4.1.1; reference training-and-data.md,
+/// Options of posed variants of an asset (paper, section 4.1.1; reference training-and-data.md,
 /// section 6). Probability and largest angle are the paper's; it gives nothing of the rest.
 struct PoseAugmentation {
   bool own_motion = true;          ///< poses from the asset's animations where they move it; false: always random

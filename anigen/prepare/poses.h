@@ -15,9 +15,9 @@
 
 namespace anigen::prepare {
 
-/// What a pose did to a mesh; "before" is the source's bind pose. Files exist whose animations play the whole object at
-/// a hundredth of its bind pose's size. Since posed meshes are normalised again, that is not collapse: everything after
-/// `scale` is measured after division by it.
+/// Effect of a pose on a mesh; "before" is the source's bind pose. Files exist whose animations play the whole object
+/// at a hundredth of its bind pose's size. Since posed meshes are normalised again, that is not collapse: everything
+/// after `scale` is measured after division by it.
 struct PoseMeasures {
   bool finite = true;                  ///< every vertex, and within 1,000 times the source's size
   double scale = 1.0;                  ///< root of the faces' median change of area, each weighted by its area before
@@ -83,7 +83,7 @@ class PoseChecks {
 enum class PoseKind { kAnimation, kRandom };
 std::string to_string(PoseKind kind);  ///< "animation", "random"
 
-/// Where a posed variant came from, or why there is none.
+/// Origin of a posed variant, or the reason why there is none.
 struct Provenance {
   std::string source_id;
   std::uint64_t seed = 0;

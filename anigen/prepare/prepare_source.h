@@ -28,7 +28,7 @@ Json variant_columns(const Json& source, const Asset* posed, const Provenance& p
 /// x → scale · x + offset, from the source to the dataset.
 Similarity normalisation_of(const Json& columns);
 bool is_rejected_pose(const Json& columns);
-/// Whether this version of the program understands them.
+/// True when this version of the program understands them.
 bool readable(const Json& columns);
 /// @throws InputError when they are not what import_columns() or variant_columns() made
 AssetRecord record_from_columns(const Json& columns);
@@ -43,14 +43,14 @@ struct StepFailure {
   std::string rule;  ///< of cleaning, when one dropped the asset
 };
 
-/// What one step cost.
+/// Cost of one step.
 struct StepTiming {
   std::string step;
   double seconds = 0;
   std::uint64_t peak_bytes = 0;  ///< most memory in RAM of the whole process meanwhile
 };
 
-/// What became of one asset: the source itself, or one of its posed variants.
+/// Outcome of one asset: the source itself, or one of its posed variants.
 struct AssetOutcome {
   std::string id;
   std::size_t variant = 0;  ///< 0: the source itself, k + 1: its posed variant k
@@ -75,7 +75,7 @@ struct SourceOutcome {
   std::vector<AssetOutcome> assets;  ///< the source itself first, then its variants
 };
 
-/// What workers and their parent say to each other.
+/// JSON messages between workers and their parent.
 Json to_json(const StepFailure& failure);
 StepFailure step_failure_from_json(const Json& json);
 Json to_json(const SourceTask& task);
@@ -94,8 +94,8 @@ using StepObserver = std::function<void(const StepBegin&)>;
 /// Takes sources through the steps of a plan: the source itself, then its posed variants. Made once per process; with
 /// no feature extractor prepare() may be called from several threads.
 ///
-/// What records/<id>.json says is up to date is not made again. A step that fails leaves the others that do not need
-/// it to go on. Killed at any moment, the same call goes on from the last step that was recorded.
+/// A result that records/<id>.json calls up to date is not made again. A step that fails leaves the others that do not
+/// need it to go on. Killed at any moment, the same call goes on from the last step that was recorded.
 class SourcePreparer {
  public:
   /// @param extractor for the features; null when the plan wants none
@@ -115,7 +115,7 @@ class SourcePreparer {
   io::RigReader reader_;  ///< keeps the shard that was read last open
 };
 
-/// Where variant k of an asset is called a variant: see StepFailure::variant.
+/// Rule for the names of an asset's variants: see StepFailure::variant.
 inline std::size_t variant_number(std::size_t k) { return k + 1; }
 
 struct PreparedAsset {
@@ -127,10 +127,10 @@ struct PreparedAsset {
 /// @param reader kept by the caller over many calls, so that shards are not opened for every sample
 /// @throws InputError, NotSupportedError for a file that cannot be used, CleanedOut when a rule drops it
 PreparedAsset import_asset(const AssetSource& source, const CleaningOptions& cleaning, const io::RigReader& reader);
-/// The same without cleaning.
+/// As above, without cleaning.
 PreparedAsset import_asset(const AssetSource& source);
 
-/// How many vertices got weights that were not in the file, as the importer's notes tell.
+/// Number of vertices got weights that were not in the file, as the importer's notes tell.
 std::size_t invented_rows(const std::vector<io::ImportNote>& notes);
 
 }  // namespace anigen::prepare

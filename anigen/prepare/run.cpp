@@ -40,7 +40,7 @@ bool is_temporary(const std::string& name) {
 
 constexpr const char kJob[] = "job";
 
-/// What all who work on one run have in common; and in which array job of a cluster, where they are in one.
+/// Identity of a run, shared by all who work on it, with the array job of a cluster where there is one.
 Json identity_of(const Manifest& run) {
   const char* job = std::getenv("SLURM_ARRAY_JOB_ID");
   return {{"shards", run.shard.count},

@@ -37,18 +37,19 @@ class RunAlone {
   FileLock lock_;
 };
 
-/// Where a run keeps what is not part of the dataset: locks, leases, failures, timings, lists of what each shard made.
+/// Folder of the files of a run that are not part of the dataset: locks, leases, failures, timings, lists of what each
+/// shard made.
 std::filesystem::path run_folder(const std::filesystem::path& out);
 /// Leases on the pieces of a run.
 std::filesystem::path leases_folder(const std::filesystem::path& out);
-/// What says that the tables of a shard's run are written; see finished_run.h.
+/// Mark that the tables of a shard's run are written.
 std::filesystem::path finished_file(const std::filesystem::path& out, const Shard& shard);
 
 /// Removes the temporary files that killed processes left in a dataset (see AtomicFile), at any depth. Only while
 /// nobody writes there. @return how many
 std::size_t sweep_temporary_files(const std::filesystem::path& out);
 
-/// How the work is done; nothing of it shows in the dataset.
+/// Options of the work; nothing of it shows in the dataset.
 struct RunOptions {
   Shard shard;
   std::vector<std::string> worker_command;  ///< empty: in this process, on its threads, without limits

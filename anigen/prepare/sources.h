@@ -14,7 +14,7 @@
 
 namespace anigen::prepare {
 
-/// Where one asset of a dataset comes from: a rig on disk, or a number of the procedural generator. Plain data: as JSON
+/// Source of one asset of a dataset: a rig on disk, or a number of the procedural generator. Plain data: as JSON
 /// it can be handed to another process, which opens it again.
 struct AssetSource {
   io::RigFormat format = io::RigFormat::kGltf;  ///< not used for a creature
@@ -60,7 +60,7 @@ inline constexpr std::size_t kMaxDenseSkinBytes = std::size_t{2} << 30;
 /// @throws InputError when the dense weights would exceed kMaxDenseSkinBytes
 void write_skeleton_archive(const std::filesystem::path& path, const Asset& asset);
 
-/// How far apart the two most similar bones are: the smallest, over pairs of joints other than the root, of the
+/// Distance of the two most similar bones: the smallest, over pairs of joints other than the root, of the
 /// largest coordinate difference between their vectors from the parent. The skin auto-encoder tells joints apart by
 /// these vectors (reference autoencoders.md, 1.1), so equal ones give equal tokens.
 /// @param joints [J] normalised positions @param parents [J], -1 for the root
@@ -72,7 +72,7 @@ double closest_bones(const std::vector<Eigen::Vector3f>& joints, const std::vect
 /// @return 0 without joints
 double outside_share(const std::vector<Eigen::Vector3d>& joints, const Box& box);
 
-/// What decides `is_bad_skeleton` and `is_bad_skin`.
+/// Limits that decide `is_bad_skeleton` and `is_bad_skin`.
 struct QualityLimits {
   std::size_t min_joints = 3;
   std::size_t max_joints = 100;

@@ -13,7 +13,7 @@
 
 namespace anigen::prepare {
 
-/// What one step left behind for one asset.
+/// Result of one step for one asset.
 struct StepResult {
   std::string fingerprint;          ///< see StepRecords::fingerprint()
   int version = 1;                  ///< of the step
@@ -46,7 +46,7 @@ StepRecords read_step_records(const std::filesystem::path& file);
 /// Atomic; steps in alphabetical order, whatever order they ran in.
 void write_step_records(const std::filesystem::path& file, const std::string& id, const StepRecords& records);
 
-/// Where the files of one asset lie in a dataset: the published names (reference training-and-data.md, 1.1) and our
+/// Paths of the files of one asset in a dataset: the published names (reference training-and-data.md, 1.1) and our
 /// own assets/ and records/.
 struct AssetPlaces {
   std::filesystem::path out;
@@ -73,7 +73,7 @@ class AssetJob {
   const std::string& id() const { return places_.id; }
   /// @throws what load throws
   const Asset& asset();
-  /// What put the source into [-0.5, 0.5]³; known once the first step is done.
+  /// Transform that put the source into [-0.5, 0.5]³; known once the first step is done.
   const Similarity& normalisation() const { return normalisation_; }
   void set_normalisation(const Similarity& similarity) { normalisation_ = similarity; }
   /// The surface voxels as the voxel step wrote them. @throws InputError when the file is damaged
@@ -116,7 +116,7 @@ class Step {
 /// Number and size of files. @return false when one is missing
 bool measure_files(const std::vector<std::filesystem::path>& files, StepResult& result);
 
-/// Whether the record says that the step was done by this version on these inputs, and its outputs are there,
+/// True when the record says that the step was done by this version on these inputs, and its outputs are there,
 /// complete. @param any_options also takes what was made under other options of the step itself
 bool up_to_date(const Step& step, const AssetPlaces& places, const StepRecords& records, bool any_options = false);
 

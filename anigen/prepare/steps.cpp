@@ -259,7 +259,7 @@ Json ConditionViewStep::run(AssetJob& job) const {
 
 namespace {
 
-/// What the published system renders (reference training-and-data.md, 1.1), for `--steps views` without a number.
+/// Views that the published system renders (reference training-and-data.md, 1.1), for `--steps views` without a number.
 constexpr std::size_t kPublishedViews = 150, kPublishedConditionViews = 24;
 
 ViewSettings with_count(ViewSettings settings, std::size_t published, std::uint64_t seed) {

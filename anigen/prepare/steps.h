@@ -26,7 +26,7 @@ void write_voxel_ply(const std::filesystem::path& path, std::vector<geometry::Vo
 /// @throws InputError naming the file, and the row of a point that is in no voxel
 std::vector<geometry::Voxel> read_voxel_ply(const std::filesystem::path& path, int resolution);
 
-/// The same row by row, in the file's order and with its repetitions: the order that features/<model>/<id>.npz follows.
+/// Rows one by one, in the file's order and with its repetitions: the order that features/<model>/<id>.npz follows.
 std::vector<geometry::Voxel> read_voxel_rows(const std::filesystem::path& path, int resolution);
 
 /// voxels/<id>.ply and voxels/<id>_skeleton.ply: the voxels that the surface touches and those that the bones cross.
@@ -129,7 +129,7 @@ class ConditionViewStep : public Step {
   ViewSettings settings_;
 };
 
-/// What to make of every asset.
+/// Steps to run on every asset.
 struct StepPlan {
   /// Of step_words(). Empty: import, asset, skeleton and voxels, and whatever else has a number or a model below.
   std::vector<std::string> steps;
@@ -142,7 +142,7 @@ struct StepPlan {
   CleaningOptions cleaning;
   std::uint64_t seed = 0;  ///< of poses and cameras
 
-  /// Whether a word is among the steps, named or by default.
+  /// True when a word is among the steps, named or by default.
   bool wants(const std::string& word) const;
   /// @throws InputError naming the option: an unknown step, features without a model, sizes out of range
   void validate() const;

@@ -177,7 +177,7 @@ std::string WorkerProcess::wait() {
 
 namespace {
 
-/// How often memory and time are looked at. A worker that allocates 4 GB/s overshoots its budget by 100 MB.
+/// Interval between checks of memory and time. A worker that allocates 4 GB/s overshoots its budget by 100 MB.
 constexpr int kWatchMilliseconds = 25;
 constexpr std::size_t kMostStillborn = 3;
 
@@ -409,7 +409,7 @@ class HereExecutor : public Executor {
   SourcePreparer preparer_;
 };
 
-/// What to do when a worker died over a task: a crash that no limit explains may have come from outside (somebody's
+/// Handling of a worker that died over a task: a crash that no limit explains may have come from outside (somebody's
 /// kill, the kernel short of memory), so the step gets a second chance; after that, and for a limit at once, it counts
 /// as failed and the rest of the task goes on without it.
 class Undertaker {

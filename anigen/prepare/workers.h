@@ -60,7 +60,7 @@ struct PoolOptions {
   std::uint64_t memory_bytes = 0;  ///< resident, per worker; 0: no limit
 };
 
-/// What a worker was doing when it died.
+/// Activity of a worker when it died.
 struct WorkerDeath {
   enum class Cause { kTimeout, kMemory, kCrash };
   Cause cause = Cause::kCrash;
@@ -68,7 +68,7 @@ struct WorkerDeath {
   Json at;             ///< the last "step" message of the task; null when there was none
 };
 
-/// What the pool asks of its owner. All calls come from the thread that called run().
+/// Callbacks of the pool to its owner. All calls come from the thread that called run().
 struct PoolClient {
   /// The next task, or null when there is none left.
   std::function<std::optional<Json>()> next;

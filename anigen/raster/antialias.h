@@ -6,7 +6,7 @@
 
 namespace anigen::raster {
 
-/// Which triangles lie at an edge, for edges with any number of them.
+/// Triangles at an edge, for edges with any number of them.
 class EdgeNeighbours {
  public:
   /// @param faces [F, 3], valid; fewer than 2³¹ of each

@@ -25,8 +25,8 @@ struct CutPlane {
   void put_onto(ClipPoint& p) const { p[axis] = sign * (offset - scale * p[3]); }
 };
 
-// Where an edge meets the plane. From the end nearer to the plane, so that a far end of huge coordinates does not drown
-// the result; and the same bits whichever end comes first.
+// Intersection of an edge with the plane. From the end nearer to the plane, so that a far end of huge coordinates does
+// not drown the result; and the same bits whichever end comes first.
 ClipPoint crossing(const CutPlane& plane, const ClipPoint& a, double distance_a, const ClipPoint& b,
                    double distance_b) {
   if (std::abs(distance_a) > std::abs(distance_b)) return crossing(plane, b, distance_b, a, distance_a);
@@ -80,7 +80,7 @@ namespace {
 
 constexpr double kGuardPixels = 32768.0;  // farther out, triangles are cut, so that positions fit in 32 bits
 
-// Whether all corners lie beyond the same face of the view volume.
+// True when all corners lie beyond the same face of the view volume.
 bool outside_view(const std::array<ClipPoint, 3>& p) {
   for (std::size_t axis = 0; axis < 3; ++axis) {
     if (p[0][axis] > p[0][3] && p[1][axis] > p[1][3] && p[2][axis] > p[2][3]) return true;

@@ -38,7 +38,7 @@ struct ClipPolygon {
   }
 };
 
-/// Whether all corners have w > 0, |z| ≤ w, |x| ≤ guard_x w and |y| ≤ guard_y w.
+/// True when all corners have w > 0, |z| ≤ w, |x| ≤ guard_x w and |y| ≤ guard_y w.
 bool inside_view(const std::array<ClipPoint, 3>& triangle, double guard_x, double guard_y);
 
 /// The part of a triangle of which inside_view() holds; fewer than three points when there is none. Triangles that
@@ -116,7 +116,8 @@ struct PixelTriangle {
 
 using torch::Tensor;
 
-/// What every pixel shows. Row 0 is y/w = −1. Differentiable: gradients of `barycentric` reach x, y, w of the vertices.
+/// Visible triangle and barycentric coordinates of every pixel. Row 0 is y/w = −1. Differentiable: gradients of
+/// `barycentric` reach x, y, w of the vertices.
 struct Fragments {
   Tensor barycentric;  ///< [H, W, 2]: u, v of the first and second corner, perspective correct; 0 for background
   Tensor depth;        ///< [H, W]: z/w in [-1, 1]; no gradient

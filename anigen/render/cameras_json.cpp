@@ -168,7 +168,7 @@ constexpr std::uintmax_t kLargestFile = std::uintmax_t{256} << 20;
 constexpr double kLargestNumber = 1e6;  ///< far outside any object of size 1
 constexpr double kRigid = 1e-3;         ///< single-precision writers round to 1e-6
 
-/// Where a value is in the file, for messages.
+/// Place of a value in the file, for messages.
 struct Place {
   const std::string& file;
   std::string pointer;

@@ -79,8 +79,8 @@ struct Frame {
   Eigen::Matrix4d camera_to_world = Eigen::Matrix4d::Identity();  ///< Blender's form: looks along −Z, +Y up
 };
 
-/// What `renders/<id>/transforms.json` and `renders_cond/<id>/transforms.json` hold (reference training-and-data.md,
-/// 1.1).
+/// Contents of `renders/<id>/transforms.json` and `renders_cond/<id>/transforms.json` hold (reference
+/// training-and-data.md, 1.1).
 struct Transforms {
   Box aabb{Eigen::Vector3d::Constant(-0.5), Eigen::Vector3d::Constant(0.5)};  ///< of the normalised frame
   double scale = 1.0;  ///< x → scale · x + offset normalised the source mesh

@@ -16,7 +16,7 @@ struct ViewOptions {
   int size = 512;            ///< pixels on a side, 1 … 16384; the published renders: 512, their conditions: 1024
   int samples_per_axis = 2;  ///< this many squared rays per pixel for what is anti-aliased (box filter), 1 … 16
 
-  // Which channels of ViewImages to fill; the others stay empty and cost nothing.
+  // Channels of ViewImages to fill; the others stay empty and cost nothing.
   bool color = true;
   bool mean_normal = false;
   bool geometry = false;    ///< depth, normal, mask
@@ -105,7 +105,7 @@ std::vector<std::uint8_t> encode_depth_png(const ViewImages& view);
 std::vector<float> decode_depth_png(const std::vector<std::uint8_t>& bytes, const std::string& name_for_errors,
                                     int& width, int& height);
 
-/// What the view has of `depth` f32 [S,S], `normal` f32 [S,S,3], `mask` u8 [S,S], `face` i32 [S,S] and `barycentric`
+/// Channels of a view: `depth` f32 [S,S], `normal` f32 [S,S,3], `mask` u8 [S,S], `face` i32 [S,S] and `barycentric`
 /// f32 [S,S,3], for io::write_npz.
 io::NamedArrays view_arrays(const ViewImages& view);
 

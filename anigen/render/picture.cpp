@@ -92,7 +92,7 @@ struct Capsule {
   Eigen::Vector3f color;
 };
 
-/// How much of the pixel around (x, y) the capsule grown by `grow` covers.
+/// Share of the pixel around (x, y) covered by the capsule grown by `grow`.
 double coverage(const Capsule& capsule, double x, double y, double grow) {
   const Eigen::Vector2d p(x, y), along = capsule.to - capsule.from;
   const double squared = along.squaredNorm();

@@ -76,7 +76,7 @@ struct PictureOptions {
 /// index or array length), a texture cannot be decoded, or kWeights finds no weights for every vertex
 io::Image render(const Asset& asset, const PictureOptions& options = {});
 
-/// The same for a scene that is already set up; options.vertices is ignored.
+/// As above, for a scene that is already set up; options.vertices is ignored.
 io::Image render(const Scene& scene, const PictureOptions& options);
 
 /// The camera render() uses.

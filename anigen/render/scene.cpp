@@ -51,7 +51,7 @@ Camera oriented(const Orbit& orbit, int width, int height) {
   return camera;
 }
 
-/// Where the eye must be for everything to lie inside the frustum, relative to the target and along the camera's axes.
+/// Position of the eye for everything to lie inside the frustum, relative to the target and along the camera's axes.
 struct Placement {
   double right = 0.0, up = 0.0, back = 0.0;
 };

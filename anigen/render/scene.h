@@ -26,7 +26,7 @@ struct Camera {
   /// Direction of the ray through a point of the picture, of such a length that its part along `forward` is 1: what it
   /// meets at distance t has depth t.
   Eigen::Vector3d ray(double x, double y) const;
-  /// The same with unit length.
+  /// As above, with unit length.
   Eigen::Vector3d direction(double x, double y) const;
   /// Picture x, y and the depth along `forward`; x and y mean nothing where depth ≤ 0.
   Eigen::Vector3d project(const Eigen::Vector3d& point) const;
@@ -39,7 +39,7 @@ struct Orbit {
   double pitch_degrees = 15.0;  ///< in [-90, 90]
   double fov_degrees = 30.0;    ///< vertical, in [1, 150]
   double margin = 1.1;          ///< > 1 leaves a border around the object
-  /// What to look at and fit. Without it, all vertices, as large and as central in the picture as they go. Give the
+  /// Points to look at and fit. Without it, all vertices, as large and as central in the picture as they go. Give the
   /// box of a whole animation to keep the camera still: the eye then turns around the centre of that box.
   std::optional<Box> fit;
   std::optional<double> distance;  ///< from the centre of the box to the eye, which then looks at that centre
@@ -90,7 +90,7 @@ struct PixelSum {
   }
 };
 
-/// Where a ray met the mesh.
+/// Hit of a ray on the mesh.
 struct Hit {
   std::int32_t face = -1;  ///< -1: nothing was hit
   double distance = 0.0;   ///< along the direction, in its length
@@ -120,7 +120,7 @@ class Scene {
   std::array<Hit, kBundle> trace(const Eigen::Vector3d& origin,
                                  const std::array<Eigen::Vector3f, kBundle>& directions) const;
 
-  /// Whether anything lies between the origin and `distance` along the unit direction.
+  /// True when anything lies between the origin and `distance` along the unit direction.
   bool occluded(const Eigen::Vector3f& origin, const Eigen::Vector3f& direction, float distance) const;
 
   /// A point near the hit from which shadow rays start: lifted to the smooth surface that the vertex normals imply,

@@ -143,7 +143,7 @@ constexpr int kMostLayers = 1024;    ///< of holes behind each other; more ends 
 constexpr double kStep = 4e-6;       ///< relative; how far behind a hole a ray goes on: above Embree's rounding
 constexpr double kSmallStep = 1e-9;  ///< the same where the hole is at the ray's very start
 
-/// Where a face is sampled to judge a material: near its corners and in the middle.
+/// Sample points of a face to judge a material: near its corners and in the middle.
 const std::array<Eigen::Vector3f, 4> kProbes = {Eigen::Vector3f(1.0f / 3, 1.0f / 3, 1.0f / 3),
                                                 Eigen::Vector3f(0.8f, 0.1f, 0.1f), Eigen::Vector3f(0.1f, 0.8f, 0.1f),
                                                 Eigen::Vector3f(0.1f, 0.1f, 0.8f)};

@@ -42,7 +42,7 @@ LightRig dataset_lights();
 
 class Cutout;
 
-/// What a rig makes of a scene.
+/// Scene of a posed rig.
 class Studio {
  public:
   /// @param occlusion_rays per shading point, for the light from all around; 0 switches the occlusion off
@@ -50,7 +50,7 @@ class Studio {
   /// @param holes where light passes through surfaces; nullptr: nowhere
   Studio(const Scene& scene, const LightRig& rig, int occlusion_rays, bool shadows, const Cutout* holes = nullptr);
 
-  /// What a white surface reflects at a hit, linear grey; about 1 where fully lit.
+  /// Light that a white surface reflects at a hit, linear grey; about 1 where fully lit.
   float light(const Hit& hit, PixelSequence& sequence) const;
 
   /// Darkness in [0, 1) that the object casts on a floor under it, at the ray's point on the floor; 0 where the ray
@@ -70,7 +70,7 @@ class Studio {
   bool shadows_;
 };
 
-/// Where a surface is a hole because its base colour texture is transparent there: leaf cards, hair, torn cloth.
+/// Holes of a surface whose base colour texture is transparent: leaf cards, hair, torn cloth.
 ///
 /// An asset does not say whether a material means its alpha or only stores it (games keep other masks there), so a
 /// material's alpha counts only where it leaves something of the material: when more than kLargestHole of its surface

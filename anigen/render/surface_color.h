@@ -30,10 +30,10 @@ class Texture {
   bool opaque_ = true;
 };
 
-/// Where a hit lies in the mesh's textures; the mesh must have uvs.
+/// Texture coordinates of a hit; the mesh must have uvs.
 Eigen::Vector2f texture_coordinates(const Mesh& mesh, const Hit& hit);
 
-/// What colour the surface has before light, for every picture mode: set up once per picture.
+/// Colour of the surface before light, for every picture mode: set up once per picture.
 class SurfaceColor {
  public:
   /// @throws InputError as render()

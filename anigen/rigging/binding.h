@@ -12,7 +12,7 @@
 namespace anigen::rigging {
 
 /// The heaviest influences of every row, collected joint by joint, so that [rows, joints] never has to be kept.
-/// Which influences are kept does not depend on the order in which they are offered; of equal ones the lower joints.
+/// The choice of influences does not depend on the order in which they are offered; of equal ones the lower joints.
 /// Memory: rows · min(most, joints) · 8 bytes.
 class StrongestInfluences {
  public:

@@ -211,7 +211,7 @@ constexpr double kLeastWeight = 1e-8;
 using HeatMatrix = Eigen::SparseMatrix<double>;
 using HeatSolver = Eigen::SimplicialLDLT<HeatMatrix, Eigen::Lower, Eigen::AMDOrdering<int>>;
 
-/// Where a joint's heat comes in.
+/// Points at which a joint's heat enters.
 struct Inflow {
   std::int32_t place;
   double heat;

@@ -22,7 +22,7 @@ struct ClosedMesh {
 /// are left out. The frame is the field's.
 std::vector<ClosedMesh> solid_pieces(const SolidField& field);
 
-/// The same surface with fewer vertices (geometry/simplify.h), still closed. @param target_vertices at least 4
+/// Simplifies a surface to fewer vertices (geometry/simplify.h), still closed. @param target_vertices at least 4
 ClosedMesh with_fewer_vertices(const ClosedMesh& mesh, std::size_t target_vertices);
 
 /// A curve with the thickness of what is around it, as a tree of points.

@@ -40,7 +40,7 @@ double weight_at(double distance, double falloff) {
   return root * root;
 }
 
-/// Where the paths of a joint begin; their lengths are `before` cells longer than the sources say.
+/// Sources of the paths of a joint; their lengths are `before` cells longer than the sources say.
 struct JointSources {
   std::vector<PathSource> sources;
   double before = 0.0;

@@ -150,7 +150,7 @@ namespace {
 
 constexpr double kLeastScale = 0.25, kMostScale = 4.0;
 
-/// What turns and scales the template's bone into the embedded one.
+/// Similarity that takes the template's bone into the embedded one.
 Eigen::Matrix3d bone_change(const Eigen::Vector3d& wanted, const Eigen::Vector3d& embedded) {
   if (!(wanted.norm() > 1e-9) || !(embedded.norm() > 1e-9)) return Eigen::Matrix3d::Identity();
   const double scale = std::clamp(embedded.norm() / wanted.norm(), kLeastScale, kMostScale);
@@ -257,7 +257,7 @@ struct EmbeddingSpace::Implementation {
     medial_distance = distance_to_medial(field, samples);
   }
 
-  /// How much longer the mesh's box is than the template's, along each axis, when their longest sides are the same.
+  /// Ratio of the mesh's box to the template's, along each axis, when their longest sides are the same.
   Eigen::Vector3d stretch(const TemplateSkeleton& skeleton) const {
     const Eigen::Vector3d mesh_sides = field.mesh_sides / field.mesh_sides.maxCoeff();
     const Eigen::Vector3d sides = skeleton.box / skeleton.box.maxCoeff();

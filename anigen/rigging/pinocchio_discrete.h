@@ -38,7 +38,7 @@ struct EmbeddingOptions {
 /// @throws InputError naming the value that is out of its range
 void check(const EmbeddingOptions& options);
 
-/// What a step that breaks a rule costs on top: a search that obeys rules takes no step that costs this much.
+/// Extra cost of a step that breaks a rule: a search that obeys rules takes no step that costs this much.
 inline constexpr double kBrokenRule = 1.0;
 
 /// A partial embedding: the vertices of the first joints, and what follows from them.
@@ -61,7 +61,7 @@ class EmbeddingPenalties {
   /// Joint `joint` at vertex v without regard to other joints than its parent, which is at u: length, directions of
   /// the bone and of the joints along it, duplicate, extremity and foot height. The first joint has only the last.
   double lone(std::size_t joint, int u, int v) const;
-  /// What the joints placed before add: direction from siblings, symmetry, doubled ways, disjointness.
+  /// Penalties from the joints placed before: direction from siblings, symmetry, doubled ways, disjointness.
   double together(std::size_t joint, int v, const PlacedJoints& placed) const;
 
  private:
@@ -97,7 +97,7 @@ struct DiscreteEmbedding {
 /// bound carried down the tree: for a subtree that is not placed yet, the least sum of penalties that concern one bone
 /// each, over all ways to place it. The result is that of the published search, which takes up far more states.
 ///
-/// Where no embedding keeps all rules below a cost of 1, or the search has taken up options.most_states, a beam search
+/// If no embedding keeps all rules below a cost of 1, or the search has taken up options.most_states, a beam search
 /// that may break rules gives the answer: a rule that is broken costs 1. Time is so bounded by
 /// (most_states + joints · beam_width) · spheres, memory by most_states · spheres.
 DiscreteEmbedding discrete_embedding(const SphereGraph& graph, const ReducedSkeleton& skeleton,

@@ -134,7 +134,7 @@ namespace {
 
 constexpr int kVotesInside = 4;
 
-/// Whether the number of crossings below a cell is odd, for all cells of a box, along one axis. A crossing flips all
+/// True when the number of crossings below a cell is odd, for all cells of a box, along one axis. A crossing flips all
 /// cells above it, so that crossings need not be kept.
 class CrossingParity {
  public:
@@ -409,7 +409,7 @@ SolidField solid_field(const Mesh& mesh, double size, int resolution) {
   const geometry::NearestSurface nearest(surface.vertices, surface.faces);
   const std::vector<geometry::NearestPoint> found = nearest.query(centers);
   for (std::size_t i = 0; i < seeds.size(); ++i) {
-    // Where a hole was closed there is no surface, and the boundary runs between the cells.
+    // At a closed hole there is no surface, and the boundary runs between the cells.
     field.boundary.push_back(found[i].distance <= grid.spacing ? found[i].position : between[i]);
   }
 

@@ -48,7 +48,7 @@ struct CellGrid {
 void mark_surrounded(const std::vector<Eigen::Vector3d>& vertices, const std::vector<Triangle>& all_faces,
                      const std::vector<int>& faces, const CellGrid& grid, std::vector<std::uint8_t>& inside);
 
-/// What is inside a mesh, and how deep: signed distance to the boundary of the solid, negative inside, at the cells of
+/// Inside of a mesh, and its depth: signed distance to the boundary of the solid, negative inside, at the cells of
 /// a regular grid.
 ///
 /// Meshes need not be closed. A cell is inside when nothing leads from it to the outside that does not pass a cell of

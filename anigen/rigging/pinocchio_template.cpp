@@ -18,7 +18,7 @@ constexpr double kMiddle = 0.05;
 constexpr double kFootShare = 0.1;
 constexpr double kFarthestJoint = 10.0;
 
-/// Where a name says its side, the same name for the other side; else empty.
+/// Name of the joint on the other side, for a name that says its side; else empty.
 std::string other_side(const std::string& name) {
   std::string lower = name;
   for (char& c : lower) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));

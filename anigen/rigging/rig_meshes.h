@@ -39,7 +39,7 @@ std::vector<Eigen::Vector3d> placed_joints(const BoxedSkeleton& skeleton, const 
 /// @throws InputError without skeletons
 std::size_t medoid(const std::vector<BoxedSkeleton>& skeletons);
 
-/// Where the joints of a mesh come from.
+/// Source of the joints of a mesh.
 enum class JointSource {
   kGiven,     ///< the mesh's own file, or another one
   kTemplate,  ///< the middle skeleton of a collection, by bounding box (medoid())
@@ -47,7 +47,7 @@ enum class JointSource {
   kPinocchio  ///< a template embedded in the mesh (choose_template())
 };
 
-/// What makes a rig of a mesh without having learned anything.
+/// Classical rigger of a mesh.
 struct RiggingMethod {
   JointSource joints = JointSource::kGiven;
   std::optional<SkinBinding> binding = SkinBinding::kGeodesicVoxels;  ///< nothing: joints only
@@ -60,7 +60,7 @@ struct RiggingMethod {
 RiggingMethod parse_rigging_method(const std::string& method, const std::string& skin = "");
 std::vector<std::string> rigging_method_words();
 
-/// What the sources of joints need to know.
+/// Options of the sources of joints.
 struct JointOptions {
   std::filesystem::path skeleton;             ///< kGiven: the file whose joints to use, in the mesh's frame; empty: the
                                               ///< mesh's own file. kPinocchio: the template; empty: `templates`
@@ -121,7 +121,7 @@ struct LearnedSteps {
   std::function<SkinWeights(const io::RiggedShape&, const Skeleton&)> bind;
 };
 
-/// What to rig and how.
+/// Meshes to rig, and the method.
 struct RigRequest {
   std::filesystem::path meshes;               ///< a file or a folder of them
   std::vector<std::filesystem::path> splits;  ///< only what these files of ids name; none: all

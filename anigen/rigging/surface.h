@@ -51,7 +51,7 @@ struct BoneLine {
   Eigen::Vector3d start, end;
 };
 
-/// What a joint moves (geometry/bones.h).
+/// Vertices that a joint moves (geometry/bones.h).
 struct MovingBones {
   std::vector<BoneLine> lines;  ///< at least one
   bool is_tip = false;          ///< the joint has no children: its line is made up, and may leave the body

@@ -28,7 +28,7 @@ struct VoxelBlock {
     return (static_cast<std::size_t>(i) * extent(1) + static_cast<std::size_t>(j)) * extent(2) +
            static_cast<std::size_t>(k);
   }
-  /// How far apart neighbours along an axis are numbered.
+  /// Stride between neighbours along an axis.
   std::size_t stride(std::size_t axis) const { return axis == 2 ? 1 : axis == 1 ? extent(2) : extent(1) * extent(2); }
   bool holds(int i, int j, int k) const {
     return i >= 0 && j >= 0 && k >= 0 && i < size[0] && j < size[1] && k < size[2];
@@ -92,7 +92,7 @@ constexpr int kMaxSolidResolution = 512;
 SolidVoxels solid_voxels(const WeldedSurface& surface, const std::vector<MovingBones>& bones, int resolution,
                          bool validate = true);
 
-/// How far away a joint may be, at each place of a solid, and still be among the nearest few. What is farther needs no
+/// Upper bound, at each cell of a solid, of the distance of the nearest few joints. What is farther needs no
 /// paths there, nor through there: each of those few is nearer also at the end of every path that goes on. So with
 /// bounds each joint's paths stay around the joint, and the nearest few are the same, bit for bit, in whichever order
 /// joints come. Kept per block of 4³ cells, for the farthest cell of each.
@@ -121,7 +121,7 @@ class PathBounds {
   std::vector<float> nearest_;  ///< [blocks, most] ascending
 };
 
-/// Where paths begin, and what they have cost there.
+/// Sources of paths, with their initial cost.
 struct PathSource {
   std::uint32_t cell;
   float distance;  ///< in cells, in [0, 2)

@@ -91,7 +91,7 @@ constexpr int kRays = 14;
 constexpr double kHitPercentile = 20.0, kHitFactor = 2.0, kAttentionReach = 0.02;
 constexpr std::size_t kLeastAttending = 6;
 
-// Where the surface lies around one end of a bone.
+// Distances to the surface around one end of a bone.
 std::vector<Eigen::Vector3d> hits_around(const geometry::RayCaster& caster, const Eigen::Vector3d& end,
                                          const Eigen::Vector3d& along) {
   const Eigen::Vector3d side = along.unitOrthogonal(), up = along.cross(side);
@@ -284,7 +284,7 @@ Tensor bone_weights(const data::RiggedItem& item, const RignetMesh& mesh, const 
   return weights;
 }
 
-// Where points of the whole surface lie on the graph's mesh.
+// Positions of points of the whole surface on the graph's mesh.
 void put_places(const RignetMesh& mesh, const Tensor& points, RignetSample& sample) {
   const auto nearest = geometry::NearestSurface(mesh.vertices, mesh.faces)
                            .query(nn::points_of<double>(in_rignet_frame(points, mesh.frame), "points"));

@@ -23,7 +23,7 @@ MeshGraph mesh_graph(const RignetMesh& mesh, const SurfacePaths& paths, std::uin
 /// Positions as rows, [N, 3] fp32.
 torch::Tensor position_rows(const std::vector<Eigen::Vector3f>& points);
 
-/// Which vertices MaskNet is to attend to (reference anymate-baselines.md, 9.3): 14 rays go from either end of each
+/// Vertices that MaskNet is to attend to (reference anymate-baselines.md, 9.3): 14 rays go from either end of each
 /// bone at right angles to it; of an end's hits those nearer than twice their 20th percentile count, and vertices
 /// within 0.02 of one attend. Where a joint gets fewer than six this way, the six nearest to the joint do as well (the
 /// reference does not say which).
@@ -49,7 +49,7 @@ std::vector<double> volumetric_distances(const RignetMesh& mesh, const SurfacePa
 /// @param distances of volumetric_distances @param slots at least 1
 BoneSlots bone_slots(const std::vector<double>& distances, const BoneEnds& bones, std::int64_t slots);
 
-/// How meshes become graphs.
+/// Options for graphs of meshes.
 struct RignetMeshOptions {
   std::size_t most_vertices = 2000;     ///< larger meshes are simplified
   std::size_t geodesic_samples = 4000;  ///< of the surface, for distances along it

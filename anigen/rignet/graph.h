@@ -35,7 +35,7 @@ Tensor edge_sums(const Tensor& at_target, const Tensor& at_source, const EdgeSet
 /// @throws InputError for shapes or an empty run
 Tensor run_maxima(const Tensor& values, const Tensor& offsets);
 
-/// The same two by LibTorch's own operators, which other devices use; equal values share the gradient.
+/// Both sums by LibTorch's own operators, which other devices use; equal values share the gradient.
 Tensor indexed_edge_sums(const Tensor& at_target, const Tensor& at_source, const EdgeSet& edges);
 Tensor scattered_maxima(const Tensor& values, const Tensor& offsets);
 
@@ -53,7 +53,7 @@ struct MeshGraph {
   }
 };
 
-/// The same meshes in one batch. @param graphs at least one, on the same device
+/// Joins meshes into one batch. @param graphs at least one, on the same device
 MeshGraph joined(const std::vector<MeshGraph>& graphs);
 
 /// [B + 1] int64 from the number of rows of each item, on the CPU.
@@ -91,7 +91,7 @@ using torch::Tensor;
 /// @param x [N, C]
 Tensor batch_normed(torch::nn::BatchNorm1d& norm, const Tensor& x);
 
-/// What every multilayer perceptron of RigNet is made of, in this order: Linear, ReLU, batch norm (reference
+/// Layers of every multilayer perceptron of RigNet, in this order: Linear, ReLU, batch norm (reference
 /// anymate-baselines.md, 9.3). Keys `linear.*`, `norm.*`.
 class ReluNormImpl : public torch::nn::Module {
  public:
@@ -116,7 +116,7 @@ class DenseStackImpl : public torch::nn::Module {
 };
 TORCH_MODULE(DenseStack);
 
-/// What comes to each point along its edges: the largest, channel by channel, of MLP([x_i, x_j − x_i]) over the edges
+/// Aggregation at each point along its edges: the largest, channel by channel, of MLP([x_i, x_j − x_i]) over the edges
 /// from j to i, the MLP being two layers of out channels (reference anymate-baselines.md, 9.3). The first layer is
 /// linear in both halves, so it is computed once per point and added per edge. Keys `first.*`, `norm.*`, `second.*`.
 class EdgeMessageImpl : public torch::nn::Module {
@@ -156,7 +156,7 @@ class GraphStackImpl : public torch::nn::Module {
 };
 TORCH_MODULE(GraphStack);
 
-/// What one model of RigNet is for; the published system trains one after the other.
+/// Task of one model of RigNet; the published system trains one after the other.
 enum class Task {
   kJoints,        ///< JointNet, MaskNet and the bandwidth of their clustering
   kConnectivity,  ///< BoneNet and RootNet

@@ -277,7 +277,7 @@ Tensor skin_slot_loss(const Tensor& logits, const Tensor& weights) {
 
 Tensor scattered_to_bones(const Tensor& shares, const Tensor& slots, std::int64_t bones) {
   anymate::require_shape(shares, slots.sizes().vec(), "shares");
-  // What is in no bone's slot goes to a column that is dropped.
+  // An entry in no bone's slot goes to a column that is dropped.
   const Tensor columns = torch::where(slots < 0, torch::full_like(slots, bones), slots);
   return torch::zeros({shares.size(0), bones + 1}, shares.options())
       .scatter_add(1, columns, shares)

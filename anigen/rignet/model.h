@@ -28,7 +28,7 @@ class VertexNetworkImpl : public torch::nn::Module {
 };
 TORCH_MODULE(VertexNetwork);
 
-/// Where the vertices of meshes go, so that they gather at joints, and how much each counts.
+/// Displacements that gather the vertices of meshes at joints, with the weight of each.
 struct DisplacedVertices {
   Tensor points;            ///< [V, 3]: vertices, each moved by at most 1 along an axis
   Tensor attention_logits;  ///< [V]
@@ -87,7 +87,7 @@ TORCH_MODULE(SetAbstraction);
 /// Features beside positions, for the MLP that codes whole sets. @param features [N, C] @return [N, C + 3]
 Tensor with_positions(const Tensor& features, const PointSets& points);
 
-/// What BoneNet and RootNet look at: meshes, their joints, and every pair of joints of one mesh. RigNet's frame.
+/// Input of BoneNet and RootNet: meshes, their joints, and every pair of joints of one mesh. RigNet's frame.
 struct ConnectivityInput {
   MeshGraph graph;
   PointSets joints;
@@ -211,7 +211,7 @@ Tensor skin_slot_loss(const Tensor& logits, const Tensor& weights);
 /// Shares of slots as shares of bones. @param shares [V, S] @param slots BoneSlots::bones @return [V, bones]
 Tensor scattered_to_bones(const Tensor& shares, const Tensor& slots, std::int64_t bones);
 
-/// What RigNet does to predicted weights: each row becomes the mean of its neighbours' along mesh edges, without its
+/// Smoothing of predicted weights in RigNet: each row becomes the mean of its neighbours' along mesh edges, without its
 /// own; entries below `least` of the row's largest go; rows are divided by their sums. A vertex without neighbours
 /// keeps its row. @param weights [V, K] @param ring of MeshGraph, each vertex being among its own sources
 /// @return [V, K] @throws InputError for shapes

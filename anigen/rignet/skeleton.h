@@ -22,7 +22,7 @@ Tensor epanechnikov(const Tensor& points, const Tensor& bandwidth);
 
 using torch::Tensor;
 
-/// How joints come out of displaced vertices; defaults are published (reference anymate-baselines.md, 9.3).
+/// Clustering of displaced vertices into joints; defaults are published (reference anymate-baselines.md, 9.3).
 struct JointClusters {
   double bandwidth = 0.04;        ///< in units of the longest side
   double least_attention = 1e-3;  ///< vertices must attend by more
@@ -43,7 +43,7 @@ struct JointClusters {
 Tensor clustered_joints(const Tensor& points, const Tensor& attention, const Tensor& inside,
                         const JointClusters& options = {});
 
-/// What RigNet knows of the joints of one mesh, in its frame.
+/// RigNet's prediction of the joints of one mesh, in its frame.
 struct JointGraph {
   std::vector<Eigen::Vector3d> joints;  ///< [J], J ≥ 1
   Eigen::MatrixXd bone;                 ///< [J, J] probabilities, symmetric
@@ -55,13 +55,13 @@ struct JointGraph {
 /// cheapest edge at a time, an edge costing −ln(p + 1e-10), or twice the number of samples outside where that is above
 /// one, and half of it between joints within 0.02 of x = 0 (reference anymate-baselines.md, 9.3).
 ///
-/// Where the joints are mirror images of each other, as clustered_joints() makes them, so is the tree: a root beside
+/// If the joints are mirror images of each other, as clustered_joints() makes them, so is the tree: a root beside
 /// the middle gives way to the nearest joint of the middle, and a joint of the side x > 0 brings its twin along, whose
 /// parent is the twin of its own. Joints that are not, or of which none lies in the middle, are taken one at a time.
 /// @return [J], -1 for the root @throws InputError for shapes or numbers that are not finite
 std::vector<int> skeleton_tree(const JointGraph& graph);
 
-/// How a model's joints are read off: with its own bandwidth and symmetry.
+/// Clustering options of a model's joints: with its own bandwidth and symmetry.
 JointClusters clusters_of(RignetModelImpl& model);
 
 /// Tree and probabilities of one mesh. No gradient is recorded.

@@ -12,7 +12,7 @@
 
 namespace anigen::rignet {
 
-/// Where RigNet's models expect an object: Y up, longest side 1, the middle of its box at x = z = 0, its lowest point
+/// Frame that RigNet's models expect: Y up, longest side 1, the middle of its box at x = z = 0, its lowest point
 /// at y = 0 (reference anymate-baselines.md, 9.3). Half of Anymate's frame, moved up.
 class RignetFrame {
  public:
@@ -45,7 +45,7 @@ struct RignetMesh {
 RignetMesh rignet_mesh(const std::vector<Eigen::Vector3f>& vertices, const std::vector<Triangle>& faces,
                        std::size_t most_vertices);
 
-/// What is inside a mesh, by solid voxels of 1/88 of its longest side (reference anymate-baselines.md, 9.3), walls
+/// Inside of a mesh, by solid voxels of 1/88 of its longest side (reference anymate-baselines.md, 9.3), walls
 /// included; the mesh need not be closed (rigging/voxels.h). Questions are asked in RigNet's frame.
 class SolidShape {
  public:
@@ -63,7 +63,7 @@ class SolidShape {
   };
   Way way(const Eigen::Vector3d& from, const Eigen::Vector3d& to) const;
 
-  /// The same between all of some joints. @return [J, J] fp32 each, symmetric, their diagonals those of a point
+  /// As above, between all of some joints. @return [J, J] fp32 each, symmetric, their diagonals those of a point
   struct Ways {
     torch::Tensor inside, outside;
   };

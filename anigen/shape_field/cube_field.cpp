@@ -75,7 +75,7 @@ SortedCubes sorted_cubes(const Tensor& coords, std::int64_t resolution, const Gr
   return sorted;
 }
 
-// Which vertex each corner is: targets by cube and corner, sources with one slot per corner number.
+// Vertex of each corner: targets by cube and corner, sources with one slot per corner number.
 RowLinks link_corners(const SortedCubes& cubes, const GridSet& vertices, const GridNumbering& grid) {
   const auto cube_count = static_cast<std::int64_t>(cubes.numbers.size());
   const auto vertex_count = static_cast<std::int64_t>(vertices.size());

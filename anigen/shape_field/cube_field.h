@@ -13,7 +13,7 @@ inline constexpr std::int64_t kMostCubeResolution = 1 << 20;
 /// Flexible weights of a cube: beta 12, alpha 8, gamma 1.
 inline constexpr std::int64_t kCubeWeights = 21;
 
-/// What a decoder predicts in one active cube of an R³ grid, one value per corner; corner k of cube c is grid vertex
+/// Prediction of a decoder in one active cube of an R³ grid, one value per corner; corner k of cube c is grid vertex
 /// c + o_k, x fastest: o = 000, 100, 010, 110, 001, 101, 011, 111 (reference autoencoders.md, 3.8). Values are fp32 or
 /// fp64, all of one type and on one device.
 struct CubeCorners {

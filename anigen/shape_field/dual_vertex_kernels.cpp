@@ -156,7 +156,7 @@ namespace {
 constexpr std::int64_t kCubesPerTask = 256;
 constexpr int kMostEdges = FlexicubesTables::kMostEdges;
 
-// Where an edge meets the surface: share_a · a + share_b · b, with shares that add up to 1.
+// Crossing of an edge with the surface: share_a · a + share_b · b, with shares that add up to 1.
 template <typename T>
 struct EdgeCrossing {
   int a = 0, b = 0;  // corners of the cube
@@ -271,7 +271,7 @@ struct DualScratch {
   std::vector<T> value, gradient;
 };
 
-// Where the gradients of one cube go.
+// Destination of the gradients of one cube.
 template <typename T>
 struct CubeGradients {
   T *corners, *alpha, *beta;

@@ -7,7 +7,7 @@ namespace anigen::shape_field {
 
 using torch::Tensor;
 
-/// Which row of a table each entry of a list belongs to, known in both directions: gathering rows and summing entries
+/// Row of a table that each entry of a list belongs to, known in both directions: gathering rows and summing entries
 /// are then each other's derivative, and both run in parallel with sums in one fixed order.
 struct RowLinks {
   Tensor targets;  ///< [N] int64: row of the table, or −1 for none

@@ -13,7 +13,7 @@ namespace {
 using torch::autograd::AutogradContext;
 using torch::autograd::variable_list;
 
-// What the kernels need of a topology, as tensors that a backward pass can keep.
+// Topology as the kernels need it, as tensors that a backward pass can keep.
 enum SavedTensor : std::size_t { kRows, kAlpha, kBeta, kCorners, kCornerSources, kCases, kFirstDual, kFirstCrossing };
 
 template <typename T>

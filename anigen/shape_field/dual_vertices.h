@@ -16,7 +16,7 @@ struct DualVertices {
 DualVertices dual_vertices(const Tensor& rows, const Tensor& alpha, const Tensor& beta, const DualTopology& topology,
                            bool with_deviation);
 
-/// The same by tensor operations on lists of all crossing edges: the formula as one would write it down. What other
+/// As above, by tensor operations on lists of all crossing edges: the formula as one would write it down. What other
 /// devices use, and what the kernels are tested against.
 DualVertices tensor_dual_vertices(const Tensor& rows, const Tensor& alpha, const Tensor& beta,
                                   const DualTopology& topology, bool with_deviation);

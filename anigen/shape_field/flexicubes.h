@@ -29,7 +29,7 @@ struct FlexicubesTables {
   /// is flagged too; zeros without a flag.
   std::array<std::array<std::int16_t, 5>, kCases> ambiguity{};
 
-  /// The same groups seen from an edge: its group, its place in that group; −1 for an edge that does not cross.
+  /// Groups by edge: its group, its place in that group; −1 for an edge that does not cross.
   std::array<std::array<std::int8_t, kCubeEdges>, kCases> group_of_edge{}, slot_of_edge{};
   std::array<std::int16_t, kCases> crossings{};  ///< number of crossing edges
 };

@@ -17,11 +17,12 @@ namespace anigen::shape_field {
 Tensor interpolate_from_nearest(const CubeField& field, const Tensor& features, const Tensor& points,
                                 std::int64_t count, bool deformed);
 
-/// The same by trilinear interpolation in the undeformed grid, zero at vertices that no active cube touches
+/// As above, by trilinear interpolation in the undeformed grid, zero at vertices that no active cube touches
 /// (`vertex_skin_feat_interp_trilinear`). Differentiable in features and points. @return [P, S]
 Tensor interpolate_trilinearly(const CubeField& field, const Tensor& features, const Tensor& points);
 
-/// How the channels of a fine voxel are laid out and turned into a mesh (reference autoencoders.md, 3.8 and 4).
+/// Layout of the channels of a fine voxel, as they are read and turned into a mesh (reference autoencoders.md, 3.8 and
+/// 4).
 ///
 /// Skin features of mesh vertices normally pass through FlexiCubes like colours. With `skin_interp_sparse` they are
 /// taken from the eight nearest active grid vertices instead; `skin_interp_nearest` (from one), `skin_interp_trilinear`
@@ -63,7 +64,7 @@ struct ExtractedMesh {
 /// @throws InputError when shapes do not fit, or for a voxel outside the grid or twice
 ExtractedMesh extract_mesh(const Tensor& coords, const Tensor& feats, const MeshFieldOptions& options, bool training);
 
-// How pictures are compared as losses (reference training-and-data.md, 3.3). Pictures are [N, C, H, W], colours or
+// Losses between images (reference training-and-data.md, 3.3). Pictures are [N, C, H, W], colours or
 // encoded normals in [0, 1]; everything can be differentiated.
 
 /// The 11×11 Gaussian window of SSIM, deviation 1.5 pixels, sum 1. @return [11, 11] fp32
@@ -99,7 +100,7 @@ struct PerceptualLoss {
 PerceptualLoss perceptual_loss(const torch::Tensor& a, const torch::Tensor& b, const PerceptualOptions& options,
                                const PictureDistance& distance);
 
-// What a decoded shape is compared with: pictures of the true mesh from the same camera, and the true depth as a
+// Targets of a decoded shape: pictures of the true mesh from the same camera, and the true depth as a
 // truncated signed distance (reference training-and-data.md, 3.3, geo_loss and color_loss).
 
 /// Arguments of the published trainer, names and defaults.
@@ -126,7 +127,7 @@ struct ProjectedPoints {
 ProjectedPoints project_points(const torch::Tensor& points, const torch::Tensor& extrinsics,
                                const torch::Tensor& intrinsics);
 
-/// Where the signed distances of tsdf_loss() are cut off, in units of the box: 3/R.
+/// Truncation of the signed distances of tsdf_loss(), in units of the box: 3/R.
 double tsdf_truncation(std::int64_t resolution);
 
 /// Mean over the grid points in front of the truncation of (s − clamp(q, ±3/R))², q = true depth − the point's depth;

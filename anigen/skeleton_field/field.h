@@ -26,7 +26,7 @@ std::vector<NearestJoints> nearest_joints(const std::vector<Eigen::Vector3d>& po
 
 /// κ = 1 − min(1, d₁² / (d₂² + 1e-8)): 1 at a joint, 0 halfway between two, and 0 with a single joint.
 double joint_confidence(const NearestJoints& nearest);
-/// What the losses take instead: max(0.1, κ).
+/// Confidence target of the losses: max(0.1, κ).
 double target_confidence(const NearestJoints& nearest);
 
 /// Whose position stands in for the parent of a joint that has none.
@@ -50,7 +50,7 @@ std::vector<JointFieldPoint> joint_field(const std::vector<Eigen::Vector3d>& poi
                                          const std::vector<Eigen::Vector3d>& joints, const std::vector<int>& parents,
                                          RootParent root = RootParent::kFirstJoint);
 
-/// What a voxel votes for: the inverse of the residual field.
+/// Vote of a voxel: the inverse of the residual field.
 struct JointVote {
   Eigen::Vector3d joint, parent;                           ///< positions
   double joint_confidence = 0.0, parent_confidence = 0.0;  ///< in (0, 1)

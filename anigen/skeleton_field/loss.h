@@ -5,7 +5,7 @@
 
 namespace anigen::skeleton_field {
 
-// What the votes of skeleton voxels for their joint and its parent are compared with (reference training-and-data.md,
+// Targets of the votes of skeleton voxels for their joint and its parent (reference training-and-data.md,
 // 3.3, skeleton terms, and 5).
 
 struct SkeletonLossOptions {
@@ -20,7 +20,7 @@ struct SkeletonLossOptions {
   static SkeletonLossOptions compatible(const std::string& compatibility);
 };
 
-/// What each skeleton voxel ought to say.
+/// Target of each skeleton voxel.
 struct SkeletonTargets {
   torch::Tensor joints;      ///< [J, 3] fp32
   torch::Tensor joint;       ///< [M] int64, the nearest joint

@@ -161,7 +161,7 @@ class JointParts {
     }
   }
 
-  /// The same for all joints of a part.
+  /// As above, for all joints of a part.
   std::size_t of(std::size_t joint) {
     while (leaders_[joint] != joint) {
       leaders_[joint] = leaders_[leaders_[joint]];

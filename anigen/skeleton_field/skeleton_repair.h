@@ -9,7 +9,7 @@ namespace anigen::skeleton_field {
 /// @pre parents are in [-1, J)
 std::vector<std::vector<int>> parent_cycles(const std::vector<int>& parents);
 
-/// The same with -1 for every parent out of range.
+/// As above, with -1 for every parent out of range.
 std::vector<int> parents_in_range(const std::vector<int>& parents);
 
 /// In double, the precision in which distances between joints are compared.
@@ -25,7 +25,7 @@ std::vector<Eigen::Vector3d> checked_joints(const std::vector<Eigen::Vector3f>& 
 std::vector<int> repair_parents_as_published(const std::vector<Eigen::Vector3f>& joints,
                                              const std::vector<int>& parents);
 
-/// What hop_distances says of joints that are not connected.
+/// Value of hop_distances for joints that are not connected.
 inline constexpr int kUnreachableHops = 1 << 29;
 
 /// Hops between joints along the undirected skeleton, kUnreachableHops between joints that are not connected. Parents
@@ -36,7 +36,7 @@ struct RootedTree {
   std::vector<int> order;    ///< old index of each joint, parents before children
   std::vector<int> parents;  ///< in the new order: -1 for joint 0 alone
 };
-/// What the world outside needs, beyond the published repair: one root, no cycle, parents before children. A cycle is
+/// Guarantees beyond the published repair: one root, no cycle, parents before children. A cycle is
 /// opened at its joint nearest to a joint that does not hang on it. Further roots, in index order, become children of
 /// the nearest joint outside their own subtree; the root is the one with the largest subtree, of equal ones the first.
 /// Joints keep their order as far as parents come first: a tree that is sound already comes back as it is.

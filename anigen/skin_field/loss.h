@@ -8,7 +8,7 @@
 
 namespace anigen::skin_field {
 
-/// What the sum of gt (log gt − log pred) over all points and joints of an asset is divided by.
+/// Divisor of the sum of gt (log gt − log pred) over all points and joints of an asset.
 enum class SkinKlMean {
   kElements,  ///< V·J, as the published code does by a slip of an argument (reference training-and-data.md, 3.1)
   kRows       ///< V, the mean divergence of a point, as the paper says
@@ -41,13 +41,13 @@ struct SkinLosses {
 SkinLosses skin_losses_from_log(const std::vector<torch::Tensor>& log_predicted,
                                 const std::vector<torch::Tensor>& target, const SkinLossOptions& options);
 
-/// The same from the weights themselves.
+/// As above, from the weights themselves.
 SkinLosses skin_losses(const std::vector<torch::Tensor>& predicted, const std::vector<torch::Tensor>& target,
                        const SkinLossOptions& options);
 
-// What the dual skin field is compared with (reference training-and-data.md, 3.3, skin terms). Of one asset.
+// Targets of the dual skin field (reference training-and-data.md, 3.3, skin terms). Of one asset.
 
-/// What vertices of a predicted mesh ought to have, read off the true mesh; no gradients.
+/// Targets at the vertices of a predicted mesh, read off the true mesh; no gradients.
 struct SkinTargets {
   torch::Tensor weights;   ///< [V, J'] rows sum to 1: true weights, columns of the joints that were predicted
   torch::Tensor features;  ///< [V, F]; undefined: there are none

@@ -62,7 +62,7 @@ class NearestSurface;
 
 namespace anigen::skin_field {
 
-/// How features move from the vertices of a mesh to points in space: each point takes a weighted mean of three
+/// Interpolation of features from the vertices of a mesh to points in space: each point takes a weighted mean of three
 /// vertices. Worked out once per asset without gradients; linear in the features, so that gradients flow through
 /// mixed().
 struct VertexMix {

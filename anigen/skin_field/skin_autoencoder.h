@@ -133,7 +133,7 @@ class SkinDecoderImpl : public torch::nn::Module {
   /// @return per asset [V, J] fp32
   std::vector<torch::Tensor> logits(const torch::Tensor& vertex_features, const nn::Ragged& vertices,
                                     const torch::Tensor& joint_features, const SkeletonBatch& skeletons);
-  /// What the points of a skeleton are compared with, whatever and however many they are.
+  /// Number-independent encoding of a skeleton, to which points are compared.
   struct JointKeys {
     std::vector<torch::Tensor> rounds;  ///< [ΣJ, M] before each round with a vertex cross block
     std::vector<torch::Tensor> keys;    ///< per asset [J, M]
@@ -192,7 +192,7 @@ class SkinAutoEncoderImpl : public torch::nn::Module {
   Output forward(const std::vector<torch::Tensor>& joints, const std::vector<torch::Tensor>& parents,
                  const std::vector<torch::Tensor>& skin);
 
-  /// What a training step needs: log weights per asset [V, J] (see SkinDecoder::decode_log).
+  /// Outputs for a training step: log weights per asset [V, J] (see SkinDecoder::decode_log).
   std::vector<torch::Tensor> reconstruct_log(const SkeletonBatch& skeletons, const std::vector<torch::Tensor>& skin);
 
   struct JointCode {

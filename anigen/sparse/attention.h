@@ -8,7 +8,7 @@
 
 namespace anigen::sparse {
 
-/// Who attends to whom: "full" inside an item, or "swin" inside shifted windows.
+/// Scope of attention: "full" inside an item, or "swin" inside shifted windows.
 struct AttentionScope {
   bool windowed = false;
   std::int64_t window = 8, shift = 0;

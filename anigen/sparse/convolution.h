@@ -13,7 +13,7 @@ struct TapLink {
   std::int64_t tap, from_child, to_child, matrix;
 };
 
-/// Which rows a convolution over the neighbours of N voxels joins, by which matrix. For every link and every row r
+/// Links of a convolution over the neighbours of N voxels: rows and matrices. For every link and every row r
 /// whose neighbour q = neighbours[tap][r] exists:
 ///   out[r · to_children + to_child] += in[q · from_children + from_child] · W[matrix]
 /// No two links have the same matrix, and links of one to_child follow one another.
@@ -48,20 +48,20 @@ void add_tap_product(const TapPlan& plan, const Tensor& neighbours, const Tensor
 /// in the type that sums of their type are formed in (nn::accumulation_dtype)
 Tensor tap_correlation(const TapPlan& plan, const Tensor& neighbours, const Tensor& in, const Tensor& slopes);
 
-/// The same on a CPU, all in fp32 or all in fp64: own kernels that read rows where they lie. The result has the same
+/// As above, on a CPU, all in fp32 or all in fp64: own kernels that read rows where they lie. The result has the same
 /// bits for any number of threads.
 void add_cpu_tap_product(const TapPlan& plan, const Tensor& neighbours, const Tensor& in, const Tensor& matrices,
                          Tensor& out);
 Tensor cpu_tap_correlation(const TapPlan& plan, const Tensor& neighbours, const Tensor& in, const Tensor& slopes);
 
-/// Whether add_bf16_tap_product() takes these on this CPU: bf16 rows, matrices of suitable sizes, AVX512-BF16.
+/// True when add_bf16_tap_product() takes these on this CPU: bf16 rows, matrices of suitable sizes, AVX512-BF16.
 bool prefers_bf16_tap_product(const Tensor& in, const Tensor& matrices);
 /// add_cpu_tap_product() with `in` in bf16 and the matrices rounded to it, multiplied exactly and added up in fp32.
 /// @param out fp32
 void add_bf16_tap_product(const TapPlan& plan, const Tensor& neighbours, const Tensor& in, const Tensor& matrices,
                           Tensor& out);
 
-/// The same by tensor operations on any device. Products are formed in the dtype of `in`, and added up in that of
+/// As above, by tensor operations on any device. Products are formed in the dtype of `in`, and added up in that of
 /// `out`.
 void add_tensor_tap_product(const TapPlan& plan, const Tensor& neighbours, const Tensor& in, const Tensor& matrices,
                             Tensor& out);
@@ -101,7 +101,7 @@ class SubmanifoldKernelImpl : public torch::nn::Module, public nn::Convolution {
 };
 TORCH_MODULE(SubmanifoldKernel);
 
-/// The same below the key `conv.*`, as published.
+/// As above, below the key `conv.*`, as published.
 class SubmanifoldConv3dImpl : public torch::nn::Module {
  public:
   SubmanifoldConv3dImpl(std::int64_t in_channels, std::int64_t out_channels, std::int64_t kernel = 3);

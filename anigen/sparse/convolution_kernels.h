@@ -95,7 +95,7 @@ void correlate_pairs(const RowPairs& pairs, const double* in, std::int64_t in_ch
 /// The forward product of convolution_kernels.h in bf16, where nn::kernels::has_bf16_products() says so: exact products
 /// of bf16 numbers, passed as their 16 bits, added up in fp32.
 
-/// What the kernel takes: an even number of input channels, output channels a multiple of 16.
+/// Sizes that the kernel takes: an even number of input channels, output channels a multiple of 16.
 bool bf16_pairs_take(std::int64_t in_channels, std::int64_t out_channels);
 
 /// A matrix as the kernel reads it: panels of up to 64 columns, [in_channels / 2, columns, 2] each.

@@ -29,7 +29,7 @@ TORCH_MODULE(SparseGroupNorm);
 
 void default_group_norms(torch::nn::Module& module);
 
-/// What one half of a modulated block takes from the modulation: a row of shift, scale and gate per item.
+/// Modulation of one half of a block: a row of shift, scale and gate per item.
 class ItemModulation {
  public:
   /// @param shift, scale, gate [B, C], one row per item of the support; without a gate only modulate() can be used

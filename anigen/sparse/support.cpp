@@ -171,7 +171,7 @@ Tensor children_of(const Tensor& coords) {
 
 }  // namespace
 
-// What has been worked out so far. The mutex is held meanwhile: other threads wait for the result instead of repeating
+// Results computed so far. The mutex is held meanwhile: other threads wait for the result instead of repeating
 // the work.
 struct Support::Derived {
   std::mutex mutex;

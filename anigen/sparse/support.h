@@ -63,7 +63,7 @@ struct Coarsening {
   Tensor count;        ///< [coarse N] int64: fine rows of each coarse row, at least 1
 };
 
-/// Which voxels exist: the places of a SparseTensor, immutable and shared by every tensor with a feature row per place.
+/// Set of voxels: the places of a SparseTensor, immutable and shared by every tensor with a feature row per place.
 /// Whatever layers derive from the places (neighbours, windows, the subdivided or coarser support) is worked out at the
 /// first use, by one thread, and kept: all layers of a network on the same support share it. Thread-safe.
 class Support : public std::enable_shared_from_this<Support> {
@@ -83,7 +83,7 @@ class Support : public std::enable_shared_from_this<Support> {
 
   /// Row of each of the 27 neighbours c + (i−1, j−1, k−1), tap (i·3 + j)·3 + k; −1 where there is none. [27, N] int32
   const Tensor& neighbours() const;
-  /// The same, kept on another device after the first call for it.
+  /// As above, kept on another device after the first call for it.
   Tensor neighbours_on(torch::Device device) const;
   /// Rows by windows of `size`³ voxels: the window of a row is (item, ⌊(c + shift)/size⌋) (reference autoencoders.md,
   /// 0.2). With n = ⌈(largest c + shift + 1)/size⌉ windows along an axis, over all items of this support, it has the

@@ -11,7 +11,7 @@
 
 namespace anigen::sparse_structure {
 
-/// What encoder and decoder of the sparse structure do alike. Both have the modules `blocks` and `middle_block`, and
+/// Base of encoder and decoder of the sparse structure. Both have the modules `blocks` and `middle_block`, and
 /// the same with `_skl`, which are the torso (reference autoencoders.md, 2.1, fp16 torso).
 class SparseStructureCoder : public nn::StreamCoder {
  protected:
@@ -120,7 +120,7 @@ SparseStructureDecoder load_sparse_structure_decoder(const nn::RunModel& found, 
 /// The flow model of stage 4 in configs.
 inline constexpr const char* kSparseStructureFlowClass = "AniGenSparseStructureFlowModel";
 
-/// The same for the flow of stage 4.
+/// As above, for the flow of stage 4.
 SparseStructureFlow load_sparse_structure_flow(const nn::RunModel& found, torch::Device device);
 
 }  // namespace anigen::sparse_structure

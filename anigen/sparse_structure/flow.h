@@ -59,7 +59,7 @@ struct SparseStructureFlowOptions {
   std::int64_t tokens_skl() const;  ///< of the skeleton stream
   bool exchanges_by_attention() const { return z_is_global || z_skl_is_global; }
   bool freezes_shape_stream() const { return use_pretrain_branch && (freeze_pretrain_branch || use_lora_ss); }
-  /// Whether the streams exchange by cross attention after this block: every cross_adapter_every-th, or the last one
+  /// True when the streams exchange by cross attention after this block: every cross_adapter_every-th, or the last one
   /// when there are fewer blocks than that.
   bool has_cross_adapter(std::int64_t block) const;
   /// Ranks of the low-rank additions to a block's self attention (the last third of the blocks, else 0) and to its
@@ -82,8 +82,8 @@ struct FlowStream {
   nn::Modulation shared_modulation = nullptr;  ///< with share_mod
   nn::Linear input_layer = nullptr, out_layer = nullptr;
   std::vector<nn::ModulatedCrossBlock> blocks;
-  /// How the other stream enters this one: linear adapters, one per block, or cross blocks after some; empty: it does
-  /// not.
+  /// Path from the other stream into this one: linear adapters, one per block, or cross blocks after some; empty: it
+  /// does not.
   std::vector<nn::Linear> adapters;
   std::vector<nn::ModulatedCrossBlock> cross_blocks;
   std::vector<nn::Linear> cross_outputs;

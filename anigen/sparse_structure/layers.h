@@ -140,7 +140,7 @@ class GlobalTokenDecoder {
   nn::DenseCrossBlock cross_ = nullptr;
 };
 
-// What encoder and decoder of the sparse structure share beside their layers.
+// Members that encoder and decoder of the sparse structure share beside their layers.
 
 /// Axis of the channels: 1 of volumes [B, C, X, Y, Z], the last of tokens [B, T, C].
 std::int64_t channel_axis(const torch::Tensor& latents);

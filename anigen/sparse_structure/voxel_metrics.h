@@ -23,7 +23,7 @@ double share_inside(const torch::Tensor& skeleton, const torch::Tensor& surface)
 /// @param occupied bool [X, Y, Z] @return bool [X, Y, Z]
 torch::Tensor dilated_voxels(const torch::Tensor& occupied, std::int64_t radius);
 
-/// How well two sets of voxels agree. All in [0, 1].
+/// Agreement of two sets of voxels. All in [0, 1].
 struct VoxelAgreement {
   double iou = 0.0;        ///< intersection over union; 1 for two empty sets
   double precision = 0.0;  ///< share of predicted voxels within the tolerance of a true one; 1 when none is predicted
@@ -35,7 +35,7 @@ struct VoxelAgreement {
 /// hit, for precision and recall @throws InputError when shapes differ or are not three-dimensional
 VoxelAgreement voxel_agreement(const torch::Tensor& predicted, const torch::Tensor& target, std::int64_t tolerance = 1);
 
-/// How occupancy logits are compared with occupancy (reference training-and-data.md, 3.2).
+/// Loss of occupancy logits against occupancy (reference training-and-data.md, 3.2).
 enum class OccupancyLoss {
   kDice,  ///< 1 − (2 Σ σ(l) y + 1) / (Σ σ(l) + Σ y + 1), sums over the whole micro-batch and not per sample
   kBce,   ///< mean binary cross entropy

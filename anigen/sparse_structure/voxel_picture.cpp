@@ -28,7 +28,7 @@ constexpr float kMostVeil = 0.3f;  // of shape before a skeleton, however many l
 const Vector3f kPaper(0.97f, 0.97f, 0.98f), kShapeColor(0.42f, 0.53f, 0.67f), kSkeletonColor(0.96f, 0.50f, 0.09f);
 const std::array<float, 3> kFaceLight{0.72f, 0.86f, 1.0f};  // faces across x, y, z
 
-// Which way a ray goes, and where a picture's axes lie in space.
+// Direction of rays, and the axes of the image in space.
 const Vector3d kForward = Vector3d(-1.0, 1.0, -1.0) / std::sqrt(3.0);
 const Vector3d kRight = Vector3d(1.0, 1.0, 0.0) / std::sqrt(2.0);
 const Vector3d kUp = Vector3d(-1.0, 1.0, 2.0) / std::sqrt(6.0);

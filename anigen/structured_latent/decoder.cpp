@@ -324,7 +324,7 @@ Tensor StructuredLatentDecoderImpl::skin_weights(const Tensor& vertex_features,
       skin_field::SkeletonBatch::from_lists({skeleton.joints}, {skeleton.parents}).to(type.device());
   const skin_field::SkinDecoderImpl::JointKeys keys = skin_decoder_->joint_keys(joint_features.to(type), batch);
   const Tensor points = vertex_features.to(type);
-  // What a point needs at once, generously: two hidden layers four times as wide, and logits, scaled and through the
+  // Upper bound of the memory of a point: two hidden layers four times as wide, and logits, scaled and through the
   // softmax; with cross blocks scores of every head.
   const skin_field::SkinDecoderOptions& decoder = options_.skin_decoder_config;
   const std::int64_t heads = decoder.vert_cross_blocks_num > 0 ? decoder.num_heads : 0;

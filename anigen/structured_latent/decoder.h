@@ -82,7 +82,7 @@ class StructuredLatentDecoderImpl : public nn::StreamCoder {
   /// @throws InputError naming what does not fit: batch sizes, channels, voxels outside the grid, values not finite
   Fields forward(const sparse::SparseTensor& z, const sparse::SparseTensor& z_skl,
                  const std::vector<skeleton_field::SkeletonTensors>& given = {});
-  /// The same with geometry and skin apart, on one support: a frozen geometry whose latents carry no gradient then
+  /// As above, with geometry and skin apart, on one support: a frozen geometry whose latents carry no gradient then
   /// keeps nothing for the backward pass.
   Fields forward(const PerStream<sparse::SparseTensor>& z,
                  const std::vector<skeleton_field::SkeletonTensors>& given = {});
@@ -138,7 +138,7 @@ inline constexpr const char* kStructuredLatentDecoderClass = "AniGenElasticSLatM
 StructuredLatentEncoder load_structured_latent_encoder(const nn::RunModel& found, torch::Device device);
 StructuredLatentDecoder load_structured_latent_decoder(const nn::RunModel& found, torch::Device device);
 
-/// Which variant the run of a decoder trained, from its config. @param decoder by find_run_model()
+/// Variant that the run of a decoder trained, from its config. @param decoder by find_run_model()
 StructuredLatentVariant variant_of_run(const nn::RunModel& decoder);
 /// The decoder as its run's variant decodes whole rigs: votes are grouped with the variant's confidences.
 /// @throws InputError as above, and for a run that trained the shape alone, whose skeletons and weights mean nothing

@@ -31,7 +31,7 @@ struct RiggedMeshes {
   std::vector<std::shared_ptr<const geometry::NearestSurface>> surfaces;
 };
 
-/// Where the voxels of each asset take their skin features from. Depends on no parameter: may be worked out ahead.
+/// Sources of the skin features of each asset's voxels. Depends on no parameter: may be worked out ahead.
 /// @param voxels those of the surface @param upsampled at the centres of the eight parts of each voxel, eight rows per
 /// voxel, z fastest; false: at its centre
 /// @return per asset, [N, or 8 N] points @throws InputError when the batch sizes differ, naming the asset on bad meshes
@@ -96,7 +96,7 @@ class StructuredLatentEncoderImpl : public nn::StreamCoder {
   Output forward(const sparse::SparseTensor& x, const sparse::SparseTensor& x_skl, const RiggedMeshes& rigs,
                  const std::vector<torch::Tensor>& noise = {});
 
-  /// Where the voxels take their skin features from: most of what forward() does outside the network. Thread-safe.
+  /// Sources of the voxels' skin features: most of what forward() does outside the network. Thread-safe.
   std::vector<skin_field::VertexMix> skin_lookups(const sparse::Support& voxels, const RiggedMeshes& rigs) const;
   /// forward() with lookups worked out before; the rigs' vertices, faces and surfaces are not read.
   Output forward(const sparse::SparseTensor& x, const sparse::SparseTensor& x_skl, const RiggedMeshes& rigs,

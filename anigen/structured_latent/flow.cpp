@@ -87,7 +87,7 @@ void write_flow_stream(Json& json, const std::string& suffix, const StreamSizes&
   json["io_block_channels" + suffix] = stream.io_block_channels ? Json(*stream.io_block_channels) : Json(nullptr);
 }
 
-// Where the options stand, for messages.
+// Place of the options, for messages.
 struct SlatFlowPlace {
   const std::string &file, &pointer;
 
@@ -519,7 +519,7 @@ nn::FlopCount residual_flops(const StructuredLatentFlowStreamOptions& stream, bo
   return count;
 }
 
-// What surrounds the blocks of a stream: input, output, time and joint count.
+// Layers around the blocks of a stream: input, output, time and joint count.
 nn::FlopCount outer_flops(const StructuredLatentFlowOptions& options, const StructuredLatentFlowStreamOptions& stream,
                           bool counts_joints, const VoxelCounts& voxels) {
   nn::FlopCount count;

@@ -30,7 +30,7 @@ struct StructuredLatentFlowStreamOptions {
   std::optional<std::vector<std::int64_t>> io_block_channels;
 
   std::int64_t heads() const { return num_heads > 0 ? num_heads : model_channels / num_head_channels; }
-  /// How often the residual blocks halve the resolution.
+  /// Number of times that the residual blocks halve the resolution.
   std::int64_t levels() const { return io_block_channels ? static_cast<std::int64_t>(io_block_channels->size()) : 0; }
 };
 
@@ -78,7 +78,7 @@ struct StructuredLatentFlowOptions {
   bool freezes_geometry() const { return use_pretrain_branch && freeze_pretrain_branch; }
 };
 
-/// What one stream of StructuredLatentFlow carries through a forward pass.
+/// State that one stream of StructuredLatentFlow carries through a forward pass.
 struct StructuredLatentFlowState {
   torch::Tensor embedding;   ///< [B, C] of the time and of the joint count: what residual blocks see
   torch::Tensor modulation;  ///< what transformer blocks see: the same, or [B, 6C] with share_mod
@@ -179,7 +179,7 @@ class StructuredLatentFlowImpl : public torch::nn::Module {
   StructuredLatentFlowOptions options_;
   StructuredLatentFlowStream geometry_, skin_, skeleton_;
   std::vector<nn::Linear> adapters_;  // geometry → skin, one per block
-  // What set_compute_dtype() converts, and any linear weight of it, whose dtype is the compute dtype.
+  // Modules that set_compute_dtype() converts, and any linear weight of it, whose dtype is the compute dtype.
   std::vector<std::string> torso_modules_, torso_parameters_;
   torch::Tensor torso_weight_;
 };
@@ -192,7 +192,7 @@ TORCH_MODULE(StructuredLatentFlow);
 void initialize_flow(torch::nn::Module& model, const std::vector<StructuredLatentFlowStream*>& streams,
                      const std::vector<nn::Linear>& adapters);
 
-/// What a pass over voxels costs depends on them through these numbers; one entry per resolution, the finest first,
+/// Counts of voxels that decide the cost of a pass; one entry per resolution, the finest first,
 /// each half as fine as the one before.
 struct VoxelCounts {
   std::vector<double> voxels;

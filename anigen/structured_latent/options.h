@@ -63,7 +63,7 @@ struct StructuredLatentEncoderOptions : StructuredLatentCoderOptions {
   bool latent_denoising =
       true;  ///< skin and skeleton latents are deterministic and may be normalised; false: posteriors
 
-  /// Whether the latents of skin and skeleton lie on a sphere.
+  /// True when the latents of skin and skeleton lie on a sphere.
   bool normalizes() const { return latent_denoising && normalize_z; }
 
   /// @param file, pointer where the object stands, for messages
@@ -104,14 +104,14 @@ struct StructuredLatentDecoderOptions : StructuredLatentCoderOptions {
   void validate(const std::string& file = "", const std::string& pointer = "") const;
 };
 
-/// How skin and skeleton latents are normalised. Geometry latents never are.
+/// Normalisation of skin and skeleton latents. Geometry latents never are.
 enum class LatentNorm {
   kL2,   ///< as published
   kL1,   ///< as the paper says: the same directions, on the ℓ1 sphere
   kNone  ///< not at all
 };
 
-/// Which variant of the structured-latent auto-encoder a run trains, beyond what its models' arguments say. Ours, read
+/// Variant of the structured-latent auto-encoder that a run trains, beyond what its models' arguments say. Ours, read
 /// from `trainer.args`, also by whoever uses the trained models.
 struct StructuredLatentVariant {
   skeleton_field::FieldConfidence confidence = skeleton_field::FieldConfidence::kExplicit;
@@ -126,10 +126,10 @@ struct StructuredLatentVariant {
   /// @param compatibility "paper": normalization is "l1" unless given @throws InputError when they contradict
   static StructuredLatentVariant read(ConfigReader& trainer_args, const StructuredLatentDecoderOptions& decoder,
                                       const std::string& compatibility);
-  /// The same of a run folder's config. @param run the whole config @param file of it, for messages
+  /// As above, of a run folder's config. @param run the whole config @param file of it, for messages
   static StructuredLatentVariant of_run(const Json& run, const StructuredLatentDecoderOptions& decoder,
                                         const std::string& file);
-  /// What the switches change in the models' arguments: `normalization` "none" turns normalize_z off.
+  /// Changes by the switches to the models' arguments: `normalization` "none" turns normalize_z off.
   /// @throws InputError when "l1" is wanted of an encoder that does not normalise
   void apply(StructuredLatentEncoderOptions& encoder, const std::string& file) const;
 };

@@ -15,7 +15,7 @@ struct RigLossOptions {
   bool true_feature_confidence = false;
 };
 
-/// What was decoded of one asset.
+/// Decoded fields of one asset.
 struct RigPrediction {
   skeleton_field::SkeletonField field;
   torch::Tensor joints;           ///< [J', 3] that the weights are over: given or grouped
@@ -25,7 +25,7 @@ struct RigPrediction {
   torch::Tensor skin;             ///< [V, J'] their decoded weights; undefined: no divergence
 };
 
-/// What it should have been.
+/// Targets of one asset.
 struct RigTruth {
   torch::Tensor joints, parents;  ///< [J, 3], [J]
   torch::Tensor joint_features;   ///< [J, F] of the SkinAE; undefined: no loss on features of joints

@@ -25,7 +25,7 @@ struct StructuredLatentFlowStageOptions : flow::FlowStageOptions {
   static StructuredLatentFlowStageOptions read(ConfigReader& trainer_args);
 };
 
-/// Where structured latents are sampled, and under which condition.
+/// Voxels and condition under which structured latents are sampled.
 struct StructuredLatentTarget {
   sparse::SupportPtr shape, skeleton;  ///< voxels of both streams, B items each
   torch::Tensor tokens;                ///< [B or 1, K, C] of condition pictures, on the model's device

@@ -278,7 +278,7 @@ SparseTensor StructuredLatentTorso::run(sparse::SparseMultiContextBlock block, c
 SparseTensor run_part(bool recompute, const SparseTensor& x,
                       const std::function<SparseTensor(const SparseTensor&)>& part) {
   if (!recompute || !at::GradMode::is_enabled()) return part(x);
-  // Which support the result has shows when the part runs, which recomputed() does once before it returns.
+  // The support of the result is known when the part runs, which recomputed() does once before it returns.
   const auto support = std::make_shared<sparse::SupportPtr>();
   const auto kept = [support, own = x.support, part](const std::vector<Tensor>& rows) {
     const SparseTensor result = part({own, rows[0]});

@@ -160,8 +160,8 @@ class RecoveryPoint {
   /// @throws Error when it had to and there is no clone
   bool after_update(std::int64_t step, torch::Tensor master) const;
 
-  /// Whether a run that is saved between two steps needs the clone to go on with the same bits: not when its next step
-  /// takes a new one. @param next_step the step that comes after the checkpoint
+  /// True when a run that is saved between two steps needs the clone to go on with the same bits: not when its next
+  /// step takes a new one. @param next_step the step that comes after the checkpoint
   bool belongs_to_state(std::int64_t next_step) const { return step_ >= 0 && next_step % kEvery != 0; }
 
   std::int64_t step() const { return step_; }              ///< of the clone; -1 without one
@@ -184,7 +184,7 @@ struct UpdateOptions {
   double fp16_scale_growth = 1e-3;
 };
 
-/// What happens to the parameters after the last backward pass of a step: unscale, clip, AdamW, recovery from weights
+/// Update of the parameters after the last backward pass of a step: unscale, clip, AdamW, recovery from weights
 /// that are not finite, averages, learning rate, loss scale (reference training-and-data.md, section 2.4, steps 3 to
 /// 8).
 class ParameterUpdate {

@@ -51,7 +51,7 @@ struct Precision {
   std::string note;                        ///< one line for the log
 };
 
-/// What the trainer arguments `precision`, `fp16_mode` and `loss_scaling` come to on a device:
+/// Precision that the trainer arguments `precision`, `fp16_mode` and `loss_scaling` give on a device:
 ///
 /// | precision | CPU | GPU |
 /// |---|---|---|

@@ -33,7 +33,7 @@ class ParameterBuffer {
   ///   types, so that masters and frozen() keep the full precision of what was loaded
   explicit ParameterBuffer(const std::vector<nn::NamedModel>& models, const std::function<void()>& convert = nullptr);
 
-  /// The same layout for other models of the same architecture: their parameters share master(), their gradients
+  /// Copy of the layout for other models of the same architecture: their parameters share master(), their gradients
   /// are apart, for a second pair of hands in one step. @throws Error when names or shapes differ
   ParameterBuffer share(const std::vector<nn::NamedModel>& models) const;
 
@@ -45,7 +45,7 @@ class ParameterBuffer {
   /// Brings gradients of parameters that are no views into gradient(); a missing one counts as zero. Call once
   /// after the last backward() of a step. @throws Error when someone replaced a gradient that must stay a view
   void collect_gradients();
-  /// The same for one of slots(), as soon as its gradient is there.
+  /// As above, for one of slots(), as soon as its gradient is there.
   void collect_gradient(const Slot& slot) const;
   /// Writes master() into the parameters that are no views.
   void publish();

@@ -30,7 +30,7 @@ io::Image picture_with_skeleton(const Asset& asset, const skeleton_field::Skelet
 /// An asset's mesh in the colours of its joints. @param weights [V, J], anywhere
 io::Image picture_with_weights(const Asset& asset, const torch::Tensor& weights);
 
-/// What stands in a sheet where there is nothing to show.
+/// Placeholder image of a sheet.
 io::Image empty_rig_picture();
 
 }  // namespace anigen::train

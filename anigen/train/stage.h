@@ -30,8 +30,8 @@ struct Losses {
   std::vector<std::pair<std::string, torch::Tensor>> terms;
 };
 
-/// Where in the run a loss is computed; every random draw of a loss derives from it (seed, step, micro_batch), never
-/// from LibTorch's global generator, which concurrent replicas would share.
+/// Position in the run at which a loss is computed; every random draw of a loss derives from it (seed, step,
+/// micro_batch), never from LibTorch's global generator, which concurrent replicas would share.
 struct LossContext {
   std::uint64_t seed = 0;
   std::int64_t step = 0;
@@ -47,7 +47,7 @@ inline std::set<std::string> keys_of(const LoadedKeys& loaded, const std::string
   return found == loaded.end() ? std::set<std::string>() : found->second;
 }
 
-/// What is trained: one of the five stages, or a baseline. Its models, its data and its loss. The loop around it is
+/// A trainable task: one of the five stages, or a baseline. Its models, its data and its loss. The loop around it is
 /// Trainer's.
 class Stage {
  public:
@@ -64,7 +64,7 @@ class Stage {
   /// @throws InputError for a damaged file, or when a frozen parameter would stay at its random start
   virtual void warm_start(const LoadedKeys& finetuned) { static_cast<void>(finetuned); }
 
-  /// Whether set_compute_dtype() takes this type.
+  /// True when set_compute_dtype() takes this type.
   virtual bool supports(torch::Dtype dtype) const { return dtype == torch::kFloat32; }
   /// The type in which the torsos of the models compute from now on, where the published system has fp16: their linears
   /// and convolutions are converted in place. fp64 converts all of the models, and what goes into them. Called once,
@@ -79,7 +79,7 @@ class Stage {
   /// Writes examples into a folder; called with averaged weights in place. Its PNG files also go to TensorBoard.
   virtual void sample(const std::filesystem::path& folder) { static_cast<void>(folder); }
 
-  /// The same stage with models of its own, over the same data.
+  /// Copy of the stage with models of its own, over the same data.
   virtual std::unique_ptr<Stage> replica() const = 0;
 };
 

@@ -159,7 +159,7 @@ class RunFolderLock {
   std::optional<FileLock> lock_;
 };
 
-// What all ranks do alike, and what rank 0 writes.
+// Work of all ranks, and files of rank 0.
 struct StageConfig {
   const Json& config;
   const std::string &file, &name;

@@ -18,7 +18,7 @@
 
 namespace anigen::train {
 
-/// Where a run lives and what it starts from.
+/// Folder of a run and its starting point.
 struct RunOptions {
   std::filesystem::path output;    ///< run folder: metrics.csv, tb_logs/, ckpts/, samples/, profile.md
   std::filesystem::path load;      ///< run folder to start from; empty: output

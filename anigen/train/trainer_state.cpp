@@ -23,7 +23,7 @@
 #include "anigen/train/trainer.h"
 #include "anigen/train/warm_start.h"
 
-// What a run starts from and what it leaves behind; the loop is in trainer.cpp.
+// Starting point and checkpoints of a run; the loop is in trainer.cpp.
 
 namespace anigen::train {
 
@@ -442,7 +442,7 @@ void Trainer::save() {
 void Trainer::save_what_is_complete() noexcept {
   if (!first() || saved_step_ == step_) return;
   try {
-    // Where a stage draws from LibTorch's generator the checkpoint would need the other ranks' states, too.
+    // If a stage draws from LibTorch's generator, the checkpoint would need the other ranks' states, too.
     if (generator_then_.empty() || generator_then_ != generator_saved_) return;
     write_checkpoint({generator_then_});
     saved_step_ = step_;

@@ -11,7 +11,7 @@
 
 namespace anigen::train {
 
-/// What a run needs besides weights to go on bit for bit: arrays (moments, norms, generator) and numbers.
+/// State besides weights that lets a run go on bit for bit: arrays (moments, norms, generator) and numbers.
 struct SavedState {
   io::NamedArrays arrays;
   Json numbers = Json::object();  ///< doubles survive exactly; infinities must be written as null

@@ -34,7 +34,7 @@ Tensor view_image(const io::Image& image, int size = kConditionSize);
 /// Planes [3, H, W] of an opaque picture, alpha dropped, fp32 in [0, 1].
 Tensor color_tensor(const io::Image& image);
 
-/// What the flow models are conditioned on: all tokens of DINOv2 before its final norm, through a layer norm without
+/// Condition of the flow models: all tokens of DINOv2 before its final norm, through a layer norm without
 /// parameters and with eps 1e-5 (reference flows-and-pipeline.md, 5.3). Gradients are not recorded.
 /// @param images [B, 3, H, W] in [0, 1], anywhere; they are moved to the model's device
 /// @return [B, 1 + R + P, C] on the model's device
@@ -52,7 +52,7 @@ class ConditionEncoder {
 
   /// @param images [B, 3, S, S] in [0, 1], anywhere @return [B, M, C] on the encoder's device
   virtual Tensor tokens(const Tensor& images) = 0;
-  /// What is trained together with the flow, and saved beside it; none for a frozen encoder.
+  /// Model trained together with the flow, and saved beside it; none for a frozen encoder.
   virtual std::optional<nn::NamedModel> trained() const { return std::nullopt; }
   /// One with parameters of its own, of the same values, over the same frozen weights.
   virtual std::unique_ptr<ConditionEncoder> replica() const = 0;
@@ -73,7 +73,7 @@ class ConditionEncoder {
 std::unique_ptr<ConditionEncoder> make_condition_encoder(ConfigReader& trainer_args, std::int64_t image_size,
                                                          std::int64_t channels, torch::Device device);
 
-/// What makes tokens of pictures for a trained flow: its run's `image_encoder`, with the newest weights it was trained
+/// Encoder of images for a trained flow: its run's `image_encoder`, with the newest weights it was trained
 /// to beside the flow where it was trained; otherwise frozen DINOv2.
 /// @param run folder of the flow @param flow found in it; the other arguments as make_condition_encoder
 /// @throws InputError when the encoder or its weights are missing or do not fit

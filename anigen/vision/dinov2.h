@@ -25,7 +25,7 @@ struct Dinov2Options {
   /// hidden width reduced to two thirds, rounded up to a multiple of 8.
   std::string ffn_layer = "mlp";
   std::int64_t num_register_tokens = 0;
-  /// How pos_embed is brought to another number of patches: see interpolate_positions.
+  /// Resampling of pos_embed to another number of patches: see interpolate_positions.
   bool interpolate_antialias = false;
   double interpolate_offset = 0.1;
 
@@ -33,7 +33,7 @@ struct Dinov2Options {
   /// @throws InputError naming the nearest one
   static Dinov2Options named(const std::string& name);
   static std::vector<std::string> names();
-  /// What the published file of a model is called, without its extension: dinov2_vitl14_reg comes as
+  /// Name of the published file of a model, without its extension: dinov2_vitl14_reg comes as
   /// dinov2_vitl14_reg4_pretrain.pth.
   static std::string published_file_stem(const std::string& name);
 

@@ -31,7 +31,7 @@ struct PinholeCamera {
 /// v / max(‖v‖, 1e-12) over axis 1.
 Tensor unit_vectors(const Tensor& v);
 
-/// Where pixels lie, (j + 0.5, i + 0.5). @return [1, 2, rows, columns], dtype and device of `like`
+/// Pixel centres, (j + 0.5, i + 0.5). @return [1, 2, rows, columns], dtype and device of `like`
 Tensor pixel_centers(std::int64_t rows, std::int64_t columns, const Tensor& like);
 
 /// The rays through pixels, as (x / z, y / z). @return [1, 2, rows, columns], dtype and device of `like`
@@ -49,7 +49,7 @@ Tensor ray_relu(const Tensor& normals, const Tensor& rays);
 inline constexpr int kDsineIterations = 5;                 ///< refinements, as published
 inline constexpr std::int64_t kDsinePictureMultiple = 32;  ///< of height and width of what the network sees
 
-/// What the refinement works on, at an eighth of the size: h = H / 8, w = W / 8.
+/// Input of the refinement, at an eighth of the size: h = H / 8, w = W / 8.
 struct DsineState {
   PinholeCamera camera;  ///< of this grid
   Tensor slopes, rays;   ///< [B, 2, h, w], [1, 3, h, w] unit: through the pixels of the grid
@@ -107,7 +107,7 @@ Tensor rotation_axes(const Tensor& normals, const Tensor& directions, const Tens
 /// @param vectors, axes [B, 3, ...] @param angles [B, 1, ...]
 Tensor rotated(const Tensor& vectors, const Tensor& axes, const Tensor& angles);
 
-/// What the refinement predicts for each of the K = 25 pixels around every pixel.
+/// Prediction of the refinement for each of the K = 25 pixels around every pixel.
 struct NeighborRotations {
   Tensor weights;     ///< [B, K, H, W], not negative; they need not sum to 1
   Tensor directions;  ///< [B, 2, K, H, W] of the axis in the picture, unit
@@ -149,7 +149,7 @@ void set_dsine_weights(Dsine& network, io::NamedArrays arrays, const std::string
 /// @throws InputError as set_dsine_weights, and for files that cannot be read
 Dsine load_dsine(const std::filesystem::path& file);
 
-/// What estimates the surface normals that a picture shows (reference flows-and-pipeline.md, 5.4).
+/// Estimator of the surface normals that an image shows (reference flows-and-pipeline.md, 5.4).
 class NormalEstimator {
  public:
   virtual ~NormalEstimator() = default;

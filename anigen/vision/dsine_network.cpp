@@ -10,7 +10,7 @@ namespace anigen::vision {
 
 namespace {
 
-// How one axis is padded: by as much at both ends as the library wants it, and how many outputs to drop in front.
+// Padding of one axis: by as much at both ends as the library wants it, and how many outputs to drop in front.
 struct AxisPadding {
   std::int64_t both_ends, drop, outputs;
 };

@@ -33,7 +33,7 @@ TORCH_MODULE(Conv2d);
 Tensor same_convolution(const Tensor& x, const Tensor& weight, const Tensor& bias, std::int64_t stride = 1,
                         std::int64_t groups = 1);
 
-/// What batch norm keeps for evaluation: keys `weight`, `bias`, `running_mean`, `running_var` [C] and
+/// Batch norm in evaluation: keys `weight`, `bias`, `running_mean`, `running_var` [C] and
 /// `num_batches_tracked`, an int64 scalar without influence.
 class BatchNormStateImpl : public torch::nn::Module {
  public:
@@ -107,7 +107,7 @@ class InvertedResidualImpl : public EfficientNetBlockImpl {
   SqueezeExcite se_ = nullptr;
 };
 
-/// What the decoder reads of the encoder.
+/// Features of the encoder that the decoder reads.
 struct EncoderMaps {
   Tensor eighth;         ///< [B, 64, H/8, W/8]
   Tensor sixteenth;      ///< [B, 176, H/16, W/16]
@@ -192,7 +192,7 @@ struct RaySlopes {
   Tensor eighth, sixteenth, thirty_second;
 };
 
-/// What the refinement starts from, [B, ·, H/8, W/8].
+/// Start of the refinement, [B, ·, H/8, W/8].
 struct DecoderMaps {
   Tensor normal;   ///< 3 channels, unit
   Tensor feature;  ///< 64 channels

@@ -52,7 +52,7 @@ class LpipsImpl : public torch::nn::Module {
   /// @throws InputError for other shapes
   Tensor forward(const Tensor& a, const Tensor& b);
 
-  /// What each stage adds to the distance. @return [5, N]
+  /// Part of each stage in the distance. @return [5, N]
   Tensor stages(const Tensor& a, const Tensor& b);
 
  private:

@@ -123,7 +123,7 @@ std::vector<Foot> feet_of(const Asset& asset, const std::vector<Vector3d>& cente
   return feet;
 }
 
-// How fast normals turn away from each other with distance; the curvature of a sphere is 1 / radius. Voxels whose
+// Change of normals with distance; the curvature of a sphere is 1 / radius. Voxels whose
 // normal points the other way belong to another sheet; feet closer than a quarter edge would only add noise.
 double mean_curvature(std::size_t self, const std::vector<std::size_t>& around, const std::vector<Foot>& feet,
                       double edge) {

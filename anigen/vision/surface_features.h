@@ -8,7 +8,7 @@
 
 namespace anigen::vision {
 
-/// What rays from a place on the surface find, in the mesh's unit of length.
+/// Hits of rays from a point on the surface, in the mesh's unit of length.
 struct SurfaceSight {
   double near_openness = 1.0, far_openness = 1.0;  ///< share of directions free within the two radii, [0, 1]
   double thickness = 1.0;                          ///< along −normal, at most 1
@@ -51,7 +51,7 @@ using SurfaceFeature = std::array<float, kSurfaceChannels>;
 std::vector<SurfaceFeature> surface_features(const Asset& asset, const std::vector<geometry::Voxel>& voxels,
                                              int resolution);
 
-/// The same as an extractor of dataset preparation: float16 [N, 16], rounded to nearest.
+/// As above, as an extractor of dataset preparation: float16 [N, 16], rounded to nearest.
 class SurfaceFeatures : public prepare::FeatureExtractor {
  public:
   std::string name() const override { return "surface"; }

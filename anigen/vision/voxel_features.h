@@ -15,8 +15,8 @@ namespace anigen::vision {
 
 using torch::Tensor;
 
-/// Where points appear in views: uv = π(K (E p)), scaled from [0, 1] to [-1, 1]; (-1, -1) is the top left corner of the
-/// picture (reference training-and-data.md, 1.1, "Back-projection formula").
+/// Projections of points into views: uv = π(K (E p)), scaled from [0, 1] to [-1, 1]; (-1, -1) is the top left corner of
+/// the picture (reference training-and-data.md, 1.1, "Back-projection formula").
 /// @param points [N, 3], world frame @param extrinsics [V, 4, 4] world → camera (OpenCV)
 /// @param intrinsics [V, 3, 3] for a picture of width and height 1 @return [V, N, 2]; points in the plane of the eye
 ///   give values that are not finite
@@ -91,7 +91,7 @@ class DinoFeatures : public prepare::FeatureExtractor {
   int image_size_;
 };
 
-/// What `--features` may name: "surface" and the published DINOv2 models.
+/// Names for `--features`: "surface" and the published DINOv2 models.
 std::vector<std::string> feature_models();
 
 /// The extractor that the options name (a prepare::FeatureExtractorFactory).

@@ -7,8 +7,8 @@
 
 namespace anigen::geometry {
 
-/// Which faces of a surface share an edge. Vertices at exactly the same position count as one, so that a mesh split
-/// along texture seams or hard edges is still connected there.
+/// Pairs of faces of a surface that share an edge. Vertices at exactly the same position count as one, so that a mesh
+/// split along texture seams or hard edges is still connected there.
 class FaceAdjacency {
  public:
   struct Link {
@@ -37,7 +37,7 @@ class FaceAdjacency {
   std::vector<Link> links_;
 };
 
-/// What charts are made of, per face, in double precision.
+/// Data of charts, per face, in double precision.
 struct SurfaceFaces {
   SurfaceFaces(const std::vector<Eigen::Vector3f>& vertices, const std::vector<Triangle>& faces);
 
@@ -67,7 +67,7 @@ Eigen::Vector3d mean_normal(const SurfaceFaces& surface, const std::vector<std::
 std::vector<SurfaceChart> surface_charts(const SurfaceFaces& surface, const FaceAdjacency& adjacency,
                                          double max_deviation);
 
-/// Whether a face may be projected along the axis: it turns from it by at most the limit, or has no area.
+/// True when a face may be projected along the axis: it turns from it by at most the limit, or has no area.
 inline bool face_fits(const SurfaceFaces& surface, std::int32_t face, const Eigen::Vector3d& axis,
                       double least_cosine) {
   const auto f = static_cast<std::size_t>(face);

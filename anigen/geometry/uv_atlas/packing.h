@@ -15,7 +15,7 @@ namespace anigen::geometry {
 /// A vector turned counter-clockwise by quarter turns.
 Eigen::Vector2d quarter_turned(const Eigen::Vector2d& vector, int turns);
 
-/// Where a point of a flat chart comes to lie, in texels, when the chart is scaled and turned within its box, whose
+/// Position of a point of a flat chart, in texels, when the chart is scaled and turned within its box, whose
 /// lower left corner stays at the origin.
 Eigen::Vector2d texel_place(const PlanarChart& flat, const Eigen::Vector2d& point, double texels_per_unit, int turns);
 
@@ -36,7 +36,7 @@ struct ChartMask {
   int widest_row = 0, widest = 0;    ///< the row with the longest run, and its length
 };
 
-/// Where a chart lies in the square: turned, then moved by whole texels.
+/// Position of a chart in the square: turned, then moved by whole texels.
 struct ChartPlace {
   int turns = 0;     ///< quarter turns, counter-clockwise
   int x = 0, y = 0;  ///< of the lower left corner of the chart's box, in texels from that of the square
@@ -115,7 +115,7 @@ class TexelRows {
   std::vector<std::uint64_t> words_;
 };
 
-/// Which face of the atlas a texel shows, [size · size], rows from top to bottom: the face that its centre lies in; for
+/// Face of the atlas that a texel shows, [size · size], rows from top to bottom: the face that its centre lies in; for
 /// a centre outside all of them but less than a texel's diagonal away from one, which a bilinear lookup on that face
 /// can touch, the nearest; else -1. Equally near faces, or faces that overlap, give the lowest number.
 std::vector<std::int32_t> texel_faces(const UvAtlas& atlas);

@@ -9,7 +9,7 @@
 
 namespace anigen::io {
 
-/// What one element of an NPY array is. Exactly numpy's description string, taken apart.
+/// Type of one element of an NPY array. Exactly numpy's description string, taken apart.
 struct NpyElement {
   enum class Kind { kNumber, kObject, kUnicode, kBytes };
   Kind kind = Kind::kNumber;
@@ -24,7 +24,7 @@ struct NpyHeader {
   std::vector<std::int64_t> shape;
 };
 
-/// Where messages say a problem is.
+/// Place of a problem, for messages.
 struct NpyPlace {
   std::string file, member;
 };

@@ -52,8 +52,8 @@ struct NpzValue {
 std::vector<std::pair<std::string, NpzValue>> read_npz_objects(const std::filesystem::path& path,
                                                                const std::vector<std::string>& names = {});
 
-/// What a container may make us allocate. Deflate cannot exceed a ratio of about 1032; real arrays that compress
-/// better than max_ratio are small, so larger ones are taken for decompression bombs.
+/// Limits on the memory that a container may claim. Deflate cannot exceed a ratio of about 1032; real arrays that
+/// compress better than max_ratio are small, so larger ones are taken for decompression bombs.
 struct ZipLimits {
   std::uint64_t max_members = 4'000'000;
   std::uint64_t max_member_bytes = std::uint64_t{256} << 30;

@@ -233,7 +233,7 @@ NpzValue decode_text_array(const NpyHeader& header, const std::string& raw, cons
     throw NotSupportedError(place.file, place.member, "text arrays in Fortran order");
   }
   if (size == 0 && count > 0) throw NotSupportedError(place.file, place.member, "text of no width");
-  // The same shape-to-lists rule as for objects: wrap the decoded texts as pickle values.
+  // Shapes become lists as for objects: wrap the decoded texts as pickle values.
   std::vector<std::string> texts(count);
   pickle::Value array;
   std::vector<pickle::Value> values(count);

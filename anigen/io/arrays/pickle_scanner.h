@@ -42,7 +42,7 @@ class Scanner {
 
 namespace anigen::io {
 
-/// What a pickle says in plain values: None, booleans, numbers and texts, lists and tuples of them, dicts of them by
+/// Value of a pickle in plain values: None, booleans, numbers and texts, lists and tuples of them, dicts of them by
 /// text or integer. Everything else becomes null, an entry of a dict by another kind of key is left out.
 /// @throws InputError for cycles and for sharing that explodes
 Json plain_json(const pickle::Value& value, const NpyPlace& place);
@@ -71,7 +71,7 @@ enum class Global {
 /// @return false when the name is not on the list. @param dtype of a torch storage
 bool find_global(std::string_view module, std::string_view name, Global& global, Dtype& dtype);
 
-/// What calling an allowed name, or setting the state of what it made, means here.
+/// Meaning of calling an allowed name, or setting the state of what it made, means here.
 class Constructors {
  public:
   Constructors(Document& document, const Source& source, std::function<std::string()> place);

@@ -16,10 +16,10 @@ namespace anigen::io::gltf_import {
 std::vector<float> read_floats(const Document& document, int accessor);
 std::vector<double> read_doubles(const Document& document, int accessor, std::size_t at_most = ~std::size_t{0});
 
-/// The same for unsigned integers, never normalised. @pre the component is kU8, kU16 or kU32
+/// As above, for unsigned integers, never normalised. @pre the component is kU8, kU16 or kU32
 std::vector<std::uint32_t> read_unsigned(const Document& document, int accessor);
 
-/// What a normalised integer of this component is multiplied with.
+/// Factor of a normalised integer of this component.
 double normalized_scale(Component component);
 
 /// A primitive decoded from KHR_draco_mesh_compression.

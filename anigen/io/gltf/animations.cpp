@@ -16,7 +16,7 @@ constexpr std::size_t kMostValues = 50'000'000;
 
 std::size_t width_of(ChannelPath path) { return path == ChannelPath::kRotation ? 4 : 3; }
 
-// Whether one key's values can be used; a LINEAR or STEP rotation is given unit length.
+// True when one key's values can be used; a LINEAR or STEP rotation is given unit length.
 bool repair_values(const Track& track, double* values, std::size_t count) {
   for (std::size_t i = 0; i < count; ++i) {
     if (!std::isfinite(values[i])) return false;

@@ -49,7 +49,7 @@ class JsonPlace {
   /// An optional index into an array of `count` entries; -1 when absent.
   int index_or_none(const char* key, std::size_t count, const char* what) const;
   int index(const char* key, std::size_t count, const char* what) const;
-  /// The same for the value itself.
+  /// As above, for the value itself.
   int as_index(std::size_t count, const char* what) const;
   /// Length of an optional array member; 0 when absent.
   std::size_t size_of(const char* key) const;
@@ -68,7 +68,7 @@ class Notes {
   void add(const std::string& code, const std::string& sentence);
   /// Counts; the note reads "<count> <what>", for example "6 vertices with weights that are not numbers".
   void tally(const std::string& code, const std::string& what, std::size_t count = 1);
-  /// What the weights of a vertex sum to in the file.
+  /// Sum of the weights of a vertex in the file.
   void weight_sum(double sum) { lowest_weight_sum_ = std::min(lowest_weight_sum_, sum); }
   /// Of all vertices with weights; 1 when there are none, or all sum to more.
   double lowest_weight_sum() const { return lowest_weight_sum_; }
@@ -104,7 +104,7 @@ struct Container {
 /// @throws InputError with the byte offset
 void read_container(const std::filesystem::path& path, const ImportOptions& options, Container& container);
 
-/// What a glTF's "uri" member refers to.
+/// Target of a glTF's "uri" member.
 struct Resource {
   std::string bytes;
   std::string mime_type;  ///< of a data URI; may be empty

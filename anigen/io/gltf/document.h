@@ -29,7 +29,7 @@ struct BufferView {
   std::size_t stride = 0;  ///< 0: packed
 };
 
-/// Where numbers are: `count` elements of `width` components, every one inside its view.
+/// Location of numbers: `count` elements of `width` components, every one inside its view.
 struct Accessor {
   std::string pointer;  ///< JSON pointer, for messages
   int view = -1;        ///< -1: zeros

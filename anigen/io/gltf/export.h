@@ -18,7 +18,7 @@ namespace anigen::io {
 /// so positions and normals turn without rounding.
 Eigen::Matrix3d axis_rotation(ExportAxes axes);
 
-/// The same rotation as a unit quaternion, for joint rotations.
+/// Rotation of the axes as a unit quaternion, for joint rotations.
 Eigen::Quaterniond axis_quaternion(ExportAxes axes);
 
 /// A skeleton whose joints have these positions and, in a file with these axes, no rotation: bind pose and rest pose

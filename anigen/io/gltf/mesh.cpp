@@ -64,7 +64,7 @@ class MeshMerger {
   std::vector<Matrix4d> rest_;
   MeshArrays arrays_;
   SkinWeights skin_;
-  // Where the group at hand was put, once per node that shows it.
+  // Start of the current group, once per node that shows it.
   struct Instance {
     std::size_t first_vertex;
     bool is_mirrored;

@@ -26,7 +26,7 @@ struct MergedMesh {
 MergedMesh merge_meshes(const Document& document, const Rig& rig, const std::vector<SkinBinding>& bindings,
                         const ImportOptions& options, Notes& notes);
 
-/// How a vertex block is placed: positions by `matrix`, normals by its inverse transpose.
+/// Placement of a vertex block: positions by `matrix`, normals by its inverse transpose.
 class Placement {
  public:
   explicit Placement(const Eigen::Matrix4d& matrix);

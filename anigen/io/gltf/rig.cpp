@@ -52,7 +52,7 @@ namespace {
 
 using Eigen::Matrix4d;
 
-// What lies between the nodes and the joints above them.
+// Transforms between the nodes and the joints above them.
 struct Hierarchy {
   std::vector<int> tops;                // joints without a joint above
   std::vector<int> joint_above;         // [N] node of the nearest joint strictly above, or -1

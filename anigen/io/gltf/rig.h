@@ -49,7 +49,7 @@ struct Rig {
 /// @throws InputError when there is no skin and options.require_rig, or there are too many joints
 Rig build_rig(const Document& document, const std::vector<char>& moving, const ImportOptions& options, Notes& notes);
 
-/// Which nodes of the file become joints.
+/// Nodes of the file that become joints.
 struct JointChoice {
   std::vector<char> is_joint;   ///< per node
   std::vector<char> skin_used;  ///< per skin: shown in the scene, or all of its joints are
@@ -69,7 +69,7 @@ std::vector<int> count_below(const Document& document, const std::vector<char>& 
 /// The deepest node that has all of these at or below it, or -1. @pre none of them is above another
 int common_ancestor(const Document& document, const std::vector<int>& nodes);
 
-/// How the vertices of one skin get into the common bind pose.
+/// Transforms of the vertices of one skin into the common bind pose.
 struct SkinBinding {
   std::vector<int> joints;  ///< joint of the rig per entry of the skin; empty when the skin is not used
   Eigen::Matrix4d to_bind = Eigen::Matrix4d::Identity();  ///< A: the skin's mesh space → world, Z up

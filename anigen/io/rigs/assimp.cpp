@@ -160,7 +160,7 @@ namespace {
 
 constexpr std::size_t kMostNested = 1024;
 
-/// Where a tag ends: the '>' outside quotes; npos when there is none.
+/// End of a tag: the '>' outside quotes; npos when there is none.
 std::size_t end_of_tag(std::string_view text, std::size_t from) {
   char quote = 0;
   for (std::size_t i = from; i < text.size(); ++i) {

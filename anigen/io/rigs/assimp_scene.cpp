@@ -407,7 +407,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// What a uri may not hold as it is.
+/// Characters that a uri must escape.
 std::string percent_encoded(const std::string& path) {
   constexpr char kDigits[] = "0123456789ABCDEF";
   std::string uri;

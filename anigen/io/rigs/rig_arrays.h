@@ -19,7 +19,7 @@ RiggedShape shape_from_rig_arrays(const NamedArrays& arrays, const std::string& 
 /// Reads an NPZ file with those arrays, and the joints' names when it has them (`names`).
 RiggedShape read_rig_npz(const std::filesystem::path& file, const std::string& id);
 
-/// Whether an NPZ file has at least joints or vertices as plain arrays. @throws InputError when it is no NPZ file
+/// True when an NPZ file has at least joints or vertices as plain arrays. @throws InputError when it is no NPZ file
 bool is_rig_npz(const std::filesystem::path& file);
 
 }  // namespace anigen::io

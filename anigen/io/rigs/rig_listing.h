@@ -63,7 +63,7 @@ struct SplitLine {
 /// none: a data set writes an empty list of what it cannot use. @throws InputError when the file is missing
 std::vector<SplitLine> split_lines(const std::filesystem::path& file);
 
-/// The same for a list that somebody asks to be evaluated. @throws InputError also when it names none
+/// As above, for a list that somebody asks to be evaluated. @throws InputError also when it names none
 std::vector<SplitLine> read_split(const std::filesystem::path& file);
 
 /// The source's ids that the split files name, each once, in the source's order; all of them without split files.
@@ -173,7 +173,7 @@ class DatasetSource : public ShapeSource {
   std::map<std::string, std::size_t> index_;
 };
 
-/// How the bytes of a rigged asset are to be read.
+/// Format of the bytes of a rigged asset.
 enum class RigFormat { kGltf, kAssimp, kTextRig, kRigArrays, kArticulationXl, kAnymate, kDataset };
 
 const char* name_of(RigFormat format);  ///< "gltf", "assimp", "text_rig", "rig_arrays", "articulation_xl", …

@@ -21,7 +21,7 @@ struct RigClips {
   std::vector<Animation> animations;  ///< at least one
 };
 
-/// What one file says about one object: any part may be missing, and each user says which ones it needs. Unlike Asset
+/// Contents of one file about one object: any part may be missing, and each user says which ones it needs. Unlike Asset
 /// it is not repaired: a forest stays one.
 struct RiggedShape {
   std::string id;    ///< what predictions and ground truth are matched by
@@ -32,8 +32,8 @@ struct RiggedShape {
   anigen::JointTree joints;              ///< checked; empty only when the file has no skeleton
   std::vector<std::string> joint_names;  ///< [J] or empty
   SkinWeights skin;                      ///< one row per vertex, or no rows when the file has no weights
-  /// What moves the joints, which keep the skeleton's order; null without a clip. It stays as the file's format has it
-  /// when the shape is turned or moved: `clips_turn` leads from there to the frame that the shape was read into.
+  /// Clip that moves the joints, which keep the skeleton's order; null without a clip. It stays as the file's format
+  /// has it when the shape is turned or moved: `clips_turn` leads from there to the frame that the shape was read into.
   std::shared_ptr<const RigClips> clips;
   Eigen::Matrix3d clips_turn = Eigen::Matrix3d::Identity();
   std::size_t unweighted = 0;      ///< vertices without weights in the file, bound to the root
@@ -52,7 +52,7 @@ RiggedShape rigged_shape(Asset asset, const std::string& id, const std::string& 
 /// unique. @throws InputError when there is no joint
 Asset to_asset(const RiggedShape& shape);
 
-/// Which axis of a file points up. Everything is turned to Z up on reading.
+/// Axis of a file that points up. Everything is turned to Z up on reading.
 enum class Axes { kFormat, kYUp, kZUp };
 
 /// "format", "y-up" or "z-up". @throws InputError on another word
@@ -167,12 +167,12 @@ void note_missing_parts(RiggedShape& shape);
 RiggedShape read_scene_shape(const std::filesystem::path& file, const std::string& id, Axes axes = Axes::kFormat,
                              bool require_rig = true);
 
-/// Where rigged shapes come from: one file, a folder of files, or a file with many samples.
+/// Source of rigged shapes: one file, a folder of files, or a file with many samples.
 class ShapeSource {
  public:
   virtual ~ShapeSource() = default;
 
-  /// What read() takes, each once: folders in alphabetical order, data sets in file order.
+  /// Entries for read(), each once: folders in alphabetical order, data sets in file order.
   virtual std::vector<std::string> ids() const = 0;
   /// Several threads may read at once. @throws InputError naming file and place, also for an id that is not there
   virtual RiggedShape read(const std::string& id) const = 0;
@@ -192,7 +192,7 @@ class ShapeSource {
   virtual std::string sample_id(const std::string& id) const;
   /// False for a shape that its data set marks as one to leave alone (is_bad_skeleton); read() reads it all the same.
   virtual bool is_usable(const std::string& id) const;
-  /// What kind of thing the shape is, where its data set says so, such as the family of a procedural creature; else
+  /// Category of the shape, where its data set says so, such as the family of a procedural creature; else
   /// empty.
   virtual std::string category(const std::string& id) const;
   /// True for one file that holds one shape: two of those are a pair whatever they are called.

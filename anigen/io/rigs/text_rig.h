@@ -42,7 +42,7 @@ std::filesystem::path mesh_of_text_rig(const std::filesystem::path& rig);
 /// @throws InputError also for a skin line whose vertex the mesh does not have
 RiggedShape read_text_rig(const std::filesystem::path& rig, const std::string& id, Axes axes = Axes::kFormat);
 
-/// Whether a text file's first word is one of the four keywords: split lists and notes are text files too.
+/// True when a text file's first word is one of the four keywords: split lists and notes are text files too.
 bool is_text_rig(const std::filesystem::path& file);
 
 }  // namespace anigen::io

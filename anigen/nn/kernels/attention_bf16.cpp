@@ -399,7 +399,7 @@ struct Bf16Scratch {
   Tensor floats, numbers;
 };
 
-// What the next part reads first and writes, to be asked for during the products of this one.
+// Memory that the next part reads first and writes, to be asked for during the products of this one.
 products::RowsAhead rows_after(const RaggedProblem& problem, const HeadTask& part, const HeadTask& next,
                                const Tensor& q, const Tensor& k, const Tensor& v, const Tensor& out) {
   products::RowsAhead ahead;

@@ -50,7 +50,7 @@ std::int64_t bf16_asking_calls(std::int64_t queries, std::int64_t keys, std::int
 
 namespace anigen::nn {
 
-/// Whether cpu_bf16_attention() takes these queries on this CPU: bf16, heads of 16 to 64 channels, AVX512-BF16.
+/// True when cpu_bf16_attention() takes these queries on this CPU: bf16, heads of 16 to 64 channels, AVX512-BF16.
 bool prefers_bf16_attention(const Tensor& q);
 
 /// The forward pass of blocked_attention() by kernels for bf16 (bf16_attention_kernels.h). The bits do not depend on

@@ -119,7 +119,7 @@ Tensor matrix_in(const Tensor& scratch, std::int64_t offset, std::int64_t rows, 
   return scratch.narrow(0, offset, rows * columns).view({rows, columns});
 }
 
-// What the products of 16-bit inputs are formed in, where prefers_bf16_attention() does not know better.
+// Precision of the products of 16-bit inputs, where prefers_bf16_attention() does not know better.
 Tensor for_products(const Tensor& x) { return x.to(torch::kFloat32); }
 
 // out = a b, or out += a b, in the dtype of b. @param out fp32
@@ -357,12 +357,12 @@ struct ForwardScratch {
   ScratchMatrix queries, keys, keys_across, values, scores, sums, state;
 };
 
-// What comes and what goes of a forward pass.
+// Inputs and outputs of a forward pass.
 struct ForwardTensors {
   Tensor q, k, v, out, log_sums;
 };
 
-// What the next part reads first and writes, to be asked for during the products of this one.
+// Memory that the next part reads first and writes, to be asked for during the products of this one.
 template <typename T>
 products::RowsAhead forward_rows(const RaggedProblem& p, const HeadTask& part, const HeadTask& next,
                                  const ForwardTensors& t) {

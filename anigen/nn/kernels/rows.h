@@ -31,7 +31,7 @@ struct Narrow {
   static constexpr std::int64_t kLanes = 8;
 };
 
-/// Whether rows are better taken by sixteen.
+/// True when rows are better taken by sixteen.
 inline bool fills_wide(std::int64_t channels) { return channels % Wide::kLanes < Narrow::kLanes; }
 
 /// By reference, and inlined: how vectors are passed depends on the instruction set.
@@ -63,7 +63,7 @@ ANIGEN_INLINE const float* widened(const std::uint16_t* values, std::int64_t n, 
   return wide;
 }
 
-/// Where results are computed: in place, or in fp32 before they are rounded.
+/// Precision of results: in place, or in fp32 before they are rounded.
 ANIGEN_INLINE float* wide_row(float* values, float*) { return values; }
 ANIGEN_INLINE float* wide_row(std::uint16_t*, float* wide) { return wide; }
 
@@ -96,7 +96,7 @@ void norm_rows(const RowNorm& norm, const float* x, const float* factor, const f
 void norm_rows(const RowNorm& norm, const std::uint16_t* x, const float* factor, const float* shift, std::uint16_t* y,
                float* mean, float* rstd, const RowScratch& scratch);
 
-/// What norm_rows gives for rows with that mean and 1 / σ, [rows].
+/// Result of norm_rows for rows with that mean and 1 / σ, [rows].
 void scale_rows(const RowNorm& norm, const float* x, const float* factor, const float* shift, const float* mean,
                 const float* rstd, float* y);
 

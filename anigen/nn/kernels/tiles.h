@@ -164,7 +164,7 @@ ANIGEN_INLINE float exp_clamped(float t) {
   return exp_within_87(bits_as<float>(clamped | (bits & ~kMagnitude)));
 }
 
-/// The same for t <= 0 with fewer operations. Anything for NaN.
+/// As above, for t <= 0 with fewer operations. Anything for NaN.
 ANIGEN_INLINE float exp_up_to_0(float t) {
   const auto bits = bits_as<std::uint32_t>(t);
   constexpr std::uint32_t kBitsOfMinus87 = 0xC2AE0000U;

@@ -41,7 +41,7 @@
 
 namespace anigen::train {
 
-/// What the process groups of one library have in common.
+/// State that the process groups of one library share.
 #if ANIGEN_TORCH_AT_LEAST(2, 0)
 using ProcessGroup = c10d::Backend;
 #else

@@ -16,7 +16,7 @@ class RankLost : public Error {
   using Error::Error;
 };
 
-/// What a rank is doing, as others see it who wait for it.
+/// Activity of a rank, as others see it who wait for it.
 enum class Activity {
   kTraining,  ///< on its way to the next exchange
   kBusy,      ///< writes a checkpoint, evaluates, draws samples: may take as long as it likes while it is alive

@@ -9,7 +9,7 @@
 
 namespace anigen::train {
 
-/// What one rank has to say about a step, and what all of them said.
+/// Statement of one rank about a step, and those of all ranks.
 struct StepReport {
   double loss_sum = 0.0;     ///< over micro-batches
   bool bad_loss = false;     ///< one was not finite
@@ -47,7 +47,7 @@ void require_same_parameters(Communicator& ranks, const torch::Tensor& flat, con
 /// order in which their gradients are ready, and a bucket's sum begins when its last one is (the scheme of PyTorch's
 /// DistributedDataParallel, Li et al. 2020, section 3.2).
 ///
-/// Which buckets there are is agreed on once, after the first backward pass and before the first sum: rank 0's order
+/// Ranks agree on the buckets once, after the first backward pass and before the first sum: rank 0's order
 /// of readiness, and for parameters that got no gradient then, backwards as they are registered. All steps of a run and
 /// of its restarts thus sum in the same buckets. A parameter without gradient in a step counts as zero and is sent when
 /// the backward pass is over. So is one whose gradient comes in parts, as it can where blocks are computed again in the
@@ -78,7 +78,7 @@ class GradientBuckets {
   /// gradient() holds the sums. @return seconds it waited, the communication that nothing hid
   double finish();
 
-  /// Whether this rank's own gradients of the step were finite before they were summed.
+  /// True when this rank's own gradients of the step were finite before they were summed.
   bool own_gradients_finite() const;
   std::size_t buckets() const { return plan_.size(); }
 

@@ -9,7 +9,7 @@
 
 namespace anigen::train {
 
-/// Where the ranks of a run find each other.
+/// Rendezvous of the ranks of a run.
 struct Rendezvous {
   std::string file;  ///< path of a file that all ranks see; empty: by TCP
   std::string host;  ///< of rank 0; empty together with `file`: nowhere
@@ -21,7 +21,7 @@ struct Rendezvous {
   std::string text() const;  ///< "file:///path" or "tcp://host:port"
 };
 
-/// Which of how many processes this one is, from what its launcher has put into the environment.
+/// Rank of this process and number of processes, from what its launcher has put into the environment.
 struct LaunchEnvironment {
   int rank = 0, size = 1;
   int local_rank = 0;     ///< among those of this machine
@@ -41,7 +41,7 @@ using Variables = std::function<const char*(const char* name)>;
 /// @throws InputError naming the variable that is missing, no number, out of range or contradicted by another
 LaunchEnvironment read_launch_environment(const Variables& variables, const std::string& rendezvous);
 
-/// The same, of this process.
+/// As above, of this process.
 LaunchEnvironment read_launch_environment(const std::string& rendezvous);
 
 /// First host of a SLURM node list: "gpu[003-007,12],login1" → "gpu003".
@@ -68,7 +68,7 @@ struct LocalRanks {
 /// @throws Error when no process or no folder can be made
 int run_local_ranks(const LocalRanks& local, const std::vector<std::string>& words);
 
-/// How ranks talk to each other. Settings of a launch, not of a config: none changes what is trained.
+/// Communication of the ranks. Settings of a launch, not of a config: none changes what is trained.
 struct RankOptions {
   double timeout = 60.0;                ///< seconds after which a rank without sign of life is lost
   torch::Dtype sent = torch::kFloat32;  ///< of gradients on their way: fp32, or bf16 for half the volume

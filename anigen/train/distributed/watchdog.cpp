@@ -37,7 +37,7 @@ std::string beat_key(int rank) { return "beat/" + std::to_string(rank); }
 
 }  // namespace
 
-/// What is known of another rank.
+/// State of another rank.
 struct Watchdog::Peer {
   std::string sign;           // as read last: "<beat> <step> <what it does>"
   Clock::time_point changed;  // when it last became another one, by our clock
@@ -183,7 +183,7 @@ void Watchdog::report(std::int64_t step, Activity activity) {
   if (step != state_->step && state_->step >= 0) {
     state_->longest_step = std::max(state_->longest_step, Seconds(now - state_->step_began));
   }
-  // What is spent on checkpoints and evaluations does not count as part of a step: that begins when they end.
+  // Time spent on checkpoints and evaluations does not count as part of a step: that begins when they end.
   if (step != state_->step || activity != state_->activity) state_->step_began = now;
   state_->step = step;
   state_->activity = activity;

@@ -23,7 +23,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Where a part of the encoder lies in files of others.
+// Place of a part of the encoder in files of others.
 struct Place {
   const char *theirs, *ours;
 };
@@ -164,7 +164,7 @@ using torch::Tensor;
 
 Losses one_loss(const char* name, const Tensor& loss) { return {loss, {{name, loss}}}; }
 
-// What a sample must bring for the task.
+// Requirements on a sample for the task.
 void require_parts(const anymate::AnymateSample& sample, anymate::Task task) {
   if (task == anymate::Task::kSkinning && !sample.skins_index.defined()) {
     throw InputError("", sample.name + "/skins_index", "the sample has no skin weights to learn from");

@@ -41,7 +41,7 @@ struct LatentDenoising {
   double time_max_at(std::int64_t step) const;
 };
 
-/// Where 1 − u is cut off below; the published trainers differ.
+/// Lower bound of 1 − u; the published trainers differ.
 inline constexpr double kDenseTimeCut = 1e-8, kSparseTimeCut = 1e-10;
 
 /// Shares of noise (1 − √max(1 − u, cut)) · time_max, whose density falls linearly to 0 at time_max.
@@ -60,7 +60,7 @@ inline sparse::SparseTensor sparse_of(const data::RaggedVoxels& voxels, torch::D
   return {sparse::Support::create(voxels.coords, items), voxels.feats.to(device)};
 }
 
-/// What the config of a flow stage calls its parts.
+/// Names of the parts of a flow stage in its config.
 struct FlowConfigNames {
   std::vector<std::string> model_classes;
   const char* conditioned_trainer;  ///< the one that needs pictures
@@ -139,7 +139,7 @@ typename StageType::Parts flow_parts(const Json& config, const std::string& file
 /// "bin_0.<name>" … "bin_9.<name>"; an empty tenth has no mean. @param errors, t [B]
 void add_time_bins(Losses& losses, const std::string& name, const torch::Tensor& errors, const torch::Tensor& t);
 
-/// What the stages of both flows have in common: one flow model, perhaps with an encoder of condition pictures that is
+/// Base of the stages of both flows: one flow model, perhaps with an encoder of condition pictures that is
 /// trained beside it, over a dataset of latents (reference training-and-data.md, 3.4).
 /// @tparam Model a module holder with options(), set_compute_dtype() and a constructor (options, init)
 template <typename Model, typename DatasetType, typename Decoder>
@@ -148,7 +148,7 @@ class FlowStage : public Stage {
   using ModelType = Model;
   using Dataset = std::shared_ptr<const DatasetType>;
 
-  /// What a stage works with. Replicas share the datasets and the decoder.
+  /// Parts of a stage. Replicas share the datasets and the decoder.
   struct Parts {
     std::string name = "denoiser";  ///< of the model, in the config and in checkpoints
     Model model = nullptr;
@@ -204,7 +204,7 @@ class FlowStage : public Stage {
     if (parts_.encoder) return parts_.encoder->tokens(pictures);
     return torch::zeros({items, 1, parts_.model->options().cond_channels}, parts_.device);
   }
-  /// The same, where each item loses its picture with a probability.
+  /// As above, where each item loses its picture with a probability.
   torch::Tensor training_condition(const torch::Tensor& pictures, std::int64_t items, double p_uncond,
                                    const at::Generator& generator) {
     const torch::Tensor condition = condition_of(pictures, items);

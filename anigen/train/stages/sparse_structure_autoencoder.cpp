@@ -27,7 +27,7 @@ Tensor normal_draws(const std::vector<std::int64_t>& shape, at::Generator& gener
   return torch::randn(shape, generator, torch::TensorOptions(torch::kFloat32)).to(device);
 }
 
-// What one stream of one micro-batch adds to the loss.
+// Loss of one stream of one micro-batch.
 struct StreamLoss {
   Tensor reconstruction, kl;  // kl undefined where the latent gets noise
 };

@@ -14,7 +14,7 @@
 
 // From a config to the stage; what the stage does is in sparse_structure_flow_stage.cpp.
 
-// What a run shows of itself; the loss is in sparse_structure_flow_stage.cpp.
+// Samples of a run.
 
 namespace anigen::train {
 

@@ -19,7 +19,7 @@
 
 // From a config to the stage of the structured-latent auto-encoder.
 
-// What the two models of the structured latents begin with.
+// Initial weights of the two models of the structured latents.
 
 namespace anigen::train {
 
@@ -28,7 +28,8 @@ namespace {
 using sparse::SparseTensor;
 using torch::Tensor;
 
-// What an asset's picture can teach: parameters below these names, in either model, shape the surface or its colours.
+// Parameters that an asset's image can train: parameters below these names, in either model, shape the surface or its
+// colours.
 constexpr const char* kGeometryParts[] = {"input_layer.", "blocks.", "upsample.", "out_layer."};
 
 bool trains_any_geometry(const torch::nn::Module& model) {

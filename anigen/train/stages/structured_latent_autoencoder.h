@@ -96,7 +96,7 @@ class StructuredLatentAutoEncoderStage : public Stage {
 
   structured_latent::StructuredLatentEncoder& encoder() { return encoder_; }
   structured_latent::StructuredLatentDecoder& decoder() { return decoder_; }
-  /// Whether anything trainable lies behind the decoded shape.
+  /// True when anything trainable lies behind the decoded shape.
   bool trains_geometry() const { return trains_geometry_; }
 
  private:

@@ -19,7 +19,7 @@
 
 // From a config to the stage; what the stage does is in structured_latent_flow_stage.cpp.
 
-// What a run shows of itself; the loss is in structured_latent_flow_stage.cpp.
+// Samples of a run.
 
 namespace anigen::train {
 
@@ -159,7 +159,7 @@ void check_stream(const structured_latent::StructuredLatentFlowStreamOptions& st
                      std::to_string(stream.in_channels) + ", found " + std::to_string(stream.out_channels)));
 }
 
-// Whether model and dataset fit is known before a run folder is touched: from the first asset.
+// True when model and dataset fit is known before a run folder is touched: from the first asset.
 void check_latents(const structured_latent::StructuredLatentFlowOptions& model,
                    const data::StructuredLatentDataset& data, const std::string& file, const std::string& pointer) {
   const auto batch = data.load({data::Draw{0, 0}});

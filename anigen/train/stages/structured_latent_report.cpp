@@ -15,7 +15,7 @@
 
 // Trainer arguments of the structured-latent auto-encoder.
 
-// How well held-out assets come back out of the structured latents.
+// Reconstruction of held-out assets from the structured latents.
 
 // Pictures of what the structured latents give back.
 
