@@ -12,8 +12,8 @@
 #include "anigen/nn/init.h"
 #include "anigen/nn/kernels/attention_fp32.h"
 #include "tests/nn/attention_results.h"
+#include "tests/nn/largest_difference.h"
 #include "tests/support/kernel_forms.h"
-#include "tests/vision/largest_difference.h"
 
 namespace anigen::nn {
 

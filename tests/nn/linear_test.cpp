@@ -3,8 +3,8 @@
 
 #include "anigen/nn/init.h"
 #include "anigen/nn/linear.h"
+#include "tests/nn/largest_difference.h"
 #include "tests/support/kernel_forms.h"
-#include "tests/vision/largest_difference.h"
 
 namespace anigen::nn {
 

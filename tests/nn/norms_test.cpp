@@ -6,8 +6,8 @@
 #include "anigen/nn/init.h"
 #include "anigen/nn/norms.h"
 #include "anigen/nn/volumes.h"
+#include "tests/nn/largest_difference.h"
 #include "tests/support/kernel_forms.h"
-#include "tests/vision/largest_difference.h"
 
 // Layers of volumes, low-rank additions, and what initialisation leaves behind.
 

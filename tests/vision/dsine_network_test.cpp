@@ -7,8 +7,8 @@
 
 #include "anigen/nn/state_dict.h"
 #include "anigen/vision/dsine_network.h"
+#include "tests/nn/largest_difference.h"
 #include "tests/vision/deterministic_fill.h"
-#include "tests/vision/largest_difference.h"
 
 namespace anigen::vision {
 namespace {

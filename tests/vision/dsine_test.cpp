@@ -13,8 +13,8 @@
 #include "anigen/vision/dinov2.h"
 #include "anigen/vision/dsine.h"
 #include "anigen/vision/dsine_network.h"
+#include "tests/nn/largest_difference.h"
 #include "tests/vision/dsine_formula.h"
-#include "tests/vision/largest_difference.h"
 
 namespace anigen::vision {
 

@@ -6,8 +6,8 @@
 #include <vector>
 
 #include "anigen/nn/norms.h"
+#include "tests/nn/largest_difference.h"
 #include "tests/support/kernel_forms.h"
-#include "tests/vision/largest_difference.h"
 
 namespace anigen::nn {
 namespace {
