@@ -381,7 +381,7 @@ fs::path structured_latent_path(const AssetId& asset, const std::string& model) 
   return asset.root / "latents" / model / (asset.id + ".npz");
 }
 
-std::vector<fs::path> files_of_structured_latent_dataset(const AssetId& asset, const StructuredLatentOptions& options) {
+std::vector<fs::path> structured_latent_files(const AssetId& asset, const StructuredLatentOptions& options) {
   std::vector<fs::path> files{structured_latent_path(asset, options.latent_model)};
   if (options.load_rigs || options.use_joint_num_cond) files.push_back(rig_path(asset));
   options.append_condition_files(asset, files);
@@ -421,7 +421,7 @@ struct StructuredLatentDataset::Latent : Sample {
 StructuredLatentDataset::StructuredLatentDataset(std::vector<AssetId> assets, const StructuredLatentOptions& options,
                                                  std::uint64_t seed)
     : AssetDataset(std::move(assets), {seed, options.sources.skip_broken, options.bucket_by_voxels},
-                   {[&](const AssetId& asset) { return files_of_structured_latent_dataset(asset, options); },
+                   {[&](const AssetId& asset) { return structured_latent_files(asset, options); },
                     [&](const AssetId& asset) {
                       return count_rows(structured_latent_path(asset, options.latent_model), "coords");
                     }}),

@@ -147,17 +147,17 @@ PairResult pair_result_from_json(const Json& json, const std::string& file) {
 
 namespace {
 
-Json to_json_pair_evaluation(const metrics::Similarity& similarity) {
+Json alignment_json(const metrics::Similarity& similarity) {
   Json rows = Json::array();
   const Eigen::Matrix4d matrix = similarity.matrix();
   for (int row = 0; row < 4; ++row) rows.push_back({matrix(row, 0), matrix(row, 1), matrix(row, 2), matrix(row, 3)});
   return rows;
 }
 
-Json to_json_pair_evaluation(const metrics::Alignment& alignment) {
+Json alignment_json(const metrics::Alignment& alignment) {
   Json json = {{"by", metrics::to_string(alignment.by)},
-               {"prediction_to_frame", to_json_pair_evaluation(alignment.prediction)},
-               {"truth_to_frame", to_json_pair_evaluation(alignment.truth)}};
+               {"prediction_to_frame", alignment_json(alignment.prediction)},
+               {"truth_to_frame", alignment_json(alignment.truth)}};
   if (alignment.icp_used) {
     json["icp"] = {{"rmse", alignment.icp.rmse},
                    {"start", alignment.icp.start},
@@ -250,7 +250,7 @@ PairResult evaluate_pair(const io::RiggedShape& predicted, const io::RiggedShape
   copy_notes(truth, "ground truth", result);
   copy_notes(predicted, "prediction", result);
   const ComparedShapes shapes = bring_together(predicted, truth, settings);
-  result.details["alignment"] = to_json_pair_evaluation(shapes.alignment);
+  result.details["alignment"] = alignment_json(shapes.alignment);
   result.details["prediction"] = sizes(predicted);
   result.details["ground_truth"] = sizes(truth);
   if (shapes.alignment.icp_used)

@@ -232,7 +232,7 @@ AnymateJointScore anymate_joint(const std::vector<Eigen::Vector3d>& predicted,
 
 namespace {
 
-void check_input_anymate_connectivity(const Eigen::MatrixXd& matrix, Eigen::Index joints, const char* which) {
+void check_connectivity(const Eigen::MatrixXd& matrix, Eigen::Index joints, const char* which) {
   if (matrix.rows() != joints || matrix.cols() != joints || joints == 0) {
     throw InputError("", which,
                      "expected a square matrix of all joints, found " + std::to_string(matrix.rows()) + " x " +
@@ -261,8 +261,8 @@ bool linked(const std::vector<Eigen::Index>& parents, Eigen::Index a, Eigen::Ind
 }  // namespace
 
 Eigen::VectorXd anymate_cross_entropy(const Eigen::MatrixXd& predicted, const Eigen::MatrixXd& truth) {
-  check_input_anymate_connectivity(predicted, truth.rows(), "predicted connectivity");
-  check_input_anymate_connectivity(truth, truth.rows(), "true connectivity");
+  check_connectivity(predicted, truth.rows(), "predicted connectivity");
+  check_connectivity(truth, truth.rows(), "true connectivity");
   return -(truth.array() * (predicted.array() + 1e-6).log()).rowwise().sum();
 }
 

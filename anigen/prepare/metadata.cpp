@@ -156,7 +156,7 @@ namespace {
 /// Raised whenever the same source would give other files or numbers, so that old outputs are made again.
 constexpr int kRecordVersion = 2;
 
-std::string joined_metadata(const std::vector<std::string>& words) {
+std::string space_separated(const std::vector<std::string>& words) {
   std::string text;
   for (const std::string& word : words) text += (text.empty() ? "" : " ") + word;
   return text;
@@ -234,7 +234,7 @@ CsvTable metadata_table(const std::vector<DatasetEntry>& entries, const QualityL
                           std::to_string(record.num_vertices), std::to_string(record.num_faces),
                           std::to_string(record.max_influences), csv_flag(bad_skin(record, limits)),
                           csv_flag(!usable(record, limits)), csv_flag(entry.is_test),
-                          csv_flag(distinct_bones(record, limits)), joined_metadata(record.repairs)});
+                          csv_flag(distinct_bones(record, limits)), space_separated(record.repairs)});
   }
   return table;
 }

@@ -207,7 +207,7 @@ namespace {
 constexpr int kOcclusionRaysPerPixel = 24;
 constexpr int kLargestPicture = 16384, kMostPixelSamples = 16;
 
-void check_picture(const PictureOptions& options) {
+void check_options(const PictureOptions& options) {
   const auto check_range = [](int value, int high, const char* option) {
     if (value < 1 || value > high) throw InputError("", option, "must be between 1 and " + std::to_string(high));
   };
@@ -310,7 +310,7 @@ Camera picture_camera(const Scene& scene, const PictureOptions& options) {
 }
 
 io::Image render(const Scene& scene, const PictureOptions& options) {
-  check_picture(options);
+  check_options(options);
   const Camera camera = picture_camera(scene, options);
   const Painter painter(scene, options, camera);
   io::Image image(options.width, options.height);
@@ -322,7 +322,7 @@ io::Image render(const Scene& scene, const PictureOptions& options) {
 }
 
 io::Image render(const Asset& asset, const PictureOptions& options) {
-  check_picture(options);
+  check_options(options);
   return render(Scene(asset, options.vertices), options);
 }
 

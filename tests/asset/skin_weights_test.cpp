@@ -165,7 +165,7 @@ std::vector<double> plainly_smoothed(const SkinWeights& skin, const MeshEdges& e
   return w;
 }
 
-void expect_rows_skin_smoothing(const SkinWeights& skin, std::size_t joints, const std::vector<double>& expected) {
+void expect_smoothed_rows(const SkinWeights& skin, std::size_t joints, const std::vector<double>& expected) {
   const std::vector<float> dense = to_dense(skin, joints);
   ASSERT_EQ(dense.size(), expected.size());
   for (std::size_t i = 0; i < expected.size(); ++i) ASSERT_NEAR(dense[i], expected[i], 2e-6) << "entry " << i;
@@ -180,7 +180,7 @@ TEST(SmoothSkin, LeavesTheVertexItselfOut) {
   skin.append_row({{2, 0.1f}, {3, 0.9f}});
   SkinSmoothing options;
   options.iterations = 2;
-  expect_rows_skin_smoothing(smooth_skin(skin, path(4), 4, options), 4,
+  expect_smoothed_rows(smooth_skin(skin, path(4), 4, options), 4,
                              {.5, .1, .25, .15, .45, .3, .025, .225, .25, .15, .375, .225, .3, .2, .05, .45});
 }
 
@@ -200,7 +200,7 @@ TEST(SmoothSkin, FollowsTheDefinitionOverManyJointsAndRowsWithoutWeights) {
       options.alpha = alpha;
       options.iterations = iterations;
       options.empties_isolated = true;
-      expect_rows_skin_smoothing(smooth_skin(holed, edges, kJoints, options), kJoints,
+      expect_smoothed_rows(smooth_skin(holed, edges, kJoints, options), kJoints,
                                  plainly_smoothed(holed, edges, kJoints, iterations, alpha));
     }
   }
@@ -231,13 +231,13 @@ TEST(SmoothSkin, AnIsolatedVertexKeepsItsWeightsUnlessAskedToBeAsPublished) {
   skin.append_row({{1, 1.0f}});
   skin.append_row({{0, 0.25f}, {1, 0.75f}});
   SkinSmoothing options;
-  expect_rows_skin_smoothing(smooth_skin(skin, edges, 2, options), 2, {1, 0, 0, 1, .25, .75});  // 100 swaps
+  expect_smoothed_rows(smooth_skin(skin, edges, 2, options), 2, {1, 0, 0, 1, .25, .75});  // 100 swaps
   options.iterations = 1;
-  expect_rows_skin_smoothing(smooth_skin(skin, edges, 2, options), 2, {0, 1, 1, 0, .25, .75});
+  expect_smoothed_rows(smooth_skin(skin, edges, 2, options), 2, {0, 1, 1, 0, .25, .75});
   options.empties_isolated = true;
   EXPECT_EQ(smooth_skin(skin, edges, 2, options).row_size(2), 0u);
   options.alpha = 0.5;
-  expect_rows_skin_smoothing(smooth_skin(skin, edges, 2, options), 2, {.5, .5, .5, .5, .25, .75});
+  expect_smoothed_rows(smooth_skin(skin, edges, 2, options), 2, {.5, .5, .5, .5, .25, .75});
 }
 
 TEST(SmoothSkin, DoesNotDependOnThreads) {

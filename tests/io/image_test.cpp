@@ -243,7 +243,7 @@ std::vector<int> reds(const Image& image) {
   return found;
 }
 
-FileBytes encoded_image_orientation(const char* extension) {
+FileBytes encoded_pixels(const char* extension) {
   FileBytes bytes;
   if (!cv::imencode(extension, cv::Mat(16, 24, CV_8UC3, cv::Scalar(200, 100, 50)), bytes)) throw std::bad_alloc();
   return bytes;
@@ -282,9 +282,9 @@ TEST(ExifOrientation, IsReadFromEveryFormatAndByteOrder) {
   for (int orientation = 1; orientation <= 8; ++orientation) {
     for (const bool big_endian : {false, true}) {
       const FileBytes exif = test::exif_block(orientation, big_endian);
-      EXPECT_EQ(exif_orientation(test::jpeg_with_exif(encoded_image_orientation(".jpg"), exif)), orientation);
-      EXPECT_EQ(exif_orientation(test::png_with_exif(encoded_image_orientation(".png"), exif)), orientation);
-      FileBytes webp = encoded_image_orientation(".webp");
+      EXPECT_EQ(exif_orientation(test::jpeg_with_exif(encoded_pixels(".jpg"), exif)), orientation);
+      EXPECT_EQ(exif_orientation(test::png_with_exif(encoded_pixels(".png"), exif)), orientation);
+      FileBytes webp = encoded_pixels(".webp");
       webp.insert(webp.end(), {'E', 'X', 'I', 'F', static_cast<std::uint8_t>(exif.size()), 0, 0, 0});
       webp.insert(webp.end(), exif.begin(), exif.end());
       EXPECT_EQ(exif_orientation(webp), orientation);
@@ -294,18 +294,18 @@ TEST(ExifOrientation, IsReadFromEveryFormatAndByteOrder) {
 
 TEST(ExifOrientation, IsUprightWhereNothingUsefulIsSaid) {
   for (const char* extension : {".jpg", ".png", ".webp", ".bmp", ".tif"}) {
-    EXPECT_EQ(exif_orientation(encoded_image_orientation(extension)), 1) << extension;
+    EXPECT_EQ(exif_orientation(encoded_pixels(extension)), 1) << extension;
   }
   EXPECT_EQ(exif_orientation({}), 1);
   for (const int nonsense : {0, 9, 65535}) {
-    EXPECT_EQ(exif_orientation(test::jpeg_with_exif(encoded_image_orientation(".jpg"), test::exif_block(nonsense))), 1);
+    EXPECT_EQ(exif_orientation(test::jpeg_with_exif(encoded_pixels(".jpg"), test::exif_block(nonsense))), 1);
   }
 }
 
 TEST(ExifOrientation, DamagedBlocksAreNoError) {
   const FileBytes exif = test::exif_block(6);
-  const FileBytes jpeg = test::jpeg_with_exif(encoded_image_orientation(".jpg"), exif);
-  const FileBytes png = test::png_with_exif(encoded_image_orientation(".png"), exif);
+  const FileBytes jpeg = test::jpeg_with_exif(encoded_pixels(".jpg"), exif);
+  const FileBytes png = test::png_with_exif(encoded_pixels(".png"), exif);
   for (const FileBytes& whole : {jpeg, png}) {
     for (std::size_t length = 0; length < 80; ++length) {
       const int found = exif_orientation({whole.begin(), whole.begin() + static_cast<std::ptrdiff_t>(length)});

@@ -501,7 +501,7 @@ void backward_block(const RaggedProblem& p, const HeadTask& part, const Backward
 }
 
 template <typename T>
-void backward_head_cpu_ragged_attention(const RaggedProblem& p, const HeadTask& part, const HeadTask& next,
+void backward_ragged_head(const RaggedProblem& p, const HeadTask& part, const HeadTask& next,
                                         const BackwardScratch& scratch, const RaggedGradients& g) {
   const std::int64_t row = p.q_offsets[part.task->sequence], keys = p.keys(part.task->sequence);
   const std::int64_t queries = part.task->queries, block = even_block(keys, kKeysAtOnce);
@@ -526,7 +526,7 @@ template <typename T>
 void backward_all(const RaggedProblem& p, const RaggedGradients& g) {
   for_each_head<BackwardScratch>(p, ragged_tasks(p, std::numeric_limits<std::int32_t>::max()),
                                  [&](const HeadTask& part, const HeadTask& next, const BackwardScratch& scratch) {
-                                   backward_head_cpu_ragged_attention<T>(p, part, next, scratch, g);
+                                   backward_ragged_head<T>(p, part, next, scratch, g);
                                  });
 }
 
