@@ -1,4 +1,4 @@
-// How fast real files come in and procedural ones are made. Import is timed beside the same file going through bare
+// Time to import real files and to make procedural ones. Import is timed beside the same file going through bare
 // tinygltf, which parses but neither checks nor skins anything.
 #include <benchmark/benchmark.h>
 #include <tiny_gltf.h>

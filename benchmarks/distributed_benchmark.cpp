@@ -1,6 +1,6 @@
-// What two ranks wait for: a backward pass alone; followed by one sum of all gradients; with sums of buckets after it;
-// and with buckets that are summed while it runs, in fp32 and in bf16. The communication that nothing hides is what a
-// row takes more than the pass alone. Two processes of this machine over Gloo, one thread each; all rows are timed in
+// Waiting times of two ranks: a backward pass alone; followed by one sum of all gradients; with sums of buckets after
+// it; and with buckets that are summed while it runs, in fp32 and in bf16. The communication that nothing hides is what
+// a row takes more than the pass alone. Two processes of this machine over Gloo, one thread each; all rows are timed in
 // turn, round after round. Prints a table; with --benchmark_out=FILE also Google Benchmark's JSON. Other --benchmark_*
 // flags are accepted and ignored.
 #include <sys/wait.h>

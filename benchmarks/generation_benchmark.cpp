@@ -1,4 +1,4 @@
-// What a whole generation costs with the published models: picture tokens by DINOv2, both flows with guidance, both
+// Cost of a whole generation with the published models: picture tokens by DINOv2, both flows with guidance, both
 // decoders, on voxels of a real asset or of an ellipsoid of about as many. Seconds of every part, what 25 + 25 steps
 // take at the rate of the steps that were made, and the most memory that was held. As `anigen-generate --precision
 // bf16`; with --low-memory one model at a time, as there.

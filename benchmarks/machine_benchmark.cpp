@@ -1,4 +1,4 @@
-// What this machine can do at most, for the benchmarks that are shares of it: matrix products in fp32 and bf16, and
+// Peak rates of this machine, for the benchmarks that are shares of it: matrix products in fp32 and bf16, and
 // copying memory, on one thread and on all. Prints a table; with --benchmark_out=FILE also Google Benchmark's JSON.
 #include <ATen/Parallel.h>
 

@@ -118,7 +118,7 @@ inline bool read_text(const std::string& word, const std::string& name, std::str
   return true;
 }
 
-/// What the benchmarks of both flows are told alike.
+/// Options that the benchmarks of both flows share.
 struct FlowSettings {
   std::vector<torch::Dtype> dtypes;
   std::int64_t blocks = 24;

@@ -27,7 +27,7 @@ class RatioReporter : public benchmark::ConsoleReporter {
     }
   }
 
-  /// How many times faster row a is than row b; nothing when one of them has not run.
+  /// Speed of row a relative to row b; nothing when one of them has not run.
   void print_ratio(const std::string& what, const std::string& a, const std::string& b) const {
     const auto first = best_.find(a), second = best_.find(b);
     if (first == best_.end() || second == best_.end()) return;

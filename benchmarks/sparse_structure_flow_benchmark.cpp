@@ -1,4 +1,4 @@
-// What a step of the published sparse-structure flow costs: 24 blocks, two streams of 4,096 tokens and width 1024,
+// Cost of a step of the published sparse-structure flow: 24 blocks, two streams of 4,096 tokens and width 1024,
 // 1,374 condition tokens. Seconds and FLOP/s beside the machine's own matrix products in the same type, measured in
 // between, and beside the same model as eager LibTorch code runs it.
 //   benchmark_sparse_structure_flow [--fp32] [--bf16] [--blocks=24] [--steps=3] [--plain-steps=1] [--threads=N]

@@ -1,4 +1,4 @@
-// What a training step of the published structured-latent auto-encoder costs: encoder and decoder of
+// Cost of a training step of the published structured-latent auto-encoder: encoder and decoder of
 // configs/published/slat_dae.json, forward and backward, on about 20 thousand voxels of an ellipsoid with 5 thousand
 // of a skeleton and the rig of a creature. Seconds, peak memory beside what the estimate behind memory_budget_mb says,
 // and where the time goes.

@@ -1,4 +1,4 @@
-// What a pass of the published structured-latent flow costs: 24 blocks, widths 1024, 512 and 512, 1,374 condition
+// Cost of a pass of the published structured-latent flow: 24 blocks, widths 1024, 512 and 512, 1,374 condition
 // tokens, on voxels of a real asset or of an ellipsoid of about as many. Seconds and FLOP/s beside the machine's own
 // matrix products in the same type, measured in between; a guided step of the sampler takes two passes.
 //   benchmark_structured_latent_flow [--fp32] [--bf16] [--voxels=PLY --skeleton-voxels=PLY] [--blocks=24] [--steps=2]

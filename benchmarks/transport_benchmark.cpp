@@ -1,4 +1,4 @@
-// What optimal transport of skeletons costs: per fixture pair beside LEMON and the published timings, growth with the
+// Cost of optimal transport of skeletons: per fixture pair beside LEMON and the published timings, growth with the
 // number of joints, and a thousand pairs in one go. Prints tables; with --benchmark_out=FILE also Google Benchmark's
 // JSON, so that one script reads all benchmarks. Other --benchmark_* flags are accepted and ignored.
 #include <sys/resource.h>

@@ -125,7 +125,7 @@ TEST(Leases, LiveAsLongAsTheirThreadGivesSigns) {
   for (int i = 0; i < 200 && fs::last_write_time(folder / "piece.1") == begin; ++i) std::this_thread::sleep_for(20ms);
   EXPECT_GT(fs::last_write_time(folder / "piece.1"), begin);
   EXPECT_TRUE(lease->held());
-  // What another process does that found it expired.
+  // Takeover by another process that found it expired.
   hold_elsewhere(folder / "piece.2", 0);
   for (int i = 0; i < 200 && lease->held(); ++i) std::this_thread::sleep_for(20ms);
   EXPECT_FALSE(lease->held());

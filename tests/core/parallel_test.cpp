@@ -59,7 +59,7 @@ void put(const fs::path& file, const std::string& text) {
   std::ofstream(file) << text;
 }
 
-/// What is found outside a job of SLURM, which these tests may be run in.
+/// Cores found outside a job of SLURM, which these tests may be run in.
 Cores find_outside_jobs(const fs::path& root) {
   ::unsetenv("SLURM_CPUS_ON_NODE");
   ::unsetenv("SLURM_CPUS_PER_TASK");

@@ -167,7 +167,7 @@ void check_skin(const Asset& asset) {
   EXPECT_GE(used.size(), std::min<std::size_t>(4, joints - 1));
 }
 
-/// What belongs to one side of the body is never moved by the other one.
+/// A vertex on one side of the body is never moved by the other one.
 void check_sides(const Asset& asset) {
   const auto side = [&](int joint) {
     const std::string& name = asset.skeleton.names[joint];

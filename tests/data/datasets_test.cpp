@@ -196,7 +196,7 @@ class ConditionPictures : public testing::Test {
 TEST_F(ConditionPictures, NormalsAreReadFromTheirOwnFilesCroppedAndMaskedAsColours) {
   write_normals();
   const torch::Tensor normals = first("normal")->cond[0], colors = first("color")->cond[0];
-  // What is background in one is background in the other; inside, a surface square to the camera.
+  // Background in one is background in the other; inside, a surface square to the camera.
   const torch::Tensor object = colors[1] > 0;
   EXPECT_TRUE(torch::equal(normals[2] > 0, object));
   EXPECT_TRUE(torch::equal(normals[2], object.to(torch::kFloat32)));

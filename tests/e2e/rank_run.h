@@ -26,7 +26,7 @@ struct RankRun {
     return words(output, "--ranks " + std::to_string(ranks) + " --timeout 30 " + more) + " >" +
            quoted(said(output).string()) + " 2>&1";
   }
-  /// Where a run's words go.
+  /// Output of a run.
   std::filesystem::path said(const std::string& output) const { return folder / (output + ".txt"); }
   void train(int ranks, const std::string& output, const std::string& more = "") const {
     const int code = run_program(line(ranks, output, more));

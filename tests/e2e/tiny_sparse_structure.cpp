@@ -69,7 +69,7 @@ bool expect_at_least(const fs::path& run, const std::string& column, double floo
   return found.back().value >= floor;
 }
 
-/// Whether all is as it should be; goes on after a difference, so that one run shows them all.
+/// True when every check holds; goes on after a difference, so that one run shows them all.
 bool run(const std::vector<std::string>& programs) {
   bool good = true;
   const std::string &prepare = programs[0], &train = programs[1], &encode = programs[2], &evaluate = programs[3];

@@ -83,7 +83,7 @@ TEST_F(ExperimentResults, MeansOverSeedsDifferencesOverAssets) {
   EXPECT_NE(to_latex(mean_table(result)).find("\\textbf{3.7500 $\\pm$"), std::string::npos);
 }
 
-// What both seeds share is one run: its interval is over the assets, and not without width.
+// A run that both seeds share counts once: its interval is over the assets, and not without width.
 TEST_F(ExperimentResults, ARowThatNoSeedChangesHasItsAssetsInterval) {
   run_jobs(place_.out, plan_, {});
   for (const std::size_t run : {0, 1, 2, 3}) scores(run, {"1", "2", "3", "4", "5", "6"});

@@ -125,7 +125,7 @@ TEST_F(GenerateAssets, APictureBecomesARiggedFile) {
   EXPECT_EQ(io::read_gltf(made("a", "skeleton.glb")).asset.skeleton.size(), asset.skeleton.size());
 }
 
-// What the stages gave, in files as those of a dataset: every voxel that the report counts has a row.
+// Results of the stages, in files as those of a dataset: every voxel that the report counts has a row.
 TEST_F(GenerateAssets, IntermediateResultsAreKeptWhenAskedFor) {
   ASSERT_EQ(one("without").failure, "");
   EXPECT_FALSE(fs::exists(made("without", "latents.npz")));

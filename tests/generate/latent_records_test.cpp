@@ -55,7 +55,7 @@ TEST_F(Manifest, KeepsWhatWasAddedHoweverARunEnds) {
   EXPECT_FALSE(on_disk("B", "one", "voxels 1"));
 }
 
-// What a kill leaves: the file as it is while the run goes on.
+// State after a kill: the file as it is while the run goes on.
 TEST_F(Manifest, PromisesNothingThatIsAboutToBeReplaced) {
   LatentManifest running(folder_.path(), "A");
   running.forget({"one"});

@@ -35,7 +35,7 @@ io::Image cutout(int width, int height, int left, int top, int right, int bottom
   return image;
 }
 
-/// What generation makes of one pixel: on black, rounded down.
+/// Pixel as generation reads it: on black, rounded down.
 int on_black(int color, int alpha) {
   return static_cast<int>(static_cast<float>(color) / 255.0F * (static_cast<float>(alpha) / 255.0F) * 255.0F);
 }

@@ -107,7 +107,7 @@ TEST(MatchingPlaces, WholeCopiesAreTakenInOrder) {
 }
 
 TEST(MatchingPlaces, SeamsDoNotChangeTheShape) {
-  // The same box twice: closed, and split along an edge as texture seams do; beside it a box that touches at a side.
+  // One box twice: closed, and split along an edge as texture seams do; beside it a box that touches at a side.
   Mesh closed;
   add_box(closed, {0, 0, 0}, {1, 1, 1});
   add_box(closed, {1, 0, 0}, {2, 1, 1});

@@ -49,7 +49,7 @@ TEST(FillHoles, ClosesASphereWithTrianglesOfItsSize) {
   EXPECT_EQ(result.left_open, 0u);
   EXPECT_TRUE(test::edge_census(result.mesh.faces).is_closed());
   EXPECT_EQ(test::euler_characteristic(result.mesh), 2);
-  // What is missing is at most the cap above the lowest vertex of the hole, with height h π h² (3 r - h) / 3.
+  // The missing volume is at most the cap above the lowest vertex of the hole, with height h π h² (3 r - h) / 3.
   const double sphere = kPi / 6.0, height = 0.08, cap = kPi * height * height * (1.5 - height) / 3.0;
   EXPECT_GT(test::enclosed_volume(result.mesh), 0.98 * (sphere - cap));
   EXPECT_LT(test::enclosed_volume(result.mesh), sphere);

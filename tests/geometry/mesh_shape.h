@@ -9,7 +9,7 @@
 
 #include "anigen/asset/mesh.h"
 
-/// What tests say about surfaces as a whole.
+/// Properties of whole surfaces, for tests.
 namespace anigen::test {
 
 /// Edges by how many faces meet there.

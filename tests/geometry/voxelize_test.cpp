@@ -29,8 +29,8 @@ struct Fraction {
 bool less(const Fraction& a, const Fraction& b) { return a.num * b.den < b.num * a.den; }
 bool equal(const Fraction& a, const Fraction& b) { return a.num * b.den == b.num * a.den; }
 
-/// Whether the closed segment has a point with cell ≤ coordinate < cell + 1 along every axis, in exact fractions of its
-/// length. Coordinates are in `steps` per voxel.
+/// True when the closed segment has a point with cell ≤ coordinate < cell + 1 along every axis, in exact fractions of
+/// its length. Coordinates are in `steps` per voxel.
 bool passes_through(const Lattice& a, const Lattice& b, const Voxel& voxel, std::int64_t steps) {
   Fraction from{0, 1}, to{1, 1};
   bool to_counts = true;  // whether the end of the interval belongs to it

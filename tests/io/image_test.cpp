@@ -249,7 +249,7 @@ FileBytes encoded_pixels(const char* extension) {
   return bytes;
 }
 
-// Where the stored row 0 and column 0 lie in the upright picture, EXIF 2.3, section 4.6.4, "Orientation".
+// Position of the stored row 0 and column 0 in the upright image, EXIF 2.3, section 4.6.4, "Orientation".
 const std::vector<std::vector<int>> kUprightPixels{{1, 2, 3, 4, 5, 6},   // top, left
                                                    {3, 2, 1, 6, 5, 4},   // top, right
                                                    {6, 5, 4, 3, 2, 1},   // bottom, right

@@ -70,7 +70,7 @@ TEST(Normalization, CentroidAndRmsDoNotChangeUnderSimilarities) {
     const Similarity moved_by = test::random_similarity(seed);
     const Mesh moved = transformed(moved_by, mesh);
     const Similarity found = normalization(moved, NormalizationMode::kCentroidRms);
-    // The same shape up to the rotation that is still to be found.
+    // One shape up to the rotation that is still to be found.
     EXPECT_NEAR(found.scale * moved_by.scale, reference.scale, 1e-5 * reference.scale);
     const Eigen::Vector3d p = mesh.vertices[17].cast<double>();
     EXPECT_NEAR(found(moved_by(p)).norm(), reference(p).norm(), 1e-5);

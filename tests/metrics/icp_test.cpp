@@ -167,7 +167,7 @@ TEST(Icp, PruningFindsWhatRefiningEveryStartFinds) {
     const IcpResult all = register_shapes(a, b, options);
     EXPECT_EQ(all.refined, all.starts);
     EXPECT_LE(pruned.refined, 5);
-    // The same minimum, as far as two descents stop at one point: shapes as unlike as these make it a shallow one.
+    // An equal minimum, as far as two descents stop at one point: shapes as unlike as these make it a shallow one.
     EXPECT_NEAR(pruned.rmse, all.rmse, 2e-3 * all.rmse + 1e-7);
     EXPECT_LT(rotation_angle(pruned.transform.rotation, all.transform.rotation), 0.1);
   }

@@ -1,4 +1,4 @@
-// What the front end calls for one pair of skeletons, on good and on odd input.
+// Transport of one pair of skeletons as the front end calls it, on good and on odd input.
 #include "anigen/metrics/skeleton_transport.h"
 
 #include <gtest/gtest.h>

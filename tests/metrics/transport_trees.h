@@ -20,7 +20,7 @@ inline JointTree random_tree(std::size_t joints, Rng& rng) {
   return tree;
 }
 
-/// The same skeleton with its joints in another order.
+/// Skeleton with its joints in another order.
 inline JointTree relabelled(const JointTree& tree, Rng& rng) {
   const std::vector<std::size_t> place = rng.permutation(tree.size());  // joint j moves to place[j]
   JointTree result = tree;

@@ -8,7 +8,7 @@
 
 namespace anigen::test {
 
-/// What an attention gives, and the gradients with respect to queries, keys and values.
+/// Result of an attention, and the gradients with respect to queries, keys and values.
 struct AttentionResults {
   torch::Tensor out;
   std::vector<torch::Tensor> gradients;

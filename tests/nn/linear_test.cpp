@@ -114,7 +114,7 @@ namespace {
 
 Tensor leaf(const Tensor& values) { return values.to(torch::kBFloat16).requires_grad_(); }
 
-// The same layer in fp32 on the same, already rounded numbers differs by one rounding of each result: 2^-8 of it.
+// A layer in fp32 on the same, already rounded numbers differs by one rounding of each result: 2^-8 of it.
 TEST(WidenedLinear, IsTheWideLayerRoundedOnce) {
   torch::manual_seed(3);
   for (const bool with_bias : {true, false}) {

@@ -11,7 +11,7 @@
 
 namespace anigen::nn::kernels {
 
-// How GoogleTest writes a parameter.
+// Text of a parameter for GoogleTest.
 void PrintTo(const VolumeConvolutionSizes& s, std::ostream* out) {
   *out << s.batch << " x " << s.x << " " << s.y << " " << s.z << ", " << s.in << " to " << s.out << " channels";
 }

@@ -20,7 +20,7 @@ void run_anymate_embedders(Fixture& fixture) {
   fixture.check("temb_odd", nn::timestep_features(t, anymate_size(fixture, "odd")));
 }
 
-// How many layers of the stack the fixture holds.
+// Number of layers of the stack in the fixture.
 std::int64_t stack_layers(const Fixture& fixture) {
   const io::NamedArrays parameters = parameters_of(fixture, "transformer");
   std::int64_t layers = 0;

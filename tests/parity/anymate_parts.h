@@ -8,7 +8,7 @@ inline std::int64_t anymate_size(const Fixture& fixture, const char* key) {
   return fixture.config().at(key).get<std::int64_t>();
 }
 
-/// What the heads have in common.
+/// Parts that the heads share.
 inline anymate::HeadOptions anymate_head(const Fixture& fixture) {
   anymate::HeadOptions options;
   options.width = anymate_size(fixture, "width");

@@ -1,4 +1,4 @@
-// Which file of a checkpoint folder is read, and what the models compute with it.
+// Choice of the file of a checkpoint folder, and the models' results with it.
 #include "anigen/io/arrays/safetensors.h"
 #include "anigen/io/arrays/torch_archive.h"
 #include "anigen/nn/init.h"

@@ -1,5 +1,5 @@
 // Complete inference from a folder of published checkpoints: both flows, both decoders, the mesh, and the encoders.
-// What is compared is what anigen-generate computes; only the image's tokens and the noise are the fixture's.
+// The comparison covers what anigen-generate computes; only the image's tokens and the noise are the fixture's.
 #include <algorithm>
 
 #include "anigen/generate/asset_generator.h"

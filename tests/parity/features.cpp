@@ -1,4 +1,4 @@
-// What pictures and views become: Pillow's resize, crops, tensors for DINOv2, features on voxels.
+// Preprocessing of images and views: Pillow's resize, crops, tensors for DINOv2, features on voxels.
 #include "anigen/geometry/voxel_grid.h"
 #include "anigen/io/image_resize.h"
 #include "anigen/vision/condition.h"

@@ -6,7 +6,7 @@
 #include "anigen/nn/state_dict.h"
 #include "tests/parity/fixture.h"
 
-// What the fixtures of the two flows have in common: sampling runs described by `config.cases`, and training steps.
+// Cases that the fixtures of the two flows share: sampling runs described by `config.cases`, and training steps.
 namespace anigen::test {
 
 /// The sampler options of a case; keys about the model and the kind of sampler are left out.

@@ -120,7 +120,7 @@ void check_images(Fixture& fixture, const RasterCase& c, const CoverageGrid& gri
   sure.check_antialiased("specified", rendering.attributes.narrow(2, 6, 3));
   if (grid.subpixel_bits != kFinest.subpixel_bits) return;
 
-  // Which pixels of the larger picture are sure is not said; with this grid all of them should be.
+  // The fixture does not mark the sure pixels of the larger image; with this grid all of them should be.
   const raster::Rendering larger = c.render(2);
   fixture.check(c.mesh + ".mask_ssaa2", larger.mask);
   fixture.check(c.mesh + ".normal_ssaa2", larger.normal.permute({2, 0, 1}));

@@ -1,5 +1,5 @@
-// What the ray tracer sees against the rasteriser's outputs before antialiasing. Pixels that the fixture marks as too
-// close to call (a centre on a projected edge, two surfaces at one depth) take the expected value.
+// Visibility by the ray tracer against the rasteriser's outputs before antialiasing. Pixels that the fixture marks as
+// too close to call (a centre on a projected edge, two surfaces at one depth) take the expected value.
 #include "tests/parity/raster_visibility.h"
 
 #include <Eigen/LU>

@@ -5,7 +5,7 @@
 
 namespace anigen::test {
 
-/// What the ray tracer sees, against what a mesh of the raster fixture has before antialiasing.
+/// Visibility by the ray tracer, against what a mesh of the raster fixture has before antialiasing.
 void check_ray_traced_visibility(Fixture& fixture, const std::string& mesh);
 
 }  // namespace anigen::test

@@ -12,7 +12,7 @@ namespace {
 
 using torch::Tensor;
 
-/// What a fixture calls the arguments of the groupings, each in its own place.
+/// Names in a fixture of the arguments of the groupings, each in its own place.
 void read_number(const Json& from, const char* name, float& to) {
   if (from.contains(name)) to = static_cast<float>(from.at(name).get<double>());
 }

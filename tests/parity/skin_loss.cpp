@@ -30,7 +30,7 @@ void run_skin_loss(Fixture& fixture) {
   fixture.check("skin_l2_loss", losses.l2);
   fixture.check("grad_pred0", predicted[0].grad());
 
-  // The same losses from logarithms, which is what training uses.
+  // Losses from logarithms, which is what training uses.
   const skin_field::SkinLosses from_log = skin_field::skin_losses_from_log(log_predicted, target, options);
   fixture.check("skin_kl_loss", from_log.kl);
   fixture.check("skin_l1_loss", from_log.l1);

@@ -44,7 +44,7 @@ void run_slat_flow(Fixture& fixture) {
     fixture.check("v_skl" + suffix, velocity.x_skl.feats);
   };
   check("", fixture.has_input("joints_num") ? fixture.input("joints_num") : Tensor());
-  // Which further calls the fixture has shows in its outputs.
+  // The fixture's outputs show which further calls it has.
   for (const std::string& output : fixture.outputs()) {
     if (output == "v_none") check("_none", {});
     if (output == "v_int") check("_int", torch::full({1}, described_count(fixture, output), torch::kInt64));

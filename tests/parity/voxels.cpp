@@ -162,7 +162,7 @@ torch::Tensor at_nearest_vertices(const Fixture& fixture, const std::string& s, 
   return fixture.input(s + ".vert_embed").index_select(0, torch::tensor(nearest));
 }
 
-/// What the decoder's channels mean, for all samples one after another.
+/// Meaning of the decoder's channels, for all samples one after another.
 void check_votes(Fixture& fixture, const std::vector<Eigen::Vector3d>& positions) {
   const torch::Tensor channels = fixture.input("dec_feats");
   const Eigen::MatrixXd rows = matrix(channels);

@@ -212,7 +212,7 @@ TEST_F(PrepareDataset, GoesOnAfterAnInterruption) {
   EXPECT_EQ(contents(folder_ / "out"), complete);
 }
 
-// What a merge sees when files went missing after they were recorded.
+// Result of a merge when files went missing after they were recorded.
 TEST_F(PrepareDataset, AMergeRefusesAnIncompleteAsset) {
   prepare_dataset(options("out"));
   const auto complete = contents(folder_ / "out");

@@ -27,7 +27,7 @@ Tree random_tree(std::size_t joints, Rng& rng) {
   return tree;
 }
 
-/// The same tree with its joints in another order that has parents first.
+/// Tree with its joints in another order that has parents first.
 Tree reordered(const Tree& tree, Rng& rng) {
   std::vector<int> place(tree.joints.size(), -1), ready = {0};
   Tree result;

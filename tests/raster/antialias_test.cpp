@@ -34,7 +34,7 @@ TEST(Antialias, StraightEdgeGivesTheCoveredShare) {
   wanted.narrow(1, 3, 5).fill_(1.0);
   wanted.select(1, 8).fill_(0.3);
   EXPECT_LT((mask - wanted).abs().max().item<double>(), 1e-12);
-  // The same turned by a quarter: rows instead of columns.
+  // Turned by a quarter: rows instead of columns.
   const Tensor turned =
       torch::cat({mesh.clip.narrow(1, 1, 1), mesh.clip.narrow(1, 0, 1), mesh.clip.narrow(1, 2, 2)}, 1);
   EXPECT_LT((antialiased_mask(turned, mesh.faces, 16, 5, 4) - wanted.t()).abs().max().item<double>(), 1e-12);

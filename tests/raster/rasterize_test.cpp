@@ -14,7 +14,7 @@
 namespace anigen::raster {
 namespace {
 
-// How many triangles cover each pixel: every triangle drawn alone.
+// Number of triangles that cover each pixel: every triangle drawn alone.
 Tensor coverage_count(const ClipMesh& mesh, std::int64_t height, std::int64_t width, std::int64_t bits) {
   Tensor count = torch::zeros({height, width}, torch::kInt64);
   for (std::int64_t f = 0; f < mesh.faces.size(0); ++f) {

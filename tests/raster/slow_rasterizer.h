@@ -8,7 +8,7 @@
 
 namespace anigen::raster {
 
-/// What one pixel shows by the definition: of all triangles that hold the ray through its centre, the nearest.
+/// Visible triangle of one pixel by the definition: of all triangles that hold the ray through its centre, the nearest.
 struct SlowPixel {
   std::int64_t triangle = 0;  ///< + 1
   double u = 0.0, v = 0.0, depth = 0.0;

@@ -164,7 +164,7 @@ Transforms sample() {
   return make_transforms(condition_views(24, rng), normalisation);
 }
 
-/// What refuses the text; fails the test when nothing does.
+/// Error that refuses the text; fails the test when nothing does.
 InputError refusal(const std::string& text) {
   try {
     parse_transforms(text, "hostile.json");

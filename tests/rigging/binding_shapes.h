@@ -137,7 +137,7 @@ inline void expect_sound(const SkinWeights& skin, const Body& body, std::size_t 
   }
 }
 
-/// The same joints and bits.
+/// Joints and bits are equal.
 inline bool same_row(const SkinWeights& a, std::size_t v, const SkinWeights& b, std::size_t w) {
   if (a.row_size(v) != b.row_size(w)) return false;
   return std::equal(a.row(v), a.row(v) + a.row_size(v), b.row(w),

@@ -42,7 +42,7 @@ namespace {
 
 using namespace anigen::test;
 
-/// What people have: nothing here may crash, hang or give weights that are none.
+/// Meshes as people have them: nothing here may crash, hang or give weights that are none.
 class HostileInput : public testing::TestWithParam<SkinBinding> {
  protected:
   static SkinWeights sound(const Body& body) {

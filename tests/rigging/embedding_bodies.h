@@ -55,7 +55,7 @@ inline Mesh capsule_mesh(const std::vector<Capsule>& capsules, int segments = 16
   return mesh;
 }
 
-/// The same on the other side, after every capsule that is not in the middle.
+/// Mirrored onto the other side, after every capsule that is not in the middle.
 inline std::vector<Capsule> with_mirrored(std::vector<Capsule> capsules) {
   std::vector<Capsule> all;
   const auto mirrored = [](const Eigen::Vector3d& p) { return Eigen::Vector3d(-p.x(), p.y(), p.z()); };
@@ -79,7 +79,7 @@ inline std::vector<Capsule> person() {
                         {{0.07, 0.01, -0.465}, {0.07, -0.08, -0.47}, 0.03}});
 }
 
-/// Where the person's joints are, of the left side.
+/// Positions of the person's joints, of the left side.
 inline std::map<std::string, Eigen::Vector3d> person_joints() {
   return {{"hips", {0, 0, 0.03}},
           {"chest", {0, 0, 0.25}},

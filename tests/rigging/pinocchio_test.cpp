@@ -97,7 +97,7 @@ TEST(EmbedSkeleton, TrianglesDoNotMatter) {
   const Skeleton plain = embed_skeleton(capsule_mesh(person()), biped_template()).skeleton;
   EXPECT_LT(largest_move(plain, embed_skeleton(capsule_mesh(person(), 40, 12), biped_template()).skeleton), 0.03);
 
-  // The same surface: faces turned over, corners not shared, a vertex that no face uses.
+  // One surface: faces turned over, corners not shared, a vertex that no face uses.
   Mesh apart;
   const Mesh mesh = capsule_mesh(person());
   for (std::size_t f = 0; f < mesh.faces.size(); ++f) {
@@ -353,7 +353,7 @@ TEST(EmbeddingTemplate, FromARigWithFingers) {
   for (const auto& [name, place] : test::person_joints()) {
     EXPECT_LT((found[name] - place).norm(), 0.09) << name << " at " << found[name].transpose();
   }
-  // What is carried keeps its distance, but for the scale of the bone it follows.
+  // A carried joint keeps its distance, but for the scale of the bone it follows.
   const double reach = (found["thumb_end.left"] - found["left_hand"]).norm();
   EXPECT_GT(reach, 0.02);
   EXPECT_LT(reach, 0.12);

@@ -216,7 +216,7 @@ TEST_F(RignetData, SamplesHoldWhatTheirTaskAsksFor) {
   EXPECT_EQ(sample.slots.bones.sizes(), (std::vector<std::int64_t>{vertices, 5}));
   EXPECT_LE(sample.weights.sum(1).max().item<double>(), 1.0 + 1e-5);
   EXPECT_GT(sample.weights.sum(1).mean().item<double>(), 0.6) << "most of a vertex's weight is on its nearest bones";
-  // The same points as Anymate's models are measured on, found again on the graph.
+  // Points as Anymate's models are measured on, found again on the graph.
   const torch::Tensor corners = sample.graph.vertices.index_select(0, sample.corners.flatten()).view({120, 3, 3});
   const torch::Tensor places = (corners * sample.shares.unsqueeze(2)).sum(1);
   const torch::Tensor points = in_rignet_frame(sample.rig.points_cloud.narrow(1, 0, 3), sample.frame);

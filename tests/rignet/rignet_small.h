@@ -33,7 +33,7 @@ inline MeshGraph random_graph(std::int64_t vertices) {
   return {torch::rand({vertices, 3}), random_edges(vertices, 5), random_edges(vertices, 9), starts_of({vertices})};
 }
 
-/// The same edges after vertices were renumbered: row i of the new order is row order[i] of the old one.
+/// Edges after vertices were renumbered: row i of the new order is row order[i] of the old one.
 inline EdgeSet renumbered(const EdgeSet& edges, const Tensor& order) {
   const Tensor place = order.argsort();
   std::vector<std::int64_t> counts;

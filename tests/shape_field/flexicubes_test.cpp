@@ -258,7 +258,7 @@ TEST(Flexicubes, AFieldWithoutSignChangeHasNoSurface) {
   }
 }
 
-// Where it leaves the grid the surface ends: edges with one face, none with more than two.
+// At the border of the grid the surface ends: edges with one face, none with more than two.
 TEST(Flexicubes, StaysOpenAtTheBoundaryOfTheGrid) {
   const ExtractedSurface surface = surface_of(test::sphere_at(0.6013), 16);
   ASSERT_GT(surface.faces.size(0), 0);

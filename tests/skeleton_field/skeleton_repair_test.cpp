@@ -29,7 +29,7 @@ bool has_a_cycle(const std::vector<int>& parents) {
   return false;
 }
 
-/// What every result promises: a permutation, the root first and alone, parents before children.
+/// Guarantees of every result: a permutation, the root first and alone, parents before children.
 void expect_rooted(const RootedTree& tree, std::size_t joints) {
   ASSERT_EQ(tree.order.size(), joints);
   ASSERT_EQ(tree.parents.size(), joints);
@@ -86,7 +86,7 @@ TEST(SkeletonRepair, GivesUpLikeThePublishedProgram) {
   EXPECT_TRUE(has_a_cycle(repaired));
 }
 
-// The same four joints beside many sound ones: J rounds of the same cuts, whose outcome depends on whether J is odd.
+// Four joints beside many sound ones: J rounds of the same cuts, whose outcome depends on whether J is odd.
 TEST(SkeletonRepair, SkippingPeriodsGivesTheLastRound) {
   for (const int more : {0, 1, 2, 3, 4, 5, 6, 7, 996, 997}) {
     auto joints = on_a_line({1, 2, 7, 7});

@@ -356,7 +356,7 @@ TEST(SparseCrossBlock, NormOfTheContext) {
   cases::draw_parameters(*block, torch::kFloat64);
   const SparseTensor x = cases::random_sparse({10}, 6, 8, torch::kFloat64);
   const SparseTensor context = cases::random_sparse({7}, 6, 5, torch::kFloat64);
-  // What a layer norm without parameters does not see; its eps of 1e-6 beside variances of size one does.
+  // A change that a layer norm without parameters does not see; its eps of 1e-6 beside variances of size one does.
   const SparseTensor scaled = context.with(context.feats * 3.0 + 2.0);
   EXPECT_LT(cases::distance(block->forward(x, scaled).feats, block->forward(x, context).feats), 1e-4);
   options.context_channels = {5, 5};

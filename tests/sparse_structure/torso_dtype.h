@@ -7,7 +7,7 @@
 
 namespace anigen::test {
 
-/// Where the published system has fp16 a model holds bf16 now, and nowhere else.
+/// A model holds bf16 where the published system has fp16, and nowhere else.
 /// @tparam Model a module holder with half_precision_modules() and compute_dtype(), set to bf16
 template <typename Model>
 void expect_bfloat16_torso(Model& model) {

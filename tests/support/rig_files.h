@@ -53,7 +53,7 @@ RigFile per_bone(RigFile rig);
 /// A .glb with its frame taken as Z up. The rig must be sound.
 void write_glb(const std::filesystem::path& path, const RigFile& rig);
 
-/// What an InputError says: "<place>: <problem>"; "" when nothing is thrown.
+/// Text of an InputError: "<place>: <problem>"; "" when nothing is thrown.
 std::string refusal(const std::function<void()>& action);
 
 }  // namespace anigen::test

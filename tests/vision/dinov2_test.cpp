@@ -226,7 +226,7 @@ class Dinov2Weights : public testing::Test {
     return folder_ / "weights.safetensors";
   }
 
-  // What loading into a fresh model says.
+  // Report of loading into a fresh model.
   std::string refusal(const std::filesystem::path& file, const Dinov2Options& options = tiny_weights()) {
     Dinov2 model(options);
     try {

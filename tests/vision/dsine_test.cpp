@@ -123,7 +123,7 @@ TEST_F(DsineNetwork, ThePublishedSizesArePaddedAndCutAgain) {
     EXPECT_EQ(nn::dtype_of(normals), torch::kFloat32);
     expect_unit(normals);
 
-    // The same by hand: black before normalising, the camera moved along.
+    // Computed by hand: black before normalising, the camera moved along.
     const std::int64_t rows = (height + 31) / 32 * 32, columns = (width + 31) / 32 * 32;
     const std::int64_t top = (rows - height) / 2, left = (columns - width) / 2;
     Tensor framed = torch::zeros({1, 3, rows, columns});

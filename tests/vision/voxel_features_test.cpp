@@ -176,7 +176,7 @@ TEST_F(DinoFeaturesTest, RowsAreInTheOrderOfTheVoxels) {
 TEST_F(DinoFeaturesTest, MoreViewsThanFitIntoABatch) {
   write_views({0x2040C0FFu});
   const Tensor one = nn::to_tensor(extract()).to(torch::kFloat32);
-  // The same view seventy times; batches hold at most 64.
+  // One view seventy times; batches hold at most 64.
   render::Transforms transforms = render::read_transforms(folder_ / "transforms.json");
   transforms.frames.resize(70, transforms.frames.front());
   render::write_transforms(folder_ / "transforms.json", transforms);

@@ -82,7 +82,7 @@ inline Mesh spiral_ramp(int turns, int steps_per_turn) {
   return mesh;
 }
 
-/// The same surface with three vertices of its own for every face.
+/// Copy of a surface with three vertices of its own for every face.
 inline Mesh unwelded(const Mesh& mesh) {
   Mesh apart;
   for (const Triangle& face : mesh.faces) {

@@ -90,7 +90,7 @@ TEST(TextureBaking, ShowsTheColoursOfTheSurface) {
     const Mesh colored = colored_by_place(mesh);
     const UvAtlas atlas = atlas_of(mesh, 512);
     const LinearTexture texture = bake_texture(atlas, mesh.vertices, colored);
-    // What the vertices interpolate to is the truth: within faces of the cube that is not place_color().
+    // The interpolated vertex values are the truth: within faces of the cube that is not place_color().
     const NearestSurface surface(colored);
     const auto truth = [&](const Eigen::Vector3d& p) {
       const SurfacePoint place = surface.query(p).at;

@@ -177,7 +177,7 @@ TEST(UvAtlas, ChartsThatCoverThemselvesAreSplit) {
   const Mesh ramp = test::spiral_ramp(4, 40);
   const UvAtlas atlas = sound_atlas("spiral ramp", ramp, sized(512));
   EXPECT_GE(atlas.charts.size(), 4U);
-  // The same face twice: only one of them can have the place.
+  // One face twice: only one of them can have the place.
   Mesh twice = test::unit_cube();
   twice.faces.push_back(twice.faces[0]);
   EXPECT_EQ(sound_atlas("cube, a face twice", twice, sized(128)).charts.size(), 7U);

@@ -25,7 +25,7 @@ std::string problem(const std::string& bytes) {
 }
 
 TEST(Pickle, PlainValuesOfAllProtocols) {
-  // What Python's pickle.dumps({'a': [1, -2, 300, 70000, 2**40], 'b': (True, None, 1.5), 'c': {'é'}, 'd':
+  // Result of Python's pickle.dumps({'a': [1, -2, 300, 70000, 2**40], 'b': (True, None, 1.5), 'c': {'é'}, 'd':
   // b'\\x00\\xff'}, n) gives.
   const std::string protocol4 =
       raw("\x80\x04\x95\x51\0\0\0\0\0\0\0}\x94(\x8c\x01"

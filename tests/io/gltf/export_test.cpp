@@ -1,4 +1,4 @@
-// What the exporter writes, read back without our importer.
+// Output of the exporter, read back without our importer.
 #include <gtest/gtest.h>
 
 #include <Eigen/Geometry>

@@ -18,7 +18,7 @@
 
 // Every real rigged file: imports, agrees with the manifest, and poses as glTF's formula says.
 
-// What the importer makes of meshes, weights, materials and scenes, on small hand-written files.
+// Import of meshes, weights, materials and scenes, on small hand-written files.
 
 namespace anigen::io {
 

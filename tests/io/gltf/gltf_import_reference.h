@@ -23,7 +23,8 @@ class GltfReference {
   /// within one, blocks of vertices (primitives that share attributes count once), each for every node in turn.
   /// Vertices without usable weights are NaN.
   std::vector<Eigen::Vector3f> vertices(int animation = -1, double time = 0.0) const;
-  /// Which of them belong to a mesh without skin and without a joint above it; glTF leaves those where they are.
+  /// Indices of those that belong to a mesh without skin and without a joint above it; glTF leaves those where they
+  /// are.
   std::vector<bool> follows_no_joint() const;
   std::size_t triangles() const;  ///< of list primitives of meshes in the scene, without those that repeat a vertex
 

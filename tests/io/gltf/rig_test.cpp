@@ -1,4 +1,4 @@
-// How skeletons, bind poses and animations of hand-written files come out.
+// Import of skeletons, bind poses and animations of hand-written files.
 #include <gtest/gtest.h>
 
 #include <cmath>

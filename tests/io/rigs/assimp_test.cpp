@@ -360,7 +360,7 @@ TEST(FbxScan, RefusesCyclesDepthAndGrowth) {
   EXPECT_EQ(refused(std::string(1000, '{')), "blocks are nested deeper than 64");
 }
 
-// What Assimp takes for an id: the digits in front of a token, without a sign, up to 64 bits.
+// Id as Assimp reads it: the digits in front of a token, without a sign, up to 64 bits.
 TEST(FbxScan, ReadsIdsAsAssimpDoes) {
   const std::string models = "Model: 1, \"Model::m\", \"Null\" {\n}\nModel: 2, \"Model::m\", \"Null\" {\n}\n";
   const auto refused = [&](const std::string& links) {

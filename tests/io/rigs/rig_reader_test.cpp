@@ -26,7 +26,7 @@ namespace {
 namespace fs = std::filesystem;
 using test::RigFile;
 
-/// What every format must give for the plain rig: vertices, joints and weights in its frame turned to Z up.
+/// Expectations of every format for the plain rig: vertices, joints and weights in its frame turned to Z up.
 void expect_plain_rig(const RiggedShape& shape, bool y_up, const std::vector<float>& skin) {
   const RigFile rig;
   ASSERT_EQ(shape.mesh.vertices.size(), 6u);

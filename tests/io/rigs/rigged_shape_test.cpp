@@ -44,7 +44,7 @@ struct Case {
 
 void PrintTo(const Case& c, std::ostream* out) { *out << c.name; }
 
-/// What each kind of bad input gives, by format. Positions of joints count from 0, lines from 1.
+/// Error of each kind of bad input, by format. Positions of joints count from 0, lines from 1.
 const std::vector<Case>& cases() {
   static const std::vector<Case> all = {
       {"empty_skeleton",

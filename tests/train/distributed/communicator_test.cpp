@@ -224,7 +224,7 @@ struct RegressionStage : Stage, data::BatchSource {
   }
   std::unique_ptr<Stage> replica() const override { return std::make_unique<RegressionStage>(dtype); }
 
-  // What all stages of the process have seen, by step: ranks are threads here.
+  // Batches that all stages of the process have seen, by step: ranks are threads here.
   static std::map<std::int64_t, std::vector<std::string>>& seen() {
     static std::map<std::int64_t, std::vector<std::string>> ids;
     return ids;

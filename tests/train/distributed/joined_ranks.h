@@ -37,7 +37,7 @@ inline std::vector<std::exception_ptr> run_ranks(int size, const std::function<v
   return errors;
 }
 
-/// The same where nobody may fail.
+/// Outcomes of ranks of which none may fail.
 inline void run_ranks_well(int size, const std::function<void(train::Communicator&)>& body,
                            const train::RankOptions& options = {}) {
   for (const std::exception_ptr& error : run_ranks(size, body, options)) {

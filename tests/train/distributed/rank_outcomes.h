@@ -13,7 +13,7 @@
 
 namespace anigen::test {
 
-/// What a rank holds when its training has ended; undefined when it failed.
+/// Weights of a rank when its training has ended; undefined when it failed.
 struct RankOutcome {
   torch::Tensor master, gradient, average;
   std::exception_ptr error;

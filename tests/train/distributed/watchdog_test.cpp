@@ -52,7 +52,7 @@ class Watching : public ::testing::Test {
     for (const std::int64_t step : {0, 1, 2}) made->report(step, Activity::kTraining);
     return made;
   }
-  // What check() says in the end when a rank waits, at most so long.
+  // Final message of check() when a rank waits, at most so long.
   static std::string outcome(Watchdog& waiting, Seconds most) {
     const auto since = Watchdog::Clock::now();
     try {

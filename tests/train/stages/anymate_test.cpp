@@ -85,7 +85,7 @@ TEST(AnymatePretrained, PointBertFromThePartsOfALargeModel) {
   second.emplace_back("model.layers.0.mlp.weight", nn::to_array(torch::randn({8, 8})));
   io::write_safetensors(folder / "model-00001-of-00002.safetensors", first);
   io::write_safetensors(folder / "model-00002-of-00002.safetensors", second);
-  // What lies beside the parts of a large model is not looked into.
+  // Files beside the parts of a large model are not read.
   std::ofstream(folder / "training_args.bin") << "not weights";
   std::ofstream(folder / "pytorch_model-00001-of-00002.bin") << "the same in another format";
 
