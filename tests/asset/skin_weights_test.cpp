@@ -181,7 +181,7 @@ TEST(SmoothSkin, LeavesTheVertexItselfOut) {
   SkinSmoothing options;
   options.iterations = 2;
   expect_smoothed_rows(smooth_skin(skin, path(4), 4, options), 4,
-                             {.5, .1, .25, .15, .45, .3, .025, .225, .25, .15, .375, .225, .3, .2, .05, .45});
+                       {.5, .1, .25, .15, .45, .3, .025, .225, .25, .15, .375, .225, .3, .2, .05, .45});
 }
 
 TEST(SmoothSkin, FollowsTheDefinitionOverManyJointsAndRowsWithoutWeights) {
@@ -201,7 +201,7 @@ TEST(SmoothSkin, FollowsTheDefinitionOverManyJointsAndRowsWithoutWeights) {
       options.iterations = iterations;
       options.empties_isolated = true;
       expect_smoothed_rows(smooth_skin(holed, edges, kJoints, options), kJoints,
-                                 plainly_smoothed(holed, edges, kJoints, iterations, alpha));
+                           plainly_smoothed(holed, edges, kJoints, iterations, alpha));
     }
   }
 }

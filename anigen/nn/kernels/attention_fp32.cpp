@@ -502,7 +502,7 @@ void backward_block(const RaggedProblem& p, const HeadTask& part, const Backward
 
 template <typename T>
 void backward_ragged_head(const RaggedProblem& p, const HeadTask& part, const HeadTask& next,
-                                        const BackwardScratch& scratch, const RaggedGradients& g) {
+                          const BackwardScratch& scratch, const RaggedGradients& g) {
   const std::int64_t row = p.q_offsets[part.task->sequence], keys = p.keys(part.task->sequence);
   const std::int64_t queries = part.task->queries, block = even_block(keys, kKeysAtOnce);
   products::RowsAhead ahead = backward_rows<T>(p, part, next, g);
