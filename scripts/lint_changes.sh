@@ -35,7 +35,8 @@ if ((${#sources[@]} > most)); then
   sources=("${sources[@]:0:most}")
 fi
 ((${#sources[@]})) &&
-  { printf '%s\0' "${sources[@]}" | xargs -0 -n 1 -P "$(nproc)" clang-tidy -p "$build" --quiet --warnings-as-errors='*' \
-      2>/dev/null || status=1; }
+  { printf '%s\0' "${sources[@]}" | xargs -0 -n 1 -P "$(nproc)" sh -c \
+      'clang-tidy -p "$0" --quiet --warnings-as-errors="*" "$1" 2>/dev/null || { echo "clang-tidy refuses $1"; exit 1; }' "$build" ||
+      status=1; }
 echo "clang-format: ${#files[@]} files; clang-tidy: ${#sources[@]} sources"
 exit "$status"
