@@ -14,4 +14,5 @@
 #include "anigen/core/process.h"
 #include "anigen/core/random.h"
 #include "anigen/core/table.h"
+#include "anigen/core/text.h"
 #include "anigen/core/version.h"

@@ -24,7 +24,7 @@ namespace anigen::eval {
 
 namespace {
 
-constexpr const char kStyle[] = R"(
+constexpr const char kComparisonStyle[] = R"(
 body{font:15px/1.45 sans-serif;max-width:1180px;margin:2em auto;padding:0 1em;color:#222;overflow-wrap:anywhere}
 table{border-collapse:collapse;overflow-wrap:normal;margin:.6em 0;font-variant-numeric:tabular-nums}
 th,td{padding:.2em .7em;border-bottom:1px solid #ddd;text-align:right}
@@ -122,8 +122,8 @@ function open3d(button){
 std::string page_begin(const std::string& title) {
   return "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">"
          "<meta name=\"viewport\" content=\"width=device-width,initial-scale=1\"><title>" +
-         html_escaped(title) + "</title><style>" + kStyle + "</style></head><body>\n<h1>" + html_escaped(title) +
-         "</h1>\n";
+         html_escaped(title) + "</title><style>" + kComparisonStyle + "</style></head><body>\n<h1>" +
+         html_escaped(title) + "</h1>\n";
 }
 
 std::string page_end() { return std::string("<script>") + kSort + kTurn + kView + "</script></body></html>\n"; }

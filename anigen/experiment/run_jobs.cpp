@@ -19,6 +19,7 @@
 #include "anigen/core/log.h"
 #include "anigen/core/parallel.h"
 #include "anigen/core/process.h"
+#include "anigen/core/text.h"
 #include "anigen/experiment/command.h"
 #include "anigen/experiment/slurm.h"
 
@@ -112,11 +113,6 @@ JobRecord::State state_of(const std::string& word) {
 std::string arguments_of(const std::string& command) {
   const std::size_t space = command.find(' ');
   return space == std::string::npos ? "" : command.substr(space);
-}
-
-void replace_all(std::string& text, const std::string& from, const std::string& to) {
-  for (std::size_t at = text.find(from); at != std::string::npos; at = text.find(from, at + to.size()))
-    text.replace(at, from.size(), to);
 }
 
 }  // namespace

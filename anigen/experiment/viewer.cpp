@@ -13,6 +13,7 @@
 #include "anigen/core/hash.h"
 #include "anigen/core/log.h"
 #include "anigen/core/table.h"
+#include "anigen/core/text.h"
 #include "anigen/experiment/report.h"
 
 namespace anigen::experiment {
@@ -48,11 +49,6 @@ constexpr Module kSkeletons = {"three/addons/SkeletonUtils.js", "examples/jsm/ut
 bool is_file(const fs::path& file) {
   std::error_code error;
   return fs::is_regular_file(file, error);
-}
-
-void replace_all(std::string& text, const std::string& from, const std::string& to) {
-  for (std::size_t at = text.find(from); at != std::string::npos; at = text.find(from, at + to.size()))
-    text.replace(at, from.size(), to);
 }
 
 /// Renames `from "./three.core.js"` and its like.

@@ -15,6 +15,7 @@
 #include "anigen/asset/skin_weights.h"
 #include "anigen/core/error.h"
 #include "anigen/core/log.h"
+#include "anigen/core/text.h"
 #include "anigen/geometry/correspondence.h"
 #include "anigen/io/gltf/gltf.h"
 #include "anigen/io/ply.h"
@@ -224,12 +225,7 @@ void append_octahedron(const Eigen::Vector3f& center, const Eigen::Vector4f& col
   }
 }
 
-std::string lower_case_extension(const std::filesystem::path& path) {
-  std::string extension = path.extension().string();
-  std::transform(extension.begin(), extension.end(), extension.begin(),
-                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
-  return extension;
-}
+std::string lower_case_extension(const std::filesystem::path& path) { return lower_case(path.extension().string()); }
 
 }  // namespace
 

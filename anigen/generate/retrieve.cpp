@@ -26,7 +26,7 @@ using torch::Tensor;
 
 constexpr int kSide = 112;  // pixels to which pictures are reduced first
 constexpr const char* kMeshFile = "mesh.glb";
-constexpr const char* kReportFile = "generation.json";
+constexpr const char* kRecordFile = "generation.json";
 
 /// The condition views of a data set's assets.
 class Gallery {
@@ -118,7 +118,7 @@ class Gallery {
 void refuse_lossy_outputs(const RetrievalRequest& request, const std::vector<NamedPicture>& pictures) {
   std::vector<fs::path> outputs;
   for (const NamedPicture& picture : pictures) {
-    for (const char* file : {kMeshFile, kReportFile}) outputs.push_back(request.output / picture.name / file);
+    for (const char* file : {kMeshFile, kRecordFile}) outputs.push_back(request.output / picture.name / file);
   }
   refuse_to_overwrite(outputs, [&] {
     std::vector<fs::path> inputs = request.splits;
@@ -164,7 +164,7 @@ std::vector<RetrievalReport> retrieve_assets(const RetrievalRequest& request,
                             {"distance", nearest.distance},
                             {"compared", normals ? "normals" : "colours"},
                             {"dataset", fs::absolute(request.dataset).lexically_normal().string()}};
-      write_file_atomically(report.file.parent_path() / kReportFile, details.dump(2) + "\n");
+      write_file_atomically(report.file.parent_path() / kRecordFile, details.dump(2) + "\n");
     } catch (...) {
       report.failure = failure_of_item();
       log::warn("{}: {}", report.name, report.failure);

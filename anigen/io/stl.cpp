@@ -10,6 +10,7 @@
 
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
+#include "anigen/core/text.h"
 #include "anigen/io/obj.h"
 
 namespace anigen::io {
@@ -18,12 +19,6 @@ namespace {
 
 constexpr std::uintmax_t kMostStlBytes = std::uintmax_t{2} << 30;
 constexpr std::size_t kHeaderBytes = 84, kTriangleBytes = 50;
-
-std::string lower(std::string_view word) {
-  std::string text(word);
-  for (char& c : text) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
-  return text;
-}
 
 /// Collects triangles given by their corners' places.
 class Corners {
@@ -69,7 +64,7 @@ class TextReader {
   Mesh read() {
     while (next_line()) {
       std::string_view left = line_;
-      const std::string word = lower(take_token(left));
+      const std::string word = lower_case(take_token(left));
       if (word.empty() || word == "solid" || word == "endsolid") continue;
       if (word == "vertex")
         vertex(left);
@@ -147,7 +142,7 @@ std::uint64_t announced(const std::string& bytes) {
 bool is_text(const std::string& bytes) {
   if (bytes.size() >= kHeaderBytes && bytes.size() == kHeaderBytes + kTriangleBytes * announced(bytes)) return false;
   const std::size_t begin = bytes.find_first_not_of(" \t\r\n");
-  return begin != std::string::npos && lower(std::string_view(bytes).substr(begin, 5)) == "solid" &&
+  return begin != std::string::npos && lower_case(std::string_view(bytes).substr(begin, 5)) == "solid" &&
          bytes.substr(0, 512).find('\0') == std::string::npos;
 }
 

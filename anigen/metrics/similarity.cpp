@@ -120,7 +120,7 @@ Similarity procrustes(const std::vector<Eigen::Vector3d>& from, const std::vecto
 
 namespace {
 
-constexpr const char* kPurpose = "alignment samples";
+constexpr const char* kAlignmentPurpose = "alignment samples";
 constexpr std::size_t kCoarsePoints = 1000;
 
 }  // namespace
@@ -128,7 +128,7 @@ constexpr std::size_t kCoarsePoints = 1000;
 AlignmentShape::AlignmentShape(const Mesh& mesh, std::size_t samples, std::uint64_t seed) {
   if (samples == 0) throw InputError("", "samples", "at least one sample is needed to align by");
   surface_ = std::make_unique<geometry::NearestSurface>(mesh);
-  SurfaceSamples drawn = sample_mesh(mesh, samples, seed, kPurpose);
+  SurfaceSamples drawn = sample_mesh(mesh, samples, seed, kAlignmentPurpose);
   points_ = std::move(drawn.points);
   normals_ = std::move(drawn.normals);
   finish();
@@ -137,7 +137,7 @@ AlignmentShape::AlignmentShape(const Mesh& mesh, std::size_t samples, std::uint6
 AlignmentShape::AlignmentShape(std::vector<Eigen::Vector3d> points, std::size_t samples, std::uint64_t seed) {
   if (samples == 0) throw InputError("", "samples", "at least one sample is needed to align by");
   if (points.empty()) throw InputError("", "points", "there is no point to align by");
-  Rng rng(seed, kPurpose);
+  Rng rng(seed, kAlignmentPurpose);
   std::vector<std::size_t> order = rng.permutation(points.size());
   order.resize(std::min(samples, order.size()));
   for (const std::size_t i : order) points_.push_back(points[i]);

@@ -133,7 +133,7 @@ double normal_consistency(const CloudDistances& distances, const std::vector<Eig
 
 namespace {
 
-constexpr const char* kPurpose = "surface metrics";
+constexpr const char* kSurfacePurpose = "surface metrics";
 constexpr double kFineThreshold = 0.01, kWideThreshold = 0.05;
 
 Eigen::Vector3d face_normal(const Mesh& mesh, std::int32_t face) {
@@ -178,7 +178,7 @@ SurfaceScores scores(const CloudDistances& distances, double consistency) {
 
 SurfaceSamples draw(const Mesh& mesh, const SurfaceOptions& options) {
   if (options.samples == 0) throw InputError("", "samples", "at least one sample is needed");
-  return sorted_by_face(sample_mesh(mesh, options.samples, options.seed, kPurpose));
+  return sorted_by_face(sample_mesh(mesh, options.samples, options.seed, kSurfacePurpose));
 }
 
 SurfaceScores between_samples(const SurfaceSamples& a, const SurfaceSamples& b) {

@@ -329,7 +329,7 @@ namespace {
 /// Below this many cells augmenting paths take milliseconds whatever the masses are.
 constexpr std::size_t kFewCells = 20000;
 /// Sizes closer than this leave almost every mass whole: 842 and 841 joints exchange but a share of 1/841 each.
-constexpr double kNearlyEqual = 0.02;
+constexpr double kNearlyEqualScales = 0.02;
 
 bool suits_simplex(const MassUnits& units) {
   const std::size_t n = units.supplies.size(), m = units.demands.size();
@@ -338,7 +338,7 @@ bool suits_simplex(const MassUnits& units) {
   // A multiple of the other size leaves one side with single units.
   const bool few_units = *std::max_element(units.supplies.begin(), units.supplies.end()) <= 4 ||
                          *std::max_element(units.demands.begin(), units.demands.end()) <= 4;
-  return !few_units && larger > (1.0 + kNearlyEqual) * smaller;
+  return !few_units && larger > (1.0 + kNearlyEqualScales) * smaller;
 }
 
 }  // namespace

@@ -223,7 +223,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr int kFormat = 1;
+constexpr int kManifestFormat = 1;
 
 Json to_json(const ManifestEntry& entry) {
   Json failures = Json::array();
@@ -246,7 +246,7 @@ ManifestEntry manifest_entry(const Json& json) {
 }
 
 Json header(const Manifest& manifest) {
-  return {{"format", kFormat},
+  return {{"format", kManifestFormat},
           {"shard", manifest.shard.index},
           {"shards", manifest.shard.count},
           {"sources", manifest.sources},
@@ -255,7 +255,7 @@ Json header(const Manifest& manifest) {
 }
 
 void read_header(const Json& json, Manifest& manifest) {
-  if (json.at("format").get<int>() != kFormat) throw InputError("", "", "written by another version");
+  if (json.at("format").get<int>() != kManifestFormat) throw InputError("", "", "written by another version");
   json.at("shard").get_to(manifest.shard.index);
   json.at("shards").get_to(manifest.shard.count);
   json.at("sources").get_to(manifest.sources);

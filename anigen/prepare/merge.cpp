@@ -62,7 +62,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr char kFeatures[] = "features/";
+constexpr char kFeatureSteps[] = "features/";
 
 /// The failure that keeps an asset out of the dataset: without these steps it has nothing that could be trained on.
 const StepFailure* fatal_failure(const ManifestEntry& entry, std::size_t variant) {
@@ -184,7 +184,7 @@ CsvTable dataset_table(const std::vector<DatasetRow>& rows, const QualityLimits&
     scored = scored && !row.aesthetic_score.empty();
     near = near || !row.near_skeleton_of.empty();
     for (const auto& [step, result] : row.records.steps) {
-      if (step.rfind(kFeatures, 0) == 0) models.insert(step.substr(sizeof kFeatures - 1));
+      if (step.rfind(kFeatureSteps, 0) == 0) models.insert(step.substr(sizeof kFeatureSteps - 1));
     }
   }
   CsvTable table = metadata_table(entries, limits);
@@ -206,7 +206,7 @@ CsvTable dataset_table(const std::vector<DatasetRow>& rows, const QualityLimits&
   count("views", "views");
   flag("cond_rendered", "cond_views");
   count("cond_views", "cond_views");
-  for (const std::string& model : models) flag("feature_" + model, kFeatures + model);
+  for (const std::string& model : models) flag("feature_" + model, kFeatureSteps + model);
   column("variant_of", [](const DatasetRow& row) { return row.variant_of; });
   column("pose", [](const DatasetRow& row) {
     const Json& columns = row.columns(kImport);

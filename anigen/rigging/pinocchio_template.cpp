@@ -6,6 +6,7 @@
 
 #include "anigen/core/error.h"
 #include "anigen/core/numeric.h"
+#include "anigen/core/text.h"
 
 namespace anigen::rigging {
 
@@ -20,8 +21,7 @@ constexpr double kFarthestJoint = 10.0;
 
 /// Name of the joint on the other side, for a name that says its side; else empty.
 std::string other_side(const std::string& name) {
-  std::string lower = name;
-  for (char& c : lower) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+  std::string lower = lower_case(name);
   for (const bool left : {true, false}) {
     const std::string word = left ? "left" : "right";
     const std::size_t found = lower.find(word);
@@ -38,11 +38,6 @@ std::string other_side(const std::string& name) {
     return lower;
   }
   return "";
-}
-
-std::string lower_case(std::string name) {
-  for (char& c : name) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
-  return name;
 }
 
 void find_mirrors(TemplateSkeleton& skeleton) {

@@ -16,14 +16,14 @@
 namespace anigen::io {
 namespace {
 
-Mesh parsed(const std::string& bytes) {
+Mesh parsed_stl(const std::string& bytes) {
   const test::TemporaryFolder folder;
   std::ofstream(folder / "mesh.stl", std::ios::binary) << bytes;
   return read_stl(folder / "mesh.stl");
 }
 
 std::string complaint(const std::string& bytes) {
-  return test::refusal([&] { parsed(bytes); });
+  return test::refusal([&] { parsed_stl(bytes); });
 }
 
 template <typename T>
@@ -61,24 +61,24 @@ void expect_square(const Mesh& mesh) {
 }
 
 TEST(Stl, ReadsBinaryAndText) {
-  expect_square(parsed(binary(kSquare)));
-  expect_square(parsed(kText));
-  expect_square(parsed(binary(kSquare, "solid by a program that calls its binary files so")));
-  expect_square(parsed(binary(kSquare) + "a tail that nothing tells of"));
+  expect_square(parsed_stl(binary(kSquare)));
+  expect_square(parsed_stl(kText));
+  expect_square(parsed_stl(binary(kSquare, "solid by a program that calls its binary files so")));
+  expect_square(parsed_stl(binary(kSquare) + "a tail that nothing tells of"));
 }
 
 TEST(Stl, SeveralSolidsAreOneMesh) {
   const std::string first = kText;
   std::string second = kText;
   for (std::size_t at = 0; (at = second.find("vertex 0", at)) != std::string::npos; at += 8) second[at + 7] = '9';
-  const Mesh mesh = parsed(first + "solid\nendsolid\n" + second);
+  const Mesh mesh = parsed_stl(first + "solid\nendsolid\n" + second);
   EXPECT_EQ(mesh.faces.size(), 4u);
 }
 
 TEST(Stl, TrianglesWithoutAreaOfTheirOwnAreLeftOut) {
   std::vector<float> places = kSquare;
   places.insert(places.end(), {5, 5, 5, 5, 5, 5, 6, 6, 6});
-  EXPECT_EQ(parsed(binary(places)).faces.size(), 2u);
+  EXPECT_EQ(parsed_stl(binary(places)).faces.size(), 2u);
   EXPECT_EQ(complaint(binary({5, 5, 5, 5, 5, 5, 6, 6, 6})), "every triangle names a place twice: there is no surface");
 }
 

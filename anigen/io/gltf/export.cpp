@@ -16,6 +16,7 @@
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
 #include "anigen/core/hash.h"
+#include "anigen/core/text.h"
 #include "anigen/io/gltf/gltf.h"
 #include "anigen/io/gltf/materials.h"
 
@@ -550,9 +551,7 @@ void append_uint32(std::string& bytes, std::uint64_t value) {
 }  // namespace
 
 bool is_binary_extension(const std::filesystem::path& path) {
-  std::string extension = path.extension().string();
-  std::transform(extension.begin(), extension.end(), extension.begin(),
-                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  const std::string extension = lower_case(path.extension().string());
   if (extension == ".glb") return true;
   if (extension == ".gltf") return false;
   throw InputError(path.string(), "", "a glTF file must be called .glb or .gltf");

@@ -19,7 +19,7 @@ namespace pickle = pickle;
 
 namespace {
 
-constexpr std::string_view kPickleName = "data.pkl";
+constexpr std::string_view kAnymatePickle = "data.pkl";
 
 const pickle::Value* item(const pickle::Value& dict, std::string_view key) {
   for (std::size_t i = 0; i + 1 < dict.items.size(); i += 2) {
@@ -38,7 +38,7 @@ bool is_list(const pickle::Value& value) {
 const ZipMember& pickle_member(const ZipReader& archive) {
   for (const ZipMember& member : archive.members()) {
     const std::size_t slash = member.name.find('/');
-    if (slash != std::string::npos && member.name.substr(slash + 1) == kPickleName) return member;
+    if (slash != std::string::npos && member.name.substr(slash + 1) == kAnymatePickle) return member;
   }
   throw InputError(archive.file(), "", "a zip archive without <name>/data.pkl: not written by torch.save, or damaged");
 }
@@ -49,7 +49,7 @@ struct AnymateArchive::Content {
   explicit Content(const std::filesystem::path& file) : archive(file) {
     const ZipMember& member = pickle_member(archive);
     member_name = member.name;
-    folder = member.name.substr(0, member.name.size() - kPickleName.size());
+    folder = member.name.substr(0, member.name.size() - kAnymatePickle.size());
     const ZipMember* order = archive.find(folder + "byteorder");
     constexpr std::uint64_t kLongest = 16;
     big_endian = order != nullptr && order->bytes <= kLongest && archive.read(*order) == "big";

@@ -13,6 +13,7 @@
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
 #include "anigen/core/numeric.h"
+#include "anigen/core/text.h"
 #include "anigen/io/obj.h"
 
 namespace anigen::io {
@@ -21,27 +22,21 @@ namespace {
 
 constexpr std::uintmax_t kMostBytes = std::uintmax_t{1} << 30;
 constexpr std::size_t kMostJoints = 10'000;
-constexpr double kMostValues = 1e8;
+constexpr double kMostMotionValues = 1e8;
 constexpr double kLargest = 1e9;  ///< of a coordinate or an angle: beyond, a file is damaged
 constexpr std::size_t kShown = 40;
 
 /// The file's Y up to our Z up; a rotation, so axes of rotations turn with it.
 Eigen::Vector3d to_z_up(const Eigen::Vector3d& v) { return {v.x(), -v.z(), v.y()}; }
 
-std::string lower(std::string_view word) {
-  std::string text(word);
-  for (char& c : text) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
-  return text;
-}
-
 struct BvhChannel {
   bool turns = false;
   int axis = 0;  ///< 0, 1, 2: the file's X, Y, Z
 };
 
-class Parser {
+class BvhParser {
  public:
-  Parser(const std::string& text, const std::string& file) : rest_(text), file_(file) {}
+  BvhParser(const std::string& text, const std::string& file) : rest_(text), file_(file) {}
 
   BvhMotion parse() {
     expect("hierarchy");
@@ -83,7 +78,7 @@ class Parser {
 
   void expect(const std::string& keyword) {
     const std::string found = word("\"" + keyword + "\"");
-    if (lower(found) != keyword) fail("\"" + found.substr(0, kShown) + "\" where \"" + keyword + "\" should be");
+    if (lower_case(found) != keyword) fail("\"" + found.substr(0, kShown) + "\" where \"" + keyword + "\" should be");
   }
 
   double number(std::string_view token) const {
@@ -109,7 +104,7 @@ class Parser {
     std::vector<int> open = {0};
     while (!open.empty()) {
       const std::string token = word("\"}\" of " + result_.skeleton.names[at(open.back())]);
-      const std::string keyword = lower(token);
+      const std::string keyword = lower_case(token);
       if (keyword == "}") {
         open.pop_back();
       } else if (keyword == "joint") {
@@ -124,8 +119,9 @@ class Parser {
       }
     }
     const std::string token = word("\"MOTION\"");
-    if (lower(token) == "root") throw NotSupportedError(file_, "line " + std::to_string(line_), "several skeletons");
-    if (lower(token) != "motion") fail("\"" + token.substr(0, kShown) + "\" where \"MOTION\" should be");
+    if (lower_case(token) == "root")
+      throw NotSupportedError(file_, "line " + std::to_string(line_), "several skeletons");
+    if (lower_case(token) != "motion") fail("\"" + token.substr(0, kShown) + "\" where \"MOTION\" should be");
   }
 
   int open_joint(int parent, const std::string& name) {
@@ -170,7 +166,7 @@ class Parser {
     std::set<std::string> known;
     while (channels.size() < wanted) {
       const std::string token = word("a channel");
-      const std::string name = lower(token);
+      const std::string name = lower_case(token);
       const std::string kind = name.substr(std::min<std::size_t>(1, name.size()));
       if (name.find_first_of("xyz") != 0 || (kind != "position" && kind != "rotation"))
         fail("\"" + token.substr(0, kShown) + "\" is not a channel; there are Xposition … Zrotation");
@@ -192,7 +188,7 @@ class Parser {
     if (!(result_.frame_time > 0.0)) fail("the time of a frame must be positive, in seconds");
     if (!take_token(left_).empty()) fail("something stands behind the time of a frame");
     if (channel_count_ == 0) fail("no joint has a channel: nothing moves");
-    if (static_cast<double>(result_.frames) * static_cast<double>(channel_count_) > kMostValues)
+    if (static_cast<double>(result_.frames) * static_cast<double>(channel_count_) > kMostMotionValues)
       fail(std::to_string(result_.frames) + " frames of " + std::to_string(channel_count_) +
            " channels are more than this program takes");
     start_keys();
@@ -277,7 +273,7 @@ class Parser {
 }  // namespace
 
 BvhMotion parse_bvh(const std::string& text, const std::string& file) {
-  BvhMotion motion = Parser(text, file).parse();
+  BvhMotion motion = BvhParser(text, file).parse();
   motion.animation.name = std::filesystem::path(file).stem().string();
   return motion;
 }

@@ -13,6 +13,7 @@
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
 #include "anigen/core/table.h"
+#include "anigen/core/text.h"
 #include "anigen/io/gltf/container.h"
 #include "anigen/io/rigs/anymate.h"
 #include "anigen/io/rigs/articulation_xl.h"
@@ -321,11 +322,7 @@ std::string FileListSource::sample_id(const std::string& id) const {
   return RigReader().content_id(entry);
 }
 
-std::string lower_extension(const fs::path& file) {
-  std::string extension = file.extension().string();
-  for (char& c : extension) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
-  return extension;
-}
+std::string lower_extension(const fs::path& file) { return lower_case(file.extension().string()); }
 
 std::vector<fs::path> files_below(const fs::path& folder, const std::vector<std::string>& extensions) {
   std::vector<fs::path> files;

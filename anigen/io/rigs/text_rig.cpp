@@ -101,15 +101,15 @@ bool is_text_rig(const fs::path& file) {
 
 namespace {
 
-class Parser {
+class TextRigParser {
  public:
-  Parser(const std::string& text, const std::string& file) : text_(text), file_(file) {}
+  TextRigParser(const std::string& text, const std::string& file) : text_(text), file_(file) {}
 
   TextRig parse() {
-    for_each_line(&Parser::joint_line);  // names first: other lines may stand before the joints they name
+    for_each_line(&TextRigParser::joint_line);  // names first: other lines may stand before the joints they name
     if (rig_.joints.size() == 0) throw InputError(file_, "", "the skeleton has no joint");
     rig_.joints.parents.assign(rig_.joints.size(), -1);
-    for_each_line(&Parser::other_line);
+    for_each_line(&TextRigParser::other_line);
     if (!has_root_) throw InputError(file_, "", "there is no root line");
     anigen::check(rig_.joints, file_);
     const int above = rig_.joints.parents[static_cast<std::size_t>(rig_.root)];
@@ -126,7 +126,7 @@ class Parser {
     throw InputError(file_, "line " + std::to_string(line_), problem);
   }
 
-  void for_each_line(void (Parser::*handle)(std::string_view keyword)) {
+  void for_each_line(void (TextRigParser::*handle)(std::string_view keyword)) {
     std::string_view rest = text_;
     for (line_ = 1; !rest.empty(); ++line_) {
       const std::size_t end = rest.find('\n');
@@ -221,6 +221,6 @@ class Parser {
 
 }  // namespace
 
-TextRig parse_text_rig(const std::string& text, const std::string& file) { return Parser(text, file).parse(); }
+TextRig parse_text_rig(const std::string& text, const std::string& file) { return TextRigParser(text, file).parse(); }
 
 }  // namespace anigen::io

@@ -23,12 +23,12 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Place of a part of the encoder in files of others.
-struct Place {
+// KeyPlace of a part of the encoder in files of others.
+struct KeyPlace {
   const char *theirs, *ours;
 };
 
-std::vector<Place> places(anymate::EncoderKind kind) {
+std::vector<KeyPlace> places(anymate::EncoderKind kind) {
   switch (kind) {
     case anymate::EncoderKind::kBert:
       return {{"model.point_backbone.", "encoder."}};
@@ -59,7 +59,7 @@ std::vector<fs::path> parts(const fs::path& path) {
 io::NamedArrays encoder_arrays(anymate::EncoderKind kind, const fs::path& path) {
   io::NamedArrays found;
   for (const fs::path& file : parts(path)) {
-    for (const Place& place : places(kind)) {
+    for (const KeyPlace& place : places(kind)) {
       for (auto& [key, array] : io::read_state_below(file, place.theirs)) {
         found.emplace_back(place.ours + key, std::move(array));
       }

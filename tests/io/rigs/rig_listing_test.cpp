@@ -10,23 +10,24 @@
 namespace anigen::io {
 namespace {
 
-using Ids = std::vector<std::string>;
+using ListedIds = std::vector<std::string>;
 
 /// A source of names only.
 class Names : public ShapeSource {
  public:
-  explicit Names(Ids ids, std::map<std::string, Ids> others = {}) : ids_(std::move(ids)), others_(std::move(others)) {}
-  Ids ids() const override { return ids_; }
+  explicit Names(ListedIds ids, std::map<std::string, ListedIds> others = {})
+      : ids_(std::move(ids)), others_(std::move(others)) {}
+  ListedIds ids() const override { return ids_; }
   RiggedShape read(const std::string&) const override { return {}; }
   std::string describe() const override { return "names"; }
-  Ids other_names(const std::string& id) const override {
+  ListedIds other_names(const std::string& id) const override {
     const auto found = others_.find(id);
-    return found == others_.end() ? Ids{} : found->second;
+    return found == others_.end() ? ListedIds{} : found->second;
   }
 
  private:
-  Ids ids_;
-  std::map<std::string, Ids> others_;
+  ListedIds ids_;
+  std::map<std::string, ListedIds> others_;
 };
 
 TEST(Split, SelectsInTheSourcesOrderAndNamesTheLineOfAnUnknownId) {
@@ -34,14 +35,14 @@ TEST(Split, SelectsInTheSourcesOrderAndNamesTheLineOfAnUnknownId) {
   const Names source({"a", "b", "c"}, {{"c", {"cat", "same"}}, {"b", {"same"}}});
   test::write_quickly(folder / "test.txt", "# the test split\r\n\r\n  cat \r\na\r\n");
   test::write_quickly(folder / "more.txt", "a\nb");
-  EXPECT_EQ(select_ids(source, {}), (Ids{"a", "b", "c"}));
-  EXPECT_EQ(select_ids(source, {folder / "test.txt"}), (Ids{"a", "c"}));
-  EXPECT_EQ(select_ids(source, {folder / "test.txt", folder / "more.txt"}), (Ids{"a", "b", "c"}));
-  EXPECT_EQ(select_ids(source, {}, 2), (Ids{"a", "b"}));
-  EXPECT_EQ(select_ids(source, {folder / "test.txt"}, 1), Ids{"c"}) << "the split's first, not the source's";
+  EXPECT_EQ(select_ids(source, {}), (ListedIds{"a", "b", "c"}));
+  EXPECT_EQ(select_ids(source, {folder / "test.txt"}), (ListedIds{"a", "c"}));
+  EXPECT_EQ(select_ids(source, {folder / "test.txt", folder / "more.txt"}), (ListedIds{"a", "b", "c"}));
+  EXPECT_EQ(select_ids(source, {}, 2), (ListedIds{"a", "b"}));
+  EXPECT_EQ(select_ids(source, {folder / "test.txt"}, 1), ListedIds{"c"}) << "the split's first, not the source's";
   EXPECT_EQ(read_split(folder / "test.txt")[0].line, 3u);
   test::write_quickly(folder / "short.txt", "d\n");
-  EXPECT_EQ(select_ids(Names({"c/e", "x/d"}), {folder / "short.txt"}), Ids{"x/d"});
+  EXPECT_EQ(select_ids(Names({"c/e", "x/d"}), {folder / "short.txt"}), ListedIds{"x/d"});
   const auto problem = [&](const std::string& text) {
     test::write_quickly(folder / "bad.txt", text);
     return test::refusal([&] { select_ids(source, {folder / "bad.txt"}); });
@@ -86,7 +87,7 @@ TEST(Split, NamesSamplesAndFilesByTheirContentToo) {
   test::write_articulation_xl(folder / "xl.npz", {first, second});
   const auto shard = open_source(folder / "xl.npz", {Axes::kFormat, true});
   test::write_quickly(folder / "split.txt", shard->sample_id("second") + "\n");
-  EXPECT_EQ(select_ids(*shard, {folder / "split.txt"}), Ids{"second"});
+  EXPECT_EQ(select_ids(*shard, {folder / "split.txt"}), ListedIds{"second"});
   EXPECT_NE(test::refusal([&] { select_ids(*open_source(folder / "xl.npz"), {folder / "split.txt"}); }), "");
 
   test::write_glb(folder / "glbs" / "a.glb", first);
@@ -94,7 +95,7 @@ TEST(Split, NamesSamplesAndFilesByTheirContentToo) {
   const auto files = open_source(folder / "glbs");
   EXPECT_EQ(files->sample_id("b"), sha256(read_file(folder / "glbs" / "b.glb")));
   test::write_quickly(folder / "split.txt", files->sample_id("b") + "\n");
-  EXPECT_EQ(select_ids(*files, {folder / "split.txt"}), Ids{"b"});
+  EXPECT_EQ(select_ids(*files, {folder / "split.txt"}), ListedIds{"b"});
 }
 
 }  // namespace

@@ -166,7 +166,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr char kConfig[] = R"({
+constexpr char kAnymateConfig[] = R"({
   "models": {"model": {"name": "AnymateModel", "args": {
     "encoder": "bert", "decoder": "transformer_latent", "num_joints": 12, "width": 24, "heads": 2, "init_scale": 0.1,
     "layers": 2, "concat_denoiser": {"width": 24, "heads": 2},
@@ -189,7 +189,7 @@ class AnymateRun : public ::testing::Test {
  protected:
   void SetUp() override {
     test::write_synthetic_dataset(folder_ / "data", 10);
-    std::ofstream(folder_ / "config.json") << kConfig;
+    std::ofstream(folder_ / "config.json") << kAnymateConfig;
   }
   static std::vector<std::string> of(const std::string& encoder, const std::string& decoder) {
     return {"models.model.args.encoder=" + encoder, "models.model.args.decoder=" + decoder};
