@@ -22,7 +22,7 @@ Mesh parsed_stl(const std::string& bytes) {
   return read_stl(folder / "mesh.stl");
 }
 
-std::string complaint(const std::string& bytes) {
+std::string stl_complaint(const std::string& bytes) {
   return test::refusal([&] { parsed_stl(bytes); });
 }
 
@@ -79,7 +79,8 @@ TEST(Stl, TrianglesWithoutAreaOfTheirOwnAreLeftOut) {
   std::vector<float> places = kSquare;
   places.insert(places.end(), {5, 5, 5, 5, 5, 5, 6, 6, 6});
   EXPECT_EQ(parsed_stl(binary(places)).faces.size(), 2u);
-  EXPECT_EQ(complaint(binary({5, 5, 5, 5, 5, 5, 6, 6, 6})), "every triangle names a place twice: there is no surface");
+  EXPECT_EQ(stl_complaint(binary({5, 5, 5, 5, 5, 5, 6, 6, 6})),
+            "every triangle names a place twice: there is no surface");
 }
 
 TEST(Stl, DamagedFilesAreErrors) {
@@ -89,21 +90,21 @@ TEST(Stl, DamagedFilesAreErrors) {
 }
 
 TEST(Stl, RefusesByPlace) {
-  EXPECT_EQ(complaint("solid x\nendsolid x\n"), "no triangles");
-  EXPECT_EQ(complaint("short"), "byte 5: the header is cut short");
-  EXPECT_EQ(complaint(binary(kSquare).substr(0, 150)),
+  EXPECT_EQ(stl_complaint("solid x\nendsolid x\n"), "no triangles");
+  EXPECT_EQ(stl_complaint("short"), "byte 5: the header is cut short");
+  EXPECT_EQ(stl_complaint(binary(kSquare).substr(0, 150)),
             "byte 150: the file ends before the 2 triangles that it announces: cut short, or no STL file");
   std::vector<float> places = kSquare;
   places[5] = std::numeric_limits<float>::quiet_NaN();
-  EXPECT_EQ(complaint(binary(places)), "byte 108: a vertex is not finite");
+  EXPECT_EQ(stl_complaint(binary(places)), "byte 108: a vertex is not finite");
   const std::string facet = "solid x\nfacet normal 0 0 1\nouter loop\n";
-  EXPECT_EQ(complaint(facet + "vertex 1 2\n"), "line 4: \"\" is not a finite number");
-  EXPECT_EQ(complaint(facet + "vertex 1 2 1e99\n"), "line 4: \"1e99\" is not a finite number");
-  EXPECT_EQ(complaint(facet + "vertex 1 2 3\nendloop\nendfacet\n"), "line 6: a facet has 1 vertices in place of 3");
-  EXPECT_EQ(complaint(facet + "facet normal 0 0 1\n"), "line 4: a facet begins inside another one");
-  EXPECT_EQ(complaint(facet + "vertex 1 2 3\n"), "line 4: the file ends inside a facet");
-  EXPECT_EQ(complaint("solid x\nvertex 1 2 3\n"), "line 2: a vertex stands outside a facet of three");
-  EXPECT_EQ(complaint("solid x\nsphere 1\n"),
+  EXPECT_EQ(stl_complaint(facet + "vertex 1 2\n"), "line 4: \"\" is not a finite number");
+  EXPECT_EQ(stl_complaint(facet + "vertex 1 2 1e99\n"), "line 4: \"1e99\" is not a finite number");
+  EXPECT_EQ(stl_complaint(facet + "vertex 1 2 3\nendloop\nendfacet\n"), "line 6: a facet has 1 vertices in place of 3");
+  EXPECT_EQ(stl_complaint(facet + "facet normal 0 0 1\n"), "line 4: a facet begins inside another one");
+  EXPECT_EQ(stl_complaint(facet + "vertex 1 2 3\n"), "line 4: the file ends inside a facet");
+  EXPECT_EQ(stl_complaint("solid x\nvertex 1 2 3\n"), "line 2: a vertex stands outside a facet of three");
+  EXPECT_EQ(stl_complaint("solid x\nsphere 1\n"),
             "line 2: \"sphere\" is none of solid, facet, outer loop, vertex, endloop, endfacet, endsolid");
 }
 
