@@ -12,4 +12,3 @@
 #include "anigen/eval/report.h"
 #include "anigen/eval/skin_baselines.h"
 #include "anigen/eval/skin_evaluation.h"
-#include "anigen/eval/study.h"

@@ -4,8 +4,8 @@
 
 #include "anigen/core/error.h"
 #include "anigen/eval/metric_table.h"
-#include "anigen/eval/study.h"
 #include "tests/eval/rigged_walker.h"
+#include "tests/eval/study.h"
 
 namespace anigen::eval {
 namespace {

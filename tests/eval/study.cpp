@@ -1,4 +1,4 @@
-#include "anigen/eval/study.h"
+#include "tests/eval/study.h"
 
 #include <algorithm>
 #include <array>

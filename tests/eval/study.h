@@ -49,7 +49,7 @@ struct Perturbation {
 /// The five mistakes with their expectations, in the order of docs/metrics.md.
 const std::vector<Perturbation>& perturbations();
 
-// Behaviour of the metrics where the answer is known; the tables of docs/metric_study.md.
+// Behaviour of the metrics where the answer is known; the tables of docs/results.md.
 
 /// A metric counts as zero below this: the mistakes move joints by a thousandth of the box.
 inline constexpr double kStudyZero = 1e-3;
