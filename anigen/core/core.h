@@ -3,6 +3,7 @@
 /// file, place and remedy (error.h); every random draw comes from Rng(seed, purpose, index) (random.h); files are
 /// written under a temporary name, synced and renamed (files.h).
 #include "anigen/core/config.h"
+#include "anigen/core/config_fields.h"
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
 #include "anigen/core/hash.h"
