@@ -144,6 +144,15 @@ void ConfigFields::allow_null(const std::string& name) {
   schema["default"] = nullptr;
 }
 
+void OptionCheck::operator()(bool valid, const std::string& key, const std::string& problem) const {
+  if (!valid) throw InputError(file, key.empty() ? pointer : pointer + "/" + key, problem);
+}
+
+void OptionCheck::heads(const std::string& key, std::int64_t heads, std::int64_t channels) const {
+  (*this)(heads > 0 && channels % heads == 0, key,
+          std::to_string(heads) + " heads do not divide " + std::to_string(channels) + " channels");
+}
+
 Json object_schema(const std::function<void(ConfigFields&)>& fields) {
   Json schema{{"type", "object"}, {"properties", Json::object()}, {"additionalProperties", false}};
   ConfigFields describe(ConfigFields::Pass::kDescribe, schema);

@@ -136,6 +136,15 @@ class ConfigFields {
   Json* json_ = nullptr;
 };
 
+/// Check of options that were read from an object. @throws InputError about `key` ("": the object) when not valid
+struct OptionCheck {
+  const std::string &file, &pointer;
+
+  void operator()(bool valid, const std::string& key, const std::string& problem) const;
+  /// Number of heads `key` divides the channels, and is above 0.
+  void heads(const std::string& key, std::int64_t heads, std::int64_t channels) const;
+};
+
 /// JSON Schema of an object whose fields `fields` visits, one struct or several that are read from one object.
 Json object_schema(const std::function<void(ConfigFields&)>& fields);
 

@@ -35,12 +35,10 @@ PaddedNumbers padded_numbers(const Tensor& coords) {
 
 }  // namespace
 
-GeodesicNoiseOptions GeodesicNoiseOptions::read(ConfigReader& reader) {
-  GeodesicNoiseOptions options;
-  options.enabled = reader.boolean("geodesic_smooth_noise", options.enabled);
-  options.iterations = reader.integer("geodesic_smooth_noise_iters", options.iterations, 0, kMostSmoothings);
-  options.alpha = reader.number("geodesic_smooth_noise_alpha", options.alpha, 0.0, 1.0);
-  return options;
+void GeodesicNoiseOptions::fields(ConfigFields& f) {
+  f("geodesic_smooth_noise", enabled);
+  f("geodesic_smooth_noise_iters", iterations, {0, kMostSmoothings});
+  f("geodesic_smooth_noise_alpha", alpha, {0.0, 1.0});
 }
 
 FaceNeighbours face_neighbours(const Tensor& coords) {

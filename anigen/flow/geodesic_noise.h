@@ -1,11 +1,8 @@
 #pragma once
 #include <cstdint>
 
+#include "anigen/core/config_fields.h"
 #include "anigen/nn/torch.h"
-
-namespace anigen {
-class ConfigReader;
-}  // namespace anigen
 
 namespace anigen::flow {
 
@@ -13,13 +10,12 @@ using torch::Tensor;
 
 /// Noise that neighbouring voxels share: skin weights change slowly along a surface (the published variant "gsn";
 /// reference flows-and-pipeline.md, 4.5). Trainer arguments `geodesic_smooth_noise`, `…_iters` and `…_alpha`.
-struct GeodesicNoiseOptions {
+struct GeodesicNoiseOptions : JsonOptions<GeodesicNoiseOptions> {
   bool enabled = false;
   std::int64_t iterations = 0;
   double alpha = 0.7;  ///< how far a voxel goes towards its neighbours in one iteration, in [0, 1]
 
-  /// Asks the reader for the three arguments. @throws InputError on a wrong type or a value out of range
-  static GeodesicNoiseOptions read(ConfigReader& reader);
+  void fields(ConfigFields& f);
 };
 
 /// Pairs of voxels of an item that share a face.

@@ -74,27 +74,15 @@ Tensor mean_per_item(const Tensor& rows, const Tensor& item, std::int64_t items)
   return sums / torch::bincount(item, {}, items).clamp_min(1).to(rows.options());
 }
 
-TimeSchedule TimeSchedule::from_json(const Json& json, const std::string& file, const std::string& pointer) {
-  ConfigReader reader(json, file, pointer);
-  TimeSchedule schedule;
-  const std::string name = reader.choice("name", "logitNormal", {"uniform", "logitNormal"});
-  schedule.kind = name == "uniform" ? Kind::kUniform : Kind::kLogitNormal;
-  ConfigReader args = reader.object("args");
-  if (schedule.kind == Kind::kLogitNormal) {
-    schedule.mean = args.number("mean", schedule.mean);
-    schedule.deviation = args.number("std", schedule.deviation);
-    if (schedule.deviation <= 0.0) throw args.error("std", "must be positive");
-  }
-  args.finish();
-  reader.finish();
-  return schedule;
-}
-
-Json TimeSchedule::to_json() const {
-  Json json;
-  json["name"] = kind == Kind::kUniform ? "uniform" : "logitNormal";
-  if (kind == Kind::kLogitNormal) json["args"] = {{"mean", mean}, {"std", deviation}};
-  return json;
+void TimeSchedule::fields(ConfigFields& f) {
+  f("name", kind, {{"uniform", Kind::kUniform}, {"logitNormal", Kind::kLogitNormal}});
+  if (kind == Kind::kUniform && f.writes()) return;
+  f.object("args", [this](ConfigFields& args) {
+    if (kind == Kind::kUniform) return;
+    args("mean", mean);
+    args("std", deviation);
+    if (deviation <= 0.0) throw args.error("std", "must be positive");
+  });
 }
 
 Tensor TimeSchedule::sample(std::int64_t count, at::Generator generator) const {

@@ -2,7 +2,7 @@
 #include <cstdint>
 #include <string>
 
-#include "anigen/core/config.h"
+#include "anigen/core/config_fields.h"
 #include "anigen/nn/torch.h"
 
 namespace anigen::flow {
@@ -31,8 +31,6 @@ Tensor x0_from_velocity(const Tensor& x_t, const Tensor& velocity, double t, dou
 /// 1000 t, fp32.
 Tensor model_time(const Tensor& t);
 
-using torch::Tensor;
-
 inline constexpr std::int64_t kTimeBins = 10;
 
 /// Index of the part, of `bins` equal parts of [0, 1], that each time lies in; a part holds its lower end. t = 1 gives
@@ -51,12 +49,10 @@ Tensor mse_per_item(const Tensor& prediction, const Tensor& target);
 /// @param rows [N, C] @param item [N] int64 @return [items]; 0 for an item without rows
 Tensor mean_per_item(const Tensor& rows, const Tensor& item, std::int64_t items);
 
-using torch::Tensor;
-
 /// Distribution of the flow time t of each batch item, shared by all streams of the item: 1 is noise, 0 is data
 /// (reference flows-and-pipeline.md, 4.1). Config object `t_schedule`: {"name": "uniform"} or
 /// {"name": "logitNormal", "args": {"mean": 1.0, "std": 1.0}}.
-struct TimeSchedule {
+struct TimeSchedule : JsonOptions<TimeSchedule> {
   enum class Kind {
     kUniform,     ///< t ~ U[0, 1)
     kLogitNormal  ///< t = sigmoid(mean + deviation · z), z ~ N(0, 1)
@@ -65,18 +61,13 @@ struct TimeSchedule {
   double mean = 0.0;  ///< default of the class; the published configs say 1
   double deviation = 1.0;
 
-  /// @param file, pointer where the object stands, for messages
-  /// @throws InputError on an unknown name or key, or a standard deviation that is not positive
-  static TimeSchedule from_json(const Json& json, const std::string& file = "", const std::string& pointer = "");
-  Json to_json() const;
+  void fields(ConfigFields& f);  ///< @throws InputError for a standard deviation that is not positive
 
   /// @return [count] fp32 on the CPU, drawn from this generator alone
   Tensor sample(std::int64_t count, at::Generator generator) const;
   /// The times that belong to given draws: standard normal ones for logitNormal, uniform ones for uniform.
   Tensor from_draws(const Tensor& draws) const;
 };
-
-using torch::Tensor;
 
 /// Classifier-free guidance needs a model that also knows the absence of a condition: in training each item's
 /// condition is replaced by the negative one with probability p_uncond (reference flows-and-pipeline.md, 4.2).

@@ -64,60 +64,46 @@ void keep_known(Streams& x, double t, const Inpainting& known, double sigma_min)
   }
 }
 
-}  // namespace
-
-const std::vector<std::string>& solver_words() {
-  static const std::vector<std::string> kWords = {"euler", "midpoint", "heun"};  // in the order of Solver
-  return kWords;
+const std::vector<std::pair<std::string, Solver>>& solver_names() {
+  static const std::vector<std::pair<std::string, Solver>> kNames = {// in the order of Solver
+                                                                     {"euler", Solver::kEuler},
+                                                                     {"midpoint", Solver::kMidpoint},
+                                                                     {"heun", Solver::kHeun}};
+  return kNames;
 }
 
-const std::string& word_of(Solver solver) { return solver_words()[static_cast<std::size_t>(solver)]; }
+}  // namespace
+
+const std::string& word_of(Solver solver) { return solver_names()[static_cast<std::size_t>(solver)].first; }
 
 Solver parse_solver(const std::string& word) {
-  for (const Solver solver : {Solver::kEuler, Solver::kMidpoint, Solver::kHeun}) {
-    if (word == word_of(solver)) return solver;
+  for (const auto& [name, solver] : solver_names()) {
+    if (word == name) return solver;
   }
   throw InputError("", "solver", "expected euler, midpoint or heun, found '" + word + "'");
 }
 
-SamplerOptions SamplerOptions::from_json(const Json& json, const std::string& file, const std::string& pointer) {
-  ConfigReader reader(json, file, pointer);
-  SamplerOptions options;
-  options.steps = reader.integer("steps", options.steps, 1, kMaxSteps);
-  options.solver = parse_solver(reader.choice("solver", word_of(options.solver), solver_words()));
-  options.rescale_t = reader.number("rescale_t", options.rescale_t);
-  options.cfg_strength = reader.number("cfg_strength", options.cfg_strength);
-  if (reader.has("cfg_interval")) {
-    const std::vector<double> ends = reader.numbers("cfg_interval", {});
-    if (ends.size() != 2) throw reader.error("cfg_interval", "expected the two ends of an interval of t");
-    options.cfg_interval = std::make_pair(ends[0], ends[1]);
+void SamplerOptions::fields(ConfigFields& f) {
+  f("steps", steps, {1, kMaxSteps});
+  if (!f.writes() || solver != Solver::kEuler) f("solver", solver, solver_names());
+  f("rescale_t", rescale_t);
+  f("cfg_strength", cfg_strength);
+  std::vector<double> ends;
+  if (cfg_interval) ends = {cfg_interval->first, cfg_interval->second};
+  if (!f.writes() || cfg_interval) f("cfg_interval", ends);
+  if (f.reads() && f.reader().has("cfg_interval")) {
+    if (ends.size() != 2) throw f.error("cfg_interval", "expected the two ends of an interval of t");
+    cfg_interval = {ends[0], ends[1]};
   }
-  options.sigma_min = reader.number("sigma_min", options.sigma_min);
-  reader.finish();
-  options.validate(file, pointer);
-  return options;
-}
-
-Json SamplerOptions::to_json() const {
-  Json json;
-  json["steps"] = steps;
-  if (solver != Solver::kEuler) json["solver"] = word_of(solver);
-  json["rescale_t"] = rescale_t;
-  json["cfg_strength"] = cfg_strength;
-  if (cfg_interval) json["cfg_interval"] = {cfg_interval->first, cfg_interval->second};
-  json["sigma_min"] = sigma_min;
-  return json;
+  f("sigma_min", sigma_min);
 }
 
 void SamplerOptions::validate(const std::string& file, const std::string& pointer) const {
-  if (steps < 1 || steps > kMaxSteps) {
-    throw InputError(file, pointer + "/steps", "expected 1 to " + std::to_string(kMaxSteps) + " steps");
-  }
-  if (!(rescale_t > 0.0)) throw InputError(file, pointer + "/rescale_t", "must be positive");
-  if (!(sigma_min >= 0.0 && sigma_min < 1.0)) throw InputError(file, pointer + "/sigma_min", "must lie in [0, 1)");
-  if (cfg_interval && !(cfg_interval->first <= cfg_interval->second)) {
-    throw InputError(file, pointer + "/cfg_interval", "the lower end comes first");
-  }
+  const OptionCheck check{file, pointer};
+  check(steps >= 1 && steps <= kMaxSteps, "steps", "expected 1 to " + std::to_string(kMaxSteps) + " steps");
+  check(rescale_t > 0.0, "rescale_t", "must be positive");
+  check(sigma_min >= 0.0 && sigma_min < 1.0, "sigma_min", "must lie in [0, 1)");
+  check(!cfg_interval || cfg_interval->first <= cfg_interval->second, "cfg_interval", "the lower end comes first");
 }
 
 std::vector<double> time_grid(const SamplerOptions& options) {
@@ -163,42 +149,28 @@ Sampled sample_flow(const Streams& noise, const Velocities& velocities, const Sa
   return result;
 }
 
-namespace {
+void FlowStageOptions::flow_fields(ConfigFields& f, double cfg_strength) {
+  f("p_uncond", p_uncond, {0.0, 1.0});
+  f.object("t_schedule", t_schedule);
+  f("sigma_min", sigma_min, {0.0, 0.5});
+  bool train_inpaint = false;
+  f("train_inpaint", train_inpaint);
+  if (train_inpaint) throw f.not_supported("train_inpaint", "train_inpaint, whose model is not published");
+  f.unused("p_x0_inject");  // only means something with train_inpaint
 
-constexpr std::int64_t kPublishedSamplerSteps = 25;
-
-/// `sampler`, by default that of the published pipeline.
-SamplerOptions samples_sampler(ConfigReader& args, double cfg_strength, double sigma_min) {
-  Json sampler = {{"steps", kPublishedSamplerSteps}, {"cfg_strength", cfg_strength}};
-  if (const Json* given = args.raw("sampler")) {
-    const ConfigReader keys = args.object("sampler");
-    if (keys.has("sigma_min"))
+  sampler.steps = 25;
+  sampler.cfg_strength = cfg_strength;
+  f.object("sampler", [this](ConfigFields& keys) {
+    if (keys.reads() && keys.reader().has("sigma_min")) {
       throw keys.error("sigma_min", "samples take the trainer's sigma_min; leave this one out");
-    sampler.update(*given);
-  }
-  SamplerOptions options = SamplerOptions::from_json(sampler, args.file(), args.pointer_to("sampler"));
-  options.sigma_min = sigma_min;
-  return options;
-}
-
-}  // namespace
-
-void FlowStageOptions::read_flow(ConfigReader& args, double cfg_strength) {
-  p_uncond = args.number("p_uncond", p_uncond, 0.0, 1.0);
-  if (const Json* schedule = args.raw("t_schedule")) {
-    t_schedule = TimeSchedule::from_json(*schedule, args.file(), args.pointer_to("t_schedule"));
-  }
-  sigma_min = args.number("sigma_min", sigma_min, 0.0, 0.5);
-  if (args.boolean("train_inpaint", false)) {
-    throw NotSupportedError(args.file(), args.pointer_to("train_inpaint"),
-                            "train_inpaint, whose model is not published");
-  }
-  args.raw("p_x0_inject");  // only means something with train_inpaint
-
-  sampler = samples_sampler(args, cfg_strength, sigma_min);
-  sample_assets = args.integer("sample_assets", sample_assets, 1, 64);
-  eval_max_assets = args.integer("eval_max_assets", eval_max_assets, 0);
-  eval_times = args.integer("eval_times", eval_times, 1, 1000);
+    }
+    sampler.fields(keys);
+    if (keys.reads()) sampler.validate(keys.reader().file(), keys.reader().pointer_to(""));
+  });
+  sampler.sigma_min = sigma_min;
+  f("sample_assets", sample_assets, {1, 64});
+  f("eval_max_assets", eval_max_assets, {0});
+  f("eval_times", eval_times, {1, 1000});
 }
 
 std::size_t FlowStageOptions::eval_count(std::size_t held_out) const {

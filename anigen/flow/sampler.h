@@ -7,7 +7,7 @@
 #include <utility>
 #include <vector>
 
-#include "anigen/core/config.h"
+#include "anigen/core/config_fields.h"
 #include "anigen/flow/matching.h"
 
 namespace anigen::flow {
@@ -35,15 +35,13 @@ enum class Solver {
               ///< Euler's: models that predict the data have no velocity there (Karras et al. 2022, algorithm 1)
 };
 
-/// Names in configs and on command lines: euler, midpoint, heun.
-const std::vector<std::string>& solver_words();
-/// @throws InputError for another word
+/// Names in configs and on command lines: euler, midpoint, heun. @throws InputError for another word
 Solver parse_solver(const std::string& word);
 const std::string& word_of(Solver solver);
 
 /// Defaults of the published sampler class; its pipeline takes 25 steps with strength 7.5 for the sparse structure and
 /// 3.0 for structured latents (reference flows-and-pipeline.md, 4.4).
-struct SamplerOptions {
+struct SamplerOptions : JsonOptions<SamplerOptions> {
   std::int64_t steps = 50;
   Solver solver = Solver::kEuler;
   double rescale_t = 1.0;     ///< r of t → r t / (1 + (r − 1) t); above 1: more steps near the noise
@@ -52,10 +50,7 @@ struct SamplerOptions {
   std::optional<std::pair<double, double>> cfg_interval;
   double sigma_min = kSigmaMin;
 
-  /// Keys steps, solver, rescale_t, cfg_strength, cfg_interval, sigma_min.
-  /// @throws InputError on an unknown key or a value out of range
-  static SamplerOptions from_json(const Json& json, const std::string& file = "", const std::string& pointer = "");
-  Json to_json() const;
+  void fields(ConfigFields& f);
   void validate(const std::string& file = "", const std::string& pointer = "") const;
 };
 
@@ -106,8 +101,8 @@ struct FlowStageOptions {
 
   /// All but the seed. `image_encoder` is read by make_condition_encoder().
   /// @param cfg_strength of the published pipeline in this stage
-  /// @throws InputError; NotSupportedError for train_inpaint, whose model is not published
-  void read_flow(ConfigReader& trainer_args, double cfg_strength);
+  /// @throws NotSupportedError for train_inpaint, whose model is not published
+  void flow_fields(ConfigFields& f, double cfg_strength);
 
   /// Number of held-out assets that an evaluation covers.
   std::size_t eval_count(std::size_t held_out) const;

@@ -3,7 +3,7 @@
 #include <string>
 #include <vector>
 
-#include "anigen/core/config.h"
+#include "anigen/core/config_fields.h"
 #include "anigen/nn/blocks.h"
 #include "anigen/nn/embeddings.h"
 #include "anigen/nn/init.h"
@@ -19,10 +19,12 @@ struct JointEmbedderOptions {
   bool jp_embed_attn =
       true;                ///< blocks attend over the joints; false: each is an FFN that re-adds the embedder's input
   double mlp_ratio = 4.0;  ///< of the input layer and of the blocks
+
+  void fields(ConfigFields& f);
 };
 
 /// Arguments `encoder_config` (and `skin_encoder_config` of the structured-latent encoder).
-struct SkinEncoderOptions {
+struct SkinEncoderOptions : JsonOptions<SkinEncoderOptions> {
   std::int64_t skin_feat_channels = 8;   ///< F
   std::int64_t skl_pos_embed_freq = 10;  ///< n, bands of the Fourier embedding
   std::int64_t jp_embed_dim = 128;       ///< E
@@ -31,8 +33,7 @@ struct SkinEncoderOptions {
   bool vert_feat_is_linear = true;  ///< weights times embeddings; false: the head runs after the weighting
   bool normalize_feat = true;       ///< joint embeddings on the unit sphere
 
-  static SkinEncoderOptions from_json(const Json& json, const std::string& file = "", const std::string& pointer = "");
-  Json to_json() const;
+  void fields(ConfigFields& f);
   void validate(const std::string& file = "", const std::string& pointer = "") const;
   std::int64_t hidden_dim() const {
     return jp_embedder_config.hidden_dim > 0 ? jp_embedder_config.hidden_dim : jp_embed_dim;
@@ -40,7 +41,7 @@ struct SkinEncoderOptions {
 };
 
 /// Arguments `decoder_config` (and `skin_decoder_config` of the structured-latent decoder).
-struct SkinDecoderOptions {
+struct SkinDecoderOptions : JsonOptions<SkinDecoderOptions> {
   std::string model_type = "tree";      ///< the only one that exists
   std::int64_t skin_feat_channels = 8;  ///< F
   std::int64_t model_channels = 512;    ///< M
@@ -48,23 +49,18 @@ struct SkinDecoderOptions {
   std::int64_t num_heads = 4;
   std::int64_t vert_cross_blocks_num = 0;  ///< the first so many vertex blocks cross-attend to the joints
 
-  static SkinDecoderOptions from_json(const Json& json, const std::string& file = "", const std::string& pointer = "");
-  Json to_json() const;
+  void fields(ConfigFields& f);
   void validate(const std::string& file = "", const std::string& pointer = "") const;
 };
 
 /// Arguments of the published class SkinAutoEncoder; defaults are those of the class, not of its config.
-struct SkinAutoEncoderOptions {
+struct SkinAutoEncoderOptions : JsonOptions<SkinAutoEncoderOptions> {
   SkinEncoderOptions encoder_config;
   SkinDecoderOptions decoder_config;
   bool use_fp16 =
       false;  ///< the decoder's blocks in fp16; the joint embedder's blocks always are (see SkinAutoEncoder)
 
-  /// @param file, pointer where the object stands, for messages
-  /// @throws InputError on an unknown key (naming the nearest), a wrong type or a value out of range
-  static SkinAutoEncoderOptions from_json(const Json& json, const std::string& file = "",
-                                          const std::string& pointer = "");
-  Json to_json() const;
+  void fields(ConfigFields& f);
   void validate(const std::string& file = "", const std::string& pointer = "") const;
 };
 

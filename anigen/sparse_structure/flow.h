@@ -3,7 +3,7 @@
 #include <string>
 #include <vector>
 
-#include "anigen/core/config.h"
+#include "anigen/core/config_fields.h"
 #include "anigen/flow/sampler.h"
 #include "anigen/nn/blocks.h"
 #include "anigen/nn/embeddings.h"
@@ -14,7 +14,7 @@ namespace anigen::sparse_structure {
 
 /// Arguments of the published class AniGenSparseStructureFlowModel; defaults are those of the class (reference
 /// flows-and-pipeline.md, 1.1). No suffix: the shape stream, called "ss"; `_skl`: the skeleton stream.
-struct SparseStructureFlowOptions {
+struct SparseStructureFlowOptions : JsonOptions<SparseStructureFlowOptions> {
   std::int64_t resolution = 0;  ///< of the latent grid
   std::int64_t in_channels = 0, in_channels_skl = 0;
   std::int64_t out_channels = 0, out_channels_skl = 0;
@@ -46,12 +46,8 @@ struct SparseStructureFlowOptions {
   std::int64_t cross_adapter_every = 4;  ///< with a global stream: exchange by cross attention every so many blocks
   bool skl_cross_from_ss = false;        ///< skeleton blocks attend to the shape stream instead of the condition
 
-  /// @param file, pointer where the object stands, for messages
-  /// @throws InputError on an unknown key (naming the nearest), a missing one, a wrong type or a value out of range;
-  ///   NotSupportedError for pe_mode "rope"
-  static SparseStructureFlowOptions from_json(const Json& json, const std::string& file = "",
-                                              const std::string& pointer = "");
-  Json to_json() const;
+  void fields(ConfigFields& f);
+  /// @throws NotSupportedError for pe_mode "rope"
   void validate(const std::string& file = "", const std::string& pointer = "") const;
 
   std::int64_t heads() const { return num_heads > 0 ? num_heads : model_channels / num_head_channels; }
@@ -171,9 +167,8 @@ nn::FlopCount forward_flops(const SparseStructureFlowOptions& options, std::int6
 
 /// Arguments of the trainers of stage 4 beside those all trainers share: those of both flows. Samples are guided with
 /// strength 7.5 by default.
-struct SparseStructureFlowStageOptions : flow::FlowStageOptions {
-  /// `image_encoder` is read by vision::make_condition_encoder(). @throws InputError
-  static SparseStructureFlowStageOptions read(ConfigReader& trainer_args);
+struct SparseStructureFlowStageOptions : flow::FlowStageOptions, JsonOptions<SparseStructureFlowStageOptions> {
+  void fields(ConfigFields& f);  ///< `image_encoder` is read by vision::make_condition_encoder()
 };
 
 /// Velocities of the sparse-structure flow for flow::sample_flow: streams shape, then skeleton.

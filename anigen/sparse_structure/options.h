@@ -3,11 +3,7 @@
 #include <string>
 #include <vector>
 
-#include "anigen/core/config.h"
-
-namespace anigen {
-class ConfigReader;
-}  // namespace anigen
+#include "anigen/core/config_fields.h"
 
 namespace anigen::sparse_structure {
 
@@ -35,36 +31,28 @@ struct SparseStructureCoderOptions {
   bool freezes() const { return use_pretrain_branch && freeze_pretrain_branch; }
 
  protected:
-  void read(ConfigReader& reader);
-  void write(Json& json) const;
-  /// @param coarsest, last widths of the level the latents belong to and of the level before the last convolution
-  void validate_coder(std::int64_t coarsest, std::int64_t last, const std::string& file,
-                      const std::string& pointer) const;
+  void fields(ConfigFields& f);
+  void validate_channels(const OptionCheck& check) const;
+  /// @param coarsest width of the level the latents belong to
+  void validate_coder(const OptionCheck& check, std::int64_t coarsest) const;
 };
 
 /// Arguments of AniGenSparseStructureEncoder; channels from fine to coarse.
-struct SparseStructureEncoderOptions : SparseStructureCoderOptions {
+struct SparseStructureEncoderOptions : SparseStructureCoderOptions, JsonOptions<SparseStructureEncoderOptions> {
   std::int64_t in_channels = 1, in_channels_skl = 1;
   /// The stream's latent is deterministic (and normalised, if the flag says so) instead of a Gaussian posterior.
   bool latent_denoising = false, latent_denoising_skl = true;
 
-  /// @param file, pointer where the object stands, for messages
-  /// @throws InputError on an unknown key (naming the nearest), a wrong type or a value out of range
-  static SparseStructureEncoderOptions from_json(const Json& json, const std::string& file = "",
-                                                 const std::string& pointer = "");
-  Json to_json() const;
+  void fields(ConfigFields& f);
   void validate(const std::string& file = "", const std::string& pointer = "") const;
 };
 
 /// Arguments of AniGenSparseStructureDecoder; channels from coarse to fine. normalize_z normalises what the decoder is
 /// given, whatever the encoder did.
-struct SparseStructureDecoderOptions : SparseStructureCoderOptions {
+struct SparseStructureDecoderOptions : SparseStructureCoderOptions, JsonOptions<SparseStructureDecoderOptions> {
   std::int64_t out_channels = 1, out_channels_skl = 1;
 
-  /// As for the encoder.
-  static SparseStructureDecoderOptions from_json(const Json& json, const std::string& file = "",
-                                                 const std::string& pointer = "");
-  Json to_json() const;
+  void fields(ConfigFields& f);
   void validate(const std::string& file = "", const std::string& pointer = "") const;
 };
 

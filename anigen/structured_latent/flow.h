@@ -5,16 +5,12 @@
 #include <string>
 #include <vector>
 
-#include "anigen/core/config.h"
+#include "anigen/core/config_fields.h"
 #include "anigen/nn/embeddings.h"
 #include "anigen/nn/init.h"
 #include "anigen/nn/trainable.h"
 #include "anigen/sparse/blocks.h"
 #include "anigen/sparse/support.h"
-
-namespace anigen {
-class ConfigReader;
-}  // namespace anigen
 
 namespace anigen::structured_latent {
 
@@ -29,6 +25,7 @@ struct StructuredLatentFlowStreamOptions {
   /// residual blocks, the transformer sees the voxels themselves.
   std::optional<std::vector<std::int64_t>> io_block_channels;
 
+  void fields(ConfigFields& f, const std::string& suffix);
   std::int64_t heads() const { return num_heads > 0 ? num_heads : model_channels / num_head_channels; }
   /// Number of times that the residual blocks halve the resolution.
   std::int64_t levels() const { return io_block_channels ? static_cast<std::int64_t>(io_block_channels->size()) : 0; }
@@ -37,7 +34,7 @@ struct StructuredLatentFlowStreamOptions {
 /// Arguments of the published classes AniGenElasticSLatFlowModel and AniGenSLatFlowModel, which compute the same;
 /// defaults are those of the class (reference flows-and-pipeline.md, 2.1). In JSON the sizes of a stream carry its
 /// suffix: none for the geometry, `_vert_skin` for the skin, `_skl` for the skeleton.
-struct StructuredLatentFlowOptions {
+struct StructuredLatentFlowOptions : JsonOptions<StructuredLatentFlowOptions> {
   std::int64_t resolution = 0;  ///< of the voxels; a bound on coordinates, no weight depends on it
   StructuredLatentFlowStreamOptions geometry, skin, skeleton;
   std::int64_t cond_channels = 0;  ///< width of the condition tokens
@@ -65,14 +62,8 @@ struct StructuredLatentFlowOptions {
   std::int64_t joint_num_max = 60;  ///< more joints count as this many
   std::int64_t joint_num_fourier_bands = 6;
 
-  /// Asks the reader for every argument of the class; the caller calls reader.finish() where nothing else is to be
-  /// read. @throws InputError on a wrong type or a value out of range; NotSupportedError for pe_mode "rope"
-  static StructuredLatentFlowOptions read(ConfigReader& reader);
-  /// @param file, pointer where the object stands, for messages @throws as read(); InputError on an unknown key, naming
-  /// the nearest
-  static StructuredLatentFlowOptions from_json(const Json& json, const std::string& file = "",
-                                               const std::string& pointer = "");
-  Json to_json() const;
+  void fields(ConfigFields& f);
+  /// @throws NotSupportedError for pe_mode "rope"
   void validate(const std::string& file = "", const std::string& pointer = "") const;
 
   bool freezes_geometry() const { return use_pretrain_branch && freeze_pretrain_branch; }

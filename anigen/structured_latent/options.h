@@ -3,14 +3,10 @@
 #include <string>
 #include <vector>
 
-#include "anigen/core/config.h"
+#include "anigen/core/config_fields.h"
 #include "anigen/shape_field/mesh_extraction.h"
 #include "anigen/skeleton_field/field.h"
 #include "anigen/skin_field/skin_autoencoder.h"
-
-namespace anigen {
-class ConfigReader;
-}  // namespace anigen
 
 namespace anigen::structured_latent {
 
@@ -48,13 +44,12 @@ struct StructuredLatentCoderOptions {
   bool freezes() const { return use_pretrain_branch && freeze_pretrain_branch; }
 
  protected:
-  void read(ConfigReader& reader);
-  void write(Json& json) const;
-  void validate_coder(const std::string& file, const std::string& pointer) const;
+  void fields(ConfigFields& f);
+  void validate_coder(const OptionCheck& check) const;
 };
 
 /// Arguments of AniGenElasticSLatEncoder.
-struct StructuredLatentEncoderOptions : StructuredLatentCoderOptions {
+struct StructuredLatentEncoderOptions : StructuredLatentCoderOptions, JsonOptions<StructuredLatentEncoderOptions> {
   StructuredLatentEncoderOptions();
   std::int64_t in_channels = 0;          ///< of the image features; required
   std::int64_t skl_pos_embed_freq = 10;  ///< bands of the embedding of joints and parents
@@ -66,17 +61,12 @@ struct StructuredLatentEncoderOptions : StructuredLatentCoderOptions {
   /// True when the latents of skin and skeleton lie on a sphere.
   bool normalizes() const { return latent_denoising && normalize_z; }
 
-  /// @param file, pointer where the object stands, for messages
-  /// @throws InputError on an unknown key (naming the nearest), a wrong type or a value out of range; NotSupportedError
-  /// for serialized attention and rotary positions
-  static StructuredLatentEncoderOptions from_json(const Json& json, const std::string& file = "",
-                                                  const std::string& pointer = "");
-  Json to_json() const;
+  void fields(ConfigFields& f);  ///< @throws NotSupportedError for serialized attention and rotary positions
   void validate(const std::string& file = "", const std::string& pointer = "") const;
 };
 
 /// Arguments of AniGenElasticSLatMeshDecoder.
-struct StructuredLatentDecoderOptions : StructuredLatentCoderOptions {
+struct StructuredLatentDecoderOptions : StructuredLatentCoderOptions, JsonOptions<StructuredLatentDecoderOptions> {
   StructuredLatentDecoderOptions();
   bool skin_cross_from_groupped = false;    ///< the skin attends to the grouped joints
   std::int64_t h_skin_unet_num_levels = 4;  ///< of the U-Net behind the skin torso; below 1: none
@@ -97,10 +87,7 @@ struct StructuredLatentDecoderOptions : StructuredLatentCoderOptions {
   /// Layout of the channels of a fine voxel.
   shape_field::MeshFieldOptions mesh_options() const;
 
-  /// As for the encoder.
-  static StructuredLatentDecoderOptions from_json(const Json& json, const std::string& file = "",
-                                                  const std::string& pointer = "");
-  Json to_json() const;
+  void fields(ConfigFields& f);  ///< @throws as for the encoder
   void validate(const std::string& file = "", const std::string& pointer = "") const;
 };
 

@@ -10,21 +10,13 @@ StructuredLatentFlow load_structured_latent_flow(const nn::RunModel& found, torc
   return nn::load_trained<StructuredLatentFlow, StructuredLatentFlowOptions>(found, device);
 }
 
-namespace {
-
-constexpr double kStructuredLatentStrength = 3.0;
-
-}  // namespace
-
 using torch::Tensor;
 
-StructuredLatentFlowStageOptions StructuredLatentFlowStageOptions::read(ConfigReader& args) {
-  StructuredLatentFlowStageOptions options;
-  options.read_flow(args, kStructuredLatentStrength);
-  options.use_joint_num_cond = args.boolean("use_joint_num_cond", options.use_joint_num_cond);
-  options.p_uncond_joint_num = args.number("p_uncond_joint_num", options.p_uncond_joint_num, 0.0, 1.0);
-  options.smoothing = flow::GeodesicNoiseOptions::read(args);
-  return options;
+void StructuredLatentFlowStageOptions::fields(ConfigFields& f) {
+  flow_fields(f, /*cfg_strength=*/3.0);
+  f("use_joint_num_cond", use_joint_num_cond);
+  f("p_uncond_joint_num", p_uncond_joint_num, {0.0, 1.0});
+  smoothing.fields(f);
 }
 
 flow::Velocities structured_latent_velocities(StructuredLatentFlow model, const StructuredLatentTarget& target,

@@ -16,13 +16,12 @@ StructuredLatentFlow load_structured_latent_flow(const nn::RunModel& found, torc
 
 /// Arguments of the trainers of stage 5 beside those all trainers share: those of both flows, where samples are guided
 /// with strength 3 by default, and these (reference training-and-data.md, 3.4).
-struct StructuredLatentFlowStageOptions : flow::FlowStageOptions {
+struct StructuredLatentFlowStageOptions : flow::FlowStageOptions, JsonOptions<StructuredLatentFlowStageOptions> {
   bool use_joint_num_cond = false;       ///< show the model how many joints an asset has
   double p_uncond_joint_num = 0.1;       ///< share of items for which it is told nothing, whatever its picture
   flow::GeodesicNoiseOptions smoothing;  ///< `geodesic_smooth_noise…`: of the skin's noise, in training and samples
 
-  /// `image_encoder` is read by vision::make_condition_encoder(). @throws InputError
-  static StructuredLatentFlowStageOptions read(ConfigReader& trainer_args);
+  void fields(ConfigFields& f);  ///< `image_encoder` is read by vision::make_condition_encoder()
 };
 
 /// Voxels and condition under which structured latents are sampled.

@@ -41,10 +41,6 @@ std::string name_of(const Size& size, bool registers) {
   return std::string("dinov2_vit") + size.letter + "14" + (registers ? "_reg" : "");
 }
 
-void require_valid(bool valid, const std::string& file, const std::string& place, const std::string& problem) {
-  if (!valid) throw InputError(file, place, problem);
-}
-
 }  // namespace
 
 std::vector<std::string> Dinov2Options::names() {
@@ -82,51 +78,31 @@ Dinov2Options Dinov2Options::named(const std::string& name) {
                                         : "did you mean '" + nearest + "'?"));
 }
 
-Dinov2Options Dinov2Options::from_json(const Json& json, const std::string& file, const std::string& pointer) {
-  ConfigReader reader(json, file, pointer);
-  Dinov2Options options;
-  options.img_size = reader.integer("img_size", options.img_size, 1, kMostDinoSide);
-  options.patch_size = reader.integer("patch_size", options.patch_size, 1, kMostDinoSide);
-  options.embed_dim = reader.integer("embed_dim", options.embed_dim, 1, kMostDinoChannels);
-  options.depth = reader.integer("depth", options.depth, 0, kMostDinoBlocks);
-  options.num_heads = reader.integer("num_heads", options.num_heads, 1, kMostDinoChannels);
-  options.mlp_ratio = reader.number("mlp_ratio", options.mlp_ratio, 0.0, 64.0);
-  options.ffn_layer = reader.choice("ffn_layer", options.ffn_layer, {"mlp", "swiglu", "swiglufused"});
-  options.num_register_tokens =
-      reader.integer("num_register_tokens", options.num_register_tokens, 0, kMostDinoChannels);
-  options.interpolate_antialias = reader.boolean("interpolate_antialias", options.interpolate_antialias);
-  options.interpolate_offset = reader.number("interpolate_offset", options.interpolate_offset, 0.0, 1.0);
-  reader.number("init_values", 1.0);
-  if (reader.integer("block_chunks", 0) != 0) {
-    throw NotSupportedError(file, reader.pointer_to("block_chunks"),
-                            "blocks in chunks, which no published weights use");
-  }
-  reader.finish();
-  options.validate(file, pointer);
-  return options;
-}
-
-Json Dinov2Options::to_json() const {
-  Json json;
-  json["img_size"] = img_size;
-  json["patch_size"] = patch_size;
-  json["embed_dim"] = embed_dim;
-  json["depth"] = depth;
-  json["num_heads"] = num_heads;
-  json["mlp_ratio"] = mlp_ratio;
-  json["ffn_layer"] = ffn_layer;
-  json["num_register_tokens"] = num_register_tokens;
-  json["interpolate_antialias"] = interpolate_antialias;
-  json["interpolate_offset"] = interpolate_offset;
-  return json;
+void Dinov2Options::fields(ConfigFields& f) {
+  f("img_size", img_size, {1, kMostDinoSide});
+  f("patch_size", patch_size, {1, kMostDinoSide});
+  f("embed_dim", embed_dim, {1, kMostDinoChannels});
+  f("depth", depth, {0, kMostDinoBlocks});
+  f("num_heads", num_heads, {1, kMostDinoChannels});
+  f("mlp_ratio", mlp_ratio, {0.0, 64.0});
+  f("ffn_layer", ffn_layer, {"mlp", "swiglu", "swiglufused"});
+  f("num_register_tokens", num_register_tokens, {0, kMostDinoChannels});
+  f("interpolate_antialias", interpolate_antialias);
+  f("interpolate_offset", interpolate_offset, {0.0, 1.0});
+  if (f.writes()) return;
+  double init_values = 1.0;
+  f("init_values", init_values);
+  std::int64_t block_chunks = 0;
+  f("block_chunks", block_chunks);
+  if (block_chunks != 0) throw f.not_supported("block_chunks", "blocks in chunks, which no published weights use");
 }
 
 void Dinov2Options::validate(const std::string& file, const std::string& pointer) const {
-  require_valid(patch_size > 0 && img_size >= patch_size, file, pointer + "/img_size",
-                std::to_string(img_size) + " pixels hold no patch of " + std::to_string(patch_size));
-  require_valid(num_heads > 0 && embed_dim % num_heads == 0, file, pointer + "/num_heads",
-                std::to_string(num_heads) + " heads do not divide " + std::to_string(embed_dim) + " channels");
-  require_valid(ffn_hidden() >= 1, file, pointer + "/mlp_ratio", "leaves no hidden channel");
+  const OptionCheck check{file, pointer};
+  check(patch_size > 0 && img_size >= patch_size, "img_size",
+        std::to_string(img_size) + " pixels hold no patch of " + std::to_string(patch_size));
+  check.heads("num_heads", num_heads, embed_dim);
+  check(ffn_hidden() >= 1, "mlp_ratio", "leaves no hidden channel");
 }
 
 std::int64_t Dinov2Options::ffn_hidden() const {

@@ -4,7 +4,7 @@
 #include <string>
 #include <vector>
 
-#include "anigen/core/config.h"
+#include "anigen/core/config_fields.h"
 #include "anigen/io/arrays/ndarray.h"
 #include "anigen/nn/linear.h"
 #include "anigen/nn/norms.h"
@@ -14,7 +14,7 @@ namespace anigen::vision {
 
 /// Size and form of a DINOv2 vision transformer (Oquab et al. 2023; registers: Darcet et al. 2023), under the argument
 /// names of the published hub models (reference flows-and-pipeline.md, 5.3).
-struct Dinov2Options {
+struct Dinov2Options : JsonOptions<Dinov2Options> {
   std::int64_t img_size = 518;   ///< pixels on a side for which pos_embed was made
   std::int64_t patch_size = 14;  ///< pixels
   std::int64_t embed_dim = 1024;
@@ -37,11 +37,9 @@ struct Dinov2Options {
   /// dinov2_vitl14_reg4_pretrain.pth.
   static std::string published_file_stem(const std::string& name);
 
-  /// Also reads `init_values` (of no use once weights are loaded) and `block_chunks` (0 only, the form of the published
-  /// weights). @param file, pointer where the object stands, for messages
-  /// @throws InputError on an unknown key, a wrong type or a value out of range; NotSupportedError for block_chunks
-  static Dinov2Options from_json(const Json& json, const std::string& file = "", const std::string& pointer = "");
-  Json to_json() const;
+  /// Also `init_values` (of no use once weights are loaded) and `block_chunks` (0 only, the form of the published
+  /// weights). @throws NotSupportedError for block_chunks
+  void fields(ConfigFields& f);
   void validate(const std::string& file = "", const std::string& pointer = "") const;
 
   std::int64_t patches_per_side() const { return img_size / patch_size; }  ///< of pos_embed

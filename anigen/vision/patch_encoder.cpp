@@ -53,50 +53,28 @@ Tensor patch_places(std::int64_t n) {
 
 }  // namespace
 
-PatchImageEncoderOptions PatchImageEncoderOptions::from_json(const Json& json, const std::string& file,
-                                                             const std::string& pointer) {
-  ConfigReader reader(json, file, pointer);
-  PatchImageEncoderOptions options;
-  reader.text("name", "patch");
-  options.image_size = reader.integer("image_size", options.image_size, 1, 4096);
-  options.patch_size = reader.integer("patch_size", options.patch_size, 1, 256);
-  options.width = reader.integer("width", options.width, 4, 16384);
-  options.num_blocks = reader.integer("num_blocks", options.num_blocks, 0, 64);
-  options.num_heads = reader.integer("num_heads", options.num_heads, 1, 256);
-  options.mlp_ratio = reader.number("mlp_ratio", options.mlp_ratio, 0.1, 64.0);
-  options.convolutions = reader.choice("stem", "linear", {"linear", "convolutions"}) == "convolutions";
-  reader.finish();
-  options.validate(file, pointer);
-  return options;
-}
-
-Json PatchImageEncoderOptions::to_json() const {
-  Json json;
-  json["name"] = "patch";
-  json["image_size"] = image_size;
-  json["patch_size"] = patch_size;
-  json["width"] = width;
-  json["num_blocks"] = num_blocks;
-  json["num_heads"] = num_heads;
-  json["mlp_ratio"] = mlp_ratio;
-  json["stem"] = convolutions ? "convolutions" : "linear";
-  return json;
+void PatchImageEncoderOptions::fields(ConfigFields& f) {
+  std::string name = "patch";
+  f("name", name);
+  f("image_size", image_size, {1, 4096});
+  f("patch_size", patch_size, {1, 256});
+  f("width", width, {4, 16384});
+  f("num_blocks", num_blocks, {0, 64});
+  f("num_heads", num_heads, {1, 256});
+  f("mlp_ratio", mlp_ratio, {0.1, 64.0});
+  std::string stem = convolutions ? "convolutions" : "linear";
+  f("stem", stem, {"linear", "convolutions"});
+  convolutions = stem == "convolutions";
 }
 
 void PatchImageEncoderOptions::validate(const std::string& file, const std::string& pointer) const {
-  if (image_size % patch_size != 0) {
-    throw InputError(file, pointer + "/patch_size",
-                     "patches of " + std::to_string(patch_size) + " pixels do not divide a picture of " +
-                         std::to_string(image_size));
-  }
-  if (convolutions && (patch_size < 2 || (patch_size & (patch_size - 1)) != 0)) {
-    throw InputError(file, pointer + "/patch_size",
-                     std::to_string(patch_size) + " is no power of two, as stem \"convolutions\" needs it");
-  }
-  if (width % num_heads != 0) {
-    throw InputError(file, pointer + "/num_heads",
-                     std::to_string(num_heads) + " heads do not divide " + std::to_string(width) + " channels");
-  }
+  const OptionCheck check{file, pointer};
+  check(
+      image_size % patch_size == 0, "patch_size",
+      "patches of " + std::to_string(patch_size) + " pixels do not divide a picture of " + std::to_string(image_size));
+  check(!convolutions || (patch_size >= 2 && (patch_size & (patch_size - 1)) == 0), "patch_size",
+        std::to_string(patch_size) + " is no power of two, as stem \"convolutions\" needs it");
+  check.heads("num_heads", num_heads, width);
 }
 
 PatchImageEncoderImpl::PatchImageEncoderImpl(const PatchImageEncoderOptions& options, std::int64_t cond_channels,

@@ -1,7 +1,7 @@
 #pragma once
 #include <string>
 
-#include "anigen/core/config.h"
+#include "anigen/core/config_fields.h"
 #include "anigen/nn/blocks.h"
 #include "anigen/nn/init.h"
 #include "anigen/nn/torch.h"
@@ -29,7 +29,7 @@ TORCH_MODULE(ConvolutionStem);
 using torch::Tensor;
 
 /// Arguments of a small image encoder of ours, for conditions where the published system uses DINOv2.
-struct PatchImageEncoderOptions {
+struct PatchImageEncoderOptions : JsonOptions<PatchImageEncoderOptions> {
   std::int64_t image_size = 112;  ///< pixels on a side
   std::int64_t patch_size = 14;   ///< divides image_size; 112 / 14 gives 8 x 8 tokens
   std::int64_t width = 192;       ///< channels of the blocks
@@ -39,10 +39,7 @@ struct PatchImageEncoderOptions {
   bool convolutions = false;  ///< `stem`: "linear", a patch as it is, or "convolutions" (vision/patch_encoder.h), for
                               ///< which patch_size is a power of two
 
-  /// @param json may also hold "name" @throws InputError on an unknown key, a wrong type or a value out of range
-  static PatchImageEncoderOptions from_json(const Json& json, const std::string& file = "",
-                                            const std::string& pointer = "");
-  Json to_json() const;
+  void fields(ConfigFields& f);  ///< also `name`, always "patch"
   void validate(const std::string& file = "", const std::string& pointer = "") const;
   std::int64_t tokens() const { return (image_size / patch_size) * (image_size / patch_size); }
 };
