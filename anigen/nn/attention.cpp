@@ -106,19 +106,17 @@ Tensor tensor_blocked_attention(const Tensor& q, const Tensor& k, const Tensor& 
   return TensorBlockedAttention::apply(q, k, v, rows);
 }
 
-namespace {
-
-// [B, N, parts·C] → views [B, N, H, D] of the parts.
-std::vector<Tensor> dense_heads(const Tensor& x, std::int64_t parts, std::int64_t heads) {
-  return x.view({x.size(0), x.size(1), parts, heads, x.size(2) / (parts * heads)}).unbind(2);
+Tensor attend(const Tensor& q, const Tensor& k, const Tensor& v, const Tensor& mask) {
+  const torch::Dtype dtype = dtype_of(q);
+  Tensor scores = torch::matmul(q * score_scale(q), k.transpose(-2, -1));
+  if (mask.defined()) scores = scores + mask;
+  const Tensor weights = torch::softmax(scores, -1, accumulation_dtype(dtype)).to(dtype);
+  return torch::matmul(weights, v);
 }
 
-}  // namespace
-
-DenseAttentionImpl::DenseAttentionImpl(const DenseAttentionOptions& options)
-    : num_heads_(options.num_heads), channels_(options.channels) {
-  TORCH_CHECK(options.num_heads > 0 && options.channels % options.num_heads == 0, "attention with ", options.channels,
-              " channels cannot have ", options.num_heads, " heads");
+AttentionLayers::AttentionLayers(const AttentionOptions& options) : attention_(options) {
+  TORCH_CHECK(options.num_heads > 0 && options.channels > 0 && options.channels % options.num_heads == 0,
+              "attention with ", options.channels, " channels cannot have ", options.num_heads, " heads");
   TORCH_CHECK(options.context_channels > 0 || !options.x_is_query, "x_is_query is an option of cross attention");
   const std::int64_t channels = options.channels, context = options.context_channels;
   if (context == 0) {
@@ -130,33 +128,42 @@ DenseAttentionImpl::DenseAttentionImpl(const DenseAttentionOptions& options)
     to_kv_ = register_module("to_kv", Linear(context, 2 * channels, options.qkv_bias, options.lora_qkv));
   }
   if (options.qk_rms_norm) {
-    q_rms_norm_ = register_module("q_rms_norm", MultiHeadRmsNorm(channels / num_heads_, num_heads_));
-    k_rms_norm_ = register_module("k_rms_norm", MultiHeadRmsNorm(channels / num_heads_, num_heads_));
+    const std::int64_t heads = options.num_heads;
+    q_rms_norm_ = register_module("q_rms_norm", MultiHeadRmsNorm(channels / heads, heads));
+    k_rms_norm_ = register_module("k_rms_norm", MultiHeadRmsNorm(channels / heads, heads));
   }
   to_out_ = register_module("to_out", Linear(channels, channels, /*with_bias=*/true, options.lora_out));
 }
 
+std::vector<Tensor> AttentionLayers::heads_of(const Tensor& x, std::int64_t parts) const {
+  std::vector<std::int64_t> shape = x.sizes().vec();
+  const std::int64_t head_channels = shape.back() / (parts * attention_.num_heads);
+  shape.back() = parts;
+  shape.insert(shape.end(), {attention_.num_heads, head_channels});
+  return x.view(shape).unbind(-3);
+}
+
 std::vector<Tensor> DenseAttentionImpl::keys_and_values(const Tensor& context) {
   return projected_context(this, context, [&] {
-    std::vector<Tensor> kv = dense_heads(to_kv_->forward(context), 2, num_heads_);
+    std::vector<Tensor> kv = heads_of(to_kv_->forward(context), 2);
     if (!k_rms_norm_.is_empty()) kv[0] = k_rms_norm_->forward(kv[0]);
     return kv;
   });
 }
 
 Tensor DenseAttentionImpl::forward(const Tensor& x, const Tensor& context) {
-  TORCH_CHECK(x.dim() == 3 && x.size(2) == channels_, "dense attention over ", channels_, " channels: input ",
-              x.sizes());
+  TORCH_CHECK(x.dim() == 3 && x.size(2) == attention_.channels, "dense attention over ", attention_.channels,
+              " channels: input ", x.sizes());
   TORCH_CHECK(context.defined() == to_qkv_.is_empty(), "dense attention: ",
               context.defined() ? "self attention was given a context" : "cross attention needs a context");
   std::vector<Tensor> qkv;
   if (context.defined()) {
     TORCH_CHECK(context.dim() == 3 && context.size(0) == x.size(0), "cross attention: input ", x.sizes(), ", context ",
                 context.sizes());
-    qkv = dense_heads(to_q_.is_empty() ? x.contiguous() : to_q_->forward(x), 1, num_heads_);
+    qkv = heads_of(to_q_.is_empty() ? x.contiguous() : to_q_->forward(x), 1);
     for (const Tensor& part : keys_and_values(context)) qkv.push_back(part);
   } else {
-    qkv = dense_heads(to_qkv_->forward(x), 3, num_heads_);
+    qkv = heads_of(to_qkv_->forward(x), 3);
   }
   if (!q_rms_norm_.is_empty()) {
     qkv[0] = q_rms_norm_->forward(qkv[0]);
@@ -166,57 +173,36 @@ Tensor DenseAttentionImpl::forward(const Tensor& x, const Tensor& context) {
   return to_out_->forward(mixed.transpose(1, 2).reshape(x.sizes()));
 }
 
-namespace {
-
-void check(const AttentionOptions& options) {
-  TORCH_CHECK(options.num_heads > 0 && options.channels % options.num_heads == 0, "attention with ", options.channels,
-              " channels cannot have ", options.num_heads, " heads");
+Tensor RaggedAttentionImpl::forward(const Tensor& x, const Ragged& items) {
+  return to_out_->forward(attend_self(x, items.row_offsets()));
 }
 
-// [ΣN, parts·h·d] → views [ΣN, h, d] of the parts.
-std::vector<Tensor> split_heads(const Tensor& x, std::int64_t parts, std::int64_t heads) {
-  return x.view({x.size(0), parts, heads, x.size(1) / (parts * heads)}).unbind(1);
-}
-
-}  // namespace
-
-Tensor attend(const Tensor& q, const Tensor& k, const Tensor& v, const Tensor& mask) {
-  const torch::Dtype dtype = dtype_of(q);
-  const double scale = 1.0 / std::sqrt(static_cast<double>(q.size(-1)));
-  Tensor scores = torch::matmul(q * scale, k.transpose(-2, -1));
-  if (mask.defined()) scores = scores + mask;
-  const Tensor weights = torch::softmax(scores, -1, accumulation_dtype(dtype)).to(dtype);
-  return torch::matmul(weights, v);
-}
-
-SelfAttentionImpl::SelfAttentionImpl(const AttentionOptions& options) : num_heads_(options.num_heads) {
-  check(options);
-  to_qkv_ = register_module("to_qkv", Linear(options.channels, 3 * options.channels, options.qkv_bias));
-  to_out_ = register_module("to_out", Linear(options.channels, options.channels));
-}
-
-Tensor SelfAttentionImpl::forward(const Tensor& x, const Ragged& items) {
-  const std::vector<Tensor> qkv = split_heads(to_qkv_->forward(x), 3, num_heads_);
-  const Tensor offsets = items.row_offsets();
-  return to_out_->forward(ragged_attention(qkv[0], qkv[1], qkv[2], offsets, offsets).flatten(1));
-}
-
-CrossAttentionImpl::CrossAttentionImpl(const AttentionOptions& options) : num_heads_(options.num_heads) {
-  check(options);
-  const std::int64_t context = options.context_channels > 0 ? options.context_channels : options.channels;
-  to_q_ = register_module("to_q", Linear(options.channels, options.channels, options.qkv_bias));
-  to_kv_ = register_module("to_kv", Linear(context, 2 * options.channels, options.qkv_bias));
-  to_out_ = register_module("to_out", Linear(options.channels, options.channels));
-}
-
-Tensor CrossAttentionImpl::forward(const Tensor& x, const Ragged& items, const Tensor& context,
-                                   const Ragged& context_items) {
+Tensor RaggedAttentionImpl::forward(const Tensor& x, const Ragged& items, const Tensor& context,
+                                    const Ragged& context_items) {
   TORCH_CHECK(items.items() == context_items.items(), "cross attention of ", items.items(), " items to ",
               context_items.items(), " contexts");
-  const Tensor q = split_heads(to_q_->forward(x), 1, num_heads_)[0];
-  const std::vector<Tensor> kv = split_heads(to_kv_->forward(context), 2, num_heads_);
-  const Tensor mixed = ragged_attention(q, kv[0], kv[1], items.row_offsets(), context_items.row_offsets());
-  return to_out_->forward(mixed.flatten(1));
+  return to_out_->forward(
+      attend_cross(to_q_->forward(x), to_kv_->forward(context), items.row_offsets(), context_items.row_offsets()));
+}
+
+Tensor RaggedAttentionImpl::attend_self(const Tensor& x, const Tensor& offsets) {
+  const std::vector<Tensor> qkv = heads_of(to_qkv_->forward(x), 3);
+  return attend_heads(qkv[0], qkv[1], qkv[2], offsets, offsets);
+}
+
+Tensor RaggedAttentionImpl::attend_cross(const Tensor& queries, const Tensor& keys_values, const Tensor& q_offsets,
+                                         const Tensor& k_offsets) {
+  const std::vector<Tensor> kv = heads_of(keys_values, 2);
+  return attend_heads(heads_of(queries, 1)[0], kv[0], kv[1], q_offsets, k_offsets);
+}
+
+Tensor RaggedAttentionImpl::attend_heads(Tensor q, Tensor k, const Tensor& v, const Tensor& q_offsets,
+                                         const Tensor& k_offsets) {
+  if (!q_rms_norm_.is_empty()) {
+    q = q_rms_norm_->forward(q);
+    k = k_rms_norm_->forward(k);
+  }
+  return ragged_attention(q, k, v, q_offsets, k_offsets).flatten(1);
 }
 
 }  // namespace anigen::nn

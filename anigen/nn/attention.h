@@ -25,35 +25,6 @@ std::int64_t blocked_attention_scratch_bytes(std::int64_t queries, std::int64_t 
 /// blocked_attention by LibTorch's operations alone, for any device and dtype: `rows` queries of every head at a time.
 Tensor tensor_blocked_attention(const Tensor& q, const Tensor& k, const Tensor& v, std::int64_t rows);
 
-struct DenseAttentionOptions {
-  std::int64_t channels = 0;
-  std::int64_t num_heads = 1;         ///< divides channels
-  std::int64_t context_channels = 0;  ///< above 0: cross attention to a context of this width
-  bool qkv_bias = true;               ///< the output projection always has one
-  bool qk_rms_norm = false;           ///< queries and keys through MultiHeadRmsNorm
-  bool x_is_query = false;            ///< cross attention without `to_q`: the input is the query
-  Lora lora_qkv, lora_out;            ///< of to_qkv (or to_q and to_kv), and of to_out
-};
-
-/// Multi-head attention over dense batches (reference flows-and-pipeline.md, 1.5 and 3.8). Keys: self `to_qkv.*`
-/// (rows q, k, v); cross `to_q.*`, `to_kv.*` (k first); `to_out.*`; with qk_rms_norm `q_rms_norm.gamma`,
-/// `k_rms_norm.gamma`.
-class DenseAttentionImpl : public torch::nn::Module {
- public:
-  explicit DenseAttentionImpl(const DenseAttentionOptions& options);
-  /// @param x [B, N, C] @param context [B, M, K] for cross attention, undefined for self attention @return [B, N, C]
-  Tensor forward(const Tensor& x, const Tensor& context = {});
-  torch::Dtype dtype() const { return dtype_of(to_out_->weight); }
-
- private:
-  std::vector<Tensor> keys_and_values(const Tensor& context);  // [B, M, H, D] both; see KeptContexts
-
-  std::int64_t num_heads_, channels_;
-  Linear to_qkv_ = nullptr, to_q_ = nullptr, to_kv_ = nullptr, to_out_ = nullptr;
-  MultiHeadRmsNorm q_rms_norm_ = nullptr, k_rms_norm_ = nullptr;
-};
-TORCH_MODULE(DenseAttention);
-
 /// softmax(q kᵀ / sqrt(d) + mask) v; the softmax of 16-bit scores is formed in fp32.
 /// @param q [..., N, d] @param k, v [..., M, d] @param mask broadcast over [..., N, M]; undefined for none
 Tensor attend(const Tensor& q, const Tensor& k, const Tensor& v, const Tensor& mask = {});
@@ -61,37 +32,61 @@ Tensor attend(const Tensor& q, const Tensor& k, const Tensor& v, const Tensor& m
 struct AttentionOptions {
   std::int64_t channels = 0;
   std::int64_t num_heads = 1;         ///< divides channels
-  std::int64_t context_channels = 0;  ///< width of the context of cross attention; 0: channels
+  std::int64_t context_channels = 0;  ///< above 0: cross attention to a context of this width
   bool qkv_bias = true;               ///< the output projection always has one
+  bool qk_rms_norm = false;           ///< queries and keys through MultiHeadRmsNorm
+  bool x_is_query = false;            ///< dense cross attention without `to_q`: the input is the query
+  Lora lora_qkv, lora_out;            ///< of to_qkv (or to_q and to_kv), and of to_out
 };
 
-/// Full attention inside each item of a ragged batch (reference autoencoders.md, 0.2, MHSA). Keys `to_qkv.*` (rows
-/// q, k, v; head j owns channels j·C/h … of each) and `to_out.*`.
-class SelfAttentionImpl : public torch::nn::Module {
+/// Layers of multi-head attention. Keys: self `to_qkv.*` (rows q, k, v; head j owns channels j·C/h … of each); cross
+/// `to_q.*`, `to_kv.*` (k first); with qk_rms_norm `q_rms_norm.gamma`, `k_rms_norm.gamma`; `to_out.*`.
+class AttentionLayers : public torch::nn::Module {
  public:
-  explicit SelfAttentionImpl(const AttentionOptions& options);
-  /// @param x [ΣN, C] @return [ΣN, C]
-  Tensor forward(const Tensor& x, const Ragged& items);
-  torch::Dtype dtype() const { return dtype_of(to_qkv_->weight); }
+  torch::Dtype dtype() const { return dtype_of(to_out_->weight); }
+
+ protected:
+  explicit AttentionLayers(const AttentionOptions& options);
+  /// [..., parts · C] → views [..., H, D] of the parts.
+  std::vector<Tensor> heads_of(const Tensor& x, std::int64_t parts) const;
+
+  AttentionOptions attention_;
+  Linear to_qkv_ = nullptr, to_q_ = nullptr, to_kv_ = nullptr, to_out_ = nullptr;
+  MultiHeadRmsNorm q_rms_norm_ = nullptr, k_rms_norm_ = nullptr;
+};
+
+/// Multi-head attention over dense batches (reference flows-and-pipeline.md, 1.5 and 3.8).
+class DenseAttentionImpl : public AttentionLayers {
+ public:
+  explicit DenseAttentionImpl(const AttentionOptions& options) : AttentionLayers(options) {}
+  /// @param x [B, N, C] @param context [B, M, K] for cross attention, undefined for self attention @return [B, N, C]
+  Tensor forward(const Tensor& x, const Tensor& context = {});
 
  private:
-  std::int64_t num_heads_;
-  Linear to_qkv_ = nullptr, to_out_ = nullptr;
+  std::vector<Tensor> keys_and_values(const Tensor& context);  // [B, M, H, D] both; see KeptContexts
 };
-TORCH_MODULE(SelfAttention);
+TORCH_MODULE(DenseAttention);
 
-/// Every row of an item attends to the context rows of the same item (reference autoencoders.md, 1.2). Keys
-/// `to_q.*`, `to_kv.*` (k first), `to_out.*`.
-class CrossAttentionImpl : public torch::nn::Module {
+/// Multi-head attention inside each item of a ragged batch (reference autoencoders.md, 0.2, MHSA, and 1.2).
+class RaggedAttentionImpl : public AttentionLayers {
  public:
-  explicit CrossAttentionImpl(const AttentionOptions& options);
+  explicit RaggedAttentionImpl(const AttentionOptions& options) : AttentionLayers(options) {}
+  /// @param x [ΣN, C] @return [ΣN, C]
+  Tensor forward(const Tensor& x, const Ragged& items);
+  /// Every row of an item attends to the context rows of that item.
   /// @param x [ΣN, C] @param context [ΣM, context_channels], as many items as x @return [ΣN, C]
   Tensor forward(const Tensor& x, const Ragged& items, const Tensor& context, const Ragged& context_items);
 
+ protected:
+  /// Before `to_out`; rows of a sequence together. @param x [N, C] @param offsets [S + 1] int64, CPU
+  Tensor attend_self(const Tensor& x, const Tensor& offsets);
+  /// @param queries [N, C], keys_values [M, 2C] as projected
+  Tensor attend_cross(const Tensor& queries, const Tensor& keys_values, const Tensor& q_offsets,
+                      const Tensor& k_offsets);
+
  private:
-  std::int64_t num_heads_;
-  Linear to_q_ = nullptr, to_kv_ = nullptr, to_out_ = nullptr;
+  Tensor attend_heads(Tensor q, Tensor k, const Tensor& v, const Tensor& q_offsets, const Tensor& k_offsets);
 };
-TORCH_MODULE(CrossAttention);
+TORCH_MODULE(RaggedAttention);
 
 }  // namespace anigen::nn

@@ -15,18 +15,36 @@ FeedForwardImpl::FeedForwardImpl(std::int64_t in_channels, std::int64_t out_chan
 
 namespace {
 
-AttentionOptions attention_options(std::int64_t channels, std::int64_t num_heads) {
+AttentionOptions attention_options(std::int64_t channels, std::int64_t num_heads, std::int64_t context_channels = 0) {
   AttentionOptions options;
   options.channels = channels;
   options.num_heads = num_heads;
+  options.context_channels = context_channels;
   return options;
 }
 
 }  // namespace
 
+AttentionOptions self_attention_of(const BlockOptions& options) {
+  AttentionOptions attention = attention_options(options.channels, options.num_heads);
+  attention.qkv_bias = options.qkv_bias;
+  attention.qk_rms_norm = options.qk_rms_norm;
+  attention.lora_qkv = attention.lora_out = options.lora_self;
+  return attention;
+}
+
+AttentionOptions cross_attention_of(const BlockOptions& options, std::int64_t context_channels) {
+  TORCH_CHECK(context_channels > 0, "a block with cross attention needs the width of its context");
+  AttentionOptions attention = self_attention_of(options);
+  attention.context_channels = context_channels;
+  attention.qk_rms_norm = options.qk_rms_norm_cross;
+  attention.lora_qkv = attention.lora_out = options.lora_cross;
+  return attention;
+}
+
 TransformerBlockImpl::TransformerBlockImpl(std::int64_t channels, std::int64_t num_heads, double mlp_ratio,
                                            const std::string& attention_name) {
-  attention_ = register_module(attention_name, SelfAttention(attention_options(channels, num_heads)));
+  attention_ = register_module(attention_name, RaggedAttention(attention_options(channels, num_heads)));
   mlp_ = register_module("mlp", FeedForward(channels, channels, mlp_ratio));
 }
 
@@ -36,7 +54,7 @@ Tensor TransformerBlockImpl::forward(const Tensor& x, const Ragged& items) {
 }
 
 CrossBlockImpl::CrossBlockImpl(std::int64_t channels, std::int64_t num_heads, double mlp_ratio) {
-  attention_ = register_module("cross_attn", CrossAttention(attention_options(channels, num_heads)));
+  attention_ = register_module("cross_attn", RaggedAttention(attention_options(channels, num_heads, channels)));
   mlp_ = register_module("mlp", FeedForward(channels, channels, mlp_ratio));
 }
 
@@ -46,58 +64,22 @@ Tensor CrossBlockImpl::forward(const Tensor& x, const Ragged& items, const Tenso
   return mixed + mlp_->forward(layer_norm(mixed));
 }
 
-namespace {
+Tensor RowModulation::modulate(const Tensor& x) const {
+  return modulated_norm(x.flatten(0, -2), items, shift, scale, kBlockNormEps).view(x.sizes());
+}
 
-// Modulation of one half of the block, [B, C] each.
-struct AdaptiveNorm {
-  Ragged items;  // of the same length
-  Tensor shift, scale, gate;
+Tensor RowModulation::add_gated(const Tensor& x, const Tensor& result) const {
+  return nn::add_gated(x.flatten(0, -2), items, gate, result.flatten(0, -2)).view(x.sizes());
+}
 
-  // @param x [B, N, C]
-  Tensor modulate(const Tensor& x) const {
-    return modulated_norm(x.flatten(0, 1), items, shift, scale, kBlockNormEps).view(x.sizes());
-  }
-  Tensor add_gated(const Tensor& x, const Tensor& result) const {
-    return nn::add_gated(x.flatten(0, 1), items, gate, result.flatten(0, 1)).view(x.sizes());
-  }
-};
-
-// [B, 6C], or with a layer [B, C] → shift, scale, gate of the attention and of the MLP. @param x [B, N, C]
-std::pair<AdaptiveNorm, AdaptiveNorm> adaptive_norms(Modulation& layer, const Tensor& mod, const Tensor& x) {
-  TORCH_CHECK(x.dim() == 3, "a modulated block: input ", x.sizes());
+std::pair<RowModulation, RowModulation> row_modulations(Modulation& layer, const Tensor& mod, const Ragged& items,
+                                                        const Tensor& x) {
   const Tensor rows = layer.is_empty() ? mod : layer->forward(mod);
-  TORCH_CHECK(rows.dim() == 2 && rows.size(0) == x.size(0) && rows.size(1) == 6 * x.size(2), "modulation ",
-              rows.sizes(), " of a block with input ", x.sizes());
+  TORCH_CHECK(rows.dim() == 2 && rows.size(0) == items.items() && rows.size(1) == 6 * x.size(-1), "modulation ",
+              rows.sizes(), " of a block with ", x.size(-1), " channels and ", items.items(), " items");
   const std::vector<Tensor> parts = rows.chunk(6, -1);
-  const Ragged items(std::vector<std::int64_t>(static_cast<std::size_t>(x.size(0)), x.size(1)));
   return {{items, parts[0], parts[1], parts[2]}, {items, parts[3], parts[4], parts[5]}};
 }
-
-DenseAttentionOptions modulated_self(const ModulatedBlockOptions& options) {
-  DenseAttentionOptions attention;
-  attention.channels = options.channels;
-  attention.num_heads = options.num_heads;
-  attention.qkv_bias = options.qkv_bias;
-  attention.qk_rms_norm = options.qk_rms_norm;
-  attention.lora_qkv = attention.lora_out = options.lora_self;
-  return attention;
-}
-
-DenseAttentionOptions modulated_cross(const ModulatedBlockOptions& options) {
-  TORCH_CHECK(options.context_channels > 0, "a block with cross attention needs the width of its context");
-  DenseAttentionOptions attention = modulated_self(options);
-  attention.context_channels = options.context_channels;
-  attention.qk_rms_norm = options.qk_rms_norm_cross;
-  attention.lora_qkv = attention.lora_out = options.lora_cross;
-  return attention;
-}
-
-Linear linear_of(const Modulation& modulation) {
-  if (modulation.is_empty()) return nullptr;
-  return modulation->linear;
-}
-
-}  // namespace
 
 ModulationImpl::ModulationImpl(std::int64_t channels, std::int64_t values) {
   linear = register_module("1", Linear(channels, values));
@@ -105,62 +87,37 @@ ModulationImpl::ModulationImpl(std::int64_t channels, std::int64_t values) {
 
 Tensor ModulationImpl::forward(const Tensor& mod) { return linear->forward(torch::silu(mod)); }
 
-ModulatedCrossBlockImpl::ModulatedCrossBlockImpl(const ModulatedBlockOptions& options) {
-  norm2_ = register_module("norm2", AffineLayerNorm(options.channels, kBlockNormEps));
-  if (options.context_norm) {
-    context_norm_ = register_module("context_norm", AffineLayerNorm(options.context_channels, kBlockNormEps));
-  }
-  self_attention_ = register_module("self_attn", DenseAttention(modulated_self(options)));
-  cross_attention_ = register_module("cross_attn", DenseAttention(modulated_cross(options)));
-  mlp_ = register_module("mlp", FeedForward(options.channels, options.channels, options.mlp_ratio));
-  if (!options.share_mod) modulation_ = register_module("adaLN_modulation", Modulation(options.channels));
+namespace {
+
+Ragged rows_of_batch(const Tensor& x) {
+  TORCH_CHECK(x.dim() == 3, "a modulated block: input ", x.sizes());
+  return Ragged(std::vector<std::int64_t>(static_cast<std::size_t>(x.size(0)), x.size(1)));
 }
+
+}  // namespace
+
+ModulatedCrossBlockImpl::ModulatedCrossBlockImpl(const ModulatedBlockOptions& options)
+    : ModulatedLayers(options, DenseAttention(self_attention_of(options)),
+                      DenseAttention(cross_attention_of(options, options.context_channels))) {}
 
 Tensor ModulatedCrossBlockImpl::forward(const Tensor& x, const Tensor& mod, const Tensor& context) {
-  const auto [attention, mlp] = adaptive_norms(modulation_, mod, x);
-  Tensor h = attention.add_gated(x, self_attention_->forward(attention.modulate(x)));
-  const Tensor normed = context_norm_.is_empty() ? context : context_norm_->forward(context);
-  h = h + cross_attention_->forward(norm2_->forward(h), normed);
-  return mlp.add_gated(h, mlp_->forward(mlp.modulate(h)));
+  return run(
+      x, rows_of_batch(x), mod, [&](const Tensor& rows) { return self_attention_->forward(rows); },
+      [&](const Tensor& rows) { return cross_attention_->forward(rows, normed_context(context)); });
 }
 
-Linear ModulatedCrossBlockImpl::modulation() const { return linear_of(modulation_); }
-
-ModulatedBlockImpl::ModulatedBlockImpl(const ModulatedBlockOptions& options) {
-  attention_ = register_module("attn", DenseAttention(modulated_self(options)));
-  mlp_ = register_module("mlp", FeedForward(options.channels, options.channels, options.mlp_ratio));
-  if (!options.share_mod) modulation_ = register_module("adaLN_modulation", Modulation(options.channels));
-}
+ModulatedBlockImpl::ModulatedBlockImpl(const ModulatedBlockOptions& options)
+    : ModulatedLayers(options, DenseAttention(self_attention_of(options)), nullptr) {}
 
 Tensor ModulatedBlockImpl::forward(const Tensor& x, const Tensor& mod) {
-  const auto [attention, mlp] = adaptive_norms(modulation_, mod, x);
-  const Tensor h = attention.add_gated(x, attention_->forward(attention.modulate(x)));
-  return mlp.add_gated(h, mlp_->forward(mlp.modulate(h)));
+  return run(
+      x, rows_of_batch(x), mod, [&](const Tensor& rows) { return self_attention_->forward(rows); }, nullptr);
 }
-
-Linear ModulatedBlockImpl::modulation() const { return linear_of(modulation_); }
 
 namespace {
 
 std::int64_t out_width(const DenseBlockOptions& options) {
   return options.out_channels > 0 ? options.out_channels : options.channels;
-}
-
-DenseAttentionOptions block_self(const DenseBlockOptions& options) {
-  DenseAttentionOptions attention;
-  attention.channels = options.channels;
-  attention.num_heads = options.num_heads;
-  attention.qkv_bias = options.qkv_bias;
-  attention.qk_rms_norm = options.qk_rms_norm;
-  return attention;
-}
-
-DenseAttentionOptions block_cross(const DenseBlockOptions& options) {
-  TORCH_CHECK(options.context_channels > 0, "a block with cross attention needs the width of its context");
-  DenseAttentionOptions attention = block_self(options);
-  attention.context_channels = options.context_channels;
-  attention.qk_rms_norm = options.qk_rms_norm_cross;
-  return attention;
 }
 
 }  // namespace
@@ -184,7 +141,7 @@ Tensor BlockOutput::operator()(const Tensor& x, const Tensor& normed) {
 DenseBlockImpl::DenseBlockImpl(const DenseBlockOptions& options) {
   norm1_ = BlockNorm(*this, "norm1", options.channels, options.affine_norms);
   norm2_ = BlockNorm(*this, "norm2", options.channels, options.affine_norms);
-  attention_ = register_module("attn", DenseAttention(block_self(options)));
+  attention_ = register_module("attn", DenseAttention(self_attention_of(options)));
   output_ = BlockOutput(*this, "mlp", options);
 }
 
@@ -197,8 +154,10 @@ DenseCrossBlockImpl::DenseCrossBlockImpl(const DenseBlockOptions& options) {
   if (options.self_attention) norm1_ = BlockNorm(*this, "norm1", options.channels, options.affine_norms);
   norm2_ = BlockNorm(*this, "norm2", options.channels, options.affine_norms);
   norm3_ = BlockNorm(*this, "norm3", options.channels, options.affine_norms);
-  if (options.self_attention) self_attention_ = register_module("self_attn", DenseAttention(block_self(options)));
-  cross_attention_ = register_module("cross_attn", DenseAttention(block_cross(options)));
+  if (options.self_attention)
+    self_attention_ = register_module("self_attn", DenseAttention(self_attention_of(options)));
+  cross_attention_ =
+      register_module("cross_attn", DenseAttention(cross_attention_of(options, options.context_channels)));
   output_ = BlockOutput(*this, "mlp", options);
 }
 
@@ -212,7 +171,7 @@ SkinCrossBlockImpl::SkinCrossBlockImpl(const DenseBlockOptions& options) {
   norm1_ = BlockNorm(*this, "norm1", options.channels, options.affine_norms);
   norm2_ = BlockNorm(*this, "norm2", options.channels, options.affine_norms);
   norm3_ = BlockNorm(*this, "norm3", options.channels, options.affine_norms);
-  attention_ = register_module("joint_attn", DenseAttention(block_self(options)));
+  attention_ = register_module("joint_attn", DenseAttention(self_attention_of(options)));
   to_values_ = register_module("to_v", Linear(options.channels, options.channels));
   output_ = BlockOutput(*this, "mlp", options);
   joint_output_ = BlockOutput(*this, "joint_mlp", options);

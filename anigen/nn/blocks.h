@@ -1,5 +1,8 @@
 #pragma once
+#include <cstddef>
 #include <string>
+#include <type_traits>
+#include <utility>
 
 #include "anigen/nn/attention.h"
 #include "anigen/nn/linear.h"
@@ -33,7 +36,7 @@ class TransformerBlockImpl : public torch::nn::Module {
   torch::Dtype dtype() const { return attention_->dtype(); }
 
  private:
-  SelfAttention attention_ = nullptr;
+  RaggedAttention attention_ = nullptr;
   FeedForward mlp_ = nullptr;
 };
 TORCH_MODULE(TransformerBlock);
@@ -47,21 +50,27 @@ class CrossBlockImpl : public torch::nn::Module {
   Tensor forward(const Tensor& x, const Ragged& items, const Tensor& context, const Ragged& context_items);
 
  private:
-  CrossAttention attention_ = nullptr;
+  RaggedAttention attention_ = nullptr;
   FeedForward mlp_ = nullptr;
 };
 TORCH_MODULE(CrossBlock);
 
-struct ModulatedBlockOptions {
+/// Sizes and switches of every block with attention, dense or sparse.
+struct BlockOptions {
   std::int64_t channels = 0;
-  std::int64_t context_channels = 0;  ///< of the cross block
   std::int64_t num_heads = 1;
   double mlp_ratio = 4.0;
-  bool qk_rms_norm = false, qk_rms_norm_cross = false;
   bool qkv_bias = true;
-  bool share_mod = false;      ///< forward() is given the six chunks [B, 6C]; no `adaLN_modulation`
-  bool context_norm = false;   ///< affine layer norm of the context (key `context_norm.*`)
+  bool qk_rms_norm = false, qk_rms_norm_cross = false;
   Lora lora_self, lora_cross;  ///< of every projection of the self and the cross attention
+};
+AttentionOptions self_attention_of(const BlockOptions& options);
+AttentionOptions cross_attention_of(const BlockOptions& options, std::int64_t context_channels);
+
+struct ModulatedBlockOptions : BlockOptions {
+  std::int64_t context_channels = 0;  ///< of the cross block
+  bool share_mod = false;             ///< forward() is given the six chunks [B, 6C]; no `adaLN_modulation`
+  bool context_norm = false;          ///< affine layer norm of the context (key `context_norm.*`)
 };
 
 /// SiLU · Linear(C → 6C): shift, scale and gate of the attention, then of the MLP. Keys `1.*`. Models with share_mod
@@ -76,51 +85,91 @@ class ModulationImpl : public torch::nn::Module {
 };
 TORCH_MODULE(Modulation);
 
-/// Dense block modulated by adaptive layer norm, with cross attention in the middle that is neither gated nor
-/// modulated (reference flows-and-pipeline.md, 1.5, ten steps). Keys `norm2.*`, `self_attn.*`, `cross_attn.*`,
-/// `mlp.mlp.{0,2}.*`, `adaLN_modulation.1.*`, `context_norm.*`.
-class ModulatedCrossBlockImpl : public torch::nn::Module {
+/// Adaptive layer norm of one half of a block: a row of shift, scale and gate per item.
+struct RowModulation {
+  Ragged items;               ///< of the rows of x, one after another
+  Tensor shift, scale, gate;  ///< [B, C]; without a gate only modulate() can be used
+
+  /// LN(x) (1 + scale) + shift, eps 1e-6. @param x [N, C], or [B, N, C] with items of one length
+  Tensor modulate(const Tensor& x) const;
+  /// x + gate · result, both as above.
+  Tensor add_gated(const Tensor& x, const Tensor& result) const;
+};
+
+/// Those of the attention and of the MLP (chunks: shift, scale, gate of one, then of the other; reference
+/// flows-and-pipeline.md, 1.5).
+/// @param layer of a block with a modulation of its own, else null @param mod [B, C], or without a layer [B, 6C]
+/// @param x [..., C] rows of the items
+std::pair<RowModulation, RowModulation> row_modulations(Modulation& layer, const Tensor& mod, const Ragged& items,
+                                                        const Tensor& x);
+
+/// Layers and body of the blocks modulated by adaptive layer norm, over dense batches or sparse tensors.
+/// Keys `norm2.*`, `context_norm.*`, `self_attn.*`, `cross_attn.*`, `mlp.mlp.{0,2}.*`, `adaLN_modulation.1.*`; without
+/// cross attention `attn.*`, `mlp.mlp.*` and `adaLN_modulation.1.*` alone.
+template <typename Attention>
+class ModulatedLayers : public torch::nn::Module {
+ public:
+  /// The linear layer of `adaLN_modulation`, which models initialise to zero; null with share_mod.
+  Linear modulation() const { return modulation_.is_empty() ? Linear(nullptr) : modulation_->linear; }
+  torch::Dtype dtype() const { return self_attention_->dtype(); }
+
+ protected:
+  /// @param cross null: a block without cross attention
+  ModulatedLayers(const ModulatedBlockOptions& options, const Attention& self, const Attention& cross) {
+    if (!cross.is_empty()) {
+      norm2_ = register_module("norm2", AffineLayerNorm(options.channels, kBlockNormEps));
+      if (options.context_norm) {
+        context_norm_ = register_module("context_norm", AffineLayerNorm(options.context_channels, kBlockNormEps));
+      }
+    }
+    self_attention_ = register_module(cross.is_empty() ? "attn" : "self_attn", self);
+    if (!cross.is_empty()) cross_attention_ = register_module("cross_attn", cross);
+    mlp_ = register_module("mlp", FeedForward(options.channels, options.channels, options.mlp_ratio));
+    if (!options.share_mod) modulation_ = register_module("adaLN_modulation", Modulation(options.channels));
+  }
+
+  /// The ten steps of reference flows-and-pipeline.md, 1.5: gated attention, cross attention that is neither gated nor
+  /// modulated, gated MLP. @param attend, cross attention of rows that were normed; cross null: none
+  template <typename Attend, typename Cross>
+  Tensor run(const Tensor& x, const Ragged& items, const Tensor& mod, const Attend& attend, const Cross& cross) {
+    const auto [attention, mlp] = row_modulations(modulation_, mod, items, x);
+    Tensor h = attention.add_gated(x, attend(attention.modulate(x)));
+    if constexpr (!std::is_same_v<Cross, std::nullptr_t>) h = h + cross(norm2_->forward(h));
+    return mlp.add_gated(h, mlp_->forward(mlp.modulate(h)));
+  }
+  Tensor normed_context(const Tensor& context) {
+    return context_norm_.is_empty() ? context : context_norm_->forward(context);
+  }
+
+  AffineLayerNorm norm2_ = nullptr, context_norm_ = nullptr;
+  Attention self_attention_ = nullptr, cross_attention_ = nullptr;
+  FeedForward mlp_ = nullptr;
+  Modulation modulation_ = nullptr;
+};
+
+/// Dense block modulated by adaptive layer norm, with cross attention in the middle.
+class ModulatedCrossBlockImpl : public ModulatedLayers<DenseAttention> {
  public:
   explicit ModulatedCrossBlockImpl(const ModulatedBlockOptions& options);
   /// @param x [B, N, C] @param mod [B, C], or [B, 6C] with share_mod @param context [B, M, K] @return [B, N, C]
   Tensor forward(const Tensor& x, const Tensor& mod, const Tensor& context);
-  /// The linear layer of `adaLN_modulation`, which models initialise to zero; null with share_mod.
-  Linear modulation() const;
-
- private:
-  AffineLayerNorm norm2_ = nullptr, context_norm_ = nullptr;
-  DenseAttention self_attention_ = nullptr, cross_attention_ = nullptr;
-  FeedForward mlp_ = nullptr;
-  Modulation modulation_ = nullptr;
 };
 TORCH_MODULE(ModulatedCrossBlock);
 
-/// As above, without cross attention. Keys `attn.*`, `mlp.mlp.{0,2}.*`, `adaLN_modulation.1.*`.
-class ModulatedBlockImpl : public torch::nn::Module {
+/// As above, without cross attention.
+class ModulatedBlockImpl : public ModulatedLayers<DenseAttention> {
  public:
   explicit ModulatedBlockImpl(const ModulatedBlockOptions& options);
   /// @param x [B, N, C] @param mod [B, C], or [B, 6C] with share_mod @return [B, N, C]
   Tensor forward(const Tensor& x, const Tensor& mod);
-  /// The linear layer of `adaLN_modulation`, which models initialise to zero; null with share_mod.
-  Linear modulation() const;
-
- private:
-  DenseAttention attention_ = nullptr;
-  FeedForward mlp_ = nullptr;
-  Modulation modulation_ = nullptr;
 };
 TORCH_MODULE(ModulatedBlock);
 
-struct DenseBlockOptions {
-  std::int64_t channels = 0;
+struct DenseBlockOptions : BlockOptions {
   std::int64_t out_channels = 0;      ///< 0: channels; another width sends the last residual through `res_mlp`
   std::int64_t context_channels = 0;  ///< of the cross block
-  std::int64_t num_heads = 1;
-  double mlp_ratio = 4.0;
-  bool qkv_bias = true;
-  bool qk_rms_norm = false, qk_rms_norm_cross = false;
-  bool affine_norms = false;   ///< layer norms with parameters (keys `norm{1,2,3}.*`)
-  bool self_attention = true;  ///< false: a cross block without its first step (published as no_self)
+  bool affine_norms = false;          ///< layer norms with parameters (keys `norm{1,2,3}.*`)
+  bool self_attention = true;         ///< false: a cross block without its first step (published as no_self)
 };
 
 /// Layer norm with eps 1e-6 that has parameters or not, as an option of the block says.

@@ -10,23 +10,12 @@ namespace anigen::sparse {
 
 namespace {
 
-SparseAttentionOptions block_self_attention(const SparseBlockOptions& options) {
-  SparseAttentionOptions attention;
-  attention.channels = options.channels;
-  attention.num_heads = options.num_heads;
-  attention.scope = options.scope;
-  attention.qkv_bias = options.qkv_bias;
-  attention.qk_rms_norm = options.qk_rms_norm;
-  return attention;
+SparseAttention block_self_attention(const SparseBlockOptions& options) {
+  return SparseAttention(SparseAttentionOptions(nn::self_attention_of(options), options.scope));
 }
 
-SparseAttentionOptions block_cross_attention(const SparseBlockOptions& options, std::int64_t context_channels) {
-  TORCH_CHECK(context_channels > 0, "a block with cross attention needs the width of its context");
-  SparseAttentionOptions attention = block_self_attention(options);
-  attention.context_channels = context_channels;
-  attention.scope = options.cross_scope;
-  attention.qk_rms_norm = options.qk_rms_norm_cross;
-  return attention;
+SparseAttention block_cross_attention(const SparseBlockOptions& options, std::int64_t context_channels) {
+  return SparseAttention(SparseAttentionOptions(cross_attention_of(options, context_channels), options.cross_scope));
 }
 
 nn::FeedForward block_mlp(const SparseBlockOptions& options) {
@@ -38,7 +27,7 @@ nn::FeedForward block_mlp(const SparseBlockOptions& options) {
 SparseTransformerBlockImpl::SparseTransformerBlockImpl(const SparseBlockOptions& options) {
   norm1_ = nn::BlockNorm(*this, "norm1", options.channels, options.affine_norms);
   norm2_ = nn::BlockNorm(*this, "norm2", options.channels, options.affine_norms);
-  attention_ = register_module(options.attention_name, SparseAttention(block_self_attention(options)));
+  attention_ = register_module(options.attention_name, block_self_attention(options));
   mlp_ = register_module("mlp", block_mlp(options));
 }
 
@@ -55,8 +44,8 @@ SparseCrossBlockImpl::SparseCrossBlockImpl(const SparseBlockOptions& options) : 
   norm2_ = nn::BlockNorm(*this, "norm2", options.channels, options.affine_norms);
   norm3_ = nn::BlockNorm(*this, "norm3", options.channels, options.affine_norms);
   if (norm_context_) norm4_ = nn::BlockNorm(*this, "norm4", context, options.affine_norms);
-  self_attention_ = register_module("self_attn", SparseAttention(block_self_attention(options)));
-  cross_attention_ = register_module("cross_attn", SparseAttention(block_cross_attention(options, context)));
+  self_attention_ = register_module("self_attn", block_self_attention(options));
+  cross_attention_ = register_module("cross_attn", block_cross_attention(options, context));
   mlp_ = register_module("mlp", block_mlp(options));
 }
 
@@ -72,11 +61,10 @@ SparseMultiContextBlockImpl::SparseMultiContextBlockImpl(const SparseBlockOption
   norm1_ = nn::BlockNorm(*this, "norm1", options.channels, options.affine_norms);
   if (cross) norm2_ = nn::BlockNorm(*this, "norm2", options.channels, /*affine=*/true);
   norm3_ = nn::BlockNorm(*this, "norm3", options.channels, options.affine_norms);
-  self_attention_ = register_module("self_attn", SparseAttention(block_self_attention(options)));
+  self_attention_ = register_module("self_attn", block_self_attention(options));
   for (const std::int64_t width : options.context_channels) {
     const std::string number = std::to_string(cross_attentions_.size());
-    cross_attentions_.push_back(
-        register_module("cross_attn_" + number, SparseAttention(block_cross_attention(options, width))));
+    cross_attentions_.push_back(register_module("cross_attn_" + number, block_cross_attention(options, width)));
     context_norms_.push_back(register_module("ctx_norm_" + number, nn::AffineLayerNorm(width, nn::kBlockNormEps)));
   }
   mlp_ = register_module("mlp", block_mlp(options));
@@ -98,62 +86,31 @@ SparseTensor SparseMultiContextBlockImpl::forward(const SparseTensor& x, const s
 
 namespace {
 
-SparseAttentionOptions modulated_self_attention(const SparseModulatedBlockOptions& options) {
-  SparseAttentionOptions attention;
-  attention.channels = options.channels;
-  attention.num_heads = options.num_heads;
-  attention.scope = options.scope;
-  attention.qkv_bias = options.qkv_bias;
-  attention.qk_rms_norm = options.qk_rms_norm;
-  return attention;
-}
-
-SparseAttentionOptions modulated_cross_attention(const SparseModulatedBlockOptions& options) {
-  TORCH_CHECK(options.context_channels > 0, "a block with cross attention needs the width of its context");
-  SparseAttentionOptions attention = modulated_self_attention(options);
-  attention.context_channels = options.context_channels;
-  attention.scope = AttentionScope();
-  attention.qk_rms_norm = options.qk_rms_norm_cross;
-  return attention;
+SparseAttention modulated_self(const SparseModulatedBlockOptions& options) {
+  return SparseAttention(SparseAttentionOptions(nn::self_attention_of(options), options.scope));
 }
 
 }  // namespace
 
-SparseModulatedBlockImpl::SparseModulatedBlockImpl(const SparseModulatedBlockOptions& options) {
-  attention_ = register_module("attn", SparseAttention(modulated_self_attention(options)));
-  mlp_ = register_module("mlp", nn::FeedForward(options.channels, options.channels, options.mlp_ratio));
-  if (!options.share_mod) modulation_ = register_module("adaLN_modulation", nn::Modulation(options.channels));
-}
+SparseModulatedBlockImpl::SparseModulatedBlockImpl(const SparseModulatedBlockOptions& options)
+    : ModulatedLayers(options, modulated_self(options), nullptr) {}
 
 SparseTensor SparseModulatedBlockImpl::forward(const SparseTensor& x, const Tensor& mod) {
-  const auto [attention, mlp] = item_modulations(modulation_, mod, x);
-  const Tensor h = attention.add_gated(x.feats, attention_->forward(x.with(attention.modulate(x.feats))).feats);
-  return x.with(mlp.add_gated(h, mlp_->forward(mlp.modulate(h))));
+  const auto attend = [&](const Tensor& rows) { return self_attention_->forward(x.with(rows)).feats; };
+  return x.with(run(x.feats, x.support->items(), mod, attend, nullptr));
 }
 
-nn::Linear SparseModulatedBlockImpl::modulation() const { return linear_layer_of(modulation_); }
-
-SparseModulatedCrossBlockImpl::SparseModulatedCrossBlockImpl(const SparseModulatedBlockOptions& options) {
-  norm2_ = register_module("norm2", nn::AffineLayerNorm(options.channels, nn::kBlockNormEps));
-  if (options.context_norm) {
-    context_norm_ = register_module("context_norm", nn::AffineLayerNorm(options.context_channels, nn::kBlockNormEps));
-  }
-  self_attention_ = register_module("self_attn", SparseAttention(modulated_self_attention(options)));
-  cross_attention_ = register_module("cross_attn", SparseAttention(modulated_cross_attention(options)));
-  mlp_ = register_module("mlp", nn::FeedForward(options.channels, options.channels, options.mlp_ratio));
-  if (!options.share_mod) modulation_ = register_module("adaLN_modulation", nn::Modulation(options.channels));
-}
+SparseModulatedCrossBlockImpl::SparseModulatedCrossBlockImpl(const SparseModulatedBlockOptions& options)
+    : ModulatedLayers(
+          options, modulated_self(options),
+          SparseAttention(SparseAttentionOptions(cross_attention_of(options, options.context_channels), {}))) {}
 
 template <typename Cross>
 SparseTensor SparseModulatedCrossBlockImpl::forward_with(const SparseTensor& x, const Tensor& mod, const Cross& cross) {
-  const auto [attention, mlp] = item_modulations(modulation_, mod, x);
-  Tensor h = attention.add_gated(x.feats, self_attention_->forward(x.with(attention.modulate(x.feats))).feats);
-  h = h + cross(x.with(norm2_->forward(h))).feats;
-  return x.with(mlp.add_gated(h, mlp_->forward(mlp.modulate(h))));
-}
-
-Tensor SparseModulatedCrossBlockImpl::normed_context(const Tensor& context) {
-  return context_norm_.is_empty() ? context : context_norm_->forward(context);
+  return x.with(run(
+      x.feats, x.support->items(), mod,
+      [&](const Tensor& rows) { return self_attention_->forward(x.with(rows)).feats; },
+      [&](const Tensor& rows) { return cross(x.with(rows)).feats; }));
 }
 
 SparseTensor SparseModulatedCrossBlockImpl::forward(const SparseTensor& x, const Tensor& mod,
@@ -169,20 +126,15 @@ SparseTensor SparseModulatedCrossBlockImpl::forward_dense(const SparseTensor& x,
                       [&](const SparseTensor& queries) { return cross_attention_->forward_dense(queries, seen); });
 }
 
-nn::Linear SparseModulatedCrossBlockImpl::modulation() const { return linear_layer_of(modulation_); }
-
 namespace {
 
 SparseAttention stream_attention(const DualStreamBlockOptions& options, bool skeleton, std::int64_t context_channels,
                                  bool qk_rms_norm) {
-  TORCH_CHECK(context_channels > 0, "a block with cross attention needs the width of its context");
-  SparseAttentionOptions attention;
+  nn::AttentionOptions attention = cross_attention_of(options, context_channels);
   attention.channels = skeleton ? options.channels_skl : options.channels;
   attention.num_heads = skeleton ? options.num_heads_skl : options.num_heads;
-  attention.context_channels = context_channels;
-  attention.qkv_bias = options.qkv_bias;
   attention.qk_rms_norm = qk_rms_norm;
-  return SparseAttention(attention);
+  return SparseAttention(SparseAttentionOptions(attention, {}));
 }
 
 }  // namespace
@@ -208,8 +160,9 @@ DualStreamBlockImpl::DualStreamBlockImpl(const DualStreamBlockOptions& options) 
 DualStreamBlockImpl::Output DualStreamBlockImpl::forward(const SparseTensor& x, const SparseTensor& x_skl,
                                                          const Tensor& mod, const Tensor& mod_skl,
                                                          const Tensor& context) {
-  const auto [attention, mlp] = item_modulations(modulation_, mod, x);
-  const auto [attention_skl, mlp_skl] = item_modulations(modulation_skl_, mod_skl, x_skl);
+  const auto [attention, mlp] = nn::row_modulations(modulation_, mod, x.support->items(), x.feats);
+  const auto [attention_skl, mlp_skl] =
+      nn::row_modulations(modulation_skl_, mod_skl, x_skl.support->items(), x_skl.feats);
   const SparseTensor seen = x_skl.with(attention_skl.modulate(x_skl.feats));
   const SparseTensor mixed = attention_->forward(x.with(attention.modulate(x.feats)), seen);
   const SparseTensor mixed_skl = attention_skl_->forward(seen, mixed);  // the shape stream as it is after its attention
@@ -221,8 +174,13 @@ DualStreamBlockImpl::Output DualStreamBlockImpl::forward(const SparseTensor& x, 
           x_skl.with(mlp_skl.add_gated(h_skl, mlp_skl_->forward(mlp_skl.modulate(h_skl))))};
 }
 
-nn::Linear DualStreamBlockImpl::modulation() const { return linear_layer_of(modulation_); }
-nn::Linear DualStreamBlockImpl::modulation_skl() const { return linear_layer_of(modulation_skl_); }
+nn::Linear DualStreamBlockImpl::modulation() const {
+  return modulation_.is_empty() ? nn::Linear(nullptr) : modulation_->linear;
+}
+
+nn::Linear DualStreamBlockImpl::modulation_skl() const {
+  return modulation_skl_.is_empty() ? nn::Linear(nullptr) : modulation_skl_->linear;
+}
 
 ResidualBlockImpl::ResidualBlockImpl(const ResidualBlockOptions& options) {
   const std::int64_t in = options.channels, out = options.out_channels;
@@ -252,7 +210,7 @@ SparseTensor ResidualBlockImpl::finish(const SparseTensor& h, const Tensor& skip
   TORCH_CHECK(values.dim() == 2 && values.size(0) == items, "a residual block of ", items, " items was given the ",
               "embedding ", embedding.sizes());
   const std::vector<Tensor> parts = values.chunk(2, -1);
-  const ItemModulation modulation(h.support, /*shift=*/parts[1], /*scale=*/parts[0]);
+  const nn::RowModulation modulation{h.support->items(), /*shift=*/parts[1], /*scale=*/parts[0], {}};
   return h.with(conv2_->forward(h.with(torch::silu(modulation.modulate(h.feats)))).feats + skip);
 }
 

@@ -11,14 +11,9 @@
 
 namespace anigen::sparse {
 
-struct SparseBlockOptions {
-  std::int64_t channels = 0;
-  std::int64_t num_heads = 1;
-  double mlp_ratio = 4.0;
-  AttentionScope scope;        ///< of the self attention
-  AttentionScope cross_scope;  ///< of the cross attentions
-  bool qkv_bias = true;
-  bool qk_rms_norm = false, qk_rms_norm_cross = false;
+struct SparseBlockOptions : nn::BlockOptions {
+  AttentionScope scope;                        ///< of the self attention
+  AttentionScope cross_scope;                  ///< of the cross attentions
   bool affine_norms = false;                   ///< parameters in norm1, norm2 (norm3 and norm4 of cross blocks)
   std::vector<std::int64_t> context_channels;  ///< of a multi-context block, one per context; of a cross block, its one
   bool norm_context = false;                   ///< of a cross block: norm4 of the context (published context_is_dual)
@@ -78,70 +73,41 @@ class SparseMultiContextBlockImpl : public torch::nn::Module {
 };
 TORCH_MODULE(SparseMultiContextBlock);
 
-struct SparseModulatedBlockOptions {
-  std::int64_t channels = 0;
-  std::int64_t context_channels = 0;  ///< of the cross block
-  std::int64_t num_heads = 1;
-  double mlp_ratio = 4.0;
+struct SparseModulatedBlockOptions : nn::ModulatedBlockOptions {
   AttentionScope scope;  ///< of the self attention; cross attention is always full
-  bool qkv_bias = true;
-  bool qk_rms_norm = false, qk_rms_norm_cross = false;
-  bool share_mod = false;     ///< forward() is given the six chunks [B, 6C]; no `adaLN_modulation`
-  bool context_norm = false;  ///< affine layer norm of the context (key `context_norm.*`)
 };
 
 /// nn::ModulatedBlock over sparse tensors: each item is modulated by its own row (reference
-/// flows-and-pipeline.md, 3.7). Keys `attn.*`, `mlp.mlp.{0,2}.*`, `adaLN_modulation.1.*`.
-class SparseModulatedBlockImpl : public torch::nn::Module {
+/// flows-and-pipeline.md, 3.7).
+class SparseModulatedBlockImpl : public nn::ModulatedLayers<SparseAttention> {
  public:
   explicit SparseModulatedBlockImpl(const SparseModulatedBlockOptions& options);
   /// @param mod [B, C], or [B, 6C] with share_mod
   SparseTensor forward(const SparseTensor& x, const Tensor& mod);
-  /// The linear layer of `adaLN_modulation`, which models initialise to zero; null with share_mod.
-  nn::Linear modulation() const;
-  torch::Dtype dtype() const { return attention_->dtype(); }
-
- private:
-  SparseAttention attention_ = nullptr;
-  nn::FeedForward mlp_ = nullptr;
-  nn::Modulation modulation_ = nullptr;
 };
 TORCH_MODULE(SparseModulatedBlock);
 
 /// nn::ModulatedCrossBlock over sparse tensors: the block of the structured-latent flow, with context_norm (reference
-/// flows-and-pipeline.md, 2.4). Keys `norm2.*`, `context_norm.*`, `self_attn.*`, `cross_attn.*`, `mlp.mlp.{0,2}.*`,
-/// `adaLN_modulation.1.*`.
-class SparseModulatedCrossBlockImpl : public torch::nn::Module {
+/// flows-and-pipeline.md, 2.4).
+class SparseModulatedCrossBlockImpl : public nn::ModulatedLayers<SparseAttention> {
  public:
   explicit SparseModulatedCrossBlockImpl(const SparseModulatedBlockOptions& options);
   /// @param mod [B, C], or [B, 6C] with share_mod @param context as many items as x
   SparseTensor forward(const SparseTensor& x, const Tensor& mod, const SparseTensor& context);
   /// @param context [B, M, K]
   SparseTensor forward_dense(const SparseTensor& x, const Tensor& mod, const Tensor& context);
-  nn::Linear modulation() const;  ///< as SparseModulatedBlock
-  torch::Dtype dtype() const { return self_attention_->dtype(); }
 
  private:
   template <typename Cross>
   SparseTensor forward_with(const SparseTensor& x, const Tensor& mod, const Cross& cross);
-  Tensor normed_context(const Tensor& context);
-
-  nn::AffineLayerNorm norm2_ = nullptr, context_norm_ = nullptr;
-  SparseAttention self_attention_ = nullptr, cross_attention_ = nullptr;
-  nn::FeedForward mlp_ = nullptr;
-  nn::Modulation modulation_ = nullptr;
 };
 TORCH_MODULE(SparseModulatedCrossBlock);
 
-struct DualStreamBlockOptions {
-  std::int64_t channels = 0, channels_skl = 0;
-  std::int64_t num_heads = 1, num_heads_skl = 1;
+/// The norm options: qk_rms_norm of the attentions between the streams, qk_rms_norm_cross of those to the context.
+struct DualStreamBlockOptions : nn::BlockOptions {
+  std::int64_t channels_skl = 0, num_heads_skl = 1;
   std::int64_t context_channels = 0;
-  double mlp_ratio = 4.0;
-  bool qkv_bias = true;
-  bool qk_rms_norm = false;        ///< of the attentions between the streams
-  bool qk_rms_norm_cross = false;  ///< of those to the context
-  bool share_mod = false;          ///< forward() is given the six chunks [B, 6C]; no `adaLN_modulation*`
+  bool share_mod = false;  ///< forward() is given the six chunks [B, 6C]; no `adaLN_modulation*`
 };
 
 /// Modulated block of a shape and a skeleton stream that attend to each other instead of to themselves (reference

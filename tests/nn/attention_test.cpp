@@ -51,7 +51,7 @@ Tensor attention_by_definition(const Tensor& q, const Tensor& k, const Tensor& v
 }
 
 TEST(SelfAttention, FollowsTheDefinition) {
-  SelfAttention attention(options(12, 3));
+  RaggedAttention attention(options(12, 3));
   to_random_double(*attention);
   const auto parameters = attention->named_parameters();
   const Tensor x = random({5, 12});
@@ -63,7 +63,7 @@ TEST(SelfAttention, FollowsTheDefinition) {
 
 // Item by item gives what the batch gives, whether padded (similar lengths) or looped (one long item).
 void expect_batch_equals_items(const std::vector<std::int64_t>& lengths) {
-  SelfAttention attention(options(8, 2));
+  RaggedAttention attention(options(8, 2));
   to_random_double(*attention);
   const Ragged items(lengths);
   const Tensor x = random({items.rows(), 8});
@@ -76,7 +76,7 @@ TEST(SelfAttention, PaddedBatchEqualsItems) { expect_batch_equals_items({3, 7, 1
 TEST(SelfAttention, LoopedBatchEqualsItems) { expect_batch_equals_items({200, 3, 1}); }
 
 TEST(SelfAttention, PaddingReceivesNoGradient) {
-  SelfAttention attention(options(4, 2));
+  RaggedAttention attention(options(4, 2));
   to_random_double(*attention);
   const Ragged items({2, 5});
   Tensor x = random({7, 4}).requires_grad_();
@@ -87,7 +87,7 @@ TEST(SelfAttention, PaddingReceivesNoGradient) {
 }
 
 TEST(CrossAttention, FollowsTheDefinitionPerItem) {
-  CrossAttention attention(options(6, 2, 4));
+  RaggedAttention attention(options(6, 2, 4));
   to_random_double(*attention);
   const auto parameters = attention->named_parameters();
   const Tensor x = random({5, 6}), context = random({7, 4});

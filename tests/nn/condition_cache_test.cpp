@@ -57,7 +57,7 @@ TEST(KeptContexts, ProjectionsOfContextsOnly) {
 
 TEST(KeptContexts, CrossAttentionGivesTheSameBits) {
   torch::manual_seed(3);
-  DenseAttentionOptions options;
+  AttentionOptions options;
   options.channels = 16;
   options.num_heads = 2;
   options.context_channels = 8;

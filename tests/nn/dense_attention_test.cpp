@@ -32,8 +32,8 @@ std::vector<std::string> keys_of(const torch::nn::Module& module) {
   return keys;
 }
 
-DenseAttentionOptions attention_of(std::int64_t channels, std::int64_t heads, std::int64_t context = 0) {
-  DenseAttentionOptions options;
+AttentionOptions attention_of(std::int64_t channels, std::int64_t heads, std::int64_t context = 0) {
+  AttentionOptions options;
   options.channels = channels;
   options.num_heads = heads;
   options.context_channels = context;
@@ -41,7 +41,7 @@ DenseAttentionOptions attention_of(std::int64_t channels, std::int64_t heads, st
 }
 
 TEST(DenseAttention, CrossAttentionWithNormsFollowsTheDefinition) {
-  DenseAttentionOptions options = attention_of(6, 2, 5);
+  AttentionOptions options = attention_of(6, 2, 5);
   options.qk_rms_norm = true;
   DenseAttention attention(options);
   fill_doubles(*attention);
@@ -65,7 +65,7 @@ TEST(DenseAttention, CrossAttentionWithNormsFollowsTheDefinition) {
 }
 
 TEST(DenseAttention, InputIsTheQuery) {
-  DenseAttentionOptions options = attention_of(4, 1, 3);
+  AttentionOptions options = attention_of(4, 1, 3);
   options.x_is_query = true;
   DenseAttention attention(options);
   fill_doubles(*attention);
@@ -81,7 +81,7 @@ TEST(DenseAttention, InputIsTheQuery) {
 
 TEST(DenseAttention, RejectsWhatDoesNotFit) {
   EXPECT_THROW(DenseAttention(attention_of(10, 3)), c10::Error);
-  DenseAttentionOptions no_context = attention_of(4, 2);
+  AttentionOptions no_context = attention_of(4, 2);
   no_context.x_is_query = true;
   EXPECT_THROW(DenseAttention{no_context}, c10::Error);
   DenseAttention self(attention_of(4, 2)), cross(attention_of(4, 2, 3));

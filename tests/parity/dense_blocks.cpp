@@ -22,7 +22,7 @@ void run_dense_attention(Fixture& fixture) {
   for (const std::string& part : fixture.outputs()) {
     const io::NamedArrays parameters = parameters_of(fixture, part);
     const bool cross = has(parameters, "to_kv.weight");
-    nn::DenseAttentionOptions options;
+    nn::AttentionOptions options;
     options.channels = config.at("channels");
     options.num_heads = config.at("num_heads");
     if (cross) options.context_channels = config.at("ctx_channels");

@@ -171,7 +171,7 @@ TEST(SparseAttention, DenseContextIsWhatDenseAttentionDoes) {
   options.qk_rms_norm = true;
   SparseAttention attention(options);
   cases::draw_parameters(*attention, torch::kFloat64);
-  nn::DenseAttentionOptions dense_options;
+  nn::AttentionOptions dense_options;
   dense_options.channels = 12;
   dense_options.num_heads = 3;
   dense_options.context_channels = 10;
