@@ -37,9 +37,9 @@ std::vector<std::string> frozen_parameters(const torch::nn::Module& module) {
   return keys;
 }
 
-StreamCoder::StreamCoder(Parts parts) : parts_(std::move(parts)) {}
+FreezableModel::FreezableModel(Parts parts) : parts_(std::move(parts)) {}
 
-void StreamCoder::apply_freezing() {
+void FreezableModel::apply_freezing() {
   std::vector<std::string> names = parts_.to_freeze;
   if (parts_.all_is_a_word && std::find(names.begin(), names.end(), "all") != names.end()) {
     for (const auto& item : named_parameters(/*recurse=*/false)) names.push_back(item.key());
@@ -48,32 +48,57 @@ void StreamCoder::apply_freezing() {
   freeze_modules(*this, names);
 }
 
-std::vector<std::string> StreamCoder::half_precision_modules() const {
-  std::vector<std::string> names = parts_.always;
-  if (parts_.use_fp16) {
-    names.insert(names.end(), parts_.torso.begin(), parts_.torso.end());
-    names.insert(names.end(), parts_.beside.begin(), parts_.beside.end());
+std::vector<std::string> FreezableModel::half_precision_modules() const {
+  std::vector<std::string> names = parts_.always_fp16;
+  if (!parts_.use_fp16) return names;
+  for (const auto* more : {&parts_.torso, &parts_.torso_parameters, &parts_.other_fp16}) {
+    names.insert(names.end(), more->begin(), more->end());
   }
   return names;
 }
 
-void StreamCoder::convert_to_fp16() {
+void FreezableModel::convert_to_fp16() {
   if (!parameters().front().is_cuda()) {
     throw NotSupportedError("", "", "fp16 on a CPU; move the model to a GPU first");
   }
   cast(half_precision_modules(), torch::kHalf);
 }
 
-void StreamCoder::set_torso_dtype(torch::Dtype dtype) { cast(parts_.torso, dtype); }
+void FreezableModel::set_torso_dtype(torch::Dtype dtype) {
+  cast(parts_.torso, dtype);
+  auto parameters = named_parameters(/*recurse=*/false);
+  for (const std::string& name : parts_.torso_parameters) {
+    Tensor& parameter = parameters[name];
+    parameter.set_data(parameter.data().to(dtype));
+  }
+}
 
-void StreamCoder::cast(const std::vector<std::string>& names, torch::Dtype dtype) {
+void FreezableModel::cast(const std::vector<std::string>& names, torch::Dtype dtype) {
   const auto modules = named_modules();
   for (const std::string& name : names) cast_linears(*modules[name], dtype);
 }
 
+void FlowModel::set_compute_dtype(torch::Dtype dtype) {
+  if (dtype == torch::kHalf && !torso_weight_.is_cuda()) {
+    throw NotSupportedError("", "", "fp16 on a CPU; use bf16, or move the model to a GPU first");
+  }
+  set_torso_dtype(dtype);
+}
+
+Latent deterministic_latent(const Tensor& z) { return {z, z.detach(), torch::zeros_like(z)}; }
+
+Latent sampled_latent(const Tensor& raw, std::int64_t axis, const Tensor& noise) {
+  const std::vector<Tensor> halves = raw.chunk(2, axis);
+  const Tensor &mean = halves[0], &logvar = halves[1];
+  if (!noise.defined()) return {mean, mean, logvar};
+  if (noise.sizes() != mean.sizes()) {
+    throw InputError("", "noise", shape_text(noise) + " does not fit latents " + shape_text(mean));
+  }
+  return {mean + torch::exp(0.5 * logvar) * noise.to(mean.options()), mean, logvar};
+}
+
 namespace {
 
-using torch::Tensor;
 using RecomputedPart = std::function<Tensor(const std::vector<Tensor>&)>;
 
 // A function as a value that an AutogradContext can keep.
@@ -122,7 +147,8 @@ class Recompute : public torch::autograd::Function<Recompute> {
 
 }  // namespace
 
-Tensor recomputed(const std::vector<Tensor>& inputs, const RecomputedPart& part) {
+Tensor recomputed(const std::vector<Tensor>& inputs, const RecomputedPart& part, bool on) {
+  if (!on || !at::GradMode::is_enabled()) return part(inputs);
   RecomputedCall call{part, {}};
   const auto wants_gradient = [](const Tensor& input) { return input.requires_grad(); };
   if (std::none_of(inputs.begin(), inputs.end(), wants_gradient)) {

@@ -24,24 +24,24 @@ void freeze_modules(torch::nn::Module& module, const std::vector<std::string>& n
 /// State-dict keys of the parameters that ask for no gradient, in registration order.
 std::vector<std::string> frozen_parameters(const torch::nn::Module& module);
 
-/// Base of the encoders and decoders of the sparse structure and of the structured latents: freezing and
-/// precision. Parameters are fp32 until one of the conversions below.
-class StreamCoder : public torch::nn::Module {
+/// Base of the published models: freezing and precision. Parameters are fp32 until one of the conversions below.
+class FreezableModel : public torch::nn::Module {
  public:
   /// Names of modules below this one; dots lead to modules further down.
   struct Parts {
-    std::vector<std::string> torso;   ///< fp16 with use_fp16
-    std::vector<std::string> beside;  ///< the same, but no part of the torso
-    std::vector<std::string> always;  ///< fp16 whatever use_fp16 says
+    std::vector<std::string> torso;             ///< fp16 with use_fp16
+    std::vector<std::string> torso_parameters;  ///< bare parameters of this module, likewise
+    std::vector<std::string> other_fp16;        ///< fp16 with use_fp16, but no part of the torso
+    std::vector<std::string> always_fp16;
     bool use_fp16 = false;
     std::vector<std::string> to_freeze;  ///< modules_to_freeze
     bool all_is_a_word = false;          ///< "all" among them stands for everything
   };
 
-  /// Turns off gradients as modules_to_freeze says, whatever the two flags say (see freezing.h).
+  /// Turns off gradients as modules_to_freeze says, whatever the two flags say (see freeze_modules).
   void apply_freezing();
-  /// Names of the modules whose linears and convolutions are fp16 in the published system (reference autoencoders.md,
-  /// 0.4 and appendix A), for published_dtypes().
+  /// Names of the modules whose linears and convolutions, and of the parameters that are fp16 in the published system
+  /// (reference autoencoders.md, 0.4 and appendix A), for published_dtypes().
   std::vector<std::string> half_precision_modules() const;
   /// Converts those modules in place. @throws NotSupportedError when the model is not on a GPU
   void convert_to_fp16();
@@ -49,21 +49,47 @@ class StreamCoder : public torch::nn::Module {
   void set_torso_dtype(torch::Dtype dtype);
 
  protected:
-  explicit StreamCoder(Parts parts);
+  explicit FreezableModel(Parts parts);
+
+  Parts parts_;
 
  private:
   void cast(const std::vector<std::string>& names, torch::Dtype dtype);
-
-  Parts parts_;
 };
 
-/// Part of a network that keeps nothing but its inputs for the backward pass, which runs it forward a second time:
-/// less memory for a third more work ("gradient checkpointing"). The part must give the same result both times, so it
-/// must draw no random numbers. Gradients reach its inputs and any parameters it uses; those of parameters are added
-/// to `.grad` directly, so use backward(), not torch::autograd::grad() for them. Can be differentiated once.
-/// @param part a function of the inputs; kept alive until the backward pass
+/// Base of the two flow models: fp32 unless set_compute_dtype() chose another type for the torso; norms, embeddings,
+/// the first and the last layer stay in fp32.
+class FlowModel : public FreezableModel {
+ public:
+  /// Converts the linears and convolutions of the torso in place (reference flows-and-pipeline.md, 1.10 and 2.7);
+  /// forward() casts its inputs where they enter it. Call it before an optimiser takes over the parameters.
+  /// @throws NotSupportedError for fp16 on a CPU, where bf16 is the choice
+  void set_compute_dtype(torch::Dtype dtype);
+  torch::Dtype compute_dtype() const { return dtype_of(torso_weight_); }
+
+ protected:
+  using FreezableModel::FreezableModel;
+
+  torch::Tensor torso_weight_;  ///< any linear weight of the torso: its dtype is the compute dtype
+};
+
+/// Latent of an encoder, with the posterior that it was drawn from.
+struct Latent {
+  torch::Tensor z, mean, logvar;
+};
+/// z as it is, its detached copy as mean, zeros as logvar.
+Latent deterministic_latent(const torch::Tensor& z);
+/// Gaussian posterior: z = mean + exp(logvar/2) · noise. @param raw mean, then logvar, along `axis`
+/// @param noise undefined: z = mean @throws InputError when its shape does not fit
+Latent sampled_latent(const torch::Tensor& raw, std::int64_t axis, const torch::Tensor& noise);
+
+/// part(inputs), which in training keeps nothing but its inputs for the backward pass, and runs forward a second time
+/// in it: less memory for a third more work ("gradient checkpointing"). The part must give the same result both times,
+/// so it must draw no random numbers. Gradients reach its inputs and any parameters it uses; those of parameters are
+/// added to `.grad` directly, so use backward(), not torch::autograd::grad() for them. Can be differentiated once.
+/// @param part a function of the inputs; kept alive until the backward pass @param on false: just part(inputs)
 torch::Tensor recomputed(const std::vector<torch::Tensor>& inputs,
-                         const std::function<torch::Tensor(const std::vector<torch::Tensor>&)>& part);
+                         const std::function<torch::Tensor(const std::vector<torch::Tensor>&)>& part, bool on = true);
 
 /// Floating-point operations of a pass, a multiplication and an addition counting as two. Norms, activations,
 /// softmax and residual sums are left out: they are a few operations per value.

@@ -87,17 +87,15 @@ using torch::Tensor;
 JointEmbedderImpl::JointEmbedderImpl(std::int64_t in_channels, std::int64_t hidden_dim, std::int64_t out_channels,
                                      const JointEmbedderOptions& options) {
   in_layer_ = register_module("in_layer", nn::FeedForward(in_channels, hidden_dim, options.mlp_ratio));
-  torch::nn::ModuleList blocks;
   for (std::int64_t i = 0; i < options.depth; ++i) {
     if (options.jp_embed_attn) {
       attention_blocks_.emplace_back(hidden_dim, kJointEmbedderHeads, options.mlp_ratio);
-      blocks->push_back(attention_blocks_.back());
     } else {
       plain_blocks_.emplace_back(hidden_dim, hidden_dim, options.mlp_ratio);
-      blocks->push_back(plain_blocks_.back());
     }
   }
-  register_module("blocks", blocks);
+  register_module("blocks",
+                  options.jp_embed_attn ? nn::module_list(attention_blocks_) : nn::module_list(plain_blocks_));
   out_layer_ = register_module("out_layer", nn::Linear(hidden_dim, out_channels));
 }
 
@@ -268,7 +266,20 @@ std::vector<Tensor> SkinDecoderImpl::decode_log(const Tensor& vertex_features, c
 
 using torch::Tensor;
 
-SkinAutoEncoderImpl::SkinAutoEncoderImpl(const SkinAutoEncoderOptions& options, nn::Init init) : options_(options) {
+namespace {
+
+nn::FreezableModel::Parts skin_autoencoder_parts(const SkinAutoEncoderOptions& options) {
+  nn::FreezableModel::Parts parts;
+  parts.always_fp16 = {"skin_encoder.joint_embedder.blocks"};
+  parts.other_fp16 = {"skin_decoder.blocks_vertex", "skin_decoder.blocks_skin"};
+  parts.use_fp16 = options.use_fp16;
+  return parts;
+}
+
+}  // namespace
+
+SkinAutoEncoderImpl::SkinAutoEncoderImpl(const SkinAutoEncoderOptions& options, nn::Init init)
+    : nn::FreezableModel(skin_autoencoder_parts(options)), options_(options) {
   options.validate();
   encoder_ = register_module("skin_encoder", SkinEncoder(options.encoder_config));
   decoder_ = register_module("skin_decoder", SkinDecoder(options.decoder_config));
@@ -312,18 +323,6 @@ Tensor SkinAutoEncoderImpl::encode_vertices(const JointCode& joints, const Skele
 std::vector<Tensor> SkinAutoEncoderImpl::decode(const Tensor& vertex_features, const nn::Ragged& vertices,
                                                 const Tensor& joint_features, const SkeletonBatch& skeletons) {
   return decoder_->decode(vertex_features, vertices, joint_features, skeletons);
-}
-
-std::vector<std::string> SkinAutoEncoderImpl::half_precision_modules() const {
-  std::vector<std::string> names = {"skin_encoder.joint_embedder.blocks"};
-  if (options_.use_fp16) names.insert(names.end(), {"skin_decoder.blocks_vertex", "skin_decoder.blocks_skin"});
-  return names;
-}
-
-void SkinAutoEncoderImpl::convert_to_fp16() {
-  if (!parameters().front().is_cuda()) throw NotSupportedError("", "", "fp16 on a CPU; move the model to a GPU first");
-  const auto modules = named_modules();
-  for (const std::string& name : half_precision_modules()) nn::cast_linears(*modules[name], torch::kHalf);
 }
 
 nn::Ragged rows_of(const std::vector<Tensor>& matrices) {

@@ -8,6 +8,7 @@
 #include "anigen/nn/embeddings.h"
 #include "anigen/nn/init.h"
 #include "anigen/nn/ragged_attention.h"
+#include "anigen/nn/trainable.h"
 #include "anigen/skin_field/sampling.h"
 
 namespace anigen::skin_field {
@@ -172,7 +173,7 @@ TORCH_MODULE(SkinDecoder);
 /// Precision: parameters are fp32 and everything is computed in fp32. The published model keeps the joint embedder's
 /// blocks, and with use_fp16 the decoder's blocks, in fp16; half_precision_modules() names them, and convert_to_fp16()
 /// does the same on a GPU.
-class SkinAutoEncoderImpl : public torch::nn::Module {
+class SkinAutoEncoderImpl : public nn::FreezableModel {
  public:
   explicit SkinAutoEncoderImpl(const SkinAutoEncoderOptions& options, nn::Init init = nn::Init::kPublished);
 
@@ -202,11 +203,6 @@ class SkinAutoEncoderImpl : public torch::nn::Module {
   /// @param vertex_features [ΣV, F] @param vertices points per asset @return per asset [V, J]
   std::vector<torch::Tensor> decode(const torch::Tensor& vertex_features, const nn::Ragged& vertices,
                                     const torch::Tensor& joint_features, const SkeletonBatch& skeletons);
-
-  /// Names of the modules whose linears are fp16 in the published system, for published_dtypes().
-  std::vector<std::string> half_precision_modules() const;
-  /// Converts those modules in place. @throws NotSupportedError when the model is not on a GPU
-  void convert_to_fp16();
 
   const SkinAutoEncoderOptions& options() const { return options_; }
   SkinEncoder& encoder() { return encoder_; }

@@ -11,8 +11,8 @@ namespace anigen::sparse_structure {
 
 namespace {
 
-nn::StreamCoder::Parts sparse_structure_parts(const SparseStructureCoderOptions& options) {
-  nn::StreamCoder::Parts parts;
+nn::FreezableModel::Parts sparse_structure_parts(const SparseStructureCoderOptions& options) {
+  nn::FreezableModel::Parts parts;
   parts.torso = {"blocks", "blocks_skl", "middle_block", "middle_block_skl"};
   parts.use_fp16 = options.use_fp16;
   parts.to_freeze = options.modules_to_freeze;
@@ -22,55 +22,69 @@ nn::StreamCoder::Parts sparse_structure_parts(const SparseStructureCoderOptions&
 }  // namespace
 
 SparseStructureCoder::SparseStructureCoder(const SparseStructureCoderOptions& options)
-    : nn::StreamCoder(sparse_structure_parts(options)) {}
+    : nn::FreezableModel(sparse_structure_parts(options)) {}
+
+VolumeTorso SparseStructureCoder::registered_blocks(const std::string& suffix,
+                                                    const SparseStructureCoderOptions& options, bool up) {
+  const std::vector<std::int64_t>& widths = options.channels;
+  VolumeTorso blocks;
+  for (std::size_t level = 0; level < widths.size(); ++level) {
+    blocks->add_res_blocks(options.num_res_blocks, widths[level]);
+    if (level + 1 == widths.size()) break;
+    up ? blocks->add_upsample(widths[level], widths[level + 1])
+       : blocks->add_downsample(widths[level], widths[level + 1]);
+  }
+  return register_module("blocks" + suffix, blocks);
+}
+
+VolumeTorso SparseStructureCoder::registered_middle(const std::string& suffix,
+                                                    const SparseStructureCoderOptions& options, std::int64_t channels) {
+  VolumeTorso middle;
+  middle->add_res_blocks(options.num_res_blocks_middle, channels);
+  return register_module("middle_block" + suffix, middle);
+}
+
+template <typename Tokens>
+void SparseStructureCoder::finish(const SparseStructureCoderOptions& options, nn::Init init, Stream<Tokens>& shape,
+                                  Stream<Tokens>& skeleton) {
+  if (init == nn::Init::kPublished) {
+    initialize_volume_layers(*this);
+    nn::kaiming_uniform_linears(*this);
+    shape.tokens.initialize();
+    skeleton.tokens.initialize();
+  }
+  if (options.freezes()) apply_freezing();
+}
 
 using torch::Tensor;
 
 SparseStructureEncoderImpl::SparseStructureEncoderImpl(const SparseStructureEncoderOptions& options, nn::Init init)
     : SparseStructureCoder(options), options_(options) {
   options.validate();
-  const std::array<Stream*, 2> streams{&shape_, &skeleton_};
-  const std::array<std::string, 2> suffix{"", "_skl"};
-  const std::vector<std::int64_t>& widths = options.channels;
-  // Layer by layer for both streams: the order of published state dicts.
-  for (std::size_t s = 0; s < 2; ++s) {
-    const std::int64_t in = s == 0 ? options.in_channels : options.in_channels_skl;
-    streams[s]->input = register_module("input_layer" + suffix[s], nn::Conv3d(in, widths.front(), 3, 1, 1));
+  const std::int64_t finest = options.channels.front(), coarsest = options.channels.back();
+  const std::array<Stream<GlobalTokenEncoder>*, 2> streams{&shape_, &skeleton_};
+  for (auto* stream : streams) {
+    const std::int64_t in = stream->skeleton ? options.in_channels_skl : options.in_channels;
+    stream->input = register_module("input_layer" + stream->suffix, nn::Conv3d(in, finest, 3, 1, 1));
   }
-  for (std::size_t s = 0; s < 2; ++s) {
-    VolumeTorso blocks;
-    for (std::size_t level = 0; level < widths.size(); ++level) {
-      blocks->add_res_blocks(options.num_res_blocks, widths[level]);
-      if (level + 1 < widths.size()) blocks->add_downsample(widths[level], widths[level + 1]);
-    }
-    streams[s]->blocks = register_module("blocks" + suffix[s], blocks);
-  }
-  for (std::size_t s = 0; s < 2; ++s) {
-    VolumeTorso middle;
-    middle->add_res_blocks(options.num_res_blocks_middle, widths.back());
-    streams[s]->middle = register_module("middle_block" + suffix[s], middle);
-  }
-  for (std::size_t s = 0; s < 2; ++s) {
-    const bool skeleton = s == 1;
+  for (auto* stream : streams) stream->blocks = registered_blocks(stream->suffix, options, /*up=*/false);
+  for (auto* stream : streams) stream->middle = registered_middle(stream->suffix, options, coarsest);
+  for (auto* stream : streams) {
+    const bool skeleton = stream->skeleton;
     const bool deterministic = skeleton ? options.latent_denoising_skl : options.latent_denoising;
     const std::int64_t latent =
         (deterministic ? 1 : 2) * (skeleton ? options.latent_channels_skl : options.latent_channels);
     if (skeleton ? options.encode_global_skl : options.encode_global) {
-      streams[s]->tokens = GlobalTokenEncoder(*this, skeleton, token_sizes(options, skeleton, widths.back(), latent));
+      stream->tokens = GlobalTokenEncoder(*this, skeleton, token_sizes(options, skeleton, coarsest, latent));
     } else {
-      streams[s]->out =
-          register_module("out_layer" + suffix[s], VolumeHead(widths.back(), latent, norm_kind(options.norm_type)));
+      stream->out =
+          register_module("out_layer" + stream->suffix, VolumeHead(coarsest, latent, norm_kind(options.norm_type)));
     }
   }
-  if (init == nn::Init::kPublished) {
-    initialize_volume_layers(*this);
-    nn::kaiming_uniform_linears(*this);
-    for (Stream* stream : streams) stream->tokens.initialize();
-  }
-  if (options.freezes()) apply_freezing();
+  finish(options, init, shape_, skeleton_);
 }
 
-Tensor SparseStructureEncoderImpl::run(Stream& stream, const Tensor& x, std::int64_t channels) {
+Tensor SparseStructureEncoderImpl::run(Stream<GlobalTokenEncoder>& stream, const Tensor& x, std::int64_t channels) {
   const std::int64_t factor = options_.downsampling();
   bool fits = x.dim() == 5 && x.size(1) == channels;
   for (std::int64_t axis = 2; fits && axis < 5; ++axis) fits = x.size(axis) > 0 && x.size(axis) % factor == 0;
@@ -84,28 +98,17 @@ Tensor SparseStructureEncoderImpl::run(Stream& stream, const Tensor& x, std::int
   return stream.tokens.present() ? stream.tokens.forward(h) : stream.out->forward(h);
 }
 
-SparseStructureEncoderImpl::Latent SparseStructureEncoderImpl::latent_of(const Tensor& raw, bool deterministic,
-                                                                         bool normalize, const Tensor& noise) const {
-  const std::int64_t axis = channel_axis(raw);
-  if (deterministic) {
-    const Tensor z = normalize ? options_.normalize_scale * unit_latents(raw) : raw;
-    return {z, z.detach(), torch::zeros_like(z)};
-  }
-  const std::vector<Tensor> halves = raw.chunk(2, axis);
-  const Tensor &mean = halves[0], &logvar = halves[1];
-  if (!noise.defined()) return {mean, mean, logvar};
-  if (noise.sizes() != mean.sizes()) {
-    throw InputError("", "", "noise " + nn::shape_text(noise) + " does not fit latents " + nn::shape_text(mean));
-  }
-  return {mean + torch::exp(0.5 * logvar) * noise.to(mean.options()), mean, logvar};
+nn::Latent SparseStructureEncoderImpl::latent_of(const Tensor& raw, bool deterministic, bool normalize,
+                                                 const Tensor& noise) const {
+  if (!deterministic) return nn::sampled_latent(raw, channel_axis(raw), noise);
+  return nn::deterministic_latent(normalize ? options_.normalize_scale * unit_latents(raw) : raw);
 }
 
-SparseStructureEncoderImpl::Latent SparseStructureEncoderImpl::encode_shape(const Tensor& x, const Tensor& noise) {
+nn::Latent SparseStructureEncoderImpl::encode_shape(const Tensor& x, const Tensor& noise) {
   return latent_of(run(shape_, x, options_.in_channels), options_.latent_denoising, options_.normalize_z, noise);
 }
 
-SparseStructureEncoderImpl::Latent SparseStructureEncoderImpl::encode_skeleton(const Tensor& x_skl,
-                                                                               const Tensor& noise) {
+nn::Latent SparseStructureEncoderImpl::encode_skeleton(const Tensor& x_skl, const Tensor& noise) {
   return latent_of(run(skeleton_, x_skl, options_.in_channels_skl), options_.latent_denoising_skl,
                    options_.normalize_z_skl, noise);
 }
@@ -117,8 +120,8 @@ SparseStructureEncoderImpl::Output SparseStructureEncoderImpl::forward(const Ten
                          (!options_.latent_denoising_skl && !noise->z_skl.defined());
     if (missing) throw InputError("", "", "a sampled posterior needs noise");
   }
-  const Latent shape = encode_shape(x, noise == nullptr ? Tensor() : noise->z);
-  const Latent skeleton = encode_skeleton(x_skl, noise == nullptr ? Tensor() : noise->z_skl);
+  const nn::Latent shape = encode_shape(x, noise == nullptr ? Tensor() : noise->z);
+  const nn::Latent skeleton = encode_skeleton(x_skl, noise == nullptr ? Tensor() : noise->z_skl);
   return {shape.z, shape.mean, shape.logvar, skeleton.z, skeleton.mean, skeleton.logvar};
 }
 
@@ -132,51 +135,31 @@ std::vector<std::int64_t> SparseStructureEncoderImpl::latent_shape(std::int64_t 
   return {batch, channels, edge, edge, edge};
 }
 
-using torch::Tensor;
-
 SparseStructureDecoderImpl::SparseStructureDecoderImpl(const SparseStructureDecoderOptions& options, nn::Init init)
     : SparseStructureCoder(options), options_(options) {
   options.validate();
-  const std::array<Stream*, 2> streams{&shape_, &skeleton_};
-  const std::array<std::string, 2> suffix{"", "_skl"};
-  const std::vector<std::int64_t>& widths = options.channels;
-  // Layer by layer for both streams: the order of published state dicts.
-  for (std::size_t s = 0; s < 2; ++s) {
-    const bool skeleton = s == 1;
+  const std::int64_t coarsest = options.channels.front(), finest = options.channels.back();
+  const std::array<Stream<GlobalTokenDecoder>*, 2> streams{&shape_, &skeleton_};
+  for (auto* stream : streams) {
+    const bool skeleton = stream->skeleton;
     const std::int64_t latent = skeleton ? options.latent_channels_skl : options.latent_channels;
     if (skeleton ? options.encode_global_skl : options.encode_global) {
-      streams[s]->tokens = GlobalTokenDecoder(*this, skeleton, token_sizes(options, skeleton, widths.front(), latent));
+      stream->tokens = GlobalTokenDecoder(*this, skeleton, token_sizes(options, skeleton, coarsest, latent));
     } else {
-      streams[s]->input = register_module("input_layer" + suffix[s], nn::Conv3d(latent, widths.front(), 3, 1, 1));
+      stream->input = register_module("input_layer" + stream->suffix, nn::Conv3d(latent, coarsest, 3, 1, 1));
     }
   }
-  for (std::size_t s = 0; s < 2; ++s) {
-    VolumeTorso middle;
-    middle->add_res_blocks(options.num_res_blocks_middle, widths.front());
-    streams[s]->middle = register_module("middle_block" + suffix[s], middle);
+  for (auto* stream : streams) stream->middle = registered_middle(stream->suffix, options, coarsest);
+  for (auto* stream : streams) stream->blocks = registered_blocks(stream->suffix, options, /*up=*/true);
+  for (auto* stream : streams) {
+    const std::int64_t out = stream->skeleton ? options.out_channels_skl : options.out_channels;
+    stream->out = register_module("out_layer" + stream->suffix, VolumeHead(finest, out, norm_kind(options.norm_type)));
   }
-  for (std::size_t s = 0; s < 2; ++s) {
-    VolumeTorso blocks;
-    for (std::size_t level = 0; level < widths.size(); ++level) {
-      blocks->add_res_blocks(options.num_res_blocks, widths[level]);
-      if (level + 1 < widths.size()) blocks->add_upsample(widths[level], widths[level + 1]);
-    }
-    streams[s]->blocks = register_module("blocks" + suffix[s], blocks);
-  }
-  for (std::size_t s = 0; s < 2; ++s) {
-    const std::int64_t out = s == 0 ? options.out_channels : options.out_channels_skl;
-    streams[s]->out =
-        register_module("out_layer" + suffix[s], VolumeHead(widths.back(), out, norm_kind(options.norm_type)));
-  }
-  if (init == nn::Init::kPublished) {
-    initialize_volume_layers(*this);
-    nn::kaiming_uniform_linears(*this);
-    for (Stream* stream : streams) stream->tokens.initialize();
-  }
-  if (options.freezes()) apply_freezing();
+  finish(options, init, shape_, skeleton_);
 }
 
-Tensor SparseStructureDecoderImpl::run(Stream& stream, const Tensor& z, bool skeleton) {
+Tensor SparseStructureDecoderImpl::run(Stream<GlobalTokenDecoder>& stream, const Tensor& z) {
+  const bool skeleton = stream.skeleton;
   const std::int64_t channels = skeleton ? options_.latent_channels_skl : options_.latent_channels;
   const std::int64_t rank = stream.tokens.present() ? 3 : 5;
   if (z.dim() != rank || z.size(channel_axis(z)) != channels || z.numel() == 0) {
@@ -193,9 +176,9 @@ Tensor SparseStructureDecoderImpl::run(Stream& stream, const Tensor& z, bool ske
   return stream.out->forward(stream.blocks->forward(stream.middle->forward(cells)).to(dtype));
 }
 
-Tensor SparseStructureDecoderImpl::decode_shape(const Tensor& z) { return run(shape_, z, false); }
+Tensor SparseStructureDecoderImpl::decode_shape(const Tensor& z) { return run(shape_, z); }
 
-Tensor SparseStructureDecoderImpl::decode_skeleton(const Tensor& z_skl) { return run(skeleton_, z_skl, true); }
+Tensor SparseStructureDecoderImpl::decode_skeleton(const Tensor& z_skl) { return run(skeleton_, z_skl); }
 
 SparseStructureDecoderImpl::Logits SparseStructureDecoderImpl::forward(const Tensor& z, const Tensor& z_skl) {
   return {decode_shape(z), decode_skeleton(z_skl)};

@@ -11,11 +11,31 @@
 
 namespace anigen::sparse_structure {
 
-/// Base of encoder and decoder of the sparse structure. Both have the modules `blocks` and `middle_block`, and
-/// the same with `_skl`, which are the torso (reference autoencoders.md, 2.1, fp16 torso).
-class SparseStructureCoder : public nn::StreamCoder {
+/// Base of encoder and decoder of the sparse structure: their layers and how a published state dict lists them, layer
+/// by layer for both streams (`_skl` behind the names of the skeleton's). `blocks` and `middle_block` are the torso
+/// (reference autoencoders.md, 2.1, fp16 torso).
+class SparseStructureCoder : public nn::FreezableModel {
  protected:
+  /// @tparam Tokens bottleneck of encode_global, in place of the output of an encoder or the input of a decoder
+  template <typename Tokens>
+  struct Stream {
+    std::string suffix;  ///< of its keys
+    bool skeleton = false;
+    nn::Conv3d input = nullptr;
+    VolumeTorso blocks = nullptr, middle = nullptr;
+    VolumeHead out = nullptr;
+    Tokens tokens{};
+  };
+
   explicit SparseStructureCoder(const SparseStructureCoderOptions& options);
+  /// Residual blocks of all levels, with what changes the resolution between them. @param up of a decoder
+  VolumeTorso registered_blocks(const std::string& suffix, const SparseStructureCoderOptions& options, bool up);
+  VolumeTorso registered_middle(const std::string& suffix, const SparseStructureCoderOptions& options,
+                                std::int64_t channels);
+  /// Initial values and freezing, when all is registered.
+  template <typename Tokens>
+  void finish(const SparseStructureCoderOptions& options, nn::Init init, Stream<Tokens>& shape,
+              Stream<Tokens>& skeleton);
 };
 
 /// Standard normal draws for sampling the posteriors, shaped as SparseStructureEncoder::latent_shape says. The tensor
@@ -48,11 +68,8 @@ class SparseStructureEncoderImpl : public SparseStructureCoder {
   /// @throws InputError when a shape does not fit, or noise of a sampled stream is missing
   Output forward(const torch::Tensor& x, const torch::Tensor& x_skl, const PosteriorNoise* noise = nullptr);
 
-  struct Latent {
-    torch::Tensor z, mean, logvar;
-  };
-  Latent encode_shape(const torch::Tensor& x, const torch::Tensor& noise = {});  ///< the shape stream alone
-  Latent encode_skeleton(const torch::Tensor& x_skl, const torch::Tensor& noise = {});
+  nn::Latent encode_shape(const torch::Tensor& x, const torch::Tensor& noise = {});  ///< the shape stream alone
+  nn::Latent encode_skeleton(const torch::Tensor& x_skl, const torch::Tensor& noise = {});
 
   /// Shape of z for a batch of grids of edge R; skeleton: of z_skl.
   std::vector<std::int64_t> latent_shape(std::int64_t batch, std::int64_t resolution, bool skeleton) const;
@@ -60,17 +77,11 @@ class SparseStructureEncoderImpl : public SparseStructureCoder {
   const SparseStructureEncoderOptions& options() const { return options_; }
 
  private:
-  struct Stream {
-    nn::Conv3d input = nullptr;
-    VolumeTorso blocks = nullptr, middle = nullptr;
-    VolumeHead out = nullptr;   // without encode_global
-    GlobalTokenEncoder tokens;  // with encode_global
-  };
-  torch::Tensor run(Stream& stream, const torch::Tensor& x, std::int64_t channels);
-  Latent latent_of(const torch::Tensor& raw, bool deterministic, bool normalize, const torch::Tensor& noise) const;
+  torch::Tensor run(Stream<GlobalTokenEncoder>& stream, const torch::Tensor& x, std::int64_t channels);
+  nn::Latent latent_of(const torch::Tensor& raw, bool deterministic, bool normalize, const torch::Tensor& noise) const;
 
   SparseStructureEncoderOptions options_;
-  Stream shape_, skeleton_;
+  Stream<GlobalTokenEncoder> shape_, skeleton_{"_skl", true};
 };
 TORCH_MODULE(SparseStructureEncoder);
 
@@ -95,16 +106,10 @@ class SparseStructureDecoderImpl : public SparseStructureCoder {
   const SparseStructureDecoderOptions& options() const { return options_; }
 
  private:
-  struct Stream {
-    nn::Conv3d input = nullptr;  // without encode_global
-    GlobalTokenDecoder tokens;   // with encode_global
-    VolumeTorso middle = nullptr, blocks = nullptr;
-    VolumeHead out = nullptr;
-  };
-  torch::Tensor run(Stream& stream, const torch::Tensor& z, bool skeleton);
+  torch::Tensor run(Stream<GlobalTokenDecoder>& stream, const torch::Tensor& z);
 
   SparseStructureDecoderOptions options_;
-  Stream shape_, skeleton_;
+  Stream<GlobalTokenDecoder> shape_, skeleton_{"_skl", true};
 };
 TORCH_MODULE(SparseStructureDecoder);
 

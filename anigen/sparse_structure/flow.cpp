@@ -146,16 +146,12 @@ Tensor FlowStream::modulation_of(const Tensor& t) {
   return shared_modulation.is_empty() ? embedding : shared_modulation->forward(embedding);
 }
 
-Tensor FlowStream::run(nn::ModulatedCrossBlock block, const Tensor& h, const Tensor& modulation,
-                       const Tensor& context) const {
-  if (!recompute || !at::GradMode::is_enabled()) return block->forward(h, modulation, context);
-  return nn::recomputed({h, modulation, context}, [block](const std::vector<Tensor>& inputs) mutable {
+Tensor FlowStream::run_block(nn::ModulatedCrossBlock block, const Tensor& h, const Tensor& modulation,
+                             const Tensor& context) const {
+  const auto part = [block](const std::vector<Tensor>& inputs) mutable {
     return block->forward(inputs[0], inputs[1], inputs[2]);
-  });
-}
-
-Tensor FlowStream::run_block(std::size_t i, const Tensor& h, const Tensor& modulation, const Tensor& context) {
-  return run(blocks[i], h, modulation, context);
+  };
+  return nn::recomputed({h, modulation, context}, part, recompute);
 }
 
 Tensor FlowStream::receive(std::size_t i, std::int64_t crossing, const Tensor& own, const Tensor& other,
@@ -163,7 +159,7 @@ Tensor FlowStream::receive(std::size_t i, std::int64_t crossing, const Tensor& o
   if (!adapters.empty()) return own + adapters[i]->forward(other);
   if (cross_blocks.empty() || crossing < 0) return own;
   const auto c = static_cast<std::size_t>(crossing);
-  const Tensor crossed = run(cross_blocks[c], own, modulation, other);
+  const Tensor crossed = run_block(cross_blocks[c], own, modulation, other);
   return own + cross_outputs[c]->forward(crossed - own);
 }
 
@@ -220,16 +216,24 @@ Tensor velocity_of_prediction(const Tensor& x_t, const Tensor& x_0, const Tensor
   return (x_t - x_0) / (t / options.t_scale).clamp_min(options.t_eps).to(x_t.options()).view(shape);
 }
 
+nn::FreezableModel::Parts structure_flow_parts(const SparseStructureFlowOptions& options) {
+  nn::FreezableModel::Parts parts;
+  parts.torso = {"blocks", "blocks_skl"};  // and the exchange, which register_exchange() adds
+  parts.use_fp16 = options.use_fp16;
+  parts.to_freeze = options.modules_to_freeze;
+  return parts;
+}
+
 }  // namespace
 
 SparseStructureFlowImpl::SparseStructureFlowImpl(const SparseStructureFlowOptions& options, nn::Init init)
-    : options_(options) {
+    : nn::FlowModel(structure_flow_parts(options)), options_(options) {
   options.validate();
   describe_streams();
   register_streams();
   torso_weight_ = shape_.blocks.front()->named_parameters()["mlp.mlp.0.weight"];
   if (init == nn::Init::kPublished) initialize_flow(*this, shape_, skeleton_);
-  if (options.freezes_shape_stream()) nn::freeze_modules(*this, options.modules_to_freeze);
+  if (options.freezes_shape_stream()) apply_freezing();
 }
 
 void SparseStructureFlowImpl::describe_streams() {
@@ -284,7 +288,7 @@ void SparseStructureFlowImpl::register_exchange(const std::string& direction, co
     for (std::int64_t i = 0; i < options_.num_blocks; ++i) to.adapters.emplace_back(from.channels, to.channels);
     const std::string name = "adapter_" + direction + "_layers";
     register_module(name, nn::module_list(to.adapters));
-    torso_modules_.push_back(name);
+    parts_.torso.push_back(name);
     return;
   }
   for (std::int64_t i = 0; i < options_.num_blocks; ++i) {
@@ -295,7 +299,7 @@ void SparseStructureFlowImpl::register_exchange(const std::string& direction, co
   const std::string name = "cross_blocks_" + direction;
   register_module(name, nn::module_list(to.cross_blocks));
   register_module(name + "_out", nn::module_list(to.cross_outputs));
-  torso_modules_.insert(torso_modules_.end(), {name, name + "_out"});
+  parts_.torso.insert(parts_.torso.end(), {name, name + "_out"});
 }
 
 void SparseStructureFlowImpl::check_inputs(const Tensor& x, const Tensor& x_skl, const Tensor& t,
@@ -320,8 +324,9 @@ Velocity SparseStructureFlowImpl::forward(const Tensor& x, const Tensor& x_skl, 
   Tensor h = shape_.embed_tokens(x).to(dtype), h_skl = skeleton_.embed_tokens(x_skl).to(dtype);
   std::int64_t crossings = 0;
   for (std::size_t i = 0; i < shape_.blocks.size(); ++i) {
-    const Tensor f = shape_.run_block(i, h, m, context);
-    const Tensor f_skl = skeleton_.run_block(i, h_skl, m_skl, options_.skl_cross_from_ss ? h : context);
+    const Tensor f = shape_.run_block(shape_.blocks[i], h, m, context);
+    const Tensor f_skl =
+        skeleton_.run_block(skeleton_.blocks[i], h_skl, m_skl, options_.skl_cross_from_ss ? h : context);
     const std::int64_t crossing = options_.has_cross_adapter(static_cast<std::int64_t>(i)) ? crossings++ : -1;
     // Both read what the blocks gave, not what the other exchange has already changed.
     h = shape_.receive(i, crossing, f, f_skl, m);
@@ -331,18 +336,6 @@ Velocity SparseStructureFlowImpl::forward(const Tensor& x, const Tensor& x_skl, 
   if (options_.predict_x0) velocity.shape = velocity_of_prediction(x, velocity.shape, t, options_);
   if (options_.predict_x0_skl) velocity.skeleton = velocity_of_prediction(x_skl, velocity.skeleton, t, options_);
   return velocity;
-}
-
-std::vector<std::string> SparseStructureFlowImpl::half_precision_modules() const {
-  return options_.use_fp16 ? torso_modules_ : std::vector<std::string>{};
-}
-
-void SparseStructureFlowImpl::set_compute_dtype(torch::Dtype dtype) {
-  if (dtype == torch::kHalf && !torso_weight_.is_cuda()) {
-    throw NotSupportedError("", "", "fp16 on a CPU; use bf16, or move the model to a GPU first");
-  }
-  const auto modules = named_modules();
-  for (const std::string& name : torso_modules_) nn::cast_linears(*modules[name], dtype);
 }
 
 namespace {

@@ -89,17 +89,13 @@ struct FlowStream {
   void check_latent(const torch::Tensor& x) const;
   torch::Tensor embed_tokens(const torch::Tensor& x);   ///< latent → [B, N, C]
   torch::Tensor modulation_of(const torch::Tensor& t);  ///< [B] → [B, C], or [B, 6C] with share_mod
-  torch::Tensor run_block(std::size_t i, const torch::Tensor& h, const torch::Tensor& modulation,
-                          const torch::Tensor& context);
+  torch::Tensor run_block(nn::ModulatedCrossBlock block, const torch::Tensor& h, const torch::Tensor& modulation,
+                          const torch::Tensor& context) const;
   /// Adds what the other stream has to say after block i; both are outputs of block i.
   /// @param crossing how many cross blocks lie before, below 0 when none follows this block
   torch::Tensor receive(std::size_t i, std::int64_t crossing, const torch::Tensor& own, const torch::Tensor& other,
                         const torch::Tensor& modulation);
   torch::Tensor project(const torch::Tensor& h);  ///< [B, N, C] → a latent of out_channels
-
- private:
-  torch::Tensor run(nn::ModulatedCrossBlock block, const torch::Tensor& h, const torch::Tensor& modulation,
-                    const torch::Tensor& context) const;
 };
 
 /// The two outputs of a sparse-structure flow, of the shapes of its two inputs.
@@ -110,10 +106,7 @@ struct Velocity {
 /// The sparse-structure flow (the paper's first generation stage; reference flows-and-pipeline.md, 1): two transformers
 /// over the same latent grid, one for the shape and one for the skeleton, that see the same time and the same condition
 /// tokens and exchange after every block through linear adapters that begin at zero.
-///
-/// Precision: fp32 unless set_compute_dtype() chose another type for the torso (the blocks and the adapters); norms,
-/// embeddings, the first and the last layer stay in fp32.
-class SparseStructureFlowImpl : public torch::nn::Module {
+class SparseStructureFlowImpl : public nn::FlowModel {
  public:
   explicit SparseStructureFlowImpl(const SparseStructureFlowOptions& options, nn::Init init = nn::Init::kPublished);
 
@@ -129,15 +122,6 @@ class SparseStructureFlowImpl : public torch::nn::Module {
   std::vector<std::int64_t> shape_latent_size(std::int64_t batch) const { return shape_.latent_size(batch); }
   std::vector<std::int64_t> skeleton_latent_size(std::int64_t batch) const { return skeleton_.latent_size(batch); }
 
-  /// Names of the modules whose linears are fp16 in the published system, for published_dtypes(); none without
-  /// use_fp16.
-  std::vector<std::string> half_precision_modules() const;
-  /// Converts the linears of the torso in place (reference, 1.10); forward() casts its inputs where they enter it.
-  /// Call it before an optimiser takes over the parameters.
-  /// @throws NotSupportedError for fp16 on a CPU, where bf16 is the choice
-  void set_compute_dtype(torch::Dtype dtype);
-  torch::Dtype compute_dtype() const { return nn::dtype_of(torso_weight_); }
-
   const SparseStructureFlowOptions& options() const { return options_; }
 
  private:
@@ -149,8 +133,6 @@ class SparseStructureFlowImpl : public torch::nn::Module {
 
   SparseStructureFlowOptions options_;
   FlowStream shape_, skeleton_;
-  std::vector<std::string> torso_modules_ = {"blocks", "blocks_skl"};  // what set_compute_dtype() converts
-  torch::Tensor torso_weight_;  // any linear weight of the torso: its dtype is the compute dtype
 };
 TORCH_MODULE(SparseStructureFlow);
 

@@ -108,14 +108,6 @@ nn::DenseCrossBlock token_cross_block(std::int64_t channels, std::int64_t contex
 // Keys of the shape stream end in _ss, those of the skeleton in nothing: the other way round than all others.
 std::string token_key(const char* name, bool skeleton) { return std::string(name) + (skeleton ? "" : "_ss"); }
 
-Tensor token_positions(std::int64_t tokens, std::int64_t channels) {
-  return nn::absolute_position_embedding(torch::arange(tokens).unsqueeze(1), channels);
-}
-
-Tensor cell_positions(std::int64_t edge, std::int64_t channels) {
-  return nn::absolute_position_embedding(nn::grid_coordinates(edge), channels);
-}
-
 // Rows [B, N, A] with their positions [N, C] behind: [B, N, A + C].
 Tensor with_positions(const Tensor& rows, const Tensor& positions) {
   const Tensor repeated = positions.to(rows.scalar_type()).unsqueeze(0).expand({rows.size(0), -1, -1});
@@ -124,27 +116,37 @@ Tensor with_positions(const Tensor& rows, const Tensor& positions) {
 
 }  // namespace
 
-GlobalTokenEncoder::GlobalTokenEncoder(torch::nn::Module& model, bool skeleton, const GlobalTokenSizes& sizes)
-    : sizes_(sizes) {
-  const std::int64_t c = sizes.channels;
-  init_tokens_ = model.register_parameter(token_key("init_tokens", skeleton), torch::empty({1, sizes.tokens, c}));
-  tokens_pos_emb_ = model.register_buffer(token_key("tokens_pos_emb", skeleton), token_positions(sizes.tokens, c));
-  grid_pos_emb_ = model.register_buffer(token_key("grid_pos_emb", skeleton), cell_positions(sizes.edge, c));
-  token_proj_ = model.register_module(token_key("token_proj", skeleton), nn::Linear(2 * c, c));
-  torch::nn::ModuleList layers;
-  cross_ = token_cross_block(c, 2 * c);
-  layers->push_back(cross_);
-  for (int i = 0; i < kTokenBlocks; ++i) {
-    blocks_.push_back(nn::DenseBlock(token_block(c)));
-    layers->push_back(blocks_.back());
-  }
-  head_ = nn::FeedForward(c, sizes.latent);
-  layers->push_back(head_);
-  model.register_module(skeleton ? "out_layer_skl" : "out_layer", layers);
+void GlobalTokens::initialize() {
+  if (present()) torch::nn::init::zeros_(start_);
 }
 
-void GlobalTokenEncoder::initialize() {
-  if (present()) torch::nn::init::zeros_(init_tokens_);
+void GlobalTokens::register_tokens(torch::nn::Module& model, bool skeleton) {
+  const Tensor places = torch::arange(sizes_.tokens).unsqueeze(1);
+  tokens_pos_emb_ = model.register_buffer(token_key("tokens_pos_emb", skeleton),
+                                          nn::absolute_position_embedding(places, sizes_.channels));
+}
+
+void GlobalTokens::register_grid(torch::nn::Module& model, bool skeleton) {
+  const Tensor places = nn::grid_coordinates(sizes_.edge);
+  grid_pos_emb_ = model.register_buffer(token_key("grid_pos_emb", skeleton),
+                                        nn::absolute_position_embedding(places, sizes_.channels));
+}
+
+// Both register in the order of published state dicts.
+GlobalTokenEncoder::GlobalTokenEncoder(torch::nn::Module& model, bool skeleton, const GlobalTokenSizes& sizes)
+    : GlobalTokens(sizes) {
+  const std::int64_t c = sizes.channels;
+  start_ = model.register_parameter(token_key("init_tokens", skeleton), torch::empty({1, sizes.tokens, c}));
+  register_tokens(model, skeleton);
+  register_grid(model, skeleton);
+  token_proj_ = model.register_module(token_key("token_proj", skeleton), nn::Linear(2 * c, c));
+  cross_ = token_cross_block(c, 2 * c);
+  for (int i = 0; i < kTokenBlocks; ++i) blocks_.emplace_back(token_block(c));
+  head_ = nn::FeedForward(c, sizes.latent);
+  torch::nn::ModuleList layers(cross_);
+  layers->extend(*nn::module_list(blocks_));
+  layers->push_back(head_);
+  model.register_module(skeleton ? "out_layer_skl" : "out_layer", layers);
 }
 
 Tensor GlobalTokenEncoder::forward(const Tensor& cells) {
@@ -154,34 +156,27 @@ Tensor GlobalTokenEncoder::forward(const Tensor& cells) {
                      "with encode_global the occupancy grid must have edge " + std::to_string(kGlobalTokenResolution));
   }
   const Tensor context = with_positions(cells.flatten(2).transpose(1, 2), grid_pos_emb_);
-  const Tensor start = init_tokens_.expand({cells.size(0), -1, -1});
+  const Tensor start = start_.expand({cells.size(0), -1, -1});
   Tensor h = cross_->forward(token_proj_->forward(with_positions(start, tokens_pos_emb_)), context);
   for (nn::DenseBlock& block : blocks_) h = block->forward(h);
   return head_->forward(h);
 }
 
 GlobalTokenDecoder::GlobalTokenDecoder(torch::nn::Module& model, bool skeleton, const GlobalTokenSizes& sizes)
-    : sizes_(sizes) {
+    : GlobalTokens(sizes) {
   const std::int64_t c = sizes.channels, cells = sizes.edge * sizes.edge * sizes.edge;
-  init_grids_ = model.register_parameter(token_key("init_grids", skeleton), torch::empty({1, cells, c}));
-  grid_pos_emb_ = model.register_buffer(token_key("grid_pos_emb", skeleton), cell_positions(sizes.edge, c));
-  tokens_pos_emb_ = model.register_buffer(token_key("tokens_pos_emb", skeleton), token_positions(sizes.tokens, c));
+  start_ = model.register_parameter(token_key("init_grids", skeleton), torch::empty({1, cells, c}));
+  register_grid(model, skeleton);
+  register_tokens(model, skeleton);
   token_proj_ = model.register_module(token_key("token_proj", skeleton), nn::Linear(2 * c, c));
-  torch::nn::ModuleList layers;
   nn::DenseBlockOptions first = token_block(c + sizes.latent);
   first.out_channels = c;
   first.num_heads = kGlobalTokenFirstHeads;
-  for (int i = 0; i < kTokenBlocks; ++i) {
-    blocks_.push_back(nn::DenseBlock(i == 0 ? first : token_block(c)));
-    layers->push_back(blocks_.back());
-  }
+  for (int i = 0; i < kTokenBlocks; ++i) blocks_.emplace_back(i == 0 ? first : token_block(c));
   cross_ = token_cross_block(c, c);
+  torch::nn::ModuleList layers = nn::module_list(blocks_);
   layers->push_back(cross_);
   model.register_module(skeleton ? "input_layer_skl" : "input_layer", layers);
-}
-
-void GlobalTokenDecoder::initialize() {
-  if (present()) torch::nn::init::zeros_(init_grids_);
 }
 
 Tensor GlobalTokenDecoder::forward(const Tensor& tokens) {
@@ -192,7 +187,7 @@ Tensor GlobalTokenDecoder::forward(const Tensor& tokens) {
   }
   Tensor h = with_positions(tokens, tokens_pos_emb_);
   for (nn::DenseBlock& block : blocks_) h = block->forward(h);
-  const Tensor start = init_grids_.expand({tokens.size(0), -1, -1});
+  const Tensor start = start_.expand({tokens.size(0), -1, -1});
   const Tensor cells = cross_->forward(token_proj_->forward(with_positions(start, grid_pos_emb_)), h);
   return cells.transpose(1, 2).reshape({tokens.size(0), sizes_.channels, sizes_.edge, sizes_.edge, sizes_.edge});
 }

@@ -95,49 +95,50 @@ struct GlobalTokenSizes {
   std::int64_t edge = 0;                              ///< r
 };
 
-/// Bottleneck of `encode_global` in place of an encoder stream's out_layer: T learned tokens look at all cells
-/// (reference autoencoders.md, 2.5). Computes in fp32, where the published one attends in fp16: no conversion reaches
-/// it. Not a module of its own, since the published keys lie beside those of the model: `init_tokens`,
-/// `tokens_pos_emb`, `grid_pos_emb`, `token_proj.*` (with `_ss` for the shape stream) and `out_layer{,_skl}.0` to `.5`,
-/// which the constructor registers with it.
-class GlobalTokenEncoder {
+/// Layers of the bottlenecks of `encode_global`. Not modules of their own, since the published keys lie beside those of
+/// the model, with which the constructors register them (`_ss` behind the names of the shape stream). Compute in fp32,
+/// where the published ones attend in fp16: no conversion reaches them.
+class GlobalTokens {
  public:
-  GlobalTokenEncoder() = default;
-  GlobalTokenEncoder(torch::nn::Module& model, bool skeleton, const GlobalTokenSizes& sizes);
   bool present() const { return sizes_.tokens > 0; }
+  void initialize();  ///< the learned start to zero; the linear layers are the model's to initialise
 
-  /// @param cells [B, C, r, r, r] @return [B, T, latent] @throws InputError for another grid
-  torch::Tensor forward(const torch::Tensor& cells);
-  void initialize();  ///< tokens to zero; the linear layers are the model's to initialise
+ protected:
+  GlobalTokens() = default;
+  explicit GlobalTokens(const GlobalTokenSizes& sizes) : sizes_(sizes) {}
+  void register_tokens(torch::nn::Module& model, bool skeleton);  ///< positions of the tokens
+  void register_grid(torch::nn::Module& model, bool skeleton);    ///< positions of the cells
 
- private:
   GlobalTokenSizes sizes_;
-  torch::Tensor init_tokens_, tokens_pos_emb_, grid_pos_emb_;
+  torch::Tensor start_, tokens_pos_emb_, grid_pos_emb_;
   nn::Linear token_proj_ = nullptr;
   nn::DenseCrossBlock cross_ = nullptr;
   std::vector<nn::DenseBlock> blocks_;
+};
+
+/// Bottleneck in place of an encoder stream's out_layer: T learned tokens look at all cells (reference autoencoders.md,
+/// 2.5). Keys `init_tokens`, `tokens_pos_emb`, `grid_pos_emb`, `token_proj.*` and `out_layer{,_skl}.0` to `.5`.
+class GlobalTokenEncoder : public GlobalTokens {
+ public:
+  GlobalTokenEncoder() = default;
+  GlobalTokenEncoder(torch::nn::Module& model, bool skeleton, const GlobalTokenSizes& sizes);
+
+  /// @param cells [B, C, r, r, r] @return [B, T, latent] @throws InputError for another grid
+  torch::Tensor forward(const torch::Tensor& cells);
+
+ private:
   nn::FeedForward head_ = nullptr;
 };
 
 /// The way back, in place of a decoder stream's input_layer: blocks over the tokens, then learned grid cells look at
-/// them. Keys `init_grids`, `grid_pos_emb`, `tokens_pos_emb`, `token_proj.*` (with `_ss` for the shape stream) and
-/// `input_layer{,_skl}.0` to `.4`.
-class GlobalTokenDecoder {
+/// them. Keys `init_grids`, `grid_pos_emb`, `tokens_pos_emb`, `token_proj.*` and `input_layer{,_skl}.0` to `.4`.
+class GlobalTokenDecoder : public GlobalTokens {
  public:
   GlobalTokenDecoder() = default;
   GlobalTokenDecoder(torch::nn::Module& model, bool skeleton, const GlobalTokenSizes& sizes);
-  bool present() const { return sizes_.tokens > 0; }
 
   /// @param tokens [B, T, latent] @return [B, C, r, r, r] @throws InputError for another shape
   torch::Tensor forward(const torch::Tensor& tokens);
-  void initialize();
-
- private:
-  GlobalTokenSizes sizes_;
-  torch::Tensor init_grids_, tokens_pos_emb_, grid_pos_emb_;
-  nn::Linear token_proj_ = nullptr;
-  std::vector<nn::DenseBlock> blocks_;
-  nn::DenseCrossBlock cross_ = nullptr;
 };
 
 // Members that encoder and decoder of the sparse structure share beside their layers.

@@ -28,9 +28,7 @@ sparse::SubdivideBlock subdivide_block(std::int64_t channels, std::int64_t out_c
 StructuredLatentUpsampler::StructuredLatentUpsampler(torch::nn::Module& model, const char* name, std::int64_t channels,
                                                      std::int64_t between, std::int64_t behind) {
   blocks_ = {subdivide_block(channels, between), subdivide_block(between, behind)};
-  torch::nn::ModuleList list;
-  for (const sparse::SubdivideBlock& block : blocks_) list->push_back(block);
-  model.register_module(name, list);
+  model.register_module(name, nn::module_list(blocks_));
 }
 
 sparse::SparseTensor StructuredLatentUpsampler::forward(const sparse::SparseTensor& x, bool recompute) {
@@ -140,15 +138,15 @@ namespace {
 using sparse::SparseTensor;
 using torch::Tensor;
 
-nn::StreamCoder::Parts decoder_parts(const StructuredLatentDecoderOptions& options) {
-  nn::StreamCoder::Parts parts;
+nn::FreezableModel::Parts decoder_parts(const StructuredLatentDecoderOptions& options) {
+  nn::FreezableModel::Parts parts;
   parts.torso = StructuredLatentTorso::names();
   parts.torso.insert(parts.torso.end(), {"upsample", "upsample_skin_net"});
   if (options.upsample_skl) parts.torso.push_back("upsample_skl_net");
   if (options.skin_cross_from_groupped) {
     for (const std::string& name : GroupedCross::names()) parts.torso.push_back(name);
   }
-  parts.beside = {"skin_decoder.blocks_vertex", "skin_decoder.blocks_skin"};
+  parts.other_fp16 = {"skin_decoder.blocks_vertex", "skin_decoder.blocks_skin"};
   parts.use_fp16 = options.use_fp16;
   parts.to_freeze = options.modules_to_freeze;
   return parts;
@@ -180,7 +178,7 @@ void check_given(const std::vector<skeleton_field::SkeletonTensors>& given, std:
 }  // namespace
 
 StructuredLatentDecoderImpl::StructuredLatentDecoderImpl(const StructuredLatentDecoderOptions& options, nn::Init init)
-    : nn::StreamCoder(decoder_parts(options)),
+    : nn::FreezableModel(decoder_parts(options)),
       options_(options),
       mesh_options_(options.mesh_options()),
       layout_(options),

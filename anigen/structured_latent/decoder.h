@@ -63,7 +63,7 @@ std::vector<skeleton_field::SkeletonField> skeleton_fields(const sparse::SparseT
 /// Precision: fp32 as it is built; half_precision_modules() and convert_to_fp16() as SkinAutoEncoder. Of the
 /// off-by-default grouped cross attention the published system also halves two bare parameters and a norm, which stay
 /// fp32 here.
-class StructuredLatentDecoderImpl : public nn::StreamCoder {
+class StructuredLatentDecoderImpl : public nn::FreezableModel {
  public:
   /// Parameters named by modules_to_freeze ask for no gradient if the options say so.
   explicit StructuredLatentDecoderImpl(const StructuredLatentDecoderOptions& options,

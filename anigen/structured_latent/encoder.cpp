@@ -157,10 +157,10 @@ using torch::Tensor;
 
 constexpr double kHeadNormEps = 1e-5;
 
-nn::StreamCoder::Parts encoder_parts(const StructuredLatentEncoderOptions& options) {
-  nn::StreamCoder::Parts parts;
+nn::FreezableModel::Parts encoder_parts(const StructuredLatentEncoderOptions& options) {
+  nn::FreezableModel::Parts parts;
   parts.torso = StructuredLatentTorso::names();
-  parts.always = {"skin_encoder.joint_embedder.blocks"};
+  parts.always_fp16 = {"skin_encoder.joint_embedder.blocks"};
   parts.use_fp16 = options.use_fp16;
   parts.to_freeze = options.modules_to_freeze;
   parts.all_is_a_word = true;
@@ -192,7 +192,7 @@ EncodedRigs encode_rigs(skin_field::SkinEncoder& encoder, const RiggedMeshes& ri
 }  // namespace
 
 StructuredLatentEncoderImpl::StructuredLatentEncoderImpl(const StructuredLatentEncoderOptions& options, nn::Init init)
-    : nn::StreamCoder(encoder_parts(options)), options_(options) {
+    : nn::FreezableModel(encoder_parts(options)), options_(options) {
   options.validate();
   const std::int64_t factor = options.latent_denoising ? 1 : 2;
   // In the order of published state dicts.
@@ -214,20 +214,11 @@ StructuredLatentEncoderImpl::StructuredLatentEncoderImpl(const StructuredLatentE
   if (options.freezes()) apply_freezing();
 }
 
-StructuredLatentEncoderImpl::Latent StructuredLatentEncoderImpl::latent_of(nn::Linear& head, const Tensor& h,
-                                                                           bool deterministic, const Tensor& noise) {
+nn::Latent StructuredLatentEncoderImpl::latent_of(nn::Linear& head, const Tensor& h, bool deterministic,
+                                                  const Tensor& noise) {
   const Tensor raw = head->forward(nn::layer_norm(h.to(nn::dtype_of(head->weight)), kHeadNormEps));
-  if (deterministic) {
-    const Tensor z = options_.normalizes() ? options_.normalize_scale * nn::unit_length(raw) : raw;
-    return {z, z.detach(), torch::zeros_like(z)};
-  }
-  const std::vector<Tensor> halves = raw.chunk(2, 1);
-  const Tensor &mean = halves[0], &logvar = halves[1];
-  if (!noise.defined()) return {mean, mean, logvar};
-  if (noise.sizes() != mean.sizes()) {
-    throw InputError("", "noise", nn::shape_text(noise) + " does not fit latents " + nn::shape_text(mean));
-  }
-  return {mean + torch::exp(0.5 * logvar) * noise.to(mean.options()), mean, logvar};
+  if (!deterministic) return nn::sampled_latent(raw, 1, noise);
+  return nn::deterministic_latent(options_.normalizes() ? options_.normalize_scale * nn::unit_length(raw) : raw);
 }
 
 std::vector<skin_field::VertexMix> StructuredLatentEncoderImpl::skin_lookups(const sparse::Support& voxels,
@@ -268,9 +259,9 @@ StructuredLatentEncoderImpl::Output StructuredLatentEncoderImpl::forward(
 
   const PerStream<SparseTensor> h = torso_.forward({x, x.with(output.x_skin), x_skl.with(output.x_skl)});
   const bool deterministic = options_.latent_denoising;
-  const Latent geometry = latent_of(out_.geometry, h.geometry.feats, false, noise_at(0));
-  const Latent skin = latent_of(out_.skin, h.skin.feats, deterministic, noise_at(1));
-  const Latent skl = latent_of(out_.skeleton, h.skeleton.feats, deterministic, noise_at(2));
+  const nn::Latent geometry = latent_of(out_.geometry, h.geometry.feats, false, noise_at(0));
+  const nn::Latent skin = latent_of(out_.skin, h.skin.feats, deterministic, noise_at(1));
+  const nn::Latent skl = latent_of(out_.skeleton, h.skeleton.feats, deterministic, noise_at(2));
   output.z_geometry = geometry.z;
   output.z_skin = skin.z;
   output.z = x.with(torch::cat({geometry.z, skin.z}, 1));

@@ -72,7 +72,7 @@ class StructuredLatentInputs {
 /// unless it is frozen.
 ///
 /// Precision: fp32 as it is built; half_precision_modules() and convert_to_fp16() as SkinAutoEncoder.
-class StructuredLatentEncoderImpl : public nn::StreamCoder {
+class StructuredLatentEncoderImpl : public nn::FreezableModel {
  public:
   /// Parameters named by modules_to_freeze ask for no gradient if the options say so.
   explicit StructuredLatentEncoderImpl(const StructuredLatentEncoderOptions& options,
@@ -116,11 +116,8 @@ class StructuredLatentEncoderImpl : public nn::StreamCoder {
   skin_field::SkinEncoder& skin_encoder() { return skin_encoder_; }
 
  private:
-  struct Latent {
-    torch::Tensor z, mean, logvar;
-  };
   /// @param noise undefined: the mean
-  Latent latent_of(nn::Linear& head, const torch::Tensor& h, bool deterministic, const torch::Tensor& noise);
+  nn::Latent latent_of(nn::Linear& head, const torch::Tensor& h, bool deterministic, const torch::Tensor& noise);
 
   StructuredLatentEncoderOptions options_;
   StructuredLatentTorso torso_;

@@ -205,7 +205,7 @@ void StructuredLatentFlowStream::descend(StructuredLatentFlowState& state) const
       const SparseTensor x{own, inputs[0]};
       return block->forward(down ? sparse::downsample(x, 2) : x, inputs[1]).feats;
     };
-    const Tensor feats = run({state.h.feats, state.embedding}, part);
+    const Tensor feats = nn::recomputed({state.h.feats, state.embedding}, part, recompute);
     if (down) state.finer.push_back(own);
     state.h = {down ? own->coarsened(2).support : own, feats};
     if (use_skips) state.skips.push_back(feats);
@@ -219,7 +219,7 @@ SparseTensor StructuredLatentFlowStream::run_block(std::size_t i, const Structur
     if (places == nullptr) return block->forward_dense(x, inputs[1], inputs[2]).feats;
     return block->forward(x, inputs[1], {places, inputs[2]}).feats;
   };
-  return state.h.with(run({state.h.feats, state.modulation, context}, part));
+  return state.h.with(nn::recomputed({state.h.feats, state.modulation, context}, part, recompute));
 }
 
 void StructuredLatentFlowStream::ascend(StructuredLatentFlowState& state) const {
@@ -240,7 +240,7 @@ void StructuredLatentFlowStream::ascend(StructuredLatentFlowState& state) const 
       const SparseTensor x{own, rows.size() > 2 ? torch::cat({rows[1], rows[2]}, 1) : rows[1]};
       return (fine == nullptr ? block->forward(x, rows[0]) : block->forward_up(x, fine, rows[0])).feats;
     };
-    state.h = {fine == nullptr ? own : fine, run(inputs, part)};
+    state.h = {fine == nullptr ? own : fine, nn::recomputed(inputs, part, recompute)};
   }
 }
 
@@ -249,11 +249,6 @@ Tensor StructuredLatentFlowStream::leave(StructuredLatentFlowState state) {
   // The norm comes before the conversion: what leaves a 16-bit torso is rounded once more.
   const Tensor rows = nn::layer_norm(state.h.feats, kSlatFlowFinalNormEps);
   return out_layer->forward(rows.to(nn::dtype_of(out_layer->weight)));
-}
-
-Tensor StructuredLatentFlowStream::run(const std::vector<Tensor>& inputs,
-                                       const std::function<Tensor(const std::vector<Tensor>&)>& part) const {
-  return recompute && at::GradMode::is_enabled() ? nn::recomputed(inputs, part) : part(inputs);
 }
 
 namespace {
@@ -270,10 +265,18 @@ Tensor velocity_of_sparse_prediction(const SparseTensor& x_t, const Tensor& outp
   return (output - x_t.feats) / time.to(nn::dtype_of(output));
 }
 
+// The torso is listed by register_streams().
+nn::FreezableModel::Parts slat_flow_parts(const StructuredLatentFlowOptions& options) {
+  nn::FreezableModel::Parts parts;
+  parts.use_fp16 = options.use_fp16;
+  parts.to_freeze = options.modules_to_freeze;
+  return parts;
+}
+
 }  // namespace
 
 StructuredLatentFlowImpl::StructuredLatentFlowImpl(const StructuredLatentFlowOptions& options, nn::Init init)
-    : options_(options) {
+    : nn::FlowModel(slat_flow_parts(options)), options_(options) {
   options.validate();
   geometry_.sizes = options.geometry;
   skin_.suffix = "_vert_skin";
@@ -283,7 +286,7 @@ StructuredLatentFlowImpl::StructuredLatentFlowImpl(const StructuredLatentFlowOpt
   register_streams();
   torso_weight_ = geometry_.blocks.front()->named_parameters()["mlp.mlp.0.weight"];
   if (init == nn::Init::kPublished) initialize_flow(*this, streams(), adapters_);
-  if (options.freezes_geometry()) nn::freeze_modules(*this, options.modules_to_freeze);
+  if (options.freezes_geometry()) apply_freezing();
 }
 
 void StructuredLatentFlowImpl::register_streams() {
@@ -294,21 +297,21 @@ void StructuredLatentFlowImpl::register_streams() {
   if (options_.use_joint_num_cond) {
     for (StructuredLatentFlowStream* stream : {&skin_, &skeleton_}) {
       stream->register_joint_count(*this, options_);
-      torso_modules_.push_back("joint_num_embedder" + stream->suffix);
-      torso_parameters_.push_back("joint_num_uncond" + stream->suffix);
+      parts_.torso.push_back("joint_num_embedder" + stream->suffix);
+      parts_.torso_parameters.push_back("joint_num_uncond" + stream->suffix);
     }
   }
   geometry_.register_layers(*this, options_, options_.cond_channels);
   skin_.register_layers(*this, options_, skeleton_.sizes.model_channels);
   skeleton_.register_layers(*this, options_, skin_.sizes.model_channels);
   for (const StructuredLatentFlowStream* stream : streams()) {
-    for (const char* part : {"input_blocks", "blocks", "out_blocks"}) torso_modules_.push_back(part + stream->suffix);
+    for (const char* part : {"input_blocks", "blocks", "out_blocks"}) parts_.torso.push_back(part + stream->suffix);
   }
   for (std::int64_t i = 0; i < options_.num_blocks; ++i) {
     adapters_.emplace_back(geometry_.sizes.model_channels, skin_.sizes.model_channels);
   }
   register_module("adapter_geo_to_skin", nn::module_list(adapters_));
-  torso_modules_.push_back("adapter_geo_to_skin");
+  parts_.torso.push_back("adapter_geo_to_skin");
 }
 
 void StructuredLatentFlowImpl::check_inputs(const SparseTensor& x, const SparseTensor& x_skl, const Tensor& t,
@@ -365,26 +368,6 @@ StructuredVelocity StructuredLatentFlowImpl::forward(const SparseTensor& x, cons
     v_skl = velocity_of_sparse_prediction(x_skl, v_skl, t, options_);
   }
   return {x.with(torch::cat({v_geo, v_skin}, 1)), x_skl.with(v_skl)};
-}
-
-std::vector<std::string> StructuredLatentFlowImpl::half_precision_modules() const {
-  if (!options_.use_fp16) return {};
-  std::vector<std::string> names = torso_modules_;
-  names.insert(names.end(), torso_parameters_.begin(), torso_parameters_.end());
-  return names;
-}
-
-void StructuredLatentFlowImpl::set_compute_dtype(torch::Dtype dtype) {
-  if (dtype == torch::kHalf && !torso_weight_.is_cuda()) {
-    throw NotSupportedError("", "", "fp16 on a CPU; use bf16, or move the model to a GPU first");
-  }
-  const auto modules = named_modules();
-  for (const std::string& name : torso_modules_) nn::cast_linears(*modules[name], dtype);
-  auto parameters = named_parameters(/*recurse=*/false);
-  for (const std::string& name : torso_parameters_) {
-    Tensor& parameter = parameters[name];
-    parameter.set_data(parameter.data().to(dtype));
-  }
 }
 
 namespace {

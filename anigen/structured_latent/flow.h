@@ -118,8 +118,6 @@ struct StructuredLatentFlowStream {
   void make_residual_blocks();
   void descend(StructuredLatentFlowState& state) const;
   void ascend(StructuredLatentFlowState& state) const;
-  torch::Tensor run(const std::vector<torch::Tensor>& inputs,
-                    const std::function<torch::Tensor(const std::vector<torch::Tensor>&)>& part) const;
 };
 
 /// The two outputs of a structured-latent flow, at the voxels of its two inputs.
@@ -131,10 +129,7 @@ struct StructuredVelocity {
 /// transformers, geometry and skin on the voxels of the shape, skeleton on those of the skeleton, that see the same
 /// time. The geometry attends to the condition tokens; the skin hears of it through linear adapters that begin at zero;
 /// skin and skeleton attend to each other. Nothing flows back into the geometry.
-///
-/// Precision: fp32 unless set_compute_dtype() chose another type for the torso; norms, time embeddings, the first and
-/// the last layer of each stream stay in fp32.
-class StructuredLatentFlowImpl : public torch::nn::Module {
+class StructuredLatentFlowImpl : public nn::FlowModel {
  public:
   explicit StructuredLatentFlowImpl(const StructuredLatentFlowOptions& options, nn::Init init = nn::Init::kPublished);
 
@@ -150,15 +145,6 @@ class StructuredLatentFlowImpl : public torch::nn::Module {
   StructuredVelocity forward(const sparse::SparseTensor& x, const sparse::SparseTensor& x_skl, const torch::Tensor& t,
                              const torch::Tensor& cond, const torch::Tensor& joints_num = {});
 
-  /// Names of the modules and parameters that are fp16 in the published system, for published_dtypes(); none without
-  /// use_fp16.
-  std::vector<std::string> half_precision_modules() const;
-  /// Converts the linears and convolutions of the torso in place (reference, 2.7); forward() casts its inputs where
-  /// they enter it. Call it before an optimiser takes over the parameters.
-  /// @throws NotSupportedError for fp16 on a CPU, where bf16 is the choice
-  void set_compute_dtype(torch::Dtype dtype);
-  torch::Dtype compute_dtype() const { return nn::dtype_of(torso_weight_); }
-
   const StructuredLatentFlowOptions& options() const { return options_; }
 
  private:
@@ -170,9 +156,6 @@ class StructuredLatentFlowImpl : public torch::nn::Module {
   StructuredLatentFlowOptions options_;
   StructuredLatentFlowStream geometry_, skin_, skeleton_;
   std::vector<nn::Linear> adapters_;  // geometry → skin, one per block
-  // Modules that set_compute_dtype() converts, and any linear weight of it, whose dtype is the compute dtype.
-  std::vector<std::string> torso_modules_, torso_parameters_;
-  torch::Tensor torso_weight_;
 };
 TORCH_MODULE(StructuredLatentFlow);
 

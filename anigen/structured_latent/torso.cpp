@@ -54,12 +54,8 @@ GroupedCross::GroupedCross(torch::nn::Module& model, const StructuredLatentDecod
   block.mlp_ratio = options.mlp_ratio;
   block.qk_rms_norm = options.qk_rms_norm;
   block.affine_norms = true;
-  torch::nn::ModuleList list;
-  for (int i = 0; i < kJointBlocks; ++i) {
-    joint_blocks_.emplace_back(block);
-    list->push_back(joint_blocks_.back());
-  }
-  model.register_module("joints_self_attn", list);
+  for (int i = 0; i < kJointBlocks; ++i) joint_blocks_.emplace_back(block);
+  model.register_module("joints_self_attn", nn::module_list(joint_blocks_));
   place_ = model.register_module("h_skin_coord_proj", nn::Linear(place, channels));
   fuse_ = model.register_module("h_skin_coord_fuse", nn::Linear(2 * channels, channels));
   sparse::SparseBlockOptions cross = block;
@@ -125,19 +121,15 @@ sparse::SubdivideBlock unet_block(std::int64_t channels) {
 }  // namespace
 
 SkinUnetImpl::SkinUnetImpl(std::int64_t channels, std::int64_t levels) {
-  torch::nn::ModuleList encoder, fuse, decoder;
   for (std::int64_t level = 0; level < levels; ++level) {
     down_blocks_.push_back(unet_block(channels));
-    encoder->push_back(down_blocks_.back());
     fuse_.emplace_back(2 * channels, channels);
-    fuse->push_back(fuse_.back());
     up_blocks_.push_back(unet_block(channels));
-    decoder->push_back(up_blocks_.back());
   }
-  register_module("enc", encoder);
+  register_module("enc", nn::module_list(down_blocks_));
   middle_ = register_module("mid", unet_block(channels));
-  register_module("fuse", fuse);
-  register_module("dec", decoder);
+  register_module("fuse", nn::module_list(fuse_));
+  register_module("dec", nn::module_list(up_blocks_));
 }
 
 SparseTensor SkinUnetImpl::forward(const SparseTensor& x) {
@@ -189,16 +181,12 @@ SparseTensor entered(nn::Linear& input, const SparseTensor& x, torch::Dtype bloc
   return x.with(h.to(block_dtype));
 }
 
-std::vector<sparse::SparseMultiContextBlock> registered_cross_blocks(torch::nn::Module& model, const char* name,
-                                                                     const StructuredLatentCoderOptions& options,
-                                                                     const TorsoStream& stream) {
-  std::vector<sparse::SparseMultiContextBlock> blocks;
-  torch::nn::ModuleList list;
-  for (std::int64_t i = 0; i < options.num_blocks; ++i) {
-    blocks.emplace_back(block_options(options, stream, i));
-    list->push_back(blocks.back());
-  }
-  model.register_module(name, list);
+template <typename Block>
+std::vector<Block> registered_blocks(torch::nn::Module& model, const char* name,
+                                     const StructuredLatentCoderOptions& options, const TorsoStream& stream) {
+  std::vector<Block> blocks;
+  for (std::int64_t i = 0; i < options.num_blocks; ++i) blocks.emplace_back(block_options(options, stream, i));
+  model.register_module(name, nn::module_list(blocks));
   return blocks;
 }
 
@@ -224,14 +212,9 @@ StructuredLatentTorso::StructuredLatentTorso(torch::nn::Module& model, const Str
   input_.geometry = model.register_module("input_layer", nn::Linear(in_channels.geometry, geometry.channels));
   input_.skeleton = model.register_module("input_layer_skl", nn::Linear(in_channels.skeleton, skeleton.channels));
   input_.skin = model.register_module("input_layer_skin", nn::Linear(in_channels.skin, skin.channels));
-  torch::nn::ModuleList list;
-  for (std::int64_t i = 0; i < options.num_blocks; ++i) {
-    blocks_.emplace_back(block_options(options, geometry, i));
-    list->push_back(blocks_.back());
-  }
-  model.register_module("blocks", list);
-  skin_blocks_ = registered_cross_blocks(model, "blocks_skin", options, skin);
-  skeleton_blocks_ = registered_cross_blocks(model, "blocks_skl", options, skeleton);
+  blocks_ = registered_blocks<sparse::SparseTransformerBlock>(model, "blocks", options, geometry);
+  skin_blocks_ = registered_blocks<sparse::SparseMultiContextBlock>(model, "blocks_skin", options, skin);
+  skeleton_blocks_ = registered_blocks<sparse::SparseMultiContextBlock>(model, "blocks_skl", options, skeleton);
 }
 
 PerStream<SparseTensor> StructuredLatentTorso::forward(const PerStream<SparseTensor>& x) {
@@ -260,7 +243,6 @@ PerStream<SparseTensor> StructuredLatentTorso::forward(const PerStream<SparseTen
 
 SparseTensor StructuredLatentTorso::run(sparse::SparseMultiContextBlock block, const SparseTensor& x,
                                         const std::vector<SparseTensor>& contexts) const {
-  if (!recompute_ || !at::GradMode::is_enabled()) return block->forward(x, contexts);
   std::vector<Tensor> inputs{x.feats};
   std::vector<sparse::SupportPtr> supports;
   for (const SparseTensor& context : contexts) {
@@ -272,7 +254,7 @@ SparseTensor StructuredLatentTorso::run(sparse::SparseMultiContextBlock block, c
     for (std::size_t k = 0; k < supports.size(); ++k) others.push_back({supports[k], rows[k + 1]});
     return block->forward({own, rows[0]}, others).feats;
   };
-  return x.with(nn::recomputed(inputs, part));
+  return x.with(nn::recomputed(inputs, part, recompute_));
 }
 
 SparseTensor run_part(bool recompute, const SparseTensor& x,

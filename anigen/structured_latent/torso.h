@@ -39,7 +39,7 @@ class GroupedCross {
 
   void initialize();  ///< the root's feature to zero; layers are the model's to initialise
 
-  /// Names of the modules that are fp16 with use_fp16, for StreamCoder.
+  /// Names of the modules that are fp16 with use_fp16, for FreezableModel.
   static std::vector<std::string> names();
 
  private:
@@ -97,7 +97,7 @@ class StructuredLatentTorso {
   /// Blocks keep only their inputs for the backward pass and run again in it (see recompute.h).
   void recompute_blocks(bool on) { recompute_ = on; }
 
-  /// Names of the modules that are the torso, for StreamCoder.
+  /// Names of the modules that are the torso, for FreezableModel.
   static std::vector<std::string> names() { return {"blocks", "blocks_skin", "blocks_skl"}; }
 
  private:
