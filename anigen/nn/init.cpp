@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstring>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "anigen/core/error.h"
@@ -111,6 +112,19 @@ std::string shape_text(const Tensor& tensor) { return tensor.defined() ? shape_t
 
 namespace {
 
+constexpr std::pair<io::Dtype, torch::Dtype> kDtypes[] = {
+    {io::Dtype::kBool, torch::kBool},  {io::Dtype::kU8, torch::kUInt8},      {io::Dtype::kI8, torch::kInt8},
+    {io::Dtype::kI16, torch::kInt16},  {io::Dtype::kI32, torch::kInt32},     {io::Dtype::kI64, torch::kInt64},
+    {io::Dtype::kF16, torch::kHalf},   {io::Dtype::kBF16, torch::kBFloat16}, {io::Dtype::kF32, torch::kFloat32},
+    {io::Dtype::kF64, torch::kFloat64}};
+
+io::Dtype array_dtype(torch::Dtype dtype) {
+  for (const auto& [array, tensor] : kDtypes) {
+    if (tensor == dtype) return array;
+  }
+  throw Error(std::string("a tensor of ") + torch::toString(dtype) + " cannot be written to a file");
+}
+
 void check_size(const io::NdArray& array) {
   if (array.bytes.size() == array.count() * io::size_of(array.dtype)) return;
   throw InputError("", "",
@@ -133,57 +147,10 @@ Tensor widened(const io::NdArray& array, torch::Dtype dtype) {
 }  // namespace
 
 torch::Dtype torch_dtype(io::Dtype dtype) {
-  switch (dtype) {
-    case io::Dtype::kBool:
-      return torch::kBool;
-    case io::Dtype::kU8:
-      return torch::kUInt8;
-    case io::Dtype::kI8:
-      return torch::kInt8;
-    case io::Dtype::kI16:
-      return torch::kInt16;
-    case io::Dtype::kI32:
-      return torch::kInt32;
-    case io::Dtype::kI64:
-      return torch::kInt64;
-    case io::Dtype::kF16:
-      return torch::kHalf;
-    case io::Dtype::kBF16:
-      return torch::kBFloat16;
-    case io::Dtype::kF32:
-      return torch::kFloat32;
-    case io::Dtype::kF64:
-      return torch::kFloat64;
-    default:
-      throw InputError("", "", std::string("an array of ") + io::name_of(dtype) + " cannot become a tensor");
+  for (const auto& [array, tensor] : kDtypes) {
+    if (array == dtype) return tensor;
   }
-}
-
-io::Dtype array_dtype(torch::Dtype dtype) {
-  switch (dtype) {
-    case torch::kBool:
-      return io::Dtype::kBool;
-    case torch::kUInt8:
-      return io::Dtype::kU8;
-    case torch::kInt8:
-      return io::Dtype::kI8;
-    case torch::kInt16:
-      return io::Dtype::kI16;
-    case torch::kInt32:
-      return io::Dtype::kI32;
-    case torch::kInt64:
-      return io::Dtype::kI64;
-    case torch::kHalf:
-      return io::Dtype::kF16;
-    case torch::kBFloat16:
-      return io::Dtype::kBF16;
-    case torch::kFloat32:
-      return io::Dtype::kF32;
-    case torch::kFloat64:
-      return io::Dtype::kF64;
-    default:
-      throw Error(std::string("a tensor of ") + torch::toString(dtype) + " cannot be written to a file");
-  }
+  throw InputError("", "", std::string("an array of ") + io::name_of(dtype) + " cannot become a tensor");
 }
 
 Tensor to_tensor(const io::NdArray& array) {

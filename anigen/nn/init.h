@@ -101,6 +101,5 @@ io::NdArray to_array(const Tensor& tensor);
 
 /// torch's name of an array dtype. @throws InputError for the dtypes torch lacks
 torch::Dtype torch_dtype(io::Dtype dtype);
-io::Dtype array_dtype(torch::Dtype dtype);
 
 }  // namespace anigen::nn

@@ -106,9 +106,6 @@ Tensor MultiHeadRmsNormImpl::forward(const Tensor& x) {
 
 namespace {
 
-using torch::autograd::AutogradContext;
-using torch::autograd::variable_list;
-
 class NormSiluFunction : public torch::autograd::Function<NormSiluFunction> {
  public:
   // @param x [N, C], contiguous @param weight, bias [C], contiguous

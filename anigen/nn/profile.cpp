@@ -20,6 +20,12 @@ namespace anigen::nn {
 
 namespace {
 
+// The BLAS that LibTorch's matrix products end up in.
+struct Blas {
+  std::string library;  // path of the shared library that defines sgemm_, "" when there is none
+  std::string flavour;  // "openblas-openmp", "openblas-pthread", "openblas-serial", "reference", "mkl", "unknown"
+};
+
 // Libraries that LibTorch links as libblas.so.3 are alternatives behind a link; its target names the package.
 std::string real_path(const char* path) {
   std::error_code error;
@@ -37,8 +43,6 @@ std::string flavour_of(const std::string& library) {
   return "unknown";
 }
 
-}  // namespace
-
 Blas find_blas() {
   Blas blas;
   Dl_info info{};
@@ -50,6 +54,7 @@ Blas find_blas() {
   return blas;
 }
 
+// Says once at start when the BLAS is one that makes everything slow, and which package to install instead.
 void warn_about_blas() {
   const Blas blas = find_blas();
   if (blas.flavour == "reference") {
@@ -62,6 +67,8 @@ void warn_about_blas() {
               blas.flavour, blas.library);
   }
 }
+
+}  // namespace
 
 std::string version_details() {
   const Blas blas = find_blas();

@@ -103,8 +103,6 @@ void for_each_head(const RaggedProblem& problem, const std::vector<RaggedTask>& 
   });
 }
 
-using torch::Tensor;
-
 /// softmax(q kᵀ / √D) v within each of S sequences of different length: rows offsets[s] … offsets[s+1] of q see rows
 /// k_offsets[s] … k_offsets[s+1] of k and v. A query without keys gives exactly 0, and passes no gradient. No padding;
 /// scores of a sequence are never held whole when it is long (see nn/attention.h). On a CPU sums and softmax of
@@ -116,8 +114,6 @@ using torch::Tensor;
 /// 0 to N and M @return [N, H, D], dtype of q
 Tensor ragged_attention(const Tensor& q, const Tensor& k, const Tensor& v, const Tensor& q_offsets,
                         const Tensor& k_offsets);
-
-using torch::Tensor;
 
 /// ragged_attention by tensor operations, for a GPU and for fp64: sequences are sorted by length, and as many of about
 /// the same length as bounded memory for their scores allows are padded and computed together; one that is too long for

@@ -111,9 +111,6 @@ Tensor face_normals(const Tensor& vertices, const Tensor& faces) {
 
 namespace {
 
-using torch::autograd::AutogradContext;
-using torch::autograd::variable_list;
-
 // A picture whose pixels blend three rows of a table; all pointers to contiguous arrays of type T.
 template <typename T>
 struct Blend {

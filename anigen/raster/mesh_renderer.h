@@ -24,8 +24,6 @@ Tensor projection_matrix(const Tensor& intrinsics, double near, double far);
 /// @throws InputError when shapes or types do not fit
 Tensor to_clip(const Tensor& vertices, const Tensor& extrinsics, const Tensor& projection);
 
-using torch::Tensor;
-
 /// @throws InputError unless the tensor is fp32 or fp64 [rows, columns…] of that many dimensions
 void check_real(const Tensor& tensor, std::int64_t dimensions, const std::string& name);
 

@@ -25,43 +25,6 @@ struct Viewport {
   double half_height() const { return 0.5 * static_cast<double>(height); }
 };
 
-using ClipPoint = std::array<double, 4>;  ///< x, y, z, w
-
-/// A convex polygon in clip space; room for what cutting a triangle with seven planes can leave.
-struct ClipPolygon {
-  static constexpr std::size_t kMostPoints = 16;
-  std::array<ClipPoint, kMostPoints> points{};
-  std::size_t size = 0;
-
-  void add(const ClipPoint& point) {
-    if (size < kMostPoints) points[size++] = point;
-  }
-};
-
-/// True when all corners have w > 0, |z| ≤ w, |x| ≤ guard_x w and |y| ≤ guard_y w.
-bool inside_view(const std::array<ClipPoint, 3>& triangle, double guard_x, double guard_y);
-
-/// The part of a triangle of which inside_view() holds; fewer than three points when there is none. Triangles that
-/// share an edge are cut at the same points of it, so no gap opens between them.
-/// (Sutherland and Hodgman 1974, "Reentrant polygon clipping".)
-ClipPolygon clip_to_view(const std::array<ClipPoint, 3>& triangle, double guard_x, double guard_y);
-
-/// A triangle ready to be drawn: where it covers pixel centres, and its depth there. A triangle that had to be clipped
-/// becomes several of these, all with the plane of the whole.
-struct ScreenTriangle {
-  std::array<std::int32_t, 3> x, y;                             ///< corners in steps of 1/2^subpixel_bits pixel
-  std::int32_t first_column, last_column, first_row, last_row;  ///< of the pixel centres that it may cover
-  std::int32_t face;
-  double depth_at_origin, depth_per_column, depth_per_row;  ///< z/w as a plane over pixels, from unsnapped corners
-  double nearest, farthest;                                 ///< z/w of the visible corners bounds it
-};
-
-/// Appends what there is to draw of one face; nothing when it lies outside the picture, covers no pixel centre or has
-/// no area. Corners turn so that the area is positive (x right, y down).
-/// @param clip [V, 4] @param corners its three vertices
-void append_screen_triangles(const Viewport& viewport, const double* clip, const std::int64_t* corners,
-                             std::int32_t face, std::vector<ScreenTriangle>& triangles);
-
 /// A triangle as a pixel at (X, Y) sees it. With q_k = (x_k − X w_k, y_k − Y w_k), the unnormalised weights of the
 /// corners are q1 × q2, q2 × q0, q0 × q1 (reference README-ops.md, rasterisation rules).
 struct PixelTriangle {
@@ -138,13 +101,5 @@ Fragments rasterize(const Tensor& clip, const Tensor& faces, std::int64_t height
 /// @param attributes [V', C] fp32 or fp64 @param faces [F, 3] int64 into attributes @return [H, W, C]
 /// @throws InputError when shapes, types or indices do not fit
 Tensor interpolate(const Tensor& attributes, const Fragments& fragments, const Tensor& faces);
-
-/// The nearest triangle at every pixel centre, and of several equally near ones the first. Edges that two triangles
-/// share are covered by exactly one of them: positions are integers, and a centre on an edge belongs to the triangle
-/// whose left or top edge it is. Runs on all threads, each drawing some rows; the same result for any number.
-/// @param clip [V, 4], finite @param faces [F, 3], valid
-/// @param depth [H, W] z/w; infinity where there is nothing @param triangle [H, W] index + 1; 0 where there is nothing
-void find_visible(const Viewport& viewport, const double* clip, const std::int64_t* faces, std::int64_t face_count,
-                  double* depth, std::int64_t* triangle);
 
 }  // namespace anigen::raster

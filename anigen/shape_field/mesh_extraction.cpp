@@ -240,8 +240,6 @@ PerceptualLoss perceptual_loss(const Tensor& a, const Tensor& b, const Perceptua
 
 namespace {
 
-using torch::Tensor;
-
 constexpr double kTruncationCells = 3.0;
 
 Tensor depth_difference(const Tensor& a, const Tensor& b, const GeometryLossOptions& options) {

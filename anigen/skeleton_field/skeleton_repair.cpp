@@ -34,6 +34,8 @@ std::vector<std::vector<int>> parent_cycles(const std::vector<int>& parents) {
   return cycles;
 }
 
+namespace {
+
 std::vector<int> parents_in_range(const std::vector<int>& parents) {
   std::vector<int> result = parents;
   for (int& parent : result) {
@@ -42,6 +44,7 @@ std::vector<int> parents_in_range(const std::vector<int>& parents) {
   return result;
 }
 
+// In double, the precision in which distances between joints are compared.
 std::vector<Eigen::Vector3d> checked_joints(const std::vector<Eigen::Vector3f>& joints) {
   std::vector<Eigen::Vector3d> result;
   result.reserve(joints.size());
@@ -51,8 +54,6 @@ std::vector<Eigen::Vector3d> checked_joints(const std::vector<Eigen::Vector3f>& 
   }
   return result;
 }
-
-namespace {
 
 /// A joint of a cycle and the joint outside it that it goes to; -1 when there is none.
 struct CycleCut {

@@ -9,13 +9,6 @@ namespace anigen::skeleton_field {
 /// @pre parents are in [-1, J)
 std::vector<std::vector<int>> parent_cycles(const std::vector<int>& parents);
 
-/// As above, with -1 for every parent out of range.
-std::vector<int> parents_in_range(const std::vector<int>& parents);
-
-/// In double, the precision in which distances between joints are compared.
-/// @throws InputError naming a joint that is not finite
-std::vector<Eigen::Vector3d> checked_joints(const std::vector<Eigen::Vector3f>& joints);
-
 /// Parents without cycles (reference autoencoders.md, 4.6, step 1): out of range → -1, a cycle is re-parented at its
 /// joint nearest to a joint outside, or opened when it holds every joint. A joint that is its own parent stays so, and
 /// counts as a root. As published it gives up after max(4, J) rounds, since cuts can undo each other.

@@ -22,7 +22,8 @@ struct ShiftedVotes {
   float farthest = 0.0F;  ///< longest move
 };
 
-/// One round: every vote moves to the mean of its neighbours, weighted by a Gaussian and by confidence.
+/// One round of Algorithm 1: S_i ← Σ_k w_k S_k / (Σ_k w_k + 1e-8) over the neighbours of S_i within the bandwidth h,
+/// with w_k = c^J_k exp(−‖S_k − S_i‖² / 2h²).
 ShiftedVotes shift(const std::vector<Eigen::Vector3f>& positions, const std::vector<float>& confidence,
                    const MeanShiftOptions& options) {
   ShiftedVotes shifted;
@@ -94,61 +95,6 @@ class VoteForest {
   std::vector<int> parents_, ranks_;
 };
 
-}  // namespace
-
-GroupedSkeleton mean_shift_grouping(const Votes& votes, const MeanShiftOptions& options) {
-  require_vote_option("bandwidth", options.bandwidth, 1e-6, 1e6);
-  require_vote_option("max_iterations", options.max_iterations, 0.0, kMostIterations);
-  require_vote_option("max_neighbours", options.max_neighbours, 0.0, kMostNeighbours);
-  require_vote_option("min_cluster_size", options.min_cluster_size, 0.0, kMostClusterSize);
-  const Votes kept = confident_votes(votes, options.confidence_threshold);
-  if (kept.joints.empty()) {
-    GroupedSkeleton skeleton;
-    if (votes.joints.empty()) return skeleton;
-    skeleton.joints.emplace_back(Eigen::Vector3f::Zero());
-    skeleton.parents.push_back(0);
-    return skeleton;
-  }
-  std::vector<Eigen::Vector3f> positions = kept.joints;
-  for (int round = 0; round < options.max_iterations; ++round) {
-    ShiftedVotes shifted = shift(positions, kept.joint_confidence, options);
-    positions = std::move(shifted.positions);
-    if (shifted.farthest <= 0.1F * options.bandwidth) break;
-  }
-  std::vector<int> labels;
-  const std::size_t count = label_votes(positions, 0.5F * options.bandwidth, labels);
-  return skeleton_of_clusters(kept, labels, count, options.min_cluster_size);
-}
-
-GroupedSkeleton threshold_grouping(const Votes& votes, const ThresholdOptions& options) {
-  require_vote_option("distance", options.distance, 1e-6, 1e6);
-  require_vote_option("max_neighbours", options.max_neighbours, 0.0, kMostNeighbours);
-  const Votes kept = confident_votes(votes, options.confidence_threshold);
-  const std::size_t count = kept.joints.size();
-  std::vector<std::vector<geometry::PointCells::Neighbour>> neighbours(count);
-  const geometry::PointCells cells(kept.joints, options.distance);
-  cells.first_neighbours(
-      static_cast<std::size_t>(options.max_neighbours) + 1,
-      [&](std::size_t i, const std::vector<geometry::PointCells::Neighbour>& found) { neighbours[i] = found; });
-  VoteForest forest(count);
-  for (std::size_t i = 0; i < count; ++i) {
-    // The first one is left out as in the mean shift.
-    for (std::size_t n = 1; n < neighbours[i].size(); ++n) forest.join(static_cast<int>(i), neighbours[i][n].index);
-  }
-  // Clusters are numbered by ascending root.
-  std::vector<int> number(count, -1), labels(count);
-  int next = 0;
-  for (std::size_t i = 0; i < count; ++i) {
-    if (forest.root(static_cast<int>(i)) == static_cast<int>(i)) number[i] = next++;
-  }
-  for (std::size_t i = 0; i < count; ++i) {
-    labels[i] = number[static_cast<std::size_t>(forest.root(static_cast<int>(i)))];
-  }
-  return skeleton_of_clusters(kept, labels, static_cast<std::size_t>(next), 0);
-}
-
-namespace {
-
 // Keeps squared distances and weighted sums within single precision; object space ends at 0.5.
 constexpr float kFarthestVote = 1e15F;
 
@@ -192,8 +138,7 @@ std::vector<Eigen::Vector3d> in_double(const std::vector<Eigen::Vector3f>& point
   return result;
 }
 
-}  // namespace
-
+// The votes both of whose confidences reach the threshold, in order, with confidences filled in.
 Votes confident_votes(const Votes& votes, float threshold) {
   const std::size_t count = votes.joints.size();
   if (votes.parents.size() != count) {
@@ -219,6 +164,9 @@ Votes confident_votes(const Votes& votes, float threshold) {
   return kept;
 }
 
+// Joints from labelled votes: Ĵ_l = Σ c^J Ĵ / (Σ c^J + 1e-8), so that a label without votes lies at the origin, and
+// likewise P̂_l; the parent of a joint is the joint nearest to P̂_l, -1 where that is the joint itself. Labels with fewer
+// than `min_size` votes are dropped unless all would be. @param labels [N] of confident votes, in [0, count)
 GroupedSkeleton skeleton_of_clusters(const Votes& votes, const std::vector<int>& labels, std::size_t count,
                                      int min_size) {
   std::vector<WeightedMean> joints(count), parents(count);
@@ -249,6 +197,59 @@ GroupedSkeleton skeleton_of_clusters(const Votes& votes, const std::vector<int>&
 void require_vote_option(const char* name, double value, double low, double high) {
   if (value >= low && value <= high) return;
   throw InputError("", name, "must be from " + std::to_string(low) + " to " + std::to_string(high));
+}
+
+}  // namespace
+
+GroupedSkeleton mean_shift_grouping(const Votes& votes, const MeanShiftOptions& options) {
+  require_vote_option("bandwidth", options.bandwidth, 1e-6, 1e6);
+  require_vote_option("max_iterations", options.max_iterations, 0.0, kMostIterations);
+  require_vote_option("max_neighbours", options.max_neighbours, 0.0, kMostNeighbours);
+  require_vote_option("min_cluster_size", options.min_cluster_size, 0.0, kMostClusterSize);
+  const Votes kept = confident_votes(votes, options.confidence_threshold);
+  if (kept.joints.empty()) {
+    GroupedSkeleton skeleton;
+    if (votes.joints.empty()) return skeleton;
+    skeleton.joints.emplace_back(Eigen::Vector3f::Zero());
+    skeleton.parents.push_back(0);
+    return skeleton;
+  }
+  std::vector<Eigen::Vector3f> positions = kept.joints;  // S = Ĵ, until max ‖ΔS_i‖ ≤ 0.1 h
+  for (int round = 0; round < options.max_iterations; ++round) {
+    ShiftedVotes shifted = shift(positions, kept.joint_confidence, options);
+    positions = std::move(shifted.positions);
+    if (shifted.farthest <= 0.1F * options.bandwidth) break;
+  }
+  std::vector<int> labels;  // of votes whose S lie within h/2 of each other
+  const std::size_t count = label_votes(positions, 0.5F * options.bandwidth, labels);
+  return skeleton_of_clusters(kept, labels, count, options.min_cluster_size);
+}
+
+GroupedSkeleton threshold_grouping(const Votes& votes, const ThresholdOptions& options) {
+  require_vote_option("distance", options.distance, 1e-6, 1e6);
+  require_vote_option("max_neighbours", options.max_neighbours, 0.0, kMostNeighbours);
+  const Votes kept = confident_votes(votes, options.confidence_threshold);
+  const std::size_t count = kept.joints.size();
+  std::vector<std::vector<geometry::PointCells::Neighbour>> neighbours(count);
+  const geometry::PointCells cells(kept.joints, options.distance);
+  cells.first_neighbours(
+      static_cast<std::size_t>(options.max_neighbours) + 1,
+      [&](std::size_t i, const std::vector<geometry::PointCells::Neighbour>& found) { neighbours[i] = found; });
+  VoteForest forest(count);
+  for (std::size_t i = 0; i < count; ++i) {
+    // The first one is left out as in the mean shift.
+    for (std::size_t n = 1; n < neighbours[i].size(); ++n) forest.join(static_cast<int>(i), neighbours[i][n].index);
+  }
+  // Clusters are numbered by ascending root.
+  std::vector<int> number(count, -1), labels(count);
+  int next = 0;
+  for (std::size_t i = 0; i < count; ++i) {
+    if (forest.root(static_cast<int>(i)) == static_cast<int>(i)) number[i] = next++;
+  }
+  for (std::size_t i = 0; i < count; ++i) {
+    labels[i] = number[static_cast<std::size_t>(forest.root(static_cast<int>(i)))];
+  }
+  return skeleton_of_clusters(kept, labels, static_cast<std::size_t>(next), 0);
 }
 
 }  // namespace anigen::skeleton_field

@@ -110,8 +110,6 @@ SkinLosses skin_losses(const std::vector<Tensor>& predicted, const std::vector<T
 
 namespace {
 
-using torch::Tensor;
-
 constexpr double kLeastPredictedWeight = 1e-8;
 constexpr double kLeastRowSum = 1e-8;
 

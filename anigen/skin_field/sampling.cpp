@@ -76,8 +76,6 @@ SkeletonBatch SkeletonBatch::to(torch::Device device) const {
 
 namespace {
 
-using torch::Tensor;
-
 constexpr double kSmallestArea = 1e-12;
 
 void check_mesh(const Tensor& vertices, const Tensor& faces) {
@@ -153,8 +151,6 @@ Tensor SurfaceSkinSampler::sample(std::int64_t count, Rng& rng) const {
 }
 
 namespace {
-
-using torch::Tensor;
 
 constexpr double kDegenerateTriangle = 1e-12;  // 4 · area², the squared length of the cross product of two edges
 

@@ -120,8 +120,6 @@ Tensor JointEmbedderImpl::run_blocks(const Tensor& first, const nn::Ragged& item
 
 namespace {
 
-using torch::Tensor;
-
 void check_skin(const std::vector<Tensor>& skin, const nn::Ragged& joints) {
   if (static_cast<std::int64_t>(skin.size()) != joints.items()) {
     throw InputError(
@@ -178,8 +176,6 @@ Tensor SkinEncoderImpl::vertex_features(const Tensor& embeddings, const nn::Ragg
   if (options_.vert_feat_is_linear) return weighted(skin, out_layer_vert_->forward(embeddings), joints);
   return out_layer_vert_->forward(weighted(skin, embeddings, joints));
 }
-
-using torch::Tensor;
 
 SkinDecoderImpl::SkinDecoderImpl(const SkinDecoderOptions& options) : options_(options) {
   const std::int64_t features = options.skin_feat_channels, channels = options.model_channels;
@@ -264,8 +260,6 @@ std::vector<Tensor> SkinDecoderImpl::decode_log(const Tensor& vertex_features, c
   return weights;
 }
 
-using torch::Tensor;
-
 namespace {
 
 nn::FreezableModel::Parts skin_autoencoder_parts(const SkinAutoEncoderOptions& options) {
@@ -332,8 +326,6 @@ nn::Ragged rows_of(const std::vector<Tensor>& matrices) {
 }
 
 namespace {
-
-using torch::Tensor;
 
 constexpr double kGeluSecondMoment = 0.425;  // of a standard normal
 

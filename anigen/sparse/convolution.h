@@ -67,16 +67,6 @@ void add_tensor_tap_product(const TapPlan& plan, const Tensor& neighbours, const
                             Tensor& out);
 Tensor tensor_tap_correlation(const TapPlan& plan, const Tensor& neighbours, const Tensor& in, const Tensor& slopes);
 
-using torch::Tensor;
-
-/// A convolution over the neighbours of N voxels as a differentiable function of feats, matrices and bias; once only.
-/// @param feats [N, Cin] @param matrices [27, Cin, Cout], or with `subdivide` [64, Cin, Cout] (submanifold_plan,
-/// subdivision_plan) @param bias [Cout]; both in the type that sums of feats are formed in
-/// @param neighbours [27, N] int32, on the device of feats @return [N, Cout], or with `subdivide` [8 N, Cout]; the
-/// dtype of feats
-Tensor tap_function(const Tensor& feats, const Tensor& matrices, const Tensor& bias, const Tensor& neighbours,
-                    bool subdivide);
-
 /// Submanifold convolution as rows: out[p] = bias + Σ W[:, i, j, k, :] · in[p + (i−1, j−1, k−1)], absent neighbours 0
 /// (reference autoencoders.md, 0.3). Differentiable once in feats, weight and bias. Sums over taps are formed in fp32
 /// for 16-bit types, on a CPU also those over channels. On a CPU the result and the gradients of feats and weight have

@@ -112,17 +112,6 @@ class Support : public std::enable_shared_from_this<Support> {
   std::unique_ptr<Derived> derived_;
 };
 
-/// Coarse voxels and which one each row falls into: Support::coarsened, without a support.
-struct CoarseRows {
-  Tensor coords;                      ///< [M, 4] int32
-  Tensor row, count;                  ///< as in Coarsening
-  std::vector<std::int64_t> lengths;  ///< coarse rows of each item
-};
-
-/// @param coords [N, 4] int32, CPU, contiguous @param items rows of each item @param factor at least 1
-/// along every axis
-CoarseRows coarse_rows(const Tensor& coords, const nn::Ragged& items, const GridFactor& factor);
-
 /// Features at the places of a support, one row per voxel (reference autoencoders.md, 0.1). Copies are shallow.
 struct SparseTensor {
   SupportPtr support;

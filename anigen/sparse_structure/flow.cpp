@@ -172,8 +172,6 @@ Tensor FlowStream::project(const Tensor& h) {
 
 namespace {
 
-using torch::Tensor;
-
 nn::ModulatedBlockOptions flow_block_options(const SparseStructureFlowOptions& options, const FlowStream& stream,
                                              std::int64_t context_channels) {
   nn::ModulatedBlockOptions block;

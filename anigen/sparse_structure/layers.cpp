@@ -87,8 +87,6 @@ void initialize_volume_layers(torch::nn::Module& module) {
 
 namespace {
 
-using torch::Tensor;
-
 constexpr int kTokenBlocks = 4;
 
 nn::DenseBlockOptions token_block(std::int64_t channels) {
@@ -191,8 +189,6 @@ Tensor GlobalTokenDecoder::forward(const Tensor& tokens) {
   const Tensor cells = cross_->forward(token_proj_->forward(with_positions(start, grid_pos_emb_)), h);
   return cells.transpose(1, 2).reshape({tokens.size(0), sizes_.channels, sizes_.edge, sizes_.edge, sizes_.edge});
 }
-
-using torch::Tensor;
 
 std::int64_t channel_axis(const Tensor& latents) { return latents.dim() == 5 ? 1 : latents.dim() - 1; }
 

@@ -47,8 +47,6 @@ Tensor largest_component(const Tensor& occupied) {
   return kept;
 }
 
-using torch::Tensor;
-
 Tensor enclosed_voxels(const Tensor& surface) {
   if (surface.dim() != 3) throw InputError("", "", "a grid of voxels has three axes");
   const Tensor occupied = surface.to(torch::kInt32);
@@ -71,8 +69,6 @@ double share_inside(const Tensor& skeleton, const Tensor& surface) {
 }
 
 namespace {
-
-using torch::Tensor;
 
 double voxel_count(const Tensor& voxels) { return static_cast<double>(voxels.sum().item<std::int64_t>()); }
 
@@ -105,8 +101,6 @@ VoxelAgreement voxel_agreement(const Tensor& predicted, const Tensor& target, st
 }
 
 namespace {
-
-using torch::Tensor;
 
 Tensor dice(const Tensor& probability, const Tensor& occupancy) {
   const Tensor common = (probability * occupancy).sum();

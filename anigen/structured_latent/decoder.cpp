@@ -136,7 +136,6 @@ std::vector<skeleton_field::SkeletonField> skeleton_fields(const sparse::SparseT
 namespace {
 
 using sparse::SparseTensor;
-using torch::Tensor;
 
 nn::FreezableModel::Parts decoder_parts(const StructuredLatentDecoderOptions& options) {
   nn::FreezableModel::Parts parts;

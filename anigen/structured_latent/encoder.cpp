@@ -153,7 +153,6 @@ StructuredLatentInputs::Skeleton StructuredLatentInputs::skeleton(const sparse::
 namespace {
 
 using sparse::SparseTensor;
-using torch::Tensor;
 
 constexpr double kHeadNormEps = 1e-5;
 

@@ -253,9 +253,6 @@ Tensor StructuredLatentFlowStream::leave(StructuredLatentFlowState state) {
 
 namespace {
 
-using sparse::SparseTensor;
-using torch::Tensor;
-
 // The network's output is formed into a velocity; the sign is the published one, opposite to that of the sparse
 // structure (reference flows-and-pipeline.md, 2.5, step 8).
 Tensor velocity_of_sparse_prediction(const SparseTensor& x_t, const Tensor& output, const Tensor& t,

@@ -106,8 +106,6 @@ SparseTensor GroupedCross::forward(const SparseTensor& skin,
 
 namespace {
 
-using sparse::SparseTensor;
-
 constexpr std::int64_t kUnetFactor = 2;
 
 sparse::SubdivideBlock unet_block(std::int64_t channels) {
@@ -149,9 +147,6 @@ SparseTensor SkinUnetImpl::forward(const SparseTensor& x) {
 }
 
 namespace {
-
-using sparse::SparseTensor;
-using torch::Tensor;
 
 struct TorsoStream {
   std::int64_t channels, heads;

@@ -43,8 +43,6 @@ Tensor image_condition(Dinov2& model, const Tensor& images);
 /// The condition of no picture: zeros of the same shape.
 Tensor null_condition(const Tensor& condition);
 
-using torch::Tensor;
-
 /// Turns condition pictures into the tokens a flow model attends to.
 class ConditionEncoder {
  public:

@@ -60,8 +60,6 @@ using torch::Tensor;
 Tensor interpolate_positions(const Tensor& pos_embed, std::int64_t rows, std::int64_t columns, bool antialias,
                              double offset);
 
-using torch::Tensor;
-
 /// Cuts a picture into square patches and maps each to C channels: a convolution whose stride is its width. Keys
 /// `proj.weight` [C, 3, patch, patch] and `proj.bias` [C], not initialised.
 class PatchEmbedImpl : public torch::nn::Module {
@@ -80,8 +78,6 @@ class PatchEmbedImpl : public torch::nn::Module {
   std::shared_ptr<Projection> projection_;
 };
 TORCH_MODULE(PatchEmbed);
-
-using torch::Tensor;
 
 /// Multi-head self attention with keys `qkv` (rows q, k, v; head j owns channels j·C/h … of each) and `proj`.
 class Dinov2AttentionImpl : public torch::nn::Module {

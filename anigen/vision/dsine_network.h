@@ -144,8 +144,6 @@ class ConvGruImpl : public torch::nn::Module {
 };
 TORCH_MODULE(ConvGru);
 
-using torch::Tensor;
-
 /// Every pixel becomes 8 × 8, each a convex combination of the 3 × 3 pixels around it (Teed and Deng 2020, "RAFT",
 /// section 3.3; reference normal-estimator.md, 8); beyond the border the nearest pixel of the border.
 /// @param x [B, C, H, W] @param mask [B, 9 · 8 · 8, H, W]: neighbour, row and column within the pixel, from outer to

@@ -26,8 +26,6 @@ class ConvolutionStemImpl : public torch::nn::Module {
 };
 TORCH_MODULE(ConvolutionStem);
 
-using torch::Tensor;
-
 /// Arguments of a small image encoder of ours, for conditions where the published system uses DINOv2.
 struct PatchImageEncoderOptions : JsonOptions<PatchImageEncoderOptions> {
   std::int64_t image_size = 112;  ///< pixels on a side

@@ -219,8 +219,8 @@ class CpuBlockedAttention : public torch::autograd::Function<CpuBlockedAttention
   static Tensor forward(AutogradContext* context, const Tensor& q, const Tensor& k, const Tensor& v) {
     RECORD_USER_SCOPE("attention: dense");
     Tensor log_sums = torch::empty({q.size(0) * q.size(1), q.size(2)}, torch::kFloat32);
-    const Tensor out = prefers_bf16_attention(q) ? cpu_bf16_attention(q, k, v, log_sums)
-                                                 : attend_in_fp32(q, k, v, log_sums).to(dtype_of(q));
+    Tensor out = prefers_bf16_attention(q) ? cpu_bf16_attention(q, k, v, log_sums)
+                                           : attend_in_fp32(q, k, v, log_sums).to(dtype_of(q));
     context->save_for_backward({q, k, v, out, log_sums});
     return out;
   }
@@ -333,9 +333,6 @@ ANIGEN_KERNEL(void, softmax_rows,
 }
 
 namespace {
-
-using torch::autograd::AutogradContext;
-using torch::autograd::variable_list;
 
 // A block of scores with the rows it is made of stays in a second-level cache of half a MiB.
 constexpr std::int64_t kForwardQueries = 128, kBackwardQueries = 64, kKeysAtOnce = 256;
