@@ -76,10 +76,7 @@ class TensorBlockedAttention : public torch::autograd::Function<TensorBlockedAtt
 
   static torch::autograd::variable_list backward(torch::autograd::AutogradContext* context,
                                                  torch::autograd::variable_list gradients) {
-    TORCH_CHECK(!at::GradMode::is_enabled(),
-                "blocked attention can be differentiated once only: its backward pass, under "
-                "create_graph, would miss terms");
-    const torch::autograd::variable_list saved = context->get_saved_variables();
+    const torch::autograd::variable_list saved = saved_once(*context, "blocked attention");
     const Tensor &q = saved[0], &k = saved[1], &v = saved[2], &out = saved[3], &log_sums = saved[4], &dy = gradients[0];
     const std::int64_t rows = context->saved_data["rows"].toInt();
     const torch::Dtype dtype = dtype_of(q), wide = dtype_of(log_sums);

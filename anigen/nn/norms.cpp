@@ -66,10 +66,7 @@ class HeadNormFunction : public torch::autograd::Function<HeadNormFunction> {
 
   static variable_list backward(AutogradContext* context, variable_list gradients) {
     RECORD_USER_SCOPE("elementwise and copies: norm of queries and keys");
-    TORCH_CHECK(!at::GradMode::is_enabled(),
-                "the norm of queries and keys can be differentiated once only: its backward pass, under create_graph, "
-                "would miss terms");
-    const variable_list saved = context->get_saved_variables();
+    const torch::autograd::variable_list saved = saved_once(*context, "the norm of queries and keys");
     const Tensor x = saved[0].to(torch::kFloat32), &factors = saved[1];
     const Tensor dy = gradients[0].to(torch::kFloat32).contiguous();
     const Tensor dx = torch::empty(x.sizes(), dy.options());
@@ -128,10 +125,7 @@ class NormSiluFunction : public torch::autograd::Function<NormSiluFunction> {
 
   static variable_list backward(AutogradContext* context, variable_list gradients) {
     RECORD_USER_SCOPE("elementwise and copies: norm, SiLU");
-    TORCH_CHECK(!at::GradMode::is_enabled(),
-                "layer norm with SiLU can be differentiated once only: its backward pass, ",
-                "under create_graph, would miss terms");
-    const variable_list saved = context->get_saved_variables();
+    const torch::autograd::variable_list saved = saved_once(*context, "layer norm with SiLU");
     const Tensor &x = saved[0], &statistics = saved[3], dy = gradients[0].contiguous();
     const std::int64_t rows = x.size(0), channels = x.size(1);
     const std::vector<RowBlock> blocks = row_blocks({rows}, channels);

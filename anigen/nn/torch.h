@@ -45,6 +45,14 @@ inline Tensor fused_attention(const Tensor& q, const Tensor&, const Tensor&) {
 }
 #endif
 
+/// What a backward pass that has none of its own kept. @throws c10::Error under create_graph, where `what` would miss
+/// terms of a second derivative
+inline torch::autograd::variable_list saved_once(const torch::autograd::AutogradContext& context, const char* what) {
+  TORCH_CHECK(!at::GradMode::is_enabled(), what,
+              " can be differentiated once only: its backward pass, under create_graph, would miss terms");
+  return context.get_saved_variables();
+}
+
 /// dtype of a tensor as torch::Dtype (Tensor::dtype() returns a TypeMeta).
 inline torch::Dtype dtype_of(const Tensor& tensor) { return tensor.scalar_type(); }
 

@@ -135,10 +135,7 @@ class VolumeConvolution : public torch::autograd::Function<VolumeConvolution> {
 
   static variable_list backward(AutogradContext* context, variable_list gradients) {
     RECORD_USER_SCOPE("convolution: volumes");
-    TORCH_CHECK(!at::GradMode::is_enabled(),
-                "volume convolution can be differentiated once only: its backward pass, under create_graph, would "
-                "miss terms");
-    const variable_list saved = context->get_saved_variables();
+    const torch::autograd::variable_list saved = saved_once(*context, "volume convolution");
     const Tensor &x = saved[0], &weight = saved[1];
     const VolumeConvolutionSizes sizes = convolution_sizes(x, weight);
     const Tensor dy = channels_last(gradients[0]);

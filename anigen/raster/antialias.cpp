@@ -352,8 +352,7 @@ class Antialiasing : public torch::autograd::Function<Antialiasing> {
 
   static variable_list backward(AutogradContext* context, variable_list gradients) {
     RECORD_USER_SCOPE("rasteriser: antialiasing");
-    TORCH_CHECK(!at::GradMode::is_enabled(), "antialiasing can be differentiated once only");
-    const variable_list saved = context->get_saved_variables();
+    const torch::autograd::variable_list saved = nn::saved_once(*context, "antialiasing");
     const bool is_double = nn::dtype_of(saved[0]) == torch::kFloat64;
     return is_double ? backward_in<double>(saved, gradients[0].contiguous())
                      : backward_in<float>(saved, gradients[0].contiguous());

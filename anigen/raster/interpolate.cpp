@@ -72,8 +72,7 @@ class FaceNormals : public torch::autograd::Function<FaceNormals> {
 
   static variable_list backward(AutogradContext* context, variable_list gradients) {
     RECORD_USER_SCOPE("rasteriser: face normals");
-    TORCH_CHECK(!at::GradMode::is_enabled(), "face normals can be differentiated once only");
-    const variable_list saved = context->get_saved_variables();
+    const torch::autograd::variable_list saved = nn::saved_once(*context, "face normals");
     const Tensor &vertices = saved[0], &faces = saved[1];
     const Tensor positions = vertices.to(torch::kFloat64).contiguous();
     const Tensor slopes = gradients[0].to(torch::kFloat64).contiguous(), sums = torch::zeros_like(positions);
@@ -210,8 +209,7 @@ class Interpolation : public torch::autograd::Function<Interpolation> {
 
   static variable_list backward(AutogradContext* context, variable_list gradients) {
     RECORD_USER_SCOPE("rasteriser: interpolation");
-    TORCH_CHECK(!at::GradMode::is_enabled(), "interpolation can be differentiated once only");
-    const variable_list saved = context->get_saved_variables();
+    const torch::autograd::variable_list saved = nn::saved_once(*context, "interpolation");
     const bool is_double = nn::dtype_of(saved[0]) == torch::kFloat64;
     return is_double ? backward_in<double>(context, saved, gradients[0].contiguous())
                      : backward_in<float>(context, saved, gradients[0].contiguous());

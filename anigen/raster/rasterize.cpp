@@ -416,8 +416,7 @@ class Rasterization : public torch::autograd::Function<Rasterization> {
 
   static variable_list backward(AutogradContext* context, variable_list gradients) {
     RECORD_USER_SCOPE("rasteriser: rasterisation");
-    TORCH_CHECK(!at::GradMode::is_enabled(), "rasterisation can be differentiated once only");
-    const variable_list saved = context->get_saved_variables();
+    const torch::autograd::variable_list saved = nn::saved_once(*context, "rasterisation");
     const Tensor &clip = saved[0], &faces = saved[1], &triangle = saved[2];
     const Viewport viewport{triangle.size(0), triangle.size(1)};
     const Tensor positions = clip.to(torch::kFloat64).contiguous();

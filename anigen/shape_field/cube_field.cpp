@@ -212,8 +212,7 @@ class CornerDeviation : public torch::autograd::Function<CornerDeviation> {
   }
   static variable_list backward(AutogradContext* context, variable_list gradients) {
     RECORD_USER_SCOPE("surface extraction: corner consistency");
-    TORCH_CHECK(!at::GradMode::is_enabled(), "the corner consistency can be differentiated once only");
-    const variable_list saved = context->get_saved_variables();
+    const torch::autograd::variable_list saved = nn::saved_once(*context, "the corner consistency");
     const Tensor &corners = saved[0], &means = saved[1], &vertices = saved[2];
     if (!corners.is_cpu()) {
       return {2.0 * gradients[0] * deviations(corners, means, vertices), Tensor(), Tensor()};

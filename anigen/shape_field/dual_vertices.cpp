@@ -67,8 +67,7 @@ class DualVertexFunction : public torch::autograd::Function<DualVertexFunction> 
 
   static variable_list backward(AutogradContext* context, variable_list gradients) {
     RECORD_USER_SCOPE("surface extraction: dual vertices");
-    TORCH_CHECK(!at::GradMode::is_enabled(), "dual vertices can be differentiated once only");
-    const variable_list saved = context->get_saved_variables();
+    const torch::autograd::variable_list saved = nn::saved_once(*context, "dual vertices");
     const Tensor& rows = saved[kRows];
     const Tensor d_values = gradients[0].contiguous();
     const Tensor d_deviation = gradients.size() > 1 ? gradients[1].contiguous() : Tensor();

@@ -1,6 +1,7 @@
 #include "anigen/skin_field/loss.h"
 
 #include <cmath>
+#include <utility>
 #include <vector>
 
 #include "anigen/core/error.h"
@@ -32,38 +33,31 @@ Tensor kl_divergence(const Tensor& log_predicted, const Tensor& target, SkinKlMe
   return mean == SkinKlMean::kElements ? pointwise.mean() : pointwise.sum() / static_cast<double>(target.size(0));
 }
 
-// Sums over the assets of the terms that count.
-struct Sums {
-  Tensor kl, l1, l2;
-
-  void add(const Tensor& log_predicted, const Tensor& predicted, const Tensor& target, const SkinLossOptions& options) {
-    if (log_predicted.defined()) accumulate(kl, kl_divergence(log_predicted, target, options.kl_mean));
-    if (!predicted.defined()) return;
-    const Tensor difference = predicted - target;
-    if (options.lambda_l1_skin != 0.0) accumulate(l1, difference.abs().mean());
-    if (options.lambda_l2_skin != 0.0) accumulate(l2, difference.square().mean());
+// @param logarithm, weights of a prediction, in whatever form it comes
+template <typename Logarithm, typename Weights>
+SkinLosses losses_of(const std::vector<Tensor>& predicted, const std::vector<Tensor>& target,
+                     const SkinLossOptions& options, const Logarithm& logarithm, const Weights& weights) {
+  check_shapes(predicted, target);
+  SkinLosses losses;  // sums over the assets of the terms that count, then means
+  const auto accumulate = [](Tensor& sum, const Tensor& term) { sum = sum.defined() ? sum + term : term; };
+  for (std::size_t i = 0; i < target.size(); ++i) {
+    if (options.lambda_kl_skin != 0.0) {
+      accumulate(losses.kl, kl_divergence(logarithm(predicted[i]), target[i], options.kl_mean));
+    }
+    if (options.lambda_l1_skin == 0.0 && options.lambda_l2_skin == 0.0) continue;
+    const Tensor difference = weights(predicted[i]) - target[i];
+    if (options.lambda_l1_skin != 0.0) accumulate(losses.l1, difference.abs().mean());
+    if (options.lambda_l2_skin != 0.0) accumulate(losses.l2, difference.square().mean());
   }
-
-  static void accumulate(Tensor& sum, const Tensor& term) { sum = sum.defined() ? sum + term : term; }
-};
-
-SkinLosses finished(const Sums& sums, std::size_t assets, const SkinLossOptions& options) {
-  SkinLosses losses;
-  const auto count = static_cast<double>(assets);
-  const auto add = [&](const Tensor& sum, double weight, Tensor& mean) {
-    if (!sum.defined()) return;
-    mean = sum / count;
-    losses.total = losses.total.defined() ? losses.total + weight * mean : weight * mean;
-  };
-  add(sums.kl, options.lambda_kl_skin, losses.kl);
-  add(sums.l1, options.lambda_l1_skin, losses.l1);
-  add(sums.l2, options.lambda_l2_skin, losses.l2);
+  const std::pair<double, Tensor*> terms[] = {
+      {options.lambda_kl_skin, &losses.kl}, {options.lambda_l1_skin, &losses.l1}, {options.lambda_l2_skin, &losses.l2}};
+  for (const auto& [weight, mean] : terms) {
+    if (!mean->defined()) continue;
+    *mean = *mean / static_cast<double>(target.size());
+    accumulate(losses.total, weight * *mean);
+  }
   if (!losses.total.defined()) throw InputError("", "", "every term of the skin loss has weight 0");
   return losses;
-}
-
-bool needs_weights(const SkinLossOptions& options) {
-  return options.lambda_l1_skin != 0.0 || options.lambda_l2_skin != 0.0;
 }
 
 }  // namespace
@@ -81,31 +75,17 @@ SkinLossOptions SkinLossOptions::compatible(const std::string& compatibility) {
 
 SkinLosses skin_losses_from_log(const std::vector<Tensor>& log_predicted, const std::vector<Tensor>& target,
                                 const SkinLossOptions& options) {
-  check_shapes(log_predicted, target);
-  Sums sums;
-  for (std::size_t i = 0; i < target.size(); ++i) {
-    Tensor log_weights;
-    if (options.lambda_kl_skin != 0.0) {
-      log_weights = log_predicted[i];
-      if (options.epsilon > 0.0) {
-        log_weights = torch::logaddexp(log_weights, torch::full({}, std::log(options.epsilon), log_weights.options()));
-      }
-    }
-    const Tensor weights = needs_weights(options) ? log_predicted[i].exp() : Tensor();
-    sums.add(log_weights, weights, target[i], options);
-  }
-  return finished(sums, target.size(), options);
+  const auto logarithm = [&](const Tensor& log_weights) {
+    if (options.epsilon <= 0.0) return log_weights;
+    return torch::logaddexp(log_weights, torch::full({}, std::log(options.epsilon), log_weights.options()));
+  };
+  return losses_of(log_predicted, target, options, logarithm, [](const Tensor& weights) { return weights.exp(); });
 }
 
 SkinLosses skin_losses(const std::vector<Tensor>& predicted, const std::vector<Tensor>& target,
                        const SkinLossOptions& options) {
-  check_shapes(predicted, target);
-  Sums sums;
-  for (std::size_t i = 0; i < target.size(); ++i) {
-    const Tensor log_weights = options.lambda_kl_skin != 0.0 ? torch::log(predicted[i] + options.epsilon) : Tensor();
-    sums.add(log_weights, needs_weights(options) ? predicted[i] : Tensor(), target[i], options);
-  }
-  return finished(sums, target.size(), options);
+  const auto logarithm = [&](const Tensor& weights) { return torch::log(weights + options.epsilon); };
+  return losses_of(predicted, target, options, logarithm, [](const Tensor& weights) { return weights; });
 }
 
 namespace {

@@ -123,10 +123,7 @@ class TapFunction : public torch::autograd::Function<TapFunction> {
 
   static variable_list backward(AutogradContext* context, variable_list gradients) {
     RECORD_USER_SCOPE("convolution: sparse");
-    TORCH_CHECK(!at::GradMode::is_enabled(),
-                "a sparse convolution can be differentiated once only: its backward pass, under create_graph, would "
-                "miss terms");
-    const variable_list saved = context->get_saved_variables();
+    const torch::autograd::variable_list saved = nn::saved_once(*context, "a sparse convolution");
     const Tensor &feats = saved[0], &matrices = saved[1], &neighbours = saved[2], &slopes = gradients[0];
     const TapPlan plan = plan_of(context->saved_data["subdivide"].toBool());
     Tensor d_feats, d_matrices, d_bias;

@@ -107,10 +107,7 @@ class GroupNormFunction : public torch::autograd::Function<GroupNormFunction> {
   // dx = r (w dy − (Σ w dy + x̂ Σ w dy x̂) / M), dw = Σ dy x̂, db = Σ dy.
   static variable_list backward(AutogradContext* context, variable_list gradients) {
     RECORD_USER_SCOPE("elementwise and copies: group norm");
-    TORCH_CHECK(!at::GradMode::is_enabled(),
-                "sparse group norm can be differentiated once only: its backward pass, under create_graph, would miss "
-                "terms");
-    const variable_list saved = context->get_saved_variables();
+    const torch::autograd::variable_list saved = nn::saved_once(*context, "sparse group norm");
     const Tensor &feats = saved[0], &weight = saved[1], &means = saved[2], &rstds = saved[3], &slopes = gradients[0];
     const std::vector<std::int64_t> lengths = context->saved_data["lengths"].toIntVector();
     const std::int64_t groups = context->saved_data["groups"].toInt();

@@ -30,9 +30,7 @@ VolumeTorso SparseStructureCoder::registered_blocks(const std::string& suffix,
   VolumeTorso blocks;
   for (std::size_t level = 0; level < widths.size(); ++level) {
     blocks->add_res_blocks(options.num_res_blocks, widths[level]);
-    if (level + 1 == widths.size()) break;
-    up ? blocks->add_upsample(widths[level], widths[level + 1])
-       : blocks->add_downsample(widths[level], widths[level + 1]);
+    if (level + 1 < widths.size()) blocks->add_resampler(widths[level], widths[level + 1], up);
   }
   return register_module("blocks" + suffix, blocks);
 }

@@ -32,15 +32,24 @@ void VolumeResBlockImpl::initialize() {
   torch::nn::init::zeros_(conv2_->bias);
 }
 
-VolumeDownsampleImpl::VolumeDownsampleImpl(std::int64_t in_channels, std::int64_t out_channels) {
-  conv_ = register_module("conv", nn::Conv3d(in_channels, out_channels, 2, 2));
-}
+namespace {
 
-VolumeUpsampleImpl::VolumeUpsampleImpl(std::int64_t in_channels, std::int64_t out_channels) {
-  conv_ = register_module("conv", nn::Conv3d(in_channels, 8 * out_channels, 3, 1, 1));
-}
+// Change of resolution by 2: a 2³ convolution of stride 2 (Down), or a 3³ one to eight times the width, then pixel
+// shuffle (Up). Key `conv.*`.
+class VolumeResamplerImpl : public torch::nn::Module {
+ public:
+  VolumeResamplerImpl(std::int64_t in, std::int64_t out, bool up) : up_(up) {
+    conv_ = register_module("conv", up ? nn::Conv3d(in, 8 * out, 3, 1, 1) : nn::Conv3d(in, out, 2, 2));
+  }
+  Tensor forward(const Tensor& x) { return up_ ? nn::pixel_shuffle_3d(conv_->forward(x), 2) : conv_->forward(x); }
 
-Tensor VolumeUpsampleImpl::forward(const Tensor& x) { return nn::pixel_shuffle_3d(conv_->forward(x), 2); }
+ private:
+  bool up_;
+  nn::Conv3d conv_ = nullptr;
+};
+TORCH_MODULE(VolumeResampler);
+
+}  // namespace
 
 VolumeHeadImpl::VolumeHeadImpl(std::int64_t in_channels, std::int64_t out_channels, nn::VolumeNormImpl::Kind norm) {
   norm_ = register_module("0", nn::VolumeNorm(in_channels, norm));
@@ -62,12 +71,8 @@ void VolumeTorsoImpl::add_res_blocks(std::int64_t count, std::int64_t channels) 
   for (std::int64_t i = 0; i < count; ++i) add(VolumeResBlock(channels, channels));
 }
 
-void VolumeTorsoImpl::add_downsample(std::int64_t in_channels, std::int64_t out_channels) {
-  add(VolumeDownsample(in_channels, out_channels));
-}
-
-void VolumeTorsoImpl::add_upsample(std::int64_t in_channels, std::int64_t out_channels) {
-  add(VolumeUpsample(in_channels, out_channels));
+void VolumeTorsoImpl::add_resampler(std::int64_t in_channels, std::int64_t out_channels, bool up) {
+  add(VolumeResampler(in_channels, out_channels, up));
 }
 
 Tensor VolumeTorsoImpl::forward(const Tensor& x) {

@@ -27,28 +27,6 @@ class VolumeResBlockImpl : public torch::nn::Module {
 };
 TORCH_MODULE(VolumeResBlock);
 
-/// 2³ convolution of stride 2 (Down). Key `conv.*`.
-class VolumeDownsampleImpl : public torch::nn::Module {
- public:
-  VolumeDownsampleImpl(std::int64_t in_channels, std::int64_t out_channels);
-  torch::Tensor forward(const torch::Tensor& x) { return conv_->forward(x); }
-
- private:
-  nn::Conv3d conv_ = nullptr;
-};
-TORCH_MODULE(VolumeDownsample);
-
-/// 3³ convolution to eight times the width, then pixel shuffle by 2 (Up). Key `conv.*`.
-class VolumeUpsampleImpl : public torch::nn::Module {
- public:
-  VolumeUpsampleImpl(std::int64_t in_channels, std::int64_t out_channels);
-  torch::Tensor forward(const torch::Tensor& x);
-
- private:
-  nn::Conv3d conv_ = nullptr;
-};
-TORCH_MODULE(VolumeUpsample);
-
 /// norm, SiLU, 3³ convolution: the `out_layer` of a stream, contiguous. Keys `0.*` (norm), `2.*` (convolution).
 class VolumeHeadImpl : public torch::nn::Module {
  public:
@@ -66,8 +44,8 @@ TORCH_MODULE(VolumeHead);
 class VolumeTorsoImpl : public torch::nn::Module {
  public:
   void add_res_blocks(std::int64_t count, std::int64_t channels);
-  void add_downsample(std::int64_t in_channels, std::int64_t out_channels);
-  void add_upsample(std::int64_t in_channels, std::int64_t out_channels);
+  /// @param up doubles the resolution, else halves it (reference autoencoders.md, 2.1, Up and Down)
+  void add_resampler(std::int64_t in_channels, std::int64_t out_channels, bool up);
 
   /// @param x [B, C, X, Y, Z] of any floating dtype @return in the dtype of the convolutions; x itself when empty
   torch::Tensor forward(const torch::Tensor& x);

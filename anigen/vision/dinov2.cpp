@@ -143,32 +143,6 @@ Tensor interpolate_positions(const Tensor& pos_embed, std::int64_t rows, std::in
   return all.to(nn::dtype_of(pos_embed));
 }
 
-PatchEmbedImpl::PatchEmbedImpl(std::int64_t channels, std::int64_t patch_size) : patch_size_(patch_size) {
-  constexpr std::int64_t kColors = 3;
-  projection_ = register_module("proj", std::make_shared<Projection>());
-  projection_->weight =
-      projection_->register_parameter("weight", torch::empty({channels, kColors, patch_size, patch_size}));
-  projection_->bias = projection_->register_parameter("bias", torch::empty({channels}));
-}
-
-Tensor PatchEmbedImpl::forward(const Tensor& images) {
-  const Tensor grid = torch::conv2d(images, projection_->weight, projection_->bias, /*stride=*/patch_size_);
-  return grid.flatten(2).transpose(1, 2);
-}
-
-Dinov2AttentionImpl::Dinov2AttentionImpl(std::int64_t channels, std::int64_t num_heads) : num_heads_(num_heads) {
-  qkv_ = register_module("qkv", nn::Linear(channels, 3 * channels));
-  proj_ = register_module("proj", nn::Linear(channels, channels));
-}
-
-Tensor Dinov2AttentionImpl::forward(const Tensor& x) {
-  const std::int64_t channels = x.size(2);
-  const Tensor heads = qkv_->forward(x).view({x.size(0), x.size(1), 3, num_heads_, channels / num_heads_});
-  const std::vector<Tensor> parts = heads.permute({2, 0, 3, 1, 4}).unbind(0);  // [B, h, T, d] each
-  const Tensor mixed = nn::attend(parts[0], parts[1], parts[2]);
-  return proj_->forward(mixed.transpose(1, 2).reshape({x.size(0), x.size(1), channels}));
-}
-
 Dinov2FeedForwardImpl::Dinov2FeedForwardImpl(const Dinov2Options& options) : swiglu_(options.swiglu()) {
   const std::int64_t channels = options.embed_dim, hidden = options.ffn_hidden();
   first_ = register_module(swiglu_ ? "w12" : "fc1", nn::Linear(channels, swiglu_ ? 2 * hidden : hidden));
@@ -182,20 +156,59 @@ Tensor Dinov2FeedForwardImpl::forward(const Tensor& x) {
   return second_->forward(torch::silu(halves[0]) * halves[1]);
 }
 
-Dinov2BlockImpl::Dinov2BlockImpl(const Dinov2Options& options) {
-  const std::int64_t channels = options.embed_dim;
-  norm1_ = register_module("norm1", nn::AffineLayerNorm(channels, nn::kBlockNormEps));
-  attention_ = register_module("attn", Dinov2Attention(channels, options.num_heads));
-  ls1_ = register_module("ls1", nn::LayerScale(channels));
-  norm2_ = register_module("norm2", nn::AffineLayerNorm(channels, nn::kBlockNormEps));
-  mlp_ = register_module("mlp", Dinov2FeedForward(options));
-  ls2_ = register_module("ls2", nn::LayerScale(channels));
-}
+namespace {
 
-Tensor Dinov2BlockImpl::forward(const Tensor& x) {
-  const Tensor attended = x + ls1_->forward(attention_->forward(norm1_->forward(x)));
-  return attended + ls2_->forward(mlp_->forward(norm2_->forward(attended)));
-}
+// Multi-head self attention with keys `qkv` (rows q, k, v; head j owns channels j·C/h … of each) and `proj`.
+class Dinov2AttentionImpl : public torch::nn::Module {
+ public:
+  Dinov2AttentionImpl(std::int64_t channels, std::int64_t num_heads) : num_heads_(num_heads) {
+    qkv_ = register_module("qkv", nn::Linear(channels, 3 * channels));
+    proj_ = register_module("proj", nn::Linear(channels, channels));
+  }
+
+  // @param x [B, T, C] @return [B, T, C]
+  Tensor forward(const Tensor& x) {
+    const std::int64_t channels = x.size(2);
+    const Tensor heads = qkv_->forward(x).view({x.size(0), x.size(1), 3, num_heads_, channels / num_heads_});
+    const std::vector<Tensor> parts = heads.permute({2, 0, 3, 1, 4}).unbind(0);  // [B, h, T, d] each
+    const Tensor mixed = nn::attend(parts[0], parts[1], parts[2]);
+    return proj_->forward(mixed.transpose(1, 2).reshape({x.size(0), x.size(1), channels}));
+  }
+
+ private:
+  std::int64_t num_heads_;
+  nn::Linear qkv_ = nullptr, proj_ = nullptr;
+};
+TORCH_MODULE(Dinov2Attention);
+
+// Pre-norm block x += ls1 ⊙ attn(norm1(x)), x += ls2 ⊙ mlp(norm2(x)); norms with parameters and eps 1e-6 (reference
+// flows-and-pipeline.md, 5.3).
+class Dinov2BlockImpl : public torch::nn::Module {
+ public:
+  explicit Dinov2BlockImpl(const Dinov2Options& options) {
+    const std::int64_t channels = options.embed_dim;
+    norm1_ = register_module("norm1", nn::AffineLayerNorm(channels, nn::kBlockNormEps));
+    attention_ = register_module("attn", Dinov2Attention(channels, options.num_heads));
+    ls1_ = register_module("ls1", nn::LayerScale(channels));
+    norm2_ = register_module("norm2", nn::AffineLayerNorm(channels, nn::kBlockNormEps));
+    mlp_ = register_module("mlp", Dinov2FeedForward(options));
+    ls2_ = register_module("ls2", nn::LayerScale(channels));
+  }
+
+  Tensor forward(const Tensor& x) {
+    const Tensor attended = x + ls1_->forward(attention_->forward(norm1_->forward(x)));
+    return attended + ls2_->forward(mlp_->forward(norm2_->forward(attended)));
+  }
+
+ private:
+  nn::AffineLayerNorm norm1_ = nullptr, norm2_ = nullptr;
+  Dinov2Attention attention_ = nullptr;
+  Dinov2FeedForward mlp_ = nullptr;
+  nn::LayerScale ls1_ = nullptr, ls2_ = nullptr;
+};
+TORCH_MODULE(Dinov2Block);
+
+}  // namespace
 
 Dinov2Impl::Dinov2Impl(const Dinov2Options& options) : options_(options) {
   options_.validate();
@@ -206,7 +219,11 @@ Dinov2Impl::Dinov2Impl(const Dinov2Options& options) : options_(options) {
     register_tokens_ = register_parameter("register_tokens", torch::empty({1, options_.num_register_tokens, channels}));
   }
   mask_token_ = register_parameter("mask_token", torch::empty({1, channels}));
-  patch_embed_ = register_module("patch_embed", PatchEmbed(channels, options_.patch_size));
+  const auto patch_embed = register_module("patch_embed", std::make_shared<torch::nn::Module>());
+  const auto projection = patch_embed->register_module("proj", std::make_shared<torch::nn::Module>());
+  const std::int64_t patch = options_.patch_size;
+  patch_weight_ = projection->register_parameter("weight", torch::empty({channels, 3, patch, patch}));
+  patch_bias_ = projection->register_parameter("bias", torch::empty({channels}));
   blocks_ = register_module("blocks", torch::nn::ModuleList());
   for (std::int64_t i = 0; i < options_.depth; ++i) blocks_->push_back(Dinov2Block(options_));
   norm_ = register_module("norm", nn::AffineLayerNorm(channels, nn::kBlockNormEps));
@@ -222,7 +239,8 @@ Tensor Dinov2Impl::tokens_after(const Tensor& images, std::int64_t blocks) {
               "DINOv2 takes [B, 3, H, W] with sides that are multiples of ", patch, ", got ", images.sizes());
   TORCH_CHECK(blocks >= 0 && blocks <= options_.depth, "there are ", options_.depth, " blocks, not ", blocks);
   const std::int64_t batch = images.size(0);
-  Tensor x = torch::cat({cls_token_.expand({batch, -1, -1}), patch_embed_->forward(images)}, 1);
+  const Tensor patches = torch::conv2d(images, patch_weight_, patch_bias_, /*stride=*/patch).flatten(2).transpose(1, 2);
+  Tensor x = torch::cat({cls_token_.expand({batch, -1, -1}), patches}, 1);
   x = x + positions(images.size(2) / patch, images.size(3) / patch);
   if (register_tokens_.defined()) {
     x = torch::cat({x.slice(1, 0, 1), register_tokens_.expand({batch, -1, -1}), x.slice(1, 1)}, 1);

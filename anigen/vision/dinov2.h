@@ -60,38 +60,6 @@ using torch::Tensor;
 Tensor interpolate_positions(const Tensor& pos_embed, std::int64_t rows, std::int64_t columns, bool antialias,
                              double offset);
 
-/// Cuts a picture into square patches and maps each to C channels: a convolution whose stride is its width. Keys
-/// `proj.weight` [C, 3, patch, patch] and `proj.bias` [C], not initialised.
-class PatchEmbedImpl : public torch::nn::Module {
- public:
-  PatchEmbedImpl(std::int64_t channels, std::int64_t patch_size);
-
-  /// @param images [B, 3, H, W] @return [B, P, C], patches row by row
-  Tensor forward(const Tensor& images);
-
- private:
-  struct Projection : torch::nn::Module {
-    Tensor weight, bias;
-  };
-
-  std::int64_t patch_size_;
-  std::shared_ptr<Projection> projection_;
-};
-TORCH_MODULE(PatchEmbed);
-
-/// Multi-head self attention with keys `qkv` (rows q, k, v; head j owns channels j·C/h … of each) and `proj`.
-class Dinov2AttentionImpl : public torch::nn::Module {
- public:
-  Dinov2AttentionImpl(std::int64_t channels, std::int64_t num_heads);
-  /// @param x [B, T, C] @return [B, T, C]
-  Tensor forward(const Tensor& x);
-
- private:
-  std::int64_t num_heads_;
-  nn::Linear qkv_ = nullptr, proj_ = nullptr;
-};
-TORCH_MODULE(Dinov2Attention);
-
 /// The feed-forward part: keys `fc1`, `fc2` with the exact (erf) GELU, or for SwiGLU `w12` (gate rows first) and `w3`.
 class Dinov2FeedForwardImpl : public torch::nn::Module {
  public:
@@ -104,22 +72,6 @@ class Dinov2FeedForwardImpl : public torch::nn::Module {
   nn::Linear first_ = nullptr, second_ = nullptr;
 };
 TORCH_MODULE(Dinov2FeedForward);
-
-/// Pre-norm block x += ls1 ⊙ attn(norm1(x)), x += ls2 ⊙ mlp(norm2(x)); norms with parameters and eps 1e-6 (reference
-/// flows-and-pipeline.md, 5.3).
-class Dinov2BlockImpl : public torch::nn::Module {
- public:
-  explicit Dinov2BlockImpl(const Dinov2Options& options);
-  /// @param x [B, T, C] @return [B, T, C]
-  Tensor forward(const Tensor& x);
-
- private:
-  nn::AffineLayerNorm norm1_ = nullptr, norm2_ = nullptr;
-  Dinov2Attention attention_ = nullptr;
-  Dinov2FeedForward mlp_ = nullptr;
-  nn::LayerScale ls1_ = nullptr, ls2_ = nullptr;
-};
-TORCH_MODULE(Dinov2Block);
 
 /// The tokens of a batch of pictures: class, registers, patches (row by row, from the top left).
 struct Dinov2Tokens {
@@ -156,7 +108,7 @@ class Dinov2Impl : public torch::nn::Module {
  private:
   Dinov2Options options_;
   Tensor cls_token_, pos_embed_, register_tokens_, mask_token_;
-  PatchEmbed patch_embed_ = nullptr;
+  Tensor patch_weight_, patch_bias_;  // [C, 3, patch, patch], [C]: a convolution whose stride is its width
   torch::nn::ModuleList blocks_ = nullptr;
   nn::AffineLayerNorm norm_ = nullptr;
 };

@@ -98,20 +98,6 @@ Tensor SqueezeExciteImpl::forward(Tensor x) {
   return x.mul_(torch::sigmoid(conv_expand_(torch::silu(conv_reduce_(mean)))));
 }
 
-DepthwiseSeparableImpl::DepthwiseSeparableImpl(std::int64_t in, std::int64_t out, std::int64_t kernel) {
-  conv_dw_ = register_module("conv_dw", Conv2d(in, in, kernel, /*with_bias=*/false, /*groups=*/in));
-  bn1_ = register_module("bn1", BatchNormState(in));
-  se_ = register_module("se", SqueezeExcite(in, in));
-  conv_pw_ = register_module("conv_pw", Conv2d(in, out, 1, /*with_bias=*/false));
-  bn2_ = register_module("bn2", BatchNormState(out));
-}
-
-Tensor DepthwiseSeparableImpl::forward(const Tensor& x) {
-  Tensor y = FoldedConvolution(conv_dw_, bn1_).apply(x, /*stride=*/1, /*groups=*/x.size(1));
-  y = se_(torch::silu_(y));
-  return with_skip(FoldedConvolution(conv_pw_, bn2_).apply(y), x);
-}
-
 InvertedResidualImpl::InvertedResidualImpl(std::int64_t in, std::int64_t out, std::int64_t kernel, std::int64_t stride)
     : stride_(stride) {
   const std::int64_t wide = kExpansion * in;
@@ -154,6 +140,29 @@ constexpr std::array<StageShape, 7> kB5Stages = {
     {{3, 3, 1, 24}, {5, 3, 2, 40}, {5, 5, 2, 64}, {7, 3, 2, 128}, {7, 5, 1, 176}, {9, 5, 2, 304}, {3, 3, 1, 512}}};
 constexpr std::int64_t kStemChannels = 48, kStemStride = 2, kHeadChannels = 2048;
 constexpr std::size_t kEighthStage = 2, kSixteenthStage = 4;
+
+// Depthwise k × k, squeeze and excite, 1 × 1. Keys `conv_dw`, `bn1`, `se`, `conv_pw`, `bn2`.
+class DepthwiseSeparableImpl : public EfficientNetBlockImpl {
+ public:
+  DepthwiseSeparableImpl(std::int64_t in, std::int64_t out, std::int64_t kernel) {
+    conv_dw_ = register_module("conv_dw", Conv2d(in, in, kernel, /*with_bias=*/false, /*groups=*/in));
+    bn1_ = register_module("bn1", BatchNormState(in));
+    se_ = register_module("se", SqueezeExcite(in, in));
+    conv_pw_ = register_module("conv_pw", Conv2d(in, out, 1, /*with_bias=*/false));
+    bn2_ = register_module("bn2", BatchNormState(out));
+  }
+
+  Tensor forward(const Tensor& x) override {
+    Tensor y = FoldedConvolution(conv_dw_, bn1_).apply(x, /*stride=*/1, /*groups=*/x.size(1));
+    y = se_(torch::silu_(y));
+    return with_skip(FoldedConvolution(conv_pw_, bn2_).apply(y), x);
+  }
+
+ private:
+  Conv2d conv_dw_ = nullptr, conv_pw_ = nullptr;
+  BatchNormState bn1_ = nullptr, bn2_ = nullptr;
+  SqueezeExcite se_ = nullptr;
+};
 
 std::shared_ptr<EfficientNetBlockImpl> make_block(std::size_t stage, std::int64_t in, std::int64_t stride) {
   const StageShape& shape = kB5Stages[stage];

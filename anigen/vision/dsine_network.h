@@ -79,18 +79,6 @@ class EfficientNetBlockImpl : public torch::nn::Module {
   virtual Tensor forward(const Tensor& x) = 0;
 };
 
-/// Depthwise k × k, squeeze and excite, 1 × 1. Keys `conv_dw`, `bn1`, `se`, `conv_pw`, `bn2`.
-class DepthwiseSeparableImpl : public EfficientNetBlockImpl {
- public:
-  DepthwiseSeparableImpl(std::int64_t in, std::int64_t out, std::int64_t kernel);
-  Tensor forward(const Tensor& x) override;
-
- private:
-  Conv2d conv_dw_ = nullptr, conv_pw_ = nullptr;
-  BatchNormState bn1_ = nullptr, bn2_ = nullptr;
-  SqueezeExcite se_ = nullptr;
-};
-
 /// 1 × 1 to six times the channels, depthwise k × k with the stride, squeeze and excite, 1 × 1. Keys `conv_pw`, `bn1`,
 /// `conv_dw`, `bn2`, `se`, `conv_pwl`, `bn3`.
 class InvertedResidualImpl : public EfficientNetBlockImpl {

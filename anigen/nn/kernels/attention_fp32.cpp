@@ -228,10 +228,7 @@ class CpuBlockedAttention : public torch::autograd::Function<CpuBlockedAttention
   // Parallel over heads: each head's sums for dk and dv are formed in one order.
   static variable_list backward(AutogradContext* context, variable_list gradients) {
     RECORD_USER_SCOPE("attention: dense");
-    TORCH_CHECK(!at::GradMode::is_enabled(),
-                "blocked attention can be differentiated once only: its backward pass, under "
-                "create_graph, would miss terms");
-    const variable_list saved = context->get_saved_variables();
+    const torch::autograd::variable_list saved = saved_once(*context, "blocked attention");
     const Tensor &q = saved[0], &k = saved[1], &v = saved[2], &out = saved[3], &log_sums = saved[4];
     const AttentionPlan plan(q.size(2), k.size(2), q.size(3));
     const std::int64_t batch = q.size(0), heads = q.size(1);
@@ -553,10 +550,7 @@ class CpuRaggedAttention : public torch::autograd::Function<CpuRaggedAttention> 
 
   static variable_list backward(AutogradContext* context, variable_list gradients) {
     RECORD_USER_SCOPE("attention: sequences");
-    TORCH_CHECK(!at::GradMode::is_enabled(),
-                "ragged attention can be differentiated once only: its backward pass, under "
-                "create_graph, would miss terms");
-    const variable_list saved = context->get_saved_variables();
+    const torch::autograd::variable_list saved = saved_once(*context, "ragged attention");
     const Tensor &q = saved[0], &k = saved[1], &v = saved[2];
     const RaggedProblem problem(q, k, saved[5], saved[6]);
     const RaggedGradients g{q,

@@ -248,11 +248,6 @@ namespace {
 using torch::autograd::AutogradContext;
 using torch::autograd::variable_list;
 
-void check_once(const char* what) {
-  TORCH_CHECK(!at::GradMode::is_enabled(), what,
-              " can be differentiated once only: its backward pass, under create_graph, would miss terms");
-}
-
 bool has_kernels(const Tensor& x) {
   return x.is_cpu() && (dtype_of(x) == torch::kFloat32 || dtype_of(x) == torch::kBFloat16);
 }
@@ -303,8 +298,7 @@ class NormRowsFunction : public torch::autograd::Function<NormRowsFunction> {
 
   static variable_list backward(AutogradContext* context, variable_list gradients) {
     RECORD_USER_SCOPE("elementwise and copies: norm, modulation");
-    check_once("modulated layer norm");
-    const variable_list saved = context->get_saved_variables();
+    const variable_list saved = saved_once(*context, "modulated layer norm");
     const Tensor &x = saved[0], &statistics = saved[2], dy = gradients[0].contiguous();
     const std::vector<std::int64_t> lengths = context->saved_data["lengths"].toIntVector();
     const auto base = static_cast<float>(context->saved_data["base"].toDouble());
@@ -360,8 +354,7 @@ class AddGatedFunction : public torch::autograd::Function<AddGatedFunction> {
 
   static variable_list backward(AutogradContext* context, variable_list gradients) {
     RECORD_USER_SCOPE("elementwise and copies: norm, modulation");
-    check_once("a gated sum");
-    const variable_list saved = context->get_saved_variables();
+    const variable_list saved = saved_once(*context, "a gated sum");
     const Tensor &result = saved[1], dy = gradients[0].contiguous();
     const std::vector<std::int64_t> lengths = context->saved_data["lengths"].toIntVector();
     const std::int64_t channels = result.size(1);
