@@ -31,12 +31,13 @@ Streams velocity_at(const Streams& x, double t, const Velocities& velocities, co
   if (!velocities.unconditional || !guided_at(options, t)) return velocity;
   const Streams negative = velocities.unconditional(x, time);
   check_streams(negative, x, "the unconditional velocity");
-  for (std::size_t i = 0; i < x.size(); ++i) {
+  for (std::size_t i = 0; i < x.size(); ++i) {  // v ← (1 + s) v − s v_neg
     velocity[i] = (1.0 + options.cfg_strength) * velocity[i] - options.cfg_strength * negative[i];
   }
   return velocity;
 }
 
+// x − Δt v
 Streams moved(const Streams& x, const Streams& velocity, double span) {
   Streams result;
   for (std::size_t i = 0; i < x.size(); ++i) result.push_back(x[i] - span * velocity[i]);
@@ -46,14 +47,14 @@ Streams moved(const Streams& x, const Streams& velocity, double span) {
 /// Result of one step. @param first the velocity at x and t
 Streams step_from(const Streams& x, const Streams& first, double t, double next, const Velocities& velocities,
                   const SamplerOptions& options) {
-  const double span = t - next;
-  if (options.solver == Solver::kMidpoint) {
+  const double span = t - next;               // Δt = t − t'
+  if (options.solver == Solver::kMidpoint) {  // x − Δt v(x − ½ Δt v, t − ½ Δt)
     return moved(x, velocity_at(moved(x, first, 0.5 * span), t - 0.5 * span, velocities, options), span);
   }
-  const Streams end = moved(x, first, span);
+  const Streams end = moved(x, first, span);  // Euler: x_t' = x_t − Δt v(x_t, t)
   if (options.solver == Solver::kEuler || next <= 0.0) return end;
   const Streams second = velocity_at(end, next, velocities, options);
-  Streams mean;
+  Streams mean;  // Heun: ½ (v(x_t, t) + v(x_t', t'))
   for (std::size_t i = 0; i < x.size(); ++i) mean.push_back(0.5 * (first[i] + second[i]));
   return moved(x, mean, span);
 }

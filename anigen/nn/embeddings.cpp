@@ -114,7 +114,7 @@ JointCountEmbedderImpl::JointCountEmbedderImpl(std::int64_t channels, std::int64
 Tensor JointCountEmbedderImpl::forward(const Tensor& joints_num, const Tensor& unconditional) {
   const Tensor features = joint_count_features(joints_num, most_, bands_, dtype_of(first_->weight));
   const Tensor embedding = second_->forward(torch::silu(first_->forward(features)));
-  return torch::where((joints_num <= 0).unsqueeze(1), unconditional, embedding);
+  return torch::where((joints_num <= 0).unsqueeze(1), unconditional, embedding);  // dropped counts are 0
 }
 
 }  // namespace anigen::nn

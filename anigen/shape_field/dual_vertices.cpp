@@ -152,6 +152,8 @@ DualVertices tensor_dual_vertices(const Tensor& rows, const Tensor& alpha, const
     return torch::zeros({topology.duals, values.size(1)}, rows.options()).index_add(0, dual, values);
   };
   const Tensor a = rows.index_select(0, column(kVertexA)), b = rows.index_select(0, column(kVertexB));
+  // Edge e = (a, b) with signed distances s and values x: w = s α, u_e = (x_a w_b − x_b w_a) / (w_b − w_a), and the
+  // dual vertex is v_d = Σ β_e u_e / Σ β_e.
   const Tensor s_a = a.narrow(1, 0, 1), s_b = b.narrow(1, 0, 1);
   const Tensor x_a = a.narrow(1, 1, rows.size(1) - 1), x_b = b.narrow(1, 1, rows.size(1) - 1);
   const Tensor w_a = s_a * chosen(alpha, column(kAlphaA)), w_b = s_b * chosen(alpha, column(kAlphaB));
@@ -160,6 +162,7 @@ DualVertices tensor_dual_vertices(const Tensor& rows, const Tensor& alpha, const
   DualVertices found;
   found.values = sum(weight * linear_zero(x_a, x_b, w_a, w_b)) / sum(weight);
   if (!with_deviation) return found;
+  // L_dev: | ‖z_e − v_d‖ − mean over the edges of d |, with z_e the crossing without α.
   const Tensor zero = linear_zero(x_a.narrow(1, 0, 3), x_b.narrow(1, 0, 3), s_a, s_b);
   const Tensor distance = (zero - found.values.narrow(1, 0, 3).index_select(0, dual)).norm(2, 1, /*keepdim=*/true);
   const Tensor mean = sum(distance) / sum(torch::ones_like(distance));

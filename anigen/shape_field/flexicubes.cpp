@@ -452,11 +452,12 @@ struct SurfaceWeights {
 SurfaceWeights surface_weights(const CubeField& field, const DualTopology& topology) {
   const Tensor raw = gather_rows(field.weights, topology.weights.to(field.sdf.device()));
   const std::vector<Tensor> parts = raw.split_with_sizes({12, 8, 1}, 1);
+  // β, α = 1 + 0.99 tanh(·), γ = 0.005 + 0.99 σ(·)
   const auto around_one = [](const Tensor& part) { return torch::tanh(part) * kWeightRange + 1.0; };
   return {around_one(parts[0]), around_one(parts[1]), torch::sigmoid(parts[2]) * kWeightRange + 0.005};
 }
 
-// Products of gamma over the diagonals 0–2 and 1–3 of each quad. @return [F, 1] each
+// A = γ_0 γ_2 and B = γ_1 γ_3, the products over the diagonals of each quad. @return [F, 1] each
 struct DiagonalWeights {
   DiagonalWeights(const Tensor& gamma, const RowLinks& quad_cubes) {
     const std::vector<Tensor> corner = gather_rows(gamma, quad_cubes).view({-1, 4}).split(1, 1);
@@ -472,7 +473,7 @@ Tensor triangles(const Tensor& quads, const std::vector<std::int64_t>& columns) 
   return quads.index_select(1, index).view({-1, 3});
 }
 
-// Two triangles along the diagonal with the larger product.
+// Two triangles along the diagonal with the larger of A and B.
 Tensor split_quads(const Tensor& quads, const DiagonalWeights& weights) {
   const auto as_rows = [](const Tensor& faces) { return faces.view({-1, 6}); };
   const Tensor along_first = as_rows(triangles(quads, {0, 1, 2, 0, 2, 3}));
@@ -480,7 +481,7 @@ Tensor split_quads(const Tensor& quads, const DiagonalWeights& weights) {
   return torch::where(weights.first.gt(weights.second), along_first, along_second).reshape({-1, 3});
 }
 
-// A vertex in the middle of each quad, between the middles of its diagonals. @param values [D, ch] @return [F, ch]
+// Centre (A (v_0 + v_2)/2 + B (v_1 + v_3)/2) / (A + B + 1e-8) of each quad. @param values [D, ch] @return [F, ch]
 Tensor quad_centres(const Tensor& values, const RowLinks& quad_duals, const DiagonalWeights& weights) {
   const std::vector<Tensor> corner = gather_rows(values, quad_duals).view({-1, 4, values.size(1)}).unbind(1);
   const Tensor first = (corner[0] + corner[2]) / 2.0, second = (corner[1] + corner[3]) / 2.0;

@@ -217,6 +217,7 @@ JointSkinFeatures joint_skin_features(const SkeletonField& field, const Tensor& 
   const auto sum_by_joint = [&](const Tensor& rows) {
     return rows.new_zeros({count, rows.size(1)}).index_add(0, owners, rows);
   };
+  // W^j = Σ c f / Σ c over the voxels that j owns, and the variance Σ c f² / Σ c − (W^j)².
   const Tensor weighted = weights * features;
   const Tensor totals = sum_by_joint(weights).clamp_min(kLeastWeight);
   const Tensor mean = sum_by_joint(weighted) / totals;

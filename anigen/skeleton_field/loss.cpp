@@ -29,7 +29,8 @@ Tensor crowding_weights(const std::vector<Eigen::Vector3d>& joints) {
   return torch::tensor(weights, torch::kFloat32);
 }
 
-// Loss of one kind of vote, for joints or for parents. Differences [M, 3], weights and targets [M, 1].
+// L_J or L_P = mean c ‖Ĵ − J‖ of the votes for joints or for parents, c the target κ or what the confidence says.
+// Differences [M, 3], weights and targets [M, 1].
 Tensor vote_loss(const Tensor& difference, const Tensor& weight, const Tensor& target, const Tensor& confidence,
                  double alpha, const SkeletonLossOptions& options) {
   const Tensor plain = options.squared ? difference.square().sum(1, /*keepdim=*/true) : difference.abs();

@@ -160,6 +160,7 @@ void SkinEncoderImpl::initialize() {
 
 Tensor SkinEncoderImpl::embed_joints(const SkeletonBatch& skeletons) {
   const Tensor joints = skeletons.joints.to(root_embedding_.options());
+  // e_j = J_j − J_π(j), a_j = Linear(PE(e_j)), h = embedder(a_j, a_π(j)).
   const Tensor positions = options_.relative_pe ? joints - joints.index_select(0, skeletons.anchor_rows) : joints;
   const Tensor own = pos_embedder_linear_->forward(fourier_(positions));
   const Tensor parent = torch::cat({own, root_embedding_}, 0).index_select(0, skeletons.parent_rows);
@@ -172,7 +173,7 @@ Tensor SkinEncoderImpl::joint_features(const Tensor& embeddings) { return out_la
 Tensor SkinEncoderImpl::vertex_features(const Tensor& embeddings, const nn::Ragged& joints,
                                         const std::vector<Tensor>& skin) {
   check_skin(skin, joints);
-  // The head is applied per joint where it may be: there are far fewer joints than points.
+  // f_V = W · head(h). The head is applied per joint where it may be: there are far fewer joints than points.
   if (options_.vert_feat_is_linear) return weighted(skin, out_layer_vert_->forward(embeddings), joints);
   return out_layer_vert_->forward(weighted(skin, embeddings, joints));
 }
@@ -232,8 +233,9 @@ std::vector<Tensor> SkinDecoderImpl::logits(const Tensor& vertex_features, const
   }
   const std::int64_t channels = options_.model_channels;
   const std::vector<Tensor> parts = out_layer_vertex_->forward(v.to(dtype)).split_with_sizes({channels, 1}, 1);
+  // Logits τ_p ⟨q_p, j_i⟩ with the inverse temperature τ = ELU(s) + 2, above 1 (Eq. 5 divides by T = 1/τ).
   const std::vector<Tensor> queries = vertices.split(parts[0]);
-  const std::vector<Tensor> temperatures = vertices.split(torch::elu(parts[1]) + 2.0);  // inverse, above 1
+  const std::vector<Tensor> temperatures = vertices.split(torch::elu(parts[1]) + 2.0);
   std::vector<Tensor> logits;
   for (std::size_t i = 0; i < joints.keys.size(); ++i) {
     logits.push_back(torch::mm(queries[i], joints.keys[i].t()) * temperatures[i]);

@@ -326,7 +326,8 @@ Velocity SparseStructureFlowImpl::forward(const Tensor& x, const Tensor& x_skl, 
     const Tensor f_skl =
         skeleton_.run_block(skeleton_.blocks[i], h_skl, m_skl, options_.skl_cross_from_ss ? h : context);
     const std::int64_t crossing = options_.has_cross_adapter(static_cast<std::int64_t>(i)) ? crossings++ : -1;
-    // Both read what the blocks gave, not what the other exchange has already changed.
+    // h ← f + B_i(f_skl), h_skl ← f_skl + A_i(f): both adapters of the duet read what the blocks gave, not what the
+    // other one has already changed.
     h = shape_.receive(i, crossing, f, f_skl, m);
     h_skl = skeleton_.receive(i, crossing, f_skl, f, m_skl);
   }

@@ -253,8 +253,8 @@ Tensor StructuredLatentFlowStream::leave(StructuredLatentFlowState state) {
 
 namespace {
 
-// The network's output is formed into a velocity; the sign is the published one, opposite to that of the sparse
-// structure (reference flows-and-pipeline.md, 2.5, step 8).
+// x₀ prediction: v = (x̂ − x_t) / max(t, ε) of the network's output x̂; the sign is the published one, opposite to that
+// of the sparse structure (reference flows-and-pipeline.md, 2.5, step 8).
 Tensor velocity_of_sparse_prediction(const SparseTensor& x_t, const Tensor& output, const Tensor& t,
                                      const StructuredLatentFlowOptions& options) {
   const Tensor item = x_t.support->coords().select(1, 0).to(t.device(), torch::kInt64);
@@ -350,7 +350,8 @@ StructuredVelocity StructuredLatentFlowImpl::forward(const SparseTensor& x, cons
   StructuredLatentFlowState skin = skin_.enter(x_skin, t, counts, dtype);
   StructuredLatentFlowState skl = skeleton_.enter(x_skl, t, counts, dtype);
   for (std::size_t i = 0; i < adapters_.size(); ++i) {
-    // All three see each other as they were before this block.
+    // f = block_i(h, e, cond), f_skin = block_i(h_skin, e_skin, h_skl) + A_i(h), f_skl = block_i(h_skl, e_skl, h_skin):
+    // all three see each other as they were before this block.
     const Tensor from_geometry = adapters_[i]->forward(geo.h.feats);
     geo.h = geometry_.run_block(i, geo, context);
     const SparseTensor f_skin = skin_.run_block(i, skin, skl.h.feats, skl.h.support);

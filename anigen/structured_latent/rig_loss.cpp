@@ -30,6 +30,7 @@ void add_skin_terms(const RigPrediction& predicted, const RigTruth& truth,
 
 }  // namespace
 
+// λ_J L_J + λ_P L_P + λ_var L_var + λ_kl KL(W ‖ Ŵ) + λ_V ‖f_V − f̂_V‖² + λ_W ‖W^j − Ŵ^j‖²
 Tensor RigLosses::total(const RigLossOptions& options) const {
   return options.lambda_joints * joints + options.lambda_parents * parents + options.lambda_skin_var * skin_var +
          options.lambda_skin_kl * skin_kl + options.lambda_skin_feats_l2 * skin_feats_l2_vert +
