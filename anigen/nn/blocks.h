@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "anigen/nn/attention.h"
+#include "anigen/nn/init.h"
 #include "anigen/nn/linear.h"
 #include "anigen/nn/norms.h"
 
@@ -164,6 +165,20 @@ class ModulatedBlockImpl : public ModulatedLayers<DenseAttention> {
   Tensor forward(const Tensor& x, const Tensor& mod);
 };
 TORCH_MODULE(ModulatedBlock);
+
+/// Published initial values of what the streams of both flows have: time embedders N(0, 0.02²), modulation and last
+/// layer zero (reference flows-and-pipeline.md, 1.7 and 2.8).
+template <typename Stream>
+void initialize_modulated_stream(Stream& stream) {
+  normal_linear(*stream.t_embedder->first);
+  normal_linear(*stream.t_embedder->second);
+  if (!stream.shared_modulation.is_empty()) zero_parameters(*stream.shared_modulation);
+  for (const auto& block : stream.blocks) {
+    const Linear modulation = block->modulation();
+    if (!modulation.is_empty()) zero_parameters(*modulation.ptr());
+  }
+  zero_parameters(*stream.out_layer);
+}
 
 struct DenseBlockOptions : BlockOptions {
   std::int64_t out_channels = 0;      ///< 0: channels; another width sends the last residual through `res_mlp`

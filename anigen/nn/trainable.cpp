@@ -85,6 +85,15 @@ void FlowModel::set_compute_dtype(torch::Dtype dtype) {
   set_torso_dtype(dtype);
 }
 
+void FlowModel::check_conditions(const Tensor& t, const Tensor& cond, std::int64_t batch, std::int64_t channels) {
+  if (t.dim() != 1 || t.size(0) != batch) throw InputError("", "t", "expected one time per item");
+  if (cond.dim() != 3 || cond.size(2) != channels || (cond.size(0) != batch && cond.size(0) != 1)) {
+    throw InputError("", "cond",
+                     "expected tokens [" + std::to_string(batch) + " or 1, M, " + std::to_string(channels) +
+                         "], found " + shape_text(cond));
+  }
+}
+
 Latent deterministic_latent(const Tensor& z) { return {z, z.detach(), torch::zeros_like(z)}; }
 
 Latent sampled_latent(const Tensor& raw, std::int64_t axis, const Tensor& noise) {

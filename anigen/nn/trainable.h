@@ -70,6 +70,10 @@ class FlowModel : public FreezableModel {
  protected:
   using FreezableModel::FreezableModel;
 
+  /// @throws InputError unless t is [batch] and cond [batch or 1, M, channels]
+  static void check_conditions(const torch::Tensor& t, const torch::Tensor& cond, std::int64_t batch,
+                               std::int64_t channels);
+
   torch::Tensor torso_weight_;  ///< any linear weight of the torso: its dtype is the compute dtype
 };
 

@@ -84,8 +84,6 @@ class SortedJoints {
   std::vector<int> original_;
 };
 
-double sigmoid(double x) { return 1.0 / (1.0 + std::exp(-x)); }
-
 }  // namespace
 
 std::vector<NearestJoints> nearest_joints(const std::vector<Eigen::Vector3d>& points,
@@ -106,37 +104,6 @@ double joint_confidence(const NearestJoints& nearest) {
   return 1.0 - std::min(1.0, nearest.first / (nearest.second + 1e-8));
 }
 
-double target_confidence(const NearestJoints& nearest) { return std::max(0.1, joint_confidence(nearest)); }
-
-std::vector<JointFieldPoint> joint_field(const std::vector<Eigen::Vector3d>& points,
-                                         const std::vector<Eigen::Vector3d>& joints, const std::vector<int>& parents,
-                                         RootParent root) {
-  if (joints.size() != parents.size()) {
-    throw InputError("", "parents",
-                     std::to_string(joints.size()) + " joints but " + std::to_string(parents.size()) + " parents");
-  }
-  for (std::size_t j = 0; j < parents.size(); ++j) {
-    if (parents[j] >= -1 && parents[j] < static_cast<int>(joints.size())) continue;
-    throw InputError("", "parents[" + std::to_string(j) + "]", "there is no joint " + std::to_string(parents[j]));
-  }
-  const std::vector<NearestJoints> nearest = nearest_joints(points, joints);
-  const std::size_t stand_in = root == RootParent::kFirstJoint ? 0 : joints.size() - 1;
-  std::vector<JointFieldPoint> field(points.size());
-  for (std::size_t p = 0; p < points.size(); ++p) {
-    const auto joint = static_cast<std::size_t>(nearest[p].joint);
-    const int parent = parents[joint];
-    const std::size_t seen = parent < 0 ? stand_in : static_cast<std::size_t>(parent);
-    field[p] = {nearest[p].joint, parent, joints[joint] - points[p], joints[seen] - points[p],
-                joint_confidence(nearest[p])};
-  }
-  return field;
-}
-
-JointVote joint_vote(const Eigen::Vector3d& center, const std::array<double, 8>& channels) {
-  return {center + Eigen::Vector3d(channels[0], channels[1], channels[2]),
-          center + Eigen::Vector3d(channels[3], channels[4], channels[5]), sigmoid(channels[6]), sigmoid(channels[7])};
-}
-
 namespace {
 
 std::vector<float> confidences_of(const Tensor& confidence, std::int64_t votes, const char* name) {
@@ -147,12 +114,6 @@ std::vector<float> confidences_of(const Tensor& confidence, std::int64_t votes, 
 }
 
 }  // namespace
-
-Grouping grouping_named(const std::string& name) {
-  if (name == "mean_shift") return Grouping::kMeanShift;
-  if (name == "threshold") return Grouping::kThreshold;
-  throw InputError("", "", "no grouping is called '" + name + "': mean_shift or threshold");
-}
 
 Votes votes_of(const SkeletonField& field) {
   Votes votes;
@@ -166,10 +127,12 @@ Votes votes_of(const SkeletonField& field) {
 
 SkeletonTensors group_votes(const SkeletonField& field, const std::string& strategy, const MeanShiftOptions& mean_shift,
                             const ThresholdOptions& threshold) {
-  const bool is_mean_shift = grouping_named(strategy) == Grouping::kMeanShift;
+  if (strategy != "mean_shift" && strategy != "threshold") {
+    throw InputError("", "", "no grouping is called '" + strategy + "': mean_shift or threshold");
+  }
   const Votes votes = votes_of(field);
   const GroupedSkeleton skeleton =
-      is_mean_shift ? mean_shift_grouping(votes, mean_shift) : threshold_grouping(votes, threshold);
+      strategy == "mean_shift" ? mean_shift_grouping(votes, mean_shift) : threshold_grouping(votes, threshold);
   const auto count = static_cast<std::int64_t>(skeleton.joints.size());
   SkeletonTensors tensors{torch::empty({count, 3}, torch::kFloat32), torch::empty({count}, torch::kInt64)};
   float* joints = tensors.joints.data_ptr<float>();

@@ -1,6 +1,5 @@
 #pragma once
 #include <Eigen/Core>
-#include <array>
 #include <string>
 #include <vector>
 
@@ -26,39 +25,6 @@ std::vector<NearestJoints> nearest_joints(const std::vector<Eigen::Vector3d>& po
 
 /// κ = 1 − min(1, d₁² / (d₂² + 1e-8)): 1 at a joint, 0 halfway between two, and 0 with a single joint.
 double joint_confidence(const NearestJoints& nearest);
-/// Confidence target of the losses: max(0.1, κ).
-double target_confidence(const NearestJoints& nearest);
-
-/// Whose position stands in for the parent of a joint that has none.
-enum class RootParent {
-  kFirstJoint,  ///< as in the published loss; for a root that is joint 0 the parent is the joint itself
-  kLastJoint    ///< as in the published encoder, which then puts a learned vector in its place
-};
-
-struct JointFieldPoint {
-  int joint = -1;             ///< nearest joint j
-  int parent = -1;            ///< parent of that joint, -1 for a root
-  Eigen::Vector3d to_joint;   ///< J_j − p
-  Eigen::Vector3d to_parent;  ///< J_parent(j) − p
-  double confidence = 0.0;    ///< κ, not clamped
-};
-
-/// The residual field at points: usually the centres of the dilated skeleton voxels.
-/// @param joints [J] @param parents [J], -1 for roots
-/// @throws InputError as nearest_joints, and when lengths differ or a parent is out of range
-std::vector<JointFieldPoint> joint_field(const std::vector<Eigen::Vector3d>& points,
-                                         const std::vector<Eigen::Vector3d>& joints, const std::vector<int>& parents,
-                                         RootParent root = RootParent::kFirstJoint);
-
-/// Vote of a voxel: the inverse of the residual field.
-struct JointVote {
-  Eigen::Vector3d joint, parent;                           ///< positions
-  double joint_confidence = 0.0, parent_confidence = 0.0;  ///< in (0, 1)
-};
-
-/// @param center of the voxel @param channels of the decoder: joint 3 and parent 3 relative to the centre, then the
-/// logits of both confidences (reference autoencoders.md, 3.6, with jp_residual_fields and jp_hyper_continuous)
-JointVote joint_vote(const Eigen::Vector3d& center, const std::array<double, 8>& channels);
 
 using torch::Tensor;
 
@@ -84,11 +50,6 @@ struct SkeletonTensors {
   Tensor joints;   ///< [J, 3] fp32
   Tensor parents;  ///< [J] int64, -1 for a root
 };
-
-enum class Grouping { kMeanShift, kThreshold };
-
-/// @param name "mean_shift" or "threshold" @throws InputError on another one
-Grouping grouping_named(const std::string& name);
 
 /// The votes of a field on the CPU; confidences stay empty where the field has none.
 /// @throws InputError when shapes do not fit

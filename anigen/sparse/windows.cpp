@@ -105,10 +105,6 @@ Tensor permute_rows(const Tensor& rows, const Tensor& order, const Tensor& inver
   return PermuteRows::apply(rows, order.to(rows.device()), inverse.to(rows.device()));
 }
 
-Tensor offset_tensor(const std::vector<std::int64_t>& offsets) {
-  return torch::tensor(offsets, torch::TensorOptions().dtype(torch::kInt64));
-}
-
 // Windows one after another, by ascending number.
 class WindowCursor {
  public:
@@ -151,7 +147,7 @@ PairedOffsets pair_windows(const WindowOrder& queries, const WindowOrder& keys) 
     q_offsets.push_back(query.end_of(number));
     k_offsets.push_back(key.end_of(number));
   }
-  return {offset_tensor(q_offsets), offset_tensor(k_offsets)};
+  return {int64_tensor(q_offsets), int64_tensor(k_offsets)};
 }
 
 namespace {

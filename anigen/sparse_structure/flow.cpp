@@ -306,12 +306,7 @@ void SparseStructureFlowImpl::check_inputs(const Tensor& x, const Tensor& x_skl,
   skeleton_.check_latent(x_skl);
   const std::int64_t batch = x.size(0);
   if (x_skl.size(0) != batch) throw InputError("", "x_skl", "not as many items as x");
-  if (t.dim() != 1 || t.size(0) != batch) throw InputError("", "t", "expected one time per item");
-  if (cond.dim() != 3 || cond.size(2) != options_.cond_channels || (cond.size(0) != batch && cond.size(0) != 1)) {
-    throw InputError("", "cond",
-                     "expected tokens [" + std::to_string(batch) + " or 1, M, " +
-                         std::to_string(options_.cond_channels) + "], found " + c10::str(cond.sizes()));
-  }
+  check_conditions(t, cond, batch, options_.cond_channels);
 }
 
 Velocity SparseStructureFlowImpl::forward(const Tensor& x, const Tensor& x_skl, const Tensor& t, const Tensor& cond) {
@@ -337,28 +332,14 @@ Velocity SparseStructureFlowImpl::forward(const Tensor& x, const Tensor& x_skl, 
   return velocity;
 }
 
-namespace {
-
-void initialize_flow_stream(FlowStream& stream) {
-  nn::normal_linear(*stream.t_embedder->first);
-  nn::normal_linear(*stream.t_embedder->second);
-  if (!stream.shared_modulation.is_empty()) nn::zero_parameters(*stream.shared_modulation);
-  for (const nn::ModulatedCrossBlock& block : stream.blocks) {
-    const nn::Linear modulation = block->modulation();
-    if (!modulation.is_empty()) nn::zero_parameters(*modulation.ptr());
-  }
-  nn::zero_parameters(*stream.out_layer);
-  for (const nn::Linear& adapter : stream.adapters) nn::zero_parameters(*adapter.ptr());
-  for (const nn::Linear& output : stream.cross_outputs) nn::zero_parameters(*output.ptr());
-}
-
-}  // namespace
-
 void initialize_flow(torch::nn::Module& model, FlowStream& shape, FlowStream& skeleton) {
   nn::xavier_uniform_linears(model);
   nn::default_norms(model);
-  initialize_flow_stream(shape);
-  initialize_flow_stream(skeleton);
+  for (FlowStream* stream : {&shape, &skeleton}) {
+    nn::initialize_modulated_stream(*stream);
+    for (const nn::Linear& adapter : stream->adapters) nn::zero_parameters(*adapter.ptr());
+    for (const nn::Linear& output : stream->cross_outputs) nn::zero_parameters(*output.ptr());
+  }
 }
 
 namespace {

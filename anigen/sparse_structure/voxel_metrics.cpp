@@ -1,6 +1,7 @@
 #include "anigen/sparse_structure/voxel_metrics.h"
 
 #include <array>
+#include <utility>
 #include <vector>
 
 #include "anigen/core/error.h"
@@ -102,6 +103,11 @@ VoxelAgreement voxel_agreement(const Tensor& predicted, const Tensor& target, st
 
 namespace {
 
+constexpr std::pair<const char*, OccupancyLoss> kOccupancyLosses[] = {  // in the order of the enum
+    {"dice", OccupancyLoss::kDice},
+    {"bce", OccupancyLoss::kBce},
+    {"l1", OccupancyLoss::kL1}};
+
 Tensor dice(const Tensor& probability, const Tensor& occupancy) {
   const Tensor common = (probability * occupancy).sum();
   return 1.0 - (2.0 * common + 1.0) / (probability.sum() + occupancy.sum() + 1.0);
@@ -110,22 +116,13 @@ Tensor dice(const Tensor& probability, const Tensor& occupancy) {
 }  // namespace
 
 OccupancyLoss occupancy_loss_named(const std::string& name) {
-  for (const OccupancyLoss loss : {OccupancyLoss::kDice, OccupancyLoss::kBce, OccupancyLoss::kL1}) {
-    if (name_of(loss) == name) return loss;
+  for (const auto& [word, loss] : kOccupancyLosses) {
+    if (word == name) return loss;
   }
   throw InputError("", "loss_type", "expected dice, bce or l1, found '" + name + "'");
 }
 
-std::string name_of(OccupancyLoss loss) {
-  switch (loss) {
-    case OccupancyLoss::kDice:
-      return "dice";
-    case OccupancyLoss::kBce:
-      return "bce";
-    default:
-      return "l1";
-  }
-}
+std::string name_of(OccupancyLoss loss) { return kOccupancyLosses[static_cast<std::size_t>(loss)].first; }
 
 Tensor occupancy_loss(const Tensor& logits, const Tensor& occupancy, OccupancyLoss loss) {
   if (logits.sizes() != occupancy.sizes()) throw InputError("", "", "logits and occupancy differ in shape");

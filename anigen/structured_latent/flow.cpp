@@ -316,21 +316,13 @@ void StructuredLatentFlowImpl::check_inputs(const SparseTensor& x, const SparseT
   check_voxel_rows(x, options_.geometry.in_channels + options_.skin.in_channels, "x");
   check_voxel_rows(x_skl, options_.skeleton.in_channels, "x_skl");
   const std::int64_t batch = x.support->items().items();
-  const auto is_per_item = [batch](const Tensor& values, std::int64_t dims) {
-    return values.dim() == dims && (values.size(0) == batch || values.size(0) == 1);
-  };
   if (x_skl.support->items().items() != batch) throw InputError("", "x_skl", "not as many items as x");
-  if (t.dim() != 1 || t.size(0) != batch) throw InputError("", "t", "expected one time per item");
-  if (!is_per_item(cond, 3) || cond.size(2) != options_.cond_channels) {
-    throw InputError("", "cond",
-                     "expected tokens [" + std::to_string(batch) + " or 1, K, " +
-                         std::to_string(options_.cond_channels) + "], found " + nn::shape_text(cond));
-  }
+  check_conditions(t, cond, batch, options_.cond_channels);
   if (!joints_num.defined()) return;
   if (!options_.use_joint_num_cond) {
     throw InputError("", "joints_num", "this model is not conditioned on a number of joints (use_joint_num_cond)");
   }
-  if (!is_per_item(joints_num, 1)) {
+  if (joints_num.dim() != 1 || (joints_num.size(0) != batch && joints_num.size(0) != 1)) {
     throw InputError("", "joints_num",
                      "expected one number for each of " + std::to_string(batch) + " items, or one for all, found " +
                          nn::shape_text(joints_num));
@@ -368,31 +360,18 @@ StructuredVelocity StructuredLatentFlowImpl::forward(const SparseTensor& x, cons
   return {x.with(torch::cat({v_geo, v_skin}, 1)), x_skl.with(v_skl)};
 }
 
-namespace {
-
-void initialize_slat_flow_stream(StructuredLatentFlowStream& stream) {
-  nn::normal_linear(*stream.t_embedder->first);
-  nn::normal_linear(*stream.t_embedder->second);
-  if (!stream.shared_modulation.is_empty()) nn::zero_parameters(*stream.shared_modulation);
-  if (stream.joint_unconditional.defined()) torch::nn::init::zeros_(stream.joint_unconditional);
-  for (auto* blocks : {&stream.input_blocks, &stream.out_blocks}) {
-    for (sparse::ResidualBlock& block : *blocks) block->initialize();
-  }
-  for (const sparse::SparseModulatedCrossBlock& block : stream.blocks) {
-    const nn::Linear modulation = block->modulation();
-    if (!modulation.is_empty()) nn::zero_parameters(*modulation.ptr());
-  }
-  nn::zero_parameters(*stream.out_layer);
-}
-
-}  // namespace
-
 void initialize_flow(torch::nn::Module& model, const std::vector<StructuredLatentFlowStream*>& streams,
                      const std::vector<nn::Linear>& adapters) {
   nn::xavier_uniform_linears(model);
   nn::default_norms(model);
   sparse::default_submanifold_kernels(model);
-  for (StructuredLatentFlowStream* stream : streams) initialize_slat_flow_stream(*stream);
+  for (StructuredLatentFlowStream* stream : streams) {
+    nn::initialize_modulated_stream(*stream);
+    if (stream->joint_unconditional.defined()) torch::nn::init::zeros_(stream->joint_unconditional);
+    for (auto* blocks : {&stream->input_blocks, &stream->out_blocks}) {
+      for (sparse::ResidualBlock& block : *blocks) block->initialize();
+    }
+  }
   for (const nn::Linear& adapter : adapters) nn::zero_parameters(*adapter.ptr());
 }
 

@@ -159,17 +159,14 @@ skeleton_field::FieldConfidence derived_confidence(const StructuredLatentDecoder
                                         : skeleton_field::FieldConfidence::kNone;
 }
 
-const char* word_of(skeleton_field::FieldConfidence confidence) {
-  switch (confidence) {
-    case skeleton_field::FieldConfidence::kExplicit:
-      return "explicit";
-    case skeleton_field::FieldConfidence::kNone:
-      return "none";
-    case skeleton_field::FieldConfidence::kLearned:
-      return "learned";
-    default:
-      return "bayesian";
-  }
+// In the order of the enum.
+const std::vector<std::string>& confidence_words() {
+  static const std::vector<std::string> words = {"explicit", "none", "learned", "bayesian"};
+  return words;
+}
+
+const std::string& word_of(skeleton_field::FieldConfidence confidence) {
+  return confidence_words()[static_cast<std::size_t>(confidence)];
 }
 
 Tensor relative_precision(const Tensor& log_scale) {
@@ -184,7 +181,7 @@ StructuredLatentVariant StructuredLatentVariant::read(ConfigReader& args, const 
                                                       const std::string& compatibility) {
   StructuredLatentVariant variant;
   const skeleton_field::FieldConfidence derived = derived_confidence(decoder);
-  const std::string word = args.choice("confidence", word_of(derived), {"explicit", "none", "learned", "bayesian"});
+  const std::string word = args.choice("confidence", word_of(derived), confidence_words());
   variant.confidence = derived;
   if (word == "bayesian") {
     if (derived != skeleton_field::FieldConfidence::kLearned) {

@@ -1,6 +1,7 @@
 // Voxels of surfaces and skeletons, and the skeleton field seen from voxels.
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <stdexcept>
 #include <string>
 
@@ -119,21 +120,27 @@ std::vector<Eigen::Vector3d> centers(const std::vector<Voxel>& voxels, int resol
 /// (a learned vector where there is none), and the nearest joint's skin embedding.
 torch::Tensor check_fields(Fixture& fixture, const std::string& s, const Sample& sample,
                            const nn::FourierEmbedding& embedding, const torch::Tensor& root) {
-  const auto field = skeleton_field::joint_field(centers(sample.skeleton_voxels, fixture.config().at("resolution")),
-                                                 sample.joints, sample.parents, skeleton_field::RootParent::kLastJoint);
+  const auto places = centers(sample.skeleton_voxels, fixture.config().at("resolution"));
+  const auto field = skeleton_field::nearest_joints(places, sample.joints);
   Eigen::MatrixXd to_joint(static_cast<Eigen::Index>(field.size()), 4), to_parent = to_joint;
   std::vector<std::int64_t> nearest;
+  std::vector<bool> is_root;
   for (std::size_t i = 0; i < field.size(); ++i) {
     const auto row = static_cast<Eigen::Index>(i);
-    to_joint.row(row) << field[i].to_joint.transpose(), field[i].confidence;
-    to_parent.row(row) << field[i].to_parent.transpose(), field[i].confidence;
+    const auto joint = static_cast<std::size_t>(field[i].joint);
+    const double confidence = skeleton_field::joint_confidence(field[i]);
+    is_root.push_back(sample.parents[joint] < 0);
+    // As in the published encoder the last joint stands in for the parent of a root.
+    const std::size_t parent = is_root[i] ? sample.joints.size() - 1 : static_cast<std::size_t>(sample.parents[joint]);
+    to_joint.row(row) << (sample.joints[joint] - places[i]).transpose(), confidence;
+    to_parent.row(row) << (sample.joints[parent] - places[i]).transpose(), confidence;
     nearest.push_back(field[i].joint);
   }
   fixture.check(s + ".jp_field", tensor(to_joint));
   fixture.check(s + ".parent_field", tensor(to_parent));
   torch::Tensor parents = embedding(tensor(to_parent).to(torch::kFloat32));
   for (std::size_t i = 0; i < field.size(); ++i) {
-    if (field[i].parent < 0) parents[static_cast<std::int64_t>(i)] = root.reshape({-1});
+    if (is_root[i]) parents[static_cast<std::int64_t>(i)] = root.reshape({-1});
   }
   const torch::Tensor skin = fixture.input(s + ".joint_embed").index_select(0, torch::tensor(nearest));
   return torch::cat({embedding(tensor(to_joint).to(torch::kFloat32)), parents, skin}, 1);
@@ -168,16 +175,13 @@ void check_votes(Fixture& fixture, const std::vector<Eigen::Vector3d>& positions
   const Eigen::MatrixXd rows = matrix(channels);
   Eigen::MatrixXd joints(rows.rows(), 3), parents(rows.rows(), 3), centers(rows.rows(), 3);
   Eigen::MatrixXd joint_confidence(rows.rows(), 1), parent_confidence(rows.rows(), 1);
+  const auto sigmoid = [](double x) { return 1.0 / (1.0 + std::exp(-x)); };
   for (Eigen::Index i = 0; i < rows.rows(); ++i) {
-    const Eigen::Vector3d& center = positions[static_cast<std::size_t>(i)];
-    std::array<double, 8> voted{};
-    for (Eigen::Index c = 0; c < 8; ++c) voted[static_cast<std::size_t>(c)] = rows(i, c);
-    const skeleton_field::JointVote vote = skeleton_field::joint_vote(center, voted);
-    joints.row(i) = vote.joint.transpose();
-    parents.row(i) = vote.parent.transpose();
-    centers.row(i) = center.transpose();
-    joint_confidence(i, 0) = vote.joint_confidence;
-    parent_confidence(i, 0) = vote.parent_confidence;
+    centers.row(i) = positions[static_cast<std::size_t>(i)].transpose();
+    joints.row(i) = centers.row(i) + rows.row(i).segment(0, 3);
+    parents.row(i) = centers.row(i) + rows.row(i).segment(3, 3);
+    joint_confidence(i, 0) = sigmoid(rows(i, 6));
+    parent_confidence(i, 0) = sigmoid(rows(i, 7));
   }
   fixture.check("dec_joints", tensor(joints));
   fixture.check("dec_parents", tensor(parents));

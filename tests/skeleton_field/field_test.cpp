@@ -235,39 +235,8 @@ TEST(JointField, ConfidenceFallsFromOneAtAJointToZeroBetweenTwo) {
   EXPECT_DOUBLE_EQ(confidence(0.0), 1.0);
   EXPECT_NEAR(confidence(0.25), 1.0 - 1.0 / 9.0, 1e-7);
   EXPECT_NEAR(confidence(0.5), 0.0, 1e-7);
-  EXPECT_DOUBLE_EQ(target_confidence(nearest_joints({{0.5, 0, 0}}, joints)[0]), 0.1);
   // A single joint has no second: never confident away from it.
   EXPECT_DOUBLE_EQ(joint_confidence(nearest_joints({{0.2, 0, 0}}, {{0, 0, 0}})[0]), 0.0);
-}
-
-TEST(JointField, PointsToTheNearestJointAndToItsParent) {
-  const std::vector<Eigen::Vector3d> joints = {{0, 0, 0}, {0, 0, 1}, {0.5, 0, 1}};
-  const std::vector<Eigen::Vector3d> points = {{0.1, 0, 0.9}, {0, 0.1, 0.1}};
-  const auto field = joint_field(points, joints, {-1, 0, 1});
-  EXPECT_EQ(field[0].joint, 1);
-  EXPECT_EQ(field[0].parent, 0);
-  EXPECT_LT((field[0].to_joint - Eigen::Vector3d(-0.1, 0, 0.1)).norm(), 1e-15);
-  EXPECT_LT((field[0].to_parent - Eigen::Vector3d(-0.1, 0, -0.9)).norm(), 1e-15);
-  EXPECT_EQ(field[1].parent, -1);
-  EXPECT_EQ(field[1].to_parent, field[1].to_joint);  // the root is joint 0
-  const auto published = joint_field(points, joints, {-1, 0, 1}, RootParent::kLastJoint);
-  EXPECT_LT((published[1].to_parent - (joints[2] - points[1])).norm(), 1e-15);
-}
-
-TEST(JointField, VotesInvertTheField) {
-  const auto joints = draw_points(20, 3, 0), points = draw_points(50, 4, 0);
-  std::vector<int> parents(20);
-  for (int j = 0; j < 20; ++j) parents[static_cast<std::size_t>(j)] = j == 0 ? -1 : (j - 1) / 2;
-  const auto field = joint_field(points, joints, parents);
-  for (std::size_t p = 0; p < points.size(); ++p) {
-    const JointFieldPoint& at = field[p];
-    const JointVote vote = joint_vote(points[p], {at.to_joint.x(), at.to_joint.y(), at.to_joint.z(), at.to_parent.x(),
-                                                  at.to_parent.y(), at.to_parent.z(), 0.0, std::log(3.0)});
-    EXPECT_LT((vote.joint - joints[static_cast<std::size_t>(at.joint)]).norm(), 1e-15);
-    EXPECT_LT((vote.parent - joints[static_cast<std::size_t>(std::max(0, at.parent))]).norm(), 1e-15);
-    EXPECT_DOUBLE_EQ(vote.joint_confidence, 0.5);
-    EXPECT_NEAR(vote.parent_confidence, 0.75, 1e-15);
-  }
 }
 
 TEST(JointField, RefusesBadInput) {
@@ -276,9 +245,6 @@ TEST(JointField, RefusesBadInput) {
   EXPECT_THROW(nearest_joints({{0, std::nan(""), 0}}, joints), InputError);
   EXPECT_THROW(nearest_joints({{0, 1e200, 0}}, joints), InputError);
   EXPECT_THROW(nearest_joints(points, {{INFINITY, 0, 0}}), InputError);
-  EXPECT_THROW(joint_field(points, joints, {-1}), InputError);
-  EXPECT_THROW(joint_field(points, joints, {-1, 2}), InputError);
-  EXPECT_THROW(joint_field(points, joints, {-1, -2}), InputError);
   EXPECT_TRUE(nearest_joints({}, joints).empty());
 }
 
