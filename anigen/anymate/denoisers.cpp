@@ -125,7 +125,7 @@ Tensor sample_joints(JointDenoiserImpl& model, const DdimSchedule& schedule, con
                      const DdimSampling& sampling) {
   require_shape(noise, {-1, -1, 3}, "noise");
   const torch::NoGradGuard no_grad;
-  const nn::KeptContexts contexts;  // what a network makes of the latents is the same at every step
+  const nn::ConditionCache contexts;  // what a network makes of the latents is the same at every step
   const std::int64_t steps = sampling.steps > 0 ? sampling.steps : schedule.train_steps();
   const std::vector<std::int64_t> times = schedule.timesteps(steps);
   Tensor x = noise.transpose(1, 2);

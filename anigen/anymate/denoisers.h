@@ -145,7 +145,7 @@ TORCH_MODULE(LatentCompression);
 /// Denoiser that reads joints into latents, computes there and writes back ("Cross_Attention_Diffusion", after Huang et
 /// al. 2024, "PointInfinity"; reference anymate-baselines.md, 3.4). Keys `prev_latent`, `z_init`, `proj_transformer.*`,
 /// `input_proj`, `ln_pre`, `time_embed.{fc1,fc2}`, `latent_mlp.{fc1,fc2}`, `ln_latent`, `blocks.<i>.*`, `ln_post`,
-/// `output_proj`. The condition is compressed once while nn::KeptContexts lives.
+/// `output_proj`. The condition is compressed once while nn::ConditionCache lives.
 class CrossDenoiserImpl : public JointDenoiserImpl {
  public:
   explicit CrossDenoiserImpl(const CrossDenoiserOptions& options = {}, nn::Init init = nn::Init::kPublished);

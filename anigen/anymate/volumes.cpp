@@ -121,7 +121,7 @@ Tensor joint_volume(JointVolumeImpl& model, const Tensor& latents, const Tensor&
   require(chunk > 0, "chunk", "must be positive");
   require(latents.defined() && latents.dim() >= 2 && latents.size(0) == 1, "latents", "must be of one item");
   const torch::NoGradGuard no_grad;
-  const nn::KeptContexts contexts;  // what a field makes of the latents is the same for every chunk
+  const nn::ConditionCache contexts;  // what a field makes of the latents is the same for every chunk
   std::vector<Tensor> parts;
   const Tensor queries = voxel_corners(voxels).to(latents.device());
   for (const Tensor& part : queries.split(chunk, 0)) parts.push_back(model.forward(latents, part.unsqueeze(0))[0]);

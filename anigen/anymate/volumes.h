@@ -92,7 +92,7 @@ TORCH_MODULE(PlaneHead);
 
 /// The field by three planes of features that a generator makes of one vector ("triplane", reference
 /// anymate-baselines.md, 3.7). Keys `backbone.*` (StyleGenerator), `decoder.net.*`. Planes are made once while
-/// nn::KeptContexts lives and no gradient is recorded.
+/// nn::ConditionCache lives and no gradient is recorded.
 class TriplaneVolumeImpl : public JointVolumeImpl {
  public:
   /// @param options img_channels are set to those of three planes

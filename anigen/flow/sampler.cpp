@@ -127,7 +127,7 @@ Sampled sample_flow(const Streams& noise, const Velocities& velocities, const Sa
     TORCH_CHECK(extras.inpainting->mask.size() == noise.size(), "one inpainting mask per stream");
   }
   const torch::NoGradGuard no_grad;
-  const nn::KeptContexts keep;
+  const nn::ConditionCache keep;
   const std::vector<double> times = time_grid(options);
   Sampled result;
   Streams x = noise;

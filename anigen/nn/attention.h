@@ -63,7 +63,7 @@ class DenseAttentionImpl : public AttentionLayers {
   Tensor forward(const Tensor& x, const Tensor& context = {});
 
  private:
-  std::vector<Tensor> keys_and_values(const Tensor& context);  // [B, M, H, D] both; see KeptContexts
+  std::vector<Tensor> keys_and_values(const Tensor& context);  // [B, M, H, D] both; see ConditionCache
 };
 TORCH_MODULE(DenseAttention);
 

@@ -6,18 +6,18 @@ namespace {
 
 constexpr std::size_t kConditions = 2;  // the condition and its negative
 
-thread_local KeptContexts* innermost = nullptr;
+thread_local ConditionCache* innermost = nullptr;
 
 bool keeps() { return innermost != nullptr && !at::GradMode::is_enabled(); }
 
 }  // namespace
 
-KeptContexts::KeptContexts() : outer_(innermost) { innermost = this; }
+ConditionCache::ConditionCache() : outer_(innermost) { innermost = this; }
 
-KeptContexts::~KeptContexts() { innermost = outer_; }
+ConditionCache::~ConditionCache() { innermost = outer_; }
 
-const KeptContexts::Tensors& KeptContexts::look_up(Entries& entries, const void* owner, const Tensor& from,
-                                                   const Make& make) {
+const ConditionCache::Tensors& ConditionCache::look_up(Entries& entries, const void* owner, const Tensor& from,
+                                                       const Make& make) {
   std::vector<Entry>& own = entries[owner];
   for (const Entry& entry : own) {
     if (entry.from.is_same(from)) return entry.made;
@@ -27,7 +27,7 @@ const KeptContexts::Tensors& KeptContexts::look_up(Entries& entries, const void*
   return own.back().made;
 }
 
-bool KeptContexts::is_context(const Tensor& tensor) const {
+bool ConditionCache::is_context(const Tensor& tensor) const {
   for (const auto& [model, entries] : contexts_) {
     for (const Entry& entry : entries) {
       if (entry.made.front().is_same(tensor)) return true;
@@ -38,13 +38,15 @@ bool KeptContexts::is_context(const Tensor& tensor) const {
 
 Tensor context_of(const void* model, const Tensor& condition, const std::function<Tensor()>& make) {
   if (!keeps()) return make();
-  return KeptContexts::look_up(innermost->contexts_, model, condition, [&] { return KeptContexts::Tensors{make()}; })
+  return ConditionCache::look_up(innermost->contexts_, model, condition,
+                                 [&] { return ConditionCache::Tensors{make()}; })
       .front();
 }
 
-KeptContexts::Tensors projected_context(const void* attention, const Tensor& context, const KeptContexts::Make& make) {
+ConditionCache::Tensors projected_context(const void* attention, const Tensor& context,
+                                          const ConditionCache::Make& make) {
   if (!keeps() || !innermost->is_context(context)) return make();
-  return KeptContexts::look_up(innermost->projections_, attention, context, make);
+  return ConditionCache::look_up(innermost->projections_, attention, context, make);
 }
 
 }  // namespace anigen::nn

@@ -7,21 +7,21 @@
 
 namespace anigen::nn {
 
-/// While one lives on a thread, a model that is asked there again and again under the same one or two conditions, as by
-/// a sampler at every step, keeps what does not depend on the rest: the context that it makes of the condition, and the
-/// keys and values that its cross attentions make of the context. Without gradients only.
+/// Cache for sampling: while one lives on a thread and no gradient is recorded, a model that is asked again with the
+/// same condition tensor reuses the context it made of it, and its cross attentions reuse their keys and values. The
+/// last two conditions are kept, the condition and its negative.
 ///
-/// A condition is known again by being the same tensor. Whoever changes a tensor, a weight or a model's type in place,
-/// or asks for another number of items under one condition, must not hold one of these meanwhile.
-class KeptContexts {
+/// Tensors are compared by identity: while one lives, change no tensor, weight or type in place, and no number of
+/// items.
+class ConditionCache {
  public:
   using Tensors = std::vector<Tensor>;
   using Make = std::function<Tensors()>;
 
-  KeptContexts();
-  ~KeptContexts();
-  KeptContexts(const KeptContexts&) = delete;
-  KeptContexts& operator=(const KeptContexts&) = delete;
+  ConditionCache();
+  ~ConditionCache();
+  ConditionCache(const ConditionCache&) = delete;
+  ConditionCache& operator=(const ConditionCache&) = delete;
 
  private:
   friend Tensor context_of(const void* model, const Tensor& condition, const std::function<Tensor()>& make);
@@ -36,7 +36,7 @@ class KeptContexts {
   bool is_context(const Tensor& tensor) const;
 
   Entries contexts_, projections_;
-  KeptContexts* outer_;  // what lived on this thread before
+  ConditionCache* outer_;  // what lived on this thread before
 };
 
 /// The context that a model makes of its condition: make(), or what it gave before. The last two are kept.
@@ -44,6 +44,7 @@ Tensor context_of(const void* model, const Tensor& condition, const std::functio
 
 /// Keys and values of a context: make(), or what it gave before for a tensor that context_of() gave.
 /// Other contexts, such as another stream's features, are new at every step, and nothing is kept of them.
-KeptContexts::Tensors projected_context(const void* attention, const Tensor& context, const KeptContexts::Make& make);
+ConditionCache::Tensors projected_context(const void* attention, const Tensor& context,
+                                          const ConditionCache::Make& make);
 
 }  // namespace anigen::nn

@@ -22,7 +22,7 @@ class AffineLayerNormImpl : public torch::nn::Module {
 
   /// @param x [..., C] @return the shape and dtype of x
   Tensor forward(const Tensor& x);
-  Tensor activated(const Tensor& x);  ///< SiLU of it (norm_silu.h)
+  Tensor activated(const Tensor& x);  ///< SiLU of it (norm_silu)
 
   Tensor weight, bias;
 

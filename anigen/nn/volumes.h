@@ -55,7 +55,7 @@ class VolumeNormImpl : public torch::nn::Module {
   enum class Kind { kLayer, kGroup };
   explicit VolumeNormImpl(std::int64_t channels, Kind kind = Kind::kLayer, std::int64_t groups = 32);
   Tensor forward(const Tensor& x);    ///< @param x [B, C, X, Y, Z]
-  Tensor activated(const Tensor& x);  ///< SiLU of it (norm_silu.h)
+  Tensor activated(const Tensor& x);  ///< SiLU of it (norm_silu)
   Tensor weight, bias;
 
  private:

@@ -102,8 +102,8 @@ class StructuredLatentDecoderImpl : public nn::FreezableModel {
   torch::Tensor skin_weights(const torch::Tensor& vertex_features, const skeleton_field::SkeletonTensors& skeleton,
                              const torch::Tensor& joint_features, std::int64_t max_bytes = 256 << 20);
 
-  /// Blocks of the torso and of the up-sampling keep only their inputs for the backward pass and run again in it (see
-  /// recompute.h). Default: use_checkpoint.
+  /// Blocks of the torso and of the up-sampling keep only their inputs for the backward pass and run again in it
+  /// (nn::recomputed). Default: use_checkpoint.
   void recompute_blocks(bool on);
 
   const StructuredLatentDecoderOptions& options() const { return options_; }

@@ -108,7 +108,7 @@ class StructuredLatentEncoderImpl : public nn::FreezableModel {
   /// The SkinAE encoder alone: what the decoded features are trained towards.
   SkinFeatures encode_skin(const RiggedMeshes& rigs);
 
-  /// Blocks keep only their inputs for the backward pass and run again in it (see recompute.h). Default:
+  /// Blocks keep only their inputs for the backward pass and run again in it (nn::recomputed). Default:
   /// use_checkpoint.
   void recompute_blocks(bool on) { torso_.recompute_blocks(on); }
 

@@ -94,7 +94,7 @@ class StructuredLatentTorso {
   /// blocks
   PerStream<sparse::SparseTensor> forward(const PerStream<sparse::SparseTensor>& x);
 
-  /// Blocks keep only their inputs for the backward pass and run again in it (see recompute.h).
+  /// Blocks keep only their inputs for the backward pass and run again in it (nn::recomputed).
   void recompute_blocks(bool on) { recompute_ = on; }
 
   /// Names of the modules that are the torso, for FreezableModel.

@@ -7,7 +7,7 @@
 namespace anigen::nn {
 namespace {
 
-TEST(KeptContexts, KnowsAConditionAgainWhileItLives) {
+TEST(ConditionCache, KnowsAConditionAgainWhileItLives) {
   const Tensor first = torch::zeros({2}), second = torch::zeros({2}), third = torch::zeros({2});
   const int model = 0, other = 0;
   int made = 0;
@@ -19,7 +19,7 @@ TEST(KeptContexts, KnowsAConditionAgainWhileItLives) {
   EXPECT_EQ(ask(model, first), 1);
   EXPECT_EQ(ask(model, first), 2);  // nobody keeps anything
   {
-    const KeptContexts keep;
+    const ConditionCache keep;
     EXPECT_EQ(ask(model, first), 3);
     EXPECT_EQ(ask(model, second), 4);
     EXPECT_EQ(ask(model, first), 4);
@@ -28,7 +28,7 @@ TEST(KeptContexts, KnowsAConditionAgainWhileItLives) {
     EXPECT_EQ(ask(model, second), 6);
     EXPECT_EQ(ask(model, first), 7);
     {
-      const KeptContexts inner;
+      const ConditionCache inner;
       EXPECT_EQ(ask(model, first), 8);
     }
     EXPECT_EQ(ask(model, first), 8);
@@ -38,7 +38,7 @@ TEST(KeptContexts, KnowsAConditionAgainWhileItLives) {
   EXPECT_EQ(ask(model, first), 10);
 }
 
-TEST(KeptContexts, ProjectionsOfContextsOnly) {
+TEST(ConditionCache, ProjectionsOfContextsOnly) {
   const Tensor condition = torch::zeros({2}), features = torch::zeros({2});
   const int model = 0, attention = 0;
   int made = 0;
@@ -47,7 +47,7 @@ TEST(KeptContexts, ProjectionsOfContextsOnly) {
     return made;
   };
   const torch::NoGradGuard no_grad;
-  const KeptContexts keep;
+  const ConditionCache keep;
   const Tensor context = context_of(&model, condition, [&] { return condition + 1.0; });
   EXPECT_EQ(project(context), 1);
   EXPECT_EQ(project(context), 1);
@@ -55,7 +55,7 @@ TEST(KeptContexts, ProjectionsOfContextsOnly) {
   EXPECT_EQ(project(features), 3);  // no context: made anew
 }
 
-TEST(KeptContexts, CrossAttentionGivesTheSameBits) {
+TEST(ConditionCache, CrossAttentionGivesTheSameBits) {
   torch::manual_seed(3);
   AttentionOptions options;
   options.channels = 16;
@@ -68,7 +68,7 @@ TEST(KeptContexts, CrossAttentionGivesTheSameBits) {
   const Tensor context = torch::randn({2, 5, 8}), negative = torch::zeros_like(context);
   const Tensor x = torch::randn({2, 7, 16}), y = torch::randn({2, 7, 16});
   const Tensor plain_x = attention->forward(x, context), plain_y = attention->forward(y, negative);
-  const KeptContexts keep;
+  const ConditionCache keep;
   for (int step = 0; step < 2; ++step) {
     const Tensor own = context_of(&options, context, [&] { return context.clone(); });
     const Tensor own_negative = context_of(&options, negative, [&] { return negative.clone(); });

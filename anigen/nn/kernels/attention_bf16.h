@@ -7,7 +7,7 @@
 
 namespace anigen::nn::kernels {
 
-/// Attention of one head in bf16, where has_bf16_products() of bf16_tile.h says so: products of bf16 numbers are exact
+/// Attention of one head in bf16, where has_bf16_products() says so: products of bf16 numbers are exact
 /// and added up in fp32, the softmax is fp32, its weights are rounded to bf16 before they meet the values.
 ///
 /// bf16 numbers are passed as their 16 bits. Packing needs the same processor.
@@ -53,7 +53,7 @@ namespace anigen::nn {
 /// True when cpu_bf16_attention() takes these queries on this CPU: bf16, heads of 16 to 64 channels, AVX512-BF16.
 bool prefers_bf16_attention(const Tensor& q);
 
-/// The forward pass of blocked_attention() by kernels for bf16 (bf16_attention_kernels.h). The bits do not depend on
+/// The forward pass of blocked_attention() by kernels for bf16. The bits do not depend on
 /// the number of threads. Holds a copy of k and v beside the arguments.
 /// @param q [B, H, N, D] @param k, v [B, H, M, D], channels adjacent @param log_sums [B · H, N] fp32, filled
 /// @return [B, N, H, D] bf16
