@@ -11,6 +11,7 @@
 #include "anigen/sparse_structure/flow.h"
 #include "benchmarks/model_timing.h"
 #include "benchmarks/plain_sparse_structure_flow.h"
+#include "benchmarks/sparse_structure_flow_flops.h"
 
 namespace {
 

@@ -8,6 +8,7 @@
 #include "benchmarks/ellipsoid_voxels.h"
 #include "benchmarks/flow_voxels.h"
 #include "benchmarks/model_timing.h"
+#include "benchmarks/structured_latent_flow_flops.h"
 
 namespace {
 

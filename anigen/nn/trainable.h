@@ -95,33 +95,4 @@ Latent sampled_latent(const torch::Tensor& raw, std::int64_t axis, const torch::
 torch::Tensor recomputed(const std::vector<torch::Tensor>& inputs,
                          const std::function<torch::Tensor(const std::vector<torch::Tensor>&)>& part, bool on = true);
 
-/// Floating-point operations of a pass, a multiplication and an addition counting as two. Norms, activations,
-/// softmax and residual sums are left out: they are a few operations per value.
-struct FlopCount {
-  double linear = 0.0;       ///< 2 · rows · in · out per linear layer
-  double attention = 0.0;    ///< 2 · 2 · N · M · C per attention: scores, and weighted sum of values
-  double convolution = 0.0;  ///< 2 · P · in · out per sparse convolution, P pairs of a voxel and a neighbour or itself
-  double total() const { return linear + attention + convolution; }
-  FlopCount& operator+=(const FlopCount& more);
-};
-
-/// Of a linear layer with a low-rank addition.
-double linear_flops(double rows, double in, double out, double rank = 0.0);
-
-/// Sizes of a transformer block with self and cross attention, over all items of a batch.
-struct CrossBlockSize {
-  double items = 1.0;
-  double tokens = 0.0, channels = 0.0;
-  double context_tokens = 0.0, context_channels = 0.0;
-  double attended = 0.0;  ///< Σ n (n + m) over items with n tokens and m context tokens
-  double hidden = 0.0;    ///< channels inside the MLP
-  bool own_modulation = true;
-  double self_rank = 0.0, cross_rank = 0.0;  ///< of low-rank additions to the projections
-};
-
-FlopCount cross_block_flops(const CrossBlockSize& size);
-
-/// Width inside an MLP, as the layers round it.
-double hidden_channels(double channels, double mlp_ratio);
-
 }  // namespace anigen::nn

@@ -141,12 +141,6 @@ TORCH_MODULE(SparseStructureFlow);
 /// @param model the module that owns both streams
 void initialize_flow(torch::nn::Module& model, FlowStream& shape, FlowStream& skeleton);
 
-/// Of one forward pass. A backward pass through everything takes twice as many, one product per input and one per
-/// weight, and more where activations are formed again.
-/// @param batch B @param condition_tokens M
-nn::FlopCount forward_flops(const SparseStructureFlowOptions& options, std::int64_t batch,
-                            std::int64_t condition_tokens);
-
 /// Arguments of the trainers of stage 4 beside those all trainers share: those of both flows. Samples are guided with
 /// strength 7.5 by default.
 struct SparseStructureFlowStageOptions : flow::FlowStageOptions, JsonOptions<SparseStructureFlowStageOptions> {

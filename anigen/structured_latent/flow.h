@@ -166,21 +166,4 @@ TORCH_MODULE(StructuredLatentFlow);
 void initialize_flow(torch::nn::Module& model, const std::vector<StructuredLatentFlowStream*>& streams,
                      const std::vector<nn::Linear>& adapters);
 
-/// Counts of voxels that decide the cost of a pass; one entry per resolution, the finest first,
-/// each half as fine as the one before.
-struct VoxelCounts {
-  std::vector<double> voxels;
-  std::vector<double> taps;         ///< Σ over voxels of how many of the 27 places around and at it exist
-  std::vector<double> item_voxels;  ///< of each item, at the coarsest resolution: the tokens that attend to each other
-};
-
-/// @param levels how often the resolution is halved
-VoxelCounts count_voxels(const sparse::Support& support, std::int64_t levels);
-
-/// Of one forward pass of a structured-latent flow, all items together.
-/// @param shape, skeleton counted with the levels of their streams; as many items
-/// @param condition_tokens of each item
-nn::FlopCount forward_flops(const StructuredLatentFlowOptions& options, const VoxelCounts& shape,
-                            const VoxelCounts& skeleton, std::int64_t condition_tokens);
-
 }  // namespace anigen::structured_latent

@@ -4,6 +4,7 @@
 
 #include "anigen/core/error.h"
 #include "anigen/nn/state_dict.h"
+#include "benchmarks/sparse_structure_flow_flops.h"
 #include "tests/sparse_structure/golden_statistics.h"
 #include "tests/sparse_structure/torso_dtype.h"
 #include "tests/sparse_structure/wave_fill.h"

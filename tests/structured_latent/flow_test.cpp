@@ -8,6 +8,7 @@
 #include "anigen/nn/state_dict.h"
 #include "anigen/nn/trainable.h"
 #include "anigen/structured_latent/flow.h"
+#include "benchmarks/structured_latent_flow_flops.h"
 #include "tests/sparse_structure/golden_statistics.h"
 #include "tests/sparse_structure/torso_dtype.h"
 #include "tests/structured_latent/small_structured_flow.h"
