@@ -82,12 +82,12 @@ StructureCoder::StructureCoder(const std::filesystem::path& run, const std::stri
     : device_(device),
       found_(nn::find_run_model(run, sparse_structure::kSparseStructureEncoderClass, ckpt)),
       options_(occupancy_options(found_)),
-      encoder_(sparse_structure::load_sparse_structure_encoder(found_, device)) {
+      encoder_(nn::load_trained<sparse_structure::SparseStructureEncoder>(found_, device)) {
   if (encoder_->options().encode_global || encoder_->options().encode_global_skl) {
     throw NotSupportedError(found_.config.string(), found_.pointer + "/encode_global", "latents of global tokens");
   }
   if (decodes) {
-    decoder_ = sparse_structure::load_sparse_structure_decoder(
+    decoder_ = nn::load_trained<sparse_structure::SparseStructureDecoder>(
         nn::find_run_model(run, sparse_structure::kSparseStructureDecoderClass, ckpt), device);
   }
 }
@@ -139,9 +139,9 @@ StructureGenerator::StructureGenerator(const Request& request)
   if (autoencoder_.empty()) {
     autoencoder_ = named_run(run_, reading_.ss_dec_path, flow_.config, "/dataset/args/ss_dec_path");
   }
-  model_ = sparse_structure::load_sparse_structure_flow(flow_, device_);
+  model_ = nn::load_trained<sparse_structure::SparseStructureFlow>(flow_, device_);
   if (request.precision != torch::kFloat32) model_->set_compute_dtype(request.precision);
-  decoder_ = sparse_structure::load_sparse_structure_decoder(
+  decoder_ = nn::load_trained<sparse_structure::SparseStructureDecoder>(
       nn::find_run_model(autoencoder_, sparse_structure::kSparseStructureDecoderClass, reading_.ss_dec_ckpt), device_);
 }
 
@@ -251,8 +251,9 @@ StructuredLatentCoder::StructuredLatentCoder(const fs::path& run, const std::str
   const nn::RunModel decoder = nn::find_run_model(run, structured_latent::kStructuredLatentDecoderClass, ckpt);
   variant_ = structured_latent::variant_of_run(decoder);
   if (variant_.latent_norm == structured_latent::LatentNorm::kNone) found_.args["normalize_z"] = false;
-  encoder_ = structured_latent::load_structured_latent_encoder(found_, device);
-  if (decodes && shape_alone()) shape_decoder_ = structured_latent::load_structured_latent_decoder(decoder, device);
+  encoder_ = nn::load_trained<structured_latent::StructuredLatentEncoder>(found_, device);
+  if (decodes && shape_alone())
+    shape_decoder_ = nn::load_trained<structured_latent::StructuredLatentDecoder>(decoder, device);
   if (decodes && !shape_alone()) decoder_.emplace(decoder, device, *decodes);
 }
 
@@ -344,7 +345,7 @@ StructuredLatentGenerator::StructuredLatentGenerator(const Request& request)
           request.ckpt, request.averages)),
       reading_(conditioned_reading<data::StructuredLatentOptions>(flow_, "AniGenImageConditionedSLat")),
       training_(training_options(flow_)) {
-  model_ = structured_latent::load_structured_latent_flow(flow_, device_);
+  model_ = nn::load_trained<structured_latent::StructuredLatentFlow>(flow_, device_);
   if (request.precision != torch::kFloat32) model_->set_compute_dtype(request.precision);
 }
 

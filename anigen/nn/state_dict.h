@@ -1,6 +1,8 @@
 #pragma once
 #include <filesystem>
 #include <string>
+#include <type_traits>
+#include <utility>
 #include <vector>
 
 #include "anigen/core/config.h"
@@ -102,8 +104,9 @@ std::filesystem::path newest_checkpoint(const std::filesystem::path& folder, con
 
 /// A trained model for use: weights loaded strictly, in fp32, evaluation mode, nothing asks for gradients.
 /// @param found by find_run_model() @throws InputError when arguments or weights do not fit
-template <typename Model, typename Options>
+template <typename Model>
 Model load_trained(const RunModel& found, torch::Device device) {
+  using Options = std::decay_t<decltype(std::declval<Model&>()->options())>;
   Model model(Options::from_json(found.args, found.config.string(), found.pointer), Init::kNone);
   load_state_dict(*model, io::read_state_dict(found.checkpoint), LoadMode::kStrict, found.checkpoint.string());
   for (const torch::Tensor& parameter : model->parameters()) torch::Tensor(parameter).requires_grad_(false);

@@ -182,16 +182,4 @@ SparseStructureDecoderImpl::Logits SparseStructureDecoderImpl::forward(const Ten
   return {decode_shape(z), decode_skeleton(z_skl)};
 }
 
-SparseStructureEncoder load_sparse_structure_encoder(const nn::RunModel& found, torch::Device device) {
-  return nn::load_trained<SparseStructureEncoder, SparseStructureEncoderOptions>(found, device);
-}
-
-SparseStructureDecoder load_sparse_structure_decoder(const nn::RunModel& found, torch::Device device) {
-  return nn::load_trained<SparseStructureDecoder, SparseStructureDecoderOptions>(found, device);
-}
-
-SparseStructureFlow load_sparse_structure_flow(const nn::RunModel& found, torch::Device device) {
-  return nn::load_trained<SparseStructureFlow, SparseStructureFlowOptions>(found, device);
-}
-
 }  // namespace anigen::sparse_structure

@@ -117,15 +117,7 @@ TORCH_MODULE(SparseStructureDecoder);
 inline constexpr const char* kSparseStructureEncoderClass = "AniGenSparseStructureEncoder";
 inline constexpr const char* kSparseStructureDecoderClass = "AniGenSparseStructureDecoder";
 
-/// A trained model of stage 2 for use: weights loaded strictly, in fp32, evaluation mode, nothing asks for gradients.
-/// @param found by find_run_model() @throws InputError when arguments or weights do not fit
-SparseStructureEncoder load_sparse_structure_encoder(const nn::RunModel& found, torch::Device device);
-SparseStructureDecoder load_sparse_structure_decoder(const nn::RunModel& found, torch::Device device);
-
 /// The flow model of stage 4 in configs.
 inline constexpr const char* kSparseStructureFlowClass = "AniGenSparseStructureFlowModel";
-
-/// As above, for the flow of stage 4.
-SparseStructureFlow load_sparse_structure_flow(const nn::RunModel& found, torch::Device device);
 
 }  // namespace anigen::sparse_structure

@@ -347,14 +347,6 @@ Tensor StructuredLatentDecoderImpl::skin_weights(const Tensor& vertex_features,
   return weights;
 }
 
-StructuredLatentEncoder load_structured_latent_encoder(const nn::RunModel& found, torch::Device device) {
-  return nn::load_trained<StructuredLatentEncoder, StructuredLatentEncoderOptions>(found, device);
-}
-
-StructuredLatentDecoder load_structured_latent_decoder(const nn::RunModel& found, torch::Device device) {
-  return nn::load_trained<StructuredLatentDecoder, StructuredLatentDecoderOptions>(found, device);
-}
-
 StructuredLatentVariant variant_of_run(const nn::RunModel& decoder) {
   const auto options =
       StructuredLatentDecoderOptions::from_json(decoder.args, decoder.config.string(), decoder.pointer);
@@ -368,7 +360,7 @@ StructuredLatentDecoder load_rig_decoder(const nn::RunModel& found, torch::Devic
     throw InputError(found.config.string(), "/trainer/args/geometry_only",
                      "this run trained the shape alone: its skeletons and weights mean nothing");
   }
-  StructuredLatentDecoder decoder = load_structured_latent_decoder(found, device);
+  StructuredLatentDecoder decoder = nn::load_trained<StructuredLatentDecoder>(found, device);
   const std::string strategy = decoder->options().grouping_strategy;
   decoder->group_with(
       [confidence = variant.confidence, strategy, grouping](const skeleton_field::SkeletonField& field) {

@@ -133,15 +133,11 @@ TORCH_MODULE(StructuredLatentDecoder);
 inline constexpr const char* kStructuredLatentEncoderClass = "AniGenElasticSLatEncoder";
 inline constexpr const char* kStructuredLatentDecoderClass = "AniGenElasticSLatMeshDecoder";
 
-/// A trained model of stage 3 for use: weights loaded strictly, in fp32, evaluation mode, nothing asks for gradients.
-/// @param found by find_run_model() @throws InputError when arguments or weights do not fit
-StructuredLatentEncoder load_structured_latent_encoder(const nn::RunModel& found, torch::Device device);
-StructuredLatentDecoder load_structured_latent_decoder(const nn::RunModel& found, torch::Device device);
-
 /// Variant that the run of a decoder trained, from its config. @param decoder by find_run_model()
 StructuredLatentVariant variant_of_run(const nn::RunModel& decoder);
 /// The decoder as its run's variant decodes whole rigs: votes are grouped with the variant's confidences.
-/// @throws InputError as above, and for a run that trained the shape alone, whose skeletons and weights mean nothing
+/// @throws InputError as nn::load_trained(), and for a run that trained the shape alone, whose skeletons and weights
+/// mean nothing
 /// @param grouping of votes by mean shift; the published values leave many joints of decoders that trained briefly
 StructuredLatentDecoder load_rig_decoder(const nn::RunModel& found, torch::Device device,
                                          const skeleton_field::MeanShiftOptions& grouping = {});

@@ -6,10 +6,6 @@
 
 namespace anigen::structured_latent {
 
-StructuredLatentFlow load_structured_latent_flow(const nn::RunModel& found, torch::Device device) {
-  return nn::load_trained<StructuredLatentFlow, StructuredLatentFlowOptions>(found, device);
-}
-
 using torch::Tensor;
 
 void StructuredLatentFlowStageOptions::fields(ConfigFields& f) {

@@ -10,10 +10,6 @@ namespace anigen::structured_latent {
 inline constexpr const char* kStructuredLatentFlowClass = "AniGenElasticSLatFlowModel";
 inline constexpr const char* kPlainStructuredLatentFlowClass = "AniGenSLatFlowModel";
 
-/// A trained flow of stage 5 for use: weights loaded strictly, in fp32, evaluation mode, nothing asks for gradients.
-/// @param found by find_run_model() @throws InputError when arguments or weights do not fit
-StructuredLatentFlow load_structured_latent_flow(const nn::RunModel& found, torch::Device device);
-
 /// Arguments of the trainers of stage 5 beside those all trainers share: those of both flows, where samples are guided
 /// with strength 3 by default, and these (reference training-and-data.md, 3.4).
 struct StructuredLatentFlowStageOptions : flow::FlowStageOptions, JsonOptions<StructuredLatentFlowStageOptions> {

@@ -118,7 +118,7 @@ TEST_F(EncodeSparseStructure, WritesWhatTheEncoderGivesWithoutNoise) {
   const torch::NoGradGuard no_grad;
   const auto found = nn::find_run_model(request_.run, sparse_structure::kSparseStructureEncoderClass);
   sparse_structure::SparseStructureEncoder encoder =
-      sparse_structure::load_sparse_structure_encoder(found, torch::kCPU);
+      nn::load_trained<sparse_structure::SparseStructureEncoder>(found, torch::kCPU);
   for (int i = 0; i < 3; ++i) {
     const Encoded asset = encoded(i, "ss_run");
     const auto expected =
@@ -234,7 +234,7 @@ TEST_F(EncodeSparseStructure, CheckMeasuresTheReconstruction) {
   const EncodeResult result = encode_sparse_structure(request_);
   ASSERT_TRUE(result.reconstruction);
   const torch::NoGradGuard no_grad;
-  sparse_structure::SparseStructureDecoder decoder = sparse_structure::load_sparse_structure_decoder(
+  sparse_structure::SparseStructureDecoder decoder = nn::load_trained<sparse_structure::SparseStructureDecoder>(
       nn::find_run_model(request_.run, sparse_structure::kSparseStructureDecoderClass), torch::kCPU);
   sparse_structure::VoxelAgreement shape, skeleton;
   const auto add_third = [](sparse_structure::VoxelAgreement& sum, const torch::Tensor& logits,

@@ -129,13 +129,13 @@ void check_decoding(Fixture& fixture, const fs::path& runs,
 }
 
 void check_encoders(Fixture& fixture, const fs::path& runs) {
-  auto structure = sparse_structure::load_sparse_structure_encoder(
+  auto structure = nn::load_trained<sparse_structure::SparseStructureEncoder>(
       nn::find_run_model(runs / "ss_dae", sparse_structure::kSparseStructureEncoderClass, "final"), torch::kCPU);
   const auto dense = structure->forward(fixture.input("enc.occ"), fixture.input("enc.occ_skl"));
   fixture.check("enc.z_ss", dense.z);
   fixture.check("enc.z_ss_skl", dense.z_skl);
 
-  auto encoder = structured_latent::load_structured_latent_encoder(
+  auto encoder = nn::load_trained<structured_latent::StructuredLatentEncoder>(
       nn::find_run_model(runs / "slat_dae", structured_latent::kStructuredLatentEncoderClass, "final"), torch::kCPU);
   structured_latent::RiggedMeshes rig;
   rig.joints = {fixture.input("enc.joints")};

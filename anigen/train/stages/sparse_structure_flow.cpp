@@ -106,7 +106,7 @@ std::unique_ptr<Stage> make_sparse_structure_flow_stage(const Json& config, cons
   const data::StructureLatentOptions& reading = parts.data->options();
   if (const auto decoder = samples_decoder(reading.ss_dec_path, reading.ss_dec_ckpt,
                                            sparse_structure::kSparseStructureDecoderClass, "ss_dec_path", trainer)) {
-    parts.decoder = sparse_structure::load_sparse_structure_decoder(*decoder, device);
+    parts.decoder = nn::load_trained<sparse_structure::SparseStructureDecoder>(*decoder, device);
   }
   return std::make_unique<SparseStructureFlowStage>(options, std::move(parts));
 }
