@@ -71,11 +71,12 @@ void ConfigFields::operator()(const std::string& name, std::vector<std::string>&
 }
 
 void ConfigFields::or_null(const std::string& name, std::int64_t& value, FieldRange<std::int64_t> range) {
-  std::optional<std::int64_t> held;
-  if (value != 0) held = value;
-  const bool absent = reads() && !reader_->has(name);
-  (*this)(name, held, range);
-  if (!absent) value = held.value_or(0);
+  if (null(name, value != 0)) {
+    if (!reads() || reader_->has(name)) value = 0;
+    return;
+  }
+  (*this)(name, value, range);
+  if (pass_ == Pass::kDescribe) allow_null(name, value == 0);
 }
 
 void ConfigFields::custom(const std::string& name, const Json& schema, const std::function<void(const Json&)>& read,
@@ -137,11 +138,11 @@ void ConfigFields::describe(const std::string& name, Json schema, Need need) {
   if (need == Need::kRequired) (*json_)["required"].push_back(name);
 }
 
-void ConfigFields::allow_null(const std::string& name) {
+void ConfigFields::allow_null(const std::string& name, bool by_default) {
   Json& schema = (*json_)["properties"][name];
   if (schema.contains("type")) schema["type"] = {schema["type"], "null"};
   if (schema.contains("enum")) schema["enum"].push_back(nullptr);
-  schema["default"] = nullptr;
+  if (by_default) schema["default"] = nullptr;
 }
 
 void OptionCheck::operator()(bool valid, const std::string& key, const std::string& problem) const {

@@ -94,10 +94,11 @@ class ConfigFields {
       if (!reads() || reader_->has(name)) value.reset();
       return;
     }
-    T held = value.value_or(T());
+    T held{};
+    if (value) held = *value;
     (*this)(name, held, limits...);
     value = held;
-    if (pass_ == Pass::kDescribe) value.reset(), allow_null(name);
+    if (pass_ == Pass::kDescribe) value.reset(), allow_null(name, /*by_default=*/true);
   }
   /// Integer that may be null, which means 0; 0 is written as null.
   void or_null(const std::string& name, std::int64_t& value, FieldRange<std::int64_t> range);
@@ -129,7 +130,7 @@ class ConfigFields {
   void nested(const std::string& name, const std::function<void(ConfigFields&)>& fields);
   bool null(const std::string& name, bool set);
   void describe(const std::string& name, Json schema, Need need);
-  void allow_null(const std::string& name);
+  void allow_null(const std::string& name, bool by_default);
 
   Pass pass_;
   ConfigReader* reader_ = nullptr;
