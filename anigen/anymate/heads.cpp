@@ -206,10 +206,10 @@ Tensor training_points(std::int64_t points, std::int64_t count) {
 
 Tensor nearest_point_logits(const Tensor& vertices, const Tensor& points, const Tensor& logits) {
   require_shape(logits, {points.defined() && points.dim() == 2 ? points.size(0) : -1, -1}, "logits");
-  const geometry::NearestVertex nearest(nn::points_of(points, "points"));
-  const std::vector<std::int32_t> rows = nearest.query(nn::points_of<double>(vertices, "vertices"));
-  const Tensor index = torch::tensor(rows, torch::kInt32).to(logits.device(), torch::kInt64);
-  return logits.index_select(0, index);
+  const geometry::PointIndex tree(nn::points_of<double>(points, "points"));
+  const std::vector<std::size_t> nearest = tree.nearest(nn::points_of<double>(vertices, "vertices"));
+  const std::vector<std::int64_t> rows(nearest.begin(), nearest.end());
+  return logits.index_select(0, torch::tensor(rows, torch::kInt64).to(logits.device()));
 }
 
 SkinningLosses skinning_losses(const Tensor& logits, const Tensor& truth) {

@@ -4,6 +4,7 @@
 /// written under a temporary name, synced and renamed (files.h).
 #include "anigen/core/config.h"
 #include "anigen/core/config_fields.h"
+#include "anigen/core/disjoint_sets.h"
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
 #include "anigen/core/hash.h"

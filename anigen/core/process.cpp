@@ -205,6 +205,126 @@ constexpr double kPatience = 10.0;
 
 [[noreturn]] void refuse(const char* what) { throw Error(std::string("cannot ") + what + ": " + std::strerror(errno)); }
 
+/// Both ends of a pipe, closed when nobody takes them.
+struct Pipe {
+  int ends[2] = {-1, -1};
+  Pipe() {
+    if (::pipe2(ends, O_CLOEXEC) != 0) refuse("make a pipe");
+  }
+  ~Pipe() {
+    for (const int end : ends) {
+      if (end >= 0) ::close(end);
+    }
+  }
+  Pipe(const Pipe&) = delete;
+  Pipe& operator=(const Pipe&) = delete;
+  int take(int which) { return std::exchange(ends[which], -1); }
+};
+
+std::vector<char*> pointers(const std::vector<std::string>& words) {
+  std::vector<char*> result;
+  for (const std::string& word : words) result.push_back(const_cast<char*>(word.c_str()));
+  result.push_back(nullptr);
+  return result;
+}
+
+}  // namespace
+
+ChildProcess::ChildProcess(const Program& program) : last_signal_(program.last_signal) {
+  // Everything that allocates happens before the fork.
+  const std::string& file = program.file.empty() ? program.words.front() : program.file;
+  const std::vector<char*> arguments = pointers(program.words);
+  std::vector<char*> environment = pointers(program.environment);  // of a name twice the first counts
+  environment.pop_back();
+  for (char** variable = environ; *variable != nullptr; ++variable) environment.push_back(*variable);
+  environment.push_back(nullptr);
+  std::optional<Pipe> to_it, from_it;
+  int log = -1;
+  if (program.pipes) {
+    to_it.emplace();
+    from_it.emplace();
+    ::signal(SIGPIPE, SIG_IGN);  // writing to a program that has ended is an error code, not our end
+  }
+  if (!program.log.empty()) {
+    std::filesystem::create_directories(program.log.parent_path());
+    log = ::open(program.log.c_str(), O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC, 0644);
+    if (log < 0) throw Error(program.log.string() + ": cannot be written: " + std::strerror(errno));
+  }
+  const pid_t parent = ::getpid();
+  id_ = ::fork();
+  if (id_ == 0) {
+    if (program.own_group) {
+      ::setpgid(0, 0);
+    } else {
+      ::signal(SIGINT, SIG_IGN);
+    }
+    ::signal(SIGTERM, SIG_DFL);
+    ::signal(SIGPIPE, SIG_DFL);
+    ::prctl(PR_SET_PDEATHSIG, program.last_signal);
+    if (::getppid() != parent) ::_exit(127);
+    const int input = to_it ? to_it->ends[0] : log >= 0 ? ::open("/dev/null", O_RDONLY | O_CLOEXEC) : STDIN_FILENO;
+    const int output = from_it ? from_it->ends[1] : log >= 0 ? log : STDOUT_FILENO;
+    const int errors = log >= 0 ? log : STDERR_FILENO;
+    const auto put = [](int from, int to) { return from == to || ::dup2(from, to) >= 0; };
+    if (!put(input, STDIN_FILENO) || !put(output, STDOUT_FILENO) || !put(errors, STDERR_FILENO)) ::_exit(127);
+    ::execve(file.c_str(), arguments.data(), environment.data());
+    const char text[] = "cannot be run\n";
+    (void)!::write(STDERR_FILENO, text, sizeof text - 1);
+    ::_exit(127);
+  }
+  const int problem = errno;
+  if (log >= 0) ::close(log);
+  if (id_ < 0) throw Error(program.words.front() + ": cannot be started: " + std::strerror(problem));
+  if (!program.pipes) return;
+  input_ = to_it->take(1);
+  output_ = from_it->take(0);
+  ::fcntl(output_, F_SETFL, ::fcntl(output_, F_GETFL) | O_NONBLOCK);
+}
+
+ChildProcess::ChildProcess(ChildProcess&& other) noexcept
+    : id_(std::exchange(other.id_, -1)),
+      input_(std::exchange(other.input_, -1)),
+      output_(std::exchange(other.output_, -1)),
+      last_signal_(other.last_signal_),
+      asked_(other.asked_) {}
+
+ChildProcess::~ChildProcess() {
+  // Not when it was asked already, since a second signal would end it at once.
+  if (last_signal_ == SIGTERM) {
+    ask_to_stop();
+  } else {
+    send(last_signal_);
+  }
+  while (id_ > 0 && ::waitpid(id_, nullptr, 0) < 0 && errno == EINTR) {
+  }
+  for (const int end : {input_, output_}) {
+    if (end >= 0) ::close(end);
+  }
+}
+
+std::optional<ChildProcess::End> ChildProcess::poll() {
+  if (id_ < 0) return std::nullopt;
+  int status = 0;
+  rusage used{};
+  const pid_t ended = ::wait4(id_, &status, WNOHANG, &used);
+  if (ended == 0 || (ended < 0 && errno == EINTR)) return std::nullopt;
+  if (ended < 0) throw Error(std::string("waiting for a program: ") + std::strerror(errno));
+  id_ = -1;
+  constexpr std::uint64_t kKilobyte = 1024;  // ru_maxrss counts these on Linux
+  return End{WIFEXITED(status) ? WEXITSTATUS(status) : -WTERMSIG(status),
+             static_cast<std::uint64_t>(used.ru_maxrss) * kKilobyte};
+}
+
+void ChildProcess::send(int signal) const {
+  if (id_ > 0) ::kill(id_, signal);
+}
+
+void ChildProcess::ask_to_stop() {
+  if (!std::exchange(asked_, true)) send(SIGTERM);
+}
+
+namespace {
+
 std::uint64_t page_bytes() { return static_cast<std::uint64_t>(::sysconf(_SC_PAGESIZE)); }
 
 /// Of address space; 0 when the system does not say.
@@ -289,9 +409,8 @@ class Receiver {
 
 class Copy {
  public:
-  explicit Copy(pid_t id, int from) : id_(id), from_(from) {}
+  explicit Copy(pid_t id) : id_(id) {}
   ~Copy() {
-    ::close(from_);
     if (id_ > 0) end();
   }
   Copy(const Copy&) = delete;
@@ -313,7 +432,7 @@ class Copy {
 
  private:
   pid_t id_;
-  int from_, status_ = 0;
+  int status_ = 0;
 };
 
 std::string ending(int status, double cpu_seconds) {
@@ -331,25 +450,19 @@ GuardedWork run_guarded(const std::function<std::string()>& work, const ProcessL
   const std::uint64_t machine = static_cast<std::uint64_t>(::sysconf(_SC_PHYS_PAGES)) * page_bytes();
   const std::uint64_t used = bytes_in_use();
   const std::uint64_t memory = used > 0 ? used + (limits.more_memory > 0 ? limits.more_memory : machine) : 0;
-  int ends[2];
-  if (::pipe2(ends, O_CLOEXEC) != 0) refuse("make a pipe");
+  Pipe pipe;
+  const int* ends = pipe.ends;
   const pid_t parent = ::getpid(), id = ::fork();
-  if (id < 0) {
-    const int problem = errno;
-    ::close(ends[0]);
-    ::close(ends[1]);
-    errno = problem;
-    refuse("start a process");
-  }
+  if (id < 0) refuse("start a process");
   if (id == 0) {
     ::prctl(PR_SET_PDEATHSIG, SIGKILL);
     if (::getppid() != parent) ::_exit(kWorkThrew);
     ::close(ends[0]);
     work_in_copy(work, limits, memory, ends[1]);
   }
-  ::close(ends[1]);
+  ::close(pipe.take(1));
   ::fcntl(ends[0], F_SETFL, ::fcntl(ends[0], F_GETFL) | O_NONBLOCK);
-  Copy copy(id, ends[0]);
+  Copy copy(id);
   Receiver receiver(ends[0]);
   using Clock = std::chrono::steady_clock;
   const Clock::time_point start = Clock::now();

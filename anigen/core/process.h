@@ -1,10 +1,13 @@
 #pragma once
+#include <sys/types.h>
+#include <csignal>
 #include <cstdint>
 #include <filesystem>
 #include <functional>
 #include <optional>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include "anigen/core/config.h"
 
@@ -89,6 +92,49 @@ bool interrupt_requested();
 
 /// @throws Interrupted when the flag is up. Call where everything worth keeping has been saved.
 void throw_if_interrupted();
+
+/// How to start a program.
+struct Program {
+  std::vector<std::string> words;        ///< the program's file, then its arguments
+  std::string file;                      ///< what to run instead of words[0], which stays its name
+  std::vector<std::string> environment;  ///< NAME=value, beside this process's own variables and before them
+  std::filesystem::path log;  ///< its output and errors are appended here, and its input is empty; unset: as ours
+  bool pipes = false;         ///< its input and output are pipes to us
+  /// In a process group of its own, so that Ctrl-C in a terminal reaches us alone; else it starts with SIGINT ignored.
+  bool own_group = true;
+  /// Sent when this process ends, however it does (Linux PR_SET_PDEATHSIG), and when a ChildProcess is destroyed.
+  int last_signal = SIGTERM;
+};
+
+/// A program that was started. It inherits no open file but its standard ones. Start it from the main thread: the
+/// kernel ties it to the thread that did.
+class ChildProcess {
+ public:
+  struct End {
+    int status = 0;                ///< exit status; -N: ended by signal N
+    std::uint64_t peak_bytes = 0;  ///< most memory of it, or of a process it waited for
+  };
+
+  /// @throws Error when the system refuses; a program that cannot be run says so and ends with status 127
+  explicit ChildProcess(const Program& program);
+  ChildProcess(ChildProcess&& other) noexcept;
+  ChildProcess& operator=(ChildProcess&&) = delete;
+  ~ChildProcess();  ///< sends the last signal, and waits
+
+  pid_t id() const { return id_; }        ///< -1 after its end was seen
+  int input() const { return input_; }    ///< writes to its standard input; -1 without pipes
+  int output() const { return output_; }  ///< reads from its standard output, without waiting; -1 without pipes
+  /// @return nothing while it still runs, and after its end was returned @throws Error when the system has lost it
+  std::optional<End> poll();
+  void send(int signal) const;
+  /// SIGTERM, once: a second one would end a program of ours before it has saved.
+  void ask_to_stop();
+
+ private:
+  pid_t id_ = -1;
+  int input_ = -1, output_ = -1, last_signal_;
+  bool asked_ = false;
+};
 
 /// Limits of a guarded process; past one of them it is ended.
 struct ProcessLimits {

@@ -2,9 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numeric>
 #include <utility>
 
+#include "anigen/core/disjoint_sets.h"
 #include "anigen/core/numeric.h"
 #include "anigen/creatures/weights.h"
 
@@ -379,23 +379,20 @@ class Net {
   }
 
   void keep_largest_piece() {
-    std::vector<int> root(cells_.size());
-    std::iota(root.begin(), root.end(), 0);
-    const auto find = [&](int v) {
-      while (root[v] != v) v = root[v] = root[root[v]];
-      return v;
-    };
+    DisjointSets pieces(cells_.size());
     for (const auto& quad : quads_) {
-      for (int k = 1; k < 4; ++k) root[find(quad[k])] = find(quad[0]);
+      for (int k = 1; k < 4; ++k) pieces.join(at(quad[0]), at(quad[k]));
     }
-    std::vector<int> sizes(cells_.size(), 0);
-    for (std::size_t v = 0; v < cells_.size(); ++v) ++sizes[find(static_cast<int>(v))];
-    const int largest = static_cast<int>(std::max_element(sizes.begin(), sizes.end()) - sizes.begin());
-    if (sizes.empty() || sizes[largest] == static_cast<int>(cells_.size())) return;
+    const std::size_t none = cells_.size();
+    std::size_t largest = none;
+    for (std::size_t v = 0; v < cells_.size(); ++v) {
+      if (pieces.find(v) == v && (largest == none || pieces.size_of(v) > pieces.size_of(largest))) largest = v;
+    }
+    if (largest == none || pieces.size_of(largest) == cells_.size()) return;
     std::vector<int> kept(cells_.size(), -1);
     int count = 0;
     for (std::size_t v = 0; v < cells_.size(); ++v) {
-      if (find(static_cast<int>(v)) != largest) continue;
+      if (pieces.find(v) != largest) continue;
       kept[v] = count;
       cells_[count] = cells_[v];
       surface_.vertices[count] = surface_.vertices[v];

@@ -6,10 +6,11 @@
 #include <cstdio>
 #include <cstdlib>
 #include <map>
-#include <numeric>
+#include <set>
 #include <vector>
 
 #include "anigen/asset/rigged_asset.h"
+#include "anigen/core/disjoint_sets.h"
 #include "anigen/core/error.h"
 #include "anigen/core/numeric.h"
 #include "anigen/eval/inspect.h"
@@ -164,33 +165,20 @@ std::size_t depth(const std::vector<int>& parents) {
 }
 
 /// Pieces of a mesh that no face joins; vertices in one place count as one, since files split them at seams.
-class Shells {
- public:
-  explicit Shells(const Mesh& mesh) : up_(mesh.vertices.size()) {
-    std::iota(up_.begin(), up_.end(), std::size_t{0});
-    std::map<std::array<float, 3>, std::size_t> first;
-    for (std::size_t v = 0; v < up_.size(); ++v) {
-      const Eigen::Vector3f& p = mesh.vertices[v];
-      if (!p.allFinite()) continue;  // NaN has no order
-      up_[v] = first.try_emplace({p.x(), p.y(), p.z()}, v).first->second;
-    }
-    for (const Triangle& face : mesh.faces) {
-      for (const std::int32_t v : {face[1], face[2]}) up_[top(at(v))] = top(at(face[0]));
-    }
-    std::vector<char> has_face(up_.size(), 0);
-    for (const Triangle& face : mesh.faces) has_face[top(at(face[0]))] = 1;
-    count_ = static_cast<std::size_t>(std::count(has_face.begin(), has_face.end(), 1));
+std::size_t shells(const Mesh& mesh) {
+  DisjointSets sets(mesh.vertices.size());
+  std::map<std::array<float, 3>, std::size_t> first;
+  for (std::size_t v = 0; v < mesh.vertices.size(); ++v) {
+    const Eigen::Vector3f& p = mesh.vertices[v];
+    if (p.allFinite()) sets.join(first.try_emplace({p.x(), p.y(), p.z()}, v).first->second, v);  // NaN has no order
   }
-  std::size_t count() const { return count_; }
-
- private:
-  std::size_t top(std::size_t v) {
-    for (; up_[v] != v; v = up_[v]) up_[v] = up_[up_[v]];
-    return v;
+  for (const Triangle& face : mesh.faces) {
+    for (const std::int32_t v : {face[1], face[2]}) sets.join(at(face[0]), at(v));
   }
-  std::vector<std::size_t> up_;
-  std::size_t count_ = 0;
-};
+  std::set<std::size_t> with_faces;
+  for (const Triangle& face : mesh.faces) with_faces.insert(sets.find(at(face[0])));
+  return with_faces.size();
+}
 
 /// Before importers put several under one.
 std::size_t roots(const io::ImportedAsset& imported) {
@@ -220,7 +208,7 @@ bool faces_are_sound(const Mesh& mesh) {
 
 void add_mesh(const Asset& asset, Json& json) {
   const Mesh& mesh = asset.mesh;
-  if (faces_are_sound(mesh)) json["parts"] = Shells(mesh).count();
+  if (faces_are_sound(mesh)) json["parts"] = shells(mesh);
   const Box box = bounding_box(mesh.vertices);
   json["box"] = {{"low", corner(box.low)}, {"high", corner(box.high)}};
   json["has"] = Json::array();

@@ -6,6 +6,7 @@
 #include <functional>
 #include <limits>
 #include <string>
+#include <utility>
 
 #include "anigen/core/error.h"
 #include "anigen/eval/metric_table.h"
@@ -300,6 +301,11 @@ namespace {
 constexpr double kMarginalsAlmostKept = 1e-3;  ///< L1 of masses that sum to 1
 constexpr double kAnymateBox = 2.0;            ///< longest side of its frame; ours is 1
 
+/// Predicted and true skeleton, checked.
+std::pair<metrics::MetricSkeleton, metrics::MetricSkeleton> skeletons_of(const ComparedShapes& shapes) {
+  return {{shapes.predicted.joints, "predicted skeleton"}, {shapes.truth.joints, "true skeleton"}};
+}
+
 void set_chamfer(const metrics::SkeletonChamfer& chamfer, const std::string& prefix, PairResult& result) {
   result.set(prefix + "j2j", chamfer.j2j);
   result.set(prefix + "j2b", chamfer.j2b);
@@ -309,8 +315,7 @@ void set_chamfer(const metrics::SkeletonChamfer& chamfer, const std::string& pre
 }  // namespace
 
 void add_skeleton_metrics(const ComparedShapes& shapes, PairResult& result) {
-  const JointTree& predicted = shapes.predicted.joints;
-  const JointTree& truth = shapes.truth.joints;
+  const auto [predicted, truth] = skeletons_of(shapes);
   for (const metrics::SkeletonProtocol protocol : metrics::kSkeletonProtocols) {
     const std::string prefix = protocol == metrics::SkeletonProtocol::kPaper ? "" : metrics::name(protocol) + ".";
     try {
@@ -342,8 +347,8 @@ void add_skeleton_metrics(const ComparedShapes& shapes, PairResult& result) {
 
 void add_transport_metrics(const ComparedShapes& shapes, const PairSettings& settings, PairResult& result) {
   const metrics::TransportOptions options = transport_options(settings);
-  const metrics::SkeletonTransport transport =
-      metrics::skeleton_transport(shapes.predicted.joints, shapes.truth.joints, options);
+  const auto [predicted, truth] = skeletons_of(shapes);
+  const metrics::SkeletonTransport transport = metrics::skeleton_transport(predicted, truth, options);
   result.set("wasserstein", options.sinkhorn ? transport.sinkhorn_wasserstein : transport.wasserstein);
   result.set("gromov_wasserstein",
              options.sinkhorn ? transport.entropic_gromov_wasserstein : transport.gromov_wasserstein);

@@ -264,7 +264,7 @@ class JobRunner {
   struct Running {
     std::size_t job;
     FileLock lock;
-    LoggedProcess process;
+    ChildProcess process;
     fs::path log;
     JobRecord record;
     Clock::time_point started;
@@ -346,7 +346,10 @@ class JobRunner {
     states_[j] = State::kRunning;
     log::info("[{}/{}] {}{}", ++begun_, to_run_, job.id, of_whom(job));
     const fs::path log = log_of(job);
-    running_.push_back({j, std::move(*lock), LoggedProcess(command_of(job), log), log, record, Clock::now()});
+    Program program;
+    program.words = command_of(job);
+    program.log = log;
+    running_.push_back({j, std::move(*lock), ChildProcess(program), log, record, Clock::now()});
   }
 
   /// Several processes do not append to one file: on a shared file system lines would be lost.
@@ -390,7 +393,7 @@ class JobRunner {
     }
   }
 
-  void finish(Running& running, const LoggedProcess::End& end, bool stopped) {
+  void finish(Running& running, const ChildProcess::End& end, bool stopped) {
     const Job& job = plan_.jobs[running.job];
     JobRecord& record = running.record;
     record.seconds += seconds_since(running.started);

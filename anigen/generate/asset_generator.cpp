@@ -5,6 +5,7 @@
 #include "anigen/core/error.h"
 #include "anigen/core/log.h"
 #include "anigen/generate/run_weights.h"
+#include "anigen/nn/profile.h"
 #include "anigen/sparse_structure/autoencoder.h"
 
 namespace anigen::generate {
@@ -142,7 +143,7 @@ RigDecoder& AssetGenerator::decoder() {
   if (!decoder_) {
     decoder_ = std::make_unique<RigDecoder>(
         nn::find_run_model(latent_autoencoder_, structured_latent::kStructuredLatentDecoderClass, latent_decoder_ckpt_),
-        parse_device(request_.device), request_.grouping);
+        nn::parse_device(request_.device), request_.grouping);
   }
   return *decoder_;
 }
@@ -162,7 +163,7 @@ GeneratedAsset AssetGenerator::generate(const Tensor& structure_picture, const T
                      "a number of joints was asked for, but this flow was not trained to be told one");
   }
   const torch::NoGradGuard no_grad;
-  const torch::Device device = parse_device(request_.device);
+  const torch::Device device = nn::parse_device(request_.device);
   const at::Generator generator = noise_generator(options.seed);
   GeneratedAsset made;
   Stopwatch watch;

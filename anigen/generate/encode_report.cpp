@@ -13,9 +13,9 @@
 #include "anigen/data/view_files.h"
 #include "anigen/data/voxel_files.h"
 #include "anigen/generate/assemble.h"
-#include "anigen/generate/run_weights.h"
 #include "anigen/generate/stage_generators.h"
 #include "anigen/io/gltf/gltf.h"
+#include "anigen/nn/profile.h"
 
 // Prints the result of an encoding.
 
@@ -40,7 +40,7 @@ sparse_structure::VoxelAgreement divided(sparse_structure::VoxelAgreement sum, s
 class StructureLatents : public LatentSource {
  public:
   explicit StructureLatents(const EncodeRequest& request)
-      : check_(request.check), coder_(request.run, request.ckpt, parse_device(request.device), request.check) {}
+      : check_(request.check), coder_(request.run, request.ckpt, nn::parse_device(request.device), request.check) {}
 
   fs::path checkpoint() const override { return coder_.checkpoint(); }
   std::string fingerprint() const override { return coder_.fingerprint(); }
@@ -121,7 +121,7 @@ std::vector<float> by_channel(const std::vector<float>& rows, std::size_t channe
 class StructuredLatents : public LatentSource {
  public:
   explicit StructuredLatents(const EncodeRequest& request)
-      : coder_(request.run, request.ckpt, parse_device(request.device), /*decodes=*/std::nullopt) {}
+      : coder_(request.run, request.ckpt, nn::parse_device(request.device), /*decodes=*/std::nullopt) {}
 
   fs::path checkpoint() const override { return coder_.checkpoint(); }
   std::string fingerprint() const override { return coder_.fingerprint(); }
@@ -209,7 +209,7 @@ EncodedLatents encode_structured_latents(const EncodeRequest& request) {
 std::vector<ReconstructedAsset> reconstruct_assets(const ReconstructRequest& request) {
   const std::vector<std::string> ids = wanted_ids(request);
   refuse_lossy_outputs(request, ids);
-  StructuredLatentCoder coder(request.run, request.ckpt, parse_device(request.device), request.grouping);
+  StructuredLatentCoder coder(request.run, request.ckpt, nn::parse_device(request.device), request.grouping);
   if (coder.shape_alone()) {
     for (const auto& [wanted, option] :
          {std::pair(request.votes, "--votes"), {request.true_skeleton, "--true-skeleton"}})

@@ -18,10 +18,10 @@
 #include "anigen/core/process.h"
 #include "anigen/core/table.h"
 #include "anigen/generate/retrieve.h"
-#include "anigen/generate/run_weights.h"
 #include "anigen/generate/stage_generators.h"
 #include "anigen/io/arrays/safetensors.h"
 #include "anigen/io/arrays/torch_archive.h"
+#include "anigen/nn/profile.h"
 #include "anigen/nn/state_dict.h"
 #include "anigen/sparse_structure/voxel_metrics.h"
 #include "anigen/sparse_structure/voxel_picture.h"
@@ -112,7 +112,7 @@ class StructureComparison {
   explicit StructureComparison(const StructureEvaluationRequest& request)
       : request_(request),
         generator_({request.run, request.autoencoder, "", request.device}),
-        coder_(generator_.autoencoder(), generator_.reading().ss_dec_ckpt, parse_device(request.device), false),
+        coder_(generator_.autoencoder(), generator_.reading().ss_dec_ckpt, nn::parse_device(request.device), false),
         assets_(dataset_of(generator_.reading(), request.data, request.split, request.seed, true)) {
     sampler_ = generator_.sampler();
     if (request.steps > 0) sampler_.steps = request.steps;
@@ -327,7 +327,8 @@ skin_field::SkinAutoEncoderOptions options_of(const fs::path& file) {
 
 }  // namespace
 
-SkinReconstruction::SkinReconstruction(const fs::path& run, const std::string& device) : device_(parse_device(device)) {
+SkinReconstruction::SkinReconstruction(const fs::path& run, const std::string& device)
+    : device_(nn::parse_device(device)) {
   std::error_code ignored;
   if (!fs::exists(run, ignored)) throw InputError(run.string(), "", "no such run folder or checkpoint");
   checkpoint_ = fs::is_directory(run, ignored) ? io::choose_flow_checkpoint(run, true) : run;
@@ -398,7 +399,7 @@ torch::Tensor to_batch(const io::Image& image, const torch::Device& device) {
 }  // namespace
 
 PerceptualMetric::PerceptualMetric(const std::vector<std::filesystem::path>& weights, const std::string& device)
-    : device_(parse_device(device)), lpips_(vision::load_lpips(weights)) {
+    : device_(nn::parse_device(device)), lpips_(vision::load_lpips(weights)) {
   lpips_->to(device_);
   description_ = {{"network", "LPIPS v0.1, VGG16"}, {"weights_sha256", Json::array()}};
   for (const std::filesystem::path& file : weights) description_["weights_sha256"].push_back(file_digest(file));

@@ -17,12 +17,12 @@
 #include "anigen/generate/assemble.h"
 #include "anigen/generate/finishing.h"
 #include "anigen/generate/latent_records.h"
-#include "anigen/generate/run_weights.h"
 #include "anigen/geometry/primitives.h"
 #include "anigen/io/arrays/safetensors.h"
 #include "anigen/io/gltf/export.h"
 #include "anigen/io/gltf/gltf.h"
 #include "anigen/io/obj.h"
+#include "anigen/nn/profile.h"
 #include "anigen/render/contact_sheet.h"
 #include "anigen/render/picture.h"
 #include "anigen/sparse_structure/voxel_picture.h"
@@ -55,7 +55,7 @@ class ConditionPictures {
       if (request.estimator_weights.empty())
         throw InputError("", "--normal-weights", "the estimator needs its weights");
       estimator =
-          std::make_shared<vision::DsineNormals>(request.estimator_weights, parse_device(request.models.device));
+          std::make_shared<vision::DsineNormals>(request.estimator_weights, nn::parse_device(request.models.device));
     }
     for (const int size : {generator.structure_size(), generator.latent_size()}) {
       if (by_size_.count(size) > 0) continue;

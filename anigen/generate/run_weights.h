@@ -7,9 +7,6 @@
 
 namespace anigen::generate {
 
-/// "cpu", "cuda" or "cuda:N". @throws InputError that says what this build and machine have
-torch::Device parse_device(const std::string& name);
-
 /// The run folder that another run's config names. A relative name counts from the working directory, as published;
 /// where nothing is there, from the nearest parent folder of the naming run in which it exists, so that a released tree
 /// works from anywhere ("ckpts/anigen/ss_dae" in ckpts/anigen/ss_flow_duet/config.json).

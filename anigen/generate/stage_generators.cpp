@@ -18,6 +18,7 @@
 #include "anigen/geometry/nearest_surface.h"
 #include "anigen/io/arrays/npz.h"
 #include "anigen/nn/init.h"
+#include "anigen/nn/profile.h"
 #include "anigen/sparse_structure/flow.h"
 #include "anigen/sparse_structure/voxel_metrics.h"
 #include "anigen/structured_latent/sampling.h"
@@ -126,7 +127,7 @@ StructureReconstruction StructureCoder::agreement(const data::StructureLatent& l
 using torch::Tensor;
 
 StructureGenerator::StructureGenerator(const Request& request)
-    : device_(parse_device(request.device)),
+    : device_(nn::parse_device(request.device)),
       run_(request.run),
       flow_(nn::find_flow_model(request.run, {sparse_structure::kSparseStructureFlowClass}, request.ckpt,
                                 request.averages)),
@@ -337,7 +338,7 @@ structured_latent::StructuredLatentFlowStageOptions training_options(const nn::R
 }  // namespace
 
 StructuredLatentGenerator::StructuredLatentGenerator(const Request& request)
-    : device_(parse_device(request.device)),
+    : device_(nn::parse_device(request.device)),
       run_(request.run),
       flow_(nn::find_flow_model(
           request.run,

@@ -79,26 +79,4 @@ std::vector<Bone> bones_of(const std::vector<Eigen::Vector3d>& positions, const 
   return bones;
 }
 
-std::vector<double> bone_distances(const std::vector<Eigen::Vector3d>& points, const std::vector<Bone>& bones) {
-  std::vector<double> distances(points.size() * bones.size());
-  parallel_for(points.size(), [&](std::size_t p) {
-    for (std::size_t b = 0; b < bones.size(); ++b) {
-      distances[p * bones.size() + b] = distance_to_segment(points[p], bones[b].head, bones[b].tail);
-    }
-  });
-  return distances;
-}
-
-std::vector<NearestBone> nearest_bones(const std::vector<Eigen::Vector3d>& points, const std::vector<Bone>& bones) {
-  if (bones.empty()) throw InputError("", "skeleton", "a skeleton without joints has no bones");
-  std::vector<NearestBone> result(points.size());
-  parallel_for(points.size(), [&](std::size_t p) {
-    for (std::size_t b = 0; b < bones.size(); ++b) {
-      const double distance = distance_to_segment(points[p], bones[b].head, bones[b].tail);
-      if (result[p].bone < 0 || distance < result[p].distance) result[p] = {static_cast<int>(b), distance};
-    }
-  });
-  return result;
-}
-
 }  // namespace anigen::geometry

@@ -48,15 +48,4 @@ struct Bone {
 /// @throws InputError when lengths differ, a parent is out of range, or a position is not finite
 std::vector<Bone> bones_of(const std::vector<Eigen::Vector3d>& positions, const std::vector<int>& parents);
 
-/// Exact point–segment distances, row-major [P, B].
-std::vector<double> bone_distances(const std::vector<Eigen::Vector3d>& points, const std::vector<Bone>& bones);
-
-struct NearestBone {
-  int bone = -1;  ///< index into bones; the lowest of equally near ones
-  double distance = 0.0;
-};
-
-/// The nearest bone of every point, [P]. @throws InputError when there is no bone
-std::vector<NearestBone> nearest_bones(const std::vector<Eigen::Vector3d>& points, const std::vector<Bone>& bones);
-
 }  // namespace anigen::geometry

@@ -4,7 +4,6 @@
 #include <cmath>
 #include <limits>
 #include <nanoflann.hpp>
-#include <numeric>
 #include <string>
 #include <utility>
 
@@ -15,108 +14,113 @@ namespace anigen::geometry {
 
 namespace {
 
-constexpr std::int32_t kVerticesPerLeaf = 12;
-constexpr std::size_t kVertexQueriesPerTask = 1024;  // enough work per task to hide its cost
+constexpr std::size_t kLeafSize = 10;
+constexpr std::size_t kQueriesPerTask = 1024;  // enough work per task to hide its cost
 
-void require_reachable(const Eigen::Vector3d& point, const char* array, std::size_t index) {
-  // Beyond it, squared distances would be infinite.
-  if (point.allFinite() && point.cwiseAbs().maxCoeff() <= 1e100) return;
-  throw InputError("", std::string(array) + "[" + std::to_string(index) + "]", "not finite, or beyond 1e100");
+void require_reachable(const std::vector<Eigen::Vector3d>& points, const char* array) {
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    // Beyond it, squared distances would be infinite.
+    if (points[i].allFinite() && points[i].cwiseAbs().maxCoeff() <= 1e100) continue;
+    throw InputError("", std::string(array) + "[" + std::to_string(i) + "]", "not finite, or beyond 1e100");
+  }
 }
 
 }  // namespace
 
-struct NearestVertex::Best {
-  Eigen::Vector3d point;
-  std::int32_t vertex = -1;
-  double squared = std::numeric_limits<double>::infinity();
+// Named, since a member of PointIndex::Implementation has it as a type.
+namespace point_tree {
+
+/// The points as nanoflann wants to see them.
+struct Cloud {
+  std::vector<Eigen::Vector3d> points;
+
+  std::size_t kdtree_get_point_count() const { return points.size(); }
+  double kdtree_get_pt(std::size_t index, std::size_t axis) const {
+    return points[index][static_cast<Eigen::Index>(axis)];
+  }
+  template <typename Bounds>
+  bool kdtree_get_bbox(Bounds&) const {
+    return false;
+  }
 };
 
-NearestVertex::NearestVertex(const std::vector<Eigen::Vector3f>& vertices) {
-  if (vertices.empty()) throw InputError("", "vertices", "there is no vertex to be near to");
-  if (vertices.size() > static_cast<std::size_t>(std::numeric_limits<std::int32_t>::max())) {
-    throw InputError("", "vertices", "too many vertices");
-  }
-  vertices_.reserve(vertices.size());
-  for (std::size_t v = 0; v < vertices.size(); ++v) {
-    vertices_.push_back(vertices[v].cast<double>());
-    require_reachable(vertices_.back(), "vertices", v);
-  }
-  original_.resize(vertices.size());
-  std::iota(original_.begin(), original_.end(), 0);
-  build(0, static_cast<std::int32_t>(vertices.size()));
-  std::vector<Eigen::Vector3d> sorted;
-  sorted.reserve(vertices_.size());
-  for (const std::int32_t index : original_) sorted.push_back(vertices_[static_cast<std::size_t>(index)]);
-  vertices_ = std::move(sorted);
-}
+/// One nearest point; may start from a known one.
+struct OneResult : PointIndex::Nearest {
+  using DistanceType = double;
+  using IndexType = std::size_t;
+  using CountType = std::size_t;
 
-// While the tree grows, original_ is being put in its order and vertices_ is still in that of the mesh.
-std::int32_t NearestVertex::build(std::int32_t begin, std::int32_t end) {
-  const auto id = static_cast<std::int32_t>(nodes_.size());
-  nodes_.emplace_back();
-  nodes_.back().begin = begin;
-  nodes_.back().end = end;
-  if (end - begin <= kVerticesPerLeaf) return id;
-  const auto at = [&](std::int32_t place) -> const Eigen::Vector3d& {
-    return vertices_[static_cast<std::size_t>(original_[static_cast<std::size_t>(place)])];
-  };
-  Eigen::Vector3d low = at(begin), high = at(begin);
-  for (std::int32_t place = begin + 1; place < end; ++place) {
-    low = low.cwiseMin(at(place));
-    high = high.cwiseMax(at(place));
-  }
-  int axis = 0;
-  const double extent = (high - low).maxCoeff(&axis);
-  if (!(extent > 0.0)) return id;  // all in one place
-  const std::int32_t middle = begin + (end - begin) / 2;
-  const auto along = [&](std::int32_t a) { return vertices_[static_cast<std::size_t>(a)][axis]; };
-  std::nth_element(original_.begin() + begin, original_.begin() + middle, original_.begin() + end,
-                   [&](std::int32_t a, std::int32_t b) { return along(a) < along(b); });
-  const double plane = at(middle)[axis];
-  const std::int32_t below = build(begin, middle), above = build(middle, end);
-  Node& node = nodes_[static_cast<std::size_t>(id)];
-  node.axis = axis;
-  node.plane = plane;
-  node.below = below;
-  node.above = above;
-  return id;
-}
-
-void NearestVertex::search(std::int32_t id, Best& best) const {
-  const Node& node = nodes_[static_cast<std::size_t>(id)];
-  if (node.below < 0) {
-    for (std::int32_t place = node.begin; place < node.end; ++place) {
-      const double squared = (vertices_[static_cast<std::size_t>(place)] - best.point).squaredNorm();
-      const std::int32_t vertex = original_[static_cast<std::size_t>(place)];
-      if (squared < best.squared || (squared == best.squared && vertex < best.vertex)) {
-        best.squared = squared;
-        best.vertex = vertex;
-      }
+  std::size_t size() const { return 1; }
+  bool empty() const { return false; }
+  bool full() const { return true; }
+  void sort() {}
+  /// A little more, so that the tree also shows points that are as near.
+  double worstDist() const { return squared * (1.0 + 1e-12) + std::numeric_limits<double>::denorm_min(); }
+  bool addPoint(double distance, std::size_t candidate) {
+    if (distance < squared || (distance == squared && candidate < index)) {
+      squared = distance;
+      index = candidate;
     }
-    return;
+    return true;
   }
-  const double beyond = best.point[node.axis] - node.plane;
-  search(beyond < 0.0 ? node.below : node.above, best);
-  // Equally near vertices behind the plane may have a lower index.
-  if (beyond * beyond <= best.squared) search(beyond < 0.0 ? node.above : node.below, best);
+};
+
+using Tree = nanoflann::KDTreeSingleIndexAdaptor<nanoflann::L2_Simple_Adaptor<double, Cloud>, Cloud, 3, std::size_t>;
+
+}  // namespace point_tree
+
+struct PointIndex::Implementation {
+  explicit Implementation(std::vector<Eigen::Vector3d> points)
+      : cloud{std::move(points)}, tree(3, cloud, nanoflann::KDTreeSingleIndexAdaptorParams(kLeafSize)) {}
+
+  Nearest search(const Eigen::Vector3d& query, point_tree::OneResult result) const {
+#if NANOFLANN_VERSION < 0x150
+    tree.findNeighbors(result, query.data(), nanoflann::SearchParams());
+#else
+    tree.findNeighbors(result, query.data());
+#endif
+    return result;
+  }
+
+  point_tree::Cloud cloud;
+  point_tree::Tree tree;
+};
+
+PointIndex::PointIndex(std::vector<Eigen::Vector3d> points) {
+  if (points.empty()) throw InputError("", "points", "there is no point to search");
+  require_reachable(points, "points");
+  implementation_ = std::make_unique<Implementation>(std::move(points));
 }
 
-std::int32_t NearestVertex::query(const Eigen::Vector3d& point) const {
-  Best best;
-  best.point = point;
-  search(0, best);
-  return best.vertex;
+PointIndex::~PointIndex() = default;
+PointIndex::PointIndex(PointIndex&&) noexcept = default;
+PointIndex& PointIndex::operator=(PointIndex&&) noexcept = default;
+
+std::size_t PointIndex::size() const { return implementation_->cloud.points.size(); }
+
+const Eigen::Vector3d& PointIndex::point(std::size_t index) const { return implementation_->cloud.points[index]; }
+
+PointIndex::Nearest PointIndex::nearest(const Eigen::Vector3d& query) const {
+  return implementation_->search(query, point_tree::OneResult{});
 }
 
-std::vector<std::int32_t> NearestVertex::query(const std::vector<Eigen::Vector3d>& points) const {
-  for (std::size_t i = 0; i < points.size(); ++i) require_reachable(points[i], "points", i);
-  std::vector<std::int32_t> nearest(points.size());
-  parallel_for((points.size() + kVertexQueriesPerTask - 1) / kVertexQueriesPerTask, [&](std::size_t block) {
-    const std::size_t end = std::min(points.size(), (block + 1) * kVertexQueriesPerTask);
-    for (std::size_t i = block * kVertexQueriesPerTask; i < end; ++i) nearest[i] = query(points[i]);
+PointIndex::Nearest PointIndex::nearest(const Eigen::Vector3d& query, std::size_t guess) const {
+  point_tree::OneResult result;
+  result.index = guess;
+  const Eigen::Vector3d offset = query - point(guess);
+  // Summed in the tree's order, so that the guess itself is found again as equal.
+  result.squared = offset.x() * offset.x() + offset.y() * offset.y() + offset.z() * offset.z();
+  return implementation_->search(query, result);
+}
+
+std::vector<std::size_t> PointIndex::nearest(const std::vector<Eigen::Vector3d>& queries) const {
+  require_reachable(queries, "queries");
+  std::vector<std::size_t> found(queries.size());
+  parallel_for((queries.size() + kQueriesPerTask - 1) / kQueriesPerTask, [&](std::size_t block) {
+    const std::size_t end = std::min(queries.size(), (block + 1) * kQueriesPerTask);
+    for (std::size_t i = block * kQueriesPerTask; i < end; ++i) found[i] = nearest(queries[i]).index;
   });
-  return nearest;
+  return found;
 }
 
 namespace {
@@ -289,104 +293,6 @@ std::vector<int> PointCells::within(std::size_t point) const {
     }
   }
   return found;
-}
-
-namespace {
-
-constexpr double kLargestSquarable = 1e100;  // its square is still finite
-constexpr std::size_t kLeafSize = 10;
-
-}  // namespace
-
-// Named, since a member of PointIndex::Implementation has it as a type.
-namespace point_tree {
-
-/// The points as nanoflann wants to see them.
-struct Cloud {
-  std::vector<Eigen::Vector3d> points;
-
-  std::size_t kdtree_get_point_count() const { return points.size(); }
-  double kdtree_get_pt(std::size_t index, std::size_t axis) const {
-    return points[index][static_cast<Eigen::Index>(axis)];
-  }
-  template <typename Bounds>
-  bool kdtree_get_bbox(Bounds&) const {
-    return false;
-  }
-};
-
-/// One nearest point; may start from a known one. Among equally near points the tree happens to visit, the lowest.
-struct OneResult {
-  using DistanceType = double;
-  using IndexType = std::size_t;
-  using CountType = std::size_t;
-  double squared = std::numeric_limits<double>::max();
-  std::size_t index = 0;
-
-  std::size_t size() const { return 1; }
-  bool empty() const { return false; }
-  bool full() const { return true; }
-  void sort() {}
-  double worstDist() const { return squared; }
-  bool addPoint(double distance, std::size_t candidate) {
-    if (distance < squared || (distance == squared && candidate < index)) {
-      squared = distance;
-      index = candidate;
-    }
-    return true;
-  }
-};
-
-using Tree = nanoflann::KDTreeSingleIndexAdaptor<nanoflann::L2_Simple_Adaptor<double, Cloud>, Cloud, 3, std::size_t>;
-
-}  // namespace point_tree
-
-struct PointIndex::Implementation {
-  explicit Implementation(std::vector<Eigen::Vector3d> points)
-      : cloud{std::move(points)}, tree(3, cloud, nanoflann::KDTreeSingleIndexAdaptorParams(kLeafSize)) {}
-
-  Nearest search(const Eigen::Vector3d& query, point_tree::OneResult result) const {
-#if NANOFLANN_VERSION < 0x150
-    tree.findNeighbors(result, query.data(), nanoflann::SearchParams());
-#else
-    tree.findNeighbors(result, query.data());
-#endif
-    return {result.index, result.squared};
-  }
-
-  point_tree::Cloud cloud;
-  point_tree::Tree tree;
-};
-
-PointIndex::PointIndex(std::vector<Eigen::Vector3d> points) {
-  if (points.empty()) throw InputError("", "points", "there is no point to search");
-  for (std::size_t i = 0; i < points.size(); ++i) {
-    if (!(points[i].cwiseAbs().maxCoeff() <= kLargestSquarable) || !points[i].allFinite()) {
-      throw InputError("", "points[" + std::to_string(i) + "]", "the position is not finite or larger than 1e100");
-    }
-  }
-  implementation_ = std::make_unique<Implementation>(std::move(points));
-}
-
-PointIndex::~PointIndex() = default;
-PointIndex::PointIndex(PointIndex&&) noexcept = default;
-PointIndex& PointIndex::operator=(PointIndex&&) noexcept = default;
-
-std::size_t PointIndex::size() const { return implementation_->cloud.points.size(); }
-
-const Eigen::Vector3d& PointIndex::point(std::size_t index) const { return implementation_->cloud.points[index]; }
-
-PointIndex::Nearest PointIndex::nearest(const Eigen::Vector3d& query) const {
-  return implementation_->search(query, point_tree::OneResult{});
-}
-
-PointIndex::Nearest PointIndex::nearest(const Eigen::Vector3d& query, std::size_t guess) const {
-  point_tree::OneResult result;
-  result.index = guess;
-  const Eigen::Vector3d offset = query - point(guess);
-  // Summed in the tree's order, so that the guess itself is found again as equal.
-  result.squared = offset.x() * offset.x() + offset.y() * offset.y() + offset.z() * offset.z();
-  return implementation_->search(query, result);
 }
 
 }  // namespace anigen::geometry

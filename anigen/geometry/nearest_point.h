@@ -4,39 +4,41 @@
 #include <cstddef>
 #include <cstdint>
 #include <functional>
+#include <limits>
 #include <memory>
 #include <vector>
 
 namespace anigen::geometry {
 
-/// Nearest vertex of a mesh: set up once (a k-d tree), query many times. Exact in double precision; of equally near
-/// vertices the lowest index, whatever threads and order of the queries. Queries are thread-safe.
-class NearestVertex {
+/// Nearest point of a set, exactly: a k-d tree (nanoflann), set up once, queried from any thread, in double precision.
+/// Of equally near points the lowest index.
+class PointIndex {
  public:
-  /// @throws InputError without vertices, or naming one that is not finite or beyond 1e100
-  explicit NearestVertex(const std::vector<Eigen::Vector3f>& vertices);
+  struct Nearest {
+    std::size_t index = 0;
+    double squared = std::numeric_limits<double>::max();  ///< squared distance
+  };
 
-  /// @param point finite, within 1e100
-  std::int32_t query(const Eigen::Vector3d& point) const;
-  /// One index per point, in order; runs on all threads. @throws InputError naming a point that is not finite or beyond
+  /// Copies the points. @throws InputError without points, or naming one that is not finite or beyond 1e100
+  explicit PointIndex(std::vector<Eigen::Vector3d> points);
+  ~PointIndex();
+  PointIndex(PointIndex&&) noexcept;
+  PointIndex& operator=(PointIndex&&) noexcept;
+
+  std::size_t size() const;
+  const Eigen::Vector3d& point(std::size_t index) const;
+
+  /// @param query finite, within 1e100
+  Nearest nearest(const Eigen::Vector3d& query) const;
+  /// As above, quicker by a guess: the answer of a query nearby. @pre guess < size()
+  Nearest nearest(const Eigen::Vector3d& query, std::size_t guess) const;
+  /// One index per query, in order; runs on all threads. @throws InputError naming a query that is not finite or beyond
   /// 1e100
-  std::vector<std::int32_t> query(const std::vector<Eigen::Vector3d>& points) const;
+  std::vector<std::size_t> nearest(const std::vector<Eigen::Vector3d>& queries) const;
 
  private:
-  /// Vertices [begin, end) of the tree's order; a leaf has no children.
-  struct Node {
-    std::int32_t begin = 0, end = 0;
-    std::int32_t below = -1, above = -1;  ///< children: up to the plane, from the plane
-    int axis = 0;
-    double plane = 0.0;
-  };
-  struct Best;
-  std::int32_t build(std::int32_t begin, std::int32_t end);
-  void search(std::int32_t node, Best& best) const;
-
-  std::vector<Eigen::Vector3d> vertices_;  ///< in the tree's order
-  std::vector<std::int32_t> original_;     ///< index of each in the mesh
-  std::vector<Node> nodes_;                ///< the root first
+  struct Implementation;
+  std::unique_ptr<Implementation> implementation_;
 };
 
 /// Squared distance in single precision, summed x, y, z: what every neighbour rule below compares.
@@ -90,34 +92,6 @@ class PointCells {
   std::vector<Eigen::Vector3f> points_, sorted_;  // as given; cell by cell
   std::vector<int> order_;                        // index of each sorted point, ascending within a cell
   std::vector<Cell> cells_;                       // by key
-};
-
-/// Nearest point of a set, exactly: a k-d tree, set up once, queried from any thread, in double precision. Which of
-/// several equally near points comes back is fixed for a set and a query, but otherwise open.
-class PointIndex {
- public:
-  struct Nearest {
-    std::size_t index = 0;
-    double squared = 0.0;  ///< squared distance
-  };
-
-  /// Copies the points. @throws InputError without points, or naming one that is not finite or beyond 1e100
-  explicit PointIndex(std::vector<Eigen::Vector3d> points);
-  ~PointIndex();
-  PointIndex(PointIndex&&) noexcept;
-  PointIndex& operator=(PointIndex&&) noexcept;
-
-  std::size_t size() const;
-  const Eigen::Vector3d& point(std::size_t index) const;
-
-  Nearest nearest(const Eigen::Vector3d& query) const;
-  /// As near a point, found from a guess, which only makes it quicker: the answer of a query nearby.
-  /// @pre guess < size()
-  Nearest nearest(const Eigen::Vector3d& query, std::size_t guess) const;
-
- private:
-  struct Implementation;
-  std::unique_ptr<Implementation> implementation_;
 };
 
 }  // namespace anigen::geometry

@@ -10,27 +10,6 @@
 
 namespace anigen::metrics {
 
-JointGraph joint_graph(const JointTree& tree) {
-  check(tree, "");
-  JointGraph graph;
-  graph.joints = tree.positions;
-  for (std::size_t j = 0; j < tree.size(); ++j) {
-    if (tree.parents[j] >= 0) graph.bones.push_back({tree.parents[j], static_cast<int>(j)});
-  }
-  return graph;
-}
-
-std::vector<BoneLine> bone_lines(const JointGraph& graph) {
-  std::vector<BoneLine> lines;
-  for (const auto& [parent, child] : graph.bones) {
-    lines.push_back({graph.joints[static_cast<std::size_t>(parent)], graph.joints[static_cast<std::size_t>(child)]});
-  }
-  if (lines.empty()) {
-    for (const Eigen::Vector3d& joint : graph.joints) lines.push_back({joint, joint});
-  }
-  return lines;
-}
-
 namespace {
 
 [[noreturn]] void refuse(const std::string& why) {
@@ -39,18 +18,18 @@ namespace {
 
 }  // namespace
 
-std::vector<BoneSamples> spaced_samples(const std::vector<BoneLine>& lines, double spacing) {
+std::vector<BoneSamples> spaced_samples(const std::vector<geometry::Bone>& bones, double spacing) {
   std::vector<BoneSamples> all;
-  all.reserve(lines.size());
+  all.reserve(bones.size());
   double total = 0;
-  for (const BoneLine& line : lines) {
-    const Eigen::Vector3d along = line.tail - line.head;
+  for (const geometry::Bone& bone : bones) {
+    const Eigen::Vector3d along = bone.tail - bone.head;
     const double steps = std::nearbyint(along.norm() / spacing);  // half to even, the default rounding
     total += steps + 1;
     // Written so that an infinite length is refused too.
     if (!(total <= kMostBoneSamples)) refuse("its bones are too long to be sampled every 0.005");
     BoneSamples samples;
-    samples.start = line.head;
+    samples.start = bone.head;
     samples.last = static_cast<std::int64_t>(steps);
     if (samples.last > 0) samples.step = along / steps;
     all.push_back(samples);
@@ -58,11 +37,11 @@ std::vector<BoneSamples> spaced_samples(const std::vector<BoneLine>& lines, doub
   return all;
 }
 
-std::vector<BoneSamples> counted_samples(const std::vector<BoneLine>& lines, int count) {
-  if (static_cast<double>(lines.size()) * count > kMostBoneSamples) refuse("it has too many bones to be sampled");
+std::vector<BoneSamples> counted_samples(const std::vector<geometry::Bone>& bones, int count) {
+  if (static_cast<double>(bones.size()) * count > kMostBoneSamples) refuse("it has too many bones to be sampled");
   std::vector<BoneSamples> all;
-  all.reserve(lines.size());
-  for (const BoneLine& line : lines) all.push_back({line.tail, (line.head - line.tail) / count, count - 1});
+  all.reserve(bones.size());
+  for (const geometry::Bone& bone : bones) all.push_back({bone.tail, (bone.head - bone.tail) / count, count - 1});
   return all;
 }
 
@@ -92,8 +71,8 @@ double squared_distance_to_box(const Eigen::Vector3d& p, const Eigen::Vector3d& 
 
 }  // namespace
 
-NearestBone::NearestBone(const std::vector<BoneLine>& lines) {
-  for (const BoneLine& line : lines) add(line.head, line.tail - line.head, 1.0);
+NearestBone::NearestBone(const std::vector<geometry::Bone>& bones) {
+  for (const geometry::Bone& bone : bones) add(bone.head, bone.tail - bone.head, 1.0);
   build();
 }
 
@@ -103,10 +82,7 @@ NearestBone::NearestBone(const std::vector<BoneSamples>& samples) : rounded_(tru
 }
 
 NearestBone NearestBone::of_points(const std::vector<Eigen::Vector3d>& points) {
-  std::vector<BoneLine> lines;
-  lines.reserve(points.size());
-  for (const Eigen::Vector3d& point : points) lines.push_back({point, point});
-  return NearestBone(lines);
+  return NearestBone(geometry::bones_of(points, std::vector<int>(points.size(), -1)));
 }
 
 void NearestBone::add(const Eigen::Vector3d& start, const Eigen::Vector3d& step, double last) {
@@ -206,18 +182,18 @@ namespace {
 double symmetric(double there, double back) { return 0.5 * (there + back); }
 
 /// @param bones what distances to bones are measured to, of either side
-SkeletonChamfer chamfer(const JointGraph& a, const JointGraph& b, const std::vector<BoneSamples>& samples_a,
+SkeletonChamfer chamfer(const MetricSkeleton& a, const MetricSkeleton& b, const std::vector<BoneSamples>& samples_a,
                         const std::vector<BoneSamples>& samples_b, const NearestBone& bones_a,
                         const NearestBone& bones_b) {
   SkeletonChamfer result;
-  result.j2j = symmetric(NearestBone::of_points(b.joints).mean_distance(a.joints),
-                         NearestBone::of_points(a.joints).mean_distance(b.joints));
-  result.j2b = symmetric(bones_b.mean_distance(a.joints), bones_a.mean_distance(b.joints));
+  result.j2j = symmetric(NearestBone::of_points(b.positions).mean_distance(a.positions),
+                         NearestBone::of_points(a.positions).mean_distance(b.positions));
+  result.j2b = symmetric(bones_b.mean_distance(a.positions), bones_a.mean_distance(b.positions));
   result.b2b = symmetric(bones_b.mean_distance(samples_a), bones_a.mean_distance(samples_b));
   return result;
 }
 
-SkeletonChamfer sampled(const JointGraph& a, const JointGraph& b, const std::vector<BoneSamples>& samples_a,
+SkeletonChamfer sampled(const MetricSkeleton& a, const MetricSkeleton& b, const std::vector<BoneSamples>& samples_a,
                         const std::vector<BoneSamples>& samples_b) {
   return chamfer(a, b, samples_a, samples_b, NearestBone(samples_a), NearestBone(samples_b));
 }
@@ -245,33 +221,33 @@ SkeletonProtocol parse_skeleton_protocol(const std::string& text) {
   throw InputError("", "protocol", "\"" + text + "\" is none of paper, rignet, unirig, puppeteer");
 }
 
-SkeletonChamfer exact_chamfer(const JointGraph& predicted, const JointGraph& truth) {
-  const std::vector<BoneLine> a = bone_lines(predicted), b = bone_lines(truth);
-  return chamfer(predicted, truth, spaced_samples(a), spaced_samples(b), NearestBone(a), NearestBone(b));
+SkeletonChamfer exact_chamfer(const MetricSkeleton& predicted, const MetricSkeleton& truth) {
+  return chamfer(predicted, truth, spaced_samples(predicted.bones), spaced_samples(truth.bones),
+                 NearestBone(predicted.bones), NearestBone(truth.bones));
 }
 
-SkeletonChamfer spaced_chamfer(const JointGraph& predicted, const JointGraph& truth) {
-  return sampled(predicted, truth, spaced_samples(bone_lines(predicted)), spaced_samples(bone_lines(truth)));
+SkeletonChamfer spaced_chamfer(const MetricSkeleton& predicted, const MetricSkeleton& truth) {
+  return sampled(predicted, truth, spaced_samples(predicted.bones), spaced_samples(truth.bones));
 }
 
-SkeletonChamfer counted_chamfer(const JointGraph& predicted, const JointGraph& truth) {
-  return sampled(predicted, truth, counted_samples(bone_lines(predicted)), counted_samples(bone_lines(truth)));
+SkeletonChamfer counted_chamfer(const MetricSkeleton& predicted, const MetricSkeleton& truth) {
+  return sampled(predicted, truth, counted_samples(predicted.bones), counted_samples(truth.bones));
 }
 
-SkeletonChamfer skeleton_chamfer(const JointTree& predicted, const JointTree& truth, SkeletonProtocol protocol,
-                                 double unirig_range) {
+SkeletonChamfer skeleton_chamfer(const MetricSkeleton& predicted, const MetricSkeleton& truth,
+                                 SkeletonProtocol protocol, double unirig_range) {
   switch (protocol) {
     case SkeletonProtocol::kPaper:
-      return exact_chamfer(joint_graph(predicted), joint_graph(truth));
+      return exact_chamfer(predicted, truth);
     case SkeletonProtocol::kRignet:
-      return spaced_chamfer(joint_graph(predicted), joint_graph(truth));
+      return spaced_chamfer(predicted, truth);
     case SkeletonProtocol::kPuppeteer:
       return spaced_chamfer(puppeteer_cleaned(predicted), puppeteer_cleaned(truth));
     case SkeletonProtocol::kUnirig:
       break;
   }
   if (!(unirig_range > 0.0)) throw InputError("", "unirig_range", "the coordinate range must be positive");
-  SkeletonChamfer result = counted_chamfer(joint_graph(predicted), joint_graph(truth));
+  SkeletonChamfer result = counted_chamfer(predicted, truth);
   result.j2j /= unirig_range;
   result.j2b /= unirig_range;
   result.b2b /= unirig_range;

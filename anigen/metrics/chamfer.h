@@ -5,27 +5,9 @@
 #include <string>
 #include <vector>
 
-#include "anigen/asset/skeleton.h"
+#include "anigen/metrics/metric_skeleton.h"
 
 namespace anigen::metrics {
-
-/// Joints and bones without the promise of a tree: what is left after joints were merged (see puppeteer_cleaned()).
-struct JointGraph {
-  std::vector<Eigen::Vector3d> joints;
-  std::vector<std::array<int, 2>> bones;  ///< parent, child
-};
-
-/// One bone per joint that has a parent, in joint order. @throws InputError as check()
-JointGraph joint_graph(const JointTree& tree);
-
-/// A bone as a line, from the parent's position to the child's.
-struct BoneLine {
-  Eigen::Vector3d head, tail;
-};
-
-/// The bones as lines; a skeleton without bones gives its joints, as lines without length, so that the bone distances
-/// stay defined (reference training-and-data.md, 7.2).
-std::vector<BoneLine> bone_lines(const JointGraph& graph);
 
 /// Evenly spaced points on one bone: start + i · step, i = 0 … last. Kept as a formula, since the nearest of them is
 /// found by rounding a projection and no list of points is needed.
@@ -45,11 +27,11 @@ inline constexpr int kSamplesPerBone = 100;
 /// shorter than half the spacing only its parent's end. Long bones so weigh more (reference training-and-data.md, 7.2
 /// a).
 /// @throws InputError beyond kMostBoneSamples
-std::vector<BoneSamples> spaced_samples(const std::vector<BoneLine>& lines, double spacing = kSampleSpacing);
+std::vector<BoneSamples> spaced_samples(const std::vector<geometry::Bone>& bones, double spacing = kSampleSpacing);
 
 /// UniRig: `count` points per bone whatever its length, at i / count from the child towards the parent: the child's end
 /// is one of them, the parent's is not (7.2 b). @throws InputError beyond kMostBoneSamples
-std::vector<BoneSamples> counted_samples(const std::vector<BoneLine>& lines, int count = kSamplesPerBone);
+std::vector<BoneSamples> counted_samples(const std::vector<geometry::Bone>& bones, int count = kSamplesPerBone);
 
 std::int64_t sample_count(const std::vector<BoneSamples>& samples);
 
@@ -61,8 +43,8 @@ std::vector<Eigen::Vector3d> sample_points(const std::vector<BoneSamples>& sampl
 /// and never listed. Queries are thread-safe.
 class NearestBone {
  public:
-  /// Exact point–segment distances. @param lines at least one
-  explicit NearestBone(const std::vector<BoneLine>& lines);
+  /// Exact point–segment distances. @param bones at least one
+  explicit NearestBone(const std::vector<geometry::Bone>& bones);
   /// Distances to the nearest sample. @param samples at least one
   explicit NearestBone(const std::vector<BoneSamples>& samples);
   /// Distances to points. @param points at least one
@@ -120,15 +102,15 @@ struct SkeletonChamfer {
 /// Both trees in the same frame, the unit box (longest side 1) for numbers comparable with published ones.
 /// @param unirig_range width of the coordinates' range, which kUnirig divides by: 2 for coordinates in [-1, 1], as
 ///        published; 1 for the unit box, which gives the same number
-/// @throws InputError for a tree that check() refuses, or one too large to be sampled (see bone_samples())
-SkeletonChamfer skeleton_chamfer(const JointTree& predicted, const JointTree& truth, SkeletonProtocol protocol,
-                                 double unirig_range = 1.0);
+/// @throws InputError for a skeleton too large to be sampled (see spaced_samples())
+SkeletonChamfer skeleton_chamfer(const MetricSkeleton& predicted, const MetricSkeleton& truth,
+                                 SkeletonProtocol protocol, double unirig_range = 1.0);
 
 /// Bones as lines: what kPaper means.
-SkeletonChamfer exact_chamfer(const JointGraph& predicted, const JointGraph& truth);
+SkeletonChamfer exact_chamfer(const MetricSkeleton& predicted, const MetricSkeleton& truth);
 /// Bones as samples every 0.005: what kRignet means, and kPuppeteer on graphs that are clean.
-SkeletonChamfer spaced_chamfer(const JointGraph& predicted, const JointGraph& truth);
+SkeletonChamfer spaced_chamfer(const MetricSkeleton& predicted, const MetricSkeleton& truth);
 /// Bones as 100 samples each: kUnirig before it divides by the range.
-SkeletonChamfer counted_chamfer(const JointGraph& predicted, const JointGraph& truth);
+SkeletonChamfer counted_chamfer(const MetricSkeleton& predicted, const MetricSkeleton& truth);
 
 }  // namespace anigen::metrics

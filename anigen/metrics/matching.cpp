@@ -24,7 +24,7 @@ struct Hanging {
   double depth = 0;
 };
 
-std::vector<Hanging> hangings(const JointTree& tree) {
+std::vector<Hanging> hangings(const MetricSkeleton& tree) {
   std::vector<Hanging> result(tree.size());
   for (std::size_t j = 0; j < tree.size(); ++j) {
     const int parent = tree.parents[j];
@@ -36,7 +36,7 @@ std::vector<Hanging> hangings(const JointTree& tree) {
 
 }  // namespace
 
-Eigen::MatrixXd joint_ties(const JointTree& predicted, const JointTree& truth) {
+Eigen::MatrixXd joint_ties(const MetricSkeleton& predicted, const MetricSkeleton& truth) {
   const std::vector<Hanging> a = hangings(predicted), b = hangings(truth);
   Eigen::MatrixXd ties(static_cast<Eigen::Index>(a.size()), static_cast<Eigen::Index>(b.size()));
   for (std::size_t i = 0; i < a.size(); ++i) {
@@ -47,9 +47,7 @@ Eigen::MatrixXd joint_ties(const JointTree& predicted, const JointTree& truth) {
   return ties;
 }
 
-Eigen::MatrixXd matching_plan(const JointTree& predicted, const JointTree& truth) {
-  check(predicted, "predicted skeleton");
-  check(truth, "true skeleton");
+Eigen::MatrixXd matching_plan(const MetricSkeleton& predicted, const MetricSkeleton& truth) {
   const Eigen::MatrixXd cost =
       squared_distances(predicted.positions, truth.positions) + kParentWeight * joint_ties(predicted, truth);
   return exact_transport(cost, uniform_masses(predicted.size()), uniform_masses(truth.size())).plan;
@@ -208,9 +206,8 @@ JointMatch match_joints(const std::vector<Eigen::Vector3d>& predicted, const std
   return counted(assign(distance), distance, tolerance);
 }
 
-JointMatch match_joints(const JointTree& predicted, const JointTree& truth, const std::vector<double>& tolerance) {
-  check(predicted, "predicted skeleton");
-  check(truth, "true skeleton");
+JointMatch match_joints(const MetricSkeleton& predicted, const MetricSkeleton& truth,
+                        const std::vector<double>& tolerance) {
   const Eigen::MatrixXd distance = distances(predicted.positions, truth.positions, tolerance);
   return counted(assign(distance + kTieWeight * joint_ties(predicted, truth)), distance, tolerance);
 }
@@ -220,8 +217,7 @@ JointMatch match_joints(const std::vector<Eigen::Vector3d>& predicted, const std
   return match_joints(predicted, truth, std::vector<double>(truth.size(), tolerance));
 }
 
-std::vector<double> joint_tolerances(const JointTree& truth, const geometry::RayCaster& surface, double fallback) {
-  check(truth, "");
+std::vector<double> joint_tolerances(const MetricSkeleton& truth, const geometry::RayCaster& surface, double fallback) {
   std::vector<RayLengths> lengths(truth.size());
   std::vector<char> has_bone(truth.size(), 0);
   for (std::size_t child = 0; child < truth.size(); ++child) {
@@ -248,7 +244,7 @@ std::vector<double> joint_tolerances(const JointTree& truth, const geometry::Ray
 
 namespace {
 
-std::size_t bone_count(const JointTree& tree) { return tree.size() - roots(tree).size(); }
+std::size_t bone_count(const MetricSkeleton& tree) { return tree.size() - roots(tree).size(); }
 
 double share(std::size_t right, std::size_t bones, std::size_t other_bones) {
   if (bones == 0) return other_bones == 0 ? 1.0 : 0.0;
@@ -257,9 +253,8 @@ double share(std::size_t right, std::size_t bones, std::size_t other_bones) {
 
 }  // namespace
 
-ConnectivityScore connectivity(const JointTree& predicted, const JointTree& truth, const std::vector<int>& truth_of) {
-  check(predicted, "");
-  check(truth, "");
+ConnectivityScore connectivity(const MetricSkeleton& predicted, const MetricSkeleton& truth,
+                               const std::vector<int>& truth_of) {
   if (truth_of.size() != predicted.size()) {
     throw InputError(
         "", "joint matching",
@@ -283,7 +278,7 @@ ConnectivityScore connectivity(const JointTree& predicted, const JointTree& trut
   return score;
 }
 
-std::size_t joint_count_error(const JointTree& predicted, const JointTree& truth) {
+std::size_t joint_count_error(const MetricSkeleton& predicted, const MetricSkeleton& truth) {
   return predicted.size() > truth.size() ? predicted.size() - truth.size() : truth.size() - predicted.size();
 }
 

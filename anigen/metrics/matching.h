@@ -3,21 +3,21 @@
 #include <cstddef>
 #include <vector>
 
-#include "anigen/asset/skeleton.h"
 #include "anigen/geometry/embree.h"
+#include "anigen/metrics/metric_skeleton.h"
 
 namespace anigen::metrics {
 
 /// Tie-breaking cost for coincident joints: how far their parents are from each other (a root is its own parent),
 /// and a thousandth of the difference in depth. Added to a matching cost with a weight far below any distance that
 /// matters, it makes a skeleton with coinciding joints match itself, however they are numbered.
-/// @return [n, m] for sound trees of n and m joints, the unit of the positions
-Eigen::MatrixXd joint_ties(const JointTree& predicted, const JointTree& truth);
+/// @return [n, m] for skeletons of n and m joints, the unit of the positions
+Eigen::MatrixXd joint_ties(const MetricSkeleton& predicted, const MetricSkeleton& truth);
 
 /// The Wasserstein plan of two joint sets [n, m] (metrics/wasserstein.h) with such ties settled: what joints are
 /// matched by when weights and poses go from one skeleton to the other. Its cost is within 1e-9 of the optimum in the
-/// unit box. @throws InputError as check()
-Eigen::MatrixXd matching_plan(const JointTree& predicted, const JointTree& truth);
+/// unit box.
+Eigen::MatrixXd matching_plan(const MetricSkeleton& predicted, const MetricSkeleton& truth);
 
 /// Matrices with more entries are refused; the time grows with the third power of the smaller side.
 inline constexpr double kLargestAssignment = 4e6;
@@ -52,16 +52,16 @@ JointMatch match_joints(const std::vector<Eigen::Vector3d>& predicted, const std
                         double tolerance = kFixedTolerance);
 
 /// As above, for skeletons: joints that lie in one place are told apart by joint_ties().
-/// @throws InputError also as check()
-JointMatch match_joints(const JointTree& predicted, const JointTree& truth, const std::vector<double>& tolerance);
+JointMatch match_joints(const MetricSkeleton& predicted, const MetricSkeleton& truth,
+                        const std::vector<double>& tolerance);
 
 /// Half the local diameter of the shape at every joint, which RigNet's authors describe as the mean length of rays
 /// from the joint, perpendicular to its bones, up to the surface. Here: 14 rays evenly around every bone that ends in
 /// the joint (to its parent and to its children), in the plane through the joint; all hits farther than 1e-6 averaged.
 /// A joint without a bone of positive length sends them around the three axes. Where no ray hits, `fallback`.
 /// A joint outside the mesh measures what its rays meet there, if anything.
-/// @return [J], the unit of the tree @throws InputError as check()
-std::vector<double> joint_tolerances(const JointTree& truth, const geometry::RayCaster& surface,
+/// @return [J], the unit of the skeleton
+std::vector<double> joint_tolerances(const MetricSkeleton& truth, const geometry::RayCaster& surface,
                                      double fallback = kFixedTolerance);
 
 /// Bones of the ground truth that a prediction has. A predicted bone is right when both of its joints are matched
@@ -74,10 +74,11 @@ struct ConnectivityScore {
 };
 
 /// @param truth_of [predicted], each true joint at most once, -1 for none (JointMatch::truth_of)
-/// @throws InputError as check(), or when truth_of does not fit
-ConnectivityScore connectivity(const JointTree& predicted, const JointTree& truth, const std::vector<int>& truth_of);
+/// @throws InputError when truth_of does not fit
+ConnectivityScore connectivity(const MetricSkeleton& predicted, const MetricSkeleton& truth,
+                               const std::vector<int>& truth_of);
 
 /// |predicted joints − true joints|.
-std::size_t joint_count_error(const JointTree& predicted, const JointTree& truth);
+std::size_t joint_count_error(const MetricSkeleton& predicted, const MetricSkeleton& truth);
 
 }  // namespace anigen::metrics

@@ -1,7 +1,7 @@
 #pragma once
-/// Metrics of skeletons, skin weights, surfaces, images and motion, each a library of small functions. Skeletons:
-/// chamfer.h, matching.h, tree_edit.h. Optimal transport: wasserstein.h, sinkhorn.h, gromov_wasserstein.h. Alignment:
-/// icp.h, alignment.h.
+/// Metrics of skeletons, skin weights, surfaces, images and motion, each a library of small functions. Skeletons
+/// (metric_skeleton.h): chamfer.h, matching.h, tree_edit.h. Optimal transport: wasserstein.h, sinkhorn.h,
+/// gromov_wasserstein.h. Alignment: icp.h, alignment.h.
 #include "anigen/metrics/alignment.h"
 #include "anigen/metrics/chamfer.h"
 #include "anigen/metrics/deformation.h"
@@ -12,6 +12,7 @@
 #include "anigen/metrics/icp.h"
 #include "anigen/metrics/image.h"
 #include "anigen/metrics/matching.h"
+#include "anigen/metrics/metric_skeleton.h"
 #include "anigen/metrics/motion.h"
 #include "anigen/metrics/published_protocols.h"
 #include "anigen/metrics/similarity.h"

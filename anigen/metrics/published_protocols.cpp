@@ -6,8 +6,10 @@
 #include <numeric>
 #include <set>
 #include <string>
+#include <utility>
 #include <vector>
 
+#include "anigen/core/disjoint_sets.h"
 #include "anigen/core/error.h"
 #include "anigen/core/numeric.h"
 
@@ -286,6 +288,12 @@ namespace {
 
 using Bones = std::vector<std::array<int, 2>>;
 
+/// Joints and bones without the promise of a tree.
+struct JointGraph {
+  std::vector<Eigen::Vector3d> joints;
+  Bones bones;  ///< parent, child
+};
+
 /// Joint → the joint that stands for it. Sorted by x, since only joints in a slab of that width can be near.
 std::vector<int> representatives(const std::vector<Eigen::Vector3d>& joints, int root) {
   const int n = static_cast<int>(joints.size());
@@ -333,21 +341,13 @@ JointGraph compacted(const JointGraph& graph, const std::vector<char>& keep) {
   return result;
 }
 
-int find(std::vector<int>& leader, int j) {
-  while (leader[at(j)] != j) j = leader[at(j)] = leader[at(leader[at(j)])];
-  return j;
-}
-
 /// Distances between joints that stay never change, so one pass over all pairs from near to far always meets the
 /// nearest pair of two components next.
 JointGraph with_components_connected(JointGraph graph) {
   const int n = static_cast<int>(graph.joints.size());
-  std::vector<int> component(graph.joints.size());
-  std::iota(component.begin(), component.end(), 0);
-  for (const auto& [a, b] : graph.bones) component[at(find(component, a))] = find(component, b);
-  int components = 0;
-  for (int j = 0; j < n; ++j) components += find(component, j) == j;
-  if (components <= 1) return graph;
+  DisjointSets components(graph.joints.size());
+  for (const auto& [a, b] : graph.bones) components.join(at(a), at(b));
+  if (components.size_of(0) == graph.joints.size()) return graph;
   if (graph.joints.size() > kLargestForest) {
     throw InputError("", "skeleton",
                      "several components of " + std::to_string(n) + " joints together; at most " +
@@ -361,8 +361,7 @@ JointGraph with_components_connected(JointGraph graph) {
   std::vector<Pair> pairs;
   for (int a = 0; a < n; ++a) {
     for (int b = a + 1; b < n; ++b) {
-      if (find(component, a) != find(component, b))
-        pairs.push_back({(graph.joints[at(a)] - graph.joints[at(b)]).norm(), a, b});
+      if (!components.same(at(a), at(b))) pairs.push_back({(graph.joints[at(a)] - graph.joints[at(b)]).norm(), a, b});
     }
   }
   std::stable_sort(pairs.begin(), pairs.end(), [](const Pair& p, const Pair& q) { return p.distance < q.distance; });
@@ -370,8 +369,7 @@ JointGraph with_components_connected(JointGraph graph) {
   std::iota(name.begin(), name.end(), 0);
   std::vector<char> keep(graph.joints.size(), 1);
   for (const Pair& pair : pairs) {
-    if (!keep[at(pair.a)] || !keep[at(pair.b)] || find(component, pair.a) == find(component, pair.b)) continue;
-    component[at(find(component, pair.b))] = find(component, pair.a);
+    if (!keep[at(pair.a)] || !keep[at(pair.b)] || !components.join(at(pair.a), at(pair.b))) continue;
     if (pair.distance < kPuppeteerConnect) {
       for (int& target : name) {
         if (target == pair.b) target = pair.a;
@@ -387,19 +385,22 @@ JointGraph with_components_connected(JointGraph graph) {
 
 }  // namespace
 
-JointGraph puppeteer_cleaned(const JointTree& tree) {
-  JointGraph graph = joint_graph(tree);
-  const int root = roots(tree).front();
+MetricSkeleton puppeteer_cleaned(const MetricSkeleton& skeleton) {
+  JointGraph graph{skeleton.positions, {}};
+  const int root = roots(skeleton).front();
   const std::vector<int> name = representatives(graph.joints, root);
+  for (const geometry::Bone& bone : skeleton.bones) graph.bones.push_back({bone.parent, bone.joint});
   graph.bones = renamed(graph.bones, name);
   std::vector<char> keep(graph.joints.size(), 0);
   if (graph.bones.empty()) {
     for (const int j : name) keep[at(j)] = 1;
-    return compacted(graph, keep);
+    graph = compacted(graph, keep);
+  } else {
+    for (const auto& [parent, child] : graph.bones) keep[at(parent)] = keep[at(child)] = 1;
+    keep[at(name[at(root)])] = 1;
+    graph = with_components_connected(compacted(graph, keep));
   }
-  for (const auto& [parent, child] : graph.bones) keep[at(parent)] = keep[at(child)] = 1;
-  keep[at(name[at(root)])] = 1;
-  return with_components_connected(compacted(graph, keep));
+  return MetricSkeleton::graph(std::move(graph.joints), graph.bones);
 }
 
 }  // namespace anigen::metrics

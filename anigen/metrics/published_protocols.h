@@ -6,8 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "anigen/asset/skeleton.h"
-#include "anigen/metrics/chamfer.h"
+#include "anigen/metrics/metric_skeleton.h"
 
 namespace anigen::metrics {
 
@@ -108,8 +107,8 @@ inline constexpr std::size_t kLargestForest = 3000;  ///< joints of a forest who
 ///  2. Bones from a joint to itself and repeated bones go, then joints that no bone uses, other than the root.
 ///  3. While there are several components, the nearest two joints of different ones are made one (nearer than 0.02;
 ///     the lower index stays) or get a bone (from the lower index).
-/// A skeleton without bones keeps its merged joints, which get no bones: the published evaluation leaves it out.
-/// @throws InputError as check(), or for several components of more than kLargestForest joints
-JointGraph puppeteer_cleaned(const JointTree& tree);
+/// A skeleton without bones keeps its merged joints: the published evaluation leaves it out.
+/// @throws InputError for several components of more than kLargestForest joints
+MetricSkeleton puppeteer_cleaned(const MetricSkeleton& skeleton);
 
 }  // namespace anigen::metrics

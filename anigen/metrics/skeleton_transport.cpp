@@ -41,10 +41,8 @@ Points picked(const Points& points, const std::vector<int>& order) {
 
 }  // namespace
 
-SkeletonTransport skeleton_transport(const JointTree& predicted, const JointTree& truth,
+SkeletonTransport skeleton_transport(const MetricSkeleton& predicted, const MetricSkeleton& truth,
                                      const TransportOptions& options) {
-  check(predicted, "predicted skeleton");
-  check(truth, "true skeleton");
   const Eigen::VectorXd a = uniform_masses(predicted.size()), b = uniform_masses(truth.size());
   const CanonicalOrder order =
       canonical_order({bone_tree(predicted), a, predicted.positions}, {bone_tree(truth), b, truth.positions});

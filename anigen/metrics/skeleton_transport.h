@@ -3,9 +3,9 @@
 #include <limits>
 #include <string>
 
-#include "anigen/asset/skeleton.h"
 #include "anigen/metrics/gromov_wasserstein.h"
 #include "anigen/metrics/gw_bound.h"
+#include "anigen/metrics/metric_skeleton.h"
 #include "anigen/metrics/sinkhorn.h"
 
 namespace anigen::metrics {
@@ -40,8 +40,7 @@ struct SkeletonTransport {
 /// Joints with equal masses 1/n and 1/m; forests are joined by connected() for the geodesics. Both skeletons are first
 /// numbered canonically, so the result does not depend on the order of joints. Thread-safe, one thread.
 /// @param predicted n joints, @param truth m joints
-/// @throws InputError as check(): no joint, a cycle, a position that is not finite
-SkeletonTransport skeleton_transport(const JointTree& predicted, const JointTree& truth,
+SkeletonTransport skeleton_transport(const MetricSkeleton& predicted, const MetricSkeleton& truth,
                                      const TransportOptions& options = {});
 
 }  // namespace anigen::metrics

@@ -12,7 +12,7 @@ namespace {
 using Children = std::vector<std::vector<int>>;
 
 /// Children of every joint by index; the last entry is a root above all roots.
-Children children_of(const JointTree& tree) {
+Children children_of(const MetricSkeleton& tree) {
   Children children(tree.size() + 1);
   for (std::size_t j = 0; j < tree.size(); ++j) {
     const int parent = tree.parents[j];
@@ -136,9 +136,7 @@ void mirror(Children& children) {
 
 }  // namespace
 
-std::optional<int> tree_edit_distance(const JointTree& a, const JointTree& b, ChildOrder order) {
-  check(a, "");
-  check(b, "");
+std::optional<int> tree_edit_distance(const MetricSkeleton& a, const MetricSkeleton& b, ChildOrder order) {
   if (static_cast<double>(a.size() + 2) * static_cast<double>(b.size() + 2) > kMostTreeEditPairs) return std::nullopt;
   Children children_a = children_of(a), children_b = children_of(b);
   if (order == ChildOrder::kCanonical) {

@@ -1,7 +1,7 @@
 #pragma once
 #include <optional>
 
-#include "anigen/asset/skeleton.h"
+#include "anigen/metrics/metric_skeleton.h"
 
 namespace anigen::metrics {
 
@@ -19,8 +19,7 @@ inline constexpr double kMostTreeEditSteps = 1e9, kMostTreeEditPairs = 1.6e7;
 /// not count (Zhang and Shasha 1989; what APTED computes; reference anymate-baselines.md, 6.3 and 9.3). Several roots
 /// count as children of one that both sides share, which changes nothing for trees.
 /// @return nothing beyond kMostTreeEditSteps or kMostTreeEditPairs (trees of thousands of joints)
-/// @throws InputError as check()
-std::optional<int> tree_edit_distance(const JointTree& a, const JointTree& b,
+std::optional<int> tree_edit_distance(const MetricSkeleton& a, const MetricSkeleton& b,
                                       ChildOrder order = ChildOrder::kCanonical);
 
 }  // namespace anigen::metrics

@@ -12,6 +12,7 @@
 #include <system_error>
 #include <unordered_map>
 
+#include "anigen/core/error.h"
 #include "anigen/core/log.h"
 #include "anigen/core/parallel.h"
 #include "anigen/nn/torch.h"
@@ -75,6 +76,19 @@ std::string version_details() {
   return std::string("LibTorch ") + TORCH_VERSION + "\nBLAS " + blas.flavour +
          (blas.library.empty() ? "" : " (" + blas.library + ")") + "\nCUDA " +
          (torch::cuda::is_available() ? std::to_string(torch::cuda::device_count()) + " devices" : "not available");
+}
+
+torch::Device parse_device(const std::string& name) {
+  const bool cuda = name == "cuda" || name.rfind("cuda:", 0) == 0;
+  const std::string index = cuda && name.size() > 5 ? name.substr(5) : "0";
+  const bool digits = !index.empty() && index.size() < 4 && index.find_first_not_of("0123456789") == std::string::npos;
+  if ((name != "cpu" && !cuda) || !digits || name == "cuda:") {
+    throw InputError("--device", name, "expected cpu, cuda or cuda:N");
+  }
+  if (!cuda) return torch::kCPU;
+  const auto wanted = static_cast<std::size_t>(std::stoul(index));
+  if (wanted >= torch::cuda::device_count()) throw InputError("--device", name, "this LibTorch sees no such device");
+  return torch::Device(torch::kCUDA, static_cast<torch::DeviceIndex>(wanted));
 }
 
 void set_up_computing(int threads) {

@@ -3,6 +3,8 @@
 #include <string>
 #include <vector>
 
+#include "anigen/nn/torch.h"
+
 namespace anigen::nn {
 
 /// Lines for --version: LibTorch, BLAS, CUDA.
@@ -17,6 +19,9 @@ std::string version_details();
 ///  - Memory: freed memory stays with the process (core/log.h).
 ///  - BLAS: a slow one is named (nn/profile.h).
 void set_up_computing(int threads);
+
+/// "cpu", "cuda" or "cuda:N"; "cuda" is the first. @throws InputError for another word or a device that is not there
+torch::Device parse_device(const std::string& name);
 
 /// Measures where the time goes, operator by operator, for as long as it lives: LibTorch's operators, the nodes of the
 /// backward pass, and the parts of our code that are marked with RECORD_USER_SCOPE("group: part"). Counts all threads

@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "anigen/core/config.h"
+#include "anigen/core/process.h"
 #include "anigen/prepare/metadata.h"
 #include "anigen/prepare/prepare_source.h"
 #include "anigen/prepare/run.h"
@@ -20,19 +21,15 @@
 namespace anigen::prepare {
 
 /// A child process that is spoken to in lines: one goes to its standard input, lines come back from its standard
-/// output; its standard error is ours. It dies with its parent (Linux PR_SET_PDEATHSIG) and inherits no other open
-/// file. Start it from the main thread: the kernel ties it to the thread that did.
+/// output; its standard error is ours. It dies with its parent (core/process.h).
 class WorkerProcess {
  public:
   /// @param command program and arguments @throws Error when the system refuses a pipe or a process; a program that
   /// cannot be run shows as a worker that ended with status 127
   explicit WorkerProcess(const std::vector<std::string>& command);
-  ~WorkerProcess();  ///< kills it when it still runs
-  WorkerProcess(const WorkerProcess&) = delete;
-  WorkerProcess& operator=(const WorkerProcess&) = delete;
 
-  pid_t id() const { return id_; }
-  int output() const { return output_; }  ///< to poll
+  pid_t id() const { return child_.id(); }
+  int output() const { return child_.output(); }  ///< to poll
 
   /// @return false when the worker is gone
   bool send(const std::string& line);
@@ -47,8 +44,7 @@ class WorkerProcess {
   std::string wait();
 
  private:
-  pid_t id_ = -1;
-  int input_ = -1, output_ = -1;
+  ChildProcess child_;  ///< killed when it still runs
   std::string unread_;
 };
 

@@ -3,13 +3,13 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
-#include <numeric>
 #include <string>
 #include <tuple>
 #include <unordered_map>
 #include <utility>
 
 #include "anigen/asset/skeleton.h"
+#include "anigen/core/disjoint_sets.h"
 #include "anigen/core/error.h"
 #include "anigen/core/numeric.h"
 #include "anigen/curve_skeleton/contraction.h"
@@ -113,20 +113,15 @@ double volume_of(const std::vector<Eigen::Vector3d>& vertices, const std::vector
 
 std::vector<ClosedMesh> solid_pieces(const SolidField& field) {
   const TetrahedraMarch march(field);
-  std::vector<int> root(march.vertices.size());
-  std::iota(root.begin(), root.end(), 0);
-  const auto find = [&](int v) {
-    while (root[at(v)] != v) v = root[at(v)] = root[at(root[at(v)])];
-    return v;
-  };
+  DisjointSets sets(march.vertices.size());
   for (const Triangle& t : march.faces) {
-    root[at(find(t[1]))] = find(t[0]);
-    root[at(find(t[2]))] = find(t[0]);
+    sets.join(at(t[0]), at(t[1]));
+    sets.join(at(t[0]), at(t[2]));
   }
   std::vector<int> piece_of(march.vertices.size(), -1), number(march.vertices.size(), -1);
   std::vector<ClosedMesh> pieces;
   for (const Triangle& t : march.faces) {
-    int& piece = piece_of[at(find(t[0]))];
+    int& piece = piece_of[sets.find(at(t[0]))];
     if (piece < 0) {
       piece = static_cast<int>(pieces.size());
       pieces.emplace_back();
@@ -165,24 +160,6 @@ ClosedMesh with_fewer_vertices(const ClosedMesh& mesh, std::size_t target_vertic
 }
 
 namespace {
-
-class CurveSets {
- public:
-  explicit CurveSets(std::size_t n) : root_(n) { std::iota(root_.begin(), root_.end(), 0); }
-  int find(int v) {
-    while (root_[at(v)] != v) v = root_[at(v)] = root_[at(root_[at(v)])];
-    return v;
-  }
-  bool join(int a, int b) {
-    a = find(a);
-    b = find(b);
-    root_[at(b)] = a;
-    return a != b;
-  }
-
- private:
-  std::vector<int> root_;
-};
 
 double apart(const CurveTree& tree, int a, int b) { return (tree.points[at(a)] - tree.points[at(b)]).norm(); }
 
@@ -244,22 +221,22 @@ CurveTree curve_tree(const std::vector<Eigen::Vector3d>& points, const std::vect
   tree.points = points;
   tree.radii = radii;
   tree.neighbours.resize(points.size());
-  CurveSets sets(points.size());
+  DisjointSets sets(points.size());
   std::vector<std::tuple<double, int, int>> order;
   for (const auto& [a, b] : edges) order.emplace_back(-std::min(radii[at(a)], radii[at(b)]), a, b);
   std::sort(order.begin(), order.end());
   for (const auto& [thin, a, b] : order) {
-    if (sets.join(a, b)) link(tree, a, b);
+    if (sets.join(at(a), at(b))) link(tree, a, b);
   }
   std::vector<std::tuple<double, int, int>> gaps;
   for (int a = 0; at(a) < points.size(); ++a) {
     for (int b = a + 1; at(b) < points.size(); ++b) {
-      if (sets.find(a) != sets.find(b)) gaps.emplace_back(apart(tree, a, b), a, b);
+      if (!sets.same(at(a), at(b))) gaps.emplace_back(apart(tree, a, b), a, b);
     }
   }
   std::sort(gaps.begin(), gaps.end());
   for (const auto& [gap, a, b] : gaps) {
-    if (sets.join(a, b)) link(tree, a, b);
+    if (sets.join(at(a), at(b))) link(tree, a, b);
   }
   for (auto& list : tree.neighbours) std::sort(list.begin(), list.end());
   return tree;

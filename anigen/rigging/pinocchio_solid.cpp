@@ -6,6 +6,7 @@
 #include <string>
 #include <tuple>
 
+#include "anigen/core/disjoint_sets.h"
 #include "anigen/core/error.h"
 #include "anigen/core/numeric.h"
 #include "anigen/geometry/nearest_surface.h"
@@ -73,20 +74,15 @@ double area_of(const SolidSurface& surface, const std::vector<int>& faces) {
 }
 
 std::vector<std::vector<int>> connected_parts(const SolidSurface& surface) {
-  std::vector<int> root(surface.vertices.size());
-  std::iota(root.begin(), root.end(), 0);
-  const auto find = [&](int v) {
-    while (root[at(v)] != v) v = root[at(v)] = root[at(root[at(v)])];
-    return v;
-  };
+  DisjointSets sets(surface.vertices.size());
   for (const Triangle& t : surface.faces) {
-    root[at(find(t[1]))] = find(t[0]);
-    root[at(find(t[2]))] = find(t[0]);
+    sets.join(at(t[0]), at(t[1]));
+    sets.join(at(t[0]), at(t[2]));
   }
   std::vector<int> part_of(surface.vertices.size(), -1);
   std::vector<std::vector<int>> parts;
   for (std::size_t f = 0; f < surface.faces.size(); ++f) {
-    int& part = part_of[at(find(surface.faces[f][0]))];
+    int& part = part_of[sets.find(at(surface.faces[f][0]))];
     if (part < 0) {
       part = static_cast<int>(parts.size());
       parts.emplace_back();

@@ -3,11 +3,11 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <numeric>
 #include <queue>
 #include <tuple>
 #include <utility>
 
+#include "anigen/core/disjoint_sets.h"
 #include "anigen/core/parallel.h"
 #include "anigen/rigging/pinocchio_solid.h"
 
@@ -159,19 +159,14 @@ void SphereGraph::connect(const SolidField& field) {
 
 void SphereGraph::bridge_pieces() {
   const std::size_t n = spheres_.size();
-  std::vector<int> root(n);
-  std::iota(root.begin(), root.end(), 0);
-  const auto find = [&](int v) {
-    while (root[at(v)] != v) v = root[at(v)] = root[at(root[at(v)])];
-    return v;
-  };
+  DisjointSets sets(n);
   for (std::size_t a = 0; a < n; ++a) {
-    for (const int b : neighbours_[a]) root[at(find(b))] = find(static_cast<int>(a));
+    for (const int b : neighbours_[a]) sets.join(a, at(b));
   }
   std::vector<std::tuple<double, int, int>> gaps;  // between pieces
   for (int a = 0; at(a) < n; ++a) {
     for (int b = a + 1; at(b) < n; ++b) {
-      if (find(a) == find(b)) continue;
+      if (sets.same(at(a), at(b))) continue;
       const double gap =
           (spheres_[at(a)].center - spheres_[at(b)].center).norm() - spheres_[at(a)].radius - spheres_[at(b)].radius;
       gaps.emplace_back(gap, a, b);
@@ -179,8 +174,7 @@ void SphereGraph::bridge_pieces() {
   }
   std::sort(gaps.begin(), gaps.end());
   for (const auto& [gap, a, b] : gaps) {
-    if (find(a) == find(b)) continue;
-    root[at(find(b))] = find(a);
+    if (!sets.join(at(a), at(b))) continue;
     neighbours_[at(a)].push_back(b);
     neighbours_[at(b)].push_back(a);
     ++bridges_;

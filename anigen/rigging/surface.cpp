@@ -8,6 +8,7 @@
 #include <numeric>
 #include <string>
 
+#include "anigen/core/disjoint_sets.h"
 #include "anigen/core/error.h"
 #include "anigen/core/numeric.h"
 #include "anigen/geometry/bones.h"
@@ -110,23 +111,6 @@ SkinWeights rows_of_vertices(const SkinWeights& rows_of_places, const WeldedSurf
 
 namespace {
 
-/// Union–find whose representatives are the lowest members.
-class Joined {
- public:
-  explicit Joined(std::size_t count) : above_(count) { std::iota(above_.begin(), above_.end(), 0); }
-  std::int32_t find(std::int32_t i) {
-    while (above_[at(i)] != i) i = above_[at(i)] = above_[at(above_[at(i)])];
-    return i;
-  }
-  void join(std::int32_t a, std::int32_t b) {
-    const std::int32_t first = find(a), second = find(b);
-    above_[at(std::max(first, second))] = std::min(first, second);
-  }
-
- private:
-  std::vector<std::int32_t> above_;
-};
-
 Eigen::Vector3d area_vector(const WeldedSurface& surface, const Triangle& face) {
   const Eigen::Vector3d& a = surface.places[at(face[0])];
   return 0.5 * (surface.places[at(face[1])] - a).cross(surface.places[at(face[2])] - a);
@@ -141,21 +125,21 @@ bool SurfaceParts::encloses_space(std::size_t part) const {
 }
 
 SurfaceParts surface_parts(const WeldedSurface& surface) {
-  Joined joined(surface.places.size());
+  DisjointSets joined(surface.places.size());
   for (const Triangle& face : surface.faces) {
-    joined.join(face[0], face[1]);
-    joined.join(face[0], face[2]);
+    joined.join_lowest(at(face[0]), at(face[1]));
+    joined.join_lowest(at(face[0]), at(face[2]));
   }
   SurfaceParts parts;
   parts.of_place.resize(surface.places.size());
   std::vector<std::int32_t> first;
   for (std::size_t p = 0; p < surface.places.size(); ++p) {
-    const std::int32_t lowest = joined.find(static_cast<std::int32_t>(p));
-    if (at(lowest) == p) {
+    const std::size_t lowest = joined.find(p);
+    if (lowest == p) {
       parts.of_place[p] = static_cast<std::int32_t>(first.size());
-      first.push_back(lowest);
+      first.push_back(static_cast<std::int32_t>(lowest));
     } else {
-      parts.of_place[p] = parts.of_place[at(lowest)];
+      parts.of_place[p] = parts.of_place[lowest];
     }
   }
   parts.volumes.assign(first.size(), 0.0);

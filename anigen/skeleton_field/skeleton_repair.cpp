@@ -3,12 +3,13 @@
 #include <algorithm>
 #include <functional>
 #include <limits>
-#include <numeric>
 #include <queue>
 #include <string>
 #include <utility>
 
+#include "anigen/core/disjoint_sets.h"
 #include "anigen/core/error.h"
+#include "anigen/skeleton_field/field.h"
 
 namespace anigen::skeleton_field {
 
@@ -152,46 +153,22 @@ namespace {
 
 using Positions = std::vector<Eigen::Vector3d>;
 
-/// Joints that hang together, by union-find with sizes.
-class JointParts {
- public:
-  explicit JointParts(const std::vector<int>& parents) : leaders_(parents.size()), sizes_(parents.size(), 1) {
-    std::iota(leaders_.begin(), leaders_.end(), std::size_t{0});
-    for (std::size_t j = 0; j < parents.size(); ++j) {
-      if (parents[j] >= 0) join(j, static_cast<std::size_t>(parents[j]));
-    }
+/// Joints that hang together.
+DisjointSets joint_parts(const std::vector<int>& parents) {
+  DisjointSets parts(parents.size());
+  for (std::size_t j = 0; j < parents.size(); ++j) {
+    if (parents[j] >= 0) parts.join(j, static_cast<std::size_t>(parents[j]));
   }
-
-  /// As above, for all joints of a part.
-  std::size_t of(std::size_t joint) {
-    while (leaders_[joint] != joint) {
-      leaders_[joint] = leaders_[leaders_[joint]];
-      joint = leaders_[joint];
-    }
-    return joint;
-  }
-  std::size_t size_of(std::size_t joint) { return sizes_[of(joint)]; }
-
-  void join(std::size_t a, std::size_t b) {
-    a = of(a);
-    b = of(b);
-    if (a == b) return;
-    if (sizes_[a] < sizes_[b]) std::swap(a, b);
-    leaders_[b] = a;
-    sizes_[a] += sizes_[b];
-  }
-
- private:
-  std::vector<std::size_t> leaders_, sizes_;
-};
+  return parts;
+}
 
 /// The joint of a cycle that is nearest to a joint of another part; the first of the cycle when there is no other.
-int opening_of(const std::vector<int>& cycle, const Positions& joints, JointParts& parts) {
-  const std::size_t part = parts.of(static_cast<std::size_t>(cycle.front()));
+int opening_of(const std::vector<int>& cycle, const Positions& joints, DisjointSets& parts) {
+  const std::size_t part = parts.find(static_cast<std::size_t>(cycle.front()));
   Positions inside, outside;
   for (const int joint : cycle) inside.push_back(joints[static_cast<std::size_t>(joint)]);
   for (std::size_t j = 0; j < joints.size(); ++j) {
-    if (parts.of(j) != part) outside.push_back(joints[j]);
+    if (parts.find(j) != part) outside.push_back(joints[j]);
   }
   if (outside.empty()) return cycle.front();
   const std::vector<NearestJoints> nearest = nearest_joints(inside, outside);
@@ -203,7 +180,7 @@ int opening_of(const std::vector<int>& cycle, const Positions& joints, JointPart
 }
 
 /// @pre no cycles. Leaves one root.
-void join_roots(const Positions& joints, JointParts& parts, std::vector<int>& parents) {
+void join_roots(const Positions& joints, DisjointSets& parts, std::vector<int>& parents) {
   std::vector<std::size_t> roots;
   for (std::size_t j = 0; j < parents.size(); ++j) {
     if (parents[j] < 0) roots.push_back(j);
@@ -214,12 +191,12 @@ void join_roots(const Positions& joints, JointParts& parts, std::vector<int>& pa
   }
   for (const std::size_t root : roots) {
     if (root == largest) continue;
-    const std::size_t own = parts.of(root);
+    const std::size_t own = parts.find(root);
     std::size_t best = largest;
     double nearest = std::numeric_limits<double>::infinity();
     for (std::size_t j = 0; j < joints.size(); ++j) {
       const double squared = (joints[j] - joints[root]).squaredNorm();
-      if (squared >= nearest || parts.of(j) == own) continue;
+      if (squared >= nearest || parts.find(j) == own) continue;
       nearest = squared;
       best = j;
     }
@@ -267,7 +244,7 @@ RootedTree one_rooted_tree(const std::vector<Eigen::Vector3f>& joints, const std
   for (std::size_t j = 0; j < connected.size(); ++j) {
     if (connected[j] == static_cast<int>(j)) connected[j] = -1;
   }
-  JointParts parts(connected);
+  DisjointSets parts = joint_parts(connected);
   for (const std::vector<int>& cycle : parent_cycles(connected)) {
     connected[static_cast<std::size_t>(opening_of(cycle, positions, parts))] = -1;
   }

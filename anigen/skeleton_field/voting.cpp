@@ -3,10 +3,10 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <numeric>
 #include <string>
 #include <utility>
 
+#include "anigen/core/disjoint_sets.h"
 #include "anigen/core/error.h"
 #include "anigen/geometry/nearest_point.h"
 #include "anigen/skeleton_field/field.h"
@@ -64,36 +64,6 @@ std::size_t label_votes(const std::vector<Eigen::Vector3f>& positions, float rea
   }
   return static_cast<std::size_t>(next);
 }
-
-/// Union by rank; of two equal ranks the first one's root stays.
-class VoteForest {
- public:
-  explicit VoteForest(std::size_t count) : parents_(count), ranks_(count, 0) {
-    std::iota(parents_.begin(), parents_.end(), 0);
-  }
-
-  int root(int vote) {
-    while (parent(vote) != vote) {
-      parent(vote) = parent(parent(vote));
-      vote = parent(vote);
-    }
-    return vote;
-  }
-
-  void join(int first, int second) {
-    int above = root(first), below = root(second);
-    if (above == below) return;
-    if (rank(above) < rank(below)) std::swap(above, below);
-    if (rank(above) == rank(below)) ++rank(above);
-    parent(below) = above;
-  }
-
- private:
-  int& parent(int vote) { return parents_[static_cast<std::size_t>(vote)]; }
-  int& rank(int vote) { return ranks_[static_cast<std::size_t>(vote)]; }
-
-  std::vector<int> parents_, ranks_;
-};
 
 // Keeps squared distances and weighted sums within single precision; object space ends at 0.5.
 constexpr float kFarthestVote = 1e15F;
@@ -235,20 +205,26 @@ GroupedSkeleton threshold_grouping(const Votes& votes, const ThresholdOptions& o
   cells.first_neighbours(
       static_cast<std::size_t>(options.max_neighbours) + 1,
       [&](std::size_t i, const std::vector<geometry::PointCells::Neighbour>& found) { neighbours[i] = found; });
-  VoteForest forest(count);
+  // Union by rank; of two equal ranks the first one's root stays, which decides how clusters are numbered.
+  DisjointSets forest(count);
+  std::vector<int> ranks(count, 0);
   for (std::size_t i = 0; i < count; ++i) {
     // The first one is left out as in the mean shift.
-    for (std::size_t n = 1; n < neighbours[i].size(); ++n) forest.join(static_cast<int>(i), neighbours[i][n].index);
+    for (std::size_t n = 1; n < neighbours[i].size(); ++n) {
+      std::size_t above = forest.find(i), below = forest.find(static_cast<std::size_t>(neighbours[i][n].index));
+      if (above == below) continue;
+      if (ranks[above] < ranks[below]) std::swap(above, below);
+      if (ranks[above] == ranks[below]) ++ranks[above];
+      forest.join(above, below);
+    }
   }
   // Clusters are numbered by ascending root.
   std::vector<int> number(count, -1), labels(count);
   int next = 0;
   for (std::size_t i = 0; i < count; ++i) {
-    if (forest.root(static_cast<int>(i)) == static_cast<int>(i)) number[i] = next++;
+    if (forest.find(i) == i) number[i] = next++;
   }
-  for (std::size_t i = 0; i < count; ++i) {
-    labels[i] = number[static_cast<std::size_t>(forest.root(static_cast<int>(i)))];
-  }
+  for (std::size_t i = 0; i < count; ++i) labels[i] = number[forest.find(i)];
   return skeleton_of_clusters(kept, labels, static_cast<std::size_t>(next), 0);
 }
 

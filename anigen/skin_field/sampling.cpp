@@ -231,8 +231,8 @@ VertexMix nearest_surface_mix(const geometry::NearestSurface& surface, const Ten
 
 VertexMix nearest_vertex_mix(const Tensor& vertices, const Tensor& points) {
   RECORD_USER_SCOPE("skin transfer: nearest vertex");
-  const geometry::NearestVertex tree(nn::points_of<float>(vertices, "vertices"));
-  const std::vector<std::int32_t> nearest = tree.query(nn::points_of<double>(points, "points"));
+  const geometry::PointIndex tree(nn::points_of<double>(vertices, "vertices"));
+  const std::vector<std::size_t> nearest = tree.nearest(nn::points_of<double>(points, "points"));
   const auto count = static_cast<std::int64_t>(nearest.size());
   const Tensor rows = torch::empty({count}, torch::kInt64);
   std::copy(nearest.begin(), nearest.end(), rows.data_ptr<std::int64_t>());

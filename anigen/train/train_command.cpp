@@ -213,19 +213,6 @@ void train_as_rank(const TrainCommand& command, const std::shared_ptr<Communicat
 
 }  // namespace
 
-torch::Device parse_device(const std::string& name) {
-  const bool cuda = name == "cuda" || name.rfind("cuda:", 0) == 0;
-  const std::string index = cuda && name.size() > 5 ? name.substr(5) : "0";
-  const bool digits = !index.empty() && index.size() < 4 && index.find_first_not_of("0123456789") == std::string::npos;
-  if ((name != "cpu" && !cuda) || !digits || name == "cuda:") {
-    throw InputError("--device", name, "expected cpu, cuda or cuda:N");
-  }
-  if (!cuda) return torch::kCPU;
-  const auto wanted = static_cast<std::size_t>(std::stoul(index));
-  if (wanted >= torch::cuda::device_count()) throw InputError("--device", name, "this LibTorch sees no such device");
-  return torch::Device(torch::kCUDA, static_cast<torch::DeviceIndex>(wanted));
-}
-
 void make_deterministic(torch::Device device) {
   if (!device.is_cuda()) return;
   at::globalContext().setDeterministicCuDNN(true);
@@ -240,7 +227,7 @@ void train(const TrainCommand& command) {
   const bool several = command.environment.size > 1;
   const bool numbered = several && command.device == "cuda";
   const torch::Device device =
-      parse_device(numbered ? "cuda:" + std::to_string(command.environment.local_rank) : command.device);
+      nn::parse_device(numbered ? "cuda:" + std::to_string(command.environment.local_rank) : command.device);
   ConfigReader top(config, file);
   for (const char* part : {"models", "dataset", "trainer"}) top.require(part);
   ConfigReader trainer = top.object("trainer");

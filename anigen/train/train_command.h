@@ -44,7 +44,4 @@ void train(const TrainCommand& command);
 /// algorithms, chosen by rule and not by the clock.
 void make_deterministic(torch::Device device);
 
-/// cpu, cuda or cuda:N. @throws InputError for another word or a device that is not there
-torch::Device parse_device(const std::string& name);
-
 }  // namespace anigen::train

@@ -10,6 +10,7 @@
 #include "anigen/core/error.h"
 #include "anigen/core/hash.h"
 #include "anigen/nn/init.h"
+#include "anigen/nn/profile.h"
 #include "anigen/render/cameras_json.h"
 #include "anigen/vision/condition.h"
 #include "anigen/vision/dinov2.h"
@@ -99,16 +100,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-torch::Device parse_device(const std::string& name) {
-  try {
-    const torch::Device device(name);
-    if (device.is_cpu() || (device.is_cuda() && torch::cuda::is_available())) return device;
-  } catch (const c10::Error&) {
-    // Fall through: LibTorch's message carries a stack trace.
-  }
-  throw InputError("", "--device", "there is no device '" + name + "' here; use cpu, cuda or cuda:N");
-}
-
 std::string digest_of(const fs::path& file) {
   std::ifstream stream(file, std::ios::binary);
   std::vector<char> block(std::size_t{1} << 20);
@@ -120,7 +111,7 @@ std::string digest_of(const fs::path& file) {
 }
 
 Dinov2 loaded(const std::string& name, const fs::path& weights, const std::string& device) {
-  const torch::Device place = parse_device(device);
+  const torch::Device place = nn::parse_device(device);
   Dinov2 model(Dinov2Options::named(name));
   load_dinov2_weights(model, weights);
   model->to(place);

@@ -40,24 +40,10 @@ TEST(Bones, ASkeletonWithoutBonesGivesItsJoints) {
   EXPECT_TRUE(bones_of({}, {}).empty());
 }
 
-TEST(Bones, DistancesAndNearest) {
-  const std::vector<Bone> bones = bones_of({{0, 0, 0}, {0, 0, 1}, {1, 0, 1}}, {-1, 0, 1});
-  const std::vector<Eigen::Vector3d> points{{0.5, 0, 0.5}, {0, 0, 2}, {0.3, 0.1, 0}};
-  const std::vector<double> distances = bone_distances(points, bones);
-  const std::vector<double> expected{0.5, 0.5, 1.0, 1.0, std::sqrt(0.1), std::sqrt(1.01)};
-  ASSERT_EQ(distances.size(), expected.size());
-  for (std::size_t i = 0; i < expected.size(); ++i) EXPECT_NEAR(distances[i], expected[i], 1e-12) << i;
-  const std::vector<NearestBone> nearest = nearest_bones(points, bones);
-  EXPECT_EQ(nearest[0].bone, 0);  // equally near: the lowest index
-  EXPECT_EQ(nearest[2].bone, 0);
-  EXPECT_NEAR(nearest[1].distance, 1.0, 1e-12);
-}
-
 TEST(Bones, RefuseBadInput) {
   EXPECT_THROW(bones_of({{0, 0, 0}}, {}), InputError);
   EXPECT_THROW(bones_of({{0, 0, 0}}, {1}), InputError);
   EXPECT_THROW(bones_of({{0, 0, 0}, {0, NAN, 0}}, {-1, 0}), InputError);
-  EXPECT_THROW(nearest_bones({{0, 0, 0}}, {}), InputError);
 }
 
 }  // namespace

@@ -43,34 +43,33 @@ double slow_joint_to_samples(const JointTree& a, const JointTree& b, const Point
 }
 
 TEST(BoneSamples, SpacedSamplesIncludeBothEndsAndRoundHalfToEven) {
-  const BoneLine line{{0, 0, 0}, {0.02, 0, 0}};
+  const geometry::Bone line{0, 1, {0, 0, 0}, {0.02, 0, 0}};
   const Points points = sample_points(spaced_samples({line}));
   ASSERT_EQ(points.size(), 5u);  // 4 steps
   EXPECT_EQ(points.front(), line.head);
   EXPECT_NEAR((points.back() - line.tail).norm(), 0, 1e-16);
   EXPECT_NEAR(points[1].x(), 0.005, 1e-16);
   // Lengths of 0.5, 1.5 and 2.5 spacings, exact in binary: 0, 2 and 2 steps.
-  const auto steps = [](double length) { return spaced_samples({{{0, 0, 0}, {length, 0, 0}}}, 0.25)[0].last; };
+  const auto steps = [](double length) { return spaced_samples({{0, 1, {0, 0, 0}, {length, 0, 0}}}, 0.25)[0].last; };
   EXPECT_EQ(steps(0.125), 0);
   EXPECT_EQ(steps(0.375), 2);
   EXPECT_EQ(steps(0.625), 2);
 }
 
 TEST(BoneSamples, CountedSamplesIncludeTheChildOnly) {
-  const Points points = sample_points(counted_samples({{{0, 0, 0}, {1, 0, 0}}}, 4));
+  const Points points = sample_points(counted_samples({{0, 1, {0, 0, 0}, {1, 0, 0}}}, 4));
   ASSERT_EQ(points.size(), 4u);
   for (int i = 0; i < 4; ++i) EXPECT_DOUBLE_EQ(points[static_cast<std::size_t>(i)].x(), 1.0 - 0.25 * i);
 }
 
 TEST(BoneSamples, RefuseSkeletonsThatAreNotInTheUnitBox) {
-  EXPECT_THROW(spaced_samples({{{0, 0, 0}, {1e9, 0, 0}}}), InputError);
-  EXPECT_THROW(spaced_samples({{{0, 0, 0}, {1e200, 0, 0}}}), InputError);  // the length overflows
+  EXPECT_THROW(spaced_samples({{0, 1, {0, 0, 0}, {1e9, 0, 0}}}), InputError);
+  EXPECT_THROW(spaced_samples({{0, 1, {0, 0, 0}, {1e200, 0, 0}}}), InputError);  // the length overflows
 }
 
 TEST(NearestBone, AgreesWithEverySegmentAndEverySample) {
   for (const std::size_t joints : {1u, 2u, 5u, 40u, 300u}) {
-    const JointGraph graph = joint_graph(random_tree(joints, joints));
-    const std::vector<BoneLine> lines = bone_lines(graph);
+    const std::vector<geometry::Bone> lines = MetricSkeleton(random_tree(joints, joints)).bones;
     const auto spaced = spaced_samples(lines, 0.05), counted = counted_samples(lines, 7);
     const Points spaced_points = sample_points(spaced), counted_points = sample_points(counted);
     const NearestBone exact(lines), by_spacing(spaced), by_count(counted);
@@ -78,7 +77,7 @@ TEST(NearestBone, AgreesWithEverySegmentAndEverySample) {
     for (int i = 0; i < 200; ++i) {
       const Vector3d p(rng.uniform(-1, 1), rng.uniform(-1, 1), rng.uniform(-1, 1));
       double segment = 1e9, near_spaced = 1e9, near_counted = 1e9;
-      for (const BoneLine& line : lines)
+      for (const geometry::Bone& line : lines)
         segment = std::min(segment, geometry::distance_to_segment(p, line.head, line.tail));
       for (const Vector3d& q : spaced_points) near_spaced = std::min(near_spaced, (p - q).norm());
       for (const Vector3d& q : counted_points) near_counted = std::min(near_counted, (p - q).norm());
@@ -87,6 +86,14 @@ TEST(NearestBone, AgreesWithEverySegmentAndEverySample) {
       EXPECT_NEAR(by_count.distance(p), near_counted, 1e-14);
     }
   }
+}
+
+TEST(NearestBone, HandComputedDistances) {
+  const NearestBone nearest(MetricSkeleton(JointTree{{{0, 0, 0}, {0, 0, 1}, {1, 0, 1}}, {-1, 0, 1}}).bones);
+  EXPECT_NEAR(nearest.distance({0.5, 0, 0.5}), 0.5, 1e-12);
+  EXPECT_NEAR(nearest.distance({0, 0, 2}), 1.0, 1e-12);
+  EXPECT_NEAR(nearest.distance({0.3, 0.1, 0}), std::sqrt(0.1), 1e-12);
+  EXPECT_THROW(NearestBone(std::vector<geometry::Bone>()), InputError);
 }
 
 TEST(SkeletonChamfer, AgreesWithHandComputedNumbers) {
@@ -104,10 +111,10 @@ TEST(SkeletonChamfer, AgreesWithHandComputedNumbers) {
 
 TEST(SkeletonChamfer, SampledProtocolsAgreeWithExplicitSamples) {
   const JointTree a = random_tree(1, 12), b = random_tree(2, 17);
-  const Points spaced_a = sample_points(spaced_samples(bone_lines(joint_graph(a)))),
-               spaced_b = sample_points(spaced_samples(bone_lines(joint_graph(b)))),
-               counted_a = sample_points(counted_samples(bone_lines(joint_graph(a)))),
-               counted_b = sample_points(counted_samples(bone_lines(joint_graph(b))));
+  const Points spaced_a = sample_points(spaced_samples(MetricSkeleton(a).bones)),
+               spaced_b = sample_points(spaced_samples(MetricSkeleton(b).bones)),
+               counted_a = sample_points(counted_samples(MetricSkeleton(a).bones)),
+               counted_b = sample_points(counted_samples(MetricSkeleton(b).bones));
   const SkeletonChamfer rignet = skeleton_chamfer(a, b, SkeletonProtocol::kRignet);
   EXPECT_NEAR(rignet.j2j, slow_chamfer(a.positions, b.positions), 1e-13);
   EXPECT_NEAR(rignet.j2b, slow_joint_to_samples(a, b, spaced_a, spaced_b), 1e-13);

@@ -125,8 +125,8 @@ TEST(JointTolerance, AveragesTheBonesOfAJointAndFallsBackOutside) {
   const JointTree bent{{{-0.3, 0, 0}, {0, 0, 0}, {0, 0, 0.05}}, {-1, 0, 1}};
   const auto caster = box(0.5f, 0.1f, 0.1f);
   const std::vector<double> tolerance = joint_tolerances(bent, caster);
-  const double across_x = joint_tolerances({{{-0.3, 0, 0}, {0, 0, 0}}, {-1, 0}}, caster)[1];
-  const double across_z = joint_tolerances({{{0, 0, 0}, {0, 0, 0.05}}, {-1, 0}}, caster)[0];
+  const double across_x = joint_tolerances(JointTree{{{-0.3, 0, 0}, {0, 0, 0}}, {-1, 0}}, caster)[1];
+  const double across_z = joint_tolerances(JointTree{{{0, 0, 0}, {0, 0, 0.05}}, {-1, 0}}, caster)[0];
   EXPECT_GT(across_z, 1.5 * across_x);
   EXPECT_NEAR(tolerance[1], 0.5 * (across_x + across_z), 1e-9);
 
@@ -137,11 +137,11 @@ TEST(JointTolerance, AveragesTheBonesOfAJointAndFallsBackOutside) {
 
 TEST(JointTolerance, OfALoneJointLooksAroundAllAxes) {
   const auto caster = box(0.1f, 0.1f, 0.1f);
-  const double lone = joint_tolerances({{{0, 0, 0}}, {-1}}, caster)[0];
+  const double lone = joint_tolerances(JointTree{{{0, 0, 0}}, {-1}}, caster)[0];
   EXPECT_GT(lone, 0.1);
   EXPECT_LT(lone, 0.1 * std::sqrt(2.0));
   // Two joints in one place have a bone without direction: the same.
-  EXPECT_NEAR(joint_tolerances({{{0, 0, 0}, {0, 0, 0}}, {-1, 0}}, caster)[1], lone, 1e-12);
+  EXPECT_NEAR(joint_tolerances(JointTree{{{0, 0, 0}, {0, 0, 0}}, {-1, 0}}, caster)[1], lone, 1e-12);
 }
 
 TEST(Connectivity, CountsBonesWhoseEndsMatchATrueBone) {

@@ -207,69 +207,75 @@ namespace {
 
 using Bones = std::vector<std::array<int, 2>>;
 
+Bones ends_of(const MetricSkeleton& skeleton) {
+  Bones ends;
+  for (const geometry::Bone& bone : skeleton.bones) ends.push_back({bone.parent, bone.joint});
+  return ends;
+}
+
 TEST(PuppeteerCleaning, LeavesACleanTreeAsItIs) {
   const JointTree tree{{{0, 0, 0}, {0.1, 0, 0}, {0.2, 0, 0}}, {-1, 0, 1}};
-  const JointGraph clean = puppeteer_cleaned(tree);
-  EXPECT_EQ(clean.joints, tree.positions);
-  EXPECT_EQ(clean.bones, (Bones{{0, 1}, {1, 2}}));
+  const MetricSkeleton clean = puppeteer_cleaned(tree);
+  EXPECT_EQ(clean.positions, tree.positions);
+  EXPECT_EQ(ends_of(clean), (Bones{{0, 1}, {1, 2}}));
 }
 
 TEST(PuppeteerCleaning, MergesNearJointsIntoTheFirst) {
   // 1 and 2 are 0.002 apart, and the bone between them goes; 3 hangs on the merged joint now.
   const JointTree tree{{{0, 0, 0}, {0.1, 0, 0}, {0.102, 0, 0}, {0.2, 0, 0}}, {-1, 0, 1, 2}};
-  const JointGraph clean = puppeteer_cleaned(tree);
-  ASSERT_EQ(clean.joints.size(), 3u);
-  EXPECT_EQ(clean.joints[1], tree.positions[1]);
-  EXPECT_EQ(clean.bones, (Bones{{0, 1}, {1, 2}}));
+  const MetricSkeleton clean = puppeteer_cleaned(tree);
+  ASSERT_EQ(clean.positions.size(), 3u);
+  EXPECT_EQ(clean.positions[1], tree.positions[1]);
+  EXPECT_EQ(ends_of(clean), (Bones{{0, 1}, {1, 2}}));
 }
 
 TEST(PuppeteerCleaning, GroupsAroundTheirFirstJointOnly) {
   // 0.002 between neighbours: 1 takes in 2 but not 3, which is 0.004 away.
   const JointTree tree{{{0, 0, 0}, {0.1, 0, 0}, {0.102, 0, 0}, {0.104, 0, 0}}, {-1, 0, 1, 2}};
-  const JointGraph clean = puppeteer_cleaned(tree);
-  ASSERT_EQ(clean.joints.size(), 3u);
-  EXPECT_EQ(clean.joints[2], tree.positions[3]);
+  const MetricSkeleton clean = puppeteer_cleaned(tree);
+  ASSERT_EQ(clean.positions.size(), 3u);
+  EXPECT_EQ(clean.positions[2], tree.positions[3]);
 }
 
 TEST(PuppeteerCleaning, TheRootStandsForItsGroup) {
   const JointTree tree{{{0.001, 0, 0}, {0, 0, 0}, {0.1, 0, 0}}, {1, -1, 0}};
-  const JointGraph clean = puppeteer_cleaned(tree);
-  ASSERT_EQ(clean.joints.size(), 2u);
-  EXPECT_EQ(clean.joints[0], tree.positions[1]);
-  EXPECT_EQ(clean.bones, (Bones{{0, 1}}));
+  const MetricSkeleton clean = puppeteer_cleaned(tree);
+  ASSERT_EQ(clean.positions.size(), 2u);
+  EXPECT_EQ(clean.positions[0], tree.positions[1]);
+  EXPECT_EQ(ends_of(clean), (Bones{{0, 1}}));
 }
 
 TEST(PuppeteerCleaning, DropsRepeatedBonesOfMergedBranches) {
   // Two tips in one place below the same joint.
   const JointTree tree{{{0, 0, 0}, {0.1, 0, 0}, {0.1, 0.001, 0}}, {-1, 0, 0}};
-  const JointGraph clean = puppeteer_cleaned(tree);
-  EXPECT_EQ(clean.joints.size(), 2u);
-  EXPECT_EQ(clean.bones, (Bones{{0, 1}}));
+  const MetricSkeleton clean = puppeteer_cleaned(tree);
+  EXPECT_EQ(clean.positions.size(), 2u);
+  EXPECT_EQ(ends_of(clean), (Bones{{0, 1}}));
 }
 
 TEST(PuppeteerCleaning, ConnectsComponentsNearestFirst) {
   // Three bones in a row with gaps of 0.01 (made one joint) and 0.05 (gets a bone); a lone joint is dropped.
   const JointTree tree{{{0, 0, 0}, {0.1, 0, 0}, {0.11, 0, 0}, {0.2, 0, 0}, {0.25, 0, 0}, {0.4, 0, 0}, {0, 0.4, 0}},
                        {-1, 0, -1, 2, -1, 4, -1}};
-  const JointGraph clean = puppeteer_cleaned(tree);
-  ASSERT_EQ(clean.joints.size(), 5u);
-  EXPECT_EQ(clean.joints[1], tree.positions[1]);  // the lower index stays
-  EXPECT_EQ(clean.joints[2], tree.positions[3]);
-  EXPECT_EQ(clean.bones, (Bones{{0, 1}, {1, 2}, {3, 4}, {2, 3}}));
+  const MetricSkeleton clean = puppeteer_cleaned(tree);
+  ASSERT_EQ(clean.positions.size(), 5u);
+  EXPECT_EQ(clean.positions[1], tree.positions[1]);  // the lower index stays
+  EXPECT_EQ(clean.positions[2], tree.positions[3]);
+  EXPECT_EQ(ends_of(clean), (Bones{{0, 1}, {1, 2}, {3, 4}, {2, 3}}));
 }
 
 TEST(PuppeteerCleaning, ALoneRootIsConnected) {
   const JointTree tree{{{0, 0, 0}, {0.1, 0, 0}, {0.2, 0, 0}}, {-1, -1, 1}};
-  const JointGraph clean = puppeteer_cleaned(tree);
-  ASSERT_EQ(clean.joints.size(), 3u);
-  EXPECT_EQ(clean.bones, (Bones{{1, 2}, {0, 1}}));
+  const MetricSkeleton clean = puppeteer_cleaned(tree);
+  ASSERT_EQ(clean.positions.size(), 3u);
+  EXPECT_EQ(ends_of(clean), (Bones{{1, 2}, {0, 1}}));
 }
 
 TEST(PuppeteerCleaning, WithoutBonesJointsStay) {
   const JointTree tree{{{0, 0, 0}, {0.001, 0, 0}, {0.2, 0, 0}}, {-1, -1, -1}};
-  const JointGraph clean = puppeteer_cleaned(tree);
-  EXPECT_EQ(clean.joints.size(), 2u);
-  EXPECT_TRUE(clean.bones.empty());
+  const MetricSkeleton clean = puppeteer_cleaned(tree);
+  EXPECT_EQ(clean.positions.size(), 2u);
+  EXPECT_EQ(ends_of(clean), (Bones{{0, 0}, {1, 1}}));  // which stand for themselves
 }
 
 TEST(PuppeteerCleaning, RefusesHugeForests) {

@@ -119,7 +119,7 @@ TEST(SkeletonTransport, RefusesBrokenSkeletonsNamingTheSide) {
        {JointTree{}, unset, JointTree{good.positions, {1, 0}}, JointTree{good.positions, {-1}}}) {
     EXPECT_THROW(skeleton_transport(good, bad), InputError);
     try {
-      skeleton_transport(bad, good);
+      skeleton_transport(MetricSkeleton(bad, "predicted skeleton"), good);
       ADD_FAILURE() << "accepted";
     } catch (const InputError& error) {
       EXPECT_EQ(error.file(), "predicted skeleton");

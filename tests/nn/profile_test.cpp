@@ -3,6 +3,7 @@
 #include <stdexcept>
 #include <thread>
 
+#include "anigen/core/error.h"
 #include "anigen/nn/profile.h"
 #include "anigen/nn/torch.h"
 #include "tests/parity/described_part.h"
@@ -38,6 +39,13 @@ namespace anigen::nn {
 namespace {
 
 using Row = OperatorProfile::Row;
+
+TEST(Device, IsCpuOrACudaDeviceThatIsThere) {
+  EXPECT_EQ(parse_device("cpu"), torch::Device(torch::kCPU));
+  for (const char* name : {"", "gpu", "cuda:", "cuda:x", "cuda:1234", "cuda:999", "CPU"}) {
+    EXPECT_THROW(parse_device(name), InputError) << name;
+  }
+}
 
 Row row_of(const std::vector<Row>& rows, const std::string& name) {
   for (const Row& row : rows) {

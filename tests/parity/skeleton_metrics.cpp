@@ -11,8 +11,8 @@ torch::Tensor three(const metrics::SkeletonChamfer& score) {
   return torch::tensor({score.j2j, score.j2b, score.b2b}, torch::kFloat64);
 }
 
-std::int64_t spaced_count(const metrics::JointGraph& graph) {
-  return metrics::sample_count(metrics::spaced_samples(metrics::bone_lines(graph)));
+std::int64_t spaced_count(const metrics::MetricSkeleton& skeleton) {
+  return metrics::sample_count(metrics::spaced_samples(skeleton.bones));
 }
 
 void run_skeleton_chamfer(Fixture& fixture) {
@@ -20,16 +20,17 @@ void run_skeleton_chamfer(Fixture& fixture) {
   const double width = range.at(1).get<double>() - range.at(0).get<double>();
   for (int q = 0; fixture.has_input("q" + std::to_string(q) + ".joints_a"); ++q) {
     const std::string pair = "q" + std::to_string(q) + ".";
-    const JointTree a{points(fixture.input(pair + "joints_a")), ints(fixture.input(pair + "parents_a"))};
-    const JointTree b{points(fixture.input(pair + "joints_b")), ints(fixture.input(pair + "parents_b"))};
-    const metrics::JointGraph graph_a = metrics::joint_graph(a), graph_b = metrics::joint_graph(b);
+    const metrics::MetricSkeleton a =
+        JointTree{points(fixture.input(pair + "joints_a")), ints(fixture.input(pair + "parents_a"))};
+    const metrics::MetricSkeleton b =
+        JointTree{points(fixture.input(pair + "joints_b")), ints(fixture.input(pair + "parents_b"))};
     fixture.check(pair + "unirig", three(metrics::skeleton_chamfer(a, b, metrics::SkeletonProtocol::kUnirig, width)));
     fixture.check(pair + "rignet", three(metrics::skeleton_chamfer(a, b, metrics::SkeletonProtocol::kRignet)));
     // The published distance functions by themselves: the merging of joints comes before them.
-    fixture.check(pair + "puppeteer", three(metrics::spaced_chamfer(graph_a, graph_b)));
-    fixture.check(pair + "num_samples", torch::tensor({spaced_count(graph_a), spaced_count(graph_b)}, torch::kInt64));
+    fixture.check(pair + "puppeteer", three(metrics::spaced_chamfer(a, b)));
+    fixture.check(pair + "num_samples", torch::tensor({spaced_count(a), spaced_count(b)}, torch::kInt64));
 
-    const metrics::NearestBone bones_b(metrics::bone_lines(graph_b));
+    const metrics::NearestBone bones_b(b.bones);
     std::vector<double> exact;
     for (const Eigen::Vector3d& joint : a.positions) exact.push_back(bones_b.distance(joint));
     fixture.check(pair + "exact_point_segment", torch::tensor(exact, torch::kFloat64));

@@ -223,7 +223,7 @@ void run_generate(const GenerateArguments& arguments, const CommonOptions& commo
 rigging::LearnedSteps learned_steps(const RigArguments& arguments, const CommonOptions& common) {
   nn::set_up_computing(common.threads);
   const generate::LearnedModelFiles files{arguments.joint_model, arguments.connectivity_model, arguments.skin_model};
-  const torch::Device device = generate::parse_device(common.device);
+  const torch::Device device = nn::parse_device(common.device);
   const std::size_t influences = arguments.request.binding.heat.most_influences;
   if (arguments.method == kAnymate) {
     generate::AnymateRiggerOptions rigger;

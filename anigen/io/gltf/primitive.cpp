@@ -2,12 +2,12 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <memory>
 #include <numeric>
 #include <optional>
 
 #include "anigen/core/error.h"
+#include "anigen/geometry/nearest_point.h"
 #include "anigen/io/gltf/accessors.h"
 
 namespace anigen::io::gltf_import {
@@ -316,31 +316,30 @@ class Substitute {
     for (std::size_t v = 0; v < rows.size(); ++v) {
       if (rows[v] == Row::kGood) vertices_.push_back(v);
     }
-    std::vector<Eigen::Vector3f> points;
+    std::vector<Eigen::Vector3d> points;
     if (!vertices_.empty()) {
-      for (const std::size_t v : vertices_) points.push_back(position(block, v));
+      for (const std::size_t v : vertices_) points.push_back(position(block, v).cast<double>());
     } else {
-      for (const int joint : binding.joints)
-        points.push_back(joint_positions[static_cast<std::size_t>(joint)].cast<float>());
+      for (const int joint : binding.joints) points.push_back(joint_positions[static_cast<std::size_t>(joint)]);
     }
-    nearest_ = std::make_unique<NearestPoint>(std::move(points));
+    nearest_ = std::make_unique<geometry::PointIndex>(std::move(points));
   }
 
   // @return a row in `row`
   void find(std::size_t vertex, const VertexBlock& block, const SkinBinding& binding, RowReader& reader,
             std::vector<Influence>& row) const {
-    const Eigen::Vector3f p = position(block, vertex);
+    const Eigen::Vector3d p = position(block, vertex).cast<double>();
     if (!vertices_.empty()) {
-      reader.read(vertices_[(*nearest_)(p)], row);
+      reader.read(vertices_[nearest_->nearest(p).index], row);
       return;
     }
-    const Eigen::Vector4d bound = binding.to_bind * p.cast<double>().homogeneous();
-    row = {{binding.joints[(*nearest_)(bound.head<3>().cast<float>())], 1.0f}};
+    const Eigen::Vector4d bound = binding.to_bind * p.homogeneous();
+    row = {{binding.joints[nearest_->nearest(bound.head<3>()).index], 1.0f}};
   }
 
  private:
   std::vector<std::size_t> vertices_;
-  std::unique_ptr<NearestPoint> nearest_;
+  std::unique_ptr<geometry::PointIndex> nearest_;
 };
 
 }  // namespace
@@ -370,48 +369,6 @@ void append_weights(const VertexBlock& block, const SkinBinding& binding,
       substitute->find(v, block, binding, reader, row);
     weights.append_row(row);
   }
-}
-
-NearestPoint::NearestPoint(std::vector<Eigen::Vector3f> points) : points_(std::move(points)), order_(points_.size()) {
-  std::iota(order_.begin(), order_.end(), std::size_t{0});
-  build(0, order_.size(), 0);
-}
-
-void NearestPoint::build(std::size_t first, std::size_t last, int axis) {
-  if (last - first < 2) return;
-  const std::size_t middle = first + (last - first) / 2;
-  const auto at = [&](std::size_t i) { return order_.begin() + static_cast<std::ptrdiff_t>(i); };
-  std::nth_element(at(first), at(middle), at(last), [&](std::size_t a, std::size_t b) {
-    return points_[a][axis] != points_[b][axis] ? points_[a][axis] < points_[b][axis] : a < b;
-  });
-  build(first, middle, (axis + 1) % 3);
-  build(middle + 1, last, (axis + 1) % 3);
-}
-
-std::size_t NearestPoint::operator()(const Eigen::Vector3f& query) const {
-  std::size_t best = order_.front();
-  float distance = std::numeric_limits<float>::infinity();
-  search(0, order_.size(), 0, query, best, distance);
-  return best;
-}
-
-void NearestPoint::search(std::size_t first, std::size_t last, int axis, const Eigen::Vector3f& query,
-                          std::size_t& best, float& distance) const {
-  if (first >= last) return;
-  const std::size_t middle = first + (last - first) / 2;
-  const std::size_t point = order_[middle];
-  const float here = (points_[point] - query).squaredNorm();
-  if (here < distance || (here == distance && point < best)) {
-    distance = here;
-    best = point;
-  }
-  const float side = query[axis] - points_[point][axis];
-  const int next = (axis + 1) % 3;
-  const bool left_first = side < 0.0f;
-  const std::size_t near_first = left_first ? first : middle + 1, near_last = left_first ? middle : last;
-  const std::size_t far_first = left_first ? middle + 1 : first, far_last = left_first ? last : middle;
-  search(near_first, near_last, next, query, best, distance);
-  if (side * side < distance) search(far_first, far_last, next, query, best, distance);
 }
 
 }  // namespace anigen::io::gltf_import

@@ -1,7 +1,5 @@
 #include "anigen/train/distributed/launch.h"
 
-#include <sys/prctl.h>
-#include <sys/wait.h>
 #include <unistd.h>
 #include <cerrno>
 #include <chrono>
@@ -214,35 +212,15 @@ using Clock = std::chrono::steady_clock;
 constexpr int kFailed = 1, kBadInput = 2, kInterrupted = 130;
 constexpr auto kBetweenWaits = std::chrono::milliseconds(20);
 
-std::vector<char*> pointers(const std::vector<std::string>& words) {
-  std::vector<char*> result;
-  for (const std::string& word : words) result.push_back(const_cast<char*>(word.c_str()));
-  result.push_back(nullptr);
-  return result;
-}
-
-// This process's variables, and those that tell a rank who it is before them: the first of a name counts.
-std::vector<std::string> variables_of(int rank, int ranks, const std::string& rendezvous) {
-  std::vector<std::string> own{"RANK=" + std::to_string(rank), "WORLD_SIZE=" + std::to_string(ranks),
-                               "LOCAL_RANK=" + std::to_string(rank), "LOCAL_WORLD_SIZE=" + std::to_string(ranks),
-                               "ANIGEN_RENDEZVOUS=file://" + rendezvous};
-  for (char** variable = environ; *variable != nullptr; ++variable) own.emplace_back(*variable);
-  return own;
-}
-
-pid_t start(const std::vector<std::string>& words, const std::vector<std::string>& variables) {
-  const std::vector<char*> arguments = pointers(words), environment = pointers(variables);
-  const pid_t parent = ::getpid();
-  const pid_t child = ::fork();
-  if (child < 0) throw Error(std::string("cannot start a process: ") + std::strerror(errno));
-  if (child > 0) return child;
-  // A group of its own: Ctrl-C in a terminal reaches this process alone, which hands it on once; the second one would
-  // end a rank before it has saved. Ranks do not outlive this process.
-  ::setpgid(0, 0);
-  ::prctl(PR_SET_PDEATHSIG, SIGTERM);
-  if (::getppid() != parent) std::_Exit(kFailed);
-  ::execve("/proc/self/exe", arguments.data(), environment.data());
-  std::_Exit(127);
+// A rank, told by its variables which one it is. It dies with this process.
+ChildProcess start(const std::vector<std::string>& words, int rank, int ranks, const std::string& rendezvous) {
+  Program program;
+  program.words = words;
+  program.file = "/proc/self/exe";
+  program.environment = {"RANK=" + std::to_string(rank), "WORLD_SIZE=" + std::to_string(ranks),
+                         "LOCAL_RANK=" + std::to_string(rank), "LOCAL_WORLD_SIZE=" + std::to_string(ranks),
+                         "ANIGEN_RENDEZVOUS=file://" + rendezvous};
+  return ChildProcess(program);
 }
 
 // A new folder that only this user can enter, gone with what is in it at the end.
@@ -269,16 +247,10 @@ class Processes {
  public:
   Processes(const LocalRanks& local, const std::vector<std::string>& words, const std::string& rendezvous)
       : local_(local) {
-    for (int rank = 0; rank < local.ranks; ++rank) {
-      running_.push_back(start(words, variables_of(rank, local.ranks, rendezvous)));
-    }
+    running_.reserve(static_cast<std::size_t>(local.ranks));
+    for (int rank = 0; rank < local.ranks; ++rank) running_.push_back(start(words, rank, local.ranks, rendezvous));
   }
-  ~Processes() {
-    tell(SIGKILL);
-    for (const pid_t child : running_) {
-      if (child != 0) ::waitpid(child, nullptr, 0);
-    }
-  }
+  ~Processes() { tell(SIGKILL); }
   Processes(const Processes&) = delete;
   Processes& operator=(const Processes&) = delete;
 
@@ -304,23 +276,20 @@ class Processes {
 
  private:
   bool ended(int rank) {
-    pid_t& child = running_[static_cast<std::size_t>(rank)];
-    int status = 0;
-    if (child == 0 || ::waitpid(child, &status, WNOHANG) != child) return false;
-    child = 0;
-    if (WIFSIGNALED(status)) log::error("rank {} was ended by signal {}", rank, WTERMSIG(status));
-    const int code = WIFEXITED(status) ? WEXITSTATUS(status) : kFailed;
+    ChildProcess& child = running_[static_cast<std::size_t>(rank)];
+    const auto end = child.poll();
+    if (!end) return false;
+    if (end->status < 0) log::error("rank {} was ended by signal {}", rank, -end->status);
+    const int code = end->status < 0 ? kFailed : end->status;
     if (first_failure_ == 0 || code == kBadInput) first_failure_ = code;
     return true;
   }
   void tell(int signal) {
-    for (const pid_t child : running_) {
-      if (child != 0) ::kill(child, signal);
-    }
+    for (const ChildProcess& child : running_) child.send(signal);
   }
 
   const LocalRanks& local_;
-  std::vector<pid_t> running_;  // 0: has ended
+  std::vector<ChildProcess> running_;
   int first_failure_ = 0;
 };
 
