@@ -3,14 +3,17 @@
 #include <sys/mman.h>
 #include <unistd.h>
 #include <atomic>
+#include <chrono>
 #include <cstdlib>
 #include <functional>
 #include <stdexcept>
 #include <string>
 #include <thread>
+#include <utility>
 #include <vector>
 
 #include "anigen/core/error.h"
+#include "anigen/core/files.h"
 #include "anigen/core/process.h"
 #include "tests/support/paths.h"
 
@@ -152,6 +155,73 @@ TEST(GuardedProcess, BoundsTheMemory) {
   };
   EXPECT_EQ(reserves(16), "there");
   EXPECT_EQ(reserves(1024), "refused");
+}
+
+}  // namespace
+
+namespace {
+
+ChildProcess::End end_of(ChildProcess& child) {
+  for (;;) {
+    if (const auto end = child.poll()) return *end;
+    std::this_thread::sleep_for(std::chrono::milliseconds(5));
+  }
+}
+
+TEST(ChildProcess, WritesItsOutputToALogWithItsOwnVariables) {
+  const test::TemporaryFolder folder;
+  Program program;
+  program.words = {"/bin/sh", "-c", "echo out $ANIGEN_TEST; echo err >&2; cat; exit 3"};
+  program.environment = {"ANIGEN_TEST=7", "HOME=/nowhere"};
+  program.log = folder / "logs" / "log.txt";
+  ChildProcess child(program);
+  EXPECT_EQ(end_of(child).status, 3);
+  EXPECT_FALSE(child.poll());
+  EXPECT_EQ(read_file(program.log, 1000), "out 7\nerr\n");
+}
+
+TEST(ChildProcess, IsSpokenToThroughPipes) {
+  Program program;
+  program.words = {"/bin/cat"};
+  program.pipes = true;
+  ChildProcess child(program);
+  ASSERT_EQ(::write(child.input(), "hello", 5), 5);
+  std::string heard;
+  while (heard.size() < 5) {
+    char buffer[16];
+    const ssize_t n = ::read(child.output(), buffer, sizeof buffer);
+    if (n > 0) heard.append(buffer, static_cast<std::size_t>(n));
+  }
+  EXPECT_EQ(heard, "hello");
+  child.send(SIGKILL);
+  EXPECT_EQ(end_of(child).status, -SIGKILL);
+}
+
+TEST(ChildProcess, EndsWhenItIsAskedOrDestroyed) {
+  Program program;
+  program.words = {"/bin/sleep", "1000"};
+  ChildProcess asked(program);
+  asked.ask_to_stop();
+  EXPECT_EQ(end_of(asked).status, -SIGTERM);
+  pid_t id = -1;
+  {
+    ChildProcess dropped(program);
+    id = dropped.id();
+    ChildProcess moved(std::move(dropped));
+    EXPECT_EQ(dropped.id(), -1);  // NOLINT(bugprone-use-after-move)
+    EXPECT_EQ(moved.id(), id);
+  }
+  EXPECT_NE(::kill(id, 0), 0);
+}
+
+TEST(ChildProcess, ThatCannotBeRunEndsWithStatus127) {
+  const test::TemporaryFolder folder;
+  Program program;
+  program.words = {"/nowhere/program"};
+  program.log = folder / "log.txt";
+  ChildProcess child(program);
+  EXPECT_EQ(end_of(child).status, 127);
+  EXPECT_EQ(read_file(program.log, 1000), "cannot be run\n");
 }
 
 }  // namespace
