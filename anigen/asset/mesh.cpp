@@ -1,9 +1,7 @@
 #include "anigen/asset/mesh.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <string>
 #include <tuple>
 
 #include "anigen/core/error.h"

@@ -5,7 +5,6 @@
 #include <cmath>
 #include <string>
 #include <utility>
-#include <vector>
 
 #include "anigen/core/error.h"
 #include "anigen/core/numeric.h"
@@ -19,89 +18,6 @@ bool heavier(const Influence& a, const Influence& b) {
   return a.weight != b.weight ? a.weight > b.weight : a.joint < b.joint;
 }
 
-}  // namespace
-
-std::size_t SkinWeights::largest_row() const {
-  std::size_t largest = 0;
-  for (std::size_t v = 0; v < rows(); ++v) largest = std::max(largest, row_size(v));
-  return largest;
-}
-
-bool SkinWeights::append_row(std::vector<Influence> row) {
-  row.erase(std::remove_if(row.begin(), row.end(),
-                           [](const Influence& i) { return !(i.weight > 0.0f) || !std::isfinite(i.weight); }),
-            row.end());
-  std::sort(row.begin(), row.end(), [](const Influence& a, const Influence& b) { return a.joint < b.joint; });
-  std::size_t kept = 0;
-  for (std::size_t i = 0; i < row.size(); ++i) {
-    if (kept > 0 && row[kept - 1].joint == row[i].joint)
-      row[kept - 1].weight += row[i].weight;
-    else
-      row[kept++] = row[i];
-  }
-  row.resize(kept);
-  double sum = 0.0;
-  for (const Influence& i : row) sum += i.weight;
-  std::sort(row.begin(), row.end(), heavier);
-  for (const Influence& i : row) {
-    // Weights below the smallest float after the division carry no information.
-    const auto weight = static_cast<float>(i.weight / sum);
-    if (weight > 0.0f) influences.push_back({i.joint, weight});
-  }
-  offsets.push_back(influences.size());
-  return !row.empty();
-}
-
-SkinWeights limit_influences(const SkinWeights& weights, std::size_t count) {
-  SkinWeights limited;
-  for (std::size_t v = 0; v < weights.rows(); ++v) {
-    const Influence* row = weights.row(v);
-    const std::size_t kept = std::min(count, weights.row_size(v));
-    // A complete row is copied as it is: dividing by a sum of 1 ± an ulp would change it.
-    if (kept == weights.row_size(v)) {
-      limited.influences.insert(limited.influences.end(), row, row + kept);
-      limited.offsets.push_back(limited.influences.size());
-    } else {
-      limited.append_row({row, row + kept});
-    }
-  }
-  return limited;
-}
-
-std::vector<float> to_dense(const SkinWeights& weights, std::size_t joints) {
-  std::vector<float> dense(weights.rows() * joints, 0.0f);
-  for (std::size_t v = 0; v < weights.rows(); ++v) {
-    for (std::size_t i = 0; i < weights.row_size(v); ++i) {
-      const Influence& influence = weights.row(v)[i];
-      dense[v * joints + static_cast<std::size_t>(influence.joint)] = influence.weight;
-    }
-  }
-  return dense;
-}
-
-SkinWeights from_dense(const std::vector<float>& dense, std::size_t rows, std::size_t joints, float threshold,
-                       std::size_t* unweighted) {
-  SkinWeights weights;
-  std::size_t empty = 0;
-  std::vector<Influence> row;
-  for (std::size_t v = 0; v < rows; ++v) {
-    row.clear();
-    for (std::size_t j = 0; j < joints; ++j) {
-      const float weight = dense[v * joints + j];
-      if (weight > threshold) row.push_back({static_cast<std::int32_t>(j), weight});
-    }
-    if (row.empty()) {
-      row.push_back({0, 1.0f});
-      ++empty;
-    }
-    weights.append_row(row);
-  }
-  if (unweighted != nullptr) *unweighted = empty;
-  return weights;
-}
-
-namespace {
-
 constexpr double kSmallestSum = 1e-8;
 
 void check_joint(int joint, std::size_t joints, std::size_t vertex) {
@@ -109,45 +25,6 @@ void check_joint(int joint, std::size_t joints, std::size_t vertex) {
   throw InputError("", "skin row " + std::to_string(vertex),
                    "joint " + std::to_string(joint) + " is not one of the " + std::to_string(joints) + " joints");
 }
-
-}  // namespace
-
-int published_max_hops(std::size_t joints) { return 2 * std::max(1, static_cast<int>(joints / 10)); }
-
-SkinWeights filter_skin(const SkinWeights& skin, const std::vector<std::vector<int>>& hops, int max_hops,
-                        const std::vector<int>& anchors) {
-  const std::size_t joints = hops.size();
-  if (joints == 0) throw InputError("", "hops", "there are no joints");
-  for (const std::vector<int>& row : hops) {
-    if (row.size() != joints) throw InputError("", "hops", "must have as many columns as rows");
-  }
-  if (!anchors.empty() && anchors.size() != skin.rows()) {
-    throw InputError("", "anchors",
-                     std::to_string(anchors.size()) + " anchors for " + std::to_string(skin.rows()) + " vertices");
-  }
-  SkinWeights filtered;
-  filtered.offsets.reserve(skin.rows() + 1);
-  for (std::size_t v = 0; v < skin.rows(); ++v) {
-    const Influence* row = skin.row(v);
-    // Rows begin with their heaviest influence.
-    const int heaviest = skin.row_size(v) > 0 ? row[0].joint : 0;
-    const int anchor = anchors.empty() ? heaviest : anchors[v];
-    check_joint(anchor, joints, v);
-    std::vector<Influence> kept;
-    double sum = 0.0;
-    for (std::size_t i = 0; i < skin.row_size(v); ++i) {
-      check_joint(row[i].joint, joints, v);
-      if (hops[at(anchor)][at(row[i].joint)] > max_hops) continue;
-      kept.push_back(row[i]);
-      sum += row[i].weight;
-    }
-    if (!(sum > kSmallestSum)) kept.assign(1, {anchor, 1.0f});
-    filtered.append_row(std::move(kept));
-  }
-  return filtered;
-}
-
-namespace {
 
 constexpr float kSmallestWeight = 1e-7f;
 /// Columns that are smoothed together: one cache line per vertex.
@@ -280,6 +157,120 @@ void check(const SkinWeights& skin, std::size_t joints, const SkinSmoothing& opt
 }
 
 }  // namespace
+
+std::size_t SkinWeights::largest_row() const {
+  std::size_t largest = 0;
+  for (std::size_t v = 0; v < rows(); ++v) largest = std::max(largest, row_size(v));
+  return largest;
+}
+
+bool SkinWeights::append_row(std::vector<Influence> row) {
+  row.erase(std::remove_if(row.begin(), row.end(),
+                           [](const Influence& i) { return !(i.weight > 0.0f) || !std::isfinite(i.weight); }),
+            row.end());
+  std::sort(row.begin(), row.end(), [](const Influence& a, const Influence& b) { return a.joint < b.joint; });
+  std::size_t kept = 0;
+  for (std::size_t i = 0; i < row.size(); ++i) {
+    if (kept > 0 && row[kept - 1].joint == row[i].joint)
+      row[kept - 1].weight += row[i].weight;
+    else
+      row[kept++] = row[i];
+  }
+  row.resize(kept);
+  double sum = 0.0;
+  for (const Influence& i : row) sum += i.weight;
+  std::sort(row.begin(), row.end(), heavier);
+  for (const Influence& i : row) {
+    // Weights below the smallest float after the division carry no information.
+    const auto weight = static_cast<float>(i.weight / sum);
+    if (weight > 0.0f) influences.push_back({i.joint, weight});
+  }
+  offsets.push_back(influences.size());
+  return !row.empty();
+}
+
+SkinWeights limit_influences(const SkinWeights& weights, std::size_t count) {
+  SkinWeights limited;
+  for (std::size_t v = 0; v < weights.rows(); ++v) {
+    const Influence* row = weights.row(v);
+    const std::size_t kept = std::min(count, weights.row_size(v));
+    // A complete row is copied as it is: dividing by a sum of 1 ± an ulp would change it.
+    if (kept == weights.row_size(v)) {
+      limited.influences.insert(limited.influences.end(), row, row + kept);
+      limited.offsets.push_back(limited.influences.size());
+    } else {
+      limited.append_row({row, row + kept});
+    }
+  }
+  return limited;
+}
+
+std::vector<float> to_dense(const SkinWeights& weights, std::size_t joints) {
+  std::vector<float> dense(weights.rows() * joints, 0.0f);
+  for (std::size_t v = 0; v < weights.rows(); ++v) {
+    for (std::size_t i = 0; i < weights.row_size(v); ++i) {
+      const Influence& influence = weights.row(v)[i];
+      dense[v * joints + static_cast<std::size_t>(influence.joint)] = influence.weight;
+    }
+  }
+  return dense;
+}
+
+SkinWeights from_dense(const std::vector<float>& dense, std::size_t rows, std::size_t joints, float threshold,
+                       std::size_t* unweighted) {
+  SkinWeights weights;
+  std::size_t empty = 0;
+  std::vector<Influence> row;
+  for (std::size_t v = 0; v < rows; ++v) {
+    row.clear();
+    for (std::size_t j = 0; j < joints; ++j) {
+      const float weight = dense[v * joints + j];
+      if (weight > threshold) row.push_back({static_cast<std::int32_t>(j), weight});
+    }
+    if (row.empty()) {
+      row.push_back({0, 1.0f});
+      ++empty;
+    }
+    weights.append_row(row);
+  }
+  if (unweighted != nullptr) *unweighted = empty;
+  return weights;
+}
+
+int published_max_hops(std::size_t joints) { return 2 * std::max(1, static_cast<int>(joints / 10)); }
+
+SkinWeights filter_skin(const SkinWeights& skin, const std::vector<std::vector<int>>& hops, int max_hops,
+                        const std::vector<int>& anchors) {
+  const std::size_t joints = hops.size();
+  if (joints == 0) throw InputError("", "hops", "there are no joints");
+  for (const std::vector<int>& row : hops) {
+    if (row.size() != joints) throw InputError("", "hops", "must have as many columns as rows");
+  }
+  if (!anchors.empty() && anchors.size() != skin.rows()) {
+    throw InputError("", "anchors",
+                     std::to_string(anchors.size()) + " anchors for " + std::to_string(skin.rows()) + " vertices");
+  }
+  SkinWeights filtered;
+  filtered.offsets.reserve(skin.rows() + 1);
+  for (std::size_t v = 0; v < skin.rows(); ++v) {
+    const Influence* row = skin.row(v);
+    // Rows begin with their heaviest influence.
+    const int heaviest = skin.row_size(v) > 0 ? row[0].joint : 0;
+    const int anchor = anchors.empty() ? heaviest : anchors[v];
+    check_joint(anchor, joints, v);
+    std::vector<Influence> kept;
+    double sum = 0.0;
+    for (std::size_t i = 0; i < skin.row_size(v); ++i) {
+      check_joint(row[i].joint, joints, v);
+      if (hops[at(anchor)][at(row[i].joint)] > max_hops) continue;
+      kept.push_back(row[i]);
+      sum += row[i].weight;
+    }
+    if (!(sum > kSmallestSum)) kept.assign(1, {anchor, 1.0f});
+    filtered.append_row(std::move(kept));
+  }
+  return filtered;
+}
 
 SkinWeights smooth_skin(const SkinWeights& skin, const MeshEdges& edges, std::size_t joints,
                         const SkinSmoothing& options) {

@@ -2,10 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdint>
 #include <utility>
 
-#include "anigen/core/error.h"
 #include "anigen/core/files.h"
 #include "anigen/core/log.h"
 
@@ -41,42 +39,6 @@ void check_size(std::string_view text, const std::string& file, const JsonLimits
     }
   }
 }
-
-}  // namespace
-
-Json parse_json(std::string_view text, const std::string& file, const JsonLimits& limits) {
-  check_size(text, file, limits);
-  try {
-    return Json::parse(text);
-  } catch (const nlohmann::json::parse_error& error) {
-    std::string reason = error.what();
-    const std::size_t colon = reason.find(": ");
-    if (colon != std::string::npos) reason = reason.substr(colon + 2);
-    throw InputError(file, "byte " + std::to_string(error.byte), "not valid JSON: " + reason);
-  } catch (const nlohmann::json::exception& error) {
-    // A number beyond double, such as 1e999, is reported as another kind of exception.
-    throw InputError(file, "", std::string("not valid JSON: ") + error.what());
-  }
-}
-
-std::string escaped_for_pointer(const std::string& key) {
-  std::string result;
-  for (const char c : key) {
-    if (c == '~')
-      result += "~0";
-    else if (c == '/')
-      result += "~1";
-    else
-      result += c;
-  }
-  return result;
-}
-
-Json read_json(const std::filesystem::path& path, const JsonLimits& limits) {
-  return parse_json(read_file(path, std::uintmax_t{1} << 30), path.string(), limits);
-}
-
-namespace {
 
 namespace fs = std::filesystem;
 
@@ -145,7 +107,56 @@ std::size_t list_index(const std::string& key, std::size_t size, const std::stri
   return std::stoul(key);
 }
 
+const Json& empty_object() {
+  static const Json object = Json::object();
+  return object;
+}
+
+bool is_int64(const Json& value) {
+  if (!value.is_number_integer()) return false;
+  return !value.is_number_unsigned() ||
+         value.get<std::uint64_t>() <= static_cast<std::uint64_t>(std::numeric_limits<std::int64_t>::max());
+}
+
+std::string joined(const std::vector<std::string>& words) {
+  std::string line;
+  for (const std::string& word : words) line += (line.empty() ? "" : ", ") + word;
+  return line;
+}
+
 }  // namespace
+
+Json parse_json(std::string_view text, const std::string& file, const JsonLimits& limits) {
+  check_size(text, file, limits);
+  try {
+    return Json::parse(text);
+  } catch (const nlohmann::json::parse_error& error) {
+    std::string reason = error.what();
+    const std::size_t colon = reason.find(": ");
+    if (colon != std::string::npos) reason = reason.substr(colon + 2);
+    throw InputError(file, "byte " + std::to_string(error.byte), "not valid JSON: " + reason);
+  } catch (const nlohmann::json::exception& error) {
+    // A number beyond double, such as 1e999, is reported as another kind of exception.
+    throw InputError(file, "", std::string("not valid JSON: ") + error.what());
+  }
+}
+
+std::string escaped_for_pointer(const std::string& key) {
+  std::string result;
+  for (const char c : key) {
+    if (c == '~')
+      result += "~0";
+    else if (c == '/')
+      result += "~1";
+    else
+      result += c;
+  }
+  return result;
+}
+
+Json read_json(const std::filesystem::path& path, const JsonLimits& limits) {
+  return parse_json(read_file(path, std::uintmax_t{1} << 30), path.string(), limits);
+}
 
 Json load_config(const fs::path& path) {
   std::vector<fs::path> open;
@@ -197,27 +208,6 @@ void apply_overrides(Json& config, const std::vector<std::string>& assignments) 
 }
 
 void write_config(const fs::path& path, const Json& config) { write_file_atomically(path, config.dump(2) + "\n"); }
-
-namespace {
-
-const Json& empty_object() {
-  static const Json object = Json::object();
-  return object;
-}
-
-bool is_int64(const Json& value) {
-  if (!value.is_number_integer()) return false;
-  return !value.is_number_unsigned() ||
-         value.get<std::uint64_t>() <= static_cast<std::uint64_t>(std::numeric_limits<std::int64_t>::max());
-}
-
-std::string joined(const std::vector<std::string>& words) {
-  std::string line;
-  for (const std::string& word : words) line += (line.empty() ? "" : ", ") + word;
-  return line;
-}
-
-}  // namespace
 
 ConfigReader::ConfigReader(const Json& object, std::string file, std::string pointer)
     : object_(&object), file_(std::move(file)), pointer_(std::move(pointer)) {

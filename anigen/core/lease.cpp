@@ -125,6 +125,26 @@ bool link_into_place(const fs::path& file, const fs::path& name, const std::stri
   throw_errno(name, "link");
 }
 
+using namespace std::chrono_literals;
+
+/// Longer and longer, so that many who wait for one do not keep the file system busy.
+class Patience {
+ public:
+  void reset() { pause_ = kShortest; }
+  void wait() {
+    if (pause_ == kShortest) log::info("waiting for other processes, which have what is left of the work");
+    for (auto left = pause_; left > 0ms; left -= kShortest) {
+      throw_if_interrupted();
+      std::this_thread::sleep_for(kShortest);
+    }
+    pause_ = std::min(pause_ * 2, kLongest);
+  }
+
+ private:
+  static constexpr std::chrono::milliseconds kShortest = 50ms, kLongest = 3200ms;
+  std::chrono::milliseconds pause_ = kShortest;
+};
+
 }  // namespace
 
 struct Lease::Held {
@@ -309,30 +329,6 @@ void LeaseFolder::remove_left() const {
   }
   fs::remove(keeper_->folder, error);
 }
-
-namespace {
-
-using namespace std::chrono_literals;
-
-/// Longer and longer, so that many who wait for one do not keep the file system busy.
-class Patience {
- public:
-  void reset() { pause_ = kShortest; }
-  void wait() {
-    if (pause_ == kShortest) log::info("waiting for other processes, which have what is left of the work");
-    for (auto left = pause_; left > 0ms; left -= kShortest) {
-      throw_if_interrupted();
-      std::this_thread::sleep_for(kShortest);
-    }
-    pause_ = std::min(pause_ * 2, kLongest);
-  }
-
- private:
-  static constexpr std::chrono::milliseconds kShortest = 50ms, kLongest = 3200ms;
-  std::chrono::milliseconds pause_ = kShortest;
-};
-
-}  // namespace
 
 void work_together(const LeaseFolder& leases, const std::vector<std::string>& names,
                    const std::function<bool(std::size_t)>& done, const WorkPass& pass) {

@@ -1,7 +1,6 @@
 #include "anigen/core/numeric.h"
 
 #include <algorithm>
-#include <cstddef>
 
 namespace anigen {
 

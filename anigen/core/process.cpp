@@ -12,14 +12,12 @@
 #include <cerrno>
 #include <chrono>
 #include <cmath>
-#include <csignal>
 #include <cstring>
 #include <exception>
 #include <fstream>
 #include <sstream>
 #include <system_error>
 #include <thread>
-#include <utility>
 
 #include "anigen/core/error.h"
 #include "anigen/core/random.h"
@@ -65,116 +63,10 @@ std::string read_host() {
   return ::gethostname(name, sizeof name - 1) == 0 ? name : "unknown";
 }
 
-}  // namespace
-
-ProcessIdentity this_process() {
-  // Of the machine, and so the same after a fork.
-  static const std::string host = read_host(), space = read_space("pid");
-  ProcessIdentity process{host, space, ::getpid(), 0};
-  process.started = state_of(process.id).started;
-  return process;
-}
-
-bool certainly_gone(const ProcessIdentity& process) {
-  const ProcessIdentity here = this_process();
-  if (process.space.empty() || process.space != here.space || here.started == 0) return false;
-  const ProcessState found = state_of(process.id);
-  return found.state == 0 || found.state == 'Z' || found.state == 'X' || found.started != process.started;
-}
-
-std::string network_space() {
-  const std::string space = read_space("net");
-  return space.empty() ? read_host() : space;
-}
-
-std::string process_number() {
-  // Kept, since it names every file that is written; asked for anew after a fork.
-  thread_local std::int64_t of_process = -1;
-  thread_local std::string number;
-  if (of_process != ::getpid()) {
-    const ProcessIdentity process = this_process();
-    of_process = process.id;
-    number = std::to_string(stable_hash(to_json(process).dump()));
-  }
-  return number;
-}
-
-Json to_json(const ProcessIdentity& process) {
-  return {{"host", process.host}, {"space", process.space}, {"id", process.id}, {"started", process.started}};
-}
-
-ProcessIdentity process_identity_from_json(const Json& json) {
-  return {json.at("host").get<std::string>(), json.at("space").get<std::string>(), json.at("id").get<std::int64_t>(),
-          json.at("started").get<std::uint64_t>()};
-}
-
-std::optional<FileLock> FileLock::try_lock(const std::filesystem::path& file, Kind kind) {
-  if (file.has_parent_path()) {
-    std::error_code error;
-    std::filesystem::create_directories(file.parent_path(), error);
-    if (error) throw Error(file.parent_path().string() + ": cannot create folder: " + error.message());
-  }
-  const int descriptor = ::open(file.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0666);
-  if (descriptor < 0) throw Error(file.string() + ": cannot open: " + std::strerror(errno));
-  const int operation = kind == Kind::kShared ? LOCK_SH : LOCK_EX;
-  if (::flock(descriptor, operation | LOCK_NB) == 0) return FileLock(descriptor);
-  const int reason = errno;
-  ::close(descriptor);
-  if (reason == EWOULDBLOCK) return std::nullopt;
-  if (reason == ENOSYS || reason == EOPNOTSUPP || reason == ENOLCK) {
-    throw NotSupportedError(file.string(), "", "locks (flock) by the file system of this folder");
-  }
-  throw Error(file.string() + ": cannot lock: " + std::strerror(reason));
-}
-
-FileLock::~FileLock() {
-  if (descriptor_ >= 0) ::close(descriptor_);
-}
-
-std::filesystem::path dataset_lock_file(const std::filesystem::path& root) { return root / "run" / "lock"; }
-
-std::filesystem::path dataset_prepare_lock_file(const std::filesystem::path& root) {
-  return root / "run" / "lock-prepare";
-}
-
-namespace {
-
 namespace fs = std::filesystem;
 using Kind = FileLock::Kind;
 
 FileLock pass_gate(const fs::path& file) { return wait_for_lock(file.string() + "-gate", Kind::kExclusive); }
-
-}  // namespace
-
-FileLock wait_for_lock(const fs::path& file, Kind kind) {
-  for (;;) {
-    if (std::optional<FileLock> lock = FileLock::try_lock(file, kind)) return std::move(*lock);
-    throw_if_interrupted();
-    std::this_thread::sleep_for(std::chrono::milliseconds(20));
-  }
-}
-
-std::optional<FileLock> join_group(const fs::path& file, const std::function<void(bool)>& enter) {
-  const FileLock gate = pass_gate(file);
-  const bool first = FileLock::try_lock(file, Kind::kExclusive).has_value();
-  if (!first && !FileLock::try_lock(file, Kind::kShared)) return std::nullopt;
-  enter(first);
-  return FileLock::try_lock(file, Kind::kShared);
-}
-
-std::optional<FileLock> instead_of_group(const fs::path& file) {
-  const FileLock gate = pass_gate(file);
-  return FileLock::try_lock(file, Kind::kExclusive);
-}
-
-bool while_group_is_empty(const fs::path& file, const std::function<void()>& action) {
-  const FileLock gate = pass_gate(file);
-  if (!FileLock::try_lock(file, Kind::kExclusive)) return false;
-  action();
-  return true;
-}
-
-namespace {
 
 volatile std::sig_atomic_t requested = 0;
 
@@ -182,21 +74,6 @@ void handle(int signal) {
   requested = 1;
   std::signal(signal, SIG_DFL);
 }
-
-}  // namespace
-
-void install_interrupt_handler() {
-  std::signal(SIGINT, handle);
-  std::signal(SIGTERM, handle);
-}
-
-bool interrupt_requested() { return requested != 0; }
-
-void throw_if_interrupted() {
-  if (interrupt_requested()) throw Interrupted("interrupted; what was finished is saved");
-}
-
-namespace {
 
 constexpr int kWorkThrew = 3;
 constexpr int kPollMilliseconds = 20;
@@ -227,103 +104,6 @@ std::vector<char*> pointers(const std::vector<std::string>& words) {
   result.push_back(nullptr);
   return result;
 }
-
-}  // namespace
-
-ChildProcess::ChildProcess(const Program& program) : last_signal_(program.last_signal) {
-  // Everything that allocates happens before the fork.
-  const std::string& file = program.file.empty() ? program.words.front() : program.file;
-  const std::vector<char*> arguments = pointers(program.words);
-  std::vector<char*> environment = pointers(program.environment);  // of a name twice the first counts
-  environment.pop_back();
-  for (char** variable = environ; *variable != nullptr; ++variable) environment.push_back(*variable);
-  environment.push_back(nullptr);
-  std::optional<Pipe> to_it, from_it;
-  int log = -1;
-  if (program.pipes) {
-    to_it.emplace();
-    from_it.emplace();
-    ::signal(SIGPIPE, SIG_IGN);  // writing to a program that has ended is an error code, not our end
-  }
-  if (!program.log.empty()) {
-    std::filesystem::create_directories(program.log.parent_path());
-    log = ::open(program.log.c_str(), O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC, 0644);
-    if (log < 0) throw Error(program.log.string() + ": cannot be written: " + std::strerror(errno));
-  }
-  const pid_t parent = ::getpid();
-  id_ = ::fork();
-  if (id_ == 0) {
-    if (program.own_group) {
-      ::setpgid(0, 0);
-    } else {
-      ::signal(SIGINT, SIG_IGN);
-    }
-    ::signal(SIGTERM, SIG_DFL);
-    ::signal(SIGPIPE, SIG_DFL);
-    ::prctl(PR_SET_PDEATHSIG, program.last_signal);
-    if (::getppid() != parent) ::_exit(127);
-    const int input = to_it ? to_it->ends[0] : log >= 0 ? ::open("/dev/null", O_RDONLY | O_CLOEXEC) : STDIN_FILENO;
-    const int output = from_it ? from_it->ends[1] : log >= 0 ? log : STDOUT_FILENO;
-    const int errors = log >= 0 ? log : STDERR_FILENO;
-    const auto put = [](int from, int to) { return from == to || ::dup2(from, to) >= 0; };
-    if (!put(input, STDIN_FILENO) || !put(output, STDOUT_FILENO) || !put(errors, STDERR_FILENO)) ::_exit(127);
-    ::execve(file.c_str(), arguments.data(), environment.data());
-    const char text[] = "cannot be run\n";
-    (void)!::write(STDERR_FILENO, text, sizeof text - 1);
-    ::_exit(127);
-  }
-  const int problem = errno;
-  if (log >= 0) ::close(log);
-  if (id_ < 0) throw Error(program.words.front() + ": cannot be started: " + std::strerror(problem));
-  if (!program.pipes) return;
-  input_ = to_it->take(1);
-  output_ = from_it->take(0);
-  ::fcntl(output_, F_SETFL, ::fcntl(output_, F_GETFL) | O_NONBLOCK);
-}
-
-ChildProcess::ChildProcess(ChildProcess&& other) noexcept
-    : id_(std::exchange(other.id_, -1)),
-      input_(std::exchange(other.input_, -1)),
-      output_(std::exchange(other.output_, -1)),
-      last_signal_(other.last_signal_),
-      asked_(other.asked_) {}
-
-ChildProcess::~ChildProcess() {
-  // Not when it was asked already, since a second signal would end it at once.
-  if (last_signal_ == SIGTERM) {
-    ask_to_stop();
-  } else {
-    send(last_signal_);
-  }
-  while (id_ > 0 && ::waitpid(id_, nullptr, 0) < 0 && errno == EINTR) {
-  }
-  for (const int end : {input_, output_}) {
-    if (end >= 0) ::close(end);
-  }
-}
-
-std::optional<ChildProcess::End> ChildProcess::poll() {
-  if (id_ < 0) return std::nullopt;
-  int status = 0;
-  rusage used{};
-  const pid_t ended = ::wait4(id_, &status, WNOHANG, &used);
-  if (ended == 0 || (ended < 0 && errno == EINTR)) return std::nullopt;
-  if (ended < 0) throw Error(std::string("waiting for a program: ") + std::strerror(errno));
-  id_ = -1;
-  constexpr std::uint64_t kKilobyte = 1024;  // ru_maxrss counts these on Linux
-  return End{WIFEXITED(status) ? WEXITSTATUS(status) : -WTERMSIG(status),
-             static_cast<std::uint64_t>(used.ru_maxrss) * kKilobyte};
-}
-
-void ChildProcess::send(int signal) const {
-  if (id_ > 0) ::kill(id_, signal);
-}
-
-void ChildProcess::ask_to_stop() {
-  if (!std::exchange(asked_, true)) send(SIGTERM);
-}
-
-namespace {
 
 std::uint64_t page_bytes() { return static_cast<std::uint64_t>(::sysconf(_SC_PAGESIZE)); }
 
@@ -445,6 +225,208 @@ std::string ending(int status, double cpu_seconds) {
 }
 
 }  // namespace
+
+ProcessIdentity this_process() {
+  // Of the machine, and so the same after a fork.
+  static const std::string host = read_host(), space = read_space("pid");
+  ProcessIdentity process{host, space, ::getpid(), 0};
+  process.started = state_of(process.id).started;
+  return process;
+}
+
+bool certainly_gone(const ProcessIdentity& process) {
+  const ProcessIdentity here = this_process();
+  if (process.space.empty() || process.space != here.space || here.started == 0) return false;
+  const ProcessState found = state_of(process.id);
+  return found.state == 0 || found.state == 'Z' || found.state == 'X' || found.started != process.started;
+}
+
+std::string network_space() {
+  const std::string space = read_space("net");
+  return space.empty() ? read_host() : space;
+}
+
+std::string process_number() {
+  // Kept, since it names every file that is written; asked for anew after a fork.
+  thread_local std::int64_t of_process = -1;
+  thread_local std::string number;
+  if (of_process != ::getpid()) {
+    const ProcessIdentity process = this_process();
+    of_process = process.id;
+    number = std::to_string(stable_hash(to_json(process).dump()));
+  }
+  return number;
+}
+
+Json to_json(const ProcessIdentity& process) {
+  return {{"host", process.host}, {"space", process.space}, {"id", process.id}, {"started", process.started}};
+}
+
+ProcessIdentity process_identity_from_json(const Json& json) {
+  return {json.at("host").get<std::string>(), json.at("space").get<std::string>(), json.at("id").get<std::int64_t>(),
+          json.at("started").get<std::uint64_t>()};
+}
+
+std::optional<FileLock> FileLock::try_lock(const std::filesystem::path& file, Kind kind) {
+  if (file.has_parent_path()) {
+    std::error_code error;
+    std::filesystem::create_directories(file.parent_path(), error);
+    if (error) throw Error(file.parent_path().string() + ": cannot create folder: " + error.message());
+  }
+  const int descriptor = ::open(file.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0666);
+  if (descriptor < 0) throw Error(file.string() + ": cannot open: " + std::strerror(errno));
+  const int operation = kind == Kind::kShared ? LOCK_SH : LOCK_EX;
+  if (::flock(descriptor, operation | LOCK_NB) == 0) return FileLock(descriptor);
+  const int reason = errno;
+  ::close(descriptor);
+  if (reason == EWOULDBLOCK) return std::nullopt;
+  if (reason == ENOSYS || reason == EOPNOTSUPP || reason == ENOLCK) {
+    throw NotSupportedError(file.string(), "", "locks (flock) by the file system of this folder");
+  }
+  throw Error(file.string() + ": cannot lock: " + std::strerror(reason));
+}
+
+FileLock::~FileLock() {
+  if (descriptor_ >= 0) ::close(descriptor_);
+}
+
+std::filesystem::path dataset_lock_file(const std::filesystem::path& root) { return root / "run" / "lock"; }
+
+std::filesystem::path dataset_prepare_lock_file(const std::filesystem::path& root) {
+  return root / "run" / "lock-prepare";
+}
+
+FileLock wait_for_lock(const fs::path& file, Kind kind) {
+  for (;;) {
+    if (std::optional<FileLock> lock = FileLock::try_lock(file, kind)) return std::move(*lock);
+    throw_if_interrupted();
+    std::this_thread::sleep_for(std::chrono::milliseconds(20));
+  }
+}
+
+std::optional<FileLock> join_group(const fs::path& file, const std::function<void(bool)>& enter) {
+  const FileLock gate = pass_gate(file);
+  const bool first = FileLock::try_lock(file, Kind::kExclusive).has_value();
+  if (!first && !FileLock::try_lock(file, Kind::kShared)) return std::nullopt;
+  enter(first);
+  return FileLock::try_lock(file, Kind::kShared);
+}
+
+std::optional<FileLock> instead_of_group(const fs::path& file) {
+  const FileLock gate = pass_gate(file);
+  return FileLock::try_lock(file, Kind::kExclusive);
+}
+
+bool while_group_is_empty(const fs::path& file, const std::function<void()>& action) {
+  const FileLock gate = pass_gate(file);
+  if (!FileLock::try_lock(file, Kind::kExclusive)) return false;
+  action();
+  return true;
+}
+
+void install_interrupt_handler() {
+  std::signal(SIGINT, handle);
+  std::signal(SIGTERM, handle);
+}
+
+bool interrupt_requested() { return requested != 0; }
+
+void throw_if_interrupted() {
+  if (interrupt_requested()) throw Interrupted("interrupted; what was finished is saved");
+}
+
+ChildProcess::ChildProcess(const Program& program) : last_signal_(program.last_signal) {
+  // Everything that allocates happens before the fork.
+  const std::string& file = program.file.empty() ? program.words.front() : program.file;
+  const std::vector<char*> arguments = pointers(program.words);
+  std::vector<char*> environment = pointers(program.environment);  // of a name twice the first counts
+  environment.pop_back();
+  for (char** variable = environ; *variable != nullptr; ++variable) environment.push_back(*variable);
+  environment.push_back(nullptr);
+  std::optional<Pipe> to_it, from_it;
+  int log = -1;
+  if (program.pipes) {
+    to_it.emplace();
+    from_it.emplace();
+    ::signal(SIGPIPE, SIG_IGN);  // writing to a program that has ended is an error code, not our end
+  }
+  if (!program.log.empty()) {
+    std::filesystem::create_directories(program.log.parent_path());
+    log = ::open(program.log.c_str(), O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC, 0644);
+    if (log < 0) throw Error(program.log.string() + ": cannot be written: " + std::strerror(errno));
+  }
+  const pid_t parent = ::getpid();
+  id_ = ::fork();
+  if (id_ == 0) {
+    if (program.own_group) {
+      ::setpgid(0, 0);
+    } else {
+      ::signal(SIGINT, SIG_IGN);
+    }
+    ::signal(SIGTERM, SIG_DFL);
+    ::signal(SIGPIPE, SIG_DFL);
+    ::prctl(PR_SET_PDEATHSIG, program.last_signal);
+    if (::getppid() != parent) ::_exit(127);
+    const int input = to_it ? to_it->ends[0] : log >= 0 ? ::open("/dev/null", O_RDONLY | O_CLOEXEC) : STDIN_FILENO;
+    const int output = from_it ? from_it->ends[1] : log >= 0 ? log : STDOUT_FILENO;
+    const int errors = log >= 0 ? log : STDERR_FILENO;
+    const auto put = [](int from, int to) { return from == to || ::dup2(from, to) >= 0; };
+    if (!put(input, STDIN_FILENO) || !put(output, STDOUT_FILENO) || !put(errors, STDERR_FILENO)) ::_exit(127);
+    ::execve(file.c_str(), arguments.data(), environment.data());
+    const char text[] = "cannot be run\n";
+    (void)!::write(STDERR_FILENO, text, sizeof text - 1);
+    ::_exit(127);
+  }
+  const int problem = errno;
+  if (log >= 0) ::close(log);
+  if (id_ < 0) throw Error(program.words.front() + ": cannot be started: " + std::strerror(problem));
+  if (!program.pipes) return;
+  input_ = to_it->take(1);
+  output_ = from_it->take(0);
+  ::fcntl(output_, F_SETFL, ::fcntl(output_, F_GETFL) | O_NONBLOCK);
+}
+
+ChildProcess::ChildProcess(ChildProcess&& other) noexcept
+    : id_(std::exchange(other.id_, -1)),
+      input_(std::exchange(other.input_, -1)),
+      output_(std::exchange(other.output_, -1)),
+      last_signal_(other.last_signal_),
+      asked_(other.asked_) {}
+
+ChildProcess::~ChildProcess() {
+  // Not when it was asked already, since a second signal would end it at once.
+  if (last_signal_ == SIGTERM) {
+    ask_to_stop();
+  } else {
+    send(last_signal_);
+  }
+  while (id_ > 0 && ::waitpid(id_, nullptr, 0) < 0 && errno == EINTR) {
+  }
+  for (const int end : {input_, output_}) {
+    if (end >= 0) ::close(end);
+  }
+}
+
+std::optional<ChildProcess::End> ChildProcess::poll() {
+  if (id_ < 0) return std::nullopt;
+  int status = 0;
+  rusage used{};
+  const pid_t ended = ::wait4(id_, &status, WNOHANG, &used);
+  if (ended == 0 || (ended < 0 && errno == EINTR)) return std::nullopt;
+  if (ended < 0) throw Error(std::string("waiting for a program: ") + std::strerror(errno));
+  id_ = -1;
+  constexpr std::uint64_t kKilobyte = 1024;  // ru_maxrss counts these on Linux
+  return End{WIFEXITED(status) ? WEXITSTATUS(status) : -WTERMSIG(status),
+             static_cast<std::uint64_t>(used.ru_maxrss) * kKilobyte};
+}
+
+void ChildProcess::send(int signal) const {
+  if (id_ > 0) ::kill(id_, signal);
+}
+
+void ChildProcess::ask_to_stop() {
+  if (!std::exchange(asked_, true)) send(SIGTERM);
+}
 
 GuardedWork run_guarded(const std::function<std::string()>& work, const ProcessLimits& limits) {
   const std::uint64_t machine = static_cast<std::uint64_t>(::sysconf(_SC_PHYS_PAGES)) * page_bytes();

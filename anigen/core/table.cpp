@@ -67,6 +67,66 @@ class CsvScanner {
   std::size_t position_ = 0, line_ = 1, start_line_ = 1;
 };
 
+/// Characters, not bytes: what does not continue a UTF-8 sequence.
+std::size_t width(const std::string& text) {
+  return static_cast<std::size_t>(
+      std::count_if(text.begin(), text.end(), [](char c) { return (static_cast<unsigned char>(c) & 0xC0) != 0x80; }));
+}
+
+std::string markdown_cell(const std::string& text) {
+  std::string cell;
+  for (const char c : text) {
+    if (c == '|') cell += '\\';
+    cell += c == '\n' || c == '\r' ? ' ' : c;
+  }
+  return cell;
+}
+
+/// Does every cell of the column that is not empty start like a number, or stand for a missing one?
+bool numeric(const Table& table, std::size_t column) {
+  return std::all_of(table.rows.begin(), table.rows.end(), [column](const std::vector<std::string>& row) {
+    const std::string& cell = row[column];
+    return cell.empty() || cell == "–" || (cell[0] >= '0' && cell[0] <= '9') || cell[0] == '-';
+  });
+}
+
+std::string escaped(const std::string& text) {
+  std::string result;
+  for (const char c : text) {
+    if (c == '\\') {
+      result += "\\textbackslash{}";
+    } else if (c == '~') {
+      result += "\\textasciitilde{}";
+    } else if (c == '^') {
+      result += "\\textasciicircum{}";
+    } else {
+      if (std::string("&%$#_{}").find(c) != std::string::npos) result += '\\';
+      result += c;
+    }
+  }
+  constexpr const char* kSigns[][2] = {
+      {"±", "$\\pm$"}, {"↓", "$\\downarrow$"}, {"↑", "$\\uparrow$"}, {"–", "--"}, {"…", "\\dots{}"}};
+  for (const auto& [sign, latex] : kSigns) {
+    const std::string from = sign, to = latex;
+    for (std::size_t at = result.find(from); at != std::string::npos; at = result.find(from, at + to.size()))
+      result.replace(at, from.size(), to);
+  }
+  return result;
+}
+
+std::string cell_of(const std::string& cell) {
+  const MarkedCell marked = without_marks(cell);
+  const std::string text = escaped(marked.text);
+  if (marked.place == 1) return "\\textbf{" + text + "}";
+  return marked.place == 2 ? "\\underline{" + text + "}" : text;
+}
+
+std::string line_of(const std::vector<std::string>& cells) {
+  std::string line;
+  for (std::size_t i = 0; i < cells.size(); ++i) line += (i > 0 ? " & " : "") + cell_of(cells[i]);
+  return line + " \\\\\n";
+}
+
 }  // namespace
 
 std::size_t CsvTable::column(std::string_view name) const {
@@ -159,33 +219,6 @@ std::string html_escaped(const std::string& text) {
   return safe;
 }
 
-namespace {
-
-/// Characters, not bytes: what does not continue a UTF-8 sequence.
-std::size_t width(const std::string& text) {
-  return static_cast<std::size_t>(
-      std::count_if(text.begin(), text.end(), [](char c) { return (static_cast<unsigned char>(c) & 0xC0) != 0x80; }));
-}
-
-std::string markdown_cell(const std::string& text) {
-  std::string cell;
-  for (const char c : text) {
-    if (c == '|') cell += '\\';
-    cell += c == '\n' || c == '\r' ? ' ' : c;
-  }
-  return cell;
-}
-
-/// Does every cell of the column that is not empty start like a number, or stand for a missing one?
-bool numeric(const Table& table, std::size_t column) {
-  return std::all_of(table.rows.begin(), table.rows.end(), [column](const std::vector<std::string>& row) {
-    const std::string& cell = row[column];
-    return cell.empty() || cell == "–" || (cell[0] >= '0' && cell[0] <= '9') || cell[0] == '-';
-  });
-}
-
-}  // namespace
-
 std::string to_markdown(const Table& table) {
   std::vector<std::size_t> widths;
   for (const std::string& column : table.columns)
@@ -246,47 +279,6 @@ std::string fixed(double value, int digits) {
   const bool zero = std::string(text).find_first_not_of("-0.") == std::string::npos;
   return zero && text[0] == '-' ? text + 1 : text;
 }
-
-namespace {
-
-std::string escaped(const std::string& text) {
-  std::string result;
-  for (const char c : text) {
-    if (c == '\\') {
-      result += "\\textbackslash{}";
-    } else if (c == '~') {
-      result += "\\textasciitilde{}";
-    } else if (c == '^') {
-      result += "\\textasciicircum{}";
-    } else {
-      if (std::string("&%$#_{}").find(c) != std::string::npos) result += '\\';
-      result += c;
-    }
-  }
-  constexpr const char* kSigns[][2] = {
-      {"±", "$\\pm$"}, {"↓", "$\\downarrow$"}, {"↑", "$\\uparrow$"}, {"–", "--"}, {"…", "\\dots{}"}};
-  for (const auto& [sign, latex] : kSigns) {
-    const std::string from = sign, to = latex;
-    for (std::size_t at = result.find(from); at != std::string::npos; at = result.find(from, at + to.size()))
-      result.replace(at, from.size(), to);
-  }
-  return result;
-}
-
-std::string cell_of(const std::string& cell) {
-  const MarkedCell marked = without_marks(cell);
-  const std::string text = escaped(marked.text);
-  if (marked.place == 1) return "\\textbf{" + text + "}";
-  return marked.place == 2 ? "\\underline{" + text + "}" : text;
-}
-
-std::string line_of(const std::vector<std::string>& cells) {
-  std::string line;
-  for (std::size_t i = 0; i < cells.size(); ++i) line += (i > 0 ? " & " : "") + cell_of(cells[i]);
-  return line + " \\\\\n";
-}
-
-}  // namespace
 
 std::string to_latex(const Table& table) {
   if (table.columns.empty()) return "";

@@ -34,6 +34,22 @@ struct HalfEdge {
   }
 };
 
+using Point = CGAL::Simple_cartesian<double>::Point_3;
+using SurfaceMesh = CGAL::Surface_mesh<Point>;
+using Flow = CGAL::Mean_curvature_flow_skeletonization<SurfaceMesh>;
+
+SurfaceMesh surface_mesh(const std::vector<Eigen::Vector3d>& vertices, const std::vector<Triangle>& faces) {
+  using Vertex = SurfaceMesh::Vertex_index;
+  SurfaceMesh mesh;
+  for (const Eigen::Vector3d& v : vertices) mesh.add_vertex(Point(v.x(), v.y(), v.z()));
+  const auto vertex = [](std::int32_t v) { return Vertex(static_cast<SurfaceMesh::size_type>(v)); };
+  for (const Triangle& t : faces) mesh.add_face(vertex(t[0]), vertex(t[1]), vertex(t[2]));
+  return mesh;
+}
+
+/// Far more than the flow was seen to take for each vertex.
+constexpr std::size_t kBytesPerVertex = 65536;
+
 }  // namespace
 
 void require_closed_surface(const std::vector<Eigen::Vector3d>& vertices, const std::vector<Triangle>& faces) {
@@ -100,26 +116,6 @@ void require_closed_surface(const std::vector<Eigen::Vector3d>& vertices, const 
 }
 
 #ifdef ANIGEN_WITH_CGAL
-
-namespace {
-
-using Point = CGAL::Simple_cartesian<double>::Point_3;
-using SurfaceMesh = CGAL::Surface_mesh<Point>;
-using Flow = CGAL::Mean_curvature_flow_skeletonization<SurfaceMesh>;
-
-SurfaceMesh surface_mesh(const std::vector<Eigen::Vector3d>& vertices, const std::vector<Triangle>& faces) {
-  using Vertex = SurfaceMesh::Vertex_index;
-  SurfaceMesh mesh;
-  for (const Eigen::Vector3d& v : vertices) mesh.add_vertex(Point(v.x(), v.y(), v.z()));
-  const auto vertex = [](std::int32_t v) { return Vertex(static_cast<SurfaceMesh::size_type>(v)); };
-  for (const Triangle& t : faces) mesh.add_face(vertex(t[0]), vertex(t[1]), vertex(t[2]));
-  return mesh;
-}
-
-/// Far more than the flow was seen to take for each vertex.
-constexpr std::size_t kBytesPerVertex = 65536;
-
-}  // namespace
 
 bool can_contract() { return true; }
 

@@ -11,7 +11,6 @@
 #include <optional>
 #include <utility>
 
-#include "anigen/core/config.h"
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
 #include "anigen/core/lease.h"
@@ -20,8 +19,6 @@
 #include "anigen/core/process.h"
 #include "anigen/core/random.h"
 #include "anigen/core/version.h"
-#include "anigen/eval/metric_table.h"
-#include "anigen/eval/pair.h"
 
 namespace anigen::eval {
 
@@ -171,6 +168,105 @@ Json assets_json(const Comparison& comparison, std::size_t method) {
   return assets;
 }
 
+/// Resampling a handful of differences says nothing about others.
+constexpr std::size_t kFewestForVerdict = 6;
+
+int digits(const MetricInfo& metric) {
+  return metric.unit == "joints" || metric.unit == "edits" || metric.unit == "dB" ? 2 : 4;
+}
+
+std::string head(const MetricInfo& metric) {
+  const std::string mark = arrow(metric.better);
+  return mark.empty() ? metric.label : metric.label + " " + mark;
+}
+
+void add_section(std::string& text, const std::string& title, const anigen::Table& table) {
+  if (!table.rows.empty()) text += "\n## " + title + "\n\n" + to_markdown(table);
+}
+
+namespace fs = std::filesystem;
+
+constexpr const char* kLeases = ".leases";
+
+/// Key for which a saved result is valid.
+std::string stamp(const PairSettings& settings, const CategoryQuestion& category, const io::RiggedShape& predicted,
+                  const io::RiggedShape& truth) {
+  const std::string asked = category.references == nullptr ? "" : "\n" + category.expected + "\n" + category.truth_id;
+  const std::uint64_t hash = stable_hash(to_json(settings).dump() + kVersion + asked, fingerprint(predicted));
+  return std::to_string(hash) + "-" + std::to_string(fingerprint(truth));
+}
+
+bool load(const fs::path& path, const std::string& wanted, bool accept_other_code, PairResult& result) {
+  std::error_code ignored;
+  if (!fs::exists(path, ignored)) return false;
+  try {
+    const Json json = read_json(path);
+    if (json.value("stamp", "") != wanted) return false;
+    PairResult found = pair_result_from_json(json, path.string());
+    if (found.commit != commit() && !accept_other_code) return false;
+    result = std::move(found);
+    return true;
+  } catch (const InputError& error) {
+    log::warn("{}: computed again", error.what());
+    return false;
+  }
+}
+
+fs::path saved_file(const ComparisonRun& run, const std::string& label, const std::string& id) {
+  return run.cache / file_name(label) / (file_name(id) + ".json");
+}
+
+/// Says once which saved results another build of the program made, and that they do not count.
+void tell_of_other_code(const std::vector<ComparedMethod>& methods, const ComparisonRun& run) {
+  if (!run.resume || run.accept_other_code) return;
+  std::size_t count = 0;
+  std::string by;
+  for (const ComparedMethod& method : methods) {
+    for (const PairPlan& pair : method.pairs) {
+      const fs::path file = saved_file(run, method.label, pair.id);
+      std::error_code ignored;
+      if (!fs::exists(file, ignored)) continue;
+      try {
+        const std::string found = read_json(file).value("commit", "");
+        if (found == commit()) continue;
+        if (count++ == 0) by = found;
+      } catch (const std::exception&) {  // damaged: said when the pair's turn comes
+      }
+    }
+  }
+  if (count == 0) return;
+  log::warn("{} saved results of pairs were made by {}; {} computes them again (--accept-other-code keeps them)", count,
+            named_commit(by), named_commit(commit()));
+}
+
+PairResult evaluate(const PairPlan& pair, const ComparedMethod& method, const ComparisonRun& run) {
+  PairResult result;
+  try {
+    if (!pair.prediction_id) throw InputError("", "", pair.missing_reason);
+    const io::RiggedShape truth = method.truths->read(pair.truth_id);
+    const io::RiggedShape predicted = method.predictions->read(*pair.prediction_id);
+    CategoryQuestion category;
+    if (run.categories != nullptr) category = {run.categories, method.truths->category(pair.truth_id), pair.truth_id};
+    const std::string wanted = stamp(run.settings, category, predicted, truth);
+    const fs::path saved = saved_file(run, method.label, pair.id);
+    if (run.resume && load(saved, wanted, run.accept_other_code, result)) {
+      result.id = pair.id;
+      return result;
+    }
+    result = evaluate_pair(predicted, truth, run.settings, run.perceptual, category, run.motion);
+    result.id = pair.id;
+    result.commit = commit();
+    Json json = to_json(result);
+    json["stamp"] = wanted;
+    write_file_atomically(saved, json.dump(1) + "\n");
+  } catch (...) {
+    result = {};
+    result.failure = failure_of_item();
+  }
+  result.id = pair.id;
+  return result;
+}
+
 }  // namespace
 
 Json to_json(const Comparison& comparison) {
@@ -224,22 +320,6 @@ CsvTable to_csv_table(const Comparison& comparison) {
   }
   return table;
 }
-
-namespace {
-
-/// Resampling a handful of differences says nothing about others.
-constexpr std::size_t kFewestForVerdict = 6;
-
-int digits(const MetricInfo& metric) {
-  return metric.unit == "joints" || metric.unit == "edits" || metric.unit == "dB" ? 2 : 4;
-}
-
-std::string head(const MetricInfo& metric) {
-  const std::string mark = arrow(metric.better);
-  return mark.empty() ? metric.label : metric.label + " " + mark;
-}
-
-}  // namespace
 
 anigen::Table method_table(const Comparison& comparison, const std::vector<const MetricInfo*>& metrics) {
   anigen::Table table;
@@ -347,14 +427,6 @@ anigen::Table difference_table(const Comparison& comparison) {
   return table;
 }
 
-namespace {
-
-void add_section(std::string& text, const std::string& title, const anigen::Table& table) {
-  if (!table.rows.empty()) text += "\n## " + title + "\n\n" + to_markdown(table);
-}
-
-}  // namespace
-
 std::string transport_text(const Comparison& comparison) {
   const Json solver = comparison.settings.value("transport", Json::object());
   if (solver.value("solver", "exact") == "exact") return "";
@@ -395,93 +467,6 @@ std::string file_name(const std::string& text) {
   std::snprintf(hash, sizeof hash, "-%08x", static_cast<unsigned>(stable_hash(text)));
   return name + hash;
 }
-
-namespace {
-
-namespace fs = std::filesystem;
-
-constexpr const char* kLeases = ".leases";
-
-/// Key for which a saved result is valid.
-std::string stamp(const PairSettings& settings, const CategoryQuestion& category, const io::RiggedShape& predicted,
-                  const io::RiggedShape& truth) {
-  const std::string asked = category.references == nullptr ? "" : "\n" + category.expected + "\n" + category.truth_id;
-  const std::uint64_t hash = stable_hash(to_json(settings).dump() + kVersion + asked, fingerprint(predicted));
-  return std::to_string(hash) + "-" + std::to_string(fingerprint(truth));
-}
-
-bool load(const fs::path& path, const std::string& wanted, bool accept_other_code, PairResult& result) {
-  std::error_code ignored;
-  if (!fs::exists(path, ignored)) return false;
-  try {
-    const Json json = read_json(path);
-    if (json.value("stamp", "") != wanted) return false;
-    PairResult found = pair_result_from_json(json, path.string());
-    if (found.commit != commit() && !accept_other_code) return false;
-    result = std::move(found);
-    return true;
-  } catch (const InputError& error) {
-    log::warn("{}: computed again", error.what());
-    return false;
-  }
-}
-
-fs::path saved_file(const ComparisonRun& run, const std::string& label, const std::string& id) {
-  return run.cache / file_name(label) / (file_name(id) + ".json");
-}
-
-/// Says once which saved results another build of the program made, and that they do not count.
-void tell_of_other_code(const std::vector<ComparedMethod>& methods, const ComparisonRun& run) {
-  if (!run.resume || run.accept_other_code) return;
-  std::size_t count = 0;
-  std::string by;
-  for (const ComparedMethod& method : methods) {
-    for (const PairPlan& pair : method.pairs) {
-      const fs::path file = saved_file(run, method.label, pair.id);
-      std::error_code ignored;
-      if (!fs::exists(file, ignored)) continue;
-      try {
-        const std::string found = read_json(file).value("commit", "");
-        if (found == commit()) continue;
-        if (count++ == 0) by = found;
-      } catch (const std::exception&) {  // damaged: said when the pair's turn comes
-      }
-    }
-  }
-  if (count == 0) return;
-  log::warn("{} saved results of pairs were made by {}; {} computes them again (--accept-other-code keeps them)", count,
-            named_commit(by), named_commit(commit()));
-}
-
-PairResult evaluate(const PairPlan& pair, const ComparedMethod& method, const ComparisonRun& run) {
-  PairResult result;
-  try {
-    if (!pair.prediction_id) throw InputError("", "", pair.missing_reason);
-    const io::RiggedShape truth = method.truths->read(pair.truth_id);
-    const io::RiggedShape predicted = method.predictions->read(*pair.prediction_id);
-    CategoryQuestion category;
-    if (run.categories != nullptr) category = {run.categories, method.truths->category(pair.truth_id), pair.truth_id};
-    const std::string wanted = stamp(run.settings, category, predicted, truth);
-    const fs::path saved = saved_file(run, method.label, pair.id);
-    if (run.resume && load(saved, wanted, run.accept_other_code, result)) {
-      result.id = pair.id;
-      return result;
-    }
-    result = evaluate_pair(predicted, truth, run.settings, run.perceptual, category, run.motion);
-    result.id = pair.id;
-    result.commit = commit();
-    Json json = to_json(result);
-    json["stamp"] = wanted;
-    write_file_atomically(saved, json.dump(1) + "\n");
-  } catch (...) {
-    result = {};
-    result.failure = failure_of_item();
-  }
-  result.id = pair.id;
-  return result;
-}
-
-}  // namespace
 
 Comparison run_comparison(const std::vector<ComparedMethod>& methods, const ComparisonRun& run) {
   if (methods.empty() || methods[0].pairs.empty()) throw InputError("", "", "there is not one pair to evaluate");

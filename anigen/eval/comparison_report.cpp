@@ -7,11 +7,9 @@
 #include <system_error>
 #include <utility>
 
-#include "anigen/asset/rigged_asset.h"
 #include "anigen/core/error.h"
 #include "anigen/core/hash.h"
 #include "anigen/core/table.h"
-#include "anigen/eval/comparison.h"
 #include "anigen/geometry/bones.h"
 #include "anigen/io/gltf/gltf.h"
 #include "anigen/metrics/deformation.h"
@@ -117,19 +115,6 @@ function open3d(button){
  draw();
 })";
 
-}  // namespace
-
-std::string page_begin(const std::string& title) {
-  return "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">"
-         "<meta name=\"viewport\" content=\"width=device-width,initial-scale=1\"><title>" +
-         html_escaped(title) + "</title><style>" + kComparisonStyle + "</style></head><body>\n<h1>" +
-         html_escaped(title) + "</h1>\n";
-}
-
-std::string page_end() { return std::string("<script>") + kSort + kTurn + kView + "</script></body></html>\n"; }
-
-namespace {
-
 namespace fs = std::filesystem;
 
 constexpr const char* kTruth = "ground truth";
@@ -165,76 +150,6 @@ render::Tile tile_of(const MovingRig& rig, double time, const Box& box, int size
   render::set_pose(options, *rig.asset, pose_at(*rig.asset, time));
   return {render::render(*rig.asset, options), rig.label};
 }
-
-}  // namespace
-
-std::vector<MovingRig> moving_rigs(const std::vector<MotionRow>& rows, const PairSettings& settings,
-                                   const metrics::Motion* given) {
-  std::vector<MovingRig> rigs(1);
-  rigs[0].label = kTruth;
-  for (const MotionRow& row : rows) {
-    rigs.push_back({row.label, std::nullopt});
-    if (!row.shapes || !can_move(row.shapes->truth) || !can_move(row.shapes->predicted)) continue;
-    const metrics::Motion motion = same_motion(*row.shapes, settings, given).truth;
-    if (!rigs[0].asset) rigs[0].asset = moving(row.shapes->truth, motion);
-    rigs.back().asset = moving(row.shapes->predicted, motion);
-  }
-  if (!rigs[0].asset) throw InputError("", "", "no prediction of it that could move beside the ground truth");
-  return rigs;
-}
-
-std::vector<io::Image> motion_frames(const std::vector<MovingRig>& rigs, int size) {
-  const Box box = box_of_motion(*rigs[0].asset);
-  render::SheetOptions sheet;
-  constexpr std::size_t kColumns = 5;
-  sheet.columns = static_cast<int>(std::min(rigs.size(), kColumns));
-  sheet.gap = 4;
-  std::vector<io::Image> frames;
-  for (const double time : times_of(*rigs[0].asset)) {
-    std::vector<render::Tile> tiles;
-    for (const MovingRig& rig : rigs) tiles.push_back(tile_of(rig, time, box, size));
-    frames.push_back(render::contact_sheet(tiles, sheet));
-  }
-  return frames;
-}
-
-void write_motion(const fs::path& folder, const std::vector<MovingRig>& rigs, const std::vector<io::Image>& frames) {
-  char name[32];
-  const auto frame_file = [&](std::size_t f) {
-    std::snprintf(name, sizeof name, "frame_%03zu.png", f);
-    return folder / name;
-  };
-  for (std::size_t f = 0; f < frames.size(); ++f) io::write_png(frame_file(f), frames[f]);
-  // Of an earlier run with more frames.
-  std::error_code ignored;
-  for (std::size_t f = frames.size(); fs::remove(frame_file(f), ignored); ++f) {
-  }
-  for (std::size_t r = 0; r < rigs.size(); ++r) {
-    if (rigs[r].asset)
-      io::write_gltf(folder / ((r == 0 ? "truth" : file_name(rigs[r].label)) + ".glb"), *rigs[r].asset);
-  }
-}
-
-std::string motion_html(const MotionStrip& strip) {
-  std::string text = "<figure><figcaption><b>" + html_escaped(strip.id) + "</b></figcaption>\n";
-  if (strip.frames.empty())
-    return text + "<p class=\"failed\">No picture: " + html_escaped(strip.problem) + "</p></figure>\n";
-  const std::size_t step = (strip.frames.size() + kMostInReport - 1) / kMostInReport;
-  std::vector<render::Tile> tiles;
-  for (std::size_t f = 0; f < strip.frames.size(); f += step) tiles.push_back({strip.frames[f], ""});
-  render::SheetOptions sheet;
-  sheet.columns = 1;
-  sheet.gap = 0;
-  constexpr int kQuality = 85, kPerSecond = 6;
-  const std::string picture = base64(io::encode_jpeg(render::contact_sheet(tiles, sheet), kQuality));
-  const io::Image& first = strip.frames.front();
-  return text + "<div class=\"turn\" data-views=\"" + std::to_string(tiles.size()) + "\" data-play=\"" +
-         std::to_string(kPerSecond) + "\" style=\"width:" + std::to_string(first.width) +
-         "px;height:" + std::to_string(first.height) + "px;background-image:url(data:image/jpeg;base64," + picture +
-         ")\"></div></figure>\n";
-}
-
-namespace {
 
 const MetricInfo* ordering_metric(const Comparison& comparison, const std::string& wanted) {
   if (!wanted.empty()) {
@@ -335,34 +250,6 @@ std::string section(const std::string& title, const anigen::Table& table) {
   return "<h2>" + html_escaped(title) + "</h2>\n<div class=\"wide\">" + anigen::to_html(table) + "</div>\n";
 }
 
-}  // namespace
-
-std::vector<std::size_t> worst_first(const Comparison& comparison, std::size_t method, const std::string& worst_by) {
-  return worst_first(comparison, method, ordering_metric(comparison, worst_by));
-}
-
-std::string comparison_report(const Comparison& comparison, const ComparisonReportOptions& options) {
-  const MetricInfo* metric = ordering_metric(comparison, options.worst_by);
-  std::string html = page_begin(options.title) + settings_html(comparison.settings);
-  html += section(std::to_string(comparison.ids.size()) + " ground truths",
-                  method_table(comparison, present_metrics(comparison, true)));
-  const std::string transport = transport_text(comparison);
-  if (!transport.empty()) html += "<p class=\"hint\">" + html_escaped(transport) + "</p>\n";
-  html += section("Pairs", pairing_table(comparison));
-  html += section("Differences to " + comparison.methods[0], difference_table(comparison));
-  html += motions(options.motions);
-  html += pictures(comparison, options, metric);
-  html += "<h2>All assets</h2>\n<p class=\"hint\">Worst first" +
-          (metric == nullptr ? "" : " by " + html_escaped(metric->label)) + "; click a column to sort.</p>\n" +
-          asset_rows(comparison, metric);
-  for (std::size_t m = 0; m < comparison.methods.size(); ++m)
-    html += section("All metrics, " + comparison.methods[m], metric_summary_table(comparison, m));
-  html += section("Not computed", reason_table(comparison));
-  return html + page_end();
-}
-
-namespace {
-
 template <typename T>
 std::string encoded(const std::vector<T>& values) {
   std::vector<std::uint8_t> bytes(values.size() * sizeof(T));
@@ -425,6 +312,105 @@ io::Image picture_of_weights(const io::RiggedShape& shape, std::vector<Eigen::Ve
 }
 
 }  // namespace
+
+std::string page_begin(const std::string& title) {
+  return "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">"
+         "<meta name=\"viewport\" content=\"width=device-width,initial-scale=1\"><title>" +
+         html_escaped(title) + "</title><style>" + kComparisonStyle + "</style></head><body>\n<h1>" +
+         html_escaped(title) + "</h1>\n";
+}
+
+std::string page_end() { return std::string("<script>") + kSort + kTurn + kView + "</script></body></html>\n"; }
+
+std::vector<MovingRig> moving_rigs(const std::vector<MotionRow>& rows, const PairSettings& settings,
+                                   const metrics::Motion* given) {
+  std::vector<MovingRig> rigs(1);
+  rigs[0].label = kTruth;
+  for (const MotionRow& row : rows) {
+    rigs.push_back({row.label, std::nullopt});
+    if (!row.shapes || !can_move(row.shapes->truth) || !can_move(row.shapes->predicted)) continue;
+    const metrics::Motion motion = same_motion(*row.shapes, settings, given).truth;
+    if (!rigs[0].asset) rigs[0].asset = moving(row.shapes->truth, motion);
+    rigs.back().asset = moving(row.shapes->predicted, motion);
+  }
+  if (!rigs[0].asset) throw InputError("", "", "no prediction of it that could move beside the ground truth");
+  return rigs;
+}
+
+std::vector<io::Image> motion_frames(const std::vector<MovingRig>& rigs, int size) {
+  const Box box = box_of_motion(*rigs[0].asset);
+  render::SheetOptions sheet;
+  constexpr std::size_t kColumns = 5;
+  sheet.columns = static_cast<int>(std::min(rigs.size(), kColumns));
+  sheet.gap = 4;
+  std::vector<io::Image> frames;
+  for (const double time : times_of(*rigs[0].asset)) {
+    std::vector<render::Tile> tiles;
+    for (const MovingRig& rig : rigs) tiles.push_back(tile_of(rig, time, box, size));
+    frames.push_back(render::contact_sheet(tiles, sheet));
+  }
+  return frames;
+}
+
+void write_motion(const fs::path& folder, const std::vector<MovingRig>& rigs, const std::vector<io::Image>& frames) {
+  char name[32];
+  const auto frame_file = [&](std::size_t f) {
+    std::snprintf(name, sizeof name, "frame_%03zu.png", f);
+    return folder / name;
+  };
+  for (std::size_t f = 0; f < frames.size(); ++f) io::write_png(frame_file(f), frames[f]);
+  // Of an earlier run with more frames.
+  std::error_code ignored;
+  for (std::size_t f = frames.size(); fs::remove(frame_file(f), ignored); ++f) {
+  }
+  for (std::size_t r = 0; r < rigs.size(); ++r) {
+    if (rigs[r].asset)
+      io::write_gltf(folder / ((r == 0 ? "truth" : file_name(rigs[r].label)) + ".glb"), *rigs[r].asset);
+  }
+}
+
+std::string motion_html(const MotionStrip& strip) {
+  std::string text = "<figure><figcaption><b>" + html_escaped(strip.id) + "</b></figcaption>\n";
+  if (strip.frames.empty())
+    return text + "<p class=\"failed\">No picture: " + html_escaped(strip.problem) + "</p></figure>\n";
+  const std::size_t step = (strip.frames.size() + kMostInReport - 1) / kMostInReport;
+  std::vector<render::Tile> tiles;
+  for (std::size_t f = 0; f < strip.frames.size(); f += step) tiles.push_back({strip.frames[f], ""});
+  render::SheetOptions sheet;
+  sheet.columns = 1;
+  sheet.gap = 0;
+  constexpr int kQuality = 85, kPerSecond = 6;
+  const std::string picture = base64(io::encode_jpeg(render::contact_sheet(tiles, sheet), kQuality));
+  const io::Image& first = strip.frames.front();
+  return text + "<div class=\"turn\" data-views=\"" + std::to_string(tiles.size()) + "\" data-play=\"" +
+         std::to_string(kPerSecond) + "\" style=\"width:" + std::to_string(first.width) +
+         "px;height:" + std::to_string(first.height) + "px;background-image:url(data:image/jpeg;base64," + picture +
+         ")\"></div></figure>\n";
+}
+
+std::vector<std::size_t> worst_first(const Comparison& comparison, std::size_t method, const std::string& worst_by) {
+  return worst_first(comparison, method, ordering_metric(comparison, worst_by));
+}
+
+std::string comparison_report(const Comparison& comparison, const ComparisonReportOptions& options) {
+  const MetricInfo* metric = ordering_metric(comparison, options.worst_by);
+  std::string html = page_begin(options.title) + settings_html(comparison.settings);
+  html += section(std::to_string(comparison.ids.size()) + " ground truths",
+                  method_table(comparison, present_metrics(comparison, true)));
+  const std::string transport = transport_text(comparison);
+  if (!transport.empty()) html += "<p class=\"hint\">" + html_escaped(transport) + "</p>\n";
+  html += section("Pairs", pairing_table(comparison));
+  html += section("Differences to " + comparison.methods[0], difference_table(comparison));
+  html += motions(options.motions);
+  html += pictures(comparison, options, metric);
+  html += "<h2>All assets</h2>\n<p class=\"hint\">Worst first" +
+          (metric == nullptr ? "" : " by " + html_escaped(metric->label)) + "; click a column to sort.</p>\n" +
+          asset_rows(comparison, metric);
+  for (std::size_t m = 0; m < comparison.methods.size(); ++m)
+    html += section("All metrics, " + comparison.methods[m], metric_summary_table(comparison, m));
+  html += section("Not computed", reason_table(comparison));
+  return html + page_end();
+}
 
 std::string turntable_html(const ComparedShapes& shapes, int views, int size) {
   const std::vector<io::Image> left = views_of(shapes.truth, views, size);

@@ -7,15 +7,12 @@
 #include <cstdlib>
 #include <map>
 #include <set>
-#include <vector>
 
-#include "anigen/asset/rigged_asset.h"
 #include "anigen/core/disjoint_sets.h"
 #include "anigen/core/error.h"
 #include "anigen/core/numeric.h"
 #include "anigen/eval/inspect.h"
 #include "anigen/geometry/primitives.h"
-#include "anigen/io/image.h"
 #include "anigen/render/contact_sheet.h"
 #include "anigen/render/picture.h"
 
@@ -70,22 +67,6 @@ std::vector<Tile> skeleton(const Asset& asset, const PictureOptions& options) {
   return tiles;
 }
 
-}  // namespace
-
-io::Image asset_picture(const Asset& asset, int size) {
-  PictureOptions options;
-  options.width = options.height = size;
-  const std::vector<Tile> tiles = asset.skin.rows() > 0          ? skinned(asset, options)
-                                  : !asset.mesh.vertices.empty() ? unskinned(asset, options)
-                                                                 : skeleton(asset, options);
-  render::SheetOptions sheet;
-  sheet.columns = static_cast<int>(tiles.size());
-  sheet.title = asset.name;
-  return render::contact_sheet(tiles, sheet);
-}
-
-namespace {
-
 double row_l1(const SkinWeights& a, const SkinWeights& b, std::size_t v) {
   std::map<std::int32_t, double> difference;
   for (std::size_t i = 0; i < a.row_size(v); ++i) difference[a.row(v)[i].joint] += a.row(v)[i].weight;
@@ -105,51 +86,6 @@ Asset only_vertices(const Asset& asset, const std::vector<std::size_t>& kept) {
   }
   return part;
 }
-
-}  // namespace
-
-InfluenceLoss influence_loss(const Asset& asset, std::size_t influences, std::size_t frames_per_animation) {
-  InfluenceLoss loss;
-  loss.influences = influences;
-  std::vector<std::size_t> affected;
-  for (std::size_t v = 0; v < asset.skin.rows(); ++v) {
-    if (asset.skin.row_size(v) > influences) affected.push_back(v);
-  }
-  loss.affected = affected.size();
-  loss.frames = asset.animations.size() * frames_per_animation;
-  if (affected.empty()) return loss;
-
-  const Asset full = only_vertices(asset, affected);
-  Asset limited = full;
-  limited.skin = limit_influences(full.skin, influences);
-  for (std::size_t v = 0; v < affected.size(); ++v) {
-    const double l1 = row_l1(full.skin, limited.skin, v);
-    loss.max_l1 = std::max(loss.max_l1, l1);
-    loss.mean_l1 += l1 / static_cast<double>(asset.skin.rows());
-  }
-  double farthest = 0;
-  for (const Animation& animation : asset.animations) {
-    for (std::size_t frame = 0; frame < frames_per_animation; ++frame) {
-      const double part =
-          frames_per_animation > 1 ? static_cast<double>(frame) / static_cast<double>(frames_per_animation - 1) : 0;
-      const auto world =
-          forward_kinematics(asset.skeleton.parents, sample(animation, asset.skeleton, part * animation.duration()));
-      const auto a = skin_vertices(full, world), b = skin_vertices(limited, world);
-      for (std::size_t v = 0; v < a.size(); ++v)
-        farthest = std::max(farthest, static_cast<double>((a[v] - b[v]).norm()));
-    }
-  }
-  const double diagonal = bounding_box(asset.mesh.vertices).diagonal();
-  loss.max_displacement = diagonal > 0 ? farthest / diagonal : 0;
-  return loss;
-}
-
-Json to_json(const InfluenceLoss& loss) {
-  return {{"influences", loss.influences}, {"affected", loss.affected}, {"mean_l1", loss.mean_l1},
-          {"max_l1", loss.max_l1},         {"frames", loss.frames},     {"max_displacement", loss.max_displacement}};
-}
-
-namespace {
 
 Json corner(const Eigen::Vector3d& p) { return {p.x(), p.y(), p.z()}; }
 
@@ -243,52 +179,6 @@ const char* kind(const Asset& asset) {
   return asset.animations.empty() ? "skeleton" : "motion";
 }
 
-}  // namespace
-
-Json describe_asset(const io::ImportedAsset& imported) {
-  const Asset& asset = imported.asset;
-  Json json = {{"name", asset.name},
-               {"rig", rig(asset)},
-               {"joints", asset.skeleton.size()},
-               {"vertices", asset.mesh.vertices.size()},
-               {"faces", asset.mesh.faces.size()}};
-  if (asset.skeleton.size() > 0) {
-    json["roots"] = roots(imported);
-    json["skeleton_depth"] = depth(asset.skeleton.parents);
-  }
-  if (asset.skin.rows() > 0) add_skin(asset, json);
-  if (!asset.mesh.vertices.empty()) add_mesh(asset, json);
-  json["materials"] = Json::array();
-  for (const Material& material : asset.materials) {
-    json["materials"].push_back(material.name + (material.image >= 0 ? " (textured)" : ""));
-  }
-  json["images"] = asset.images.size();
-  if (!asset.images.empty()) json["textures"] = Json::array();
-  for (const EncodedImage& image : asset.images) json["textures"].push_back(texture(image));
-  json["animations"] = Json::array();
-  for (const Animation& animation : asset.animations) {
-    json["animations"].push_back(
-        {{"name", animation.name}, {"seconds", animation.duration()}, {"channels", animation.channels.size()}});
-  }
-  for (const io::NodeClip& clip : imported.node_clips) {
-    json["animations_of_nodes"].push_back({{"name", clip.name}, {"seconds", clip.seconds}, {"channels", clip.tracks}});
-  }
-  json["notes"] = Json::array();
-  for (const io::ImportNote& note : imported.notes)
-    json["notes"].push_back({{"code", note.code}, {"message", note.message}});
-  json["findings"] = validate(asset, 3, false);
-  return json;
-}
-
-Json describe_geometry(const std::filesystem::path& path, const Geometry& geometry) {
-  Json json = {{"file", path.string()}, {"kind", kind(geometry.imported.asset)}};
-  json.update(geometry.source);
-  json.update(describe_asset(geometry.imported));
-  return json;
-}
-
-namespace {
-
 bool plain(const Json& value) { return !value.is_object() && !value.is_array(); }
 
 /// Names come from foreign files and need not be UTF-8, which JSON demands.
@@ -323,16 +213,6 @@ void append(std::string& text, const Json& value, std::size_t indent) {
     }
   }
 }
-
-}  // namespace
-
-std::string to_text(const Json& description) {
-  std::string text;
-  append(text, description, 0);
-  return text;
-}
-
-namespace {
 
 std::string cell(const Json& description, const char* key) {
   return description.contains(key) ? description[key].dump() : std::string();
@@ -379,6 +259,107 @@ std::string most_influences(const Json& description) {
 }
 
 }  // namespace
+
+io::Image asset_picture(const Asset& asset, int size) {
+  PictureOptions options;
+  options.width = options.height = size;
+  const std::vector<Tile> tiles = asset.skin.rows() > 0          ? skinned(asset, options)
+                                  : !asset.mesh.vertices.empty() ? unskinned(asset, options)
+                                                                 : skeleton(asset, options);
+  render::SheetOptions sheet;
+  sheet.columns = static_cast<int>(tiles.size());
+  sheet.title = asset.name;
+  return render::contact_sheet(tiles, sheet);
+}
+
+InfluenceLoss influence_loss(const Asset& asset, std::size_t influences, std::size_t frames_per_animation) {
+  InfluenceLoss loss;
+  loss.influences = influences;
+  std::vector<std::size_t> affected;
+  for (std::size_t v = 0; v < asset.skin.rows(); ++v) {
+    if (asset.skin.row_size(v) > influences) affected.push_back(v);
+  }
+  loss.affected = affected.size();
+  loss.frames = asset.animations.size() * frames_per_animation;
+  if (affected.empty()) return loss;
+
+  const Asset full = only_vertices(asset, affected);
+  Asset limited = full;
+  limited.skin = limit_influences(full.skin, influences);
+  for (std::size_t v = 0; v < affected.size(); ++v) {
+    const double l1 = row_l1(full.skin, limited.skin, v);
+    loss.max_l1 = std::max(loss.max_l1, l1);
+    loss.mean_l1 += l1 / static_cast<double>(asset.skin.rows());
+  }
+  double farthest = 0;
+  for (const Animation& animation : asset.animations) {
+    for (std::size_t frame = 0; frame < frames_per_animation; ++frame) {
+      const double part =
+          frames_per_animation > 1 ? static_cast<double>(frame) / static_cast<double>(frames_per_animation - 1) : 0;
+      const auto world =
+          forward_kinematics(asset.skeleton.parents, sample(animation, asset.skeleton, part * animation.duration()));
+      const auto a = skin_vertices(full, world), b = skin_vertices(limited, world);
+      for (std::size_t v = 0; v < a.size(); ++v)
+        farthest = std::max(farthest, static_cast<double>((a[v] - b[v]).norm()));
+    }
+  }
+  const double diagonal = bounding_box(asset.mesh.vertices).diagonal();
+  loss.max_displacement = diagonal > 0 ? farthest / diagonal : 0;
+  return loss;
+}
+
+Json to_json(const InfluenceLoss& loss) {
+  return {{"influences", loss.influences}, {"affected", loss.affected}, {"mean_l1", loss.mean_l1},
+          {"max_l1", loss.max_l1},         {"frames", loss.frames},     {"max_displacement", loss.max_displacement}};
+}
+
+Json describe_asset(const io::ImportedAsset& imported) {
+  const Asset& asset = imported.asset;
+  Json json = {{"name", asset.name},
+               {"rig", rig(asset)},
+               {"joints", asset.skeleton.size()},
+               {"vertices", asset.mesh.vertices.size()},
+               {"faces", asset.mesh.faces.size()}};
+  if (asset.skeleton.size() > 0) {
+    json["roots"] = roots(imported);
+    json["skeleton_depth"] = depth(asset.skeleton.parents);
+  }
+  if (asset.skin.rows() > 0) add_skin(asset, json);
+  if (!asset.mesh.vertices.empty()) add_mesh(asset, json);
+  json["materials"] = Json::array();
+  for (const Material& material : asset.materials) {
+    json["materials"].push_back(material.name + (material.image >= 0 ? " (textured)" : ""));
+  }
+  json["images"] = asset.images.size();
+  if (!asset.images.empty()) json["textures"] = Json::array();
+  for (const EncodedImage& image : asset.images) json["textures"].push_back(texture(image));
+  json["animations"] = Json::array();
+  for (const Animation& animation : asset.animations) {
+    json["animations"].push_back(
+        {{"name", animation.name}, {"seconds", animation.duration()}, {"channels", animation.channels.size()}});
+  }
+  for (const io::NodeClip& clip : imported.node_clips) {
+    json["animations_of_nodes"].push_back({{"name", clip.name}, {"seconds", clip.seconds}, {"channels", clip.tracks}});
+  }
+  json["notes"] = Json::array();
+  for (const io::ImportNote& note : imported.notes)
+    json["notes"].push_back({{"code", note.code}, {"message", note.message}});
+  json["findings"] = validate(asset, 3, false);
+  return json;
+}
+
+Json describe_geometry(const std::filesystem::path& path, const Geometry& geometry) {
+  Json json = {{"file", path.string()}, {"kind", kind(geometry.imported.asset)}};
+  json.update(geometry.source);
+  json.update(describe_asset(geometry.imported));
+  return json;
+}
+
+std::string to_text(const Json& description) {
+  std::string text;
+  append(text, description, 0);
+  return text;
+}
 
 anigen::Table file_table(const std::vector<InspectedFile>& files) {
   const bool losses = std::any_of(files.begin(), files.end(),

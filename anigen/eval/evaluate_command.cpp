@@ -10,7 +10,6 @@
 #include "anigen/core/files.h"
 #include "anigen/core/log.h"
 #include "anigen/core/version.h"
-#include "anigen/eval/comparison.h"
 #include "anigen/eval/comparison_report.h"
 #include "anigen/eval/pairs.h"
 #include "anigen/io/rigs/rig_listing.h"

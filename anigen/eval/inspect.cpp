@@ -6,9 +6,7 @@
 #include <cstdlib>
 #include <map>
 #include <set>
-#include <utility>
 
-#include "anigen/core/config.h"
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
 #include "anigen/core/table.h"
@@ -122,31 +120,6 @@ Geometry motion(const fs::path& file) {
   return geometry;
 }
 
-}  // namespace
-
-Geometry read_geometry(const fs::path& path, FileKind kind) {
-  switch (kind) {
-    case FileKind::kScene:
-      return scene(path);
-    case FileKind::kMotion:
-      return motion(path);
-    case FileKind::kMesh:
-    case FileKind::kTextRig:
-    case FileKind::kRigNpz:
-      return shape(path, "", kind);
-    case FileKind::kSample:
-      if (const auto sample = sample_of(path)) return shape(sample->first, sample->second, kind);
-      break;
-    default:
-      break;
-  }
-  throw InputError(path.string(), "", "holds no mesh and no skeleton");
-}
-
-namespace {
-
-namespace fs = std::filesystem;
-
 using io::lower_extension;
 
 /// Kinds that an extension tells alone.
@@ -200,7 +173,66 @@ FileKind torch_kind(const fs::path& file) {
   return FileKind::kArrays;
 }
 
+const char* picture_format(const io::PictureBytes& in) {
+  if (in.matches(0, io::kPngSignature)) return "PNG";
+  if (in.matches(0, io::kJpegSignature)) return "JPEG";
+  if (in.matches(0, "BM")) return "BMP";
+  if (in.matches(0, "RIFF") && in.matches(8, "WEBP")) return "WebP";
+  return io::is_tiff(in, 0) ? "TIFF" : "another format";
+}
+
+/// Parts of the pixels, since generation takes a picture's alpha for the outline of its object.
+Json alpha_of(const io::Image& image) {
+  std::size_t clear = 0, opaque = 0;
+  for (std::size_t i = 3; i < image.rgba.size(); i += io::kImageChannels) {
+    clear += image.rgba[i] == 0;
+    opaque += image.rgba[i] == 255;
+  }
+  const auto pixels = static_cast<double>(image.rgba.size()) / io::kImageChannels;
+  return {{"opaque", static_cast<double>(opaque) / pixels}, {"clear", static_cast<double>(clear) / pixels}};
+}
+
+/// Smallest, median and largest of a numeric column; null when it holds no number.
+Json column_range(const CsvTable& table, const std::string& name) {
+  std::vector<double> values;
+  for (std::size_t row = 0; row < table.rows.size(); ++row) {
+    const std::string& cell = table.cell(row, name);
+    char* end = nullptr;
+    const double value = std::strtod(cell.c_str(), &end);
+    if (!cell.empty() && end == cell.c_str() + cell.size()) values.push_back(value);
+  }
+  if (values.empty()) return nullptr;
+  std::sort(values.begin(), values.end());
+  return {{"min", values.front()}, {"median", values[values.size() / 2]}, {"max", values.back()}};
+}
+
+/// Digits after the last "step" of a checkpoint's name, as the published trainer reads them; -1 without.
+long checkpoint_step(const std::string& name) {
+  const std::size_t at = name.rfind("step");
+  if (at == std::string::npos || at + 4 >= name.size() || name[at + 4] < '0' || name[at + 4] > '9') return -1;
+  return std::strtol(name.c_str() + at + 4, nullptr, 10);
+}
+
 }  // namespace
+
+Geometry read_geometry(const fs::path& path, FileKind kind) {
+  switch (kind) {
+    case FileKind::kScene:
+      return scene(path);
+    case FileKind::kMotion:
+      return motion(path);
+    case FileKind::kMesh:
+    case FileKind::kTextRig:
+    case FileKind::kRigNpz:
+      return shape(path, "", kind);
+    case FileKind::kSample:
+      if (const auto sample = sample_of(path)) return shape(sample->first, sample->second, kind);
+      break;
+    default:
+      break;
+  }
+  throw InputError(path.string(), "", "holds no mesh and no skeleton");
+}
 
 std::optional<std::pair<fs::path, std::string>> sample_of(const fs::path& path) {
   const std::string text = path.string();
@@ -250,29 +282,6 @@ bool is_geometry(FileKind kind) {
       return false;
   }
 }
-
-namespace {
-
-const char* picture_format(const io::PictureBytes& in) {
-  if (in.matches(0, io::kPngSignature)) return "PNG";
-  if (in.matches(0, io::kJpegSignature)) return "JPEG";
-  if (in.matches(0, "BM")) return "BMP";
-  if (in.matches(0, "RIFF") && in.matches(8, "WEBP")) return "WebP";
-  return io::is_tiff(in, 0) ? "TIFF" : "another format";
-}
-
-/// Parts of the pixels, since generation takes a picture's alpha for the outline of its object.
-Json alpha_of(const io::Image& image) {
-  std::size_t clear = 0, opaque = 0;
-  for (std::size_t i = 3; i < image.rgba.size(); i += io::kImageChannels) {
-    clear += image.rgba[i] == 0;
-    opaque += image.rgba[i] == 255;
-  }
-  const auto pixels = static_cast<double>(image.rgba.size()) / io::kImageChannels;
-  return {{"opaque", static_cast<double>(opaque) / pixels}, {"clear", static_cast<double>(clear) / pixels}};
-}
-
-}  // namespace
 
 Json describe_picture(const fs::path& file) {
   io::require_content(file);
@@ -408,33 +417,6 @@ Json inspect(const fs::path& path) {
   }
   return json;
 }
-
-namespace {
-
-namespace fs = std::filesystem;
-
-/// Smallest, median and largest of a numeric column; null when it holds no number.
-Json column_range(const CsvTable& table, const std::string& name) {
-  std::vector<double> values;
-  for (std::size_t row = 0; row < table.rows.size(); ++row) {
-    const std::string& cell = table.cell(row, name);
-    char* end = nullptr;
-    const double value = std::strtod(cell.c_str(), &end);
-    if (!cell.empty() && end == cell.c_str() + cell.size()) values.push_back(value);
-  }
-  if (values.empty()) return nullptr;
-  std::sort(values.begin(), values.end());
-  return {{"min", values.front()}, {"median", values[values.size() / 2]}, {"max", values.back()}};
-}
-
-/// Digits after the last "step" of a checkpoint's name, as the published trainer reads them; -1 without.
-long checkpoint_step(const std::string& name) {
-  const std::size_t at = name.rfind("step");
-  if (at == std::string::npos || at + 4 >= name.size() || name[at + 4] < '0' || name[at + 4] > '9') return -1;
-  return std::strtol(name.c_str() + at + 4, nullptr, 10);
-}
-
-}  // namespace
 
 Json describe_folder(const fs::path& folder) {
   std::map<std::string, std::size_t> counts;

@@ -118,32 +118,6 @@ std::uint64_t hash_of(const io::RigClips& clips, std::uint64_t hash) {
   return hash;
 }
 
-}  // namespace
-
-std::uint64_t fingerprint(const io::RiggedShape& shape) {
-  std::uint64_t hash = hash_of(shape.mesh.vertices, 1);
-  hash = hash_of(shape.mesh.faces, hash);
-  hash = hash_of(shape.mesh.colors, hash);
-  hash = hash_of(shape.mesh.uvs, hash);
-  hash = hash_of(shape.mesh.face_materials, hash);
-  for (const Material& material : shape.materials) {
-    const Eigen::Vector4f& c = material.base_color;
-    hash = hash_of(std::vector<float>{c.x(), c.y(), c.z(), c.w(), static_cast<float>(material.image)}, hash);
-  }
-  for (const EncodedImage& image : shape.images) hash = hash_of(image.bytes, hash);
-  hash = hash_of(shape.joints.positions, hash);
-  hash = hash_of(shape.joints.parents, hash);
-  hash = hash_of(shape.skin.offsets, hash);
-  for (const Influence& influence : shape.skin.influences) {
-    // Field by field: the bytes between fields, if any, are not ours.
-    hash = hash * 1099511628211ULL ^ static_cast<std::uint64_t>(influence.joint);
-    hash = stable_hash({reinterpret_cast<const char*>(&influence.weight), sizeof influence.weight}, hash);
-  }
-  return shape.clips == nullptr ? hash : hash_of(*shape.clips, hash);
-}
-
-namespace {
-
 constexpr std::size_t kSamples = 512;
 
 /// Samples of a surface whose bounding box is centred at 0 and has a longest side of 1.
@@ -168,6 +142,28 @@ double half_distance(const Eigen::Matrix3Xf& a, const Eigen::Matrix3Xf& b, doubl
 }
 
 }  // namespace
+
+std::uint64_t fingerprint(const io::RiggedShape& shape) {
+  std::uint64_t hash = hash_of(shape.mesh.vertices, 1);
+  hash = hash_of(shape.mesh.faces, hash);
+  hash = hash_of(shape.mesh.colors, hash);
+  hash = hash_of(shape.mesh.uvs, hash);
+  hash = hash_of(shape.mesh.face_materials, hash);
+  for (const Material& material : shape.materials) {
+    const Eigen::Vector4f& c = material.base_color;
+    hash = hash_of(std::vector<float>{c.x(), c.y(), c.z(), c.w(), static_cast<float>(material.image)}, hash);
+  }
+  for (const EncodedImage& image : shape.images) hash = hash_of(image.bytes, hash);
+  hash = hash_of(shape.joints.positions, hash);
+  hash = hash_of(shape.joints.parents, hash);
+  hash = hash_of(shape.skin.offsets, hash);
+  for (const Influence& influence : shape.skin.influences) {
+    // Field by field: the bytes between fields, if any, are not ours.
+    hash = hash * 1099511628211ULL ^ static_cast<std::uint64_t>(influence.joint);
+    hash = stable_hash({reinterpret_cast<const char*>(&influence.weight), sizeof influence.weight}, hash);
+  }
+  return shape.clips == nullptr ? hash : hash_of(*shape.clips, hash);
+}
 
 CategoryReferences::CategoryReferences(const io::ShapeSource& source, const std::vector<std::string>& ids,
                                        std::uint64_t seed)

@@ -5,18 +5,14 @@
 #include <cmath>
 #include <functional>
 #include <limits>
-#include <string>
 #include <utility>
 
 #include "anigen/core/error.h"
-#include "anigen/eval/metric_table.h"
 #include "anigen/geometry/correspondence.h"
 #include "anigen/metrics/chamfer.h"
 #include "anigen/metrics/deformation.h"
 #include "anigen/metrics/matching.h"
-#include "anigen/metrics/motion.h"
 #include "anigen/metrics/published_protocols.h"
-#include "anigen/metrics/skeleton_transport.h"
 #include "anigen/metrics/skin_metrics.h"
 #include "anigen/metrics/surface.h"
 #include "anigen/metrics/tree_edit.h"
@@ -46,6 +42,107 @@ Json transport_json(const PairSettings& settings) {
           {"epsilon_wasserstein", options.sinkhorn_options.epsilon},
           {"epsilon_gromov_wasserstein", options.entropic_options.epsilon}};
 }
+
+Json alignment_json(const metrics::Similarity& similarity) {
+  Json rows = Json::array();
+  const Eigen::Matrix4d matrix = similarity.matrix();
+  for (int row = 0; row < 4; ++row) rows.push_back({matrix(row, 0), matrix(row, 1), matrix(row, 2), matrix(row, 3)});
+  return rows;
+}
+
+Json alignment_json(const metrics::Alignment& alignment) {
+  Json json = {{"by", metrics::to_string(alignment.by)},
+               {"prediction_to_frame", alignment_json(alignment.prediction)},
+               {"truth_to_frame", alignment_json(alignment.truth)}};
+  if (alignment.icp_used) {
+    json["icp"] = {{"rmse", alignment.icp.rmse},
+                   {"start", alignment.icp.start},
+                   {"starts", alignment.icp.starts},
+                   {"refined", alignment.icp.refined},
+                   {"iterations", alignment.icp.iterations}};
+  }
+  return json;
+}
+
+Json sizes(const io::RiggedShape& shape) {
+  return {{"joints", shape.joints.size()},
+          {"roots", roots(shape.joints).size()},
+          {"vertices", shape.mesh.vertices.size()},
+          {"faces", shape.mesh.faces.size()}};
+}
+
+void copy_notes(const io::RiggedShape& shape, const std::string& side, PairResult& result) {
+  for (const std::string& note : shape.notes) result.notes.push_back(side + ": " + note);
+}
+
+/// Reason why a group cannot be computed, or nothing.
+std::string missing_joints(const ComparedShapes& shapes) {
+  if (!shapes.truth.has_joints()) return "the ground truth has no skeleton";
+  if (!shapes.predicted.has_joints()) return "the prediction has no skeleton";
+  return "";
+}
+
+std::string missing_skin(const io::RiggedShape& shape, const std::string& side) {
+  if (shape.has_skin()) return "";
+  if (shape.skin.rows() == 0) return side + " has no skin weights";
+  return side + " has weights for " + std::to_string(shape.skin.rows()) + " of " +
+         std::to_string(shape.mesh.vertices.size()) + " vertices";
+}
+
+std::string missing_skin(const ComparedShapes& shapes) {
+  std::string missing = missing_joints(shapes);
+  if (missing.empty()) missing = missing_skin(shapes.truth, "the ground truth");
+  if (missing.empty()) missing = missing_skin(shapes.predicted, "the prediction");
+  return missing;
+}
+
+std::string missing_surface(const ComparedShapes& shapes) {
+  if (!shapes.truth.has_surface()) return "the ground truth has no faces";
+  if (!shapes.predicted.has_surface()) return "the prediction has no faces";
+  return "";
+}
+
+std::string missing_to_move(const ComparedShapes& shapes) {
+  const std::string missing = missing_skin(shapes);
+  return missing.empty() ? missing_surface(shapes) : missing;
+}
+
+/// One group that cannot be computed leaves the others alone.
+void add_group(const std::string& group, const std::string& missing, const std::function<void()>& add,
+               PairResult& result) {
+  if (!missing.empty()) return skip_group(group, missing, result);
+  try {
+    add();
+  } catch (const InputError& error) {
+    skip_group(group, error.what(), result);
+  }
+}
+
+constexpr double kMarginalsAlmostKept = 1e-3;  ///< L1 of masses that sum to 1
+constexpr double kAnymateBox = 2.0;            ///< longest side of its frame; ours is 1
+
+/// Predicted and true skeleton, checked.
+std::pair<metrics::MetricSkeleton, metrics::MetricSkeleton> skeletons_of(const ComparedShapes& shapes) {
+  return {{shapes.predicted.joints, "predicted skeleton"}, {shapes.truth.joints, "true skeleton"}};
+}
+
+void set_chamfer(const metrics::SkeletonChamfer& chamfer, const std::string& prefix, PairResult& result) {
+  result.set(prefix + "j2j", chamfer.j2j);
+  result.set(prefix + "j2b", chamfer.j2b);
+  result.set(prefix + "b2b", chamfer.b2b);
+}
+
+/// True when anything but the renderer's grey would be seen.
+bool has_colors(const io::RiggedShape& shape) {
+  if (!shape.mesh.colors.empty()) return true;
+  for (const Material& material : shape.materials) {
+    if (material.image >= 0 || material.base_color != Eigen::Vector4f::Ones()) return true;
+  }
+  return false;
+}
+
+constexpr std::size_t kMostSamples = 5000;  ///< per frame: many frames make up for few samples
+constexpr double kNotedScaling = 0.01;
 
 }  // namespace
 
@@ -146,85 +243,6 @@ PairResult pair_result_from_json(const Json& json, const std::string& file) {
   }
 }
 
-namespace {
-
-Json alignment_json(const metrics::Similarity& similarity) {
-  Json rows = Json::array();
-  const Eigen::Matrix4d matrix = similarity.matrix();
-  for (int row = 0; row < 4; ++row) rows.push_back({matrix(row, 0), matrix(row, 1), matrix(row, 2), matrix(row, 3)});
-  return rows;
-}
-
-Json alignment_json(const metrics::Alignment& alignment) {
-  Json json = {{"by", metrics::to_string(alignment.by)},
-               {"prediction_to_frame", alignment_json(alignment.prediction)},
-               {"truth_to_frame", alignment_json(alignment.truth)}};
-  if (alignment.icp_used) {
-    json["icp"] = {{"rmse", alignment.icp.rmse},
-                   {"start", alignment.icp.start},
-                   {"starts", alignment.icp.starts},
-                   {"refined", alignment.icp.refined},
-                   {"iterations", alignment.icp.iterations}};
-  }
-  return json;
-}
-
-Json sizes(const io::RiggedShape& shape) {
-  return {{"joints", shape.joints.size()},
-          {"roots", roots(shape.joints).size()},
-          {"vertices", shape.mesh.vertices.size()},
-          {"faces", shape.mesh.faces.size()}};
-}
-
-void copy_notes(const io::RiggedShape& shape, const std::string& side, PairResult& result) {
-  for (const std::string& note : shape.notes) result.notes.push_back(side + ": " + note);
-}
-
-/// Reason why a group cannot be computed, or nothing.
-std::string missing_joints(const ComparedShapes& shapes) {
-  if (!shapes.truth.has_joints()) return "the ground truth has no skeleton";
-  if (!shapes.predicted.has_joints()) return "the prediction has no skeleton";
-  return "";
-}
-
-std::string missing_skin(const io::RiggedShape& shape, const std::string& side) {
-  if (shape.has_skin()) return "";
-  if (shape.skin.rows() == 0) return side + " has no skin weights";
-  return side + " has weights for " + std::to_string(shape.skin.rows()) + " of " +
-         std::to_string(shape.mesh.vertices.size()) + " vertices";
-}
-
-std::string missing_skin(const ComparedShapes& shapes) {
-  std::string missing = missing_joints(shapes);
-  if (missing.empty()) missing = missing_skin(shapes.truth, "the ground truth");
-  if (missing.empty()) missing = missing_skin(shapes.predicted, "the prediction");
-  return missing;
-}
-
-std::string missing_surface(const ComparedShapes& shapes) {
-  if (!shapes.truth.has_surface()) return "the ground truth has no faces";
-  if (!shapes.predicted.has_surface()) return "the prediction has no faces";
-  return "";
-}
-
-std::string missing_to_move(const ComparedShapes& shapes) {
-  const std::string missing = missing_skin(shapes);
-  return missing.empty() ? missing_surface(shapes) : missing;
-}
-
-/// One group that cannot be computed leaves the others alone.
-void add_group(const std::string& group, const std::string& missing, const std::function<void()>& add,
-               PairResult& result) {
-  if (!missing.empty()) return skip_group(group, missing, result);
-  try {
-    add();
-  } catch (const InputError& error) {
-    skip_group(group, error.what(), result);
-  }
-}
-
-}  // namespace
-
 void skip_group(const std::string& group, const std::string& reason, PairResult& result) {
   for (const MetricInfo& metric : metric_table()) {
     if (metric.group == group && result.values.count(metric.key) == 0) result.skip(metric.key, reason);
@@ -295,24 +313,6 @@ PairResult evaluate_pair(const io::RiggedShape& predicted, const io::RiggedShape
   result.set("seconds", std::chrono::duration<double>(std::chrono::steady_clock::now() - started).count());
   return result;
 }
-
-namespace {
-
-constexpr double kMarginalsAlmostKept = 1e-3;  ///< L1 of masses that sum to 1
-constexpr double kAnymateBox = 2.0;            ///< longest side of its frame; ours is 1
-
-/// Predicted and true skeleton, checked.
-std::pair<metrics::MetricSkeleton, metrics::MetricSkeleton> skeletons_of(const ComparedShapes& shapes) {
-  return {{shapes.predicted.joints, "predicted skeleton"}, {shapes.truth.joints, "true skeleton"}};
-}
-
-void set_chamfer(const metrics::SkeletonChamfer& chamfer, const std::string& prefix, PairResult& result) {
-  result.set(prefix + "j2j", chamfer.j2j);
-  result.set(prefix + "j2b", chamfer.j2b);
-  result.set(prefix + "b2b", chamfer.b2b);
-}
-
-}  // namespace
 
 void add_skeleton_metrics(const ComparedShapes& shapes, PairResult& result) {
   const auto [predicted, truth] = skeletons_of(shapes);
@@ -430,19 +430,6 @@ void add_skin_metrics(const ComparedShapes& shapes, const Eigen::MatrixXd& plan,
   result.details["largest_deformation_error"] = error.max;
 }
 
-namespace {
-
-/// True when anything but the renderer's grey would be seen.
-bool has_colors(const io::RiggedShape& shape) {
-  if (!shape.mesh.colors.empty()) return true;
-  for (const Material& material : shape.materials) {
-    if (material.image >= 0 || material.base_color != Eigen::Vector4f::Ones()) return true;
-  }
-  return false;
-}
-
-}  // namespace
-
 void add_surface_metrics(const ComparedShapes& shapes, const PairSettings& settings, PairResult& result) {
   metrics::SurfaceOptions options;
   options.samples = settings.surface_samples;
@@ -482,13 +469,6 @@ void add_image_metrics(const ComparedShapes& shapes, const PairSettings& setting
   else
     result.skip("lpips", "no weights given");
 }
-
-namespace {
-
-constexpr std::size_t kMostSamples = 5000;  ///< per frame: many frames make up for few samples
-constexpr double kNotedScaling = 0.01;
-
-}  // namespace
 
 MovedPair same_motion(const ComparedShapes& shapes, const PairSettings& settings, const metrics::Motion* given) {
   MovedPair moved;

@@ -10,8 +10,6 @@
 #include "anigen/core/error.h"
 #include "anigen/core/table.h"
 #include "anigen/io/arrays/npz.h"
-#include "anigen/io/rigs/rig_listing.h"
-#include "anigen/io/rigs/rigged_shape.h"
 #include "anigen/metrics/skin_metrics.h"
 
 namespace anigen::eval {
@@ -113,6 +111,21 @@ class PairsByName {
   io::NameIndex predictions_, truths_;
 };
 
+namespace fs = std::filesystem;
+
+/// Opens each listed file when it is its turn: a damaged one is one failed row.
+io::FileListSource::Reader read_one(const io::SourceOptions& options) {
+  return [options](const fs::path& file, const std::string& id) {
+    const std::unique_ptr<io::ShapeSource> source = io::open_source(file, options);
+    const std::vector<std::string> ids = source->ids();
+    if (ids.size() != 1)
+      throw InputError(file.string(), "", "holds " + std::to_string(ids.size()) + " shapes, a pair needs one");
+    io::RiggedShape shape = source->read(ids.front());
+    shape.id = id;
+    return shape;
+  };
+}
+
 }  // namespace
 
 PairList match_pairs(const io::ShapeSource& truth, const io::ShapeSource& prediction,
@@ -146,25 +159,6 @@ PairList match_pairs(const io::ShapeSource& truth, const io::ShapeSource& predic
                [&used](const std::string& id) { return used.count(id) == 0; });
   return list;
 }
-
-namespace {
-
-namespace fs = std::filesystem;
-
-/// Opens each listed file when it is its turn: a damaged one is one failed row.
-io::FileListSource::Reader read_one(const io::SourceOptions& options) {
-  return [options](const fs::path& file, const std::string& id) {
-    const std::unique_ptr<io::ShapeSource> source = io::open_source(file, options);
-    const std::vector<std::string> ids = source->ids();
-    if (ids.size() != 1)
-      throw InputError(file.string(), "", "holds " + std::to_string(ids.size()) + " shapes, a pair needs one");
-    io::RiggedShape shape = source->read(ids.front());
-    shape.id = id;
-    return shape;
-  };
-}
-
-}  // namespace
 
 PairedSources read_pairs_csv(const fs::path& csv, const io::SourceOptions& truth_options,
                              const io::SourceOptions& prediction_options) {

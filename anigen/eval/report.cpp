@@ -9,7 +9,6 @@
 #include "anigen/core/error.h"
 #include "anigen/core/hash.h"
 #include "anigen/core/table.h"
-#include "anigen/eval/skin_evaluation.h"
 #include "anigen/render/contact_sheet.h"
 #include "anigen/render/picture.h"
 
@@ -115,25 +114,6 @@ std::string svg_of(const std::string& title, const std::vector<Curve>& curves, b
   }
   return svg + "</svg>\n";
 }
-
-}  // namespace
-
-std::string line_chart(const std::string& title, const std::vector<std::pair<double, double>>& points) {
-  const Curve curve{"", drawable(points)};
-  if (curve.points.empty()) return "";
-  return svg_of(title + ", last " + text_of(curve.points.back().second), {curve}, false);
-}
-
-std::string curves_chart(const std::string& title, const std::vector<Curve>& curves) {
-  std::vector<Curve> shown;
-  for (const Curve& curve : curves) {
-    Curve kept{curve.label, drawable(curve.points)};
-    if (!kept.points.empty()) shown.push_back(std::move(kept));
-  }
-  return shown.empty() ? "" : svg_of(title, shown, true);
-}
-
-namespace {
 
 namespace fs = std::filesystem;
 
@@ -241,6 +221,21 @@ std::string settings_list(const Json& settings) {
 }
 
 }  // namespace
+
+std::string line_chart(const std::string& title, const std::vector<std::pair<double, double>>& points) {
+  const Curve curve{"", drawable(points)};
+  if (curve.points.empty()) return "";
+  return svg_of(title + ", last " + text_of(curve.points.back().second), {curve}, false);
+}
+
+std::string curves_chart(const std::string& title, const std::vector<Curve>& curves) {
+  std::vector<Curve> shown;
+  for (const Curve& curve : curves) {
+    Curve kept{curve.label, drawable(curve.points)};
+    if (!kept.points.empty()) shown.push_back(std::move(kept));
+  }
+  return shown.empty() ? "" : svg_of(title, shown, true);
+}
 
 std::string skin_report(const SkinEvaluation& evaluation, const ReportOptions& options) {
   std::string html = "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><title>" +

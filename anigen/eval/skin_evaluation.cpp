@@ -70,6 +70,66 @@ void run_methods(const fs::path& dataset, const std::vector<SkinMethod>& methods
   }
 }
 
+constexpr std::array<const char*, metrics::kInfluenceClasses> kClassNames = {"1", "2", "3", "4", "5+"};
+
+Json to_json(const Summary& summary) {
+  // No value is not a value of zero.
+  if (summary.n == 0) return {{"mean", nullptr}, {"median", nullptr}, {"std", nullptr}, {"n", 0}};
+  return {{"mean", summary.mean}, {"median", summary.median}, {"std", summary.std}, {"n", summary.n}};
+}
+
+Json to_json(const std::array<Summary, 3>& summaries) {
+  Json json = Json::object();
+  for (std::size_t k = 0; k < 3; ++k) json[kScoreNames[k]] = to_json(summaries[k]);
+  return json;
+}
+
+Json by_influences(const SkinEvaluation& evaluation, std::size_t method) {
+  Json json = Json::object();
+  for (std::size_t c = 0; c < metrics::kInfluenceClasses; ++c) {
+    json[kClassNames[c]] = to_json(summarize_class(evaluation, method, Group::kUsable, c));
+  }
+  return json;
+}
+
+void put_scores(Json& json, const metrics::SkinScore& score) {
+  const auto values = score_values(score);
+  for (std::size_t k = 0; k < 3; ++k) json[kScoreNames[k]] = values[k];
+}
+
+Json asset_json(const AssetResult& asset, std::size_t method) {
+  const MethodResult& result = asset.methods[method];
+  Json json = {{"id", asset.item.id},         {"name", asset.item.name},         {"source", asset.item.source},
+               {"usable", asset.item.usable}, {"bad_skin", asset.item.bad_skin}, {"joints", asset.joints},
+               {"vertices", asset.vertices}};
+  if (asset.unweighted > 0) json["unweighted_vertices"] = asset.unweighted;
+  if (!result.failure.empty()) {
+    json["failure"] = result.failure;
+    return json;
+  }
+  put_scores(json, result.scores.mean);
+  for (std::size_t c = 0; c < metrics::kInfluenceClasses; ++c) {
+    if (result.scores.class_sizes[c] == 0) continue;
+    Json group = {{"vertices", result.scores.class_sizes[c]}};
+    put_scores(group, result.scores.by_influences[c]);
+    json["by_influences"][kClassNames[c]] = group;
+  }
+  return json;
+}
+
+Json method_json(const SkinEvaluation& evaluation, std::size_t method) {
+  Json assets = Json::array();
+  for (const AssetResult& asset : evaluation.assets) assets.push_back(asset_json(asset, method));
+  return {{"summary", to_json(summarize(evaluation, method, Group::kUsable))},
+          {"by_influences", by_influences(evaluation, method)},
+          {"not_usable", to_json(summarize(evaluation, method, Group::kNotUsable))},
+          {"assets", assets}};
+}
+
+std::string mean_or_dash(const Summary& summary) {
+  return anigen::fixed(summary.n > 0 ? summary.mean : std::numeric_limits<double>::quiet_NaN());
+}
+
 }  // namespace
 
 const std::array<const char*, 3> kScoreNames = {"skin_l1", "skin_l2", "skin_kl"};
@@ -228,70 +288,6 @@ void require_scores(const SkinEvaluation& evaluation, const std::filesystem::pat
   throw Error("no asset could be scored for " + evaluation.methods[0].label + "; " + (out / "metrics.csv").string() +
               " says why");
 }
-
-namespace {
-
-constexpr std::array<const char*, metrics::kInfluenceClasses> kClassNames = {"1", "2", "3", "4", "5+"};
-
-Json to_json(const Summary& summary) {
-  // No value is not a value of zero.
-  if (summary.n == 0) return {{"mean", nullptr}, {"median", nullptr}, {"std", nullptr}, {"n", 0}};
-  return {{"mean", summary.mean}, {"median", summary.median}, {"std", summary.std}, {"n", summary.n}};
-}
-
-Json to_json(const std::array<Summary, 3>& summaries) {
-  Json json = Json::object();
-  for (std::size_t k = 0; k < 3; ++k) json[kScoreNames[k]] = to_json(summaries[k]);
-  return json;
-}
-
-Json by_influences(const SkinEvaluation& evaluation, std::size_t method) {
-  Json json = Json::object();
-  for (std::size_t c = 0; c < metrics::kInfluenceClasses; ++c) {
-    json[kClassNames[c]] = to_json(summarize_class(evaluation, method, Group::kUsable, c));
-  }
-  return json;
-}
-
-void put_scores(Json& json, const metrics::SkinScore& score) {
-  const auto values = score_values(score);
-  for (std::size_t k = 0; k < 3; ++k) json[kScoreNames[k]] = values[k];
-}
-
-Json asset_json(const AssetResult& asset, std::size_t method) {
-  const MethodResult& result = asset.methods[method];
-  Json json = {{"id", asset.item.id},         {"name", asset.item.name},         {"source", asset.item.source},
-               {"usable", asset.item.usable}, {"bad_skin", asset.item.bad_skin}, {"joints", asset.joints},
-               {"vertices", asset.vertices}};
-  if (asset.unweighted > 0) json["unweighted_vertices"] = asset.unweighted;
-  if (!result.failure.empty()) {
-    json["failure"] = result.failure;
-    return json;
-  }
-  put_scores(json, result.scores.mean);
-  for (std::size_t c = 0; c < metrics::kInfluenceClasses; ++c) {
-    if (result.scores.class_sizes[c] == 0) continue;
-    Json group = {{"vertices", result.scores.class_sizes[c]}};
-    put_scores(group, result.scores.by_influences[c]);
-    json["by_influences"][kClassNames[c]] = group;
-  }
-  return json;
-}
-
-Json method_json(const SkinEvaluation& evaluation, std::size_t method) {
-  Json assets = Json::array();
-  for (const AssetResult& asset : evaluation.assets) assets.push_back(asset_json(asset, method));
-  return {{"summary", to_json(summarize(evaluation, method, Group::kUsable))},
-          {"by_influences", by_influences(evaluation, method)},
-          {"not_usable", to_json(summarize(evaluation, method, Group::kNotUsable))},
-          {"assets", assets}};
-}
-
-std::string mean_or_dash(const Summary& summary) {
-  return anigen::fixed(summary.n > 0 ? summary.mean : std::numeric_limits<double>::quiet_NaN());
-}
-
-}  // namespace
 
 Json to_json(const SkinEvaluation& evaluation) {
   Json json = {{"settings", evaluation.settings}};

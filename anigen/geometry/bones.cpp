@@ -1,6 +1,5 @@
 #include "anigen/geometry/bones.h"
 
-#include <algorithm>
 #include <limits>
 #include <string>
 

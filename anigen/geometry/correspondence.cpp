@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstddef>
 #include <limits>
 #include <map>
 #include <string>
@@ -12,7 +11,6 @@
 #include "anigen/core/error.h"
 #include "anigen/core/numeric.h"
 #include "anigen/geometry/nearest_point.h"
-#include "anigen/geometry/nearest_surface.h"
 
 namespace anigen::geometry {
 
@@ -210,12 +208,6 @@ class Matcher {
   std::map<std::vector<Place>, std::size_t> turns_;  // how often each choice between equal places came up
 };
 
-}  // namespace
-
-std::vector<SurfacePoint> matching_places(const Mesh& from, const Mesh& to) { return Matcher(from, to).run(); }
-
-namespace {
-
 void check_rows(std::size_t rows, std::size_t vertices) {
   if (rows == vertices) return;
   throw InputError("", "skin", std::to_string(rows) + " rows of weights for " + std::to_string(vertices) + " vertices");
@@ -225,7 +217,14 @@ void check_point(const Eigen::Vector3d& point, std::size_t index) {
   if (!point.allFinite()) throw InputError("", "points[" + std::to_string(index) + "]", "the position is not finite");
 }
 
+void check_length(std::size_t length, std::size_t vertices, const char* what) {
+  if (length == 0 || length == vertices) return;
+  throw InputError("", what, std::to_string(length) + " entries for " + std::to_string(vertices) + " vertices");
+}
+
 }  // namespace
+
+std::vector<SurfacePoint> matching_places(const Mesh& from, const Mesh& to) { return Matcher(from, to).run(); }
 
 SkinWeights transfer_skin(const NearestSurface& surface, const std::vector<Triangle>& faces, const SkinWeights& skin,
                           const std::vector<Eigen::Vector3d>& points) {
@@ -265,15 +264,6 @@ SkinWeights transfer_skin_by_vertex(const std::vector<Eigen::Vector3d>& vertices
   }
   return result;
 }
-
-namespace {
-
-void check_length(std::size_t length, std::size_t vertices, const char* what) {
-  if (length == 0 || length == vertices) return;
-  throw InputError("", what, std::to_string(length) + " entries for " + std::to_string(vertices) + " vertices");
-}
-
-}  // namespace
 
 TransferredAttributes transfer_attributes(const Mesh& from, const SkinWeights& skin,
                                           const std::vector<Eigen::Vector3f>& points) {

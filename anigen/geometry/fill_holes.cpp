@@ -4,15 +4,12 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstddef>
-#include <cstdint>
 #include <limits>
 #include <map>
 #include <set>
 #include <unordered_set>
 #include <utility>
 
-#include "anigen/asset/mesh.h"
 #include "anigen/core/numeric.h"
 #include "anigen/geometry/hidden_faces.h"
 
@@ -117,14 +114,6 @@ class BorderWalk {
   BoundaryLoops result_;
 };
 
-}  // namespace
-
-BoundaryLoops boundary_loops(const std::vector<Triangle>& faces, const MeshEdges& edges) {
-  return BorderWalk(faces, edges).run();
-}
-
-namespace {
-
 constexpr double kImpossible = std::numeric_limits<double>::infinity();
 /// Bends are compared in steps of this: among those that differ by rounding alone the area decides.
 constexpr double kBendStep = 1e-6;
@@ -202,12 +191,6 @@ class Triangulation {
   std::int32_t size_;
   std::vector<Span> spans_;
 };
-
-}  // namespace
-
-std::vector<Triangle> triangulate_hole(const HoleOutline& hole) { return Triangulation(hole).run(); }
-
-namespace {
 
 /// Largest size of a triangle relative to its surroundings (Liepa's α).
 const double kDensity = std::sqrt(2.0);
@@ -326,15 +309,6 @@ class Refinement {
   std::map<DirectedEdge, std::size_t> side_of_;  ///< face that runs along an edge in this direction
 };
 
-}  // namespace
-
-void refine_patch(HolePatch& patch, std::vector<double> scale,
-                  const std::function<bool(std::int32_t, std::int32_t)>& may_connect) {
-  Refinement(patch, std::move(scale), may_connect).run();
-}
-
-namespace {
-
 using Loop = std::vector<std::int32_t>;
 
 class HoleFiller {
@@ -445,6 +419,17 @@ class HoleFiller {
 };
 
 }  // namespace
+
+BoundaryLoops boundary_loops(const std::vector<Triangle>& faces, const MeshEdges& edges) {
+  return BorderWalk(faces, edges).run();
+}
+
+std::vector<Triangle> triangulate_hole(const HoleOutline& hole) { return Triangulation(hole).run(); }
+
+void refine_patch(HolePatch& patch, std::vector<double> scale,
+                  const std::function<bool(std::int32_t, std::int32_t)>& may_connect) {
+  Refinement(patch, std::move(scale), may_connect).run();
+}
 
 FilledMesh fill_holes(const std::vector<Eigen::Vector3f>& vertices, const std::vector<Triangle>& faces,
                       const HoleFilling& options) {

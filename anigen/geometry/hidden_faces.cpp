@@ -6,13 +6,11 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstddef>
 #include <iterator>
 #include <map>
 #include <string>
 #include <utility>
 
-#include "anigen/asset/mesh.h"
 #include "anigen/core/error.h"
 #include "anigen/core/numeric.h"
 
@@ -163,34 +161,6 @@ std::vector<char> reaching_sink(const Graph& graph, const Capacities& capacities
   return reaches;
 }
 
-}  // namespace
-
-std::vector<char> source_side_of_min_cut(std::size_t nodes, const std::vector<CutEdge>& edges,
-                                         const std::vector<std::int32_t>& sources,
-                                         const std::vector<std::int32_t>& sinks) {
-  const ContractedGraph contracted(nodes, edges, sources, sinks);
-  std::vector<std::pair<int, int>> ends;
-  ends.reserve(contracted.arcs().size());
-  for (const Arc& arc : contracted.arcs()) ends.emplace_back(arc.from, arc.to);
-  Graph graph;
-  graph.build(contracted.size(), ends.begin(), ends.end());
-  Capacities capacities(graph);
-  for (std::size_t i = 0; i < ends.size(); ++i) {
-    capacities[Graph::arc(static_cast<int>(i))] = contracted.arcs()[i].capacity;
-  }
-  lemon::Preflow<Graph, Capacities> preflow(graph, capacities, Graph::node(ContractedGraph::kSource),
-                                            Graph::node(ContractedGraph::kSink));
-  preflow.runMinCut();
-  const std::vector<char> reaches = reaching_sink(graph, capacities, preflow.flowMap(), ContractedGraph::kSink);
-  std::vector<char> side(nodes);
-  for (std::size_t v = 0; v < nodes; ++v) {
-    side[v] = reaches[static_cast<std::size_t>(contracted.of(static_cast<std::int32_t>(v)))] == 0;
-  }
-  return side;
-}
-
-namespace {
-
 using Faces = std::vector<std::int32_t>;
 
 class HiddenFaces {
@@ -322,6 +292,30 @@ class HiddenFaces {
 };
 
 }  // namespace
+
+std::vector<char> source_side_of_min_cut(std::size_t nodes, const std::vector<CutEdge>& edges,
+                                         const std::vector<std::int32_t>& sources,
+                                         const std::vector<std::int32_t>& sinks) {
+  const ContractedGraph contracted(nodes, edges, sources, sinks);
+  std::vector<std::pair<int, int>> ends;
+  ends.reserve(contracted.arcs().size());
+  for (const Arc& arc : contracted.arcs()) ends.emplace_back(arc.from, arc.to);
+  Graph graph;
+  graph.build(contracted.size(), ends.begin(), ends.end());
+  Capacities capacities(graph);
+  for (std::size_t i = 0; i < ends.size(); ++i) {
+    capacities[Graph::arc(static_cast<int>(i))] = contracted.arcs()[i].capacity;
+  }
+  lemon::Preflow<Graph, Capacities> preflow(graph, capacities, Graph::node(ContractedGraph::kSource),
+                                            Graph::node(ContractedGraph::kSink));
+  preflow.runMinCut();
+  const std::vector<char> reaches = reaching_sink(graph, capacities, preflow.flowMap(), ContractedGraph::kSink);
+  std::vector<char> side(nodes);
+  for (std::size_t v = 0; v < nodes; ++v) {
+    side[v] = reaches[static_cast<std::size_t>(contracted.of(static_cast<std::int32_t>(v)))] == 0;
+  }
+  return side;
+}
 
 FaceMarks hidden_faces(const std::vector<Eigen::Vector3f>& vertices, const std::vector<Triangle>& faces,
                        const std::vector<float>& visibility, const HiddenFaceRules& rules) {

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstdint>
 #include <limits>
 #include <string>
 #include <utility>
@@ -190,6 +189,26 @@ std::vector<To> converted(const std::vector<From>& points) {
   return result;
 }
 
+template <typename Mesh>
+struct Collection {
+  const Mesh* mesh;
+  Eigen::Vector3d point;
+  double radius;
+  std::vector<NearestPoint> found;
+
+  void offer(std::size_t face) {
+    const NearestPoint candidate = mesh->nearest_on_face(point, face);
+    if (candidate.distance <= radius) found.push_back(candidate);
+  }
+
+  static bool visit(RTCPointQueryFunctionArguments* arguments) {
+    static_cast<Collection*>(arguments->userPtr)->offer(arguments->primID);
+    return false;  // the radius stays
+  }
+};
+
+constexpr std::size_t kQueriesPerTask = 256;  // enough work per task to hide its cost
+
 }  // namespace
 
 NearestSurface::NearestSurface(const std::vector<Eigen::Vector3f>& vertices, const std::vector<Triangle>& faces) {
@@ -241,28 +260,6 @@ NearestPoint NearestSurface::query(const Eigen::Vector3d& point, std::int32_t gu
   return search.best;
 }
 
-namespace {
-
-template <typename Mesh>
-struct Collection {
-  const Mesh* mesh;
-  Eigen::Vector3d point;
-  double radius;
-  std::vector<NearestPoint> found;
-
-  void offer(std::size_t face) {
-    const NearestPoint candidate = mesh->nearest_on_face(point, face);
-    if (candidate.distance <= radius) found.push_back(candidate);
-  }
-
-  static bool visit(RTCPointQueryFunctionArguments* arguments) {
-    static_cast<Collection*>(arguments->userPtr)->offer(arguments->primID);
-    return false;  // the radius stays
-  }
-};
-
-}  // namespace
-
 std::vector<NearestPoint> NearestSurface::within(const Eigen::Vector3d& point, double radius) const {
   if (!in_reach(point)) throw InputError("", "point", kOutOfReach);
   if (!(radius >= 0.0 && std::isfinite(radius))) throw InputError("", "radius", "must be a finite number ≥ 0");
@@ -287,12 +284,6 @@ std::vector<NearestPoint> NearestSurface::within(const Eigen::Vector3d& point, d
   });
   return std::move(collection.found);
 }
-
-namespace {
-
-constexpr std::size_t kQueriesPerTask = 256;  // enough work per task to hide its cost
-
-}  // namespace
 
 std::vector<NearestPoint> NearestSurface::query(const std::vector<Eigen::Vector3d>& points) const {
   for (std::size_t i = 0; i < points.size(); ++i) {

@@ -7,7 +7,6 @@
 #include <map>
 #include <string>
 #include <utility>
-#include <vector>
 
 #include "anigen/core/error.h"
 #include "anigen/core/numeric.h"
@@ -68,39 +67,6 @@ void subdivide(Sphere& sphere) {
   sphere.faces = std::move(faces);
 }
 
-}  // namespace
-
-Mesh icosphere(int subdivisions, double radius) {
-  constexpr int kMost = 8;
-  if (subdivisions < 0 || subdivisions > kMost) throw InputError("", "subdivisions", "must be between 0 and 8");
-  Sphere sphere = icosahedron();
-  for (int i = 0; i < subdivisions; ++i) subdivide(sphere);
-  Mesh mesh;
-  for (const Eigen::Vector3d& direction : sphere.directions)
-    mesh.vertices.push_back((radius * direction).cast<float>());
-  mesh.faces = std::move(sphere.faces);
-  return mesh;
-}
-
-Mesh cone(const Eigen::Vector3d& base, const Eigen::Vector3d& apex, double radius, int sections) {
-  if (sections < 3) throw InputError("", "sections", "must be at least 3");
-  const Eigen::Vector3d axis = apex - base;
-  if (!(axis.norm() > 0.0)) throw InputError("", "cone", "its base and its apex are the same point");
-  const Eigen::Vector3d right = axis.unitOrthogonal(), up = axis.normalized().cross(right);
-  Mesh mesh;
-  mesh.vertices = {base.cast<float>(), apex.cast<float>()};
-  for (int i = 0; i < sections; ++i) {
-    const double angle = 2.0 * kPi * i / sections;
-    mesh.vertices.push_back((base + radius * (std::cos(angle) * right + std::sin(angle) * up)).cast<float>());
-    const std::int32_t here = 2 + i, next = 2 + (i + 1) % sections;
-    mesh.faces.push_back({0, next, here});
-    mesh.faces.push_back({1, here, next});
-  }
-  return mesh;
-}
-
-namespace {
-
 constexpr double kJointRadius = 0.02, kBoneRadius = 0.01;  // of the skeleton's size
 constexpr double kShortest = 1e-5;
 constexpr int kSubdivisions = 2, kSections = 32;
@@ -135,6 +101,35 @@ void check(const std::vector<Eigen::Vector3d>& joints, const std::vector<int>& p
 }
 
 }  // namespace
+
+Mesh icosphere(int subdivisions, double radius) {
+  constexpr int kMost = 8;
+  if (subdivisions < 0 || subdivisions > kMost) throw InputError("", "subdivisions", "must be between 0 and 8");
+  Sphere sphere = icosahedron();
+  for (int i = 0; i < subdivisions; ++i) subdivide(sphere);
+  Mesh mesh;
+  for (const Eigen::Vector3d& direction : sphere.directions)
+    mesh.vertices.push_back((radius * direction).cast<float>());
+  mesh.faces = std::move(sphere.faces);
+  return mesh;
+}
+
+Mesh cone(const Eigen::Vector3d& base, const Eigen::Vector3d& apex, double radius, int sections) {
+  if (sections < 3) throw InputError("", "sections", "must be at least 3");
+  const Eigen::Vector3d axis = apex - base;
+  if (!(axis.norm() > 0.0)) throw InputError("", "cone", "its base and its apex are the same point");
+  const Eigen::Vector3d right = axis.unitOrthogonal(), up = axis.normalized().cross(right);
+  Mesh mesh;
+  mesh.vertices = {base.cast<float>(), apex.cast<float>()};
+  for (int i = 0; i < sections; ++i) {
+    const double angle = 2.0 * kPi * i / sections;
+    mesh.vertices.push_back((base + radius * (std::cos(angle) * right + std::sin(angle) * up)).cast<float>());
+    const std::int32_t here = 2 + i, next = 2 + (i + 1) % sections;
+    mesh.faces.push_back({0, next, here});
+    mesh.faces.push_back({1, here, next});
+  }
+  return mesh;
+}
 
 SkeletonMesh skeleton_mesh(const std::vector<Eigen::Vector3d>& joints, const std::vector<int>& parents) {
   check(joints, parents);

@@ -4,7 +4,6 @@
 #include <cmath>
 #include <string>
 
-#include "anigen/asset/mesh.h"
 #include "anigen/core/error.h"
 
 namespace anigen::geometry {
@@ -21,6 +20,16 @@ void check_indices(std::size_t vertices, const std::vector<Triangle>& faces) {
       }
     }
   }
+}
+
+constexpr double kLastCell = 1023.0;
+
+/// Spreads the lowest 10 bits to every third place.
+std::uint32_t every_third(std::uint32_t bits) {
+  bits = (bits | bits << 16) & 0x030000FFu;
+  bits = (bits | bits << 8) & 0x0300F00Fu;
+  bits = (bits | bits << 4) & 0x030C30C3u;
+  return (bits | bits << 2) & 0x09249249u;
 }
 
 }  // namespace
@@ -64,20 +73,6 @@ std::vector<SurfacePoint> sample_surface(const std::vector<Eigen::Vector3f>& ver
   }
   return points;
 }
-
-namespace {
-
-constexpr double kLastCell = 1023.0;
-
-/// Spreads the lowest 10 bits to every third place.
-std::uint32_t every_third(std::uint32_t bits) {
-  bits = (bits | bits << 16) & 0x030000FFu;
-  bits = (bits | bits << 8) & 0x0300F00Fu;
-  bits = (bits | bits << 4) & 0x030C30C3u;
-  return (bits | bits << 2) & 0x09249249u;
-}
-
-}  // namespace
 
 std::vector<std::uint32_t> along_curve(const std::vector<Eigen::Vector3d>& points) {
   Box box;

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <string>
 
 #include "anigen/core/error.h"
 
@@ -39,6 +38,17 @@ VoxelBits dilated(const std::vector<Voxel>& voxels, int resolution, int radius) 
     bits.insert_run(v[0], v[1], std::max(0, v[2] - reach), std::min(resolution - 1, v[2] + reach));
   }
   return reach == 0 ? bits : grow_rows(grow_rows(bits, reach, 1), reach, 0);
+}
+
+void set_bits(std::uint64_t* word, std::uint64_t mask) {
+  // Most voxels are met by several triangles: looking first spares the locked instruction.
+  if ((__atomic_load_n(word, __ATOMIC_RELAXED) & mask) == mask) return;
+  __atomic_fetch_or(word, mask, __ATOMIC_RELAXED);
+}
+
+/// Rounds toward minus infinity, so that blocks are alike on both sides of 0.
+std::int32_t block_of(std::int32_t index, int factor) {
+  return index >= 0 ? index / factor : -((-static_cast<std::int64_t>(index) + factor - 1) / factor);
 }
 
 }  // namespace
@@ -117,16 +127,6 @@ std::vector<Voxel> dilate_randomly(const std::vector<Voxel>& voxels, int resolut
   return result;
 }
 
-namespace {
-
-void set_bits(std::uint64_t* word, std::uint64_t mask) {
-  // Most voxels are met by several triangles: looking first spares the locked instruction.
-  if ((__atomic_load_n(word, __ATOMIC_RELAXED) & mask) == mask) return;
-  __atomic_fetch_or(word, mask, __ATOMIC_RELAXED);
-}
-
-}  // namespace
-
 VoxelBits::VoxelBits(int resolution)
     : resolution_(resolution),
       words_((static_cast<std::size_t>(resolution) + 63) / 64),
@@ -159,15 +159,6 @@ std::vector<Voxel> VoxelBits::voxels() const {
   }
   return result;
 }
-
-namespace {
-
-/// Rounds toward minus infinity, so that blocks are alike on both sides of 0.
-std::int32_t block_of(std::int32_t index, int factor) {
-  return index >= 0 ? index / factor : -((-static_cast<std::int64_t>(index) + factor - 1) / factor);
-}
-
-}  // namespace
 
 std::vector<Voxel> pool_voxels(const std::vector<Voxel>& voxels, int factor) {
   if (factor < 1) throw InputError("", "factor", "cannot pool blocks of " + std::to_string(factor) + " voxels");

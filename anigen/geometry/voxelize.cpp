@@ -7,7 +7,6 @@
 #include "anigen/core/error.h"
 #include "anigen/core/parallel.h"
 #include "anigen/geometry/bones.h"
-#include "anigen/geometry/voxel_grid.h"
 
 namespace anigen::geometry {
 
@@ -39,27 +38,6 @@ int order(const Walk& a, const Walk& b) {
   if (first != second) return first < second ? -1 : 1;
   return b.step - a.step;
 }
-
-}  // namespace
-
-void append_segment(const FixedPoint& from, const FixedPoint& to, std::vector<Voxel>& voxels) {
-  std::array<Walk, 3> axes = {Walk(from[0], to[0]), Walk(from[1], to[1]), Walk(from[2], to[2])};
-  for (;;) {
-    voxels.push_back({static_cast<std::int32_t>(axes[0].cell), static_cast<std::int32_t>(axes[1].cell),
-                      static_cast<std::int32_t>(axes[2].cell)});
-    const Walk* next = nullptr;
-    for (const Walk& axis : axes) {
-      if (axis.left > 0 && (next == nullptr || order(axis, *next) < 0)) next = &axis;
-    }
-    if (next == nullptr) return;
-    const Walk first = *next;
-    for (Walk& axis : axes) {
-      if (axis.left > 0 && order(axis, first) == 0) axis.cross();
-    }
-  }
-}
-
-namespace {
 
 struct Range {
   std::int64_t first, last;
@@ -179,32 +157,6 @@ void insert_box(const Range& x, const Range& y, const Range& z, VoxelBits& voxel
   }
 }
 
-}  // namespace
-
-void insert_triangle(const FixedTriangle& triangle, VoxelBits& voxels) {
-  const int resolution = voxels.resolution();
-  const Range x = touched(triangle, 0, resolution), y = touched(triangle, 1, resolution),
-              z = touched(triangle, 2, resolution);
-  // Along one axis a connected shape meets every voxel of its extent.
-  if (x.single() + y.single() + z.single() >= 2) return insert_box(x, y, z, voxels);
-  const Projection xy(triangle, 0, 1), xz(triangle, 0, 2), yz(triangle, 1, 2);
-  const Plane plane(triangle);
-  std::array<Range, kMaxVoxelResolution> z_of_y;
-  for (std::int64_t j = y.first; j <= y.last; ++j) z_of_y[static_cast<std::size_t>(j)] = yz.seconds(j, z);
-  for (std::int64_t i = x.first; i <= x.last; ++i) {
-    const Range z_of_x = xz.seconds(i, z), columns = xy.seconds(i, y);
-    for (std::int64_t j = columns.first; j <= columns.last; ++j) {
-      Range run = z_of_x;
-      run.cut(z_of_y[static_cast<std::size_t>(j)]);
-      if (run.first <= run.last) plane.cut(i, j, run);
-      voxels.insert_run(static_cast<int>(i), static_cast<int>(j), static_cast<int>(run.first),
-                        static_cast<int>(run.last));
-    }
-  }
-}
-
-namespace {
-
 void require_faces(const std::vector<Triangle>& faces, std::size_t vertices) {
   if (faces.empty()) throw InputError("", "mesh.faces", "a mesh without faces has no surface to voxelise");
   for (std::size_t f = 0; f < faces.size(); ++f) {
@@ -245,6 +197,45 @@ std::vector<Voxel> surface(const std::vector<Vertex>& vertices, const std::vecto
 }
 
 }  // namespace
+
+void append_segment(const FixedPoint& from, const FixedPoint& to, std::vector<Voxel>& voxels) {
+  std::array<Walk, 3> axes = {Walk(from[0], to[0]), Walk(from[1], to[1]), Walk(from[2], to[2])};
+  for (;;) {
+    voxels.push_back({static_cast<std::int32_t>(axes[0].cell), static_cast<std::int32_t>(axes[1].cell),
+                      static_cast<std::int32_t>(axes[2].cell)});
+    const Walk* next = nullptr;
+    for (const Walk& axis : axes) {
+      if (axis.left > 0 && (next == nullptr || order(axis, *next) < 0)) next = &axis;
+    }
+    if (next == nullptr) return;
+    const Walk first = *next;
+    for (Walk& axis : axes) {
+      if (axis.left > 0 && order(axis, first) == 0) axis.cross();
+    }
+  }
+}
+
+void insert_triangle(const FixedTriangle& triangle, VoxelBits& voxels) {
+  const int resolution = voxels.resolution();
+  const Range x = touched(triangle, 0, resolution), y = touched(triangle, 1, resolution),
+              z = touched(triangle, 2, resolution);
+  // Along one axis a connected shape meets every voxel of its extent.
+  if (x.single() + y.single() + z.single() >= 2) return insert_box(x, y, z, voxels);
+  const Projection xy(triangle, 0, 1), xz(triangle, 0, 2), yz(triangle, 1, 2);
+  const Plane plane(triangle);
+  std::array<Range, kMaxVoxelResolution> z_of_y;
+  for (std::int64_t j = y.first; j <= y.last; ++j) z_of_y[static_cast<std::size_t>(j)] = yz.seconds(j, z);
+  for (std::int64_t i = x.first; i <= x.last; ++i) {
+    const Range z_of_x = xz.seconds(i, z), columns = xy.seconds(i, y);
+    for (std::int64_t j = columns.first; j <= columns.last; ++j) {
+      Range run = z_of_x;
+      run.cut(z_of_y[static_cast<std::size_t>(j)]);
+      if (run.first <= run.last) plane.cut(i, j, run);
+      voxels.insert_run(static_cast<int>(i), static_cast<int>(j), static_cast<int>(run.first),
+                        static_cast<int>(run.last));
+    }
+  }
+}
 
 std::vector<Voxel> voxelize_surface(const std::vector<Eigen::Vector3f>& vertices, const std::vector<Triangle>& faces,
                                     int resolution, OutsideCube outside) {

@@ -46,6 +46,37 @@ Similarity boxed(const std::vector<Eigen::Vector3d>& points) {
   return centred(box.center(), box.longest_side());
 }
 
+AlignedBy common_ground(const io::RiggedShape& a, const io::RiggedShape& b) {
+  if (a.has_surface() && b.has_surface()) return AlignedBy::kSurface;
+  if (!a.mesh.vertices.empty() && !b.mesh.vertices.empty()) return AlignedBy::kVertices;
+  if (a.has_joints() && b.has_joints()) return AlignedBy::kJoints;
+  const io::RiggedShape& poorer = a.has_joints() ? b : a;
+  throw InputError(poorer.file, "", "there is nothing to align by: the two shapes share neither a mesh nor joints");
+}
+
+Similarity normalize(const io::RiggedShape& shape, NormalizationMode mode, AlignedBy by) {
+  try {
+    return by == AlignedBy::kJoints ? normalization(shape.joints.positions, mode) : normalization(shape.mesh, mode);
+  } catch (const InputError& error) {
+    throw InputError(shape.file, error.place(), error.problem());
+  }
+}
+
+AlignmentShape prepare(const io::RiggedShape& shape, const Similarity& normalized, AlignedBy by,
+                       const IcpOptions& options) {
+  const std::size_t samples = std::max(options.samples, options.score_samples);
+  if (by == AlignedBy::kJoints) {
+    return {transformed(normalized, shape.joints.positions), samples, options.seed};
+  }
+  if (shape.has_surface()) {
+    Mesh mesh;
+    mesh.vertices = shape.mesh.vertices;
+    mesh.faces = shape.mesh.faces;
+    return {transformed(normalized, std::move(mesh)), samples, options.seed};
+  }
+  return {transformed(normalized, shape.mesh.vertices), samples, options.seed};
+}
+
 }  // namespace
 
 NormalizationMode normalization_mode(const std::string& word) {
@@ -116,41 +147,6 @@ Similarity normalization(const std::vector<Eigen::Vector3d>& points, Normalizati
   const SurfaceMoments moments = point_moments(points);
   return centred(moments.centroid, moments.rms_radius);
 }
-
-namespace {
-
-AlignedBy common_ground(const io::RiggedShape& a, const io::RiggedShape& b) {
-  if (a.has_surface() && b.has_surface()) return AlignedBy::kSurface;
-  if (!a.mesh.vertices.empty() && !b.mesh.vertices.empty()) return AlignedBy::kVertices;
-  if (a.has_joints() && b.has_joints()) return AlignedBy::kJoints;
-  const io::RiggedShape& poorer = a.has_joints() ? b : a;
-  throw InputError(poorer.file, "", "there is nothing to align by: the two shapes share neither a mesh nor joints");
-}
-
-Similarity normalize(const io::RiggedShape& shape, NormalizationMode mode, AlignedBy by) {
-  try {
-    return by == AlignedBy::kJoints ? normalization(shape.joints.positions, mode) : normalization(shape.mesh, mode);
-  } catch (const InputError& error) {
-    throw InputError(shape.file, error.place(), error.problem());
-  }
-}
-
-AlignmentShape prepare(const io::RiggedShape& shape, const Similarity& normalized, AlignedBy by,
-                       const IcpOptions& options) {
-  const std::size_t samples = std::max(options.samples, options.score_samples);
-  if (by == AlignedBy::kJoints) {
-    return {transformed(normalized, shape.joints.positions), samples, options.seed};
-  }
-  if (shape.has_surface()) {
-    Mesh mesh;
-    mesh.vertices = shape.mesh.vertices;
-    mesh.faces = shape.mesh.faces;
-    return {transformed(normalized, std::move(mesh)), samples, options.seed};
-  }
-  return {transformed(normalized, shape.mesh.vertices), samples, options.seed};
-}
-
-}  // namespace
 
 std::string to_string(AlignedBy by) {
   switch (by) {

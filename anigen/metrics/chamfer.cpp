@@ -1,7 +1,6 @@
 #include "anigen/metrics/chamfer.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <limits>
 
@@ -14,6 +13,32 @@ namespace {
 
 [[noreturn]] void refuse(const std::string& why) {
   throw InputError("", "skeleton", why + "; bring it into the unit box first");
+}
+
+constexpr int kLeaf = 4;
+constexpr double kShortest = 1e-280;  // squared length whose inverse is still finite
+
+double squared_distance_to_box(const Eigen::Vector3d& p, const Eigen::Vector3d& low, const Eigen::Vector3d& high) {
+  return (low - p).cwiseMax(p - high).cwiseMax(0.0).squaredNorm();
+}
+
+double symmetric(double there, double back) { return 0.5 * (there + back); }
+
+/// @param bones what distances to bones are measured to, of either side
+SkeletonChamfer chamfer(const MetricSkeleton& a, const MetricSkeleton& b, const std::vector<BoneSamples>& samples_a,
+                        const std::vector<BoneSamples>& samples_b, const NearestBone& bones_a,
+                        const NearestBone& bones_b) {
+  SkeletonChamfer result;
+  result.j2j = symmetric(NearestBone::of_points(b.positions).mean_distance(a.positions),
+                         NearestBone::of_points(a.positions).mean_distance(b.positions));
+  result.j2b = symmetric(bones_b.mean_distance(a.positions), bones_a.mean_distance(b.positions));
+  result.b2b = symmetric(bones_b.mean_distance(samples_a), bones_a.mean_distance(samples_b));
+  return result;
+}
+
+SkeletonChamfer sampled(const MetricSkeleton& a, const MetricSkeleton& b, const std::vector<BoneSamples>& samples_a,
+                        const std::vector<BoneSamples>& samples_b) {
+  return chamfer(a, b, samples_a, samples_b, NearestBone(samples_a), NearestBone(samples_b));
 }
 
 }  // namespace
@@ -59,17 +84,6 @@ std::vector<Eigen::Vector3d> sample_points(const std::vector<BoneSamples>& sampl
   }
   return points;
 }
-
-namespace {
-
-constexpr int kLeaf = 4;
-constexpr double kShortest = 1e-280;  // squared length whose inverse is still finite
-
-double squared_distance_to_box(const Eigen::Vector3d& p, const Eigen::Vector3d& low, const Eigen::Vector3d& high) {
-  return (low - p).cwiseMax(p - high).cwiseMax(0.0).squaredNorm();
-}
-
-}  // namespace
 
 NearestBone::NearestBone(const std::vector<geometry::Bone>& bones) {
   for (const geometry::Bone& bone : bones) add(bone.head, bone.tail - bone.head, 1.0);
@@ -176,29 +190,6 @@ double NearestBone::mean_distance(const std::vector<BoneSamples>& samples) const
   }
   return sum / static_cast<double>(count);
 }
-
-namespace {
-
-double symmetric(double there, double back) { return 0.5 * (there + back); }
-
-/// @param bones what distances to bones are measured to, of either side
-SkeletonChamfer chamfer(const MetricSkeleton& a, const MetricSkeleton& b, const std::vector<BoneSamples>& samples_a,
-                        const std::vector<BoneSamples>& samples_b, const NearestBone& bones_a,
-                        const NearestBone& bones_b) {
-  SkeletonChamfer result;
-  result.j2j = symmetric(NearestBone::of_points(b.positions).mean_distance(a.positions),
-                         NearestBone::of_points(a.positions).mean_distance(b.positions));
-  result.j2b = symmetric(bones_b.mean_distance(a.positions), bones_a.mean_distance(b.positions));
-  result.b2b = symmetric(bones_b.mean_distance(samples_a), bones_a.mean_distance(samples_b));
-  return result;
-}
-
-SkeletonChamfer sampled(const MetricSkeleton& a, const MetricSkeleton& b, const std::vector<BoneSamples>& samples_a,
-                        const std::vector<BoneSamples>& samples_b) {
-  return chamfer(a, b, samples_a, samples_b, NearestBone(samples_a), NearestBone(samples_b));
-}
-
-}  // namespace
 
 std::string name(SkeletonProtocol protocol) {
   switch (protocol) {

@@ -3,9 +3,7 @@
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
-#include <vector>
 
-#include "anigen/metrics/transport_plan.h"
 #include "anigen/metrics/wasserstein.h"
 
 namespace anigen::metrics {
@@ -48,6 +46,19 @@ Eigen::VectorXd centred_spectrum(const Eigen::MatrixXd& c, const Eigen::VectorXd
   scaled += root.dot(image) * root * root.transpose();
   const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(scaled, Eigen::EigenvaluesOnly);
   return solver.eigenvalues().reverse();
+}
+
+Eigen::VectorXd masses(const std::vector<std::int64_t>& units) {
+  Eigen::VectorXd result(static_cast<Eigen::Index>(units.size()));
+  for (std::size_t i = 0; i < units.size(); ++i) result[static_cast<Eigen::Index>(i)] = static_cast<double>(units[i]);
+  return result;
+}
+
+// Distance to one end of the longest path minus distance to the other.
+Eigen::VectorXd along_diameter(const RowMatrix& c) {
+  Eigen::Index one = 0, two = 0;
+  c.maxCoeff(&one, &two);
+  return c.col(one) - c.col(two);
 }
 
 }  // namespace
@@ -128,23 +139,6 @@ GwLowerBound gw_lower_bound(const Eigen::MatrixXd& c1, const Eigen::MatrixXd& c2
   bound.best = std::max({bound.global_distances, bound.local_distances, bound.spectral});
   return bound;
 }
-
-namespace {
-
-Eigen::VectorXd masses(const std::vector<std::int64_t>& units) {
-  Eigen::VectorXd result(static_cast<Eigen::Index>(units.size()));
-  for (std::size_t i = 0; i < units.size(); ++i) result[static_cast<Eigen::Index>(i)] = static_cast<double>(units[i]);
-  return result;
-}
-
-// Distance to one end of the longest path minus distance to the other.
-Eigen::VectorXd along_diameter(const RowMatrix& c) {
-  Eigen::Index one = 0, two = 0;
-  c.maxCoeff(&one, &two);
-  return c.col(one) - c.col(two);
-}
-
-}  // namespace
 
 std::vector<GwSparseStart> sorted_starts(const GwProblem& problem) {
   const MassUnits& units = problem.units;

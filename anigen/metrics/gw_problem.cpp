@@ -5,7 +5,6 @@
 #include <limits>
 #include <numeric>
 #include <tuple>
-#include <vector>
 
 #include "anigen/core/numeric.h"
 

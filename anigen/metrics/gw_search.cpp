@@ -7,12 +7,8 @@
 
 #include "anigen/core/error.h"
 #include "anigen/core/numeric.h"
-#include "anigen/core/random.h"
-#include "anigen/metrics/gromov_wasserstein.h"
 #include "anigen/metrics/gw_bound.h"
-#include "anigen/metrics/gw_problem.h"
 #include "anigen/metrics/sinkhorn.h"
-#include "anigen/metrics/wasserstein.h"
 
 namespace anigen::metrics {
 
@@ -53,6 +49,125 @@ std::vector<PlanCell> mixed(const std::vector<PlanCell>& x, const std::vector<Pl
 void sort_cells(std::vector<PlanCell>& cells) {
   std::sort(cells.begin(), cells.end(),
             [](const PlanCell& x, const PlanCell& y) { return x.row != y.row ? x.row < y.row : x.column < y.column; });
+}
+
+constexpr double kIsometric = 1e-14;  // of the largest squared distance: lengths equal to about 1e-7
+
+void check_distances(const Eigen::MatrixXd& c, const std::string& name) {
+  if (c.rows() == 0 || c.rows() != c.cols()) throw InputError("", name, "distances must be a square matrix");
+  if (!c.allFinite()) throw InputError("", name, "a distance is not finite");
+  const double tolerance = 1e-9 * c.cwiseAbs().maxCoeff();
+  if (c.minCoeff() < 0.0) throw InputError("", name, "a distance is negative");
+  if (c.diagonal().maxCoeff() > tolerance) throw InputError("", name, "a point has a distance to itself");
+  if ((c - c.transpose()).cwiseAbs().maxCoeff() > tolerance)
+    throw InputError("", name, "the distances are not symmetric");
+}
+
+// The problem in the numbering the search works in.
+struct Numbered {
+  GwProblem problem;
+  std::vector<int> rows, columns;  // rows[k]: the caller's number of row k
+  Eigen::MatrixXd c1, c2;
+  Eigen::VectorXd a, b;
+  RowMatrix features;
+  bool isomorphic = false;
+};
+
+RowMatrix picked_block(const Eigen::MatrixXd& values, const std::vector<int>& rows, const std::vector<int>& columns) {
+  RowMatrix result(values.rows(), values.cols());
+  for (std::size_t i = 0; i < rows.size(); ++i) {
+    for (std::size_t k = 0; k < columns.size(); ++k)
+      result(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(k)) = values(rows[i], columns[k]);
+  }
+  return result;
+}
+
+Numbered numbered(const GwSearch& search) {
+  Numbered result;
+  std::optional<MetricTree> tree1 = metric_tree(search.c1), tree2 = metric_tree(search.c2);
+  if (tree1 && tree2) {
+    CanonicalOrder order = canonical_order({std::move(*tree1), search.a, {}}, {std::move(*tree2), search.b, {}});
+    result.rows = std::move(order.first);
+    result.columns = std::move(order.second);
+    result.isomorphic = order.isomorphic;
+    result.c1 = path_lengths(order.first_tree);
+    result.c2 = path_lengths(order.second_tree);
+    result.problem.tree1 = std::move(order.first_tree);
+    result.problem.tree2 = std::move(order.second_tree);
+  } else {
+    result.rows.resize(static_cast<std::size_t>(search.c1.rows()));
+    result.columns.resize(static_cast<std::size_t>(search.c2.rows()));
+    std::iota(result.rows.begin(), result.rows.end(), 0);
+    std::iota(result.columns.begin(), result.columns.end(), 0);
+    result.c1 = search.c1;
+    result.c2 = search.c2;
+  }
+  result.a = picked(search.a, result.rows);
+  result.b = picked(search.b, result.columns);
+  GwProblem& problem = result.problem;
+  problem.c1 = result.c1;
+  problem.c2 = result.c2;
+  problem.units = mass_units(result.a, result.b);
+  problem.curvature = 2.0 * search.alpha / static_cast<double>(problem.units.total);
+  if (search.features != nullptr) {
+    result.features = picked_block(*search.features, result.rows, result.columns);
+    problem.linear = (1.0 - search.alpha) * result.features;
+  }
+  return result;
+}
+
+// Evaluates vertices directly, so that an isometry costs exactly nothing.
+double true_cost(const Numbered& numbers, std::vector<PlanCell> cells, double alpha) {
+  for (PlanCell& cell : cells) cell.mass /= static_cast<double>(numbers.problem.units.total);
+  double cost = 0.0;
+  if (numbers.problem.sparse(cells.size())) {
+    cost = alpha * gw_cost(numbers.problem.c1, numbers.problem.c2, cells);
+  } else {
+    Eigen::MatrixXd plan = Eigen::MatrixXd::Zero(numbers.c1.rows(), numbers.c2.rows());
+    for (const PlanCell& cell : cells) plan(cell.row, cell.column) = cell.mass;
+    cost = alpha * gw_cost(numbers.c1, numbers.c2, plan);
+  }
+  if (numbers.features.size() == 0) return cost;
+  for (const PlanCell& cell : cells) cost += (1.0 - alpha) * cell.mass * numbers.features(cell.row, cell.column);
+  return cost;
+}
+
+std::vector<PlanCell> isomorphism(const Numbered& numbers) {
+  std::vector<PlanCell> cells;
+  for (int k = 0; k < numbers.problem.rows(); ++k)
+    cells.push_back({k, k, static_cast<double>(numbers.problem.units.supplies[static_cast<std::size_t>(k)])});
+  return cells;
+}
+
+std::vector<PlanCell> in_units(const Eigen::MatrixXd& plan, const Numbered& numbers) {
+  const double total = static_cast<double>(numbers.problem.units.total);
+  return plan_cells(picked_block(plan, numbers.rows, numbers.columns) * total);
+}
+
+// Proximal plan at a temperature where the coarse correspondence is decided; the descent settles the rest.
+std::vector<PlanCell> entropic_start(const Numbered& numbers) {
+  EntropicGwOptions options;
+  options.solver = EntropicGwSolver::kProximalPoint;
+  options.epsilon = 0.05;
+  options.max_iterations = 60;
+  options.sinkhorn_iterations = 100;
+  const EntropicGw found = entropic_gromov_wasserstein(numbers.c1, numbers.c2, numbers.a, numbers.b, options);
+  return plan_cells(round_to_coupling(found.plan, numbers.a, numbers.b) *
+                    static_cast<double>(numbers.problem.units.total));
+}
+
+std::vector<GwSparseStart> all_starts(const GwSearch& search, const Numbered& numbers) {
+  std::vector<GwSparseStart> starts;
+  if (numbers.isomorphic) starts.push_back({"isomorphism", isomorphism(numbers)});
+  for (const GwStart& start : search.starts) {
+    if (start.plan.rows() != search.c1.rows() || start.plan.cols() != search.c2.rows())
+      throw InputError("", "start " + start.name, "its plan has the wrong shape");
+    starts.push_back({start.name, in_units(start.plan, numbers)});
+  }
+  for (GwSparseStart& start : sorted_starts(numbers.problem)) starts.push_back(std::move(start));
+  starts.push_back(profile_start(numbers.problem, profile_costs(numbers.c1, numbers.c2, numbers.a, numbers.b)));
+  if (search.options.entropic) starts.push_back({"entropic", entropic_start(numbers)});
+  return starts;
 }
 
 }  // namespace
@@ -205,129 +320,6 @@ void GwDescent::add(int row, int column, double mass) {
   }
   cells_.pop_back();
 }
-
-namespace {
-
-constexpr double kIsometric = 1e-14;  // of the largest squared distance: lengths equal to about 1e-7
-
-void check_distances(const Eigen::MatrixXd& c, const std::string& name) {
-  if (c.rows() == 0 || c.rows() != c.cols()) throw InputError("", name, "distances must be a square matrix");
-  if (!c.allFinite()) throw InputError("", name, "a distance is not finite");
-  const double tolerance = 1e-9 * c.cwiseAbs().maxCoeff();
-  if (c.minCoeff() < 0.0) throw InputError("", name, "a distance is negative");
-  if (c.diagonal().maxCoeff() > tolerance) throw InputError("", name, "a point has a distance to itself");
-  if ((c - c.transpose()).cwiseAbs().maxCoeff() > tolerance)
-    throw InputError("", name, "the distances are not symmetric");
-}
-
-// The problem in the numbering the search works in.
-struct Numbered {
-  GwProblem problem;
-  std::vector<int> rows, columns;  // rows[k]: the caller's number of row k
-  Eigen::MatrixXd c1, c2;
-  Eigen::VectorXd a, b;
-  RowMatrix features;
-  bool isomorphic = false;
-};
-
-RowMatrix picked_block(const Eigen::MatrixXd& values, const std::vector<int>& rows, const std::vector<int>& columns) {
-  RowMatrix result(values.rows(), values.cols());
-  for (std::size_t i = 0; i < rows.size(); ++i) {
-    for (std::size_t k = 0; k < columns.size(); ++k)
-      result(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(k)) = values(rows[i], columns[k]);
-  }
-  return result;
-}
-
-Numbered numbered(const GwSearch& search) {
-  Numbered result;
-  std::optional<MetricTree> tree1 = metric_tree(search.c1), tree2 = metric_tree(search.c2);
-  if (tree1 && tree2) {
-    CanonicalOrder order = canonical_order({std::move(*tree1), search.a, {}}, {std::move(*tree2), search.b, {}});
-    result.rows = std::move(order.first);
-    result.columns = std::move(order.second);
-    result.isomorphic = order.isomorphic;
-    result.c1 = path_lengths(order.first_tree);
-    result.c2 = path_lengths(order.second_tree);
-    result.problem.tree1 = std::move(order.first_tree);
-    result.problem.tree2 = std::move(order.second_tree);
-  } else {
-    result.rows.resize(static_cast<std::size_t>(search.c1.rows()));
-    result.columns.resize(static_cast<std::size_t>(search.c2.rows()));
-    std::iota(result.rows.begin(), result.rows.end(), 0);
-    std::iota(result.columns.begin(), result.columns.end(), 0);
-    result.c1 = search.c1;
-    result.c2 = search.c2;
-  }
-  result.a = picked(search.a, result.rows);
-  result.b = picked(search.b, result.columns);
-  GwProblem& problem = result.problem;
-  problem.c1 = result.c1;
-  problem.c2 = result.c2;
-  problem.units = mass_units(result.a, result.b);
-  problem.curvature = 2.0 * search.alpha / static_cast<double>(problem.units.total);
-  if (search.features != nullptr) {
-    result.features = picked_block(*search.features, result.rows, result.columns);
-    problem.linear = (1.0 - search.alpha) * result.features;
-  }
-  return result;
-}
-
-// Evaluates vertices directly, so that an isometry costs exactly nothing.
-double true_cost(const Numbered& numbers, std::vector<PlanCell> cells, double alpha) {
-  for (PlanCell& cell : cells) cell.mass /= static_cast<double>(numbers.problem.units.total);
-  double cost = 0.0;
-  if (numbers.problem.sparse(cells.size())) {
-    cost = alpha * gw_cost(numbers.problem.c1, numbers.problem.c2, cells);
-  } else {
-    Eigen::MatrixXd plan = Eigen::MatrixXd::Zero(numbers.c1.rows(), numbers.c2.rows());
-    for (const PlanCell& cell : cells) plan(cell.row, cell.column) = cell.mass;
-    cost = alpha * gw_cost(numbers.c1, numbers.c2, plan);
-  }
-  if (numbers.features.size() == 0) return cost;
-  for (const PlanCell& cell : cells) cost += (1.0 - alpha) * cell.mass * numbers.features(cell.row, cell.column);
-  return cost;
-}
-
-std::vector<PlanCell> isomorphism(const Numbered& numbers) {
-  std::vector<PlanCell> cells;
-  for (int k = 0; k < numbers.problem.rows(); ++k)
-    cells.push_back({k, k, static_cast<double>(numbers.problem.units.supplies[static_cast<std::size_t>(k)])});
-  return cells;
-}
-
-std::vector<PlanCell> in_units(const Eigen::MatrixXd& plan, const Numbered& numbers) {
-  const double total = static_cast<double>(numbers.problem.units.total);
-  return plan_cells(picked_block(plan, numbers.rows, numbers.columns) * total);
-}
-
-// Proximal plan at a temperature where the coarse correspondence is decided; the descent settles the rest.
-std::vector<PlanCell> entropic_start(const Numbered& numbers) {
-  EntropicGwOptions options;
-  options.solver = EntropicGwSolver::kProximalPoint;
-  options.epsilon = 0.05;
-  options.max_iterations = 60;
-  options.sinkhorn_iterations = 100;
-  const EntropicGw found = entropic_gromov_wasserstein(numbers.c1, numbers.c2, numbers.a, numbers.b, options);
-  return plan_cells(round_to_coupling(found.plan, numbers.a, numbers.b) *
-                    static_cast<double>(numbers.problem.units.total));
-}
-
-std::vector<GwSparseStart> all_starts(const GwSearch& search, const Numbered& numbers) {
-  std::vector<GwSparseStart> starts;
-  if (numbers.isomorphic) starts.push_back({"isomorphism", isomorphism(numbers)});
-  for (const GwStart& start : search.starts) {
-    if (start.plan.rows() != search.c1.rows() || start.plan.cols() != search.c2.rows())
-      throw InputError("", "start " + start.name, "its plan has the wrong shape");
-    starts.push_back({start.name, in_units(start.plan, numbers)});
-  }
-  for (GwSparseStart& start : sorted_starts(numbers.problem)) starts.push_back(std::move(start));
-  starts.push_back(profile_start(numbers.problem, profile_costs(numbers.c1, numbers.c2, numbers.a, numbers.b)));
-  if (search.options.entropic) starts.push_back({"entropic", entropic_start(numbers)});
-  return starts;
-}
-
-}  // namespace
 
 GromovWasserstein GwSearch::run() const {
   check_distances(c1, "first space");

@@ -6,13 +6,11 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstdint>
 #include <limits>
 #include <string>
 
 #include "anigen/core/error.h"
 #include "anigen/core/parallel.h"
-#include "anigen/metrics/similarity.h"
 
 namespace anigen::metrics {
 
@@ -24,47 +22,6 @@ constexpr double kAmbiguous = 1.1;  // ratio of variances below which two axes m
 bool ambiguous(const Eigen::Vector3d& ascending) {
   return ascending[1] < kAmbiguous * ascending[0] || ascending[2] < kAmbiguous * ascending[1];
 }
-
-}  // namespace
-
-Eigen::Matrix3d random_rotation(Rng& rng) {
-  const double u = rng.uniform(), v = kTwoPi * rng.uniform(), w = kTwoPi * rng.uniform();
-  const double a = std::sqrt(1.0 - u), b = std::sqrt(u);
-  return Eigen::Quaterniond(b * std::cos(w), a * std::sin(v), a * std::cos(v), b * std::sin(w))
-      .normalized()
-      .toRotationMatrix();
-}
-
-std::vector<Eigen::Matrix3d> random_rotations(int count, std::uint64_t seed) {
-  std::vector<Eigen::Matrix3d> rotations;
-  for (int i = 0; i < count; ++i) {
-    Rng rng(seed, "alignment rotation", static_cast<std::uint64_t>(i));
-    rotations.push_back(random_rotation(rng));
-  }
-  return rotations;
-}
-
-std::vector<Eigen::Matrix3d> principal_axis_rotations(const Eigen::Matrix3d& from_covariance,
-                                                      const Eigen::Matrix3d& to_covariance) {
-  if (!(from_covariance.trace() > 0.0) || !(to_covariance.trace() > 0.0)) return {};
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> from(from_covariance), to(to_covariance);
-  const bool all = ambiguous(from.eigenvalues()) || ambiguous(to.eigenvalues());
-  std::vector<Eigen::Matrix3d> rotations;
-  std::array<int, 3> order = {0, 1, 2};
-  do {
-    for (int signs = 0; signs < 8; ++signs) {
-      Eigen::Matrix3d axes;
-      for (int k = 0; k < 3; ++k) {
-        axes.col(k) = (signs & (1 << k) ? -1.0 : 1.0) * from.eigenvectors().col(order[static_cast<std::size_t>(k)]);
-      }
-      const Eigen::Matrix3d rotation = to.eigenvectors() * axes.transpose();
-      if (rotation.determinant() > 0.0) rotations.push_back(rotation);
-    }
-  } while (all && std::next_permutation(order.begin(), order.end()));
-  return rotations;
-}
-
-namespace {
 
 constexpr double kExact = 1e-14;      // residual, as a share of the target's size, that is rounding alone
 constexpr double kLongestTurn = 0.5;  // radians a single linearised step may turn by
@@ -216,44 +173,6 @@ class Stage {
   Lookup in_target_, in_source_;
   std::vector<double> distances_;
 };
-
-}  // namespace
-
-IcpState run_stage(const AlignmentShape& source, const AlignmentShape& target, const Similarity& start,
-                   const IcpStage& options) {
-  Stage stage(source, target, options);
-  IcpState state;
-  state.transform = start;
-  std::vector<Pair> pairs, next_pairs;
-  double squared = stage.collect(state.transform, pairs);
-  const double exact = std::pow(kExact * target.rms_radius(), 2);
-  while (state.iterations < options.max_iterations && squared > exact) {
-    const bool plane = options.variant == IcpVariant::kPointToPlane;
-    Similarity next = plane ? stage.plane_step(pairs, state.transform) : stage.closed_form(pairs);
-    double next_squared = stage.collect(next, next_pairs);
-    if (plane && !(next_squared < squared)) {
-      next = stage.closed_form(pairs);
-      next_squared = stage.collect(next, next_pairs);
-    }
-    ++state.iterations;
-    if (!(next_squared < squared)) break;
-    const bool done = std::sqrt(squared) - std::sqrt(next_squared) <= options.tolerance * std::sqrt(squared);
-    state.transform = next;
-    squared = next_squared;
-    pairs.swap(next_pairs);
-    if (done) break;
-  }
-  state.residual = std::sqrt(squared);
-  return state;
-}
-
-double stage_residual(const AlignmentShape& source, const AlignmentShape& target, const Similarity& transform,
-                      const IcpStage& options) {
-  std::vector<Pair> pairs;
-  return std::sqrt(Stage(source, target, options).collect(transform, pairs));
-}
-
-namespace {
 
 // The rule in icp.h.
 constexpr std::size_t kFirstSamples = 100, kFirstScoreSamples = 200, kSecondSamples = 250;
@@ -415,6 +334,77 @@ class Registration {
 };
 
 }  // namespace
+
+Eigen::Matrix3d random_rotation(Rng& rng) {
+  const double u = rng.uniform(), v = kTwoPi * rng.uniform(), w = kTwoPi * rng.uniform();
+  const double a = std::sqrt(1.0 - u), b = std::sqrt(u);
+  return Eigen::Quaterniond(b * std::cos(w), a * std::sin(v), a * std::cos(v), b * std::sin(w))
+      .normalized()
+      .toRotationMatrix();
+}
+
+std::vector<Eigen::Matrix3d> random_rotations(int count, std::uint64_t seed) {
+  std::vector<Eigen::Matrix3d> rotations;
+  for (int i = 0; i < count; ++i) {
+    Rng rng(seed, "alignment rotation", static_cast<std::uint64_t>(i));
+    rotations.push_back(random_rotation(rng));
+  }
+  return rotations;
+}
+
+std::vector<Eigen::Matrix3d> principal_axis_rotations(const Eigen::Matrix3d& from_covariance,
+                                                      const Eigen::Matrix3d& to_covariance) {
+  if (!(from_covariance.trace() > 0.0) || !(to_covariance.trace() > 0.0)) return {};
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> from(from_covariance), to(to_covariance);
+  const bool all = ambiguous(from.eigenvalues()) || ambiguous(to.eigenvalues());
+  std::vector<Eigen::Matrix3d> rotations;
+  std::array<int, 3> order = {0, 1, 2};
+  do {
+    for (int signs = 0; signs < 8; ++signs) {
+      Eigen::Matrix3d axes;
+      for (int k = 0; k < 3; ++k) {
+        axes.col(k) = (signs & (1 << k) ? -1.0 : 1.0) * from.eigenvectors().col(order[static_cast<std::size_t>(k)]);
+      }
+      const Eigen::Matrix3d rotation = to.eigenvectors() * axes.transpose();
+      if (rotation.determinant() > 0.0) rotations.push_back(rotation);
+    }
+  } while (all && std::next_permutation(order.begin(), order.end()));
+  return rotations;
+}
+
+IcpState run_stage(const AlignmentShape& source, const AlignmentShape& target, const Similarity& start,
+                   const IcpStage& options) {
+  Stage stage(source, target, options);
+  IcpState state;
+  state.transform = start;
+  std::vector<Pair> pairs, next_pairs;
+  double squared = stage.collect(state.transform, pairs);
+  const double exact = std::pow(kExact * target.rms_radius(), 2);
+  while (state.iterations < options.max_iterations && squared > exact) {
+    const bool plane = options.variant == IcpVariant::kPointToPlane;
+    Similarity next = plane ? stage.plane_step(pairs, state.transform) : stage.closed_form(pairs);
+    double next_squared = stage.collect(next, next_pairs);
+    if (plane && !(next_squared < squared)) {
+      next = stage.closed_form(pairs);
+      next_squared = stage.collect(next, next_pairs);
+    }
+    ++state.iterations;
+    if (!(next_squared < squared)) break;
+    const bool done = std::sqrt(squared) - std::sqrt(next_squared) <= options.tolerance * std::sqrt(squared);
+    state.transform = next;
+    squared = next_squared;
+    pairs.swap(next_pairs);
+    if (done) break;
+  }
+  state.residual = std::sqrt(squared);
+  return state;
+}
+
+double stage_residual(const AlignmentShape& source, const AlignmentShape& target, const Similarity& transform,
+                      const IcpStage& options) {
+  std::vector<Pair> pairs;
+  return std::sqrt(Stage(source, target, options).collect(transform, pairs));
+}
 
 void check(const IcpOptions& options) {
   const auto require = [](bool ok, const char* option, const char* range) {

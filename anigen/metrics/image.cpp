@@ -23,30 +23,6 @@ std::string size_of(const io::Image& image) {
   return std::to_string(image.width) + " × " + std::to_string(image.height);
 }
 
-}  // namespace
-
-void check_pair(const io::Image& a, const io::Image& b) {
-  if (!sound(a) || !sound(b)) throw InputError("", "image", "a picture is empty or incomplete");
-  if (a.width != b.width || a.height != b.height) {
-    throw InputError("", "image", "pictures of " + size_of(a) + " and " + size_of(b) + " pixels cannot be compared");
-  }
-}
-
-double psnr(const io::Image& a, const io::Image& b) {
-  check_pair(a, b);
-  std::int64_t sum = 0;  // of integers: exact in any order
-  for (std::size_t i = 0; i < a.rgba.size(); ++i) {
-    if (i % 4 == 3) continue;
-    const int difference = int{a.rgba[i]} - int{b.rgba[i]};
-    sum += difference * difference;
-  }
-  if (sum == 0) return std::numeric_limits<double>::infinity();
-  const double values = 3.0 * a.width * a.height;
-  return 10.0 * std::log10(255.0 * 255.0 * values / static_cast<double>(sum));
-}
-
-namespace {
-
 constexpr int kWindow = 11;
 constexpr double kSigma = 1.5, kC1 = 0.01 * 0.01, kC2 = 0.03 * 0.03;
 
@@ -79,6 +55,26 @@ Plane blur(const Plane& plane, const Eigen::Array<double, kWindow, 1>& weights) 
 }
 
 }  // namespace
+
+void check_pair(const io::Image& a, const io::Image& b) {
+  if (!sound(a) || !sound(b)) throw InputError("", "image", "a picture is empty or incomplete");
+  if (a.width != b.width || a.height != b.height) {
+    throw InputError("", "image", "pictures of " + size_of(a) + " and " + size_of(b) + " pixels cannot be compared");
+  }
+}
+
+double psnr(const io::Image& a, const io::Image& b) {
+  check_pair(a, b);
+  std::int64_t sum = 0;  // of integers: exact in any order
+  for (std::size_t i = 0; i < a.rgba.size(); ++i) {
+    if (i % 4 == 3) continue;
+    const int difference = int{a.rgba[i]} - int{b.rgba[i]};
+    sum += difference * difference;
+  }
+  if (sum == 0) return std::numeric_limits<double>::infinity();
+  const double values = 3.0 * a.width * a.height;
+  return 10.0 * std::log10(255.0 * 255.0 * values / static_cast<double>(sum));
+}
 
 double ssim(const io::Image& a, const io::Image& b) {
   check_pair(a, b);

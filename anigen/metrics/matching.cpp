@@ -5,7 +5,6 @@
 #include <cmath>
 #include <limits>
 #include <string>
-#include <vector>
 
 #include "anigen/core/error.h"
 #include "anigen/core/numeric.h"
@@ -33,27 +32,6 @@ std::vector<Hanging> hangings(const MetricSkeleton& tree) {
   }
   return result;
 }
-
-}  // namespace
-
-Eigen::MatrixXd joint_ties(const MetricSkeleton& predicted, const MetricSkeleton& truth) {
-  const std::vector<Hanging> a = hangings(predicted), b = hangings(truth);
-  Eigen::MatrixXd ties(static_cast<Eigen::Index>(a.size()), static_cast<Eigen::Index>(b.size()));
-  for (std::size_t i = 0; i < a.size(); ++i) {
-    for (std::size_t k = 0; k < b.size(); ++k)
-      ties(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(k)) =
-          (a[i].parent - b[k].parent).norm() + kDepthShare * std::abs(a[i].depth - b[k].depth);
-  }
-  return ties;
-}
-
-Eigen::MatrixXd matching_plan(const MetricSkeleton& predicted, const MetricSkeleton& truth) {
-  const Eigen::MatrixXd cost =
-      squared_distances(predicted.positions, truth.positions) + kParentWeight * joint_ties(predicted, truth);
-  return exact_transport(cost, uniform_masses(predicted.size()), uniform_masses(truth.size())).plan;
-}
-
-namespace {
 
 using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
@@ -118,24 +96,6 @@ std::vector<int> rows_of_columns(const RowMajor& cost) {
   return owner;
 }
 
-}  // namespace
-
-std::vector<int> assign(const Eigen::MatrixXd& cost) {
-  if (static_cast<double>(cost.rows()) * static_cast<double>(cost.cols()) > kLargestAssignment)
-    throw InputError("", "joint matching", "too many joints on both sides to be matched one to one");
-  if (!cost.allFinite()) throw InputError("", "joint matching", "a cost is not finite");
-  std::vector<int> result(static_cast<std::size_t>(cost.rows()), -1);
-  if (cost.size() == 0) return result;
-  if (cost.rows() > cost.cols()) return rows_of_columns(cost.transpose());  // columns of rows, seen from the other side
-  const std::vector<int> owner = rows_of_columns(cost);
-  for (std::size_t c = 0; c < owner.size(); ++c) {
-    if (owner[c] >= 0) result[static_cast<std::size_t>(owner[c])] = static_cast<int>(c);
-  }
-  return result;
-}
-
-namespace {
-
 // Tie-breaking weight among coincident joints; far below any distance that matters.
 constexpr double kTieWeight = 1e-6;
 constexpr double kNearestHit = 1e-6;  // a joint on the surface must not measure the surface it lies on
@@ -198,7 +158,45 @@ JointMatch counted(std::vector<int> truth_of, const Eigen::MatrixXd& distance, c
   return match;
 }
 
+std::size_t bone_count(const MetricSkeleton& tree) { return tree.size() - roots(tree).size(); }
+
+double share(std::size_t right, std::size_t bones, std::size_t other_bones) {
+  if (bones == 0) return other_bones == 0 ? 1.0 : 0.0;
+  return static_cast<double>(right) / static_cast<double>(bones);
+}
+
 }  // namespace
+
+Eigen::MatrixXd joint_ties(const MetricSkeleton& predicted, const MetricSkeleton& truth) {
+  const std::vector<Hanging> a = hangings(predicted), b = hangings(truth);
+  Eigen::MatrixXd ties(static_cast<Eigen::Index>(a.size()), static_cast<Eigen::Index>(b.size()));
+  for (std::size_t i = 0; i < a.size(); ++i) {
+    for (std::size_t k = 0; k < b.size(); ++k)
+      ties(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(k)) =
+          (a[i].parent - b[k].parent).norm() + kDepthShare * std::abs(a[i].depth - b[k].depth);
+  }
+  return ties;
+}
+
+Eigen::MatrixXd matching_plan(const MetricSkeleton& predicted, const MetricSkeleton& truth) {
+  const Eigen::MatrixXd cost =
+      squared_distances(predicted.positions, truth.positions) + kParentWeight * joint_ties(predicted, truth);
+  return exact_transport(cost, uniform_masses(predicted.size()), uniform_masses(truth.size())).plan;
+}
+
+std::vector<int> assign(const Eigen::MatrixXd& cost) {
+  if (static_cast<double>(cost.rows()) * static_cast<double>(cost.cols()) > kLargestAssignment)
+    throw InputError("", "joint matching", "too many joints on both sides to be matched one to one");
+  if (!cost.allFinite()) throw InputError("", "joint matching", "a cost is not finite");
+  std::vector<int> result(static_cast<std::size_t>(cost.rows()), -1);
+  if (cost.size() == 0) return result;
+  if (cost.rows() > cost.cols()) return rows_of_columns(cost.transpose());  // columns of rows, seen from the other side
+  const std::vector<int> owner = rows_of_columns(cost);
+  for (std::size_t c = 0; c < owner.size(); ++c) {
+    if (owner[c] >= 0) result[static_cast<std::size_t>(owner[c])] = static_cast<int>(c);
+  }
+  return result;
+}
 
 JointMatch match_joints(const std::vector<Eigen::Vector3d>& predicted, const std::vector<Eigen::Vector3d>& truth,
                         const std::vector<double>& tolerance) {
@@ -241,17 +239,6 @@ std::vector<double> joint_tolerances(const MetricSkeleton& truth, const geometry
   }
   return tolerances;
 }
-
-namespace {
-
-std::size_t bone_count(const MetricSkeleton& tree) { return tree.size() - roots(tree).size(); }
-
-double share(std::size_t right, std::size_t bones, std::size_t other_bones) {
-  if (bones == 0) return other_bones == 0 ? 1.0 : 0.0;
-  return static_cast<double>(right) / static_cast<double>(bones);
-}
-
-}  // namespace
 
 ConnectivityScore connectivity(const MetricSkeleton& predicted, const MetricSkeleton& truth,
                                const std::vector<int>& truth_of) {

@@ -7,10 +7,8 @@
 #include <cmath>
 #include <filesystem>
 #include <limits>
-#include <string>
 #include <tuple>
 #include <utility>
-#include <vector>
 
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
@@ -22,7 +20,6 @@
 #include "anigen/io/rigs/bvh.h"
 #include "anigen/io/rigs/rig_listing.h"
 #include "anigen/metrics/alignment.h"
-#include "anigen/metrics/deformation.h"
 #include "anigen/metrics/matching.h"
 #include "anigen/metrics/surface.h"
 #include "anigen/metrics/wasserstein.h"
@@ -52,74 +49,6 @@ double scaling_of(const Eigen::Matrix3d& linear) {
   return std::max(std::abs(scales[0] - 1.0), std::abs(scales[2] - 1.0));
 }
 
-}  // namespace
-
-Motion motion_of(const Animation& animation, const Skeleton& skeleton, int frames) {
-  if (frames < 1 || frames > 10000) throw InputError("", "frames of a motion", "must be in 1 … 10000");
-  Motion motion;
-  motion.name = animation.name;
-  motion.joints = joint_tree(skeleton);
-  std::vector<Eigen::Matrix4d> from_bind;
-  for (const Eigen::Matrix4d& bind : skeleton.bind) from_bind.emplace_back(bind.inverse());
-  const std::vector<int> order = parents_first(motion.joints);
-  const double first = first_key(animation), last = animation.duration();
-  for (int f = 0; f < frames; ++f) {
-    MotionFrame frame;
-    frame.time = frames == 1 ? first : first + (last - first) * f / (frames - 1);
-    const std::vector<Eigen::Matrix4d> world =
-        forward_kinematics(skeleton.parents, sample(animation, skeleton, frame.time));
-    for (std::size_t j = 0; j < world.size(); ++j) {
-      const Eigen::Matrix4d since = world[j] * from_bind[j];
-      frame.turns.push_back(decompose(since).rotation);
-      motion.scaling = std::max(motion.scaling, scaling_of(since.topLeftCorner<3, 3>()));
-    }
-    const std::vector<RigidMotion> turned = rigid_motions(motion.joints, order, matrices(frame.turns));
-    for (std::size_t j = 0; j < world.size(); ++j)
-      frame.shifts.push_back(world[j].topRightCorner<3, 1>() - turned[j](motion.joints.positions[j]));
-    motion.frames.push_back(std::move(frame));
-    if (first == last) break;  // a single pose: more frames would repeat it at the same time
-  }
-  return motion;
-}
-
-std::vector<RigidMotion> rigid_motions(const JointTree& tree, const MotionFrame& frame) {
-  std::vector<RigidMotion> result = rigid_motions(tree, parents_first(tree), matrices(frame.turns));
-  for (std::size_t j = 0; j < result.size(); ++j) result[j].shift += frame.shifts[j];
-  return result;
-}
-
-Motion transformed(const Similarity& similarity, Motion motion) {
-  const Eigen::Quaterniond turn(similarity.rotation);
-  motion.joints = transformed(similarity, std::move(motion.joints));
-  for (MotionFrame& frame : motion.frames) {
-    for (Eigen::Quaterniond& rotation : frame.turns) rotation = (turn * rotation * turn.conjugate()).normalized();
-    for (Eigen::Vector3d& shift : frame.shifts) shift = similarity.scale * (similarity.rotation * shift);
-  }
-  return motion;
-}
-
-bool moves(const Motion& motion) {
-  constexpr double kLeast = 1e-3;
-  const double size = size_of(motion.joints);
-  const MotionFrame& first = motion.frames.front();
-  for (const MotionFrame& frame : motion.frames) {
-    for (std::size_t j = 0; j < frame.turns.size(); ++j) {
-      if (frame.turns[j].angularDistance(first.turns[j]) > kLeast) return true;
-      if ((frame.shifts[j] - first.shifts[j]).norm() > kLeast * size) return true;
-    }
-  }
-  return false;
-}
-
-double size_of(const JointTree& tree) {
-  Box box;
-  for (const Eigen::Vector3d& position : tree.positions) box.extend(position);
-  const double size = box.longest_side();
-  return size > 0.0 ? size : 1.0;
-}
-
-namespace {
-
 using Turns = std::vector<Eigen::Quaterniond>;
 
 /// Local rotations: the bind pose, then the poses.
@@ -134,35 +63,6 @@ std::vector<Turns> key_poses(std::size_t joints, std::uint64_t seed, const std::
   }
   return keys;
 }
-
-}  // namespace
-
-Motion pose_sequence(const JointTree& tree, std::uint64_t seed, const std::string& asset, int frames) {
-  check(tree, asset);
-  if (frames < 1 || frames > 10000) throw InputError("", "frames of a motion", "must be in 1 … 10000");
-  const std::vector<Turns> keys = key_poses(tree.size(), seed, asset);
-  const std::vector<int> order = parents_first(tree);
-  Motion motion;
-  motion.name = "random poses";
-  motion.joints = tree;
-  for (int f = 0; f < frames; ++f) {
-    MotionFrame frame;
-    frame.time = static_cast<double>(keys.size()) * f / frames;
-    const auto key = static_cast<std::size_t>(frame.time);
-    const Turns &before = keys[key], &after = keys[(key + 1) % keys.size()];
-    frame.turns.resize(tree.size());
-    frame.shifts.assign(tree.size(), Eigen::Vector3d::Zero());
-    for (const int j : order) {
-      const Eigen::Quaterniond local = before[at(j)].slerp(frame.time - static_cast<double>(key), after[at(j)]);
-      const int parent = tree.parents[at(j)];
-      frame.turns[at(j)] = parent < 0 ? local : (frame.turns[at(parent)] * local).normalized();
-    }
-    motion.frames.push_back(std::move(frame));
-  }
-  return motion;
-}
-
-namespace {
 
 namespace fs = std::filesystem;
 
@@ -207,37 +107,6 @@ std::pair<fs::path, std::string> file_and_clip_of(const std::string& text) {
   if (sign == std::string::npos || fs::exists(text, ignored)) return {text, ""};
   return {text.substr(0, sign), text.substr(sign + 1)};
 }
-
-}  // namespace
-
-Motion first_moving_clip(const std::vector<Animation>& animations, const Skeleton& skeleton, int frames) {
-  for (const Animation& animation : animations) {
-    Motion motion = motion_of(animation, skeleton, frames);
-    if (moves(motion)) return motion;
-  }
-  return {};
-}
-
-MotionFile read_motion(const std::string& file_and_clip, int frames) {
-  const auto [file, clip] = file_and_clip_of(file_and_clip);
-  const Clips clips = read_clips(file);
-  MotionFile result;
-  if (clip.empty()) {
-    result.motion = first_moving_clip(clips.animations, clips.skeleton, frames);
-  } else {
-    result.motion = motion_of(named_clip(clips, clip, file), clips.skeleton, frames);
-    if (!moves(result.motion)) result.motion.frames.clear();
-  }
-  if (result.motion.frames.empty())
-    throw InputError(file.string(), clip.empty() ? "" : "clip '" + clip + "'", "nothing moves in it");
-  result.described = {{"file", file.string()},
-                      {"sha256", sha256(read_file(file))},
-                      {"clip", result.motion.name},
-                      {"joints", result.motion.joints.size()}};
-  return result;
-}
-
-namespace {
 
 constexpr double kPiece = 0.05;  ///< longest piece of a bone, and mass of a joint without bones
 constexpr double kMostPieces = 400;
@@ -289,42 +158,6 @@ Eigen::VectorXd masses(const std::vector<Piece>& pieces, const std::vector<Piece
   result[result.size() - 1] = spare;
   return result;
 }
-
-}  // namespace
-
-Eigen::MatrixXd motion_plan(const JointTree& target, const JointTree& source, double reach) {
-  check(target, "target skeleton");
-  check(source, "source skeleton");
-  if (!(reach > 0.0) || !std::isfinite(reach)) throw InputError("", "reach", "must be positive and finite");
-  const double unit = size_of(source);
-  const std::vector<Piece> rows = pieces_of(target, unit), columns = pieces_of(source, unit);
-  const Eigen::MatrixXd ties = joint_ties(target, source);
-
-  const auto n = static_cast<Eigen::Index>(rows.size()), m = static_cast<Eigen::Index>(columns.size());
-  Eigen::MatrixXd cost = Eigen::MatrixXd::Constant(n + 1, m + 1, 0.5 * reach * reach);
-  cost(n, m) = 0.0;
-  for (Eigen::Index i = 0; i < n; ++i) {
-    for (Eigen::Index k = 0; k < m; ++k) {
-      const Piece &a = rows[static_cast<std::size_t>(i)], &b = columns[static_cast<std::size_t>(k)];
-      // Beyond reach² nothing is matched; a smaller range leaves the solver more digits for ties.
-      const double apart = std::min(((a.place - b.place) / unit).squaredNorm(), 2.0 * reach * reach);
-      cost(i, k) = apart + kNearlyEqual * ties(a.joint, b.joint) / unit;
-    }
-  }
-  // Lengths are no small multiples of one unit, which augmenting paths would need.
-  const Eigen::MatrixXd plan =
-      exact_transport(cost, masses(rows, columns), masses(columns, rows), ExactSolver::kNetworkSimplex).plan;
-
-  Eigen::MatrixXd result =
-      Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(target.size()), static_cast<Eigen::Index>(source.size()));
-  for (Eigen::Index i = 0; i < n; ++i) {
-    for (Eigen::Index k = 0; k < m; ++k)
-      result(rows[static_cast<std::size_t>(i)].joint, columns[static_cast<std::size_t>(k)].joint) += plan(i, k);
-  }
-  return result;
-}
-
-namespace {
 
 struct Share {
   std::size_t joint;
@@ -421,7 +254,170 @@ Pose local_pose(const std::vector<int>& parents, const std::vector<Eigen::Matrix
   return pose;
 }
 
+using Vertices = std::vector<Eigen::Vector3f>;
+
+double vertex_distance(const Vertices& a, const Vertices& b) {
+  double sum = 0.0;
+  for (std::size_t v = 0; v < a.size(); ++v) sum += (a[v].cast<double>() - b[v].cast<double>()).norm();
+  return sum / static_cast<double>(a.size());
+}
+
+Mesh with_vertices(const std::vector<Triangle>& faces, Vertices vertices) {
+  Mesh mesh;
+  mesh.faces = faces;
+  mesh.vertices = std::move(vertices);
+  return mesh;
+}
+
 }  // namespace
+
+Motion motion_of(const Animation& animation, const Skeleton& skeleton, int frames) {
+  if (frames < 1 || frames > 10000) throw InputError("", "frames of a motion", "must be in 1 … 10000");
+  Motion motion;
+  motion.name = animation.name;
+  motion.joints = joint_tree(skeleton);
+  std::vector<Eigen::Matrix4d> from_bind;
+  for (const Eigen::Matrix4d& bind : skeleton.bind) from_bind.emplace_back(bind.inverse());
+  const std::vector<int> order = parents_first(motion.joints);
+  const double first = first_key(animation), last = animation.duration();
+  for (int f = 0; f < frames; ++f) {
+    MotionFrame frame;
+    frame.time = frames == 1 ? first : first + (last - first) * f / (frames - 1);
+    const std::vector<Eigen::Matrix4d> world =
+        forward_kinematics(skeleton.parents, sample(animation, skeleton, frame.time));
+    for (std::size_t j = 0; j < world.size(); ++j) {
+      const Eigen::Matrix4d since = world[j] * from_bind[j];
+      frame.turns.push_back(decompose(since).rotation);
+      motion.scaling = std::max(motion.scaling, scaling_of(since.topLeftCorner<3, 3>()));
+    }
+    const std::vector<RigidMotion> turned = rigid_motions(motion.joints, order, matrices(frame.turns));
+    for (std::size_t j = 0; j < world.size(); ++j)
+      frame.shifts.push_back(world[j].topRightCorner<3, 1>() - turned[j](motion.joints.positions[j]));
+    motion.frames.push_back(std::move(frame));
+    if (first == last) break;  // a single pose: more frames would repeat it at the same time
+  }
+  return motion;
+}
+
+std::vector<RigidMotion> rigid_motions(const JointTree& tree, const MotionFrame& frame) {
+  std::vector<RigidMotion> result = rigid_motions(tree, parents_first(tree), matrices(frame.turns));
+  for (std::size_t j = 0; j < result.size(); ++j) result[j].shift += frame.shifts[j];
+  return result;
+}
+
+Motion transformed(const Similarity& similarity, Motion motion) {
+  const Eigen::Quaterniond turn(similarity.rotation);
+  motion.joints = transformed(similarity, std::move(motion.joints));
+  for (MotionFrame& frame : motion.frames) {
+    for (Eigen::Quaterniond& rotation : frame.turns) rotation = (turn * rotation * turn.conjugate()).normalized();
+    for (Eigen::Vector3d& shift : frame.shifts) shift = similarity.scale * (similarity.rotation * shift);
+  }
+  return motion;
+}
+
+bool moves(const Motion& motion) {
+  constexpr double kLeast = 1e-3;
+  const double size = size_of(motion.joints);
+  const MotionFrame& first = motion.frames.front();
+  for (const MotionFrame& frame : motion.frames) {
+    for (std::size_t j = 0; j < frame.turns.size(); ++j) {
+      if (frame.turns[j].angularDistance(first.turns[j]) > kLeast) return true;
+      if ((frame.shifts[j] - first.shifts[j]).norm() > kLeast * size) return true;
+    }
+  }
+  return false;
+}
+
+double size_of(const JointTree& tree) {
+  Box box;
+  for (const Eigen::Vector3d& position : tree.positions) box.extend(position);
+  const double size = box.longest_side();
+  return size > 0.0 ? size : 1.0;
+}
+
+Motion pose_sequence(const JointTree& tree, std::uint64_t seed, const std::string& asset, int frames) {
+  check(tree, asset);
+  if (frames < 1 || frames > 10000) throw InputError("", "frames of a motion", "must be in 1 … 10000");
+  const std::vector<Turns> keys = key_poses(tree.size(), seed, asset);
+  const std::vector<int> order = parents_first(tree);
+  Motion motion;
+  motion.name = "random poses";
+  motion.joints = tree;
+  for (int f = 0; f < frames; ++f) {
+    MotionFrame frame;
+    frame.time = static_cast<double>(keys.size()) * f / frames;
+    const auto key = static_cast<std::size_t>(frame.time);
+    const Turns &before = keys[key], &after = keys[(key + 1) % keys.size()];
+    frame.turns.resize(tree.size());
+    frame.shifts.assign(tree.size(), Eigen::Vector3d::Zero());
+    for (const int j : order) {
+      const Eigen::Quaterniond local = before[at(j)].slerp(frame.time - static_cast<double>(key), after[at(j)]);
+      const int parent = tree.parents[at(j)];
+      frame.turns[at(j)] = parent < 0 ? local : (frame.turns[at(parent)] * local).normalized();
+    }
+    motion.frames.push_back(std::move(frame));
+  }
+  return motion;
+}
+
+Motion first_moving_clip(const std::vector<Animation>& animations, const Skeleton& skeleton, int frames) {
+  for (const Animation& animation : animations) {
+    Motion motion = motion_of(animation, skeleton, frames);
+    if (moves(motion)) return motion;
+  }
+  return {};
+}
+
+MotionFile read_motion(const std::string& file_and_clip, int frames) {
+  const auto [file, clip] = file_and_clip_of(file_and_clip);
+  const Clips clips = read_clips(file);
+  MotionFile result;
+  if (clip.empty()) {
+    result.motion = first_moving_clip(clips.animations, clips.skeleton, frames);
+  } else {
+    result.motion = motion_of(named_clip(clips, clip, file), clips.skeleton, frames);
+    if (!moves(result.motion)) result.motion.frames.clear();
+  }
+  if (result.motion.frames.empty())
+    throw InputError(file.string(), clip.empty() ? "" : "clip '" + clip + "'", "nothing moves in it");
+  result.described = {{"file", file.string()},
+                      {"sha256", sha256(read_file(file))},
+                      {"clip", result.motion.name},
+                      {"joints", result.motion.joints.size()}};
+  return result;
+}
+
+Eigen::MatrixXd motion_plan(const JointTree& target, const JointTree& source, double reach) {
+  check(target, "target skeleton");
+  check(source, "source skeleton");
+  if (!(reach > 0.0) || !std::isfinite(reach)) throw InputError("", "reach", "must be positive and finite");
+  const double unit = size_of(source);
+  const std::vector<Piece> rows = pieces_of(target, unit), columns = pieces_of(source, unit);
+  const Eigen::MatrixXd ties = joint_ties(target, source);
+
+  const auto n = static_cast<Eigen::Index>(rows.size()), m = static_cast<Eigen::Index>(columns.size());
+  Eigen::MatrixXd cost = Eigen::MatrixXd::Constant(n + 1, m + 1, 0.5 * reach * reach);
+  cost(n, m) = 0.0;
+  for (Eigen::Index i = 0; i < n; ++i) {
+    for (Eigen::Index k = 0; k < m; ++k) {
+      const Piece &a = rows[static_cast<std::size_t>(i)], &b = columns[static_cast<std::size_t>(k)];
+      // Beyond reach² nothing is matched; a smaller range leaves the solver more digits for ties.
+      const double apart = std::min(((a.place - b.place) / unit).squaredNorm(), 2.0 * reach * reach);
+      cost(i, k) = apart + kNearlyEqual * ties(a.joint, b.joint) / unit;
+    }
+  }
+  // Lengths are no small multiples of one unit, which augmenting paths would need.
+  const Eigen::MatrixXd plan =
+      exact_transport(cost, masses(rows, columns), masses(columns, rows), ExactSolver::kNetworkSimplex).plan;
+
+  Eigen::MatrixXd result =
+      Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(target.size()), static_cast<Eigen::Index>(source.size()));
+  for (Eigen::Index i = 0; i < n; ++i) {
+    for (Eigen::Index k = 0; k < m; ++k)
+      result(rows[static_cast<std::size_t>(i)].joint, columns[static_cast<std::size_t>(k)].joint) += plan(i, k);
+  }
+  return result;
+}
 
 Motion retarget(const Motion& source, const JointTree& target, const Eigen::MatrixXd& plan, double scale) {
   check_plan(source, target, plan);
@@ -506,25 +502,6 @@ Animation retarget(const Animation& animation, const Skeleton& source, const Ske
                    const Eigen::MatrixXd& plan, int frames, double scale) {
   return to_animation(retarget(motion_of(animation, source, frames), joint_tree(target), plan, scale), target);
 }
-
-namespace {
-
-using Vertices = std::vector<Eigen::Vector3f>;
-
-double vertex_distance(const Vertices& a, const Vertices& b) {
-  double sum = 0.0;
-  for (std::size_t v = 0; v < a.size(); ++v) sum += (a[v].cast<double>() - b[v].cast<double>()).norm();
-  return sum / static_cast<double>(a.size());
-}
-
-Mesh with_vertices(const std::vector<Triangle>& faces, Vertices vertices) {
-  Mesh mesh;
-  mesh.faces = faces;
-  mesh.vertices = std::move(vertices);
-  return mesh;
-}
-
-}  // namespace
 
 MotionScore motion_score(const io::RiggedShape& truth, const Motion& truth_motion, const io::RiggedShape& predicted,
                          const Motion& predicted_motion, const MotionScoreOptions& options) {

@@ -5,9 +5,7 @@
 #include <limits>
 #include <numeric>
 #include <set>
-#include <string>
 #include <utility>
-#include <vector>
 
 #include "anigen/core/disjoint_sets.h"
 #include "anigen/core/error.h"
@@ -55,101 +53,6 @@ Eigen::Vector3d direction(const Eigen::Vector3d& from, const Eigen::Vector3d& to
   const double length = along.norm();
   return length > 0.0 ? Eigen::Vector3d(along / length) : Eigen::Vector3d::Zero();
 }
-
-}  // namespace
-
-AnymateOccupancy::AnymateOccupancy(const std::vector<std::array<int, 3>>& cells)
-    : inside_(static_cast<std::size_t>(kResolution) * kResolution * kResolution, 0) {
-  for (std::size_t i = 0; i < cells.size(); ++i) {
-    const auto [low, high] = std::minmax_element(cells[i].begin(), cells[i].end());
-    if (*low < 0 || *high >= kResolution)
-      throw InputError("", "vox[" + std::to_string(i) + "]", "an index is outside [0, 64)");
-    inside_[cell(cells[i])] = 1;
-  }
-}
-
-bool AnymateOccupancy::contains(const Eigen::Vector3d& p) const {
-  std::array<int, 3> index{};
-  for (int k = 0; k < 3; ++k) {
-    const double scaled = std::clamp(32.0 * p[k] + 32.0, 0.0, static_cast<double>(kResolution - 1));
-    index[static_cast<std::size_t>(k)] = static_cast<int>(std::nearbyint(scaled));
-  }
-  return inside_[cell(index)] != 0;
-}
-
-Eigen::MatrixXd anymate_bone_costs(const std::vector<Eigen::Vector3d>& joints, const Eigen::MatrixXd& parents,
-                                   const AnymateOccupancy& inside) {
-  check_input(joints, parents);
-  Eigen::MatrixXd cost = parents;
-  cost.diagonal().setZero();
-  for (Eigen::Index i = 0; i < cost.rows(); ++i) cost.row(i) /= cost.row(i).sum() + 1e-6;
-  cost = -(cost.array() + 1e-10).log();
-  for (Eigen::Index i = 0; i < cost.rows(); ++i) {
-    for (Eigen::Index j = i + 1; j < cost.cols(); ++j) {
-      const Eigen::Vector3d &a = joints[static_cast<std::size_t>(i)], &b = joints[static_cast<std::size_t>(j)];
-      const int outside = samples_outside(a, b, inside);
-      if (outside > 1) cost(i, j) = cost(j, i) = 2.0 * outside;
-      if (std::abs(a.x()) < kMiddlePlane && std::abs(b.x()) < kMiddlePlane) {
-        cost(i, j) *= 0.5;
-        cost(j, i) *= 0.5;
-      }
-    }
-  }
-  return cost;
-}
-
-std::vector<int> anymate_parents(const std::vector<Eigen::Vector3d>& joints, Eigen::MatrixXd cost, int root) {
-  const std::size_t n = joints.size();
-  const double infinity = std::numeric_limits<double>::infinity();
-  std::vector<int> parents(n, -1);
-  std::vector<double> key(n, infinity);
-  std::vector<char> in_tree(n, 0);
-  key[static_cast<std::size_t>(root)] = 0.0;
-  for (std::size_t added = 0; added < n; ++added) {
-    std::size_t u = n;
-    double least = infinity;
-    for (std::size_t v = 0; v < n; ++v) {
-      if (!in_tree[v] && key[v] < least) {
-        least = key[v];
-        u = v;
-      }
-    }
-    if (u == n) break;  // what is left cannot be reached
-    in_tree[u] = 1;
-    const auto row = static_cast<Eigen::Index>(u);
-    if (parents[u] >= 0) {
-      const Eigen::Vector3d back = direction(joints[u], joints[static_cast<std::size_t>(parents[u])]);
-      for (std::size_t v = 0; v < n; ++v) {
-        const double fold = std::max(0.0, back.dot(direction(joints[u], joints[v])));
-        const double penalty = kFoldBack * fold * fold + 1.0;
-        const auto column = static_cast<Eigen::Index>(v);
-        cost(row, column) += penalty;
-        if (v != u) cost(column, row) += penalty;
-      }
-    }
-    for (std::size_t v = 0; v < n; ++v) {
-      const double edge = cost(row, static_cast<Eigen::Index>(v));
-      if (!in_tree[v] && edge > 0.0 && edge < key[v]) {
-        key[v] = edge;
-        parents[v] = static_cast<int>(u);
-      }
-    }
-  }
-  return parents;
-}
-
-AnymateTree grow_anymate_tree(const std::vector<Eigen::Vector3d>& joints, const Eigen::MatrixXd& parents,
-                              const AnymateOccupancy& inside) {
-  AnymateTree skeleton;
-  skeleton.cost = anymate_bone_costs(joints, parents, inside);
-  for (int j = 1; j < static_cast<int>(joints.size()); ++j) {
-    if (parents(j, j) > parents(skeleton.root, skeleton.root)) skeleton.root = j;
-  }
-  skeleton.tree = {joints, anymate_parents(joints, skeleton.cost, skeleton.root)};
-  return skeleton;
-}
-
-namespace {
 
 constexpr double kEpsilon = 1e-4, kStop = 1e-3;
 constexpr int kIterations = 100;
@@ -208,32 +111,6 @@ ReleasedEmd released_emd(const RowMajor& cost) {
   return result;
 }
 
-}  // namespace
-
-ReleasedEmd anymate_emd(const std::vector<Eigen::Vector3d>& predicted, const std::vector<Eigen::Vector3d>& truth) {
-  if (predicted.empty() || truth.empty()) throw InputError("", "joints", "a skeleton has no joint");
-  return released_emd(distances(predicted, truth));
-}
-
-AnymateJointScore anymate_joint(const std::vector<Eigen::Vector3d>& predicted,
-                                const std::vector<Eigen::Vector3d>& truth, double threshold) {
-  if (truth.empty()) throw InputError("", "joints", "the ground truth has no joint");
-  AnymateJointScore score;
-  if (predicted.size() < 2) {
-    score.not_computed = "fewer than 2 predicted joints, which the published evaluation leaves out";
-    return score;
-  }
-  const RowMajor cost = distances(predicted, truth);
-  const Eigen::ArrayXd to_truth = cost.rowwise().minCoeff(), to_predicted = cost.colwise().minCoeff().transpose();
-  score.cd = 0.5 * (to_truth.mean() + to_predicted.mean());
-  score.precision = (to_truth < threshold).cast<double>().mean();
-  score.recall = (to_predicted < threshold).cast<double>().mean();
-  score.emd = released_emd(cost);
-  return score;
-}
-
-namespace {
-
 void check_connectivity(const Eigen::MatrixXd& matrix, Eigen::Index joints, const char* which) {
   if (matrix.rows() != joints || matrix.cols() != joints || joints == 0) {
     throw InputError("", which,
@@ -259,32 +136,6 @@ std::vector<Eigen::Index> best_other_joint(Eigen::MatrixXd matrix) {
 bool linked(const std::vector<Eigen::Index>& parents, Eigen::Index a, Eigen::Index b) {
   return parents[static_cast<std::size_t>(a)] == b || parents[static_cast<std::size_t>(b)] == a;
 }
-
-}  // namespace
-
-Eigen::VectorXd anymate_cross_entropy(const Eigen::MatrixXd& predicted, const Eigen::MatrixXd& truth) {
-  check_connectivity(predicted, truth.rows(), "predicted connectivity");
-  check_connectivity(truth, truth.rows(), "true connectivity");
-  return -(truth.array() * (predicted.array() + 1e-6).log()).rowwise().sum();
-}
-
-AnymateConnectivityScore anymate_connectivity(const Eigen::MatrixXd& predicted, const Eigen::MatrixXd& truth) {
-  AnymateConnectivityScore score;
-  score.cross_entropy = anymate_cross_entropy(predicted, truth).mean();
-  const std::vector<Eigen::Index> guess = best_other_joint(predicted), parent = best_other_joint(truth);
-  double right = 0, wrong = 0, missed = 0;
-  for (Eigen::Index i = 0; i < truth.rows(); ++i) {
-    const bool found = linked(parent, i, guess[static_cast<std::size_t>(i)]);
-    right += found;
-    wrong += !found;
-    missed += !linked(guess, i, parent[static_cast<std::size_t>(i)]);
-  }
-  score.precision = right / (right + wrong);
-  score.recall = right + missed > 0 ? right / (right + missed) : 0.0;
-  return score;
-}
-
-namespace {
 
 using Bones = std::vector<std::array<int, 2>>;
 
@@ -384,6 +235,141 @@ JointGraph with_components_connected(JointGraph graph) {
 }
 
 }  // namespace
+
+AnymateOccupancy::AnymateOccupancy(const std::vector<std::array<int, 3>>& cells)
+    : inside_(static_cast<std::size_t>(kResolution) * kResolution * kResolution, 0) {
+  for (std::size_t i = 0; i < cells.size(); ++i) {
+    const auto [low, high] = std::minmax_element(cells[i].begin(), cells[i].end());
+    if (*low < 0 || *high >= kResolution)
+      throw InputError("", "vox[" + std::to_string(i) + "]", "an index is outside [0, 64)");
+    inside_[cell(cells[i])] = 1;
+  }
+}
+
+bool AnymateOccupancy::contains(const Eigen::Vector3d& p) const {
+  std::array<int, 3> index{};
+  for (int k = 0; k < 3; ++k) {
+    const double scaled = std::clamp(32.0 * p[k] + 32.0, 0.0, static_cast<double>(kResolution - 1));
+    index[static_cast<std::size_t>(k)] = static_cast<int>(std::nearbyint(scaled));
+  }
+  return inside_[cell(index)] != 0;
+}
+
+Eigen::MatrixXd anymate_bone_costs(const std::vector<Eigen::Vector3d>& joints, const Eigen::MatrixXd& parents,
+                                   const AnymateOccupancy& inside) {
+  check_input(joints, parents);
+  Eigen::MatrixXd cost = parents;
+  cost.diagonal().setZero();
+  for (Eigen::Index i = 0; i < cost.rows(); ++i) cost.row(i) /= cost.row(i).sum() + 1e-6;
+  cost = -(cost.array() + 1e-10).log();
+  for (Eigen::Index i = 0; i < cost.rows(); ++i) {
+    for (Eigen::Index j = i + 1; j < cost.cols(); ++j) {
+      const Eigen::Vector3d &a = joints[static_cast<std::size_t>(i)], &b = joints[static_cast<std::size_t>(j)];
+      const int outside = samples_outside(a, b, inside);
+      if (outside > 1) cost(i, j) = cost(j, i) = 2.0 * outside;
+      if (std::abs(a.x()) < kMiddlePlane && std::abs(b.x()) < kMiddlePlane) {
+        cost(i, j) *= 0.5;
+        cost(j, i) *= 0.5;
+      }
+    }
+  }
+  return cost;
+}
+
+std::vector<int> anymate_parents(const std::vector<Eigen::Vector3d>& joints, Eigen::MatrixXd cost, int root) {
+  const std::size_t n = joints.size();
+  const double infinity = std::numeric_limits<double>::infinity();
+  std::vector<int> parents(n, -1);
+  std::vector<double> key(n, infinity);
+  std::vector<char> in_tree(n, 0);
+  key[static_cast<std::size_t>(root)] = 0.0;
+  for (std::size_t added = 0; added < n; ++added) {
+    std::size_t u = n;
+    double least = infinity;
+    for (std::size_t v = 0; v < n; ++v) {
+      if (!in_tree[v] && key[v] < least) {
+        least = key[v];
+        u = v;
+      }
+    }
+    if (u == n) break;  // what is left cannot be reached
+    in_tree[u] = 1;
+    const auto row = static_cast<Eigen::Index>(u);
+    if (parents[u] >= 0) {
+      const Eigen::Vector3d back = direction(joints[u], joints[static_cast<std::size_t>(parents[u])]);
+      for (std::size_t v = 0; v < n; ++v) {
+        const double fold = std::max(0.0, back.dot(direction(joints[u], joints[v])));
+        const double penalty = kFoldBack * fold * fold + 1.0;
+        const auto column = static_cast<Eigen::Index>(v);
+        cost(row, column) += penalty;
+        if (v != u) cost(column, row) += penalty;
+      }
+    }
+    for (std::size_t v = 0; v < n; ++v) {
+      const double edge = cost(row, static_cast<Eigen::Index>(v));
+      if (!in_tree[v] && edge > 0.0 && edge < key[v]) {
+        key[v] = edge;
+        parents[v] = static_cast<int>(u);
+      }
+    }
+  }
+  return parents;
+}
+
+AnymateTree grow_anymate_tree(const std::vector<Eigen::Vector3d>& joints, const Eigen::MatrixXd& parents,
+                              const AnymateOccupancy& inside) {
+  AnymateTree skeleton;
+  skeleton.cost = anymate_bone_costs(joints, parents, inside);
+  for (int j = 1; j < static_cast<int>(joints.size()); ++j) {
+    if (parents(j, j) > parents(skeleton.root, skeleton.root)) skeleton.root = j;
+  }
+  skeleton.tree = {joints, anymate_parents(joints, skeleton.cost, skeleton.root)};
+  return skeleton;
+}
+
+ReleasedEmd anymate_emd(const std::vector<Eigen::Vector3d>& predicted, const std::vector<Eigen::Vector3d>& truth) {
+  if (predicted.empty() || truth.empty()) throw InputError("", "joints", "a skeleton has no joint");
+  return released_emd(distances(predicted, truth));
+}
+
+AnymateJointScore anymate_joint(const std::vector<Eigen::Vector3d>& predicted,
+                                const std::vector<Eigen::Vector3d>& truth, double threshold) {
+  if (truth.empty()) throw InputError("", "joints", "the ground truth has no joint");
+  AnymateJointScore score;
+  if (predicted.size() < 2) {
+    score.not_computed = "fewer than 2 predicted joints, which the published evaluation leaves out";
+    return score;
+  }
+  const RowMajor cost = distances(predicted, truth);
+  const Eigen::ArrayXd to_truth = cost.rowwise().minCoeff(), to_predicted = cost.colwise().minCoeff().transpose();
+  score.cd = 0.5 * (to_truth.mean() + to_predicted.mean());
+  score.precision = (to_truth < threshold).cast<double>().mean();
+  score.recall = (to_predicted < threshold).cast<double>().mean();
+  score.emd = released_emd(cost);
+  return score;
+}
+
+Eigen::VectorXd anymate_cross_entropy(const Eigen::MatrixXd& predicted, const Eigen::MatrixXd& truth) {
+  check_connectivity(predicted, truth.rows(), "predicted connectivity");
+  check_connectivity(truth, truth.rows(), "true connectivity");
+  return -(truth.array() * (predicted.array() + 1e-6).log()).rowwise().sum();
+}
+
+AnymateConnectivityScore anymate_connectivity(const Eigen::MatrixXd& predicted, const Eigen::MatrixXd& truth) {
+  AnymateConnectivityScore score;
+  score.cross_entropy = anymate_cross_entropy(predicted, truth).mean();
+  const std::vector<Eigen::Index> guess = best_other_joint(predicted), parent = best_other_joint(truth);
+  double right = 0, wrong = 0, missed = 0;
+  for (Eigen::Index i = 0; i < truth.rows(); ++i) {
+    const bool found = linked(parent, i, guess[static_cast<std::size_t>(i)]);
+    right += found;
+    wrong += !found;
+    missed += !linked(guess, i, parent[static_cast<std::size_t>(i)]);
+  }
+  score.precision = right / (right + wrong);
+  score.recall = right + missed > 0 ? right / (right + missed) : 0.0;
+  return score;
+}
 
 MetricSkeleton puppeteer_cleaned(const MetricSkeleton& skeleton) {
   JointGraph graph{skeleton.positions, {}};

@@ -5,7 +5,6 @@
 #include <utility>
 #include <vector>
 
-#include "anigen/metrics/gromov_wasserstein.h"
 #include "anigen/metrics/gw_problem.h"
 #include "anigen/metrics/wasserstein.h"
 

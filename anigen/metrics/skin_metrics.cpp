@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <string>
 
 #include "anigen/core/error.h"
 
@@ -27,6 +26,64 @@ void check_entries(const SkinMatrixView& weights, const char* which) {
     throw InputError("", std::string(which) + ", vertex " + std::to_string(v), "a weight is negative or not finite");
   }
 }
+
+using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+
+/// diag(1/a) π, checked.
+RowMajor shares(const Eigen::MatrixXd& plan) {
+  if (plan.size() == 0) throw InputError("", "transport plan", "there is no joint");
+  if (!plan.allFinite() || plan.minCoeff() < 0.0)
+    throw InputError("", "transport plan", "an entry is negative or not finite");
+  RowMajor result = plan;
+  for (Eigen::Index j = 0; j < plan.rows(); ++j) {
+    const double mass = result.row(j).sum();
+    if (!(mass > 0.0))
+      throw InputError("", "transport plan", "predicted joint " + std::to_string(j) + " is not transported anywhere");
+    result.row(j) /= mass;
+  }
+  return result;
+}
+
+void add(SkinScore& sum, const SkinScore& term) {
+  sum.l1 += term.l1;
+  sum.l2 += term.l2;
+  sum.kl += term.kl;
+}
+
+void divide(SkinScore& sum, std::size_t n) {
+  if (n == 0) return;
+  sum.l1 /= static_cast<double>(n);
+  sum.l2 /= static_cast<double>(n);
+  sum.kl /= static_cast<double>(n);
+}
+
+constexpr double kCosineEpsilon = 1e-6, kEntropyEpsilon = 1e-6, kClampMargin = 1e-3;
+constexpr double kLeastWeight = 1e-3, kSumEpsilon = 1e-10, kSumTolerance = 1e-2;
+constexpr double kBatchKlFloor = 1e-8, kElementKlEpsilon = 1e-10;
+
+struct Sets {
+  double predicted = 0, truth = 0, both = 0;
+};
+
+template <typename Influences>
+Sets count(const SkinMatrixView& predicted, const SkinMatrixView& truth, Eigen::Index v, Influences influences) {
+  Sets sets;
+  for (Eigen::Index j = 0; j < truth.cols(); ++j) {
+    const bool p = influences(predicted(v, j)), t = influences(truth(v, j));
+    sets.predicted += p;
+    sets.truth += t;
+    sets.both += p && t;
+  }
+  return sets;
+}
+
+double cosine(const Eigen::ArrayXd& a, const Eigen::ArrayXd& b) {
+  const double norms = std::max(a.matrix().norm(), kCosineEpsilon) * std::max(b.matrix().norm(), kCosineEpsilon);
+  return (a * b).sum() / norms;
+}
+
+/// t ln(t / p), 0 for t = 0.
+double divergence(double t, double p) { return t > 0.0 ? t * std::log(t / p) : 0.0; }
 
 }  // namespace
 
@@ -53,27 +110,6 @@ void check_skin_pair(const SkinMatrixView& predicted, const SkinMatrixView& trut
   check_entries(predicted, "predicted skin");
   check_entries(truth, "true skin");
 }
-
-namespace {
-
-using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
-
-/// diag(1/a) π, checked.
-RowMajor shares(const Eigen::MatrixXd& plan) {
-  if (plan.size() == 0) throw InputError("", "transport plan", "there is no joint");
-  if (!plan.allFinite() || plan.minCoeff() < 0.0)
-    throw InputError("", "transport plan", "an entry is negative or not finite");
-  RowMajor result = plan;
-  for (Eigen::Index j = 0; j < plan.rows(); ++j) {
-    const double mass = result.row(j).sum();
-    if (!(mass > 0.0))
-      throw InputError("", "transport plan", "predicted joint " + std::to_string(j) + " is not transported anywhere");
-    result.row(j) /= mass;
-  }
-  return result;
-}
-
-}  // namespace
 
 std::vector<double> matched_weights(const SkinWeights& predicted_on_truth, const Eigen::MatrixXd& plan) {
   const RowMajor share = shares(plan);
@@ -118,23 +154,6 @@ std::vector<int> strongest_match(const Eigen::MatrixXd& plan) {
   }
   return best;
 }
-
-namespace {
-
-void add(SkinScore& sum, const SkinScore& term) {
-  sum.l1 += term.l1;
-  sum.l2 += term.l2;
-  sum.kl += term.kl;
-}
-
-void divide(SkinScore& sum, std::size_t n) {
-  if (n == 0) return;
-  sum.l1 /= static_cast<double>(n);
-  sum.l2 /= static_cast<double>(n);
-  sum.kl /= static_cast<double>(n);
-}
-
-}  // namespace
 
 SkinScores score_skin(const std::vector<float>& predicted, const std::vector<float>& truth, std::size_t vertices,
                       std::size_t joints) {
@@ -192,38 +211,6 @@ std::size_t normalize_rows(std::vector<float>& dense, std::size_t rows, std::siz
   }
   return off;
 }
-
-namespace {
-
-constexpr double kCosineEpsilon = 1e-6, kEntropyEpsilon = 1e-6, kClampMargin = 1e-3;
-constexpr double kLeastWeight = 1e-3, kSumEpsilon = 1e-10, kSumTolerance = 1e-2;
-constexpr double kBatchKlFloor = 1e-8, kElementKlEpsilon = 1e-10;
-
-struct Sets {
-  double predicted = 0, truth = 0, both = 0;
-};
-
-template <typename Influences>
-Sets count(const SkinMatrixView& predicted, const SkinMatrixView& truth, Eigen::Index v, Influences influences) {
-  Sets sets;
-  for (Eigen::Index j = 0; j < truth.cols(); ++j) {
-    const bool p = influences(predicted(v, j)), t = influences(truth(v, j));
-    sets.predicted += p;
-    sets.truth += t;
-    sets.both += p && t;
-  }
-  return sets;
-}
-
-double cosine(const Eigen::ArrayXd& a, const Eigen::ArrayXd& b) {
-  const double norms = std::max(a.matrix().norm(), kCosineEpsilon) * std::max(b.matrix().norm(), kCosineEpsilon);
-  return (a * b).sum() / norms;
-}
-
-/// t ln(t / p), 0 for t = 0.
-double divergence(double t, double p) { return t > 0.0 ? t * std::log(t / p) : 0.0; }
-
-}  // namespace
 
 AnymateSkinScore anymate_skin(const SkinMatrixView& predicted, const SkinMatrixView& truth, double threshold) {
   check_skin_pair(predicted, truth);

@@ -3,8 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <numeric>
-#include <string>
-#include <vector>
 
 #include "anigen/core/error.h"
 #include "anigen/core/random.h"
@@ -90,49 +88,6 @@ double mean_cosine(const std::vector<Eigen::Vector3d>& normals, const std::vecto
   return sum / static_cast<double>(normals.size());
 }
 
-}  // namespace
-
-CloudDistances cloud_distances(const std::vector<Eigen::Vector3d>& a, const std::vector<Eigen::Vector3d>& b) {
-  const geometry::PointIndex index_a(a), index_b(b);
-  CloudDistances distances;
-  nearest_all(a, index_b, distances.to_b, distances.nearest_b);
-  nearest_all(b, index_a, distances.to_a, distances.nearest_a);
-  return distances;
-}
-
-double chamfer_l1(const CloudDistances& distances) { return 0.5 * (mean(distances.to_b) + mean(distances.to_a)); }
-
-double chamfer_l2(const CloudDistances& distances) { return mean_square(distances.to_b) + mean_square(distances.to_a); }
-
-double hausdorff(const CloudDistances& distances) {
-  return std::max(*std::max_element(distances.to_b.begin(), distances.to_b.end()),
-                  *std::max_element(distances.to_a.begin(), distances.to_a.end()));
-}
-
-FScore fscore(const CloudDistances& distances, double threshold) {
-  if (!(threshold > 0.0)) throw InputError("", "threshold", "must be positive");
-  FScore result;
-  result.precision = share_within(distances.to_b, threshold);
-  result.recall = share_within(distances.to_a, threshold);
-  const double sum = result.precision + result.recall;
-  result.fscore = sum > 0.0 ? 2.0 * result.precision * result.recall / sum : 0.0;
-  return result;
-}
-
-double normal_consistency(const CloudDistances& distances, const std::vector<Eigen::Vector3d>& a_normals,
-                          const std::vector<Eigen::Vector3d>& b_normals) {
-  if (a_normals.size() != distances.to_b.size() || b_normals.size() != distances.to_a.size()) {
-    throw InputError("", "normals",
-                     "there must be one per point: " + std::to_string(a_normals.size()) + " for " +
-                         std::to_string(distances.to_b.size()) + " points, " + std::to_string(b_normals.size()) +
-                         " for " + std::to_string(distances.to_a.size()));
-  }
-  return 0.5 * (mean_cosine(a_normals, b_normals, distances.nearest_b) +
-                mean_cosine(b_normals, a_normals, distances.nearest_a));
-}
-
-namespace {
-
 constexpr const char* kSurfacePurpose = "surface metrics";
 constexpr double kFineThreshold = 0.01, kWideThreshold = 0.05;
 
@@ -187,6 +142,45 @@ SurfaceScores between_samples(const SurfaceSamples& a, const SurfaceSamples& b) 
 }
 
 }  // namespace
+
+CloudDistances cloud_distances(const std::vector<Eigen::Vector3d>& a, const std::vector<Eigen::Vector3d>& b) {
+  const geometry::PointIndex index_a(a), index_b(b);
+  CloudDistances distances;
+  nearest_all(a, index_b, distances.to_b, distances.nearest_b);
+  nearest_all(b, index_a, distances.to_a, distances.nearest_a);
+  return distances;
+}
+
+double chamfer_l1(const CloudDistances& distances) { return 0.5 * (mean(distances.to_b) + mean(distances.to_a)); }
+
+double chamfer_l2(const CloudDistances& distances) { return mean_square(distances.to_b) + mean_square(distances.to_a); }
+
+double hausdorff(const CloudDistances& distances) {
+  return std::max(*std::max_element(distances.to_b.begin(), distances.to_b.end()),
+                  *std::max_element(distances.to_a.begin(), distances.to_a.end()));
+}
+
+FScore fscore(const CloudDistances& distances, double threshold) {
+  if (!(threshold > 0.0)) throw InputError("", "threshold", "must be positive");
+  FScore result;
+  result.precision = share_within(distances.to_b, threshold);
+  result.recall = share_within(distances.to_a, threshold);
+  const double sum = result.precision + result.recall;
+  result.fscore = sum > 0.0 ? 2.0 * result.precision * result.recall / sum : 0.0;
+  return result;
+}
+
+double normal_consistency(const CloudDistances& distances, const std::vector<Eigen::Vector3d>& a_normals,
+                          const std::vector<Eigen::Vector3d>& b_normals) {
+  if (a_normals.size() != distances.to_b.size() || b_normals.size() != distances.to_a.size()) {
+    throw InputError("", "normals",
+                     "there must be one per point: " + std::to_string(a_normals.size()) + " for " +
+                         std::to_string(distances.to_b.size()) + " points, " + std::to_string(b_normals.size()) +
+                         " for " + std::to_string(distances.to_a.size()));
+  }
+  return 0.5 * (mean_cosine(a_normals, b_normals, distances.nearest_b) +
+                mean_cosine(b_normals, a_normals, distances.nearest_a));
+}
 
 SurfaceDistance surface_distance(const std::string& word) {
   if (word == "sample-to-surface") return SurfaceDistance::kSampleToSurface;

@@ -40,6 +40,14 @@ std::vector<std::int64_t> shares(const Eigen::VectorXd& masses, std::int64_t tot
   return units;
 }
 
+void check_masses(const Eigen::VectorXd& masses, const std::string& side) {
+  for (Eigen::Index i = 0; i < masses.size(); ++i) {
+    if (!std::isfinite(masses[i]) || masses[i] < 0.0)
+      throw InputError("", side + " " + std::to_string(i), "its mass is negative or not finite");
+  }
+  if (!(masses.sum() > 0.0)) throw InputError("", side, "there is no mass");
+}
+
 }  // namespace
 
 MassUnits mass_units(const Eigen::VectorXd& a, const Eigen::VectorXd& b) {
@@ -57,18 +65,6 @@ MassUnits mass_units(const Eigen::VectorXd& a, const Eigen::VectorXd& b) {
   }
   return units;
 }
-
-namespace {
-
-void check_masses(const Eigen::VectorXd& masses, const std::string& side) {
-  for (Eigen::Index i = 0; i < masses.size(); ++i) {
-    if (!std::isfinite(masses[i]) || masses[i] < 0.0)
-      throw InputError("", side + " " + std::to_string(i), "its mass is negative or not finite");
-  }
-  if (!(masses.sum() > 0.0)) throw InputError("", side, "there is no mass");
-}
-
-}  // namespace
 
 std::vector<PlanCell> plan_cells(const Eigen::MatrixXd& plan) {
   std::vector<PlanCell> cells;

@@ -4,16 +4,12 @@
 #include <lemon/static_graph.h>
 #include <algorithm>
 #include <cmath>
-#include <cstdint>
 #include <limits>
 #include <numeric>
 #include <utility>
-#include <vector>
 
 #include "anigen/core/error.h"
 #include "anigen/core/numeric.h"
-#include "anigen/metrics/sinkhorn.h"
-#include "anigen/metrics/transport_plan.h"
 
 namespace anigen::metrics {
 

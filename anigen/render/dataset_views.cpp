@@ -5,13 +5,10 @@
 #include <cmath>
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
-#include <string>
 
 #include "anigen/core/error.h"
 #include "anigen/core/numeric.h"
 #include "anigen/core/parallel.h"
-#include "anigen/io/image.h"
-#include "anigen/render/scene.h"
 #include "anigen/render/shading.h"
 #include "anigen/render/surface_color.h"
 
@@ -167,6 +164,22 @@ class Exposure {
   Studio studio_;
 };
 
+constexpr double kPublishedTurn = 2.0 * 3.1415;
+
+template <typename Channel>
+void require(const ViewImages& view, const Channel& channel, const char* name) {
+  const auto pixels = static_cast<std::size_t>(view.size) * static_cast<std::size_t>(view.size);
+  if (view.size > 0 && channel.size() == pixels) return;
+  throw InputError("", name, "the view was rendered without this channel");
+}
+
+io::NdArray array3(const std::vector<Eigen::Vector3f>& values, std::int64_t size) {
+  std::vector<float> numbers;
+  numbers.reserve(3 * values.size());
+  for (const Eigen::Vector3f& value : values) numbers.insert(numbers.end(), value.data(), value.data() + 3);
+  return io::NdArray::from(numbers, {size, size, 3});
+}
+
 }  // namespace
 
 Camera view_camera(const Frame& frame, int size) {
@@ -218,12 +231,6 @@ ViewImages render_view(const Scene& scene, const Frame& frame, const ViewOptions
   return ViewRenderer(scene).render(frame, options);
 }
 
-namespace {
-
-constexpr double kPublishedTurn = 2.0 * 3.1415;
-
-}  // namespace
-
 ViewCamera from_preview(const ViewCamera& preview) {
   ViewCamera view = preview;
   view.yaw = 0.5 * kPi - preview.yaw;
@@ -248,24 +255,6 @@ std::vector<ViewCamera> snapshot_views() {
   }
   return views;
 }
-
-namespace {
-
-template <typename Channel>
-void require(const ViewImages& view, const Channel& channel, const char* name) {
-  const auto pixels = static_cast<std::size_t>(view.size) * static_cast<std::size_t>(view.size);
-  if (view.size > 0 && channel.size() == pixels) return;
-  throw InputError("", name, "the view was rendered without this channel");
-}
-
-io::NdArray array3(const std::vector<Eigen::Vector3f>& values, std::int64_t size) {
-  std::vector<float> numbers;
-  numbers.reserve(3 * values.size());
-  for (const Eigen::Vector3f& value : values) numbers.insert(numbers.end(), value.data(), value.data() + 3);
-  return io::NdArray::from(numbers, {size, size, 3});
-}
-
-}  // namespace
 
 io::Image encode_world_normals(const ViewImages& view) {
   require(view, view.normal, "normal");

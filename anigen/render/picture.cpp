@@ -6,10 +6,8 @@
 #include <cmath>
 #include <string>
 
-#include "anigen/asset/rigged_asset.h"
 #include "anigen/core/error.h"
 #include "anigen/core/parallel.h"
-#include "anigen/render/scene.h"
 #include "anigen/render/shading.h"
 #include "anigen/render/surface_color.h"
 
@@ -29,60 +27,6 @@ Eigen::Vector3f oklch_to_linear(float lightness, float chroma, float hue) {
           -1.2684380046f * l3 + 2.6097574011f * m3 - 0.3413193965f * s3,
           -0.0041960863f * l3 - 0.7034186147f * m3 + 1.7076147010f * s3};
 }
-
-}  // namespace
-
-Eigen::Vector3f joint_color(int joint) {
-  constexpr double kGolden = 0.61803398874989485, kTwoPi = 6.28318530717958648;
-  constexpr std::array<float, 3> kLightness{0.72f, 0.62f, 0.82f};
-  const int index = std::max(joint, 0);
-  const auto hue = static_cast<float>(kTwoPi * std::fmod(0.12 + kGolden * index, 1.0));
-  const float lightness = kLightness[static_cast<std::size_t>(index) % kLightness.size()];
-  // As colourful as the screen can show at this lightness and hue, up to a limit.
-  Eigen::Vector3f linear = Eigen::Vector3f::Zero();
-  for (float chroma = 0.18f; chroma > 0.02f; chroma -= 0.01f) {
-    linear = oklch_to_linear(lightness, chroma, hue);
-    if (linear.minCoeff() >= 0.0f && linear.maxCoeff() <= 1.0f) break;
-  }
-  return linear.cwiseMax(0.0f).unaryExpr([](float value) { return linear_to_srgb(value); });
-}
-
-Eigen::Vector3f heat_color(float value) {
-  static const std::array<Eigen::Vector3f, 5> kStops{
-      Eigen::Vector3f(0.16f, 0.18f, 0.42f), Eigen::Vector3f(0.13f, 0.48f, 0.60f), Eigen::Vector3f(0.45f, 0.75f, 0.45f),
-      Eigen::Vector3f(0.98f, 0.85f, 0.30f), Eigen::Vector3f(0.86f, 0.18f, 0.14f)};
-  const float at = std::clamp(std::isfinite(value) ? value : 0.0f, 0.0f, 1.0f) * (kStops.size() - 1);
-  const std::size_t stop = std::min(static_cast<std::size_t>(at), kStops.size() - 2);
-  const float fraction = at - static_cast<float>(stop);
-  return (1.0f - fraction) * kStops[stop] + fraction * kStops[stop + 1];
-}
-
-std::vector<Eigen::Vector3f> weight_colors(const SkinWeights& weights) {
-  std::vector<Eigen::Vector3f> colors(weights.rows(), kUnweighted);
-  for (std::size_t v = 0; v < colors.size(); ++v) {
-    if (weights.row_size(v) == 0) continue;
-    colors[v].setZero();
-    for (std::size_t i = 0; i < weights.row_size(v); ++i) {
-      colors[v] += weights.row(v)[i].weight * joint_color(weights.row(v)[i].joint);
-    }
-  }
-  return colors;
-}
-
-std::vector<Eigen::Vector3f> heat_colors(const SkinWeights& weights, const std::vector<int>& joints) {
-  std::vector<Eigen::Vector3f> colors(weights.rows());
-  for (std::size_t v = 0; v < colors.size(); ++v) {
-    float sum = 0.0f;
-    for (std::size_t i = 0; i < weights.row_size(v); ++i) {
-      const Influence& influence = weights.row(v)[i];
-      if (std::find(joints.begin(), joints.end(), influence.joint) != joints.end()) sum += influence.weight;
-    }
-    colors[v] = heat_color(sum);
-  }
-  return colors;
-}
-
-namespace {
 
 /// One capsule of changing radius in the picture; a dot when both ends coincide.
 struct Capsule {
@@ -160,50 +104,6 @@ int shown_ancestor(const std::vector<int>& parents, const std::vector<bool>& sho
   return -1;
 }
 
-}  // namespace
-
-void draw_skeleton(io::Image& image, const Camera& camera, const std::vector<Eigen::Vector3d>& positions,
-                   const std::vector<int>& parents, const OverlayStyle& style, const std::vector<bool>& shown) {
-  check(positions, parents);
-  if (!shown.empty() && shown.size() != positions.size()) {
-    throw InputError("", "shown", "must have one entry per joint");
-  }
-  if (!(style.thickness > 0.0 && style.thickness <= 100.0)) {
-    throw InputError("", "thickness", "must be above 0 and at most 100");
-  }
-  if (!style.bone.allFinite() || !style.joint.allFinite() || !style.outline.allFinite()) {
-    throw InputError("", "skeleton_style", "a colour is not finite");
-  }
-  const double size = style.thickness * std::max(1.6, 0.0085 * std::min(image.width, image.height));
-  const double rim = std::max(0.9, 0.35 * size);
-  std::vector<Eigen::Vector3d> projected(positions.size());
-  std::vector<bool> visible(positions.size());
-  for (std::size_t j = 0; j < positions.size(); ++j) {
-    projected[j] = camera.project(positions[j]);
-    visible[j] =
-        (shown.empty() || shown[j]) && projected[j].z() > 0.0 && projected[j].head<2>().cwiseAbs().maxCoeff() < 1e7;
-  }
-  std::vector<Capsule> bones, dots;
-  for (std::size_t j = 0; j < positions.size(); ++j) {
-    if (!visible[j]) continue;
-    const Eigen::Vector2d at = projected[j].head<2>();
-    const Eigen::Vector3f own = joint_color(static_cast<int>(j));
-    dots.push_back({at, at, 0.9 * size, 0.9 * size, projected[j].z(), style.joint});
-    const int above = shown_ancestor(parents, shown, j);
-    if (above < 0 || !visible[static_cast<std::size_t>(above)]) continue;
-    const auto parent = static_cast<std::size_t>(above);
-    bones.push_back({projected[parent].head<2>(), at, 0.85 * size, 0.35 * size,
-                     0.5 * (projected[j].z() + projected[parent].z()), style.color_by_joint ? own : style.bone});
-  }
-  const auto farther = [](const Capsule& a, const Capsule& b) { return a.depth > b.depth; };
-  std::stable_sort(bones.begin(), bones.end(), farther);
-  std::stable_sort(dots.begin(), dots.end(), farther);
-  for (const Capsule& bone : bones) draw(image, bone, style.outline, rim);
-  for (const Capsule& dot : dots) draw(image, dot, style.outline, rim);
-}
-
-namespace {
-
 constexpr int kOcclusionRaysPerPixel = 24;
 constexpr int kLargestPicture = 16384, kMostPixelSamples = 16;
 
@@ -279,10 +179,6 @@ class Painter {
   Eigen::Vector3f background_ = Eigen::Vector3f::Zero();
 };
 
-}  // namespace
-
-namespace {
-
 std::vector<bool> weighted_joints(const SkinWeights& weights, std::size_t joints) {
   std::vector<bool> result(joints, false);
   for (const Influence& influence : weights.influences) {
@@ -303,7 +199,105 @@ void draw_skeleton(io::Image& image, const Camera& camera, const Asset& asset, c
                 options.skeleton_style, shown);
 }
 
+/// `vector` turned by the smallest rotation that takes unit `from` to unit `to` (Rodrigues' formula without angles).
+Eigen::Vector3f turned(const Eigen::Vector3f& vector, const Eigen::Vector3f& from, const Eigen::Vector3f& to) {
+  const Eigen::Vector3f axis = from.cross(to);  // length: the sine
+  const float cosine = from.dot(to);
+  if (cosine < -0.9999f) return -vector;  // half a turn about an axis that is not determined
+  return cosine * vector + axis.cross(vector) + axis.dot(vector) / (1.0f + cosine) * axis;
+}
+
 }  // namespace
+
+Eigen::Vector3f joint_color(int joint) {
+  constexpr double kGolden = 0.61803398874989485, kTwoPi = 6.28318530717958648;
+  constexpr std::array<float, 3> kLightness{0.72f, 0.62f, 0.82f};
+  const int index = std::max(joint, 0);
+  const auto hue = static_cast<float>(kTwoPi * std::fmod(0.12 + kGolden * index, 1.0));
+  const float lightness = kLightness[static_cast<std::size_t>(index) % kLightness.size()];
+  // As colourful as the screen can show at this lightness and hue, up to a limit.
+  Eigen::Vector3f linear = Eigen::Vector3f::Zero();
+  for (float chroma = 0.18f; chroma > 0.02f; chroma -= 0.01f) {
+    linear = oklch_to_linear(lightness, chroma, hue);
+    if (linear.minCoeff() >= 0.0f && linear.maxCoeff() <= 1.0f) break;
+  }
+  return linear.cwiseMax(0.0f).unaryExpr([](float value) { return linear_to_srgb(value); });
+}
+
+Eigen::Vector3f heat_color(float value) {
+  static const std::array<Eigen::Vector3f, 5> kStops{
+      Eigen::Vector3f(0.16f, 0.18f, 0.42f), Eigen::Vector3f(0.13f, 0.48f, 0.60f), Eigen::Vector3f(0.45f, 0.75f, 0.45f),
+      Eigen::Vector3f(0.98f, 0.85f, 0.30f), Eigen::Vector3f(0.86f, 0.18f, 0.14f)};
+  const float at = std::clamp(std::isfinite(value) ? value : 0.0f, 0.0f, 1.0f) * (kStops.size() - 1);
+  const std::size_t stop = std::min(static_cast<std::size_t>(at), kStops.size() - 2);
+  const float fraction = at - static_cast<float>(stop);
+  return (1.0f - fraction) * kStops[stop] + fraction * kStops[stop + 1];
+}
+
+std::vector<Eigen::Vector3f> weight_colors(const SkinWeights& weights) {
+  std::vector<Eigen::Vector3f> colors(weights.rows(), kUnweighted);
+  for (std::size_t v = 0; v < colors.size(); ++v) {
+    if (weights.row_size(v) == 0) continue;
+    colors[v].setZero();
+    for (std::size_t i = 0; i < weights.row_size(v); ++i) {
+      colors[v] += weights.row(v)[i].weight * joint_color(weights.row(v)[i].joint);
+    }
+  }
+  return colors;
+}
+
+std::vector<Eigen::Vector3f> heat_colors(const SkinWeights& weights, const std::vector<int>& joints) {
+  std::vector<Eigen::Vector3f> colors(weights.rows());
+  for (std::size_t v = 0; v < colors.size(); ++v) {
+    float sum = 0.0f;
+    for (std::size_t i = 0; i < weights.row_size(v); ++i) {
+      const Influence& influence = weights.row(v)[i];
+      if (std::find(joints.begin(), joints.end(), influence.joint) != joints.end()) sum += influence.weight;
+    }
+    colors[v] = heat_color(sum);
+  }
+  return colors;
+}
+
+void draw_skeleton(io::Image& image, const Camera& camera, const std::vector<Eigen::Vector3d>& positions,
+                   const std::vector<int>& parents, const OverlayStyle& style, const std::vector<bool>& shown) {
+  check(positions, parents);
+  if (!shown.empty() && shown.size() != positions.size()) {
+    throw InputError("", "shown", "must have one entry per joint");
+  }
+  if (!(style.thickness > 0.0 && style.thickness <= 100.0)) {
+    throw InputError("", "thickness", "must be above 0 and at most 100");
+  }
+  if (!style.bone.allFinite() || !style.joint.allFinite() || !style.outline.allFinite()) {
+    throw InputError("", "skeleton_style", "a colour is not finite");
+  }
+  const double size = style.thickness * std::max(1.6, 0.0085 * std::min(image.width, image.height));
+  const double rim = std::max(0.9, 0.35 * size);
+  std::vector<Eigen::Vector3d> projected(positions.size());
+  std::vector<bool> visible(positions.size());
+  for (std::size_t j = 0; j < positions.size(); ++j) {
+    projected[j] = camera.project(positions[j]);
+    visible[j] =
+        (shown.empty() || shown[j]) && projected[j].z() > 0.0 && projected[j].head<2>().cwiseAbs().maxCoeff() < 1e7;
+  }
+  std::vector<Capsule> bones, dots;
+  for (std::size_t j = 0; j < positions.size(); ++j) {
+    if (!visible[j]) continue;
+    const Eigen::Vector2d at = projected[j].head<2>();
+    const Eigen::Vector3f own = joint_color(static_cast<int>(j));
+    dots.push_back({at, at, 0.9 * size, 0.9 * size, projected[j].z(), style.joint});
+    const int above = shown_ancestor(parents, shown, j);
+    if (above < 0 || !visible[static_cast<std::size_t>(above)]) continue;
+    const auto parent = static_cast<std::size_t>(above);
+    bones.push_back({projected[parent].head<2>(), at, 0.85 * size, 0.35 * size,
+                     0.5 * (projected[j].z() + projected[parent].z()), style.color_by_joint ? own : style.bone});
+  }
+  const auto farther = [](const Capsule& a, const Capsule& b) { return a.depth > b.depth; };
+  std::stable_sort(bones.begin(), bones.end(), farther);
+  std::stable_sort(dots.begin(), dots.end(), farther);
+  for (const Capsule& bone : bones) draw(image, bone, style.outline, rim);
+  for (const Capsule& dot : dots) draw(image, dot, style.outline, rim);
+}
 
 Camera picture_camera(const Scene& scene, const PictureOptions& options) {
   return orbit_camera(options.view, scene.vertices(), options.width, options.height);
@@ -332,18 +326,6 @@ void set_pose(PictureOptions& options, const Asset& asset, const Pose& pose) {
   options.joints.emplace();
   for (const Eigen::Matrix4d& matrix : world) options.joints->push_back(matrix.topRightCorner<3, 1>());
 }
-
-namespace {
-
-/// `vector` turned by the smallest rotation that takes unit `from` to unit `to` (Rodrigues' formula without angles).
-Eigen::Vector3f turned(const Eigen::Vector3f& vector, const Eigen::Vector3f& from, const Eigen::Vector3f& to) {
-  const Eigen::Vector3f axis = from.cross(to);  // length: the sine
-  const float cosine = from.dot(to);
-  if (cosine < -0.9999f) return -vector;  // half a turn about an axis that is not determined
-  return cosine * vector + axis.cross(vector) + axis.dot(vector) / (1.0f + cosine) * axis;
-}
-
-}  // namespace
 
 std::vector<Eigen::Vector3f> posed_normals(const Mesh& mesh, const std::vector<Eigen::Vector3f>& vertices) {
   const std::vector<Eigen::Vector3f> after = vertex_normals(vertices, mesh.faces);

@@ -1,9 +1,6 @@
 #include "anigen/render/scene.h"
 
 #include <Eigen/Geometry>
-#include <algorithm>
-#include <array>
-#include <cmath>
 #include <limits>
 #include <string>
 
@@ -91,42 +88,6 @@ Placement fit(const Camera& camera, const Orbit& orbit, const Box& box, const st
   return place;
 }
 
-}  // namespace
-
-Eigen::Vector3d Camera::ray(double x, double y) const {
-  const double scale = 2.0 * tangent / height;
-  return forward + (x - 0.5 * width) * scale * right - (y - 0.5 * height) * scale * up;
-}
-
-Eigen::Vector3d Camera::direction(double x, double y) const { return ray(x, y).normalized(); }
-
-Eigen::Vector3d Camera::project(const Eigen::Vector3d& point) const {
-  const Eigen::Vector3d offset = point - eye;
-  const double depth = offset.dot(forward);
-  const double scale = 0.5 * height / (tangent * depth);
-  return {0.5 * width + offset.dot(right) * scale, 0.5 * height - offset.dot(up) * scale, depth};
-}
-
-Camera orbit_camera(const Orbit& orbit, const std::vector<Eigen::Vector3f>& points, int width, int height) {
-  Camera camera = oriented(orbit, width, height);
-  const Box box = target_box(orbit, points);
-  Placement place;
-  if (orbit.distance) {
-    check_range(*orbit.distance, 1e-12, 1e16, "distance");
-    place.back = *orbit.distance;
-  } else {
-    place = fit(camera, orbit, box, points, orbit.fit.has_value());
-  }
-  camera.eye = box.center() + place.right * camera.right + place.up * camera.up - place.back * camera.forward;
-  return camera;
-}
-
-double centred_distance(const Orbit& orbit, const std::vector<Eigen::Vector3f>& points, int width, int height) {
-  return fit(oriented(orbit, width, height), orbit, target_box(orbit, points), points, true).back;
-}
-
-namespace {
-
 template <typename Array>
 void check_length(const Asset& asset, const Array& array, std::size_t expected, const char* name) {
   if (array.empty() || array.size() == expected) return;
@@ -162,6 +123,38 @@ void check(const Asset& asset, const std::vector<Eigen::Vector3f>& vertices) {
 }
 
 }  // namespace
+
+Eigen::Vector3d Camera::ray(double x, double y) const {
+  const double scale = 2.0 * tangent / height;
+  return forward + (x - 0.5 * width) * scale * right - (y - 0.5 * height) * scale * up;
+}
+
+Eigen::Vector3d Camera::direction(double x, double y) const { return ray(x, y).normalized(); }
+
+Eigen::Vector3d Camera::project(const Eigen::Vector3d& point) const {
+  const Eigen::Vector3d offset = point - eye;
+  const double depth = offset.dot(forward);
+  const double scale = 0.5 * height / (tangent * depth);
+  return {0.5 * width + offset.dot(right) * scale, 0.5 * height - offset.dot(up) * scale, depth};
+}
+
+Camera orbit_camera(const Orbit& orbit, const std::vector<Eigen::Vector3f>& points, int width, int height) {
+  Camera camera = oriented(orbit, width, height);
+  const Box box = target_box(orbit, points);
+  Placement place;
+  if (orbit.distance) {
+    check_range(*orbit.distance, 1e-12, 1e16, "distance");
+    place.back = *orbit.distance;
+  } else {
+    place = fit(camera, orbit, box, points, orbit.fit.has_value());
+  }
+  camera.eye = box.center() + place.right * camera.right + place.up * camera.up - place.back * camera.forward;
+  return camera;
+}
+
+double centred_distance(const Orbit& orbit, const std::vector<Eigen::Vector3f>& points, int width, int height) {
+  return fit(oriented(orbit, width, height), orbit, target_box(orbit, points), points, true).back;
+}
 
 struct Scene::Implementation {
   Implementation(const Asset& a, std::vector<Eigen::Vector3f> v, std::vector<Eigen::Vector3f> n)

@@ -38,6 +38,21 @@ std::uint32_t scramble(std::uint32_t value) {
   return value ^ (value >> 16);
 }
 
+constexpr int kMostLayers = 1024;    ///< of holes behind each other; more ends the ray
+constexpr double kStep = 4e-6;       ///< relative; how far behind a hole a ray goes on: above Embree's rounding
+constexpr double kSmallStep = 1e-9;  ///< the same where the hole is at the ray's very start
+
+/// Sample points of a face to judge a material: near its corners and in the middle.
+const std::array<Eigen::Vector3f, 4> kProbes = {Eigen::Vector3f(1.0f / 3, 1.0f / 3, 1.0f / 3),
+                                                Eigen::Vector3f(0.8f, 0.1f, 0.1f), Eigen::Vector3f(0.1f, 0.8f, 0.1f),
+                                                Eigen::Vector3f(0.1f, 0.1f, 0.8f)};
+
+double area(const Scene& scene, const Triangle& face) {
+  const auto corner = [&](std::size_t k) { return scene.vertices()[static_cast<std::size_t>(face[k])].cast<double>(); };
+  const Eigen::Vector3d a = corner(0), b = corner(1), c = corner(2);
+  return 0.5 * Eigen::Vector3d(b - a).cross(Eigen::Vector3d(c - a)).norm();
+}
+
 }  // namespace
 
 PixelSequence::PixelSequence(int x, int y, int skip) : index_(static_cast<std::uint32_t>(skip)) {
@@ -136,25 +151,6 @@ float Studio::floor_shadow(const Eigen::Vector3d& origin, const Eigen::Vector3d&
   const auto fade = static_cast<float>(std::clamp(3.0 - 2.0 * away, 0.0, 1.0));
   return fade * kFloorDarkness * std::min(1.0f, 0.65f * key + 0.7f * contact);
 }
-
-namespace {
-
-constexpr int kMostLayers = 1024;    ///< of holes behind each other; more ends the ray
-constexpr double kStep = 4e-6;       ///< relative; how far behind a hole a ray goes on: above Embree's rounding
-constexpr double kSmallStep = 1e-9;  ///< the same where the hole is at the ray's very start
-
-/// Sample points of a face to judge a material: near its corners and in the middle.
-const std::array<Eigen::Vector3f, 4> kProbes = {Eigen::Vector3f(1.0f / 3, 1.0f / 3, 1.0f / 3),
-                                                Eigen::Vector3f(0.8f, 0.1f, 0.1f), Eigen::Vector3f(0.1f, 0.8f, 0.1f),
-                                                Eigen::Vector3f(0.1f, 0.1f, 0.8f)};
-
-double area(const Scene& scene, const Triangle& face) {
-  const auto corner = [&](std::size_t k) { return scene.vertices()[static_cast<std::size_t>(face[k])].cast<double>(); };
-  const Eigen::Vector3d a = corner(0), b = corner(1), c = corner(2);
-  return 0.5 * Eigen::Vector3d(b - a).cross(Eigen::Vector3d(c - a)).norm();
-}
-
-}  // namespace
 
 Cutout::Cutout(const Scene& scene, const SurfaceColor& colors, float cutoff)
     : scene_(&scene), colors_(&colors), cutoff_(cutoff) {

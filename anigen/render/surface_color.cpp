@@ -2,13 +2,10 @@
 
 #include <array>
 #include <cmath>
-#include <string>
 #include <utility>
 
 #include "anigen/core/error.h"
 #include "anigen/core/numeric.h"
-#include "anigen/io/image.h"
-#include "anigen/render/picture.h"
 #include "anigen/render/scene.h"
 
 namespace anigen::render {
@@ -38,38 +35,6 @@ Tap tap(float coordinate, int size) {
   const int first = (static_cast<int>(low) + size) % size;
   return {first, (first + 1) % size, position - low};
 }
-
-}  // namespace
-
-Texture::Texture(const EncodedImage& image, const std::string& name_for_errors)
-    : image_(io::decode_image(image.bytes, name_for_errors)) {
-  if (image_.width < 1 || image_.height < 1) throw InputError(name_for_errors, "", "the picture has no pixels");
-  for (std::size_t i = 3; i < image_.rgba.size() && opaque_; i += 4) opaque_ = image_.rgba[i] == 255;
-}
-
-Eigen::Vector3f Texture::lookup(const Eigen::Vector2f& uv) const {
-  const Tap x = tap(uv.x(), image_.width), y = tap(uv.y(), image_.height);
-  const std::array<float, 256>& linear = linear_table();
-  const auto texel = [&](int column, int row) {
-    const std::uint8_t* p = image_.pixel(column, row);
-    return Eigen::Vector3f(linear[p[0]], linear[p[1]], linear[p[2]]);
-  };
-  const Eigen::Vector3f top = (1.0f - x.fraction) * texel(x.first, y.first) + x.fraction * texel(x.second, y.first);
-  const Eigen::Vector3f bottom =
-      (1.0f - x.fraction) * texel(x.first, y.second) + x.fraction * texel(x.second, y.second);
-  return (1.0f - y.fraction) * top + y.fraction * bottom;
-}
-
-float Texture::alpha(const Eigen::Vector2f& uv) const {
-  if (opaque_) return 1.0f;
-  const Tap x = tap(uv.x(), image_.width), y = tap(uv.y(), image_.height);
-  const auto texel = [&](int column, int row) { return static_cast<float>(image_.pixel(column, row)[3]) / 255.0f; };
-  const float top = (1.0f - x.fraction) * texel(x.first, y.first) + x.fraction * texel(x.second, y.first);
-  const float bottom = (1.0f - x.fraction) * texel(x.first, y.second) + x.fraction * texel(x.second, y.second);
-  return (1.0f - y.fraction) * top + y.fraction * bottom;
-}
-
-namespace {
 
 const Eigen::Vector3f kPlain(0.72f, 0.72f, 0.72f);  ///< albedo of a mesh without any colour of its own
 
@@ -105,7 +70,81 @@ void check_materials(const Asset& asset) {
   }
 }
 
+io::Image srgb_image(const geometry::LinearTexture& texture) {
+  io::Image image(texture.size, texture.size);
+  for (std::size_t i = 0; i < texture.texels.size(); ++i) {
+    for (std::size_t k = 0; k < 3; ++k) {
+      const float value = linear_to_srgb(texture.texels[i][static_cast<Eigen::Index>(k)]);
+      image.rgba[4 * i + k] = static_cast<std::uint8_t>(std::lround(255.0F * value));
+    }
+  }
+  return image;
+}
+
+Mesh split_mesh(const Mesh& mesh, const geometry::UvAtlas& atlas) {
+  const std::vector<Eigen::Vector3f> normals =
+      mesh.normals.empty() ? vertex_normals(mesh.vertices, mesh.faces) : mesh.normals;
+  Mesh split;
+  for (const std::int32_t vertex : atlas.vertices) {
+    split.vertices.push_back(mesh.vertices[at(vertex)]);
+    split.normals.push_back(normals[at(vertex)]);
+  }
+  split.faces = atlas.faces;
+  split.uvs = atlas.uvs;
+  split.face_materials.assign(split.faces.size(), 0);
+  return split;
+}
+
+SkinWeights split_skin(const SkinWeights& skin, const std::vector<std::int32_t>& vertices) {
+  SkinWeights split;
+  for (const std::int32_t vertex : vertices) {
+    const Influence* row = skin.row(at(vertex));
+    split.influences.insert(split.influences.end(), row, row + skin.row_size(at(vertex)));
+    split.offsets.push_back(split.influences.size());
+  }
+  return split;
+}
+
+void require_matching_rows(const Asset& asset) {
+  const std::size_t vertices = asset.mesh.vertices.size(), rows = asset.skin.rows();
+  if (!asset.mesh.normals.empty() && asset.mesh.normals.size() != vertices) {
+    throw InputError(asset.name, "mesh.normals",
+                     std::to_string(asset.mesh.normals.size()) + " for " + std::to_string(vertices) + " vertices");
+  }
+  if (rows != 0 && rows != vertices) {
+    throw InputError(asset.name, "skin", std::to_string(rows) + " rows for " + std::to_string(vertices) + " vertices");
+  }
+}
+
 }  // namespace
+
+Texture::Texture(const EncodedImage& image, const std::string& name_for_errors)
+    : image_(io::decode_image(image.bytes, name_for_errors)) {
+  if (image_.width < 1 || image_.height < 1) throw InputError(name_for_errors, "", "the picture has no pixels");
+  for (std::size_t i = 3; i < image_.rgba.size() && opaque_; i += 4) opaque_ = image_.rgba[i] == 255;
+}
+
+Eigen::Vector3f Texture::lookup(const Eigen::Vector2f& uv) const {
+  const Tap x = tap(uv.x(), image_.width), y = tap(uv.y(), image_.height);
+  const std::array<float, 256>& linear = linear_table();
+  const auto texel = [&](int column, int row) {
+    const std::uint8_t* p = image_.pixel(column, row);
+    return Eigen::Vector3f(linear[p[0]], linear[p[1]], linear[p[2]]);
+  };
+  const Eigen::Vector3f top = (1.0f - x.fraction) * texel(x.first, y.first) + x.fraction * texel(x.second, y.first);
+  const Eigen::Vector3f bottom =
+      (1.0f - x.fraction) * texel(x.first, y.second) + x.fraction * texel(x.second, y.second);
+  return (1.0f - y.fraction) * top + y.fraction * bottom;
+}
+
+float Texture::alpha(const Eigen::Vector2f& uv) const {
+  if (opaque_) return 1.0f;
+  const Tap x = tap(uv.x(), image_.width), y = tap(uv.y(), image_.height);
+  const auto texel = [&](int column, int row) { return static_cast<float>(image_.pixel(column, row)[3]) / 255.0f; };
+  const float top = (1.0f - x.fraction) * texel(x.first, y.first) + x.fraction * texel(x.second, y.first);
+  const float bottom = (1.0f - x.fraction) * texel(x.first, y.second) + x.fraction * texel(x.second, y.second);
+  return (1.0f - y.fraction) * top + y.fraction * bottom;
+}
 
 Eigen::Vector2f texture_coordinates(const Mesh& mesh, const Hit& hit) {
   const Triangle& face = mesh.faces[static_cast<std::size_t>(hit.face)];
@@ -184,56 +223,6 @@ Eigen::Vector3f SurfaceColor::base_color(const Hit& hit) const {
   }
   return color.cwiseMax(0.0f);
 }
-
-namespace {
-
-io::Image srgb_image(const geometry::LinearTexture& texture) {
-  io::Image image(texture.size, texture.size);
-  for (std::size_t i = 0; i < texture.texels.size(); ++i) {
-    for (std::size_t k = 0; k < 3; ++k) {
-      const float value = linear_to_srgb(texture.texels[i][static_cast<Eigen::Index>(k)]);
-      image.rgba[4 * i + k] = static_cast<std::uint8_t>(std::lround(255.0F * value));
-    }
-  }
-  return image;
-}
-
-Mesh split_mesh(const Mesh& mesh, const geometry::UvAtlas& atlas) {
-  const std::vector<Eigen::Vector3f> normals =
-      mesh.normals.empty() ? vertex_normals(mesh.vertices, mesh.faces) : mesh.normals;
-  Mesh split;
-  for (const std::int32_t vertex : atlas.vertices) {
-    split.vertices.push_back(mesh.vertices[at(vertex)]);
-    split.normals.push_back(normals[at(vertex)]);
-  }
-  split.faces = atlas.faces;
-  split.uvs = atlas.uvs;
-  split.face_materials.assign(split.faces.size(), 0);
-  return split;
-}
-
-SkinWeights split_skin(const SkinWeights& skin, const std::vector<std::int32_t>& vertices) {
-  SkinWeights split;
-  for (const std::int32_t vertex : vertices) {
-    const Influence* row = skin.row(at(vertex));
-    split.influences.insert(split.influences.end(), row, row + skin.row_size(at(vertex)));
-    split.offsets.push_back(split.influences.size());
-  }
-  return split;
-}
-
-void require_matching_rows(const Asset& asset) {
-  const std::size_t vertices = asset.mesh.vertices.size(), rows = asset.skin.rows();
-  if (!asset.mesh.normals.empty() && asset.mesh.normals.size() != vertices) {
-    throw InputError(asset.name, "mesh.normals",
-                     std::to_string(asset.mesh.normals.size()) + " for " + std::to_string(vertices) + " vertices");
-  }
-  if (rows != 0 && rows != vertices) {
-    throw InputError(asset.name, "skin", std::to_string(rows) + " rows for " + std::to_string(vertices) + " vertices");
-  }
-}
-
-}  // namespace
 
 TexturedAsset textured_asset(const Asset& asset, const Mesh& colored, const TextureOptions& options) {
   require_matching_rows(asset);

@@ -10,13 +10,11 @@
 #include <limits>
 #include <mutex>
 #include <utility>
-#include <vector>
 
 #include "anigen/core/error.h"
 #include "anigen/core/numeric.h"
 #include "anigen/core/parallel.h"
 #include "anigen/geometry/embree.h"
-#include "anigen/geometry/hidden_faces.h"
 #include "anigen/geometry/sampling.h"
 #include "anigen/render/cameras_json.h"
 

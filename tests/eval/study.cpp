@@ -11,7 +11,6 @@
 #include "anigen/core/parallel.h"
 #include "anigen/core/random.h"
 #include "anigen/eval/metric_table.h"
-#include "anigen/eval/pair.h"
 #include "anigen/eval/skin_evaluation.h"
 #include "anigen/metrics/similarity.h"
 
@@ -56,6 +55,95 @@ void change_rows(SkinWeights& skin, Change change) {
   }
   skin = std::move(result);
 }
+
+// One symbol per studied metric: 0 stays about zero, + sees the mistake, ? nobody said.
+constexpr std::array<const char*, 9> kStudied = {"j2j",
+                                                 "j2b",
+                                                 "b2b",
+                                                 "wasserstein",
+                                                 "gromov_wasserstein",
+                                                 "connectivity_recall",
+                                                 "tree_edit_distance",
+                                                 "skin_l1",
+                                                 "deformation_error"};
+
+std::vector<std::pair<std::string, Expected>> expectations(const std::string& symbols) {
+  std::vector<std::pair<std::string, Expected>> result;
+  for (std::size_t i = 0; i < kStudied.size(); ++i) {
+    const char symbol = symbols.at(i);
+    result.emplace_back(kStudied[i], symbol == '0'   ? Expected::kZero
+                                     : symbol == '+' ? Expected::kPositive
+                                                     : Expected::kOpen);
+  }
+  return result;
+}
+
+/// Distances that are zero between equal shapes. UniRig's J2B is not among them: its samples leave out one end of every
+/// bone, so a joint without children is not on any.
+const std::vector<std::string>& zero_keys() {
+  static const std::vector<std::string> kKeys = {
+      "j2j",          "j2b",        "b2b",        "wasserstein",       "gromov_wasserstein", "fused_gromov_wasserstein",
+      "skin_l1",      "skin_l2",    "skin_kl",    "deformation_error", "surface_chamfer",    "rignet.j2j",
+      "rignet.j2b",   "rignet.b2b", "unirig.j2j", "unirig.b2b",        "puppeteer.j2j",      "puppeteer.j2b",
+      "puppeteer.b2b"};
+  return kKeys;
+}
+
+bool is_skeleton_key(const std::string& key) {
+  const MetricInfo* metric = find_metric(key);
+  return metric != nullptr && (metric->group == "skeleton" || metric->group == "transport");
+}
+
+struct Largest {
+  double value = 0;
+  std::string key;
+};
+
+/// The largest finite value of the keys; divergences may be negative by rounding.
+Largest largest(const PairResult& result, bool skeleton_only) {
+  Largest found;
+  for (const std::string& key : zero_keys()) {
+    if (skeleton_only && !is_skeleton_key(key)) continue;
+    const double value = std::abs(result.value(key));
+    if (std::isfinite(value) && value >= found.value) found = {value, key};
+  }
+  return found;
+}
+
+std::string scientific(double value) {
+  if (value == 0) return "0";
+  char text[32];
+  std::snprintf(text, sizeof text, "%.1e", value);
+  return text;
+}
+
+PairSettings unaligned() {
+  PairSettings settings;
+  settings.alignment.icp = false;
+  settings.alignment.normalization = metrics::NormalizationMode::kBoundingBox;
+  settings.groups = {"skeleton", "transport", "skin"};
+  return settings;
+}
+
+/// Distance of a metric from its perfect value.
+double loss(const PairResult& result, const MetricInfo& metric) {
+  const double value = result.value(metric.key);
+  return metric.better == Better::kHigher ? 1.0 - value : value;
+}
+
+std::string word(Expected expected) {
+  switch (expected) {
+    case Expected::kZero:
+      return "about 0";
+    case Expected::kPositive:
+      return "> 0";
+    case Expected::kOpen:
+      break;
+  }
+  return "open";
+}
+
+double median(std::vector<double> values) { return summarize(std::move(values)).median; }
 
 }  // namespace
 
@@ -208,32 +296,6 @@ io::RiggedShape with_random_placement(io::RiggedShape shape, std::uint64_t seed)
   return metrics::transformed(placement, std::move(shape));
 }
 
-namespace {
-
-// One symbol per studied metric: 0 stays about zero, + sees the mistake, ? nobody said.
-constexpr std::array<const char*, 9> kStudied = {"j2j",
-                                                 "j2b",
-                                                 "b2b",
-                                                 "wasserstein",
-                                                 "gromov_wasserstein",
-                                                 "connectivity_recall",
-                                                 "tree_edit_distance",
-                                                 "skin_l1",
-                                                 "deformation_error"};
-
-std::vector<std::pair<std::string, Expected>> expectations(const std::string& symbols) {
-  std::vector<std::pair<std::string, Expected>> result;
-  for (std::size_t i = 0; i < kStudied.size(); ++i) {
-    const char symbol = symbols.at(i);
-    result.emplace_back(kStudied[i], symbol == '0'   ? Expected::kZero
-                                     : symbol == '+' ? Expected::kPositive
-                                                     : Expected::kOpen);
-  }
-  return result;
-}
-
-}  // namespace
-
 const std::vector<Perturbation>& perturbations() {
   static const std::vector<Perturbation> kAll = {
       {"joint inserted mid-bone", with_inserted_joint, expectations("+00++?+??")},
@@ -247,77 +309,6 @@ const std::vector<Perturbation>& perturbations() {
   };
   return kAll;
 }
-
-namespace {
-
-/// Distances that are zero between equal shapes. UniRig's J2B is not among them: its samples leave out one end of every
-/// bone, so a joint without children is not on any.
-const std::vector<std::string>& zero_keys() {
-  static const std::vector<std::string> kKeys = {
-      "j2j",          "j2b",        "b2b",        "wasserstein",       "gromov_wasserstein", "fused_gromov_wasserstein",
-      "skin_l1",      "skin_l2",    "skin_kl",    "deformation_error", "surface_chamfer",    "rignet.j2j",
-      "rignet.j2b",   "rignet.b2b", "unirig.j2j", "unirig.b2b",        "puppeteer.j2j",      "puppeteer.j2b",
-      "puppeteer.b2b"};
-  return kKeys;
-}
-
-bool is_skeleton_key(const std::string& key) {
-  const MetricInfo* metric = find_metric(key);
-  return metric != nullptr && (metric->group == "skeleton" || metric->group == "transport");
-}
-
-struct Largest {
-  double value = 0;
-  std::string key;
-};
-
-/// The largest finite value of the keys; divergences may be negative by rounding.
-Largest largest(const PairResult& result, bool skeleton_only) {
-  Largest found;
-  for (const std::string& key : zero_keys()) {
-    if (skeleton_only && !is_skeleton_key(key)) continue;
-    const double value = std::abs(result.value(key));
-    if (std::isfinite(value) && value >= found.value) found = {value, key};
-  }
-  return found;
-}
-
-std::string scientific(double value) {
-  if (value == 0) return "0";
-  char text[32];
-  std::snprintf(text, sizeof text, "%.1e", value);
-  return text;
-}
-
-PairSettings unaligned() {
-  PairSettings settings;
-  settings.alignment.icp = false;
-  settings.alignment.normalization = metrics::NormalizationMode::kBoundingBox;
-  settings.groups = {"skeleton", "transport", "skin"};
-  return settings;
-}
-
-/// Distance of a metric from its perfect value.
-double loss(const PairResult& result, const MetricInfo& metric) {
-  const double value = result.value(metric.key);
-  return metric.better == Better::kHigher ? 1.0 - value : value;
-}
-
-std::string word(Expected expected) {
-  switch (expected) {
-    case Expected::kZero:
-      return "about 0";
-    case Expected::kPositive:
-      return "> 0";
-    case Expected::kOpen:
-      break;
-  }
-  return "open";
-}
-
-double median(std::vector<double> values) { return summarize(std::move(values)).median; }
-
-}  // namespace
 
 anigen::Table self_evaluation(const std::vector<io::RiggedShape>& shapes, const PairSettings& settings) {
   anigen::Table table;

@@ -8,7 +8,6 @@
 #include <utility>
 
 #include "anigen/core/numeric.h"
-#include "anigen/geometry/uv_atlas/charts.h"
 #include "anigen/geometry/uv_atlas/packing.h"
 
 namespace anigen::geometry {
@@ -107,16 +106,6 @@ class ChartMerging {
   std::set<std::pair<double, std::int32_t>> waiting_;  ///< by area
 };
 
-}  // namespace
-
-std::vector<std::vector<std::int32_t>> merge_charts(const SurfaceFaces& surface, const FaceAdjacency& adjacency,
-                                                    double least_cosine,
-                                                    std::vector<std::vector<std::int32_t>> groups) {
-  return ChartMerging(surface, adjacency, least_cosine, std::move(groups)).run();
-}
-
-namespace {
-
 /// The texels of one chart's box, and which have been claimed.
 class ChartTexels {
  public:
@@ -201,6 +190,12 @@ std::vector<std::int32_t> take_part(const PlanarChart& flat, const FaceAdjacency
 }
 
 }  // namespace
+
+std::vector<std::vector<std::int32_t>> merge_charts(const SurfaceFaces& surface, const FaceAdjacency& adjacency,
+                                                    double least_cosine,
+                                                    std::vector<std::vector<std::int32_t>> groups) {
+  return ChartMerging(surface, adjacency, least_cosine, std::move(groups)).run();
+}
 
 std::vector<SurfaceChart> without_overlaps(const PlanarChart& flat, const FaceAdjacency& adjacency,
                                            double texels_per_unit, double most_texels) {

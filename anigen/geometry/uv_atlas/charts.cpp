@@ -80,89 +80,6 @@ void for_each_linked_pair(const std::vector<FaceEdge>& edges, Visit&& visit) {
   }
 }
 
-}  // namespace
-
-FaceAdjacency::FaceAdjacency(const std::vector<Eigen::Vector3f>& vertices, const std::vector<Triangle>& faces)
-    : offsets_(faces.size() + 1, 0) {
-  const std::vector<FaceEdge> edges = sorted_edges(vertices, faces);
-  for_each_linked_pair(edges, [&](std::int32_t face, std::int32_t, double) { ++offsets_[at(face) + 1]; });
-  std::partial_sum(offsets_.begin(), offsets_.end(), offsets_.begin());
-  links_.resize(offsets_.back());
-  std::vector<std::size_t> next(offsets_.begin(), offsets_.end() - 1);
-  for_each_linked_pair(edges, [&](std::int32_t face, std::int32_t other, double length) {
-    links_[next[at(face)]++] = {other, length};
-  });
-  for (std::size_t f = 0; f < faces.size(); ++f) {
-    const auto begin = links_.begin() + static_cast<std::ptrdiff_t>(offsets_[f]);
-    const auto end = links_.begin() + static_cast<std::ptrdiff_t>(offsets_[f + 1]);
-    std::sort(begin, end,
-              [](const Link& a, const Link& b) { return std::tie(a.face, a.length) < std::tie(b.face, b.length); });
-  }
-}
-
-FaceAdjacency::Links FaceAdjacency::of(std::int32_t face) const {
-  return {links_.data() + offsets_[at(face)], links_.data() + offsets_[at(face) + 1]};
-}
-
-std::vector<std::vector<std::int32_t>> FaceAdjacency::connected_pieces(std::vector<std::int32_t> faces) const {
-  std::sort(faces.begin(), faces.end());
-  std::vector<bool> reached(faces.size(), false);
-  std::vector<std::vector<std::int32_t>> pieces;
-  for (std::size_t i = 0; i < faces.size(); ++i) {
-    if (reached[i]) continue;
-    reached[i] = true;
-    std::vector<std::int32_t> piece = {faces[i]};
-    for (std::size_t next = 0; next < piece.size(); ++next) {
-      for (const Link& link : of(piece[next])) {
-        const auto found = std::lower_bound(faces.begin(), faces.end(), link.face);
-        if (found == faces.end() || *found != link.face) continue;
-        const auto place = static_cast<std::size_t>(found - faces.begin());
-        if (reached[place]) continue;
-        reached[place] = true;
-        piece.push_back(link.face);
-      }
-    }
-    std::sort(piece.begin(), piece.end());
-    pieces.push_back(std::move(piece));
-  }
-  return pieces;
-}
-
-SurfaceFaces::SurfaceFaces(const std::vector<Eigen::Vector3f>& vertices, const std::vector<Triangle>& faces) {
-  for (const Triangle& face : faces) {
-    const Eigen::Vector3d a = vertices[at(face[0])].cast<double>();
-    const Eigen::Vector3d b = vertices[at(face[1])].cast<double>(), c = vertices[at(face[2])].cast<double>();
-    const Eigen::Vector3d twice = (b - a).cross(c - a);
-    const double length = twice.norm();
-    areas.push_back(0.5 * length);
-    normals.push_back(length > 0.0 ? Eigen::Vector3d(twice / length) : Eigen::Vector3d::Zero());
-    centroids.push_back((a + b + c) / 3.0);
-  }
-}
-
-Eigen::Vector3d mean_normal(const SurfaceFaces& surface, const std::vector<std::int32_t>& faces) {
-  Eigen::Vector3d sum = Eigen::Vector3d::Zero();
-  for (const std::int32_t face : faces) sum += surface.areas[at(face)] * surface.normals[at(face)];
-  const double length = sum.norm();
-  return length > 0.0 ? Eigen::Vector3d(sum / length) : Eigen::Vector3d::Zero();
-}
-
-std::vector<SurfaceChart> surface_charts(const SurfaceFaces& surface, const FaceAdjacency& adjacency,
-                                         double max_deviation) {
-  const double least_cosine = std::cos(max_deviation);
-  std::vector<SurfaceChart> charts;
-  for (std::vector<std::int32_t>& group :
-       merge_charts(surface, adjacency, least_cosine, grow_charts(surface, adjacency, least_cosine))) {
-    Eigen::Vector3d axis = mean_normal(surface, group);
-    // Nothing but faces without area: any direction will do.
-    if (axis.isZero()) axis = Eigen::Vector3d::UnitZ();
-    charts.push_back({std::move(group), axis});
-  }
-  return charts;
-}
-
-namespace {
-
 constexpr int kRelaxations = 3;  ///< borders hardly move afterwards
 constexpr std::int32_t kNoChart = -1;
 
@@ -344,15 +261,6 @@ class ChartGrowing {
   std::int32_t charts_ = 0;
 };
 
-}  // namespace
-
-std::vector<std::vector<std::int32_t>> grow_charts(const SurfaceFaces& surface, const FaceAdjacency& adjacency,
-                                                   double least_cosine) {
-  return ChartGrowing(surface, adjacency, least_cosine).run();
-}
-
-namespace {
-
 double planar_cross(const Eigen::Vector2d& a, const Eigen::Vector2d& b) { return a.x() * b.y() - a.y() * b.x(); }
 
 /// Corners in counter-clockwise order (Andrew's monotone chain); fewer than three when all points are on a line.
@@ -401,6 +309,90 @@ Eigen::Vector2d longer_side(const std::vector<Eigen::Vector2d>& points) {
 }
 
 }  // namespace
+
+FaceAdjacency::FaceAdjacency(const std::vector<Eigen::Vector3f>& vertices, const std::vector<Triangle>& faces)
+    : offsets_(faces.size() + 1, 0) {
+  const std::vector<FaceEdge> edges = sorted_edges(vertices, faces);
+  for_each_linked_pair(edges, [&](std::int32_t face, std::int32_t, double) { ++offsets_[at(face) + 1]; });
+  std::partial_sum(offsets_.begin(), offsets_.end(), offsets_.begin());
+  links_.resize(offsets_.back());
+  std::vector<std::size_t> next(offsets_.begin(), offsets_.end() - 1);
+  for_each_linked_pair(edges, [&](std::int32_t face, std::int32_t other, double length) {
+    links_[next[at(face)]++] = {other, length};
+  });
+  for (std::size_t f = 0; f < faces.size(); ++f) {
+    const auto begin = links_.begin() + static_cast<std::ptrdiff_t>(offsets_[f]);
+    const auto end = links_.begin() + static_cast<std::ptrdiff_t>(offsets_[f + 1]);
+    std::sort(begin, end,
+              [](const Link& a, const Link& b) { return std::tie(a.face, a.length) < std::tie(b.face, b.length); });
+  }
+}
+
+FaceAdjacency::Links FaceAdjacency::of(std::int32_t face) const {
+  return {links_.data() + offsets_[at(face)], links_.data() + offsets_[at(face) + 1]};
+}
+
+std::vector<std::vector<std::int32_t>> FaceAdjacency::connected_pieces(std::vector<std::int32_t> faces) const {
+  std::sort(faces.begin(), faces.end());
+  std::vector<bool> reached(faces.size(), false);
+  std::vector<std::vector<std::int32_t>> pieces;
+  for (std::size_t i = 0; i < faces.size(); ++i) {
+    if (reached[i]) continue;
+    reached[i] = true;
+    std::vector<std::int32_t> piece = {faces[i]};
+    for (std::size_t next = 0; next < piece.size(); ++next) {
+      for (const Link& link : of(piece[next])) {
+        const auto found = std::lower_bound(faces.begin(), faces.end(), link.face);
+        if (found == faces.end() || *found != link.face) continue;
+        const auto place = static_cast<std::size_t>(found - faces.begin());
+        if (reached[place]) continue;
+        reached[place] = true;
+        piece.push_back(link.face);
+      }
+    }
+    std::sort(piece.begin(), piece.end());
+    pieces.push_back(std::move(piece));
+  }
+  return pieces;
+}
+
+SurfaceFaces::SurfaceFaces(const std::vector<Eigen::Vector3f>& vertices, const std::vector<Triangle>& faces) {
+  for (const Triangle& face : faces) {
+    const Eigen::Vector3d a = vertices[at(face[0])].cast<double>();
+    const Eigen::Vector3d b = vertices[at(face[1])].cast<double>(), c = vertices[at(face[2])].cast<double>();
+    const Eigen::Vector3d twice = (b - a).cross(c - a);
+    const double length = twice.norm();
+    areas.push_back(0.5 * length);
+    normals.push_back(length > 0.0 ? Eigen::Vector3d(twice / length) : Eigen::Vector3d::Zero());
+    centroids.push_back((a + b + c) / 3.0);
+  }
+}
+
+Eigen::Vector3d mean_normal(const SurfaceFaces& surface, const std::vector<std::int32_t>& faces) {
+  Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+  for (const std::int32_t face : faces) sum += surface.areas[at(face)] * surface.normals[at(face)];
+  const double length = sum.norm();
+  return length > 0.0 ? Eigen::Vector3d(sum / length) : Eigen::Vector3d::Zero();
+}
+
+std::vector<SurfaceChart> surface_charts(const SurfaceFaces& surface, const FaceAdjacency& adjacency,
+                                         double max_deviation) {
+  const double least_cosine = std::cos(max_deviation);
+  std::vector<SurfaceChart> charts;
+  for (std::vector<std::int32_t>& group :
+       merge_charts(surface, adjacency, least_cosine, grow_charts(surface, adjacency, least_cosine))) {
+    Eigen::Vector3d axis = mean_normal(surface, group);
+    // Nothing but faces without area: any direction will do.
+    if (axis.isZero()) axis = Eigen::Vector3d::UnitZ();
+    charts.push_back({std::move(group), axis});
+  }
+  return charts;
+}
+
+std::vector<std::vector<std::int32_t>> grow_charts(const SurfaceFaces& surface, const FaceAdjacency& adjacency,
+                                                   double least_cosine) {
+  return ChartGrowing(surface, adjacency, least_cosine).run();
+}
 
 PlanarChart planar_chart(SurfaceChart chart, const std::vector<Eigen::Vector3f>& vertices,
                          const std::vector<Triangle>& faces) {

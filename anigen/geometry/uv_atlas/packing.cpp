@@ -1,13 +1,10 @@
 #include "anigen/geometry/uv_atlas/packing.h"
 
-#include <algorithm>
 #include <array>
-#include <cmath>
 #include <limits>
 #include <numeric>
 #include <optional>
 #include <string>
-#include <utility>
 
 #include "anigen/core/error.h"
 #include "anigen/core/numeric.h"
@@ -56,58 +53,6 @@ void add_triangle(const std::array<Eigen::Vector2d, 3>& corners, int width, RowR
     rows[at(row)].push_back({begin, std::clamp(static_cast<int>(std::ceil(right)), begin + 1, width)});
   }
 }
-
-}  // namespace
-
-Eigen::Vector2d quarter_turned(const Eigen::Vector2d& vector, int turns) {
-  switch (turns & 3) {
-    case 1:
-      return {-vector.y(), vector.x()};
-    case 2:
-      return -vector;
-    case 3:
-      return {vector.y(), -vector.x()};
-    default:
-      return vector;
-  }
-}
-
-Eigen::Vector2d texel_place(const PlanarChart& flat, const Eigen::Vector2d& point, double texels_per_unit, int turns) {
-  const Eigen::Vector2d corner = quarter_turned(flat.extent, turns);
-  return texels_per_unit * (quarter_turned(point, turns) - corner.cwiseMin(0.0));
-}
-
-ChartMask::ChartMask(const PlanarChart& flat, double texels_per_unit, int turns) {
-  const Eigen::Vector2d extent = texels_per_unit * quarter_turned(flat.extent, turns).cwiseAbs();
-  width = texels_along(extent.x());
-  height = texels_along(extent.y());
-  std::vector<Eigen::Vector2d> places;
-  for (const Eigen::Vector2d& point : flat.points) {
-    places.push_back(texel_place(flat, point, texels_per_unit, turns));
-  }
-  RowRuns rows(at(height));
-  for (const Triangle& t : flat.triangles)
-    add_triangle({places[at(t[0])], places[at(t[1])], places[at(t[2])]}, width, rows);
-  offsets.push_back(0);
-  for (std::vector<Run>& row : rows) {
-    std::sort(row.begin(), row.end(), [](const Run& a, const Run& b) { return a.begin < b.begin; });
-    for (const Run& run : row) {
-      if (runs.size() > offsets.back() && run.begin <= runs.back().end) {
-        runs.back().end = std::max(runs.back().end, run.end);
-      } else {
-        runs.push_back(run);
-      }
-    }
-    for (std::size_t i = offsets.back(); i < runs.size(); ++i) {
-      if (runs[i].end - runs[i].begin <= widest) continue;
-      widest = runs[i].end - runs[i].begin;
-      widest_row = static_cast<int>(offsets.size()) - 1;
-    }
-    offsets.push_back(runs.size());
-  }
-}
-
-namespace {
 
 constexpr int kMostScales = 12;
 constexpr double kCloseScales = 1.015;
@@ -228,45 +173,6 @@ double next_scale(double tried, int height, int size, double fits, double too_la
   return std::isfinite(too_large) ? std::min(next, 0.97 * too_large) : std::max(next, 1.02 * fits);
 }
 
-}  // namespace
-
-ChartPacking pack_charts(const std::vector<PlanarChart>& charts, int size, int gutter) {
-  double area = 0.0, longest = 0.0;
-  for (const PlanarChart& chart : charts) {
-    area += chart.area;
-    longest = std::max(longest, chart.extent.x());
-  }
-  std::vector<std::size_t> order(charts.size());
-  std::iota(order.begin(), order.end(), std::size_t{0});
-  std::stable_sort(order.begin(), order.end(),
-                   [&](std::size_t a, std::size_t b) { return charts[a].extent.x() > charts[b].extent.x(); });
-  const double inside = size - 2 * ChartStrip(size, gutter).margin();
-
-  ChartPacking best;
-  double too_large = std::numeric_limits<double>::infinity();
-  double scale = std::min(size * std::sqrt(kFirstOccupancy / area), inside / longest);
-  for (int i = 0; i < kMostScales || best.places.empty(); ++i) {
-    const StripPacking packing = pack_strip(charts, order, scale, size, gutter);
-    if (packing.complete && packing.height <= size) {
-      best = {scale, packing.places, area * scale * scale / (static_cast<double>(size) * size)};
-      if (scale >= inside / longest) break;
-    } else {
-      too_large = scale;
-      if (scale * longest < 1.0) {
-        throw InputError("", "size",
-                         std::to_string(charts.size()) + " charts with a gutter of " + std::to_string(gutter) +
-                             " texels do not fit into " + std::to_string(size) + " × " + std::to_string(size) +
-                             " texels, however small; take a larger texture");
-      }
-    }
-    if (best.texels_per_unit > 0.0 && too_large < kCloseScales * best.texels_per_unit) break;
-    scale = std::min(next_scale(scale, packing.height, size, best.texels_per_unit, too_large), inside / longest);
-  }
-  return best;
-}
-
-namespace {
-
 constexpr int kWordBits = 64;
 constexpr std::uint64_t kAllBits = ~std::uint64_t{0};
 
@@ -276,58 +182,6 @@ std::uint64_t bits_of_word(int word, int begin, int end) {
   if (from >= to) return 0;
   return (kAllBits << from) & (kAllBits >> (kWordBits - to));
 }
-
-}  // namespace
-
-TexelRows::TexelRows(int width) : width_(width), words_per_row_((at(width) + kWordBits - 1) / kWordBits) {}
-
-void TexelRows::take(int row, int begin, int end) {
-  begin = std::max(begin, 0);
-  end = std::min(end, width_);
-  if (row < 0 || begin >= end) return;
-  if (row >= height()) words_.resize((at(row) + 1) * words_per_row_, 0);
-  std::uint64_t* words = words_.data() + at(row) * words_per_row_;
-  for (int w = begin / kWordBits; w <= (end - 1) / kWordBits; ++w) words[w] |= bits_of_word(w, begin, end);
-}
-
-int TexelRows::last_taken(int row, int begin, int end) const {
-  if (row >= height() || begin >= end) return -1;
-  const std::uint64_t* words = row_words(row);
-  for (int w = (end - 1) / kWordBits; w >= begin / kWordBits; --w) {
-    const std::uint64_t bits = words[w] & bits_of_word(w, begin, end);
-    if (bits != 0) return w * kWordBits + kWordBits - 1 - __builtin_clzll(bits);
-  }
-  return -1;
-}
-
-/// The first texel at or after `from` whose bit, after flipping those in `flip`, is set.
-int TexelRows::first_with(int row, int from, std::uint64_t flip) const {
-  const std::uint64_t* words = row_words(row);
-  for (int w = from / kWordBits; w * kWordBits < width_; ++w) {
-    const std::uint64_t bits = (words[w] ^ flip) & bits_of_word(w, from, width_);
-    if (bits != 0) return w * kWordBits + __builtin_ctzll(bits);
-  }
-  return width_;
-}
-
-int TexelRows::first_taken(int row, int from) const {
-  return row >= height() || from >= width_ ? width_ : first_with(row, from, 0);
-}
-
-int TexelRows::first_free(int row, int from) const {
-  return row >= height() || from >= width_ ? std::min(from, width_) : first_with(row, from, kAllBits);
-}
-
-int TexelRows::longest_free(int row) const {
-  int longest = 0;
-  for (int begin = first_free(row, 0), end = 0; begin < width_; begin = first_free(row, end)) {
-    end = first_taken(row, begin);
-    longest = std::max(longest, end - begin);
-  }
-  return longest;
-}
-
-namespace {
 
 const float kTexelDiagonal = std::sqrt(2.0F);
 
@@ -355,36 +209,6 @@ void for_each_texel_beside(const TexelCorners& corners, int size, Wanted&& wante
     }
   }
 }
-
-}  // namespace
-
-std::vector<std::int32_t> texel_faces(const UvAtlas& atlas) {
-  const std::size_t texels = at(atlas.size) * at(atlas.size);
-  std::vector<std::int32_t> shown(texels, -1);
-  for (std::size_t f = 0; f < atlas.faces.size(); ++f) {
-    const TexelCorners corners = corners_of(atlas, f);
-    for_each_texel_centre(corners[0].head<2>(), corners[1].head<2>(), corners[2].head<2>(), atlas.size, atlas.size,
-                          [&](int x, int y) {
-                            std::int32_t& face = shown[at(y) * at(atlas.size) + at(x)];
-                            if (face < 0) face = static_cast<std::int32_t>(f);
-                          });
-  }
-  // Distance of what is beside; 0 inside, where nothing can be nearer.
-  std::vector<float> distances(texels);
-  for (std::size_t t = 0; t < texels; ++t) distances[t] = shown[t] < 0 ? kTexelDiagonal : 0.0F;
-  for (std::size_t f = 0; f < atlas.faces.size(); ++f) {
-    for_each_texel_beside(
-        corners_of(atlas, f), atlas.size, [&](std::size_t texel) { return distances[texel] > 0.0F; },
-        [&](std::size_t texel, float distance) {
-          if (distance >= distances[texel]) return;
-          distances[texel] = distance;
-          shown[texel] = static_cast<std::int32_t>(f);
-        });
-  }
-  return shown;
-}
-
-namespace {
 
 struct FillingLevel {
   int size;
@@ -446,6 +270,163 @@ void fill_from(const FillingLevel& coarse, FillingLevel& fine) {
 }
 
 }  // namespace
+
+Eigen::Vector2d quarter_turned(const Eigen::Vector2d& vector, int turns) {
+  switch (turns & 3) {
+    case 1:
+      return {-vector.y(), vector.x()};
+    case 2:
+      return -vector;
+    case 3:
+      return {vector.y(), -vector.x()};
+    default:
+      return vector;
+  }
+}
+
+Eigen::Vector2d texel_place(const PlanarChart& flat, const Eigen::Vector2d& point, double texels_per_unit, int turns) {
+  const Eigen::Vector2d corner = quarter_turned(flat.extent, turns);
+  return texels_per_unit * (quarter_turned(point, turns) - corner.cwiseMin(0.0));
+}
+
+ChartMask::ChartMask(const PlanarChart& flat, double texels_per_unit, int turns) {
+  const Eigen::Vector2d extent = texels_per_unit * quarter_turned(flat.extent, turns).cwiseAbs();
+  width = texels_along(extent.x());
+  height = texels_along(extent.y());
+  std::vector<Eigen::Vector2d> places;
+  for (const Eigen::Vector2d& point : flat.points) {
+    places.push_back(texel_place(flat, point, texels_per_unit, turns));
+  }
+  RowRuns rows(at(height));
+  for (const Triangle& t : flat.triangles)
+    add_triangle({places[at(t[0])], places[at(t[1])], places[at(t[2])]}, width, rows);
+  offsets.push_back(0);
+  for (std::vector<Run>& row : rows) {
+    std::sort(row.begin(), row.end(), [](const Run& a, const Run& b) { return a.begin < b.begin; });
+    for (const Run& run : row) {
+      if (runs.size() > offsets.back() && run.begin <= runs.back().end) {
+        runs.back().end = std::max(runs.back().end, run.end);
+      } else {
+        runs.push_back(run);
+      }
+    }
+    for (std::size_t i = offsets.back(); i < runs.size(); ++i) {
+      if (runs[i].end - runs[i].begin <= widest) continue;
+      widest = runs[i].end - runs[i].begin;
+      widest_row = static_cast<int>(offsets.size()) - 1;
+    }
+    offsets.push_back(runs.size());
+  }
+}
+
+ChartPacking pack_charts(const std::vector<PlanarChart>& charts, int size, int gutter) {
+  double area = 0.0, longest = 0.0;
+  for (const PlanarChart& chart : charts) {
+    area += chart.area;
+    longest = std::max(longest, chart.extent.x());
+  }
+  std::vector<std::size_t> order(charts.size());
+  std::iota(order.begin(), order.end(), std::size_t{0});
+  std::stable_sort(order.begin(), order.end(),
+                   [&](std::size_t a, std::size_t b) { return charts[a].extent.x() > charts[b].extent.x(); });
+  const double inside = size - 2 * ChartStrip(size, gutter).margin();
+
+  ChartPacking best;
+  double too_large = std::numeric_limits<double>::infinity();
+  double scale = std::min(size * std::sqrt(kFirstOccupancy / area), inside / longest);
+  for (int i = 0; i < kMostScales || best.places.empty(); ++i) {
+    const StripPacking packing = pack_strip(charts, order, scale, size, gutter);
+    if (packing.complete && packing.height <= size) {
+      best = {scale, packing.places, area * scale * scale / (static_cast<double>(size) * size)};
+      if (scale >= inside / longest) break;
+    } else {
+      too_large = scale;
+      if (scale * longest < 1.0) {
+        throw InputError("", "size",
+                         std::to_string(charts.size()) + " charts with a gutter of " + std::to_string(gutter) +
+                             " texels do not fit into " + std::to_string(size) + " × " + std::to_string(size) +
+                             " texels, however small; take a larger texture");
+      }
+    }
+    if (best.texels_per_unit > 0.0 && too_large < kCloseScales * best.texels_per_unit) break;
+    scale = std::min(next_scale(scale, packing.height, size, best.texels_per_unit, too_large), inside / longest);
+  }
+  return best;
+}
+
+TexelRows::TexelRows(int width) : width_(width), words_per_row_((at(width) + kWordBits - 1) / kWordBits) {}
+
+void TexelRows::take(int row, int begin, int end) {
+  begin = std::max(begin, 0);
+  end = std::min(end, width_);
+  if (row < 0 || begin >= end) return;
+  if (row >= height()) words_.resize((at(row) + 1) * words_per_row_, 0);
+  std::uint64_t* words = words_.data() + at(row) * words_per_row_;
+  for (int w = begin / kWordBits; w <= (end - 1) / kWordBits; ++w) words[w] |= bits_of_word(w, begin, end);
+}
+
+int TexelRows::last_taken(int row, int begin, int end) const {
+  if (row >= height() || begin >= end) return -1;
+  const std::uint64_t* words = row_words(row);
+  for (int w = (end - 1) / kWordBits; w >= begin / kWordBits; --w) {
+    const std::uint64_t bits = words[w] & bits_of_word(w, begin, end);
+    if (bits != 0) return w * kWordBits + kWordBits - 1 - __builtin_clzll(bits);
+  }
+  return -1;
+}
+
+/// The first texel at or after `from` whose bit, after flipping those in `flip`, is set.
+int TexelRows::first_with(int row, int from, std::uint64_t flip) const {
+  const std::uint64_t* words = row_words(row);
+  for (int w = from / kWordBits; w * kWordBits < width_; ++w) {
+    const std::uint64_t bits = (words[w] ^ flip) & bits_of_word(w, from, width_);
+    if (bits != 0) return w * kWordBits + __builtin_ctzll(bits);
+  }
+  return width_;
+}
+
+int TexelRows::first_taken(int row, int from) const {
+  return row >= height() || from >= width_ ? width_ : first_with(row, from, 0);
+}
+
+int TexelRows::first_free(int row, int from) const {
+  return row >= height() || from >= width_ ? std::min(from, width_) : first_with(row, from, kAllBits);
+}
+
+int TexelRows::longest_free(int row) const {
+  int longest = 0;
+  for (int begin = first_free(row, 0), end = 0; begin < width_; begin = first_free(row, end)) {
+    end = first_taken(row, begin);
+    longest = std::max(longest, end - begin);
+  }
+  return longest;
+}
+
+std::vector<std::int32_t> texel_faces(const UvAtlas& atlas) {
+  const std::size_t texels = at(atlas.size) * at(atlas.size);
+  std::vector<std::int32_t> shown(texels, -1);
+  for (std::size_t f = 0; f < atlas.faces.size(); ++f) {
+    const TexelCorners corners = corners_of(atlas, f);
+    for_each_texel_centre(corners[0].head<2>(), corners[1].head<2>(), corners[2].head<2>(), atlas.size, atlas.size,
+                          [&](int x, int y) {
+                            std::int32_t& face = shown[at(y) * at(atlas.size) + at(x)];
+                            if (face < 0) face = static_cast<std::int32_t>(f);
+                          });
+  }
+  // Distance of what is beside; 0 inside, where nothing can be nearer.
+  std::vector<float> distances(texels);
+  for (std::size_t t = 0; t < texels; ++t) distances[t] = shown[t] < 0 ? kTexelDiagonal : 0.0F;
+  for (std::size_t f = 0; f < atlas.faces.size(); ++f) {
+    for_each_texel_beside(
+        corners_of(atlas, f), atlas.size, [&](std::size_t texel) { return distances[texel] > 0.0F; },
+        [&](std::size_t texel, float distance) {
+          if (distance >= distances[texel]) return;
+          distances[texel] = distance;
+          shown[texel] = static_cast<std::int32_t>(f);
+        });
+  }
+  return shown;
+}
 
 void fill_unknown_texels(int size, const std::vector<char>& known, std::vector<Eigen::Vector3f>& texels) {
   std::vector<FillingLevel> levels;

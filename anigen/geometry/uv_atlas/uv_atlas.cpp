@@ -144,20 +144,6 @@ class AtlasBuilder {
   FaceAdjacency adjacency_;
 };
 
-}  // namespace
-
-UvAtlas make_uv_atlas(const std::vector<Eigen::Vector3f>& vertices, const std::vector<Triangle>& faces,
-                      const UvAtlasOptions& options) {
-  require_within("size", options.size, 16, 8192);
-  require_within("gutter", options.gutter, 1, std::min(64, options.size / 4));
-  require_within("max_deviation", options.max_deviation, 1, 80);
-  if (faces.empty()) throw InputError("", "mesh.faces", "a mesh without faces has no surface to unwrap");
-  check_mesh(vertices, faces);
-  return AtlasBuilder(vertices, faces, options).run();
-}
-
-namespace {
-
 constexpr int kMostBakedTexels = 8192;
 constexpr int kMostSupersampling = 8;
 constexpr double kAboutAsNear = 3.0;  ///< times as far as the nearest point, for one that faces the right way
@@ -312,6 +298,16 @@ class TextureBaker {
 };
 
 }  // namespace
+
+UvAtlas make_uv_atlas(const std::vector<Eigen::Vector3f>& vertices, const std::vector<Triangle>& faces,
+                      const UvAtlasOptions& options) {
+  require_within("size", options.size, 16, 8192);
+  require_within("gutter", options.gutter, 1, std::min(64, options.size / 4));
+  require_within("max_deviation", options.max_deviation, 1, 80);
+  if (faces.empty()) throw InputError("", "mesh.faces", "a mesh without faces has no surface to unwrap");
+  check_mesh(vertices, faces);
+  return AtlasBuilder(vertices, faces, options).run();
+}
 
 LinearTexture bake_texture(const UvAtlas& atlas, const std::vector<Eigen::Vector3f>& vertices, const Mesh& colored,
                            const TextureBakingOptions& options) {
