@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "anigen/core/numeric.h"
+
 namespace anigen {
 
 namespace {
@@ -69,7 +71,7 @@ Pose sample(const Animation& animation, const Skeleton& skeleton, double t) {
   for (const Channel& channel : animation.channels) {
     if (channel.times.empty()) continue;
     const Value value = interpolate(channel, t);
-    Transform& joint = pose[static_cast<std::size_t>(channel.joint)];
+    Transform& joint = pose[at(channel.joint)];
     switch (channel.path) {
       case ChannelPath::kTranslation:
         joint.translation = value.head<3>();

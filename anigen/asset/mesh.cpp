@@ -9,30 +9,17 @@
 
 namespace anigen {
 
-Box bounding_box(const std::vector<Eigen::Vector3f>& points) {
-  Box box;
-  for (const Eigen::Vector3f& p : points) box.extend(p.cast<double>());
-  return box;
-}
+namespace {
 
-std::vector<Eigen::Vector3f> vertex_normals(const std::vector<Eigen::Vector3f>& vertices,
-                                            const std::vector<Triangle>& faces) {
-  std::vector<Eigen::Vector3d> sums(vertices.size(), Eigen::Vector3d::Zero());
-  for (const Triangle& face : faces) {
-    const Eigen::Vector3d a = vertices[face[0]].cast<double>();
-    // The cross product's length is twice the area: large faces count more.
-    const Eigen::Vector3d normal = (vertices[face[1]].cast<double>() - a).cross(vertices[face[2]].cast<double>() - a);
-    for (const int corner : face) sums[corner] += normal;
-  }
-  std::vector<Eigen::Vector3f> normals(vertices.size(), Eigen::Vector3f::UnitZ());
+/// Unit length; (0, 0, 1) where a sum is zero or not finite.
+std::vector<Eigen::Vector3f> unit_normals(const std::vector<Eigen::Vector3d>& sums) {
+  std::vector<Eigen::Vector3f> normals(sums.size(), Eigen::Vector3f::UnitZ());
   for (std::size_t v = 0; v < sums.size(); ++v) {
     const double length = sums[v].norm();
     if (length > 0.0 && std::isfinite(length)) normals[v] = (sums[v] / length).cast<float>();
   }
   return normals;
 }
-
-namespace {
 
 /// One side of a face, filed under the lower of its two vertices.
 struct Side {
@@ -64,6 +51,40 @@ void each_side(const std::vector<Triangle>& faces, const Body& body) {
 }
 
 }  // namespace
+
+Box bounding_box(const std::vector<Eigen::Vector3f>& points) {
+  Box box;
+  for (const Eigen::Vector3f& p : points) box.extend(p.cast<double>());
+  return box;
+}
+
+std::vector<Eigen::Vector3d> in_double(const std::vector<Eigen::Vector3f>& points) {
+  std::vector<Eigen::Vector3d> result;
+  result.reserve(points.size());
+  for (const Eigen::Vector3f& point : points) result.emplace_back(point.cast<double>());
+  return result;
+}
+
+Eigen::Vector3d area_vector(const std::vector<Eigen::Vector3f>& vertices, const Triangle& face) {
+  const Eigen::Vector3d a = vertices[at(face[0])].cast<double>();
+  return (vertices[at(face[1])].cast<double>() - a).cross(vertices[at(face[2])].cast<double>() - a);
+}
+
+Eigen::Vector3d face_normal(const std::vector<Eigen::Vector3f>& vertices, const Triangle& face) {
+  const Eigen::Vector3d normal = area_vector(vertices, face);
+  const double length = normal.norm();
+  return length > 0.0 ? Eigen::Vector3d(normal / length) : Eigen::Vector3d::Zero();
+}
+
+std::vector<Eigen::Vector3f> vertex_normals(const std::vector<Eigen::Vector3f>& vertices,
+                                            const std::vector<Triangle>& faces) {
+  std::vector<Eigen::Vector3d> sums(vertices.size(), Eigen::Vector3d::Zero());
+  for (const Triangle& face : faces) {
+    const Eigen::Vector3d normal = area_vector(vertices, face);  // large faces count more
+    for (const int corner : face) sums[corner] += normal;
+  }
+  return unit_normals(sums);
+}
 
 MeshEdges::MeshEdges(const std::vector<Triangle>& faces, std::size_t vertices)
     : of_face_(faces.size(), Triangle{-1, -1, -1}), first_edge_(vertices + 1, 0) {
@@ -117,12 +138,7 @@ std::vector<Eigen::Vector3f> angle_weighted_normals(const std::vector<Eigen::Vec
       sums[at(face[k])] += angle / twice_area * normal;
     }
   }
-  std::vector<Eigen::Vector3f> normals(vertices.size(), Eigen::Vector3f::UnitZ());
-  for (std::size_t v = 0; v < sums.size(); ++v) {
-    const double length = sums[v].norm();
-    if (length > 0.0 && std::isfinite(length)) normals[v] = (sums[v] / length).cast<float>();
-  }
-  return normals;
+  return unit_normals(sums);
 }
 
 }  // namespace anigen

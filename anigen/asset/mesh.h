@@ -52,6 +52,14 @@ struct Box {
 
 Box bounding_box(const std::vector<Eigen::Vector3f>& points);
 
+std::vector<Eigen::Vector3d> in_double(const std::vector<Eigen::Vector3f>& points);
+
+/// Cross product of two sides of a face: its normal, counter-clockwise side out, times twice its area.
+Eigen::Vector3d area_vector(const std::vector<Eigen::Vector3f>& vertices, const Triangle& face);
+
+/// Unit normal of a face, counter-clockwise side out; zero without area.
+Eigen::Vector3d face_normal(const std::vector<Eigen::Vector3f>& vertices, const Triangle& face);
+
 /// Area-weighted vertex normals [V], unit length; (0, 0, 1) where no face gives one.
 std::vector<Eigen::Vector3f> vertex_normals(const std::vector<Eigen::Vector3f>& vertices,
                                             const std::vector<Triangle>& faces);

@@ -6,6 +6,7 @@
 #include <set>
 
 #include "anigen/core/error.h"
+#include "anigen/core/numeric.h"
 
 namespace anigen {
 
@@ -281,7 +282,7 @@ std::vector<Eigen::Vector3f> skin_vertices(const Asset& asset, const std::vector
     Eigen::Vector3d sum = Eigen::Vector3d::Zero();
     for (std::size_t i = 0; i < asset.skin.row_size(v); ++i) {
       const Influence& influence = asset.skin.row(v)[i];
-      sum += static_cast<double>(influence.weight) * (matrices[static_cast<std::size_t>(influence.joint)] * vertex);
+      sum += static_cast<double>(influence.weight) * (matrices[at(influence.joint)] * vertex);
     }
     posed[v] = sum.cast<float>();
   }

@@ -67,7 +67,7 @@ std::vector<Eigen::Matrix4d> forward_kinematics(const std::vector<int>& parents,
   std::vector<Eigen::Matrix4d> world(parents.size());
   for (std::size_t j = 0; j < parents.size(); ++j) {
     const Eigen::Matrix4d local = pose[j].matrix();
-    world[j] = parents[j] < 0 ? local : Eigen::Matrix4d(world[static_cast<std::size_t>(parents[j])] * local);
+    world[j] = parents[j] < 0 ? local : Eigen::Matrix4d(world[at(parents[j])] * local);
   }
   return world;
 }
@@ -76,9 +76,8 @@ Pose bind_pose(const Skeleton& skeleton) {
   Pose pose(skeleton.size());
   for (std::size_t j = 0; j < skeleton.size(); ++j) {
     const int parent = skeleton.parents[j];
-    pose[j] = decompose(
-        parent < 0 ? skeleton.bind[j]
-                   : Eigen::Matrix4d(skeleton.bind[static_cast<std::size_t>(parent)].inverse() * skeleton.bind[j]));
+    pose[j] = decompose(parent < 0 ? skeleton.bind[j]
+                                   : Eigen::Matrix4d(skeleton.bind[at(parent)].inverse() * skeleton.bind[j]));
   }
   return pose;
 }
@@ -91,8 +90,7 @@ Skeleton skeleton_from_joints(const std::vector<Eigen::Vector3d>& positions, con
     skeleton.names.push_back(names.empty() ? "joint_" + std::to_string(j) : names[j]);
     Transform world, local;
     world.translation = positions[j];
-    local.translation =
-        parents[j] < 0 ? positions[j] : Eigen::Vector3d(positions[j] - positions[static_cast<std::size_t>(parents[j])]);
+    local.translation = parents[j] < 0 ? positions[j] : Eigen::Vector3d(positions[j] - positions[at(parents[j])]);
     skeleton.bind.push_back(world.matrix());
     skeleton.rest.push_back(local);
   }
@@ -111,7 +109,7 @@ std::vector<int> roots(const JointTree& tree) {
 
 JointTree connected(JointTree tree) {
   const std::vector<int> all = roots(tree);
-  for (std::size_t i = 1; i < all.size(); ++i) tree.parents[static_cast<std::size_t>(all[i])] = all[0];
+  for (std::size_t i = 1; i < all.size(); ++i) tree.parents[at(all[i])] = all[0];
   return tree;
 }
 
@@ -148,11 +146,11 @@ void check(const JointTree& tree, const std::string& file) {
   for (std::size_t start = 0; start < n; ++start) {
     chain.clear();
     int j = static_cast<int>(start);
-    while (j >= 0 && !grounded[static_cast<std::size_t>(j)]) {
+    while (j >= 0 && !grounded[at(j)]) {
       chain.push_back(static_cast<std::size_t>(j));
       if (chain.size() > n)
         throw InputError(file, "joint " + std::to_string(start), "is its own ancestor: the skeleton has a cycle");
-      j = tree.parents[static_cast<std::size_t>(j)];
+      j = tree.parents[at(j)];
     }
     for (const std::size_t k : chain) grounded[k] = 1;
   }
@@ -192,7 +190,7 @@ class Chains {
     for (std::size_t j = 0; j < positions.size(); ++j) {
       low = low.cwiseMin(positions[j]);
       high = high.cwiseMax(positions[j]);
-      if (j > 0) children_[static_cast<std::size_t>(parents[j])].push_back(j);
+      if (j > 0) children_[at(parents[j])].push_back(j);
     }
     tolerance_ = kMirrorTolerance * (high - low).norm();
     for (std::size_t j = positions.size(); j-- > 1;) {
@@ -212,7 +210,7 @@ class Chains {
     for (std::size_t c = 0; c < chains_.size(); ++c) {
       if (number[c] >= 0) continue;
       number[c] = next++;
-      if (chains_[c].twin >= 0) number[static_cast<std::size_t>(chains_[c].twin)] = number[c];
+      if (chains_[c].twin >= 0) number[at(chains_[c].twin)] = number[c];
     }
     for (std::size_t c = 0; c < chains_.size(); ++c) {
       const char* side = chains_[c].twin < 0 ? "" : is_left(c) ? ".L" : ".R";
@@ -227,7 +225,7 @@ class Chains {
 
  private:
   double reach_from_parent(std::size_t j) const {
-    return reach_[j] + (positions_[j] - positions_[static_cast<std::size_t>(parents_[j])]).norm();
+    return reach_[j] + (positions_[j] - positions_[at(parents_[j])]).norm();
   }
 
   /// Chains in the order of their numbers.
@@ -278,7 +276,7 @@ class Chains {
 
   /// One of two siblings that mirror each other: neither goes on for both.
   bool is_side(std::size_t joint) const {
-    for (const std::size_t other : children_[static_cast<std::size_t>(parents_[joint])]) {
+    for (const std::size_t other : children_[at(parents_[joint])]) {
       if (other == joint ||
           (positions_[joint].x() > positions_[0].x()) == (positions_[other].x() > positions_[0].x())) {
         continue;
@@ -306,7 +304,7 @@ class Chains {
 
   bool begin_alike(const Chain& a, const Chain& b) const {
     if (a.place != b.place || a.parent < 0 || b.parent < 0) return false;
-    return a.parent == b.parent || chains_[static_cast<std::size_t>(a.parent)].twin == b.parent;
+    return a.parent == b.parent || chains_[at(a.parent)].twin == b.parent;
   }
 
   void pair() {
@@ -326,7 +324,7 @@ class Chains {
       }
       if (twin < 0) continue;
       chains_[a].twin = twin;
-      chains_[static_cast<std::size_t>(twin)].twin = static_cast<int>(a);
+      chains_[at(twin)].twin = static_cast<int>(a);
     }
   }
 
@@ -389,7 +387,7 @@ std::vector<int> likeliest_tree(const Eigen::MatrixXd& log_likelihood) {
   std::vector<int> parents(static_cast<std::size_t>(joints), -1);
   for (int child = 0; child < joints; ++child) {
     const int parent = graph.index(graph.source(tree.pred(graph(child))));
-    parents[static_cast<std::size_t>(child)] = parent == source ? -1 : parent;
+    parents[at(child)] = parent == source ? -1 : parent;
   }
   return parents;
 }

@@ -6,6 +6,7 @@
 
 #include "anigen/core/files.h"
 #include "anigen/core/log.h"
+#include "anigen/core/numeric.h"
 
 namespace anigen {
 
@@ -141,18 +142,7 @@ Json parse_json(std::string_view text, const std::string& file, const JsonLimits
   }
 }
 
-std::string escaped_for_pointer(const std::string& key) {
-  std::string result;
-  for (const char c : key) {
-    if (c == '~')
-      result += "~0";
-    else if (c == '/')
-      result += "~1";
-    else
-      result += c;
-  }
-  return result;
-}
+std::string escaped_for_pointer(const std::string& key) { return replaced_characters(key, {{'~', "~0"}, {'/', "~1"}}); }
 
 Json read_json(const std::filesystem::path& path, const JsonLimits& limits) {
   return parse_json(read_file(path, std::uintmax_t{1} << 30), path.string(), limits);
@@ -235,13 +225,18 @@ void ConfigReader::require(const std::string& key) const {
   if (!has(key)) throw error("", "the key '" + key + "' is missing");
 }
 
-std::int64_t ConfigReader::integer(const std::string& key, std::int64_t fallback, std::int64_t lowest,
-                                   std::int64_t highest) {
+template <typename T, typename Check>
+T ConfigReader::value(const std::string& key, const T& fallback, const char* what, Check check) {
   const Json* value = find(key);
   if (value == nullptr) return fallback;
-  if (!is_int64(*value)) throw error(key, std::string("expected an integer, found ") + value->dump().substr(0, 40));
-  const auto number = value->get<std::int64_t>();
-  if (number < lowest || number > highest) {
+  if (!check(*value)) throw error(key, std::string("expected ") + what + ", found " + value->dump().substr(0, 40));
+  return value->get<T>();
+}
+
+std::int64_t ConfigReader::integer(const std::string& key, std::int64_t fallback, std::int64_t lowest,
+                                   std::int64_t highest) {
+  const std::int64_t number = value(key, fallback, "an integer", is_int64);
+  if (has(key) && (number < lowest || number > highest)) {
     throw error(key, "expected an integer from " + std::to_string(lowest) + " to " + std::to_string(highest) +
                          ", found " + std::to_string(number));
   }
@@ -249,29 +244,20 @@ std::int64_t ConfigReader::integer(const std::string& key, std::int64_t fallback
 }
 
 double ConfigReader::number(const std::string& key, double fallback, double lowest, double highest) {
-  const Json* value = find(key);
-  if (value == nullptr) return fallback;
-  if (!value->is_number()) throw error(key, std::string("expected a number, found ") + value->dump().substr(0, 40));
-  const auto number = value->get<double>();
-  if (!std::isfinite(number) || number < lowest || number > highest) {
+  const double number = value(key, fallback, "a number", [](const Json& json) { return json.is_number(); });
+  if (has(key) && (!std::isfinite(number) || number < lowest || number > highest)) {
     throw error(key, "expected a number from " + Json(lowest).dump() + " to " + Json(highest).dump() + ", found " +
-                         value->dump());
+                         object_->at(key).dump());
   }
   return number;
 }
 
 bool ConfigReader::boolean(const std::string& key, bool fallback) {
-  const Json* value = find(key);
-  if (value == nullptr) return fallback;
-  if (!value->is_boolean()) throw error(key, "expected true or false, found " + value->dump().substr(0, 40));
-  return value->get<bool>();
+  return value(key, fallback, "true or false", [](const Json& json) { return json.is_boolean(); });
 }
 
 std::string ConfigReader::text(const std::string& key, const std::string& fallback) {
-  const Json* value = find(key);
-  if (value == nullptr) return fallback;
-  if (!value->is_string()) throw error(key, "expected a string, found " + value->dump().substr(0, 40));
-  return value->get<std::string>();
+  return value(key, fallback, "a string", [](const Json& json) { return json.is_string(); });
 }
 
 std::string ConfigReader::choice(const std::string& key, const std::string& fallback,

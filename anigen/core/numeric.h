@@ -1,7 +1,10 @@
 #pragma once
 #include <cstddef>
 #include <cstdint>
+#include <initializer_list>
 #include <string>
+#include <type_traits>
+#include <utility>
 #include <vector>
 
 /// Two things that nearly every file with geometry in it needs.
@@ -10,8 +13,13 @@ namespace anigen {
 
 inline constexpr double kPi = 3.14159265358979323846;
 
-/// A known non-negative int (joint, vertex and face numbers are int) as a subscript of a standard container.
-constexpr std::size_t at(int index) { return static_cast<std::size_t>(index); }
+/// A whole number known not to be negative (joint, vertex and face numbers are int) as a subscript of a standard
+/// container.
+template <typename Integer>
+constexpr std::size_t at(Integer index) {
+  static_assert(std::is_integral_v<Integer>, "a subscript is a whole number");
+  return static_cast<std::size_t>(index);
+}
 
 /// Percentile p (0–100) of the values, linearly interpolated between neighbours as numpy does by default.
 /// @pre values is not empty
@@ -22,6 +30,9 @@ inline std::string short_id(const std::string& id) {
   constexpr std::size_t kLongest = 24, kKept = 8;
   return id.size() <= kLongest ? id : id.substr(0, kKept);
 }
+
+/// The text with each character that `by` names replaced.
+std::string replaced_characters(const std::string& text, std::initializer_list<std::pair<char, const char*>> by);
 
 /// a · b / 255, rounded, in integers as Pillow blends: bytes that stand for numbers in [0, 1].
 inline std::uint8_t byte_product(int a, int b) {

@@ -7,6 +7,7 @@
 
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
+#include "anigen/core/numeric.h"
 
 namespace anigen {
 
@@ -74,12 +75,7 @@ std::size_t width(const std::string& text) {
 }
 
 std::string markdown_cell(const std::string& text) {
-  std::string cell;
-  for (const char c : text) {
-    if (c == '|') cell += '\\';
-    cell += c == '\n' || c == '\r' ? ' ' : c;
-  }
-  return cell;
+  return replaced_characters(text, {{'|', "\\|"}, {'\n', " "}, {'\r', " "}});
 }
 
 /// Does every cell of the column that is not empty start like a number, or stand for a missing one?
@@ -91,19 +87,16 @@ bool numeric(const Table& table, std::size_t column) {
 }
 
 std::string escaped(const std::string& text) {
-  std::string result;
-  for (const char c : text) {
-    if (c == '\\') {
-      result += "\\textbackslash{}";
-    } else if (c == '~') {
-      result += "\\textasciitilde{}";
-    } else if (c == '^') {
-      result += "\\textasciicircum{}";
-    } else {
-      if (std::string("&%$#_{}").find(c) != std::string::npos) result += '\\';
-      result += c;
-    }
-  }
+  std::string result = replaced_characters(text, {{'\\', "\\textbackslash{}"},
+                                                  {'~', "\\textasciitilde{}"},
+                                                  {'^', "\\textasciicircum{}"},
+                                                  {'&', "\\&"},
+                                                  {'%', "\\%"},
+                                                  {'$', "\\$"},
+                                                  {'#', "\\#"},
+                                                  {'_', "\\_"},
+                                                  {'{', "\\{"},
+                                                  {'}', "\\}"}});
   constexpr const char* kSigns[][2] = {
       {"±", "$\\pm$"}, {"↓", "$\\downarrow$"}, {"↑", "$\\uparrow$"}, {"–", "--"}, {"…", "\\dots{}"}};
   for (const auto& [sign, latex] : kSigns) {
@@ -197,26 +190,7 @@ CsvTable parse_csv(std::string_view text, const std::string& file) {
 CsvTable read_csv(const std::filesystem::path& path) { return parse_csv(read_file(path), path.string()); }
 
 std::string html_escaped(const std::string& text) {
-  std::string safe;
-  for (const char c : text) {
-    switch (c) {
-      case '&':
-        safe += "&amp;";
-        break;
-      case '<':
-        safe += "&lt;";
-        break;
-      case '>':
-        safe += "&gt;";
-        break;
-      case '"':
-        safe += "&quot;";
-        break;
-      default:
-        safe += c;
-    }
-  }
-  return safe;
+  return replaced_characters(text, {{'&', "&amp;"}, {'<', "&lt;"}, {'>', "&gt;"}, {'"', "&quot;"}});
 }
 
 std::string to_markdown(const Table& table) {

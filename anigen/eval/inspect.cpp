@@ -1,7 +1,6 @@
 #include "anigen/eval/inspect.h"
 
 #include <algorithm>
-#include <array>
 #include <cstdio>
 #include <cstdlib>
 #include <map>
@@ -123,23 +122,13 @@ Geometry motion(const fs::path& file) {
 using io::lower_extension;
 
 /// Kinds that an extension tells alone.
-constexpr std::array<std::pair<const char*, FileKind>, 17> kByExtension = {{{".glb", FileKind::kScene},
-                                                                            {".gltf", FileKind::kScene},
-                                                                            {".fbx", FileKind::kScene},
-                                                                            {".dae", FileKind::kScene},
-                                                                            {".obj", FileKind::kMesh},
-                                                                            {".ply", FileKind::kMesh},
-                                                                            {".stl", FileKind::kMesh},
-                                                                            {".bvh", FileKind::kMotion},
-                                                                            {".png", FileKind::kPicture},
-                                                                            {".jpg", FileKind::kPicture},
-                                                                            {".jpeg", FileKind::kPicture},
-                                                                            {".webp", FileKind::kPicture},
-                                                                            {".bmp", FileKind::kPicture},
-                                                                            {".tif", FileKind::kPicture},
-                                                                            {".tiff", FileKind::kPicture},
-                                                                            {".safetensors", FileKind::kArrays},
-                                                                            {".json", FileKind::kConfig}}};
+const std::map<std::string, FileKind> kByExtension = {
+    {".glb", FileKind::kScene},          {".gltf", FileKind::kScene},   {".fbx", FileKind::kScene},
+    {".dae", FileKind::kScene},          {".obj", FileKind::kMesh},     {".ply", FileKind::kMesh},
+    {".stl", FileKind::kMesh},           {".bvh", FileKind::kMotion},   {".png", FileKind::kPicture},
+    {".jpg", FileKind::kPicture},        {".jpeg", FileKind::kPicture}, {".webp", FileKind::kPicture},
+    {".bmp", FileKind::kPicture},        {".tif", FileKind::kPicture},  {".tiff", FileKind::kPicture},
+    {".safetensors", FileKind::kArrays}, {".json", FileKind::kConfig}};
 
 FileKind folder_kind(const fs::path& path) {
   std::error_code ignored;
@@ -254,9 +243,7 @@ FileKind file_kind(const fs::path& path) {
   }
   if (fs::is_directory(path, ignored)) return folder_kind(path);
   const std::string extension = lower_extension(path);
-  for (const auto& [known, kind] : kByExtension) {
-    if (extension == known) return kind;
-  }
+  if (const auto known = kByExtension.find(extension); known != kByExtension.end()) return known->second;
   if (extension == ".npz") return npz_kind(path);
   if (extension == ".pt" || extension == ".pth") return torch_kind(path);
   if (extension == ".txt") {
@@ -270,17 +257,8 @@ FileKind file_kind(const fs::path& path) {
 }
 
 bool is_geometry(FileKind kind) {
-  switch (kind) {
-    case FileKind::kScene:
-    case FileKind::kMesh:
-    case FileKind::kTextRig:
-    case FileKind::kRigNpz:
-    case FileKind::kSample:
-    case FileKind::kMotion:
-      return true;
-    default:
-      return false;
-  }
+  return kind == FileKind::kScene || kind == FileKind::kMesh || kind == FileKind::kTextRig ||
+         kind == FileKind::kRigNpz || kind == FileKind::kSample || kind == FileKind::kMotion;
 }
 
 Json describe_picture(const fs::path& file) {
@@ -383,38 +361,17 @@ Json describe_config(const fs::path& file) {
 }
 
 Json inspect(const fs::path& path) {
+  using Describe = Json (*)(const fs::path&);
+  static const std::map<FileKind, std::pair<const char*, Describe>> kDescribed = {
+      {FileKind::kPicture, {"picture", describe_picture}}, {FileKind::kShard, {"shard", describe_shard}},
+      {FileKind::kArrays, {"arrays", describe_arrays}},    {FileKind::kConfig, {"config", describe_config}},
+      {FileKind::kDataset, {"dataset", describe_dataset}}, {FileKind::kRun, {"run", describe_run}},
+      {FileKind::kFolder, {"folder", describe_folder}}};
   const FileKind kind = file_kind(path);
   if (is_geometry(kind)) return describe_geometry(path, read_geometry(path, kind));
-  Json json = {{"file", path.string()}};
-  const auto add = [&json](const char* name, Json description) {
-    json["kind"] = name;
-    json.update(description);
-  };
-  switch (kind) {
-    case FileKind::kPicture:
-      add("picture", describe_picture(path));
-      break;
-    case FileKind::kShard:
-      add("shard", describe_shard(path));
-      break;
-    case FileKind::kArrays:
-      add("arrays", describe_arrays(path));
-      break;
-    case FileKind::kConfig:
-      add("config", describe_config(path));
-      break;
-    case FileKind::kDataset:
-      add("dataset", describe_dataset(path));
-      break;
-    case FileKind::kRun:
-      add("run", describe_run(path));
-      break;
-    case FileKind::kFolder:
-      add("folder", describe_folder(path));
-      break;
-    default:
-      break;
-  }
+  const auto& [name, describe] = kDescribed.at(kind);
+  Json json = {{"file", path.string()}, {"kind", name}};
+  json.update(describe(path));
   return json;
 }
 

@@ -10,6 +10,7 @@
 #include "anigen/core/parallel.h"
 #include "anigen/core/process.h"
 #include "anigen/core/random.h"
+#include "anigen/core/words.h"
 #include "anigen/metrics/surface.h"
 
 namespace anigen::eval {
@@ -79,15 +80,7 @@ const MetricInfo* find_metric(const std::string& key) {
 }
 
 std::string arrow(Better better) {
-  switch (better) {
-    case Better::kLower:
-      return "↓";
-    case Better::kHigher:
-      return "↑";
-    case Better::kNeither:
-      break;
-  }
-  return "";
+  return word_of({{Better::kLower, "↓"}, {Better::kHigher, "↑"}, {Better::kNeither, ""}}, better);
 }
 
 namespace {

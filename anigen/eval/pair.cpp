@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "anigen/core/error.h"
+#include "anigen/core/words.h"
 #include "anigen/geometry/correspondence.h"
 #include "anigen/metrics/chamfer.h"
 #include "anigen/metrics/deformation.h"
@@ -147,9 +148,8 @@ constexpr double kNotedScaling = 0.01;
 }  // namespace
 
 TransportMethod parse_transport(const std::string& word) {
-  if (word == "exact") return TransportMethod::kExact;
-  if (word == "sinkhorn") return TransportMethod::kSinkhorn;
-  throw InputError("", "--transport", "must be exact or sinkhorn, got \"" + word + "\"");
+  return value_of<TransportMethod>({{TransportMethod::kExact, "exact"}, {TransportMethod::kSinkhorn, "sinkhorn"}}, word,
+                                   "--transport");
 }
 
 metrics::TransportOptions transport_options(const PairSettings& settings) {
@@ -389,16 +389,13 @@ void add_skin_metrics(const ComparedShapes& shapes, const Eigen::MatrixXd& plan,
                       PairResult& result) {
   const io::RiggedShape& predicted = shapes.predicted;
   const io::RiggedShape& truth = shapes.truth;
-  std::vector<Eigen::Vector3d> vertices;
-  for (const Eigen::Vector3f& vertex : truth.mesh.vertices) vertices.push_back(vertex.cast<double>());
+  const std::vector<Eigen::Vector3d> vertices = in_double(truth.mesh.vertices);
 
   SkinWeights moved;
   if (predicted.has_surface()) {
     moved = geometry::transfer_skin_to_mesh(predicted.mesh, predicted.skin, truth.mesh);
   } else {
-    std::vector<Eigen::Vector3d> points;
-    for (const Eigen::Vector3f& vertex : predicted.mesh.vertices) points.push_back(vertex.cast<double>());
-    moved = geometry::transfer_skin_by_vertex(points, predicted.skin, vertices);
+    moved = geometry::transfer_skin_by_vertex(in_double(predicted.mesh.vertices), predicted.skin, vertices);
     result.notes.push_back("predicted weights taken from the nearest point: the prediction has no faces");
   }
 

@@ -258,9 +258,7 @@ Asset to_asset(const GroundTruth& truth, const std::vector<float>& skin) {
   Asset asset;
   asset.mesh.vertices = truth.vertices;
   asset.mesh.faces = truth.faces;
-  std::vector<Eigen::Vector3d> positions;
-  for (const Eigen::Vector3f& p : truth.joints) positions.push_back(p.cast<double>());
-  asset.skeleton = skeleton_from_joints(positions, truth.parents);
+  asset.skeleton = skeleton_from_joints(in_double(truth.joints), truth.parents);
   asset.skin = from_dense(skin, truth.vertex_count(), truth.joint_count());
   return asset;
 }

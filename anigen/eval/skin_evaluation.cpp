@@ -87,7 +87,7 @@ Json to_json(const std::array<Summary, 3>& summaries) {
 Json by_influences(const SkinEvaluation& evaluation, std::size_t method) {
   Json json = Json::object();
   for (std::size_t c = 0; c < metrics::kInfluenceClasses; ++c) {
-    json[kClassNames[c]] = to_json(summarize_class(evaluation, method, Group::kUsable, c));
+    json[kClassNames[c]] = to_json(summarize(evaluation, method, Group::kUsable, c));
   }
   return json;
 }
@@ -212,25 +212,15 @@ SkinMethod predictions_from_folder(const fs::path& folder, const fs::path& datas
   return method;
 }
 
-std::array<Summary, 3> summarize(const SkinEvaluation& evaluation, std::size_t method, Group group) {
+std::array<Summary, 3> summarize(const SkinEvaluation& evaluation, std::size_t method, Group group,
+                                 std::optional<std::size_t> influence_class) {
   std::array<std::vector<double>, 3> values;
   for (const AssetResult& asset : evaluation.assets) {
     const MethodResult& result = asset.methods[method];
     if (!result.failure.empty() || asset.item.usable != (group == Group::kUsable)) continue;
-    const auto scores = score_values(result.scores.mean);
-    for (std::size_t k = 0; k < 3; ++k) values[k].push_back(scores[k]);
-  }
-  return {summarize(values[0]), summarize(values[1]), summarize(values[2])};
-}
-
-std::array<Summary, 3> summarize_class(const SkinEvaluation& evaluation, std::size_t method, Group group,
-                                       std::size_t influence_class) {
-  std::array<std::vector<double>, 3> values;
-  for (const AssetResult& asset : evaluation.assets) {
-    const MethodResult& result = asset.methods[method];
-    if (!result.failure.empty() || asset.item.usable != (group == Group::kUsable)) continue;
-    if (result.scores.class_sizes[influence_class] == 0) continue;
-    const auto scores = score_values(result.scores.by_influences[influence_class]);
+    if (influence_class && result.scores.class_sizes[*influence_class] == 0) continue;
+    const auto scores =
+        score_values(influence_class ? result.scores.by_influences[*influence_class] : result.scores.mean);
     for (std::size_t k = 0; k < 3; ++k) values[k].push_back(scores[k]);
   }
   return {summarize(values[0]), summarize(values[1]), summarize(values[2])};
@@ -351,7 +341,7 @@ anigen::Table summary_table(const SkinEvaluation& evaluation, Group group) {
     for (const Summary& score : scores) row.push_back(mean_or_dash(score));
     row.push_back(scores[0].n > 0 ? anigen::fixed(scores[0].median) : "–");
     for (std::size_t c = 0; c < metrics::kInfluenceClasses; ++c)
-      row.push_back(mean_or_dash(summarize_class(evaluation, m, group, c)[0]));
+      row.push_back(mean_or_dash(summarize(evaluation, m, group, c)[0]));
     row.push_back(std::to_string(scores[0].n));
     table.rows.push_back(std::move(row));
   }

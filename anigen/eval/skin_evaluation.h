@@ -2,6 +2,7 @@
 #include <array>
 #include <cstddef>
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -59,10 +60,9 @@ extern const std::array<const char*, 3> kScoreNames;
 std::array<double, 3> score_values(const metrics::SkinScore& score);
 
 /// The summaries of a method's three scores over the assets of a group.
-std::array<Summary, 3> summarize(const SkinEvaluation& evaluation, std::size_t method, Group group);
-/// Summary over the vertices of one influence class: per asset first, then over the assets that have such vertices.
-std::array<Summary, 3> summarize_class(const SkinEvaluation& evaluation, std::size_t method, Group group,
-                                       std::size_t influence_class);
+/// @param influence_class only these vertices: per asset first, then over the assets that have such vertices
+std::array<Summary, 3> summarize(const SkinEvaluation& evaluation, std::size_t method, Group group,
+                                 std::optional<std::size_t> influence_class = std::nullopt);
 
 /// metrics.json: settings; method, summary, by_influences, not_usable and assets of the first method; and the same
 /// for all methods under `methods`.

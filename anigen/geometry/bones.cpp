@@ -4,6 +4,7 @@
 #include <string>
 
 #include "anigen/core/error.h"
+#include "anigen/core/numeric.h"
 #include "anigen/core/parallel.h"
 
 namespace anigen::geometry {
@@ -19,7 +20,7 @@ std::vector<std::vector<BoneSegment>> bone_segments(const std::vector<Eigen::Vec
   }
   for (std::size_t j = 0; j < joints.size(); ++j) {
     if (!segments[j].empty()) continue;
-    const Eigen::Vector3f from = parents[j] >= 0 ? joints[static_cast<std::size_t>(parents[j])] : joints[j];
+    const Eigen::Vector3f from = parents[j] >= 0 ? joints[at(parents[j])] : joints[j];
     segments[j].push_back({joints[j], joints[j] + 0.5f * (joints[j] - from)});
   }
   return segments;
@@ -67,7 +68,7 @@ std::vector<Bone> bones_of(const std::vector<Eigen::Vector3d>& positions, const 
       throw InputError("", "skeleton.positions[" + std::to_string(j) + "]", "the position is not finite");
     }
     if (parents[j] >= 0) {
-      bones.push_back({parents[j], static_cast<int>(j), positions[static_cast<std::size_t>(parents[j])], positions[j]});
+      bones.push_back({parents[j], static_cast<int>(j), positions[at(parents[j])], positions[j]});
     }
   }
   if (bones.empty()) {

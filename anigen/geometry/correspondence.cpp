@@ -33,9 +33,8 @@ VertexFaces::VertexFaces(const Mesh& mesh) : offsets_(mesh.vertices.size() + 1, 
   for (std::size_t v = 0; v < mesh.vertices.size(); ++v) offsets_[v + 1] += offsets_[v];
   faces_.resize(offsets_.back());
   std::vector<std::size_t> next(offsets_.begin(), offsets_.end() - 1);
-  each_corner([&](std::size_t face, std::int32_t vertex) {
-    faces_[next[static_cast<std::size_t>(vertex)]++] = static_cast<std::int32_t>(face);
-  });
+  each_corner(
+      [&](std::size_t face, std::int32_t vertex) { faces_[next[at(vertex)]++] = static_cast<std::int32_t>(face); });
 }
 
 namespace {
@@ -73,10 +72,8 @@ struct FaceShape {
 };
 
 FaceShape shape_of(const Mesh& mesh, std::int32_t face) {
-  const Triangle& corners = mesh.faces[static_cast<std::size_t>(face)];
-  const auto corner = [&](std::size_t i) {
-    return Eigen::Vector3d(mesh.vertices[static_cast<std::size_t>(corners[i])].cast<double>());
-  };
+  const Triangle& corners = mesh.faces[at(face)];
+  const auto corner = [&](std::size_t i) { return Eigen::Vector3d(mesh.vertices[at(corners[i])].cast<double>()); };
   FaceShape shape{corner(0), corner(1), corner(2), Eigen::Vector3d::Zero()};
   const Eigen::Vector3d cross = (shape.b - shape.a).cross(shape.c - shape.a);
   shape.area = 0.5 * cross.norm();
@@ -123,18 +120,15 @@ class Matcher {
   }
 
   Place place_of(const NearestPoint& point) const {
-    const Triangle& corners = from_.faces[static_cast<std::size_t>(point.at.face)];
+    const Triangle& corners = from_.faces[at(point.at.face)];
     for (const std::int32_t corner : corners) {
-      const Eigen::Vector3d position = from_.vertices[static_cast<std::size_t>(corner)].cast<double>();
+      const Eigen::Vector3d position = from_.vertices[at(corner)].cast<double>();
       if ((position - point.position).norm() <= 2.0 * tolerance_) return {-1, -1, corner};
     }
     const FaceShape face = shape_of(from_, point.at.face);
     for (int i = 0; i < 3; ++i) {
-      const std::int32_t a = corners[static_cast<std::size_t>((i + 1) % 3)],
-                         b = corners[static_cast<std::size_t>((i + 2) % 3)];
-      const double length = (from_.vertices[static_cast<std::size_t>(a)] - from_.vertices[static_cast<std::size_t>(b)])
-                                .cast<double>()
-                                .norm();
+      const std::int32_t a = corners[at((i + 1) % 3)], b = corners[at((i + 2) % 3)];
+      const double length = (from_.vertices[at(a)] - from_.vertices[at(b)]).cast<double>().norm();
       // Barycentric weight times height is the distance from the edge.
       if (point.at.barycentric[i] * 2.0 * face.area <= 2.0 * tolerance_ * length)
         return {-1, std::min(a, b), std::max(a, b)};
@@ -147,7 +141,7 @@ class Matcher {
     if (place[0] >= 0) return {shape_of(from_, place[0])};
     std::vector<FaceShape> faces;
     for (const std::int32_t face : around_from_[place[2]]) {
-      const Triangle& corners = from_.faces[static_cast<std::size_t>(face)];
+      const Triangle& corners = from_.faces[at(face)];
       const bool has_edge = place[1] < 0 || std::find(corners.begin(), corners.end(), place[1]) != corners.end();
       if (has_edge) faces.push_back(shape_of(from_, face));
     }

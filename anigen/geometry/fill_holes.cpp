@@ -343,13 +343,6 @@ class HoleFiller {
  private:
   Eigen::Vector3d position(std::int32_t vertex) const { return mesh_.vertices[at(vertex)].cast<double>(); }
 
-  Eigen::Vector3d unit_normal(const Triangle& face) const {
-    const Eigen::Vector3d a = position(face[0]);
-    const Eigen::Vector3d cross = (position(face[1]) - a).cross(position(face[2]) - a);
-    const double length = cross.norm();
-    return length > 0.0 ? Eigen::Vector3d(cross / length) : Eigen::Vector3d::Zero();
-  }
-
   const Triangle& face_at(std::int32_t a, std::int32_t b) const {
     return mesh_.faces[at(*edges_.faces(at(edges_.find(a, b))).first)];
   }
@@ -365,7 +358,7 @@ class HoleFiller {
     HoleOutline outline;
     for (std::size_t i = 0; i < loop.size(); ++i) {
       outline.points.push_back(position(loop[i]));
-      outline.outside.push_back(unit_normal(face_at(loop[i], loop[(i + 1) % loop.size()])));
+      outline.outside.push_back(face_normal(mesh_.vertices, face_at(loop[i], loop[(i + 1) % loop.size()])));
     }
     outline.may_connect = [&](std::int32_t a, std::int32_t b) { return is_free(loop[at(a)], loop[at(b)]); };
     std::vector<double> scale;

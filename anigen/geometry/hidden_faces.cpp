@@ -115,7 +115,7 @@ class ContractedGraph {
   int size() const { return kFirst + count_; }
   const std::vector<Arc>& arcs() const { return arcs_; }
   /// The node of the contracted graph that stands for a node.
-  int of(std::int32_t node) const { return place_[static_cast<std::size_t>(node)]; }
+  int of(std::int32_t node) const { return place_[at(node)]; }
 
  private:
   static constexpr int kFirst = 2, kFree = -1;
@@ -144,9 +144,9 @@ template <typename Flow>
 std::vector<char> reaching_sink(const Graph& graph, const Capacities& capacities, const Flow& flow, int sink) {
   std::vector<char> reaches(static_cast<std::size_t>(graph.nodeNum()), 0);
   std::vector<int> queue{sink};
-  reaches[static_cast<std::size_t>(sink)] = 1;
+  reaches[at(sink)] = 1;
   const auto visit = [&](Graph::Node node, bool has_capacity_left) {
-    char& mark = reaches[static_cast<std::size_t>(Graph::id(node))];
+    char& mark = reaches[at(Graph::id(node))];
     if (!has_capacity_left || mark != 0) return;
     mark = 1;
     queue.push_back(Graph::id(node));
@@ -312,7 +312,7 @@ std::vector<char> source_side_of_min_cut(std::size_t nodes, const std::vector<Cu
   const std::vector<char> reaches = reaching_sink(graph, capacities, preflow.flowMap(), ContractedGraph::kSink);
   std::vector<char> side(nodes);
   for (std::size_t v = 0; v < nodes; ++v) {
-    side[v] = reaches[static_cast<std::size_t>(contracted.of(static_cast<std::int32_t>(v)))] == 0;
+    side[v] = reaches[at(contracted.of(static_cast<std::int32_t>(v)))] == 0;
   }
   return side;
 }

@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "anigen/core/error.h"
+#include "anigen/core/numeric.h"
 #include "anigen/core/parallel.h"
 
 namespace anigen::geometry {
@@ -190,7 +191,7 @@ PointCells::PointCells(const std::vector<Eigen::Vector3f>& points, float radius)
   sorted_.reserve(points.size());
   order_.reserve(points.size());
   for (const Entry& entry : entries) {
-    const Eigen::Vector3f& point = points[static_cast<std::size_t>(entry.index)];
+    const Eigen::Vector3f& point = points[at(entry.index)];
     if (cells_.empty() || cells_.back().key != entry.key) {
       cells_.push_back({entry.key, order_.size(), order_.size(), point, point});
     }
@@ -209,7 +210,7 @@ PointCells::Key PointCells::key_of(const Eigen::Vector3f& point) const {
   Key key;
   for (int axis = 0; axis < 3; ++axis) {
     const double cell = std::floor(static_cast<double>(point[axis]) / cell_size_);
-    key[static_cast<std::size_t>(axis)] = static_cast<std::int32_t>(std::clamp(cell, -kMost, kMost));
+    key[at(axis)] = static_cast<std::int32_t>(std::clamp(cell, -kMost, kMost));
   }
   return key;
 }

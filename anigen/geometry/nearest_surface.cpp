@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "anigen/core/error.h"
+#include "anigen/core/numeric.h"
 #include "anigen/core/parallel.h"
 #include "anigen/geometry/bones.h"
 #include "anigen/geometry/embree.h"
@@ -57,11 +58,10 @@ NearestPoint nearest_on_triangle(const Eigen::Vector3d& p, const Eigen::Vector3d
 
 Eigen::Vector3d position(const SurfacePoint& point, const std::vector<Eigen::Vector3f>& vertices,
                          const std::vector<Triangle>& faces) {
-  const Triangle& face = faces[static_cast<std::size_t>(point.face)];
+  const Triangle& face = faces[at(point.face)];
   Eigen::Vector3d result = Eigen::Vector3d::Zero();
   for (int k = 0; k < 3; ++k) {
-    result +=
-        point.barycentric[k] * vertices[static_cast<std::size_t>(face[static_cast<std::size_t>(k)])].cast<double>();
+    result += point.barycentric[k] * vertices[at(face[at(k)])].cast<double>();
   }
   return result;
 }
@@ -77,8 +77,7 @@ SkinWeights interpolate_skin(const SkinWeights& weights, const std::vector<Trian
     }
     std::vector<Influence> row;
     for (int k = 0; k < 3; ++k) {
-      const auto vertex =
-          static_cast<std::size_t>(faces[static_cast<std::size_t>(point.face)][static_cast<std::size_t>(k)]);
+      const auto vertex = static_cast<std::size_t>(faces[at(point.face)][at(k)]);
       if (vertex >= weights.rows()) {
         throw InputError("", "faces[" + std::to_string(point.face) + "]",
                          "vertex " + std::to_string(vertex) + " has no skin weights; there are " +
@@ -116,9 +115,7 @@ struct NearestSurface::Implementation {
     }
   }
 
-  const Eigen::Vector3d& corner(const Triangle& face, std::size_t k) const {
-    return vertices[static_cast<std::size_t>(face[k])];
-  }
+  const Eigen::Vector3d& corner(const Triangle& face, std::size_t k) const { return vertices[at(face[k])]; }
 
   NearestPoint nearest_on_face(const Eigen::Vector3d& p, std::size_t face) const {
     const Triangle& t = faces[face];

@@ -5,6 +5,7 @@
 #include <string>
 
 #include "anigen/core/error.h"
+#include "anigen/core/numeric.h"
 
 namespace anigen::geometry {
 
@@ -40,10 +41,7 @@ std::vector<double> face_probabilities(const std::vector<Eigen::Vector3f>& verti
   std::vector<double> result(faces.size());
   double sum = 0.0;
   for (std::size_t f = 0; f < faces.size(); ++f) {
-    const Eigen::Vector3d a = vertices[static_cast<std::size_t>(faces[f][0])].cast<double>();
-    const Eigen::Vector3d b = vertices[static_cast<std::size_t>(faces[f][1])].cast<double>();
-    const Eigen::Vector3d c = vertices[static_cast<std::size_t>(faces[f][2])].cast<double>();
-    const double area = 0.5 * (b - a).cross(c - a).norm();
+    const double area = 0.5 * area_vector(vertices, faces[f]).norm();
     if (!std::isfinite(area)) {
       std::fill(result.begin(), result.end(), 1.0 / static_cast<double>(faces.size()));
       return result;

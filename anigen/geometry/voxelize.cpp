@@ -5,6 +5,7 @@
 #include <string>
 
 #include "anigen/core/error.h"
+#include "anigen/core/numeric.h"
 #include "anigen/core/parallel.h"
 #include "anigen/geometry/bones.h"
 
@@ -78,7 +79,7 @@ class Projection {
   /// Second indices that go with a first index.
   Range seconds(std::int64_t first, Range within) const {
     for (int k = 0; k < count_; ++k) {
-      const auto& [u, v, w] = conditions_[static_cast<std::size_t>(k)];
+      const auto& [u, v, w] = conditions_[at(k)];
       const std::int64_t rest = u * first + w;
       if (v > 0) {
         within.first = std::max(within.first, -floor_div(rest, v));
@@ -100,7 +101,7 @@ class Projection {
     const Int128 at_corner = -(Int128{u} * a + Int128{v} * b) +
                              Int128{std::max<std::int64_t>(u, 0) + std::max<std::int64_t>(v, 0)} * kVoxelUnits;
     // u·i + v·j is an integer number of voxels: rounding down what is added to it changes no sign.
-    conditions_[static_cast<std::size_t>(count_++)] = {u, v, static_cast<std::int64_t>(at_corner >> kFractionBits)};
+    conditions_[at(count_++)] = {u, v, static_cast<std::int64_t>(at_corner >> kFractionBits)};
   }
 
   std::array<Condition, 6> conditions_;
@@ -189,7 +190,7 @@ std::vector<Voxel> surface(const std::vector<Vertex>& vertices, const std::vecto
   parallel_for((faces.size() + kBlock - 1) / kBlock, [&](std::size_t block) {
     const std::size_t end = std::min(faces.size(), (block + 1) * kBlock);
     for (std::size_t f = block * kBlock; f < end; ++f) {
-      const auto corner = [&](std::size_t k) { return points[static_cast<std::size_t>(faces[f][k])]; };
+      const auto corner = [&](std::size_t k) { return points[at(faces[f][k])]; };
       insert_triangle({corner(0), corner(1), corner(2)}, voxels);
     }
   });
@@ -224,12 +225,12 @@ void insert_triangle(const FixedTriangle& triangle, VoxelBits& voxels) {
   const Projection xy(triangle, 0, 1), xz(triangle, 0, 2), yz(triangle, 1, 2);
   const Plane plane(triangle);
   std::array<Range, kMaxVoxelResolution> z_of_y;
-  for (std::int64_t j = y.first; j <= y.last; ++j) z_of_y[static_cast<std::size_t>(j)] = yz.seconds(j, z);
+  for (std::int64_t j = y.first; j <= y.last; ++j) z_of_y[at(j)] = yz.seconds(j, z);
   for (std::int64_t i = x.first; i <= x.last; ++i) {
     const Range z_of_x = xz.seconds(i, z), columns = xy.seconds(i, y);
     for (std::int64_t j = columns.first; j <= columns.last; ++j) {
       Range run = z_of_x;
-      run.cut(z_of_y[static_cast<std::size_t>(j)]);
+      run.cut(z_of_y[at(j)]);
       if (run.first <= run.last) plane.cut(i, j, run);
       voxels.insert_run(static_cast<int>(i), static_cast<int>(j), static_cast<int>(run.first),
                         static_cast<int>(run.last));

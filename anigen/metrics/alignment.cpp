@@ -5,10 +5,16 @@
 #include <utility>
 
 #include "anigen/core/error.h"
+#include "anigen/core/numeric.h"
+#include "anigen/core/words.h"
 
 namespace anigen::metrics {
 
 namespace {
+
+const Words<NormalizationMode> kNormalizationModes = {{NormalizationMode::kCentroidRms, "centroid-rms"},
+                                                      {NormalizationMode::kBoundingBox, "bounding-box"},
+                                                      {NormalizationMode::kNone, "none"}};
 
 constexpr double kLargestCoordinate = 1e15;  // what the ray tracing structures accept
 
@@ -80,23 +86,10 @@ AlignmentShape prepare(const io::RiggedShape& shape, const Similarity& normalize
 }  // namespace
 
 NormalizationMode normalization_mode(const std::string& word) {
-  if (word == "centroid-rms") return NormalizationMode::kCentroidRms;
-  if (word == "bounding-box") return NormalizationMode::kBoundingBox;
-  if (word == "none") return NormalizationMode::kNone;
-  throw InputError("", "normalization", "'" + word + "' is none of centroid-rms, bounding-box, none");
+  return value_of(kNormalizationModes, word, "normalization");
 }
 
-std::string to_string(NormalizationMode mode) {
-  switch (mode) {
-    case NormalizationMode::kCentroidRms:
-      return "centroid-rms";
-    case NormalizationMode::kBoundingBox:
-      return "bounding-box";
-    case NormalizationMode::kNone:
-      break;
-  }
-  return "none";
-}
+std::string to_string(NormalizationMode mode) { return word_of(kNormalizationModes, mode); }
 
 SurfaceMoments surface_moments(const Mesh& mesh) {
   const std::vector<Eigen::Vector3d> points = transformed(Similarity{}, mesh.vertices);
@@ -108,7 +101,7 @@ SurfaceMoments surface_moments(const Mesh& mesh) {
           "", "mesh.faces[" + std::to_string(face) + "]",
           "vertex index " + std::to_string(index) + " is outside the " + std::to_string(points.size()) + " vertices");
     }
-    return points[static_cast<std::size_t>(index)];
+    return points[at(index)];
   };
   SurfaceMoments moments;
   std::vector<double> areas(mesh.faces.size());
@@ -149,15 +142,8 @@ Similarity normalization(const std::vector<Eigen::Vector3d>& points, Normalizati
 }
 
 std::string to_string(AlignedBy by) {
-  switch (by) {
-    case AlignedBy::kSurface:
-      return "surface";
-    case AlignedBy::kVertices:
-      return "vertices";
-    case AlignedBy::kJoints:
-      break;
-  }
-  return "joints";
+  return word_of({{AlignedBy::kSurface, "surface"}, {AlignedBy::kVertices, "vertices"}, {AlignedBy::kJoints, "joints"}},
+                 by);
 }
 
 Alignment align(const io::RiggedShape& prediction, const io::RiggedShape& truth, const AlignmentOptions& options) {

@@ -5,11 +5,18 @@
 #include <limits>
 
 #include "anigen/core/error.h"
+#include "anigen/core/numeric.h"
+#include "anigen/core/words.h"
 #include "anigen/metrics/published_protocols.h"
 
 namespace anigen::metrics {
 
 namespace {
+
+const Words<SkeletonProtocol> kProtocolNames = {{SkeletonProtocol::kPaper, "paper"},
+                                                {SkeletonProtocol::kRignet, "rignet"},
+                                                {SkeletonProtocol::kUnirig, "unirig"},
+                                                {SkeletonProtocol::kPuppeteer, "puppeteer"}};
 
 [[noreturn]] void refuse(const std::string& why) {
   throw InputError("", "skeleton", why + "; bring it into the unit box first");
@@ -115,11 +122,11 @@ void NearestBone::build() {
     const Task task = tasks.back();
     tasks.pop_back();
     const int index = static_cast<int>(nodes_.size());
-    if (task.parent >= 0) nodes_[static_cast<std::size_t>(task.parent)].right = index;
+    if (task.parent >= 0) nodes_[at(task.parent)].right = index;
     Node node{Eigen::Vector3d::Constant(std::numeric_limits<double>::infinity()),
               Eigen::Vector3d::Constant(-std::numeric_limits<double>::infinity()), task.begin, task.end, -1};
     for (int i = task.begin; i < task.end; ++i) {
-      const Piece& piece = pieces_[static_cast<std::size_t>(i)];
+      const Piece& piece = pieces_[at(i)];
       const Eigen::Vector3d end = piece.start + piece.last * piece.step;
       node.low = node.low.cwiseMin(piece.start).cwiseMin(end);
       node.high = node.high.cwiseMax(piece.start).cwiseMax(end);
@@ -157,15 +164,15 @@ double NearestBone::distance(const Eigen::Vector3d& p) const {
   while (top > 0) {
     const Entry entry = stack[--top];
     if (!(entry.squared < best)) continue;
-    const Node& node = nodes_[static_cast<std::size_t>(entry.node)];
+    const Node& node = nodes_[at(entry.node)];
     if (node.right < 0) {
       for (int i = node.begin; i < node.end; ++i) {
-        best = std::min(best, squared_distance(pieces_[static_cast<std::size_t>(i)], p));
+        best = std::min(best, squared_distance(pieces_[at(i)], p));
       }
       continue;
     }
     const Node& first = nodes_[static_cast<std::size_t>(entry.node) + 1];
-    const Node& second = nodes_[static_cast<std::size_t>(node.right)];
+    const Node& second = nodes_[at(node.right)];
     Entry near{entry.node + 1, squared_distance_to_box(p, first.low, first.high)};
     Entry far{node.right, squared_distance_to_box(p, second.low, second.high)};
     if (far.squared < near.squared) std::swap(near, far);
@@ -191,26 +198,9 @@ double NearestBone::mean_distance(const std::vector<BoneSamples>& samples) const
   return sum / static_cast<double>(count);
 }
 
-std::string name(SkeletonProtocol protocol) {
-  switch (protocol) {
-    case SkeletonProtocol::kPaper:
-      return "paper";
-    case SkeletonProtocol::kRignet:
-      return "rignet";
-    case SkeletonProtocol::kUnirig:
-      return "unirig";
-    case SkeletonProtocol::kPuppeteer:
-      return "puppeteer";
-  }
-  return "";
-}
+std::string name(SkeletonProtocol protocol) { return word_of(kProtocolNames, protocol); }
 
-SkeletonProtocol parse_skeleton_protocol(const std::string& text) {
-  for (const SkeletonProtocol protocol : kSkeletonProtocols) {
-    if (name(protocol) == text) return protocol;
-  }
-  throw InputError("", "protocol", "\"" + text + "\" is none of paper, rignet, unirig, puppeteer");
-}
+SkeletonProtocol parse_skeleton_protocol(const std::string& text) { return value_of(kProtocolNames, text, "protocol"); }
 
 SkeletonChamfer exact_chamfer(const MetricSkeleton& predicted, const MetricSkeleton& truth) {
   return chamfer(predicted, truth, spaced_samples(predicted.bones), spaced_samples(truth.bones),

@@ -83,12 +83,6 @@ class PosedRigs {
   std::vector<int> match_, order_, predicted_order_;
 };
 
-std::vector<Eigen::Vector3d> in_double(const std::vector<Eigen::Vector3f>& points) {
-  std::vector<Eigen::Vector3d> result;
-  for (const Eigen::Vector3f& point : points) result.push_back(point.cast<double>());
-  return result;
-}
-
 void check_skin(const SkinWeights& skin, std::size_t vertices, std::size_t joints, const char* which) {
   if (skin.rows() != vertices) {
     throw InputError("", which, std::to_string(skin.rows()) + " rows for " + std::to_string(vertices) + " vertices");

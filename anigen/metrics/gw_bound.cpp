@@ -67,26 +67,22 @@ RowMatrix profile_costs(const Eigen::MatrixXd& c1, const Eigen::MatrixXd& c2, co
                         const Eigen::VectorXd& b) {
   const Eigen::Index n = c1.rows(), m = c2.rows();
   const MassUnits units = mass_units(a, b);
-  // Sorted distances seen from each joint, one column per joint.
+  // Sorted distances seen from each joint, one column per joint, with the masses they have unless all are equal.
+  const auto sorted = [&](const Eigen::MatrixXd& c, const Eigen::VectorXd& masses, Eigen::MatrixXd& distances,
+                          Eigen::MatrixXd& their_masses) {
+    for (Eigen::Index i = 0; i < c.rows(); ++i) {
+      if (units.uniform) {
+        std::sort(distances.col(i).data(), distances.col(i).data() + c.rows());
+        continue;
+      }
+      const std::vector<int> order = ascending(c.col(i));
+      distances.col(i) = picked(c.col(i), order);
+      their_masses.col(i) = picked(masses, order);
+    }
+  };
   Eigen::MatrixXd x = c1, y = c2, p(n, n), q(m, m);
-  for (Eigen::Index i = 0; i < n; ++i) {
-    if (units.uniform) {
-      std::sort(x.col(i).data(), x.col(i).data() + n);
-    } else {
-      const std::vector<int> order = ascending(c1.col(i));
-      x.col(i) = picked(c1.col(i), order);
-      p.col(i) = picked(a, order);
-    }
-  }
-  for (Eigen::Index k = 0; k < m; ++k) {
-    if (units.uniform) {
-      std::sort(y.col(k).data(), y.col(k).data() + m);
-    } else {
-      const std::vector<int> order = ascending(c2.col(k));
-      y.col(k) = picked(c2.col(k), order);
-      q.col(k) = picked(b, order);
-    }
-  }
+  sorted(c1, a, x, p);
+  sorted(c2, b, y, q);
   RowMatrix costs(n, m);
   if (!units.uniform) {
     for (Eigen::Index i = 0; i < n; ++i) {

@@ -17,9 +17,8 @@ Eigen::MatrixXd tree_geodesics(const JointTree& forest) {
   const Eigen::Index n = static_cast<Eigen::Index>(tree.size());
   Eigen::MatrixXd distances = Eigen::MatrixXd::Zero(n, n);
   for (std::size_t k = 1; k < order.size(); ++k) {
-    const int joint = order[k], parent = tree.parents[static_cast<std::size_t>(joint)];
-    const double bone =
-        (tree.positions[static_cast<std::size_t>(joint)] - tree.positions[static_cast<std::size_t>(parent)]).norm();
+    const int joint = order[k], parent = tree.parents[at(joint)];
+    const double bone = (tree.positions[at(joint)] - tree.positions[at(parent)]).norm();
     for (std::size_t l = 0; l < k; ++l) {
       const int other = order[l];
       distances(joint, other) = distances(other, joint) = distances(parent, other) + bone;

@@ -28,14 +28,11 @@ double inner(const RowMatrix& matrix, const std::vector<PlanCell>& cells) {
 std::vector<PlanCell> mixed(const std::vector<PlanCell>& x, const std::vector<PlanCell>& y, double t) {
   std::vector<PlanCell> result;
   std::size_t i = 0, k = 0;
-  const auto before = [](const PlanCell& u, const PlanCell& v) {
-    return u.row != v.row ? u.row < v.row : u.column < v.column;
-  };
   while (i < x.size() || k < y.size()) {
-    if (k == y.size() || (i < x.size() && before(x[i], y[k]))) {
+    if (k == y.size() || (i < x.size() && x[i] < y[k])) {
       result.push_back({x[i].row, x[i].column, (1.0 - t) * x[i].mass});
       ++i;
-    } else if (i == x.size() || before(y[k], x[i])) {
+    } else if (i == x.size() || y[k] < x[i]) {
       result.push_back({y[k].row, y[k].column, t * y[k].mass});
       ++k;
     } else {
@@ -44,11 +41,6 @@ std::vector<PlanCell> mixed(const std::vector<PlanCell>& x, const std::vector<Pl
     }
   }
   return result;
-}
-
-void sort_cells(std::vector<PlanCell>& cells) {
-  std::sort(cells.begin(), cells.end(),
-            [](const PlanCell& x, const PlanCell& y) { return x.row != y.row ? x.row < y.row : x.column < y.column; });
 }
 
 constexpr double kIsometric = 1e-14;  // of the largest squared distance: lengths equal to about 1e-7
@@ -74,12 +66,8 @@ struct Numbered {
 };
 
 RowMatrix picked_block(const Eigen::MatrixXd& values, const std::vector<int>& rows, const std::vector<int>& columns) {
-  RowMatrix result(values.rows(), values.cols());
-  for (std::size_t i = 0; i < rows.size(); ++i) {
-    for (std::size_t k = 0; k < columns.size(); ++k)
-      result(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(k)) = values(rows[i], columns[k]);
-  }
-  return result;
+  return matrix_of(rows.size(), columns.size(),
+                   [&](std::size_t i, std::size_t k) { return values(rows[i], columns[k]); });
 }
 
 Numbered numbered(const GwSearch& search) {
@@ -135,7 +123,7 @@ double true_cost(const Numbered& numbers, std::vector<PlanCell> cells, double al
 std::vector<PlanCell> isomorphism(const Numbered& numbers) {
   std::vector<PlanCell> cells;
   for (int k = 0; k < numbers.problem.rows(); ++k)
-    cells.push_back({k, k, static_cast<double>(numbers.problem.units.supplies[static_cast<std::size_t>(k)])});
+    cells.push_back({k, k, static_cast<double>(numbers.problem.units.supplies[at(k)])});
   return cells;
 }
 
@@ -191,7 +179,7 @@ GwPoint GwDescent::from(const std::vector<PlanCell>& start) {
       std::fill(waiting_.begin(), waiting_.end(), char{1});
     } while (exchange_waiting_rows() && (exchanged = true));
     cells = cells_;
-    sort_cells(cells);
+    std::sort(cells.begin(), cells.end());
     if (!exchanged) break;
   }
   set(cells, problem_.gradient(cells));
@@ -387,8 +375,7 @@ GromovWasserstein GwSearch::run() const {
   result.value = std::sqrt(result.cost);
   result.plan.setZero(c1.rows(), c2.rows());
   for (const PlanCell& cell : best.cells) {
-    result.plan(numbers.rows[static_cast<std::size_t>(cell.row)],
-                numbers.columns[static_cast<std::size_t>(cell.column)]) +=
+    result.plan(numbers.rows[at(cell.row)], numbers.columns[at(cell.column)]) +=
         cell.mass / static_cast<double>(problem.units.total);
   }
   return result;

@@ -10,6 +10,7 @@
 #include <string>
 
 #include "anigen/core/error.h"
+#include "anigen/core/numeric.h"
 #include "anigen/core/parallel.h"
 
 namespace anigen::metrics {
@@ -363,7 +364,7 @@ std::vector<Eigen::Matrix3d> principal_axis_rotations(const Eigen::Matrix3d& fro
     for (int signs = 0; signs < 8; ++signs) {
       Eigen::Matrix3d axes;
       for (int k = 0; k < 3; ++k) {
-        axes.col(k) = (signs & (1 << k) ? -1.0 : 1.0) * from.eigenvectors().col(order[static_cast<std::size_t>(k)]);
+        axes.col(k) = (signs & (1 << k) ? -1.0 : 1.0) * from.eigenvectors().col(order[at(k)]);
       }
       const Eigen::Matrix3d rotation = to.eigenvectors() * axes.transpose();
       if (rotation.determinant() > 0.0) rotations.push_back(rotation);

@@ -28,7 +28,7 @@ std::vector<Hanging> hangings(const MetricSkeleton& tree) {
   for (std::size_t j = 0; j < tree.size(); ++j) {
     const int parent = tree.parents[j];
     result[j].parent = tree.positions[parent < 0 ? j : static_cast<std::size_t>(parent)];
-    for (int at = parent; at >= 0; at = tree.parents[static_cast<std::size_t>(at)]) result[j].depth += 1;
+    for (int above = parent; above >= 0; above = tree.parents[at(above)]) result[j].depth += 1;
   }
   return result;
 }
@@ -71,25 +71,24 @@ std::vector<int> rows_of_columns(const RowMajor& cost) {
       }
       // Rows are not more than columns, so only a cost that is not finite leaves nothing to go on with.
       if (next < 0) throw InputError("", "joint matching", "a cost is not finite");
-      done[static_cast<std::size_t>(next)] = 1;
+      done[at(next)] = 1;
       reached = least;
       from = static_cast<int>(next);
-      if (owner[static_cast<std::size_t>(next)] < 0) {
+      if (owner[at(next)] < 0) {
         sink = next;
       } else {
         finished.push_back(next);
-        row = owner[static_cast<std::size_t>(next)];
+        row = owner[at(next)];
       }
     }
     row_potential[start] += reached;
     for (const Eigen::Index c : finished) {
-      row_potential[owner[static_cast<std::size_t>(c)]] += reached - distance[c];
+      row_potential[owner[at(c)]] += reached - distance[c];
       column_potential[c] -= reached - distance[c];
     }
     for (Eigen::Index c = sink; c >= 0;) {
-      const int before = previous[static_cast<std::size_t>(c)];
-      owner[static_cast<std::size_t>(c)] =
-          before < 0 ? static_cast<int>(start) : owner[static_cast<std::size_t>(before)];
+      const int before = previous[at(c)];
+      owner[at(c)] = before < 0 ? static_cast<int>(start) : owner[at(before)];
       c = before;
     }
   }
@@ -129,12 +128,7 @@ Eigen::MatrixXd distances(const std::vector<Eigen::Vector3d>& predicted, const s
   // Before the matrix is allocated.
   if (static_cast<double>(n) * static_cast<double>(m) > kLargestAssignment)
     throw InputError("", "joint matching", "too many joints on both sides to be matched one to one");
-  Eigen::MatrixXd distance(n, m);
-  for (std::size_t i = 0; i < n; ++i) {
-    for (std::size_t k = 0; k < m; ++k)
-      distance(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(k)) = (predicted[i] - truth[k]).norm();
-  }
-  return distance;
+  return matrix_of(n, m, [&](std::size_t i, std::size_t k) { return (predicted[i] - truth[k]).norm(); });
 }
 
 /// The pairs of an assignment that count.
@@ -145,7 +139,7 @@ JointMatch counted(std::vector<int> truth_of, const Eigen::MatrixXd& distance, c
   for (std::size_t i = 0; i < n; ++i) {
     int& k = match.truth_of[i];
     if (k < 0) continue;
-    if (distance(static_cast<Eigen::Index>(i), k) < tolerance[static_cast<std::size_t>(k)]) {
+    if (distance(static_cast<Eigen::Index>(i), k) < tolerance[at(k)]) {
       ++match.matched;
     } else {
       k = -1;
@@ -169,13 +163,9 @@ double share(std::size_t right, std::size_t bones, std::size_t other_bones) {
 
 Eigen::MatrixXd joint_ties(const MetricSkeleton& predicted, const MetricSkeleton& truth) {
   const std::vector<Hanging> a = hangings(predicted), b = hangings(truth);
-  Eigen::MatrixXd ties(static_cast<Eigen::Index>(a.size()), static_cast<Eigen::Index>(b.size()));
-  for (std::size_t i = 0; i < a.size(); ++i) {
-    for (std::size_t k = 0; k < b.size(); ++k)
-      ties(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(k)) =
-          (a[i].parent - b[k].parent).norm() + kDepthShare * std::abs(a[i].depth - b[k].depth);
-  }
-  return ties;
+  return matrix_of(a.size(), b.size(), [&](std::size_t i, std::size_t k) {
+    return (a[i].parent - b[k].parent).norm() + kDepthShare * std::abs(a[i].depth - b[k].depth);
+  });
 }
 
 Eigen::MatrixXd matching_plan(const MetricSkeleton& predicted, const MetricSkeleton& truth) {
@@ -193,7 +183,7 @@ std::vector<int> assign(const Eigen::MatrixXd& cost) {
   if (cost.rows() > cost.cols()) return rows_of_columns(cost.transpose());  // columns of rows, seen from the other side
   const std::vector<int> owner = rows_of_columns(cost);
   for (std::size_t c = 0; c < owner.size(); ++c) {
-    if (owner[c] >= 0) result[static_cast<std::size_t>(owner[c])] = static_cast<int>(c);
+    if (owner[c] >= 0) result[at(owner[c])] = static_cast<int>(c);
   }
   return result;
 }
@@ -256,9 +246,9 @@ ConnectivityScore connectivity(const MetricSkeleton& predicted, const MetricSkel
   score.true_bones = bone_count(truth);
   for (std::size_t j = 0; j < predicted.size(); ++j) {
     if (predicted.parents[j] < 0) continue;
-    const int a = truth_of[j], b = truth_of[static_cast<std::size_t>(predicted.parents[j])];
+    const int a = truth_of[j], b = truth_of[at(predicted.parents[j])];
     if (a < 0 || b < 0) continue;
-    score.right += truth.parents[static_cast<std::size_t>(a)] == b || truth.parents[static_cast<std::size_t>(b)] == a;
+    score.right += truth.parents[at(a)] == b || truth.parents[at(b)] == a;
   }
   score.precision = share(score.right, score.predicted_bones, score.true_bones);
   score.recall = share(score.right, score.true_bones, score.predicted_bones);

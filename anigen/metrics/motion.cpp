@@ -400,7 +400,7 @@ Eigen::MatrixXd motion_plan(const JointTree& target, const JointTree& source, do
   cost(n, m) = 0.0;
   for (Eigen::Index i = 0; i < n; ++i) {
     for (Eigen::Index k = 0; k < m; ++k) {
-      const Piece &a = rows[static_cast<std::size_t>(i)], &b = columns[static_cast<std::size_t>(k)];
+      const Piece &a = rows[at(i)], &b = columns[at(k)];
       // Beyond reach² nothing is matched; a smaller range leaves the solver more digits for ties.
       const double apart = std::min(((a.place - b.place) / unit).squaredNorm(), 2.0 * reach * reach);
       cost(i, k) = apart + kNearlyEqual * ties(a.joint, b.joint) / unit;
@@ -413,8 +413,7 @@ Eigen::MatrixXd motion_plan(const JointTree& target, const JointTree& source, do
   Eigen::MatrixXd result =
       Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(target.size()), static_cast<Eigen::Index>(source.size()));
   for (Eigen::Index i = 0; i < n; ++i) {
-    for (Eigen::Index k = 0; k < m; ++k)
-      result(rows[static_cast<std::size_t>(i)].joint, columns[static_cast<std::size_t>(k)].joint) += plan(i, k);
+    for (Eigen::Index k = 0; k < m; ++k) result(rows[at(i)].joint, columns[at(k)].joint) += plan(i, k);
   }
   return result;
 }

@@ -10,6 +10,7 @@
 #include "anigen/core/disjoint_sets.h"
 #include "anigen/core/error.h"
 #include "anigen/core/numeric.h"
+#include "anigen/metrics/transport_plan.h"
 
 namespace anigen::metrics {
 
@@ -60,21 +61,14 @@ constexpr double kLargestCost = 1.6e7;  // 128 MB
 // exp of less than this below the largest term cannot change a sum of doubles, and most terms are.
 constexpr double kNegligible = -45.0;
 
-using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
-
-RowMajor distances(const std::vector<Eigen::Vector3d>& a, const std::vector<Eigen::Vector3d>& b) {
+RowMatrix distances(const std::vector<Eigen::Vector3d>& a, const std::vector<Eigen::Vector3d>& b) {
   if (static_cast<double>(a.size()) * static_cast<double>(b.size()) > kLargestCost)
     throw InputError("", "joints", "too many joints on both sides");
-  RowMajor cost(a.size(), b.size());
-  for (std::size_t i = 0; i < a.size(); ++i) {
-    for (std::size_t k = 0; k < b.size(); ++k)
-      cost(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(k)) = (a[i] - b[k]).norm();
-  }
-  return cost;
+  return matrix_of(a.size(), b.size(), [&](std::size_t i, std::size_t k) { return (a[i] - b[k]).norm(); });
 }
 
 /// potential_i ← ε (ln mass − LSE_k((other_k − cost_ik)/ε)) for every row. @return Σ |change|
-double update(const RowMajor& cost, const Eigen::VectorXd& other, double log_mass, Eigen::VectorXd& potential) {
+double update(const RowMatrix& cost, const Eigen::VectorXd& other, double log_mass, Eigen::VectorXd& potential) {
   double change = 0;
   Eigen::VectorXd scaled(cost.cols());
   for (Eigen::Index i = 0; i < cost.rows(); ++i) {
@@ -91,8 +85,8 @@ double update(const RowMajor& cost, const Eigen::VectorXd& other, double log_mas
   return change;
 }
 
-ReleasedEmd released_emd(const RowMajor& cost) {
-  const RowMajor transposed = cost.transpose();
+ReleasedEmd released_emd(const RowMatrix& cost) {
+  const RowMatrix transposed = cost.transpose();
   Eigen::VectorXd u = Eigen::VectorXd::Zero(cost.rows()), v = Eigen::VectorXd::Zero(cost.cols());
   const double log_a = -std::log(static_cast<double>(cost.rows())), log_b = -std::log(static_cast<double>(cost.cols()));
   ReleasedEmd result;
@@ -125,7 +119,7 @@ std::vector<Eigen::Index> best_other_joint(Eigen::MatrixXd matrix) {
   matrix.diagonal().setZero();
   std::vector<Eigen::Index> best(static_cast<std::size_t>(matrix.rows()), 0);
   for (Eigen::Index i = 0; i < matrix.rows(); ++i) {
-    Eigen::Index& k = best[static_cast<std::size_t>(i)];
+    Eigen::Index& k = best[at(i)];
     for (Eigen::Index j = 1; j < matrix.cols(); ++j) {
       if (matrix(i, j) > matrix(i, k)) k = j;
     }
@@ -134,7 +128,7 @@ std::vector<Eigen::Index> best_other_joint(Eigen::MatrixXd matrix) {
 }
 
 bool linked(const std::vector<Eigen::Index>& parents, Eigen::Index a, Eigen::Index b) {
-  return parents[static_cast<std::size_t>(a)] == b || parents[static_cast<std::size_t>(b)] == a;
+  return parents[at(a)] == b || parents[at(b)] == a;
 }
 
 using Bones = std::vector<std::array<int, 2>>;
@@ -250,7 +244,7 @@ bool AnymateOccupancy::contains(const Eigen::Vector3d& p) const {
   std::array<int, 3> index{};
   for (int k = 0; k < 3; ++k) {
     const double scaled = std::clamp(32.0 * p[k] + 32.0, 0.0, static_cast<double>(kResolution - 1));
-    index[static_cast<std::size_t>(k)] = static_cast<int>(std::nearbyint(scaled));
+    index[at(k)] = static_cast<int>(std::nearbyint(scaled));
   }
   return inside_[cell(index)] != 0;
 }
@@ -264,7 +258,7 @@ Eigen::MatrixXd anymate_bone_costs(const std::vector<Eigen::Vector3d>& joints, c
   cost = -(cost.array() + 1e-10).log();
   for (Eigen::Index i = 0; i < cost.rows(); ++i) {
     for (Eigen::Index j = i + 1; j < cost.cols(); ++j) {
-      const Eigen::Vector3d &a = joints[static_cast<std::size_t>(i)], &b = joints[static_cast<std::size_t>(j)];
+      const Eigen::Vector3d &a = joints[at(i)], &b = joints[at(j)];
       const int outside = samples_outside(a, b, inside);
       if (outside > 1) cost(i, j) = cost(j, i) = 2.0 * outside;
       if (std::abs(a.x()) < kMiddlePlane && std::abs(b.x()) < kMiddlePlane) {
@@ -282,7 +276,7 @@ std::vector<int> anymate_parents(const std::vector<Eigen::Vector3d>& joints, Eig
   std::vector<int> parents(n, -1);
   std::vector<double> key(n, infinity);
   std::vector<char> in_tree(n, 0);
-  key[static_cast<std::size_t>(root)] = 0.0;
+  key[at(root)] = 0.0;
   for (std::size_t added = 0; added < n; ++added) {
     std::size_t u = n;
     double least = infinity;
@@ -296,7 +290,7 @@ std::vector<int> anymate_parents(const std::vector<Eigen::Vector3d>& joints, Eig
     in_tree[u] = 1;
     const auto row = static_cast<Eigen::Index>(u);
     if (parents[u] >= 0) {
-      const Eigen::Vector3d back = direction(joints[u], joints[static_cast<std::size_t>(parents[u])]);
+      const Eigen::Vector3d back = direction(joints[u], joints[at(parents[u])]);
       for (std::size_t v = 0; v < n; ++v) {
         const double fold = std::max(0.0, back.dot(direction(joints[u], joints[v])));
         const double penalty = kFoldBack * fold * fold + 1.0;
@@ -340,7 +334,7 @@ AnymateJointScore anymate_joint(const std::vector<Eigen::Vector3d>& predicted,
     score.not_computed = "fewer than 2 predicted joints, which the published evaluation leaves out";
     return score;
   }
-  const RowMajor cost = distances(predicted, truth);
+  const RowMatrix cost = distances(predicted, truth);
   const Eigen::ArrayXd to_truth = cost.rowwise().minCoeff(), to_predicted = cost.colwise().minCoeff().transpose();
   score.cd = 0.5 * (to_truth.mean() + to_predicted.mean());
   score.precision = (to_truth < threshold).cast<double>().mean();
@@ -361,10 +355,10 @@ AnymateConnectivityScore anymate_connectivity(const Eigen::MatrixXd& predicted, 
   const std::vector<Eigen::Index> guess = best_other_joint(predicted), parent = best_other_joint(truth);
   double right = 0, wrong = 0, missed = 0;
   for (Eigen::Index i = 0; i < truth.rows(); ++i) {
-    const bool found = linked(parent, i, guess[static_cast<std::size_t>(i)]);
+    const bool found = linked(parent, i, guess[at(i)]);
     right += found;
     wrong += !found;
-    missed += !linked(guess, i, parent[static_cast<std::size_t>(i)]);
+    missed += !linked(guess, i, parent[at(i)]);
   }
   score.precision = right / (right + wrong);
   score.recall = right + missed > 0 ? right / (right + missed) : 0.0;

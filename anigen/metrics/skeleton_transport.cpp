@@ -5,6 +5,7 @@
 #include <utility>
 #include <vector>
 
+#include "anigen/core/numeric.h"
 #include "anigen/metrics/gw_problem.h"
 #include "anigen/metrics/wasserstein.h"
 
@@ -26,7 +27,7 @@ MetricTree bone_tree(const JointTree& forest) {
     result.lengths[j] = (tree.positions[j] - tree.positions[parent]).norm();
   }
   for (std::size_t k = 0; k < result.order.size(); ++k) {
-    const std::vector<int>& below = children[static_cast<std::size_t>(result.order[k])];
+    const std::vector<int>& below = children[at(result.order[k])];
     result.order.insert(result.order.end(), below.begin(), below.end());
   }
   return result;
@@ -34,7 +35,7 @@ MetricTree bone_tree(const JointTree& forest) {
 
 Points picked(const Points& points, const std::vector<int>& order) {
   Points result;
-  for (const int joint : order) result.push_back(points[static_cast<std::size_t>(joint)]);
+  for (const int joint : order) result.push_back(points[at(joint)]);
   return result;
 }
 
@@ -53,8 +54,7 @@ SkeletonTransport skeleton_transport(const MetricSkeleton& predicted, const Metr
   result.wasserstein = matched.distance;
   result.plan.setZero(static_cast<Eigen::Index>(x.size()), static_cast<Eigen::Index>(y.size()));
   for (const PlanCell& cell : plan_cells(matched.plan))
-    result.plan(order.first[static_cast<std::size_t>(cell.row)], order.second[static_cast<std::size_t>(cell.column)]) =
-        cell.mass;
+    result.plan(order.first[at(cell.row)], order.second[at(cell.column)]) = cell.mass;
 
   const GromovWassersteinOptions& search = options.gromov_wasserstein_options;
   const GromovWasserstein gw = gromov_wasserstein(c1, c2, a, b, {{"wasserstein", matched.plan}}, search);

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "anigen/core/error.h"
+#include "anigen/core/numeric.h"
 
 namespace anigen::metrics {
 
@@ -147,7 +148,7 @@ std::vector<int> strongest_match(const Eigen::MatrixXd& plan) {
   const RowMajor share = shares(plan);
   std::vector<int> best(static_cast<std::size_t>(share.rows()), 0);
   for (Eigen::Index j = 0; j < share.rows(); ++j) {
-    int& k = best[static_cast<std::size_t>(j)];
+    int& k = best[at(j)];
     for (int other = 1; other < static_cast<int>(share.cols()); ++other) {
       if (share(j, other) > share(j, k)) k = other;
     }

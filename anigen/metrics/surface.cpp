@@ -5,7 +5,9 @@
 #include <numeric>
 
 #include "anigen/core/error.h"
+#include "anigen/core/numeric.h"
 #include "anigen/core/random.h"
+#include "anigen/core/words.h"
 #include "anigen/geometry/nearest_point.h"
 #include "anigen/geometry/sampling.h"
 
@@ -22,16 +24,14 @@ SurfaceSamples sample_mesh(const Mesh& mesh, std::size_t count, std::uint64_t se
   samples.points.reserve(count);
   samples.normals.reserve(count);
   samples.faces.reserve(count);
-  for (const geometry::SurfacePoint& at : geometry::sample_surface(mesh.vertices, mesh.faces, count, rng)) {
-    const Triangle& face = mesh.faces[static_cast<std::size_t>(at.face)];
-    const Eigen::Vector3d a = mesh.vertices[static_cast<std::size_t>(face[0])].cast<double>(),
-                          b = mesh.vertices[static_cast<std::size_t>(face[1])].cast<double>(),
-                          c = mesh.vertices[static_cast<std::size_t>(face[2])].cast<double>();
-    const Eigen::Vector3d normal = (b - a).cross(c - a);
-    const double length = normal.norm();
-    samples.points.push_back(at.barycentric[0] * a + at.barycentric[1] * b + at.barycentric[2] * c);
-    samples.normals.push_back(length > 0.0 ? Eigen::Vector3d(normal / length) : Eigen::Vector3d::Zero());
-    samples.faces.push_back(at.face);
+  for (const geometry::SurfacePoint& place : geometry::sample_surface(mesh.vertices, mesh.faces, count, rng)) {
+    const Triangle& face = mesh.faces[at(place.face)];
+    Eigen::Vector3d point = Eigen::Vector3d::Zero();
+    for (std::size_t k = 0; k < 3; ++k)
+      point += place.barycentric[static_cast<Eigen::Index>(k)] * mesh.vertices[at(face[k])].cast<double>();
+    samples.points.push_back(point);
+    samples.normals.push_back(face_normal(mesh.vertices, face));
+    samples.faces.push_back(place.face);
   }
   return samples;
 }
@@ -52,6 +52,9 @@ SurfaceSamples sorted_by_face(const SurfaceSamples& samples) {
 }
 
 namespace {
+
+const Words<SurfaceDistance> kSurfaceDistances = {{SurfaceDistance::kSampleToSurface, "sample-to-surface"},
+                                                  {SurfaceDistance::kSampleToSample, "sample-to-sample"}};
 
 void nearest_all(const std::vector<Eigen::Vector3d>& from, const geometry::PointIndex& index,
                  std::vector<double>& distances, std::vector<std::size_t>& nearest) {
@@ -91,16 +94,6 @@ double mean_cosine(const std::vector<Eigen::Vector3d>& normals, const std::vecto
 constexpr const char* kSurfacePurpose = "surface metrics";
 constexpr double kFineThreshold = 0.01, kWideThreshold = 0.05;
 
-Eigen::Vector3d face_normal(const Mesh& mesh, std::int32_t face) {
-  const Triangle& corners = mesh.faces[static_cast<std::size_t>(face)];
-  const Eigen::Vector3d a = mesh.vertices[static_cast<std::size_t>(corners[0])].cast<double>(),
-                        b = mesh.vertices[static_cast<std::size_t>(corners[1])].cast<double>(),
-                        c = mesh.vertices[static_cast<std::size_t>(corners[2])].cast<double>();
-  const Eigen::Vector3d normal = (b - a).cross(c - a);
-  const double length = normal.norm();
-  return length > 0.0 ? Eigen::Vector3d(normal / length) : Eigen::Vector3d::Zero();
-}
-
 /// Distances of samples to the other surface. @return mean |cosine| between the normals
 double measure(const SurfaceSamples& samples, const Mesh& other, const geometry::NearestSurface& surface,
                std::vector<double>& distances) {
@@ -111,7 +104,7 @@ double measure(const SurfaceSamples& samples, const Mesh& other, const geometry:
     const geometry::NearestPoint nearest = surface.query(samples.points[i], guess);
     guess = nearest.at.face;
     distances[i] = nearest.distance;
-    cosines += std::abs(samples.normals[i].dot(face_normal(other, guess)));
+    cosines += std::abs(samples.normals[i].dot(face_normal(other.vertices, other.faces[at(guess)])));
   }
   return cosines / static_cast<double>(distances.size());
 }
@@ -183,14 +176,10 @@ double normal_consistency(const CloudDistances& distances, const std::vector<Eig
 }
 
 SurfaceDistance surface_distance(const std::string& word) {
-  if (word == "sample-to-surface") return SurfaceDistance::kSampleToSurface;
-  if (word == "sample-to-sample") return SurfaceDistance::kSampleToSample;
-  throw InputError("", "surface_distance", "'" + word + "' is neither sample-to-surface nor sample-to-sample");
+  return value_of(kSurfaceDistances, word, "surface_distance");
 }
 
-std::string to_string(SurfaceDistance definition) {
-  return definition == SurfaceDistance::kSampleToSurface ? "sample-to-surface" : "sample-to-sample";
-}
+std::string to_string(SurfaceDistance definition) { return word_of(kSurfaceDistances, definition); }
 
 SurfaceScores surface_scores(const Mesh& prediction, const geometry::NearestSurface& prediction_surface,
                              const Mesh& truth, const geometry::NearestSurface& truth_surface,

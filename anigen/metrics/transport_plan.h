@@ -1,5 +1,6 @@
 #pragma once
 #include <Eigen/Core>
+#include <cstddef>
 #include <cstdint>
 #include <vector>
 
@@ -26,14 +27,26 @@ struct TransportPlan {
   double cost = 0.0;     ///< sum of plan * cost
 };
 
-/// One positive entry of a sparse coupling.
+/// One positive entry of a sparse coupling. Ordered by row, then column.
 struct PlanCell {
   int row = 0, column = 0;
   double mass = 0.0;
+  bool operator<(const PlanCell& other) const { return row != other.row ? row < other.row : column < other.column; }
 };
 
 /// The positive entries in row-major order.
 std::vector<PlanCell> plan_cells(const Eigen::MatrixXd& plan);
+
+/// value(i, k) for every i < rows and k < columns.
+template <typename Value>
+Eigen::MatrixXd matrix_of(std::size_t rows, std::size_t columns, const Value& value) {
+  Eigen::MatrixXd result(static_cast<Eigen::Index>(rows), static_cast<Eigen::Index>(columns));
+  for (std::size_t i = 0; i < rows; ++i) {
+    for (std::size_t k = 0; k < columns; ++k)
+      result(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(k)) = value(i, k);
+  }
+  return result;
+}
 
 /// Equal masses 1/n.
 Eigen::VectorXd uniform_masses(std::size_t n);

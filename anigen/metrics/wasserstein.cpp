@@ -22,7 +22,7 @@ std::vector<int> ascending(const Eigen::VectorXd& values) {
 
 Eigen::VectorXd picked(const Eigen::VectorXd& values, const std::vector<int>& order) {
   Eigen::VectorXd result(values.size());
-  for (Eigen::Index k = 0; k < values.size(); ++k) result[k] = values[order[static_cast<std::size_t>(k)]];
+  for (Eigen::Index k = 0; k < values.size(); ++k) result[k] = values[order[at(k)]];
   return result;
 }
 
@@ -32,8 +32,8 @@ std::vector<PlanCell> monotone_coupling(const MassUnits& units, const std::vecto
   std::size_t i = 0, k = 0;
   std::int64_t supply = 0, demand = 0;
   while (true) {
-    while (supply == 0 && i < row_order.size()) supply = units.supplies[static_cast<std::size_t>(row_order[i++])];
-    while (demand == 0 && k < column_order.size()) demand = units.demands[static_cast<std::size_t>(column_order[k++])];
+    while (supply == 0 && i < row_order.size()) supply = units.supplies[at(row_order[i++])];
+    while (demand == 0 && k < column_order.size()) demand = units.demands[at(column_order[k++])];
     if (supply == 0 || demand == 0) return cells;
     const std::int64_t moved = std::min(supply, demand);
     cells.push_back({row_order[i - 1], column_order[k - 1], static_cast<double>(moved)});
@@ -96,10 +96,10 @@ std::vector<PlanCell> network_simplex_cells(const RowMatrix& cost, const MassUni
   Graph::ArcMap<std::int64_t> costs(graph);
   Graph::NodeMap<std::int64_t> supply(graph);
   for (int i = 0; i < n; ++i) {
-    supply[graph.node(i)] = units.supplies[static_cast<std::size_t>(i)];
+    supply[graph.node(i)] = units.supplies[at(i)];
     for (int j = 0; j < m; ++j) costs[graph.arc(i * m + j)] = std::llround((cost(i, j) - low) * scale);
   }
-  for (int j = 0; j < m; ++j) supply[graph.node(n + j)] = -units.demands[static_cast<std::size_t>(j)];
+  for (int j = 0; j < m; ++j) supply[graph.node(n + j)] = -units.demands[at(j)];
 
   using Simplex = lemon::NetworkSimplex<Graph, std::int64_t, std::int64_t>;
   Simplex simplex(graph);
@@ -156,8 +156,7 @@ const std::vector<PlanCell>& ShortestPathTransport::solve(const RowMatrix& cost)
   } else {
     run(cost);
   }
-  std::sort(cells_.begin(), cells_.end(),
-            [](const PlanCell& x, const PlanCell& y) { return x.row != y.row ? x.row < y.row : x.column < y.column; });
+  std::sort(cells_.begin(), cells_.end());
   return cells_;
 }
 
@@ -293,12 +292,7 @@ void ShortestPathTransport::add_flow(int row, int column, std::int64_t units) {
 }
 
 Eigen::MatrixXd squared_distances(const std::vector<Eigen::Vector3d>& x, const std::vector<Eigen::Vector3d>& y) {
-  Eigen::MatrixXd distances(static_cast<Eigen::Index>(x.size()), static_cast<Eigen::Index>(y.size()));
-  for (std::size_t i = 0; i < x.size(); ++i) {
-    for (std::size_t k = 0; k < y.size(); ++k)
-      distances(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(k)) = (x[i] - y[k]).squaredNorm();
-  }
-  return distances;
+  return matrix_of(x.size(), y.size(), [&](std::size_t i, std::size_t k) { return (x[i] - y[k]).squaredNorm(); });
 }
 
 JointTransport wasserstein2(const std::vector<Eigen::Vector3d>& x, const std::vector<Eigen::Vector3d>& y,

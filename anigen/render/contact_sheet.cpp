@@ -5,6 +5,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "anigen/core/error.h"
+#include "anigen/core/numeric.h"
 
 namespace anigen::render {
 
@@ -103,7 +104,7 @@ io::Image contact_sheet(const std::vector<Tile>& tiles, const SheetOptions& opti
              options.text);
   }
   for (int i = 0; i < count; ++i) {
-    const Tile& tile = tiles[static_cast<std::size_t>(i)];
+    const Tile& tile = tiles[at(i)];
     const int left = options.gap + i % columns * (cell_width + options.gap);
     const int top = title_height + options.gap + i / columns * (cell_height + caption_height + options.gap);
     put_image(sheet, tile.image, left + (cell_width - tile.image.width) / 2,

@@ -88,7 +88,7 @@ class Exposure {
   Hits trace(double x, double y) const {
     std::array<Eigen::Vector3f, Scene::kBundle> directions;
     for (int i = 0; i < kTile * kTile; ++i) {
-      directions[static_cast<std::size_t>(i)] = camera_.ray(x + i % kTile, y + i / kTile).cast<float>();
+      directions[at(i)] = camera_.ray(x + i % kTile, y + i / kTile).cast<float>();
     }
     Hits hits = scene_.trace(camera_.eye, directions);
     if (holes_.empty()) return hits;

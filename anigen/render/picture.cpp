@@ -7,6 +7,7 @@
 #include <string>
 
 #include "anigen/core/error.h"
+#include "anigen/core/numeric.h"
 #include "anigen/core/parallel.h"
 #include "anigen/render/shading.h"
 #include "anigen/render/surface_color.h"
@@ -98,8 +99,8 @@ void check(const std::vector<Eigen::Vector3d>& positions, const std::vector<int>
 int shown_ancestor(const std::vector<int>& parents, const std::vector<bool>& shown, std::size_t joint) {
   int above = parents[joint];
   for (std::size_t step = 0; above >= 0 && step < parents.size(); ++step) {
-    if (shown.empty() || shown[static_cast<std::size_t>(above)]) return above;
-    above = parents[static_cast<std::size_t>(above)];
+    if (shown.empty() || shown[at(above)]) return above;
+    above = parents[at(above)];
   }
   return -1;
 }
@@ -183,7 +184,7 @@ std::vector<bool> weighted_joints(const SkinWeights& weights, std::size_t joints
   std::vector<bool> result(joints, false);
   for (const Influence& influence : weights.influences) {
     if (influence.joint >= 0 && static_cast<std::size_t>(influence.joint) < joints && influence.weight > 0.0f) {
-      result[static_cast<std::size_t>(influence.joint)] = true;
+      result[at(influence.joint)] = true;
     }
   }
   return result;
@@ -287,7 +288,7 @@ void draw_skeleton(io::Image& image, const Camera& camera, const std::vector<Eig
     const Eigen::Vector3f own = joint_color(static_cast<int>(j));
     dots.push_back({at, at, 0.9 * size, 0.9 * size, projected[j].z(), style.joint});
     const int above = shown_ancestor(parents, shown, j);
-    if (above < 0 || !visible[static_cast<std::size_t>(above)]) continue;
+    if (above < 0 || !visible[at(above)]) continue;
     const auto parent = static_cast<std::size_t>(above);
     bones.push_back({projected[parent].head<2>(), at, 0.85 * size, 0.35 * size,
                      0.5 * (projected[j].z() + projected[parent].z()), style.color_by_joint ? own : style.bone});
@@ -344,7 +345,7 @@ std::vector<io::Image> turntable(const Asset& asset, const PictureOptions& optio
   std::vector<PictureOptions> turns(static_cast<std::size_t>(views), options);
   double distance = 0.0;
   for (int i = 0; i < views; ++i) {
-    Orbit& view = turns[static_cast<std::size_t>(i)].view;
+    Orbit& view = turns[at(i)].view;
     view.yaw_degrees += 360.0 * i / views;
     distance = std::max(distance, centred_distance(view, scene.vertices(), options.width, options.height));
   }

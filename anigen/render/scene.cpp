@@ -161,7 +161,7 @@ struct Scene::Implementation {
       : asset(&a), vertices(std::move(v)), normals(std::move(n)), tree(vertices, a.mesh.faces) {
     // Vertices that no face uses are not part of the picture.
     for (const Triangle& face : a.mesh.faces) {
-      for (const std::int32_t index : face) box.extend(vertices[static_cast<std::size_t>(index)].cast<double>());
+      for (const std::int32_t index : face) box.extend(vertices[at(index)].cast<double>());
     }
     if (!box.empty()) {
       const double farthest = box.low.cwiseAbs().cwiseMax(box.high.cwiseAbs()).maxCoeff();
@@ -288,16 +288,16 @@ bool Scene::occluded(const Eigen::Vector3f& origin, const Eigen::Vector3f& direc
 }
 
 Eigen::Vector3f Scene::shadow_origin(const Hit& hit) const {
-  const Triangle& face = implementation_->asset->mesh.faces[static_cast<std::size_t>(hit.face)];
+  const Triangle& face = implementation_->asset->mesh.faces[at(hit.face)];
   std::array<Eigen::Vector3f, 3> corners;
   Eigen::Vector3f point = Eigen::Vector3f::Zero();
   for (std::size_t k = 0; k < 3; ++k) {
-    corners[k] = implementation_->vertices[static_cast<std::size_t>(face[k])];
+    corners[k] = implementation_->vertices[at(face[k])];
     point += hit.barycentric[static_cast<Eigen::Index>(k)] * corners[k];
   }
   Eigen::Vector3f lifted = point;
   for (std::size_t k = 0; k < 3; ++k) {
-    Eigen::Vector3f normal = implementation_->normals[static_cast<std::size_t>(face[k])];
+    Eigen::Vector3f normal = implementation_->normals[at(face[k])];
     if (normal.dot(hit.flat_normal) < 0.0f) normal = -normal;
     const float below = std::min(0.0f, (point - corners[k]).dot(normal));
     lifted -= hit.barycentric[static_cast<Eigen::Index>(k)] * below * normal;

@@ -5,6 +5,8 @@
 #include <array>
 #include <cmath>
 
+#include "anigen/core/numeric.h"
+
 namespace anigen::render {
 
 namespace {
@@ -47,11 +49,7 @@ const std::array<Eigen::Vector3f, 4> kProbes = {Eigen::Vector3f(1.0f / 3, 1.0f /
                                                 Eigen::Vector3f(0.8f, 0.1f, 0.1f), Eigen::Vector3f(0.1f, 0.8f, 0.1f),
                                                 Eigen::Vector3f(0.1f, 0.1f, 0.8f)};
 
-double area(const Scene& scene, const Triangle& face) {
-  const auto corner = [&](std::size_t k) { return scene.vertices()[static_cast<std::size_t>(face[k])].cast<double>(); };
-  const Eigen::Vector3d a = corner(0), b = corner(1), c = corner(2);
-  return 0.5 * Eigen::Vector3d(b - a).cross(Eigen::Vector3d(c - a)).norm();
-}
+double area(const Scene& scene, const Triangle& face) { return 0.5 * area_vector(scene.vertices(), face).norm(); }
 
 }  // namespace
 
@@ -178,8 +176,8 @@ Cutout::Cutout(const Scene& scene, const SurfaceColor& colors, float cutoff)
 bool Cutout::passes(const Hit& hit) const {
   if (holes_.empty()) return false;
   const Mesh& mesh = scene_->asset().mesh;
-  const std::int32_t material = mesh.face_materials[static_cast<std::size_t>(hit.face)];
-  if (material < 0 || !holes_[static_cast<std::size_t>(material)]) return false;
+  const std::int32_t material = mesh.face_materials[at(hit.face)];
+  if (material < 0 || !holes_[at(material)]) return false;
   return colors_->texture(material)->alpha(texture_coordinates(mesh, hit)) < cutoff_;
 }
 

@@ -6,6 +6,7 @@
 #include <string>
 #include <utility>
 
+#include "anigen/asset/mesh.h"
 #include "anigen/core/disjoint_sets.h"
 #include "anigen/core/error.h"
 #include "anigen/geometry/nearest_point.h"
@@ -100,13 +101,6 @@ struct WeightedMean {
   }
   Eigen::Vector3d mean() const { return sum / (weight + 1e-8); }
 };
-
-std::vector<Eigen::Vector3d> in_double(const std::vector<Eigen::Vector3f>& points) {
-  std::vector<Eigen::Vector3d> result;
-  result.reserve(points.size());
-  for (const Eigen::Vector3f& point : points) result.emplace_back(point.cast<double>());
-  return result;
-}
 
 // The votes both of whose confidences reach the threshold, in order, with confidences filled in.
 Votes confident_votes(const Votes& votes, float threshold) {

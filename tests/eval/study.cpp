@@ -8,8 +8,10 @@
 #include "anigen/asset/mesh.h"
 #include "anigen/core/error.h"
 #include "anigen/core/log.h"
+#include "anigen/core/numeric.h"
 #include "anigen/core/parallel.h"
 #include "anigen/core/random.h"
+#include "anigen/core/words.h"
 #include "anigen/eval/metric_table.h"
 #include "anigen/eval/skin_evaluation.h"
 #include "anigen/metrics/similarity.h"
@@ -28,8 +30,8 @@ double extent(const JointTree& tree) {
 std::vector<std::vector<int>> subtrees(const JointTree& tree) {
   std::vector<std::vector<int>> result(tree.size());
   for (std::size_t j = 0; j < tree.size(); ++j) {
-    for (int at = static_cast<int>(j); at >= 0; at = tree.parents[static_cast<std::size_t>(at)])
-      result[static_cast<std::size_t>(at)].push_back(static_cast<int>(j));
+    for (int above = static_cast<int>(j); above >= 0; above = tree.parents[at(above)])
+      result[at(above)].push_back(static_cast<int>(j));
   }
   return result;
 }
@@ -39,7 +41,7 @@ int branch(const io::RiggedShape& shape, const std::vector<std::vector<int>>& of
   int best = -1;
   for (std::size_t j = 0; j < of.size(); ++j) {
     if (shape.joints.parents[j] < 0 || 2 * of[j].size() > of.size()) continue;
-    if (best < 0 || of[j].size() > of[static_cast<std::size_t>(best)].size()) best = static_cast<int>(j);
+    if (best < 0 || of[j].size() > of[at(best)].size()) best = static_cast<int>(j);
   }
   if (best < 0) throw InputError(shape.file, "", "no branch of at most half of its joints");
   return best;
@@ -132,15 +134,7 @@ double loss(const PairResult& result, const MetricInfo& metric) {
 }
 
 std::string word(Expected expected) {
-  switch (expected) {
-    case Expected::kZero:
-      return "about 0";
-    case Expected::kPositive:
-      return "> 0";
-    case Expected::kOpen:
-      break;
-  }
-  return "open";
+  return word_of({{Expected::kZero, "about 0"}, {Expected::kPositive, "> 0"}, {Expected::kOpen, "open"}}, expected);
 }
 
 double median(std::vector<double> values) { return summarize(std::move(values)).median; }
@@ -153,14 +147,13 @@ io::RiggedShape with_inserted_joint(io::RiggedShape shape) {
   double longest = 0;
   for (std::size_t j = 0; j < tree.size(); ++j) {
     if (tree.parents[j] < 0) continue;
-    const double length = (tree.positions[j] - tree.positions[static_cast<std::size_t>(tree.parents[j])]).norm();
+    const double length = (tree.positions[j] - tree.positions[at(tree.parents[j])]).norm();
     if (length > longest) longest = length, child = static_cast<int>(j);
   }
   if (child < 0) throw InputError(shape.file, "", "no bone to insert a joint into");
-  const auto at = static_cast<std::size_t>(child);
-  const int parent = tree.parents[at];
-  const Eigen::Vector3d middle = 0.5 * (tree.positions[at] + tree.positions[static_cast<std::size_t>(parent)]);
-  tree.parents[at] = static_cast<int>(tree.size());
+  const int parent = tree.parents[at(child)];
+  const Eigen::Vector3d middle = 0.5 * (tree.positions[at(child)] + tree.positions[at(parent)]);
+  tree.parents[at(child)] = static_cast<int>(tree.size());
   tree.positions.push_back(middle);
   tree.parents.push_back(parent);
   if (!shape.joint_names.empty()) shape.joint_names.push_back("inserted");
@@ -173,22 +166,21 @@ io::RiggedShape with_duplicated_branch(io::RiggedShape shape, double offset) {
   const int top = branch(shape, of);
   const Eigen::Vector3d shift = offset * extent(tree) * Eigen::Vector3d::UnitX();
   std::vector<int> copy(tree.size(), -1);
-  for (const int j : of[static_cast<std::size_t>(top)]) {
-    copy[static_cast<std::size_t>(j)] = static_cast<int>(tree.size());
-    tree.positions.push_back(tree.positions[static_cast<std::size_t>(j)] + shift);
-    tree.parents.push_back(tree.parents[static_cast<std::size_t>(j)]);
-    if (!shape.joint_names.empty())
-      shape.joint_names.push_back(shape.joint_names[static_cast<std::size_t>(j)] + "_copy");
+  for (const int j : of[at(top)]) {
+    copy[at(j)] = static_cast<int>(tree.size());
+    tree.positions.push_back(tree.positions[at(j)] + shift);
+    tree.parents.push_back(tree.parents[at(j)]);
+    if (!shape.joint_names.empty()) shape.joint_names.push_back(shape.joint_names[at(j)] + "_copy");
   }
   // Inside the branch the copies hang on copies.
-  for (const int j : of[static_cast<std::size_t>(top)]) {
-    int& parent = tree.parents[static_cast<std::size_t>(copy[static_cast<std::size_t>(j)])];
-    if (j != top) parent = copy[static_cast<std::size_t>(parent)];
+  for (const int j : of[at(top)]) {
+    int& parent = tree.parents[at(copy[at(j)])];
+    if (j != top) parent = copy[at(parent)];
   }
   change_rows(shape.skin, [&](std::vector<Influence> row) {
     const std::size_t count = row.size();
     for (std::size_t i = 0; i < count; ++i) {
-      const int other = copy[static_cast<std::size_t>(row[i].joint)];
+      const int other = copy[at(row[i].joint)];
       if (other < 0) continue;
       row[i].weight *= 0.5f;
       row.push_back({other, row[i].weight});
@@ -202,18 +194,18 @@ io::RiggedShape with_reparented_subtree(io::RiggedShape shape) {
   JointTree& tree = shape.joints;
   const auto of = subtrees(tree);
   const int top = branch(shape, of);
-  const auto& inside = of[static_cast<std::size_t>(top)];
-  const int parent = tree.parents[static_cast<std::size_t>(top)];
+  const auto& inside = of[at(top)];
+  const int parent = tree.parents[at(top)];
   int farthest = -1;
   double largest = -1;
   for (std::size_t j = 0; j < tree.size(); ++j) {
     const int joint = static_cast<int>(j);
     if (joint == parent || std::find(inside.begin(), inside.end(), joint) != inside.end()) continue;
-    const double distance = (tree.positions[j] - tree.positions[static_cast<std::size_t>(parent)]).norm();
+    const double distance = (tree.positions[j] - tree.positions[at(parent)]).norm();
     if (distance > largest) largest = distance, farthest = joint;
   }
   if (farthest < 0) throw InputError(shape.file, "", "no other joint to hang a branch on");
-  tree.parents[static_cast<std::size_t>(top)] = farthest;
+  tree.parents[at(top)] = farthest;
   return shape;
 }
 
@@ -229,11 +221,10 @@ io::RiggedShape with_dropped_joints(io::RiggedShape shape, std::uint64_t seed, d
   Rng rng(seed, "dropped joints");
   const std::vector<std::size_t> order = rng.permutation(candidates.size());
   std::vector<char> dropped(before.size(), 0);
-  for (std::size_t i = 0; i < count; ++i) dropped[static_cast<std::size_t>(candidates[order[i]])] = 1;
+  for (std::size_t i = 0; i < count; ++i) dropped[at(candidates[order[i]])] = 1;
 
   const auto kept_ancestor = [&](int joint) {
-    while (joint >= 0 && dropped[static_cast<std::size_t>(joint)])
-      joint = before.parents[static_cast<std::size_t>(joint)];
+    while (joint >= 0 && dropped[at(joint)]) joint = before.parents[at(joint)];
     return joint;
   };
   std::vector<int> place(before.size(), -1);
@@ -246,10 +237,10 @@ io::RiggedShape with_dropped_joints(io::RiggedShape shape, std::uint64_t seed, d
     shape.joints.parents.push_back(kept_ancestor(before.parents[j]));  // renumbered below
     if (!shape.joint_names.empty()) names.push_back(shape.joint_names[j]);
   }
-  for (int& parent : shape.joints.parents) parent = parent < 0 ? -1 : place[static_cast<std::size_t>(parent)];
+  for (int& parent : shape.joints.parents) parent = parent < 0 ? -1 : place[at(parent)];
   shape.joint_names = std::move(names);
   change_rows(shape.skin, [&](std::vector<Influence> row) {
-    for (Influence& influence : row) influence.joint = place[static_cast<std::size_t>(kept_ancestor(influence.joint))];
+    for (Influence& influence : row) influence.joint = place[at(kept_ancestor(influence.joint))];
     return row;
   });
   return shape;
@@ -261,9 +252,7 @@ io::RiggedShape with_blurred_weights(io::RiggedShape shape, int rounds) {
   for (std::size_t v = 0; v < ring.size(); ++v) ring[v].push_back(static_cast<std::int32_t>(v));
   for (const Triangle& face : shape.mesh.faces) {
     for (int corner = 0; corner < 3; ++corner) {
-      for (int other = 1; other < 3; ++other)
-        ring[static_cast<std::size_t>(face[static_cast<std::size_t>(corner)])].push_back(
-            face[static_cast<std::size_t>((corner + other) % 3)]);
+      for (int other = 1; other < 3; ++other) ring[at(face[at(corner)])].push_back(face[at((corner + other) % 3)]);
     }
   }
   for (auto& neighbours : ring) {

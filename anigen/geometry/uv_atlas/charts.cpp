@@ -358,12 +358,10 @@ std::vector<std::vector<std::int32_t>> FaceAdjacency::connected_pieces(std::vect
 
 SurfaceFaces::SurfaceFaces(const std::vector<Eigen::Vector3f>& vertices, const std::vector<Triangle>& faces) {
   for (const Triangle& face : faces) {
+    areas.push_back(0.5 * area_vector(vertices, face).norm());
+    normals.push_back(face_normal(vertices, face));
     const Eigen::Vector3d a = vertices[at(face[0])].cast<double>();
     const Eigen::Vector3d b = vertices[at(face[1])].cast<double>(), c = vertices[at(face[2])].cast<double>();
-    const Eigen::Vector3d twice = (b - a).cross(c - a);
-    const double length = twice.norm();
-    areas.push_back(0.5 * length);
-    normals.push_back(length > 0.0 ? Eigen::Vector3d(twice / length) : Eigen::Vector3d::Zero());
     centroids.push_back((a + b + c) / 3.0);
   }
 }

@@ -148,12 +148,6 @@ constexpr int kMostBakedTexels = 8192;
 constexpr int kMostSupersampling = 8;
 constexpr double kAboutAsNear = 3.0;  ///< times as far as the nearest point, for one that faces the right way
 
-/// Twice the area times the normal: enough to know which way a face looks.
-Eigen::Vector3d facing(const std::vector<Eigen::Vector3f>& vertices, const Triangle& face) {
-  const Eigen::Vector3d a = vertices[at(face[0])].cast<double>();
-  return (vertices[at(face[1])].cast<double>() - a).cross(vertices[at(face[2])].cast<double>() - a);
-}
-
 void require_sound_atlas(const UvAtlas& atlas, std::size_t vertices) {
   if (atlas.size < 1 || atlas.size > kMostBakedTexels) {
     throw InputError("", "atlas.size", "must be between 1 and " + std::to_string(kMostBakedTexels));
@@ -197,7 +191,7 @@ void require_colors(const Mesh& colored) {
 class ColorSource {
  public:
   ColorSource(const Mesh& colored, double texel) : colored_(colored), surface_(colored), texel_(texel) {
-    for (const Triangle& face : colored.faces) facing_.push_back(facing(colored.vertices, face));
+    for (const Triangle& face : colored.faces) facing_.push_back(area_vector(colored.vertices, face));
   }
 
   /// @param normal of the place, any length @param guess a face near it, replaced by the one found
@@ -287,7 +281,7 @@ class TextureBaker {
     for (std::size_t k = 0; k < 3; ++k) {
       point += on_face.at.barycentric[static_cast<Eigen::Index>(k)] * vertices_[at(corners[k])].cast<double>();
     }
-    return source_.color(point, facing(vertices_, corners), guess);
+    return source_.color(point, area_vector(vertices_, corners), guess);
   }
 
   const UvAtlas& atlas_;
