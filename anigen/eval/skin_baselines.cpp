@@ -150,6 +150,7 @@ std::vector<float> mixture_weights(const GroundTruth& truth, std::size_t rank, s
   }
   const auto r = static_cast<Eigen::Index>(rank);
   Eigen::RowVectorXd share(r);
+  // Weights as a mixture of k rows: w_vj ≈ p(j|v) = Σ_k p(k|v) p(j|k), with mix = p(k|v) and basis = p(j|k).
   for (std::size_t step = 0; step < iterations; ++step) {
     Rows next = Rows::Zero(r, static_cast<Eigen::Index>(joints));
     for (std::size_t v = 0; v < vertices; ++v) {
@@ -157,10 +158,12 @@ std::vector<float> mixture_weights(const GroundTruth& truth, std::size_t rank, s
       Eigen::RowVectorXd mixed = Eigen::RowVectorXd::Zero(r);
       for (std::size_t i = sparse.offsets[v]; i < sparse.offsets[v + 1]; ++i) {
         const auto j = static_cast<Eigen::Index>(sparse.joints[i]);
+        // E step: p(k|v,j) = p(k|v) p(j|k) / Σ_k p(k|v) p(j|k), times w_vj.
         share = mix.row(row).cwiseProduct(basis.col(j).transpose());
         const double sum = share.sum();
         if (!(sum > 0.0)) continue;
         share *= sparse.weights[i] / sum;
+        // M step: p(k|v) ∝ Σ_j w_vj p(k|v,j), and p(j|k) ∝ Σ_v w_vj p(k|v,j).
         mixed += share;
         next.col(j) += share.transpose();
       }

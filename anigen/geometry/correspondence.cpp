@@ -14,30 +14,50 @@
 
 namespace anigen::geometry {
 
-VertexFaces::VertexFaces(const Mesh& mesh) : offsets_(mesh.vertices.size() + 1, 0) {
-  const auto each_corner = [&](const auto& body) {
-    for (std::size_t f = 0; f < mesh.faces.size(); ++f) {
-      const Triangle& face = mesh.faces[f];
-      for (std::size_t i = 0; i < 3; ++i) {
-        const bool repeated = (i > 0 && face[i] == face[0]) || (i > 1 && face[i] == face[1]);
-        if (!repeated) body(f, face[i]);
-      }
-    }
-  };
-  each_corner([&](std::size_t face, std::int32_t vertex) {
-    if (vertex < 0 || static_cast<std::size_t>(vertex) >= mesh.vertices.size()) {
-      throw InputError("", "faces[" + std::to_string(face) + "]", "there is no vertex " + std::to_string(vertex));
-    }
-    ++offsets_[static_cast<std::size_t>(vertex) + 1];
-  });
-  for (std::size_t v = 0; v < mesh.vertices.size(); ++v) offsets_[v + 1] += offsets_[v];
-  faces_.resize(offsets_.back());
-  std::vector<std::size_t> next(offsets_.begin(), offsets_.end() - 1);
-  each_corner(
-      [&](std::size_t face, std::int32_t vertex) { faces_[next[at(vertex)]++] = static_cast<std::int32_t>(face); });
-}
-
 namespace {
+
+/// The faces around each vertex of a mesh, by index, ascending; a face that names a vertex twice is listed once.
+class VertexFaces {
+ public:
+  /// @throws InputError when a face refers to a vertex that is missing
+  explicit VertexFaces(const Mesh& mesh) : offsets_(mesh.vertices.size() + 1, 0) {
+    const auto each_corner = [&](const auto& body) {
+      for (std::size_t f = 0; f < mesh.faces.size(); ++f) {
+        const Triangle& face = mesh.faces[f];
+        for (std::size_t i = 0; i < 3; ++i) {
+          const bool repeated = (i > 0 && face[i] == face[0]) || (i > 1 && face[i] == face[1]);
+          if (!repeated) body(f, face[i]);
+        }
+      }
+    };
+    each_corner([&](std::size_t face, std::int32_t vertex) {
+      if (vertex < 0 || static_cast<std::size_t>(vertex) >= mesh.vertices.size()) {
+        throw InputError("", "faces[" + std::to_string(face) + "]", "there is no vertex " + std::to_string(vertex));
+      }
+      ++offsets_[static_cast<std::size_t>(vertex) + 1];
+    });
+    for (std::size_t v = 0; v < mesh.vertices.size(); ++v) offsets_[v + 1] += offsets_[v];
+    faces_.resize(offsets_.back());
+    std::vector<std::size_t> next(offsets_.begin(), offsets_.end() - 1);
+    each_corner(
+        [&](std::size_t face, std::int32_t vertex) { faces_[next[at(vertex)]++] = static_cast<std::int32_t>(face); });
+  }
+
+  struct Range {
+    const std::int32_t *first, *last;
+    const std::int32_t* begin() const { return first; }
+    const std::int32_t* end() const { return last; }
+  };
+  /// @pre vertex is one of the mesh
+  Range operator[](std::int32_t vertex) const {
+    const auto v = static_cast<std::size_t>(vertex);
+    return {faces_.data() + offsets_[v], faces_.data() + offsets_[v + 1]};
+  }
+
+ private:
+  std::vector<std::size_t> offsets_;  // [V + 1]
+  std::vector<std::int32_t> faces_;
+};
 
 constexpr double kCoinciding = 1e-6, kProbe = 0.01;  // of the mesh's size
 constexpr double kEqual = 1e-3;

@@ -10,28 +10,6 @@
 
 namespace anigen::geometry {
 
-/// The faces around each vertex of a mesh, by index, ascending; a face that names a vertex twice is listed once.
-class VertexFaces {
- public:
-  /// @throws InputError when a face refers to a vertex that is missing
-  explicit VertexFaces(const Mesh& mesh);
-
-  struct Range {
-    const std::int32_t *first, *last;
-    const std::int32_t* begin() const { return first; }
-    const std::int32_t* end() const { return last; }
-  };
-  /// @pre vertex is one of the mesh
-  Range operator[](std::int32_t vertex) const {
-    const auto v = static_cast<std::size_t>(vertex);
-    return {faces_.data() + offsets_[v], faces_.data() + offsets_[v + 1]};
-  }
-
- private:
-  std::vector<std::size_t> offsets_;  // [V + 1]
-  std::vector<std::int32_t> faces_;
-};
-
 /// For every vertex of `to` the place on `from` that it corresponds to, after the two were aligned: the nearest place.
 ///
 /// When several parts of `from` touch or coincide (clothes, nested parts, shells, copies of a mesh), a vertex lies on
@@ -63,7 +41,7 @@ SkinWeights transfer_skin(const NearestSurface& surface, const std::vector<Trian
 SkinWeights transfer_skin(const Mesh& mesh, const SkinWeights& skin, const std::vector<Eigen::Vector3d>& points);
 
 /// Overload for the vertices of a mesh, whose faces settle which place is meant where several coincide: see
-/// matching_places.h. This is how predicted weights come to the ground truth.
+/// matching_places(). This is how predicted weights come to the ground truth.
 SkinWeights transfer_skin_to_mesh(const Mesh& mesh, const SkinWeights& skin, const Mesh& to);
 
 /// For comparison, and for shapes without faces: the row of the nearest vertex. Coarse triangles make it blocky.

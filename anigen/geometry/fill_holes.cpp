@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <functional>
 #include <limits>
 #include <map>
 #include <set>
@@ -19,6 +20,16 @@ namespace {
 
 constexpr std::int32_t kNone = -1;
 
+struct BoundaryLoops {
+  /// Vertices along each hole, at least three and none twice, in the direction of the sides of the faces around it: a
+  /// face that closes part of the hole has to run against it. Where holes touch themselves in a vertex they are
+  /// several.
+  std::vector<std::vector<std::int32_t>> loops;
+  std::size_t broken = 0;  ///< borders that run into an edge of more than two faces or along faces that disagree about
+                           ///< which side is up: they surround nothing that a face could close
+};
+
+/// The closed walks along edges with one face. @pre no face names a vertex twice
 class BorderWalk {
  public:
   BorderWalk(const std::vector<Triangle>& faces, const MeshEdges& edges)
@@ -134,6 +145,18 @@ struct Span {
   Eigen::Vector3d normal = Eigen::Vector3d::Zero();
 };
 
+/// A hole as a closed polygon and what surrounds it.
+struct HoleOutline {
+  std::vector<Eigen::Vector3d> points;   ///< [n] along the hole, against the direction of the faces around it
+  std::vector<Eigen::Vector3d> outside;  ///< [n] unit normal of the face beyond the edge from point i to the next
+  /// True when an edge between two points of the outline that are not next to each other may be made.
+  std::function<bool(std::int32_t, std::int32_t)> may_connect;
+};
+
+/// The triangulation of a hole without new points that bends least: the one with the smallest of the largest angles
+/// between faces that share an edge, of equal ones the one with the least area (Barequet and Sharir 1995 with the
+/// weights of Liepa 2003). Time grows with n³, memory with n². run() returns n − 2 triangles of indices into the
+/// outline, in its direction; none when the forbidden edges leave none.
 class Triangulation {
  public:
   explicit Triangulation(const HoleOutline& hole)
@@ -199,6 +222,16 @@ constexpr std::size_t kMostTurns = 100;  ///< times the number of faces: turning
 
 using DirectedEdge = std::array<std::int32_t, 2>;
 
+/// Triangles that close a hole.
+struct HolePatch {
+  std::vector<Eigen::Vector3d> points;  ///< those of the outline first, in its order
+  std::vector<Triangle> faces;
+  std::int32_t outline = 0;  ///< how many points belong to the outline
+};
+
+/// Gives a patch triangles of about the size of those around it: adds points in the middle of large triangles and turns
+/// edges towards larger angles, until neither has anything to do (Liepa 2003, section 4). The outline stays. `scale`:
+/// how long edges should be at each point, the mean of the surface around it.
 class Refinement {
  public:
   Refinement(HolePatch& patch, std::vector<double> scale,
@@ -330,7 +363,7 @@ class HoleFiller {
 
   FilledMesh run(const HoleFilling& options) {
     FilledMesh result;
-    BoundaryLoops borders = boundary_loops(mesh_.faces, edges_);
+    BoundaryLoops borders = BorderWalk(mesh_.faces, edges_).run();
     result.broken = borders.broken;
     for (Loop& loop : borders.loops) {
       const bool closed = loop.size() <= options.most_edges && fill(loop, options.refine);
@@ -365,9 +398,9 @@ class HoleFiller {
     for (const std::int32_t vertex : loop) {
       scale.push_back(scale_sums_[at(vertex)] / static_cast<double>(scale_counts_[at(vertex)]));
     }
-    HolePatch patch{outline.points, triangulate_hole(outline), static_cast<std::int32_t>(loop.size())};
+    HolePatch patch{outline.points, Triangulation(outline).run(), static_cast<std::int32_t>(loop.size())};
     if (patch.faces.empty()) add_fan(patch, scale);
-    if (refine) refine_patch(patch, scale, outline.may_connect);
+    if (refine) Refinement(patch, scale, outline.may_connect).run();
     append(patch, loop);
     return true;
   }
@@ -412,17 +445,6 @@ class HoleFiller {
 };
 
 }  // namespace
-
-BoundaryLoops boundary_loops(const std::vector<Triangle>& faces, const MeshEdges& edges) {
-  return BorderWalk(faces, edges).run();
-}
-
-std::vector<Triangle> triangulate_hole(const HoleOutline& hole) { return Triangulation(hole).run(); }
-
-void refine_patch(HolePatch& patch, std::vector<double> scale,
-                  const std::function<bool(std::int32_t, std::int32_t)>& may_connect) {
-  Refinement(patch, std::move(scale), may_connect).run();
-}
 
 FilledMesh fill_holes(const std::vector<Eigen::Vector3f>& vertices, const std::vector<Triangle>& faces,
                       const HoleFilling& options) {

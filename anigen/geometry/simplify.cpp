@@ -1,7 +1,9 @@
 #include "anigen/geometry/simplify.h"
 
 #include <Eigen/Geometry>
+#include <Eigen/LU>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <queue>
 #include <string>
@@ -26,6 +28,189 @@ bool is_sliver(const Eigen::Vector3d& ab, const Eigen::Vector3d& ac, double twic
   const double longest = std::max({ab.squaredNorm(), ac.squaredNorm(), (ac - ab).squaredNorm()});
   return !(twice_area > kSliver * longest);
 }
+
+/// A quadratic form x ↦ xᵀ A x − 2 bᵀ x + c that measures squared distances, for edge collapse (Garland and Heckbert
+/// 1997). Frame and unit are those of the points.
+struct Quadric {
+  Eigen::Matrix3d a = Eigen::Matrix3d::Zero();
+  Eigen::Vector3d b = Eigen::Vector3d::Zero();
+  double c = 0.0;
+
+  /// weight · squared distance to the plane through `point` with that unit normal.
+  static Quadric plane(const Eigen::Vector3d& normal, const Eigen::Vector3d& point, double weight) {
+    const double offset = normal.dot(point);
+    return {weight * normal * normal.transpose(), weight * offset * normal, weight * offset * offset};
+  }
+  /// weight · squared distance to the point.
+  static Quadric point(const Eigen::Vector3d& point, double weight) {
+    return {weight * Eigen::Matrix3d::Identity(), weight * point, weight * point.squaredNorm()};
+  }
+
+  Quadric& operator+=(const Quadric& other) {
+    a += other.a;
+    b += other.b;
+    c += other.c;
+    return *this;
+  }
+  friend Quadric operator+(Quadric first, const Quadric& second) { return first += second; }
+
+  /// Never negative: rounding is cut off.
+  double operator()(const Eigen::Vector3d& x) const {
+    const double value = x.dot(a * x) - 2.0 * b.dot(x) + c;
+    return value > 0.0 ? value : 0.0;
+  }
+  /// Minimizer of the form. @pre A is invertible, as with any point() in the sum
+  Eigen::Vector3d minimum() const { return a.inverse() * b; }
+};
+
+/// A triangle mesh whose edges can be collapsed one by one, with the checks that keep its topology. For simplify().
+class CollapsibleMesh {
+ public:
+  /// @param edges of these faces @pre no face names a vertex twice
+  CollapsibleMesh(std::vector<Eigen::Vector3d> positions, std::vector<Triangle> faces, const MeshEdges& edges)
+      : positions_(std::move(positions)),
+        faces_(std::move(faces)),
+        dead_(faces_.size(), 0),
+        border_(positions_.size(), 0),
+        locked_(positions_.size(), 0),
+        first_corner_(positions_.size(), kNone),
+        next_corner_(3 * faces_.size()),
+        mark_(positions_.size(), 0),
+        live_faces_(faces_.size()) {
+    for (std::size_t corner = 0; corner < next_corner_.size(); ++corner) {
+      std::int32_t& first = first_corner_[at(faces_[corner / 3][corner % 3])];
+      next_corner_[corner] = first;
+      first = static_cast<std::int32_t>(corner);
+    }
+    for (std::size_t e = 0; e < edges.size(); ++e) {
+      for (const std::int32_t vertex : edges[e]) {
+        if (edges.faces(e).size() == 1) border_[at(vertex)] = 1;
+        if (edges.faces(e).size() > 2) locked_[at(vertex)] = 1;
+      }
+    }
+  }
+
+  std::size_t vertex_count() const { return positions_.size(); }
+  std::size_t live_faces() const { return live_faces_; }
+  const Eigen::Vector3d& position(std::int32_t vertex) const { return positions_[static_cast<std::size_t>(vertex)]; }
+  /// True when an edge of this vertex has one face only.
+  bool on_border(std::int32_t vertex) const { return border_[static_cast<std::size_t>(vertex)] != 0; }
+  /// Vertices with an edge of more than two faces, which collapse() leaves alone.
+  bool is_locked(std::int32_t vertex) const { return locked_[static_cast<std::size_t>(vertex)] != 0; }
+
+  /// Vertices that share an edge with this one, each once, in no particular order; valid until the next call.
+  const std::vector<std::int32_t>& neighbours(std::int32_t vertex) {
+    neighbours_.clear();
+    ++collection_;
+    each_corner(vertex, [&](std::size_t face, std::size_t corner) {
+      for (const std::size_t step : {1u, 2u}) {
+        const std::int32_t other = faces_[face][(corner + step) % 3];
+        if (std::exchange(mark_[at(other)], collection_) != collection_) neighbours_.push_back(other);
+      }
+      return true;
+    });
+    return neighbours_;
+  }
+
+  /// Moves `a` to `target` and makes `b` one with it, unless that changed the topology or turned a face over.
+  /// @return whether it was done; `b` then has no faces any more @pre a and b are neighbours
+  bool collapse(std::int32_t a, std::int32_t b, const Eigen::Vector3d& target) {
+    if (is_locked(a) || is_locked(b) || !keeps_topology(a, b)) return false;
+    if (turns_a_face(a, b, target) || turns_a_face(b, a, target)) return false;
+    std::int32_t last = kNone;
+    each_corner(b, [&](std::size_t face, std::size_t corner) {
+      if (std::find(faces_[face].begin(), faces_[face].end(), a) != faces_[face].end()) {
+        dead_[face] = 1;
+        --live_faces_;
+      } else {
+        faces_[face][corner] = a;
+      }
+      last = static_cast<std::int32_t>(3 * face + corner);
+      return true;
+    });
+    next_corner_[at(last)] = std::exchange(first_corner_[at(a)], std::exchange(first_corner_[at(b)], kNone));
+    border_[at(a)] |= border_[at(b)];
+    positions_[at(a)] = target;
+    return true;
+  }
+
+  /// All faces there ever were, those that are gone too.
+  const std::vector<Triangle>& faces() const { return faces_; }
+  bool is_live(std::size_t face) const { return dead_[face] == 0; }
+
+ private:
+  static constexpr std::int32_t kNone = -1;
+
+  /// Calls visit(face, corner) for the live faces of a vertex; false from visit ends it. Unlinks dead corners.
+  template <typename Visit>
+  bool each_corner(std::int32_t vertex, const Visit& visit) {
+    std::int32_t* link = &first_corner_[at(vertex)];
+    while (*link != kNone) {
+      const std::size_t corner = at(*link);
+      if (dead_[corner / 3] != 0) {
+        *link = next_corner_[corner];
+        continue;
+      }
+      if (!visit(corner / 3, corner % 3)) return false;
+      link = &next_corner_[corner];
+    }
+    return true;
+  }
+  bool keeps_topology(std::int32_t a, std::int32_t b) {
+    std::size_t faces_of_a = 0, faces_of_b = 0;
+    std::array<std::int32_t, 2> apexes{kNone, kNone};  // third corners of the faces at the edge
+    std::size_t shared_faces = 0;
+    each_corner(a, [&](std::size_t face, std::size_t corner) {
+      ++faces_of_a;
+      const std::int32_t second = faces_[face][(corner + 1) % 3], third = faces_[face][(corner + 2) % 3];
+      if (second != b && third != b) return true;
+      if (shared_faces < 2) apexes[shared_faces] = second == b ? third : second;
+      ++shared_faces;
+      return true;
+    });
+    if (shared_faces == 0 || shared_faces > 2 || apexes[0] == apexes[1]) return false;
+    // Two borders that meet in an edge inside the surface would pinch it.
+    if (shared_faces == 2 && on_border(a) && on_border(b)) return false;
+    // The link condition: besides the faces' third corners there is no vertex next to both.
+    neighbours(a);
+    const std::uint32_t next_to_a = collection_;
+    const bool has_others = !each_corner(b, [&](std::size_t face, std::size_t corner) {
+      ++faces_of_b;
+      for (const std::size_t step : {1u, 2u}) {
+        const std::int32_t other = faces_[face][(corner + step) % 3];
+        if (mark_[at(other)] == next_to_a && other != apexes[0] && other != apexes[1]) return false;
+      }
+      return true;
+    });
+    if (has_others) return false;
+    // A tetrahedron satisfies the condition and would become two faces on top of each other; a lone triangle nothing.
+    if (shared_faces == 2 && faces_of_a == 3 && faces_of_b == 3) return false;
+    return faces_of_a + faces_of_b > 2 * shared_faces;
+  }
+  bool turns_a_face(std::int32_t vertex, std::int32_t other, const Eigen::Vector3d& target) {
+    return !each_corner(vertex, [&](std::size_t face, std::size_t corner) {
+      const std::int32_t second = faces_[face][(corner + 1) % 3], third = faces_[face][(corner + 2) % 3];
+      if (second == other || third == other) return true;
+      const Eigen::Vector3d &b = position(second), &c = position(third);
+      const Eigen::Vector3d old_b = b - position(vertex), old_c = c - position(vertex);
+      const Eigen::Vector3d new_b = b - target, new_c = c - target;
+      const Eigen::Vector3d before = old_b.cross(old_c), after = new_b.cross(new_c);
+      const double old_length = before.norm(), new_length = after.norm();
+      if (is_sliver(old_b, old_c, old_length)) return true;
+      return !is_sliver(new_b, new_c, new_length) && before.dot(after) > kLeastCosine * old_length * new_length;
+    });
+  }
+
+  std::vector<Eigen::Vector3d> positions_;
+  std::vector<Triangle> faces_;
+  std::vector<char> dead_, border_, locked_;
+  std::vector<std::int32_t> first_corner_;  ///< [V], corner 3 f + k
+  std::vector<std::int32_t> next_corner_;   ///< [3F], the next corner at the same vertex
+  std::vector<std::int32_t> neighbours_;
+  std::vector<std::uint32_t> mark_;  ///< [V], which collection has seen the vertex last
+  std::uint32_t collection_ = 0;
+  std::size_t live_faces_ = 0;
+};
 
 /// Weight of a distance to a face's middle beside one to its plane: a normal is off by 0.02, about one degree.
 constexpr double kMiddleWeight = 4e-4;
@@ -153,124 +338,6 @@ std::vector<Eigen::Vector3d> centred(const std::vector<Eigen::Vector3f>& vertice
 }
 
 }  // namespace
-
-CollapsibleMesh::CollapsibleMesh(std::vector<Eigen::Vector3d> positions, std::vector<Triangle> faces,
-                                 const MeshEdges& edges)
-    : positions_(std::move(positions)),
-      faces_(std::move(faces)),
-      dead_(faces_.size(), 0),
-      border_(positions_.size(), 0),
-      locked_(positions_.size(), 0),
-      first_corner_(positions_.size(), kNone),
-      next_corner_(3 * faces_.size()),
-      mark_(positions_.size(), 0),
-      live_faces_(faces_.size()) {
-  for (std::size_t corner = 0; corner < next_corner_.size(); ++corner) {
-    std::int32_t& first = first_corner_[at(faces_[corner / 3][corner % 3])];
-    next_corner_[corner] = first;
-    first = static_cast<std::int32_t>(corner);
-  }
-  for (std::size_t e = 0; e < edges.size(); ++e) {
-    for (const std::int32_t vertex : edges[e]) {
-      if (edges.faces(e).size() == 1) border_[at(vertex)] = 1;
-      if (edges.faces(e).size() > 2) locked_[at(vertex)] = 1;
-    }
-  }
-}
-
-template <typename Visit>
-bool CollapsibleMesh::each_corner(std::int32_t vertex, const Visit& visit) {
-  std::int32_t* link = &first_corner_[at(vertex)];
-  while (*link != kNone) {
-    const std::size_t corner = at(*link);
-    if (dead_[corner / 3] != 0) {
-      *link = next_corner_[corner];
-      continue;
-    }
-    if (!visit(corner / 3, corner % 3)) return false;
-    link = &next_corner_[corner];
-  }
-  return true;
-}
-
-const std::vector<std::int32_t>& CollapsibleMesh::neighbours(std::int32_t vertex) {
-  neighbours_.clear();
-  ++collection_;
-  each_corner(vertex, [&](std::size_t face, std::size_t corner) {
-    for (const std::size_t step : {1u, 2u}) {
-      const std::int32_t other = faces_[face][(corner + step) % 3];
-      if (std::exchange(mark_[at(other)], collection_) != collection_) neighbours_.push_back(other);
-    }
-    return true;
-  });
-  return neighbours_;
-}
-
-bool CollapsibleMesh::keeps_topology(std::int32_t a, std::int32_t b) {
-  std::size_t faces_of_a = 0, faces_of_b = 0;
-  std::array<std::int32_t, 2> apexes{kNone, kNone};  // third corners of the faces at the edge
-  std::size_t shared_faces = 0;
-  each_corner(a, [&](std::size_t face, std::size_t corner) {
-    ++faces_of_a;
-    const std::int32_t second = faces_[face][(corner + 1) % 3], third = faces_[face][(corner + 2) % 3];
-    if (second != b && third != b) return true;
-    if (shared_faces < 2) apexes[shared_faces] = second == b ? third : second;
-    ++shared_faces;
-    return true;
-  });
-  if (shared_faces == 0 || shared_faces > 2 || apexes[0] == apexes[1]) return false;
-  // Two borders that meet in an edge inside the surface would pinch it.
-  if (shared_faces == 2 && on_border(a) && on_border(b)) return false;
-  // The link condition: besides the faces' third corners there is no vertex next to both.
-  neighbours(a);
-  const std::uint32_t next_to_a = collection_;
-  const bool has_others = !each_corner(b, [&](std::size_t face, std::size_t corner) {
-    ++faces_of_b;
-    for (const std::size_t step : {1u, 2u}) {
-      const std::int32_t other = faces_[face][(corner + step) % 3];
-      if (mark_[at(other)] == next_to_a && other != apexes[0] && other != apexes[1]) return false;
-    }
-    return true;
-  });
-  if (has_others) return false;
-  // A tetrahedron satisfies the condition and would become two faces on top of each other; a lone triangle nothing.
-  if (shared_faces == 2 && faces_of_a == 3 && faces_of_b == 3) return false;
-  return faces_of_a + faces_of_b > 2 * shared_faces;
-}
-
-bool CollapsibleMesh::turns_a_face(std::int32_t vertex, std::int32_t other, const Eigen::Vector3d& target) {
-  return !each_corner(vertex, [&](std::size_t face, std::size_t corner) {
-    const std::int32_t second = faces_[face][(corner + 1) % 3], third = faces_[face][(corner + 2) % 3];
-    if (second == other || third == other) return true;
-    const Eigen::Vector3d &b = position(second), &c = position(third);
-    const Eigen::Vector3d old_b = b - position(vertex), old_c = c - position(vertex);
-    const Eigen::Vector3d new_b = b - target, new_c = c - target;
-    const Eigen::Vector3d before = old_b.cross(old_c), after = new_b.cross(new_c);
-    const double old_length = before.norm(), new_length = after.norm();
-    if (is_sliver(old_b, old_c, old_length)) return true;
-    return !is_sliver(new_b, new_c, new_length) && before.dot(after) > kLeastCosine * old_length * new_length;
-  });
-}
-
-bool CollapsibleMesh::collapse(std::int32_t a, std::int32_t b, const Eigen::Vector3d& target) {
-  if (is_locked(a) || is_locked(b) || !keeps_topology(a, b)) return false;
-  if (turns_a_face(a, b, target) || turns_a_face(b, a, target)) return false;
-  std::int32_t last = kNone;
-  each_corner(b, [&](std::size_t face, std::size_t corner) {
-    if (std::find(faces_[face].begin(), faces_[face].end(), a) != faces_[face].end()) {
-      dead_[face] = 1;
-      --live_faces_;
-    } else {
-      faces_[face][corner] = a;
-    }
-    last = static_cast<std::int32_t>(3 * face + corner);
-    return true;
-  });
-  next_corner_[at(last)] = std::exchange(first_corner_[at(a)], std::exchange(first_corner_[at(b)], kNone));
-  border_[at(a)] |= border_[at(b)];
-  positions_[at(a)] = target;
-  return true;
-}
 
 std::size_t reduced_face_count(std::size_t faces, double reduction) {
   if (!(reduction >= 0.0 && reduction < 1.0)) throw InputError("", "reduction", "must be at least 0 and below 1");

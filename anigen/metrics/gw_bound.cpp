@@ -22,6 +22,7 @@ void distance_distribution(const Eigen::MatrixXd& c, const Eigen::VectorXd& a, E
   masses = picked(Eigen::Map<const Eigen::VectorXd>(pairs.data(), pairs.size()), order);
 }
 
+// Second lower bound: W2² on the line between the distributions of d1(x, x') and d2(y, y').
 double global_bound(const Eigen::MatrixXd& c1, const Eigen::MatrixXd& c2, const Eigen::VectorXd& a,
                     const Eigen::VectorXd& b) {
   Eigen::VectorXd x, y, p, q;
@@ -30,6 +31,7 @@ double global_bound(const Eigen::MatrixXd& c1, const Eigen::MatrixXd& c2, const 
   return line_cost(x, p, y, q);
 }
 
+// Third lower bound: min over couplings of Σ costs_ik π_ik with costs_ik = W2²(d1(i, ·), d2(k, ·)).
 double local_bound(const RowMatrix& costs, const Eigen::VectorXd& a, const Eigen::VectorXd& b) {
   const MassUnits units = mass_units(a, b);
   TransportSolver transport(units);
@@ -106,6 +108,8 @@ RowMatrix profile_costs(const Eigen::MatrixXd& c1, const Eigen::MatrixXd& c2, co
 
 double spectral_bound(const Eigen::MatrixXd& c1, const Eigen::MatrixXd& c2, const Eigen::VectorXd& a,
                       const Eigen::VectorXd& b) {
+  // Σ C1² a a + Σ C2² b b − 2 max <C1 π C2, π>, with π = a bᵀ + deviation: the linear part about a bᵀ by sorting, the
+  // quadratic part of the deviation by Σ λ_k μ_k over sorted eigenvalues of the centred distances.
   const Eigen::VectorXd mean1 = c1 * a, mean2 = c2 * b;
   const double squares = a.dot(c1.cwiseAbs2() * a) + b.dot(c2.cwiseAbs2() * b);
   const MassUnits units = mass_units(a, b);
@@ -124,7 +128,7 @@ double spectral_bound(const Eigen::MatrixXd& c1, const Eigen::MatrixXd& c2, cons
 
 GwLowerBound gw_lower_bound(const Eigen::MatrixXd& c1, const Eigen::MatrixXd& c2, const Eigen::VectorXd& a,
                             const Eigen::VectorXd& b) {
-  // Masses that are not equal are themselves rounded to 2^-40 (mass_units.h).
+  // Masses that are not equal are themselves rounded to 2^-40 (mass_units()).
   const double masses = mass_units(a, b).uniform ? 0.0 : std::ldexp(static_cast<double>(a.size() + b.size()), -39);
   const double largest = std::max(c1.maxCoeff(), c2.maxCoeff()), rounding = (kRounding + masses) * largest * largest;
   const auto root = [&](double squared) { return std::sqrt(std::max(squared - rounding, 0.0)); };

@@ -8,7 +8,6 @@
 #include "anigen/metrics/gromov_wasserstein.h"
 #include "anigen/metrics/gw_bound.h"
 #include "anigen/metrics/gw_problem.h"
-#include "anigen/metrics/gw_search.h"
 #include "anigen/metrics/icp.h"
 #include "anigen/metrics/image.h"
 #include "anigen/metrics/matching.h"

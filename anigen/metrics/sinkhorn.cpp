@@ -72,7 +72,8 @@ constexpr double kLargestScaling = 1e13;  // e^30
 constexpr double kAnnealing = 0.25;
 constexpr int kAnnealingIterations = 100;
 
-// One Sinkhorn problem with potentials f, g that survive a change of epsilon.
+// One Sinkhorn problem: P = diag(u) K diag(v) with K_ij = exp((f_i + g_j − C_ij) / ε). The potentials f, g survive a
+// change of ε and take in ε log u and ε log v before the scalings u, v leave double precision.
 class Scaling {
  public:
   Scaling(const Eigen::MatrixXd& cost, const Eigen::VectorXd& a, const Eigen::VectorXd& b)
@@ -87,7 +88,7 @@ class Scaling {
     int iteration = 1;
     while (iteration < max_iterations) {
       const Eigen::VectorXd row_sums = kernel_ * v_, column_scale = kernel_.transpose() * divided(a_, row_sums);
-      u_ = divided(a_, row_sums);
+      u_ = divided(a_, row_sums);  // u = a / K v, then v = b / Kᵀ u
       v_ = divided(b_, column_scale);
       ++iteration;
       const double largest = std::max(u_.maxCoeff(), v_.maxCoeff());
@@ -125,7 +126,8 @@ class Scaling {
   }
   static double log_mass(double mass) { return mass > 0.0 ? std::log(mass) : -std::numeric_limits<double>::infinity(); }
 
-  // Potentials of massless points are minus infinity; everything else stays finite.
+  // f_i = ε (log a_i − LSE_j((g_j − C_ij) / ε)), and g likewise. Potentials of massless points are minus infinity;
+  // everything else stays finite.
   void project_rows() {
     for (Eigen::Index i = 0; i < a_.size(); ++i) {
       const Eigen::ArrayXd exponents = (g_.transpose() - cost_.row(i)).array().transpose() / epsilon_;

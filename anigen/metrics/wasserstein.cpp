@@ -63,13 +63,15 @@ double line_cost(const Eigen::VectorXd& x, const Eigen::VectorXd& a, const Eigen
 
 TransportPlan exact_transport(const Eigen::MatrixXd& cost, const Eigen::VectorXd& a, const Eigen::VectorXd& b,
                               ExactSolver solver) {
-  if (solver == ExactSolver::kNetworkSimplex) return network_simplex_transport(cost, a, b);
   check_transport(cost, a, b);
   const MassUnits units = mass_units(a, b);
   const double unit = a.sum() / static_cast<double>(units.total);
+  double rounding = 0.0;
+  const std::vector<PlanCell> cells = solver == ExactSolver::kNetworkSimplex
+                                          ? network_simplex_cells(cost, units, rounding)
+                                      : solver == ExactSolver::kShortestPaths ? ShortestPathTransport(units).solve(cost)
+                                                                              : TransportSolver(units).solve(cost);
   TransportPlan result{Eigen::MatrixXd::Zero(cost.rows(), cost.cols()), 0.0};
-  const std::vector<PlanCell> cells = solver == ExactSolver::kShortestPaths ? ShortestPathTransport(units).solve(cost)
-                                                                            : TransportSolver(units).solve(cost);
   for (const PlanCell& cell : cells) {
     result.plan(cell.row, cell.column) = cell.mass * unit;
     result.cost += cell.mass * cost(cell.row, cell.column);
@@ -117,21 +119,6 @@ std::vector<PlanCell> network_simplex_cells(const RowMatrix& cost, const MassUni
     }
   }
   return cells;
-}
-
-TransportPlan network_simplex_transport(const Eigen::MatrixXd& cost, const Eigen::VectorXd& a,
-                                        const Eigen::VectorXd& b) {
-  check_transport(cost, a, b);
-  const MassUnits units = mass_units(a, b);
-  double rounding = 0.0;
-  TransportPlan result{Eigen::MatrixXd::Zero(cost.rows(), cost.cols()), 0.0};
-  const double unit = a.sum() / static_cast<double>(units.total);
-  for (const PlanCell& cell : network_simplex_cells(cost, units, rounding)) {
-    result.plan(cell.row, cell.column) = cell.mass * unit;
-    result.cost += cell.mass * cost(cell.row, cell.column);
-  }
-  result.cost *= unit;
-  return result;
 }
 
 ShortestPathTransport::ShortestPathTransport(const MassUnits& units)

@@ -24,9 +24,9 @@ double line_cost(const Eigen::VectorXd& x, const Eigen::VectorXd& a, const Eigen
                  const Eigen::VectorXd& b);
 
 enum class ExactSolver {
-  kAutomatic,       ///< whichever is the quicker one for these sizes: transport_solver.h
-  kShortestPaths,   ///< ours, quick for equal and for small sizes: shortest_path_transport.h
-  kNetworkSimplex,  ///< LEMON's, the oracle: network_simplex_transport.h
+  kAutomatic,       ///< whichever is the quicker one for these sizes: TransportSolver
+  kShortestPaths,   ///< ours, quick for equal and for small sizes
+  kNetworkSimplex,  ///< LEMON's, the oracle
 };
 
 /// The cheapest coupling of masses a and b, min <plan, cost>, exact up to the rounding of double precision. The plan is
@@ -36,14 +36,9 @@ TransportPlan exact_transport(const Eigen::MatrixXd& cost, const Eigen::VectorXd
                               ExactSolver solver = ExactSolver::kAutomatic);
 
 /// Exact transport by LEMON's network simplex: mostly slower than ShortestPathTransport, but other people's code, so it
-/// is the oracle of the tests, and the quicker one where masses are split into many units (transport_solver.h). Costs
-/// are rounded to whole numbers of at least 2^-44 of their range (with floating-point costs the simplex can cycle),
-/// masses as in mass_units; the cost returned is recomputed from the plan in double precision.
-/// @param cost [n,m], @param a [n], @param b [m]  @throws InputError as check_transport
-TransportPlan network_simplex_transport(const Eigen::MatrixXd& cost, const Eigen::VectorXd& a,
-                                        const Eigen::VectorXd& b);
-
-/// As above, on masses in units. @param cost [n,m] finite
+/// is the oracle of the tests, and the quicker one where masses are split into many units (TransportSolver). Costs are
+/// rounded to whole numbers of at least 2^-44 of their range (with floating-point costs the simplex can cycle).
+/// @param cost [n,m] finite
 /// @param rounding by how much the plan's cost, in units * cost, may at most exceed the optimum
 /// @return the cells of the plan, masses in units, sorted by row then column
 std::vector<PlanCell> network_simplex_cells(const RowMatrix& cost, const MassUnits& units, double& rounding);
