@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cctype>
+#include <cstdio>
 #include <new>
 #include <utility>
 
@@ -36,6 +37,13 @@ InputError::InputError(std::string file, std::string place, std::string problem)
 
 NotSupportedError::NotSupportedError(std::string file, std::string place, const std::string& feature)
     : InputError(std::move(file), std::move(place), "not supported: " + feature) {}
+
+void require_between(double value, double lowest, double highest, const std::string& option) {
+  if (value >= lowest && value <= highest) return;
+  char range[80];
+  std::snprintf(range, sizeof range, "must be between %.10g and %.10g", lowest, highest);
+  throw InputError("", option, range);
+}
 
 std::string failure_of_item() {
   try {

@@ -45,6 +45,9 @@ class Interrupted : public Error {
   using Error::Error;
 };
 
+/// @throws InputError naming the option unless lowest ≤ value ≤ highest
+void require_between(double value, double lowest, double highest, const std::string& option);
+
 /// The exception being handled as the one line that a batch records for the item it came up with, while the others go
 /// on: `catch (...) { report.failure = failure_of_item(); }`. An InputError gives what(), std::bad_alloc "out of
 /// memory" (and freed memory goes back to the system), any other std::exception its message without LibTorch's

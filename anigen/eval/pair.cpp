@@ -193,13 +193,10 @@ void check(const PairSettings& settings) {
     throw InputError("", "--epsilon", "is a share of the largest squared distance: above 0, at most 1");
   if (sinkhorn && !settings.wants("transport"))
     throw InputError("", "--transport", "is about the metrics of the group 'transport', which --metrics leaves out");
-  if (settings.surface_samples == 0 || settings.surface_samples > 10'000'000)
-    throw InputError("", "surface samples", "must be in 1 … 10,000,000");
-  if (settings.image_size < 16 || settings.image_size > 4096)
-    throw InputError("", "image size", "must be in 16 … 4096 pixels");
-  if (settings.poses < 1 || settings.poses > 10000) throw InputError("", "poses", "must be in 1 … 10000");
-  if (settings.motion_frames < 1 || settings.motion_frames > 10000)
-    throw InputError("", "frames of a motion", "must be in 1 … 10000");
+  require_between(static_cast<double>(settings.surface_samples), 1, 10'000'000, "surface samples");
+  require_between(settings.image_size, 16, 4096, "image size");
+  require_between(settings.poses, 1, 10000, "poses");
+  require_between(settings.motion_frames, 1, 10000, "frames of a motion");
 }
 
 void PairResult::set(const std::string& key, double value) {

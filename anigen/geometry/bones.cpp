@@ -52,29 +52,29 @@ std::vector<std::size_t> nearest_moving_joints(const std::vector<Eigen::Vector3f
   return joints;
 }
 
-std::vector<Bone> bones_of(const std::vector<Eigen::Vector3d>& positions, const std::vector<int>& parents) {
+void check_joints(const std::vector<Eigen::Vector3d>& positions, const std::vector<int>& parents) {
   if (positions.size() != parents.size()) {
     throw InputError(
         "", "skeleton",
         std::to_string(positions.size()) + " joint positions but " + std::to_string(parents.size()) + " parents");
   }
+  for (std::size_t j = 0; j < parents.size(); ++j) {
+    const std::string index = "[" + std::to_string(j) + "]";
+    if (parents[j] < -1 || parents[j] >= static_cast<int>(parents.size()))
+      throw InputError("", "skeleton.parents" + index, "there is no joint " + std::to_string(parents[j]));
+    if (!positions[j].allFinite()) throw InputError("", "skeleton.positions" + index, "the position is not finite");
+  }
+}
+
+std::vector<Bone> bones_of(const std::vector<Eigen::Vector3d>& positions, const std::vector<int>& parents) {
+  check_joints(positions, parents);
   std::vector<Bone> bones;
   for (std::size_t j = 0; j < parents.size(); ++j) {
-    if (parents[j] < -1 || parents[j] >= static_cast<int>(parents.size())) {
-      throw InputError("", "skeleton.parents[" + std::to_string(j) + "]",
-                       "there is no joint " + std::to_string(parents[j]));
-    }
-    if (!positions[j].allFinite()) {
-      throw InputError("", "skeleton.positions[" + std::to_string(j) + "]", "the position is not finite");
-    }
-    if (parents[j] >= 0) {
-      bones.push_back({parents[j], static_cast<int>(j), positions[at(parents[j])], positions[j]});
-    }
+    if (parents[j] >= 0) bones.push_back({parents[j], static_cast<int>(j), positions[at(parents[j])], positions[j]});
   }
   if (bones.empty()) {
-    for (std::size_t j = 0; j < positions.size(); ++j) {
+    for (std::size_t j = 0; j < positions.size(); ++j)
       bones.push_back({static_cast<int>(j), static_cast<int>(j), positions[j], positions[j]});
-    }
   }
   return bones;
 }

@@ -36,6 +36,9 @@ float distance(const Eigen::Vector3f& point, const std::vector<BoneSegment>& seg
 std::vector<std::size_t> nearest_moving_joints(const std::vector<Eigen::Vector3f>& points,
                                                const std::vector<std::vector<BoneSegment>>& segments);
 
+/// @throws InputError when lengths differ, a parent is out of range, or a position is not finite
+void check_joints(const std::vector<Eigen::Vector3d>& positions, const std::vector<int>& parents);
+
 /// The segment from a joint's parent to the joint.
 struct Bone {
   int parent = -1, joint = -1;
@@ -45,7 +48,7 @@ struct Bone {
 
 /// One bone per joint that has a parent, in joint order. A skeleton without any gives its joints as bones without
 /// length (parent = joint), as the bone metrics want (reference training-and-data.md, 7).
-/// @throws InputError when lengths differ, a parent is out of range, or a position is not finite
+/// @throws InputError as check_joints()
 std::vector<Bone> bones_of(const std::vector<Eigen::Vector3d>& positions, const std::vector<int>& parents);
 
 }  // namespace anigen::geometry

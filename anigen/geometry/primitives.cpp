@@ -10,6 +10,7 @@
 
 #include "anigen/core/error.h"
 #include "anigen/core/numeric.h"
+#include "anigen/geometry/bones.h"
 
 namespace anigen::geometry {
 
@@ -89,22 +90,13 @@ void append(SkeletonMesh& skeleton, const Mesh& part, const Eigen::Vector3d& off
 
 void check(const std::vector<Eigen::Vector3d>& joints, const std::vector<int>& parents) {
   if (joints.empty()) throw InputError("", "joints", "there are none");
-  if (joints.size() != parents.size()) {
-    throw InputError("", "parents",
-                     std::to_string(joints.size()) + " joints but " + std::to_string(parents.size()) + " parents");
-  }
-  for (std::size_t j = 0; j < joints.size(); ++j) {
-    if (!joints[j].allFinite()) throw InputError("", "joints[" + std::to_string(j) + "]", "the position is not finite");
-    if (parents[j] >= -1 && parents[j] < static_cast<int>(joints.size())) continue;
-    throw InputError("", "parents[" + std::to_string(j) + "]", "there is no joint " + std::to_string(parents[j]));
-  }
+  check_joints(joints, parents);
 }
 
 }  // namespace
 
 Mesh icosphere(int subdivisions, double radius) {
-  constexpr int kMost = 8;
-  if (subdivisions < 0 || subdivisions > kMost) throw InputError("", "subdivisions", "must be between 0 and 8");
+  require_between(subdivisions, 0, 8, "subdivisions");
   Sphere sphere = icosahedron();
   for (int i = 0; i < subdivisions; ++i) subdivide(sphere);
   Mesh mesh;

@@ -10,21 +10,18 @@
 
 namespace anigen::metrics {
 
-Eigen::MatrixXd tree_geodesics(const JointTree& forest) {
-  check(forest, "");
+MetricTree bone_tree(const JointTree& forest) {
   const JointTree tree = connected(forest);
-  const std::vector<int> order = parents_first(tree);
-  const Eigen::Index n = static_cast<Eigen::Index>(tree.size());
-  Eigen::MatrixXd distances = Eigen::MatrixXd::Zero(n, n);
-  for (std::size_t k = 1; k < order.size(); ++k) {
-    const int joint = order[k], parent = tree.parents[at(joint)];
-    const double bone = (tree.positions[at(joint)] - tree.positions[at(parent)]).norm();
-    for (std::size_t l = 0; l < k; ++l) {
-      const int other = order[l];
-      distances(joint, other) = distances(other, joint) = distances(parent, other) + bone;
-    }
+  MetricTree result{tree.parents, std::vector<double>(tree.size(), 0.0), parents_first(tree)};
+  for (std::size_t j = 0; j < tree.size(); ++j) {
+    if (tree.parents[j] >= 0) result.lengths[j] = (tree.positions[j] - tree.positions[at(tree.parents[j])]).norm();
   }
-  return distances;
+  return result;
+}
+
+Eigen::MatrixXd tree_geodesics(const JointTree& tree) {
+  check(tree, "");
+  return path_lengths(bone_tree(tree));
 }
 
 std::optional<MetricTree> metric_tree(const Eigen::MatrixXd& distances) {

@@ -22,6 +22,9 @@ struct MetricTree {
   std::vector<int> order;       ///< [n], every parent before its children
 };
 
+/// The skeleton's own tree: joints as they are numbered, bone lengths as edges; a forest is joined by connected().
+MetricTree bone_tree(const JointTree& forest);
+
 /// The tree behind a matrix of tree geodesics, found as its minimum spanning tree; nothing when its path lengths differ
 /// from the matrix by more than 1e-10 of the largest distance. O(n^2).
 /// @param distances [n,n] symmetric, zero diagonal, nonnegative

@@ -408,16 +408,11 @@ double stage_residual(const AlignmentShape& source, const AlignmentShape& target
 }
 
 void check(const IcpOptions& options) {
-  const auto require = [](bool ok, const char* option, const char* range) {
-    if (!ok) throw InputError("", option, range);
-  };
-  require(options.rotations >= 0 && options.rotations <= 100000, "rotations", "must be between 0 and 100000");
-  require(options.samples >= 1 && options.samples <= 10000000, "samples", "must be between 1 and 10000000");
-  require(options.score_samples >= 1 && options.score_samples <= 10000000, "score_samples",
-          "must be between 1 and 10000000");
-  require(options.max_iterations >= 0 && options.max_iterations <= 100000, "max_iterations",
-          "must be between 0 and 100000");
-  require(options.trim > 0.0 && options.trim <= 1.0, "trim", "must be in (0, 1]");
+  require_between(options.rotations, 0, 100000, "rotations");
+  require_between(static_cast<double>(options.samples), 1, 10000000, "samples");
+  require_between(static_cast<double>(options.score_samples), 1, 10000000, "score_samples");
+  require_between(options.max_iterations, 0, 100000, "max_iterations");
+  if (!(options.trim > 0.0 && options.trim <= 1.0)) throw InputError("", "trim", "must be in (0, 1]");
 }
 
 IcpResult register_shapes(const AlignmentShape& source, const AlignmentShape& target, const IcpOptions& options) {

@@ -98,7 +98,7 @@ double ssim(const io::Image& a, const io::Image& b) {
 
 std::vector<io::Image> render_views(const io::RiggedShape& shape, const Similarity& placement,
                                     const ViewOptions& options) {
-  if (options.views < 1 || options.views > 3600) throw InputError("", "views", "must be between 1 and 3600");
+  require_between(options.views, 1, 3600, "views");
   if (!shape.has_surface()) throw InputError(shape.file, "", "a shape without faces has no pictures");
   Asset asset;
   asset.mesh = transformed(placement, shape.mesh);

@@ -272,7 +272,7 @@ Mesh with_vertices(const std::vector<Triangle>& faces, Vertices vertices) {
 }  // namespace
 
 Motion motion_of(const Animation& animation, const Skeleton& skeleton, int frames) {
-  if (frames < 1 || frames > 10000) throw InputError("", "frames of a motion", "must be in 1 … 10000");
+  require_between(frames, 1, 10000, "frames of a motion");
   Motion motion;
   motion.name = animation.name;
   motion.joints = joint_tree(skeleton);
@@ -337,7 +337,7 @@ double size_of(const JointTree& tree) {
 
 Motion pose_sequence(const JointTree& tree, std::uint64_t seed, const std::string& asset, int frames) {
   check(tree, asset);
-  if (frames < 1 || frames > 10000) throw InputError("", "frames of a motion", "must be in 1 … 10000");
+  require_between(frames, 1, 10000, "frames of a motion");
   const std::vector<Turns> keys = key_poses(tree.size(), seed, asset);
   const std::vector<int> order = parents_first(tree);
   Motion motion;

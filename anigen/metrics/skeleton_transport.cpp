@@ -15,24 +15,6 @@ namespace {
 
 using Points = std::vector<Eigen::Vector3d>;
 
-// The tree as it is: bone lengths as edges, the caller's numbering.
-MetricTree bone_tree(const JointTree& forest) {
-  const JointTree tree = connected(forest);
-  MetricTree result{tree.parents, std::vector<double>(tree.size(), 0.0), roots(tree)};
-  std::vector<std::vector<int>> children(tree.size());
-  for (std::size_t j = 0; j < tree.size(); ++j) {
-    if (tree.parents[j] < 0) continue;
-    const std::size_t parent = static_cast<std::size_t>(tree.parents[j]);
-    children[parent].push_back(static_cast<int>(j));
-    result.lengths[j] = (tree.positions[j] - tree.positions[parent]).norm();
-  }
-  for (std::size_t k = 0; k < result.order.size(); ++k) {
-    const std::vector<int>& below = children[at(result.order[k])];
-    result.order.insert(result.order.end(), below.begin(), below.end());
-  }
-  return result;
-}
-
 Points picked(const Points& points, const std::vector<int>& order) {
   Points result;
   for (const int joint : order) result.push_back(points[at(joint)]);

@@ -15,11 +15,6 @@ constexpr int kFont = cv::FONT_HERSHEY_SIMPLEX;
 constexpr int kCapital = 21;  ///< height of this font's capitals at scale 1, pixels
 constexpr std::int64_t kLargestSide = 16384;
 
-void check(int value, int low, int high, const char* option) {
-  if (value >= low && value <= high) return;
-  throw InputError("", option, "must be between " + std::to_string(low) + " and " + std::to_string(high));
-}
-
 std::uint8_t byte(float value) {
   return static_cast<std::uint8_t>(std::lround(255.0f * std::clamp(value, 0.0f, 1.0f)));
 }
@@ -66,9 +61,9 @@ void put_image(io::Image& sheet, const io::Image& image, int left, int top) {
 
 io::Image contact_sheet(const std::vector<Tile>& tiles, const SheetOptions& options) {
   if (tiles.empty()) throw InputError("", "tiles", "a contact sheet needs at least one picture");
-  check(options.columns, 0, 10'000, "columns");
-  check(options.gap, 0, 1000, "gap");
-  check(options.text_height, 4, 200, "text_height");
+  require_between(options.columns, 0, 10'000, "columns");
+  require_between(options.gap, 0, 1000, "gap");
+  require_between(options.text_height, 4, 200, "text_height");
   int cell_width = 1, cell_height = 1;
   bool captions = false;
   for (const Tile& tile : tiles) {

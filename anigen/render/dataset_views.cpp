@@ -20,15 +20,10 @@ constexpr int kTile = 4;  ///< pixels on a side that are traced as one bundle
 static_assert(kTile * kTile == Scene::kBundle, "a bundle has one ray per pixel of a tile");
 constexpr int kLargestSize = 16384, kMostSamples = 16, kMostOcclusionRays = 256;
 
-void check_range(int value, int low, int high, const char* option) {
-  if (value >= low && value <= high) return;
-  throw InputError("", option, "must be between " + std::to_string(low) + " and " + std::to_string(high));
-}
-
 void check(const ViewOptions& options) {
-  check_range(options.size, 1, kLargestSize, "size");
-  check_range(options.samples_per_axis, 1, kMostSamples, "samples_per_axis");
-  check_range(options.occlusion_rays, 0, kMostOcclusionRays, "occlusion_rays");
+  require_between(options.size, 1, kLargestSize, "size");
+  require_between(options.samples_per_axis, 1, kMostSamples, "samples_per_axis");
+  require_between(options.occlusion_rays, 0, kMostOcclusionRays, "occlusion_rays");
 }
 
 ViewImages blank(const ViewOptions& options) {
@@ -183,7 +178,7 @@ io::NdArray array3(const std::vector<Eigen::Vector3f>& values, std::int64_t size
 }  // namespace
 
 Camera view_camera(const Frame& frame, int size) {
-  check_range(size, 1, kLargestSize, "size");
+  require_between(size, 1, kLargestSize, "size");
   if (!frame.camera_to_world.allFinite()) throw InputError("", "transform_matrix", "the camera's matrix is not finite");
   if (!(frame.camera_angle_x > 0.0 && frame.camera_angle_x < kPi)) {
     throw InputError("", "camera_angle_x", "the field of view must be between 0 and pi");
@@ -207,7 +202,7 @@ struct ViewRenderer::Implementation {
 };
 
 ViewRenderer::ViewRenderer(const Scene& scene, float alpha_cutoff) {
-  if (!(alpha_cutoff >= 0.0f && alpha_cutoff <= 1.0f)) throw InputError("", "alpha_cutoff", "must be between 0 and 1");
+  require_between(alpha_cutoff, 0, 1, "alpha_cutoff");
   implementation_ = std::make_unique<Implementation>(scene, alpha_cutoff);
 }
 

@@ -9,6 +9,7 @@
 #include "anigen/core/error.h"
 #include "anigen/core/numeric.h"
 #include "anigen/core/parallel.h"
+#include "anigen/geometry/bones.h"
 #include "anigen/render/shading.h"
 #include "anigen/render/surface_color.h"
 
@@ -78,23 +79,6 @@ void draw(io::Image& image, const Capsule& capsule, const Eigen::Vector3f& outli
   }
 }
 
-void check(const std::vector<Eigen::Vector3d>& positions, const std::vector<int>& parents) {
-  if (positions.size() != parents.size()) {
-    throw InputError(
-        "", "skeleton",
-        std::to_string(positions.size()) + " joint positions but " + std::to_string(parents.size()) + " parents");
-  }
-  for (std::size_t j = 0; j < parents.size(); ++j) {
-    if (parents[j] < -1 || parents[j] >= static_cast<int>(parents.size())) {
-      throw InputError("", "skeleton.parents[" + std::to_string(j) + "]",
-                       "there is no joint " + std::to_string(parents[j]));
-    }
-    if (!positions[j].allFinite()) {
-      throw InputError("", "skeleton.positions[" + std::to_string(j) + "]", "the position is not finite");
-    }
-  }
-}
-
 /// -1 when there is none. Bounded, since the parents of a broken skeleton may run in a circle.
 int shown_ancestor(const std::vector<int>& parents, const std::vector<bool>& shown, std::size_t joint) {
   int above = parents[joint];
@@ -109,12 +93,9 @@ constexpr int kOcclusionRaysPerPixel = 24;
 constexpr int kLargestPicture = 16384, kMostPixelSamples = 16;
 
 void check_options(const PictureOptions& options) {
-  const auto check_range = [](int value, int high, const char* option) {
-    if (value < 1 || value > high) throw InputError("", option, "must be between 1 and " + std::to_string(high));
-  };
-  check_range(options.width, kLargestPicture, "width");
-  check_range(options.height, kLargestPicture, "height");
-  check_range(options.samples_per_axis, kMostPixelSamples, "samples_per_axis");
+  require_between(options.width, 1, kLargestPicture, "width");
+  require_between(options.height, 1, kLargestPicture, "height");
+  require_between(options.samples_per_axis, 1, kMostPixelSamples, "samples_per_axis");
   if (options.background && !options.background->allFinite()) {
     throw InputError("", "background", "the colour is not finite");
   }
@@ -262,7 +243,7 @@ std::vector<Eigen::Vector3f> heat_colors(const SkinWeights& weights, const std::
 
 void draw_skeleton(io::Image& image, const Camera& camera, const std::vector<Eigen::Vector3d>& positions,
                    const std::vector<int>& parents, const OverlayStyle& style, const std::vector<bool>& shown) {
-  check(positions, parents);
+  geometry::check_joints(positions, parents);
   if (!shown.empty() && shown.size() != positions.size()) {
     throw InputError("", "shown", "must have one entry per joint");
   }
@@ -340,7 +321,7 @@ std::vector<Eigen::Vector3f> posed_normals(const Mesh& mesh, const std::vector<E
 }
 
 std::vector<io::Image> turntable(const Asset& asset, const PictureOptions& options, int views) {
-  if (views < 1 || views > 3600) throw InputError("", "views", "must be between 1 and 3600");
+  require_between(views, 1, 3600, "views");
   const Scene scene(asset, options.vertices);
   std::vector<PictureOptions> turns(static_cast<std::size_t>(views), options);
   double distance = 0.0;

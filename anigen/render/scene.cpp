@@ -15,11 +15,6 @@ namespace {
 
 constexpr double kRadians = kPi / 180.0;
 
-void check_range(double value, double low, double high, const char* option) {
-  if (value >= low && value <= high) return;
-  throw InputError("", option, "must be between " + std::to_string(low) + " and " + std::to_string(high));
-}
-
 Box target_box(const Orbit& orbit, const std::vector<Eigen::Vector3f>& points) {
   Box box = orbit.fit ? *orbit.fit : bounding_box(points);
   if (box.empty()) {
@@ -31,12 +26,12 @@ Box target_box(const Orbit& orbit, const std::vector<Eigen::Vector3f>& points) {
 }
 
 Camera oriented(const Orbit& orbit, int width, int height) {
-  check_range(orbit.yaw_degrees, -1e6, 1e6, "yaw_degrees");
-  check_range(orbit.pitch_degrees, -90.0, 90.0, "pitch_degrees");
-  check_range(orbit.fov_degrees, 1.0, 150.0, "fov_degrees");
-  check_range(orbit.margin, 0.01, 100.0, "margin");
-  check_range(width, 1, 16384, "width");
-  check_range(height, 1, 16384, "height");
+  require_between(orbit.yaw_degrees, -1e6, 1e6, "yaw_degrees");
+  require_between(orbit.pitch_degrees, -90.0, 90.0, "pitch_degrees");
+  require_between(orbit.fov_degrees, 1.0, 150.0, "fov_degrees");
+  require_between(orbit.margin, 0.01, 100.0, "margin");
+  require_between(width, 1, 16384, "width");
+  require_between(height, 1, 16384, "height");
   const double yaw = orbit.yaw_degrees * kRadians, pitch = orbit.pitch_degrees * kRadians;
   Camera camera;
   camera.right = {std::cos(yaw), std::sin(yaw), 0.0};
@@ -143,7 +138,7 @@ Camera orbit_camera(const Orbit& orbit, const std::vector<Eigen::Vector3f>& poin
   const Box box = target_box(orbit, points);
   Placement place;
   if (orbit.distance) {
-    check_range(*orbit.distance, 1e-12, 1e16, "distance");
+    require_between(*orbit.distance, 1e-12, 1e16, "distance");
     place.back = *orbit.distance;
   } else {
     place = fit(camera, orbit, box, points, orbit.fit.has_value());

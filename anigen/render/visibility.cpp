@@ -206,7 +206,7 @@ class FacePicture {
 
 std::vector<float> face_visibility(const Mesh& mesh, const VisibilityViews& options) {
   if (options.views == 0) throw InputError("", "views", "there must be at least one view");
-  if (options.size < 1 || options.size > kLargestMap) throw InputError("", "size", "must be between 1 and 16384");
+  require_between(options.size, 1, kLargestMap, "size");
   geometry::check_mesh(mesh.vertices, mesh.faces);
   std::vector<std::atomic<std::uint32_t>> counts(mesh.faces.size());
   std::mutex reporting;

@@ -27,13 +27,6 @@ constexpr int kMostCuts = 3;
 constexpr double kFiner = 4.0;           ///< an overlap a quarter of a texel wide counts
 constexpr double kFinestSide = 16384.0;  ///< where that would take too long
 
-void require_within(const char* option, double value, double low, double high) {
-  if (value >= low && value <= high) return;
-  throw InputError(
-      "", option,
-      "must be between " + std::to_string(static_cast<int>(low)) + " and " + std::to_string(static_cast<int>(high)));
-}
-
 class AtlasBuilder {
  public:
   AtlasBuilder(const std::vector<Eigen::Vector3f>& vertices, const std::vector<Triangle>& faces,
@@ -149,9 +142,7 @@ constexpr int kMostSupersampling = 8;
 constexpr double kAboutAsNear = 3.0;  ///< times as far as the nearest point, for one that faces the right way
 
 void require_sound_atlas(const UvAtlas& atlas, std::size_t vertices) {
-  if (atlas.size < 1 || atlas.size > kMostBakedTexels) {
-    throw InputError("", "atlas.size", "must be between 1 and " + std::to_string(kMostBakedTexels));
-  }
+  require_between(atlas.size, 1, kMostBakedTexels, "atlas.size");
   if (!(atlas.texels_per_unit > 0.0)) throw InputError("", "atlas.texels_per_unit", "must be positive");
   if (atlas.uvs.size() != atlas.vertices.size() || atlas.face_charts.size() != atlas.faces.size()) {
     throw InputError("", "atlas", "its arrays differ in length");
@@ -295,9 +286,9 @@ class TextureBaker {
 
 UvAtlas make_uv_atlas(const std::vector<Eigen::Vector3f>& vertices, const std::vector<Triangle>& faces,
                       const UvAtlasOptions& options) {
-  require_within("size", options.size, 16, 8192);
-  require_within("gutter", options.gutter, 1, std::min(64, options.size / 4));
-  require_within("max_deviation", options.max_deviation, 1, 80);
+  require_between(options.size, 16, 8192, "size");
+  require_between(options.gutter, 1, std::min(64, options.size / 4), "gutter");
+  require_between(options.max_deviation, 1, 80, "max_deviation");
   if (faces.empty()) throw InputError("", "mesh.faces", "a mesh without faces has no surface to unwrap");
   check_mesh(vertices, faces);
   return AtlasBuilder(vertices, faces, options).run();
@@ -305,9 +296,7 @@ UvAtlas make_uv_atlas(const std::vector<Eigen::Vector3f>& vertices, const std::v
 
 LinearTexture bake_texture(const UvAtlas& atlas, const std::vector<Eigen::Vector3f>& vertices, const Mesh& colored,
                            const TextureBakingOptions& options) {
-  if (options.supersampling < 1 || options.supersampling > kMostSupersampling) {
-    throw InputError("", "supersampling", "must be between 1 and " + std::to_string(kMostSupersampling));
-  }
+  require_between(options.supersampling, 1, kMostSupersampling, "supersampling");
   require_sound_atlas(atlas, vertices.size());
   require_colors(colored);
   return TextureBaker(atlas, vertices, colored, options.supersampling).run(options.progress);
