@@ -187,41 +187,12 @@ class Receiver {
   std::string bytes_;
 };
 
-class Copy {
- public:
-  explicit Copy(pid_t id) : id_(id) {}
-  ~Copy() {
-    if (id_ > 0) end();
-  }
-  Copy(const Copy&) = delete;
-  Copy& operator=(const Copy&) = delete;
-
-  bool has_ended() {
-    if (id_ <= 0) return true;
-    const pid_t ended = ::waitpid(id_, &status_, WNOHANG);
-    if (ended == id_ || (ended < 0 && errno != EINTR)) id_ = -1;
-    return id_ <= 0;
-  }
-  void end() {
-    ::kill(id_, SIGKILL);
-    while (::waitpid(id_, &status_, 0) < 0 && errno == EINTR) {
-    }
-    id_ = -1;
-  }
-  int status() const { return status_; }
-
- private:
-  pid_t id_;
-  int status_ = 0;
-};
-
 std::string ending(int status, double cpu_seconds) {
-  if (!WIFSIGNALED(status)) return "crashed (status " + std::to_string(WEXITSTATUS(status)) + ")";
-  const int signal = WTERMSIG(status);
-  if (signal == SIGXCPU)
+  if (status >= 0) return "crashed (status " + std::to_string(status) + ")";
+  if (status == -SIGXCPU)
     return "took more than " + std::to_string(static_cast<long>(std::ceil(cpu_seconds))) + " s of processor time";
-  if (signal == SIGKILL) return "was ended by the system, which happens when memory runs out";
-  return std::string("crashed (") + ::strsignal(signal) + ")";
+  if (status == -SIGKILL) return "was ended by the system, which happens when memory runs out";
+  return std::string("crashed (") + ::strsignal(-status) + ")";
 }
 
 }  // namespace
@@ -444,24 +415,24 @@ GuardedWork run_guarded(const std::function<std::string()>& work, const ProcessL
   }
   ::close(pipe.take(1));
   ::fcntl(ends[0], F_SETFL, ::fcntl(ends[0], F_GETFL) | O_NONBLOCK);
-  Copy copy(id);
+  ChildProcess copy(id, SIGKILL);
   Receiver receiver(ends[0]);
   using Clock = std::chrono::steady_clock;
   const Clock::time_point start = Clock::now();
   GuardedWork outcome;
-  for (bool ended = false;;) {
+  std::optional<ChildProcess::End> end;
+  for (;;) {
     // Looked at before the pipe is emptied: then nothing can come after it. The pipe's end alone does not tell, since a
     // copy that another thread makes meanwhile keeps it open.
-    ended = copy.has_ended();
+    end = copy.poll();
     const bool more = receiver.receive();
     if (receiver.is_complete()) {
       outcome.finished = true;
       outcome.result = receiver.take();
       return outcome;
     }
-    if (ended) break;
+    if (end) break;
     if (std::chrono::duration<double>(Clock::now() - start).count() > kPatience * std::max(1.0, limits.cpu_seconds)) {
-      copy.end();
       outcome.failure = "did not finish within " +
                         std::to_string(static_cast<long>(kPatience * std::max(1.0, limits.cpu_seconds))) + " s";
       return outcome;
@@ -469,7 +440,7 @@ GuardedWork run_guarded(const std::function<std::string()>& work, const ProcessL
     pollfd wanted{ends[0], POLLIN, 0};
     ::poll(&wanted, more ? 1 : 0, more ? kPollMilliseconds : 1);
   }
-  outcome.failure = ending(copy.status(), limits.cpu_seconds);
+  outcome.failure = ending(end->status, limits.cpu_seconds);
   return outcome;
 }
 

@@ -117,6 +117,8 @@ class ChildProcess {
 
   /// @throws Error when the system refuses; a program that cannot be run says so and ends with status 127
   explicit ChildProcess(const Program& program);
+  /// One that fork() made. @param last_signal as in Program
+  ChildProcess(pid_t id, int last_signal) : id_(id), last_signal_(last_signal) {}
   ChildProcess(ChildProcess&& other) noexcept;
   ChildProcess& operator=(ChildProcess&&) = delete;
   ~ChildProcess();  ///< sends the last signal, and waits

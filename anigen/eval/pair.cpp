@@ -275,38 +275,21 @@ PairResult evaluate_pair(const io::RiggedShape& predicted, const io::RiggedShape
     result.skip("icp_rmse", settings.alignment.icp ? "no registration was needed" : "registration was switched off");
 
   const std::string no_joints = missing_joints(shapes), no_surface = missing_surface(shapes);
-  if (settings.wants("skeleton"))
-    add_group(
-        "skeleton", no_joints, [&] { add_skeleton_metrics(shapes, result); }, result);
-  if (settings.wants("transport"))
-    add_group(
-        "transport", no_joints, [&] { add_transport_metrics(shapes, settings, result); }, result);
-  if (settings.wants("anymate"))
-    add_group(
-        "anymate", no_joints, [&] { add_anymate_metrics(shapes, result); }, result);
-  if (settings.wants("skin")) {
-    add_group(
-        "skin", missing_skin(shapes),
-        [&] {
-          const Eigen::MatrixXd plan = metrics::matching_plan(shapes.predicted.joints, shapes.truth.joints);
-          add_skin_metrics(shapes, plan, settings, result);
-        },
-        result);
-  }
-  if (settings.wants("motion"))
-    add_group(
-        "motion", missing_to_move(shapes), [&] { add_motion_metrics(shapes, settings, motion, result); }, result);
-  if (settings.wants("surface"))
-    add_group(
-        "surface", no_surface,
-        [&] {
-          add_surface_metrics(shapes, settings, result);
-          add_category(shapes, category, result);
-        },
-        result);
-  if (settings.wants("image"))
-    add_group(
-        "image", no_surface, [&] { add_image_metrics(shapes, settings, perceptual, result); }, result);
+  const auto group = [&](const char* name, const std::string& missing, const std::function<void()>& add) {
+    if (settings.wants(name)) add_group(name, missing, add, result);
+  };
+  group("skeleton", no_joints, [&] { add_skeleton_metrics(shapes, result); });
+  group("transport", no_joints, [&] { add_transport_metrics(shapes, settings, result); });
+  group("anymate", no_joints, [&] { add_anymate_metrics(shapes, result); });
+  group("skin", missing_skin(shapes), [&] {
+    add_skin_metrics(shapes, metrics::matching_plan(shapes.predicted.joints, shapes.truth.joints), settings, result);
+  });
+  group("motion", missing_to_move(shapes), [&] { add_motion_metrics(shapes, settings, motion, result); });
+  group("surface", no_surface, [&] {
+    add_surface_metrics(shapes, settings, result);
+    add_category(shapes, category, result);
+  });
+  group("image", no_surface, [&] { add_image_metrics(shapes, settings, perceptual, result); });
   result.set("seconds", std::chrono::duration<double>(std::chrono::steady_clock::now() - started).count());
   return result;
 }
