@@ -22,116 +22,6 @@
 
 namespace anigen::eval {
 
-Interval bootstrap_mean(const std::vector<double>& values, std::uint64_t seed, const std::string& purpose,
-                        std::size_t draws) {
-  const std::size_t n = values.size();
-  if (n == 0 || draws == 0) return {};
-  Rng rng(seed, "bootstrap " + purpose);
-  std::vector<double> means(draws);
-  for (double& mean : means) {
-    double sum = 0;
-    for (std::size_t i = 0; i < n; ++i) sum += values[rng.index(n)];
-    mean = sum / static_cast<double>(n);
-  }
-  std::sort(means.begin(), means.end());
-  const auto at = [&](double quantile) {
-    return means[static_cast<std::size_t>(std::lround(quantile * static_cast<double>(draws - 1)))];
-  };
-  return {at(0.025), at(0.975)};
-}
-
-bool numerically_equal(double a, double b) {
-  constexpr double kSinglePrecision = std::numeric_limits<float>::epsilon();
-  return std::abs(a - b) <= kSinglePrecision * std::max({1.0, std::abs(a), std::abs(b)});
-}
-
-double difference(double a, double b) { return numerically_equal(a, b) ? 0.0 : a - b; }
-
-std::vector<int> places(const std::vector<double>& means, bool lower_is_better) {
-  std::vector<int> result(means.size(), 0);
-  for (std::size_t m = 0; m < means.size(); ++m) {
-    if (!std::isfinite(means[m])) continue;
-    const auto better = std::count_if(means.begin(), means.end(), [&](double other) {
-      return std::isfinite(other) && (lower_is_better ? difference(other, means[m]) : difference(means[m], other)) < 0;
-    });
-    if (better < 2) result[m] = static_cast<int>(better) + 1;
-  }
-  return result;
-}
-
-PairedDifference paired_difference(const std::vector<double>& first, const std::vector<double>& second,
-                                   std::uint64_t seed, const std::string& purpose) {
-  std::vector<double> differences;
-  for (std::size_t i = 0; i < std::min(first.size(), second.size()); ++i) {
-    if (std::isfinite(first[i]) && std::isfinite(second[i])) differences.push_back(difference(first[i], second[i]));
-  }
-  PairedDifference result;
-  result.n = differences.size();
-  if (result.n == 0) return result;
-  result.equal = std::all_of(differences.begin(), differences.end(), [](double d) { return d == 0.0; });
-  result.mean = std::accumulate(differences.begin(), differences.end(), 0.0) / static_cast<double>(result.n);
-  result.interval = bootstrap_mean(differences, seed, "difference " + purpose);
-  return result;
-}
-
-std::vector<double> metric_values(const Comparison& comparison, std::size_t method, const std::string& key) {
-  std::vector<double> values;
-  for (const PairResult& result : comparison.results[method]) values.push_back(result.value(key));
-  return values;
-}
-
-MetricSummary summarize_metric(const Comparison& comparison, std::size_t method, const std::string& key) {
-  std::vector<double> values = metric_values(comparison, method, key);
-  values.erase(std::remove_if(values.begin(), values.end(), [](double v) { return !std::isfinite(v); }), values.end());
-  MetricSummary result;
-  result.interval = bootstrap_mean(values, comparison.seed, key);
-  result.summary = summarize(values);
-  return result;
-}
-
-std::size_t failures(const Comparison& comparison, std::size_t method) {
-  const auto& results = comparison.results[method];
-  return static_cast<std::size_t>(
-      std::count_if(results.begin(), results.end(), [](const PairResult& r) { return !r.failure.empty(); }));
-}
-
-std::vector<const MetricInfo*> present_metrics(const Comparison& comparison, bool headline) {
-  std::vector<const MetricInfo*> result;
-  for (const MetricInfo& info : metric_table()) {
-    if (headline && !info.headline) continue;
-    bool present = false;
-    for (const auto& method : comparison.results) {
-      present = present || std::any_of(method.begin(), method.end(),
-                                       [&](const PairResult& r) { return r.values.find(info.key) != r.values.end(); });
-    }
-    if (present) result.push_back(&info);
-  }
-  return result;
-}
-
-std::vector<int> ranks(const Comparison& comparison, const MetricInfo& metric) {
-  const std::size_t count = comparison.methods.size();
-  std::vector<int> result(count, 0);
-  if (count < 2 || metric.better == Better::kNeither) return result;
-  // Means over different assets do not compare: a method that fails on the hard ones would win.
-  std::vector<double> means(count);
-  std::vector<bool> valued;
-  for (std::size_t m = 0; m < count; ++m) {
-    const std::vector<double> values = metric_values(comparison, m, metric.key);
-    std::vector<bool> here;
-    double sum = 0;
-    std::size_t n = 0;
-    for (const double value : values) {
-      here.push_back(std::isfinite(value));
-      if (std::isfinite(value)) sum += value, ++n;
-    }
-    if (n == 0 || (m > 0 && here != valued)) return result;
-    valued = here;
-    means[m] = sum / static_cast<double>(n);
-  }
-  return places(means, metric.better == Better::kLower);
-}
-
 namespace {
 
 Json summary_json(const Comparison& comparison, std::size_t method) {
@@ -267,7 +157,118 @@ PairResult evaluate(const PairPlan& pair, const ComparedMethod& method, const Co
   return result;
 }
 
+/// The values of one metric, one per id; NaN where there is none.
+std::vector<double> metric_values(const Comparison& comparison, std::size_t method, const std::string& key) {
+  std::vector<double> values;
+  for (const PairResult& result : comparison.results[method]) values.push_back(result.value(key));
+  return values;
+}
+
 }  // namespace
+
+Interval bootstrap_mean(const std::vector<double>& values, std::uint64_t seed, const std::string& purpose,
+                        std::size_t draws) {
+  const std::size_t n = values.size();
+  if (n == 0 || draws == 0) return {};
+  Rng rng(seed, "bootstrap " + purpose);
+  std::vector<double> means(draws);
+  for (double& mean : means) {
+    double sum = 0;
+    for (std::size_t i = 0; i < n; ++i) sum += values[rng.index(n)];
+    mean = sum / static_cast<double>(n);
+  }
+  std::sort(means.begin(), means.end());
+  const auto at = [&](double quantile) {
+    return means[static_cast<std::size_t>(std::lround(quantile * static_cast<double>(draws - 1)))];
+  };
+  return {at(0.025), at(0.975)};
+}
+
+bool numerically_equal(double a, double b) {
+  constexpr double kSinglePrecision = std::numeric_limits<float>::epsilon();
+  return std::abs(a - b) <= kSinglePrecision * std::max({1.0, std::abs(a), std::abs(b)});
+}
+
+double difference(double a, double b) { return numerically_equal(a, b) ? 0.0 : a - b; }
+
+std::vector<int> places(const std::vector<double>& means, bool lower_is_better) {
+  std::vector<int> result(means.size(), 0);
+  for (std::size_t m = 0; m < means.size(); ++m) {
+    if (!std::isfinite(means[m])) continue;
+    const auto better = std::count_if(means.begin(), means.end(), [&](double other) {
+      return std::isfinite(other) && (lower_is_better ? difference(other, means[m]) : difference(means[m], other)) < 0;
+    });
+    if (better < 2) result[m] = static_cast<int>(better) + 1;
+  }
+  return result;
+}
+
+PairedDifference paired_difference(const std::vector<double>& first, const std::vector<double>& second,
+                                   std::uint64_t seed, const std::string& purpose) {
+  std::vector<double> differences;
+  for (std::size_t i = 0; i < std::min(first.size(), second.size()); ++i) {
+    if (std::isfinite(first[i]) && std::isfinite(second[i])) differences.push_back(difference(first[i], second[i]));
+  }
+  PairedDifference result;
+  result.n = differences.size();
+  if (result.n == 0) return result;
+  result.equal = std::all_of(differences.begin(), differences.end(), [](double d) { return d == 0.0; });
+  result.mean = std::accumulate(differences.begin(), differences.end(), 0.0) / static_cast<double>(result.n);
+  result.interval = bootstrap_mean(differences, seed, "difference " + purpose);
+  return result;
+}
+
+MetricSummary summarize_metric(const Comparison& comparison, std::size_t method, const std::string& key) {
+  std::vector<double> values = metric_values(comparison, method, key);
+  values.erase(std::remove_if(values.begin(), values.end(), [](double v) { return !std::isfinite(v); }), values.end());
+  MetricSummary result;
+  result.interval = bootstrap_mean(values, comparison.seed, key);
+  result.summary = summarize(values);
+  return result;
+}
+
+std::size_t failures(const Comparison& comparison, std::size_t method) {
+  const auto& results = comparison.results[method];
+  return static_cast<std::size_t>(
+      std::count_if(results.begin(), results.end(), [](const PairResult& r) { return !r.failure.empty(); }));
+}
+
+std::vector<const MetricInfo*> present_metrics(const Comparison& comparison, bool headline) {
+  std::vector<const MetricInfo*> result;
+  for (const MetricInfo& info : metric_table()) {
+    if (headline && !info.headline) continue;
+    bool present = false;
+    for (const auto& method : comparison.results) {
+      present = present || std::any_of(method.begin(), method.end(),
+                                       [&](const PairResult& r) { return r.values.find(info.key) != r.values.end(); });
+    }
+    if (present) result.push_back(&info);
+  }
+  return result;
+}
+
+std::vector<int> ranks(const Comparison& comparison, const MetricInfo& metric) {
+  const std::size_t count = comparison.methods.size();
+  std::vector<int> result(count, 0);
+  if (count < 2 || metric.better == Better::kNeither) return result;
+  // Means over different assets do not compare: a method that fails on the hard ones would win.
+  std::vector<double> means(count);
+  std::vector<bool> valued;
+  for (std::size_t m = 0; m < count; ++m) {
+    const std::vector<double> values = metric_values(comparison, m, metric.key);
+    std::vector<bool> here;
+    double sum = 0;
+    std::size_t n = 0;
+    for (const double value : values) {
+      here.push_back(std::isfinite(value));
+      if (std::isfinite(value)) sum += value, ++n;
+    }
+    if (n == 0 || (m > 0 && here != valued)) return result;
+    valued = here;
+    means[m] = sum / static_cast<double>(n);
+  }
+  return places(means, metric.better == Better::kLower);
+}
 
 Json to_json(const Comparison& comparison) {
   Json json;

@@ -71,9 +71,6 @@ struct Comparison {
   std::uint64_t seed = 0;                        ///< of the bootstrap intervals
 };
 
-/// The values of one metric, one per id; NaN where there is none.
-std::vector<double> metric_values(const Comparison& comparison, std::size_t method, const std::string& key);
-
 /// Mean, median, standard deviation and number, with the interval of the mean.
 struct MetricSummary {
   Summary summary;

@@ -118,6 +118,7 @@ function open3d(button){
 namespace fs = std::filesystem;
 
 constexpr const char* kTruth = "ground truth";
+constexpr std::size_t kMostViewedFaces = 60000;
 constexpr std::size_t kMostInReport = 24;  ///< frames: a strip of more would not fit into one picture
 
 bool can_move(const io::RiggedShape& shape) { return shape.has_skin() && shape.has_surface(); }
@@ -204,52 +205,6 @@ std::string caption(const Comparison& comparison, std::size_t method, const Pair
   return text + "</figcaption>\n";
 }
 
-std::string pictures(const Comparison& comparison, const ComparisonReportOptions& options, const MetricInfo* metric) {
-  if (!options.shapes || options.pictured == 0) return "";
-  std::string text;
-  for (std::size_t m = 0; m < comparison.methods.size(); ++m) {
-    std::string figures;
-    std::size_t drawn = 0;
-    for (const std::size_t i : worst_first(comparison, m, metric)) {
-      const PairResult& result = comparison.results[m][i];
-      if (drawn == options.pictured) break;
-      if (!result.failure.empty()) continue;
-      ++drawn;
-      figures += "<figure>" + caption(comparison, m, result);
-      try {
-        const ComparedShapes shapes = options.shapes(m, i);
-        figures += turntable_html(shapes, options.views, options.picture_size);
-        figures += posed_html(shapes, options.poses, options.picture_size, comparison.seed);
-        figures += view_html(shapes, "shape-" + std::to_string(m) + "-" + std::to_string(i));
-      } catch (...) {
-        figures += "<p class=\"failed\">No picture: " + html_escaped(failure_of_item()) + "</p>";
-      }
-      figures += "</figure>\n";
-    }
-    if (!figures.empty()) text += "<h2>Worst first, " + html_escaped(comparison.methods[m]) + "</h2>\n" + figures;
-  }
-  return text;
-}
-
-std::string motions(const std::vector<MotionStrip>& strips) {
-  if (strips.empty()) return "";
-  std::string text =
-      "<h2>The same motion</h2>\n<p class=\"hint\">Ground truth and predictions at the same times, each in the colours "
-      "of its own joints; drag to move by hand.</p>\n";
-  for (const MotionStrip& strip : strips) text += motion_html(strip);
-  return text;
-}
-
-std::string settings_html(const Json& settings) {
-  return "<details><summary>Settings, seeds, versions</summary><pre>" + html_escaped(settings.dump(2)) +
-         "</pre></details>\n";
-}
-
-std::string section(const std::string& title, const anigen::Table& table) {
-  if (table.rows.empty()) return "";
-  return "<h2>" + html_escaped(title) + "</h2>\n<div class=\"wide\">" + anigen::to_html(table) + "</div>\n";
-}
-
 template <typename T>
 std::string encoded(const std::vector<T>& values) {
   std::vector<std::uint8_t> bytes(values.size() * sizeof(T));
@@ -311,6 +266,124 @@ io::Image picture_of_weights(const io::RiggedShape& shape, std::vector<Eigen::Ve
   return render::render(asset, options);
 }
 
+/// A turntable of ground truth beside prediction as one strip of views that page scripts scroll by dragging.
+std::string turntable_html(const ComparedShapes& shapes, int views, int size) {
+  const std::vector<io::Image> left = views_of(shapes.truth, views, size);
+  const std::vector<io::Image> right = views_of(shapes.predicted, views, size);
+  std::vector<render::Tile> tiles;
+  for (std::size_t i = 0; i < left.size(); ++i) {
+    tiles.push_back({left[i], ""});
+    tiles.push_back({right[i], ""});
+  }
+  render::SheetOptions sheet;
+  sheet.columns = 2;
+  sheet.gap = 0;
+  const std::string strip = base64(io::encode_png(render::contact_sheet(tiles, sheet)));
+  return "<div class=\"turn\" data-views=\"" + std::to_string(views) + "\" style=\"width:" + std::to_string(2 * size) +
+         "px;height:" + std::to_string(size) + "px;background-image:url(data:image/png;base64," + strip +
+         ")\"></div><div class=\"hint\">left: ground truth, right: prediction; drag to turn</div>\n";
+}
+
+/// Both shapes in the same random poses (posed_pair()), each in the colours of its own joints' weights: truth and
+/// prediction per pose. Empty unless both have faces, joints and weights. @param seed of the poses
+std::string posed_html(const ComparedShapes& shapes, int poses, int size, std::uint64_t seed) {
+  for (const io::RiggedShape* shape : {&shapes.truth, &shapes.predicted}) {
+    if (!shape->has_skin() || !shape->has_surface()) return "";
+  }
+  const Eigen::MatrixXd plan = metrics::matching_plan(shapes.predicted.joints, shapes.truth.joints);
+  metrics::DeformationOptions options;
+  options.seed = seed;
+  std::vector<render::Tile> tiles;
+  for (int pose = 0; pose < poses; ++pose) {
+    metrics::PosedPair posed = metrics::posed_pair(shapes.truth, shapes.predicted, plan, pose, options);
+    tiles.push_back({picture_of_weights(shapes.truth, std::move(posed.truth), size), ""});
+    tiles.push_back({picture_of_weights(shapes.predicted, std::move(posed.predicted), size), ""});
+  }
+  render::SheetOptions sheet;
+  sheet.columns = 2 * poses;
+  sheet.gap = 0;
+  constexpr int kQuality = 85;
+  const std::vector<std::uint8_t> strip = io::encode_jpeg(render::contact_sheet(tiles, sheet), kQuality);
+  return "<img style=\"max-width:100%\" alt=\"poses\" src=\"data:image/jpeg;base64," + base64(strip) +
+         "\"><div class=\"hint\">the same random poses, each in the colours of its own joints: ground truth, "
+         "prediction, ground truth, "
+         "…</div>\n";
+}
+
+/// A button that opens both shapes in 3D; their geometry stands in the page as JSON. Meshes of more than
+/// kMostViewedFaces faces are shown as points. @param id unique within the page
+std::string view_html(const ComparedShapes& shapes, const std::string& id) {
+  const Json data = Json::array({shape_json(shapes.truth), shape_json(shapes.predicted)});
+  return "<script type=\"application/json\" id=\"" + id + "\">" + data.dump() +
+         "</script><button onclick=\"open3d(this)\" data-shape=\"" + id + "\">3D view</button>\n";
+}
+
+std::string pictures(const Comparison& comparison, const ComparisonReportOptions& options, const MetricInfo* metric) {
+  if (!options.shapes || options.pictured == 0) return "";
+  std::string text;
+  for (std::size_t m = 0; m < comparison.methods.size(); ++m) {
+    std::string figures;
+    std::size_t drawn = 0;
+    for (const std::size_t i : worst_first(comparison, m, metric)) {
+      const PairResult& result = comparison.results[m][i];
+      if (drawn == options.pictured) break;
+      if (!result.failure.empty()) continue;
+      ++drawn;
+      figures += "<figure>" + caption(comparison, m, result);
+      try {
+        const ComparedShapes shapes = options.shapes(m, i);
+        figures += turntable_html(shapes, options.views, options.picture_size);
+        figures += posed_html(shapes, options.poses, options.picture_size, comparison.seed);
+        figures += view_html(shapes, "shape-" + std::to_string(m) + "-" + std::to_string(i));
+      } catch (...) {
+        figures += "<p class=\"failed\">No picture: " + html_escaped(failure_of_item()) + "</p>";
+      }
+      figures += "</figure>\n";
+    }
+    if (!figures.empty()) text += "<h2>Worst first, " + html_escaped(comparison.methods[m]) + "</h2>\n" + figures;
+  }
+  return text;
+}
+
+/// The frames as one picture that page scripts scroll: it plays by itself, and stops and turns to dragging.
+std::string motion_html(const MotionStrip& strip) {
+  std::string text = "<figure><figcaption><b>" + html_escaped(strip.id) + "</b></figcaption>\n";
+  if (strip.frames.empty())
+    return text + "<p class=\"failed\">No picture: " + html_escaped(strip.problem) + "</p></figure>\n";
+  const std::size_t step = (strip.frames.size() + kMostInReport - 1) / kMostInReport;
+  std::vector<render::Tile> tiles;
+  for (std::size_t f = 0; f < strip.frames.size(); f += step) tiles.push_back({strip.frames[f], ""});
+  render::SheetOptions sheet;
+  sheet.columns = 1;
+  sheet.gap = 0;
+  constexpr int kQuality = 85, kPerSecond = 6;
+  const std::string picture = base64(io::encode_jpeg(render::contact_sheet(tiles, sheet), kQuality));
+  const io::Image& first = strip.frames.front();
+  return text + "<div class=\"turn\" data-views=\"" + std::to_string(tiles.size()) + "\" data-play=\"" +
+         std::to_string(kPerSecond) + "\" style=\"width:" + std::to_string(first.width) +
+         "px;height:" + std::to_string(first.height) + "px;background-image:url(data:image/jpeg;base64," + picture +
+         ")\"></div></figure>\n";
+}
+
+std::string motions(const std::vector<MotionStrip>& strips) {
+  if (strips.empty()) return "";
+  std::string text =
+      "<h2>The same motion</h2>\n<p class=\"hint\">Ground truth and predictions at the same times, each in the colours "
+      "of its own joints; drag to move by hand.</p>\n";
+  for (const MotionStrip& strip : strips) text += motion_html(strip);
+  return text;
+}
+
+std::string settings_html(const Json& settings) {
+  return "<details><summary>Settings, seeds, versions</summary><pre>" + html_escaped(settings.dump(2)) +
+         "</pre></details>\n";
+}
+
+std::string section(const std::string& title, const anigen::Table& table) {
+  if (table.rows.empty()) return "";
+  return "<h2>" + html_escaped(title) + "</h2>\n<div class=\"wide\">" + anigen::to_html(table) + "</div>\n";
+}
+
 }  // namespace
 
 std::string page_begin(const std::string& title) {
@@ -369,25 +442,6 @@ void write_motion(const fs::path& folder, const std::vector<MovingRig>& rigs, co
   }
 }
 
-std::string motion_html(const MotionStrip& strip) {
-  std::string text = "<figure><figcaption><b>" + html_escaped(strip.id) + "</b></figcaption>\n";
-  if (strip.frames.empty())
-    return text + "<p class=\"failed\">No picture: " + html_escaped(strip.problem) + "</p></figure>\n";
-  const std::size_t step = (strip.frames.size() + kMostInReport - 1) / kMostInReport;
-  std::vector<render::Tile> tiles;
-  for (std::size_t f = 0; f < strip.frames.size(); f += step) tiles.push_back({strip.frames[f], ""});
-  render::SheetOptions sheet;
-  sheet.columns = 1;
-  sheet.gap = 0;
-  constexpr int kQuality = 85, kPerSecond = 6;
-  const std::string picture = base64(io::encode_jpeg(render::contact_sheet(tiles, sheet), kQuality));
-  const io::Image& first = strip.frames.front();
-  return text + "<div class=\"turn\" data-views=\"" + std::to_string(tiles.size()) + "\" data-play=\"" +
-         std::to_string(kPerSecond) + "\" style=\"width:" + std::to_string(first.width) +
-         "px;height:" + std::to_string(first.height) + "px;background-image:url(data:image/jpeg;base64," + picture +
-         ")\"></div></figure>\n";
-}
-
 std::vector<std::size_t> worst_first(const Comparison& comparison, std::size_t method, const std::string& worst_by) {
   return worst_first(comparison, method, ordering_metric(comparison, worst_by));
 }
@@ -410,53 +464,6 @@ std::string comparison_report(const Comparison& comparison, const ComparisonRepo
     html += section("All metrics, " + comparison.methods[m], metric_summary_table(comparison, m));
   html += section("Not computed", reason_table(comparison));
   return html + page_end();
-}
-
-std::string turntable_html(const ComparedShapes& shapes, int views, int size) {
-  const std::vector<io::Image> left = views_of(shapes.truth, views, size);
-  const std::vector<io::Image> right = views_of(shapes.predicted, views, size);
-  std::vector<render::Tile> tiles;
-  for (std::size_t i = 0; i < left.size(); ++i) {
-    tiles.push_back({left[i], ""});
-    tiles.push_back({right[i], ""});
-  }
-  render::SheetOptions sheet;
-  sheet.columns = 2;
-  sheet.gap = 0;
-  const std::string strip = base64(io::encode_png(render::contact_sheet(tiles, sheet)));
-  return "<div class=\"turn\" data-views=\"" + std::to_string(views) + "\" style=\"width:" + std::to_string(2 * size) +
-         "px;height:" + std::to_string(size) + "px;background-image:url(data:image/png;base64," + strip +
-         ")\"></div><div class=\"hint\">left: ground truth, right: prediction; drag to turn</div>\n";
-}
-
-std::string posed_html(const ComparedShapes& shapes, int poses, int size, std::uint64_t seed) {
-  for (const io::RiggedShape* shape : {&shapes.truth, &shapes.predicted}) {
-    if (!shape->has_skin() || !shape->has_surface()) return "";
-  }
-  const Eigen::MatrixXd plan = metrics::matching_plan(shapes.predicted.joints, shapes.truth.joints);
-  metrics::DeformationOptions options;
-  options.seed = seed;
-  std::vector<render::Tile> tiles;
-  for (int pose = 0; pose < poses; ++pose) {
-    metrics::PosedPair posed = metrics::posed_pair(shapes.truth, shapes.predicted, plan, pose, options);
-    tiles.push_back({picture_of_weights(shapes.truth, std::move(posed.truth), size), ""});
-    tiles.push_back({picture_of_weights(shapes.predicted, std::move(posed.predicted), size), ""});
-  }
-  render::SheetOptions sheet;
-  sheet.columns = 2 * poses;
-  sheet.gap = 0;
-  constexpr int kQuality = 85;
-  const std::vector<std::uint8_t> strip = io::encode_jpeg(render::contact_sheet(tiles, sheet), kQuality);
-  return "<img style=\"max-width:100%\" alt=\"poses\" src=\"data:image/jpeg;base64," + base64(strip) +
-         "\"><div class=\"hint\">the same random poses, each in the colours of its own joints: ground truth, "
-         "prediction, ground truth, "
-         "…</div>\n";
-}
-
-std::string view_html(const ComparedShapes& shapes, const std::string& id) {
-  const Json data = Json::array({shape_json(shapes.truth), shape_json(shapes.predicted)});
-  return "<script type=\"application/json\" id=\"" + id + "\">" + data.dump() +
-         "</script><button onclick=\"open3d(this)\" data-shape=\"" + id + "\">3D view</button>\n";
 }
 
 }  // namespace anigen::eval

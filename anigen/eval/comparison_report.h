@@ -52,9 +52,6 @@ std::vector<io::Image> motion_frames(const std::vector<MovingRig>& rigs, int siz
 void write_motion(const std::filesystem::path& folder, const std::vector<MovingRig>& rigs,
                   const std::vector<io::Image>& frames);
 
-/// The frames as one picture that page scripts scroll: it plays by itself, and stops and turns to dragging.
-std::string motion_html(const MotionStrip& strip);
-
 struct ComparisonReportOptions {
   std::string title = "Rigged shapes: predictions against ground truth";
   std::size_t pictured = 6;  ///< so many of the worst assets of each method
@@ -76,18 +73,5 @@ std::vector<std::size_t> worst_first(const Comparison& comparison, std::size_t m
 /// beside prediction (drag to turn), both in the same random poses, and a 3D view of both (WebGL 2) that is loaded on a
 /// click.
 std::string comparison_report(const Comparison& comparison, const ComparisonReportOptions& options);
-
-/// A turntable of ground truth beside prediction as one strip of views that page scripts scroll by dragging.
-std::string turntable_html(const ComparedShapes& shapes, int views, int size);
-
-/// Both shapes in the same random poses (posed_pair()), each in the colours of its own joints' weights: truth and
-/// prediction per pose. Empty unless both have faces, joints and weights. @param seed of the poses
-std::string posed_html(const ComparedShapes& shapes, int poses, int size, std::uint64_t seed);
-
-/// A button that opens both shapes in 3D; their geometry stands in the page as JSON. Meshes of more than
-/// kMostViewedFaces faces are shown as points. @param id unique within the page
-std::string view_html(const ComparedShapes& shapes, const std::string& id);
-
-inline constexpr std::size_t kMostViewedFaces = 60000;
 
 }  // namespace anigen::eval

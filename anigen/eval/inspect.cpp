@@ -202,65 +202,6 @@ long checkpoint_step(const std::string& name) {
   return std::strtol(name.c_str() + at + 4, nullptr, 10);
 }
 
-}  // namespace
-
-Geometry read_geometry(const fs::path& path, FileKind kind) {
-  switch (kind) {
-    case FileKind::kScene:
-      return scene(path);
-    case FileKind::kMotion:
-      return motion(path);
-    case FileKind::kMesh:
-    case FileKind::kTextRig:
-    case FileKind::kRigNpz:
-      return shape(path, "", kind);
-    case FileKind::kSample:
-      if (const auto sample = sample_of(path)) return shape(sample->first, sample->second, kind);
-      break;
-    default:
-      break;
-  }
-  throw InputError(path.string(), "", "holds no mesh and no skeleton");
-}
-
-std::optional<std::pair<fs::path, std::string>> sample_of(const fs::path& path) {
-  const std::string text = path.string();
-  std::error_code ignored;
-  if (fs::exists(path, ignored)) return std::nullopt;
-  // Ids may hold the sign, too.
-  for (std::size_t sign = text.find('#'); sign != std::string::npos; sign = text.find('#', sign + 1)) {
-    if (fs::exists(text.substr(0, sign), ignored))
-      return std::pair{fs::path(text.substr(0, sign)), text.substr(sign + 1)};
-  }
-  return std::nullopt;
-}
-
-FileKind file_kind(const fs::path& path) {
-  std::error_code ignored;
-  if (!fs::exists(path, ignored)) {
-    if (sample_of(path)) return FileKind::kSample;
-    throw InputError(path.string(), "", "no such file or folder");
-  }
-  if (fs::is_directory(path, ignored)) return folder_kind(path);
-  const std::string extension = lower_extension(path);
-  if (const auto known = kByExtension.find(extension); known != kByExtension.end()) return known->second;
-  if (extension == ".npz") return npz_kind(path);
-  if (extension == ".pt" || extension == ".pth") return torch_kind(path);
-  if (extension == ".txt") {
-    if (io::is_text_rig(path)) return FileKind::kTextRig;
-    throw InputError(path.string(), "", "is no text rig: its first word is none of joints, root, hier, skin");
-  }
-  throw InputError(
-      path.string(), "",
-      "is none of .glb .gltf .fbx .dae .obj .ply .stl .bvh .txt .npz .pt .pth .safetensors .json .png .jpg "
-      ".jpeg .webp .bmp .tif .tiff");
-}
-
-bool is_geometry(FileKind kind) {
-  return kind == FileKind::kScene || kind == FileKind::kMesh || kind == FileKind::kTextRig ||
-         kind == FileKind::kRigNpz || kind == FileKind::kSample || kind == FileKind::kMotion;
-}
-
 Json describe_picture(const fs::path& file) {
   io::require_content(file);
   const std::string name = file.string(), text = read_file(file, std::uintmax_t{1} << 30);
@@ -360,40 +301,6 @@ Json describe_config(const fs::path& file) {
   return json;
 }
 
-Json inspect(const fs::path& path) {
-  using Describe = Json (*)(const fs::path&);
-  static const std::map<FileKind, std::pair<const char*, Describe>> kDescribed = {
-      {FileKind::kPicture, {"picture", describe_picture}}, {FileKind::kShard, {"shard", describe_shard}},
-      {FileKind::kArrays, {"arrays", describe_arrays}},    {FileKind::kConfig, {"config", describe_config}},
-      {FileKind::kDataset, {"dataset", describe_dataset}}, {FileKind::kRun, {"run", describe_run}},
-      {FileKind::kFolder, {"folder", describe_folder}}};
-  const FileKind kind = file_kind(path);
-  if (is_geometry(kind)) return describe_geometry(path, read_geometry(path, kind));
-  const auto& [name, describe] = kDescribed.at(kind);
-  Json json = {{"file", path.string()}, {"kind", name}};
-  json.update(describe(path));
-  return json;
-}
-
-Json describe_folder(const fs::path& folder) {
-  std::map<std::string, std::size_t> counts;
-  for (const fs::path& file :
-       io::files_below(folder, {".glb", ".gltf", ".fbx", ".dae", ".obj", ".ply", ".stl", ".bvh", ".npz", ".pt", ".pth",
-                                ".safetensors", ".png", ".jpg", ".jpeg", ".webp", ".bmp", ".tif", ".tiff"}))
-    ++counts[io::lower_extension(file)];
-  std::size_t rigs = 0;
-  for (const fs::path& file : io::files_below(folder, {".txt"})) rigs += io::is_text_rig(file);
-  if (counts.empty() && rigs == 0) {
-    throw InputError(
-        folder.string(), "",
-        "is neither a dataset (metadata.csv) nor a run folder (config.json, ckpts), and holds no file that "
-        "can be read");
-  }
-  Json json = {{"files", counts}};
-  if (rigs > 0) json["text_rigs"] = rigs;
-  return json;
-}
-
 Json describe_dataset(const fs::path& folder) {
   const fs::path file = folder / "metadata.csv";
   const CsvTable table = read_csv(file);
@@ -445,6 +352,99 @@ Json describe_run(const fs::path& folder) {
         json["last_metrics"][metrics.columns[i]] = metrics.rows.back()[i];
     }
   }
+  return json;
+}
+
+Json describe_folder(const fs::path& folder) {
+  std::map<std::string, std::size_t> counts;
+  for (const fs::path& file :
+       io::files_below(folder, {".glb", ".gltf", ".fbx", ".dae", ".obj", ".ply", ".stl", ".bvh", ".npz", ".pt", ".pth",
+                                ".safetensors", ".png", ".jpg", ".jpeg", ".webp", ".bmp", ".tif", ".tiff"}))
+    ++counts[io::lower_extension(file)];
+  std::size_t rigs = 0;
+  for (const fs::path& file : io::files_below(folder, {".txt"})) rigs += io::is_text_rig(file);
+  if (counts.empty() && rigs == 0) {
+    throw InputError(
+        folder.string(), "",
+        "is neither a dataset (metadata.csv) nor a run folder (config.json, ckpts), and holds no file that "
+        "can be read");
+  }
+  Json json = {{"files", counts}};
+  if (rigs > 0) json["text_rigs"] = rigs;
+  return json;
+}
+
+}  // namespace
+
+Geometry read_geometry(const fs::path& path, FileKind kind) {
+  switch (kind) {
+    case FileKind::kScene:
+      return scene(path);
+    case FileKind::kMotion:
+      return motion(path);
+    case FileKind::kMesh:
+    case FileKind::kTextRig:
+    case FileKind::kRigNpz:
+      return shape(path, "", kind);
+    case FileKind::kSample:
+      if (const auto sample = sample_of(path)) return shape(sample->first, sample->second, kind);
+      break;
+    default:
+      break;
+  }
+  throw InputError(path.string(), "", "holds no mesh and no skeleton");
+}
+
+std::optional<std::pair<fs::path, std::string>> sample_of(const fs::path& path) {
+  const std::string text = path.string();
+  std::error_code ignored;
+  if (fs::exists(path, ignored)) return std::nullopt;
+  // Ids may hold the sign, too.
+  for (std::size_t sign = text.find('#'); sign != std::string::npos; sign = text.find('#', sign + 1)) {
+    if (fs::exists(text.substr(0, sign), ignored))
+      return std::pair{fs::path(text.substr(0, sign)), text.substr(sign + 1)};
+  }
+  return std::nullopt;
+}
+
+FileKind file_kind(const fs::path& path) {
+  std::error_code ignored;
+  if (!fs::exists(path, ignored)) {
+    if (sample_of(path)) return FileKind::kSample;
+    throw InputError(path.string(), "", "no such file or folder");
+  }
+  if (fs::is_directory(path, ignored)) return folder_kind(path);
+  const std::string extension = lower_extension(path);
+  if (const auto known = kByExtension.find(extension); known != kByExtension.end()) return known->second;
+  if (extension == ".npz") return npz_kind(path);
+  if (extension == ".pt" || extension == ".pth") return torch_kind(path);
+  if (extension == ".txt") {
+    if (io::is_text_rig(path)) return FileKind::kTextRig;
+    throw InputError(path.string(), "", "is no text rig: its first word is none of joints, root, hier, skin");
+  }
+  throw InputError(
+      path.string(), "",
+      "is none of .glb .gltf .fbx .dae .obj .ply .stl .bvh .txt .npz .pt .pth .safetensors .json .png .jpg "
+      ".jpeg .webp .bmp .tif .tiff");
+}
+
+bool is_geometry(FileKind kind) {
+  return kind == FileKind::kScene || kind == FileKind::kMesh || kind == FileKind::kTextRig ||
+         kind == FileKind::kRigNpz || kind == FileKind::kSample || kind == FileKind::kMotion;
+}
+
+Json inspect(const fs::path& path) {
+  using Describe = Json (*)(const fs::path&);
+  static const std::map<FileKind, std::pair<const char*, Describe>> kDescribed = {
+      {FileKind::kPicture, {"picture", describe_picture}}, {FileKind::kShard, {"shard", describe_shard}},
+      {FileKind::kArrays, {"arrays", describe_arrays}},    {FileKind::kConfig, {"config", describe_config}},
+      {FileKind::kDataset, {"dataset", describe_dataset}}, {FileKind::kRun, {"run", describe_run}},
+      {FileKind::kFolder, {"folder", describe_folder}}};
+  const FileKind kind = file_kind(path);
+  if (is_geometry(kind)) return describe_geometry(path, read_geometry(path, kind));
+  const auto& [name, describe] = kDescribed.at(kind);
+  Json json = {{"file", path.string()}, {"kind", name}};
+  json.update(describe(path));
   return json;
 }
 

@@ -45,15 +45,8 @@ struct Geometry {
 /// @throws InputError with file and place
 Geometry read_geometry(const std::filesystem::path& path, FileKind kind);
 
-/// Each describes one kind as JSON: counts, names, ranges. What could not be read is an InputError.
+/// Counts, names and ranges of an asset.
 Json describe_asset(const io::ImportedAsset& imported);
-Json describe_picture(const std::filesystem::path& file);
-Json describe_shard(const std::filesystem::path& file);
-Json describe_arrays(const std::filesystem::path& file);
-Json describe_config(const std::filesystem::path& file);
-Json describe_dataset(const std::filesystem::path& folder);
-Json describe_run(const std::filesystem::path& folder);
-Json describe_folder(const std::filesystem::path& folder);
 
 /// `file` and `kind`, then what the file's format says and describe_asset(). The kind is "asset" for a skinned mesh,
 /// "mesh" and "points" without a rig, "rig" for a mesh beside a skeleton that does not move it, "skeleton" and "motion"

@@ -36,6 +36,14 @@ Json to_json(const metrics::IcpOptions& icp) {
           {"exhaustive", icp.exhaustive}};
 }
 
+/// Options of skeleton_transport(). Gromov–Wasserstein with Sinkhorn searches nothing besides.
+metrics::TransportOptions transport_options(const PairSettings& settings) {
+  metrics::TransportOptions options;
+  options.sinkhorn = settings.transport == TransportMethod::kSinkhorn;
+  if (settings.epsilon) options.sinkhorn_options.epsilon = options.entropic_options.epsilon = *settings.epsilon;
+  return options;
+}
+
 Json transport_json(const PairSettings& settings) {
   if (settings.transport == TransportMethod::kExact) return {{"solver", "exact"}};
   const metrics::TransportOptions options = transport_options(settings);
@@ -108,6 +116,13 @@ std::string missing_to_move(const ComparedShapes& shapes) {
   return missing.empty() ? missing_surface(shapes) : missing;
 }
 
+/// Gives every metric of a group the same reason.
+void skip_group(const std::string& group, const std::string& reason, PairResult& result) {
+  for (const MetricInfo& metric : metric_table()) {
+    if (metric.group == group && result.values.count(metric.key) == 0) result.skip(metric.key, reason);
+  }
+}
+
 /// One group that cannot be computed leaves the others alone.
 void add_group(const std::string& group, const std::string& missing, const std::function<void()>& add,
                PairResult& result) {
@@ -145,18 +160,190 @@ bool has_colors(const io::RiggedShape& shape) {
 constexpr std::size_t kMostSamples = 5000;  ///< per frame: many frames make up for few samples
 constexpr double kNotedScaling = 0.01;
 
+/// Chamfer distances of all protocols, joint matching, connectivity, tree edit distance.
+void add_skeleton_metrics(const ComparedShapes& shapes, PairResult& result) {
+  const auto [predicted, truth] = skeletons_of(shapes);
+  for (const metrics::SkeletonProtocol protocol : metrics::kSkeletonProtocols) {
+    const std::string prefix = protocol == metrics::SkeletonProtocol::kPaper ? "" : metrics::name(protocol) + ".";
+    try {
+      set_chamfer(metrics::skeleton_chamfer(predicted, truth, protocol), prefix, result);
+    } catch (const InputError& error) {
+      for (const char* key : {"j2j", "j2b", "b2b"}) result.skip(prefix + key, error.what());
+    }
+  }
+  // The tolerance of joint matching is half the thickness of the true shape at each joint, where there is a shape.
+  std::vector<double> tolerance(truth.size(), metrics::kFixedTolerance);
+  if (shapes.truth.has_surface())
+    tolerance = metrics::joint_tolerances(truth, geometry::RayCaster(shapes.truth.mesh));
+  else
+    result.notes.push_back("joints matched within 0.05: without a true surface there is no thickness to go by");
+  const metrics::JointMatch match = metrics::match_joints(predicted, truth, tolerance);
+  result.set("rignet.iou", match.iou);
+  result.set("rignet.precision", match.precision);
+  result.set("rignet.recall", match.recall);
+  const metrics::ConnectivityScore bones = metrics::connectivity(predicted, truth, match.truth_of);
+  result.set("connectivity_precision", bones.precision);
+  result.set("connectivity_recall", bones.recall);
+  result.set("joints", static_cast<double>(predicted.size()));
+  result.set("joint_count_error", static_cast<double>(metrics::joint_count_error(predicted, truth)));
+  if (const auto edits = metrics::tree_edit_distance(predicted, truth))
+    result.set("tree_edit_distance", *edits);
+  else
+    result.skip("tree_edit_distance", "too many joints for it");
+}
+
+/// Wasserstein, Gromov–Wasserstein, fused; the first two by the method that the settings ask for.
+void add_transport_metrics(const ComparedShapes& shapes, const PairSettings& settings, PairResult& result) {
+  const metrics::TransportOptions options = transport_options(settings);
+  const auto [predicted, truth] = skeletons_of(shapes);
+  const metrics::SkeletonTransport transport = metrics::skeleton_transport(predicted, truth, options);
+  result.set("wasserstein", options.sinkhorn ? transport.sinkhorn_wasserstein : transport.wasserstein);
+  result.set("gromov_wasserstein",
+             options.sinkhorn ? transport.entropic_gromov_wasserstein : transport.gromov_wasserstein);
+  result.set("gw_lower_bound", transport.gw_lower_bound);
+  result.set("fused_gromov_wasserstein", transport.fused_gromov_wasserstein);
+  result.details["gw_start"] = options.sinkhorn ? "entropic" : transport.gw_start;
+  result.details["fgw_start"] = transport.fgw_start;
+  if (!options.sinkhorn) return;
+  result.details["sinkhorn"] = {{"squared_wasserstein_gap", transport.sinkhorn_gap},
+                                {"wasserstein_converged", transport.sinkhorn_converged},
+                                {"gromov_wasserstein_marginal_error", transport.entropic_marginal_error}};
+  if (!transport.sinkhorn_converged)
+    result.notes.push_back("Sinkhorn's iterations for the Wasserstein distance stopped before their tolerance");
+  if (!(transport.entropic_marginal_error < kMarginalsAlmostKept))
+    result.notes.push_back(
+        "Sinkhorn's scaling for the Gromov–Wasserstein distance left double precision and its plan was repaired: a "
+        "larger "
+        "--epsilon keeps it");
+}
+
+/// Anymate's joint metrics in its frame, the box of side 2.
+void add_anymate_metrics(const ComparedShapes& shapes, PairResult& result) {
+  const auto doubled = [](std::vector<Eigen::Vector3d> points) {
+    for (Eigen::Vector3d& point : points) point *= kAnymateBox;
+    return points;
+  };
+  const std::vector<Eigen::Vector3d> predicted = doubled(shapes.predicted.joints.positions);
+  const std::vector<Eigen::Vector3d> truth = doubled(shapes.truth.joints.positions);
+  const metrics::AnymateJointScore score = metrics::anymate_joint(predicted, truth);
+  if (!score.not_computed.empty()) return skip_group("anymate", score.not_computed, result);
+  result.set("anymate_cd", score.cd);
+  result.set("anymate_emd", score.emd.cost);
+  result.set("anymate_precision", score.precision);
+  result.set("anymate_recall", score.recall);
+  result.set("anymate_emd_exact", metrics::wasserstein1(predicted, truth).distance);
+}
+
+/// Weights moved to the true vertices, joints matched by matching_plan(); deformation error.
+void add_skin_metrics(const ComparedShapes& shapes, const Eigen::MatrixXd& plan, const PairSettings& settings,
+                      PairResult& result) {
+  const io::RiggedShape& predicted = shapes.predicted;
+  const io::RiggedShape& truth = shapes.truth;
+  const std::vector<Eigen::Vector3d> vertices = in_double(truth.mesh.vertices);
+
+  SkinWeights moved;
+  if (predicted.has_surface()) {
+    moved = geometry::transfer_skin_to_mesh(predicted.mesh, predicted.skin, truth.mesh);
+  } else {
+    moved = geometry::transfer_skin_by_vertex(in_double(predicted.mesh.vertices), predicted.skin, vertices);
+    result.notes.push_back("predicted weights taken from the nearest point: the prediction has no faces");
+  }
+
+  const std::size_t count = vertices.size(), joints = truth.joints.size();
+  const std::vector<double> matched = metrics::matched_weights(moved, plan);
+  const std::vector<float> dense_truth = to_dense(truth.skin, joints);
+  const metrics::SkinScore score =
+      metrics::score_skin(metrics::single_precision(matched), dense_truth, count, joints).mean;
+  result.set("skin_l1", score.l1);
+  result.set("skin_l2", score.l2);
+  result.set("skin_kl", score.kl);
+
+  const auto matched_matrix = metrics::skin_matrix(matched, count, joints);
+  const metrics::SkinMatrix truth_matrix = metrics::skin_matrix(dense_truth, count, joints);
+  const metrics::SkinOverlap overlap = metrics::rignet_skin_overlap(matched_matrix, truth_matrix);
+  result.set("skin_precision", overlap.precision);
+  result.set("skin_recall", overlap.recall);
+  const metrics::AnymateSkinScore anymate = metrics::anymate_skin(matched_matrix, truth_matrix);
+  result.set("skin_ce", anymate.cross_entropy);
+  result.set("skin_cos", 1.0 - anymate.cos_loss);
+  result.set("skin_mae", anymate.mae);
+
+  metrics::DeformationOptions deformation;
+  deformation.poses = settings.poses;
+  deformation.seed = settings.seed;
+  const metrics::DeformationError error =
+      metrics::deformation_error(vertices, truth.joints, truth.skin, predicted.joints, moved, plan, deformation);
+  result.set("deformation_error", error.mean);
+  result.details["largest_deformation_error"] = error.max;
+}
+
+/// Both meshes in the truth's motion. @param given a motion for the truth in place of its own; null: its own
+void add_motion_metrics(const ComparedShapes& shapes, const PairSettings& settings, const metrics::Motion* given,
+                        PairResult& result) {
+  const MovedPair moved = same_motion(shapes, settings, given);
+  metrics::MotionScoreOptions options;
+  options.samples = std::min(settings.surface_samples, kMostSamples);
+  options.seed = settings.seed;
+  const metrics::MotionScore score =
+      metrics::motion_score(shapes.truth, moved.truth, shapes.predicted, moved.predicted, options);
+  result.set("motion_distance", score.moving);
+  result.set("motion_distance_rest", score.rest);
+  result.details["motion"] = {{"clip", moved.truth.name},
+                              {"frames", moved.truth.frames.size()},
+                              {"distance", score.by_vertex ? "vertices" : "surfaces"},
+                              {"largest", score.largest}};
+  if (moved.truth.scaling > kNotedScaling) {
+    result.notes.push_back("the clip scales joints by up to " + std::to_string(moved.truth.scaling) +
+                           " from 1, which motion_distance leaves out on both sides");
+  }
+}
+
+void add_surface_metrics(const ComparedShapes& shapes, const PairSettings& settings, PairResult& result) {
+  metrics::SurfaceOptions options;
+  options.samples = settings.surface_samples;
+  options.seed = settings.seed;
+  const metrics::SurfaceScores scores = metrics::surface_scores(shapes.predicted.mesh, shapes.truth.mesh, options);
+  result.set("surface_chamfer", scores.chamfer);
+  result.set("fscore", scores.fscore_005);
+  result.set("fscore_001", scores.fscore_001);
+  result.set("normal_consistency", scores.normal_consistency);
+  result.details["hausdorff"] = scores.hausdorff;
+}
+
+/// True when the prediction most resembles a reference of its truth's category.
+void add_category(const ComparedShapes& shapes, const CategoryQuestion& question, PairResult& result) {
+  if (question.references == nullptr)
+    return result.skip("category", "no --category-split given, or none of its shapes has a category");
+  if (question.expected.empty())
+    return result.skip("category", "the ground truth's data set does not say what kind it is");
+  const CategoryReferences::Match match = question.references->nearest(shapes.predicted.mesh, question.truth_id);
+  result.set("category", match.category == question.expected ? 1.0 : 0.0);
+  result.details["category"] = {
+      {"expected", question.expected}, {"nearest", match.id}, {"is", match.category}, {"chamfer", match.chamfer}};
+}
+
+void add_image_metrics(const ComparedShapes& shapes, const PairSettings& settings,
+                       const metrics::PerceptualDistance& perceptual, PairResult& result) {
+  if (has_colors(shapes.predicted) != has_colors(shapes.truth))
+    return skip_group("image", "only one side has colours, so colour renders do not compare", result);
+  metrics::ViewOptions options;
+  options.size = settings.image_size;
+  const metrics::ImageScores scores =
+      metrics::image_scores(metrics::render_views(shapes.predicted, metrics::Similarity(), options),
+                            metrics::render_views(shapes.truth, metrics::Similarity(), options), perceptual);
+  result.set("psnr", scores.psnr);
+  result.set("ssim", scores.ssim);
+  if (scores.lpips)
+    result.set("lpips", *scores.lpips);
+  else
+    result.skip("lpips", "no weights given");
+}
+
 }  // namespace
 
 TransportMethod parse_transport(const std::string& word) {
   return value_of<TransportMethod>({{TransportMethod::kExact, "exact"}, {TransportMethod::kSinkhorn, "sinkhorn"}}, word,
                                    "--transport");
-}
-
-metrics::TransportOptions transport_options(const PairSettings& settings) {
-  metrics::TransportOptions options;
-  options.sinkhorn = settings.transport == TransportMethod::kSinkhorn;
-  if (settings.epsilon) options.sinkhorn_options.epsilon = options.entropic_options.epsilon = *settings.epsilon;
-  return options;
 }
 
 Json to_json(const PairSettings& settings) {
@@ -240,12 +427,6 @@ PairResult pair_result_from_json(const Json& json, const std::string& file) {
   }
 }
 
-void skip_group(const std::string& group, const std::string& reason, PairResult& result) {
-  for (const MetricInfo& metric : metric_table()) {
-    if (metric.group == group && result.values.count(metric.key) == 0) result.skip(metric.key, reason);
-  }
-}
-
 ComparedShapes bring_together(const io::RiggedShape& predicted, const io::RiggedShape& truth,
                               const PairSettings& settings) {
   metrics::AlignmentOptions options = settings.alignment;
@@ -294,185 +475,12 @@ PairResult evaluate_pair(const io::RiggedShape& predicted, const io::RiggedShape
   return result;
 }
 
-void add_skeleton_metrics(const ComparedShapes& shapes, PairResult& result) {
-  const auto [predicted, truth] = skeletons_of(shapes);
-  for (const metrics::SkeletonProtocol protocol : metrics::kSkeletonProtocols) {
-    const std::string prefix = protocol == metrics::SkeletonProtocol::kPaper ? "" : metrics::name(protocol) + ".";
-    try {
-      set_chamfer(metrics::skeleton_chamfer(predicted, truth, protocol), prefix, result);
-    } catch (const InputError& error) {
-      for (const char* key : {"j2j", "j2b", "b2b"}) result.skip(prefix + key, error.what());
-    }
-  }
-  // The tolerance of joint matching is half the thickness of the true shape at each joint, where there is a shape.
-  std::vector<double> tolerance(truth.size(), metrics::kFixedTolerance);
-  if (shapes.truth.has_surface())
-    tolerance = metrics::joint_tolerances(truth, geometry::RayCaster(shapes.truth.mesh));
-  else
-    result.notes.push_back("joints matched within 0.05: without a true surface there is no thickness to go by");
-  const metrics::JointMatch match = metrics::match_joints(predicted, truth, tolerance);
-  result.set("rignet.iou", match.iou);
-  result.set("rignet.precision", match.precision);
-  result.set("rignet.recall", match.recall);
-  const metrics::ConnectivityScore bones = metrics::connectivity(predicted, truth, match.truth_of);
-  result.set("connectivity_precision", bones.precision);
-  result.set("connectivity_recall", bones.recall);
-  result.set("joints", static_cast<double>(predicted.size()));
-  result.set("joint_count_error", static_cast<double>(metrics::joint_count_error(predicted, truth)));
-  if (const auto edits = metrics::tree_edit_distance(predicted, truth))
-    result.set("tree_edit_distance", *edits);
-  else
-    result.skip("tree_edit_distance", "too many joints for it");
-}
-
-void add_transport_metrics(const ComparedShapes& shapes, const PairSettings& settings, PairResult& result) {
-  const metrics::TransportOptions options = transport_options(settings);
-  const auto [predicted, truth] = skeletons_of(shapes);
-  const metrics::SkeletonTransport transport = metrics::skeleton_transport(predicted, truth, options);
-  result.set("wasserstein", options.sinkhorn ? transport.sinkhorn_wasserstein : transport.wasserstein);
-  result.set("gromov_wasserstein",
-             options.sinkhorn ? transport.entropic_gromov_wasserstein : transport.gromov_wasserstein);
-  result.set("gw_lower_bound", transport.gw_lower_bound);
-  result.set("fused_gromov_wasserstein", transport.fused_gromov_wasserstein);
-  result.details["gw_start"] = options.sinkhorn ? "entropic" : transport.gw_start;
-  result.details["fgw_start"] = transport.fgw_start;
-  if (!options.sinkhorn) return;
-  result.details["sinkhorn"] = {{"squared_wasserstein_gap", transport.sinkhorn_gap},
-                                {"wasserstein_converged", transport.sinkhorn_converged},
-                                {"gromov_wasserstein_marginal_error", transport.entropic_marginal_error}};
-  if (!transport.sinkhorn_converged)
-    result.notes.push_back("Sinkhorn's iterations for the Wasserstein distance stopped before their tolerance");
-  if (!(transport.entropic_marginal_error < kMarginalsAlmostKept))
-    result.notes.push_back(
-        "Sinkhorn's scaling for the Gromov–Wasserstein distance left double precision and its plan was repaired: a "
-        "larger "
-        "--epsilon keeps it");
-}
-
-void add_anymate_metrics(const ComparedShapes& shapes, PairResult& result) {
-  const auto doubled = [](std::vector<Eigen::Vector3d> points) {
-    for (Eigen::Vector3d& point : points) point *= kAnymateBox;
-    return points;
-  };
-  const std::vector<Eigen::Vector3d> predicted = doubled(shapes.predicted.joints.positions);
-  const std::vector<Eigen::Vector3d> truth = doubled(shapes.truth.joints.positions);
-  const metrics::AnymateJointScore score = metrics::anymate_joint(predicted, truth);
-  if (!score.not_computed.empty()) return skip_group("anymate", score.not_computed, result);
-  result.set("anymate_cd", score.cd);
-  result.set("anymate_emd", score.emd.cost);
-  result.set("anymate_precision", score.precision);
-  result.set("anymate_recall", score.recall);
-  result.set("anymate_emd_exact", metrics::wasserstein1(predicted, truth).distance);
-}
-
-void add_skin_metrics(const ComparedShapes& shapes, const Eigen::MatrixXd& plan, const PairSettings& settings,
-                      PairResult& result) {
-  const io::RiggedShape& predicted = shapes.predicted;
-  const io::RiggedShape& truth = shapes.truth;
-  const std::vector<Eigen::Vector3d> vertices = in_double(truth.mesh.vertices);
-
-  SkinWeights moved;
-  if (predicted.has_surface()) {
-    moved = geometry::transfer_skin_to_mesh(predicted.mesh, predicted.skin, truth.mesh);
-  } else {
-    moved = geometry::transfer_skin_by_vertex(in_double(predicted.mesh.vertices), predicted.skin, vertices);
-    result.notes.push_back("predicted weights taken from the nearest point: the prediction has no faces");
-  }
-
-  const std::size_t count = vertices.size(), joints = truth.joints.size();
-  const std::vector<double> matched = metrics::matched_weights(moved, plan);
-  const std::vector<float> dense_truth = to_dense(truth.skin, joints);
-  const metrics::SkinScore score =
-      metrics::score_skin(metrics::single_precision(matched), dense_truth, count, joints).mean;
-  result.set("skin_l1", score.l1);
-  result.set("skin_l2", score.l2);
-  result.set("skin_kl", score.kl);
-
-  const auto matched_matrix = metrics::skin_matrix(matched, count, joints);
-  const metrics::SkinMatrix truth_matrix = metrics::skin_matrix(dense_truth, count, joints);
-  const metrics::SkinOverlap overlap = metrics::rignet_skin_overlap(matched_matrix, truth_matrix);
-  result.set("skin_precision", overlap.precision);
-  result.set("skin_recall", overlap.recall);
-  const metrics::AnymateSkinScore anymate = metrics::anymate_skin(matched_matrix, truth_matrix);
-  result.set("skin_ce", anymate.cross_entropy);
-  result.set("skin_cos", 1.0 - anymate.cos_loss);
-  result.set("skin_mae", anymate.mae);
-
-  metrics::DeformationOptions deformation;
-  deformation.poses = settings.poses;
-  deformation.seed = settings.seed;
-  const metrics::DeformationError error =
-      metrics::deformation_error(vertices, truth.joints, truth.skin, predicted.joints, moved, plan, deformation);
-  result.set("deformation_error", error.mean);
-  result.details["largest_deformation_error"] = error.max;
-}
-
-void add_surface_metrics(const ComparedShapes& shapes, const PairSettings& settings, PairResult& result) {
-  metrics::SurfaceOptions options;
-  options.samples = settings.surface_samples;
-  options.seed = settings.seed;
-  const metrics::SurfaceScores scores = metrics::surface_scores(shapes.predicted.mesh, shapes.truth.mesh, options);
-  result.set("surface_chamfer", scores.chamfer);
-  result.set("fscore", scores.fscore_005);
-  result.set("fscore_001", scores.fscore_001);
-  result.set("normal_consistency", scores.normal_consistency);
-  result.details["hausdorff"] = scores.hausdorff;
-}
-
-void add_category(const ComparedShapes& shapes, const CategoryQuestion& question, PairResult& result) {
-  if (question.references == nullptr)
-    return result.skip("category", "no --category-split given, or none of its shapes has a category");
-  if (question.expected.empty())
-    return result.skip("category", "the ground truth's data set does not say what kind it is");
-  const CategoryReferences::Match match = question.references->nearest(shapes.predicted.mesh, question.truth_id);
-  result.set("category", match.category == question.expected ? 1.0 : 0.0);
-  result.details["category"] = {
-      {"expected", question.expected}, {"nearest", match.id}, {"is", match.category}, {"chamfer", match.chamfer}};
-}
-
-void add_image_metrics(const ComparedShapes& shapes, const PairSettings& settings,
-                       const metrics::PerceptualDistance& perceptual, PairResult& result) {
-  if (has_colors(shapes.predicted) != has_colors(shapes.truth))
-    return skip_group("image", "only one side has colours, so colour renders do not compare", result);
-  metrics::ViewOptions options;
-  options.size = settings.image_size;
-  const metrics::ImageScores scores =
-      metrics::image_scores(metrics::render_views(shapes.predicted, metrics::Similarity(), options),
-                            metrics::render_views(shapes.truth, metrics::Similarity(), options), perceptual);
-  result.set("psnr", scores.psnr);
-  result.set("ssim", scores.ssim);
-  if (scores.lpips)
-    result.set("lpips", *scores.lpips);
-  else
-    result.skip("lpips", "no weights given");
-}
-
 MovedPair same_motion(const ComparedShapes& shapes, const PairSettings& settings, const metrics::Motion* given) {
   MovedPair moved;
   moved.truth =
       metrics::truth_motion(shapes.truth, shapes.alignment.truth, given, settings.seed, settings.motion_frames);
   moved.predicted = metrics::retarget(moved.truth, shapes.predicted.joints);
   return moved;
-}
-
-void add_motion_metrics(const ComparedShapes& shapes, const PairSettings& settings, const metrics::Motion* given,
-                        PairResult& result) {
-  const MovedPair moved = same_motion(shapes, settings, given);
-  metrics::MotionScoreOptions options;
-  options.samples = std::min(settings.surface_samples, kMostSamples);
-  options.seed = settings.seed;
-  const metrics::MotionScore score =
-      metrics::motion_score(shapes.truth, moved.truth, shapes.predicted, moved.predicted, options);
-  result.set("motion_distance", score.moving);
-  result.set("motion_distance_rest", score.rest);
-  result.details["motion"] = {{"clip", moved.truth.name},
-                              {"frames", moved.truth.frames.size()},
-                              {"distance", score.by_vertex ? "vertices" : "surfaces"},
-                              {"largest", score.largest}};
-  if (moved.truth.scaling > kNotedScaling) {
-    result.notes.push_back("the clip scales joints by up to " + std::to_string(moved.truth.scaling) +
-                           " from 1, which motion_distance leaves out on both sides");
-  }
 }
 
 }  // namespace anigen::eval

@@ -92,6 +92,8 @@ Json by_influences(const SkinEvaluation& evaluation, std::size_t method) {
   return json;
 }
 
+std::array<double, 3> score_values(const metrics::SkinScore& score) { return {score.l1, score.l2, score.kl}; }
+
 void put_scores(Json& json, const metrics::SkinScore& score) {
   const auto values = score_values(score);
   for (std::size_t k = 0; k < 3; ++k) json[kScoreNames[k]] = values[k];
@@ -133,8 +135,6 @@ std::string mean_or_dash(const Summary& summary) {
 }  // namespace
 
 const std::array<const char*, 3> kScoreNames = {"skin_l1", "skin_l2", "skin_kl"};
-
-std::array<double, 3> score_values(const metrics::SkinScore& score) { return {score.l1, score.l2, score.kl}; }
 
 Summary summarize(std::vector<double> values) {
   Summary summary;

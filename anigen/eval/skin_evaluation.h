@@ -57,7 +57,6 @@ enum class Group { kUsable, kNotUsable };
 
 /// "skin_l1", "skin_l2", "skin_kl", in the order of score_values().
 extern const std::array<const char*, 3> kScoreNames;
-std::array<double, 3> score_values(const metrics::SkinScore& score);
 
 /// The summaries of a method's three scores over the assets of a group.
 /// @param influence_class only these vertices: per asset first, then over the assets that have such vertices

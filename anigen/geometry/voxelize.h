@@ -42,22 +42,7 @@ inline std::int64_t floor_div(std::int64_t a, std::int64_t b) {
   return quotient * b > a ? quotient - 1 : quotient;
 }
 
-/// Appends the voxels that the points of a closed segment lie in, in their order along it, where a point between voxels
-/// belongs to the upper one as in voxel_at. A traversal from one border to the next (Amanatides and Woo, "A fast voxel
-/// traversal algorithm for ray tracing", 1987) with the crossings compared as exact fractions: the same set in both
-/// directions, and through an edge or a corner of the grid exactly the voxels that contain a point of the segment.
-/// @pre coordinates in [0, R · 2³⁰)
-void append_segment(const FixedPoint& from, const FixedPoint& to, std::vector<Voxel>& voxels);
-
 using FixedTriangle = std::array<FixedPoint, 3>;
-
-/// Inserts every voxel whose closed box has a point in common with the closed triangle, which may have no area. Exact:
-/// by the separating-axis theorem they meet unless the boxes' face normals, the triangle's plane or one of the nine
-/// edge × axis directions separates them. Each of these 13 tests allows an interval of z for a given x and y (Schwarz
-/// and Seidel, "Fast parallel surface and solid voxelization on GPUs", 2010, test voxels one by one), so a column's
-/// voxels are the common part of the intervals and nothing else is looked at.
-/// @pre coordinates in [0, R · 2³⁰]
-void insert_triangle(const FixedTriangle& triangle, VoxelBits& voxels);
 
 /// Handling of a vertex outside the cube [-0.5, 0.5]³.
 enum class OutsideCube {

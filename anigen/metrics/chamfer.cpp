@@ -48,6 +48,17 @@ SkeletonChamfer sampled(const MetricSkeleton& a, const MetricSkeleton& b, const 
   return chamfer(a, b, samples_a, samples_b, NearestBone(samples_a), NearestBone(samples_b));
 }
 
+/// Bones as lines: what kPaper means.
+SkeletonChamfer exact_chamfer(const MetricSkeleton& predicted, const MetricSkeleton& truth) {
+  return chamfer(predicted, truth, spaced_samples(predicted.bones), spaced_samples(truth.bones),
+                 NearestBone(predicted.bones), NearestBone(truth.bones));
+}
+
+/// Bones as 100 samples each: kUnirig before it divides by the range.
+SkeletonChamfer counted_chamfer(const MetricSkeleton& predicted, const MetricSkeleton& truth) {
+  return sampled(predicted, truth, counted_samples(predicted.bones), counted_samples(truth.bones));
+}
+
 }  // namespace
 
 std::vector<BoneSamples> spaced_samples(const std::vector<geometry::Bone>& bones, double spacing) {
@@ -202,17 +213,8 @@ std::string name(SkeletonProtocol protocol) { return word_of(kProtocolNames, pro
 
 SkeletonProtocol parse_skeleton_protocol(const std::string& text) { return value_of(kProtocolNames, text, "protocol"); }
 
-SkeletonChamfer exact_chamfer(const MetricSkeleton& predicted, const MetricSkeleton& truth) {
-  return chamfer(predicted, truth, spaced_samples(predicted.bones), spaced_samples(truth.bones),
-                 NearestBone(predicted.bones), NearestBone(truth.bones));
-}
-
 SkeletonChamfer spaced_chamfer(const MetricSkeleton& predicted, const MetricSkeleton& truth) {
   return sampled(predicted, truth, spaced_samples(predicted.bones), spaced_samples(truth.bones));
-}
-
-SkeletonChamfer counted_chamfer(const MetricSkeleton& predicted, const MetricSkeleton& truth) {
-  return sampled(predicted, truth, counted_samples(predicted.bones), counted_samples(truth.bones));
 }
 
 SkeletonChamfer skeleton_chamfer(const MetricSkeleton& predicted, const MetricSkeleton& truth,

@@ -106,11 +106,7 @@ struct SkeletonChamfer {
 SkeletonChamfer skeleton_chamfer(const MetricSkeleton& predicted, const MetricSkeleton& truth,
                                  SkeletonProtocol protocol, double unirig_range = 1.0);
 
-/// Bones as lines: what kPaper means.
-SkeletonChamfer exact_chamfer(const MetricSkeleton& predicted, const MetricSkeleton& truth);
 /// Bones as samples every 0.005: what kRignet means, and kPuppeteer on graphs that are clean.
 SkeletonChamfer spaced_chamfer(const MetricSkeleton& predicted, const MetricSkeleton& truth);
-/// Bones as 100 samples each: kUnirig before it divides by the range.
-SkeletonChamfer counted_chamfer(const MetricSkeleton& predicted, const MetricSkeleton& truth);
 
 }  // namespace anigen::metrics

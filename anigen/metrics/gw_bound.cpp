@@ -63,6 +63,30 @@ Eigen::VectorXd along_diameter(const RowMatrix& c) {
   return c.col(one) - c.col(two);
 }
 
+/// Minimum over couplings of the linear part about the product plan plus the least the quadratic part can be: the
+/// scaled deviation from the product has singular values of at most 1, so by von Neumann's inequality the quadratic
+/// part is at most the sum of products of the sorted eigenvalues of the centred distance matrices (the projected
+/// eigenvalue bound of Hadley, Rendl and Wolkowicz 1992, extended to couplings). Squared; O(n^3 + m^3).
+double spectral_bound(const Eigen::MatrixXd& c1, const Eigen::MatrixXd& c2, const Eigen::VectorXd& a,
+                      const Eigen::VectorXd& b) {
+  // Σ C1² a a + Σ C2² b b − 2 max <C1 π C2, π>, with π = a bᵀ + deviation: the linear part about a bᵀ by sorting, the
+  // quadratic part of the deviation by Σ λ_k μ_k over sorted eigenvalues of the centred distances.
+  const Eigen::VectorXd mean1 = c1 * a, mean2 = c2 * b;
+  const double squares = a.dot(c1.cwiseAbs2() * a) + b.dot(c2.cwiseAbs2() * b);
+  const MassUnits units = mass_units(a, b);
+  double linear = 0.0;  // the largest <(C1 a)(C2 b)^T, plan>, reached by sorting both
+  for (const PlanCell& cell : monotone_coupling(units, ascending(mean1), ascending(mean2)))
+    linear += cell.mass / static_cast<double>(units.total) * mean1[cell.row] * mean2[cell.column];
+  const Eigen::VectorXd spectrum1 = centred_spectrum(c1, a), spectrum2 = centred_spectrum(c2, b);
+  double quadratic = 0.0;  // largest positive with largest positive, most negative with most negative
+  for (Eigen::Index k = 0; k < std::min(spectrum1.size(), spectrum2.size()); ++k) {
+    quadratic += std::max(spectrum1[k], 0.0) * std::max(spectrum2[k], 0.0);
+    quadratic +=
+        std::min(spectrum1[spectrum1.size() - 1 - k], 0.0) * std::min(spectrum2[spectrum2.size() - 1 - k], 0.0);
+  }
+  return squares - 2.0 * (2.0 * linear - a.dot(mean1) * b.dot(mean2) + quadratic);
+}
+
 }  // namespace
 
 RowMatrix profile_costs(const Eigen::MatrixXd& c1, const Eigen::MatrixXd& c2, const Eigen::VectorXd& a,
@@ -104,26 +128,6 @@ RowMatrix profile_costs(const Eigen::MatrixXd& c1, const Eigen::MatrixXd& c2, co
   costs.colwise() += first;
   costs.rowwise() += second;
   return costs.cwiseMax(0.0);
-}
-
-double spectral_bound(const Eigen::MatrixXd& c1, const Eigen::MatrixXd& c2, const Eigen::VectorXd& a,
-                      const Eigen::VectorXd& b) {
-  // Σ C1² a a + Σ C2² b b − 2 max <C1 π C2, π>, with π = a bᵀ + deviation: the linear part about a bᵀ by sorting, the
-  // quadratic part of the deviation by Σ λ_k μ_k over sorted eigenvalues of the centred distances.
-  const Eigen::VectorXd mean1 = c1 * a, mean2 = c2 * b;
-  const double squares = a.dot(c1.cwiseAbs2() * a) + b.dot(c2.cwiseAbs2() * b);
-  const MassUnits units = mass_units(a, b);
-  double linear = 0.0;  // the largest <(C1 a)(C2 b)^T, plan>, reached by sorting both
-  for (const PlanCell& cell : monotone_coupling(units, ascending(mean1), ascending(mean2)))
-    linear += cell.mass / static_cast<double>(units.total) * mean1[cell.row] * mean2[cell.column];
-  const Eigen::VectorXd spectrum1 = centred_spectrum(c1, a), spectrum2 = centred_spectrum(c2, b);
-  double quadratic = 0.0;  // largest positive with largest positive, most negative with most negative
-  for (Eigen::Index k = 0; k < std::min(spectrum1.size(), spectrum2.size()); ++k) {
-    quadratic += std::max(spectrum1[k], 0.0) * std::max(spectrum2[k], 0.0);
-    quadratic +=
-        std::min(spectrum1[spectrum1.size() - 1 - k], 0.0) * std::min(spectrum2[spectrum2.size() - 1 - k], 0.0);
-  }
-  return squares - 2.0 * (2.0 * linear - a.dot(mean1) * b.dot(mean2) + quadratic);
 }
 
 GwLowerBound gw_lower_bound(const Eigen::MatrixXd& c1, const Eigen::MatrixXd& c2, const Eigen::VectorXd& a,

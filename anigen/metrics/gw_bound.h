@@ -26,13 +26,6 @@ GwLowerBound gw_lower_bound(const Eigen::MatrixXd& c1, const Eigen::MatrixXd& c2
 RowMatrix profile_costs(const Eigen::MatrixXd& c1, const Eigen::MatrixXd& c2, const Eigen::VectorXd& a,
                         const Eigen::VectorXd& b);
 
-/// Minimum over couplings of the linear part about the product plan plus the least the quadratic part can be: the
-/// scaled deviation from the product has singular values of at most 1, so by von Neumann's inequality the quadratic
-/// part is at most the sum of products of the sorted eigenvalues of the centred distance matrices (the projected
-/// eigenvalue bound of Hadley, Rendl and Wolkowicz 1992, extended to couplings). Squared; O(n^3 + m^3).
-double spectral_bound(const Eigen::MatrixXd& c1, const Eigen::MatrixXd& c2, const Eigen::VectorXd& a,
-                      const Eigen::VectorXd& b);
-
 /// A place where the search for a Gromov–Wasserstein coupling begins.
 struct GwStart {
   std::string name;

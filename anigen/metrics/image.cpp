@@ -54,14 +54,15 @@ Plane blur(const Plane& plane, const Eigen::Array<double, kWindow, 1>& weights) 
   return result;
 }
 
-}  // namespace
-
+/// @throws InputError when the pictures are not of one size, are empty, or do not hold 4 bytes per pixel
 void check_pair(const io::Image& a, const io::Image& b) {
   if (!sound(a) || !sound(b)) throw InputError("", "image", "a picture is empty or incomplete");
   if (a.width != b.width || a.height != b.height) {
     throw InputError("", "image", "pictures of " + size_of(a) + " and " + size_of(b) + " pixels cannot be compared");
   }
 }
+
+}  // namespace
 
 double psnr(const io::Image& a, const io::Image& b) {
   check_pair(a, b);

@@ -9,9 +9,6 @@
 
 namespace anigen::metrics {
 
-/// @throws InputError when the pictures are not of one size, are empty, or do not hold 4 bytes per pixel
-void check_pair(const io::Image& a, const io::Image& b);
-
 /// Peak signal-to-noise ratio in decibels, 10 log10(1 / mean squared difference), over all pixels and the three colour
 /// channels as numbers in [0, 1]; alpha is ignored. Infinite for equal pictures.
 /// @throws InputError when the sizes differ or a picture is empty

@@ -269,6 +269,15 @@ Mesh with_vertices(const std::vector<Triangle>& faces, Vertices vertices) {
   return mesh;
 }
 
+/// The first clip that moves(), else nothing: .frames is empty. @param frames as in motion_of()
+Motion first_moving_clip(const std::vector<Animation>& animations, const Skeleton& skeleton, int frames) {
+  for (const Animation& animation : animations) {
+    Motion motion = motion_of(animation, skeleton, frames);
+    if (moves(motion)) return motion;
+  }
+  return {};
+}
+
 }  // namespace
 
 Motion motion_of(const Animation& animation, const Skeleton& skeleton, int frames) {
@@ -358,14 +367,6 @@ Motion pose_sequence(const JointTree& tree, std::uint64_t seed, const std::strin
     motion.frames.push_back(std::move(frame));
   }
   return motion;
-}
-
-Motion first_moving_clip(const std::vector<Animation>& animations, const Skeleton& skeleton, int frames) {
-  for (const Animation& animation : animations) {
-    Motion motion = motion_of(animation, skeleton, frames);
-    if (moves(motion)) return motion;
-  }
-  return {};
 }
 
 MotionFile read_motion(const std::string& file_and_clip, int frames) {

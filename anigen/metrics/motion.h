@@ -69,9 +69,6 @@ struct MotionFile {
 /// are), or nothing in it moves
 MotionFile read_motion(const std::string& file_and_clip, int frames);
 
-/// The first clip that moves(), else nothing: .frames is empty. @param frames as in motion_of()
-Motion first_moving_clip(const std::vector<Animation>& animations, const Skeleton& skeleton, int frames);
-
 /// Largest distance of a piece of bone from its counterpart, in sizes (size_of()) of the source skeleton.
 inline constexpr double kReach = 0.2;
 /// For skeletons of different beings, each scaled to size 1: whatever can have a counterpart gets one.

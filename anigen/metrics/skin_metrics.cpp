@@ -86,6 +86,19 @@ double cosine(const Eigen::ArrayXd& a, const Eigen::ArrayXd& b) {
 /// t ln(t / p), 0 for t = 0.
 double divergence(double t, double p) { return t > 0.0 ? t * std::log(t / p) : 0.0; }
 
+/// @throws InputError unless both have the same shape, at least one vertex and one joint, and finite entries ≥ 0
+void check_skin_pair(const SkinMatrixView& predicted, const SkinMatrixView& truth) {
+  if (predicted.rows() != truth.rows() || predicted.cols() != truth.cols()) {
+    throw InputError("", "skin",
+                     "predicted weights are " + std::to_string(predicted.rows()) + " x " +
+                         std::to_string(predicted.cols()) + ", true ones " + std::to_string(truth.rows()) + " x " +
+                         std::to_string(truth.cols()));
+  }
+  if (truth.size() == 0) throw InputError("", "skin", "there is no vertex or no joint");
+  check_entries(predicted, "predicted skin");
+  check_entries(truth, "true skin");
+}
+
 }  // namespace
 
 Eigen::Map<const SkinMatrix> skin_matrix(const std::vector<double>& dense, std::size_t vertices, std::size_t joints) {
@@ -98,18 +111,6 @@ SkinMatrix skin_matrix(const std::vector<float>& dense, std::size_t vertices, st
   SkinMatrix result(vertices, joints);
   for (std::size_t i = 0; i < dense.size(); ++i) result.data()[i] = dense[i];
   return result;
-}
-
-void check_skin_pair(const SkinMatrixView& predicted, const SkinMatrixView& truth) {
-  if (predicted.rows() != truth.rows() || predicted.cols() != truth.cols()) {
-    throw InputError("", "skin",
-                     "predicted weights are " + std::to_string(predicted.rows()) + " x " +
-                         std::to_string(predicted.cols()) + ", true ones " + std::to_string(truth.rows()) + " x " +
-                         std::to_string(truth.cols()));
-  }
-  if (truth.size() == 0) throw InputError("", "skin", "there is no vertex or no joint");
-  check_entries(predicted, "predicted skin");
-  check_entries(truth, "true skin");
 }
 
 std::vector<double> matched_weights(const SkinWeights& predicted_on_truth, const Eigen::MatrixXd& plan) {

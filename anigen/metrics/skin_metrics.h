@@ -21,9 +21,6 @@ using SkinMatrixView = Eigen::Ref<const SkinMatrix>;
 Eigen::Map<const SkinMatrix> skin_matrix(const std::vector<double>& dense, std::size_t vertices, std::size_t joints);
 SkinMatrix skin_matrix(const std::vector<float>& dense, std::size_t vertices, std::size_t joints);
 
-/// @throws InputError unless both have the same shape, at least one vertex and one joint, and finite entries ≥ 0
-void check_skin_pair(const SkinMatrixView& predicted, const SkinMatrixView& truth);
-
 /// Predicted weights expressed in the true joints by a transport plan π between the joint measures (reference
 /// training-and-data.md, 7.4 step 2): W̃ = W · diag(1/a) · π, where a are the plan's row sums (1/n each for uniform
 /// measures, so W̃ = n W π). Soft: a joint split between two true ones hands on its weight in that proportion. Rows

@@ -13,6 +13,72 @@
 
 namespace anigen::metrics {
 
+namespace {
+
+/// Below this many cells augmenting paths take milliseconds whatever the masses are.
+constexpr std::size_t kFewCells = 20000;
+/// Sizes closer than this leave almost every mass whole: 842 and 841 joints exchange but a share of 1/841 each.
+constexpr double kNearlyEqualScales = 0.02;
+
+bool suits_simplex(const MassUnits& units) {
+  const std::size_t n = units.supplies.size(), m = units.demands.size();
+  if (n * m < kFewCells) return false;
+  const double larger = static_cast<double>(std::max(n, m)), smaller = static_cast<double>(std::min(n, m));
+  // A multiple of the other size leaves one side with single units.
+  const bool few_units = *std::max_element(units.supplies.begin(), units.supplies.end()) <= 4 ||
+                         *std::max_element(units.demands.begin(), units.demands.end()) <= 4;
+  return !few_units && larger > (1.0 + kNearlyEqualScales) * smaller;
+}
+
+/// Exact transport by LEMON's network simplex: mostly slower than ShortestPathTransport, but other people's code, so it
+/// is the oracle of the tests, and the quicker one where masses are split into many units (TransportSolver). Costs are
+/// rounded to whole numbers of at least 2^-44 of their range (with floating-point costs the simplex can cycle).
+/// @param cost [n,m] finite
+/// @param rounding by how much the plan's cost, in units * cost, may at most exceed the optimum
+/// @return the cells of the plan, masses in units, sorted by row then column
+std::vector<PlanCell> network_simplex_cells(const RowMatrix& cost, const MassUnits& units, double& rounding) {
+  using Graph = lemon::StaticDigraph;
+  const int n = static_cast<int>(cost.rows()), m = static_cast<int>(cost.cols());
+  // Node potentials reach (n + m) times the largest cost on top of LEMON's artificial 2^62.
+  const int bits = 58 - static_cast<int>(std::ceil(std::log2(n + m + 2.0)));
+  const double low = cost.minCoeff(), range = cost.maxCoeff() - low;
+  const double scale = range > 0.0 ? std::ldexp(1.0, bits) / range : 0.0;
+
+  std::vector<std::pair<int, int>> arcs;  // sources 0 to n-1, sinks behind them; arc i * m + j
+  arcs.reserve(static_cast<std::size_t>(n) * static_cast<std::size_t>(m));
+  for (int i = 0; i < n; ++i) {
+    for (int j = 0; j < m; ++j) arcs.emplace_back(i, n + j);
+  }
+  Graph graph;
+  graph.build(n + m, arcs.begin(), arcs.end());
+  Graph::ArcMap<std::int64_t> costs(graph);
+  Graph::NodeMap<std::int64_t> supply(graph);
+  for (int i = 0; i < n; ++i) {
+    supply[graph.node(i)] = units.supplies[at(i)];
+    for (int j = 0; j < m; ++j) costs[graph.arc(i * m + j)] = std::llround((cost(i, j) - low) * scale);
+  }
+  for (int j = 0; j < m; ++j) supply[graph.node(n + j)] = -units.demands[at(j)];
+
+  using Simplex = lemon::NetworkSimplex<Graph, std::int64_t, std::int64_t>;
+  Simplex simplex(graph);
+  simplex.costMap(costs).supplyMap(supply);
+  if (simplex.run() != Simplex::OPTIMAL) throw Error("the network simplex found no optimal transport plan");
+
+  // Half a step for every unit of this plan, half a step for every unit of the true optimum; as much again for the
+  // rounding of the products themselves.
+  rounding = scale > 0.0 ? 2.0 * static_cast<double>(units.total) / scale : 0.0;
+  std::vector<PlanCell> cells;
+  for (int i = 0; i < n; ++i) {
+    for (int j = 0; j < m; ++j) {
+      const std::int64_t flow = simplex.flow(graph.arc(i * m + j));
+      if (flow > 0) cells.push_back({i, j, static_cast<double>(flow)});
+    }
+  }
+  return cells;
+}
+
+}  // namespace
+
 std::vector<int> ascending(const Eigen::VectorXd& values) {
   std::vector<int> order(static_cast<std::size_t>(values.size()));
   std::iota(order.begin(), order.end(), 0);
@@ -78,47 +144,6 @@ TransportPlan exact_transport(const Eigen::MatrixXd& cost, const Eigen::VectorXd
   }
   result.cost *= unit;
   return result;
-}
-
-std::vector<PlanCell> network_simplex_cells(const RowMatrix& cost, const MassUnits& units, double& rounding) {
-  using Graph = lemon::StaticDigraph;
-  const int n = static_cast<int>(cost.rows()), m = static_cast<int>(cost.cols());
-  // Node potentials reach (n + m) times the largest cost on top of LEMON's artificial 2^62.
-  const int bits = 58 - static_cast<int>(std::ceil(std::log2(n + m + 2.0)));
-  const double low = cost.minCoeff(), range = cost.maxCoeff() - low;
-  const double scale = range > 0.0 ? std::ldexp(1.0, bits) / range : 0.0;
-
-  std::vector<std::pair<int, int>> arcs;  // sources 0 to n-1, sinks behind them; arc i * m + j
-  arcs.reserve(static_cast<std::size_t>(n) * static_cast<std::size_t>(m));
-  for (int i = 0; i < n; ++i) {
-    for (int j = 0; j < m; ++j) arcs.emplace_back(i, n + j);
-  }
-  Graph graph;
-  graph.build(n + m, arcs.begin(), arcs.end());
-  Graph::ArcMap<std::int64_t> costs(graph);
-  Graph::NodeMap<std::int64_t> supply(graph);
-  for (int i = 0; i < n; ++i) {
-    supply[graph.node(i)] = units.supplies[at(i)];
-    for (int j = 0; j < m; ++j) costs[graph.arc(i * m + j)] = std::llround((cost(i, j) - low) * scale);
-  }
-  for (int j = 0; j < m; ++j) supply[graph.node(n + j)] = -units.demands[at(j)];
-
-  using Simplex = lemon::NetworkSimplex<Graph, std::int64_t, std::int64_t>;
-  Simplex simplex(graph);
-  simplex.costMap(costs).supplyMap(supply);
-  if (simplex.run() != Simplex::OPTIMAL) throw Error("the network simplex found no optimal transport plan");
-
-  // Half a step for every unit of this plan, half a step for every unit of the true optimum; as much again for the
-  // rounding of the products themselves.
-  rounding = scale > 0.0 ? 2.0 * static_cast<double>(units.total) / scale : 0.0;
-  std::vector<PlanCell> cells;
-  for (int i = 0; i < n; ++i) {
-    for (int j = 0; j < m; ++j) {
-      const std::int64_t flow = simplex.flow(graph.arc(i * m + j));
-      if (flow > 0) cells.push_back({i, j, static_cast<double>(flow)});
-    }
-  }
-  return cells;
 }
 
 ShortestPathTransport::ShortestPathTransport(const MassUnits& units)
@@ -300,25 +325,6 @@ SinkhornResult sinkhorn_wasserstein2(const std::vector<Eigen::Vector3d>& x, cons
                                      const SinkhornOptions& options) {
   return sinkhorn(squared_distances(x, y), uniform_masses(x.size()), uniform_masses(y.size()), options);
 }
-
-namespace {
-
-/// Below this many cells augmenting paths take milliseconds whatever the masses are.
-constexpr std::size_t kFewCells = 20000;
-/// Sizes closer than this leave almost every mass whole: 842 and 841 joints exchange but a share of 1/841 each.
-constexpr double kNearlyEqualScales = 0.02;
-
-bool suits_simplex(const MassUnits& units) {
-  const std::size_t n = units.supplies.size(), m = units.demands.size();
-  if (n * m < kFewCells) return false;
-  const double larger = static_cast<double>(std::max(n, m)), smaller = static_cast<double>(std::min(n, m));
-  // A multiple of the other size leaves one side with single units.
-  const bool few_units = *std::max_element(units.supplies.begin(), units.supplies.end()) <= 4 ||
-                         *std::max_element(units.demands.begin(), units.demands.end()) <= 4;
-  return !few_units && larger > (1.0 + kNearlyEqualScales) * smaller;
-}
-
-}  // namespace
 
 TransportSolver::TransportSolver(const MassUnits& units)
     : units_(units), simplex_(suits_simplex(units)), paths_(units) {}

@@ -35,14 +35,6 @@ enum class ExactSolver {
 TransportPlan exact_transport(const Eigen::MatrixXd& cost, const Eigen::VectorXd& a, const Eigen::VectorXd& b,
                               ExactSolver solver = ExactSolver::kAutomatic);
 
-/// Exact transport by LEMON's network simplex: mostly slower than ShortestPathTransport, but other people's code, so it
-/// is the oracle of the tests, and the quicker one where masses are split into many units (TransportSolver). Costs are
-/// rounded to whole numbers of at least 2^-44 of their range (with floating-point costs the simplex can cycle).
-/// @param cost [n,m] finite
-/// @param rounding by how much the plan's cost, in units * cost, may at most exceed the optimum
-/// @return the cells of the plan, masses in units, sorted by row then column
-std::vector<PlanCell> network_simplex_cells(const RowMatrix& cost, const MassUnits& units, double& rounding);
-
 /// Exact transport between whole-number masses by successive shortest augmenting paths (Jonker and Volgenant 1987,
 /// extended from assignments to supplies and demands). Meant to be kept and asked again: the potentials of one
 /// problem start the next, which is what the linear programs inside Gromov–Wasserstein need.

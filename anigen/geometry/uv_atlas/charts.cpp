@@ -308,6 +308,14 @@ Eigen::Vector2d longer_side(const std::vector<Eigen::Vector2d>& points) {
   return best;
 }
 
+/// The first steps of surface_charts(): faces grouped by growing.
+/// @param least_cosine of the angle between a face's normal and the mean normal of its group
+/// @return groups of faces; each connected, none empty, all within the limit, together every face once
+std::vector<std::vector<std::int32_t>> grow_charts(const SurfaceFaces& surface, const FaceAdjacency& adjacency,
+                                                   double least_cosine) {
+  return ChartGrowing(surface, adjacency, least_cosine).run();
+}
+
 }  // namespace
 
 FaceAdjacency::FaceAdjacency(const std::vector<Eigen::Vector3f>& vertices, const std::vector<Triangle>& faces)
@@ -385,11 +393,6 @@ std::vector<SurfaceChart> surface_charts(const SurfaceFaces& surface, const Face
     charts.push_back({std::move(group), axis});
   }
   return charts;
-}
-
-std::vector<std::vector<std::int32_t>> grow_charts(const SurfaceFaces& surface, const FaceAdjacency& adjacency,
-                                                   double least_cosine) {
-  return ChartGrowing(surface, adjacency, least_cosine).run();
 }
 
 PlanarChart planar_chart(SurfaceChart chart, const std::vector<Eigen::Vector3f>& vertices,
