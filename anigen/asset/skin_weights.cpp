@@ -189,6 +189,11 @@ bool SkinWeights::append_row(std::vector<Influence> row) {
   return !row.empty();
 }
 
+void SkinWeights::append_copy(const SkinWeights& other, std::size_t row) {
+  influences.insert(influences.end(), other.row(row), other.row(row) + other.row_size(row));
+  offsets.push_back(influences.size());
+}
+
 SkinWeights limit_influences(const SkinWeights& weights, std::size_t count) {
   SkinWeights limited;
   for (std::size_t v = 0; v < weights.rows(); ++v) {
@@ -196,8 +201,7 @@ SkinWeights limit_influences(const SkinWeights& weights, std::size_t count) {
     const std::size_t kept = std::min(count, weights.row_size(v));
     // A complete row is copied as it is: dividing by a sum of 1 ± an ulp would change it.
     if (kept == weights.row_size(v)) {
-      limited.influences.insert(limited.influences.end(), row, row + kept);
-      limited.offsets.push_back(limited.influences.size());
+      limited.append_copy(weights, v);
     } else {
       limited.append_row({row, row + kept});
     }

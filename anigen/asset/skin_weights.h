@@ -26,6 +26,8 @@ struct SkinWeights {
   /// Appends a row: merges repeated joints, drops weights ≤ 0 or not finite, divides by the sum, sorts.
   /// @return false when nothing positive was left; the row then is empty and the caller must repair it
   bool append_row(std::vector<Influence> row);
+  /// Appends a row of other weights as it is.
+  void append_copy(const SkinWeights& other, std::size_t row);
 };
 
 /// Keeps the `count` heaviest influences of every row and divides by their sum.

@@ -17,47 +17,20 @@ namespace anigen::geometry {
 namespace {
 
 /// The faces around each vertex of a mesh, by index, ascending; a face that names a vertex twice is listed once.
-class VertexFaces {
- public:
-  /// @throws InputError when a face refers to a vertex that is missing
-  explicit VertexFaces(const Mesh& mesh) : offsets_(mesh.vertices.size() + 1, 0) {
-    const auto each_corner = [&](const auto& body) {
-      for (std::size_t f = 0; f < mesh.faces.size(); ++f) {
-        const Triangle& face = mesh.faces[f];
-        for (std::size_t i = 0; i < 3; ++i) {
-          const bool repeated = (i > 0 && face[i] == face[0]) || (i > 1 && face[i] == face[1]);
-          if (!repeated) body(f, face[i]);
-        }
-      }
-    };
-    each_corner([&](std::size_t face, std::int32_t vertex) {
-      if (vertex < 0 || static_cast<std::size_t>(vertex) >= mesh.vertices.size()) {
-        throw InputError("", "faces[" + std::to_string(face) + "]", "there is no vertex " + std::to_string(vertex));
-      }
-      ++offsets_[static_cast<std::size_t>(vertex) + 1];
-    });
-    for (std::size_t v = 0; v < mesh.vertices.size(); ++v) offsets_[v + 1] += offsets_[v];
-    faces_.resize(offsets_.back());
-    std::vector<std::size_t> next(offsets_.begin(), offsets_.end() - 1);
-    each_corner(
-        [&](std::size_t face, std::int32_t vertex) { faces_[next[at(vertex)]++] = static_cast<std::int32_t>(face); });
+/// @throws InputError when a face refers to a vertex that is missing
+std::vector<std::vector<std::int32_t>> vertex_faces(const Mesh& mesh) {
+  std::vector<std::vector<std::int32_t>> around(mesh.vertices.size());
+  for (std::size_t f = 0; f < mesh.faces.size(); ++f) {
+    const auto face = static_cast<std::int32_t>(f);
+    for (const std::int32_t vertex : mesh.faces[f]) {
+      if (vertex < 0 || at(vertex) >= around.size())
+        throw InputError("", "faces[" + std::to_string(f) + "]", "there is no vertex " + std::to_string(vertex));
+      std::vector<std::int32_t>& faces = around[at(vertex)];
+      if (faces.empty() || faces.back() != face) faces.push_back(face);
+    }
   }
-
-  struct Range {
-    const std::int32_t *first, *last;
-    const std::int32_t* begin() const { return first; }
-    const std::int32_t* end() const { return last; }
-  };
-  /// @pre vertex is one of the mesh
-  Range operator[](std::int32_t vertex) const {
-    const auto v = static_cast<std::size_t>(vertex);
-    return {faces_.data() + offsets_[v], faces_.data() + offsets_[v + 1]};
-  }
-
- private:
-  std::vector<std::size_t> offsets_;  // [V + 1]
-  std::vector<std::int32_t> faces_;
-};
+  return around;
+}
 
 constexpr double kCoinciding = 1e-6, kProbe = 0.01;  // of the mesh's size
 constexpr double kEqual = 1e-3;
@@ -103,7 +76,8 @@ FaceShape shape_of(const Mesh& mesh, std::int32_t face) {
 
 class Matcher {
  public:
-  Matcher(const Mesh& from, const Mesh& to) : from_(from), to_(to), surface_(from), around_from_(from), around_to_(to) {
+  Matcher(const Mesh& from, const Mesh& to)
+      : from_(from), to_(to), surface_(from), around_from_(vertex_faces(from)), around_to_(vertex_faces(to)) {
     const double size = bounding_box(from.vertices).longest_side();
     tolerance_ = kCoinciding * size;
     probe_ = kProbe * size;
@@ -160,7 +134,7 @@ class Matcher {
     const Place& place = candidate.place;
     if (place[0] >= 0) return {shape_of(from_, place[0])};
     std::vector<FaceShape> faces;
-    for (const std::int32_t face : around_from_[place[2]]) {
+    for (const std::int32_t face : around_from_[at(place[2])]) {
       const Triangle& corners = from_.faces[at(face)];
       const bool has_edge = place[1] < 0 || std::find(corners.begin(), corners.end(), place[1]) != corners.end();
       if (has_edge) faces.push_back(shape_of(from_, face));
@@ -170,7 +144,7 @@ class Matcher {
 
   std::vector<FaceShape> surroundings(std::size_t vertex) const {
     std::vector<FaceShape> faces;
-    for (const std::int32_t face : around_to_[static_cast<std::int32_t>(vertex)]) faces.push_back(shape_of(to_, face));
+    for (const std::int32_t face : around_to_[vertex]) faces.push_back(shape_of(to_, face));
     return faces;
   }
 
@@ -217,7 +191,7 @@ class Matcher {
   const Mesh& from_;
   const Mesh& to_;
   NearestSurface surface_;
-  VertexFaces around_from_, around_to_;
+  std::vector<std::vector<std::int32_t>> around_from_, around_to_;
   double tolerance_ = 0.0, probe_ = 0.0;
   std::map<std::vector<Place>, std::size_t> turns_;  // how often each choice between equal places came up
 };
@@ -271,10 +245,7 @@ SkinWeights transfer_skin_by_vertex(const std::vector<Eigen::Vector3d>& vertices
   result.offsets.reserve(points.size() + 1);
   for (std::size_t i = 0; i < points.size(); ++i) {
     check_point(points[i], i);
-    const std::size_t vertex = index.nearest(points[i]).index;
-    const Influence* row = skin.row(vertex);
-    result.influences.insert(result.influences.end(), row, row + skin.row_size(vertex));
-    result.offsets.push_back(result.influences.size());
+    result.append_copy(skin, index.nearest(points[i]).index);
   }
   return result;
 }

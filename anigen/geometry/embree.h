@@ -81,6 +81,20 @@ inline void embree_occluded(RTCScene scene, RTCRay& ray) {
 #endif
 }
 
+/// Calls visit with `data` for the primitives whose boxes are within a radius that it may lower.
+inline void embree_point_query(RTCScene scene, const Eigen::Vector3d& point, float radius, RTCPointQueryFunction visit,
+                               void* data) {
+  RTCPointQuery query;
+  query.x = static_cast<float>(point.x());
+  query.y = static_cast<float>(point.y());
+  query.z = static_cast<float>(point.z());
+  query.time = 0.0f;
+  query.radius = radius;
+  RTCPointQueryContext context;
+  rtcInitPointQueryContext(&context);
+  rtcPointQuery(scene, &query, &context, visit, data);
+}
+
 /// Intersections of rays with a mesh: set up once per mesh (a BVH), query many times. Distances are in single precision
 /// (relative error about 1e-6 of the scene). Queries are thread-safe.
 class RayCaster {

@@ -178,11 +178,10 @@ void require_faces(const std::vector<Triangle>& faces) {
   if (faces.empty()) throw InputError("", "mesh.faces", "a mesh without faces has no surface");
 }
 
-template <typename To, typename From>
-std::vector<To> converted(const std::vector<From>& points) {
-  std::vector<To> result;
+std::vector<Eigen::Vector3f> in_single(const std::vector<Eigen::Vector3d>& points) {
+  std::vector<Eigen::Vector3f> result;
   result.reserve(points.size());
-  for (const From& point : points) result.push_back(point.template cast<typename To::Scalar>());
+  for (const Eigen::Vector3d& point : points) result.push_back(point.cast<float>());
   return result;
 }
 
@@ -211,12 +210,12 @@ constexpr std::size_t kQueriesPerTask = 256;  // enough work per task to hide it
 NearestSurface::NearestSurface(const std::vector<Eigen::Vector3f>& vertices, const std::vector<Triangle>& faces) {
   require_faces(faces);
   check_mesh(vertices, faces);
-  implementation_ = std::make_unique<Implementation>(vertices, converted<Eigen::Vector3d>(vertices), faces);
+  implementation_ = std::make_unique<Implementation>(vertices, in_double(vertices), faces);
 }
 
 NearestSurface::NearestSurface(const std::vector<Eigen::Vector3d>& vertices, const std::vector<Triangle>& faces) {
   require_faces(faces);
-  const std::vector<Eigen::Vector3f> rounded = converted<Eigen::Vector3f>(vertices);
+  const std::vector<Eigen::Vector3f> rounded = in_single(vertices);
   check_mesh(rounded, faces);
   implementation_ = std::make_unique<Implementation>(rounded, vertices, faces);
 }
@@ -240,15 +239,9 @@ NearestPoint NearestSurface::query(const Eigen::Vector3d& point, std::int32_t gu
   if (guessed) search.offer(static_cast<std::size_t>(guess));
   const bool in_range = point.cwiseAbs().maxCoeff() <= kLargestCoordinate;
   if (in_range) {
-    RTCPointQuery query;
-    query.x = static_cast<float>(point.x());
-    query.y = static_cast<float>(point.y());
-    query.z = static_cast<float>(point.z());
-    query.time = 0.0f;
-    query.radius = guessed ? search.radius() : std::numeric_limits<float>::infinity();
-    RTCPointQueryContext context;
-    rtcInitPointQueryContext(&context);
-    rtcPointQuery(implementation_->tree.scene(), &query, &context, &Search<Implementation>::visit, &search);
+    embree_point_query(implementation_->tree.scene(), point,
+                       guessed ? search.radius() : std::numeric_limits<float>::infinity(),
+                       &Search<Implementation>::visit, &search);
   }
   // Too far away for single precision: look at every face.
   if (!in_range || search.best.at.face < 0) {
@@ -263,16 +256,9 @@ std::vector<NearestPoint> NearestSurface::within(const Eigen::Vector3d& point, d
   Collection<Implementation> collection{implementation_.get(), point, radius, {}};
   const double reach = implementation_->extent + point.cwiseAbs().maxCoeff();
   if (reach + radius <= kLargestCoordinate) {
-    RTCPointQuery query;
-    query.x = static_cast<float>(point.x());
-    query.y = static_cast<float>(point.y());
-    query.z = static_cast<float>(point.z());
-    query.time = 0.0f;
     // Rounding of the boxes stays inside; exact distances decide.
-    query.radius = static_cast<float>(radius * (1.0 + 1e-5) + 1e-6 * reach);
-    RTCPointQueryContext context;
-    rtcInitPointQueryContext(&context);
-    rtcPointQuery(implementation_->tree.scene(), &query, &context, &Collection<Implementation>::visit, &collection);
+    embree_point_query(implementation_->tree.scene(), point, static_cast<float>(radius * (1.0 + 1e-5) + 1e-6 * reach),
+                       &Collection<Implementation>::visit, &collection);
   } else {
     for (std::size_t face = 0; face < implementation_->faces.size(); ++face) collection.offer(face);
   }
@@ -300,7 +286,7 @@ std::vector<NearestPoint> NearestSurface::query(const std::vector<Eigen::Vector3
 }
 
 std::vector<NearestPoint> NearestSurface::query(const std::vector<Eigen::Vector3f>& points) const {
-  return query(converted<Eigen::Vector3d>(points));
+  return query(in_double(points));
 }
 
 }  // namespace anigen::geometry

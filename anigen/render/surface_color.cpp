@@ -21,6 +21,14 @@ const std::array<float, 256>& linear_table() {
   return table;
 }
 
+/// Σ_k barycentric_k · value of corner k.
+template <typename Value>
+Value interpolated(const Hit& hit, const Triangle& face, const std::vector<Value>& values) {
+  Value sum = Value::Zero();
+  for (std::size_t k = 0; k < 3; ++k) sum += hit.barycentric[static_cast<Eigen::Index>(k)] * values[at(face[k])];
+  return sum;
+}
+
 /// Texel coordinate in [0, size) and the fraction towards the next texel.
 struct Tap {
   int first, second;
@@ -97,11 +105,7 @@ Mesh split_mesh(const Mesh& mesh, const geometry::UvAtlas& atlas) {
 
 SkinWeights split_skin(const SkinWeights& skin, const std::vector<std::int32_t>& vertices) {
   SkinWeights split;
-  for (const std::int32_t vertex : vertices) {
-    const Influence* row = skin.row(at(vertex));
-    split.influences.insert(split.influences.end(), row, row + skin.row_size(at(vertex)));
-    split.offsets.push_back(split.influences.size());
-  }
+  for (const std::int32_t vertex : vertices) split.append_copy(skin, at(vertex));
   return split;
 }
 
@@ -148,11 +152,7 @@ float Texture::alpha(const Eigen::Vector2f& uv) const {
 
 Eigen::Vector2f texture_coordinates(const Mesh& mesh, const Hit& hit) {
   const Triangle& face = mesh.faces[static_cast<std::size_t>(hit.face)];
-  Eigen::Vector2f uv = Eigen::Vector2f::Zero();
-  for (std::size_t k = 0; k < 3; ++k) {
-    uv += hit.barycentric[static_cast<Eigen::Index>(k)] * mesh.uvs[static_cast<std::size_t>(face[k])];
-  }
-  return uv;
+  return interpolated(hit, face, mesh.uvs);
 }
 
 SurfaceColor::SurfaceColor(const Scene& scene, const PictureOptions& options)
@@ -183,10 +183,7 @@ Eigen::Vector3f SurfaceColor::at(const Hit& hit) const {
       return 0.5f * (hit.normal + Eigen::Vector3f::Ones());
     case PictureMode::kWeights: {
       const Triangle& face = asset_->mesh.faces[static_cast<std::size_t>(hit.face)];
-      Eigen::Vector3f color = Eigen::Vector3f::Zero();
-      for (std::size_t k = 0; k < 3; ++k) {
-        color += hit.barycentric[static_cast<Eigen::Index>(k)] * vertex_colors_[static_cast<std::size_t>(face[k])];
-      }
+      const Eigen::Vector3f color = interpolated(hit, face, vertex_colors_);
       return color.cwiseMax(0.0f).cwiseMin(1.0f).unaryExpr([](float value) { return srgb_to_linear(value); });
     }
     case PictureMode::kColor:
@@ -215,11 +212,7 @@ Eigen::Vector3f SurfaceColor::base_color(const Hit& hit) const {
     }
   }
   if (!mesh.colors.empty()) {
-    Eigen::Vector3f tint = Eigen::Vector3f::Zero();
-    for (std::size_t k = 0; k < 3; ++k) {
-      tint += hit.barycentric[static_cast<Eigen::Index>(k)] * mesh.colors[static_cast<std::size_t>(face[k])].head<3>();
-    }
-    color = color.cwiseProduct(tint);
+    color = color.cwiseProduct(interpolated(hit, face, mesh.colors).head<3>());
   }
   return color.cwiseMax(0.0f);
 }

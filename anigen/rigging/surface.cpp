@@ -101,11 +101,7 @@ WeldedSurface weld_surface(const Mesh& mesh) {
 SkinWeights rows_of_vertices(const SkinWeights& rows_of_places, const WeldedSurface& surface) {
   SkinWeights skin;
   skin.offsets.reserve(surface.of_vertex.size() + 1);
-  for (const std::int32_t place : surface.of_vertex) {
-    const Influence* row = rows_of_places.row(at(place));
-    skin.influences.insert(skin.influences.end(), row, row + rows_of_places.row_size(at(place)));
-    skin.offsets.push_back(skin.influences.size());
-  }
+  for (const std::int32_t place : surface.of_vertex) skin.append_copy(rows_of_places, at(place));
   return skin;
 }
 

@@ -92,6 +92,8 @@ struct ChartCandidate {
   }
 };
 
+/// The first steps of surface_charts(): groups of faces that grow; each connected, none empty, all within the limit,
+/// together every face once.
 class ChartGrowing {
  public:
   ChartGrowing(const SurfaceFaces& surface, const FaceAdjacency& adjacency, double least_cosine)
@@ -308,14 +310,6 @@ Eigen::Vector2d longer_side(const std::vector<Eigen::Vector2d>& points) {
   return best;
 }
 
-/// The first steps of surface_charts(): faces grouped by growing.
-/// @param least_cosine of the angle between a face's normal and the mean normal of its group
-/// @return groups of faces; each connected, none empty, all within the limit, together every face once
-std::vector<std::vector<std::int32_t>> grow_charts(const SurfaceFaces& surface, const FaceAdjacency& adjacency,
-                                                   double least_cosine) {
-  return ChartGrowing(surface, adjacency, least_cosine).run();
-}
-
 }  // namespace
 
 FaceAdjacency::FaceAdjacency(const std::vector<Eigen::Vector3f>& vertices, const std::vector<Triangle>& faces)
@@ -386,7 +380,7 @@ std::vector<SurfaceChart> surface_charts(const SurfaceFaces& surface, const Face
   const double least_cosine = std::cos(max_deviation);
   std::vector<SurfaceChart> charts;
   for (std::vector<std::int32_t>& group :
-       merge_charts(surface, adjacency, least_cosine, grow_charts(surface, adjacency, least_cosine))) {
+       merge_charts(surface, adjacency, least_cosine, ChartGrowing(surface, adjacency, least_cosine).run())) {
     Eigen::Vector3d axis = mean_normal(surface, group);
     // Nothing but faces without area: any direction will do.
     if (axis.isZero()) axis = Eigen::Vector3d::UnitZ();
