@@ -112,9 +112,4 @@ io::Image contact_sheet(const std::vector<Tile>& tiles, const SheetOptions& opti
   return sheet;
 }
 
-io::Image side_by_side(const Tile& left, const Tile& right, SheetOptions options) {
-  options.columns = 2;
-  return contact_sheet({left, right}, options);
-}
-
 }  // namespace anigen::render

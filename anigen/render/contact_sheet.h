@@ -26,7 +26,4 @@ struct SheetOptions {
 /// @throws InputError without tiles, on an option out of range, or when the sheet would exceed 16,384 pixels a side
 io::Image contact_sheet(const std::vector<Tile>& tiles, const SheetOptions& options = {});
 
-/// Two pictures beside each other, for example ground truth and prediction.
-io::Image side_by_side(const Tile& left, const Tile& right, SheetOptions options = {});
-
 }  // namespace anigen::render

@@ -72,8 +72,11 @@ TEST(ContactSheet, RefusesNothingAndTooMuch) {
   EXPECT_THROW(contact_sheet({broken}), InputError);
 }
 
-TEST(SideBySide, LeftIsLeft) {
-  const io::Image pair = side_by_side({io::Image(30, 30, kRed), "truth"}, {io::Image(30, 30, kGreen), "prediction"});
+TEST(ContactSheet, LeftIsLeft) {
+  SheetOptions options;
+  options.columns = 2;
+  const io::Image pair =
+      contact_sheet({{io::Image(30, 30, kRed), "truth"}, {io::Image(30, 30, kGreen), "prediction"}}, options);
   EXPECT_EQ(pair.pixel(pair.width / 4, 20)[0], 255);
   EXPECT_EQ(pair.pixel(3 * pair.width / 4, 20)[1], 255);
   EXPECT_EQ(pair.pixel(3 * pair.width / 4, 20)[0], 0);
