@@ -15,7 +15,7 @@ namespace anigen::geometry {
 namespace {
 
 constexpr std::size_t kLeafSize = 10;
-constexpr std::size_t kQueriesPerTask = 1024;  // enough work per task to hide its cost
+constexpr std::size_t kPointQueriesPerTask = 1024;  // enough work per task to hide its cost
 
 void require_reachable(const std::vector<Eigen::Vector3d>& points, const char* array) {
   for (std::size_t i = 0; i < points.size(); ++i) {
@@ -116,9 +116,9 @@ PointIndex::Nearest PointIndex::nearest(const Eigen::Vector3d& query, std::size_
 std::vector<std::size_t> PointIndex::nearest(const std::vector<Eigen::Vector3d>& queries) const {
   require_reachable(queries, "queries");
   std::vector<std::size_t> found(queries.size());
-  parallel_for((queries.size() + kQueriesPerTask - 1) / kQueriesPerTask, [&](std::size_t block) {
-    const std::size_t end = std::min(queries.size(), (block + 1) * kQueriesPerTask);
-    for (std::size_t i = block * kQueriesPerTask; i < end; ++i) found[i] = nearest(queries[i]).index;
+  parallel_for((queries.size() + kPointQueriesPerTask - 1) / kPointQueriesPerTask, [&](std::size_t block) {
+    const std::size_t end = std::min(queries.size(), (block + 1) * kPointQueriesPerTask);
+    for (std::size_t i = block * kPointQueriesPerTask; i < end; ++i) found[i] = nearest(queries[i]).index;
   });
   return found;
 }
