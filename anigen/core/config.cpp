@@ -6,7 +6,7 @@
 
 #include "anigen/core/files.h"
 #include "anigen/core/log.h"
-#include "anigen/core/numeric.h"
+#include "anigen/core/text.h"
 
 namespace anigen {
 

@@ -14,17 +14,4 @@ double percentile(std::vector<float> values, double p) {
   return a + (b - a) * (place - static_cast<double>(low));
 }
 
-std::string replaced_characters(const std::string& text, std::initializer_list<std::pair<char, const char*>> by) {
-  std::string result;
-  for (const char c : text) {
-    const auto found = std::find_if(by.begin(), by.end(), [c](const auto& entry) { return entry.first == c; });
-    if (found == by.end()) {
-      result += c;
-    } else {
-      result += found->second;
-    }
-  }
-  return result;
-}
-
 }  // namespace anigen

@@ -1,10 +1,8 @@
 #pragma once
 #include <cstddef>
 #include <cstdint>
-#include <initializer_list>
 #include <string>
 #include <type_traits>
-#include <utility>
 #include <vector>
 
 /// Two things that nearly every file with geometry in it needs.
@@ -30,9 +28,6 @@ inline std::string short_id(const std::string& id) {
   constexpr std::size_t kLongest = 24, kKept = 8;
   return id.size() <= kLongest ? id : id.substr(0, kKept);
 }
-
-/// The text with each character that `by` names replaced.
-std::string replaced_characters(const std::string& text, std::initializer_list<std::pair<char, const char*>> by);
 
 /// a · b / 255, rounded, in integers as Pillow blends: bytes that stand for numbers in [0, 1].
 inline std::uint8_t byte_product(int a, int b) {

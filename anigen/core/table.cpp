@@ -7,7 +7,7 @@
 
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
-#include "anigen/core/numeric.h"
+#include "anigen/core/text.h"
 
 namespace anigen {
 
@@ -99,11 +99,7 @@ std::string escaped(const std::string& text) {
                                                   {'}', "\\}"}});
   constexpr const char* kSigns[][2] = {
       {"±", "$\\pm$"}, {"↓", "$\\downarrow$"}, {"↑", "$\\uparrow$"}, {"–", "--"}, {"…", "\\dots{}"}};
-  for (const auto& [sign, latex] : kSigns) {
-    const std::string from = sign, to = latex;
-    for (std::size_t at = result.find(from); at != std::string::npos; at = result.find(from, at + to.size()))
-      result.replace(at, from.size(), to);
-  }
+  for (const auto& [sign, latex] : kSigns) replace_all(result, sign, latex);
   return result;
 }
 

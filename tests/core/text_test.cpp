@@ -20,4 +20,9 @@ TEST(ReplaceAll, DoesNotSearchWhatItPutIn) {
   EXPECT_EQ(text, "aaaaaa");
 }
 
+TEST(ReplacedCharacters, OneByOne) {
+  EXPECT_EQ(replaced_characters("a<b&c", {{'&', "&amp;"}, {'<', "&lt;"}}), "a&lt;b&amp;c");
+  EXPECT_EQ(replaced_characters("&", {{'&', "<&>"}, {'<', "no"}}), "<&>") << "what was put in is not replaced again";
+}
+
 }  // namespace anigen

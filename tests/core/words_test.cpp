@@ -2,8 +2,6 @@
 
 #include <gtest/gtest.h>
 
-#include "anigen/core/numeric.h"
-
 namespace anigen {
 namespace {
 
@@ -25,11 +23,6 @@ TEST(Words, AnUnknownOneNamesThePlaceAndTheKnownOnes) {
     EXPECT_EQ(error.place(), "--fruit");
     EXPECT_EQ(error.problem(), "'plum' is none of apple, pear");
   }
-}
-
-TEST(ReplacedCharacters, OneByOne) {
-  EXPECT_EQ(replaced_characters("a<b&c", {{'&', "&amp;"}, {'<', "&lt;"}}), "a&lt;b&amp;c");
-  EXPECT_EQ(replaced_characters("&", {{'&', "<&>"}, {'<', "no"}}), "<&>") << "what was put in is not replaced again";
 }
 
 }  // namespace
