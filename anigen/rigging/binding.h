@@ -7,7 +7,6 @@
 #include "anigen/asset/skeleton.h"
 #include "anigen/asset/skin_weights.h"
 #include "anigen/rigging/bone_heat.h"
-#include "anigen/rigging/geodesic_voxel.h"
 
 namespace anigen::rigging {
 
@@ -31,14 +30,38 @@ class StrongestInfluences {
   std::vector<Influence> kept_;        ///< [rows, most], heaviest first
 };
 
-/// Every vertex with weight 1 on the joint whose bones (geometry::bone_segments) are nearest by straight distance; the
-/// lower index of equals. The baseline of all binding: neither smooth nor aware of the surface. Needs no faces.
-/// @throws InputError naming a vertex or joint that is not finite, or without joints
-SkinWeights bind_to_nearest_bone(const Mesh& mesh, const Skeleton& skeleton);
+/// Defaults of Maya's geodesic voxel binding (reference anymate-baselines.md, 9.1), but for `most_influences`, which is
+/// what one glTF attribute holds and Maya leaves unlimited.
+struct GeodesicVoxelOptions {
+  int resolution = 256;             ///< voxels along the longest side, 2 to kMaxSolidResolution (512)
+  double falloff = 0.2;             ///< α in [0, 1]: from weights like 1/d² to weights like 1/d⁴
+  std::size_t most_influences = 4;  ///< per vertex, 0 for all
+  bool validate_solid = true;       ///< drop insides without bones and streaks; see solid_voxels()
+};
+
+/// Geodesic voxel binding (Dionne and de Lasa, "Geodesic voxel binding for production character meshes", 2013;
+/// reference anymate-baselines.md, 9.1): weights by the distance from each joint's bones through the inside of the
+/// mesh, which is voxelised so that holes, overlapping parts and inverted faces do no harm.
+///
+///     w_j ∝ 1 / ((1 − α) d_j + α d_j²)²,   d_j in units of the mesh's longest side
+///
+/// d_j is the shortest path over solid voxels (VoxelPaths), from where the bone is to where the vertex is. A bone
+/// outside the solid reaches it straight, at the nearest place, and that way counts; the made-up bone of a joint
+/// without children ends where it leaves the solid. What no bone reaches (a part that floats beside the body, a vertex
+/// without faces, a mesh without extent) takes weights by straight distance to its three nearest joints, by the same
+/// law. Vertices at one position get the same weights; the order of vertices and faces does not matter.
+///
+/// Runs on all threads, joints at a time; the result does not depend on them. Time: solid voxels × 26 × joints.
+/// Memory: 3 bytes per voxel of the mesh's box, and 4 per voxel and thread, of which there are fewer where that would
+/// take more than 1 GiB.
+/// @return [V], at most `most_influences` per row
+/// @throws InputError for options out of range, a vertex or joint that is not finite, a bad face, or without joints
+SkinWeights bind_by_geodesic_voxels(const Mesh& mesh, const Skeleton& skeleton,
+                                    const GeodesicVoxelOptions& options = {});
 
 /// Ways to bind a mesh to a skeleton without having learned any.
 enum class SkinBinding {
-  kNearest,         ///< "nearest": bind_to_nearest_bone()
+  kNearest,         ///< "nearest": weight 1 on the joint whose bones are nearest by straight distance
   kGeodesicVoxels,  ///< "geovoxel": bind_by_geodesic_voxels()
   kHeat             ///< "heat": bind_by_heat()
 };

@@ -9,7 +9,6 @@
 #include <limits>
 #include <optional>
 #include <string>
-#include <vector>
 
 #include "anigen/core/error.h"
 #include "anigen/core/numeric.h"
@@ -21,6 +20,18 @@
 namespace anigen::rigging {
 
 namespace {
+
+/// The negative Laplace–Beltrami operator of a welded surface, −Δ = M⁻¹ L, in the unit frame. L is positive
+/// semidefinite: (L w)_i = Σ_j c_ij (w_i − w_j), and L of a constant is 0.
+struct CotangentLaplacian {
+  struct Edge {
+    std::int32_t a, b;   ///< places, a < b
+    double conductance;  ///< c_ab = (cot α + cot β) / 2, summed over the faces at the edge, of which there may be any
+                         ///< number
+  };
+  std::vector<Edge> edges;    ///< by (a, b), once each
+  std::vector<double> areas;  ///< [P] diagonal of M: a third of the faces around each place
+};
 
 constexpr double kLargestCotangent = 1e3;
 
@@ -41,8 +52,8 @@ std::array<double, 3> cotangents(const std::array<Eigen::Vector3d, 3>& corners, 
   return result;
 }
 
-}  // namespace
-
+/// Faces with an angle below about 0.06° would drown the others in rounding: their cotangents are cut off at 1000 and
+/// the negative ones left out, which keeps L semidefinite and what they join joined.
 CotangentLaplacian cotangent_laplacian(const WeldedSurface& surface) {
   CotangentLaplacian laplacian;
   laplacian.areas.assign(surface.places.size(), 0.0);
@@ -73,8 +84,6 @@ CotangentLaplacian cotangent_laplacian(const WeldedSurface& surface) {
   edges.resize(kept);
   return laplacian;
 }
-
-namespace {
 
 constexpr double kEquallyNear = 1.0001;
 constexpr double kSkinDepth = 0.002;   ///< how deep below the surface things still count as on it
@@ -164,41 +173,6 @@ struct Visibility {
   }
 };
 
-}  // namespace
-
-std::vector<HeatSource> heat_sources(const WeldedSurface& surface, const SurfaceParts& parts,
-                                     std::vector<MovingBones> bones) {
-  const geometry::RayCaster caster(rounded(surface), surface.faces);
-  for (MovingBones& joint : bones) {
-    if (joint.is_tip) end_inside(joint.lines.front(), caster);
-  }
-  const std::vector<Eigen::Vector3d> normals = outward_normals(surface, parts);
-  const Visibility visibility{&caster, &normals, &parts};
-  std::vector<HeatSource> sources(surface.places.size());
-  parallel_for(sources.size(), [&](std::size_t p) {
-    const Eigen::Vector3d& place = surface.places[p];
-    std::vector<Eigen::Vector3d> points;
-    std::vector<double> measures;
-    points.reserve(bones.size());
-    measures.reserve(bones.size());
-    for (const MovingBones& joint : bones) {
-      points.push_back(nearest_point(joint, place));
-      measures.push_back(visibility.measure(p, place - points.back()));
-    }
-    HeatSource& source = sources[p];
-    const auto least = std::min_element(measures.begin(), measures.end());
-    source.distance = (place - points[static_cast<std::size_t>(least - measures.begin())]).norm();
-    for (std::size_t j = 0; j < bones.size(); ++j) {
-      if (measures[j] > kEquallyNear * *least) continue;
-      source.joints.push_back(static_cast<std::int32_t>(j));
-      source.visible.push_back(visibility.sees(p, place, points[j]));
-    }
-  });
-  return sources;
-}
-
-namespace {
-
 constexpr double kNearestSource = 1e-4;  ///< H is not infinite on a bone
 /// Places need an area for heat to enter; of those without faces it does not matter how much.
 constexpr double kLeastArea = 1e-12;
@@ -238,6 +212,7 @@ std::vector<char> seeing_parts(const SurfaceParts& parts, const std::vector<Heat
 }
 
 HeatProblem heat_problem(const WeldedSurface& surface, const std::vector<MovingBones>& bones, double heat) {
+  // M (−Δ + H) w_j = M H p_j, times the areas M so that the matrix L + M H is symmetric.
   const SurfaceParts parts = surface_parts(surface);
   const std::vector<HeatSource> sources = heat_sources(surface, parts, bones);
   const CotangentLaplacian laplacian = cotangent_laplacian(surface);
@@ -247,7 +222,7 @@ HeatProblem heat_problem(const WeldedSurface& surface, const std::vector<MovingB
   std::vector<double> diagonal(sources.size(), 0.0);
   for (std::size_t p = 0; p < sources.size(); ++p) {
     const double d = std::max(sources[p].distance, kNearestSource);
-    const double full = std::max(laplacian.areas[p], kLeastArea) * heat / (d * d);
+    const double full = std::max(laplacian.areas[p], kLeastArea) * heat / (d * d);  // (M H)_pp of one seen bone
     for (std::size_t i = 0; i < sources[p].joints.size(); ++i) {
       const bool counts = sources[p].visible[i] || sees[at(parts.of_place[p])] == 0;
       const double inflow = counts ? full : kFaintHeat * full;
@@ -257,7 +232,7 @@ HeatProblem heat_problem(const WeldedSurface& surface, const std::vector<MovingB
   }
   std::vector<Eigen::Triplet<double>> entries;
   entries.reserve(laplacian.edges.size() + diagonal.size());
-  for (const CotangentLaplacian::Edge& edge : laplacian.edges) {
+  for (const CotangentLaplacian::Edge& edge : laplacian.edges) {  // L: −c_ab beside, Σ c_ab on the diagonal
     entries.emplace_back(edge.b, edge.a, -edge.conductance);
     diagonal[at(edge.a)] += edge.conductance;
     diagonal[at(edge.b)] += edge.conductance;
@@ -301,6 +276,37 @@ std::size_t nearest_joint(const std::vector<MovingBones>& bones, const Eigen::Ve
 }
 
 }  // namespace
+
+std::vector<HeatSource> heat_sources(const WeldedSurface& surface, const SurfaceParts& parts,
+                                     std::vector<MovingBones> bones) {
+  const geometry::RayCaster caster(rounded(surface), surface.faces);
+  for (MovingBones& joint : bones) {
+    if (joint.is_tip) end_inside(joint.lines.front(), caster);
+  }
+  const std::vector<Eigen::Vector3d> normals = outward_normals(surface, parts);
+  const Visibility visibility{&caster, &normals, &parts};
+  std::vector<HeatSource> sources(surface.places.size());
+  parallel_for(sources.size(), [&](std::size_t p) {
+    const Eigen::Vector3d& place = surface.places[p];
+    std::vector<Eigen::Vector3d> points;
+    std::vector<double> measures;
+    points.reserve(bones.size());
+    measures.reserve(bones.size());
+    for (const MovingBones& joint : bones) {
+      points.push_back(nearest_point(joint, place));
+      measures.push_back(visibility.measure(p, place - points.back()));
+    }
+    HeatSource& source = sources[p];
+    const auto least = std::min_element(measures.begin(), measures.end());
+    source.distance = (place - points[static_cast<std::size_t>(least - measures.begin())]).norm();
+    for (std::size_t j = 0; j < bones.size(); ++j) {
+      if (measures[j] > kEquallyNear * *least) continue;
+      source.joints.push_back(static_cast<std::int32_t>(j));
+      source.visible.push_back(visibility.sees(p, place, points[j]));
+    }
+  });
+  return sources;
+}
 
 SkinWeights bind_by_heat(const Mesh& mesh, const Skeleton& skeleton, const BoneHeatOptions& options) {
   if (!(options.heat > 0.0 && std::isfinite(options.heat))) {

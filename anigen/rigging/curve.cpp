@@ -8,7 +8,6 @@
 #include <unordered_map>
 #include <utility>
 
-#include "anigen/asset/skeleton.h"
 #include "anigen/core/disjoint_sets.h"
 #include "anigen/core/error.h"
 #include "anigen/core/numeric.h"
@@ -72,10 +71,7 @@ class TetrahedraMarch {
     }
   }
 
-  Eigen::Vector3d place(std::size_t node) const {
-    const auto c = field_.grid.cell(node);
-    return field_.grid.center(c[0], c[1], c[2]);
-  }
+  Eigen::Vector3d place(std::size_t node) const { return field_.grid.center(node); }
 
   /// The vertex on the edge between two nodes, one for all tetrahedra around it.
   int cut(std::size_t a, std::size_t b) {
@@ -109,58 +105,6 @@ double volume_of(const std::vector<Eigen::Vector3d>& vertices, const std::vector
   return sum;
 }
 
-}  // namespace
-
-std::vector<ClosedMesh> solid_pieces(const SolidField& field) {
-  const TetrahedraMarch march(field);
-  DisjointSets sets(march.vertices.size());
-  for (const Triangle& t : march.faces) {
-    sets.join(at(t[0]), at(t[1]));
-    sets.join(at(t[0]), at(t[2]));
-  }
-  std::vector<int> piece_of(march.vertices.size(), -1), number(march.vertices.size(), -1);
-  std::vector<ClosedMesh> pieces;
-  for (const Triangle& t : march.faces) {
-    int& piece = piece_of[sets.find(at(t[0]))];
-    if (piece < 0) {
-      piece = static_cast<int>(pieces.size());
-      pieces.emplace_back();
-    }
-    ClosedMesh& mesh = pieces[at(piece)];
-    Triangle moved{};
-    for (std::size_t k = 0; k < 3; ++k) {
-      int& v = number[at(t[k])];
-      if (v < 0) {
-        v = static_cast<int>(mesh.vertices.size());
-        mesh.vertices.push_back(march.vertices[at(t[k])]);
-      }
-      moved[k] = v;
-    }
-    mesh.faces.push_back(moved);
-  }
-  for (ClosedMesh& piece : pieces) piece.volume = volume_of(piece.vertices, piece.faces);
-  pieces.erase(std::remove_if(pieces.begin(), pieces.end(), [](const ClosedMesh& p) { return !(p.volume > 0.0); }),
-               pieces.end());
-  std::stable_sort(pieces.begin(), pieces.end(),
-                   [](const ClosedMesh& a, const ClosedMesh& b) { return a.volume > b.volume; });
-  return pieces;
-}
-
-ClosedMesh with_fewer_vertices(const ClosedMesh& mesh, std::size_t target_vertices) {
-  if (mesh.vertices.size() <= target_vertices) return mesh;
-  std::vector<Eigen::Vector3f> vertices;
-  for (const Eigen::Vector3d& v : mesh.vertices) vertices.push_back(v.cast<float>());
-  // A closed surface has about twice as many faces as vertices.
-  const geometry::Simplified simple = geometry::simplify(vertices, mesh.faces, 2 * target_vertices);
-  ClosedMesh result;
-  for (const Eigen::Vector3f& v : simple.mesh.vertices) result.vertices.push_back(v.cast<double>());
-  result.faces = simple.mesh.faces;
-  result.volume = mesh.volume;
-  return result;
-}
-
-namespace {
-
 double apart(const CurveTree& tree, int a, int b) { return (tree.points[at(a)] - tree.points[at(b)]).norm(); }
 
 void link(CurveTree& tree, int a, int b) {
@@ -188,6 +132,16 @@ CurveTree kept_points(const CurveTree& tree, const std::vector<char>& kept) {
   return result;
 }
 
+/// The points from `p` over its neighbour `next` to the next end or branching point.
+std::vector<int> walk(const CurveTree& tree, int p, int next) {
+  std::vector<int> way{p, next};
+  while (tree.degree(way.back()) == 2) {
+    const std::vector<int>& around = tree.neighbours[at(way.back())];
+    way.push_back(around[around[0] == way[way.size() - 2] ? 1 : 0]);
+  }
+  return way;
+}
+
 /// From an end of the curve to the point before the next branching one.
 struct Spur {
   std::vector<int> points;
@@ -197,112 +151,18 @@ struct Spur {
 
 Spur spur_at(const CurveTree& tree, int end) {
   Spur spur;
-  int before = -1, here = end;
-  while (tree.degree(here) <= 2) {
-    spur.points.push_back(here);
-    int next = -1;
-    for (const int q : tree.neighbours[at(here)]) {
-      if (q != before) next = q;
-    }
-    if (next < 0) return spur;  // the other end
-    before = here;
-    here = next;
-  }
-  spur.branch = here;
-  for (const int p : spur.points) spur.reach = std::max(spur.reach, apart(tree, p, here));
+  spur.points = walk(tree, end, tree.neighbours[at(end)].front());
+  if (tree.degree(spur.points.back()) == 1) return spur;  // the other end
+  spur.branch = spur.points.back();
+  spur.points.pop_back();
+  for (const int p : spur.points) spur.reach = std::max(spur.reach, apart(tree, p, spur.branch));
   return spur;
 }
 
-}  // namespace
-
-CurveTree curve_tree(const std::vector<Eigen::Vector3d>& points, const std::vector<double>& radii,
-                     const std::vector<std::array<int, 2>>& edges) {
-  CurveTree tree;
-  tree.points = points;
-  tree.radii = radii;
-  tree.neighbours.resize(points.size());
-  DisjointSets sets(points.size());
-  std::vector<std::tuple<double, int, int>> order;
-  for (const auto& [a, b] : edges) order.emplace_back(-std::min(radii[at(a)], radii[at(b)]), a, b);
-  std::sort(order.begin(), order.end());
-  for (const auto& [thin, a, b] : order) {
-    if (sets.join(at(a), at(b))) link(tree, a, b);
-  }
-  std::vector<std::tuple<double, int, int>> gaps;
-  for (int a = 0; at(a) < points.size(); ++a) {
-    for (int b = a + 1; at(b) < points.size(); ++b) {
-      if (!sets.same(at(a), at(b))) gaps.emplace_back(apart(tree, a, b), a, b);
-    }
-  }
-  std::sort(gaps.begin(), gaps.end());
-  for (const auto& [gap, a, b] : gaps) {
-    if (sets.join(at(a), at(b))) link(tree, a, b);
-  }
-  for (auto& list : tree.neighbours) std::sort(list.begin(), list.end());
-  return tree;
-}
-
-CurveTree without_spurs(CurveTree tree, double radii, double length) {
-  while (true) {
-    Spur shortest;
-    for (int p = 0; at(p) < tree.size(); ++p) {
-      if (tree.degree(p) != 1) continue;
-      Spur spur = spur_at(tree, p);
-      if (spur.branch < 0) continue;
-      if (!(spur.reach < std::max(length, radii * tree.radii[at(spur.branch)]))) continue;
-      if (shortest.branch < 0 || spur.reach < shortest.reach) shortest = std::move(spur);
-    }
-    if (shortest.branch < 0) return tree;
-    std::vector<char> kept(tree.size(), 1);
-    for (const int p : shortest.points) kept[at(p)] = 0;
-    tree = kept_points(tree, kept);
-  }
-}
-
-CurveTree with_joined_branches(CurveTree tree, double radii) {
-  while (true) {
-    // The two neighbouring branching points that are nearest to each other for their size.
-    std::vector<int> nearest;
-    double least = radii;
-    for (int p = 0; at(p) < tree.size(); ++p) {
-      if (tree.degree(p) < 3) continue;
-      for (const int first : tree.neighbours[at(p)]) {
-        std::vector<int> way{p};
-        double length = 0.0;
-        for (int before = p, here = first;;) {
-          length += apart(tree, before, here);
-          way.push_back(here);
-          if (tree.degree(here) != 2) break;
-          const auto& around = tree.neighbours[at(here)];
-          const int next = around[0] == before ? around[1] : around[0];
-          before = here;
-          here = next;
-        }
-        const int q = way.back();
-        if (tree.degree(q) < 3 || q < p) continue;
-        const double relative = length / std::max({tree.radii[at(p)], tree.radii[at(q)], 1e-12});
-        if (!(relative < least)) continue;
-        least = relative;
-        nearest = way;
-      }
-    }
-    if (nearest.empty()) return tree;
-    const int p = nearest.front(), q = nearest.back();
-    const double rp = tree.radii[at(p)], rq = tree.radii[at(q)];
-    tree.points[at(p)] = (rp * tree.points[at(p)] + rq * tree.points[at(q)]) / std::max(rp + rq, 1e-12);
-    tree.radii[at(p)] = std::max(rp, rq);
-    std::vector<char> kept(tree.size(), 1);
-    for (std::size_t i = 1; i < nearest.size(); ++i) kept[at(nearest[i])] = 0;
-    for (const int other : std::vector<int>(tree.neighbours[at(q)])) {
-      if (other == nearest[nearest.size() - 2]) continue;
-      link(tree, p, other);
-    }
-    tree = kept_points(tree, kept);
-    for (auto& list : tree.neighbours) std::sort(list.begin(), list.end());
-  }
-}
-
-namespace {
+struct CurveJointRules {
+  double bend = 0.0;          ///< a joint goes where the curve is farther than this from the line between two joints
+  double longest_bone = 0.0;  ///< bones longer than this are cut into equal parts
+};
 
 using Curve = std::vector<Eigen::Vector3d>;
 
@@ -392,31 +252,25 @@ JointNet joint_net(const CurveTree& tree, const CurveJointRules& rules) {
   for (int p = 0; at(p) < tree.size(); ++p) {
     if (joint_of[at(p)] < 0) continue;
     for (const int first : tree.neighbours[at(p)]) {
-      Curve curve{tree.points[at(p)]};
-      int before = p, here = first;
-      while (true) {
-        curve.push_back(tree.points[at(here)]);
-        if (joint_of[at(here)] >= 0) break;
-        const auto& around = tree.neighbours[at(here)];
-        const int next = around[0] == before ? around[1] : around[0];
-        before = here;
-        here = next;
-      }
-      if (here < p) continue;  // seen from its other end
+      const std::vector<int> way = walk(tree, p, first);
+      if (way.back() < p) continue;  // seen from its other end
+      Curve curve;
+      for (const int point : way) curve.push_back(tree.points[at(point)]);
       int last = joint_of[at(p)];
       for (const Eigen::Vector3d& joint : joints_along(curve, rules)) {
         const int added = net.add(joint);
         net.connect(last, added);
         last = added;
       }
-      net.connect(last, joint_of[at(here)]);
+      net.connect(last, joint_of[at(way.back())]);
     }
   }
   return net;
 }
 
-}  // namespace
-
+/// Joints at the branches, ends and bends of a curve, and where bones would be too long. The root is the branch (of a
+/// curve without one, the joint) nearest to the centre of mass: points weigh length times radius squared.
+/// Names are joint_names(). @param tree not empty
 Skeleton curve_joints(const CurveTree& tree, const CurveJointRules& rules) {
   const JointNet net = joint_net(tree, rules);
   const Eigen::Vector3d center = center_of_mass(tree);
@@ -443,8 +297,6 @@ Skeleton curve_joints(const CurveTree& tree, const CurveJointRules& rules) {
   for (const int joint : order) positions.push_back(net.joints[at(joint)]);
   return skeleton_from_joints(positions, parents, joint_names(positions, parents));
 }
-
-namespace {
 
 constexpr std::size_t kLeastVertices = 60;  // of a piece
 // A surface with handles cannot get below some vertices for each, and takes minutes to contract when it has thousands.
@@ -534,6 +386,133 @@ void require_line(CurveTree& tree, double length) {
 }
 
 }  // namespace
+
+std::vector<ClosedMesh> solid_pieces(const SolidField& field) {
+  const TetrahedraMarch march(field);
+  DisjointSets sets(march.vertices.size());
+  for (const Triangle& t : march.faces) {
+    sets.join(at(t[0]), at(t[1]));
+    sets.join(at(t[0]), at(t[2]));
+  }
+  std::vector<int> piece_of(march.vertices.size(), -1), number(march.vertices.size(), -1);
+  std::vector<ClosedMesh> pieces;
+  for (const Triangle& t : march.faces) {
+    int& piece = piece_of[sets.find(at(t[0]))];
+    if (piece < 0) {
+      piece = static_cast<int>(pieces.size());
+      pieces.emplace_back();
+    }
+    ClosedMesh& mesh = pieces[at(piece)];
+    Triangle moved{};
+    for (std::size_t k = 0; k < 3; ++k) {
+      int& v = number[at(t[k])];
+      if (v < 0) {
+        v = static_cast<int>(mesh.vertices.size());
+        mesh.vertices.push_back(march.vertices[at(t[k])]);
+      }
+      moved[k] = v;
+    }
+    mesh.faces.push_back(moved);
+  }
+  for (ClosedMesh& piece : pieces) piece.volume = volume_of(piece.vertices, piece.faces);
+  pieces.erase(std::remove_if(pieces.begin(), pieces.end(), [](const ClosedMesh& p) { return !(p.volume > 0.0); }),
+               pieces.end());
+  std::stable_sort(pieces.begin(), pieces.end(),
+                   [](const ClosedMesh& a, const ClosedMesh& b) { return a.volume > b.volume; });
+  return pieces;
+}
+
+ClosedMesh with_fewer_vertices(const ClosedMesh& mesh, std::size_t target_vertices) {
+  if (mesh.vertices.size() <= target_vertices) return mesh;
+  std::vector<Eigen::Vector3f> vertices;
+  for (const Eigen::Vector3d& v : mesh.vertices) vertices.push_back(v.cast<float>());
+  // A closed surface has about twice as many faces as vertices.
+  const geometry::Simplified simple = geometry::simplify(vertices, mesh.faces, 2 * target_vertices);
+  ClosedMesh result;
+  for (const Eigen::Vector3f& v : simple.mesh.vertices) result.vertices.push_back(v.cast<double>());
+  result.faces = simple.mesh.faces;
+  result.volume = mesh.volume;
+  return result;
+}
+
+CurveTree curve_tree(const std::vector<Eigen::Vector3d>& points, const std::vector<double>& radii,
+                     const std::vector<std::array<int, 2>>& edges) {
+  CurveTree tree;
+  tree.points = points;
+  tree.radii = radii;
+  tree.neighbours.resize(points.size());
+  DisjointSets sets(points.size());
+  std::vector<std::tuple<double, int, int>> order;
+  for (const auto& [a, b] : edges) order.emplace_back(-std::min(radii[at(a)], radii[at(b)]), a, b);
+  std::sort(order.begin(), order.end());
+  for (const auto& [thin, a, b] : order) {
+    if (sets.join(at(a), at(b))) link(tree, a, b);
+  }
+  std::vector<std::tuple<double, int, int>> gaps;
+  for (int a = 0; at(a) < points.size(); ++a) {
+    for (int b = a + 1; at(b) < points.size(); ++b) {
+      if (!sets.same(at(a), at(b))) gaps.emplace_back(apart(tree, a, b), a, b);
+    }
+  }
+  std::sort(gaps.begin(), gaps.end());
+  for (const auto& [gap, a, b] : gaps) {
+    if (sets.join(at(a), at(b))) link(tree, a, b);
+  }
+  for (auto& list : tree.neighbours) std::sort(list.begin(), list.end());
+  return tree;
+}
+
+CurveTree without_spurs(CurveTree tree, double radii, double length) {
+  while (true) {
+    Spur shortest;
+    for (int p = 0; at(p) < tree.size(); ++p) {
+      if (tree.degree(p) != 1) continue;
+      Spur spur = spur_at(tree, p);
+      if (spur.branch < 0) continue;
+      if (!(spur.reach < std::max(length, radii * tree.radii[at(spur.branch)]))) continue;
+      if (shortest.branch < 0 || spur.reach < shortest.reach) shortest = std::move(spur);
+    }
+    if (shortest.branch < 0) return tree;
+    std::vector<char> kept(tree.size(), 1);
+    for (const int p : shortest.points) kept[at(p)] = 0;
+    tree = kept_points(tree, kept);
+  }
+}
+
+CurveTree with_joined_branches(CurveTree tree, double radii) {
+  while (true) {
+    // The two neighbouring branching points that are nearest to each other for their size.
+    std::vector<int> nearest;
+    double least = radii;
+    for (int p = 0; at(p) < tree.size(); ++p) {
+      if (tree.degree(p) < 3) continue;
+      for (const int first : tree.neighbours[at(p)]) {
+        const std::vector<int> way = walk(tree, p, first);
+        double length = 0.0;
+        for (std::size_t i = 1; i < way.size(); ++i) length += apart(tree, way[i - 1], way[i]);
+        const int q = way.back();
+        if (tree.degree(q) < 3 || q < p) continue;
+        const double relative = length / std::max({tree.radii[at(p)], tree.radii[at(q)], 1e-12});
+        if (!(relative < least)) continue;
+        least = relative;
+        nearest = way;
+      }
+    }
+    if (nearest.empty()) return tree;
+    const int p = nearest.front(), q = nearest.back();
+    const double rp = tree.radii[at(p)], rq = tree.radii[at(q)];
+    tree.points[at(p)] = (rp * tree.points[at(p)] + rq * tree.points[at(q)]) / std::max(rp + rq, 1e-12);
+    tree.radii[at(p)] = std::max(rp, rq);
+    std::vector<char> kept(tree.size(), 1);
+    for (std::size_t i = 1; i < nearest.size(); ++i) kept[at(nearest[i])] = 0;
+    for (const int other : std::vector<int>(tree.neighbours[at(q)])) {
+      if (other == nearest[nearest.size() - 2]) continue;
+      link(tree, p, other);
+    }
+    tree = kept_points(tree, kept);
+    for (auto& list : tree.neighbours) std::sort(list.begin(), list.end());
+  }
+}
 
 Skeleton propose_curve_skeleton(const Mesh& mesh, const CurveSkeletonOptions& options) {
   check_curve_options(options);

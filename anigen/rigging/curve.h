@@ -48,16 +48,6 @@ CurveTree without_spurs(CurveTree tree, double radii, double length);
 /// their radii: what is one hip has three legs, not two forks one after the other.
 CurveTree with_joined_branches(CurveTree tree, double radii);
 
-struct CurveJointRules {
-  double bend = 0.0;          ///< a joint goes where the curve is farther than this from the line between two joints
-  double longest_bone = 0.0;  ///< bones longer than this are cut into equal parts
-};
-
-/// Joints at the branches, ends and bends of a curve, and where bones would be too long. The root is the branch (of a
-/// curve without one, the joint) nearest to the centre of mass: points weigh length times radius squared.
-/// Names are joint_names(). @param tree not empty
-Skeleton curve_joints(const CurveTree& tree, const CurveJointRules& rules);
-
 /// Lengths are in shares of the longest side of the mesh's box, radii in those of the shape around the curve.
 struct CurveSkeletonOptions {
   int resolution = 96;                 ///< cells of the solid along the longest side, 8 to 512
@@ -74,9 +64,9 @@ struct CurveSkeletonOptions {
 };
 
 /// A skeleton along the middle of a mesh, whatever it shows: its surface is contracted to a curve by mean curvature
-/// flow (curve_skeleton/contraction.h), joints go to the branches, ends and bends of the curve (curve_joints.h).
+/// flow (curve_skeleton/contraction.h), joints go to the branches, ends and bends of the curve.
 ///
-/// The mesh need not be closed. What is contracted is the boundary of the solid that it suggests (solid_field.h) on a
+/// The mesh need not be closed. What is contracted is the boundary of the solid that it suggests (solid_field()) on a
 /// regular grid: parts that overlap or come within a cell of each other are one piece; sheets get a thickness. Each
 /// piece is contracted by itself; pieces too small to count and walls of cavities are left out, and the curves are
 /// connected where they are nearest to each other. Of a handle the thinnest place is cut; a tangle with more than 50

@@ -7,7 +7,6 @@
 
 #include "anigen/core/error.h"
 #include "anigen/core/numeric.h"
-#include "anigen/rigging/pinocchio_discrete.h"
 #include "anigen/rigging/pinocchio_solid.h"
 #include "anigen/rigging/pinocchio_spheres.h"
 
@@ -20,133 +19,149 @@ constexpr double kDifference = 1e-4;  // for gradients
 constexpr double kFirstStep = 0.0005;
 constexpr int kMostDoublings = 30;
 
-}  // namespace
-
-BoneRefinement::BoneRefinement(const SolidField& field, const std::vector<float>& medial_distance,
-                               const TemplateSkeleton& skeleton, const EmbeddingOptions& options)
-    : field_(field), medial_distance_(medial_distance), skeleton_(skeleton), options_(options) {
-  const auto& joints = skeleton.joints;
-  bones_of_.resize(joints.size());
-  for (std::size_t j = 1; j < joints.size(); ++j) {
-    const auto parent = at(joints[j].parent);
-    if (joints[j].carried || joints[parent].carried) continue;
-    bones_.push_back(j);
-    bones_of_[j].push_back(j);
-    bones_of_[parent].push_back(j);
-    if (joints[j].mirror < 1) continue;
-    // A bone is compared with that of the other side, so its energy depends on those joints too.
-    const auto other = at(joints[j].mirror);
-    bones_of_[other].push_back(j);
-    bones_of_[at(joints[other].parent)].push_back(j);
-  }
-  for (auto& list : bones_of_) {
-    std::sort(list.begin(), list.end());
-    list.erase(std::unique(list.begin(), list.end()), list.end());
-  }
-}
-
-double BoneRefinement::depth_energy(const Eigen::Vector3d& from, const Eigen::Vector3d& to) const {
-  double sum = 0.0;
-  for (int i = 0; i < kBoneSamples; ++i) {
-    const double t = (i + 0.5) / kBoneSamples;
-    const Eigen::Vector3d p = (1.0 - t) * from + t * to;
-    const double medial = interpolate(field_.grid, medial_distance_, p);
-    const double shallow = 0.001 + std::max(0.0, 0.05 + field_.value(p));
-    const double squared = std::min(medial, shallow) * std::min(medial, shallow);
-    if (squared > options_.tolerance * options_.tolerance) sum += squared;
-  }
-  return sum / kBoneSamples;
-}
-
-double BoneRefinement::bone_energy(std::size_t bone, const std::vector<Eigen::Vector3d>& joints) const {
-  const TemplateJoint& joint = skeleton_.joints[bone];
-  const auto parent = at(joint.parent);
-  const Eigen::Vector3d way = joints[bone] - joints[parent];
-  const Eigen::Vector3d wanted = joint.position - skeleton_.joints[parent].position;
-  double sum = options_.surface_weight * depth_energy(joints[parent], joints[bone]);
-  const double wanted_length = wanted.norm(), length = way.norm();
-  if (wanted_length > 0.0) {
-    const double along = way.dot(wanted) / wanted_length;
-    sum += options_.bone_length_weight * std::max(0.5, (1e-4 + wanted_length * wanted_length) / (1e-4 + along * along));
-    const double dot = length > 1e-12 ? std::clamp(along / length, -1.0, 1.0) : 1.0;
-    const double angle = 0.3 + 0.5 * std::acos(dot);
-    sum += options_.bone_angle_weight * (dot < 0.0 ? 10.0 : 1.0) * angle * angle * angle;
-  }
-  const int mirror = joint.mirror;
-  if (mirror >= 1 && !skeleton_.joints[at(mirror)].carried) {
-    const double other = (joints[at(mirror)] - joints[at(skeleton_.joints[at(mirror)].parent)]).squaredNorm();
-    const double a = 1e-3 + length * length, b = 1e-3 + other;
-    sum += options_.bone_symmetry_weight * std::max(1.05, std::max(a / b, b / a));
-  }
-  return sum;
-}
-
-double BoneRefinement::energy_around(const std::vector<Eigen::Vector3d>& joints,
-                                     const std::vector<std::size_t>& bones) const {
-  double sum = 0.0;
-  for (const std::size_t bone : bones) sum += bone_energy(bone, joints);
-  return sum;
-}
-
-double BoneRefinement::energy(const std::vector<Eigen::Vector3d>& joints) const {
-  return energy_around(joints, bones_);
-}
-
-std::vector<std::size_t> BoneRefinement::bones_at(const std::vector<std::size_t>& moving) const {
-  std::vector<std::size_t> bones;
-  for (const std::size_t j : moving) bones.insert(bones.end(), bones_of_[j].begin(), bones_of_[j].end());
-  std::sort(bones.begin(), bones.end());
-  bones.erase(std::unique(bones.begin(), bones.end()), bones.end());
-  return bones;
-}
-
-std::vector<Eigen::Vector3d> BoneRefinement::gradient(const std::vector<Eigen::Vector3d>& joints,
-                                                      const std::vector<std::size_t>& moving) const {
-  std::vector<Eigen::Vector3d> result(joints.size(), Eigen::Vector3d::Zero());
-  std::vector<Eigen::Vector3d> moved = joints;
-  for (const std::size_t j : moving) {
-    for (int axis = 0; axis < 3; ++axis) {
-      moved[j][axis] = joints[j][axis] + kDifference;
-      const double above = energy_around(moved, bones_of_[j]);
-      moved[j][axis] = joints[j][axis] - kDifference;
-      const double below = energy_around(moved, bones_of_[j]);
-      moved[j][axis] = joints[j][axis];
-      result[j][axis] = (above - below) / (2.0 * kDifference);
+/// Stage 9: moves the joints of an embedding where bones run in the middle of the solid, without becoming shorter than
+/// or turning away from those of the template, or longer than those of the other side: the least sum over bones of
+/// surface_weight · E_surf + bone_length_weight · E_len + bone_angle_weight · E_angle + bone_symmetry_weight · E_sym,
+/// by gradient descent with line searches.
+class BoneRefinement {
+ public:
+  /// @param medial_distance as distance_to_medial() @param skeleton with positions in the frame of the field
+  BoneRefinement(const SolidField& field, const std::vector<float>& medial_distance, const TemplateSkeleton& skeleton,
+                 const EmbeddingOptions& options)
+      : field_(field), medial_distance_(medial_distance), skeleton_(skeleton), options_(options) {
+    const auto& joints = skeleton.joints;
+    bones_of_.resize(joints.size());
+    for (std::size_t j = 1; j < joints.size(); ++j) {
+      const auto parent = at(joints[j].parent);
+      if (joints[j].carried || joints[parent].carried) continue;
+      bones_.push_back(j);
+      bones_of_[j].push_back(j);
+      bones_of_[parent].push_back(j);
+      if (joints[j].mirror < 1) continue;
+      // A bone is compared with that of the other side, so its energy depends on those joints too.
+      const auto other = at(joints[j].mirror);
+      bones_of_[other].push_back(j);
+      bones_of_[at(joints[other].parent)].push_back(j);
+    }
+    for (auto& list : bones_of_) {
+      std::sort(list.begin(), list.end());
+      list.erase(std::unique(list.begin(), list.end()), list.end());
     }
   }
-  return result;
-}
 
-void BoneRefinement::search_along_gradient(std::vector<Eigen::Vector3d>& joints,
-                                           const std::vector<std::size_t>& moving) const {
-  const std::vector<Eigen::Vector3d> slope = gradient(joints, moving);
-  double squared = 0.0;
-  for (const std::size_t j : moving) squared += slope[j].squaredNorm();
-  const std::vector<std::size_t> bones = bones_at(moving);
-  double step = kFirstStep / std::sqrt(0.001 + squared), best = energy_around(joints, bones), best_step = 0.0;
-  std::vector<Eigen::Vector3d> tried = joints;
-  for (int i = 0; i < kMostDoublings; ++i, step *= 2.0) {
-    for (const std::size_t j : moving) tried[j] = joints[j] - step * slope[j];
-    const double here = energy_around(tried, bones);
-    if (!(here < best)) break;
-    best = here;
-    best_step = step;
+  /// @param joints [J]; those that are carried neither move nor count
+  void refine(std::vector<Eigen::Vector3d>& joints) const {
+    std::vector<std::size_t> all;
+    for (std::size_t j = 0; j < joints.size(); ++j) {
+      if (!bones_of_[j].empty()) all.push_back(j);
+    }
+    for (int round = 0; round < options_.refinement_rounds; ++round) {
+      for (int i = 0; i < 2; ++i) search_along_gradient(joints, all);
+      for (const std::size_t bone : bones_) search_along_gradient(joints, {at(skeleton_.joints[bone].parent), bone});
+    }
   }
-  for (const std::size_t j : moving) joints[j] -= best_step * slope[j];
-}
 
-void BoneRefinement::refine(std::vector<Eigen::Vector3d>& joints) const {
-  std::vector<std::size_t> all;
-  for (std::size_t j = 0; j < joints.size(); ++j) {
-    if (!bones_of_[j].empty()) all.push_back(j);
-  }
-  for (int round = 0; round < options_.refinement_rounds; ++round) {
-    for (int i = 0; i < 2; ++i) search_along_gradient(joints, all);
-    for (const std::size_t bone : bones_) search_along_gradient(joints, {at(skeleton_.joints[bone].parent), bone});
-  }
-}
+  double energy(const std::vector<Eigen::Vector3d>& joints) const { return energy_around(joints, bones_); }
 
-namespace {
+ private:
+  /// E_surf: the mean over 10 samples of min(distance to the medial surface, 0.001 + max(0, 0.05 − depth))², counted
+  /// only above tolerance².
+  double depth_energy(const Eigen::Vector3d& from, const Eigen::Vector3d& to) const {
+    double sum = 0.0;
+    for (int i = 0; i < kBoneSamples; ++i) {
+      const double t = (i + 0.5) / kBoneSamples;
+      const Eigen::Vector3d p = (1.0 - t) * from + t * to;
+      const double medial = interpolate(field_.grid, medial_distance_, p);
+      const double shallow = 0.001 + std::max(0.0, 0.05 + field_.value(p));
+      const double squared = std::min(medial, shallow) * std::min(medial, shallow);
+      if (squared > options_.tolerance * options_.tolerance) sum += squared;
+    }
+    return sum / kBoneSamples;
+  }
+
+  double bone_energy(std::size_t bone, const std::vector<Eigen::Vector3d>& joints) const {
+    const TemplateJoint& joint = skeleton_.joints[bone];
+    const auto parent = at(joint.parent);
+    const Eigen::Vector3d way = joints[bone] - joints[parent];
+    const Eigen::Vector3d wanted = joint.position - skeleton_.joints[parent].position;
+    double sum = options_.surface_weight * depth_energy(joints[parent], joints[bone]);
+    const double wanted_length = wanted.norm(), length = way.norm();
+    if (wanted_length > 0.0) {
+      // E_len = max(½, (ε + L²) / (ε + ℓ²)) with ℓ the way along the template's bone, E_angle = (0.3 + ½ acos dot)³.
+      const double along = way.dot(wanted) / wanted_length;
+      sum +=
+          options_.bone_length_weight * std::max(0.5, (1e-4 + wanted_length * wanted_length) / (1e-4 + along * along));
+      const double dot = length > 1e-12 ? std::clamp(along / length, -1.0, 1.0) : 1.0;
+      const double angle = 0.3 + 0.5 * std::acos(dot);
+      sum += options_.bone_angle_weight * (dot < 0.0 ? 10.0 : 1.0) * angle * angle * angle;
+    }
+    const int mirror = joint.mirror;
+    if (mirror >= 1 && !skeleton_.joints[at(mirror)].carried) {
+      // E_sym: the ratio of the squared lengths of both sides, whichever way it is larger.
+      const double other = (joints[at(mirror)] - joints[at(skeleton_.joints[at(mirror)].parent)]).squaredNorm();
+      const double a = 1e-3 + length * length, b = 1e-3 + other;
+      sum += options_.bone_symmetry_weight * std::max(1.05, std::max(a / b, b / a));
+    }
+    return sum;
+  }
+
+  double energy_around(const std::vector<Eigen::Vector3d>& joints, const std::vector<std::size_t>& bones) const {
+    double sum = 0.0;
+    for (const std::size_t bone : bones) sum += bone_energy(bone, joints);
+    return sum;
+  }
+
+  std::vector<std::size_t> bones_at(const std::vector<std::size_t>& moving) const {
+    std::vector<std::size_t> bones;
+    for (const std::size_t j : moving) bones.insert(bones.end(), bones_of_[j].begin(), bones_of_[j].end());
+    std::sort(bones.begin(), bones.end());
+    bones.erase(std::unique(bones.begin(), bones.end()), bones.end());
+    return bones;
+  }
+
+  /// Central differences for some joints, 0 for others.
+  std::vector<Eigen::Vector3d> gradient(const std::vector<Eigen::Vector3d>& joints,
+                                        const std::vector<std::size_t>& moving) const {
+    std::vector<Eigen::Vector3d> result(joints.size(), Eigen::Vector3d::Zero());
+    std::vector<Eigen::Vector3d> moved = joints;
+    for (const std::size_t j : moving) {
+      for (int axis = 0; axis < 3; ++axis) {
+        moved[j][axis] = joints[j][axis] + kDifference;
+        const double above = energy_around(moved, bones_of_[j]);
+        moved[j][axis] = joints[j][axis] - kDifference;
+        const double below = energy_around(moved, bones_of_[j]);
+        moved[j][axis] = joints[j][axis];
+        result[j][axis] = (above - below) / (2.0 * kDifference);
+      }
+    }
+    return result;
+  }
+
+  /// Steps along −g from 0.0005 / √(0.001 + |g|²), doubled while the energy falls.
+  void search_along_gradient(std::vector<Eigen::Vector3d>& joints, const std::vector<std::size_t>& moving) const {
+    const std::vector<Eigen::Vector3d> slope = gradient(joints, moving);
+    double squared = 0.0;
+    for (const std::size_t j : moving) squared += slope[j].squaredNorm();
+    const std::vector<std::size_t> bones = bones_at(moving);
+    double step = kFirstStep / std::sqrt(0.001 + squared), best = energy_around(joints, bones), best_step = 0.0;
+    std::vector<Eigen::Vector3d> tried = joints;
+    for (int i = 0; i < kMostDoublings; ++i, step *= 2.0) {
+      for (const std::size_t j : moving) tried[j] = joints[j] - step * slope[j];
+      const double here = energy_around(tried, bones);
+      if (!(here < best)) break;
+      best = here;
+      best_step = step;
+    }
+    for (const std::size_t j : moving) joints[j] -= best_step * slope[j];
+  }
+
+  const SolidField& field_;
+  const std::vector<float>& medial_distance_;
+  const TemplateSkeleton& skeleton_;
+  const EmbeddingOptions& options_;
+  std::vector<std::size_t> bones_;                  ///< joints whose bone to the parent counts
+  std::vector<std::vector<std::size_t>> bones_of_;  ///< [J], bones whose energy a joint has a part in
+};
 
 constexpr double kLeastScale = 0.25, kMostScale = 4.0;
 
@@ -157,8 +172,9 @@ Eigen::Matrix3d bone_change(const Eigen::Vector3d& wanted, const Eigen::Vector3d
   return scale * Eigen::Quaterniond::FromTwoVectors(wanted, embedded).toRotationMatrix();
 }
 
-}  // namespace
-
+/// Places the carried joints of a template with those they hang on: turned and scaled like the bone that leads there
+/// from its parent, where there is one, else moved only. Joints above the first that is not carried move with it.
+/// @param skeleton positions in the frame of the joints @param joints [J], those that are not carried in place
 void place_carried_joints(const TemplateSkeleton& skeleton, std::vector<Eigen::Vector3d>& joints) {
   const auto& wanted = skeleton.joints;
   const auto first = static_cast<std::size_t>(
@@ -184,8 +200,6 @@ void place_carried_joints(const TemplateSkeleton& skeleton, std::vector<Eigen::V
   }
 }
 
-namespace {
-
 using Points3 = std::vector<Eigen::Vector3d>;
 
 std::vector<Sphere> spheres_or_deepest(const SolidField& field, const std::vector<Sphere>& samples,
@@ -197,9 +211,8 @@ std::vector<Sphere> spheres_or_deepest(const SolidField& field, const std::vecto
   for (std::size_t cell = 1; cell < field.distance.size(); ++cell) {
     if (field.distance[cell] < field.distance[deepest]) deepest = cell;
   }
-  const auto c = field.grid.cell(deepest);
   const double depth = std::max(-static_cast<double>(field.distance[deepest]), 1e-3 * field.grid.spacing);
-  return {{field.grid.center(c[0], c[1], c[2]), depth}};
+  return {{field.grid.center(deepest), depth}};
 }
 
 /// The joints of the template along the ways between the vertices of the reduced one (stage 8).
@@ -245,93 +258,87 @@ Skeleton without_guides(const TemplateSkeleton& skeleton, const Points3& joints,
   return skeleton_from_joints(positions, parents, names);
 }
 
-}  // namespace
-
-struct EmbeddingSpace::Implementation {
-  Implementation(const Mesh& mesh, const EmbeddingOptions& given)
-      : options(given),
-        field(solid_field(mesh, given.size, given.resolution)),
-        samples(medial_samples(field, 2.0 * given.tolerance)),
-        graph(field, spheres_or_deepest(field, samples, given)) {
-    if (samples.empty()) samples.push_back(graph[0]);
-    medial_distance = distance_to_medial(field, samples);
+/// A mesh made ready for templates: its distance field, its medial spheres and the ways between them.
+class EmbeddingSpace {
+ public:
+  EmbeddingSpace(const Mesh& mesh, const EmbeddingOptions& options)
+      : options_(options),
+        field_(solid_field(mesh, options.size, options.resolution)),
+        samples_(medial_samples(field_, 2.0 * options.tolerance)),
+        graph_(field_, spheres_or_deepest(field_, samples_, options)) {
+    if (samples_.empty()) samples_.push_back(graph_[0]);
+    medial_distance_ = distance_to_medial(field_, samples_);
   }
 
+  EmbeddedSkeleton embed(const TemplateSkeleton& skeleton) const {
+    EmbeddedSkeleton result;
+    TemplateSkeleton used;
+    ReducedSkeleton reduced;
+    DiscreteEmbedding found;
+    for (const bool stretched : {false, true}) {
+      const Eigen::Vector3d factors = stretched ? stretch(skeleton) : Eigen::Vector3d::Ones();
+      if (stretched && factors == Eigen::Vector3d::Ones()) continue;
+      TemplateSkeleton tried = skeleton;
+      for (TemplateJoint& joint : tried.joints) joint.position = joint.position.cwiseProduct(factors);
+      ReducedSkeleton tried_reduced = reduced_skeleton(tried, options_.size);
+      DiscreteEmbedding embedding = discrete_embedding(graph_, tried_reduced, options_);
+      result.states += embedding.states;
+      embedding.penalty += options_.stretch_weight * factors.array().log().square().sum();
+      if (stretched && !(embedding.penalty < found.penalty)) continue;
+      result.stretched = stretched;
+      used = std::move(tried);
+      reduced = std::move(tried_reduced);
+      found = std::move(embedding);
+    }
+    for (TemplateJoint& joint : used.joints) joint.position *= options_.size;
+
+    result.penalty = found.penalty;
+    result.best = found.best;
+    result.spheres = graph_.size();
+    result.bridges = graph_.bridges();
+    Points3 joints = unreduced(used, reduced, graph_, found.vertices);
+    const BoneRefinement refinement(field_, medial_distance_, used, options_);
+    result.energy_before = refinement.energy(joints);
+    refinement.refine(joints);
+    result.energy = refinement.energy(joints);
+    place_carried_joints(used, joints);
+    const Similarity& from_mesh = field_.from_mesh;
+    for (Eigen::Vector3d& joint : joints) joint = (joint - from_mesh.offset) / from_mesh.scale;
+    result.skeleton = without_guides(skeleton, joints, options_.keep_guides);
+    return result;
+  }
+
+ private:
   /// Ratio of the mesh's box to the template's, along each axis, when their longest sides are the same.
   Eigen::Vector3d stretch(const TemplateSkeleton& skeleton) const {
-    const Eigen::Vector3d mesh_sides = field.mesh_sides / field.mesh_sides.maxCoeff();
+    const Eigen::Vector3d mesh_sides = field_.mesh_sides / field_.mesh_sides.maxCoeff();
     const Eigen::Vector3d sides = skeleton.box / skeleton.box.maxCoeff();
     Eigen::Vector3d factors;
     for (int axis = 0; axis < 3; ++axis) {
       const double ratio = mesh_sides[axis] / std::max(sides[axis], 1e-6);
-      factors[axis] = std::clamp(ratio, 1.0 / options.most_stretch, options.most_stretch);
+      factors[axis] = std::clamp(ratio, 1.0 / options_.most_stretch, options_.most_stretch);
     }
     return factors;
   }
 
-  EmbeddingOptions options;
-  SolidField field;
-  std::vector<Sphere> samples;
-  SphereGraph graph;
-  std::vector<float> medial_distance;
+  const EmbeddingOptions& options_;
+  SolidField field_;
+  std::vector<Sphere> samples_;
+  SphereGraph graph_;
+  std::vector<float> medial_distance_;
 };
 
-EmbeddingSpace::EmbeddingSpace(const Mesh& mesh, const EmbeddingOptions& options) {
-  check(options);
-  implementation_ = std::make_unique<Implementation>(mesh, options);
-}
-
-EmbeddingSpace::~EmbeddingSpace() = default;
-EmbeddingSpace::EmbeddingSpace(EmbeddingSpace&&) noexcept = default;
-
-EmbeddedSkeleton EmbeddingSpace::embed(const TemplateSkeleton& skeleton) const {
-  const Implementation& space = *implementation_;
-  EmbeddedSkeleton result;
-  TemplateSkeleton used;
-  ReducedSkeleton reduced;
-  DiscreteEmbedding found;
-  for (const bool stretched : {false, true}) {
-    const Eigen::Vector3d factors = stretched ? space.stretch(skeleton) : Eigen::Vector3d::Ones();
-    if (stretched && factors == Eigen::Vector3d::Ones()) continue;
-    TemplateSkeleton tried = skeleton;
-    for (TemplateJoint& joint : tried.joints) joint.position = joint.position.cwiseProduct(factors);
-    ReducedSkeleton tried_reduced = reduced_skeleton(tried, space.options.size);
-    DiscreteEmbedding embedding = discrete_embedding(space.graph, tried_reduced, space.options);
-    result.states += embedding.states;
-    embedding.penalty += space.options.stretch_weight * factors.array().log().square().sum();
-    if (stretched && !(embedding.penalty < found.penalty)) continue;
-    result.stretched = stretched;
-    used = std::move(tried);
-    reduced = std::move(tried_reduced);
-    found = std::move(embedding);
-  }
-  for (TemplateJoint& joint : used.joints) joint.position *= space.options.size;
-
-  result.penalty = found.penalty;
-  result.best = found.best;
-  result.spheres = space.graph.size();
-  result.bridges = space.graph.bridges();
-  Points3 joints = unreduced(used, reduced, space.graph, found.vertices);
-  const BoneRefinement refinement(space.field, space.medial_distance, used, space.options);
-  result.energy_before = refinement.energy(joints);
-  refinement.refine(joints);
-  result.energy = refinement.energy(joints);
-  place_carried_joints(used, joints);
-  const Similarity& from_mesh = space.field.from_mesh;
-  for (Eigen::Vector3d& joint : joints) joint = (joint - from_mesh.offset) / from_mesh.scale;
-  result.skeleton = without_guides(skeleton, joints, space.options.keep_guides);
-  return result;
-}
+}  // namespace
 
 EmbeddedSkeleton embed_skeleton(const Mesh& mesh, const TemplateSkeleton& skeleton, const EmbeddingOptions& options) {
-  check(skeleton);
-  return EmbeddingSpace(mesh, options).embed(skeleton);
+  return choose_template(mesh, {skeleton}, options).embedded;
 }
 
 TemplateChoice choose_template(const Mesh& mesh, const std::vector<TemplateSkeleton>& templates,
                                const EmbeddingOptions& options) {
   if (templates.empty()) throw InputError("", "templates", "there is none to choose from");
   for (const TemplateSkeleton& skeleton : templates) check(skeleton);
+  check(options);
   const EmbeddingSpace space(mesh, options);
   TemplateChoice choice;
   for (std::size_t i = 0; i < templates.size(); ++i) {

@@ -8,13 +8,21 @@
 
 #include "anigen/core/disjoint_sets.h"
 #include "anigen/core/error.h"
-#include "anigen/core/numeric.h"
 #include "anigen/geometry/nearest_surface.h"
 #include "anigen/geometry/voxelize.h"
 
 namespace anigen::rigging {
 
 namespace {
+
+/// The triangles of a mesh as solids need them: corners in one place are one vertex (files split them at texture
+/// seams), what no face uses is gone, and so are faces without three different corners, unless there are no others.
+struct SolidSurface {
+  std::vector<Eigen::Vector3d> vertices;  ///< centre of the box at the origin, longest side as asked for
+  std::vector<Triangle> faces;
+  std::vector<std::vector<int>> parts;  ///< faces that hang together by vertices, largest area first
+  Similarity from_mesh;                 ///< mesh → vertices
+};
 
 Box checked_box(const Mesh& mesh) {
   if (mesh.faces.empty()) throw InputError("", "mesh.faces", "a mesh without faces has no inside to put a skeleton in");
@@ -99,8 +107,6 @@ std::vector<std::vector<int>> connected_parts(const SolidSurface& surface) {
   return sorted;
 }
 
-}  // namespace
-
 SolidSurface solid_surface(const Mesh& mesh, double size) {
   const Box box = checked_box(mesh);
   SolidSurface surface;
@@ -125,8 +131,6 @@ SolidSurface solid_surface(const Mesh& mesh, double size) {
   surface.parts = connected_parts(surface);
   return surface;
 }
-
-namespace {
 
 constexpr int kVotesInside = 4;
 
@@ -205,8 +209,10 @@ class CrossingParity {
   std::vector<std::uint8_t> total_;
 };
 
-}  // namespace
-
+/// Marks cells whose centre a part of a surface surrounds: of the six rays along the axes at least four cross it an odd
+/// number of times. Which way faces point does not matter, and a part with a hole or two (a sleeve, a skirt, a mask)
+/// still counts as the solid it suggests. Time grows with the faces' area in cells, memory with the cells.
+/// @param faces of this part @param inside [cells], set to 1 where surrounded, else left as it is
 void mark_surrounded(const std::vector<Eigen::Vector3d>& vertices, const std::vector<Triangle>& all_faces,
                      const std::vector<int>& faces, const CellGrid& grid, std::vector<std::uint8_t>& inside) {
   const auto corners_of = [&](int f) {
@@ -244,8 +250,6 @@ void mark_surrounded(const std::vector<Eigen::Vector3d>& vertices, const std::ve
   }
 }
 
-namespace {
-
 constexpr int kBorder = 3;              // cells of outside around the mesh
 constexpr std::size_t kLoneParts = 63;  // parts that are judged one by one
 constexpr double kHalfSheet = 0.75;     // of a cell
@@ -277,11 +281,6 @@ std::vector<std::uint8_t> surface_cells(const SolidSurface& surface, const CellG
     wall[grid.index(c[0], c[1], c[2])] = 1;
   }
   return wall;
-}
-
-Eigen::Vector3d center_of(const CellGrid& grid, std::size_t cell) {
-  const auto c = grid.cell(cell);
-  return grid.center(c[0], c[1], c[2]);
 }
 
 template <typename Visit>
@@ -342,6 +341,33 @@ bool any_around(const CellGrid& grid, const std::vector<std::uint8_t>& marks, st
   return false;
 }
 
+/// One pass over all cells, away from one corner of the grid: every cell looks at the seven that came before it.
+void sweep_from_corner(const CellGrid& grid, const std::vector<Eigen::Vector3d>& points, int corner,
+                       std::vector<std::int32_t>& seed, std::vector<double>& squared) {
+  const std::array<int, 3> step{(corner & 1) != 0 ? -1 : 1, (corner & 2) != 0 ? -1 : 1, (corner & 4) != 0 ? -1 : 1};
+  const auto place = [&](int i, std::size_t axis) { return step[axis] > 0 ? i : grid.size[axis] - 1 - i; };
+  for (int k = 0; k < grid.size[2]; ++k) {
+    for (int j = 0; j < grid.size[1]; ++j) {
+      for (int i = 0; i < grid.size[0]; ++i) {
+        const int x = place(i, 0), y = place(j, 1), z = place(k, 2);
+        const std::size_t cell = grid.index(x, y, z);
+        const Eigen::Vector3d center = grid.center(x, y, z);
+        for (int back = 1; back < 8; ++back) {
+          const int bx = back & 1, by = back >> 1 & 1, bz = back >> 2;
+          if (i < bx || j < by || k < bz) continue;
+          const std::int32_t known = seed[grid.index(x - bx * step[0], y - by * step[1], z - bz * step[2])];
+          if (known < 0 || known == seed[cell]) continue;
+          const double d = (points[at(known)] - center).squaredNorm();
+          if (d < squared[cell]) {
+            squared[cell] = d;
+            seed[cell] = known;
+          }
+        }
+      }
+    }
+  }
+}
+
 }  // namespace
 
 double interpolate(const CellGrid& grid, const std::vector<float>& values, const Eigen::Vector3d& point) {
@@ -364,6 +390,22 @@ double interpolate(const CellGrid& grid, const std::vector<float>& values, const
     sum += weight * static_cast<double>(values[grid.index(low[0] + x, low[1] + y, low[2] + z)]);
   }
   return sum + grid.spacing * std::sqrt(beyond);
+}
+
+std::vector<std::int32_t> nearest_seeds(const CellGrid& grid, const std::vector<Eigen::Vector3d>& points,
+                                        const std::vector<std::size_t>& seeds) {
+  std::vector<std::int32_t> seed(grid.count(), -1);
+  std::vector<double> squared(grid.count(), 1e300);
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    const double d = (points[i] - grid.center(seeds[i])).squaredNorm();
+    if (d < squared[seeds[i]]) {
+      squared[seeds[i]] = d;
+      seed[seeds[i]] = static_cast<std::int32_t>(i);
+    }
+  }
+  // Opposite corners in turn; the first pass, again, carries on what the others found.
+  for (const int corner : {0, 7, 1, 6, 2, 5, 3, 4, 0}) sweep_from_corner(grid, points, corner, seed, squared);
+  return seed;
 }
 
 double SolidField::value(const Eigen::Vector3d& point) const { return interpolate(grid, distance, point); }
@@ -392,14 +434,14 @@ SolidField solid_field(const Mesh& mesh, double size, int resolution) {
   std::vector<std::size_t> seeds;
   std::vector<Eigen::Vector3d> centers, between;
   for (std::size_t cell = 0; cell < grid.count(); ++cell) {
-    const Eigen::Vector3d center = center_of(grid, cell);
+    const Eigen::Vector3d center = grid.center(cell);
     std::size_t other = cell;
     for_sides(grid, cell, [&](std::size_t side) { other = inside[side] != inside[cell] ? side : other; });
     const bool sheet = other == cell && wall[cell] != 0 && !any_around(grid, inside, cell);
     if (other == cell && !sheet) continue;
     seeds.push_back(cell);
     centers.push_back(center);
-    between.push_back(0.5 * (center + center_of(grid, other)));
+    between.push_back(0.5 * (center + grid.center(other)));
     field.sheet.push_back(sheet ? 1 : 0);
   }
   const geometry::NearestSurface nearest(surface.vertices, surface.faces);
@@ -413,7 +455,7 @@ SolidField solid_field(const Mesh& mesh, double size, int resolution) {
   field.distance.resize(grid.count());
   for (std::size_t cell = 0; cell < grid.count(); ++cell) {
     const auto seed = at(field.seed[cell]);
-    const double d = (field.boundary[seed] - center_of(grid, cell)).norm();
+    const double d = (field.boundary[seed] - grid.center(cell)).norm();
     field.distance[cell] =
         static_cast<float>((inside[cell] != 0 ? -d : d) - (field.sheet[seed] != 0 ? field.half_sheet : 0.0));
   }

@@ -9,7 +9,6 @@
 
 #include "anigen/core/disjoint_sets.h"
 #include "anigen/core/parallel.h"
-#include "anigen/rigging/pinocchio_solid.h"
 
 namespace anigen::rigging {
 
@@ -31,6 +30,27 @@ bool medial_between(const Eigen::Vector3d& p, const Eigen::Vector3d& p_boundary,
   return true;
 }
 
+constexpr int kWaySteps = 100;
+
+bool stays_inside(const SolidField& field, const Sphere& a, const Sphere& b) {
+  const double depth = -0.5 * std::min(a.radius, b.radius);
+  for (int i = 0; i <= kWaySteps; ++i) {
+    const double t = static_cast<double>(i) / kWaySteps;
+    if (!(field.value((1.0 - t) * a.center + t * b.center) < depth)) return false;
+  }
+  return true;
+}
+
+/// Gabriel's condition: the ball with the two centres as diameter holds no third one.
+bool nothing_between(const std::vector<Sphere>& spheres, std::size_t a, std::size_t b) {
+  const Eigen::Vector3d middle = 0.5 * (spheres[a].center + spheres[b].center);
+  const double squared = 0.25 * (spheres[a].center - spheres[b].center).squaredNorm();
+  for (std::size_t c = 0; c < spheres.size(); ++c) {
+    if (c != a && c != b && (spheres[c].center - middle).squaredNorm() < squared) return false;
+  }
+  return true;
+}
+
 }  // namespace
 
 std::vector<Sphere> medial_samples(const SolidField& field, double least_radius) {
@@ -40,7 +60,7 @@ std::vector<Sphere> medial_samples(const SolidField& field, double least_radius)
   for (std::size_t cell = 0; cell < grid.count(); ++cell) {
     if (!(field.distance[cell] < 0.0F)) continue;
     const auto c = grid.cell(cell);
-    const Eigen::Vector3d here = grid.center(c[0], c[1], c[2]);
+    const Eigen::Vector3d here = grid.center(cell);
     const auto seed = at(field.seed[cell]);
     if (field.sheet[seed] != 0) {
       samples.push_back({field.boundary[seed], field.half_sheet});
@@ -95,36 +115,10 @@ std::vector<float> distance_to_medial(const SolidField& field, const std::vector
   const std::vector<std::int32_t> nearest = nearest_seeds(grid, points, cells);
   std::vector<float> distance(grid.count());
   for (std::size_t cell = 0; cell < distance.size(); ++cell) {
-    const auto c = grid.cell(cell);
-    distance[cell] = static_cast<float>((points[at(nearest[cell])] - grid.center(c[0], c[1], c[2])).norm());
+    distance[cell] = static_cast<float>((points[at(nearest[cell])] - grid.center(cell)).norm());
   }
   return distance;
 }
-
-namespace {
-
-constexpr int kWaySteps = 100;
-
-bool stays_inside(const SolidField& field, const Sphere& a, const Sphere& b) {
-  const double depth = -0.5 * std::min(a.radius, b.radius);
-  for (int i = 0; i <= kWaySteps; ++i) {
-    const double t = static_cast<double>(i) / kWaySteps;
-    if (!(field.value((1.0 - t) * a.center + t * b.center) < depth)) return false;
-  }
-  return true;
-}
-
-/// Gabriel's condition: the ball with the two centres as diameter holds no third one.
-bool nothing_between(const std::vector<Sphere>& spheres, std::size_t a, std::size_t b) {
-  const Eigen::Vector3d middle = 0.5 * (spheres[a].center + spheres[b].center);
-  const double squared = 0.25 * (spheres[a].center - spheres[b].center).squaredNorm();
-  for (std::size_t c = 0; c < spheres.size(); ++c) {
-    if (c != a && c != b && (spheres[c].center - middle).squaredNorm() < squared) return false;
-  }
-  return true;
-}
-
-}  // namespace
 
 SphereGraph::SphereGraph(const SolidField& field, std::vector<Sphere> spheres) : spheres_(std::move(spheres)) {
   const std::size_t n = spheres_.size();
@@ -202,54 +196,6 @@ void SphereGraph::find_paths(int from) {
       open.emplace(longer, w);
     }
   }
-}
-
-namespace {
-
-/// One pass over all cells, away from one corner of the grid: every cell looks at the seven that came before it.
-void sweep_from_corner(const CellGrid& grid, const std::vector<Eigen::Vector3d>& points, int corner,
-                       std::vector<std::int32_t>& seed, std::vector<double>& squared) {
-  const std::array<int, 3> step{(corner & 1) != 0 ? -1 : 1, (corner & 2) != 0 ? -1 : 1, (corner & 4) != 0 ? -1 : 1};
-  const auto place = [&](int i, std::size_t axis) { return step[axis] > 0 ? i : grid.size[axis] - 1 - i; };
-  for (int k = 0; k < grid.size[2]; ++k) {
-    for (int j = 0; j < grid.size[1]; ++j) {
-      for (int i = 0; i < grid.size[0]; ++i) {
-        const int x = place(i, 0), y = place(j, 1), z = place(k, 2);
-        const std::size_t cell = grid.index(x, y, z);
-        const Eigen::Vector3d center = grid.center(x, y, z);
-        for (int back = 1; back < 8; ++back) {
-          const int bx = back & 1, by = back >> 1 & 1, bz = back >> 2;
-          if (i < bx || j < by || k < bz) continue;
-          const std::int32_t known = seed[grid.index(x - bx * step[0], y - by * step[1], z - bz * step[2])];
-          if (known < 0 || known == seed[cell]) continue;
-          const double d = (points[at(known)] - center).squaredNorm();
-          if (d < squared[cell]) {
-            squared[cell] = d;
-            seed[cell] = known;
-          }
-        }
-      }
-    }
-  }
-}
-
-}  // namespace
-
-std::vector<std::int32_t> nearest_seeds(const CellGrid& grid, const std::vector<Eigen::Vector3d>& points,
-                                        const std::vector<std::size_t>& seeds) {
-  std::vector<std::int32_t> seed(grid.count(), -1);
-  std::vector<double> squared(grid.count(), 1e300);
-  for (std::size_t i = 0; i < points.size(); ++i) {
-    const auto c = grid.cell(seeds[i]);
-    const double d = (points[i] - grid.center(c[0], c[1], c[2])).squaredNorm();
-    if (d < squared[seeds[i]]) {
-      squared[seeds[i]] = d;
-      seed[seeds[i]] = static_cast<std::int32_t>(i);
-    }
-  }
-  // Opposite corners in turn; the first pass, again, carries on what the others found.
-  for (const int corner : {0, 7, 1, 6, 2, 5, 3, 4, 0}) sweep_from_corner(grid, points, corner, seed, squared);
-  return seed;
 }
 
 }  // namespace anigen::rigging

@@ -7,7 +7,6 @@
 #include <limits>
 #include <utility>
 
-#include "anigen/asset/skeleton.h"
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
 #include "anigen/core/log.h"
@@ -17,12 +16,12 @@
 #include "anigen/geometry/primitives.h"
 #include "anigen/io/gltf/gltf.h"
 #include "anigen/io/rigs/rig_listing.h"
-#include "anigen/io/rigs/rigged_shape.h"
 
 namespace anigen::rigging {
 
 namespace {
 
+namespace fs = std::filesystem;
 using Points = std::vector<Eigen::Vector3d>;
 
 double mean_nearest_distance(const Points& from, const Points& to) {
@@ -39,50 +38,6 @@ double joint_distance(const Points& a, const Points& b) {
   return 0.5 * (mean_nearest_distance(a, b) + mean_nearest_distance(b, a));
 }
 
-}  // namespace
-
-BoxedSkeleton boxed_skeleton(const std::string& id, const Points& joints, const std::vector<int>& parents,
-                             const Box& box) {
-  if (box.empty() || !box.low.allFinite() || !box.high.allFinite()) {
-    throw InputError(id, "", "a skeleton is measured by its mesh, and there is none");
-  }
-  if (joints.empty()) throw InputError(id, "", "there is no joint");
-  BoxedSkeleton boxed{id, {}, parents};
-  const Eigen::Vector3d extent = box.high - box.low;
-  for (std::size_t j = 0; j < joints.size(); ++j) {
-    if (!joints[j].allFinite()) throw InputError(id, "joint " + std::to_string(j), "is not finite");
-    Eigen::Vector3d place = Eigen::Vector3d::Constant(0.5);
-    for (int axis = 0; axis < 3; ++axis) {
-      if (extent[axis] > 0.0) place[axis] = (joints[j][axis] - box.low[axis]) / extent[axis];
-    }
-    boxed.joints.push_back(place);
-  }
-  return boxed;
-}
-
-Points placed_joints(const BoxedSkeleton& skeleton, const Box& box) {
-  Points joints;
-  for (const Eigen::Vector3d& place : skeleton.joints) {
-    joints.push_back(box.low + place.cwiseProduct(box.high - box.low));
-  }
-  return joints;
-}
-
-std::size_t medoid(const std::vector<BoxedSkeleton>& skeletons) {
-  if (skeletons.empty()) throw InputError("", "", "the middle of no skeletons");
-  // Every distance twice: N² of them would not fit for the data sets that people have.
-  std::vector<double> sums(skeletons.size(), 0.0);
-  Progress progress("comparing skeletons", skeletons.size(), "skeletons");
-  parallel_for(skeletons.size(), [&](std::size_t i) {
-    for (const BoxedSkeleton& other : skeletons) sums[i] += joint_distance(skeletons[i].joints, other.joints);
-    progress.advance();
-  });
-  progress.finish();
-  return static_cast<std::size_t>(std::min_element(sums.begin(), sums.end()) - sums.begin());
-}
-
-namespace {
-
 const std::vector<std::pair<std::string, RiggingMethod>>& known_methods() {
   static const std::vector<std::pair<std::string, RiggingMethod>> methods{
       {"nearest", {JointSource::kGiven, SkinBinding::kNearest}},
@@ -94,34 +49,6 @@ const std::vector<std::pair<std::string, RiggingMethod>>& known_methods() {
   };
   return methods;
 }
-
-}  // namespace
-
-RiggingMethod parse_rigging_method(const std::string& method, const std::string& skin) {
-  std::string words;
-  for (const auto& [word, known] : known_methods()) {
-    words += (words.empty() ? "" : ", ") + word;
-    if (word != method) continue;
-    RiggingMethod result = known;
-    if (skin == "none") {
-      result.binding.reset();
-    } else if (!skin.empty()) {
-      result.binding = parse_skin_binding(skin);
-    }
-    return result;
-  }
-  throw InputError("", "--method", "\"" + method + "\" is none of " + words);
-}
-
-std::vector<std::string> rigging_method_words() {
-  std::vector<std::string> words;
-  for (const auto& [word, unused] : known_methods()) words.push_back(word);
-  return words;
-}
-
-namespace {
-
-namespace fs = std::filesystem;
 
 Box box_around(const io::RiggedShape& shape) { return bounding_box(shape.mesh.vertices); }
 
@@ -168,52 +95,9 @@ ProposedJoints embedded(const Mesh& mesh, const std::vector<TemplateSkeleton>& t
   return {std::move(choice.embedded.skeleton), note};
 }
 
-}  // namespace
-
-std::vector<std::string> template_words() { return {"biped", "quadruped"}; }
-
-JointProposer::JointProposer(JointSource source, JointOptions options) : source_(source), options_(std::move(options)) {
-  switch (source_) {
-    case JointSource::kGiven:
-      if (!options_.skeleton.empty()) given_ = skeleton_in(only_shape_of(options_.skeleton));
-      break;
-    case JointSource::kTemplate: {
-      const std::vector<BoxedSkeleton> skeletons = skeletons_of(options_.collection, options_.splits);
-      boxed_ = skeletons[medoid(skeletons)];
-      break;
-    }
-    case JointSource::kCurve:
-      break;
-    case JointSource::kPinocchio:
-      templates_ = templates_of(options_);
-      break;
-  }
-}
-
-ProposedJoints JointProposer::propose(const io::RiggedShape& shape) const {
-  if (!shape.has_surface()) throw InputError(shape.file, "", "holds no surface to rig");
-  switch (source_) {
-    case JointSource::kGiven:
-      if (!options_.skeleton.empty()) return {given_, ""};
-      if (!shape.has_joints())
-        throw InputError(shape.file, "", "holds no skeleton to bind to; name one, or a method that finds joints");
-      return {skeleton_in(shape), ""};
-    case JointSource::kTemplate: {
-      io::RiggedShape placed;
-      placed.joints.positions = placed_joints(boxed_, box_around(shape));
-      placed.joints.parents = boxed_.parents;
-      Skeleton skeleton = skeleton_in(placed);
-      skeleton.names = joint_names(skeleton.positions(), skeleton.parents);
-      return {std::move(skeleton), ""};
-    }
-    case JointSource::kCurve:
-      return {propose_curve_skeleton(shape.mesh, options_.curve), ""};
-    case JointSource::kPinocchio:
-      break;
-  }
-  return embedded(shape.mesh, templates_, options_.embedding);
-}
-
+/// Skeletons of a collection of rigs, each measured by its own mesh. Assets that a data set marks as unusable are left
+/// out. @param collection whatever io::open_source reads @param splits files of ids; none: all
+/// @throws InputError when nothing is left
 std::vector<BoxedSkeleton> skeletons_of(const fs::path& collection, const std::vector<fs::path>& splits) {
   const auto source = io::open_source(collection);
   std::vector<BoxedSkeleton> skeletons;
@@ -237,10 +121,6 @@ std::vector<BoxedSkeleton> skeletons_of(const fs::path& collection, const std::v
   if (left_out > 0) log::info("{} assets of {} have no usable skeleton", left_out, collection.string());
   return skeletons;
 }
-
-namespace {
-
-namespace fs = std::filesystem;
 
 double seconds_since(std::chrono::steady_clock::time_point start) {
   return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
@@ -295,18 +175,6 @@ void refuse_lossy_outputs(const RigRequest& request, const io::ShapeSource& sour
   refuse_to_overwrite(outputs, [&] { return inputs_of(request, source, ids); });
 }
 
-/// The shape with these joints and no weights yet.
-Asset unbound_asset(const io::RiggedShape& shape, const Skeleton& joints) {
-  if (!shape.has_surface()) throw InputError(shape.file, "", "holds no surface to rig");
-  Asset asset;
-  asset.name = shape.id;
-  asset.mesh = shape.mesh;
-  asset.materials = shape.materials;
-  asset.images = shape.images;
-  asset.skeleton = joints;
-  return asset;
-}
-
 Asset rigged(const io::RiggedShape& shape, const JointProposer& proposer, const RigRequest& request,
              RigReport& report) {
   const auto started = std::chrono::steady_clock::now();
@@ -320,7 +188,13 @@ Asset rigged(const io::RiggedShape& shape, const JointProposer& proposer, const 
     return solid;
   }
   const auto found = std::chrono::steady_clock::now();
-  Asset asset = unbound_asset(shape, proposed.skeleton);
+  if (!shape.has_surface()) throw InputError(shape.file, "", "holds no surface to rig");
+  Asset asset;
+  asset.name = shape.id;
+  asset.mesh = shape.mesh;
+  asset.materials = shape.materials;
+  asset.images = shape.images;
+  asset.skeleton = std::move(proposed.skeleton);
   asset.skin = learned.bind ? learned.bind(shape, asset.skeleton)
                             : bind(*request.method.binding, asset.mesh, asset.skeleton, request.binding);
   report.binding_seconds = seconds_since(found);
@@ -329,11 +203,110 @@ Asset rigged(const io::RiggedShape& shape, const JointProposer& proposer, const 
 
 }  // namespace
 
-Asset bound_asset(const io::RiggedShape& shape, const Skeleton& joints, SkinBinding binding,
-                  const BindingOptions& options) {
-  Asset asset = unbound_asset(shape, joints);
-  asset.skin = bind(binding, asset.mesh, asset.skeleton, options);
-  return asset;
+BoxedSkeleton boxed_skeleton(const std::string& id, const Points& joints, const std::vector<int>& parents,
+                             const Box& box) {
+  if (box.empty() || !box.low.allFinite() || !box.high.allFinite()) {
+    throw InputError(id, "", "a skeleton is measured by its mesh, and there is none");
+  }
+  if (joints.empty()) throw InputError(id, "", "there is no joint");
+  BoxedSkeleton boxed{id, {}, parents};
+  const Eigen::Vector3d extent = box.high - box.low;
+  for (std::size_t j = 0; j < joints.size(); ++j) {
+    if (!joints[j].allFinite()) throw InputError(id, "joint " + std::to_string(j), "is not finite");
+    Eigen::Vector3d place = Eigen::Vector3d::Constant(0.5);
+    for (int axis = 0; axis < 3; ++axis) {
+      if (extent[axis] > 0.0) place[axis] = (joints[j][axis] - box.low[axis]) / extent[axis];
+    }
+    boxed.joints.push_back(place);
+  }
+  return boxed;
+}
+
+Points placed_joints(const BoxedSkeleton& skeleton, const Box& box) {
+  Points joints;
+  for (const Eigen::Vector3d& place : skeleton.joints) {
+    joints.push_back(box.low + place.cwiseProduct(box.high - box.low));
+  }
+  return joints;
+}
+
+std::size_t medoid(const std::vector<BoxedSkeleton>& skeletons) {
+  if (skeletons.empty()) throw InputError("", "", "the middle of no skeletons");
+  // Every distance twice: N² of them would not fit for the data sets that people have.
+  std::vector<double> sums(skeletons.size(), 0.0);
+  Progress progress("comparing skeletons", skeletons.size(), "skeletons");
+  parallel_for(skeletons.size(), [&](std::size_t i) {
+    for (const BoxedSkeleton& other : skeletons) sums[i] += joint_distance(skeletons[i].joints, other.joints);
+    progress.advance();
+  });
+  progress.finish();
+  return static_cast<std::size_t>(std::min_element(sums.begin(), sums.end()) - sums.begin());
+}
+
+RiggingMethod parse_rigging_method(const std::string& method, const std::string& skin) {
+  std::string words;
+  for (const auto& [word, known] : known_methods()) {
+    words += (words.empty() ? "" : ", ") + word;
+    if (word != method) continue;
+    RiggingMethod result = known;
+    if (skin == "none") {
+      result.binding.reset();
+    } else if (!skin.empty()) {
+      result.binding = parse_skin_binding(skin);
+    }
+    return result;
+  }
+  throw InputError("", "--method", "\"" + method + "\" is none of " + words);
+}
+
+std::vector<std::string> rigging_method_words() {
+  std::vector<std::string> words;
+  for (const auto& [word, unused] : known_methods()) words.push_back(word);
+  return words;
+}
+
+std::vector<std::string> template_words() { return {"biped", "quadruped"}; }
+
+JointProposer::JointProposer(JointSource source, JointOptions options) : source_(source), options_(std::move(options)) {
+  switch (source_) {
+    case JointSource::kGiven:
+      if (!options_.skeleton.empty()) given_ = skeleton_in(only_shape_of(options_.skeleton));
+      break;
+    case JointSource::kTemplate: {
+      const std::vector<BoxedSkeleton> skeletons = skeletons_of(options_.collection, options_.splits);
+      boxed_ = skeletons[medoid(skeletons)];
+      break;
+    }
+    case JointSource::kCurve:
+      break;
+    case JointSource::kPinocchio:
+      templates_ = templates_of(options_);
+      break;
+  }
+}
+
+ProposedJoints JointProposer::propose(const io::RiggedShape& shape) const {
+  if (!shape.has_surface()) throw InputError(shape.file, "", "holds no surface to rig");
+  switch (source_) {
+    case JointSource::kGiven:
+      if (!options_.skeleton.empty()) return {given_, ""};
+      if (!shape.has_joints())
+        throw InputError(shape.file, "", "holds no skeleton to bind to; name one, or a method that finds joints");
+      return {skeleton_in(shape), ""};
+    case JointSource::kTemplate: {
+      io::RiggedShape placed;
+      placed.joints.positions = placed_joints(boxed_, box_around(shape));
+      placed.joints.parents = boxed_.parents;
+      Skeleton skeleton = skeleton_in(placed);
+      skeleton.names = joint_names(skeleton.positions(), skeleton.parents);
+      return {std::move(skeleton), ""};
+    }
+    case JointSource::kCurve:
+      return {propose_curve_skeleton(shape.mesh, options_.curve), ""};
+    case JointSource::kPinocchio:
+      break;
+  }
+  return embedded(shape.mesh, templates_, options_.embedding);
 }
 
 RigReports rig_meshes(const RigRequest& request) {

@@ -101,17 +101,6 @@ class JointProposer {
   std::vector<TemplateSkeleton> templates_;  // kPinocchio
 };
 
-/// Skeletons of a collection of rigs, each measured by its own mesh. Assets that a data set marks as unusable are left
-/// out. @param collection whatever io::open_source reads @param splits files of ids; none: all
-/// @throws InputError when nothing is left
-std::vector<BoxedSkeleton> skeletons_of(const std::filesystem::path& collection,
-                                        const std::vector<std::filesystem::path>& splits);
-
-/// The mesh with these joints, bound to them; with its materials and pictures, without its own rig.
-/// @param joints in the mesh's frame @throws InputError without a surface, and as bind()
-Asset bound_asset(const io::RiggedShape& shape, const Skeleton& joints, SkinBinding binding,
-                  const BindingOptions& options = {});
-
 /// Callbacks of a learned rigger. An unset one falls back to the request's method.
 /// Exceptions count for the mesh they came up with, as failure_of_item() says.
 struct LearnedSteps {

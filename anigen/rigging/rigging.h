@@ -4,7 +4,6 @@
 #include "anigen/rigging/binding.h"
 #include "anigen/rigging/bone_heat.h"
 #include "anigen/rigging/curve.h"
-#include "anigen/rigging/geodesic_voxel.h"
 #include "anigen/rigging/pinocchio.h"
 #include "anigen/rigging/pinocchio_discrete.h"
 #include "anigen/rigging/pinocchio_solid.h"

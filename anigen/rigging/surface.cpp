@@ -77,6 +77,11 @@ std::vector<Triangle> welded_faces(const std::vector<Triangle>& faces, const std
   return welded;
 }
 
+Eigen::Vector3d area_vector(const WeldedSurface& surface, const Triangle& face) {
+  const Eigen::Vector3d& a = surface.places[at(face[0])];
+  return 0.5 * (surface.places[at(face[1])] - a).cross(surface.places[at(face[2])] - a);
+}
+
 }  // namespace
 
 WeldedSurface weld_surface(const Mesh& mesh) {
@@ -104,15 +109,6 @@ SkinWeights rows_of_vertices(const SkinWeights& rows_of_places, const WeldedSurf
   for (const std::int32_t place : surface.of_vertex) skin.append_copy(rows_of_places, at(place));
   return skin;
 }
-
-namespace {
-
-Eigen::Vector3d area_vector(const WeldedSurface& surface, const Triangle& face) {
-  const Eigen::Vector3d& a = surface.places[at(face[0])];
-  return 0.5 * (surface.places[at(face[1])] - a).cross(surface.places[at(face[2])] - a);
-}
-
-}  // namespace
 
 bool SurfaceParts::encloses_space(std::size_t part) const {
   constexpr double kSphere = 1.0 / (6.0 * 1.7724538509055160);  // V / A^1.5 = 1 / (6 √π)

@@ -1,7 +1,6 @@
 #include "anigen/rigging/voxels.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <limits>
 #include <string>
@@ -9,7 +8,6 @@
 #include "anigen/core/error.h"
 #include "anigen/core/numeric.h"
 #include "anigen/core/parallel.h"
-#include "anigen/geometry/voxelize.h"
 
 namespace anigen::rigging {
 
@@ -98,8 +96,13 @@ void count_column(const std::vector<std::uint8_t>& marks, std::size_t start, std
   }
 }
 
-}  // namespace
-
+/// Out of the six rays from the centre of each cell along the axes, how many cross the surface an odd number of times:
+/// 6 inside a closed surface and 0 outside, whatever the winding of its faces; between them near holes. Which rays meet
+/// a triangle is decided in integers with a rule for rays through edges and vertices, so that no ray slips between two
+/// triangles; where along the ray is rounded, which matters only in cells that the surface passes through.
+/// Runs on one thread. Memory: two bytes per cell.
+/// @param points in the grid's fixed point @param faces of points
+/// @return [cells] @pre the block covers the surface
 std::vector<std::uint8_t> odd_rays(const std::vector<FixedPoint>& points, const std::vector<Triangle>& faces,
                                    const VoxelBlock& block) {
   std::vector<std::uint8_t> odd(block.cells(), 0), marks(block.cells());
@@ -118,8 +121,6 @@ std::vector<std::uint8_t> odd_rays(const std::vector<FixedPoint>& points, const 
   }
   return odd;
 }
-
-namespace {
 
 /// The mesh's longest side as a part of the grid's: a little room, so that nothing lies on the grid's border.
 constexpr double kFilled = 1.0 - 1.0 / 1024.0;
@@ -168,44 +169,29 @@ bool at_border(const VoxelBlock& block, std::size_t cell) {
 /// Turns what is not a wall and cannot be reached from the border into the inside. The border itself is never a wall.
 void flood_from_outside(SolidVoxels& solid) {
   const VoxelBlock& block = solid.block;
-  for (std::uint8_t& state : solid.states) {
-    if (state == SolidVoxels::kOutside) state = SolidVoxels::kInside;
-  }
   std::vector<std::uint32_t> open;
   const auto reach = [&](std::size_t cell) {
     if (solid.states[cell] != SolidVoxels::kInside) return;
     solid.states[cell] = SolidVoxels::kOutside;
     open.push_back(static_cast<std::uint32_t>(cell));
   };
+  const auto from_border = [&](int i, std::size_t axis) { return std::min(i, block.size[axis] - 1 - i); };
+  std::size_t cell = 0;
   for (int i = 0; i < block.size[0]; ++i) {
     for (int j = 0; j < block.size[1]; ++j) {
-      const bool side = i == 0 || j == 0 || i == block.size[0] - 1 || j == block.size[1] - 1;
-      for (int k = 0; k < block.size[2]; k += side ? 1 : block.size[2] - 1) {
-        solid.states[block.index(i, j, k)] = SolidVoxels::kOutside;
+      const int side = std::min(from_border(i, 0), from_border(j, 1));
+      for (int k = 0; k < block.size[2]; ++k, ++cell) {
+        std::uint8_t& state = solid.states[cell];
+        const int away = std::min(side, from_border(k, 2));
+        state = away > 0 && state == SolidVoxels::kOutside ? std::uint8_t{SolidVoxels::kInside} : state;
+        if (away == 1) reach(cell);  // the border hangs together, so that it need not be walked
       }
     }
   }
-  // Once around the border is enough: it hangs together.
-  for (int i = 1; i + 1 < block.size[0]; ++i) {
-    for (int j = 1; j + 1 < block.size[1]; ++j) {
-      reach(block.index(i, j, 1));
-      reach(block.index(i, j, block.size[2] - 2));
-    }
-    for (int k = 1; k + 1 < block.size[2]; ++k) {
-      reach(block.index(i, 1, k));
-      reach(block.index(i, block.size[1] - 2, k));
-    }
-  }
-  for (int j = 1; j + 1 < block.size[1]; ++j) {
-    for (int k = 1; k + 1 < block.size[2]; ++k) {
-      reach(block.index(1, j, k));
-      reach(block.index(block.size[0] - 2, j, k));
-    }
-  }
   while (!open.empty()) {
-    const std::size_t cell = open.back();
+    const std::size_t reached = open.back();
     open.pop_back();
-    for (const std::size_t neighbour : face_neighbours(block, cell)) reach(neighbour);
+    for (const std::size_t neighbour : face_neighbours(block, reached)) reach(neighbour);
   }
 }
 
@@ -275,6 +261,29 @@ void drop_boneless(SolidVoxels& solid, const std::vector<bool>& near) {
     for (const std::uint32_t cell : component) solid.states[cell] = SolidVoxels::kOutside;
   }
 }
+
+constexpr double kTouch = 1e-6;  ///< cells
+
+/// The part of a line within a box, as fractions of the line; false when it stays outside.
+bool clip_line(const Eigen::Vector3d& start, const Eigen::Vector3d& along, const Eigen::Vector3d& low,
+               const Eigen::Vector3d& high, double& first, double& last) {
+  first = 0.0;
+  last = 1.0;
+  for (Eigen::Index axis = 0; axis < 3; ++axis) {
+    if (along[axis] == 0.0) {
+      if (start[axis] < low[axis] || start[axis] > high[axis]) return false;
+      continue;
+    }
+    double in = (low[axis] - start[axis]) / along[axis], out = (high[axis] - start[axis]) / along[axis];
+    if (in > out) std::swap(in, out);
+    first = std::max(first, in);
+    last = std::min(last, out);
+  }
+  return first <= last;
+}
+
+int cell_below(double coordinate) { return static_cast<int>(std::floor(coordinate - kTouch)); }
+int cell_above(double coordinate) { return static_cast<int>(std::floor(coordinate + kTouch)); }
 
 }  // namespace
 
@@ -398,33 +407,6 @@ const std::vector<float>& VoxelPaths::run(const std::vector<PathSource>& sources
   }
   return distances_;
 }
-
-namespace {
-
-constexpr double kTouch = 1e-6;  ///< cells
-
-/// The part of a line within a box, as fractions of the line; false when it stays outside.
-bool clip_line(const Eigen::Vector3d& start, const Eigen::Vector3d& along, const Eigen::Vector3d& low,
-               const Eigen::Vector3d& high, double& first, double& last) {
-  first = 0.0;
-  last = 1.0;
-  for (Eigen::Index axis = 0; axis < 3; ++axis) {
-    if (along[axis] == 0.0) {
-      if (start[axis] < low[axis] || start[axis] > high[axis]) return false;
-      continue;
-    }
-    double in = (low[axis] - start[axis]) / along[axis], out = (high[axis] - start[axis]) / along[axis];
-    if (in > out) std::swap(in, out);
-    first = std::max(first, in);
-    last = std::min(last, out);
-  }
-  return first <= last;
-}
-
-int cell_below(double coordinate) { return static_cast<int>(std::floor(coordinate - kTouch)); }
-int cell_above(double coordinate) { return static_cast<int>(std::floor(coordinate + kTouch)); }
-
-}  // namespace
 
 void walk_line(const VoxelBlock& block, const BoneLine& line,
                const std::function<bool(const std::vector<std::uint32_t>&)>& visit) {

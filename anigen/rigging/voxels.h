@@ -51,16 +51,6 @@ struct VoxelBlock {
   std::size_t extent(std::size_t axis) const { return static_cast<std::size_t>(size[axis]); }
 };
 
-/// Out of the six rays from the centre of each cell along the axes, how many cross the surface an odd number of times:
-/// 6 inside a closed surface and 0 outside, whatever the winding of its faces; between them near holes. Which rays meet
-/// a triangle is decided in integers with a rule for rays through edges and vertices, so that no ray slips between two
-/// triangles; where along the ray is rounded, which matters only in cells that the surface passes through.
-/// Runs on one thread. Memory: two bytes per cell.
-/// @param points in the grid's fixed point @param faces of points
-/// @return [cells] @pre the block covers the surface
-std::vector<std::uint8_t> odd_rays(const std::vector<geometry::FixedPoint>& points, const std::vector<Triangle>& faces,
-                                   const VoxelBlock& block);
-
 /// The inside of a mesh as cells, whatever the mesh is like. The block is the mesh's box and one cell more all around,
 /// which is always outside.
 struct SolidVoxels {
