@@ -5,16 +5,14 @@
 #include <cstdio>
 #include <map>
 
-#include "anigen/asset/rigged_asset.h"
 #include "anigen/core/error.h"
 #include "anigen/core/numeric.h"
-#include "anigen/creatures/machines.h"
-#include "anigen/creatures/paint.h"
+#include "anigen/creatures/parts.h"
 #include "anigen/creatures/surface.h"
-#include "anigen/creatures/weights.h"
 
 namespace anigen::creatures {
 
+using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
 int Body::add_paint(const Paint& paint) {
@@ -23,13 +21,7 @@ int Body::add_paint(const Paint& paint) {
 }
 
 int Body::joint(const std::string& name, int parent, const Vector3d& position, const Vector3d& tail, double radius) {
-  BodyJoint joint;
-  joint.name = name;
-  joint.parent = parent;
-  joint.position = position;
-  joint.tail = tail;
-  joint.radius = radius;
-  joints.push_back(joint);
+  joints.push_back({name, parent, position, tail, radius});
   bends_.push_back(Eigen::Quaterniond::Identity());
   return static_cast<int>(joints.size()) - 1;
 }
@@ -48,23 +40,23 @@ int Body::twist_joint(const std::string& name, int of, double at) {
   return j;
 }
 
-Primitive& Body::add(const Primitive& primitive) {
-  primitives.push_back(primitive);
-  return primitives.back();
+Primitive& Body::add(Primitive::Shape shape, int joint, double thickness, int paint) {
+  Primitive& p = primitives.emplace_back();
+  p.shape = shape;
+  p.blend = smoothness * thickness;
+  p.joint = joint;
+  p.anchors = {joint, joint, joint};
+  p.paint = paint;
+  return p;
 }
 
 Primitive& Body::cone(int joint, const Vector3d& a, const Vector3d& b, double ra, double rb, int paint) {
-  Primitive p;
-  p.shape = Primitive::Shape::kCone;
+  Primitive& p = add(Primitive::Shape::kCone, joint, std::min(ra, rb), paint);
   p.a = a;
   p.b = b;
   p.ra = ra;
   p.rb = rb;
-  p.blend = smoothness * std::min(ra, rb);
-  p.joint = joint;
-  p.anchors = {joint, joint, joint};
-  p.paint = paint;
-  return add(p);
+  return p;
 }
 
 Primitive& Body::ball(int joint, const Vector3d& center, double radius, int paint) {
@@ -73,16 +65,11 @@ Primitive& Body::ball(int joint, const Vector3d& center, double radius, int pain
 
 Primitive& Body::ellipsoid(int joint, const Vector3d& center, const Vector3d& half, int paint,
                            const Eigen::Matrix3d& axes) {
-  Primitive p;
-  p.shape = Primitive::Shape::kEllipsoid;
+  Primitive& p = add(Primitive::Shape::kEllipsoid, joint, half.minCoeff(), paint);
   p.a = center;
   p.half = half;
   p.axes = axes;
-  p.blend = smoothness * half.minCoeff();
-  p.joint = joint;
-  p.anchors = {joint, joint, joint};
-  p.paint = paint;
-  return add(p);
+  return p;
 }
 
 Primitive& Body::box(int joint, const Vector3d& center, const Vector3d& half, double rounding, int paint,
@@ -103,18 +90,14 @@ Primitive& Body::cylinder(int joint, const Vector3d& a, const Vector3d& b, doubl
 
 Primitive& Body::sheet(const std::array<int, 3>& anchors, const std::array<Vector3d, 3>& corners, double thickness,
                        int paint, const std::vector<int>& owners) {
-  Primitive p;
-  p.shape = Primitive::Shape::kSheet;
+  Primitive& p = add(Primitive::Shape::kSheet, anchors[0], thickness, paint);
   p.a = corners[0];
   p.b = corners[1];
   p.c = corners[2];
   p.ra = thickness;
-  p.blend = smoothness * thickness;
-  p.joint = anchors[0];
   p.anchors = anchors;
   p.owners = owners;
-  p.paint = paint;
-  return add(p);
+  return p;
 }
 
 void Body::eye(int joint, const Vector3d& center, double radius, const Vector3d& look, int paint) {
@@ -137,6 +120,16 @@ std::vector<int> Body::limb(int parent, const std::vector<std::string>& names, c
 
 void Body::swing(int joint, const Vector3d& axis, double amplitude, double phase) {
   swings.push_back({joint, axis.normalized(), amplitude, phase});
+}
+
+void Body::swing_chain(const std::vector<int>& chain, const Vector3d& axis, double amplitude, double lag) {
+  for (std::size_t i = 0; i < chain.size(); ++i) swing(chain[i], axis, amplitude, -lag * static_cast<double>(i));
+}
+
+void Body::scale_blends(int joint, double factor) {
+  for (Primitive& p : primitives) {
+    if (p.joint == joint) p.blend *= factor;
+  }
 }
 
 void Body::bend(int joint, const Vector3d& axis, double angle) {
@@ -208,15 +201,27 @@ Eigen::Matrix3d frame_along(const Vector3d& z, const Vector3d& x) {
   return frame;
 }
 
+const Primitive& nearest_primitive(const Body& body, const Surface& surface, std::size_t vertex) {
+  const std::vector<int>& near = surface.lists[surface.vertex_lists[vertex]];
+  const auto distance = [&](int i) { return std::abs(signed_distance(body.primitives[i], surface.vertices[vertex])); };
+  return body
+      .primitives[*std::min_element(near.begin(), near.end(), [&](int a, int b) { return distance(a) < distance(b); })];
+}
+
 namespace {
 
-using Eigen::Matrix3d;
-using Eigen::Vector3d;
-constexpr double kPlacementError = 0.02;  // of the bone, per axis
-
-}  // namespace
+/// Form in which the joints of a body are written: their order and the orientation of their frames, which differ
+/// between real files as much as between two of these.
+struct RigStyle {
+  enum class Frames { kWorld, kBoneAlongY, kBoneAlongX };
+  Frames frames = Frames::kWorld;          ///< joint axes parallel to the world's, or one of them along the bone
+  std::vector<int> order;                  ///< body joint of every skeleton joint; parents before children
+  std::vector<int> position;               ///< the inverse of `order`
+  std::vector<Eigen::Vector3d> placement;  ///< per body joint: how far from the exact centre a hand would have put it
+};
 
 RigStyle random_style(const Body& body, Rng& rng) {
+  constexpr double kPlacementError = 0.02;  // of the bone, per axis
   RigStyle style;
   const double kind = rng.uniform();
   style.frames = kind < 0.45   ? RigStyle::Frames::kWorld
@@ -250,6 +255,7 @@ RigStyle random_style(const Body& body, Rng& rng) {
   return style;
 }
 
+/// The posed body's joints as a skeleton whose rest pose is its bind pose.
 Skeleton make_skeleton(const Body& body, const RigStyle& style) {
   Skeleton skeleton;
   for (int j : style.order) {
@@ -271,6 +277,7 @@ Skeleton make_skeleton(const Body& body, const RigStyle& style) {
   return skeleton;
 }
 
+/// The body's swings as a loop of 1 to 2 s: keyed, linearly interpolated rotations.
 Animation make_idle_animation(const Body& body, const Skeleton& skeleton, const RigStyle& style, Rng& rng) {
   Animation animation;
   animation.name = "idle";
@@ -301,10 +308,6 @@ Animation make_idle_animation(const Body& body, const Skeleton& skeleton, const 
   }
   return animation;
 }
-
-namespace {
-
-using Eigen::Vector3d;
 
 struct Family {
   const char* name;
@@ -347,16 +350,7 @@ std::vector<Eigen::Vector4f> colors_of(const Body& body, const Surface& surface,
   std::vector<Eigen::Vector4f> colors;
   for (std::size_t v = 0; v < surface.vertices.size(); ++v) {
     const Vector3d& x = surface.vertices[v];
-    const Primitive* best = nullptr;
-    double nearest = 1e300;
-    for (int i : surface.lists[surface.vertex_lists[v]]) {
-      const Primitive& p = body.primitives[i];
-      const double d = std::abs(signed_distance(p, x));
-      if (d < nearest) {
-        nearest = d;
-        best = &p;
-      }
-    }
+    const Primitive& best = nearest_primitive(body, surface, v);
     Vector3d plan = Vector3d::Zero(), normal = Vector3d::Zero();
     for (std::size_t k = 0; k < skin.row_size(v); ++k) {
       const Influence& influence = skin.row(v)[k];
@@ -364,7 +358,7 @@ std::vector<Eigen::Vector4f> colors_of(const Body& body, const Surface& surface,
       plan += influence.weight * (back * x);
       normal += influence.weight * (back.linear() * surface.normals[v]);
     }
-    const Vector3d color = paint_color(body.paints[best->paint], plan, normal.normalized(), best->center, best->look);
+    const Vector3d color = paint_color(body.paints[best.paint], plan, normal.normalized(), best.center, best.look);
     colors.emplace_back(static_cast<float>(color.x()), static_cast<float>(color.y()), static_cast<float>(color.z()),
                         1.0f);
   }

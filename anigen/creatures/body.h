@@ -8,10 +8,11 @@
 
 #include "anigen/asset/rigged_asset.h"
 #include "anigen/core/random.h"
-#include "anigen/creatures/paint.h"
-#include "anigen/creatures/surface.h"
+#include "anigen/creatures/shapes.h"
 
 namespace anigen::creatures {
+
+struct Surface;
 
 /// A joint of a body plan and the bone that starts at it.
 struct BodyJoint {
@@ -77,6 +78,10 @@ class Body {
                         const std::vector<double>& radii, int paint);
 
   void swing(int joint, const Eigen::Vector3d& axis, double amplitude, double phase = 0.0);
+  /// Every joint of a chain, each later than the one before by `lag` radians.
+  void swing_chain(const std::vector<int>& chain, const Eigen::Vector3d& axis, double amplitude, double lag);
+  /// Makes the shapes of a joint blend less, or more, with what is around them.
+  void scale_blends(int joint, double factor);
   /// Rotates a joint and everything below it in the bind pose, about an axis of the plan frame.
   void bend(int joint, const Eigen::Vector3d& axis, double angle);
   void bend_randomly(int joint, double angle);  ///< normal deviate of this many radians about a random axis
@@ -88,7 +93,7 @@ class Body {
   int count(int low, int high) { return low + static_cast<int>(rng.index(static_cast<std::size_t>(high - low + 1))); }
 
  private:
-  Primitive& add(const Primitive& primitive);
+  Primitive& add(Primitive::Shape shape, int joint, double thickness, int paint);
   std::vector<Eigen::Quaterniond> bends_;
 };
 
@@ -104,23 +109,19 @@ std::vector<double> taper(double from, double to, int count, double bulge = 1.0)
 /// A rotation whose third column is along z, and whose first is as close to x as that allows.
 Eigen::Matrix3d frame_along(const Eigen::Vector3d& z, const Eigen::Vector3d& x = Eigen::Vector3d::UnitX());
 
-/// Form in which the joints of a body are written: their order and the orientation of their frames, which differ
-/// between real files as much as between two of these.
-struct RigStyle {
-  enum class Frames { kWorld, kBoneAlongY, kBoneAlongX };
-  Frames frames = Frames::kWorld;          ///< joint axes parallel to the world's, or one of them along the bone
-  std::vector<int> order;                  ///< body joint of every skeleton joint; parents before children
-  std::vector<int> position;               ///< the inverse of `order`
-  std::vector<Eigen::Vector3d> placement;  ///< per body joint: how far from the exact centre a hand would have put it
-};
+/// The primitive that a vertex lies on.
+const Primitive& nearest_primitive(const Body& body, const Surface& surface, std::size_t vertex);
 
-RigStyle random_style(const Body& body, Rng& rng);
-
-/// The posed body's joints as a skeleton whose rest pose is its bind pose.
-Skeleton make_skeleton(const Body& body, const RigStyle& style);
-
-/// The body's swings as a loop of 1 to 2 s: keyed, linearly interpolated rotations.
-Animation make_idle_animation(const Body& body, const Skeleton& skeleton, const RigStyle& style, Rng& rng);
+/// Skin weights as an artist would paint them, for a posed body and its surface.
+///
+/// A vertex belongs to the joint of the primitive it lies on. Around every joint there is a band, across the bisector
+/// of the two bones, in which weight passes from the parent to the child by a smooth step; its half width is
+/// Body::softness times the limb radius. Bands act only along the tree: a vertex can hear its own joint, ancestors and
+/// descendants up to three hops away, never another limb, however close that is in space. Joint::twist_of helpers take
+/// over linearly along their bone. A few diffusion steps over the mesh, under the same restriction, even out what is
+/// left; small weights are dropped.
+/// @return one row per vertex, at most 8 influences each
+SkinWeights paint_weights(const Body& body, const Surface& surface);
 
 /// The embedded procedural dataset: rigged, skinned, coloured and animated creatures, plants and machines made from
 /// random numbers. datasets/creatures.md is the recipe. Every asset is

@@ -1,14 +1,13 @@
 #include <cmath>
 
 #include "anigen/core/numeric.h"
-#include "anigen/creatures/machines.h"
 #include "anigen/creatures/parts.h"
 
 namespace anigen::creatures {
 
-namespace {
-
 using Eigen::Vector3d;
+
+namespace {
 
 struct Legs {
   int pairs, segments;
@@ -23,7 +22,7 @@ std::string leg_name(int pair, int pairs, int side) {
 }
 
 /// Arched legs on both sides of a thorax at the origin's (x, y).
-void add_legs(Body& body, int thorax, const Legs& l, int paint, std::vector<int>& limbs, std::vector<int>& tips) {
+void add_legs(Body& body, int thorax, const Legs& l, int paint, std::vector<int>& tips) {
   static const std::vector<std::string> kNames[] = {
       {"femur", "tibia"}, {"coxa", "femur", "tibia"}, {"coxa", "femur", "tibia", "tarsus"}};
   const double jitter = body.between(0.0, 0.15);
@@ -49,14 +48,11 @@ void add_legs(Body& body, int thorax, const Legs& l, int paint, std::vector<int>
                                taper(l.radius, 0.4 * l.radius, l.segments, 1.15), paint);
       for (int j : leg) {
         body.joints[j].radius = l.radius;
-        for (Primitive& p : body.primitives) {
-          if (p.joint == j) p.blend *= 0.4;
-        }
+        body.scale_blends(j, 0.4);
       }
       body.bend(leg[0], Vector3d::UnitZ(), jitter * body.rng.normal());
       body.swing(leg[0], Vector3d::UnitZ(), 0.12, pair * 1.6 + (side > 0 ? 0.0 : 3.14));
       body.swing(leg[1], Vector3d(0, 1, 0), 0.08, pair * 1.6 + (side > 0 ? 1.5 : 4.6));
-      limbs.push_back(leg[1]);
       tips.push_back(leg.back());
     }
   }
@@ -104,7 +100,7 @@ void build_spider(Body& body) {
   body.ellipsoid(rear, 0.5 * (waist + end) + 0.03 * along, {0.82 * abdomen, 0.72 * abdomen, abdomen}, skin,
                  frame_along(along));
   body.swing(rear, Vector3d::UnitX(), 0.08, 0.0);
-  std::vector<int> limbs, tips{rear};
+  std::vector<int> tips{rear};
   const int head = body.joint("head", root, {0, -0.7 * thorax, height}, {0, -1.4 * thorax, height}, 0.5 * thorax);
   body.ellipsoid(head, {0, -0.95 * thorax, height + 0.05 * thorax}, {0.5 * thorax, 0.45 * thorax, 0.45 * thorax}, skin);
   const int eyes = body.add_paint(plain(color_of(rng.uniform(), rng.uniform(0.0, 0.9), rng.uniform(0.02, 0.6))));
@@ -128,7 +124,7 @@ void build_spider(Body& body) {
          1.1 * thorax,
          0.75 * thorax,
          height};
-  add_legs(body, root, l, legs, limbs, tips);
+  add_legs(body, root, l, legs, tips);
   add_rig_habits(body, {}, tips);
 }
 
@@ -146,7 +142,7 @@ void build_insect(Body& body) {
   const double thorax = size * (ant ? 0.75 : body.between(0.8, 1.1));
   const int root = body.joint("thorax", maybe_ground_root(body, 0.15), {0, 0, height}, {0, -thorax, height}, thorax);
   body.ellipsoid(root, {0, 0, height}, {0.75 * thorax, 1.15 * thorax, 0.75 * thorax}, skin);
-  std::vector<int> limbs, tips;
+  std::vector<int> tips;
   // The abdomen, in one or several rings.
   const int rings = body.count(1, 4);
   const double belly = size * body.between(0.9, 1.4), droop = body.between(-0.25, 0.25);
@@ -193,7 +189,7 @@ void build_insect(Body& body) {
          1.5 * thorax,
          0.65 * thorax,
          height - 0.02};
-  add_legs(body, root, l, legs, limbs, tips);
+  add_legs(body, root, l, legs, tips);
   if (winged) {
     Paint glass = plain(color_of(rng.uniform(0.45, 0.7), 0.2, 0.95));
     glass.pattern = Paint::Pattern::kMottled;
@@ -239,7 +235,7 @@ void build_crab(Body& body) {
       body.cone(root, {0.24 * k * width, -0.75 * depth, height},
                 {0.28 * k * width, -1.02 * depth + 0.03 * k * k * depth, height + 0.02}, 0.06, 0.03, shell);
   }
-  std::vector<int> limbs, tips;
+  std::vector<int> tips;
   const int eyes = body.add_paint(plain(Vector3d::Constant(0.01)));
   for (int side : {1, -1}) {
     const Vector3d base(side * 0.22 * width, -0.75 * depth, height + 0.25 * depth),
@@ -269,7 +265,6 @@ void build_crab(Body& body) {
               root_b + 1.2 * claw * ahead - 0.02 * claw * across, 0.16 * claw, 0.08 * claw, dark);
     body.swing(thumb, Vector3d::UnitZ(), 0.25 * s, 0.0);
     body.swing(arm[0], Vector3d::UnitZ(), 0.12 * s, 0.5);
-    limbs.push_back(arm[0]);
     tips.push_back(thumb);
   }
   Legs l{body.count(3, 4),
@@ -282,11 +277,9 @@ void build_crab(Body& body) {
          1.1 * depth,
          0.95 * width,
          height - 0.02};
-  add_legs(body, root, l, legs, limbs, tips);
+  add_legs(body, root, l, legs, tips);
   add_rig_habits(body, {}, tips);
 }
-
-using Eigen::Vector3d;
 
 void build_snake(Body& body) {
   Rng& rng = body.rng;
@@ -352,9 +345,7 @@ void build_snake(Body& body) {
     wrap(parent, i, i - 1);
     forward.push_back(parent);
   }
-  for (std::size_t i = 0; i < forward.size(); ++i) {
-    body.swing(forward[i], Vector3d::UnitZ(), 1.1 / segments, -1.2 * static_cast<double>(i));
-  }
+  body.swing_chain(forward, Vector3d::UnitZ(), 1.1 / segments, 1.2);
   const double head = radius * body.between(1.3, 1.9);
   const Vector3d nape = points[segments];
   Vector3d ahead = nape - points[segments - 1];
@@ -385,8 +376,6 @@ void build_snake(Body& body) {
   body.swing(head_joint, Vector3d::UnitZ(), 0.2, 0.5);
   add_rig_habits(body, {}, {parent, jaw});
 }
-
-using Eigen::Vector3d;
 
 void build_octopus(Body& body) {
   Rng& rng = body.rng;
@@ -439,7 +428,7 @@ void build_hand(Body& body) {
       monster ? random_coat(rng, 0.8, Vector3d::UnitZ())
               : Paint(plain(color_of(body.between(0.04, 0.09), body.between(0.25, 0.6), body.between(0.35, 0.95))));
   const int skin = body.add_paint(skin_paint);
-  const int nail = body.add_paint(plain(monster ? color_of(0.1, 0.3, 0.25) : Eigen::Vector3d(0.9, 0.65, 0.6)));
+  const int nail = body.add_paint(plain(monster ? color_of(0.1, 0.3, 0.25) : Vector3d(0.9, 0.65, 0.6)));
   const int sleeve = body.add_paint(plain(color_of(rng.uniform(), 0.6, body.between(0.2, 0.9))));
   const double width = body.between(0.19, 0.26), r = width * body.between(0.2, 0.25);
   const int forearm = body.joint("forearm", -1, {0, 0, 0}, {0, 0, 0.35}, 0.6 * width);

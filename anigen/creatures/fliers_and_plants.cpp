@@ -2,12 +2,58 @@
 #include <cmath>
 
 #include "anigen/core/numeric.h"
-#include "anigen/creatures/machines.h"
 #include "anigen/creatures/parts.h"
 
 namespace anigen::creatures {
 
 using Eigen::Vector3d;
+
+namespace {
+
+/// A fin of rays spread in a plane between two directions.
+int add_fin(Body& body, int parent, const std::string& name, const Vector3d& base_a, const Vector3d& base_b,
+            const Vector3d& tip_a, const Vector3d& tip_b, double thickness, int paint) {
+  const Vector3d base = 0.5 * (base_a + base_b);
+  const int fin = body.joint(name, parent, base, 0.5 * (tip_a + tip_b), 0.4 * (base_a - base_b).norm());
+  body.sheet({fin, fin, fin}, {base_a, base_b, tip_a}, thickness, paint, {});
+  body.sheet({fin, fin, fin}, {base_b, tip_b, tip_a}, thickness, paint, {});
+  return fin;
+}
+
+void add_pot(Body& body, int root, double top, double radius) {
+  Paint clay = plain(body.rng.chance(0.6) ? color_of(body.between(0.02, 0.07), 0.6, body.between(0.5, 0.85))
+                                          : color_of(body.rng.uniform(), 0.5, 0.8));
+  const int pot = body.add_paint(clay), rim = body.add_paint(shade(clay, 0.75));
+  const int soil = body.add_paint(plain(color_of(0.07, 0.6, 0.22)));
+  body.cylinder(root, {0, 0, 0}, {0, 0, 0.85 * top}, 0.7 * radius, 0.95 * radius, 0.03, pot).blend = 0.0;
+  body.cylinder(root, {0, 0, 0.8 * top}, {0, 0, top}, 1.08 * radius, 1.08 * radius, 0.025, rim).blend = 0.0;
+  body.ellipsoid(root, {0, 0, 0.97 * top}, {0.85 * radius, 0.85 * radius, 0.1 * top}, soil).blend = 0.0;
+}
+
+/// A leaf of one or two joints: flat, pointed, a little folded downwards.
+int add_leaf(Body& body, int parent, const std::string& name, const Vector3d& from, const Vector3d& direction,
+             double length, double width, bool two, int paint) {
+  const Vector3d along = direction.normalized();
+  Vector3d across = along.cross(Vector3d::UnitZ());
+  across = across.norm() > 1e-3 ? Vector3d(across.normalized()) : Vector3d::UnitX();
+  const Vector3d droop(0, 0, -0.2 * length);
+  const Vector3d middle = from + 0.5 * length * along, tip = from + length * along + droop;
+  const int leaf = body.joint(name, parent, from, two ? middle : tip, 0.5 * width);
+  const int end = two ? body.joint(name + "_tip", leaf, middle, tip, 0.5 * width) : leaf;
+  const double t = 0.014;
+  const Vector3d left = from + 0.42 * length * along + width * across + 0.3 * droop,
+                 right = left - 2.0 * width * across;
+  body.sheet({leaf, leaf, leaf}, {from, left, middle}, t, paint, {});
+  body.sheet({leaf, leaf, leaf}, {from, middle, right}, t, paint, {});
+  body.sheet({end, end, end}, {middle, left, tip}, t, paint, {});
+  body.sheet({end, end, end}, {middle, tip, right}, t, paint, {});
+  body.cone(leaf, from, middle, 0.025, 0.02, paint);
+  body.swing(leaf, across, 0.12, body.between(0.0, 6.0));
+  if (two) body.swing(end, across, 0.15, body.between(0.0, 6.0));
+  return end;
+}
+
+}  // namespace
 
 void build_bird(Body& body) {
   Rng& rng = body.rng;
@@ -127,22 +173,6 @@ void build_bird(Body& body) {
   add_rig_habits(body, limbs, tips);
 }
 
-using Eigen::Vector3d;
-
-namespace {
-
-/// A fin of rays spread in a plane between two directions.
-int add_fin(Body& body, int parent, const std::string& name, const Vector3d& base_a, const Vector3d& base_b,
-            const Vector3d& tip_a, const Vector3d& tip_b, double thickness, int paint) {
-  const Vector3d base = 0.5 * (base_a + base_b);
-  const int fin = body.joint(name, parent, base, 0.5 * (tip_a + tip_b), 0.4 * (base_a - base_b).norm());
-  body.sheet({fin, fin, fin}, {base_a, base_b, tip_a}, thickness, paint, {});
-  body.sheet({fin, fin, fin}, {base_b, tip_b, tip_a}, thickness, paint, {});
-  return fin;
-}
-
-}  // namespace
-
 void build_fish(Body& body) {
   Rng& rng = body.rng;
   const double length = 1.2, high = body.between(0.13, 0.36), wide = high * body.between(0.4, 0.9);
@@ -229,45 +259,6 @@ void build_fish(Body& body) {
   add_rig_habits(body, {}, tips);
 }
 
-namespace {
-
-using Eigen::Vector3d;
-
-void add_pot(Body& body, int root, double top, double radius) {
-  Paint clay = plain(body.rng.chance(0.6) ? color_of(body.between(0.02, 0.07), 0.6, body.between(0.5, 0.85))
-                                          : color_of(body.rng.uniform(), 0.5, 0.8));
-  const int pot = body.add_paint(clay), rim = body.add_paint(shade(clay, 0.75));
-  const int soil = body.add_paint(plain(color_of(0.07, 0.6, 0.22)));
-  body.cylinder(root, {0, 0, 0}, {0, 0, 0.85 * top}, 0.7 * radius, 0.95 * radius, 0.03, pot).blend = 0.0;
-  body.cylinder(root, {0, 0, 0.8 * top}, {0, 0, top}, 1.08 * radius, 1.08 * radius, 0.025, rim).blend = 0.0;
-  body.ellipsoid(root, {0, 0, 0.97 * top}, {0.85 * radius, 0.85 * radius, 0.1 * top}, soil).blend = 0.0;
-}
-
-/// A leaf of one or two joints: flat, pointed, a little folded downwards.
-int add_leaf(Body& body, int parent, const std::string& name, const Vector3d& from, const Vector3d& direction,
-             double length, double width, bool two, int paint) {
-  const Vector3d along = direction.normalized();
-  Vector3d across = along.cross(Vector3d::UnitZ());
-  across = across.norm() > 1e-3 ? Vector3d(across.normalized()) : Vector3d::UnitX();
-  const Vector3d droop(0, 0, -0.2 * length);
-  const Vector3d middle = from + 0.5 * length * along, tip = from + length * along + droop;
-  const int leaf = body.joint(name, parent, from, two ? middle : tip, 0.5 * width);
-  const int end = two ? body.joint(name + "_tip", leaf, middle, tip, 0.5 * width) : leaf;
-  const double t = 0.014;
-  const Vector3d left = from + 0.42 * length * along + width * across + 0.3 * droop,
-                 right = left - 2.0 * width * across;
-  body.sheet({leaf, leaf, leaf}, {from, left, middle}, t, paint, {});
-  body.sheet({leaf, leaf, leaf}, {from, middle, right}, t, paint, {});
-  body.sheet({end, end, end}, {middle, left, tip}, t, paint, {});
-  body.sheet({end, end, end}, {middle, tip, right}, t, paint, {});
-  body.cone(leaf, from, middle, 0.025, 0.02, paint);
-  body.swing(leaf, across, 0.12, body.between(0.0, 6.0));
-  if (two) body.swing(end, across, 0.15, body.between(0.0, 6.0));
-  return end;
-}
-
-}  // namespace
-
 void build_plant(Body& body) {
   Rng& rng = body.rng;
   const double hue = body.between(0.2, 0.42);
@@ -295,8 +286,7 @@ void build_plant(Body& body) {
         curve(from, from + Vector3d(0, 0, 0.6 * tall), from + away * lean + Vector3d(0, 0, tall), segments);
     const std::string name = stems == 1 ? "stem" : "stem_" + std::string(1, static_cast<char>('a' + n));
     const auto chain = body.limb(root, numbered(name, segments), points, taper(0.045, 0.03, segments), stem);
-    for (std::size_t i = 0; i < chain.size(); ++i)
-      body.swing(chain[i], Vector3d(1, 0.3, 0), 0.12 / segments, -0.4 * static_cast<double>(i));
+    body.swing_chain(chain, Vector3d(1, 0.3, 0), 0.12 / segments, 0.4);
     const int per = stems == 1 ? body.count(1, 3) : body.count(0, 2);
     int number = 0;
     double at = turn;
@@ -375,8 +365,7 @@ void build_tree(Body& body) {
   const auto points = curve({0, 0, 0.06}, {0.1 * rng.normal(), 0.1 * rng.normal(), 0.5 * height}, top, segments);
   const auto trunk =
       body.limb(root, numbered("trunk", segments), points, taper(1.2 * girth, 0.7 * girth, segments), bark);
-  for (std::size_t i = 0; i < trunk.size(); ++i)
-    body.swing(trunk[i], Vector3d(1, 0.4, 0), 0.06 / segments, -0.3 * static_cast<double>(i));
+  body.swing_chain(trunk, Vector3d(1, 0.4, 0), 0.06 / segments, 0.3);
   if (conifer) {
     const int tiers = body.count(3, 5);
     int parent = trunk.back();

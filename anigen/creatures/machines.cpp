@@ -1,14 +1,12 @@
-#include "anigen/creatures/machines.h"
-
 #include <cmath>
 
 #include "anigen/creatures/parts.h"
 
 namespace anigen::creatures {
 
-namespace {
-
 using Eigen::Vector3d;
+
+namespace {
 
 void make_rigid(Body& body) {
   body.machine = true;
@@ -136,8 +134,7 @@ void build_lamp(Body& body) {
     const auto neck =
         body.limb(base, numbered("neck", segments),
                   curve(at, {0, 0, 1.3 * height}, {0, -0.55 * height, height}, segments), taper(r, r, segments), metal);
-    for (std::size_t i = 0; i < neck.size(); ++i)
-      body.swing(neck[i], Vector3d::UnitX(), 0.35 / segments, -0.2 * static_cast<double>(i));
+    body.swing_chain(neck, Vector3d::UnitX(), 0.35 / segments, 0.2);
     body.softness = body.between(0.6, 1.5);
     body.weight_smoothing = 2;
     parent = neck.back();
@@ -165,7 +162,7 @@ void build_lamp(Body& body) {
   }
   // The shade opens along +Z of the plan and is then tipped over.
   const double open = body.between(0.18, 0.28), closed = body.between(0.06, 0.11), deep = body.between(0.22, 0.34);
-  const Eigen::Vector3d up =
+  const Vector3d up =
       gooseneck ? (body.joints[parent].tail - body.joints[parent].position).normalized() : Vector3d(0, 0, 1);
   const int head = body.joint("shade", parent, at, at + deep * up, closed);
   if (!gooseneck) add_hinge(body, head, at, Vector3d::UnitX(), 1.7 * r, 2.0 * r, metal, arm_paint);

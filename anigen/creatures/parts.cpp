@@ -92,9 +92,7 @@ int add_hand(Body& body, int parent, const std::string& prefix, const Vector3d& 
         body.limb(hand, numbered(prefix + kNames[f], segments), points, taper(radius, 0.8 * radius, segments), paint);
     const double curl = body.between(0.0, 0.35);
     for (int j : chain) {
-      for (Primitive& p : body.primitives) {
-        if (p.joint == j) p.blend *= 0.6;
-      }
+      body.scale_blends(j, 0.6);
       body.bend(j, y, f == 0 ? 0.3 * curl : curl * (x.x() >= 0 ? 1.0 : -1.0));
     }
   }
@@ -132,8 +130,6 @@ int maybe_ground_root(Body& body, double probability) {
   body.joints[root].carries_skin = false;
   return root;
 }
-
-using Eigen::Vector3d;
 
 std::vector<int> add_feathered_wing(Body& body, int parent, int side, const WingShape& w, int bone, int feathers) {
   const double s = side;

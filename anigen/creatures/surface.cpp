@@ -2,267 +2,208 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 #include <utility>
 
 #include "anigen/core/disjoint_sets.h"
 #include "anigen/core/numeric.h"
-#include "anigen/creatures/weights.h"
 
 namespace anigen::creatures {
 
 namespace {
 
-using Eigen::Vector2d;
 using Eigen::Vector3d;
+using Index = std::array<int, 3>;
 
-// The union of spheres along the axis: minimise |x - a - s u| - r(s) over s in [0, length]. With y the coordinate along
-// the axis, q the distance from it and k the slope of the radius, the free minimum is at s = y + q k / sqrt(1 - k²).
-double cone_distance(const Primitive& p, const Vector3d& x) {
-  const Vector3d from = x - p.a;
-  if (p.length <= 0.0) return from.norm() - std::max(p.ra, p.rb);
-  const double y = from.dot(p.unit);
-  const double q2 = std::max(from.squaredNorm() - y * y, 0.0);
-  const double s = std::clamp(y + std::sqrt(q2) * p.lean, 0.0, p.length);
-  return std::sqrt(q2 + (y - s) * (y - s)) - (p.ra + (p.rb - p.ra) * (s / p.length));
+constexpr int kBlock = 4;  ///< nodes along the side of a block
+// Blocks are classified in groups first, which saves most distance evaluations.
+constexpr int kGroup = 5 * kBlock;
+constexpr int kNodes = kBlock * kBlock * kBlock;
+
+Index corner_of(const Index& cell, int corner) {
+  return {cell[0] + (corner & 1), cell[1] + ((corner >> 1) & 1), cell[2] + (corner >> 2)};
 }
 
-double ellipsoid_distance(const Primitive& p, const Vector3d& x) {
-  const Vector3d local = p.axes.transpose() * (x - p.a);
-  const Vector3d scaled = local.cwiseQuotient(p.half);
-  const double value = scaled.norm();
-  const double slope = scaled.cwiseQuotient(p.half).norm();
-  if (slope < 1e-9) return -p.half.minCoeff();
-  return value * (value - 1.0) / slope;
-}
-
-double box_distance(const Vector3d& local, const Vector3d& half) {
-  const Vector3d d = local.cwiseAbs() - half;
-  return d.cwiseMax(0.0).norm() + std::min(d.maxCoeff(), 0.0);
-}
-
-double segment_distance(const Vector2d& p, const Vector2d& a, const Vector2d& b) {
-  const Vector2d ab = b - a;
-  const double t = std::clamp((p - a).dot(ab) / std::max(ab.squaredNorm(), 1e-24), 0.0, 1.0);
-  return (p - a - t * ab).norm();
-}
-
-// A trapezoid in the half plane (distance from the axis, height).
-double cylinder_distance(const Primitive& p, const Vector3d& x) {
-  const double rounding = p.half.x();
-  const double length = p.length;
-  const Vector3d from = x - p.a;
-  const double y = from.dot(p.unit);
-  const Vector2d at(std::sqrt(std::max(from.squaredNorm() - y * y, 0.0)), y);
-  const double r0 = p.ra - rounding, r1 = p.rb - rounding, y0 = rounding, y1 = length - rounding;
-  const Vector2d side(r1 - r0, y1 - y0);
-  const double outside = std::min({segment_distance(at, {0, y0}, {r0, y0}), segment_distance(at, {r0, y0}, {r1, y1}),
-                                   segment_distance(at, {r1, y1}, {0, y1})});
-  const bool inside = at.y() > y0 && at.y() < y1 && side.y() * (at.x() - r0) - side.x() * (at.y() - y0) < 0.0;
-  return (inside ? -outside : outside) - rounding;
-}
-
-double sheet_distance(const Primitive& p, const Vector3d& x) {
-  const Vector3d xa = x - p.a, xb = x - p.b, xc = x - p.c;
-  if (p.length > 0.0 && p.axes.col(0).dot(xa) >= 0.0 && p.axes.col(1).dot(xb) >= 0.0 && p.axes.col(2).dot(xc) >= 0.0) {
-    return std::abs(p.unit.dot(xa)) - p.ra;
-  }
-  const Vector3d ab = p.b - p.a, bc = p.c - p.b, ca = p.a - p.c;
-  const auto edge = [](const Vector3d& from, const Vector3d& along) {
-    const double t = std::clamp(from.dot(along) / std::max(along.squaredNorm(), 1e-24), 0.0, 1.0);
-    return (from - t * along).squaredNorm();
-  };
-  return std::sqrt(std::min({edge(xa, ab), edge(xb, bc), edge(xc, ca)})) - p.ra;
-}
-
-}  // namespace
-
-void settle(Primitive& p) {
-  if (p.shape == Primitive::Shape::kSheet) {
-    const Vector3d ab = p.b - p.a, bc = p.c - p.b, ca = p.a - p.c;
-    const Vector3d normal = ab.cross(bc);
-    p.length = normal.norm();  // twice the area; 0 for a sheet without one
-    if (p.length < 1e-12) p.length = 0.0;
-    if (p.length > 0.0) p.unit = normal / p.length;
-    p.axes << p.unit.cross(ab), p.unit.cross(bc), p.unit.cross(ca);  // point inwards from the edges
-    return;
-  }
-  const Vector3d axis = p.b - p.a;
-  p.length = axis.norm();
-  if (p.length < 1e-12) p.length = 0.0;
-  if (p.length > 0.0) p.unit = axis / p.length;
-  // When one end ball holds the other the formula would have no solution; the clamp keeps it close.
-  const double k = p.length > 0.0 ? std::clamp((p.rb - p.ra) / p.length, -0.999, 0.999) : 0.0;
-  p.lean = k / std::sqrt(1.0 - k * k);
-}
-
-double signed_distance(const Primitive& p, const Vector3d& x) {
-  switch (p.shape) {
-    case Primitive::Shape::kCone:
-      return cone_distance(p, x);
-    case Primitive::Shape::kEllipsoid:
-      return ellipsoid_distance(p, x);
-    case Primitive::Shape::kBox:
-      return box_distance(p.axes.transpose() * (x - p.a), p.half - Vector3d::Constant(p.ra)) - p.ra;
-    case Primitive::Shape::kCylinder:
-      return cylinder_distance(p, x);
-    case Primitive::Shape::kSheet:
-      return sheet_distance(p, x);
-  }
-  return 1e300;
-}
-
-double distance_bound(const Primitive& p, const Vector3d& x) {
-  if (p.shape != Primitive::Shape::kEllipsoid) return signed_distance(p, x);
-  const Vector3d local = p.axes.transpose() * (x - p.a);
-  const double outer = box_distance(local, p.half);
-  if (outer > 0.0) return outer;
-  // Inside the bounding box: the ellipsoid contains x with at least this margin, or may be touched at once.
-  return std::min(0.0, (local.cwiseQuotient(p.half).norm() - 1.0) * p.half.minCoeff());
-}
-
-double surface_area(const Primitive& p) {
-  switch (p.shape) {
-    case Primitive::Shape::kCone:
-      return kPi * ((p.ra + p.rb) * (p.b - p.a).norm() + 2.0 * p.ra * p.ra + 2.0 * p.rb * p.rb);
-    case Primitive::Shape::kEllipsoid: {
-      const double xy = p.half.x() * p.half.y(), xz = p.half.x() * p.half.z(), yz = p.half.y() * p.half.z();
-      return 4.0 * kPi * std::pow((std::pow(xy, 1.6) + std::pow(xz, 1.6) + std::pow(yz, 1.6)) / 3.0, 1.0 / 1.6);
+/// A regular grid of field samples that stores only the blocks of 4³ nodes near the surface; everywhere else the sign
+/// is known. Cell (i, j, k) has the nodes (i … i+1, j … j+1, k … k+1).
+class BlockGrid {
+ public:
+  BlockGrid(const Field& field, double spacing) : spacing_(spacing) {
+    Vector3d low = Vector3d::Constant(1e300), high = -low;
+    for (const Primitive& p : field.primitives()) {
+      if (p.carve) continue;
+      Vector3d a, b;
+      bounds(p, a, b);
+      low = low.cwiseMin(a - Vector3d::Constant(p.blend));
+      high = high.cwiseMax(b + Vector3d::Constant(p.blend));
     }
-    case Primitive::Shape::kBox:
-      return 8.0 * (p.half.x() * p.half.y() + p.half.x() * p.half.z() + p.half.y() * p.half.z());
-    case Primitive::Shape::kCylinder:
-      return kPi * ((p.ra + p.rb) * (p.b - p.a).norm() + p.ra * p.ra + p.rb * p.rb);
-    case Primitive::Shape::kSheet:
-      return (p.b - p.a).cross(p.c - p.a).norm();
-  }
-  return 0.0;
-}
-
-void bounds(const Primitive& p, Vector3d& low, Vector3d& high) {
-  switch (p.shape) {
-    case Primitive::Shape::kCone:
-    case Primitive::Shape::kCylinder:
-      low = (p.a.array() - p.ra).min(p.b.array() - p.rb);
-      high = (p.a.array() + p.ra).max(p.b.array() + p.rb);
-      break;
-    case Primitive::Shape::kEllipsoid:
-    case Primitive::Shape::kBox: {
-      const Vector3d reach = p.axes.cwiseAbs() * p.half;
-      low = p.a - reach;
-      high = p.a + reach;
-      break;
+    // Two spare cells on each side keep the surface off the boundary; the odd fraction keeps symmetric bodies from
+    // placing nodes exactly on flat faces.
+    origin_ = low.array() - 2.37 * spacing;
+    for (int axis = 0; axis < 3; ++axis) {
+      blocks_[axis] = static_cast<int>(std::ceil((high[axis] - low[axis]) / spacing + 5.0)) / kBlock + 1;
     }
-    case Primitive::Shape::kSheet:
-      low = p.a.cwiseMin(p.b).cwiseMin(p.c).array() - p.ra;
-      high = p.a.cwiseMax(p.b).cwiseMax(p.c).array() + p.ra;
-      break;
-  }
-}
-
-void ensure_thickness(Primitive& p, double spacing) {
-  // A ball of 0.87 spacings always holds a grid point; a slab needs 0.5 on either side.
-  switch (p.shape) {
-    case Primitive::Shape::kCone:
-      p.ra = std::max(p.ra, 0.9 * spacing);
-      p.rb = std::max(p.rb, 0.9 * spacing);
-      break;
-    case Primitive::Shape::kEllipsoid:
-      p.half = p.half.cwiseMax(0.9 * spacing);
-      break;
-    case Primitive::Shape::kBox:
-      p.half = p.half.cwiseMax(0.75 * spacing);
-      p.ra = std::min(std::max(p.ra, 0.9 * spacing), 0.95 * p.half.minCoeff());
-      break;
-    case Primitive::Shape::kCylinder:
-      p.ra = std::max(p.ra, 0.9 * spacing);
-      p.rb = std::max(p.rb, 0.9 * spacing);
-      p.half.x() = std::min({std::max(p.half.x(), 0.9 * spacing), 0.9 * p.ra, 0.9 * p.rb, 0.45 * (p.b - p.a).norm()});
-      break;
-    case Primitive::Shape::kSheet:
-      p.ra = std::max(p.ra, 0.62 * spacing);
-      break;
-  }
-  settle(p);
-}
-
-using Eigen::Vector3d;
-
-Field::Field(std::vector<Primitive> primitives) : primitives_(std::move(primitives)) {}
-
-double Field::value(const Vector3d& x, const PrimitiveList& list) const {
-  double result = 1e300;
-  for (int i : list) {
-    const Primitive& p = primitives_[i];
-    const double d = signed_distance(p, x);
-    if (p.carve) {
-      const double gap = p.blend - std::abs(result + d);
-      result = std::max(result, -d);
-      if (gap > 0.0) result += gap * gap / (4.0 * p.blend);
-      continue;
-    }
-    const double gap = p.blend - std::abs(result - d);
-    result = std::min(result, d);
-    if (gap > 0.0) result -= gap * gap / (4.0 * p.blend);
-  }
-  return result;
-}
-
-Vector3d Field::gradient(const Vector3d& x, const PrimitiveList& list, double step) const {
-  // The four corners of a tetrahedron: the fewest points that give all three derivatives to second order.
-  static const Vector3d kCorners[4] = {{1, 1, 1}, {1, -1, -1}, {-1, 1, -1}, {-1, -1, 1}};
-  Vector3d sum = Vector3d::Zero();
-  for (const Vector3d& corner : kCorners) sum += corner * value(x + step * corner, list);
-  return sum / (4.0 * step);
-}
-
-void Field::narrow(const Vector3d& x, const PrimitiveList& list, double reach, PrimitiveList& result) const {
-  thread_local std::vector<double> distances;
-  distances.clear();
-  double nearest = 1e300, blend = 0.0;
-  for (int i : list) {
-    distances.push_back(signed_distance(primitives_[i], x));
-    if (!primitives_[i].carve) nearest = std::min(nearest, distances.back());
-  }
-  for (std::size_t n = 0; n < list.size(); ++n) {
-    if (distances[n] < nearest + 2.0 * reach + primitives_[list[n]].blend) {
-      blend = std::max(blend, primitives_[list[n]].blend);
+    slots_.resize(static_cast<std::size_t>(blocks_[0]) * blocks_[1] * blocks_[2]);
+    PrimitiveList all(field.primitives().size()), list;
+    std::iota(all.begin(), all.end(), 0);
+    const auto end = [&](int axis, int from) { return std::min(from + kGroup, blocks_[axis] * kBlock); };
+    for (int z = 0; z < blocks_[2] * kBlock; z += kGroup) {
+      for (int y = 0; y < blocks_[1] * kBlock; y += kGroup) {
+        for (int x = 0; x < blocks_[0] * kBlock; x += kGroup) {
+          const Vector3d center = node({x, y, z}) + Vector3d::Constant(0.5 * (kGroup - 1) * spacing);
+          const Field::Content content = field.classify(center, radius_of(kGroup), all, list);
+          for (int k = z; k < end(2, z); k += kBlock) {
+            for (int j = y; j < end(1, y); j += kBlock) {
+              for (int i = x; i < end(0, x); i += kBlock) {
+                slots_[block_of({i, j, k})] = content == Field::Content::kInside ? -2 : -1;
+                if (content == Field::Content::kMixed) add_block(field, {i, j, k}, list);
+              }
+            }
+          }
+        }
+      }
     }
   }
-  result.clear();
-  for (std::size_t n = 0; n < list.size(); ++n) {
-    const double from = primitives_[list[n]].carve ? 0.0 : nearest;
-    if (distances[n] < from + 2.0 * reach + blend) result.push_back(list[n]);
-  }
-}
 
-Field::Content Field::classify(const Vector3d& center, double radius, const PrimitiveList& candidates,
-                               PrimitiveList& list) const {
-  list.clear();
-  thread_local std::vector<double> bounds;
-  bounds.resize(candidates.size());
-  double blend = 0.0;
-  bool near_surface = false, covered = false, carved = false;
-  for (std::size_t i = 0; i < candidates.size(); ++i) {
-    const Primitive& p = primitives_[candidates[i]];
-    bounds[i] = distance_bound(p, center);
-    if (bounds[i] < radius + p.blend) {
-      blend = std::max(blend, p.blend);
-      near_surface = true;
-      (p.carve ? carved : covered) |= p.carve || bounds[i] < -radius;
+  double spacing() const { return spacing_; }
+  Eigen::Vector3d node(const Index& i) const { return origin_ + spacing_ * Eigen::Vector3d(i[0], i[1], i[2]); }
+  float value(const Index& i) const {
+    const int at = slot(i);
+    if (at < 0) return at == -2 ? -1.0f : 1.0f;
+    return values_[storage_index(i)];
+  }
+
+  bool inside(const Index& i) const { return value(i) < 0.0f; }
+  /// Bit c (x = bit 0, y = bit 1, z = bit 2 of c) is set where corner c of the cell is inside.
+  int corners(const Index& cell) const {
+    int mask = 0;
+    for (int c = 0; c < 8; ++c) mask |= inside(corner_of(cell, c)) << c;
+    return mask;
+  }
+
+  /// Index into lists() for the block of a node; -1 where the block is uniform.
+  int slot(const Index& i) const { return slots_[block_of(i)]; }
+  const std::vector<PrimitiveList>& lists() const { return lists_; }
+  std::vector<PrimitiveList> take_lists() { return std::move(lists_); }
+
+  /// Makes the samples well-composed: no two inside (or outside) corners of a cell touch only diagonally.
+  /// @return false when that would reach out of the stored blocks (has not been seen): use another spacing
+  bool repair() {
+    // Every step turns one more node inside, so this ends.
+    std::vector<Index> work = mixed_cells();
+    while (!work.empty()) {
+      const Index cell = work.back();
+      work.pop_back();
+      const int corner = ambiguous_corner(cell);
+      if (corner < 0) continue;
+      const Index node = corner_of(cell, corner);
+      if (!make_inside(node)) return false;
+      for (int c = 0; c < 8; ++c) work.push_back({node[0] - (c & 1), node[1] - ((c >> 1) & 1), node[2] - (c >> 2)});
     }
+    return true;
   }
-  if (!near_surface) return Content::kOutside;
-  if (covered && !carved) return Content::kInside;
-  for (std::size_t i = 0; i < candidates.size(); ++i) {
-    if (bounds[i] < radius + blend) list.push_back(candidates[i]);
+
+  /// All cells whose corners differ in sign.
+  std::vector<Index> mixed_cells() const {
+    std::vector<Index> cells;
+    for (const Index& first : firsts_) {
+      for (int n = 0; n < kNodes; ++n) {
+        const Index cell{first[0] + n % kBlock, first[1] + n / kBlock % kBlock, first[2] + n / kBlock / kBlock};
+        // The last layer of the grid has no cells; nothing is inside there.
+        if (cell[0] + 1 >= blocks_[0] * kBlock || cell[1] + 1 >= blocks_[1] * kBlock ||
+            cell[2] + 1 >= blocks_[2] * kBlock) {
+          continue;
+        }
+        const int mask = corners(cell);
+        if (mask != 0 && mask != 255) cells.push_back(cell);
+      }
+    }
+    return cells;
   }
-  return Content::kMixed;
-}
 
-namespace {
+  /// One number per node of the stored blocks, in memory order of value(); for tables keyed by cell.
+  std::size_t storage_index(const Index& i) const {
+    return static_cast<std::size_t>(slot(i)) * kNodes + ((i[2] % kBlock) * kBlock + i[1] % kBlock) * kBlock +
+           i[0] % kBlock;
+  }
 
-using Eigen::Vector3d;
-using Index = BlockGrid::Index;
+  std::size_t storage_size() const { return values_.size(); }
+
+ private:
+  std::size_t block_of(const Index& i) const {
+    return (static_cast<std::size_t>(i[2] / kBlock) * blocks_[1] + i[1] / kBlock) * blocks_[0] + i[0] / kBlock;
+  }
+  /// Of a ball that covers `nodes`³ nodes, the cells that reach over to the next block, and repairs there.
+  double radius_of(int nodes) const { return spacing_ * (0.8661 * (nodes - 1) + 2.1); }
+  void add_block(const Field& field, const Index& first, const PrimitiveList& candidates) {
+    PrimitiveList list;
+    const Vector3d center = node(first) + Vector3d::Constant(0.5 * (kBlock - 1) * spacing_);
+    const Field::Content content = field.classify(center, radius_of(kBlock), candidates, list);
+    int& slot = slots_[block_of(first)];
+    slot = content == Field::Content::kInside ? -2 : -1;
+    if (content != Field::Content::kMixed) return;
+    slot = static_cast<int>(lists_.size());
+    for (int n = 0; n < kNodes; ++n) {
+      const Index at{first[0] + n % kBlock, first[1] + n / kBlock % kBlock, first[2] + n / kBlock / kBlock};
+      values_.push_back(static_cast<float>(field.value(node(at), list)));
+    }
+    lists_.push_back(std::move(list));
+    firsts_.push_back(first);
+  }
+
+  bool make_inside(const Index& i) {
+    // The eight cells at the node must be stored, too.
+    for (int c = 0; c < 8; ++c) {
+      if (slot({i[0] - (c & 1), i[1] - ((c >> 1) & 1), i[2] - (c >> 2)}) < 0) return false;
+    }
+    values_[storage_index(i)] = static_cast<float>(-1e-3 * spacing_);
+    return true;
+  }
+
+  /// The corner to turn inside where a cell is ambiguous, -1 where it is not.
+  int ambiguous_corner(const Index& cell) const {
+    const int mask = corners(cell);
+    if (mask == 0 || mask == 255) return -1;
+    std::array<int, 8> candidates{};
+    int count = 0;
+    for (int axis = 0; axis < 3 && count == 0; ++axis) {
+      const int u = 1 << (axis + 1) % 3, v = 1 << (axis + 2) % 3;
+      for (int side = 0; side < 2 && count == 0; ++side) {
+        const int c = side << axis;
+        const bool a = mask >> c & 1, b = mask >> (c | u) & 1, d = mask >> (c | v) & 1, e = mask >> (c | u | v) & 1;
+        if (a == e && b == d && a != b) {
+          candidates[0] = a ? (c | u) : c;
+          candidates[1] = a ? (c | v) : (c | u | v);
+          count = 2;
+        }
+      }
+    }
+    if (count == 0) {
+      for (int c = 0; c < 4; ++c) {
+        const int pair = (1 << c) | (1 << (7 - c));
+        if (mask == pair || (mask ^ 255) == pair) {
+          for (int k = 0; k < 8; ++k) {
+            if (!(mask >> k & 1)) candidates[count++] = k;
+          }
+        }
+      }
+    }
+    if (count == 0) return -1;
+    int best = candidates[0];
+    for (int n = 1; n < count; ++n) {
+      if (value(corner_of(cell, candidates[n])) < value(corner_of(cell, best))) best = candidates[n];
+    }
+    return best;
+  }
+
+  double spacing_;
+  Eigen::Vector3d origin_;
+  Index blocks_{};
+  std::vector<int> slots_;  ///< per block: ≥ 0 stored, -1 outside, -2 inside
+  std::vector<Index> firsts_;
+  std::vector<float> values_;
+  std::vector<PrimitiveList> lists_;
+};
 
 /// The mean of the points where the field changes sign along the cell's edges.
 Vector3d first_guess(const BlockGrid& grid, const Index& cell) {

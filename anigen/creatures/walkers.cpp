@@ -1,13 +1,12 @@
 #include <algorithm>
 
-#include "anigen/creatures/machines.h"
 #include "anigen/creatures/parts.h"
 
 namespace anigen::creatures {
 
-namespace {
-
 using Eigen::Vector3d;
+
+namespace {
 
 struct Proportions {
   double leg, torso, neck, head, arm, shoulder, hip, girth, limb;
@@ -178,8 +177,6 @@ void build_biped(Body& body) {
   add_rig_habits(body, limbs, tips);
 }
 
-using Eigen::Vector3d;
-
 void build_quadruped(Body& body) {
   Rng& rng = body.rng;
   // From sturdy (elephant, pig) to slender (deer, giraffe).
@@ -203,7 +200,7 @@ void build_quadruped(Body& body) {
   const auto points = curve(rump - Vector3d(0, 0.05, 0), {0, 0, z + body.between(-0.08, 0.12)}, withers, segments);
   const auto spine = body.limb(hips, numbered("spine", segments), points,
                                taper(0.82 * girth, 0.85 * girth, segments, body.between(0.9, 1.2)), skin);
-  for (std::size_t i = 0; i < spine.size(); ++i) body.swing(spine[i], Vector3d::UnitX(), 0.02, -0.5 * i);
+  body.swing_chain(spine, Vector3d::UnitX(), 0.02, 0.5);
   const int chest = spine.back();
   body.ellipsoid(chest, withers + Vector3d(0, 0.02, -0.1 * girth), {0.8 * girth, 0.9 * girth, 1.08 * girth}, skin);
 
@@ -292,8 +289,6 @@ void build_quadruped(Body& body) {
   tips.push_back(tail.back());
   add_rig_habits(body, limbs, tips);
 }
-
-using Eigen::Vector3d;
 
 void build_dragon(Body& body) {
   Rng& rng = body.rng;
