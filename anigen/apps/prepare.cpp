@@ -187,9 +187,9 @@ void refuse_ignored(const CLI::App& app, const Arguments& a) {
 }
 
 anigen::prepare::CleaningOptions cleaning_options(const Arguments& a) {
-  anigen::Json json = to_json(anigen::prepare::cleaning_preset(a.cleaning));
+  anigen::Json json = anigen::prepare::cleaning_preset(a.cleaning).to_json();
   anigen::apply_overrides(json, a.cleaning_changes);
-  return anigen::prepare::cleaning_options_from_json(json);
+  return anigen::prepare::CleaningOptions::from_json(json);
 }
 
 anigen::prepare::PrepareOptions complete(Arguments& a, const anigen::CommonOptions& common) {

@@ -4,154 +4,29 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
-#include <optional>
 #include <set>
 #include <tuple>
 #include <utility>
-#include <vector>
 
-#include "anigen/core/error.h"
 #include "anigen/core/numeric.h"
 #include "anigen/core/random.h"
-#include "anigen/prepare/sources.h"
 
 namespace anigen::prepare {
 
 namespace {
 
-const char* word(DuplicateJoints choice) { return choice == DuplicateJoints::kMerge ? "merge" : "keep"; }
-
-const char* word(UnusedJoints choice) {
-  switch (choice) {
-    case UnusedJoints::kPruneLeaves:
-      return "prune-leaves";
-    case UnusedJoints::kPruneAll:
-      return "prune-all";
-    case UnusedJoints::kKeep:
-      break;
-  }
-  return "keep";
-}
-
-template <typename Choice>
-Choice choice_from(const Json& json, const std::string& key, const std::vector<Choice>& choices) {
-  std::string known;
-  for (const Choice choice : choices) {
-    if (json.at(key).is_string() && json.at(key).get<std::string>() == word(choice)) return choice;
-    known += (known.empty() ? "" : ", ") + std::string(word(choice));
-  }
-  throw InputError("", "/" + key, "expected one of " + known);
-}
-
-Json to_json(const CountRange& range) {
-  Json most = nullptr;  // no upper bound
-  if (range.most != CountRange().most) most = range.most;
-  return Json::array({range.least, most});
-}
-
-CountRange range_from(const Json& json, const std::string& key) {
-  const Json& pair = json.at(key);
-  const auto is_count = [](const Json& number) { return number.is_number_integer() && number >= 0; };
-  if (!pair.is_array() || pair.size() != 2 || !is_count(pair[0]) || !(is_count(pair[1]) || pair[1].is_null()))
-    throw InputError("", "/" + key, "expected [least, most], most may be null");
-  CountRange range;
-  range.least = pair[0].get<std::size_t>();
-  if (!pair[1].is_null()) range.most = pair[1].get<std::size_t>();
-  return range;
-}
-
-ShareRange shares_from(const Json& json, const std::string& key) {
-  const Json& pair = json.at(key);
-  if (!pair.is_array() || pair.size() != 2 || !pair[0].is_number() || !pair[1].is_number())
-    throw InputError("", "/" + key, "expected [least, most]");
-  return {pair[0].get<double>(), pair[1].get<double>()};
-}
-
-double number_from(const Json& json, const std::string& key) {
-  if (!json.at(key).is_number()) throw InputError("", "/" + key, "expected a number");
-  return json.at(key).get<double>();
-}
-
-}  // namespace
-
-void CleaningOptions::validate() const {
-  const auto require = [](bool holds, const std::string& option, const std::string& problem) {
-    if (!holds) throw InputError("", "/" + option, problem);
+void count_range(ConfigFields& f, const std::string& name, CountRange& range) {
+  const auto read = [&](const Json& pair) {
+    const auto is_count = [](const Json& number) { return number.is_number_integer() && number >= 0; };
+    if (!pair.is_array() || pair.size() != 2 || !is_count(pair[0]) || !(is_count(pair[1]) || pair[1].is_null()))
+      throw f.error(name, "expected [least, most], most may be null");
+    range.least = pair[0].get<std::size_t>();
+    range.most = pair[1].is_null() ? CountRange().most : pair[1].get<std::size_t>();
   };
-  require(vertices.least <= vertices.most, "vertices", "the least exceeds the most");
-  require(joints.least <= joints.most, "joints", "the least exceeds the most");
-  require(max_outside_share >= 0.0 && max_outside_share <= 1.0, "max_outside_share", "must lie in [0, 1]");
-  require(least_weight_sum >= 0.0 && least_weight_sum <= 1.0, "least_weight_sum", "must lie in [0, 1]");
-  require(kept_joints.least > 0.0 && kept_joints.least <= kept_joints.most && kept_joints.most <= 1.0, "kept_joints",
-          "needs 0 < least <= most <= 1");
-  require(merge_distance >= 0.0 && std::isfinite(merge_distance), "merge_distance", "must not be negative");
+  f.custom(name, {{"type", "array"}}, read, [&] {
+    return Json::array({range.least, range.most == CountRange().most ? Json() : Json(range.most)});
+  });
 }
-
-CleaningOptions cleaning_preset(const std::string& name) {
-  CleaningOptions options;
-  if (name == "none") return options;
-  if (name == "anymate") {
-    options.vertices = {129, 65534};
-    options.joints = {9, 63};
-    options.max_outside_share = 0.7;
-    options.unused_joints = UnusedJoints::kPruneAll;
-    return options;
-  }
-  if (name == "articulation-xl") {
-    options.least_weight_sum = 0.9;
-    options.drop_duplicate_names = true;
-    options.duplicate_joints = DuplicateJoints::kMerge;
-    options.merge_distance = 0.0025;
-    return options;
-  }
-  throw InputError("", "--cleaning", "\"" + name + "\" is none of none, anymate, articulation-xl");
-}
-
-std::vector<std::string> cleaning_preset_names() { return {"none", "anymate", "articulation-xl"}; }
-
-Json to_json(const CleaningOptions& options) {
-  return {{"vertices", to_json(options.vertices)},
-          {"joints", to_json(options.joints)},
-          {"max_outside_share", options.max_outside_share},
-          {"least_weight_sum", options.least_weight_sum},
-          {"drop_duplicate_names", options.drop_duplicate_names},
-          {"duplicate_joints", word(options.duplicate_joints)},
-          {"merge_distance", options.merge_distance},
-          {"unused_joints", word(options.unused_joints)},
-          {"kept_joints", {options.kept_joints.least, options.kept_joints.most}}};
-}
-
-CleaningOptions cleaning_options_from_json(const Json& json) {
-  if (!json.is_object()) throw InputError("", "", "cleaning options are an object");
-  CleaningOptions options;
-  const Json known = to_json(options);
-  for (const auto& [key, value] : json.items()) {
-    if (!known.contains(key)) throw InputError("", "/" + escaped_for_pointer(key), "no such cleaning option");
-  }
-  if (json.contains("vertices")) options.vertices = range_from(json, "vertices");
-  if (json.contains("joints")) options.joints = range_from(json, "joints");
-  if (json.contains("max_outside_share")) options.max_outside_share = number_from(json, "max_outside_share");
-  if (json.contains("least_weight_sum")) options.least_weight_sum = number_from(json, "least_weight_sum");
-  if (json.contains("drop_duplicate_names")) {
-    if (!json["drop_duplicate_names"].is_boolean())
-      throw InputError("", "/drop_duplicate_names", "expected true or false");
-    options.drop_duplicate_names = json["drop_duplicate_names"].get<bool>();
-  }
-  if (json.contains("duplicate_joints")) {
-    options.duplicate_joints =
-        choice_from<DuplicateJoints>(json, "duplicate_joints", {DuplicateJoints::kKeep, DuplicateJoints::kMerge});
-  }
-  if (json.contains("merge_distance")) options.merge_distance = number_from(json, "merge_distance");
-  if (json.contains("unused_joints")) {
-    options.unused_joints = choice_from<UnusedJoints>(
-        json, "unused_joints", {UnusedJoints::kKeep, UnusedJoints::kPruneLeaves, UnusedJoints::kPruneAll});
-  }
-  if (json.contains("kept_joints")) options.kept_joints = shares_from(json, "kept_joints");
-  options.validate();
-  return options;
-}
-
-namespace {
 
 std::string three_digits(double value) {
   char text[32];
@@ -167,56 +42,6 @@ std::string broken_range(const std::string& what, std::size_t count, const Count
          std::to_string(few ? range.least : range.most);
 }
 
-}  // namespace
-
-Json to_json(const CleaningFinding& finding) {
-  return {{"rule", finding.rule}, {"action", finding.action}, {"detail", finding.detail}};
-}
-
-CleaningFinding cleaning_finding_from_json(const Json& json) {
-  CleaningFinding finding;
-  json.at("rule").get_to(finding.rule);
-  json.at("action").get_to(finding.action);
-  json.at("detail").get_to(finding.detail);
-  return finding;
-}
-
-CleanedOut::CleanedOut(const std::string& file, CleaningFinding finding)
-    : InputError(file, finding.rule, finding.detail), finding_(std::move(finding)) {}
-
-std::vector<CleaningFinding> clean(Asset& asset, const ReadQuality& quality, const CleaningOptions& options,
-                                   const std::string& file) {
-  std::vector<CleaningFinding> findings;
-  const auto keep = [&findings](std::optional<CleaningFinding> finding) {
-    if (finding) findings.push_back(std::move(*finding));
-  };
-  const auto drop_when = [&file](bool broken, const std::string& rule, const std::string& detail) {
-    if (broken) throw CleanedOut(file, {rule, "dropped", detail});
-  };
-  drop_when(options.drop_duplicate_names && quality.repeated_names > 0, "duplicate_joint_names",
-            std::to_string(quality.repeated_names) + " joints have a name that another joint has");
-  drop_when(quality.lowest_weight_sum < options.least_weight_sum, "low_weight_sum",
-            "the weights of a vertex sum to " + three_digits(quality.lowest_weight_sum) + ", at least " +
-                three_digits(options.least_weight_sum));
-  if (options.duplicate_joints == DuplicateJoints::kMerge) keep(merge_duplicate_joints(asset, options.merge_distance));
-  keep(prune_unused_joints(asset, options.unused_joints));
-  const std::string vertices = broken_range("vertices", asset.mesh.vertices.size(), options.vertices);
-  drop_when(!vertices.empty(), "vertex_count", vertices);
-  const std::string joints = broken_range("joints", asset.skeleton.size(), options.joints);
-  drop_when(!joints.empty(), "joint_count", joints);
-  const double outside = outside_share(asset.skeleton.positions(), bounding_box(asset.mesh.vertices));
-  drop_when(outside > options.max_outside_share, "outside_mesh",
-            three_digits(100 * outside) + " % of the joints lie outside the mesh, at most " +
-                three_digits(100 * options.max_outside_share) + " %");
-  return findings;
-}
-
-void count(const std::vector<CleaningFinding>& findings, CleaningCounts& counts) {
-  for (const CleaningFinding& finding : findings) ++counts[finding.rule][finding.action];
-}
-
-namespace {
-
 /// "3 joints merged: b into a, d into c and 1 more"
 std::string told(const std::vector<std::string>& each, const std::string& what) {
   constexpr std::size_t kMost = 3;
@@ -225,87 +50,6 @@ std::string told(const std::vector<std::string>& each, const std::string& what) 
   if (each.size() > kMost) text += " and " + std::to_string(each.size() - kMost) + " more";
   return text;
 }
-
-}  // namespace
-
-std::optional<CleaningFinding> merge_duplicate_joints(Asset& asset, double distance) {
-  const std::vector<Eigen::Vector3d> positions = asset.skeleton.positions();
-  std::vector<int> heir, kept;
-  std::vector<std::string> merged;
-  for (std::size_t j = 0; j < positions.size(); ++j) {
-    heir.push_back(static_cast<int>(j));
-    for (const int k : kept) {
-      if ((positions[at(k)] - positions[j]).norm() > distance) continue;
-      heir[j] = k;
-      merged.push_back(asset.skeleton.names[j] + " into " + asset.skeleton.names[at(k)]);
-      break;
-    }
-    if (heir[j] == static_cast<int>(j)) kept.push_back(heir[j]);
-  }
-  if (merged.empty()) return std::nullopt;
-  remove_joints(asset, heir);
-  return CleaningFinding{"duplicate_joints", "changed", told(merged, "merged")};
-}
-
-std::optional<CleaningFinding> prune_unused_joints(Asset& asset, UnusedJoints which) {
-  if (which == UnusedJoints::kKeep) return std::nullopt;
-  const std::vector<int>& parents = asset.skeleton.parents;
-  std::vector<char> stays = weighted_joints(asset);
-  if (which == UnusedJoints::kPruneLeaves) {
-    for (std::size_t j = stays.size(); j-- > 1;) {  // children come after their parents
-      if (stays[j] != 0) stays[at(parents[j])] = 1;
-    }
-  }
-  std::vector<int> heir(stays.size(), -1);
-  std::vector<std::string> pruned;
-  for (std::size_t j = 0; j < stays.size(); ++j) {
-    if (stays[j] != 0) {
-      heir[j] = static_cast<int>(j);
-      continue;
-    }
-    if (parents[j] >= 0) heir[j] = heir[at(parents[j])];
-    pruned.push_back(asset.skeleton.names[j]);
-  }
-  if (pruned.empty()) return std::nullopt;
-  remove_joints(asset, heir);
-  return CleaningFinding{"unused_joints", "changed", told(pruned, "without weights pruned")};
-}
-
-std::vector<int> coarser_heirs(const Skeleton& skeleton, const std::vector<char>& weighted, std::size_t wanted) {
-  const std::vector<Eigen::Vector3d> positions = skeleton.positions();
-  std::vector<int> heir(skeleton.size());
-  for (std::size_t j = 0; j < heir.size(); ++j) heir[j] = static_cast<int>(j);
-  // Parents come before children, so that one pass passes everything on to what still stays.
-  const auto heir_of_parent = [&](std::size_t j) { return heir[at(skeleton.parents[j])]; };
-  for (std::size_t left = heir.size(); left > std::max<std::size_t>(wanted, 1); --left) {
-    std::size_t least = 0;
-    std::tuple<char, double> least_worth{2, 0.0};
-    for (std::size_t j = 0; j < heir.size(); ++j) {
-      if (heir[j] != static_cast<int>(j) || skeleton.parents[j] < 0) continue;
-      const double bone = (positions[j] - positions[at(heir_of_parent(j))]).norm();
-      const std::tuple<char, double> worth{weighted[j], bone};
-      if (worth < least_worth) std::tie(least, least_worth) = std::make_tuple(j, worth);
-    }
-    if (std::get<0>(least_worth) == 2) break;  // only roots are left
-    for (std::size_t j = least; j < heir.size(); ++j) {
-      if (j == least || heir[j] != static_cast<int>(j)) heir[j] = heir_of_parent(j);
-    }
-  }
-  return heir;
-}
-
-std::optional<CleaningFinding> coarsen_skeleton(Asset& asset, const ShareRange& share, const std::string& name) {
-  constexpr double kFewest = 2.0;
-  const std::size_t joints = asset.skeleton.size();
-  const double drawn = Rng(0, "share of joints kept of " + name).uniform(share.least, share.most);
-  const auto wanted = static_cast<std::size_t>(std::max(kFewest, std::round(drawn * static_cast<double>(joints))));
-  if (wanted >= joints) return std::nullopt;
-  remove_joints(asset, coarser_heirs(asset.skeleton, weighted_joints(asset), wanted));
-  return CleaningFinding{"kept_joints", "changed",
-                         std::to_string(asset.skeleton.size()) + " of " + std::to_string(joints) + " joints kept"};
-}
-
-namespace {
 
 using Eigen::Matrix4d;
 
@@ -451,6 +195,174 @@ SkinWeights moved_weights(const SkinWeights& skin, const std::vector<int>& heir,
 }
 
 }  // namespace
+
+void CleaningOptions::fields(ConfigFields& f) {
+  count_range(f, "vertices", vertices);
+  count_range(f, "joints", joints);
+  f("max_outside_share", max_outside_share);
+  f("least_weight_sum", least_weight_sum);
+  f("drop_duplicate_names", drop_duplicate_names);
+  f("duplicate_joints", duplicate_joints, {{"keep", DuplicateJoints::kKeep}, {"merge", DuplicateJoints::kMerge}});
+  f("merge_distance", merge_distance);
+  f("unused_joints", unused_joints,
+    {{"keep", UnusedJoints::kKeep},
+     {"prune-leaves", UnusedJoints::kPruneLeaves},
+     {"prune-all", UnusedJoints::kPruneAll}});
+  const auto read_shares = [&](const Json& pair) {
+    if (!pair.is_array() || pair.size() != 2 || !pair[0].is_number() || !pair[1].is_number())
+      throw f.error("kept_joints", "expected [least, most]");
+    kept_joints = {pair[0].get<double>(), pair[1].get<double>()};
+  };
+  f.custom("kept_joints", {{"type", "array"}}, read_shares, [&] {
+    return Json::array({kept_joints.least, kept_joints.most});
+  });
+}
+
+void CleaningOptions::validate(const std::string& file, const std::string& pointer) const {
+  const auto check = [&](bool valid, const char* option, const char* problem) {
+    if (!valid) throw InputError(file, pointer + "/" + option, problem);
+  };
+  check(vertices.least <= vertices.most, "vertices", "the least exceeds the most");
+  check(joints.least <= joints.most, "joints", "the least exceeds the most");
+  check(max_outside_share >= 0.0 && max_outside_share <= 1.0, "max_outside_share", "must lie in [0, 1]");
+  check(least_weight_sum >= 0.0 && least_weight_sum <= 1.0, "least_weight_sum", "must lie in [0, 1]");
+  check(kept_joints.least > 0.0 && kept_joints.least <= kept_joints.most && kept_joints.most <= 1.0, "kept_joints",
+        "needs 0 < least <= most <= 1");
+  check(merge_distance >= 0.0 && std::isfinite(merge_distance), "merge_distance", "must not be negative");
+}
+
+CleaningOptions cleaning_preset(const std::string& name) {
+  CleaningOptions options;
+  if (name == "none") return options;
+  if (name == "anymate") {
+    options.vertices = {129, 65534};
+    options.joints = {9, 63};
+    options.max_outside_share = 0.7;
+    options.unused_joints = UnusedJoints::kPruneAll;
+    return options;
+  }
+  if (name == "articulation-xl") {
+    options.least_weight_sum = 0.9;
+    options.drop_duplicate_names = true;
+    options.duplicate_joints = DuplicateJoints::kMerge;
+    options.merge_distance = 0.0025;
+    return options;
+  }
+  throw InputError("", "--cleaning", "\"" + name + "\" is none of none, anymate, articulation-xl");
+}
+
+std::vector<std::string> cleaning_preset_names() { return {"none", "anymate", "articulation-xl"}; }
+
+CleanedOut::CleanedOut(const std::string& file, CleaningFinding finding)
+    : InputError(file, finding.rule, finding.detail), finding_(std::move(finding)) {}
+
+std::vector<CleaningFinding> clean(Asset& asset, const ReadQuality& quality, const CleaningOptions& options,
+                                   const std::string& file) {
+  std::vector<CleaningFinding> findings;
+  const auto keep = [&findings](std::optional<CleaningFinding> finding) {
+    if (finding) findings.push_back(std::move(*finding));
+  };
+  const auto drop_when = [&file](bool broken, const std::string& rule, const std::string& detail) {
+    if (broken) throw CleanedOut(file, {rule, "dropped", detail});
+  };
+  drop_when(options.drop_duplicate_names && quality.repeated_names > 0, "duplicate_joint_names",
+            std::to_string(quality.repeated_names) + " joints have a name that another joint has");
+  drop_when(quality.lowest_weight_sum < options.least_weight_sum, "low_weight_sum",
+            "the weights of a vertex sum to " + three_digits(quality.lowest_weight_sum) + ", at least " +
+                three_digits(options.least_weight_sum));
+  if (options.duplicate_joints == DuplicateJoints::kMerge) keep(merge_duplicate_joints(asset, options.merge_distance));
+  keep(prune_unused_joints(asset, options.unused_joints));
+  const std::string vertices = broken_range("vertices", asset.mesh.vertices.size(), options.vertices);
+  drop_when(!vertices.empty(), "vertex_count", vertices);
+  const std::string joints = broken_range("joints", asset.skeleton.size(), options.joints);
+  drop_when(!joints.empty(), "joint_count", joints);
+  const double outside = outside_share(asset.skeleton.positions(), bounding_box(asset.mesh.vertices));
+  drop_when(outside > options.max_outside_share, "outside_mesh",
+            three_digits(100 * outside) + " % of the joints lie outside the mesh, at most " +
+                three_digits(100 * options.max_outside_share) + " %");
+  return findings;
+}
+
+void count(const std::vector<CleaningFinding>& findings, CleaningCounts& counts) {
+  for (const CleaningFinding& finding : findings) ++counts[finding.rule][finding.action];
+}
+
+std::optional<CleaningFinding> merge_duplicate_joints(Asset& asset, double distance) {
+  const std::vector<Eigen::Vector3d> positions = asset.skeleton.positions();
+  std::vector<int> heir, kept;
+  std::vector<std::string> merged;
+  for (std::size_t j = 0; j < positions.size(); ++j) {
+    heir.push_back(static_cast<int>(j));
+    for (const int k : kept) {
+      if ((positions[at(k)] - positions[j]).norm() > distance) continue;
+      heir[j] = k;
+      merged.push_back(asset.skeleton.names[j] + " into " + asset.skeleton.names[at(k)]);
+      break;
+    }
+    if (heir[j] == static_cast<int>(j)) kept.push_back(heir[j]);
+  }
+  if (merged.empty()) return std::nullopt;
+  remove_joints(asset, heir);
+  return CleaningFinding{"duplicate_joints", "changed", told(merged, "merged")};
+}
+
+std::optional<CleaningFinding> prune_unused_joints(Asset& asset, UnusedJoints which) {
+  if (which == UnusedJoints::kKeep) return std::nullopt;
+  const std::vector<int>& parents = asset.skeleton.parents;
+  std::vector<char> stays = weighted_joints(asset);
+  if (which == UnusedJoints::kPruneLeaves) {
+    for (std::size_t j = stays.size(); j-- > 1;) {  // children come after their parents
+      if (stays[j] != 0) stays[at(parents[j])] = 1;
+    }
+  }
+  std::vector<int> heir(stays.size(), -1);
+  std::vector<std::string> pruned;
+  for (std::size_t j = 0; j < stays.size(); ++j) {
+    if (stays[j] != 0) {
+      heir[j] = static_cast<int>(j);
+      continue;
+    }
+    if (parents[j] >= 0) heir[j] = heir[at(parents[j])];
+    pruned.push_back(asset.skeleton.names[j]);
+  }
+  if (pruned.empty()) return std::nullopt;
+  remove_joints(asset, heir);
+  return CleaningFinding{"unused_joints", "changed", told(pruned, "without weights pruned")};
+}
+
+std::vector<int> coarser_heirs(const Skeleton& skeleton, const std::vector<char>& weighted, std::size_t wanted) {
+  const std::vector<Eigen::Vector3d> positions = skeleton.positions();
+  std::vector<int> heir(skeleton.size());
+  for (std::size_t j = 0; j < heir.size(); ++j) heir[j] = static_cast<int>(j);
+  // Parents come before children, so that one pass passes everything on to what still stays.
+  const auto heir_of_parent = [&](std::size_t j) { return heir[at(skeleton.parents[j])]; };
+  for (std::size_t left = heir.size(); left > std::max<std::size_t>(wanted, 1); --left) {
+    std::size_t least = 0;
+    std::tuple<char, double> least_worth{2, 0.0};
+    for (std::size_t j = 0; j < heir.size(); ++j) {
+      if (heir[j] != static_cast<int>(j) || skeleton.parents[j] < 0) continue;
+      const double bone = (positions[j] - positions[at(heir_of_parent(j))]).norm();
+      const std::tuple<char, double> worth{weighted[j], bone};
+      if (worth < least_worth) std::tie(least, least_worth) = std::make_tuple(j, worth);
+    }
+    if (std::get<0>(least_worth) == 2) break;  // only roots are left
+    for (std::size_t j = least; j < heir.size(); ++j) {
+      if (j == least || heir[j] != static_cast<int>(j)) heir[j] = heir_of_parent(j);
+    }
+  }
+  return heir;
+}
+
+std::optional<CleaningFinding> coarsen_skeleton(Asset& asset, const ShareRange& share, const std::string& name) {
+  constexpr double kFewest = 2.0;
+  const std::size_t joints = asset.skeleton.size();
+  const double drawn = Rng(0, "share of joints kept of " + name).uniform(share.least, share.most);
+  const auto wanted = static_cast<std::size_t>(std::max(kFewest, std::round(drawn * static_cast<double>(joints))));
+  if (wanted >= joints) return std::nullopt;
+  remove_joints(asset, coarser_heirs(asset.skeleton, weighted_joints(asset), wanted));
+  return CleaningFinding{"kept_joints", "changed",
+                         std::to_string(asset.skeleton.size()) + " of " + std::to_string(joints) + " joints kept"};
+}
 
 std::vector<char> weighted_joints(const Asset& asset) {
   std::vector<char> weighted(asset.skeleton.size(), 0);

@@ -7,8 +7,9 @@
 #include <vector>
 
 #include "anigen/asset/rigged_asset.h"
-#include "anigen/core/config.h"
+#include "anigen/core/config_fields.h"
 #include "anigen/core/error.h"
+#include "anigen/prepare/sources.h"
 
 namespace anigen::prepare {
 
@@ -33,7 +34,7 @@ enum class UnusedJoints { kKeep, kPruneLeaves, kPruneAll };
 
 /// Rules that leave assets out or change them on import. The default does nothing:
 /// every measure is recorded all the same and QualityLimits turn it into is_bad_skeleton and is_bad_skin.
-struct CleaningOptions {
+struct CleaningOptions : JsonOptions<CleaningOptions> {
   CountRange vertices, joints;
   double max_outside_share = 1.0;     ///< of joints outside the mesh's bounding box
   double least_weight_sum = 0.0;      ///< of a vertex in the file; rows are divided by their sum in any case
@@ -41,10 +42,11 @@ struct CleaningOptions {
   DuplicateJoints duplicate_joints = DuplicateJoints::kKeep;
   double merge_distance = 0.0;  ///< joints no farther from their parent than this are one, normalised frame
   UnusedJoints unused_joints = UnusedJoints::kKeep;
-  ShareRange kept_joints;  ///< below 1 every asset gets a coarser rig, of a density drawn for it (coarser_skeleton.h)
+  ShareRange kept_joints;  ///< below 1 every asset gets a coarser rig, of a density drawn for it (coarsen_skeleton())
 
+  void fields(ConfigFields& f);
   /// @throws InputError naming the option that is out of range
-  void validate() const;
+  void validate(const std::string& file = "", const std::string& pointer = "") const;
 };
 
 /// Published rules (reference anymate-baselines.md; AniGen's own are not published, training-and-data.md, 1.1):
@@ -56,11 +58,6 @@ struct CleaningOptions {
 CleaningOptions cleaning_preset(const std::string& name);
 std::vector<std::string> cleaning_preset_names();
 
-/// All of it, for records and fingerprints of the import step.
-Json to_json(const CleaningOptions& options);
-/// @throws InputError naming the JSON pointer: an unknown key, a wrong type, a value out of range
-CleaningOptions cleaning_options_from_json(const Json& json);
-
 /// One thing that a rule found in one asset, for logs and counts.
 struct CleaningFinding {
   std::string rule;    ///< "vertex_count", "joint_count", "outside_mesh", "low_weight_sum",
@@ -69,8 +66,7 @@ struct CleaningFinding {
   std::string detail;  ///< figures and limit: "joints outside the bounding box: 81 %, at most 70 %"
 };
 
-Json to_json(const CleaningFinding& finding);
-CleaningFinding cleaning_finding_from_json(const Json& json);
+ANIGEN_JSON_RECORD(CleaningFinding, rule, action, detail)
 
 /// A rule dropped the asset. what() names file, rule and detail.
 class CleanedOut : public InputError {

@@ -1,9 +1,7 @@
 #include "anigen/prepare/dataset.h"
 
 #include <algorithm>
-#include <map>
 #include <mutex>
-#include <optional>
 #include <system_error>
 #include <utility>
 
@@ -15,14 +13,26 @@
 #include "anigen/core/process.h"
 #include "anigen/prepare/dataset_card.h"
 #include "anigen/prepare/manifest.h"
-#include "anigen/prepare/merge.h"
-#include "anigen/prepare/run.h"
 
 namespace anigen::prepare {
 
 namespace {
 
 namespace fs = std::filesystem;
+
+Json table_settings(const TableOptions& options) {
+  Json json = {{"split", options.split.to_json()}, {"near_skeletons", name_of(options.near_skeletons)}};
+  json.update(Json(options.limits));
+  return json;
+}
+
+TableOptions table_options(const Json& json) {
+  TableOptions options;
+  options.split = SplitOptions::from_json(json.at("split"));
+  options.near_skeletons = parse_near_skeletons(json.at("near_skeletons").get<std::string>());
+  json.get_to(options.limits);
+  return options;
+}
 
 Manifest empty_manifest(const PrepareOptions& options, const std::vector<AssetSource>& sources) {
   Manifest manifest;
@@ -34,16 +44,8 @@ Manifest empty_manifest(const PrepareOptions& options, const std::vector<AssetSo
   // Workers of one run may each have a GPU of their own; which one it was is nothing about the dataset.
   StepPlan plan = options.plan;
   plan.features.device.erase(std::min(plan.features.device.find(':'), plan.features.device.size()));
-  manifest.settings = {{"plan", to_json(plan)}, {"tables", to_json(options.tables)}};
+  manifest.settings = {{"plan", plan}, {"tables", table_settings(options.tables)}};
   return manifest;
-}
-
-void finish_failures(const Manifest& manifest, FailureLog& log) {
-  std::vector<std::pair<const AssetSource*, const StepFailure*>> failures;
-  for (const ManifestEntry& entry : manifest.entries) {
-    for (const StepFailure& failure : entry.failures) failures.emplace_back(&entry.source, &failure);
-  }
-  log.finish(failures);
 }
 
 CsvTable rejected_table(const std::vector<Rejected>& rejected) {
@@ -79,17 +81,14 @@ void require_complete(const fs::path& out, const std::vector<Manifest>& manifest
 
 /// Everything that is made from manifests and records. @pre nobody else writes in the dataset
 PrepareSummary write_tables(const fs::path& out, const std::vector<Manifest>& manifests) {
-  const StepPlan plan = step_plan_from_json(manifests[0].settings.at("plan"));
-  const TableOptions options = table_options_from_json(manifests[0].settings.at("tables"));
+  const auto plan = manifests[0].settings.at("plan").get<StepPlan>();
+  const TableOptions options = table_options(manifests[0].settings.at("tables"));
   require_complete(out, manifests, plan);
   DatasetRows found = collect_rows(out, manifests, plan, options.near_skeletons);
-  const auto write_rejected = [&] {
-    write_file_atomically(out / "rejected.csv", to_csv(rejected_table(found.rejected)));
-    std::string failures;
-    for (const auto& [source, failure] : found.failures) failures += failure_line(source, failure) + "\n";
-    write_file_atomically(out / "failures.jsonl", failures);
-  };
-  write_rejected();
+  write_file_atomically(out / "rejected.csv", to_csv(rejected_table(found.rejected)));
+  std::string failures;
+  for (const auto& [source, failure] : found.failures) failures += failure_line(source, failure) + "\n";
+  write_file_atomically(out / "failures.jsonl", failures);
   if (found.rows.empty()) {
     throw InputError(
         (out / "rejected.csv").string(), "",
@@ -100,7 +99,6 @@ PrepareSummary write_tables(const fs::path& out, const std::vector<Manifest>& ma
   CsvTable table = dataset_table(found.rows, options.limits);
   carry_over_columns(table, earlier_table(out / "metadata.csv"));
   write_file_atomically(out / "metadata.csv", to_csv(table));
-  write_card(out, found, table, plan, options.limits);  // last: it draws assets, which may fail
 
   PrepareSummary summary;
   summary.train = splits.train;
@@ -113,6 +111,7 @@ PrepareSummary write_tables(const fs::path& out, const std::vector<Manifest>& ma
     summary.bad_skin += bad_skin(row.entry.record, options.limits);
     for (const auto& [name, step] : row.records.steps) summary.bytes += step.bytes;
   }
+  write_card(out, found, summary, table, plan);  // last: it draws assets, which may fail
   summary.rejected = std::move(found.rejected);
   return summary;
 }
@@ -204,47 +203,38 @@ PrepareSummary shard_summary(const Manifest& manifest) {
   return summary;
 }
 
+/// Note of the process that wrote the tables of a run, for the others, run/finished-<i>-of-<n>.json: that they are
+/// written, and what is in them. @return nothing when they are not written yet, or the note is damaged: the tables are
+/// then written again, with the same bytes
+std::optional<PrepareSummary> read_finished(const fs::path& out, const Shard& shard) {
+  std::error_code error;
+  if (!fs::exists(finished_file(out, shard), error)) return std::nullopt;
+  try {
+    return read_json(finished_file(out, shard)).get<PrepareSummary>();
+  } catch (const std::exception&) {
+    return std::nullopt;
+  }
+}
+
 /// The end of a run, once everything is done: lists for a merge or, of a whole run, the tables themselves.
 PrepareSummary finish(const fs::path& out, const std::vector<AssetSource>& sources,
                       const std::vector<SourceOutcome>& outcomes, Manifest manifest, FailureLog& failures) {
   const Shard shard = manifest.shard;
   const std::size_t reused = enter_outcomes(sources, outcomes, manifest);
-  finish_failures(manifest, failures);
+  failures.finish(manifest.entries);
   write_manifest(out, manifest);
   // Of processes that were killed meanwhile; those that are left have nothing more to write.
   if (shard.whole()) sweep_temporary_files(out);
   PrepareSummary summary = shard.whole() ? write_tables(out, {manifest}) : shard_summary(manifest);
   summary.reused = reused;
-  write_finished(out, shard, summary);
+  write_file_atomically(finished_file(out, shard),
+                        Json(summary).dump(1, ' ', false, Json::error_handler_t::replace) + "\n");
   return summary;
 }
 
+constexpr std::size_t kMostShown = 20;
+
 }  // namespace
-
-Json to_json(const TableOptions& options) {
-  const QualityLimits& limits = options.limits;
-  return {{"split", to_json(options.split)},
-          {"near_skeletons", name_of(options.near_skeletons)},
-          {"min_joints", limits.min_joints},
-          {"max_joints", limits.max_joints},
-          {"same_bone", limits.same_bone},
-          {"max_outside_share", limits.max_outside_share},
-          {"max_invented_rows", limits.max_invented_rows},
-          {"least_weight_sum", limits.least_weight_sum}};
-}
-
-TableOptions table_options_from_json(const Json& json) {
-  TableOptions options;
-  options.split = split_options_from_json(json.at("split"));
-  options.near_skeletons = parse_near_skeletons(json.at("near_skeletons").get<std::string>());
-  json.at("min_joints").get_to(options.limits.min_joints);
-  json.at("max_joints").get_to(options.limits.max_joints);
-  json.at("same_bone").get_to(options.limits.same_bone);
-  json.at("max_outside_share").get_to(options.limits.max_outside_share);
-  json.at("max_invented_rows").get_to(options.limits.max_invented_rows);
-  json.at("least_weight_sum").get_to(options.limits.least_weight_sum);
-  return options;
-}
 
 PrepareSummary prepare_dataset(const PrepareOptions& options) {
   check(options);
@@ -252,7 +242,7 @@ PrepareSummary prepare_dataset(const PrepareOptions& options) {
   const Shard& shard = options.run.shard;
   const std::vector<AssetSource> sources = representable(options.sources);
   Manifest manifest = empty_manifest(options, sources);
-  const RunMembership membership(out, manifest);
+  const FileLock membership = join_run(out, manifest);
   std::map<std::string, StepCost> costs;
   PrepareSummary summary;
   {
@@ -276,146 +266,40 @@ PrepareSummary prepare_dataset(const PrepareOptions& options) {
 PrepareSummary merge_dataset(const fs::path& out) {
   std::error_code error;
   if (!fs::is_directory(out, error)) throw InputError(out.string(), "", "no such folder");
-  const RunAlone lock(out);
+  const FileLock lock = take_alone(out);
   sweep_temporary_files(out);
   return write_tables(out, read_manifests(out));
 }
 
-namespace {
-
-class PhaseRun {
- public:
-  PhaseRun(const SharedPhase& phase, const LeaseFolder& leases, Executor& executor)
-      : phase_(phase),
-        pieces_(*phase.pieces),
-        leases_(leases),
-        executor_(executor),
-        outcomes_(pieces_.size()),
-        progress_(phase.label, pieces_.size() == 0 ? 0 : pieces_.range(pieces_.size() - 1).second, "assets") {}
-
-  std::vector<SourceOutcome> run() {
-    std::vector<std::string> names;
-    for (std::size_t piece = 0; piece < pieces_.size(); ++piece) names.push_back(pieces_.name(piece));
-    work_together(
-        leases_, names, [this](std::size_t piece) { return done(piece); },
-        [this](const std::vector<std::size_t>& pieces, const Claim& claim) { pass(pieces, claim); });
-    std::vector<SourceOutcome> all;
-    for (auto& outcomes : outcomes_) {
-      for (SourceOutcome& outcome : *outcomes) all.push_back(std::move(outcome));
-    }
-    return all;
-  }
-
- private:
-  /// A piece that was asked for in this pass.
-  struct Open {
-    std::optional<Lease> lease;  ///< nothing: somebody else has it
-    std::vector<SourceOutcome> outcomes;
-    std::size_t missing = 0;
-  };
-
-  /// Not for two threads at a time: a pass asks under its mutex.
-  bool done(std::size_t piece) {
-    if (outcomes_[piece]) return true;
-    outcomes_[piece] = pieces_.read(piece);
-    if (!outcomes_[piece]) return false;
-    progress_.advance(outcomes_[piece]->size());
-    return true;
-  }
-
-  void pass(const std::vector<std::size_t>& pieces, const Claim& claim) {
-    std::vector<std::size_t> tasks;
-    for (const std::size_t piece : pieces) {
-      const auto [begin, end] = pieces_.range(piece);
-      for (std::size_t task = begin; task < end; ++task) tasks.push_back(task);
-    }
-    std::mutex mutex;
-    std::map<std::size_t, Open> open;
-    executor_.each(
-        tasks.size(),
-        [&](std::size_t i) -> std::optional<SourceTask> {
-          const std::lock_guard<std::mutex> lock(mutex);
-          const std::size_t piece = pieces_.of_task(tasks[i]);
-          const auto [entry, is_new] = open.try_emplace(piece);
-          if (is_new) {
-            const auto [begin, end] = pieces_.range(piece);
-            entry->second.lease = claim(piece);
-            entry->second.missing = end - begin;
-            entry->second.outcomes.resize(end - begin);
-          }
-          if (!entry->second.lease) return std::nullopt;
-          return phase_.task(tasks[i]);
-        },
-        [&](std::size_t i, SourceOutcome outcome) {
-          const std::lock_guard<std::mutex> lock(mutex);
-          const std::size_t piece = pieces_.of_task(tasks[i]);
-          Open& mine = open.at(piece);
-          const std::string note = phase_.made(tasks[i], outcome);
-          if (!note.empty()) progress_.note(note);
-          mine.outcomes[tasks[i] - pieces_.range(piece).first] = std::move(outcome);
-          progress_.advance();
-          if (--mine.missing > 0) return;
-          pieces_.write(piece, mine.outcomes);
-          outcomes_[piece] = std::move(mine.outcomes);
-          mine.lease.reset();  // after the file: who takes the lease next finds the piece done
-        });
-  }
-
-  const SharedPhase& phase_;
-  const Pieces& pieces_;
-  const LeaseFolder& leases_;
-  Executor& executor_;
-  std::vector<std::optional<std::vector<SourceOutcome>>> outcomes_;
-  Progress progress_;
-};
-
-}  // namespace
-
-std::vector<SourceOutcome> run_phase(const SharedPhase& phase, const LeaseFolder& leases, Executor& executor) {
-  return PhaseRun(phase, leases, executor).run();
+Json to_json(const PrepareSummary& summary) {
+  Json json = {{"prepared", summary.prepared()}};
+  json.update(Json(summary));
+  json["steps"] = to_json(summary.costs);
+  return json;
 }
 
-namespace {
-
-PrepareSummary summary_from_json(const Json& json) {
-  PrepareSummary summary;
-  json.at("real").get_to(summary.real);
-  json.at("procedural").get_to(summary.procedural);
-  json.at("variants").get_to(summary.variants);
-  json.at("rejected_poses").get_to(summary.rejected_poses);
-  json.at("reused").get_to(summary.reused);
-  json.at("bad_skeleton").get_to(summary.bad_skeleton);
-  json.at("bad_skin").get_to(summary.bad_skin);
-  json.at("train").get_to(summary.train);
-  json.at("test").get_to(summary.test);
-  json.at("failed_steps").get_to(summary.failed_steps);
-  json.at("bytes").get_to(summary.bytes);
-  json.at("merged").get_to(summary.merged);
-  for (const Json& one : json.at("rejected")) {
-    summary.rejected.push_back({one.at("file_identifier").get<std::string>(), one.at("reason").get<std::string>(),
-                                one.at("step").get<std::string>(), one.at("rule").get<std::string>()});
+std::string to_text(const PrepareSummary& summary) {
+  const auto n = [](std::size_t count) { return std::to_string(count); };
+  std::string text = "prepared " + n(summary.prepared()) + " assets (" + n(summary.real) + " real, " +
+                     n(summary.procedural) + " procedural; " + n(summary.reused) + " were there already)\n";
+  if (summary.variants + summary.rejected_poses > 0) {
+    text += "and " + n(summary.variants) + " posed variants of them (" + n(summary.rejected_poses) +
+            " more had no usable pose)\n";
   }
-  return summary;
-}
-
-}  // namespace
-
-std::optional<PrepareSummary> read_finished(const std::filesystem::path& out, const Shard& shard) {
-  const std::filesystem::path file = finished_file(out, shard);
-  std::error_code error;
-  if (!std::filesystem::exists(file, error)) return std::nullopt;
-  try {
-    return summary_from_json(read_json(file));
-  } catch (const InputError&) {
-    return std::nullopt;  // damaged: the tables are written again, with the same bytes
-  } catch (const Json::exception&) {
-    return std::nullopt;
+  if (summary.merged) {
+    text += "train " + n(summary.train) + ", test " + n(summary.test) + ", not usable " + n(summary.bad_skeleton) +
+            ", bad skin " + n(summary.bad_skin) + "; " + fixed(static_cast<double>(summary.bytes) / 1048576.0, 1) +
+            " MiB\n";
+  } else {
+    text += "one shard of several: `anigen-prepare merge` makes the tables when all have finished\n";
   }
-}
-
-void write_finished(const std::filesystem::path& out, const Shard& shard, const PrepareSummary& summary) {
-  write_file_atomically(finished_file(out, shard),
-                        to_json(summary).dump(1, ' ', false, Json::error_handler_t::replace) + "\n");
+  if (!summary.rejected.empty()) text += "rejected " + n(summary.rejected.size()) + ", see rejected.csv:\n";
+  for (std::size_t i = 0; i < summary.rejected.size() && i < kMostShown; ++i) {
+    text += "  " + summary.rejected[i].file_identifier + ": " + summary.rejected[i].reason + "\n";
+  }
+  if (summary.rejected.size() > kMostShown) text += "  …\n";
+  if (summary.failed_steps > 0) text += n(summary.failed_steps) + " steps failed, see failures.jsonl\n";
+  return text + to_text(summary.costs);
 }
 
 }  // namespace anigen::prepare

@@ -1,19 +1,16 @@
 #pragma once
 #include <cstddef>
 #include <filesystem>
-#include <functional>
 #include <map>
 #include <optional>
 #include <string>
 #include <vector>
 
 #include "anigen/core/config.h"
-#include "anigen/core/lease.h"
 #include "anigen/prepare/merge.h"
 #include "anigen/prepare/run.h"
 #include "anigen/prepare/sources.h"
 #include "anigen/prepare/steps.h"
-#include "anigen/prepare/workers.h"
 
 namespace anigen::prepare {
 
@@ -23,8 +20,6 @@ struct TableOptions {
   QualityLimits limits;
   NearSkeletons near_skeletons = NearSkeletons::kFlag;
 };
-Json to_json(const TableOptions& options);
-TableOptions table_options_from_json(const Json& json);
 
 struct PrepareOptions {
   std::filesystem::path out;
@@ -47,6 +42,8 @@ struct PrepareSummary {
 
   std::size_t prepared() const { return real + procedural; }
 };
+ANIGEN_JSON_RECORD(PrepareSummary, real, procedural, reused, variants, rejected_poses, bad_skeleton, bad_skin, train,
+                   test, failed_steps, bytes, merged, rejected)
 
 /// Turns sources into a dataset in the published layout (reference training-and-data.md, 1.1; datasets/README.md):
 ///
@@ -76,27 +73,9 @@ PrepareSummary prepare_dataset(const PrepareOptions& options);
 /// assets that are not complete
 PrepareSummary merge_dataset(const std::filesystem::path& out);
 
+/// All of it, with the costs.
 Json to_json(const PrepareSummary& summary);
 /// A few lines for the screen.
 std::string to_text(const PrepareSummary& summary);
-
-/// One phase of a run, shared with whoever else works on the dataset.
-struct SharedPhase {
-  std::string label;  ///< of the progress bar
-  const Pieces* pieces = nullptr;
-  std::function<SourceTask(std::size_t)> task;
-  /// An outcome that this process made; called by one thread at a time. @return a note for the bar, or nothing to say
-  std::function<std::string(std::size_t, const SourceOutcome&)> made;
-};
-
-/// Sends pieces to the executor as their leases can be had, until all are done by somebody.
-/// @return what became of every task, in order, from whichever process
-/// @throws what Executor::each() throws
-std::vector<SourceOutcome> run_phase(const SharedPhase& phase, const LeaseFolder& leases, Executor& executor);
-
-/// Note of the process that wrote the tables of a run, for the others, run/finished-<i>-of-<n>.json: that they are
-/// written, and what is in them. @return nothing when they are not written yet
-std::optional<PrepareSummary> read_finished(const std::filesystem::path& out, const Shard& shard);
-void write_finished(const std::filesystem::path& out, const Shard& shard, const PrepareSummary& summary);  ///< atomic
 
 }  // namespace anigen::prepare

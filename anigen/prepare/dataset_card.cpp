@@ -12,12 +12,11 @@
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
 #include "anigen/core/hash.h"
-#include "anigen/core/table.h"
 #include "anigen/io/gltf/gltf.h"
 #include "anigen/io/image.h"
 #include "anigen/io/rigs/rig_arrays.h"
 #include "anigen/prepare/cleaning.h"
-#include "anigen/prepare/step.h"
+#include "anigen/prepare/steps.h"
 #include "anigen/render/contact_sheet.h"
 #include "anigen/render/picture.h"
 
@@ -64,60 +63,24 @@ std::string text_of(const char* format, double value) {
   return text;
 }
 
-}  // namespace
-
-std::vector<HistogramBin> histogram(const std::vector<double>& values, std::size_t most) {
-  if (values.empty()) return {};
-  const auto [least, largest] = std::minmax_element(values.begin(), values.end());
-  const bool wide = *least > 0.0 && *largest / *least > 100.0;
-  const std::vector<double> edges =
-      wide ? decade_edges(*least, *largest, most) : equal_edges(*least, *largest, std::max<std::size_t>(2, most));
-  std::vector<HistogramBin> bins;
-  for (std::size_t i = 0; i + 1 < edges.size(); ++i) bins.push_back({edges[i], edges[i + 1], 0});
-  for (const double value : values) {
-    const auto above = std::upper_bound(edges.begin(), edges.end(), value) - edges.begin();
-    const auto bin = std::clamp<std::ptrdiff_t>(above - 1, 0, static_cast<std::ptrdiff_t>(bins.size()) - 1);
-    ++bins[static_cast<std::size_t>(bin)].count;
-  }
-  return bins;
-}
-
-Spread spread(std::vector<double> values) {
-  if (values.empty()) return {};
-  std::sort(values.begin(), values.end());
-  const double sum = std::accumulate(values.begin(), values.end(), 0.0);
-  return {values.front(), values[values.size() / 2], sum / static_cast<double>(values.size()), values.back()};
-}
-
 std::string short_number(double value) {
   if (value >= 1e6) return text_of("%.3gM", value / 1e6);
   if (value >= 1e3) return text_of("%.3gk", value / 1e3);
   return text_of("%.3g", value);
 }
 
-std::string histogram_svg(const std::vector<HistogramBin>& bins) {
-  if (bins.empty()) return "";
-  std::size_t tallest = 1;
-  for (const HistogramBin& bin : bins) tallest = std::max(tallest, bin.count);
-  constexpr double kWidth = 46, kHeight = 120, kTop = 16, kBottom = 18;
-  const double width = kWidth * static_cast<double>(bins.size());
-  std::string svg = "<svg viewBox=\"0 0 " + text_of("%.0f", width) + " " + text_of("%.0f", kTop + kHeight + kBottom) +
-                    "\" width=\"" + text_of("%.0f", width) + "\" role=\"img\">\n";
-  for (std::size_t i = 0; i < bins.size(); ++i) {
-    const double x = kWidth * static_cast<double>(i);
-    const double height = kHeight * static_cast<double>(bins[i].count) / static_cast<double>(tallest);
-    svg += "<rect x=\"" + text_of("%.0f", x + 2) + "\" y=\"" + text_of("%.1f", kTop + kHeight - height) +
-           "\" width=\"" + text_of("%.0f", kWidth - 4) + "\" height=\"" + text_of("%.1f", height) + "\"/>";
-    if (bins[i].count > 0) {
-      svg += "<text x=\"" + text_of("%.0f", x + kWidth / 2) + "\" y=\"" + text_of("%.1f", kTop + kHeight - height - 3) +
-             "\">" + std::to_string(bins[i].count) + "</text>";
-    }
-    svg += "<text x=\"" + text_of("%.0f", x + kWidth / 2) + "\" y=\"" + text_of("%.0f", kTop + kHeight + 13) + "\">" +
-           short_number(bins[i].low) + "</text>\n";
-  }
-  return svg + "</svg>\n";
+CardHistogram histogram_of(const std::string& title, std::vector<double> values) {
+  const std::vector<HistogramBin> bins = histogram(values);  // none without values
+  if (values.empty()) values.push_back(0.0);
+  std::sort(values.begin(), values.end());
+  const double mean = std::accumulate(values.begin(), values.end(), 0.0) / static_cast<double>(values.size());
+  return {title,
+          short_number(values.front()) + " to " + short_number(values.back()) + ", median " +
+              short_number(values[values.size() / 2]) + ", mean " + short_number(mean),
+          bins};
 }
 
+/// Lines "low - high  ######  count" for a code block.
 std::string histogram_text(const std::vector<HistogramBin>& bins) {
   std::size_t tallest = 1;
   for (const HistogramBin& bin : bins) tallest = std::max(tallest, bin.count);
@@ -132,43 +95,32 @@ std::string histogram_text(const std::vector<HistogramBin>& bins) {
   return text;
 }
 
-namespace {
-
 /// The card shows this many failures; failures.jsonl has all.
 constexpr std::size_t kMostFailures = 50;
 
 std::string text(std::size_t count) { return std::to_string(count); }
 
-std::string mib_text(std::uintmax_t bytes) {
-  char buffer[32];
-  std::snprintf(buffer, sizeof buffer, "%.2f", static_cast<double>(bytes) / 1048576.0);
-  return buffer;
+std::string mib_text(std::uintmax_t bytes) { return fixed(static_cast<double>(bytes) / 1048576.0, 2); }
+
+std::vector<std::vector<std::string>> counts_of(const DatasetRows& found, const PrepareSummary& summary) {
+  return {{"assets", text(summary.prepared())},
+          {"posed variants", text(summary.variants)},
+          {"poses given up as degenerate", text(summary.rejected_poses)},
+          {"train", text(summary.train)},
+          {"test", text(summary.test)},
+          {"is_bad_skeleton", text(summary.bad_skeleton)},
+          {"is_bad_skin", text(summary.bad_skin)},
+          {"rejected sources and variants", text(found.rejected.size())},
+          {"steps that failed", text(summary.failed_steps)},
+          {"MiB", mib_text(summary.bytes)},
+          {"KiB per asset and variant",
+           found.rows.empty() ? "0" : text(static_cast<std::size_t>(summary.bytes / found.rows.size() / 1024))}};
 }
 
-std::vector<std::pair<std::string, std::string>> counts_of(const DatasetRows& found, const QualityLimits& limits) {
-  std::size_t sources = 0, variants = 0, unusable = 0, skin = 0, train = 0, test = 0;
-  std::uintmax_t bytes = 0;
-  for (const DatasetRow& row : found.rows) {
-    const bool good = usable(row.entry.record, limits);
-    ++(row.variant > 0 ? variants : sources);
-    unusable += !good;
-    skin += bad_skin(row.entry.record, limits);
-    train += good && !row.entry.is_test;
-    test += good && row.entry.is_test && row.variant == 0;
-    for (const auto& [name, step] : row.records.steps) bytes += step.bytes;
-  }
-  return {{"assets", text(sources)},
-          {"posed variants", text(variants)},
-          {"poses given up as degenerate", text(found.rejected_poses)},
-          {"train", text(train)},
-          {"test", text(test)},
-          {"is_bad_skeleton", text(unusable)},
-          {"is_bad_skin", text(skin)},
-          {"rejected sources and variants", text(found.rejected.size())},
-          {"steps that failed", text(found.failures.size())},
-          {"MiB", mib_text(bytes)},
-          {"KiB per asset and variant",
-           found.rows.empty() ? "0" : text(static_cast<std::size_t>(bytes / found.rows.size() / 1024))}};
+/// How often each word stands, as a table.
+CardTable counted(CardTable table, const std::map<std::string, std::size_t>& counts) {
+  for (const auto& [word, count] : counts) table.rows.push_back({word, text(count)});
+  return table;
 }
 
 CardTable source_table(const DatasetRows& found) {
@@ -179,9 +131,7 @@ CardTable source_table(const DatasetRows& found) {
         row.entry.source.procedural() ? "" : std::string(", ") + io::name_of(row.entry.source.format);
     ++counts[row.entry.record.source + format];
   }
-  CardTable table{"Sources", "", {"source", "assets"}, {}};
-  for (const auto& [name, count] : counts) table.rows.push_back({name, text(count)});
-  return table;
+  return counted({"Sources", "", {"source", "assets"}, {}}, counts);
 }
 
 CardTable cleaning_table(const DatasetRows& found) {
@@ -209,10 +159,9 @@ CardTable repair_table(const DatasetRows& found) {
     if (row.variant > 0) continue;
     for (const std::string& code : row.entry.record.repairs) ++counts[code];
   }
-  CardTable table{
-      "Repairs by the importers", "Notes of the importers, which `anigen-inspect` explains.", {"code", "assets"}, {}};
-  for (const auto& [code, n] : counts) table.rows.push_back({code, text(n)});
-  return table;
+  return counted(
+      {"Repairs by the importers", "Notes of the importers, which `anigen-inspect` explains.", {"code", "assets"}, {}},
+      counts);
 }
 
 CardTable pose_table(const DatasetRows& found) {
@@ -220,9 +169,7 @@ CardTable pose_table(const DatasetRows& found) {
   for (const DatasetRow& row : found.rows) {
     if (row.variant > 0) ++counts[row.columns(kImport).at("pose").value("kind", std::string("unknown"))];
   }
-  CardTable table{"Posed variants", "", {"pose from", "variants"}, {}};
-  for (const auto& [kind, n] : counts) table.rows.push_back({kind, text(n)});
-  return table;
+  return counted({"Posed variants", "", {"pose from", "variants"}, {}}, counts);
 }
 
 CardTable step_table(const DatasetRows& found) {
@@ -260,13 +207,7 @@ CardTable failure_table(const DatasetRows& found) {
   return table;
 }
 
-CardHistogram histogram_of(const std::string& title, const std::vector<double>& values) {
-  return {title, spread(values), histogram(values)};
-}
-
-}  // namespace
-
-CardFacts card_facts(const DatasetRows& found, const StepPlan& plan, const QualityLimits& limits) {
+CardFacts card_facts(const DatasetRows& found, const PrepareSummary& summary, const StepPlan& plan) {
   std::vector<double> joints, vertices, voxels, skeleton_voxels;
   for (const DatasetRow& row : found.rows) {
     if (row.variant == 0) {
@@ -278,7 +219,7 @@ CardFacts card_facts(const DatasetRows& found, const StepPlan& plan, const Quali
     skeleton_voxels.push_back(row.columns("voxels").value("num_skeleton_voxels", 0.0));
   }
   CardFacts facts;
-  facts.counts = counts_of(found, limits);
+  facts.counts = counts_of(found, summary);
   facts.tables = {source_table(found), step_table(found),   cleaning_table(found),
                   pose_table(found),   repair_table(found), failure_table(found)};
   facts.histograms = {histogram_of("Joints", joints), histogram_of("Vertices", vertices)};
@@ -286,11 +227,9 @@ CardFacts card_facts(const DatasetRows& found, const StepPlan& plan, const Quali
     facts.histograms.push_back(histogram_of("Surface voxels", voxels));
     facts.histograms.push_back(histogram_of("Skeleton voxels", skeleton_voxels));
   }
-  facts.settings = to_json(plan).dump(2);
+  facts.settings = Json(plan).dump(2);
   return facts;
 }
-
-namespace {
 
 constexpr std::size_t kMostTiles = 24;
 constexpr int kTileSize = 192;
@@ -318,8 +257,8 @@ std::optional<render::Tile> tile_of(const std::filesystem::path& out, const Data
   }
 }
 
-}  // namespace
-
+/// A contact sheet of assets spread evenly over the dataset, from what the dataset holds: assets/<id>.glb, else
+/// skeleton_voxelized.npz. @return nothing when it holds neither of any
 std::optional<io::Image> card_pictures(const std::filesystem::path& out, const std::vector<DatasetRow>& rows) {
   const std::size_t count = std::min(kMostTiles, rows.size());
   std::vector<std::optional<render::Tile>> made(count);
@@ -333,8 +272,6 @@ std::optional<io::Image> card_pictures(const std::filesystem::path& out, const s
   options.text_height = 9;
   return render::contact_sheet(tiles, options);
 }
-
-namespace {
 
 constexpr char kHead[] = R"(<!DOCTYPE html>
 <html lang="en"><head><meta charset="utf-8"><title>Dataset card</title>
@@ -365,33 +302,6 @@ std::string html_table(const CardTable& table) {
   return html + "</table>\n";
 }
 
-}  // namespace
-
-std::string card_html(const CardFacts& facts, const std::vector<std::string>& columns,
-                      const std::vector<std::uint8_t>& picture) {
-  CardTable counts{"Counts", "", {"", ""}, {}};
-  for (const auto& [name, value] : facts.counts) counts.rows.push_back({name, value});
-  std::string html = kHead + html_table(counts);
-  if (!picture.empty()) {
-    html += "<h2>Assets</h2>\n<img alt=\"assets of the dataset with their skeletons\" src=\"data:image/png;base64," +
-            base64(picture) + "\">\n";
-  }
-  for (const CardHistogram& one : facts.histograms) {
-    html += "<h2>" + html_escaped(one.title) + "</h2>\n<p class=\"note\">" + short_number(one.spread.least) + " to " +
-            short_number(one.spread.most) + ", median " + short_number(one.spread.median) + ", mean " +
-            short_number(one.spread.mean) + "</p>\n" + histogram_svg(one.bins);
-  }
-  for (const CardTable& table : facts.tables) {
-    if (!table.rows.empty()) html += html_table(table);
-  }
-  html += "<h2>Columns of metadata.csv</h2>\n<p>";
-  for (std::size_t i = 0; i < columns.size(); ++i) html += (i > 0 ? ", " : "") + html_escaped(columns[i]);
-  html += "</p>\n<h2>How it was made</h2>\n<pre>" + html_escaped(facts.settings) + "</pre>\n</body></html>\n";
-  return html;
-}
-
-namespace {
-
 /// A table cell: no line breaks, no column ends.
 std::string cell_text(const std::string& text) {
   std::string cell;
@@ -420,15 +330,70 @@ std::string markdown_table(const CardTable& table) {
 
 }  // namespace
 
+std::vector<HistogramBin> histogram(const std::vector<double>& values, std::size_t most) {
+  if (values.empty()) return {};
+  const auto [least, largest] = std::minmax_element(values.begin(), values.end());
+  const bool wide = *least > 0.0 && *largest / *least > 100.0;
+  const std::vector<double> edges =
+      wide ? decade_edges(*least, *largest, most) : equal_edges(*least, *largest, std::max<std::size_t>(2, most));
+  std::vector<HistogramBin> bins;
+  for (std::size_t i = 0; i + 1 < edges.size(); ++i) bins.push_back({edges[i], edges[i + 1], 0});
+  for (const double value : values) {
+    const auto above = std::upper_bound(edges.begin(), edges.end(), value) - edges.begin();
+    const auto bin = std::clamp<std::ptrdiff_t>(above - 1, 0, static_cast<std::ptrdiff_t>(bins.size()) - 1);
+    ++bins[static_cast<std::size_t>(bin)].count;
+  }
+  return bins;
+}
+
+std::string histogram_svg(const std::vector<HistogramBin>& bins) {
+  if (bins.empty()) return "";
+  std::size_t tallest = 1;
+  for (const HistogramBin& bin : bins) tallest = std::max(tallest, bin.count);
+  constexpr double kWidth = 46, kHeight = 120, kTop = 16, kBottom = 18;
+  const double width = kWidth * static_cast<double>(bins.size());
+  std::string svg = "<svg viewBox=\"0 0 " + text_of("%.0f", width) + " " + text_of("%.0f", kTop + kHeight + kBottom) +
+                    "\" width=\"" + text_of("%.0f", width) + "\" role=\"img\">\n";
+  for (std::size_t i = 0; i < bins.size(); ++i) {
+    const double x = kWidth * static_cast<double>(i);
+    const double height = kHeight * static_cast<double>(bins[i].count) / static_cast<double>(tallest);
+    svg += "<rect x=\"" + text_of("%.0f", x + 2) + "\" y=\"" + text_of("%.1f", kTop + kHeight - height) +
+           "\" width=\"" + text_of("%.0f", kWidth - 4) + "\" height=\"" + text_of("%.1f", height) + "\"/>";
+    if (bins[i].count > 0) {
+      svg += "<text x=\"" + text_of("%.0f", x + kWidth / 2) + "\" y=\"" + text_of("%.1f", kTop + kHeight - height - 3) +
+             "\">" + std::to_string(bins[i].count) + "</text>";
+    }
+    svg += "<text x=\"" + text_of("%.0f", x + kWidth / 2) + "\" y=\"" + text_of("%.0f", kTop + kHeight + 13) + "\">" +
+           short_number(bins[i].low) + "</text>\n";
+  }
+  return svg + "</svg>\n";
+}
+
+std::string card_html(const CardFacts& facts, const std::vector<std::string>& columns,
+                      const std::vector<std::uint8_t>& picture) {
+  std::string html = kHead + html_table({"Counts", "", {"", ""}, facts.counts});
+  if (!picture.empty()) {
+    html += "<h2>Assets</h2>\n<img alt=\"assets of the dataset with their skeletons\" src=\"data:image/png;base64," +
+            base64(picture) + "\">\n";
+  }
+  for (const CardHistogram& one : facts.histograms) {
+    html += "<h2>" + html_escaped(one.title) + "</h2>\n<p class=\"note\">" + one.spread + "</p>\n" +
+            histogram_svg(one.bins);
+  }
+  for (const CardTable& table : facts.tables) {
+    if (!table.rows.empty()) html += html_table(table);
+  }
+  html += "<h2>Columns of metadata.csv</h2>\n<p>";
+  for (std::size_t i = 0; i < columns.size(); ++i) html += (i > 0 ? ", " : "") + html_escaped(columns[i]);
+  html += "</p>\n<h2>How it was made</h2>\n<pre>" + html_escaped(facts.settings) + "</pre>\n</body></html>\n";
+  return html;
+}
+
 std::string card_markdown(const CardFacts& facts, const std::vector<std::string>& columns, bool picture) {
-  CardTable counts{"Counts", "", {"", ""}, {}};
-  for (const auto& [name, value] : facts.counts) counts.rows.push_back({name, value});
-  std::string text = "# Dataset card\n\n" + markdown_table(counts);
+  std::string text = "# Dataset card\n\n" + markdown_table({"Counts", "", {"", ""}, facts.counts});
   if (picture) text += "## Assets\n\n![assets of the dataset with their skeletons](card.png)\n\n";
   for (const CardHistogram& one : facts.histograms) {
-    text += "## " + one.title + "\n\n" + short_number(one.spread.least) + " to " + short_number(one.spread.most) +
-            ", median " + short_number(one.spread.median) + ", mean " + short_number(one.spread.mean) + "\n\n```\n" +
-            histogram_text(one.bins) + "```\n\n";
+    text += "## " + one.title + "\n\n" + one.spread + "\n\n```\n" + histogram_text(one.bins) + "```\n\n";
   }
   for (const CardTable& table : facts.tables) {
     if (!table.rows.empty()) text += markdown_table(table);
@@ -438,9 +403,9 @@ std::string card_markdown(const CardFacts& facts, const std::vector<std::string>
   return text + "\n\n## How it was made\n\n```json\n" + facts.settings + "\n```\n";
 }
 
-void write_card(const std::filesystem::path& out, const DatasetRows& found, const CsvTable& table, const StepPlan& plan,
-                const QualityLimits& limits) {
-  const CardFacts facts = card_facts(found, plan, limits);
+void write_card(const std::filesystem::path& out, const DatasetRows& found, const PrepareSummary& summary,
+                const CsvTable& table, const StepPlan& plan) {
+  const CardFacts facts = card_facts(found, summary, plan);
   const std::optional<io::Image> sheet = card_pictures(out, found.rows);
   std::vector<std::uint8_t> picture;
   if (sheet) {

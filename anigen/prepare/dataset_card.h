@@ -2,17 +2,11 @@
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
-#include <map>
-#include <optional>
 #include <string>
-#include <utility>
 #include <vector>
 
 #include "anigen/core/table.h"
-#include "anigen/io/image.h"
-#include "anigen/prepare/merge.h"
-#include "anigen/prepare/sources.h"
-#include "anigen/prepare/steps.h"
+#include "anigen/prepare/dataset.h"
 
 namespace anigen::prepare {
 
@@ -25,19 +19,8 @@ struct HistogramBin {
 /// 10, 20, … @return at most `most` bins, none without values
 std::vector<HistogramBin> histogram(const std::vector<double>& values, std::size_t most = 12);
 
-struct Spread {
-  double least = 0, median = 0, mean = 0, most = 0;
-};
-Spread spread(std::vector<double> values);  ///< zeros without values
-
 /// An <svg> of its own: a bar per bin, its count above and its lower bound below. Empty without bins.
 std::string histogram_svg(const std::vector<HistogramBin>& bins);
-
-/// Lines "low – high  ######  count" for a code block.
-std::string histogram_text(const std::vector<HistogramBin>& bins);
-
-/// 12, 1.5, 3.2k, 1.1M
-std::string short_number(double value);
 
 /// A small table of the card: header, then rows.
 struct CardTable {
@@ -48,20 +31,17 @@ struct CardTable {
 };
 
 struct CardHistogram {
-  std::string title;
-  Spread spread;
+  std::string title, spread;  ///< spread: least, most, median and mean in words
   std::vector<HistogramBin> bins;
 };
 
 /// Everything the card says, before it is Markdown or HTML.
 struct CardFacts {
-  std::vector<std::pair<std::string, std::string>> counts;
-  std::vector<CardTable> tables;  ///< without rows: left out
+  std::vector<std::vector<std::string>> counts;  ///< name and number
+  std::vector<CardTable> tables;                 ///< without rows: left out
   std::vector<CardHistogram> histograms;
   std::string settings;  ///< the plan as JSON
 };
-
-CardFacts card_facts(const DatasetRows& found, const StepPlan& plan, const QualityLimits& limits);
 
 /// @param columns of metadata.csv @param picture card.png is there
 std::string card_markdown(const CardFacts& facts, const std::vector<std::string>& columns, bool picture);
@@ -70,14 +50,10 @@ std::string card_markdown(const CardFacts& facts, const std::vector<std::string>
 std::string card_html(const CardFacts& facts, const std::vector<std::string>& columns,
                       const std::vector<std::uint8_t>& picture);
 
-/// A contact sheet of assets spread evenly over the dataset, each with its skeleton drawn over it, from what the
-/// dataset holds: assets/<id>.glb, else skeleton_voxelized.npz. @return nothing when it holds neither of any
-std::optional<io::Image> card_pictures(const std::filesystem::path& out, const std::vector<DatasetRow>& rows);
-
 /// Writes what a dataset is at a glance: card.html (one file, pictures inside), card.md with card.png. Counts, sources,
 /// histograms of joints, vertices and voxels, what cleaning did, what failed, how everything was made, and pictures of
-/// assets spread evenly over the dataset. Equal datasets give equal bytes.
-void write_card(const std::filesystem::path& out, const DatasetRows& found, const CsvTable& table, const StepPlan& plan,
-                const QualityLimits& limits);
+/// assets spread evenly over the dataset, each with its skeleton drawn over it. Equal datasets give equal bytes.
+void write_card(const std::filesystem::path& out, const DatasetRows& found, const PrepareSummary& summary,
+                const CsvTable& table, const StepPlan& plan);
 
 }  // namespace anigen::prepare

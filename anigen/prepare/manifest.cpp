@@ -22,6 +22,8 @@ namespace anigen::prepare {
 
 namespace {
 
+namespace fs = std::filesystem;
+
 /// @return nothing unless the whole text is a number
 std::optional<std::size_t> number(const std::string& text) {
   std::size_t value = 0;
@@ -30,95 +32,26 @@ std::optional<std::size_t> number(const std::string& text) {
   return value;
 }
 
-}  // namespace
-
-Shard parse_shard(const std::string& text) {
-  const std::size_t slash = text.find('/');
-  if (slash != std::string::npos) {
-    const auto index = number(text.substr(0, slash)), count = number(text.substr(slash + 1));
-    if (index && count && *index < *count) return {*index, *count};
-  }
-  throw InputError("", "--shard", "must be i/n with 0 <= i < n, got \"" + text + "\"");
-}
-
-namespace fs = std::filesystem;
-
-namespace {
-
-/// Logs whose names begin like this, by name.
-std::vector<fs::path> log_files(const fs::path& out, const std::string& begin) {
+/// Files of the run's folder whose names begin and end like this, by name.
+std::vector<fs::path> run_files(const fs::path& out, const std::string& begin, const std::string& end) {
   std::vector<fs::path> files;
   std::error_code error;
-  for (fs::directory_iterator entry(run_folder(out), error), end; !error && entry != end; entry.increment(error)) {
-    const std::string name = entry->path().filename().string();
-    if (name.rfind(begin, 0) == 0 && name.find(".tmp-") == std::string::npos) files.push_back(entry->path());
+  for (fs::directory_iterator entry(run_folder(out), error), last; !error && entry != last; entry.increment(error)) {
+    const fs::path name = entry->path().filename();
+    if (name.string().rfind(begin, 0) == 0 && name.extension() == end &&
+        name.string().find(".tmp-") == std::string::npos)
+      files.push_back(entry->path());
   }
   std::sort(files.begin(), files.end());
   return files;
 }
 
-}  // namespace
-
-std::string failure_line(const AssetSource& source, const StepFailure& failure) {
-  Json json = {{"source", source.file_identifier}};
-  json.update(to_json(failure));
-  return json.dump(-1, ' ', false, Json::error_handler_t::replace);
+/// Opens a log that only this process appends to. @throws Error when it cannot be written
+std::FILE* open_log(const fs::path& file) {
+  std::FILE* stream = std::fopen(file.c_str(), "ae");
+  if (stream == nullptr) throw Error(file.string() + ": cannot open: " + std::strerror(errno));
+  return stream;
 }
-
-FailureLog::FailureLog(const fs::path& out, const Shard& shard)
-    : out_(out),
-      name_("failures-" + shard.name()),
-      file_(run_folder(out) / (name_ + "-" + process_number() + ".jsonl")) {
-  stream_ = std::fopen(file_.c_str(), "ae");
-  if (stream_ == nullptr) throw Error(file_.string() + ": cannot open: " + std::strerror(errno));
-}
-
-FailureLog::~FailureLog() {
-  std::fclose(stream_);
-  std::error_code error;
-  if (count_ == 0) fs::remove(file_, error);
-}
-
-void FailureLog::add(const AssetSource& source, const StepFailure& failure) {
-  ++count_;
-  std::fputs((failure_line(source, failure) + "\n").c_str(), stream_);
-  std::fflush(stream_);
-}
-
-void FailureLog::finish(const std::vector<std::pair<const AssetSource*, const StepFailure*>>& failures) {
-  std::string text;
-  for (const auto& [source, failure] : failures) text += failure_line(*source, *failure) + "\n";
-  write_file_atomically(run_folder(out_) / (name_ + ".jsonl"), text);
-  for (const fs::path& file : log_files(out_, name_ + "-")) {
-    std::error_code ignored;
-    fs::remove(file, ignored);
-  }
-}
-
-KnownFailures FailureLog::read(const fs::path& out) {
-  KnownFailures known;
-  for (const fs::path& file : log_files(out, "failures-")) {
-    std::string text;
-    try {
-      text = read_file(file);
-    } catch (const InputError&) {
-      continue;  // whoever finishes a run puts them together
-    }
-    std::istringstream lines(text);
-    for (std::string line; std::getline(lines, line);) {
-      if (line.empty()) continue;
-      try {
-        const Json json = parse_json(line, file.string());
-        known[json.at("source").get<std::string>()].push_back(step_failure_from_json(json));
-      } catch (const std::exception&) {
-        continue;  // cut off by a kill: that step is tried again
-      }
-    }
-  }
-  return known;
-}
-
-namespace {
 
 double megabytes(std::uint64_t bytes) { return static_cast<double>(bytes) / 1048576.0; }
 
@@ -135,12 +68,148 @@ Figures figures(std::vector<double> seconds) {
   return {total, total / n, at(0.5), at(0.95)};
 }
 
+bool is_number(const std::string& text) {
+  char* end = nullptr;
+  const double value = std::strtod(text.c_str(), &end);
+  return !text.empty() && end == text.c_str() + text.size() && std::isfinite(value);
+}
+
+std::map<std::string, std::string> read_scores(const std::filesystem::path& dataset) {
+  std::map<std::string, std::string> scores;
+  try {
+    const CsvTable table = read_csv(dataset / "metadata.csv");
+    for (std::size_t row = 0; row < table.rows.size(); ++row) {
+      const std::string& score = table.cell(row, "aesthetic_score");
+      if (is_number(score)) scores[table.cell(row, "sha256")] = score;
+    }
+  } catch (const InputError&) {
+    scores.clear();  // whoever reads the assets themselves says what is wrong there
+  }
+  return scores;
+}
+
+constexpr int kManifestFormat = 1;
+
+Json header(const Manifest& manifest) {
+  return {{"format", kManifestFormat},
+          {"shard", manifest.shard.index},
+          {"shards", manifest.shard.count},
+          {"sources", manifest.sources},
+          {"sources_digest", manifest.sources_digest},
+          {"settings", manifest.settings}};
+}
+
+void read_header(const Json& json, Manifest& manifest) {
+  if (json.at("format").get<int>() != kManifestFormat) throw InputError("", "", "written by another version");
+  json.at("shard").get_to(manifest.shard.index);
+  json.at("shards").get_to(manifest.shard.count);
+  json.at("sources").get_to(manifest.sources);
+  json.at("sources_digest").get_to(manifest.sources_digest);
+  manifest.settings = json.at("settings");
+}
+
+/// Calls use(line, number from 1) for the lines of a text.
+template <typename Use>
+void each_line(std::string_view text, Use use) {
+  for (std::size_t number = 1; !text.empty(); ++number) {
+    const std::size_t end = std::min(text.find('\n'), text.size());
+    use(text.substr(0, end), number);
+    text.remove_prefix(std::min(end + 1, text.size()));
+  }
+}
+
+Manifest parse_manifest(const fs::path& file, bool only_header) {
+  const std::string text = read_file(file);
+  Manifest manifest;
+  each_line(text, [&](std::string_view line, std::size_t number) {
+    if (only_header && number > 1) return;
+    try {
+      const Json json = parse_json(line, file.string());
+      if (number == 1) {
+        read_header(json, manifest);
+      } else {
+        manifest.entries.push_back(json.get<ManifestEntry>());
+      }
+    } catch (const std::exception& error) {
+      throw InputError(file.string(), "line " + std::to_string(number),
+                       std::string("damaged; run this shard again (") + error.what() + ")");
+    }
+  });
+  return manifest;
+}
+
 }  // namespace
 
+Shard parse_shard(const std::string& text) {
+  const std::size_t slash = text.find('/');
+  if (slash != std::string::npos) {
+    const auto index = number(text.substr(0, slash)), count = number(text.substr(slash + 1));
+    if (index && count && *index < *count) return {*index, *count};
+  }
+  throw InputError("", "--shard", "must be i/n with 0 <= i < n, got \"" + text + "\"");
+}
+
+std::string failure_line(const AssetSource& source, const StepFailure& failure) {
+  Json json = {{"source", source.file_identifier}};
+  json.update(Json(failure));
+  return json.dump(-1, ' ', false, Json::error_handler_t::replace);
+}
+
+FailureLog::FailureLog(const fs::path& out, const Shard& shard)
+    : out_(out),
+      name_("failures-" + shard.name()),
+      file_(run_folder(out) / (name_ + "-" + process_number() + ".jsonl")),
+      stream_(open_log(file_)) {}
+
+FailureLog::~FailureLog() {
+  std::fclose(stream_);
+  std::error_code error;
+  if (count_ == 0) fs::remove(file_, error);
+}
+
+void FailureLog::add(const AssetSource& source, const StepFailure& failure) {
+  ++count_;
+  std::fputs((failure_line(source, failure) + "\n").c_str(), stream_);
+  std::fflush(stream_);
+}
+
+void FailureLog::finish(const std::vector<ManifestEntry>& entries) {
+  std::string text;
+  for (const ManifestEntry& entry : entries) {
+    for (const StepFailure& failure : entry.failures) text += failure_line(entry.source, failure) + "\n";
+  }
+  write_file_atomically(run_folder(out_) / (name_ + ".jsonl"), text);
+  for (const fs::path& file : run_files(out_, name_ + "-", ".jsonl")) {
+    std::error_code ignored;
+    fs::remove(file, ignored);
+  }
+}
+
+KnownFailures FailureLog::read(const fs::path& out) {
+  KnownFailures known;
+  for (const fs::path& file : run_files(out, "failures-", ".jsonl")) {
+    std::string text;
+    try {
+      text = read_file(file);
+    } catch (const InputError&) {
+      continue;  // whoever finishes a run puts them together
+    }
+    std::istringstream lines(text);
+    for (std::string line; std::getline(lines, line);) {
+      if (line.empty()) continue;
+      try {
+        const Json json = parse_json(line, file.string());
+        known[json.at("source").get<std::string>()].push_back(json.get<StepFailure>());
+      } catch (const std::exception&) {
+        continue;  // cut off by a kill: that step is tried again
+      }
+    }
+  }
+  return known;
+}
+
 TimingLog::TimingLog(const std::filesystem::path& out, const Shard& shard) {
-  const std::filesystem::path file = run_folder(out) / ("timings-" + shard.name() + "-" + process_number() + ".csv");
-  stream_ = std::fopen(file.c_str(), "ae");
-  if (stream_ == nullptr) throw Error(file.string() + ": cannot open: " + std::strerror(errno));
+  stream_ = open_log(run_folder(out) / ("timings-" + shard.name() + "-" + process_number() + ".csv"));
   std::fseek(stream_, 0, SEEK_END);
   if (std::ftell(stream_) == 0) std::fputs("id,variant,step,seconds,peak_mb\n", stream_);
 }
@@ -187,30 +256,6 @@ Json to_json(const std::map<std::string, StepCost>& costs) {
   return json;
 }
 
-namespace {
-
-bool is_number(const std::string& text) {
-  char* end = nullptr;
-  const double value = std::strtod(text.c_str(), &end);
-  return !text.empty() && end == text.c_str() + text.size() && std::isfinite(value);
-}
-
-std::map<std::string, std::string> read_scores(const std::filesystem::path& dataset) {
-  std::map<std::string, std::string> scores;
-  try {
-    const CsvTable table = read_csv(dataset / "metadata.csv");
-    for (std::size_t row = 0; row < table.rows.size(); ++row) {
-      const std::string& score = table.cell(row, "aesthetic_score");
-      if (is_number(score)) scores[table.cell(row, "sha256")] = score;
-    }
-  } catch (const InputError&) {
-    scores.clear();  // whoever reads the assets themselves says what is wrong there
-  }
-  return scores;
-}
-
-}  // namespace
-
 std::string SourceScores::of(const AssetSource& source) {
   if (source.procedural() || source.format != io::RigFormat::kDataset) return "";
   auto found = by_dataset_.find(source.file);
@@ -219,116 +264,23 @@ std::string SourceScores::of(const AssetSource& source) {
   return score == found->second.end() ? "" : score->second;
 }
 
-namespace {
-
-namespace fs = std::filesystem;
-
-constexpr int kManifestFormat = 1;
-
-Json to_json(const ManifestEntry& entry) {
-  Json failures = Json::array();
-  for (const StepFailure& failure : entry.failures) failures.push_back(to_json(failure));
-  return {{"number", entry.number},
-          {"source", to_json(entry.source)},
-          {"id", entry.id},
-          {"aesthetic_score", entry.aesthetic_score},
-          {"failures", failures}};
-}
-
-ManifestEntry manifest_entry(const Json& json) {
-  ManifestEntry entry;
-  json.at("number").get_to(entry.number);
-  entry.source = asset_source_from_json(json.at("source"));
-  json.at("id").get_to(entry.id);
-  json.at("aesthetic_score").get_to(entry.aesthetic_score);
-  for (const Json& failure : json.at("failures")) entry.failures.push_back(step_failure_from_json(failure));
-  return entry;
-}
-
-Json header(const Manifest& manifest) {
-  return {{"format", kManifestFormat},
-          {"shard", manifest.shard.index},
-          {"shards", manifest.shard.count},
-          {"sources", manifest.sources},
-          {"sources_digest", manifest.sources_digest},
-          {"settings", manifest.settings}};
-}
-
-void read_header(const Json& json, Manifest& manifest) {
-  if (json.at("format").get<int>() != kManifestFormat) throw InputError("", "", "written by another version");
-  json.at("shard").get_to(manifest.shard.index);
-  json.at("shards").get_to(manifest.shard.count);
-  json.at("sources").get_to(manifest.sources);
-  json.at("sources_digest").get_to(manifest.sources_digest);
-  manifest.settings = json.at("settings");
-}
-
-std::vector<fs::path> manifest_files(const fs::path& out) {
-  std::vector<fs::path> files;
-  std::error_code error;
-  for (fs::directory_iterator entry(run_folder(out), error), end; !error && entry != end; entry.increment(error)) {
-    const std::string name = entry->path().filename().string();
-    if (name.rfind("sources-", 0) == 0 && entry->path().extension() == ".jsonl" &&
-        name.find(".tmp-") == std::string::npos) {
-      files.push_back(entry->path());
-    }
-  }
-  std::sort(files.begin(), files.end());
-  return files;
-}
-
-/// Calls use(line, number from 1) for the lines of a text.
-template <typename Use>
-void each_line(std::string_view text, Use use) {
-  for (std::size_t number = 1; !text.empty(); ++number) {
-    const std::size_t end = std::min(text.find('\n'), text.size());
-    use(text.substr(0, end), number);
-    text.remove_prefix(std::min(end + 1, text.size()));
-  }
-}
-
-Manifest parse_manifest(const fs::path& file, bool only_header) {
-  const std::string text = read_file(file);
-  Manifest manifest;
-  each_line(text, [&](std::string_view line, std::size_t number) {
-    if (only_header && number > 1) return;
-    try {
-      const Json json = parse_json(line, file.string());
-      if (number == 1) {
-        read_header(json, manifest);
-      } else {
-        manifest.entries.push_back(manifest_entry(json));
-      }
-    } catch (const std::exception& error) {
-      throw InputError(file.string(), "line " + std::to_string(number),
-                       std::string("damaged; run this shard again (") + error.what() + ")");
-    }
-  });
-  return manifest;
-}
-
-}  // namespace
-
 fs::path manifest_path(const fs::path& out, const Shard& shard) {
   return run_folder(out) / ("sources-" + shard.name() + ".jsonl");
 }
 
 void write_manifest(const fs::path& out, const Manifest& manifest) {
   std::string text = header(manifest).dump() + "\n";
-  for (const ManifestEntry& entry : manifest.entries) text += to_json(entry).dump() + "\n";
+  for (const ManifestEntry& entry : manifest.entries) text += Json(entry).dump() + "\n";
   write_file_atomically(manifest_path(out, manifest.shard), text);
 }
 
-Manifest read_manifest(const fs::path& file) { return parse_manifest(file, false); }
-
 void remove_other_manifests(const fs::path& out, const Manifest& of_this_run) {
-  for (const fs::path& file : manifest_files(out)) {
+  for (const fs::path& file : run_files(out, "sources-", ".jsonl")) {
     bool keep = false;
     try {
       const Manifest other = parse_manifest(file, true);
       keep = other.same_run(of_this_run) && !(other.shard == of_this_run.shard);
-    } catch (const InputError&) {
-      keep = false;
+    } catch (const InputError&) {  // damaged
     }
     std::error_code ignored;
     if (!keep) fs::remove(file, ignored);
@@ -337,7 +289,7 @@ void remove_other_manifests(const fs::path& out, const Manifest& of_this_run) {
 
 std::vector<Manifest> read_manifests(const fs::path& out) {
   std::vector<Manifest> manifests;
-  for (const fs::path& file : manifest_files(out)) manifests.push_back(read_manifest(file));
+  for (const fs::path& file : run_files(out, "sources-", ".jsonl")) manifests.push_back(parse_manifest(file, false));
   if (manifests.empty()) throw InputError(out.string(), "", "no finished run to merge: run/ holds no sources-*.jsonl");
   std::sort(manifests.begin(), manifests.end(),
             [](const Manifest& a, const Manifest& b) { return a.shard.index < b.shard.index; });

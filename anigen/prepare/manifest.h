@@ -30,6 +30,16 @@ Shard parse_shard(const std::string& text);
 /// Failures by the source's file_identifier.
 using KnownFailures = std::map<std::string, std::vector<StepFailure>>;
 
+/// One source as the merge needs it.
+struct ManifestEntry {
+  std::size_t number = 0;  ///< of the source among all of the run
+  AssetSource source;
+  std::string id;                     ///< empty when it could not be identified
+  std::string aesthetic_score;        ///< as its own dataset says; empty: it says nothing
+  std::vector<StepFailure> failures;  ///< of the source and its variants
+};
+ANIGEN_JSON_RECORD(ManifestEntry, number, source, id, aesthetic_score, failures)
+
 /// run/failures-<i>-of-<n>.jsonl: one line per failure with source, id, variant, step, reason. While the run goes on
 /// every process appends to a file of its own, failures-<i>-of-<n>-<process>.jsonl, so that what a killed run found out
 /// is not found out again; finish() puts one file in their place.
@@ -42,8 +52,8 @@ class FailureLog {
   FailureLog& operator=(const FailureLog&) = delete;
 
   void add(const AssetSource& source, const StepFailure& failure);
-  /// Replaces the files of all processes by one with these failures. @param failures with their sources, in order
-  void finish(const std::vector<std::pair<const AssetSource*, const StepFailure*>>& failures);
+  /// Replaces the files of all processes by one with the failures of these sources, in order.
+  void finish(const std::vector<ManifestEntry>& entries);
 
   /// Failures of all shards so far; a line that a kill cut off is left out.
   static KnownFailures read(const std::filesystem::path& out);
@@ -99,15 +109,6 @@ class SourceScores {
   std::map<std::filesystem::path, std::map<std::string, std::string>> by_dataset_;
 };
 
-/// One source as the merge needs it.
-struct ManifestEntry {
-  std::size_t number = 0;  ///< of the source among all of the run
-  AssetSource source;
-  std::string id;                     ///< empty when it could not be identified
-  std::string aesthetic_score;        ///< as its own dataset says; empty: it says nothing
-  std::vector<StepFailure> failures;  ///< of the source and its variants
-};
-
 /// Report of a finished shard for the merge, run/sources-<i>-of-<n>.jsonl: how the run was set up, then a line for
 /// each source. The facts about assets are in their records.
 struct Manifest {
@@ -125,7 +126,6 @@ struct Manifest {
 
 std::filesystem::path manifest_path(const std::filesystem::path& out, const Shard& shard);
 void write_manifest(const std::filesystem::path& out, const Manifest& manifest);  ///< atomic
-Manifest read_manifest(const std::filesystem::path& file);
 
 /// Removes what earlier runs of other sources, settings or numbers of shards left, and this shard's own: what the next
 /// merge finds is of this run.

@@ -4,24 +4,21 @@
 #include <cstdio>
 #include <map>
 #include <set>
-#include <string>
 #include <system_error>
-#include <utility>
 
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
 #include "anigen/core/log.h"
 #include "anigen/core/parallel.h"
 #include "anigen/io/rigs/rig_listing.h"
-#include "anigen/prepare/metadata.h"
 #include "anigen/prepare/pose_augmentation.h"
-#include "anigen/prepare/prepare_source.h"
 #include "anigen/prepare/run.h"
-#include "anigen/prepare/step.h"
 
 namespace anigen::prepare {
 
 namespace {
+
+namespace fs = std::filesystem;
 
 constexpr char kId[] = "sha256";
 
@@ -39,30 +36,18 @@ bool holds_flags(const CsvTable& table, std::size_t column) {
   return any;
 }
 
-}  // namespace
-
-void carry_over_columns(CsvTable& table, const CsvTable& earlier) {
-  const std::size_t id = table.column(kId), earlier_id = earlier.column(kId);
-  if (id == CsvTable::kMissing || earlier_id == CsvTable::kMissing) return;
-  std::map<std::string, const std::vector<std::string>*> known;
-  for (const auto& row : earlier.rows) known.emplace(row[earlier_id], &row);
-  for (std::size_t column = 0; column < earlier.columns.size(); ++column) {
-    const std::string& name = earlier.columns[column];
-    if (table.column(name) != CsvTable::kMissing || written_at_times(name)) continue;
-    const std::string unknown = holds_flags(earlier, column) ? csv_flag(false) : std::string();
-    table.columns.push_back(name);
-    for (auto& row : table.rows) {
-      const auto found = known.find(row[id]);
-      row.push_back(found == known.end() ? unknown : (*found->second)[column]);
-    }
-  }
-}
-
-namespace {
-
-namespace fs = std::filesystem;
-
 constexpr char kFeatureSteps[] = "features/";
+
+/// Of all manifests, in order of the sources.
+std::vector<const ManifestEntry*> entries_of(const std::vector<Manifest>& manifests) {
+  std::vector<const ManifestEntry*> entries;
+  for (const Manifest& manifest : manifests) {
+    for (const ManifestEntry& entry : manifest.entries) entries.push_back(&entry);
+  }
+  std::sort(entries.begin(), entries.end(),
+            [](const ManifestEntry* a, const ManifestEntry* b) { return a->number < b->number; });
+  return entries;
+}
 
 /// The failure that keeps an asset out of the dataset: without these steps it has nothing that could be trained on.
 const StepFailure* fatal_failure(const ManifestEntry& entry, std::size_t variant) {
@@ -133,91 +118,6 @@ void apply_near(NearSkeletons near, DatasetRows& found) {
   found.rows = std::move(kept);
 }
 
-}  // namespace
-
-NearSkeletons parse_near_skeletons(const std::string& word) {
-  for (const NearSkeletons choice : {NearSkeletons::kIgnore, NearSkeletons::kFlag, NearSkeletons::kDrop}) {
-    if (word == name_of(choice)) return choice;
-  }
-  throw InputError("", "--near-skeletons", "must be ignore, flag or drop, got \"" + word + "\"");
-}
-
-const char* name_of(NearSkeletons choice) {
-  return choice == NearSkeletons::kIgnore ? "ignore" : choice == NearSkeletons::kFlag ? "flag" : "drop";
-}
-
-DatasetRows collect_rows(const fs::path& out, const std::vector<Manifest>& manifests, const StepPlan& plan,
-                         NearSkeletons near) {
-  std::vector<const ManifestEntry*> entries;
-  for (const Manifest& manifest : manifests) {
-    for (const ManifestEntry& entry : manifest.entries) entries.push_back(&entry);
-  }
-  std::sort(entries.begin(), entries.end(),
-            [](const ManifestEntry* a, const ManifestEntry* b) { return a->number < b->number; });
-  DatasetRows found;
-  std::map<std::string, const ManifestEntry*> first;
-  for (const ManifestEntry* entry : entries) {
-    if (!entry->id.empty()) {
-      const auto [earlier, added] = first.emplace(entry->id, entry);
-      if (!added) {
-        found.rejected.push_back({entry->source.file_identifier,
-                                  "same content as " + earlier->second->source.file_identifier, "identify", ""});
-        continue;
-      }
-    }
-    for (const StepFailure& failure : entry->failures) found.failures.emplace_back(entry->source, failure);
-    if (!add_row(out, *entry, 0, entry->id, found)) continue;
-    for (std::size_t k = 0; k < plan.variants; ++k) {
-      add_row(out, *entry, variant_number(k), variant_id(entry->id, plan.seed, k, plan.poses), found);
-    }
-  }
-  apply_near(near, found);
-  return found;
-}
-
-CsvTable dataset_table(const std::vector<DatasetRow>& rows, const QualityLimits& limits) {
-  std::vector<DatasetEntry> entries;
-  std::set<std::string> models;
-  bool scored = !rows.empty(), near = false;
-  for (const DatasetRow& row : rows) {
-    entries.push_back(row.entry);
-    scored = scored && !row.aesthetic_score.empty();
-    near = near || !row.near_skeleton_of.empty();
-    for (const auto& [step, result] : row.records.steps) {
-      if (step.rfind(kFeatureSteps, 0) == 0) models.insert(step.substr(sizeof kFeatureSteps - 1));
-    }
-  }
-  CsvTable table = metadata_table(entries, limits);
-  const auto column = [&](const std::string& name, const auto& cell) {
-    table.columns.push_back(name);
-    for (std::size_t i = 0; i < rows.size(); ++i) table.rows[i].push_back(cell(rows[i]));
-  };
-  const auto flag = [&](const std::string& name, const std::string& step) {
-    column(name, [&](const DatasetRow& row) { return csv_flag(row.records.has(step)); });
-  };
-  const auto count = [&](const std::string& name, const std::string& step) {
-    column(name, [&](const DatasetRow& row) { return std::to_string(row.columns(step).value(name, std::size_t{0})); });
-  };
-  if (scored) column("aesthetic_score", [](const DatasetRow& row) { return row.aesthetic_score; });
-  flag("voxelized", "voxels");
-  count("num_voxels", "voxels");
-  count("num_skeleton_voxels", "voxels");
-  flag("rendered", "views");
-  count("views", "views");
-  flag("cond_rendered", "cond_views");
-  count("cond_views", "cond_views");
-  for (const std::string& model : models) flag("feature_" + model, kFeatureSteps + model);
-  column("variant_of", [](const DatasetRow& row) { return row.variant_of; });
-  column("pose", [](const DatasetRow& row) {
-    const Json& columns = row.columns(kImport);
-    return columns.contains("pose") ? columns.at("pose").value("kind", std::string()) : std::string();
-  });
-  if (near) column("near_skeleton_of", [](const DatasetRow& row) { return row.near_skeleton_of; });
-  return table;
-}
-
-namespace {
-
 constexpr double kDefaultTestFraction = 0.333;
 
 void mark(std::vector<DatasetRow>& rows, const SplitOptions& options, const QualityLimits& limits, bool procedural) {
@@ -280,74 +180,30 @@ void mark_named(std::vector<DatasetRow>& rows, const std::vector<std::string>& n
               unusable.size(), io::listed(unusable));
 }
 
-}  // namespace
-
-void SplitOptions::validate() const {
-  if (test_fraction) prepare::test_count(0, *test_fraction);
+std::string space_separated(const std::vector<std::string>& words) {
+  std::string text;
+  for (const std::string& word : words) text += (text.empty() ? "" : " ") + word;
+  return text;
 }
 
-Json to_json(const SplitOptions& options) {
-  Json json = {{"seed", options.seed}, {"procedural_test", options.procedural_test}};
-  if (options.test_fraction) json["test_fraction"] = *options.test_fraction;
-  if (options.test_count) json["test_count"] = *options.test_count;
-  if (!options.test_names.empty()) json["test_names"] = options.test_names;
-  return json;
-}
-
-SplitOptions split_options_from_json(const Json& json) {
-  SplitOptions options;
-  json.at("seed").get_to(options.seed);
-  json.at("procedural_test").get_to(options.procedural_test);
-  if (json.contains("test_fraction")) options.test_fraction = json.at("test_fraction").get<double>();
-  if (json.contains("test_count")) options.test_count = json.at("test_count").get<std::size_t>();
-  if (json.contains("test_names")) json.at("test_names").get_to(options.test_names);
-  return options;
-}
-
-void mark_test(std::vector<DatasetRow>& rows, const SplitOptions& options, const QualityLimits& limits) {
-  for (DatasetRow& row : rows) row.entry.is_test = false;
-  if (options.test_names.empty()) {
-    mark(rows, options, limits, false);
-    mark(rows, options, limits, true);
-  } else {
-    mark_named(rows, options.test_names, limits);
-  }
-  std::set<std::string> test;
+/// Columns of what is known of the assets themselves.
+CsvTable metadata_table(const std::vector<DatasetRow>& rows, const QualityLimits& limits) {
+  CsvTable table;
+  table.columns = {"sha256",      "file_identifier", "local_path",   "uuid",           "source_path",
+                   "source",      "num_joints",      "num_vertices", "num_faces",      "max_influences",
+                   "is_bad_skin", "is_bad_skeleton", "is_test",      "distinct_bones", "repairs"};
   for (const DatasetRow& row : rows) {
-    if (row.entry.is_test) test.insert(row.entry.id);
+    const DatasetEntry& entry = row.entry;
+    const AssetRecord& record = entry.record;
+    table.rows.push_back({entry.id, entry.source.file_identifier, entry.source.local_path, entry.source.uuid,
+                          entry.source.source_path(), record.source, std::to_string(record.num_joints),
+                          std::to_string(record.num_vertices), std::to_string(record.num_faces),
+                          std::to_string(record.max_influences), csv_flag(bad_skin(record, limits)),
+                          csv_flag(!usable(record, limits)), csv_flag(entry.is_test),
+                          csv_flag(distinct_bones(record, limits)), space_separated(record.repairs)});
   }
-  for (DatasetRow& row : rows) {
-    if (row.variant > 0) row.entry.is_test = test.count(row.variant_of) > 0;
-  }
+  return table;
 }
-
-SplitCounts write_splits(const std::filesystem::path& out, const std::vector<DatasetRow>& rows,
-                         const QualityLimits& limits) {
-  SplitCounts counts;
-  std::string train, test, variants, unusable;
-  for (const DatasetRow& row : rows) {
-    const std::string line = row.entry.id + "\n";
-    if (!usable(row.entry.record, limits)) {
-      ++counts.unusable;
-      unusable += line;
-    } else if (!row.entry.is_test) {
-      ++counts.train;
-      train += line;
-    } else if (row.variant > 0) {
-      variants += line;
-    } else {
-      ++counts.test;
-      test += line;
-    }
-  }
-  write_file_atomically(out / "splits" / "train.txt", train);
-  write_file_atomically(out / "splits" / "test.txt", test);
-  write_file_atomically(out / "splits" / "test_variants.txt", variants);
-  write_file_atomically(out / "splits" / "unusable.txt", unusable);
-  return counts;
-}
-
-namespace {
 
 bool failed(const ManifestEntry& entry, std::size_t variant) {
   return std::any_of(entry.failures.begin(), entry.failures.end(),
@@ -404,14 +260,155 @@ std::string gaps_of(const std::filesystem::path& out, const ManifestEntry& entry
 
 }  // namespace
 
+void carry_over_columns(CsvTable& table, const CsvTable& earlier) {
+  const std::size_t id = table.column(kId), earlier_id = earlier.column(kId);
+  if (id == CsvTable::kMissing || earlier_id == CsvTable::kMissing) return;
+  std::map<std::string, const std::vector<std::string>*> known;
+  for (const auto& row : earlier.rows) known.emplace(row[earlier_id], &row);
+  for (std::size_t column = 0; column < earlier.columns.size(); ++column) {
+    const std::string& name = earlier.columns[column];
+    if (table.column(name) != CsvTable::kMissing || written_at_times(name)) continue;
+    const std::string unknown = holds_flags(earlier, column) ? csv_flag(false) : std::string();
+    table.columns.push_back(name);
+    for (auto& row : table.rows) {
+      const auto found = known.find(row[id]);
+      row.push_back(found == known.end() ? unknown : (*found->second)[column]);
+    }
+  }
+}
+
+NearSkeletons parse_near_skeletons(const std::string& word) {
+  for (const NearSkeletons choice : {NearSkeletons::kIgnore, NearSkeletons::kFlag, NearSkeletons::kDrop}) {
+    if (word == name_of(choice)) return choice;
+  }
+  throw InputError("", "--near-skeletons", "must be ignore, flag or drop, got \"" + word + "\"");
+}
+
+const char* name_of(NearSkeletons choice) {
+  return choice == NearSkeletons::kIgnore ? "ignore" : choice == NearSkeletons::kFlag ? "flag" : "drop";
+}
+
+DatasetRows collect_rows(const fs::path& out, const std::vector<Manifest>& manifests, const StepPlan& plan,
+                         NearSkeletons near) {
+  DatasetRows found;
+  std::map<std::string, const ManifestEntry*> first;
+  for (const ManifestEntry* entry : entries_of(manifests)) {
+    if (!entry->id.empty()) {
+      const auto [earlier, added] = first.emplace(entry->id, entry);
+      if (!added) {
+        found.rejected.push_back({entry->source.file_identifier,
+                                  "same content as " + earlier->second->source.file_identifier, "identify", ""});
+        continue;
+      }
+    }
+    for (const StepFailure& failure : entry->failures) found.failures.emplace_back(entry->source, failure);
+    if (!add_row(out, *entry, 0, entry->id, found)) continue;
+    for (std::size_t k = 0; k < plan.variants; ++k) {
+      add_row(out, *entry, variant_number(k), variant_id(entry->id, plan.seed, k, plan.poses), found);
+    }
+  }
+  apply_near(near, found);
+  return found;
+}
+
+CsvTable dataset_table(const std::vector<DatasetRow>& rows, const QualityLimits& limits) {
+  std::set<std::string> models;
+  bool scored = !rows.empty(), near = false;
+  for (const DatasetRow& row : rows) {
+    scored = scored && !row.aesthetic_score.empty();
+    near = near || !row.near_skeleton_of.empty();
+    for (const auto& [step, result] : row.records.steps) {
+      if (step.rfind(kFeatureSteps, 0) == 0) models.insert(step.substr(sizeof kFeatureSteps - 1));
+    }
+  }
+  CsvTable table = metadata_table(rows, limits);
+  const auto column = [&](const std::string& name, const auto& cell) {
+    table.columns.push_back(name);
+    for (std::size_t i = 0; i < rows.size(); ++i) table.rows[i].push_back(cell(rows[i]));
+  };
+  const auto flag = [&](const std::string& name, const std::string& step) {
+    column(name, [&](const DatasetRow& row) { return csv_flag(row.records.has(step)); });
+  };
+  const auto count = [&](const std::string& name, const std::string& step) {
+    column(name, [&](const DatasetRow& row) { return std::to_string(row.columns(step).value(name, std::size_t{0})); });
+  };
+  if (scored) column("aesthetic_score", [](const DatasetRow& row) { return row.aesthetic_score; });
+  flag("voxelized", "voxels");
+  count("num_voxels", "voxels");
+  count("num_skeleton_voxels", "voxels");
+  flag("rendered", "views");
+  count("views", "views");
+  flag("cond_rendered", "cond_views");
+  count("cond_views", "cond_views");
+  for (const std::string& model : models) flag("feature_" + model, kFeatureSteps + model);
+  column("variant_of", [](const DatasetRow& row) { return row.variant_of; });
+  column("pose", [](const DatasetRow& row) {
+    const Json& columns = row.columns(kImport);
+    return columns.contains("pose") ? columns.at("pose").value("kind", std::string()) : std::string();
+  });
+  if (near) column("near_skeleton_of", [](const DatasetRow& row) { return row.near_skeleton_of; });
+  return table;
+}
+
+void SplitOptions::validate() const {
+  if (test_fraction) prepare::test_count(0, *test_fraction);
+}
+
+void SplitOptions::fields(ConfigFields& f) {
+  f.custom(
+      "seed", {{"type", "integer"}}, [&](const Json& json) { json.get_to(seed); }, [&] { return Json(seed); });
+  f("procedural_test", procedural_test, {0});
+  if (!f.writes() || test_fraction) f("test_fraction", test_fraction);
+  if (!f.writes() || test_count) f("test_count", test_count, FieldRange<std::int64_t>{0});
+  if (!f.writes() || !test_names.empty()) f("test_names", test_names);
+}
+
+void mark_test(std::vector<DatasetRow>& rows, const SplitOptions& options, const QualityLimits& limits) {
+  for (DatasetRow& row : rows) row.entry.is_test = false;
+  if (options.test_names.empty()) {
+    mark(rows, options, limits, false);
+    mark(rows, options, limits, true);
+  } else {
+    mark_named(rows, options.test_names, limits);
+  }
+  std::set<std::string> test;
+  for (const DatasetRow& row : rows) {
+    if (row.entry.is_test) test.insert(row.entry.id);
+  }
+  for (DatasetRow& row : rows) {
+    if (row.variant > 0) row.entry.is_test = test.count(row.variant_of) > 0;
+  }
+}
+
+SplitCounts write_splits(const std::filesystem::path& out, const std::vector<DatasetRow>& rows,
+                         const QualityLimits& limits) {
+  SplitCounts counts;
+  std::string train, test, variants, unusable;
+  for (const DatasetRow& row : rows) {
+    const std::string line = row.entry.id + "\n";
+    if (!usable(row.entry.record, limits)) {
+      ++counts.unusable;
+      unusable += line;
+    } else if (!row.entry.is_test) {
+      ++counts.train;
+      train += line;
+    } else if (row.variant > 0) {
+      variants += line;
+    } else {
+      ++counts.test;
+      test += line;
+    }
+  }
+  write_file_atomically(out / "splits" / "train.txt", train);
+  write_file_atomically(out / "splits" / "test.txt", test);
+  write_file_atomically(out / "splits" / "test_variants.txt", variants);
+  write_file_atomically(out / "splits" / "unusable.txt", unusable);
+  return counts;
+}
+
 std::vector<std::string> find_gaps(const std::filesystem::path& out, const std::vector<Manifest>& manifests,
                                    const StepPlan& plan) {
-  std::vector<const ManifestEntry*> entries;
-  for (const Manifest& manifest : manifests) {
-    for (const ManifestEntry& entry : manifest.entries) entries.push_back(&entry);
-  }
-  std::sort(entries.begin(), entries.end(),
-            [](const ManifestEntry* a, const ManifestEntry* b) { return a->number < b->number; });
+  std::vector<const ManifestEntry*> entries = entries_of(manifests);
   // A repeated content has the files of the first source that has it.
   std::set<std::string> seen;
   entries.erase(
@@ -425,8 +422,6 @@ std::vector<std::string> find_gaps(const std::filesystem::path& out, const std::
   }
   return gaps;
 }
-
-namespace fs = std::filesystem;
 
 fs::path pieces_folder(const fs::path& out) { return run_folder(out) / "pieces"; }
 
@@ -453,20 +448,16 @@ std::optional<std::vector<SourceOutcome>> Pieces::read(std::size_t piece) const 
   std::error_code error;
   if (!fs::exists(file(piece), error)) return std::nullopt;
   try {
-    std::vector<SourceOutcome> outcomes;
-    for (const Json& outcome : read_json(file(piece))) outcomes.push_back(source_outcome_from_json(outcome));
+    auto outcomes = read_json(file(piece)).get<std::vector<SourceOutcome>>();
     const auto [begin, end] = range(piece);
     if (outcomes.size() == end - begin) return outcomes;
-  } catch (const std::exception&) {
-    return std::nullopt;
+  } catch (const std::exception&) {  // damaged: the piece is done again
   }
   return std::nullopt;
 }
 
 void Pieces::write(std::size_t piece, const std::vector<SourceOutcome>& outcomes) const {
-  Json json = Json::array();
-  for (const SourceOutcome& outcome : outcomes) json.push_back(to_json(outcome));
-  write_file_atomically(file(piece), json.dump(-1, ' ', false, Json::error_handler_t::replace) + "\n");
+  write_file_atomically(file(piece), Json(outcomes).dump(-1, ' ', false, Json::error_handler_t::replace) + "\n");
 }
 
 }  // namespace anigen::prepare

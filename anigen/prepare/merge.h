@@ -12,7 +12,6 @@
 #include "anigen/prepare/manifest.h"
 #include "anigen/prepare/metadata.h"
 #include "anigen/prepare/prepare_source.h"
-#include "anigen/prepare/step.h"
 #include "anigen/prepare/steps.h"
 
 namespace anigen::prepare {
@@ -27,6 +26,14 @@ void carry_over_columns(CsvTable& table, const CsvTable& earlier);
 enum class NearSkeletons { kIgnore, kFlag, kDrop };
 NearSkeletons parse_near_skeletons(const std::string& word);  ///< ignore, flag, drop @throws InputError
 const char* name_of(NearSkeletons choice);
+
+/// One line of metadata.csv.
+struct DatasetEntry {
+  std::string id;
+  AssetSource source;
+  AssetRecord record;
+  bool is_test = false;
+};
 
 /// One asset of the finished dataset.
 struct DatasetRow {
@@ -47,6 +54,7 @@ struct Rejected {
   std::string step;  ///< that failed; "identify" for a repeated content
   std::string rule;  ///< of cleaning, when one dropped it
 };
+ANIGEN_JSON_RECORD(Rejected, file_identifier, reason, step, rule)
 
 /// Rows of the manifests and the records together.
 struct DatasetRows {
@@ -60,12 +68,12 @@ struct DatasetRows {
 DatasetRows collect_rows(const std::filesystem::path& out, const std::vector<Manifest>& manifests, const StepPlan& plan,
                          NearSkeletons near);
 
-/// metadata.csv: the columns of metadata_table(), then the published flags of what is there (rendered, voxelized,
-/// num_voxels, cond_rendered, feature_<model>) and our own. aesthetic_score appears when every row has one.
+/// metadata.csv: what is known of the assets themselves, then the published flags of what is there (rendered,
+/// voxelized, num_voxels, cond_rendered, feature_<model>) and our own. aesthetic_score appears when every row has one.
 CsvTable dataset_table(const std::vector<DatasetRow>& rows, const QualityLimits& limits);
 
 /// Split of usable assets. Variants follow their source: those of a test asset are never trained on.
-struct SplitOptions {
+struct SplitOptions : JsonOptions<SplitOptions> {
   std::uint64_t seed = 0;
   /// Of the usable real assets. Without this and without a count, a source that brings its own test flags keeps them,
   /// and 0.333 holds where none does.
@@ -78,9 +86,8 @@ struct SplitOptions {
 
   /// @throws InputError for a fraction outside [0, 1]
   void validate() const;
+  void fields(ConfigFields& f);
 };
-Json to_json(const SplitOptions& options);
-SplitOptions split_options_from_json(const Json& json);
 
 struct SplitCounts {
   std::size_t train = 0, test = 0, unusable = 0;

@@ -11,7 +11,6 @@
 #include "anigen/asset/rigged_asset.h"
 #include "anigen/asset/skeleton.h"
 #include "anigen/core/config.h"
-#include "anigen/core/table.h"
 #include "anigen/geometry/voxel_grid.h"
 #include "anigen/io/arrays/ndarray.h"
 #include "anigen/prepare/cleaning.h"
@@ -34,8 +33,9 @@ struct SkeletonDescriptor {
 
 SkeletonDescriptor describe(const Skeleton& skeleton);
 
-Json to_json(const SkeletonDescriptor& descriptor);
-SkeletonDescriptor skeleton_descriptor_from_json(const Json& json);
+void to_json(Json& json, const SkeletonDescriptor& descriptor);
+/// @throws InputError for lists that do not belong together
+void from_json(const Json& json, SkeletonDescriptor& descriptor);
 
 /// True when the trees are equal, every joint of each has one of the same depth in the other within `tolerance` (in the
 /// unit of the longest side), and their mean bone lengths differ by no more than twice that.
@@ -69,17 +69,9 @@ struct AssetRecord {
   SkeletonDescriptor skeleton;            ///< for near_duplicates() over a whole dataset
 };
 
-Json to_json(const AssetRecord& record);
-/// @throws InputError or Json::exception when it is not what to_json() writes
-AssetRecord asset_record_from_json(const Json& json);
-
-/// One line of metadata.csv.
-struct DatasetEntry {
-  std::string id;
-  AssetSource source;
-  AssetRecord record;
-  bool is_test = false;
-};
+ANIGEN_JSON_RECORD(AssetRecord, source, num_joints, num_vertices, num_faces, max_influences, invented_rows,
+                   closest_bones, outside_share, lowest_weight_sum, repeated_names, scale, offset, repairs, findings,
+                   skeleton)
 
 /// No two bones are the same within limits.same_bone.
 bool distinct_bones(const AssetRecord& record, const QualityLimits& limits);
@@ -88,8 +80,6 @@ bool distinct_bones(const AssetRecord& record, const QualityLimits& limits);
 bool usable(const AssetRecord& record, const QualityLimits& limits);
 /// More rows than the limit were invented, or a vertex had weights that sum too low: is_bad_skin.
 bool bad_skin(const AssetRecord& record, const QualityLimits& limits);
-
-CsvTable metadata_table(const std::vector<DatasetEntry>& entries, const QualityLimits& limits);
 
 /// Chooses test entries: the `count` ids with the smallest hash of (seed, id). The choice does not depend on the
 /// order of the ids, and adding an id moves at most one other across the border.
@@ -132,9 +122,6 @@ struct FeatureOptions {
   std::string model;              ///< "surface", "dinov2_vits14_reg", "dinov2_vitl14_reg", …; empty for none
   std::filesystem::path weights;  ///< .pth or .safetensors of a learned model
   std::string device = "cpu";
-  bool operator==(const FeatureOptions& other) const {
-    return model == other.model && weights == other.weights && device == other.device;
-  }
 };
 
 /// Makes the extractor that the options name. @throws InputError for an unknown model or missing weights,

@@ -10,11 +10,8 @@
 #include <unordered_map>
 #include <utility>
 
-#include "anigen/asset/rigged_asset.h"
 #include "anigen/core/error.h"
 #include "anigen/core/hash.h"
-#include "anigen/core/random.h"
-#include "anigen/prepare/poses.h"
 #include "anigen/render/picture.h"
 
 namespace anigen::prepare {
@@ -79,42 +76,6 @@ bool same(const std::vector<Eigen::Matrix4d>& a, const std::vector<Eigen::Matrix
   return true;
 }
 
-}  // namespace
-
-std::optional<std::size_t> collapsed_joint(const std::vector<Eigen::Matrix4d>& world) {
-  for (std::size_t j = 0; j < world.size(); ++j) {
-    if (!world[j].allFinite()) return j;
-    const Eigen::JacobiSVD<Eigen::Matrix3d> svd(world[j].topLeftCorner<3, 3>());
-    const Eigen::Vector3d stretches = svd.singularValues();
-    if (!(stretches[2] > 1e-9 * stretches[0]) || !(stretches[0] > 1e-30)) return j;
-  }
-  return std::nullopt;
-}
-
-Asset bake_pose(const Asset& asset, const std::vector<Eigen::Matrix4d>& world, std::vector<Eigen::Vector3f> vertices) {
-  Asset baked;
-  baked.name = asset.name;
-  baked.mesh = asset.mesh;
-  if (!asset.mesh.normals.empty()) baked.mesh.normals = turned_normals(asset.mesh, vertices);
-  baked.mesh.vertices = std::move(vertices);
-  baked.skin = asset.skin;
-  baked.materials = asset.materials;
-  baked.images = asset.images;
-  Skeleton& skeleton = baked.skeleton;
-  skeleton.names = asset.skeleton.names;
-  skeleton.parents = asset.skeleton.parents;
-  skeleton.bind = world;
-  skeleton.rest = bind_pose(skeleton);
-  if (same(skeleton.bind, forward_kinematics(skeleton.parents, skeleton.rest))) return baked;
-  for (Eigen::Matrix4d& frame : skeleton.bind) {
-    frame.topLeftCorner<3, 3>() = decompose(frame).rotation.toRotationMatrix();
-  }
-  skeleton.rest = bind_pose(skeleton);
-  return baked;
-}
-
-namespace {
-
 constexpr std::size_t kTimes = 33;
 constexpr std::size_t kVertices = 256;
 
@@ -173,8 +134,7 @@ double time_at(double begin, double end, std::size_t i) {
   return begin + (end - begin) * static_cast<double>(i) / static_cast<double>(kTimes - 1);
 }
 
-}  // namespace
-
+/// Problem of a clip's keys; empty when nothing is.
 std::string broken_keys(const Animation& animation, std::size_t joints) {
   if (animation.channels.empty()) return "it has no channels";
   for (const Channel& channel : animation.channels) {
@@ -194,6 +154,62 @@ std::string broken_keys(const Animation& animation, std::size_t joints) {
     }
   }
   return "";
+}
+
+constexpr double kGoldenRatio = 0.6180339887498949;  // its multiples modulo 1 fill the unit interval most evenly
+constexpr double kDegrees = 180.0 / EIGEN_PI;
+constexpr double kTurned = 0.1;  // degrees: less is rounding, not posing
+constexpr int kMostAttempts = 1000;
+
+/// @return the asset @throws InputError for options out of range, or when it cannot be posed. Animations are judged one
+/// by one, later: a broken clip costs that clip only.
+const Asset* checked(const Asset& asset, const std::string& source_id, const PoseAugmentation& options) {
+  options.validate();
+  Asset body;
+  body.mesh = asset.mesh;
+  body.skeleton = asset.skeleton;
+  body.skin = asset.skin;
+  body.materials = asset.materials;
+  body.images.resize(asset.images.size());
+  const std::vector<std::string> findings = validate(body);
+  if (!findings.empty()) throw InputError(source_id, "asset", "cannot be posed: " + findings.front());
+  if (!(bounding_box(asset.mesh.vertices).longest_side() > 0.0))
+    throw InputError(source_id, "mesh", "cannot be posed: it has no extent");
+  return &asset;
+}
+
+}  // namespace
+
+std::optional<std::size_t> collapsed_joint(const std::vector<Eigen::Matrix4d>& world) {
+  for (std::size_t j = 0; j < world.size(); ++j) {
+    if (!world[j].allFinite()) return j;
+    const Eigen::JacobiSVD<Eigen::Matrix3d> svd(world[j].topLeftCorner<3, 3>());
+    const Eigen::Vector3d stretches = svd.singularValues();
+    if (!(stretches[2] > 1e-9 * stretches[0]) || !(stretches[0] > 1e-30)) return j;
+  }
+  return std::nullopt;
+}
+
+Asset bake_pose(const Asset& asset, const std::vector<Eigen::Matrix4d>& world, std::vector<Eigen::Vector3f> vertices) {
+  Asset baked;
+  baked.name = asset.name;
+  baked.mesh = asset.mesh;
+  if (!asset.mesh.normals.empty()) baked.mesh.normals = turned_normals(asset.mesh, vertices);
+  baked.mesh.vertices = std::move(vertices);
+  baked.skin = asset.skin;
+  baked.materials = asset.materials;
+  baked.images = asset.images;
+  Skeleton& skeleton = baked.skeleton;
+  skeleton.names = asset.skeleton.names;
+  skeleton.parents = asset.skeleton.parents;
+  skeleton.bind = world;
+  skeleton.rest = bind_pose(skeleton);
+  if (same(skeleton.bind, forward_kinematics(skeleton.parents, skeleton.rest))) return baked;
+  for (Eigen::Matrix4d& frame : skeleton.bind) {
+    frame.topLeftCorner<3, 3>() = decompose(frame).rotation.toRotationMatrix();
+  }
+  skeleton.rest = bind_pose(skeleton);
+  return baked;
 }
 
 OwnMotion::OwnMotion(const Asset& asset, double least_motion) : asset_(&asset) {
@@ -240,10 +256,6 @@ OwnMotion::OwnMotion(const Asset& asset, double least_motion) : asset_(&asset) {
   }
 }
 
-const OwnMotion::Clip& OwnMotion::clip_of(std::size_t index) const {
-  return *std::find_if(clips_.begin(), clips_.end(), [&](const Clip& clip) { return clip.index == index; });
-}
-
 MotionPose OwnMotion::at(double place) const {
   double target = std::clamp(place, 0.0, 1.0) * total_way_;
   std::size_t chosen = 0;
@@ -264,7 +276,8 @@ MotionPose OwnMotion::at(double place) const {
 }
 
 MotionPose OwnMotion::blended(const MotionPose& first, Rng& rng) const {
-  const Clip& clip = clip_of(first.clip);
+  const Clip& clip =
+      *std::find_if(clips_.begin(), clips_.end(), [&](const Clip& one) { return one.index == first.clip; });
   MotionPose result = first;
   result.second_time = rng.uniform(clip.begin, clip.end);
   result.blend = rng.uniform(0.0, 0.5);
@@ -278,58 +291,6 @@ MotionPose OwnMotion::blended(const MotionPose& first, Rng& rng) const {
   return result;
 }
 
-namespace {
-
-constexpr double kGoldenRatio = 0.6180339887498949;  // its multiples modulo 1 fill the unit interval most evenly
-constexpr double kDegrees = 180.0 / EIGEN_PI;
-constexpr double kTurned = 0.1;  // degrees: less is rounding, not posing
-constexpr int kMostAttempts = 1000;
-
-// A pose that was drawn, before anyone looked at it.
-struct Draw {
-  std::vector<Eigen::Matrix4d> world;
-  std::size_t turned = 0;
-  double largest_angle = 0.0;  // degrees
-};
-
-void count_turn(Draw& draw, double degrees) {
-  if (degrees <= kTurned) return;
-  ++draw.turned;
-  draw.largest_angle = std::max(draw.largest_angle, degrees);
-}
-
-Draw draw_random(const Skeleton& skeleton, const PoseAugmentation& options, Rng& rng) {
-  const JointTurns turns =
-      draw_turns(skeleton.size(), options.probability, options.max_angle / kDegrees, options.include_root, rng);
-  Draw draw;
-  draw.world = turned_joints(skeleton, turns);
-  for (const double angle : turns.angles) count_turn(draw, angle * kDegrees);
-  return draw;
-}
-
-Draw draw_motion(const Skeleton& skeleton, const Pose& bind, const Pose& pose) {
-  Draw draw;
-  draw.world = forward_kinematics(skeleton.parents, pose);
-  for (std::size_t j = 0; j < pose.size(); ++j) {
-    count_turn(draw, bind[j].rotation.angularDistance(pose[j].rotation) * kDegrees);
-  }
-  return draw;
-}
-
-void require_sound(const Asset& asset, const std::string& source_id) {
-  // Animations are judged one by one, later: a broken clip costs that clip only.
-  Asset body;
-  body.mesh = asset.mesh;
-  body.skeleton = asset.skeleton;
-  body.skin = asset.skin;
-  body.materials = asset.materials;
-  body.images.resize(asset.images.size());
-  const std::vector<std::string> findings = validate(body);
-  if (!findings.empty()) throw InputError(source_id, "asset", "cannot be posed: " + findings.front());
-}
-
-}  // namespace
-
 void PoseAugmentation::validate() const {
   const auto in_range = [](const char* name, double value, double low, double high, const char* range) {
     if (!(value >= low && value <= high)) throw InputError("", name, std::string("must be in ") + range);
@@ -342,124 +303,106 @@ void PoseAugmentation::validate() const {
   limits.validate();
 }
 
-Json to_json(const PoseAugmentation& options) {
-  Json json;
-  json["own_motion"] = options.own_motion;
-  json["blend_probability"] = options.blend_probability;
-  json["least_motion"] = options.least_motion;
-  json["probability"] = options.probability;
-  json["max_angle"] = options.max_angle;
-  json["include_root"] = options.include_root;
-  json["attempts"] = options.attempts;
-  json["limits"] = to_json(options.limits);
-  return json;
-}
-
 std::string variant_id(const std::string& source_id, std::uint64_t seed, std::size_t k,
                        const PoseAugmentation& options) {
   return sha256("pose/" + std::to_string(kPoseRecipe) + "/" + source_id + "/" + std::to_string(seed) + "/" +
-                std::to_string(k) + "/" + to_json(options).dump());
+                std::to_string(k) + "/" + Json(options).dump());
 }
 
-struct PoseAugmenter::Implementation {
-  const Asset* asset;
-  std::string source_id;
-  std::uint64_t seed;
-  PoseAugmentation options;
-  PoseChecks checks;
-  Pose bind;
-  OwnMotion motion;
-  double first_place;
+/// A pose that was drawn, before anyone looked at it.
+struct PoseAugmenter::Draw {
+  std::vector<Eigen::Matrix4d> world;
+  std::size_t turned = 0;
+  double largest_angle = 0.0;  ///< degrees
 
-  Implementation(const Asset& normalised, std::string id, std::uint64_t a_seed, PoseAugmentation some_options)
-      : asset(&normalised),
-        source_id(std::move(id)),
-        seed(a_seed),
-        options(std::move(some_options)),
-        checks(normalised.mesh),
-        bind(bind_pose(normalised.skeleton)),
-        motion(normalised, options.least_motion),
-        first_place(Rng(seed, "first place of " + source_id).uniform()) {}
-
-  Draw draw(PoseKind kind, std::size_t k, int attempt, Provenance& provenance) const {
-    Rng rng(seed, to_string(kind) + " pose " + std::to_string(k) + " of " + source_id,
-            static_cast<std::uint64_t>(attempt));
-    provenance.clip.clear();
-    provenance.time = provenance.second_time = provenance.blend = 0.0;
-    if (kind == PoseKind::kRandom) return draw_random(asset->skeleton, options, rng);
-    // The first draw keeps its place in the even spread over the motion; only those after a rejection roam.
-    const double place = attempt > 0 ? rng.uniform() : first_place + static_cast<double>(k) * kGoldenRatio;
-    MotionPose pose = motion.at(place - std::floor(place));
-    if (rng.chance(options.blend_probability)) pose = motion.blended(pose, rng);
-    provenance.clip = asset->animations[pose.clip].name;
-    provenance.time = pose.time;
-    provenance.second_time = pose.second_time;
-    provenance.blend = pose.blend;
-    return draw_motion(asset->skeleton, bind, pose.pose);
-  }
-
-  // Vertices of the pose; nothing when a limit is broken, with the sentence in `problem`.
-  std::optional<std::vector<Eigen::Vector3f>> accepted(const std::vector<Eigen::Matrix4d>& world,
-                                                       PoseMeasures& measures, std::string& problem) const {
-    if (const std::optional<std::size_t> joint = collapsed_joint(world)) {
-      problem = "joint '" + asset->skeleton.names[*joint] + "' has no extent in this pose";
-      return std::nullopt;
-    }
-    std::vector<Eigen::Vector3f> vertices = skin_vertices(*asset, world);
-    measures = checks.measure(vertices);
-    problem = broken_limit(measures, options.limits);
-    if (!problem.empty()) return std::nullopt;
-    return vertices;
+  void count_turn(double degrees) {
+    if (degrees <= kTurned) return;
+    ++turned;
+    largest_angle = std::max(largest_angle, degrees);
   }
 };
 
 PoseAugmenter::PoseAugmenter(const Asset& normalised, std::string source_id, std::uint64_t seed,
-                             PoseAugmentation options) {
-  options.validate();
-  require_sound(normalised, source_id);
-  if (!(bounding_box(normalised.mesh.vertices).longest_side() > 0.0)) {
-    throw InputError(source_id, "mesh", "cannot be posed: it has no extent");
+                             PoseAugmentation options)
+    : asset_(checked(normalised, source_id, options)),
+      source_id_(std::move(source_id)),
+      seed_(seed),
+      options_(std::move(options)),
+      checks_(normalised.mesh),
+      bind_(bind_pose(normalised.skeleton)),
+      motion_(normalised, options_.least_motion),
+      first_place_(Rng(seed, "first place of " + source_id_).uniform()) {}
+
+PoseAugmenter::Draw PoseAugmenter::draw(PoseKind kind, std::size_t k, int attempt, Provenance& provenance) const {
+  Rng rng(seed_, to_string(kind) + " pose " + std::to_string(k) + " of " + source_id_,
+          static_cast<std::uint64_t>(attempt));
+  provenance.clip.clear();
+  provenance.time = provenance.second_time = provenance.blend = 0.0;
+  const Skeleton& skeleton = asset_->skeleton;
+  Draw draw;
+  if (kind == PoseKind::kRandom) {
+    const JointTurns turns =
+        draw_turns(skeleton.size(), options_.probability, options_.max_angle / kDegrees, options_.include_root, rng);
+    draw.world = turned_joints(skeleton, turns);
+    for (const double angle : turns.angles) draw.count_turn(angle * kDegrees);
+    return draw;
   }
-  implementation_ = std::make_unique<Implementation>(normalised, std::move(source_id), seed, std::move(options));
+  // The first draw keeps its place in the even spread over the motion; only those after a rejection roam.
+  const double place = attempt > 0 ? rng.uniform() : first_place_ + static_cast<double>(k) * kGoldenRatio;
+  MotionPose motion = motion_.at(place - std::floor(place));
+  if (rng.chance(options_.blend_probability)) motion = motion_.blended(motion, rng);
+  provenance.clip = asset_->animations[motion.clip].name;
+  provenance.time = motion.time;
+  provenance.second_time = motion.second_time;
+  provenance.blend = motion.blend;
+  draw.world = forward_kinematics(skeleton.parents, motion.pose);
+  for (std::size_t j = 0; j < bind_.size(); ++j) {
+    draw.count_turn(bind_[j].rotation.angularDistance(motion.pose[j].rotation) * kDegrees);
+  }
+  return draw;
 }
 
-PoseAugmenter::~PoseAugmenter() = default;
-PoseAugmenter::PoseAugmenter(PoseAugmenter&&) noexcept = default;
-PoseAugmenter& PoseAugmenter::operator=(PoseAugmenter&&) noexcept = default;
+std::optional<std::vector<Eigen::Vector3f>> PoseAugmenter::accepted(const std::vector<Eigen::Matrix4d>& world,
+                                                                    PoseMeasures& measures,
+                                                                    std::string& problem) const {
+  if (const std::optional<std::size_t> joint = collapsed_joint(world)) {
+    problem = "joint '" + asset_->skeleton.names[*joint] + "' has no extent in this pose";
+    return std::nullopt;
+  }
+  std::vector<Eigen::Vector3f> vertices = skin_vertices(*asset_, world);
+  measures = checks_.measure(vertices);
+  problem = broken_limit(measures, options_.limits);
+  if (!problem.empty()) return std::nullopt;
+  return vertices;
+}
 
 std::optional<Asset> PoseAugmenter::variant(std::size_t k, Provenance& provenance) const {
-  const Implementation& self = *implementation_;
   provenance = Provenance();
-  provenance.source_id = self.source_id;
-  provenance.seed = self.seed;
+  provenance.source_id = source_id_;
+  provenance.seed = seed_;
   provenance.k = k;
-  provenance.unused_clips = self.motion.unused();
+  provenance.unused_clips = motion_.unused();
   for (const PoseKind kind : {PoseKind::kAnimation, PoseKind::kRandom}) {
-    if (kind == PoseKind::kAnimation && (!self.options.own_motion || self.motion.empty())) continue;
+    if (kind == PoseKind::kAnimation && (!options_.own_motion || motion_.empty())) continue;
     provenance.kind = kind;
-    for (int attempt = 0; attempt < self.options.attempts; ++attempt) {
-      const Draw draw = self.draw(kind, k, attempt, provenance);
-      provenance.turned = draw.turned;
-      provenance.largest_angle = draw.largest_angle;
+    for (int attempt = 0; attempt < options_.attempts; ++attempt) {
+      const Draw drawn = draw(kind, k, attempt, provenance);
+      provenance.turned = drawn.turned;
+      provenance.largest_angle = drawn.largest_angle;
       std::string problem;
-      std::optional<std::vector<Eigen::Vector3f>> vertices = self.accepted(draw.world, provenance.measures, problem);
+      std::optional<std::vector<Eigen::Vector3f>> vertices = accepted(drawn.world, provenance.measures, problem);
       if (!vertices) {
         provenance.rejections.push_back(to_string(kind) + ": " + problem);
         provenance.attempt = static_cast<int>(provenance.rejections.size());
         continue;
       }
-      Asset posed = bake_pose(*self.asset, draw.world, std::move(*vertices));
+      Asset posed = bake_pose(*asset_, drawn.world, std::move(*vertices));
       posed.name += "_pose" + std::to_string(k);
       provenance.renormalization = normalize(posed);
       return posed;
     }
   }
   return std::nullopt;
-}
-
-std::optional<Asset> posed_variant(const Asset& normalised, const std::string& source_id, std::uint64_t seed,
-                                   std::size_t k, const PoseAugmentation& options, Provenance& provenance) {
-  return PoseAugmenter(normalised, source_id, seed, options).variant(k, provenance);
 }
 
 }  // namespace anigen::prepare

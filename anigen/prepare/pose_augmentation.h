@@ -2,13 +2,11 @@
 #include <Eigen/Core>
 #include <cstddef>
 #include <cstdint>
-#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
 
 #include "anigen/asset/rigged_asset.h"
-#include "anigen/core/config.h"
 #include "anigen/core/random.h"
 #include "anigen/prepare/poses.h"
 
@@ -67,16 +65,12 @@ class OwnMotion {
     double begin = 0.0, end = 0.0;  ///< seconds: first and last key
     std::vector<double> way;        ///< vertices' way up to each of the sampled times; way[0] = 0
   };
-  const Clip& clip_of(std::size_t index) const;
 
   const Asset* asset_;
   std::vector<Clip> clips_;
   std::vector<std::string> unused_;
   double total_way_ = 0.0;
 };
-
-/// Problem of a clip's keys; empty when nothing is.
-std::string broken_keys(const Animation& animation, std::size_t joints);
 
 /// Options of posed variants of an asset (paper, section 4.1.1; reference training-and-data.md,
 /// section 6). Probability and largest angle are the paper's; it gives nothing of the rest.
@@ -94,8 +88,8 @@ struct PoseAugmentation {
   void validate() const;
 };
 
-/// Every option, for fingerprints and for the dataset card.
-Json to_json(const PoseAugmentation& options);
+ANIGEN_JSON_RECORD(PoseAugmentation, own_motion, blend_probability, least_motion, probability, max_angle, include_root,
+                   attempts, limits)
 
 /// Changes whenever the same arguments would give other variants.
 inline constexpr int kPoseRecipe = 1;
@@ -125,20 +119,25 @@ class PoseAugmenter {
   /// @throws InputError for an option out of range, or when validate() finds something wrong with mesh, skeleton or
   /// skin. Broken animations are no error: they are not used, and the provenance of each variant names them
   PoseAugmenter(const Asset& normalised, std::string source_id, std::uint64_t seed, PoseAugmentation options = {});
-  ~PoseAugmenter();
-  PoseAugmenter(PoseAugmenter&&) noexcept;
-  PoseAugmenter& operator=(PoseAugmenter&&) noexcept;
 
   /// @return nothing when every pose drawn was rejected; `provenance.rejections` then says why, one entry per draw
   std::optional<Asset> variant(std::size_t k, Provenance& provenance) const;
 
  private:
-  struct Implementation;
-  std::unique_ptr<Implementation> implementation_;
-};
+  struct Draw;
+  Draw draw(PoseKind kind, std::size_t k, int attempt, Provenance& provenance) const;
+  /// Vertices of the pose; nothing when a limit is broken, with the sentence in `problem`.
+  std::optional<std::vector<Eigen::Vector3f>> accepted(const std::vector<Eigen::Matrix4d>& world,
+                                                       PoseMeasures& measures, std::string& problem) const;
 
-/// One variant. For several of the same asset, PoseAugmenter does the common work once.
-std::optional<Asset> posed_variant(const Asset& normalised, const std::string& source_id, std::uint64_t seed,
-                                   std::size_t k, const PoseAugmentation& options, Provenance& provenance);
+  const Asset* asset_;
+  std::string source_id_;
+  std::uint64_t seed_;
+  PoseAugmentation options_;
+  PoseChecks checks_;
+  Pose bind_;
+  OwnMotion motion_;
+  double first_place_;  ///< u
+};
 
 }  // namespace anigen::prepare

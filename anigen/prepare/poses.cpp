@@ -2,18 +2,14 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstdio>
 #include <map>
-#include <string>
 #include <tuple>
 #include <utility>
 
 #include "anigen/core/error.h"
-#include "anigen/core/random.h"
 #include "anigen/geometry/embree.h"
-#include "anigen/geometry/sampling.h"
 
 namespace anigen::prepare {
 
@@ -97,73 +93,76 @@ std::array<Eigen::Vector3d, kDirections> directions() {
   return result;
 }
 
+Eigen::Vector3d random_direction(Rng& rng) {
+  const double z = rng.uniform(-1.0, 1.0), longitude = rng.uniform(0.0, 2.0 * EIGEN_PI);
+  const double radius = std::sqrt(std::max(0.0, 1.0 - z * z));
+  return {radius * std::cos(longitude), radius * std::sin(longitude), z};
+}
+
+double rounded(double value) { return std::isfinite(value) ? std::round(value * 1e6) / 1e6 : 0.0; }
+
+std::string sentence(const char* what, double value, const char* bound, double limit) {
+  char text[160];
+  std::snprintf(text, sizeof text, "%s %.3g, %s %.3g", what, value, bound, limit);
+  return text;
+}
+
+// Written so that a measure that is not a number is broken, too.
+std::string within(const char* what, double value, double low, double high) {
+  if (!(value >= low)) return sentence(what, value, "at least", low);
+  if (!(value <= high)) return sentence(what, value, "at most", high);
+  return "";
+}
+
 }  // namespace
 
-struct PoseChecks::Implementation {
-  Vertices vertices;
-  std::vector<Triangle> faces;
-  Box box;
-  std::vector<double> areas;
-  double total_area = 0.0;
-  std::optional<double> volume;
-  std::vector<geometry::SurfacePoint> places;
-  std::vector<bool> hidden;  // before
-
-  std::vector<bool> hidden_places(const Vertices& posed, double size) const {
-    static const std::array<Eigen::Vector3d, kDirections> rays = directions();
-    const geometry::RayCaster caster(posed, faces);
-    std::vector<bool> result;
-    for (const geometry::SurfacePoint& place : places) {
-      const Eigen::Vector3d from = geometry::position(place, posed, faces);
-      result.push_back(std::all_of(rays.begin(), rays.end(), [&](const Eigen::Vector3d& direction) {
-        return caster.first_hit(from, direction, 1e-4 * size).has_value();
-      }));
-    }
-    return result;
+/// Whether each place is hidden from every direction, in a pose of this size.
+std::vector<bool> PoseChecks::hidden_places(const Vertices& posed, double size) const {
+  static const std::array<Eigen::Vector3d, kDirections> rays = directions();
+  const geometry::RayCaster caster(posed, faces_);
+  std::vector<bool> result;
+  for (const geometry::SurfacePoint& place : places_) {
+    const Eigen::Vector3d from = geometry::position(place, posed, faces_);
+    result.push_back(std::all_of(rays.begin(), rays.end(), [&](const Eigen::Vector3d& direction) {
+      return caster.first_hit(from, direction, 1e-4 * size).has_value();
+    }));
   }
-};
+  return result;
+}
 
-PoseChecks::PoseChecks(const Mesh& source) : implementation_(std::make_unique<Implementation>()) {
-  Implementation& self = *implementation_;
-  self.vertices = source.vertices;
-  self.faces = source.faces;
+PoseChecks::PoseChecks(const Mesh& source) : vertices_(source.vertices), faces_(source.faces) {
   Rng rng(0, "places of pose checks");
-  self.places = geometry::sample_surface(self.vertices, self.faces, kPlaces, rng);
-  self.box = bounding_box(self.vertices);
-  self.hidden = self.hidden_places(self.vertices, self.box.longest_side());  // refuses bad vertices
-  for (const Triangle& face : self.faces) {
-    self.areas.push_back(area(self.vertices, face));
-    self.total_area += self.areas.back();
+  places_ = geometry::sample_surface(vertices_, faces_, kPlaces, rng);
+  box_ = bounding_box(vertices_);
+  hidden_ = hidden_places(vertices_, box_.longest_side());  // refuses bad vertices
+  for (const Triangle& face : faces_) {
+    areas_.push_back(area(vertices_, face));
+    total_area_ += areas_.back();
   }
-  if (closed(self.vertices, self.faces)) {
-    const double enclosed = prepare::volume(self.vertices, self.faces);
+  if (closed(vertices_, faces_)) {
+    const double enclosed = volume(vertices_, faces_);
     // A sheet with two sides is closed, but encloses nothing that could be compared.
-    if (std::abs(enclosed) > 1e-3 * std::pow(self.total_area, 1.5)) self.volume = enclosed;
+    if (std::abs(enclosed) > 1e-3 * std::pow(total_area_, 1.5)) volume_ = enclosed;
   }
 }
 
-PoseChecks::~PoseChecks() = default;
-PoseChecks::PoseChecks(PoseChecks&&) noexcept = default;
-PoseChecks& PoseChecks::operator=(PoseChecks&&) noexcept = default;
-
 PoseMeasures PoseChecks::measure(const Vertices& vertices) const {
-  const Implementation& self = *implementation_;
-  if (vertices.size() != self.vertices.size()) throw InputError("", "vertices", "a pose must move every vertex");
+  if (vertices.size() != vertices_.size()) throw InputError("", "vertices", "a pose must move every vertex");
   PoseMeasures result;
-  const double size = self.box.longest_side();
+  const double size = box_.longest_side();
   for (const Eigen::Vector3f& vertex : vertices) {
     result.finite &= vertex.allFinite() && vertex.cast<double>().cwiseAbs().maxCoeff() <=
-                                               kFarthest * size + self.box.center().cwiseAbs().maxCoeff();
+                                               kFarthest * size + box_.center().cwiseAbs().maxCoeff();
   }
   if (!result.finite) return result;
 
   std::vector<double> areas;
   std::vector<std::pair<double, double>> changes;
   double after = 0.0;
-  for (std::size_t f = 0; f < self.faces.size(); ++f) {
-    areas.push_back(area(vertices, self.faces[f]));
+  for (std::size_t f = 0; f < faces_.size(); ++f) {
+    areas.push_back(area(vertices, faces_[f]));
     after += areas[f];
-    if (self.areas[f] > 0.0) changes.emplace_back(areas[f] / self.areas[f], self.areas[f]);
+    if (areas_[f] > 0.0) changes.emplace_back(areas[f] / areas_[f], areas_[f]);
   }
   result.scale = std::sqrt(weighted_median(std::move(changes)));
   if (!(result.scale > kSmallest)) return result;
@@ -171,7 +170,7 @@ PoseMeasures PoseChecks::measure(const Vertices& vertices) const {
 
   Eigen::Vector3d mean = Eigen::Vector3d::Zero();
   const auto way = [&](std::size_t v) {
-    return Eigen::Vector3d(vertices[v].cast<double>() / scale - self.vertices[v].cast<double>());
+    return Eigen::Vector3d(vertices[v].cast<double>() / scale - vertices_[v].cast<double>());
   };
   for (std::size_t v = 0; v < vertices.size(); ++v) mean += way(v);
   mean /= static_cast<double>(vertices.size());
@@ -181,29 +180,29 @@ PoseMeasures PoseChecks::measure(const Vertices& vertices) const {
 
   const Box box = bounding_box(vertices);
   result.box_ratio = box.longest_side() / (scale * size);
-  const double thickness_before = thickness(self.box);
+  const double thickness_before = thickness(box_);
   result.thickness_ratio = thickness_before > 1e-6 ? thickness(box) / thickness_before : 1.0;
 
   double shrunk = 0.0, stretched = 0.0;
-  for (std::size_t f = 0; f < self.faces.size(); ++f) {
-    const Triangle& face = self.faces[f];
-    if (areas[f] < kShrunk * scale * scale * self.areas[f]) shrunk += self.areas[f];
+  for (std::size_t f = 0; f < faces_.size(); ++f) {
+    const Triangle& face = faces_[f];
+    if (areas[f] < kShrunk * scale * scale * areas_[f]) shrunk += areas_[f];
     for (std::size_t e = 0; e < 3; ++e) {
-      if (!(length(vertices, face, e) > kStretched * scale * length(self.vertices, face, e))) continue;
+      if (!(length(vertices, face, e) > kStretched * scale * length(vertices_, face, e))) continue;
       stretched += areas[f];
       break;
     }
   }
-  if (self.total_area > 0.0) {
-    result.area_ratio = after / (scale * scale * self.total_area);
-    result.shrunk_share = shrunk / self.total_area;
+  if (total_area_ > 0.0) {
+    result.area_ratio = after / (scale * scale * total_area_);
+    result.shrunk_share = shrunk / total_area_;
   }
   if (after > 0.0) result.stretched_share = stretched / after;
-  if (self.volume) result.volume_ratio = prepare::volume(vertices, self.faces) / (scale * scale * scale * *self.volume);
+  if (volume_) result.volume_ratio = volume(vertices, faces_) / (scale * scale * scale * *volume_);
 
-  const std::vector<bool> hidden = self.hidden_places(vertices, box.longest_side());
+  const std::vector<bool> hidden = hidden_places(vertices, box.longest_side());
   std::size_t buried = 0;
-  for (std::size_t i = 0; i < hidden.size(); ++i) buried += hidden[i] && !self.hidden[i] ? 1 : 0;
+  for (std::size_t i = 0; i < hidden.size(); ++i) buried += hidden[i] && !hidden_[i] ? 1 : 0;
   result.buried_share = static_cast<double>(buried) / static_cast<double>(hidden.size());
   return result;
 }
@@ -234,16 +233,6 @@ Json to_json(const Provenance& provenance) {
   return json;
 }
 
-namespace {
-
-Eigen::Vector3d random_direction(Rng& rng) {
-  const double z = rng.uniform(-1.0, 1.0), longitude = rng.uniform(0.0, 2.0 * EIGEN_PI);
-  const double radius = std::sqrt(std::max(0.0, 1.0 - z * z));
-  return {radius * std::cos(longitude), radius * std::sin(longitude), z};
-}
-
-}  // namespace
-
 JointTurns draw_turns(std::size_t joints, double probability, double max_angle, bool include_root, Rng& rng) {
   JointTurns turns;
   turns.rotations.assign(joints, Eigen::Matrix3d::Identity());
@@ -264,10 +253,10 @@ std::vector<Eigen::Matrix4d> turned_joints(const Skeleton& skeleton, const Joint
   std::vector<Eigen::Matrix4d> world(joints.size());
   for (std::size_t k = 0; k < joints.size(); ++k) {
     const int parent = skeleton.parents[k];
-    if (parent < 0) {
+    if (parent < 0) {  // G_root = R_root, g_root = J_root
       frames[k] = turns.rotations[k];
       places[k] = joints[k];
-    } else {
+    } else {  // G_k = G_p R_k, g_k = g_p + G_p (J_k − J_p)
       const auto p = static_cast<std::size_t>(parent);
       frames[k] = frames[p] * turns.rotations[k];
       places[k] = places[p] + frames[p] * (joints[k] - joints[p]);
@@ -279,35 +268,22 @@ std::vector<Eigen::Matrix4d> turned_joints(const Skeleton& skeleton, const Joint
   return world;
 }
 
-namespace {
-
-double rounded(double value) { return std::isfinite(value) ? std::round(value * 1e6) / 1e6 : 0.0; }
-
-std::string sentence(const char* what, double value, const char* bound, double limit) {
-  char text[160];
-  std::snprintf(text, sizeof text, "%s %.3g, %s %.3g", what, value, bound, limit);
-  return text;
-}
-
-// Written so that a measure that is not a number is broken, too.
-std::string within(const char* what, double value, double low, double high) {
-  if (!(value >= low)) return sentence(what, value, "at least", low);
-  if (!(value <= high)) return sentence(what, value, "at most", high);
-  return "";
-}
-
-}  // namespace
-
 void PoseLimits::validate() const {
-  const std::pair<const char*, double> all[] = {
-      {"least_change", least_change},       {"least_box", least_box},     {"most_box", most_box},
-      {"least_thickness", least_thickness}, {"least_area", least_area},   {"most_area", most_area},
-      {"least_volume", least_volume},       {"most_volume", most_volume}, {"most_shrunk", most_shrunk},
-      {"most_stretched", most_stretched},   {"most_buried", most_buried}};
+  const std::pair<const char*, double> all[] = {{"least_change", least_change},
+                                                {"box", box[0]},
+                                                {"box", box[1]},
+                                                {"least_thickness", least_thickness},
+                                                {"area", area[0]},
+                                                {"area", area[1]},
+                                                {"volume", volume[0]},
+                                                {"volume", volume[1]},
+                                                {"most_shrunk", most_shrunk},
+                                                {"most_stretched", most_stretched},
+                                                {"most_buried", most_buried}};
   for (const auto& [name, value] : all) {
     if (!(value >= 0.0)) throw InputError("", std::string("limits.") + name, "must be a number ≥ 0");
   }
-  if (!(least_box > 0.0)) throw InputError("", "limits.least_box", "must be above 0: a point cannot be normalised");
+  if (!(box[0] > 0.0)) throw InputError("", "limits.box", "must start above 0: a point cannot be normalised");
   if (!(least_scale > 0.0)) throw InputError("", "limits.least_scale", "must be above 0");
 }
 
@@ -326,32 +302,16 @@ Json to_json(const PoseMeasures& measures) {
   return json;
 }
 
-Json to_json(const PoseLimits& limits) {
-  Json json;
-  json["least_scale"] = limits.least_scale;
-  json["least_change"] = limits.least_change;
-  json["box"] = {limits.least_box, limits.most_box};
-  json["least_thickness"] = limits.least_thickness;
-  json["area"] = {limits.least_area, limits.most_area};
-  json["volume"] = {limits.least_volume, limits.most_volume};
-  json["most_shrunk"] = limits.most_shrunk;
-  json["most_stretched"] = limits.most_stretched;
-  json["most_buried"] = limits.most_buried;
-  return json;
-}
-
 std::string broken_limit(const PoseMeasures& measures, const PoseLimits& limits) {
   if (!measures.finite) return "not finite: a vertex is nowhere, or a thousand times as far as the object is long";
   constexpr double kAny = 1e300;
   for (std::string problem : {
            within("vanished: scale, of the source's,", measures.scale, limits.least_scale, kAny),
            within("unchanged: vertices move by", measures.change, limits.least_change, kAny),
-           within("bounding box: longest side, of the source's,", measures.box_ratio, limits.least_box,
-                  limits.most_box),
+           within("bounding box: longest side, of the source's,", measures.box_ratio, limits.box[0], limits.box[1]),
            within("bounding box: thickness, of the source's,", measures.thickness_ratio, limits.least_thickness, kAny),
-           within("surface: area, of the source's,", measures.area_ratio, limits.least_area, limits.most_area),
-           within("volume: of the source's,", measures.volume_ratio.value_or(1.0), limits.least_volume,
-                  limits.most_volume),
+           within("surface: area, of the source's,", measures.area_ratio, limits.area[0], limits.area[1]),
+           within("volume: of the source's,", measures.volume_ratio.value_or(1.0), limits.volume[0], limits.volume[1]),
            within("collapsed: share of the surface with almost no area left", measures.shrunk_share, 0.0,
                   limits.most_shrunk),
            within("torn: share of the surface with an edge four times as long", measures.stretched_share, 0.0,

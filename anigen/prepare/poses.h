@@ -1,8 +1,8 @@
 #pragma once
 #include <Eigen/Core>
+#include <array>
 #include <cstddef>
 #include <cstdint>
-#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
@@ -10,8 +10,9 @@
 #include "anigen/asset/mesh.h"
 #include "anigen/asset/rigged_asset.h"
 #include "anigen/asset/skeleton.h"
-#include "anigen/core/config.h"
 #include "anigen/core/random.h"
+#include "anigen/geometry/sampling.h"
+#include "anigen/prepare/sources.h"
 
 namespace anigen::prepare {
 
@@ -36,12 +37,13 @@ struct PoseMeasures {
 /// lay within 0.80 … 1.07 and shrunk shares below 0.004 everywhere; 92 % kept the stretched share below 0.10, and 97 %
 /// the buried share below 0.12. docs/images/augmentation.png shows what passes.
 struct PoseLimits {
+  using Range = std::array<double, 2>;  ///< least and most
+
   double least_scale = 1e-3;
   double least_change = 0.005;
-  double least_box = 0.3, most_box = 3.0;
+  Range box{0.3, 3.0};
   double least_thickness = 0.25;
-  double least_area = 0.75, most_area = 1.3;
-  double least_volume = 0.75, most_volume = 1.3;
+  Range area{0.75, 1.3}, volume{0.75, 1.3};
   double most_shrunk = 0.02;
   double most_stretched = 0.10;
   double most_buried = 0.12;
@@ -49,9 +51,10 @@ struct PoseLimits {
   /// @throws InputError naming the limit that is negative or not a number
   void validate() const;
 };
+ANIGEN_JSON_RECORD(PoseLimits, least_scale, least_change, box, least_thickness, area, volume, most_shrunk,
+                   most_stretched, most_buried)
 
 Json to_json(const PoseMeasures& measures);
-Json to_json(const PoseLimits& limits);
 
 /// The first limit that is broken, with its figures ("surface area 0.41 of the source's, at least 0.6"); empty when
 /// none is.
@@ -68,16 +71,21 @@ class PoseChecks {
  public:
   /// @throws InputError for a mesh without faces, with a bad index or a vertex that is not finite
   explicit PoseChecks(const Mesh& source);
-  ~PoseChecks();
-  PoseChecks(PoseChecks&&) noexcept;
-  PoseChecks& operator=(PoseChecks&&) noexcept;
 
   /// @param vertices of the source, moved, [V]; need not be finite @throws InputError when their number differs
   PoseMeasures measure(const std::vector<Eigen::Vector3f>& vertices) const;
 
  private:
-  struct Implementation;
-  std::unique_ptr<Implementation> implementation_;
+  std::vector<bool> hidden_places(const std::vector<Eigen::Vector3f>& posed, double size) const;
+
+  std::vector<Eigen::Vector3f> vertices_;
+  std::vector<Triangle> faces_;
+  Box box_;
+  std::vector<double> areas_;
+  double total_area_ = 0.0;
+  std::optional<double> volume_;
+  std::vector<geometry::SurfacePoint> places_;
+  std::vector<bool> hidden_;  ///< [places], before
 };
 
 enum class PoseKind { kAnimation, kRandom };
@@ -112,7 +120,8 @@ struct JointTurns {
   std::vector<double> angles;  ///< radians; 0 for a joint that was left alone
 };
 
-/// Each joint, with `probability`, about an axis uniform on the sphere by an angle uniform in [0, max_angle].
+/// R_k of each joint: with `probability` (the paper: 80 %) about an axis uniform on the sphere by an angle uniform in
+/// [0, max_angle] (60°), else the identity.
 /// @param max_angle radians @param include_root false leaves joint 0 alone
 JointTurns draw_turns(std::size_t joints, double probability, double max_angle, bool include_root, Rng& rng);
 

@@ -12,6 +12,5 @@
 #include "anigen/prepare/prepare_source.h"
 #include "anigen/prepare/run.h"
 #include "anigen/prepare/sources.h"
-#include "anigen/prepare/step.h"
 #include "anigen/prepare/steps.h"
 #include "anigen/prepare/workers.h"

@@ -6,43 +6,51 @@
 #include <optional>
 #include <utility>
 
-#include "anigen/asset/rigged_asset.h"
 #include "anigen/core/error.h"
 #include "anigen/core/version.h"
 #include "anigen/creatures/body.h"
 #include "anigen/prepare/cleaning.h"
 #include "anigen/prepare/pose_augmentation.h"
-#include "anigen/prepare/sources.h"
-#include "anigen/prepare/step.h"
 
 namespace anigen::prepare {
 
-Json import_columns(const AssetRecord& record) { return to_json(record); }
+namespace {
 
+/// Raised whenever the same source would give other files or numbers, so that old outputs are made again.
+constexpr int kRecordVersion = 2;
+
+/// Raised whenever the same source would give another asset or other numbers.
+constexpr int kImportVersion = 1;
+
+double closest_bones_of(const Skeleton& skeleton) {
+  std::vector<Eigen::Vector3f> joints;
+  for (const Eigen::Vector3d& p : skeleton.positions()) joints.push_back(p.cast<float>());
+  return closest_bones(joints, skeleton.parents);
+}
+
+/// Columns of a variant. @param posed null when no pose passed; the columns then only say why
 Json variant_columns(const Json& source, const Asset* posed, const Provenance& provenance) {
   if (posed == nullptr) return {{"rejected_pose", true}, {"pose", to_json(provenance)}};
   AssetRecord record = record_from_columns(source);
   // Posing keeps mesh and tree; only lengths change, by the new normalisation, and directions.
-  std::vector<Eigen::Vector3f> joints;
-  for (const Eigen::Vector3d& p : posed->skeleton.positions()) joints.push_back(p.cast<float>());
-  record.closest_bones = closest_bones(joints, posed->skeleton.parents);
+  record.closest_bones = closest_bones_of(posed->skeleton);
   const Similarity again = provenance.renormalization;
   record.scale *= again.scale;
   for (std::size_t i = 0; i < 3; ++i) {
     record.offset[i] = again.scale * record.offset[i] + again.offset[static_cast<Eigen::Index>(i)];
   }
-  Json columns = to_json(record);
+  Json columns = import_columns(record);
   columns["pose"] = to_json(provenance);
   return columns;
 }
 
+/// x → scale · x + offset, from the source to the dataset.
 Similarity normalisation_of(const Json& columns) {
   const AssetRecord record = record_from_columns(columns);
   return {record.scale, Eigen::Vector3d(record.offset[0], record.offset[1], record.offset[2])};
 }
 
-bool is_rejected_pose(const Json& columns) { return columns.contains("rejected_pose"); }
-
+/// True when this version of the program understands them.
 bool readable(const Json& columns) {
   if (is_rejected_pose(columns)) return true;
   try {
@@ -52,97 +60,6 @@ bool readable(const Json& columns) {
     return false;
   }
 }
-
-AssetRecord record_from_columns(const Json& columns) {
-  try {
-    AssetRecord record = asset_record_from_json(columns);
-    if (record.offset.size() != 3) throw InputError("", "", "the record of an asset is damaged: offset");
-    return record;
-  } catch (const Json::exception& error) {
-    throw InputError("", "", std::string("the record of an asset is damaged: ") + error.what());
-  }
-}
-
-Json to_json(const StepFailure& failure) {
-  return {{"id", failure.id},         {"variant", failure.variant},
-          {"step", failure.step},     {"fingerprint", failure.fingerprint},
-          {"reason", failure.reason}, {"rule", failure.rule}};
-}
-
-StepFailure step_failure_from_json(const Json& json) {
-  StepFailure failure;
-  json.at("id").get_to(failure.id);
-  json.at("variant").get_to(failure.variant);
-  json.at("step").get_to(failure.step);
-  json.at("fingerprint").get_to(failure.fingerprint);
-  json.at("reason").get_to(failure.reason);
-  json.at("rule").get_to(failure.rule);
-  return failure;
-}
-
-Json to_json(const SourceTask& task) {
-  Json known = Json::array();
-  for (const StepFailure& failure : task.known) known.push_back(to_json(failure));
-  return {{"number", task.number},
-          {"source", to_json(task.source)},
-          {"known", known},
-          {"id", task.id},
-          {"only_identify", task.only_identify}};
-}
-
-SourceTask source_task_from_json(const Json& json) {
-  SourceTask task;
-  json.at("number").get_to(task.number);
-  task.source = asset_source_from_json(json.at("source"));
-  json.at("id").get_to(task.id);
-  json.at("only_identify").get_to(task.only_identify);
-  for (const Json& failure : json.at("known")) task.known.push_back(step_failure_from_json(failure));
-  return task;
-}
-
-Json to_json(const SourceOutcome& outcome) {
-  Json assets = Json::array();
-  for (const AssetOutcome& asset : outcome.assets) {
-    Json failures = Json::array(), timings = Json::array();
-    for (const StepFailure& failure : asset.failures) failures.push_back(to_json(failure));
-    for (const StepTiming& timing : asset.timings) {
-      timings.push_back({{"step", timing.step}, {"seconds", timing.seconds}, {"peak_bytes", timing.peak_bytes}});
-    }
-    assets.push_back({{"id", asset.id},
-                      {"variant", asset.variant},
-                      {"imported", asset.imported},
-                      {"rejected_pose", asset.rejected_pose},
-                      {"reused", asset.reused},
-                      {"failures", failures},
-                      {"timings", timings}});
-  }
-  return {{"number", outcome.number}, {"assets", assets}};
-}
-
-SourceOutcome source_outcome_from_json(const Json& json) {
-  SourceOutcome outcome;
-  json.at("number").get_to(outcome.number);
-  for (const Json& one : json.at("assets")) {
-    AssetOutcome asset;
-    one.at("id").get_to(asset.id);
-    one.at("variant").get_to(asset.variant);
-    one.at("imported").get_to(asset.imported);
-    one.at("rejected_pose").get_to(asset.rejected_pose);
-    one.at("reused").get_to(asset.reused);
-    for (const Json& failure : one.at("failures")) asset.failures.push_back(step_failure_from_json(failure));
-    for (const Json& timing : one.at("timings")) {
-      asset.timings.push_back({timing.at("step").get<std::string>(), timing.at("seconds").get<double>(),
-                               timing.at("peak_bytes").get<std::uint64_t>()});
-    }
-    outcome.assets.push_back(std::move(asset));
-  }
-  return outcome;
-}
-
-namespace {
-
-/// Raised whenever the same source would give another asset or other numbers.
-constexpr int kImportVersion = 1;
 
 /// Runs work and puts into `failure` what was wrong with the asset, if anything was. @return whether it succeeded
 /// @throws as failure_of_item(), for what is no asset's fault
@@ -186,7 +103,47 @@ const StepFailure* find_known(const SourceTask& task, const StepBegin& at) {
   return nullptr;
 }
 
+/// The numbers that notes of one of these codes start with, added up.
+std::size_t told_count(const std::vector<io::ImportNote>& notes, const std::vector<std::string>& codes) {
+  std::size_t count = 0;
+  for (const io::ImportNote& note : notes) {
+    if (std::find(codes.begin(), codes.end(), note.code) != codes.end())
+      count += std::strtoull(note.message.c_str(), nullptr, 10);
+  }
+  return count;
+}
+
+void measure(const Asset& asset, AssetRecord& record) {
+  record.num_joints = asset.skeleton.size();
+  record.num_vertices = asset.mesh.vertices.size();
+  record.num_faces = asset.mesh.faces.size();
+  record.max_influences = asset.skin.largest_row();
+  record.closest_bones = closest_bones_of(asset.skeleton);
+  record.outside_share = outside_share(asset.skeleton.positions(), bounding_box(asset.mesh.vertices));
+  record.skeleton = describe(asset.skeleton);
+}
+
 }  // namespace
+
+Json import_columns(const AssetRecord& record) {
+  Json columns = {{"version", kRecordVersion}};
+  columns.update(Json(record));
+  return columns;
+}
+
+bool is_rejected_pose(const Json& columns) { return columns.contains("rejected_pose"); }
+
+AssetRecord record_from_columns(const Json& columns) {
+  try {
+    if (columns.at("version").get<int>() != kRecordVersion)
+      throw InputError("", "/version", "is that of another program version");
+    auto record = columns.get<AssetRecord>();
+    if (record.offset.size() != 3) throw InputError("", "", "the record of an asset is damaged: offset");
+    return record;
+  } catch (const Json::exception& error) {
+    throw InputError("", "", std::string("the record of an asset is damaged: ") + error.what());
+  }
+}
 
 /// The first step of an asset, which everything else depends on.
 struct SourcePreparer::Root {
@@ -240,31 +197,32 @@ AssetOutcome SourcePreparer::prepare_asset(const Root& root, AssetJob& job, cons
   outcome.imported = true;
   outcome.rejected_pose = is_rejected_pose(records.columns(kImport));
   if (!outcome.rejected_pose) job.set_normalisation(normalisation_of(records.columns(kImport)));
-  for (const PlannedStep& planned : steps_) {
+  for (const Step& step : steps_) {
     if (outcome.rejected_pose) break;
-    const Step& step = *planned.step;
-    bool possible = true;
-    for (const std::string& input : step.inputs()) possible = possible && records.has(input);
-    if (!possible || up_to_date(step, job.places(), records, !planned.asked)) continue;
-    StepResult result;
-    result.version = step.version();
-    result.commit = commit();
-    result.options = step.options();
-    result.inputs = step.inputs();
-    result.fingerprint = records.fingerprint(step.name(), result.version, result.options, result.inputs);
-    if (records.steps.erase(step.name()) > 0) {
+    const bool possible =
+        std::all_of(step.inputs.begin(), step.inputs.end(), [&](const auto& input) { return records.has(input); });
+    if (!possible || up_to_date(step, job.places(), records)) continue;
+    StepResult result{records.fingerprint(step.name, step.version, step.options, step.inputs),
+                      step.version,
+                      step.options,
+                      step.inputs,
+                      0,
+                      0,
+                      Json::object(),
+                      commit()};
+    if (records.steps.erase(step.name) > 0) {
       // Whatever is half-replaced after a kill must not pass for done.
       records.drop_stale();
       save();
     }
-    const bool done = attempt(step.name(), result.fingerprint, [&] {
+    const bool done = attempt(step.name, result.fingerprint, [&] {
       step.clear(job.places());
       result.columns = step.run(job);
       if (!measure_files(step.outputs(job.places(), result.options), result))
-        throw Error(step.name() + " left out a file");
+        throw Error(step.name + " left out a file");
     });
     if (!done) continue;
-    records.steps[step.name()] = std::move(result);
+    records.steps[step.name] = std::move(result);
     save();
   }
   records.drop_stale();
@@ -305,7 +263,7 @@ SourceOutcome SourcePreparer::prepare(const SourceTask& task, const StepObserver
   // The asset moves into the job, which keeps it for the steps and for the variants.
   AssetJob job({out_, id}, [&] { return std::move(import().asset); });
   Root root;
-  root.options = {{"source", id}, {"cleaning", to_json(plan_.cleaning)}};
+  root.options = {{"source", id}, {"cleaning", plan_.cleaning.to_json()}};
   if (!task.source.procedural() && task.source.format == io::RigFormat::kDataset) {
     // Assets of a dataset keep their ids, which say nothing about the content.
     try_work(
@@ -334,8 +292,7 @@ SourceOutcome SourcePreparer::prepare(const SourceTask& task, const StepObserver
     });
     Root variant_root;
     variant_root.variant = variant_number(k);
-    variant_root.options = {
-        {"source", root.options}, {"seed", plan_.seed}, {"variant", k}, {"poses", to_json(plan_.poses)}};
+    variant_root.options = {{"source", root.options}, {"seed", plan_.seed}, {"variant", k}, {"poses", plan_.poses}};
     variant_root.columns = [&] {
       pose();
       return columns;
@@ -344,33 +301,6 @@ SourceOutcome SourcePreparer::prepare(const SourceTask& task, const StepObserver
   }
   return outcome;
 }
-
-namespace {
-
-/// The numbers that notes of one of these codes start with, added up.
-std::size_t told_count(const std::vector<io::ImportNote>& notes, const std::vector<std::string>& codes) {
-  std::size_t count = 0;
-  for (const io::ImportNote& note : notes) {
-    if (std::find(codes.begin(), codes.end(), note.code) != codes.end())
-      count += std::strtoull(note.message.c_str(), nullptr, 10);
-  }
-  return count;
-}
-
-void measure(const Asset& asset, AssetRecord& record) {
-  record.num_joints = asset.skeleton.size();
-  record.num_vertices = asset.mesh.vertices.size();
-  record.num_faces = asset.mesh.faces.size();
-  record.max_influences = asset.skin.largest_row();
-  const std::vector<Eigen::Vector3d> positions = asset.skeleton.positions();
-  std::vector<Eigen::Vector3f> joints;
-  for (const Eigen::Vector3d& p : positions) joints.push_back(p.cast<float>());
-  record.closest_bones = closest_bones(joints, asset.skeleton.parents);
-  record.outside_share = outside_share(positions, bounding_box(asset.mesh.vertices));
-  record.skeleton = describe(asset.skeleton);
-}
-
-}  // namespace
 
 std::size_t invented_rows(const std::vector<io::ImportNote>& notes) {
   return told_count(notes, {"nan_weights", "zero_weights"});

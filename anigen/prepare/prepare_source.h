@@ -21,16 +21,8 @@ namespace anigen::prepare {
 /// The columns of the first step: what was measured of an imported asset, and of a variant also where it came from.
 Json import_columns(const AssetRecord& record);
 
-/// @param source columns of the asset that was posed @param posed null when no pose passed; the columns then only say
-/// why
-Json variant_columns(const Json& source, const Asset* posed, const Provenance& provenance);
-
-/// x → scale · x + offset, from the source to the dataset.
-Similarity normalisation_of(const Json& columns);
 bool is_rejected_pose(const Json& columns);
-/// True when this version of the program understands them.
-bool readable(const Json& columns);
-/// @throws InputError when they are not what import_columns() or variant_columns() made
+/// @throws InputError when they are not what this version of the program wrote
 AssetRecord record_from_columns(const Json& columns);
 
 /// A step of one asset that could not be done, and why.
@@ -42,6 +34,7 @@ struct StepFailure {
   std::string reason;
   std::string rule;  ///< of cleaning, when one dropped the asset
 };
+ANIGEN_JSON_RECORD(StepFailure, id, variant, step, fingerprint, reason, rule)
 
 /// Cost of one step.
 struct StepTiming {
@@ -49,6 +42,7 @@ struct StepTiming {
   double seconds = 0;
   std::uint64_t peak_bytes = 0;  ///< most memory in RAM of the whole process meanwhile
 };
+ANIGEN_JSON_RECORD(StepTiming, step, seconds, peak_bytes)
 
 /// Outcome of one asset: the source itself, or one of its posed variants.
 struct AssetOutcome {
@@ -60,6 +54,7 @@ struct AssetOutcome {
   std::vector<StepFailure> failures;
   std::vector<StepTiming> timings;
 };
+ANIGEN_JSON_RECORD(AssetOutcome, id, variant, imported, rejected_pose, reused, failures, timings)
 
 /// One source to prepare.
 struct SourceTask {
@@ -69,19 +64,13 @@ struct SourceTask {
   std::string id;                  ///< of the content, once somebody computed it
   bool only_identify = false;      ///< find the id and no more
 };
+ANIGEN_JSON_RECORD(SourceTask, number, source, known, id, only_identify)
 
 struct SourceOutcome {
   std::size_t number = 0;
   std::vector<AssetOutcome> assets;  ///< the source itself first, then its variants
 };
-
-/// JSON messages between workers and their parent.
-Json to_json(const StepFailure& failure);
-StepFailure step_failure_from_json(const Json& json);
-Json to_json(const SourceTask& task);
-SourceTask source_task_from_json(const Json& json);
-Json to_json(const SourceOutcome& outcome);
-SourceOutcome source_outcome_from_json(const Json& json);
+ANIGEN_JSON_RECORD(SourceOutcome, number, assets)
 
 /// Called before each step: of which asset, and the fingerprint of what is about to be made.
 struct StepBegin {
@@ -111,7 +100,7 @@ class SourcePreparer {
 
   std::filesystem::path out_;
   StepPlan plan_;
-  std::vector<PlannedStep> steps_;
+  std::vector<Step> steps_;
   io::RigReader reader_;  ///< keeps the shard that was read last open
 };
 

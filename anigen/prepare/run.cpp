@@ -3,17 +3,19 @@
 #include <algorithm>
 #include <cctype>
 #include <cstdlib>
+#include <functional>
+#include <map>
 #include <memory>
+#include <mutex>
 #include <optional>
 #include <set>
 #include <system_error>
 #include <utility>
-#include <vector>
 
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
-#include "anigen/core/process.h"
-#include "anigen/prepare/dataset.h"
+#include "anigen/core/lease.h"
+#include "anigen/core/log.h"
 #include "anigen/prepare/merge.h"
 #include "anigen/prepare/workers.h"
 
@@ -98,6 +100,139 @@ void enter(const fs::path& out, const Manifest& run, bool first) {
   write_file_atomically(file, ours.dump(1) + "\n");
 }
 
+/// Finding what a source is takes a moment, and leasing it nearly as long: many go together.
+constexpr std::size_t kIdentifiedTogether = 64;
+/// More pieces than this are not worth their files; few enough sources a piece, so that nobody waits long for the last.
+constexpr std::size_t kPieces = 4096, kMostPreparedTogether = 16;
+
+/// One phase of a run, shared with whoever else works on the dataset.
+struct SharedPhase {
+  std::string label;  ///< of the progress bar
+  const Pieces* pieces = nullptr;
+  std::function<SourceTask(std::size_t)> task;
+  /// An outcome that this process made; called by one thread at a time. @return a note for the bar, or nothing to say
+  std::function<std::string(std::size_t, const SourceOutcome&)> made;
+};
+
+/// Sends pieces to the executor as their leases can be had, until all are done by somebody.
+/// @return what became of every task, in order, from whichever process
+/// @throws what Executor::each() throws
+class PhaseRun {
+ public:
+  PhaseRun(const SharedPhase& phase, const LeaseFolder& leases, Executor& executor)
+      : phase_(phase),
+        pieces_(*phase.pieces),
+        leases_(leases),
+        executor_(executor),
+        outcomes_(pieces_.size()),
+        progress_(phase.label, pieces_.size() == 0 ? 0 : pieces_.range(pieces_.size() - 1).second, "assets") {}
+
+  std::vector<SourceOutcome> run() {
+    std::vector<std::string> names;
+    for (std::size_t piece = 0; piece < pieces_.size(); ++piece) names.push_back(pieces_.name(piece));
+    work_together(
+        leases_, names, [this](std::size_t piece) { return done(piece); },
+        [this](const std::vector<std::size_t>& pieces, const Claim& claim) { pass(pieces, claim); });
+    std::vector<SourceOutcome> all;
+    for (auto& outcomes : outcomes_) {
+      for (SourceOutcome& outcome : *outcomes) all.push_back(std::move(outcome));
+    }
+    return all;
+  }
+
+ private:
+  /// A piece that was asked for in this pass.
+  struct Open {
+    std::optional<Lease> lease;  ///< nothing: somebody else has it
+    std::vector<SourceOutcome> outcomes;
+    std::size_t missing = 0;
+  };
+
+  /// Not for two threads at a time: a pass asks under its mutex.
+  bool done(std::size_t piece) {
+    if (outcomes_[piece]) return true;
+    outcomes_[piece] = pieces_.read(piece);
+    if (!outcomes_[piece]) return false;
+    progress_.advance(outcomes_[piece]->size());
+    return true;
+  }
+
+  void pass(const std::vector<std::size_t>& pieces, const Claim& claim) {
+    std::vector<std::size_t> tasks;
+    for (const std::size_t piece : pieces) {
+      const auto [begin, end] = pieces_.range(piece);
+      for (std::size_t task = begin; task < end; ++task) tasks.push_back(task);
+    }
+    std::mutex mutex;
+    std::map<std::size_t, Open> open;
+    executor_.each(
+        tasks.size(),
+        [&](std::size_t i) -> std::optional<SourceTask> {
+          const std::lock_guard<std::mutex> lock(mutex);
+          const std::size_t piece = pieces_.of_task(tasks[i]);
+          const auto [entry, is_new] = open.try_emplace(piece);
+          if (is_new) {
+            const auto [begin, end] = pieces_.range(piece);
+            entry->second.lease = claim(piece);
+            entry->second.missing = end - begin;
+            entry->second.outcomes.resize(end - begin);
+          }
+          if (!entry->second.lease) return std::nullopt;
+          return phase_.task(tasks[i]);
+        },
+        [&](std::size_t i, SourceOutcome outcome) {
+          const std::lock_guard<std::mutex> lock(mutex);
+          const std::size_t piece = pieces_.of_task(tasks[i]);
+          Open& mine = open.at(piece);
+          const std::string note = phase_.made(tasks[i], outcome);
+          if (!note.empty()) progress_.note(note);
+          mine.outcomes[tasks[i] - pieces_.range(piece).first] = std::move(outcome);
+          progress_.advance();
+          if (--mine.missing > 0) return;
+          pieces_.write(piece, mine.outcomes);
+          outcomes_[piece] = std::move(mine.outcomes);
+          mine.lease.reset();  // after the file: who takes the lease next finds the piece done
+        });
+  }
+
+  const SharedPhase& phase_;
+  const Pieces& pieces_;
+  const LeaseFolder& leases_;
+  Executor& executor_;
+  std::vector<std::optional<std::vector<SourceOutcome>>> outcomes_;
+  Progress progress_;
+};
+
+bool contains(const std::vector<StepFailure>& failures, const StepFailure& wanted) {
+  return std::any_of(failures.begin(), failures.end(), [&](const StepFailure& one) {
+    return one.id == wanted.id && one.step == wanted.step && one.fingerprint == wanted.fingerprint &&
+           one.reason == wanted.reason;
+  });
+}
+
+/// Finds what each source is, and which repeat an earlier one. @return positions that are left to prepare
+std::vector<std::size_t> identify(const SharedPhase& phase, const LeaseFolder& leases, Executor& executor,
+                                  std::vector<SourceTask>& tasks, std::vector<SourceOutcome>& outcomes) {
+  outcomes = PhaseRun(phase, leases, executor).run();
+  std::vector<std::size_t> left;
+  std::set<std::string> seen;
+  for (std::size_t i = 0; i < tasks.size(); ++i) {
+    tasks[i].id = outcomes[i].assets.at(0).id;
+    if (!tasks[i].id.empty() && seen.insert(tasks[i].id).second) left.push_back(i);
+  }
+  return left;
+}
+
+}  // namespace
+
+fs::path run_folder(const fs::path& out) { return out / "run"; }
+
+fs::path leases_folder(const fs::path& out) { return run_folder(out) / "leases"; }
+
+fs::path finished_file(const fs::path& out, const Shard& shard) {
+  return run_folder(out) / ("finished-" + shard.name() + ".json");
+}
+
 FileLock join_run(const fs::path& out, const Manifest& run) {
   std::optional<FileLock> lock =
       join_group(dataset_prepare_lock_file(out), [&](bool first) { enter(out, run, first); });
@@ -111,20 +246,6 @@ FileLock take_alone(const fs::path& out) {
   require_no_encoder(out);
   return std::move(*lock);
 }
-
-}  // namespace
-
-fs::path run_folder(const fs::path& out) { return out / "run"; }
-
-fs::path leases_folder(const fs::path& out) { return run_folder(out) / "leases"; }
-
-fs::path finished_file(const fs::path& out, const Shard& shard) {
-  return run_folder(out) / ("finished-" + shard.name() + ".json");
-}
-
-RunMembership::RunMembership(const fs::path& out, const Manifest& run) : lock_(join_run(out, run)) {}
-
-RunAlone::RunAlone(const fs::path& out) : lock_(take_alone(out)) {}
 
 std::size_t sweep_temporary_files(const fs::path& out) {
   std::vector<fs::path> stale;
@@ -143,35 +264,6 @@ std::size_t sweep_temporary_files(const fs::path& out) {
   }
   return removed;
 }
-
-namespace {
-
-/// Finding what a source is takes a moment, and leasing it nearly as long: many go together.
-constexpr std::size_t kIdentifiedTogether = 64;
-/// More pieces than this are not worth their files; few enough sources a piece, so that nobody waits long for the last.
-constexpr std::size_t kPieces = 4096, kMostPreparedTogether = 16;
-
-bool contains(const std::vector<StepFailure>& failures, const StepFailure& wanted) {
-  return std::any_of(failures.begin(), failures.end(), [&](const StepFailure& one) {
-    return one.id == wanted.id && one.step == wanted.step && one.fingerprint == wanted.fingerprint &&
-           one.reason == wanted.reason;
-  });
-}
-
-/// Finds what each source is, and which repeat an earlier one. @return positions that are left to prepare
-std::vector<std::size_t> identify(const SharedPhase& phase, const LeaseFolder& leases, Executor& executor,
-                                  std::vector<SourceTask>& tasks, std::vector<SourceOutcome>& outcomes) {
-  outcomes = run_phase(phase, leases, executor);
-  std::vector<std::size_t> left;
-  std::set<std::string> seen;
-  for (std::size_t i = 0; i < tasks.size(); ++i) {
-    tasks[i].id = outcomes[i].assets.at(0).id;
-    if (!tasks[i].id.empty() && seen.insert(tasks[i].id).second) left.push_back(i);
-  }
-  return left;
-}
-
-}  // namespace
 
 std::vector<SourceOutcome> run_sources(const std::filesystem::path& out, const std::vector<AssetSource>& sources,
                                        const StepPlan& plan, const RunOptions& options, FailureLog& failures,
@@ -221,7 +313,7 @@ std::vector<SourceOutcome> run_sources(const std::filesystem::path& out, const s
     timings.add(outcome);
     return failed > 0 ? std::to_string(failed) + " failed" : std::string();
   };
-  std::vector<SourceOutcome> prepared = run_phase(phase, leases, *executor);
+  std::vector<SourceOutcome> prepared = PhaseRun(phase, leases, *executor).run();
   for (std::size_t i = 0; i < left.size(); ++i) outcomes[left[i]] = std::move(prepared[i]);
   return outcomes;
 }

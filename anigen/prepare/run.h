@@ -12,30 +12,19 @@
 
 namespace anigen::prepare {
 
-/// Being one of the processes that make a dataset: all that are called with the same sources, settings and number of
-/// shards may be at work at the same time, come and go. Others are refused, and so is anigen-encode meanwhile.
+/// Joins the processes that make a dataset, while the lock lives: all that call this with the same sources, settings
+/// and number of shards may be at work at the same time, come and go. Others are refused, and so is anigen-encode
+/// meanwhile. Worker processes do not inherit the membership.
 ///
 /// The first one begins the run: it sweeps what killed processes left, and forgets which pieces are done, so that
 /// everything is looked at again. Tasks of one SLURM array are one run: a task that begins when the others have ended
-/// goes on where they were. Worker processes do not inherit the membership.
-class RunMembership {
- public:
-  /// @param run without entries @throws InputError when anigen-encode works there, or anigen-prepare on other sources
-  /// or with other options
-  RunMembership(const std::filesystem::path& out, const Manifest& run);
+/// goes on where they were.
+/// @param run without entries @throws InputError when anigen-encode works there, or anigen-prepare on other sources or
+/// with other options
+[[nodiscard]] FileLock join_run(const std::filesystem::path& out, const Manifest& run);
 
- private:
-  FileLock lock_;
-};
-
-/// Has a dataset to itself, as a merge wants it. @throws InputError when another process is at work there
-class RunAlone {
- public:
-  explicit RunAlone(const std::filesystem::path& out);
-
- private:
-  FileLock lock_;
-};
+/// Takes a dataset for oneself, as a merge wants it. @throws InputError when another process is at work there
+[[nodiscard]] FileLock take_alone(const std::filesystem::path& out);
 
 /// Folder of the files of a run that are not part of the dataset: locks, leases, failures, timings, lists of what each
 /// shard made.
@@ -65,7 +54,7 @@ struct RunOptions {
 /// runs the same: each takes by lease what nobody has or has done. First all are identified, then each content is
 /// prepared once; both end when the last process has finished its part.
 /// @return what became of them, by whomever, in order of their numbers
-/// @pre the caller belongs to the run (RunMembership)
+/// @pre the caller belongs to the run (join_run())
 /// @throws Interrupted after Ctrl-C, Error when the disk refuses
 std::vector<SourceOutcome> run_sources(const std::filesystem::path& out, const std::vector<AssetSource>& sources,
                                        const StepPlan& plan, const RunOptions& options, FailureLog& failures,

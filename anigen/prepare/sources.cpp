@@ -1,16 +1,12 @@
 #include "anigen/prepare/sources.h"
 
 #include <algorithm>
-#include <cstdint>
-#include <string>
 #include <system_error>
 #include <utility>
-#include <vector>
 
 #include "anigen/core/error.h"
 #include "anigen/core/hash.h"
 #include "anigen/io/arrays/npz.h"
-#include "anigen/io/rigs/rig_listing.h"
 
 namespace anigen::prepare {
 
@@ -38,8 +34,7 @@ std::string AssetSource::source_path() const {
   return key.empty() ? local_path : local_path.substr(0, local_path.size() - key.size() - 1);
 }
 
-Json to_json(const AssetSource& source) {
-  Json json;
+void to_json(Json& json, const AssetSource& source) {
   if (source.procedural()) {
     json["format"] = "procedural";
     json["seed"] = source.seed;
@@ -53,17 +48,15 @@ Json to_json(const AssetSource& source) {
     json["uuid"] = source.uuid;
   }
   json["file_identifier"] = source.file_identifier;
-  return json;
 }
 
-AssetSource asset_source_from_json(const Json& json) {
-  AssetSource source;
+void from_json(const Json& json, AssetSource& source) {
   const auto format = member<std::string>(json, "format");
   source.file_identifier = member<std::string>(json, "file_identifier");
   if (format == "procedural") {
     source.seed = member<std::uint64_t>(json, "seed");
     source.index = member<std::uint64_t>(json, "index");
-    return source;
+    return;
   }
   source.format = io::parse_rig_format(format);
   source.file = member<std::string>(json, "file");
@@ -72,7 +65,6 @@ AssetSource asset_source_from_json(const Json& json) {
   source.local_path = member<std::string>(json, "local_path");
   source.is_test = member<bool>(json, "is_test");
   source.uuid = json.value("uuid", "");
-  return source;
 }
 
 std::vector<AssetSource> find_assets(const std::vector<fs::path>& inputs) {

@@ -12,6 +12,16 @@
 #include "anigen/io/rigs/rig_listing.h"
 #include "anigen/io/rigs/rig_reader.h"
 
+/// JSON of a record by the names of its members, in this order, and back. Json::get throws Json::exception for a key
+/// that is missing or of another type.
+#define ANIGEN_JSON_RECORD(Type, ...)                                          \
+  inline void to_json(Json& nlohmann_json_j, const Type& nlohmann_json_t) {    \
+    NLOHMANN_JSON_EXPAND(NLOHMANN_JSON_PASTE(NLOHMANN_JSON_TO, __VA_ARGS__))   \
+  }                                                                            \
+  inline void from_json(const Json& nlohmann_json_j, Type& nlohmann_json_t) {  \
+    NLOHMANN_JSON_EXPAND(NLOHMANN_JSON_PASTE(NLOHMANN_JSON_FROM, __VA_ARGS__)) \
+  }
+
 namespace anigen::prepare {
 
 /// Source of one asset of a dataset: a rig on disk, or a number of the procedural generator. Plain data: as JSON
@@ -33,9 +43,9 @@ struct AssetSource {
   io::RigEntry rig() const { return {format, file, key, local_path, is_test, uuid}; }
 };
 
+void to_json(Json& json, const AssetSource& source);
 /// @throws InputError naming the JSON pointer
-Json to_json(const AssetSource& source);
-AssetSource asset_source_from_json(const Json& json);
+void from_json(const Json& json, AssetSource& source);
 
 /// Every rigged asset under the inputs, as io::list_rigs finds them, inputs in the order given. @throws InputError when
 /// an input does not exist or holds nothing that can be read
@@ -83,5 +93,7 @@ struct QualityLimits {
   double max_invented_rows = 0.01;  ///< share of vertices whose weights the importer had to make up
   double least_weight_sum = 0.9;    ///< of any vertex, in the file (what Articulation-XL 2.0 was cleaned by)
 };
+ANIGEN_JSON_RECORD(QualityLimits, min_joints, max_joints, same_bone, max_outside_share, max_invented_rows,
+                   least_weight_sum)
 
 }  // namespace anigen::prepare

@@ -1,23 +1,21 @@
 #include "anigen/prepare/steps.h"
 
 #include <algorithm>
-#include <cstdint>
 #include <cstdio>
-#include <functional>
-#include <string>
+#include <fstream>
+#include <iterator>
 #include <system_error>
 #include <utility>
 
-#include "anigen/core/config.h"
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
+#include "anigen/core/hash.h"
 #include "anigen/core/random.h"
 #include "anigen/geometry/voxelize.h"
 #include "anigen/io/arrays/npz.h"
 #include "anigen/io/gltf/gltf.h"
 #include "anigen/io/image.h"
 #include "anigen/io/ply.h"
-#include "anigen/prepare/sources.h"
 #include "anigen/render/cameras_json.h"
 #include "anigen/render/dataset_views.h"
 #include "anigen/render/scene.h"
@@ -57,90 +55,87 @@ std::vector<geometry::Voxel> read_voxel_ply(const std::filesystem::path& path, i
   return voxels;
 }
 
-std::vector<std::filesystem::path> VoxelStep::outputs(const AssetPlaces& places, const Json&) const {
-  return {places.surface_voxels(), places.skeleton_voxels()};
+namespace {
+
+namespace fs = std::filesystem;
+
+/// Of the form of the file itself; what steps make is versioned by each step.
+constexpr int kFormat = 2;
+
+constexpr char kFeatures[] = "features/";
+
+Step voxel_step(int resolution) {
+  Step step{"voxels"};
+  step.options = {{"resolution", resolution}};
+  step.outputs = [](const AssetPlaces& places, const Json&) {
+    return Step::Files{places.surface_voxels(), places.skeleton_voxels()};
+  };
+  step.run = [resolution](AssetJob& job) -> Json {
+    const Asset& asset = job.asset();
+    const auto surface = geometry::voxelize_surface(asset.mesh.vertices, asset.mesh.faces, resolution);
+    const auto skeleton = geometry::voxelize_bones(asset.skeleton.positions(), asset.skeleton.parents, resolution);
+    write_voxel_ply(job.places().surface_voxels(), surface, resolution);
+    write_voxel_ply(job.places().skeleton_voxels(), skeleton, resolution);
+    job.forget_voxels();
+    return {{"num_voxels", surface.size()}, {"num_skeleton_voxels", skeleton.size()}};
+  };
+  return step;
 }
 
-Json VoxelStep::run(AssetJob& job) const {
-  const Asset& asset = job.asset();
-  const auto surface = geometry::voxelize_surface(asset.mesh.vertices, asset.mesh.faces, resolution_);
-  const auto skeleton = geometry::voxelize_bones(asset.skeleton.positions(), asset.skeleton.parents, resolution_);
-  write_voxel_ply(job.places().surface_voxels(), surface, resolution_);
-  write_voxel_ply(job.places().skeleton_voxels(), skeleton, resolution_);
-  job.forget_voxels();
-  return {{"num_voxels", surface.size()}, {"num_skeleton_voxels", skeleton.size()}};
+Step skeleton_step() {
+  Step step{"skeleton"};
+  step.outputs = [](const AssetPlaces& places, const Json&) { return Step::Files{places.skeleton()}; };
+  step.run = [](AssetJob& job) {
+    write_skeleton_archive(job.places().skeleton(), job.asset());
+    return Json::object();
+  };
+  return step;
 }
 
-std::vector<std::filesystem::path> SkeletonStep::outputs(const AssetPlaces& places, const Json&) const {
-  return {places.skeleton()};
+Step asset_step() {
+  Step step{"asset"};
+  step.outputs = [](const AssetPlaces& places, const Json&) { return Step::Files{places.asset()}; };
+  step.run = [](AssetJob& job) {
+    io::ExportOptions exported;
+    exported.influences = std::max<std::size_t>(1, job.asset().skin.largest_row());
+    io::write_gltf(job.places().asset(), job.asset(), exported);
+    return Json::object();
+  };
+  return step;
 }
 
-Json SkeletonStep::run(AssetJob& job) const {
-  write_skeleton_archive(job.places().skeleton(), job.asset());
-  return Json::object();
-}
-
-std::vector<std::filesystem::path> KeepAssetStep::outputs(const AssetPlaces& places, const Json&) const {
-  return {places.asset()};
-}
-
-Json KeepAssetStep::run(AssetJob& job) const {
-  io::ExportOptions exported;
-  exported.influences = std::max<std::size_t>(1, job.asset().skin.largest_row());
-  io::write_gltf(job.places().asset(), job.asset(), exported);
-  return Json::object();
-}
-
-FeatureStep::FeatureStep(std::shared_ptr<const FeatureExtractor> extractor, int resolution)
-    : extractor_(std::move(extractor)), resolution_(resolution) {
-  if (resolution_ > 256) {
-    throw InputError("", "--resolution", "features index voxels by bytes: at most 256 with --features");
-  }
-}
-
-std::vector<std::string> FeatureStep::inputs() const {
-  if (extractor_->needs_views()) return {kImport, "voxels", "views"};
-  return {kImport, "voxels"};
-}
-
-Json FeatureStep::options() const { return {{"model", extractor_->fingerprint()}}; }
-
-std::vector<std::filesystem::path> FeatureStep::outputs(const AssetPlaces& places, const Json&) const {
-  return {places.features(extractor_->name())};
-}
-
-Json FeatureStep::run(AssetJob& job) const {
-  const std::vector<geometry::Voxel>& voxels = job.surface_voxels(resolution_);
-  const FeatureRequest request{job.asset(), voxels, resolution_,
-                               extractor_->needs_views() ? job.places().views() : std::filesystem::path()};
-  io::NdArray features = extractor_->extract(request);
+Json write_features(AssetJob& job, const FeatureExtractor& extractor, int resolution) {
+  const std::vector<geometry::Voxel>& voxels = job.surface_voxels(resolution);
+  const FeatureRequest request{job.asset(), voxels, resolution,
+                               extractor.needs_views() ? job.places().views() : fs::path()};
+  io::NdArray features = extractor.extract(request);
   const auto rows = static_cast<std::int64_t>(voxels.size());
-  if (features.dtype != io::Dtype::kF16 || features.shape != std::vector<std::int64_t>{rows, extractor_->channels()}) {
-    throw Error("feature extractor " + extractor_->name() + " gave another shape or type than it announces");
+  if (features.dtype != io::Dtype::kF16 || features.shape != std::vector<std::int64_t>{rows, extractor.channels()}) {
+    throw Error("feature extractor " + extractor.name() + " gave another shape or type than it announces");
   }
   std::vector<std::uint8_t> indices;
   indices.reserve(3 * voxels.size());
   for (const geometry::Voxel& voxel : voxels) {
     for (const std::int32_t coordinate : voxel) indices.push_back(static_cast<std::uint8_t>(coordinate));
   }
-  io::write_npz(job.places().features(extractor_->name()),
+  io::write_npz(job.places().features(extractor.name()),
                 {{"indices", io::NdArray::from(indices, {rows, 3})}, {"patchtokens", std::move(features)}});
-  return {{"channels", extractor_->channels()}};
+  return {{"channels", extractor.channels()}};
 }
 
-namespace {
-
-namespace fs = std::filesystem;
-
-Json step_options(const ViewSettings& settings) {
-  Json json{{"count", settings.count},
-            {"size", settings.size},
-            {"samples", settings.samples_per_axis},
-            {"geometry", settings.geometry},
-            {"seed", settings.seed}};
-  // Said only where it holds, so that the records of data sets made before there was a choice still fit.
-  if (settings.front) json["front"] = true;
-  return json;
+Step feature_step(const std::shared_ptr<const FeatureExtractor>& extractor, int resolution) {
+  if (resolution > 256) {
+    throw InputError("", "--resolution", "features index voxels by bytes: at most 256 with --features");
+  }
+  Step step{kFeatures + extractor->name()};
+  step.inputs.emplace_back("voxels");
+  if (extractor->needs_views()) step.inputs.emplace_back("views");
+  step.options = {{"model", extractor->fingerprint()}};
+  step.outputs = [model = extractor->name()](const AssetPlaces& places, const Json&) {
+    return Step::Files{places.features(model)};
+  };
+  step.run = [extractor, resolution](AssetJob& job) { return write_features(job, *extractor, resolution); };
+  return step;
 }
 
 /// "007.png" and, for an aspect, "007_normal.png".
@@ -160,11 +155,6 @@ std::vector<fs::path> view_files(const fs::path& folder, const Json& options, co
     for (const std::string& aspect : aspects) files.push_back(folder / picture_name(i, aspect));
   }
   return files;
-}
-
-void clear_folder(const fs::path& folder) {
-  std::error_code ignored;
-  fs::remove_all(folder, ignored);
 }
 
 render::ViewOptions view_options(const ViewSettings& settings) {
@@ -202,62 +192,69 @@ void render_views(AssetJob& job, render::ViewOptions options, const std::vector<
   render::write_transforms(folder / "transforms.json", transforms);
 }
 
-}  // namespace
-
-Json ViewStep::options() const { return step_options(settings_); }
-
-std::vector<fs::path> ViewStep::outputs(const AssetPlaces& places, const Json& options) const {
-  std::vector<fs::path> files = view_files(places.views(), options, {"normal", "depth"});
-  files.push_back(places.views() / "mesh.ply");
-  return files;
+/// What the two kinds of views have in common.
+Step view_step(const std::string& name, const ViewSettings& settings, fs::path (AssetPlaces::*folder)() const) {
+  Step step{name};
+  step.options = {{"count", settings.count},
+                  {"size", settings.size},
+                  {"samples", settings.samples_per_axis},
+                  {"geometry", settings.geometry},
+                  {"seed", settings.seed}};
+  // Said only where it holds, so that the records of data sets made before there was a choice still fit.
+  if (settings.front) step.options["front"] = true;
+  step.folder = std::mem_fn(folder);
+  return step;
 }
 
-void ViewStep::clear(const AssetPlaces& places) const { clear_folder(places.views()); }
-
-Json ViewStep::run(AssetJob& job) const {
-  const Asset& asset = job.asset();
-  Rng rng = camera_rng(settings_, "feature views", job.id());
-  const double offset0 = rng.uniform(), offset1 = rng.uniform();
-  Mesh plain;
-  plain.vertices = asset.mesh.vertices;
-  plain.faces = asset.mesh.faces;
-  io::write_ply(job.places().views() / "mesh.ply", plain);
-  render::ViewOptions options = view_options(settings_);
-  options.geometry = settings_.geometry;
-  const fs::path folder = job.places().views();
-  render_views(job, options, render::feature_views(settings_.count, offset0, offset1), folder,
-               [&](const render::ViewImages& images, const render::Frame&, std::size_t i) {
-                 if (!settings_.geometry) return;
-                 io::write_png(folder / picture_name(i, "normal"), render::encode_world_normals(images));
-                 write_bytes(folder / picture_name(i, "depth"), render::encode_depth_png(images));
-               });
-  return {{"views", settings_.count}};
+Step feature_view_step(const ViewSettings& settings) {
+  Step step = view_step("views", settings, &AssetPlaces::views);
+  step.outputs = [](const AssetPlaces& places, const Json& options) {
+    Step::Files files = view_files(places.views(), options, {"normal", "depth"});
+    files.push_back(places.views() / "mesh.ply");
+    return files;
+  };
+  step.run = [settings](AssetJob& job) -> Json {
+    const fs::path folder = job.places().views();
+    Rng rng = camera_rng(settings, "feature views", job.id());
+    const double offset0 = rng.uniform(), offset1 = rng.uniform();
+    Mesh plain;
+    plain.vertices = job.asset().mesh.vertices;
+    plain.faces = job.asset().mesh.faces;
+    io::write_ply(folder / "mesh.ply", plain);
+    render::ViewOptions options = view_options(settings);
+    options.geometry = settings.geometry;
+    render_views(job, options, render::feature_views(settings.count, offset0, offset1), folder,
+                 [&](const render::ViewImages& images, const render::Frame&, std::size_t i) {
+                   if (!settings.geometry) return;
+                   io::write_png(folder / picture_name(i, "normal"), render::encode_world_normals(images));
+                   write_bytes(folder / picture_name(i, "depth"), render::encode_depth_png(images));
+                 });
+    return {{"views", settings.count}};
+  };
+  return step;
 }
 
-Json ConditionViewStep::options() const { return step_options(settings_); }
-
-std::vector<fs::path> ConditionViewStep::outputs(const AssetPlaces& places, const Json& options) const {
-  return view_files(places.condition_views(), options, {"normal"});
+Step condition_view_step(const ViewSettings& settings) {
+  Step step = view_step("cond_views", settings, &AssetPlaces::condition_views);
+  step.outputs = [](const AssetPlaces& places, const Json& options) {
+    return view_files(places.condition_views(), options, {"normal"});
+  };
+  step.run = [settings](AssetJob& job) -> Json {
+    const fs::path folder = job.places().condition_views();
+    Rng rng = camera_rng(settings, "condition views", job.id());
+    render::ViewOptions options = view_options(settings);
+    options.mean_normal = settings.geometry;
+    const auto cameras =
+        settings.front ? render::front_views(settings.count, rng) : render::condition_views(settings.count, rng);
+    render_views(job, options, cameras, folder,
+                 [&](const render::ViewImages& images, const render::Frame& frame, std::size_t i) {
+                   if (!settings.geometry) return;
+                   io::write_png(folder / picture_name(i, "normal"), render::encode_condition_normals(images, frame));
+                 });
+    return {{"cond_views", settings.count}};
+  };
+  return step;
 }
-
-void ConditionViewStep::clear(const AssetPlaces& places) const { clear_folder(places.condition_views()); }
-
-Json ConditionViewStep::run(AssetJob& job) const {
-  Rng rng = camera_rng(settings_, "condition views", job.id());
-  render::ViewOptions options = view_options(settings_);
-  options.mean_normal = settings_.geometry;
-  const fs::path folder = job.places().condition_views();
-  const auto cameras =
-      settings_.front ? render::front_views(settings_.count, rng) : render::condition_views(settings_.count, rng);
-  render_views(job, options, cameras, folder,
-               [&](const render::ViewImages& images, const render::Frame& frame, std::size_t i) {
-                 if (!settings_.geometry) return;
-                 io::write_png(folder / picture_name(i, "normal"), render::encode_condition_normals(images, frame));
-               });
-  return {{"cond_views", settings_.count}};
-}
-
-namespace {
 
 /// Views that the published system renders (reference training-and-data.md, 1.1), for `--steps views` without a number.
 constexpr std::size_t kPublishedViews = 150, kPublishedConditionViews = 24;
@@ -277,25 +274,126 @@ void check_views(const ViewSettings& settings, const std::string& option) {
   }
 }
 
-Json to_json(const ViewSettings& settings) {
-  return {{"count", settings.count},
-          {"size", settings.size},
-          {"samples", settings.samples_per_axis},
-          {"geometry", settings.geometry},
-          {"front", settings.front}};
-}
-
-ViewSettings view_settings(const Json& json) {
-  ViewSettings settings;
-  json.at("count").get_to(settings.count);
-  json.at("size").get_to(settings.size);
-  json.at("samples").get_to(settings.samples_per_axis);
-  json.at("geometry").get_to(settings.geometry);
-  settings.front = json.value("front", false);
-  return settings;
-}
-
 }  // namespace
+
+const Json& StepRecords::columns(const std::string& step) const {
+  static const Json none = Json::object();
+  const auto found = steps.find(step);
+  return found == steps.end() ? none : found->second.columns;
+}
+
+std::string StepRecords::fingerprint(const std::string& step, int version, const Json& options,
+                                     const std::vector<std::string>& inputs) const {
+  Json parts = Json::array({step, version, options});
+  for (const std::string& input : inputs) {
+    const auto found = steps.find(input);
+    if (found == steps.end()) throw Error("step " + step + " comes before its input " + input);
+    parts.push_back(found->second.fingerprint);
+  }
+  return sha256(parts.dump());
+}
+
+void StepRecords::drop_stale() {
+  const auto stale = [&](const std::string& name, const StepResult& result) {
+    for (const std::string& input : result.inputs) {
+      if (!has(input)) return true;
+    }
+    return result.fingerprint != fingerprint(name, result.version, result.options, result.inputs);
+  };
+  for (bool changed = true; changed;) {
+    changed = false;
+    for (auto step = steps.begin(); step != steps.end();) {
+      const bool drop = stale(step->first, step->second);
+      changed = changed || drop;
+      step = drop ? steps.erase(step) : std::next(step);
+    }
+  }
+}
+
+StepRecords read_step_records(const fs::path& file) {
+  std::error_code error;
+  if (!fs::is_regular_file(file, error)) return {};
+  try {
+    Json json = read_json(file);
+    if (json.at("format").get<int>() != kFormat) return {};
+    StepRecords records;
+    for (auto& [name, step] : json.at("steps").items()) {
+      step.emplace("commit", "");  // records of earlier versions have none
+      step.get_to(records.steps[name]);
+      if (!records.steps[name].columns.is_object()) return {};
+    }
+    return records;
+  } catch (const std::exception&) {
+    return {};
+  }
+}
+
+void write_step_records(const fs::path& file, const std::string& id, const StepRecords& records) {
+  const Json json = {{"format", kFormat}, {"id", id}, {"steps", records.steps}};
+  // Names inside some files are not UTF-8; a record is, whatever it quotes.
+  write_file_atomically(file, json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n");
+}
+
+AssetJob::AssetJob(AssetPlaces places, std::function<Asset()> load)
+    : places_(std::move(places)), load_(std::move(load)) {}
+
+const Asset& AssetJob::asset() {
+  if (!asset_) asset_ = load_();
+  return *asset_;
+}
+
+const std::vector<geometry::Voxel>& AssetJob::surface_voxels(int resolution) {
+  if (!voxels_) voxels_ = read_voxel_ply(places_.surface_voxels(), resolution);
+  return *voxels_;
+}
+
+void Step::clear(const AssetPlaces& places) const {
+  for (const fs::path& path : folder ? Files{folder(places)} : outputs(places, options)) {
+    std::error_code ignored;
+    fs::remove_all(path, ignored);
+  }
+}
+
+bool measure_files(const std::vector<fs::path>& files, StepResult& result) {
+  result.files = files.size();
+  result.bytes = 0;
+  for (const fs::path& file : files) {
+    std::error_code error;
+    const std::uintmax_t size = fs::file_size(file, error);
+    if (error) return false;
+    result.bytes += size;
+  }
+  return true;
+}
+
+bool up_to_date(const Step& step, const AssetPlaces& places, const StepRecords& records) {
+  const auto found = records.steps.find(step.name);
+  if (found == records.steps.end()) return false;
+  for (const std::string& input : step.inputs) {
+    if (!records.has(input)) return false;
+  }
+  const StepResult& result = found->second;
+  const Json& options = step.asked ? step.options : result.options;
+  StepResult now;
+  return result.fingerprint == records.fingerprint(step.name, step.version, options, step.inputs) &&
+         measure_files(step.outputs(places, options), now) && now.files == result.files && now.bytes == result.bytes;
+}
+
+void reset_peak_memory() {
+  // 5 resets the high-water mark: proc(5), /proc/[pid]/clear_refs.
+  std::ofstream("/proc/self/clear_refs") << "5";
+}
+
+std::uint64_t peak_memory_bytes() {
+  std::ifstream status("/proc/self/status");
+  for (std::string word; status >> word;) {
+    if (word != "VmHWM:") continue;
+    std::uint64_t kibibytes = 0;
+    status >> kibibytes;
+    return kibibytes << 10;
+  }
+  return 0;
+}
 
 const std::vector<std::string>& step_words() {
   static const std::vector<std::string> words{"import", "asset", "augment",    "skeleton",
@@ -330,41 +428,33 @@ void StepPlan::validate() const {
   cleaning.validate();
 }
 
-Json to_json(const StepPlan& plan) {
-  return {
-      {"steps", plan.steps},
-      {"keep_assets", plan.keep_assets},
-      {"resolution", plan.resolution},
-      {"views", to_json(plan.views)},
-      {"cond_views", to_json(plan.condition_views)},
-      {"features",
-       {{"model", plan.features.model}, {"weights", plan.features.weights.string()}, {"device", plan.features.device}}},
-      {"variants", plan.variants},
-      {"own_motion", plan.poses.own_motion},
-      {"pose_probability", plan.poses.probability},
-      {"pose_max_angle", plan.poses.max_angle},
-      {"cleaning", to_json(plan.cleaning)},
-      {"seed", plan.seed}};
+void ViewSettings::fields(ConfigFields& f) {
+  f("count", count, {0});
+  f("size", size, {0});
+  f("samples", samples_per_axis, {0});
+  f("geometry", geometry);
+  f("front", front);
 }
 
-StepPlan step_plan_from_json(const Json& json) {
-  StepPlan plan;
-  json.at("steps").get_to(plan.steps);
-  json.at("keep_assets").get_to(plan.keep_assets);
-  json.at("resolution").get_to(plan.resolution);
-  plan.views = view_settings(json.at("views"));
-  plan.condition_views = view_settings(json.at("cond_views"));
-  const Json& features = json.at("features");
-  features.at("model").get_to(plan.features.model);
-  plan.features.weights = features.at("weights").get<std::string>();
-  features.at("device").get_to(plan.features.device);
-  json.at("variants").get_to(plan.variants);
-  json.at("own_motion").get_to(plan.poses.own_motion);
-  json.at("pose_probability").get_to(plan.poses.probability);
-  json.at("pose_max_angle").get_to(plan.poses.max_angle);
-  plan.cleaning = cleaning_options_from_json(json.at("cleaning"));
-  json.at("seed").get_to(plan.seed);
-  return plan;
+void StepPlan::fields(ConfigFields& f) {
+  f("steps", steps);
+  f("keep_assets", keep_assets);
+  f("resolution", resolution, {0});
+  f.object("views", views);
+  f.object("cond_views", condition_views);
+  f.object("features", [&](ConfigFields& g) {
+    g("model", features.model);
+    g("weights", features.weights);
+    g("device", features.device);
+  });
+  f("variants", variants, {0});
+  f("own_motion", poses.own_motion);
+  f("pose_probability", poses.probability);
+  f("pose_max_angle", poses.max_angle);
+  f.object("cleaning", cleaning);
+  // Seeds use all 64 bits.
+  f.custom(
+      "seed", {{"type", "integer"}}, [&](const Json& json) { json.get_to(seed); }, [&] { return Json(seed); });
 }
 
 std::shared_ptr<const FeatureExtractor> make_extractor(const StepPlan& plan, const FeatureExtractorFactory& factory) {
@@ -373,23 +463,31 @@ std::shared_ptr<const FeatureExtractor> make_extractor(const StepPlan& plan, con
   return factory(plan.features);
 }
 
-std::vector<PlannedStep> planned_steps(const StepPlan& plan, std::shared_ptr<const FeatureExtractor> extractor) {
+std::vector<Step> planned_steps(const StepPlan& plan, std::shared_ptr<const FeatureExtractor> extractor) {
   const bool features = plan.wants("features") && extractor != nullptr;
-  const bool need_views = features && extractor->needs_views();
-  std::vector<PlannedStep> steps;
-  const auto add = [&](std::unique_ptr<Step> step, bool asked) { steps.push_back({std::move(step), asked}); };
-  if (plan.wants("skeleton")) add(std::make_unique<SkeletonStep>(), true);
-  if (plan.wants("asset")) add(std::make_unique<KeepAssetStep>(), true);
-  if (plan.wants("voxels") || features) add(std::make_unique<VoxelStep>(plan.resolution), true);
-  if (plan.wants("views") || need_views) {
-    add(std::make_unique<ViewStep>(with_count(plan.views, kPublishedViews, plan.seed)), plan.wants("views"));
+  std::vector<Step> steps;
+  if (plan.wants("skeleton")) steps.push_back(skeleton_step());
+  if (plan.wants("asset")) steps.push_back(asset_step());
+  if (plan.wants("voxels") || features) steps.push_back(voxel_step(plan.resolution));
+  if (plan.wants("views") || (features && extractor->needs_views())) {
+    steps.push_back(feature_view_step(with_count(plan.views, kPublishedViews, plan.seed)));
+    steps.back().asked = plan.wants("views");
   }
-  if (plan.wants("cond_views")) {
-    add(std::make_unique<ConditionViewStep>(with_count(plan.condition_views, kPublishedConditionViews, plan.seed)),
-        true);
-  }
-  if (features) add(std::make_unique<FeatureStep>(std::move(extractor), plan.resolution), true);
+  if (plan.wants("cond_views"))
+    steps.push_back(condition_view_step(with_count(plan.condition_views, kPublishedConditionViews, plan.seed)));
+  if (features) steps.push_back(feature_step(extractor, plan.resolution));
   return steps;
+}
+
+std::vector<fs::path> recorded_files(const std::string& step, const Json& options, const AssetPlaces& places) {
+  // A step's own options decide what is in its files; where they lie, the options of the record do.
+  static const std::vector<Step> known{skeleton_step(), asset_step(), voxel_step(64), feature_view_step({}),
+                                       condition_view_step({})};
+  if (step.rfind(kFeatures, 0) == 0) return {places.features(step.substr(sizeof kFeatures - 1))};
+  for (const Step& one : known) {
+    if (one.name == step) return one.outputs(places, options);
+  }
+  return {};
 }
 
 }  // namespace anigen::prepare

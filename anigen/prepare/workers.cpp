@@ -5,16 +5,13 @@
 #include <unistd.h>
 #include <algorithm>
 #include <cerrno>
+#include <chrono>
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
-#include <filesystem>
 #include <fstream>
 #include <iostream>
 #include <map>
-#include <memory>
-#include <optional>
-#include <string>
 #include <system_error>
 #include <utility>
 
@@ -37,23 +34,15 @@ std::uint64_t resident_pages(const std::string& folder) {
   return file >> total >> resident ? resident : 0;
 }
 
-}  // namespace
+void stop_if_interrupted() {
+  if (!interrupt_requested()) return;
+  throw Interrupted("interrupted: what was finished is kept, the same command goes on from there");
+}
 
-WorkerProcess::WorkerProcess(const std::vector<std::string>& command)
-    : child_([&command] {
-        Program program;
-        program.words = command;
-        program.pipes = true;
-        program.own_group = false;  // what Ctrl-C means for workers is for the parent to decide
-        program.last_signal = SIGKILL;
-        return program;
-      }()) {}
-
-bool WorkerProcess::send(const std::string& line) {
-  const std::string text = line + "\n";
-  std::size_t sent = 0;
-  while (sent < text.size()) {
-    const ssize_t n = ::write(child_.input(), text.data() + sent, text.size() - sent);
+/// @return false when nobody reads any more
+bool write_all(int descriptor, const std::string& text) {
+  for (std::size_t sent = 0; sent < text.size();) {
+    const ssize_t n = ::write(descriptor, text.data() + sent, text.size() - sent);
     if (n >= 0) {
       sent += static_cast<std::size_t>(n);
     } else if (errno != EINTR) {
@@ -62,59 +51,6 @@ bool WorkerProcess::send(const std::string& line) {
   }
   return true;
 }
-
-std::vector<std::string> WorkerProcess::receive(bool& ended) {
-  char buffer[65536];
-  for (;;) {
-    const ssize_t n = ::read(child_.output(), buffer, sizeof buffer);
-    if (n > 0) {
-      unread_.append(buffer, static_cast<std::size_t>(n));
-      if (unread_.size() > kLongestLine) kill();
-    } else if (n == 0) {
-      ended = true;
-      break;
-    } else if (errno != EINTR) {
-      ended = errno != EAGAIN && errno != EWOULDBLOCK;
-      break;
-    }
-  }
-  std::vector<std::string> lines;
-  std::size_t begin = 0;
-  for (std::size_t end; (end = unread_.find('\n', begin)) != std::string::npos; begin = end + 1) {
-    lines.push_back(unread_.substr(begin, end - begin));
-  }
-  unread_.erase(0, begin);
-  return lines;
-}
-
-std::uint64_t WorkerProcess::resident_bytes() const {
-  const std::string folder = "/proc/" + std::to_string(child_.id());
-  const std::uint64_t own = resident_pages(folder);
-  std::uint64_t pages = own;
-  std::error_code error;
-  for (std::filesystem::directory_iterator thread(folder + "/task", error), end; !error && thread != end;
-       thread.increment(error)) {
-    std::ifstream children(thread->path() / "children");
-    // A copy shares the worker's pages until one of them writes: those count once.
-    for (std::string child; children >> child;) pages += std::max(own, resident_pages("/proc/" + child)) - own;
-  }
-  return pages * static_cast<std::uint64_t>(::sysconf(_SC_PAGESIZE));
-}
-
-void WorkerProcess::kill() { child_.send(SIGKILL); }
-
-std::string WorkerProcess::wait() {
-  for (int round = 0;; ++round) {
-    if (const auto end = child_.poll()) {
-      if (end->status >= 0) return "ended with status " + std::to_string(end->status);
-      return "was ended by signal " + std::to_string(-end->status) + " (" + ::strsignal(-end->status) + ")";
-    }
-    ::usleep(10000);
-    if (round == 99) kill();  // closed its output without ending
-  }
-}
-
-namespace {
 
 /// Interval between checks of memory and time. A worker that allocates 4 GB/s overshoots its budget by 100 MB.
 constexpr int kWatchMilliseconds = 25;
@@ -126,7 +62,254 @@ std::string seconds_text(double seconds) {
   return text;
 }
 
+/// Writes messages to what was standard output, which now is standard error for everybody else.
+class Messages {
+ public:
+  Messages() : descriptor_(::dup(STDOUT_FILENO)) { ::dup2(STDERR_FILENO, STDOUT_FILENO); }
+  ~Messages() { ::close(descriptor_); }
+
+  void send(const Json& message) const {
+    const std::string text = message.dump(-1, ' ', false, Json::error_handler_t::replace) + "\n";
+    if (!write_all(descriptor_, text)) std::_Exit(1);  // nobody listens any more
+  }
+
+ private:
+  int descriptor_;
+};
+
+void work(const FeatureExtractorFactory& factory, const Messages& messages) {
+  std::string line;
+  if (!std::getline(std::cin, line)) return;
+  const auto settings = parse_json(line, "settings of a worker").get<WorkerSettings>();
+  log::setup(settings.log_level);
+  Progress::set_quiet(true);
+  set_thread_count(settings.threads);
+  const SourcePreparer preparer(settings.out, settings.plan, make_extractor(settings.plan, factory));
+  messages.send({{"event", "ready"}});
+  const auto observe = [&](const StepBegin& at) {
+    messages.send({{"event", "step"},
+                   {"asset", at.id},
+                   {"variant", at.variant},
+                   {"step", at.step},
+                   {"fingerprint", at.fingerprint}});
+  };
+  while (std::getline(std::cin, line)) {
+    const auto task = parse_json(line, "task of a worker").get<SourceTask>();
+    messages.send({{"event", "done"}, {"result", preparer.prepare(task, observe)}});
+  }
+}
+
+class HereExecutor : public Executor {
+ public:
+  HereExecutor(const std::filesystem::path& out, const StepPlan& plan, const FeatureExtractorFactory& factory)
+      : extractor_(make_extractor(plan, factory)), preparer_(out, plan, extractor_) {}
+
+  void each(std::size_t n, const Task& task, const Take& take) override {
+    const auto one = [&](std::size_t i) {
+      if (interrupt_requested()) return;
+      const std::optional<SourceTask> wanted = task(i);
+      if (wanted) take(i, preparer_.prepare(*wanted, [](const StepBegin&) {}));
+    };
+    if (extractor_ == nullptr) {
+      parallel_for(n, one);
+    } else {
+      for (std::size_t i = 0; i < n; ++i) one(i);  // an extractor takes one request at a time
+    }
+    stop_if_interrupted();
+  }
+
+ private:
+  std::shared_ptr<const FeatureExtractor> extractor_;
+  SourcePreparer preparer_;
+};
+
+/// Handling of a worker that died over a task: a crash that no limit explains may have come from outside (somebody's
+/// kill, the kernel short of memory), so the step gets a second chance; after that, and for a limit at once, it counts
+/// as failed and the rest of the task goes on without it.
+class Undertaker {
+ public:
+  std::optional<Json> replace(const Json& old_task, const WorkerDeath& death) {
+    auto task = old_task.get<SourceTask>();
+    StepFailure failure;
+    if (!death.at.is_null()) {
+      death.at.at("asset").get_to(failure.id);
+      death.at.at("variant").get_to(failure.variant);
+      death.at.at("step").get_to(failure.step);
+      death.at.at("fingerprint").get_to(failure.fingerprint);
+    }
+    failure.reason = task.source.file_identifier + ": " + death.reason;
+    if (death.cause == WorkerDeath::Cause::kCrash && ++crashes_[{task.number, failure.id + failure.step}] < 2) {
+      return old_task;
+    }
+    if (failure.step.empty()) return std::nullopt;  // not even identified
+    task.known.push_back(std::move(failure));
+    return Json(task);
+  }
+
+ private:
+  std::map<std::pair<std::size_t, std::string>, int> crashes_;
+};
+
+class WorkerExecutor : public Executor {
+ public:
+  WorkerExecutor(const std::filesystem::path& out, const StepPlan& plan, const RunOptions& options, std::size_t most)
+      : pool_(pool_options(out, plan, options, most)) {}
+
+  void each(std::size_t n, const Task& task, const Take& take) override {
+    std::size_t next = 0;
+    std::map<std::size_t, std::size_t> positions;  // of tasks that are out, by their number
+    const auto settle = [&](std::size_t number, SourceOutcome outcome) {
+      const auto found = positions.find(number);
+      if (found == positions.end()) throw Error("a worker answered for a task it was not given");
+      const std::size_t position = found->second;
+      positions.erase(found);
+      take(position, std::move(outcome));
+    };
+    PoolClient client;
+    client.next = [&]() -> std::optional<Json> {
+      while (next < n) {
+        const std::size_t position = next++;
+        const std::optional<SourceTask> one = task(position);
+        if (!one) continue;
+        positions[one->number] = position;
+        return Json(*one);
+      }
+      return std::nullopt;
+    };
+    client.done = [&](const Json& json, const Json& result) {
+      settle(json.at("number").get<std::size_t>(), result.get<SourceOutcome>());
+    };
+    client.died = [&](const Json& json, const WorkerDeath& death) {
+      std::optional<Json> again = undertaker_.replace(json, death);
+      if (again) return again;
+      const auto lost = json.get<SourceTask>();
+      const std::string reason = lost.source.file_identifier + ": " + death.reason;
+      SourceOutcome outcome;
+      outcome.number = lost.number;
+      outcome.assets.emplace_back();
+      outcome.assets[0].failures.push_back({lost.id, 0, kImport, "", reason, ""});
+      settle(lost.number, std::move(outcome));
+      return again;
+    };
+    pool_.run(client);
+  }
+
+ private:
+  static PoolOptions pool_options(const std::filesystem::path& out, const StepPlan& plan, const RunOptions& options,
+                                  std::size_t most) {
+    const auto threads = static_cast<std::size_t>(std::max(1, thread_count()));
+    PoolOptions pool;
+    pool.command = options.worker_command;
+    pool.workers = std::max<std::size_t>(1, std::min(options.workers > 0 ? options.workers : threads, most));
+    pool.timeout = options.timeout;
+    pool.memory_bytes = options.memory_bytes;
+    WorkerSettings settings{out, plan, 1, options.log_level};
+    settings.threads = static_cast<int>(std::max<std::size_t>(1, threads / pool.workers));
+    pool.settings = settings;
+    // Read by OpenMP when a worker loads it, before its first line of ours.
+    ::setenv("OMP_NUM_THREADS", std::to_string(settings.threads).c_str(), 1);
+    return pool;
+  }
+
+  WorkerPool pool_;
+  Undertaker undertaker_;
+};
+
 }  // namespace
+
+/// A child process that is spoken to in lines: one goes to its standard input, lines come back from its standard
+/// output; its standard error is ours. It dies with its parent (core/process.h).
+class WorkerProcess {
+ public:
+  /// @param command program and arguments @throws Error when the system refuses a pipe or a process; a program that
+  /// cannot be run shows as a worker that ended with status 127
+  explicit WorkerProcess(const std::vector<std::string>& command)
+      : child_([&command] {
+          Program program;
+          program.words = command;
+          program.pipes = true;
+          program.own_group = false;  // what Ctrl-C means for workers is for the parent to decide
+          program.last_signal = SIGKILL;
+          return program;
+        }()) {}
+
+  int output() const { return child_.output(); }  ///< to poll
+
+  /// @return false when the worker is gone
+  bool send(const std::string& line) { return write_all(child_.input(), line + "\n"); }
+  /// Takes what is there without waiting for more. @return complete lines; `ended` is set at end of file
+  std::vector<std::string> receive(bool& ended) {
+    char buffer[65536];
+    for (;;) {
+      const ssize_t n = ::read(child_.output(), buffer, sizeof buffer);
+      if (n > 0) {
+        unread_.append(buffer, static_cast<std::size_t>(n));
+        if (unread_.size() > kLongestLine) kill();
+      } else if (n == 0) {
+        ended = true;
+        break;
+      } else if (errno != EINTR) {
+        ended = errno != EAGAIN && errno != EWOULDBLOCK;
+        break;
+      }
+    }
+    std::vector<std::string> lines;
+    std::size_t begin = 0;
+    for (std::size_t end; (end = unread_.find('\n', begin)) != std::string::npos; begin = end + 1) {
+      lines.push_back(unread_.substr(begin, end - begin));
+    }
+    unread_.erase(0, begin);
+    return lines;
+  }
+  /// Memory that the worker and the processes it started (run_guarded) have in RAM, bytes; 0 when it cannot be told.
+  std::uint64_t resident_bytes() const {
+    const std::string folder = "/proc/" + std::to_string(child_.id());
+    const std::uint64_t own = resident_pages(folder);
+    std::uint64_t pages = own;
+    std::error_code error;
+    for (std::filesystem::directory_iterator thread(folder + "/task", error), end; !error && thread != end;
+         thread.increment(error)) {
+      std::ifstream children(thread->path() / "children");
+      // A copy shares the worker's pages until one of them writes: those count once.
+      for (std::string child; children >> child;) pages += std::max(own, resident_pages("/proc/" + child)) - own;
+    }
+    return pages * static_cast<std::uint64_t>(::sysconf(_SC_PAGESIZE));
+  }
+  /// Ends it at once. A worker writes files by rename only, so this leaves nothing half-done under a final name.
+  void kill() { child_.send(SIGKILL); }
+  /// Waits for the end. @return how it ended, in words: "ended with status 3", "was ended by signal 11 (Segmentation
+  /// fault)"
+  std::string wait() {
+    for (int round = 0;; ++round) {
+      if (const auto end = child_.poll()) {
+        if (end->status >= 0) return "ended with status " + std::to_string(end->status);
+        return "was ended by signal " + std::to_string(-end->status) + " (" + ::strsignal(-end->status) + ")";
+      }
+      ::usleep(10000);
+      if (round == 99) kill();  // closed its output without ending
+    }
+  }
+
+ private:
+  ChildProcess child_;  ///< killed when it still runs
+  std::string unread_;
+};
+
+using Clock = std::chrono::steady_clock;
+
+struct WorkerPool::Worker {
+  std::unique_ptr<WorkerProcess> process;
+  std::optional<Json> task;
+  Json at;
+  Clock::time_point since;  ///< when the current asset began
+  bool ready = false;
+  std::optional<WorkerDeath::Cause> killed;
+};
+
+WorkerPool::WorkerPool(PoolOptions options)
+    : options_(std::move(options)), workers_(options_.workers > 0 ? options_.workers : 1) {}
+
+WorkerPool::~WorkerPool() = default;
 
 void WorkerPool::start(Worker& worker) {
   worker = Worker{};
@@ -215,9 +398,7 @@ void WorkerPool::bury(Worker& worker, const PoolClient& client) {
 void WorkerPool::run(const PoolClient& client) {
   exhausted_ = false;
   for (;;) {
-    if (interrupt_requested()) {
-      throw Interrupted("interrupted: what was finished is kept, the same command goes on from there");
-    }
+    stop_if_interrupted();
     std::vector<pollfd> watched;
     std::vector<Worker*> owners;
     for (Worker& worker : workers_) {
@@ -243,71 +424,6 @@ void WorkerPool::run(const PoolClient& client) {
   }
 }
 
-namespace {
-
-/// Writes messages to what was standard output, which now is standard error for everybody else.
-class Messages {
- public:
-  Messages() : descriptor_(::dup(STDOUT_FILENO)) { ::dup2(STDERR_FILENO, STDOUT_FILENO); }
-  ~Messages() { ::close(descriptor_); }
-
-  void send(const Json& message) const {
-    const std::string text = message.dump(-1, ' ', false, Json::error_handler_t::replace) + "\n";
-    std::size_t sent = 0;
-    while (sent < text.size()) {
-      const ssize_t n = ::write(descriptor_, text.data() + sent, text.size() - sent);
-      if (n >= 0) {
-        sent += static_cast<std::size_t>(n);
-      } else if (errno != EINTR) {
-        std::_Exit(1);  // nobody listens any more
-      }
-    }
-  }
-
- private:
-  int descriptor_;
-};
-
-void work(const FeatureExtractorFactory& factory, const Messages& messages) {
-  std::string line;
-  if (!std::getline(std::cin, line)) return;
-  const WorkerSettings settings = worker_settings_from_json(parse_json(line, "settings of a worker"));
-  log::setup(settings.log_level);
-  Progress::set_quiet(true);
-  set_thread_count(settings.threads);
-  const SourcePreparer preparer(settings.out, settings.plan, make_extractor(settings.plan, factory));
-  messages.send({{"event", "ready"}});
-  const auto observe = [&](const StepBegin& at) {
-    messages.send({{"event", "step"},
-                   {"asset", at.id},
-                   {"variant", at.variant},
-                   {"step", at.step},
-                   {"fingerprint", at.fingerprint}});
-  };
-  while (std::getline(std::cin, line)) {
-    const SourceTask task = source_task_from_json(parse_json(line, "task of a worker"));
-    messages.send({{"event", "done"}, {"result", to_json(preparer.prepare(task, observe))}});
-  }
-}
-
-}  // namespace
-
-Json to_json(const WorkerSettings& settings) {
-  return {{"out", settings.out.string()},
-          {"plan", to_json(settings.plan)},
-          {"threads", settings.threads},
-          {"log_level", settings.log_level}};
-}
-
-WorkerSettings worker_settings_from_json(const Json& json) {
-  WorkerSettings settings;
-  settings.out = json.at("out").get<std::string>();
-  settings.plan = step_plan_from_json(json.at("plan"));
-  json.at("threads").get_to(settings.threads);
-  json.at("log_level").get_to(settings.log_level);
-  return settings;
-}
-
 int run_worker(const FeatureExtractorFactory& factory) {
   const Messages messages;
   try {
@@ -319,128 +435,6 @@ int run_worker(const FeatureExtractorFactory& factory) {
     return bad_input ? 2 : 1;
   }
 }
-
-namespace {
-
-class HereExecutor : public Executor {
- public:
-  HereExecutor(const std::filesystem::path& out, const StepPlan& plan, const FeatureExtractorFactory& factory)
-      : extractor_(make_extractor(plan, factory)), preparer_(out, plan, extractor_) {}
-
-  void each(std::size_t n, const Task& task, const Take& take) override {
-    const auto one = [&](std::size_t i) {
-      if (interrupt_requested()) return;
-      const std::optional<SourceTask> wanted = task(i);
-      if (wanted) take(i, preparer_.prepare(*wanted, [](const StepBegin&) {}));
-    };
-    if (extractor_ == nullptr) {
-      parallel_for(n, one);
-    } else {
-      for (std::size_t i = 0; i < n; ++i) one(i);  // an extractor takes one request at a time
-    }
-    if (interrupt_requested()) {
-      throw Interrupted("interrupted: what was finished is kept, the same command goes on from there");
-    }
-  }
-
- private:
-  std::shared_ptr<const FeatureExtractor> extractor_;
-  SourcePreparer preparer_;
-};
-
-/// Handling of a worker that died over a task: a crash that no limit explains may have come from outside (somebody's
-/// kill, the kernel short of memory), so the step gets a second chance; after that, and for a limit at once, it counts
-/// as failed and the rest of the task goes on without it.
-class Undertaker {
- public:
-  std::optional<Json> replace(const Json& old_task, const WorkerDeath& death) {
-    SourceTask task = source_task_from_json(old_task);
-    StepFailure failure;
-    if (!death.at.is_null()) {
-      death.at.at("asset").get_to(failure.id);
-      death.at.at("variant").get_to(failure.variant);
-      death.at.at("step").get_to(failure.step);
-      death.at.at("fingerprint").get_to(failure.fingerprint);
-    }
-    failure.reason = task.source.file_identifier + ": " + death.reason;
-    if (death.cause == WorkerDeath::Cause::kCrash && ++crashes_[{task.number, failure.id + failure.step}] < 2) {
-      return old_task;
-    }
-    if (failure.step.empty()) return std::nullopt;  // not even identified
-    task.known.push_back(std::move(failure));
-    return to_json(task);
-  }
-
- private:
-  std::map<std::pair<std::size_t, std::string>, int> crashes_;
-};
-
-class WorkerExecutor : public Executor {
- public:
-  WorkerExecutor(const std::filesystem::path& out, const StepPlan& plan, const RunOptions& options, std::size_t most)
-      : pool_(pool_options(out, plan, options, most)) {}
-
-  void each(std::size_t n, const Task& task, const Take& take) override {
-    std::size_t next = 0;
-    std::map<std::size_t, std::size_t> positions;  // of tasks that are out, by their number
-    const auto settle = [&](std::size_t number, SourceOutcome outcome) {
-      const auto found = positions.find(number);
-      if (found == positions.end()) throw Error("a worker answered for a task it was not given");
-      const std::size_t position = found->second;
-      positions.erase(found);
-      take(position, std::move(outcome));
-    };
-    PoolClient client;
-    client.next = [&]() -> std::optional<Json> {
-      while (next < n) {
-        const std::size_t position = next++;
-        const std::optional<SourceTask> one = task(position);
-        if (!one) continue;
-        positions[one->number] = position;
-        return to_json(*one);
-      }
-      return std::nullopt;
-    };
-    client.done = [&](const Json& json, const Json& result) {
-      settle(json.at("number").get<std::size_t>(), source_outcome_from_json(result));
-    };
-    client.died = [&](const Json& json, const WorkerDeath& death) {
-      std::optional<Json> again = undertaker_.replace(json, death);
-      if (again) return again;
-      const SourceTask lost = source_task_from_json(json);
-      const std::string reason = lost.source.file_identifier + ": " + death.reason;
-      SourceOutcome outcome;
-      outcome.number = lost.number;
-      outcome.assets.emplace_back();
-      outcome.assets[0].failures.push_back({lost.id, 0, kImport, "", reason, ""});
-      settle(lost.number, std::move(outcome));
-      return again;
-    };
-    pool_.run(client);
-  }
-
- private:
-  static PoolOptions pool_options(const std::filesystem::path& out, const StepPlan& plan, const RunOptions& options,
-                                  std::size_t most) {
-    const auto threads = static_cast<std::size_t>(std::max(1, thread_count()));
-    PoolOptions pool;
-    pool.command = options.worker_command;
-    pool.workers = std::max<std::size_t>(1, std::min(options.workers > 0 ? options.workers : threads, most));
-    pool.timeout = options.timeout;
-    pool.memory_bytes = options.memory_bytes;
-    WorkerSettings settings{out, plan, 1, options.log_level};
-    settings.threads = static_cast<int>(std::max<std::size_t>(1, threads / pool.workers));
-    pool.settings = to_json(settings);
-    // Read by OpenMP when a worker loads it, before its first line of ours.
-    ::setenv("OMP_NUM_THREADS", std::to_string(settings.threads).c_str(), 1);
-    return pool;
-  }
-
-  WorkerPool pool_;
-  Undertaker undertaker_;
-};
-
-}  // namespace
 
 std::unique_ptr<Executor> make_executor(const std::filesystem::path& out, const StepPlan& plan,
                                         const RunOptions& options, std::size_t most) {

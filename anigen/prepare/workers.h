@@ -1,6 +1,4 @@
 #pragma once
-#include <sys/types.h>
-#include <chrono>
 #include <cstddef>
 #include <cstdint>
 #include <deque>
@@ -12,41 +10,9 @@
 #include <vector>
 
 #include "anigen/core/config.h"
-#include "anigen/core/process.h"
-#include "anigen/prepare/metadata.h"
-#include "anigen/prepare/prepare_source.h"
 #include "anigen/prepare/run.h"
-#include "anigen/prepare/steps.h"
 
 namespace anigen::prepare {
-
-/// A child process that is spoken to in lines: one goes to its standard input, lines come back from its standard
-/// output; its standard error is ours. It dies with its parent (core/process.h).
-class WorkerProcess {
- public:
-  /// @param command program and arguments @throws Error when the system refuses a pipe or a process; a program that
-  /// cannot be run shows as a worker that ended with status 127
-  explicit WorkerProcess(const std::vector<std::string>& command);
-
-  pid_t id() const { return child_.id(); }
-  int output() const { return child_.output(); }  ///< to poll
-
-  /// @return false when the worker is gone
-  bool send(const std::string& line);
-  /// Takes what is there without waiting for more. @return complete lines; `ended` is set at end of file
-  std::vector<std::string> receive(bool& ended);
-  /// Memory that the worker and the processes it started (run_guarded) have in RAM, bytes; 0 when it cannot be told.
-  std::uint64_t resident_bytes() const;
-  /// Ends it at once. A worker writes files by rename only, so this leaves nothing half-done under a final name.
-  void kill();
-  /// Waits for the end. @return how it ended, in words: "ended with status 3", "was ended by signal 11 (Segmentation
-  /// fault)"
-  std::string wait();
-
- private:
-  ChildProcess child_;  ///< killed when it still runs
-  std::string unread_;
-};
 
 struct PoolOptions {
   std::vector<std::string> command;  ///< of one worker
@@ -82,24 +48,15 @@ struct PoolClient {
 /// "message": …, "bad_input": …} for what ends the whole run.
 class WorkerPool {
  public:
-  explicit WorkerPool(PoolOptions options)
-      : options_(std::move(options)), workers_(options_.workers > 0 ? options_.workers : 1) {}
+  explicit WorkerPool(PoolOptions options);
+  ~WorkerPool();
 
   /// Works until there are no tasks left; workers stay for another call. @throws Interrupted after Ctrl-C, InputError
   /// or Error for a fatal message, Error when workers keep dying before their first task
   void run(const PoolClient& client);
 
  private:
-  using Clock = std::chrono::steady_clock;
-  struct Worker {
-    std::unique_ptr<WorkerProcess> process;
-    std::optional<Json> task;
-    Json at;
-    Clock::time_point since;  ///< when the current asset began
-    bool ready = false;
-    std::optional<WorkerDeath::Cause> killed;
-  };
-
+  struct Worker;
   void start(Worker& worker);
   void give(Worker& worker, const PoolClient& client);
   void check_limits(Worker& worker);
@@ -120,8 +77,7 @@ struct WorkerSettings {
   int threads = 1;
   std::string log_level = "warn";
 };
-Json to_json(const WorkerSettings& settings);
-WorkerSettings worker_settings_from_json(const Json& json);
+ANIGEN_JSON_RECORD(WorkerSettings, out, plan, threads, log_level)
 
 /// The whole life of a worker process: settings, then tasks from standard input, messages to standard output, until
 /// the input ends (see WorkerPool). Anything that libraries print goes to standard error.

@@ -68,8 +68,14 @@ inline Animation swing(double degrees) {
 /// Limits that reject nothing, to look at the poses themselves.
 inline PoseAugmentation anything() {
   PoseAugmentation options;
-  options.limits = {1e-6, 0, 1e-3, 1e3, 0, 0, 1e3, 0, 1e3, 1, 1, 1};
+  options.limits = {1e-6, 0, {1e-3, 1e3}, 0, {0, 1e3}, {0, 1e3}, 1, 1, 1};
   return options;
+}
+
+/// One variant of an augmenter of its own.
+inline std::optional<Asset> posed_variant(const Asset& normalised, const std::string& source_id, std::uint64_t seed,
+                                          std::size_t k, const PoseAugmentation& options, Provenance& provenance) {
+  return PoseAugmenter(normalised, source_id, seed, options).variant(k, provenance);
 }
 
 inline bool equal(const Asset& a, const Asset& b) {

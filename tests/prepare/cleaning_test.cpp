@@ -228,22 +228,22 @@ TEST(Cleaning, HeirsMustStay) {
 
 TEST(CleaningOptions, PresetsSurviveJsonAndAreChecked) {
   for (const std::string& name : cleaning_preset_names()) {
-    const Json json = to_json(cleaning_preset(name));
-    EXPECT_EQ(to_json(cleaning_options_from_json(json)), json) << name;
+    const Json json = cleaning_preset(name).to_json();
+    EXPECT_EQ(CleaningOptions::from_json(json).to_json(), json) << name;
   }
   EXPECT_EQ(cleaning_preset("anymate").vertices.least, 129u);
   EXPECT_EQ(cleaning_preset("anymate").joints.most, 63u);
   EXPECT_THROW(cleaning_preset("anigen"), InputError);
-  EXPECT_THROW(cleaning_options_from_json({{"vertice", 3}}), InputError);
-  EXPECT_THROW(cleaning_options_from_json({{"vertices", {3, 2}}}), InputError);
-  EXPECT_THROW(cleaning_options_from_json({{"vertices", {-3, 2}}}), InputError);
-  EXPECT_THROW(cleaning_options_from_json({{"unused_joints", "burn"}}), InputError);
-  EXPECT_THROW(cleaning_options_from_json({{"max_outside_share", 1.5}}), InputError);
-  EXPECT_THROW(cleaning_options_from_json({{"drop_duplicate_names", 1}}), InputError);
-  EXPECT_THROW(cleaning_options_from_json({{"kept_joints", 0.5}}), InputError);
-  EXPECT_THROW(cleaning_options_from_json({{"kept_joints", {0.0, 1.0}}}), InputError);
-  EXPECT_THROW(cleaning_options_from_json({{"kept_joints", {0.5, 1.5}}}), InputError);
-  EXPECT_EQ(cleaning_options_from_json(parse_json("{\"joints\": [4, null]}", "memory")).joints.least, 4u);
+  EXPECT_THROW(CleaningOptions::from_json({{"vertice", 3}}), InputError);
+  EXPECT_THROW(CleaningOptions::from_json({{"vertices", {3, 2}}}), InputError);
+  EXPECT_THROW(CleaningOptions::from_json({{"vertices", {-3, 2}}}), InputError);
+  EXPECT_THROW(CleaningOptions::from_json({{"unused_joints", "burn"}}), InputError);
+  EXPECT_THROW(CleaningOptions::from_json({{"max_outside_share", 1.5}}), InputError);
+  EXPECT_THROW(CleaningOptions::from_json({{"drop_duplicate_names", 1}}), InputError);
+  EXPECT_THROW(CleaningOptions::from_json({{"kept_joints", 0.5}}), InputError);
+  EXPECT_THROW(CleaningOptions::from_json({{"kept_joints", {0.0, 1.0}}}), InputError);
+  EXPECT_THROW(CleaningOptions::from_json({{"kept_joints", {0.5, 1.5}}}), InputError);
+  EXPECT_EQ(CleaningOptions::from_json(parse_json("{\"joints\": [4, null]}", "memory")).joints.least, 4u);
 }
 
 TEST(Quality, FlagsFollowTheRecord) {

@@ -15,7 +15,6 @@
 #include "anigen/io/arrays/npz.h"
 #include "anigen/io/gltf/gltf.h"
 #include "anigen/prepare/run.h"
-#include "anigen/prepare/step.h"
 #include "anigen/prepare/steps.h"
 #include "tests/support/paths.h"
 #include "tests/support/rig_files.h"
@@ -265,7 +264,7 @@ TEST_F(PrepareDataset, OtherArgumentsMustWait) {
   const PrepareOptions ours = options("out");
   Manifest other;
   other.settings = {{"plan", "another one"}};
-  const RunMembership working(ours.out, other);
+  const FileLock working = join_run(ours.out, other);
   EXPECT_THROW(prepare_dataset(ours), InputError);
 }
 

@@ -92,7 +92,7 @@ TEST(FailureLogs, SurviveALineThatAKillCutOff) {
   EXPECT_EQ(known["procedural/1/0"][1].reason, "second");
   EXPECT_EQ(known["procedural/1/1"].at(0).rule, "rule");
   FailureLog log(out, {});
-  log.finish({{&sources[1], &one}});
+  log.finish({{1, sources[1], "", "", {one}}});
   known = FailureLog::read(out);
   EXPECT_EQ(known.count("procedural/1/0"), 0u);
   EXPECT_EQ(known["procedural/1/1"].size(), 2u);
@@ -156,7 +156,7 @@ TEST(Splits, TakeTheTestAssetsThatAListNames) {
   const auto marked = [&](std::vector<std::string> names) {
     SplitOptions options;
     options.test_names = std::move(names);
-    EXPECT_EQ(split_options_from_json(to_json(options)).test_names, options.test_names);
+    EXPECT_EQ(SplitOptions::from_json(options.to_json()).test_names, options.test_names);
     mark_test(rows, options, {});
     std::string ids;
     for (const DatasetRow& one : rows) ids += one.entry.is_test ? one.entry.id + " " : "";
@@ -242,28 +242,28 @@ Manifest run_of(const Shard& shard, std::size_t sources = 3) {
 TEST(RunMemberships, GoTogetherWhenTheRunIsTheSame) {
   const test::TemporaryFolder folder;
   {
-    const RunMembership first(folder.path(), run_of({0, 2}));
-    EXPECT_NO_THROW(RunMembership(folder.path(), run_of({0, 2})));
-    EXPECT_NO_THROW(RunMembership(folder.path(), run_of({1, 2})));
-    EXPECT_THROW(RunMembership(folder.path(), run_of({})), InputError);         // other shards
-    EXPECT_THROW(RunMembership(folder.path(), run_of({0, 2}, 4)), InputError);  // other sources
-    EXPECT_THROW(RunAlone(folder.path()), InputError);                          // a merge
+    const FileLock first = join_run(folder.path(), run_of({0, 2}));
+    EXPECT_NO_THROW((void)join_run(folder.path(), run_of({0, 2})));
+    EXPECT_NO_THROW((void)join_run(folder.path(), run_of({1, 2})));
+    EXPECT_THROW((void)join_run(folder.path(), run_of({})), InputError);         // other shards
+    EXPECT_THROW((void)join_run(folder.path(), run_of({0, 2}, 4)), InputError);  // other sources
+    EXPECT_THROW((void)take_alone(folder.path()), InputError);                   // a merge
   }
   {
-    const RunAlone merge(folder.path());
-    EXPECT_THROW(RunMembership(folder.path(), run_of({0, 2})), InputError);
+    const FileLock merge = take_alone(folder.path());
+    EXPECT_THROW((void)join_run(folder.path(), run_of({0, 2})), InputError);
   }
-  EXPECT_NO_THROW(RunMembership(folder.path(), run_of({}, 4)));
+  EXPECT_NO_THROW((void)join_run(folder.path(), run_of({}, 4)));
 }
 
 TEST(RunMemberships, AndEncodersKeepEachOtherOut) {
   const test::TemporaryFolder folder;
   {
     const auto encoder = FileLock::try_lock(dataset_lock_file(folder.path()), FileLock::Kind::kShared);
-    EXPECT_THROW(RunMembership(folder.path(), run_of({})), InputError);
-    EXPECT_THROW(RunAlone(folder.path()), InputError);
+    EXPECT_THROW((void)join_run(folder.path(), run_of({})), InputError);
+    EXPECT_THROW((void)take_alone(folder.path()), InputError);
   }
-  EXPECT_NO_THROW(RunMembership(folder.path(), run_of({})));
+  EXPECT_NO_THROW((void)join_run(folder.path(), run_of({})));
 }
 
 TEST(RunMemberships, TheFirstBeginsAnewUnlessItIsOfTheSameArray) {
@@ -271,7 +271,7 @@ TEST(RunMemberships, TheFirstBeginsAnewUnlessItIsOfTheSameArray) {
   const std::filesystem::path piece = pieces_folder(folder.path()) / "prepare-0-of-1-000000.json";
   const auto stays = [&] {
     write_file_atomically(piece, "[]");
-    RunMembership(folder.path(), run_of({}));
+    (void)join_run(folder.path(), run_of({}));
     return std::filesystem::exists(piece);
   };
   ::unsetenv("SLURM_ARRAY_JOB_ID");
@@ -284,7 +284,7 @@ TEST(RunMemberships, TheFirstBeginsAnewUnlessItIsOfTheSameArray) {
   EXPECT_FALSE(stays());
   ::unsetenv("SLURM_ARRAY_JOB_ID");
   {
-    const RunMembership working(folder.path(), run_of({}));
+    const FileLock working = join_run(folder.path(), run_of({}));
     EXPECT_TRUE(stays()) << "who joins goes on";
   }
 }

@@ -62,7 +62,7 @@ TEST(SkeletonDescriptor, DoesNotDependOnOrderPlaceOrSize) {
     const SkeletonDescriptor other = changed(reordered(tree, rng), 0.0, 3.0, {5, -2, 1}, rng).descriptor();
     EXPECT_EQ(one.topology, other.topology);
     EXPECT_TRUE(near(one, other, 0.002));
-    EXPECT_EQ(to_json(skeleton_descriptor_from_json(to_json(one))), to_json(one));
+    EXPECT_EQ(Json(Json(one).get<SkeletonDescriptor>()), Json(one));
   }
 }
 
@@ -75,12 +75,12 @@ TEST(SkeletonDescriptor, TellsTreesApart) {
 }
 
 TEST(SkeletonDescriptor, DamagedJsonIsRefused) {
-  Json json = to_json(Tree{{{0, 0, 0}, {1, 0, 0}}, {-1, 0}}.descriptor());
+  Json json(Tree{{{0, 0, 0}, {1, 0, 0}}, {-1, 0}}.descriptor());
   Json shorter = json, wrong = json;
   shorter["places"] = "1 2 3";
   wrong["depths"] = "0 one";
-  EXPECT_THROW(skeleton_descriptor_from_json(shorter), InputError);
-  EXPECT_THROW(skeleton_descriptor_from_json(wrong), InputError);
+  EXPECT_THROW(shorter.get<SkeletonDescriptor>(), InputError);
+  EXPECT_THROW(wrong.get<SkeletonDescriptor>(), InputError);
 }
 
 TEST(NearDuplicates, AgreeWithComparingAllPairs) {

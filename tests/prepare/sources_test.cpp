@@ -24,7 +24,7 @@ TEST(AssetSource, SurvivesJson) {
   source.uuid = "uuid-1";
   source.file_identifier = "data/xl test.npz#uuid-1";
   source.is_test = true;
-  const AssetSource again = asset_source_from_json(parse_json(to_json(source).dump(), "memory"));
+  const AssetSource again = parse_json(Json(source).dump(), "memory").get<AssetSource>();
   EXPECT_EQ(again.format, source.format);
   EXPECT_EQ(again.file, source.file);
   EXPECT_EQ(again.key, source.key);
@@ -33,7 +33,7 @@ TEST(AssetSource, SurvivesJson) {
   EXPECT_EQ(again.source_path(), "xl test.npz");
   EXPECT_EQ(again.file_identifier, source.file_identifier);
   EXPECT_TRUE(again.is_test);
-  const AssetSource creature = asset_source_from_json(to_json(procedural_sources(7, 3)[2]));
+  const AssetSource creature = Json(procedural_sources(7, 3)[2]).get<AssetSource>();
   EXPECT_TRUE(creature.procedural());
   EXPECT_EQ(creature.seed, 7u);
   EXPECT_EQ(creature.index, 2u);
@@ -41,12 +41,12 @@ TEST(AssetSource, SurvivesJson) {
 }
 
 TEST(AssetSource, DamagedJsonIsRefused) {
-  Json json = to_json(procedural_sources(7, 1)[0]);
+  Json json(procedural_sources(7, 1)[0]);
   json.erase("seed");
-  EXPECT_THROW(asset_source_from_json(json), InputError);
-  EXPECT_THROW(asset_source_from_json(Json::array()), InputError);
-  EXPECT_THROW(asset_source_from_json({{"format", "gltf"}, {"file_identifier", "x"}, {"file", ""}}), InputError);
-  EXPECT_THROW(asset_source_from_json({{"format", "stl"}, {"file_identifier", "x"}}), InputError);
+  EXPECT_THROW(json.get<AssetSource>(), InputError);
+  EXPECT_THROW(Json::array().get<AssetSource>(), InputError);
+  EXPECT_THROW(Json({{"format", "gltf"}, {"file_identifier", "x"}, {"file", ""}}).get<AssetSource>(), InputError);
+  EXPECT_THROW(Json({{"format", "stl"}, {"file_identifier", "x"}}).get<AssetSource>(), InputError);
 }
 
 TEST(AssetSource, EveryFormatIsFoundNamedAndImported) {
@@ -90,11 +90,11 @@ TEST(AssetRecord, SurvivesJson) {
   record.lowest_weight_sum = 0.75;
   record.repeated_names = 2;
   record.findings = {{"unused_joints", "changed", "2 joints without weights pruned: a, b"}};
-  const Json json = to_json(record);
-  EXPECT_EQ(to_json(asset_record_from_json(json)), json);
+  const Json json = import_columns(record);
+  EXPECT_EQ(import_columns(record_from_columns(json)), json);
   Json other = json;
   other["version"] = 1;
-  EXPECT_THROW(asset_record_from_json(other), InputError);
+  EXPECT_THROW(record_from_columns(other), InputError);
 }
 
 }  // namespace

@@ -282,10 +282,10 @@ TEST(StepPlans, SurviveTheWayToAWorker) {
   plan.poses.own_motion = false;
   plan.cleaning = cleaning_preset("anymate");
   plan.seed = 9;
-  const Json json = to_json(plan);
-  EXPECT_EQ(to_json(step_plan_from_json(json)), json);
-  EXPECT_EQ(step_plan_from_json(json).features.device, "cuda:1");
-  EXPECT_EQ(step_plan_from_json(json).poses.max_angle, 30);
+  const Json json = plan;
+  EXPECT_EQ(Json(json.get<StepPlan>()), json);
+  EXPECT_EQ(json.get<StepPlan>().features.device, "cuda:1");
+  EXPECT_EQ(json.get<StepPlan>().poses.max_angle, 30);
 }
 
 TEST(Outcomes, SurviveTheWayFromAWorker) {
@@ -299,13 +299,13 @@ TEST(Outcomes, SurviveTheWayFromAWorker) {
   asset.failures = {{"abc", 2, "views", "f", "a \"reason\"\nwith lines", "rule"}};
   asset.timings = {{"voxels", 0.25, std::uint64_t{1} << 33}};
   outcome.assets = {asset};
-  const Json json = to_json(outcome);
-  EXPECT_EQ(to_json(source_outcome_from_json(json)), json);
+  const Json json = outcome;
+  EXPECT_EQ(Json(json.get<SourceOutcome>()), json);
   SourceTask task;
   task.source = procedural_sources(3, 2)[1];
   task.known = asset.failures;
   task.only_identify = true;
-  EXPECT_EQ(to_json(source_task_from_json(to_json(task))), to_json(task));
+  EXPECT_EQ(Json(Json(task).get<SourceTask>()), Json(task));
 }
 
 }  // namespace
