@@ -8,5 +8,3 @@
 #include "anigen/experiment/results.h"
 #include "anigen/experiment/run_jobs.h"
 #include "anigen/experiment/sheets.h"
-#include "anigen/experiment/slurm.h"
-#include "anigen/experiment/viewer.h"

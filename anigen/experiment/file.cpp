@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <set>
 
-#include "anigen/core/config.h"
 #include "anigen/core/error.h"
 #include "anigen/experiment/plan.h"
 
@@ -30,12 +29,22 @@ std::vector<Json> list_of(ConfigReader& reader, const std::string& key) {
   return {value->begin(), value->end()};
 }
 
+std::string needed_text(ConfigReader& reader, const std::string& key) {
+  reader.require(key);
+  return reader.text(key, "");
+}
+
+std::string needed_step(ConfigReader& reader, const Json& steps) {
+  const std::string step = needed_text(reader, "step");
+  require_step(steps, reader, "step", step);
+  return step;
+}
+
 /// The variants that one entry of "grid" stands for: {"step": "ss_flow", "set": "path.to.key", "values": […]}.
 std::vector<Variant> axis_of(const Json& json, const Json& steps, const std::string& file, const std::string& pointer) {
   ConfigReader reader(json, file, pointer);
-  for (const char* key : {"step", "set", "values"}) reader.require(key);
-  const std::string step = reader.text("step", ""), path = reader.text("set", "");
-  require_step(steps, reader, "step", step);
+  reader.require("values");
+  const std::string step = needed_step(reader, steps), path = needed_text(reader, "set");
   const std::string label = reader.text("label", path.substr(path.find_last_of('.') + 1));
   std::vector<Variant> axis;
   for (const Json& value : list_of(reader, "values")) {
@@ -96,8 +105,7 @@ Column read_column(const Json& json, const std::string& file, const std::string&
     return column;
   }
   ConfigReader reader(json, file, pointer);
-  reader.require("key");
-  column.key = reader.text("key", "");
+  column.key = needed_text(reader, "key");
   column.label = reader.text("label", column.key);
   const std::string better = reader.choice("better", "none", {"none", "lower", "higher"});
   column.better = better == "lower"    ? Column::Better::kLower
@@ -108,79 +116,74 @@ Column read_column(const Json& json, const std::string& file, const std::string&
   return column;
 }
 
+Column needed_column(ConfigReader& reader, const std::string& key) {
+  reader.require(key);
+  return read_column(*reader.raw(key), reader.file(), reader.pointer_to(key));
+}
+
+/// Pattern of the files of all assets: the name of an asset is its star.
+std::string needed_pattern(ConfigReader& reader) {
+  const std::string pattern = needed_text(reader, "files");
+  if (std::count(pattern.begin(), pattern.end(), '*') != 1)
+    throw reader.error("files", "one * is needed, where the name of the asset stands, as in \"*/preview.png\"");
+  return pattern;
+}
+
+std::size_t most_of(ConfigReader& reader, std::int64_t usual, std::int64_t least, std::int64_t most) {
+  return static_cast<std::size_t>(reader.integer("most", usual, least, most));
+}
+
 /// Calls `read` for every object of a list and refuses what it did not ask for.
 template <typename Read>
-void for_each_object(ConfigReader& reader, const std::string& key, const Json& steps, Read read) {
+void each_object(ConfigReader& reader, const std::string& key, Read read) {
   const std::vector<Json> list = list_of(reader, key);
   for (std::size_t i = 0; i < list.size(); ++i) {
-    ConfigReader item(list[i], reader.file(), "/" + key + "/" + std::to_string(i));
-    for (const char* needed : {"title", "step"}) item.require(needed);
-    const std::string step = item.text("step", "");
-    require_step(steps, item, "step", step);
-    read(item, item.text("title", ""), step);
+    ConfigReader item(list[i], reader.file(), reader.pointer_to(key) + "/" + std::to_string(i));
+    read(item);
     item.finish();
   }
 }
 
-/// Files of several steps that belong to one asset, whose name is the star of each.
-std::vector<AssetFiles> read_shown(ConfigReader& reader, const Json& steps, const std::string& pointer) {
+/// Reads a list of parts of the report that are about one step each; `specs` gets one more for each.
+template <typename Spec, typename Read>
+void each_part(ConfigReader& reader, const std::string& key, const Json& steps, std::vector<Spec>& specs, Read read) {
+  each_object(reader, key, [&](ConfigReader& item) {
+    Spec& spec = specs.emplace_back();
+    spec.title = needed_text(item, "title");
+    spec.step = needed_step(item, steps);
+    read(item, spec);
+  });
+}
+
+std::vector<AssetFiles> read_shown(ConfigReader& reader, const Json& steps) {
   std::vector<AssetFiles> entries;
-  const std::vector<Json> shown = list_of(reader, "shown");
-  for (std::size_t i = 0; i < shown.size(); ++i) {
-    ConfigReader item(shown[i], reader.file(), pointer + "/shown/" + std::to_string(i));
-    for (const char* needed : {"step", "files"}) item.require(needed);
-    AssetFiles entry;
-    entry.step = item.text("step", "");
-    require_step(steps, item, "step", entry.step);
+  each_object(reader, "shown", [&](ConfigReader& item) {
+    AssetFiles& entry = entries.emplace_back();
+    entry.step = needed_step(item, steps);
     entry.label = item.text("label", entry.step);
-    entry.pattern = item.text("files", "");
-    if (std::count(entry.pattern.begin(), entry.pattern.end(), '*') != 1)
-      throw item.error("files", "one * is needed, where the name of the asset stands, as in \"*/mesh.glb\"");
-    item.finish();
-    entries.push_back(std::move(entry));
-  }
+    entry.pattern = needed_pattern(item);
+  });
   if (entries.empty()) throw reader.error("shown", "at least one is needed");
   return entries;
 }
 
-StripSpec read_strip(ConfigReader& item, const Json& steps) {
-  item.require("files");
-  StripSpec strip;
-  strip.pattern = item.text("files", "");
-  if (std::count(strip.pattern.begin(), strip.pattern.end(), '*') != 1)
-    throw item.error("files", "one * is needed, where the name of the asset stands, as in \"*/preview.png\"");
+void read_strip(ConfigReader& item, const Json& steps, StripSpec& strip) {
+  strip.pattern = needed_pattern(item);
   strip.panels = static_cast<int>(item.integer("panels", 1, 1, 100));
   strip.panel = static_cast<int>(item.integer("panel", 1, 1, strip.panels));
   strip.first_panel = static_cast<int>(item.integer("first_panel", 0, 0, strip.panels));
-  strip.most = static_cast<std::size_t>(item.integer("most", 6, 1, 200));
-  if (item.has("value")) {
-    ConfigReader value = item.object("value");
-    for (const char* needed : {"step", "method", "column"}) value.require(needed);
-    strip.value_step = value.text("step", "");
-    require_step(steps, value, "step", strip.value_step);
-    strip.value_method = value.text("method", "");
-    strip.value = read_column(*value.raw("column"), value.file(), value.pointer_to("column"));
-    value.finish();
-  }
-  return strip;
-}
-
-ViewerSpec read_viewer(const Json& json, const Json& steps, const std::string& file, const std::string& pointer) {
-  ConfigReader reader(json, file, pointer);
-  for (const char* needed : {"title", "shown"}) reader.require(needed);
-  ViewerSpec viewer;
-  viewer.title = reader.text("title", "");
-  viewer.most = static_cast<std::size_t>(reader.integer("most", 3, 1, 100));
-  viewer.shown = read_shown(reader, steps, pointer);
-  reader.finish();
-  return viewer;
+  strip.most = most_of(item, 6, 1, 200);
+  if (!item.has("value")) return;
+  ConfigReader value = item.object("value");
+  strip.value_step = needed_step(value, steps);
+  strip.value_method = needed_text(value, "method");
+  strip.value = needed_column(value, "column");
+  value.finish();
 }
 
 void read_report(Experiment& experiment, ConfigReader& reader) {
-  for_each_object(reader, "tables", experiment.steps, [&](ConfigReader& item, auto title, auto step) {
-    TableSpec table;
-    table.title = title;
-    table.step = step;
+  const Json& steps = experiment.steps;
+  each_part(reader, "tables", steps, experiment.tables, [](ConfigReader& item, TableSpec& table) {
     table.file = item.text("file", table.file);
     table.methods = item.texts("methods", {});
     table.not_ranked = item.texts("not_ranked", {});
@@ -188,39 +191,27 @@ void read_report(Experiment& experiment, ConfigReader& reader) {
     for (std::size_t c = 0; c < columns.size(); ++c)
       table.columns.push_back(read_column(columns[c], item.file(), item.pointer_to("columns/" + std::to_string(c))));
     if (table.columns.empty()) throw item.error("columns", "at least one is needed");
-    experiment.tables.push_back(std::move(table));
   });
-  for_each_object(reader, "curves", experiment.steps, [&](ConfigReader& item, auto title, auto step) {
-    item.require("column");
-    experiment.curves.push_back({title, step, item.text("column", "")});
+  each_part(reader, "curves", steps, experiment.curves,
+            [](ConfigReader& item, CurveSpec& curve) { curve.column = needed_text(item, "column"); });
+  each_part(reader, "pictures", steps, experiment.pictures, [](ConfigReader& item, PictureSpec& picture) {
+    picture.files = needed_text(item, "files");
+    picture.most = most_of(item, 6, 1, 200);
   });
-  for_each_object(reader, "pictures", experiment.steps, [&](ConfigReader& item, auto title, auto step) {
-    item.require("files");
-    const auto most = static_cast<std::size_t>(item.integer("most", 6, 1, 200));
-    experiment.pictures.push_back({title, step, item.text("files", ""), most});
+  each_part(reader, "sheets", steps, experiment.sheets, [&](ConfigReader& item, SheetSpec& sheet) {
+    sheet.method = needed_text(item, "method");
+    sheet.order = needed_column(item, "order");
+    sheet.shown = read_shown(item, steps);
+    sheet.most = most_of(item, 100, 3, 1000);
   });
-  for_each_object(reader, "sheets", experiment.steps, [&](ConfigReader& item, auto title, auto step) {
-    for (const char* needed : {"method", "order", "shown"}) item.require(needed);
-    SheetSpec sheet;
-    sheet.title = title;
-    sheet.step = step;
-    sheet.method = item.text("method", "");
-    sheet.order = read_column(*item.raw("order"), item.file(), item.pointer_to("order"));
-    sheet.shown = read_shown(item, experiment.steps, item.pointer_to(""));
-    sheet.most = static_cast<std::size_t>(item.integer("most", 100, 3, 1000));
-    experiment.sheets.push_back(std::move(sheet));
+  each_part(reader, "strips", steps, experiment.strips,
+            [&](ConfigReader& item, StripSpec& strip) { read_strip(item, steps, strip); });
+  each_object(reader, "viewers", [&](ConfigReader& item) {
+    ViewerSpec& viewer = experiment.viewers.emplace_back();
+    viewer.title = needed_text(item, "title");
+    viewer.most = most_of(item, 3, 1, 100);
+    viewer.shown = read_shown(item, steps);
   });
-  for_each_object(reader, "strips", experiment.steps, [&](ConfigReader& item, auto title, auto step) {
-    StripSpec strip = read_strip(item, experiment.steps);
-    strip.title = title;
-    strip.step = step;
-    experiment.strips.push_back(std::move(strip));
-  });
-  const std::vector<Json> viewers = list_of(reader, "viewers");
-  for (std::size_t i = 0; i < viewers.size(); ++i) {
-    experiment.viewers.push_back(
-        read_viewer(viewers[i], experiment.steps, reader.file(), "/viewers/" + std::to_string(i)));
-  }
 }
 
 void read_seeds(Experiment& experiment, ConfigReader& reader) {

@@ -67,7 +67,7 @@ struct SheetSpec {
   std::size_t most = 100;         ///< assets, evenly spaced when there are more
 };
 
-/// Results of every variant on common assets, side by side (variant_strip.h). Makes no step a goal.
+/// Results of every variant on common assets, side by side (variant_strip()). Makes no step a goal.
 struct StripSpec {
   std::string title, step;
   std::string pattern;                   ///< under the step's folder, with one star, which stands for the asset's name
@@ -83,7 +83,7 @@ struct StripSpec {
 struct Experiment {
   std::filesystem::path file;
   std::string title, purpose;
-  Json steps;  ///< name → step, in the file's order; read one by one by read_step() of step.h
+  Json steps;  ///< name → step, in the file's order; read one by one by read_step()
   std::vector<Variant> variants;
   std::vector<std::uint64_t> seeds;
   std::vector<std::string> seeded;  ///< steps that are run once per seed

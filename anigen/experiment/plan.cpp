@@ -3,48 +3,17 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
-#include <functional>
 
-#include "anigen/core/config.h"
 #include "anigen/core/error.h"
 #include "anigen/core/hash.h"
-#include "anigen/core/table.h"
 #include "anigen/core/version.h"
-#include "anigen/experiment/command.h"
 #include "anigen/experiment/run_jobs.h"
 
 namespace anigen::experiment {
 
-std::string filled_in(const std::string& text, const Meaning& meaning) {
-  std::string result;
-  for (std::size_t i = 0; i < text.size(); ++i) {
-    if (text[i] != '{') {
-      result += text[i];
-    } else if (text.compare(i, 2, "{{") == 0) {
-      result += text[i++];
-    } else {
-      const std::size_t end = text.find('}', i);
-      if (end == std::string::npos) throw InputError("", "", "'" + text + "': '{' without '}'; a brace itself is '{{'");
-      result += meaning(text.substr(i + 1, end - i - 1));
-      i = end;
-    }
-  }
-  return result;
-}
-
-Json filled_in(const Json& value, const Meaning& meaning) {
-  if (value.is_string()) return filled_in(value.get_ref<const std::string&>(), meaning);
-  if (!value.is_structured()) return value;
-  Json result = value.is_array() ? Json::array() : Json::object();
-  if (value.is_array()) {
-    for (const Json& item : value) result.push_back(filled_in(item, meaning));
-  } else {
-    for (const auto& [key, item] : value.items()) result[key] = filled_in(item, meaning);
-  }
-  return result;
-}
-
 namespace {
+
+namespace fs = std::filesystem;
 
 constexpr int kMost = 1 << 16;
 
@@ -63,8 +32,8 @@ std::string time_text(double hours) {
   return text;
 }
 
-}  // namespace
-
+/// `"resources"` of a step. @param word that stands first on its command line
+/// @throws InputError for numbers out of range, or several workers of a program that cannot share its work
 Resources read_resources(ConfigReader& step, const std::string& program, const std::string& word,
                          const Json& arguments) {
   Resources resources;
@@ -87,24 +56,6 @@ Resources read_resources(ConfigReader& step, const std::string& program, const s
   reader.finish();
   return resources;
 }
-
-std::string sbatch_lines(const Resources& resources) {
-  std::string lines;
-  const auto add = [&](const std::string& option, const std::string& value) {
-    lines += "#SBATCH --" + option + "=" + value + "\n";
-  };
-  if (!resources.partition.empty()) add("partition", resources.partition);
-  if (resources.cpus > 0) add("cpus-per-task", std::to_string(resources.cpus));
-  if (resources.gpus > 0) add("gpus-per-node", std::to_string(resources.gpus));
-  if (resources.memory_gb > 0)
-    add("mem", std::to_string(static_cast<long>(std::ceil(resources.memory_gb * 1024))) + "M");
-  if (resources.hours > 0) add("time", time_text(resources.hours));
-  return lines;
-}
-
-namespace {
-
-namespace fs = std::filesystem;
 
 const std::vector<std::string>& programs() {
   static const std::vector<std::string> names{"anigen-prepare",  "anigen-train", "anigen-encode",
@@ -142,66 +93,6 @@ void require_arguments(const Step& step, const ConfigReader& reader) {
       throw reader.error(key, "expected a text, a number, true, false, or a list of these");
   }
 }
-
-}  // namespace
-
-void require_step(const Json& steps, const ConfigReader& reader, const std::string& key, const std::string& name) {
-  if (steps.contains(name)) return;
-  std::vector<std::string> known;
-  for (const auto& [step, unused] : steps.items()) known.push_back(step);
-  const std::string nearest = nearest_word(name, known);
-  throw reader.error(key,
-                     "there is no step '" + name + "'" + (nearest.empty() ? "" : "; did you mean '" + nearest + "'?"));
-}
-
-Step read_step(const Experiment& experiment, const Variant& variant, const std::string& name) {
-  Json json = experiment.steps.at(name), settings = Json::object();
-  // Settings are overlaid as paths: the same one may be written nested here and dotted there.
-  const auto take_settings = [&settings](Json& from) {
-    if (!from.contains("set") || !from.at("set").is_object()) return;
-    flatten(from.at("set"), "", settings);
-    from.erase("set");
-  };
-  take_settings(json);
-  if (variant.changes.contains(name)) {
-    Json changes = variant.changes.at(name);
-    take_settings(changes);
-    merge_config(json, changes);
-  }
-  ConfigReader reader(json, experiment.file.string(),
-                      "/steps/" + name + (variant.name.empty() ? "" : " (variant " + variant.name + ")"));
-  reader.require("program");
-  Step step;
-  step.name = name;
-  step.program = reader.choice("program", "", programs());
-  step.words = reader.texts("words", {});
-  reader.object("args");
-  if (const Json* arguments = reader.raw("args")) step.arguments = *arguments;
-  step.writes_into = reader.text("writes_into", "");
-  if (!step.writes_into.empty()) require_step(experiment.steps, reader, "writes_into", step.writes_into);
-  step.output = reader.text("output", step.writes_into.empty() ? default_output(step.program) : "");
-  if (step.output.empty() == step.writes_into.empty())
-    throw reader.error("output", "a step has an option for its own folder, or says whose folder it writes_into");
-  const bool trains = step.program == "anigen-train";
-  if (trains != reader.has("config"))
-    throw reader.error("config", trains ? "is missing" : "only anigen-train takes one");
-  if (trains) step.config = fs::absolute(experiment.file).parent_path() / reader.text("config", "");
-  reader.object("set");  // what is left of it is no object, and refused
-  if (!trains && !settings.empty()) throw reader.error("set", "only anigen-train takes settings");
-  step.settings = settings;
-  step.after = reader.texts("after", {});
-  for (const std::string& other : step.after) require_step(experiment.steps, reader, "after", other);
-  step.minutes = reader.number("minutes", 0, 0);
-  step.megabytes = reader.number("megabytes", 0, 0);
-  step.resources = read_resources(reader, step.program, step.words.empty() ? "" : step.words.front(), step.arguments);
-  require_arguments(step, reader);
-  reader.finish();
-  return step;
-}
-
-namespace {
-
-namespace fs = std::filesystem;
 
 constexpr std::size_t kKeyDigits = 10;  // of a folder's name: 40 bits, for at most thousands of jobs
 constexpr const char kPath[] = "path:", kName[] = ".name";
@@ -258,8 +149,7 @@ class RunPlanner {
     const Variant& variant = experiment.variants[run.variant];
     for (const auto& [name, unused] : experiment.steps.items())
       steps_.emplace(name, read_step(experiment, variant, name));
-    label_ = variant.name;
-    if (experiment.seeds.size() > 1) label_ += (label_.empty() ? "" : ", ") + ("seed " + std::to_string(run.seed));
+    label_ = run_label(experiment, run);
   }
 
   PlannedRun make() {
@@ -421,6 +311,109 @@ class RunPlanner {
 
 }  // namespace
 
+std::string filled_in(const std::string& text, const Meaning& meaning) {
+  std::string result;
+  for (std::size_t i = 0; i < text.size(); ++i) {
+    if (text[i] != '{') {
+      result += text[i];
+    } else if (text.compare(i, 2, "{{") == 0) {
+      result += text[i++];
+    } else {
+      const std::size_t end = text.find('}', i);
+      if (end == std::string::npos) throw InputError("", "", "'" + text + "': '{' without '}'; a brace itself is '{{'");
+      result += meaning(text.substr(i + 1, end - i - 1));
+      i = end;
+    }
+  }
+  return result;
+}
+
+Json filled_in(const Json& value, const Meaning& meaning) {
+  if (value.is_string()) return filled_in(value.get_ref<const std::string&>(), meaning);
+  if (!value.is_structured()) return value;
+  Json result = value.is_array() ? Json::array() : Json::object();
+  if (value.is_array()) {
+    for (const Json& item : value) result.push_back(filled_in(item, meaning));
+  } else {
+    for (const auto& [key, item] : value.items()) result[key] = filled_in(item, meaning);
+  }
+  return result;
+}
+
+std::string sbatch_lines(const Resources& resources) {
+  std::string lines;
+  const auto add = [&](const std::string& option, const std::string& value) {
+    lines += "#SBATCH --" + option + "=" + value + "\n";
+  };
+  if (!resources.partition.empty()) add("partition", resources.partition);
+  if (resources.cpus > 0) add("cpus-per-task", std::to_string(resources.cpus));
+  if (resources.gpus > 0) add("gpus-per-node", std::to_string(resources.gpus));
+  if (resources.memory_gb > 0)
+    add("mem", std::to_string(static_cast<long>(std::ceil(resources.memory_gb * 1024))) + "M");
+  if (resources.hours > 0) add("time", time_text(resources.hours));
+  return lines;
+}
+
+void require_step(const Json& steps, const ConfigReader& reader, const std::string& key, const std::string& name) {
+  if (steps.contains(name)) return;
+  std::vector<std::string> known;
+  for (const auto& [step, unused] : steps.items()) known.push_back(step);
+  const std::string nearest = nearest_word(name, known);
+  throw reader.error(key,
+                     "there is no step '" + name + "'" + (nearest.empty() ? "" : "; did you mean '" + nearest + "'?"));
+}
+
+Step read_step(const Experiment& experiment, const Variant& variant, const std::string& name) {
+  Json json = experiment.steps.at(name), settings = Json::object();
+  // Settings are overlaid as paths: the same one may be written nested here and dotted there.
+  const auto take_settings = [&settings](Json& from) {
+    if (!from.contains("set") || !from.at("set").is_object()) return;
+    flatten(from.at("set"), "", settings);
+    from.erase("set");
+  };
+  take_settings(json);
+  if (variant.changes.contains(name)) {
+    Json changes = variant.changes.at(name);
+    take_settings(changes);
+    merge_config(json, changes);
+  }
+  ConfigReader reader(json, experiment.file.string(),
+                      "/steps/" + name + (variant.name.empty() ? "" : " (variant " + variant.name + ")"));
+  reader.require("program");
+  Step step;
+  step.name = name;
+  step.program = reader.choice("program", "", programs());
+  step.words = reader.texts("words", {});
+  reader.object("args");
+  if (const Json* arguments = reader.raw("args")) step.arguments = *arguments;
+  step.writes_into = reader.text("writes_into", "");
+  if (!step.writes_into.empty()) require_step(experiment.steps, reader, "writes_into", step.writes_into);
+  step.output = reader.text("output", step.writes_into.empty() ? default_output(step.program) : "");
+  if (step.output.empty() == step.writes_into.empty())
+    throw reader.error("output", "a step has an option for its own folder, or says whose folder it writes_into");
+  const bool trains = step.program == "anigen-train";
+  if (trains != reader.has("config"))
+    throw reader.error("config", trains ? "is missing" : "only anigen-train takes one");
+  if (trains) step.config = fs::absolute(experiment.file).parent_path() / reader.text("config", "");
+  reader.object("set");  // what is left of it is no object, and refused
+  if (!trains && !settings.empty()) throw reader.error("set", "only anigen-train takes settings");
+  step.settings = settings;
+  step.after = reader.texts("after", {});
+  for (const std::string& other : step.after) require_step(experiment.steps, reader, "after", other);
+  step.minutes = reader.number("minutes", 0, 0);
+  step.megabytes = reader.number("megabytes", 0, 0);
+  step.resources = read_resources(reader, step.program, step.words.empty() ? "" : step.words.front(), step.arguments);
+  require_arguments(step, reader);
+  reader.finish();
+  return step;
+}
+
+std::string run_label(const Experiment& experiment, const PlannedRun& run) {
+  std::string label = experiment.variants[run.variant].name;
+  if (experiment.seeds.size() > 1) label += (label.empty() ? "" : ", ") + ("seed " + std::to_string(run.seed));
+  return label;
+}
+
 Plan make_plan(const Experiment& experiment, const Workplace& place) {
   Plan plan;
   std::map<std::string, std::size_t> by_key;
@@ -448,74 +441,6 @@ std::string shell_line(const std::vector<std::string>& command) {
     line += (line.empty() ? "" : " ") + (plain ? word : quoted + "'");
   }
   return line;
-}
-
-namespace {
-
-std::string state_of(const std::filesystem::path& out, const Job& job) {
-  const auto record = read_record(out, job.id);
-  if (!record) return "to do";
-  if (record->state == JobRecord::State::kDone) return is_done(out, job) ? "done" : "to do (its folder is gone)";
-  return word_of(record->state);
-}
-
-std::string whom(const Job& job) {
-  if (job.serves.size() > 2) return std::to_string(job.serves.size()) + " runs";
-  std::string text;
-  for (const std::string& run : job.serves) text += (text.empty() ? "" : " | ") + run;
-  return text;
-}
-
-}  // namespace
-
-std::string plan_text(const std::filesystem::path& out, const Plan& plan) {
-  const Estimates estimates(out);
-  Table table{{"job", "for", "state", "took", "expected", "memory", "disk"}, {}};
-  double seconds = 0, bytes = 0;
-  std::size_t to_do = 0, unknown = 0;
-  for (const Job& job : plan.jobs) {
-    const auto record = read_record(out, job.id);
-    const bool done = is_done(out, job);
-    table.rows.push_back({job.id, whom(job), state_of(out, job), record ? duration_text(record->seconds) : "",
-                          done ? "" : duration_text(estimates.seconds(job)),
-                          record ? size_text(static_cast<double>(record->peak_bytes)) : "",
-                          done ? size_text(static_cast<double>(record->disk_bytes)) : size_text(estimates.bytes(job))});
-    if (done) continue;
-    ++to_do;
-    seconds += estimates.seconds(job);
-    bytes += estimates.bytes(job);
-    unknown += estimates.seconds(job) > 0 ? 0 : 1;
-  }
-  std::string text = to_markdown(table) + "\n" + std::to_string(plan.jobs.size() - to_do) + " of " +
-                     std::to_string(plan.jobs.size()) + " jobs done";
-  if (to_do > 0) {
-    text += "; the rest takes " + duration_text(seconds) + " and " + size_text(bytes);
-    if (unknown > 0) text += ", not counting " + std::to_string(unknown) + " jobs whose time nobody knows yet";
-  }
-  return text + "\n";
-}
-
-Json plan_json(const std::filesystem::path& out, const Plan& plan) {
-  const Estimates estimates(out);
-  Json jobs = Json::array();
-  for (const Job& job : plan.jobs) {
-    const auto record = read_record(out, job.id);
-    Json needs = Json::array();
-    for (const std::size_t need : job.needs) needs.push_back(plan.jobs[need].id);
-    jobs.push_back({{"id", job.id},
-                    {"step", job.step},
-                    {"key", job.key},
-                    {"state", state_of(out, job)},
-                    {"serves", job.serves},
-                    {"needs", needs},
-                    {"folder", job.folder.string()},
-                    {"command", shell_line(job.command)},
-                    {"expected_seconds", estimates.seconds(job)},
-                    {"expected_bytes", estimates.bytes(job)},
-                    {"seconds", record ? record->seconds : 0.0},
-                    {"peak_bytes", record ? record->peak_bytes : 0}});
-  }
-  return {{"jobs", jobs}};
 }
 
 }  // namespace anigen::experiment

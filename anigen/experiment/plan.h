@@ -30,11 +30,6 @@ struct Resources {
   std::string partition;
 };
 
-/// @param program of the step @param word that stands first on its command line @param arguments of the step
-/// @throws InputError for numbers out of range, or several workers of a program that cannot share its work
-Resources read_resources(ConfigReader& step, const std::string& program, const std::string& word,
-                         const Json& arguments);
-
 /// Lines of a batch script, each with its end.
 std::string sbatch_lines(const Resources& resources);
 
@@ -83,6 +78,9 @@ struct PlannedRun {
   std::uint64_t seed = 0;
   std::map<std::string, std::size_t> jobs;
 };
+
+/// "variant, seed 1"; empty when there is but one of each.
+std::string run_label(const Experiment& experiment, const PlannedRun& run);
 
 struct Plan {
   std::vector<Job> jobs;  ///< an order in which they can run

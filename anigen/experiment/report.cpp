@@ -11,23 +11,20 @@
 #include "anigen/core/config.h"
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
-#include "anigen/core/hash.h"
 #include "anigen/core/log.h"
 #include "anigen/core/table.h"
 #include "anigen/core/version.h"
 #include "anigen/eval/comparison_report.h"
 #include "anigen/eval/report.h"
 #include "anigen/experiment/command.h"
-#include "anigen/experiment/results.h"
 #include "anigen/experiment/run_jobs.h"
 #include "anigen/experiment/sheets.h"
-#include "anigen/experiment/viewer.h"
-#include "anigen/io/image.h"
-#include "anigen/io/image_resize.h"
 
 namespace anigen::experiment {
 
 namespace {
+
+namespace fs = std::filesystem;
 
 std::string processor() {
   std::ifstream stream("/proc/cpuinfo");
@@ -38,8 +35,7 @@ std::string processor() {
   return "unknown processor";
 }
 
-}  // namespace
-
+/// Provenance of the numbers: file, seeds, version, machine, programs.
 Table provenance_table(const Experiment& experiment, const Plan& plan, const Workplace& place) {
   std::string seeds;
   for (const std::uint64_t seed : experiment.seeds) seeds += (seeds.empty() ? "" : ", ") + std::to_string(seed);
@@ -50,7 +46,7 @@ Table provenance_table(const Experiment& experiment, const Plan& plan, const Wor
     programs.insert(job.program);
   }
   Table table{{"what", "is"}, {}};
-  table.rows = {{"experiment", std::filesystem::absolute(experiment.file).lexically_normal().string()},
+  table.rows = {{"experiment", fs::absolute(experiment.file).lexically_normal().string()},
                 {"written", utc_now()},
                 {"jobs done", std::to_string(done) + " of " + std::to_string(plan.jobs.size())},
                 {"seeds", seeds + (experiment.seeded.empty() ? " (no step takes them)" : "")},
@@ -63,7 +59,8 @@ Table provenance_table(const Experiment& experiment, const Plan& plan, const Wor
   return table;
 }
 
-Table job_table(const Plan& plan, const std::filesystem::path& out) {
+/// Every job with its state, time and memory.
+Table job_table(const Plan& plan, const fs::path& out) {
   Table table{{"job", "for", "state", "time", "peak memory", "attempts"}, {}};
   for (const Job& job : plan.jobs) {
     const auto record = read_record(out, job.id);
@@ -78,12 +75,7 @@ Table job_table(const Plan& plan, const std::filesystem::path& out) {
   return table;
 }
 
-std::string run_label(const Experiment& experiment, const PlannedRun& run) {
-  std::string label = experiment.variants[run.variant].name;
-  if (experiment.seeds.size() > 1) label += (label.empty() ? "" : ", ") + ("seed " + std::to_string(run.seed));
-  return label;
-}
-
+/// One sentence on the ± of a table.
 std::string spread_text(const ResultTable& result) {
   std::size_t seeds = 0;
   for (const Row& row : result.rows)
@@ -98,15 +90,12 @@ std::string difference_text() {
          "bootstrap interval over assets, p by exchanging signs at random (from 6 assets on).";
 }
 
+/// "Not run yet: …."; empty when nothing is missing.
 std::string missing_text(const ResultTable& result) {
   std::string text;
   for (const std::string& job : result.missing) text += (text.empty() ? "" : ", ") + job;
   return text.empty() ? "" : "Not run yet: " + text + ".";
 }
-
-namespace {
-
-namespace fs = std::filesystem;
 
 class Page {
  public:
@@ -272,15 +261,6 @@ class Page {
   const std::vector<ResultTable>& results_;
 };
 
-}  // namespace
-
-std::string report_html(const Experiment& experiment, const Plan& plan, const Workplace& place,
-                        const std::vector<ResultTable>& results) {
-  return Page(experiment, plan, place, results).html();
-}
-
-namespace {
-
 Json differences_of(const ResultTable& result) {
   Json all = Json::array();
   for (const Difference& difference : result.differences) {
@@ -301,8 +281,6 @@ Json differences_of(const ResultTable& result) {
   }
   return all;
 }
-
-}  // namespace
 
 Json results_json(const Experiment& experiment, const std::vector<ResultTable>& results) {
   Json tables = Json::array();
@@ -330,81 +308,12 @@ Json results_json(const Experiment& experiment, const std::vector<ResultTable>& 
   return {{"title", experiment.title}, {"seeds", experiment.seeds}, {"tables", tables}};
 }
 
-namespace {
-
-namespace fs = std::filesystem;
-
-constexpr std::uintmax_t kLargestPicture = 32u << 20;
-
-bool matches(const std::string& name, const std::string& pattern) {
-  const std::size_t star = pattern.find('*');
-  if (star == std::string::npos) return name == pattern;
-  const std::string before = pattern.substr(0, star), after = pattern.substr(star + 1);
-  return name.size() >= before.size() + after.size() && name.compare(0, before.size(), before) == 0 &&
-         name.compare(name.size() - after.size(), after.size(), after) == 0;
-}
-
-io::Image panel_of(io::Image image, Panel panel) {
-  if (panel.of == 1) return image;
-  const int left = image.width * (panel.number - 1) / panel.of, right = image.width * panel.number / panel.of;
-  io::Image part(std::max(1, right - left), image.height);
-  for (int y = 0; y < part.height; ++y) {
-    const std::uint8_t* row = image.pixel(std::min(left, image.width - 1), y);
-    std::copy(row, row + io::kImageChannels * part.width, part.pixel(0, y));
-  }
-  return part;
-}
-
 }  // namespace
 
-std::vector<fs::path> matching_files(const fs::path& folder, const std::string& pattern) {
-  std::vector<fs::path> found{folder};
-  for (const fs::path& part : fs::path(pattern)) {
-    std::vector<fs::path> next;
-    for (const fs::path& parent : found) {
-      std::error_code error;
-      if (!fs::is_directory(parent, error)) continue;
-      for (const auto& entry : fs::directory_iterator(parent)) {
-        if (matches(entry.path().filename(), part)) next.push_back(entry.path());
-      }
-    }
-    found = std::move(next);
-  }
-  std::sort(found.begin(), found.end());
-  return found;
+std::string report_html(const Experiment& experiment, const Plan& plan, const Workplace& place,
+                        const std::vector<ResultTable>& results) {
+  return Page(experiment, plan, place, results).html();
 }
-
-std::string file_of_asset(std::string pattern, const std::string& asset) {
-  return pattern.replace(pattern.find('*'), 1, asset);
-}
-
-std::string thumbnail(const fs::path& file, int height, Panel panel) {
-  constexpr int kQuality = 80, kWidest = 1000;
-  if (file.empty()) return "<span class=\"none\">no file</span>";
-  try {
-    const io::Image image = panel_of(io::read_image(file), panel);
-    const double width = std::round(static_cast<double>(image.width) * height / image.height);
-    const io::Image small = io::resize_lanczos(image, std::clamp(static_cast<int>(width), 1, kWidest), height,
-                                               io::ResizeAlpha::kPremultiplied);
-    const std::vector<std::uint8_t> bytes = io::encode_jpeg(small, kQuality);
-    return "<img loading=\"lazy\" alt=\"" + html_escaped(file.filename().string()) +
-           "\" src=\"data:image/jpeg;base64," +
-           base64(std::string_view(reinterpret_cast<const char*>(bytes.data()), bytes.size())) + "\">";
-  } catch (const Error& problem) {
-    return "<span class=\"none\">" + html_escaped(problem.what()) + "</span>";
-  }
-}
-
-std::string embedded_picture(const fs::path& file) {
-  const std::string extension = file.extension();
-  const std::string type = extension == ".png" ? "png" : extension == ".jpg" || extension == ".jpeg" ? "jpeg" : "";
-  if (type.empty()) return "";
-  return "<img loading=\"lazy\" style=\"max-width:100%\" alt=\"" + html_escaped(file.filename().string()) +
-         "\" src=\"data:image/" + type + ";base64," + base64(std::string_view(read_file(file, kLargestPicture))) +
-         "\">";
-}
-
-namespace fs = std::filesystem;
 
 std::vector<ResultTable> collect_all_results(const Experiment& experiment, const Plan& plan, const Workplace& place) {
   std::vector<ResultTable> results;
@@ -422,18 +331,13 @@ std::string results_markdown(const std::vector<ResultTable>& results) {
   return text;
 }
 
-std::string report_markdown(const Experiment& experiment, const Plan& plan, const Workplace& place,
-                            const std::vector<ResultTable>& results) {
-  std::string text = "# " + experiment.title + "\n\n";
-  if (!experiment.purpose.empty()) text += experiment.purpose + "\n\n";
-  text += to_markdown(provenance_table(experiment, plan, place)) + results_markdown(results);
-  return text + "\n## Cost\n\n" + to_markdown(cost_table(plan, place.out)) + "\n## Jobs\n\n" +
-         to_markdown(job_table(plan, place.out));
-}
-
 fs::path write_report(const Experiment& experiment, const Plan& plan, const Workplace& place) {
   const std::vector<ResultTable> results = collect_all_results(experiment, plan, place);
-  write_file_atomically(place.out / "report.md", report_markdown(experiment, plan, place, results));
+  std::string text = "# " + experiment.title + "\n\n";
+  if (!experiment.purpose.empty()) text += experiment.purpose + "\n\n";
+  text += to_markdown(provenance_table(experiment, plan, place)) + results_markdown(results) + "\n## Cost\n\n" +
+          to_markdown(cost_table(plan, place.out)) + "\n## Jobs\n\n" + to_markdown(job_table(plan, place.out));
+  write_file_atomically(place.out / "report.md", text);
   for (std::size_t t = 0; t < results.size(); ++t)
     write_file_atomically(place.out / (std::to_string(t + 1) + ".tex"), to_latex(mean_table(results[t])));
   write_config(place.out / "results.json", results_json(experiment, results));

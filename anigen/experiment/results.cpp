@@ -10,7 +10,6 @@
 
 #include "anigen/core/error.h"
 #include "anigen/core/random.h"
-#include "anigen/core/table.h"
 #include "anigen/experiment/command.h"
 #include "anigen/experiment/run_jobs.h"
 
@@ -43,17 +42,7 @@ struct Metrics {
 };
 
 Metrics read_metrics(const fs::path& file, const std::vector<Column>& columns) {
-  const CsvTable table = read_csv(file);
-  std::vector<std::size_t> places;
-  for (const char* needed : {"id", "method"}) {
-    if (table.column(needed) == CsvTable::kMissing)
-      throw InputError(file.string(), "line 1", std::string("has no column '") + needed + "'");
-  }
-  for (const Column& column : columns) {
-    places.push_back(table.column(column.key));
-    if (places.back() == CsvTable::kMissing)
-      throw InputError(file.string(), "line 1", "has no column '" + column.key + "'");
-  }
+  const CsvTable table = metrics_table(file, columns);
   Metrics metrics;
   for (std::size_t r = 0; r < table.rows.size(); ++r) {
     const std::string& method = table.cell(r, "method");
@@ -62,8 +51,8 @@ Metrics read_metrics(const fs::path& file, const std::vector<Column>& columns) {
     values.resize(columns.size());
     ++metrics.assets[method];
     metrics.failed[method] += table.cell(r, "failure").empty() ? 0 : 1;
-    for (std::size_t c = 0; c < places.size(); ++c) {
-      const double value = number_in(table.rows[r][places[c]]);
+    for (std::size_t c = 0; c < columns.size(); ++c) {
+      const double value = number_in(table.cell(r, columns[c].key));
       if (std::isfinite(value)) values[c][table.cell(r, "id")] = value;
     }
   }
@@ -140,7 +129,49 @@ Difference difference_of(const std::vector<Row>& rows, std::size_t row, std::siz
   return result;
 }
 
+/// Place of every row by mean: 1 best, 2 second, equal ones alike; 0 for the others and where nothing can be ranked.
+std::vector<int> ranks(const ResultTable& result, std::size_t column) {
+  const Column::Better better = result.spec.columns[column].better;
+  const std::vector<std::string>& references = result.spec.not_ranked;
+  std::vector<double> means;
+  std::size_t ranked = 0;
+  for (const Row& row : result.rows) {
+    const bool is_reference = std::find(references.begin(), references.end(), row.method) != references.end();
+    const bool has = row.cells[column].has() && !is_reference;
+    means.push_back(has ? row.cells[column].mean : std::numeric_limits<double>::quiet_NaN());
+    ranked += has ? 1 : 0;
+  }
+  if (better == Column::Better::kNone || ranked < 2) return std::vector<int>(result.rows.size(), 0);
+  return eval::places(means, better == Column::Better::kLower);
+}
+
+std::string head(const Column& column) {
+  return column.label + (column.better == Column::Better::kLower    ? " ↓"
+                         : column.better == Column::Better::kHigher ? " ↑"
+                                                                    : "");
+}
+
+std::string mean_text(const Cell& cell, int digits) {
+  if (!cell.has()) return "–";
+  return fixed(cell.mean, digits) + " ± " + fixed((cell.interval.high - cell.interval.low) / 2, digits);
+}
+
+bool named_variants(const ResultTable& result) {
+  return std::any_of(result.rows.begin(), result.rows.end(), [](const Row& row) { return !row.variant.empty(); });
+}
+
 }  // namespace
+
+CsvTable metrics_table(const fs::path& file, const std::vector<Column>& columns) {
+  CsvTable table = read_csv(file);
+  std::vector<std::string> needed{"id", "method"};
+  for (const Column& column : columns) needed.push_back(column.key);
+  for (const std::string& name : needed) {
+    if (table.column(name) == CsvTable::kMissing)
+      throw InputError(file.string(), "line 1", "has no column '" + name + "'");
+  }
+  return table;
+}
 
 double number_in(const std::string& text) {
   if (text.empty()) return std::numeric_limits<double>::quiet_NaN();
@@ -200,41 +231,6 @@ ResultTable collect_results(const Experiment& experiment, const Plan& plan, cons
   }
   return table;
 }
-
-namespace {
-
-/// Place of every row by mean: 1 best, 2 second, equal ones alike; 0 for the others and where nothing can be ranked.
-std::vector<int> ranks(const ResultTable& result, std::size_t column) {
-  const Column::Better better = result.spec.columns[column].better;
-  const std::vector<std::string>& references = result.spec.not_ranked;
-  std::vector<double> means;
-  std::size_t ranked = 0;
-  for (const Row& row : result.rows) {
-    const bool is_reference = std::find(references.begin(), references.end(), row.method) != references.end();
-    const bool has = row.cells[column].has() && !is_reference;
-    means.push_back(has ? row.cells[column].mean : std::numeric_limits<double>::quiet_NaN());
-    ranked += has ? 1 : 0;
-  }
-  if (better == Column::Better::kNone || ranked < 2) return std::vector<int>(result.rows.size(), 0);
-  return eval::places(means, better == Column::Better::kLower);
-}
-
-std::string head(const Column& column) {
-  return column.label + (column.better == Column::Better::kLower    ? " ↓"
-                         : column.better == Column::Better::kHigher ? " ↑"
-                                                                    : "");
-}
-
-std::string mean_text(const Cell& cell, int digits) {
-  if (!cell.has()) return "–";
-  return fixed(cell.mean, digits) + " ± " + fixed((cell.interval.high - cell.interval.low) / 2, digits);
-}
-
-bool named_variants(const ResultTable& result) {
-  return std::any_of(result.rows.begin(), result.rows.end(), [](const Row& row) { return !row.variant.empty(); });
-}
-
-}  // namespace
 
 Table mean_table(const ResultTable& result) {
   Table table;

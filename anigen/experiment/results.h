@@ -45,6 +45,9 @@ struct ResultTable {
 ResultTable collect_results(const Experiment& experiment, const Plan& plan, const std::filesystem::path& out,
                             const TableSpec& spec);
 
+/// A file of metrics. @throws InputError without the columns "id" and "method", or without one of these
+CsvTable metrics_table(const std::filesystem::path& file, const std::vector<Column>& columns);
+
 /// A cell of a CSV file; NaN where it holds no number.
 double number_in(const std::string& text);
 

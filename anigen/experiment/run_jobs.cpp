@@ -3,14 +3,14 @@
 #include <algorithm>
 #include <chrono>
 #include <ctime>
+#include <fstream>
+#include <iterator>
 #include <list>
 #include <map>
-#include <optional>
 #include <set>
 #include <system_error>
 #include <thread>
 #include <utility>
-#include <vector>
 
 #include "anigen/core/config.h"
 #include "anigen/core/error.h"
@@ -21,12 +21,15 @@
 #include "anigen/core/process.h"
 #include "anigen/core/text.h"
 #include "anigen/experiment/command.h"
-#include "anigen/experiment/slurm.h"
 
 namespace anigen::experiment {
 
-std::uint64_t folder_size(const std::filesystem::path& folder) {
-  namespace fs = std::filesystem;
+namespace {
+
+namespace fs = std::filesystem;
+
+/// Bytes of the files under a folder; what vanishes meanwhile, or cannot be read, counts nothing.
+std::uint64_t folder_size(const fs::path& folder) {
   std::uint64_t bytes = 0;
   std::error_code error;
   fs::recursive_directory_iterator entry(folder, fs::directory_options::skip_permission_denied, error);
@@ -38,10 +41,6 @@ std::uint64_t folder_size(const std::filesystem::path& folder) {
   }
   return bytes;
 }
-
-namespace {
-
-namespace fs = std::filesystem;
 
 std::string line_of(const fs::path& file, const std::string& name) {
   return name + " " + std::to_string(fs::file_size(file)) + " " +
@@ -66,48 +65,7 @@ std::string code_of(std::string bytes) {
   return bytes;
 }
 
-}  // namespace
-
-std::string input_fingerprint(const fs::path& path) {
-  std::error_code error;
-  if (fs::is_regular_file(path, error)) return sha256(line_of(path, path.filename().string()));
-  if (!fs::is_directory(path, error)) throw InputError(path.string(), "", "no such file or folder");
-  std::vector<std::string> lines;
-  for (const auto& entry : fs::recursive_directory_iterator(path)) {
-    if (entry.is_regular_file()) lines.push_back(line_of(entry.path(), fs::relative(entry.path(), path).string()));
-  }
-  std::sort(lines.begin(), lines.end());
-  Sha256 all;
-  for (const std::string& line : lines) all.update(line);
-  return all.finish();
-}
-
-std::string program_fingerprint(const fs::path& program) {
-  static std::map<std::string, std::string> known;  // by path, size and time
-  std::error_code error;
-  const fs::path module = program.parent_path().parent_path() / "lib" / "anigen" / "anigen-torch.so";
-  // A change to networks must not make whole datasets anew: the steps of a preparation have versions of their own.
-  const bool loads = program.filename() != "anigen-prepare" && fs::exists(module, error);
-  const std::string state = program.string() + (fs::exists(program, error) ? input_fingerprint(program) : "") +
-                            (loads ? input_fingerprint(module) : "");
-  const auto found = known.find(state);
-  if (found != known.end()) return found->second;
-  if (!fs::is_regular_file(program, error))
-    throw InputError(program.string(), "", "no such program; build it, or name its folder with --programs");
-  const std::string own = sha256(code_of(read_file(program)));
-  return known[state] = loads ? sha256(own + sha256(code_of(read_file(module)))) : own;
-}
-
-namespace {
-
-namespace fs = std::filesystem;
-
 constexpr const char* kWords[] = {"begun", "done", "failed", "interrupted"};
-
-JobRecord::State state_of(const std::string& word) {
-  const auto found = std::find(std::begin(kWords), std::end(kWords), word);
-  return static_cast<JobRecord::State>(found - std::begin(kWords));
-}
 
 /// A command without its program.
 std::string arguments_of(const std::string& command) {
@@ -115,122 +73,23 @@ std::string arguments_of(const std::string& command) {
   return space == std::string::npos ? "" : command.substr(space);
 }
 
-}  // namespace
-
-const char* word_of(JobRecord::State state) { return kWords[static_cast<int>(state)]; }
-
-fs::path record_file(const fs::path& out, const std::string& id) { return out / "records" / (id + ".json"); }
-fs::path log_file(const fs::path& out, const std::string& id) { return out / "records" / (id + ".log"); }
-fs::path worker_logs(const fs::path& out, const std::string& id) { return out / "records" / (id + ".workers"); }
-
-fs::path run_lock_file(const fs::path& out) { return out / "locks" / "all"; }
-fs::path job_lock_file(const fs::path& out, const std::string& id) { return out / "locks" / id; }
-
-std::vector<std::string> recorded_jobs(const fs::path& out) {
-  std::vector<std::string> ids;
-  std::error_code error;
-  if (!fs::is_directory(out / "records", error)) return ids;
-  for (const auto& entry : fs::directory_iterator(out / "records")) {
-    const std::string id = entry.path().stem().string();
-    // Other names are records that are being written.
-    if (entry.path().extension() == ".json" && is_job_id(id)) ids.push_back(id);
-  }
-  std::sort(ids.begin(), ids.end());
-  return ids;
-}
-
-std::optional<JobRecord> read_record(const fs::path& out, const std::string& id) {
-  const fs::path file = record_file(out, id);
-  std::error_code error;
-  if (!fs::exists(file, error)) return std::nullopt;
-  const Json json = read_json(file);
-  ConfigReader reader(json, file.string());
-  JobRecord record;
-  record.state = state_of(reader.choice("state", "begun", {std::begin(kWords), std::end(kWords)}));
-  record.step = reader.text("step", "");
-  record.key = reader.text("key", "");
-  record.content = reader.text("content", "");
-  record.command = reader.text("command", "");
-  record.started = reader.text("started", "");
-  record.finished = reader.text("finished", "");
-  record.seconds = reader.number("seconds", 0, 0);
-  record.expected_seconds = reader.number("expected_seconds", 0, 0.0);
-  record.peak_bytes = static_cast<std::uint64_t>(reader.integer("peak_bytes", 0, 0));
-  record.disk_bytes = static_cast<std::uint64_t>(reader.integer("disk_bytes", 0, 0));
-  record.attempts = static_cast<int>(reader.integer("attempts", 0, 0, 1 << 20));
-  record.status = static_cast<int>(reader.integer("status", 0, -256, 256));
-  reader.finish();
-  return record;
-}
-
-void write_record(const fs::path& out, const std::string& id, const JobRecord& record) {
-  write_config(record_file(out, id), {{"state", word_of(record.state)},
-                                      {"step", record.step},
-                                      {"key", record.key},
-                                      {"content", record.content},
-                                      {"command", record.command},
-                                      {"started", record.started},
-                                      {"finished", record.finished},
-                                      {"seconds", record.seconds},
-                                      {"expected_seconds", record.expected_seconds},
-                                      {"peak_bytes", record.peak_bytes},
-                                      {"disk_bytes", record.disk_bytes},
-                                      {"attempts", record.attempts},
-                                      {"status", record.status}});
-}
-
-bool is_done(const fs::path& out, const Job& job) {
-  std::error_code error;
-  if (!fs::is_directory(job.folder, error)) return false;
-  const std::optional<JobRecord> record = read_record(out, job.id);
-  return record && record->state == JobRecord::State::kDone;
-}
-
-void accept_other_code(const fs::path& out, Plan& plan) {
-  std::multimap<std::string, std::string> by_content;  // of what is done
-  for (const std::string& id : recorded_jobs(out)) {
-    const std::optional<JobRecord> record = read_record(out, id);
-    if (record && record->state == JobRecord::State::kDone) by_content.emplace(record->content, id);
-  }
-  std::vector<std::pair<std::string, std::string>> renamed;
-  const auto rename_in = [&](Job& job, const std::string& before, const std::string& after) {
-    for (std::string& word : job.command) replace_all(word, before, after);
-    std::string folder = job.folder.string();
-    replace_all(folder, before, after);
-    job.folder = folder;
-  };
-  for (Job& job : plan.jobs) {
-    for (const auto& [before, after] : renamed) rename_in(job, before, after);
-    if (is_done(out, job)) continue;
-    const auto [first, last] = by_content.equal_range(job.content);
-    for (auto candidate = first; candidate != last; ++candidate) {
-      Job other = job;
-      other.id = candidate->second;
-      rename_in(other, job.id, other.id);
-      // An equal command but for the place of the program: what it read was made by the jobs accepted before it.
-      if (!is_done(out, other) ||
-          arguments_of(read_record(out, other.id)->command) != arguments_of(shell_line(other.command)))
-        continue;
-      renamed.emplace_back(job.id, other.id);
-      job = std::move(other);
-      break;
-    }
-  }
-}
-
-std::string utc_now() {
-  const std::time_t now = std::time(nullptr);
-  char stamp[32];
-  std::strftime(stamp, sizeof stamp, "%Y-%m-%dT%H:%M:%SZ", std::gmtime(&now));
-  return stamp;
-}
-
-namespace {
-
-namespace fs = std::filesystem;
 using Clock = std::chrono::steady_clock;
 
 constexpr auto kPollEvery = std::chrono::milliseconds(100);
+
+/// The last line of a log that says something, at most so many characters; progress bars count as lines.
+std::string last_line(const fs::path& log, std::size_t most = 100) {
+  std::ifstream stream(log, std::ios::binary | std::ios::ate);
+  if (!stream) return "";
+  constexpr std::streamoff kTail = 4096;
+  const std::streamoff size = stream.tellg();
+  stream.seekg(std::max<std::streamoff>(0, size - kTail));
+  std::string text((std::istreambuf_iterator<char>(stream)), {});
+  while (!text.empty() && (text.back() == '\n' || text.back() == '\r' || text.back() == ' ')) text.pop_back();
+  const std::size_t line = text.find_last_of("\r\n");
+  if (line != std::string::npos) text.erase(0, line + 1);
+  return text.size() <= most ? text : text.substr(0, most - 3) + "...";
+}
 
 double seconds_since(Clock::time_point start) { return std::chrono::duration<double>(Clock::now() - start).count(); }
 
@@ -441,6 +300,134 @@ class JobRunner {
 
 }  // namespace
 
+std::string input_fingerprint(const fs::path& path) {
+  std::error_code error;
+  if (fs::is_regular_file(path, error)) return sha256(line_of(path, path.filename().string()));
+  if (!fs::is_directory(path, error)) throw InputError(path.string(), "", "no such file or folder");
+  std::vector<std::string> lines;
+  for (const auto& entry : fs::recursive_directory_iterator(path)) {
+    if (entry.is_regular_file()) lines.push_back(line_of(entry.path(), fs::relative(entry.path(), path).string()));
+  }
+  std::sort(lines.begin(), lines.end());
+  Sha256 all;
+  for (const std::string& line : lines) all.update(line);
+  return all.finish();
+}
+
+std::string program_fingerprint(const fs::path& program) {
+  static std::map<std::string, std::string> known;  // by path, size and time
+  std::error_code error;
+  const fs::path module = program.parent_path().parent_path() / "lib" / "anigen" / "anigen-torch.so";
+  // A change to networks must not make whole datasets anew: the steps of a preparation have versions of their own.
+  const bool loads = program.filename() != "anigen-prepare" && fs::exists(module, error);
+  const std::string state = program.string() + (fs::exists(program, error) ? input_fingerprint(program) : "") +
+                            (loads ? input_fingerprint(module) : "");
+  const auto found = known.find(state);
+  if (found != known.end()) return found->second;
+  if (!fs::is_regular_file(program, error))
+    throw InputError(program.string(), "", "no such program; build it, or name its folder with --programs");
+  const std::string own = sha256(code_of(read_file(program)));
+  return known[state] = loads ? sha256(own + sha256(code_of(read_file(module)))) : own;
+}
+
+void JobRecord::fields(ConfigFields& f) {
+  std::vector<std::pair<std::string, State>> words;
+  for (const State one : {State::kBegun, State::kDone, State::kFailed, State::kInterrupted})
+    words.emplace_back(word_of(one), one);
+  f("state", state, words);
+  f("step", step);
+  f("key", key);
+  f("content", content);
+  f("command", command);
+  f("started", started);
+  f("finished", finished);
+  f("seconds", seconds, {0.0});
+  f("expected_seconds", expected_seconds, {0.0});
+  f("peak_bytes", peak_bytes, {0});
+  f("disk_bytes", disk_bytes, {0});
+  f("attempts", attempts, {0, 1 << 20});
+  f("status", status, {-256, 256});
+}
+
+const char* word_of(JobRecord::State state) { return kWords[static_cast<int>(state)]; }
+
+fs::path record_file(const fs::path& out, const std::string& id) { return out / "records" / (id + ".json"); }
+fs::path log_file(const fs::path& out, const std::string& id) { return out / "records" / (id + ".log"); }
+fs::path worker_logs(const fs::path& out, const std::string& id) { return out / "records" / (id + ".workers"); }
+
+fs::path run_lock_file(const fs::path& out) { return out / "locks" / "all"; }
+fs::path job_lock_file(const fs::path& out, const std::string& id) { return out / "locks" / id; }
+
+std::vector<std::string> recorded_jobs(const fs::path& out) {
+  std::vector<std::string> ids;
+  std::error_code error;
+  if (!fs::is_directory(out / "records", error)) return ids;
+  for (const auto& entry : fs::directory_iterator(out / "records")) {
+    const std::string id = entry.path().stem().string();
+    // Other names are records that are being written.
+    if (entry.path().extension() == ".json" && is_job_id(id)) ids.push_back(id);
+  }
+  std::sort(ids.begin(), ids.end());
+  return ids;
+}
+
+std::optional<JobRecord> read_record(const fs::path& out, const std::string& id) {
+  const fs::path file = record_file(out, id);
+  std::error_code error;
+  if (!fs::exists(file, error)) return std::nullopt;
+  return JobRecord::from_json(read_json(file), file.string());
+}
+
+void write_record(const fs::path& out, const std::string& id, const JobRecord& record) {
+  write_config(record_file(out, id), record.to_json());
+}
+
+bool is_done(const fs::path& out, const Job& job) {
+  std::error_code error;
+  if (!fs::is_directory(job.folder, error)) return false;
+  const std::optional<JobRecord> record = read_record(out, job.id);
+  return record && record->state == JobRecord::State::kDone;
+}
+
+void accept_other_code(const fs::path& out, Plan& plan) {
+  std::multimap<std::string, std::string> by_content;  // of what is done
+  for (const std::string& id : recorded_jobs(out)) {
+    const std::optional<JobRecord> record = read_record(out, id);
+    if (record && record->state == JobRecord::State::kDone) by_content.emplace(record->content, id);
+  }
+  std::vector<std::pair<std::string, std::string>> renamed;
+  const auto rename_in = [&](Job& job, const std::string& before, const std::string& after) {
+    for (std::string& word : job.command) replace_all(word, before, after);
+    std::string folder = job.folder.string();
+    replace_all(folder, before, after);
+    job.folder = folder;
+  };
+  for (Job& job : plan.jobs) {
+    for (const auto& [before, after] : renamed) rename_in(job, before, after);
+    if (is_done(out, job)) continue;
+    const auto [first, last] = by_content.equal_range(job.content);
+    for (auto candidate = first; candidate != last; ++candidate) {
+      Job other = job;
+      other.id = candidate->second;
+      rename_in(other, job.id, other.id);
+      // An equal command but for the place of the program: what it read was made by the jobs accepted before it.
+      if (!is_done(out, other) ||
+          arguments_of(read_record(out, other.id)->command) != arguments_of(shell_line(other.command)))
+        continue;
+      renamed.emplace_back(job.id, other.id);
+      job = std::move(other);
+      break;
+    }
+  }
+}
+
+std::string utc_now() {
+  const std::time_t now = std::time(nullptr);
+  char stamp[32];
+  std::strftime(stamp, sizeof stamp, "%Y-%m-%dT%H:%M:%SZ", std::gmtime(&now));
+  return stamp;
+}
+
 RunOutcome run_jobs(const fs::path& out, const Plan& plan, const RunOptions& options) {
   // Array tasks of a cluster share the folder, each with a job of its own.
   std::optional<FileLock> lock;
@@ -451,8 +438,6 @@ RunOutcome run_jobs(const fs::path& out, const Plan& plan, const RunOptions& opt
     throw InputError(out.string(), "", "another anigen-experiment is running jobs here");
   return JobRunner(out, plan, options).run();
 }
-
-namespace fs = std::filesystem;
 
 std::vector<Leftover> find_leftovers(const fs::path& out, const Plan& plan) {
   std::set<std::string> planned, found;

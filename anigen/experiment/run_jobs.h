@@ -6,12 +6,10 @@
 #include <string>
 #include <vector>
 
+#include "anigen/core/config_fields.h"
 #include "anigen/experiment/plan.h"
 
 namespace anigen::experiment {
-
-/// Bytes of the files under a folder; what vanishes meanwhile, or cannot be read, counts nothing.
-std::uint64_t folder_size(const std::filesystem::path& folder);
 
 /// Fingerprint of a file, or of all files under a folder: relative path, size and time of change. Cheap enough for
 /// folders of many gigabytes; copying a file without its time counts as a change.
@@ -25,7 +23,7 @@ std::string input_fingerprint(const std::filesystem::path& path);
 std::string program_fingerprint(const std::filesystem::path& program);
 
 /// Record of a job that was begun: records/<id>.json, beside its log records/<id>.log.
-struct JobRecord {
+struct JobRecord : JsonOptions<JobRecord> {
   enum class State { kBegun, kDone, kFailed, kInterrupted };
   State state = State::kBegun;
   std::string step, key, content;
@@ -36,6 +34,8 @@ struct JobRecord {
   std::uint64_t peak_bytes = 0;   ///< most memory of a process of the job
   std::uint64_t disk_bytes = 0;   ///< of its folder, once done
   int attempts = 0, status = 0;   ///< exit status of the last one; -N: ended by signal N
+
+  void fields(ConfigFields& f);
 };
 
 const char* word_of(JobRecord::State state);

@@ -11,7 +11,7 @@
 #include "anigen/core/files.h"
 #include "anigen/creatures/body.h"
 #include "anigen/eval/comparison_report.h"
-#include "anigen/experiment/viewer.h"
+#include "anigen/experiment/sheets.h"
 #include "anigen/io/gltf/gltf.h"
 #include "tests/e2e/other_program.h"
 #include "tests/support/paths.h"

@@ -1,4 +1,4 @@
-#include "anigen/experiment/slurm.h"
+#include "anigen/experiment/command.h"
 
 #include <sys/wait.h>
 

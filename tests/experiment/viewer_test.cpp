@@ -4,7 +4,7 @@
 #include "anigen/core/files.h"
 #include "anigen/core/hash.h"
 #include "anigen/experiment/report.h"
-#include "anigen/experiment/viewer.h"
+#include "anigen/experiment/sheets.h"
 #include "tests/experiment/experiment_folder.h"
 
 namespace anigen::experiment {
