@@ -4,113 +4,129 @@
 #include <meshoptimizer.h>
 #include <algorithm>
 #include <cstring>
+#include <limits>
 
 #include "anigen/core/error.h"
-#include "anigen/io/gltf/container.h"
-#include "anigen/io/gltf/document.h"
-
-#if defined(__GNUC__)
-#pragma GCC diagnostic push
-#pragma GCC diagnostic ignored "-Wunused-parameter"
-#pragma GCC diagnostic ignored "-Wpedantic"
-#endif
-#if defined(__GNUC__)
-#pragma GCC diagnostic pop
-#endif
 
 namespace anigen::io::gltf_import {
 
 namespace {
 
-// glTF data need not be aligned for the host; memcpy compiles to a plain load.
-template <typename T>
-T load(const char* source) {
-  T value;
-  std::memcpy(&value, source, sizeof value);
-  return value;
-}
-
-double component_at(const char* source, Component component) {
+// Calls `use` with a value of the component's type.
+template <typename Use>
+auto with_type(Component component, Use use) {
   switch (component) {
     case Component::kI8:
-      return load<std::int8_t>(source);
+      return use(std::int8_t());
     case Component::kU8:
-      return load<std::uint8_t>(source);
+      return use(std::uint8_t());
     case Component::kI16:
-      return load<std::int16_t>(source);
+      return use(std::int16_t());
     case Component::kU16:
-      return load<std::uint16_t>(source);
+      return use(std::uint16_t());
     case Component::kU32:
-      return load<std::uint32_t>(source);
+      return use(std::uint32_t());
     case Component::kF32:
-      return static_cast<double>(load<float>(source));
+      break;
   }
-  return 0.0;
+  return use(float());
 }
 
-// Byte offset of component c inside an element: matrix columns start at multiples of 4.
-std::size_t component_offset(const Accessor& accessor, std::size_t c) {
-  const std::size_t size = component_size(accessor.component);
-  const std::size_t rows = accessor.type == "MAT2" ? 2 : accessor.type == "MAT3" ? 3 : accessor.width;
-  return c / rows * ((rows * size + 3) / 4 * 4) + c % rows * size;
+std::size_t size_of(Component component) {
+  return with_type(component, [](auto value) { return sizeof value; });
+}
+
+// Columns start at multiples of 4 bytes where there are several (glTF 2.0, section 3.6.2.4).
+struct ElementType {
+  const char* name;
+  std::size_t rows, columns;
+  std::size_t column_bytes(std::size_t component) const {
+    return columns == 1 ? rows * component : (rows * component + 3) / 4 * 4;
+  }
+};
+constexpr ElementType kElementTypes[] = {{"SCALAR", 1, 1}, {"VEC2", 2, 1}, {"VEC3", 3, 1}, {"VEC4", 4, 1},
+                                         {"MAT2", 2, 2},   {"MAT3", 3, 3}, {"MAT4", 4, 4}};
+
+// nullptr for an unknown name.
+const ElementType* element_type(const std::string& name) {
+  const auto* found = std::find_if(std::begin(kElementTypes), std::end(kElementTypes),
+                                   [&](const ElementType& type) { return name == type.name; });
+  return found == std::end(kElementTypes) ? nullptr : found;
+}
+
+std::size_t element_bytes(const Accessor& accessor) {
+  const ElementType& type = *element_type(accessor.type);
+  return type.columns * type.column_bytes(size_of(accessor.component));
 }
 
 template <typename T>
-void read_element(const Accessor& accessor, const char* source, bool normalize, T* target) {
-  const double scale = normalize && accessor.normalized ? normalized_scale(accessor.component) : 1.0;
-  for (std::size_t c = 0; c < accessor.width; ++c) {
-    double value = component_at(source + component_offset(accessor, c), accessor.component);
-    if (scale != 1.0) value = std::max(value * scale, -1.0);
-    target[c] = static_cast<T>(value);
+class ElementReader {
+ public:
+  ElementReader(const Accessor& accessor, bool normalize)
+      : accessor_(accessor),
+        type_(*element_type(accessor.type)),
+        scale_(normalize && accessor.normalized ? normalized_scale(accessor.component) : 1.0) {}
+
+  // Elements of one stored type, `stride` bytes apart. glTF data need not be aligned for the host.
+  void read(const char* source, std::size_t stride, std::size_t count, T* target) const {
+    with_type(accessor_.component, [&](auto stored) {
+      const std::size_t column_bytes = type_.column_bytes(sizeof stored);
+      for (std::size_t i = 0; i < count; ++i, source += stride) {
+        for (std::size_t column = 0; column < type_.columns; ++column) {
+          for (std::size_t row = 0; row < type_.rows; ++row) {
+            std::memcpy(&stored, source + column * column_bytes + row * sizeof stored, sizeof stored);
+            auto value = static_cast<double>(stored);
+            if (scale_ != 1.0) value = std::max(value * scale_, -1.0);
+            *target++ = static_cast<T>(value);
+          }
+        }
+      }
+    });
   }
-}
+
+ private:
+  const Accessor& accessor_;
+  const ElementType& type_;
+  double scale_;
+};
 
 template <typename T>
 std::vector<T> read(const Document& document, int index, bool normalize, std::size_t at_most) {
   const Accessor& accessor = document.accessors[static_cast<std::size_t>(index)];
   const std::size_t count = std::min(accessor.count, at_most);
+  const auto bytes_at = [&](int view, std::size_t offset) {
+    return document.views[static_cast<std::size_t>(view)].bytes.data() + offset;
+  };
+  const ElementReader<T> reader(accessor, normalize);
   std::vector<T> values(count * accessor.width, T(0));
-  if (accessor.view >= 0) {
-    const char* source = document.views[static_cast<std::size_t>(accessor.view)].bytes.data() + accessor.offset;
-    for (std::size_t i = 0; i < count; ++i)
-      read_element(accessor, source + i * accessor.stride, normalize, values.data() + i * accessor.width);
-  }
+  if (accessor.view >= 0) reader.read(bytes_at(accessor.view, accessor.offset), accessor.stride, count, values.data());
   const Accessor::Sparse& sparse = accessor.sparse;
   if (sparse.count == 0) return values;
-  const char* indices = document.views[static_cast<std::size_t>(sparse.index_view)].bytes.data() + sparse.index_offset;
-  const char* source = document.views[static_cast<std::size_t>(sparse.value_view)].bytes.data() + sparse.value_offset;
-  const std::size_t index_size = component_size(sparse.index_component);
-  const std::size_t size = element_size(accessor.type, accessor.component);
-  for (std::size_t i = 0; i < sparse.count; ++i) {
-    const auto target = static_cast<std::size_t>(component_at(indices + i * index_size, sparse.index_component));
-    if (target >= accessor.count) {
-      throw InputError(
-          document.file, accessor.pointer + "/sparse/indices",
-          "sparse index " + std::to_string(target) + " of " + std::to_string(accessor.count) + " elements");
+  const char* source = bytes_at(sparse.value_view, sparse.value_offset);
+  with_type(sparse.index_component, [&](auto stored) {
+    const char* indices = bytes_at(sparse.index_view, sparse.index_offset);
+    for (std::size_t i = 0; i < sparse.count; ++i) {
+      std::memcpy(&stored, indices + i * sizeof stored, sizeof stored);
+      const auto target = static_cast<std::size_t>(stored);
+      if (target >= accessor.count) {
+        throw InputError(
+            document.file, accessor.pointer + "/sparse/indices",
+            "sparse index " + std::to_string(target) + " of " + std::to_string(accessor.count) + " elements");
+      }
+      if (target < count)
+        reader.read(source + i * element_bytes(accessor), 0, 1, values.data() + target * accessor.width);
     }
-    if (target < count) read_element(accessor, source + i * size, normalize, values.data() + target * accessor.width);
-  }
+  });
   return values;
 }
 
 }  // namespace
 
 double normalized_scale(Component component) {
-  switch (component) {
-    case Component::kI8:
-      return 1.0 / 127.0;
-    case Component::kU8:
-      return 1.0 / 255.0;
-    case Component::kI16:
-      return 1.0 / 32767.0;
-    case Component::kU16:
-      return 1.0 / 65535.0;
-    case Component::kU32:
-      return 1.0 / 4294967295.0;
-    case Component::kF32:
-      return 1.0;
-  }
-  return 1.0;
+  return with_type(component, [](auto value) {
+    using Stored = decltype(value);
+    return std::is_integral_v<Stored> ? 1.0 / static_cast<double>(std::numeric_limits<Stored>::max()) : 1.0;
+  });
 }
 
 std::vector<float> read_floats(const Document& document, int accessor) {
@@ -133,17 +149,6 @@ Component component_of(const JsonPlace& place) {
   return static_cast<Component>(code);
 }
 
-std::size_t width_of(const JsonPlace& place) {
-  const std::string type = place.string();
-  if (type == "SCALAR") return 1;
-  if (type == "VEC2") return 2;
-  if (type == "VEC3") return 3;
-  if (type == "VEC4" || type == "MAT2") return 4;
-  if (type == "MAT3") return 9;
-  if (type == "MAT4") return 16;
-  place.fail("unknown type '" + type.substr(0, 20) + "'");
-}
-
 // @param count > 0 elements of `element` bytes every `stride` bytes from `offset` must end inside the view
 void check_range(const JsonPlace& place, const Document& document, int view, std::uint64_t offset, std::uint64_t stride,
                  std::uint64_t element, std::uint64_t count) {
@@ -163,57 +168,29 @@ void parse_sparse(const JsonPlace& sparse, Document& document, Accessor& accesso
   out.index_view = indices.index("bufferView", document.views.size(), "bufferView");
   out.index_offset = indices.integer_or("byteOffset", 0, kMostBufferBytes);
   out.index_component = component_of(indices.at("componentType"));
-  if (out.index_component != Component::kU8 && out.index_component != Component::kU16 &&
-      out.index_component != Component::kU32) {
-    indices.at("componentType").fail("sparse indices must be unsigned integers");
-  }
+  if (!is_unsigned(out.index_component)) indices.at("componentType").fail("sparse indices must be unsigned integers");
   out.value_view = values.index("bufferView", document.views.size(), "bufferView");
   out.value_offset = values.integer_or("byteOffset", 0, kMostBufferBytes);
-  const std::size_t index_size = component_size(out.index_component);
+  const std::size_t index_size = size_of(out.index_component), size = element_bytes(accessor);
   check_range(indices, document, out.index_view, out.index_offset, index_size, index_size, out.count);
-  const std::size_t size = element_size(accessor.type, accessor.component);
   check_range(values, document, out.value_view, out.value_offset, size, size, out.count);
 }
 
 }  // namespace
 
-std::size_t component_size(Component component) {
-  switch (component) {
-    case Component::kI8:
-    case Component::kU8:
-      return 1;
-    case Component::kI16:
-    case Component::kU16:
-      return 2;
-    case Component::kU32:
-    case Component::kF32:
-      return 4;
-  }
-  return 4;
-}
-
-std::size_t element_size(const std::string& type, Component component) {
-  const std::size_t size = component_size(component);
-  const auto padded = [](std::size_t bytes) { return (bytes + 3) / 4 * 4; };
-  if (type == "MAT2") return 2 * padded(2 * size);
-  if (type == "MAT3") return 3 * padded(3 * size);
-  if (type == "MAT4") return 16 * size;
-  return size * (type == "SCALAR" ? 1 : static_cast<std::size_t>(type[3] - '0'));
-}
-
 void parse_accessors(const JsonPlace& root, const ImportOptions& options, Document& document) {
-  const auto list = root.find("accessors");
   // An accessor without data costs a file nothing, so its size is bounded by what an asset may have.
   const std::uint64_t most = std::min<std::uint64_t>(
       std::max<std::uint64_t>({options.max_vertices, 3 * std::min<std::uint64_t>(options.max_faces, 1 << 29), 1024}),
       0x7FFFFFFF);
-  for (std::size_t i = 0; list && i < list->size(); ++i) {
-    const JsonPlace place = (*list)[i];
+  for (const JsonPlace& place : root.entries("accessors")) {
     Accessor accessor;
     accessor.pointer = place.pointer();
     accessor.component = component_of(place.at("componentType"));
-    accessor.width = width_of(place.at("type"));
     accessor.type = place.at("type").string();
+    const ElementType* type = element_type(accessor.type);
+    if (type == nullptr) place.at("type").fail("unknown type '" + accessor.type.substr(0, 20) + "'");
+    accessor.width = type->rows * type->columns;
     accessor.normalized = place.boolean_or("normalized", false);
     const std::uint64_t count = place.at("count").integer(0, ~std::uint64_t{0});
     if (count > most) {
@@ -222,7 +199,7 @@ void parse_accessors(const JsonPlace& root, const ImportOptions& options, Docume
     accessor.count = static_cast<std::size_t>(count);
     accessor.offset = place.integer_or("byteOffset", 0, kMostBufferBytes);
     accessor.view = place.index_or_none("bufferView", document.views.size(), "bufferView");
-    const std::size_t element = element_size(accessor.type, accessor.component);
+    const std::size_t element = element_bytes(accessor);
     accessor.stride = element;
     if (accessor.view >= 0) {
       const std::size_t stride = document.views[static_cast<std::size_t>(accessor.view)].stride;
@@ -248,22 +225,13 @@ struct Buffer {
   bool is_placeholder = false;  // the fallback of a compressed file, which need not exist
 };
 
-std::optional<JsonPlace> extension(const JsonPlace& place, const char* name) {
-  const auto extensions = place.find("extensions");
-  return extensions ? extensions->find(name) : std::nullopt;
-}
-
 // Bytes that all buffers and decoded views together may take: a small file must not blow up to any size.
-class Budget {
- public:
-  explicit Budget(std::uintmax_t bytes) : left_(bytes) {}
+struct Budget {
+  std::uintmax_t left;
   void take(std::uintmax_t bytes, const JsonPlace& place) {
-    if (bytes > left_) place.fail("all buffers together exceed the limit of the importer");
-    left_ -= bytes;
+    if (bytes > left) place.fail("all buffers together exceed the limit of the importer");
+    left -= bytes;
   }
-
- private:
-  std::uintmax_t left_;
 };
 
 Buffer read_buffer(const JsonPlace& place, std::size_t index, const Container& container, const ImportOptions& options,
@@ -271,14 +239,13 @@ Buffer read_buffer(const JsonPlace& place, std::size_t index, const Container& c
   const std::uint64_t length = place.at("byteLength").integer(0, kMostBufferBytes);
   Buffer buffer;
   if (const auto uri = place.find("uri")) {
-    Resource resource =
+    std::string bytes =
         read_uri(uri->string(), container.folder, container.file, uri->pointer(), options.max_file_bytes);
-    budget.take(resource.bytes.size(), place);
-    document.storage.push_back(std::make_unique<std::string>(std::move(resource.bytes)));
-    buffer.bytes = *document.storage.back();
+    budget.take(bytes.size(), place);
+    buffer.bytes = document.keep(std::move(bytes));
   } else if (index == 0 && container.has_binary) {
     buffer.bytes = container.binary;
-  } else if (extension(place, kMeshopt)) {
+  } else if (place.extension(kMeshopt)) {
     buffer.is_placeholder = true;
     return buffer;
   } else {
@@ -311,24 +278,18 @@ std::string_view cut(const JsonPlace& place, const std::vector<Buffer>& buffers)
 
 void parse_buffers(const JsonPlace& root, const Container& container, const ImportOptions& options, Document& document,
                    Notes& notes) {
-  Budget budget(options.max_file_bytes < kMostBufferBytes ? 4 * options.max_file_bytes : options.max_file_bytes);
+  Budget budget{options.max_file_bytes < kMostBufferBytes ? 4 * options.max_file_bytes : options.max_file_bytes};
   std::vector<Buffer> buffers;
-  if (const auto list = root.find("buffers")) {
-    for (std::size_t i = 0; i < list->size(); ++i)
-      buffers.push_back(read_buffer((*list)[i], i, container, options, budget, document));
-  }
-  const auto list = root.find("bufferViews");
-  for (std::size_t i = 0; list && i < list->size(); ++i) {
-    const JsonPlace place = (*list)[i];
+  for (const JsonPlace& place : root.entries("buffers"))
+    buffers.push_back(read_buffer(place, buffers.size(), container, options, budget, document));
+  for (const JsonPlace& place : root.entries("bufferViews")) {
     BufferView view;
     view.stride = place.integer_or("byteStride", 0, 1 << 16);
-    if (const auto compressed = extension(place, kMeshopt)) {
+    if (const auto compressed = place.extension(kMeshopt)) {
       place.index("buffer", buffers.size(), "buffer");
       const std::uint64_t length = place.at("byteLength").integer(1, kMostBufferBytes);
       budget.take(length, place);
-      document.storage.push_back(
-          std::make_unique<std::string>(decode_meshopt(*compressed, cut(*compressed, buffers), length)));
-      view.bytes = *document.storage.back();
+      view.bytes = document.keep(decode_meshopt(*compressed, cut(*compressed, buffers), length));
       notes.tally("decoded_meshopt", "buffer views decoded from EXT_meshopt_compression");
     } else {
       view.bytes = cut(place, buffers);

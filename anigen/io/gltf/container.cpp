@@ -1,7 +1,8 @@
 #include "anigen/io/gltf/container.h"
 
-#include <array>
+#include <tiny_gltf.h>
 #include <cctype>
+#include <charconv>
 #include <cmath>
 #include <cstring>
 
@@ -21,8 +22,12 @@ void JsonPlace::not_supported(const std::string& feature) const {
   throw NotSupportedError(*file_, pointer_.empty() ? "/" : pointer_, feature);
 }
 
+void JsonPlace::expect(bool fits, const char* wanted) const {
+  if (!fits) fail(std::string("expected ") + wanted + ", found " + value_->type_name());
+}
+
 std::optional<JsonPlace> JsonPlace::find(const char* key) const {
-  if (!value_->is_object()) fail(std::string("expected an object, found ") + value_->type_name());
+  expect(value_->is_object(), "an object");
   const auto found = value_->find(key);
   if (found == value_->end()) return std::nullopt;
   return JsonPlace(*found, *file_, pointer_ + "/" + escaped_for_pointer(key));
@@ -35,19 +40,26 @@ JsonPlace JsonPlace::at(const char* key) const {
 }
 
 std::vector<std::string> JsonPlace::keys() const {
-  if (!value_->is_object()) fail(std::string("expected an object, found ") + value_->type_name());
+  expect(value_->is_object(), "an object");
   std::vector<std::string> result;
   for (const auto& item : value_->items()) result.push_back(item.key());
   return result;
 }
 
 std::size_t JsonPlace::size() const {
-  if (!value_->is_array()) fail(std::string("expected an array, found ") + value_->type_name());
+  expect(value_->is_array(), "an array");
   return value_->size();
 }
 
 JsonPlace JsonPlace::operator[](std::size_t index) const {
   return JsonPlace((*value_)[index], *file_, pointer_ + "/" + std::to_string(index));
+}
+
+JsonPlace::Entries JsonPlace::entries(const char* key) const { return Entries(find(key)); }
+
+std::optional<JsonPlace> JsonPlace::extension(const char* name) const {
+  const std::optional<JsonPlace> extensions = find("extensions");
+  return extensions ? extensions->find(name) : std::nullopt;
 }
 
 std::uint64_t JsonPlace::integer(std::uint64_t low, std::uint64_t high) const {
@@ -62,7 +74,7 @@ std::uint64_t JsonPlace::integer(std::uint64_t low, std::uint64_t high) const {
   } else if (value_->is_number_integer()) {
     fail("expected a number ≥ 0, found " + std::to_string(value_->get<std::int64_t>()));
   } else {
-    fail(std::string("expected a whole number, found ") + value_->type_name());
+    expect(false, "a whole number");
   }
   if (result < low || result > high) {
     fail(std::to_string(result) + " is outside [" + std::to_string(low) + ", " + std::to_string(high) + "]");
@@ -71,19 +83,19 @@ std::uint64_t JsonPlace::integer(std::uint64_t low, std::uint64_t high) const {
 }
 
 double JsonPlace::number() const {
-  if (!value_->is_number()) fail(std::string("expected a number, found ") + value_->type_name());
+  expect(value_->is_number(), "a number");
   const double result = value_->get<double>();
   if (!std::isfinite(result)) fail("the number is not finite");
   return result;
 }
 
 std::string JsonPlace::string() const {
-  if (!value_->is_string()) fail(std::string("expected a string, found ") + value_->type_name());
+  expect(value_->is_string(), "a string");
   return value_->get<std::string>();
 }
 
 bool JsonPlace::boolean() const {
-  if (!value_->is_boolean()) fail(std::string("expected true or false, found ") + value_->type_name());
+  expect(value_->is_boolean(), "true or false");
   return value_->get<bool>();
 }
 
@@ -179,6 +191,9 @@ std::uint32_t u32_at(std::string_view bytes, std::size_t offset) {
 
 std::string byte(std::size_t offset) { return "byte " + std::to_string(offset); }
 
+// The text that Git LFS leaves in place of a file that was not downloaded.
+bool is_git_lfs_pointer(const std::string& bytes) { return bytes.rfind("version https://git-lfs", 0) == 0; }
+
 // The JSON chunk's text; sets `binary`. GLB: 12 bytes of header, then chunks of length, type, data.
 std::string_view split_glb(std::string_view bytes, Container& container) {
   const std::string& file = container.file;
@@ -251,21 +266,14 @@ std::string quoted(const std::string& uri) {
   return result + (uri.size() > 80 ? "…'" : "'");
 }
 
-int hex_digit(char c) {
-  if (c >= '0' && c <= '9') return c - '0';
-  if (c >= 'a' && c <= 'f') return c - 'a' + 10;
-  if (c >= 'A' && c <= 'F') return c - 'A' + 10;
-  return -1;
-}
-
 std::string percent_decoded(const std::string& text) {
   std::string result;
   result.reserve(text.size());
   for (std::size_t i = 0; i < text.size(); ++i) {
-    const int high = text[i] == '%' && i + 2 < text.size() ? hex_digit(text[i + 1]) : -1;
-    const int low = high >= 0 ? hex_digit(text[i + 2]) : -1;
-    if (low >= 0) {
-      result += static_cast<char>(16 * high + low);
+    unsigned char code = 0;
+    const char* digits = text.data() + i + 1;
+    if (text[i] == '%' && i + 2 < text.size() && std::from_chars(digits, digits + 2, code, 16).ptr == digits + 2) {
+      result += static_cast<char>(code);
       i += 2;
     } else {
       result += text[i];
@@ -274,65 +282,43 @@ std::string percent_decoded(const std::string& text) {
   return result;
 }
 
+#define ANIGEN_LETTERS_AND_DIGITS "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789"
+
 // RFC 3986: a letter, then letters, digits, '+', '-', '.', up to ':'.
 bool has_scheme(const std::string& uri) {
-  if (uri.empty() || std::isalpha(static_cast<unsigned char>(uri[0])) == 0) return false;
-  for (const char c : uri) {
-    if (c == ':') return true;
-    if (std::isalnum(static_cast<unsigned char>(c)) == 0 && c != '+' && c != '-' && c != '.') return false;
-  }
-  return false;
+  const std::size_t end = uri.find_first_not_of(ANIGEN_LETTERS_AND_DIGITS "+-.");
+  return end != std::string::npos && uri[end] == ':' && std::isalpha(static_cast<unsigned char>(uri[0])) != 0;
 }
 
-std::array<std::int8_t, 256> base64_table() {
-  std::array<std::int8_t, 256> table{};
-  table.fill(-1);
-  const std::string alphabet = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-  for (std::size_t i = 0; i < alphabet.size(); ++i)
-    table[static_cast<unsigned char>(alphabet[i])] = static_cast<std::int8_t>(i);
-  table[static_cast<unsigned char>('-')] = 62;  // the URL-safe alphabet, which some exporters use
-  table[static_cast<unsigned char>('_')] = 63;
-  return table;
+// tinygltf decodes only the seven media types it lists, and stops without a word at a character outside the alphabet:
+// it gets a type it knows, and digits that were checked.
+bool decode_base64(std::string digits, std::string& bytes) {
+  std::replace(digits.begin(), digits.end(), '-', '+');  // the URL-safe alphabet, which some exporters use
+  std::replace(digits.begin(), digits.end(), '_', '/');
+  digits.erase(digits.find_last_not_of('=') + 1);
+  if (digits.size() % 4 == 1 || digits.find_first_not_of(ANIGEN_LETTERS_AND_DIGITS "+/") != std::string::npos)
+    return false;
+  std::vector<unsigned char> decoded;
+  std::string mime_type;
+  const std::string uri = "data:application/octet-stream;base64," + digits;
+  if (!digits.empty() && !tinygltf::DecodeDataURI(&decoded, mime_type, uri, 0, false)) return false;
+  bytes.assign(decoded.begin(), decoded.end());
+  return true;
 }
 
-bool decode_base64(const char* text, std::size_t size, std::string& out) {
-  static const std::array<std::int8_t, 256> table = base64_table();
-  while (size > 0 && text[size - 1] == '=') --size;
-  out.reserve(size / 4 * 3 + 3);
-  std::uint32_t bits = 0;
-  int count = 0;
-  for (std::size_t i = 0; i < size; ++i) {
-    const int value = table[static_cast<unsigned char>(text[i])];
-    if (value < 0) return false;
-    bits = bits << 6 | static_cast<std::uint32_t>(value);
-    count += 6;
-    if (count >= 8) {
-      count -= 8;
-      out += static_cast<char>(bits >> count & 0xFF);
-    }
-  }
-  return count != 6;  // a single left-over digit encodes nothing
-}
-
-Resource read_data_uri(const std::string& uri, const std::string& file, const std::string& place,
-                       std::uintmax_t max_bytes) {
+std::string read_data_uri(const std::string& uri, const std::string& file, const std::string& place,
+                          std::uintmax_t max_bytes) {
   const std::size_t comma = uri.find(',');
   if (comma == std::string::npos) throw InputError(file, place, "data URI without a comma");
-  const std::string header = uri.substr(5, comma - 5);
-  Resource resource;
-  resource.mime_type = header.substr(0, header.find(';'));
+  const std::string header = uri.substr(0, comma), ending = ";base64";
   // 3 bytes for 4 characters.
   if ((uri.size() - comma) / 4 * 3 > max_bytes)
     throw InputError(file, place, "data URI exceeds the limit of " + std::to_string(max_bytes) + " bytes");
-  const std::string ending = ";base64";
-  const bool is_base64 =
-      header.size() >= ending.size() && header.compare(header.size() - ending.size(), ending.size(), ending) == 0;
-  if (!is_base64) {
-    resource.bytes = percent_decoded(uri.substr(comma + 1));
-  } else if (!decode_base64(uri.data() + comma + 1, uri.size() - comma - 1, resource.bytes)) {
-    throw InputError(file, place, "data URI is not valid base64");
-  }
-  return resource;
+  const std::size_t ends = header.rfind(ending);
+  if (ends == std::string::npos || ends + ending.size() != header.size()) return percent_decoded(uri.substr(comma + 1));
+  std::string bytes;
+  if (!decode_base64(uri.substr(comma + 1), bytes)) throw InputError(file, place, "data URI is not valid base64");
+  return bytes;
 }
 
 /// A link may lead anywhere: into a file that whoever made the glTF was never given.
@@ -377,22 +363,19 @@ fs::path path_of_uri(const std::string& uri, const fs::path& folder, const std::
   return path;
 }
 
-bool is_git_lfs_pointer(const std::string& bytes) { return bytes.rfind("version https://git-lfs", 0) == 0; }
-
-Resource read_uri(const std::string& uri, const fs::path& folder, const std::string& file, const std::string& place,
-                  std::uintmax_t max_bytes) {
-  if (uri.rfind("data:", 0) == 0) return read_data_uri(uri, file, place, max_bytes);
+std::string read_uri(const std::string& uri, const fs::path& folder, const std::string& file, const std::string& place,
+                     std::uintmax_t max_bytes) {
+  if (is_data_uri(uri)) return read_data_uri(uri, file, place, max_bytes);
   const fs::path path = path_of_uri(uri, folder, file, place);
-  Resource resource;
+  std::string bytes;
   try {
-    resource.bytes = read_file(path, max_bytes);
+    bytes = read_file(path, max_bytes);
   } catch (const InputError& error) {
     throw InputError(file, place, path.string() + ": " + error.problem());
   }
-  if (is_git_lfs_pointer(resource.bytes)) {
+  if (is_git_lfs_pointer(bytes))
     throw InputError(file, place, path.string() + " is a Git LFS pointer, not the file itself: run 'git lfs pull'");
-  }
-  return resource;
+  return bytes;
 }
 
 }  // namespace anigen::io::gltf_import

@@ -13,6 +13,15 @@
 
 namespace anigen::io::gltf_import {
 
+/// How a glTF file is read, and by whom (docs/assets.md has the measurements):
+///   container.h  the GLB's header and chunks, each fault with its byte; the JSON (nlohmann, depth and size limited);
+///                URIs and paths; base64 by tinygltf
+///   document.h   every index, range and number of the JSON, each fault with its JSON pointer. tinygltf's own parser
+///                is not used for this: it takes wrong types as absent, cuts indices to 32 bits and names no place
+///   accessors.h  numbers from bytes; Draco and meshoptimizer decode what is compressed
+///   rig.h, primitive.h, mesh.h  one skeleton, one mesh in its bind pose, repairs
+/// Pictures are kept as encoded bytes; OpenCV decodes them where one is looked at. export.cpp writes.
+
 /// A value of a glTF's JSON together with where it is, so that every wrong type, index or number becomes an
 /// InputError with a JSON pointer. Refers to the JSON and the file name; both must outlive it.
 class JsonPlace {
@@ -33,6 +42,12 @@ class JsonPlace {
   /// Elements of an array. @throws InputError when this is no array
   std::size_t size() const;
   JsonPlace operator[](std::size_t index) const;
+
+  class Entries;
+  /// Elements of an optional array member, for a range-based loop.
+  Entries entries(const char* key) const;
+  /// An optional member of the optional member "extensions".
+  std::optional<JsonPlace> extension(const char* name) const;
 
   /// Scalars; a float with an integral value counts as an integer, as JSON knows only numbers.
   std::uint64_t integer(std::uint64_t low, std::uint64_t high) const;
@@ -55,9 +70,29 @@ class JsonPlace {
   std::size_t size_of(const char* key) const;
 
  private:
+  void expect(bool fits, const char* wanted) const;
+
   const Json* value_;
   const std::string* file_;
   std::string pointer_;
+};
+
+class JsonPlace::Entries {
+ public:
+  explicit Entries(std::optional<JsonPlace> list) : list_(std::move(list)), size_(list_ ? list_->size() : 0) {}
+  struct Iterator {
+    const Entries* entries;
+    std::size_t index;
+    JsonPlace operator*() const { return (*entries->list_)[index]; }
+    void operator++() { ++index; }
+    bool operator!=(const Iterator& other) const { return index != other.index; }
+  };
+  Iterator begin() const { return {this, 0}; }
+  Iterator end() const { return {this, size_}; }
+
+ private:
+  std::optional<JsonPlace> list_;
+  std::size_t size_;
 };
 
 /// Collects what the importer changed, in the order it happened; one note per kind of change however often it
@@ -104,26 +139,19 @@ struct Container {
 /// @throws InputError with the byte offset
 void read_container(const std::filesystem::path& path, const ImportOptions& options, Container& container);
 
-/// Target of a glTF's "uri" member.
-struct Resource {
-  std::string bytes;
-  std::string mime_type;  ///< of a data URI; may be empty
-};
+inline bool is_data_uri(const std::string& uri) { return uri.rfind("data:", 0) == 0; }
 
-/// Reads a data URI, or a file named by a plain relative path inside `folder`. Everything else is refused before
-/// any file is touched: other schemes, absolute paths, parent folders (also percent-encoded), backslashes, NUL. So is a
-/// link that leads out of the folder.
+/// Content of a data URI, or of a file named by a plain relative path inside `folder`. Everything else is refused
+/// before any file is touched: other schemes, absolute paths, parent folders (also percent-encoded), backslashes, NUL.
+/// So is a link that leads out of the folder.
 /// @param place JSON pointer of the uri, for the message @param max_bytes of the decoded content
 /// @throws InputError
-Resource read_uri(const std::string& uri, const std::filesystem::path& folder, const std::string& file,
-                  const std::string& place, std::uintmax_t max_bytes);
+std::string read_uri(const std::string& uri, const std::filesystem::path& folder, const std::string& file,
+                     const std::string& place, std::uintmax_t max_bytes);
 
 /// The path of the file that a URI names, percent-decoded and checked as above; there may be no such file.
 /// @throws InputError
 std::filesystem::path path_of_uri(const std::string& uri, const std::filesystem::path& folder, const std::string& file,
                                   const std::string& place);
-
-/// True for the text that Git LFS leaves in place of a file that was not downloaded.
-bool is_git_lfs_pointer(const std::string& bytes);
 
 }  // namespace anigen::io::gltf_import

@@ -6,13 +6,6 @@
 #include <utility>
 #include <vector>
 
-#include "anigen/asset/rigged_asset.h"
-#include "anigen/core/error.h"
-#include "anigen/io/gltf/animations.h"
-#include "anigen/io/gltf/materials.h"
-#include "anigen/io/gltf/mesh.h"
-#include "anigen/io/gltf/rig.h"
-
 namespace anigen::io::gltf_import {
 
 namespace {
@@ -32,37 +25,19 @@ bool is_supported(const std::string& extension) {
   return read.count(extension) != 0 || extension.rfind("KHR_materials_", 0) == 0;
 }
 
-}  // namespace
-
-Document parse_document(const Container& container, const ImportOptions& options, Notes& notes) {
-  Document document;
-  document.file = container.file;
-  const JsonPlace root(container.json, container.file);
-  check_version(root);
-  if (const auto required = root.find("extensionsRequired")) {
-    for (std::size_t i = 0; i < required->size(); ++i) {
-      const std::string extension = (*required)[i].string();
-      if (!is_supported(extension)) (*required)[i].not_supported("extension " + extension.substr(0, 80));
-    }
-  }
-  parse_buffers(root, container, options, document, notes);
-  parse_accessors(root, options, document);
-  parse_materials(root, document, notes);
-  parse_meshes(root, document);
-  parse_nodes(root, options, document, notes);
-  parse_skins(root, document);
-  parse_animations(root, document, notes);
-  return document;
-}
-
-namespace {
-
 Interpolation parse_interpolation(const JsonPlace& sampler) {
   const std::string name = sampler.string_or("interpolation", "LINEAR");
-  if (name == "LINEAR") return Interpolation::kLinear;
-  if (name == "STEP") return Interpolation::kStep;
-  if (name == "CUBICSPLINE") return Interpolation::kCubicSpline;
+  for (const Interpolation one : {Interpolation::kStep, Interpolation::kLinear, Interpolation::kCubicSpline}) {
+    if (name == name_of(one)) return one;
+  }
   sampler.at("interpolation").fail("unknown interpolation '" + name.substr(0, 20) + "'");
+}
+
+ChannelPath parse_path(const JsonPlace& target, const std::string& name) {
+  for (const ChannelPath one : {ChannelPath::kTranslation, ChannelPath::kRotation, ChannelPath::kScale}) {
+    if (name == name_of(one)) return one;
+  }
+  target.at("path").fail("unknown path '" + name.substr(0, 20) + "'");
 }
 
 // Types and lengths of a sampler's accessors for the property they drive (glTF 2.0, section 3.11).
@@ -83,12 +58,12 @@ void check_sampler(const JsonPlace& sampler, const Document& document, const Ani
   }
 }
 
-AnimationEntry parse_animation(const JsonPlace& place, std::size_t nodes, const Document& document, Notes& notes) {
+AnimationEntry parse_animation(const JsonPlace& place, const Document& document, Notes& notes) {
   AnimationEntry animation;
   animation.name = place.string_or("name", "");
-  const JsonPlace channels = place.at("channels"), samplers = place.at("samplers");
-  for (std::size_t i = 0; i < channels.size(); ++i) {
-    const JsonPlace entry = channels[i];
+  place.at("channels");
+  const JsonPlace samplers = place.at("samplers");
+  for (const JsonPlace& entry : place.entries("channels")) {
     AnimationChannel channel;
     channel.pointer = entry.pointer();
     const JsonPlace sampler = samplers[static_cast<std::size_t>(entry.index("sampler", samplers.size(), "sampler"))];
@@ -97,7 +72,7 @@ AnimationEntry parse_animation(const JsonPlace& place, std::size_t nodes, const 
     channel.interpolation = parse_interpolation(sampler);
     const JsonPlace target = entry.at("target");
     const std::string path = target.at("path").string();
-    channel.node = target.index_or_none("node", nodes, "node");
+    channel.node = target.index_or_none("node", document.nodes.size(), "node");
     if (path == "weights") {
       notes.tally("morph_targets", "animation channels of morph targets were ignored");
       continue;
@@ -106,29 +81,17 @@ AnimationEntry parse_animation(const JsonPlace& place, std::size_t nodes, const 
       notes.tally("dropped_channels", "animation channels without a target node were dropped");
       continue;
     }
-    if (path == "translation")
-      channel.path = ChannelPath::kTranslation;
-    else if (path == "rotation")
-      channel.path = ChannelPath::kRotation;
-    else if (path == "scale")
-      channel.path = ChannelPath::kScale;
-    else
-      target.at("path").fail("unknown path '" + path.substr(0, 20) + "'");
+    channel.path = parse_path(target, path);
     check_sampler(sampler, document, channel);
     animation.channels.push_back(std::move(channel));
   }
   return animation;
 }
 
-}  // namespace
-
 void parse_animations(const JsonPlace& root, Document& document, Notes& notes) {
-  const auto list = root.find("animations");
-  for (std::size_t i = 0; list && i < list->size(); ++i)
-    document.animations.push_back(parse_animation((*list)[i], document.nodes.size(), document, notes));
+  for (const JsonPlace& place : root.entries("animations"))
+    document.animations.push_back(parse_animation(place, document, notes));
 }
-
-namespace {
 
 // KHR_texture_transform: uv' = T · R · S · uv, with R turning by -rotation in a frame whose v points down.
 void parse_texture_transform(const JsonPlace& extension, TextureUse& use) {
@@ -154,9 +117,7 @@ TextureUse parse_texture(const JsonPlace& place, std::size_t textures) {
   TextureUse use;
   use.texture = place.index("index", textures, "texture");
   use.set = static_cast<int>(place.integer_or("texCoord", 0, 255));
-  if (const auto extensions = place.find("extensions")) {
-    if (const auto transform = extensions->find("KHR_texture_transform")) parse_texture_transform(*transform, use);
-  }
+  if (const auto transform = place.extension("KHR_texture_transform")) parse_texture_transform(*transform, use);
   return use;
 }
 
@@ -176,43 +137,31 @@ MaterialEntry parse_material(const JsonPlace& place, std::size_t textures) {
   entry.material.double_sided = place.boolean_or("doubleSided", false);
   if (const auto pbr = place.find("pbrMetallicRoughness")) {
     parse_base_color(*pbr, "baseColorFactor", "baseColorTexture", textures, entry);
-  } else if (const auto extensions = place.find("extensions")) {
+  } else if (const auto specular = place.extension("KHR_materials_pbrSpecularGlossiness")) {
     // The older model's diffuse colour is the closest thing to a base colour such a material has.
-    if (const auto specular = extensions->find("KHR_materials_pbrSpecularGlossiness"))
-      parse_base_color(*specular, "diffuseFactor", "diffuseTexture", textures, entry);
+    parse_base_color(*specular, "diffuseFactor", "diffuseTexture", textures, entry);
   }
   return entry;
 }
 
-}  // namespace
-
 void parse_materials(const JsonPlace& root, Document& document, Notes& notes) {
-  if (const auto images = root.find("images")) {
-    for (std::size_t i = 0; i < images->size(); ++i) {
-      const JsonPlace place = (*images)[i];
-      ImageEntry image;
-      image.pointer = place.pointer();
-      image.name = place.string_or("name", "");
-      image.mime_type = place.string_or("mimeType", "");
-      image.uri = place.string_or("uri", "");
-      image.view = place.index_or_none("bufferView", document.views.size(), "bufferView");
-      document.images.push_back(std::move(image));
-    }
+  for (const JsonPlace& place : root.entries("images")) {
+    ImageEntry image;
+    image.pointer = place.pointer();
+    image.name = place.string_or("name", "");
+    place.string_or("mimeType", "");
+    image.uri = place.string_or("uri", "");
+    image.view = place.index_or_none("bufferView", document.views.size(), "bufferView");
+    document.images.push_back(std::move(image));
   }
-  if (const auto textures = root.find("textures")) {
-    for (std::size_t i = 0; i < textures->size(); ++i) {
-      const int source = (*textures)[i].index_or_none("source", document.images.size(), "image");
-      if (source < 0) notes.tally("unsupported_texture", "textures without a PNG or JPEG source were left out");
-      document.texture_images.push_back(source);
-    }
+  for (const JsonPlace& place : root.entries("textures")) {
+    document.texture_images.push_back(place.index_or_none("source", document.images.size(), "image"));
+    if (document.texture_images.back() < 0)
+      notes.tally("unsupported_texture", "textures without a PNG or JPEG source were left out");
   }
-  if (const auto materials = root.find("materials")) {
-    for (std::size_t i = 0; i < materials->size(); ++i)
-      document.materials.push_back(parse_material((*materials)[i], document.texture_images.size()));
-  }
+  for (const JsonPlace& place : root.entries("materials"))
+    document.materials.push_back(parse_material(place, document.texture_images.size()));
 }
-
-namespace {
 
 void parse_draco(const JsonPlace& extension, const Document& document, Primitive& primitive) {
   primitive.draco_view = extension.index("bufferView", document.views.size(), "bufferView");
@@ -233,9 +182,7 @@ Primitive parse_primitive(const JsonPlace& place, const Document& document, std:
   primitive.indices = place.index_or_none("indices", document.accessors.size(), "accessor");
   if (primitive.indices >= 0) {
     const Accessor& accessor = document.accessors[static_cast<std::size_t>(primitive.indices)];
-    const bool is_unsigned = accessor.component == Component::kU8 || accessor.component == Component::kU16 ||
-                             accessor.component == Component::kU32;
-    if (accessor.type != "SCALAR" || !is_unsigned)
+    if (accessor.type != "SCALAR" || !is_unsigned(accessor.component))
       place.at("indices").fail("indices must be unsigned SCALARs, not " + accessor.type);
   }
   const JsonPlace attributes = place.at("attributes");
@@ -244,26 +191,19 @@ Primitive parse_primitive(const JsonPlace& place, const Document& document, std:
     primitive.attributes.emplace_back(name, accessor);
   }
   if (const auto targets = place.find("targets")) primitive.has_targets = targets->size() > 0;
-  const auto extensions = place.find("extensions");
-  const auto draco = extensions ? extensions->find("KHR_draco_mesh_compression") : std::nullopt;
-  if (draco) parse_draco(*draco, document, primitive);
+  if (const auto draco = place.extension("KHR_draco_mesh_compression")) parse_draco(*draco, document, primitive);
   return primitive;
 }
 
-}  // namespace
-
 void parse_meshes(const JsonPlace& root, Document& document) {
-  const auto list = root.find("meshes");
-  for (std::size_t i = 0; list && i < list->size(); ++i) {
-    const JsonPlace primitives = (*list)[i].at("primitives");
+  for (const JsonPlace& place : root.entries("meshes")) {
+    place.at("primitives");
     MeshEntry mesh;
-    for (std::size_t k = 0; k < primitives.size(); ++k)
-      mesh.primitives.push_back(parse_primitive(primitives[k], document, document.materials.size()));
+    for (const JsonPlace& primitive : place.entries("primitives"))
+      mesh.primitives.push_back(parse_primitive(primitive, document, document.materials.size()));
     document.meshes.push_back(std::move(mesh));
   }
 }
-
-namespace {
 
 Transform parse_trs(const JsonPlace& place, Notes& notes) {
   Transform local;
@@ -311,14 +251,11 @@ void parse_transform(const JsonPlace& place, Node& node, Notes& notes) {
 // Gives every node its parent, refusing a second one: with the check for cycles that makes the graph a forest.
 void link(const JsonPlace& list, std::vector<Node>& nodes) {
   for (std::size_t i = 0; i < nodes.size(); ++i) {
-    const auto children = list[i].find("children");
-    for (std::size_t k = 0; children && k < children->size(); ++k) {
-      const int child = (*children)[k].as_index(nodes.size(), "node");
+    for (const JsonPlace& place : list[i].entries("children")) {
+      const int child = place.as_index(nodes.size(), "node");
       Node& node = nodes[static_cast<std::size_t>(child)];
-      if (node.parent >= 0) {
-        (*children)[k].fail("node " + std::to_string(child) + " already is a child of node " +
-                            std::to_string(node.parent));
-      }
+      if (node.parent >= 0)
+        place.fail("node " + std::to_string(child) + " already is a child of node " + std::to_string(node.parent));
       node.parent = static_cast<int>(i);
       nodes[i].children.push_back(child);
     }
@@ -355,9 +292,8 @@ void mark_scene(const JsonPlace& root, const ImportOptions& options, Document& d
   if (scene < 0 && scenes > 0) scene = 0;
   document.in_scene.assign(document.nodes.size(), scene < 0 ? 1 : 0);
   if (scene < 0) return;  // a file without scenes: everything is shown
-  const auto list = root.at("scenes")[static_cast<std::size_t>(scene)].find("nodes");
-  for (std::size_t i = 0; list && i < list->size(); ++i)
-    document.in_scene[static_cast<std::size_t>((*list)[i].as_index(document.nodes.size(), "node"))] = 1;
+  for (const JsonPlace& node : root.at("scenes")[static_cast<std::size_t>(scene)].entries("nodes"))
+    document.in_scene[static_cast<std::size_t>(node.as_index(document.nodes.size(), "node"))] = 1;
   for (const int n : document.top_down) {
     const int parent = document.nodes[static_cast<std::size_t>(n)].parent;
     if (parent >= 0 && document.in_scene[static_cast<std::size_t>(parent)] != 0)
@@ -365,16 +301,13 @@ void mark_scene(const JsonPlace& root, const ImportOptions& options, Document& d
   }
 }
 
-}  // namespace
-
 void parse_nodes(const JsonPlace& root, const ImportOptions& options, Document& document, Notes& notes) {
   const std::size_t meshes = root.size_of("meshes"), skins = root.size_of("skins");
   if (const auto list = root.find("nodes")) {
     if (list->size() > options.max_nodes) {
       list->fail(std::to_string(list->size()) + " nodes exceed the limit of " + std::to_string(options.max_nodes));
     }
-    for (std::size_t i = 0; i < list->size(); ++i) {
-      const JsonPlace place = (*list)[i];
+    for (const JsonPlace& place : root.entries("nodes")) {
       Node node;
       node.name = place.string_or("name", "");
       node.mesh = place.index_or_none("mesh", meshes, "mesh");
@@ -389,9 +322,7 @@ void parse_nodes(const JsonPlace& root, const ImportOptions& options, Document& 
 }
 
 void parse_skins(const JsonPlace& root, Document& document) {
-  const auto list = root.find("skins");
-  for (std::size_t i = 0; list && i < list->size(); ++i) {
-    const JsonPlace place = (*list)[i];
+  for (const JsonPlace& place : root.entries("skins")) {
     Skin skin;
     skin.pointer = place.pointer();
     const JsonPlace joints = place.at("joints");
@@ -420,32 +351,40 @@ void parse_skins(const JsonPlace& root, Document& document) {
   }
 }
 
-ImportedAsset document_asset(const Document& document, const std::filesystem::path& path, const ImportOptions& options,
-                             Notes& notes) {
-  const std::vector<TrackSet> tracks = read_tracks(document, notes);
-  Rig rig = build_rig(document, moving_nodes(document, tracks), options, notes);
-  const std::vector<SkinBinding> bindings = bind_skins(document, rig, notes);
+}  // namespace
 
-  ImportedAsset result;
-  Asset& asset = result.asset;
-  asset.name = path.stem().string();
-  MergedMesh merged = merge_meshes(document, rig, bindings, options, notes);
-  asset.mesh = std::move(merged.mesh);
-  asset.skin = std::move(merged.skin);
-  MaterialSet materials = read_materials(document, path.parent_path(), options, notes);
-  asset.materials = std::move(materials.materials);
-  asset.images = std::move(materials.images);
-  if (rig.skeleton.size() > 0)
-    asset.animations = convert_animations(tracks, rig, notes);
-  else
-    result.node_clips = clips_of_nodes(tracks);
-  asset.skeleton = std::move(rig.skeleton);
-  result.frame = document.frame;
-  const std::vector<std::string> findings = validate(asset, 1, options.require_rig);
-  if (!findings.empty()) throw InputError(path.string(), "", "cannot be made a sound asset: " + findings.front());
-  result.notes = notes.take();
-  result.lowest_weight_sum = notes.lowest_weight_sum();
-  return result;
+const char* picture_mime_type(std::string_view bytes) {
+  if (bytes.substr(0, 8) == "\x89PNG\r\n\x1a\n") return "image/png";
+  return bytes.substr(0, 3) == "\xFF\xD8\xFF" ? "image/jpeg" : nullptr;
+}
+
+const char* name_of(ChannelPath path) {
+  return path == ChannelPath::kTranslation ? "translation" : path == ChannelPath::kRotation ? "rotation" : "scale";
+}
+
+const char* name_of(Interpolation interpolation) {
+  return interpolation == Interpolation::kStep     ? "STEP"
+         : interpolation == Interpolation::kLinear ? "LINEAR"
+                                                   : "CUBICSPLINE";
+}
+
+Document parse_document(const Container& container, const ImportOptions& options, Notes& notes) {
+  Document document;
+  document.file = container.file;
+  const JsonPlace root(container.json, container.file);
+  check_version(root);
+  for (const JsonPlace& required : root.entries("extensionsRequired")) {
+    const std::string extension = required.string();
+    if (!is_supported(extension)) required.not_supported("extension " + extension.substr(0, 80));
+  }
+  parse_buffers(root, container, options, document, notes);
+  parse_accessors(root, options, document);
+  parse_materials(root, document, notes);
+  parse_meshes(root, document);
+  parse_nodes(root, options, document, notes);
+  parse_skins(root, document);
+  parse_animations(root, document, notes);
+  return document;
 }
 
 }  // namespace anigen::io::gltf_import

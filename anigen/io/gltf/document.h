@@ -24,6 +24,10 @@ namespace anigen::io::gltf_import {
 
 enum class Component { kI8 = 5120, kU8 = 5121, kI16 = 5122, kU16 = 5123, kU32 = 5125, kF32 = 5126 };
 
+inline bool is_unsigned(Component component) {
+  return component == Component::kU8 || component == Component::kU16 || component == Component::kU32;
+}
+
 struct BufferView {
   std::string_view bytes;  ///< decoded when the file compresses it
   std::size_t stride = 0;  ///< 0: packed
@@ -95,7 +99,7 @@ struct MaterialEntry {
 };
 
 struct ImageEntry {
-  std::string pointer, name, mime_type, uri;
+  std::string pointer, name, uri;
   int view = -1;
 };
 
@@ -126,28 +130,32 @@ struct Document {
   std::vector<int> texture_images;  ///< per texture, its image or -1
   std::vector<ImageEntry> images;
   std::vector<AnimationEntry> animations;
+
+  /// Keeps bytes for a view. @return what the view sees
+  std::string_view keep(std::string bytes) {
+    storage.push_back(std::make_unique<std::string>(std::move(bytes)));
+    return *storage.back();
+  }
 };
+
+/// "image/png" or "image/jpeg" by the first bytes; nullptr for other pictures, which glTF does not know.
+const char* picture_mime_type(std::string_view bytes);
+
+/// glTF's words for them.
+const char* name_of(ChannelPath path);
+const char* name_of(Interpolation interpolation);
 
 /// Checks a glTF's JSON and its buffers and turns them into a Document. @throws InputError, NotSupportedError
 /// @param container must outlive the result, whose views may point into its binary chunk
 Document parse_document(const Container& container, const ImportOptions& options, Notes& notes);
 
-/// The parts of parse_document, in the order they need each other.
+/// The parts of parse_document() that concern bytes and numbers.
 void parse_buffers(const JsonPlace& root, const Container& container, const ImportOptions& options, Document& document,
                    Notes& notes);
 void parse_accessors(const JsonPlace& root, const ImportOptions& options, Document& document);
-void parse_materials(const JsonPlace& root, Document& document, Notes& notes);
-void parse_meshes(const JsonPlace& root, Document& document);
-void parse_nodes(const JsonPlace& root, const ImportOptions& options, Document& document, Notes& notes);
-void parse_skins(const JsonPlace& root, Document& document);
-void parse_animations(const JsonPlace& root, Document& document, Notes& notes);
 
 /// Largest offset or length that is read: well inside 64 bits, so that sums cannot overflow.
 inline constexpr std::uint64_t kMostBufferBytes = std::uint64_t{1} << 40;
-
-/// Size in bytes of one component, and of one element with the padding that glTF asks of matrix columns.
-std::size_t component_size(Component component);
-std::size_t element_size(const std::string& type, Component component);
 
 /// Last step of every importer that fills a Document: one skeleton, one mesh in its bind pose, materials, animations,
 /// or what of these options.require_rig lets be missing; repaired where the file is wrong. @param path of the file;

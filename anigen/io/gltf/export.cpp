@@ -1,14 +1,16 @@
 #include "anigen/io/gltf/export.h"
 
+#include <tiny_gltf.h>
 #include <Eigen/Geometry>
 #include <Eigen/LU>
 #include <algorithm>
-#include <cctype>
 #include <cmath>
 #include <cstdint>
 #include <limits>
 #include <map>
+#include <set>
 #include <string>
+#include <type_traits>
 #include <utility>
 #include <vector>
 
@@ -17,8 +19,8 @@
 #include "anigen/core/files.h"
 #include "anigen/core/hash.h"
 #include "anigen/core/text.h"
+#include "anigen/io/gltf/document.h"
 #include "anigen/io/gltf/gltf.h"
-#include "anigen/io/gltf/materials.h"
 
 namespace anigen::io {
 
@@ -43,93 +45,142 @@ Skeleton unrotated_in_file(const Skeleton& skeleton, ExportAxes axes) {
 
 namespace {
 
-template <typename T>
-int add_array(GltfDocument& document, const std::vector<T>& values, std::size_t width, ComponentType component,
-              ViewTarget target) {
-  const int view = document.add_view(values.data(), values.size() * sizeof(T), target);
-  return document.add_accessor(view, 0, component, accessor_type(width), values.size() / width);
-}
-
-}  // namespace
-
+// glTF's names for 1, 2, 3, 4 or 16 numbers per element.
 const char* accessor_type(std::size_t width) {
-  switch (width) {
-    case 1:
-      return "SCALAR";
-    case 2:
-      return "VEC2";
-    case 3:
-      return "VEC3";
-    case 4:
-      return "VEC4";
-    default:
-      return "MAT4";
+  static constexpr const char* kVectors[] = {"SCALAR", "VEC2", "VEC3", "VEC4"};
+  return width <= 4 ? kVectors[width - 1] : "MAT4";
+}
+
+template <typename T>
+constexpr int kComponentType = std::is_same_v<T, std::uint8_t>    ? TINYGLTF_COMPONENT_TYPE_UNSIGNED_BYTE
+                               : std::is_same_v<T, std::uint16_t> ? TINYGLTF_COMPONENT_TYPE_UNSIGNED_SHORT
+                               : std::is_same_v<T, std::uint32_t> ? TINYGLTF_COMPONENT_TYPE_UNSIGNED_INT
+                                                                  : TINYGLTF_COMPONENT_TYPE_FLOAT;
+
+constexpr int kNoTarget = 0, kVertices = TINYGLTF_TARGET_ARRAY_BUFFER, kIndices = TINYGLTF_TARGET_ELEMENT_ARRAY_BUFFER;
+
+/// What the file says about itself.
+Json asset_block() { return {{"version", "2.0"}, {"generator", "AniGen in C++"}}; }
+
+/// A glTF file being written: its JSON and its only binary buffer. Views and accessors are appended as the parts of
+/// the asset are written, each aligned to 4 bytes.
+class GltfDocument {
+ public:
+  Json json = {{"asset", asset_block()}};  ///< everything but "buffers", "bufferViews", "accessors"
+
+  /// Copies bytes into the buffer. @return the index of the bufferView
+  int add_view(const void* data, std::size_t bytes, int target = kNoTarget) {
+    Json view = {{"buffer", 0}, {"byteOffset", binary_.size()}, {"byteLength", bytes}};
+    if (target != kNoTarget) view["target"] = target;
+    if (bytes > 0) binary_.append(static_cast<const char*>(data), bytes);
+    binary_.append((4 - binary_.size() % 4) % 4, '\0');
+    views_.push_back(std::move(view));
+    return static_cast<int>(views_.size()) - 1;
   }
-}
 
-GltfDocument::GltfDocument() : json(Json::object()) {
-  json["asset"] = {{"version", "2.0"}, {"generator", "AniGen in C++"}};
-}
-
-int GltfDocument::add_view(const void* data, std::size_t bytes, ViewTarget target) {
-  Json view = {{"buffer", 0}, {"byteOffset", binary_.size()}, {"byteLength", bytes}};
-  if (target != ViewTarget::kNone) view["target"] = static_cast<int>(target);
-  if (bytes > 0) binary_.append(static_cast<const char*>(data), bytes);
-  binary_.append((4 - binary_.size() % 4) % 4, '\0');
-  views_.push_back(std::move(view));
-  return static_cast<int>(views_.size()) - 1;
-}
-
-int GltfDocument::add_accessor(int view, std::size_t byte_offset, ComponentType component, const char* type,
-                               std::size_t count) {
-  Json accessor = {{"bufferView", view}};
-  if (byte_offset > 0) accessor["byteOffset"] = byte_offset;
-  accessor["componentType"] = static_cast<int>(component);
-  accessor["count"] = count;
-  accessor["type"] = type;
-  accessors_.push_back(std::move(accessor));
-  return static_cast<int>(accessors_.size()) - 1;
-}
-
-void GltfDocument::set_bounds(int accessor, const std::vector<float>& values, std::size_t width) {
-  std::vector<double> low(values.begin(), values.begin() + static_cast<std::ptrdiff_t>(width));
-  std::vector<double> high = low;
-  for (std::size_t i = width; i < values.size(); ++i) {
-    low[i % width] = std::min<double>(low[i % width], values[i]);
-    high[i % width] = std::max<double>(high[i % width], values[i]);
+  /// An accessor of T into a view. @param width numbers per element @return its index
+  template <typename T>
+  int add_accessor(int view, std::size_t byte_offset, std::size_t width, std::size_t count) {
+    Json accessor = {{"bufferView", view}};
+    if (byte_offset > 0) accessor["byteOffset"] = byte_offset;
+    accessor["componentType"] = kComponentType<T>;
+    accessor["count"] = count;
+    accessor["type"] = accessor_type(width);
+    accessors_.push_back(std::move(accessor));
+    return static_cast<int>(accessors_.size()) - 1;
   }
-  accessors_[static_cast<std::size_t>(accessor)]["min"] = low;
-  accessors_[static_cast<std::size_t>(accessor)]["max"] = high;
+
+  /// A view of its own with one accessor.
+  template <typename T>
+  int add(const std::vector<T>& values, std::size_t width, int target) {
+    const int view = add_view(values.data(), values.size() * sizeof(T), target);
+    return add_accessor<T>(view, 0, width, values.size() / width);
+  }
+
+  /// Adds the accessor's "min" and "max", which are exact because every float is a double.
+  void set_bounds(int accessor, const float* values, std::size_t count, std::size_t width) {
+    std::vector<double> low(values, values + width), high = low;
+    for (std::size_t i = width; i < count; ++i) {
+      low[i % width] = std::min<double>(low[i % width], values[i]);
+      high[i % width] = std::max<double>(high[i % width], values[i]);
+    }
+    accessors_[static_cast<std::size_t>(accessor)]["min"] = low;
+    accessors_[static_cast<std::size_t>(accessor)]["max"] = high;
+  }
+
+  const std::string& binary() const { return binary_; }
+
+  /// The finished JSON. @param buffer_uri "uri" of the buffer; empty for the binary chunk of a .glb
+  std::string json_text(const std::string& buffer_uri) const {
+    Json whole = json;
+    whole["accessors"] = accessors_;
+    whole["bufferViews"] = views_;
+    Json buffer = {{"byteLength", binary_.size()}};
+    if (!buffer_uri.empty()) buffer["uri"] = buffer_uri;
+    whole["buffers"] = Json::array({std::move(buffer)});
+    // Names come from foreign files and need not be UTF-8, which JSON demands.
+    return whole.dump(-1, ' ', false, Json::error_handler_t::replace);
+  }
+
+ private:
+  std::string binary_;
+  Json views_ = Json::array(), accessors_ = Json::array();
+};
+
+int write_image(GltfDocument& document, const EncodedImage& image, const std::string& file) {
+  // From the first bytes, since the format demands that the declared type matches them.
+  const char* type =
+      gltf_import::picture_mime_type({reinterpret_cast<const char*>(image.bytes.data()), image.bytes.size()});
+  if (type == nullptr) throw InputError(file, "", "image '" + image.name + "' of the asset is neither PNG nor JPEG");
+  Json entry = {{"bufferView", document.add_view(image.bytes.data(), image.bytes.size())}, {"mimeType", type}};
+  if (!image.name.empty()) entry["name"] = image.name;
+  document.json["images"].push_back(std::move(entry));
+  return static_cast<int>(document.json["images"].size()) - 1;
 }
 
-int GltfDocument::add_floats(const std::vector<float>& values, std::size_t width, ViewTarget target) {
-  return add_array(*this, values, width, ComponentType::kFloat, target);
+// One texture per image; both have the same index.
+int texture_of(GltfDocument& document, const Asset& asset, int image, std::map<int, int>& textures,
+               const std::string& file) {
+  const auto known = textures.find(image);
+  if (known != textures.end()) return known->second;
+  const int source = write_image(document, asset.images[static_cast<std::size_t>(image)], file);
+  document.json["textures"].push_back({{"source", source}});
+  return textures[image] = source;
 }
 
-int GltfDocument::add_uint8(const std::vector<std::uint8_t>& values, std::size_t width, ViewTarget target) {
-  return add_array(*this, values, width, ComponentType::kUint8, target);
+Json material_json(const Material& material) {
+  Json factor = Json::array();
+  for (const float x : material.base_color) factor.push_back(static_cast<double>(std::clamp(x, 0.0f, 1.0f)));
+  Json entry = Json::object();
+  if (!material.name.empty()) entry["name"] = material.name;
+  entry["pbrMetallicRoughness"] = {{"baseColorFactor", factor}, {"metallicFactor", 0.0}, {"roughnessFactor", 1.0}};
+  if (material.double_sided) entry["doubleSided"] = true;
+  return entry;
 }
 
-int GltfDocument::add_uint16(const std::vector<std::uint16_t>& values, std::size_t width, ViewTarget target) {
-  return add_array(*this, values, width, ComponentType::kUint16, target);
+/// Writes the materials that some face uses, with their textures and images, and a plain white one when some face
+/// has none (glTF's implicit default is a metal, which our materials are not). Images are embedded byte for byte.
+/// Textures are left out when the mesh has no uvs, since the format forbids them then.
+/// @return index in the file by index in Asset::materials, -1 standing for "none"
+std::map<int, int> write_materials(GltfDocument& document, const Asset& asset, const std::string& file) {
+  const Mesh& mesh = asset.mesh;
+  std::set<int> used(mesh.face_materials.begin(), mesh.face_materials.end());
+  if (mesh.face_materials.empty()) used.insert(-1);
+  std::map<int, int> index_in_file, textures;
+  for (const int m : used) {
+    Material plain;
+    plain.name = "default";
+    const Material& material = m < 0 ? plain : asset.materials[static_cast<std::size_t>(m)];
+    Json entry = material_json(material);
+    if (material.image >= 0 && !mesh.uvs.empty()) {
+      const int texture = texture_of(document, asset, material.image, textures, file);
+      entry["pbrMetallicRoughness"]["baseColorTexture"] = {{"index", texture}};
+    }
+    index_in_file[m] = static_cast<int>(document.json["materials"].size());
+    document.json["materials"].push_back(std::move(entry));
+  }
+  return index_in_file;
 }
-
-int GltfDocument::add_uint32(const std::vector<std::uint32_t>& values, std::size_t width, ViewTarget target) {
-  return add_array(*this, values, width, ComponentType::kUint32, target);
-}
-
-std::string GltfDocument::json_text(const std::string& buffer_uri) const {
-  Json whole = json;
-  whole["accessors"] = accessors_;
-  whole["bufferViews"] = views_;
-  Json buffer = {{"byteLength", binary_.size()}};
-  if (!buffer_uri.empty()) buffer["uri"] = buffer_uri;
-  whole["buffers"] = Json::array({std::move(buffer)});
-  // Names come from foreign files and need not be UTF-8, which JSON demands.
-  return whole.dump(-1, ' ', false, Json::error_handler_t::replace);
-}
-
-namespace {
 
 std::vector<float> rotated(const std::vector<Eigen::Vector3f>& vectors, const Eigen::Matrix3d& rotation, bool unit) {
   std::vector<float> values;
@@ -146,70 +197,6 @@ std::vector<float> rotated(const std::vector<Eigen::Vector3f>& vectors, const Ei
   }
   return values;
 }
-
-Json write_attributes(GltfDocument& document, const Asset& asset, const Eigen::Matrix3d& rotation,
-                      std::size_t influences) {
-  const Mesh& mesh = asset.mesh;
-  Json attributes = Json::object();
-  const std::vector<float> positions = rotated(mesh.vertices, rotation, false);
-  const int position = document.add_floats(positions, 3, ViewTarget::kVertices);
-  document.set_bounds(position, positions, 3);
-  attributes["POSITION"] = position;
-  if (!mesh.normals.empty()) {
-    attributes["NORMAL"] = document.add_floats(rotated(mesh.normals, rotation, true), 3, ViewTarget::kVertices);
-  }
-  if (!mesh.uvs.empty()) {
-    std::vector<float> values;
-    for (const Eigen::Vector2f& uv : mesh.uvs) values.insert(values.end(), {uv.x(), uv.y()});
-    attributes["TEXCOORD_0"] = document.add_floats(values, 2, ViewTarget::kVertices);
-  }
-  if (!mesh.colors.empty()) {
-    std::vector<float> values;
-    for (const Eigen::Vector4f& color : mesh.colors) {
-      for (int k = 0; k < 4; ++k) values.push_back(std::clamp(color[k], 0.0f, 1.0f));
-    }
-    attributes["COLOR_0"] = document.add_floats(values, 4, ViewTarget::kVertices);
-  }
-  if (asset.skeleton.size() > 0)
-    write_skin_attributes(document, attributes, asset.skin, asset.skeleton.size(), influences);
-  return attributes;
-}
-
-int write_indices(GltfDocument& document, const std::vector<std::uint32_t>& indices) {
-  const std::uint32_t largest = *std::max_element(indices.begin(), indices.end());
-  // 65535 itself restarts a strip in OpenGL and is forbidden.
-  if (largest < std::numeric_limits<std::uint16_t>::max()) {
-    return document.add_uint16({indices.begin(), indices.end()}, 1, ViewTarget::kIndices);
-  }
-  return document.add_uint32(indices, 1, ViewTarget::kIndices);
-}
-
-}  // namespace
-
-void write_mesh(GltfDocument& document, const Asset& asset, const Eigen::Matrix3d& rotation,
-                const std::map<int, int>& materials, std::size_t influences) {
-  const Mesh& mesh = asset.mesh;
-  const Json attributes = write_attributes(document, asset, rotation, influences);
-  std::map<int, std::vector<std::uint32_t>> indices_by_material;
-  for (std::size_t f = 0; f < mesh.faces.size(); ++f) {
-    const int material = mesh.face_materials.empty() ? -1 : mesh.face_materials[f];
-    std::vector<std::uint32_t>& indices = indices_by_material[material];
-    for (const std::int32_t v : mesh.faces[f]) indices.push_back(static_cast<std::uint32_t>(v));
-  }
-  Json primitives = Json::array();
-  for (const auto& [material, indices] : indices_by_material) {
-    primitives.push_back({{"attributes", attributes},
-                          {"indices", write_indices(document, indices)},
-                          {"material", materials.at(material)},
-                          {"mode", 4}});
-  }
-  Json entry = Json::object();
-  if (!asset.name.empty()) entry["name"] = asset.name;
-  entry["primitives"] = std::move(primitives);
-  document.json["meshes"] = Json::array({std::move(entry)});
-}
-
-namespace {
 
 constexpr std::size_t kSetSize = 4;
 
@@ -243,10 +230,8 @@ std::vector<Index> joint_set(const SkinWeights& skin, std::size_t set) {
   return joints;
 }
 
-std::string numbered(const char* name, std::size_t set) { return name + std::to_string(set); }
-
-}  // namespace
-
+/// JOINTS_n and WEIGHTS_n (float) for as many sets of four as the rows need, at most `influences` joints each. Joint
+/// indices are 8-bit up to 255 joints, else 16-bit. Unused slots hold joint 0 with weight 0.
 void write_skin_attributes(GltfDocument& document, Json& attributes, const SkinWeights& skin, std::size_t joints,
                            std::size_t influences) {
   const SkinWeights limited = limit_influences(skin, influences);
@@ -258,14 +243,76 @@ void write_skin_attributes(GltfDocument& document, Json& attributes, const SkinW
   }
   constexpr std::size_t kMostJointsInBytes = 255;
   for (std::size_t set = 0; set < sets; ++set) {
-    attributes[numbered("JOINTS_", set)] =
-        joints <= kMostJointsInBytes
-            ? document.add_uint8(joint_set<std::uint8_t>(limited, set), kSetSize, ViewTarget::kVertices)
-            : document.add_uint16(joint_set<std::uint16_t>(limited, set), kSetSize, ViewTarget::kVertices);
-    attributes[numbered("WEIGHTS_", set)] = document.add_floats(weights[set], kSetSize, ViewTarget::kVertices);
+    attributes["JOINTS_" + std::to_string(set)] =
+        joints <= kMostJointsInBytes ? document.add(joint_set<std::uint8_t>(limited, set), kSetSize, kVertices)
+                                     : document.add(joint_set<std::uint16_t>(limited, set), kSetSize, kVertices);
+    attributes["WEIGHTS_" + std::to_string(set)] = document.add(weights[set], kSetSize, kVertices);
   }
 }
 
+Json write_attributes(GltfDocument& document, const Asset& asset, const Eigen::Matrix3d& rotation,
+                      std::size_t influences) {
+  const Mesh& mesh = asset.mesh;
+  Json attributes = Json::object();
+  const std::vector<float> positions = rotated(mesh.vertices, rotation, false);
+  const int position = document.add(positions, 3, kVertices);
+  document.set_bounds(position, positions.data(), positions.size(), 3);
+  attributes["POSITION"] = position;
+  if (!mesh.normals.empty()) {
+    attributes["NORMAL"] = document.add(rotated(mesh.normals, rotation, true), 3, kVertices);
+  }
+  if (!mesh.uvs.empty()) {
+    std::vector<float> values;
+    for (const Eigen::Vector2f& uv : mesh.uvs) values.insert(values.end(), {uv.x(), uv.y()});
+    attributes["TEXCOORD_0"] = document.add(values, 2, kVertices);
+  }
+  if (!mesh.colors.empty()) {
+    std::vector<float> values;
+    for (const Eigen::Vector4f& color : mesh.colors) {
+      for (int k = 0; k < 4; ++k) values.push_back(std::clamp(color[k], 0.0f, 1.0f));
+    }
+    attributes["COLOR_0"] = document.add(values, 4, kVertices);
+  }
+  if (asset.skeleton.size() > 0)
+    write_skin_attributes(document, attributes, asset.skin, asset.skeleton.size(), influences);
+  return attributes;
+}
+
+int write_indices(GltfDocument& document, const std::vector<std::uint32_t>& indices) {
+  const std::uint32_t largest = *std::max_element(indices.begin(), indices.end());
+  // 65535 itself restarts a strip in OpenGL and is forbidden.
+  if (largest < std::numeric_limits<std::uint16_t>::max()) {
+    return document.add(std::vector<std::uint16_t>(indices.begin(), indices.end()), 1, kIndices);
+  }
+  return document.add(indices, 1, kIndices);
+}
+
+/// Writes the only mesh: one primitive per material, all with the same vertex accessors, so that vertex order and count
+/// survive. Faces are grouped by material and keep their order within a group.
+void write_mesh(GltfDocument& document, const Asset& asset, const Eigen::Matrix3d& rotation,
+                const std::map<int, int>& materials, std::size_t influences) {
+  const Mesh& mesh = asset.mesh;
+  const Json attributes = write_attributes(document, asset, rotation, influences);
+  std::map<int, std::vector<std::uint32_t>> indices_by_material;
+  for (std::size_t f = 0; f < mesh.faces.size(); ++f) {
+    const int material = mesh.face_materials.empty() ? -1 : mesh.face_materials[f];
+    std::vector<std::uint32_t>& indices = indices_by_material[material];
+    for (const std::int32_t v : mesh.faces[f]) indices.push_back(static_cast<std::uint32_t>(v));
+  }
+  Json primitives = Json::array();
+  for (const auto& [material, indices] : indices_by_material) {
+    primitives.push_back({{"attributes", attributes},
+                          {"indices", write_indices(document, indices)},
+                          {"material", materials.at(material)},
+                          {"mode", 4}});
+  }
+  Json entry = Json::object();
+  if (!asset.name.empty()) entry["name"] = asset.name;
+  entry["primitives"] = std::move(primitives);
+  document.json["meshes"] = Json::array({std::move(entry)});
+}
+
+/// All joints in skeleton order (their node index is their joint index) and the inverse of rotation · bind.
 void write_skin(GltfDocument& document, const Skeleton& skeleton, const Eigen::Matrix3d& rotation,
                 const std::string& file) {
   Eigen::Matrix4d to_world = Eigen::Matrix4d::Identity();
@@ -282,12 +329,10 @@ void write_skin(GltfDocument& document, const Skeleton& skeleton, const Eigen::M
     matrices.insert(matrices.end(), inverse.data(), inverse.data() + 16);  // column-major, as in glTF
     joints.push_back(j);
   }
-  document.json["skins"] = Json::array({{{"inverseBindMatrices", document.add_floats(matrices, 16, ViewTarget::kNone)},
+  document.json["skins"] = Json::array({{{"inverseBindMatrices", document.add(matrices, 16, kNoTarget)},
                                          {"skeleton", 0},
                                          {"joints", std::move(joints)}}});
 }
-
-namespace {
 
 Json joint_node(const std::string& name, const Transform& rest) {
   const Eigen::Vector3d& t = rest.translation;
@@ -307,8 +352,8 @@ std::string unused_name(const std::string& wanted, const std::vector<std::string
   return name;
 }
 
-}  // namespace
-
+/// Node j is joint j in its rest pose; behind them the node of mesh and skin. It stands beside the root joint, not
+/// below it, because the transform of a skinned mesh's node is ignored.
 void write_nodes(GltfDocument& document, const Asset& asset, ExportAxes axes) {
   const Skeleton& skeleton = asset.skeleton;
   Json nodes = Json::array();
@@ -339,8 +384,6 @@ void write_nodes(GltfDocument& document, const Asset& asset, ExportAxes axes) {
   document.json["nodes"] = std::move(nodes);
 }
 
-namespace {
-
 // Keys of one channel in single precision, in the file's axes.
 struct Keys {
   std::vector<float> times, values;
@@ -368,32 +411,11 @@ struct Pool {
   }
 };
 
-const char* path_name(ChannelPath path) {
-  switch (path) {
-    case ChannelPath::kTranslation:
-      return "translation";
-    case ChannelPath::kRotation:
-      return "rotation";
-    default:
-      return "scale";
-  }
-}
-
-const char* interpolation_name(Interpolation interpolation) {
-  switch (interpolation) {
-    case Interpolation::kStep:
-      return "STEP";
-    case Interpolation::kLinear:
-      return "LINEAR";
-    default:
-      return "CUBICSPLINE";
-  }
-}
-
 [[noreturn]] void reject(const std::string& file, const Channel& channel, const std::string& problem) {
-  throw InputError(
-      file, std::string("animation channel ") + path_name(channel.path) + " of joint " + std::to_string(channel.joint),
-      problem);
+  throw InputError(file,
+                   std::string("animation channel ") + gltf_import::name_of(channel.path) + " of joint " +
+                       std::to_string(channel.joint),
+                   problem);
 }
 
 // Turns the root's vectors into the file's axes, one element (key value or tangent) at a time.
@@ -461,10 +483,10 @@ Json animation_json(const Animation& animation, const Asset& asset, ExportAxes a
     const Keys keys = convert(channel, is_root, axes, file);
     const std::size_t input = pool.add_times(keys.times);
     const std::size_t output = pool.add(keys.values, channel.path == ChannelPath::kRotation ? 4 : 3, false);
-    channels.push_back(
-        {{"sampler", samplers.size()}, {"target", {{"node", channel.joint}, {"path", path_name(channel.path)}}}});
+    channels.push_back({{"sampler", samplers.size()},
+                        {"target", {{"node", channel.joint}, {"path", gltf_import::name_of(channel.path)}}}});
     samplers.push_back(
-        {{"input", input}, {"interpolation", interpolation_name(keys.interpolation)}, {"output", output}});
+        {{"input", input}, {"interpolation", gltf_import::name_of(keys.interpolation)}, {"output", output}});
   }
   Json entry = Json::object();
   if (!animation.name.empty()) entry["name"] = animation.name;
@@ -473,8 +495,9 @@ Json animation_json(const Animation& animation, const Asset& asset, ExportAxes a
   return entry;
 }
 
-}  // namespace
-
+/// Keys whose times are equal in single precision are merged; of several channels for one property the last is written,
+/// which is the one that sample() obeys; channels without keys are left out. The root's channels are turned into the
+/// file's axes (cubic tangents too: a rotation is linear in them).
 void write_animations(GltfDocument& document, const Asset& asset, ExportAxes axes, const std::string& file) {
   Pool pool;
   Json animations = Json::array();
@@ -483,16 +506,12 @@ void write_animations(GltfDocument& document, const Asset& asset, ExportAxes axe
     if (!entry["channels"].empty()) animations.push_back(std::move(entry));
   }
   if (animations.empty()) return;
-  const int view = document.add_view(pool.numbers.data(), pool.numbers.size() * sizeof(float), ViewTarget::kNone);
+  const int view = document.add_view(pool.numbers.data(), pool.numbers.size() * sizeof(float));
   std::vector<int> accessors;
   for (const Pool::Part& part : pool.parts) {
-    accessors.push_back(document.add_accessor(view, part.offset * sizeof(float), ComponentType::kFloat,
-                                              accessor_type(part.width), part.count));
-    if (part.bounds) {
-      const auto begin = pool.numbers.begin() + static_cast<std::ptrdiff_t>(part.offset);
-      document.set_bounds(accessors.back(), {begin, begin + static_cast<std::ptrdiff_t>(part.count * part.width)},
-                          part.width);
-    }
+    accessors.push_back(document.add_accessor<float>(view, part.offset * sizeof(float), part.width, part.count));
+    if (part.bounds)
+      document.set_bounds(accessors.back(), pool.numbers.data() + part.offset, part.count * part.width, part.width);
   }
   for (Json& animation : animations) {
     for (Json& sampler : animation["samplers"]) {
@@ -502,8 +521,6 @@ void write_animations(GltfDocument& document, const Asset& asset, ExportAxes axe
   }
   document.json["animations"] = std::move(animations);
 }
-
-namespace {
 
 void refuse_unsound(const std::string& file, const Asset& asset, const ExportOptions& options) {
   const std::vector<std::string> findings = validate(asset, 3, options.require_rig);
@@ -524,31 +541,9 @@ void refuse_unsound(const std::string& file, const Asset& asset, const ExportOpt
   if (asset.skeleton.size() > kMostJoints) throw NotSupportedError(file, "", "more than 65536 joints in glTF");
 }
 
-}  // namespace
-
-void write_gltf(const std::filesystem::path& path, const Asset& asset, const ExportOptions& options) {
-  const std::string file = path.string();
-  const bool binary = is_binary_extension(path);
-  refuse_unsound(file, asset, options);
-  const Eigen::Matrix3d rotation = axis_rotation(options.axes);
-  GltfDocument document;
-  write_nodes(document, asset, options.axes);
-  if (!asset.mesh.vertices.empty()) {
-    const std::map<int, int> materials = write_materials(document, asset, file);
-    write_mesh(document, asset, rotation, materials, options.influences);
-  }
-  if (asset.skeleton.size() > 0) write_skin(document, asset.skeleton, rotation, file);
-  if (options.animations) write_animations(document, asset, options.axes, file);
-  write_file_atomically(path, binary ? glb_bytes(document, file) : embedded_gltf_bytes(document));
-}
-
-namespace {
-
 void append_uint32(std::string& bytes, std::uint64_t value) {
   for (int shift = 0; shift < 32; shift += 8) bytes.push_back(static_cast<char>((value >> shift) & 0xFF));
 }
-
-}  // namespace
 
 bool is_binary_extension(const std::filesystem::path& path) {
   const std::string extension = lower_case(path.extension().string());
@@ -557,6 +552,7 @@ bool is_binary_extension(const std::filesystem::path& path) {
   throw InputError(path.string(), "", "a glTF file must be called .glb or .gltf");
 }
 
+/// Header, JSON chunk, binary chunk (glTF 2.0, section 4.4).
 std::string glb_bytes(const GltfDocument& document, const std::string& file) {
   constexpr std::uint64_t kHeader = 12, kChunkHeader = 8;
   std::string text = document.json_text("");
@@ -580,8 +576,24 @@ std::string glb_bytes(const GltfDocument& document, const std::string& file) {
   return bytes;
 }
 
-std::string embedded_gltf_bytes(const GltfDocument& document) {
-  return document.json_text("data:application/octet-stream;base64," + base64(document.binary()));
+}  // namespace
+
+void write_gltf(const std::filesystem::path& path, const Asset& asset, const ExportOptions& options) {
+  const std::string file = path.string();
+  const bool binary = is_binary_extension(path);
+  refuse_unsound(file, asset, options);
+  const Eigen::Matrix3d rotation = axis_rotation(options.axes);
+  GltfDocument document;
+  write_nodes(document, asset, options.axes);
+  if (!asset.mesh.vertices.empty()) {
+    const std::map<int, int> materials = write_materials(document, asset, file);
+    write_mesh(document, asset, rotation, materials, options.influences);
+  }
+  if (asset.skeleton.size() > 0) write_skin(document, asset.skeleton, rotation, file);
+  if (options.animations) write_animations(document, asset, options.axes, file);
+  write_file_atomically(
+      path, binary ? glb_bytes(document, file)
+                   : document.json_text("data:application/octet-stream;base64," + base64(document.binary())));
 }
 
 }  // namespace anigen::io

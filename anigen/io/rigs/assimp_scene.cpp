@@ -169,7 +169,7 @@ class Fields {
   void one(gltf_import::TextureUse& t) { all(t.texture, t.set, t.linear, t.offset, t.is_transformed); }
   void one(Material& m) { all(m.name, m.base_color, m.image, m.double_sided); }
   void one(gltf_import::MaterialEntry& m) { all(m.material, m.base_color); }
-  void one(gltf_import::ImageEntry& i) { all(i.pointer, i.name, i.mime_type, i.uri, i.view); }
+  void one(gltf_import::ImageEntry& i) { all(i.pointer, i.name, i.uri, i.view); }
   void one(gltf_import::AnimationChannel& c) { all(c.pointer, c.node, c.input, c.output, c.path, c.interpolation); }
   void one(gltf_import::AnimationEntry& a) { all(a.name, a.channels); }
   void one(gltf_import::Notes::Entry& e) { all(e.code, e.text, e.count); }
@@ -239,11 +239,7 @@ void from_bytes(std::string_view bytes, gltf_import::Document& document, gltf_im
   std::vector<gltf_import::Notes::Entry> entries;
   pass(reader, document, entries);
   reader.require_end();
-  for (const std::unique_ptr<std::string>& stored : document.storage) {
-    gltf_import::BufferView view;
-    view.bytes = *stored;
-    document.views.push_back(view);
-  }
+  for (const std::unique_ptr<std::string>& stored : document.storage) document.views.push_back({*stored});
   for (const gltf_import::Notes::Entry& entry : entries) {
     if (entry.count > 0)
       notes.tally(entry.code, entry.text, entry.count);
@@ -253,10 +249,7 @@ void from_bytes(std::string_view bytes, gltf_import::Document& document, gltf_im
 }
 
 int DocumentArrays::add_bytes(std::string bytes) {
-  document_.storage.push_back(std::make_unique<std::string>(std::move(bytes)));
-  gltf_import::BufferView view;
-  view.bytes = *document_.storage.back();
-  document_.views.push_back(view);
+  document_.views.push_back({document_.keep(std::move(bytes))});
   return static_cast<int>(document_.views.size()) - 1;
 }
 
