@@ -251,8 +251,46 @@ class RowReader {
   RowReader(const VertexBlock& block, const SkinBinding& binding, const std::string& file, const std::string& pointer)
       : block_(block), binding_(binding), file_(file), pointer_(pointer) {}
 
-  Row read(std::size_t vertex, std::vector<Influence>& row);
-  void note(Notes& notes) const;
+  Row read(std::size_t vertex, std::vector<Influence>& row) {
+    row.clear();
+    double sum = 0.0;
+    bool is_finite = true, is_negative = false;
+    for (std::size_t set = 0; set < block_.influences.size(); ++set) {
+      const InfluenceSet& influences = block_.influences[set];
+      for (std::size_t k = 4 * vertex; k < 4 * vertex + 4; ++k) {
+        const float weight = influences.weights[k];
+        const std::uint32_t joint = influences.joints[k];
+        is_finite = is_finite && std::isfinite(weight);
+        is_negative = is_negative || weight < 0.0f;
+        const bool in_range = joint < binding_.joints.size();
+        if (!in_range && weight > 0.0f) {
+          throw InputError(file_, pointer_ + "/attributes/JOINTS_" + std::to_string(set),
+                           "vertex " + std::to_string(vertex) + " is bound to joint " + std::to_string(joint) +
+                               " of a skin with " + std::to_string(binding_.joints.size()));
+        }
+        unused_index_ += in_range ? 0 : 1;
+        if (!(weight > 0.0f) || !std::isfinite(weight)) continue;
+        row.push_back({binding_.joints[joint], weight});
+        sum += static_cast<double>(weight);
+      }
+    }
+    if (!is_finite) return Row::kNotFinite;
+    negative_ += is_negative ? 1 : 0;
+    if (!(sum > kNoWeight)) return Row::kZero;
+    lowest_sum_ = std::min(lowest_sum_, sum);
+    if (std::abs(sum - 1.0) > kFloatRounding + static_cast<double>(block_.weight_rounding)) ++unnormalised_;
+    // Done in double here, because adding up repeated joints in float could overflow.
+    for (Influence& influence : row) influence.weight = static_cast<float>(static_cast<double>(influence.weight) / sum);
+    return Row::kGood;
+  }
+
+  void note(Notes& notes) const {
+    notes.weight_sum(lowest_sum_);
+    notes.tally("negative_weights", "vertices had negative weights, taken as 0", negative_);
+    notes.tally("unnormalised_weights", "vertices had weights that did not sum to 1 and were divided by their sum",
+                unnormalised_);
+    notes.tally("unused_joint_index", "joint indices outside the skin had no weight and were ignored", unused_index_);
+  }
 
  private:
   const VertexBlock& block_;
@@ -263,50 +301,59 @@ class RowReader {
   double lowest_sum_ = 1.0;
 };
 
-Row RowReader::read(std::size_t vertex, std::vector<Influence>& row) {
-  row.clear();
-  double sum = 0.0;
-  bool is_finite = true, is_negative = false;
-  for (std::size_t set = 0; set < block_.influences.size(); ++set) {
-    const InfluenceSet& influences = block_.influences[set];
-    for (std::size_t k = 4 * vertex; k < 4 * vertex + 4; ++k) {
-      const float weight = influences.weights[k];
-      const std::uint32_t joint = influences.joints[k];
-      is_finite = is_finite && std::isfinite(weight);
-      is_negative = is_negative || weight < 0.0f;
-      const bool in_range = joint < binding_.joints.size();
-      if (!in_range && weight > 0.0f) {
-        throw InputError(file_, pointer_ + "/attributes/JOINTS_" + std::to_string(set),
-                         "vertex " + std::to_string(vertex) + " is bound to joint " + std::to_string(joint) +
-                             " of a skin with " + std::to_string(binding_.joints.size()));
-      }
-      unused_index_ += in_range ? 0 : 1;
-      if (!(weight > 0.0f) || !std::isfinite(weight)) continue;
-      row.push_back({binding_.joints[joint], weight});
-      sum += static_cast<double>(weight);
-    }
-  }
-  if (!is_finite) return Row::kNotFinite;
-  negative_ += is_negative ? 1 : 0;
-  if (!(sum > kNoWeight)) return Row::kZero;
-  lowest_sum_ = std::min(lowest_sum_, sum);
-  if (std::abs(sum - 1.0) > kFloatRounding + static_cast<double>(block_.weight_rounding)) ++unnormalised_;
-  // Done in double here, because adding up repeated joints in float could overflow.
-  for (Influence& influence : row) influence.weight = static_cast<float>(static_cast<double>(influence.weight) / sum);
-  return Row::kGood;
-}
-
-void RowReader::note(Notes& notes) const {
-  notes.weight_sum(lowest_sum_);
-  notes.tally("negative_weights", "vertices had negative weights, taken as 0", negative_);
-  notes.tally("unnormalised_weights", "vertices had weights that did not sum to 1 and were divided by their sum",
-              unnormalised_);
-  notes.tally("unused_joint_index", "joint indices outside the skin had no weight and were ignored", unused_index_);
-}
-
 Eigen::Vector3f position(const VertexBlock& block, std::size_t vertex) {
   return Eigen::Map<const Eigen::Vector3f>(block.positions.data() + 3 * vertex);
 }
+
+// Nearest of a fixed set of points, by a balanced kd-tree; of equally near ones the first.
+class NearestPoint {
+ public:
+  explicit NearestPoint(std::vector<Eigen::Vector3f> points) : points_(std::move(points)), order_(points_.size()) {
+    std::iota(order_.begin(), order_.end(), std::size_t{0});
+    build(0, order_.size(), 0);
+  }
+
+  // @return index into the points @pre there is at least one
+  std::size_t operator()(const Eigen::Vector3f& query) const {
+    std::size_t best = order_.front();
+    float distance = std::numeric_limits<float>::infinity();
+    search(0, order_.size(), 0, query, best, distance);
+    return best;
+  }
+
+ private:
+  void build(std::size_t first, std::size_t last, int axis) {
+    if (last - first < 2) return;
+    const std::size_t middle = first + (last - first) / 2;
+    const auto at = [&](std::size_t i) { return order_.begin() + static_cast<std::ptrdiff_t>(i); };
+    std::nth_element(at(first), at(middle), at(last), [&](std::size_t a, std::size_t b) {
+      return points_[a][axis] != points_[b][axis] ? points_[a][axis] < points_[b][axis] : a < b;
+    });
+    build(first, middle, (axis + 1) % 3);
+    build(middle + 1, last, (axis + 1) % 3);
+  }
+
+  void search(std::size_t first, std::size_t last, int axis, const Eigen::Vector3f& query, std::size_t& best,
+              float& distance) const {
+    if (first >= last) return;
+    const std::size_t middle = first + (last - first) / 2;
+    const std::size_t point = order_[middle];
+    const float here = (points_[point] - query).squaredNorm();
+    if (here < distance || (here == distance && point < best)) {
+      distance = here;
+      best = point;
+    }
+    const float side = query[axis] - points_[point][axis];
+    const auto below = [&] { search(first, middle, (axis + 1) % 3, query, best, distance); };
+    const auto above = [&] { search(middle + 1, last, (axis + 1) % 3, query, best, distance); };
+    side < 0.0f ? below() : above();
+    if (!(side * side < distance)) return;
+    side < 0.0f ? above() : below();
+  }
+
+  std::vector<Eigen::Vector3f> points_;
+  std::vector<std::size_t> order_;  // the root of a range is its middle; halves left and right of it
+};
 
 // Finds rows for vertices without usable weights; built on the first such vertex.
 class Substitute {

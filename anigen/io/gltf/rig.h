@@ -2,7 +2,6 @@
 #include <Eigen/Core>
 #include <Eigen/Geometry>
 #include <cstddef>
-#include <optional>
 #include <vector>
 
 #include "anigen/asset/skeleton.h"
@@ -23,9 +22,6 @@ struct FoldedTransform {
   Eigen::Vector3d operator*(const Eigen::Vector3d& point) const;
   Eigen::Matrix4d matrix() const;
 };
-
-/// @return nothing when the matrix shears, scales unevenly (by more than 1e-5) or collapses space
-std::optional<FoldedTransform> as_similarity(const Eigen::Matrix4d& matrix);
 
 /// glTF's Y-up axes to ours, (X, Y, Z) → (X, −Z, Y): a rotation by 90° about X.
 FoldedTransform y_up_to_z_up();
@@ -48,26 +44,6 @@ struct Rig {
 /// @param moving per node, from moving_nodes()
 /// @throws InputError when there is no skin and options.require_rig, or there are too many joints
 Rig build_rig(const Document& document, const std::vector<char>& moving, const ImportOptions& options, Notes& notes);
-
-/// Nodes of the file that become joints.
-struct JointChoice {
-  std::vector<char> is_joint;   ///< per node
-  std::vector<char> skin_used;  ///< per skin: shown in the scene, or all of its joints are
-};
-
-/// The joints of every used skin, and promoted: nodes above joints that move or that cannot be folded into a joint
-/// (uneven scale, shear), and moving nodes that carry meshes without skin.
-/// @param moving per node, from moving_nodes()
-/// @param require_skin false: a scene without a skin has no joints where it shows triangles; where it does not, they
-/// are the nodes that move and all below them
-/// @throws InputError when there is no skin and one is required
-JointChoice choose_joints(const Document& document, const std::vector<char>& moving, bool require_skin, Notes& notes);
-
-/// Per node, the number of marked nodes at or below it.
-std::vector<int> count_below(const Document& document, const std::vector<char>& marked);
-
-/// The deepest node that has all of these at or below it, or -1. @pre none of them is above another
-int common_ancestor(const Document& document, const std::vector<int>& nodes);
 
 /// Transforms of the vertices of one skin into the common bind pose.
 struct SkinBinding {
