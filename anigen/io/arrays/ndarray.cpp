@@ -1,13 +1,17 @@
 #include "anigen/io/arrays/ndarray.h"
 
+#include <Eigen/Core>
 #include <cmath>
 #include <cstring>
 #include <limits>
+#include <tuple>
 #include <type_traits>
 
 #include "anigen/core/error.h"
 
 namespace anigen::io {
+
+using Eigen::numext::bit_cast;
 
 namespace {
 
@@ -32,13 +36,33 @@ bool fits(From value) {
   }
 }
 
-template <typename To, typename Stored, typename Decode>
-std::vector<To> convert(const NdArray& array, std::size_t count, Decode decode) {
+template <typename T>
+struct Stored {
+  using Type = T;
+  static T value(T stored) { return stored; }
+};
+struct StoredBool : Stored<std::uint8_t> {
+  static int value(std::uint8_t stored) { return stored != 0; }
+};
+struct StoredHalf : Stored<std::uint16_t> {
+  static float value(std::uint16_t stored) { return half_to_float(stored); }
+};
+struct StoredBfloat16 : Stored<std::uint16_t> {
+  static float value(std::uint16_t stored) { return bfloat16_to_float(stored); }
+};
+
+// In the order of Dtype.
+using StoredTypes = std::tuple<StoredBool, Stored<std::uint8_t>, Stored<std::int8_t>, Stored<std::int16_t>,
+                               Stored<std::uint16_t>, Stored<std::int32_t>, Stored<std::uint32_t>, Stored<std::int64_t>,
+                               Stored<std::uint64_t>, StoredHalf, StoredBfloat16, Stored<float>, Stored<double>>;
+
+template <typename To, typename From>
+std::vector<To> convert(const NdArray& array, std::size_t count) {
   std::vector<To> values(count);
   for (std::size_t i = 0; i < count; ++i) {
-    Stored stored;
-    std::memcpy(&stored, array.bytes.data() + i * sizeof(Stored), sizeof(Stored));
-    const auto value = decode(stored);
+    typename From::Type stored;
+    std::memcpy(&stored, array.bytes.data() + i * sizeof stored, sizeof stored);
+    const auto value = From::value(stored);
     if (!fits<To>(value)) {
       throw Error("element " + std::to_string(i) + " of a " + name_of(array.dtype) + " array (" +
                   std::to_string(value) + ") does not fit the integer type that is needed");
@@ -48,54 +72,44 @@ std::vector<To> convert(const NdArray& array, std::size_t count, Decode decode) 
   return values;
 }
 
-template <typename To, typename Stored>
-std::vector<To> convert(const NdArray& array, std::size_t count) {
-  return convert<To, Stored>(array, count, [](Stored value) { return value; });
+template <typename To, std::size_t... Index>
+std::vector<To> convert_any(const NdArray& array, std::size_t count, std::index_sequence<Index...>) {
+  using Convert = std::vector<To> (*)(const NdArray&, std::size_t);
+  static constexpr Convert kConvert[] = {convert<To, std::tuple_element_t<Index, StoredTypes>>...};
+  return kConvert[static_cast<std::size_t>(array.dtype)](array, count);
 }
 
-template <typename T>
+template <typename T, std::size_t Index = 1>  // booleans have no type of their own
 constexpr Dtype dtype_of() {
-  if constexpr (std::is_same_v<T, std::uint8_t>) return Dtype::kU8;
-  if constexpr (std::is_same_v<T, std::int8_t>) return Dtype::kI8;
-  if constexpr (std::is_same_v<T, std::int16_t>) return Dtype::kI16;
-  if constexpr (std::is_same_v<T, std::uint16_t>) return Dtype::kU16;
-  if constexpr (std::is_same_v<T, std::int32_t>) return Dtype::kI32;
-  if constexpr (std::is_same_v<T, std::uint32_t>) return Dtype::kU32;
-  if constexpr (std::is_same_v<T, std::int64_t>) return Dtype::kI64;
-  if constexpr (std::is_same_v<T, std::uint64_t>) return Dtype::kU64;
-  if constexpr (std::is_same_v<T, double>) return Dtype::kF64;
-  return Dtype::kF32;
+  if constexpr (std::is_same_v<Stored<T>, std::tuple_element_t<Index, StoredTypes>>)
+    return static_cast<Dtype>(Index);
+  else
+    return dtype_of<T, Index + 1>();
 }
+
+constexpr DtypeWords kWords[] = {{Dtype::kBool, 1, "bool", "b1", "BOOL", "BoolStorage"},
+                                 {Dtype::kU8, 1, "uint8", "u1", "U8", "ByteStorage"},
+                                 {Dtype::kI8, 1, "int8", "i1", "I8", "CharStorage"},
+                                 {Dtype::kI16, 2, "int16", "i2", "I16", "ShortStorage"},
+                                 {Dtype::kU16, 2, "uint16", "u2", "U16", ""},
+                                 {Dtype::kI32, 4, "int32", "i4", "I32", "IntStorage"},
+                                 {Dtype::kU32, 4, "uint32", "u4", "U32", ""},
+                                 {Dtype::kI64, 8, "int64", "i8", "I64", "LongStorage"},
+                                 {Dtype::kU64, 8, "uint64", "u8", "U64", ""},
+                                 {Dtype::kF16, 2, "float16", "f2", "F16", "HalfStorage"},
+                                 {Dtype::kBF16, 2, "bfloat16", "", "BF16", "BFloat16Storage"},
+                                 {Dtype::kF32, 4, "float32", "f4", "F32", "FloatStorage"},
+                                 {Dtype::kF64, 8, "float64", "f8", "F64", "DoubleStorage"}};
 
 }  // namespace
 
-std::size_t size_of(Dtype dtype) {
-  switch (dtype) {
-    case Dtype::kBool:
-    case Dtype::kU8:
-    case Dtype::kI8:
-      return 1;
-    case Dtype::kI16:
-    case Dtype::kU16:
-    case Dtype::kF16:
-    case Dtype::kBF16:
-      return 2;
-    case Dtype::kI32:
-    case Dtype::kU32:
-    case Dtype::kF32:
-      return 4;
-    case Dtype::kI64:
-    case Dtype::kU64:
-    case Dtype::kF64:
-      return 8;
-  }
-  throw Error("unknown dtype");
-}
+const DtypeWords& words_of(Dtype dtype) { return kWords[static_cast<std::size_t>(dtype)]; }
 
-const char* name_of(Dtype dtype) {
-  static constexpr const char* kNames[] = {"bool",  "uint8",  "int8",    "int16",    "uint16",  "int32",  "uint32",
-                                           "int64", "uint64", "float16", "bfloat16", "float32", "float64"};
-  return kNames[static_cast<int>(dtype)];
+std::optional<Dtype> find_dtype(std::string_view DtypeWords::*word, std::string_view text) {
+  for (const DtypeWords& words : kWords) {
+    if (!text.empty() && words.*word == text) return words.dtype;
+  }
+  return std::nullopt;
 }
 
 bool count_elements(const std::vector<std::int64_t>& shape, std::size_t item_size, std::size_t& count) {
@@ -128,35 +142,7 @@ std::vector<T> NdArray::as() const {
     throw Error("an array of " + std::to_string(n) + " " + name_of(dtype) + " holds " + std::to_string(bytes.size()) +
                 " bytes");
   }
-  switch (dtype) {
-    case Dtype::kBool:
-      return convert<T, std::uint8_t>(*this, n, [](std::uint8_t value) { return static_cast<int>(value != 0); });
-    case Dtype::kU8:
-      return convert<T, std::uint8_t>(*this, n);
-    case Dtype::kI8:
-      return convert<T, std::int8_t>(*this, n);
-    case Dtype::kI16:
-      return convert<T, std::int16_t>(*this, n);
-    case Dtype::kU16:
-      return convert<T, std::uint16_t>(*this, n);
-    case Dtype::kI32:
-      return convert<T, std::int32_t>(*this, n);
-    case Dtype::kU32:
-      return convert<T, std::uint32_t>(*this, n);
-    case Dtype::kI64:
-      return convert<T, std::int64_t>(*this, n);
-    case Dtype::kU64:
-      return convert<T, std::uint64_t>(*this, n);
-    case Dtype::kF16:
-      return convert<T, std::uint16_t>(*this, n, half_to_float);
-    case Dtype::kBF16:
-      return convert<T, std::uint16_t>(*this, n, bfloat16_to_float);
-    case Dtype::kF32:
-      return convert<T, float>(*this, n);
-    case Dtype::kF64:
-      return convert<T, double>(*this, n);
-  }
-  throw Error("unknown dtype");
+  return convert_any<T>(*this, n, std::make_index_sequence<std::tuple_size_v<StoredTypes>>());
 }
 
 template <typename T>
@@ -195,64 +181,9 @@ const NdArray* find(const NamedArrays& arrays, const std::string& name) {
   return nullptr;
 }
 
-namespace {
-
-std::uint32_t bits_of(float value) {
-  std::uint32_t bits;
-  std::memcpy(&bits, &value, sizeof bits);
-  return bits;
-}
-
-float float_of(std::uint32_t bits) {
-  float value;
-  std::memcpy(&value, &bits, sizeof value);
-  return value;
-}
-
-/// Drops the low bits of a magnitude, rounding to nearest even. A carry runs on into the exponent, as it should.
-std::uint32_t shift_rounding_to_even(std::uint32_t magnitude, int bits) {
-  const std::uint32_t half_way = 1u << (bits - 1);
-  const std::uint32_t odd = (magnitude >> bits) & 1u;
-  return (magnitude + half_way - 1u + odd) >> bits;
-}
-
-}  // namespace
-
-float half_to_float(std::uint16_t half) {
-  const std::uint32_t sign = static_cast<std::uint32_t>(half & 0x8000u) << 16;
-  const std::uint32_t exponent = (half >> 10) & 0x1Fu;
-  const std::uint32_t fraction = half & 0x3FFu;
-  if (exponent == 0x1F) return float_of(sign | 0x7F800000u | (fraction << 13));
-  if (exponent != 0) return float_of(sign | ((exponent + 112u) << 23) | (fraction << 13));
-  const float magnitude = std::ldexp(static_cast<float>(fraction), -24);  // zero and subnormals
-  return sign ? -magnitude : magnitude;
-}
-
-float bfloat16_to_float(std::uint16_t bfloat16) { return float_of(static_cast<std::uint32_t>(bfloat16) << 16); }
-
-std::uint16_t float_to_half(float value) {
-  const std::uint32_t bits = bits_of(value);
-  const std::uint32_t sign = (bits >> 16) & 0x8000u;
-  const std::uint32_t magnitude = bits & 0x7FFFFFFFu;
-  std::uint32_t result;
-  if (magnitude > 0x7F800000u) {
-    result = 0x7E00u | ((magnitude >> 13) & 0x3FFu);  // quiet NaN
-  } else if (magnitude >= 0x477FF000u) {              // 65520 and above round to infinity
-    result = 0x7C00u;
-  } else if (magnitude >= 0x38800000u) {  // normal halves start at 2^-14
-    result = shift_rounding_to_even(magnitude - (112u << 23), 13);
-  } else {
-    const int exponent = static_cast<int>(magnitude >> 23);
-    const int shift = 126 - exponent;  // a subnormal half counts units of 2^-24
-    result = shift > 24 ? 0u : shift_rounding_to_even((magnitude & 0x7FFFFFu) | 0x800000u, shift);
-  }
-  return static_cast<std::uint16_t>(sign | result);
-}
-
-std::uint16_t float_to_bfloat16(float value) {
-  const std::uint32_t bits = bits_of(value);
-  if ((bits & 0x7FFFFFFFu) > 0x7F800000u) return static_cast<std::uint16_t>((bits >> 16) | 0x40u);
-  return static_cast<std::uint16_t>(((bits >> 16) & 0x8000u) | shift_rounding_to_even(bits & 0x7FFFFFFFu, 16));
-}
+float half_to_float(std::uint16_t half) { return static_cast<float>(bit_cast<Eigen::half>(half)); }
+float bfloat16_to_float(std::uint16_t bfloat16) { return static_cast<float>(bit_cast<Eigen::bfloat16>(bfloat16)); }
+std::uint16_t float_to_half(float value) { return bit_cast<std::uint16_t>(Eigen::half(value)); }
+std::uint16_t float_to_bfloat16(float value) { return bit_cast<std::uint16_t>(Eigen::bfloat16(value)); }
 
 }  // namespace anigen::io

@@ -1,7 +1,9 @@
 #pragma once
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 #include <string>
+#include <string_view>
 #include <utility>
 #include <vector>
 
@@ -9,8 +11,22 @@ namespace anigen::io {
 
 enum class Dtype { kBool, kU8, kI8, kI16, kU16, kI32, kU32, kI64, kU64, kF16, kBF16, kF32, kF64 };
 
-std::size_t size_of(Dtype dtype);
-const char* name_of(Dtype dtype);  ///< "float32", "int64", …
+/// Words of file formats for a dtype; empty where a format lacks it.
+struct DtypeWords {
+  Dtype dtype;
+  std::size_t bytes;
+  std::string_view name;  ///< numpy's and torch's: "float32", "int64", …
+  std::string_view npy;   ///< without the byte order
+  std::string_view safetensors;
+  std::string_view torch_storage;
+};
+
+const DtypeWords& words_of(Dtype dtype);
+/// @param word a member of DtypeWords @return nothing when no dtype has this text there
+std::optional<Dtype> find_dtype(std::string_view DtypeWords::*word, std::string_view text);
+
+inline std::size_t size_of(Dtype dtype) { return words_of(dtype).bytes; }
+inline std::string name_of(Dtype dtype) { return std::string(words_of(dtype).name); }
 
 /// A dense row-major array with its bytes, what array files hold. Little-endian.
 struct NdArray {
@@ -37,8 +53,8 @@ using NamedArrays = std::vector<std::pair<std::string, NdArray>>;
 /// @return nullptr when there is none of that name
 const NdArray* find(const NamedArrays& arrays, const std::string& name);
 
-/// 16-bit floats as they lie in files. To float is exact (NaN payloads and subnormals included); from float rounds to
-/// nearest, ties to even, and overflows to infinity, as IEEE 754 and every deep-learning framework do.
+/// 16-bit floats as they lie in files. To float is exact (subnormals included); from float rounds to nearest, ties to
+/// even, and overflows to infinity, as IEEE 754 and every deep-learning framework do.
 float half_to_float(std::uint16_t half);          ///< IEEE binary16: 1 sign, 5 exponent, 10 fraction bits
 float bfloat16_to_float(std::uint16_t bfloat16);  ///< the upper half of a float
 std::uint16_t float_to_half(float value);

@@ -20,39 +20,13 @@ void swap_bytes(std::vector<std::uint8_t>& raw, std::size_t item_size) {
 }
 
 std::string descr_of(Dtype dtype, const std::string& name) {
-  switch (dtype) {
-    case Dtype::kBool:
-      return "|b1";
-    case Dtype::kU8:
-      return "|u1";
-    case Dtype::kI8:
-      return "|i1";
-    case Dtype::kI16:
-      return "<i2";
-    case Dtype::kU16:
-      return "<u2";
-    case Dtype::kI32:
-      return "<i4";
-    case Dtype::kU32:
-      return "<u4";
-    case Dtype::kI64:
-      return "<i8";
-    case Dtype::kU64:
-      return "<u8";
-    case Dtype::kF16:
-      return "<f2";
-    case Dtype::kF32:
-      return "<f4";
-    case Dtype::kF64:
-      return "<f8";
-    case Dtype::kBF16:
-      break;
-  }
-  throw Error("array '" + name + "' is bfloat16, which NPY files cannot hold; convert it to float32 first");
+  const DtypeWords& words = words_of(dtype);
+  if (words.npy.empty())
+    throw Error("array '" + name + "' is bfloat16, which NPY files cannot hold; convert it to float32 first");
+  return (words.bytes == 1 ? "|" : "<") + std::string(words.npy);
 }
 
-}  // namespace
-
+// Row-major copy of column-major elements of item_size bytes. Sizes must agree.
 std::vector<std::uint8_t> from_fortran_order(const std::vector<std::uint8_t>& raw,
                                              const std::vector<std::int64_t>& shape, std::size_t item_size) {
   if (shape.size() < 2 || raw.empty()) return raw;
@@ -76,6 +50,8 @@ std::vector<std::uint8_t> from_fortran_order(const std::vector<std::uint8_t>& ra
   }
   return out;
 }
+
+}  // namespace
 
 NdArray decode_npy(const NpyHeader& header, std::vector<std::uint8_t> raw, const NpyPlace& place) {
   if (header.element.kind != NpyElement::Kind::kNumber) {
@@ -235,25 +211,6 @@ class LiteralReader {
   const NpyPlace& place_;
 };
 
-bool number_type(char kind, std::size_t size, Dtype& dtype) {
-  struct Row {
-    char kind;
-    std::size_t size;
-    Dtype dtype;
-  };
-  static constexpr Row kRows[] = {{'b', 1, Dtype::kBool}, {'u', 1, Dtype::kU8},  {'i', 1, Dtype::kI8},
-                                  {'i', 2, Dtype::kI16},  {'u', 2, Dtype::kU16}, {'i', 4, Dtype::kI32},
-                                  {'u', 4, Dtype::kU32},  {'i', 8, Dtype::kI64}, {'u', 8, Dtype::kU64},
-                                  {'f', 2, Dtype::kF16},  {'f', 4, Dtype::kF32}, {'f', 8, Dtype::kF64}};
-  for (const Row& row : kRows) {
-    if (row.kind == kind && row.size == size) {
-      dtype = row.dtype;
-      return true;
-    }
-  }
-  return false;
-}
-
 }  // namespace
 
 NpyElement parse_npy_element(std::string_view descr, const NpyPlace& place) {
@@ -279,12 +236,14 @@ NpyElement parse_npy_element(std::string_view descr, const NpyPlace& place) {
     element.size = 4 * size;  // UCS-4
   } else if (digits_only && kind == 'S') {
     element.kind = NpyElement::Kind::kBytes;
-  } else if (!digits_only || !number_type(kind, size, element.dtype)) {
-    throw NotSupportedError(place.file, place.member, "numpy dtype '" + whole + "'");
+  } else {
+    // By its number, for numpy also writes "f04".
+    const auto dtype = find_dtype(&DtypeWords::npy, digits_only ? kind + std::to_string(size) : "");
+    if (!dtype) throw NotSupportedError(place.file, place.member, "numpy dtype '" + whole + "'");
+    element.dtype = *dtype;
   }
   return element;
-
-}  // namespace anigen::io
+}
 
 NpyHeader parse_npy_header(std::string_view text, std::size_t first_byte, const NpyPlace& place) {
   return LiteralReader(text, first_byte, place).header();

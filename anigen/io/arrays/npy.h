@@ -41,10 +41,6 @@ NpyHeader parse_npy_header(std::string_view text, std::size_t first_byte, const 
 /// @throws InputError when the shape overflows or raw is not exactly its size
 NdArray decode_npy(const NpyHeader& header, std::vector<std::uint8_t> raw, const NpyPlace& place);
 
-/// Row-major copy of column-major elements of item_size bytes. Sizes must agree.
-std::vector<std::uint8_t> from_fortran_order(const std::vector<std::uint8_t>& raw,
-                                             const std::vector<std::int64_t>& shape, std::size_t item_size);
-
 /// One element of fixed-width text without its padding, as UTF-8 ("<U12") or as the bytes are ("|S12").
 /// @throws InputError for what is no Unicode character
 std::string decode_npy_text(const NpyElement& element, std::string_view raw, const NpyPlace& place);

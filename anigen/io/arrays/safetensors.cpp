@@ -25,24 +25,6 @@ constexpr int kMaxJsonDepth = 8;
 /// Sorted keys: with a header of up to 100 MB the linear look-ups of an ordered object would take days.
 using Header = nlohmann::json;
 
-struct DtypeCode {
-  const char* code;
-  Dtype dtype;
-};
-constexpr std::array<DtypeCode, 13> kDtypes = {{{"BOOL", Dtype::kBool},
-                                                {"U8", Dtype::kU8},
-                                                {"I8", Dtype::kI8},
-                                                {"I16", Dtype::kI16},
-                                                {"U16", Dtype::kU16},
-                                                {"I32", Dtype::kI32},
-                                                {"U32", Dtype::kU32},
-                                                {"I64", Dtype::kI64},
-                                                {"U64", Dtype::kU64},
-                                                {"F16", Dtype::kF16},
-                                                {"BF16", Dtype::kBF16},
-                                                {"F32", Dtype::kF32},
-                                                {"F64", Dtype::kF64}}};
-
 struct Entry {
   std::string name;
   NdArray array;  // without bytes until read
@@ -134,10 +116,9 @@ class HeaderReader {
 
   Dtype dtype(const std::string& what, const Header& code) const {
     if (!code.is_string()) fail(kLengthBytes, what + ": dtype is not a string");
-    for (const DtypeCode& known : kDtypes) {
-      if (code.get_ref<const std::string&>() == known.code) return known.dtype;
-    }
-    throw NotSupportedError(file_, what, "dtype " + code.get<std::string>());
+    const auto known = find_dtype(&DtypeWords::safetensors, code.get_ref<const std::string&>());
+    if (!known) throw NotSupportedError(file_, what, "dtype " + code.get<std::string>());
+    return *known;
   }
 
   std::uint64_t unsigned_number(const std::string& what, const Header& number) const {
@@ -208,10 +189,6 @@ OpenFile open_file(const std::filesystem::path& path) {
   return opened;
 }
 
-const char* code_of(Dtype dtype) {
-  return std::find_if(kDtypes.begin(), kDtypes.end(), [&](const DtypeCode& d) { return d.dtype == dtype; })->code;
-}
-
 std::string header_text(const std::string& file, const NamedArrays& tensors,
                         const std::map<std::string, std::string>& metadata) {
   Json header = Json::object();
@@ -227,7 +204,7 @@ std::string header_text(const std::string& file, const NamedArrays& tensors,
       throw Error(file + ": tensor '" + name + "' holds " + std::to_string(array.bytes.size()) +
                   " bytes, which is not what its shape says");
     }
-    const Json description = {{"dtype", code_of(array.dtype)},
+    const Json description = {{"dtype", words_of(array.dtype).safetensors},
                               {"shape", array.shape},
                               {"data_offsets", {offset, offset + array.bytes.size()}}};
     if (text.size() > 1) text += ",";

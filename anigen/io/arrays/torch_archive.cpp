@@ -4,8 +4,10 @@
 #include <cstring>
 #include <fstream>
 #include <limits>
+#include <unordered_map>
 #include <unordered_set>
 #include <utility>
+#include <vector>
 
 #include "anigen/core/error.h"
 #include "anigen/io/arrays/npz.h"
@@ -16,9 +18,16 @@ namespace anigen::io {
 
 namespace {
 
+/// Something with numbers in it that a torch pickle holds, under its path joined with '.'.
+struct TorchLeaf {
+  std::string name;
+  const pickle::Value* value;  ///< a tensor, a numpy array, or a bool, int or float
+};
+
 constexpr int kDeepestTree = 64;  // also ends cycles
 constexpr std::size_t kMaxVisits = 10'000'000;
 
+/// Walks dicts, lists and tuples in order. Strings, None, devices and dtypes are left out.
 class Walker {
  public:
   explicit Walker(const NpyPlace& place) : place_(place) {}
@@ -88,16 +97,6 @@ class Walker {
   std::size_t visits_ = 0;
 };
 
-}  // namespace
-
-std::vector<TorchLeaf> torch_leaves(const pickle::Value& root, const NpyPlace& place) {
-  Walker walker(place);
-  walker.visit(root, "", 0);
-  return std::move(walker.leaves);
-}
-
-namespace {
-
 /// One past the last element a view touches; false when that overflows.
 bool last_element(const pickle::Value& tensor, std::uint64_t& end) {
   constexpr std::uint64_t kMost = std::uint64_t{1} << 62;
@@ -138,108 +137,128 @@ void copy_strided(const pickle::Value& tensor, const char* storage, std::size_t 
   }
 }
 
-}  // namespace
+/// The data/<key> members of a torch archive. Tensors are views into them: several may share one storage (training
+/// checkpoints keep all trainable parameters in one flat buffer), each storage is read once and freed after its last
+/// use.
+class TorchStorages {
+ public:
+  TorchStorages(const ZipReader& archive, std::string folder, bool big_endian)
+      : archive_(archive), folder_(std::move(folder)), big_endian_(big_endian) {
+    std::uint64_t stored = 0;
+    for (const ZipMember& member : archive.members()) stored += member.bytes;
+    budget_ = 16 * stored + (std::uint64_t{64} << 20);
+  }
 
-TorchStorages::TorchStorages(const ZipReader& archive, std::string folder, bool big_endian)
-    : archive_(archive), folder_(std::move(folder)), big_endian_(big_endian) {
-  std::uint64_t stored = 0;
-  for (const ZipMember& member : archive.members()) stored += member.bytes;
-  budget_ = 16 * stored + (std::uint64_t{64} << 20);
-}
+  /// Contiguous copies in the order of the leaves. @throws InputError for views beyond their storage and storages
+  /// whose length disagrees with the pickle
 
-void TorchStorages::fail(const TorchLeaf& leaf, const std::string& problem) const {
-  throw InputError(archive_.file(), "'" + leaf.name + "'", problem);
-}
-
-NamedArrays TorchStorages::materialize(const std::vector<TorchLeaf>& leaves) {
-  for (const TorchLeaf& leaf : leaves) {
-    if (leaf.value->kind != pickle::Kind::kTensor) continue;
-    const pickle::Value& storage = *leaf.value->items[0];
-    Shared& shared = shared_[std::string(storage.text)];
-    if (shared.uses++ > 0 && (shared.dtype != storage.element.dtype || shared.count != storage.integer)) {
-      fail(leaf, "storage " + std::string(storage.text) + " is described in two ways");
+  NamedArrays materialize(const std::vector<TorchLeaf>& leaves) {
+    for (const TorchLeaf& leaf : leaves) {
+      if (leaf.value->kind != pickle::Kind::kTensor) continue;
+      const pickle::Value& storage = *leaf.value->items[0];
+      Shared& shared = shared_[std::string(storage.text)];
+      if (shared.uses++ > 0 && (shared.dtype != storage.element.dtype || shared.count != storage.integer)) {
+        fail(leaf, "storage " + std::string(storage.text) + " is described in two ways");
+      }
+      shared.dtype = storage.element.dtype;
+      shared.count = storage.integer;
     }
-    shared.dtype = storage.element.dtype;
-    shared.count = storage.integer;
-  }
-  NamedArrays arrays;
-  arrays.reserve(leaves.size());
-  for (const TorchLeaf& leaf : leaves) {
-    switch (leaf.value->kind) {
-      case pickle::Kind::kTensor:
-        arrays.emplace_back(leaf.name, tensor(leaf));
-        break;
-      case pickle::Kind::kBool:
-        arrays.emplace_back(leaf.name, NdArray{Dtype::kBool, {}, {static_cast<std::uint8_t>(leaf.value->integer)}});
-        break;
-      case pickle::Kind::kInt:
-        arrays.emplace_back(leaf.name, NdArray::from<std::int64_t>({leaf.value->integer}, {}));
-        break;
-      case pickle::Kind::kFloat:
-        arrays.emplace_back(leaf.name, NdArray::from<double>({leaf.value->real}, {}));
-        break;
-      default:
-        if (!leaf.value->array) fail(leaf, "a numpy array without content");
-        if (leaf.value->array->bytes.size() > budget_) fail(leaf, "the arrays exceed by far what the file holds");
-        budget_ -= leaf.value->array->bytes.size();
-        arrays.emplace_back(leaf.name, *leaf.value->array);
+    NamedArrays arrays;
+    arrays.reserve(leaves.size());
+    for (const TorchLeaf& leaf : leaves) {
+      switch (leaf.value->kind) {
+        case pickle::Kind::kTensor:
+          arrays.emplace_back(leaf.name, tensor(leaf));
+          break;
+        case pickle::Kind::kBool:
+          arrays.emplace_back(leaf.name, NdArray{Dtype::kBool, {}, {static_cast<std::uint8_t>(leaf.value->integer)}});
+          break;
+        case pickle::Kind::kInt:
+          arrays.emplace_back(leaf.name, NdArray::from<std::int64_t>({leaf.value->integer}, {}));
+          break;
+        case pickle::Kind::kFloat:
+          arrays.emplace_back(leaf.name, NdArray::from<double>({leaf.value->real}, {}));
+          break;
+        default:
+          if (!leaf.value->array) fail(leaf, "a numpy array without content");
+          if (leaf.value->array->bytes.size() > budget_) fail(leaf, "the arrays exceed by far what the file holds");
+          budget_ -= leaf.value->array->bytes.size();
+          arrays.emplace_back(leaf.name, *leaf.value->array);
+      }
     }
+    return arrays;
   }
-  return arrays;
-}
 
-NdArray TorchStorages::tensor(const TorchLeaf& leaf) {
-  const pickle::Value& view = *leaf.value;
-  const pickle::Value& storage = *view.items[0];
-  NdArray array;
-  array.dtype = storage.element.dtype;
-  array.shape = view.sizes;
-  const std::size_t item = size_of(array.dtype);
-  std::size_t count = 0;
-  if (!count_elements(array.shape, item, count)) fail(leaf, "its shape overflows");
-  std::uint64_t end = 0;
-  if (count > 0 && (!last_element(view, end) || end > static_cast<std::uint64_t>(storage.integer))) {
-    fail(leaf, "the tensor reaches beyond its storage of " + std::to_string(storage.integer) + " elements");
-  }
-  if (count * item > budget_) fail(leaf, "expanded tensors exceed by far what the file holds");
-  budget_ -= count * item;
-
-  Shared& shared = shared_.at(std::string(storage.text));
-  if (!shared.loaded) {
-    shared.bytes = load(storage);
-    shared.loaded = true;
-  }
-  array.bytes.resize(count * item);
-  if (count > 0 && is_contiguous(view)) {
-    std::memcpy(array.bytes.data(), shared.bytes.data() + static_cast<std::size_t>(view.integer) * item, count * item);
-  } else if (count > 0) {
-    copy_strided(view, shared.bytes.data(), item, array.bytes);
-  }
-  if (--shared.uses == 0) std::string().swap(shared.bytes);
-  return array;
-}
-
-std::string TorchStorages::load(const pickle::Value& storage) const {
-  const std::string name = folder_ + "data/" + std::string(storage.text);
-  const ZipMember* member = archive_.find(name);
-  if (!member) throw InputError(archive_.file(), name, "the pickle refers to this storage, which the archive lacks");
-  const std::size_t item = size_of(storage.element.dtype);
-  if (member->bytes % item != 0 || member->bytes / item != static_cast<std::uint64_t>(storage.integer)) {
-    throw InputError(archive_.file(), name,
-                     "holds " + std::to_string(member->bytes) + " bytes, and the pickle says " +
-                         std::to_string(storage.integer) + " elements of " + std::to_string(item));
-  }
-  std::string bytes = archive_.read(*member);
-  if (big_endian_) {
-    for (std::size_t i = 0; i < bytes.size(); i += item) {
-      std::reverse(bytes.begin() + static_cast<std::ptrdiff_t>(i),
-                   bytes.begin() + static_cast<std::ptrdiff_t>(i + item));
+ private:
+  NdArray tensor(const TorchLeaf& leaf) {
+    const pickle::Value& view = *leaf.value;
+    const pickle::Value& storage = *view.items[0];
+    NdArray array;
+    array.dtype = storage.element.dtype;
+    array.shape = view.sizes;
+    const std::size_t item = size_of(array.dtype);
+    std::size_t count = 0;
+    if (!count_elements(array.shape, item, count)) fail(leaf, "its shape overflows");
+    std::uint64_t end = 0;
+    if (count > 0 && (!last_element(view, end) || end > static_cast<std::uint64_t>(storage.integer))) {
+      fail(leaf, "the tensor reaches beyond its storage of " + std::to_string(storage.integer) + " elements");
     }
-  }
-  return bytes;
-}
+    if (count * item > budget_) fail(leaf, "expanded tensors exceed by far what the file holds");
+    budget_ -= count * item;
 
-namespace {
+    Shared& shared = shared_.at(std::string(storage.text));
+    if (!shared.loaded) {
+      shared.bytes = load(storage);
+      shared.loaded = true;
+    }
+    array.bytes.resize(count * item);
+    if (count > 0 && is_contiguous(view)) {
+      std::memcpy(array.bytes.data(), shared.bytes.data() + static_cast<std::size_t>(view.integer) * item,
+                  count * item);
+    } else if (count > 0) {
+      copy_strided(view, shared.bytes.data(), item, array.bytes);
+    }
+    if (--shared.uses == 0) std::string().swap(shared.bytes);
+    return array;
+  }
+
+  std::string load(const pickle::Value& storage) const {
+    const std::string name = folder_ + "data/" + std::string(storage.text);
+    const ZipMember* member = archive_.find(name);
+    if (!member) throw InputError(archive_.file(), name, "the pickle refers to this storage, which the archive lacks");
+    const std::size_t item = size_of(storage.element.dtype);
+    if (member->bytes % item != 0 || member->bytes / item != static_cast<std::uint64_t>(storage.integer)) {
+      throw InputError(archive_.file(), name,
+                       "holds " + std::to_string(member->bytes) + " bytes, and the pickle says " +
+                           std::to_string(storage.integer) + " elements of " + std::to_string(item));
+    }
+    std::string bytes = archive_.read(*member);
+    if (big_endian_) {
+      for (std::size_t i = 0; i < bytes.size(); i += item) {
+        std::reverse(bytes.begin() + static_cast<std::ptrdiff_t>(i),
+                     bytes.begin() + static_cast<std::ptrdiff_t>(i + item));
+      }
+    }
+    return bytes;
+  }
+
+  [[noreturn]] void fail(const TorchLeaf& leaf, const std::string& problem) const {
+    throw InputError(archive_.file(), "'" + leaf.name + "'", problem);
+  }
+
+  const ZipReader& archive_;
+  std::string folder_;
+  bool big_endian_;
+  struct Shared {
+    std::string bytes;
+    bool loaded = false;
+    std::size_t uses = 0;
+    Dtype dtype = Dtype::kF32;
+    std::int64_t count = 0;
+  };
+  std::unordered_map<std::string, Shared> shared_;
+  std::uint64_t budget_;  // stride 0 lets a tiny storage stand for a huge tensor
+};
 
 constexpr std::string_view kPickleName = "data.pkl";
 
@@ -285,61 +304,51 @@ bool is_big_endian(const ZipReader& archive, const std::string& folder) {
   return order == "big";
 }
 
-/// The archive with its pickle run and its storages not yet read.
-class OpenArchive {
- public:
-  explicit OpenArchive(const std::filesystem::path& path) : archive_(checked(path)), member_(pickle_member(archive_)) {
-    document_ = pickle::load(archive_.read(member_), {archive_.file(), member_.name, 0, true});
-  }
+const std::filesystem::path& checked(const std::filesystem::path& path) {
+  refuse_old_formats(path.string());
+  return path;
+}
 
-  const pickle::Value& root() const { return document_.root(); }
-  /// @return nullptr unless the root is a dict with this key
-  const pickle::Value* below(std::string_view key) const {
-    if (root().kind != pickle::Kind::kDict) return nullptr;
-    for (std::size_t i = 0; i + 1 < root().items.size(); i += 2) {
-      const pickle::Value& found = *root().items[i];
-      if (found.kind == pickle::Kind::kString && found.text == key) return root().items[i + 1];
-    }
-    return nullptr;
-  }
-  NpyPlace place() const { return {archive_.file(), member_.name}; }
-  NamedArrays arrays(const pickle::Value& value, const std::string& prefix = {}) const {
-    const std::string folder = member_.name.substr(0, member_.name.size() - kPickleName.size());
-    std::vector<TorchLeaf> leaves = torch_leaves(value, place());
-    const auto unwanted = [&](const TorchLeaf& leaf) { return leaf.name.rfind(prefix, 0) != 0; };
-    leaves.erase(std::remove_if(leaves.begin(), leaves.end(), unwanted), leaves.end());
-    return TorchStorages(archive_, folder, is_big_endian(archive_, folder)).materialize(leaves);
-  }
-  /// The weights: what is below "state_dict", else everything.
-  const pickle::Value& state() const {
-    const pickle::Value* found = below("state_dict");
-    return found == nullptr ? root() : *found;
-  }
-
- private:
-  static const std::filesystem::path& checked(const std::filesystem::path& path) {
-    refuse_old_formats(path.string());
-    return path;
-  }
-
-  ZipReader archive_;
-  const ZipMember& member_;
-  pickle::Document document_;
-};
+/// The weights: what is below "state_dict", else everything.
+const pickle::Value& state_of(const TorchFile& file) {
+  const pickle::Value* found = find(file.root(), "state_dict");
+  return found == nullptr ? file.root() : *found;
+}
 
 }  // namespace
 
+const pickle::Value* find(const pickle::Value& dict, std::string_view key) {
+  for (std::size_t i = 0; dict.kind == pickle::Kind::kDict && i + 1 < dict.items.size(); i += 2) {
+    if (dict.items[i]->kind == pickle::Kind::kString && dict.items[i]->text == key) return dict.items[i + 1];
+  }
+  return nullptr;
+}
+
+TorchFile::TorchFile(const std::filesystem::path& path) : archive_(checked(path)), member_(pickle_member(archive_)) {
+  document_ = pickle::load(archive_.read(member_), {archive_.file(), member_.name, 0, true});
+}
+
+NamedArrays TorchFile::arrays(const pickle::Value& value, const std::string& prefix) const {
+  const std::string folder = member_.name.substr(0, member_.name.size() - kPickleName.size());
+  const NpyPlace here = place();
+  Walker walker(here);
+  walker.visit(value, "", 0);
+  const auto unwanted = [&](const TorchLeaf& leaf) { return leaf.name.rfind(prefix, 0) != 0; };
+  walker.leaves.erase(std::remove_if(walker.leaves.begin(), walker.leaves.end(), unwanted), walker.leaves.end());
+  return TorchStorages(archive_, folder, is_big_endian(archive_, folder)).materialize(walker.leaves);
+}
+
 NamedArrays read_torch_archive(const std::filesystem::path& path) {
-  const OpenArchive archive(path);
-  return archive.arrays(archive.root());
+  const TorchFile file(path);
+  return file.arrays(file.root());
 }
 
 TorchCheckpoint read_torch_checkpoint(const std::filesystem::path& path, const std::string& config_key) {
-  const OpenArchive archive(path);
-  const pickle::Value* config = archive.below(config_key);
+  const TorchFile file(path);
+  const pickle::Value* config = find(file.root(), config_key);
   TorchCheckpoint checkpoint;
-  checkpoint.state = archive.arrays(archive.state());
-  if (config) checkpoint.config = plain_json(*config, archive.place());
+  checkpoint.state = file.arrays(state_of(file));
+  if (config) checkpoint.config = plain_json(*config, file.place());
   return checkpoint;
 }
 
@@ -365,8 +374,8 @@ NamedArrays read_state_below(const std::filesystem::path& path, const std::strin
   if (path.extension() == ".safetensors") {
     state = read_safetensors(path, prefix).tensors;
   } else {
-    const OpenArchive archive(path);
-    state = archive.arrays(archive.state(), prefix);
+    const TorchFile file(path);
+    state = file.arrays(state_of(file), prefix);
   }
   for (auto& entry : state) entry.first.erase(0, prefix.size());
   return state;

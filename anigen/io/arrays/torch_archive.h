@@ -2,8 +2,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <string>
-#include <unordered_map>
-#include <vector>
+#include <string_view>
 
 #include "anigen/core/config.h"
 #include "anigen/io/arrays/ndarray.h"
@@ -42,44 +41,26 @@ NamedArrays read_state_dict(const std::filesystem::path& path);
 /// `.ckpt`, `.bin`), there below "state_dict" where the file has one. @throws as read_torch_archive()
 NamedArrays read_state_below(const std::filesystem::path& path, const std::string& prefix);
 
-/// Something with numbers in it that a torch pickle holds, under its path joined with '.'.
-struct TorchLeaf {
-  std::string name;
-  const pickle::Value* value;  ///< a tensor, a numpy array, or a bool, int or float
-};
-
-/// Walks dicts, lists and tuples in order. Strings, None, devices and dtypes are left out.
-/// @throws InputError for cycles, sharing that explodes, and two values of one path
-std::vector<TorchLeaf> torch_leaves(const pickle::Value& root, const NpyPlace& place);
-
-/// The data/<key> members of a torch archive. Tensors are views into them: several may share one storage (training
-/// checkpoints keep all trainable parameters in one flat buffer), each storage is read once and freed after its last
-/// use.
-class TorchStorages {
+/// A file that torch.save wrote, its pickle run and its tensors not yet read. Not for several threads at once.
+class TorchFile {
  public:
-  TorchStorages(const ZipReader& archive, std::string folder, bool big_endian);
+  /// @throws as read_torch_archive()
+  explicit TorchFile(const std::filesystem::path& path);
 
-  /// Contiguous copies in the order of the leaves. @throws InputError for views beyond their storage and storages
-  /// whose length disagrees with the pickle
-  NamedArrays materialize(const std::vector<TorchLeaf>& leaves);
+  const pickle::Value& root() const { return document_.root(); }
+  NpyPlace place() const { return {archive_.file(), member_.name}; }
+  /// Every tensor, numpy array, bool, int and float at or below a value, under its path joined with '.'; of those the
+  /// ones whose path begins with `prefix`. @throws InputError for cycles, sharing that explodes, two values of one
+  /// path, views beyond their storage and storages whose length disagrees with the pickle
+  NamedArrays arrays(const pickle::Value& value, const std::string& prefix = {}) const;
 
  private:
-  NdArray tensor(const TorchLeaf& leaf);
-  std::string load(const pickle::Value& storage) const;
-  [[noreturn]] void fail(const TorchLeaf& leaf, const std::string& problem) const;
-
-  const ZipReader& archive_;
-  std::string folder_;
-  bool big_endian_;
-  struct Shared {
-    std::string bytes;
-    bool loaded = false;
-    std::size_t uses = 0;
-    Dtype dtype = Dtype::kF32;
-    std::int64_t count = 0;
-  };
-  std::unordered_map<std::string, Shared> shared_;
-  std::uint64_t budget_;  // stride 0 lets a tiny storage stand for a huge tensor
+  ZipReader archive_;
+  const ZipMember& member_;
+  pickle::Document document_;
 };
+
+/// The value of a text key; nullptr when there is none, or when `dict` is no dict.
+const pickle::Value* find(const pickle::Value& dict, std::string_view key);
 
 }  // namespace anigen::io

@@ -19,15 +19,6 @@ namespace pickle = pickle;
 
 namespace {
 
-constexpr std::string_view kAnymatePickle = "data.pkl";
-
-const pickle::Value* item(const pickle::Value& dict, std::string_view key) {
-  for (std::size_t i = 0; i + 1 < dict.items.size(); i += 2) {
-    if (dict.items[i]->kind == pickle::Kind::kString && dict.items[i]->text == key) return dict.items[i + 1];
-  }
-  return nullptr;
-}
-
 bool is_dict(const pickle::Value* value) { return value->kind == pickle::Kind::kDict; }
 
 bool is_list(const pickle::Value& value) {
@@ -35,40 +26,19 @@ bool is_list(const pickle::Value& value) {
          value.kind == pickle::Kind::kObjectArray;
 }
 
-const ZipMember& pickle_member(const ZipReader& archive) {
-  for (const ZipMember& member : archive.members()) {
-    const std::size_t slash = member.name.find('/');
-    if (slash != std::string::npos && member.name.substr(slash + 1) == kAnymatePickle) return member;
-  }
-  throw InputError(archive.file(), "", "a zip archive without <name>/data.pkl: not written by torch.save, or damaged");
-}
-
 }  // namespace
 
 struct AnymateArchive::Content {
-  explicit Content(const std::filesystem::path& file) : archive(file) {
-    const ZipMember& member = pickle_member(archive);
-    member_name = member.name;
-    folder = member.name.substr(0, member.name.size() - kAnymatePickle.size());
-    const ZipMember* order = archive.find(folder + "byteorder");
-    constexpr std::uint64_t kLongest = 16;
-    big_endian = order != nullptr && order->bytes <= kLongest && archive.read(*order) == "big";
-    document = pickle::load(archive.read(member), {archive.file(), member.name, 0, true});
-  }
-
-  ZipReader archive;
-  std::string member_name, folder;
-  bool big_endian = false;
-  pickle::Document document;
+  TorchFile file;
   std::vector<const pickle::Value*> samples;
 };
 
-AnymateArchive::AnymateArchive(const std::filesystem::path& file) : content_(std::make_unique<Content>(file)) {
-  const pickle::Value& root = content_->document.root();
+AnymateArchive::AnymateArchive(const std::filesystem::path& file) : content_(new Content{TorchFile(file), {}}) {
+  const pickle::Value& root = content_->file.root();
   std::vector<std::string> keys;
   if (is_list(root)) {
     for (const pickle::Value* value : root.items) content_->samples.push_back(value);
-  } else if (is_dict(&root) && (item(root, "joints") != nullptr || item(root, "bones") != nullptr)) {
+  } else if (is_dict(&root) && (find(root, "joints") != nullptr || find(root, "bones") != nullptr)) {
     content_->samples.push_back(&root);
   } else if (is_dict(&root)) {
     for (std::size_t i = 0; i + 1 < root.items.size(); i += 2) {
@@ -79,9 +49,9 @@ AnymateArchive::AnymateArchive(const std::filesystem::path& file) : content_(std
   const std::string stem = file.stem().string();
   const bool dicts = std::all_of(content_->samples.begin(), content_->samples.end(), is_dict);
   if (content_->samples.empty() || !dicts)
-    throw InputError(file.string(), content_->member_name, "is no list of sample dictionaries");
+    throw InputError(file.string(), content_->file.place().member, "is no list of sample dictionaries");
   for (std::size_t i = 0; i < content_->samples.size(); ++i) {
-    const pickle::Value* name = item(*content_->samples[i], "name");
+    const pickle::Value* name = find(*content_->samples[i], "name");
     if (name != nullptr && name->kind == pickle::Kind::kString && !name->text.empty())
       names_.emplace_back(name->text);
     else if (!keys.empty() && !keys[i].empty())
@@ -95,9 +65,7 @@ AnymateArchive::~AnymateArchive() = default;
 AnymateArchive::AnymateArchive(AnymateArchive&&) noexcept = default;
 
 NamedArrays AnymateArchive::sample(std::size_t index) const {
-  const NpyPlace place{content_->archive.file(), content_->member_name};
-  const std::vector<TorchLeaf> leaves = torch_leaves(*content_->samples.at(index), place);
-  return TorchStorages(content_->archive, content_->folder, content_->big_endian).materialize(leaves);
+  return content_->file.arrays(*content_->samples.at(index));
 }
 
 namespace {
