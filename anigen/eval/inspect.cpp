@@ -162,14 +162,6 @@ FileKind torch_kind(const fs::path& file) {
   return FileKind::kArrays;
 }
 
-const char* picture_format(const io::PictureBytes& in) {
-  if (in.matches(0, io::kPngSignature)) return "PNG";
-  if (in.matches(0, io::kJpegSignature)) return "JPEG";
-  if (in.matches(0, "BM")) return "BMP";
-  if (in.matches(0, "RIFF") && in.matches(8, "WEBP")) return "WebP";
-  return io::is_tiff(in, 0) ? "TIFF" : "another format";
-}
-
 /// Parts of the pixels, since generation takes a picture's alpha for the outline of its object.
 Json alpha_of(const io::Image& image) {
   std::size_t clear = 0, opaque = 0;
@@ -208,7 +200,7 @@ Json describe_picture(const fs::path& file) {
   const std::vector<std::uint8_t> bytes(text.begin(), text.end());
   io::StoredPixels stored;
   const io::Image image = io::decode_image(bytes, name, &stored);
-  Json json = {{"format", picture_format(io::PictureBytes(bytes, name))},
+  Json json = {{"format", io::probe_picture(bytes, name).format},
                {"width", image.width},
                {"height", image.height},
                {"channels", stored.channels},

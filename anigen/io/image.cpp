@@ -4,6 +4,7 @@
 #include <cstdlib>
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
+#include <opencv2/imgproc.hpp>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -96,13 +97,9 @@ Image read_image(const std::filesystem::path& path) {
 
 std::vector<std::uint8_t> encode_png(const Image& image) {
   require_pixels(image);
-  cv::Mat picture(image.height, image.width, CV_8UC4);
-  for (int y = 0; y < image.height; ++y) {
-    for (int x = 0; x < image.width; ++x) {
-      const std::uint8_t* pixel = image.pixel(x, y);
-      picture.at<cv::Vec4b>(y, x) = {pixel[2], pixel[1], pixel[0], pixel[3]};
-    }
-  }
+  cv::Mat picture;
+  cv::cvtColor(cv::Mat(image.height, image.width, CV_8UC4, const_cast<std::uint8_t*>(image.rgba.data())), picture,
+               cv::COLOR_RGBA2BGRA);
   std::vector<std::uint8_t> bytes;
   if (!cv::imencode(".png", picture, bytes)) throw Error("cannot encode a picture as PNG");
   return bytes;
@@ -132,6 +129,76 @@ void write_png(const std::filesystem::path& path, const Image& image) {
 }
 
 namespace {
+
+using std::string_view_literals::operator""sv;
+
+// The bytes of a picture file, read with a bounds check, so that every header can be walked without thinking about
+// its end. Holds references only.
+class PictureBytes {
+ public:
+  PictureBytes(const std::vector<std::uint8_t>& bytes, const std::string& name) : bytes_(bytes), name_(name) {}
+
+  // @throws InputError naming the byte when the file ends before it; so does little_endian
+  std::uint64_t big_endian(std::size_t at, std::size_t count) const {
+    std::uint64_t value = 0;
+    for (std::size_t i = 0; i < count; ++i) value = value << 8 | byte(at + i);
+    return value;
+  }
+  std::uint64_t little_endian(std::size_t at, std::size_t count) const {
+    std::uint64_t value = 0;
+    for (std::size_t i = count; i-- > 0;) value = value << 8 | byte(at + i);
+    return value;
+  }
+  bool matches(std::size_t at, std::string_view text) const {
+    return at + text.size() <= bytes_.size() &&
+           std::equal(text.begin(), text.end(), bytes_.begin() + static_cast<std::ptrdiff_t>(at),
+                      [](char a, std::uint8_t b) { return static_cast<std::uint8_t>(a) == b; });
+  }
+  std::size_t size() const { return bytes_.size(); }
+  [[noreturn]] void truncated(std::size_t at) const {
+    throw InputError(name_, "byte " + std::to_string(at), "picture file is cut short");
+  }
+
+ private:
+  std::uint8_t byte(std::size_t at) const {
+    if (at >= bytes_.size()) truncated(at);
+    return bytes_[at];
+  }
+  const std::vector<std::uint8_t>& bytes_;
+  const std::string& name_;
+};
+
+constexpr std::string_view kPngSignature = "\x89PNG\r\n\x1a\n", kJpegSignature = "\xff\xd8\xff";
+constexpr std::uint64_t kTiffWidth = 256, kTiffHeight = 257, kTiffOrientation = 274;  // tags
+
+constexpr std::size_t kEntryBytes = 12;
+
+// Of an 8, 16 or 32 bit integer; 0 for other types.
+std::size_t bytes_of_type(std::uint64_t type) { return type == 1 ? 1 : type == 3 ? 2 : type == 4 ? 4 : 0; }
+
+// True where a classic TIFF header begins: of a TIFF file, or of the EXIF block inside another format.
+bool is_tiff(const PictureBytes& in, std::size_t at) {
+  return in.matches(at, "II\x2a\0"sv) || in.matches(at, "MM\0\x2a"sv);
+}
+
+// The first value of an integer tag of the first directory (TIFF 6.0, section 2); nothing when the directory lacks the
+// tag, or its value is no integer. @param at where the TIFF header begins
+std::optional<std::uint64_t> tiff_value(const PictureBytes& in, std::size_t at, std::uint64_t tag) {
+  const bool little = in.matches(at, "II");
+  const auto value = [&](std::size_t place, std::size_t count) {
+    return little ? in.little_endian(place, count) : in.big_endian(place, count);
+  };
+  const std::size_t directory = at + static_cast<std::size_t>(value(at + 4, 4));
+  const std::uint64_t entries = value(directory, 2);
+  for (std::uint64_t i = 0; i < entries; ++i) {
+    const std::size_t entry = directory + 2 + kEntryBytes * static_cast<std::size_t>(i);
+    if (value(entry, 2) != tag) continue;
+    const std::size_t bytes = bytes_of_type(value(entry + 2, 2));  // tag, type, count, then the value itself
+    if (bytes == 0) return std::nullopt;
+    return value(entry + 8, bytes);
+  }
+  return std::nullopt;
+}
 
 PictureSize png_size(const PictureBytes& in) {
   // Chunks: length, type, data, checksum; the last one is IEND.
@@ -183,17 +250,19 @@ PictureSize tiff_size(const PictureBytes& in) {
 
 PictureSize probe_picture(const std::vector<std::uint8_t>& bytes, const std::string& name_for_errors) {
   const PictureBytes in(bytes, name_for_errors);
-  if (in.matches(0, kPngSignature)) return png_size(in);
-  if (in.matches(0, kJpegSignature)) return jpeg_size(in);
-  if (in.matches(0, "BM")) return bmp_size(in);
-  if (in.matches(0, "RIFF") && in.matches(8, "WEBP")) return webp_size(in);
-  if (is_tiff(in, 0)) return tiff_size(in);
+  const auto named = [](PictureSize size, const char* format) {
+    size.format = format;
+    return size;
+  };
+  if (in.matches(0, kPngSignature)) return named(png_size(in), "PNG");
+  if (in.matches(0, kJpegSignature)) return named(jpeg_size(in), "JPEG");
+  if (in.matches(0, "BM")) return named(bmp_size(in), "BMP");
+  if (in.matches(0, "RIFF") && in.matches(8, "WEBP")) return named(webp_size(in), "WebP");
+  if (is_tiff(in, 0)) return named(tiff_size(in), "TIFF");
   return {};
 }
 
 namespace {
-
-using std::string_view_literals::operator""sv;
 
 constexpr std::string_view kExifPrefix = "Exif\0\0"sv;
 constexpr int kUpright = 1, kOrientations = 8;
@@ -273,48 +342,6 @@ Image upright(const Image& stored, int orientation) {
     }
   }
   return result;
-}
-
-namespace {
-
-using std::string_view_literals::operator""sv;
-
-constexpr std::size_t kEntryBytes = 12;
-
-std::size_t bytes_of_type(std::uint64_t type) {
-  switch (type) {
-    case 1:
-      return 1;
-    case 3:
-      return 2;
-    case 4:
-      return 4;
-    default:
-      return 0;
-  }
-}
-
-}  // namespace
-
-bool is_tiff(const PictureBytes& in, std::size_t at) {
-  return in.matches(at, "II\x2a\0"sv) || in.matches(at, "MM\0\x2a"sv);
-}
-
-std::optional<std::uint64_t> tiff_value(const PictureBytes& in, std::size_t at, std::uint64_t tag) {
-  const bool little = in.matches(at, "II");
-  const auto value = [&](std::size_t place, std::size_t count) {
-    return little ? in.little_endian(place, count) : in.big_endian(place, count);
-  };
-  const std::size_t directory = at + static_cast<std::size_t>(value(at + 4, 4));
-  const std::uint64_t entries = value(directory, 2);
-  for (std::uint64_t i = 0; i < entries; ++i) {
-    const std::size_t entry = directory + 2 + kEntryBytes * static_cast<std::size_t>(i);
-    if (value(entry, 2) != tag) continue;
-    const std::size_t bytes = bytes_of_type(value(entry + 2, 2));  // tag, type, count, then the value itself
-    if (bytes == 0) return std::nullopt;
-    return value(entry + 8, bytes);
-  }
-  return std::nullopt;
 }
 
 }  // namespace anigen::io

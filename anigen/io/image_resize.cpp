@@ -72,28 +72,17 @@ std::uint8_t filtered(const std::uint8_t* line, std::size_t stride, const Tap& t
   return static_cast<std::uint8_t>(std::clamp(sum >> kFractionBits, 0, 255));
 }
 
-Image along_rows(const Image& image, int width) {
-  const std::vector<Tap> columns = taps(image.width, width);
-  Image result(width, image.height);
-  for (int y = 0; y < image.height; ++y) {
-    for (int x = 0; x < width; ++x) {
-      for (int c = 0; c < kImageChannels; ++c) {
-        result.pixel(x, y)[c] = filtered(image.pixel(0, y) + c, kImageChannels, columns[static_cast<std::size_t>(x)]);
-      }
-    }
-  }
-  return result;
-}
-
-Image along_columns(const Image& image, int height) {
-  const std::vector<Tap> rows = taps(image.height, height);
-  const std::size_t stride = static_cast<std::size_t>(kImageChannels) * static_cast<std::size_t>(image.width);
-  Image result(image.width, height);
-  for (int y = 0; y < height; ++y) {
-    for (int x = 0; x < image.width; ++x) {
-      for (int c = 0; c < kImageChannels; ++c) {
-        result.pixel(x, y)[c] = filtered(image.pixel(x, 0) + c, stride, rows[static_cast<std::size_t>(y)]);
-      }
+// One pass: the rows, or the columns, made `size` long.
+Image along(const Image& image, bool rows, int size) {
+  const std::vector<Tap> list = taps(rows ? image.width : image.height, size);
+  Image result(rows ? size : image.width, rows ? image.height : size);
+  const std::size_t stride =
+      static_cast<std::size_t>(kImageChannels) * static_cast<std::size_t>(rows ? 1 : image.width);
+  for (int y = 0; y < result.height; ++y) {
+    for (int x = 0; x < result.width; ++x) {
+      const std::uint8_t* line = rows ? image.pixel(0, y) : image.pixel(x, 0);
+      const Tap& tap = list[static_cast<std::size_t>(rows ? x : y)];
+      for (int c = 0; c < kImageChannels; ++c) result.pixel(x, y)[c] = filtered(line + c, stride, tap);
     }
   }
   return result;
@@ -126,8 +115,8 @@ Image resize_lanczos(const Image& image, int width, int height, ResizeAlpha alph
   if (image.width == width && image.height == height) return image;
   Image result = image;
   if (alpha == ResizeAlpha::kPremultiplied) premultiply(result);
-  if (width != result.width) result = along_rows(result, width);
-  if (height != result.height) result = along_columns(result, height);
+  if (width != result.width) result = along(result, true, width);
+  if (height != result.height) result = along(result, false, height);
   if (alpha == ResizeAlpha::kPremultiplied) unpremultiply(result);
   return result;
 }
@@ -221,12 +210,9 @@ std::vector<float> alpha_plane(const Image& image) {
 }
 
 std::vector<float> premultiplied_planes(const Image& image) {
-  const std::size_t count = pixels(image);
   std::vector<float> planes = color_planes(image);
-  for (std::size_t c = 0; c < kColors; ++c) {
-    for (std::size_t i = 0; i < count; ++i)
-      planes[c * count + i] *= unit(image.rgba[kImageChannels * i + kAlphaChannel]);
-  }
+  const std::vector<float> alpha = alpha_plane(image);
+  for (std::size_t i = 0; i < planes.size(); ++i) planes[i] *= alpha[i % alpha.size()];
   return planes;
 }
 

@@ -5,7 +5,8 @@
 #include <cmath>
 #include <cstring>
 #include <limits>
-#include <optional>
+#include <map>
+#include <string_view>
 
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
@@ -14,6 +15,51 @@
 namespace anigen::io {
 
 namespace {
+
+enum class PlyFormat { kAscii, kLittleEndian, kBigEndian };
+enum class PlyType { kInt8, kUint8, kInt16, kUint16, kInt32, kUint32, kFloat32, kFloat64 };
+
+// Bytes in a binary file.
+std::size_t size_of(PlyType type) {
+  static constexpr std::size_t kBytes[] = {1, 1, 2, 2, 4, 4, 4, 8};
+  return kBytes[static_cast<std::size_t>(type)];
+}
+
+bool is_integer(PlyType type) { return type != PlyType::kFloat32 && type != PlyType::kFloat64; }
+
+bool is_signed(PlyType type) { return type == PlyType::kInt8 || type == PlyType::kInt16 || type == PlyType::kInt32; }
+
+// Largest value of an integer type.
+double largest_of(PlyType type) {
+  return std::ldexp(1.0, static_cast<int>(8 * size_of(type)) - (is_signed(type) ? 1 : 0)) - 1.0;
+}
+
+struct PlyProperty {
+  std::string name;
+  bool is_list = false;
+  PlyType count_type = PlyType::kUint8;  //< of a list's length
+  PlyType type = PlyType::kFloat32;      //< of the value, or of a list's items
+};
+
+struct PlyElement {
+  std::string name;
+  std::uint64_t count = 0;
+  std::vector<PlyProperty> properties;
+
+  // Fewest bytes that one row can take in the format: in text, a digit and what separates it from the next.
+  std::size_t least_bytes(PlyFormat format) const {
+    std::size_t bytes = 0;
+    for (const PlyProperty& property : properties)
+      bytes += format == PlyFormat::kAscii ? 2 : size_of(property.is_list ? property.count_type : property.type);
+    return bytes;
+  }
+};
+
+struct PlyHeader {
+  PlyFormat format = PlyFormat::kAscii;
+  std::vector<PlyElement> elements;
+  std::size_t bytes = 0, lines = 0;  //< where the data begins
+};
 
 constexpr std::size_t kMostHeaderBytes = std::size_t{1} << 20;
 
@@ -26,6 +72,8 @@ constexpr TypeName kTypeNames[] = {{"char", "int8", PlyType::kInt8},        {"uc
                                    {"int", "int32", PlyType::kInt32},       {"uint", "uint32", PlyType::kUint32},
                                    {"float", "float32", PlyType::kFloat32}, {"double", "float64", PlyType::kFloat64}};
 
+// Parses everything up to end_header. Headers beyond 1 MiB and elements that could not fit into the rest of the file
+// are refused here, so readers may trust the counts.
 class HeaderParser {
  public:
   HeaderParser(const std::string& bytes, const std::string& file) : bytes_(bytes), file_(file) {}
@@ -138,45 +186,6 @@ class HeaderParser {
   PlyHeader header_;
 };
 
-}  // namespace
-
-std::size_t size_of(PlyType type) {
-  switch (type) {
-    case PlyType::kInt8:
-    case PlyType::kUint8:
-      return 1;
-    case PlyType::kInt16:
-    case PlyType::kUint16:
-      return 2;
-    case PlyType::kFloat64:
-      return 8;
-    default:
-      return 4;
-  }
-}
-
-bool is_integer(PlyType type) { return type != PlyType::kFloat32 && type != PlyType::kFloat64; }
-
-double largest_of(PlyType type) {
-  const bool is_signed = type == PlyType::kInt8 || type == PlyType::kInt16 || type == PlyType::kInt32;
-  return std::ldexp(1.0, static_cast<int>(8 * size_of(type)) - (is_signed ? 1 : 0)) - 1.0;
-}
-
-std::size_t PlyElement::least_bytes(PlyFormat format) const {
-  std::size_t bytes = 0;
-  for (const PlyProperty& property : properties) {
-    // In text, a digit and what separates it from the next.
-    bytes += format == PlyFormat::kAscii ? 2 : size_of(property.is_list ? property.count_type : property.type);
-  }
-  return bytes;
-}
-
-PlyHeader parse_ply_header(const std::string& bytes, const std::string& file) {
-  return HeaderParser(bytes, file).parse();
-}
-
-namespace {
-
 bool is_blank(char c) { return c == ' ' || c == '\t' || c == '\r' || c == '\n' || c == '\v' || c == '\f'; }
 
 template <typename Float, typename Bits>
@@ -187,73 +196,80 @@ double from_bits(Bits bits) {
   return static_cast<double>(value);
 }
 
-}  // namespace
+// Reads the values behind a PLY header one after the other, whichever way they are stored. Every double holds every
+// value of every PLY type.
+class PlyValues {
+ public:
+  PlyValues(const std::string& bytes, const PlyHeader& header, const std::string& file)
+      : bytes_(bytes), file_(file), format_(header.format), at_(header.bytes), line_(header.lines + 1) {}
 
-PlyValues::PlyValues(const std::string& bytes, const PlyHeader& header, const std::string& file)
-    : bytes_(bytes), file_(file), format_(header.format), at_(header.bytes), line_(header.lines + 1) {}
-
-void PlyValues::fail(const std::string& problem) const {
-  const bool text = format_ == PlyFormat::kAscii;
-  throw InputError(file_, text ? "line " + std::to_string(line_) : "byte " + std::to_string(at_), problem);
-}
-
-double PlyValues::next(PlyType type) { return format_ == PlyFormat::kAscii ? next_text(type) : next_binary(type); }
-
-std::size_t PlyValues::next_length(const PlyProperty& property) {
-  const double length = next(property.count_type);
-  if (length < 0.0) fail("a list of negative length");
-  const double item = format_ == PlyFormat::kAscii ? 2.0 : static_cast<double>(size_of(property.type));
-  if (length * item > static_cast<double>(bytes_.size() - at_) + 1.0) {
-    fail("a list of " + std::to_string(static_cast<std::uint64_t>(length)) + " items reaches beyond the end");
+  // @throws InputError at the end of the data, on text that is no number, or that does not fit the type
+  double next(PlyType type) { return format_ == PlyFormat::kAscii ? next_text(type) : next_binary(type); }
+  // The length of a list whose items follow. @throws InputError when it is negative or exceeds the file
+  std::size_t next_length(const PlyProperty& property) {
+    const double length = next(property.count_type);
+    if (length < 0.0) fail("a list of negative length");
+    const double item = format_ == PlyFormat::kAscii ? 2.0 : static_cast<double>(size_of(property.type));
+    if (length * item > static_cast<double>(bytes_.size() - at_) + 1.0) {
+      fail("a list of " + std::to_string(static_cast<std::uint64_t>(length)) + " items reaches beyond the end");
+    }
+    return static_cast<std::size_t>(length);
   }
-  return static_cast<std::size_t>(length);
-}
 
-double PlyValues::next_text(PlyType type) {
-  for (; at_ < bytes_.size() && is_blank(bytes_[at_]); ++at_) line_ += bytes_[at_] == '\n' ? 1 : 0;
-  if (at_ == bytes_.size()) fail("the file ends too early");
-  const std::size_t begin = at_;
-  while (at_ < bytes_.size() && !is_blank(bytes_[at_])) ++at_;
-  const std::string_view token(bytes_.data() + begin, at_ - begin);
-  double value = 0.0;
-  if (!parse_number(token, value)) fail("'" + std::string(token.substr(0, 40)) + "' is not a number");
-  if (is_integer(type)) {
-    const double high = largest_of(type);
-    const bool is_signed = type == PlyType::kInt8 || type == PlyType::kInt16 || type == PlyType::kInt32;
-    const double low = is_signed ? -high - 1.0 : 0.0;
-    if (!(value >= low && value <= high) || value != std::floor(value)) {
-      fail("'" + std::string(token.substr(0, 40)) + "' does not fit its integer type");
+  [[noreturn]] void fail(const std::string& problem) const {
+    const bool text = format_ == PlyFormat::kAscii;
+    throw InputError(file_, text ? "line " + std::to_string(line_) : "byte " + std::to_string(at_), problem);
+  }
+
+ private:
+  double next_text(PlyType type) {
+    for (; at_ < bytes_.size() && is_blank(bytes_[at_]); ++at_) line_ += bytes_[at_] == '\n' ? 1 : 0;
+    if (at_ == bytes_.size()) fail("the file ends too early");
+    const std::size_t begin = at_;
+    while (at_ < bytes_.size() && !is_blank(bytes_[at_])) ++at_;
+    const std::string_view token(bytes_.data() + begin, at_ - begin);
+    double value = 0.0;
+    if (!parse_number(token, value)) fail("'" + std::string(token.substr(0, 40)) + "' is not a number");
+    if (is_integer(type)) {
+      const double high = largest_of(type);
+      const double low = is_signed(type) ? -high - 1.0 : 0.0;
+      if (!(value >= low && value <= high) || value != std::floor(value)) {
+        fail("'" + std::string(token.substr(0, 40)) + "' does not fit its integer type");
+      }
+    }
+    return value;
+  }
+
+  double next_binary(PlyType type) {
+    const std::size_t size = size_of(type);
+    if (bytes_.size() - at_ < size) fail("the file ends too early");
+    std::uint64_t bits = 0;
+    for (std::size_t i = 0; i < size; ++i) {
+      const std::size_t source = format_ == PlyFormat::kBigEndian ? i : size - 1 - i;
+      bits = bits << 8 | static_cast<unsigned char>(bytes_[at_ + source]);
+    }
+    at_ += size;
+    switch (type) {
+      case PlyType::kInt8:
+        return static_cast<std::int8_t>(bits);
+      case PlyType::kInt16:
+        return static_cast<std::int16_t>(bits);
+      case PlyType::kInt32:
+        return static_cast<std::int32_t>(bits);
+      case PlyType::kFloat32:
+        return from_bits<float>(static_cast<std::uint32_t>(bits));
+      case PlyType::kFloat64:
+        return from_bits<double>(bits);
+      default:
+        return static_cast<double>(bits);
     }
   }
-  return value;
-}
 
-double PlyValues::next_binary(PlyType type) {
-  const std::size_t size = size_of(type);
-  if (bytes_.size() - at_ < size) fail("the file ends too early");
-  std::uint64_t bits = 0;
-  for (std::size_t i = 0; i < size; ++i) {
-    const std::size_t source = format_ == PlyFormat::kBigEndian ? i : size - 1 - i;
-    bits = bits << 8 | static_cast<unsigned char>(bytes_[at_ + source]);
-  }
-  at_ += size;
-  switch (type) {
-    case PlyType::kInt8:
-      return static_cast<std::int8_t>(bits);
-    case PlyType::kInt16:
-      return static_cast<std::int16_t>(bits);
-    case PlyType::kInt32:
-      return static_cast<std::int32_t>(bits);
-    case PlyType::kFloat32:
-      return from_bits<float>(static_cast<std::uint32_t>(bits));
-    case PlyType::kFloat64:
-      return from_bits<double>(bits);
-    default:
-      return static_cast<double>(bits);
-  }
-}
-
-namespace {
+  const std::string& bytes_;
+  const std::string& file_;
+  PlyFormat format_;
+  std::size_t at_, line_;
+};
 
 constexpr std::uintmax_t kMostPlyBytes = std::uintmax_t{4} << 30;
 
@@ -261,40 +277,35 @@ constexpr std::uintmax_t kMostPlyBytes = std::uintmax_t{4} << 30;
 enum Slot { kX, kY, kZ, kNx, kNy, kNz, kRed, kGreen, kBlue, kAlpha, kU, kV, kSlots, kNone };
 
 Slot slot_named(const std::string& name) {
-  static constexpr struct {
-    const char* name;
-    Slot slot;
-  } kNames[] = {{"x", kX},
-                {"y", kY},
-                {"z", kZ},
-                {"nx", kNx},
-                {"ny", kNy},
-                {"nz", kNz},
-                {"red", kRed},
-                {"green", kGreen},
-                {"blue", kBlue},
-                {"alpha", kAlpha},
-                {"r", kRed},
-                {"g", kGreen},
-                {"b", kBlue},
-                {"a", kAlpha},
-                {"diffuse_red", kRed},
-                {"diffuse_green", kGreen},
-                {"diffuse_blue", kBlue},
-                {"s", kU},
-                {"t", kV},
-                {"u", kU},
-                {"v", kV},
-                {"texture_u", kU},
-                {"texture_v", kV}};
-  for (const auto& known : kNames) {
-    if (name == known.name) return known.slot;
-  }
-  return kNone;
+  static const std::map<std::string, Slot> kNamed = {{"x", kX},
+                                                     {"y", kY},
+                                                     {"z", kZ},
+                                                     {"nx", kNx},
+                                                     {"ny", kNy},
+                                                     {"nz", kNz},
+                                                     {"red", kRed},
+                                                     {"green", kGreen},
+                                                     {"blue", kBlue},
+                                                     {"alpha", kAlpha},
+                                                     {"r", kRed},
+                                                     {"g", kGreen},
+                                                     {"b", kBlue},
+                                                     {"a", kAlpha},
+                                                     {"diffuse_red", kRed},
+                                                     {"s", kU},
+                                                     {"t", kV},
+                                                     {"u", kU},
+                                                     {"v", kV},
+                                                     {"diffuse_green", kGreen},
+                                                     {"texture_u", kU},
+                                                     {"texture_v", kV},
+                                                     {"diffuse_blue", kBlue}};
+  const auto found = kNamed.find(name);
+  return found == kNamed.end() ? kNone : found->second;
 }
 
-void skip_list(PlyValues& values, const PlyProperty& property) {
-  const std::size_t length = values.next_length(property);
+void skip(PlyValues& values, const PlyProperty& property) {
+  const std::size_t length = property.is_list ? values.next_length(property) : 1;
   for (std::size_t i = 0; i < length; ++i) values.next(property.type);
 }
 
@@ -323,7 +334,7 @@ class VertexReader {
       for (std::size_t p = 0; p < slots_.size(); ++p) {
         const PlyProperty& property = element_.properties[p];
         if (property.is_list) {
-          skip_list(values, property);
+          skip(values, property);
         } else {
           row[slots_[p]] = values.next(property.type) * scale_[slots_[p]];
         }
@@ -385,13 +396,10 @@ void read_faces(PlyValues& values, const PlyElement& element, std::uint64_t vert
   if (!is_integer(polygon->type)) values.fail("vertex_indices must be of an integer type");
   for (std::uint64_t f = 0; f < element.count; ++f) {
     for (auto property = properties.begin(); property != properties.end(); ++property) {
-      if (property == polygon) {
+      if (property == polygon)
         read_polygon(values, *property, vertices, mesh);
-      } else if (property->is_list) {
-        skip_list(values, *property);
-      } else {
-        values.next(property->type);
-      }
+      else
+        skip(values, *property);
     }
   }
 }
@@ -399,12 +407,7 @@ void read_faces(PlyValues& values, const PlyElement& element, std::uint64_t vert
 void skip_element(PlyValues& values, const PlyElement& element) {
   if (element.properties.empty()) return;
   for (std::uint64_t row = 0; row < element.count; ++row) {
-    for (const PlyProperty& property : element.properties) {
-      if (property.is_list)
-        skip_list(values, property);
-      else
-        values.next(property.type);
-    }
+    for (const PlyProperty& property : element.properties) skip(values, property);
   }
 }
 
@@ -419,7 +422,7 @@ const PlyElement* element_named(const PlyHeader& header, const char* name) {
 Mesh read_ply(const std::filesystem::path& path) {
   const std::string file = path.string();
   const std::string bytes = read_file(path, kMostPlyBytes);
-  const PlyHeader header = parse_ply_header(bytes, file);
+  const PlyHeader header = HeaderParser(bytes, file).parse();
   const PlyElement* vertices = element_named(header, "vertex");
   const PlyElement* faces = element_named(header, "face");
   if (vertices == nullptr || vertices->count == 0) throw InputError(file, "", "no vertices");
