@@ -94,8 +94,8 @@ class BoneSkin {
   std::int64_t vertices() const { return static_cast<std::int64_t>(shape_.mesh.vertices.size()); }
 
   void read_pairs(const std::string& index, const std::string& weight) {
-    const std::vector<std::int32_t> bones = fields_.integers(index, {vertices(), -1});
     const std::int64_t width = fields_.array(index, {vertices(), -1}).shape[1];
+    const std::vector<std::int32_t> bones = fields_.integers(index, {vertices(), width});
     const std::vector<float> weights = fields_.reals(weight, {vertices(), width});
     for (std::size_t i = 0; i < bones.size(); ++i) {
       if (bones[i] != -1) add(static_cast<std::int64_t>(i) / width, bones[i], weights[i], index);
@@ -103,11 +103,11 @@ class BoneSkin {
   }
 
   void read_dense(const std::string& name) {
-    const std::vector<float> weights = fields_.reals(name, {vertices(), -1});
     const std::int64_t width = fields_.array(name, {vertices(), -1}).shape[1];
+    const std::vector<float> weights = fields_.reals(name, {vertices(), width});
     for (std::size_t i = 0; i < weights.size(); ++i) {
-      const auto bone = static_cast<std::int32_t>(static_cast<std::int64_t>(i) % width);
-      if (weights[i] != 0.0f) add(static_cast<std::int64_t>(i) / width, bone, weights[i], name);
+      const auto at = static_cast<std::int64_t>(i);
+      if (weights[i] != 0.0f) add(at / width, static_cast<std::int32_t>(at % width), weights[i], name);
     }
   }
 
@@ -123,32 +123,6 @@ class BoneSkin {
   RiggedShape& shape_;
   SkinRows rows_;
 };
-
-}  // namespace
-
-RiggedShape shape_from_anymate(const NamedArrays& sample, const std::string& id, const std::string& file) {
-  const ArrayFields fields(sample, file);
-  RiggedShape shape;
-  shape.id = id;
-  shape.file = file;
-  const bool whole_mesh = fields.has("mesh_pc") && fields.has("mesh_face");
-  const std::string points = whole_mesh ? "mesh_pc" : fields.first_of({"pc", "mesh_pc"});
-  if (!points.empty()) {
-    shape.mesh.vertices = fields.points(points);
-    if (whole_mesh) shape.mesh.faces = fields.triangles("mesh_face", shape.mesh.vertices.size());
-    set_normals(shape, fields.unchecked_points(points, 3));
-  }
-  AnymateSkeleton skeleton = read_anymate_skeleton(fields);
-  if (fields.has("joints") || fields.has("bones")) {
-    anigen::check(skeleton.joints, file);
-    shape.joints = std::move(skeleton.joints);
-    if (!points.empty()) BoneSkin(fields, skeleton.bone_head, shape).read(points == "mesh_pc" ? "mesh_skins" : "skins");
-  }
-  note_missing_parts(shape);
-  return shape;
-}
-
-namespace {
 
 constexpr double kSamePlace = 1e-4;  // bones are stored in single precision, predictions have joints averaged
 
@@ -242,9 +216,13 @@ std::vector<int> parents_of_tails(const ArrayFields& fields, const std::vector<E
   return parents;
 }
 
-}  // namespace
+/// The skeleton of a sample and which joint each of its bones starts at.
+struct AnymateSkeleton {
+  anigen::JointTree joints;    ///< not checked yet; empty when the sample has neither joints nor bones
+  std::vector<int> bone_head;  ///< [K], index of a joint
+};
 
-AnymateSkeleton read_anymate_skeleton(const ArrayFields& fields) {
+AnymateSkeleton read_skeleton(const ArrayFields& fields) {
   AnymateSkeleton skeleton;
   if (!fields.has("joints") && !fields.has("bones")) return skeleton;
   std::vector<Eigen::Vector3d>& joints = skeleton.joints.positions;
@@ -268,6 +246,30 @@ AnymateSkeleton read_anymate_skeleton(const ArrayFields& fields) {
     }
   }
   return skeleton;
+}
+
+}  // namespace
+
+RiggedShape shape_from_anymate(const NamedArrays& sample, const std::string& id, const std::string& file) {
+  const ArrayFields fields(sample, file);
+  RiggedShape shape;
+  shape.id = id;
+  shape.file = file;
+  const bool whole_mesh = fields.has("mesh_pc") && fields.has("mesh_face");
+  const std::string points = whole_mesh ? "mesh_pc" : fields.first_of({"pc", "mesh_pc"});
+  if (!points.empty()) {
+    shape.mesh.vertices = fields.points(points);
+    if (whole_mesh) shape.mesh.faces = fields.triangles("mesh_face", shape.mesh.vertices.size());
+    set_normals(shape, fields.unchecked_points(points, 3));
+  }
+  AnymateSkeleton skeleton = read_skeleton(fields);
+  if (fields.has("joints") || fields.has("bones")) {
+    anigen::check(skeleton.joints, file);
+    shape.joints = std::move(skeleton.joints);
+    if (!points.empty()) BoneSkin(fields, skeleton.bone_head, shape).read(points == "mesh_pc" ? "mesh_skins" : "skins");
+  }
+  note_missing_parts(shape);
+  return shape;
 }
 
 struct AnymateSource::Shard {

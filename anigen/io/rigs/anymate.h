@@ -5,7 +5,6 @@
 #include <string>
 #include <vector>
 
-#include "anigen/asset/skeleton.h"
 #include "anigen/io/arrays/ndarray.h"
 #include "anigen/io/rigs/rigged_shape.h"
 
@@ -73,13 +72,5 @@ class AnymateSource : public ShapeSource {
 /// @throws InputError naming the key: wrong sizes, indices out of range, numbers that are not finite, no joint, a
 /// cycle, a bone whose head is no joint (within 1e-4)
 RiggedShape shape_from_anymate(const NamedArrays& sample, const std::string& id, const std::string& file);
-
-/// The skeleton of an Anymate sample and which joint each of its bones starts at (anymate_sample.h has the rules).
-struct AnymateSkeleton {
-  anigen::JointTree joints;    ///< not checked yet; empty when the sample has neither joints nor bones
-  std::vector<int> bone_head;  ///< [K], index of a joint
-};
-
-AnymateSkeleton read_anymate_skeleton(const ArrayFields& fields);
 
 }  // namespace anigen::io

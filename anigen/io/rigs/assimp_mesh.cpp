@@ -1,4 +1,4 @@
-#include "anigen/io/rigs/assimp_mesh.h"
+#include "anigen/io/rigs/assimp_scene.h"
 
 #include <algorithm>
 #include <array>
@@ -13,7 +13,6 @@
 #include <vector>
 
 #include "anigen/core/error.h"
-#include "anigen/io/rigs/assimp_scene.h"
 
 namespace anigen::io::assimp_import {
 

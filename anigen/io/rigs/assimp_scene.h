@@ -5,7 +5,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <string>
-#include <string_view>
+#include <type_traits>
 #include <unordered_map>
 #include <vector>
 
@@ -36,12 +36,16 @@ class DocumentArrays {
  public:
   explicit DocumentArrays(gltf_import::Document& document) : document_(document) {}
 
-  /// @param values [count, width of type], row-major @param type "SCALAR", "VEC3", … @return the accessor
-  int add(const std::vector<float>& values, const std::string& type, std::size_t width, const std::string& place);
-  int add(const std::vector<std::uint16_t>& values, const std::string& type, std::size_t width,
-          const std::string& place);
-  int add(const std::vector<std::uint32_t>& values, const std::string& type, std::size_t width,
-          const std::string& place);
+  /// @param values [count, width of type], row-major, of float or unsigned integers @param type "SCALAR", "VEC3", …
+  /// @return the accessor
+  template <typename T>
+  int add(const std::vector<T>& values, const std::string& type, std::size_t width, const std::string& place) {
+    using gltf_import::Component;
+    constexpr Component kComponent = std::is_floating_point_v<T> ? Component::kF32
+                                     : sizeof(T) == 2            ? Component::kU16
+                                                                 : Component::kU32;
+    return add(values.data(), values.size() * sizeof(T), sizeof(T), kComponent, type, width, place);
+  }
   /// @return the view
   int add_bytes(std::string bytes);
 
@@ -51,12 +55,6 @@ class DocumentArrays {
 
   gltf_import::Document& document_;
 };
-
-/// A document whose arrays DocumentArrays made, with the notes of making it, as bytes for another process of this
-/// program.
-std::string to_bytes(const gltf_import::Document& document, const gltf_import::Notes& notes);
-/// @throws Error when the bytes are not those of to_bytes()
-void from_bytes(std::string_view bytes, gltf_import::Document& document, gltf_import::Notes& notes);
 
 Eigen::Matrix4d to_matrix(const aiMatrix4x4& matrix);
 
@@ -76,6 +74,17 @@ NodeTable add_nodes(const aiScene& scene, bool is_fbx, gltf_import::Document& do
 
 /// Appends a node below another that shows a mesh.
 void add_mesh_node(gltf_import::Document& document, int parent, int mesh, int skin);
+
+/// Appends every mesh that a node shows, with its bones as a skin. Vertices that agree in everything, weights
+/// included, become one: FBX meshes come with a vertex per corner.
+/// @throws InputError when a bone's node is missing
+void add_meshes(const aiScene& scene, const NodeTable& nodes, gltf_import::Document& document,
+                gltf_import::Notes& notes);
+
+/// Appends the animations of nodes. Keys of a node without folded helpers stay as they are; of others, the product is
+/// taken apart at the times of all keys of its chain. Times become seconds, from 0 where a file starts before that.
+/// @throws InputError when there are too many keys
+void add_animations(const aiScene& scene, const NodeTable& nodes, gltf_import::Document& document);
 
 /// Appends the materials with the textures of their base colour: embedded PNG and JPEG pictures, and files that lie
 /// where the material says or, since exporters write paths of the author's disk, under that name beside the model or in

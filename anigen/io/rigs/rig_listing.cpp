@@ -212,6 +212,15 @@ namespace fs = std::filesystem;
 
 namespace {
 
+/// Extensions with the format that they promise; an .npz may hold Articulation-XL samples as well.
+const std::map<std::string, RigFormat>& formats() {
+  static const std::map<std::string, RigFormat> all = {{".glb", RigFormat::kGltf},    {".gltf", RigFormat::kGltf},
+                                                       {".fbx", RigFormat::kAssimp},  {".dae", RigFormat::kAssimp},
+                                                       {".txt", RigFormat::kTextRig}, {".npz", RigFormat::kRigArrays},
+                                                       {".pt", RigFormat::kAnymate},  {".pth", RigFormat::kAnymate}};
+  return all;
+}
+
 /// Files that the buffers and images of a glTF name.
 std::vector<fs::path> files_of_gltf(const fs::path& file) {
   gltf_import::Container container;
@@ -304,21 +313,11 @@ std::vector<std::string> FileListSource::other_names(const std::string& id) cons
 }
 
 std::string FileListSource::sample_id(const std::string& id) const {
-  const fs::path& path = file(id);
-  const std::string extension = lower_extension(path);
   RigEntry entry;
-  entry.file = path;
-  if (extension == ".glb" || extension == ".gltf") {
-    entry.format = RigFormat::kGltf;
-  } else if (extension == ".fbx" || extension == ".dae") {
-    entry.format = RigFormat::kAssimp;
-  } else if (extension == ".txt") {
-    entry.format = RigFormat::kTextRig;
-  } else if (extension == ".npz") {
-    entry.format = RigFormat::kRigArrays;
-  } else {
-    return "";
-  }
+  entry.file = file(id);
+  const auto format = formats().find(lower_extension(entry.file));
+  if (format == formats().end() || format->second == RigFormat::kAnymate) return "";
+  entry.format = format->second;
   return RigReader().content_id(entry);
 }
 
@@ -473,11 +472,6 @@ constexpr std::array<std::pair<RigFormat, const char*>, 7> kNames = {{{RigFormat
                                                                       {RigFormat::kAnymate, "anymate"},
                                                                       {RigFormat::kDataset, "dataset"}}};
 
-const std::vector<std::string>& extensions() {
-  static const std::vector<std::string> all = {".glb", ".gltf", ".fbx", ".dae", ".txt", ".npz", ".pt", ".pth"};
-  return all;
-}
-
 /// "articulation_xlv2_test.npz", "Anymate_test.pt", but not "latest.pt".
 bool is_test_shard(const fs::path& file) {
   const std::string stem = file.stem().string(), word = "test";
@@ -494,21 +488,19 @@ void add_samples(RigFormat format, const fs::path& file, const std::string& loca
 
 /// @param required whether a .txt that is no rig is an error
 void add_file(const fs::path& file, const std::string& local_path, bool required, std::vector<RigEntry>& entries) {
-  const std::string extension = lower_extension(file);
-  const auto add = [&](RigFormat format) { entries.push_back({format, file, "", local_path, false, ""}); };
-  if (extension == ".glb" || extension == ".gltf") return add(RigFormat::kGltf);
-  if (extension == ".fbx" || extension == ".dae") return add(RigFormat::kAssimp);
-  if (extension == ".txt") {
-    if (is_text_rig(file)) return add(RigFormat::kTextRig);
+  const RigFormat format = formats().at(lower_extension(file));
+  const auto add = [&] { entries.push_back({format, file, "", local_path, false, ""}); };
+  if (format == RigFormat::kGltf || format == RigFormat::kAssimp) return add();
+  if (format == RigFormat::kTextRig) {
+    if (is_text_rig(file)) return add();
     if (required) throw InputError(file.string(), "", "is no text rig: its first word is none of its keywords");
     return;
   }
   require_content(file);
-  if (extension == ".npz") {
-    if (is_rig_npz(file)) return add(RigFormat::kRigArrays);
-    return add_samples(RigFormat::kArticulationXl, file, local_path, ArticulationXlSource(file).ids(), entries);
-  }
-  add_samples(RigFormat::kAnymate, file, local_path, AnymateSource({file}, {}, true).ids(), entries);
+  if (format == RigFormat::kAnymate)
+    return add_samples(format, file, local_path, AnymateSource({file}, {}, true).ids(), entries);
+  if (is_rig_npz(file)) return add();
+  add_samples(RigFormat::kArticulationXl, file, local_path, ArticulationXlSource(file).ids(), entries);
 }
 
 std::vector<RigEntry> list_published(const fs::path& folder) {
@@ -542,8 +534,7 @@ std::vector<RigEntry> list_rigs(const fs::path& path) {
   if (!fs::exists(status)) throw InputError(path.string(), "", "no such file or folder");
   std::vector<RigEntry> entries;
   if (!fs::is_directory(status)) {
-    const std::vector<std::string>& known = extensions();
-    if (std::find(known.begin(), known.end(), lower_extension(path)) == known.end())
+    if (formats().count(lower_extension(path)) == 0)
       throw InputError(path.string(), "", "expected a folder, or a .glb, .gltf, .fbx, .dae, .txt, .npz, .pt or .pth");
     add_file(path, path.filename().string(), true, entries);
     return entries;
@@ -551,7 +542,9 @@ std::vector<RigEntry> list_rigs(const fs::path& path) {
   if (fs::exists(path / "metadata.csv", error) && fs::is_directory(path / "skeleton", error))
     return list_published(path);
   std::vector<std::pair<std::string, fs::path>> files;  // sorted by the text of the path, on every system alike
-  for (const fs::path& file : files_below(path, extensions()))
+  std::vector<std::string> extensions;
+  for (const auto& [extension, format] : formats()) extensions.push_back(extension);
+  for (const fs::path& file : files_below(path, extensions))
     files.emplace_back(file.lexically_relative(path).generic_string(), file);
   std::sort(files.begin(), files.end());
   for (const auto& [local, file] : files) {
@@ -559,11 +552,7 @@ std::vector<RigEntry> list_rigs(const fs::path& path) {
       add_file(file, local, false, entries);
     } catch (const InputError&) {
       // One damaged shard must not hide the other files: whoever reads it says what is wrong with it.
-      const std::string extension = lower_extension(file);
-      const RigFormat format = extension == ".txt"   ? RigFormat::kTextRig
-                               : extension == ".npz" ? RigFormat::kRigArrays
-                                                     : RigFormat::kAnymate;
-      entries.push_back({format, file, "", local, false, ""});
+      entries.push_back({formats().at(lower_extension(file)), file, "", local, false, ""});
     }
   }
   if (entries.empty())

@@ -181,20 +181,20 @@ class ShapeSource {
 
   /// Files that would be lost with this shape, for refuse_to_overwrite(): those that read() reads, what they refer to
   /// (files_read_with()), and the asset's own file in a data set. Some may not exist; none for a shape in memory.
-  virtual std::vector<std::filesystem::path> files(const std::string& id) const;
+  virtual std::vector<std::filesystem::path> files(const std::string&) const { return {}; }
   /// Further names of a shape that predictions and split files may go by (the uuid and the path that a data set keeps,
   /// a file's own name); read() takes ids only, NameIndex (split.h) finds the id.
-  virtual std::vector<std::string> other_names(const std::string& id) const;
+  virtual std::vector<std::string> other_names(const std::string&) const { return {}; }
   /// The sha256 under which anigen-prepare would keep the shape: RigReader::content_id() of a file, content_id() of the
   /// arrays of a sample. Reads the file. Empty where there is none: for Articulation-XL without
   /// SourceOptions::content_ids, for meshes without a rig, and for data sets, whose ids it already is.
   /// @throws InputError when the file cannot be read
-  virtual std::string sample_id(const std::string& id) const;
+  virtual std::string sample_id(const std::string&) const { return {}; }
   /// False for a shape that its data set marks as one to leave alone (is_bad_skeleton); read() reads it all the same.
-  virtual bool is_usable(const std::string& id) const;
+  virtual bool is_usable(const std::string&) const { return true; }
   /// Category of the shape, where its data set says so, such as the family of a procedural creature; else
   /// empty.
-  virtual std::string category(const std::string& id) const;
+  virtual std::string category(const std::string&) const { return {}; }
   /// True for one file that holds one shape: two of those are a pair whatever they are called.
   virtual bool is_single_file() const { return false; }
 };

@@ -55,35 +55,6 @@ fs::path mesh_of_text_rig(const fs::path& rig) {
   return {};
 }
 
-RiggedShape read_text_rig(const fs::path& file, const std::string& id, Axes axes) {
-  TextRig rig = parse_text_rig(read_file(file, kMostTextBytes), file.string());
-  RiggedShape shape;
-  shape.id = id;
-  shape.file = file.string();
-  shape.joints = std::move(rig.joints);
-  shape.joint_names = std::move(rig.names);
-  const fs::path mesh = mesh_of_text_rig(file);
-  if (!mesh.empty()) {
-    shape.mesh = unsplit_mesh(mesh);
-    SkinRows rows(shape.mesh.vertices.size(), shape.joints.size(), shape.file);
-    for (const TextRig::SkinLine& line : rig.skin) {
-      const std::string place = "line " + std::to_string(line.line);
-      if (static_cast<std::size_t>(line.vertex) >= shape.mesh.vertices.size()) {
-        throw InputError(shape.file, place,
-                         "weights vertex " + std::to_string(line.vertex) + " of the " +
-                             std::to_string(shape.mesh.vertices.size()) + " in " + mesh.string());
-      }
-      for (const auto& [joint, weight] : line.weights) rows.add(line.vertex, joint, weight, place);
-    }
-    if (!rig.skin.empty()) set_skin(shape, rows, rig.root);
-  } else {
-    shape.notes.push_back("there is no " + file.stem().string() + ".obj with its mesh");
-  }
-  turn_to_z_up(shape, axes, Axes::kYUp);
-  note_missing_parts(shape);
-  return shape;
-}
-
 bool is_text_rig(const fs::path& file) {
   std::ifstream in(file);
   std::string start(4096, '\0');
@@ -100,6 +71,18 @@ bool is_text_rig(const fs::path& file) {
 }
 
 namespace {
+
+struct TextRig {
+  struct SkinLine {
+    std::size_t line;  ///< in the file, from 1
+    std::int64_t vertex;
+    std::vector<std::pair<int, float>> weights;  ///< joint, weight
+  };
+  anigen::JointTree joints;
+  std::vector<std::string> names;
+  int root = 0;
+  std::vector<SkinLine> skin;
+};
 
 class TextRigParser {
  public:
@@ -221,6 +204,34 @@ class TextRigParser {
 
 }  // namespace
 
-TextRig parse_text_rig(const std::string& text, const std::string& file) { return TextRigParser(text, file).parse(); }
+RiggedShape read_text_rig(const fs::path& file, const std::string& id, Axes axes) {
+  const std::string text = read_file(file, kMostTextBytes), name = file.string();
+  TextRig rig = TextRigParser(text, name).parse();
+  RiggedShape shape;
+  shape.id = id;
+  shape.file = file.string();
+  shape.joints = std::move(rig.joints);
+  shape.joint_names = std::move(rig.names);
+  const fs::path mesh = mesh_of_text_rig(file);
+  if (!mesh.empty()) {
+    shape.mesh = unsplit_mesh(mesh);
+    SkinRows rows(shape.mesh.vertices.size(), shape.joints.size(), shape.file);
+    for (const TextRig::SkinLine& line : rig.skin) {
+      const std::string place = "line " + std::to_string(line.line);
+      if (static_cast<std::size_t>(line.vertex) >= shape.mesh.vertices.size()) {
+        throw InputError(shape.file, place,
+                         "weights vertex " + std::to_string(line.vertex) + " of the " +
+                             std::to_string(shape.mesh.vertices.size()) + " in " + mesh.string());
+      }
+      for (const auto& [joint, weight] : line.weights) rows.add(line.vertex, joint, weight, place);
+    }
+    if (!rig.skin.empty()) set_skin(shape, rows, rig.root);
+  } else {
+    shape.notes.push_back("there is no " + file.stem().string() + ".obj with its mesh");
+  }
+  turn_to_z_up(shape, axes, Axes::kYUp);
+  note_missing_parts(shape);
+  return shape;
+}
 
 }  // namespace anigen::io
