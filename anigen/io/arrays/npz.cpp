@@ -22,13 +22,6 @@ struct ZipReader::Handle {
   }
 };
 
-struct ZipMemberReader::Handle {
-  zip_file_t* file = nullptr;
-  ~Handle() {
-    if (file) zip_fclose(file);
-  }
-};
-
 ZipReader::ZipReader(const std::filesystem::path& path, const ZipLimits& limits)
     : file_(path.string()), limits_(limits), handle_(std::make_unique<Handle>()) {
   std::error_code error;
@@ -95,52 +88,65 @@ const ZipMember* ZipReader::find(const std::string& name) const {
   return index < 0 ? nullptr : &members_[static_cast<std::size_t>(index)];
 }
 
+/// Reads one member piece by piece.
+class ZipMemberReader {
+ public:
+  ZipMemberReader(const ZipReader& archive, const ZipMember& member) : file_(archive.file_), member_(member) {
+    handle_.reset(zip_fopen_index(archive.handle_->archive, member.index, 0));
+    if (!handle_) fail(std::string("cannot be opened: ") + zip_strerror(archive.handle_->archive));
+  }
+
+  /// Exactly `bytes` more bytes. @throws InputError when the member ends early
+  void read(void* destination, std::uint64_t bytes) {
+    auto* out = static_cast<char*>(destination);
+    while (bytes > 0) {
+      const std::uint64_t piece = std::min<std::uint64_t>(bytes, std::uint64_t{1} << 30);
+      const zip_int64_t got = zip_fread(handle_.get(), out, piece);
+      if (got < 0) fail(std::string("damaged: ") + zip_file_strerror(handle_.get()));
+      if (got == 0) fail("ends before the declared size");
+      out += got;
+      position_ += static_cast<std::uint64_t>(got);
+      bytes -= static_cast<std::uint64_t>(got);
+    }
+  }
+
+  /// All that is left, in pieces, so that a false declared size costs no memory before the data proves it; checks that
+  /// the checksum agrees.
+  template <typename Bytes>
+  Bytes rest() {
+    Bytes bytes;
+    constexpr std::uint64_t kPiece = std::uint64_t{64} << 20;
+    while (position_ < member_.bytes) {
+      const std::size_t start = bytes.size();
+      const std::uint64_t piece = std::min(kPiece, member_.bytes - position_);
+      bytes.resize(start + piece);
+      read(bytes.data() + start, piece);
+    }
+    char extra = 0;
+    const zip_int64_t got = zip_fread(handle_.get(), &extra, 1);  // at the end libzip compares the checksum
+    if (got < 0) fail(std::string("damaged: ") + zip_file_strerror(handle_.get()));
+    if (got > 0) fail("is longer than the declared size");
+    return bytes;
+  }
+
+  std::uint64_t position() const { return position_; }
+
+ private:
+  struct Close {
+    void operator()(zip_file_t* file) const { zip_fclose(file); }
+  };
+  [[noreturn]] void fail(const std::string& problem) const {
+    throw InputError(file_, member_.name + ", byte " + std::to_string(position_), problem);
+  }
+
+  std::string file_;
+  ZipMember member_;
+  std::unique_ptr<zip_file_t, Close> handle_;
+  std::uint64_t position_ = 0;
+};
+
 std::string ZipReader::read(const ZipMember& member) const {
-  ZipMemberReader reader(*this, member);
-  std::string bytes;
-  // In pieces, so that a false declared size costs no memory before the data proves it.
-  constexpr std::uint64_t kPiece = std::uint64_t{64} << 20;
-  while (bytes.size() < member.bytes) {
-    const std::size_t start = bytes.size();
-    const std::uint64_t piece = std::min<std::uint64_t>(kPiece, member.bytes - start);
-    bytes.resize(start + piece);
-    reader.read(bytes.data() + start, piece);
-  }
-  reader.finish();
-  return bytes;
-}
-
-ZipMemberReader::ZipMemberReader(const ZipReader& archive, const ZipMember& member)
-    : file_(archive.file_), member_(member), handle_(std::make_unique<Handle>()) {
-  handle_->file = zip_fopen_index(archive.handle_->archive, member.index, 0);
-  if (!handle_->file) fail(std::string("cannot be opened: ") + zip_strerror(archive.handle_->archive));
-}
-
-ZipMemberReader::~ZipMemberReader() = default;
-
-void ZipMemberReader::fail(const std::string& problem) const {
-  throw InputError(file_, member_.name + ", byte " + std::to_string(position_), problem);
-}
-
-void ZipMemberReader::read(void* destination, std::uint64_t bytes) {
-  auto* out = static_cast<char*>(destination);
-  while (bytes > 0) {
-    const std::uint64_t piece = std::min<std::uint64_t>(bytes, std::uint64_t{1} << 30);
-    const zip_int64_t got = zip_fread(handle_->file, out, piece);
-    if (got < 0) fail(std::string("damaged: ") + zip_file_strerror(handle_->file));
-    if (got == 0) fail("ends before the declared size");
-    out += got;
-    position_ += static_cast<std::uint64_t>(got);
-    bytes -= static_cast<std::uint64_t>(got);
-  }
-}
-
-void ZipMemberReader::finish() {
-  if (position_ != member_.bytes) fail(std::to_string(member_.bytes - position_) + " unexpected bytes follow");
-  char extra = 0;
-  const zip_int64_t got = zip_fread(handle_->file, &extra, 1);  // reaching the end makes libzip compare the checksum
-  if (got < 0) fail(std::string("damaged: ") + zip_file_strerror(handle_->file));
-  if (got > 0) fail("is longer than the declared size");
+  return ZipMemberReader(*this, member).rest<std::string>();
 }
 
 namespace {
@@ -251,7 +257,7 @@ class NpyMember {
   const NpyPlace& place() const { return place_; }
   bool numeric() const { return header_.element.kind == NpyElement::Kind::kNumber; }
 
-  NdArray numbers() { return decode_npy(header_, rest<std::vector<std::uint8_t>>(), place_); }
+  NdArray numbers() { return decode_npy(header_, reader_.rest<std::vector<std::uint8_t>>(), place_); }
 
   NpzValue value() {
     if (numeric()) {
@@ -262,11 +268,11 @@ class NpyMember {
     }
     const auto start = static_cast<std::size_t>(reader_.position());
     if (header_.element.kind != NpyElement::Kind::kObject)
-      return decode_text_array(header_, rest<std::string>(), place_);
+      return decode_text_array(header_, reader_.rest<std::string>(), place_);
     if (header_.fortran_order && header_.shape.size() > 1) {
       throw NotSupportedError(place_.file, place_.member, "object arrays in Fortran order");
     }
-    return unpickle_object_array(rest<std::string>(), header_.shape, start, place_);
+    return unpickle_object_array(reader_.rest<std::string>(), header_.shape, start, place_);
   }
 
  private:
@@ -290,20 +296,6 @@ class NpyMember {
                        "its shape needs " + std::to_string(count * header_.element.size) + " bytes of data and " +
                            std::to_string(there) + " are there");
     }
-  }
-
-  template <typename Bytes>
-  Bytes rest() {
-    Bytes bytes;
-    constexpr std::uint64_t kPiece = std::uint64_t{64} << 20;  // a false declared size costs no memory
-    while (reader_.position() < member_.bytes) {
-      const std::size_t start = bytes.size();
-      const std::uint64_t piece = std::min(kPiece, member_.bytes - reader_.position());
-      bytes.resize(start + piece);
-      reader_.read(bytes.data() + start, piece);
-    }
-    reader_.finish();
-    return bytes;
   }
 
   NpyPlace place_;

@@ -99,29 +99,6 @@ class ZipReader {
   std::vector<ZipMember> members_;
 };
 
-/// Reads one member piece by piece.
-class ZipMemberReader {
- public:
-  ZipMemberReader(const ZipReader& archive, const ZipMember& member);
-  ~ZipMemberReader();
-  ZipMemberReader(const ZipMemberReader&) = delete;
-  ZipMemberReader& operator=(const ZipMemberReader&) = delete;
-
-  /// Exactly `bytes` more bytes. @throws InputError when the member ends early
-  void read(void* destination, std::uint64_t bytes);
-  std::uint64_t position() const { return position_; }
-  /// Checks that everything was read and that the checksum agrees.
-  void finish();
-
- private:
-  [[noreturn]] void fail(const std::string& problem) const;
-  struct Handle;
-  std::string file_;
-  ZipMember member_;
-  std::unique_ptr<Handle> handle_;
-  std::uint64_t position_ = 0;
-};
-
 /// Content of one member to write.
 struct ZipContent {
   std::string name;

@@ -1,12 +1,152 @@
 #include "anigen/io/arrays/pickle.h"
 
-#include <array>
+#include <charconv>
+#include <cstring>
 #include <unordered_map>
 #include <utility>
 
-#include "anigen/io/arrays/pickle_scanner.h"
+#include "anigen/core/error.h"
+#include "anigen/io/arrays/pickle_constructors.h"
 
 namespace anigen::io::pickle {
+
+/// Reads instructions and their arguments off the bytes of a pickle; every failure names the byte of the instruction.
+class Scanner {
+ public:
+  Scanner(std::string_view input, const Source& source) : input_(input), source_(source) {}
+
+  unsigned char next_instruction() {
+    instruction_ = at_;
+    return static_cast<unsigned char>(bytes(1)[0]);
+  }
+
+  // Little-endian, 1 to 8 bytes.
+  std::uint64_t number(std::size_t size) {
+    const std::string_view raw = bytes(size);
+    std::uint64_t value = 0;
+    for (std::size_t i = size; i-- > 0;) value = value << 8 | static_cast<unsigned char>(raw[i]);
+    return value;
+  }
+
+  // The next bytes, not copied.
+  std::string_view bytes(std::uint64_t count) {
+    if (count > input_.size() - at_) fail("the pickle ends early");
+    const std::string_view found = input_.substr(at_, count);
+    at_ += count;
+    return found;
+  }
+
+  // Up to the next newline, without it.
+  std::string_view line() {
+    const std::size_t end = input_.find('\n', at_);
+    if (end == std::string_view::npos) fail("the pickle ends early");
+    const std::string_view found = input_.substr(at_, end - at_);
+    at_ = end + 1;
+    return found;
+  }
+
+  double big_endian_double() {
+    std::uint64_t bits = 0;
+    for (const char c : bytes(8)) bits = bits << 8 | static_cast<unsigned char>(c);
+    double value;
+    std::memcpy(&value, &bits, sizeof value);
+    return value;
+  }
+
+  // False when it exceeds 64 bits.
+  bool parse_decimal(std::string_view line, std::int64_t& integer) {
+    const auto [end, error] = std::from_chars(line.data(), line.data() + line.size(), integer);
+    if (end != line.data() + line.size() || error == std::errc::invalid_argument) fail("a damaged integer");
+    return error == std::errc();
+  }
+
+  double parse_float(std::string_view line) {
+    double value = 0;
+    const auto [end, error] = std::from_chars(line.data(), line.data() + line.size(), value);
+    if (end != line.data() + line.size() || error != std::errc()) fail("a damaged number");
+    return value;
+  }
+
+  // A Python string literal with its quotes.
+  std::string unquote(std::string_view line) {
+    if (line.size() < 2 || line.front() != line.back() || (line.front() != '\'' && line.front() != '"')) {
+      fail("a string without quotes");
+    }
+    line = line.substr(1, line.size() - 2);
+    std::string text;
+    for (std::size_t i = 0; i < line.size(); ++i) {
+      if (line[i] != '\\') {
+        text += line[i];
+        continue;
+      }
+      if (++i == line.size()) fail("a damaged escape");
+      constexpr std::string_view kEscapes = "\\'\"nrtabfv";
+      constexpr std::string_view kMeaning = "\\'\"\n\r\t\a\b\f\v";
+      const std::size_t simple = kEscapes.find(line[i]);
+      if (simple != std::string_view::npos) {
+        text += kMeaning[simple];
+      } else if (line[i] == 'x') {
+        text += static_cast<char>(digits(line, i + 1, 2, 16));
+        i += 2;
+      } else {
+        text += static_cast<char>(digits(line, i, 3, 8));
+        i += 2;
+      }
+    }
+    return text;
+  }
+
+  // Python's raw-unicode-escape, to UTF-8.
+  std::string unescape_unicode(std::string_view line) {
+    std::string text;
+    for (std::size_t i = 0; i < line.size(); ++i) {
+      std::uint32_t character = static_cast<unsigned char>(line[i]);
+      if (line[i] == '\\' && i + 1 < line.size() && (line[i + 1] == 'u' || line[i + 1] == 'U')) {
+        const std::size_t count = line[i + 1] == 'u' ? 4 : 8;
+        character = digits(line, i + 2, count, 16);
+        i += 1 + count;
+      }
+      if (!append_utf8(character, text)) fail("text that is not Unicode");
+    }
+    return text;
+  }
+
+  void check_utf8(std::string_view text) {
+    // Re-encoding what was decoded accepts exactly the shortest forms of real characters.
+    for (std::size_t i = 0; i < text.size();) {
+      const auto first = static_cast<unsigned char>(text[i]);
+      const std::size_t length = first < 0x80 ? 1 : first < 0xE0 ? 2 : first < 0xF0 ? 3 : 4;
+      if (length == 1) {
+        ++i;
+        continue;
+      }
+      if (first < 0xC0 || i + length > text.size()) fail("text that is not UTF-8");
+      std::uint32_t character = first & (0xFFu >> (length + 1));
+      for (std::size_t k = 1; k < length; ++k)
+        character = character << 6 | (static_cast<unsigned char>(text[i + k]) & 0x3Fu);
+      std::string encoded;
+      if (!append_utf8(character, encoded) || encoded != text.substr(i, length)) fail("text that is not UTF-8");
+      i += length;
+    }
+  }
+
+  std::string place() const { return source_.member + ", byte " + std::to_string(source_.first_byte + instruction_); }
+
+  [[noreturn]] void fail(const std::string& problem) const { throw InputError(source_.file, place(), problem); }
+
+ private:
+  std::uint32_t digits(std::string_view text, std::size_t first, std::size_t count, int base) {
+    std::uint32_t value = 0;
+    if (first + count > text.size()) fail("a damaged escape");
+    const char* begin = text.data() + first;
+    if (std::from_chars(begin, begin + count, value, base).ptr != begin + count) fail("a damaged escape");
+    return value;
+  }
+
+  std::string_view input_;
+  const Source& source_;
+  std::size_t at_ = 0, instruction_ = 0;
+};
 
 /// The stack machine itself. Loops over instructions; nothing recurses.
 class Machine {
@@ -294,49 +434,5 @@ bool Machine::step_object(unsigned char instruction) {
 // clang-format on
 
 Document load(std::string bytes, const Source& source) { return Machine(std::move(bytes), source).run(); }
-
-namespace {
-
-struct AllowedName {
-  std::string_view module, name;
-  Global global;
-};
-// numpy 2 renamed its private package to numpy._core; both spellings are in circulation.
-constexpr std::array<AllowedName, 14> kAllowed = {
-    {{"collections", "OrderedDict", Global::kOrderedDict},
-     {"numpy.core.multiarray", "_reconstruct", Global::kNumpyReconstruct},
-     {"numpy._core.multiarray", "_reconstruct", Global::kNumpyReconstruct},
-     {"numpy.core.multiarray", "scalar", Global::kNumpyScalar},
-     {"numpy._core.multiarray", "scalar", Global::kNumpyScalar},
-     {"numpy.core.numeric", "_frombuffer", Global::kNumpyFromBuffer},
-     {"numpy._core.numeric", "_frombuffer", Global::kNumpyFromBuffer},
-     {"numpy", "ndarray", Global::kNumpyArray},
-     {"numpy", "dtype", Global::kNumpyDtype},
-     {"_codecs", "encode", Global::kCodecsEncode},
-     {"torch._utils", "_rebuild_tensor_v2", Global::kRebuildTensor},
-     {"torch._utils", "_rebuild_parameter", Global::kRebuildParameter},
-     {"torch", "Size", Global::kTorchSize},
-     {"torch", "device", Global::kTorchDevice}}};
-
-}  // namespace
-
-bool find_global(std::string_view module, std::string_view name, Global& global, Dtype& dtype) {
-  for (const AllowedName& entry : kAllowed) {
-    if (entry.module == module && entry.name == name) {
-      global = entry.global;
-      return true;
-    }
-  }
-  if (module != "torch") return false;
-  if (const auto storage = find_dtype(&DtypeWords::torch_storage, name)) {
-    global = Global::kTorchStorage;
-    dtype = *storage;
-    return true;
-  }
-  const auto named = find_dtype(&DtypeWords::name, name);
-  if (!named || words_of(*named).torch_storage.empty()) return false;
-  global = Global::kTorchDtype;
-  return true;
-}
 
 }  // namespace anigen::io::pickle

@@ -13,7 +13,8 @@
 namespace anigen::io::pickle {
 
 /// A deliberately small pickle machine: protocols 0 to 5 as numpy and torch.save use them. It builds values and never
-/// runs anything: the only names a pickle may refer to are those in pickle_globals.cpp; all others are refused by name.
+/// runs anything: the only names a pickle may refer to are those in pickle_constructors.cpp; all others are refused by
+/// name.
 enum class Kind {
   kNone,
   kBool,         ///< integer 0 or 1

@@ -11,7 +11,6 @@
 
 #include "anigen/core/error.h"
 #include "anigen/io/arrays/npz.h"
-#include "anigen/io/arrays/pickle_scanner.h"
 #include "anigen/io/arrays/safetensors.h"
 
 namespace anigen::io {
@@ -315,6 +314,55 @@ const pickle::Value& state_of(const TorchFile& file) {
   return found == nullptr ? file.root() : *found;
 }
 
+// Plain values: None, booleans, numbers and texts, lists and tuples of them, dicts of them by text or integer.
+// Everything else becomes null, an entry of a dict by another kind of key is left out.
+constexpr int kDeepestJson = 64;  // also ends cycles
+constexpr std::size_t kMostJsonValues = 1'000'000;
+
+class PlainValues {
+ public:
+  explicit PlainValues(NpyPlace place) : place_(std::move(place)) {}
+
+  Json visit(const pickle::Value& value, int depth) {
+    if (depth > kDeepestJson) fail("objects are nested too deeply, or contain themselves");
+    if (++visits_ > kMostJsonValues) fail("too many objects");
+    switch (value.kind) {
+      case pickle::Kind::kBool:
+        return value.integer != 0;
+      case pickle::Kind::kInt:
+        return value.integer;
+      case pickle::Kind::kFloat:
+        return value.real;
+      case pickle::Kind::kString:
+        return std::string(value.text);
+      case pickle::Kind::kList:
+      case pickle::Kind::kTuple: {
+        Json list = Json::array();
+        for (const pickle::Value* item : value.items) list.push_back(visit(*item, depth + 1));
+        return list;
+      }
+      case pickle::Kind::kDict: {
+        Json object = Json::object();
+        for (std::size_t i = 0; i + 1 < value.items.size(); i += 2) {
+          const pickle::Value& key = *value.items[i];
+          const bool is_text = key.kind == pickle::Kind::kString;
+          if (!is_text && key.kind != pickle::Kind::kInt) continue;
+          object[is_text ? std::string(key.text) : std::to_string(key.integer)] = visit(*value.items[i + 1], depth + 1);
+        }
+        return object;
+      }
+      default:
+        return nullptr;
+    }
+  }
+
+ private:
+  [[noreturn]] void fail(const std::string& problem) const { throw InputError(place_.file, place_.member, problem); }
+
+  NpyPlace place_;
+  std::size_t visits_ = 0;
+};
+
 }  // namespace
 
 const pickle::Value* find(const pickle::Value& dict, std::string_view key) {
@@ -348,7 +396,7 @@ TorchCheckpoint read_torch_checkpoint(const std::filesystem::path& path, const s
   const pickle::Value* config = find(file.root(), config_key);
   TorchCheckpoint checkpoint;
   checkpoint.state = file.arrays(state_of(file));
-  if (config) checkpoint.config = plain_json(*config, file.place());
+  if (config) checkpoint.config = PlainValues(file.place()).visit(*config, 0);
   return checkpoint;
 }
 
