@@ -37,29 +37,9 @@ std::string content_id(NamedArrays arrays) {
   return digest.finish();
 }
 
-std::string gltf_content_id(const std::filesystem::path& file) {
-  const ImportOptions limits;
-  const std::string text = read_file(file, limits.max_file_bytes);
-  Sha256 digest;
-  digest.update(text);
-  const Json json = parse_json(text, file.string(), JsonLimits{limits.max_json_depth});
-  const auto buffers = json.is_object() ? json.find("buffers") : json.end();
-  if (buffers == json.end() || !buffers->is_array()) return digest.finish();
-  for (std::size_t i = 0; i < buffers->size(); ++i) {
-    const Json& buffer = (*buffers)[i];
-    if (!buffer.is_object() || !buffer.contains("uri") || !buffer["uri"].is_string()) continue;
-    const std::string uri = buffer["uri"].get<std::string>();
-    if (uri.rfind("data:", 0) == 0) continue;
-    const std::string pointer = "/buffers/" + std::to_string(i) + "/uri";
-    const std::filesystem::path buffered = gltf_import::path_of_uri(uri, file.parent_path(), file.string(), pointer);
-    digest.update(read_file(buffered, limits.max_file_bytes));
-  }
-  return digest.finish();
-}
+namespace fs = std::filesystem;
 
 namespace {
-
-namespace fs = std::filesystem;
 
 const std::vector<std::string> kMeshExtensions = {".obj", ".ply", ".stl"};
 const std::vector<std::string> kRiggedExtensions = {".glb", ".gltf", ".fbx", ".dae", ".npz", ".pt", ".pth"};
@@ -111,46 +91,28 @@ std::unique_ptr<ShapeSource> open_meshes(const fs::path& path, const SourceOptio
 
 namespace {
 
-namespace fs = std::filesystem;
-
-enum class Format { kScene, kRigNpz, kTextRig };
-
 const std::vector<std::string> kSceneExtensions = {".glb", ".gltf", ".fbx", ".dae"};
 
-bool is_scene(const std::string& extension) {
-  return std::find(kSceneExtensions.begin(), kSceneExtensions.end(), extension) != kSceneExtensions.end();
-}
+/// A format of files that hold one rig each.
+struct Format {
+  const char* name;
+  RiggedShape (*read)(const fs::path& file, const std::string& id, const SourceOptions& options);
+};
+constexpr Format kScene = {"rigged file",
+                           [](const fs::path& file, const std::string& id, const SourceOptions& options) {
+                             return read_scene_shape(file, id, options.axes, options.require_rig);
+                           }};
+constexpr Format kRigNpz = {"NPZ rig", [](const fs::path& file, const std::string& id, const SourceOptions& options) {
+                              RiggedShape shape = read_rig_npz(file, id);
+                              turn_to_z_up(shape, options.axes, Axes::kZUp);
+                              return shape;
+                            }};
+constexpr Format kTextRig = {"text rig", [](const fs::path& file, const std::string& id, const SourceOptions& options) {
+                               return read_text_rig(file, id, options.axes);
+                             }};
 
-const char* name_of(Format format) {
-  switch (format) {
-    case Format::kRigNpz:
-      return "NPZ rig";
-    case Format::kTextRig:
-      return "text rig";
-    case Format::kScene:
-      break;
-  }
-  return "rigged file";
-}
-
-FileListSource::Reader reader(Format format, const SourceOptions& options) {
-  const Axes axes = options.axes;
-  switch (format) {
-    case Format::kRigNpz:
-      return [axes](const fs::path& file, const std::string& id) {
-        RiggedShape shape = read_rig_npz(file, id);
-        turn_to_z_up(shape, axes, Axes::kZUp);
-        return shape;
-      };
-    case Format::kTextRig:
-      return [axes](const fs::path& file, const std::string& id) { return read_text_rig(file, id, axes); };
-    case Format::kScene:
-      break;
-  }
-  const bool require_rig = options.require_rig;
-  return [axes, require_rig](const fs::path& file, const std::string& id) {
-    return read_scene_shape(file, id, axes, require_rig);
-  };
+FileListSource::Reader reader(const Format& format, const SourceOptions& options) {
+  return [read = format.read, options](const fs::path& file, const std::string& id) { return read(file, id, options); };
 }
 
 /// Files that carry one name in every folder say who they are by the folder.
@@ -160,30 +122,31 @@ std::string id_of_single(const fs::path& file) {
   return (stem == "raw_data" || stem == "skeleton_voxelized") && !folder.empty() ? folder : stem;
 }
 
-std::unique_ptr<ShapeSource> single(const fs::path& file, Format format, const SourceOptions& options) {
+std::unique_ptr<ShapeSource> single(const fs::path& file, const Format& format, const SourceOptions& options) {
   std::vector<FileListSource::Entry> entries = {{id_of_single(file), file}};
   return std::make_unique<FileListSource>(std::move(entries), reader(format, options),
-                                          std::string(name_of(format)) + " " + file.string(), true);
+                                          std::string(format.name) + " " + file.string(), true);
 }
 
 std::unique_ptr<ShapeSource> several(const fs::path& folder, const std::vector<fs::path>& files, Format format,
                                      const SourceOptions& options) {
   return std::make_unique<FileListSource>(
       entries_below(folder, files), reader(format, options),
-      std::to_string(files.size()) + " " + name_of(format) + (files.size() == 1 ? "" : "s") + " in " + folder.string(),
+      std::to_string(files.size()) + " " + format.name + (files.size() == 1 ? "" : "s") + " in " + folder.string(),
       false);
 }
 
 std::unique_ptr<ShapeSource> open_npz(const fs::path& file, const SourceOptions& options) {
   require_content(file);
-  if (is_rig_npz(file)) return single(file, Format::kRigNpz, options);
+  if (is_rig_npz(file)) return single(file, kRigNpz, options);
   return std::make_unique<ArticulationXlSource>(file, options);
 }
 
 std::unique_ptr<ShapeSource> open_file(const fs::path& file, const SourceOptions& options) {
   const std::string extension = lower_extension(file);
-  if (is_scene(extension)) return single(file, Format::kScene, options);
-  if (extension == ".txt") return single(file, Format::kTextRig, options);
+  if (std::find(kSceneExtensions.begin(), kSceneExtensions.end(), extension) != kSceneExtensions.end())
+    return single(file, kScene, options);
+  if (extension == ".txt") return single(file, kTextRig, options);
   if (extension == ".npz") return open_npz(file, options);
   if (extension == ".pt" || extension == ".pth")
     return std::make_unique<AnymateSource>(std::vector<fs::path>{file}, options, true);
@@ -238,10 +201,10 @@ std::unique_ptr<ShapeSource> open_folder(const fs::path& folder, const SourceOpt
   if (formats > 1) {
     throw InputError(folder.string(), "", "holds several formats (" + found + "); name a sub-folder with one of them");
   }
-  if (!scenes.empty()) return several(folder, scenes, Format::kScene, options);
-  if (!text.empty()) return several(folder, text, Format::kTextRig, options);
+  if (!scenes.empty()) return several(folder, scenes, kScene, options);
+  if (!text.empty()) return several(folder, text, kTextRig, options);
   if (!torch.empty()) return std::make_unique<AnymateSource>(torch, options, false);
-  return several(folder, npz, Format::kRigNpz, options);
+  return several(folder, npz, kRigNpz, options);
 }
 
 }  // namespace
@@ -255,7 +218,26 @@ std::unique_ptr<ShapeSource> open_source(const fs::path& path, const SourceOptio
 
 namespace {
 
-namespace fs = std::filesystem;
+/// sha256 of a .gltf followed by its external buffers in order.
+std::string gltf_content_id(const std::filesystem::path& file) {
+  const ImportOptions limits;
+  const std::string text = read_file(file, limits.max_file_bytes);
+  Sha256 digest;
+  digest.update(text);
+  const Json json = parse_json(text, file.string(), JsonLimits{limits.max_json_depth});
+  const auto buffers = json.is_object() ? json.find("buffers") : json.end();
+  if (buffers == json.end() || !buffers->is_array()) return digest.finish();
+  for (std::size_t i = 0; i < buffers->size(); ++i) {
+    const Json& buffer = (*buffers)[i];
+    if (!buffer.is_object() || !buffer.contains("uri") || !buffer["uri"].is_string()) continue;
+    const std::string uri = buffer["uri"].get<std::string>();
+    if (gltf_import::is_data_uri(uri)) continue;
+    const std::string pointer = "/buffers/" + std::to_string(i) + "/uri";
+    const std::filesystem::path buffered = gltf_import::path_of_uri(uri, file.parent_path(), file.string(), pointer);
+    digest.update(read_file(buffered, limits.max_file_bytes));
+  }
+  return digest.finish();
+}
 
 fs::path dataset_file(const RigEntry& entry) { return entry.file / "skeleton" / entry.key / "skeleton_voxelized.npz"; }
 

@@ -15,10 +15,6 @@ namespace anigen::io {
 /// or in which order they are.
 std::string content_id(NamedArrays arrays);
 
-/// sha256 of a .gltf followed by its external buffers in order. @throws InputError when one is missing or lies outside
-/// the folder
-std::string gltf_content_id(const std::filesystem::path& file);
-
 /// Reads listed rigs as assets: mesh, one skeleton with parents first, weights; Z up. The shard that was read last
 /// stays open, so samples are best read in the order of the listing; several threads may read at once.
 ///
