@@ -1,6 +1,5 @@
 #pragma once
 #include <filesystem>
-#include <map>
 #include <memory>
 #include <string>
 #include <vector>
@@ -30,33 +29,10 @@ class AnymateArchive {
   std::vector<std::string> names_;
 };
 
-/// All samples of several such files.
-class AnymateSource : public ShapeSource {
- public:
-  /// @throws InputError when two samples have the same name
-  AnymateSource(const std::vector<std::filesystem::path>& files, const SourceOptions& options, bool single);
-  ~AnymateSource() override;
-
-  std::vector<std::string> ids() const override { return ids_; }
-  RiggedShape read(const std::string& id) const override;
-  std::vector<std::filesystem::path> files(const std::string& id) const override;
-  std::string describe() const override;
-  std::string sample_id(const std::string& id) const override;
-  bool is_single_file() const override { return single_ && ids_.size() == 1; }
-
- private:
-  struct Shard;
-  struct Place {
-    std::size_t shard, index;
-  };
-  NamedArrays arrays(const std::string& id, const Shard*& shard) const;
-
-  SourceOptions options_;
-  bool single_;
-  std::vector<std::unique_ptr<Shard>> shards_;
-  std::vector<std::string> ids_;
-  std::map<std::string, Place> places_;
-};
+/// All samples of several such files. @param single whether the user named one file
+/// @throws InputError when two samples have the same name
+std::unique_ptr<ShapeSource> open_anymate(const std::vector<std::filesystem::path>& files, const SourceOptions& options,
+                                          bool single);
 
 /// One sample dictionary of Anymate (reference anymate-baselines.md, 1.2 and 1.5). What is there is read:
 ///   joints [J, 3], the first joints_num of them; conns [J], a root naming itself, or the dense form [J', J''] whose

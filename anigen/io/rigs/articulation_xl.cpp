@@ -3,7 +3,9 @@
 #include <unistd.h>
 #include <algorithm>
 #include <cstdint>
+#include <map>
 #include <utility>
+#include <vector>
 
 #include "anigen/core/error.h"
 #include "anigen/io/arrays/npz.h"
@@ -63,57 +65,6 @@ NpzValue sample_list(const std::filesystem::path& file) {
   }
   throw InputError(file.string(), "", "holds neither the arrays joints and vertices nor a list of sample dictionaries");
 }
-
-}  // namespace
-
-ArticulationXlSource::ArticulationXlSource(const std::filesystem::path& file, const SourceOptions& options)
-    : file_(file.string()) {
-  NpzValue samples = sample_list(file);
-  for (std::size_t i = 0; i < samples.items.size(); ++i) add(std::move(samples.items[i]), i, options);
-}
-
-void ArticulationXlSource::add(NpzValue sample, std::size_t index, const SourceOptions& options) {
-  const std::string place = "sample " + std::to_string(index);
-  const NpzValue* uuid = sample.find("uuid");
-  if (uuid == nullptr || uuid->kind != NpzValue::Kind::kString || uuid->text.empty())
-    throw InputError(file_, place, "has no uuid");
-  const std::string id = uuid->text;
-  const auto [there, is_new] = samples_.try_emplace(id);
-  if (!is_new) throw InputError(file_, place, "the uuid " + id + " appears twice");
-  ids_.push_back(id);
-  Sample& kept = there->second;
-  try {
-    kept.shape = shape_from_articulation_xl(sample, id, file_, options.content_ids ? &kept.content_id : nullptr);
-    turn_to_z_up(kept.shape, options.axes, Axes::kZUp);
-    kept.sound = true;
-    bytes_ += kept_bytes(kept.shape);
-  } catch (const InputError& error) {
-    kept.place = "sample " + id + (error.place().empty() ? "" : ", " + error.place());
-    kept.problem = error.problem();
-  }
-}
-
-const ArticulationXlSource::Sample& ArticulationXlSource::sample(const std::string& id) const {
-  const auto found = samples_.find(id);
-  if (found == samples_.end()) throw InputError(file_, "", "has no sample \"" + id + "\"");
-  return found->second;
-}
-
-RiggedShape ArticulationXlSource::read(const std::string& id) const {
-  const Sample& kept = sample(id);
-  if (!kept.sound) throw InputError(file_, kept.place, kept.problem);
-  return kept.shape;
-}
-
-std::string ArticulationXlSource::sample_id(const std::string& id) const { return sample(id).content_id; }
-
-std::string ArticulationXlSource::describe() const {
-  constexpr std::size_t kMebibyte = std::size_t{1} << 20;
-  return "Articulation-XL file " + file_ + ": " + std::to_string(ids_.size()) + " samples, " +
-         std::to_string((bytes_ + kMebibyte - 1) / kMebibyte) + " MiB in memory";
-}
-
-namespace {
 
 /// The dictionary's numbers under their keys; lists of numbers count as arrays.
 NamedArrays numeric_items(const NpzValue& sample, const std::string& file) {
@@ -211,6 +162,80 @@ RiggedShape shape_from_articulation_xl(const NpzValue& sample, const std::string
   }
   note_missing_parts(shape);
   return shape;
+}
+
+namespace {
+
+class ArticulationXlSource : public ShapeSource {
+ public:
+  explicit ArticulationXlSource(const std::filesystem::path& file, const SourceOptions& options)
+      : file_(file.string()) {
+    NpzValue samples = sample_list(file);
+    for (std::size_t i = 0; i < samples.items.size(); ++i) add(std::move(samples.items[i]), i, options);
+  }
+
+  std::vector<std::string> ids() const override { return ids_; }
+  RiggedShape read(const std::string& id) const override {
+    const Sample& kept = sample(id);
+    if (!kept.sound) throw InputError(file_, kept.place, kept.problem);
+    return kept.shape;
+  }
+
+  std::vector<std::filesystem::path> files(const std::string&) const override { return {file_}; }
+  std::string describe() const override {
+    constexpr std::size_t kMebibyte = std::size_t{1} << 20;
+    return "Articulation-XL file " + file_ + ": " + std::to_string(ids_.size()) + " samples, " +
+           std::to_string((bytes_ + kMebibyte - 1) / kMebibyte) + " MiB in memory";
+  }
+
+  std::string sample_id(const std::string& id) const override { return sample(id).content_id; }
+
+  bool is_single_file() const override { return ids_.size() == 1; }
+
+ private:
+  struct Sample {
+    RiggedShape shape;
+    std::string place, problem;  ///< of a sample that cannot be read
+    std::string content_id;
+    bool sound = false;
+  };
+  void add(NpzValue sample, std::size_t index, const SourceOptions& options) {
+    const std::string place = "sample " + std::to_string(index);
+    const NpzValue* uuid = sample.find("uuid");
+    if (uuid == nullptr || uuid->kind != NpzValue::Kind::kString || uuid->text.empty())
+      throw InputError(file_, place, "has no uuid");
+    const std::string id = uuid->text;
+    const auto [there, is_new] = samples_.try_emplace(id);
+    if (!is_new) throw InputError(file_, place, "the uuid " + id + " appears twice");
+    ids_.push_back(id);
+    Sample& kept = there->second;
+    try {
+      kept.shape = shape_from_articulation_xl(sample, id, file_, options.content_ids ? &kept.content_id : nullptr);
+      turn_to_z_up(kept.shape, options.axes, Axes::kZUp);
+      kept.sound = true;
+      bytes_ += kept_bytes(kept.shape);
+    } catch (const InputError& error) {
+      kept.place = "sample " + id + (error.place().empty() ? "" : ", " + error.place());
+      kept.problem = error.problem();
+    }
+  }
+
+  const Sample& sample(const std::string& id) const {
+    const auto found = samples_.find(id);
+    if (found == samples_.end()) throw InputError(file_, "", "has no sample \"" + id + "\"");
+    return found->second;
+  }
+
+  std::string file_;
+  std::vector<std::string> ids_;
+  std::map<std::string, Sample> samples_;
+  std::size_t bytes_ = 0;
+};
+
+}  // namespace
+
+std::unique_ptr<ShapeSource> open_articulation_xl(const std::filesystem::path& file, const SourceOptions& options) {
+  return std::make_unique<ArticulationXlSource>(file, options);
 }
 
 }  // namespace anigen::io

@@ -1,9 +1,7 @@
 #pragma once
-#include <cstddef>
 #include <filesystem>
-#include <map>
+#include <memory>
 #include <string>
-#include <vector>
 
 #include "anigen/io/arrays/npz.h"
 #include "anigen/io/rigs/rigged_shape.h"
@@ -24,37 +22,9 @@ RiggedShape shape_from_articulation_xl(const NpzValue& sample, const std::string
 /// An NPZ file with one object array of such dictionaries (any name; other members, such as the stray `allow_pickle`,
 /// are ignored). The whole file is read at once, which takes about three times its uncompressed size; then
 /// only shapes are kept, in single precision: about 32 bytes a vertex with its normal, 12 a face, 8 a weight.
-class ArticulationXlSource : public ShapeSource {
- public:
-  /// @throws InputError when reading would take more memory than the machine has, no member holds sample dictionaries,
-  /// a sample has no uuid, or two have the same one
-  explicit ArticulationXlSource(const std::filesystem::path& file, const SourceOptions& options = {});
-
-  std::vector<std::string> ids() const override { return ids_; }
-  /// @throws InputError also for what is wrong with this sample; it does not keep the others from being read
-  RiggedShape read(const std::string& id) const override;
-  std::vector<std::filesystem::path> files(const std::string&) const override { return {file_}; }
-  std::string describe() const override;
-  /// Also for samples that cannot be read.
-  std::string sample_id(const std::string& id) const override;
-  bool is_single_file() const override { return ids_.size() == 1; }
-
-  std::size_t bytes() const { return bytes_; }
-
- private:
-  struct Sample {
-    RiggedShape shape;
-    std::string place, problem;  ///< of a sample that cannot be read
-    std::string content_id;
-    bool sound = false;
-  };
-  void add(NpzValue sample, std::size_t index, const SourceOptions& options);
-  const Sample& sample(const std::string& id) const;
-
-  std::string file_;
-  std::vector<std::string> ids_;
-  std::map<std::string, Sample> samples_;
-  std::size_t bytes_ = 0;
-};
+/// Samples that cannot be read are told of when they are read, and have an id all the same.
+/// @throws InputError when reading would take more memory than the machine has, no member holds sample dictionaries,
+/// a sample has no uuid, or two have the same one
+std::unique_ptr<ShapeSource> open_articulation_xl(const std::filesystem::path& file, const SourceOptions& options = {});
 
 }  // namespace anigen::io

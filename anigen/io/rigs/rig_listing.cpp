@@ -498,9 +498,9 @@ void add_file(const fs::path& file, const std::string& local_path, bool required
   }
   require_content(file);
   if (format == RigFormat::kAnymate)
-    return add_samples(format, file, local_path, AnymateSource({file}, {}, true).ids(), entries);
+    return add_samples(format, file, local_path, open_anymate({file}, {}, true)->ids(), entries);
   if (is_rig_npz(file)) return add();
-  add_samples(RigFormat::kArticulationXl, file, local_path, ArticulationXlSource(file).ids(), entries);
+  add_samples(RigFormat::kArticulationXl, file, local_path, open_articulation_xl(file)->ids(), entries);
 }
 
 std::vector<RigEntry> list_published(const fs::path& folder) {

@@ -139,7 +139,7 @@ std::unique_ptr<ShapeSource> several(const fs::path& folder, const std::vector<f
 std::unique_ptr<ShapeSource> open_npz(const fs::path& file, const SourceOptions& options) {
   require_content(file);
   if (is_rig_npz(file)) return single(file, kRigNpz, options);
-  return std::make_unique<ArticulationXlSource>(file, options);
+  return open_articulation_xl(file, options);
 }
 
 std::unique_ptr<ShapeSource> open_file(const fs::path& file, const SourceOptions& options) {
@@ -148,8 +148,7 @@ std::unique_ptr<ShapeSource> open_file(const fs::path& file, const SourceOptions
     return single(file, kScene, options);
   if (extension == ".txt") return single(file, kTextRig, options);
   if (extension == ".npz") return open_npz(file, options);
-  if (extension == ".pt" || extension == ".pth")
-    return std::make_unique<AnymateSource>(std::vector<fs::path>{file}, options, true);
+  if (extension == ".pt" || extension == ".pth") return open_anymate({file}, options, true);
   if (extension == ".csv") throw InputError(file.string(), "", "a CSV of pairs names both sides at once");
   throw NotSupportedError(
       file.string(), "",
@@ -203,7 +202,7 @@ std::unique_ptr<ShapeSource> open_folder(const fs::path& folder, const SourceOpt
   }
   if (!scenes.empty()) return several(folder, scenes, kScene, options);
   if (!text.empty()) return several(folder, text, kTextRig, options);
-  if (!torch.empty()) return std::make_unique<AnymateSource>(torch, options, false);
+  if (!torch.empty()) return open_anymate(torch, options, false);
   return several(folder, npz, kRigNpz, options);
 }
 
@@ -291,9 +290,9 @@ std::shared_ptr<const ShapeSource> RigReader::shard(const RigEntry& entry) const
     options.content_ids = true;
     require_content(entry.file);
     if (entry.format == RigFormat::kAnymate)
-      open_shard_ = std::make_shared<AnymateSource>(std::vector<fs::path>{entry.file}, options, false);
+      open_shard_ = open_anymate({entry.file}, options, false);
     else
-      open_shard_ = std::make_shared<ArticulationXlSource>(entry.file, options);
+      open_shard_ = open_articulation_xl(entry.file, options);
     open_file_ = entry.file;
   }
   return open_shard_;
