@@ -4,6 +4,7 @@
 #include <cctype>
 #include <cstring>
 #include <limits>
+#include <nlohmann/json.hpp>
 
 #include "anigen/core/error.h"
 
@@ -98,118 +99,26 @@ std::string encode_npy(const NdArray& array, const std::string& name_for_errors)
 
 namespace {
 
-/// Reads the small subset of Python literals that numpy writes into headers: one dict of strings, booleans and
-/// tuples of integers. Nothing nests, so nothing recurses.
-class LiteralReader {
- public:
-  LiteralReader(std::string_view text, std::size_t first_byte, const NpyPlace& place)
-      : text_(text), first_byte_(first_byte), place_(place) {}
-
-  NpyHeader header() {
-    NpyHeader header;
-    bool seen_descr = false, seen_order = false, seen_shape = false;
-    expect('{');
-    while (!accept('}')) {
-      const std::string key = string();
-      expect(':');
-      if (key == "descr" && !seen_descr) {
-        seen_descr = true;
-        skip_space();
-        if (peek() == '[' || peek() == '(') throw NotSupportedError(place_.file, where(), "structured NPY dtypes");
-        header.element = parse_npy_element(string(), place_);
-      } else if (key == "fortran_order" && !seen_order) {
-        seen_order = true;
-        header.fortran_order = boolean();
-      } else if (key == "shape" && !seen_shape) {
-        seen_shape = true;
-        header.shape = tuple();
-      } else {
-        fail("unexpected or repeated key '" + key + "' in the NPY header");
-      }
-      if (!accept(',')) {
-        expect('}');
-        break;
-      }
+/// The Python literals that numpy writes into headers as JSON: other quotes, True and False, tuples, Python 2's long
+/// integers, commas before a closing bracket. An escape in a string stays, and no JSON comes of it.
+std::string json_of_literal(std::string_view literal) {
+  std::string json;
+  char quote = 0;
+  for (const char c : literal) {
+    if (quote != 0 || c == '\'' || c == '"') {
+      const bool is_end = quote == 0 || c == quote;
+      if (is_end) quote = quote == 0 ? c : 0;
+      json += is_end ? std::string(1, '"') : c == '"' || c == '\\' ? "\\x" : std::string(1, c);
+    } else if (c == ')' || c == '}' || c == ']') {
+      const std::size_t last = json.find_last_not_of(' ');
+      if (last != std::string::npos && json[last] == ',') json.resize(last);
+      json += c == ')' ? ']' : c;
+    } else if (c != 'L') {
+      json += c == '(' ? '[' : c == 'T' ? 't' : c == 'F' ? 'f' : c;
     }
-    skip_space();
-    if (at_ != text_.size()) fail("text after the NPY header's dict");
-    if (!seen_descr || !seen_order || !seen_shape) fail("the NPY header lacks descr, fortran_order or shape");
-    return header;
   }
-
- private:
-  [[noreturn]] void fail(const std::string& problem) const { throw InputError(place_.file, where(), problem); }
-  std::string where() const { return place_.member + ", byte " + std::to_string(first_byte_ + at_); }
-  char peek() const { return at_ < text_.size() ? text_[at_] : '\0'; }
-  void skip_space() {
-    while (at_ < text_.size() && std::isspace(static_cast<unsigned char>(text_[at_]))) ++at_;
-  }
-  bool accept(char wanted) {
-    skip_space();
-    if (peek() != wanted) return false;
-    ++at_;
-    return true;
-  }
-  void expect(char wanted) {
-    if (!accept(wanted)) fail(std::string("expected '") + wanted + "' in the NPY header");
-  }
-
-  std::string string() {
-    skip_space();
-    const char quote = peek();
-    if (quote != '\'' && quote != '"') fail("expected a string in the NPY header");
-    const std::size_t end = text_.find(quote, at_ + 1);
-    if (end == std::string_view::npos) fail("unfinished string in the NPY header");
-    const std::string value(text_.substr(at_ + 1, end - at_ - 1));
-    if (value.find('\\') != std::string::npos) fail("escape in a string of the NPY header");
-    at_ = end + 1;
-    return value;
-  }
-
-  bool boolean() {
-    skip_space();
-    for (const bool value : {true, false}) {
-      const std::string_view word = value ? "True" : "False";
-      if (text_.substr(at_, word.size()) == word) {
-        at_ += word.size();
-        return value;
-      }
-    }
-    fail("expected True or False in the NPY header");
-  }
-
-  std::vector<std::int64_t> tuple() {
-    constexpr std::size_t kMaxDimensions = 64;  // numpy's own limit
-    std::vector<std::int64_t> sizes;
-    expect('(');
-    while (!accept(')')) {
-      sizes.push_back(integer());
-      if (sizes.size() > kMaxDimensions) fail("more than 64 dimensions");
-      if (accept(',')) continue;
-      expect(')');
-      break;
-    }
-    return sizes;
-  }
-
-  std::int64_t integer() {
-    skip_space();
-    if (peek() == '-') fail("negative size in the NPY header's shape");
-    if (!std::isdigit(static_cast<unsigned char>(peek()))) fail("expected a size in the NPY header's shape");
-    std::int64_t value = 0;
-    for (; std::isdigit(static_cast<unsigned char>(peek())); ++at_) {
-      const int digit = peek() - '0';
-      if (value > (std::numeric_limits<std::int64_t>::max() - digit) / 10) fail("a size in the NPY header overflows");
-      value = value * 10 + digit;
-    }
-    if (peek() == 'L') ++at_;  // Python 2 wrote long integers so
-    return value;
-  }
-
-  std::string_view text_;
-  std::size_t first_byte_, at_ = 0;
-  const NpyPlace& place_;
-};
+  return json;
+}
 
 }  // namespace
 
@@ -246,7 +155,32 @@ NpyElement parse_npy_element(std::string_view descr, const NpyPlace& place) {
 }
 
 NpyHeader parse_npy_header(std::string_view text, std::size_t first_byte, const NpyPlace& place) {
-  return LiteralReader(text, first_byte, place).header();
+  const std::string where = place.member + ", byte " + std::to_string(first_byte);
+  const auto require = [&](bool holds, const std::string& problem) {
+    if (!holds) throw InputError(place.file, where, problem);
+  };
+  using Dict = nlohmann::json;
+  const auto limit_depth = [&](int depth, Dict::parse_event_t, Dict&) {
+    require(depth <= 4, "the NPY header is nested too deeply");
+    return true;
+  };
+  const Dict json = Dict::parse(json_of_literal(text), limit_depth, false);
+  require(json.is_object() && json.size() == 3 && json.contains("descr") && json.contains("fortran_order") &&
+              json.contains("shape") && json["fortran_order"].is_boolean() && json["shape"].is_array(),
+          "the NPY header is no dict of descr, fortran_order and shape");
+  NpyHeader header;
+  header.fortran_order = json["fortran_order"];
+  if (!json["descr"].is_string()) throw NotSupportedError(place.file, where, "structured NPY dtypes");
+  header.element = parse_npy_element(json["descr"].get<std::string>(), place);
+  constexpr std::size_t kMaxDimensions = 64;  // numpy's own limit
+  require(json["shape"].size() <= kMaxDimensions, "more than 64 dimensions");
+  for (const Dict& size : json["shape"]) {
+    require(size.is_number(), "expected a size in the NPY header's shape");
+    require(size.is_number_unsigned() || !(size.get<double>() < 0), "negative size in the NPY header's shape");
+    require(size.is_number_unsigned() && size.get<std::uint64_t>() >> 63 == 0, "a size in the NPY header overflows");
+    header.shape.push_back(size);
+  }
+  return header;
 }
 
 bool append_utf8(std::uint32_t character, std::string& text) {
