@@ -15,7 +15,7 @@ namespace fs = std::filesystem;
 // "<folder>.regular" and "<folder>.ema" are flow models, "<folder>" is a decoder named "final".
 fs::path choose(const fs::path& root, const std::string& name) {
   const std::size_t dot = name.find('.');
-  if (dot == std::string::npos) return io::choose_decoder_checkpoint(root / name, "final");
+  if (dot == std::string::npos) return io::choose_checkpoint(root / name, "decoder", "final");
   return io::choose_flow_checkpoint(root / name.substr(0, dot), name.substr(dot + 1) == "ema");
 }
 

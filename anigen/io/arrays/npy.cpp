@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cctype>
 #include <cstring>
-#include <limits>
 #include <nlohmann/json.hpp>
 
 #include "anigen/core/error.h"

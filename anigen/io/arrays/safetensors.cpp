@@ -351,17 +351,4 @@ fs::path choose_checkpoint(const fs::path& folder, const std::string& model, con
   throw InputError(files.string(), "", "none of " + tried + " is there; it holds: " + listed(checkpoint_names(files)));
 }
 
-fs::path choose_decoder_checkpoint(const fs::path& folder, const std::string& name) {
-  return choose_checkpoint(folder, "decoder", name);
-}
-
-std::optional<std::int64_t> latest_step(const fs::path& folder) {
-  std::error_code error;
-  const fs::path files = files_folder(folder);
-  if (!fs::is_directory(files, error)) return std::nullopt;
-  std::int64_t latest = -1;
-  for (const std::string& name : checkpoint_names(files)) latest = std::max(latest, step_of(name));
-  return latest < 0 ? std::nullopt : std::optional(latest);
-}
-
 }  // namespace anigen::io

@@ -2,7 +2,6 @@
 #include <cstdint>
 #include <filesystem>
 #include <map>
-#include <optional>
 #include <string>
 #include <vector>
 
@@ -45,13 +44,6 @@ std::filesystem::path choose_flow_checkpoint(const std::filesystem::path& folder
 /// @throws InputError that lists what was tried and what is there
 std::filesystem::path choose_checkpoint(const std::filesystem::path& folder, const std::string& model,
                                         const std::string& name);
-
-/// A decoder's file: choose_checkpoint with model "decoder".
-std::filesystem::path choose_decoder_checkpoint(const std::filesystem::path& folder, const std::string& name);
-
-/// The largest step in any checkpoint's name, from which training resumes; nothing when there is none, also when the
-/// folder does not exist.
-std::optional<std::int64_t> latest_step(const std::filesystem::path& folder);
 
 /// Names of the .pt and .safetensors files that lie directly in a folder, by stem; of two with one stem only the .pt.
 /// Temporary files, which killed writers leave behind, do not count. @throws InputError when it cannot be listed

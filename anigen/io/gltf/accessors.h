@@ -1,11 +1,9 @@
 #pragma once
 #include <cstdint>
 #include <string>
-#include <string_view>
 #include <utility>
 #include <vector>
 
-#include "anigen/io/gltf/container.h"
 #include "anigen/io/gltf/document.h"
 
 namespace anigen::io::gltf_import {
@@ -34,11 +32,5 @@ struct DracoMesh {
 /// @throws InputError when the data cannot be decoded or does not fit the primitive's accessors
 DracoMesh decode_draco(const Document& document, const Primitive& primitive, std::size_t max_vertices,
                        std::size_t max_faces);
-
-/// Decodes a bufferView compressed by EXT_meshopt_compression.
-/// @param extension the extension's object @param source its bytes, already cut out of their buffer
-/// @param expected  length the bufferView declares, which the decoded data must have
-/// @throws InputError when the parameters break the extension's rules or the data cannot be decoded
-std::string decode_meshopt(const JsonPlace& extension, std::string_view source, std::size_t expected);
 
 }  // namespace anigen::io::gltf_import

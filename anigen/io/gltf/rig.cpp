@@ -239,14 +239,13 @@ class RigBuilder {
   }
 
  private:
-  int append(const std::string& name, int parent, int node, const FoldedTransform& prefix, const Transform& local) {
+  int append(const std::string& name, int parent, const FoldedTransform& prefix, const Transform& local) {
     const std::size_t joint = rig_.skeleton.size();
     repeated_names_ += !name.empty() && taken_.count(name) > 0 ? 1 : 0;
     rig_.skeleton.names.push_back(unique_name(name, joint, taken_));
     rig_.skeleton.parents.push_back(parent);
     rig_.skeleton.rest.push_back(prefix * local);
     rig_.prefix.push_back(prefix);
-    rig_.node_of_joint.push_back(node);
     return static_cast<int>(joint);
   }
 
@@ -260,7 +259,7 @@ class RigBuilder {
     // A joint of the file keeps its own name.
     const bool is_taken = std::any_of(document_.nodes.begin(), document_.nodes.end(),
                                       [](const Node& node) { return node.name == "root"; });
-    append(is_taken ? "common_root" : "root", -1, -1, root, Transform());
+    append(is_taken ? "common_root" : "root", -1, root, Transform());
     above_tops_ = {};
     above_tops_.translation = -position;
     notes.tally("several_roots", "joint roots were put under one made root joint", hierarchy_.tops.size());
@@ -282,7 +281,7 @@ class RigBuilder {
       const int parent = above >= 0 ? rig_.joint_of_node[at(above)] : (tops.size() > 1 ? 0 : -1);
       const FoldedTransform& folded = hierarchy_.folded[at(n)];
       const Node& node = document_.nodes[at(n)];
-      rig_.joint_of_node[at(n)] = append(node.name, parent, n, above >= 0 ? folded : above_tops_ * folded, node.local);
+      rig_.joint_of_node[at(n)] = append(node.name, parent, above >= 0 ? folded : above_tops_ * folded, node.local);
       for (const int child : children[at(n)]) ready.push(child);
     }
   }

@@ -29,7 +29,6 @@ FoldedTransform y_up_to_z_up();
 /// The one skeleton that all skins of a file are merged into, and where the file's nodes went.
 struct Rig {
   Skeleton skeleton;                         ///< Z up through the root; `bind` is filled by bind_skins()
-  std::vector<int> node_of_joint;            ///< [J]; -1 for a root that was made
   std::vector<FoldedTransform> prefix;       ///< [J] what the folded nodes above a joint, and the axes at the root, put
                                              ///< before the joint's own T · R · S
   std::vector<int> joint_of_node;            ///< [N] or -1

@@ -272,8 +272,6 @@ TEST_F(CheckpointFolder, HighestStepWinsNumerically) {
   add("notes_step0000099.txt");
   EXPECT_EQ(flow(false), "denoiser_step0000010.pt");
   EXPECT_EQ(flow(true), "denoiser_ema0.9999_step0000012.pt");
-  EXPECT_EQ(latest_step(folder_.path()), 99);
-  EXPECT_EQ(latest_step(folder_ / "ckpts"), 99);
 }
 
 TEST_F(CheckpointFolder, FilesOfKilledWritersDoNotCount) {
@@ -281,7 +279,6 @@ TEST_F(CheckpointFolder, FilesOfKilledWritersDoNotCount) {
   add("denoiser_step0000020.tmp-123-4.safetensors");
   add("state_step0000020.tmp-123-5.safetensors");
   EXPECT_EQ(flow(false), "denoiser_step0000010.safetensors");
-  EXPECT_EQ(latest_step(folder_.path()), 10);
   EXPECT_EQ(checkpoint_names(folder_ / "ckpts"), std::vector<std::string>{"denoiser_step0000010.safetensors"});
 }
 
@@ -297,13 +294,13 @@ TEST_F(CheckpointFolder, SafetensorsCountAndPtWinsTies) {
 
 TEST_F(CheckpointFolder, NamedFiles) {
   add("final.pt");
-  EXPECT_EQ(choose_decoder_checkpoint(folder_.path(), "final").filename(), "final.pt");
+  EXPECT_EQ(choose_checkpoint(folder_.path(), "decoder", "final").filename(), "final.pt");
   add("decoder_final.safetensors");
   add("encoder_final.pt");
-  EXPECT_EQ(choose_decoder_checkpoint(folder_.path(), "final").filename(), "decoder_final.safetensors");
+  EXPECT_EQ(choose_checkpoint(folder_.path(), "decoder", "final").filename(), "decoder_final.safetensors");
   EXPECT_EQ(choose_checkpoint(folder_.path(), "encoder", "final").filename(), "encoder_final.pt");
   try {
-    choose_decoder_checkpoint(folder_.path(), "best");
+    choose_checkpoint(folder_.path(), "decoder", "best");
     FAIL() << "a missing checkpoint was found";
   } catch (const InputError& error) {
     EXPECT_NE(std::string(error.what()).find("decoder_best.pt"), std::string::npos) << error.what();
@@ -313,7 +310,6 @@ TEST_F(CheckpointFolder, NamedFiles) {
 
 TEST_F(CheckpointFolder, NothingToChoose) {
   EXPECT_THROW(choose_flow_checkpoint(folder_ / "missing", false), InputError);
-  EXPECT_EQ(latest_step(folder_ / "missing"), std::nullopt);
   add("misc_step0000001.pt");
   EXPECT_THROW(flow(false), InputError);
   EXPECT_THROW(flow(true), InputError);
@@ -327,7 +323,7 @@ TEST(CheckpointFolderFixtures, ExpectedFiles) {
   for (const auto& [name, file] : expectations.items()) {
     const std::size_t dot = name.find('.');
     const std::string folder = name.substr(0, dot), preference = dot == std::string::npos ? "" : name.substr(dot + 1);
-    const auto chosen = dot == std::string::npos ? choose_decoder_checkpoint(root / folder, "final")
+    const auto chosen = dot == std::string::npos ? choose_checkpoint(root / folder, "decoder", "final")
                                                  : choose_flow_checkpoint(root / folder, preference == "ema");
     EXPECT_EQ(chosen.filename().string(), file.get<std::string>()) << name;
     ++checked;
