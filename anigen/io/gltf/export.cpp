@@ -541,7 +541,7 @@ void refuse_unsound(const std::string& file, const Asset& asset, const ExportOpt
   if (asset.skeleton.size() > kMostJoints) throw NotSupportedError(file, "", "more than 65536 joints in glTF");
 }
 
-void append_uint32(std::string& bytes, std::uint64_t value) {
+void append_word(std::string& bytes, std::uint64_t value) {
   for (int shift = 0; shift < 32; shift += 8) bytes.push_back(static_cast<char>((value >> shift) & 0xFF));
 }
 
@@ -565,12 +565,12 @@ std::string glb_bytes(const GltfDocument& document, const std::string& file) {
   std::string bytes;
   bytes.reserve(static_cast<std::size_t>(total));
   bytes += "glTF";
-  append_uint32(bytes, 2);
-  append_uint32(bytes, total);
-  append_uint32(bytes, text.size());
+  append_word(bytes, 2);
+  append_word(bytes, total);
+  append_word(bytes, text.size());
   bytes += "JSON";
   bytes += text;
-  append_uint32(bytes, binary.size());
+  append_word(bytes, binary.size());
   bytes.append("BIN\0", 4);
   bytes += binary;
   return bytes;
