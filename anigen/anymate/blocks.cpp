@@ -1,14 +1,10 @@
 #include "anigen/anymate/blocks.h"
 
 #include <cmath>
-#include <string>
-#include <vector>
 
 #include "anigen/anymate/point_encoders.h"
 #include "anigen/core/error.h"
 #include "anigen/nn/attention.h"
-#include "anigen/nn/init.h"
-#include "anigen/nn/linear.h"
 
 namespace anigen::anymate {
 
@@ -45,6 +41,8 @@ Tensor masked_attention(const Tensor& q, const Tensor& k, const Tensor& v, const
 
 namespace {
 
+constexpr std::int64_t kMlpRatio = 4;
+
 void require_heads(std::int64_t width, std::int64_t heads) {
   require(width > 0 && heads > 0 && width % heads == 0, "heads",
           std::to_string(heads) + " heads do not divide a width of " + std::to_string(width));
@@ -59,6 +57,13 @@ std::vector<Tensor> heads_of(const Tensor& x, std::int64_t heads, std::int64_t p
 
 // [B, H, N, d] → [B, N, H·d]
 Tensor merged_heads(const Tensor& x) { return x.transpose(1, 2).flatten(2); }
+
+void uniform_by_fan_in(const Tensor& weight, const Tensor& bias) {
+  const std::int64_t fan_in = weight.numel() / weight.size(0);
+  const double bound = 1.0 / std::sqrt(static_cast<double>(fan_in));
+  torch::nn::init::uniform_(weight, -bound, bound);
+  if (bias.defined()) torch::nn::init::uniform_(bias, -bound, bound);
+}
 
 }  // namespace
 
@@ -103,12 +108,6 @@ Tensor SeparateAttentionImpl::forward(const Tensor& x, const Tensor& data) {
   const Tensor q = heads_of(wq_(x), heads_, 1)[0], k = heads_of(wk_(data), heads_, 1)[0];
   return proj_(merged_heads(masked_attention(q, k, heads_of(wv_(data), heads_, 1)[0])));
 }
-
-namespace {
-
-constexpr std::int64_t kMlpRatio = 4;
-
-}  // namespace
 
 ErfMlpImpl::ErfMlpImpl(std::int64_t in, std::int64_t hidden, std::int64_t out, const std::string& first,
                        const std::string& second) {
@@ -156,77 +155,38 @@ Tensor ResidualStackImpl::forward(Tensor x, const KeyMask& mask) {
   return x;
 }
 
-namespace {
-
-ErfMlp stream_mlp(std::int64_t width, double ratio) {
-  return ErfMlp(width, static_cast<std::int64_t>(static_cast<double>(width) * ratio), width, "fc1", "fc2");
+StreamBlockImpl::StreamBlockImpl(const ReadWriteOptions& options, const std::string& to, const std::string& from) {
+  const auto width_of = [&](const std::string& stream) { return stream == "z" ? options.z_dim : options.x_dim; };
+  const std::int64_t width = width_of(to);
+  const auto hidden = static_cast<std::int64_t>(static_cast<double>(width) * options.mlp_ratio);
+  if (from != to) norm_from_ = register_module("norm_" + from, nn::AffineLayerNorm(width_of(from), kNormEps));
+  norm_1_ = register_module("norm_" + to + "1", nn::AffineLayerNorm(width, kNormEps));
+  attention_ = register_module("attn", SeparateAttention(width, width_of(from), options.num_heads, options.qkv_bias));
+  norm_2_ = register_module("norm_" + to + "2", nn::AffineLayerNorm(width, kNormEps));
+  mlp_ = register_module("mlp", ErfMlp(width, hidden, width, "fc1", "fc2"));
 }
 
-}  // namespace
-
-ReadBlockImpl::ReadBlockImpl(const ReadWriteOptions& options) {
-  norm_x_ = register_module("norm_x", nn::AffineLayerNorm(options.x_dim, kNormEps));
-  norm_z1_ = register_module("norm_z1", nn::AffineLayerNorm(options.z_dim, kNormEps));
-  attention_ =
-      register_module("attn", SeparateAttention(options.z_dim, options.x_dim, options.num_heads, options.qkv_bias));
-  norm_z2_ = register_module("norm_z2", nn::AffineLayerNorm(options.z_dim, kNormEps));
-  mlp_ = register_module("mlp", stream_mlp(options.z_dim, options.mlp_ratio));
-}
-
-Tensor ReadBlockImpl::forward(const Tensor& z, const Tensor& x) {
-  const Tensor read = z + attention_(norm_z1_(z), norm_x_(x));
-  return read + mlp_(norm_z2_(read));
-}
-
-ComputeBlockImpl::ComputeBlockImpl(const ReadWriteOptions& options) {
-  norm_z1_ = register_module("norm_z1", nn::AffineLayerNorm(options.z_dim, kNormEps));
-  attention_ =
-      register_module("attn", SeparateAttention(options.z_dim, options.z_dim, options.num_heads, options.qkv_bias));
-  norm_z2_ = register_module("norm_z2", nn::AffineLayerNorm(options.z_dim, kNormEps));
-  mlp_ = register_module("mlp", stream_mlp(options.z_dim, options.mlp_ratio));
-}
-
-Tensor ComputeBlockImpl::forward(const Tensor& z) {
-  const Tensor normed = norm_z1_(z), attended = z + attention_(normed, normed);
-  return attended + mlp_(norm_z2_(attended));
-}
-
-WriteBlockImpl::WriteBlockImpl(const ReadWriteOptions& options) {
-  norm_z_ = register_module("norm_z", nn::AffineLayerNorm(options.z_dim, kNormEps));
-  norm_x1_ = register_module("norm_x1", nn::AffineLayerNorm(options.x_dim, kNormEps));
-  attention_ =
-      register_module("attn", SeparateAttention(options.x_dim, options.z_dim, options.num_heads, options.qkv_bias));
-  norm_x2_ = register_module("norm_x2", nn::AffineLayerNorm(options.x_dim, kNormEps));
-  mlp_ = register_module("mlp", stream_mlp(options.x_dim, options.mlp_ratio));
-}
-
-Tensor WriteBlockImpl::forward(const Tensor& z, const Tensor& x) {
-  const Tensor written = x + attention_(norm_x1_(x), norm_z_(z));
-  return written + mlp_(norm_x2_(written));
+Tensor StreamBlockImpl::forward(const Tensor& a, const Tensor& b) {
+  const Tensor normed = norm_1_(a);
+  const Tensor attended = a + attention_(normed, norm_from_.is_empty() ? normed : norm_from_(b));
+  return attended + mlp_(norm_2_(attended));
 }
 
 ReadComputeWriteImpl::ReadComputeWriteImpl(const ReadWriteOptions& options, std::int64_t compute_layers) {
-  read_ = register_module("read", ReadBlock(options));
-  write_ = register_module("write", WriteBlock(options));
-  for (std::int64_t i = 0; i < compute_layers; ++i) compute_.emplace_back(options);
+  read_ = register_module("read", StreamBlock(options, "z", "x"));
+  write_ = register_module("write", StreamBlock(options, "x", "z"));
+  for (std::int64_t i = 0; i < compute_layers; ++i) compute_.emplace_back(options, "z", "z");
   register_module("compute", nn::module_list(compute_));
 }
 
 void ReadComputeWriteImpl::forward(Tensor& z, Tensor& x) {
   z = read_(z, x);
-  for (ComputeBlock& block : compute_) z = block->forward(z);
-  x = write_(z, x);
+  for (StreamBlock& block : compute_) z = block->forward(z, z);
+  x = write_(x, z);
 }
 
-namespace {
-
-constexpr std::int64_t kVitMlpRatio = 4;
-
-}  // namespace
-
 VitAttentionImpl::VitAttentionImpl(std::int64_t width, std::int64_t heads) : heads_(heads) {
-  require(width > 0 && heads > 0 && width % heads == 0, "num_heads",
-          std::to_string(heads) + " heads do not divide a width of " + std::to_string(width));
+  require_heads(width, heads);
   qkv_ = register_module("qkv", nn::Linear(width, 3 * width, /*with_bias=*/false));
   proj_ = register_module("proj", nn::Linear(width, width));
 }
@@ -241,7 +201,7 @@ VitBlockImpl::VitBlockImpl(std::int64_t width, std::int64_t heads, double drop_p
   require(drop_path >= 0.0 && drop_path < 1.0, "drop_path_rate", "must be in [0, 1)");
   norm1_ = register_module("norm1", nn::AffineLayerNorm(width, kNormEps));
   norm2_ = register_module("norm2", nn::AffineLayerNorm(width, kNormEps));
-  mlp_ = register_module("mlp", ErfMlp(width, kVitMlpRatio * width, width, "fc1", "fc2"));
+  mlp_ = register_module("mlp", ErfMlp(width, kMlpRatio * width, width, "fc1", "fc2"));
   attention_ = register_module("attn", VitAttention(width, heads));
 }
 
@@ -255,16 +215,6 @@ Tensor VitBlockImpl::forward(const Tensor& x) {
   const Tensor attended = x + kept(attention_(norm1_(x)));
   return attended + kept(mlp_(norm2_(attended)));
 }
-
-namespace {
-
-void uniform_by_fan_in(Tensor weight, Tensor bias) {
-  const double bound = 1.0 / std::sqrt(static_cast<double>(weight.numel() / weight.size(0)));
-  torch::nn::init::uniform_(weight, -bound, bound);
-  if (bias.defined()) torch::nn::init::uniform_(bias, -bound, bound);
-}
-
-}  // namespace
 
 void default_layers(torch::nn::Module& module) {
   module.apply([](torch::nn::Module& part) {
@@ -281,6 +231,12 @@ void normal_blocks(torch::nn::Module& module, double std) {
       if (auto* linear = part.as<nn::LinearImpl>()) nn::normal_linear(*linear, std);
     });
   });
+}
+
+void start_blocks(torch::nn::Module& module, double std, nn::Init init) {
+  if (init == nn::Init::kNone) return;
+  default_layers(module);
+  normal_blocks(module, std);
 }
 
 void require(bool condition, const std::string& what, const std::string& problem) {

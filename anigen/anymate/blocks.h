@@ -143,44 +143,22 @@ struct ReadWriteOptions {
   bool qkv_bias = true;
 };
 
-/// z += attn(norm_z1 z, norm_x x), z += mlp(norm_z2 z). Keys `norm_x`, `norm_z1`, `attn.*`, `norm_z2`, `mlp.{fc1,fc2}`.
-class ReadBlockImpl : public torch::nn::Module {
+/// Update of one stream: a += attn(norm_a1 a, norm_b b), a += mlp(norm_a2 a). Reads latents from points (a = z, b = x),
+/// writes them back (a = x, b = z), or computes among latents, where norm_a1 serves both sides. Keys `norm_<b>`,
+/// `norm_<a>1`, `attn.*`, `norm_<a>2`, `mlp.{fc1,fc2}`.
+class StreamBlockImpl : public torch::nn::Module {
  public:
-  explicit ReadBlockImpl(const ReadWriteOptions& options);
-  Tensor forward(const Tensor& z, const Tensor& x);  ///< @param z [B, M, z_dim] @param x [B, N, x_dim] @return z
+  /// @param to, from "z" or "x"
+  StreamBlockImpl(const ReadWriteOptions& options, const std::string& to, const std::string& from);
+  Tensor forward(const Tensor& a,
+                 const Tensor& b);  ///< @param a [B, M, dim of to] @param b [B, N, dim of from] @return a
 
  private:
-  nn::AffineLayerNorm norm_x_ = nullptr, norm_z1_ = nullptr, norm_z2_ = nullptr;
+  nn::AffineLayerNorm norm_from_ = nullptr, norm_1_ = nullptr, norm_2_ = nullptr;
   SeparateAttention attention_ = nullptr;
   ErfMlp mlp_ = nullptr;
 };
-TORCH_MODULE(ReadBlock);
-
-/// z += attn(norm_z1 z, norm_z1 z), z += mlp(norm_z2 z). Keys `norm_z1`, `attn.*`, `norm_z2`, `mlp.{fc1,fc2}`.
-class ComputeBlockImpl : public torch::nn::Module {
- public:
-  explicit ComputeBlockImpl(const ReadWriteOptions& options);
-  Tensor forward(const Tensor& z);  ///< @param z [B, M, z_dim] @return z
-
- private:
-  nn::AffineLayerNorm norm_z1_ = nullptr, norm_z2_ = nullptr;
-  SeparateAttention attention_ = nullptr;
-  ErfMlp mlp_ = nullptr;
-};
-TORCH_MODULE(ComputeBlock);
-
-/// x += attn(norm_x1 x, norm_z z), x += mlp(norm_x2 x). Keys `norm_z`, `norm_x1`, `attn.*`, `norm_x2`, `mlp.{fc1,fc2}`.
-class WriteBlockImpl : public torch::nn::Module {
- public:
-  explicit WriteBlockImpl(const ReadWriteOptions& options);
-  Tensor forward(const Tensor& z, const Tensor& x);  ///< @param z [B, M, z_dim] @param x [B, N, x_dim] @return x
-
- private:
-  nn::AffineLayerNorm norm_z_ = nullptr, norm_x1_ = nullptr, norm_x2_ = nullptr;
-  SeparateAttention attention_ = nullptr;
-  ErfMlp mlp_ = nullptr;
-};
-TORCH_MODULE(WriteBlock);
+TORCH_MODULE(StreamBlock);
 
 /// One read, several computes, one write. Keys `read.*`, `write.*`, `compute.<i>.*`.
 class ReadComputeWriteImpl : public torch::nn::Module {
@@ -189,9 +167,8 @@ class ReadComputeWriteImpl : public torch::nn::Module {
   void forward(Tensor& z, Tensor& x);  ///< both are replaced
 
  private:
-  ReadBlock read_ = nullptr;
-  WriteBlock write_ = nullptr;
-  std::vector<ComputeBlock> compute_;
+  StreamBlock read_ = nullptr, write_ = nullptr;
+  std::vector<StreamBlock> compute_;
 };
 TORCH_MODULE(ReadComputeWrite);
 
@@ -232,6 +209,9 @@ void default_layers(torch::nn::Module& module);
 /// N(0, std²) weights and zero biases for the linear maps inside every residual attention block at or below `module`
 /// (reference anymate-baselines.md, 2.1). Call it after default_layers.
 void normal_blocks(torch::nn::Module& module, double std);
+
+/// Both, where initial values are wanted.
+void start_blocks(torch::nn::Module& module, double std, nn::Init init);
 
 using torch::Tensor;
 

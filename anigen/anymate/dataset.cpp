@@ -2,18 +2,13 @@
 
 #include <algorithm>
 #include <array>
-#include <cmath>
-#include <cstdint>
 #include <map>
-#include <numeric>
 #include <optional>
-#include <string>
 #include <utility>
 
 #include "anigen/core/error.h"
 #include "anigen/core/log.h"
 #include "anigen/core/random.h"
-#include "anigen/data/rigged_item.h"
 #include "anigen/geometry/sampling.h"
 #include "anigen/io/rigs/anymate.h"
 #include "anigen/nn/init.h"
@@ -150,6 +145,177 @@ Tails find_tails(const std::vector<Eigen::Vector3f>& joints, const Bones& bones,
   return found;
 }
 
+constexpr int kGridSide = 64;
+
+Eigen::Vector3d y_up(const Eigen::Vector3d& p) { return {p.x(), p.z(), -p.y()}; }
+Eigen::Vector3d z_up(const Eigen::Vector3d& p) { return {p.x(), -p.z(), p.y()}; }
+
+void require_faces(const std::vector<Triangle>& faces, std::size_t vertices) {
+  if (faces.empty()) throw InputError("", "faces", "the mesh has none");
+  for (std::size_t f = 0; f < faces.size(); ++f) {
+    for (const std::int32_t corner : faces[f]) {
+      if (corner < 0 || static_cast<std::size_t>(corner) >= vertices) {
+        throw InputError("", "faces[" + std::to_string(f) + "]", "refers to a vertex that does not exist");
+      }
+    }
+  }
+}
+
+Eigen::Vector3f face_normal(const AnymateMesh& mesh, const Triangle& face) {
+  const auto corner = [&](std::size_t i) -> const Eigen::Vector3f& {
+    return mesh.vertices[static_cast<std::size_t>(face[i])];
+  };
+  const Eigen::Vector3f normal = (corner(1) - corner(0)).cross(corner(2) - corner(0));
+  const float length = normal.norm();
+  return length > 0.0f ? Eigen::Vector3f(normal / length) : Eigen::Vector3f::UnitY();
+}
+
+torch::Tensor empty_features(std::size_t rows) { return torch::empty({static_cast<std::int64_t>(rows), 6}); }
+
+float* put(const Eigen::Vector3f& value, float* out) { return std::copy_n(value.data(), 3, out); }
+
+using torch::Tensor;
+
+std::vector<Eigen::Vector3f> in_frame(const std::vector<Eigen::Vector3f>& points, const AnymateFrame& frame) {
+  std::vector<Eigen::Vector3f> moved;
+  for (const Eigen::Vector3f& point : points) moved.emplace_back(frame.into(point.cast<double>()).cast<float>());
+  return moved;
+}
+
+std::vector<bool> used_joints(const data::RiggedItem& item) {
+  std::vector<bool> used(item.joints.size(), false);
+  for (const Influence& influence : item.skin.influences) used[static_cast<std::size_t>(influence.joint)] = true;
+  return used;
+}
+
+void put_weights(const SkinWeights& skin, const std::vector<int>& bone_of, AnymateSample& sample) {
+  const auto rows = static_cast<std::int64_t>(skin.rows());
+  const auto most = static_cast<std::int64_t>(std::max<std::size_t>(skin.largest_row(), 1));
+  sample.skins_index = torch::full({rows, most}, -1, torch::kInt64);
+  sample.skins_weight = torch::zeros({rows, most});
+  auto* index = sample.skins_index.data_ptr<std::int64_t>();
+  auto* weight = sample.skins_weight.data_ptr<float>();
+  for (std::size_t row = 0; row < skin.rows(); ++row, index += most, weight += most) {
+    for (std::size_t i = 0; i < skin.row_size(row); ++i) {
+      index[i] = bone_of[static_cast<std::size_t>(skin.row(row)[i].joint)];
+      weight[i] = skin.row(row)[i].weight;
+    }
+  }
+}
+
+AnymateSample converted(const data::RiggedItem& item, const AnymateConversion& options, std::vector<int>* bone_of) {
+  const AnymateMesh mesh = anymate_mesh(item.vertices, item.faces);
+  Rng rng(options.seed, "anymate points " + item.id);
+  const auto points = geometry::sample_surface(mesh.vertices, mesh.faces, options.points, rng);
+  const SkinWeights skin = geometry::interpolate_skin(item.skin, item.faces, points);
+  std::vector<Eigen::Vector3f> positions;
+  for (const geometry::SurfacePoint& point : points) {
+    positions.emplace_back(geometry::position(point, mesh.vertices, mesh.faces).cast<float>());
+  }
+  const BoneLayout layout =
+      lay_out_bones(in_frame(item.joints, mesh.frame), item.parents, used_joints(item), positions, skin);
+  AnymateSample sample;
+  sample.name = item.id;
+  sample.points_cloud = surface_features(mesh, points);
+  sample.joints = data::points_tensor(layout.joints);
+  sample.conns = torch::tensor(std::vector<std::int64_t>(layout.conns.begin(), layout.conns.end()));
+  sample.bones = torch::cat({data::points_tensor(layout.heads), data::points_tensor(layout.tails)}, 1);
+  put_weights(skin, layout.bone_of, sample);
+  if (options.cells) sample.vox = solid_cells(mesh);
+  if (bone_of != nullptr) *bone_of = layout.bone_of;
+  return sample;
+}
+
+// A sample with these of its points. @param rows undefined: the first `count`
+AnymateSample with_points(const AnymateSample& sample, const torch::Tensor& rows, std::int64_t count) {
+  AnymateSample taken = sample;
+  const auto take = [&](const torch::Tensor& all) {
+    if (!all.defined()) return all;
+    return rows.defined() ? all.index_select(0, rows) : all.narrow(0, 0, count);
+  };
+  taken.points_cloud = take(sample.points_cloud);
+  taken.skins_index = take(sample.skins_index);
+  taken.skins_weight = take(sample.skins_weight);
+  return taken;
+}
+
+using Collected = data::ConvertedAssets<AnymateSample>;
+
+std::shared_ptr<const AnymateDataset> dataset_of(Collected all, const AnymateDatasetOptions& options,
+                                                 std::uint64_t seed, const char* purpose) {
+  all.report(options.skip_broken, purpose);
+  return std::make_shared<const AnymateDataset>(std::move(all.samples), std::move(all.repeat), options.points, seed);
+}
+
+std::string size_problem(const AnymateSample& sample, const AnymateDatasetOptions& options) {
+  const auto points = static_cast<std::size_t>(sample.points_cloud.size(0));
+  if (points < options.points) return std::to_string(points) + " points, fewer than wanted";
+  const std::string problem = options.problem(sample);
+  if (!problem.empty()) return problem;
+  if (options.cells && (!sample.vox.defined() || sample.vox.size(0) == 0)) return "no cells inside";
+  return "";
+}
+
+Collected convert(const std::vector<data::AssetId>& assets, const AnymateDatasetOptions& options) {
+  AnymateConversion conversion;
+  conversion.points = options.points;
+  conversion.cells = options.cells;
+  return data::convert_assets<AnymateSample>(
+      assets, [&](const data::RiggedItem& item) { return convert_rig(item, conversion); },
+      [&](const AnymateSample& sample) { return size_problem(sample, options); });
+}
+
+// A sample of a released file (reference, 1.2), as it is: pc, joints, conns, bones, skins_index, skins_weight, vox.
+AnymateSample read_anymate_sample(const io::NamedArrays& arrays, const std::string& name, const std::string& file) {
+  const auto place = [&](const char* key) { return "sample " + name + ", " + key; };
+  const auto read = [&](const char* key, const std::vector<std::int64_t>& shape, bool whole) {
+    const io::NdArray* array = io::find(arrays, key);
+    if (array == nullptr) throw InputError(file, place(key), "is missing");
+    const Tensor tensor = nn::to_tensor(*array);
+    bool fits = tensor.dim() == static_cast<std::int64_t>(shape.size());
+    for (std::size_t axis = 0; fits && axis < shape.size(); ++axis) {
+      fits = shape[axis] < 0 || tensor.size(static_cast<std::int64_t>(axis)) == shape[axis];
+    }
+    if (!fits) throw InputError(file, place(key), "has another shape than Anymate's files");
+    if (tensor.is_floating_point() == whole)
+      throw InputError(file, place(key), "has another type than Anymate's files");
+    if (!whole && !tensor.isfinite().all().item<bool>()) throw InputError(file, place(key), "is not finite");
+    return whole ? tensor.to(torch::kInt64) : tensor.to(torch::kFloat32);
+  };
+  AnymateSample sample;
+  sample.name = name;
+  sample.points_cloud = read("pc", {-1, 6}, false);
+  sample.joints = read("joints", {-1, 3}, false);
+  sample.conns = read("conns", {sample.joints.size(0)}, true);
+  sample.bones = read("bones", {-1, 6}, false);
+  if (io::find(arrays, "skins_index") != nullptr) {
+    sample.skins_index = read("skins_index", {sample.points_cloud.size(0), -1}, true);
+    sample.skins_weight = read("skins_weight", {sample.points_cloud.size(0), sample.skins_index.size(1)}, false);
+  }
+  if (io::find(arrays, "vox") != nullptr) sample.vox = read("vox", {-1, 3}, true);
+  return sample;
+}
+
+Collected read_shards(const std::vector<std::string>& files, const AnymateDatasetOptions& options) {
+  Collected all;
+  for (const std::string& file : files) {
+    const io::AnymateArchive archive(file);
+    Progress progress("reading " + file, archive.names().size(), "samples");
+    for (std::size_t i = 0; i < archive.names().size(); ++i) {
+      progress.advance();
+      try {
+        AnymateSample sample = read_anymate_sample(archive.sample(i), archive.names()[i], file);
+        const std::string problem = size_problem(sample, options);
+        all.add(std::move(sample), 1, archive.names()[i], problem);
+      } catch (const InputError& error) {
+        all.unreadable.emplace_back(error.what());
+      }
+    }
+    progress.finish();
+  }
+  return all;
+}
+
 }  // namespace
 
 BoneLayout lay_out_bones(const std::vector<Eigen::Vector3f>& joints, const std::vector<int>& parents,
@@ -195,39 +361,6 @@ BoneLayout lay_out_bones(const std::vector<Eigen::Vector3f>& joints, const std::
   }
   return layout;
 }
-
-namespace {
-
-constexpr int kGridSide = 64;
-
-Eigen::Vector3d y_up(const Eigen::Vector3d& p) { return {p.x(), p.z(), -p.y()}; }
-Eigen::Vector3d z_up(const Eigen::Vector3d& p) { return {p.x(), -p.z(), p.y()}; }
-
-void require_faces(const std::vector<Triangle>& faces, std::size_t vertices) {
-  if (faces.empty()) throw InputError("", "faces", "the mesh has none");
-  for (std::size_t f = 0; f < faces.size(); ++f) {
-    for (const std::int32_t corner : faces[f]) {
-      if (corner < 0 || static_cast<std::size_t>(corner) >= vertices) {
-        throw InputError("", "faces[" + std::to_string(f) + "]", "refers to a vertex that does not exist");
-      }
-    }
-  }
-}
-
-Eigen::Vector3f face_normal(const AnymateMesh& mesh, const Triangle& face) {
-  const auto corner = [&](std::size_t i) -> const Eigen::Vector3f& {
-    return mesh.vertices[static_cast<std::size_t>(face[i])];
-  };
-  const Eigen::Vector3f normal = (corner(1) - corner(0)).cross(corner(2) - corner(0));
-  const float length = normal.norm();
-  return length > 0.0f ? Eigen::Vector3f(normal / length) : Eigen::Vector3f::UnitY();
-}
-
-torch::Tensor empty_features(std::size_t rows) { return torch::empty({static_cast<std::int64_t>(rows), 6}); }
-
-float* put(const Eigen::Vector3f& value, float* out) { return std::copy_n(value.data(), 3, out); }
-
-}  // namespace
 
 AnymateFrame AnymateFrame::of(const std::vector<Eigen::Vector3f>& vertices) {
   for (std::size_t v = 0; v < vertices.size(); ++v) {
@@ -300,181 +433,32 @@ torch::Tensor solid_cells(const AnymateMesh& mesh) {
   return tensor;
 }
 
-namespace {
-
-using torch::Tensor;
-
-Tensor rows_of(const std::vector<Eigen::Vector3f>& points) {
-  Tensor tensor = torch::empty({static_cast<std::int64_t>(points.size()), 3});
-  float* out = tensor.data_ptr<float>();
-  for (const Eigen::Vector3f& point : points) out = std::copy_n(point.data(), 3, out);
-  return tensor;
-}
-
-std::vector<Eigen::Vector3f> in_frame(const std::vector<Eigen::Vector3f>& points, const AnymateFrame& frame) {
-  std::vector<Eigen::Vector3f> moved;
-  for (const Eigen::Vector3f& point : points) moved.emplace_back(frame.into(point.cast<double>()).cast<float>());
-  return moved;
-}
-
-std::vector<bool> used_joints(const data::RiggedItem& item) {
-  std::vector<bool> used(item.joints.size(), false);
-  for (const Influence& influence : item.skin.influences) used[static_cast<std::size_t>(influence.joint)] = true;
-  return used;
-}
-
-void put_weights(const SkinWeights& skin, const std::vector<int>& bone_of, AnymateSample& sample) {
-  const auto rows = static_cast<std::int64_t>(skin.rows());
-  const auto most = static_cast<std::int64_t>(std::max<std::size_t>(skin.largest_row(), 1));
-  sample.skins_index = torch::full({rows, most}, -1, torch::kInt64);
-  sample.skins_weight = torch::zeros({rows, most});
-  auto* index = sample.skins_index.data_ptr<std::int64_t>();
-  auto* weight = sample.skins_weight.data_ptr<float>();
-  for (std::size_t row = 0; row < skin.rows(); ++row, index += most, weight += most) {
-    for (std::size_t i = 0; i < skin.row_size(row); ++i) {
-      index[i] = bone_of[static_cast<std::size_t>(skin.row(row)[i].joint)];
-      weight[i] = skin.row(row)[i].weight;
-    }
-  }
-}
-
-AnymateSample converted(const data::RiggedItem& item, const AnymateConversion& options, std::vector<int>* bone_of) {
-  const AnymateMesh mesh = anymate_mesh(item.vertices, item.faces);
-  Rng rng(options.seed, "anymate points " + item.id);
-  const auto points = geometry::sample_surface(mesh.vertices, mesh.faces, options.points, rng);
-  const SkinWeights skin = geometry::interpolate_skin(item.skin, item.faces, points);
-  std::vector<Eigen::Vector3f> positions;
-  for (const geometry::SurfacePoint& point : points) {
-    positions.emplace_back(geometry::position(point, mesh.vertices, mesh.faces).cast<float>());
-  }
-  const BoneLayout layout =
-      lay_out_bones(in_frame(item.joints, mesh.frame), item.parents, used_joints(item), positions, skin);
-  AnymateSample sample;
-  sample.name = item.id;
-  sample.points_cloud = surface_features(mesh, points);
-  sample.joints = rows_of(layout.joints);
-  sample.conns = torch::tensor(std::vector<std::int64_t>(layout.conns.begin(), layout.conns.end()));
-  sample.bones = torch::cat({rows_of(layout.heads), rows_of(layout.tails)}, 1);
-  put_weights(skin, layout.bone_of, sample);
-  if (options.cells) sample.vox = solid_cells(mesh);
-  if (bone_of != nullptr) *bone_of = layout.bone_of;
-  return sample;
-}
-
-}  // namespace
-
 AnymateSample convert_rig(const data::RiggedItem& item, const AnymateConversion& options, std::vector<int>* bone_of) {
-  try {
-    return converted(item, options, bone_of);
-  } catch (const InputError& error) {
-    if (!error.file().empty()) throw;
-    throw InputError(item.id, error.place(), error.problem());
-  }
+  return data::naming(item.id, [&] { return converted(item, options, bone_of); });
 }
 
-AnymateSample read_anymate_sample(const io::NamedArrays& arrays, const std::string& name, const std::string& file) {
-  const auto place = [&](const char* key) { return "sample " + name + ", " + key; };
-  const auto read = [&](const char* key, const std::vector<std::int64_t>& shape, bool whole) {
-    const io::NdArray* array = io::find(arrays, key);
-    if (array == nullptr) throw InputError(file, place(key), "is missing");
-    const Tensor tensor = nn::to_tensor(*array);
-    bool fits = tensor.dim() == static_cast<std::int64_t>(shape.size());
-    for (std::size_t axis = 0; fits && axis < shape.size(); ++axis) {
-      fits = shape[axis] < 0 || tensor.size(static_cast<std::int64_t>(axis)) == shape[axis];
-    }
-    if (!fits) throw InputError(file, place(key), "has another shape than Anymate's files");
-    if (tensor.is_floating_point() == whole)
-      throw InputError(file, place(key), "has another type than Anymate's files");
-    if (!whole && !tensor.isfinite().all().item<bool>()) throw InputError(file, place(key), "is not finite");
-    return whole ? tensor.to(torch::kInt64) : tensor.to(torch::kFloat32);
+void RigSizes::read_sizes(ConfigReader& reader) {
+  const auto size = [&](const char* key, std::size_t fallback) {
+    return static_cast<std::size_t>(reader.integer(key, static_cast<std::int64_t>(fallback), 1, 4096));
   };
-  AnymateSample sample;
-  sample.name = name;
-  sample.points_cloud = read("pc", {-1, 6}, false);
-  sample.joints = read("joints", {-1, 3}, false);
-  sample.conns = read("conns", {sample.joints.size(0)}, true);
-  sample.bones = read("bones", {-1, 6}, false);
-  if (io::find(arrays, "skins_index") != nullptr) {
-    sample.skins_index = read("skins_index", {sample.points_cloud.size(0), -1}, true);
-    sample.skins_weight = read("skins_weight", {sample.points_cloud.size(0), sample.skins_index.size(1)}, false);
-  }
-  if (io::find(arrays, "vox") != nullptr) sample.vox = read("vox", {-1, 3}, true);
-  return sample;
+  min_bones = size("min_bones", min_bones);
+  max_bones = size("max_bones", max_bones);
+  max_joints = size("max_joints", max_joints);
 }
 
-namespace {
-
-// A sample with these of its points. @param rows undefined: the first `count`
-AnymateSample with_points(const AnymateSample& sample, const torch::Tensor& rows, std::int64_t count) {
-  AnymateSample taken = sample;
-  const auto take = [&](const torch::Tensor& all) {
-    if (!all.defined()) return all;
-    return rows.defined() ? all.index_select(0, rows) : all.narrow(0, 0, count);
-  };
-  taken.points_cloud = take(sample.points_cloud);
-  taken.skins_index = take(sample.skins_index);
-  taken.skins_weight = take(sample.skins_weight);
-  return taken;
-}
-
-using Collected = data::ConvertedAssets<AnymateSample>;
-
-std::shared_ptr<const AnymateDataset> dataset_of(Collected all, const AnymateDatasetOptions& options,
-                                                 std::uint64_t seed, const char* purpose) {
-  all.report(options.skip_broken, purpose);
-  return std::make_shared<const AnymateDataset>(std::move(all.samples), std::move(all.repeat), options.points, seed);
-}
-
-std::string size_problem(const AnymateSample& sample, const AnymateDatasetOptions& options) {
+std::string RigSizes::problem(const AnymateSample& sample) const {
   const auto joints = static_cast<std::size_t>(sample.joints.size(0));
   const auto bones = static_cast<std::size_t>(sample.bones.size(0));
-  const auto points = static_cast<std::size_t>(sample.points_cloud.size(0));
-  if (points < options.points) return std::to_string(points) + " points, fewer than wanted";
-  if (bones < options.min_bones || bones > options.max_bones) return std::to_string(bones) + " bones";
-  if (joints > options.max_joints) return std::to_string(joints) + " joints";
-  if (options.cells && (!sample.vox.defined() || sample.vox.size(0) == 0)) return "no cells inside";
-  return "";
+  if (bones < min_bones || bones > max_bones) return std::to_string(bones) + " bones";
+  return joints > max_joints ? std::to_string(joints) + " joints" : "";
 }
-
-Collected convert(const std::vector<data::AssetId>& assets, const AnymateDatasetOptions& options) {
-  AnymateConversion conversion;
-  conversion.points = options.points;
-  conversion.cells = options.cells;
-  return data::convert_assets<AnymateSample>(
-      assets, [&](const data::RiggedItem& item) { return convert_rig(item, conversion); },
-      [&](const AnymateSample& sample) { return size_problem(sample, options); });
-}
-
-Collected read_shards(const std::vector<std::string>& files, const AnymateDatasetOptions& options) {
-  Collected all;
-  for (const std::string& file : files) {
-    const io::AnymateArchive archive(file);
-    Progress progress("reading " + file, archive.names().size(), "samples");
-    for (std::size_t i = 0; i < archive.names().size(); ++i) {
-      progress.advance();
-      try {
-        AnymateSample sample = read_anymate_sample(archive.sample(i), archive.names()[i], file);
-        const std::string problem = size_problem(sample, options);
-        all.add(std::move(sample), 1, archive.names()[i], problem);
-      } catch (const InputError& error) {
-        all.unreadable.emplace_back(error.what());
-      }
-    }
-    progress.finish();
-  }
-  return all;
-}
-
-}  // namespace
 
 AnymateDatasetOptions AnymateDatasetOptions::read(ConfigReader& reader) {
   AnymateDatasetOptions options;
   options.shards = reader.texts("shards", {});
   options.eval_shards = reader.texts("eval_shards", {});
   options.points = static_cast<std::size_t>(reader.integer("points", 8192, 1, 1 << 20));
-  options.min_bones = static_cast<std::size_t>(reader.integer("min_bones", 1, 1, 4096));
-  options.max_bones = static_cast<std::size_t>(reader.integer("max_bones", 64, 1, 4096));
-  options.max_joints = static_cast<std::size_t>(reader.integer("max_joints", 96, 1, 4096));
+  options.read_sizes(reader);
   if (options.shards.empty()) {
     options.read_common(reader);
     options.filter.drop_bad_skin = reader.boolean("filter_bad_skin", true);

@@ -89,22 +89,26 @@ struct AnymateConversion {
 AnymateSample convert_rig(const data::RiggedItem& item, const AnymateConversion& options = {},
                           std::vector<int>* bone_of = nullptr);
 
-/// A sample of a released file (reference, 1.2), as it is: pc, joints, conns, bones, skins_index, skins_weight, vox.
-/// @throws InputError naming the file, the sample and the key: missing, another shape or type, not finite
-AnymateSample read_anymate_sample(const io::NamedArrays& arrays, const std::string& name, const std::string& file);
-
 /// Samples of Anymate, to be collated by whoever trains on them.
 struct AnymateDraws : data::Batch {
   std::vector<AnymateSample> samples;
 };
 
+/// Sizes of rigs outside of which samples are left out (released: 9 to 63 bones).
+struct RigSizes {
+  std::size_t min_bones = 1, max_bones = 64, max_joints = 96;
+
+  void read_sizes(ConfigReader& reader);
+  /// Why a sample is left out; empty: it is not.
+  std::string problem(const AnymateSample& sample) const;
+};
+
 /// `dataset.args` of the class "Anymate" (ours: the released code reads its files by fixed names). Assets come from
 /// prepared data sets (data_dir and what goes with it, source_options.h), or from released files.
-struct AnymateDatasetOptions : data::SourceOptions {
+struct AnymateDatasetOptions : data::SourceOptions, RigSizes {
   std::vector<std::string> shards, eval_shards;  ///< `.pt` files; given, data_dir is not read
   std::size_t points = 8192;                     ///< of a sample, drawn anew from those of a file that has more
   bool cells = false;                            ///< sets by the trainer: fields of joints need them
-  std::size_t min_bones = 1, max_bones = 64, max_joints = 96;  ///< samples outside are left out (released: 9 to 63)
 
   static AnymateDatasetOptions read(ConfigReader& reader);
 };

@@ -2,9 +2,7 @@
 
 #include <cmath>
 #include <string>
-#include <vector>
 
-#include "anigen/anymate/blocks.h"
 #include "anigen/core/numeric.h"
 #include "anigen/nn/condition_cache.h"
 #include "anigen/nn/embeddings.h"
@@ -63,6 +61,15 @@ Tensor spherical_harmonics(const Tensor& directions) {
 namespace {
 
 constexpr double kFirstBeta = 1e-4, kLastBeta = 0.02, kClip = 1.0;
+
+constexpr double kLatentDeviation = 0.02;
+
+// The sinusoid of t for a network: t flattened to one for each item.
+Tensor level_features(const Tensor& t, std::int64_t items, std::int64_t width) {
+  require(t.defined() && (t.numel() == 1 || t.numel() == items), "t",
+          "must be one number, or one for each of " + std::to_string(items) + " items");
+  return nn::timestep_features(t.flatten(), width).expand({items, width});
+}
 
 }  // namespace
 
@@ -137,12 +144,6 @@ Tensor sample_joints(JointDenoiserImpl& model, const DdimSchedule& schedule, con
   return x.transpose(1, 2).contiguous();
 }
 
-Tensor level_features(const Tensor& t, std::int64_t items, std::int64_t width) {
-  require(t.defined() && (t.numel() == 1 || t.numel() == items), "t",
-          "must be one number, or one for each of " + std::to_string(items) + " items");
-  return nn::timestep_features(t.flatten(), width).expand({items, width});
-}
-
 ConcatDenoiserImpl::ConcatDenoiserImpl(const ConcatDenoiserOptions& options, nn::Init init) : options_(options) {
   require(options.cond_drop_prob >= 0.0 && options.cond_drop_prob <= 1.0, "cond_drop_prob", "must be in [0, 1]");
   const std::int64_t width = options.width;
@@ -175,12 +176,6 @@ Tensor ConcatDenoiserImpl::forward(const Tensor& x, const Tensor& t, const Tenso
   const Tensor out = ln_post_(backbone_(ln_pre_(sequence)));
   return output_proj_(out.slice(1, latents.size(1) + 1)).transpose(1, 2);
 }
-
-namespace {
-
-constexpr double kLatentDeviation = 0.02;
-
-}  // namespace
 
 LatentCompressionImpl::LatentCompressionImpl(std::int64_t num_latents, std::int64_t width, std::int64_t heads) {
   query = register_parameter("query", torch::empty({num_latents, width}));

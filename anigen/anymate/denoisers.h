@@ -92,10 +92,6 @@ struct DdimSampling {
 Tensor sample_joints(JointDenoiserImpl& model, const DdimSchedule& schedule, const Tensor& latents, const Tensor& noise,
                      const DdimSampling& sampling = {});
 
-/// The sinusoid of t for a network: t flattened to one for each item. @param t one or `items` integers
-/// @return [items, width] fp32 @throws InputError for another number
-Tensor level_features(const Tensor& t, std::int64_t items, std::int64_t width);
-
 struct ConcatDenoiserOptions {
   std::int64_t width = 768, layers = 12, heads = 8;
   double init_scale = 0.25;

@@ -4,19 +4,55 @@
 #include <string>
 #include <vector>
 
-#include "anigen/anymate/blocks.h"
 #include "anigen/anymate/denoisers.h"
 #include "anigen/geometry/nearest_point.h"
-#include "anigen/nn/init.h"
-#include "anigen/nn/linear.h"
 
 namespace anigen::anymate {
 
 namespace {
 
-constexpr double kLogFloor = 1e-6;
+constexpr double kLogFloor = 1e-6, kMasked = -1e8, kLeastLength = 1e-6, kRoleTokenDeviation = 0.02;
+constexpr double kStretch = 1.002, kShift = 0.001;  // so that a softmax can reach 0 and 1
+constexpr std::size_t kBranches = 2;
+constexpr std::int64_t kChainWidth = 512;
+constexpr std::int64_t kPointsAtOnce = 8192;  // whose hidden layer of four times the width is the largest tensor
+
+// The joints or bones that a mask speaks of, [B, K, C]; all without one.
+Tensor masked_rows(const Tensor& latents, const Tensor& rows, const Tensor& mask, std::int64_t width,
+                   std::int64_t channels, const char* name) {
+  require_shape(latents, {-1, -1, width}, "latents");
+  require_shape(rows, {latents.size(0), -1, channels}, name);
+  if (!mask.defined()) return rows;
+  const std::string of_mask = std::string(name) + "_mask";
+  require_shape(mask, {rows.size(0), -1}, of_mask);
+  require(mask.size(1) <= rows.size(1), of_mask, std::string("is for more ") + name + " than there are");
+  return rows.narrow(1, 0, mask.size(1));
+}
+
+Tensor checked_bones(const SkinningInput& input, std::int64_t width) {
+  require_shape(input.points, {input.latents.size(0), -1, 6}, "points");
+  return masked_rows(input.latents, input.bones, input.mask, width, 6, "bones");
+}
+
+// Logits [B, N, K] with -1e8 in the columns that the mask leaves out.
+Tensor masked_columns(const Tensor& logits, const Tensor& mask) {
+  return mask.defined() ? logits.masked_fill((mask == 0).unsqueeze(1), kMasked) : logits;
+}
+
+Tensor mean_cosine(const Tensor& a, const Tensor& b) {
+  const Tensor a_length = a.norm(2, -1, true).clamp_min(kLeastLength),
+               b_length = b.norm(2, -1, true).clamp_min(kLeastLength);
+  return ((a / a_length) * (b / b_length)).sum(-1).mean();
+}
 
 }  // namespace
+
+PairLogits::PairLogits(torch::nn::Module& head, std::int64_t width) {
+  q_proj_ = head.register_module("q_proj", nn::Linear(width, width));
+  k_proj_ = head.register_module("k_proj", nn::Linear(width, width));
+  ln_1_ = head.register_module("ln_1", nn::AffineLayerNorm(width, kNormEps));
+  ln_2_ = head.register_module("ln_2", nn::AffineLayerNorm(width, kNormEps));
+}
 
 Tensor connectivity_loss(const Tensor& logits, const Tensor& parents) {
   require_shape(logits, {-1, -1, -1}, "logits");
@@ -45,25 +81,6 @@ Tensor bones_of(const Tensor& joints, const Tensor& parents) {
   return torch::cat({joints.index_select(0, parent.index_select(0, children)), joints.index_select(0, children)}, 1);
 }
 
-namespace {
-
-constexpr double kMaskedParent = -1e8;
-constexpr std::size_t kBranches = 2;
-constexpr std::int64_t kChainWidth = 512;
-constexpr double kRoleTokenDeviation = 0.02;
-
-// The joints that a mask speaks of, [B, J, 3]; all without one.
-Tensor masked_joints(const Tensor& latents, const Tensor& joints, const Tensor& mask, std::int64_t width) {
-  require_shape(latents, {-1, -1, width}, "latents");
-  require_shape(joints, {latents.size(0), -1, 3}, "joints");
-  if (!mask.defined()) return joints;
-  require_shape(mask, {joints.size(0), -1}, "joints_mask");
-  require(mask.size(1) <= joints.size(1), "joints_mask", "is for more joints than there are");
-  return joints.narrow(1, 0, mask.size(1));
-}
-
-}  // namespace
-
 TwoBranchConnectivityImpl::TwoBranchConnectivityImpl(const HeadOptions& options, std::int64_t layers, nn::Init init)
     : options_(options) {
   require(layers > 0, "layers", "must be positive");
@@ -74,17 +91,12 @@ TwoBranchConnectivityImpl::TwoBranchConnectivityImpl(const HeadOptions& options,
     self_attn_.emplace_back(width, options.heads, options.qkv_bias);
   register_module("cross_attn", nn::module_list(cross_attn_));
   register_module("self_attn", nn::module_list(self_attn_));
-  q_proj_ = register_module("q_proj", nn::Linear(width, width));
-  k_proj_ = register_module("k_proj", nn::Linear(width, width));
-  ln_1_ = register_module("ln_1", nn::AffineLayerNorm(width, kNormEps));
-  ln_2_ = register_module("ln_2", nn::AffineLayerNorm(width, kNormEps));
-  if (init == nn::Init::kNone) return;
-  default_layers(*this);
-  normal_blocks(*this, options.init_scale);
+  pairs_ = PairLogits(*this, width);
+  start_blocks(*this, options.init_scale, init);
 }
 
 Tensor TwoBranchConnectivityImpl::forward(const Tensor& latents, const Tensor& joints, const Tensor& mask) {
-  const Tensor positions = masked_joints(latents, joints, mask, options_.width);
+  const Tensor positions = masked_rows(latents, joints, mask, options_.width, 3, "joints");
   const KeyMask keys = mask.defined() ? KeyMask(mask) : KeyMask();
   const Tensor embedded = co_proj_(fourier_features(positions, options_.num_freqs, /*include_pi=*/true));
   std::vector<Tensor> branches;
@@ -96,9 +108,7 @@ Tensor TwoBranchConnectivityImpl::forward(const Tensor& latents, const Tensor& j
     }
     branches.push_back(x);
   }
-  const Tensor children = k_proj_(ln_1_(branches[0])), parents = q_proj_(ln_2_(branches[1]));
-  const Tensor logits = torch::matmul(children, parents.transpose(1, 2));
-  return mask.defined() ? logits.masked_fill((mask == 0).unsqueeze(1), kMaskedParent) : logits;
+  return masked_columns(pairs_.of(branches[0], pairs_.columns(branches[1])), mask);
 }
 
 LinearChainImpl::LinearChainImpl(std::int64_t in, std::int64_t out) {
@@ -130,7 +140,7 @@ TokenConnectivityImpl::TokenConnectivityImpl(const HeadOptions& options, std::in
 }
 
 Tensor TokenConnectivityImpl::forward(const Tensor& latents, const Tensor& joints, const Tensor& mask) {
-  const Tensor positions = masked_joints(latents, joints, mask, options_.width);
+  const Tensor positions = masked_rows(latents, joints, mask, options_.width, 3, "joints");
   KeyMask keys;
   if (mask.defined()) {
     const Tensor latents_count = torch::ones({latents.size(0), latents.size(1)}, mask.options());
@@ -144,20 +154,6 @@ Tensor TokenConnectivityImpl::forward(const Tensor& latents, const Tensor& joint
   };
   return torch::matmul(in_role(head_mlp_, head_token_), in_role(tail_mlp_, tail_token_).transpose(1, 2));
 }
-
-namespace {
-
-constexpr double kMaskedBone = -1e8;
-constexpr double kStretch = 1.002, kShift = 0.001;  // so that a softmax can reach 0 and 1
-constexpr double kSkinLogFloor = 1e-6, kLeastLength = 1e-6;
-
-Tensor mean_cosine(const Tensor& a, const Tensor& b) {
-  const Tensor a_length = a.norm(2, -1, true).clamp_min(kLeastLength),
-               b_length = b.norm(2, -1, true).clamp_min(kLeastLength);
-  return ((a / a_length) * (b / b_length)).sum(-1).mean();
-}
-
-}  // namespace
 
 SkinningEmbedding::SkinningEmbedding(torch::nn::Module& head, const HeadOptions& options, bool separate)
     : num_freqs_(options.num_freqs) {
@@ -184,20 +180,6 @@ Tensor SkinningEmbedding::bones(const Tensor& bones) {
   return bone_proj_(torch::cat({head, tail}, -1));
 }
 
-Tensor checked_bones(const SkinningInput& input, std::int64_t width) {
-  require_shape(input.latents, {-1, -1, width}, "latents");
-  require_shape(input.points, {input.latents.size(0), -1, 6}, "points");
-  require_shape(input.bones, {input.latents.size(0), -1, 6}, "bones");
-  if (!input.mask.defined()) return input.bones;
-  require_shape(input.mask, {input.bones.size(0), -1}, "bones_mask");
-  require(input.mask.size(1) <= input.bones.size(1), "bones_mask", "is for more bones than there are");
-  return input.bones.narrow(1, 0, input.mask.size(1));
-}
-
-Tensor masked_bone_logits(const Tensor& logits, const Tensor& mask) {
-  return mask.defined() ? logits.masked_fill((mask == 0).unsqueeze(1), kMaskedBone) : logits;
-}
-
 Tensor training_points(std::int64_t points, std::int64_t count) {
   require(count > 0 && count <= points, "count",
           std::to_string(count) + " of " + std::to_string(points) + " points were asked for");
@@ -219,15 +201,9 @@ SkinningLosses skinning_losses(const Tensor& logits, const Tensor& truth) {
   SkinningLosses losses;
   losses.cos = 1.0 - mean_cosine(weights, truth);
   losses.cos_clamp = 1.0 - mean_cosine((kStretch * weights - kShift).clamp(0.0, 1.0), truth);
-  losses.ce = -(truth * (weights + kSkinLogFloor).log()).sum(-1).mean();
+  losses.ce = -(truth * (weights + kLogFloor).log()).sum(-1).mean();
   return losses;
 }
-
-namespace {
-
-constexpr std::int64_t kPointsAtOnce = 8192;  // whose hidden layer of four times the width is the largest tensor
-
-}  // namespace
 
 CrossSkinningImpl::CrossSkinningImpl(const HeadOptions& options, std::int64_t layers, bool separate, nn::Init init)
     : options_(options), embedding_(*this, options, separate) {
@@ -239,13 +215,8 @@ CrossSkinningImpl::CrossSkinningImpl(const HeadOptions& options, std::int64_t la
   }
   register_module("cross_attn", nn::module_list(cross_attn_));
   register_module("cross_attn_joint", nn::module_list(cross_attn_joint_));
-  q_proj_ = register_module("q_proj", nn::Linear(width, width));
-  k_proj_ = register_module("k_proj", nn::Linear(width, width));
-  ln_1_ = register_module("ln_1", nn::AffineLayerNorm(width, kNormEps));
-  ln_2_ = register_module("ln_2", nn::AffineLayerNorm(width, kNormEps));
-  if (init == nn::Init::kNone) return;
-  default_layers(*this);
-  normal_blocks(*this, options.init_scale);
+  pairs_ = PairLogits(*this, width);
+  start_blocks(*this, options.init_scale, init);
 }
 
 std::vector<Tensor> CrossSkinningImpl::bone_stream(const Tensor& bones, const Tensor& latents, const KeyMask& keys) {
@@ -264,7 +235,7 @@ Tensor CrossSkinningImpl::forward(const SkinningInput& input, std::int64_t chunk
   const Tensor bones = checked_bones(input, options_.width);
   const KeyMask keys = input.mask.defined() ? KeyMask(input.mask) : KeyMask();
   const std::vector<Tensor> tokens = bone_stream(bones, input.latents, keys);
-  const Tensor columns = q_proj_(ln_2_(tokens.back())).transpose(1, 2);
+  const Tensor columns = pairs_.columns(tokens.back());
   if (chunk == 0)
     chunk = torch::GradMode::is_enabled() ? std::max<std::int64_t>(input.points.size(1), 1) : kPointsAtOnce;
   std::vector<Tensor> parts;
@@ -274,9 +245,9 @@ Tensor CrossSkinningImpl::forward(const SkinningInput& input, std::int64_t chunk
       x = cross_attn_[i](x, input.latents);
       x = cross_attn_joint_[i](x, tokens[i], keys);
     }
-    parts.push_back(torch::matmul(k_proj_(ln_1_(x)), columns));
+    parts.push_back(pairs_.of(x, columns));
   }
-  return masked_bone_logits(torch::cat(parts, 1), input.mask);
+  return masked_columns(torch::cat(parts, 1), input.mask);
 }
 
 ConcatSkinningImpl::ConcatSkinningImpl(const HeadOptions& head, const ConcatSkinningOptions& options, nn::Init init)
@@ -288,9 +259,7 @@ ConcatSkinningImpl::ConcatSkinningImpl(const HeadOptions& head, const ConcatSkin
   output_proj_joints_ = register_module("output_proj_joints", nn::Linear(width, width));
   output_proj_points_ = register_module("output_proj_points", nn::Linear(width, width));
   layer_norm_ = register_module("layer_norm", nn::AffineLayerNorm(width, kNormEps));
-  if (init == nn::Init::kNone) return;
-  default_layers(*this);
-  normal_blocks(*this, head.init_scale);
+  start_blocks(*this, head.init_scale, init);
 }
 
 Tensor ConcatSkinningImpl::run_logits(const Tensor& points, const Tensor& bones, const Tensor& latents,
@@ -330,7 +299,7 @@ Tensor ConcatSkinningImpl::forward(const SkinningInput& input, std::int64_t chun
     const Tensor own = masks.defined() ? masks.narrow(1, first / run, size / run) : masks;
     parts.push_back(run_logits(tokens, bones, input.latents, own));
   }
-  return masked_bone_logits(torch::cat(parts, 1), input.mask);
+  return masked_columns(torch::cat(parts, 1), input.mask);
 }
 
 }  // namespace anigen::anymate

@@ -19,6 +19,21 @@ struct HeadOptions {
 
 using torch::Tensor;
 
+/// Logits of pairs of tokens, (k_proj ln_1 a) (q_proj ln_2 b)ᵀ. Not a module: registers `q_proj`, `k_proj`, `ln_1` and
+/// `ln_2` in the head.
+class PairLogits {
+ public:
+  PairLogits() = default;
+  PairLogits(torch::nn::Module& head, std::int64_t width);
+  Tensor columns(const Tensor& b) { return q_proj_(ln_2_(b)).transpose(1, 2); }  ///< [B, K, W] → [B, W, K]
+  /// @param a [B, N, W] @return [B, N, K]
+  Tensor of(const Tensor& a, const Tensor& columns) { return torch::matmul(k_proj_(ln_1_(a)), columns); }
+
+ private:
+  nn::Linear q_proj_ = nullptr, k_proj_ = nullptr;
+  nn::AffineLayerNorm ln_1_ = nullptr, ln_2_ = nullptr;
+};
+
 /// Connectivity: the parent of each joint, from joints and a shape. Row i of the logits is joint i as a child, column m
 /// a candidate for its parent, and column i of row i says that i is a root (reference anymate-baselines.md, 1.6 and 4).
 class ConnectivityImpl : public torch::nn::Module {
@@ -55,10 +70,10 @@ class TwoBranchConnectivityImpl : public ConnectivityImpl {
 
  private:
   HeadOptions options_;
-  nn::Linear co_proj_ = nullptr, q_proj_ = nullptr, k_proj_ = nullptr;
+  nn::Linear co_proj_ = nullptr;
   std::vector<ResidualCrossAttention> cross_attn_;
   std::vector<ResidualAttention> self_attn_;
-  nn::AffineLayerNorm ln_1_ = nullptr, ln_2_ = nullptr;
+  PairLogits pairs_;
 };
 TORCH_MODULE(TwoBranchConnectivity);
 
@@ -94,8 +109,6 @@ class TokenConnectivityImpl : public ConnectivityImpl {
 };
 TORCH_MODULE(TokenConnectivity);
 
-using torch::Tensor;
-
 /// Input of a skinning head.
 struct SkinningInput {
   Tensor latents;  ///< [B, L, W]
@@ -125,12 +138,6 @@ class SkinningEmbedding {
   std::int64_t num_freqs_ = 0;
   nn::Linear bone_proj_ = nullptr, co_proj_ = nullptr, normal_proj_ = nullptr, pc_proj_ = nullptr;
 };
-
-/// The bones that the mask speaks of, [B, K, 6], after a check of all shapes. @throws InputError
-Tensor checked_bones(const SkinningInput& input, std::int64_t width);
-
-/// Logits with -1e8 for bones that the mask leaves out. @param logits [B, N, K]
-Tensor masked_bone_logits(const Tensor& logits, const Tensor& mask);
 
 /// `count` of `points` indices in random order, from torch's default generator: the subset that a training step takes,
 /// the same for all items of a batch (1,024 of 8,192 as released). @return [count] int64 @throws InputError
@@ -169,8 +176,7 @@ class CrossSkinningImpl : public SkinningImpl {
   HeadOptions options_;
   SkinningEmbedding embedding_;
   std::vector<ResidualCrossAttention> cross_attn_, cross_attn_joint_;
-  nn::Linear q_proj_ = nullptr, k_proj_ = nullptr;
-  nn::AffineLayerNorm ln_1_ = nullptr, ln_2_ = nullptr;
+  PairLogits pairs_;
 };
 TORCH_MODULE(CrossSkinning);
 

@@ -5,11 +5,9 @@
 #include <cstdint>
 #include <tuple>
 
-#include "anigen/anymate/blocks.h"
 #include "anigen/anymate/denoisers.h"
 #include "anigen/anymate/volumes.h"
 #include "anigen/geometry/nearest_point.h"
-#include "anigen/nn/init.h"
 
 namespace anigen::anymate {
 
@@ -40,6 +38,12 @@ class Reach {
   std::vector<Eigen::Vector3d> points_;
   double squared_;
 };
+
+constexpr double kJointQueryDeviation = 0.02;
+
+constexpr double kRegressedEps = 0.03, kDenoisedEps = 0.05;
+
+DbscanOptions merging(double wanted, double released) { return {wanted > 0.0 ? wanted : released, 1}; }
 
 }  // namespace
 
@@ -99,12 +103,6 @@ Tensor merged_joints(const Tensor& joints, const DbscanOptions& options) {
   return cluster_means(joints, dbscan_labels(joints, options));
 }
 
-namespace {
-
-constexpr double kJointQueryDeviation = 0.02;
-
-}  // namespace
-
 JointRegressionImpl::JointRegressionImpl(const HeadOptions& options, std::int64_t num_joints, std::int64_t out_channels,
                                          nn::Init init)
     : width_(options.width) {
@@ -140,14 +138,6 @@ Tensor joint_chamfer_loss(const Tensor& predicted, const Tensor& joints, const s
   }
   return torch::stack(items).mean();
 }
-
-namespace {
-
-constexpr double kRegressedEps = 0.03, kDenoisedEps = 0.05;
-
-DbscanOptions merging(double wanted, double released) { return {wanted > 0.0 ? wanted : released, 1}; }
-
-}  // namespace
 
 Tensor predicted_joints(AnymateModelImpl& model, const Tensor& latents, const JointPrediction& options) {
   require(latents.defined() && latents.dim() >= 2 && latents.size(0) == 1, "latents", "must be of one shape");

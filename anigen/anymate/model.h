@@ -7,7 +7,7 @@
 #include "anigen/anymate/heads.h"
 #include "anigen/anymate/point_encoders.h"
 #include "anigen/anymate/style.h"
-#include "anigen/core/config.h"
+#include "anigen/core/config_fields.h"
 #include "anigen/core/error.h"
 #include "anigen/nn/torch.h"
 
@@ -33,9 +33,6 @@ const std::vector<std::string>& encoder_names();
 /// attendjoints_con_token, attendjoints_con_combine, attendjoints_multi, attendjoints_combine; in the order of
 /// DecoderKind.
 const std::vector<std::string>& decoder_names();
-/// @throws InputError naming the nearest known name
-EncoderKind encoder_kind(const std::string& name);
-DecoderKind decoder_kind(const std::string& name);
 const std::string& name_of(EncoderKind kind);
 const std::string& name_of(DecoderKind kind);
 
@@ -44,7 +41,7 @@ enum class Task { kJointRegression, kDenoisedJoints, kJointVolume, kConnectivity
 Task task_of(DecoderKind kind);
 
 /// Sizes of a model; the defaults are the released ones (reference anymate-baselines.md, 2 to 5).
-struct ModelOptions {
+struct ModelOptions : JsonOptions<ModelOptions> {
   EncoderKind encoder = EncoderKind::kBert;
   DecoderKind decoder = DecoderKind::kJointRegression;
 
@@ -79,11 +76,8 @@ struct ModelOptions {
   /// `concat_denoiser`, `concat_skinning` and `triplane` with the names of the options above, `projection_1` and
   /// `projection_2` within `bert`, and the numbers of layers and the head_token_length of this struct.
   /// @throws InputError for an unknown key or a value out of range
-  static ModelOptions from_json(const Json& json, const std::string& file = "", const std::string& pointer = "");
+  void fields(ConfigFields& f);
 };
-
-/// The width of the latents that the decoder takes.
-std::int64_t latent_width(const ModelOptions& options);
 
 using torch::Tensor;
 

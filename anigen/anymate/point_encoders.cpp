@@ -6,9 +6,7 @@
 #include <memory>
 #include <string>
 #include <tuple>
-#include <vector>
 
-#include "anigen/anymate/blocks.h"
 #include "anigen/anymate/denoisers.h"
 #include "anigen/nn/linear.h"
 
@@ -43,6 +41,43 @@ void choose_farthest(const float* points, std::int64_t n, std::int64_t start, st
     }
     last = static_cast<std::size_t>(std::max_element(distance.begin(), distance.end()) - distance.begin());
   }
+}
+
+constexpr std::int64_t kFirstWidth = 128, kLocalWidth = 256, kJoinedWidth = 2 * kLocalWidth;
+
+// The norm sees rows, which is the same as channels first.
+Tensor normalised(torch::nn::BatchNorm1d& norm, const Tensor& x) { return norm(x.flatten(0, -2)).view(x.sizes()); }
+
+// Not amax, which shares the gradient among equal values.
+Tensor group_maximum(const Tensor& x) { return std::get<0>(x.max(-2)); }
+
+constexpr std::int64_t kPositionHidden = 128;
+
+constexpr double kLeastLogvar = -30.0, kMostLogvar = 20.0;
+constexpr double kQueryDeviation = 0.02;
+
+PerceiverOptions perceiver_options(const MichelangeloOptions& options) {
+  PerceiverOptions perceiver;
+  perceiver.num_latents = options.num_latents + 1;
+  perceiver.features = options.point_feats + kHarmonics;
+  perceiver.width = options.width;
+  perceiver.heads = options.heads;
+  perceiver.layers = options.num_encoder_layers;
+  perceiver.num_freqs = options.num_freqs;
+  perceiver.include_pi = options.include_pi;
+  perceiver.qkv_bias = options.qkv_bias;
+  perceiver.ln_post = options.use_ln_post;
+  return perceiver;
+}
+
+constexpr double kScratchQueryDeviation = 0.02;
+
+// Rows of each item.
+Tensor rows_of_items(const Tensor& points, const Tensor& rows) {
+  const Tensor flat = rows.flatten(1);
+  std::vector<std::int64_t> shape = rows.sizes().vec();
+  shape.push_back(points.size(-1));
+  return points.gather(1, flat.unsqueeze(-1).expand({-1, -1, points.size(-1)})).view(shape);
 }
 
 }  // namespace
@@ -81,25 +116,6 @@ Tensor nearest_points(const Tensor& points, const Tensor& centers, std::int64_t 
   return torch::stack(items, 0);
 }
 
-Tensor rows_of_items(const Tensor& points, const Tensor& rows) {
-  const Tensor flat = rows.flatten(1);
-  std::vector<std::int64_t> shape = rows.sizes().vec();
-  shape.push_back(points.size(-1));
-  return points.gather(1, flat.unsqueeze(-1).expand({-1, -1, points.size(-1)})).view(shape);
-}
-
-namespace {
-
-constexpr std::int64_t kFirstWidth = 128, kLocalWidth = 256, kJoinedWidth = 2 * kLocalWidth;
-
-// The norm sees rows, which is the same as channels first.
-Tensor normalised(torch::nn::BatchNorm1d& norm, const Tensor& x) { return norm(x.flatten(0, -2)).view(x.sizes()); }
-
-// Not amax, which shares the gradient among equal values.
-Tensor group_maximum(const Tensor& x) { return std::get<0>(x.max(-2)); }
-
-}  // namespace
-
 PointwiseConvImpl::PointwiseConvImpl(std::int64_t in, std::int64_t out) {
   weight = register_parameter("weight", torch::empty({out, in, 1}));
   bias = register_parameter("bias", torch::empty({out}));
@@ -130,12 +146,6 @@ Tensor MiniPointNetImpl::forward(const Tensor& groups) {
   const Tensor joined = second_layer(local, group_maximum(local));
   return group_maximum(conv4_(torch::relu(normalised(norm2_, joined))));
 }
-
-namespace {
-
-constexpr std::int64_t kPositionHidden = 128;
-
-}  // namespace
 
 PointBertImpl::PointBertImpl(const PointBertOptions& options, nn::Init init) : options_(options) {
   require(options.point_dims >= 3, "point_dims", "a point has at least its position");
@@ -208,27 +218,6 @@ Tensor PerceiverEncoderImpl::forward(const Tensor& positions, const Tensor& feat
   return ln_post_.is_empty() ? tokens : ln_post_(tokens);
 }
 
-namespace {
-
-constexpr double kLeastLogvar = -30.0, kMostLogvar = 20.0;
-constexpr double kQueryDeviation = 0.02;
-
-PerceiverOptions perceiver_options(const MichelangeloOptions& options) {
-  PerceiverOptions perceiver;
-  perceiver.num_latents = options.num_latents + 1;
-  perceiver.features = options.point_feats + kHarmonics;
-  perceiver.width = options.width;
-  perceiver.heads = options.heads;
-  perceiver.layers = options.num_encoder_layers;
-  perceiver.num_freqs = options.num_freqs;
-  perceiver.include_pi = options.include_pi;
-  perceiver.qkv_bias = options.qkv_bias;
-  perceiver.ln_post = options.use_ln_post;
-  return perceiver;
-}
-
-}  // namespace
-
 MichelangeloEncoderImpl::MichelangeloEncoderImpl(const MichelangeloOptions& options, nn::Init init)
     : options_(options) {
   require(options.point_feats == 3, "point_feats", "must be 3, the normal");
@@ -279,12 +268,6 @@ MichelangeloCode MichelangeloEncoderImpl::encode(const Tensor& points, const Ten
 Tensor MichelangeloEncoderImpl::forward(const Tensor& points, const Tensor& noise) {
   return options_.only_embed ? shape_embed(points) : encode(points, noise).tokens();
 }
-
-namespace {
-
-constexpr double kScratchQueryDeviation = 0.02;
-
-}  // namespace
 
 ScratchEncoderImpl::ScratchEncoderImpl(const ScratchEncoderOptions& options, nn::Init init) {
   PerceiverOptions perceiver;

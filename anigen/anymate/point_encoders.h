@@ -22,9 +22,6 @@ Tensor farthest_points(const Tensor& points, std::int64_t count, const Tensor& s
 /// @throws InputError for shapes and for more points than there are
 Tensor nearest_points(const Tensor& points, const Tensor& centers, std::int64_t count);
 
-/// Rows of each item. @param points [B, N, C] @param rows [B, ...] int64 @return [B, ..., C]
-Tensor rows_of_items(const Tensor& points, const Tensor& rows);
-
 using torch::Tensor;
 
 /// Convolution with a kernel of one, over values whose channels come last: a linear map with `weight` [out, in, 1] and

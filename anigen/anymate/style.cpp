@@ -21,6 +21,23 @@ Tensor for_each_channel(const Tensor& filter, std::int64_t channels) {
 
 Tensor as_channels(const Tensor& values) { return values.unsqueeze(-1).unsqueeze(-1); }
 
+constexpr std::int64_t kFirstSide = 4;
+constexpr double kMappingRate = 0.01, kMappingSlope = 0.2, kMomentEps = 1e-8;
+
+// The outer product of [1, 3, 3, 1] with itself over 64, [4, 4].
+Tensor resampling_filter() {
+  const Tensor line = torch::tensor({1.0F, 3.0F, 3.0F, 1.0F}) / 8.0;
+  return torch::outer(line, line);
+}
+
+// Twice the height and width: zeros between pixels, then the filter with gain 4.
+Tensor upsampled_image(const Tensor& x, const Tensor& filter) {
+  // Zeros between pixels, two zeros before, one behind, and the filter: a transposed convolution without its rim.
+  const Tensor each = for_each_channel(filter * kUpsamplingGain, x.size(1));
+  return at::conv_transpose2d(x, each, /*bias=*/{}, /*stride=*/2, /*padding=*/1, /*output_padding=*/0,
+                              /*groups=*/x.size(1));
+}
+
 }  // namespace
 
 EqualizedLinearImpl::EqualizedLinearImpl(std::int64_t in, std::int64_t out, double rate_multiplier)
@@ -93,25 +110,6 @@ Tensor ToImageImpl::forward(const Tensor& x, const Tensor& w) {
   const Tensor style = affine_(w) / std::sqrt(static_cast<double>(x.size(1)));
   return at::conv2d(x * as_channels(style), weight_, bias_);
 }
-
-Tensor resampling_filter() {
-  const Tensor line = torch::tensor({1.0F, 3.0F, 3.0F, 1.0F}) / 8.0;
-  return torch::outer(line, line);
-}
-
-Tensor upsampled_image(const Tensor& x, const Tensor& filter) {
-  // Zeros between pixels, two zeros before, one behind, and the filter: a transposed convolution without its rim.
-  const Tensor each = for_each_channel(filter * kUpsamplingGain, x.size(1));
-  return at::conv_transpose2d(x, each, /*bias=*/{}, /*stride=*/2, /*padding=*/1, /*output_padding=*/0,
-                              /*groups=*/x.size(1));
-}
-
-namespace {
-
-constexpr std::int64_t kFirstSide = 4;
-constexpr double kMappingRate = 0.01, kMappingSlope = 0.2, kMomentEps = 1e-8;
-
-}  // namespace
 
 StyleBlockImpl::StyleBlockImpl(std::int64_t in, std::int64_t out, std::int64_t side,
                                const StyleGeneratorOptions& options) {

@@ -61,11 +61,6 @@ class ToImageImpl : public torch::nn::Module {
 };
 TORCH_MODULE(ToImage);
 
-/// The outer product of [1, 3, 3, 1] with itself over 64, [4, 4].
-Tensor resampling_filter();
-/// Twice the height and width: zeros between pixels, then the filter with gain 4. @param x [B, C, S, S]
-Tensor upsampled_image(const Tensor& x, const Tensor& filter);
-
 struct StyleGeneratorOptions {
   std::int64_t z_dim = 768, w_dim = 768;
   std::int64_t mapping_layers = 2;

@@ -5,7 +5,6 @@
 #include <string>
 #include <tuple>
 
-#include "anigen/anymate/blocks.h"
 #include "anigen/anymate/denoisers.h"
 #include "anigen/anymate/joints.h"
 #include "anigen/nn/condition_cache.h"
@@ -75,6 +74,13 @@ void add_key_points(const CellValues& cluster, std::vector<Tensor>& points) {
     }
   }
   points.push_back(cluster.cells.to(torch::kFloat64).mean(0) * (2.0 / kVolumeSide) - 1.0);
+}
+
+constexpr std::int64_t kPlanes = 3, kHeadHidden = 64;
+
+StyleGeneratorOptions with_planes(StyleGeneratorOptions options) {
+  options.img_channels = kPlanes * kPlaneChannels;
+  return options;
 }
 
 }  // namespace
@@ -148,9 +154,7 @@ ImplicitVolumeImpl::ImplicitVolumeImpl(const HeadOptions& options, nn::Init init
       register_module("cross_attn_decoder", ResidualCrossAttention(width, options.heads, options.qkv_bias));
   ln_post_ = register_module("ln_post", nn::AffineLayerNorm(width, kNormEps));
   output_proj_ = register_module("output_proj", nn::Linear(width, 1));
-  if (init == nn::Init::kNone) return;
-  default_layers(*this);
-  normal_blocks(*this, options.init_scale);
+  start_blocks(*this, options.init_scale, init);
 }
 
 Tensor ImplicitVolumeImpl::forward(const Tensor& latents, const Tensor& queries) {
@@ -159,17 +163,6 @@ Tensor ImplicitVolumeImpl::forward(const Tensor& latents, const Tensor& queries)
   const Tensor x = query_proj_(fourier_features(queries, options_.num_freqs, /*include_pi=*/true));
   return output_proj_(ln_post_(cross_attn_decoder_(x, latents)));
 }
-
-namespace {
-
-constexpr std::int64_t kPlanes = 3, kHeadHidden = 64;
-
-StyleGeneratorOptions with_planes(StyleGeneratorOptions options) {
-  options.img_channels = kPlanes * kPlaneChannels;
-  return options;
-}
-
-}  // namespace
 
 Tensor triplane_axes() {
   return torch::tensor({1.0F, 0.0F, 0.0F, 0.0F, 1.0F, 0.0F, 0.0F, 0.0F, 1.0F,   // x, y

@@ -15,6 +15,7 @@
 #include "anigen/core/parallel.h"
 #include "anigen/core/process.h"
 #include "anigen/core/random.h"
+#include "anigen/core/run_folder.h"
 #include "anigen/core/table.h"
 #include "anigen/core/text.h"
 #include "anigen/core/version.h"

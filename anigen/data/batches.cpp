@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <numeric>
-#include <string>
 #include <utility>
 
 #include "anigen/core/error.h"
@@ -65,6 +64,11 @@ std::size_t boundary(std::uint64_t seed, std::uint64_t epoch, std::size_t blocks
   return static_cast<std::size_t>(quantile * static_cast<double>(blocks + 1));
 }
 
+SampleOrder order_of(const BatchSource& source, std::uint64_t seed, std::size_t batch) {
+  std::vector<std::uint64_t> loads = source.bucket_loads();
+  return loads.empty() ? SampleOrder(source.size(), seed) : SampleOrder(std::move(loads), batch, seed);
+}
+
 }  // namespace
 
 std::vector<std::size_t> bucketed_permutation(const std::vector<std::uint64_t>& loads, std::size_t batch,
@@ -123,15 +127,6 @@ std::vector<std::vector<std::size_t>> balanced_groups(const std::vector<std::uin
   }
   return result;
 }
-
-namespace {
-
-SampleOrder order_of(const BatchSource& source, std::uint64_t seed, std::size_t batch) {
-  std::vector<std::uint64_t> loads = source.bucket_loads();
-  return loads.empty() ? SampleOrder(source.size(), seed) : SampleOrder(std::move(loads), batch, seed);
-}
-
-}  // namespace
 
 Prefetcher::Prefetcher(const BatchSource& source, std::uint64_t seed, std::uint64_t first_position,
                        const Options& options)

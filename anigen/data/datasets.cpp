@@ -1,7 +1,7 @@
 #include "anigen/data/datasets.h"
 
 #include <algorithm>
-#include <functional>
+#include <atomic>
 #include <system_error>
 #include <utility>
 
@@ -9,10 +9,7 @@
 #include "anigen/core/log.h"
 #include "anigen/core/parallel.h"
 #include "anigen/core/random.h"
-#include "anigen/data/batches.h"
-#include "anigen/data/latent_files.h"
 #include "anigen/data/view_files.h"
-#include "anigen/data/voxel_files.h"
 
 namespace anigen::data {
 
@@ -29,6 +26,63 @@ std::string missing_file(const std::vector<fs::path>& files) {
     if (!fs::is_regular_file(file, error)) return InputError(file.string(), "", "no such file").what();
   }
   return "";
+}
+
+fs::path feature_path(const AssetId& asset, const std::string& model) {
+  return asset.root / "features" / model / (asset.id + ".npz");
+}
+
+fs::path view_folder(const AssetId& asset) { return asset.root / "renders" / asset.id; }
+
+torch::Tensor matrices(std::vector<float> values, std::int64_t batch, std::int64_t edge) {
+  return tensor_of(values, {batch, edge, edge});
+}
+
+fs::path structure_latent_path(const AssetId& asset, const std::string& model) {
+  return asset.root / "ss_latents" / model / (asset.id + ".npz");
+}
+
+std::vector<fs::path> files_of(const AssetId& asset, const StructureLatentOptions& options) {
+  std::vector<fs::path> files{structure_latent_path(asset, options.latent_model)};
+  options.append_condition_files(asset, files);
+  return files;
+}
+
+torch::Tensor latents(const std::vector<const LatentGrid*>& grids, const std::vector<std::string>& ids,
+                      const char* name) {
+  std::vector<const std::vector<float>*> values;
+  for (std::size_t i = 0; i < grids.size(); ++i) {
+    if (grids[i]->shape != grids[0]->shape) {
+      throw InputError(ids[i], name, "is of another shape than that of " + ids[0] + ", in the same batch");
+    }
+    values.push_back(&grids[i]->values);
+  }
+  return stack(values, {grids[0]->shape.begin(), grids[0]->shape.end()}, ids, name);
+}
+
+using geometry::Voxel;
+
+torch::Tensor occupancy_grids(const std::vector<const std::vector<Voxel>*>& sets, int resolution) {
+  const std::int64_t r = resolution;
+  torch::Tensor grids = torch::empty({static_cast<std::int64_t>(sets.size()), 1, r, r, r}, torch::kInt64);
+  std::int64_t* grid = grids.data_ptr<std::int64_t>();
+  std::fill_n(grid, grids.numel(), std::int64_t{0});
+  for (const std::vector<Voxel>* voxels : sets) {
+    for (const Voxel& v : *voxels) grid[(v[0] * r + v[1]) * r + v[2]] = 1;
+    grid += r * r * r;
+  }
+  return grids;
+}
+
+fs::path structured_latent_path(const AssetId& asset, const std::string& model) {
+  return asset.root / "latents" / model / (asset.id + ".npz");
+}
+
+std::vector<fs::path> structured_latent_files(const AssetId& asset, const StructuredLatentOptions& options) {
+  std::vector<fs::path> files{structured_latent_path(asset, options.latent_model)};
+  if (options.load_rigs || options.use_joint_num_cond) files.push_back(rig_path(asset));
+  options.append_condition_files(asset, files);
+  return files;
 }
 
 }  // namespace
@@ -133,127 +187,94 @@ FeatureSkeletonOptions FeatureSkeletonOptions::read(ConfigReader& reader) {
 
 namespace {
 
-namespace fs = std::filesystem;
+// AniGenSparseFeat2Skeleton: what the structured-latent auto-encoder learns from (paper 3.3; reference
+// training-and-data.md, 1.4). Reads features, skeleton voxels, one random view and the rig of an asset; the first stage
+// needs the rig only and reads the same folders through SkinDataset.
+class FeatureSkeletonDataset : public AssetDataset {
+ public:
+  FeatureSkeletonDataset(std::vector<AssetId> assets, const FeatureSkeletonOptions& options, std::uint64_t seed)
+      : AssetDataset(
+            std::move(assets), {seed, options.sources.skip_broken, options.bucket_by_voxels},
+            {[&](const AssetId& asset) {
+               return std::vector{feature_path(asset, options.model), skeleton_voxel_path(asset),
+                                  view_folder(asset) / "transforms.json", rig_path(asset)};
+             },
+             options.bucket_by_voxels ? std::function<std::uint64_t(const AssetId&)>([&](const AssetId& asset) {
+               return count_rows(feature_path(asset, options.model), "indices");
+             })
+                                      : nullptr}),
+        options_(options),
+        surfaces_(static_cast<std::uintmax_t>(options.memory_budget_mb) << 20) {}
 
-fs::path feature_path(const AssetId& asset, const std::string& model) {
-  return asset.root / "features" / model / (asset.id + ".npz");
-}
+ private:
+  struct Pack : Sample {
+    VoxelRows features, skeleton;
+    ViewImage view;
+    RigArrays rig;
+    std::shared_ptr<const geometry::NearestSurface> surface;
+    bool is_bad_skin = false;
+  };
 
-fs::path view_folder(const AssetId& asset) { return asset.root / "renders" / asset.id; }
-
-torch::Tensor matrices(std::vector<float> values, std::int64_t batch, std::int64_t edge) {
-  return tensor_of(values, {batch, edge, edge});
-}
-
-}  // namespace
-
-struct FeatureSkeletonDataset::Pack : Sample {
-  VoxelRows features, skeleton;
-  ViewImage view;
-  RigArrays rig;
-  std::shared_ptr<const geometry::NearestSurface> surface;
-  bool is_bad_skin = false;
-};
-
-FeatureSkeletonDataset::FeatureSkeletonDataset(std::vector<AssetId> assets, const FeatureSkeletonOptions& options,
-                                               std::uint64_t seed)
-    : AssetDataset(std::move(assets), {seed, options.sources.skip_broken, options.bucket_by_voxels},
-                   {[&](const AssetId& asset) {
-                      return std::vector{feature_path(asset, options.model), skeleton_voxel_path(asset),
-                                         view_folder(asset) / "transforms.json", rig_path(asset)};
-                    },
-                    options.bucket_by_voxels ? std::function<std::uint64_t(const AssetId&)>([&](const AssetId& asset) {
-                      return count_rows(feature_path(asset, options.model), "indices");
-                    })
-                                             : nullptr}),
-      options_(options),
-      surfaces_(static_cast<std::uintmax_t>(options.memory_budget_mb) << 20) {}
-
-std::vector<geometry::Voxel> FeatureSkeletonDataset::skeleton_voxels(const AssetId& asset,
-                                                                     std::uint64_t position) const {
-  const int radius = options_.skl_dilation_iter, resolution = options_.resolution;
-  const std::vector<geometry::Voxel> rows = read_voxels_at(skeleton_voxel_path(asset), resolution);
-  if (!options_.skl_dilation_random_aug) {
-    return radius == 0 ? rows : geometry::dilate(rows, resolution, radius);
-  }
-  Rng rng(seed(), "skeleton dilation", position);
-  if (!rng.chance(options_.skl_dilation_random_aug_prob)) return geometry::dilate(rows, resolution, radius);
-  return geometry::dilate_randomly(rows, resolution, radius, [&rng] { return rng.uniform(); });
-}
-
-std::unique_ptr<AssetDataset::Sample> FeatureSkeletonDataset::read(std::size_t index, std::uint64_t position) const {
-  const AssetId& id = asset(index);
-  auto pack = std::make_unique<Pack>();
-  pack->features = read_features_at(feature_path(id, options_.model), options_.resolution);
-  pack->skeleton.coords = skeleton_voxels(id, position);
-  Rng view(seed(), "view", position);
-  pack->view = read_view(view_folder(id), options_.image_size, view);
-  pack->rig = read_rig_arrays(id);
-  const std::size_t unweighted = normalize_skin_rows(pack->rig.skin, pack->rig.joints.size());
-  if (unweighted > 0 && !told_unweighted_.exchange(true)) {
-    log::warn(
-        "{}: {} of {} vertices have no weight and follow joint 0, as published; said of the first such asset only",
-        rig_path(id).string(), unweighted, pack->rig.vertices.size());
-  }
-  if (options_.skin_accum_as_flow) accumulate_skin_as_flow(pack->rig.skin, pack->rig.parents);
-  if (options_.load_cubvh) pack->surface = surfaces_.of(index, pack->rig);
-  pack->is_bad_skin = id.is_bad_skin;
-  return pack;
-}
-
-std::unique_ptr<Batch> FeatureSkeletonDataset::collate(const Samples& samples,
-                                                       const std::vector<std::string>& ids) const {
-  auto batch = std::make_unique<FeatureSkeletonBatch>();
-  std::vector<const VoxelRows*> features, skeletons;
-  std::vector<const std::vector<float>*> images, alphas;
-  std::vector<float> extrinsics, intrinsics;
-  for (const auto& sample : samples) {
-    const auto& pack = static_cast<const Pack&>(*sample);
-    features.push_back(&pack.features);
-    skeletons.push_back(&pack.skeleton);
-    images.push_back(&pack.view.image);
-    alphas.push_back(&pack.view.alpha);
-    extrinsics.insert(extrinsics.end(), pack.view.extrinsics.begin(), pack.view.extrinsics.end());
-    intrinsics.insert(intrinsics.end(), pack.view.intrinsics.begin(), pack.view.intrinsics.end());
-    batch->rigs.append(pack.rig);
-    if (pack.surface) batch->rigs.surfaces.push_back(pack.surface);
-    batch->is_bad_skin.push_back(pack.is_bad_skin);
-  }
-  const std::int64_t edge = options_.image_size, count = static_cast<std::int64_t>(samples.size());
-  batch->feats = collate_voxels(features, ids);
-  batch->feats_skl = collate_voxels(skeletons, ids);
-  batch->image = stack(images, {3, edge, edge}, ids, "image");
-  batch->alpha = stack(alphas, {edge, edge}, ids, "alpha");
-  batch->extrinsics = matrices(std::move(extrinsics), count, 4);
-  batch->intrinsics = matrices(std::move(intrinsics), count, 3);
-  return batch;
-}
-
-namespace {
-
-namespace fs = std::filesystem;
-
-fs::path structure_latent_path(const AssetId& asset, const std::string& model) {
-  return asset.root / "ss_latents" / model / (asset.id + ".npz");
-}
-
-std::vector<fs::path> files_of(const AssetId& asset, const StructureLatentOptions& options) {
-  std::vector<fs::path> files{structure_latent_path(asset, options.latent_model)};
-  options.append_condition_files(asset, files);
-  return files;
-}
-
-torch::Tensor latents(const std::vector<const LatentGrid*>& grids, const std::vector<std::string>& ids,
-                      const char* name) {
-  std::vector<const std::vector<float>*> values;
-  for (std::size_t i = 0; i < grids.size(); ++i) {
-    if (grids[i]->shape != grids[0]->shape) {
-      throw InputError(ids[i], name, "is of another shape than that of " + ids[0] + ", in the same batch");
+  std::unique_ptr<Sample> read(std::size_t index, std::uint64_t position) const override {
+    const AssetId& id = asset(index);
+    auto pack = std::make_unique<Pack>();
+    pack->features = read_features_at(feature_path(id, options_.model), options_.resolution);
+    pack->skeleton.coords = skeleton_voxels(id, position);
+    Rng view(seed(), "view", position);
+    pack->view = read_view(view_folder(id), options_.image_size, view);
+    pack->rig = read_rig_arrays(id);
+    const std::size_t unweighted = normalize_skin_rows(pack->rig.skin, pack->rig.joints.size());
+    if (unweighted > 0 && !told_unweighted_.exchange(true)) {
+      log::warn(
+          "{}: {} of {} vertices have no weight and follow joint 0, as published; said of the first such asset only",
+          rig_path(id).string(), unweighted, pack->rig.vertices.size());
     }
-    values.push_back(&grids[i]->values);
+    if (options_.skin_accum_as_flow) accumulate_skin_as_flow(pack->rig.skin, pack->rig.parents);
+    if (options_.load_cubvh) pack->surface = surfaces_.of(index, pack->rig);
+    pack->is_bad_skin = id.is_bad_skin;
+    return pack;
   }
-  return stack(values, {grids[0]->shape.begin(), grids[0]->shape.end()}, ids, name);
-}
+  std::unique_ptr<Batch> collate(const Samples& samples, const std::vector<std::string>& ids) const override {
+    auto batch = std::make_unique<FeatureSkeletonBatch>();
+    std::vector<const VoxelRows*> features, skeletons;
+    std::vector<const std::vector<float>*> images, alphas;
+    std::vector<float> extrinsics, intrinsics;
+    for (const auto& sample : samples) {
+      const auto& pack = static_cast<const Pack&>(*sample);
+      features.push_back(&pack.features);
+      skeletons.push_back(&pack.skeleton);
+      images.push_back(&pack.view.image);
+      alphas.push_back(&pack.view.alpha);
+      extrinsics.insert(extrinsics.end(), pack.view.extrinsics.begin(), pack.view.extrinsics.end());
+      intrinsics.insert(intrinsics.end(), pack.view.intrinsics.begin(), pack.view.intrinsics.end());
+      batch->rigs.append(pack.rig);
+      if (pack.surface) batch->rigs.surfaces.push_back(pack.surface);
+      batch->is_bad_skin.push_back(pack.is_bad_skin);
+    }
+    const std::int64_t edge = options_.image_size, count = static_cast<std::int64_t>(samples.size());
+    batch->feats = collate_voxels(features, ids);
+    batch->feats_skl = collate_voxels(skeletons, ids);
+    batch->image = stack(images, {3, edge, edge}, ids, "image");
+    batch->alpha = stack(alphas, {edge, edge}, ids, "alpha");
+    batch->extrinsics = matrices(std::move(extrinsics), count, 4);
+    batch->intrinsics = matrices(std::move(intrinsics), count, 3);
+    return batch;
+  }
+  std::vector<geometry::Voxel> skeleton_voxels(const AssetId& asset, std::uint64_t position) const {
+    const int radius = options_.skl_dilation_iter, resolution = options_.resolution;
+    const std::vector<geometry::Voxel> rows = read_voxels_at(skeleton_voxel_path(asset), resolution);
+    if (!options_.skl_dilation_random_aug) {
+      return radius == 0 ? rows : geometry::dilate(rows, resolution, radius);
+    }
+    Rng rng(seed(), "skeleton dilation", position);
+    if (!rng.chance(options_.skl_dilation_random_aug_prob)) return geometry::dilate(rows, resolution, radius);
+    return geometry::dilate_randomly(rows, resolution, radius, [&rng] { return rng.uniform(); });
+  }
+
+  FeatureSkeletonOptions options_;
+  mutable SurfaceCache surfaces_;
+  mutable std::atomic<bool> told_unweighted_{false};
+};
 
 }  // namespace
 
@@ -311,24 +332,6 @@ std::unique_ptr<Batch> StructureLatentDataset::collate(const Samples& samples,
   return batch;
 }
 
-namespace {
-
-using geometry::Voxel;
-
-torch::Tensor occupancy_grids(const std::vector<const std::vector<Voxel>*>& sets, int resolution) {
-  const std::int64_t r = resolution;
-  torch::Tensor grids = torch::empty({static_cast<std::int64_t>(sets.size()), 1, r, r, r}, torch::kInt64);
-  std::int64_t* grid = grids.data_ptr<std::int64_t>();
-  std::fill_n(grid, grids.numel(), std::int64_t{0});
-  for (const std::vector<Voxel>* voxels : sets) {
-    for (const Voxel& v : *voxels) grid[(v[0] * r + v[1]) * r + v[2]] = 1;
-    grid += r * r * r;
-  }
-  return grids;
-}
-
-}  // namespace
-
 SparseStructureOptions SparseStructureOptions::read(ConfigReader& reader) {
   SparseStructureOptions options;
   options.sources.read_common(reader);
@@ -372,23 +375,6 @@ std::unique_ptr<Batch> SparseStructureDataset::collate(const Samples& samples, c
   batch->ss_skl = occupancy_grids(skeletons, options_.resolution);
   return batch;
 }
-
-namespace {
-
-namespace fs = std::filesystem;
-
-fs::path structured_latent_path(const AssetId& asset, const std::string& model) {
-  return asset.root / "latents" / model / (asset.id + ".npz");
-}
-
-std::vector<fs::path> structured_latent_files(const AssetId& asset, const StructuredLatentOptions& options) {
-  std::vector<fs::path> files{structured_latent_path(asset, options.latent_model)};
-  if (options.load_rigs || options.use_joint_num_cond) files.push_back(rig_path(asset));
-  options.append_condition_files(asset, files);
-  return files;
-}
-
-}  // namespace
 
 StructuredLatentOptions StructuredLatentOptions::read(ConfigReader& reader, bool image_conditioned) {
   StructuredLatentOptions options;

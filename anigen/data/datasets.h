@@ -1,6 +1,5 @@
 #pragma once
 #include <torch/torch.h>
-#include <atomic>
 #include <cstdint>
 #include <filesystem>
 #include <functional>
@@ -107,24 +106,6 @@ struct FeatureSkeletonBatch : Batch {
   torch::Tensor intrinsics;       ///< [B, 3, 3] fp32, normalised: the picture spans [0, 1]²
   RigBatch rigs;                  ///< skin rows sum to 1, those without weight are on joint 0
   std::vector<bool> is_bad_skin;  ///< [B] column of metadata.csv
-};
-
-/// AniGenSparseFeat2Skeleton: what the structured-latent auto-encoder learns from (paper 3.3; reference
-/// training-and-data.md, 1.4). Reads features, skeleton voxels, one random view and the rig of an asset; the first
-/// stage needs the rig only and reads the same folders through SkinDataset.
-class FeatureSkeletonDataset : public AssetDataset {
- public:
-  FeatureSkeletonDataset(std::vector<AssetId> assets, const FeatureSkeletonOptions& options, std::uint64_t seed);
-
- private:
-  struct Pack;
-  std::unique_ptr<Sample> read(std::size_t asset, std::uint64_t position) const override;
-  std::unique_ptr<Batch> collate(const Samples& samples, const std::vector<std::string>& ids) const override;
-  std::vector<geometry::Voxel> skeleton_voxels(const AssetId& asset, std::uint64_t position) const;
-
-  FeatureSkeletonOptions options_;
-  mutable SurfaceCache surfaces_;
-  mutable std::atomic<bool> told_unweighted_{false};
 };
 
 /// `dataset.args` of AniGenSparseStructureLatent and its image-conditioned form (reference training-and-data.md, 1.4).

@@ -2,12 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
-#include <filesystem>
-#include <vector>
 
 #include "anigen/core/error.h"
 #include "anigen/core/random.h"
-#include "anigen/data/metadata.h"
 #include "anigen/data/voxel_files.h"
 #include "anigen/io/arrays/npz.h"
 
@@ -35,6 +32,106 @@ void check(const io::NdArray& array, const ArraySpec& spec, const std::string& f
         file, spec.name,
         "has shape " + text_of(array.shape) + "; more than " + std::to_string(spec.most) + " numbers are not read");
   }
+}
+
+LatentGrid grid(const io::NamedArrays& arrays, const std::string& name, const std::string& file) {
+  const std::vector<std::int64_t>& shape = named(arrays, name).shape;
+  if (shape[1] != shape[2] || shape[1] != shape[3] || shape[0] == 0 || shape[1] == 0) {
+    throw InputError(file, name, "is not of the shape [C, r, r, r]");
+  }
+  LatentGrid latent;
+  std::copy_n(shape.begin(), 4, latent.shape.begin());
+  latent.values = finite_numbers(arrays, name, file);
+  return latent;
+}
+
+std::vector<float> channels(const io::NamedArrays& arrays, const std::string& name, const std::string& file) {
+  const io::NdArray* array = io::find(arrays, name);
+  if (array == nullptr) throw InputError(file, name, "no such array");
+  const auto wide = std::count_if(array->shape.begin(), array->shape.end(), [](std::int64_t n) { return n != 1; });
+  if (wide > 1) throw InputError(file, name, "has more than one dimension; one number per channel is expected");
+  return finite_numbers(arrays, name, file);
+}
+
+constexpr const char* kShapeKey = "normalization";
+constexpr const char* kSkeletonKey = "normalization_skl";
+constexpr const char* kSkeletonSuffix = "_skl";
+// The skeleton's deviations are bounded from below, as published. Skin channels of a structured latent vary as little.
+constexpr float kLowestDeviation = 1e-3f;
+
+// The file that an argument names; empty: none.
+std::filesystem::path named_file(ConfigReader& args, const std::string& key) {
+  const std::string name = args.text(key, "");
+  return name.empty() ? std::filesystem::path() : file_of_dataset(name, args.text("data_dir", ""));
+}
+
+// Lists `mean<suffix>` and `std<suffix>` of numbers, one per channel; both missing: none.
+ChannelStatistics listed_statistics(ConfigReader& reader, const std::string& suffix) {
+  const auto floats = [&](const std::string& key) {
+    const std::vector<double> values = reader.numbers(key, {});
+    return std::vector<float>(values.begin(), values.end());
+  };
+  ChannelStatistics result{floats("mean" + suffix), floats("std" + suffix)};
+  if (!result.mean.empty() || !result.deviation.empty()) {
+    result.check(reader.file(), reader.pointer_to("mean" + suffix));
+  }
+  return result;
+}
+
+// Lists under a name of their own, as the published pipeline also understands them; nothing without that name.
+bool read_nested(ConfigReader& lists, const char* name, ChannelStatistics& into) {
+  if (!lists.has(name)) return false;
+  ConfigReader nested = lists.object(name);
+  into = listed_statistics(nested, "");
+  nested.finish();
+  return true;
+}
+
+StreamStatistics listed_streams(ConfigReader lists) {
+  StreamStatistics listed;
+  if (!read_nested(lists, "slat", listed.shape)) listed.shape = listed_statistics(lists, "");
+  if (!read_nested(lists, "slat_skl", listed.skeleton) && !read_nested(lists, "slat_skel", listed.skeleton)) {
+    listed.skeleton = listed_statistics(lists, kSkeletonSuffix);
+  }
+  lists.finish();
+  return listed;
+}
+
+// Statistics that `anigen-encode slat` proposes to the dataset of stage 5.
+StreamStatistics proposed_statistics(const std::filesystem::path& file) {
+  const Json json = read_json(file);
+  ConfigReader top(json, file.string());
+  top.require(kShapeKey);
+  return listed_streams(top.object(kShapeKey));
+}
+
+// The arguments of a dataset whose name contains `class_name`; nullptr for another dataset.
+Json* args_of_class(Json& dataset, const std::string& class_name) {
+  if (!dataset.is_object() || !dataset.contains("args") || !dataset["args"].is_object()) return nullptr;
+  const std::string name = dataset.value("name", Json()).is_string() ? dataset["name"].get<std::string>() : "";
+  return name.find(class_name) == std::string::npos ? nullptr : &dataset["args"];
+}
+
+bool names_a_file(const Json& args, const char* key) { return args.contains(key) && args[key].is_string(); }
+
+void add_lists(Json& lists, const ChannelStatistics& statistics, const std::string& suffix) {
+  if (statistics.empty()) return;
+  lists["mean" + suffix] = statistics.mean;
+  lists["std" + suffix] = statistics.deviation;
+}
+
+// renders_cond/<id>
+fs::path condition_folder(const AssetId& asset) { return asset.root / "renders_cond" / asset.id; }
+
+// Two arrays of an NPZ; dimensions of size 1 around the channels are allowed.
+ChannelStatistics read_channel_statistics(const std::filesystem::path& path, const std::string& mean,
+                                          const std::string& deviation, float lowest) {
+  const std::string file = path.string();
+  const io::NamedArrays arrays = io::read_npz(path, {mean, deviation});
+  ChannelStatistics statistics{channels(arrays, mean, file), channels(arrays, deviation, file)};
+  for (float& value : statistics.deviation) value = std::max(value, lowest);
+  statistics.check(file, mean);
+  return statistics;
 }
 
 }  // namespace
@@ -91,29 +188,6 @@ std::vector<std::int64_t> whole_numbers(const io::NamedArrays& arrays, const std
   }
 }
 
-namespace {
-
-LatentGrid grid(const io::NamedArrays& arrays, const std::string& name, const std::string& file) {
-  const std::vector<std::int64_t>& shape = named(arrays, name).shape;
-  if (shape[1] != shape[2] || shape[1] != shape[3] || shape[0] == 0 || shape[1] == 0) {
-    throw InputError(file, name, "is not of the shape [C, r, r, r]");
-  }
-  LatentGrid latent;
-  std::copy_n(shape.begin(), 4, latent.shape.begin());
-  latent.values = finite_numbers(arrays, name, file);
-  return latent;
-}
-
-std::vector<float> channels(const io::NamedArrays& arrays, const std::string& name, const std::string& file) {
-  const io::NdArray* array = io::find(arrays, name);
-  if (array == nullptr) throw InputError(file, name, "no such array");
-  const auto wide = std::count_if(array->shape.begin(), array->shape.end(), [](std::int64_t n) { return n != 1; });
-  if (wide > 1) throw InputError(file, name, "has more than one dimension; one number per channel is expected");
-  return finite_numbers(arrays, name, file);
-}
-
-}  // namespace
-
 StructureLatent read_structure_latent(const std::filesystem::path& path) {
   constexpr std::size_t kMost = std::size_t{1} << 26;
   const io::NamedArrays arrays =
@@ -165,86 +239,6 @@ void ChannelStatistics::normalize_rows(std::vector<float>& values, std::size_t c
   for (std::size_t i = 0; i < values.size(); ++i) {
     values[i] = (values[i] - mean[i % channel_count]) / deviation[i % channel_count];
   }
-}
-
-ChannelStatistics read_channel_statistics(const std::filesystem::path& path, const std::string& mean,
-                                          const std::string& deviation, float lowest) {
-  const std::string file = path.string();
-  const io::NamedArrays arrays = io::read_npz(path, {mean, deviation});
-  ChannelStatistics statistics{channels(arrays, mean, file), channels(arrays, deviation, file)};
-  for (float& value : statistics.deviation) value = std::max(value, lowest);
-  statistics.check(file, mean);
-  return statistics;
-}
-
-namespace {
-
-constexpr const char* kShapeKey = "normalization";
-constexpr const char* kSkeletonKey = "normalization_skl";
-constexpr const char* kSkeletonSuffix = "_skl";
-// The skeleton's deviations are bounded from below, as published. Skin channels of a structured latent vary as little.
-constexpr float kLowestDeviation = 1e-3f;
-
-// The file that an argument names; empty: none.
-std::filesystem::path named_file(ConfigReader& args, const std::string& key) {
-  const std::string name = args.text(key, "");
-  return name.empty() ? std::filesystem::path() : file_of_dataset(name, args.text("data_dir", ""));
-}
-
-// Lists under a name of their own, as the published pipeline also understands them; nothing without that name.
-bool read_nested(ConfigReader& lists, const char* name, ChannelStatistics& into) {
-  if (!lists.has(name)) return false;
-  ConfigReader nested = lists.object(name);
-  into = listed_statistics(nested, "");
-  nested.finish();
-  return true;
-}
-
-StreamStatistics listed_streams(ConfigReader lists) {
-  StreamStatistics listed;
-  if (!read_nested(lists, "slat", listed.shape)) listed.shape = listed_statistics(lists, "");
-  if (!read_nested(lists, "slat_skl", listed.skeleton) && !read_nested(lists, "slat_skel", listed.skeleton)) {
-    listed.skeleton = listed_statistics(lists, kSkeletonSuffix);
-  }
-  lists.finish();
-  return listed;
-}
-
-// Statistics that `anigen-encode slat` proposes to the dataset of stage 5.
-StreamStatistics proposed_statistics(const std::filesystem::path& file) {
-  const Json json = read_json(file);
-  ConfigReader top(json, file.string());
-  top.require(kShapeKey);
-  return listed_streams(top.object(kShapeKey));
-}
-
-// The arguments of a dataset whose name contains `class_name`; nullptr for another dataset.
-Json* args_of_class(Json& dataset, const std::string& class_name) {
-  if (!dataset.is_object() || !dataset.contains("args") || !dataset["args"].is_object()) return nullptr;
-  const std::string name = dataset.value("name", Json()).is_string() ? dataset["name"].get<std::string>() : "";
-  return name.find(class_name) == std::string::npos ? nullptr : &dataset["args"];
-}
-
-bool names_a_file(const Json& args, const char* key) { return args.contains(key) && args[key].is_string(); }
-
-void add_lists(Json& lists, const ChannelStatistics& statistics, const std::string& suffix) {
-  if (statistics.empty()) return;
-  lists["mean" + suffix] = statistics.mean;
-  lists["std" + suffix] = statistics.deviation;
-}
-
-}  // namespace
-
-ChannelStatistics listed_statistics(ConfigReader& reader, const std::string& suffix) {
-  const auto floats = [&](const std::string& key) {
-    const std::vector<double> values = reader.numbers(key, {});
-    return std::vector<float>(values.begin(), values.end());
-  };
-  ChannelStatistics result{floats("mean" + suffix), floats("std" + suffix)};
-  if (!result.mean.empty() || !result.deviation.empty()) {
-    result.check(reader.file(), reader.pointer_to("mean" + suffix));
-  }
-  return result;
 }
 
 ChannelStatistics dense_latent_statistics(ConfigReader& args, const std::string& key) {
@@ -306,8 +300,6 @@ torch::Tensor denormalised(const torch::Tensor& x, const ChannelStatistics& stat
 }
 
 namespace fs = std::filesystem;
-
-fs::path condition_folder(const AssetId& asset) { return asset.root / "renders_cond" / asset.id; }
 
 void LatentDatasetOptions::read_latents(ConfigReader& reader, bool conditioned, const std::string& flag) {
   image_conditioned = conditioned;

@@ -66,14 +66,6 @@ struct ChannelStatistics {
   void check(const std::string& file, const std::string& place) const;
 };
 
-/// Two arrays of an NPZ; dimensions of size 1 around the channels are allowed. @param lowest smaller deviations become
-/// it
-ChannelStatistics read_channel_statistics(const std::filesystem::path& path, const std::string& mean,
-                                          const std::string& deviation, float lowest);
-
-/// Lists `mean<suffix>` and `std<suffix>` of numbers, one per channel; both missing: none. @throws InputError
-ChannelStatistics listed_statistics(ConfigReader& reader, const std::string& suffix);
-
 /// Statistics of a dense latent in the arguments of a dataset. `key` is `normalization` or `normalization_skl`: the NPZ
 /// that `anigen-encode ss` writes (as published; relative to the first root of `data_dir`, else to the working
 /// directory), or, ours, an object of the lists `mean` and `std`. Missing, null or "": none. @throws InputError
@@ -122,8 +114,5 @@ struct LatentDatasetOptions {
   torch::Tensor condition_batch(const std::vector<const std::vector<float>*>& pictures,
                                 const std::vector<std::string>& ids) const;
 };
-
-/// renders_cond/<id>
-std::filesystem::path condition_folder(const AssetId& asset);
 
 }  // namespace anigen::data

@@ -2,9 +2,7 @@
 
 #include <algorithm>
 #include <cstdlib>
-#include <filesystem>
 #include <functional>
-#include <set>
 #include <sstream>
 #include <system_error>
 
@@ -72,6 +70,8 @@ bool safe_id(const std::string& id) {
   return !id.empty() && id.size() <= 200 && id.front() != '.' && id.find('/') == std::string::npos &&
          id.find('\\') == std::string::npos && id.find('\0') == std::string::npos;
 }
+
+double share_of(const std::string& id) { return static_cast<double>(stable_hash(id) >> 11) * 0x1.0p-53; }
 
 }  // namespace
 
@@ -179,14 +179,6 @@ std::vector<AssetId> select_assets(const std::string& data_dir, const RowFilter&
   if (assets.empty()) throw InputError("--data-dir", "", "names no dataset root");
   return assets;
 }
-
-namespace {
-
-namespace fs = std::filesystem;
-
-double share_of(const std::string& id) { return static_cast<double>(stable_hash(id) >> 11) * 0x1.0p-53; }
-
-}  // namespace
 
 fs::path file_of_dataset(const std::string& name, const std::string& data_dir) {
   const fs::path below_root = fs::path(data_dir.substr(0, data_dir.find(','))) / name;

@@ -2,10 +2,7 @@
 
 #include <algorithm>
 #include <queue>
-#include <utility>
 
-#include "anigen/core/error.h"
-#include "anigen/data/view_files.h"
 #include "anigen/data/voxel_files.h"
 
 namespace anigen::data {
@@ -56,14 +53,14 @@ RiggedItem read_rigged_item(const AssetId& asset, std::size_t max_joints) {
   return item;
 }
 
-namespace {
-
 torch::Tensor points_tensor(const std::vector<Eigen::Vector3f>& points) {
   torch::Tensor tensor = torch::empty({static_cast<std::int64_t>(points.size()), 3});
   float* out = tensor.data_ptr<float>();
   for (const Eigen::Vector3f& point : points) out = std::copy_n(point.data(), 3, out);
   return tensor;
 }
+
+namespace {
 
 template <typename T>
 torch::Tensor faces_tensor(const std::vector<Triangle>& faces, torch::Dtype dtype) {
@@ -72,6 +69,8 @@ torch::Tensor faces_tensor(const std::vector<Triangle>& faces, torch::Dtype dtyp
   for (const Triangle& face : faces) out = std::copy(face.begin(), face.end(), out);
   return tensor;
 }
+
+constexpr std::uintmax_t kBytesPerFace = 300, kBytesPerVertex = 24;  // of a BVH with its copy of the mesh, about
 
 }  // namespace
 
@@ -86,12 +85,6 @@ void RigBatch::append(const RigArrays& rig) {
   faces.push_back(rig.face_dtype == io::Dtype::kI32 ? faces_tensor<std::int32_t>(rig.faces, torch::kInt32)
                                                     : faces_tensor<std::int64_t>(rig.faces, torch::kInt64));
 }
-
-namespace {
-
-constexpr std::uintmax_t kBytesPerFace = 300, kBytesPerVertex = 24;  // of a BVH with its copy of the mesh, about
-
-}  // namespace
 
 std::shared_ptr<const geometry::NearestSurface> SurfaceCache::of(std::size_t asset, const RigArrays& rig) {
   {

@@ -44,6 +44,20 @@ RiggedItem read_rigged_item(const AssetId& asset, std::size_t max_joints = 4096)
 /// cycle @param file only for messages
 std::vector<int> parents_first_order(const std::vector<int>& parents, const std::string& file);
 
+/// Points as rows, [N, 3] fp32. Filled by the calling thread alone.
+torch::Tensor points_tensor(const std::vector<Eigen::Vector3f>& points);
+
+/// Returns the result of `make`; InputErrors without a file then name this one, or this asset.
+template <typename Make>
+auto naming(const std::string& file, Make make) -> decltype(make()) {
+  try {
+    return make();
+  } catch (const InputError& error) {
+    if (!error.file().empty()) throw;
+    throw InputError(file, error.place(), error.problem());
+  }
+}
+
 /// The rigged meshes of a batch, one entry per asset: they stay lists, since their sizes differ. World frame.
 struct RigBatch {
   std::vector<torch::Tensor> joints;    ///< [J, 3] fp32

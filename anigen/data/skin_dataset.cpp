@@ -7,7 +7,6 @@
 #include "anigen/core/error.h"
 #include "anigen/core/log.h"
 #include "anigen/core/parallel.h"
-#include "anigen/data/metadata.h"
 #include "anigen/geometry/sampling.h"
 
 namespace anigen::data {
@@ -78,6 +77,21 @@ bool accumulate_and_normalize(std::vector<double>& values) {
   return true;
 }
 
+constexpr std::size_t kReadTogether = 64;
+
+torch::Tensor parents_tensor(const std::vector<int>& parents) {
+  torch::Tensor tensor = torch::empty({static_cast<std::int64_t>(parents.size())}, torch::kInt64);
+  std::copy(parents.begin(), parents.end(), tensor.data_ptr<std::int64_t>());
+  return tensor;
+}
+
+// Zeros, filled by this very thread: torch::zeros would start a team of threads in every loading thread.
+torch::Tensor zero_weights(std::size_t rows, std::size_t joints) {
+  torch::Tensor tensor = torch::empty({static_cast<std::int64_t>(rows), static_cast<std::int64_t>(joints)});
+  std::fill_n(tensor.data_ptr<float>(), rows * joints, 0.0f);
+  return tensor;
+}
+
 }  // namespace
 
 SkinSampler::SkinSampler(const RiggedItem& item, bool with_blends)
@@ -115,32 +129,6 @@ void add_weights_at(const RiggedItem& item, const geometry::SurfacePoint& point,
     }
   }
 }
-
-namespace {
-
-constexpr std::size_t kReadTogether = 64;
-
-torch::Tensor joints_tensor(const std::vector<Eigen::Vector3f>& joints) {
-  torch::Tensor tensor = torch::empty({static_cast<std::int64_t>(joints.size()), 3});
-  float* out = tensor.data_ptr<float>();
-  for (const Eigen::Vector3f& joint : joints) out = std::copy_n(joint.data(), 3, out);
-  return tensor;
-}
-
-torch::Tensor parents_tensor(const std::vector<int>& parents) {
-  torch::Tensor tensor = torch::empty({static_cast<std::int64_t>(parents.size())}, torch::kInt64);
-  std::copy(parents.begin(), parents.end(), tensor.data_ptr<std::int64_t>());
-  return tensor;
-}
-
-// Zeros, filled by this very thread: torch::zeros would start a team of threads in every loading thread.
-torch::Tensor zero_weights(std::size_t rows, std::size_t joints) {
-  torch::Tensor tensor = torch::empty({static_cast<std::int64_t>(rows), static_cast<std::int64_t>(joints)});
-  std::fill_n(tensor.data_ptr<float>(), rows * joints, 0.0f);
-  return tensor;
-}
-
-}  // namespace
 
 /// An asset with what is derived from it once.
 struct SkinDataset::Entry {
@@ -242,7 +230,7 @@ void SkinDataset::sample(std::size_t index, std::uint64_t position, SkinBatch& b
     if (power != 1.0f) sharpen(out, joints, power);
   }
   batch.ids.push_back(found->item.id);
-  batch.joints.push_back(joints_tensor(rig.joints));
+  batch.joints.push_back(points_tensor(rig.joints));
   batch.parents.push_back(parents_tensor(rig.parents));
   batch.skin.push_back(skin);
 }
@@ -261,7 +249,7 @@ std::unique_ptr<SkinBatch> SkinDataset::vertices_of(std::size_t index, std::size
     for (std::size_t k = 0; k < item.skin.row_size(vertex); ++k) out[row[k].joint] += row[k].weight;
   }
   batch->ids.push_back(item.id);
-  batch->joints.push_back(joints_tensor(item.joints));
+  batch->joints.push_back(points_tensor(item.joints));
   batch->parents.push_back(parents_tensor(item.parents));
   batch->skin.push_back(skin);
   return batch;

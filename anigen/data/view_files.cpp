@@ -1,6 +1,5 @@
 #include "anigen/data/view_files.h"
 
-#include <Eigen/Core>
 #include <algorithm>
 #include <cstdint>
 #include <system_error>
@@ -50,6 +49,42 @@ void copy_row_major(const Matrix& matrix, std::array<float, N>& out) {
       out[static_cast<std::size_t>(row * matrix.cols() + column)] = static_cast<float>(matrix(row, column));
     }
   }
+}
+
+constexpr std::size_t kMostPoints = std::size_t{1} << 24;
+
+std::vector<Eigen::Vector3f> points(const io::NamedArrays& arrays, const char* name, const std::string& file) {
+  const std::vector<float> flat = named(arrays, name).as<float>();
+  std::vector<Eigen::Vector3f> result(flat.size() / 3);
+  for (std::size_t i = 0; i < result.size(); ++i) {
+    result[i] = {flat[3 * i], flat[3 * i + 1], flat[3 * i + 2]};
+    if (!result[i].allFinite()) throw InputError(file, place_of(name, {-1}, i), "is not finite");
+  }
+  return result;
+}
+
+std::vector<Triangle> triangles(const io::NamedArrays& arrays, std::size_t vertices, const std::string& file) {
+  const std::vector<std::int64_t> flat = whole_numbers(arrays, "faces", file);
+  std::vector<Triangle> result(flat.size() / 3);
+  for (std::size_t i = 0; i < flat.size(); ++i) {
+    if (flat[i] < 0 || flat[i] >= static_cast<std::int64_t>(vertices)) {
+      throw InputError(file, place_of("faces", {-1}, i / 3),
+                       "vertex " + std::to_string(flat[i]) + " of " + std::to_string(vertices));
+    }
+    result[i / 3][i % 3] = static_cast<std::int32_t>(flat[i]);
+  }
+  return result;
+}
+
+std::vector<float> weights(const io::NamedArrays& arrays, const std::string& file) {
+  std::vector<float> skin = finite_numbers(arrays, "skin", file);
+  for (std::size_t i = 0; i < skin.size(); ++i) {
+    if (skin[i] < 0.0f) {
+      throw InputError(file, place_of("skin", named(arrays, "skin").shape, i),
+                       "is " + std::to_string(skin[i]) + "; weights must not be negative");
+    }
+  }
+  return skin;
 }
 
 }  // namespace
@@ -120,46 +155,6 @@ void accumulate_skin_as_flow(std::vector<float>& skin, const std::vector<int>& p
     for (std::size_t j = 0; j < joints; ++j) row[j] = std::clamp(row[j], 0.0f, 1.0f);
   }
 }
-
-namespace {
-
-constexpr std::size_t kMostPoints = std::size_t{1} << 24;
-
-std::vector<Eigen::Vector3f> points(const io::NamedArrays& arrays, const char* name, const std::string& file) {
-  const std::vector<float> flat = named(arrays, name).as<float>();
-  std::vector<Eigen::Vector3f> result(flat.size() / 3);
-  for (std::size_t i = 0; i < result.size(); ++i) {
-    result[i] = {flat[3 * i], flat[3 * i + 1], flat[3 * i + 2]};
-    if (!result[i].allFinite()) throw InputError(file, place_of(name, {-1}, i), "is not finite");
-  }
-  return result;
-}
-
-std::vector<Triangle> triangles(const io::NamedArrays& arrays, std::size_t vertices, const std::string& file) {
-  const std::vector<std::int64_t> flat = whole_numbers(arrays, "faces", file);
-  std::vector<Triangle> result(flat.size() / 3);
-  for (std::size_t i = 0; i < flat.size(); ++i) {
-    if (flat[i] < 0 || flat[i] >= static_cast<std::int64_t>(vertices)) {
-      throw InputError(file, place_of("faces", {-1}, i / 3),
-                       "vertex " + std::to_string(flat[i]) + " of " + std::to_string(vertices));
-    }
-    result[i / 3][i % 3] = static_cast<std::int32_t>(flat[i]);
-  }
-  return result;
-}
-
-std::vector<float> weights(const io::NamedArrays& arrays, const std::string& file) {
-  std::vector<float> skin = finite_numbers(arrays, "skin", file);
-  for (std::size_t i = 0; i < skin.size(); ++i) {
-    if (skin[i] < 0.0f) {
-      throw InputError(file, place_of("skin", named(arrays, "skin").shape, i),
-                       "is " + std::to_string(skin[i]) + "; weights must not be negative");
-    }
-  }
-  return skin;
-}
-
-}  // namespace
 
 std::filesystem::path rig_path(const AssetId& asset) {
   return asset.root / "skeleton" / asset.id / "skeleton_voxelized.npz";

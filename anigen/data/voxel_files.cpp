@@ -5,7 +5,6 @@
 
 #include "anigen/core/error.h"
 #include "anigen/data/latent_files.h"
-#include "anigen/geometry/voxel_grid.h"
 #include "anigen/io/arrays/npz.h"
 #include "anigen/io/ply.h"
 
@@ -34,6 +33,11 @@ std::vector<geometry::Voxel> distinct_voxels(const io::NamedArrays& arrays, cons
     seen[cell] = true;
   }
   return voxels;
+}
+
+// `features/<model>/<id>.npz`: `indices` [N, 3], `patchtokens` [N, C] of any floating dtype.
+VoxelRows read_voxel_features(const std::filesystem::path& path) {
+  return read_voxel_arrays(path, "indices", "patchtokens");
 }
 
 }  // namespace
@@ -76,10 +80,6 @@ VoxelRows read_voxel_arrays(const std::filesystem::path& path, const std::string
   rows.channels = static_cast<std::size_t>(shape[1]);
   rows.feats = finite_numbers(arrays, feats, file);
   return rows;
-}
-
-VoxelRows read_voxel_features(const std::filesystem::path& path) {
-  return read_voxel_arrays(path, "indices", "patchtokens");
 }
 
 std::uint64_t count_rows(const std::filesystem::path& path, const std::string& name) {

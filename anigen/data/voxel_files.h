@@ -24,10 +24,6 @@ constexpr int kMostResolution = 256;
 /// @throws InputError naming the row of a point outside the grid, or when there are no points
 std::vector<geometry::Voxel> read_voxel_rows(const std::filesystem::path& path, int resolution);
 
-/// `features/<model>/<id>.npz`: `indices` [N, 3], `patchtokens` [N, C] of any floating dtype.
-/// @throws InputError naming file, array and index: shapes, numbers not finite, a voxel outside the 64³ grid or twice
-VoxelRows read_voxel_features(const std::filesystem::path& path);
-
 /// Two arrays of an NPZ as voxels and rows: `coords` [N, 3] and `feats` [N, C] under any names.
 VoxelRows read_voxel_arrays(const std::filesystem::path& path, const std::string& coords, const std::string& feats);
 

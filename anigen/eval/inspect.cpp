@@ -8,6 +8,7 @@
 
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
+#include "anigen/core/run_folder.h"
 #include "anigen/core/table.h"
 #include "anigen/io/arrays/npz.h"
 #include "anigen/io/arrays/safetensors.h"
@@ -133,7 +134,7 @@ const std::map<std::string, FileKind> kByExtension = {
 FileKind folder_kind(const fs::path& path) {
   std::error_code ignored;
   if (fs::exists(path / "metadata.csv", ignored)) return FileKind::kDataset;
-  if (fs::exists(path / "config.json", ignored) || fs::is_directory(path / "ckpts", ignored)) return FileKind::kRun;
+  if (const RunFolder run{path}; run.has_config() || run.has_checkpoints()) return FileKind::kRun;
   return FileKind::kFolder;
 }
 
@@ -325,18 +326,19 @@ Json describe_dataset(const fs::path& folder) {
 Json describe_run(const fs::path& folder) {
   Json json = Json::object();
   std::error_code error;
-  if (fs::exists(folder / "config.json", error)) json.update(describe_config(folder / "config.json"));
+  const RunFolder run{folder};
+  if (run.has_config()) json.update(describe_config(run.config()));
   std::set<long> steps;
   std::set<std::string> names;
-  for (fs::directory_iterator entry(folder / "ckpts", error), end; !error && entry != end; entry.increment(error)) {
+  for (fs::directory_iterator entry(run.checkpoints(), error), end; !error && entry != end; entry.increment(error)) {
     const std::string name = entry->path().filename().string();
     names.insert(name);
     if (checkpoint_step(name) >= 0) steps.insert(checkpoint_step(name));
   }
   json["checkpoint_steps"] = steps;
   json["checkpoint_files"] = names;
-  if (fs::exists(folder / "metrics.csv", error)) {
-    const CsvTable metrics = read_csv(folder / "metrics.csv");
+  if (fs::exists(run.metrics(), error)) {
+    const CsvTable metrics = read_csv(run.metrics());
     json["metrics_rows"] = metrics.rows.size();
     if (!metrics.rows.empty()) {
       json["last_metrics"] = Json::object();

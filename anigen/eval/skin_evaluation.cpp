@@ -12,6 +12,7 @@
 #include "anigen/core/log.h"
 #include "anigen/core/parallel.h"
 #include "anigen/core/process.h"
+#include "anigen/core/run_folder.h"
 #include "anigen/core/version.h"
 #include "anigen/eval/pairs.h"
 #include "anigen/eval/report.h"
@@ -235,7 +236,8 @@ SkinEvaluation run_skin_evaluation(const SkinRequest& request) {
                       [&] {
                         std::vector<std::filesystem::path> inputs = request.splits;
                         inputs.push_back(request.dataset / "metadata.csv");
-                        if (std::filesystem::is_directory(request.run)) inputs.push_back(request.run / "metrics.csv");
+                        if (std::filesystem::is_directory(request.run))
+                          inputs.push_back(RunFolder{request.run}.metrics());
                         return inputs;
                       });
   Json settings = request.settings;
@@ -267,7 +269,7 @@ SkinEvaluation run_skin_evaluation(const SkinRequest& request) {
     report.dataset = request.dataset;
     report.pictured = request.pictured;
     report.title = "Skin weights: " + methods[0].label;
-    if (std::filesystem::is_directory(request.run)) report.training_metrics = request.run / "metrics.csv";
+    if (std::filesystem::is_directory(request.run)) report.training_metrics = RunFolder{request.run}.metrics();
     write_file_atomically(request.out / "report.html", skin_report(evaluation, report));
   }
   return evaluation;

@@ -1,8 +1,6 @@
 #include "anigen/generate/anymate_rigger.h"
 
 #include <algorithm>
-#include <cstdint>
-#include <memory>
 #include <string>
 #include <system_error>
 #include <utility>
@@ -14,7 +12,7 @@
 #include "anigen/core/error.h"
 #include "anigen/core/process.h"
 #include "anigen/core/random.h"
-#include "anigen/generate/learned_rigging.h"
+#include "anigen/core/run_folder.h"
 #include "anigen/geometry/sampling.h"
 #include "anigen/io/arrays/safetensors.h"
 #include "anigen/io/arrays/torch_archive.h"
@@ -37,7 +35,7 @@ TrainedAnymateModel model_of(const ModelOptions& options, io::NamedArrays&& weig
                              const fs::path& described_by, torch::Device device) {
   TrainedAnymateModel trained;
   trained.file = file;
-  trained.model = naming(described_by, [&] { return AnymateModel(options, nn::Init::kNone); });
+  trained.model = data::naming(described_by.string(), [&] { return AnymateModel(options, nn::Init::kNone); });
   nn::load_state_dict(*trained.model, std::move(weights), nn::LoadMode::kStrict, file.string());
   for (const torch::Tensor& parameter : trained.model->parameters()) torch::Tensor(parameter).requires_grad_(false);
   trained.model->to(device);
@@ -56,7 +54,7 @@ void read_denoising(const ConfigReader& reader, TrainedAnymateModel& trained) {
 
 TrainedAnymateModel of_run(const nn::RunModel& found, torch::Device device) {
   const std::string config = found.config.string();
-  const auto options = naming(found.config, [&] { return ModelOptions::from_json(found.args, config, found.pointer); });
+  const auto options = data::naming(config, [&] { return ModelOptions::from_json(found.args, config, found.pointer); });
   TrainedAnymateModel trained =
       model_of(options, io::read_state_dict(found.checkpoint), found.checkpoint, found.config, device);
   ConfigReader top(found.run, config);
@@ -66,14 +64,9 @@ TrainedAnymateModel of_run(const nn::RunModel& found, torch::Device device) {
 }
 
 TrainedAnymateModel of_safetensors(const fs::path& file, torch::Device device) {
-  const fs::path run = run_around(file);
-  if (!run.empty()) {
-    nn::RunModel found = nn::find_run_model(run, kAnymateModelClass, file.stem().string());
-    found.checkpoint = file;
-    return of_run(found, device);
-  }
+  if (RunFolder::around(file)) return of_run(model_at(file, kAnymateModelClass), device);
   const std::string name = file.filename().string();
-  const auto options = naming(file, [&] { return ModelOptions::from_checkpoint_name(name); });
+  const auto options = data::naming(file.string(), [&] { return ModelOptions::from_checkpoint_name(name); });
   return model_of(options, io::read_safetensors(file).tensors, file, file, device);
 }
 
@@ -81,7 +74,7 @@ TrainedAnymateModel of_archive(const fs::path& file, torch::Device device) {
   io::TorchCheckpoint checkpoint = io::read_torch_checkpoint(file, "model_config");
   const Json& config = checkpoint.config;
   const std::string pointer = "/model_config";
-  const auto options = naming(file, [&] {
+  const auto options = data::naming(file.string(), [&] {
     return config.is_null() ? ModelOptions::from_checkpoint_name(file.filename().string())
                             : ModelOptions::from_json(config, file.string(), pointer);
   });
@@ -90,8 +83,8 @@ TrainedAnymateModel of_archive(const fs::path& file, torch::Device device) {
   return trained;
 }
 
-const char* words_for(Task task) {
-  switch (task) {
+std::string word_for(const TrainedAnymateModel& trained) {
+  switch (anymate::task_of(trained.model->options().decoder)) {
     case Task::kConnectivity:
       return "connectivity";
     case Task::kSkinning:
@@ -101,47 +94,6 @@ const char* words_for(Task task) {
   }
 }
 
-void require_task(const std::optional<TrainedAnymateModel>& trained, Task wanted) {
-  if (!trained) return;
-  const DecoderKind decoder = trained->model->options().decoder;
-  const std::string found = words_for(anymate::task_of(decoder));
-  if (found == words_for(wanted)) return;
-  throw InputError(trained->file.string(), "",
-                   "its decoder '" + name_of(decoder) + "' is for " + found + ", not for " + words_for(wanted));
-}
-
-}  // namespace
-
-TrainedAnymateModel load_anymate_model(const fs::path& path, torch::Device device) {
-  std::error_code error;
-  if (fs::is_directory(path, error)) return of_run(nn::find_run_model(path, kAnymateModelClass), device);
-  if (!fs::is_regular_file(path, error)) {
-    throw InputError(path.string(), "", "there is no such run folder or checkpoint of one of Anymate's models");
-  }
-  const std::string extension = path.extension().string();
-  if (extension == ".safetensors") return of_safetensors(path, device);
-  if (extension == ".tar" || extension == ".pt" || extension == ".pth") return of_archive(path, device);
-  throw NotSupportedError(path.string(), "", "checkpoints other than .pth.tar, .pt, .pth and .safetensors");
-}
-
-AnymateModels load_anymate_models(const LearnedModelFiles& files, torch::Device device) {
-  AnymateModels models;
-  if (!files.joints.empty()) models.joints = load_anymate_model(files.joints, device);
-  if (!files.connectivity.empty()) models.connectivity = load_anymate_model(files.connectivity, device);
-  if (!files.skin.empty()) models.skin = load_anymate_model(files.skin, device);
-  require_tasks(models);
-  return models;
-}
-
-void require_tasks(const AnymateModels& models) {
-  require_task(models.joints, Task::kJointRegression);
-  require_task(models.connectivity, Task::kConnectivity);
-  require_task(models.skin, Task::kSkinning);
-}
-
-namespace {
-
-using anymate::DecoderKind;
 using anymate::SkinningImpl;
 using anymate::SkinningInput;
 using torch::Tensor;
@@ -194,27 +146,6 @@ class BoneLogits {
   Tensor of_points_;
 };
 
-}  // namespace
-
-SkinWeights anymate_skin(const TrainedAnymateModel& skinning, const Tensor& cloud, const Tensor& vertices,
-                         const RigBones& bones, std::size_t most_influences) {
-  const torch::NoGradGuard no_grad;
-  BoneLogits logits(skinning.model, cloud, bones);
-  SkinWeights skin;
-  for (const Tensor& block : vertices.split(kSkinnedAtOnce, 0)) {
-    throw_if_interrupted();
-    const Tensor shares = torch::softmax(logits.at(block).to(torch::kFloat32), -1).contiguous();
-    if (!shares.isfinite().all().item<bool>()) {
-      throw InputError(skinning.file.string(), "", "this model gives weights that are not finite");
-    }
-    append_rows(shares, bones.heads, skin);
-  }
-  return most_influences == 0 ? skin : limit_influences(skin, most_influences);
-}
-
-namespace {
-
-using torch::Tensor;
 using Positions = std::vector<Eigen::Vector3d>;
 
 std::int64_t points_for(const TrainedAnymateModel& trained, const AnymateRiggerOptions& options) {
@@ -243,26 +174,47 @@ void require_points(const std::optional<TrainedAnymateModel>& trained, const Any
 }
 
 anymate::AnymateMesh seen(const io::RiggedShape& shape) {
-  if (!shape.has_surface()) throw InputError(shape.file, "", "holds no surface to rig");
   return anymate::anymate_mesh(shape.mesh.vertices, shape.mesh.faces);
-}
-
-/// Positions of the shape's frame in Anymate's, [J, 3] fp32.
-Tensor placed(const Positions& joints, const anymate::AnymateFrame& frame) {
-  Tensor tensor = torch::empty({static_cast<std::int64_t>(joints.size()), 3});
-  float* out = tensor.data_ptr<float>();
-  for (const Eigen::Vector3d& joint : joints) {
-    const Eigen::Vector3f position = frame.into(joint).cast<float>();
-    out = std::copy_n(position.data(), 3, out);
-  }
-  return tensor;
 }
 
 }  // namespace
 
+TrainedAnymateModel load_anymate_model(const fs::path& path, torch::Device device) {
+  std::error_code error;
+  if (fs::is_directory(path, error)) return of_run(nn::find_run_model(path, kAnymateModelClass), device);
+  if (!fs::is_regular_file(path, error)) {
+    throw InputError(path.string(), "", "there is no such run folder or checkpoint of one of Anymate's models");
+  }
+  const std::string extension = path.extension().string();
+  if (extension == ".safetensors") return of_safetensors(path, device);
+  if (extension == ".tar" || extension == ".pt" || extension == ".pth") return of_archive(path, device);
+  throw NotSupportedError(path.string(), "", "checkpoints other than .pth.tar, .pt, .pth and .safetensors");
+}
+
+AnymateModels load_anymate_models(const LearnedModelFiles& files, torch::Device device) {
+  auto models = load_rigger_models<TrainedAnymateModel>(
+      files, [&](const fs::path& path) { return load_anymate_model(path, device); });
+  require_tasks(models, word_for);
+  return models;
+}
+
+SkinWeights anymate_skin(const TrainedAnymateModel& skinning, const Tensor& cloud, const Tensor& vertices,
+                         const RigBones& bones) {
+  const torch::NoGradGuard no_grad;
+  BoneLogits logits(skinning.model, cloud, bones);
+  SkinWeights skin;
+  for (const Tensor& block : vertices.split(kSkinnedAtOnce, 0)) {
+    throw_if_interrupted();
+    const Tensor shares = torch::softmax(logits.at(block).to(torch::kFloat32), -1).contiguous();
+    require_finite(shares, skinning.file);
+    append_rows(shares, bones.heads, skin);
+  }
+  return skin;
+}
+
 AnymateRigger::AnymateRigger(AnymateModels models, const AnymateRiggerOptions& options)
-    : models_(std::move(models)), options_(options) {
-  require_tasks(models_);
+    : LearnedRigger(models, options.most_influences), models_(std::move(models)), options_(options) {
+  require_tasks(models_, word_for);
   for (const auto* model : {&models_.joints, &models_.connectivity, &models_.skin}) require_points(*model, options_);
 }
 
@@ -273,7 +225,8 @@ Tensor AnymateRigger::surface(const anymate::AnymateMesh& mesh, const TrainedAny
   return anymate::surface_features(mesh, points).unsqueeze(0).to(options_.device);
 }
 
-Positions AnymateRigger::predicted(const anymate::AnymateMesh& mesh) {
+Positions AnymateRigger::predicted(const io::RiggedShape& shape) {
+  const anymate::AnymateMesh mesh = seen(shape);
   TrainedAnymateModel& trained = *models_.joints;
   anymate::JointPrediction prediction;
   prediction.eps = options_.eps;
@@ -293,43 +246,23 @@ Positions AnymateRigger::predicted(const anymate::AnymateMesh& mesh) {
   return joints;
 }
 
-std::vector<int> AnymateRigger::parents_of(const anymate::AnymateMesh& mesh, const Positions& joints) {
+std::vector<int> AnymateRigger::parents_of(const io::RiggedShape& shape, const Positions& joints) {
+  const anymate::AnymateMesh mesh = seen(shape);
   TrainedAnymateModel& trained = *models_.connectivity;
-  const Tensor positions = placed(joints, mesh.frame).unsqueeze(0).to(options_.device);
+  const Tensor positions = placed_in(mesh.frame, joints).unsqueeze(0).to(options_.device);
   const Tensor latents = trained.model->encode(surface(mesh, trained));
   const Tensor logits = trained.model->decoder<anymate::ConnectivityImpl>().forward(latents, positions)[0];
   const Tensor rows = torch::log_softmax(logits.to(torch::kCPU, torch::kFloat64), -1).contiguous();
-  if (!rows.isfinite().all().item<bool>()) {
-    throw InputError(trained.file.string(), "", "this model gives probabilities that are not finite");
-  }
+  require_finite(rows, trained.file);
   using Matrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
   return likeliest_tree(Eigen::Map<const Matrix>(rows.data_ptr<double>(), rows.size(0), rows.size(1)));
 }
 
-rigging::ProposedJoints AnymateRigger::propose(const io::RiggedShape& shape, const rigging::JointProposer& given) {
-  const torch::NoGradGuard no_grad;
+SkinWeights AnymateRigger::weights_of(const io::RiggedShape& shape, const Skeleton& skeleton) {
   const anymate::AnymateMesh mesh = seen(shape);
-  JointModels steps;
-  if (models_.joints) steps.predict = [&] { return predicted(mesh); };
-  if (models_.connectivity) steps.connect = [&](const Positions& joints) { return parents_of(mesh, joints); };
-  return propose_by_models(shape, given, steps);
-}
-
-SkinWeights AnymateRigger::bind(const io::RiggedShape& shape, const Skeleton& skeleton) {
-  const torch::NoGradGuard no_grad;
-  const anymate::AnymateMesh mesh = seen(shape);
-  const Tensor joints = placed(skeleton.positions(), mesh.frame);
-  const RigBones bones =
-      models_.joints ? bones_between(joints, skeleton.parents) : bones_of_rig(joints, skeleton.parents);
-  const std::size_t vertices = mesh.vertices.size();
-  if (bones.heads.empty()) return from_dense(std::vector<float>(vertices, 1.0F), vertices, 1);
+  const RigBones bones = bones_of(placed_in(mesh.frame, skeleton.positions()), skeleton.parents);
   const TrainedAnymateModel& trained = models_.skin.value();
-  return anymate_skin(trained, surface(mesh, trained), anymate::vertex_features(mesh), bones, options_.most_influences);
-}
-
-rigging::LearnedSteps anymate_steps(AnymateModels models, const AnymateRiggerOptions& options) {
-  const bool proposes = models.joints || models.connectivity, binds = models.skin.has_value();
-  return learned_steps(std::make_shared<AnymateRigger>(std::move(models), options), proposes, binds);
+  return anymate_skin(trained, surface(mesh, trained), anymate::vertex_features(mesh), bones);
 }
 
 }  // namespace anigen::generate

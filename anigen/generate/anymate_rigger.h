@@ -2,7 +2,6 @@
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
-#include <optional>
 
 #include "anigen/anymate/dataset.h"
 #include "anigen/anymate/model.h"
@@ -35,23 +34,17 @@ struct TrainedAnymateModel {
 /// @throws InputError naming the file: when there is nothing of the kind, or arguments or weights do not fit
 TrainedAnymateModel load_anymate_model(const std::filesystem::path& path, torch::Device device);
 
-/// Models of Anymate by what they are to do.
-struct AnymateModels {
-  std::optional<TrainedAnymateModel> joints, connectivity, skin;
-};
+using AnymateModels = RiggerModels<TrainedAnymateModel>;
 
 /// @throws InputError as load_anymate_model, and for a model of another task than its place
 AnymateModels load_anymate_models(const LearnedModelFiles& files, torch::Device device);
 
-/// @throws InputError naming the file of a model that is for another task than its place
-void require_tasks(const AnymateModels& models);
-
 /// Skin weights of vertices, a block of them at a time, which does not change them.
 /// @param cloud [1, N, 6] what the encoder looks at @param vertices [V, 6] (anymate::vertex_features), on the CPU
-/// @param bones at least one @param most_influences joints per vertex; 0: any number
+/// @param bones at least one @return of each bone the share that the softmax gives it, without shares below 1e-4
 /// @throws InputError naming the model's file when weights are not finite
 SkinWeights anymate_skin(const TrainedAnymateModel& skinning, const torch::Tensor& cloud, const torch::Tensor& vertices,
-                         const RigBones& bones, std::size_t most_influences);
+                         const RigBones& bones);
 
 struct AnymateRiggerOptions {
   std::int64_t points = 0;             ///< of the surface that encoders look at; 0: as many as each was trained with
@@ -61,36 +54,21 @@ struct AnymateRiggerOptions {
   torch::Device device = torch::kCPU;  ///< where the models are
 };
 
-/// Anymate as a rigger of meshes (Deng et al. 2025; reference anymate-baselines.md, 5.3), any of its models missing.
-/// Each mesh is looked at by itself: what it is given depends on the seed, not on the meshes before it.
-class AnymateRigger {
+/// Anymate as a rigger of meshes (Deng et al. 2025; reference anymate-baselines.md, 5.3). Predicted joints are merged;
+/// parents are the likeliest tree (asset/skeleton.h) under the model for connectivity; weights are anymate_skin()'s.
+class AnymateRigger : public LearnedRigger {
  public:
   /// @throws InputError naming its file for a model that is for another task than its place, or needs more points
   AnymateRigger(AnymateModels models, const AnymateRiggerOptions& options);
 
-  /// Joints and their tree. Joints are predicted and merged, or, without a model for them, those that `given` proposes.
-  /// Parents are the likeliest tree (asset/skeleton.h) under the model for connectivity; without one those
-  /// given with the joints, and of predicted joints the shortest tree through them.
-  /// @return the shape's frame @throws InputError without a surface, without joints, as `given`
-  rigging::ProposedJoints propose(const io::RiggedShape& shape, const rigging::JointProposer& given);
-
-  /// Weights by the model for skinning, which must be there: of each bone the share that the softmax gives it, for the
-  /// joint at its head. Predicted joints have the bones between them (bones_between()), any others bones of their own
-  /// (bones_of_rig()). Shares below 1e-4 are dropped. A skeleton of one joint gets all weights.
-  /// @return one row per vertex of the shape @throws InputError without a surface, or for weights that are not finite
-  SkinWeights bind(const io::RiggedShape& shape, const Skeleton& skeleton);
-
  private:
   torch::Tensor surface(const anymate::AnymateMesh& mesh, const TrainedAnymateModel& seen_by) const;
-  std::vector<Eigen::Vector3d> predicted(const anymate::AnymateMesh& mesh);
-  std::vector<int> parents_of(const anymate::AnymateMesh& mesh, const std::vector<Eigen::Vector3d>& joints);
+  std::vector<Eigen::Vector3d> predicted(const io::RiggedShape& shape) override;
+  std::vector<int> parents_of(const io::RiggedShape& shape, const std::vector<Eigen::Vector3d>& joints) override;
+  SkinWeights weights_of(const io::RiggedShape& shape, const Skeleton& skeleton) override;
 
   AnymateModels models_;
   AnymateRiggerOptions options_;
 };
-
-/// The steps of rig_meshes() that these models take over; what they lack stays with the request's method.
-/// @throws InputError as AnymateRigger
-rigging::LearnedSteps anymate_steps(AnymateModels models, const AnymateRiggerOptions& options);
 
 }  // namespace anigen::generate

@@ -1,28 +1,21 @@
 #include "anigen/generate/assemble.h"
 
 #include <algorithm>
-#include <cctype>
 #include <cmath>
-#include <cstdint>
 #include <limits>
-#include <string>
 #include <utility>
 #include <vector>
 
 #include "anigen/asset/mesh.h"
-#include "anigen/asset/rigged_asset.h"
 #include "anigen/asset/skeleton.h"
 #include "anigen/asset/skin_weights.h"
 #include "anigen/core/error.h"
-#include "anigen/core/log.h"
 #include "anigen/core/text.h"
-#include "anigen/geometry/correspondence.h"
 #include "anigen/io/gltf/gltf.h"
 #include "anigen/io/ply.h"
 #include "anigen/nn/init.h"
 #include "anigen/render/picture.h"
 #include "anigen/render/scene.h"
-#include "anigen/render/surface_color.h"
 #include "anigen/render/visibility.h"
 #include "anigen/skeleton_field/skeleton_repair.h"
 
@@ -168,6 +161,31 @@ SkinWeights skin_of(const SkinWeightRows& weights, std::int64_t vertices, const 
   return skin;
 }
 
+Eigen::Vector4f confidence_color(float confidence) {
+  const Eigen::Vector3f srgb = render::heat_color(confidence);
+  return {render::srgb_to_linear(srgb.x()), render::srgb_to_linear(srgb.y()), render::srgb_to_linear(srgb.z()), 1.0F};
+}
+
+/// Corners 2 a and 2 a + 1 lie on the positive and negative side of axis a.
+void append_octahedron(const Eigen::Vector3f& center, const Eigen::Vector4f& color, float radius, Mesh& mesh) {
+  const auto first = static_cast<std::int32_t>(mesh.vertices.size());
+  for (int corner = 0; corner < 6; ++corner) {
+    Eigen::Vector3f direction = Eigen::Vector3f::Zero();
+    direction[corner / 2] = corner % 2 == 0 ? 1.0F : -1.0F;
+    mesh.vertices.emplace_back(center + radius * direction);
+    mesh.normals.push_back(direction);
+    mesh.colors.push_back(color);
+  }
+  for (std::int32_t octant = 0; octant < 8; ++octant) {
+    const std::int32_t x = octant & 1, y = octant >> 1 & 1, z = octant >> 2 & 1;  // 1: the negative side
+    const std::int32_t a = first + x, b = first + 2 + y, c = first + 4 + z;
+    // Each negative side mirrors the triangle once.
+    mesh.faces.push_back((x + y + z) % 2 == 0 ? Triangle{a, b, c} : Triangle{a, c, b});
+  }
+}
+
+std::string lower_case_extension(const std::filesystem::path& path) { return lower_case(path.extension().string()); }
+
 }  // namespace
 
 Asset decoded_shape(const shape_field::ExtractedMesh& mesh, const std::string& name) {
@@ -199,35 +217,6 @@ Asset decoded_asset(const shape_field::ExtractedMesh& mesh, const skeleton_field
   const SkinWeightRows rows = [&](std::int64_t begin, std::int64_t end) { return weights.slice(0, begin, end); };
   return decoded_asset(mesh, skeleton, rows, options);
 }
-
-namespace {
-
-Eigen::Vector4f confidence_color(float confidence) {
-  const Eigen::Vector3f srgb = render::heat_color(confidence);
-  return {render::srgb_to_linear(srgb.x()), render::srgb_to_linear(srgb.y()), render::srgb_to_linear(srgb.z()), 1.0F};
-}
-
-/// Corners 2 a and 2 a + 1 lie on the positive and negative side of axis a.
-void append_octahedron(const Eigen::Vector3f& center, const Eigen::Vector4f& color, float radius, Mesh& mesh) {
-  const auto first = static_cast<std::int32_t>(mesh.vertices.size());
-  for (int corner = 0; corner < 6; ++corner) {
-    Eigen::Vector3f direction = Eigen::Vector3f::Zero();
-    direction[corner / 2] = corner % 2 == 0 ? 1.0F : -1.0F;
-    mesh.vertices.emplace_back(center + radius * direction);
-    mesh.normals.push_back(direction);
-    mesh.colors.push_back(color);
-  }
-  for (std::int32_t octant = 0; octant < 8; ++octant) {
-    const std::int32_t x = octant & 1, y = octant >> 1 & 1, z = octant >> 2 & 1;  // 1: the negative side
-    const std::int32_t a = first + x, b = first + 2 + y, c = first + 4 + z;
-    // Each negative side mirrors the triangle once.
-    mesh.faces.push_back((x + y + z) % 2 == 0 ? Triangle{a, b, c} : Triangle{a, c, b});
-  }
-}
-
-std::string lower_case_extension(const std::filesystem::path& path) { return lower_case(path.extension().string()); }
-
-}  // namespace
 
 Mesh votes_cloud(const skeleton_field::SkeletonField& field, const VotesCloudOptions& options) {
   const skeleton_field::Votes votes = skeleton_field::votes_of(field);

@@ -1,10 +1,8 @@
 #pragma once
-#include <cstddef>
 #include <cstdint>
 #include <filesystem>
 #include <functional>
 #include <string>
-#include <vector>
 
 #include "anigen/asset/rigged_asset.h"
 #include "anigen/shape_field/mesh_extraction.h"

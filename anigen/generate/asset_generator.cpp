@@ -41,17 +41,6 @@ flow::SamplingExtras with_progress(Progress& progress) {
   return extras;
 }
 
-/// Request that the generators of both stages share.
-template <typename Generator>
-typename Generator::Request flow_request(const AssetGenerator::Request& from, const std::filesystem::path& run) {
-  typename Generator::Request request;
-  request.run = run;
-  request.device = from.device;
-  request.averages = from.averages;
-  request.precision = from.precision;
-  return request;
-}
-
 bool sees_normals(const AssetGenerator::Request& request, const StructureGenerator& flow) {
   switch (request.structure_condition) {
     case StructureCondition::kColor:
@@ -122,10 +111,13 @@ void AssetGenerator::require_grid(std::int64_t found, const std::filesystem::pat
                        " on " + std::to_string(grid_) + "³");
 }
 
+FlowRequest AssetGenerator::flow_request(const std::filesystem::path& run) const {
+  return {run, "", request_.averages, request_.device, request_.precision};
+}
+
 StructureGenerator& AssetGenerator::structure() {
   if (!structure_) {
-    auto request = flow_request<StructureGenerator>(request_, request_.structure_flow);
-    request.autoencoder = request_.structure_autoencoder;
+    StructureGenerator::Request request{flow_request(request_.structure_flow), request_.structure_autoencoder};
     structure_ = std::make_unique<StructureGenerator>(request);
   }
   return *structure_;
@@ -133,8 +125,7 @@ StructureGenerator& AssetGenerator::structure() {
 
 StructuredLatentGenerator& AssetGenerator::latents() {
   if (!latents_) {
-    latents_ = std::make_unique<StructuredLatentGenerator>(
-        flow_request<StructuredLatentGenerator>(request_, request_.latent_flow));
+    latents_ = std::make_unique<StructuredLatentGenerator>(flow_request(request_.latent_flow));
   }
   return *latents_;
 }

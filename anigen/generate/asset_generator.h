@@ -96,6 +96,7 @@ class AssetGenerator {
                           const std::string& name, const GenerationOptions& options);
 
  private:
+  FlowRequest flow_request(const std::filesystem::path& run) const;
   StructureGenerator& structure();
   StructuredLatentGenerator& latents();
   RigDecoder& decoder();

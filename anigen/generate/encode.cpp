@@ -1,10 +1,7 @@
 #include "anigen/generate/encode.h"
 
-#include <exception>
 #include <limits>
-#include <map>
 #include <optional>
-#include <set>
 #include <system_error>
 #include <utility>
 
@@ -12,10 +9,8 @@
 #include "anigen/core/files.h"
 #include "anigen/core/lease.h"
 #include "anigen/core/log.h"
-#include "anigen/core/process.h"
 #include "anigen/core/table.h"
 #include "anigen/core/version.h"
-#include "anigen/generate/latent_records.h"
 #include "anigen/nn/torch.h"
 
 namespace anigen::generate {
@@ -30,44 +25,6 @@ fs::path table_of(const fs::path& root) { return root / "metadata.csv"; }
 FileLock lock_table(const fs::path& root) {
   return wait_for_lock(dataset_lock_file(root).parent_path() / "lock-metadata", FileLock::Kind::kExclusive);
 }
-
-}  // namespace
-
-FileLock share_dataset(const fs::path& root) {
-  std::error_code error;
-  // First, so that no lock file is made in a folder that is no dataset.
-  if (!fs::is_regular_file(table_of(root), error)) throw InputError(table_of(root).string(), "", "no such file");
-  std::optional<FileLock> lock;
-  while_group_is_empty(dataset_prepare_lock_file(root),
-                       [&] { lock = FileLock::try_lock(dataset_lock_file(root), FileLock::Kind::kShared); });
-  if (!lock)
-    throw InputError(root.string(), "", "anigen-prepare is working on this dataset; wait until it has finished");
-  return std::move(*lock);
-}
-
-void set_metadata_flag(const fs::path& root, const std::string& column, const std::set<std::string>& ids) {
-  const FileLock dataset = share_dataset(root);
-  const FileLock lock = lock_table(root);
-  const fs::path file = table_of(root);
-  CsvTable table = read_csv(file);
-  if (table.column("sha256") == CsvTable::kMissing) throw InputError(file.string(), "sha256", "no such column");
-  const std::string before = to_csv(table);
-  std::size_t place = table.column(column);
-  if (place == CsvTable::kMissing) {
-    place = table.columns.size();
-    table.columns.push_back(column);
-    for (auto& row : table.rows) row.emplace_back();
-  }
-  for (std::size_t row = 0; row < table.rows.size(); ++row) {
-    table.rows[row][place] = csv_flag(ids.count(table.cell(row, "sha256")) > 0);
-  }
-  const std::string after = to_csv(table);
-  if (after != before) write_file_atomically(file, after);
-}
-
-namespace {
-
-namespace fs = std::filesystem;
 
 constexpr std::size_t kNamedInLog = 20;
 
@@ -85,6 +42,19 @@ data::RowFilter all_with(const std::string& flag) {
   filter.drop_bad_skeleton = false;
   filter.required_flags = {flag};
   return filter;
+}
+
+// Keeps anigen-prepare from writing the tables of a dataset as long as the lock is held.
+FileLock share_dataset(const fs::path& root) {
+  std::error_code error;
+  // First, so that no lock file is made in a folder that is no dataset.
+  if (!fs::is_regular_file(table_of(root), error)) throw InputError(table_of(root).string(), "", "no such file");
+  std::optional<FileLock> lock;
+  while_group_is_empty(dataset_prepare_lock_file(root),
+                       [&] { lock = FileLock::try_lock(dataset_lock_file(root), FileLock::Kind::kShared); });
+  if (!lock)
+    throw InputError(root.string(), "", "anigen-prepare is working on this dataset; wait until it has finished");
+  return std::move(*lock);
 }
 
 /// One run over a dataset, or this process' part of it.
@@ -309,6 +279,26 @@ class LatentEncoding {
 };
 
 }  // namespace
+
+void set_metadata_flag(const fs::path& root, const std::string& column, const std::set<std::string>& ids) {
+  const FileLock dataset = share_dataset(root);
+  const FileLock lock = lock_table(root);
+  const fs::path file = table_of(root);
+  CsvTable table = read_csv(file);
+  if (table.column("sha256") == CsvTable::kMissing) throw InputError(file.string(), "sha256", "no such column");
+  const std::string before = to_csv(table);
+  std::size_t place = table.column(column);
+  if (place == CsvTable::kMissing) {
+    place = table.columns.size();
+    table.columns.push_back(column);
+    for (auto& row : table.rows) row.emplace_back();
+  }
+  for (std::size_t row = 0; row < table.rows.size(); ++row) {
+    table.rows[row][place] = csv_flag(ids.count(table.cell(row, "sha256")) > 0);
+  }
+  const std::string after = to_csv(table);
+  if (after != before) write_file_atomically(file, after);
+}
 
 EncodedLatents encode_latents(const EncodeRequest& request, const LatentFolder& folder, LatentSource& source) {
   return LatentEncoding(request, folder, source).run();

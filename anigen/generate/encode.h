@@ -14,10 +14,6 @@
 
 namespace anigen::generate {
 
-/// Keeps anigen-prepare from writing the tables of a dataset as long as the lock is held. Does not keep out others that
-/// hold it. @throws InputError when there is no metadata.csv, or anigen-prepare is at work there
-FileLock share_dataset(const std::filesystem::path& root);
-
 /// Sets a boolean column of a dataset's metadata.csv: True for these ids, False for all others; everything else in the
 /// table stays as it is. A column that is not there is added. Written atomically, and only if something changes. Safe
 /// beside other programs that change the table: they lock the same files, run/lock and run/lock-metadata.

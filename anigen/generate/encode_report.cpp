@@ -1,10 +1,8 @@
 #include "anigen/generate/encode_report.h"
 
 #include <cstdio>
-#include <optional>
 #include <system_error>
 #include <utility>
-#include <vector>
 
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
@@ -90,21 +88,6 @@ class StructureLatents : public LatentSource {
   StructureReconstruction sum_;
   std::size_t inspected_ = 0;
 };
-
-}  // namespace
-
-EncodeResult encode_sparse_structure(const EncodeRequest& request) {
-  const LatentFolder folder(request.data, request.name, request.run);
-  StructureLatents source(request);
-  EncodeResult result;
-  static_cast<EncodedLatents&>(result) = encode_latents(request, folder, source);
-  result.reconstruction = source.reconstruction();
-  return result;
-}
-
-namespace {
-
-namespace fs = std::filesystem;
 
 constexpr const char* kVotes[] = {".votes.glb", ".votes.ply"};
 
@@ -198,7 +181,28 @@ void reconstruct(const ReconstructRequest& request, StructuredLatentCoder& coder
   }
 }
 
+Json agreement_json(const sparse_structure::VoxelAgreement& agreement) {
+  return {
+      {"iou", agreement.iou}, {"precision", agreement.precision}, {"recall", agreement.recall}, {"f1", agreement.f1}};
+}
+
+std::string agreement_line(const char* name, const sparse_structure::VoxelAgreement& agreement) {
+  char line[160];
+  std::snprintf(line, sizeof line, "%-9s IoU %.4f, F1 %.4f (precision %.4f, recall %.4f within 1 voxel)\n", name,
+                agreement.iou, agreement.f1, agreement.precision, agreement.recall);
+  return line;
+}
+
 }  // namespace
+
+EncodeResult encode_sparse_structure(const EncodeRequest& request) {
+  const LatentFolder folder(request.data, request.name, request.run);
+  StructureLatents source(request);
+  EncodeResult result;
+  static_cast<EncodedLatents&>(result) = encode_latents(request, folder, source);
+  result.reconstruction = source.reconstruction();
+  return result;
+}
 
 EncodedLatents encode_structured_latents(const EncodeRequest& request) {
   const LatentFolder folder(request.data, request.name, request.run, LatentKind::kStructured);
@@ -265,22 +269,6 @@ std::string to_text(const std::vector<ReconstructedAsset>& assets) {
   }
   return text;
 }
-
-namespace {
-
-Json agreement_json(const sparse_structure::VoxelAgreement& agreement) {
-  return {
-      {"iou", agreement.iou}, {"precision", agreement.precision}, {"recall", agreement.recall}, {"f1", agreement.f1}};
-}
-
-std::string agreement_line(const char* name, const sparse_structure::VoxelAgreement& agreement) {
-  char line[160];
-  std::snprintf(line, sizeof line, "%-9s IoU %.4f, F1 %.4f (precision %.4f, recall %.4f within 1 voxel)\n", name,
-                agreement.iou, agreement.f1, agreement.precision, agreement.recall);
-  return line;
-}
-
-}  // namespace
 
 Json to_json(const EncodeResult& result) {
   Json json = to_json(static_cast<const EncodedLatents&>(result));

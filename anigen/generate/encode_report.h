@@ -8,7 +8,6 @@
 #include "anigen/core/config.h"
 #include "anigen/generate/encode.h"
 #include "anigen/generate/stage_generators.h"
-#include "anigen/skeleton_field/voting.h"
 
 namespace anigen::generate {
 

@@ -9,14 +9,13 @@
 #include <string_view>
 #include <utility>
 
-#include "anigen/core/config.h"
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
 #include "anigen/core/hash.h"
 #include "anigen/core/log.h"
 #include "anigen/core/numeric.h"
 #include "anigen/core/process.h"
-#include "anigen/core/table.h"
+#include "anigen/core/run_folder.h"
 #include "anigen/generate/retrieve.h"
 #include "anigen/generate/stage_generators.h"
 #include "anigen/io/arrays/safetensors.h"
@@ -25,7 +24,6 @@
 #include "anigen/nn/state_dict.h"
 #include "anigen/sparse_structure/voxel_metrics.h"
 #include "anigen/sparse_structure/voxel_picture.h"
-#include "anigen/vision/lpips.h"
 
 namespace anigen::generate {
 
@@ -69,7 +67,6 @@ StructureRetrieval::Nearest StructureRetrieval::nearest(const PictureFeatures& f
 namespace {
 
 namespace fs = std::filesystem;
-using torch::Tensor;
 
 constexpr std::int64_t kSampledAtOnce = 4;  // assets; the answer does not depend on it beyond rounding
 
@@ -106,12 +103,20 @@ StructureScore score(const sparse_structure::VoxelPair& made, const sparse_struc
   return {shape.iou, shape.f1, skeleton.iou, skeleton.f1, sparse_structure::share_inside(made.skeleton, made.shape)};
 }
 
+StructureGenerator::Request generator_of(const StructureEvaluationRequest& request) {
+  StructureGenerator::Request generator;
+  generator.run = request.run;
+  generator.device = request.device;
+  generator.autoencoder = request.autoencoder;
+  return generator;
+}
+
 /// One run of the comparison.
 class StructureComparison {
  public:
   explicit StructureComparison(const StructureEvaluationRequest& request)
       : request_(request),
-        generator_({request.run, request.autoencoder, "", request.device}),
+        generator_(generator_of(request)),
         coder_(generator_.autoencoder(), generator_.reading().ss_dec_ckpt, nn::parse_device(request.device), false),
         assets_(dataset_of(generator_.reading(), request.data, request.split, request.seed, true)) {
     sampler_ = generator_.sampler();
@@ -241,8 +246,7 @@ class StructureComparison {
     const Json all{{"settings", result_.settings}, {"assets", result_.ids.size()}, {"means", means}};
     write_file_atomically(request_.out / "metrics.json", all.dump(2) + "\n");
     write_file_atomically(request_.out / "table.md", to_markdown(result_.table()) + "\n");
-    std::vector<std::string> columns = result_.methods;
-    sparse_structure::write_voxel_sheet(request_.out / "samples.png", sheet_, columns);
+    if (!sheet_.empty()) sparse_structure::write_voxel_sheet(request_.out / "samples.png", sheet_, result_.methods);
   }
 
   StructureEvaluationRequest request_;
@@ -256,6 +260,48 @@ class StructureComparison {
   std::vector<sparse_structure::VoxelSheetRow> sheet_;
   StructureEvaluation result_;
 };
+
+constexpr std::int64_t kVerticesAtOnce = 8192;
+
+/// Of a run folder, or of the one around a file of weights.
+fs::path config_of(const fs::path& run) {
+  std::error_code ignored;
+  if (fs::is_directory(run, ignored)) return RunFolder{run}.config();
+  return RunFolder::around(run).value_or(RunFolder{fs::absolute(run).parent_path().parent_path()}).config();
+}
+
+skin_field::SkinAutoEncoderOptions options_of(const fs::path& file) {
+  const Json config = read_json(file);
+  if (config.is_object() && config.contains("models") && config["models"].is_object()) {
+    for (const auto& [key, model] : config["models"].items()) {
+      if (!model.is_object() || !model.contains("name") || model["name"] != "SkinAutoEncoder") continue;
+      return skin_field::SkinAutoEncoderOptions::from_json(model.contains("args") ? model["args"] : Json::object(),
+                                                           file.string(), "/models/" + key + "/args");
+    }
+  }
+  throw InputError(file.string(), "/models", "describes no model named SkinAutoEncoder");
+}
+
+/// In pieces: with its classifier, the published VGG16 has 528 MB.
+std::string file_digest(const std::filesystem::path& file) {
+  std::ifstream in(file, std::ios::binary);
+  std::vector<char> piece(std::size_t{1} << 20);
+  Sha256 digest;
+  while (in) {
+    in.read(piece.data(), static_cast<std::streamsize>(piece.size()));
+    digest.update(std::string_view(piece.data(), static_cast<std::size_t>(in.gcount())));
+  }
+  if (!in.eof()) throw InputError(file.string(), "", "cannot be read");
+  return digest.finish();
+}
+
+/// [1, 3, H, W] in [0, 1]
+torch::Tensor to_batch(const io::Image& image, const torch::Device& device) {
+  const torch::Tensor pixels =
+      torch::from_blob(const_cast<std::uint8_t*>(image.rgba.data()), {image.height, image.width, 4}, torch::kUInt8)
+          .narrow(2, 0, 3);
+  return pixels.permute({2, 0, 1}).unsqueeze(0).to(device, torch::kFloat32) / 255.0;
+}
 
 }  // namespace
 
@@ -292,40 +338,12 @@ StructureEvaluation evaluate_structures(const StructureEvaluationRequest& reques
                        request.out / "samples.png"},
                       [&] {
                         return std::vector<std::filesystem::path>{request.split, request.train_split,
-                                                                  request.run / "metrics.csv",
-                                                                  request.autoencoder / "metrics.csv"};
+                                                                  RunFolder{request.run}.metrics(),
+                                                                  RunFolder{request.autoencoder}.metrics()};
                       });
   const torch::NoGradGuard no_grad;
   return StructureComparison(request).run();
 }
-
-namespace {
-
-namespace fs = std::filesystem;
-
-constexpr std::int64_t kVerticesAtOnce = 8192;
-
-/// The run folder's config.json, or for a weight file the one beside it or above it (ckpts/ lies inside the run).
-fs::path config_of(const fs::path& run) {
-  std::error_code ignored;
-  if (fs::is_directory(run, ignored)) return run / "config.json";
-  const fs::path folder = fs::absolute(run).parent_path();
-  return fs::exists(folder / "config.json", ignored) ? folder / "config.json" : folder.parent_path() / "config.json";
-}
-
-skin_field::SkinAutoEncoderOptions options_of(const fs::path& file) {
-  const Json config = read_json(file);
-  if (config.is_object() && config.contains("models") && config["models"].is_object()) {
-    for (const auto& [key, model] : config["models"].items()) {
-      if (!model.is_object() || !model.contains("name") || model["name"] != "SkinAutoEncoder") continue;
-      return skin_field::SkinAutoEncoderOptions::from_json(model.contains("args") ? model["args"] : Json::object(),
-                                                           file.string(), "/models/" + key + "/args");
-    }
-  }
-  throw InputError(file.string(), "/models", "describes no model named SkinAutoEncoder");
-}
-
-}  // namespace
 
 SkinReconstruction::SkinReconstruction(const fs::path& run, const std::string& device)
     : device_(nn::parse_device(device)) {
@@ -372,31 +390,6 @@ std::vector<float> SkinReconstruction::reconstruct(const std::vector<Eigen::Vect
   }
   return result;
 }
-
-namespace {
-
-/// In pieces: with its classifier, the published VGG16 has 528 MB.
-std::string file_digest(const std::filesystem::path& file) {
-  std::ifstream in(file, std::ios::binary);
-  std::vector<char> piece(std::size_t{1} << 20);
-  Sha256 digest;
-  while (in) {
-    in.read(piece.data(), static_cast<std::streamsize>(piece.size()));
-    digest.update(std::string_view(piece.data(), static_cast<std::size_t>(in.gcount())));
-  }
-  if (!in.eof()) throw InputError(file.string(), "", "cannot be read");
-  return digest.finish();
-}
-
-/// [1, 3, H, W] in [0, 1]
-torch::Tensor to_batch(const io::Image& image, const torch::Device& device) {
-  const torch::Tensor pixels =
-      torch::from_blob(const_cast<std::uint8_t*>(image.rgba.data()), {image.height, image.width, 4}, torch::kUInt8)
-          .narrow(2, 0, 3);
-  return pixels.permute({2, 0, 1}).unsqueeze(0).to(device, torch::kFloat32) / 255.0;
-}
-
-}  // namespace
 
 PerceptualMetric::PerceptualMetric(const std::vector<std::filesystem::path>& weights, const std::string& device)
     : device_(nn::parse_device(device)), lpips_(vision::load_lpips(weights)) {

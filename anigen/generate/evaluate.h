@@ -16,21 +16,6 @@
 
 namespace anigen::generate {
 
-/// Dataset options of a flow that was conditioned on images.
-/// @tparam Options of the dataset's class @param dataset name of that class
-/// @throws InputError when the flow was trained on another one
-template <typename Options>
-Options conditioned_reading(const nn::RunModel& flow, const std::string& dataset) {
-  ConfigReader top(flow.run, flow.config.string());
-  ConfigReader reader = top.object("dataset");
-  reader.require("name");
-  if (reader.text("name", "") != dataset) {
-    throw reader.error("name", "this flow was trained without pictures; they come from " + dataset);
-  }
-  ConfigReader args = reader.object("args");
-  return Options::read(args, true);
-}
-
 /// Descriptions of pictures, in which near means alike: one row each.
 struct PictureFeatures {
   torch::Tensor color;   ///< [N, 3 · cells²], picture_cells()
@@ -97,7 +82,7 @@ struct StructureEvaluation {
 /// - retrieval: the voxels of the training asset whose picture is nearest, once by colour (means over a grid of cells)
 ///   and once by the tokens of the flow's image encoder (cosine of their concatenation);
 /// - the ground truth itself, for `inside`.
-/// Writes metrics.csv (per asset), metrics.json, table.md and samples.png into out.
+/// Writes metrics.csv (per asset), metrics.json, table.md and, of what is pictured, samples.png into out.
 /// @throws InputError when runs, data or splits do not fit together; Interrupted
 StructureEvaluation evaluate_structures(const StructureEvaluationRequest& request);
 

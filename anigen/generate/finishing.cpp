@@ -1,23 +1,12 @@
 #include "anigen/generate/finishing.h"
 
 #include <algorithm>
-#include <cctype>
-#include <cmath>
-#include <cstdint>
-#include <limits>
-#include <string>
 #include <utility>
-#include <vector>
 
 #include "anigen/asset/mesh.h"
-#include "anigen/asset/rigged_asset.h"
-#include "anigen/asset/skeleton.h"
-#include "anigen/asset/skin_weights.h"
 #include "anigen/core/error.h"
 #include "anigen/core/log.h"
 #include "anigen/geometry/correspondence.h"
-#include "anigen/io/gltf/gltf.h"
-#include "anigen/io/ply.h"
 #include "anigen/nn/init.h"
 #include "anigen/render/picture.h"
 #include "anigen/render/scene.h"

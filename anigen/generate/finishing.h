@@ -5,7 +5,6 @@
 
 #include "anigen/asset/rigged_asset.h"
 #include "anigen/asset/skin_weights.h"
-#include "anigen/geometry/fill_holes.h"
 #include "anigen/geometry/simplify.h"
 
 namespace anigen::generate {

@@ -13,9 +13,8 @@
 #include "anigen/core/lease.h"
 #include "anigen/core/log.h"
 #include "anigen/core/process.h"
+#include "anigen/core/run_folder.h"
 #include "anigen/core/version.h"
-#include "anigen/generate/assemble.h"
-#include "anigen/generate/finishing.h"
 #include "anigen/generate/latent_records.h"
 #include "anigen/geometry/primitives.h"
 #include "anigen/io/arrays/safetensors.h"
@@ -111,8 +110,11 @@ std::string inputs_of(const GenerateRequest& request, const std::vector<fs::path
   std::vector<fs::path> files{picture.file, picture.normal_map, request.estimator_weights,
                               request.pictures.matting.network};
   for (const fs::path& run : runs) {
-    files.push_back(run / "config.json");
-    for (const std::string& name : io::checkpoint_names(run / "ckpts")) files.push_back(run / "ckpts" / name);
+    const RunFolder folder{run};
+    files.push_back(folder.config());
+    for (const std::string& name : io::checkpoint_names(folder.checkpoints())) {
+      files.push_back(folder.checkpoints() / name);
+    }
   }
   std::string seen;
   std::error_code error;

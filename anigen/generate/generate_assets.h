@@ -5,7 +5,6 @@
 #include <vector>
 
 #include "anigen/core/config.h"
-#include "anigen/generate/assemble.h"
 #include "anigen/generate/asset_generator.h"
 #include "anigen/generate/finishing.h"
 #include "anigen/generate/picture_input.h"

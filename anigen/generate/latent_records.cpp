@@ -2,13 +2,10 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstddef>
 #include <exception>
 #include <system_error>
 #include <utility>
-#include <vector>
 
-#include "anigen/core/config.h"
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
 #include "anigen/core/hash.h"
@@ -24,6 +21,70 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr std::size_t kSaveEvery = 256;
+
+constexpr char kShape[] = "feats", kSkeleton[] = "feats_skl";
+
+/// "runs/ss_dae/" is called ss_dae, and a link as it is called itself.
+std::string last_part(const fs::path& run) {
+  std::error_code error;
+  const fs::path whole = fs::absolute(run, error).lexically_normal();
+  return (whole.has_filename() ? whole : whole.parent_path()).filename().string();
+}
+
+void warn_of_constant_channels(const LatentStatistics& statistics, const char* name) {
+  std::string channels;
+  for (const std::size_t channel : statistics.constant_channels()) {
+    channels += (channels.empty() ? "" : ", ") + std::to_string(channel);
+  }
+  if (channels.empty()) return;
+  log::warn("{}: channels {} have the same value in all latents: such statistics cannot normalise them", name,
+            channels);
+}
+
+/// Arguments of the dataset of stage 5; a channel that does not vary keeps deviation 1.
+Json normalization(const LatentStatistics& shape, const LatentStatistics& skeleton, std::size_t normalized) {
+  std::vector<float> mean = shape.mean(), deviation = shape.deviation();
+  std::fill(mean.begin() + static_cast<std::ptrdiff_t>(std::min(normalized, mean.size())), mean.end(), 0.0f);
+  std::fill(deviation.begin() + static_cast<std::ptrdiff_t>(std::min(normalized, deviation.size())), deviation.end(),
+            1.0f);
+  for (const std::size_t channel : shape.constant_channels()) deviation[channel] = 1.0f;
+  const std::size_t channels = skeleton.mean().size();
+  return {{"mean", mean},
+          {"std", deviation},
+          {"mean_skl", std::vector<float>(channels, 0.0f)},
+          {"std_skl", std::vector<float>(channels, 1.0f)}};
+}
+
+/// @return null when there is none, or it is damaged
+Json read_or_null(const fs::path& file) {
+  std::error_code error;
+  if (!fs::exists(file, error)) return nullptr;
+  try {
+    return read_json(file);
+  } catch (const InputError&) {
+    return nullptr;
+  }
+}
+
+bool is_of(const Json& run, const Json& encoder) {
+  return run.is_object() && run.contains("encoder") && run.at("encoder") == encoder;
+}
+
+void write(const fs::path& file, const Json& json) {
+  write_file_atomically(file, json.dump(1, ' ', false, Json::error_handler_t::replace) + "\n");
+}
+
+// `<prefix>_mean` and `<prefix>_std`, as a dataset's `normalization` argument wants them.
+void append_arrays(io::NamedArrays& arrays, const std::string& prefix, const LatentStatistics& statistics) {
+  const std::vector<float> mean = statistics.mean(), deviation = statistics.deviation();
+  const auto channels = static_cast<std::int64_t>(mean.size());
+  arrays.emplace_back(prefix + "_mean", io::NdArray::from(mean, {channels}));
+  arrays.emplace_back(prefix + "_std", io::NdArray::from(deviation, {channels}));
+}
+
+LatentMoments latent_moments_from_json(const Json& json) {
+  return {json.at("mean").get<std::vector<double>>(), json.at("mean_square").get<std::vector<double>>()};
+}
 
 }  // namespace
 
@@ -114,10 +175,6 @@ LatentMoments moments_of(const std::vector<float>& values, std::size_t channels,
 
 Json to_json(const LatentMoments& moments) { return {{"mean", moments.mean}, {"mean_square", moments.mean_square}}; }
 
-LatentMoments latent_moments_from_json(const Json& json) {
-  return {json.at("mean").get<std::vector<double>>(), json.at("mean_square").get<std::vector<double>>()};
-}
-
 void LatentStatistics::add(const LatentMoments& moments, const std::string& name) {
   const std::size_t channels = moments.mean.size();
   if (assets_ == 0) {
@@ -163,55 +220,9 @@ std::vector<std::size_t> LatentStatistics::constant_channels() const {
   return channels;
 }
 
-void append_arrays(io::NamedArrays& arrays, const std::string& prefix, const LatentStatistics& statistics) {
-  const std::vector<float> mean = statistics.mean(), deviation = statistics.deviation();
-  const auto channels = static_cast<std::int64_t>(mean.size());
-  arrays.emplace_back(prefix + "_mean", io::NdArray::from(mean, {channels}));
-  arrays.emplace_back(prefix + "_std", io::NdArray::from(deviation, {channels}));
-}
-
 Json to_json(const LatentStatistics& statistics) {
   return {{"mean", statistics.mean()}, {"std", statistics.deviation()}};
 }
-
-namespace {
-
-namespace fs = std::filesystem;
-
-constexpr char kShape[] = "feats", kSkeleton[] = "feats_skl";
-
-/// "runs/ss_dae/" is called ss_dae, and a link as it is called itself.
-std::string last_part(const fs::path& run) {
-  std::error_code error;
-  const fs::path whole = fs::absolute(run, error).lexically_normal();
-  return (whole.has_filename() ? whole : whole.parent_path()).filename().string();
-}
-
-void warn_of_constant_channels(const LatentStatistics& statistics, const char* name) {
-  std::string channels;
-  for (const std::size_t channel : statistics.constant_channels()) {
-    channels += (channels.empty() ? "" : ", ") + std::to_string(channel);
-  }
-  if (channels.empty()) return;
-  log::warn("{}: channels {} have the same value in all latents: such statistics cannot normalise them", name,
-            channels);
-}
-
-/// Arguments of the dataset of stage 5; a channel that does not vary keeps deviation 1.
-Json normalization(const LatentStatistics& shape, const LatentStatistics& skeleton, std::size_t normalized) {
-  std::vector<float> mean = shape.mean(), deviation = shape.deviation();
-  std::fill(mean.begin() + static_cast<std::ptrdiff_t>(std::min(normalized, mean.size())), mean.end(), 0.0f);
-  std::fill(deviation.begin() + static_cast<std::ptrdiff_t>(std::min(normalized, deviation.size())), deviation.end(),
-            1.0f);
-  for (const std::size_t channel : shape.constant_channels()) deviation[channel] = 1.0f;
-  const std::size_t channels = skeleton.mean().size();
-  return {{"mean", mean},
-          {"std", deviation},
-          {"mean_skl", std::vector<float>(channels, 0.0f)},
-          {"std_skl", std::vector<float>(channels, 1.0f)}};
-}
-
-}  // namespace
 
 LatentFolder::LatentFolder(const fs::path& data, const std::string& name, const fs::path& run, LatentKind kind)
     : kind_(kind),
@@ -250,31 +261,6 @@ void LatentFolder::remove_statistics() const {
     if (error) throw Error(statistics(extension).string() + ": cannot be removed: " + error.message());
   }
 }
-
-namespace {
-
-namespace fs = std::filesystem;
-
-/// @return null when there is none, or it is damaged
-Json read_or_null(const fs::path& file) {
-  std::error_code error;
-  if (!fs::exists(file, error)) return nullptr;
-  try {
-    return read_json(file);
-  } catch (const InputError&) {
-    return nullptr;
-  }
-}
-
-bool is_of(const Json& run, const Json& encoder) {
-  return run.is_object() && run.contains("encoder") && run.at("encoder") == encoder;
-}
-
-void write(const fs::path& file, const Json& json) {
-  write_file_atomically(file, json.dump(1, ' ', false, Json::error_handler_t::replace) + "\n");
-}
-
-}  // namespace
 
 LatentOutcomes::LatentOutcomes(const fs::path& data, const std::string& column)
     : folder_(dataset_lock_file(data).parent_path() / ("encode-" + column)) {}

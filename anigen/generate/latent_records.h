@@ -58,7 +58,6 @@ struct LatentMoments {
 /// divide into C channels
 LatentMoments moments_of(const std::vector<float>& values, std::size_t channels, const std::string& name);
 Json to_json(const LatentMoments& moments);
-LatentMoments latent_moments_from_json(const Json& json);
 
 /// Mean and deviation of latents per channel: each asset's mean and mean square, averaged over assets, so that large
 /// assets do not count more; deviation √(E[x²] − E[x]²) (reference training-and-data.md, 1.3).
@@ -79,8 +78,6 @@ class LatentStatistics {
   std::size_t assets_ = 0;
 };
 
-/// `<prefix>_mean` and `<prefix>_std`, as a dataset's `normalization` argument wants them.
-void append_arrays(io::NamedArrays& arrays, const std::string& prefix, const LatentStatistics& statistics);
 Json to_json(const LatentStatistics& statistics);
 
 enum class LatentKind {

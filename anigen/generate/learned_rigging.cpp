@@ -1,33 +1,24 @@
 #include "anigen/generate/learned_rigging.h"
 
-#include <cstdint>
 #include <system_error>
 #include <utility>
 
 #include "anigen/anymate/heads.h"
 #include "anigen/asset/skeleton.h"
+#include "anigen/core/run_folder.h"
 
 namespace anigen::generate {
 
 namespace fs = std::filesystem;
 
-fs::path run_around(const fs::path& file) {
-  std::error_code error;
-  const fs::path folder = fs::absolute(file).lexically_normal().parent_path();
-  for (const fs::path& run : {folder, folder.filename() == "ckpts" ? folder.parent_path() : folder}) {
-    if (fs::is_regular_file(run / "config.json", error)) return run;
-  }
-  return {};
-}
-
 nn::RunModel model_at(const fs::path& path, const std::string& class_name) {
   std::error_code error;
   if (fs::is_directory(path, error)) return nn::find_run_model(path, class_name);
-  const fs::path run = run_around(path);
-  if (path.extension() != ".safetensors" || run.empty() || !fs::is_regular_file(path, error)) {
+  const std::optional<RunFolder> run = RunFolder::around(path);
+  if (path.extension() != ".safetensors" || !run || !fs::is_regular_file(path, error)) {
     throw InputError(path.string(), "", "is no run folder and no .safetensors file of one");
   }
-  nn::RunModel found = nn::find_run_model(run, class_name, path.stem().string());
+  nn::RunModel found = nn::find_run_model(run->root, class_name, path.stem().string());
   found.checkpoint = path;
   return found;
 }
@@ -71,23 +62,61 @@ RigBones bones_of_rig(const Tensor& joints, const std::vector<int>& parents) {
   return found;
 }
 
-rigging::ProposedJoints propose_by_models(const io::RiggedShape& shape, const rigging::JointProposer& given,
-                                          const JointModels& models) {
+void require_finite(const Tensor& numbers, const fs::path& model) {
+  if (numbers.isfinite().all().item<bool>()) return;
+  throw InputError(model.string(), "", "this model gives numbers that are not finite");
+}
+
+namespace {
+
+void require_surface(const io::RiggedShape& shape) {
+  if (!shape.has_surface()) throw InputError(shape.file, "", "holds no surface to rig");
+}
+
+}  // namespace
+
+rigging::ProposedJoints LearnedRigger::propose(const io::RiggedShape& shape, const rigging::JointProposer& given) {
+  const torch::NoGradGuard no_grad;
+  require_surface(shape);
   io::RiggedShape found;
-  if (models.predict) {
-    found.joints.positions = models.predict();
-    found.joints.parents =
-        models.connect ? models.connect(found.joints.positions) : shortest_tree(found.joints.positions);
+  std::vector<Eigen::Vector3d>& joints = found.joints.positions;
+  if (predicts_) {
+    joints = predicted(shape);
+    found.joints.parents = connects_ ? parents_of(shape, joints) : shortest_tree(joints);
   } else {
     rigging::ProposedJoints proposed = given.propose(shape);
-    if (!models.connect) return proposed;
-    found.joints.positions = proposed.skeleton.positions();
+    if (!connects_) return proposed;
+    joints = proposed.skeleton.positions();
     found.joint_names = std::move(proposed.skeleton.names);
-    found.joints.parents = models.connect(found.joints.positions);
+    found.joints.parents = parents_of(shape, joints);
   }
   Skeleton skeleton = io::to_asset(found).skeleton;
-  if (models.predict) skeleton.names = joint_names(skeleton.positions(), skeleton.parents);
+  if (predicts_) skeleton.names = joint_names(skeleton.positions(), skeleton.parents);
   return {std::move(skeleton), ""};
+}
+
+SkinWeights LearnedRigger::bind(const io::RiggedShape& shape, const Skeleton& skeleton) {
+  const torch::NoGradGuard no_grad;
+  require_surface(shape);
+  const std::size_t vertices = shape.mesh.vertices.size();
+  if (predicts_ && skeleton.size() == 1) return from_dense(std::vector<float>(vertices, 1.0F), vertices, 1);
+  const SkinWeights skin = weights_of(shape, skeleton);
+  return most_influences_ == 0 ? skin : limit_influences(skin, most_influences_);
+}
+
+rigging::LearnedSteps LearnedRigger::steps(const std::shared_ptr<LearnedRigger>& rigger) {
+  rigging::LearnedSteps steps;
+  if (rigger->predicts_ || rigger->connects_) {
+    steps.propose = [rigger](const io::RiggedShape& shape, const rigging::JointProposer& given) {
+      return rigger->propose(shape, given);
+    };
+  }
+  if (rigger->binds_) {
+    steps.bind = [rigger](const io::RiggedShape& shape, const Skeleton& skeleton) {
+      return rigger->bind(shape, skeleton);
+    };
+  }
+  return steps;
 }
 
 }  // namespace anigen::generate

@@ -3,20 +3,15 @@
 #include <algorithm>
 #include <cmath>
 #include <set>
-#include <string>
 #include <system_error>
 #include <utility>
-#include <vector>
 
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
 #include "anigen/data/view_files.h"
-#include "anigen/generate/preprocess.h"
-#include "anigen/io/image.h"
 #include "anigen/io/image_resize.h"
 #include "anigen/io/rigs/rig_listing.h"
 #include "anigen/render/cameras_json.h"
-#include "anigen/vision/condition.h"
 
 namespace anigen::generate {
 
@@ -45,8 +40,51 @@ bool is_invisible(const io::Image& image) {
   return true;
 }
 
-}  // namespace
+using torch::Tensor;
 
+constexpr std::uint32_t kFacingTheViewer = 0x8080FFFFu;  // RGBA
+
+io::Image opaque_resized(const io::Image& image, int width, int height) {
+  return io::resize_lanczos(without_alpha(image), width, height, io::ResizeAlpha::kSeparate);
+}
+
+constexpr int kLongestSideForRemoval = 1024;
+constexpr int kForeground = 204;  // alpha above it, 0.8 · 255, decides the crop
+
+bool has_foreground(const std::vector<std::uint8_t>& mask) {
+  return std::any_of(mask.begin(), mask.end(), [](std::uint8_t alpha) { return alpha > kForeground; });
+}
+
+torch::Tensor batch_of(const io::Image& image) { return vision::color_tensor(image).unsqueeze(0); }
+
+/// The choice that "auto" stands for, for this picture.
+Background decided(Background asked, const io::Image& image, bool has_network) {
+  if (asked != Background::kAuto) return asked;
+  if (has_transparency(image)) return Background::kAlpha;
+  return has_network ? Background::kNetwork : Background::kGrabCut;
+}
+
+// @throws InputError for a picture with a side below kLeastPictureSide or above io::kMostPixelsPerSide, with more
+// than kMostPicturePixels, or in which every pixel is fully transparent
+void check_input_picture(const io::Image& image, const std::string& name) {
+  if (image.width <= 0 || image.height <= 0) throw InputError(name, "", "picture without pixels");
+  refuse_picture_size(static_cast<std::uint64_t>(image.width), static_cast<std::uint64_t>(image.height), name);
+  const std::size_t pixels = static_cast<std::size_t>(image.width) * static_cast<std::size_t>(image.height);
+  if (image.rgba.size() != io::kImageChannels * pixels) throw InputError(name, "", "the picture is incomplete");
+  if (is_invisible(image)) {
+    throw InputError(name, "", "every pixel is fully transparent: there is no object to see");
+  }
+}
+
+/// A supplied map at the size of the picture it belongs to.
+io::Image map_of(const InputPicture& map, const io::Image& object, std::vector<std::string>& notices) {
+  check_input_picture(map.image, map.name);
+  notices.push_back("normals: from " + map.name);
+  return supplied_normals(map.image, object.width, object.height, map.name);
+}
+
+// A PNG, JPEG (CMYK too), WebP, BMP or TIFF of any depth, as 8-bit RGBA: grey becomes three equal channels, 16 bit
+// are rounded to 8, palettes are resolved with their alpha.
 InputPicture read_input_picture(const std::filesystem::path& path) {
   const std::string file = read_file(path, kMostFileBytes);
   const std::vector<std::uint8_t> bytes(file.begin(), file.end());
@@ -64,15 +102,21 @@ InputPicture read_input_picture(const std::filesystem::path& path) {
   return picture;
 }
 
-void check_input_picture(const io::Image& image, const std::string& name) {
-  if (image.width <= 0 || image.height <= 0) throw InputError(name, "", "picture without pixels");
-  refuse_picture_size(static_cast<std::uint64_t>(image.width), static_cast<std::uint64_t>(image.height), name);
-  const std::size_t pixels = static_cast<std::size_t>(image.width) * static_cast<std::size_t>(image.height);
-  if (image.rgba.size() != io::kImageChannels * pixels) throw InputError(name, "", "the picture is incomplete");
-  if (is_invisible(image)) {
-    throw InputError(name, "", "every pixel is fully transparent: there is no object to see");
+// The estimate for a whole picture, its alpha ignored.
+io::Image estimated_normals(vision::NormalEstimator& estimator, const io::Image& image, int largest_side,
+                            const std::string& name) {
+  const io::Image opaque = without_alpha(image);
+  const io::Image seen = largest_side > 0 ? reduced(opaque, largest_side) : opaque;
+  try {
+    const torch::NoGradGuard no_grad;
+    const Tensor normals = estimator.normals(vision::color_tensor(seen).unsqueeze(0));
+    return opaque_resized(normal_picture(normals), image.width, image.height);
+  } catch (const InputError& error) {
+    throw InputError(name, error.place(), error.problem());
   }
 }
+
+}  // namespace
 
 namespace fs = std::filesystem;
 
@@ -141,18 +185,6 @@ void require_distinct_names(const std::vector<NamedPicture>& pictures) {
   }
 }
 
-namespace {
-
-using torch::Tensor;
-
-constexpr std::uint32_t kFacingTheViewer = 0x8080FFFFu;  // RGBA
-
-io::Image opaque_resized(const io::Image& image, int width, int height) {
-  return io::resize_lanczos(without_alpha(image), width, height, io::ResizeAlpha::kSeparate);
-}
-
-}  // namespace
-
 NormalSource parse_normal_source(const std::string& word) {
   return chosen<NormalSource>("normals", word,
                               {{"auto", NormalSource::kAuto},
@@ -178,19 +210,6 @@ io::Image normal_picture(const Tensor& normals) {
   return image;
 }
 
-io::Image estimated_normals(vision::NormalEstimator& estimator, const io::Image& image, int largest_side,
-                            const std::string& name) {
-  const io::Image opaque = without_alpha(image);
-  const io::Image seen = largest_side > 0 ? reduced(opaque, largest_side) : opaque;
-  try {
-    const torch::NoGradGuard no_grad;
-    const Tensor normals = estimator.normals(vision::color_tensor(seen).unsqueeze(0));
-    return opaque_resized(normal_picture(normals), image.width, image.height);
-  } catch (const InputError& error) {
-    throw InputError(name, error.place(), error.problem());
-  }
-}
-
 io::Image supplied_normals(const io::Image& map, int width, int height, const std::string& name) {
   const double across = static_cast<double>(map.width) / width, down = static_cast<double>(map.height) / height;
   // A hundredth, or what a pixel makes of a small picture.
@@ -205,33 +224,6 @@ io::Image supplied_normals(const io::Image& map, int width, int height, const st
 }
 
 io::Image flat_normals(int width, int height) { return {width, height, kFacingTheViewer}; }
-
-namespace {
-
-constexpr int kLongestSideForRemoval = 1024;
-constexpr int kForeground = 204;  // alpha above it, 0.8 · 255, decides the crop
-
-bool has_foreground(const std::vector<std::uint8_t>& mask) {
-  return std::any_of(mask.begin(), mask.end(), [](std::uint8_t alpha) { return alpha > kForeground; });
-}
-
-torch::Tensor batch_of(const io::Image& image) { return vision::color_tensor(image).unsqueeze(0); }
-
-/// The choice that "auto" stands for, for this picture.
-Background decided(Background asked, const io::Image& image, bool has_network) {
-  if (asked != Background::kAuto) return asked;
-  if (has_transparency(image)) return Background::kAlpha;
-  return has_network ? Background::kNetwork : Background::kGrabCut;
-}
-
-/// A supplied map at the size of the picture it belongs to.
-io::Image map_of(const InputPicture& map, const io::Image& object, std::vector<std::string>& notices) {
-  check_input_picture(map.image, map.name);
-  notices.push_back("normals: from " + map.name);
-  return supplied_normals(map.image, object.width, object.height, map.name);
-}
-
-}  // namespace
 
 ImagePreprocessor::ImagePreprocessor(const PreprocessingOptions& options,
                                      std::shared_ptr<vision::NormalEstimator> estimator)

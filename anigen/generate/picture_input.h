@@ -25,17 +25,6 @@ struct InputPicture {
   bool turned = false;  ///< by its EXIF orientation
 };
 
-/// A PNG, JPEG (CMYK too), WebP, BMP or TIFF of any depth, as 8-bit RGBA: grey becomes three equal channels, 16 bit are
-/// rounded to 8, palettes are resolved with their alpha. Turned upright as EXIF says, unlike the published pipeline,
-/// where the background remover honours EXIF and the normal map does not (reference flows-and-pipeline.md, 5.2).
-/// Colour profiles are not applied.
-/// @throws InputError when it cannot be read, or check_input_picture refuses it
-InputPicture read_input_picture(const std::filesystem::path& path);
-
-/// @throws InputError for a picture with a side below kLeastPictureSide or above io::kMostPixelsPerSide, with more than
-/// kMostPicturePixels, or in which every pixel is fully transparent
-void check_input_picture(const io::Image& image, const std::string& name);
-
 /// A picture and what its asset is to be called.
 struct NamedPicture {
   std::filesystem::path file;
@@ -77,13 +66,6 @@ NormalSource parse_normal_source(const std::string& word);
 /// @param normals [1, 3, H, W] as NormalEstimator returns them @return opaque
 /// @throws InputError when they are not finite
 io::Image normal_picture(const torch::Tensor& normals);
-
-/// The estimate for a whole picture, its alpha ignored.
-/// @param largest_side of the picture that the estimator sees, the estimate being enlarged to the picture's size
-/// (Lanczos); 0: the picture as it is, which is what is published
-/// @param name of the picture, for messages
-io::Image estimated_normals(vision::NormalEstimator& estimator, const io::Image& image, int largest_side,
-                            const std::string& name);
 
 /// A map that the user supplies, coloured as normal_picture() colours, its alpha ignored, resized (Lanczos) to the
 /// picture it belongs to.

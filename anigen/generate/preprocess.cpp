@@ -4,14 +4,10 @@
 #include <cmath>
 #include <fstream>
 #include <limits>
-#include <opencv2/core.hpp>
 #include <opencv2/dnn.hpp>
 #include <opencv2/imgproc.hpp>
 #include <set>
-#include <string>
-#include <utility>
 
-#include "anigen/core/error.h"
 #include "anigen/core/numeric.h"
 #include "anigen/io/image_resize.h"
 
@@ -22,58 +18,6 @@ namespace {
 void require_bytes(std::size_t found, std::size_t wanted) {
   if (found != wanted) throw InputError("", "mask", "a mask and its picture differ in size");
 }
-
-}  // namespace
-
-Background parse_background(const std::string& word) {
-  return chosen<Background>("background", word,
-                            {{"auto", Background::kAuto},
-                             {"keep", Background::kKeep},
-                             {"alpha", Background::kAlpha},
-                             {"grabcut", Background::kGrabCut},
-                             {"network", Background::kNetwork}});
-}
-
-bool has_transparency(const io::Image& image) {
-  for (std::size_t i = 3; i < image.rgba.size(); i += io::kImageChannels) {
-    if (image.rgba[i] != 255) return true;
-  }
-  return false;
-}
-
-io::Image without_alpha(const io::Image& image) {
-  io::Image opaque = image;
-  for (std::size_t i = 3; i < opaque.rgba.size(); i += io::kImageChannels) opaque.rgba[i] = 255;
-  return opaque;
-}
-
-io::Image cut_out(const io::Image& image, const std::vector<std::uint8_t>& mask) {
-  require_bytes(io::kImageChannels * mask.size(), image.rgba.size());
-  io::Image result = image;
-  for (std::size_t i = 0; i < mask.size(); ++i) {
-    std::uint8_t* pixel = result.rgba.data() + io::kImageChannels * i;
-    for (int c = 0; c < 3; ++c) pixel[c] = byte_product(pixel[c], mask[i]);
-    pixel[3] = mask[i];
-  }
-  return result;
-}
-
-io::Image with_alpha_of(const io::Image& colors, const io::Image& alpha) {
-  require_bytes(colors.rgba.size(), alpha.rgba.size());
-  io::Image result = colors;
-  for (std::size_t i = 3; i < result.rgba.size(); i += io::kImageChannels) result.rgba[i] = alpha.rgba[i];
-  return result;
-}
-
-io::Image reduced(const io::Image& image, int longest) {
-  const int longer = std::max(image.width, image.height);
-  if (longer <= longest) return image;
-  const double scale = static_cast<double>(longest) / longer;
-  const auto side = [scale](int length) { return std::max(1, static_cast<int>(length * scale)); };
-  return io::resize_lanczos(image, side(image.width), side(image.height), io::ResizeAlpha::kSeparate);
-}
-
-namespace {
 
 constexpr int kWorkingSide = 512, kRounds = 5, kEdgeColors = 6;
 constexpr double kEdgePart = 0.02;      // of the shorter side: surely background
@@ -180,30 +124,6 @@ void drop_specks(cv::Mat& mask) {
     }
   }
 }
-
-}  // namespace
-
-std::vector<std::uint8_t> grabcut_mask(const io::Image& image) {
-  std::vector<std::uint8_t> alpha(image.rgba.size() / io::kImageChannels, 0);
-  if (alpha.empty()) return alpha;
-  const FixedDraws fixed;
-  const cv::Mat small = working_copy(image);
-  const cv::Mat edge = edge_of(small.size());
-  const cv::Mat distance = distance_to_edge(small, edge);
-  cv::Mat classes(small.size(), CV_8U, cv::Scalar(cv::GC_PR_FGD));
-  classes.setTo(cv::GC_PR_BGD, distance < standing_out(distance));
-  classes.setTo(cv::GC_BGD, edge);
-  if (cv::countNonZero(classes == cv::GC_PR_FGD) == 0) return alpha;
-  cv::Mat background, foreground;  // GrabCut's colour models
-  cv::grabCut(small, classes, cv::Rect(), background, foreground, kRounds, cv::GC_INIT_WITH_MASK);
-  cv::Mat mask = classes == cv::GC_PR_FGD;
-  drop_specks(mask);
-  cv::Mat full(image.height, image.width, CV_8U, alpha.data());
-  cv::resize(mask, full, full.size(), 0.0, 0.0, cv::INTER_LINEAR);
-  return alpha;
-}
-
-namespace {
 
 constexpr std::uint64_t kLongestName = 1 << 16;
 
@@ -315,31 +235,6 @@ OnnxSignature read_graph(const ProtoMessage& graph) {
   return signature;
 }
 
-}  // namespace
-
-OnnxSignature read_onnx_signature(const std::filesystem::path& path) {
-  const std::string name = path.string();
-  std::error_code error;
-  const std::uintmax_t bytes = std::filesystem::file_size(path, error);
-  std::ifstream in(path, std::ios::binary);
-  if (error || !in) throw InputError(name, "", "cannot be read");
-  OnnxSignature signature;
-  // ModelProto { 7: graph }
-  for_each(ProtoMessage(in, 0, bytes, name), 7,
-           [&](const ProtoMessage& graph) { signature = read_graph(graph.message()); });
-  if (!signature.outputs.empty()) return signature;
-  throw InputError(name, "", "is not an ONNX network: it holds no graph");
-}
-
-struct MattingNetwork::Loaded {
-  MattingOptions options;
-  std::string name, output;
-  int width = 0, height = 0;  // of its input
-  cv::dnn::Net net;
-};
-
-namespace {
-
 constexpr double kLeastMaximum = 1e-6;  // a black picture is not divided by 0
 
 // A side that the file fixes, or the one asked for.
@@ -408,6 +303,95 @@ io::Image stretched(const cv::Mat& output, const std::string& name) {
 }
 
 }  // namespace
+
+Background parse_background(const std::string& word) {
+  return chosen<Background>("background", word,
+                            {{"auto", Background::kAuto},
+                             {"keep", Background::kKeep},
+                             {"alpha", Background::kAlpha},
+                             {"grabcut", Background::kGrabCut},
+                             {"network", Background::kNetwork}});
+}
+
+bool has_transparency(const io::Image& image) {
+  for (std::size_t i = 3; i < image.rgba.size(); i += io::kImageChannels) {
+    if (image.rgba[i] != 255) return true;
+  }
+  return false;
+}
+
+io::Image without_alpha(const io::Image& image) {
+  io::Image opaque = image;
+  for (std::size_t i = 3; i < opaque.rgba.size(); i += io::kImageChannels) opaque.rgba[i] = 255;
+  return opaque;
+}
+
+io::Image cut_out(const io::Image& image, const std::vector<std::uint8_t>& mask) {
+  require_bytes(io::kImageChannels * mask.size(), image.rgba.size());
+  io::Image result = image;
+  for (std::size_t i = 0; i < mask.size(); ++i) {
+    std::uint8_t* pixel = result.rgba.data() + io::kImageChannels * i;
+    for (int c = 0; c < 3; ++c) pixel[c] = byte_product(pixel[c], mask[i]);
+    pixel[3] = mask[i];
+  }
+  return result;
+}
+
+io::Image with_alpha_of(const io::Image& colors, const io::Image& alpha) {
+  require_bytes(colors.rgba.size(), alpha.rgba.size());
+  io::Image result = colors;
+  for (std::size_t i = 3; i < result.rgba.size(); i += io::kImageChannels) result.rgba[i] = alpha.rgba[i];
+  return result;
+}
+
+io::Image reduced(const io::Image& image, int longest) {
+  const int longer = std::max(image.width, image.height);
+  if (longer <= longest) return image;
+  const double scale = static_cast<double>(longest) / longer;
+  const auto side = [scale](int length) { return std::max(1, static_cast<int>(length * scale)); };
+  return io::resize_lanczos(image, side(image.width), side(image.height), io::ResizeAlpha::kSeparate);
+}
+
+std::vector<std::uint8_t> grabcut_mask(const io::Image& image) {
+  std::vector<std::uint8_t> alpha(image.rgba.size() / io::kImageChannels, 0);
+  if (alpha.empty()) return alpha;
+  const FixedDraws fixed;
+  const cv::Mat small = working_copy(image);
+  const cv::Mat edge = edge_of(small.size());
+  const cv::Mat distance = distance_to_edge(small, edge);
+  cv::Mat classes(small.size(), CV_8U, cv::Scalar(cv::GC_PR_FGD));
+  classes.setTo(cv::GC_PR_BGD, distance < standing_out(distance));
+  classes.setTo(cv::GC_BGD, edge);
+  if (cv::countNonZero(classes == cv::GC_PR_FGD) == 0) return alpha;
+  cv::Mat background, foreground;  // GrabCut's colour models
+  cv::grabCut(small, classes, cv::Rect(), background, foreground, kRounds, cv::GC_INIT_WITH_MASK);
+  cv::Mat mask = classes == cv::GC_PR_FGD;
+  drop_specks(mask);
+  cv::Mat full(image.height, image.width, CV_8U, alpha.data());
+  cv::resize(mask, full, full.size(), 0.0, 0.0, cv::INTER_LINEAR);
+  return alpha;
+}
+
+OnnxSignature read_onnx_signature(const std::filesystem::path& path) {
+  const std::string name = path.string();
+  std::error_code error;
+  const std::uintmax_t bytes = std::filesystem::file_size(path, error);
+  std::ifstream in(path, std::ios::binary);
+  if (error || !in) throw InputError(name, "", "cannot be read");
+  OnnxSignature signature;
+  // ModelProto { 7: graph }
+  for_each(ProtoMessage(in, 0, bytes, name), 7,
+           [&](const ProtoMessage& graph) { signature = read_graph(graph.message()); });
+  if (!signature.outputs.empty()) return signature;
+  throw InputError(name, "", "is not an ONNX network: it holds no graph");
+}
+
+struct MattingNetwork::Loaded {
+  MattingOptions options;
+  std::string name, output;
+  int width = 0, height = 0;  // of its input
+  cv::dnn::Net net;
+};
 
 MattingNetwork::MattingNetwork(const MattingOptions& options) : loaded_(std::make_unique<Loaded>()) {
   check_normalization(options);

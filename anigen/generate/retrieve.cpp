@@ -11,7 +11,6 @@
 #include "anigen/core/parallel.h"
 #include "anigen/core/process.h"
 #include "anigen/core/version.h"
-#include "anigen/generate/picture_input.h"
 #include "anigen/generate/preprocess.h"
 #include "anigen/io/gltf/gltf.h"
 #include "anigen/io/rigs/rig_listing.h"

@@ -2,7 +2,6 @@
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
-#include <optional>
 #include <vector>
 
 #include "anigen/generate/learned_rigging.h"
@@ -27,16 +26,10 @@ struct TrainedRignetModel {
 /// @throws InputError naming the file: when there is nothing of the kind, or arguments or weights do not fit
 TrainedRignetModel load_rignet_model(const std::filesystem::path& path, torch::Device device);
 
-/// Models of RigNet by what they are to do.
-struct RignetModels {
-  std::optional<TrainedRignetModel> joints, connectivity, skin;
-};
+using RignetModels = RiggerModels<TrainedRignetModel>;
 
 /// @throws InputError as load_rignet_model, and for a model of another task than its place
 RignetModels load_rignet_models(const LearnedModelFiles& files, torch::Device device);
-
-/// @throws InputError naming the file of a model that is for another task than its place
-void require_tasks(const RignetModels& models);
 
 struct RignetRiggerOptions {
   std::uint64_t seed = 0;              ///< of the graphs' edges and samples
@@ -44,34 +37,24 @@ struct RignetRiggerOptions {
   torch::Device device = torch::kCPU;  ///< where the models are
 };
 
-/// RigNet as a rigger of meshes (Xu et al. 2020; reference anymate-baselines.md, 9.3), any of its models missing. Each
-/// mesh is looked at by itself, as a graph of the size that each model was trained with.
-class RignetRigger {
+/// RigNet as a rigger of meshes (Xu et al. 2020; reference anymate-baselines.md, 9.3), each mesh as a graph of the size
+/// that each model was trained with. Parents are those of the published tree. Weights are SkinNet's at the graph's
+/// vertices, cleaned (rignet::cleaned_weights), and at the shape's vertices those of the nearest place of the graph's
+/// surface.
+class RignetRigger : public LearnedRigger {
  public:
   /// @throws InputError naming its file for a model that is for another task than its place
   RignetRigger(RignetModels models, const RignetRiggerOptions& options);
 
-  /// Joints and their tree, what has no model as propose_by_models() says. Parents are those of the published tree.
-  /// @return the shape's frame @throws InputError without a surface, as `given`, or for numbers that are not finite
-  rigging::ProposedJoints propose(const io::RiggedShape& shape, const rigging::JointProposer& given);
-
-  /// Weights by the model for skinning, which must be there: SkinNet's at the graph's vertices, cleaned
-  /// (rignet::cleaned_weights), for the joint at the head of each bone, and at the shape's vertices those of
-  /// the nearest place of the graph's surface. Bones as AnymateRigger::bind() takes them.
-  /// @return one row per vertex of the shape @throws InputError without a surface, or for weights that are not finite
-  SkinWeights bind(const io::RiggedShape& shape, const Skeleton& skeleton);
-
  private:
   struct Seen;
   Seen seen(const io::RiggedShape& shape, const TrainedRignetModel& by) const;
-  std::vector<Eigen::Vector3d> predicted(const io::RiggedShape& shape);
-  std::vector<int> parents_of(const io::RiggedShape& shape, const std::vector<Eigen::Vector3d>& joints);
+  std::vector<Eigen::Vector3d> predicted(const io::RiggedShape& shape) override;
+  std::vector<int> parents_of(const io::RiggedShape& shape, const std::vector<Eigen::Vector3d>& joints) override;
+  SkinWeights weights_of(const io::RiggedShape& shape, const Skeleton& skeleton) override;
 
   RignetModels models_;
   RignetRiggerOptions options_;
 };
-
-/// The steps of rig_meshes() that these models take over. @throws InputError as RignetRigger
-rigging::LearnedSteps rignet_steps(RignetModels models, const RignetRiggerOptions& options);
 
 }  // namespace anigen::generate

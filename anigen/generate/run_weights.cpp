@@ -5,12 +5,11 @@
 #include <map>
 #include <memory>
 #include <set>
-#include <string>
 #include <system_error>
 #include <vector>
 
-#include "anigen/core/config.h"
 #include "anigen/core/error.h"
+#include "anigen/core/run_folder.h"
 #include "anigen/generate/anymate_rigger.h"
 #include "anigen/generate/rignet_rigger.h"
 #include "anigen/io/arrays/torch_archive.h"
@@ -41,8 +40,6 @@ fs::path named_run(const fs::path& run, const std::string& name, const fs::path&
 
 namespace {
 
-namespace fs = std::filesystem;
-
 struct Run {
   fs::path folder;
   bool structure = false, latents = false, counts_joints = false;
@@ -52,9 +49,9 @@ struct Run {
 void add_runs(const fs::path& parent, std::vector<Run>& runs) {
   std::error_code error;
   for (const fs::directory_entry& entry : fs::directory_iterator(parent, error)) {
-    const fs::path config = entry.path() / "config.json";
-    if (!fs::is_regular_file(config, error) || !fs::is_directory(entry.path() / "ckpts", error)) continue;
-    const Json json = read_json(config);
+    const RunFolder folder{entry.path()};
+    if (!folder.has_config() || !folder.has_checkpoints()) continue;
+    const Json json = read_json(folder.config());
     if (!json.is_object() || !json.contains("models") || !json["models"].is_object()) continue;
     Run run;
     run.folder = entry.path();
@@ -83,37 +80,6 @@ fs::path chosen(const fs::path& folder, const std::vector<fs::path>& found, cons
   throw InputError(folder.string(), "", "holds several runs of " + what + " (" + names + "), none called " + usual);
 }
 
-}  // namespace
-
-FlowRuns find_flow_runs(const fs::path& folder, bool joint_count, const FlowRuns& known) {
-  std::error_code error;
-  if (!fs::is_directory(folder, error)) throw InputError(folder.string(), "", "there is no such folder");
-  std::vector<Run> runs;
-  for (const char* below : {"", "anigen", "ckpts/anigen"}) {
-    if (runs.empty()) add_runs(folder / below, runs);
-  }
-  std::sort(runs.begin(), runs.end(), [](const Run& a, const Run& b) { return a.folder < b.folder; });
-  std::vector<fs::path> structure, latents;
-  for (const Run& run : runs) {
-    if (run.structure) structure.push_back(run.folder);
-    if (run.latents && (!joint_count || run.counts_joints)) latents.push_back(run.folder);
-  }
-  FlowRuns found = known;
-  if (found.structure.empty()) {
-    found.structure = chosen(folder, structure, "ss_flow_solo",
-                             "the first flow (" + std::string(sparse_structure::kSparseStructureFlowClass) + ")");
-  }
-  if (found.latents.empty()) {
-    found.latents = chosen(folder, latents, joint_count ? "slat_flow_control" : "slat_flow_auto",
-                           std::string("the second flow (") + structured_latent::kStructuredLatentFlowClass + ")" +
-                               (joint_count ? " that was told numbers of joints" : ""));
-  }
-  return found;
-}
-
-namespace {
-
-namespace fs = std::filesystem;
 using ModulePtr = std::shared_ptr<torch::nn::Module>;
 using Builder = std::function<ModulePtr(const nn::RunModel&)>;
 
@@ -189,11 +155,37 @@ Json compared(const torch::nn::Module& model, const io::NamedArrays& arrays) {
 
 }  // namespace
 
+FlowRuns find_flow_runs(const fs::path& folder, bool joint_count, const FlowRuns& known) {
+  std::error_code error;
+  if (!fs::is_directory(folder, error)) throw InputError(folder.string(), "", "there is no such folder");
+  std::vector<Run> runs;
+  for (const char* below : {"", "anigen", "ckpts/anigen"}) {
+    if (runs.empty()) add_runs(folder / below, runs);
+  }
+  std::sort(runs.begin(), runs.end(), [](const Run& a, const Run& b) { return a.folder < b.folder; });
+  std::vector<fs::path> structure, latents;
+  for (const Run& run : runs) {
+    if (run.structure) structure.push_back(run.folder);
+    if (run.latents && (!joint_count || run.counts_joints)) latents.push_back(run.folder);
+  }
+  FlowRuns found = known;
+  if (found.structure.empty()) {
+    found.structure = chosen(folder, structure, "ss_flow_solo",
+                             "the first flow (" + std::string(sparse_structure::kSparseStructureFlowClass) + ")");
+  }
+  if (found.latents.empty()) {
+    found.latents = chosen(folder, latents, joint_count ? "slat_flow_control" : "slat_flow_auto",
+                           std::string("the second flow (") + structured_latent::kStructuredLatentFlowClass + ")" +
+                               (joint_count ? " that was told numbers of joints" : ""));
+  }
+  return found;
+}
+
 Json describe_weights(const fs::path& run) {
-  const Json config = load_config(run / "config.json");
+  const Json config = load_config(RunFolder{run}.config());
   Json result = Json::object();
   if (!config.contains("models") || !config["models"].is_object()) {
-    throw InputError((run / "config.json").string(), "/models", "describes no models");
+    throw InputError(RunFolder{run}.config().string(), "/models", "describes no models");
   }
   for (const auto& [name, model] : config["models"].items()) {
     const bool is_named = model.is_object() && model.contains("name") && model["name"].is_string();

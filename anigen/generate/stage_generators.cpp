@@ -1,28 +1,17 @@
 #include "anigen/generate/stage_generators.h"
 
-#include <memory>
-#include <vector>
-
 #include "anigen/core/config.h"
 #include "anigen/core/error.h"
 #include "anigen/core/hash.h"
 #include "anigen/core/log.h"
-#include "anigen/data/latent_files.h"
 #include "anigen/data/rigged_item.h"
 #include "anigen/data/view_files.h"
 #include "anigen/data/voxel_files.h"
 #include "anigen/generate/assemble.h"
-#include "anigen/generate/evaluate.h"
 #include "anigen/generate/latent_records.h"
-#include "anigen/generate/run_weights.h"
 #include "anigen/geometry/nearest_surface.h"
 #include "anigen/io/arrays/npz.h"
 #include "anigen/nn/init.h"
-#include "anigen/nn/profile.h"
-#include "anigen/sparse_structure/flow.h"
-#include "anigen/sparse_structure/voxel_metrics.h"
-#include "anigen/structured_latent/sampling.h"
-#include "anigen/vision/condition.h"
 
 namespace anigen::generate {
 
@@ -45,6 +34,30 @@ Tensor byte_coords(const SparseTensor& latent) {
   return latent.support->coords().slice(1, 1).to(torch::kUInt8).contiguous();
 }
 
+data::SparseStructureOptions occupancy_options(const nn::RunModel& encoder) {
+  ConfigReader top(encoder.run, encoder.config.string());
+  ConfigReader args = top.object("dataset").object("args");
+  data::SparseStructureOptions options;
+  options.resolution = static_cast<int>(args.integer("resolution", 64, 1, 256));
+  options.skl_dilation_iter = static_cast<int>(args.integer("skl_dilation_iter", 0, 0, 256));
+  return options;
+}
+
+data::FeatureSkeletonOptions data_options(const nn::RunModel& found) {
+  ConfigReader top(found.run, found.config.string());
+  ConfigReader args = top.object("dataset").object("args");
+  return data::FeatureSkeletonOptions::read(args);
+}
+
+fs::path feature_file(const data::AssetId& asset, const std::string& model) {
+  return asset.root / "features" / model / (asset.id + ".npz");
+}
+
+SparseTensor sparse_of(const data::VoxelRows& rows, const std::string& id, torch::Device device) {
+  const data::RaggedVoxels voxels = data::collate_voxels({&rows}, {id});
+  return {sparse::Support::create(voxels.coords, 1), voxels.feats.to(device)};
+}
+
 }  // namespace
 
 void write_structure_latents(const fs::path& file, const Tensor& shape, const Tensor& skeleton, const fs::path& maker) {
@@ -62,21 +75,6 @@ void write_structured_latents(const fs::path& file, const structured_latent::Per
                        {"coords_skl", nn::to_array(byte_coords(latents.skeleton))},
                        {"feats_skl", nn::to_array(finite(latents.skeleton.feats, maker))}});
 }
-
-namespace {
-
-using torch::Tensor;
-
-data::SparseStructureOptions occupancy_options(const nn::RunModel& encoder) {
-  ConfigReader top(encoder.run, encoder.config.string());
-  ConfigReader args = top.object("dataset").object("args");
-  data::SparseStructureOptions options;
-  options.resolution = static_cast<int>(args.integer("resolution", 64, 1, 256));
-  options.skl_dilation_iter = static_cast<int>(args.integer("skl_dilation_iter", 0, 0, 256));
-  return options;
-}
-
-}  // namespace
 
 StructureCoder::StructureCoder(const std::filesystem::path& run, const std::string& ckpt, torch::Device device,
                                bool decodes)
@@ -124,35 +122,15 @@ StructureReconstruction StructureCoder::agreement(const data::StructureLatent& l
   return {of(logits.shape, voxels.ss), of(logits.skeleton, voxels.ss_skl)};
 }
 
-using torch::Tensor;
-
 StructureGenerator::StructureGenerator(const Request& request)
-    : device_(nn::parse_device(request.device)),
-      run_(request.run),
-      flow_(nn::find_flow_model(request.run, {sparse_structure::kSparseStructureFlowClass}, request.ckpt,
-                                request.averages)),
-      autoencoder_(request.autoencoder),
-      reading_(
-          conditioned_reading<data::StructureLatentOptions>(flow_, "ImageConditionedAniGenSparseStructureLatent")) {
-  ConfigReader top(flow_.run, flow_.config.string());
-  ConfigReader args = top.object("trainer").object("args");
-  sampler_ = sparse_structure::SparseStructureFlowStageOptions::read(args).sampler;
+    : FlowGenerator(request, {sparse_structure::kSparseStructureFlowClass},
+                    "ImageConditionedAniGenSparseStructureLatent"),
+      autoencoder_(request.autoencoder) {
   if (autoencoder_.empty()) {
     autoencoder_ = named_run(run_, reading_.ss_dec_path, flow_.config, "/dataset/args/ss_dec_path");
   }
-  model_ = nn::load_trained<sparse_structure::SparseStructureFlow>(flow_, device_);
-  if (request.precision != torch::kFloat32) model_->set_compute_dtype(request.precision);
   decoder_ = nn::load_trained<sparse_structure::SparseStructureDecoder>(
       nn::find_run_model(autoencoder_, sparse_structure::kSparseStructureDecoderClass, reading_.ss_dec_ckpt), device_);
-}
-
-Tensor StructureGenerator::condition(const Tensor& pictures) {
-  const torch::NoGradGuard no_grad;
-  if (!encoder_) {
-    encoder_ =
-        vision::trained_condition_encoder(run_, flow_, reading_.image_size, model_->options().cond_channels, device_);
-  }
-  return encoder_->tokens(pictures);
 }
 
 flow::Streams StructureGenerator::noise(std::uint64_t seed, std::uint64_t number) const {
@@ -220,29 +198,6 @@ RigDecoder::Decoded RigDecoder::decode(const structured_latent::PerStream<sparse
   return {decoded_asset(mesh, skeleton, weights, options),
           structured_latent::for_grouping(decoded.skeletons.front(), variant_.confidence)};
 }
-
-namespace {
-
-namespace fs = std::filesystem;
-using sparse::SparseTensor;
-using torch::Tensor;
-
-data::FeatureSkeletonOptions data_options(const nn::RunModel& found) {
-  ConfigReader top(found.run, found.config.string());
-  ConfigReader args = top.object("dataset").object("args");
-  return data::FeatureSkeletonOptions::read(args);
-}
-
-fs::path feature_file(const data::AssetId& asset, const std::string& model) {
-  return asset.root / "features" / model / (asset.id + ".npz");
-}
-
-SparseTensor sparse_of(const data::VoxelRows& rows, const std::string& id, torch::Device device) {
-  const data::RaggedVoxels voxels = data::collate_voxels({&rows}, {id});
-  return {sparse::Support::create(voxels.coords, 1), voxels.feats.to(device)};
-}
-
-}  // namespace
 
 StructuredLatentCoder::StructuredLatentCoder(const fs::path& run, const std::string& ckpt, torch::Device device,
                                              const std::optional<skeleton_field::MeanShiftOptions>& decodes)
@@ -325,39 +280,10 @@ void StructuredLatentCoder::write(const structured_latent::PerStream<SparseTenso
   write_structured_latents(file, latents, checkpoint());
 }
 
-namespace {
-
-using torch::Tensor;
-
-structured_latent::StructuredLatentFlowStageOptions training_options(const nn::RunModel& flow) {
-  ConfigReader top(flow.run, flow.config.string());
-  ConfigReader args = top.object("trainer").object("args");
-  return structured_latent::StructuredLatentFlowStageOptions::read(args);
-}
-
-}  // namespace
-
-StructuredLatentGenerator::StructuredLatentGenerator(const Request& request)
-    : device_(nn::parse_device(request.device)),
-      run_(request.run),
-      flow_(nn::find_flow_model(
-          request.run,
-          {structured_latent::kStructuredLatentFlowClass, structured_latent::kPlainStructuredLatentFlowClass},
-          request.ckpt, request.averages)),
-      reading_(conditioned_reading<data::StructuredLatentOptions>(flow_, "AniGenImageConditionedSLat")),
-      training_(training_options(flow_)) {
-  model_ = nn::load_trained<structured_latent::StructuredLatentFlow>(flow_, device_);
-  if (request.precision != torch::kFloat32) model_->set_compute_dtype(request.precision);
-}
-
-Tensor StructuredLatentGenerator::condition(const Tensor& pictures) {
-  const torch::NoGradGuard no_grad;
-  if (!encoder_) {
-    encoder_ =
-        vision::trained_condition_encoder(run_, flow_, reading_.image_size, model_->options().cond_channels, device_);
-  }
-  return encoder_->tokens(pictures);
-}
+StructuredLatentGenerator::StructuredLatentGenerator(const FlowRequest& request)
+    : FlowGenerator(request,
+                    {structured_latent::kStructuredLatentFlowClass, structured_latent::kPlainStructuredLatentFlowClass},
+                    "AniGenImageConditionedSLat") {}
 
 flow::Streams StructuredLatentGenerator::noise(const sparse::Support& shape, const sparse::Support& skeleton,
                                                const at::Generator& generator) const {

@@ -9,6 +9,8 @@
 #include "anigen/data/datasets.h"
 #include "anigen/data/latent_files.h"
 #include "anigen/data/metadata.h"
+#include "anigen/generate/run_weights.h"
+#include "anigen/nn/profile.h"
 #include "anigen/nn/state_dict.h"
 #include "anigen/nn/trainable.h"
 #include "anigen/skeleton_field/field.h"
@@ -70,30 +72,79 @@ class StructureCoder {
   sparse_structure::SparseStructureDecoder decoder_ = nullptr;
 };
 
-/// A trained sparse-structure flow with its image encoder and the decoder of its latents: pictures become voxels of a
-/// shape and its skeleton (paper 3.4; reference flows-and-pipeline.md, 4).
-class StructureGenerator {
- public:
-  struct Request {
-    std::filesystem::path run;          ///< run folder of stage 4
-    std::filesystem::path autoencoder;  ///< run folder of stage 2; empty: the one its dataset's ss_dec_path names
-    std::string ckpt;                   ///< of the flow, as nn::find_flow_model
-    std::string device = "cpu";
-    nn::Averages averages = nn::Averages::kUsual;
-    torch::Dtype precision = torch::kFloat32;  ///< of the flow's torso
-  };
-  /// @throws InputError when a run is unusable, or the flow was trained without pictures
-  explicit StructureGenerator(const Request& request);
+/// Where a trained flow is and how it computes.
+struct FlowRequest {
+  std::filesystem::path run;  ///< run folder of a flow, ours or a published one
+  std::string ckpt;           ///< as nn::find_flow_model
+  nn::Averages averages = nn::Averages::kUsual;
+  std::string device = "cpu";
+  torch::Dtype precision = torch::kFloat32;  ///< of the flow's torso
+};
 
+/// A trained flow with its image encoder.
+/// @tparam Model its module's holder @tparam Reading options of its dataset @tparam Training options of its trainer
+template <typename Model, typename Reading, typename Training>
+class FlowGenerator {
+ public:
   const nn::RunModel& flow() const { return flow_; }
-  const std::filesystem::path& autoencoder() const { return autoencoder_; }
-  /// Of its dataset: the size and kind of its pictures, and what normalises its latents.
-  const data::StructureLatentOptions& reading() const { return reading_; }
-  const flow::SamplerOptions& sampler() const { return sampler_; }  ///< as its config samples
+  const auto& options() const { return model_->options(); }
+  /// Of its dataset: the size and kind of its pictures, what normalises its latents, and the decoder's run.
+  const Reading& reading() const { return reading_; }
+  const flow::SamplerOptions& sampler() const { return training_.sampler; }  ///< as its config samples
 
   /// @param pictures [B, 3, S, S] in [0, 1], S = reading().image_size @return [B, M, C]
   /// @throws InputError at the first call, when the image encoder or its weights are missing or do not fit
-  torch::Tensor condition(const torch::Tensor& pictures);
+  torch::Tensor condition(const torch::Tensor& pictures) {
+    const torch::NoGradGuard no_grad;
+    if (!encoder_) {
+      encoder_ =
+          vision::trained_condition_encoder(run_, flow_, reading_.image_size, model_->options().cond_channels, device_);
+    }
+    return encoder_->tokens(pictures);
+  }
+
+ protected:
+  /// @param classes of the model @param dataset name of the class of datasets with pictures
+  /// @throws InputError when the run is unusable, or the flow was trained without pictures
+  FlowGenerator(const FlowRequest& request, const std::vector<std::string>& classes, const std::string& dataset)
+      : device_(nn::parse_device(request.device)),
+        run_(request.run),
+        flow_(nn::find_flow_model(request.run, classes, request.ckpt, request.averages)) {
+    ConfigReader top(flow_.run, flow_.config.string());
+    ConfigReader reader = top.object("dataset"), args = reader.object("args");
+    reader.require("name");
+    if (reader.text("name", "") != dataset) {
+      throw reader.error("name", "this flow was trained without pictures; they come from " + dataset);
+    }
+    reading_ = Reading::read(args, /*image_conditioned=*/true);
+    ConfigReader trainer_args = top.object("trainer").object("args");
+    training_ = Training::read(trainer_args);
+    model_ = nn::load_trained<Model>(flow_, device_);
+    if (request.precision != torch::kFloat32) model_->set_compute_dtype(request.precision);
+  }
+
+  torch::Device device_;
+  std::filesystem::path run_;
+  nn::RunModel flow_;
+  Reading reading_;
+  Training training_;
+  Model model_ = nullptr;
+
+ private:
+  std::unique_ptr<vision::ConditionEncoder> encoder_;  // from the first condition() on
+};
+
+/// A trained sparse-structure flow with the decoder of its latents: pictures become voxels of a shape and its skeleton
+/// (paper 3.4; reference flows-and-pipeline.md, 4).
+class StructureGenerator : public FlowGenerator<sparse_structure::SparseStructureFlow, data::StructureLatentOptions,
+                                                sparse_structure::SparseStructureFlowStageOptions> {
+ public:
+  struct Request : FlowRequest {
+    std::filesystem::path autoencoder;  ///< run folder of stage 2; empty: the one its dataset's ss_dec_path names
+  };
+  explicit StructureGenerator(const Request& request);
+
+  const std::filesystem::path& autoencoder() const { return autoencoder_; }
   /// Standard normal numbers of a latent, from the seed and the number of an asset, whatever else is sampled with it.
   flow::Streams noise(std::uint64_t seed, std::uint64_t number) const;
   /// Noise as the generator gives it, shape first (reference flows-and-pipeline.md, 5.5).
@@ -110,14 +161,7 @@ class StructureGenerator {
   std::vector<sparse_structure::VoxelPair> decode(const flow::Streams& latents);
 
  private:
-  torch::Device device_;
-  std::filesystem::path run_;
-  nn::RunModel flow_;
   std::filesystem::path autoencoder_;
-  data::StructureLatentOptions reading_;
-  flow::SamplerOptions sampler_;
-  sparse_structure::SparseStructureFlow model_ = nullptr;
-  std::unique_ptr<vision::ConditionEncoder> encoder_;  // from the first condition() on
   sparse_structure::SparseStructureDecoder decoder_ = nullptr;
 };
 
@@ -199,29 +243,14 @@ class StructuredLatentCoder {
   structured_latent::StructuredLatentDecoder shape_decoder_ = nullptr;  ///< of one without
 };
 
-/// A trained structured-latent flow with its image encoder: pictures and the voxels of a shape and its skeleton become
-/// structured latents (paper 3.4; reference flows-and-pipeline.md, 5.6).
-class StructuredLatentGenerator {
+/// A trained structured-latent flow: pictures and the voxels of a shape and its skeleton become structured latents
+/// (paper 3.4; reference flows-and-pipeline.md, 5.6).
+class StructuredLatentGenerator
+    : public FlowGenerator<structured_latent::StructuredLatentFlow, data::StructuredLatentOptions,
+                           structured_latent::StructuredLatentFlowStageOptions> {
  public:
-  struct Request {
-    std::filesystem::path run;  ///< run folder of stage 5, or a published one
-    std::string ckpt;           ///< as nn::find_flow_model
-    nn::Averages averages = nn::Averages::kUsual;
-    std::string device = "cpu";
-    torch::Dtype precision = torch::kFloat32;  ///< of the torso
-  };
-  /// @throws InputError when the run is unusable, or the flow was trained without pictures
-  explicit StructuredLatentGenerator(const Request& request);
+  explicit StructuredLatentGenerator(const FlowRequest& request);
 
-  const nn::RunModel& flow() const { return flow_; }
-  const structured_latent::StructuredLatentFlowOptions& options() const { return model_->options(); }
-  /// Of its dataset: the size and kind of its pictures, what normalises its latents, and the decoder's run.
-  const data::StructuredLatentOptions& reading() const { return reading_; }
-  const flow::SamplerOptions& sampler() const { return training_.sampler; }  ///< as its config samples
-
-  /// @param pictures [B, 3, S, S] in [0, 1], S = reading().image_size @return [B, K, C]
-  /// @throws InputError at the first call, when the image encoder or its weights are missing or do not fit
-  torch::Tensor condition(const torch::Tensor& pictures);
   /// Standard normal noise of both streams as the generator gives it, shape first, smoothed where the config says so.
   flow::Streams noise(const sparse::Support& shape, const sparse::Support& skeleton,
                       const at::Generator& generator) const;
@@ -231,15 +260,6 @@ class StructuredLatentGenerator {
                                                             const structured_latent::StructuredLatentTarget& target,
                                                             const flow::SamplerOptions& sampler, bool guided,
                                                             const flow::SamplingExtras& extras = {});
-
- private:
-  torch::Device device_;
-  std::filesystem::path run_;
-  nn::RunModel flow_;
-  data::StructuredLatentOptions reading_;
-  structured_latent::StructuredLatentFlowStageOptions training_;
-  structured_latent::StructuredLatentFlow model_ = nullptr;
-  std::unique_ptr<vision::ConditionEncoder> encoder_;  // from the first condition() on
 };
 
 }  // namespace anigen::generate

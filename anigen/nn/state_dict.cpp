@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "anigen/core/error.h"
+#include "anigen/core/run_folder.h"
 #include "anigen/io/arrays/safetensors.h"
 #include "anigen/nn/init.h"
 
@@ -174,8 +175,7 @@ fs::path named_or_newest(const fs::path& run, const std::string& model, const st
 }  // namespace
 
 fs::path newest_checkpoint(const fs::path& folder, const std::string& model, bool averaged) {
-  std::error_code error;
-  const fs::path files = fs::is_directory(folder / "ckpts", error) ? folder / "ckpts" : folder;
+  const fs::path files = RunFolder{folder}.checkpoint_files();
   std::vector<std::string> names;
   std::set<std::int64_t> complete;
   for (const std::string& name : io::checkpoint_names(files)) {
@@ -199,7 +199,7 @@ RunModel described_model(const fs::path& run, const std::vector<std::string>& cl
   std::error_code error;
   if (!fs::is_directory(run, error)) throw InputError(run.string(), "", "no such run folder");
   RunModel found;
-  found.config = run / "config.json";
+  found.config = RunFolder{run}.config();
   found.run = read_json(found.config);
   if (found.run.is_object() && found.run.contains("models") && found.run["models"].is_object()) {
     for (const auto& [key, model] : found.run["models"].items()) {
@@ -217,9 +217,7 @@ RunModel described_model(const fs::path& run, const std::vector<std::string>& cl
 }  // namespace
 
 bool has_training_state(const fs::path& run) {
-  std::error_code error;
-  const fs::path files = fs::is_directory(run / "ckpts", error) ? run / "ckpts" : run;
-  const std::vector<std::string> names = io::checkpoint_names(files);
+  const std::vector<std::string> names = io::checkpoint_names(RunFolder{run}.checkpoint_files());
   return std::any_of(names.begin(), names.end(), is_state);
 }
 

@@ -4,11 +4,8 @@
 #include <cmath>
 #include <numeric>
 #include <optional>
-#include <string>
 #include <utility>
-#include <vector>
 
-#include "anigen/anymate/dataset.h"
 #include "anigen/asset/mesh.h"
 #include "anigen/core/error.h"
 #include "anigen/core/numeric.h"
@@ -71,22 +68,6 @@ Neighbours geodesic_balls(const RignetMesh& mesh, const SurfacePaths& paths, std
   return neighbours;
 }
 
-}  // namespace
-
-torch::Tensor position_rows(const std::vector<Eigen::Vector3f>& points) {
-  torch::Tensor rows = torch::empty({static_cast<std::int64_t>(points.size()), 3});
-  float* out = rows.data_ptr<float>();
-  for (const Eigen::Vector3f& point : points) out = std::copy_n(point.data(), 3, out);
-  return rows;
-}
-
-MeshGraph mesh_graph(const RignetMesh& mesh, const SurfacePaths& paths, std::uint64_t seed) {
-  return {position_rows(mesh.vertices), edges_of(one_ring(mesh)), edges_of(geodesic_balls(mesh, paths, seed)),
-          starts_of({static_cast<std::int64_t>(mesh.vertices.size())})};
-}
-
-namespace {
-
 constexpr int kRays = 14;
 constexpr double kHitPercentile = 20.0, kHitFactor = 2.0, kAttentionReach = 0.02;
 constexpr std::size_t kLeastAttending = 6;
@@ -125,42 +106,6 @@ std::vector<std::size_t> nearest_six(const RignetMesh& mesh, const Eigen::Vector
   order.resize(count);
   return order;
 }
-
-}  // namespace
-
-torch::Tensor joint_attention(const RignetMesh& mesh, const std::vector<Eigen::Vector3d>& joints,
-                              const std::vector<int>& parents) {
-  const geometry::RayCaster caster(mesh.vertices, mesh.faces);
-  std::vector<std::vector<Eigen::Vector3d>> hits(joints.size());
-  for (std::size_t j = 0; j < joints.size(); ++j) {
-    const std::size_t parent = at(parents[j]);
-    const Eigen::Vector3d bone = joints[j] - joints[parent];
-    if (!(bone.norm() > 1e-9)) continue;
-    for (const std::size_t end : {j, parent}) {
-      const auto found = hits_around(caster, joints[end], bone.normalized());
-      hits[end].insert(hits[end].end(), found.begin(), found.end());
-    }
-  }
-  torch::Tensor attention = torch::zeros({static_cast<std::int64_t>(mesh.vertices.size())});
-  float* attends = attention.data_ptr<float>();
-  for (std::size_t j = 0; j < joints.size(); ++j) {
-    std::size_t count = 0;
-    for (std::size_t v = 0; v < mesh.vertices.size(); ++v) {
-      const Eigen::Vector3d vertex = mesh.vertices[v].cast<double>();
-      const bool is_near = std::any_of(hits[j].begin(), hits[j].end(), [&](const Eigen::Vector3d& hit) {
-        return (hit - vertex).norm() <= kAttentionReach;
-      });
-      if (!is_near) continue;
-      attends[v] = 1.0F;
-      ++count;
-    }
-    if (count >= kLeastAttending) continue;
-    for (const std::size_t v : nearest_six(mesh, joints[j])) attends[v] = 1.0F;
-  }
-  return attention;
-}
-
-namespace {
 
 constexpr double kSeenWithin = 1e-4, kSeenPercentile = 15.0, kSeenFactor = 1.3, kUnreachable = 8.0;
 constexpr double kLeastDistance = 0.01, kSamePlace = 1e-6;
@@ -202,57 +147,6 @@ bool is_tip(const BoneEnds& bones, std::size_t bone) {
   }
   return true;
 }
-
-}  // namespace
-
-std::vector<double> volumetric_distances(const RignetMesh& mesh, const SurfacePaths& paths, const BoneEnds& bones) {
-  const geometry::RayCaster caster(mesh.vertices, mesh.faces);
-  const std::size_t count = bones.heads.size();
-  std::vector<double> distances(mesh.vertices.size() * count);
-  for (std::size_t k = 0; k < count; ++k) {
-    const Sight sight = sight_of(mesh, caster, bones.heads[k], bones.tails[k]);
-    const auto nearest = paths.from(sight.seen_by);
-    for (std::size_t v = 0; v < mesh.vertices.size(); ++v) {
-      const std::int32_t by = nearest[v].source;
-      distances[v * count + k] =
-          by < 0 ? kUnreachable + sight.straight[v] : nearest[v].distance + sight.straight[at(by)];
-    }
-    for (const std::int32_t v : sight.seen_by) distances[at(v) * count + k] = sight.straight[at(v)];
-  }
-  return distances;
-}
-
-BoneSlots bone_slots(const std::vector<double>& distances, const BoneEnds& bones, std::int64_t slots) {
-  const std::size_t count = bones.heads.size();
-  const auto vertices = static_cast<std::int64_t>(count == 0 ? 0 : distances.size() / count);
-  std::vector<float> tips;
-  for (std::size_t k = 0; k < count; ++k) tips.push_back(is_tip(bones, k) ? 1.0F : 0.0F);
-  constexpr std::int64_t kNumbers = kBoneNumbers;
-  BoneSlots found{torch::full({vertices, slots}, -1, torch::kInt64), torch::zeros({vertices, slots * kNumbers})};
-  auto* chosen = found.bones.data_ptr<std::int64_t>();
-  float* features = found.features.data_ptr<float>();
-  const std::size_t filled = std::min(count, static_cast<std::size_t>(slots));
-  std::vector<std::size_t> order(count);
-  for (std::int64_t v = 0; v < vertices; ++v, chosen += slots, features += slots * kNumbers) {
-    const double* row = distances.data() + static_cast<std::size_t>(v) * count;
-    std::iota(order.begin(), order.end(), 0);
-    std::partial_sort(order.begin(), order.begin() + static_cast<std::ptrdiff_t>(filled), order.end(),
-                      [&](std::size_t a, std::size_t b) { return row[a] != row[b] ? row[a] < row[b] : a < b; });
-    float* out = features;
-    for (std::size_t s = 0; s < filled; ++s) {
-      const std::size_t bone = order[s];
-      chosen[s] = static_cast<std::int64_t>(bone);
-      for (const Eigen::Vector3d* end : {&bones.heads[bone], &bones.tails[bone]}) {
-        for (int axis = 0; axis < 3; ++axis) *out++ = static_cast<float>((*end)[axis]);
-      }
-      *out++ = static_cast<float>(1.0 / std::max(row[bone], kLeastDistance));
-      *out++ = tips[bone];
-    }
-  }
-  return found;
-}
-
-namespace {
 
 using torch::Tensor;
 
@@ -343,39 +237,9 @@ RignetSample for_rignet(const data::RiggedItem& item, const RignetConversion& op
   return sample;
 }
 
-}  // namespace
-
+// @throws InputError naming the asset: as convert_rig and rignet_mesh
 RignetSample convert_for_rignet(const data::RiggedItem& item, const RignetConversion& options) {
-  try {
-    return for_rignet(item, options);
-  } catch (const InputError& error) {
-    if (!error.file().empty()) throw;
-    throw InputError(item.id, error.place(), error.problem());
-  }
-}
-
-Tensor in_rignet_frame(const Tensor& anymate_points, const RignetFrame& frame) {
-  std::vector<Eigen::Vector3f> moved;
-  for (const Eigen::Vector3d& point : nn::points_of<double>(anymate_points, "points")) {
-    moved.emplace_back(frame.from_anymate(point).cast<float>());
-  }
-  return position_rows(moved);
-}
-
-std::vector<Eigen::Vector3d> in_anymate_frame(const Tensor& rignet_points, const RignetFrame& frame) {
-  std::vector<Eigen::Vector3d> moved = nn::points_of<double>(rignet_points, "points");
-  for (Eigen::Vector3d& point : moved) point = frame.to_anymate(point);
-  return moved;
-}
-
-namespace {
-
-std::string problem_of(const RignetSample& sample, const RignetDatasetOptions& options) {
-  const auto joints = static_cast<std::size_t>(sample.rig.joints.size(0));
-  const auto bones = static_cast<std::size_t>(sample.rig.bones.size(0));
-  if (bones < options.min_bones || bones > options.max_bones) return std::to_string(bones) + " bones";
-  if (joints > options.max_joints) return std::to_string(joints) + " joints";
-  return "";
+  return data::naming(item.id, [&] { return for_rignet(item, options); });
 }
 
 std::shared_ptr<const RignetDataset> converted_set(const std::vector<data::AssetId>& assets,
@@ -384,12 +248,110 @@ std::shared_ptr<const RignetDataset> converted_set(const std::vector<data::Asset
   conversion.held_out = held_out;
   auto all = data::convert_assets<RignetSample>(
       assets, [&](const data::RiggedItem& item) { return convert_for_rignet(item, conversion); },
-      [&](const RignetSample& sample) { return problem_of(sample, options); });
+      [&](const RignetSample& sample) { return options.problem(sample.rig); });
   all.report(options.skip_broken, held_out ? "hold out" : "train on");
   return std::make_shared<const RignetDataset>(std::move(all.samples), all.repeat);
 }
 
 }  // namespace
+
+MeshGraph mesh_graph(const RignetMesh& mesh, const SurfacePaths& paths, std::uint64_t seed) {
+  return {data::points_tensor(mesh.vertices), edges_of(one_ring(mesh)), edges_of(geodesic_balls(mesh, paths, seed)),
+          starts_of({static_cast<std::int64_t>(mesh.vertices.size())})};
+}
+
+torch::Tensor joint_attention(const RignetMesh& mesh, const std::vector<Eigen::Vector3d>& joints,
+                              const std::vector<int>& parents) {
+  const geometry::RayCaster caster(mesh.vertices, mesh.faces);
+  std::vector<std::vector<Eigen::Vector3d>> hits(joints.size());
+  for (std::size_t j = 0; j < joints.size(); ++j) {
+    const std::size_t parent = at(parents[j]);
+    const Eigen::Vector3d bone = joints[j] - joints[parent];
+    if (!(bone.norm() > 1e-9)) continue;
+    for (const std::size_t end : {j, parent}) {
+      const auto found = hits_around(caster, joints[end], bone.normalized());
+      hits[end].insert(hits[end].end(), found.begin(), found.end());
+    }
+  }
+  torch::Tensor attention = torch::zeros({static_cast<std::int64_t>(mesh.vertices.size())});
+  float* attends = attention.data_ptr<float>();
+  for (std::size_t j = 0; j < joints.size(); ++j) {
+    std::size_t count = 0;
+    for (std::size_t v = 0; v < mesh.vertices.size(); ++v) {
+      const Eigen::Vector3d vertex = mesh.vertices[v].cast<double>();
+      const bool is_near = std::any_of(hits[j].begin(), hits[j].end(), [&](const Eigen::Vector3d& hit) {
+        return (hit - vertex).norm() <= kAttentionReach;
+      });
+      if (!is_near) continue;
+      attends[v] = 1.0F;
+      ++count;
+    }
+    if (count >= kLeastAttending) continue;
+    for (const std::size_t v : nearest_six(mesh, joints[j])) attends[v] = 1.0F;
+  }
+  return attention;
+}
+
+std::vector<double> volumetric_distances(const RignetMesh& mesh, const SurfacePaths& paths, const BoneEnds& bones) {
+  const geometry::RayCaster caster(mesh.vertices, mesh.faces);
+  const std::size_t count = bones.heads.size();
+  std::vector<double> distances(mesh.vertices.size() * count);
+  for (std::size_t k = 0; k < count; ++k) {
+    const Sight sight = sight_of(mesh, caster, bones.heads[k], bones.tails[k]);
+    const auto nearest = paths.from(sight.seen_by);
+    for (std::size_t v = 0; v < mesh.vertices.size(); ++v) {
+      const std::int32_t by = nearest[v].source;
+      distances[v * count + k] =
+          by < 0 ? kUnreachable + sight.straight[v] : nearest[v].distance + sight.straight[at(by)];
+    }
+    for (const std::int32_t v : sight.seen_by) distances[at(v) * count + k] = sight.straight[at(v)];
+  }
+  return distances;
+}
+
+BoneSlots bone_slots(const std::vector<double>& distances, const BoneEnds& bones, std::int64_t slots) {
+  const std::size_t count = bones.heads.size();
+  const auto vertices = static_cast<std::int64_t>(count == 0 ? 0 : distances.size() / count);
+  std::vector<float> tips;
+  for (std::size_t k = 0; k < count; ++k) tips.push_back(is_tip(bones, k) ? 1.0F : 0.0F);
+  constexpr std::int64_t kNumbers = kBoneNumbers;
+  BoneSlots found{torch::full({vertices, slots}, -1, torch::kInt64), torch::zeros({vertices, slots * kNumbers})};
+  auto* chosen = found.bones.data_ptr<std::int64_t>();
+  float* features = found.features.data_ptr<float>();
+  const std::size_t filled = std::min(count, static_cast<std::size_t>(slots));
+  std::vector<std::size_t> order(count);
+  for (std::int64_t v = 0; v < vertices; ++v, chosen += slots, features += slots * kNumbers) {
+    const double* row = distances.data() + static_cast<std::size_t>(v) * count;
+    std::iota(order.begin(), order.end(), 0);
+    std::partial_sort(order.begin(), order.begin() + static_cast<std::ptrdiff_t>(filled), order.end(),
+                      [&](std::size_t a, std::size_t b) { return row[a] != row[b] ? row[a] < row[b] : a < b; });
+    float* out = features;
+    for (std::size_t s = 0; s < filled; ++s) {
+      const std::size_t bone = order[s];
+      chosen[s] = static_cast<std::int64_t>(bone);
+      for (const Eigen::Vector3d* end : {&bones.heads[bone], &bones.tails[bone]}) {
+        for (int axis = 0; axis < 3; ++axis) *out++ = static_cast<float>((*end)[axis]);
+      }
+      *out++ = static_cast<float>(1.0 / std::max(row[bone], kLeastDistance));
+      *out++ = tips[bone];
+    }
+  }
+  return found;
+}
+
+Tensor in_rignet_frame(const Tensor& anymate_points, const RignetFrame& frame) {
+  std::vector<Eigen::Vector3f> moved;
+  for (const Eigen::Vector3d& point : nn::points_of<double>(anymate_points, "points")) {
+    moved.emplace_back(frame.from_anymate(point).cast<float>());
+  }
+  return data::points_tensor(moved);
+}
+
+std::vector<Eigen::Vector3d> in_anymate_frame(const Tensor& rignet_points, const RignetFrame& frame) {
+  std::vector<Eigen::Vector3d> moved = nn::points_of<double>(rignet_points, "points");
+  for (Eigen::Vector3d& point : moved) point = frame.to_anymate(point);
+  return moved;
+}
 
 RignetMeshOptions read_rignet_mesh_options(ConfigReader& reader) {
   RignetMeshOptions options;
@@ -402,9 +364,7 @@ RignetDatasetOptions RignetDatasetOptions::read(ConfigReader& reader) {
   RignetDatasetOptions options;
   options.conversion.mesh = read_rignet_mesh_options(reader);
   options.conversion.points = static_cast<std::size_t>(reader.integer("points", 8192, 1, 1 << 20));
-  options.min_bones = static_cast<std::size_t>(reader.integer("min_bones", 1, 1, 4096));
-  options.max_bones = static_cast<std::size_t>(reader.integer("max_bones", 64, 1, 4096));
-  options.max_joints = static_cast<std::size_t>(reader.integer("max_joints", 96, 1, 4096));
+  options.read_sizes(reader);
   options.read_common(reader);
   options.filter.drop_bad_skin = reader.boolean("filter_bad_skin", true);
   return options;

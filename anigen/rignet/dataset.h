@@ -2,7 +2,6 @@
 #include <Eigen/Core>
 #include <cstdint>
 #include <memory>
-#include <string>
 #include <vector>
 
 #include "anigen/anymate/dataset.h"
@@ -19,9 +18,6 @@ namespace anigen::rignet {
 /// A mesh as one graph (reference anymate-baselines.md, 9.3): edges from the one-ring of each vertex, and from at most
 /// ten vertices, drawn by (seed, vertex), of those within 0.06 of it along the surface; either time also from itself.
 MeshGraph mesh_graph(const RignetMesh& mesh, const SurfacePaths& paths, std::uint64_t seed);
-
-/// Positions as rows, [N, 3] fp32.
-torch::Tensor position_rows(const std::vector<Eigen::Vector3f>& points);
 
 /// Vertices that MaskNet is to attend to (reference anymate-baselines.md, 9.3): 14 rays go from either end of each
 /// bone at right angles to it; of an end's hits those nearer than twice their 20th percentile count, and vertices
@@ -80,9 +76,6 @@ struct RignetSample {
   std::shared_ptr<const SolidShape> solid;  ///< joints, held out
 };
 
-/// @throws InputError naming the asset: as convert_rig and rignet_mesh
-RignetSample convert_for_rignet(const data::RiggedItem& item, const RignetConversion& options);
-
 /// Positions in RigNet's frame, [N, 3] fp32, from tensors in Anymate's; and back, fp64.
 torch::Tensor in_rignet_frame(const torch::Tensor& anymate_points, const RignetFrame& frame);
 std::vector<Eigen::Vector3d> in_anymate_frame(const torch::Tensor& rignet_points, const RignetFrame& frame);
@@ -93,9 +86,8 @@ struct RignetDraws : data::Batch {
 };
 
 /// `dataset.args` of the class "Rignet" (ours): prepared data sets (source_options.h), their meshes as graphs.
-struct RignetDatasetOptions : data::SourceOptions {
+struct RignetDatasetOptions : data::SourceOptions, anymate::RigSizes {
   RignetConversion conversion;  ///< most_vertices, geodesic_samples, points; the trainer sets the task
-  std::size_t min_bones = 1, max_bones = 64, max_joints = 96;  ///< samples outside are left out, as by Anymate's
 
   static RignetDatasetOptions read(ConfigReader& reader);
 };

@@ -4,12 +4,9 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <string>
 #include <utility>
-#include <vector>
 
 #include "anigen/anymate/blocks.h"
-#include "anigen/core/config.h"
 #include "anigen/nn/init.h"
 
 namespace anigen::rignet {
@@ -160,47 +157,6 @@ bool by_hand(const Tensor& x) {
   return x.is_cpu() && (x.scalar_type() == torch::kFloat32 || x.scalar_type() == torch::kFloat64);
 }
 
-}  // namespace
-
-Tensor run_of_rows(const Tensor& offsets) {
-  return torch::repeat_interleave(torch::arange(offsets.size(0) - 1, offsets.options()), offsets.diff());
-}
-
-Tensor indexed_edge_sums(const Tensor& at_target, const Tensor& at_source, const EdgeSet& edges) {
-  return at_target.index_select(0, run_of_rows(edges.offsets)) + at_source.index_select(0, edges.sources);
-}
-
-Tensor scattered_maxima(const Tensor& values, const Tensor& offsets) {
-  const Tensor runs = run_of_rows(offsets).unsqueeze(1).expand_as(values);
-  const Tensor least =
-      torch::full({offsets.size(0) - 1, values.size(1)}, -std::numeric_limits<double>::infinity(), values.options());
-  return least.scatter_reduce(0, runs, values, "amax");
-}
-
-Tensor edge_sums(const Tensor& at_target, const Tensor& at_source, const EdgeSet& edges) {
-  require_floating(at_target, "at_target");
-  require_shape(at_target, {edges.targets(), -1}, "at_target");
-  require_shape(at_source, {-1, at_target.size(1)}, "at_source");
-  require(at_source.scalar_type() == at_target.scalar_type(), "at_source", "has another dtype than at_target");
-  if (!by_hand(at_target)) return indexed_edge_sums(at_target, at_source, edges);
-  require_runs(edges.offsets, edges.size());
-  require(edges.sources.scalar_type() == torch::kInt64 && edges.size() > 0 &&
-              edges.sources.min().item<std::int64_t>() >= 0 &&
-              edges.sources.max().item<std::int64_t>() < at_source.size(0),
-          "sources", "must be int64 indices of rows of at_source");
-  return EdgeSums::apply(at_target, at_source, edges.offsets.contiguous(), edges.sources.contiguous());
-}
-
-Tensor run_maxima(const Tensor& values, const Tensor& offsets) {
-  require_floating(values, "values");
-  require_shape(values, {-1, -1}, "values");
-  if (!by_hand(values)) return scattered_maxima(values, offsets);
-  require_runs(offsets, values.size(0));
-  return RunMaxima::apply(values, offsets.contiguous());
-}
-
-namespace {
-
 // Runs after runs: offsets of the following ones move by what came before.
 Tensor appended_offsets(const std::vector<Tensor>& offsets) {
   std::vector<Tensor> parts = {offsets.front()};
@@ -222,29 +178,6 @@ EdgeSet joined_edges(const std::vector<MeshGraph>& graphs, EdgeSet MeshGraph::*e
   }
   return {appended_offsets(offsets), torch::cat(sources)};
 }
-
-}  // namespace
-
-MeshGraph joined(const std::vector<MeshGraph>& graphs) {
-  anymate::require(!graphs.empty(), "graphs", "there is none");
-  std::vector<Tensor> vertices, starts;
-  for (const MeshGraph& graph : graphs) {
-    vertices.push_back(graph.vertices);
-    starts.push_back(graph.starts);
-  }
-  return {torch::cat(vertices), joined_edges(graphs, &MeshGraph::ring), joined_edges(graphs, &MeshGraph::ball),
-          appended_offsets(starts)};
-}
-
-Tensor starts_of(const std::vector<std::int64_t>& counts) {
-  std::vector<std::int64_t> starts = {0};
-  for (const std::int64_t count : counts) starts.push_back(starts.back() + count);
-  return torch::tensor(starts, torch::kInt64);
-}
-
-Tensor spread(const Tensor& rows, const Tensor& starts) { return rows.index_select(0, run_of_rows(starts)); }
-
-namespace {
 
 constexpr std::size_t kNearestCoarse = 3;
 constexpr double kLeastSquare = 1e-16;
@@ -301,7 +234,65 @@ std::vector<std::pair<double, std::int64_t>> by_distance(const PointList& list, 
   return found;
 }
 
+constexpr std::int64_t kLeastWidth = 8;
+
 }  // namespace
+
+Tensor run_of_rows(const Tensor& offsets) {
+  return torch::repeat_interleave(torch::arange(offsets.size(0) - 1, offsets.options()), offsets.diff());
+}
+
+Tensor indexed_edge_sums(const Tensor& at_target, const Tensor& at_source, const EdgeSet& edges) {
+  return at_target.index_select(0, run_of_rows(edges.offsets)) + at_source.index_select(0, edges.sources);
+}
+
+Tensor scattered_maxima(const Tensor& values, const Tensor& offsets) {
+  const Tensor runs = run_of_rows(offsets).unsqueeze(1).expand_as(values);
+  const Tensor least =
+      torch::full({offsets.size(0) - 1, values.size(1)}, -std::numeric_limits<double>::infinity(), values.options());
+  return least.scatter_reduce(0, runs, values, "amax");
+}
+
+Tensor edge_sums(const Tensor& at_target, const Tensor& at_source, const EdgeSet& edges) {
+  require_floating(at_target, "at_target");
+  require_shape(at_target, {edges.targets(), -1}, "at_target");
+  require_shape(at_source, {-1, at_target.size(1)}, "at_source");
+  require(at_source.scalar_type() == at_target.scalar_type(), "at_source", "has another dtype than at_target");
+  if (!by_hand(at_target)) return indexed_edge_sums(at_target, at_source, edges);
+  require_runs(edges.offsets, edges.size());
+  require(edges.sources.scalar_type() == torch::kInt64 && edges.size() > 0 &&
+              edges.sources.min().item<std::int64_t>() >= 0 &&
+              edges.sources.max().item<std::int64_t>() < at_source.size(0),
+          "sources", "must be int64 indices of rows of at_source");
+  return EdgeSums::apply(at_target, at_source, edges.offsets.contiguous(), edges.sources.contiguous());
+}
+
+Tensor run_maxima(const Tensor& values, const Tensor& offsets) {
+  require_floating(values, "values");
+  require_shape(values, {-1, -1}, "values");
+  if (!by_hand(values)) return scattered_maxima(values, offsets);
+  require_runs(offsets, values.size(0));
+  return RunMaxima::apply(values, offsets.contiguous());
+}
+
+MeshGraph joined(const std::vector<MeshGraph>& graphs) {
+  anymate::require(!graphs.empty(), "graphs", "there is none");
+  std::vector<Tensor> vertices, starts;
+  for (const MeshGraph& graph : graphs) {
+    vertices.push_back(graph.vertices);
+    starts.push_back(graph.starts);
+  }
+  return {torch::cat(vertices), joined_edges(graphs, &MeshGraph::ring), joined_edges(graphs, &MeshGraph::ball),
+          appended_offsets(starts)};
+}
+
+Tensor starts_of(const std::vector<std::int64_t>& counts) {
+  std::vector<std::int64_t> starts = {0};
+  for (const std::int64_t count : counts) starts.push_back(starts.back() + count);
+  return torch::tensor(starts, torch::kInt64);
+}
+
+Tensor spread(const Tensor& rows, const Tensor& starts) { return rows.index_select(0, run_of_rows(starts)); }
 
 Balls gather_balls(const PointSets& points, double ratio, double radius, std::int64_t most) {
   const PointList list = listed(points);
@@ -416,12 +407,6 @@ Tensor GraphStackImpl::forward(Tensor x, const MeshGraph& graph) {
   return torch::cat(all, 1);
 }
 
-namespace {
-
-constexpr std::int64_t kLeastWidth = 8;
-
-}  // namespace
-
 const std::vector<std::string>& task_names() {
   static const std::vector<std::string> names = {"joints", "connectivity", "skin"};
   return names;
@@ -434,20 +419,14 @@ std::int64_t RignetOptions::wide(std::int64_t published) const {
   return std::max(kLeastWidth, 2 * half);
 }
 
-RignetOptions RignetOptions::from_json(const Json& json, const std::string& file, const std::string& pointer) {
-  ConfigReader reader(json, file, pointer);
-  RignetOptions options;
-  const std::string task = reader.choice("task", name_of(options.task), task_names());
-  const auto found = std::find(task_names().begin(), task_names().end(), task);
-  options.task = static_cast<Task>(found - task_names().begin());
-  options.width = reader.number("width", options.width, 1e-3, 16.0);
-  options.dropout = reader.number("dropout", options.dropout, 0.0, 0.99);
-  options.bandwidth = reader.number("bandwidth", options.bandwidth, 1e-4, 1.0);
-  options.bones = reader.integer("bones", options.bones, 1, 64);
-  options.mirrored = reader.boolean("mirrored", options.mirrored);
-  options.least_weight = reader.number("least_weight", options.least_weight, 0.0, 1.0);
-  reader.finish();
-  return options;
+void RignetOptions::fields(ConfigFields& f) {
+  f("task", task, {{"joints", Task::kJoints}, {"connectivity", Task::kConnectivity}, {"skin", Task::kSkinning}});
+  f("width", width, {1e-3, 16.0});
+  f("dropout", dropout, {0.0, 0.99});
+  f("bandwidth", bandwidth, {1e-4, 1.0});
+  f("bones", bones, {1, 64});
+  f("mirrored", mirrored);
+  f("least_weight", least_weight, {0.0, 1.0});
 }
 
 ShapeCodeImpl::ShapeCodeImpl(const RignetOptions& options, std::int64_t width) {

@@ -3,7 +3,7 @@
 #include <string>
 #include <vector>
 
-#include "anigen/core/config.h"
+#include "anigen/core/config_fields.h"
 #include "anigen/nn/linear.h"
 #include "anigen/nn/torch.h"
 
@@ -168,7 +168,7 @@ const std::vector<std::string>& task_names();
 const std::string& name_of(Task task);
 
 /// A model of RigNet (Xu et al. 2020; reference anymate-baselines.md, 9.3). Defaults are published.
-struct RignetOptions {
+struct RignetOptions : JsonOptions<RignetOptions> {
   Task task = Task::kJoints;
   double width = 1.0;         ///< factor on every published layer width, for small models (ours)
   double dropout = 0.7;       ///< before the last layer of joints, attention and bones
@@ -180,8 +180,7 @@ struct RignetOptions {
   /// A published width times `width`, even, at least 8.
   std::int64_t wide(std::int64_t published) const;
 
-  /// The names of this struct. @throws InputError for an unknown key or a value out of range
-  static RignetOptions from_json(const Json& json, const std::string& file = "", const std::string& pointer = "");
+  void fields(ConfigFields& f);
 };
 
 /// One code per mesh, as BoneNet and RootNet look at it: units of 64, 128 and 256, their outputs through 256 and a last

@@ -6,7 +6,6 @@
 
 #include "anigen/anymate/blocks.h"
 #include "anigen/anymate/joints.h"
-#include "anigen/nn/init.h"
 #include "anigen/rignet/skeleton.h"
 
 namespace anigen::rignet {
@@ -33,6 +32,29 @@ namespace {
 
 Tensor distance_to_joints(const Tensor& points, const Tensor& joints) {
   return anymate::joint_chamfer_loss(points.unsqueeze(0), joints.unsqueeze(0), {joints.size(0)});
+}
+
+// Pairs i < j of [0, count), row by row. @return [2, P] int64
+Tensor upper_pairs(std::int64_t count) { return torch::triu_indices(count, count, 1, torch::kInt64); }
+
+using LayerWidths = std::vector<std::int64_t>;
+
+using Widths = std::vector<std::int64_t>;
+
+constexpr double kHardest = 0.3;
+
+constexpr double kNoBone = -1e8, kLeastSum = 1e-10;
+
+std::shared_ptr<torch::nn::Module> make_network(const RignetOptions& options) {
+  switch (options.task) {
+    case Task::kJoints:
+      return std::make_shared<JointNetworkImpl>(options);
+    case Task::kConnectivity:
+      return std::make_shared<ConnectivityNetworkImpl>(options);
+    case Task::kSkinning:
+      return std::make_shared<SkinNetworkImpl>(options);
+  }
+  throw InputError("", "task", "is none of the known ones");
 }
 
 }  // namespace
@@ -93,13 +115,6 @@ Tensor with_positions(const Tensor& features, const PointSets& points) {
   return torch::cat({features, points.positions}, 1);
 }
 
-namespace {
-
-// Pairs i < j of [0, count), row by row. @return [2, P] int64
-Tensor upper_pairs(std::int64_t count) { return torch::triu_indices(count, count, 1, torch::kInt64); }
-
-}  // namespace
-
 ConnectivityInput connectivity_input(const std::vector<MeshGraph>& graphs, const std::vector<Tensor>& joints,
                                      const std::vector<Tensor>& inside, torch::Device device) {
   anymate::require(graphs.size() == joints.size() && joints.size() == inside.size(), "joints",
@@ -138,12 +153,6 @@ ConnectivityTruth connectivity_truth(const std::vector<Tensor>& parents, torch::
   return {torch::cat(bone).to(device, torch::kFloat32), torch::cat(root).to(device, torch::kFloat32)};
 }
 
-namespace {
-
-using LayerWidths = std::vector<std::int64_t>;
-
-}  // namespace
-
 RootNetworkImpl::RootNetworkImpl(const RignetOptions& options) {
   const auto wide = [&](std::int64_t published) { return options.wide(published); };
   const std::int64_t shape = wide(128), near = wide(128), far = wide(256), all = wide(512);
@@ -168,12 +177,6 @@ Tensor RootNetworkImpl::forward(const ConnectivityInput& input) {
   const Tensor shape = spread(shape_(input.graph), input.joints.starts);
   return last_(head_(torch::cat({shape, at_joints}, 1))).squeeze(1);
 }
-
-namespace {
-
-using Widths = std::vector<std::int64_t>;
-
-}  // namespace
 
 BoneNetworkImpl::BoneNetworkImpl(const RignetOptions& options) {
   const auto wide = [&](std::int64_t published) { return options.wide(published); };
@@ -208,12 +211,6 @@ Tensor BoneNetworkImpl::forward(const ConnectivityInput& input) {
   return judged(codes, torch::where(swap, b, a), torch::where(swap, a, b), input.inside);
 }
 
-namespace {
-
-constexpr double kHardest = 0.3;
-
-}  // namespace
-
 ConnectivityNetworkImpl::ConnectivityNetworkImpl(const RignetOptions& options) {
   bone_ = register_module("bone", BoneNetwork(options));
   root_ = register_module("root", RootNetwork(options));
@@ -237,12 +234,6 @@ ConnectivityChances connectivity_chances(const ConnectivityLogits& logits, const
   bone.index_put_({first, second}, torch::sigmoid(logits.bone).to(torch::kCPU, torch::kFloat32));
   return {bone + bone.t(), torch::sigmoid(logits.root).to(torch::kCPU, torch::kFloat32)};
 }
-
-namespace {
-
-constexpr double kNoBone = -1e8, kLeastSum = 1e-10;
-
-}  // namespace
 
 SkinNetworkImpl::SkinNetworkImpl(const RignetOptions& options) : slots_(options.bones) {
   const auto wide = [&](std::int64_t published) { return options.wide(published); };
@@ -294,22 +285,6 @@ Tensor cleaned_weights(const Tensor& weights, const EdgeSet& ring, double least)
   rows = rows.masked_fill(rows < least * rows.amax(1, true), 0.0);
   return rows / rows.sum(1, true).clamp_min(kLeastSum);
 }
-
-namespace {
-
-std::shared_ptr<torch::nn::Module> make_network(const RignetOptions& options) {
-  switch (options.task) {
-    case Task::kJoints:
-      return std::make_shared<JointNetworkImpl>(options);
-    case Task::kConnectivity:
-      return std::make_shared<ConnectivityNetworkImpl>(options);
-    case Task::kSkinning:
-      return std::make_shared<SkinNetworkImpl>(options);
-  }
-  throw InputError("", "task", "is none of the known ones");
-}
-
-}  // namespace
 
 RignetModelImpl::RignetModelImpl(const RignetOptions& options, nn::Init init) : options_(options) {
   network_ = register_module(name_of(options.task), make_network(options));

@@ -2,7 +2,6 @@
 
 #include <cmath>
 #include <limits>
-#include <vector>
 
 #include "anigen/anymate/blocks.h"
 #include "anigen/core/error.h"
@@ -13,27 +12,6 @@ namespace anigen::rignet {
 namespace {
 
 constexpr double kOwnWeight = 1e-10;  // of a point in its own mean, so that the mean exists
-
-}  // namespace
-
-Tensor epanechnikov(const Tensor& points, const Tensor& bandwidth) {
-  anymate::require_shape(points, {-1, 3}, "points");
-  anymate::require_shape(bandwidth, {}, "bandwidth");
-  // Squares by products of matrices: distances count only where they are of the order of h, far above the rounding.
-  const Tensor squares = points.square().sum(1);
-  const Tensor apart = squares.unsqueeze(1) + squares.unsqueeze(0) - 2.0 * points.mm(points.t());
-  return torch::relu(bandwidth.square() - apart.clamp_min(0.0));
-}
-
-Tensor mean_shifted(const Tensor& points, const Tensor& attention, const Tensor& bandwidth, double step) {
-  anymate::require_shape(attention, {points.size(0)}, "attention");
-  const Tensor kernel = epanechnikov(points, bandwidth) * attention.unsqueeze(0);
-  const Tensor weight = kernel.sum(1, true) + kOwnWeight;
-  const Tensor mean = (kernel.mm(points) + kOwnWeight * points) / weight;
-  return points + step * (mean - points);
-}
-
-namespace {
 
 constexpr double kLowering = 1.3;  // of the least density
 
@@ -85,44 +63,6 @@ Tensor symmetric(const Tensor& joints, double middle) {
   const Tensor beside = joints.index_select(0, (x > middle).nonzero().flatten());
   return torch::cat({on, with_mirror_images(beside)});
 }
-
-}  // namespace
-
-Tensor clustered_joints(const Tensor& points, const Tensor& attention, const Tensor& inside,
-                        const JointClusters& options) {
-  anymate::require_shape(points, {-1, 3}, "points");
-  const std::int64_t count = points.size(0);
-  anymate::require(count > 0, "points", "there are none");
-  anymate::require_shape(attention, {count}, "attention");
-  anymate::require_shape(inside, {count}, "inside");
-  const torch::NoGradGuard no_grad;
-  const Tensor all = points.to(torch::kCPU, torch::kFloat32), attends = attention.to(torch::kCPU, torch::kFloat32);
-  anymate::require(all.isfinite().all().item<bool>() && attends.isfinite().all().item<bool>(), "points",
-                   "or their attention are not finite");
-  Tensor kept = narrowed(torch::ones({count}, torch::kBool), inside.to(torch::kCPU));
-  kept = narrowed(kept, attends > options.least_attention);
-  const Tensor rows = kept.nonzero().flatten();
-  Tensor moved = all.index_select(0, rows), weight = attends.index_select(0, rows);
-  if (options.mirrored) {
-    moved = with_mirror_images(moved);
-    weight = torch::cat({weight, weight});
-  }
-  const Tensor bandwidth = torch::tensor(options.bandwidth, torch::kFloat32);
-  moved = settled(moved, weight, bandwidth, options).contiguous();
-  Tensor density = epanechnikov(moved, bandwidth).sum(1);
-  density = (density / density.sum()).contiguous();
-
-  for (double least = options.least_density;; least /= kLowering) {
-    const Tensor dense = (density > least).nonzero().flatten();
-    const Tensor places = moved.index_select(0, dense).contiguous();
-    const auto peaks = densest(places, density.index_select(0, dense).contiguous(), options.bandwidth);
-    const Tensor joints = places.index_select(0, torch::tensor(peaks, torch::kInt64));
-    const Tensor found = options.mirrored ? symmetric(joints, options.middle) : joints;
-    if (found.size(0) >= 2 || dense.size(0) == moved.size(0)) return found.size(0) > 0 ? found : joints;
-  }
-}
-
-namespace {
 
 constexpr double kLogFloor = 1e-10, kMiddle = 0.02, kMiddleFactor = 0.5, kOutsideCost = 2.0;
 
@@ -235,7 +175,65 @@ class GrowingTree {
   std::vector<bool> is_in_;
 };
 
+Eigen::MatrixXd square_of(const Tensor& matrix) {
+  using Rows = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+  const Tensor rows = matrix.to(torch::kCPU, torch::kFloat64).contiguous();
+  return Eigen::Map<const Rows>(rows.data_ptr<double>(), rows.size(0), rows.size(1));
+}
+
+// max(h² − ‖p_i − p_j‖², 0).
+Tensor epanechnikov(const Tensor& points, const Tensor& bandwidth) {
+  anymate::require_shape(points, {-1, 3}, "points");
+  anymate::require_shape(bandwidth, {}, "bandwidth");
+  // Squares by products of matrices: distances count only where they are of the order of h, far above the rounding.
+  const Tensor squares = points.square().sum(1);
+  const Tensor apart = squares.unsqueeze(1) + squares.unsqueeze(0) - 2.0 * points.mm(points.t());
+  return torch::relu(bandwidth.square() - apart.clamp_min(0.0));
+}
+
 }  // namespace
+
+Tensor mean_shifted(const Tensor& points, const Tensor& attention, const Tensor& bandwidth, double step) {
+  anymate::require_shape(attention, {points.size(0)}, "attention");
+  const Tensor kernel = epanechnikov(points, bandwidth) * attention.unsqueeze(0);
+  const Tensor weight = kernel.sum(1, true) + kOwnWeight;
+  const Tensor mean = (kernel.mm(points) + kOwnWeight * points) / weight;
+  return points + step * (mean - points);
+}
+
+Tensor clustered_joints(const Tensor& points, const Tensor& attention, const Tensor& inside,
+                        const JointClusters& options) {
+  anymate::require_shape(points, {-1, 3}, "points");
+  const std::int64_t count = points.size(0);
+  anymate::require(count > 0, "points", "there are none");
+  anymate::require_shape(attention, {count}, "attention");
+  anymate::require_shape(inside, {count}, "inside");
+  const torch::NoGradGuard no_grad;
+  const Tensor all = points.to(torch::kCPU, torch::kFloat32), attends = attention.to(torch::kCPU, torch::kFloat32);
+  anymate::require(all.isfinite().all().item<bool>() && attends.isfinite().all().item<bool>(), "points",
+                   "or their attention are not finite");
+  Tensor kept = narrowed(torch::ones({count}, torch::kBool), inside.to(torch::kCPU));
+  kept = narrowed(kept, attends > options.least_attention);
+  const Tensor rows = kept.nonzero().flatten();
+  Tensor moved = all.index_select(0, rows), weight = attends.index_select(0, rows);
+  if (options.mirrored) {
+    moved = with_mirror_images(moved);
+    weight = torch::cat({weight, weight});
+  }
+  const Tensor bandwidth = torch::tensor(options.bandwidth, torch::kFloat32);
+  moved = settled(moved, weight, bandwidth, options).contiguous();
+  Tensor density = epanechnikov(moved, bandwidth).sum(1);
+  density = (density / density.sum()).contiguous();
+
+  for (double least = options.least_density;; least /= kLowering) {
+    const Tensor dense = (density > least).nonzero().flatten();
+    const Tensor places = moved.index_select(0, dense).contiguous();
+    const auto peaks = densest(places, density.index_select(0, dense).contiguous(), options.bandwidth);
+    const Tensor joints = places.index_select(0, torch::tensor(peaks, torch::kInt64));
+    const Tensor found = options.mirrored ? symmetric(joints, options.middle) : joints;
+    if (found.size(0) >= 2 || dense.size(0) == moved.size(0)) return found.size(0) > 0 ? found : joints;
+  }
+}
 
 std::vector<int> skeleton_tree(const JointGraph& graph) {
   check_graph(graph);
@@ -243,16 +241,6 @@ std::vector<int> skeleton_tree(const JointGraph& graph) {
   graph.root.maxCoeff(&root);
   return GrowingTree(graph).grown_from(root);
 }
-
-namespace {
-
-Eigen::MatrixXd square_of(const Tensor& matrix) {
-  using Rows = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
-  const Tensor rows = matrix.to(torch::kCPU, torch::kFloat64).contiguous();
-  return Eigen::Map<const Rows>(rows.data_ptr<double>(), rows.size(0), rows.size(1));
-}
-
-}  // namespace
 
 JointClusters clusters_of(RignetModelImpl& model) {
   JointClusters options;

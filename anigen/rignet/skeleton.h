@@ -17,9 +17,6 @@ using torch::Tensor;
 /// @throws InputError for shapes
 Tensor mean_shifted(const Tensor& points, const Tensor& attention, const Tensor& bandwidth, double step = 0.3);
 
-/// max(h² − ‖p_i − p_j‖², 0). @param points [N, 3] @param bandwidth scalar @return [N, N]
-Tensor epanechnikov(const Tensor& points, const Tensor& bandwidth);
-
 using torch::Tensor;
 
 /// Clustering of displaced vertices into joints; defaults are published (reference anymate-baselines.md, 9.3).

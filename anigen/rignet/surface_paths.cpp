@@ -3,16 +3,12 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstdint>
 #include <functional>
 #include <limits>
 #include <map>
 #include <queue>
-#include <utility>
 
-#include "anigen/asset/mesh.h"
 #include "anigen/core/error.h"
-#include "anigen/core/numeric.h"
 #include "anigen/core/random.h"
 #include "anigen/geometry/sampling.h"
 #include "anigen/geometry/simplify.h"
@@ -106,99 +102,8 @@ Surface coarsened(Surface surface, double longest_side, std::size_t most_vertice
   return coarse;
 }
 
-}  // namespace
-
-RignetFrame RignetFrame::of(const std::vector<Eigen::Vector3f>& vertices) {
-  RignetFrame frame;
-  frame.anymate_ = anymate::AnymateFrame::of(vertices);
-  frame.floor_ = frame.anymate_.into(bounding_box(vertices).low).y();
-  return frame;
-}
-
-Eigen::Vector3d RignetFrame::from_anymate(const Eigen::Vector3d& point) const {
-  return 0.5 * (point - Eigen::Vector3d(0.0, floor_, 0.0));
-}
-
-Eigen::Vector3d RignetFrame::to_anymate(const Eigen::Vector3d& point) const {
-  return 2.0 * point + Eigen::Vector3d(0.0, floor_, 0.0);
-}
-
-Eigen::Vector3d RignetFrame::into(const Eigen::Vector3d& point) const { return from_anymate(anymate_.into(point)); }
-Eigen::Vector3d RignetFrame::out_of(const Eigen::Vector3d& point) const { return anymate_.out_of(to_anymate(point)); }
-
-RignetMesh rignet_mesh(const std::vector<Eigen::Vector3f>& vertices, const std::vector<Triangle>& faces,
-                       std::size_t most_vertices) {
-  RignetMesh mesh;
-  mesh.frame = RignetFrame::of(vertices);
-  const Surface surface = coarsened(welded(vertices, faces), bounding_box(vertices).longest_side(), most_vertices);
-  for (const Eigen::Vector3f& vertex : surface.vertices) {
-    mesh.vertices.emplace_back(mesh.frame.into(vertex.cast<double>()).cast<float>());
-  }
-  mesh.faces = surface.faces;
-  return mesh;
-}
-
-namespace {
-
 constexpr int kSolidResolution = 88;
 constexpr double kWayStep = 0.01;
-
-}  // namespace
-
-SolidShape::SolidShape(const std::vector<Eigen::Vector3f>& vertices, const std::vector<Triangle>& faces)
-    : frame_(RignetFrame::of(vertices)) {
-  Mesh mesh;
-  mesh.vertices = vertices;
-  mesh.faces = faces;
-  const rigging::WeldedSurface surface = rigging::weld_surface(mesh);
-  if (!surface.has_extent) throw InputError("", "faces", "the mesh has no extent");
-  const rigging::SolidVoxels solid = rigging::solid_voxels(surface, {}, kSolidResolution, /*validate=*/false);
-  center_ = surface.center;
-  size_ = surface.size;
-  block_ = solid.block;
-  for (std::size_t cell = 0; cell < block_.cells(); ++cell) is_solid_.push_back(solid.is_solid(cell));
-}
-
-bool SolidShape::holds(const Eigen::Vector3d& point) const {
-  const Eigen::Vector3d place = block_.measured((frame_.out_of(point) - center_) / size_).array().floor();
-  for (int axis = 0; axis < 3; ++axis) {
-    if (!(place[axis] >= 0.0 && place[axis] < block_.size[static_cast<std::size_t>(axis)])) return false;
-  }
-  return is_solid_[block_.index(static_cast<int>(place.x()), static_cast<int>(place.y()), static_cast<int>(place.z()))];
-}
-
-torch::Tensor SolidShape::holds(const torch::Tensor& points) const {
-  torch::Tensor inside = torch::empty({points.size(0)}, torch::kBool);
-  bool* out = inside.data_ptr<bool>();
-  for (const Eigen::Vector3d& point : nn::points_of<double>(points, "points")) *out++ = holds(point);
-  return inside;
-}
-
-SolidShape::Way SolidShape::way(const Eigen::Vector3d& from, const Eigen::Vector3d& to) const {
-  const int steps = std::max(1, static_cast<int>(std::ceil((to - from).norm() / kWayStep)));
-  Way found;
-  for (int i = 0; i <= steps; ++i) {
-    found.outside += holds(Eigen::Vector3d(from + (to - from) * (static_cast<double>(i) / steps))) ? 0 : 1;
-  }
-  found.inside = 1.0 - static_cast<double>(found.outside) / (steps + 1);
-  return found;
-}
-
-SolidShape::Ways SolidShape::ways(const std::vector<Eigen::Vector3d>& joints) const {
-  const auto count = static_cast<std::int64_t>(joints.size());
-  Ways all{torch::empty({count, count}), torch::empty({count, count})};
-  auto inside = all.inside.accessor<float, 2>(), outside = all.outside.accessor<float, 2>();
-  for (std::int64_t i = 0; i < count; ++i) {
-    for (std::int64_t j = i; j < count; ++j) {
-      const Way one = way(joints[static_cast<std::size_t>(i)], joints[static_cast<std::size_t>(j)]);
-      inside[i][j] = inside[j][i] = static_cast<float>(one.inside);
-      outside[i][j] = outside[j][i] = static_cast<float>(one.outside);
-    }
-  }
-  return all;
-}
-
-namespace {
 
 constexpr std::size_t kNearestLinks = 5;
 constexpr float kLeastNormalCosine = -0.5F;
@@ -259,6 +164,89 @@ void add_nearest(const Cloud& cloud, std::vector<std::pair<std::int32_t, std::in
 }
 
 }  // namespace
+
+RignetFrame RignetFrame::of(const std::vector<Eigen::Vector3f>& vertices) {
+  RignetFrame frame;
+  frame.anymate_ = anymate::AnymateFrame::of(vertices);
+  frame.floor_ = frame.anymate_.into(bounding_box(vertices).low).y();
+  return frame;
+}
+
+Eigen::Vector3d RignetFrame::from_anymate(const Eigen::Vector3d& point) const {
+  return 0.5 * (point - Eigen::Vector3d(0.0, floor_, 0.0));
+}
+
+Eigen::Vector3d RignetFrame::to_anymate(const Eigen::Vector3d& point) const {
+  return 2.0 * point + Eigen::Vector3d(0.0, floor_, 0.0);
+}
+
+Eigen::Vector3d RignetFrame::into(const Eigen::Vector3d& point) const { return from_anymate(anymate_.into(point)); }
+Eigen::Vector3d RignetFrame::out_of(const Eigen::Vector3d& point) const { return anymate_.out_of(to_anymate(point)); }
+
+RignetMesh rignet_mesh(const std::vector<Eigen::Vector3f>& vertices, const std::vector<Triangle>& faces,
+                       std::size_t most_vertices) {
+  RignetMesh mesh;
+  mesh.frame = RignetFrame::of(vertices);
+  const Surface surface = coarsened(welded(vertices, faces), bounding_box(vertices).longest_side(), most_vertices);
+  for (const Eigen::Vector3f& vertex : surface.vertices) {
+    mesh.vertices.emplace_back(mesh.frame.into(vertex.cast<double>()).cast<float>());
+  }
+  mesh.faces = surface.faces;
+  return mesh;
+}
+
+SolidShape::SolidShape(const std::vector<Eigen::Vector3f>& vertices, const std::vector<Triangle>& faces)
+    : frame_(RignetFrame::of(vertices)) {
+  Mesh mesh;
+  mesh.vertices = vertices;
+  mesh.faces = faces;
+  const rigging::WeldedSurface surface = rigging::weld_surface(mesh);
+  if (!surface.has_extent) throw InputError("", "faces", "the mesh has no extent");
+  const rigging::SolidVoxels solid = rigging::solid_voxels(surface, {}, kSolidResolution, /*validate=*/false);
+  center_ = surface.center;
+  size_ = surface.size;
+  block_ = solid.block;
+  for (std::size_t cell = 0; cell < block_.cells(); ++cell) is_solid_.push_back(solid.is_solid(cell));
+}
+
+bool SolidShape::holds(const Eigen::Vector3d& point) const {
+  const Eigen::Vector3d place = block_.measured((frame_.out_of(point) - center_) / size_).array().floor();
+  for (int axis = 0; axis < 3; ++axis) {
+    if (!(place[axis] >= 0.0 && place[axis] < block_.size[static_cast<std::size_t>(axis)])) return false;
+  }
+  return is_solid_[block_.index(static_cast<int>(place.x()), static_cast<int>(place.y()), static_cast<int>(place.z()))];
+}
+
+torch::Tensor SolidShape::holds(const torch::Tensor& points) const {
+  torch::Tensor inside = torch::empty({points.size(0)}, torch::kBool);
+  bool* out = inside.data_ptr<bool>();
+  for (const Eigen::Vector3d& point : nn::points_of<double>(points, "points")) *out++ = holds(point);
+  return inside;
+}
+
+SolidShape::Way SolidShape::way(const Eigen::Vector3d& from, const Eigen::Vector3d& to) const {
+  const int steps = std::max(1, static_cast<int>(std::ceil((to - from).norm() / kWayStep)));
+  Way found;
+  for (int i = 0; i <= steps; ++i) {
+    found.outside += holds(Eigen::Vector3d(from + (to - from) * (static_cast<double>(i) / steps))) ? 0 : 1;
+  }
+  found.inside = 1.0 - static_cast<double>(found.outside) / (steps + 1);
+  return found;
+}
+
+SolidShape::Ways SolidShape::ways(const std::vector<Eigen::Vector3d>& joints) const {
+  const auto count = static_cast<std::int64_t>(joints.size());
+  Ways all{torch::empty({count, count}), torch::empty({count, count})};
+  auto inside = all.inside.accessor<float, 2>(), outside = all.outside.accessor<float, 2>();
+  for (std::int64_t i = 0; i < count; ++i) {
+    for (std::int64_t j = i; j < count; ++j) {
+      const Way one = way(joints[static_cast<std::size_t>(i)], joints[static_cast<std::size_t>(j)]);
+      inside[i][j] = inside[j][i] = static_cast<float>(one.inside);
+      outside[i][j] = outside[j][i] = static_cast<float>(one.outside);
+    }
+  }
+  return all;
+}
 
 SurfacePaths::SurfacePaths(const RignetMesh& mesh, std::size_t samples, std::uint64_t seed)
     : vertices_(mesh.vertices.size()) {

@@ -2,8 +2,6 @@
 
 #include <utility>
 
-#include "anigen/nn/state_dict.h"
-
 namespace anigen::structured_latent {
 
 using torch::Tensor;

@@ -55,66 +55,6 @@ void drop_rows(CsvTable& table, std::int64_t step, bool after) {
              rows.end());
 }
 
-}  // namespace
-
-CsvTable metrics_after(const fs::path& file, std::int64_t step) {
-  CsvTable table = read_table(file);
-  drop_rows(table, step, /*after=*/false);
-  return table;
-}
-
-MetricsLog::MetricsLog(fs::path file, std::int64_t last_step) : file_(std::move(file)), table_(read_table(file_)) {
-  drop_rows(table_, last_step, /*after=*/true);
-  rewrite();
-}
-
-void MetricsLog::rewrite() const { write_file_atomically(file_, to_csv(table_)); }
-
-void MetricsLog::append(std::int64_t step, const Values& values) {
-  const std::size_t columns_before = table_.columns.size();
-  std::vector<std::string> row(columns_before);
-  row[0] = std::to_string(step);
-  for (const auto& [name, value] : values) {
-    std::size_t column = table_.column(name);
-    if (column == CsvTable::kMissing) {
-      column = table_.columns.size();
-      table_.columns.push_back(name);
-      row.emplace_back();
-    }
-    row[column] = number_text(value);
-  }
-  table_.rows.push_back(row);
-  if (table_.columns.size() != columns_before) {
-    for (auto& each : table_.rows) each.resize(table_.columns.size());
-    rewrite();
-    return;
-  }
-  std::ofstream out(file_, std::ios::app | std::ios::binary);
-  out << csv_line(row) << std::flush;
-  if (!out) throw Error(file_.string() + ": cannot write");
-}
-
-void RunningMeans::add_sum(const Entry& other) {
-  auto found =
-      std::find_if(entries_.begin(), entries_.end(), [&](const Entry& entry) { return entry.name == other.name; });
-  if (found == entries_.end()) found = entries_.insert(entries_.end(), Entry{other.name});
-  if (!std::isfinite(other.sum)) return;
-  found->sum += other.sum;
-  found->count += other.count;
-}
-
-Values RunningMeans::means() const {
-  Values values;
-  for (const Entry& entry : entries_) {
-    values.emplace_back(entry.name, entry.count > 0 ? entry.sum / static_cast<double>(entry.count) : std::nan(""));
-  }
-  return values;
-}
-
-namespace {
-
-namespace fs = std::filesystem;
-
 std::array<std::uint32_t, 256> make_table() {
   std::array<std::uint32_t, 256> table{};
   for (std::uint32_t i = 0; i < 256; ++i) {
@@ -177,6 +117,60 @@ double seconds_now() {
 }
 
 }  // namespace
+
+CsvTable metrics_after(const fs::path& file, std::int64_t step) {
+  CsvTable table = read_table(file);
+  drop_rows(table, step, /*after=*/false);
+  return table;
+}
+
+MetricsLog::MetricsLog(fs::path file, std::int64_t last_step) : file_(std::move(file)), table_(read_table(file_)) {
+  drop_rows(table_, last_step, /*after=*/true);
+  rewrite();
+}
+
+void MetricsLog::rewrite() const { write_file_atomically(file_, to_csv(table_)); }
+
+void MetricsLog::append(std::int64_t step, const Values& values) {
+  const std::size_t columns_before = table_.columns.size();
+  std::vector<std::string> row(columns_before);
+  row[0] = std::to_string(step);
+  for (const auto& [name, value] : values) {
+    std::size_t column = table_.column(name);
+    if (column == CsvTable::kMissing) {
+      column = table_.columns.size();
+      table_.columns.push_back(name);
+      row.emplace_back();
+    }
+    row[column] = number_text(value);
+  }
+  table_.rows.push_back(row);
+  if (table_.columns.size() != columns_before) {
+    for (auto& each : table_.rows) each.resize(table_.columns.size());
+    rewrite();
+    return;
+  }
+  std::ofstream out(file_, std::ios::app | std::ios::binary);
+  out << csv_line(row) << std::flush;
+  if (!out) throw Error(file_.string() + ": cannot write");
+}
+
+void RunningMeans::add_sum(const Entry& other) {
+  auto found =
+      std::find_if(entries_.begin(), entries_.end(), [&](const Entry& entry) { return entry.name == other.name; });
+  if (found == entries_.end()) found = entries_.insert(entries_.end(), Entry{other.name});
+  if (!std::isfinite(other.sum)) return;
+  found->sum += other.sum;
+  found->count += other.count;
+}
+
+Values RunningMeans::means() const {
+  Values values;
+  for (const Entry& entry : entries_) {
+    values.emplace_back(entry.name, entry.count > 0 ? entry.sum / static_cast<double>(entry.count) : std::nan(""));
+  }
+  return values;
+}
 
 std::uint32_t crc32c(std::string_view bytes) {
   static const std::array<std::uint32_t, 256> table = make_table();

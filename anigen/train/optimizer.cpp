@@ -17,110 +17,6 @@ void require_positive(std::int64_t value, const char* name) {
   if (value < 1) throw InputError("", name, "must be at least 1, is " + std::to_string(value));
 }
 
-struct Unscheduled final : LrSchedule {
-  double rate(double base, std::int64_t) const override { return base; }
-};
-
-struct Linear final : LrSchedule {
-  double start, end;
-  std::int64_t total;
-  Linear(double s, double e, std::int64_t t) : start(s), end(e), total(t) {}
-  double rate(double base, std::int64_t step) const override {
-    const double done = static_cast<double>(std::min(step, total)) / static_cast<double>(total);
-    return base * (start + (end - start) * done);
-  }
-};
-
-struct Cosine final : LrSchedule {
-  std::int64_t t_max;
-  double eta_min;
-  Cosine(std::int64_t t, double e) : t_max(t), eta_min(e) {}
-  double rate(double base, std::int64_t step) const override {
-    const double angle = kPi * static_cast<double>(step % (2 * t_max)) / static_cast<double>(t_max);
-    return eta_min + (base - eta_min) * 0.5 * (1.0 + std::cos(angle));
-  }
-};
-
-struct Constant final : LrSchedule {
-  double factor;
-  std::int64_t total;
-  Constant(double f, std::int64_t t) : factor(f), total(t) {}
-  double rate(double base, std::int64_t step) const override { return step < total ? base * factor : base; }
-};
-
-struct MultiStep final : LrSchedule {
-  MultiStep(std::vector<std::int64_t> at, double factor) : milestones(std::move(at)), gamma(factor) {}
-  double rate(double base, std::int64_t step) const override {
-    const auto reached = std::count_if(milestones.begin(), milestones.end(), [&](auto at) { return at <= step; });
-    return base * std::pow(gamma, static_cast<double>(reached));
-  }
-  std::vector<std::int64_t> milestones;
-  double gamma;
-};
-
-struct Warmup final : LrSchedule {
-  std::int64_t steps;
-  explicit Warmup(std::int64_t s) : steps(s) {}
-  double rate(double base, std::int64_t step) const override {
-    return base * std::min(1.0, static_cast<double>(step + 1) / static_cast<double>(steps));
-  }
-};
-
-struct Sequential final : LrSchedule {
-  std::vector<LrSchedulePtr> schedules;
-  std::vector<std::int64_t> milestones;
-  double rate(double base, std::int64_t step) const override {
-    const auto i =
-        static_cast<std::size_t>(std::upper_bound(milestones.begin(), milestones.end(), step) - milestones.begin());
-    return schedules[i]->rate(base, i == 0 ? step : step - milestones[i - 1]);
-  }
-};
-
-}  // namespace
-
-LrSchedulePtr unscheduled() { return std::make_shared<Unscheduled>(); }
-
-LrSchedulePtr linear_lr(double start_factor, double end_factor, std::int64_t total_iters) {
-  require_positive(total_iters, "total_iters");
-  return std::make_shared<Linear>(start_factor, end_factor, total_iters);
-}
-
-LrSchedulePtr cosine_annealing_lr(std::int64_t t_max, double eta_min) {
-  require_positive(t_max, "T_max");
-  return std::make_shared<Cosine>(t_max, eta_min);
-}
-
-LrSchedulePtr constant_lr(double factor, std::int64_t total_iters) {
-  if (total_iters < 0) throw InputError("", "total_iters", "must not be negative");
-  return std::make_shared<Constant>(factor, total_iters);
-}
-
-LrSchedulePtr multi_step_lr(std::vector<std::int64_t> milestones, double gamma) {
-  return std::make_shared<MultiStep>(std::move(milestones), gamma);
-}
-
-LrSchedulePtr linear_warmup_lr(std::int64_t warmup_steps) {
-  require_positive(warmup_steps, "warmup_steps");
-  return std::make_shared<Warmup>(warmup_steps);
-}
-
-LrSchedulePtr sequential_lr(std::vector<LrSchedulePtr> schedules, std::vector<std::int64_t> milestones) {
-  if (schedules.empty() || milestones.size() + 1 != schedules.size()) {
-    throw InputError("", "milestones",
-                     std::to_string(schedules.size()) + " schedules need one milestone fewer, not " +
-                         std::to_string(milestones.size()));
-  }
-  if (!std::is_sorted(milestones.begin(), milestones.end()) || (!milestones.empty() && milestones.front() < 0)) {
-    throw InputError("", "milestones", "must not be negative and must not decrease");
-  }
-  auto sequence = std::make_shared<Sequential>();
-  sequence->schedules = std::move(schedules);
-  sequence->milestones = std::move(milestones);
-  return sequence;
-}
-
-namespace {
-
 struct Coefficients {
   float gradient, decay, l2, beta1, one_minus_beta1, beta2, one_minus_beta2, root_correction, eps, step_size;
 };
@@ -130,6 +26,7 @@ ANIGEN_EXACT_KERNEL(void, adamw_pass,
                      std::int64_t n, const Coefficients c),
                     (p, g, m, v, n, c)) {
   for (std::int64_t i = 0; i < n; ++i) {
+    // g_t; m_t = β₁ m + (1 − β₁) g_t; v_t = β₂ v + (1 − β₂) g_t²; θ ← (1 − ηλ) θ − η m̂_t / (√v̂_t + ε)
     const float gradient = g[i] * c.gradient + c.l2 * p[i];
     m[i] = c.beta1 * m[i] + c.one_minus_beta1 * gradient;
     v[i] = c.beta2 * v[i] + c.one_minus_beta2 * gradient * gradient;
@@ -142,7 +39,69 @@ void check(bool ok, const char* name, const char* what) {
   if (!ok) throw InputError("", std::string("optimizer/args/") + name, what);
 }
 
+/// A sum that is finite has only finite terms; one that is not may also have overflowed.
+bool all_finite(const torch::Tensor& flat) {
+  return std::isfinite(flat.sum().item<double>()) || torch::isfinite(flat).all().item<bool>();
+}
+
+constexpr double kLowestLogScale = -100.0;
+
 }  // namespace
+
+LrSchedule unscheduled() {
+  return [](double base, std::int64_t) { return base; };
+}
+
+LrSchedule linear_lr(double start_factor, double end_factor, std::int64_t total_iters) {
+  require_positive(total_iters, "total_iters");
+  return [=](double base, std::int64_t step) {
+    const double done = static_cast<double>(std::min(step, total_iters)) / static_cast<double>(total_iters);
+    return base * (start_factor + (end_factor - start_factor) * done);
+  };
+}
+
+LrSchedule cosine_annealing_lr(std::int64_t t_max, double eta_min) {
+  require_positive(t_max, "T_max");
+  return [=](double base, std::int64_t step) {
+    const double angle = kPi * static_cast<double>(step % (2 * t_max)) / static_cast<double>(t_max);
+    return eta_min + (base - eta_min) * 0.5 * (1.0 + std::cos(angle));
+  };
+}
+
+LrSchedule constant_lr(double factor, std::int64_t total_iters) {
+  if (total_iters < 0) throw InputError("", "total_iters", "must not be negative");
+  return [=](double base, std::int64_t step) { return step < total_iters ? base * factor : base; };
+}
+
+LrSchedule multi_step_lr(std::vector<std::int64_t> milestones, double gamma) {
+  return [milestones = std::move(milestones), gamma](double base, std::int64_t step) {
+    const auto reached = std::count_if(milestones.begin(), milestones.end(), [&](auto at) { return at <= step; });
+    return base * std::pow(gamma, static_cast<double>(reached));
+  };
+}
+
+LrSchedule linear_warmup_lr(std::int64_t warmup_steps) {
+  require_positive(warmup_steps, "warmup_steps");
+  return [=](double base, std::int64_t step) {
+    return base * std::min(1.0, static_cast<double>(step + 1) / static_cast<double>(warmup_steps));
+  };
+}
+
+LrSchedule sequential_lr(std::vector<LrSchedule> schedules, std::vector<std::int64_t> milestones) {
+  if (schedules.empty() || milestones.size() + 1 != schedules.size()) {
+    throw InputError("", "milestones",
+                     std::to_string(schedules.size()) + " schedules need one milestone fewer, not " +
+                         std::to_string(milestones.size()));
+  }
+  if (!std::is_sorted(milestones.begin(), milestones.end()) || (!milestones.empty() && milestones.front() < 0)) {
+    throw InputError("", "milestones", "must not be negative and must not decrease");
+  }
+  return [schedules = std::move(schedules), milestones = std::move(milestones)](double base, std::int64_t step) {
+    const auto i =
+        static_cast<std::size_t>(std::upper_bound(milestones.begin(), milestones.end(), step) - milestones.begin());
+    return schedules[i](base, i == 0 ? step : step - milestones[i - 1]);
+  };
+}
 
 AdamW::AdamW(const torch::Tensor& parameters, const Options& options)
     : exp_avg(torch::zeros_like(parameters)), exp_avg_sq(torch::zeros_like(parameters)), options_(options) {
@@ -184,7 +143,7 @@ void AdamW::step(torch::Tensor parameters, const torch::Tensor& gradients, doubl
 }
 
 torch::Tensor orthogonalize(const torch::Tensor& matrix) {
-  constexpr double kA = 3.4445, kB = -4.7750, kC = 2.0315;
+  constexpr double kA = 3.4445, kB = -4.7750, kC = 2.0315;  // X ← a X + (b A + c A²) X with A = X Xᵀ
   // Working on the wide orientation keeps the Gram matrix small.
   const bool tall = matrix.size(0) > matrix.size(1);
   torch::Tensor x = tall ? matrix.t() : matrix;
@@ -219,6 +178,7 @@ void Muon::step(ParameterBuffer& buffer, AdamW& rest, double gradient_factor, do
   rest.step(buffer.master(), buffer.gradient(), gradient_factor, lr);
   for (std::size_t k = 0; k < matrices_.size(); ++k) {
     const ParameterBuffer::Slot& slot = buffer.slots()[matrices_[k]];
+    // μ ← β μ + (1 − β) g; O = orthogonalised (1 − β) g + β μ; W ← (1 − ηλ) W − 0.2 η √max(m, n) O
     const torch::Tensor gradient = buffer.part(buffer.gradient(), slot) * gradient_factor;
     torch::Tensor average = buffer.part(momentum, slot);
     average.mul_(beta).add_(gradient, 1.0 - beta);
@@ -264,15 +224,6 @@ void AdaptiveGradClipper::restore(const State& state) {
   state_ = state;
 }
 
-namespace {
-
-/// A sum that is finite has only finite terms; one that is not may also have overflowed.
-bool all_finite(const torch::Tensor& flat) {
-  return std::isfinite(flat.sum().item<double>()) || torch::isfinite(flat).all().item<bool>();
-}
-
-}  // namespace
-
 void RecoveryPoint::before_update(std::int64_t step, const torch::Tensor& master) {
   if (step % kEvery == 0 && all_finite(master)) restore(step, master);
 }
@@ -297,12 +248,6 @@ void RecoveryPoint::restore(std::int64_t step, const torch::Tensor& master) {
   }
   step_ = step;
 }
-
-namespace {
-
-constexpr double kLowestLogScale = -100.0;
-
-}  // namespace
 
 ParameterUpdate::ParameterUpdate(ParameterBuffer& buffer, const UpdateOptions& options)
     : optimizer(buffer.master(), options.optimizer),
@@ -329,7 +274,7 @@ ParameterUpdate::Result ParameterUpdate::apply(std::int64_t step) {
   torch::Tensor gradient = buffer_.gradient();
   if (options_.loss_scaling) gradient.mul_(std::exp2(-log_scale));
   Result result;
-  result.lr = options_.schedule->rate(options_.optimizer.lr, step);
+  result.lr = options_.schedule(options_.optimizer.lr, step);
   result.grad_norm = gradient.norm().item<double>();
   const double factor = clip_factor(result.grad_norm);
   // A norm can overflow over finite gradients; the factor is then 0 and the update one without gradient.

@@ -3,8 +3,8 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <limits>
-#include <memory>
 #include <optional>
 #include <variant>
 #include <vector>
@@ -13,38 +13,32 @@
 
 namespace anigen::train {
 
-/// Learning rate as a closed form of the step (0 = first update), so that resuming needs no state. Names and
-/// defaults are those of torch.optim.lr_scheduler; reference training-and-data.md, section 2.6.
-class LrSchedule {
- public:
-  virtual ~LrSchedule() = default;
-  /// @param base the optimiser's learning rate
-  virtual double rate(double base, std::int64_t step) const = 0;
-};
-
-using LrSchedulePtr = std::shared_ptr<const LrSchedule>;
+/// Learning rate as a closed form of the step (0 = first update), so that resuming needs no state: of the optimiser's
+/// rate `base` and the step. Names and defaults are those of torch.optim.lr_scheduler; reference training-and-data.md,
+/// section 2.6.
+using LrSchedule = std::function<double(double base, std::int64_t step)>;
 
 /// base, always: what "lr_scheduler": null means.
-LrSchedulePtr unscheduled();
+LrSchedule unscheduled();
 
 /// base · (start + (end − start) · min(step, total) / total)
-LrSchedulePtr linear_lr(double start_factor, double end_factor, std::int64_t total_iters);
+LrSchedule linear_lr(double start_factor, double end_factor, std::int64_t total_iters);
 
 /// eta_min + (base − eta_min) · (1 + cos(π · step / T_max)) / 2. Past T_max the rate comes back up, as torch's does.
-LrSchedulePtr cosine_annealing_lr(std::int64_t t_max, double eta_min);
+LrSchedule cosine_annealing_lr(std::int64_t t_max, double eta_min);
 
 /// base · factor until total, then base
-LrSchedulePtr constant_lr(double factor, std::int64_t total_iters);
+LrSchedule constant_lr(double factor, std::int64_t total_iters);
 
 /// base · gamma^(number of milestones reached); milestones in any order
-LrSchedulePtr multi_step_lr(std::vector<std::int64_t> milestones, double gamma);
+LrSchedule multi_step_lr(std::vector<std::int64_t> milestones, double gamma);
 
 /// base · min(1, (step + 1) / warmup)
-LrSchedulePtr linear_warmup_lr(std::int64_t warmup_steps);
+LrSchedule linear_warmup_lr(std::int64_t warmup_steps);
 
 /// Schedule i runs from milestones[i − 1] (0 for the first) on, counting its own steps from there.
 /// @throws InputError unless there is one milestone fewer than schedules and they do not decrease
-LrSchedulePtr sequential_lr(std::vector<LrSchedulePtr> schedules, std::vector<std::int64_t> milestones);
+LrSchedule sequential_lr(std::vector<LrSchedule> schedules, std::vector<std::int64_t> milestones);
 
 /// AdamW (Loshchilov and Hutter 2019, algorithm 2, as torch.optim.AdamW computes it) over one flat fp32 vector; or
 /// Adam, whose weight decay is part of the gradient. On the CPU one pass over memory; its result does not depend on the
@@ -177,7 +171,7 @@ class RecoveryPoint {
 struct UpdateOptions {
   AdamW::Options optimizer;
   std::optional<Muon::Options> muon;  ///< set: weight matrices are updated by Muon, the rest by AdamW
-  LrSchedulePtr schedule = unscheduled();
+  LrSchedule schedule = unscheduled();
   std::variant<std::monostate, double, AdaptiveGradClipper::Options> grad_clip;  ///< none, fixed norm, adaptive
   std::vector<double> ema_rates{0.9999};
   bool loss_scaling = false;  ///< fp16 on CUDA; fp32 needs none

@@ -42,7 +42,7 @@ std::int64_t interval(ConfigReader& reader, const std::string& key, std::int64_t
                                                 : reader.integer(key, fallback, lowest);
 }
 
-LrSchedulePtr simple_schedule(const std::string& name, ConfigReader& args, std::int64_t max_steps) {
+LrSchedule simple_schedule(const std::string& name, ConfigReader& args, std::int64_t max_steps) {
   if (name == "LinearLR") {
     const double start = args.number("start_factor", 1.0 / 3.0, 0.0), end = args.number("end_factor", 1.0, 0.0);
     return linear_lr(start, end, steps(args, "total_iters", 5, max_steps));
@@ -68,14 +68,14 @@ LrSchedulePtr simple_schedule(const std::string& name, ConfigReader& args, std::
   return linear_warmup_lr(steps(args, "warmup_steps", 1, max_steps));
 }
 
-LrSchedulePtr sequence(ConfigReader& reader, ConfigReader& args, std::int64_t max_steps) {
+LrSchedule sequence(ConfigReader& reader, ConfigReader& args, std::int64_t max_steps) {
   reader.require("schedulers");
   args.require("milestones");
   const Json& schedulers = *reader.raw("schedulers");
   const Json& milestones = *args.raw("milestones");
   if (!schedulers.is_array() || schedulers.size() > 64) throw reader.error("schedulers", "must be a list");
   if (!milestones.is_array() || milestones.size() > 64) throw args.error("milestones", "must be a list");
-  std::vector<LrSchedulePtr> parts;
+  std::vector<LrSchedule> parts;
   for (std::size_t i = 0; i < schedulers.size(); ++i) {
     parts.push_back(read_schedule(schedulers[i], max_steps, reader.file(),
                                   reader.pointer_to("schedulers") + "/" + std::to_string(i)));
@@ -158,15 +158,15 @@ std::size_t read_batch_size(ConfigReader& reader) {
 
 }  // namespace
 
-LrSchedulePtr read_schedule(const Json& json, std::int64_t max_steps, const std::string& file,
-                            const std::string& pointer) {
+LrSchedule read_schedule(const Json& json, std::int64_t max_steps, const std::string& file,
+                         const std::string& pointer) {
   ConfigReader reader(json, file, pointer);
   reader.require("name");
   const std::string name = reader.choice(
       "name", "",
       {"LinearLR", "CosineAnnealingLR", "ConstantLR", "MultiStepLR", "LinearWarmupLRScheduler", "SequentialLR"});
   ConfigReader args = reader.object("args");
-  const LrSchedulePtr schedule =
+  const LrSchedule schedule =
       name == "SequentialLR" ? sequence(reader, args, max_steps) : simple_schedule(name, args, max_steps);
   args.finish();
   reader.finish();

@@ -2,7 +2,6 @@
 #include <cstdint>
 #include <map>
 #include <string>
-#include <vector>
 
 #include "anigen/core/config.h"
 #include "anigen/nn/torch.h"
@@ -41,8 +40,7 @@ struct TrainerOptions {
 
 /// `lr_scheduler`: {name, args}, or SequentialLR with `schedulers`. Where a number of steps is expected, "5%" means
 /// that share of max_steps.
-LrSchedulePtr read_schedule(const Json& json, std::int64_t max_steps, const std::string& file,
-                            const std::string& pointer);
+LrSchedule read_schedule(const Json& json, std::int64_t max_steps, const std::string& file, const std::string& pointer);
 
 /// In which numbers a run computes. Masters, optimiser state and averages are fp32, but for fp64.
 struct Precision {

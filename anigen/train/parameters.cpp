@@ -25,6 +25,23 @@ void for_each_trainable(const std::vector<nn::NamedModel>& models, const Visit& 
   for_each_parameter(models, /*trainable=*/true, visit);
 }
 
+ANIGEN_EXACT_KERNEL(void, ema_pass,
+                    (float* __restrict average, const float* __restrict master, std::int64_t n, float keep, float take),
+                    (average, master, n, keep, take)) {
+  for (std::int64_t i = 0; i < n; ++i) average[i] = average[i] * keep + master[i] * take;
+}
+
+// Slots of one model by state-dict key.
+std::unordered_map<std::string, const ParameterBuffer::Slot*> slots_of(const nn::NamedModel& model,
+                                                                       const ParameterBuffer& buffer) {
+  std::unordered_map<std::string, const ParameterBuffer::Slot*> slots;
+  const std::string prefix = model.name + ".";
+  for (const ParameterBuffer::Slot& slot : buffer.slots()) {
+    if (slot.name.rfind(prefix, 0) == 0) slots[slot.name.substr(prefix.size())] = &slot;
+  }
+  return slots;
+}
+
 }  // namespace
 
 ParameterBuffer::ParameterBuffer(const std::vector<nn::NamedModel>& models, const std::function<void()>& convert) {
@@ -127,16 +144,6 @@ std::string ParameterBuffer::first_not_finite(const torch::Tensor& flat) const {
   return "";
 }
 
-namespace {
-
-ANIGEN_EXACT_KERNEL(void, ema_pass,
-                    (float* __restrict average, const float* __restrict master, std::int64_t n, float keep, float take),
-                    (average, master, n, keep, take)) {
-  for (std::int64_t i = 0; i < n; ++i) average[i] = average[i] * keep + master[i] * take;
-}
-
-}  // namespace
-
 Ema::Ema(const std::vector<double>& rates, const torch::Tensor& master) : rates_(rates) {
   for (const double rate : rates) {
     if (!(rate >= 0.0 && rate < 1.0)) throw InputError("", "ema_rate", "every rate must lie in [0, 1)");
@@ -157,21 +164,6 @@ void Ema::update(const torch::Tensor& master) {
     }
   }
 }
-
-namespace {
-
-// Slots of one model by state-dict key.
-std::unordered_map<std::string, const ParameterBuffer::Slot*> slots_of(const nn::NamedModel& model,
-                                                                       const ParameterBuffer& buffer) {
-  std::unordered_map<std::string, const ParameterBuffer::Slot*> slots;
-  const std::string prefix = model.name + ".";
-  for (const ParameterBuffer::Slot& slot : buffer.slots()) {
-    if (slot.name.rfind(prefix, 0) == 0) slots[slot.name.substr(prefix.size())] = &slot;
-  }
-  return slots;
-}
-
-}  // namespace
 
 io::NamedArrays weights_of(const nn::NamedModel& model, const ParameterBuffer& buffer, const torch::Tensor& flat) {
   torch::NoGradGuard no_grad;

@@ -24,14 +24,6 @@ Mesh mesh_of(const Tensor& vertices, const Tensor& faces) {
 
 std::vector<Eigen::Vector3d> joint_positions(const Tensor& joints) { return nn::points_of<double>(joints, "joints"); }
 
-std::vector<int> joint_parents(const Tensor& parents) {
-  const Tensor rows = parents.to(torch::kCPU, torch::kInt64).contiguous();
-  const std::int64_t* first = rows.data_ptr<std::int64_t>();
-  std::vector<int> list;
-  for (std::int64_t i = 0; i < rows.size(0); ++i) list.push_back(static_cast<int>(first[i]));
-  return list;
-}
-
 SkinWeights skin_of(const Tensor& dense) {
   const Tensor rows = dense.detach().to(torch::kCPU, torch::kFloat32).contiguous();
   const float* first = rows.data_ptr<float>();
@@ -49,6 +41,14 @@ render::PictureOptions rig_picture() {
   box.extend(Eigen::Vector3d::Constant(0.5));
   options.view.fit = box;
   return options;
+}
+
+std::vector<int> joint_parents(const Tensor& parents) {
+  const Tensor rows = parents.to(torch::kCPU, torch::kInt64).contiguous();
+  const std::int64_t* first = rows.data_ptr<std::int64_t>();
+  std::vector<int> list;
+  for (std::int64_t i = 0; i < rows.size(0); ++i) list.push_back(static_cast<int>(first[i]));
+  return list;
 }
 
 }  // namespace

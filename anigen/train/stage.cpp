@@ -1,7 +1,5 @@
 #include "anigen/train/stage.h"
 
-#include "anigen/nn/torch.h"
-
 namespace anigen::train {
 
 namespace {

@@ -17,7 +17,6 @@
 
 #include "anigen/core/error.h"
 #include "anigen/data/batches.h"
-#include "anigen/nn/init.h"
 #include "anigen/nn/torch.h"
 #include "anigen/train/metrics_log.h"
 #include "anigen/train/parameters.h"

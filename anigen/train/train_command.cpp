@@ -8,73 +8,23 @@
 #include <system_error>
 #include <thread>
 
-#include "anigen/core/config.h"
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
 #include "anigen/core/log.h"
 #include "anigen/core/process.h"
+#include "anigen/core/run_folder.h"
 #include "anigen/data/latent_files.h"
 #include "anigen/nn/profile.h"
-#include "anigen/train/options.h"
-#include "anigen/train/stages/anymate.h"
-#include "anigen/train/stages/rignet.h"
-#include "anigen/train/stages/skin_autoencoder.h"
-#include "anigen/train/stages/sparse_structure_autoencoder.h"
-#include "anigen/train/stages/sparse_structure_flow.h"
-#include "anigen/train/stages/structured_latent_autoencoder.h"
-#include "anigen/train/stages/structured_latent_flow.h"
+#include "anigen/train/stages/stages.h"
 
 namespace anigen::train {
-
-namespace {
-
-using StageFactory = std::unique_ptr<Stage> (*)(const Json& config, const std::string& file, ConfigReader& trainer_args,
-                                                const TrainerOptions& trainer, torch::Device device);
-
-struct TrainerEntry {
-  const char* name;
-  StageFactory make;
-};
-
-constexpr TrainerEntry kTrainers[] = {
-    {"AniGenSkinAETrainer", make_skin_autoencoder_stage},
-    {"AniGenSparseStructureVaeTrainer", make_sparse_structure_autoencoder_stage},
-    {"AniGenSLatVaeSkeletonTrainer", make_structured_latent_autoencoder_stage},
-    {"AniGenImageConditionedFlowMatchingCFGTrainer", make_sparse_structure_flow_stage},
-    {"AniGenFlowMatchingTrainer", make_sparse_structure_flow_stage},
-    {"AniGenFlowMatchingCFGTrainer", make_sparse_structure_flow_stage},
-    {"AniGenImageConditionedSparseFlowMatchingCFGTrainer", make_structured_latent_flow_stage},
-    {"AniGenSparseFlowMatchingTrainer", make_structured_latent_flow_stage},
-    {"AniGenSparseFlowMatchingCFGTrainer", make_structured_latent_flow_stage},
-    {"AnymateTrainer", make_anymate_stage},
-    {"RignetTrainer", make_rignet_stage},
-};
-
-}  // namespace
-
-std::vector<std::string> trainer_names() {
-  std::vector<std::string> names;
-  for (const TrainerEntry& entry : kTrainers) names.emplace_back(entry.name);
-  return names;
-}
-
-std::unique_ptr<Stage> make_stage(const std::string& trainer_name, const Json& config, const std::string& file,
-                                  ConfigReader& trainer_args, const TrainerOptions& trainer, torch::Device device) {
-  for (const TrainerEntry& entry : kTrainers) {
-    if (trainer_name == entry.name) return entry.make(config, file, trainer_args, trainer, device);
-  }
-  std::string known;
-  for (const std::string& name : trainer_names()) known += (known.empty() ? "" : ", ") + name;
-  throw NotSupportedError(file, "/trainer/name",
-                          "trainer '" + trainer_name.substr(0, 80) + "'; this build trains " + known);
-}
 
 namespace {
 
 namespace fs = std::filesystem;
 
 Json resolved_config(const TrainCommand& command, std::string& file) {
-  const fs::path earlier = command.run.output / "config.json";
+  const fs::path earlier = RunFolder{command.run.output}.config();
   std::error_code error;
   if (command.config.empty() && !fs::exists(earlier, error)) {
     throw InputError(earlier.string(), "", "there is no run to resume here; give --config");
@@ -124,7 +74,7 @@ std::optional<ProcessIdentity> holder_of(const fs::path& file) {
 class RunFolderLock {
  public:
   explicit RunFolderLock(const fs::path& run) {
-    const fs::path file = run / "run.lock";
+    const fs::path file = RunFolder{run}.lock();
     try {
       // A server of files may take so long to notice that a machine is gone, which held the lock.
       constexpr auto kLongest = std::chrono::seconds(120);
@@ -170,9 +120,10 @@ void prepare_run_folder(const TrainCommand& command, const Json& config) {
   std::error_code error;
   fs::create_directories(command.run.output, error);
   if (error) throw Error(command.run.output.string() + ": cannot create folder: " + error.message());
-  log::also_to_file(command.run.output / "log.txt");
-  report_changes(command.run.output / "config.json", config);
-  append_command(command.run.output / "command.txt", command.command_line);
+  const RunFolder run{command.run.output};
+  log::also_to_file(run.log());
+  report_changes(run.config(), config);
+  append_command(run.command(), command.command_line);
 }
 
 void train_as_rank(const TrainCommand& command, const std::shared_ptr<Communicator>& ranks, const StageConfig& given,
@@ -184,7 +135,7 @@ void train_as_rank(const TrainCommand& command, const std::shared_ptr<Communicat
   options.compute_dtype = precision.compute;
   if (!precision.note.empty()) log::info("{}", precision.note);
   // Everything is read and checked before the run folder is touched.
-  const std::unique_ptr<Stage> stage = make_stage(given.name, given.config, given.file, args, options, given.device);
+  const std::unique_ptr<Stage> stage = make_stage(given.name, {given.config, given.file, args, options, given.device});
   args.finish();
   if (!stage->supports(precision.compute)) {
     throw NotSupportedError(given.file, "/trainer/args/precision",
@@ -198,13 +149,13 @@ void train_as_rank(const TrainCommand& command, const std::shared_ptr<Communicat
   if (ranks->rank() == 0) {
     lock.emplace(run.output);
     std::error_code error;
-    const fs::path earlier = run.output / "config.json";
+    const fs::path earlier = RunFolder{run.output}.config();
     if (fs::exists(earlier, error)) run.earlier_config = read_file(earlier);
     prepare_run_folder(command, given.config);
   }
   Trainer loop(*stage, options, run);
   // A run that could not begin leaves the config of what the folder holds.
-  if (ranks->rank() == 0) write_config(run.output / "config.json", given.config);
+  if (ranks->rank() == 0) write_config(RunFolder{run.output}.config(), given.config);
   log::info("{} trainable parameters, {} threads, {} replicas", loop.parameters().master().numel(), command.run.threads,
             options.replicas);
   loop.run();

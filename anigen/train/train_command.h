@@ -1,26 +1,12 @@
 #pragma once
 #include <filesystem>
-#include <memory>
 #include <string>
 #include <vector>
 
-#include "anigen/core/config.h"
 #include "anigen/train/distributed/launch.h"
-#include "anigen/train/options.h"
-#include "anigen/train/stage.h"
 #include "anigen/train/trainer.h"
 
 namespace anigen::train {
-
-/// The stage that a config's trainer names.
-/// @param trainer_name `trainer.name` @param trainer_args of which the stage reads its own; the caller calls finish()
-/// @param trainer the options already read from them
-/// @throws NotSupportedError naming the trainers there are; InputError as the stage's own make function
-std::unique_ptr<Stage> make_stage(const std::string& trainer_name, const Json& config, const std::string& file,
-                                  ConfigReader& trainer_args, const TrainerOptions& trainer, torch::Device device);
-
-/// Names that make_stage() knows.
-std::vector<std::string> trainer_names();
 
 /// Everything `anigen-train` is told.
 struct TrainCommand {

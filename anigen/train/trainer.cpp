@@ -5,17 +5,15 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <optional>
 #include <system_error>
 
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
 #include "anigen/core/log.h"
 #include "anigen/core/process.h"
+#include "anigen/core/run_folder.h"
 #include "anigen/io/image.h"
 #include "anigen/train/distributed/communicator.h"
-#include "anigen/train/distributed/gradient_buckets.h"
-#include "anigen/train/trainer_state.h"
 
 // One step of the loop in trainer.cpp.
 
@@ -69,6 +67,25 @@ class AveragedWeights {
   torch::Tensor kept_;
 };
 
+double so_far(Clock::time_point start) { return std::chrono::duration<double>(Clock::now() - start).count(); }
+
+std::string joined_ids(const data::Batch& batch) {
+  std::string line;
+  for (const std::string& id : batch.ids) line += (line.empty() ? "" : ", ") + id;
+  return line;
+}
+
+// Works on the trainer's micro-batches, whose type is its own.
+template <typename MicroBatches>
+bool finite_losses(const MicroBatches& done) {
+  for (const auto& each : done) {
+    for (const auto& entry : each.logged) {
+      if (!std::isfinite(entry.second)) return false;
+    }
+  }
+  return true;
+}
+
 }  // namespace
 
 Trainer::Trainer(Stage& stage, const TrainerOptions& options, const RunOptions& run)
@@ -76,7 +93,7 @@ Trainer::Trainer(Stage& stage, const TrainerOptions& options, const RunOptions& 
       run_(run),
       stages_{&stage},
       ranks_(run.ranks ? run.ranks : std::make_shared<SingleProcess>()),
-      checkpoints_(run.output / "ckpts"),
+      checkpoints_(RunFolder{run.output}.checkpoints()),
       started_(Clock::now()) {
   const std::size_t ranks = static_cast<std::size_t>(ranks_->size());
   if (options_.replicas > options_.batch_split) {
@@ -149,8 +166,8 @@ void Trainer::train() {
   started_ = Clock::now();
   if (first()) {
     if (start_.begins_again) begin_again();
-    metrics_ = std::make_unique<MetricsLog>(run_.output / "metrics.csv", step_);
-    board_ = std::make_unique<TensorBoardWriter>(run_.output / "tb_logs", last_kept_step() + 1);
+    metrics_ = std::make_unique<MetricsLog>(RunFolder{run_.output}.metrics(), step_);
+    board_ = std::make_unique<TensorBoardWriter>(RunFolder{run_.output}.board(), last_kept_step() + 1);
   }
   data::Prefetcher::Options loading;
   loading.batch_size = options_.batch_size;
@@ -252,7 +269,7 @@ void Trainer::profile(std::int64_t steps_done, bool last) {
   if (profile_ == nullptr || profiled < 1 || (profiled < run_.profile_steps && !last)) return;
   const std::string tables = nn::profile_markdown(profile_->rows(), profiled);
   profile_.reset();
-  const std::filesystem::path file = run_.output / "profile.md";
+  const std::filesystem::path file = RunFolder{run_.output}.profile();
   write_file_atomically(file, tables);
   log::info("where the time of {} steps went is in {}:\n{}", profiled, file.string(), tables);
 }
@@ -279,7 +296,7 @@ void Trainer::evaluate() {
 
 void Trainer::sample() {
   const BusyRank busy(*ranks_, step_);
-  const std::filesystem::path folder = run_.output / "samples" / ("step" + std::to_string(step_));
+  const std::filesystem::path folder = RunFolder{run_.output}.samples() / ("step" + std::to_string(step_));
   {
     const AveragedWeights averaged(buffers_.front(), update_->ema);
     stages_.front()->sample(folder);
@@ -297,29 +314,6 @@ void Trainer::sample() {
 bool Trainer::out_of_time() const { return options_.max_minutes > 0.0 && elapsed() >= 60.0 * options_.max_minutes; }
 
 double Trainer::elapsed() const { return elapsed_before_ + seconds_since(started_); }
-
-namespace {
-
-double so_far(Clock::time_point start) { return std::chrono::duration<double>(Clock::now() - start).count(); }
-
-std::string joined_ids(const data::Batch& batch) {
-  std::string line;
-  for (const std::string& id : batch.ids) line += (line.empty() ? "" : ", ") + id;
-  return line;
-}
-
-// Works on the trainer's micro-batches, whose type is its own.
-template <typename MicroBatches>
-bool finite_losses(const MicroBatches& done) {
-  for (const auto& each : done) {
-    for (const auto& entry : each.logged) {
-      if (!std::isfinite(entry.second)) return false;
-    }
-  }
-  return true;
-}
-
-}  // namespace
 
 void Trainer::train_micro_batches(const data::StepBatches& batches, const std::vector<std::size_t>& ours,
                                   std::vector<MicroBatch>& done) {

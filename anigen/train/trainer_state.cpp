@@ -9,11 +9,11 @@
 #include <set>
 #include <system_error>
 
-#include "anigen/core/config.h"
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
 #include "anigen/core/log.h"
 #include "anigen/core/random.h"
+#include "anigen/core/run_folder.h"
 #include "anigen/io/arrays/safetensors.h"
 #include "anigen/io/arrays/torch_archive.h"
 #include "anigen/nn/init.h"
@@ -84,6 +84,47 @@ void move_into(const fs::path& folder, const fs::path& entry) {
   fs::create_directories(folder, error);
   if (!error) fs::rename(entry, folder / entry.filename(), error);
   if (error) throw Error(entry.string() + ": cannot be moved to " + folder.string() + ": " + error.message());
+}
+
+// Of LibTorch's own generator, in a saved state.
+std::string generator_name(std::size_t rank) {
+  return rank == 0 ? std::string("rng.torch") : "rng.torch.rank" + std::to_string(rank);
+}
+
+// The options of a command line that say where to begin.
+std::string told_start(const RunOptions& run) {
+  std::string text = run.load.empty() ? "" : "--load " + run.load.string();
+  if (run.ckpt != "latest") text += (text.empty() ? "--ckpt " : " --ckpt ") + run.ckpt;
+  return text;
+}
+
+// A checkpoint of the output is its own also when --load names the folder.
+bool loads_another_run(const RunOptions& run) {
+  std::error_code error;
+  return !run.load.empty() && !std::filesystem::equivalent(run.load, run.output, error);
+}
+
+std::optional<std::int64_t> step_to_load(const CheckpointFolder& source, const RunOptions& run) {
+  if (run.ckpt == "none") return std::nullopt;
+  if (run.ckpt == "latest") {
+    const std::optional<std::int64_t> latest = source.latest();
+    if (!latest && !run.load.empty()) throw InputError(run.load.string(), "ckpts", "holds no complete checkpoint");
+    return latest;
+  }
+  const std::int64_t step = std::stoll(run.ckpt);
+  if (source.complete(step)) return step;
+  std::string others;
+  for (const std::int64_t other : source.steps()) others += (others.empty() ? "" : ", ") + std::to_string(other);
+  throw InputError(source.file("state", step).string(), "",
+                   "there is no complete checkpoint of this step, only of " + (others.empty() ? "none" : others));
+}
+
+// @throws c10::Error for bytes that are no such state
+void set_generator_state(const std::string& bytes) {
+  const torch::Tensor state = torch::empty({static_cast<std::int64_t>(bytes.size())}, torch::kUInt8);
+  std::memcpy(state.data_ptr(), bytes.data(), bytes.size());
+  at::Generator generator = at::detail::getDefaultCPUGenerator();
+  generator.set_state(state);
 }
 
 }  // namespace
@@ -197,7 +238,8 @@ void CheckpointFolder::clean_up(std::int64_t newest) const {
 }
 
 std::optional<fs::path> set_later_steps_aside(const fs::path& run, std::int64_t last) {
-  const fs::path checkpoints = run / "ckpts", samples = run / "samples", metrics = run / "metrics.csv";
+  const RunFolder from{run};
+  const fs::path checkpoints = from.checkpoints(), samples = from.samples(), metrics = from.metrics();
   std::vector<std::string> files, pictures;
   std::set<std::int64_t> first_of_sets, first_of_rest;
   for (const std::string& name : files_in(checkpoints)) {
@@ -218,72 +260,25 @@ std::optional<fs::path> set_later_steps_aside(const fs::path& run, std::int64_t 
       new_abandoned_folder(checkpoints, *(first_of_sets.empty() ? first_of_rest : first_of_sets).begin());
   // The rows are in two places for a moment rather than in none.
   if (!rows.rows.empty()) {
-    write_file_atomically(folder / "metrics.csv", to_csv(rows));
+    write_file_atomically(RunFolder{folder}.metrics(), to_csv(rows));
     MetricsLog(metrics, last);
   }
   // States last: a move that is interrupted leaves no weights without one, which a clean-up would delete.
   std::stable_partition(files.begin(), files.end(), [](const std::string& name) { return !is_state(name); });
   for (const std::string& name : files) move_into(folder, checkpoints / name);
-  for (const std::string& name : pictures) move_into(folder / "samples", samples / name);
+  for (const std::string& name : pictures) move_into(RunFolder{folder}.samples(), samples / name);
   return folder;
 }
 
 fs::path checkpoint_files_of(const fs::path& run) {
-  std::error_code error;
-  const bool direct = !fs::is_directory(run / "ckpts", error) && CheckpointFolder(run).holds_states();
-  return direct ? run : run / "ckpts";
+  const RunFolder folder{run};
+  return !folder.has_checkpoints() && CheckpointFolder(run).holds_states() ? run : folder.checkpoints();
 }
 
 std::string generator_state() {
   const torch::Tensor state = at::detail::getDefaultCPUGenerator().get_state();
   return {static_cast<const char*>(state.data_ptr()), static_cast<std::size_t>(state.nbytes())};
 }
-
-void set_generator_state(const std::string& bytes) {
-  const torch::Tensor state = torch::empty({static_cast<std::int64_t>(bytes.size())}, torch::kUInt8);
-  std::memcpy(state.data_ptr(), bytes.data(), bytes.size());
-  at::Generator generator = at::detail::getDefaultCPUGenerator();
-  generator.set_state(state);
-}
-
-namespace {
-
-// Of LibTorch's own generator, in a saved state.
-std::string generator_name(std::size_t rank) {
-  return rank == 0 ? std::string("rng.torch") : "rng.torch.rank" + std::to_string(rank);
-}
-
-constexpr char kRestart[] = "restart.json";
-
-// The options of a command line that say where to begin.
-std::string told_start(const RunOptions& run) {
-  std::string text = run.load.empty() ? "" : "--load " + run.load.string();
-  if (run.ckpt != "latest") text += (text.empty() ? "--ckpt " : " --ckpt ") + run.ckpt;
-  return text;
-}
-
-// A checkpoint of the output is its own also when --load names the folder.
-bool loads_another_run(const RunOptions& run) {
-  std::error_code error;
-  return !run.load.empty() && !std::filesystem::equivalent(run.load, run.output, error);
-}
-
-std::optional<std::int64_t> step_to_load(const CheckpointFolder& source, const RunOptions& run) {
-  if (run.ckpt == "none") return std::nullopt;
-  if (run.ckpt == "latest") {
-    const std::optional<std::int64_t> latest = source.latest();
-    if (!latest && !run.load.empty()) throw InputError(run.load.string(), "ckpts", "holds no complete checkpoint");
-    return latest;
-  }
-  const std::int64_t step = std::stoll(run.ckpt);
-  if (source.complete(step)) return step;
-  std::string others;
-  for (const std::int64_t other : source.steps()) others += (others.empty() ? "" : ", ") + std::to_string(other);
-  throw InputError(source.file("state", step).string(), "",
-                   "there is no complete checkpoint of this step, only of " + (others.empty() ? "none" : others));
-}
-
-}  // namespace
 
 void check_start(const RunOptions& run) {
   const bool step =
@@ -344,7 +339,7 @@ Trainer::StartPoint Trainer::choose_start() const {
 }
 
 bool Trainer::restart_is_under_way() const {
-  const std::filesystem::path file = run_.output / kRestart;
+  const std::filesystem::path file = RunFolder{run_.output}.restart();
   std::error_code error;
   if (!std::filesystem::exists(file, error)) return false;
   const Json begun = read_json(file);
@@ -357,22 +352,23 @@ std::int64_t Trainer::last_kept_step() const { return start_.own && start_.step 
 void Trainer::begin_again() {
   const std::int64_t last = last_kept_step();
   if (const std::optional<std::filesystem::path> folder = set_later_steps_aside(run_.output, last)) {
-    if (!run_.earlier_config.empty()) write_file_atomically(*folder / "config.json", run_.earlier_config);
+    if (!run_.earlier_config.empty()) write_file_atomically(RunFolder{*folder}.config(), run_.earlier_config);
     log::warn("what {} held {} is now in {}; nothing of it is deleted, and another run can --load that folder",
               run_.output.string(), last < 0 ? "of earlier runs" : "of the steps after " + std::to_string(last),
               folder->string());
   }
   // Not before: a command that is stopped above begins again.
   if (run_.restart) {
-    write_file_atomically(run_.output / kRestart, Json{{"command", run_.command}, {"last_step", last}}.dump(1) + "\n");
+    write_file_atomically(RunFolder{run_.output}.restart(),
+                          Json{{"command", run_.command}, {"last_step", last}}.dump(1) + "\n");
   }
   start_.begins_again = false;
 }
 
 void Trainer::end_restart() const {
   std::error_code error;
-  if (first()) std::filesystem::remove(run_.output / kRestart, error);
-  if (error) throw Error((run_.output / kRestart).string() + ": cannot be removed: " + error.message());
+  if (first()) std::filesystem::remove(RunFolder{run_.output}.restart(), error);
+  if (error) throw Error((RunFolder{run_.output}.restart()).string() + ": cannot be removed: " + error.message());
 }
 
 // A message that says "saved" or "finished" follows.

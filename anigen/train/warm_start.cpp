@@ -1,6 +1,5 @@
 #include "anigen/train/warm_start.h"
 
-#include <set>
 #include <system_error>
 
 #include "anigen/core/error.h"

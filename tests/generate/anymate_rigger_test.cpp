@@ -79,7 +79,7 @@ TEST_P(EveryJointDecoder, GivesASoundRigThatTheSeedDecides) {
   EXPECT_EQ(apart(first.skeleton, again.skeleton), 0.0) << "what came before must not matter";
   EXPECT_EQ(to_dense(first.skin, first.skeleton.size()), to_dense(again.skin, again.skeleton.size()));
 
-  if (anymate::task_of(anymate::decoder_kind(GetParam())) == anymate::Task::kJointVolume) {
+  if (anymate::task_of(anymate::ModelOptions::released("bert", GetParam()).decoder) == anymate::Task::kJointVolume) {
     return;  // the cells of a random field hardly depend on the points
   }
   options.seed = 1;
@@ -173,7 +173,7 @@ TEST(AnymateSkin, OfEveryBoneGoesToItsHead) {
   torch::manual_seed(5);
   const torch::Tensor cloud = anymate::small_cloud(1, 64), vertices = anymate::small_cloud(1, 9)[0];
   const RigBones bones = bones_between(torch::rand({4, 3}) - 0.5, {-1, 0, 1, 1});
-  const SkinWeights skin = anymate_skin(trained, cloud, vertices, bones, 0);
+  const SkinWeights skin = anymate_skin(trained, cloud, vertices, bones);
   const torch::Tensor shares = direct_shares(trained, cloud, vertices.unsqueeze(0), bones.bones);
   const std::vector<float> dense = to_dense(skin, 4);
   for (std::size_t v = 0; v < 9; ++v) {
@@ -189,7 +189,7 @@ TEST(AnymateSkin, ConcatenationGivesVerticesTheNearestPointsShares) {
   torch::manual_seed(5);
   const torch::Tensor cloud = anymate::small_cloud(1, 69);
   const RigBones bones = bones_between(torch::rand({3, 3}) - 0.5, {-1, 0, 1});
-  const std::vector<float> dense = to_dense(anymate_skin(trained, cloud, cloud[0].slice(0, 10, 13), bones, 0), 3);
+  const std::vector<float> dense = to_dense(anymate_skin(trained, cloud, cloud[0].slice(0, 10, 13), bones), 3);
   const torch::Tensor shares = direct_shares(trained, cloud, cloud.slice(1, 0, 64), bones.bones);
   for (std::size_t v = 0; v < 3; ++v) {
     EXPECT_NEAR(dense[3 * v], shares[static_cast<std::int64_t>(10 + v)][0].item<float>(), 1e-3) << v;
@@ -236,16 +236,20 @@ TEST(AnymateRigger, WorksAsStepsOfTheOtherRigger) {
   rigging::RigRequest request;
   request.meshes = folder / "mesh.glb";
   request.out = folder / "rigged.glb";
-  request.learned = anymate_steps(small_models(kJoints, kConnectivity, kSkin), {});
+  request.learned = LearnedRigger::steps(
+      std::make_shared<AnymateRigger>(small_models(kJoints, kConnectivity, kSkin), AnymateRiggerOptions()));
   EXPECT_EQ(rigging::rig_meshes(request).meshes.at(0).failure, "");
   const Asset asset = io::read_gltf(request.out).asset;
   EXPECT_EQ(validate(asset), std::vector<std::string>{});
   EXPECT_EQ(asset.mesh.vertices.size(), static_cast<std::size_t>(file.vertex_count()));
 
-  request.learned = anymate_steps(small_models(kJoints, "", ""), {});
+  request.learned =
+      LearnedRigger::steps(std::make_shared<AnymateRigger>(small_models(kJoints, "", ""), AnymateRiggerOptions()));
   EXPECT_FALSE(request.learned.bind) << "geodesic voxels do that";
   EXPECT_EQ(rigging::rig_meshes(request).meshes.at(0).failure, "");
-  EXPECT_FALSE(anymate_steps(small_models("", "", kSkin), {}).propose);
+  EXPECT_FALSE(
+      LearnedRigger::steps(std::make_shared<AnymateRigger>(small_models("", "", kSkin), AnymateRiggerOptions()))
+          .propose);
 }
 
 }  // namespace

@@ -243,6 +243,14 @@ TEST_F(EvaluateStructures, ComparesTheFlowWithRetrievalAndTheAutoEncoder) {
   }
 }
 
+TEST_F(EvaluateStructures, WithoutPicturesThereIsNoSheet) {
+  request_.retrieval_views = 0;
+  request_.pictured = 0;
+  evaluate_structures(request_);
+  EXPECT_TRUE(std::filesystem::exists(folder_ / "out" / "table.md"));
+  EXPECT_FALSE(std::filesystem::exists(folder_ / "out" / "samples.png"));
+}
+
 TEST_F(EvaluateStructures, RetrievalFindsAnAssetAmongItsOwnPictures) {
   request_.train_split = folder_ / "test.txt";
   request_.retrieval_views = 2;

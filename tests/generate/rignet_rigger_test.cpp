@@ -147,11 +147,17 @@ TEST(RignetRigger, WorksAsStepsOfTheOtherRigger) {
   rigging::RigRequest request;
   request.meshes = folder / "mesh.glb";
   request.out = folder / "rigged.glb";
-  request.learned = rignet_steps(small_rignet_models(true, true, true), {});
+  request.learned = LearnedRigger::steps(
+      std::make_shared<RignetRigger>(small_rignet_models(true, true, true), RignetRiggerOptions()));
   EXPECT_EQ(rigging::rig_meshes(request).meshes.at(0).failure, "");
   EXPECT_EQ(validate(io::read_gltf(request.out).asset), std::vector<std::string>{});
-  EXPECT_FALSE(rignet_steps(small_rignet_models(true, false, false), {}).bind) << "geodesic voxels do that";
-  EXPECT_FALSE(rignet_steps(small_rignet_models(false, false, true), {}).propose);
+  EXPECT_FALSE(LearnedRigger::steps(
+                   std::make_shared<RignetRigger>(small_rignet_models(true, false, false), RignetRiggerOptions()))
+                   .bind)
+      << "geodesic voxels do that";
+  EXPECT_FALSE(LearnedRigger::steps(
+                   std::make_shared<RignetRigger>(small_rignet_models(false, false, true), RignetRiggerOptions()))
+                   .propose);
 }
 
 TEST(RignetModels, AreReadFromRunsAndMustFitTheirPlaces) {

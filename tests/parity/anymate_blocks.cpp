@@ -55,15 +55,15 @@ void run_attention_blocks(Fixture& fixture) {
   options.x_dim = anymate_size(fixture, "x_dim");
   options.num_heads = anymate_size(fixture, "heads_diff");
   options.qkv_bias = has(parameters_of(fixture, "read"), "attn.wq.bias");
-  anymate::ReadBlock read(options);
+  anymate::StreamBlock read(options, "z", "x");
   load_part(read, fixture, "read");
   fixture.check("read", read(z, xd));
-  anymate::ComputeBlock compute(options);
+  anymate::StreamBlock compute(options, "z", "z");
   load_part(compute, fixture, "compute");
-  fixture.check("compute", compute(z));
-  anymate::WriteBlock write(options);
+  fixture.check("compute", compute(z, z));
+  anymate::StreamBlock write(options, "x", "z");
   load_part(write, fixture, "write");
-  fixture.check("write", write(z, xd));
+  fixture.check("write", write(xd, z));
 }
 
 }  // namespace

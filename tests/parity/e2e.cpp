@@ -57,7 +57,7 @@ void check_structure(Fixture& fixture, const fs::path& runs) {
 }
 
 structured_latent::PerStream<sparse::SparseTensor> check_latents(Fixture& fixture, const fs::path& runs) {
-  generate::StructuredLatentGenerator::Request request;
+  generate::FlowRequest request;
   request.run = runs / "slat_flow_control";
   generate::StructuredLatentGenerator generator(request);
   const Json& config = fixture.config();

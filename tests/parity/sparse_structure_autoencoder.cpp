@@ -3,7 +3,7 @@
 #include "anigen/nn/state_dict.h"
 #include "anigen/sparse_structure/autoencoder.h"
 #include "anigen/sparse_structure/voxel_metrics.h"
-#include "anigen/train/stages/flow_stage.h"
+#include "anigen/train/stages/autoencoder_stage.h"
 #include "tests/parity/described_part.h"
 #include "tests/parity/registry.h"
 

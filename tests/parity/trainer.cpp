@@ -35,7 +35,7 @@ void run_grad_clip(Fixture& fixture) {
   fixture.check("buffer_length", torch::tensor(static_cast<std::int64_t>(clipper.state().length)));
 }
 
-train::LrSchedulePtr schedule_of(const Json& json) {
+train::LrSchedule schedule_of(const Json& json) {
   const Json& args = json.at("args");
   if (json.at("name") == "LinearLR") {
     return train::linear_lr(args.at("start_factor"), args.at("end_factor"), args.at("total_iters"));
@@ -44,15 +44,15 @@ train::LrSchedulePtr schedule_of(const Json& json) {
   throw std::runtime_error("unexpected schedule " + json.at("name").get<std::string>());
 }
 
-train::LrSchedulePtr sequence_of(const Json& config) {
-  std::vector<train::LrSchedulePtr> schedules;
+train::LrSchedule sequence_of(const Json& config) {
+  std::vector<train::LrSchedule> schedules;
   for (const Json& part : config.at("schedulers")) schedules.push_back(schedule_of(part));
   return train::sequential_lr(schedules, config.at("args").at("milestones").get<std::vector<std::int64_t>>());
 }
 
-Tensor rates(const train::LrSchedulePtr& schedule, double base, const Tensor& steps) {
+Tensor rates(const train::LrSchedule& schedule, double base, const Tensor& steps) {
   Tensor rates = torch::empty({steps.size(0)}, torch::kFloat64);
-  for (std::int64_t i = 0; i < steps.size(0); ++i) rates[i] = schedule->rate(base, steps[i].item<std::int64_t>());
+  for (std::int64_t i = 0; i < steps.size(0); ++i) rates[i] = schedule(base, steps[i].item<std::int64_t>());
   return rates;
 }
 
@@ -64,7 +64,7 @@ void run_lr_schedule(Fixture& fixture) {
   const Json& small = config.at("small");
   fixture.check("lr_small", rates(sequence_of(small), small.at("lr"), fixture.input("steps_small")));
   const Json& warm = config.at("warm");
-  const train::LrSchedulePtr warmup = train::linear_warmup_lr(warm.at("warmup_steps"));
+  const train::LrSchedule warmup = train::linear_warmup_lr(warm.at("warmup_steps"));
   fixture.check("lr_warm", rates(warmup, warm.at("lr"), fixture.input("steps_warm")));
 }
 

@@ -228,48 +228,46 @@ TEST(AdaptiveGradClipper, RestoredStateContinuesTheSame) {
 namespace {
 
 TEST(LrSchedule, PublishedWarmUpThenCosine) {
-  const LrSchedulePtr schedule =
-      sequential_lr({linear_lr(1e-6, 1.0, 1000), cosine_annealing_lr(1'000'000, 0.0)}, {1000});
+  const LrSchedule schedule = sequential_lr({linear_lr(1e-6, 1.0, 1000), cosine_annealing_lr(1'000'000, 0.0)}, {1000});
   for (const std::int64_t s : {0, 1, 500, 999}) {
-    EXPECT_NEAR(schedule->rate(1e-4, s), 1e-4 * (1e-6 + (1 - 1e-6) * static_cast<double>(s) / 1000.0), 1e-18);
+    EXPECT_NEAR(schedule(1e-4, s), 1e-4 * (1e-6 + (1 - 1e-6) * static_cast<double>(s) / 1000.0), 1e-18);
   }
-  EXPECT_DOUBLE_EQ(schedule->rate(1e-4, 1000), 1e-4);
+  EXPECT_DOUBLE_EQ(schedule(1e-4, 1000), 1e-4);
   for (const std::int64_t s : {1001, 250'000, 1'000'000}) {
-    EXPECT_NEAR(schedule->rate(1e-4, s), 0.5e-4 * (1 + std::cos(kPi * static_cast<double>(s - 1000) / 1e6)), 1e-17);
+    EXPECT_NEAR(schedule(1e-4, s), 0.5e-4 * (1 + std::cos(kPi * static_cast<double>(s - 1000) / 1e6)), 1e-17);
   }
 }
 
 TEST(LrSchedule, CosineComesBackUpAfterTMax) {
-  const LrSchedulePtr schedule = cosine_annealing_lr(50, 1e-5);
-  EXPECT_NEAR(schedule->rate(3e-4, 50), 1e-5, 1e-18);
-  EXPECT_NEAR(schedule->rate(3e-4, 75), schedule->rate(3e-4, 25), 1e-16);
-  EXPECT_NEAR(schedule->rate(3e-4, 100), 3e-4, 1e-16);
+  const LrSchedule schedule = cosine_annealing_lr(50, 1e-5);
+  EXPECT_NEAR(schedule(3e-4, 50), 1e-5, 1e-18);
+  EXPECT_NEAR(schedule(3e-4, 75), schedule(3e-4, 25), 1e-16);
+  EXPECT_NEAR(schedule(3e-4, 100), 3e-4, 1e-16);
 }
 
 TEST(LrSchedule, StepsDownAtMilestones) {
-  const LrSchedulePtr steps = multi_step_lr({10, 4}, 0.2);
-  EXPECT_DOUBLE_EQ(steps->rate(2.0, 3), 2.0);
-  EXPECT_DOUBLE_EQ(steps->rate(2.0, 4), 0.4);
-  EXPECT_DOUBLE_EQ(steps->rate(2.0, 10), 2.0 * 0.2 * 0.2);
+  const LrSchedule steps = multi_step_lr({10, 4}, 0.2);
+  EXPECT_DOUBLE_EQ(steps(2.0, 3), 2.0);
+  EXPECT_DOUBLE_EQ(steps(2.0, 4), 0.4);
+  EXPECT_DOUBLE_EQ(steps(2.0, 10), 2.0 * 0.2 * 0.2);
 }
 
 TEST(LrSchedule, LinearConstantAndWarmUp) {
-  EXPECT_DOUBLE_EQ(linear_lr(0.5, 1.0, 10)->rate(2.0, 5), 1.5);
-  EXPECT_DOUBLE_EQ(linear_lr(0.5, 0.25, 10)->rate(2.0, 1000), 0.5);
-  EXPECT_DOUBLE_EQ(constant_lr(0.1, 3)->rate(2.0, 2), 0.2);
-  EXPECT_DOUBLE_EQ(constant_lr(0.1, 3)->rate(2.0, 3), 2.0);
-  EXPECT_DOUBLE_EQ(linear_warmup_lr(7)->rate(7.0, 0), 1.0);
-  EXPECT_DOUBLE_EQ(linear_warmup_lr(7)->rate(7.0, 6), 7.0);
-  EXPECT_DOUBLE_EQ(linear_warmup_lr(7)->rate(7.0, 600), 7.0);
+  EXPECT_DOUBLE_EQ(linear_lr(0.5, 1.0, 10)(2.0, 5), 1.5);
+  EXPECT_DOUBLE_EQ(linear_lr(0.5, 0.25, 10)(2.0, 1000), 0.5);
+  EXPECT_DOUBLE_EQ(constant_lr(0.1, 3)(2.0, 2), 0.2);
+  EXPECT_DOUBLE_EQ(constant_lr(0.1, 3)(2.0, 3), 2.0);
+  EXPECT_DOUBLE_EQ(linear_warmup_lr(7)(7.0, 0), 1.0);
+  EXPECT_DOUBLE_EQ(linear_warmup_lr(7)(7.0, 6), 7.0);
+  EXPECT_DOUBLE_EQ(linear_warmup_lr(7)(7.0, 600), 7.0);
 }
 
 TEST(LrSchedule, SeveralMilestonesCountTheirOwnSteps) {
-  const LrSchedulePtr schedule =
-      sequential_lr({constant_lr(0.5, 100), linear_lr(0.0, 1.0, 10), unscheduled()}, {3, 13});
-  EXPECT_DOUBLE_EQ(schedule->rate(1.0, 2), 0.5);
-  EXPECT_DOUBLE_EQ(schedule->rate(1.0, 3), 0.0);
-  EXPECT_DOUBLE_EQ(schedule->rate(1.0, 8), 0.5);
-  EXPECT_DOUBLE_EQ(schedule->rate(1.0, 13), 1.0);
+  const LrSchedule schedule = sequential_lr({constant_lr(0.5, 100), linear_lr(0.0, 1.0, 10), unscheduled()}, {3, 13});
+  EXPECT_DOUBLE_EQ(schedule(1.0, 2), 0.5);
+  EXPECT_DOUBLE_EQ(schedule(1.0, 3), 0.0);
+  EXPECT_DOUBLE_EQ(schedule(1.0, 8), 0.5);
+  EXPECT_DOUBLE_EQ(schedule(1.0, 13), 1.0);
   EXPECT_THROW(sequential_lr({unscheduled()}, {3}), InputError);
   EXPECT_THROW(sequential_lr({unscheduled(), unscheduled(), unscheduled()}, {5, 3}), InputError);
 }
@@ -278,10 +276,10 @@ TEST(LrSchedule, ReadsJsonAndSharesOfMaxSteps) {
   const Json json = Json::parse(R"({"name": "SequentialLR", "schedulers": [
       {"name": "LinearLR", "args": {"start_factor": 0.1, "total_iters": "10%"}},
       {"name": "CosineAnnealingLR", "args": {"T_max": 90}}], "args": {"milestones": ["10%"]}})");
-  const LrSchedulePtr schedule = read_schedule(json, 100, "f", "/s");
-  EXPECT_DOUBLE_EQ(schedule->rate(1.0, 0), 0.1);
-  EXPECT_DOUBLE_EQ(schedule->rate(1.0, 10), 1.0);
-  EXPECT_NEAR(schedule->rate(1.0, 55), 0.5, 1e-12);
+  const LrSchedule schedule = read_schedule(json, 100, "f", "/s");
+  EXPECT_DOUBLE_EQ(schedule(1.0, 0), 0.1);
+  EXPECT_DOUBLE_EQ(schedule(1.0, 10), 1.0);
+  EXPECT_NEAR(schedule(1.0, 55), 0.5, 1e-12);
 }
 
 TEST(LrSchedule, BadJsonNamesThePlace) {
@@ -363,13 +361,9 @@ TEST(Muon, RefusesAMomentumThatNeverForgets) {
 namespace {
 
 /// The base rate, but for one step at which finite gradients make weights that are not finite.
-struct Burst : LrSchedule {
-  explicit Burst(std::int64_t at) : at(at) {}
-  double rate(double base, std::int64_t step) const override {
-    return step == at ? std::numeric_limits<double>::infinity() : base;
-  }
-  std::int64_t at;
-};
+LrSchedule burst(std::int64_t at) {
+  return [at](double base, std::int64_t step) { return step == at ? std::numeric_limits<double>::infinity() : base; };
+}
 
 /// fp32 and fp16 weights, so that both ways from the master to the model are covered.
 struct MixedImpl : torch::nn::Module {
@@ -398,7 +392,7 @@ class RecoveryTest : public ::testing::Test {
 };
 
 TEST_F(RecoveryTest, GoesBackToTheLastTenthStepAndOn) {
-  options_.schedule = std::make_shared<Burst>(13);
+  options_.schedule = burst(13);
   ParameterUpdate update(buffer_, options_);
   torch::Tensor tenth, average;
   for (std::int64_t step = 0; step < 13; ++step) {
@@ -424,7 +418,7 @@ TEST_F(RecoveryTest, GoesBackToTheLastTenthStepAndOn) {
 }
 
 TEST_F(RecoveryTest, TheTenthStepItselfCanBeUndone) {
-  options_.schedule = std::make_shared<Burst>(0);
+  options_.schedule = burst(0);
   ParameterUpdate update(buffer_, options_);
   const torch::Tensor start = buffer_.master().clone();
   EXPECT_TRUE(apply(update, 0).restored);
@@ -432,7 +426,7 @@ TEST_F(RecoveryTest, TheTenthStepItselfCanBeUndone) {
 }
 
 TEST_F(RecoveryTest, IsAnErrorWhenThereIsNothingToGoBackTo) {
-  options_.schedule = std::make_shared<Burst>(3);
+  options_.schedule = burst(3);
   ParameterUpdate update(buffer_, options_);
   EXPECT_THROW(apply(update, 3), Error);
 }
@@ -483,7 +477,7 @@ class RecoveryRun : public ::testing::Test {
     TrainerOptions options;
     options.max_steps = max_steps;
     options.i_save = 1000;
-    options.update.schedule = std::make_shared<Burst>(17);
+    options.update.schedule = burst(17);
     RunOptions run;
     run.output = folder_ / output;
     Trainer(stage, options, run).run();

@@ -14,7 +14,7 @@
 #include "anigen/core/files.h"
 #include "anigen/core/process.h"
 #include "anigen/io/arrays/safetensors.h"
-#include "anigen/train/stages/skin_autoencoder.h"
+#include "anigen/train/stages/stages.h"
 #include "anigen/train/train_command.h"
 #include "tests/data/synthetic_dataset.h"
 #include "tests/support/paths.h"

@@ -232,13 +232,15 @@ rigging::LearnedSteps learned_steps(const RigArguments& arguments, const CommonO
     rigger.seed = common.seed;
     rigger.most_influences = influences;
     rigger.device = device;
-    return generate::anymate_steps(generate::load_anymate_models(files, device), rigger);
+    return generate::LearnedRigger::steps(
+        std::make_shared<generate::AnymateRigger>(generate::load_anymate_models(files, device), rigger));
   }
   generate::RignetRiggerOptions rigger;
   rigger.seed = common.seed;
   rigger.most_influences = influences;
   rigger.device = device;
-  return generate::rignet_steps(generate::load_rignet_models(files, device), rigger);
+  return generate::LearnedRigger::steps(
+      std::make_shared<generate::RignetRigger>(generate::load_rignet_models(files, device), rigger));
 }
 
 void retrieve(const RigArguments& arguments, const CommonOptions& common) {

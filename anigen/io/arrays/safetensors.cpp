@@ -13,6 +13,7 @@
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
 #include "anigen/core/log.h"
+#include "anigen/core/run_folder.h"
 
 namespace anigen::io {
 
@@ -266,11 +267,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-fs::path files_folder(const fs::path& folder) {
-  std::error_code error;
-  return fs::is_directory(folder / "ckpts", error) ? folder / "ckpts" : folder;
-}
-
 bool contains(const std::string& text, const char* part) { return text.find(part) != std::string::npos; }
 
 std::string listed(const std::vector<std::string>& names) {
@@ -326,7 +322,7 @@ std::int64_t step_of(const std::string& file_name) {
 }
 
 fs::path choose_flow_checkpoint(const fs::path& folder, bool prefer_ema) {
-  const fs::path files = files_folder(folder);
+  const fs::path files = RunFolder{folder}.checkpoint_files();
   const std::vector<std::string> names = checkpoint_names(files);
   std::string chosen = newest(names, prefer_ema);
   if (chosen.empty()) {
@@ -338,7 +334,7 @@ fs::path choose_flow_checkpoint(const fs::path& folder, bool prefer_ema) {
 }
 
 fs::path choose_checkpoint(const fs::path& folder, const std::string& model, const std::string& name) {
-  const fs::path files = files_folder(folder);
+  const fs::path files = RunFolder{folder}.checkpoint_files();
   std::error_code error;
   std::string tried;
   for (const std::string& stem : {model + "_" + name, name}) {

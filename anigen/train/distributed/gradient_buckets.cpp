@@ -7,8 +7,6 @@
 #include <chrono>
 #include <cstring>
 #include <map>
-#include <string>
-#include <vector>
 
 #include "anigen/core/error.h"
 
@@ -17,6 +15,30 @@ namespace anigen::train {
 namespace {
 
 enum Place { kLoss, kAnyInterrupted, kOutOfTime, kBadLoss };  // in values_; from kBadLoss on one per rank
+
+constexpr std::size_t kLanes = 4;  // independent chains of multiplications
+constexpr std::uint64_t kPrime = 0x100000001b3ULL, kStart = 0xcbf29ce484222325ULL;  // of FNV-1a
+
+std::uint64_t mixed(std::uint64_t hash, std::uint64_t word) {
+  hash = (hash ^ word) * kPrime;
+  return hash ^ (hash >> 29);
+}
+
+using torch::autograd::variable_list;
+
+constexpr std::size_t kNone = static_cast<std::size_t>(-1);
+
+std::string bytes_of(const std::vector<std::size_t>& order) {
+  std::string bytes(order.size() * sizeof(std::size_t), '\0');
+  if (!order.empty()) std::memcpy(bytes.data(), order.data(), bytes.size());
+  return bytes;
+}
+
+std::vector<std::size_t> order_of(const std::string& bytes) {
+  std::vector<std::size_t> order(bytes.size() / sizeof(std::size_t));
+  if (!order.empty()) std::memcpy(order.data(), bytes.data(), order.size() * sizeof(std::size_t));
+  return order;
+}
 
 }  // namespace
 
@@ -42,18 +64,6 @@ StepVerdict StepAgreement::finish() {
   }
   return verdict;
 }
-
-namespace {
-
-constexpr std::size_t kLanes = 4;  // independent chains of multiplications
-constexpr std::uint64_t kPrime = 0x100000001b3ULL, kStart = 0xcbf29ce484222325ULL;  // of FNV-1a
-
-std::uint64_t mixed(std::uint64_t hash, std::uint64_t word) {
-  hash = (hash ^ word) * kPrime;
-  return hash ^ (hash >> 29);
-}
-
-}  // namespace
 
 std::uint64_t checksum(const torch::Tensor& flat) {
   const torch::Tensor values = flat.detach().to(torch::kCPU).contiguous();
@@ -93,26 +103,6 @@ void require_same_parameters(Communicator& ranks, const torch::Tensor& flat, con
   throw Error(moment + ": parameters are no longer the same on all ranks; those of rank " + different +
               " differ from the others'. Nothing was saved since; start again from the last checkpoint");
 }
-
-namespace {
-
-using torch::autograd::variable_list;
-
-constexpr std::size_t kNone = static_cast<std::size_t>(-1);
-
-std::string bytes_of(const std::vector<std::size_t>& order) {
-  std::string bytes(order.size() * sizeof(std::size_t), '\0');
-  if (!order.empty()) std::memcpy(bytes.data(), order.data(), bytes.size());
-  return bytes;
-}
-
-std::vector<std::size_t> order_of(const std::string& bytes) {
-  std::vector<std::size_t> order(bytes.size() / sizeof(std::size_t));
-  if (!order.empty()) std::memcpy(order.data(), bytes.data(), order.size() * sizeof(std::size_t));
-  return order;
-}
-
-}  // namespace
 
 GradientBuckets::GradientBuckets(ParameterBuffer& buffer, Communicator& ranks, const Options& options)
     : buffer_(buffer), ranks_(ranks), options_(options), late_(kNone) {

@@ -15,8 +15,6 @@
 #include "anigen/core/error.h"
 #include "anigen/core/log.h"
 #include "anigen/core/process.h"
-#include "anigen/train/distributed/c10d.h"
-#include "anigen/train/distributed/communicator.h"
 
 extern char** environ;
 
@@ -128,85 +126,6 @@ Rendezvous rendezvous_of(const Variables& variables, const LaunchEnvironment& ra
   return found;
 }
 
-}  // namespace
-
-std::string Rendezvous::text() const {
-  return !file.empty() ? "file://" + file : "tcp://" + host + ":" + std::to_string(port);
-}
-
-std::string first_host(const std::string& list, const std::string& variable) {
-  const InputError malformed(variable, list.substr(0, kShown), "expected a list of hosts such as gpu[003-007],login1");
-  const std::size_t end = list.find_first_of("[,");
-  std::string host = list.substr(0, end);
-  if (end != std::string::npos && list[end] == '[') {
-    const std::size_t stop = list.find_first_of("-,]", end + 1);
-    if (stop == std::string::npos || list.find(']', end) == std::string::npos) throw malformed;
-    const std::string digits = list.substr(end + 1, stop - end - 1);
-    if (digits.empty() || digits.find_first_not_of("0123456789") != std::string::npos) throw malformed;
-    const std::size_t after = list.find(']', end) + 1;  // "rack[1-2]node" has a name behind the number, too
-    host += digits + list.substr(after, list.find_first_of("[,", after) - after);
-  }
-  constexpr const char* kOfHosts = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789.-_";
-  if (host.empty() || host.find_first_not_of(kOfHosts) != std::string::npos) throw malformed;
-  return host;
-}
-
-int tasks_of_node(const std::string& list, int node, const std::string& variable) {
-  const auto part = [&](const std::string& digits) { return number(variable, digits, 1, kMostRanks); };
-  int nodes = 0;
-  std::istringstream entries(list);
-  for (std::string entry; std::getline(entries, entry, ',');) {
-    const std::size_t times = entry.find("(x");
-    const bool repeated = times != std::string::npos && entry.back() == ')';
-    const int tasks = part(entry.substr(0, repeated ? times : std::string::npos));
-    nodes += repeated ? part(entry.substr(times + 2, entry.size() - times - 3)) : 1;
-    if (node < nodes) return tasks;
-  }
-  throw InputError(variable, list.substr(0, kShown), "says nothing of node " + std::to_string(node));
-}
-
-LaunchEnvironment read_launch_environment(const Variables& variables, const std::string& rendezvous) {
-  LaunchEnvironment found;
-  const std::optional<Names> names = launcher_of(variables);
-  if (!names) {
-    if (!rendezvous.empty()) parse_rendezvous("--rendezvous", rendezvous);
-    return found;
-  }
-  found.launcher = names->launcher;
-  found.size = required(variables, names->size, names->rank, 1, kMostRanks);
-  found.rank = required(variables, names->rank, names->size, 0, kMostRanks - 1);
-  if (found.rank >= found.size) {
-    throw InputError(names->rank, std::to_string(found.rank),
-                     "must be less than " + std::string(names->size) + ", which is " + std::to_string(found.size));
-  }
-  found.local_rank = optional_number(variables, names->local_rank, 0, 0, kMostRanks - 1);
-  found.local_size = local_size(variables, *names);
-  if (found.local_size > found.size) {
-    throw InputError(names->local_size, std::to_string(found.local_size),
-                     "is more than " + std::string(names->size) + ", which is " + std::to_string(found.size));
-  }
-  if (found.size == 1) return found;
-  const std::optional<std::string> variable = text_of(variables, "ANIGEN_RENDEZVOUS");
-  if (!rendezvous.empty()) {
-    found.rendezvous = parse_rendezvous("--rendezvous", rendezvous);
-  } else if (variable) {
-    found.rendezvous = parse_rendezvous("ANIGEN_RENDEZVOUS", *variable);
-  } else {
-    found.rendezvous = rendezvous_of(variables, found);
-  }
-  for (const char* name : {"TORCHELASTIC_RESTART_COUNT", "SLURM_RESTART_COUNT"}) {
-    found.rendezvous.attempt += "/" + text_of(variables, name).value_or("0").substr(0, kShown);
-  }
-  return found;
-}
-
-LaunchEnvironment read_launch_environment(const std::string& rendezvous) {
-  return read_launch_environment([](const char* name) { return static_cast<const char*>(std::getenv(name)); },
-                                 rendezvous);
-}
-
-namespace {
-
 using Clock = std::chrono::steady_clock;
 
 constexpr int kFailed = 1, kBadInput = 2, kInterrupted = 130;
@@ -295,6 +214,81 @@ class Processes {
 
 }  // namespace
 
+std::string Rendezvous::text() const {
+  return !file.empty() ? "file://" + file : "tcp://" + host + ":" + std::to_string(port);
+}
+
+std::string first_host(const std::string& list, const std::string& variable) {
+  const InputError malformed(variable, list.substr(0, kShown), "expected a list of hosts such as gpu[003-007],login1");
+  const std::size_t end = list.find_first_of("[,");
+  std::string host = list.substr(0, end);
+  if (end != std::string::npos && list[end] == '[') {
+    const std::size_t stop = list.find_first_of("-,]", end + 1);
+    if (stop == std::string::npos || list.find(']', end) == std::string::npos) throw malformed;
+    const std::string digits = list.substr(end + 1, stop - end - 1);
+    if (digits.empty() || digits.find_first_not_of("0123456789") != std::string::npos) throw malformed;
+    const std::size_t after = list.find(']', end) + 1;  // "rack[1-2]node" has a name behind the number, too
+    host += digits + list.substr(after, list.find_first_of("[,", after) - after);
+  }
+  constexpr const char* kOfHosts = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789.-_";
+  if (host.empty() || host.find_first_not_of(kOfHosts) != std::string::npos) throw malformed;
+  return host;
+}
+
+int tasks_of_node(const std::string& list, int node, const std::string& variable) {
+  const auto part = [&](const std::string& digits) { return number(variable, digits, 1, kMostRanks); };
+  int nodes = 0;
+  std::istringstream entries(list);
+  for (std::string entry; std::getline(entries, entry, ',');) {
+    const std::size_t times = entry.find("(x");
+    const bool repeated = times != std::string::npos && entry.back() == ')';
+    const int tasks = part(entry.substr(0, repeated ? times : std::string::npos));
+    nodes += repeated ? part(entry.substr(times + 2, entry.size() - times - 3)) : 1;
+    if (node < nodes) return tasks;
+  }
+  throw InputError(variable, list.substr(0, kShown), "says nothing of node " + std::to_string(node));
+}
+
+LaunchEnvironment read_launch_environment(const Variables& variables, const std::string& rendezvous) {
+  LaunchEnvironment found;
+  const std::optional<Names> names = launcher_of(variables);
+  if (!names) {
+    if (!rendezvous.empty()) parse_rendezvous("--rendezvous", rendezvous);
+    return found;
+  }
+  found.launcher = names->launcher;
+  found.size = required(variables, names->size, names->rank, 1, kMostRanks);
+  found.rank = required(variables, names->rank, names->size, 0, kMostRanks - 1);
+  if (found.rank >= found.size) {
+    throw InputError(names->rank, std::to_string(found.rank),
+                     "must be less than " + std::string(names->size) + ", which is " + std::to_string(found.size));
+  }
+  found.local_rank = optional_number(variables, names->local_rank, 0, 0, kMostRanks - 1);
+  found.local_size = local_size(variables, *names);
+  if (found.local_size > found.size) {
+    throw InputError(names->local_size, std::to_string(found.local_size),
+                     "is more than " + std::string(names->size) + ", which is " + std::to_string(found.size));
+  }
+  if (found.size == 1) return found;
+  const std::optional<std::string> variable = text_of(variables, "ANIGEN_RENDEZVOUS");
+  if (!rendezvous.empty()) {
+    found.rendezvous = parse_rendezvous("--rendezvous", rendezvous);
+  } else if (variable) {
+    found.rendezvous = parse_rendezvous("ANIGEN_RENDEZVOUS", *variable);
+  } else {
+    found.rendezvous = rendezvous_of(variables, found);
+  }
+  for (const char* name : {"TORCHELASTIC_RESTART_COUNT", "SLURM_RESTART_COUNT"}) {
+    found.rendezvous.attempt += "/" + text_of(variables, name).value_or("0").substr(0, kShown);
+  }
+  return found;
+}
+
+LaunchEnvironment read_launch_environment(const std::string& rendezvous) {
+  return read_launch_environment([](const char* name) { return static_cast<const char*>(std::getenv(name)); },
+                                 rendezvous);
+}
+
 int run_local_ranks(const LocalRanks& local, const std::vector<std::string>& words) {
   const PrivateFolder folder;
   for (int attempt = 0;; ++attempt) {
@@ -311,12 +305,9 @@ std::shared_ptr<Communicator> join_ranks(const LaunchEnvironment& environment, c
   if (options.sent != torch::kFloat32 && options.sent != torch::kBFloat16) {
     throw InputError("--communication", torch::toString(options.sent), "expected fp32 or bf16");
   }
-#if ANIGEN_HAS_C10D
-  return std::make_shared<C10dCommunicator>(environment, options);
-#else
+  if (std::shared_ptr<Communicator> ranks = make_c10d(environment, options)) return ranks;
   throw NotSupportedError("", environment.launcher,
                           "training by several processes; this build found no Gloo (LibTorch with c10d, libgloo-dev)");
-#endif
 }
 
 }  // namespace anigen::train

@@ -2,28 +2,25 @@
 
 #include <algorithm>
 #include <set>
-#include <string>
-#include <utility>
-#include <vector>
 
+#include "anigen/anymate/dataset.h"
 #include "anigen/anymate/denoisers.h"
 #include "anigen/anymate/heads.h"
 #include "anigen/anymate/joints.h"
 #include "anigen/anymate/volumes.h"
-#include "anigen/core/error.h"
-#include "anigen/core/log.h"
 #include "anigen/io/arrays/torch_archive.h"
 #include "anigen/nn/init.h"
 #include "anigen/nn/state_dict.h"
-#include "anigen/train/stage.h"
+#include "anigen/train/stages/rig_stage.h"
 
 namespace anigen::train {
 
 namespace {
 
 namespace fs = std::filesystem;
+using torch::Tensor;
 
-// KeyPlace of a part of the encoder in files of others.
+// Place of a part of the encoder in the files of others.
 struct KeyPlace {
   const char *theirs, *ours;
 };
@@ -98,70 +95,6 @@ void require_all(const torch::nn::Module& model, const io::NamedArrays& arrays, 
   }
 }
 
-}  // namespace
-
-void load_pretrained_encoder(anymate::AnymateModelImpl& model, const fs::path& path) {
-  io::NamedArrays arrays = encoder_arrays(model.options().encoder, path);
-  widen_input(model, arrays);
-  require_all(model, arrays, path);
-  nn::load_state_dict(model, arrays, nn::LoadMode::kNonStrict, path.string());
-  log::info("{}: the encoder starts from pretrained weights", path.string());
-}
-
-namespace {
-
-using torch::Tensor;
-
-}  // namespace
-
-void AnymateScores::add(const anymate::AnymateSample& sample, std::uint64_t index) {
-  const torch::NoGradGuard no_grad;
-  const anymate::AnymateBatch batch = anymate::collate({sample}, {sample.joints.size(0), sample.bones.size(0)});
-  const Tensor latents = model_.encode(batch.points_cloud.to(device_));
-  switch (anymate::task_of(model_.options().decoder)) {
-    case anymate::Task::kConnectivity:
-      return add_connectivity(batch, latents);
-    case anymate::Task::kSkinning:
-      return add_skinning(batch, latents);
-    default:
-      return add_joints(sample, latents, index);
-  }
-}
-
-void AnymateScores::add_joints(const anymate::AnymateSample& sample, const Tensor& latents, std::uint64_t index) {
-  anymate::JointPrediction options;
-  options.train_steps = train_steps_;
-  options.noise = torch::randn({1, joints_, 3}, nn::numbered_generator(0, "anymate held-out noise", index)).to(device_);
-  options.cells = sample.vox;
-  const Tensor predicted = anymate::predicted_joints(model_, latents, options);
-  scores_.add_joints(sample.name, nn::points_of<double>(predicted, "predicted"),
-                     nn::points_of<double>(sample.joints, "joints"));
-}
-
-void AnymateScores::add_connectivity(const anymate::AnymateBatch& batch, const Tensor& latents) {
-  const Tensor logits = model_.decoder<anymate::ConnectivityImpl>().forward(latents, batch.joints.to(device_),
-                                                                            batch.joints_mask.to(device_));
-  const metrics::SkinMatrix chances = matrix_of(logits[0].softmax(-1));
-  scores_.add_connectivity(batch.names.front(), chances, chances, matrix_of(batch.conns[0]),
-                           nn::points_of<double>(batch.joints[0], "joints"));
-}
-
-void AnymateScores::add_skinning(const anymate::AnymateBatch& batch, const Tensor& latents) {
-  if (!batch.skins.defined()) throw InputError("", batch.names.front() + "/skins_index", "the sample has no weights");
-  anymate::SkinningInput input;
-  input.latents = latents;
-  input.points = batch.points_cloud.to(device_);
-  input.bones = batch.bones.to(device_);
-  input.mask = batch.bones_mask.to(device_);
-  const Tensor predicted = model_.decoder<anymate::SkinningImpl>().forward(input)[0].softmax(-1);
-  scores_.add_skinning(batch.names.front(), predicted, batch.skins[0], batch.points_cloud[0].narrow(1, 0, 3),
-                       batch.bones[0]);
-}
-
-namespace {
-
-using torch::Tensor;
-
 Losses one_loss(const char* name, const Tensor& loss) { return {loss, {{name, loss}}}; }
 
 // Requirements on a sample for the task.
@@ -174,120 +107,140 @@ void require_parts(const anymate::AnymateSample& sample, anymate::Task task) {
   }
 }
 
+class AnymateStage final
+    : public RigStage<anymate::AnymateModel, anymate::AnymateDatasets, anymate::AnymateDraws, AnymateStageOptions> {
+ public:
+  AnymateStage(const anymate::ModelOptions& model, const AnymateStageOptions& options, anymate::AnymateDatasets data,
+               std::string name, torch::Device device)
+      : RigStage("Anymate", "anymate", model, options, std::move(data), std::move(name), device) {}
+
+  void warm_start(const LoadedKeys&) override {
+    if (!options_.pretrained_encoder.empty()) load_pretrained_encoder(*model_, options_.pretrained_encoder);
+  }
+
+ private:
+  Losses loss(const Samples& samples, std::int64_t) override {
+    const anymate::Task task = anymate::task_of(model_->options().decoder);
+    for (const anymate::AnymateSample& sample : samples) require_parts(sample, task);
+    if (task == anymate::Task::kDenoisedJoints) {
+      const auto drawn = anymate::collate_diffusion(samples, options_.num_training_points);
+      const Tensor latents = model_->encode(drawn.points_cloud.to(device_));
+      const anymate::DdimSchedule schedule(options_.num_train_step);
+      return one_loss("mse", anymate::denoising_term(model_->decoder<anymate::JointDenoiserImpl>(), schedule,
+                                                     drawn.joints_repeat.to(device_), latents)
+                                 .loss);
+    }
+    anymate::AnymateBatch collated = anymate::collate(samples);
+    const Tensor latents = model_->encode(collated.points_cloud.to(device_));
+    switch (task) {
+      case anymate::Task::kJointVolume: {
+        std::vector<Tensor> cells, joints;
+        for (const anymate::AnymateSample& sample : samples) {
+          cells.push_back(anymate::training_voxels(sample.vox, options_.field_cells));
+          joints.push_back(sample.joints);
+        }
+        return one_loss(
+            "bce", anymate::joint_volume_loss(model_->decoder<anymate::JointVolumeImpl>(), latents, cells, joints));
+      }
+      case anymate::Task::kConnectivity: {
+        const Tensor logits = model_->decoder<anymate::ConnectivityImpl>().forward(latents, collated.joints.to(device_),
+                                                                                   collated.joints_mask.to(device_));
+        return one_loss("ce", anymate::connectivity_loss(logits, collated.conns.to(device_)));
+      }
+      case anymate::Task::kSkinning: {
+        const std::int64_t points = collated.points_cloud.size(1);
+        const Tensor rows = anymate::training_points(points, std::min(points, options_.skin_points));
+        anymate::SkinningInput input;
+        input.latents = latents;
+        input.points = collated.points_cloud.index_select(1, rows).to(device_);
+        input.bones = collated.bones.to(device_);
+        input.mask = collated.bones_mask.to(device_);
+        const auto losses = anymate::skinning_losses(model_->decoder<anymate::SkinningImpl>().forward(input),
+                                                     collated.skins.index_select(1, rows).to(device_));
+        return {losses.cos_clamp, {{"cos_clamp", losses.cos_clamp}, {"ce", losses.ce}}};
+      }
+      default:
+        return one_loss("chamfer",
+                        anymate::joint_chamfer_loss(model_->decoder<anymate::JointRegressionImpl>().forward(latents),
+                                                    collated.joints.to(device_), collated.joints_num));
+    }
+  }
+
+  void score(const anymate::AnymateSample& sample, std::uint64_t index, RigScores& scores) override {
+    const anymate::AnymateBatch batch = anymate::collate({sample}, {sample.joints.size(0), sample.bones.size(0)});
+    const Tensor latents = model_->encode(batch.points_cloud.to(device_));
+    switch (anymate::task_of(model_->options().decoder)) {
+      case anymate::Task::kConnectivity: {
+        const Tensor logits = model_->decoder<anymate::ConnectivityImpl>().forward(latents, batch.joints.to(device_),
+                                                                                   batch.joints_mask.to(device_));
+        const metrics::SkinMatrix chances = matrix_of(logits[0].softmax(-1));
+        return scores.add_connectivity(sample.name, chances, chances, matrix_of(batch.conns[0]),
+                                       nn::points_of<double>(batch.joints[0], "joints"));
+      }
+      case anymate::Task::kSkinning: {
+        if (!batch.skins.defined()) throw InputError("", sample.name + "/skins_index", "the sample has no weights");
+        anymate::SkinningInput input;
+        input.latents = latents;
+        input.points = batch.points_cloud.to(device_);
+        input.bones = batch.bones.to(device_);
+        input.mask = batch.bones_mask.to(device_);
+        const Tensor predicted = model_->decoder<anymate::SkinningImpl>().forward(input)[0].softmax(-1);
+        return scores.add_skinning(sample.name, predicted, batch.skins[0], batch.points_cloud[0].narrow(1, 0, 3),
+                                   batch.bones[0]);
+      }
+      default: {
+        anymate::JointPrediction options;
+        options.train_steps = options_.num_train_step;
+        const at::Generator generator = nn::numbered_generator(0, "anymate held-out noise", index);
+        options.noise = torch::randn({1, options_.num_training_points, 3}, generator).to(device_);
+        options.cells = sample.vox;
+        const Tensor predicted = anymate::predicted_joints(*model_, latents, options);
+        return scores.add_joints(sample.name, nn::points_of<double>(predicted, "predicted"),
+                                 nn::points_of<double>(sample.joints, "joints"));
+      }
+    }
+  }
+};
+
 }  // namespace
 
-AnymateStageOptions AnymateStageOptions::read(ConfigReader& args) {
-  AnymateStageOptions options;
-  options.num_train_step = args.integer("num_train_step", options.num_train_step, 1, 100000);
-  options.num_training_points = args.integer("num_training_points", options.num_training_points, 1, 65536);
-  options.skin_points = args.integer("skin_points", options.skin_points, 1, 1 << 20);
-  options.field_cells = args.integer("field_cells", options.field_cells, 1, 1 << 18);
-  options.eval_max_assets = args.integer("eval_max_assets", 0, 0);
-  options.pretrained_encoder = args.text("pretrained_encoder", "");
-  return options;
+void load_pretrained_encoder(anymate::AnymateModelImpl& model, const fs::path& path) {
+  io::NamedArrays arrays = encoder_arrays(model.options().encoder, path);
+  widen_input(model, arrays);
+  require_all(model, arrays, path);
+  nn::load_state_dict(model, arrays, nn::LoadMode::kNonStrict, path.string());
+  log::info("{}: the encoder starts from pretrained weights", path.string());
 }
 
-AnymateStage::AnymateStage(const anymate::ModelOptions& model, const AnymateStageOptions& options,
-                           anymate::AnymateDatasets data, std::string model_name, torch::Device device)
-    : RigStage("Anymate", data.held_out ? data.held_out->samples() : 0, options.eval_max_assets),
-      options_(options),
-      data_(std::move(data)),
-      model_name_(std::move(model_name)),
-      device_(device),
-      model_(model) {
-  model_->to(device_);
+void AnymateStageOptions::fields(ConfigFields& f) {
+  f("num_train_step", num_train_step, {1, 100000});
+  f("num_training_points", num_training_points, {1, 65536});
+  f("skin_points", skin_points, {1, 1 << 20});
+  f("field_cells", field_cells, {1, 1 << 18});
+  f("eval_max_assets", eval_max_assets, {0});
+  f("pretrained_encoder", pretrained_encoder);
 }
 
-void AnymateStage::warm_start(const LoadedKeys&) {
-  if (!options_.pretrained_encoder.empty()) load_pretrained_encoder(*model_, options_.pretrained_encoder);
-}
-
-Losses AnymateStage::losses(const data::Batch& batch, const LossContext& context) {
-  torch::manual_seed(loss_generator(context, "anymate").current_seed());
-  const auto& samples = dynamic_cast<const anymate::AnymateDraws&>(batch).samples;
-  const anymate::Task task = anymate::task_of(model_->options().decoder);
-  for (const anymate::AnymateSample& sample : samples) require_parts(sample, task);
-  if (task == anymate::Task::kDenoisedJoints) {
-    const auto drawn = anymate::collate_diffusion(samples, options_.num_training_points);
-    const Tensor latents = model_->encode(drawn.points_cloud.to(device_));
-    const anymate::DdimSchedule schedule(options_.num_train_step);
-    return one_loss("mse", anymate::denoising_term(model_->decoder<anymate::JointDenoiserImpl>(), schedule,
-                                                   drawn.joints_repeat.to(device_), latents)
-                               .loss);
-  }
-  anymate::AnymateBatch collated = anymate::collate(samples);
-  const Tensor latents = model_->encode(collated.points_cloud.to(device_));
-  switch (task) {
-    case anymate::Task::kJointVolume: {
-      std::vector<Tensor> cells, joints;
-      for (const anymate::AnymateSample& sample : samples) {
-        cells.push_back(anymate::training_voxels(sample.vox, options_.field_cells));
-        joints.push_back(sample.joints);
-      }
-      return one_loss("bce",
-                      anymate::joint_volume_loss(model_->decoder<anymate::JointVolumeImpl>(), latents, cells, joints));
-    }
-    case anymate::Task::kConnectivity: {
-      const Tensor logits = model_->decoder<anymate::ConnectivityImpl>().forward(latents, collated.joints.to(device_),
-                                                                                 collated.joints_mask.to(device_));
-      return one_loss("ce", anymate::connectivity_loss(logits, collated.conns.to(device_)));
-    }
-    case anymate::Task::kSkinning: {
-      const std::int64_t points = collated.points_cloud.size(1);
-      const Tensor rows = anymate::training_points(points, std::min(points, options_.skin_points));
-      anymate::SkinningInput input;
-      input.latents = latents;
-      input.points = collated.points_cloud.index_select(1, rows).to(device_);
-      input.bones = collated.bones.to(device_);
-      input.mask = collated.bones_mask.to(device_);
-      const auto losses = anymate::skinning_losses(model_->decoder<anymate::SkinningImpl>().forward(input),
-                                                   collated.skins.index_select(1, rows).to(device_));
-      return {losses.cos_clamp, {{"cos_clamp", losses.cos_clamp}, {"ce", losses.ce}}};
-    }
-    default:
-      return one_loss("chamfer",
-                      anymate::joint_chamfer_loss(model_->decoder<anymate::JointRegressionImpl>().forward(latents),
-                                                  collated.joints.to(device_), collated.joints_num));
-  }
-}
-
-RigScores AnymateStage::scores(std::size_t assets) {
-  model_->eval();
-  AnymateScores scores(*model_, options_.num_train_step, options_.num_training_points, device_);
-  for (std::size_t i = 0; i < assets; ++i) scores.add(data_.held_out->sample(i), i);
-  model_->train();
-  return scores.scores();
-}
-
-std::unique_ptr<Stage> make_anymate_stage(const Json& config, const std::string& file, ConfigReader& trainer_args,
-                                          const TrainerOptions& trainer, torch::Device device) {
-  const auto options = AnymateStageOptions::read(trainer_args);
-  require_one_replica(trainer, file, "Anymate");
-  ConfigReader top(config, file);
-  const OnlyModel model = read_only_model(top, "AnymateModel");
-  const auto model_options = anymate::ModelOptions::from_json(*model.args, file, model.pointer);
+std::unique_ptr<Stage> make_anymate_stage(const StageRequest& request) {
+  const auto options = AnymateStageOptions::read(request.args);
+  require_one_replica(request, "Anymate");
+  ConfigReader top(request.config, request.file);
+  const std::string name = only_model(top);
+  ConfigReader models = top.object("models");
+  const auto model = read_model<anymate::ModelOptions>(models, name, {"AnymateModel"});
   if (!options.pretrained_encoder.empty()) {
     constexpr const char* kPlace = "/trainer/args/pretrained_encoder";
-    if (model_options.encoder == anymate::EncoderKind::kScratch) {
-      throw InputError(file, kPlace, "there are no pretrained weights of the encoder 'transformer'");
+    if (model.encoder == anymate::EncoderKind::kScratch) {
+      throw InputError(request.file, kPlace, "there are no pretrained weights of the encoder 'transformer'");
     }
-    if (trainer.finetune_ckpt.count(model.name) > 0) {
-      throw InputError(file, kPlace, "finetune_ckpt names weights of the whole model already");
+    if (request.trainer.finetune_ckpt.count(name) > 0) {
+      throw InputError(request.file, kPlace, "finetune_ckpt names weights of the whole model already");
     }
   }
-
-  ConfigReader dataset = top.object("dataset");
-  dataset.require("name");
-  dataset.choice("name", "", {"Anymate"});
-  ConfigReader dataset_args = dataset.object("args");
-  auto data_options = anymate::AnymateDatasetOptions::read(dataset_args);
-  dataset_args.finish();
-  dataset.finish();
-  data_options.cells |= anymate::task_of(model_options.decoder) == anymate::Task::kJointVolume;
-
-  const anymate::AnymateDatasets data = anymate::open_anymate(data_options, trainer.seed);
-  log::info("{} samples to train on, {} held out", data.train->samples(), data.held_out ? data.held_out->samples() : 0);
-  return std::make_unique<AnymateStage>(model_options, options, data, model.name, device);
+  auto data = read_dataset<anymate::AnymateDatasetOptions>(top, "Anymate");
+  data.cells |= anymate::task_of(model.decoder) == anymate::Task::kJointVolume;
+  return std::make_unique<AnymateStage>(model, options, anymate::open_anymate(data, request.trainer.seed), name,
+                                        request.device);
 }
 
 }  // namespace anigen::train

@@ -1,57 +1,27 @@
 #pragma once
+#include <algorithm>
 #include <cstdint>
 #include <memory>
 #include <optional>
 #include <string>
-#include <type_traits>
 #include <utility>
 #include <vector>
 
 #include "anigen/core/config.h"
 #include "anigen/core/log.h"
 #include "anigen/data/datasets.h"
-#include "anigen/data/view_files.h"
 #include "anigen/data/voxel_files.h"
 #include "anigen/flow/matching.h"
 #include "anigen/flow/sampler.h"
 #include "anigen/nn/init.h"
 #include "anigen/nn/state_dict.h"
-#include "anigen/nn/torch.h"
 #include "anigen/sparse/support.h"
-#include "anigen/train/options.h"
 #include "anigen/train/stage.h"
+#include "anigen/train/stages/stages.h"
 #include "anigen/train/warm_start.h"
 #include "anigen/vision/condition.h"
 
 namespace anigen::train {
-
-/// Noise that an auto-encoder's trainer mixes into a latent before it is decoded, so that the decoder learns to clean
-/// it (paper 3.3; reference training-and-data.md, 3.2).
-struct LatentDenoising {
-  bool enabled = false;
-  double gamma = 1.0;           ///< size of the noise
-  double time_max = 0.5;        ///< largest share of noise
-  std::int64_t ramp_steps = 0;  ///< steps over which time_max is reached; 0: at once
-
-  /// `latent_denoising`, `latent_denoising_gamma`, `latent_time_max` and `latent_achive_max_step` (spelled so in
-  /// published configs), each with `suffix` ("", "_skl") appended.
-  static LatentDenoising read(ConfigReader& trainer_args, const std::string& suffix);
-
-  /// Largest share of noise at a step: min(1, step / ramp_steps) · time_max.
-  double time_max_at(std::int64_t step) const;
-};
-
-/// Lower bound of 1 − u; the published trainers differ.
-inline constexpr double kDenseTimeCut = 1e-8, kSparseTimeCut = 1e-10;
-
-/// Shares of noise (1 − √max(1 − u, cut)) · time_max, whose density falls linearly to 0 at time_max.
-/// @param u uniform in [0, 1), one per item @return the shape of u
-torch::Tensor latent_times(const torch::Tensor& u, double time_max, double cut = kDenseTimeCut);
-
-/// (1 − t) z + t γ noise. @param z [N, …] @param noise the same shape @param times [N], one per row of z: for a sparse
-/// latent those of its items gathered by batch index
-torch::Tensor mix_latent_noise(const torch::Tensor& z, const torch::Tensor& noise, const torch::Tensor& times,
-                               double gamma);
 
 /// Voxels of a batch for the sparse models: features on the device, places where they are.
 /// @throws InputError for a voxel that an asset has twice
@@ -74,78 +44,19 @@ std::optional<nn::RunModel> samples_decoder(const std::string& path, const std::
                                             const std::string& class_name, const std::string& key,
                                             const TrainerOptions& trainer);
 
-/// A dataset of this class that is conditioned as the trainer needs it; null for null. @throws InputError
-template <typename DatasetType>
-std::shared_ptr<const DatasetType> latent_dataset(const std::shared_ptr<const data::BatchSource>& source,
-                                                  const ConfigReader& dataset, bool conditioned,
-                                                  const FlowConfigNames& names) {
-  if (!source) return nullptr;
-  const auto latents = std::dynamic_pointer_cast<const DatasetType>(source);
-  if (latents && latents->options().image_conditioned == conditioned) return latents;
-  throw dataset.error("name", std::string("this trainer needs the dataset ") +
-                                  (conditioned ? names.conditioned_dataset : names.plain_dataset));
-}
-
-/// The one flow model of a config. @param start not enabled: nothing is frozen
-template <typename Model>
-Model flow_model(ConfigReader& models, const std::string& name, const std::vector<std::string>& classes,
-                 const WarmStartOptions& start) {
-  using Options = std::decay_t<decltype(std::declval<Model>()->options())>;
-  ConfigReader model = models.object(name);
-  model.require("name");
-  model.choice("name", "", classes);
-  Options options = Options::from_json(model.raw("args") ? *model.raw("args") : Json::object(), model.file(),
-                                       model.pointer_to("args"));
-  model.finish();
-  if (!start.enabled) options.use_pretrain_branch = options.freeze_pretrain_branch = false;
-  return Model(options);
-}
-
-/// The parts of a flow stage but its decoder. @throws InputError naming file and JSON pointer
-template <typename StageType>
-typename StageType::Parts flow_parts(const Json& config, const std::string& file, ConfigReader& trainer_args,
-                                     const TrainerOptions& trainer, torch::Device device,
-                                     const FlowConfigNames& names) {
-  using DatasetType = std::remove_const_t<typename StageType::Dataset::element_type>;
-  ConfigReader top(config, file);
-  const bool conditioned = top.object("trainer").text("name", "") == names.conditioned_trainer;
-  top.require("models");
-  ConfigReader models = top.object("models");
-  const Json& list = *top.raw("models");
-  if (list.size() != 1) throw models.error("", "this stage trains exactly one model");
-  typename StageType::Parts parts;
-  parts.name = list.begin().key();
-  parts.device = device;
-  parts.start = WarmStartOptions::read(trainer_args);
-  parts.model = flow_model<typename StageType::ModelType>(models, parts.name, names.model_classes, parts.start);
-  parts.model->to(device);
-
-  const ConfigReader dataset = top.object("dataset");
-  const data::Datasets datasets = data::make_datasets(dataset, trainer.seed);
-  parts.data = latent_dataset<DatasetType>(datasets.train, dataset, conditioned, names);
-  parts.held_out = latent_dataset<DatasetType>(datasets.eval, dataset, conditioned, names);
-  log::info("{} assets to train on, {} held out", parts.data->assets(), parts.held_out ? parts.held_out->assets() : 0);
-  if (conditioned) {
-    const auto& reading = parts.data->options();
-    const bool normals = reading.condition == data::ConditionPictures::kNormals;
-    log::info("conditioned on pictures of {}", normals ? "normals" : "colour");
-    parts.encoder =
-        vision::make_condition_encoder(trainer_args, reading.image_size, parts.model->options().cond_channels, device);
-  }
-  return parts;
-}
-
 /// Logs the means of per-item errors over the tenths of the time axis that a micro-batch has items in, as
 /// "bin_0.<name>" … "bin_9.<name>"; an empty tenth has no mean. @param errors, t [B]
 void add_time_bins(Losses& losses, const std::string& name, const torch::Tensor& errors, const torch::Tensor& t);
 
-/// Base of the stages of both flows: one flow model, perhaps with an encoder of condition pictures that is
-/// trained beside it, over a dataset of latents (reference training-and-data.md, 3.4).
+/// Frame of the stages of both flows: one flow model, perhaps with an encoder of condition pictures that is trained
+/// beside it, over a dataset of latents (reference training-and-data.md, 3.4). A stage says what the loss of a batch
+/// is, how held-out latents are judged and what a sample looks like.
 /// @tparam Model a module holder with options(), set_compute_dtype() and a constructor (options, init)
-template <typename Model, typename DatasetType, typename Decoder>
+/// @tparam DatasetType of Batches of latents with `cond` @tparam Options flow::FlowStageOptions and what is the stage's
+/// @tparam Row of a sheet of samples
+template <typename Model, typename DatasetType, typename Latents, typename Decoder, typename Options, typename Row>
 class FlowStage : public Stage {
  public:
-  using ModelType = Model;
   using Dataset = std::shared_ptr<const DatasetType>;
 
   /// Parts of a stage. Replicas share the datasets and the decoder.
@@ -158,6 +69,10 @@ class FlowStage : public Stage {
     torch::Device device = torch::kCPU;
     WarmStartOptions start;
   };
+
+  /// @param pretrained name of the file of weights that the published model begins from
+  FlowStage(const Options& options, Parts parts, std::string pretrained)
+      : options_(options), parts_(std::move(parts)), pretrained_(std::move(pretrained)) {}
 
   std::vector<nn::NamedModel> models() const override {
     std::vector<nn::NamedModel> all{{parts_.name, parts_.model.ptr()}};
@@ -177,10 +92,47 @@ class FlowStage : public Stage {
     for (const nn::NamedModel& model : models()) model.module->to(dtype);
     dtype_ = dtype;
   }
+  Losses losses(const data::Batch& batch, const LossContext& context) final {
+    return loss(dynamic_cast<const Latents&>(batch), context);
+  }
+  Values evaluate() final {
+    if (!parts_.held_out) return {};
+    const torch::NoGradGuard no_grad;
+    const std::size_t count = options_.eval_count(parts_.held_out->size());
+    Values sums;
+    double terms = 0.0;
+    for (std::size_t i = 0; i < count; ++i) {
+      const auto batch = parts_.held_out->load({data::Draw{i, i}});
+      const auto& latents = dynamic_cast<const Latents&>(*batch);
+      // Once: the model takes the condition for all times.
+      terms += judge(latents, condition_of(latents.cond, 1), i, sums);
+    }
+    for (auto& [name, value] : sums) value /= terms;
+    return sums;
+  }
+  void sample(const std::filesystem::path& folder) final {
+    if (!parts_.decoder) return;
+    const torch::NoGradGuard no_grad;
+    const DatasetType& assets = parts_.held_out ? *parts_.held_out : *parts_.data;
+    std::vector<Row> rows;
+    const std::size_t count = std::min(static_cast<std::size_t>(options_.sample_assets), assets.assets());
+    for (std::size_t i = 0; i < count; ++i) {
+      const auto batch = assets.load({data::Draw{assets.item_of(i), i}});  // each once, however often it repeats
+      const auto& latents = dynamic_cast<const Latents&>(*batch);
+      add_sample(latents, condition_of(latents.cond, 1), assets.asset(i), i, rows);
+    }
+    if (!rows.empty()) write_sheet(folder / "samples.png", rows);
+  }
 
  protected:
-  /// @param pretrained name of the file of weights that the published model begins from
-  FlowStage(Parts parts, std::string pretrained) : parts_(std::move(parts)), pretrained_(std::move(pretrained)) {}
+  virtual Losses loss(const Latents& latents, const LossContext& context) = 0;
+  /// Adds the errors of a held-out asset under fixed noise. @param sums empty at first
+  /// @return the number of terms that were added to each sum
+  virtual double judge(const Latents& latents, const torch::Tensor& condition, std::uint64_t index, Values& sums) = 0;
+  /// Adds what a sheet shows of an asset, from fixed noise.
+  virtual void add_sample(const Latents& latents, const torch::Tensor& condition, const data::AssetId& asset,
+                          std::uint64_t index, std::vector<Row>& rows) = 0;
+  virtual void write_sheet(const std::filesystem::path& file, const std::vector<Row>& rows) const = 0;
 
   /// Parts of a replica.
   Parts twin() const {
@@ -204,21 +156,57 @@ class FlowStage : public Stage {
     if (parts_.encoder) return parts_.encoder->tokens(pictures);
     return torch::zeros({items, 1, parts_.model->options().cond_channels}, parts_.device);
   }
-  /// As above, where each item loses its picture with a probability.
-  torch::Tensor training_condition(const torch::Tensor& pictures, std::int64_t items, double p_uncond,
-                                   const at::Generator& generator) {
+  /// As above, where each item loses its picture with the probability p_uncond.
+  torch::Tensor training_condition(const torch::Tensor& pictures, std::int64_t items, const at::Generator& generator) {
     const torch::Tensor condition = condition_of(pictures, items);
     if (!parts_.encoder) return condition;
-    return flow::replace_condition(condition, flow::draw_condition_dropout(items, p_uncond, generator));
+    return flow::replace_condition(condition, flow::draw_condition_dropout(items, options_.p_uncond, generator));
   }
-  /// The assets that samples are drawn for.
-  const DatasetType& shown_assets() const { return parts_.held_out ? *parts_.held_out : *parts_.data; }
 
+  Options options_;
   Parts parts_;
 
  private:
   std::string pretrained_;
   torch::Dtype dtype_ = torch::kFloat32;  // of the model's inputs: fp64 where everything is
 };
+
+/// The options of a flow stage and its parts but the decoder. @throws InputError naming file and JSON pointer
+template <typename StageType, typename Options, typename ModelOptions, typename DatasetType>
+std::pair<Options, typename StageType::Parts> flow_parts(const StageRequest& request, const FlowConfigNames& names) {
+  Options options = Options::read(request.args);
+  options.seed = request.trainer.seed;
+  ConfigReader top(request.config, request.file);
+  const bool conditioned = top.object("trainer").text("name", "") == names.conditioned_trainer;
+  typename StageType::Parts parts;
+  parts.name = only_model(top);
+  parts.device = request.device;
+  parts.start = WarmStartOptions::read(request.args);
+  ConfigReader models = top.object("models");
+  auto model = read_model<ModelOptions>(models, parts.name, names.model_classes);
+  if (!parts.start.enabled) model.use_pretrain_branch = model.freeze_pretrain_branch = false;
+  parts.model = decltype(parts.model)(model);
+  parts.model->to(request.device);
+
+  const ConfigReader dataset = top.object("dataset");
+  const data::Datasets datasets = data::make_datasets(dataset, request.trainer.seed);
+  const auto latents = [&](const std::shared_ptr<const data::BatchSource>& source) {
+    const auto found = std::dynamic_pointer_cast<const DatasetType>(source);
+    if (!source || (found && found->options().image_conditioned == conditioned)) return found;
+    throw dataset.error("name", std::string("this trainer needs the dataset ") +
+                                    (conditioned ? names.conditioned_dataset : names.plain_dataset));
+  };
+  parts.data = latents(datasets.train);
+  parts.held_out = latents(datasets.eval);
+  log::info("{} assets to train on, {} held out", parts.data->assets(), parts.held_out ? parts.held_out->assets() : 0);
+  if (conditioned) {
+    const auto& reading = parts.data->options();
+    const bool normals = reading.condition == data::ConditionPictures::kNormals;
+    log::info("conditioned on pictures of {}", normals ? "normals" : "colour");
+    parts.encoder =
+        vision::make_condition_encoder(request.args, reading.image_size, model.cond_channels, request.device);
+  }
+  return {options, std::move(parts)};
+}
 
 }  // namespace anigen::train

@@ -1,5 +1,6 @@
 #pragma once
 #include <Eigen/Core>
+#include <algorithm>
 #include <cstddef>
 #include <filesystem>
 #include <memory>
@@ -7,13 +8,13 @@
 #include <utility>
 #include <vector>
 
-#include "anigen/core/config.h"
+#include "anigen/core/error.h"
+#include "anigen/core/files.h"
+#include "anigen/core/log.h"
 #include "anigen/core/table.h"
 #include "anigen/metrics/skin_metrics.h"
-#include "anigen/nn/torch.h"
 #include "anigen/train/metrics_log.h"
-#include "anigen/train/options.h"
-#include "anigen/train/stage.h"
+#include "anigen/train/stages/stages.h"
 
 namespace anigen::train {
 
@@ -55,37 +56,80 @@ metrics::SkinMatrix parent_rows(const std::vector<int>& parents);
 /// A tensor [N, M] of any device and type as a matrix.
 metrics::SkinMatrix matrix_of(const torch::Tensor& matrix);
 
-/// A stage of a model that rigs given meshes: its held-out assets are scored one by one. Modules draw from LibTorch's
-/// default generator, which every step seeds, so there can be no replicas.
+/// Frame of the stages of learned riggers: one model learns the task that its options name, and is judged on held-out
+/// assets, which are scored one by one. Modules draw from LibTorch's default generator, which every step seeds, so
+/// there can be no replicas.
+/// @tparam Model a module holder with a constructor (options) @tparam Datasets {train, held_out}, the latter may be
+/// null
+/// @tparam Draws a data::Batch with `samples` @tparam Options with eval_max_assets
+template <typename Model, typename Datasets, typename Draws, typename Options>
 class RigStage : public Stage {
  public:
-  Values evaluate() override;                                 ///< means of the scores
-  void sample(const std::filesystem::path& folder) override;  ///< scores.csv: the metrics of each held-out asset
+  using Samples = decltype(Draws::samples);
+
+  /// @param family whose models these are, for messages @param purpose of the random draws
+  template <typename ModelOptions>
+  RigStage(const char* family, const char* purpose, const ModelOptions& model, const Options& options, Datasets data,
+           std::string model_name, torch::Device device)
+      : options_(options),
+        device_(device),
+        model_(model),
+        family_(family),
+        purpose_(purpose),
+        data_(std::move(data)),
+        model_name_(std::move(model_name)) {
+    model_->to(device_);
+    log::info("{} samples to train on, {} held out", data_.train->samples(),
+              data_.held_out ? data_.held_out->samples() : 0);
+  }
+
+  std::vector<nn::NamedModel> models() const override { return {{model_name_, model_.ptr()}}; }
+  const data::BatchSource& data() const override { return *data_.train; }
+  Losses losses(const data::Batch& batch, const LossContext& context) final {
+    torch::manual_seed(loss_generator(context, purpose_).current_seed());
+    return loss(dynamic_cast<const Draws&>(batch).samples, context.step);
+  }
+  /// Means of the scores.
+  Values evaluate() final { return looked_at() > 0 ? scores().means() : Values(); }
+  /// scores.csv: the metrics of each held-out asset.
+  void sample(const std::filesystem::path& folder) final {
+    if (looked_at() > 0) write_file_atomically(folder / "scores.csv", to_csv(scores().table()));
+  }
   /// @throws NotSupportedError
-  std::unique_ptr<Stage> replica() const override;
+  std::unique_ptr<Stage> replica() const override {
+    throw NotSupportedError("", "/trainer/args/replicas", "several replicas of " + family_ + "'s models");
+  }
 
  protected:
-  /// @param family whose models these are, for messages @param held_out assets @param most of them to look at; 0: all
-  RigStage(std::string family, std::size_t held_out, std::int64_t most);
-  /// Of the first so many held-out assets. @post the model is in training mode
-  virtual RigScores scores(std::size_t assets) = 0;
+  virtual Losses loss(const Samples& samples, std::int64_t step) = 0;
+  /// Adds the scores of a held-out sample, in evaluation mode and without gradients. @param index names random draws
+  virtual void score(const typename Samples::value_type& sample, std::uint64_t index, RigScores& scores) = 0;
+
+  Options options_;
+  torch::Device device_;
+  Model model_;
 
  private:
-  std::string family_;
-  std::size_t looked_at_;
+  std::size_t looked_at() const {
+    const std::size_t held_out = data_.held_out ? data_.held_out->samples() : 0;
+    const auto most = static_cast<std::size_t>(options_.eval_max_assets);
+    return most == 0 ? held_out : std::min(most, held_out);
+  }
+  RigScores scores() {
+    const torch::NoGradGuard no_grad;
+    model_->eval();
+    RigScores scores;
+    for (std::size_t i = 0; i < looked_at(); ++i) score(data_.held_out->sample(i), i, scores);
+    model_->train();
+    return scores;
+  }
+
+  std::string family_, purpose_;
+  Datasets data_;
+  std::string model_name_;
 };
 
-/// The only model of a config, and where its arguments stand.
-struct OnlyModel {
-  std::string name;
-  const Json* args;
-  std::string pointer;  ///< JSON pointer of the arguments
-};
-
-/// @param top the config @throws InputError unless there is exactly one model, of this class, with arguments
-OnlyModel read_only_model(ConfigReader& top, const std::string& class_name);
-
-/// @throws NotSupportedError for several replicas @param family whose models these are
-void require_one_replica(const TrainerOptions& trainer, const std::string& file, const std::string& family);
+/// @throws NotSupportedError for several replicas of `family`'s models
+void require_one_replica(const StageRequest& request, const std::string& family);
 
 }  // namespace anigen::train

@@ -1,11 +1,10 @@
-#include "anigen/train/stages/skin_autoencoder.h"
-
 #include <algorithm>
 
-#include "anigen/core/error.h"
 #include "anigen/core/log.h"
 #include "anigen/data/skin_dataset.h"
+#include "anigen/skin_field/loss.h"
 #include "anigen/skin_field/skin_autoencoder.h"
+#include "anigen/train/stages/stages.h"
 
 namespace anigen::train {
 
@@ -31,117 +30,127 @@ RowSums row_errors(const Tensor& log_predicted, const Tensor& target) {
   return {l1.sum(torch::kFloat64).item<double>() / rows, kl.sum(torch::kFloat64).item<double>() / rows};
 }
 
+// Arguments of AniGenSkinAETrainer beside those all trainers share (reference training-and-data.md, section 3.1).
+struct SkinAutoEncoderStageOptions {
+  skin_field::SkinLossOptions loss;    // `lambda_*_skin`; ours: `kl_reduction` "element" (published) or "row"
+  std::int64_t num_skin_samples = 0;   // points per asset; absent or null: all vertices
+  bool unit_gain = false;              // ours, `init`: "published", or "unit_gain" (skin_field/skin_autoencoder.h)
+  data::Augmentations augmentations;   // ours
+  std::int64_t eval_max_vertices = 0;  // ours: vertices per held-out asset, 0: all
+  std::int64_t eval_max_assets = 0;    // ours: held-out assets, 0: all
+
+  static SkinAutoEncoderStageOptions read(ConfigReader& args, const std::string& compatibility) {
+    SkinAutoEncoderStageOptions options;
+    options.loss = skin_field::SkinLossOptions::compatible(compatibility);
+    options.loss.lambda_kl_skin = args.number("lambda_kl_skin", 1.0, 0.0);
+    options.loss.lambda_l1_skin = args.number("lambda_l1_skin", 0.0, 0.0);
+    options.loss.lambda_l2_skin = args.number("lambda_l2_skin", 0.0, 0.0);
+    if (options.loss.lambda_kl_skin + options.loss.lambda_l1_skin + options.loss.lambda_l2_skin == 0.0) {
+      throw args.error("lambda_kl_skin", "every term of the loss has weight 0");
+    }
+    const bool rows = options.loss.kl_mean == skin_field::SkinKlMean::kRows;
+    const std::string reduction = args.choice("kl_reduction", rows ? "row" : "element", {"element", "row"});
+    options.loss.kl_mean = reduction == "row" ? skin_field::SkinKlMean::kRows : skin_field::SkinKlMean::kElements;
+    const Json* samples = args.raw("num_skin_samples");
+    if (samples != nullptr && !samples->is_null())
+      options.num_skin_samples = args.integer("num_skin_samples", 0, 1, 1 << 24);
+    options.unit_gain = args.choice("init", "published", {"published", "unit_gain"}) == "unit_gain";
+    options.augmentations = data::read_augmentations(args.object("augmentations"));
+    options.eval_max_vertices = args.integer("eval_max_vertices", 0, 0);
+    options.eval_max_assets = args.integer("eval_max_assets", 0, 0);
+    return options;
+  }
+};
+
+class SkinAutoEncoderStage final : public Stage {
+ public:
+  using Datasets = std::shared_ptr<const data::SkinDataset>;
+
+  // held_out may be null: evaluate() then returns nothing.
+  SkinAutoEncoderStage(const skin_field::SkinAutoEncoderOptions& model, const SkinAutoEncoderStageOptions& options,
+                       Datasets data, Datasets held_out, std::string model_name, torch::Device device)
+      : model_options_(model),
+        options_(options),
+        data_(std::move(data)),
+        held_out_(std::move(held_out)),
+        model_name_(std::move(model_name)),
+        device_(device),
+        model_(model) {
+    if (options_.unit_gain) skin_field::rescale_to_unit_gain(model_);
+    model_->to(device_);
+  }
+
+  std::vector<nn::NamedModel> models() const override { return {{model_name_, model_.ptr()}}; }
+  const data::BatchSource& data() const override { return *data_; }
+  bool supports(torch::Dtype dtype) const override { return dtype == torch::kFloat32 || dtype == torch::kFloat64; }
+  void set_compute_dtype(torch::Dtype dtype) override {
+    Stage::set_compute_dtype(dtype);
+    model_->to(dtype);
+    dtype_ = dtype;
+  }
+  std::unique_ptr<Stage> replica() const override {
+    return std::make_unique<SkinAutoEncoderStage>(model_options_, options_, data_, held_out_, model_name_, device_);
+  }
+
+  Losses losses(const data::Batch& batch, const LossContext&) override {
+    const auto& rigs = dynamic_cast<const data::SkinBatch&>(batch);
+    const skin_field::SkeletonBatch skeletons = skeletons_of(rigs.joints, rigs.parents);
+    const std::vector<Tensor> skin = placed(rigs.skin, device_, dtype_);
+    // L = λ_kl KL(s ‖ ŝ) + λ_1 |s − ŝ| + λ_2 (s − ŝ)²
+    const skin_field::SkinLosses computed =
+        skin_field::skin_losses_from_log(model_->reconstruct_log(skeletons, skin), skin, options_.loss);
+    Losses losses{computed.total, {}};
+    if (computed.kl.defined()) losses.terms.emplace_back("kl", computed.kl);
+    if (computed.l1.defined()) losses.terms.emplace_back("l1", computed.l1);
+    if (computed.l2.defined()) losses.terms.emplace_back("l2", computed.l2);
+    return losses;
+  }
+
+  Values evaluate() override {
+    if (!held_out_) return {};
+    torch::NoGradGuard no_grad;
+    const auto most = static_cast<std::size_t>(options_.eval_max_assets);
+    const std::size_t count = most == 0 ? held_out_->size() : std::min(most, held_out_->size());
+    double l1 = 0.0, kl = 0.0;
+    for (std::size_t i = 0; i < count; ++i) {
+      const auto rig = held_out_->vertices_of(i, static_cast<std::size_t>(options_.eval_max_vertices));
+      const skin_field::SkeletonBatch skeleton = skeletons_of(rig->joints, rig->parents);
+      const std::vector<Tensor> skin = placed(rig->skin, device_, dtype_);
+      const RowSums errors = row_errors(model_->reconstruct_log(skeleton, skin).front(), skin.front());
+      l1 += errors.l1;
+      kl += errors.kl;
+      log::debug("held out {}: l1 {:.4f}, kl {:.4f}", held_out_->id(i), errors.l1, errors.kl);
+    }
+    return {{"l1", l1 / static_cast<double>(count)}, {"kl", kl / static_cast<double>(count)}};
+  }
+
+ private:
+  skin_field::SkeletonBatch skeletons_of(const std::vector<Tensor>& joints, const std::vector<Tensor>& parents) const {
+    return skin_field::SkeletonBatch::from_lists(placed(joints, torch::kCPU, dtype_), parents).to(device_);
+  }
+
+  skin_field::SkinAutoEncoderOptions model_options_;
+  SkinAutoEncoderStageOptions options_;
+  Datasets data_, held_out_;
+  std::string model_name_;
+  torch::Device device_;
+  torch::Dtype dtype_ = torch::kFloat32;
+  skin_field::SkinAutoEncoder model_;
+};
+
 }  // namespace
 
-SkinAutoEncoderStageOptions SkinAutoEncoderStageOptions::read(ConfigReader& args, const std::string& compatibility) {
-  SkinAutoEncoderStageOptions options;
-  options.loss = skin_field::SkinLossOptions::compatible(compatibility);
-  options.loss.lambda_kl_skin = args.number("lambda_kl_skin", 1.0, 0.0);
-  options.loss.lambda_l1_skin = args.number("lambda_l1_skin", 0.0, 0.0);
-  options.loss.lambda_l2_skin = args.number("lambda_l2_skin", 0.0, 0.0);
-  if (options.loss.lambda_kl_skin + options.loss.lambda_l1_skin + options.loss.lambda_l2_skin == 0.0) {
-    throw args.error("lambda_kl_skin", "every term of the loss has weight 0");
-  }
-  const bool rows = options.loss.kl_mean == skin_field::SkinKlMean::kRows;
-  const std::string reduction = args.choice("kl_reduction", rows ? "row" : "element", {"element", "row"});
-  options.loss.kl_mean = reduction == "row" ? skin_field::SkinKlMean::kRows : skin_field::SkinKlMean::kElements;
-  const Json* samples = args.raw("num_skin_samples");
-  if (samples != nullptr && !samples->is_null())
-    options.num_skin_samples = args.integer("num_skin_samples", 0, 1, 1 << 24);
-  options.unit_gain = args.choice("init", "published", {"published", "unit_gain"}) == "unit_gain";
-  options.augmentations = data::read_augmentations(args.object("augmentations"));
-  options.eval_max_vertices = args.integer("eval_max_vertices", 0, 0);
-  options.eval_max_assets = args.integer("eval_max_assets", 0, 0);
-  return options;
-}
-
-SkinAutoEncoderStage::SkinAutoEncoderStage(const skin_field::SkinAutoEncoderOptions& model,
-                                           const SkinAutoEncoderStageOptions& options, Datasets data, Datasets held_out,
-                                           std::string model_name, torch::Device device)
-    : model_options_(model),
-      options_(options),
-      data_(std::move(data)),
-      held_out_(std::move(held_out)),
-      model_name_(std::move(model_name)),
-      device_(device),
-      model_(model) {
-  if (options_.unit_gain) skin_field::rescale_to_unit_gain(model_);
-  model_->to(device_);
-}
-
-std::unique_ptr<Stage> SkinAutoEncoderStage::replica() const {
-  return std::make_unique<SkinAutoEncoderStage>(model_options_, options_, data_, held_out_, model_name_, device_);
-}
-
-void SkinAutoEncoderStage::set_compute_dtype(torch::Dtype dtype) {
-  Stage::set_compute_dtype(dtype);
-  model_->to(dtype);
-  dtype_ = dtype;
-}
-
-skin_field::SkeletonBatch SkinAutoEncoderStage::skeletons_of(const std::vector<Tensor>& joints,
-                                                             const std::vector<Tensor>& parents) const {
-  return skin_field::SkeletonBatch::from_lists(placed(joints, torch::kCPU, dtype_), parents).to(device_);
-}
-
-Losses SkinAutoEncoderStage::losses(const data::Batch& batch, const LossContext&) {
-  const auto& rigs = dynamic_cast<const data::SkinBatch&>(batch);
-  const skin_field::SkeletonBatch skeletons = skeletons_of(rigs.joints, rigs.parents);
-  const std::vector<Tensor> skin = placed(rigs.skin, device_, dtype_);
-  const skin_field::SkinLosses computed =
-      skin_field::skin_losses_from_log(model_->reconstruct_log(skeletons, skin), skin, options_.loss);
-  Losses losses{computed.total, {}};
-  if (computed.kl.defined()) losses.terms.emplace_back("kl", computed.kl);
-  if (computed.l1.defined()) losses.terms.emplace_back("l1", computed.l1);
-  if (computed.l2.defined()) losses.terms.emplace_back("l2", computed.l2);
-  return losses;
-}
-
-Values SkinAutoEncoderStage::evaluate() {
-  if (!held_out_) return {};
-  torch::NoGradGuard no_grad;
-  const auto most = static_cast<std::size_t>(options_.eval_max_assets);
-  const std::size_t count = most == 0 ? held_out_->size() : std::min(most, held_out_->size());
-  double l1 = 0.0, kl = 0.0;
-  for (std::size_t i = 0; i < count; ++i) {
-    const auto rig = held_out_->vertices_of(i, static_cast<std::size_t>(options_.eval_max_vertices));
-    const skin_field::SkeletonBatch skeleton = skeletons_of(rig->joints, rig->parents);
-    const std::vector<Tensor> skin = placed(rig->skin, device_, dtype_);
-    const RowSums errors = row_errors(model_->reconstruct_log(skeleton, skin).front(), skin.front());
-    l1 += errors.l1;
-    kl += errors.kl;
-    log::debug("held out {}: l1 {:.4f}, kl {:.4f}", held_out_->id(i), errors.l1, errors.kl);
-  }
-  return {{"l1", l1 / static_cast<double>(count)}, {"kl", kl / static_cast<double>(count)}};
-}
-
-std::unique_ptr<Stage> make_skin_autoencoder_stage(const Json& config, const std::string& file,
-                                                   ConfigReader& trainer_args, const TrainerOptions& trainer,
-                                                   torch::Device device) {
-  const auto options = SkinAutoEncoderStageOptions::read(trainer_args, trainer.compatibility);
-  ConfigReader top(config, file);
+std::unique_ptr<Stage> make_skin_autoencoder_stage(const StageRequest& request) {
+  const auto options = SkinAutoEncoderStageOptions::read(request.args, request.trainer.compatibility);
+  ConfigReader top(request.config, request.file);
+  const std::string name = only_model(top);
   ConfigReader models = top.object("models");
-  const Json& list = *top.raw("models");
-  if (list.size() != 1) throw models.error("", "this stage trains exactly one model");
-  const std::string name = list.begin().key();
-  ConfigReader model = models.object(name);
-  model.require("name");
-  model.choice("name", "", {"SkinAutoEncoder"});
-  const auto model_options = skin_field::SkinAutoEncoderOptions::from_json(
-      model.raw("args") ? *model.raw("args") : Json::object(), file, model.pointer_to("args"));
-  model.finish();
-
-  ConfigReader dataset = top.object("dataset");
-  dataset.require("name");
-  dataset.choice("name", "", {"AniGenSparseFeat2Skeleton"});
-  ConfigReader dataset_args = dataset.object("args");
-  const auto data_options = data::SkinDatasetOptions::read(dataset_args);
-  dataset_args.finish();
-  dataset.finish();
+  const auto model = read_model<skin_field::SkinAutoEncoderOptions>(models, name, {"SkinAutoEncoder"});
+  const auto data_options = read_dataset<data::SkinDatasetOptions>(top, "AniGenSparseFeat2Skeleton");
 
   const data::TrainAndEval assets = data::select(data_options);
   data::SkinDataset::Options reading;
-  reading.seed = trainer.seed;
+  reading.seed = request.trainer.seed;
   reading.num_skin_samples = options.num_skin_samples;
   reading.augmentations = options.augmentations;
   reading.skip_broken = data_options.skip_broken;
@@ -153,7 +162,7 @@ std::unique_ptr<Stage> make_skin_autoencoder_stage(const Json& config, const std
     held_out = std::make_shared<const data::SkinDataset>(assets.eval, reading);
   }
   log::info("{} assets to train on, {} held out", data->assets(), held_out ? held_out->size() : 0);
-  return std::make_unique<SkinAutoEncoderStage>(model_options, options, data, held_out, name, device);
+  return std::make_unique<SkinAutoEncoderStage>(model, options, data, held_out, name, request.device);
 }
 
 }  // namespace anigen::train

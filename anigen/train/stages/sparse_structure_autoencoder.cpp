@@ -1,21 +1,7 @@
 #include "anigen/train/stages/sparse_structure_autoencoder.h"
 
-#include <algorithm>
-#include <system_error>
-
 #include "anigen/core/error.h"
-#include "anigen/core/log.h"
 #include "anigen/core/numeric.h"
-#include "anigen/data/datasets.h"
-#include "anigen/sparse_structure/autoencoder.h"
-#include "anigen/sparse_structure/layers.h"
-#include "anigen/sparse_structure/voxel_metrics.h"
-#include "anigen/sparse_structure/voxel_picture.h"
-#include "anigen/train/stage.h"
-
-// From a config to the stage of the sparse-structure auto-encoder.
-
-// Pictures of what the auto-encoder of the sparse structure reconstructs, and of what lies between two of its latents.
 
 namespace anigen::train {
 
@@ -23,167 +9,16 @@ namespace {
 
 using torch::Tensor;
 
-Tensor normal_draws(const std::vector<std::int64_t>& shape, at::Generator& generator, torch::Device device) {
-  return torch::randn(shape, generator, torch::TensorOptions(torch::kFloat32)).to(device);
-}
-
-// Loss of one stream of one micro-batch.
-struct StreamLoss {
-  Tensor reconstruction, kl;  // kl undefined where the latent gets noise
-};
+constexpr std::size_t kSheetAssets = 8;
+constexpr int kBetweenSteps = 5;
 
 // [1, 1, R, R, R] logits or counts → bool [R, R, R] on the CPU.
 Tensor occupied_grid(const Tensor& values) { return (values[0][0] > 0).to(torch::kCPU); }
 
-void add_mean(Values& means, const std::string& name, double value, std::size_t count) {
-  const double part = value / static_cast<double>(count);
-  for (auto& entry : means) {
-    if (entry.first == name) {
-      entry.second += part;
-      return;
-    }
-  }
-  means.emplace_back(name, part);
-}
-
-}  // namespace
-
-SparseStructureAutoEncoderStageOptions SparseStructureAutoEncoderStageOptions::read(ConfigReader& args) {
-  SparseStructureAutoEncoderStageOptions options;
-  options.loss_type = sparse_structure::occupancy_loss_named(args.choice("loss_type", "bce", {"dice", "bce", "l1"}));
-  options.lambda_kl = args.number("lambda_kl", options.lambda_kl, 0.0);
-  options.lambda_kl_skl = args.number("lambda_kl_skl", options.lambda_kl_skl, 0.0);
-  options.noise = LatentDenoising::read(args, "");
-  options.noise_skl = LatentDenoising::read(args, "_skl");
-  options.eval_max_assets = args.integer("eval_max_assets", 0, 0);
-  options.warm_start = WarmStartOptions::read(args);
-  return options;
-}
-
-SparseStructureAutoEncoderStage::SparseStructureAutoEncoderStage(const SparseStructureCoders& coders,
-                                                                 const SparseStructureAutoEncoderStageOptions& options,
-                                                                 Dataset data, Dataset held_out, torch::Device device,
-                                                                 nn::Init init)
-    : coders_(coders),
-      options_(options),
-      data_(std::move(data)),
-      held_out_(std::move(held_out)),
-      device_(device),
-      encoder_(coders.encoder, init),
-      decoder_(coders.decoder, init) {
-  encoder_->to(device_);
-  decoder_->to(device_);
-}
-
-std::unique_ptr<Stage> SparseStructureAutoEncoderStage::replica() const {
-  auto twin =
-      std::make_unique<SparseStructureAutoEncoderStage>(coders_, options_, data_, held_out_, device_, nn::Init::kNone);
-  share_frozen_weights(*encoder_, *twin->encoder_);
-  share_frozen_weights(*decoder_, *twin->decoder_);
-  return twin;
-}
-
-void SparseStructureAutoEncoderStage::warm_start(const LoadedKeys& finetuned) {
-  const auto start = [&](torch::nn::Module& model, bool wanted, const char* name, const char* class_name) {
-    if (wanted) load_pretrained(model, {PretrainedFile{class_name, ""}}, options_.warm_start, keys_of(finetuned, name));
-  };
-  start(*encoder_, coders_.encoder.use_pretrain_branch, "encoder", sparse_structure::kSparseStructureEncoderClass);
-  start(*decoder_, coders_.decoder.use_pretrain_branch, "decoder", sparse_structure::kSparseStructureDecoderClass);
-}
-
-void SparseStructureAutoEncoderStage::set_compute_dtype(torch::Dtype dtype) {
-  encoder_->set_torso_dtype(dtype);
-  decoder_->set_torso_dtype(dtype);
-}
-
-Losses SparseStructureAutoEncoderStage::losses(const data::Batch& batch, const LossContext& context) {
-  const auto& grids = dynamic_cast<const data::SparseStructureBatch&>(batch);
-  at::Generator generator = loss_generator(context, "sparse structure latents");
-  const auto stream = [&](bool skeleton) {
-    const Tensor occupancy = (skeleton ? grids.ss_skl : grids.ss).to(device_);
-    const std::int64_t items = occupancy.size(0);
-    const bool deterministic = skeleton ? coders_.encoder.latent_denoising_skl : coders_.encoder.latent_denoising;
-    const LatentDenoising& noise = skeleton ? options_.noise_skl : options_.noise;
-    Tensor posterior_noise;
-    if (!deterministic) {
-      posterior_noise = normal_draws(encoder_->latent_shape(items, occupancy.size(2), skeleton), generator, device_);
-    }
-    const auto latent = skeleton ? encoder_->encode_skeleton(occupancy, posterior_noise)
-                                 : encoder_->encode_shape(occupancy, posterior_noise);
-    StreamLoss loss;
-    Tensor z = latent.z;
-    if (noise.enabled) {
-      const Tensor u = torch::rand({items}, generator, torch::TensorOptions(torch::kFloat32)).to(device_);
-      const Tensor times = latent_times(u, noise.time_max_at(context.step));
-      z = mix_latent_noise(z, normal_draws(z.sizes().vec(), generator, device_), times, noise.gamma);
-    } else {
-      loss.kl = sparse_structure::posterior_kl(latent.mean, latent.logvar);
-    }
-    const Tensor logits = skeleton ? decoder_->decode_skeleton(z) : decoder_->decode_shape(z);
-    loss.reconstruction = sparse_structure::occupancy_loss(logits, occupancy, options_.loss_type);
-    return loss;
-  };
-  const StreamLoss shape = stream(false), skeleton = stream(true);
-  const std::string name = sparse_structure::name_of(options_.loss_type);
-  Losses losses{shape.reconstruction + skeleton.reconstruction,
-                {{name, shape.reconstruction}, {name + "_skl", skeleton.reconstruction}}};
-  if (shape.kl.defined()) {
-    losses.total = losses.total + options_.lambda_kl * shape.kl;
-    losses.terms.emplace_back("kl", shape.kl);
-  }
-  if (skeleton.kl.defined()) {
-    losses.total = losses.total + options_.lambda_kl_skl * skeleton.kl;
-    losses.terms.emplace_back("kl_skl", skeleton.kl);
-  }
-  return losses;
-}
-
-SparseStructureAutoEncoderStage::Reconstruction SparseStructureAutoEncoderStage::reconstruct(std::size_t index) {
-  const torch::NoGradGuard no_grad;
-  const auto batch = held_out_->load({{index, static_cast<std::uint64_t>(index)}});
-  const auto& grids = dynamic_cast<const data::SparseStructureBatch&>(*batch);
-  Reconstruction made;
-  made.id = batch->ids.front();
-  made.latents = encoder_->forward(grids.ss.to(device_), grids.ss_skl.to(device_));
-  const auto logits = decoder_->forward(made.latents.z, made.latents.z_skl);
-  made.shape = occupied_grid(grids.ss);
-  made.skeleton = occupied_grid(grids.ss_skl);
-  made.decoded_shape = occupied_grid(logits.shape);
-  made.decoded_skeleton = occupied_grid(logits.skeleton);
-  return made;
-}
-
-Values SparseStructureAutoEncoderStage::evaluate() {
-  if (!held_out_) return {};
-  const auto most = static_cast<std::size_t>(options_.eval_max_assets);
-  const std::size_t count = most == 0 ? held_out_->size() : std::min(most, held_out_->size());
-  Values means;
-  for (std::size_t i = 0; i < count; ++i) {
-    const Reconstruction made = reconstruct(i);
-    const sparse_structure::VoxelAgreement shape = sparse_structure::voxel_agreement(made.decoded_shape, made.shape);
-    const sparse_structure::VoxelAgreement skeleton =
-        sparse_structure::voxel_agreement(made.decoded_skeleton, made.skeleton);
-    add_mean(means, "iou_shape", shape.iou, count);
-    add_mean(means, "f1_shape", shape.f1, count);
-    add_mean(means, "iou_skl", skeleton.iou, count);
-    add_mean(means, "f1_skl", skeleton.f1, count);
-  }
-  return means;
-}
-
-namespace {
-
-template <typename Options>
-Options read_coder(ConfigReader& models, const std::string& name, const std::string& class_name) {
-  models.require(name);
-  ConfigReader model = models.object(name);
-  model.require("name");
-  model.choice("name", "", {class_name});
-  const Json* args = model.raw("args");
-  const Options options =
-      Options::from_json(args != nullptr ? *args : Json::object(), models.file(), model.pointer_to("args"));
-  model.finish();
-  return options;
+// On the way from a to b; latents of the unit sphere stay on their sphere.
+Tensor latent_between(const Tensor& a, const Tensor& b, double share, bool on_sphere, double radius) {
+  const Tensor z = torch::lerp(a, b, share);
+  return on_sphere ? radius * sparse_structure::unit_latents(z) : z;
 }
 
 void require_one_channel(std::int64_t channels, const std::string& file, const char* argument) {
@@ -202,6 +37,18 @@ void unfreeze(sparse_structure::SparseStructureCoderOptions& options) {
 }
 
 }  // namespace
+
+SparseStructureAutoEncoderStageOptions SparseStructureAutoEncoderStageOptions::read(ConfigReader& args) {
+  SparseStructureAutoEncoderStageOptions options;
+  options.loss_type = sparse_structure::occupancy_loss_named(args.choice("loss_type", "bce", {"dice", "bce", "l1"}));
+  options.lambda_kl = args.number("lambda_kl", options.lambda_kl, 0.0);
+  options.lambda_kl_skl = args.number("lambda_kl_skl", options.lambda_kl_skl, 0.0);
+  options.noise = LatentDenoising::read(args, "");
+  options.noise_skl = LatentDenoising::read(args, "_skl");
+  options.eval_max_assets = args.integer("eval_max_assets", 0, 0);
+  options.warm_start = WarmStartOptions::read(args);
+  return options;
+}
 
 void SparseStructureCoders::validate(const std::string& file) const {
   require_fit(encoder.latent_channels == decoder.latent_channels, file, "latent_channels",
@@ -235,63 +82,111 @@ void SparseStructureCoders::require_resolution(std::int64_t resolution, const Co
   }
 }
 
-std::unique_ptr<Stage> make_sparse_structure_autoencoder_stage(const Json& config, const std::string& file,
-                                                               ConfigReader& trainer_args,
-                                                               const TrainerOptions& trainer, torch::Device device) {
-  const auto options = SparseStructureAutoEncoderStageOptions::read(trainer_args);
-  ConfigReader top(config, file);
-  ConfigReader models = top.object("models");
-  SparseStructureCoders coders;
-  coders.encoder = read_coder<sparse_structure::SparseStructureEncoderOptions>(
-      models, "encoder", sparse_structure::kSparseStructureEncoderClass);
-  coders.decoder = read_coder<sparse_structure::SparseStructureDecoderOptions>(
-      models, "decoder", sparse_structure::kSparseStructureDecoderClass);
-  models.finish();
-  coders.validate(file);
+void SparseStructureAutoEncoderStage::warm_start(const LoadedKeys& finetuned) {
+  const auto start = [&](torch::nn::Module& model, bool wanted, const char* name, const char* class_name) {
+    if (wanted) load_pretrained(model, {PretrainedFile{class_name, ""}}, options_.warm_start, keys_of(finetuned, name));
+  };
+  start(*encoder_, coders_.encoder.use_pretrain_branch, "encoder", sparse_structure::kSparseStructureEncoderClass);
+  start(*decoder_, coders_.decoder.use_pretrain_branch, "decoder", sparse_structure::kSparseStructureDecoderClass);
+}
+
+Losses SparseStructureAutoEncoderStage::losses(const data::Batch& batch, const LossContext& context) {
+  const auto& grids = dynamic_cast<const data::SparseStructureBatch&>(batch);
+  at::Generator generator = loss_generator(context, "sparse structure latents");
+  struct StreamLoss {
+    Tensor reconstruction, kl;  // kl undefined where the latent gets noise
+  };
+  const auto stream = [&](bool skeleton) {
+    const Tensor occupancy = (skeleton ? grids.ss_skl : grids.ss).to(device_);
+    const std::int64_t items = occupancy.size(0);
+    const bool deterministic = skeleton ? coders_.encoder.latent_denoising_skl : coders_.encoder.latent_denoising;
+    const LatentDenoising& noise = skeleton ? options_.noise_skl : options_.noise;
+    // z = μ + σ ε, or z = μ for an encoder whose latents get noise afterwards.
+    Tensor epsilon;
+    if (!deterministic) {
+      epsilon = normal_draws(encoder_->latent_shape(items, occupancy.size(2), skeleton), generator, device_);
+    }
+    const auto latent =
+        skeleton ? encoder_->encode_skeleton(occupancy, epsilon) : encoder_->encode_shape(occupancy, epsilon);
+    StreamLoss loss;
+    Tensor z = latent.z;
+    if (noise.enabled) {  // z_t = (1 − t) z + t γ ε
+      const Tensor u = torch::rand({items}, generator, torch::TensorOptions(torch::kFloat32)).to(device_);
+      const Tensor t = latent_times(u, noise.time_max_at(context.step));
+      z = mix_latent_noise(z, normal_draws(z.sizes(), generator, device_), t, noise.gamma);
+    } else {  // KL(N(μ, σ²) ‖ N(0, 1))
+      loss.kl = sparse_structure::posterior_kl(latent.mean, latent.logvar);
+    }
+    const Tensor logits = skeleton ? decoder_->decode_skeleton(z) : decoder_->decode_shape(z);
+    loss.reconstruction = sparse_structure::occupancy_loss(logits, occupancy, options_.loss_type);
+    return loss;
+  };
+  const StreamLoss shape = stream(false), skeleton = stream(true);
+  // L = L_rec + L_rec,skl + λ_kl KL + λ_kl,skl KL_skl
+  const std::string name = sparse_structure::name_of(options_.loss_type);
+  Losses losses{shape.reconstruction + skeleton.reconstruction,
+                {{name, shape.reconstruction}, {name + "_skl", skeleton.reconstruction}}};
+  const auto add = [&](const char* term, const Tensor& kl, double lambda) {
+    if (!kl.defined()) return;
+    losses.total = losses.total + lambda * kl;
+    losses.terms.emplace_back(term, kl);
+  };
+  add("kl", shape.kl, options_.lambda_kl);
+  add("kl_skl", skeleton.kl, options_.lambda_kl_skl);
+  return losses;
+}
+
+SparseStructureAutoEncoderStage::Reconstruction SparseStructureAutoEncoderStage::reconstruct(std::size_t index) {
+  const torch::NoGradGuard no_grad;
+  const auto batch = held_out_->load({{index, static_cast<std::uint64_t>(index)}});
+  const auto& grids = dynamic_cast<const data::SparseStructureBatch&>(*batch);
+  Reconstruction made;
+  made.id = batch->ids.front();
+  made.latents = encoder_->forward(grids.ss.to(device_), grids.ss_skl.to(device_));
+  const auto logits = decoder_->forward(made.latents.z, made.latents.z_skl);
+  made.truth = {occupied_grid(grids.ss), occupied_grid(grids.ss_skl)};
+  made.decoded = {occupied_grid(logits.shape), occupied_grid(logits.skeleton)};
+  return made;
+}
+
+Values SparseStructureAutoEncoderStage::evaluate() {
+  if (!held_out_) return {};
+  const std::size_t count = held_out_count(options_.eval_max_assets);
+  Values means{{"iou_shape", 0.0}, {"f1_shape", 0.0}, {"iou_skl", 0.0}, {"f1_skl", 0.0}};
+  for (std::size_t i = 0; i < count; ++i) {
+    const Reconstruction made = reconstruct(i);
+    const auto shape = sparse_structure::voxel_agreement(made.decoded.shape, made.truth.shape);
+    const auto skeleton = sparse_structure::voxel_agreement(made.decoded.skeleton, made.truth.skeleton);
+    const double values[] = {shape.iou, shape.f1, skeleton.iou, skeleton.f1};
+    for (std::size_t k = 0; k < means.size(); ++k) means[k].second += values[k] / static_cast<double>(count);
+  }
+  return means;
+}
+
+std::unique_ptr<Stage> make_sparse_structure_autoencoder_stage(const StageRequest& request) {
+  const auto options = SparseStructureAutoEncoderStageOptions::read(request.args);
+  ConfigReader top(request.config, request.file);
+  auto coders = read_coders<SparseStructureCoders>(top, sparse_structure::kSparseStructureEncoderClass,
+                                                   sparse_structure::kSparseStructureDecoderClass);
   if (!options.warm_start.enabled) {
     unfreeze(coders.encoder);
     unfreeze(coders.decoder);
   }
-
-  ConfigReader dataset = top.object("dataset");
-  dataset.require("name");
-  dataset.choice("name", "", {"AniGenSparseStructure"});
-  const data::Datasets data = data::make_datasets(top.object("dataset"), trainer.seed);
-  ConfigReader dataset_args = dataset.object("args");
+  const data::Datasets data = autoencoder_datasets(top, "AniGenSparseStructure", request.trainer.seed);
+  ConfigReader dataset_args = top.object("dataset").object("args");
   coders.require_resolution(dataset_args.integer("resolution", data::SparseStructureOptions().resolution),
                             dataset_args);
-  log::info("{} samples an epoch to train on, {} assets held out", data.train->size(),
-            data.eval ? data.eval->size() : 0);
-  return std::make_unique<SparseStructureAutoEncoderStage>(coders, options, data.train, data.eval, device);
+  return std::make_unique<SparseStructureAutoEncoderStage>(coders, options, data.train, data.eval, request.device);
 }
-
-namespace {
-
-using torch::Tensor;
-
-constexpr std::size_t kSheetAssets = 8;
-constexpr int kBetweenSteps = 5;
-
-// On the way from a to b; latents of the unit sphere stay on their sphere.
-Tensor latent_between(const Tensor& a, const Tensor& b, double share, bool on_sphere, double radius) {
-  const Tensor z = torch::lerp(a, b, share);
-  return on_sphere ? radius * sparse_structure::unit_latents(z) : z;
-}
-
-}  // namespace
 
 void SparseStructureAutoEncoderStage::sample(const std::filesystem::path& folder) {
   if (!held_out_ || held_out_->size() == 0) return;
-  std::error_code error;
-  std::filesystem::create_directories(folder, error);
-  if (error) throw Error(folder.string() + ": cannot create folder: " + error.message());
-
   std::vector<Reconstruction> made;
   std::vector<sparse_structure::VoxelSheetRow> rows;
   for (std::size_t i = 0; i < std::min(kSheetAssets, held_out_->size()); ++i) {
     made.push_back(reconstruct(i));
     const Reconstruction& one = made.back();
-    rows.push_back({short_id(one.id), {{one.shape, one.skeleton}, {one.decoded_shape, one.decoded_skeleton}}});
+    rows.push_back({short_id(one.id), {one.truth, one.decoded}});
   }
   sparse_structure::write_voxel_sheet(folder / "reconstructions.png", rows, {"ground truth", "reconstruction"});
 
@@ -308,7 +203,7 @@ void SparseStructureAutoEncoderStage::sample(const std::filesystem::path& folder
       const Tensor z_skl = latent_between(a.z_skl, b.z_skl, share, coder.latent_denoising_skl && coder.normalize_z_skl,
                                           coder.normalize_scale);
       const auto logits = decoder_->forward(z, z_skl);
-      strip.cells.push_back({(logits.shape[0][0] > 0).to(torch::kCPU), (logits.skeleton[0][0] > 0).to(torch::kCPU)});
+      strip.cells.push_back({occupied_grid(logits.shape), occupied_grid(logits.skeleton)});
     }
     strips.push_back(std::move(strip));
   }

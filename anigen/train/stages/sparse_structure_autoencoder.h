@@ -2,13 +2,10 @@
 #include <memory>
 #include <string>
 
-#include "anigen/core/config.h"
 #include "anigen/sparse_structure/autoencoder.h"
 #include "anigen/sparse_structure/voxel_metrics.h"
-#include "anigen/train/options.h"
-#include "anigen/train/stage.h"
-#include "anigen/train/stages/flow_stage.h"
-#include "anigen/train/warm_start.h"
+#include "anigen/sparse_structure/voxel_picture.h"
+#include "anigen/train/stages/autoencoder_stage.h"
 
 namespace anigen::train {
 
@@ -45,54 +42,29 @@ struct SparseStructureCoders {
 /// Cost: configs/tiny/ss_dae.json (widths 8, 16, 48 at 64³, one block a level) multiplies and adds 2.6 G times per
 /// stream and sample in the encoder and 4.1 G in the decoder: 26 GFLOP forward for both streams, three times that in a
 /// training step. The published widths take 323 G and 407 G per stream: 2.9 TFLOP forward.
-class SparseStructureAutoEncoderStage : public Stage {
+class SparseStructureAutoEncoderStage
+    : public AutoEncoderStage<sparse_structure::SparseStructureEncoder, sparse_structure::SparseStructureDecoder,
+                              SparseStructureCoders, SparseStructureAutoEncoderStageOptions> {
  public:
-  using Dataset = std::shared_ptr<const data::BatchSource>;  ///< of SparseStructureBatch
+  using AutoEncoderStage::AutoEncoderStage;
 
-  /// @param held_out may be null: evaluate() and sample() then do nothing
-  SparseStructureAutoEncoderStage(const SparseStructureCoders& coders,
-                                  const SparseStructureAutoEncoderStageOptions& options, Dataset data, Dataset held_out,
-                                  torch::Device device, nn::Init init = nn::Init::kPublished);
-
-  std::vector<nn::NamedModel> models() const override {
-    return {{"encoder", encoder_.ptr()}, {"decoder", decoder_.ptr()}};
-  }
-  const data::BatchSource& data() const override { return *data_; }
   Losses losses(const data::Batch& batch, const LossContext& context) override;
   void warm_start(const LoadedKeys& finetuned) override;
-  bool supports(torch::Dtype dtype) const override {
-    return dtype == torch::kHalf ? device_.is_cuda() : dtype != torch::kFloat64;
-  }
-  void set_compute_dtype(torch::Dtype dtype) override;
   Values evaluate() override;
   void sample(const std::filesystem::path& folder) override;
-  std::unique_ptr<Stage> replica() const override;
-
-  sparse_structure::SparseStructureEncoder& encoder() { return encoder_; }
-  sparse_structure::SparseStructureDecoder& decoder() { return decoder_; }
+  std::unique_ptr<Stage> replica() const override {
+    return with_frozen_weights(std::make_unique<SparseStructureAutoEncoderStage>(coders_, options_, data_, held_out_,
+                                                                                 device_, nn::Init::kNone));
+  }
 
  private:
   /// One held-out asset and what the models make of it.
   struct Reconstruction {
     std::string id;
-    torch::Tensor shape, skeleton;                  // bool [R, R, R], ground truth
-    torch::Tensor decoded_shape, decoded_skeleton;  // the same, decoded
+    sparse_structure::VoxelPair truth, decoded;
     sparse_structure::SparseStructureEncoderImpl::Output latents;
   };
   Reconstruction reconstruct(std::size_t held_out);
-
-  SparseStructureCoders coders_;
-  SparseStructureAutoEncoderStageOptions options_;
-  Dataset data_, held_out_;
-  torch::Device device_;
-  sparse_structure::SparseStructureEncoder encoder_;
-  sparse_structure::SparseStructureDecoder decoder_;
 };
-
-/// The stage of a config `{models, dataset, trainer}` whose trainer is AniGenSparseStructureVaeTrainer.
-/// @param trainer the options already read from the same config @throws InputError naming file and JSON pointer
-std::unique_ptr<Stage> make_sparse_structure_autoencoder_stage(const Json& config, const std::string& file,
-                                                               ConfigReader& trainer_args,
-                                                               const TrainerOptions& trainer, torch::Device device);
 
 }  // namespace anigen::train

@@ -5,21 +5,11 @@
 
 #include "anigen/core/error.h"
 #include "anigen/core/log.h"
-#include "anigen/data/datasets.h"
 #include "anigen/data/voxel_files.h"
-#include "anigen/io/arrays/torch_archive.h"
 #include "anigen/nn/state_dict.h"
-#include "anigen/nn/trainable.h"
 #include "anigen/sparse_structure/voxel_metrics.h"
-#include "anigen/structured_latent/decoder.h"
-#include "anigen/train/stage.h"
 #include "anigen/train/stages/flow_stage.h"
 #include "anigen/train/stages/structured_latent_report.h"
-#include "anigen/vision/lpips.h"
-
-// From a config to the stage of the structured-latent auto-encoder.
-
-// Initial weights of the two models of the structured latents.
 
 namespace anigen::train {
 
@@ -48,18 +38,13 @@ std::vector<Tensor> moved(const std::vector<Tensor>& tensors, torch::Device devi
   return there;
 }
 
-Tensor drawn_normal(std::int64_t rows, std::int64_t channels, at::Generator& generator, torch::Device device) {
-  return torch::randn({rows, channels}, generator, torch::TensorOptions(torch::kFloat32)).to(device);
-}
-
-// One share of noise per item, for the rows of its voxels. @return the noised rows
+// z_t = (1 − t) z + t γ ε with one share of noise t per item, for the rows of its voxels.
 Tensor noised(const Tensor& z, const sparse::Support& support, const LatentDenoising& noise, std::int64_t step,
               at::Generator& generator) {
   const Tensor u = torch::rand({support.items().items()}, generator, torch::TensorOptions(torch::kFloat32));
-  const Tensor times = latent_times(u, noise.time_max_at(step), kSparseTimeCut);
+  const Tensor t = latent_times(u, noise.time_max_at(step), kSparseTimeCut);
   const Tensor item = support.coords().select(1, 0).to(torch::kInt64);
-  return mix_latent_noise(z, drawn_normal(z.size(0), z.size(1), generator, z.device()), times.index_select(0, item),
-                          noise.gamma);
+  return mix_latent_noise(z, normal_draws(z.sizes(), generator, z.device()), t.index_select(0, item), noise.gamma);
 }
 
 // Weighted terms and the names they are logged under.
@@ -94,31 +79,77 @@ void log_geometry(LossSum& sum, const shape_field::GeometryLosses& losses) {
   sum.log("normal_loss_perceptual", losses.normal_perceptual);
 }
 
+// Modules of the SkinAE in the two models.
+constexpr const char* kSkinEncoderModule = "skin_encoder";
+constexpr const char* kSkinDecoderModule = "skin_decoder";
+
+void require_equal(std::int64_t decoder, std::int64_t encoder, const std::string& file, const std::string& key) {
+  if (decoder == encoder) return;
+  throw InputError(file, "/models/decoder/args/" + key,
+                   std::to_string(decoder) + " differs from the encoder's " + std::to_string(encoder));
+}
+
+void drop(std::vector<std::string>& names, const std::string& name) {
+  names.erase(std::remove(names.begin(), names.end(), name), names.end());
+}
+
+// "warm_start": "none" trains what published runs take from TRELLIS; the SkinAE, which stage 1 trained, stays frozen.
+void unfreeze_all_but_skin(structured_latent::StructuredLatentCoderOptions& coder, const char* skin_module,
+                           bool skin_ae) {
+  coder.modules_to_freeze.clear();
+  coder.use_pretrain_branch = coder.freeze_pretrain_branch = skin_ae;
+  if (skin_ae) coder.modules_to_freeze.emplace_back(skin_module);
+}
+
+// The first asset says whether models and dataset fit, before a run folder is touched.
+void require_fitting_features(const data::BatchSource& data, const StructuredLatentCoders& coders,
+                              const std::string& file) {
+  const std::unique_ptr<data::Batch> batch = data.load({data::Draw{0, 0}});
+  const auto& assets = dynamic_cast<const data::FeatureSkeletonBatch&>(*batch);
+  const std::int64_t channels = assets.feats.feats.size(1);
+  if (channels == coders.encoder.in_channels) return;
+  throw InputError(file, "/models/encoder/args/in_channels",
+                   std::to_string(coders.encoder.in_channels) + ", but the dataset's features have " +
+                       std::to_string(channels) + " channels");
+}
+
+void say_what_is_left_out(const StructuredLatentAutoEncoderStage& stage,
+                          const StructuredLatentAutoEncoderStageOptions& options) {
+  if (!stage.trains_geometry()) {
+    log::info("the geometry branch is frozen: nothing is rendered, and geo_loss and color_loss are left out");
+  }
+  if (options.variant.joint_skin) {
+    log::info("skin_ae joint: the encoder sees no skin, and there are no features of a SkinAE to compare with");
+  }
+  if (options.variant.geometry_only) log::info("geometry_only: losses of skeleton and skin are left out");
+}
+
+constexpr const char* kSkinAutoEncoderClass = "SkinAutoEncoder";
+
+struct SkinWeightsFile {
+  io::NamedArrays arrays;
+  std::string source;
+};
+
+// The part of a trained SkinAE that belongs into a model; published and own checkpoints name it alike.
+SkinWeightsFile skin_weights_of_run(const std::filesystem::path& run, const std::string& part) {
+  const nn::RunModel found = nn::find_run_model(run, kSkinAutoEncoderClass);
+  SkinWeightsFile file{{}, found.checkpoint.string()};
+  for (auto& [key, array] : io::read_state_dict(found.checkpoint)) {
+    if (key.rfind(part + ".", 0) == 0) file.arrays.emplace_back(key, std::move(array));
+  }
+  if (file.arrays.empty()) throw InputError(file.source, "", "holds no " + part);
+  return file;
+}
+
 }  // namespace
 
 StructuredLatentAutoEncoderStage::StructuredLatentAutoEncoderStage(
     const StructuredLatentCoders& coders, const StructuredLatentAutoEncoderStageOptions& options, Dataset data,
     Dataset held_out, torch::Device device, vision::Lpips lpips, nn::Init init)
-    : coders_(coders),
-      options_(options),
-      data_(std::move(data)),
-      held_out_(std::move(held_out)),
-      device_(device),
-      lpips_(std::move(lpips)),
-      encoder_(coders.encoder, init),
-      decoder_(coders.decoder, init) {
+    : AutoEncoderStage(coders, options, std::move(data), std::move(held_out), device, init), lpips_(std::move(lpips)) {
   if (!options_.variant.needs_skin_ae()) silence_skin_encoder();
-  encoder_->to(device_);
-  decoder_->to(device_);
   trains_geometry_ = trains_any_geometry(*encoder_) || trains_any_geometry(*decoder_);
-}
-
-std::unique_ptr<Stage> StructuredLatentAutoEncoderStage::replica() const {
-  auto twin = std::make_unique<StructuredLatentAutoEncoderStage>(coders_, options_, data_, held_out_, device_, lpips_,
-                                                                 nn::Init::kNone);
-  share_frozen_weights(*encoder_, *twin->encoder_);
-  share_frozen_weights(*decoder_, *twin->decoder_);
-  return twin;
 }
 
 // Without a pretrained SkinAE the encoder knows nothing about skin: all of its embeddings are 0 and stay so, and only
@@ -126,11 +157,6 @@ std::unique_ptr<Stage> StructuredLatentAutoEncoderStage::replica() const {
 void StructuredLatentAutoEncoderStage::silence_skin_encoder() {
   nn::zero_parameters(*encoder_->skin_encoder());
   nn::freeze_modules(*encoder_, {"skin_encoder"});
-}
-
-void StructuredLatentAutoEncoderStage::set_compute_dtype(torch::Dtype dtype) {
-  encoder_->set_torso_dtype(dtype);
-  decoder_->set_torso_dtype(dtype);
 }
 
 shape_field::PictureDistance StructuredLatentAutoEncoderStage::picture_distance() {
@@ -172,10 +198,10 @@ StructuredLatentAutoEncoderStage::Latents StructuredLatentAutoEncoderStage::enco
   std::vector<Tensor> noise;
   if (generator != nullptr) {
     const std::int64_t rows = inputs.x.support->size(), rows_skl = inputs.x_skl.support->size();
-    noise.push_back(drawn_normal(rows, coder.latent_channels, *generator, device_));
+    noise.push_back(normal_draws({rows, coder.latent_channels}, *generator, device_));
     if (!coder.latent_denoising) {
-      noise.push_back(drawn_normal(rows, coder.latent_channels_vertskin, *generator, device_));
-      noise.push_back(drawn_normal(rows_skl, coder.latent_channels_skl, *generator, device_));
+      noise.push_back(normal_draws({rows, coder.latent_channels_vertskin}, *generator, device_));
+      noise.push_back(normal_draws({rows_skl, coder.latent_channels_skl}, *generator, device_));
     }
   }
   Latents latents = encoder_->forward(inputs.x, inputs.x_skl, inputs.rigs, noise);
@@ -239,6 +265,7 @@ Losses StructuredLatentAutoEncoderStage::losses(const data::Batch& batch, const 
   const Latents latents = encode(inputs, &generator);
   LossSum sum;
 
+  // λ_kl KL(N(μ, σ²) ‖ N(0, 1)) of the latents that get no noise; the others become z_t.
   structured_latent::PerStream<SparseTensor> z = streams_of(latents);
   if (options_.noise.enabled) {
     z.skin.feats = noised(z.skin.feats, *z.skin.support, options_.noise, context.step, generator);
@@ -251,10 +278,12 @@ Losses StructuredLatentAutoEncoderStage::losses(const data::Batch& batch, const 
     sum.add("kl_skl", sparse_structure::posterior_kl(latents.mean_skl, latents.logvar_skl), options_.lambda_kl_skl);
   }
 
+  // The S³ fields over the true joints, their surfaces, and L_reg of FlexiCubes.
   const Fields decoded = decoder_->forward(z, inputs.skeletons);
   const Meshes meshes = decoder_->extract_meshes(decoded, /*training=*/true);
   sum.add("reg_loss", mean_regularizer(meshes));
 
+  // L_geo and L_color of the assets with a surface, which pictures can compare; λ · tsdf_loss / τ² of the others.
   std::vector<std::size_t> with_surface, lost;
   for (std::size_t i = 0; i < meshes.size(); ++i) (meshes[i].success ? with_surface : lost).push_back(i);
   if (trains_geometry_ && !lost.empty() && options_.lambda_lost_surface > 0.0) {
@@ -280,6 +309,7 @@ Losses StructuredLatentAutoEncoderStage::losses(const data::Batch& batch, const 
     }
   }
 
+  // L_rig: joints, parents and skin weights at vertices, all of them or some drawn anew.
   if (!options_.variant.geometry_only) {
     std::vector<Tensor> chosen(meshes.size());
     for (const std::size_t i : with_surface) {
@@ -301,68 +331,6 @@ Losses StructuredLatentAutoEncoderStage::losses(const data::Batch& batch, const 
   return sum.take();
 }
 
-namespace {
-
-// Modules of the SkinAE in the two models.
-constexpr const char* kSkinEncoderModule = "skin_encoder";
-constexpr const char* kSkinDecoderModule = "skin_decoder";
-
-template <typename Options>
-Options read_latent_coder(ConfigReader& models, const std::string& name, const std::string& class_name) {
-  models.require(name);
-  ConfigReader model = models.object(name);
-  model.require("name");
-  model.choice("name", "", {class_name});
-  const Json* args = model.raw("args");
-  Options options =
-      Options::from_json(args != nullptr ? *args : Json::object(), models.file(), model.pointer_to("args"));
-  model.finish();
-  return options;
-}
-
-void require_equal(std::int64_t decoder, std::int64_t encoder, const std::string& file, const std::string& key) {
-  if (decoder == encoder) return;
-  throw InputError(file, "/models/decoder/args/" + key,
-                   std::to_string(decoder) + " differs from the encoder's " + std::to_string(encoder));
-}
-
-void drop(std::vector<std::string>& names, const std::string& name) {
-  names.erase(std::remove(names.begin(), names.end(), name), names.end());
-}
-
-// "warm_start": "none" trains what published runs take from TRELLIS; the SkinAE, which stage 1 trained, stays frozen.
-void unfreeze_all_but_skin(structured_latent::StructuredLatentCoderOptions& coder, const char* skin_module,
-                           bool skin_ae) {
-  coder.modules_to_freeze.clear();
-  coder.use_pretrain_branch = coder.freeze_pretrain_branch = skin_ae;
-  if (skin_ae) coder.modules_to_freeze.emplace_back(skin_module);
-}
-
-// The first asset says whether models and dataset fit, before a run folder is touched.
-void require_fitting_features(const data::BatchSource& data, const StructuredLatentCoders& coders,
-                              const std::string& file) {
-  const std::unique_ptr<data::Batch> batch = data.load({data::Draw{0, 0}});
-  const auto& assets = dynamic_cast<const data::FeatureSkeletonBatch&>(*batch);
-  const std::int64_t channels = assets.feats.feats.size(1);
-  if (channels == coders.encoder.in_channels) return;
-  throw InputError(file, "/models/encoder/args/in_channels",
-                   std::to_string(coders.encoder.in_channels) + ", but the dataset's features have " +
-                       std::to_string(channels) + " channels");
-}
-
-void say_what_is_left_out(const StructuredLatentAutoEncoderStage& stage,
-                          const StructuredLatentAutoEncoderStageOptions& options) {
-  if (!stage.trains_geometry()) {
-    log::info("the geometry branch is frozen: nothing is rendered, and geo_loss and color_loss are left out");
-  }
-  if (options.variant.joint_skin) {
-    log::info("skin_ae joint: the encoder sees no skin, and there are no features of a SkinAE to compare with");
-  }
-  if (options.variant.geometry_only) log::info("geometry_only: losses of skeleton and skin are left out");
-}
-
-}  // namespace
-
 void StructuredLatentCoders::validate(const std::string& file) const {
   require_equal(decoder.resolution, encoder.resolution, file, "resolution");
   require_equal(decoder.latent_channels, encoder.latent_channels, file, "latent_channels");
@@ -372,21 +340,13 @@ void StructuredLatentCoders::validate(const std::string& file) const {
                 "skin_decoder_config/skin_feat_channels");
 }
 
-std::unique_ptr<Stage> make_structured_latent_autoencoder_stage(const Json& config, const std::string& file,
-                                                                ConfigReader& trainer_args,
-                                                                const TrainerOptions& trainer, torch::Device device) {
-  ConfigReader top(config, file);
-  ConfigReader models = top.object("models");
-  StructuredLatentCoders coders;
-  coders.encoder = read_latent_coder<structured_latent::StructuredLatentEncoderOptions>(
-      models, "encoder", structured_latent::kStructuredLatentEncoderClass);
-  coders.decoder = read_latent_coder<structured_latent::StructuredLatentDecoderOptions>(
-      models, "decoder", structured_latent::kStructuredLatentDecoderClass);
-  models.finish();
-  coders.validate(file);
+std::unique_ptr<Stage> make_structured_latent_autoencoder_stage(const StageRequest& request) {
+  ConfigReader top(request.config, request.file);
+  auto coders = read_coders<StructuredLatentCoders>(top, structured_latent::kStructuredLatentEncoderClass,
+                                                    structured_latent::kStructuredLatentDecoderClass);
   const auto options =
-      StructuredLatentAutoEncoderStageOptions::read(trainer_args, coders.decoder, trainer.compatibility);
-  options.variant.apply(coders.encoder, file);
+      StructuredLatentAutoEncoderStageOptions::read(request.args, coders.decoder, request.trainer.compatibility);
+  options.variant.apply(coders.encoder, request.file);
   const bool skin_ae = options.variant.needs_skin_ae();
   if (!skin_ae) drop(coders.decoder.modules_to_freeze, kSkinDecoderModule);
   if (!options.warm_start.enabled) {
@@ -394,59 +354,32 @@ std::unique_ptr<Stage> make_structured_latent_autoencoder_stage(const Json& conf
     unfreeze_all_but_skin(coders.decoder, kSkinDecoderModule, skin_ae);
   }
   if (options.geometry.lambda_color > 0.0 && !coders.decoder.use_color) {
-    throw trainer_args.error("lambda_color", "needs a decoder with representation_config.use_color");
+    throw request.args.error("lambda_color", "needs a decoder with representation_config.use_color");
   }
 
-  ConfigReader dataset = top.object("dataset");
-  dataset.require("name");
-  dataset.choice("name", "", {"AniGenSparseFeat2Skeleton"});
-  const data::Datasets data = data::make_datasets(top.object("dataset"), trainer.seed);
+  const data::Datasets data = autoencoder_datasets(top, "AniGenSparseFeat2Skeleton", request.trainer.seed);
   const std::int64_t grid = top.object("dataset").object("args").integer("resolution", data::kStoredResolution, 1);
   if (coders.encoder.resolution != grid) {
-    throw InputError(file, "/models/encoder/args/resolution",
+    throw InputError(request.file, "/models/encoder/args/resolution",
                      "must be " + std::to_string(grid) + ", the grid of the dataset's voxels");
   }
-  require_fitting_features(*data.train, coders, file);
-  log::info("{} samples an epoch to train on, {} assets held out", data.train->size(),
-            data.eval ? data.eval->size() : 0);
+  require_fitting_features(*data.train, coders, request.file);
 
   vision::Lpips lpips = nullptr;
   if (!options.lpips_weights.empty()) {
     lpips = vision::load_lpips(options.lpips_weights);
-    lpips->to(device);
+    lpips->to(request.device);
   }
   auto stage =
-      std::make_unique<StructuredLatentAutoEncoderStage>(coders, options, data.train, data.eval, device, lpips);
+      std::make_unique<StructuredLatentAutoEncoderStage>(coders, options, data.train, data.eval, request.device, lpips);
   if (stage->trains_geometry() && options.geometry.perceptual.lambda_lpips > 0.0 && lpips.is_empty()) {
-    throw trainer_args.error("lambda_lpips",
+    throw request.args.error("lambda_lpips",
                              "LPIPS needs its weights: name the files of VGG16 and of its heads in "
                              "trainer.args.lpips_weights, or set lambda_lpips to 0");
   }
   say_what_is_left_out(*stage, options);
   return stage;
 }
-
-namespace {
-
-constexpr const char* kSkinAutoEncoderClass = "SkinAutoEncoder";
-
-struct SkinWeightsFile {
-  io::NamedArrays arrays;
-  std::string source;
-};
-
-// The part of a trained SkinAE that belongs into a model; published and own checkpoints name it alike.
-SkinWeightsFile skin_weights_of_run(const std::filesystem::path& run, const std::string& part) {
-  const nn::RunModel found = nn::find_run_model(run, kSkinAutoEncoderClass);
-  SkinWeightsFile file{{}, found.checkpoint.string()};
-  for (auto& [key, array] : io::read_state_dict(found.checkpoint)) {
-    if (key.rfind(part + ".", 0) == 0) file.arrays.emplace_back(key, std::move(array));
-  }
-  if (file.arrays.empty()) throw InputError(file.source, "", "holds no " + part);
-  return file;
-}
-
-}  // namespace
 
 void StructuredLatentAutoEncoderStage::start_model(torch::nn::Module& model, bool pretrained, const char* class_name,
                                                    const std::string& skin_name, const std::string& skin_part,

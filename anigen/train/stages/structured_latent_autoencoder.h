@@ -1,22 +1,16 @@
 #pragma once
-#include <cstddef>
 #include <filesystem>
 #include <memory>
 #include <set>
 #include <string>
 #include <vector>
 
-#include "anigen/core/config.h"
-#include "anigen/data/datasets.h"
 #include "anigen/shape_field/mesh_extraction.h"
 #include "anigen/structured_latent/decoder.h"
 #include "anigen/structured_latent/encoder.h"
 #include "anigen/structured_latent/options.h"
 #include "anigen/structured_latent/rig_loss.h"
-#include "anigen/train/options.h"
-#include "anigen/train/stage.h"
-#include "anigen/train/stages/flow_stage.h"
-#include "anigen/train/warm_start.h"
+#include "anigen/train/stages/autoencoder_stage.h"
 #include "anigen/vision/lpips.h"
 
 namespace anigen::train {
@@ -68,34 +62,27 @@ struct StructuredLatentAutoEncoderStageOptions {
 /// Evaluation on held-out assets, means over them, without noise: "surfaces", the share whose shape has a surface, and
 /// over those "chamfer" to the true one; "joints_loss", "parents_loss", "skin_kl_loss" as above; "joint_count_error",
 /// |grouped − true joints|, and "joint_chamfer" between them.
-class StructuredLatentAutoEncoderStage : public Stage {
+class StructuredLatentAutoEncoderStage
+    : public AutoEncoderStage<structured_latent::StructuredLatentEncoder, structured_latent::StructuredLatentDecoder,
+                              StructuredLatentCoders, StructuredLatentAutoEncoderStageOptions> {
  public:
-  using Dataset = std::shared_ptr<const data::BatchSource>;  ///< of FeatureSkeletonBatch
-
   /// @param held_out may be null: evaluate() and sample() then do nothing @param lpips with weights; may be null
   StructuredLatentAutoEncoderStage(const StructuredLatentCoders& coders,
                                    const StructuredLatentAutoEncoderStageOptions& options, Dataset data,
                                    Dataset held_out, torch::Device device, vision::Lpips lpips = nullptr,
                                    nn::Init init = nn::Init::kPublished);
 
-  std::vector<nn::NamedModel> models() const override {
-    return {{"encoder", encoder_.ptr()}, {"decoder", decoder_.ptr()}};
-  }
-  const data::BatchSource& data() const override { return *data_; }
   Losses losses(const data::Batch& batch, const LossContext& context) override;
   void warm_start(const LoadedKeys& finetuned) override;
-  bool supports(torch::Dtype dtype) const override {
-    return dtype == torch::kHalf ? device_.is_cuda() : dtype != torch::kFloat64;
-  }
-  void set_compute_dtype(torch::Dtype dtype) override;
   Values evaluate() override;
   /// Writes reconstructions.png: for some held-out assets the true mesh with its skeleton, the decoded mesh with the
   /// grouped one, the true skin weights, and those decoded for the true joints.
   void sample(const std::filesystem::path& folder) override;
-  std::unique_ptr<Stage> replica() const override;
+  std::unique_ptr<Stage> replica() const override {
+    return with_frozen_weights(std::make_unique<StructuredLatentAutoEncoderStage>(coders_, options_, data_, held_out_,
+                                                                                  device_, lpips_, nn::Init::kNone));
+  }
 
-  structured_latent::StructuredLatentEncoder& encoder() { return encoder_; }
-  structured_latent::StructuredLatentDecoder& decoder() { return decoder_; }
   /// True when anything trainable lies behind the decoded shape.
   bool trains_geometry() const { return trains_geometry_; }
 
@@ -134,20 +121,8 @@ class StructuredLatentAutoEncoderStage : public Stage {
                                             const Meshes& meshes, const std::vector<torch::Tensor>& chosen);
   Reconstruction reconstruct(std::size_t held_out);
 
-  StructuredLatentCoders coders_;
-  StructuredLatentAutoEncoderStageOptions options_;
-  Dataset data_, held_out_;
-  torch::Device device_;
   vision::Lpips lpips_;
-  structured_latent::StructuredLatentEncoder encoder_;
-  structured_latent::StructuredLatentDecoder decoder_;
   bool trains_geometry_ = false;
 };
-
-/// The stage of a config `{models, dataset, trainer}` whose trainer is AniGenSLatVaeSkeletonTrainer.
-/// @param trainer the options already read from the same config @throws InputError naming file and JSON pointer
-std::unique_ptr<Stage> make_structured_latent_autoencoder_stage(const Json& config, const std::string& file,
-                                                                ConfigReader& trainer_args,
-                                                                const TrainerOptions& trainer, torch::Device device);
 
 }  // namespace anigen::train

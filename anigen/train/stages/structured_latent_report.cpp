@@ -2,9 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
-#include <system_error>
 
-#include "anigen/core/error.h"
+#include "anigen/core/config_fields.h"
 #include "anigen/core/log.h"
 #include "anigen/core/numeric.h"
 #include "anigen/metrics/surface.h"
@@ -12,12 +11,6 @@
 #include "anigen/render/contact_sheet.h"
 #include "anigen/train/pictures.h"
 #include "anigen/train/stages/structured_latent_autoencoder.h"
-
-// Trainer arguments of the structured-latent auto-encoder.
-
-// Reconstruction of held-out assets from the structured latents.
-
-// Pictures of what the structured latents give back.
 
 namespace anigen::train {
 
@@ -42,23 +35,6 @@ double torsos(const structured_latent::StructuredLatentCoderOptions& coder, std:
 
 // Per fine voxel: the input twice, both convolutions, norm and activation between, skip and sum.
 double subdivide(double fine_voxels, double in, double out) { return fine_voxels * (2.0 * in + 6.0 * out); }
-
-}  // namespace
-
-std::int64_t activation_bytes(const structured_latent::StructuredLatentEncoderOptions& encoder,
-                              const structured_latent::StructuredLatentDecoderOptions& decoder, std::int64_t voxels,
-                              std::int64_t skeleton_voxels) {
-  double numbers = torsos(encoder, voxels, skeleton_voxels) + torsos(decoder, voxels, skeleton_voxels);
-  const auto width = static_cast<double>(decoder.model_channels);
-  const double half = kChildren * static_cast<double>(voxels), whole = kChildren * half;
-  for (const std::int64_t stream : {decoder.model_channels, decoder.model_channels_skin}) {
-    numbers += subdivide(half, static_cast<double>(stream), width / 4.0) + subdivide(whole, width / 4.0, width / 8.0);
-  }
-  numbers += 2.0 * whole * static_cast<double>(decoder.mesh_options().channels());
-  return static_cast<std::int64_t>(kBytes * numbers);
-}
-
-namespace {
 
 using torch::Tensor;
 
@@ -106,7 +82,57 @@ Tensor selected(const Tensor& rows, const std::vector<std::size_t>& assets, torc
   return torch::stack(chosen).to(device);
 }
 
+constexpr std::uint64_t kSurfaceSeed = 0;
+
+// Means over the assets for which there is a value.
+class AssetMeans {
+ public:
+  void add(const std::string& name, double value) {
+    for (Entry& entry : entries_) {
+      if (entry.name != name) continue;
+      entry.sum += value;
+      ++entry.count;
+      return;
+    }
+    entries_.push_back({name, value, 1});
+  }
+  Values values() const {
+    Values means;
+    for (const Entry& entry : entries_) means.emplace_back(entry.name, entry.sum / static_cast<double>(entry.count));
+    return means;
+  }
+
+ private:
+  struct Entry {
+    std::string name;
+    double sum;
+    std::size_t count;
+  };
+  std::vector<Entry> entries_;
+};
+
+// Evenly spaced rows where there are more than wanted; undefined: all.
+Tensor evenly_chosen(std::int64_t rows, std::int64_t wanted, torch::Device device) {
+  if (wanted == 0 || rows <= wanted) return Tensor();
+  return (torch::arange(wanted, torch::kInt64) * rows).floor_divide(wanted).to(device);
+}
+
+constexpr int kSheetColumns = 4;
+
 }  // namespace
+
+std::int64_t activation_bytes(const structured_latent::StructuredLatentEncoderOptions& encoder,
+                              const structured_latent::StructuredLatentDecoderOptions& decoder, std::int64_t voxels,
+                              std::int64_t skeleton_voxels) {
+  double numbers = torsos(encoder, voxels, skeleton_voxels) + torsos(decoder, voxels, skeleton_voxels);
+  const auto width = static_cast<double>(decoder.model_channels);
+  const double half = kChildren * static_cast<double>(voxels), whole = kChildren * half;
+  for (const std::int64_t stream : {decoder.model_channels, decoder.model_channels_skin}) {
+    numbers += subdivide(half, static_cast<double>(stream), width / 4.0) + subdivide(whole, width / 4.0, width / 8.0);
+  }
+  numbers += 2.0 * whole * static_cast<double>(decoder.mesh_options().channels());
+  return static_cast<std::int64_t>(kBytes * numbers);
+}
 
 DecodedPictures decoded_pictures(const std::vector<shape_field::ExtractedMesh>& meshes,
                                  const std::vector<std::size_t>& assets, const data::FeatureSkeletonBatch& batch,
@@ -157,30 +183,6 @@ Tensor mean_tsdf_loss(const std::vector<shape_field::ExtractedMesh>& meshes, con
   return sum / static_cast<double>(assets.size());
 }
 
-namespace {
-
-void read_geometry_terms(ConfigReader& args, shape_field::GeometryLossOptions& geometry) {
-  geometry.set_depth_loss(args.choice("depth_loss_type", "l1", {"l1", "smooth_l1"}));
-  geometry.lambda_depth = args.number("lambda_depth", geometry.lambda_depth, 0.0);
-  geometry.lambda_tsdf = args.number("lambda_tsdf", geometry.lambda_tsdf, 0.0);
-  geometry.lambda_color = args.number("lambda_color", geometry.lambda_color, 0.0);
-  geometry.perceptual.lambda_ssim = args.number("lambda_ssim", geometry.perceptual.lambda_ssim, 0.0);
-  geometry.perceptual.lambda_lpips = args.number("lambda_lpips", geometry.perceptual.lambda_lpips, 0.0);
-}
-
-void read_rig_terms(ConfigReader& args, structured_latent::RigLossOptions& rig) {
-  rig.lambda_joints = args.number("lambda_joints", rig.lambda_joints, 0.0);
-  rig.lambda_parents = args.number("lambda_parents", rig.lambda_parents, 0.0);
-  rig.lambda_skin_kl = args.number("lambda_skin_kl", rig.lambda_skin_kl, 0.0);
-  rig.lambda_skin_var = args.number("lambda_skin_var", rig.lambda_skin_var, 0.0);
-  rig.lambda_skin_feats_l2 = args.number("lambda_skin_feats_l2", rig.lambda_skin_feats_l2, 0.0);
-  rig.lambda_skin_feats_l2_skl = args.number("lambda_skin_feats_l2_skl", rig.lambda_skin_feats_l2_skl, 0.0);
-  rig.skeleton.alpha_conf_j = args.number("alpha_conf_j", rig.skeleton.alpha_conf_j, 0.0);
-  rig.skeleton.alpha_conf_p = args.number("alpha_conf_p", rig.skeleton.alpha_conf_p, 0.0);
-}
-
-}  // namespace
-
 StructuredLatentAutoEncoderStageOptions StructuredLatentAutoEncoderStageOptions::read(
     ConfigReader& args, const structured_latent::StructuredLatentDecoderOptions& decoder,
     const std::string& compatibility) {
@@ -192,11 +194,26 @@ StructuredLatentAutoEncoderStageOptions StructuredLatentAutoEncoderStageOptions:
   options.rig.true_feature_confidence = paper;
   options.geometry.extra_color_l1 = !paper;
   options.geometry.resolution = decoder.mesh_options().resolution;
-  read_geometry_terms(args, options.geometry);
-  options.lambda_lost_surface = args.number("lambda_lost_surface", options.lambda_lost_surface, 0.0);
-  read_rig_terms(args, options.rig);
-  options.lambda_kl = args.number("lambda_kl", options.lambda_kl, 0.0);
-  options.lambda_kl_skl = args.number("lambda_kl_skl", options.lambda_kl_skl, 0.0);
+  ConfigFields f(args);
+  shape_field::GeometryLossOptions& geometry = options.geometry;
+  geometry.set_depth_loss(args.choice("depth_loss_type", "l1", {"l1", "smooth_l1"}));
+  f("lambda_depth", geometry.lambda_depth, {0.0});
+  f("lambda_tsdf", geometry.lambda_tsdf, {0.0});
+  f("lambda_color", geometry.lambda_color, {0.0});
+  f("lambda_ssim", geometry.perceptual.lambda_ssim, {0.0});
+  f("lambda_lpips", geometry.perceptual.lambda_lpips, {0.0});
+  f("lambda_lost_surface", options.lambda_lost_surface, {0.0});
+  structured_latent::RigLossOptions& rig = options.rig;
+  f("lambda_joints", rig.lambda_joints, {0.0});
+  f("lambda_parents", rig.lambda_parents, {0.0});
+  f("lambda_skin_kl", rig.lambda_skin_kl, {0.0});
+  f("lambda_skin_var", rig.lambda_skin_var, {0.0});
+  f("lambda_skin_feats_l2", rig.lambda_skin_feats_l2, {0.0});
+  f("lambda_skin_feats_l2_skl", rig.lambda_skin_feats_l2_skl, {0.0});
+  f("alpha_conf_j", rig.skeleton.alpha_conf_j, {0.0});
+  f("alpha_conf_p", rig.skeleton.alpha_conf_p, {0.0});
+  f("lambda_kl", options.lambda_kl, {0.0});
+  f("lambda_kl_skl", options.lambda_kl_skl, {0.0});
   const bool says_noise = args.has("latent_denoising"), says_noise_skl = args.has("latent_denoising_skl");
   options.noise = LatentDenoising::read(args, "");
   options.noise_skl = LatentDenoising::read(args, "_skl");
@@ -206,57 +223,16 @@ StructuredLatentAutoEncoderStageOptions StructuredLatentAutoEncoderStageOptions:
   for (const char* key : {"loss_type", "regularizations"}) args.ignore(key);
 
   for (const std::string& path : args.texts("lpips_weights", {})) options.lpips_weights.emplace_back(path);
-  options.skin_ae_run = args.text("skin_ae_run", "");
-  options.skin_vertices = args.integer("skin_vertices", options.skin_vertices, 0);
-  options.memory_budget_mb = args.integer("memory_budget_mb", options.memory_budget_mb, 0, 1 << 24);
-  options.eval_max_assets = args.integer("eval_max_assets", options.eval_max_assets, 0);
-  options.eval_surface_points = args.integer("eval_surface_points", options.eval_surface_points, 1, 1 << 24);
-  options.sample_assets = args.integer("sample_assets", options.sample_assets, 0, 64);
+  f("skin_ae_run", options.skin_ae_run);
+  f("skin_vertices", options.skin_vertices, {0});
+  f("memory_budget_mb", options.memory_budget_mb, {0, 1 << 24});
+  f("eval_max_assets", options.eval_max_assets, {0});
+  f("eval_surface_points", options.eval_surface_points, {1, 1 << 24});
+  f("sample_assets", options.sample_assets, {0, 64});
   options.warm_start = WarmStartOptions::read(args);
   if (!options.variant.needs_skin_ae()) options.skin_ae_run.clear();
   return options;
 }
-
-namespace {
-
-using torch::Tensor;
-
-constexpr std::uint64_t kSurfaceSeed = 0;
-
-// Means over the assets for which there is a value.
-class AssetMeans {
- public:
-  void add(const std::string& name, double value) {
-    for (Entry& entry : entries_) {
-      if (entry.name != name) continue;
-      entry.sum += value;
-      ++entry.count;
-      return;
-    }
-    entries_.push_back({name, value, 1});
-  }
-  Values values() const {
-    Values means;
-    for (const Entry& entry : entries_) means.emplace_back(entry.name, entry.sum / static_cast<double>(entry.count));
-    return means;
-  }
-
- private:
-  struct Entry {
-    std::string name;
-    double sum;
-    std::size_t count;
-  };
-  std::vector<Entry> entries_;
-};
-
-// Evenly spaced rows where there are more than wanted; undefined: all.
-Tensor evenly_chosen(std::int64_t rows, std::int64_t wanted, torch::Device device) {
-  if (wanted == 0 || rows <= wanted) return Tensor();
-  return (torch::arange(wanted, torch::kInt64) * rows).floor_divide(wanted).to(device);
-}
-
-}  // namespace
 
 StructuredLatentAutoEncoderStage::Reconstruction StructuredLatentAutoEncoderStage::reconstruct(std::size_t index) {
   const torch::NoGradGuard no_grad;
@@ -279,8 +255,7 @@ StructuredLatentAutoEncoderStage::Reconstruction StructuredLatentAutoEncoderStag
 Values StructuredLatentAutoEncoderStage::evaluate() {
   if (!held_out_) return {};
   const torch::NoGradGuard no_grad;
-  const auto most = static_cast<std::size_t>(options_.eval_max_assets);
-  const std::size_t count = most == 0 ? held_out_->size() : std::min(most, held_out_->size());
+  const std::size_t count = held_out_count(options_.eval_max_assets);
   const auto samples = static_cast<std::size_t>(options_.eval_surface_points);
   AssetMeans means;
   for (std::size_t i = 0; i < count; ++i) {
@@ -314,23 +289,11 @@ Values StructuredLatentAutoEncoderStage::evaluate() {
   return means.values();
 }
 
-namespace {
-
-using torch::Tensor;
-
-constexpr int kSheetColumns = 4;
-
-}  // namespace
-
 void StructuredLatentAutoEncoderStage::sample(const std::filesystem::path& folder) {
   if (!held_out_ || held_out_->size() == 0 || options_.sample_assets == 0) return;
   const torch::NoGradGuard no_grad;
-  std::error_code error;
-  std::filesystem::create_directories(folder, error);
-  if (error) throw Error(folder.string() + ": cannot create folder: " + error.message());
-
   std::vector<render::Tile> tiles;
-  for (std::size_t i = 0; i < std::min(static_cast<std::size_t>(options_.sample_assets), held_out_->size()); ++i) {
+  for (std::size_t i = 0; i < held_out_count(options_.sample_assets); ++i) {
     const Reconstruction made = reconstruct(i);
     const shape_field::ExtractedMesh& mesh = made.meshes.front();
     const skeleton_field::SkeletonTensors& truth = made.inputs.skeletons.front();

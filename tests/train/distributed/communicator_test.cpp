@@ -11,6 +11,7 @@
 #include "anigen/train/distributed/communicator.h"
 #include "anigen/train/distributed/gradient_buckets.h"
 #include "anigen/train/stage.h"
+#include "anigen/train/stages/stages.h"
 #include "anigen/train/train_command.h"
 #include "tests/data/synthetic_dataset.h"
 #include "tests/train/distributed/joined_ranks.h"
@@ -323,7 +324,7 @@ TEST_F(Ranks, TheSkinAutoEncoderTrainsAlike) {
     const TrainerOptions options = read();
     ConfigReader args(config.at("trainer").at("args"), "test", "/trainer/args");
     TrainerOptions::read(args);
-    return make_stage("AniGenSkinAETrainer", config, "test", args, options, torch::kCPU);
+    return make_stage("AniGenSkinAETrainer", {config, "test", args, options, torch::kCPU});
   };
   test::expect_ranks_agree(make, read(), folder_ / "skin");
 }

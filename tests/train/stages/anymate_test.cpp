@@ -3,6 +3,7 @@
 #include <fstream>
 #include <map>
 
+#include "anigen/anymate/dataset.h"
 #include "anigen/core/config.h"
 #include "anigen/core/error.h"
 #include "anigen/core/table.h"

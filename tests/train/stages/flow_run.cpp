@@ -11,6 +11,7 @@
 #include "anigen/core/table.h"
 #include "anigen/io/arrays/safetensors.h"
 #include "anigen/nn/state_dict.h"
+#include "anigen/train/stages/stages.h"
 #include "anigen/train/train_command.h"
 #include "tests/train/distributed/rank_outcomes.h"
 
@@ -35,7 +36,7 @@ std::unique_ptr<Stage> FlowRun::fresh_stage(const std::vector<std::string>& over
   const Json trainer = config.at("trainer");
   ConfigReader args(trainer.at("args"), "test", "/trainer/args");
   const train::TrainerOptions options = train::TrainerOptions::read(args);
-  auto made = train::make_stage(trainer.at("name").get<std::string>(), config, "test", args, options, torch::kCPU);
+  auto made = train::make_stage(trainer.at("name").get<std::string>(), {config, "test", args, options, torch::kCPU});
   args.finish();
   return made;
 }

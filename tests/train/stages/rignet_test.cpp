@@ -10,6 +10,8 @@
 #include "anigen/core/error.h"
 #include "anigen/core/table.h"
 #include "anigen/io/arrays/safetensors.h"
+#include "anigen/rignet/dataset.h"
+#include "anigen/train/stages/rig_stage.h"
 #include "anigen/train/train_command.h"
 #include "anigen/train/trainer_state.h"
 #include "tests/data/synthetic_dataset.h"

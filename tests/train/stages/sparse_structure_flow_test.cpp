@@ -1,4 +1,4 @@
-#include "anigen/train/stages/sparse_structure_flow.h"
+#include "anigen/train/stages/stages.h"
 
 #include <gtest/gtest.h>
 

@@ -1,4 +1,4 @@
-#include "anigen/train/stages/structured_latent_flow.h"
+#include "anigen/train/stages/stages.h"
 
 #include <gtest/gtest.h>
 

@@ -1,4 +1,4 @@
-#include "anigen/train/stages/flow_stage.h"
+#include "anigen/train/stages/autoencoder_stage.h"
 
 #include <gtest/gtest.h>
 

@@ -1,0 +1,41 @@
+#include "anigen/train/stages/stages.h"
+
+#include <utility>
+
+#include "anigen/core/error.h"
+
+namespace anigen::train {
+
+std::unique_ptr<Stage> make_stage(const std::string& trainer_name, const StageRequest& request) {
+  using Make = std::unique_ptr<Stage> (*)(const StageRequest&);
+  constexpr std::pair<const char*, Make> kTrainers[] = {
+      {"AniGenSkinAETrainer", make_skin_autoencoder_stage},
+      {"AniGenSparseStructureVaeTrainer", make_sparse_structure_autoencoder_stage},
+      {"AniGenSLatVaeSkeletonTrainer", make_structured_latent_autoencoder_stage},
+      {"AniGenImageConditionedFlowMatchingCFGTrainer", make_sparse_structure_flow_stage},
+      {"AniGenFlowMatchingTrainer", make_sparse_structure_flow_stage},
+      {"AniGenFlowMatchingCFGTrainer", make_sparse_structure_flow_stage},
+      {"AniGenImageConditionedSparseFlowMatchingCFGTrainer", make_structured_latent_flow_stage},
+      {"AniGenSparseFlowMatchingTrainer", make_structured_latent_flow_stage},
+      {"AniGenSparseFlowMatchingCFGTrainer", make_structured_latent_flow_stage},
+      {"AnymateTrainer", make_anymate_stage},
+      {"RignetTrainer", make_rignet_stage},
+  };
+  std::string known;
+  for (const auto& [name, make] : kTrainers) {
+    if (trainer_name == name) return make(request);
+    known += (known.empty() ? "" : ", ") + std::string(name);
+  }
+  throw NotSupportedError(request.file, "/trainer/name",
+                          "trainer '" + trainer_name.substr(0, 80) + "'; this build trains " + known);
+}
+
+std::string only_model(ConfigReader& top) {
+  top.require("models");
+  const ConfigReader models = top.object("models");
+  const Json& list = *top.raw("models");
+  if (list.size() != 1) throw models.error("", "this stage trains exactly one model");
+  return list.begin().key();
+}
+
+}  // namespace anigen::train

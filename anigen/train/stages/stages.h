@@ -1,0 +1,106 @@
+#pragma once
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "anigen/core/config.h"
+#include "anigen/data/datasets.h"
+#include "anigen/train/options.h"
+#include "anigen/train/stage.h"
+
+namespace anigen::train {
+
+/// A config `{models, dataset, trainer}` from which a stage is made.
+struct StageRequest {
+  const Json& config;
+  const std::string& file;        ///< of the config, for messages
+  ConfigReader& args;             ///< `trainer.args`: a stage reads its own keys, whoever asks calls finish()
+  const TrainerOptions& trainer;  ///< already read from the same arguments
+  torch::Device device;
+};
+
+/// Stage 1: the skin auto-encoder learns to give back the skin weights it is shown (paper 3.3.1). Trainer
+/// AniGenSkinAETrainer. Loss terms: "kl", "l1", "l2". Evaluation on held-out assets: "l1", mean over assets and
+/// vertices of Σ_j |ŝ − s|, and "kl", of Σ_j s (log s − log ŝ), in nats. @throws InputError naming file and JSON
+/// pointer, as all of these functions
+std::unique_ptr<Stage> make_skin_autoencoder_stage(const StageRequest& request);
+
+/// Stage 2, see SparseStructureAutoEncoderStage. Trainer AniGenSparseStructureVaeTrainer.
+std::unique_ptr<Stage> make_sparse_structure_autoencoder_stage(const StageRequest& request);
+
+/// Stage 3, see StructuredLatentAutoEncoderStage. Trainer AniGenSLatVaeSkeletonTrainer.
+std::unique_ptr<Stage> make_structured_latent_autoencoder_stage(const StageRequest& request);
+
+/// Stage 4: the sparse-structure flow learns the velocity from noise to the latents of stage 2 (paper 3.3.3). One time
+/// per item, shared by both streams, independent noise; L = mse + mse_skl. Terms: "mse", "mse_skl", and both for every
+/// tenth of the time axis that a micro-batch has items in, "bin_0.mse" … "bin_9.mse_skl".
+///
+/// Evaluation on held-out assets: "mse" and "mse_skl" at the times (k + ½) / eval_times with fixed noise and condition
+/// views, the mean over assets and times. The same draws at every evaluation, so that its numbers can be compared.
+/// samples.png: for some held-out assets (or training assets, where none is held out) the condition picture, a sample
+/// with and one without guidance, and the asset's own latents decoded. From fixed noise.
+///
+/// Trainers AniGenImageConditionedFlowMatchingCFGTrainer, and AniGenFlowMatchingTrainer and
+/// AniGenFlowMatchingCFGTrainer, which learn the same without pictures.
+std::unique_ptr<Stage> make_sparse_structure_flow_stage(const StageRequest& request);
+
+/// Stage 5: the structured-latent flow learns the velocity from noise to the latents of stage 3 on their voxels (paper
+/// 3.4). As stage 4, but `mse` is the mean over geometry and skin channels together, and means are over the voxels of
+/// the micro-batch: large assets weigh more, as published. Further terms, also of the evaluation: the parts "mse_geo"
+/// and "mse_skin" of the first. The model is told the asset's number of joints where the config says so.
+/// samples.png: the condition picture, a guided sample on the asset's own voxels, decoded, with its grouped skeleton
+/// and with its weights, the asset's own latents decoded likewise, and the asset.
+///
+/// Trainers AniGenImageConditionedSparseFlowMatchingCFGTrainer, and AniGenSparseFlowMatchingTrainer and
+/// AniGenSparseFlowMatchingCFGTrainer. @throws InputError also for models, dataset and decoder whose channels do not
+/// fit
+std::unique_ptr<Stage> make_structured_latent_flow_stage(const StageRequest& request);
+
+/// One of Anymate's models learns its task: joints, connectivity of given joints, or weights of given bones. The
+/// decoder says which. Trainer AnymateTrainer, one model "AnymateModel" with the arguments of anymate::ModelOptions,
+/// the data set "Anymate". Loss terms: "chamfer"; "mse"; "bce"; "ce"; "cos_clamp" with "ce". Evaluation: RigScores; of
+/// joints also "skipped", the share of assets with fewer than two joints, in no mean.
+std::unique_ptr<Stage> make_anymate_stage(const StageRequest& request);
+
+/// One of RigNet's models learns its task. Trainer RignetTrainer, one model "RignetModel" with the arguments of
+/// rignet::RignetOptions, the data set "Rignet". Loss terms: joints "chamfer", "attention", "clusters"; connectivity
+/// "bone", "root"; skinning "ce". Evaluation: RigScores on the truth that Anymate's models are measured on. Joints are
+/// read off as at inference. Parents are those of the published tree; the cross entropy is that of rows of BoneNet's
+/// probabilities with RootNet's on the diagonal, divided by their sums. Weights are SkinNet's at vertices, before they
+/// are cleaned (zeros would make any cross entropy), interpolated at Anymate's points of the surface.
+std::unique_ptr<Stage> make_rignet_stage(const StageRequest& request);
+
+/// The stage that a config's trainer names. @throws NotSupportedError naming the trainers there are; InputError as the
+/// functions above
+std::unique_ptr<Stage> make_stage(const std::string& trainer_name, const StageRequest& request);
+
+/// The name of the only model of a config. @throws InputError when there is another number of them
+std::string only_model(ConfigReader& top);
+
+/// `models.<name>`: {"name": one of the classes, "args": …}. @throws InputError
+template <typename Options>
+Options read_model(ConfigReader& models, const std::string& name, const std::vector<std::string>& classes) {
+  models.require(name);
+  ConfigReader model = models.object(name);
+  model.require("name");
+  model.choice("name", "", classes);
+  const Json* args = model.raw("args");
+  Options options = Options::from_json(args ? *args : Json::object(), models.file(), model.pointer_to("args"));
+  model.finish();
+  return options;
+}
+
+/// `dataset`: {"name": this class, "args": …}. @throws InputError
+template <typename Options>
+Options read_dataset(ConfigReader& top, const std::string& class_name) {
+  ConfigReader dataset = top.object("dataset");
+  dataset.require("name");
+  dataset.choice("name", "", {class_name});
+  ConfigReader args = dataset.object("args");
+  Options options = Options::read(args);
+  args.finish();
+  dataset.finish();
+  return options;
+}
+
+}  // namespace anigen::train
