@@ -1,8 +1,8 @@
 # anigen_version_source(<target>)
-#   Compiles the version and the commit of this build (anigen/core/version.h) into a library. Every build asks git; the
+#   Compiles the version, the commit, the compiler and LibTorch of this build (anigen/core/version.h) into a library. Every build asks git; the
 #   source is written again, and so compiled, only when the answer has changed.
 #
-# As a script, `cmake -D ROOT=… -D OUTPUT=… -D VERSION=… -P AnigenVersion.cmake`, it writes the source OUTPUT for the
+# As a script, `cmake -D ROOT=… -D OUTPUT=… -D VERSION=… -D COMPILER=… -D TORCH=… -P AnigenVersion.cmake`, it writes the source OUTPUT for the
 # checkout ROOT.
 
 # A commit of documents, tests or experiments changes no program: it leaves the source, and so all programs, as they are.
@@ -55,6 +55,9 @@ const char stamp[64] = "anigen commit: @commit@";
 
 const char* const kVersion = "@VERSION@";
 
+const char* const kCompiler = "@COMPILER@";
+const char* const kTorchVersion = "@TORCH@";
+
 const char* commit() { return stamp + sizeof "anigen commit: " - 1; }
 
 }  // namespace anigen
@@ -64,8 +67,12 @@ endif()
 
 function(anigen_version_source target)
   set(output ${CMAKE_CURRENT_BINARY_DIR}/version.cpp)
+  if(ANIGEN_WITH_TORCH)
+    set(torch ${Torch_VERSION})
+  endif()
   add_custom_target(${target}_version
     COMMAND ${CMAKE_COMMAND} -D ROOT=${PROJECT_SOURCE_DIR} -D OUTPUT=${output} -D VERSION=${PROJECT_VERSION}
+      -D "COMPILER=${CMAKE_CXX_COMPILER_ID} ${CMAKE_CXX_COMPILER_VERSION}" -D TORCH=${torch}
       -P ${PROJECT_SOURCE_DIR}/cmake/AnigenVersion.cmake
     BYPRODUCTS ${output} COMMENT "Asking git for the commit" VERBATIM)
   add_dependencies(${target} ${target}_version)

@@ -35,7 +35,7 @@ changes=()
 scripts/setup.sh
 scripts/build.sh release
 SECONDS=0
-experiment() { build/release/bin/anigen-experiment "$1" "experiments/$name.json" --out "$output" "${changes[@]}" "${@:2}"; }
+experiment() { build/release/bin/anigen-experiment "$1" "experiments/$name.json" --output "$output" "${changes[@]}" "${@:2}"; }
 experiment run
 assets=$(experiment status --json | grep -o '"folder": ".*/generated-[^"]*' | cut -d '"' -f 4)
 echo "generated assets: $assets/*/mesh.glb, preview.png beside each"

@@ -9,7 +9,6 @@ struct EncodeArguments {
   Task task = Task::kStructure;
   generate::EncodeRequest encoded;       ///< of the first two
   generate::ReconstructRequest rebuilt;  ///< of the third
-  bool allow_failures = false;
 };
 
 }  // namespace anigen

@@ -15,15 +15,15 @@ namespace {
 
 using namespace anigen;
 
-constexpr const char* kShapeGroup = "Rigged shapes (--pred)";
-constexpr const char* kStructureGroup = "Sparse structures (--ss-flow)";
+constexpr const char* kShapes = "; with --pred";
+constexpr const char* kStructures = "; with --ss-flow";
 
 void evaluate_skins(const EvalArguments& options, const CommonOptions& common) {
   eval::SkinRequest request;
-  request.dataset = options.truth;
+  request.dataset = options.dataset;
   request.splits = {options.splits.begin(), options.splits.end()};
-  request.out = options.out;
-  request.pictured = options.pictured;
+  request.out = options.output;
+  request.pictured = options.report_images;
   request.report = !options.no_report;
   if (!options.skin_ae.empty()) {
     request.run = options.skin_ae;
@@ -33,50 +33,54 @@ void evaluate_skins(const EvalArguments& options, const CommonOptions& common) {
   request.skins = options.skins;
   const eval::SkinEvaluation evaluation = eval::run_skin_evaluation(request);
   std::fputs(common.json ? (to_json(evaluation).dump(2) + "\n").c_str() : to_markdown(evaluation).c_str(), stdout);
-  eval::require_scores(evaluation, options.out);
+  eval::require_scores(evaluation, options.output);
+  const auto failed = std::count_if(evaluation.assets.begin(), evaluation.assets.end(),
+                                    [](const auto& asset) { return !asset.methods.front().failure.empty(); });
+  require_inputs(static_cast<std::size_t>(failed), evaluation.assets.size(),
+                 "assets could not be scored (" + options.output + "/metrics.csv says why)", common);
 }
 
 void evaluate_shapes(const EvalArguments& options, const CommonOptions& common) {
   eval::EvaluationRequest request;
   request.predictions = options.predictions;
-  request.truth = options.truth;
+  request.truth = options.dataset;
   request.splits = {options.splits.begin(), options.splits.end()};
   request.category_splits = {options.category_splits.begin(), options.category_splits.end()};
-  request.most = options.most;
-  request.out = options.out;
-  request.prediction_axes = io::parse_axes(options.prediction_axes);
-  request.truth_axes = io::parse_axes(options.truth_axes);
+  request.most = options.limit;
+  request.out = options.output;
+  request.prediction_axes = io::parse_axes(options.prediction_up);
+  request.truth_axes = io::parse_axes(options.dataset_up);
   request.settings = options.settings;
-  request.settings.seed = common.seed;
+  request.settings.seed = common.seed.value_or(0);
   if (!options.lpips_weights.empty()) torch_half("--lpips-weights").add_perceptual_metric(options, common, request);
-  if (options.workers > 0) set_thread_count(options.workers);
   request.settings.alignment.icp = !options.no_icp;
   request.settings.transport = eval::parse_transport(options.transport);
   request.settings.alignment.normalization = metrics::normalization_mode(options.normalization);
   if (options.point_to_plane) request.settings.alignment.registration.variant = metrics::IcpVariant::kPointToPlane;
   if (!options.groups.empty()) request.settings.groups = {options.groups.begin(), options.groups.end()};
-  request.resume = !options.no_resume;
+  request.resume = !options.force;
   request.accept_other_code = options.accept_other_code;
   request.report = !options.no_report;
-  request.pictured = options.pictured;
+  request.pictured = options.report_images;
   request.worst_by = options.worst_by;
   request.motion = options.motion;
-  request.motions_pictured = options.motions_pictured;
+  request.motions_pictured = options.motion_images;
   const eval::Comparison comparison = eval::run_evaluation(request);
   std::fputs(common.json ? (eval::to_json(comparison).dump(2) + "\n").c_str() : to_markdown(comparison).c_str(),
              stdout);
   for (std::size_t m = 0; m < comparison.methods.size(); ++m) {
-    if (eval::failures(comparison, m) == comparison.ids.size())
-      throw Error("no asset could be evaluated for " + comparison.methods[m] + "; " + options.out +
-                  "/metrics.csv says why");
+    require_inputs(
+        eval::failures(comparison, m), comparison.ids.size(),
+        "assets could not be evaluated for " + comparison.methods[m] + " (" + options.output + "/metrics.csv says why)",
+        common);
   }
 }
 
 void run(const EvalArguments& options, const CommonOptions& common) {
   if (!options.category_splits.empty() && options.predictions.empty())
     throw InputError("", "--category-split", "sorts rigged shapes: it needs --pred");
-  if (options.most > 0 && options.ss_flow.empty() && (options.predictions.empty() || options.truth.empty()))
-    throw InputError("", "--most", "goes with --pred and --gt, or with --ss-flow");
+  if (options.limit > 0 && options.ss_flow.empty() && (options.predictions.empty() || options.dataset.empty()))
+    throw InputError("", "--limit", "goes with --pred and --dataset, or with --ss-flow");
   if (!options.ss_flow.empty()) {
     if (!options.predictions.empty() || !options.skin_ae.empty() || !options.skins.empty())
       throw InputError("", "--ss-flow", "evaluates a flow of sparse structures, and nothing else at the same time");
@@ -89,137 +93,77 @@ void run(const EvalArguments& options, const CommonOptions& common) {
                        "compares rigged shapes; --skin-ae and --skins evaluate weights: one or the other");
     return evaluate_shapes(options, common);
   }
-  if (!options.motion.empty() || options.motions_pictured > 0)
-    throw InputError("", options.motion.empty() ? "--motion-pictures" : "--motion",
+  if (!options.motion.empty() || options.motion_images > 0)
+    throw InputError("", options.motion.empty() ? "--motion-images" : "--motion",
                      "moves rigged shapes: it needs --pred");
   if (!options.lpips_weights.empty())
-    throw InputError("", "--lpips-weights", "compares pictures of rigged shapes: it needs --pred");
-  if (options.truth.empty()) throw InputError("", "--gt", "which ground truth? A file, a folder or a dataset");
+    throw InputError("", "--lpips-weights", "compares images of rigged shapes: it needs --pred");
+  if (options.dataset.empty()) throw InputError("", "--dataset", "which ground truth? A file, a folder or a dataset");
   evaluate_skins(options, common);
 }
 
-void add_shape_options(CLI::App& app, EvalArguments& options) {
+/// Options of rigged shapes alone. @return their names
+std::vector<std::string> add_shape_options(CLI::App& app, EvalArguments& options) {
   auto& icp = options.settings.alignment.registration;
-  const char* group = kShapeGroup;
-  app.add_option("--normalize", options.normalization, "centroid-rms, bounding-box or none")
-      ->capture_default_str()
-      ->group(group);
-  app.add_flag("--no-icp", options.no_icp, "Normalise only, do not register")->group(group);
-  app.add_option("--rotations", icp.rotations, "Random rotations that registration starts from, beside the identity")
-      ->check(whole_number(0, 100'000))
-      ->capture_default_str()
-      ->group(group);
-  app.add_flag("--icp-scale", icp.similarity, "Registration may change the scale")->group(group);
-  app.add_flag("--icp-plane", options.point_to_plane, "Point-to-plane registration")->group(group);
-  app.add_option("--icp-trim", icp.trim, "Fraction of the closest correspondences to keep")
-      ->check(number(0, 1, RangeEnds::kOpenBelow))
-      ->capture_default_str()
-      ->group(group);
-  app.add_flag("--exhaustive", icp.exhaustive, "Refine every start, without pruning")->group(group);
-  app.add_option("--metrics", options.groups, "Only these: skeleton, transport, skin, motion, surface, image, anymate")
-      ->delimiter(',')
-      ->group(group);
-  app.add_option("--transport", options.transport,
-                 "How W and GW are computed: exact, or sinkhorn with its entropic regularisation")
-      ->check(CLI::IsMember({"exact", "sinkhorn"}))
-      ->capture_default_str()
-      ->group(group);
-  app.add_option("--epsilon", options.settings.epsilon,
-                 "Regularisation of --transport sinkhorn, as a share of the largest squared distance [0.001 for W, "
-                 "0.005 for GW]")
-      ->check(number(0, 1, RangeEnds::kOpenBelow))
-      ->group(group);
-  app.add_option("--category-split", options.category_splits,
-                 "Files of ids of the ground truth: is the one nearest to a prediction of its category (metric "
-                 "'category')?")
-      ->type_name("FILE")
-      ->group(group);
-  app.add_option("--surface-samples", options.settings.surface_samples, "Points per surface")
-      ->check(whole_number(1, 10'000'000))
-      ->capture_default_str()
-      ->group(group);
-  app.add_option("--image-size", options.settings.image_size, "Pixels of the views for PSNR, SSIM and LPIPS")
-      ->check(whole_number(16, 4096))
-      ->capture_default_str()
-      ->group(group);
-  app.add_option("--lpips-weights", options.lpips_weights,
-                 "Files (.pth, .pt, .safetensors) with torchvision's vgg16 and with the linear heads of LPIPS v0.1, or "
-                 "one with both; without, LPIPS is not computed")
-      ->expected(1, 2)
-      ->type_name("FILE [FILE]")
-      ->group(group);
-  app.add_option("--poses", options.settings.poses, "Poses of the deformation error")
-      ->check(whole_number(1, 10'000))
-      ->capture_default_str()
-      ->group(group);
-  app.add_option(
-         "--motion", options.motion,
-         "Motion that every ground truth is given, and its predictions with it: a .bvh, or a clip of a rigged "
-         ".glb, .gltf, .fbx or .dae (FILE#CLIP). Without, the first clip of the ground truth itself; without one, "
-         "random poses")
-      ->type_name("FILE[#CLIP]")
-      ->group(group);
-  app.add_option("--motion-frames", options.settings.motion_frames, "Frames of a motion that are compared")
-      ->check(whole_number(1, 10'000))
-      ->capture_default_str()
-      ->group(group);
-  app.add_option("--motion-pictures", options.motions_pictured,
-                 "Assets to draw in motion, ground truth beside every prediction: in the report, and as frames and GLB "
-                 "in OUT/motion")
-      ->check(whole_number(0, 10'000))
-      ->capture_default_str()
-      ->group(group);
-  app.add_option("--workers", options.workers, "Pairs evaluated at once; without, as many as --threads")
-      ->check(whole_number(1, 1024))
-      ->group(group);
-  app.add_option("--pred-axes", options.prediction_axes, "Up axis of predictions: format, y-up, z-up")->group(group);
-  app.add_option("--gt-axes", options.truth_axes, "Up axis of the ground truth: format, y-up, z-up")->group(group);
-  app.add_option("--worst-by", options.worst_by, "Metric that orders the report's assets")->group(group);
-  CLI::Option* again =
-      app.add_flag("--no-resume", options.no_resume, "Compute pairs again that an earlier run finished")->group(group);
-  app.add_flag("--accept-other-code", options.accept_other_code,
-               "Keep pairs that another build of this program finished, when all else is the same")
-      ->excludes(again)
-      ->group(group);
+  std::vector<std::string> names;
+  const auto add = [&](const char* name, auto& variable) {
+    names.emplace_back(name);
+    return add_option(app, name, variable, kShapes);
+  };
+  add("--pred-up", options.prediction_up);
+  add("--dataset-up", options.dataset_up);
+  add("--normalize", options.normalization);
+  add("--no-icp", options.no_icp);
+  add("--rotations", icp.rotations)->check(whole_number(0, 100'000));
+  add("--icp-scale", icp.similarity);
+  add("--icp-plane", options.point_to_plane);
+  add("--icp-trim", icp.trim)->check(number(0, 1, RangeEnds::kOpenBelow));
+  add("--exhaustive", icp.exhaustive);
+  add("--metrics", options.groups)->delimiter(',');
+  add("--transport", options.transport);
+  add("--sinkhorn-epsilon", options.settings.epsilon)->check(number(0, 1, RangeEnds::kOpenBelow));
+  add("--category-split", options.category_splits);
+  add("--surface-samples", options.settings.surface_samples)->check(whole_number(1, 10'000'000));
+  add("--image-size", options.settings.image_size)->check(whole_number(16, 4096));
+  add("--lpips-weights", options.lpips_weights)->expected(1, 2);
+  add("--poses", options.settings.poses)->check(whole_number(1, 10'000));
+  add("--motion", options.motion);
+  add("--motion-frames", options.settings.motion_frames)->check(whole_number(1, 10'000));
+  add("--motion-images", options.motion_images)->check(whole_number(0, 10'000));
+  add("--worst-by", options.worst_by);
+  CLI::Option* force = add("--force", options.force);
+  add("--accept-other-code", options.accept_other_code)->excludes(force);
+  return names;
 }
 
-void add_structure_options(CLI::App& app, EvalArguments& options) {
-  const char* group = kStructureGroup;
-  app.add_option("--ss-flow", options.ss_flow, "Run folder of stage 4: generate voxels from pictures and compare them")
-      ->group(group);
-  app.add_option("--ss-dae", options.ss_dae, "Run folder of stage 2 [as the flow's config says]")->group(group);
-  app.add_option("--guidance", options.strengths, "Strengths of guidance to try [as the flow's config says]")
-      ->delimiter(',')
-      ->check(number(0, 1000))
-      ->group(group);
-  app.add_option("--steps", options.steps, "Steps of the sampler [as the flow's config says]")
-      ->check(whole_number(1, 100'000))
-      ->group(group);
-  app.add_option("--train-split", options.train_split, "Ids that retrieval chooses from [as the flow's config says]")
-      ->group(group);
-  app.add_option("--retrieval-views", options.views,
-                 "Random views of a training asset to compare with; 0: no retrieval")
-      ->check(whole_number(0, 1000))
-      ->capture_default_str()
-      ->group(group);
-}
-
-/// Refuses whatever was given of a group of options.
-void refuse_group(const CLI::App& app, const char* group, const std::string& reason) {
-  for (const CLI::Option* option : app.get_options())
-    if (option->get_group() == group) refuse_given(app, {option->get_name()}, reason);
+/// Options of sparse structures alone. @return their names
+std::vector<std::string> add_structure_options(CLI::App& app, EvalArguments& options) {
+  add_option(app, "--ss-flow", options.ss_flow, ": generate voxels from images and compare them");
+  std::vector<std::string> names;
+  const auto add = [&](const char* name, auto& variable) {
+    names.emplace_back(name);
+    return add_option(app, name, variable, kStructures);
+  };
+  add("--ss-dae", options.ss_dae);
+  add("--ss-guidance", options.guidance)->delimiter(',')->check(number(1, 1001));
+  add("--ss-steps", options.steps)->check(whole_number(1, 100'000));
+  add("--train-split", options.train_split);
+  add("--retrieval-views", options.views)->check(whole_number(0, 1000));
+  return names;
 }
 
 /// Options of another evaluation than the one asked for, or that others leave without effect.
-void refuse_ignored(const CLI::App& app, const EvalArguments& options) {
+void refuse_ignored(const CLI::App& app, const EvalArguments& options, const std::vector<std::string>& of_shapes,
+                    const std::vector<std::string>& of_structures) {
   const bool structures = !options.ss_flow.empty(), shapes = !options.predictions.empty();
-  if (!structures) refuse_group(app, kStructureGroup, "is of sparse structures: it needs --ss-flow");
-  if (!shapes) refuse_group(app, kShapeGroup, "is of rigged shapes: it needs --pred");
+  if (!structures) refuse_given(app, of_structures, "is of sparse structures: it needs --ss-flow");
+  if (!shapes) refuse_given(app, of_shapes, "is of rigged shapes: it needs --pred");
   if (structures) {
-    refuse_given(app, {"--json"}, "--ss-flow prints a table; OUT/metrics.json has its numbers");
+    refuse_given(app, {"--keep-going"}, "--ss-flow ends with the first asset that fails");
+    refuse_given(app, {"--json"}, "--ss-flow prints a table; metrics.json of --output has its numbers");
     refuse_given(app, {"--no-report"}, "--ss-flow writes no report");
   } else if (options.no_report) {
-    refuse_given(app, {"--pictures"}, "--no-report writes no pictures");
+    refuse_given(app, {"--report-images"}, "--no-report draws none");
   }
   if (!structures && !shapes) refuse_given(app, {"--seed"}, "the evaluation of weights draws nothing at random");
   if (!structures && options.skin_ae.empty() && options.lpips_weights.empty()) {
@@ -237,7 +181,7 @@ void refuse_ignored(const CLI::App& app, const EvalArguments& options) {
   if (!wants("image")) refuse_given(app, {"--image-size", "--lpips-weights"}, "--metrics leaves 'image' out");
   if (!wants("surface") && !wants("motion"))
     refuse_given(app, {"--surface-samples"}, "--metrics leaves 'surface' and 'motion' out");
-  if (!wants("motion") && options.motions_pictured == 0)
+  if (!wants("motion") && options.motion_images == 0)
     refuse_given(app, {"--motion", "--motion-frames"}, "--metrics leaves 'motion' out");
   if (!wants("skin")) refuse_given(app, {"--poses"}, "--metrics leaves 'skin' out");
 }
@@ -246,43 +190,34 @@ void refuse_ignored(const CLI::App& app, const EvalArguments& options) {
 
 int main(int argc, char** argv) {
   keep_freed_memory();
-  CLI::App app{
+  Program program(
+      "anigen-eval",
       "Compares predicted rigged shapes, or predicted skin weights alone, with ground truth.\n"
-      "Writes metrics.json, metrics.csv, table.md, table.tex and report.html. docs/metrics.md defines every number.\n\n"
-      "Examples:\n"
-      "  anigen-eval --pred generated/ --gt rigs/ --out results\n"
-      "  anigen-eval --pred ours=generated/ --pred unirig=other/ --gt articulation_xlv2_test.npz --split test.txt "
-      "--out "
+      "Writes metrics.json, metrics.csv, table.md, table.tex and report.html. docs/metrics.md defines every number.",
+      "  anigen-eval --pred generated/ -d rigs/ -o results\n"
+      "  anigen-eval --pred ours=generated/ --pred unirig=other/ -d articulation_xlv2_test.npz --split test.txt -o "
       "results\n"
-      "  anigen-eval --pred a=one/ --pred b=two/ --gt rigs/ --out results --motion walk.bvh --motion-pictures 3\n"
-      "  anigen-eval --pred pairs.csv --out results          (CSV with columns pred, gt and perhaps id)\n"
-      "  anigen-eval --skin-ae runs/skin_ae --gt data --split data/splits/test.txt --out results\n"
-      "  anigen-eval --gt data --out results                 (skinning baselines only)\n"
-      "  anigen-eval --ss-flow runs/ss_flow --gt data --split splits/test.txt --out results   (voxels from pictures)"};
-  CommonOptions common;
+      "  anigen-eval --pred a=one/ --pred b=two/ -d rigs/ -o results --motion walk.bvh --motion-images 3\n"
+      "  anigen-eval --pred pairs.csv -o results             (CSV with columns pred, gt and perhaps id)\n"
+      "  anigen-eval --skin-ae runs/skin_ae -d data --split data/splits/test.txt -o results\n"
+      "  anigen-eval -d data -o results                      (skinning baselines only)\n"
+      "  anigen-eval --ss-flow runs/ss_flow -d data --split splits/test.txt -o results   (voxels from images)");
+  CLI::App& app = program.app;
   EvalArguments options;
-  app.add_option("--pred", options.predictions,
-                 "[NAME=]PATH of predictions: a file, a folder, or a CSV of pairs; repeat");
-  app.add_option("--gt", options.truth, "Ground truth: a file, a folder or a dataset");
-  app.add_option("--split", options.splits, "Files of ids to evaluate; without, everything");
-  app.add_option("--most", options.most, "With --pred or --ss-flow, only so many of the first assets; 0: all")
-      ->check(whole_number(0))
-      ->capture_default_str();
-  app.add_option("--out", options.out, "Folder for the results")->required();
-  app.add_option("--skin-ae", options.skin_ae, "Run folder or checkpoint of a skin auto-encoder to reconstruct with")
-      ->group("Skin weights alone");
-  app.add_option("--skins", options.skins,
-                 "Folder of NPZ files with skin [V, J] for the ground truth's vertices, found by any name of the asset")
-      ->group("Skin weights alone");
-  app.add_option("--pictures", options.pictured, "Assets to draw in the report: worst (and, of weights, best) ones")
-      ->check(whole_number(0, 100'000))
-      ->capture_default_str();
-  app.add_flag("--no-report", options.no_report, "Do not write report.html");
-  add_shape_options(app, options);
-  add_structure_options(app, options);
-  add_common_options(app, common, library_versions());
-  return run_command(app, common, argc, argv, [&] {
-    refuse_ignored(app, options);
-    run(options, common);
+  add_option(app, "--pred", options.predictions);
+  add_option(app, "--dataset", options.dataset, " with the ground truth, or file or folder of it");
+  add_option(app, "--split", options.splits);
+  add_option(app, "--limit", options.limit, "; with --pred or --ss-flow")->check(whole_number(0));
+  add_option(app, "--output", options.output, ": folder")->required();
+  add_option(app, "--skin-ae", options.skin_ae);
+  add_option(app, "--skins", options.skins);
+  add_option(app, "--report-images", options.report_images)->check(whole_number(0, 100'000));
+  add_option(app, "--no-report", options.no_report);
+  const std::vector<std::string> shapes = add_shape_options(app, options);
+  const std::vector<std::string> structures = add_structure_options(app, options);
+  program.add_common({"--keep-going", "--seed [0]", "--threads", "--device", "--json"}, library_versions());
+  return program.run(argc, argv, [&] {
+    refuse_ignored(app, options, shapes, structures);
+    run(options, program.common);
   });
 }

@@ -1,7 +1,7 @@
 #pragma once
-#include <array>
 #include <cstdint>
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -11,16 +11,15 @@
 
 namespace anigen {
 
-/// The command line of anigen-generate; negative numbers and empty words: as the configs of the flows say.
+/// The command line of anigen-generate; what is unset is as the configs of the flows say.
 struct GenerateArguments {
-  // Pictures and models.
-  std::string image, dataset, checkpoint, name;
+  // Images and models.
+  std::string image, dataset, runs, asset_name;
   std::vector<std::filesystem::path> splits;
   std::filesystem::path structure_flow, latent_flow, structure_autoencoder, latent_autoencoder, output;
-  std::size_t most = 0;
+  std::size_t limit = 0;
   std::string precision = "fp32";
-  bool averages = false, no_averages = false, low_memory = false, again = false, accept_other_code = false;
-  bool allow_failures = false;
+  bool averages = false, no_averages = false, low_memory = false, force = false, accept_other_code = false;
   // Conditions.
   std::string background = "auto", normals = "auto", structure_condition = "trained";
   std::filesystem::path normal_map, estimator_weights;
@@ -28,14 +27,16 @@ struct GenerateArguments {
   // Sampling.
   std::string solver;
   std::vector<double> structure_interval, latent_interval;
-  double structure_strength = -1, latent_strength = -1, joint_density = -1;
-  std::int64_t structure_steps = 0, latent_steps = 0, joints = 0;
-  int level = -1;
-  skeleton_field::MeanShiftOptions grouping;
+  std::optional<double> structure_guidance, latent_guidance, joint_density;  ///< guidance: the scale, 1: none
+  std::optional<std::int64_t> structure_steps, latent_steps;
+  std::optional<int> joint_level;
+  std::int64_t joints = 0;
+  skeleton_field::MeanShiftOptions clustering;
   // Finishing and files.
   generate::FinishingOptions finishing;
   bool keep_hidden = false, keep_weights = false, no_smoothing = false;
-  bool published_axes = false, obj = false, intermediate = false;
+  std::string axes = "gltf";
+  bool obj = false, intermediate = false;
 };
 
 }  // namespace anigen

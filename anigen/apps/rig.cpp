@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <cstdint>
 #include <cstdio>
 #include <filesystem>
@@ -21,15 +22,6 @@ void print(const Reports& reports, const CommonOptions& common) {
   std::fputs(common.json ? (to_json(reports).dump(2) + "\n").c_str() : to_text(reports).c_str(), stdout);
 }
 
-/// @param each with a `failure`
-template <typename Reports>
-void require_one(const Reports& each, const char* what) {
-  for (const auto& report : each) {
-    if (report.failure.empty()) return;
-  }
-  throw Error(std::string("none of the ") + what + " could be rigged");
-}
-
 /// Lets trained models do what there are models for.
 void use_models(RigArguments& options, const CommonOptions& common) {
   if (options.joint_model.empty() && options.connectivity_model.empty() && options.skin_model.empty())
@@ -51,9 +43,12 @@ void rig_files(RigArguments& options, const CommonOptions& common) {
   if (request.method.joints == rigging::JointSource::kTemplate && request.joints.collection.empty())
     throw InputError("", "--dataset", "the template is the middle skeleton of a collection; name one");
   request.meshes = options.mesh;
-  request.axes = io::parse_axes(options.axes);
+  if (options.influences) {
+    request.binding.geodesic.most_influences = request.binding.heat.most_influences = *options.influences;
+  }
+  request.axes = io::parse_axes(options.mesh_up);
   request.also_read = {options.joint_model, options.connectivity_model, options.skin_model};
-  if (options.pictures) {
+  if (options.preview) {
     request.also_writes = ".png";
     request.also = [](const Asset& asset, std::filesystem::path file) {
       io::write_png(file.replace_extension(".png"), eval::asset_picture(asset));
@@ -62,91 +57,60 @@ void rig_files(RigArguments& options, const CommonOptions& common) {
   if (learned) use_models(options, common);
   const rigging::RigReports reports = rigging::rig_meshes(request);
   print(reports, common);
-  require_one(reports.meshes, "meshes");
+  const auto failed = std::count_if(reports.meshes.begin(), reports.meshes.end(),
+                                    [](const auto& report) { return !report.failure.empty(); });
+  require_inputs(static_cast<std::size_t>(failed), reports.meshes.size(), "meshes gave no rig", common);
 }
 
 void retrieve(const RigArguments& options, const CommonOptions& common) {
   if (options.request.joints.collection.empty())
     throw InputError("", "--dataset", "retrieval answers with an asset of a data set; name one");
-  if (options.image.empty() == options.pictured.empty())
-    throw InputError("", "--image", "retrieval answers pictures: name one, a folder of them, or --picture-split");
+  if (options.image.empty() == options.image_splits.empty())
+    throw InputError("", "--image", "retrieval answers images: name one, a folder of them, or --image-split");
   torch_half("retrieval").retrieve(options, common);
 }
 
 void add_mesh_options(CLI::App& app, RigArguments& options) {
   rigging::RigRequest& request = options.request;
-  app.add_option("--mesh", options.mesh,
-                 "File or folder of what to rig: .glb .gltf .fbx .dae .obj .ply, NPZ rigs, data sets");
-  app.add_option("--mesh-split", request.splits, "Only the meshes whose ids these files list [all]");
-  app.add_option("--mesh-axes", options.axes, "Up axis of the meshes: format, y-up, z-up")->capture_default_str();
-  app.add_option("--skin", options.skin,
-                 "How to bind, other than the method does: nearest, geovoxel, heat; none: the skeleton alone")
-      ->check(CLI::IsMember({"nearest", "geovoxel", "heat", "none"}));
-  app.add_option(
-      "--skeleton", request.joints.skeleton,
-      "A rig with the joints to bind to, placed in the mesh [the mesh file's own]; for pinocchio the template");
-  app.add_option("--template", request.joints.templates,
-                 "For pinocchio: biped, quadruped; of several the one that fits best [both]")
-      ->check(CLI::IsMember(rigging::template_words()));
-  app.add_option("--resolution", request.binding.geodesic.resolution,
-                 "For geovoxel: voxels along the mesh's longest side")
-      ->check(whole_number(2, 512))
-      ->capture_default_str();
-  app.add_option("--falloff", request.binding.geodesic.falloff,
-                 "For geovoxel: from weights like 1/d² (0) to weights like 1/d⁴ (1)")
-      ->check(number(0, 1))
-      ->capture_default_str();
-  app.add_option("--most-joints", request.joints.curve.most_joints, "For curve: no more joints than these")
-      ->check(whole_number(2, 10'000))
-      ->capture_default_str();
-  app.add_option_function<std::size_t>(
-         "--influences",
-         [&request](std::size_t most) {
-           request.binding.geodesic.most_influences = request.binding.heat.most_influences = most;
-         },
-         "Joints per vertex, 0: any number")
+  add_option(app, "--mesh", options.mesh);
+  add_option(app, "--mesh-split", request.splits);
+  add_option(app, "--mesh-up", options.mesh_up);
+  add_option(app, "--skin", options.skin);
+  add_option(app, "--skeleton", request.joints.skeleton);
+  add_option(app, "--pinocchio-template", request.joints.templates)->check(one_of(rigging::template_words()));
+  add_option(app, "--geovoxel-resolution", request.binding.geodesic.resolution)->check(whole_number(2, 512));
+  add_option(app, "--falloff", request.binding.geodesic.falloff)->check(number(0, 1));
+  add_option(app, "--curve-joints", request.joints.curve.most_joints)->check(whole_number(2, 10'000));
+  add_option(app, "--influences", options.influences, "; 0: any number")
       ->check(whole_number(0, 1024))
       ->default_str(std::to_string(request.binding.heat.most_influences));
-  app.add_flag("--pictures", options.pictures, "Also <name>.png: the asset, its weights, its skeleton");
+  add_option(app, "--preview", options.preview);
 }
 
 void add_model_options(CLI::App& app, RigArguments& options) {
-  app.add_option(
-         "--joint-model", options.joint_model,
-         "For anymate and rignet: a run folder of anigen-train, or a .safetensors file of one; for anymate also a "
-         "checkpoint as released [given joints]")
-      ->check(CLI::ExistingPath);
-  app.add_option("--connectivity-model", options.connectivity_model,
-                 "For both, likewise [the shortest tree through predicted joints; given joints keep theirs]")
-      ->check(CLI::ExistingPath);
-  app.add_option("--skin-model", options.skin_model, "For both, likewise [as --skin says, or geovoxel]")
-      ->check(CLI::ExistingPath);
-  app.add_option("--points", options.points,
-                 "For anymate: points of the surface that the models look at [as in training; released: 8192]")
-      ->check(whole_number(1, 10'000'000));
-  app.add_option("--eps", options.eps,
-                 "For anymate: predicted joints this near are one, the mesh's longest side being 2 [as released: 0.03 "
-                 "regressed, 0.05 denoised; without meaning for volumes]")
-      ->check(number(0, 2, RangeEnds::kOpenBelow));
+  add_option(app, "--joint-model", options.joint_model)->check(CLI::Validator(CLI::ExistingPath).description(""));
+  add_option(app, "--connectivity-model", options.connectivity_model)
+      ->check(CLI::Validator(CLI::ExistingPath).description(""));
+  add_option(app, "--skin-model", options.skin_model)->check(CLI::Validator(CLI::ExistingPath).description(""));
+  add_option(app, "--points", options.points)->check(whole_number(1, 10'000'000))->default_str("");
+  add_option(app, "--joint-distance", options.joint_distance)
+      ->check(number(0, 2, RangeEnds::kOpenBelow))
+      ->default_str("");
 }
 
 void add_dataset_options(CLI::App& app, RigArguments& options) {
-  app.add_option("--dataset", options.request.joints.collection,
-                 "For template and retrieval: where skeletons and answers come from");
-  app.add_option("--split", options.request.joints.splits, "Files of the ids to use; without, everything");
-  app.add_option("--image", options.image, "For retrieval: picture, or folder of pictures");
-  app.add_option("--picture-split", options.pictured,
-                 "For retrieval, instead of --image: the first condition view of these assets of --dataset");
-  app.add_option("--most", options.most, "Only so many assets of --picture-split; 0: all")->check(whole_number(0));
-  app.add_option("--views", options.views, "For retrieval: condition views to look at per asset, 0: all")
-      ->check(whole_number(0, 1000))
-      ->capture_default_str();
-  app.add_option("--background", options.background, "For retrieval: auto, keep, alpha, grabcut, as anigen-generate")
-      ->capture_default_str();
-  app.add_option("--condition", options.condition,
-                 "For retrieval: what is compared, color, or normal: the maps of --view-geometry, with --picture-split")
-      ->capture_default_str()
-      ->check(CLI::IsMember({"color", "normal"}));
+  add_option(app, "--dataset", options.request.joints.collection,
+             ": for template and retrieval, source of skeletons and answers");
+  add_option(app, "--split", options.request.joints.splits);
+  add_option(app, "--image", options.image, ": for retrieval");
+  add_option(app, "--image-split", options.image_splits);
+  add_option(app, "--limit", options.limit, ", of --image-split")->check(whole_number(0));
+  add_option(app, "--retrieval-views", options.views, "; 0: all")->check(whole_number(0, 1000));
+  add_option(app, "--background", options.background, ", as anigen-generate; for retrieval")
+      ->check(one_of({"auto", "keep", "alpha", "grabcut"}));
+  add_option(app, "--condition", options.condition,
+             "; for retrieval: normal needs --image-split and the maps of --view-geometry")
+      ->check(one_of({"color", "normal"}));
 }
 
 /// Options that another method would use, or that others leave without effect.
@@ -155,14 +119,14 @@ void refuse_ignored(const CLI::App& app, const RigArguments& options) {
   const std::string whose = "is not used by --method " + method;
   if (method == "retrieval") {
     refuse_given(app,
-                 {"--mesh", "--mesh-split", "--mesh-axes", "--skin", "--skeleton", "--template", "--resolution",
-                  "--falloff", "--most-joints", "--influences", "--pictures", "--joint-model", "--connectivity-model",
-                  "--skin-model", "--points", "--eps", "--seed", "--device"},
-                 whose + ", which answers pictures");
-    if (options.pictured.empty()) refuse_given(app, {"--most"}, "is of the assets of --picture-split");
+                 {"--mesh", "--mesh-split", "--mesh-up", "--skin", "--skeleton", "--pinocchio-template",
+                  "--geovoxel-resolution", "--falloff", "--curve-joints", "--influences", "--preview", "--joint-model",
+                  "--connectivity-model", "--skin-model", "--points", "--joint-distance", "--seed", "--device"},
+                 whose + ", which answers images");
+    if (options.image_splits.empty()) refuse_given(app, {"--limit"}, "is of the assets of --image-split");
     return;
   }
-  refuse_given(app, {"--image", "--picture-split", "--most", "--views", "--background", "--condition"},
+  refuse_given(app, {"--image", "--image-split", "--limit", "--retrieval-views", "--background", "--condition"},
                whose + "; it is for retrieval");
   const bool learned = method == kAnymate || method == kRignet;
   if (!learned) {
@@ -171,17 +135,18 @@ void refuse_ignored(const CLI::App& app, const RigArguments& options) {
     refuse_given(app, {"--seed"}, whose + ", which draws nothing at random");
     refuse_given(app, {"--device"}, whose + ", which computes on the CPU");
   }
-  if (method != kAnymate) refuse_given(app, {"--points", "--eps"}, whose + "; it is for anymate");
-  if (options.joint_model.empty()) refuse_given(app, {"--eps"}, "merges the joints of --joint-model");
+  if (method != kAnymate) refuse_given(app, {"--points", "--joint-distance"}, whose + "; it is for anymate");
+  if (options.joint_model.empty()) refuse_given(app, {"--joint-distance"}, "merges the joints of --joint-model");
   if (method != "template") refuse_given(app, {"--dataset", "--split"}, whose + "; it is for template and retrieval");
-  if (method != "curve") refuse_given(app, {"--most-joints"}, whose + "; it is for curve");
-  if (method != "pinocchio") refuse_given(app, {"--template"}, whose + "; it is for pinocchio");
+  if (method != "curve") refuse_given(app, {"--curve-joints"}, whose + "; it is for curve");
+  if (method != "pinocchio") refuse_given(app, {"--pinocchio-template"}, whose + "; it is for pinocchio");
   if (method == "curve" || method == "template")
     refuse_given(app, {"--skeleton"}, whose + ", which makes the skeleton itself");
   if (!options.joint_model.empty()) refuse_given(app, {"--skeleton"}, "--joint-model finds the joints");
-  if (!options.request.joints.skeleton.empty()) refuse_given(app, {"--template"}, "--skeleton is the template already");
+  if (!options.request.joints.skeleton.empty())
+    refuse_given(app, {"--pinocchio-template"}, "--skeleton is the template already");
   if (!options.skin_model.empty()) {
-    refuse_given(app, {"--resolution", "--falloff"}, "is for geovoxel, and --skin-model binds");
+    refuse_given(app, {"--geovoxel-resolution", "--falloff"}, "is for geovoxel, and --skin-model binds");
     return;
   }
   std::string binding = options.skin;
@@ -191,7 +156,7 @@ void refuse_ignored(const CLI::App& app, const RigArguments& options) {
                                                           : "geovoxel";
   }
   if (binding != "geovoxel")
-    refuse_given(app, {"--resolution", "--falloff"}, "is for geovoxel, and the binding is " + binding);
+    refuse_given(app, {"--geovoxel-resolution", "--falloff"}, "is for geovoxel, and the binding is " + binding);
   if (binding == "none" || binding == "nearest")
     refuse_given(app, {"--influences"}, "has no effect where the binding is " + binding);
 }
@@ -199,37 +164,35 @@ void refuse_ignored(const CLI::App& app, const RigArguments& options) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  CLI::App app{
-      "Rigs meshes by methods that learned nothing, or by models of Anymate or RigNet, to use or to compare with.\n\n"
-      "  anigen-rig --method pinocchio --mesh statue.glb --out rigged.glb --pictures\n"
-      "  anigen-rig --method curve --mesh meshes/ --out rigged/\n"
-      "  anigen-rig --method geovoxel --mesh body.glb --skeleton rig.glb --out rigged.glb\n"
-      "  anigen-rig --method anymate --mesh meshes/ --joint-model runs/joints --skin-model runs/skin --out rigged/\n"
-      "  anigen-rig --method rignet --mesh body.glb --joint-model runs/rignet_joints --out rigged.glb\n"
-      "  anigen-rig --method template --mesh results/ --dataset data --split data/splits/train.txt --out template\n"
-      "  anigen-rig --method retrieval --image photos/ --dataset data --split data/splits/train.txt --out retrieved\n"};
-  CommonOptions common;
+  Program program(
+      "anigen-rig",
+      "Rigs meshes by methods that learned nothing, or by models of Anymate or RigNet, to use or to compare with.",
+      "  anigen-rig --method pinocchio -m statue.glb -o rigged.glb --preview\n"
+      "  anigen-rig --method curve -m meshes/ -o rigged/\n"
+      "  anigen-rig --method geovoxel -m body.glb --skeleton rig.glb -o rigged.glb\n"
+      "  anigen-rig --method anymate -m meshes/ --joint-model runs/joints --skin-model runs/skin -o rigged/\n"
+      "  anigen-rig --method rignet -m body.glb --joint-model runs/rignet_joints -o rigged.glb\n"
+      "  anigen-rig --method template -m results/ -d data --split data/splits/train.txt -o template\n"
+      "  anigen-rig --method retrieval -i photos/ -d data --split data/splits/train.txt -o retrieved");
+  CLI::App& app = program.app;
   RigArguments options;
   std::vector<std::string> methods = rigging::rigging_method_words();
-  methods.emplace_back("retrieval");
-  methods.emplace_back(kAnymate);
-  methods.emplace_back(kRignet);
-  app.add_option(
-         "--method", options.method,
-         "nearest, geovoxel, heat: bind a mesh to the skeleton it has, or to --skeleton, by the nearest bone, by "
-         "paths through its inside, or by heat; pinocchio: embed a template, bind by heat; curve: joints along "
-         "the curve that the mesh contracts to, bound by geovoxel; template: the data set's middle skeleton in "
-         "the mesh's box, bound by nearest; retrieval: the data set's asset whose condition view is most like "
-         "the picture; anymate, rignet: joints, their tree and weights by trained models, or only some of these")
+  methods.insert(methods.end(), {"retrieval", kAnymate, kRignet});
+  add_option(app, "--method", options.method,
+             ". nearest, geovoxel, heat: bind a mesh to the skeleton it has, or to --skeleton, by the nearest bone, by "
+             "paths through its inside, or by heat; pinocchio: embed a template, bind by heat; curve: joints along "
+             "the curve that the mesh contracts to, bound by geovoxel; template: the dataset's middle skeleton in "
+             "the mesh's box, bound by nearest; retrieval: the dataset's asset whose condition view is most like "
+             "the image; anymate, rignet: joints, their tree and weights by trained models, or only some of these")
       ->required()
-      ->check(CLI::IsMember(methods));
+      ->check(one_of(methods));
   add_mesh_options(app, options);
   add_model_options(app, options);
   add_dataset_options(app, options);
-  app.add_option("--out", options.request.out, "Folder; for one mesh the file")->required();
-  add_common_options(app, common, library_versions());
-  return run_command(app, common, argc, argv, [&] {
+  add_option(app, "--output", options.request.out, ": folder; for one mesh the file")->required();
+  program.add_common({"--keep-going", "--seed [0]", "--threads", "--device", "--json"}, library_versions());
+  return program.run(argc, argv, [&] {
     refuse_ignored(app, options);
-    options.method == "retrieval" ? retrieve(options, common) : rig_files(options, common);
+    options.method == "retrieval" ? retrieve(options, program.common) : rig_files(options, program.common);
   });
 }

@@ -4,64 +4,52 @@
 #include "anigen/apps/common/command_line.h"
 #include "anigen/apps/common/torch_half.h"
 #include "anigen/apps/train_arguments.h"
+#include "anigen/core/error.h"
 
 int main(int argc, char** argv) {
-  CLI::App app{
-      "Trains one stage from one config. Run the same command again to go on where it stopped.\n\n"
-      "  anigen-train --config configs/tiny/skin_ae.json --data-dir data/tiny --output runs/skin_ae\n"
-      "  anigen-train --output runs/skin_ae                     go on with the config of that run\n"
-      "  anigen-train --output runs/skin_ae --ckpt 200 --restart  go back to step 200; later steps are moved aside\n"
-      "  anigen-train --config FILE --output runs/b --set trainer.args.optimizer.args.lr=3e-4\n"
-      "  anigen-train --ranks 2 --restarts 3 --config FILE --output runs/b --set trainer.args.batch_split=2\n"
-      "  srun --ntasks 8 anigen-train --config FILE --output runs/b      or torchrun, or mpirun: docs/cluster.md\n"};
-  anigen::CommonOptions common;
-  anigen::TrainArguments arguments;
-  app.add_option("--config", arguments.config, "JSON config; default: config.json of the output folder");
-  app.add_option("--output", arguments.output, "Run folder")->required();
-  app.add_option("--data-dir", arguments.data_dir, "Dataset root, or several separated by commas");
-  app.add_option("--set", arguments.overrides, "path.to.key=value overrides a config value; repeatable")
-      ->allow_extra_args(false);
-  app.add_option("--load", arguments.load,
-                 "Start from a checkpoint of this other run folder; ignored once the output folder has its own");
-  app.add_option("--warm-start", arguments.warm_start,
-                 "Folder of pretrained weights (<class name>.safetensors or .pt) for the branches that published "
-                 "runs take from TRELLIS; none: train those too [config's trainer.args.pretrained_dir]");
-  app.add_option("--ckpt", arguments.ckpt,
-                 "latest, none, or a step to start from; ignored once the output folder has checkpoints, so that the "
-                 "same command goes on however often it is started")
-      ->capture_default_str();
-  app.add_flag("--restart", arguments.restart,
-               "Begin again as --load and --ckpt say although the output folder has checkpoints: later steps move to "
-               "ckpts/abandoned-STEP-N there. The same command goes on with what it began until that run has ended");
-  app.add_option("--profile", arguments.profile_steps,
-                 "Measure where the time of so many steps goes, after two that warm up, into profile.md of the run")
-      ->check(anigen::whole_number(0, 1'000'000));
-  CLI::Option* ranks = app.add_option("--ranks", arguments.ranks, "Train by so many processes of this machine")
-                           ->check(anigen::whole_number(1, 1024));
-  app.add_option("--restarts", arguments.restarts,
-                 "With --ranks: start all again from the last checkpoint, so often, after one has failed")
-      ->check(anigen::whole_number(0, 1'000'000))
-      ->needs(ranks);
-  app.add_option("--rendezvous", arguments.rendezvous,
-                 "Where ranks find each other, tcp://HOST:PORT of rank 0 or file:///PATH [the launcher's environment]");
-  app.add_option("--timeout", arguments.timeout, "Seconds without a sign of life after which a rank is lost")
-      ->capture_default_str()
-      ->check(anigen::number(5, 86400));
-  app.add_option("--communication", arguments.communication, "Gradients travel between ranks in fp32 or bf16")
-      ->capture_default_str()
-      ->check(CLI::IsMember({"fp32", "bf16"}));
-  anigen::add_common_options(app, common, anigen::library_versions(),
-                             {{"--json", "prints no results: metrics.csv of the run folder has them"}});
+  using namespace anigen;
+  Program program(
+      "anigen-train", "Trains one stage from one config. Run the same command again to go on where it stopped.",
+      "  anigen-train --config configs/tiny/skin_ae.json -d data/tiny -o runs/skin_ae\n"
+      "  anigen-train -o runs/skin_ae                         go on with the config of that run\n"
+      "  anigen-train -o runs/skin_ae --ckpt 200 --restart    go back to step 200; later steps are moved aside\n"
+      "  anigen-train --config FILE -o runs/b --set trainer.args.optimizer.args.lr=3e-4\n"
+      "  anigen-train --config FILE --print-config            the config with every default\n"
+      "  anigen-train --ranks 2 --rank-restarts 3 --config FILE -o runs/b --set trainer.args.batch_split=2\n"
+      "  srun --ntasks 8 anigen-train --config FILE -o runs/b      or torchrun, or mpirun: docs/cluster.md");
+  CLI::App& app = program.app;
+  TrainArguments arguments;
+  add_option(app, "--config", arguments.config);
+  add_option(app, "--output", arguments.output, ": run folder");
+  add_option(app, "--dataset", arguments.dataset, ", or several separated by commas [the config's]");
+  add_option(app, "--set", arguments.overrides)->allow_extra_args(false);
+  add_option(app, "--load", arguments.load);
+  add_option(app, "--warm-start", arguments.warm_start);
+  add_option(app, "--ckpt", arguments.ckpt,
+             ": latest, none, or a step to start from; ignored once the output folder has checkpoints, so that the "
+             "same command goes on however often it is started");
+  add_option(app, "--restart", arguments.restart);
+  add_option(app, "--profile", arguments.profile_steps)->check(whole_number(0, 1'000'000));
+  add_option(app, "--schema", arguments.schema);
+  add_option(app, "--print-config", arguments.print_config);
+  CLI::Option* ranks = add_option(app, "--ranks", arguments.ranks)->check(whole_number(1, 1024));
+  add_option(app, "--rank-restarts", arguments.rank_restarts)->check(whole_number(0, 1'000'000))->needs(ranks);
+  add_option(app, "--rendezvous", arguments.rendezvous);
+  add_option(app, "--rank-timeout", arguments.rank_timeout)->check(number(5, 86400));
+  add_option(app, "--communication", arguments.communication);
+  program.add_common({"--seed [the config's]", "--threads", "--device"}, library_versions());
   int status_of_ranks = 0;
-  const int status = anigen::run_command(app, common, argc, argv, [&] {
+  const int status = program.run(argc, argv, [&] {
+    if (arguments.output.empty() && !arguments.schema && !arguments.print_config)
+      throw InputError("", "--output", "which run folder?");
     if (arguments.ranks == 1)
-      anigen::refuse_given(app, {"--restarts"}, "starts the processes of --ranks again, of which it needs two or more");
-    arguments.words.assign(argv, argv + argc);
+      refuse_given(app, {"--rank-restarts"}, "starts the processes of --ranks again, of which it needs two or more");
+    arguments.words = program.words;
     arguments.ranks_given = ranks->count() > 0;
-    for (const char* name : {"--timeout", "--communication"}) {
+    for (const char* name : {"--rank-timeout", "--communication"}) {
       if (app.get_option(name)->count() > 0) arguments.only_of_ranks.emplace_back(name);
     }
-    status_of_ranks = anigen::torch_half("training").train(arguments, common);
+    status_of_ranks = torch_half("training").train(arguments, program.common);
   });
   return status != 0 ? status : status_of_ranks;
 }

@@ -2,8 +2,10 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <utility>
 
+#include "anigen/core/config_record.h"
 #include "anigen/core/files.h"
 #include "anigen/core/log.h"
 #include "anigen/core/text.h"
@@ -199,6 +201,28 @@ void apply_overrides(Json& config, const std::vector<std::string>& assignments) 
 
 void write_config(const fs::path& path, const Json& config) { write_file_atomically(path, config.dump(2) + "\n"); }
 
+namespace {
+
+// Notes what a key is read as. @param schema null: any form
+void record(const ConfigReader& reader, const std::string& key, Json schema, Json fallback = nullptr) {
+  if (ConfigRecord::current() == nullptr) return;
+  Json& node = ConfigRecord::current()->node(reader.pointer_to(key));
+  if (node.is_null()) node = Json::object();
+  // A reader that looks at the value itself takes other forms, too.
+  constexpr const char* kFree = "any form";
+  if (node.value("$comment", "") == kFree) schema = Json::object();
+  if (schema.is_null()) {
+    node = {{"$comment", kFree}};
+    return;
+  }
+  node.update(schema);
+  const Json required = ConfigRecord::current()->node(reader.pointer_to("")).value("required", Json::array());
+  const bool optional = std::find(required.begin(), required.end(), key) == required.end();
+  if (!fallback.is_null() && optional) node["default"] = std::move(fallback);
+}
+
+}  // namespace
+
 ConfigReader::ConfigReader(const Json& object, std::string file, std::string pointer)
     : object_(&object), file_(std::move(file)), pointer_(std::move(pointer)) {
   if (!object.is_object())
@@ -222,11 +246,17 @@ const Json* ConfigReader::find(const std::string& key) {
 }
 
 void ConfigReader::require(const std::string& key) const {
+  if (ConfigRecord::current() != nullptr) {
+    Json& required = ConfigRecord::current()->node(pointer_)["required"];
+    if (required.is_null()) required = Json::array();
+    if (std::find(required.begin(), required.end(), key) == required.end()) required.push_back(key);
+  }
   if (!has(key)) throw error("", "the key '" + key + "' is missing");
 }
 
 template <typename T, typename Check>
-T ConfigReader::value(const std::string& key, const T& fallback, const char* what, Check check) {
+T ConfigReader::value(const std::string& key, const T& fallback, const char* what, Check check, Json schema) {
+  record(*this, key, std::move(schema), fallback);
   const Json* value = find(key);
   if (value == nullptr) return fallback;
   if (!check(*value)) throw error(key, std::string("expected ") + what + ", found " + value->dump().substr(0, 40));
@@ -235,7 +265,10 @@ T ConfigReader::value(const std::string& key, const T& fallback, const char* wha
 
 std::int64_t ConfigReader::integer(const std::string& key, std::int64_t fallback, std::int64_t lowest,
                                    std::int64_t highest) {
-  const std::int64_t number = value(key, fallback, "an integer", is_int64);
+  Json schema = {{"type", "integer"}};
+  if (lowest > std::numeric_limits<std::int64_t>::min()) schema["minimum"] = lowest;
+  if (highest < std::numeric_limits<std::int64_t>::max()) schema["maximum"] = highest;
+  const std::int64_t number = value(key, fallback, "an integer", is_int64, std::move(schema));
   if (has(key) && (number < lowest || number > highest)) {
     throw error(key, "expected an integer from " + std::to_string(lowest) + " to " + std::to_string(highest) +
                          ", found " + std::to_string(number));
@@ -244,7 +277,11 @@ std::int64_t ConfigReader::integer(const std::string& key, std::int64_t fallback
 }
 
 double ConfigReader::number(const std::string& key, double fallback, double lowest, double highest) {
-  const double number = value(key, fallback, "a number", [](const Json& json) { return json.is_number(); });
+  Json schema = {{"type", "number"}};
+  if (lowest > std::numeric_limits<double>::lowest()) schema["minimum"] = lowest;
+  if (highest < std::numeric_limits<double>::max()) schema["maximum"] = highest;
+  const auto is_number = [](const Json& json) { return json.is_number(); };
+  const double number = value(key, fallback, "a number", is_number, std::move(schema));
   if (has(key) && (!std::isfinite(number) || number < lowest || number > highest)) {
     throw error(key, "expected a number from " + Json(lowest).dump() + " to " + Json(highest).dump() + ", found " +
                          object_->at(key).dump());
@@ -253,16 +290,23 @@ double ConfigReader::number(const std::string& key, double fallback, double lowe
 }
 
 bool ConfigReader::boolean(const std::string& key, bool fallback) {
-  return value(key, fallback, "true or false", [](const Json& json) { return json.is_boolean(); });
+  return value(key, fallback, "true or false", [](const Json& json) { return json.is_boolean(); },
+               {{"type", "boolean"}});
 }
 
 std::string ConfigReader::text(const std::string& key, const std::string& fallback) {
-  return value(key, fallback, "a string", [](const Json& json) { return json.is_string(); });
+  return value(key, fallback, "a string", [](const Json& json) { return json.is_string(); }, {{"type", "string"}});
 }
 
 std::string ConfigReader::choice(const std::string& key, const std::string& fallback,
                                  const std::vector<std::string>& words) {
   const std::string word = text(key, fallback);
+  if (ConfigRecord::current() != nullptr) {
+    record(*this, key, {{"enum", words}});
+    // Without a default where the key must be there.
+    if (std::find(words.begin(), words.end(), fallback) == words.end())
+      ConfigRecord::current()->node(pointer_to(key)).erase("default");
+  }
   if (std::find(words.begin(), words.end(), word) != words.end()) return word;
   throw error(key, "expected one of " + joined(words) + "; found '" + word.substr(0, 40) + "'");
 }
@@ -270,6 +314,7 @@ std::string ConfigReader::choice(const std::string& key, const std::string& fall
 template <typename T, typename Check>
 std::vector<T> ConfigReader::list(const std::string& key, const std::vector<T>& fallback, const char* what,
                                   Check check) {
+  record(*this, key, {{"type", "array"}, {"items", {{"type", std::string(what, std::strlen(what) - 1)}}}}, fallback);
   const Json* value = find(key);
   if (value == nullptr) return fallback;
   if (!value->is_array()) throw error(key, std::string("expected a list of ") + what);
@@ -298,17 +343,23 @@ std::vector<std::string> ConfigReader::texts(const std::string& key, const std::
 }
 
 ConfigReader ConfigReader::object(const std::string& key) {
+  record(*this, key, {{"type", "object"}});
   const Json* value = find(key);
   return ConfigReader(value == nullptr ? empty_object() : *value, file_, pointer_to(key));
 }
 
-const Json* ConfigReader::raw(const std::string& key) { return find(key); }
+const Json* ConfigReader::raw(const std::string& key) {
+  record(*this, key, nullptr);
+  return find(key);
+}
 
 void ConfigReader::ignore(const std::string& key) {
+  record(*this, key, {{"description", "has no effect"}});
   if (find(key) != nullptr) log::warn_once(file_ + ": " + pointer_to(key) + " has no effect here");
 }
 
 void ConfigReader::finish() const {
+  if (ConfigRecord::current() != nullptr) ConfigRecord::current()->node(pointer_)["additionalProperties"] = false;
   for (const auto& [key, value] : object_->items()) {
     if (std::find(known_.begin(), known_.end(), key) != known_.end()) continue;
     const std::string nearest = nearest_word(key, known_);

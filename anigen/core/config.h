@@ -101,7 +101,7 @@ class ConfigReader {
  private:
   const Json* find(const std::string& key);
   template <typename T, typename Check>
-  T value(const std::string& key, const T& fallback, const char* what, Check check);
+  T value(const std::string& key, const T& fallback, const char* what, Check check, Json schema);
   template <typename T, typename Check>
   std::vector<T> list(const std::string& key, const std::vector<T>& fallback, const char* what, Check check);
 

@@ -14,6 +14,7 @@ struct RunFolder {
   std::filesystem::path samples() const { return root / "samples"; }
   std::filesystem::path board() const { return root / "tb_logs"; }  ///< TensorBoard's
   std::filesystem::path command() const { return root / "command.txt"; }
+  std::filesystem::path made_by() const { return root / "made_by.json"; }  ///< version, commit, compiler, LibTorch
   std::filesystem::path log() const { return root / "log.txt"; }
   std::filesystem::path profile() const { return root / "profile.md"; }
   std::filesystem::path lock() const { return root / "run.lock"; }

@@ -176,7 +176,7 @@ std::vector<AssetId> select_assets(const std::string& data_dir, const RowFilter&
     const std::vector<AssetId> more = select_rows(read_csv(fs::path(root) / "metadata.csv"), root, filter);
     assets.insert(assets.end(), more.begin(), more.end());
   }
-  if (assets.empty()) throw InputError("--data-dir", "", "names no dataset root");
+  if (assets.empty()) throw InputError("--dataset", "", "names no dataset root");
   return assets;
 }
 

@@ -57,7 +57,7 @@ std::vector<AssetId> select_assets(const std::string& data_dir, const RowFilter&
 /// Choice of the assets of a dataset: the arguments all dataset classes share (reference training-and-data.md, 1.4).
 /// The class adds its own filters to `filter`.
 struct SourceOptions {
-  std::string data_dir;        ///< ours: comma-separated roots; --data-dir sets it
+  std::string data_dir;        ///< ours: comma-separated roots; --dataset sets it
   std::string split;           ///< ours: file of ids to use; relative to the first root, else to the working directory
   std::string eval_split;      ///< ours: file of ids held out for evaluation; never trained on
   double eval_fraction = 0.0;  ///< ours, without eval_split: this share of the ids, chosen by a hash of the id

@@ -23,7 +23,7 @@ namespace fs = std::filesystem;
 
 struct Opened {
   std::vector<ComparedMethod> methods;
-  std::shared_ptr<const io::ShapeSource> truth;  ///< of --gt, where given
+  std::shared_ptr<const io::ShapeSource> truth;  ///< of --dataset, where given
   std::vector<std::string> unused;
   std::vector<Pairing> pairing;
   Json described = Json::object();
@@ -83,7 +83,7 @@ Opened open(const EvaluationRequest& request) {
       opened.methods.push_back(from_pairs(label, path, request, unused[m]));
     } else {
       if (request.truth.empty())
-        throw InputError(text, "", "needs --gt with the ground truth, unless it is a CSV of pairs");
+        throw InputError(text, "", "needs --dataset with the ground truth, unless it is a CSV of pairs");
       opened.methods.push_back({label, io::open_source(path, {request.prediction_axes}), nullptr, {}});
     }
     opened.described["predictions"][label] = opened.methods.back().predictions->describe();
@@ -108,7 +108,7 @@ Opened open(const EvaluationRequest& request) {
   return opened;
 }
 
-/// Results lie in --out under fixed names; pictures of motions replace whatever is in their folder.
+/// Results lie in --output under fixed names; pictures of motions replace whatever is in their folder.
 void refuse_lossy_outputs(const EvaluationRequest& request, const Opened& opened) {
   std::vector<fs::path> outputs;
   for (const char* file : {"metrics.json", "metrics.csv", "table.md", "table.tex", "report.html"})
@@ -136,7 +136,7 @@ void refuse_lossy_outputs(const EvaluationRequest& request, const Opened& opened
 /// Order of the predictions; null unless the request asks for it.
 std::unique_ptr<CategoryReferences> open_categories(const Opened& opened, const EvaluationRequest& request) {
   if (request.category_splits.empty()) return nullptr;
-  if (!opened.truth) throw InputError("", "--category-split", "names shapes of the ground truth: it needs --gt");
+  if (!opened.truth) throw InputError("", "--category-split", "names shapes of the ground truth: it needs --dataset");
   if (!request.settings.wants("surface"))
     throw InputError("", "--category-split", "goes by surfaces: --metrics must have 'surface'");
   const std::vector<std::string> ids = io::select_ids(*opened.truth, request.category_splits);
@@ -263,8 +263,7 @@ Comparison run_evaluation(const EvaluationRequest& request) {
   comparison.unused = opened.unused;
   comparison.pairing = opened.pairing;
   comparison.settings = to_json(run.settings);
-  comparison.settings["version"] = kVersion;
-  comparison.settings["commit"] = commit();
+  comparison.settings["made_by"] = made_by();
   const Json others = other_commits(comparison);
   if (!others.empty()) comparison.settings["results_of_other_commits"] = others;
   comparison.settings["sources"] = opened.described;

@@ -11,7 +11,7 @@
 
 namespace anigen::eval {
 
-/// Request of `anigen-eval --pred … --gt … --out …`.
+/// Request of `anigen-eval --pred … --dataset … --output …`.
 struct EvaluationRequest {
   std::vector<std::string> predictions;  ///< "PATH" or "NAME=PATH", each a source (open_source) or, ending in .csv,
                                          ///< a list of pairs (read_pairs_csv)

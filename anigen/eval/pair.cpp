@@ -214,7 +214,7 @@ void add_transport_metrics(const ComparedShapes& shapes, const PairSettings& set
     result.notes.push_back(
         "Sinkhorn's scaling for the Gromov–Wasserstein distance left double precision and its plan was repaired: a "
         "larger "
-        "--epsilon keeps it");
+        "--sinkhorn-epsilon keeps it");
 }
 
 /// Anymate's joint metrics in its frame, the box of side 2.
@@ -375,9 +375,9 @@ void check(const PairSettings& settings) {
   if (settings.groups.empty()) throw InputError("", "", "no group of metrics to compute");
   const bool sinkhorn = settings.transport == TransportMethod::kSinkhorn;
   if (settings.epsilon && !sinkhorn)
-    throw InputError("", "--epsilon", "is that of Sinkhorn's iterations: it goes with --transport sinkhorn");
+    throw InputError("", "--sinkhorn-epsilon", "is that of Sinkhorn's iterations: it goes with --transport sinkhorn");
   if (settings.epsilon && !(*settings.epsilon > 0.0 && *settings.epsilon <= 1.0))
-    throw InputError("", "--epsilon", "is a share of the largest squared distance: above 0, at most 1");
+    throw InputError("", "--sinkhorn-epsilon", "is a share of the largest squared distance: above 0, at most 1");
   if (sinkhorn && !settings.wants("transport"))
     throw InputError("", "--transport", "is about the metrics of the group 'transport', which --metrics leaves out");
   require_between(static_cast<double>(settings.surface_samples), 1, 10'000'000, "surface samples");

@@ -252,8 +252,7 @@ SkinEvaluation run_skin_evaluation(const SkinRequest& request) {
                 io::listed({unused.begin(), unused.end()}));
   }
   for (SkinMethod& baseline : skin_baselines()) methods.push_back(std::move(baseline));
-  settings["version"] = kVersion;
-  settings["commit"] = commit();
+  settings["made_by"] = made_by();
   settings["ground_truth"] = request.dataset.string();
   Json splits = Json::array();
   for (const auto& split : request.splits) splits.push_back(split.string());

@@ -253,7 +253,7 @@ std::string run(const ExperimentCommand& command, const Experiment& experiment, 
 }
 
 std::string emit_slurm(const ExperimentCommand& command, const Plan& plan) {
-  std::vector<std::string> call{own_program().string(), "run", fs::absolute(command.file).string(), "--out",
+  std::vector<std::string> call{own_program().string(), "run", fs::absolute(command.file).string(), "--output",
                                 command.place.out.string()};
   for (const std::string& override_text : command.overrides) call.insert(call.end(), {"--set", override_text});
   if (command.threads > 0) call.insert(call.end(), {"--threads", std::to_string(command.threads)});

@@ -63,10 +63,7 @@ const std::vector<std::string>& programs() {
   return names;
 }
 
-std::string default_output(const std::string& program) {
-  if (program == "anigen-train" || program == "anigen-generate") return "--output";
-  return program == "anigen-encode" ? "" : "--out";
-}
+std::string default_output(const std::string& program) { return program == "anigen-encode" ? "" : "--output"; }
 
 /// Nested objects become dotted paths, and of two that mean the same the later one counts.
 void flatten(const Json& object, const std::string& path, Json& settings) {
@@ -126,6 +123,12 @@ void append_option(std::vector<std::string>& command, const std::string& option,
   }
   command.push_back(option);
   if (!value.is_boolean()) command.push_back(option_text(value));
+}
+
+/// True if inputs may fail, which the step's own "--keep-going": false forbids: they are in the tables of results.
+bool keeps_going(const std::string& program, const Json& arguments) {
+  if (arguments.contains("--keep-going") || program == "anigen-train") return false;
+  return program != "anigen-eval" || !arguments.contains("--ss-flow");
 }
 
 /// True if a program computes on --device with these arguments; otherwise it refuses the option.
@@ -281,6 +284,7 @@ class RunPlanner {
     if (!step.config.empty()) append_option(command, "--config", step.config.lexically_normal().string());
     if (!step.output.empty()) append_option(command, step.output, folder.string());
     for (const auto& [option, value] : texts.arguments.items()) append_option(command, option, value);
+    if (keeps_going(step.program, texts.arguments)) command.emplace_back("--keep-going");
     for (const auto& [path, value] : texts.settings.items())
       append_option(command, "--set", path + "=" + setting_text(value));
     if (seeded(step.name)) append_option(command, "--seed", run_.seed);

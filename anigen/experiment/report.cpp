@@ -50,7 +50,8 @@ Table provenance_table(const Experiment& experiment, const Plan& plan, const Wor
                 {"written", utc_now()},
                 {"jobs done", std::to_string(done) + " of " + std::to_string(plan.jobs.size())},
                 {"seeds", seeds + (experiment.seeded.empty() ? " (no step takes them)" : "")},
-                {"version", kVersion},
+                {"made by", "AniGen " + named_version() + ", " + kCompiler +
+                                (kTorchVersion[0] != '\0' ? std::string(", LibTorch ") + kTorchVersion : "")},
                 {"machine", processor() + ", " + std::to_string(std::thread::hardware_concurrency()) + " threads"},
                 {"device", place.device}};
   constexpr std::size_t kDigits = 16;

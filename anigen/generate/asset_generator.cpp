@@ -60,7 +60,6 @@ flow::SamplerOptions SamplerOverrides::over(flow::SamplerOptions options) const 
   options.steps = steps.value_or(options.steps);
   options.solver = solver.value_or(options.solver);
   options.cfg_strength = cfg_strength.value_or(options.cfg_strength);
-  options.rescale_t = rescale_t.value_or(options.rescale_t);
   if (cfg_interval) options.cfg_interval = cfg_interval;
   options.validate();
   return options;

@@ -18,7 +18,6 @@ struct SamplerOverrides {
   std::optional<std::int64_t> steps;
   std::optional<flow::Solver> solver;
   std::optional<double> cfg_strength;  ///< the extra weight: 7.5 is a guidance scale of 8.5; 0: no guidance
-  std::optional<double> rescale_t;
   std::optional<std::pair<double, double>> cfg_interval;
 
   flow::SamplerOptions over(flow::SamplerOptions options) const;

@@ -30,7 +30,8 @@ constexpr std::size_t kNamedInLog = 20;
 
 const EncodeRequest& checked(const EncodeRequest& request) {
   if (request.data.string().find(',') != std::string::npos) {
-    throw InputError("", "--data", "names one dataset; encode several one after another (its path may hold no comma)");
+    throw InputError("", "--dataset",
+                     "names one dataset; encode several one after another (its path may hold no comma)");
   }
   return request;
 }

@@ -26,9 +26,9 @@ struct ReconstructRequest {
   std::filesystem::path run;   ///< run folder of stage 3
   std::filesystem::path data;  ///< root of one dataset
   std::vector<std::string> ids;
-  std::filesystem::path split;   ///< file of more ids; may be empty
-  std::filesystem::path output;  ///< folder of the files <id>.glb
-  std::string ckpt;              ///< as nn::find_run_model
+  std::vector<std::filesystem::path> splits;  ///< files of more ids
+  std::filesystem::path output;               ///< folder of the files <id>.glb
+  std::string ckpt;                           ///< as nn::find_run_model
   std::string device = "cpu";
   bool true_skeleton = false;  ///< decode weights for the asset's own skeleton instead of the grouped one
   skeleton_field::MeanShiftOptions grouping;  ///< of the votes for joints

@@ -129,8 +129,8 @@ class StructuredLatents : public LatentSource {
 
 std::vector<std::string> wanted_ids(const ReconstructRequest& request) {
   std::vector<std::string> ids = request.ids;
-  if (!request.split.empty()) {
-    for (const std::string& id : data::read_split(request.split, request.data.string())) ids.push_back(id);
+  for (const fs::path& split : request.splits) {
+    for (const std::string& id : data::read_split(split, request.data.string())) ids.push_back(id);
   }
   if (ids.empty()) throw InputError("", "--id", "neither --id nor --split names an asset");
   for (const std::string& id : ids) {
@@ -149,7 +149,7 @@ void refuse_lossy_outputs(const ReconstructRequest& request, const std::vector<s
     for (const char* extension : kVotes) outputs.push_back(request.output / (id + extension));
   }
   refuse_to_overwrite(outputs, [&] {
-    std::vector<fs::path> inputs = {request.split};
+    std::vector<fs::path> inputs = request.splits;
     data::AssetId asset;
     asset.root = request.data;
     for (const std::string& id : ids) {

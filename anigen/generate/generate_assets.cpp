@@ -99,7 +99,6 @@ Json sampler_json(const SamplerOverrides& overrides) {
   if (overrides.steps) json["steps"] = *overrides.steps;
   if (overrides.solver) json["solver"] = flow::word_of(*overrides.solver);
   if (overrides.cfg_strength) json["cfg_strength"] = *overrides.cfg_strength;
-  if (overrides.rescale_t) json["rescale_t"] = *overrides.rescale_t;
   if (overrides.cfg_interval) json["cfg_interval"] = {overrides.cfg_interval->first, overrides.cfg_interval->second};
   return json;
 }
@@ -126,6 +125,12 @@ std::string inputs_of(const GenerateRequest& request, const std::vector<fs::path
   return sha256(seen);
 }
 
+// Words of the enums, in their order.
+constexpr const char* kBackgrounds[] = {"auto", "keep", "alpha", "grabcut", "network"};
+constexpr const char* kNormalSources[] = {"color", "estimator", "file", "auto", "flat"};
+constexpr const char* kConditions[] = {"trained", "color", "normal"};
+constexpr const char* kAverages[] = {"usual", "always", "never"};
+
 /// Everything that decides what is made of a picture.
 Json settings_of(const GenerateRequest& request, const std::vector<fs::path>& runs, const NamedPicture& picture) {
   const FinishingOptions& finishing = request.finishing;
@@ -135,17 +140,17 @@ Json settings_of(const GenerateRequest& request, const std::vector<fs::path>& ru
                    {"ss_dae", runs[2].string()},
                    {"slat_dae", runs[3].string()},
                    {"inputs", inputs_of(request, runs, picture)},
-                   {"background", static_cast<int>(request.pictures.background)},
-                   {"normals", static_cast<int>(request.pictures.normals)},
+                   {"background", kBackgrounds[static_cast<int>(request.pictures.background)]},
+                   {"normals", kNormalSources[static_cast<int>(request.pictures.normals)]},
                    {"estimator_side", request.pictures.estimator_side},
-                   {"condition", static_cast<int>(request.models.structure_condition)},
+                   {"condition", kConditions[static_cast<int>(request.models.structure_condition)]},
                    {"seed", request.sampling.seed},
                    {"joints", request.sampling.joints},
                    {"grouping_bandwidth", request.models.grouping.bandwidth},
                    {"grouping_least_votes", request.models.grouping.min_cluster_size},
                    {"structure_sampler", sampler_json(request.sampling.structure)},
                    {"latent_sampler", sampler_json(request.sampling.latents)},
-                   {"averages", static_cast<int>(request.models.averages)},
+                   {"averages", kAverages[static_cast<int>(request.models.averages)]},
                    {"precision", request.models.precision == torch::kFloat32 ? "fp32" : "bf16"},
                    {"published_axes", request.published_axes},
                    {"obj", request.obj},
@@ -189,14 +194,14 @@ class Generation {
     GenerationReport first;
     for (std::size_t i = 0; i < pictures.size(); ++i) {
       GenerationReport report = kept(pictures[i], names[i]).value_or(GenerationReport{});
-      if (!report.kept || commit_of(report) == commit()) continue;
+      if (!report.kept || commit_of(report.details) == commit()) continue;
       if (count++ == 0) first = std::move(report);
     }
     if (count == 0) return;
-    throw InputError((first.folder / kReportFile).string(), "/commit",
-                     "was made by " + named_commit(commit_of(first)) +
+    throw InputError((first.folder / kReportFile).string(), "/made_by/commit",
+                     "was made by " + named_commit(commit_of(first.details)) +
                          (count > 1 ? ", and so are " + std::to_string(count - 1) + " more" : "") + "; this is " +
-                         named_commit(commit()) + ": --again makes them anew, --accept-other-code keeps them");
+                         named_commit(commit()) + ": --force makes them anew, --accept-other-code keeps them");
   }
 
   GenerationReport run(const NamedPicture& picture, const std::string& name) {
@@ -217,11 +222,6 @@ class Generation {
     report.name = name;
     report.folder = request_.output / name;
     return report;
-  }
-
-  static std::string commit_of(const GenerationReport& report) {
-    const Json found = report.details.value("commit", Json());
-    return found.is_string() ? found.get<std::string>() : "";
   }
 
   static bool is_there(GenerationReport& report, const Json& settings) {
@@ -276,8 +276,7 @@ class Generation {
     std::vector<std::string> notices = first.notices;
     notices.insert(notices.end(), finished.notices.begin(), finished.notices.end());
     const std::chrono::duration<double> seconds = std::chrono::steady_clock::now() - started;
-    report.details = {{"version", kVersion},
-                      {"commit", commit()},
+    report.details = {{"made_by", made_by()},
                       {"settings", settings},
                       {"notices", notices},
                       {"voxels", {{"shape", made.shape_voxels}, {"skeleton", made.skeleton_voxels}}},
@@ -322,7 +321,7 @@ void refuse_lossy_outputs(const GenerateRequest& request, const std::vector<Name
 std::vector<GenerationReport> generate_assets(const GenerateRequest& request,
                                               const std::vector<NamedPicture>& pictures) {
   request.finishing.validate();
-  if (!request.name.empty() && pictures.size() != 1) throw InputError("", "--name", "is for one picture");
+  if (!request.name.empty() && pictures.size() != 1) throw InputError("", "--asset-name", "is for one image");
   require_distinct_names(pictures);
   std::vector<std::string> names;
   for (const NamedPicture& picture : pictures) names.push_back(request.name.empty() ? picture.name : request.name);

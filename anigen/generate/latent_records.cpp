@@ -233,7 +233,8 @@ LatentFolder::LatentFolder(const fs::path& data, const std::string& name, const 
            c == '.';
   });
   if (!plain) {
-    throw InputError("", "--name", "'" + name_ + "': a name of latents has letters, digits, '_', '-' and '.' only");
+    throw InputError("", "--latents-name",
+                     "'" + name_ + "': a name of latents has letters, digits, '_', '-' and '.' only");
   }
 }
 

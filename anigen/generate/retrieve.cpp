@@ -157,8 +157,7 @@ std::vector<RetrievalReport> retrieve_assets(const RetrievalRequest& request,
       report.asset = nearest.id;
       report.distance = nearest.distance;
       gallery.write(nearest.id, report.file);
-      const Json details = {{"version", kVersion},
-                            {"commit", commit()},
+      const Json details = {{"made_by", made_by()},
                             {"retrieved", nearest.id},
                             {"distance", nearest.distance},
                             {"compared", normals ? "normals" : "colours"},

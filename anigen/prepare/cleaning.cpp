@@ -248,7 +248,7 @@ CleaningOptions cleaning_preset(const std::string& name) {
     options.merge_distance = 0.0025;
     return options;
   }
-  throw InputError("", "--cleaning", "\"" + name + "\" is none of none, anymate, articulation-xl");
+  throw InputError("", "--clean", "\"" + name + "\" is none of none, anymate, articulation-xl");
 }
 
 std::vector<std::string> cleaning_preset_names() { return {"none", "anymate", "articulation-xl"}; }

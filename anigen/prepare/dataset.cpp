@@ -133,7 +133,8 @@ std::vector<AssetSource> representable(const std::vector<AssetSource>& sources) 
   return result;
 }
 
-/// Steps clear the files they make anew, so what they read must lie elsewhere, also when a folder of --out is a link.
+/// Steps clear the files they make anew, so what they read must lie elsewhere, also when a folder of --output is a
+/// link.
 void check_sources_lie_outside(const PrepareOptions& options) {
   std::vector<fs::path> written = {fs::weakly_canonical(options.out)};
   std::error_code error;
@@ -148,7 +149,8 @@ void check_sources_lie_outside(const PrepareOptions& options) {
     for (const fs::path& folder : written) {
       const fs::path below = file.lexically_relative(folder);
       if (!below.empty() && *below.begin() != "..")
-        throw InputError(source.file.string(), "", "lies in --out, whose files are written anew: name another folder");
+        throw InputError(source.file.string(), "",
+                         "lies in --output, whose files are written anew: name another folder");
     }
   }
 }

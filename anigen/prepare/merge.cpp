@@ -10,6 +10,7 @@
 #include "anigen/core/files.h"
 #include "anigen/core/log.h"
 #include "anigen/core/parallel.h"
+#include "anigen/core/version.h"
 #include "anigen/io/rigs/rig_listing.h"
 #include "anigen/prepare/pose_augmentation.h"
 #include "anigen/prepare/run.h"
@@ -150,6 +151,7 @@ void mark(std::vector<DatasetRow>& rows, const SplitOptions& options, const Qual
 
 /// The usable assets that split.test_names names.
 void mark_named(std::vector<DatasetRow>& rows, const std::vector<std::string>& names, const QualityLimits& limits) {
+  report_other_programs(rows);
   constexpr const char* kOption = "--test-split";
   io::NameIndex index;
   for (const DatasetRow& row : rows) {
@@ -310,6 +312,26 @@ DatasetRows collect_rows(const fs::path& out, const std::vector<Manifest>& manif
   apply_near(near, found);
   return found;
 }
+
+namespace {
+
+// Results of another build are kept where the version of their step is the same, but not without saying so.
+void report_other_programs(const std::vector<DatasetRow>& rows) {
+  std::size_t kept = 0;
+  std::string of;
+  for (const DatasetRow& row : rows) {
+    for (const auto& [step, result] : row.records.steps) {
+      if (result.commit == commit()) continue;
+      ++kept;
+      of = result.commit;
+    }
+  }
+  if (kept == 0) return;
+  log::warn("{} results of steps that {} made are kept by {}: the versions of the steps are the same", kept,
+            named_commit(of), named_commit(commit()));
+}
+
+}  // namespace
 
 CsvTable dataset_table(const std::vector<DatasetRow>& rows, const QualityLimits& limits) {
   std::set<std::string> models;

@@ -125,7 +125,7 @@ Json write_features(AssetJob& job, const FeatureExtractor& extractor, int resolu
 
 Step feature_step(const std::shared_ptr<const FeatureExtractor>& extractor, int resolution) {
   if (resolution > 256) {
-    throw InputError("", "--resolution", "features index voxels by bytes: at most 256 with --features");
+    throw InputError("", "--voxel-resolution", "features index voxels by bytes: at most 256 with --features");
   }
   Step step{kFeatures + extractor->name()};
   step.inputs.emplace_back("voxels");
@@ -256,7 +256,7 @@ Step condition_view_step(const ViewSettings& settings) {
   return step;
 }
 
-/// Views that the published system renders (reference training-and-data.md, 1.1), for `--steps views` without a number.
+/// Views that the published system renders (reference training-and-data.md, 1.1), for `--only views` without a number.
 constexpr std::size_t kPublishedViews = 150, kPublishedConditionViews = 24;
 
 ViewSettings with_count(ViewSettings settings, std::size_t published, std::uint64_t seed) {
@@ -415,12 +415,12 @@ void StepPlan::validate() const {
   for (const std::string& word : steps) {
     if (std::find(step_words().begin(), step_words().end(), word) != step_words().end()) continue;
     const std::string near = nearest_word(word, step_words());
-    throw InputError("", "--steps",
+    throw InputError("", "--only",
                      "unknown step \"" + word + "\"" + (near.empty() ? "" : "; did you mean \"" + near + "\"?"));
   }
-  if (wants("features") && features.model.empty()) throw InputError("", "--steps", "features need --features MODEL");
-  if (wants("augment") && variants == 0) throw InputError("", "--steps", "augment needs --augment K");
-  if (resolution < 2 || resolution > 1024) throw InputError("", "--resolution", "must lie in 2 … 1024");
+  if (wants("features") && features.model.empty()) throw InputError("", "--only", "features need --features MODEL");
+  if (wants("augment") && variants == 0) throw InputError("", "--only", "augment needs --augment K");
+  if (resolution < 2 || resolution > 1024) throw InputError("", "--voxel-resolution", "must lie in 2 … 1024");
   if (variants > 10000) throw InputError("", "--augment", "at most 10000 variants");
   check_views(views, "--views");
   check_views(condition_views, "--cond-views");

@@ -181,7 +181,7 @@ struct StepPlan : JsonOptions<StepPlan> {
   void validate() const;
 };
 
-/// The words --steps knows: import, asset, augment, skeleton, voxels, views, cond_views, features.
+/// The words --only knows: import, asset, augment, skeleton, voxels, views, cond_views, features.
 const std::vector<std::string>& step_words();
 
 inline void to_json(Json& json, const StepPlan& plan) { json = plan.to_json(); }

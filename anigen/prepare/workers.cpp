@@ -376,7 +376,7 @@ void WorkerPool::bury(Worker& worker, const PoolClient& client) {
   WorkerDeath death;
   death.at = worker.at;
   if (worker.killed == WorkerDeath::Cause::kTimeout) {
-    death = {*worker.killed, "took longer than " + seconds_text(options_.timeout) + " s (--timeout)", worker.at};
+    death = {*worker.killed, "took longer than " + seconds_text(options_.timeout) + " s (--asset-timeout)", worker.at};
   } else if (worker.killed == WorkerDeath::Cause::kMemory) {
     death = {*worker.killed, "needed more than " + std::to_string(options_.memory_bytes >> 20) + " MB (--memory-mb)",
              worker.at};

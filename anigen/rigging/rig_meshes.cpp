@@ -79,7 +79,7 @@ std::vector<TemplateSkeleton> templates_of(const JointOptions& options) {
     } else if (word == "quadruped") {
       templates.push_back(quadruped_template());
     } else {
-      throw InputError("", "--template", "\"" + word + "\" is neither biped nor quadruped");
+      throw InputError("", "--pinocchio-template", "\"" + word + "\" is neither biped nor quadruped");
     }
   }
   return templates;
@@ -356,7 +356,7 @@ Json to_json(const RigReports& reports) {
     }
     list.push_back(std::move(one));
   }
-  Json json = {{"version", kVersion}, {"commit", commit()}, {"meshes", std::move(list)}};
+  Json json = {{"made_by", made_by()}, {"meshes", std::move(list)}};
   if (!reports.skeleton.empty()) json["template"] = reports.skeleton;
   return json;
 }

@@ -8,11 +8,13 @@
 #include <system_error>
 #include <thread>
 
+#include "anigen/core/config_record.h"
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
 #include "anigen/core/log.h"
 #include "anigen/core/process.h"
 #include "anigen/core/run_folder.h"
+#include "anigen/core/version.h"
 #include "anigen/data/latent_files.h"
 #include "anigen/nn/profile.h"
 #include "anigen/train/stages/stages.h"
@@ -47,6 +49,14 @@ void report_changes(const fs::path& earlier, const Json& config) {
     log::warn("config differs from the one this run began with: {} {}", change.at("op").get<std::string>(),
               change.at("path").get<std::string>());
   }
+}
+
+// A run goes on by another build than the one that it was made by so far, but not without saying so.
+void report_other_program(const fs::path& record) {
+  std::error_code error;
+  if (!fs::exists(record, error)) return;
+  const Json before = read_json(record);
+  if (before != made_by()) log::warn("the run was made so far by {}; this is {}", before.dump(), made_by().dump());
 }
 
 void append_command(const fs::path& file, const std::string& line) {
@@ -124,6 +134,8 @@ void prepare_run_folder(const TrainCommand& command, const Json& config) {
   log::also_to_file(run.log());
   report_changes(run.config(), config);
   append_command(run.command(), command.command_line);
+  report_other_program(run.made_by());
+  write_file_atomically(run.made_by(), made_by().dump(2) + "\n");
 }
 
 void train_as_rank(const TrainCommand& command, const std::shared_ptr<Communicator>& ranks, const StageConfig& given,
@@ -168,6 +180,29 @@ void make_deterministic(torch::Device device) {
   if (!device.is_cuda()) return;
   at::globalContext().setDeterministicCuDNN(true);
   at::globalContext().setBenchmarkCuDNN(false);
+}
+
+Json describe_config(const TrainCommand& command, ConfigView view) {
+  std::string file;
+  const Json config = resolved_config(command, file);
+  Json read = config;
+  // Stages read all their arguments before they open a dataset, and build their models after that.
+  constexpr const char* kNoDataset = "/no/dataset";
+  if (read.is_object()) read["dataset"]["args"]["data_dir"] = kNoDataset;
+  ConfigRecord record;
+  try {
+    ConfigReader top(read, file);
+    for (const char* part : {"models", "dataset", "trainer"}) top.require(part);
+    ConfigReader trainer = top.object("trainer");
+    trainer.require("name");
+    const std::string name = trainer.text("name", "");
+    ConfigReader args = trainer.object("args");
+    const TrainerOptions options = TrainerOptions::read(args);
+    make_stage(name, read, file, args, options, torch::kCPU);
+  } catch (const InputError& problem) {
+    if (problem.file() == file) throw;
+  }
+  return view == ConfigView::kSchema ? record.schema() : record.completed(config);
 }
 
 void train(const TrainCommand& command) {

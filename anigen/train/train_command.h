@@ -26,6 +26,15 @@ struct TrainCommand {
 /// throw
 void train(const TrainCommand& command);
 
+enum class ConfigView {
+  kSchema,  ///< JSON Schema of configs with the same models, dataset and trainer
+  kFull     ///< the config itself with overrides and every default
+};
+
+/// Describes a run's config by reading it as train() does, up to where the dataset would be opened: nothing is built or
+/// written. @throws InputError as train() about the config
+Json describe_config(const TrainCommand& command, ConfigView view);
+
 /// Settings under which a step on this device gives the same bits every time: on a GPU cuDNN's deterministic
 /// algorithms, chosen by rule and not by the clock.
 void make_deterministic(torch::Device device);

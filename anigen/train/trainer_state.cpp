@@ -14,6 +14,7 @@
 #include "anigen/core/log.h"
 #include "anigen/core/random.h"
 #include "anigen/core/run_folder.h"
+#include "anigen/core/version.h"
 #include "anigen/io/arrays/safetensors.h"
 #include "anigen/io/arrays/torch_archive.h"
 #include "anigen/nn/init.h"
@@ -141,14 +142,15 @@ void CheckpointFolder::save(std::int64_t step, const WeightFiles& weights, const
   // An older set of the same step stops being valid before its files are replaced.
   std::error_code ignored;
   fs::remove(file(kState, step), ignored);
+  const std::map<std::string, std::string> stamp = {{"made_by", made_by().dump()}};
   Json sizes = Json::object();
   for (const auto& [name, arrays] : weights) {
     const fs::path path = file(name, step);
-    io::write_safetensors(path, arrays);
+    io::write_safetensors(path, arrays, stamp);
     sizes[path.filename().string()] = fs::file_size(path);
   }
   const Json entry{{"step", step}, {"files", sizes}, {"numbers", state.numbers}};
-  io::write_safetensors(file(kState, step), state.arrays, {{"state", entry.dump()}});
+  io::write_safetensors(file(kState, step), state.arrays, {{"state", entry.dump()}, *stamp.begin()});
   clean_up(step);
   if (complete(step)) return;
   throw Error(file(kState, step).string() + ": the checkpoint of step " + std::to_string(step) +

@@ -2,6 +2,7 @@
 #include <fstream>
 
 #include "anigen/core/config.h"
+#include "anigen/core/config_record.h"
 #include "anigen/core/error.h"
 #include "tests/support/paths.h"
 
@@ -223,6 +224,55 @@ TEST(Json, RefusesMoreValuesThanAllowedBeforeBuildingThem) {
     EXPECT_EQ(error.place(), "byte 6");
     EXPECT_NE(error.problem().find("more than 3 JSON values"), std::string::npos);
   }
+}
+
+/// Without the order of keys.
+nlohmann::json sorted(const Json& json) { return nlohmann::json::parse(json.dump()); }
+
+TEST(ConfigRecord, IsASchemaOfWhatWasRead) {
+  const Json config = Json::parse(R"({"name": "b", "args": {"lr": 0.5}, "form": [1], "list": [{"depth": 2}]})");
+  ConfigRecord record;
+  ConfigReader reader(config, "c.json");
+  reader.require("name");
+  reader.choice("name", "", {"a", "b"});
+  reader.integer("steps", 7, 1, 9);
+  reader.boolean("fast", true);
+  reader.texts("words", {"x"});
+  reader.raw("form");
+  ConfigReader args = reader.object("args");
+  args.number("lr", 1.0, 0.0);
+  args.number("decay", 0.25);
+  args.finish();
+  reader.raw("list");
+  reader.finish();
+  EXPECT_EQ(sorted(record.schema()), nlohmann::json::parse(R"({
+    "type": "object", "required": ["name"], "properties": {
+      "name": {"type": "string", "enum": ["a", "b"]},
+      "steps": {"type": "integer", "minimum": 1, "maximum": 9, "default": 7},
+      "fast": {"type": "boolean", "default": true},
+      "words": {"type": "array", "items": {"type": "string"}, "default": ["x"]},
+      "form": {"$comment": "any form"},
+      "args": {"type": "object", "properties": {
+        "lr": {"type": "number", "minimum": 0.0, "default": 1.0}, "decay": {"type": "number", "default": 0.25}},
+        "additionalProperties": false},
+      "list": {"$comment": "any form"}},
+    "additionalProperties": false})"))
+      << record.schema().dump(1);
+  EXPECT_EQ(sorted(record.completed(config)),
+            nlohmann::json::parse(R"({"name": "b", "args": {"lr": 0.5, "decay": 0.25}, "form": [1],
+    "list": [{"depth": 2}], "steps": 7, "fast": true, "words": ["x"]})"));
+}
+
+TEST(ConfigRecord, IsOfReadersWithinItsLifeAlone) {
+  const Json config = Json::object();
+  ConfigRecord outer;
+  {
+    ConfigRecord inner;
+    ConfigReader(config, "").integer("a", 1);
+    EXPECT_TRUE(inner.schema()["properties"].contains("a"));
+  }
+  ConfigReader(config, "").integer("b", 1);
+  EXPECT_EQ(outer.schema()["properties"].size(), 1U);
 }
 
 }  // namespace

@@ -23,6 +23,18 @@ TEST(Version, IsThatOfTheProjectAndNamesACommit) {
   EXPECT_NE(named_commit("").find("no commit"), std::string::npos);
 }
 
+TEST(Version, RecordNamesWhatMadeAResult) {
+  const Json record = made_by();
+  EXPECT_EQ(record["version"], kVersion);
+  EXPECT_EQ(record["commit"], commit());
+  EXPECT_TRUE(std::regex_match(record["compiler"].get<std::string>(), std::regex("[A-Za-z]+ [0-9.]+"))) << record;
+  EXPECT_EQ(record.value("libtorch", ""), kTorchVersion);
+  EXPECT_EQ(commit_of({{"made_by", record}}), commit());
+  for (const Json& other :
+       {Json::object(), Json({{"made_by", 3}}), Json({{"made_by", {{"commit", nullptr}}}}), Json(1)})
+    EXPECT_EQ(commit_of(other), "") << other;
+}
+
 /// The script that writes the commit into a source, on a small checkout of its own.
 class CommitOfABuild : public ::testing::Test {
  protected:

@@ -97,7 +97,7 @@ void compare_three(const Programs& programs, const TemporaryFolder& folder) {
   require(of_first.size() == 2 && uuids.size() == 3, "the shards are not those expected");
   write_lines(folder / "uuids.txt", uuids);
   write_lines(folder / "first.txt", of_first);
-  require(run_program({programs.prepare, "--out", data.string(), "--input", shards.string(), "--test-split",
+  require(run_program({programs.prepare, "--output", data.string(), "--input", shards.string(), "--test-split",
                        (folder / "uuids.txt").string(), "--quiet"}) == 0,
           "anigen-prepare refused a split of uuids");
   const anigen::CsvTable table = anigen::read_csv(data / "metadata.csv");
@@ -120,9 +120,9 @@ void compare_three(const Programs& programs, const TemporaryFolder& folder) {
     for (const char* name : {"ours", "unirig", "puppeteer"}) {
       words.insert(words.end(), {"--pred", std::string(name) + "=" + (folder / name).string()});
     }
-    words.insert(words.end(),
-                 {"--gt", truth.string(), "--split", (folder / split).string(), "--out", (folder / "compared").string(),
-                  "--metrics", "skeleton,transport", "--no-icp", "--no-report", "--quiet"});
+    words.insert(words.end(), {"--dataset", truth.string(), "--split", (folder / split).string(), "--output",
+                               (folder / "compared").string(), "--metrics", "skeleton,transport", "--no-icp",
+                               "--no-report", "--quiet"});
     words.insert(words.end(), more.begin(), more.end());
     return run_program(words, folder / "screen.txt");
   };
@@ -138,13 +138,15 @@ void compare_three(const Programs& programs, const TemporaryFolder& folder) {
   };
   require(evaluate(data, "uuids.txt", {}) == 0, "anigen-eval failed on the dataset");
   require(require_pairs(3)["settings"]["transport"]["solver"] == "exact", "transport is not exact by default");
-  require(evaluate(shards / "articulation_xl.npz", "first.txt", {"--transport", "sinkhorn", "--epsilon", "0.01"}) == 0,
+  require(evaluate(shards / "articulation_xl.npz", "first.txt",
+                   {"--transport", "sinkhorn", "--sinkhorn-epsilon", "0.01"}) == 0,
           "anigen-eval failed on the shard");
-  require(require_pairs(2)["settings"]["transport"]["epsilon_wasserstein"] == 0.01, "--epsilon got lost");
+  require(require_pairs(2)["settings"]["transport"]["epsilon_wasserstein"] == 0.01, "--sinkhorn-epsilon got lost");
   require(anigen::read_file(folder / "screen.txt").find("Sinkhorn iterations; epsilon 0.01") != std::string::npos,
           "the table does not say how transport was computed");
   constexpr int kBadInput = 2;
-  require(evaluate(data, "uuids.txt", {"--epsilon", "0.01"}) == kBadInput, "--epsilon without Sinkhorn is accepted");
+  require(evaluate(data, "uuids.txt", {"--sinkhorn-epsilon", "0.01"}) == kBadInput,
+          "--sinkhorn-epsilon without Sinkhorn is accepted");
 }
 
 /// @return whether the shards could be written
@@ -160,7 +162,7 @@ bool run(const Programs& programs) {
     require(status == 0, "the writer of the shards failed");
   }
   const std::string data = (folder / "data").string(), model = (folder / "run").string();
-  require(run_program({programs.prepare, "--out", data, "--input", (folder / "in").string(), "--test-count", "3",
+  require(run_program({programs.prepare, "--output", data, "--input", (folder / "in").string(), "--test-count", "3",
                        "--seed", "5", "--quiet"}) == 0,
           "anigen-prepare failed");
   const anigen::CsvTable table = anigen::read_csv(folder / "data" / "metadata.csv");
@@ -169,11 +171,11 @@ bool run(const Programs& programs) {
   require(test.size() == 3 * 65, "the test split does not hold three ids");
 
   anigen::write_file_atomically(folder / "config.json", kConfig);
-  require(run_program({programs.train, "--config", (folder / "config.json").string(), "--data-dir", data, "--output",
+  require(run_program({programs.train, "--config", (folder / "config.json").string(), "--dataset", data, "--output",
                        model, "--threads", "1", "--quiet"}) == 0,
           "anigen-train failed");
-  require(run_program({programs.eval, "--gt", data, "--split", data + "/splits/test.txt", "--skin-ae", model, "--out",
-                       (folder / "report").string(), "--quiet"}) == 0,
+  require(run_program({programs.eval, "--dataset", data, "--split", data + "/splits/test.txt", "--skin-ae", model,
+                       "--output", (folder / "report").string(), "--quiet"}) == 0,
           "anigen-eval failed");
   const anigen::Json metrics = anigen::read_json(folder / "report" / "metrics.json");
   std::size_t mentioned = 0;

@@ -131,7 +131,7 @@ void check_kills(const RankRun& run, int kills) {
   int delivered = 0;
   for (int attempt = 0; delivered < kills && attempt < 10 * kills; ++attempt) {
     const std::string output = "killed" + std::to_string(attempt);
-    const pid_t launcher = start_program(run.line(2, output, longer + " --restarts 1"));
+    const pid_t launcher = start_program(run.line(2, output, longer + " --rank-restarts 1"));
     // A rank that is lost before it has met the others is missed only by the launcher, two timeouts later.
     while (!fs::exists(run.folder / output / "metrics.csv") && Clock::now() - begin < std::chrono::minutes(8)) {
       std::this_thread::sleep_for(std::chrono::milliseconds(10));

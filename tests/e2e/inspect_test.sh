@@ -50,9 +50,9 @@ printf 'HIERARCHY\nROOT hip\n{\nOFFSET 0 0 0\nCHANNELS 1 Xrotation\nJOINT foot\n
   >"$work/turn.bvh"
 expect 0 "none: a mesh, no rig" "$work/flat.obj"
 expect 0 '"kind": "motion"' "$work/turn.bvh" --json
-expect 0 "kind: mesh" "$work/flat.obj" --picture "$work/flat.png" --export "$work/flat.glb"
+expect 0 "kind: mesh" "$work/flat.obj" --output "$work/flat.png" --output "$work/flat.glb"
 expect 0 "kind: mesh" "$work/flat.glb"
-expect 0 "kind: motion" "$work/turn.bvh" --picture "$work/turn.png" --export "$work/turn.glb"
+expect 0 "kind: motion" "$work/turn.bvh" --output "$work/turn.png" --output "$work/turn.glb"
 expect 0 "a skeleton with motion, no mesh" "$work/turn.glb"
 expect 0 "kind: picture" "$work/flat.png"
 expect 0 "| motion" "$work/flat.obj" "$work/turn.bvh"
@@ -62,9 +62,9 @@ sed 's/hip/h\xff/' "$work/turn.bvh" >"$work/bytes.bvh"
 printf 'v 0 0 \xff\n' >"$work/bytes.obj"
 expect 0 '"kind": "motion"' "$work/bytes.bvh" --json
 expect 2 '"rejected": ' "$work/bytes.obj" --json
-expect 2 "1 of 2 files rejected" "$work/flat.obj" "$work/broken.obj"
+expect 1 "1 of 2 files rejected" "$work/flat.obj" "$work/broken.obj"
 expect 0 "rejected: $work/broken.obj: line 1: " "$work/flat.obj" "$work/broken.obj" --keep-going
 expect 2 "needs skin weights" "$work/flat.obj" --influence-loss
-expect 2 "need a file with a mesh or a skeleton" "$work/flat.png" --picture "$work/other.png"
+expect 2 "need a file with a mesh or a skeleton" "$work/flat.png" --output "$work/other.png"
 expect 2 "no such file" "$work/none.glb"
 exit $((failures > 0))

@@ -52,7 +52,7 @@ struct Run {
 
   pid_t start(const std::string& output, const std::string& more = "") const {
     return anigen::test::start_program(quoted(program) + " --config " + quoted((folder / "config.json").string()) +
-                                       " --data-dir " + quoted((folder / "data").string()) + " --output " +
+                                       " --dataset " + quoted((folder / "data").string()) + " --output " +
                                        quoted((folder / output).string()) + " --threads 2 --quiet " + more);
   }
   fs::path checkpoint(const std::string& output, int step) const {

@@ -27,7 +27,7 @@ int check(const std::string& program) {
       std::string("mpirun --oversubscribe ") + (::geteuid() == 0 ? "--allow-run-as-root " : "") + "-n 2 ";
   const auto said = run.said("by_mpirun");
   const int code =
-      run_program(launcher + run.words("by_mpirun", "--timeout 30") + " >" + quoted(said.string()) + " 2>&1");
+      run_program(launcher + run.words("by_mpirun", "--rank-timeout 30") + " >" + quoted(said.string()) + " 2>&1");
   if (code == kSkipped) return std::printf("no mpirun (Debian: openmpi-bin)\n"), kSkipped;
   require(code == 0, "mpirun ended with " + std::to_string(code) + ":\n" + anigen::read_file(said));
   run.train(2, "by_ourselves");

@@ -67,9 +67,9 @@ void run(const std::string& eval) {
                                       "good=" + (folder / "good").string(),
                                       "--pred",
                                       "stiff=" + (folder / "stiff").string(),
-                                      "--gt",
+                                      "--dataset",
                                       (folder / "truth").string(),
-                                      "--out",
+                                      "--output",
                                       out.string(),
                                       "--metrics",
                                       "motion",
@@ -81,7 +81,7 @@ void run(const std::string& eval) {
     return run_program(words, folder / "stdout.txt");
   };
 
-  require(evaluate({"--motion-pictures", "1"}) == 0, "anigen-eval failed");
+  require(evaluate({"--motion-images", "1"}) == 0, "anigen-eval failed");
   Json metrics = read_json(out / "metrics.json");
   require(metrics["assets"][0]["details"]["motion"]["clip"] == "bend", "the truth's own clip was not taken");
   require(mean(metrics, "good", "motion_distance") < 1e-5, "the same rig does not move the same way");

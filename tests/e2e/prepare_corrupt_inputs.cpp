@@ -64,8 +64,8 @@ void run(const std::string& program) {
   const std::set<std::string> broken = write_broken(folder / "in");
   const fs::path out = folder / "out";
   std::vector<std::string> command{
-      program,   "--out",       out.string(), "--input", (folder / "in").string(), "--json",
-      "--quiet", "--log-level", "off",        "--steps", "import,skeleton,voxels"};
+      program,   "--output",    out.string(), "--input", (folder / "in").string(), "--json",
+      "--quiet", "--log-level", "off",        "--only",  "import,skeleton,voxels"};
   require(run_program(command, folder / "summary.json") == 0, "broken files stopped the run");
   const anigen::Json summary = anigen::read_json(folder / "summary.json");
   require(summary.at("prepared") == kGood, "prepared " + summary.at("prepared").dump());

@@ -27,7 +27,7 @@ struct Setup {
   std::vector<std::string> command(const std::string& out, const std::vector<std::string>& more = {},
                                    const std::string& workers = "2") const {
     std::vector<std::string> words{program,
-                                   "--out",
+                                   "--output",
                                    (folder / out).string(),
                                    "--input",
                                    (folder / "in").string(),
@@ -104,7 +104,8 @@ void run(const Setup& setup, int kills) {
   require_same(whole, dataset_contents(setup.folder / "killed"), "after kills");
 
   // Two shards at once, each killed once; a merge before the end must refuse.
-  const std::vector<std::string> merge{setup.program, "merge", "--out", (setup.folder / "shards").string(), "--quiet"};
+  const std::vector<std::string> merge{setup.program, "merge", "--dataset", (setup.folder / "shards").string(),
+                                       "--quiet"};
   run_under_fire(setup.command("shards", {"--shard", "0/2"}), 1, seconds / 2, rng);
   require(run_program(merge) == 2, "a merge of one of two shards did not refuse");
   run_under_fire(setup.command("shards", {"--shard", "1/2"}), 1, seconds / 2, rng);

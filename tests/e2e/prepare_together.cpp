@@ -15,7 +15,7 @@ using namespace anigen::test;
 using namespace std::chrono_literals;
 
 std::vector<std::string> command(const std::string& program, const fs::path& out) {
-  return {program, "--out",        out.string(), "--procedural",     "12",          "--procedural-test",
+  return {program, "--output",     out.string(), "--procedural",     "12",          "--procedural-test",
           "3",     "--augment",    "1",          "--views",          "3",           "--view-size",
           "48",    "--cond-views", "1",          "--cond-view-size", "32",          "--workers",
           "1",     "--threads",    "1",          "--quiet",          "--log-level", "off"};
@@ -58,11 +58,12 @@ void run(const std::string& program, const fs::path& folder) {
   for (const pid_t process : staying) require(wait_for(process) == 0, "a process failed");
   require_same(alone, dataset_contents(out), "four together, two killed, two later");
 
-  require(run_program({program, "merge", "--out", out.string(), "--quiet"}) == 0, "the merge failed");
+  require(run_program({program, "merge", "--dataset", out.string(), "--quiet"}) == 0, "the merge failed");
   require_same(alone, dataset_contents(out), "after a merge");
   std::error_code error;
   fs::remove(fs::directory_iterator(out / "skeleton")->path() / "skeleton_voxelized.npz", error);
-  require(run_program({program, "merge", "--out", out.string(), "--quiet"}) == 1, "a merge of an incomplete dataset");
+  require(run_program({program, "merge", "--dataset", out.string(), "--quiet"}) == 1,
+          "a merge of an incomplete dataset");
   require(run_program(command(program, out)) == 0, "the repair failed");
   require_same(alone, dataset_contents(out), "after a repair");
 }

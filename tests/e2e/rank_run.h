@@ -18,12 +18,12 @@ struct RankRun {
 
   /// Without ranks and redirection.
   std::string words(const std::string& output, const std::string& more) const {
-    return quoted(program) + " --config " + quoted((folder / "config.json").string()) + " --data-dir " +
+    return quoted(program) + " --config " + quoted((folder / "config.json").string()) + " --dataset " +
            quoted((folder / "data").string()) + " --output " + quoted((folder / output).string()) + " --threads 1 " +
            more;
   }
   std::string line(int ranks, const std::string& output, const std::string& more) const {
-    return words(output, "--ranks " + std::to_string(ranks) + " --timeout 30 " + more) + " >" +
+    return words(output, "--ranks " + std::to_string(ranks) + " --rank-timeout 30 " + more) + " >" +
            quoted(said(output).string()) + " 2>&1";
   }
   /// Output of a run.

@@ -3,11 +3,10 @@
 #include <array>
 #include <cstdio>
 #include <cstring>
-#include <regex>
-#include <sstream>
 #include <string>
 #include <vector>
 
+#include "anigen/core/config.h"
 #include "tests/e2e/other_program.h"
 #include "tests/support/paths.h"
 
@@ -33,23 +32,26 @@ Outcome run(const std::string& line) {
 }
 
 struct NumberOption {
-  std::string name, type;  // INT, UINT or FLOAT
+  std::string name, type;  // N: whole, X: any number
   std::size_t values = 1;
   bool has_range = false;
 };
 
-/// The options of --help that take numbers, with what stands behind their type.
-std::vector<NumberOption> number_options(const std::string& help) {
-  // "  --steps INT:1..100000 ", "  --cfg-interval FLOAT:0..1 x 2 "
-  const std::regex pattern("^\\s+(--[a-z-]+) (INT|UINT|FLOAT)(\\S*)( x ([0-9]+))?");
+/// The options of a command that take numbers. @param program perhaps with the word of a subcommand
+std::vector<NumberOption> number_options(const std::string& folder, const std::string& program) {
+  const std::string name = program.substr(0, program.find(' '));
+  const Outcome outcome = run(anigen::test::quoted(folder) + "/" + name + " --completion json");
+  require(outcome.status == 0, name + " --completion json failed: " + outcome.text);
+  anigen::Json listing = anigen::Json::parse(outcome.text);
+  if (name != program) {
+    for (const anigen::Json& command : anigen::Json(listing["commands"]))
+      if (name + " " + command["name"].get<std::string>() == program) listing = command;
+  }
   std::vector<NumberOption> options;
-  std::istringstream lines(help);
-  for (std::string line; std::getline(lines, line);) {
-    std::smatch found;
-    if (!std::regex_search(line, found, pattern)) continue;
-    const std::string range = found[3];
-    options.push_back({found[1], found[2], found[5].matched ? std::stoul(found[5]) : 1,
-                       std::regex_search(range, std::regex("^:(>=?|[0-9.e+-]+\\.\\.)"))});
+  for (const anigen::Json& option : listing["options"]) {
+    const std::string value = option["value"];
+    if (value != "N" && value != "X" && value != "X X" && value != "SECONDS") continue;
+    options.push_back({option["name"], value, value == "X X" ? 2U : 1U, option.contains("range")});
   }
   return options;
 }
@@ -78,13 +80,15 @@ class Check {
   std::size_t number_ranges(const std::string& program) {
     const Outcome help = run(anigen::test::quoted(folder_) + "/" + program + " --help");
     expect(help.status == 0, program, "--help failed", help);
-    const std::vector<NumberOption> options = number_options(help.text);
+    const std::vector<NumberOption> options = number_options(folder_, program);
+    for (const NumberOption& option : options)
+      expect(help.text.find(option.name) != std::string::npos, program, option.name + " is not in --help", help);
     for (const NumberOption& option : options) {
       const std::string name = program + " " + option.name;
-      expect(option.has_range, name, "its type in --help has no range", {});
+      expect(option.has_range, name, "it has no range", {});
       std::string command = name;
-      for (std::size_t i = 0; i < option.values; ++i) command += option.type == "FLOAT" ? " nan" : " -99";
-      refuses(command, {option.name + ": '", option.type == "FLOAT" ? "not a finite number " : "not a whole number "});
+      for (std::size_t i = 0; i < option.values; ++i) command += option.type != "N" ? " nan" : " -99";
+      refuses(command, {option.name + ": '", option.type != "N" ? "not a finite number " : "not a whole number "});
     }
     return options.size();
   }
@@ -105,31 +109,31 @@ void check_numbers(Check& check, bool torch) {
   }
   std::size_t options = 0;
   for (const std::string& program : programs) options += check.number_ranges(program);
-  require(options > 50, "only " + std::to_string(options) + " options with numbers were found in --help");
+  require(options > 50, "only " + std::to_string(options) + " options with numbers were found");
 
   // Messages for the reader, and values that once were taken for others.
   const std::string at_least_0 = "is not a whole number of at least 0";
-  check.refuses("anigen-prepare --out x --procedural -5",
+  check.refuses("anigen-prepare --output x --procedural -5",
                 {"--procedural: '-5' is not a whole number from 0 to 10000000"});
-  check.refuses("anigen-prepare --out x --procedural 1e3", {"--procedural: '1e3' is not a whole number"});
-  check.refuses("anigen-prepare --out x --procedural 99999999999999999999", {"--procedural: "});
-  check.refuses("anigen-prepare --out x --test-count -1", {"--test-count: '-1' " + at_least_0});
-  check.refuses("anigen-prepare --out x --seed -1", {"--seed: '-1' " + at_least_0});
-  check.refuses("anigen-prepare --out x --pose-angle inf",
+  check.refuses("anigen-prepare --output x --procedural 1e3", {"--procedural: '1e3' is not a whole number"});
+  check.refuses("anigen-prepare --output x --procedural 99999999999999999999", {"--procedural: "});
+  check.refuses("anigen-prepare --output x --test-count -1", {"--test-count: '-1' " + at_least_0});
+  check.refuses("anigen-prepare --output x --seed -1", {"--seed: '-1' " + at_least_0});
+  check.refuses("anigen-prepare --output x --pose-angle inf",
                 {"--pose-angle: 'inf' is not a finite number from 0 to 180"});
-  check.refuses("anigen-prepare --out x --device gpu", {"--device: 'gpu' is none of cpu, cuda and cuda:N"});
-  check.refuses("anigen-prepare --out x --log-level loud", {"--log-level: "});
-  check.refuses("anigen-rig --method heat --mesh a.glb --out b.glb --influences -1",
+  check.refuses("anigen-prepare --output x --device gpu", {"--device: 'gpu' is none of cpu, cuda and cuda:N"});
+  check.refuses("anigen-prepare --output x --log-level loud", {"--log-level: "});
+  check.refuses("anigen-rig --method heat --mesh a.glb --output b.glb --influences -1",
                 {"--influences: '-1' is not a whole number from 0 to 1024"});
-  check.refuses("anigen-eval --pred a --gt b --out c --icp-trim 0",
+  check.refuses("anigen-eval --pred a --dataset b --output c --icp-trim 0",
                 {"--icp-trim: '0' is not a finite number above 0 and at most 1"});
   if (!torch) return;
   check.refuses("anigen-generate --image a.png --output x --joint-level -3",
                 {"--joint-level: '-3' is not a whole number from 0 to 4"});
-  check.refuses("anigen-generate --image a.png --output x --steps 0",
-                {"--steps: '0' is not a whole number from 1 to 100000"});
-  check.refuses("anigen-generate --image a.png --output x --cfg-scale -5",
-                {"--cfg-scale: '-5' is not a finite number from 0 to 1000"});
+  check.refuses("anigen-generate --image a.png --output x --slat-steps 0",
+                {"--slat-steps: '0' is not a whole number from 1 to 100000"});
+  check.refuses("anigen-generate --image a.png --output x --slat-guidance 0.5",
+                {"--slat-guidance: '0.5' is not a finite number from 1 to 1001"});
   check.refuses("anigen-generate --image a.png --output x --reduction 1",
                 {"--reduction: '1' is not a finite number from 0 to below 1"});
   for (const char* option : {"--matting-mean", "--matting-deviation"}) {
@@ -144,11 +148,11 @@ void check_numbers(Check& check, bool torch) {
 }
 
 void check_ignored(Check& check, bool torch) {
-  const std::string data = "anigen-prepare --out x --procedural 1 ";
-  check.refuses("anigen-inspect a.glb --seed 3", {"--seed: this program draws nothing at random"});
-  check.refuses("anigen-inspect a.glb --device cpu", {"--device: this program uses the CPU"});
-  check.refuses("anigen-inspect a.glb --axes published", {"--axes", "--export"});
-  check.refuses("anigen-inspect a.glb --influences 8", {"--influences", "--export", "--influence-loss"});
+  const std::string data = "anigen-prepare --output x --procedural 1 ";
+  check.refuses("anigen-inspect a.glb --seed 3", {"--seed: anigen-inspect has no such option"});
+  check.refuses("anigen-inspect a.glb --device cpu", {"--device: anigen-inspect has no such option"});
+  check.refuses("anigen-inspect a.glb --axes published", {"--axes", "--output"});
+  check.refuses("anigen-inspect a.glb --influences 8", {"--influences", "--output", "--influence-loss"});
   check.refuses(data + "--view-size 64", {"--view-size", "--views"});
   check.refuses(data + "--cond-cameras front", {"--cond-cameras", "--cond-views"});
   check.refuses(data + "--views 2 --cond-view-size 64", {"--cond-view-size"});
@@ -156,9 +160,9 @@ void check_ignored(Check& check, bool torch) {
   check.refuses(data + "--pose-angle 20", {"--pose-angle", "--augment"});
   check.refuses(data + "--device cuda", {"--device", "--features"});
   check.refuses(data + "--features surface --views 2 --feature-weights w.pth", {"--feature-weights"});
-  check.refuses(data + "--steps import,skeleton --resolution 32", {"--resolution", "voxels"});
-  check.refuses(data + "--steps import --views 3", {"--views", "--steps"});
-  check.refuses(data + "--steps import --cond-views 3", {"--cond-views", "--steps"});
+  check.refuses(data + "--only import,skeleton --voxel-resolution 32", {"--voxel-resolution", "voxels"});
+  check.refuses(data + "--only import --views 3", {"--views", "--only"});
+  check.refuses(data + "--only import --cond-views 3", {"--cond-views", "--only"});
   // Numbers of 0 say that nothing is wanted, which their options may go with: the refused one is the shard.
   check.refuses(data +
                     "--views 0 --view-size 64 --cond-views 0 --cond-cameras front --augment 0 --pose-angle 20 "
@@ -166,64 +170,73 @@ void check_ignored(Check& check, bool torch) {
                 {"--shard"});
   // Steps make what they need: features of a network need views.
   check.refuses(
-      data + "--steps features --features dinov2_vits14_reg --feature-weights w.pth --view-size 64 --shard 9/3",
+      data + "--only features --features dinov2_vits14_reg --feature-weights w.pth --view-size 64 --shard 9/3",
       {"--shard"});
-  check.refuses(data + "--steps import --no-assets", {"--no-assets", "--steps"});
-  check.refuses(data + "--steps import --features surface", {"--features", "--steps"});
-  check.refuses("anigen-prepare merge --out x --seed 1", {"--seed: this program"});
+  check.refuses(data + "--only import --no-assets", {"--no-assets", "--only"});
+  check.refuses(data + "--only import --features surface", {"--features", "--only"});
+  check.refuses("anigen-prepare merge --dataset x --seed 1", {"--seed", "merge"});
 
-  const std::string rig = "anigen-rig --mesh a.glb --out b.glb --method ";
+  const std::string rig = "anigen-rig --mesh a.glb --output b.glb --method ";
   check.refuses(rig + "heat --device cpu", {"--device", "--method heat", "CPU"});
   check.refuses(rig + "geovoxel --seed 1", {"--seed", "--method geovoxel"});
-  check.refuses(rig + "heat --resolution 64", {"--resolution", "geovoxel"});
+  check.refuses(rig + "heat --geovoxel-resolution 64", {"--geovoxel-resolution", "geovoxel"});
   check.refuses(rig + "geovoxel --skin heat --falloff 0.5", {"--falloff", "heat"});
   check.refuses(rig + "nearest --influences 2", {"--influences", "nearest"});
-  check.refuses(rig + "heat --most-joints 20", {"--most-joints", "curve"});
-  check.refuses(rig + "heat --template biped", {"--template", "pinocchio"});
-  check.refuses(rig + "pinocchio --template biped --skeleton s.glb", {"--template", "--skeleton"});
+  check.refuses(rig + "heat --curve-joints 20", {"--curve-joints", "curve"});
+  check.refuses(rig + "heat --pinocchio-template biped", {"--pinocchio-template", "pinocchio"});
+  check.refuses(rig + "pinocchio --pinocchio-template biped --skeleton s.glb", {"--pinocchio-template", "--skeleton"});
   check.refuses(rig + "curve --skeleton s.glb", {"--skeleton", "--method curve"});
   check.refuses(rig + "heat --dataset d", {"--dataset", "template"});
   check.refuses(rig + "heat --image a.png", {"--image", "retrieval"});
   check.refuses(rig + "heat --points 100", {"--points", "anymate"});
-  check.refuses(rig + "anymate --eps 0.1", {"--eps", "--joint-model"});
-  check.refuses("anigen-rig --method retrieval --image a.png --dataset d --out o --mesh a.glb",
+  check.refuses(rig + "anymate --joint-distance 0.1", {"--joint-distance", "--joint-model"});
+  check.refuses("anigen-rig --method retrieval --image a.png --dataset d --output o --mesh a.glb",
                 {"--mesh", "--method retrieval"});
-  check.refuses("anigen-rig --method retrieval --image a.png --dataset d --out o --most 3",
-                {"--most", "--picture-split"});
+  check.refuses("anigen-rig --method retrieval --image a.png --dataset d --output o --limit 3",
+                {"--limit", "--image-split"});
 
-  const std::string shapes = "anigen-eval --pred a --gt b --out c ";
+  const std::string shapes = "anigen-eval --pred a --dataset b --output c ";
   check.refuses(shapes + "--no-icp --rotations 3", {"--rotations", "--no-icp"});
-  check.refuses(shapes + "--steps 3", {"--steps", "--ss-flow"});
+  check.refuses(shapes + "--ss-steps 3", {"--ss-steps", "--ss-flow"});
   check.refuses(shapes + "--device cpu", {"--device", "--ss-flow"});
   check.refuses(shapes + "--metrics skeleton --image-size 64", {"--image-size", "--metrics"});
   check.refuses(shapes + "--metrics skeleton --poses 3", {"--poses", "--metrics"});
-  check.refuses(shapes + "--no-report --pictures 3", {"--pictures", "--no-report"});
-  check.refuses(shapes + "--no-resume --accept-other-code", {"--accept-other-code", "--no-resume"});
-  check.refuses("anigen-eval --gt b --out c --surface-samples 3", {"--surface-samples", "--pred"});
-  check.refuses("anigen-eval --gt b --out c --seed 3", {"--seed"});
-  check.refuses("anigen-eval --ss-flow a --gt b --out c --json", {"--json", "metrics.json"});
-  check.refuses("anigen-experiment run x.json --seed 3", {"--seed: this program"});
+  check.refuses(shapes + "--no-report --report-images 3", {"--report-images", "--no-report"});
+  check.refuses(shapes + "--force --accept-other-code", {"--accept-other-code", "--force"});
+  check.refuses("anigen-eval --dataset b --output c --surface-samples 3", {"--surface-samples", "--pred"});
+  check.refuses("anigen-eval --dataset b --output c --seed 3", {"--seed"});
+  check.refuses("anigen-eval --ss-flow a --dataset b --output c --json", {"--json", "metrics.json"});
+  check.refuses("anigen-experiment run x.json --seed 3", {"--seed: anigen-experiment has no such option"});
   check.refuses("anigen-experiment run x.json --together", {"--together", "--only"});
+  check.refuses("anigen-inspect a.glb --output b.txt", {"b.txt", ".png", ".glb"});
+  check.refuses("anigen-inspect a.glb -o b.png -o c.png", {"c.png", "one image"});
+  check.refuses("anigen-prepare --procedural 1", {"--output"});
+  check.refuses("anigen-eval --predd a -o c", {"--predd: anigen-eval has no such option; did you mean --pred?"});
+  // Names of 0.1 reach today's options.
+  check.refuses("anigen-prepare --out x --resolution 1", {"--voxel-resolution: '1' is not a whole number"});
+  check.refuses("anigen-eval --gt a --out b --guidance -5", {"--ss-guidance: '-4' is not a finite number"});
   if (!torch) return;
-  check.refuses("anigen-encode ss --run a --data b --seed 3", {"--seed: this program"});
-  check.refuses("anigen-encode ss --run a --data b --again --accept-other-code", {"--accept-other-code", "--again"});
-  check.refuses("anigen-train --output x --json", {"--json: this program"});
-  check.refuses("anigen-train --output x --restarts 3", {"--restarts", "--ranks"});
-  check.refuses("anigen-train --output x --ranks 1 --restarts 3", {"--restarts", "--ranks"});
+  check.refuses("anigen-encode ss --run a --dataset b --seed 3", {"--seed: anigen-encode has no such option"});
+  check.refuses("anigen-encode ss --run a --dataset b --force --accept-other-code", {"--accept-other-code", "--force"});
+  check.refuses("anigen-train --output x --json", {"--json: anigen-train has no such option"});
+  check.refuses("anigen-train --output x --rank-restarts 3", {"--rank-restarts", "--ranks"});
+  check.refuses("anigen-train --output x --ranks 1 --rank-restarts 3", {"--rank-restarts", "--ranks"});
+  check.refuses("anigen-train --config x", {"--output"});
+  check.refuses("anigen-generate --output x --cfg-scale -5", {"--slat-guidance: '-4' is not a finite number"});
   check.refuses("anigen-train --output x --communication bf16", {"--communication", "--ranks"});
 
   const std::string generate = "anigen-generate --output x --ss-flow a --slat-flow b ";
   const std::string picture = generate + "--image a.png ";
-  check.refuses(picture + "--checkpoint c", {"--checkpoint", "--ss-flow"});
+  check.refuses(picture + "--runs c", {"--runs", "--ss-flow"});
   check.refuses(picture + "--matting-mean 0.5,0.5,0.5", {"--matting-mean", "--matting-network"});
   check.refuses(picture + "--background keep --matting-network m.onnx", {"--matting-network", "--background keep"});
   check.refuses(picture + "--normal-weights w.pt", {"--normal-weights", "--normals estimator"});
   check.refuses(picture + "--normals flat --normal-map n.png", {"--normal-map", "--normals flat"});
   check.refuses(generate + "--dataset d --normal-map n.png", {"--normal-map", "--dataset"});
-  check.refuses(picture + "--cfg-scale 0 --cfg-interval 0.2 0.8", {"--cfg-interval", "--cfg-scale 0"});
+  check.refuses(picture + "--slat-guidance 1 --slat-interval 0.2 0.8", {"--slat-interval", "--slat-guidance 1"});
   check.refuses(picture + "--keep-hidden --hidden-views 12", {"--hidden-views", "--keep-hidden"});
   check.refuses(picture + "--no-smooth-skin --smooth-alpha 0.5", {"--smooth-alpha", "--no-smooth-skin"});
-  check.refuses(picture + "--again --accept-other-code", {"--accept-other-code", "--again"});
+  check.refuses(picture + "--force --accept-other-code", {"--accept-other-code", "--force"});
 }
 
 }  // namespace

@@ -77,10 +77,10 @@ bool run(const std::vector<std::string>& programs) {
   const anigen::test::TemporaryFolder folder;
   const std::string data = (folder / "data").string(), coder = (folder / "ss_dae").string(),
                     flow = (folder / "ss_flow").string(), out = (folder / "out").string();
-  call(prepare + " --out " + data + " --procedural 36 --procedural-test 4 --resolution 64 --cond-views 2" +
+  call(prepare + " --output " + data + " --procedural 36 --procedural-test 4 --voxel-resolution 64 --cond-views 2" +
        " --cond-view-size 64 --threads 2 --quiet");
 
-  call(train + " --config " + (configs / "ss_dae.json").string() + " --data-dir " + data + " --output " + coder +
+  call(train + " --config " + (configs / "ss_dae.json").string() + " --dataset " + data + " --output " + coder +
        settings({"dataset.args.resolution=32", "dataset.args.skl_dilation_iter=1", "trainer.args.max_steps=100",
                  "trainer.args.i_log=20", "trainer.args.i_eval=100", "trainer.args.i_save=100",
                  "trainer.args.i_sample=100"}) +
@@ -90,16 +90,16 @@ bool run(const std::vector<std::string>& programs) {
   good = expect_at_least(coder, "eval.iou_shape", 0.30) && good;
   good = expect_at_least(coder, "eval.iou_skl", 0.30) && good;
 
-  call(encode + " ss --run " + coder + " --data " + data + " --check --threads 2 --quiet");
-  call(train + " --config " + (configs / "ss_flow.json").string() + " --data-dir " + data + " --output " + flow +
+  call(encode + " ss --run " + coder + " --dataset " + data + " --check --threads 2 --quiet");
+  call(train + " --config " + (configs / "ss_flow.json").string() + " --dataset " + data + " --output " + flow +
        settings({"dataset.args.ss_dec_path=" + coder, "models.denoiser.args.resolution=8", "trainer.args.max_steps=20",
                  "trainer.args.i_log=5", "trainer.args.i_eval=20", "trainer.args.i_save=20", "trainer.args.i_sample=0",
                  "dataset.args.image_size=64", "trainer.args.image_encoder.image_size=64"}) +
        " --threads 2 --quiet");
   good = expect_curve(flow, {{5, 2.56806}, {10, 2.34179}, {15, 3.01806}, {20, 2.28165}}, 0.03) && good;
 
-  call(evaluate + " --ss-flow " + flow + " --gt " + data + " --split " + data + "/splits/test.txt --steps 4 --out " +
-       out + " --threads 2 --quiet");
+  call(evaluate + " --ss-flow " + flow + " --dataset " + data + " --split " + data +
+       "/splits/test.txt --ss-steps 4 --output " + out + " --threads 2 --quiet");
   const anigen::Json means = anigen::read_json(fs::path(out) / "metrics.json").at("means");
   const double reached = means.at("auto-encoder").at("iou").get<double>();
   std::printf("auto-encoder's own latents: IoU %.4f, floor 0.25\n", reached);

@@ -120,7 +120,7 @@ TEST_F(RunComparisonTest, ResultsOfAnotherCommitAreComputedAgainUnlessAccepted) 
     accepting.accept_other_code = true;
     const Comparison accepted = run_evaluation(accepting);
     EXPECT_EQ(accepted.results[0][0].value("j2j"), 7.5);
-    EXPECT_EQ(accepted.settings["commit"], Json(anigen::commit()));
+    EXPECT_EQ(accepted.settings["made_by"], anigen::made_by());
     EXPECT_EQ(accepted.settings["results_of_other_commits"],
               (Json{{other.is_null() ? "none recorded" : "0123456789", 3}}));
 

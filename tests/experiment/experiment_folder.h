@@ -61,8 +61,8 @@ class ExperimentFolder : public ::testing::Test {
     "title": "Two variants",
     "steps": {
       "data": {"program": "anigen-prepare", "args": {"--procedural": 3}},
-      "fit": {"program": "anigen-train", "config": "train.json", "args": {"--data-dir": "{data}"}},
-      "score": {"program": "anigen-eval", "args": {"--pred": "ours={fit}", "--gt": "{data}"}}
+      "fit": {"program": "anigen-train", "config": "train.json", "args": {"--dataset": "{data}"}},
+      "score": {"program": "anigen-eval", "args": {"--pred": "ours={fit}", "--dataset": "{data}"}}
     },
     "variants": {"plain": {}, "fast": {"fit": {"set": {"trainer.args.lr": 2}}}},
     "seeds": [0, 1], "seeded": ["fit"],
@@ -74,14 +74,14 @@ class ExperimentFolder : public ::testing::Test {
   Workplace place_;
 
  private:
-  // Writes into what follows --out or --output; a file "fail" or "wait" beside the programs says how it ends.
+  // Writes into what follows --output; a file "fail" or "wait" beside the programs says how it ends.
   static constexpr const char kScript[] = R"sh(#!/bin/bash
 trap 'echo saved; exit 130' TERM
 root=$(dirname "$(dirname "$0")")
 echo "$(basename "$0") $*" >> "$root/calls.txt"
 out= previous=
 for word in "$@"; do
-  case $previous in --out|--output) out=$word ;; esac
+  case $previous in --output) out=$word ;; esac
   previous=$word
 done
 echo "at work"

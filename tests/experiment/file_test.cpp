@@ -17,7 +17,7 @@ TEST_F(ExperimentFile, StepsSeedsAndTablesAreRead) {
   EXPECT_EQ(e.tables.at(0).columns.at(0).better, Column::Better::kLower);
   EXPECT_EQ(read_step(e, e.variants[0], "fit").settings, Json::object());
   EXPECT_EQ(read_step(e, e.variants[1], "fit").settings, Json({{"trainer.args.lr", 2}}));
-  EXPECT_EQ(read_step(e, e.variants[0], "data").output, "--out");
+  EXPECT_EQ(read_step(e, e.variants[0], "data").output, "--output");
   EXPECT_EQ(read_step(e, e.variants[0], "fit").output, "--output");
 }
 
@@ -78,7 +78,7 @@ TEST_F(ExperimentFile, ErrorsNameThePlaceAndTheNearestWord) {
   EXPECT_NE(error(R"({"title": "x", "seeds": [1, 1], )" + step + "}").find("different"), std::string::npos);
   EXPECT_NE(error(R"({"title": "x", "seeds": [1, 2], )" + step + "}").find("no step that takes them"),
             std::string::npos);
-  EXPECT_NE(error(R"({"title": "x", "steps": {"a": {"program": "anigen-prepare", "args": {"--out": "."}}}})")
+  EXPECT_NE(error(R"({"title": "x", "steps": {"a": {"program": "anigen-prepare", "args": {"--output": "."}}}})")
                 .find("set by the experiment itself"),
             std::string::npos);
   EXPECT_NE(error(R"({"title": "x", "steps": {"a": {"program": "anigen-encode"}}})").find("writes_into"),

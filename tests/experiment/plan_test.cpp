@@ -30,8 +30,8 @@ TEST_F(ExperimentPlan, WhatVariantsAndSeedsShareIsOneJob) {
 TEST_F(ExperimentPlan, JobsComeAfterWhatTheyNeed) {
   const Plan p = plan(R"({"title": "x", "steps": {
     "score": {"program": "anigen-eval", "args": {"--pred": "{fit}"}},
-    "fit": {"program": "anigen-train", "config": "train.json", "after": ["latents"], "args": {"--data-dir": "{data}"}},
-    "latents": {"program": "anigen-encode", "words": ["ss"], "writes_into": "data", "args": {"--data": "{data}"}},
+    "fit": {"program": "anigen-train", "config": "train.json", "after": ["latents"], "args": {"--dataset": "{data}"}},
+    "latents": {"program": "anigen-encode", "words": ["ss"], "writes_into": "data", "args": {"--dataset": "{data}"}},
     "data": {"program": "anigen-prepare"}}})");
   ASSERT_EQ(p.jobs.size(), 4u);
   for (std::size_t j = 0; j < p.jobs.size(); ++j)
@@ -43,7 +43,7 @@ TEST_F(ExperimentPlan, JobsComeAfterWhatTheyNeed) {
 TEST_F(ExperimentPlan, GoalsLeaveOutWhatNothingNeeds) {
   const std::string steps = R"("steps": {
     "data": {"program": "anigen-prepare"}, "other": {"program": "anigen-prepare", "args": {"--procedural": 1}},
-    "fit": {"program": "anigen-train", "config": "train.json", "args": {"--data-dir": "{data}"}},
+    "fit": {"program": "anigen-train", "config": "train.json", "args": {"--dataset": "{data}"}},
     "score": {"program": "anigen-eval", "args": {"--pred": "{fit}"}}})";
   EXPECT_EQ(plan(R"({"title": "x", )" + steps + "}").jobs.size(), 4u);
   EXPECT_EQ(plan(R"({"title": "x", "goals": ["fit"], )" + steps + "}").jobs.size(), 2u);
@@ -57,7 +57,7 @@ TEST_F(ExperimentPlan, CommandsCarryFoldersSettingsAndSeeds) {
   const Plan p = plan(kTwoVariants);
   const Job& fit = job_of(p, 3, "fit");  // variant fast, seed 1
   EXPECT_EQ(fit.command.front(), (folder_ / "bin/anigen-train").string());
-  EXPECT_TRUE(has_pair(fit.command, "--data-dir", job_of(p, 3, "data").folder.string()));
+  EXPECT_TRUE(has_pair(fit.command, "--dataset", job_of(p, 3, "data").folder.string()));
   EXPECT_TRUE(has_pair(fit.command, "--output", (folder_ / "out" / "jobs" / fit.id).string()));
   EXPECT_TRUE(has_pair(fit.command, "--set", "trainer.args.lr=2"));
   EXPECT_TRUE(has_pair(fit.command, "--seed", "1"));
@@ -86,8 +86,8 @@ TEST_F(ExperimentPlan, OnlyProgramsThatComputeOnTheDeviceAreTold) {
     "plain": {"program": "anigen-prepare", "args": {"--procedural": 3}},
     "features": {"program": "anigen-prepare", "args": {"--procedural": 3, "--features": "dinov2_vits14_reg"}},
     "surface": {"program": "anigen-prepare", "args": {"--procedural": 3, "--features": "surface"}},
-    "fit": {"program": "anigen-train", "config": "train.json", "args": {"--data-dir": "{plain}"}},
-    "latents": {"program": "anigen-encode", "words": ["ss"], "writes_into": "plain", "args": {"--data": "{plain}"}},
+    "fit": {"program": "anigen-train", "config": "train.json", "args": {"--dataset": "{plain}"}},
+    "latents": {"program": "anigen-encode", "words": ["ss"], "writes_into": "plain", "args": {"--dataset": "{plain}"}},
     "embedded": {"program": "anigen-rig", "args": {"--method": "pinocchio", "--mesh": "{plain}"}},
     "learned": {"program": "anigen-rig", "args": {"--method": "anymate", "--mesh": "{plain}"}},
     "score": {"program": "anigen-eval", "args": {"--pred": "{fit}"}},

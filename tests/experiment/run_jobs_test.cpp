@@ -60,7 +60,7 @@ TEST_F(RunJobs, ResultsThatWereRemovedAreMadeAgain) {
 
 TEST_F(RunJobs, WhatWasWrittenIntoAFolderIsMadeAgainWithIt) {
   const Plan p = plan(R"({"title": "x", "steps": {"data": {"program": "anigen-prepare"},
-    "latents": {"program": "anigen-encode", "writes_into": "data", "args": {"--data": "{data}"}},
+    "latents": {"program": "anigen-encode", "writes_into": "data", "args": {"--dataset": "{data}"}},
     "fit": {"program": "anigen-train", "config": "train.json", "after": ["latents"], "args": {"--d": "{data}"}}}})");
   EXPECT_EQ(run(p).done, 3u);
   fs::remove_all(job_of(p, 0, "data").folder);
@@ -70,7 +70,7 @@ TEST_F(RunJobs, WhatWasWrittenIntoAFolderIsMadeAgainWithIt) {
 
 TEST_F(RunJobs, TheSameWhenTheFolderIsMadeAgainAlone) {
   const Plan p = plan(R"({"title": "x", "steps": {"data": {"program": "anigen-prepare"},
-    "latents": {"program": "anigen-encode", "writes_into": "data", "args": {"--data": "{data}"}}}})");
+    "latents": {"program": "anigen-encode", "writes_into": "data", "args": {"--dataset": "{data}"}}}})");
   run(p);
   fs::remove_all(job_of(p, 0, "data").folder);
   EXPECT_EQ(run(p, {1, 0, "data"}).done, 1u);

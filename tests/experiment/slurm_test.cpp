@@ -25,7 +25,7 @@ class Slurm : public ExperimentFolder {
     return plan(R"({"title": "x", "steps": {
       "data": {"program": "anigen-prepare", "args": {"--procedural": 3},
                "resources": {"workers": 4, "cpus": 8, "memory_gb": 15.5, "hours": 1.5, "partition": "cpu"}},
-      "fit": {"program": "anigen-train", "config": "train.json", "args": {"--data-dir": "{data}"},
+      "fit": {"program": "anigen-train", "config": "train.json", "args": {"--dataset": "{data}"},
               "resources": {"gpus": 2, "hours": 30}}}})");
   }
 
@@ -116,7 +116,7 @@ TEST_F(Slurm, ResourcesDoNotMakeOtherJobs) {
   const Plan with = shared_plan();
   const Plan without = plan(R"({"title": "x", "steps": {
       "data": {"program": "anigen-prepare", "args": {"--procedural": 3}},
-      "fit": {"program": "anigen-train", "config": "train.json", "args": {"--data-dir": "{data}"}}}})");
+      "fit": {"program": "anigen-train", "config": "train.json", "args": {"--dataset": "{data}"}}}})");
   EXPECT_EQ(job_of(with, 0, "fit").id, job_of(without, 0, "fit").id);
 }
 

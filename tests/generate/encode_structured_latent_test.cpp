@@ -170,7 +170,7 @@ TEST_F(EncodeStructuredLatents, ReconstructsASplitNamesFailuresAndShowsVotes) {
   ReconstructRequest request;
   request.run = request_.run;
   request.data = request_.data;
-  request.split = folder_ / "ids.txt";
+  request.splits = {folder_ / "ids.txt"};
   request.output = folder_ / "out";
   request.votes = true;
   const std::vector<ReconstructedAsset> made = reconstruct_assets(request);

@@ -360,7 +360,7 @@ TEST_F(EncodeSparseStructure, OneDatasetAtATimeAndNoneThatIsBeingPrepared) {
     encode_sparse_structure(two);
     FAIL() << "expected an error";
   } catch (const InputError& error) {
-    EXPECT_NE(std::string(error.what()).find("--data"), std::string::npos) << error.what();
+    EXPECT_NE(std::string(error.what()).find("--dataset"), std::string::npos) << error.what();
   }
   const auto prepare = FileLock::try_lock(dataset_lock_file(sample_.root()), FileLock::Kind::kExclusive);
   EXPECT_THROW(encode_sparse_structure(request_), InputError);

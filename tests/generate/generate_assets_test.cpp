@@ -294,12 +294,11 @@ TEST_F(GenerateAssets, WhatIsThereIsKeptUntilSomethingChanges) {
 TEST_F(GenerateAssets, WhatAnotherCommitMadeIsRefusedUntilTheRequestSaysWhatToDo) {
   ASSERT_EQ(one("a").failure, "");
   Json record = read_json(made("a", "generation.json"));
-  EXPECT_EQ(record["commit"], commit());
-  EXPECT_EQ(record["version"], kVersion);
+  EXPECT_EQ(record["made_by"], made_by());
   EXPECT_TRUE(one("a").kept);
   for (const Json& other : {Json("0123456789"), Json()}) {
-    record["commit"] = other;
-    if (other.is_null()) record.erase("commit");  // as programs wrote it that recorded no commit
+    record["made_by"]["commit"] = other;
+    if (other.is_null()) record.erase("made_by");  // as programs wrote it that recorded no commit
     write_file_atomically(made("a", "generation.json"), record.dump(2));
     try {
       one("a");
@@ -307,7 +306,7 @@ TEST_F(GenerateAssets, WhatAnotherCommitMadeIsRefusedUntilTheRequestSaysWhatToDo
     } catch (const InputError& error) {
       for (const std::string& word :
            {std::string(other.is_null() ? "recorded no commit" : "commit 0123456789"), named_commit(commit()),
-            std::string("--again"), std::string("--accept-other-code")})
+            std::string("--force"), std::string("--accept-other-code")})
         EXPECT_NE(std::string(error.what()).find(word), std::string::npos) << error.what();
     }
     EXPECT_EQ(read_json(made("a", "generation.json")), record) << "untouched";
@@ -316,12 +315,12 @@ TEST_F(GenerateAssets, WhatAnotherCommitMadeIsRefusedUntilTheRequestSaysWhatToDo
     request_.accept_other_code = false;
     request_.sampling.seed = 43;
     EXPECT_FALSE(one("a").kept) << "other options: there is nothing to keep";
-    EXPECT_EQ(read_json(made("a", "generation.json"))["commit"], commit());
+    EXPECT_EQ(read_json(made("a", "generation.json"))["made_by"]["commit"], commit());
     request_.sampling.seed = GenerateRequest().sampling.seed;
     write_file_atomically(made("a", "generation.json"), record.dump(2));
     request_.again = true;
     EXPECT_FALSE(one("a").kept);
-    EXPECT_EQ(read_json(made("a", "generation.json"))["commit"], commit());
+    EXPECT_EQ(read_json(made("a", "generation.json"))["made_by"]["commit"], commit());
     request_.again = false;
   }
 }

@@ -1,10 +1,12 @@
 #include "anigen/apps/common/command_line.h"
 
+#include <algorithm>
 #include <cstdio>
 #include <exception>
 #include <new>
 #include <utility>
 
+#include "anigen/apps/common/shell.h"
 #include "anigen/core/error.h"
 #include "anigen/core/kernel_form.h"
 #include "anigen/core/log.h"
@@ -14,57 +16,113 @@
 
 namespace anigen {
 
-void add_common_options(CLI::App& app, CommonOptions& options, std::function<std::string()> version_details,
-                        const std::vector<UnusedOption>& unused) {
-  app.add_option("--seed", options.seed, "Seed of every random draw")
-      ->check(whole_number(0))
-      ->each([&options](const std::string&) { options.seed_given = true; });
-  app.add_option("--threads", options.threads, "Threads to use; 0 means all cores")->check(whole_number(0, 4096));
-  app.add_option("--device", options.device, "cpu, cuda or cuda:N")->capture_default_str()->check(device_name());
-  app.add_option("--log-level", options.log_level, "debug, info, warn, error or off")
-      ->capture_default_str()
-      ->check(CLI::IsMember({"debug", "info", "warn", "error", "off"}));
-  app.add_flag("--quiet", options.quiet, "No progress bars, warnings only");
-  app.add_flag("--json", options.json, "Print results as JSON on standard output");
-  options.unused = unused;
-  for (const UnusedOption& option : unused) {
-    CLI::Option* declared = app.get_option(option.name);
-    const bool is_flag = declared->get_expected_min() == 0;
-    app.remove_option(declared);
-    // Known, but with neither a line in --help nor a check: run_command() refuses it with the reason.
-    CLI::Option* hidden = is_flag ? app.add_flag(option.name)
-                                  : app.add_option_function<std::string>(option.name, [](const std::string&) {});
-    hidden->group("");
+namespace {
+
+/// Long options of a command and of those above it.
+std::vector<std::string> known_options(const CLI::App* app) {
+  std::vector<std::string> names;
+  for (; app != nullptr; app = app->get_parent()) {
+    for (const CLI::Option* option : app->get_options())
+      for (const std::string& name : option->get_lnames()) names.push_back("--" + name);
   }
-  app.set_version_flag("--version", [details = std::move(version_details)] {
-    std::string text = "anigen " + named_version();
-    text += "\n" + kernel_form_details();
-    if (details) text += "\n" + details();
-    return text;
-  });
+  return names;
 }
 
-void refuse_given(const CLI::App& app, const std::vector<std::string>& names, const std::string& reason) {
-  for (const std::string& name : names) {
-    if (app.get_option(name)->count() > 0) throw InputError("", name, reason);
+void print_unexpected(const CLI::App& program) {
+  const CLI::App* command = &program;
+  while (!command->get_subcommands().empty()) command = command->get_subcommands().front();
+  for (const std::string& word : program.remaining(true)) {
+    const std::string name = word.substr(0, word.find('='));
+    if (name.empty() || name[0] != '-') {
+      std::fprintf(stderr, "error: '%s': %s expects no such word\n", word.c_str(), program.get_name().c_str());
+      return;
+    }
+    const std::string nearest = nearest_word(name, known_options(command));
+    std::fprintf(stderr, "error: %s: %s has no such option%s\n", name.c_str(), program.get_name().c_str(),
+                 nearest.empty() ? "" : ("; did you mean " + nearest + "?").c_str());
+    return;
   }
 }
 
-int run_command(CLI::App& app, CommonOptions& options, int argc, char** argv, const std::function<void()>& body) {
+}  // namespace
+
+Program::Program(const std::string& name, const std::string& purpose, const std::string& examples)
+    : app(purpose, name) {
+  app.footer("Examples:\n" + examples);
+  app.formatter_fn(
+      [](const CLI::App* described, const std::string&, CLI::AppFormatMode) { return help_text(*described); });
+  const OptionRow& help = option_row("--help");
+  app.set_help_flag(spelled(help), help.help)->group(help.group);
+}
+
+CLI::App& Program::command(const std::string& name, const std::string& purpose) {
+  CLI::App* command = app.add_subcommand(name, purpose);
+  command->fallthrough();
+  command->get_help_ptr()->group(option_row("--help").group);
+  return *command;
+}
+
+void Program::add_common(const std::vector<std::string>& names, std::function<std::string()> version_details) {
+  for (const std::string& text : names) {
+    const std::string name = text.substr(0, text.find(' ')), note = text.substr(name.size());
+    if (name == "--seed") add_option(app, name, common.seed, note)->check(whole_number(0));
+    if (name == "--threads") add_option(app, name, common.threads)->check(whole_number(0, 4096));
+    if (name == "--device") add_option(app, name, common.device)->check(device_name());
+    if (name == "--json") add_option(app, name, common.json);
+    if (name == "--keep-going") add_option(app, name, common.keep_going);
+  }
+  CLI::Option* quiet = add_option(app, "--quiet", common.quiet);
+  CLI::Option* verbose = add_option(app, "--verbose", common.verbose)->excludes(quiet);
+  add_option(app, "--log-level", common.log_level)->excludes(verbose);
+  add_option(app, "--completion", completion_);
+  add_option(app, "--man", man_);
+  const OptionRow& version = option_row("--version");
+  app.set_version_flag(
+         spelled(version),
+         [details = std::move(version_details)] {
+           std::string text = "anigen " + named_version();
+           text += "\n" + kernel_form_details();
+           if (details) text += "\n" + details();
+           return text;
+         },
+         version.help)
+      ->group(version.group);
+}
+
+int Program::run(int argc, char** argv, const std::function<void()>& body) {
+  CurrentWords current = current_words(app.get_name(), {argv + 1, argv + argc});
+  words = {argv, argv + 1};
+  words.insert(words.end(), current.words.begin(), current.words.end());
+  for (std::size_t i = 1; i < words.size() && words[i] != "--"; ++i) {
+    // Ahead of everything else, which may be required and is not needed for these.
+    if (words[i] == "--man") return std::fputs(man_page(app).c_str(), stdout) < 0 ? 1 : 0;
+    if (words[i] != "--completion" || i + 1 == words.size()) continue;
+    const std::string script = completion(app, words[i + 1]);
+    if (!script.empty()) return std::fputs(script.c_str(), stdout) < 0 ? 1 : 0;
+  }
   try {
     kernel_form();  // refuses what ANIGEN_KERNELS says before anything else
-    app.parse(argc, argv);
+    std::reverse(current.words.begin(), current.words.end());
+    app.parse(current.words);
   } catch (const InputError& error) {
     std::fprintf(stderr, "error: %s\n", error.what());
+    return 2;
+  } catch (const CLI::ExtrasError&) {
+    print_unexpected(app);
     return 2;
   } catch (const CLI::ParseError& error) {
     return app.exit(error) == 0 ? 0 : 2;
   }
+  const std::string printed = man_ ? man_page(app) : completion_.empty() ? "" : completion(app, completion_);
+  if (!printed.empty()) return std::fputs(printed.c_str(), stdout) < 0 ? 1 : 0;
   try {
-    for (const UnusedOption& option : options.unused) refuse_given(app, {option.name}, "this program " + option.reason);
-    log::setup(options.quiet && options.log_level == "info" ? "warn" : options.log_level);
-    Progress::set_quiet(options.quiet);
-    set_thread_count(options.threads);
+    std::string level = common.log_level;
+    if (common.verbose) level = "debug";
+    if (common.quiet && level == "info") level = "warn";
+    log::setup(level);
+    for (const std::string& notice : current.notices) log::warn("{}", notice);
+    Progress::set_quiet(common.quiet);
+    set_thread_count(common.threads);
     install_interrupt_handler();
     body();
     return 0;
@@ -81,6 +139,18 @@ int run_command(CLI::App& app, CommonOptions& options, int argc, char** argv, co
     std::fprintf(stderr, "error: %s\n", error.what());
     return 1;
   }
+}
+
+void refuse_given(const CLI::App& app, const std::vector<std::string>& names, const std::string& reason) {
+  for (const std::string& name : names) {
+    if (app.get_option(name)->count() > 0) throw InputError("", name, reason);
+  }
+}
+
+void require_inputs(std::size_t failed, std::size_t all, const std::string& what, const CommonOptions& common) {
+  if (failed == 0 || (common.keep_going && failed < all)) return;
+  throw Error(std::to_string(failed) + " of " + std::to_string(all) + " " + what +
+              (failed < all ? "; --keep-going allows that" : ""));
 }
 
 }  // namespace anigen

@@ -7,9 +7,11 @@
 #include <cstdlib>
 #include <functional>
 #include <limits>
+#include <optional>
 #include <string>
 #include <vector>
 
+#include "anigen/apps/common/options.h"
 #include "anigen/apps/common/torch_half.h"
 
 namespace anigen {
@@ -89,6 +91,20 @@ inline CLI::Validator number(double least, double most = std::numeric_limits<dou
       brief);
 }
 
+/// One of a few words.
+inline CLI::Validator one_of(const std::vector<std::string>& words) {
+  return CLI::Validator(
+      [words](std::string& text) {
+        std::string known;
+        for (const std::string& word : words) {
+          if (word == text) return std::string();
+          known += (known.empty() ? "" : ", ") + word;
+        }
+        return "'" + text + "' is none of " + known;
+      },
+      std::string());
+}
+
 /// cpu, cuda or cuda:N.
 inline CLI::Validator device_name() {
   return CLI::Validator(
@@ -100,36 +116,48 @@ inline CLI::Validator device_name() {
       std::string());
 }
 
-/// One of the common options that a program would not look at.
-struct UnusedOption {
-  std::string name, reason;  ///< the reason completes "this program …"
-};
-
-/// Options every executable has.
+/// Values of the options that programs share.
 struct CommonOptions {
-  std::uint64_t seed = 0;
-  bool seed_given = false;     ///< false: a config's own seed holds
-  int threads = 0;             ///< 0: all cores
-  std::string device = "cpu";  ///< cpu, cuda, cuda:N
+  std::optional<std::uint64_t> seed;  ///< unset: 0, or a config's own
+  int threads = 0;                    ///< 0: all cores
+  std::string device = "cpu";         ///< cpu, cuda, cuda:N
   std::string log_level = "info";
-  bool quiet = false;
-  bool json = false;                 ///< print machine-readable JSON on standard output
-  std::vector<UnusedOption> unused;  ///< of these, as add_common_options() was told
+  bool quiet = false, verbose = false;
+  bool json = false;  ///< print machine-readable JSON on standard output
+  bool keep_going = false;
 };
 
-/// Adds --seed --threads --device --log-level --quiet --json --version to an application.
-/// @param version_details extra lines of --version (LibTorch, BLAS, device); may be empty
-/// @param unused is left out of --help, and refused with its reason when it is given
-void add_common_options(CLI::App& app, CommonOptions& options, std::function<std::string()> version_details = {},
-                        const std::vector<UnusedOption>& unused = {});
+/// A program: its command line, made of rows of options.h, and the way it ends.
+struct Program {
+  /// @param name "anigen-eval" @param examples lines for the end of --help
+  Program(const std::string& name, const std::string& purpose, const std::string& examples);
+
+  /// A subcommand; options of the program may stand after its word.
+  CLI::App& command(const std::string& name, const std::string& purpose);
+  /// Adds some of --seed --threads --device --json --keep-going, and what every program has: --quiet --verbose
+  /// --log-level --completion --man --version. @param names with a note behind, such as "--seed [0]" @param
+  /// version_details extra lines of --version; may be empty
+  void add_common(const std::vector<std::string>& names, std::function<std::string()> version_details = {});
+  /// Parses, sets up logging, threads and the interrupt handler, runs body, and turns exceptions into one clear line
+  /// and an exit status: 0, 2 for bad input, 1 for a failed run, 130 after Ctrl-C.
+  int run(int argc, char** argv, const std::function<void()>& body);
+
+  CLI::App app;
+  CommonOptions common;
+  std::vector<std::string> words;  ///< of run(): argv with names of today
+
+ private:
+  std::string completion_;
+  bool man_ = false;
+};
 
 /// Refuses options that the rest of a command line leaves without effect.
 /// @param reason why, and what to do @throws InputError naming the first of them that was given
 void refuse_given(const CLI::App& app, const std::vector<std::string>& names, const std::string& reason);
 
-/// Parses, sets up logging, threads and the interrupt handler, runs body, and turns exceptions into one clear line
-/// and an exit status: 0, 2 for bad input, 1 for a failed run, 130 after Ctrl-C.
-int run_command(CLI::App& app, CommonOptions& options, int argc, char** argv, const std::function<void()>& body);
+/// Ends a program of which some inputs failed, after the others are done: when none is left, and unless --keep-going
+/// allows it. @param what "images gave no asset" @throws Error counting them
+void require_inputs(std::size_t failed, std::size_t all, const std::string& what, const CommonOptions& common);
 
 /// Lines that --version adds: libraries of the half that needs LibTorch, which is loaded for them.
 inline std::function<std::string()> library_versions() {

@@ -37,35 +37,39 @@ void print(const Json& json, const std::string& text, const CommonOptions& commo
   std::fputs(common.json ? (json.dump(2) + "\n").c_str() : text.c_str(), stdout);
 }
 
-void require_some(const generate::EncodedLatents& result) {
-  if (!result.failed.empty() && result.failed.size() == result.assets) {
-    throw Error("no asset could be encoded; the first: " + result.failed.begin()->second);
-  }
+void require_latents(const generate::EncodedLatents& result, const CommonOptions& common) {
+  if (result.failed.empty()) return;
+  require_inputs(result.failed.size(), result.assets,
+                 "assets could not be encoded (the first: " + result.failed.begin()->second + ")", common);
 }
 
-void reconstruct(const generate::ReconstructRequest& request, bool allow_failures, const CommonOptions& common) {
+/// @param each with a `failure`
+template <typename Reports>
+std::size_t count_failures(const Reports& each) {
+  std::size_t failed = 0;
+  for (const auto& report : each) failed += report.failure.empty() ? 0 : 1;
+  return failed;
+}
+
+void reconstruct(const generate::ReconstructRequest& request, const CommonOptions& common) {
   const std::vector<generate::ReconstructedAsset> made = generate::reconstruct_assets(request);
   print(generate::to_json(made), generate::to_text(made), common);
-  std::size_t failed = 0;
-  for (const generate::ReconstructedAsset& asset : made) failed += asset.failure.empty() ? 0 : 1;
-  if (failed > 0 && (!allow_failures || failed == made.size()))
-    throw Error(std::to_string(failed) + " of " + std::to_string(made.size()) + " assets gave no file");
+  require_inputs(count_failures(made), made.size(), "assets gave no file", common);
 }
 
 }  // namespace
 
 void run_encode(const EncodeArguments& arguments, const CommonOptions& common) {
   nn::set_up_computing(common.threads);
-  if (arguments.task == EncodeArguments::Task::kReconstruct)
-    return reconstruct(arguments.rebuilt, arguments.allow_failures, common);
+  if (arguments.task == EncodeArguments::Task::kReconstruct) return reconstruct(arguments.rebuilt, common);
   if (arguments.task == EncodeArguments::Task::kStructure) {
     const generate::EncodeResult result = generate::encode_sparse_structure(arguments.encoded);
     print(to_json(result), to_text(result), common);
-    return require_some(result);
+    return require_latents(result, common);
   }
   const generate::EncodedLatents result = generate::encode_structured_latents(arguments.encoded);
   print(to_json(result), to_text(result, "latents"), common);
-  require_some(result);
+  require_latents(result, common);
 }
 
 eval::SkinMethod skin_reconstruction(const std::string& run, const CommonOptions& common, Json& settings) {
@@ -98,16 +102,16 @@ void evaluate_structures(const EvalArguments& arguments, const CommonOptions& co
   generate::StructureEvaluationRequest request;
   request.run = arguments.ss_flow;
   request.autoencoder = arguments.ss_dae;
-  request.data = arguments.truth;
+  request.data = arguments.dataset;
   request.split = arguments.splits.empty() ? "" : arguments.splits.front();
   request.train_split = arguments.train_split;
-  request.out = arguments.out;
-  request.strengths = arguments.strengths;
-  request.steps = arguments.steps;
-  request.most = arguments.most;
-  request.pictured = arguments.pictured;
+  request.out = arguments.output;
+  for (const double guidance : arguments.guidance) request.strengths.push_back(guidance - 1);
+  request.steps = arguments.steps.value_or(0);
+  request.most = arguments.limit;
+  request.pictured = arguments.report_images;
   request.retrieval_views = arguments.views;
-  request.seed = common.seed;
+  request.seed = common.seed.value_or(0);
   request.device = common.device;
   const generate::StructureEvaluation evaluation = generate::evaluate_structures(request);
   std::fputs((to_markdown(evaluation.table()) + "\n").c_str(), stdout);
@@ -117,32 +121,29 @@ namespace {
 
 /// The number of joints that one of three options asks for.
 std::int64_t wanted_joints(const GenerateArguments& arguments) {
-  const int given = (arguments.joints != 0) + (arguments.joint_density >= 0) + (arguments.level >= 0);
-  if (given > 1)
-    throw InputError("", "--joints", "of --joints, --joint-density and --joint-level only one may be given");
-  if (arguments.level >= 0) return generate::joints_of_level(arguments.level);
-  if (arguments.joint_density >= 0) return static_cast<std::int64_t>(arguments.joint_density * 60 + 0.5);
+  if (arguments.joint_level) return generate::joints_of_level(*arguments.joint_level);
+  if (arguments.joint_density) return static_cast<std::int64_t>(*arguments.joint_density * 60 + 0.5);
   return arguments.joints;
 }
 
-/// The runs of both flows, of which --checkpoint finds those that were not named.
+/// The runs of both flows, of which --runs finds those that were not named.
 generate::FlowRuns runs_of(const GenerateArguments& arguments) {
   const generate::FlowRuns named{arguments.structure_flow, arguments.latent_flow};
   if (!named.structure.empty() && !named.latents.empty()) return named;
-  if (arguments.checkpoint.empty()) {
+  if (arguments.runs.empty()) {
     throw InputError("", named.structure.empty() ? "--ss-flow" : "--slat-flow",
-                     "name the runs of both flows, or the folder of both with --checkpoint");
+                     "name the runs of both flows, or the folder of both with --runs");
   }
-  return generate::find_flow_runs(arguments.checkpoint, wanted_joints(arguments) > 0, named);
+  return generate::find_flow_runs(arguments.runs, wanted_joints(arguments) > 0, named);
 }
 
 std::vector<generate::NamedPicture> pictures_of(const GenerateArguments& arguments) {
   if (!arguments.dataset.empty())
-    return generate::pictures_of_dataset(arguments.dataset, arguments.splits, arguments.most);
-  if (arguments.image.empty()) throw InputError("", "--image", "which picture? Or name a --dataset and a --split");
+    return generate::pictures_of_dataset(arguments.dataset, arguments.splits, arguments.limit);
+  if (arguments.image.empty()) throw InputError("", "--image", "which image? Or name a --dataset and a --split");
   std::vector<generate::NamedPicture> pictures = generate::pictures_at(arguments.image);
   if (!arguments.normal_map.empty()) {
-    if (pictures.size() != 1) throw InputError("", "--normal-map", "is for one picture");
+    if (pictures.size() != 1) throw InputError("", "--normal-map", "is for one image");
     pictures.front().normal_map = arguments.normal_map;
   }
   return pictures;
@@ -157,8 +158,7 @@ void set_models(const GenerateArguments& arguments, const CommonOptions& common,
   models.latent_autoencoder = arguments.latent_autoencoder;
   models.device = common.device;
   models.low_memory = arguments.low_memory;
-  models.grouping = arguments.grouping;
-  if (arguments.averages && arguments.no_averages) throw InputError("", "--use-ema", "contradicts --no-ema");
+  models.grouping = arguments.clustering;
   if (arguments.averages) models.averages = nn::Averages::kAlways;
   if (arguments.no_averages) models.averages = nn::Averages::kNever;
   if (arguments.precision == "bf16") models.precision = torch::kBFloat16;
@@ -171,13 +171,14 @@ void set_models(const GenerateArguments& arguments, const CommonOptions& common,
 
 void set_sampling(const GenerateArguments& arguments, const CommonOptions& common,
                   generate::GenerationOptions& sampling) {
-  if (common.seed_given) sampling.seed = common.seed;
+  if (common.seed) sampling.seed = *common.seed;
   sampling.joints = wanted_joints(arguments);
   generate::SamplerOverrides &structure = sampling.structure, &latents = sampling.latents;
-  if (arguments.structure_strength >= 0) structure.cfg_strength = arguments.structure_strength;
-  if (arguments.latent_strength >= 0) latents.cfg_strength = arguments.latent_strength;
-  if (arguments.structure_steps != 0) structure.steps = arguments.structure_steps;
-  if (arguments.latent_steps != 0) latents.steps = arguments.latent_steps;
+  // v + s (v − v₀) = v₀ + (1 + s)(v − v₀): the configs' strength s is the guidance scale less 1.
+  if (arguments.structure_guidance) structure.cfg_strength = *arguments.structure_guidance - 1;
+  if (arguments.latent_guidance) latents.cfg_strength = *arguments.latent_guidance - 1;
+  if (arguments.structure_steps) structure.steps = *arguments.structure_steps;
+  if (arguments.latent_steps) latents.steps = *arguments.latent_steps;
   const auto interval = [](const std::vector<double>& ends) { return std::make_pair(ends[0], ends[1]); };
   if (!arguments.structure_interval.empty()) structure.cfg_interval = interval(arguments.structure_interval);
   if (!arguments.latent_interval.empty()) latents.cfg_interval = interval(arguments.latent_interval);
@@ -196,13 +197,13 @@ generate::GenerateRequest request_of(const GenerateArguments& arguments, const C
   request.finishing.remove_hidden = !arguments.keep_hidden;
   request.finishing.filter_skin = !arguments.keep_weights;
   if (arguments.no_smoothing) request.finishing.smoothing_iterations = 0;
-  request.published_axes = arguments.published_axes;
+  request.published_axes = arguments.axes == "published";
   request.obj = arguments.obj;
   request.intermediate = arguments.intermediate;
-  request.again = arguments.again;
+  request.again = arguments.force;
   request.accept_other_code = arguments.accept_other_code;
   request.output = arguments.output;
-  request.name = arguments.name;
+  request.name = arguments.asset_name;
   return request;
 }
 
@@ -213,11 +214,7 @@ void run_generate(const GenerateArguments& arguments, const CommonOptions& commo
   const auto reports = generate::generate_assets(request_of(arguments, common), pictures_of(arguments));
   std::fputs(common.json ? (generate::to_json(reports).dump(2) + "\n").c_str() : generate::to_text(reports).c_str(),
              stdout);
-  std::size_t failed = 0;
-  for (const auto& report : reports) failed += report.failure.empty() ? 0 : 1;
-  if (failed > 0 && (!arguments.allow_failures || failed == reports.size())) {
-    throw Error(std::to_string(failed) + " of " + std::to_string(reports.size()) + " pictures gave no asset");
-  }
+  require_inputs(count_failures(reports), reports.size(), "images gave no asset", common);
 }
 
 rigging::LearnedSteps learned_steps(const RigArguments& arguments, const CommonOptions& common) {
@@ -228,15 +225,15 @@ rigging::LearnedSteps learned_steps(const RigArguments& arguments, const CommonO
   if (arguments.method == kAnymate) {
     generate::AnymateRiggerOptions rigger;
     rigger.points = arguments.points;
-    rigger.eps = arguments.eps;
-    rigger.seed = common.seed;
+    rigger.eps = arguments.joint_distance;
+    rigger.seed = common.seed.value_or(0);
     rigger.most_influences = influences;
     rigger.device = device;
     return generate::LearnedRigger::steps(
         std::make_shared<generate::AnymateRigger>(generate::load_anymate_models(files, device), rigger));
   }
   generate::RignetRiggerOptions rigger;
-  rigger.seed = common.seed;
+  rigger.seed = common.seed.value_or(0);
   rigger.most_influences = influences;
   rigger.device = device;
   return generate::LearnedRigger::steps(
@@ -254,15 +251,12 @@ void retrieve(const RigArguments& arguments, const CommonOptions& common) {
   request.output = arguments.request.out;
   const auto pictures =
       arguments.image.empty()
-          ? generate::pictures_of_dataset(request.dataset, {arguments.pictured.begin(), arguments.pictured.end()},
-                                          arguments.most)
+          ? generate::pictures_of_dataset(
+                request.dataset, {arguments.image_splits.begin(), arguments.image_splits.end()}, arguments.limit)
           : generate::pictures_at(arguments.image);
   const auto reports = generate::retrieve_assets(request, pictures);
   std::fputs(common.json ? (to_json(reports).dump(2) + "\n").c_str() : to_text(reports).c_str(), stdout);
-  for (const auto& report : reports) {
-    if (report.failure.empty()) return;
-  }
-  throw Error("none of the pictures could be rigged");
+  require_inputs(count_failures(reports), reports.size(), "images gave no rig", common);
 }
 
 namespace {
@@ -271,7 +265,7 @@ train::TrainCommand command_of(const TrainArguments& arguments, const CommonOpti
   train::TrainCommand command;
   command.config = arguments.config;
   command.overrides = arguments.overrides;
-  command.data_dir = arguments.data_dir;
+  command.data_dir = arguments.dataset;
   command.run.output = arguments.output;
   command.run.load = arguments.load;
   command.run.ckpt = arguments.ckpt;
@@ -279,11 +273,11 @@ train::TrainCommand command_of(const TrainArguments& arguments, const CommonOpti
   command.run.profile_steps = arguments.profile_steps;
   command.run.threads = thread_count();
   command.device = common.device;
-  command.ranks.timeout = arguments.timeout;
+  command.ranks.timeout = arguments.rank_timeout;
   command.ranks.sent = arguments.communication == "bf16" ? torch::kBFloat16 : torch::kFloat32;
   for (const std::string& word : arguments.words)
     command.command_line += (command.command_line.empty() ? "" : " ") + word;
-  if (common.seed_given) command.overrides.push_back("trainer.args.seed=" + std::to_string(common.seed));
+  if (common.seed) command.overrides.push_back("trainer.args.seed=" + std::to_string(*common.seed));
   if (!arguments.warm_start.empty()) {
     command.overrides.push_back(arguments.warm_start == "none" ? std::string("trainer.args.warm_start=none")
                                                                : "trainer.args.pretrained_dir=" + arguments.warm_start);
@@ -299,8 +293,13 @@ int run_train(const TrainArguments& arguments, const CommonOptions& common) {
     throw InputError("", arguments.only_of_ranks.front(),
                      "is for several processes: there is neither --ranks nor a launcher");
   }
+  if (arguments.schema || arguments.print_config) {
+    const auto view = arguments.schema ? train::ConfigView::kSchema : train::ConfigView::kFull;
+    std::fputs((train::describe_config(command_of(arguments, common), view).dump(2) + "\n").c_str(), stdout);
+    return 0;
+  }
   if (arguments.ranks > 1 && environment.launcher.empty())
-    return train::run_local_ranks({arguments.ranks, arguments.restarts, arguments.timeout}, arguments.words);
+    return train::run_local_ranks({arguments.ranks, arguments.rank_restarts, arguments.rank_timeout}, arguments.words);
   if (arguments.ranks > 1 && arguments.ranks != environment.size) {
     throw InputError(
         "--ranks", std::to_string(arguments.ranks),

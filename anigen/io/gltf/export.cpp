@@ -19,6 +19,7 @@
 #include "anigen/core/files.h"
 #include "anigen/core/hash.h"
 #include "anigen/core/text.h"
+#include "anigen/core/version.h"
 #include "anigen/io/gltf/document.h"
 #include "anigen/io/gltf/gltf.h"
 
@@ -60,7 +61,9 @@ constexpr int kComponentType = std::is_same_v<T, std::uint8_t>    ? TINYGLTF_COM
 constexpr int kNoTarget = 0, kVertices = TINYGLTF_TARGET_ARRAY_BUFFER, kIndices = TINYGLTF_TARGET_ELEMENT_ARRAY_BUFFER;
 
 /// What the file says about itself.
-Json asset_block() { return {{"version", "2.0"}, {"generator", "AniGen in C++"}}; }
+Json asset_block() {
+  return {{"version", "2.0"}, {"generator", "AniGen in C++"}, {"extras", {{"made_by", made_by()}}}};
+}
 
 /// A glTF file being written: its JSON and its only binary buffer. Views and accessors are appended as the parts of
 /// the asset are written, each aligned to 4 bytes.

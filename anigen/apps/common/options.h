@@ -1,0 +1,247 @@
+#pragma once
+#include <CLI/CLI.hpp>
+#include <string>
+#include <type_traits>
+#include <vector>
+
+namespace anigen {
+
+/// One option as every program has it: one name for one meaning.
+struct OptionRow {
+  const char* name;
+  char letter;        ///< of the short form; 0: none
+  const char* value;  ///< word for the value in --help, of which "a|b" are the only ones; "" for a flag
+  const char* group;  ///< its heading in --help
+  const char* help;   ///< holds in every program; add_option() may append what holds in one
+  /// Names of version 0.1, which work for one version more and are in no --help: "program:--name", where "+1" says that
+  /// the old value was 1 less.
+  const char* old_names;
+};
+
+// clang-format off
+/// Every option of every program. Programs take their options from here with add_option() alone.
+inline constexpr OptionRow kOptions[] = {
+    // --- Input ---
+    {"files", 0, "PATH", "Input", "Files or folders", ""},
+    {"FILE", 0, "FILE", "Input", "JSON file of the experiment", ""},
+    {"--input", 0, "PATH", "Input", "Sources: .glb .gltf .fbx .dae, obj with rig text, Articulation-XL or rig .npz, Anymate .pt, published datasets, or folders of these", ""},
+    {"--procedural", 0, "N", "Input", "Number of procedural creatures", ""},
+    {"--dataset", 'd', "PATH", "Input", "Dataset", "merge:--out train:--data-dir encode:--data eval:--gt"},
+    {"--split", 0, "FILE", "Input", "File of the ids to use; repeatable [all]", ""},
+    {"--limit", 'n', "N", "Input", "Use only so many of the first assets; 0: all", "generate:--most rig:--most eval:--most"},
+    {"--id", 0, "ID", "Input", "Asset of the dataset; repeatable", ""},
+    {"--image", 'i', "PATH", "Input", "Image, or folder of images", ""},
+    {"--image-split", 0, "FILE", "Input", "Instead of --image: the first condition view of these assets of --dataset", "rig:--picture-split"},
+    {"--mesh", 'm', "PATH", "Input", "Mesh to rig, or folder or dataset of them: .glb .gltf .fbx .dae .obj .ply, NPZ rigs", ""},
+    {"--mesh-split", 0, "FILE", "Input", "File of the ids of --mesh to use; repeatable [all]", ""},
+    {"--mesh-up", 0, "format|y-up|z-up", "Input", "Up axis of --mesh", "rig:--mesh-axes"},
+    {"--pred", 'p', "[NAME=]PATH", "Input", "Predictions: a file, a folder, or a CSV of pairs; repeatable", ""},
+    {"--pred-up", 0, "format|y-up|z-up", "Input", "Up axis of --pred", "eval:--pred-axes"},
+    {"--dataset-up", 0, "format|y-up|z-up", "Input", "Up axis of --dataset", "eval:--gt-axes"},
+    {"--config", 'c', "FILE", "Input", "JSON config [config.json of the output folder]", ""},
+    {"--set", 0, "PATH.TO.KEY=VALUE", "Input", "Override a value of the config or experiment; repeatable", ""},
+    // --- Output ---
+    {"--output", 'o', "PATH", "Output", "File or folder to write", "prepare:--out rig:--out eval:--out experiment:--out inspect:--picture inspect:--export"},
+    {"--asset-name", 0, "NAME", "Output", "Name of the asset, for one image [that of the image]", "generate:--name"},
+    {"--latents-name", 0, "NAME", "Output", "Name of the latents [that of the run folder]", "encode:--name"},
+    {"--axes", 0, "gltf|published", "Output", "Axes in the written files; published: (-x, z, y), turned by 180 degrees about the vertical", ""},
+    {"--influences", 0, "N", "Output", "Joints per vertex in the written files", ""},
+    {"--influence-loss", 0, "", "Output", "Measure what keeping only --influences joints per vertex changes", ""},
+    {"--weights", 0, "", "Output", "Check that the checkpoints of a run hold what its config.json asks for", ""},
+    {"--preview", 0, "", "Output", "Also write <name>.png: the asset, its weights, its skeleton", "rig:--pictures"},
+    {"--obj", 0, "", "Output", "Also write mesh.obj and mesh.rig.json", ""},
+    {"--intermediate", 0, "", "Output", "Also write the results of the stages: voxels.png, ss_latents.npz, latents.npz, votes.glb, dense.glb", ""},
+    {"--votes", 0, "", "Output", "Also write <id>.votes.glb and .ply: the voxels' votes for joints, coloured by confidence", ""},
+    {"--no-report", 0, "", "Output", "Do not write report.html", ""},
+    {"--report-images", 0, "N", "Output", "Assets to draw in the report: worst (and, of weights, best) ones", "eval:--pictures"},
+    {"--worst-by", 0, "METRIC", "Output", "Metric that orders the assets of the report", ""},
+    {"--no-assets", 0, "", "Output", "Do not keep the assets themselves (assets/<id>.glb)", ""},
+    {"--json", 0, "", "Output", "Print results as JSON on standard output", ""},
+    // --- Models ---
+    {"--run", 0, "DIR", "Models", "Run folder of the stage", ""},
+    {"--runs", 0, "DIR", "Models", "Folder with the runs of both flows, such as the released ckpts/; of variants the published defaults", "generate:--checkpoint"},
+    {"--ss-flow", 0, "DIR", "Models", "Run folder of stage 4, the flow of sparse structures, trained here or published", ""},
+    {"--slat-flow", 0, "DIR", "Models", "Run folder of stage 5, the flow of structured latents, trained here or published", ""},
+    {"--ss-dae", 0, "DIR", "Models", "Run folder of stage 2 [the one its flow names]", ""},
+    {"--slat-dae", 0, "DIR", "Models", "Run folder of stage 3 [the one its flow names]", ""},
+    {"--skin-ae", 0, "PATH", "Models", "Run folder or checkpoint of a skin auto-encoder to reconstruct with", ""},
+    {"--skins", 0, "DIR", "Models", "Folder of NPZ files with skin [V, J] for the ground truth's vertices, found by any name of the asset", ""},
+    {"--ckpt", 0, "WORD", "Models", "Checkpoint of the run", ""},
+    {"--use-ema", 0, "", "Models", "Use averaged weights [of runs trained here: yes; of published ones: no]", ""},
+    {"--no-ema", 0, "", "Models", "Use the weights themselves", ""},
+    {"--precision", 0, "fp32|bf16", "Models", "Precision of the flows; bf16 takes half the memory", ""},
+    {"--low-memory", 0, "", "Models", "Keep one model in memory at a time; each is read again per image", ""},
+    {"--joint-model", 0, "PATH", "Models", "For anymate and rignet: a run folder of anigen-train, or a .safetensors file of one; for anymate also a checkpoint as released [given joints]", ""},
+    {"--connectivity-model", 0, "PATH", "Models", "For both, likewise [the shortest tree through predicted joints; given joints keep theirs]", ""},
+    {"--skin-model", 0, "PATH", "Models", "For both, likewise [as --skin says, or geovoxel]", ""},
+    // --- Images ---
+    {"--background", 0, "WORD", "Images", "Removal of the background: auto, keep, alpha, grabcut", ""},
+    {"--matting-network", 0, "FILE", "Images", "ONNX network that separates object and background", ""},
+    {"--matting-mean", 0, "R,G,B", "Images", "Taken from the network's red, green and blue in 0 … 1 [BiRefNet's]", ""},
+    {"--matting-deviation", 0, "R,G,B", "Images", "Divides them then [BiRefNet's]", ""},
+    {"--condition", 0, "WORD", "Images", "Images that are looked at: color or normal", ""},
+    {"--normals", 0, "auto|color|file|estimator|flat", "Images", "Source of normals: color (the image stands in), file (--normal-map, or those of --dataset), estimator, flat; auto: file where there is one, else color", ""},
+    {"--normal-map", 0, "FILE", "Images", "Normals of the one image", ""},
+    {"--normal-weights", 0, "FILE", "Images", "For --normals estimator: dsine.pt (not ours; non-commercial research only)", ""},
+    {"--retrieval-views", 0, "N", "Images", "Condition views of an asset that retrieval compares", "rig:--views"},
+    // --- Sampling ---
+    {"--ss-guidance", 0, "X", "Sampling", "Guidance scale g of stage 4: v0 + g (v - v0); 1: none [config: cfg_strength + 1]", "generate:--cfg-scale-ss+1 eval:--guidance+1"},
+    {"--slat-guidance", 0, "X", "Sampling", "Guidance scale g of stage 5: v0 + g (v - v0); 1: none [config: cfg_strength + 1]", "generate:--cfg-scale+1"},
+    {"--ss-steps", 0, "N", "Sampling", "Steps of the sampler in stage 4 [config]", "generate:--steps-ss eval:--steps"},
+    {"--slat-steps", 0, "N", "Sampling", "Steps of the sampler in stage 5 [config]", "generate:--steps"},
+    {"--ss-interval", 0, "X X", "Sampling", "Guide stage 4 only at times between the two, 1: noise [config]", "generate:--cfg-interval-ss"},
+    {"--slat-interval", 0, "X X", "Sampling", "Guide stage 5 only at times between the two, 1: noise [config]", "generate:--cfg-interval"},
+    {"--solver", 0, "euler|midpoint|heun", "Sampling", "Solver of both stages; midpoint and heun take two passes per step [config]", ""},
+    {"--joints", 0, "N", "Sampling", "Wanted number of joints, for flows trained with it; 0: any", ""},
+    {"--joint-density", 0, "X", "Sampling", "The wanted number as a share of 60 joints, 0 … 1", ""},
+    {"--joint-level", 0, "N", "Sampling", "The wanted number by the published levels 0 … 4: none, 10, 15, 25, 35 joints", ""},
+    // --- Mesh and skeleton ---
+    {"--method", 0, "WORD", "Mesh and skeleton", "Method of rigging", ""},
+    {"--skeleton", 0, "FILE", "Mesh and skeleton", "Rig with the joints to bind to, placed in the mesh [the mesh file's own]; for pinocchio the template", ""},
+    {"--pinocchio-template", 0, "WORD", "Mesh and skeleton", "For pinocchio: biped, quadruped; of several the one that fits best [both]", "rig:--template"},
+    {"--curve-joints", 0, "N", "Mesh and skeleton", "For curve: no more joints than these", "rig:--most-joints"},
+    {"--points", 0, "N", "Mesh and skeleton", "For anymate: points of the surface that the models look at [as in training; released: 8192]", ""},
+    {"--joint-distance", 0, "X", "Mesh and skeleton", "For anymate: predicted joints this near are one, the mesh's longest side being 2 [as released: 0.03 regressed, 0.05 denoised; without meaning for volumes]", "rig:--eps"},
+    {"--skin", 0, "nearest|geovoxel|heat|none", "Mesh and skeleton", "Binding, other than the method's; none: the skeleton alone", ""},
+    {"--geovoxel-resolution", 0, "N", "Mesh and skeleton", "For geovoxel: voxels along the mesh's longest side", "rig:--resolution"},
+    {"--falloff", 0, "X", "Mesh and skeleton", "For geovoxel: from weights like 1/d² (0) to weights like 1/d⁴ (1)", ""},
+    {"--cluster-bandwidth", 0, "X", "Mesh and skeleton", "Cluster votes for joints within this distance, in units of the box; more for models that trained briefly", "generate:--grouping-bandwidth encode:--grouping-bandwidth"},
+    {"--cluster-min-votes", 0, "N", "Mesh and skeleton", "Clusters of fewer votes are no joint, unless none would be left; fewer for coarse voxels", "generate:--grouping-least-votes encode:--grouping-least-votes"},
+    {"--true-skeleton", 0, "", "Mesh and skeleton", "Decode weights for the asset's own skeleton", ""},
+    {"--reduction", 0, "X", "Mesh and skeleton", "Share of the faces to take away, 0: none", ""},
+    {"--keep-hidden", 0, "", "Mesh and skeleton", "Keep faces inside the mesh, close no holes", ""},
+    {"--hidden-views", 0, "N", "Mesh and skeleton", "Views from which faces may be seen (published: 1000)", ""},
+    {"--no-filter-skin", 0, "", "Mesh and skeleton", "Keep weights of joints far away along the skeleton", ""},
+    {"--no-smooth-skin", 0, "", "Mesh and skeleton", "Leave skin weights as they are decoded", ""},
+    {"--smooth-iterations", 0, "N", "Mesh and skeleton", "Rounds of smoothing of skin weights", ""},
+    {"--smooth-alpha", 0, "X", "Mesh and skeleton", "Share of the neighbours in a round of smoothing", ""},
+    {"--texture-size", 0, "N", "Mesh and skeleton", "Texels along a side, 64 or more; 0: vertex colours", ""},
+    // --- Cleaning and splits ---
+    {"--clean", 0, "none|anymate|articulation-xl", "Cleaning and splits", "Cleaning rules", ""},
+    {"--clean-set", 0, "RULE=VALUE", "Cleaning and splits", "Change one rule, such as joints=[3,200] (datasets/README.md); repeatable", ""},
+    {"--test-fraction", 0, "X", "Cleaning and splits", "Part of the usable real assets kept for testing [0.333, or what the sources say themselves]", ""},
+    {"--test-count", 0, "N", "Cleaning and splits", "Number of usable real assets kept for testing", ""},
+    {"--procedural-test", 0, "N", "Cleaning and splits", "Number of usable creatures kept for testing", ""},
+    {"--test-split", 0, "FILE", "Cleaning and splits", "Names of all test assets, one a line: uuid, sha256, path below the input, or SHARD#UUID", ""},
+    {"--min-joints", 0, "N", "Cleaning and splits", "Fewer joints make is_bad_skeleton", ""},
+    {"--max-joints", 0, "N", "Cleaning and splits", "More joints make is_bad_skeleton", ""},
+    {"--same-bone", 0, "X", "Cleaning and splits", "Bones that differ by no more than this make is_bad_skeleton; 0 compares exactly", ""},
+    {"--max-outside", 0, "X", "Cleaning and splits", "A larger part of joints outside the mesh's box makes is_bad_skeleton", ""},
+    {"--max-invented-rows", 0, "X", "Cleaning and splits", "A larger part of vertices without weights in the file makes is_bad_skin", ""},
+    {"--least-weight-sum", 0, "X", "Cleaning and splits", "A vertex with a lower sum makes is_bad_skin", ""},
+    {"--near-skeletons", 0, "ignore|flag|drop", "Cleaning and splits", "Skeletons nearly equal to an earlier one", ""},
+    // --- Preparation ---
+    {"--augment", 0, "N", "Preparation", "Posed variants of every asset", ""},
+    {"--random-poses", 0, "", "Preparation", "Do not take poses from the assets' own animations", ""},
+    {"--pose-probability", 0, "X", "Preparation", "Probability of each joint to be turned in a random pose", ""},
+    {"--pose-angle", 0, "X", "Preparation", "Largest angle of a random pose, degrees", ""},
+    {"--voxel-resolution", 0, "N", "Preparation", "Cells along a side of the voxel grid", "prepare:--resolution"},
+    {"--views", 0, "N", "Preparation", "Views for features (published: 150)", ""},
+    {"--view-size", 0, "N", "Preparation", "Their side in pixels", ""},
+    {"--cond-views", 0, "N", "Preparation", "Views for image conditions (published: 24)", ""},
+    {"--cond-view-size", 0, "N", "Preparation", "Side of the condition views in pixels", ""},
+    {"--cond-cameras", 0, "around|front", "Preparation", "Condition views from all sides, as published, or from where people take pictures", ""},
+    {"--view-samples", 0, "N", "Preparation", "Anti-aliasing of all views: this many squared rays per pixel", ""},
+    {"--view-geometry", 0, "", "Preparation", "Also write normals and depth of all views", ""},
+    {"--features", 0, "MODEL", "Preparation", "Features of voxels: surface, or a DINOv2 model such as dinov2_vitl14_reg", ""},
+    {"--feature-weights", 0, "FILE", "Preparation", "Weights of the DINOv2 model (.pth or .safetensors)", ""},
+    // --- Metrics ---
+    {"--normalize", 0, "centroid-rms|bounding-box|none", "Metrics", "Normalisation before registration", ""},
+    {"--no-icp", 0, "", "Metrics", "Normalise only, do not register", ""},
+    {"--rotations", 0, "N", "Metrics", "Random rotations that registration starts from, beside the identity", ""},
+    {"--icp-scale", 0, "", "Metrics", "Registration may change the scale", ""},
+    {"--icp-plane", 0, "", "Metrics", "Point-to-plane registration", ""},
+    {"--icp-trim", 0, "X", "Metrics", "Fraction of the closest correspondences to keep", ""},
+    {"--exhaustive", 0, "", "Metrics", "Refine every start of registration, without pruning", ""},
+    {"--metrics", 0, "NAME,...", "Metrics", "Only these: skeleton, transport, skin, motion, surface, image, anymate", ""},
+    {"--transport", 0, "exact|sinkhorn", "Metrics", "Computation of W and GW: exact, or sinkhorn with its entropic regularisation", ""},
+    {"--sinkhorn-epsilon", 0, "X", "Metrics", "Regularisation of --transport sinkhorn, as a share of the largest squared distance [0.001 for W, 0.005 for GW]", "eval:--epsilon"},
+    {"--category-split", 0, "FILE", "Metrics", "Files of ids of the ground truth: is the one nearest to a prediction of its category (metric 'category')?", ""},
+    {"--surface-samples", 0, "N", "Metrics", "Points per surface", ""},
+    {"--image-size", 0, "N", "Metrics", "Pixels along a side of the views for PSNR, SSIM and LPIPS", ""},
+    {"--lpips-weights", 0, "FILE [FILE]", "Metrics", "Files (.pth, .pt, .safetensors) with torchvision's vgg16 and with the linear heads of LPIPS v0.1, or one with both; without, LPIPS is not computed", ""},
+    {"--poses", 0, "N", "Metrics", "Poses of the deformation error", ""},
+    {"--motion", 0, "FILE[#CLIP]", "Metrics", "Motion that every ground truth is given, and its predictions with it: a .bvh, or a clip of a rigged .glb, .gltf, .fbx or .dae. Without, the first clip of the ground truth itself; without one, random poses", ""},
+    {"--motion-frames", 0, "N", "Metrics", "Frames of a motion that are compared", ""},
+    {"--motion-images", 0, "N", "Metrics", "Assets to draw in motion, ground truth beside every prediction: in the report, and as frames and GLB in <output>/motion", "eval:--motion-pictures"},
+    {"--train-split", 0, "FILE", "Metrics", "Ids that retrieval chooses from [as the flow's config says]", ""},
+    {"--check", 0, "", "Metrics", "Also decode every latent and compare it with the voxels", ""},
+    // --- Training ---
+    {"--load", 0, "DIR", "Training", "Start from a checkpoint of this other run folder; ignored once the output folder has its own", ""},
+    {"--warm-start", 0, "DIR", "Training", "Folder of pretrained weights (<class name>.safetensors or .pt) for the branches that published runs take from TRELLIS; none: train those too [config's trainer.args.pretrained_dir]", ""},
+    {"--restart", 0, "", "Training", "Begin again as --load and --ckpt say although the output folder has checkpoints: later steps move to ckpts/abandoned-STEP-N there. The same command goes on with what it began until that run has ended", ""},
+    {"--profile", 0, "N", "Training", "Measure where the time of so many steps goes, after two that warm up, into profile.md of the run", ""},
+    {"--schema", 0, "", "Training", "Print the JSON schema of configs with the models, dataset and trainer of --config and stop", ""},
+    {"--print-config", 0, "", "Training", "Print the config in full, with --set, --dataset and every default, and stop", ""},
+    {"--ranks", 0, "N", "Training", "Train by so many processes of this machine", ""},
+    {"--rank-restarts", 0, "N", "Training", "With --ranks: start all again from the last checkpoint, so often, after one has failed", "train:--restarts"},
+    {"--rank-timeout", 0, "SECONDS", "Training", "Time without a sign of life after which a rank is lost", "train:--timeout"},
+    {"--rendezvous", 0, "URL", "Training", "Address by which ranks find each other, tcp://HOST:PORT of rank 0 or file:///PATH [the launcher's environment]", ""},
+    {"--communication", 0, "fp32|bf16", "Training", "Precision of gradients on their way between ranks", ""},
+    // --- Work ---
+    {"--only", 0, "STEP", "Work", "Do only this part of the work", "prepare:--steps"},
+    {"--force", 'f', "", "Work", "Do again what is up to date", "generate:--again encode:--again eval:--no-resume"},
+    {"--retry-failed", 0, "", "Work", "Try again what failed before; what succeeded is kept", ""},
+    {"--accept-other-code", 0, "", "Work", "Keep results of another build of the program when all else is the same", ""},
+    {"--keep-going", 'k', "", "Work", "Exit with 0 although some inputs failed, as long as one did not", "generate:--allow-failures encode:--allow-failures"},
+    {"--strict", 0, "", "Work", "Exit with 1 when a source was rejected, too", ""},
+    {"--dry-run", 0, "", "Work", "Only show what would be done", ""},
+    {"--together", 0, "", "Work", "With --only: others may run the same job at the same time and share its work", ""},
+    {"--emit", 0, "slurm", "Work", "Write array jobs for a cluster instead of running", ""},
+    {"--programs", 0, "DIR", "Work", "Folder of the executables [that of this one]", ""},
+    {"--shard", 0, "I/N", "Work", "Only part I of N, counted from 0; not needed for several to work at once", ""},
+    {"--workers", 0, "N", "Work", "Processes that work at once and share --threads", "experiment:--jobs"},
+    {"--asset-timeout", 0, "SECONDS", "Work", "Time for one asset, after which it counts as failed; 0: no limit", "prepare:--timeout"},
+    {"--memory-mb", 0, "N", "Work", "Memory of one worker, above which its asset counts as failed; 0: no limit", ""},
+    {"--seed", 0, "N", "Work", "Seed of every random draw", ""},
+    {"--threads", 'j', "N", "Work", "Threads to use; 0: all cores", "eval:--workers"},
+    {"--device", 0, "cpu|cuda|cuda:N", "Work", "Device that networks compute on", ""},
+    // --- Messages and help ---
+    {"--quiet", 'q', "", "Messages and help", "No progress bars, warnings only; results are printed all the same", ""},
+    {"--verbose", 'v', "", "Messages and help", "Debugging messages too", ""},
+    {"--log-level", 0, "debug|info|warn|error|off", "Messages and help", "Least level of messages", ""},
+    {"--completion", 0, "bash|zsh|fish|json", "Messages and help", "Print the completion of this shell, or all options as JSON, and stop", ""},
+    {"--man", 0, "", "Messages and help", "Print the manual page (| man -l -) and stop", ""},
+    {"--version", 'V', "", "Messages and help", "Print version, commit and libraries and stop", ""},
+    {"--help", 'h', "", "Messages and help", "Print this help and stop", ""},
+};
+// clang-format on
+
+/// Row of an option. @throws std::logic_error when the table has none of this name
+const OptionRow& option_row(const std::string& name);
+
+/// "-o,--output", as CLI11 takes names.
+std::string spelled(const OptionRow& row);
+
+/// Words of a value that may be nothing else: {"fp32", "bf16"} of "fp32|bf16"; none for other value words and devices.
+std::vector<std::string> choices_of(const OptionRow& row);
+
+/// Gives an option the value word, group and choices of its row.
+CLI::Option* described_option(CLI::Option* option, const OptionRow& row);
+
+/// Adds an option of the table: a flag for a bool. Numbers and texts that are set show their default.
+/// @param note appended to the row's help where a program has something to add
+template <typename T>
+CLI::Option* add_option(CLI::App& app, const std::string& name, T& variable, const std::string& note = "") {
+  const OptionRow& row = option_row(name);
+  const std::string help = row.help + note;
+  if constexpr (std::is_same_v<T, bool>) {
+    return described_option(app.add_flag(spelled(row), variable, help), row);
+  } else {
+    CLI::Option* option = described_option(app.add_option(spelled(row), variable, help), row);
+    bool shown = std::is_arithmetic_v<T>;
+    if constexpr (std::is_same_v<T, std::string>) shown = !variable.empty();
+    return shown ? option->capture_default_str() : option;
+  }
+}
+
+/// A command line in which names of version 0.1 are replaced by today's.
+struct CurrentWords {
+  std::vector<std::string> words;    ///< without the program
+  std::vector<std::string> notices;  ///< one sentence for each name that was replaced
+};
+
+/// @param program "anigen-eval" @param words without the program
+CurrentWords current_words(const std::string& program, const std::vector<std::string>& words);
+
+}  // namespace anigen
