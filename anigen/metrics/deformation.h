@@ -49,22 +49,19 @@ struct DeformationError {
 };
 
 /// Effect of a wrong skeleton or wrong weights on an animation, RigNet's deformation error made precise:
-///  1. In each pose every true joint, with the given probability, gets a rotation about a uniformly random axis. World
-///     orientations multiply down the tree (parent first) and positions follow: R_j = R_parent Q_j, x_j = x_parent +
-///     R_parent (rest_j − rest_parent); roots stay in place.
+///  1. In each pose true joints turn by random_rotations() Q_j: R_j = R_parent Q_j; positions follow (rigid_motions()).
 ///  2. A predicted joint takes the world orientation of the true joint that the plan gives most of its mass to
-///     (strongest_match()); positions follow down the predicted tree by the same formula. Orientations rather than
-///     local rotations are handed over, so that a joint inserted in the middle of a bone does not turn it twice.
+///     (strongest_match()); positions follow down the predicted tree. Orientations rather than local rotations are
+///     handed over, so that a joint inserted in the middle of a bone does not turn it twice.
 ///  3. The true vertices are posed by linear blend skinning, v ↦ Σ_j w_vj (x_j + R_j (v − rest_j)), once with the true
 ///     rig and once with the predicted one.
-/// Draws come from Rng(seed, "deformation", pose), for every true joint in index order whether it turns or not: poses
-/// depend on the true skeleton only. Identical rigs give exactly 0; the numbering of predicted joints does not matter.
+/// Poses depend on the true skeleton only. Identical rigs give exactly 0; the numbering of predicted joints does not
+/// matter.
 /// @param vertices [V], of the true mesh @param predicted_on_truth predicted weights, one row per true vertex; an empty
 ///        row of either counts as weight 1 on joint 0
 /// @param plan [n, m] as in matched_weights()
-/// @throws InputError as check() and matched_weights(), for no vertex, rows or joints that do not fit, or options out
-/// of
-///         range (poses in 1 … 10000, probability in [0, 1], angle finite and not negative)
+/// @throws InputError as check() and matched_weights(), for no vertex, rows or joints that do not fit, or options out of
+/// range (poses in 1 … 10000, probability in [0, 1], angle finite and not negative)
 DeformationError deformation_error(const std::vector<Eigen::Vector3d>& vertices, const JointTree& truth,
                                    const SkinWeights& truth_skin, const JointTree& predicted,
                                    const SkinWeights& predicted_on_truth, const Eigen::MatrixXd& plan,

@@ -96,11 +96,10 @@ Eigen::MatrixXd motion_plan(const JointTree& target, const JointTree& source, do
 inline constexpr double kLeastShare = 0.1;
 
 /// Transfers a motion to another skeleton. In every frame a target joint takes
-///  - the world rotation since the bind pose of its source joints: their quaternions' mean, weighted by the shares of
-///  its
-///    row of the plan (the mean that is the closest rotation in the sense of Markley et al. 2007). A bone that spans
-///    two bones of the source thus turns about as the line through both does; the strongest of them alone would turn it
-///    too far, and switch from one to the other as a prediction changes by a hair;
+///  - the world rotation since the bind pose of its source joints: their quaternions' mean (Markley et al. 2007),
+///    weighted by the shares of its row of the plan. A bone that spans two bones of the source thus turns about as the
+///    line through both does; the strongest of them alone would turn it too far, and switch from one to the other as a
+///    prediction changes by a hair;
 ///  - their shift, weighted alike and times `scale`: the root's travel, and how bones stretch.
 /// A joint whose row is empty moves with its parent; a root with the nearest source joint.
 /// World rotations, not local ones, are handed over: neither the joints' own axes nor a joint more in between count.
