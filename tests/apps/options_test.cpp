@@ -61,7 +61,7 @@ TEST(OptionTable, ValueWordsNameTheirChoices) {
   EXPECT_EQ(spelled(option_row("--seed")), "--seed");
 }
 
-/// How often each identifier stands in a text.
+/// Number of times each identifier stands in a text.
 std::map<std::string, int> identifiers(const std::string& text) {
   std::map<std::string, int> counts;
   std::string word;

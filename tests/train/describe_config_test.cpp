@@ -25,7 +25,7 @@ TrainCommand command_of(const fs::path& config) {
   return command;
 }
 
-// What readers read of every shipped config, without a dataset and without building its models.
+// Reads every shipped config without a dataset and without building its models.
 TEST(DescribeConfig, SchemaOfEveryShippedConfigNamesItsKeys) {
   for (const fs::path& file : shipped_configs()) {
     SCOPED_TRACE(file.string());
