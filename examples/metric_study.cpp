@@ -1,4 +1,4 @@
-// Behaviour of the metrics on real rigs where the answer is known, as Markdown: the tables of docs/metric_study.md.
+// Behaviour of the metrics on real rigs where the answer is known, as Markdown: the tables of docs/results.md.
 //   example_metric_study FOLDER_OF_RIGS OUT.md
 #include <cstdio>
 #include <string>

@@ -38,7 +38,7 @@ class KeyMask {
 Tensor masked_attention(const Tensor& q, const Tensor& k, const Tensor& v, const KeyMask& mask = {});
 
 /// Self attention with keys `c_qkv.*` and `c_proj.*`. Head h owns rows 3dh … 3d(h+1) of c_qkv: its q, then k, then v
-/// (reference anymate-baselines.md, 2.1), unlike nn::DenseAttention.
+/// (docs/reference/anymate.md, 2.1), unlike nn::DenseAttention.
 class InterleavedSelfAttentionImpl : public torch::nn::Module {
  public:
   /// @throws InputError when heads do not divide the width
@@ -64,8 +64,8 @@ class InterleavedCrossAttentionImpl : public torch::nn::Module {
 };
 TORCH_MODULE(InterleavedCrossAttention);
 
-/// Attention with keys `wq.*`, `wk.*`, `wv.*`, `proj.*`; head j owns channels jd … (j+1)d of each (reference
-/// anymate-baselines.md, 3.4).
+/// Attention with keys `wq.*`, `wk.*`, `wv.*`, `proj.*`; head j owns channels jd … (j+1)d of each
+/// (docs/reference/anymate.md, 3.4).
 class SeparateAttentionImpl : public torch::nn::Module {
  public:
   SeparateAttentionImpl(std::int64_t width, std::int64_t data_width, std::int64_t heads, bool qkv_bias);
@@ -78,7 +78,7 @@ class SeparateAttentionImpl : public torch::nn::Module {
 };
 TORCH_MODULE(SeparateAttention);
 
-inline constexpr double kNormEps = 1e-5;  ///< of every layer norm (reference anymate-baselines.md, 2.1)
+inline constexpr double kNormEps = 1e-5;  ///< of every layer norm (docs/reference/anymate.md, 2.1)
 
 /// Linear · GELU in its exact (erf) form · Linear, under the names given.
 class ErfMlpImpl : public torch::nn::Module {
@@ -92,8 +92,8 @@ class ErfMlpImpl : public torch::nn::Module {
 };
 TORCH_MODULE(ErfMlp);
 
-/// Pre-norm self-attention block ("RAB", reference anymate-baselines.md, 2.1): x += attn(ln_1 x), x += mlp(ln_2 x),
-/// with hidden width 4W. Keys `attn.{c_qkv,c_proj}`, `ln_1`, `ln_2`, `mlp.{c_fc,c_proj}`.
+/// Pre-norm self-attention block ("RAB", docs/reference/anymate.md, 2.1): x += attn(ln_1 x), x += mlp(ln_2 x), with
+/// hidden width 4W. Keys `attn.{c_qkv,c_proj}`, `ln_1`, `ln_2`, `mlp.{c_fc,c_proj}`.
 class ResidualAttentionImpl : public torch::nn::Module {
  public:
   ResidualAttentionImpl(std::int64_t width, std::int64_t heads, bool qkv_bias);
@@ -135,8 +135,8 @@ class ResidualStackImpl : public torch::nn::Module {
 TORCH_MODULE(ResidualStack);
 
 /// Widths of the two streams of a read-compute-write denoiser: a few latents z that think, many points x that are read
-/// and written (Jabri et al. 2023, "Scalable Adaptive Computation for Iterative Generation"; reference
-/// anymate-baselines.md, 3.4).
+/// and written (Jabri et al. 2023, "Scalable Adaptive Computation for Iterative Generation"; docs/reference/anymate.md,
+/// 3.4).
 struct ReadWriteOptions {
   std::int64_t z_dim = 768, x_dim = 512, num_heads = 8;
   double mlp_ratio = 4.0;
@@ -207,7 +207,7 @@ TORCH_MODULE(VitBlock);
 void default_layers(torch::nn::Module& module);
 
 /// N(0, std²) weights and zero biases for the linear maps inside every residual attention block at or below `module`
-/// (reference anymate-baselines.md, 2.1). Call it after default_layers.
+/// (docs/reference/anymate.md, 2.1). Call it after default_layers.
 void normal_blocks(torch::nn::Module& module, double std);
 
 /// Both, where initial values are wanted.

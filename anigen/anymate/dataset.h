@@ -18,8 +18,8 @@
 
 namespace anigen::anymate {
 
-/// A skeleton as Anymate's data describe one: bones with two ends, and the joints that these ends are (reference
-/// anymate-baselines.md, 1.2 and 1.5). Some links between joints are no bones: those from the end of a bone with
+/// A skeleton as Anymate's data describe one: bones with two ends, and the joints that these ends are
+/// (docs/reference/anymate.md, 1.2 and 1.5). Some links between joints are no bones: those from the end of a bone with
 /// several children to these.
 struct BoneLayout {
   std::vector<Eigen::Vector3f> joints;        ///< [J] ends of bones, each position once, heads first
@@ -40,8 +40,8 @@ BoneLayout lay_out_bones(const std::vector<Eigen::Vector3f>& joints, const std::
                          const SkinWeights& skin);
 
 /// Frame that Anymate's models expect: Y up, the middle of its box at the origin, its longest side from -1 to 1
-/// (reference anymate-baselines.md, 1.3, the demo's normalisation). The released data put the middle of the *sampled
-/// points* there instead, which is the same but for chance.
+/// (docs/reference/anymate.md, 1.3). The released data put the middle of the *sampled points* there instead, which is
+/// the same but for chance.
 class AnymateFrame {
  public:
   /// @param vertices Z up @throws InputError when they are not finite or have no extent
@@ -71,8 +71,8 @@ torch::Tensor surface_features(const AnymateMesh& mesh, const std::vector<geomet
 /// Positions and area-weighted normals of all vertices, [V, 6] fp32: where skin weights are wanted.
 torch::Tensor vertex_features(const AnymateMesh& mesh);
 
-/// The cells of the 64³ grid over [-1, 1]³ whose middle is inside the mesh or on its wall, [Nv, 3] int8 (reference
-/// anymate-baselines.md, 1.4): the grid that fields of joints are asked about. Closed surfaces are not needed
+/// The cells of the 64³ grid over [-1, 1]³ whose middle is inside the mesh or on its wall, [Nv, 3] int8
+/// (docs/reference/anymate.md, 1.4): the grid that fields of joints are asked about. Closed surfaces are not needed
 /// (rigging/voxels.h).
 torch::Tensor solid_cells(const AnymateMesh& mesh);
 
@@ -82,8 +82,8 @@ struct AnymateConversion {
   std::uint64_t seed = 0;     ///< of the points
 };
 
-/// A rigged mesh as a sample of Anymate's data (reference anymate-baselines.md, 1.7): points with face normals,
-/// uniform over the surface; bones and joints of lay_out_bones(); weights of the bones, interpolated within faces.
+/// A rigged mesh as a sample of Anymate's data (docs/reference/anymate.md, 1.7): points with face normals, uniform over
+/// the surface; bones and joints of lay_out_bones(); weights of the bones, interpolated within faces.
 /// @param bone_of filled, where wanted, with the bone of each of the rig's joints, -1 for none
 /// @throws InputError naming the asset: as anymate_mesh and lay_out_bones
 AnymateSample convert_rig(const data::RiggedItem& item, const AnymateConversion& options = {},

@@ -13,22 +13,22 @@ using torch::Tensor;
 inline constexpr std::int64_t kHarmonics = 25;  ///< real spherical harmonics up to degree 4
 
 /// [x, sin(f_k x_d), cos(f_k x_d)] with f_k = 2^k, k = 0 … num_freqs - 1, times π if asked for; all k of the first
-/// coordinate, then of the next; all sines before all cosines (reference anymate-baselines.md, 2.1). Differs from
+/// coordinate, then of the next; all sines before all cosines (docs/reference/anymate.md, 2.1). Differs from
 /// nn::FourierEmbedding in frequencies and order.
 /// @param x [..., D] floating @return [..., fourier_width(num_freqs, D)], dtype of x
 Tensor fourier_features(const Tensor& x, std::int64_t num_freqs, bool include_pi);
 inline std::int64_t fourier_width(std::int64_t num_freqs, std::int64_t dims = 3) { return dims * (2 * num_freqs + 1); }
 
 /// Real spherical harmonics of a direction, degree by degree; the direction is taken as it is, not normalised
-/// (reference anymate-baselines.md, 2.1). @param directions [..., 3] floating @return [..., 25], its dtype
+/// (docs/reference/anymate.md, 2.1). @param directions [..., 3] floating @return [..., 25], its dtype
 Tensor spherical_harmonics(const Tensor& directions);
 
 using torch::Tensor;
 
-/// The noise levels of Anymate's diffusion and DDIM's step between them (Song et al. 2021; reference
-/// anymate-baselines.md, 3.2): β linear from 1e-4 to 0.02 over all training steps, the network predicts the noise, the
-/// predicted data are clamped to [-1, 1] and the noise is not formed again from them, no noise is added (η = 0). With
-/// the released 100 steps the last level still holds 60 % of the signal, although sampling starts from noise alone.
+/// The noise levels of Anymate's diffusion and DDIM's step between them (Song et al. 2021; docs/reference/anymate.md,
+/// 3.2): β linear from 1e-4 to 0.02 over all training steps, the network predicts the noise, the predicted data are
+/// clamped to [-1, 1] and the noise is not formed again from them, no noise is added (η = 0). With the released 100
+/// steps the last level still holds 60 % of the signal, although sampling starts from noise alone.
 class DdimSchedule {
  public:
   /// @param train_steps T @throws InputError unless positive
@@ -71,7 +71,7 @@ struct DenoisingTerm {
   Tensor loss;       ///< scalar: mean squared error of the predicted noise
 };
 
-/// The DDPM objective (Ho et al. 2020; reference anymate-baselines.md, 3.2).
+/// The DDPM objective (Ho et al. 2020; docs/reference/anymate.md, 3.2).
 /// @param joints [B, N, 3], the real ones repeated in turn (collate_diffusion) @param noise [B, N, 3] normal draws
 /// @param t [B] int64 levels, drawn evenly @throws InputError for shapes
 DenoisingTerm denoising_term(JointDenoiserImpl& model, const DdimSchedule& schedule, const Tensor& joints,
@@ -98,8 +98,8 @@ struct ConcatDenoiserOptions {
   double cond_drop_prob = 0.1;  ///< of an item's latents becoming zero while training
 };
 
-/// Denoiser of a sequence [latents, level, joints] ("Pointe_Diffusion", after Nichol et al. 2022, "Point-E"; reference
-/// anymate-baselines.md, 3.3). Keys `time_embed.{c_fc,c_proj}`, `ln_pre`, `backbone.resblocks.<i>.*`, `ln_post`,
+/// Denoiser of a sequence [latents, level, joints] ("Pointe_Diffusion", after Nichol et al. 2022, "Point-E";
+/// docs/reference/anymate.md, 3.3). Keys `time_embed.{c_fc,c_proj}`, `ln_pre`, `backbone.resblocks.<i>.*`, `ln_post`,
 /// `input_proj`, `output_proj`.
 class ConcatDenoiserImpl : public JointDenoiserImpl {
  public:
@@ -139,7 +139,7 @@ class LatentCompressionImpl : public torch::nn::Module {
 TORCH_MODULE(LatentCompression);
 
 /// Denoiser that reads joints into latents, computes there and writes back ("Cross_Attention_Diffusion", after Huang et
-/// al. 2024, "PointInfinity"; reference anymate-baselines.md, 3.4). Keys `prev_latent`, `z_init`, `proj_transformer.*`,
+/// al. 2024, "PointInfinity"; docs/reference/anymate.md, 3.4). Keys `prev_latent`, `z_init`, `proj_transformer.*`,
 /// `input_proj`, `ln_pre`, `time_embed.{fc1,fc2}`, `latent_mlp.{fc1,fc2}`, `ln_latent`, `blocks.<i>.*`, `ln_post`,
 /// `output_proj`. The condition is compressed once while nn::ConditionCache lives.
 class CrossDenoiserImpl : public JointDenoiserImpl {

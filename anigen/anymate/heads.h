@@ -35,7 +35,7 @@ class PairLogits {
 };
 
 /// Connectivity: the parent of each joint, from joints and a shape. Row i of the logits is joint i as a child, column m
-/// a candidate for its parent, and column i of row i says that i is a root (reference anymate-baselines.md, 1.6 and 4).
+/// a candidate for its parent, and column i of row i says that i is a root (docs/reference/anymate.md, 1.6 and 4).
 class ConnectivityImpl : public torch::nn::Module {
  public:
   /// @param latents [B, L, W] @param joints [B, J or more, 3] in [-1, 1], padded @param mask [B, J], not zero for real
@@ -58,10 +58,9 @@ Tensor likeliest_parents(const Tensor& logits);
 /// @throws InputError for shapes and for a parent that is no joint
 Tensor bones_of(const Tensor& joints, const Tensor& parents);
 
-/// "attendjoints_con_combine" (reference anymate-baselines.md, 4.1): joints become child tokens in one branch and
-/// parent tokens in another; branches share their attention to the latents and have their own among joints. Masked
-/// columns get -1e8. Keys `co_proj`, `cross_attn.<j>.*`, `self_attn.<layers · branch + j>.*`, `q_proj`, `k_proj`,
-/// `ln_1`, `ln_2`.
+/// "attendjoints_con_combine" (docs/reference/anymate.md, 4.1): joints become child tokens in one branch and parent
+/// tokens in another; branches share their attention to the latents and have their own among joints. Masked columns get
+/// -1e8. Keys `co_proj`, `cross_attn.<j>.*`, `self_attn.<layers · branch + j>.*`, `q_proj`, `k_proj`, `ln_1`, `ln_2`.
 class TwoBranchConnectivityImpl : public ConnectivityImpl {
  public:
   explicit TwoBranchConnectivityImpl(const HeadOptions& options = {}, std::int64_t layers = 2,
@@ -89,9 +88,9 @@ class LinearChainImpl : public torch::nn::Module {
 };
 TORCH_MODULE(LinearChain);
 
-/// "attendjoints_con_token" (reference anymate-baselines.md, 4.2): joints and latents through one transformer; a
-/// learned token beside each joint says whether it is meant as a child or as a parent. Masked joints are hidden from
-/// the attention only: their columns keep their logits. Keys `head_token`, `tail_token` [1, 1, T], `layer_norm`,
+/// "attendjoints_con_token" (docs/reference/anymate.md, 4.2): joints and latents through one transformer; a learned
+/// token beside each joint says whether it is meant as a child or as a parent. Masked joints are hidden from the
+/// attention only: their columns keep their logits. Keys `head_token`, `tail_token` [1, 1, T], `layer_norm`,
 /// `head_mlp.{0..3}`, `tail_mlp.{0..3}`, `self_attn.resblocks.<i>.*`, `joints_proj`, `output_proj_joints`.
 class TokenConnectivityImpl : public ConnectivityImpl {
  public:
@@ -125,8 +124,8 @@ class SkinningImpl : public torch::nn::Module {
   virtual Tensor forward(const SkinningInput& input, std::int64_t chunk = 0) = 0;
 };
 
-/// Points and bones as tokens (reference anymate-baselines.md, 5.1). Not a module: registers its maps in the head, with
-/// the keys `bone_proj.*`, and `co_proj.*` and `normal_proj.*` or, as the option `separate` has it, `pc_proj.*`.
+/// Points and bones as tokens (docs/reference/anymate.md, 5.1). Not a module: registers its maps in the head, with the
+/// keys `bone_proj.*`, and `co_proj.*` and `normal_proj.*` or, as the option `separate` has it, `pc_proj.*`.
 class SkinningEmbedding {
  public:
   SkinningEmbedding() = default;
@@ -147,8 +146,8 @@ Tensor training_points(std::int64_t points, std::int64_t count = 1024);
 /// first. @param vertices [V, 3] @param points [N, 3] @param logits [N, K] @return [V, K] @throws InputError
 Tensor nearest_point_logits(const Tensor& vertices, const Tensor& points, const Tensor& logits);
 
-/// Losses over bones, means over all points of a batch (reference anymate-baselines.md, 5 and 6.4). The softmax is
-/// taken in the dtype of the logits, everything else in the wider dtype of the two.
+/// Losses over bones, means over all points of a batch (docs/reference/anymate.md, 5 and 6.4). The softmax is taken in
+/// the dtype of the logits, everything else in the wider dtype of the two.
 struct SkinningLosses {
   Tensor cos;        ///< 1 - cosine of softmax and truth
   Tensor cos_clamp;  ///< the same of clamp(1.002 softmax - 0.001, 0, 1): the released training loss
@@ -157,10 +156,10 @@ struct SkinningLosses {
 /// @param logits, truth [B, N, K]; rows of the truth need not sum to 1 @throws InputError for shapes
 SkinningLosses skinning_losses(const Tensor& logits, const Tensor& truth);
 
-/// "attendjoints_combine" (reference anymate-baselines.md, 5.1): points and bones attend to the latents, then to the
-/// bones, twice. Points do not see each other, so they can be taken in any chunks, and mesh vertices are asked about
-/// directly. Keys `bone_proj` … (SkinningEmbedding), `cross_attn.<i>.*`, `cross_attn_joint.<i>.*`, `q_proj`, `k_proj`,
-/// `ln_1`, `ln_2`.
+/// "attendjoints_combine" (docs/reference/anymate.md, 5.1): points and bones attend to the latents, then to the bones,
+/// twice. Points do not see each other, so they can be taken in any chunks, and mesh vertices are asked about directly.
+/// Keys `bone_proj` … (SkinningEmbedding), `cross_attn.<i>.*`, `cross_attn_joint.<i>.*`, `q_proj`, `k_proj`, `ln_1`,
+/// `ln_2`.
 class CrossSkinningImpl : public SkinningImpl {
  public:
   /// @param separate one map for positions and normals together
@@ -190,11 +189,10 @@ struct ConcatSkinningOptions {
   bool tiled_masks = false;
 };
 
-/// "attendjoints_multi" (reference anymate-baselines.md, 5.2): each run of concat_num points goes through one
-/// transformer together with all bones and latents. Runs are part of what the model means, so there must be a whole
-/// number of them; mesh vertices take the logits of the nearest point (nearest_point_logits). Keys
-/// `self_attn.resblocks.<i>.*`, `bone_proj` … (SkinningEmbedding), `output_proj_joints`, `output_proj_points`,
-/// `layer_norm`.
+/// "attendjoints_multi" (docs/reference/anymate.md, 5.2): each run of concat_num points goes through one transformer
+/// together with all bones and latents. Runs are part of what the model means, so there must be a whole number of them;
+/// mesh vertices take the logits of the nearest point (nearest_point_logits). Keys `self_attn.resblocks.<i>.*`,
+/// `bone_proj` … (SkinningEmbedding), `output_proj_joints`, `output_proj_points`, `layer_norm`.
 class ConcatSkinningImpl : public SkinningImpl {
  public:
   explicit ConcatSkinningImpl(const HeadOptions& head = {}, const ConcatSkinningOptions& options = {},

@@ -30,11 +30,11 @@ std::vector<std::int64_t> dbscan_labels(const Tensor& points, const DbscanOption
 Tensor cluster_means(const Tensor& points, const std::vector<std::int64_t>& labels);
 
 /// Clusters the joints of a regression or a diffusion into a set: the means of dbscan_labels. The released eps is
-/// 0.03 for regression and 0.05 for diffusion (reference anymate-baselines.md, 3.1 and 3.2).
+/// 0.03 for regression and 0.05 for diffusion (docs/reference/anymate.md, 3.1 and 3.2).
 Tensor merged_joints(const Tensor& joints, const DbscanOptions& options = {});
 
-/// Joints straight from the shape ("transformer_latent", reference anymate-baselines.md, 3.1): learned queries attend
-/// to the latents once. Keys `query` [Q, W], `cross_attn_decoder.*`, `ln_post.*`, `output_proj.*`.
+/// Joints straight from the shape ("transformer_latent", docs/reference/anymate.md, 3.1): learned queries attend to the
+/// latents once. Keys `query` [Q, W], `cross_attn_decoder.*`, `ln_post.*`, `output_proj.*`.
 class JointRegressionImpl : public torch::nn::Module {
  public:
   /// @param num_joints queries, and so joints; merged_joints (dbscan.h) makes one of those that fall together
@@ -52,7 +52,7 @@ class JointRegressionImpl : public torch::nn::Module {
 TORCH_MODULE(JointRegression);
 
 /// Mean over the batch of the distance between two point sets: half the mean distance of each prediction to its nearest
-/// joint plus half that of each joint to its nearest prediction, not squared (reference anymate-baselines.md, 6.1).
+/// joint plus half that of each joint to its nearest prediction, not squared (docs/reference/anymate.md, 6.1).
 /// @param predicted [B, Q, 3] @param joints [B, J, 3], padded @param counts of real joints of each item, at least 1
 /// @return scalar @throws InputError for shapes or counts that do not fit
 Tensor joint_chamfer_loss(const Tensor& predicted, const Tensor& joints, const std::vector<std::int64_t>& counts);
@@ -66,8 +66,8 @@ struct JointPrediction {
   Tensor cells;                        ///< [V, 3] integers in [0, 64): where a field is asked about; only it needs them
 };
 
-/// The joints of one shape by whichever decoder for joints the model has, merged as at inference (reference
-/// anymate-baselines.md, 3). No gradient is recorded.
+/// The joints of one shape by whichever decoder for joints the model has, merged as at inference
+/// (docs/reference/anymate.md, 3). No gradient is recorded.
 /// @param latents [1, ...], of AnymateModelImpl::encode @return [J, 3] fp32 on the CPU; a field may have none
 /// @throws InputError for a decoder of another task, shapes, and noise or cells that are missing
 Tensor predicted_joints(AnymateModelImpl& model, const Tensor& latents, const JointPrediction& options = {});

@@ -40,7 +40,7 @@ const std::string& name_of(DecoderKind kind);
 enum class Task { kJointRegression, kDenoisedJoints, kJointVolume, kConnectivity, kSkinning };
 Task task_of(DecoderKind kind);
 
-/// Sizes of a model; the defaults are the released ones (reference anymate-baselines.md, 2 to 5).
+/// Sizes of a model; the defaults are the released ones (docs/reference/anymate.md, 2, 3, 4 and 5).
 struct ModelOptions : JsonOptions<ModelOptions> {
   EncoderKind encoder = EncoderKind::kBert;
   DecoderKind decoder = DecoderKind::kJointRegression;
@@ -81,8 +81,8 @@ struct ModelOptions : JsonOptions<ModelOptions> {
 
 using torch::Tensor;
 
-/// One sample of Anymate's data, as its files hold it (reference anymate-baselines.md, 1.2), in its frame: longest side
-/// from -1 to 1, Y up. What is undefined is left out of the batch; joints and bones must be there.
+/// One sample of Anymate's data, as its files hold it (docs/reference/anymate.md, 1.2), in its frame: longest side from
+/// -1 to 1, Y up. What is undefined is left out of the batch; joints and bones must be there.
 struct AnymateSample {
   std::string name;     ///< for messages
   Tensor points_cloud;  ///< `pc` [N, 6] positions and face normals
@@ -98,8 +98,8 @@ struct CollateOptions {
   std::int64_t max_joints = 96, max_bones = 64;  ///< rows that joints and bones are padded to, with -3
 };
 
-/// Samples as tensors with an axis of items (reference anymate-baselines.md, 1.6). A tensor is undefined when the
-/// samples do not have what it is made of.
+/// Samples as tensors with an axis of items (docs/reference/anymate.md, 1.6). A tensor is undefined when the samples do
+/// not have what it is made of.
 struct AnymateBatch {
   std::vector<std::string> names;
   Tensor points_cloud;                   ///< [B, N, 6] fp32
@@ -124,12 +124,12 @@ AnymateBatch collate(const std::vector<AnymateSample>& samples, const CollateOpt
 AnymateBatch collate_diffusion(const std::vector<AnymateSample>& samples, std::int64_t points = 128,
                                const CollateOptions& options = {});
 
-/// A decoder by its kind, as its own class behind the base class. Reference anymate-baselines.md, 3 to 5.
+/// A decoder by its kind, as its own class behind the base class. docs/reference/anymate.md, 3, 4 and 5.
 std::shared_ptr<torch::nn::Module> make_decoder(const ModelOptions& options, nn::Init init = nn::Init::kPublished);
 
 /// An encoder and one decoder, with the keys of released checkpoints: `encoder.*`, `point_proj.*` (Point-BERT, and
-/// Michelangelo with load_encoder), `points_cloud_embed.*` (scratch encoder), `decoder.*` (reference
-/// anymate-baselines.md, 2.0). Load a checkpoint's `state_dict` strictly (nn/state_dict.h).
+/// Michelangelo with load_encoder), `points_cloud_embed.*` (scratch encoder), `decoder.*` (docs/reference/anymate.md,
+/// 2). Load a checkpoint's `state_dict` strictly (nn/state_dict.h).
 class AnymateModelImpl : public torch::nn::Module {
  public:
   explicit AnymateModelImpl(const ModelOptions& options, nn::Init init = nn::Init::kPublished);

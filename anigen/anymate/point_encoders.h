@@ -35,10 +35,10 @@ class PointwiseConvImpl : public torch::nn::Module {
 };
 TORCH_MODULE(PointwiseConv);
 
-/// Encoder of a group of points (Yu et al. 2022, "Point-BERT", after PointNet; reference
-/// anymate-baselines.md, 2.2): each point through two layers, the maximum over the group beside each, two more layers,
-/// the maximum again. Batch norms take statistics over all points while training and their running ones in evaluation.
-/// Keys `first_conv.{0,1,3}` and `second_conv.{0,1,3}`, of which 1 is the norm.
+/// Encoder of a group of points (Yu et al. 2022, "Point-BERT", after PointNet; docs/reference/anymate.md, 2.2): each
+/// point through two layers, the maximum over the group beside each, two more layers, the maximum again. Batch norms
+/// take statistics over all points while training and their running ones in evaluation. Keys `first_conv.{0,1,3}` and
+/// `second_conv.{0,1,3}`, of which 1 is the norm.
 class MiniPointNetImpl : public torch::nn::Module {
  public:
   MiniPointNetImpl(std::int64_t in, std::int64_t out);
@@ -68,9 +68,9 @@ struct PointGroups {
   Tensor points;   ///< [B, G, M, point_dims], positions relative to the centre, then what else a point has
 };
 
-/// Point-BERT (Yu et al. 2022) with the layout of PointLLM, which Anymate starts from (reference anymate-baselines.md,
-/// 2.2). Keys `cls_token`, `cls_pos`, `encoder.*` (MiniPointNet), `reduce_dim.*`, `pos_embed.{0,2}.*`,
-/// `blocks.blocks.<i>.*`, `norm.*`.
+/// Point-BERT (Yu et al. 2022) with the layout of PointLLM, which Anymate starts from (docs/reference/anymate.md, 2.2).
+/// Keys `cls_token`, `cls_pos`, `encoder.*` (MiniPointNet), `reduce_dim.*`, `pos_embed.{0,2}.*`, `blocks.blocks.<i>.*`,
+/// `norm.*`.
 class PointBertImpl : public torch::nn::Module {
  public:
   explicit PointBertImpl(const PointBertOptions& options = {}, nn::Init init = nn::Init::kPublished);
@@ -109,8 +109,8 @@ struct PerceiverOptions {
   bool ln_post = false;  ///< a layer norm at the end
 };
 
-/// Points to a few tokens (Jaegle et al. 2021, "Perceiver"; reference anymate-baselines.md, 2.3 and 2.4): learned
-/// queries attend to all points once, then to each other. Keys `query` [M, W], `input_proj.*`, `cross_attn.*`,
+/// Points to a few tokens (Jaegle et al. 2021, "Perceiver"; docs/reference/anymate.md, 2.3 and 2.4): learned queries
+/// attend to all points once, then to each other. Keys `query` [M, W], `input_proj.*`, `cross_attn.*`,
 /// `self_attn.resblocks.<i>.*` and, if asked for, `ln_post.*`. Parameters are not initialised here.
 class PerceiverEncoderImpl : public torch::nn::Module {
  public:
@@ -152,7 +152,7 @@ struct MichelangeloCode {
 };
 
 /// The shape encoder of Michelangelo (Zhao et al. 2023) as Anymate widened it: 25 harmonics of the normal as further
-/// input (reference anymate-baselines.md, 2.3). Keys `shape_projection`, `encoder.*` (PerceiverEncoder), `pre_kl.*`,
+/// input (docs/reference/anymate.md, 2.3). Keys `shape_projection`, `encoder.*` (PerceiverEncoder), `pre_kl.*`,
 /// `post_kl.*`, `transformer.resblocks.<i>.*`; with only_embed the first two alone.
 class MichelangeloEncoderImpl : public torch::nn::Module {
  public:
@@ -183,8 +183,8 @@ struct ScratchEncoderOptions {
   double init_scale = 0.25;
 };
 
-/// The point encoder that the released diffusion config trains from random weights (reference anymate-baselines.md,
-/// 2.4): a perceiver over positions and normals, all maps with biases. Keys `encoder.*` (PerceiverEncoder).
+/// The point encoder that the released diffusion config trains from random weights (docs/reference/anymate.md, 2.4): a
+/// perceiver over positions and normals, all maps with biases. Keys `encoder.*` (PerceiverEncoder).
 class ScratchEncoderImpl : public torch::nn::Module {
  public:
   explicit ScratchEncoderImpl(const ScratchEncoderOptions& options = {}, nn::Init init = nn::Init::kPublished);
@@ -200,8 +200,8 @@ struct ProjectionWidths {
   std::int64_t in = 384, hidden_1 = 512, hidden_2 = 512, out = 768;
 };
 
-/// Point-BERT's tokens in the width of the decoders (reference anymate-baselines.md, 2.2): Linear · GELU · Linear ·
-/// GELU · Linear. Keys `0.*`, `2.*`, `4.*`.
+/// Point-BERT's tokens in the width of the decoders (docs/reference/anymate.md, 2.2): Linear · GELU · Linear · GELU ·
+/// Linear. Keys `0.*`, `2.*`, `4.*`.
 class TokenProjectionImpl : public torch::nn::Module {
  public:
   explicit TokenProjectionImpl(const ProjectionWidths& widths);

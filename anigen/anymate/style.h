@@ -30,7 +30,7 @@ enum class StyleNoise {
 };
 
 /// 3 x 3 convolution whose weights are scaled by a style and brought back to unit variance (Karras et al. 2020,
-/// "StyleGAN2"; reference anymate-baselines.md, 3.7), then noise, bias and a leaky ReLU of slope 0.2 and gain √2. Keys
+/// "StyleGAN2"; docs/reference/anymate.md, 3.7), then noise, bias and a leaky ReLU of slope 0.2 and gain √2. Keys
 /// `weight` [out, in, 3, 3], `noise_strength`, `bias`, `resample_filter`, `noise_const`, `affine.*`.
 class StyledConvImpl : public torch::nn::Module {
  public:
@@ -87,7 +87,7 @@ class StyleBlockImpl : public torch::nn::Module {
 TORCH_MODULE(StyleBlock);
 
 /// An image from a vector by StyleGAN2 with skips between resolutions, for unlabelled vectors and without truncation
-/// (reference anymate-baselines.md, 3.7). Keys `synthesis.b<side>.*` and `mapping.{w_avg, fc<i>.*}`.
+/// (docs/reference/anymate.md, 3.7). Keys `synthesis.b<side>.*` and `mapping.{w_avg, fc<i>.*}`.
 class StyleGeneratorImpl : public torch::nn::Module {
  public:
   /// Parameters are not initialised. @throws InputError for a resolution that is no power of two from 4 on

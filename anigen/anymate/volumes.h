@@ -24,8 +24,8 @@ class JointVolumeImpl : public torch::nn::Module {
   virtual Tensor forward(const Tensor& latents, const Tensor& queries) = 0;
 };
 
-/// Query points of an item's field: the lower corner of each occupied cell, i / 32 - 1 (reference
-/// anymate-baselines.md, 1.4 and 3.5). @param voxels [V, 3] integers in [0, 64) @return [V, 3] fp32
+/// Query points of an item's field: the lower corner of each occupied cell, i / 32 - 1 (docs/reference/anymate.md, 1.4
+/// and 3.5). @param voxels [V, 3] integers in [0, 64) @return [V, 3] fp32
 /// @throws InputError for another shape or an index outside
 Tensor voxel_corners(const Tensor& voxels);
 
@@ -45,16 +45,16 @@ Tensor joint_volume_loss(JointVolumeImpl& model, const Tensor& latents, const st
 /// @param latents [1, ...] @return [V, 1] logits
 Tensor joint_volume(JointVolumeImpl& model, const Tensor& latents, const Tensor& voxels, std::int64_t chunk = 16384);
 
-/// Joints from a field (reference anymate-baselines.md, 3.5): cells above a level fall into clusters of neighbours (26
-/// of them); as long as a cluster has ten cells or more, its lower values are cut away and what remains is clustered
+/// Joints from a field (docs/reference/anymate.md, 3.5): cells above a level fall into clusters of neighbours (26 of
+/// them); as long as a cluster has ten cells or more, its lower values are cut away and what remains is clustered
 /// again. A cluster of equal values, for which the released program never ends, is left as it is.
 /// @param logits [V] or [V, 1] @param voxels [V, 3] integers in [0, 64); of a cell named twice the last value counts
 /// @return [K, 3] fp64, mean corner of each cluster, clusters by their first cell in x, y, z order
 /// @throws InputError for shapes, indices outside and values that are not finite
 Tensor joint_key_points(const Tensor& logits, const Tensor& voxels);
 
-/// The field as a function of the position ("implicit_transformer", reference anymate-baselines.md, 3.6): each query
-/// attends to the latents once. Keys `query_proj.*`, `cross_attn_decoder.*`, `ln_post.*`, `output_proj.*`.
+/// The field as a function of the position ("implicit_transformer", docs/reference/anymate.md, 3.6): each query attends
+/// to the latents once. Keys `query_proj.*`, `cross_attn_decoder.*`, `ln_post.*`, `output_proj.*`.
 class ImplicitVolumeImpl : public JointVolumeImpl {
  public:
   explicit ImplicitVolumeImpl(const HeadOptions& options = {}, nn::Init init = nn::Init::kPublished);
@@ -90,9 +90,9 @@ class PlaneHeadImpl : public torch::nn::Module {
 };
 TORCH_MODULE(PlaneHead);
 
-/// The field by three planes of features that a generator makes of one vector ("triplane", reference
-/// anymate-baselines.md, 3.7). Keys `backbone.*` (StyleGenerator), `decoder.net.*`. Planes are made once while
-/// nn::ConditionCache lives and no gradient is recorded.
+/// The field by three planes of features that a generator makes of one vector ("triplane", docs/reference/anymate.md,
+/// 3.7). Keys `backbone.*` (StyleGenerator), `decoder.net.*`. Planes are made once while nn::ConditionCache lives and
+/// no gradient is recorded.
 class TriplaneVolumeImpl : public JointVolumeImpl {
  public:
   /// @param options img_channels are set to those of three planes

@@ -44,8 +44,8 @@ struct Similarity {
 /// stay as they are: translations carry the change.
 void apply(const Similarity& similarity, Asset& asset);
 
-/// Puts the mesh's bounding box into [-0.5, 0.5]³: centre at the origin, longest side 1 (reference
-/// training-and-data.md, section 1.1). @return what was applied
+/// Puts the mesh's bounding box into [-0.5, 0.5]³: centre at the origin, longest side 1 (docs/reference/training.md,
+/// 1.1). @return what was applied
 /// @throws InputError when the box is empty, not finite, or has no extent
 Similarity normalize(Asset& asset);
 

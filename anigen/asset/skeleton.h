@@ -60,7 +60,7 @@ JointTree joint_tree(const Skeleton& skeleton);
 std::vector<int> roots(const JointTree& tree);
 
 /// A forest as one tree: every further root becomes a child of the first one, which makes geodesics finite
-/// (reference training-and-data.md, 7.3).
+/// (docs/reference/training.md, 7.3).
 JointTree connected(JointTree tree);
 
 /// @throws InputError naming `file` and the joint: lengths differ, there is no joint, a parent is out of range or

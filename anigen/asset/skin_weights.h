@@ -42,12 +42,12 @@ SkinWeights from_dense(const std::vector<float>& dense, std::size_t rows, std::s
                        std::size_t* unweighted = nullptr);
 
 /// Largest distance from its anchor at which a joint may move a vertex of a generated asset, in hops along the
-/// skeleton: 2 · max(1, ⌊J / 10⌋) (reference flows-and-pipeline.md, 5.9).
+/// skeleton: 2 · max(1, ⌊J / 10⌋) (docs/reference/flows.md, 5.7).
 int published_max_hops(std::size_t joints);
 
 /// Drops the weights of joints that are farther than `max_hops` from the vertex' anchor and divides what is left by its
-/// sum (reference flows-and-pipeline.md, 5.9): a learned decoder gives every joint some weight, so that a hand would
-/// follow the other hand a little. A row with a sum of 1e-8 or less becomes weight 1 on its anchor.
+/// sum (docs/reference/flows.md, 5.7): a learned decoder gives every joint some weight, so that a hand would follow the
+/// other hand a little. A row with a sum of 1e-8 or less becomes weight 1 on its anchor.
 /// @param hops [J][J] distances along the undirected skeleton, as skeleton_field::hop_distances gives them
 /// @param anchors [V] a joint per vertex; empty: the heaviest joint of its row, joint 0 for a row without weights
 /// @throws InputError when hops is not square, anchors has another length, or a joint is out of range
@@ -63,7 +63,7 @@ struct SkinSmoothing {
   bool empties_isolated = false;
 };
 
-/// Weights averaged over the mesh (reference flows-and-pipeline.md, 5.9): `iterations` times
+/// Weights averaged over the mesh (docs/reference/flows.md, 5.7): `iterations` times
 ///     w_v ← (1 − α) w_v + α · mean over neighbours of w,    each row then divided by its sum,
 /// neighbours along the edges of the mesh. An empty row stays empty until a neighbour has weights. Weights below 1e-7
 /// at the end are dropped, since they are nothing beside the rounding of the others.

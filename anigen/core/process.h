@@ -93,7 +93,7 @@ bool interrupt_requested();
 /// @throws Interrupted when the flag is up. Call where everything worth keeping has been saved.
 void throw_if_interrupted();
 
-/// How to start a program.
+/// A program to be started.
 struct Program {
   std::vector<std::string> words;        ///< the program's file, then its arguments
   std::string file;                      ///< what to run instead of words[0], which stays its name

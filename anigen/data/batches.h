@@ -75,8 +75,8 @@ std::vector<std::size_t> bucketed_permutation(const std::vector<std::uint64_t>& 
                                               std::uint64_t seed, std::uint64_t epoch);
 
 /// Deals items into groups of similar total load by the longest-processing-time rule (Graham 1969): items by falling
-/// load, each to the group that is lightest so far, the first of several (reference training-and-data.md, 1.4,
-/// collation). Equal loads keep their order.
+/// load, each to the group that is lightest so far, the first of several (docs/reference/training.md, 1.3). Equal loads
+/// keep their order.
 /// @param groups at least 1 @param equal_size a group with loads.size() / groups items takes no more; the number of
 /// items must then be a multiple of groups @return item indices per group, by falling load
 /// @throws InputError when it is not, or groups is 0

@@ -187,9 +187,9 @@ FeatureSkeletonOptions FeatureSkeletonOptions::read(ConfigReader& reader) {
 
 namespace {
 
-// AniGenSparseFeat2Skeleton: what the structured-latent auto-encoder learns from (paper 3.3; reference
-// training-and-data.md, 1.4). Reads features, skeleton voxels, one random view and the rig of an asset; the first stage
-// needs the rig only and reads the same folders through SkinDataset.
+// AniGenSparseFeat2Skeleton: what the structured-latent auto-encoder learns from (paper 3.3;
+// docs/reference/training.md, 1.3). Reads features, skeleton voxels, one random view and the rig of an asset; the first
+// stage needs the rig only and reads the same folders through SkinDataset.
 class FeatureSkeletonDataset : public AssetDataset {
  public:
   FeatureSkeletonDataset(std::vector<AssetId> assets, const FeatureSkeletonOptions& options, std::uint64_t seed)

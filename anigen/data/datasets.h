@@ -77,7 +77,7 @@ class AssetDataset : public BatchSource {
   mutable BrokenAssets broken_;
 };
 
-/// `dataset.args` of AniGenSparseFeat2Skeleton, all of them (reference training-and-data.md, 1.4). Rows need
+/// `dataset.args` of AniGenSparseFeat2Skeleton, all of them (docs/reference/training.md, 1.3). Rows need
 /// `feature_<model>` and the column `is_bad_skin`; at most `max_num_voxels` voxels, no `is_bad_skeleton`; with
 /// `filter_bad_skin` no bad skin; with `test_mode` only rows whose `is_test` equals the argument.
 struct FeatureSkeletonOptions {
@@ -108,9 +108,8 @@ struct FeatureSkeletonBatch : Batch {
   std::vector<bool> is_bad_skin;  ///< [B] column of metadata.csv
 };
 
-/// `dataset.args` of AniGenSparseStructureLatent and its image-conditioned form (reference training-and-data.md, 1.4).
-/// Rows need `ss_latent_<latent_model>`. `normalization` and `normalization_skl` as dense_latent_statistics() reads
-/// them.
+/// `dataset.args` of AniGenSparseStructureLatent and its image-conditioned form (docs/reference/training.md, 1.3). Rows
+/// need `ss_latent_<latent_model>`. `normalization` and `normalization_skl` as dense_latent_statistics() reads them.
 struct StructureLatentOptions : LatentDatasetOptions {
   /// Decoder that turns samples into voxels for pictures; nothing here reads it. `pretrained_ss_dec`, the published
   /// name of one to download, is only warned of.
@@ -142,7 +141,7 @@ class StructureLatentDataset : public AssetDataset {
   StructureLatentOptions options_;
 };
 
-/// `dataset.args` of AniGenSparseStructure (reference training-and-data.md, 1.4). Rows need `voxelized`.
+/// `dataset.args` of AniGenSparseStructure (docs/reference/training.md, 1.3). Rows need `voxelized`.
 struct SparseStructureOptions {
   SourceOptions sources;
   int resolution = 64;        ///< edge of the grids; the voxel files are read at this resolution
@@ -170,7 +169,7 @@ class SparseStructureDataset : public AssetDataset {
   SparseStructureOptions options_;
 };
 
-/// `dataset.args` of AniGenSLat and AniGenImageConditionedSLat (reference training-and-data.md, 1.4). Rows need
+/// `dataset.args` of AniGenSLat and AniGenImageConditionedSLat (docs/reference/training.md, 1.3). Rows need
 /// `latent_<latent_model>`. `normalization` as structured_latent_statistics() reads it. `max_num_voxels` has no effect
 /// in the published class and none here; `voxel_limit` is what it seems to promise.
 struct StructuredLatentOptions : LatentDatasetOptions {

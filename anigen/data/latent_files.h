@@ -93,7 +93,7 @@ StreamStatistics structured_latent_statistics(ConfigReader& args);
 void write_out_statistics(Json& dataset, const std::string& file);
 
 /// Options that the `dataset.args` of AniGenSparseStructureLatent, AniGenSLat and their image-conditioned forms have in
-/// common (reference training-and-data.md, 1.4): which latents, and which pictures condition the flow that learns them.
+/// common (docs/reference/training.md, 1.3): which latents, and which pictures condition the flow that learns them.
 struct LatentDatasetOptions {
   SourceOptions sources;
   bool image_conditioned = false;  ///< by the name of the dataset, not an argument

@@ -23,8 +23,8 @@ struct AssetId {
   bool is_bad_skin = false;      ///< column is_bad_skin
 };
 
-/// Filters on the rows of metadata.csv (reference training-and-data.md, sections 1.1 and 1.4). A filter on a
-/// column that a source does not have lets every row pass, except is_test, without which there is no test split.
+/// Filters on the rows of metadata.csv (docs/reference/training.md, 1.1 and 1.3). A filter on a column that a source
+/// does not have lets every row pass, except is_test, without which there is no test split.
 struct RowFilter {
   double min_aesthetic_score = 5.0;                ///< column aesthetic_score
   std::optional<long long> max_num_voxels;         ///< column num_voxels
@@ -54,8 +54,8 @@ std::vector<AssetId> select_rows(const CsvTable& table, const std::filesystem::p
 /// Reads `<root>/metadata.csv` of every root, in order. @param data_dir comma-separated roots
 std::vector<AssetId> select_assets(const std::string& data_dir, const RowFilter& filter);
 
-/// Choice of the assets of a dataset: the arguments all dataset classes share (reference training-and-data.md, 1.4).
-/// The class adds its own filters to `filter`.
+/// Choice of the assets of a dataset: the arguments all dataset classes share (docs/reference/training.md, 1.3). The
+/// class adds its own filters to `filter`.
 struct SourceOptions {
   std::string data_dir;        ///< ours: comma-separated roots; --dataset sets it
   std::string split;           ///< ours: file of ids to use; relative to the first root, else to the working directory

@@ -22,8 +22,8 @@
 
 namespace anigen::data {
 
-/// Contents of `skeleton/<id>/skeleton_voxelized.npz`, in memory: reference training-and-data.md, section 1.1. World
-/// frame, object in [-0.5, 0.5]³. Skin weights are sparse: dense ones of a large set would not fit into memory.
+/// Contents of `skeleton/<id>/skeleton_voxelized.npz`, in memory: docs/reference/training.md, 1.1. World frame, object
+/// in [-0.5, 0.5]³. Skin weights are sparse: dense ones of a large set would not fit into memory.
 struct RiggedItem {
   std::string id;
   std::vector<Eigen::Vector3f> joints;    ///< [J]

@@ -16,9 +16,9 @@
 
 namespace anigen::data {
 
-/// `dataset.args` of AniGenSparseFeat2Skeleton as far as the skin auto-encoder needs them (reference
-/// training-and-data.md, section 1.4). The arguments about images, features and voxels are accepted and not used:
-/// the published class loads those files and its first stage never looks at them.
+/// `dataset.args` of AniGenSparseFeat2Skeleton as far as the skin auto-encoder needs them (docs/reference/training.md,
+/// 1.3). The arguments about images, features and voxels are accepted and not used: the published class loads those
+/// files and its first stage never looks at them.
 struct SkinDatasetOptions : SourceOptions {
   std::int64_t memory_budget_mb = 8192;  ///< ours: assets kept in memory
 
@@ -35,8 +35,8 @@ class SkinSampler {
   /// @param with_blends also prepares draw() with blend_share > 0
   SkinSampler(const RiggedItem& item, bool with_blends);
 
-  /// One point: uniform over the surface (reference training-and-data.md, 3.1), or, with probability blend_share,
-  /// with a density proportional to how blended the skin of its face is: 1 − the largest weight at its middle.
+  /// One point: uniform over the surface (docs/reference/training.md, 3.1), or, with probability blend_share, with a
+  /// density proportional to how blended the skin of its face is: 1 − the largest weight at its middle.
   geometry::SurfacePoint draw(double blend_share, Rng& rng) const;
 
   std::size_t bytes() const { return (areas_.size() + blends_.size()) * sizeof(double); }
@@ -58,7 +58,7 @@ struct SkinBatch : Batch {
 };
 
 /// Reads rigs from disk once, keeps them in memory as sparse rows, and draws augmented samples from them (paper 3.3.1;
-/// reference training-and-data.md, 3.1).
+/// docs/reference/training.md, 3.1).
 class SkinDataset : public BatchSource {
  public:
   struct Options {

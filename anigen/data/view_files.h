@@ -21,7 +21,7 @@ struct ViewImage {
 };
 
 /// A random frame of `<folder>/transforms.json`, resized to size × size by Lanczos; colours and alpha each on their
-/// own, so that colours of transparent pixels count (reference training-and-data.md, 1.4, image pack).
+/// own, so that colours of transparent pixels count (docs/reference/training.md, 1.3).
 /// @param folder renders/<id> @throws InputError naming the file: no frames, a picture that is missing or broken
 ViewImage read_view(const std::filesystem::path& folder, int size, Rng& rng);
 
@@ -29,8 +29,8 @@ ViewImage read_view(const std::filesystem::path& folder, int size, Rng& rng);
 enum class ConditionPictures {
   kColor,  ///< NNN.png: what the published training data holds
   /// NNN_normal.png: normals in the camera's frame as the published normal estimator gives them, x negated, mapped to
-  /// [0, 1], what the published pipeline shows its first stage (reference training-and-data.md, 3.4, conditioning
-  /// mismatch). anigen-prepare --view-geometry writes them.
+  /// [0, 1], what the published pipeline shows its first stage (docs/reference/training.md, 3.6). anigen-prepare
+  /// --view-geometry writes them.
   kNormals
 };
 
@@ -47,8 +47,8 @@ std::filesystem::path normal_picture_of(const std::filesystem::path& color);
 /// @throws InputError naming the file when there is none
 std::filesystem::path first_normal_picture(const std::filesystem::path& folder);
 
-/// Rows whose largest weight is exactly 0 get weight 1 on joint 0; then each row is divided by its sum (reference
-/// training-and-data.md, 1.4, skeleton pack). @param skin [V, J] row-major, finite, ≥ 0
+/// Rows whose largest weight is exactly 0 get weight 1 on joint 0; then each row is divided by its sum
+/// (docs/reference/training.md, 1.3). @param skin [V, J] row-major, finite, ≥ 0
 /// @return how many rows had no weight
 std::size_t normalize_skin_rows(std::vector<float>& skin, std::size_t joints);
 
@@ -57,8 +57,8 @@ std::size_t normalize_skin_rows(std::vector<float>& skin, std::size_t joints);
 /// @param skin [V, J] row-major @param parents [J], -1 for a root, no cycles
 void accumulate_skin_as_flow(std::vector<float>& skin, const std::vector<int>& parents);
 
-/// `skeleton/<id>/skeleton_voxelized.npz` as stored (reference training-and-data.md, section 1.1): world frame, object
-/// in [-0.5, 0.5]³.
+/// `skeleton/<id>/skeleton_voxelized.npz` as stored (docs/reference/training.md, 1.1): world frame, object in [-0.5,
+/// 0.5]³.
 struct RigArrays {
   std::vector<Eigen::Vector3f> joints;     ///< [J], J ≥ 1
   std::vector<int> parents;                ///< [J], -1 for a root; no cycles, otherwise in any order

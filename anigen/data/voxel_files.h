@@ -38,14 +38,13 @@ constexpr int kStoredResolution = 64;
 
 /// The voxels of a dataset on a coarser grid, for models of fewer voxels. Features merge as the published data set
 /// merges them (geometry::pool_features). The published data set merges the skeleton twice when its resolution is not
-/// 64, by which half of the grid stays empty; here both are merged once (reference training-and-data.md, 1.4).
+/// 64, by which half of the grid stays empty; here both are merged once (docs/reference/training.md, 1.3).
 /// @param resolution divides kStoredResolution, which leaves everything as it is stored
 VoxelRows read_features_at(const std::filesystem::path& features, int resolution);
 /// @return in file order with repetitions at kStoredResolution, else lexicographic
 std::vector<geometry::Voxel> read_voxels_at(const std::filesystem::path& voxels, int resolution);
 
-/// Voxels of several assets, one asset after the other: what the sparse models take (reference training-and-data.md,
-/// 1.4, collation).
+/// Voxels of several assets, one asset after the other: what the sparse models take (docs/reference/training.md, 1.3).
 struct RaggedVoxels {
   torch::Tensor coords;               ///< [ΣN, 4] int32: asset in the batch, x, y, z
   torch::Tensor feats;                ///< [ΣN, C] fp32; C = 0 where only places count

@@ -58,8 +58,7 @@ struct GroundTruth {
   std::vector<Eigen::Vector3f> joints;    ///< [J], normalised frame, Z up
   std::vector<int> parents;               ///< [J], -1 for the root
   std::vector<float> skin;                ///< [V, J] row-major; zero rows became weight 1 on joint 0, rows sum to 1
-  std::size_t unweighted = 0;             ///< those zero rows
-                                          ///< (reference autoencoders.md, 1.3)
+  std::size_t unweighted = 0;             ///< those zero rows (docs/reference/autoencoders.md, 2.3)
   std::vector<Eigen::Vector3f> vertices;  ///< [V]
   std::vector<Triangle> faces;
 

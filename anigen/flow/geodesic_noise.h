@@ -9,7 +9,7 @@ namespace anigen::flow {
 using torch::Tensor;
 
 /// Noise that neighbouring voxels share: skin weights change slowly along a surface (the published variant "gsn";
-/// reference flows-and-pipeline.md, 4.5). Trainer arguments `geodesic_smooth_noise`, `…_iters` and `…_alpha`.
+/// docs/reference/flows.md, 4.4). Trainer arguments `geodesic_smooth_noise`, `…_iters` and `…_alpha`.
 struct GeodesicNoiseOptions : JsonOptions<GeodesicNoiseOptions> {
   bool enabled = false;
   std::int64_t iterations = 0;

@@ -9,9 +9,9 @@ namespace anigen::flow {
 
 using torch::Tensor;
 
-/// Straight paths between data x₀ (t = 0) and noise ε (t = 1); reference flows-and-pipeline.md, 4.1. All functions take
-/// one time per entry of the first axis: [B] for dense latents [B, C, X, Y, Z]; for features [N, C] of a sparse tensor
-/// the time of each voxel's batch item, [N].
+/// Straight paths between data x₀ (t = 0) and noise ε (t = 1); docs/reference/flows.md, 4.1. All functions take one
+/// time per entry of the first axis: [B] for dense latents [B, C, X, Y, Z]; for features [N, C] of a sparse tensor the
+/// time of each voxel's batch item, [N].
 inline constexpr double kSigmaMin = 1e-5;     ///< what is left of the noise at t = 0
 inline constexpr double kTimeScale = 1000.0;  ///< models are given 1000 t
 
@@ -50,8 +50,8 @@ Tensor mse_per_item(const Tensor& prediction, const Tensor& target);
 Tensor mean_per_item(const Tensor& rows, const Tensor& item, std::int64_t items);
 
 /// Distribution of the flow time t of each batch item, shared by all streams of the item: 1 is noise, 0 is data
-/// (reference flows-and-pipeline.md, 4.1). Config object `t_schedule`: {"name": "uniform"} or
-/// {"name": "logitNormal", "args": {"mean": 1.0, "std": 1.0}}.
+/// (docs/reference/flows.md, 4.1). Config object `t_schedule`: {"name": "uniform"} or {"name": "logitNormal", "args":
+/// {"mean": 1.0, "std": 1.0}}.
 struct TimeSchedule : JsonOptions<TimeSchedule> {
   enum class Kind {
     kUniform,     ///< t ~ U[0, 1)
@@ -70,7 +70,7 @@ struct TimeSchedule : JsonOptions<TimeSchedule> {
 };
 
 /// Classifier-free guidance needs a model that also knows the absence of a condition: in training each item's
-/// condition is replaced by the negative one with probability p_uncond (reference flows-and-pipeline.md, 4.2).
+/// condition is replaced by the negative one with probability p_uncond (docs/reference/flows.md, 4.2).
 /// @param probability in [0, 1]
 /// @return [count] bool on the CPU, drawn from this generator alone: which items lose their condition
 Tensor draw_condition_dropout(std::int64_t count, double probability, at::Generator generator);

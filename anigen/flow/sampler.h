@@ -40,7 +40,7 @@ Solver parse_solver(const std::string& word);
 const std::string& word_of(Solver solver);
 
 /// Defaults of the published sampler class; its pipeline takes 25 steps with strength 7.5 for the sparse structure and
-/// 3.0 for structured latents (reference flows-and-pipeline.md, 4.4).
+/// 3.0 for structured latents (docs/reference/flows.md, 4.3).
 struct SamplerOptions : JsonOptions<SamplerOptions> {
   std::int64_t steps = 50;
   Solver solver = Solver::kEuler;
@@ -74,10 +74,10 @@ struct Sampled {
   std::vector<Streams> x_0;  ///< the prediction of the data at each step, if asked for
 };
 
-/// Integration from noise to data along the time grid, by default Euler's: x ← x − (t − t') v (reference
-/// flows-and-pipeline.md, 4.3 and 4.4). Step sizes are formed in double. With an unconditional velocity both passes run
-/// even at strength 0; whether a velocity is guided is decided at the time it is asked for. The trajectory's x_0 is the
-/// prediction at the beginning of each step. No gradient is recorded.
+/// Integration from noise to data along the time grid, by default Euler's: x ← x − (t − t') v (docs/reference/flows.md,
+/// 4.3). Step sizes are formed in double. With an unconditional velocity both passes run even at strength 0; whether a
+/// velocity is guided is decided at the time it is asked for. The trajectory's x_0 is the prediction at the beginning
+/// of each step. No gradient is recorded.
 /// @param noise the state at t = 1 @return the samples, and the trajectory when asked for
 Sampled sample_flow(const Streams& noise, const Velocities& velocities, const SamplerOptions& options,
                     const SamplingExtras& extras = {});
@@ -85,8 +85,7 @@ Sampled sample_flow(const Streams& noise, const Velocities& velocities, const Sa
 /// The steps + 1 times from 1 to 0, rescaled.
 std::vector<double> time_grid(const SamplerOptions& options);
 
-/// Arguments that the trainers of both flows have beside those all trainers share (reference training-and-data.md,
-/// 3.4).
+/// Arguments that the trainers of both flows have beside those all trainers share (docs/reference/training.md, 3.6).
 struct FlowStageOptions {
   double p_uncond = 0.1;    ///< share of items whose condition becomes that of no picture
   TimeSchedule t_schedule;  ///< published: logit-normal, mean 1

@@ -16,7 +16,7 @@ namespace anigen::generate {
 inline constexpr const char* kAnymateModelClass = "AnymateModel";
 
 /// One of Anymate's models for use: evaluation mode, nothing asks for gradients. And what its training says about it;
-/// the defaults are the released values (reference anymate-baselines.md, 3.2).
+/// the defaults are the released values (docs/reference/anymate.md, 3.2).
 struct TrainedAnymateModel {
   anymate::AnymateModel model = nullptr;
   std::filesystem::path file;          ///< of the weights, for messages
@@ -54,7 +54,7 @@ struct AnymateRiggerOptions {
   torch::Device device = torch::kCPU;  ///< where the models are
 };
 
-/// Anymate as a rigger of meshes (Deng et al. 2025; reference anymate-baselines.md, 5.3). Predicted joints are merged;
+/// Anymate as a rigger of meshes (Deng et al. 2025; docs/reference/anymate.md, 5.3). Predicted joints are merged;
 /// parents are the likeliest tree (asset/skeleton.h) under the model for connectivity; weights are anymate_skin()'s.
 class AnymateRigger : public LearnedRigger {
  public:

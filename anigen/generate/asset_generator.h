@@ -24,7 +24,7 @@ struct SamplerOverrides {
 };
 
 /// Kind of image that conditions the first flow: what its config trained on, which a published config does not say and
-/// the published pipeline fixes to normals (reference flows-and-pipeline.md, 5.1), or one of the two.
+/// the published pipeline fixes to normals (docs/reference/flows.md, 5.1), or one of the two.
 enum class StructureCondition { kAsTrained, kColor, kNormal };
 
 struct GenerationOptions {
@@ -47,16 +47,16 @@ struct GeneratedAsset {
   GenerationTimes times;
 };
 
-/// The noise of one asset: the draws of the published program for a seed on a CPU (reference flows-and-pipeline.md,
-/// 5.5), as long as LibTorch draws them so.
+/// The noise of one asset: the draws of the published program for a seed on a CPU (docs/reference/flows.md, 5.4), as
+/// long as LibTorch draws them so.
 at::Generator noise_generator(std::uint64_t seed);
 
-/// The published joint density levels 0 … 4 as numbers of joints: 0 (none asked), 10, 15, 25, 35 (reference
-/// flows-and-pipeline.md, 5.6). @throws InputError for another level
+/// The published joint density levels 0 … 4 as numbers of joints: 0 (none asked), 10, 15, 25, 35
+/// (docs/reference/flows.md, 5.5). @throws InputError for another level
 std::int64_t joints_of_level(int level);
 
-/// The whole way from pictures to a rigged asset: sparse structure, structured latents, decoding (paper 3.4; reference
-/// flows-and-pipeline.md, 5.1). Preprocessing and what is done to the mesh afterwards stand in image_preprocessing.h
+/// The whole way from pictures to a rigged asset: sparse structure, structured latents, decoding (paper 3.4;
+/// docs/reference/flows.md, 5.1). Preprocessing and what is done to the mesh afterwards stand in image_preprocessing.h
 /// and asset_finishing.h.
 ///
 /// Noise comes from one generator of the seed in the published order: shape and skeleton of the structure, then both

@@ -15,7 +15,7 @@ struct EncodeResult : EncodedLatents {
   std::optional<StructureReconstruction> reconstruction;  ///< means over assets
 };
 
-/// Writes the latents that stage 4 learns from (reference training-and-data.md, 1.1 and 1.3), of all assets with
+/// Writes the latents that stage 4 learns from (docs/reference/training.md, 1.1 and 1.2), of all assets with
 /// `voxelized`: `ss_latents/<name>/<id>.npz` with `mean` [8, 16³] and `mean_skl` [4, 16³] fp32, the encoder's posterior
 /// mean and its normalised skeleton latent, from voxels as stage 2 saw them (its config's resolution and dilation),
 /// without noise. Beside the folder `<name>_statistics.npz` (feats_mean, feats_std, feats_skl_mean, feats_skl_std, for
@@ -27,7 +27,7 @@ Json to_json(const EncodeResult& result);
 /// A few lines for a terminal.
 std::string to_text(const EncodeResult& result);
 
-/// Writes the latents that stage 5 learns from (reference training-and-data.md, 1.1 and 1.3), of all assets with the
+/// Writes the latents that stage 5 learns from (docs/reference/training.md, 1.1 and 1.2), of all assets with the
 /// features its encoder reads: `latents/<name>/<id>.npz` with `coords` [N, 3] uint8, `feats` [N, 16] (geometry 8, skin
 /// 8), `coords_skl` [M, 3] uint8 and `feats_skl` [M, 4] fp32; the geometry's posterior mean, skin and skeleton as they
 /// are normalised, without noise. Beside the folder the statistics, whose JSON holds `normalization` for the dataset of

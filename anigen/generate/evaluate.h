@@ -87,7 +87,7 @@ struct StructureEvaluation {
 StructureEvaluation evaluate_structures(const StructureEvaluationRequest& request);
 
 /// A trained skin auto-encoder used as it is judged: skin weights are encoded into a few numbers per vertex and
-/// decoded again (paper 3.3.1; reference autoencoders.md, 1).
+/// decoded again (paper 3.3.1; docs/reference/autoencoders.md, 2).
 class SkinReconstruction {
  public:
   /// @param run a run folder of stage one (config.json and ckpts/), or a weight file with config.json beside it or in

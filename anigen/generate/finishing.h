@@ -10,7 +10,7 @@
 namespace anigen::generate {
 
 /// Post-processing of a decoded asset before it is written; defaults are the published pipeline's, but for the number
-/// of views (reference flows-and-pipeline.md, 5.8–5.10).
+/// of views (docs/reference/flows.md, 5.6, 5.7 and 5.8).
 struct FinishingOptions {
   double reduction = geometry::kPublishedReduction;  ///< share of faces taken away, 0: none
   bool remove_hidden = true;                         ///< faces inside the mesh, and then close small holes

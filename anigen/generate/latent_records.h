@@ -60,7 +60,7 @@ LatentMoments moments_of(const std::vector<float>& values, std::size_t channels,
 Json to_json(const LatentMoments& moments);
 
 /// Mean and deviation of latents per channel: each asset's mean and mean square, averaged over assets, so that large
-/// assets do not count more; deviation √(E[x²] − E[x]²) (reference training-and-data.md, 1.3).
+/// assets do not count more; deviation √(E[x²] − E[x]²) (docs/reference/training.md, 1.2).
 class LatentStatistics {
  public:
   /// @throws InputError when the number of channels differs from earlier assets'
@@ -103,7 +103,7 @@ class LatentFolder {
 
   /// Warns of channels that do not vary. The JSON of structured latents also holds `normalization` as the dataset of
   /// stage 5 takes it. @param normalized how many channels of `shape` it normalises; the others, and the skeleton's,
-  /// lie on spheres and keep mean 0 and deviation 1, as published (reference training-and-data.md, 1.3)
+  /// lie on spheres and keep mean 0 and deviation 1, as published (docs/reference/training.md, 1.2)
   /// @throws Error when the disk refuses
   void write_statistics(const LatentStatistics& shape, const LatentStatistics& skeleton,
                         std::size_t normalized = 0) const;

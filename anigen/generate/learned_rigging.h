@@ -33,7 +33,7 @@ struct RigBones {
 };
 
 /// Bones of joints as Anymate's data have them, ends of bones among them: for every joint but the root one from its
-/// parent to itself (reference anymate-baselines.md, 1.5). @param joints [J, 3] @param parents [J], -1 for the root
+/// parent to itself (docs/reference/anymate.md, 1.5). @param joints [J, 3] @param parents [J], -1 for the root
 RigBones bones_between(const torch::Tensor& joints, const std::vector<int>& parents);
 
 /// Bones of any other rig, where all joints move something: one from every joint, as in the data that the models learn

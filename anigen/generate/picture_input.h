@@ -61,8 +61,8 @@ enum class NormalSource {
 NormalSource parse_normal_source(const std::string& word);
 
 /// Normals as the colours that the published pipeline makes of them: x negated, (n + 1) / 2, rounded down to bytes
-/// (reference flows-and-pipeline.md, 5.2, step 1). This is the common colouring of the viewer's frame (X right, Y up,
-/// Z towards the viewer): a wall that faces the camera is (127, 127, 255).
+/// (docs/reference/flows.md, 5.2). This is the common colouring of the viewer's frame (X right, Y up, Z towards the
+/// viewer): a wall that faces the camera is (127, 127, 255).
 /// @param normals [1, 3, H, W] as NormalEstimator returns them @return opaque
 /// @throws InputError when they are not finite
 io::Image normal_picture(const torch::Tensor& normals);
@@ -90,7 +90,7 @@ struct PreprocessedImage {
   std::vector<std::string> notices;              ///< what was done, a sentence each: turning, background, normals
 };
 
-/// Pictures as people take them → what the flow models see (reference flows-and-pipeline.md, 5.2).
+/// Pictures as people take them → what the flow models see (docs/reference/flows.md, 5.2).
 ///
 /// A picture with transparency is used as it is; of another one the background is removed, after it has been reduced to
 /// 1024 pixels. Both pictures are cropped to io::inference_box, resized and put on black. Unlike the published pipeline

@@ -38,15 +38,15 @@ enum class Background {
 /// @param word auto, keep, alpha, grabcut or network @throws InputError for another one
 Background parse_background(const std::string& word);
 
-/// True when at least one pixel is not fully opaque: only then the published pipeline trusts alpha (reference
-/// flows-and-pipeline.md, 5.2, step 2).
+/// True when at least one pixel is not fully opaque: only then the published pipeline trusts alpha
+/// (docs/reference/flows.md, 5.2).
 bool has_transparency(const io::Image& image);
 
 /// The colours with alpha dropped, not blended: what lies hidden under transparent pixels is seen again.
 io::Image without_alpha(const io::Image& image);
 
 /// The picture with the mask as its alpha, composed over transparent black: colours are multiplied by the mask once, as
-/// the published background remover does (reference flows-and-pipeline.md, 5.2).
+/// the published background remover does (docs/reference/flows.md, 5.2).
 /// @param image opaque @param mask [H · W]
 io::Image cut_out(const io::Image& image, const std::vector<std::uint8_t>& mask);
 
@@ -54,8 +54,8 @@ io::Image cut_out(const io::Image& image, const std::vector<std::uint8_t>& mask)
 io::Image with_alpha_of(const io::Image& colors, const io::Image& alpha);
 
 /// The longer side at most `longest` pixels: both sides times longest / longer, rounded down, at least 1 (Lanczos). A
-/// picture without alpha is brought to 1024 so before its background is removed (reference flows-and-pipeline.md, 5.2,
-/// step 2). @param image opaque
+/// picture without alpha is brought to 1024 so before its background is removed (docs/reference/flows.md, 5.2). @param
+/// image opaque
 io::Image reduced(const io::Image& image, int longest);
 
 /// Keeps OpenCV from writing its own account of an error to the terminal while it is caught and said in our words.
@@ -99,7 +99,7 @@ struct OnnxSignature {
 OnnxSignature read_onnx_signature(const std::filesystem::path& path);
 
 /// A network that separates an object from its background, and how it wants its pictures. The defaults are
-/// BiRefNet's (reference flows-and-pipeline.md, 5.2, "rembg/BiRefNet details"); no weights come with this project.
+/// BiRefNet's (docs/reference/flows.md, 5.2); no weights come with this project.
 struct MattingOptions {
   std::filesystem::path network;  ///< ONNX; empty: none
   int size = 1024;                ///< side of its input, where the file leaves it open

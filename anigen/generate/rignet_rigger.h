@@ -37,10 +37,9 @@ struct RignetRiggerOptions {
   torch::Device device = torch::kCPU;  ///< where the models are
 };
 
-/// RigNet as a rigger of meshes (Xu et al. 2020; reference anymate-baselines.md, 9.3), each mesh as a graph of the size
-/// that each model was trained with. Parents are those of the published tree. Weights are SkinNet's at the graph's
-/// vertices, cleaned (rignet::cleaned_weights), and at the shape's vertices those of the nearest place of the graph's
-/// surface.
+/// RigNet as a rigger of meshes (Xu et al. 2020; docs/reference/rignet.md), each mesh as a graph of the size that each
+/// model was trained with. Parents are those of the published tree. Weights are SkinNet's at the graph's vertices,
+/// cleaned (rignet::cleaned_weights), and at the shape's vertices those of the nearest place of the graph's surface.
 class RignetRigger : public LearnedRigger {
  public:
   /// @throws InputError naming its file for a model that is for another task than its place

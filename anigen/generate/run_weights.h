@@ -22,7 +22,7 @@ struct FlowRuns {
 
 /// Finds both flows below a folder: a released tree (`ckpts/anigen/…`), its `ckpts/` or `anigen/`, or a folder of runs
 /// trained here. Where several variants lie beside each other the published program's defaults are taken,
-/// `ss_flow_solo` and `slat_flow_auto` (reference flows-and-pipeline.md, 5.1).
+/// `ss_flow_solo` and `slat_flow_auto` (docs/reference/flows.md, 5.1).
 /// @param joint_count whether the second flow must have been told numbers of joints: then `slat_flow_control`
 /// @param known what the user has named already; only the other one is looked for
 /// @throws InputError when one is missing, or several are there and none has the usual name

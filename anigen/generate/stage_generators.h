@@ -72,7 +72,7 @@ class StructureCoder {
   sparse_structure::SparseStructureDecoder decoder_ = nullptr;
 };
 
-/// Where a trained flow is and how it computes.
+/// Run folder of a trained flow, its device and precision.
 struct FlowRequest {
   std::filesystem::path run;  ///< run folder of a flow, ours or a published one
   std::string ckpt;           ///< as nn::find_flow_model
@@ -135,7 +135,7 @@ class FlowGenerator {
 };
 
 /// A trained sparse-structure flow with the decoder of its latents: pictures become voxels of a shape and its skeleton
-/// (paper 3.4; reference flows-and-pipeline.md, 4).
+/// (paper 3.4; docs/reference/flows.md, 4).
 class StructureGenerator : public FlowGenerator<sparse_structure::SparseStructureFlow, data::StructureLatentOptions,
                                                 sparse_structure::SparseStructureFlowStageOptions> {
  public:
@@ -147,7 +147,7 @@ class StructureGenerator : public FlowGenerator<sparse_structure::SparseStructur
   const std::filesystem::path& autoencoder() const { return autoencoder_; }
   /// Standard normal numbers of a latent, from the seed and the number of an asset, whatever else is sampled with it.
   flow::Streams noise(std::uint64_t seed, std::uint64_t number) const;
-  /// Noise as the generator gives it, shape first (reference flows-and-pipeline.md, 5.5).
+  /// Noise as the generator gives it, shape first (docs/reference/flows.md, 5.4).
   flow::Streams noise(const at::Generator& generator) const;
   /// Latents, as the dataset normalises them. @param noise of a batch
   flow::Streams sample(const flow::Streams& noise, const torch::Tensor& condition, const flow::SamplerOptions& sampler,
@@ -156,8 +156,8 @@ class StructureGenerator : public FlowGenerator<sparse_structure::SparseStructur
   flow::Streams denormalised(const flow::Streams& latents) const;
   /// Both grids of one item before anything is decided, [1, 1, R, R, R]. @param latents as decode()
   sparse_structure::SparseStructureDecoderImpl::Logits logits(const flow::Streams& latents, std::int64_t item);
-  /// Occupied voxels of every item, logit > 0, of the skeleton only the largest component (reference
-  /// flows-and-pipeline.md, 5.5). @param latents as sample() returns them, or as the dataset holds them
+  /// Occupied voxels of every item, logit > 0, of the skeleton only the largest component (docs/reference/flows.md,
+  /// 5.4). @param latents as sample() returns them, or as the dataset holds them
   std::vector<sparse_structure::VoxelPair> decode(const flow::Streams& latents);
 
  private:
@@ -166,7 +166,7 @@ class StructureGenerator : public FlowGenerator<sparse_structure::SparseStructur
 };
 
 /// The decoder of stage 3 at work on one asset at a time: structured latents become a rigged asset (paper 3.3;
-/// reference autoencoders.md, 3.5–3.9), grouped as its run's variant groups.
+/// docs/reference/autoencoders.md, 4.5, 4.6, 4.7 and 4.8), grouped as its run's variant groups.
 class RigDecoder {
  public:
   /// @param grouping of votes by mean shift
@@ -219,7 +219,7 @@ class StructuredLatentCoder {
 
   /// Posterior means of the geometry, normalised latents of skin and skeleton: no noise.
   structured_latent::PerStream<sparse::SparseTensor> encode(const Inputs& inputs);
-  /// Writes coords, feats, coords_skl and feats_skl (reference training-and-data.md, 1.1).
+  /// Writes coords, feats, coords_skl and feats_skl (docs/reference/training.md, 1.1).
   /// @throws InputError when a latent is not finite; Error when the disk refuses
   void write(const structured_latent::PerStream<sparse::SparseTensor>& latents,
              const std::filesystem::path& file) const;
@@ -244,7 +244,7 @@ class StructuredLatentCoder {
 };
 
 /// A trained structured-latent flow: pictures and the voxels of a shape and its skeleton become structured latents
-/// (paper 3.4; reference flows-and-pipeline.md, 5.6).
+/// (paper 3.4; docs/reference/flows.md, 5.5).
 class StructuredLatentGenerator
     : public FlowGenerator<structured_latent::StructuredLatentFlow, data::StructuredLatentOptions,
                            structured_latent::StructuredLatentFlowStageOptions> {

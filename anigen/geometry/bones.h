@@ -47,7 +47,7 @@ struct Bone {
 };
 
 /// One bone per joint that has a parent, in joint order. A skeleton without any gives its joints as bones without
-/// length (parent = joint), as the bone metrics want (reference training-and-data.md, 7).
+/// length (parent = joint), as the bone metrics want (docs/reference/training.md, 7).
 /// @throws InputError as check_joints()
 std::vector<Bone> bones_of(const std::vector<Eigen::Vector3d>& positions, const std::vector<int>& parents);
 

@@ -31,8 +31,8 @@ namespace anigen::geometry {
 std::vector<SurfacePoint> matching_places(const Mesh& from, const Mesh& to);
 
 /// Skin weights of one mesh at the points of another that was aligned to it: at each point the weights of the nearest
-/// place on the surface, interpolated barycentrically (reference training-and-data.md, 7.4). One row per point, over
-/// the source's joints. Runs on the calling thread.
+/// place on the surface, interpolated barycentrically (docs/reference/training.md, 7.4). One row per point, over the
+/// source's joints. Runs on the calling thread.
 /// @param faces,skin of the mesh that `surface` was made from, one row per vertex
 /// @throws InputError when rows are missing or a point is not finite
 SkinWeights transfer_skin(const NearestSurface& surface, const std::vector<Triangle>& faces, const SkinWeights& skin,
@@ -56,8 +56,8 @@ struct TransferredAttributes {
 };
 
 /// Skin weights and vertex colours of a mesh at points near it, such as the vertices of the same mesh after it was
-/// simplified: at each point those of the nearest place on the surface, interpolated barycentrically (reference
-/// flows-and-pipeline.md, 5.8, end). Runs on all threads.
+/// simplified: at each point those of the nearest place on the surface, interpolated barycentrically
+/// (docs/reference/flows.md, 5.6). Runs on all threads.
 /// @param skin one row per vertex of `from`, or no rows
 /// @throws InputError when `from` has no faces, skin or colours have another length than its vertices, or a position is
 /// not finite

@@ -21,8 +21,8 @@ struct FilledMesh {
                            ///< than two faces or along faces that disagree about which side is up
 };
 
-/// Closes the small holes of a surface as the published pipeline does after it removes hidden faces (reference
-/// flows-and-pipeline.md, 5.8, step 7): each loop of border edges is triangulated so that it bends least, then refined
+/// Closes the small holes of a surface as the published pipeline does after it removes hidden faces
+/// (docs/reference/flows.md, 5.6): each loop of border edges is triangulated so that it bends least, then refined
 /// (Liepa 2003). Never makes an edge of more than two faces: where a hole cannot be triangulated by its own points
 /// without one, its faces meet in a new point in its middle. Faces that name a vertex twice are dropped, vertices
 /// without faces are kept. Deterministic; runs on the calling thread.

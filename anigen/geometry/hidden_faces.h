@@ -40,7 +40,7 @@ std::vector<char> source_side_of_min_cut(std::size_t nodes, const std::vector<Cu
                                          const std::vector<std::int32_t>& sources,
                                          const std::vector<std::int32_t>& sinks);
 
-/// Constants of reference flows-and-pipeline.md, 5.8.
+/// Constants of docs/reference/flows.md, 5.6.
 struct HiddenFaceRules {
   double largest_hole = 0.04;  ///< area, mesh unit squared: a part whose removal opens a larger hole stays
   double visible_part = 0.25;  ///< a part stays when half of its faces are seen in more than this share of views
@@ -48,10 +48,10 @@ struct HiddenFaceRules {
   double most_outer = 0.5;     ///<   the 75th percentile of its component, within these
 };
 
-/// Faces inside a closed or nearly closed surface (reference flows-and-pipeline.md, 5.8). Faces that no view
-/// sees are inside, faces that are seen more often than most of their component outside; between them the surface is
-/// cut where the cut is shortest, and of the pieces inside those are hidden that are rarely seen and leave no large
-/// hole. Medians are the lower one of two.
+/// Faces inside a closed or nearly closed surface (docs/reference/flows.md, 5.6). Faces that no view sees are inside,
+/// faces that are seen more often than most of their component outside; between them the surface is cut where the cut
+/// is shortest, and of the pieces inside those are hidden that are rarely seen and leave no large hole. Medians are the
+/// lower one of two.
 /// @param visibility [F] share of views around the mesh in which a face is seen, as render::face_visibility gives it
 /// @return [F] marks; none when every face is seen
 /// @throws InputError when lengths differ or a face refers to a missing vertex

@@ -37,8 +37,8 @@ NearestPoint nearest_on_triangle(const Eigen::Vector3d& p, const Eigen::Vector3d
 /// Nearest point on a mesh's surface: set up once per mesh (a BVH), query many times. Exact: the BVH only prunes,
 /// distances are computed in double. Equally near faces give the lowest index, so results do not depend on threads, on
 /// guesses or on what was asked before.
-/// Queries are thread-safe. Used wherever features move between meshes (reference training-and-data.md, 6, and
-/// flows-and-pipeline.md, post-processing).
+/// Queries are thread-safe. Used wherever features move between meshes (docs/reference/training.md, 3.5;
+/// docs/reference/flows.md, 5.6).
 class NearestSurface {
  public:
   /// Copies the mesh. @throws InputError without faces, on a bad index, or on a vertex that is not finite

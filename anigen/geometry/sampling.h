@@ -11,7 +11,7 @@
 namespace anigen::geometry {
 
 /// Probability of each face: its area, clamped to at least 1e-12, over the sum; uniform when any area is not finite
-/// (reference training-and-data.md, sampled skin rows of the SkinAE trainer).
+/// (docs/reference/training.md, 3.1).
 std::vector<double> face_probabilities(const std::vector<Eigen::Vector3f>& vertices,
                                        const std::vector<Triangle>& faces);
 

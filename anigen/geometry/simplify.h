@@ -7,7 +7,7 @@
 
 namespace anigen::geometry {
 
-/// Share of faces that the published pipeline takes away (reference flows-and-pipeline.md, 5.8).
+/// Share of faces that the published pipeline takes away (docs/reference/flows.md, 5.6).
 inline constexpr double kPublishedReduction = 0.95;
 
 /// Faces that are left of `faces` after that share is taken away, at least 1.
@@ -22,8 +22,8 @@ struct Simplified {
 };
 
 /// Fewer faces by collapsing edges, the cheapest first, each into the place with the least sum of squared distances to
-/// the planes of the faces that went into it (Garland and Heckbert 1997; in place of VTK's decimation in reference
-/// flows-and-pipeline.md, 5.8). A small share of the distances counts to the faces' middles in place of their planes,
+/// the planes of the faces that went into it (Garland and Heckbert 1997; in place of VTK's decimation in
+/// docs/reference/flows.md, 5.6). A small share of the distances counts to the faces' middles in place of their planes,
 /// so that flat parts get triangles of good shape (Trettner and Kobbelt 2020, isotropic noise of normals).
 ///
 /// Topology stays: only edges that satisfy the link condition go (Dey et al. 1999), so a closed surface stays closed,

@@ -22,28 +22,28 @@ void require_resolution(int resolution);
 /// @throws InputError naming the first voxel outside the grid, or a bad resolution
 void require_inside(const std::vector<Voxel>& voxels, int resolution);
 
-/// (i + 0.5) / R − 0.5, what the published voxel files hold (reference training-and-data.md, 1.1).
+/// (i + 0.5) / R − 0.5, what the published voxel files hold (docs/reference/training.md, 1.1).
 Eigen::Vector3d voxel_center(const Voxel& voxel, int resolution);
 
 /// The voxel that a reader of voxel files makes of a point: (p + 0.5) · R truncated toward zero, so that points less
-/// than one voxel below -0.5 count as 0 (reference training-and-data.md, 1.1).
+/// than one voxel below -0.5 count as 0 (docs/reference/training.md, 1.1).
 /// @throws InputError when the point is not finite or its voxel lies outside the grid
 Voxel voxel_at(const Eigen::Vector3d& point, int resolution);
 
 /// The points p + (±1, ±1, ±1) · 0.25/R around a voxel's centre, z changing fastest and − first: where the encoder
-/// looks up skin features (reference autoencoders.md, 3.3).
+/// looks up skin features (docs/reference/autoencoders.md, 4.3).
 std::array<Eigen::Vector3d, 8> sub_voxel_points(const Voxel& voxel, int resolution);
 
 /// Puts a list into the order of a set and removes repetitions.
 void sort_unique(std::vector<Voxel>& voxels);
 
 /// Every voxel within Chebyshev distance `radius` of the set: one pass of a cube of side 2·radius + 1, clipped by the
-/// grid (reference training-and-data.md, 1.4). Radius 0 returns the set. @param voxels in any order
+/// grid (docs/reference/training.md, 1.3). Radius 0 returns the set. @param voxels in any order
 /// @throws InputError on a negative radius, a bad resolution, or a voxel outside the grid
 std::vector<Voxel> dilate(const std::vector<Voxel>& voxels, int resolution, int radius);
 
-/// The random dilation of reference training-and-data.md, 1.4: each voxel takes its state from the set dilated by
-/// radius − 1 (nothing at all when radius ≤ 1) or from the set dilated by radius + 1, with probability ½ each.
+/// The random dilation of docs/reference/training.md, 1.3: each voxel takes its state from the set dilated by radius −
+/// 1 (nothing at all when radius ≤ 1) or from the set dilated by radius + 1, with probability ½ each.
 /// @param draw uniform in [0, 1); called once for every voxel in which the two differ, in lexicographic order; below ½
 ///        the smaller dilation decides @throws InputError as dilate
 std::vector<Voxel> dilate_randomly(const std::vector<Voxel>& voxels, int resolution, int radius,
@@ -91,8 +91,8 @@ struct PooledVoxels {
 std::vector<Voxel> pool_voxels(const std::vector<Voxel>& voxels, int factor);
 
 /// Merges the voxels of each factor³ block. A block of n voxels gets Σ features / (n + 1): the published pooling
-/// averages the zero it starts from as well, which shrinks a lone voxel's features by half (reference
-/// training-and-data.md, 1.4, resolution other than 64).
+/// averages the zero it starts from as well, which shrinks a lone voxel's features by half (docs/reference/training.md,
+/// 1.3).
 /// @param features row-major [voxels, channels] @throws InputError when lengths differ or factor < 1
 PooledVoxels pool_features(const std::vector<Voxel>& voxels, const std::vector<float>& features, std::size_t channels,
                            int factor);

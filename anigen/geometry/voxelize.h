@@ -29,8 +29,8 @@ inline FixedPoint to_fixed(const Eigen::Vector3d& point, int resolution) {
   return {along(0), along(1), along(2)};
 }
 
-/// The nearest point of [-0.5 + 1e-6, 0.5 − 1e-6]³, as the published preparation clips vertices (reference
-/// training-and-data.md, 1.1). NaN stays.
+/// The nearest point of [-0.5 + 1e-6, 0.5 − 1e-6]³, as the published preparation clips vertices
+/// (docs/reference/training.md, 1.1). NaN stays.
 inline Eigen::Vector3d clip_to_cube(const Eigen::Vector3d& point) {
   constexpr double kEdge = 0.5 - 1e-6;
   return point.cwiseMax(-kEdge).cwiseMin(kEdge);
@@ -50,7 +50,7 @@ enum class OutsideCube {
   kRefuse  ///< InputError naming the vertex; vertices on the cube's surface stay there
 };
 
-/// The voxels whose closed box meets a triangle, surface only (reference training-and-data.md, 1.1). Exact but for the
+/// The voxels whose closed box meets a triangle, surface only (docs/reference/training.md, 1.1). Exact but for the
 /// rounding of vertices to 2⁻³⁰ voxel: a triangle that touches a voxel's face, edge or corner counts for it, and a
 /// triangle without area counts as the segment or point it is. Runs on all threads; the result does not depend on them.
 /// Memory: R³ bits, 24 bytes per vertex and the result.
@@ -63,8 +63,8 @@ std::vector<Voxel> voxelize_surface(const std::vector<Eigen::Vector3f>& vertices
 std::vector<Voxel> voxelize_surface(const std::vector<Eigen::Vector3d>& vertices, const std::vector<Triangle>& faces,
                                     int resolution, OutsideCube outside = OutsideCube::kClip);
 
-/// The voxels that the bones of a skeleton pass through, and those its joints lie in; not dilated (reference
-/// training-and-data.md, 1.1, skeleton file). Joints are clipped to [-0.5 + 1e-6, 0.5 − 1e-6] first.
+/// The voxels that the bones of a skeleton pass through, and those its joints lie in; not dilated
+/// (docs/reference/training.md, 1.1). Joints are clipped to [-0.5 + 1e-6, 0.5 − 1e-6] first.
 /// @param joints [J], world frame, normalised @param parents [J], -1 for a root
 /// @return lexicographic @throws InputError on a bad resolution, without joints, when lengths differ, a parent is out
 /// of range, or a joint is not finite

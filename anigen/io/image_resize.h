@@ -16,8 +16,8 @@ enum class ResizeAlpha {
 };
 
 /// Lanczos resize (support 3, widened when shrinking) with the same bytes as Pillow's: horizontal pass, then vertical
-/// pass, 22-bit fixed-point coefficients, each pass rounded to 8 bit (reference flows-and-pipeline.md, 5.2, "PIL
-/// details"). A picture that has the size already comes back untouched.
+/// pass, 22-bit fixed-point coefficients, each pass rounded to 8 bit (docs/reference/flows.md, 5.2). A picture that has
+/// the size already comes back untouched.
 /// @throws InputError for a picture without pixels, or for a size outside 1 … 16,384
 Image resize_lanczos(const Image& image, int width, int height, ResizeAlpha alpha);
 
@@ -34,13 +34,13 @@ struct PixelBox {
 Image crop(const Image& image, const PixelBox& box);
 
 /// The square around the object that training crops condition pictures to: the box of all pixels with alpha > 0
-/// (largest minus smallest index), about its centre, enlarged by 1.2, corners cut towards zero (reference
-/// training-and-data.md, 1.4, "Condition image").
+/// (largest minus smallest index), about its centre, enlarged by 1.2, corners cut towards zero
+/// (docs/reference/training.md, 1.3).
 /// @throws InputError naming `name` when no pixel is visible, or the visible ones lie in one pixel
 PixelBox condition_box(const Image& image, const std::string& name = "");
 
-/// The square that generation crops to: alpha > 204, side twice half of int(1.2 · extent) (reference
-/// flows-and-pipeline.md, 5.2). Without such a pixel the box of the whole picture.
+/// The square that generation crops to: alpha > 204, side twice half of int(1.2 · extent) (docs/reference/flows.md,
+/// 5.2). Without such a pixel the box of the whole picture.
 /// @throws InputError naming `name` when the foreground lies in one pixel
 PixelBox inference_box(const Image& image, const std::string& name = "");
 
@@ -51,7 +51,7 @@ std::vector<float> alpha_plane(const Image& image);   ///< [H, W]: A / 255
 std::vector<float> premultiplied_planes(const Image& image);
 
 /// The picture on black as bytes, opaque: trunc(255 · (C / 255) · (A / 255)) in fp32, as the published inference
-/// quantises it (reference flows-and-pipeline.md, 5.2).
+/// quantises it (docs/reference/flows.md, 5.2).
 Image composed_on_black(const Image& image);
 
 }  // namespace anigen::io

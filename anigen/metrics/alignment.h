@@ -9,8 +9,7 @@
 
 namespace anigen::metrics {
 
-/// Meaning of "normalise scale and centre"; the published protocol leaves it open (reference
-/// training-and-data.md, 7.1).
+/// Meaning of "normalise scale and centre"; the published protocol leaves it open (docs/reference/training.md, 7.1).
 enum class NormalizationMode {
   kCentroidRms,  ///< centroid of the surface at the origin, RMS distance of the surface from it 1: the only one that
                  ///< does not change when the shape is rotated, so the only one after which a rigid ICP can be exact
@@ -58,7 +57,7 @@ enum class AlignedBy {
 std::string to_string(AlignedBy by);
 
 /// Transform of a prediction and its ground truth into one frame, the frame of scores: the truth's bounding box centred
-/// at the origin with its longest side 1 (reference training-and-data.md, 7.1), whatever normalisation ICP ran on. With
+/// at the origin with its longest side 1 (docs/reference/training.md, 7.1), whatever normalisation ICP ran on. With
 /// NormalizationMode::kNone it is the truth's own frame and unit.
 struct Alignment {
   Similarity prediction;  ///< prediction's file → frame of scores

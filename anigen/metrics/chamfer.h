@@ -24,8 +24,7 @@ inline constexpr double kSampleSpacing = 0.005;
 inline constexpr int kSamplesPerBone = 100;
 
 /// RigNet, MagicArticulate, Puppeteer: k = length / spacing rounded half to even steps, both ends included, a bone
-/// shorter than half the spacing only its parent's end. Long bones so weigh more (reference training-and-data.md, 7.2
-/// a).
+/// shorter than half the spacing only its parent's end. Long bones so weigh more (docs/reference/training.md, 7.2).
 /// @throws InputError beyond kMostBoneSamples
 std::vector<BoneSamples> spaced_samples(const std::vector<geometry::Bone>& bones, double spacing = kSampleSpacing);
 
@@ -76,8 +75,9 @@ class NearestBone {
   bool rounded_ = false;  ///< only whole parameters count
 };
 
-/// The public conventions for Chamfer distances between skeletons (reference training-and-data.md, 7.2;
-/// anymate-baselines.md, 9.3, 10.2, 10.4, 10.5). All average the two directed means of un-squared distances.
+/// The public conventions for Chamfer distances between skeletons (docs/reference/training.md, 7.2;
+/// docs/reference/rignet.md, 6; docs/reference/riggers.md, 4 and 5). All average the two directed means of un-squared
+/// distances.
 enum class SkeletonProtocol {
   kPaper,      ///< exact: bones are lines; bone-to-bone takes samples every 0.005 of one side to the lines of the other
   kRignet,     ///< bones are samples every 0.005, on both sides

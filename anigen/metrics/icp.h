@@ -63,7 +63,7 @@ double stage_residual(const AlignmentShape& source, const AlignmentShape& target
                       const IcpStage& stage);
 
 /// Registration from many starting rotations, the best kept. The paper states 100 random rotations and nothing else
-/// (reference training-and-data.md, 7.1); everything that it leaves open is an option here.
+/// (docs/reference/training.md, 7.1); everything that it leaves open is an option here.
 ///
 /// Rule of pruning, unless `exhaustive`: every start is iterated at low detail (100 samples against 1,000, one
 /// direction, at most 15 iterations, point to point); the 16 with the lowest residual of 200 samples a side go on with

@@ -21,9 +21,9 @@ double psnr(const io::Image& a, const io::Image& b);
 /// @throws InputError when the sizes differ or a side is shorter than 11 pixels
 double ssim(const io::Image& a, const io::Image& b);
 
-/// The cameras of the picture metrics (reference training-and-data.md, 7.5): yaw 0, 90, 180, 270°, pitch 0, at distance
-/// 2 from the origin and looking at it, 40° field of view, 512² pixels, black background. Colours are those of the
-/// asset under the soft light that render::render uses, without shadows; 4 rays per pixel.
+/// The cameras of the picture metrics (docs/reference/training.md, 7.5): yaw 0, 90, 180, 270°, pitch 0, at distance 2
+/// from the origin and looking at it, 40° field of view, 512² pixels, black background. Colours are those of the asset
+/// under the soft light that render::render uses, without shadows; 4 rays per pixel.
 struct ViewOptions {
   int views = 4;
   int size = 512;  ///< pixels on a side

@@ -34,8 +34,8 @@ inline constexpr double kFixedTolerance = 0.05;
 /// Rays per end of a bone.
 inline constexpr int kToleranceRays = 14;
 
-/// Joints matched one to one (RigNet; reference anymate-baselines.md, 9.3): the assignment of least total Euclidean
-/// distance, of which only pairs nearer than the true joint's tolerance count.
+/// Joints matched one to one (RigNet; docs/reference/rignet.md, 6): the assignment of least total Euclidean distance,
+/// of which only pairs nearer than the true joint's tolerance count.
 struct JointMatch {
   std::vector<int> truth_of;  ///< [predicted]: the true joint, -1 without one that counts
   std::size_t matched = 0;    ///< m: pairs that count

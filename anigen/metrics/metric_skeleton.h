@@ -12,7 +12,7 @@ namespace anigen::metrics {
 /// converts by itself. It may be a forest.
 struct MetricSkeleton : JointTree {
   /// One bone per joint that has a parent, in joint order. A skeleton without any gives its joints, as bones without
-  /// length, so that bone distances stay defined (reference training-and-data.md, 7.2).
+  /// length, so that bone distances stay defined (docs/reference/training.md, 7.2).
   std::vector<geometry::Bone> bones;
 
   /// @param name of the skeleton in messages @throws InputError as check()

@@ -24,8 +24,8 @@ class AnymateOccupancy {
   std::vector<char> inside_;
 };
 
-/// A skeleton from probabilities of parents (reference anymate-baselines.md, 6.3), RigNet's procedure as Anymate
-/// carries it: every step as published, deviations from the textbook included.
+/// A skeleton from probabilities of parents (docs/reference/anymate.md, 6.3), RigNet's procedure as Anymate carries it:
+/// every step as published, deviations from the textbook included.
 struct AnymateTree {
   JointTree tree;        ///< one root; a joint that no edge of positive cost reaches also becomes a root
   int root = 0;          ///< largest entry of the diagonal, the first of equals
@@ -48,8 +48,8 @@ Eigen::MatrixXd anymate_bone_costs(const std::vector<Eigen::Vector3d>& joints, c
 /// children that is the transposed entry, as published. @return [J] parents, -1 for the root and unreachable joints
 std::vector<int> anymate_parents(const std::vector<Eigen::Vector3d>& joints, Eigen::MatrixXd cost, int root);
 
-/// Anymate's joint metrics (reference anymate-baselines.md, 6.1). Distances and the threshold are in its frame: the
-/// object in [-1, 1]³, longest side 2, so coordinates of the unit box must be doubled first.
+/// Anymate's joint metrics (docs/reference/anymate.md, 6.1). Distances and the threshold are in its frame: the object
+/// in [-1, 1]³, longest side 2, so coordinates of the unit box must be doubled first.
 inline constexpr double kAnymateJointThreshold = 0.1;
 
 /// Result of their `earth_movers_distance`: not the exact transport cost but that of a log-domain Sinkhorn plan at
@@ -78,7 +78,7 @@ AnymateJointScore anymate_joint(const std::vector<Eigen::Vector3d>& predicted,
 /// 1e-3. @param predicted, truth at least one joint each
 ReleasedEmd anymate_emd(const std::vector<Eigen::Vector3d>& predicted, const std::vector<Eigen::Vector3d>& truth);
 
-/// Anymate's connectivity metrics on the true joints (reference anymate-baselines.md, 6.2).
+/// Anymate's connectivity metrics on the true joints (docs/reference/anymate.md, 6.2).
 struct AnymateConnectivityScore {
   double cross_entropy = 0;  ///< mean over rows of −Σ y ln(p + 1e-6), diagonals included
   double precision = 0, recall = 0;
@@ -100,8 +100,8 @@ inline constexpr double kPuppeteerMerge = 0.0025;    ///< joints nearer than thi
 inline constexpr double kPuppeteerConnect = 0.02;    ///< components nearer than this are joined in a joint
 inline constexpr std::size_t kLargestForest = 3000;  ///< joints of a forest whose components can be connected
 
-/// Cleaning by MagicArticulate and Puppeteer of prediction and ground truth before they measure (reference
-/// anymate-baselines.md, 10.2 step 4). Thresholds are for a skeleton in the unit box.
+/// Cleaning by MagicArticulate and Puppeteer of prediction and ground truth before they measure
+/// (docs/reference/riggers.md, 4). Thresholds are for a skeleton in the unit box.
 ///  1. In index order, a joint takes in all later joints nearer than 0.0025 that no other took; the group is replaced
 ///     by its first joint, or by the tree's first root when that is in it. The result need not be a tree any more.
 ///  2. Bones from a joint to itself and repeated bones go, then joints that no bone uses, other than the root.

@@ -22,7 +22,7 @@ void add_scaled(double lever, const double* step, double* row, int n);
 
 namespace anigen::metrics {
 
-/// Settings of sinkhorn(). The defaults are those of reference training-and-data.md, 7.3.
+/// Settings of sinkhorn(). The defaults are those of docs/reference/training.md, 7.3.
 struct SinkhornOptions {
   double epsilon = 1e-3;        ///< final regularisation, as a share of the largest cost unless `absolute`
   double start_epsilon = 1e-1;  ///< annealing starts here (same unit) and quarters; not used when below `epsilon`

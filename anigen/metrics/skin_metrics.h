@@ -21,10 +21,10 @@ using SkinMatrixView = Eigen::Ref<const SkinMatrix>;
 Eigen::Map<const SkinMatrix> skin_matrix(const std::vector<double>& dense, std::size_t vertices, std::size_t joints);
 SkinMatrix skin_matrix(const std::vector<float>& dense, std::size_t vertices, std::size_t joints);
 
-/// Predicted weights expressed in the true joints by a transport plan π between the joint measures (reference
-/// training-and-data.md, 7.4 step 2): W̃ = W · diag(1/a) · π, where a are the plan's row sums (1/n each for uniform
-/// measures, so W̃ = n W π). Soft: a joint split between two true ones hands on its weight in that proportion. Rows
-/// sum to 1.
+/// Predicted weights expressed in the true joints by a transport plan π between the joint measures
+/// (docs/reference/training.md, 7.4): W̃ = W · diag(1/a) · π, where a are the plan's row sums (1/n each for uniform
+/// measures, so W̃ = n W π). Soft: a joint split between two true ones hands on its weight in that proportion. Rows sum
+/// to 1.
 /// @param predicted_on_truth one row per true vertex, joints of the prediction; an empty row counts as weight 1 on
 ///        joint 0, as everywhere
 /// @param plan [n, m], predicted joints × true joints, finite, not negative, no row without mass
@@ -40,7 +40,7 @@ std::vector<float> single_precision(const std::vector<double>& weights);
 /// @throws InputError as matched_weights()
 std::vector<int> strongest_match(const Eigen::MatrixXd& plan);
 
-/// Added to both weights inside the logarithm of the divergence (reference training-and-data.md, 7.4).
+/// Added to both weights inside the logarithm of the divergence (docs/reference/training.md, 7.4).
 inline constexpr double kKlEpsilon = 1e-8;
 
 /// Vertices are also scored by how many joints truly move them: 1, 2, 3, 4, and 5 or more.
@@ -79,7 +79,7 @@ struct SkinOverlap {
   double precision = 0, recall = 0;
 };
 
-/// Anymate (reference anymate-baselines.md, 6.4), meant for its 8192 sampled points and softmax output.
+/// Anymate (docs/reference/anymate.md, 6.4), meant for its 8192 sampled points and softmax output.
 struct AnymateSkinScore {
   double cos_loss = 0;        ///< 1 − mean over vertices of the cosine; the paper's Cos is 1 minus this
   double cross_entropy = 0;   ///< mean over vertices of −Σ_k w ln(ŵ + 1e-6)

@@ -35,8 +35,7 @@ struct CloudDistances {
 /// @throws InputError when a set is empty, or naming a point that is not finite
 CloudDistances cloud_distances(const std::vector<Eigen::Vector3d>& a, const std::vector<Eigen::Vector3d>& b);
 
-/// ½ (mean_a d(a, B) + mean_b d(b, A)), distances not squared: the paper's Chamfer (reference
-/// training-and-data.md, 7.5).
+/// ½ (mean_a d(a, B) + mean_b d(b, A)), distances not squared: the paper's Chamfer (docs/reference/training.md, 7.5).
 double chamfer_l1(const CloudDistances& distances);
 /// mean_a d² + mean_b d².
 double chamfer_l2(const CloudDistances& distances);
@@ -64,8 +63,8 @@ enum class SurfaceDistance {
                      ///< whatever their tessellation, and the score does not depend on how densely the other mesh is
                      ///< sampled
   kSampleToSample    ///< to the nearest sample of the other surface: the reference's definition
-                   ///< (training-and-data.md, 7.5). Never smaller; two independent samplings of one surface stay about
-                   ///< ½ √(area / samples) apart
+                     ///< (docs/reference/training.md, 7.5). Never smaller; two independent samplings of one surface
+                     ///< stay about ½ √(area / samples) apart
 };
 
 /// "sample-to-surface", "sample-to-sample". @throws InputError for another word

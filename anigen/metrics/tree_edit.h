@@ -16,8 +16,8 @@ enum class ChildOrder {
 inline constexpr double kMostTreeEditSteps = 1e9, kMostTreeEditPairs = 1.6e7;
 
 /// The least number of joints to insert and delete to turn one tree into the other; renaming is free, positions do
-/// not count (Zhang and Shasha 1989; what APTED computes; reference anymate-baselines.md, 6.3 and 9.3). Several roots
-/// count as children of one that both sides share, which changes nothing for trees.
+/// not count (Zhang and Shasha 1989; what APTED computes; docs/reference/anymate.md, 6.3; docs/reference/rignet.md, 6).
+/// Several roots count as children of one that both sides share, which changes nothing for trees.
 /// @return nothing beyond kMostTreeEditSteps or kMostTreeEditPairs (trees of thousands of joints)
 std::optional<int> tree_edit_distance(const MetricSkeleton& a, const MetricSkeleton& b,
                                       ChildOrder order = ChildOrder::kCanonical);

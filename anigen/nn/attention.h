@@ -55,7 +55,7 @@ class AttentionLayers : public torch::nn::Module {
   MultiHeadRmsNorm q_rms_norm_ = nullptr, k_rms_norm_ = nullptr;
 };
 
-/// Multi-head attention over dense batches (reference flows-and-pipeline.md, 1.5 and 3.8).
+/// Multi-head attention over dense batches (docs/reference/flows.md, 1.4 and 3.2).
 class DenseAttentionImpl : public AttentionLayers {
  public:
   explicit DenseAttentionImpl(const AttentionOptions& options) : AttentionLayers(options) {}
@@ -67,7 +67,7 @@ class DenseAttentionImpl : public AttentionLayers {
 };
 TORCH_MODULE(DenseAttention);
 
-/// Multi-head attention inside each item of a ragged batch (reference autoencoders.md, 0.2, MHSA, and 1.2).
+/// Multi-head attention inside each item of a ragged batch (docs/reference/autoencoders.md, 1.2, and 1.2).
 class RaggedAttentionImpl : public AttentionLayers {
  public:
   explicit RaggedAttentionImpl(const AttentionOptions& options) : AttentionLayers(options) {}

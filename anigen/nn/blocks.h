@@ -12,7 +12,7 @@
 namespace anigen::nn {
 
 /// FFN(a→b; r): Linear(a→r·a) · gelu (tanh form) · Linear(r·a→b). Keys `mlp.0.*` and `mlp.2.*`
-/// (reference autoencoders.md, 0.2). The hidden width follows the input width, not the output width.
+/// (docs/reference/autoencoders.md, 1.2). The hidden width follows the input width, not the output width.
 class FeedForwardImpl : public torch::nn::Module {
  public:
   FeedForwardImpl(std::int64_t in_channels, std::int64_t out_channels, double mlp_ratio = 4.0);
@@ -26,8 +26,8 @@ class FeedForwardImpl : public torch::nn::Module {
 };
 TORCH_MODULE(FeedForward);
 
-/// Pre-norm block x += MHSA(LN(x)), x += FFN(LN(x)); norms in fp32, eps 1e-6, without parameters (reference
-/// autoencoders.md, 0.2, Block). Keys `attn.*` (or the given name) and `mlp.mlp.{0,2}.*`.
+/// Pre-norm block x += MHSA(LN(x)), x += FFN(LN(x)); norms in fp32, eps 1e-6, without parameters
+/// (docs/reference/autoencoders.md, 1.2). Keys `attn.*` (or the given name) and `mlp.mlp.{0,2}.*`.
 class TransformerBlockImpl : public torch::nn::Module {
  public:
   TransformerBlockImpl(std::int64_t channels, std::int64_t num_heads, double mlp_ratio = 4.0,
@@ -43,7 +43,7 @@ class TransformerBlockImpl : public torch::nn::Module {
 TORCH_MODULE(TransformerBlock);
 
 /// Pre-norm block without self attention: x += CrossAttn(LN(x), context), x += FFN(LN(x)); the context is not
-/// normalised (reference autoencoders.md, 1.2). Keys `cross_attn.*` and `mlp.mlp.{0,2}.*`.
+/// normalised (docs/reference/autoencoders.md, 2.2). Keys `cross_attn.*` and `mlp.mlp.{0,2}.*`.
 class CrossBlockImpl : public torch::nn::Module {
  public:
   CrossBlockImpl(std::int64_t channels, std::int64_t num_heads, double mlp_ratio = 4.0);
@@ -97,8 +97,8 @@ struct RowModulation {
   Tensor add_gated(const Tensor& x, const Tensor& result) const;
 };
 
-/// Those of the attention and of the MLP (chunks: shift, scale, gate of one, then of the other; reference
-/// flows-and-pipeline.md, 1.5).
+/// Those of the attention and of the MLP (chunks: shift, scale, gate of one, then of the other;
+/// docs/reference/flows.md, 1.4).
 /// @param layer of a block with a modulation of its own, else null @param mod [B, C], or without a layer [B, 6C]
 /// @param x [..., C] rows of the items
 std::pair<RowModulation, RowModulation> row_modulations(Modulation& layer, const Tensor& mod, const Ragged& items,
@@ -129,7 +129,7 @@ class ModulatedLayers : public torch::nn::Module {
     if (!options.share_mod) modulation_ = register_module("adaLN_modulation", Modulation(options.channels));
   }
 
-  /// The ten steps of reference flows-and-pipeline.md, 1.5: gated attention, cross attention that is neither gated nor
+  /// The ten steps of docs/reference/flows.md, 1.4: gated attention, cross attention that is neither gated nor
   /// modulated, gated MLP. @param attend, cross attention of rows that were normed; cross null: none
   template <typename Attend, typename Cross>
   Tensor run(const Tensor& x, const Ragged& items, const Tensor& mod, const Attend& attend, const Cross& cross) {
@@ -167,7 +167,7 @@ class ModulatedBlockImpl : public ModulatedLayers<DenseAttention> {
 TORCH_MODULE(ModulatedBlock);
 
 /// Published initial values of what the streams of both flows have: time embedders N(0, 0.02²), modulation and last
-/// layer zero (reference flows-and-pipeline.md, 1.7 and 2.8).
+/// layer zero (docs/reference/flows.md, 1.6).
 template <typename Stream>
 void initialize_modulated_stream(Stream& stream) {
   normal_linear(*stream.t_embedder->first);
@@ -212,7 +212,7 @@ class BlockOutput {
   FeedForward mlp_ = nullptr, residual_ = nullptr;
 };
 
-/// Pre-norm block over a dense batch: x += attn(LN(x)), then BlockOutput (reference flows-and-pipeline.md, 3.8). Keys
+/// Pre-norm block over a dense batch: x += attn(LN(x)), then BlockOutput (docs/reference/flows.md, 3.2). Keys
 /// `norm{1,2}.*` if affine, `attn.*`, `mlp.mlp.*`, `res_mlp.mlp.*` if the width changes.
 class DenseBlockImpl : public torch::nn::Module {
  public:
@@ -227,8 +227,8 @@ class DenseBlockImpl : public torch::nn::Module {
 };
 TORCH_MODULE(DenseBlock);
 
-/// x += self(LN1(x)), x += cross(LN2(x), context), then BlockOutput with LN3; the context is not normalised (reference
-/// flows-and-pipeline.md, 3.8). Keys `norm{1,2,3}.*` if affine, `self_attn.*`, `cross_attn.*`, `mlp.mlp.*`,
+/// x += self(LN1(x)), x += cross(LN2(x), context), then BlockOutput with LN3; the context is not normalised
+/// (docs/reference/flows.md, 3.2). Keys `norm{1,2,3}.*` if affine, `self_attn.*`, `cross_attn.*`, `mlp.mlp.*`,
 /// `res_mlp.mlp.*`.
 class DenseCrossBlockImpl : public torch::nn::Module {
  public:
@@ -243,10 +243,10 @@ class DenseCrossBlockImpl : public torch::nn::Module {
 };
 TORCH_MODULE(DenseCrossBlock);
 
-/// Vertices take up the joints' features by their skin weights, joints attend to each other (reference
-/// flows-and-pipeline.md, 3.8): x ← x + skin · to_v(LN1 j), then BlockOutput with LN2; u = j + attn(LN3 j), then
-/// j ← (j or res_joint_mlp(j)) + joint_mlp(u) without a norm. Keys `norm{1,2,3}.*` if affine, `joint_attn.*`, `to_v.*`,
-/// `mlp.mlp.*`, `joint_mlp.mlp.*`, `res_mlp.mlp.*`, `res_joint_mlp.mlp.*`.
+/// Vertices take up the joints' features by their skin weights, joints attend to each other (docs/reference/flows.md,
+/// 3.2): x ← x + skin · to_v(LN1 j), then BlockOutput with LN2; u = j + attn(LN3 j), then j ← (j or res_joint_mlp(j)) +
+/// joint_mlp(u) without a norm. Keys `norm{1,2,3}.*` if affine, `joint_attn.*`, `to_v.*`, `mlp.mlp.*`,
+/// `joint_mlp.mlp.*`, `res_mlp.mlp.*`, `res_joint_mlp.mlp.*`.
 class SkinCrossBlockImpl : public torch::nn::Module {
  public:
   explicit SkinCrossBlockImpl(const DenseBlockOptions& options);

@@ -7,16 +7,16 @@
 namespace anigen::nn {
 
 /// Sinusoidal embedding of integer coordinates: per axis the sines then the cosines of c · 10000^(−i/F), F =
-/// ⌊⌊C/axes⌋/2⌋; axes in order, zero-padded to C (reference flows-and-pipeline.md, 1.4).
+/// ⌊⌊C/axes⌋/2⌋; axes in order, zero-padded to C (docs/reference/flows.md, 1.2).
 /// @param coordinates [N, axes], integer or floating point @return [N, channels] fp32
 Tensor absolute_position_embedding(const Tensor& coordinates, std::int64_t channels);
 
 /// Cells (x, y, z) of a cubic grid as rows in row-major order, z fastest. [R³, 3] int64
 Tensor grid_coordinates(std::int64_t resolution);
 
-/// Sinusoidal features of continuous coordinates (reference autoencoders.md, 0.2, "Fourier embedding"):
-/// [x, sin(b_0 x), cos(b_0 x), sin(b_1 x), …] with bands b = 2^linspace(0, max_log2, n). The exponents end at
-/// max_log2 itself, so with n bands they are not the integers 0..n-1, and there is no factor π. No parameters.
+/// Sinusoidal features of continuous coordinates (docs/reference/autoencoders.md, 1.2): [x, sin(b_0 x), cos(b_0 x),
+/// sin(b_1 x), …] with bands b = 2^linspace(0, max_log2, n). The exponents end at max_log2 itself, so with n bands they
+/// are not the integers 0..n-1, and there is no factor π. No parameters.
 class FourierEmbedding {
  public:
   struct Options {
@@ -39,8 +39,8 @@ class FourierEmbedding {
   bool include_input_;
 };
 
-/// [cos(t f_i), sin(t f_i)] with f_i = exp(−ln(10000) i / (width/2)), cosines first (reference flows-and-pipeline.md,
-/// 1.2); an odd width ends with a zero. @param t [B] fp32, already multiplied by 1000 @return [B, width] fp32
+/// [cos(t f_i), sin(t f_i)] with f_i = exp(−ln(10000) i / (width/2)), cosines first (docs/reference/flows.md, 1.2); an
+/// odd width ends with a zero. @param t [B] fp32, already multiplied by 1000 @return [B, width] fp32
 Tensor timestep_features(const Tensor& t, std::int64_t width = 256);
 
 /// timestep_features · Linear · SiLU · Linear, always in fp32. Keys `mlp.{0,2}.*`.
@@ -62,9 +62,9 @@ TORCH_MODULE(TimestepEmbedder);
 torch::Tensor joint_count_features(const torch::Tensor& joints_num, std::int64_t most, std::int64_t bands,
                                    torch::Dtype dtype);
 
-/// Number of joints of an asset, as an addition to the time embedding of a stream (reference
-/// flows-and-pipeline.md, 2.6): joint_count_features · Linear · SiLU · Linear; counts of 0 and below stand for no wish
-/// and give a learned vector instead. Keys `0.*`, `2.*`; the vector belongs to the model, under a name of its own.
+/// Number of joints of an asset, as an addition to the time embedding of a stream (docs/reference/flows.md, 2.4):
+/// joint_count_features · Linear · SiLU · Linear; counts of 0 and below stand for no wish and give a learned vector
+/// instead. Keys `0.*`, `2.*`; the vector belongs to the model, under a name of its own.
 class JointCountEmbedderImpl : public torch::nn::Module {
  public:
   JointCountEmbedderImpl(std::int64_t channels, std::int64_t most, std::int64_t bands);

@@ -23,12 +23,12 @@ enum class Init {
   kNone        ///< nothing: memory is reserved but not written; load every tensor (strictly) before use
 };
 
-/// Xavier-uniform weights and zero biases for every Linear below `module` (reference autoencoders.md, 1.3 and 3.10). Of
-/// a low-rank addition `lora_A` becomes zero and `lora_B` 0.01 · N(0, 1) (reference flows-and-pipeline.md, 1.8).
+/// Xavier-uniform weights and zero biases for every Linear below `module` (docs/reference/autoencoders.md, 1.6). Of a
+/// low-rank addition `lora_A` becomes zero and `lora_B` 0.01 · N(0, 1) (docs/reference/flows.md, 1.5).
 void xavier_uniform_linears(torch::nn::Module& module);
 
 /// Kaiming-uniform weights with gain 1 and the fan-in, |w| <= sqrt(3 / in), and zero biases for every Linear below
-/// `module` (reference autoencoders.md, 2.3).
+/// `module` (docs/reference/autoencoders.md, 1.6).
 void kaiming_uniform_linears(torch::nn::Module& module);
 
 /// PyTorch's default for every Conv3d below `module`: weights and biases uniform in ± 1 / sqrt(fan-in) (the
@@ -39,7 +39,7 @@ void default_convolutions(torch::nn::Module& module);
 /// gamma of every MultiHeadRmsNorm.
 void default_norms(torch::nn::Module& module);
 
-/// Weight ~ N(0, std²), zero bias: the layers of a timestep embedder (reference flows-and-pipeline.md, 1.7).
+/// Weight ~ N(0, std²), zero bias: the layers of a timestep embedder (docs/reference/flows.md, 1.6).
 void normal_linear(LinearImpl& linear, double std = 0.02);
 
 /// Zeros in every parameter of this module and those below.
@@ -55,7 +55,7 @@ class Convolution {
 bool is_linear_or_convolution(const torch::nn::Module& module);
 
 /// Converts the parameters of every Linear and convolution below `module`, in place; norms and bare parameters keep
-/// their type (reference autoencoders.md, 0.4, "fp16 torso").
+/// their type (docs/reference/autoencoders.md, 1.4).
 void cast_linears(torch::nn::Module& module, torch::Dtype dtype);
 
 /// "[2, 8, 4]", for messages.

@@ -5,7 +5,7 @@
 
 namespace anigen::nn {
 
-/// Low-rank addition to a linear map (reference flows-and-pipeline.md, 1.8): + scale · (x A) B.
+/// Low-rank addition to a linear map (docs/reference/flows.md, 1.5): + scale · (x A) B.
 struct Lora {
   std::int64_t rank = 0;  ///< 0: none
   double scale = 0.1;     ///< not divided by the rank, and not in a checkpoint
@@ -30,7 +30,7 @@ class LinearImpl : public torch::nn::Module {
 TORCH_MODULE(Linear);
 
 /// Linear(in→hidden) · gelu (tanh form) · Linear(hidden→out), with keys `0.{weight,bias}` and `2.{weight,bias}`
-/// (reference autoencoders.md, 0.2).
+/// (docs/reference/autoencoders.md, 1.2).
 class MlpImpl : public torch::nn::Module {
  public:
   MlpImpl(std::int64_t in_features, std::int64_t hidden_features, std::int64_t out_features);
@@ -75,8 +75,8 @@ torch::nn::ModuleList module_list(const std::vector<Layer>& layers) {
 }
 
 /// gelu in its tanh form, 0.5 x (1 + tanh(√(2/π)(x + 0.044715 x³))), the only form the published models use
-/// (reference autoencoders.md, 0.2). On fp32 tensors in CPU memory it is evaluated as x · sigmoid(2 √(2/π)(…)), the
-/// same function, by a vectorised exponential: several times faster than LibTorch's, which calls tanh, and this
+/// (docs/reference/autoencoders.md, 1.2). On fp32 tensors in CPU memory it is evaluated as x · sigmoid(2 √(2/π)(…)),
+/// the same function, by a vectorised exponential: several times faster than LibTorch's, which calls tanh, and this
 /// function takes a third of a training step of small models. Agrees with it to a few units in the last place. Can be
 /// differentiated once.
 Tensor gelu_tanh(const Tensor& x);

@@ -4,7 +4,7 @@
 namespace anigen::nn {
 
 inline constexpr double kBlockNormEps =
-    1e-6;  ///< layer norms inside transformer blocks (reference autoencoders.md, 0.2)
+    1e-6;  ///< layer norms inside transformer blocks (docs/reference/autoencoders.md, 1.2)
 
 /// Layer norm over the last axis without parameters: biased variance, eps inside the root. 16-bit input is
 /// normalised in fp32 and cast back. @param x [..., C] @return the shape and dtype of x
@@ -31,8 +31,8 @@ class AffineLayerNormImpl : public torch::nn::Module {
 };
 TORCH_MODULE(AffineLayerNorm);
 
-/// q/k norm of attention: x_h / max(‖x_h‖₂, 1e-12) · γ_h · √D per head, in fp32, cast back (reference
-/// flows-and-pipeline.md, 1.5). Key `gamma` [H, D], initially ones.
+/// q/k norm of attention: x_h / max(‖x_h‖₂, 1e-12) · γ_h · √D per head, in fp32, cast back (docs/reference/flows.md,
+/// 1.4). Key `gamma` [H, D], initially ones.
 class MultiHeadRmsNormImpl : public torch::nn::Module {
  public:
   MultiHeadRmsNormImpl(std::int64_t head_channels, std::int64_t num_heads);

@@ -59,7 +59,7 @@ LoadReport load_state_dict(torch::nn::Module& module, io::NamedArrays&& arrays, 
 /// The dtype that each entry has in the published system: fp16 for the parameters of Linear and convolution layers
 /// below one of the named modules ("skin_decoder.blocks_skin") and for parameters that are named themselves, fp32 for
 /// every other floating-point entry. Differs from the tensor's own dtype where we compute in fp32, as on a CPU
-/// (reference autoencoders.md, 0.4 and appendix A).
+/// (docs/reference/autoencoders.md, 1.4).
 /// @return one per entry of state_entries, in its order
 std::vector<torch::Dtype> published_dtypes(const torch::nn::Module& module,
                                            const std::vector<std::string>& half_precision_modules);
@@ -92,8 +92,8 @@ enum class Averages { kUsual, kAlways, kNever };
 
 /// As above, for a flow, of any of several class names. Without a name of a file kUsual takes what the kind of folder
 /// is usually used with: the newest averages of a run that was trained here, the weights themselves of a published
-/// folder (reference flows-and-pipeline.md, 6.4). @throws InputError as find_run_model(), also when what is asked for
-/// is missing
+/// folder (docs/reference/flows.md, 6.2). @throws InputError as find_run_model(), also when what is asked for is
+/// missing
 RunModel find_flow_model(const std::filesystem::path& run, const std::vector<std::string>& class_names,
                          const std::string& ckpt = "", Averages averages = Averages::kUsual);
 

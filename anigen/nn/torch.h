@@ -45,8 +45,8 @@ inline Tensor fused_attention(const Tensor& q, const Tensor&, const Tensor&) {
 }
 #endif
 
-/// What a backward pass that has none of its own kept. @throws c10::Error under create_graph, where `what` would miss
-/// terms of a second derivative
+/// Tensors that a forward pass saved for a backward pass without a derivative of its own. @throws c10::Error under
+/// create_graph, where `what` would miss terms of a second derivative
 inline torch::autograd::variable_list saved_once(const torch::autograd::AutogradContext& context, const char* what) {
   TORCH_CHECK(!at::GradMode::is_enabled(), what,
               " can be differentiated once only: its backward pass, under create_graph, would miss terms");

@@ -15,10 +15,10 @@ struct NamedModel {
   std::shared_ptr<torch::nn::Module> module;
 };
 
-/// Turns off gradients below the named attributes of a model, as `modules_to_freeze` does (reference autoencoders.md,
-/// 2.4): a name stands for exactly the child module or parameter of that name — `blocks` is not `blocks_skl` — and
-/// names the model lacks are ignored. Parameters whose own path contains "lora" stay trainable: low-rank additions are
-/// what a frozen stream learns.
+/// Turns off gradients below the named attributes of a model, as `modules_to_freeze` does
+/// (docs/reference/autoencoders.md, 1.5): a name stands for exactly the child module or parameter of that name —
+/// `blocks` is not `blocks_skl` — and names the model lacks are ignored. Parameters whose own path contains "lora" stay
+/// trainable: low-rank additions are what a frozen stream learns.
 void freeze_modules(torch::nn::Module& module, const std::vector<std::string>& names);
 
 /// State-dict keys of the parameters that ask for no gradient, in registration order.
@@ -41,7 +41,7 @@ class FreezableModel : public torch::nn::Module {
   /// Turns off gradients as modules_to_freeze says, whatever the two flags say (see freeze_modules).
   void apply_freezing();
   /// Names of the modules whose linears and convolutions, and of the parameters that are fp16 in the published system
-  /// (reference autoencoders.md, 0.4 and appendix A), for published_dtypes().
+  /// (docs/reference/autoencoders.md, 1.4), for published_dtypes().
   std::vector<std::string> half_precision_modules() const;
   /// Converts those modules in place. @throws NotSupportedError when the model is not on a GPU
   void convert_to_fp16();
@@ -61,8 +61,8 @@ class FreezableModel : public torch::nn::Module {
 /// the first and the last layer stay in fp32.
 class FlowModel : public FreezableModel {
  public:
-  /// Converts the linears and convolutions of the torso in place (reference flows-and-pipeline.md, 1.10 and 2.7);
-  /// forward() casts its inputs where they enter it. Call it before an optimiser takes over the parameters.
+  /// Converts the linears and convolutions of the torso in place (docs/reference/autoencoders.md, 1.4); forward() casts
+  /// its inputs where they enter it. Call it before an optimiser takes over the parameters.
   /// @throws NotSupportedError for fp16 on a CPU, where bf16 is the choice
   void set_compute_dtype(torch::Dtype dtype);
   torch::Dtype compute_dtype() const { return dtype_of(torso_weight_); }

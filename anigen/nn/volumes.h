@@ -4,11 +4,11 @@
 namespace anigen::nn {
 
 /// [B, C, X, Y, Z] → [B, C p³, X/p, Y/p, Z/p]; channel ((c p + i) p + j) p + k holds offset (i, j, k) of the patch
-/// (reference flows-and-pipeline.md, 1.3).
+/// (docs/reference/flows.md, 1.3).
 Tensor patchify(const Tensor& volume, std::int64_t patch);
 Tensor unpatchify(const Tensor& patches, std::int64_t patch);  ///< inverse of patchify
 
-/// [B, C s³, X, Y, Z] → [B, C, sX, sY, sZ] in the same channel order (reference autoencoders.md, 2.1, Up). Keeps the
+/// [B, C s³, X, Y, Z] → [B, C, sX, sY, sZ] in the same channel order (docs/reference/autoencoders.md, 3.1). Keeps the
 /// memory format, contiguous or ChannelsLast3d.
 Tensor pixel_shuffle_3d(const Tensor& volume, std::int64_t scale);
 
@@ -47,9 +47,9 @@ class Conv3dImpl : public torch::nn::Module {
 };
 TORCH_MODULE(Conv3d);
 
-/// Norm of dense volumes, in fp32 and cast back. "layer": over the channels at each voxel, eps 1e-5 (reference
-/// autoencoders.md, 0.2, CLN); "group": over the cells and the channels of a group, eps 1e-5. Keys `weight`, `bias`,
-/// not initialised (see Linear). "layer" keeps the memory format, contiguous or ChannelsLast3d.
+/// Norm of dense volumes, in fp32 and cast back. "layer": over the channels at each voxel, eps 1e-5
+/// (docs/reference/autoencoders.md, 1.2); "group": over the cells and the channels of a group, eps 1e-5. Keys `weight`,
+/// `bias`, not initialised (see Linear). "layer" keeps the memory format, contiguous or ChannelsLast3d.
 class VolumeNormImpl : public torch::nn::Module {
  public:
   enum class Kind { kLayer, kGroup };

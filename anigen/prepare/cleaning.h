@@ -49,7 +49,7 @@ struct CleaningOptions : JsonOptions<CleaningOptions> {
   void validate(const std::string& file = "", const std::string& pointer = "") const;
 };
 
-/// Published rules (reference anymate-baselines.md; AniGen's own are not published, training-and-data.md, 1.1):
+/// Published rules (docs/reference/anymate.md, 1.1; AniGen's own are not published, docs/reference/training.md, 1.1):
 ///   "none": the default;
 ///   "anymate": 128 < V < 65,535, 8 < bones < 64 (each joint is the head of one), at most 70 % outside (1.1), all
 ///   unused joints pruned (1.3);
@@ -114,15 +114,15 @@ std::vector<int> coarser_heirs(const Skeleton& skeleton, const std::vector<char>
 
 /// Leaves the asset a share of its joints, at least two, the share being drawn for its name from
 /// [share.least, share.most] uniformly. A dataset prepared so holds like shapes with rigs of different density, which
-/// is what a flow conditioned on the number of joints (paper, section 4.2; reference training-and-data.md, stage 5) has
-/// to see: where every shape has its one density, the number of joints says nothing that the picture does not.
+/// is what a flow conditioned on the number of joints (paper, section 4.2; docs/reference/flows.md, 2.4) has to see:
+/// where every shape has its one density, the number of joints says nothing that the picture does not.
 /// @return what was taken away, if anything
 std::optional<CleaningFinding> coarsen_skeleton(Asset& asset, const ShareRange& share, const std::string& name);
 
 /// Takes joints out of an asset. What stays keeps its world transform in the bind pose, in the rest pose and in every
 /// animation; keys of joints that hang elsewhere afterwards are made anew at the times of all keys that moved them.
 /// When several joints are left without a parent, the one nearest to their mean becomes the root and takes the others
-/// (reference anymate-baselines.md, 1.3).
+/// (docs/reference/anymate.md, 1.3).
 /// @param heir per joint: itself when it stays, else the joint that stays, of a smaller number, which gets its weights
 /// and children, or -1 for a joint without weights above all that stay
 /// @throws Error when no joint stays or an heir is none of these

@@ -45,7 +45,7 @@ struct PrepareSummary {
 ANIGEN_JSON_RECORD(PrepareSummary, real, procedural, reused, variants, rejected_poses, bad_skeleton, bad_skin, train,
                    test, failed_steps, bytes, merged, rejected)
 
-/// Turns sources into a dataset in the published layout (reference training-and-data.md, 1.1; datasets/README.md):
+/// Turns sources into a dataset in the published layout (docs/reference/training.md, 1.1; datasets/README.md):
 ///
 ///     metadata.csv  rejected.csv  failures.jsonl  splits/*.txt  card.html  card.md  card.png
 ///     skeleton/<id>/skeleton_voxelized.npz  voxels/<id>.ply  voxels/<id>_skeleton.ply  assets/<id>.glb

@@ -117,7 +117,7 @@ std::vector<std::vector<std::string>> counts_of(const DatasetRows& found, const 
            found.rows.empty() ? "0" : text(static_cast<std::size_t>(summary.bytes / found.rows.size() / 1024))}};
 }
 
-/// How often each word stands, as a table.
+/// Counts of words as a table.
 CardTable counted(CardTable table, const std::map<std::string, std::size_t>& counts) {
   for (const auto& [word, count] : counts) table.rows.push_back({word, text(count)});
   return table;

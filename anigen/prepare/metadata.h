@@ -41,8 +41,8 @@ void from_json(const Json& json, SkeletonDescriptor& descriptor);
 /// unit of the longest side), and their mean bone lengths differ by no more than twice that.
 bool near(const SkeletonDescriptor& a, const SkeletonDescriptor& b, double tolerance);
 
-/// Published pipelines remove assets by skeleton similarity without saying which (reference anymate-baselines.md, 1.1);
-/// 1 % is our choice.
+/// Published pipelines remove assets by skeleton similarity without saying which (docs/reference/anymate.md, 1.1); 1 %
+/// is our choice.
 inline constexpr double kNearSkeleton = 0.01;
 
 /// For every descriptor the first earlier one that it is near to and that is itself near to none; nothing for those
@@ -97,9 +97,9 @@ struct FeatureRequest {
   std::filesystem::path views;                 ///< renders/<id>; empty when the extractor needs no views
 };
 
-/// Gives every surface voxel a vector: features/<name>/<id>.npz of the published layout (reference
-/// training-and-data.md, 1.1). Made in the worker that uses it, never in the parent of a run, since an extractor may
-/// start a tensor library. extract() is called from one thread at a time.
+/// Gives every surface voxel a vector: features/<name>/<id>.npz of the published layout (docs/reference/training.md,
+/// 1.1). Made in the worker that uses it, never in the parent of a run, since an extractor may start a tensor library.
+/// extract() is called from one thread at a time.
 class FeatureExtractor {
  public:
   virtual ~FeatureExtractor() = default;

@@ -72,8 +72,8 @@ class OwnMotion {
   double total_way_ = 0.0;
 };
 
-/// Options of posed variants of an asset (paper, section 4.1.1; reference training-and-data.md,
-/// section 6). Probability and largest angle are the paper's; it gives nothing of the rest.
+/// Options of posed variants of an asset (paper, section 4.1.1; docs/reference/training.md, 6). Probability and largest
+/// angle are the paper's; it gives nothing of the rest.
 struct PoseAugmentation {
   bool own_motion = true;          ///< poses from the asset's animations where they move it; false: always random
   double blend_probability = 0.5;  ///< share of those poses that lie between two times of a clip, see OwnMotion

@@ -116,7 +116,7 @@ std::string within(const char* what, double value, double low, double high) {
 
 }  // namespace
 
-/// Whether each place is hidden from every direction, in a pose of this size.
+/// Flags the places that are hidden from every direction, in a pose of this size.
 std::vector<bool> PoseChecks::hidden_places(const Vertices& posed, double size) const {
   static const std::array<Eigen::Vector3d, kDirections> rays = directions();
   const geometry::RayCaster caster(posed, faces_);

@@ -113,8 +113,8 @@ struct Provenance {
 /// All of it, with measures rounded to six digits.
 Json to_json(const Provenance& provenance);
 
-/// Rotations of joints about their own positions, [J]: the R_k of reference training-and-data.md, section 6. They are
-/// written in axes parallel to the world's in the bind pose, and act on everything below the joint.
+/// Rotations of joints about their own positions, [J]: the R_k of docs/reference/training.md, 6. They are written in
+/// axes parallel to the world's in the bind pose, and act on everything below the joint.
 struct JointTurns {
   std::vector<Eigen::Matrix3d> rotations;
   std::vector<double> angles;  ///< radians; 0 for a joint that was left alone

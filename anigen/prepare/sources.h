@@ -64,15 +64,15 @@ std::string asset_id(const AssetSource& source);
 /// Largest dense weight matrix that is written, in bytes.
 inline constexpr std::size_t kMaxDenseSkinBytes = std::size_t{2} << 30;
 
-/// Writes skeleton_voxelized.npz (reference training-and-data.md, 1.1): joints f32 [J, 3], parents i32 [J] with -1
-/// for the root at index 0, skin f32 [V, J] dense, vertices f32 [V, 3], faces i32 [F, 3]. The asset is written in
-/// the frame it is in; the layout wants it normalised. Atomic; equal assets give equal bytes.
+/// Writes skeleton_voxelized.npz (docs/reference/training.md, 1.1): joints f32 [J, 3], parents i32 [J] with -1 for the
+/// root at index 0, skin f32 [V, J] dense, vertices f32 [V, 3], faces i32 [F, 3]. The asset is written in the frame it
+/// is in; the layout wants it normalised. Atomic; equal assets give equal bytes.
 /// @throws InputError when the dense weights would exceed kMaxDenseSkinBytes
 void write_skeleton_archive(const std::filesystem::path& path, const Asset& asset);
 
 /// Distance of the two most similar bones: the smallest, over pairs of joints other than the root, of the
 /// largest coordinate difference between their vectors from the parent. The skin auto-encoder tells joints apart by
-/// these vectors (reference autoencoders.md, 1.1), so equal ones give equal tokens.
+/// these vectors (docs/reference/autoencoders.md, 2.1), so equal ones give equal tokens.
 /// @param joints [J] normalised positions @param parents [J], -1 for the root
 /// @return kNoPair with fewer than two bones
 inline constexpr double kNoPair = 1e9;

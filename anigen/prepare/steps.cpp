@@ -192,7 +192,7 @@ void render_views(AssetJob& job, render::ViewOptions options, const std::vector<
   render::write_transforms(folder / "transforms.json", transforms);
 }
 
-/// What the two kinds of views have in common.
+/// The options and folder that both kinds of views share.
 Step view_step(const std::string& name, const ViewSettings& settings, fs::path (AssetPlaces::*folder)() const) {
   Step step{name};
   step.options = {{"count", settings.count},
@@ -256,7 +256,7 @@ Step condition_view_step(const ViewSettings& settings) {
   return step;
 }
 
-/// Views that the published system renders (reference training-and-data.md, 1.1), for `--only views` without a number.
+/// Views that the published system renders (docs/reference/training.md, 1.1), for `--only views` without a number.
 constexpr std::size_t kPublishedViews = 150, kPublishedConditionViews = 24;
 
 ViewSettings with_count(ViewSettings settings, std::size_t published, std::uint64_t seed) {

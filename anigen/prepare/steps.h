@@ -53,8 +53,8 @@ StepRecords read_step_records(const std::filesystem::path& file);
 /// Atomic; steps in alphabetical order, whatever order they ran in.
 void write_step_records(const std::filesystem::path& file, const std::string& id, const StepRecords& records);
 
-/// Paths of the files of one asset in a dataset: the published names (reference training-and-data.md, 1.1) and our
-/// own assets/ and records/.
+/// Paths of the files of one asset in a dataset: the published names (docs/reference/training.md, 1.1) and our own
+/// assets/ and records/.
 struct AssetPlaces {
   std::filesystem::path out;
   std::string id;
@@ -135,9 +135,9 @@ void reset_peak_memory();
 /// Most memory that this process had in RAM, bytes (VmHWM); 0 when the kernel does not tell.
 std::uint64_t peak_memory_bytes();
 
-/// `voxels/<id>.ply` and `voxels/<id>_skeleton.ply` of the published data set (reference training-and-data.md, 1.1):
-/// binary PLY, little-endian, one element `vertex` with float x, y, z, the centres of the voxels. Equal sets give equal
-/// bytes: rows are in lexicographic order. Atomic.
+/// `voxels/<id>.ply` and `voxels/<id>_skeleton.ply` of the published data set (docs/reference/training.md, 1.1): binary
+/// PLY, little-endian, one element `vertex` with float x, y, z, the centres of the voxels. Equal sets give equal bytes:
+/// rows are in lexicographic order. Atomic.
 /// @param voxels in any order @param resolution R
 /// @throws InputError without voxels, on a bad resolution, or when a voxel lies outside the grid
 void write_voxel_ply(const std::filesystem::path& path, std::vector<geometry::Voxel> voxels, int resolution);
@@ -195,7 +195,7 @@ inline void from_json(const Json& json, StepPlan& plan) { plan = StepPlan::from_
 ///                       columns num_voxels, num_skeleton_voxels
 ///     views             renders/<id>: NNN.png, transforms.json and mesh.ply, the normalised mesh that surface voxels
 ///     are
-///                       made of, from cameras all around (reference training-and-data.md, 1.1); with
+///                       made of, from cameras all around (docs/reference/training.md, 1.1); with
 ///                       ViewSettings::geometry also NNN_normal.png (world normals, alpha is the mask) and
 ///                       NNN_depth.png (16 bits, render::kDepthUnits)
 ///     cond_views        renders_cond/<id>: NNN.png and transforms.json, from cameras of many focal lengths, for image

@@ -47,7 +47,7 @@ struct SilhouettePairs {
 };
 
 /// The edge belongs to the nearer pixel's triangle and is a silhouette: no other triangle continues the surface on its
-/// far side. Edges with an end behind the camera are left out (reference README-ops.md, "Antialiasing").
+/// far side. Edges with an end behind the camera are left out (docs/reference/training.md, 8).
 /// @param fragments of these positions and faces @throws InputError when they cannot be
 SilhouettePairs find_silhouette_pairs(const Fragments& fragments, const Tensor& clip, const Tensor& faces);
 
@@ -56,7 +56,7 @@ SilhouettePairs find_silhouette_pairs(const Fragments& fragments, const Tensor& 
 /// except where an edge passes through a centre. Several images of one view are antialiased fastest as channels of one.
 /// Same result for any number of threads; differentiable once.
 /// @param image [H, W, C] fp32 or fp64 @param fragments of these positions and faces @return [H, W, C]
-/// (reference README-ops.md, rasterisation rules, "Antialiasing")
+/// (docs/reference/training.md, 8)
 /// @throws InputError when shapes, types or indices do not fit
 Tensor antialias(const Tensor& image, const Fragments& fragments, const Tensor& clip, const Tensor& faces);
 

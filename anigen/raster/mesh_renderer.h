@@ -14,7 +14,7 @@ using torch::Tensor;
 
 /// Clip-space projection of the published mesh renderer for OpenCV camera space (x right, y down, z forward): z/w is 0
 /// at depth `near` and 1 at `far`, w is the depth, y is not flipped. Entry (1, 2) is 1 − 2 cy as published, which is
-/// right only for cy = 0.5 (reference README-ops.md, "Differentiable rasterisation rules").
+/// right only for cy = 0.5 (docs/reference/training.md, 8).
 /// @param intrinsics [3, 3] normalised, fp32 or fp64 @return [4, 4], differentiable in the intrinsics
 /// @throws InputError unless 0 < near < far
 Tensor projection_matrix(const Tensor& intrinsics, double near, double far);
@@ -65,8 +65,8 @@ struct Rendering {
 };
 
 /// The published MeshRenderer: row 0 is the top of the picture; every image antialiased, so that gradients of every one
-/// reach the vertices, also through silhouettes (reference README-ops.md, "Differentiable rasterisation rules"). A mesh
-/// without faces gives an empty picture.
+/// reach the vertices, also through silhouettes (docs/reference/training.md, 8). A mesh without faces gives an empty
+/// picture.
 /// @param vertices [V, 3] fp32 or fp64 @param faces [F, 3] int64 @param attributes [V, A] or undefined
 /// @param extrinsics [4, 4] world → camera, OpenCV axes @param intrinsics [3, 3] normalised; all of the vertices' type
 /// @throws InputError when an option, shape, type or index does not fit, or a vertex is not finite

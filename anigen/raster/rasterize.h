@@ -26,7 +26,7 @@ struct Viewport {
 };
 
 /// A triangle as a pixel at (X, Y) sees it. With q_k = (x_k − X w_k, y_k − Y w_k), the unnormalised weights of the
-/// corners are q1 × q2, q2 × q0, q0 × q1 (reference README-ops.md, rasterisation rules).
+/// corners are q1 × q2, q2 × q0, q0 × q1 (docs/reference/training.md, 8).
 struct PixelTriangle {
   std::array<double, 3> qx, qy, weight;
   double sum;  ///< of the weights; 0: the triangle has no area as seen from here
@@ -91,7 +91,7 @@ struct Fragments {
 /// as they are in front of it. Positions are snapped to 1/2^subpixel_bits pixel for coverage only; the published system
 /// has 1/16 pixel, finer steps come closer to exact coverage. Barycentrics are of the unsnapped triangle, clamped to
 /// it; gradients pass the clamp. Runs on all threads of the CPU, with the same result for any number; tensors of other
-/// devices are copied there and back. Can be differentiated once (reference README-ops.md, rasterisation rules).
+/// devices are copied there and back. Can be differentiated once (docs/reference/training.md, 8).
 /// @param clip [V, 4] fp32 or fp64 @param faces [F, 3] int64
 /// @throws InputError on a bad index or size, and on a vertex that is not finite
 Fragments rasterize(const Tensor& clip, const Tensor& faces, std::int64_t height, std::int64_t width,

@@ -11,7 +11,7 @@
 namespace anigen::render {
 
 // Cameras in OpenCV's form: x right, y down, z forward; pictures as uv in [0, 1]², origin top left, so that intrinsics
-// do not depend on the resolution. (Reference training-and-data.md, 1.1.)
+// do not depend on the resolution. (docs/reference/training.md, 1.1.)
 
 /// World-to-camera [4,4] of a camera-to-world in Blender's form: the inverse after columns 1 and 2 (up, back) have
 /// changed sign. @throws InputError when the matrix has no inverse
@@ -46,7 +46,7 @@ struct ViewCamera {
 };
 
 /// Directions spread evenly over the sphere: yaw and pitch of point i of n of the Hammersley set, shifted by
-/// (offset0 / n, offset1). Yaw is not wrapped. (Reference training-and-data.md, 1.1.)
+/// (offset0 / n, offset1). Yaw is not wrapped. (docs/reference/training.md, 1.1.)
 /// @param upper remaps the set so that three quarters of it lie in the upper hemisphere, as the published data
 /// preparation does; false: the plain set of the published previews
 ViewCamera hammersley_view(std::size_t i, std::size_t n, double offset0, double offset1, bool upper);
@@ -79,8 +79,8 @@ struct Frame {
   Eigen::Matrix4d camera_to_world = Eigen::Matrix4d::Identity();  ///< Blender's form: looks along −Z, +Y up
 };
 
-/// Contents of `renders/<id>/transforms.json` and `renders_cond/<id>/transforms.json` hold (reference
-/// training-and-data.md, 1.1).
+/// Contents of `renders/<id>/transforms.json` and `renders_cond/<id>/transforms.json` hold (docs/reference/training.md,
+/// 1.1).
 struct Transforms {
   Box aabb{Eigen::Vector3d::Constant(-0.5), Eigen::Vector3d::Constant(0.5)};  ///< of the normalised frame
   double scale = 1.0;  ///< x → scale · x + offset normalised the source mesh

@@ -69,7 +69,7 @@ ViewImages render_view(const Scene& scene, const Frame& frame, const ViewOptions
 
 /// The cameras of the published previews and training snapshots. They measure yaw from +Y towards +X, so that the eye
 /// is at radius · (sin yaw cos pitch, cos yaw cos pitch, sin pitch): the angles returned here are those. Pass them
-/// through from_preview() before anything else of this folder sees them. (Reference training-and-data.md, 1.1.)
+/// through from_preview() before anything else of this folder sees them. (docs/reference/training.md, 1.1.)
 ViewCamera from_preview(const ViewCamera& preview);
 
 /// One turn with the camera rising and sinking: yaw from 0 to 2 · 3.1415 (the published constant), both ends included,
@@ -87,8 +87,8 @@ io::Image encode_world_normals(const ViewImages& view);
 /// normals in the camera's OpenGL frame (x right, y up, z to the viewer), RGB = trunc(255 (n + 1) / 2), so that a
 /// surface square to the camera is (127, 127, 255). That is the estimator's output (x right, y down, z forward,
 /// pointing away from the viewer) with x negated. Averaged over each pixel; alpha is that of the colour picture of the
-/// same options, transparent black elsewhere, so that cropping and masking treat both alike. (Reference
-/// normal-estimator.md, "DSINE output", and training-and-data.md, conditioning mismatch in section 3.4.)
+/// same options, transparent black elsewhere, so that cropping and masking treat both alike.
+/// (docs/reference/normals.md, 8, and docs/reference/training.md, 3.6.)
 /// @param frame the one that was rendered
 /// @throws InputError unless the view has mean_normal and coverage
 io::Image encode_condition_normals(const ViewImages& view, const Frame& frame);

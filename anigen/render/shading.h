@@ -35,9 +35,9 @@ struct LightRig {
 LightRig studio_lights(const Camera& camera);
 
 /// Stands still in the world, for views to learn from, so that all views of an object agree: what Blender's lights of
-/// the published renders amount to on an object of size 1 (reference training-and-data.md, 1.1). A small key light in
-/// the direction (4, 1, 6), a sheet over the whole sky, which an unobstructed surface sees in proportion to how far up
-/// it faces, and a weak light from below and from the key's opposite side in place of light that bounces.
+/// the published renders amount to on an object of size 1 (docs/reference/training.md, 1.1). A small key light in the
+/// direction (4, 1, 6), a sheet over the whole sky, which an unobstructed surface sees in proportion to how far up it
+/// faces, and a weak light from below and from the key's opposite side in place of light that bounces.
 LightRig dataset_lights();
 
 class Cutout;

@@ -25,7 +25,7 @@ namespace {
 constexpr double kNear = 1.0, kFar = 3.0;
 constexpr int kLargestMap = 16384;
 
-/// Reference 5.8 measures yaw from +Y towards +X.
+/// The published cameras (docs/reference/flows.md, 5.6) measure yaw from +Y towards +X.
 ViewCamera published_view(std::size_t i, std::size_t n) {
   ViewCamera view = hammersley_view(i, n, 0.0, 0.0, false);
   view.yaw = 0.5 * kPi - view.yaw;

@@ -17,11 +17,10 @@ struct VisibilityViews {
   std::function<void(std::size_t done)> progress;
 };
 
-/// In what share of views around it each face shows in at least one pixel [F] (reference flows-and-pipeline.md, 5.8):
-/// pinhole cameras at distance 2 from the origin in the directions of the Hammersley set, looking at it, field of view
-/// 40°, depths from 1 to 3. A pixel shows the face that its centre's ray meets first, either side of it; of equally
-/// near faces the first. Faces too small to cover a pixel's centre go unseen: what that means is for the caller to
-/// judge.
+/// In what share of views around it each face shows in at least one pixel [F] (docs/reference/flows.md, 5.6): pinhole
+/// cameras at distance 2 from the origin in the directions of the Hammersley set, looking at it, field of view 40°,
+/// depths from 1 to 3. A pixel shows the face that its centre's ray meets first, either side of it; of equally near
+/// faces the first. Faces too small to cover a pixel's centre go unseen: what that means is for the caller to judge.
 ///
 /// By a depth buffer per thread (8 bytes per pixel), whose edges have no gaps: no ray slips between two faces that
 /// share vertices. Runs on all threads; the result does not depend on them.
@@ -29,7 +28,7 @@ struct VisibilityViews {
 /// @throws InputError without views, on a bad size or vertex index, or on a vertex that is not finite
 std::vector<float> face_visibility(const Mesh& mesh, const VisibilityViews& options = {});
 
-/// Reference flows-and-pipeline.md, 5.8, with its constants.
+/// docs/reference/flows.md, 5.6, with its constants.
 struct HiddenFaceRemoval {
   VisibilityViews views;
   geometry::HiddenFaceRules rules;

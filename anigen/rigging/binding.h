@@ -30,8 +30,8 @@ class StrongestInfluences {
   std::vector<Influence> kept_;        ///< [rows, most], heaviest first
 };
 
-/// Defaults of Maya's geodesic voxel binding (reference anymate-baselines.md, 9.1), but for `most_influences`, which is
-/// what one glTF attribute holds and Maya leaves unlimited.
+/// Defaults of Maya's geodesic voxel binding (docs/reference/riggers.md, 1), but for `most_influences`, which is what
+/// one glTF attribute holds and Maya leaves unlimited.
 struct GeodesicVoxelOptions {
   int resolution = 256;             ///< voxels along the longest side, 2 to kMaxSolidResolution (512)
   double falloff = 0.2;             ///< α in [0, 1]: from weights like 1/d² to weights like 1/d⁴
@@ -40,8 +40,8 @@ struct GeodesicVoxelOptions {
 };
 
 /// Geodesic voxel binding (Dionne and de Lasa, "Geodesic voxel binding for production character meshes", 2013;
-/// reference anymate-baselines.md, 9.1): weights by the distance from each joint's bones through the inside of the
-/// mesh, which is voxelised so that holes, overlapping parts and inverted faces do no harm.
+/// docs/reference/riggers.md, 1): weights by the distance from each joint's bones through the inside of the mesh, which
+/// is voxelised so that holes, overlapping parts and inverted faces do no harm.
 ///
 ///     w_j ∝ 1 / ((1 − α) d_j + α d_j²)²,   d_j in units of the mesh's longest side
 ///

@@ -17,10 +17,10 @@ struct HeatSource {
   std::vector<bool> visible;         ///< of each
 };
 
-/// Heat sources of each point (reference anymate-baselines.md, 9.2, stage 10): of its nearest joints those that it
-/// sees. Nearest is not by distance alone, as published: distances are divided by (1 + cos) / 2 of the angle between
-/// the place's normal and the way from the bone, so that of two bones that lie about as near the one below the surface
-/// wins over the one before it, such as the arm that hangs beside a hip. To see a bone is that the straight line to the
+/// Heat sources of each point (docs/reference/riggers.md, 2, step 10): of its nearest joints those that it sees.
+/// Nearest is not by distance alone, as published: distances are divided by (1 + cos) / 2 of the angle between the
+/// place's normal and the way from the bone, so that of two bones that lie about as near the one below the surface wins
+/// over the one before it, such as the arm that hangs beside a hip. To see a bone is that the straight line to the
 /// nearest point of the bone meets the surface nowhere but within 0.002 of the place or of that point, and comes to the
 /// place from inside, at less than 60° to its normal. On sheets, which have no inside, the side does not matter. The
 /// made-up bone of a joint without children ends where it leaves the body. Rays are cast by Embree; runs on all
@@ -33,8 +33,8 @@ struct BoneHeatOptions {
   std::size_t most_influences = 4;  ///< per vertex, 0 for all
 };
 
-/// Bone heat weights (Baran and Popović, "Automatic rigging and animation of 3D characters", 2007; reference
-/// anymate-baselines.md, 9.2, stage 10): what is left of the warmth of each bone when its heat has spread over the
+/// Bone heat weights (Baran and Popović, "Automatic rigging and animation of 3D characters", 2007;
+/// docs/reference/riggers.md, 2, step 10): what is left of the warmth of each bone when its heat has spread over the
 /// surface and come to rest,
 ///
 ///     (−Δ + H) w_j = H p_j,   H = c / d² where the nearest bone, at distance d, is seen, else 0,

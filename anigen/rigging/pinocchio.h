@@ -20,9 +20,9 @@ struct EmbeddedSkeleton {
   double energy_before = 0.0, energy = 0.0;  ///< of the refinement
 };
 
-/// A skeleton in a mesh after Baran and Popović, "Automatic rigging and animation of 3D characters" (2007; reference
-/// anymate-baselines.md, 9.2): signed distances, spheres packed on the medial surface, the template's branches and tips
-/// placed at spheres by best-first search, the other joints along the ways between, all of them refined at last.
+/// A skeleton in a mesh after Baran and Popović, "Automatic rigging and animation of 3D characters" (2007;
+/// docs/reference/riggers.md, 2): signed distances, spheres packed on the medial surface, the template's branches and
+/// tips placed at spheres by best-first search, the other joints along the ways between, all of them refined at last.
 ///
 /// Differences from the published program: the field is a regular grid, of the solid that a mesh of any quality
 /// suggests; medial points lie between its cells rather than on the faces of an octree; the search knows better bounds

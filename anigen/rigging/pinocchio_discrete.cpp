@@ -86,7 +86,7 @@ PlacedJoints placed_so_far(const SphereGraph& graph, const ReducedSkeleton& skel
   return placed;
 }
 
-/// The nine penalties of the discrete embedding, by their numbers in the reference (anymate-baselines.md, 9.2, stage
+/// The nine penalties of the discrete embedding, by their numbers in the reference (docs/reference/riggers.md, 2, step
 /// 7), weighted and summed. S(x; a → A, b → B) is ramp().
 class EmbeddingPenalties {
  public:

@@ -7,8 +7,8 @@
 
 namespace anigen::rigging {
 
-/// The published constants (reference anymate-baselines.md, 9.2), which hold in a frame where the longest side of the
-/// mesh's box is `size`; and what bounds time and memory.
+/// The published constants (docs/reference/riggers.md, 2), which hold in a frame where the longest side of the mesh's
+/// box is `size`; and what bounds time and memory.
 struct EmbeddingOptions {
   double size = 0.9;
   int resolution = 128;             ///< cells of the distance field along the longest side, 8 to 512
@@ -46,9 +46,9 @@ struct DiscreteEmbedding {
 };
 
 /// Vertices for the joints of a reduced skeleton with the least penalty: best-first search over joints in order
-/// (reference anymate-baselines.md, 9.2, stage 7). What a partial embedding must still cost at least is the published
-/// bound carried down the tree: for a subtree that is not placed yet, the least sum of penalties that concern one bone
-/// each, over all ways to place it. The result is that of the published search, which takes up far more states.
+/// (docs/reference/riggers.md, 2, step 7). What a partial embedding must still cost at least is the published bound
+/// carried down the tree: for a subtree that is not placed yet, the least sum of penalties that concern one bone each,
+/// over all ways to place it. The result is that of the published search, which takes up far more states.
 ///
 /// If no embedding keeps all rules below a cost of 1, or the search has taken up options.most_states, a beam search
 /// that may break rules gives the answer: a rule that is broken costs 1. Time is so bounded by

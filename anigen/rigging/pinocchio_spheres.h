@@ -13,10 +13,10 @@ struct Sphere {
   double radius = 0.0;
 };
 
-/// Points of the medial surface of a solid with their distance to its boundary (reference anymate-baselines.md, 9.2,
-/// stage 2): where the directions away from the nearest boundary points of two neighbouring cells are at a right angle
-/// or more. Taken between the cells, where both boundary points are equally far, so closer than the grid is fine.
-/// Sheets are medial themselves.
+/// Points of the medial surface of a solid with their distance to its boundary (docs/reference/riggers.md, 2, step 2):
+/// where the directions away from the nearest boundary points of two neighbouring cells are at a right angle or more.
+/// Taken between the cells, where both boundary points are equally far, so closer than the grid is fine. Sheets are
+/// medial themselves.
 /// @param least_radius smaller ones are left out, except on sheets
 /// @return largest first, those of equal radius from below to above
 std::vector<Sphere> medial_samples(const SolidField& field, double least_radius);
@@ -28,8 +28,8 @@ std::vector<Sphere> packed_spheres(const std::vector<Sphere>& samples, std::size
 /// Distance to the nearest sample at every cell of the field's grid, to be used with interpolate().
 std::vector<float> distance_to_medial(const SolidField& field, const std::vector<Sphere>& samples);
 
-/// Packed spheres and the ways between them inside a solid (reference anymate-baselines.md, 9.2, stage 4), with all
-/// shortest paths, by length. Takes 6 bytes per pair of spheres.
+/// Packed spheres and the ways between them inside a solid (docs/reference/riggers.md, 2, step 4), with all shortest
+/// paths, by length. Takes 6 bytes per pair of spheres.
 class SphereGraph {
  public:
   /// Two spheres are neighbours when they intersect, or when no third centre lies in the ball between their centres and

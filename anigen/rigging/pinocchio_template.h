@@ -51,8 +51,8 @@ TemplateSkeleton template_from_skeleton(const Skeleton& skeleton, const Box& box
 /// than two joints to look for
 void check(const TemplateSkeleton& skeleton);
 
-/// A joint where the template branches or ends, and the bone from the one before (reference anymate-baselines.md, 9.2,
-/// stage 5).
+/// A joint where the template branches or ends, and the bone from the one before (docs/reference/riggers.md, 2, step
+/// 5).
 struct ReducedJoint {
   int joint = 0;    ///< of the template
   int parent = -1;  ///< of the reduced skeleton

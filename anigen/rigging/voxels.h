@@ -67,7 +67,7 @@ struct SolidVoxels {
 /// over while they are made.
 constexpr int kMaxSolidResolution = 512;
 
-/// Solid voxelisation (reference anymate-baselines.md, 9.1, step 1).
+/// Solid voxelisation (docs/reference/riggers.md, 1, step 1).
 ///  - Walls are the cells whose closed box meets a face.
 ///  - Inside is what a flood from outside does not reach past the walls: that needs no winding, no single surface and
 ///    no care about what overlaps what.
@@ -118,7 +118,7 @@ struct PathSource {
 };
 
 /// Length of the shortest path from the sources to every cell, over solid cells and their 26 neighbours with steps of
-/// 1, √2 and √3 cells (reference anymate-baselines.md, 9.1, step 3); infinite where there is none, −infinite outside.
+/// 1, √2 and √3 cells (docs/reference/riggers.md, 1, step 3); infinite where there is none, −infinite outside.
 /// Dijkstra's algorithm with buckets one cell wide: no step is shorter than that, so a bucket is final before it is
 /// opened and its order does not matter (Dial, "Algorithm 360: shortest-path forest with topological ordering", 1969;
 /// Denardo and Fox, "Shortest-route methods: reaching, pruning and buckets", 1979). The result is exact but for the

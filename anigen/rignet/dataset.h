@@ -15,14 +15,14 @@
 
 namespace anigen::rignet {
 
-/// A mesh as one graph (reference anymate-baselines.md, 9.3): edges from the one-ring of each vertex, and from at most
-/// ten vertices, drawn by (seed, vertex), of those within 0.06 of it along the surface; either time also from itself.
+/// A mesh as one graph (docs/reference/rignet.md, 2): edges from the one-ring of each vertex, and from at most ten
+/// vertices, drawn by (seed, vertex), of those within 0.06 of it along the surface; either time also from itself.
 MeshGraph mesh_graph(const RignetMesh& mesh, const SurfacePaths& paths, std::uint64_t seed);
 
-/// Vertices that MaskNet is to attend to (reference anymate-baselines.md, 9.3): 14 rays go from either end of each
-/// bone at right angles to it; of an end's hits those nearer than twice their 20th percentile count, and vertices
-/// within 0.02 of one attend. Where a joint gets fewer than six this way, the six nearest to the joint do as well (the
-/// reference does not say which).
+/// Vertices that MaskNet is to attend to (docs/reference/rignet.md, 3): 14 rays go from either end of each bone at
+/// right angles to it; of an end's hits those nearer than twice their 20th percentile count, and vertices within 0.02
+/// of one attend. Where a joint gets fewer than six this way, the six nearest to the joint do as well (the reference
+/// does not say which).
 /// @param joints [J] RigNet's frame @param parents [J], its own index for a root @return [V] fp32, 0 or 1
 torch::Tensor joint_attention(const RignetMesh& mesh, const std::vector<Eigen::Vector3d>& joints,
                               const std::vector<int>& parents);
@@ -32,11 +32,11 @@ struct BoneEnds {
   std::vector<Eigen::Vector3d> heads, tails;  ///< [K]
 };
 
-/// Volumetric geodesic distances from every vertex to every bone (reference anymate-baselines.md, 9.3). A vertex sees a
-/// bone when the ray from the bone's nearest point meets the surface first at the vertex, within 1e-4; it is then as
-/// far as that ray is long. Any other, and those that see it from farther than 1.3 times the 15th percentile of who
-/// does, are as far as the nearest vertex that sees it, along the surface, and that one from the bone; 8 and the
-/// straight distance where no way leads there. @return [V][K] row by row, in units of the longest side
+/// Volumetric geodesic distances from every vertex to every bone (docs/reference/rignet.md, 5). A vertex sees a bone
+/// when the ray from the bone's nearest point meets the surface first at the vertex, within 1e-4; it is then as far as
+/// that ray is long. Any other, and those that see it from farther than 1.3 times the 15th percentile of who does, are
+/// as far as the nearest vertex that sees it, along the surface, and that one from the bone; 8 and the straight
+/// distance where no way leads there. @return [V][K] row by row, in units of the longest side
 std::vector<double> volumetric_distances(const RignetMesh& mesh, const SurfacePaths& paths, const BoneEnds& bones);
 
 /// The nearest `slots` bones of every vertex by those distances, with what SkinNet is told of each: head, tail, 1/D (D

@@ -40,7 +40,7 @@ Tensor indexed_edge_sums(const Tensor& at_target, const Tensor& at_source, const
 Tensor scattered_maxima(const Tensor& values, const Tensor& offsets);
 
 /// Meshes as RigNet's networks see them, one after another in the same rows, so that meshes of any size form a batch.
-/// Frame: longest side 1, Y up, x and z centred, lowest y 0 (reference anymate-baselines.md, 9.3).
+/// Frame: longest side 1, Y up, x and z centred, lowest y 0 (docs/reference/rignet.md, 1).
 struct MeshGraph {
   Tensor vertices;  ///< [V, 3] fp32
   EdgeSet ring;     ///< from the vertices that share an edge with each, and from itself
@@ -91,8 +91,8 @@ using torch::Tensor;
 /// @param x [N, C]
 Tensor batch_normed(torch::nn::BatchNorm1d& norm, const Tensor& x);
 
-/// Layers of every multilayer perceptron of RigNet, in this order: Linear, ReLU, batch norm (reference
-/// anymate-baselines.md, 9.3). Keys `linear.*`, `norm.*`.
+/// Layers of every multilayer perceptron of RigNet, in this order: Linear, ReLU, batch norm (docs/reference/rignet.md,
+/// 2). Keys `linear.*`, `norm.*`.
 class ReluNormImpl : public torch::nn::Module {
  public:
   ReluNormImpl(std::int64_t in, std::int64_t out);
@@ -117,8 +117,8 @@ class DenseStackImpl : public torch::nn::Module {
 TORCH_MODULE(DenseStack);
 
 /// Aggregation at each point along its edges: the largest, channel by channel, of MLP([x_i, x_j − x_i]) over the edges
-/// from j to i, the MLP being two layers of out channels (reference anymate-baselines.md, 9.3). The first layer is
-/// linear in both halves, so it is computed once per point and added per edge. Keys `first.*`, `norm.*`, `second.*`.
+/// from j to i, the MLP being two layers of out channels (docs/reference/rignet.md, 2). The first layer is linear in
+/// both halves, so it is computed once per point and added per edge. Keys `first.*`, `norm.*`, `second.*`.
 class EdgeMessageImpl : public torch::nn::Module {
  public:
   EdgeMessageImpl(std::int64_t in, std::int64_t out);
@@ -167,7 +167,7 @@ enum class Task {
 const std::vector<std::string>& task_names();
 const std::string& name_of(Task task);
 
-/// A model of RigNet (Xu et al. 2020; reference anymate-baselines.md, 9.3). Defaults are published.
+/// A model of RigNet (Xu et al. 2020; docs/reference/rignet.md, 2). Defaults are published.
 struct RignetOptions : JsonOptions<RignetOptions> {
   Task task = Task::kJoints;
   double width = 1.0;         ///< factor on every published layer width, for small models (ours)
@@ -184,7 +184,7 @@ struct RignetOptions : JsonOptions<RignetOptions> {
 };
 
 /// One code per mesh, as BoneNet and RootNet look at it: units of 64, 128 and 256, their outputs through 256 and a last
-/// width, the largest over vertices (reference anymate-baselines.md, 9.3). Keys `units.*`, `whole.*`.
+/// width, the largest over vertices (docs/reference/rignet.md, 4). Keys `units.*`, `whole.*`.
 class ShapeCodeImpl : public torch::nn::Module {
  public:
   ShapeCodeImpl(const RignetOptions& options, std::int64_t width);  ///< @param width of the code

@@ -9,9 +9,9 @@
 namespace anigen::rignet {
 
 /// Numbers for each vertex of a mesh, seen together with the whole: JointNet with three channels, MaskNet with one
-/// (reference anymate-baselines.md, 9.3). Units of 64, 256 and 512, their outputs to one code of 1024 for the mesh,
-/// beside which each vertex passes 1024 and 256 and, after dropout, a linear map without activation.
-/// Keys `units.*`, `whole.*`, `head.*`, `last.*`.
+/// (docs/reference/rignet.md, 3). Units of 64, 256 and 512, their outputs to one code of 1024 for the mesh, beside
+/// which each vertex passes 1024 and 256 and, after dropout, a linear map without activation. Keys `units.*`,
+/// `whole.*`, `head.*`, `last.*`.
 class VertexNetworkImpl : public torch::nn::Module {
  public:
   VertexNetworkImpl(const RignetOptions& options, std::int64_t channels);
@@ -110,9 +110,9 @@ struct ConnectivityTruth {
 ConnectivityTruth connectivity_truth(const std::vector<Tensor>& parents, torch::Device device = torch::kCPU);
 
 /// RootNet: which joint is the root, from the shape's code and from each joint among the others, beginning with its
-/// |x| (reference anymate-baselines.md, 9.3). The reference gives no widths of the way back from the code of all joints
-/// to each: they are 256, 128 and 128 here, and the way up is BoneNet's without its last two layers.
-/// Keys `shape.*`, `near.*`, `far.*`, `all.*`, `back_far.*`, `back_near.*`, `back_joints.*`, `head.*`, `last.*`.
+/// |x| (docs/reference/rignet.md, 4). The description gives no widths of the way back from the code of all joints to
+/// each: they are 256, 128 and 128 here, and the way up is BoneNet's without its last two layers. Keys `shape.*`,
+/// `near.*`, `far.*`, `all.*`, `back_far.*`, `back_near.*`, `back_joints.*`, `head.*`, `last.*`.
 class RootNetworkImpl : public torch::nn::Module {
  public:
   explicit RootNetworkImpl(const RignetOptions& options);
@@ -127,10 +127,10 @@ class RootNetworkImpl : public torch::nn::Module {
 TORCH_MODULE(RootNetwork);
 
 /// BoneNet: whether there is a bone between two joints, from codes of the shape, of all joints and of the pair: both
-/// positions, their distance, the share of the way inside (reference anymate-baselines.md, 9.3). While training each
-/// pair is looked at in an order drawn from LibTorch's generator; afterwards (ours) in both, and logits are their mean,
-/// so that the answer does not depend on how joints are numbered.
-/// Keys `shape.*`, `near.*`, `far.*`, `joints.*`, `pair.*`, `head.*`, `last.*`.
+/// positions, their distance, the share of the way inside (docs/reference/rignet.md, 4). While training each pair is
+/// looked at in an order drawn from LibTorch's generator; afterwards (ours) in both, and logits are their mean, so that
+/// the answer does not depend on how joints are numbered. Keys `shape.*`, `near.*`, `far.*`, `joints.*`, `pair.*`,
+/// `head.*`, `last.*`.
 class BoneNetworkImpl : public torch::nn::Module {
  public:
   explicit BoneNetworkImpl(const RignetOptions& options);
@@ -164,7 +164,7 @@ class ConnectivityNetworkImpl : public torch::nn::Module {
 };
 TORCH_MODULE(ConnectivityNetwork);
 
-/// BCE, its mean over all and its mean over the hardest 30 %, added (reference anymate-baselines.md, 9.3).
+/// BCE, its mean over all and its mean over the hardest 30 %, added (docs/reference/rignet.md, 4).
 /// @param logits, truth [N], at least one @return scalar
 Tensor hard_binary_loss(const Tensor& logits, const Tensor& truth);
 
@@ -186,9 +186,9 @@ struct BoneSlots {
   BoneSlots to(torch::Device device) const { return {bones.to(device), features.to(device)}; }
 };
 
-/// SkinNet (reference anymate-baselines.md, 9.3): vertices beside the numbers of their nearest bones through 128 and
-/// 64, a unit of 512, a code of 1024 for the mesh, two units of 256, and both together through 1024 and 512 to a logit
-/// per slot. Keys `input.*`, `first.*`, `whole.*`, `second.*`, `third.*`, `head.*`, `last.*`.
+/// SkinNet (docs/reference/rignet.md, 5): vertices beside the numbers of their nearest bones through 128 and 64, a unit
+/// of 512, a code of 1024 for the mesh, two units of 256, and both together through 1024 and 512 to a logit per slot.
+/// Keys `input.*`, `first.*`, `whole.*`, `second.*`, `third.*`, `head.*`, `last.*`.
 class SkinNetworkImpl : public torch::nn::Module {
  public:
   explicit SkinNetworkImpl(const RignetOptions& options);
@@ -217,9 +217,9 @@ Tensor scattered_to_bones(const Tensor& shares, const Tensor& slots, std::int64_
 /// @return [V, K] @throws InputError for shapes
 Tensor cleaned_weights(const Tensor& weights, const EdgeSet& ring, double least);
 
-/// One of RigNet's models (Xu et al. 2020), written from the description in reference anymate-baselines.md, 9.3. All
-/// keys begin with the word of its task: `joints.*`, `connectivity.*`, `skin.*`. They are ours, not those of the
-/// published checkpoints.
+/// One of RigNet's models (Xu et al. 2020), written from the description in docs/reference/rignet.md, 3. All keys begin
+/// with the word of its task: `joints.*`, `connectivity.*`, `skin.*`. They are ours, not those of the published
+/// checkpoints.
 class RignetModelImpl : public torch::nn::Module {
  public:
   /// @param init kPublished: linear maps as PyTorch begins, the last one of JointNet at zero

@@ -10,16 +10,16 @@ namespace anigen::rignet {
 using torch::Tensor;
 
 /// One step of mean shift, all points at once and among themselves, under the Epanechnikov kernel
-/// k_ij = max(h² − ‖p_i − p_j‖², 0) · a_j: p_i moves by `step` of the way to Σ_j k_ij p_j / Σ_j k_ij (reference
-/// anymate-baselines.md, 9.3, which weighs by a_i: taken as the attention of the point that is weighed). A point that
-/// nothing within reach attends to stays. Differentiable in all three.
+/// k_ij = max(h² − ‖p_i − p_j‖², 0) · a_j: p_i moves by `step` of the way to Σ_j k_ij p_j / Σ_j k_ij
+/// (docs/reference/rignet.md, 3, which weighs by a_i: taken as the attention of the point that is weighed). A point
+/// that nothing within reach attends to stays. Differentiable in all three.
 /// @param points [N, 3] @param attention [N], not negative @param bandwidth scalar h > 0 @return [N, 3]
 /// @throws InputError for shapes
 Tensor mean_shifted(const Tensor& points, const Tensor& attention, const Tensor& bandwidth, double step = 0.3);
 
 using torch::Tensor;
 
-/// Clustering of displaced vertices into joints; defaults are published (reference anymate-baselines.md, 9.3).
+/// Clustering of displaced vertices into joints; defaults are published (docs/reference/rignet.md, 3).
 struct JointClusters {
   double bandwidth = 0.04;        ///< in units of the longest side
   double least_attention = 1e-3;  ///< vertices must attend by more
@@ -50,7 +50,7 @@ struct JointGraph {
 
 /// Parents of a tree through all joints: from the likeliest root (the first of equal ones) Prim's algorithm takes the
 /// cheapest edge at a time, an edge costing −ln(p + 1e-10), or twice the number of samples outside where that is above
-/// one, and half of it between joints within 0.02 of x = 0 (reference anymate-baselines.md, 9.3).
+/// one, and half of it between joints within 0.02 of x = 0 (docs/reference/rignet.md, 4).
 ///
 /// If the joints are mirror images of each other, as clustered_joints() makes them, so is the tree: a root beside
 /// the middle gives way to the nearest joint of the middle, and a joint of the side x > 0 brings its twin along, whose

@@ -13,7 +13,7 @@
 namespace anigen::rignet {
 
 /// Frame that RigNet's models expect: Y up, longest side 1, the middle of its box at x = z = 0, its lowest point
-/// at y = 0 (reference anymate-baselines.md, 9.3). Half of Anymate's frame, moved up.
+/// at y = 0 (docs/reference/rignet.md, 1). Half of Anymate's frame, moved up.
 class RignetFrame {
  public:
   /// @param vertices Z up @throws InputError when they are not finite or have no extent
@@ -45,8 +45,8 @@ struct RignetMesh {
 RignetMesh rignet_mesh(const std::vector<Eigen::Vector3f>& vertices, const std::vector<Triangle>& faces,
                        std::size_t most_vertices);
 
-/// Inside of a mesh, by solid voxels of 1/88 of its longest side (reference anymate-baselines.md, 9.3), walls
-/// included; the mesh need not be closed (rigging/voxels.h). Questions are asked in RigNet's frame.
+/// Inside of a mesh, by solid voxels of 1/88 of its longest side (docs/reference/rignet.md, 1), walls included; the
+/// mesh need not be closed (rigging/voxels.h). Questions are asked in RigNet's frame.
 class SolidShape {
  public:
   /// @param vertices, faces Z up, the whole mesh @throws InputError without an extent
@@ -78,10 +78,9 @@ class SolidShape {
 };
 
 /// Geodesic distances between the vertices of a mesh, along the surface: set up once per mesh, query many times. As
-/// published (reference anymate-baselines.md, 9.3), Dijkstra's algorithm on the five nearest neighbours of points
-/// spread evenly over the surface, of those whose normals are no more than 120° apart, so that paths also cross from
-/// part to part where parts touch. Here the mesh's own vertices are points too, and its edges are ways. Queries are
-/// thread-safe.
+/// published (docs/reference/rignet.md, 5), Dijkstra's algorithm on the five nearest neighbours of points spread evenly
+/// over the surface, of those whose normals are no more than 120° apart, so that paths also cross from part to part
+/// where parts touch. Here the mesh's own vertices are points too, and its edges are ways. Queries are thread-safe.
 class SurfacePaths {
  public:
   /// @param samples about how many points beside the vertices (published 4000) @param seed of their choice

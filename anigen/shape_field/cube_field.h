@@ -14,8 +14,8 @@ inline constexpr std::int64_t kMostCubeResolution = 1 << 20;
 inline constexpr std::int64_t kCubeWeights = 21;
 
 /// Prediction of a decoder in one active cube of an R³ grid, one value per corner; corner k of cube c is grid vertex
-/// c + o_k, x fastest: o = 000, 100, 010, 110, 001, 101, 011, 111 (reference autoencoders.md, 3.8). Values are fp32 or
-/// fp64, all of one type and on one device.
+/// c + o_k, x fastest: o = 000, 100, 010, 110, 001, 101, 011, 111 (docs/reference/autoencoders.md, 4.7). Values are
+/// fp32 or fp64, all of one type and on one device.
 struct CubeCorners {
   Tensor coords;      ///< [C, 3] integers in [0, R), no cube twice, any order
   Tensor sdf;         ///< [C, 8], bias already added
@@ -25,8 +25,8 @@ struct CubeCorners {
 };
 
 /// The field on the grid vertices that active cubes touch: sorted by x, y, z, each the mean over the corners that touch
-/// it. Everywhere else sdf is +1, attributes and deformation 0, and cubes have weights 0 (reference autoencoders.md,
-/// 4.1 and 4.2).
+/// it. Everywhere else sdf is +1, attributes and deformation 0, and cubes have weights 0
+/// (docs/reference/autoencoders.md, 5.1).
 struct CubeField {
   std::int64_t resolution = 0;  ///< R
   Tensor vertices;              ///< [V, 3] int32 in [0, R]
@@ -53,8 +53,8 @@ Tensor vertex_positions(const Tensor& places, const Tensor& deform, std::int64_t
 /// outside the grid or twice
 CubeField average_corners(const CubeCorners& corners, std::int64_t resolution);
 
-/// mean (corner value − averaged value)² over all corners and channels [sdf, deform 3, attributes A] (reference
-/// training-and-data.md, 3.3, reg_loss 1); 0 without corners. Differentiable in the corners.
+/// mean (corner value − averaged value)² over all corners and channels [sdf, deform 3, attributes A]
+/// (docs/reference/training.md, 3.3); 0 without corners. Differentiable in the corners.
 /// @param field what average_corners made of these corners. The share of the gradient that passes through it is not
 /// formed: it is zero, since deviations from a mean add up to nothing
 Tensor corner_consistency(const CubeCorners& corners, const CubeField& field);

@@ -42,8 +42,8 @@ struct DualCubes {
   const std::int32_t* first_crossing = nullptr;
 };
 
-/// Dual vertices and, unless `deviation` is nullptr, the deviation of every (dual vertex, edge) (reference
-/// autoencoders.md, 4.3, steps 5, 6 and 9). Parallel over cubes. @param values [D, channels] @param deviation [K]
+/// Dual vertices and, unless `deviation` is nullptr, the deviation of every (dual vertex, edge)
+/// (docs/reference/autoencoders.md, 5.2). Parallel over cubes. @param values [D, channels] @param deviation [K]
 template <typename T>
 void dual_vertices_forward(const DualCubes<T>& problem, T* values, T* deviation);
 

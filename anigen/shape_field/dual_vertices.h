@@ -9,8 +9,8 @@ struct DualVertices {
 };
 
 /// Dual vertices: per group of edges the mean of its crossings weighted with beta, where alpha weighs the signed
-/// distances at the corners (reference autoencoders.md, 4.3, steps 5, 6 and 9). Differentiable once in rows, alpha and
-/// beta. On the CPU every cube is worked on by itself, without the lists of edges that tensor operations would need.
+/// distances at the corners (docs/reference/autoencoders.md, 5.2). Differentiable once in rows, alpha and beta. On the
+/// CPU every cube is worked on by itself, without the lists of edges that tensor operations would need.
 /// @param rows [S, 1 + channels] at the grid vertices of the topology: sdf, position, attributes; fp32 or fp64
 /// @param alpha [Q, 8] @param beta [Q, 12] activated
 DualVertices dual_vertices(const Tensor& rows, const Tensor& alpha, const Tensor& beta, const DualTopology& topology,

@@ -10,7 +10,7 @@ namespace anigen::shape_field {
 inline constexpr int kCubeEdges = 12;
 
 /// The corners of each edge of a cube in stored order, which decides the order of grid edges and the winding of faces:
-/// x-edges 0, 2, 4, 6, z-edges 1, 3, 5, 7, y-edges 8 to 11 from high y to low y (reference autoencoders.md, 4.3).
+/// x-edges 0, 2, 4, 6, z-edges 1, 3, 5, 7, y-edges 8 to 11 from high y to low y (docs/reference/autoencoders.md, 5.2).
 inline constexpr std::array<std::array<int, 2>, kCubeEdges> kEdgeCorners = {
     {{0, 1}, {1, 5}, {4, 5}, {0, 4}, {2, 3}, {3, 7}, {6, 7}, {2, 6}, {2, 0}, {3, 1}, {7, 5}, {6, 4}}};
 
@@ -18,7 +18,7 @@ inline constexpr std::array<std::array<int, 2>, kCubeEdges> kEdgeCorners = {
 int edge_from_corner(int corner, int axis);
 
 /// Dual Marching Cubes: which crossing edges of a cube share a dual vertex. The case of a cube is the sum of 2^k over
-/// the corners k inside. Made from the rules of reference autoencoders.md, 4.4, and equal to the published tables.
+/// the corners k inside. Made from the rules of docs/reference/autoencoders.md, 5.3, and equal to the published tables.
 struct FlexicubesTables {
   static constexpr int kCases = 256, kMostGroups = 4, kMostEdges = 7;
 
@@ -37,9 +37,9 @@ struct FlexicubesTables {
 /// Made at the first call.
 const FlexicubesTables& flexicubes_tables();
 
-/// Everything about a dual surface that follows from the signs of the field (reference autoencoders.md, 4.3 and 4.4):
-/// which cubes it passes, where its vertices belong, and its quads, in the published order. No dense grid is formed.
-/// Q surface cubes, S grid vertices of them, D dual vertices, F quads. Tensors are on the CPU.
+/// Everything about a dual surface that follows from the signs of the field (docs/reference/autoencoders.md, 5.2 and
+/// 5.3): which cubes it passes, where its vertices belong, and its quads, in the published order. No dense grid is
+/// formed. Q surface cubes, S grid vertices of them, D dual vertices, F quads. Tensors are on the CPU.
 struct DualTopology {
   /// Surface cubes in ascending order.
   RowLinks weights;       ///< [Q] → row of CubeField::weights; −1: not an active cube
@@ -72,7 +72,7 @@ struct ExtractedSurface {
   Tensor deviation;   ///< [K] L_dev, one value per (dual vertex, crossing edge); only filled when training
 };
 
-/// Dual surface of the zero level set with FlexiCubes' weights (Shen et al. 2023; reference autoencoders.md, 4.3):
+/// Dual surface of the zero level set with FlexiCubes' weights (Shen et al. 2023; docs/reference/autoencoders.md, 5.2):
 /// vertices, faces and attributes in the published order, on the field's device. Differentiable once in the field, away
 /// from sign changes. Inside is sdf < 0; where the surface reaches the boundary of the grid it stays open. Two sheets
 /// that pass an ambiguous cube may meet in an edge of more than two faces, as with every dual method. Edges whose first

@@ -12,8 +12,8 @@ namespace anigen::shape_field {
 
 using torch::Tensor;
 
-/// Corners of a cube: number k stands at offset (k & 1, k >> 1 & 1, k >> 2 & 1), x fastest (reference autoencoders.md,
-/// 3.8).
+/// Corners of a cube: number k stands at offset (k & 1, k >> 1 & 1, k >> 2 & 1), x fastest
+/// (docs/reference/autoencoders.md, 4.7).
 inline constexpr int kCubeCorners = 8;
 
 /// Places of a grid as single numbers, (x · side + y) · side + z: their order is the lexicographic one, and a step in

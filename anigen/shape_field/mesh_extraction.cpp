@@ -76,7 +76,7 @@ bool deform_disabled(const MeshFieldOptions& options) {
   return options.disable_deform || options.skin_nodeform_trilinear;
 }
 
-// The layout of reference autoencoders.md, 3.8. Attributes are the skin feature, then the colours.
+// The layout of docs/reference/autoencoders.md, 4.7. Attributes are the skin feature, then the colours.
 CubeCorners split_channels(const Tensor& coords, const Tensor& feats, const MeshFieldOptions& options) {
   const std::int64_t cubes = feats.size(0), colors = options.use_color ? kColorChannels : 0;
   // The backward pass of a split is one concatenation, that of each range by itself a sum over all channels.

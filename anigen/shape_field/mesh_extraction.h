@@ -10,8 +10,8 @@
 namespace anigen::shape_field {
 
 /// Skin features of mesh vertices from the active grid vertices nearest to them, by Gaussian weights of deviation 1.5/R
-/// that add up to one (reference autoencoders.md, 4.6, `vertex_skin_feat_interp_sparse`). Differentiable in the
-/// features only: the weights are constants.
+/// that add up to one (docs/reference/autoencoders.md, 5.5). Differentiable in the features only: the weights are
+/// constants.
 /// @param features [V, S] at field.vertices @param points [P, 3] object space @param count nearest vertices used
 /// @param deformed measure to field.positions() instead of the undeformed grid @return [P, S]
 Tensor interpolate_from_nearest(const CubeField& field, const Tensor& features, const Tensor& points,
@@ -21,8 +21,8 @@ Tensor interpolate_from_nearest(const CubeField& field, const Tensor& features, 
 /// (`vertex_skin_feat_interp_trilinear`). Differentiable in features and points. @return [P, S]
 Tensor interpolate_trilinearly(const CubeField& field, const Tensor& features, const Tensor& points);
 
-/// Layout of the channels of a fine voxel, as they are read and turned into a mesh (reference autoencoders.md, 3.8 and
-/// 4).
+/// Layout of the channels of a fine voxel, as they are read and turned into a mesh (docs/reference/autoencoders.md, 4.7
+/// and 5).
 ///
 /// Skin features of mesh vertices normally pass through FlexiCubes like colours. With `skin_interp_sparse` they are
 /// taken from the eight nearest active grid vertices instead; `skin_interp_nearest` (from one), `skin_interp_trilinear`
@@ -53,7 +53,7 @@ struct ExtractedMesh {
   /// The averaged field, for the TSDF loss (field.positions(), field.sdf) and inspection; attributes: skin feature,
   /// then colour. Its deformation is zero when the options disable it.
   CubeField field;
-  Tensor regularizer;  ///< scalar, only when training (reference autoencoders.md, 3.11, mesh regulariser)
+  Tensor regularizer;  ///< scalar, only when training (docs/reference/training.md, 3.3)
   struct Terms {
     Tensor consistency, deviation, weights;  ///< scalars: unweighted means, only when training
   } terms;
@@ -64,8 +64,8 @@ struct ExtractedMesh {
 /// @throws InputError when shapes do not fit, or for a voxel outside the grid or twice
 ExtractedMesh extract_mesh(const Tensor& coords, const Tensor& feats, const MeshFieldOptions& options, bool training);
 
-// Losses between images (reference training-and-data.md, 3.3). Pictures are [N, C, H, W], colours or
-// encoded normals in [0, 1]; everything can be differentiated.
+// Losses between images (docs/reference/training.md, 3.3). Pictures are [N, C, H, W], colours or encoded normals in [0,
+// 1]; everything can be differentiated.
 
 /// The 11×11 Gaussian window of SSIM, deviation 1.5 pixels, sum 1. @return [11, 11] fp32
 torch::Tensor ssim_window();
@@ -101,7 +101,7 @@ PerceptualLoss perceptual_loss(const torch::Tensor& a, const torch::Tensor& b, c
                                const PictureDistance& distance);
 
 // Targets of a decoded shape: pictures of the true mesh from the same camera, and the true depth as a
-// truncated signed distance (reference training-and-data.md, 3.3, geo_loss and color_loss).
+// truncated signed distance (docs/reference/training.md, 3.3).
 
 /// Arguments of the published trainer, names and defaults.
 struct GeometryLossOptions {

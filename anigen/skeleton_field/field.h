@@ -8,8 +8,8 @@
 
 namespace anigen::skeleton_field {
 
-/// The skeleton as seen from points in space (reference training-and-data.md, 5; autoencoders.md, 3.2): what the
-/// encoder reads and what the skeleton field learns to predict.
+/// The skeleton as seen from points in space (docs/reference/training.md, 5; docs/reference/autoencoders.md, 4.2): what
+/// the encoder reads and what the skeleton field learns to predict.
 
 /// The two joints nearest to a point.
 struct NearestJoints {
@@ -28,7 +28,7 @@ double joint_confidence(const NearestJoints& nearest);
 
 using torch::Tensor;
 
-/// Meaning of the two confidence channels of the skeleton field (reference training-and-data.md, 4).
+/// Meaning of the two confidence channels of the skeleton field (docs/reference/training.md, 4).
 enum class FieldConfidence {
   kExplicit,  ///< learned towards a target; after a sigmoid (`jp_hyper_continuous`)
   kNone,      ///< there are none: every vote counts alike
@@ -36,7 +36,7 @@ enum class FieldConfidence {
   kBayesian   ///< ours in its place: logarithm s of the scale of a Laplace distribution (Kendall and Gal 2017)
 };
 
-/// The decoded skeleton field of one asset at the centres of its skeleton voxels (reference autoencoders.md, 3.6).
+/// The decoded skeleton field of one asset at the centres of its skeleton voxels (docs/reference/autoencoders.md, 4.5).
 struct SkeletonField {
   Tensor positions;       ///< [M, 3] voxel centres (of each corner when the field stands on corners, before averaging)
   Tensor joints;          ///< [M, 3] votes, object space
@@ -66,9 +66,9 @@ struct JointSkinFeatures {
   Tensor variance;  ///< scalar: mean over joints and channels of the weighted variance inside a joint
 };
 /// Each voxel belongs to the joint nearest its centre; features are means weighted by sigmoid(conf_skin), or 1 without
-/// it; a joint without voxels gets zeros (reference autoencoders.md, 4.5). Differentiable in features and confidence.
-/// Of equally near joints the first counts. fp32, or fp64 for fp64 features. Without joints both results are empty or
-/// zero.
+/// it; a joint without voxels gets zeros (docs/reference/autoencoders.md, 5.4). Differentiable in features and
+/// confidence. Of equally near joints the first counts. fp32, or fp64 for fp64 features. Without joints both results
+/// are empty or zero.
 /// @param joints [J, 3] @throws InputError when shapes do not fit, or naming a joint or centre that is not finite
 JointSkinFeatures joint_skin_features(const SkeletonField& field, const Tensor& joints);
 

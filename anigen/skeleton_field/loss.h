@@ -5,8 +5,7 @@
 
 namespace anigen::skeleton_field {
 
-// Targets of the votes of skeleton voxels for their joint and its parent (reference training-and-data.md,
-// 3.3, skeleton terms, and 5).
+// Targets of the votes of skeleton voxels for their joint and its parent (docs/reference/training.md, 3.4 and 5).
 
 struct SkeletonLossOptions {
   FieldConfidence confidence = FieldConfidence::kExplicit;

@@ -9,9 +9,9 @@ namespace anigen::skeleton_field {
 /// @pre parents are in [-1, J)
 std::vector<std::vector<int>> parent_cycles(const std::vector<int>& parents);
 
-/// Parents without cycles (reference autoencoders.md, 4.6, step 1): out of range → -1, a cycle is re-parented at its
-/// joint nearest to a joint outside, or opened when it holds every joint. A joint that is its own parent stays so, and
-/// counts as a root. As published it gives up after max(4, J) rounds, since cuts can undo each other.
+/// Parents without cycles (docs/reference/autoencoders.md, 5.5): out of range → -1, a cycle is re-parented at its joint
+/// nearest to a joint outside, or opened when it holds every joint. A joint that is its own parent stays so, and counts
+/// as a root. As published it gives up after max(4, J) rounds, since cuts can undo each other.
 /// @param joints [J], or empty when positions are not known: a cycle then is opened at its first joint
 /// @return the published result, which may still be cyclic then
 /// @throws InputError when lengths differ or naming a joint that is not finite

@@ -4,7 +4,7 @@
 
 namespace anigen::skeleton_field {
 
-/// Votes of each skeleton voxel for its joint and that joint's parent (reference autoencoders.md, 4.5).
+/// Votes of each skeleton voxel for its joint and that joint's parent (docs/reference/autoencoders.md, 5.4).
 struct Votes {
   std::vector<Eigen::Vector3f> joints, parents;            ///< [N] positions
   std::vector<float> joint_confidence, parent_confidence;  ///< [N], or empty: all 1

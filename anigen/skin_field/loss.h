@@ -10,7 +10,7 @@ namespace anigen::skin_field {
 
 /// Divisor of the sum of gt (log gt − log pred) over all points and joints of an asset.
 enum class SkinKlMean {
-  kElements,  ///< V·J, as the published code does by a slip of an argument (reference training-and-data.md, 3.1)
+  kElements,  ///< V·J, as the published code does by a slip of an argument (docs/reference/training.md, 3.1)
   kRows       ///< V, the mean divergence of a point, as the paper says
 };
 
@@ -45,7 +45,7 @@ SkinLosses skin_losses_from_log(const std::vector<torch::Tensor>& log_predicted,
 SkinLosses skin_losses(const std::vector<torch::Tensor>& predicted, const std::vector<torch::Tensor>& target,
                        const SkinLossOptions& options);
 
-// Targets of the dual skin field (reference training-and-data.md, 3.3, skin terms). Of one asset.
+// Targets of the dual skin field (docs/reference/training.md, 3.5). Of one asset.
 
 /// Targets at the vertices of a predicted mesh, read off the true mesh; no gradients.
 struct SkinTargets {

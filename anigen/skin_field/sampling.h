@@ -26,7 +26,7 @@ struct SkeletonBatch {
 };
 
 /// Probability of each face in an area-weighted draw: areas clamped to at least 1e-12, all equal when an area is not
-/// finite (reference training-and-data.md, 3.1).
+/// finite (docs/reference/training.md, 3.1).
 /// @param vertices [V, 3] fp32 @param faces [F, 3] integers @return [F] fp32, sums to 1
 /// @throws InputError on wrong shapes, no faces or a face that names no vertex
 torch::Tensor face_probabilities(const torch::Tensor& vertices, const torch::Tensor& faces);
@@ -72,8 +72,8 @@ struct VertexMix {
 };
 
 /// Sum of clamped barycentric weights below which they are divided by this instead.
-inline constexpr double kEncoderLeastWeight = 1e-6;  ///< reference autoencoders.md, 3.3
-inline constexpr double kLossLeastWeight = 1e-3;     ///< reference autoencoders.md, 3.11
+inline constexpr double kEncoderLeastWeight = 1e-6;  ///< docs/reference/autoencoders.md, 4.3
+inline constexpr double kLossLeastWeight = 1e-3;     ///< docs/reference/training.md, 3.5
 
 /// Given places on the mesh: weights are clamped to at least 0 and divided by max(sum, least).
 /// @param face [Q] integers @param barycentric [Q, 3] @param faces [F, 3] integers

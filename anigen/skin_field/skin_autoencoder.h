@@ -13,7 +13,7 @@
 
 namespace anigen::skin_field {
 
-/// Arguments `jp_embedder_config` of the skin encoder (reference autoencoders.md, 1 and 1.1).
+/// Arguments `jp_embedder_config` of the skin encoder (docs/reference/autoencoders.md, 2 and 2.1).
 struct JointEmbedderOptions {
   std::int64_t hidden_dim = 0;  ///< H; 0 means jp_embed_dim
   std::int64_t depth = 4;       ///< D
@@ -68,7 +68,7 @@ struct SkinAutoEncoderOptions : JsonOptions<SkinAutoEncoderOptions> {
 inline constexpr std::int64_t kJointEmbedderHeads = 8;  ///< fixed, whatever the hidden width
 
 /// Turns the embedded pair (joint, parent) of each joint into its embedding, by attention over the joints of its asset
-/// or, with jp_embed_attn off, joint by joint (reference autoencoders.md, 1.1, steps 5 to 7).
+/// or, with jp_embed_attn off, joint by joint (docs/reference/autoencoders.md, 2.1).
 class JointEmbedderImpl : public torch::nn::Module {
  public:
   JointEmbedderImpl(std::int64_t in_channels, std::int64_t hidden_dim, std::int64_t out_channels,
@@ -88,7 +88,8 @@ class JointEmbedderImpl : public torch::nn::Module {
 TORCH_MODULE(JointEmbedder);
 
 /// Encodes skeletons into one feature per joint, and skin weights at any surface points into one feature per point
-/// (paper 3.3.1; reference autoencoders.md, 1.1). Under `skin_encoder` in SkinAE and structured-latent checkpoints.
+/// (paper 3.3.1; docs/reference/autoencoders.md, 2.1). Under `skin_encoder` in SkinAE and structured-latent
+/// checkpoints.
 class SkinEncoderImpl : public torch::nn::Module {
  public:
   explicit SkinEncoderImpl(const SkinEncoderOptions& options);
@@ -118,7 +119,7 @@ class SkinEncoderImpl : public torch::nn::Module {
 TORCH_MODULE(SkinEncoder);
 
 /// Decodes point features and joint features into skin weights: a softmax over the joints of the asset with an inverse
-/// temperature learned per point (paper 3.3.1; reference autoencoders.md, 1.2). Under `skin_decoder` in SkinAE and
+/// temperature learned per point (paper 3.3.1; docs/reference/autoencoders.md, 2.2). Under `skin_decoder` in SkinAE and
 /// structured-latent checkpoints.
 class SkinDecoderImpl : public torch::nn::Module {
  public:
@@ -163,9 +164,9 @@ class SkinDecoderImpl : public torch::nn::Module {
 };
 TORCH_MODULE(SkinDecoder);
 
-/// The skin auto-encoder (paper 3.3.1, "SkinAE"; reference autoencoders.md, 1). It gives every joint a short feature
-/// and every surface point a feature of the same width from which the point's skin weights can be decoded, so that
-/// skinning with any number of joints becomes a field of fixed width.
+/// The skin auto-encoder (paper 3.3.1, "SkinAE"; docs/reference/autoencoders.md, 2). It gives every joint a short
+/// feature and every surface point a feature of the same width from which the point's skin weights can be decoded, so
+/// that skinning with any number of joints becomes a field of fixed width.
 ///
 /// A batch is treated as one: row-wise layers run once over the joints, or points, of all assets, attention stays
 /// inside each asset. Results equal those of one asset at a time up to fp32 rounding.

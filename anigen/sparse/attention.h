@@ -26,9 +26,9 @@ struct SparseAttentionOptions : nn::AttentionOptions {
   AttentionScope scope;
 };
 
-/// Multi-head attention over sparse tensors (reference flows-and-pipeline.md, 3.6). Windowed cross attention pairs
-/// windows of query and context by published number (WindowOrder::windows; reference README-ops.md, "Sparse
-/// operators"): a query without keys gives zeros before `to_out`.
+/// Multi-head attention over sparse tensors (docs/reference/flows.md, 3.1). Windowed cross attention pairs windows of
+/// query and context by published number (WindowOrder::windows; docs/reference/flows.md, 3.1): a query without keys
+/// gives zeros before `to_out`.
 class SparseAttentionImpl : public nn::RaggedAttentionImpl {
  public:
   explicit SparseAttentionImpl(const SparseAttentionOptions& options);

@@ -20,7 +20,7 @@ struct SparseBlockOptions : nn::BlockOptions {
   std::string attention_name = "attn";         ///< key of the self attention of a SparseTransformerBlock
 };
 
-/// x += attn(LN(x)), x += mlp(LN(x)), eps 1e-6 (reference autoencoders.md, 0.2 and 3.1). Keys `norm{1,2}.*` with
+/// x += attn(LN(x)), x += mlp(LN(x)), eps 1e-6 (docs/reference/autoencoders.md, 1.2 and 4.1). Keys `norm{1,2}.*` with
 /// affine_norms, `attn.*` (or the given name), `mlp.mlp.{0,2}.*`.
 class SparseTransformerBlockImpl : public torch::nn::Module {
  public:
@@ -36,7 +36,7 @@ class SparseTransformerBlockImpl : public torch::nn::Module {
 TORCH_MODULE(SparseTransformerBlock);
 
 /// x += self(LN1(x)), x += cross(LN2(x), context), x += mlp(LN3(x)), eps 1e-6; with norm_context the context passes LN4
-/// (reference flows-and-pipeline.md, 3.7). Keys `norm{1,2,3,4}.*` with affine_norms, `self_attn.*`, `cross_attn.*`,
+/// (docs/reference/flows.md, 3.2). Keys `norm{1,2,3,4}.*` with affine_norms, `self_attn.*`, `cross_attn.*`,
 /// `mlp.mlp.{0,2}.*`.
 class SparseCrossBlockImpl : public torch::nn::Module {
  public:
@@ -53,10 +53,9 @@ class SparseCrossBlockImpl : public torch::nn::Module {
 TORCH_MODULE(SparseCrossBlock);
 
 /// Self attention, then g = LN(x) with affine `norm2` once and x += cross_attn_k(g, LN(context_k)) for each context in
-/// order, then the MLP; eps 1e-6 (reference autoencoders.md, 3.1, cross-stream). Keys in this order: `norm2.*`,
-/// `self_attn.*`, `cross_attn_{k}.*` and `ctx_norm_{k}.*` for each context, `mlp.mlp.*`; norm1 and norm3 have
-/// parameters only with affine_norms. Without contexts there is no norm2: a SparseTransformerBlock whose attention is
-/// named `self_attn`.
+/// order, then the MLP; eps 1e-6 (docs/reference/autoencoders.md, 4.1). Keys in this order: `norm2.*`, `self_attn.*`,
+/// `cross_attn_{k}.*` and `ctx_norm_{k}.*` for each context, `mlp.mlp.*`; norm1 and norm3 have parameters only with
+/// affine_norms. Without contexts there is no norm2: a SparseTransformerBlock whose attention is named `self_attn`.
 class SparseMultiContextBlockImpl : public torch::nn::Module {
  public:
   explicit SparseMultiContextBlockImpl(const SparseBlockOptions& options);
@@ -77,8 +76,7 @@ struct SparseModulatedBlockOptions : nn::ModulatedBlockOptions {
   AttentionScope scope;  ///< of the self attention; cross attention is always full
 };
 
-/// nn::ModulatedBlock over sparse tensors: each item is modulated by its own row (reference
-/// flows-and-pipeline.md, 3.7).
+/// nn::ModulatedBlock over sparse tensors: each item is modulated by its own row (docs/reference/flows.md, 3.2).
 class SparseModulatedBlockImpl : public nn::ModulatedLayers<SparseAttention> {
  public:
   explicit SparseModulatedBlockImpl(const SparseModulatedBlockOptions& options);
@@ -87,8 +85,8 @@ class SparseModulatedBlockImpl : public nn::ModulatedLayers<SparseAttention> {
 };
 TORCH_MODULE(SparseModulatedBlock);
 
-/// nn::ModulatedCrossBlock over sparse tensors: the block of the structured-latent flow, with context_norm (reference
-/// flows-and-pipeline.md, 2.4).
+/// nn::ModulatedCrossBlock over sparse tensors: the block of the structured-latent flow, with context_norm
+/// (docs/reference/flows.md, 2.3).
 class SparseModulatedCrossBlockImpl : public nn::ModulatedLayers<SparseAttention> {
  public:
   explicit SparseModulatedCrossBlockImpl(const SparseModulatedBlockOptions& options);
@@ -110,11 +108,11 @@ struct DualStreamBlockOptions : nn::BlockOptions {
   bool share_mod = false;  ///< forward() is given the six chunks [B, 6C]; no `adaLN_modulation*`
 };
 
-/// Modulated block of a shape and a skeleton stream that attend to each other instead of to themselves (reference
-/// flows-and-pipeline.md, 3.7, the dual-stream block; README-ops.md, ops_sparse_modulated_blocks). With h = LN(x)(1 +
-/// scale) + shift of both streams: a = attn(h, h_skl), a_skl = attn_skl(h_skl, a), both gated and added; then ungated
-/// cross attention of LN(x; affine) to a dense context; then the modulated MLP. Keys `norm2.*`, `attn.*`,
-/// `context_cross_attn.*`, `mlp.mlp.{0,2}.*`, `adaLN_modulation.1.*`, and each with the suffix `_skl`.
+/// Modulated block of a shape and a skeleton stream that attend to each other instead of to themselves
+/// (docs/reference/flows.md, 3.2; docs/reference/flows.md, 3.2). With h = LN(x)(1 + scale) + shift of both streams: a =
+/// attn(h, h_skl), a_skl = attn_skl(h_skl, a), both gated and added; then ungated cross attention of LN(x; affine) to a
+/// dense context; then the modulated MLP. Keys `norm2.*`, `attn.*`, `context_cross_attn.*`, `mlp.mlp.{0,2}.*`,
+/// `adaLN_modulation.1.*`, and each with the suffix `_skl`.
 class DualStreamBlockImpl : public torch::nn::Module {
  public:
   explicit DualStreamBlockImpl(const DualStreamBlockOptions& options);
@@ -144,10 +142,10 @@ struct ResidualBlockOptions {
   std::int64_t embedding_channels = 0;  ///< of the time embedding
 };
 
-/// Residual block of the structured-latent flow before and after its transformers (reference flows-and-pipeline.md,
-/// 2.2): h = conv1(SiLU(LN(x; affine))), h = conv2(SiLU(LN(h) (1 + scale) + shift)), plus x through a linear layer
-/// where the width changes. Scale and shift come from the embedding, the scale first. Norms are over the channels of
-/// each voxel, eps 1e-6. Keys `norm1.*`, `conv1.conv.*`, `conv2.conv.*`, `emb_layers.1.*`, `skip_connection.*`.
+/// Residual block of the structured-latent flow before and after its transformers (docs/reference/flows.md, 2.2): h =
+/// conv1(SiLU(LN(x; affine))), h = conv2(SiLU(LN(h) (1 + scale) + shift)), plus x through a linear layer where the
+/// width changes. Scale and shift come from the embedding, the scale first. Norms are over the channels of each voxel,
+/// eps 1e-6. Keys `norm1.*`, `conv1.conv.*`, `conv2.conv.*`, `emb_layers.1.*`, `skip_connection.*`.
 class ResidualBlockImpl : public torch::nn::Module {
  public:
   explicit ResidualBlockImpl(const ResidualBlockOptions& options);
@@ -179,8 +177,8 @@ struct SubdivideBlockOptions {
   std::int64_t groups = 32;
 };
 
-/// Up-sampling block of the decoder (reference autoencoders.md, 3.7): norm and SiLU, subdivision of both branches, two
-/// convolutions with a norm between, plus the skip. Keys `act_layers.0.*`, `out_layers.0.conv.*`, `out_layers.1.*`,
+/// Up-sampling block of the decoder (docs/reference/autoencoders.md, 4.6): norm and SiLU, subdivision of both branches,
+/// two convolutions with a norm between, plus the skip. Keys `act_layers.0.*`, `out_layers.0.conv.*`, `out_layers.1.*`,
 /// `out_layers.3.conv.*`, `skip_connection.conv.*`.
 class SubdivideBlockImpl : public torch::nn::Module {
  public:
@@ -197,7 +195,7 @@ class SubdivideBlockImpl : public torch::nn::Module {
 TORCH_MODULE(SubdivideBlock);
 
 /// Features of each coarse voxel: sum over its members / (members + 1), as published: the zero that the sum starts from
-/// is counted (reference autoencoders.md, 3.9). Rows sorted by item, x, y, z.
+/// is counted (docs/reference/autoencoders.md, 4.8). Rows sorted by item, x, y, z.
 /// @param factor one for all axes, or one per axis @throws InputError for a factor below 1
 SparseTensor downsample(const SparseTensor& x, const GridFactor& factor);
 /// Every fine voxel takes the features of its coarse one. @param coarse on fine.coarsened(factor).support

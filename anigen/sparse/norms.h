@@ -11,7 +11,7 @@ Tensor sparse_group_norm(const Tensor& feats, const nn::Ragged& items, const Ten
                          std::int64_t groups, double eps);
 
 /// Group norm with statistics per item over its voxels and the channels of a group; fp32 inside, cast back; keys
-/// `weight`, `bias`, initially 1 and 0 only through default_group_norms (reference autoencoders.md, 0.2, GN).
+/// `weight`, `bias`, initially 1 and 0 only through default_group_norms (docs/reference/autoencoders.md, 1.2).
 class SparseGroupNormImpl : public torch::nn::Module {
  public:
   explicit SparseGroupNormImpl(std::int64_t channels, std::int64_t groups = 32, double eps = 1e-5);

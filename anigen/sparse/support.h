@@ -78,21 +78,22 @@ class Support : public std::enable_shared_from_this<Support> {
   const Tensor& coords() const;     ///< [N, 4] int32, CPU, contiguous
   std::int64_t size() const;        ///< N
   const nn::Ragged& items() const;  ///< rows of each item
-  /// Centres (c + 0.5)/R − 0.5 of the voxels. @return [N, 3] fp32 (reference autoencoders.md, 0.1)
+  /// Centres (c + 0.5)/R − 0.5 of the voxels. @return [N, 3] fp32 (docs/reference/autoencoders.md, 1.1)
   Tensor centers(std::int64_t resolution) const;
 
   /// Row of each of the 27 neighbours c + (i−1, j−1, k−1), tap (i·3 + j)·3 + k; −1 where there is none. [27, N] int32
   const Tensor& neighbours() const;
   /// As above, kept on another device after the first call for it.
   Tensor neighbours_on(torch::Device device) const;
-  /// Rows by windows of `size`³ voxels: the window of a row is (item, ⌊(c + shift)/size⌋) (reference autoencoders.md,
-  /// 0.2). With n = ⌈(largest c + shift + 1)/size⌉ windows along an axis, over all items of this support, it has the
-  /// published number ((item · n_x + w_x) · n_y + w_y) · n_z + w_z. Windowed cross attention lets a window of the
-  /// queries see the window of the keys with the same number, whatever places both have: supports with different n pair
-  /// unrelated windows, as published (reference parity README on `ops_window_attention`).
+  /// Rows by windows of `size`³ voxels: the window of a row is (item, ⌊(c + shift)/size⌋)
+  /// (docs/reference/autoencoders.md, 1.2). With n = ⌈(largest c + shift + 1)/size⌉ windows along an axis, over all
+  /// items of this support, it has the published number ((item · n_x + w_x) · n_y + w_y) · n_z + w_z. Windowed cross
+  /// attention lets a window of the queries see the window of the keys with the same number, whatever places both have:
+  /// supports with different n pair unrelated windows, as published (reference parity README on
+  /// `ops_window_attention`).
   /// @throws InputError for a size below 1, a shift below 0 or above 2^20, or numbers beyond 2^62
   const WindowOrder& windows(std::int64_t size, std::int64_t shift) const;
-  /// Every voxel c becomes the eight 2c + (i, j, k), consecutive, z fastest (reference autoencoders.md, 3.7).
+  /// Every voxel c becomes the eight 2c + (i, j, k), consecutive, z fastest (docs/reference/autoencoders.md, 4.6).
   /// @throws InputError when a coordinate would leave [0, 2^20), or rows would exceed 2^31
   SupportPtr subdivided() const;
   /// Places of c / factor (integer division along each axis). @throws InputError for a factor below 1
@@ -112,7 +113,7 @@ class Support : public std::enable_shared_from_this<Support> {
   std::unique_ptr<Derived> derived_;
 };
 
-/// Features at the places of a support, one row per voxel (reference autoencoders.md, 0.1). Copies are shallow.
+/// Features at the places of a support, one row per voxel (docs/reference/autoencoders.md, 1.1). Copies are shallow.
 struct SparseTensor {
   SupportPtr support;
   Tensor feats;  ///< [N, C]

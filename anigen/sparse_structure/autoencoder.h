@@ -13,7 +13,7 @@ namespace anigen::sparse_structure {
 
 /// Base of encoder and decoder of the sparse structure: their layers and how a published state dict lists them, layer
 /// by layer for both streams (`_skl` behind the names of the skeleton's). `blocks` and `middle_block` are the torso
-/// (reference autoencoders.md, 2.1, fp16 torso).
+/// (docs/reference/autoencoders.md, 3.1).
 class SparseStructureCoder : public nn::FreezableModel {
  protected:
   /// @tparam Tokens bottleneck of encode_global, in place of the output of an encoder or the input of a decoder
@@ -44,9 +44,9 @@ struct PosteriorNoise {
   torch::Tensor z, z_skl;
 };
 
-/// Occupancy of surface and skeleton → dense latents at 1/downsampling() of the resolution (paper 3.2.2; reference
-/// autoencoders.md, 2). The two streams do not interact. Fully convolutional: the published edge of 64 is not built
-/// in, except with encode_global.
+/// Occupancy of surface and skeleton → dense latents at 1/downsampling() of the resolution (paper 3.2.2;
+/// docs/reference/autoencoders.md, 3). The two streams do not interact. Fully convolutional: the published edge of 64
+/// is not built in, except with encode_global.
 ///
 /// Precision: as SkinAutoEncoder; the published fp16 modules are `blocks` and `middle_block` of both
 /// streams. Token bottlenecks (encode_global) stay fp32 here; the published ones attend in fp16.
@@ -86,8 +86,8 @@ class SparseStructureEncoderImpl : public SparseStructureCoder {
 TORCH_MODULE(SparseStructureEncoder);
 
 /// Latents of the sparse structure → occupancy of surface and skeleton at downsampling() times their resolution
-/// (paper 3.2.2; reference autoencoders.md, 2). A voxel is occupied where its logit is above 0. Freezing and precision
-/// as SparseStructureEncoder.
+/// (paper 3.2.2; docs/reference/autoencoders.md, 3). A voxel is occupied where its logit is above 0. Freezing and
+/// precision as SparseStructureEncoder.
 class SparseStructureDecoderImpl : public SparseStructureCoder {
  public:
   explicit SparseStructureDecoderImpl(const SparseStructureDecoderOptions& options,

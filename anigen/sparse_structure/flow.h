@@ -12,8 +12,8 @@
 
 namespace anigen::sparse_structure {
 
-/// Arguments of the published class AniGenSparseStructureFlowModel; defaults are those of the class (reference
-/// flows-and-pipeline.md, 1.1). No suffix: the shape stream, called "ss"; `_skl`: the skeleton stream.
+/// Arguments of the published class AniGenSparseStructureFlowModel; defaults are those of the class
+/// (docs/reference/flows.md, 1.1). No suffix: the shape stream, called "ss"; `_skl`: the skeleton stream.
 struct SparseStructureFlowOptions : JsonOptions<SparseStructureFlowOptions> {
   std::int64_t resolution = 0;  ///< of the latent grid
   std::int64_t in_channels = 0, in_channels_skl = 0;
@@ -59,7 +59,7 @@ struct SparseStructureFlowOptions : JsonOptions<SparseStructureFlowOptions> {
   /// when there are fewer blocks than that.
   bool has_cross_adapter(std::int64_t block) const;
   /// Ranks of the low-rank additions to a block's self attention (the last third of the blocks, else 0) and to its
-  /// cross attention (8, 16, 24, … by thirds); reference flows-and-pipeline.md, 1.8.
+  /// cross attention (8, 16, 24, … by thirds); docs/reference/flows.md, 1.5.
   std::int64_t lora_rank_self(std::int64_t block) const;
   std::int64_t lora_rank_cross(std::int64_t block) const;
 };
@@ -103,8 +103,8 @@ struct Velocity {
   torch::Tensor shape, skeleton;
 };
 
-/// The sparse-structure flow (the paper's first generation stage; reference flows-and-pipeline.md, 1): two transformers
-/// over the same latent grid, one for the shape and one for the skeleton, that see the same time and the same condition
+/// The sparse-structure flow (the paper's first generation stage; docs/reference/flows.md, 1): two transformers over
+/// the same latent grid, one for the shape and one for the skeleton, that see the same time and the same condition
 /// tokens and exchange after every block through linear adapters that begin at zero.
 class SparseStructureFlowImpl : public nn::FlowModel {
  public:
@@ -136,8 +136,8 @@ class SparseStructureFlowImpl : public nn::FlowModel {
 };
 TORCH_MODULE(SparseStructureFlow);
 
-/// The published initial values of a sparse-structure flow (reference flows-and-pipeline.md, 1.7 and 1.8). Modulation,
-/// adapters and last layers are zero: a fresh model answers zero, and both streams ignore each other.
+/// The published initial values of a sparse-structure flow (docs/reference/flows.md, 1.6 and 1.5). Modulation, adapters
+/// and last layers are zero: a fresh model answers zero, and both streams ignore each other.
 /// @param model the module that owns both streams
 void initialize_flow(torch::nn::Module& model, FlowStream& shape, FlowStream& skeleton);
 

@@ -12,9 +12,9 @@
 namespace anigen::sparse_structure {
 
 /// x' = skip(x) + conv2(silu(norm2(conv1(silu(norm1(x)))))): 3³ convolutions, channel layer norms, skip the identity or
-/// a 1³ convolution where the width changes (reference autoencoders.md, 2.1, ResBlock). Keys `norm{1,2}.*`,
-/// `conv{1,2}.*`, `skip_connection.*`. The model's initialisation must call initialize(), which makes a fresh block
-/// the identity (of its skip).
+/// a 1³ convolution where the width changes (docs/reference/autoencoders.md, 3.1). Keys `norm{1,2}.*`, `conv{1,2}.*`,
+/// `skip_connection.*`. The model's initialisation must call initialize(), which makes a fresh block the identity (of
+/// its skip).
 class VolumeResBlockImpl : public torch::nn::Module {
  public:
   VolumeResBlockImpl(std::int64_t in_channels, std::int64_t out_channels);
@@ -44,7 +44,7 @@ TORCH_MODULE(VolumeHead);
 class VolumeTorsoImpl : public torch::nn::Module {
  public:
   void add_res_blocks(std::int64_t count, std::int64_t channels);
-  /// @param up doubles the resolution, else halves it (reference autoencoders.md, 2.1, Up and Down)
+  /// @param up doubles the resolution, else halves it (docs/reference/autoencoders.md, 3.1 and Down)
   void add_resampler(std::int64_t in_channels, std::int64_t out_channels, bool up);
 
   /// @param x [B, C, X, Y, Z] of any floating dtype @return in the dtype of the convolutions; x itself when empty
@@ -59,7 +59,7 @@ class VolumeTorsoImpl : public torch::nn::Module {
 TORCH_MODULE(VolumeTorso);
 
 /// PyTorch's initial values for all convolutions below `module`, 1/0 for norms, then VolumeResBlock::initialize
-/// (reference autoencoders.md, 2.3).
+/// (docs/reference/autoencoders.md, 1.6).
 void initialize_volume_layers(torch::nn::Module& module);
 
 /// Heads of the attention of the token bottlenecks; the first block of a decoder, which takes the latent in, has fewer.
@@ -94,8 +94,9 @@ class GlobalTokens {
   std::vector<nn::DenseBlock> blocks_;
 };
 
-/// Bottleneck in place of an encoder stream's out_layer: T learned tokens look at all cells (reference autoencoders.md,
-/// 2.5). Keys `init_tokens`, `tokens_pos_emb`, `grid_pos_emb`, `token_proj.*` and `out_layer{,_skl}.0` to `.5`.
+/// Bottleneck in place of an encoder stream's out_layer: T learned tokens look at all cells
+/// (docs/reference/autoencoders.md, 3.3). Keys `init_tokens`, `tokens_pos_emb`, `grid_pos_emb`, `token_proj.*` and
+/// `out_layer{,_skl}.0` to `.5`.
 class GlobalTokenEncoder : public GlobalTokens {
  public:
   GlobalTokenEncoder() = default;

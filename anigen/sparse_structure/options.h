@@ -7,9 +7,9 @@
 
 namespace anigen::sparse_structure {
 
-/// Arguments that AniGenSparseStructureEncoder and -Decoder share (reference autoencoders.md, 2). Both classes hold two
-/// convolutional streams: shape (no suffix) and skeleton (suffix `_skl`). Defaults are those of the class, not of its
-/// config.
+/// Arguments that AniGenSparseStructureEncoder and -Decoder share (docs/reference/autoencoders.md, 3). Both classes
+/// hold two convolutional streams: shape (no suffix) and skeleton (suffix `_skl`). Defaults are those of the class, not
+/// of its config.
 struct SparseStructureCoderOptions {
   std::int64_t latent_channels = 8, latent_channels_skl = 4;
   std::int64_t num_res_blocks = 2;         ///< r, per level

@@ -6,7 +6,7 @@
 namespace anigen::sparse_structure {
 
 /// The largest set of occupied voxels that touch by faces; of equally large ones that with the first voxel in x, y, z
-/// order. What the pipeline keeps of a decoded skeleton (reference flows-and-pipeline.md, 5.5).
+/// order. What the pipeline keeps of a decoded skeleton (docs/reference/flows.md, 5.4).
 /// @param occupied bool [X, Y, Z], CPU @return bool [X, Y, Z] @throws InputError when it has not three axes
 torch::Tensor largest_component(const torch::Tensor& occupied);
 
@@ -35,7 +35,7 @@ struct VoxelAgreement {
 /// hit, for precision and recall @throws InputError when shapes differ or are not three-dimensional
 VoxelAgreement voxel_agreement(const torch::Tensor& predicted, const torch::Tensor& target, std::int64_t tolerance = 1);
 
-/// Loss of occupancy logits against occupancy (reference training-and-data.md, 3.2).
+/// Loss of occupancy logits against occupancy (docs/reference/training.md, 3.2).
 enum class OccupancyLoss {
   kDice,  ///< 1 − (2 Σ σ(l) y + 1) / (Σ σ(l) + Σ y + 1), sums over the whole micro-batch and not per sample
   kBce,   ///< mean binary cross entropy

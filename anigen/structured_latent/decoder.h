@@ -18,8 +18,8 @@
 
 namespace anigen::structured_latent {
 
-/// Two up-sampling blocks that take a stream from R to 4 R (reference autoencoders.md, 3.7). Registered with the model
-/// under one name, keys `<name>.0.*` and `<name>.1.*`.
+/// Two up-sampling blocks that take a stream from R to 4 R (docs/reference/autoencoders.md, 4.6). Registered with the
+/// model under one name, keys `<name>.0.*` and `<name>.1.*`.
 class StructuredLatentUpsampler {
  public:
   StructuredLatentUpsampler() = default;
@@ -37,7 +37,7 @@ class StructuredLatentUpsampler {
 
 /// Channels of the skeleton heads of the decoder: joint 3, parent 3, their confidences 1 and 1, that of the skin
 /// feature 1, the skin feature S; each of the fields eight times, corner by corner, when it stands on corners
-/// (reference autoencoders.md, 3.6).
+/// (docs/reference/autoencoders.md, 4.5).
 struct SkeletonHeadLayout {
   std::int64_t resolution = 0;  ///< of the voxels of the field
   std::int64_t skin_channels = 0;
@@ -58,7 +58,7 @@ std::vector<skeleton_field::SkeletonField> skeleton_fields(const sparse::SparseT
                                                            const SkeletonHeadLayout& layout);
 
 /// Decoder of the structured latents into the S³ fields: a mesh field on fine voxels, a skeleton field with confidence,
-/// skin features on both (paper 3.3; reference autoencoders.md, 3.5–3.9). Keys as its Appendix A.4.
+/// skin features on both (paper 3.3; docs/reference/autoencoders.md, 4.5, 4.6, 4.7 and 4.8). Published keys.
 ///
 /// Precision: fp32 as it is built; half_precision_modules() and convert_to_fp16() as SkinAutoEncoder. Of the
 /// off-by-default grouped cross attention the published system also halves two bare parameters and a norm, which stay
@@ -95,7 +95,7 @@ class StructuredLatentDecoderImpl : public nn::FreezableModel {
   /// Meshes of each asset. @param training see shape_field::extract_mesh
   std::vector<shape_field::ExtractedMesh> extract_meshes(const Fields& decoded, bool training);
   /// Skin weights of any points of one asset from their skin features, in chunks of points that take at most
-  /// `max_bytes` beside the result, at least one point (reference autoencoders.md, 1.2 and 4.6). Exact: a point's
+  /// `max_bytes` beside the result, at least one point (docs/reference/autoencoders.md, 2.2 and 5.5). Exact: a point's
   /// weights depend on its own feature and the joints only. With gradients the graph of all chunks is kept.
   /// @param vertex_features [V, F] @param joint_features [J, F] @return [V, J]
   /// @throws InputError for shapes that do not fit, a skeleton without joints, a parent out of range

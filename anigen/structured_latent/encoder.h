@@ -26,8 +26,8 @@ struct RiggedMeshes {
   std::vector<torch::Tensor> skin;      ///< [V, J] fp32
   std::vector<torch::Tensor> vertices;  ///< [V, 3] fp32
   std::vector<torch::Tensor> faces;     ///< [F, 3] integers
-  /// One per asset: features move to voxels by the nearest surface point; empty: by the nearest vertex (reference
-  /// autoencoders.md, 3.3).
+  /// One per asset: features move to voxels by the nearest surface point; empty: by the nearest vertex
+  /// (docs/reference/autoencoders.md, 4.3).
   std::vector<std::shared_ptr<const geometry::NearestSurface>> surfaces;
 };
 
@@ -38,8 +38,8 @@ struct RiggedMeshes {
 std::vector<skin_field::VertexMix> skin_mixes(const sparse::Support& voxels, const RiggedMeshes& rigs,
                                               std::int64_t resolution, bool upsampled);
 
-/// Input layers of the skin and the skeleton stream (reference autoencoders.md, 3.2 and 3.3). Not a module of its own:
-/// registers `root_embedding`, `in_layer_skin.*`, `in_layer_jp_skl.*` and `in_layer_skin_skl.*` with the model.
+/// Input layers of the skin and the skeleton stream (docs/reference/autoencoders.md, 4.2 and 4.3). Not a module of its
+/// own: registers `root_embedding`, `in_layer_skin.*`, `in_layer_jp_skl.*` and `in_layer_skin_skl.*` with the model.
 class StructuredLatentInputs {
  public:
   StructuredLatentInputs() = default;
@@ -67,9 +67,9 @@ class StructuredLatentInputs {
   nn::FeedForward in_layer_skin_ = nullptr, in_layer_joints_ = nullptr, in_layer_joint_skin_ = nullptr;
 };
 
-/// Encoder of the structured latents: shape, skin and skeleton streams on sparse voxels (paper 3.3; reference
-/// autoencoders.md, 3.1–3.4). Keys as its Appendix A.4. Gradients reach every parameter, the SkinAE's encoder included,
-/// unless it is frozen.
+/// Encoder of the structured latents: shape, skin and skeleton streams on sparse voxels (paper 3.3;
+/// docs/reference/autoencoders.md, 4.1, 4.2, 4.3 and 4.4). Published keys. Gradients reach every parameter, the
+/// SkinAE's encoder included, unless it is frozen.
 ///
 /// Precision: fp32 as it is built; half_precision_modules() and convert_to_fp16() as SkinAutoEncoder.
 class StructuredLatentEncoderImpl : public nn::FreezableModel {

@@ -254,7 +254,7 @@ Tensor StructuredLatentFlowStream::leave(StructuredLatentFlowState state) {
 namespace {
 
 // x₀ prediction: v = (x̂ − x_t) / max(t, ε) of the network's output x̂; the sign is the published one, opposite to that
-// of the sparse structure (reference flows-and-pipeline.md, 2.5, step 8).
+// of the sparse structure (docs/reference/flows.md, 2.1).
 Tensor velocity_of_sparse_prediction(const SparseTensor& x_t, const Tensor& output, const Tensor& t,
                                      const StructuredLatentFlowOptions& options) {
   const Tensor item = x_t.support->coords().select(1, 0).to(t.device(), torch::kInt64);

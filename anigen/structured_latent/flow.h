@@ -32,8 +32,8 @@ struct StructuredLatentFlowStreamOptions {
 };
 
 /// Arguments of the published classes AniGenElasticSLatFlowModel and AniGenSLatFlowModel, which compute the same;
-/// defaults are those of the class (reference flows-and-pipeline.md, 2.1). In JSON the sizes of a stream carry its
-/// suffix: none for the geometry, `_vert_skin` for the skin, `_skl` for the skeleton.
+/// defaults are those of the class (docs/reference/flows.md, 2.1). In JSON the sizes of a stream carry its suffix: none
+/// for the geometry, `_vert_skin` for the skin, `_skl` for the skeleton.
 struct StructuredLatentFlowOptions : JsonOptions<StructuredLatentFlowOptions> {
   std::int64_t resolution = 0;  ///< of the voxels; a bound on coordinates, no weight depends on it
   StructuredLatentFlowStreamOptions geometry, skin, skeleton;
@@ -125,7 +125,7 @@ struct StructuredVelocity {
   sparse::SparseTensor x, x_skl;
 };
 
-/// The structured-latent flow (the paper's second generation stage; reference flows-and-pipeline.md, 2): three sparse
+/// The structured-latent flow (the paper's second generation stage; docs/reference/flows.md, 2): three sparse
 /// transformers, geometry and skin on the voxels of the shape, skeleton on those of the skeleton, that see the same
 /// time. The geometry attends to the condition tokens; the skin hears of it through linear adapters that begin at zero;
 /// skin and skeleton attend to each other. Nothing flows back into the geometry.
@@ -159,7 +159,7 @@ class StructuredLatentFlowImpl : public nn::FlowModel {
 };
 TORCH_MODULE(StructuredLatentFlow);
 
-/// The published initial values of a structured-latent flow (reference flows-and-pipeline.md, 2.8). Modulations, last
+/// The published initial values of a structured-latent flow (docs/reference/flows.md, 1.6). Modulations, last
 /// convolutions, adapters and last layers are zero: a fresh model answers zero, and the skin hears nothing of the
 /// geometry.
 /// @param model the module that owns streams and adapters

@@ -10,10 +10,10 @@
 
 namespace anigen::structured_latent {
 
-/// Arguments that AniGenElasticSLatEncoder and AniGenElasticSLatMeshDecoder share (reference autoencoders.md, 3). Both
-/// hold three transformers over sparse voxels: geometry (no suffix) and skin (`_skin`) on the surface voxels, skeleton
-/// (`_skl`) on the skeleton voxels. Defaults are those of the class, not of its config; where the two classes differ
-/// the derived one sets them.
+/// Arguments that AniGenElasticSLatEncoder and AniGenElasticSLatMeshDecoder share (docs/reference/autoencoders.md, 4).
+/// Both hold three transformers over sparse voxels: geometry (no suffix) and skin (`_skin`) on the surface voxels,
+/// skeleton (`_skl`) on the skeleton voxels. Defaults are those of the class, not of its config; where the two classes
+/// differ the derived one sets them.
 struct StructuredLatentCoderOptions {
   std::int64_t resolution = 0;  ///< R of the voxels; required, like the widths and num_blocks
   std::int64_t model_channels = 0, model_channels_skl = 0, model_channels_skin = 0;         ///< torso widths
@@ -125,7 +125,7 @@ struct StructuredLatentVariant {
 torch::Tensor renormalized(const torch::Tensor& z, const StructuredLatentEncoderOptions& encoder, LatentNorm norm);
 
 /// The field with confidences that grouping can compare with a threshold: for kBayesian e^(−s) divided by its 99th
-/// percentile in the asset, at most 1 (reference training-and-data.md, 4); otherwise unchanged.
+/// percentile in the asset, at most 1 (docs/reference/training.md, 4); otherwise unchanged.
 skeleton_field::SkeletonField for_grouping(const skeleton_field::SkeletonField& field,
                                            skeleton_field::FieldConfidence confidence);
 

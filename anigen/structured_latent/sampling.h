@@ -11,7 +11,7 @@ inline constexpr const char* kStructuredLatentFlowClass = "AniGenElasticSLatFlow
 inline constexpr const char* kPlainStructuredLatentFlowClass = "AniGenSLatFlowModel";
 
 /// Arguments of the trainers of stage 5 beside those all trainers share: those of both flows, where samples are guided
-/// with strength 3 by default, and these (reference training-and-data.md, 3.4).
+/// with strength 3 by default, and these (docs/reference/training.md, 3.6).
 struct StructuredLatentFlowStageOptions : flow::FlowStageOptions, JsonOptions<StructuredLatentFlowStageOptions> {
   bool use_joint_num_cond = false;       ///< show the model how many joints an asset has
   double p_uncond_joint_num = 0.1;       ///< share of items for which it is told nothing, whatever its picture
@@ -28,14 +28,14 @@ struct StructuredLatentTarget {
 };
 
 /// Velocities of the structured-latent flow for flow::sample_flow: features [N, C] on the shape's voxels, then
-/// [M, C'] on the skeleton's. The negative pass of guidance has tokens of zeros and 0 joints (reference
-/// flows-and-pipeline.md, 4.4).
+/// [M, C'] on the skeleton's. The negative pass of guidance has tokens of zeros and 0 joints (docs/reference/flows.md,
+/// 4.3).
 /// @param guided also the velocity of that pass
 flow::Velocities structured_latent_velocities(StructuredLatentFlow model, const StructuredLatentTarget& target,
                                               bool guided);
 
 /// Standard normal noise of both streams, on the CPU, skin channels smoothed along the surface where the options say
-/// so (reference flows-and-pipeline.md, 4.5).
+/// so (docs/reference/flows.md, 4.4).
 flow::Streams structured_latent_noise(const StructuredLatentFlowOptions& model, const sparse::Support& shape,
                                       const sparse::Support& skeleton, const flow::GeodesicNoiseOptions& smoothing,
                                       const at::Generator& generator);

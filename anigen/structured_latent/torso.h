@@ -23,8 +23,8 @@ class JointTokensImpl : public torch::nn::Module {
 };
 TORCH_MODULE(JointTokens);
 
-/// The skin stream attends to the joints of its asset (`skin_cross_from_groupped`; reference autoencoders.md, 3.9). Not
-/// a module of its own: registers `root_parent_feat`, `joints_in_proj.*`, `joints_self_attn.{0..3}.*`,
+/// The skin stream attends to the joints of its asset (`skin_cross_from_groupped`; docs/reference/autoencoders.md,
+/// 4.8). Not a module of its own: registers `root_parent_feat`, `joints_in_proj.*`, `joints_self_attn.{0..3}.*`,
 /// `h_skin_coord_proj.*`, `h_skin_coord_fuse.*` and `skin_cross_groupped_net.*` with the model.
 class GroupedCross {
  public:
@@ -56,8 +56,8 @@ class GroupedCross {
   sparse::SparseMultiContextBlock cross_ = nullptr;
 };
 
-/// Sparse U-Net that smooths the skin stream, at R and coarser, always in fp32 (reference autoencoders.md, 3.9). Keys
-/// `enc.{i}.*`, `mid.*`, `fuse.{i}.*`, `dec.{i}.*` with the keys of SubdivideBlock below them.
+/// Sparse U-Net that smooths the skin stream, at R and coarser, always in fp32 (docs/reference/autoencoders.md, 4.8).
+/// Keys `enc.{i}.*`, `mid.*`, `fuse.{i}.*`, `dec.{i}.*` with the keys of SubdivideBlock below them.
 class SkinUnetImpl : public torch::nn::Module {
  public:
   /// @param levels halvings of the resolution, at least 1
@@ -78,9 +78,9 @@ struct PerStream {
   T geometry, skin, skeleton;
 };
 
-/// The three transformers that encoder and decoder have alike (reference autoencoders.md, 3.1): per stream an input
-/// layer with the position embedding of the voxel indices, then blocks, in which skin and skeleton may attend to each
-/// other and to the geometry as they were before the block. Not a module of its own, since the published keys lie
+/// The three transformers that encoder and decoder have alike (docs/reference/autoencoders.md, 4.1): per stream an
+/// input layer with the position embedding of the voxel indices, then blocks, in which skin and skeleton may attend to
+/// each other and to the geometry as they were before the block. Not a module of its own, since the published keys lie
 /// beside those of the model: `input_layer{,_skl,_skin}.*`, `blocks.{i}.*`, `blocks_skin.{i}.*`, `blocks_skl.{i}.*`,
 /// which the constructor registers with it.
 class StructuredLatentTorso {
@@ -125,8 +125,8 @@ void check_voxel_rows(const sparse::SparseTensor& x, std::int64_t channels, cons
 /// The part about the voxels alone.
 void check_voxels(const sparse::Support& support, std::int64_t resolution, const std::string& name);
 
-/// The published start of everything below `module` (reference autoencoders.md, 3.10): Xavier-uniform linears with zero
-/// biases, norms 1 and 0, sparse convolutions as the library's, the last one of each up-sampling block zero.
+/// The published start of everything below `module` (docs/reference/autoencoders.md, 1.6): Xavier-uniform linears with
+/// zero biases, norms 1 and 0, sparse convolutions as the library's, the last one of each up-sampling block zero.
 void initialize_sparse_layers(torch::nn::Module& module);
 
 /// An output layer of the decoder: Kaiming-normal weights (fan-in, gain √2) times 1e-4, zero bias.

@@ -14,8 +14,7 @@
 namespace anigen::train {
 
 /// Learning rate as a closed form of the step (0 = first update), so that resuming needs no state: of the optimiser's
-/// rate `base` and the step. Names and defaults are those of torch.optim.lr_scheduler; reference training-and-data.md,
-/// section 2.6.
+/// rate `base` and the step. Names and defaults are those of torch.optim.lr_scheduler; docs/reference/training.md, 2.2.
 using LrSchedule = std::function<double(double base, std::int64_t step)>;
 
 /// base, always: what "lr_scheduler": null means.
@@ -78,7 +77,7 @@ torch::Tensor orthogonalize(const torch::Tensor& matrix);
 
 /// Muon for weight matrices, AdamW for the rest (biases, embeddings, matrices with a side shorter than
 /// min_side, such as first and last layers). The published trainer accepts the optimizer name `muon`, by way of a
-/// package of its own (reference training-and-data.md, section 2.4); no published config uses it.
+/// package of its own (docs/reference/training.md, 2.2); no published config uses it.
 ///
 /// Update of a matrix: momentum of the gradient, Nesterov look-ahead, orthogonalised, times
 /// lr · 0.2 · sqrt(max(m, n)) so that its root mean square is that of a typical AdamW update and one learning
@@ -105,7 +104,7 @@ class Muon {
   std::vector<std::size_t> matrices_;  // slots that Muon updates
 };
 
-/// Clips the gradient's norm at a percentile of the recent norms (reference training-and-data.md, section 2.5).
+/// Clips the gradient's norm at a percentile of the recent norms (docs/reference/training.md, 2.3).
 ///
 /// The threshold starts at max_norm (or none). Once `buffer_size` finite norms were seen it is, from the next call
 /// on, the percentile of the last `buffer_size` unclipped norms, and never above max_norm.
@@ -140,9 +139,9 @@ class AdaptiveGradClipper {
   State state_;
 };
 
-/// The last weights known to be sound, to go back to when an update leaves weights that are not finite (reference
-/// training-and-data.md, section 2.4, steps 4 and 7). Only the master weights are kept: the models' own are always
-/// those, converted. Moments of the optimiser are not kept, as published.
+/// The last weights known to be sound, to go back to when an update leaves weights that are not finite
+/// (docs/reference/training.md, 2.2). Only the master weights are kept: the models' own are always those, converted.
+/// Moments of the optimiser are not kept, as published.
 class RecoveryPoint {
  public:
   static constexpr std::int64_t kEvery = 10;  ///< steps from one clone to the next
@@ -179,8 +178,7 @@ struct UpdateOptions {
 };
 
 /// Update of the parameters after the last backward pass of a step: unscale, clip, AdamW, recovery from weights
-/// that are not finite, averages, learning rate, loss scale (reference training-and-data.md, section 2.4, steps 3 to
-/// 8).
+/// that are not finite, averages, learning rate, loss scale (docs/reference/training.md, 2.2).
 class ParameterUpdate {
  public:
   /// @param buffer must outlive this; its values at this moment start the averages

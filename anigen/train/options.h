@@ -9,8 +9,8 @@
 
 namespace anigen::train {
 
-/// The arguments every trainer takes (`trainer.args`); names and defaults of reference training-and-data.md, section
-/// 2.1, then ours. Those of a stage are read from the same object by the stage.
+/// The arguments every trainer takes (`trainer.args`); names and defaults of docs/reference/training.md, 2.1, then
+/// ours. Those of a stage are read from the same object by the stage.
 struct TrainerOptions {
   std::int64_t max_steps = 0;   ///< required
   std::size_t batch_size = 1;   ///< `batch_size`, or `batch_size_per_gpu`, which wins
@@ -57,7 +57,7 @@ struct Precision {
 /// | "fp32" | fp32 | fp32 |
 /// | "fp64" | everything in fp64: for comparing ways to sum, stages 1, 4 and 5 | the same |
 /// | "bf16" | torsos in bf16 | torsos in bf16 |
-/// | "fp16-published" | not supported | torsos in fp16, losses scaled (reference training-and-data.md, 2.4) |
+/// | "fp16-published" | not supported | torsos in fp16, losses scaled (docs/reference/training.md, 2.2) |
 ///
 /// bf16 has the range of fp32, so its losses are not scaled.
 /// @param file of the config, for messages @throws NotSupportedError for fp16 on a CPU; InputError for

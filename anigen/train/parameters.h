@@ -11,9 +11,9 @@
 
 namespace anigen::train {
 
-/// All trainable parameters of some models as one flat fp32 vector (reference training-and-data.md, sections 2.3,
-/// 2.4), so that clipping, optimiser and averages are single passes over memory. Where all of them are fp64 so is the
-/// vector: tests compare ways to sum in it.
+/// All trainable parameters of some models as one flat fp32 vector (docs/reference/training.md, 2.2), so that clipping,
+/// optimiser and averages are single passes over memory. Where all of them are fp64 so is the vector: tests compare
+/// ways to sum in it.
 ///
 /// Order: models as listed, parameters as registered, those with requires_grad only. A parameter of the vector's type
 /// becomes a view into it, and its gradient a view into gradient(); one of another type keeps its own storage and is
@@ -67,8 +67,8 @@ class ParameterBuffer {
 };
 
 /// Exponential moving averages of the flat parameter vector at one or several rates: ema ← r·ema + (1 − r)·master
-/// after every step, also after a skipped update, without warm-up (reference training-and-data.md, section 2.4, 8).
-/// Make it after warm starts: the published trainer averages from the random initialisation instead, a defect.
+/// after every step, also after a skipped update, without warm-up (docs/reference/training.md, 2.2). Make it after warm
+/// starts: the published trainer averages from the random initialisation instead, a defect.
 class Ema {
  public:
   /// @param rates each in [0, 1) @param master [P] fp32; every average starts as a copy @throws InputError
@@ -88,8 +88,8 @@ class Ema {
 
 /// State dict of a model with its trainable parameters taken from a flat fp32 vector (the masters, or an average),
 /// frozen parameters as they were loaded, whatever type they compute in (ParameterBuffer::frozen), and buffers as they
-/// are: what a checkpoint file holds (reference training-and-data.md, 2.8; the published trainer writes frozen
-/// parameters in fp16).
+/// are: what a checkpoint file holds (docs/reference/training.md, 2.4; the published trainer writes frozen parameters
+/// in fp16).
 io::NamedArrays weights_of(const nn::NamedModel& model, const ParameterBuffer& buffer, const torch::Tensor& flat);
 
 /// Inverse: frozen entries into the model and what frozen() keeps of it, trainable ones into the flat vector at full

@@ -58,8 +58,8 @@ class Stage {
   virtual Losses losses(const data::Batch& batch, const LossContext& context) = 0;
 
   /// Loads the pretrained weights that the published models of this stage begin with. Called once by a run that goes on
-  /// from no checkpoint, after `finetune_ckpt`, before replicas are made (reference training-and-data.md, 2.2): a
-  /// resumed run needs these files no more. @param finetuned what `finetune_ckpt` has filled
+  /// from no checkpoint, after `finetune_ckpt`, before replicas are made (docs/reference/training.md, 2.1): a resumed
+  /// run needs these files no more. @param finetuned what `finetune_ckpt` has filled
   /// @throws InputError for a damaged file, or when a frozen parameter would stay at its random start
   virtual void warm_start(const LoadedKeys& finetuned) { static_cast<void>(finetuned); }
 

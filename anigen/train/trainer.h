@@ -35,9 +35,9 @@ struct RunOptions {
 /// options of which one would be ignored
 void check_start(const RunOptions& run);
 
-/// The loop all stages share (reference training-and-data.md, section 2). Given a seed, a number of threads per
-/// replica, a number of replicas and a number of ranks it is deterministic, and a run that was killed and resumed ends
-/// with the same bits as one that was not.
+/// The loop all stages share (docs/reference/training.md, 2). Given a seed, a number of threads per replica, a number
+/// of replicas and a number of ranks it is deterministic, and a run that was killed and resumed ends with the same bits
+/// as one that was not.
 ///
 /// With several ranks every process runs this loop on its share of the step's micro-batches, number i on rank i mod
 /// ranks. Batches, their split and their random draws are those of one process, so that another number of ranks goes on
@@ -47,7 +47,7 @@ class Trainer {
  public:
   /// Restores the newest complete checkpoint of the output, so that a command that is run again goes on; where there
   /// is none, or `restart` is set, the one that `load` and `ckpt` ask for. Without any the models start from
-  /// `finetune_ckpt`, then from the stage's own pretrained weights, which win (reference training-and-data.md, 2.2).
+  /// `finetune_ckpt`, then from the stage's own pretrained weights, which win (docs/reference/training.md, 2.1).
   /// @param stage models with their initial weights; must outlive the trainer
   /// @throws InputError for a file that does not fit, a frozen parameter that is in none, or fewer micro-batches than
   /// there are ranks and replicas

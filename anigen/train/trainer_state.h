@@ -28,9 +28,9 @@ class CheckpointFolder {
   explicit CheckpointFolder(std::filesystem::path folder) : folder_(std::move(folder)) {}
 
   /// Writes a set; every file is written to a temporary name, fsynced and renamed. Then deletes what the rule of the
-  /// published trainer does not keep: all but the two newest steps and multiples of 100,000 (reference
-  /// training-and-data.md, 2.8), and leftovers of sets that were never finished. The set just written is one of the
-  /// two; sets of later steps neither count nor go. @throws Error when the set is not complete afterwards
+  /// published trainer does not keep: all but the two newest steps and multiples of 100,000
+  /// (docs/reference/training.md, 2.4), and leftovers of sets that were never finished. The set just written is one of
+  /// the two; sets of later steps neither count nor go. @throws Error when the set is not complete afterwards
   void save(std::int64_t step, const WeightFiles& weights, const SavedState& state) const;
 
   /// Steps of complete sets, ascending.

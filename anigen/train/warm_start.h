@@ -11,7 +11,7 @@
 namespace anigen::train {
 
 /// A file of pretrained weights that a published model with `use_pretrain_branch` begins from: `<name>.safetensors`,
-/// else `<name>.pt`, below the folder of pretrained weights (reference training-and-data.md, 2.8).
+/// else `<name>.pt`, below the folder of pretrained weights (docs/reference/training.md, 2.4).
 struct PretrainedFile {
   std::string name;        ///< mostly the class name
   std::string key_prefix;  ///< only keys that begin with this; empty: all

@@ -181,8 +181,8 @@ class Dinov2AttentionImpl : public torch::nn::Module {
 };
 TORCH_MODULE(Dinov2Attention);
 
-// Pre-norm block x += ls1 ⊙ attn(norm1(x)), x += ls2 ⊙ mlp(norm2(x)); norms with parameters and eps 1e-6 (reference
-// flows-and-pipeline.md, 5.3).
+// Pre-norm block x += ls1 ⊙ attn(norm1(x)), x += ls2 ⊙ mlp(norm2(x)); norms with parameters and eps 1e-6
+// (docs/reference/flows.md, 5.3).
 class Dinov2BlockImpl : public torch::nn::Module {
  public:
   explicit Dinov2BlockImpl(const Dinov2Options& options) {

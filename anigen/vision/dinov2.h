@@ -13,7 +13,7 @@
 namespace anigen::vision {
 
 /// Size and form of a DINOv2 vision transformer (Oquab et al. 2023; registers: Darcet et al. 2023), under the argument
-/// names of the published hub models (reference flows-and-pipeline.md, 5.3).
+/// names of the published hub models (docs/reference/flows.md, 5.3).
 struct Dinov2Options : JsonOptions<Dinov2Options> {
   std::int64_t img_size = 518;   ///< pixels on a side for which pos_embed was made
   std::int64_t patch_size = 14;  ///< pixels
@@ -86,11 +86,11 @@ struct Dinov2Tokens {
   Tensor prenorm_patches() const { return x_prenorm.slice(1, 1 + registers); }  ///< [B, P, C]
 };
 
-/// DINOv2 (reference flows-and-pipeline.md, 5.3): patches by a strided convolution, class token, position embedding,
-/// registers after the class token and without a position, blocks, final norm. Keys as published: `cls_token`,
-/// `pos_embed`, `register_tokens` (models with registers), `mask_token` (loaded, never used here),
-/// `patch_embed.proj.*`, `blocks.<i>.*`, `norm.*`. The constructor reserves memory and writes nothing: load every
-/// tensor before use (vision/dinov2.h).
+/// DINOv2 (docs/reference/flows.md, 5.3): patches by a strided convolution, class token, position embedding, registers
+/// after the class token and without a position, blocks, final norm. Keys as published: `cls_token`, `pos_embed`,
+/// `register_tokens` (models with registers), `mask_token` (loaded, never used here), `patch_embed.proj.*`,
+/// `blocks.<i>.*`, `norm.*`. The constructor reserves memory and writes nothing: load every tensor before use
+/// (vision/dinov2.h).
 class Dinov2Impl : public torch::nn::Module {
  public:
   explicit Dinov2Impl(const Dinov2Options& options);

@@ -16,7 +16,7 @@ struct PinholeCamera {
   double focal_u = 0.0, focal_v = 0.0;
   double center_u = 0.0, center_v = 0.0;
 
-  /// 60° across the longer side, looking through the middle (reference normal-estimator.md, 3, steps 4 and 5).
+  /// 60° across the longer side, looking through the middle (docs/reference/normals.md, 2).
   static PinholeCamera of_picture(std::int64_t height, std::int64_t width);
   /// The camera of the picture with so many columns added at its left and rows at its top.
   PinholeCamera padded(std::int64_t left, std::int64_t top) const;
@@ -41,7 +41,7 @@ Tensor ray_slopes(const PinholeCamera& camera, std::int64_t rows, std::int64_t c
 Tensor unit_rays(const Tensor& slopes);
 
 /// The ray ReLU of DSINE (Bae and Davison 2024, "Rethinking Inductive Biases for Surface Normal Estimation", section 3;
-/// reference normal-estimator.md, 6): what is seen faces the camera, so the component of a normal along the ray, with
+/// docs/reference/normals.md, 5): what is seen faces the camera, so the component of a normal along the ray, with
 /// normals pointing away from the camera, is raised to at least 0.01, and the normal made unit again.
 /// @param normals [B, 3, ...] @param rays unit, broadcast to the same shape
 Tensor ray_relu(const Tensor& normals, const Tensor& rays);
@@ -58,9 +58,10 @@ struct DsineState {
   Tensor normals;        ///< [B, 3, h, w], unit
 };
 
-/// DSINE (Bae and Davison 2024, "Rethinking Inductive Biases for Surface Normal Estimation"; reference
-/// normal-estimator.md): an encoder, a decoder, and a recurrent unit that refines normals at an eighth of the size by
-/// turning those of neighbouring pixels. Evaluation only, under torch::NoGradGuard; fp32, or fp64 after to(kFloat64).
+/// DSINE (Bae and Davison 2024, "Rethinking Inductive Biases for Surface Normal Estimation";
+/// docs/reference/normals.md): an encoder, a decoder, and a recurrent unit that refines normals at an eighth of the
+/// size by turning those of neighbouring pixels. Evaluation only, under torch::NoGradGuard; fp32, or fp64 after
+/// to(kFloat64).
 ///
 /// 72.6 million parameters in 570 tensors, and 348 buffers. Keys as released: `encoder.original_model.*`, `decoder.*`,
 /// `gru.*`, `prob_head.*`, `xy_head.*`, `angle_head.*`, `up_prob_head.*`. The constructor reserves memory and writes
@@ -97,7 +98,7 @@ Tensor neighborhood(const Tensor& x, std::int64_t radius);
 
 /// Axes to turn normals about: the direction in the plane perpendicular to a normal which, seen from the camera at the
 /// place of the normal, points along a direction of the picture. 0 where there is none, as where the plane is seen
-/// edge-on (reference normal-estimator.md, 7, step 4).
+/// edge-on (docs/reference/normals.md, 6).
 /// @param normals [B, 3, K, H, W] unit @param directions [B, 2, K, H, W] unit, pixels right and down
 /// @param places [1, 2, K, H, W] where the normals are, in pixels @return [B, 3, K, H, W], unit or 0
 Tensor rotation_axes(const Tensor& normals, const Tensor& directions, const Tensor& places,
@@ -114,8 +115,8 @@ struct NeighborRotations {
   Tensor angles;      ///< [B, K, H, W], radians
 };
 
-/// One step of DSINE (Bae and Davison 2024, section 3; reference normal-estimator.md, 7): the normals around a pixel,
-/// each turned, made to face this pixel's ray, weighted, summed and made unit.
+/// One step of DSINE (Bae and Davison 2024, section 3; docs/reference/normals.md, 6): the normals around a pixel, each
+/// turned, made to face this pixel's ray, weighted, summed and made unit.
 /// @param normals [B, 3, H, W] unit @param camera of this grid @param rays [1, 3, H, W] unit
 Tensor propagated_normals(const Tensor& normals, const NeighborRotations& rotations, const PinholeCamera& camera,
                           const Tensor& rays);
@@ -126,9 +127,9 @@ struct PicturePadding {
 };
 PicturePadding dsine_padding(std::int64_t height, std::int64_t width);
 
-/// The normals of a picture as the published pipeline asks DSINE for them (reference normal-estimator.md, 3): black
-/// around the picture before ImageNet's normalisation, a camera of 60° across the longer side of the picture without
-/// padding, the padding cut off again.
+/// The normals of a picture as the published pipeline asks DSINE for them (docs/reference/normals.md, 2): black around
+/// the picture before ImageNet's normalisation, a camera of 60° across the longer side of the picture without padding,
+/// the padding cut off again.
 /// @param rgb [B, 3, H, W] in [0, 1], converted to dtype and device of the network
 /// @return [B, 3, H, W] unit normals, pointing away from the camera: X right, Y down, Z forward
 Tensor picture_normals(Dsine& network, const Tensor& rgb, int iterations = kDsineIterations);
@@ -145,11 +146,11 @@ void set_dsine_weights(Dsine& network, io::NamedArrays arrays, const std::string
 ///
 /// The released weights (`dsine.pt`, about 291 MB) are not part of this project and are not ours to pass on: users
 /// bring their own copy. They are published for non-commercial research (Imperial College London's licence of DSINE),
-/// and what is made with them should be treated the same way (reference normal-estimator.md, 1).
+/// and what is made with them should be treated the same way (docs/reference/normals.md, 1).
 /// @throws InputError as set_dsine_weights, and for files that cannot be read
 Dsine load_dsine(const std::filesystem::path& file);
 
-/// Estimator of the surface normals that an image shows (reference flows-and-pipeline.md, 5.4).
+/// Estimator of the surface normals that an image shows (docs/reference/normals.md, 2).
 class NormalEstimator {
  public:
   virtual ~NormalEstimator() = default;

@@ -26,8 +26,8 @@ class Conv2dImpl : public torch::nn::Module {
 TORCH_MODULE(Conv2d);
 
 /// Cross-correlation with the "same" padding of TensorFlow: ceil(n / stride) outputs along an axis of n entries, from
-/// p = max((ceil(n / stride) − 1) · stride + k − n, 0) zeros, floor(p / 2) of them in front (reference
-/// normal-estimator.md, 5). With a stride the padding thus depends on the size and need not be symmetric.
+/// p = max((ceil(n / stride) − 1) · stride + k − n, 0) zeros, floor(p / 2) of them in front (docs/reference/normals.md,
+/// 4). With a stride the padding thus depends on the size and need not be symmetric.
 /// @param x [B, in, H, W] @param weight [out, in / groups, k, k] @param bias [out] or undefined
 /// @return [B, out, ceil(H / stride), ceil(W / stride)]
 Tensor same_convolution(const Tensor& x, const Tensor& weight, const Tensor& bias, std::int64_t stride = 1,
@@ -102,9 +102,9 @@ struct EncoderMaps {
   Tensor thirty_second;  ///< [B, 2048, H/32, W/32], before the norm and swish that would follow
 };
 
-/// EfficientNet-B5 with the padding and norms of the TensorFlow release (reference normal-estimator.md, 5), without
-/// pooling and classifier; in evaluation. Keys `conv_stem.weight`, `bn1.*`, `blocks.<stage>.<block>.*`,
-/// `conv_head.weight`, `bn2.*` (loaded, without influence).
+/// EfficientNet-B5 with the padding and norms of the TensorFlow release (docs/reference/normals.md, 4), without pooling
+/// and classifier; in evaluation. Keys `conv_stem.weight`, `bn1.*`, `blocks.<stage>.<block>.*`, `conv_head.weight`,
+/// `bn2.*` (loaded, without influence).
 class EfficientNetB5Impl : public torch::nn::Module {
  public:
   EfficientNetB5Impl();
@@ -133,7 +133,7 @@ class ConvGruImpl : public torch::nn::Module {
 TORCH_MODULE(ConvGru);
 
 /// Every pixel becomes 8 × 8, each a convex combination of the 3 × 3 pixels around it (Teed and Deng 2020, "RAFT",
-/// section 3.3; reference normal-estimator.md, 8); beyond the border the nearest pixel of the border.
+/// section 3.3; docs/reference/normals.md, 7); beyond the border the nearest pixel of the border.
 /// @param x [B, C, H, W] @param mask [B, 9 · 8 · 8, H, W]: neighbour, row and column within the pixel, from outer to
 ///   inner; before the softmax over the neighbours @return [B, C, 8 H, 8 W]
 Tensor convex_upsampling(const Tensor& x, const Tensor& mask);
@@ -185,8 +185,8 @@ struct DecoderMaps {
   Tensor hidden;   ///< 64 channels, the first state of the recurrent unit
 };
 
-/// The decoder of DSINE (reference normal-estimator.md, 6): each map of the encoder joined with its rays. Keys
-/// `conv2.*`, `up1.*`, `up2.*`, `normal_head.*`, `feature_head.*`, `hidden_head.*`.
+/// The decoder of DSINE (docs/reference/normals.md, 5): each map of the encoder joined with its rays. Keys `conv2.*`,
+/// `up1.*`, `up2.*`, `normal_head.*`, `feature_head.*`, `hidden_head.*`.
 class NormalDecoderImpl : public torch::nn::Module {
  public:
   NormalDecoderImpl();

@@ -35,8 +35,8 @@ class Vgg16FeaturesImpl : public torch::nn::Module {
 TORCH_MODULE(Vgg16Features);
 
 /// LPIPS v0.1 with the VGG16 trunk (Zhang et al. 2018, "The Unreasonable Effectiveness of Deep Features as a Perceptual
-/// Metric", equation 1; reference training-and-data.md, 3.3): features of both pictures, each divided by its norm
-/// over channels, squared difference, one weight per channel, mean over pixels, sum over five stages.
+/// Metric", equation 1; docs/reference/training.md, 3.3): features of both pictures, each divided by its norm over
+/// channels, squared difference, one weight per channel, mean over pixels, sum over five stages.
 ///
 /// A metric (inside torch::NoGradGuard) and a loss: gradients reach both pictures, none reaches the weights, which
 /// are frozen. Made without weights, which are NaN until load_lpips or set_lpips_weights fills them, so that nothing

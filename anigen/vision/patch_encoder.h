@@ -45,7 +45,7 @@ struct PatchImageEncoderOptions : JsonOptions<PatchImageEncoderOptions> {
 /// A condition picture as tokens, learned together with the model that is conditioned: patches (a convolution whose
 /// stride is its width, or several that halve), absolute position embedding of row and column, pre-norm transformer
 /// blocks (nn::TransformerBlock), a linear map to the condition's width. Tokens leave through a layer norm without
-/// parameters, as DINOv2's do before they become a condition (reference flows-and-pipeline.md, 5.3), so that zeros, the
+/// parameters, as DINOv2's do before they become a condition (docs/reference/flows.md, 5.3), so that zeros, the
 /// condition of no picture, are unlike those of any picture. Always fp32.
 class PatchImageEncoderImpl : public torch::nn::Module {
  public:

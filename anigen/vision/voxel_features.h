@@ -16,7 +16,7 @@ namespace anigen::vision {
 using torch::Tensor;
 
 /// Projections of points into views: uv = π(K (E p)), scaled from [0, 1] to [-1, 1]; (-1, -1) is the top left corner of
-/// the picture (reference training-and-data.md, 1.1, "Back-projection formula").
+/// the picture (docs/reference/training.md, 1.1).
 /// @param points [N, 3], world frame @param extrinsics [V, 4, 4] world → camera (OpenCV)
 /// @param intrinsics [V, 3, 3] for a picture of width and height 1 @return [V, N, 2]; points in the plane of the eye
 ///   give values that are not finite
@@ -61,9 +61,9 @@ class VoxelNeighbours {
   std::vector<std::pair<std::int64_t, std::size_t>> places_;  // sorted by key
 };
 
-/// DINOv2 patch features averaged over the views of an asset (reference training-and-data.md, 1.1): every view is
-/// resized to 518², put on black and encoded; each voxel's centre is projected into it and reads the patch tokens
-/// before the final norm, bilinearly; views in which it lies outside the picture count as zero.
+/// DINOv2 patch features averaged over the views of an asset (docs/reference/training.md, 1.1): every view is resized
+/// to 518², put on black and encoded; each voxel's centre is projected into it and reads the patch tokens before the
+/// final norm, bilinearly; views in which it lies outside the picture count as zero.
 class DinoFeatures : public prepare::FeatureExtractor {
  public:
   /// @param name a published model (vision::Dinov2Options::names) @param weights .pth, .pt or .safetensors

@@ -57,7 +57,7 @@ TEST(AnymateRegression, LossIsTheChamferDistanceToRealJoints) {
   EXPECT_THROW(joint_chamfer_loss(predicted, joints, {2, 2}), InputError);
 }
 
-// Reference anymate-baselines.md, 3.2.
+// docs/reference/anymate.md, 3.2.
 TEST(AnymateDdim, NoiseLevelsAreTheReleasedOnes) {
   const DdimSchedule schedule;
   const auto alpha = [&](std::int64_t t) { return schedule.alphas_cumprod()[t].item<double>(); };

@@ -109,7 +109,7 @@ struct ReleasedSize {
   std::size_t tensors;  // of the state dict
 };
 
-// Reference anymate-baselines.md, 2.0 and 3 to 5. Memory is reserved and not touched.
+// docs/reference/anymate.md, 3, 4, 5 and 2. Memory is reserved and not touched.
 TEST(AnymateModel, DecodersHaveTheReleasedSizes) {
   for (const ReleasedSize& size : std::vector<ReleasedSize>{{"transformer_latent", 7164675, 19},
                                                             {"Pointe_Diffusion", 89785347, 156},

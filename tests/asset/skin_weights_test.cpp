@@ -70,7 +70,7 @@ void expect_rows(const SkinWeights& skin, const std::vector<float>& expected) {
   for (std::size_t i = 0; i < expected.size(); ++i) EXPECT_NEAR(dense[i], expected[i], 1e-6) << "entry " << i;
 }
 
-// The golden rows of reference flows-and-pipeline.md, A.4.
+// The golden rows of docs/reference/flows.md, 7.2.
 TEST(FilterSkin, DropsJointsBeyondTheHopsFromTheHeaviest) {
   const SkinWeights skin = rows_of({.5f, .2f, .2f, .1f, .1f, .5f, .2f, .2f, 0, 0, 0, 0, .25f, .25f, .25f, .25f});
   expect_rows(filter_skin(skin, chain_hops(4), 2),
@@ -171,7 +171,7 @@ void expect_smoothed_rows(const SkinWeights& skin, std::size_t joints, const std
   for (std::size_t i = 0; i < expected.size(); ++i) ASSERT_NEAR(dense[i], expected[i], 2e-6) << "entry " << i;
 }
 
-// The golden rows of reference flows-and-pipeline.md, A.4.
+// The golden rows of docs/reference/flows.md, 7.2.
 TEST(SmoothSkin, LeavesTheVertexItselfOut) {
   SkinWeights skin;
   skin.append_row({{0, 1.0f}});

@@ -27,7 +27,7 @@ CANNOT_RUN = [
     ("scripts/test.sh", "installs packages, builds and runs this test"),
     ("xdg-open", "needs a desktop"),
     ("anigen-rig --method anymate --mesh rigs/ --skin-model bert-", "needs released weights"),
-    ("anigen-eval --pred generated/ --gt rigs/ --out results --lpips-weights", "needs VGG16's weights; vision tests use small ones"),
+    ("anigen-eval --pred generated/ --dataset rigs/ --output results --lpips-weights", "needs VGG16's weights; vision tests use small ones"),
 ]
 
 # Options that a build may lack; commands with them are then not run.
@@ -50,13 +50,13 @@ SMALLEST = [
      r"\1 {train} --set dataset.args.resolution=8 --set models.encoder.args.resolution=8"
      r" --set models.decoder.args.resolution=8"),
     ("anigen-train", r"(configs/tiny32/slat_flow\.json)", r"\1 {train} --set models.denoiser.args.resolution=8"),
-    ("anigen-generate", r" --steps-ss \d+ --steps \d+", ""),
-    ("anigen-generate", r"(--slat-flow \S+)", r"\1 --steps-ss 1 --steps 1 --texture-size 0 --threads 1"),
-    ("anigen-eval", r"(--ss-flow \S+)", r"\1 --steps 1 --retrieval-views 1"),
+    ("anigen-generate", r" --ss-steps \d+ --slat-steps \d+", ""),
+    ("anigen-generate", r"(--slat-flow \S+)", r"\1 --ss-steps 1 --slat-steps 1 --texture-size 0 --threads 1"),
+    ("anigen-eval", r"(--ss-flow \S+)", r"\1 --ss-steps 1 --retrieval-views 1"),
     ("anigen-eval", r"articulation_xlv2_test\.npz", "rigs/"),
     ("anigen-eval", r"dance\.glb#Samba", "dance.glb"),
     ("anigen-eval", r"--motion-frames \d+", "--motion-frames 2"),
-    ("anigen-eval", r"(--pred \S+=\S+ --gt \S+)", r"\1 --surface-samples 100 --rotations 1"),
+    ("anigen-eval", r"(--pred \S+=\S+ --dataset \S+)", r"\1 --surface-samples 100 --rotations 1"),
     ("anigen-rig", r"body\.obj", "body.ply"),
     ("anigen-rig", r"(--method anymate .*--joint-model \S+)", r"\1 --points 64"),
     ("anigen-experiment", r"run experiments/ablation_adapters\.json(?! --dry-run)", "run smallest.json"),
@@ -81,7 +81,7 @@ SMALLEST_EXPERIMENT = """{
   "steps": {
     "dataset": {"program": "anigen-prepare", "args": {"--procedural": 1, "--procedural-test": 1}},
     "rigged": {"program": "anigen-rig", "args": {"--method": "nearest", "--mesh": "{dataset}"}},
-    "scores": {"program": "anigen-eval", "args": {"--pred": "nearest={rigged}", "--gt": "{dataset}", "--surface-samples": 100,
+    "scores": {"program": "anigen-eval", "args": {"--pred": "nearest={rigged}", "--dataset": "{dataset}", "--surface-samples": 100,
                "--rotations": 1}}
   },
   "tables": [{"title": "Scores", "step": "scores", "columns": [{"key": "j2j", "better": "lower"}]}]
@@ -210,7 +210,7 @@ def fixtures(work, env):
     (made / "walk.bvh").write_text(BVH)
     (made / "smallest.json").write_text(SMALLEST_EXPERIMENT)
     for config, output in RIGGERS.items():
-        run(f"anigen-train --config {config} --data-dir runs/data --output {output} {TRAIN}"
+        run(f"anigen-train --config {config} --dataset runs/data --output {output} {TRAIN}"
             " --set trainer.args.eval_max_assets=1", work, env, f"fixture {output}")
     return made
 

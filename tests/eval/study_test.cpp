@@ -54,7 +54,7 @@ TEST(Perturbations, RefuseSkeletonsThatAreTooSmall) {
   EXPECT_THROW(with_blurred_weights(shape), InputError);
 }
 
-// The claims of the paper, section 4.1.3, on one rig: the tables of docs/metric_study.md have them on real ones.
+// The claims of the paper, section 4.1.3, on one rig: the tables of docs/results.md have them on real ones.
 TEST(MetricStudy, WhatThePaperSaysAboutTheMetricsHolds) {
   const anigen::Table table = sensitivity(evaluate_mistakes({test::rigged_walker(4)}));
   std::size_t claims = 0;

@@ -22,7 +22,7 @@ GeodesicNoiseOptions smoothing(std::int64_t iterations, double alpha) {
 Tensor voxel_rows(const std::vector<int>& numbers) { return torch::tensor(numbers, torch::kInt32).view({-1, 4}); }
 
 TEST(GeodesicNoise, GoldenNumbers) {
-  // reference flows-and-pipeline.md, A.4
+  // docs/reference/flows.md, 7.2
   const Tensor coords = voxel_rows({0, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 2, 0, 5, 5, 5});
   const Tensor noise = torch::tensor({9.0, 8.0, 7.0, 6.0, 1.0, 4.0, 7.0, -2.0}, torch::kFloat64).view({2, 4}).t();
   const Tensor smoothed = smooth_geodesic_noise(noise, coords, 1, 2, smoothing(2, 0.7));

@@ -191,7 +191,7 @@ FinishingOptions nothing_to_finish() {
   return options;
 }
 
-// Reference flows-and-pipeline.md, end of 5.8: weights are transferred only when the mesh became another one.
+// docs/reference/flows.md, 5.6: weights are transferred only when the mesh became another one.
 TEST(FinishedAssets, VerticesThatStayKeepTheirOwnRows) {
   const Asset dense = two_layers();
   const Asset finished = finish_asset(dense, nothing_to_finish()).asset;

@@ -58,7 +58,7 @@ void give_image_encoder(const fs::path& run) {
   io::write_safetensors(run / "ckpts" / "image_encoder_final.safetensors", nn::state_dict(*model));
 }
 
-// Reference flows-and-pipeline.md, A.4: what the published program draws for seed 42.
+// docs/reference/flows.md, 7.2: what the published program draws for seed 42.
 TEST(GenerationNoise, IsThePublishedOne) {
   const at::Generator generator = noise_generator(42);
   const std::vector<std::vector<std::int64_t>> sizes{{1, 8, 16, 16, 16}, {1, 4, 16, 16, 16}, {1001, 16}, {503, 4}};

@@ -82,7 +82,7 @@ TEST(VolumeLayout, RejectsSizesThatDoNotDivide) {
 namespace {
 
 TEST(FourierEmbedding, BandsEndAtTheCountAndAreNotIntegerPowers) {
-  // reference autoencoders.md, 0.2; a relative 1e-6 allows the few ulp between platforms
+  // docs/reference/autoencoders.md, 1.2; a relative 1e-6 allows the few ulp between platforms
   const double wanted[12] = {1,         2.13008213, 4.53725052, 9.66471672, 20.5866394, 43.8512344,
                              93.406723, 198.963989, 423.809753, 902.749573, 1922.93066, 4096};
   const Tensor bands = FourierEmbedding(12).bands();

@@ -329,7 +329,7 @@ std::string table_digest(const Table& table) {
   return sha256(bytes);
 }
 
-// Sums of reference autoencoders.md, 4.4.
+// Sums of docs/reference/autoencoders.md, 5.3.
 TEST(FlexicubesTables, AreThePublishedOnes) {
   const FlexicubesTables& tables = flexicubes_tables();
   EXPECT_EQ(table_digest(tables.groups), "d704bd48b4b0d7a55a1d9f7647d739bc4b934c0983b877d5a4ccf5378fc515ce");

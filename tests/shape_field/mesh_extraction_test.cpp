@@ -15,7 +15,7 @@
 namespace anigen::shape_field {
 namespace {
 
-// The deterministic values of reference autoencoders.md, Appendix B: U(k, n) for n = 0, 1, … in [-1, 1).
+// The deterministic values of docs/reference/autoencoders.md, Appendix B: U(k, n) for n = 0, 1, … in [-1, 1).
 std::vector<double> golden_values(std::uint64_t k, std::size_t count) {
   std::vector<double> values;
   for (std::uint64_t n = 0; n < count; ++n) {
@@ -79,7 +79,7 @@ void expect_face(const Tensor& faces, std::int64_t row, const std::vector<std::i
   EXPECT_TRUE(torch::equal(faces[row], torch::tensor(face, torch::kInt64))) << "face " << row;
 }
 
-// The numbers of reference autoencoders.md, Appendix B, "Mesh extraction".
+// The numbers of docs/reference/autoencoders.md, 6.
 TEST(MeshExtraction, ReproducesTheGoldenEvaluation) {
   const Channels in = golden_channels();
   const ExtractedMesh mesh = extract_mesh(in.coords, in.feats.to(torch::kFloat32), options_of(8), false);

@@ -224,7 +224,7 @@ TEST(SkinAutoEncoderOptions, ErrorsNameThePlace) {
   EXPECT_NE(message_of(R"({"encoder_config": {"jp_embed_dim": 99999999999}})").find("jp_embed_dim"), std::string::npos);
 }
 
-// First four values and the sums, against the published system (reference autoencoders.md, appendix B).
+// First four values and the sums, against the published system (docs/reference/autoencoders.md, 6).
 void expect_golden(const Tensor& tensor, double sum, double abs_sum, const std::vector<double>& first) {
   const Tensor values = tensor.detach().to(torch::kFloat64).flatten();
   EXPECT_NEAR(values.sum().item<double>(), sum, 5e-6 * abs_sum);

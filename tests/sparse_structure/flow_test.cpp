@@ -14,7 +14,7 @@ namespace {
 
 using torch::Tensor;
 
-// The tiny model of reference flows-and-pipeline.md, A.2.
+// The tiny model of docs/reference/flows.md, 7.2.
 SparseStructureFlowOptions tiny_flow_options() {
   return SparseStructureFlowOptions::from_json(Json::parse(R"({
     "resolution": 4, "in_channels": 8, "in_channels_skl": 4, "out_channels": 8, "out_channels_skl": 4,

@@ -9,8 +9,8 @@
 
 namespace anigen::test {
 
-/// First four values, last two, sum, sum of squares against those of reference flows-and-pipeline.md, appendix A, with
-/// its own tolerance.
+/// First four values, last two, sum, sum of squares against those of docs/reference/flows.md, 7.2, with its own
+/// tolerance.
 inline void expect_statistics(const torch::Tensor& output, const std::vector<double>& golden) {
   const torch::Tensor values = output.to(torch::kFloat64).flatten();
   const auto count = values.size(0);

@@ -8,7 +8,7 @@
 
 namespace anigen::test {
 
-/// Element i is scale · sin(a i + b), evaluated in double; as fp32 (reference flows-and-pipeline.md, A.1).
+/// Element i is scale · sin(a i + b), evaluated in double; as fp32 (docs/reference/flows.md, 7.1).
 inline torch::Tensor wave(const std::vector<std::int64_t>& shape, double a, double b, double scale = 1.0,
                           double offset = 0.0) {
   torch::Tensor tensor = torch::empty(shape);
@@ -19,7 +19,7 @@ inline torch::Tensor wave(const std::vector<std::int64_t>& shape, double a, doub
   return tensor;
 }
 
-/// Fills a flow model by the rule of the same appendix; position tables keep their values.
+/// Fills a flow model by the same rule; position tables keep their values.
 inline void wave_fill(torch::nn::Module& module) {
   const torch::NoGradGuard no_grad;
   const auto ends_with = [](const std::string& key, const std::string& end) {

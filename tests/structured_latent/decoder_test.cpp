@@ -10,7 +10,7 @@
 #include "tests/structured_latent/small_structured_latents.h"
 #include "tests/vision/deterministic_fill.h"
 
-// Sums of the published system at full width (reference autoencoders.md, appendix B).
+// Sums of the published system at full width (docs/reference/autoencoders.md, 6).
 
 namespace anigen::structured_latent {
 

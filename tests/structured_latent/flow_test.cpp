@@ -50,7 +50,7 @@ TEST(StructuredLatentFlowOptions, RoundTripsAndNamesMistakes) {
 }
 
 TEST(JointCountFeatures, GoldenNumbers) {
-  // reference flows-and-pipeline.md, A.4: a quarter of the most.
+  // docs/reference/flows.md, 7.2: a quarter of the most.
   const Tensor found = nn::joint_count_features(torch::tensor({15}), 60, 6, torch::kFloat32);
   const double root = 0.7071068;
   const Tensor golden = torch::tensor({root, 1.0, 0.0, 0.0, 0.0, 0.0, root, 0.0, -1.0, 1.0, 1.0, 1.0});

@@ -6,7 +6,7 @@
 #include "anigen/structured_latent/flow.h"
 #include "tests/sparse_structure/wave_fill.h"
 
-// The tiny structured-latent flow of reference flows-and-pipeline.md, A.3, and its batch.
+// The tiny structured-latent flow of docs/reference/flows.md, 7.2, and its batch.
 namespace anigen::test {
 
 inline Json tiny_slat_flow_json() {

@@ -9,7 +9,7 @@
 
 namespace anigen::test {
 
-/// The deterministic numbers of reference autoencoders.md, appendix B: U(k, n) in [-1, 1).
+/// The deterministic numbers of docs/reference/autoencoders.md, appendix B: U(k, n) in [-1, 1).
 inline double golden_value(std::uint64_t k, std::uint64_t n) {
   std::uint64_t s = (k << 32) + n + 0x9E3779B97F4A7C15ULL;
   s = (s ^ (s >> 30)) * 0xBF58476D1CE4E5B9ULL;
@@ -29,7 +29,7 @@ inline torch::Tensor golden_tensor(std::uint64_t k, const std::vector<std::int64
   return tensor;
 }
 
-/// Fills the parameters of a model by the rule of appendix B: the k-th key in byte order gets numbers of stream k.
+/// Fills the parameters of a model by the same rule: the k-th key in byte order gets numbers of stream k.
 inline void golden_fill(torch::nn::Module& module) {
   std::vector<nn::StateEntry> entries = nn::state_entries(module);
   std::sort(entries.begin(), entries.end(), [](const auto& a, const auto& b) { return a.key < b.key; });

@@ -13,7 +13,7 @@ inline bool dsine_key_ends(const std::string& key, const std::string& end) {
   return key.size() >= end.size() && key.compare(key.size() - end.size(), end.size(), end) == 0;
 }
 
-/// Fills DSINE, in fp64, with the numbers of reference normal-estimator.md, 11.
+/// Fills DSINE, in fp64, with the numbers of docs/reference/normals.md, 9.
 inline void dsine_formula_fill(vision::Dsine& network) {
   std::vector<nn::StateEntry> entries;
   for (const nn::StateEntry& entry : nn::state_entries(*network)) {

@@ -38,9 +38,9 @@ struct UvAtlas {
 /// Unwraps a mesh for a texture of size × size texels. Charts are connected patches none of whose faces turns from a
 /// common plane by more than max_deviation (so no length shrinks by more than 1 / cos of it), projected orthogonally,
 /// not mirrored, at one scale for all, and free of overlaps wider than a quarter of a texel; where that leaves much
-/// of the texture empty, long charts are cut. Takes the place of xatlas in the published pipeline (reference
-/// flows-and-pipeline.md, 5.10, step 1): the same kind of result, other charts. Vertices that no face uses are dropped.
-/// A face without area has none in the texture either. Runs on all threads; the result does not depend on them.
+/// of the texture empty, long charts are cut. Takes the place of xatlas in the published pipeline
+/// (docs/reference/flows.md, 5.8): the same kind of result, other charts. Vertices that no face uses are dropped. A
+/// face without area has none in the texture either. Runs on all threads; the result does not depend on them.
 /// @param vertices [V], any frame and unit @param faces [F]
 /// @throws InputError naming an option out of range, a vertex that is not finite, a face with a bad index; without
 /// faces or area; when charts are too many for the texture
@@ -64,10 +64,9 @@ struct TextureBakingOptions {
 /// interpolate to at the dense mesh's point nearest to the texel's place. Where that point faces away, as the back of
 /// something thin does, a point about as near that faces the same way is preferred. The rest of the texture is filled
 /// smoothly, so that smaller mip levels do not mix in a background.
-/// Takes the place of the published optimisation (reference flows-and-pipeline.md, 5.10, steps 2–5), which fits the
-/// texture in 500 steps to 100 pictures of the same dense mesh: here its colours are read, not fitted, so hidden places
-/// have theirs, too, and black is a colour as any other. Runs on all threads; the result does not depend on them. About
-/// 20 bytes per texel.
+/// Takes the place of the published optimisation (docs/reference/flows.md, 5.8), which fits the texture in 500 steps to
+/// 100 pictures of the same dense mesh: here its colours are read, not fitted, so hidden places have theirs, too, and
+/// black is a colour as any other. Runs on all threads; the result does not depend on them. About 20 bytes per texel.
 /// @param atlas of the mesh that gets the texture @param vertices of that mesh
 /// @param colored the dense mesh in the same frame, with vertex colours (linear RGB; alpha is ignored)
 /// @throws InputError without colours or faces, naming a colour or vertex that is not finite, on an atlas of another

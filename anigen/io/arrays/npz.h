@@ -14,9 +14,9 @@ namespace anigen::io {
 /// Reads every array of an NPZ archive (stored or deflated members, NPY versions 1 to 3, C or Fortran order,
 /// little or big endian, numeric dtypes). Pickled object arrays become numbers where they can:
 ///   - ints and None, which public rig datasets use for `parents`: int64 with None as -1; ints and floats: float64;
-///   - dicts, lists and arrays inside (Articulation-XL 2.0, reference anymate-baselines.md, 10.1): one array per
-///     number or array found, under dotted keys such as "arr_0.17.vertices"; strings inside are left out, get them
-///     from read_npz_objects.
+///   - dicts, lists and arrays inside (Articulation-XL 2.0, docs/reference/riggers.md, 3): one array per number or
+///     array found, under dotted keys such as "arr_0.17.vertices"; strings inside are left out, get them from
+///     read_npz_objects.
 /// Arrays of strings and other objects are refused by name.
 /// @throws InputError naming file, member and byte
 NamedArrays read_npz(const std::filesystem::path& path);

@@ -28,11 +28,11 @@ std::map<std::string, std::string> read_safetensors_metadata(const std::filesyst
 void write_safetensors(const std::filesystem::path& path, const NamedArrays& tensors,
                        const std::map<std::string, std::string>& metadata = {});
 
-/// Choice of the file of weights in a model folder (reference flows-and-pipeline.md, 6.3 and 6.4). All functions take
-/// the model folder, whose files lie in its `ckpts/`, or that folder itself. Besides the published `.pt` files they
-/// accept `.safetensors` with the same stems, which our trainer writes. Where both exist for one stem the `.pt` wins,
-/// so that a published folder reads as published whatever was converted beside it. Optimiser state (`misc…`,
-/// `state…`) is never chosen.
+/// Choice of the file of weights in a model folder (docs/reference/flows.md, 6.1 and 6.2). All functions take the model
+/// folder, whose files lie in its `ckpts/`, or that folder itself. Besides the published `.pt` files they accept
+/// `.safetensors` with the same stems, which our trainer writes. Where both exist for one stem the `.pt` wins, so that
+/// a published folder reads as published whatever was converted beside it. Optimiser state (`misc…`, `state…`) is never
+/// chosen.
 
 /// A flow model's file. Without prefer_ema: files whose name contains no "ema"; if there is none, the moving averages,
 /// with a warning. With prefer_ema: the other way round. Among them the highest step wins; names without a step count

@@ -33,7 +33,7 @@ struct TorchCheckpoint {
 TorchCheckpoint read_torch_checkpoint(const std::filesystem::path& path, const std::string& config_key);
 
 /// A state dict from `.pt`/`.pth` or `.safetensors` by extension. When the first key starts with "module." those
-/// seven characters are dropped from every key (reference flows-and-pipeline.md, section 6.3).
+/// seven characters are dropped from every key (docs/reference/flows.md, 6.1).
 NamedArrays read_state_dict(const std::filesystem::path& path);
 
 /// The tensors whose keys begin with `prefix`, under their keys without it; others are not read, so that a part of a

@@ -13,7 +13,7 @@
 
 namespace anigen::io::gltf_import {
 
-/// How a glTF file is read, and by whom (docs/assets.md has the measurements):
+/// The parts of the reader and who does what (docs/assets.md has the measurements):
 ///   container.h  the GLB's header and chunks, each fault with its byte; the JSON (nlohmann, depth and size limited);
 ///                URIs and paths; base64 by tinygltf
 ///   document.h   every index, range and number of the JSON, each fault with its JSON pointer. tinygltf's own parser

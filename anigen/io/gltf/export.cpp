@@ -60,7 +60,7 @@ constexpr int kComponentType = std::is_same_v<T, std::uint8_t>    ? TINYGLTF_COM
 
 constexpr int kNoTarget = 0, kVertices = TINYGLTF_TARGET_ARRAY_BUFFER, kIndices = TINYGLTF_TARGET_ELEMENT_ARRAY_BUFFER;
 
-/// What the file says about itself.
+/// The member `asset`: version, generator, and the program that made the file.
 Json asset_block() {
   return {{"version", "2.0"}, {"generator", "AniGen in C++"}, {"extras", {{"made_by", made_by()}}}};
 }

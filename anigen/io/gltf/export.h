@@ -11,8 +11,8 @@ namespace anigen::io {
 Eigen::Matrix3d axis_rotation(ExportAxes axes);
 
 /// A skeleton whose joints have these positions and, in a file with these axes, no rotation: bind pose and rest pose
-/// are translations alone, as the published exporter writes them (reference flows-and-pipeline.md, 5.11). For skeletons
-/// without orientations of their own, such as generated ones. Rest pose = bind pose.
+/// are translations alone, as the published exporter writes them (docs/reference/flows.md, 5.9). For skeletons without
+/// orientations of their own, such as generated ones. Rest pose = bind pose.
 Skeleton unrotated_in_file(const Skeleton& skeleton, ExportAxes axes);
 
 }  // namespace anigen::io

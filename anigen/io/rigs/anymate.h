@@ -34,7 +34,7 @@ class AnymateArchive {
 std::unique_ptr<ShapeSource> open_anymate(const std::vector<std::filesystem::path>& files, const SourceOptions& options,
                                           bool single);
 
-/// One sample dictionary of Anymate (reference anymate-baselines.md, 1.2 and 1.5). What is there is read:
+/// One sample dictionary of Anymate (docs/reference/anymate.md, 1.2 and 1.5). What is there is read:
 ///   joints [J, 3], the first joints_num of them; conns [J], a root naming itself, or the dense form [J', J''] whose
 ///     row is the child and whose largest entry the parent
 ///   bones [K, 6] head and tail, the first bones_num of them. Without joints: the unique end points, heads first;

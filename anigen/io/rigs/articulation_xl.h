@@ -8,10 +8,10 @@
 
 namespace anigen::io {
 
-/// One sample dictionary of Articulation-XL 2.0 (reference anymate-baselines.md, 10.1): vertices, faces, normals,
-/// joints, joint_names, bones [B, 2] (parent, child), root_index, and skin weights in coordinate form, whose keys end
-/// in `_row`/`_col` or `_rows`/`_cols`; entries of one vertex and joint add up. `pc_w_norm` is on another scale and is
-/// not read. Numbers stay in the file's frame.
+/// One sample dictionary of Articulation-XL 2.0 (docs/reference/riggers.md, 3): vertices, faces, normals, joints,
+/// joint_names, bones [B, 2] (parent, child), root_index, and skin weights in coordinate form, whose keys end in
+/// `_row`/`_col` or `_rows`/`_cols`; entries of one vertex and joint add up. `pc_w_norm` is on another scale and is not
+/// read. Numbers stay in the file's frame.
 /// @param file for messages, with the sample's id
 /// @param content_id set, when not null, to the content_id() of the arrays, also when the sample is refused
 /// @throws InputError naming the key: wrong sizes, indices out of range, numbers that are not finite, a joint with two

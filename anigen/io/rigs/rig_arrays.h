@@ -7,8 +7,8 @@
 
 namespace anigen::io {
 
-/// A rig as plain named arrays: UniRig's raw_data.npz (reference anymate-baselines.md, 10.4) and
-/// skeleton_voxelized.npz of the published data set (reference training-and-data.md, 1.1) share them.
+/// A rig as plain named arrays: UniRig's raw_data.npz (docs/reference/riggers.md, 5) and skeleton_voxelized.npz of the
+/// published data set (docs/reference/training.md, 1.1) share them.
 ///   joints [J, 3]; parents [J], None or -1 for a root; skin [V, J] dense; vertices [V, 3]; faces [F, 3];
 ///   vertex_normals [V, 3]
 /// Any part but the joints' parents may be missing; a note says so. Numbers stay in the file's frame.

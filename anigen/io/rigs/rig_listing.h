@@ -146,7 +146,7 @@ struct DatasetItem {
 /// or repeats an id
 std::vector<DatasetItem> list_dataset(const std::filesystem::path& root);
 
-/// A data set folder as published and as ours are (reference training-and-data.md, 1.1): the rows of metadata.csv with
+/// A data set folder as published and as ours are (docs/reference/training.md, 1.1): the rows of metadata.csv with
 /// skeleton/<sha256>/skeleton_voxelized.npz; no materials. Rows that the data set marks as bad stay in, with a note.
 class DatasetSource : public ShapeSource {
  public:

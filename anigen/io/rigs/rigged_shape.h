@@ -123,7 +123,7 @@ class SkinRows {
   void add(std::int64_t vertex, std::int64_t joint, float weight, const std::string& place);
 
   /// Every row divided by its sum. A row without a positive weight becomes weight 1 on `fallback`, as the published
-  /// SkinAE trainer does with joint 0 (reference autoencoders.md, 1.3).
+  /// SkinAE trainer does with joint 0 (docs/reference/autoencoders.md, 2.3).
   /// @param notes gets a sentence for each kind of repair with how many vertices it touched; sums within 0.01 of 1
   /// are rounding and not told
   SkinWeights finish(std::int32_t fallback, std::vector<std::string>& notes);

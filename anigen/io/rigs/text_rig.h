@@ -10,7 +10,7 @@ namespace anigen::io {
 /// as RigNet's own data lie, obj…/<stem>.obj beside a folder rig_info… . Empty when there is none.
 std::filesystem::path mesh_of_text_rig(const std::filesystem::path& rig);
 
-/// A rig in the text format of RigNet (reference anymate-baselines.md, 9.3), lines in any order:
+/// A rig in the text format of RigNet (docs/reference/rignet.md, 1), lines in any order:
 ///   joints <name> <x> <y> <z>
 ///   root <name>
 ///   hier <parent> <child>

@@ -123,10 +123,9 @@ void add_gated_rows_backward(std::int64_t rows, std::int64_t channels, const std
 
 namespace anigen::nn {
 
-/// Adaptive layer norm of a ragged batch, one row of shift and scale per item (reference flows-and-pipeline.md, 1.5):
-/// LN(x) (1 + scale) + shift, without parameters of its own: biased variance, eps inside the root. On a CPU, fp32 and
-/// bf16 take one pass over memory forward and two backward, bf16 computed in fp32 throughout; they can be
-/// differentiated once.
+/// Adaptive layer norm of a ragged batch, one row of shift and scale per item (docs/reference/flows.md, 1.4): LN(x) (1
+/// + scale) + shift, without parameters of its own: biased variance, eps inside the root. On a CPU, fp32 and bf16 take
+/// one pass over memory forward and two backward, bf16 computed in fp32 throughout; they can be differentiated once.
 /// @param x [N, C] @param shift, scale [B, C], B the items @return the shape and dtype of x
 Tensor modulated_norm(const Tensor& x, const Ragged& items, const Tensor& shift, const Tensor& scale, double eps);
 

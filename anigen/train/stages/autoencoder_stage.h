@@ -15,7 +15,7 @@
 namespace anigen::train {
 
 /// Noise that an auto-encoder's trainer mixes into a latent before it is decoded, so that the decoder learns to clean
-/// it (paper 3.3; reference training-and-data.md, 3.2).
+/// it (paper 3.3; docs/reference/training.md, 3.2).
 struct LatentDenoising {
   bool enabled = false;
   double gamma = 1.0;           ///< size of the noise

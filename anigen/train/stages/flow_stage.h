@@ -49,8 +49,8 @@ std::optional<nn::RunModel> samples_decoder(const std::string& path, const std::
 void add_time_bins(Losses& losses, const std::string& name, const torch::Tensor& errors, const torch::Tensor& t);
 
 /// Frame of the stages of both flows: one flow model, perhaps with an encoder of condition pictures that is trained
-/// beside it, over a dataset of latents (reference training-and-data.md, 3.4). A stage says what the loss of a batch
-/// is, how held-out latents are judged and what a sample looks like.
+/// beside it, over a dataset of latents (docs/reference/training.md, 3.6). A stage says what the loss of a batch is,
+/// how held-out latents are judged and what a sample looks like.
 /// @tparam Model a module holder with options(), set_compute_dtype() and a constructor (options, init)
 /// @tparam DatasetType of Batches of latents with `cond` @tparam Options flow::FlowStageOptions and what is the stage's
 /// @tparam Row of a sheet of samples

@@ -18,7 +18,7 @@
 
 namespace anigen::train {
 
-/// Anymate's metrics (reference anymate-baselines.md, 6) of a method that finds joints, their parents or weights, over
+/// Anymate's metrics (docs/reference/anymate.md, 6) of a method that finds joints, their parents or weights, over
 /// samples, and of what looks at nothing: the shortest tree through the joints, the nearest bone. Everything is in
 /// Anymate's frame, whatever the method's own, so that all methods stand in one table.
 class RigScores {

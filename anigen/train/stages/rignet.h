@@ -5,7 +5,7 @@
 
 namespace anigen::train {
 
-/// Arguments of RignetTrainer beside those all trainers share (reference anymate-baselines.md, 9.3).
+/// Arguments of RignetTrainer beside those all trainers share (docs/reference/rignet.md).
 struct RignetStageOptions : JsonOptions<RignetStageOptions> {
   /// Of joints: the step from which mean shift is part of the loss. Before it JointNet and MaskNet learn apart, as in
   /// the published pre-training, each its own term; from it on the loss is chamfer + 2 clusters + 0.1 attention.

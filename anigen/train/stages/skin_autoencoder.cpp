@@ -30,7 +30,7 @@ RowSums row_errors(const Tensor& log_predicted, const Tensor& target) {
   return {l1.sum(torch::kFloat64).item<double>() / rows, kl.sum(torch::kFloat64).item<double>() / rows};
 }
 
-// Arguments of AniGenSkinAETrainer beside those all trainers share (reference training-and-data.md, section 3.1).
+// Arguments of AniGenSkinAETrainer beside those all trainers share (docs/reference/training.md, 3.1).
 struct SkinAutoEncoderStageOptions {
   skin_field::SkinLossOptions loss;    // `lambda_*_skin`; ours: `kl_reduction` "element" (published) or "row"
   std::int64_t num_skin_samples = 0;   // points per asset; absent or null: all vertices

@@ -9,7 +9,7 @@
 
 namespace anigen::train {
 
-/// Arguments of AniGenSparseStructureVaeTrainer beside those all trainers share (reference training-and-data.md, 3.2).
+/// Arguments of AniGenSparseStructureVaeTrainer beside those all trainers share (docs/reference/training.md, 3.2).
 struct SparseStructureAutoEncoderStageOptions {
   sparse_structure::OccupancyLoss loss_type = sparse_structure::OccupancyLoss::kBce;
   double lambda_kl = 1e-3, lambda_kl_skl = 1e-3;  ///< of the posterior's divergence, where a latent gets no noise

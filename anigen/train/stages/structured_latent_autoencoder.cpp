@@ -153,7 +153,7 @@ StructuredLatentAutoEncoderStage::StructuredLatentAutoEncoderStage(
 }
 
 // Without a pretrained SkinAE the encoder knows nothing about skin: all of its embeddings are 0 and stay so, and only
-// positions reach the skin stream (reference training-and-data.md, 4).
+// positions reach the skin stream (docs/reference/training.md, 4).
 void StructuredLatentAutoEncoderStage::silence_skin_encoder() {
   nn::zero_parameters(*encoder_->skin_encoder());
   nn::freeze_modules(*encoder_, {"skin_encoder"});

@@ -24,7 +24,7 @@ struct StructuredLatentCoders {
   void validate(const std::string& file) const;
 };
 
-/// Arguments of AniGenSLatVaeSkeletonTrainer beside those all trainers share (reference training-and-data.md, 3.3).
+/// Arguments of AniGenSLatVaeSkeletonTrainer beside those all trainers share (docs/reference/training.md, 3.3).
 struct StructuredLatentAutoEncoderStageOptions {
   shape_field::GeometryLossOptions
       geometry;                           ///< `depth_loss_type`, `lambda_depth`, `_tsdf`, `_color`, `_ssim`, `_lpips`

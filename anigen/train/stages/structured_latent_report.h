@@ -17,7 +17,7 @@ std::int64_t activation_bytes(const structured_latent::StructuredLatentEncoderOp
                               std::int64_t skeleton_voxels);
 
 /// Pictures of the shapes of a batch from its cameras, of the size of its images: what the losses on geometry and
-/// colour compare (reference training-and-data.md, 3.3, geo_loss). Differentiable in what was decoded.
+/// colour compare (docs/reference/training.md, 3.3). Differentiable in what was decoded.
 struct DecodedPictures {
   shape_field::SurfacePictures surface;
   torch::Tensor color;  ///< [N, 3, H, W]; undefined without colours

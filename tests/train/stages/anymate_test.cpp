@@ -59,7 +59,7 @@ std::string michelangelo_name(const std::string& key) {
   return key == "encoder.shape_projection" ? "model.shape_projection" : "model.shape_model." + key.substr(8);
 }
 
-// Keys of the files of others, literally (reference anymate-baselines.md, 2.2 and 2.3).
+// Keys of the files of others, literally (docs/reference/anymate.md, 2.2 and 2.3).
 TEST(AnymatePretrained, NamesAreTheirs) {
   const auto has = [](const io::NamedArrays& arrays, const std::string& key) {
     return io::find(arrays, key) != nullptr;

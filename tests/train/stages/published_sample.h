@@ -16,8 +16,8 @@
 
 namespace anigen::test {
 
-/// A dataset in the published layout, written here from its specification (reference training-and-data.md, 1.1) and by
-/// none of the code that prepares datasets: three assets "asset0" … "asset2" with 4, 5 and 6 surface voxels, 2 skeleton
+/// A dataset in the published layout, written here from its specification (docs/reference/training.md, 1.1) and by none
+/// of the code that prepares datasets: three assets "asset0" … "asset2" with 4, 5 and 6 surface voxels, 2 skeleton
 /// voxels, 2 joints, 3 vertices; features of 3 channels, latents of 16 and 4, dense latents of 8 and 4 with edge 2.
 class PublishedSample {
  public:
