@@ -22,33 +22,31 @@ struct FieldRange {
 enum class FieldNeed { kOptional, kRequired };
 inline constexpr FieldNeed kRequired = FieldNeed::kRequired;
 
+// clang-format off
 /// Visitor of the fields of an options struct. The struct lists its fields once, in a member function
-/// `void fields(ConfigFields&)`, by name in JSON, member and range; the pass decides what happens to them:
+/// `void fields(ConfigFields&)`, by name in JSON, member and range:
 ///
 ///   void SkinDecoderOptions::fields(ConfigFields& f) {
-///     f("num_heads", num_heads, {1, 64});               // bool, integers, double, string, path, lists of them,
-///     optional f("norm_type", norm_type, {"layer", "group"});    // one of a few words, or an enum: {{"l1",
-///     Norm::kL1}, …} f("channels", channels, kRequired); f.object("encoder_config", encoder_config);       // another
-///     struct with fields()
+///     f("num_heads", num_heads, {1, 64});               // bool, integers, double, string, path, lists of them, optional
+///     f("norm_type", norm_type, {"layer", "group"});    // one of a few words, or an enum: {{"l1", Norm::kL1}, …}
+///     f("channels", channels, kRequired);
+///     f.object("encoder_config", encoder_config);       // another struct with fields()
 ///   }
 ///
 /// The value a member has before a read is its default.
+// clang-format on
 class ConfigFields {
  public:
-  enum class Pass {
-    kRead,     ///< members from JSON, with the checks and the messages of ConfigReader
-    kWrite,    ///< members to JSON
-    kDescribe  ///< JSON Schema with types, bounds and defaults
-  };
   using Need = FieldNeed;
 
-  /// Reads; the caller calls reader.finish() when all fields of the object have been visited.
-  explicit ConfigFields(ConfigReader& reader) : pass_(Pass::kRead), reader_(&reader) {}
-  /// Writes to an object, or describes into the schema of one. @param pass not kRead @param json both live as long
-  ConfigFields(Pass pass, Json& json) : pass_(pass), json_(&json) {}
+  /// Reads, with the checks and the messages of ConfigReader; the caller calls reader.finish() when all fields of the
+  /// object have been visited.
+  explicit ConfigFields(ConfigReader& reader) : reader_(&reader) {}
+  /// Writes to an object, which lives as long.
+  explicit ConfigFields(Json& json) : json_(&json) {}
 
-  bool reads() const { return pass_ == Pass::kRead; }
-  bool writes() const { return pass_ == Pass::kWrite; }
+  bool reads() const { return reader_ != nullptr; }
+  bool writes() const { return json_ != nullptr; }
   /// The reader, in a read alone.
   ConfigReader& reader() { return *reader_; }
 
@@ -98,7 +96,6 @@ class ConfigFields {
     if (value) held = *value;
     (*this)(name, held, limits...);
     value = held;
-    if (pass_ == Pass::kDescribe) value.reset(), allow_null(name, /*by_default=*/true);
   }
   /// Integer that may be null, which means 0; 0 is written as null.
   void or_null(const std::string& name, std::int64_t& value, FieldRange<std::int64_t> range);
@@ -126,13 +123,10 @@ class ConfigFields {
 
  private:
   template <typename T, typename Read>
-  void visit(const std::string& name, T& value, Need need, Json schema, Read read);
+  void visit(const std::string& name, T& value, Need need, Read read);
   void nested(const std::string& name, const std::function<void(ConfigFields&)>& fields);
   bool null(const std::string& name, bool set);
-  void describe(const std::string& name, Json schema, Need need);
-  void allow_null(const std::string& name, bool by_default);
 
-  Pass pass_;
   ConfigReader* reader_ = nullptr;
   Json* json_ = nullptr;
 };
@@ -145,9 +139,6 @@ struct OptionCheck {
   /// Number of heads `key` divides the channels, and is above 0.
   void heads(const std::string& key, std::int64_t heads, std::int64_t channels) const;
 };
-
-/// JSON Schema of an object whose fields `fields` visits, one struct or several that are read from one object.
-Json object_schema(const std::function<void(ConfigFields&)>& fields);
 
 /// Base of an options struct `Options` that has `void fields(ConfigFields&)` and perhaps
 /// `void validate(const std::string& file = "", const std::string& pointer = "") const`.
@@ -171,14 +162,9 @@ struct JsonOptions {
   }
   Json to_json() const {
     Json json = Json::object();
-    ConfigFields fields(ConfigFields::Pass::kWrite, json);
+    ConfigFields fields(json);
     Options(static_cast<const Options&>(*this)).fields(fields);
     return json;
-  }
-  /// JSON Schema of the object; defaults are those of the struct.
-  static Json schema() {
-    Options options;
-    return object_schema([&options](ConfigFields& fields) { options.fields(fields); });
   }
 
  private:

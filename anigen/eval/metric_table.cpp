@@ -10,7 +10,7 @@
 #include "anigen/core/parallel.h"
 #include "anigen/core/process.h"
 #include "anigen/core/random.h"
-#include "anigen/core/words.h"
+#include "anigen/core/text.h"
 #include "anigen/metrics/surface.h"
 
 namespace anigen::eval {

@@ -8,7 +8,7 @@
 #include <utility>
 
 #include "anigen/core/error.h"
-#include "anigen/core/words.h"
+#include "anigen/core/text.h"
 #include "anigen/geometry/correspondence.h"
 #include "anigen/metrics/chamfer.h"
 #include "anigen/metrics/deformation.h"

@@ -6,7 +6,7 @@
 
 #include "anigen/core/error.h"
 #include "anigen/core/numeric.h"
-#include "anigen/core/words.h"
+#include "anigen/core/text.h"
 #include "anigen/metrics/published_protocols.h"
 
 namespace anigen::metrics {

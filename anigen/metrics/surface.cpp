@@ -7,7 +7,7 @@
 #include "anigen/core/error.h"
 #include "anigen/core/numeric.h"
 #include "anigen/core/random.h"
-#include "anigen/core/words.h"
+#include "anigen/core/text.h"
 #include "anigen/geometry/nearest_point.h"
 #include "anigen/geometry/sampling.h"
 

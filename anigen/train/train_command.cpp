@@ -8,7 +8,7 @@
 #include <system_error>
 #include <thread>
 
-#include "anigen/core/config_record.h"
+#include "anigen/core/config.h"
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
 #include "anigen/core/log.h"

@@ -2,7 +2,6 @@
 #include <fstream>
 
 #include "anigen/core/config.h"
-#include "anigen/core/config_record.h"
 #include "anigen/core/error.h"
 #include "tests/support/paths.h"
 

@@ -11,7 +11,7 @@
 #include "anigen/core/numeric.h"
 #include "anigen/core/parallel.h"
 #include "anigen/core/random.h"
-#include "anigen/core/words.h"
+#include "anigen/core/text.h"
 #include "anigen/eval/metric_table.h"
 #include "anigen/eval/skin_evaluation.h"
 #include "anigen/metrics/similarity.h"
