@@ -30,9 +30,6 @@ CANNOT_RUN = [
     ("anigen-eval --pred generated/ --dataset rigs/ --output results --lpips-weights", "needs VGG16's weights; vision tests use small ones"),
 ]
 
-# Options that a build may lack; commands with them are then not run.
-OPTIONAL = ["--completion", "--man"]
-
 # Program, words of a command, what stands in their place. The first word that a program of ours has decides.
 SMALLEST = [
     ("anigen-prepare", r"--procedural 28 --procedural-test 4", "--procedural 3 --procedural-test 1"),
@@ -158,15 +155,6 @@ def smallest(command):
 USED, FAILED = set(), []
 
 
-def unknown_option(command, programs):
-    """The option among OPTIONAL that a command uses and the program of this build does not have, else None."""
-    option = next((o for o in OPTIONAL if o in command), None)
-    if option is None:
-        return None
-    help = subprocess.run([programs / program_of(command), "--help"], stdout=subprocess.PIPE, text=True).stdout
-    return None if option in help else option
-
-
 
 def run(command, folder, env, shown):
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
@@ -264,9 +252,6 @@ def main():
                 elif program is None or not (programs / program).exists():
                     FAILED.append(shown)
                     print(f"FAIL {shown}\n     calls no program of ours; run it here or name it in CANNOT_RUN")
-                elif unknown_option(command, programs):
-                    print(f"not run: {shown} (this build has no {unknown_option(command, programs)})")
-                    USED.update((r"~/\.local/share/bash-completion/completions/", r"&& man \./(\S+)"))
                 else:
                     run(assigned + smallest(command), folder, env, shown)
             if first:
