@@ -151,7 +151,6 @@ void mark(std::vector<DatasetRow>& rows, const SplitOptions& options, const Qual
 
 /// The usable assets that split.test_names names.
 void mark_named(std::vector<DatasetRow>& rows, const std::vector<std::string>& names, const QualityLimits& limits) {
-  report_other_programs(rows);
   constexpr const char* kOption = "--test-split";
   io::NameIndex index;
   for (const DatasetRow& row : rows) {
@@ -334,6 +333,7 @@ void report_other_programs(const std::vector<DatasetRow>& rows) {
 }  // namespace
 
 CsvTable dataset_table(const std::vector<DatasetRow>& rows, const QualityLimits& limits) {
+  report_other_programs(rows);
   std::set<std::string> models;
   bool scored = !rows.empty(), near = false;
   for (const DatasetRow& row : rows) {
