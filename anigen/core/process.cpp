@@ -306,7 +306,7 @@ void throw_if_interrupted() {
   if (interrupt_requested()) throw Interrupted("interrupted; what was finished is saved");
 }
 
-ChildProcess::ChildProcess(const Program& program) : last_signal_(program.last_signal) {
+ChildProcess::ChildProcess(const ChildProgram& program) : last_signal_(program.last_signal) {
   // Everything that allocates happens before the fork.
   const std::string& file = program.file.empty() ? program.words.front() : program.file;
   const std::vector<char*> arguments = pointers(program.words);

@@ -94,7 +94,7 @@ bool interrupt_requested();
 void throw_if_interrupted();
 
 /// A program to be started.
-struct Program {
+struct ChildProgram {
   std::vector<std::string> words;        ///< the program's file, then its arguments
   std::string file;                      ///< what to run instead of words[0], which stays its name
   std::vector<std::string> environment;  ///< NAME=value, beside this process's own variables and before them
@@ -116,8 +116,8 @@ class ChildProcess {
   };
 
   /// @throws Error when the system refuses; a program that cannot be run says so and ends with status 127
-  explicit ChildProcess(const Program& program);
-  /// One that fork() made. @param last_signal as in Program
+  explicit ChildProcess(const ChildProgram& program);
+  /// One that fork() made. @param last_signal as in ChildProgram
   ChildProcess(pid_t id, int last_signal) : id_(id), last_signal_(last_signal) {}
   ChildProcess(ChildProcess&& other) noexcept;
   ChildProcess& operator=(ChildProcess&&) = delete;

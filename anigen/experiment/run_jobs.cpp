@@ -205,7 +205,7 @@ class JobRunner {
     states_[j] = State::kRunning;
     log::info("[{}/{}] {}{}", ++begun_, to_run_, job.id, of_whom(job));
     const fs::path log = log_of(job);
-    Program program;
+    ChildProgram program;
     program.words = command_of(job);
     program.log = log;
     running_.push_back({j, std::move(*lock), ChildProcess(program), log, record, Clock::now()});

@@ -225,7 +225,7 @@ class WorkerProcess {
   /// cannot be run shows as a worker that ended with status 127
   explicit WorkerProcess(const std::vector<std::string>& command)
       : child_([&command] {
-          Program program;
+          ChildProgram program;
           program.words = command;
           program.pipes = true;
           program.own_group = false;  // what Ctrl-C means for workers is for the parent to decide

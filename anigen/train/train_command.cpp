@@ -198,7 +198,7 @@ Json describe_config(const TrainCommand& command, ConfigView view) {
     const std::string name = trainer.text("name", "");
     ConfigReader args = trainer.object("args");
     const TrainerOptions options = TrainerOptions::read(args);
-    make_stage(name, read, file, args, options, torch::kCPU);
+    make_stage(name, {read, file, args, options, torch::kCPU});
   } catch (const InputError& problem) {
     if (problem.file() == file) throw;
   }

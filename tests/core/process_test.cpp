@@ -170,7 +170,7 @@ ChildProcess::End end_of(ChildProcess& child) {
 
 TEST(ChildProcess, WritesItsOutputToALogWithItsOwnVariables) {
   const test::TemporaryFolder folder;
-  Program program;
+  ChildProgram program;
   program.words = {"/bin/sh", "-c", "echo out $ANIGEN_TEST; echo err >&2; cat; exit 3"};
   program.environment = {"ANIGEN_TEST=7", "HOME=/nowhere"};
   program.log = folder / "logs" / "log.txt";
@@ -181,7 +181,7 @@ TEST(ChildProcess, WritesItsOutputToALogWithItsOwnVariables) {
 }
 
 TEST(ChildProcess, IsSpokenToThroughPipes) {
-  Program program;
+  ChildProgram program;
   program.words = {"/bin/cat"};
   program.pipes = true;
   ChildProcess child(program);
@@ -198,7 +198,7 @@ TEST(ChildProcess, IsSpokenToThroughPipes) {
 }
 
 TEST(ChildProcess, EndsWhenItIsAskedOrDestroyed) {
-  Program program;
+  ChildProgram program;
   program.words = {"/bin/sleep", "1000"};
   ChildProcess asked(program);
   asked.ask_to_stop();
@@ -216,7 +216,7 @@ TEST(ChildProcess, EndsWhenItIsAskedOrDestroyed) {
 
 TEST(ChildProcess, ThatCannotBeRunEndsWithStatus127) {
   const test::TemporaryFolder folder;
-  Program program;
+  ChildProgram program;
   program.words = {"/nowhere/program"};
   program.log = folder / "log.txt";
   ChildProcess child(program);

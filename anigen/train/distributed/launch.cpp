@@ -133,7 +133,7 @@ constexpr auto kBetweenWaits = std::chrono::milliseconds(20);
 
 // A rank, told by its variables which one it is. It dies with this process.
 ChildProcess start(const std::vector<std::string>& words, int rank, int ranks, const std::string& rendezvous) {
-  Program program;
+  ChildProgram program;
   program.words = words;
   program.file = "/proc/self/exe";
   program.environment = {"RANK=" + std::to_string(rank), "WORLD_SIZE=" + std::to_string(ranks),
