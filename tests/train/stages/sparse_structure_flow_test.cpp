@@ -8,6 +8,7 @@
 #include "anigen/core/files.h"
 #include "anigen/io/arrays/safetensors.h"
 #include "anigen/nn/state_dict.h"
+#include "anigen/sparse_structure/autoencoder.h"
 #include "tests/train/stages/flow_run.h"
 
 namespace anigen::train {

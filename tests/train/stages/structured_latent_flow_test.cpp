@@ -9,6 +9,7 @@
 #include "anigen/io/arrays/npz.h"
 #include "anigen/io/arrays/safetensors.h"
 #include "anigen/nn/state_dict.h"
+#include "anigen/structured_latent/decoder.h"
 #include "anigen/train/stage.h"
 #include "tests/train/stages/flow_run.h"
 #include "tests/train/stages/structured_latent_dataset.h"
