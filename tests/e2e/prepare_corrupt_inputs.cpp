@@ -66,6 +66,9 @@ void run(const std::string& program) {
   std::vector<std::string> command{
       program,   "--output",    out.string(), "--input", (folder / "in").string(), "--json",
       "--quiet", "--log-level", "off",        "--only",  "import,skeleton,voxels"};
+  require(run_program(command, folder / "failed.json") == 1, "broken files are no failure");
+  fs::remove_all(out);
+  command.push_back("--keep-going");
   require(run_program(command, folder / "summary.json") == 0, "broken files stopped the run");
   const anigen::Json summary = anigen::read_json(folder / "summary.json");
   require(summary.at("prepared") == kGood, "prepared " + summary.at("prepared").dump());
