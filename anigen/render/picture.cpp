@@ -265,13 +265,13 @@ void draw_skeleton(io::Image& image, const Camera& camera, const std::vector<Eig
   std::vector<Capsule> bones, dots;
   for (std::size_t j = 0; j < positions.size(); ++j) {
     if (!visible[j]) continue;
-    const Eigen::Vector2d at = projected[j].head<2>();
+    const Eigen::Vector2d place = projected[j].head<2>();
     const Eigen::Vector3f own = joint_color(static_cast<int>(j));
-    dots.push_back({at, at, 0.9 * size, 0.9 * size, projected[j].z(), style.joint});
+    dots.push_back({place, place, 0.9 * size, 0.9 * size, projected[j].z(), style.joint});
     const int above = shown_ancestor(parents, shown, j);
     if (above < 0 || !visible[at(above)]) continue;
-    const auto parent = static_cast<std::size_t>(above);
-    bones.push_back({projected[parent].head<2>(), at, 0.85 * size, 0.35 * size,
+    const std::size_t parent = at(above);
+    bones.push_back({projected[parent].head<2>(), place, 0.85 * size, 0.35 * size,
                      0.5 * (projected[j].z() + projected[parent].z()), style.color_by_joint ? own : style.bone});
   }
   const auto farther = [](const Capsule& a, const Capsule& b) { return a.depth > b.depth; };
