@@ -60,8 +60,8 @@ struct DeformationError {
 /// @param vertices [V], of the true mesh @param predicted_on_truth predicted weights, one row per true vertex; an empty
 ///        row of either counts as weight 1 on joint 0
 /// @param plan [n, m] as in matched_weights()
-/// @throws InputError as check() and matched_weights(), for no vertex, rows or joints that do not fit, or options out of
-/// range (poses in 1 … 10000, probability in [0, 1], angle finite and not negative)
+/// @throws InputError as check() and matched_weights(), for no vertex, rows or joints that do not fit, or options out
+/// of range (poses in 1 … 10000, probability in [0, 1], angle finite and not negative)
 DeformationError deformation_error(const std::vector<Eigen::Vector3d>& vertices, const JointTree& truth,
                                    const SkinWeights& truth_skin, const JointTree& predicted,
                                    const SkinWeights& predicted_on_truth, const Eigen::MatrixXd& plan,
