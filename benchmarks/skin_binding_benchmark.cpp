@@ -114,7 +114,7 @@ int main(int argc, char** argv) {
   add("heat", counter, mesh.vertices.size(),
       [&] { benchmark::DoNotOptimize(bind_by_heat(mesh, skeleton).influences.data()); });
   add("nearest", counter, mesh.vertices.size(),
-      [&] { benchmark::DoNotOptimize(bind_to_nearest_bone(mesh, skeleton).influences.data()); });
+      [&] { benchmark::DoNotOptimize(bind(SkinBinding::kNearest, mesh, skeleton).influences.data()); });
 
   benchmark::Initialize(&argc, argv);
   anigen::benchmarks::RatioReporter reporter(counter);
