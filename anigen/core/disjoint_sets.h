@@ -1,7 +1,6 @@
 #pragma once
 #include <cstddef>
 #include <numeric>
-#include <utility>
 #include <vector>
 
 namespace anigen {

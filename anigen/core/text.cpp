@@ -1,6 +1,5 @@
 #include "anigen/core/text.h"
 
-#include <algorithm>
 
 namespace anigen {
 

@@ -2,7 +2,6 @@
 
 #include <cmath>
 #include <limits>
-#include <string_view>
 #include <utility>
 
 #include "anigen/core/error.h"

@@ -1,7 +1,5 @@
 #pragma once
 #include <Eigen/Core>
-#include <cstddef>
-#include <cstdint>
 #include <vector>
 
 #include "anigen/asset/mesh.h"

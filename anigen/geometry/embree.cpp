@@ -1,6 +1,5 @@
 #include "anigen/geometry/embree.h"
 
-#include <cmath>
 #include <cstring>
 #include <limits>
 

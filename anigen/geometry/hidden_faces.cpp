@@ -4,7 +4,6 @@
 #include <lemon/static_graph.h>
 #include <Eigen/Geometry>
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <iterator>
 #include <map>

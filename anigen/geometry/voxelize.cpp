@@ -1,7 +1,6 @@
 #include "anigen/geometry/voxelize.h"
 
 #include <algorithm>
-#include <cstdlib>
 #include <string>
 
 #include "anigen/core/error.h"

@@ -1,12 +1,10 @@
 #include "anigen/io/image.h"
 
 #include <algorithm>
-#include <cstdlib>
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 #include <optional>
-#include <string>
 #include <string_view>
 
 #include "anigen/core/error.h"

@@ -7,7 +7,6 @@
 #include <cstring>
 #include <optional>
 #include <string>
-#include <vector>
 
 #include "anigen/core/error.h"
 #include "anigen/core/numeric.h"

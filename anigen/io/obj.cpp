@@ -5,8 +5,6 @@
 #include <cmath>
 #include <limits>
 #include <numeric>
-#include <string>
-#include <string_view>
 #include <system_error>
 #include <unordered_map>
 

@@ -4,8 +4,6 @@
 #include <array>
 #include <cmath>
 #include <cstring>
-#include <limits>
-#include <map>
 #include <string_view>
 
 #include "anigen/core/error.h"
@@ -249,20 +247,11 @@ class PlyValues {
       bits = bits << 8 | static_cast<unsigned char>(bytes_[at_ + source]);
     }
     at_ += size;
-    switch (type) {
-      case PlyType::kInt8:
-        return static_cast<std::int8_t>(bits);
-      case PlyType::kInt16:
-        return static_cast<std::int16_t>(bits);
-      case PlyType::kInt32:
-        return static_cast<std::int32_t>(bits);
-      case PlyType::kFloat32:
-        return from_bits<float>(static_cast<std::uint32_t>(bits));
-      case PlyType::kFloat64:
-        return from_bits<double>(bits);
-      default:
-        return static_cast<double>(bits);
-    }
+    if (type == PlyType::kFloat32) return from_bits<float>(static_cast<std::uint32_t>(bits));
+    if (type == PlyType::kFloat64) return from_bits<double>(bits);
+    if (!is_signed(type)) return static_cast<double>(bits);
+    const std::size_t unused = 8 * (sizeof bits - size);
+    return static_cast<double>(static_cast<std::int64_t>(bits << unused) >> unused);
   }
 
   const std::string& bytes_;
@@ -277,31 +266,22 @@ constexpr std::uintmax_t kMostPlyBytes = std::uintmax_t{4} << 30;
 enum Slot { kX, kY, kZ, kNx, kNy, kNz, kRed, kGreen, kBlue, kAlpha, kU, kV, kSlots, kNone };
 
 Slot slot_named(const std::string& name) {
-  static const std::map<std::string, Slot> kNamed = {{"x", kX},
-                                                     {"y", kY},
-                                                     {"z", kZ},
-                                                     {"nx", kNx},
-                                                     {"ny", kNy},
-                                                     {"nz", kNz},
-                                                     {"red", kRed},
-                                                     {"green", kGreen},
-                                                     {"blue", kBlue},
-                                                     {"alpha", kAlpha},
-                                                     {"r", kRed},
-                                                     {"g", kGreen},
-                                                     {"b", kBlue},
-                                                     {"a", kAlpha},
-                                                     {"diffuse_red", kRed},
-                                                     {"s", kU},
-                                                     {"t", kV},
-                                                     {"u", kU},
-                                                     {"v", kV},
-                                                     {"diffuse_green", kGreen},
-                                                     {"texture_u", kU},
-                                                     {"texture_v", kV},
-                                                     {"diffuse_blue", kBlue}};
-  const auto found = kNamed.find(name);
-  return found == kNamed.end() ? kNone : found->second;
+  static const std::vector<std::string> kNames[kSlots] = {{"x"},
+                                                          {"y"},
+                                                          {"z"},
+                                                          {"nx"},
+                                                          {"ny"},
+                                                          {"nz"},
+                                                          {"red", "r", "diffuse_red"},
+                                                          {"green", "g", "diffuse_green"},
+                                                          {"blue", "b", "diffuse_blue"},
+                                                          {"alpha", "a"},
+                                                          {"s", "u", "texture_u"},
+                                                          {"t", "v", "texture_v"}};
+  const auto* found = std::find_if(std::begin(kNames), std::end(kNames), [&](const std::vector<std::string>& names) {
+    return std::find(names.begin(), names.end(), name) != names.end();
+  });
+  return found == std::end(kNames) ? kNone : static_cast<Slot>(found - kNames);
 }
 
 void skip(PlyValues& values, const PlyProperty& property) {

@@ -1,6 +1,5 @@
 #include "anigen/io/stl.h"
 
-#include <cctype>
 #include <cmath>
 #include <cstdint>
 #include <cstring>

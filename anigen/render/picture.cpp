@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <string>
 
 #include "anigen/core/error.h"
 #include "anigen/core/numeric.h"

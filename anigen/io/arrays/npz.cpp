@@ -3,8 +3,6 @@
 #include <zip.h>
 #include <algorithm>
 #include <array>
-#include <limits>
-#include <memory>
 #include <string_view>
 #include <system_error>
 

@@ -24,54 +24,34 @@ class TreeBuilder {
   NpzValue value(const pickle::Value& from, int depth = 0) {
     if (depth > kMaxDepth) fail("objects are nested too deeply, or contain themselves");
     spend(1 + from.text.size());
-    NpzValue to;
-    switch (from.kind) {
-      case pickle::Kind::kNone:
-        break;
-      case pickle::Kind::kBool:
-        to.kind = NpzValue::Kind::kBool;
-        to.integer = from.integer;
-        break;
-      case pickle::Kind::kInt:
-        to.kind = NpzValue::Kind::kInteger;
-        to.integer = from.integer;
-        break;
-      case pickle::Kind::kFloat:
-        to.kind = NpzValue::Kind::kReal;
-        to.real = from.real;
-        break;
-      case pickle::Kind::kString:
-      case pickle::Kind::kBytes:
-        to.kind = NpzValue::Kind::kString;
-        to.text = std::string(from.text);
-        break;
-      case pickle::Kind::kArray:
-        if (!from.array) fail("a numpy array without content");
-        spend(from.array->bytes.size());
-        to.kind = NpzValue::Kind::kArray;
-        to.array = *from.array;
-        break;
-      case pickle::Kind::kObjectArray:
-        return nested(from, depth);
-      case pickle::Kind::kList:
-      case pickle::Kind::kTuple:
-      case pickle::Kind::kSet:
-        to.kind = NpzValue::Kind::kList;
-        for (const pickle::Value* item : from.items) to.items.push_back(value(*item, depth + 1));
-        break;
-      case pickle::Kind::kDict:
-        to.kind = NpzValue::Kind::kDict;
-        for (std::size_t i = 0; i + 1 < from.items.size(); i += 2) {
-          to.keys.push_back(key(*from.items[i]));
-          to.items.push_back(value(*from.items[i + 1], depth + 1));
-        }
-        check_unique(to.keys);
-        break;
-      default:
-        throw NotSupportedError(place_.file, place_.member,
-                                from.text.empty() ? std::string("a ") + pickle::name_of(from.kind) + " in an array"
-                                                  : std::string(from.text) + " in an array");
+    if (from.kind == pickle::Kind::kObjectArray) return nested(from, depth);
+    // In the order of pickle::Kind, as far as arrays hold them.
+    using Kind = NpzValue::Kind;
+    static constexpr Kind kKinds[] = {Kind::kNone,   Kind::kBool,   Kind::kInteger, Kind::kReal,
+                                      Kind::kString, Kind::kString, Kind::kList,    Kind::kList,
+                                      Kind::kList,   Kind::kDict,   Kind::kArray};
+    if (static_cast<std::size_t>(from.kind) >= std::size(kKinds)) {
+      throw NotSupportedError(place_.file, place_.member,
+                              from.text.empty() ? std::string("a ") + pickle::name_of(from.kind) + " in an array"
+                                                : std::string(from.text) + " in an array");
     }
+    NpzValue to;
+    to.kind = kKinds[static_cast<std::size_t>(from.kind)];
+    to.integer = from.integer;
+    to.real = from.real;
+    to.text = std::string(from.text);
+    if (to.kind == Kind::kArray) {
+      if (!from.array) fail("a numpy array without content");
+      spend(from.array->bytes.size());
+      to.array = *from.array;
+    }
+    for (std::size_t i = 0; i < from.items.size(); ++i) {
+      if (to.kind == Kind::kDict && i % 2 == 0)
+        to.keys.push_back(key(*from.items[i]));
+      else
+        to.items.push_back(value(*from.items[i], depth + 1));
+    }
+    check_unique(to.keys);
     return to;
   }
 
@@ -173,36 +153,19 @@ bool holds_text(const NpzValue& value) {
 }
 
 void append_leaves(const NpzValue& value, const std::string& name, NamedArrays& out) {
-  switch (value.kind) {
-    case NpzValue::Kind::kNone:
-    case NpzValue::Kind::kString:
-      return;
-    case NpzValue::Kind::kBool:
-      out.emplace_back(name, NdArray{Dtype::kBool, {}, {static_cast<std::uint8_t>(value.integer)}});
-      return;
-    case NpzValue::Kind::kInteger:
-      out.emplace_back(name, NdArray::from<std::int64_t>({value.integer}, {}));
-      return;
-    case NpzValue::Kind::kReal:
-      out.emplace_back(name, NdArray::from<double>({value.real}, {}));
-      return;
-    case NpzValue::Kind::kArray:
-      out.emplace_back(name, value.array);
-      return;
-    case NpzValue::Kind::kDict:
-      for (std::size_t i = 0; i < value.items.size(); ++i)
-        append_leaves(value.items[i], name + "." + value.keys[i], out);
-      return;
-    case NpzValue::Kind::kList:
-      break;
-  }
+  using Kind = NpzValue::Kind;
+  const bool dict = value.kind == Kind::kDict, list = value.kind == Kind::kList;
   const NumberGatherer numbers(value);
-  if (numbers.fits()) {
+  if (value.kind == Kind::kBool) {
+    out.emplace_back(name, NdArray{Dtype::kBool, {}, {static_cast<std::uint8_t>(value.integer)}});
+  } else if (value.kind == Kind::kArray) {
+    out.emplace_back(name, value.array);
+  } else if (is_number(value) || (list && numbers.fits())) {
     out.emplace_back(name, numbers.array());
-    return;
+  } else if (dict || list) {
+    for (std::size_t i = 0; i < value.items.size(); ++i)
+      append_leaves(value.items[i], name + "." + (dict ? value.keys[i] : std::to_string(i)), out);
   }
-  for (std::size_t i = 0; i < value.items.size(); ++i)
-    append_leaves(value.items[i], name + "." + std::to_string(i), out);
 }
 
 }  // namespace

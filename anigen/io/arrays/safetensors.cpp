@@ -7,7 +7,6 @@
 #include <set>
 #include <system_error>
 #include <tuple>
-#include <vector>
 
 #include "anigen/core/config.h"
 #include "anigen/core/error.h"

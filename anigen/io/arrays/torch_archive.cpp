@@ -3,19 +3,19 @@
 #include <algorithm>
 #include <cstring>
 #include <fstream>
-#include <limits>
 #include <unordered_map>
 #include <unordered_set>
 #include <utility>
 #include <vector>
 
 #include "anigen/core/error.h"
-#include "anigen/io/arrays/npz.h"
 #include "anigen/io/arrays/safetensors.h"
 
 namespace anigen::io {
 
 namespace {
+
+using pickle::Kind;
 
 /// Something with numbers in it that a torch pickle holds, under its path joined with '.'.
 struct TorchLeaf {
@@ -35,38 +35,21 @@ class Walker {
     if (depth > kDeepestTree)
       fail("objects are nested too deeply, or contain themselves, at '" + name.substr(0, 80) + "'");
     if (++visits_ > kMaxVisits) fail("too many objects");
-    switch (value.kind) {
-      case pickle::Kind::kTensor:
-      case pickle::Kind::kArray:
-      case pickle::Kind::kBool:
-      case pickle::Kind::kInt:
-      case pickle::Kind::kFloat:
-        if (!names_.insert(name).second) fail("two values have the path '" + name + "'");
-        leaves.push_back({name, &value});
-        return;
-      case pickle::Kind::kDict:
-        for (std::size_t i = 0; i + 1 < value.items.size(); i += 2) {
-          visit(*value.items[i + 1], join(name, key(*value.items[i])), depth + 1);
-        }
-        return;
-      case pickle::Kind::kList:
-      case pickle::Kind::kTuple:
-      case pickle::Kind::kSet:
-      case pickle::Kind::kObjectArray:
-        for (std::size_t i = 0; i < value.items.size(); ++i) {
-          visit(*value.items[i], join(name, std::to_string(i)), depth + 1);
-        }
-        return;
-      case pickle::Kind::kNone:
-      case pickle::Kind::kString:
-      case pickle::Kind::kBytes:
-      case pickle::Kind::kDtype:
-      case pickle::Kind::kOpaque:
-        return;
-      case pickle::Kind::kGlobal:
-      case pickle::Kind::kStorage:
-        throw NotSupportedError(place_.file, place_.member,
-                                std::string("a bare ") + pickle::name_of(value.kind) + " at '" + name + "'");
+    if (value.kind == Kind::kGlobal || value.kind == Kind::kStorage) {
+      throw NotSupportedError(place_.file, place_.member,
+                              std::string("a bare ") + pickle::name_of(value.kind) + " at '" + name + "'");
+    }
+    constexpr Kind kLeaves[] = {Kind::kTensor, Kind::kArray, Kind::kBool, Kind::kInt, Kind::kFloat};
+    if (std::find(std::begin(kLeaves), std::end(kLeaves), value.kind) != std::end(kLeaves)) {
+      if (!names_.insert(name).second) fail("two values have the path '" + name + "'");
+      leaves.push_back({name, &value});
+      return;
+    }
+    const bool dict = value.kind == Kind::kDict;
+    const std::size_t step = dict ? 2 : 1;
+    for (std::size_t i = 0; i + step <= value.items.size(); i += step) {
+      const std::string part = dict ? key(*value.items[i]) : std::to_string(i);
+      visit(*value.items[i + step - 1], name.empty() ? part : name + "." + part, depth + 1);
     }
   }
 
@@ -74,21 +57,11 @@ class Walker {
 
  private:
   [[noreturn]] void fail(const std::string& problem) const { throw InputError(place_.file, place_.member, problem); }
-  static std::string join(const std::string& name, const std::string& key) {
-    return name.empty() ? key : name + "." + key;
-  }
   std::string key(const pickle::Value& key) const {
-    switch (key.kind) {
-      case pickle::Kind::kString:
-      case pickle::Kind::kBytes:
-        return std::string(key.text);
-      case pickle::Kind::kInt:
-      case pickle::Kind::kBool:
-        return std::to_string(key.integer);
-      default:
-        throw NotSupportedError(place_.file, place_.member,
-                                std::string("a dict key that is a ") + pickle::name_of(key.kind));
-    }
+    if (key.kind == Kind::kString || key.kind == Kind::kBytes) return std::string(key.text);
+    if (key.kind == Kind::kInt || key.kind == Kind::kBool) return std::to_string(key.integer);
+    throw NotSupportedError(place_.file, place_.member,
+                            std::string("a dict key that is a ") + pickle::name_of(key.kind));
   }
 
   const NpyPlace& place_;
@@ -150,10 +123,9 @@ class TorchStorages {
 
   /// Contiguous copies in the order of the leaves. @throws InputError for views beyond their storage and storages
   /// whose length disagrees with the pickle
-
   NamedArrays materialize(const std::vector<TorchLeaf>& leaves) {
     for (const TorchLeaf& leaf : leaves) {
-      if (leaf.value->kind != pickle::Kind::kTensor) continue;
+      if (leaf.value->kind != Kind::kTensor) continue;
       const pickle::Value& storage = *leaf.value->items[0];
       Shared& shared = shared_[std::string(storage.text)];
       if (shared.uses++ > 0 && (shared.dtype != storage.element.dtype || shared.count != storage.integer)) {
@@ -165,24 +137,20 @@ class TorchStorages {
     NamedArrays arrays;
     arrays.reserve(leaves.size());
     for (const TorchLeaf& leaf : leaves) {
-      switch (leaf.value->kind) {
-        case pickle::Kind::kTensor:
-          arrays.emplace_back(leaf.name, tensor(leaf));
-          break;
-        case pickle::Kind::kBool:
-          arrays.emplace_back(leaf.name, NdArray{Dtype::kBool, {}, {static_cast<std::uint8_t>(leaf.value->integer)}});
-          break;
-        case pickle::Kind::kInt:
-          arrays.emplace_back(leaf.name, NdArray::from<std::int64_t>({leaf.value->integer}, {}));
-          break;
-        case pickle::Kind::kFloat:
-          arrays.emplace_back(leaf.name, NdArray::from<double>({leaf.value->real}, {}));
-          break;
-        default:
-          if (!leaf.value->array) fail(leaf, "a numpy array without content");
-          if (leaf.value->array->bytes.size() > budget_) fail(leaf, "the arrays exceed by far what the file holds");
-          budget_ -= leaf.value->array->bytes.size();
-          arrays.emplace_back(leaf.name, *leaf.value->array);
+      const pickle::Value& value = *leaf.value;
+      if (value.kind == Kind::kTensor) {
+        arrays.emplace_back(leaf.name, tensor(leaf));
+      } else if (value.kind == Kind::kBool) {
+        arrays.emplace_back(leaf.name, NdArray{Dtype::kBool, {}, {static_cast<std::uint8_t>(value.integer)}});
+      } else if (value.kind == Kind::kInt) {
+        arrays.emplace_back(leaf.name, NdArray::from<std::int64_t>({value.integer}, {}));
+      } else if (value.kind == Kind::kFloat) {
+        arrays.emplace_back(leaf.name, NdArray::from<double>({value.real}, {}));
+      } else {
+        if (!value.array) fail(leaf, "a numpy array without content");
+        if (value.array->bytes.size() > budget_) fail(leaf, "the arrays exceed by far what the file holds");
+        budget_ -= value.array->bytes.size();
+        arrays.emplace_back(leaf.name, *value.array);
       }
     }
     return arrays;
@@ -326,34 +294,24 @@ class PlainValues {
   Json visit(const pickle::Value& value, int depth) {
     if (depth > kDeepestJson) fail("objects are nested too deeply, or contain themselves");
     if (++visits_ > kMostJsonValues) fail("too many objects");
-    switch (value.kind) {
-      case pickle::Kind::kBool:
-        return value.integer != 0;
-      case pickle::Kind::kInt:
-        return value.integer;
-      case pickle::Kind::kFloat:
-        return value.real;
-      case pickle::Kind::kString:
-        return std::string(value.text);
-      case pickle::Kind::kList:
-      case pickle::Kind::kTuple: {
-        Json list = Json::array();
-        for (const pickle::Value* item : value.items) list.push_back(visit(*item, depth + 1));
-        return list;
+    if (value.kind == Kind::kBool) return value.integer != 0;
+    if (value.kind == Kind::kInt) return value.integer;
+    if (value.kind == Kind::kFloat) return value.real;
+    if (value.kind == Kind::kString) return std::string(value.text);
+    Json result;
+    if (value.kind == Kind::kList || value.kind == Kind::kTuple) {
+      result = Json::array();
+      for (const pickle::Value* item : value.items) result.push_back(visit(*item, depth + 1));
+    } else if (value.kind == Kind::kDict) {
+      result = Json::object();
+      for (std::size_t i = 0; i + 1 < value.items.size(); i += 2) {
+        const pickle::Value& key = *value.items[i];
+        const bool is_text = key.kind == Kind::kString;
+        if (!is_text && key.kind != Kind::kInt) continue;
+        result[is_text ? std::string(key.text) : std::to_string(key.integer)] = visit(*value.items[i + 1], depth + 1);
       }
-      case pickle::Kind::kDict: {
-        Json object = Json::object();
-        for (std::size_t i = 0; i + 1 < value.items.size(); i += 2) {
-          const pickle::Value& key = *value.items[i];
-          const bool is_text = key.kind == pickle::Kind::kString;
-          if (!is_text && key.kind != pickle::Kind::kInt) continue;
-          object[is_text ? std::string(key.text) : std::to_string(key.integer)] = visit(*value.items[i + 1], depth + 1);
-        }
-        return object;
-      }
-      default:
-        return nullptr;
     }
+    return result;
   }
 
  private:
@@ -366,8 +324,8 @@ class PlainValues {
 }  // namespace
 
 const pickle::Value* find(const pickle::Value& dict, std::string_view key) {
-  for (std::size_t i = 0; dict.kind == pickle::Kind::kDict && i + 1 < dict.items.size(); i += 2) {
-    if (dict.items[i]->kind == pickle::Kind::kString && dict.items[i]->text == key) return dict.items[i + 1];
+  for (std::size_t i = 0; dict.kind == Kind::kDict && i + 1 < dict.items.size(); i += 2) {
+    if (dict.items[i]->kind == Kind::kString && dict.items[i]->text == key) return dict.items[i + 1];
   }
   return nullptr;
 }

@@ -15,21 +15,11 @@ namespace {
 // Calls `use` with a value of the component's type.
 template <typename Use>
 auto with_type(Component component, Use use) {
-  switch (component) {
-    case Component::kI8:
-      return use(std::int8_t());
-    case Component::kU8:
-      return use(std::uint8_t());
-    case Component::kI16:
-      return use(std::int16_t());
-    case Component::kU16:
-      return use(std::uint16_t());
-    case Component::kU32:
-      return use(std::uint32_t());
-    case Component::kF32:
-      break;
-  }
-  return use(float());
+  if (component == Component::kI8) return use(std::int8_t());
+  if (component == Component::kU8) return use(std::uint8_t());
+  if (component == Component::kI16) return use(std::int16_t());
+  if (component == Component::kU16) return use(std::uint16_t());
+  return component == Component::kU32 ? use(std::uint32_t()) : use(float());
 }
 
 std::size_t size_of(Component component) {

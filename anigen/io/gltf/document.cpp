@@ -3,8 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <set>
-#include <utility>
-#include <vector>
 
 namespace anigen::io::gltf_import {
 

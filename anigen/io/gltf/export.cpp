@@ -21,17 +21,13 @@
 #include "anigen/core/text.h"
 #include "anigen/core/version.h"
 #include "anigen/io/gltf/document.h"
-#include "anigen/io/gltf/gltf.h"
 
 namespace anigen::io {
 
 Eigen::Matrix3d axis_rotation(ExportAxes axes) {
+  const double sign = axes == ExportAxes::kPublished ? -1 : 1;
   Eigen::Matrix3d rotation;
-  if (axes == ExportAxes::kPublished) {
-    rotation << -1, 0, 0, 0, 0, 1, 0, 1, 0;
-  } else {
-    rotation << 1, 0, 0, 0, 0, 1, 0, -1, 0;
-  }
+  rotation << sign, 0, 0, 0, 0, 1, 0, -sign, 0;
   return rotation;
 }
 
@@ -46,12 +42,6 @@ Skeleton unrotated_in_file(const Skeleton& skeleton, ExportAxes axes) {
 
 namespace {
 
-// glTF's names for 1, 2, 3, 4 or 16 numbers per element.
-const char* accessor_type(std::size_t width) {
-  static constexpr const char* kVectors[] = {"SCALAR", "VEC2", "VEC3", "VEC4"};
-  return width <= 4 ? kVectors[width - 1] : "MAT4";
-}
-
 template <typename T>
 constexpr int kComponentType = std::is_same_v<T, std::uint8_t>    ? TINYGLTF_COMPONENT_TYPE_UNSIGNED_BYTE
                                : std::is_same_v<T, std::uint16_t> ? TINYGLTF_COMPONENT_TYPE_UNSIGNED_SHORT
@@ -59,6 +49,9 @@ constexpr int kComponentType = std::is_same_v<T, std::uint8_t>    ? TINYGLTF_COM
                                                                   : TINYGLTF_COMPONENT_TYPE_FLOAT;
 
 constexpr int kNoTarget = 0, kVertices = TINYGLTF_TARGET_ARRAY_BUFFER, kIndices = TINYGLTF_TARGET_ELEMENT_ARRAY_BUFFER;
+
+/// An object with this name, where there is one.
+Json named(const std::string& name) { return name.empty() ? Json::object() : Json{{"name", name}}; }
 
 /// The member `asset`: version, generator, and the program that made the file.
 Json asset_block() {
@@ -88,7 +81,8 @@ class GltfDocument {
     if (byte_offset > 0) accessor["byteOffset"] = byte_offset;
     accessor["componentType"] = kComponentType<T>;
     accessor["count"] = count;
-    accessor["type"] = accessor_type(width);
+    static constexpr const char* kVectors[] = {"SCALAR", "VEC2", "VEC3", "VEC4"};
+    accessor["type"] = width <= 4 ? kVectors[width - 1] : "MAT4";
     accessors_.push_back(std::move(accessor));
     return static_cast<int>(accessors_.size()) - 1;
   }
@@ -144,18 +138,17 @@ int write_image(GltfDocument& document, const EncodedImage& image, const std::st
 // One texture per image; both have the same index.
 int texture_of(GltfDocument& document, const Asset& asset, int image, std::map<int, int>& textures,
                const std::string& file) {
-  const auto known = textures.find(image);
-  if (known != textures.end()) return known->second;
-  const int source = write_image(document, asset.images[static_cast<std::size_t>(image)], file);
-  document.json["textures"].push_back({{"source", source}});
-  return textures[image] = source;
+  const auto [known, is_new] = textures.try_emplace(image, -1);
+  if (!is_new) return known->second;
+  known->second = write_image(document, asset.images[static_cast<std::size_t>(image)], file);
+  document.json["textures"].push_back({{"source", known->second}});
+  return known->second;
 }
 
 Json material_json(const Material& material) {
   Json factor = Json::array();
   for (const float x : material.base_color) factor.push_back(static_cast<double>(std::clamp(x, 0.0f, 1.0f)));
-  Json entry = Json::object();
-  if (!material.name.empty()) entry["name"] = material.name;
+  Json entry = named(material.name);
   entry["pbrMetallicRoughness"] = {{"baseColorFactor", factor}, {"metallicFactor", 0.0}, {"roughnessFactor", 1.0}};
   if (material.double_sided) entry["doubleSided"] = true;
   return entry;
@@ -309,8 +302,7 @@ void write_mesh(GltfDocument& document, const Asset& asset, const Eigen::Matrix3
                           {"material", materials.at(material)},
                           {"mode", 4}});
   }
-  Json entry = Json::object();
-  if (!asset.name.empty()) entry["name"] = asset.name;
+  Json entry = named(asset.name);
   entry["primitives"] = std::move(primitives);
   document.json["meshes"] = Json::array({std::move(entry)});
 }
@@ -380,8 +372,7 @@ void write_nodes(GltfDocument& document, const Asset& asset, ExportAxes axes) {
     if (skeleton.size() > 0) nodes.back()["skin"] = 0;
   }
   document.json["scene"] = 0;
-  Json scene = Json::object();
-  if (!asset.name.empty()) scene["name"] = asset.name;
+  Json scene = named(asset.name);
   scene["nodes"] = std::move(roots);
   document.json["scenes"] = Json::array({std::move(scene)});
   document.json["nodes"] = std::move(nodes);
@@ -491,8 +482,7 @@ Json animation_json(const Animation& animation, const Asset& asset, ExportAxes a
     samplers.push_back(
         {{"input", input}, {"interpolation", gltf_import::name_of(keys.interpolation)}, {"output", output}});
   }
-  Json entry = Json::object();
-  if (!animation.name.empty()) entry["name"] = animation.name;
+  Json entry = named(animation.name);
   entry["channels"] = std::move(channels);
   entry["samplers"] = std::move(samplers);
   return entry;
@@ -526,20 +516,16 @@ void write_animations(GltfDocument& document, const Asset& asset, ExportAxes axe
 }
 
 void refuse_unsound(const std::string& file, const Asset& asset, const ExportOptions& options) {
+  const auto refuse = [&file](const std::string& problem) { throw InputError(file, "", problem); };
   const std::vector<std::string> findings = validate(asset, 3, options.require_rig);
-  if (!findings.empty()) {
-    std::string problem = "asset is not sound: " + findings.front();
-    if (findings.size() > 1) problem += " (and " + std::to_string(findings.size() - 1) + " more)";
-    throw InputError(file, "", problem);
-  }
+  const std::string more = findings.size() > 1 ? " (and " + std::to_string(findings.size() - 1) + " more)" : "";
+  if (!findings.empty()) refuse("asset is not sound: " + findings.front() + more);
   const bool has_mesh = !asset.mesh.vertices.empty(), has_skeleton = asset.skeleton.size() > 0;
-  if (asset.mesh.faces.empty() && (has_mesh || options.require_rig))
-    throw InputError(file, "", "asset has no faces to write");
-  if (!has_skeleton && options.require_rig) throw InputError(file, "", "asset has no skeleton to write");
+  if (asset.mesh.faces.empty() && (has_mesh || options.require_rig)) refuse("asset has no faces to write");
+  if (!has_skeleton && options.require_rig) refuse("asset has no skeleton to write");
   if (has_mesh && has_skeleton && asset.skin.rows() == 0)
-    throw InputError(file, "",
-                     "asset has a mesh and a skeleton but no skin weights; anigen-rig --method heat makes some");
-  if (options.influences == 0) throw InputError(file, "", "influences per vertex must be at least 1");
+    refuse("asset has a mesh and a skeleton but no skin weights; anigen-rig --method heat makes some");
+  if (options.influences == 0) refuse("influences per vertex must be at least 1");
   constexpr std::size_t kMostJoints = 65536;
   if (asset.skeleton.size() > kMostJoints) throw NotSupportedError(file, "", "more than 65536 joints in glTF");
 }

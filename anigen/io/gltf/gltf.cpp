@@ -7,7 +7,6 @@
 #include <set>
 #include <stdexcept>
 
-#include "anigen/asset/rigged_asset.h"
 #include "anigen/core/error.h"
 #include "anigen/io/gltf/accessors.h"
 #include "anigen/io/gltf/container.h"

@@ -305,56 +305,6 @@ Eigen::Vector3f position(const VertexBlock& block, std::size_t vertex) {
   return Eigen::Map<const Eigen::Vector3f>(block.positions.data() + 3 * vertex);
 }
 
-// Nearest of a fixed set of points, by a balanced kd-tree; of equally near ones the first.
-class NearestPoint {
- public:
-  explicit NearestPoint(std::vector<Eigen::Vector3f> points) : points_(std::move(points)), order_(points_.size()) {
-    std::iota(order_.begin(), order_.end(), std::size_t{0});
-    build(0, order_.size(), 0);
-  }
-
-  // @return index into the points @pre there is at least one
-  std::size_t operator()(const Eigen::Vector3f& query) const {
-    std::size_t best = order_.front();
-    float distance = std::numeric_limits<float>::infinity();
-    search(0, order_.size(), 0, query, best, distance);
-    return best;
-  }
-
- private:
-  void build(std::size_t first, std::size_t last, int axis) {
-    if (last - first < 2) return;
-    const std::size_t middle = first + (last - first) / 2;
-    const auto at = [&](std::size_t i) { return order_.begin() + static_cast<std::ptrdiff_t>(i); };
-    std::nth_element(at(first), at(middle), at(last), [&](std::size_t a, std::size_t b) {
-      return points_[a][axis] != points_[b][axis] ? points_[a][axis] < points_[b][axis] : a < b;
-    });
-    build(first, middle, (axis + 1) % 3);
-    build(middle + 1, last, (axis + 1) % 3);
-  }
-
-  void search(std::size_t first, std::size_t last, int axis, const Eigen::Vector3f& query, std::size_t& best,
-              float& distance) const {
-    if (first >= last) return;
-    const std::size_t middle = first + (last - first) / 2;
-    const std::size_t point = order_[middle];
-    const float here = (points_[point] - query).squaredNorm();
-    if (here < distance || (here == distance && point < best)) {
-      distance = here;
-      best = point;
-    }
-    const float side = query[axis] - points_[point][axis];
-    const auto below = [&] { search(first, middle, (axis + 1) % 3, query, best, distance); };
-    const auto above = [&] { search(middle + 1, last, (axis + 1) % 3, query, best, distance); };
-    side < 0.0f ? below() : above();
-    if (!(side * side < distance)) return;
-    side < 0.0f ? above() : below();
-  }
-
-  std::vector<Eigen::Vector3f> points_;
-  std::vector<std::size_t> order_;  // the root of a range is its middle; halves left and right of it
-};
-
 // Finds rows for vertices without usable weights; built on the first such vertex.
 class Substitute {
  public:

@@ -1,7 +1,6 @@
 #pragma once
 #include <Eigen/Core>
 #include <Eigen/Geometry>
-#include <cstddef>
 #include <vector>
 
 #include "anigen/asset/skeleton.h"

@@ -1,10 +1,8 @@
 #include "anigen/io/rigs/anymate.h"
 
 #include <algorithm>
-#include <limits>
 #include <map>
 #include <mutex>
-#include <string>
 #include <utility>
 
 #include "anigen/core/error.h"
@@ -12,7 +10,6 @@
 #include "anigen/io/arrays/torch_archive.h"
 #include "anigen/io/rigs/rig_listing.h"
 #include "anigen/io/rigs/rig_reader.h"
-#include "anigen/io/rigs/rigged_shape.h"
 
 namespace anigen::io {
 

@@ -8,10 +8,8 @@
 #include <vector>
 
 #include "anigen/core/error.h"
-#include "anigen/io/arrays/npz.h"
 #include "anigen/io/arrays/npz_objects.h"
 #include "anigen/io/rigs/rig_reader.h"
-#include "anigen/io/rigs/rigged_shape.h"
 
 namespace anigen::io {
 

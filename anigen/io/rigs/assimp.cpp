@@ -6,12 +6,8 @@
 #include <cctype>
 #include <charconv>
 #include <cmath>
-#include <cstdint>
 #include <exception>
-#include <string>
 #include <unordered_map>
-#include <utility>
-#include <vector>
 
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"

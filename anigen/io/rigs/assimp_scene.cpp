@@ -4,21 +4,17 @@
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
-#include <cstdint>
 #include <cstring>
 #include <map>
 #include <memory>
 #include <new>
 #include <stdexcept>
-#include <string>
 #include <string_view>
 #include <system_error>
-#include <type_traits>
 #include <utility>
 
 #include "anigen/core/error.h"
 #include "anigen/core/process.h"
-#include "anigen/io/gltf/document.h"
 #include "anigen/io/rigs/assimp.h"
 #include "anigen/io/rigs/rig_listing.h"
 

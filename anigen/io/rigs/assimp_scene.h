@@ -2,7 +2,6 @@
 #include <assimp/scene.h>
 #include <Eigen/Core>
 #include <cstddef>
-#include <cstdint>
 #include <filesystem>
 #include <string>
 #include <type_traits>

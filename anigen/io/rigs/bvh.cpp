@@ -1,7 +1,6 @@
 #include "anigen/io/rigs/bvh.h"
 
 #include <algorithm>
-#include <cctype>
 #include <cmath>
 #include <cstdint>
 #include <initializer_list>

@@ -5,7 +5,6 @@
 
 #include "anigen/core/error.h"
 #include "anigen/io/arrays/npz.h"
-#include "anigen/io/rigs/rigged_shape.h"
 
 namespace anigen::io {
 

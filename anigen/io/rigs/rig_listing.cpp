@@ -4,8 +4,6 @@
 #include <array>
 #include <cctype>
 #include <fstream>
-#include <map>
-#include <set>
 #include <string_view>
 #include <system_error>
 #include <utility>

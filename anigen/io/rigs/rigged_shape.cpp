@@ -96,15 +96,8 @@ Axes parse_axes(const std::string& word) {
 }
 
 const char* name_of(Axes axes) {
-  switch (axes) {
-    case Axes::kYUp:
-      return "y-up";
-    case Axes::kZUp:
-      return "z-up";
-    case Axes::kFormat:
-      break;
-  }
-  return "format";
+  static constexpr const char* kNames[] = {"format", "y-up", "z-up"};
+  return kNames[static_cast<int>(axes)];
 }
 
 void from_y_up(RiggedShape& shape) { turn(shape, 1); }

@@ -11,7 +11,6 @@
 #include "anigen/core/files.h"
 #include "anigen/io/obj.h"
 #include "anigen/io/rigs/rig_listing.h"
-#include "anigen/io/rigs/rigged_shape.h"
 
 namespace anigen::io {
 
