@@ -43,14 +43,8 @@ Value interpolate(const Channel& channel, double t) {
   const double span = times[after] - times[before];
   const double s = (t - times[before]) / span;
   const Value a = key(channel, before, width, middle), b = key(channel, after, width, middle);
-  switch (channel.interpolation) {
-    case Interpolation::kStep:
-      return a;
-    case Interpolation::kLinear:
-      return rotation ? slerp(a.normalized(), b.normalized(), s) : Value((1.0 - s) * a + s * b);
-    case Interpolation::kCubicSpline:
-      break;
-  }
+  if (channel.interpolation == Interpolation::kStep) return a;
+  if (!cubic) return rotation ? slerp(a.normalized(), b.normalized(), s) : Value((1.0 - s) * a + s * b);
   const Value out_tangent = span * key(channel, before, width, 2), in_tangent = span * key(channel, after, width, 0);
   const double s2 = s * s, s3 = s2 * s;
   return (2 * s3 - 3 * s2 + 1) * a + (s3 - 2 * s2 + s) * out_tangent + (-2 * s3 + 3 * s2) * b + (s3 - s2) * in_tangent;
@@ -72,19 +66,11 @@ Pose sample(const Animation& animation, const Skeleton& skeleton, double t) {
     if (channel.times.empty()) continue;
     const Value value = interpolate(channel, t);
     Transform& joint = pose[at(channel.joint)];
-    switch (channel.path) {
-      case ChannelPath::kTranslation:
-        joint.translation = value.head<3>();
-        break;
-      case ChannelPath::kScale:
-        joint.scale = value.head<3>();
-        break;
-      case ChannelPath::kRotation:
-        // A spline can pass through zero between opposite keys: the rest rotation then stands.
-        if (value.norm() > 1e-12)
-          joint.rotation = Eigen::Quaterniond(value[3], value[0], value[1], value[2]).normalized();
-        break;
-    }
+    if (channel.path == ChannelPath::kTranslation) joint.translation = value.head<3>();
+    if (channel.path == ChannelPath::kScale) joint.scale = value.head<3>();
+    // A spline can pass through zero between opposite keys: the rest rotation then stands.
+    if (channel.path == ChannelPath::kRotation && value.norm() > 1e-12)
+      joint.rotation = Eigen::Quaterniond(value[3], value[0], value[1], value[2]).normalized();
   }
   return pose;
 }

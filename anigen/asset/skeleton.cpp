@@ -72,13 +72,10 @@ std::vector<Eigen::Matrix4d> forward_kinematics(const std::vector<int>& parents,
   return world;
 }
 
-Pose bind_pose(const Skeleton& skeleton) {
-  Pose pose(skeleton.size());
-  for (std::size_t j = 0; j < skeleton.size(); ++j) {
-    const int parent = skeleton.parents[j];
-    pose[j] = decompose(parent < 0 ? skeleton.bind[j]
-                                   : Eigen::Matrix4d(skeleton.bind[at(parent)].inverse() * skeleton.bind[j]));
-  }
+Pose local_pose(const std::vector<int>& parents, const std::vector<Eigen::Matrix4d>& world) {
+  Pose pose;
+  for (std::size_t j = 0; j < world.size(); ++j)
+    pose.push_back(decompose(parents[j] < 0 ? world[j] : Eigen::Matrix4d(world[at(parents[j])].inverse() * world[j])));
   return pose;
 }
 

@@ -38,8 +38,9 @@ using Pose = std::vector<Transform>;
 /// World matrix of every joint, [J]. @pre pose has one entry per joint and parents come before children.
 std::vector<Eigen::Matrix4d> forward_kinematics(const std::vector<int>& parents, const Pose& pose);
 
-/// The bind pose as transforms relative to the parent (shear, if any, is dropped).
-Pose bind_pose(const Skeleton& skeleton);
+/// The pose relative to parents in which the joints have these world matrices (shear, if any, is dropped).
+Pose local_pose(const std::vector<int>& parents, const std::vector<Eigen::Matrix4d>& world);
+inline Pose bind_pose(const Skeleton& skeleton) { return local_pose(skeleton.parents, skeleton.bind); }
 
 /// A skeleton without orientation: identity rotations at the given joint positions, rest = bind.
 Skeleton skeleton_from_joints(const std::vector<Eigen::Vector3d>& positions, const std::vector<int>& parents,

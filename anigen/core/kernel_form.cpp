@@ -54,17 +54,8 @@ KernelForm kernel_forms::first_choice() {
 }
 
 const char* kernel_form_name(KernelForm form) {
-  switch (form) {
-    case KernelForm::kAvx2:
-      return "avx2";
-    case KernelForm::kAvx512:
-      return "avx512";
-    case KernelForm::kAvx512Bf16:
-      return "avx512bf16";
-    case KernelForm::kPortable:
-      break;
-  }
-  return "portable";
+  static constexpr const char* kNames[] = {"portable", "avx2", "avx512", "avx512bf16"};
+  return kNames[static_cast<int>(form)];
 }
 
 const std::vector<KernelForm>& runnable_kernel_forms() {

@@ -1,6 +1,5 @@
 #include "anigen/core/text.h"
 
-
 namespace anigen {
 
 std::string lower_case(std::string_view text) {

@@ -162,20 +162,15 @@ void add_skin(const Asset& asset, Json& json) {
   for (const auto& [influences, vertices] : histogram) json["influences"][std::to_string(influences)] = vertices;
 }
 
-const char* rig(const Asset& asset) {
+/// The kind of file in a word, and what rig it has.
+std::pair<const char*, const char*> kind_and_rig(const Asset& asset) {
   const bool has_mesh = !asset.mesh.vertices.empty();
-  if (asset.skin.rows() > 0) return "skinned";
-  if (has_mesh && asset.skeleton.size() > 0) return "a skeleton, no skin weights";
-  if (has_mesh) return asset.mesh.faces.empty() ? "none: points, no rig" : "none: a mesh, no rig";
-  return asset.animations.empty() ? "a skeleton, no mesh" : "a skeleton with motion, no mesh";
-}
-
-const char* kind(const Asset& asset) {
-  const bool has_mesh = !asset.mesh.vertices.empty();
-  if (asset.skin.rows() > 0) return "asset";
-  if (has_mesh && asset.skeleton.size() > 0) return "rig";
-  if (has_mesh) return asset.mesh.faces.empty() ? "points" : "mesh";
-  return asset.animations.empty() ? "skeleton" : "motion";
+  if (asset.skin.rows() > 0) return {"asset", "skinned"};
+  if (has_mesh && asset.skeleton.size() > 0) return {"rig", "a skeleton, no skin weights"};
+  if (has_mesh && asset.mesh.faces.empty()) return {"points", "none: points, no rig"};
+  if (has_mesh) return {"mesh", "none: a mesh, no rig"};
+  if (asset.animations.empty()) return {"skeleton", "a skeleton, no mesh"};
+  return {"motion", "a skeleton with motion, no mesh"};
 }
 
 bool plain(const Json& value) { return !value.is_object() && !value.is_array(); }
@@ -315,7 +310,7 @@ Json to_json(const InfluenceLoss& loss) {
 Json describe_asset(const io::ImportedAsset& imported) {
   const Asset& asset = imported.asset;
   Json json = {{"name", asset.name},
-               {"rig", rig(asset)},
+               {"rig", kind_and_rig(asset).second},
                {"joints", asset.skeleton.size()},
                {"vertices", asset.mesh.vertices.size()},
                {"faces", asset.mesh.faces.size()}};
@@ -348,7 +343,7 @@ Json describe_asset(const io::ImportedAsset& imported) {
 }
 
 Json describe_geometry(const std::filesystem::path& path, const Geometry& geometry) {
-  Json json = {{"file", path.string()}, {"kind", kind(geometry.imported.asset)}};
+  Json json = {{"file", path.string()}, {"kind", kind_and_rig(geometry.imported.asset).first}};
   json.update(geometry.source);
   json.update(describe_asset(geometry.imported));
   return json;

@@ -371,21 +371,11 @@ Json describe_folder(const fs::path& folder) {
 }  // namespace
 
 Geometry read_geometry(const fs::path& path, FileKind kind) {
-  switch (kind) {
-    case FileKind::kScene:
-      return scene(path);
-    case FileKind::kMotion:
-      return motion(path);
-    case FileKind::kMesh:
-    case FileKind::kTextRig:
-    case FileKind::kRigNpz:
-      return shape(path, "", kind);
-    case FileKind::kSample:
-      if (const auto sample = sample_of(path)) return shape(sample->first, sample->second, kind);
-      break;
-    default:
-      break;
-  }
+  if (kind == FileKind::kScene) return scene(path);
+  if (kind == FileKind::kMotion) return motion(path);
+  if (kind == FileKind::kMesh || kind == FileKind::kTextRig || kind == FileKind::kRigNpz) return shape(path, "", kind);
+  const auto sample = kind == FileKind::kSample ? sample_of(path) : std::nullopt;
+  if (sample) return shape(sample->first, sample->second, kind);
   throw InputError(path.string(), "", "holds no mesh and no skeleton");
 }
 

@@ -202,8 +202,6 @@ PairedSources read_pairs_csv(const fs::path& csv, const io::SourceOptions& truth
   return sources;
 }
 
-namespace fs = std::filesystem;
-
 std::vector<io::DatasetItem> select_split(const std::vector<io::DatasetItem>& items,
                                           const std::vector<fs::path>& splits) {
   io::NameIndex index;
@@ -240,7 +238,7 @@ GroundTruth read_ground_truth(const fs::path& root, const std::string& id) {
   const auto vertices = static_cast<std::int64_t>(truth.vertices.size());
   if (vertices == 0) fields.fail("vertices", "there is not one vertex");
   truth.parents = fields.integers("parents", {joints});
-  check(JointTree{fields.precise_points("joints"), truth.parents}, file.string());
+  check(JointTree{fields.points<Eigen::Vector3d>("joints"), truth.parents}, file.string());
   truth.skin = fields.reals("skin", {vertices, joints});
   const std::size_t columns = truth.joints.size();
   for (std::size_t v = 0; v < truth.vertices.size(); ++v) {

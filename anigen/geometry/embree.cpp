@@ -1,7 +1,6 @@
 #include "anigen/geometry/embree.h"
 
 #include <cstring>
-#include <limits>
 
 #include "anigen/core/error.h"
 
@@ -93,22 +92,7 @@ std::optional<double> RayCaster::first_hit(const Eigen::Vector3d& origin, const 
   const double length = direction.allFinite() ? direction.stableNorm() : 0.0;
   if (!(length > 0.0)) throw InputError("", "ray", "its direction is zero or not finite");
   if (origin.cwiseAbs().maxCoeff() > kLargestCoordinate) return std::nullopt;
-  const Eigen::Vector3f along = (direction / length).cast<float>();
-  RTCRayHit query;
-  query.ray.org_x = static_cast<float>(origin.x());
-  query.ray.org_y = static_cast<float>(origin.y());
-  query.ray.org_z = static_cast<float>(origin.z());
-  query.ray.dir_x = along.x();
-  query.ray.dir_y = along.y();
-  query.ray.dir_z = along.z();
-  query.ray.tnear = static_cast<float>(nearest);
-  query.ray.tfar = std::numeric_limits<float>::infinity();
-  query.ray.time = 0.0f;
-  query.ray.mask = 0xFFFFFFFFu;
-  query.ray.id = 0;
-  query.ray.flags = 0;
-  query.hit.geomID = RTC_INVALID_GEOMETRY_ID;
-  query.hit.instID[0] = RTC_INVALID_GEOMETRY_ID;
+  RTCRayHit query = embree_ray(origin.cast<float>(), (direction / length).cast<float>(), static_cast<float>(nearest));
   embree_intersect(implementation_->tree.scene(), query);
   if (query.hit.geomID == RTC_INVALID_GEOMETRY_ID) return std::nullopt;
   return static_cast<double>(query.ray.tfar);

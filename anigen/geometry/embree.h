@@ -1,5 +1,6 @@
 #pragma once
 #include <Eigen/Core>
+#include <limits>
 #include <memory>
 #include <optional>
 #include <string>
@@ -41,6 +42,22 @@ class EmbreeMesh {
  private:
   RTCScene scene_ = nullptr;
 };
+
+/// A ray without an end that has hit nothing yet. @param nearest along it, in lengths of the direction
+inline RTCRayHit embree_ray(const Eigen::Vector3f& origin, const Eigen::Vector3f& direction, float nearest) {
+  RTCRayHit query{};
+  query.ray.org_x = origin.x();
+  query.ray.org_y = origin.y();
+  query.ray.org_z = origin.z();
+  query.ray.dir_x = direction.x();
+  query.ray.dir_y = direction.y();
+  query.ray.dir_z = direction.z();
+  query.ray.tnear = nearest;
+  query.ray.tfar = std::numeric_limits<float>::infinity();
+  query.ray.mask = 0xFFFFFFFFu;
+  query.hit.geomID = query.hit.instID[0] = RTC_INVALID_GEOMETRY_ID;
+  return query;
+}
 
 /// Closest hit along the ray; hit.hit.geomID stays RTC_INVALID_GEOMETRY_ID on a miss.
 inline void embree_intersect(RTCScene scene, RTCRayHit& hit) {

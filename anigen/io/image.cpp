@@ -46,14 +46,9 @@ cv::Mat decode(const std::vector<std::uint8_t>& bytes, const std::string& name) 
 
 std::uint8_t to_byte(const cv::Mat& picture, int y, int x, int channel) {
   const int at = x * picture.channels() + channel;
-  switch (picture.depth()) {
-    case CV_8U:
-      return picture.ptr<std::uint8_t>(y)[at];
-    case CV_16U:
-      return static_cast<std::uint8_t>((picture.ptr<std::uint16_t>(y)[at] + 128) / 257);
-    default:
-      return cv::saturate_cast<std::uint8_t>(picture.ptr<float>(y)[at] * 255.0f);
-  }
+  if (picture.depth() == CV_8U) return picture.ptr<std::uint8_t>(y)[at];
+  if (picture.depth() == CV_16U) return static_cast<std::uint8_t>((picture.ptr<std::uint16_t>(y)[at] + 128) / 257);
+  return cv::saturate_cast<std::uint8_t>(picture.ptr<float>(y)[at] * 255.0f);
 }
 
 }  // namespace

@@ -219,16 +219,10 @@ SkeletonChamfer spaced_chamfer(const MetricSkeleton& predicted, const MetricSkel
 
 SkeletonChamfer skeleton_chamfer(const MetricSkeleton& predicted, const MetricSkeleton& truth,
                                  SkeletonProtocol protocol, double unirig_range) {
-  switch (protocol) {
-    case SkeletonProtocol::kPaper:
-      return exact_chamfer(predicted, truth);
-    case SkeletonProtocol::kRignet:
-      return spaced_chamfer(predicted, truth);
-    case SkeletonProtocol::kPuppeteer:
-      return spaced_chamfer(puppeteer_cleaned(predicted), puppeteer_cleaned(truth));
-    case SkeletonProtocol::kUnirig:
-      break;
-  }
+  if (protocol == SkeletonProtocol::kPaper) return exact_chamfer(predicted, truth);
+  if (protocol == SkeletonProtocol::kRignet) return spaced_chamfer(predicted, truth);
+  if (protocol == SkeletonProtocol::kPuppeteer)
+    return spaced_chamfer(puppeteer_cleaned(predicted), puppeteer_cleaned(truth));
   if (!(unirig_range > 0.0)) throw InputError("", "unirig_range", "the coordinate range must be positive");
   SkeletonChamfer result = counted_chamfer(predicted, truth);
   result.j2j /= unirig_range;

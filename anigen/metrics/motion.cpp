@@ -246,14 +246,6 @@ void add_channel(Animation& animation, std::size_t joint, ChannelPath path, cons
   animation.channels.push_back(std::move(channel));
 }
 
-/// The pose relative to parents in which the joints have these world matrices.
-Pose local_pose(const std::vector<int>& parents, const std::vector<Eigen::Matrix4d>& world) {
-  Pose pose;
-  for (std::size_t j = 0; j < world.size(); ++j)
-    pose.push_back(decompose(parents[j] < 0 ? world[j] : Eigen::Matrix4d(world[at(parents[j])].inverse() * world[j])));
-  return pose;
-}
-
 using Vertices = std::vector<Eigen::Vector3f>;
 
 double vertex_distance(const Vertices& a, const Vertices& b) {

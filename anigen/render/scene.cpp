@@ -218,18 +218,7 @@ Hit Scene::Implementation::describe(std::uint32_t index, float u, float v, float
 }
 
 Hit Scene::trace(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction, double nearest) const {
-  RTCRayHit query{};
-  query.ray.org_x = static_cast<float>(origin.x());
-  query.ray.org_y = static_cast<float>(origin.y());
-  query.ray.org_z = static_cast<float>(origin.z());
-  query.ray.dir_x = static_cast<float>(direction.x());
-  query.ray.dir_y = static_cast<float>(direction.y());
-  query.ray.dir_z = static_cast<float>(direction.z());
-  query.ray.tnear = static_cast<float>(nearest);
-  query.ray.tfar = std::numeric_limits<float>::infinity();
-  query.ray.mask = 0xFFFFFFFFu;
-  query.hit.geomID = RTC_INVALID_GEOMETRY_ID;
-  query.hit.instID[0] = RTC_INVALID_GEOMETRY_ID;
+  RTCRayHit query = geometry::embree_ray(origin.cast<float>(), direction.cast<float>(), static_cast<float>(nearest));
   geometry::embree_intersect(implementation_->tree.scene(), query);
   if (query.hit.geomID == RTC_INVALID_GEOMETRY_ID) return {};
   return implementation_->describe(query.hit.primID, query.hit.u, query.hit.v, query.ray.tfar, direction.cast<float>());
@@ -268,16 +257,8 @@ std::array<Hit, Scene::kBundle> Scene::trace(const Eigen::Vector3d& origin,
 }
 
 bool Scene::occluded(const Eigen::Vector3f& origin, const Eigen::Vector3f& direction, float distance) const {
-  RTCRay ray{};
-  ray.org_x = origin.x();
-  ray.org_y = origin.y();
-  ray.org_z = origin.z();
-  ray.dir_x = direction.x();
-  ray.dir_y = direction.y();
-  ray.dir_z = direction.z();
-  ray.tnear = implementation_->epsilon;
+  RTCRay ray = geometry::embree_ray(origin, direction, implementation_->epsilon).ray;
   ray.tfar = distance;
-  ray.mask = 0xFFFFFFFFu;
   geometry::embree_occluded(implementation_->tree.scene(), ray);
   return ray.tfar < 0.0f;
 }

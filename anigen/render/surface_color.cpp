@@ -178,18 +178,11 @@ SurfaceColor::SurfaceColor(const Scene& scene, const PictureOptions& options)
 }
 
 Eigen::Vector3f SurfaceColor::at(const Hit& hit) const {
-  switch (mode_) {
-    case PictureMode::kNormals:
-      return 0.5f * (hit.normal + Eigen::Vector3f::Ones());
-    case PictureMode::kWeights: {
-      const Triangle& face = asset_->mesh.faces[static_cast<std::size_t>(hit.face)];
-      const Eigen::Vector3f color = interpolated(hit, face, vertex_colors_);
-      return color.cwiseMax(0.0f).cwiseMin(1.0f).unaryExpr([](float value) { return srgb_to_linear(value); });
-    }
-    case PictureMode::kColor:
-      break;
-  }
-  return base_color(hit);
+  if (mode_ == PictureMode::kNormals) return 0.5f * (hit.normal + Eigen::Vector3f::Ones());
+  if (mode_ == PictureMode::kColor) return base_color(hit);
+  const Triangle& face = asset_->mesh.faces[static_cast<std::size_t>(hit.face)];
+  const Eigen::Vector3f color = interpolated(hit, face, vertex_colors_);
+  return color.cwiseMax(0.0f).cwiseMin(1.0f).unaryExpr([](float value) { return srgb_to_linear(value); });
 }
 
 const Texture* SurfaceColor::texture(std::int32_t material) const {

@@ -272,16 +272,8 @@ void fill_from(const FillingLevel& coarse, FillingLevel& fine) {
 }  // namespace
 
 Eigen::Vector2d quarter_turned(const Eigen::Vector2d& vector, int turns) {
-  switch (turns & 3) {
-    case 1:
-      return {-vector.y(), vector.x()};
-    case 2:
-      return -vector;
-    case 3:
-      return {vector.y(), -vector.x()};
-    default:
-      return vector;
-  }
+  const Eigen::Vector2d half = (turns & 2) != 0 ? Eigen::Vector2d(-vector) : vector;
+  return (turns & 1) != 0 ? Eigen::Vector2d(-half.y(), half.x()) : half;
 }
 
 Eigen::Vector2d texel_place(const PlanarChart& flat, const Eigen::Vector2d& point, double texels_per_unit, int turns) {

@@ -152,55 +152,45 @@ void Constructors::spend(std::size_t bytes) {
 Value* Constructors::call(const Value& function, const Value& arguments) {
   if (function.kind != Kind::kGlobal) fail(std::string("calls a ") + name_of(function.kind));
   if (arguments.kind != Kind::kTuple) fail("the arguments of a call are not a tuple");
-  switch (static_cast<Global>(function.global)) {
-    case Global::kOrderedDict:
-      return ordered_dict(arguments);
-    case Global::kNumpyReconstruct:
-      return make(Kind::kArray);  // without content until BUILD
-    case Global::kNumpyScalar: {
-      const Value& dtype = argument(arguments, 0, Kind::kDtype);
-      if (arguments.items.size() != 2 || !is_text(*arguments.items[1])) fail("a numpy scalar without its bytes");
-      return scalar(dtype, arguments.items[1]->text);
+  const auto global = static_cast<Global>(function.global);
+  const std::vector<Value*>& items = arguments.items;
+  if (global == Global::kOrderedDict) return ordered_dict(arguments);
+  if (global == Global::kNumpyReconstruct) return make(Kind::kArray);  // without content until BUILD
+  if (global == Global::kCodecsEncode) return encode(arguments);
+  if (global == Global::kRebuildTensor) return tensor(arguments);
+  if (global == Global::kNumpyScalar) {
+    const Value& dtype = argument(arguments, 0, Kind::kDtype);
+    if (items.size() != 2 || !is_text(*items[1])) fail("a numpy scalar without its bytes");
+    return scalar(dtype, items[1]->text);
+  }
+  if (global == Global::kNumpyFromBuffer) {
+    if (items.size() != 4 || !is_text(*items[3])) fail("_frombuffer needs four arguments");
+    Value* array = make(Kind::kArray);
+    fill_array(*array, *items[2], argument(arguments, 1, Kind::kDtype), items[3]->text == "F", *items[0]);
+    return array;
+  }
+  if (global == Global::kNumpyDtype) {
+    if (items.empty() || !is_text(*items[0])) fail("a numpy dtype without its name");
+    Value* dtype = make(Kind::kDtype);
+    dtype->element = parse_npy_element(items[0]->text, {source_.file, place_()});
+    return dtype;
+  }
+  if (global == Global::kRebuildParameter) {
+    argument(arguments, 0, Kind::kTensor);
+    return items[0];
+  }
+  if (global == Global::kTorchSize) {
+    Value* tuple = make(Kind::kTuple);
+    for (const std::int64_t size : items.empty() ? std::vector<std::int64_t>() : sizes(*items[0])) {
+      tuple->items.push_back(make(Kind::kInt));
+      tuple->items.back()->integer = size;
     }
-    case Global::kNumpyFromBuffer: {
-      if (arguments.items.size() != 4 || !is_text(*arguments.items[3])) fail("_frombuffer needs four arguments");
-      Value* array = make(Kind::kArray);
-      fill_array(*array, *arguments.items[2], argument(arguments, 1, Kind::kDtype), arguments.items[3]->text == "F",
-                 *arguments.items[0]);
-      return array;
-    }
-    case Global::kNumpyDtype: {
-      if (arguments.items.empty() || !is_text(*arguments.items[0])) fail("a numpy dtype without its name");
-      Value* dtype = make(Kind::kDtype);
-      dtype->element = parse_npy_element(arguments.items[0]->text, {source_.file, place_()});
-      return dtype;
-    }
-    case Global::kCodecsEncode:
-      return encode(arguments);
-    case Global::kRebuildTensor:
-      return tensor(arguments);
-    case Global::kRebuildParameter:
-      argument(arguments, 0, Kind::kTensor);
-      return arguments.items[0];
-    case Global::kTorchSize: {
-      Value* tuple = make(Kind::kTuple);
-      if (!arguments.items.empty()) {
-        for (const std::int64_t size : sizes(*arguments.items[0])) {
-          tuple->items.push_back(make(Kind::kInt));
-          tuple->items.back()->integer = size;
-        }
-      }
-      return tuple;
-    }
-    case Global::kTorchDevice: {
-      Value* device = make(Kind::kOpaque);
-      device->text = "torch.device";
-      return device;
-    }
-    case Global::kNumpyArray:
-    case Global::kTorchStorage:
-    case Global::kTorchDtype:
-      break;
+    return tuple;
+  }
+  if (global == Global::kTorchDevice) {
+    Value* device = make(Kind::kOpaque);
+    device->text = "torch.device";
+    return device;
   }
   refuse("calling '" + std::string(function.text) + "' in a pickle");
 }
@@ -294,16 +284,10 @@ Value* Constructors::persistent(const Value& id) {
 }
 
 void Constructors::set_state(Value& object, const Value& state) {
-  switch (object.kind) {
-    case Kind::kDict:  // attributes of an OrderedDict, such as a state dict's _metadata
-      return;
-    case Kind::kArray:
-      return array_state(object, state);
-    case Kind::kDtype:
-      return dtype_state(object, state);
-    default:
-      refuse(std::string("setting the state of a ") + name_of(object.kind) + " in a pickle");
-  }
+  if (object.kind == Kind::kDict) return;  // attributes of an OrderedDict, such as a state dict's _metadata
+  if (object.kind == Kind::kArray) return array_state(object, state);
+  if (object.kind == Kind::kDtype) return dtype_state(object, state);
+  refuse(std::string("setting the state of a ") + name_of(object.kind) + " in a pickle");
 }
 
 void Constructors::dtype_state(Value& dtype, const Value& state) {

@@ -141,8 +141,8 @@ std::size_t told_count(const ArrayFields& fields, const std::string& name, const
 std::vector<Bone> read_bones(const ArrayFields& fields) {
   if (!fields.has("bones") || fields.rows("bones") == 0) return {};
   fields.array("bones", {-1, 6});
-  const std::vector<Eigen::Vector3d> heads = fields.precise_points("bones");
-  const std::vector<Eigen::Vector3d> tails = fields.second_points("bones");
+  const std::vector<Eigen::Vector3d> heads = fields.points<Eigen::Vector3d>("bones");
+  const std::vector<Eigen::Vector3d> tails = fields.points<Eigen::Vector3d>("bones", 3);
   std::vector<Bone> bones(told_count(fields, "bones", "bones_num"));
   for (std::size_t b = 0; b < bones.size(); ++b) bones[b] = {heads[b], tails[b]};
   return bones;
@@ -226,7 +226,7 @@ AnymateSkeleton read_skeleton(const ArrayFields& fields) {
   std::vector<Eigen::Vector3d>& joints = skeleton.joints.positions;
   if (fields.has("joints")) {
     const std::size_t count = told_count(fields, "joints", "joints_num");
-    joints = fields.precise_points("joints");
+    joints = fields.points<Eigen::Vector3d>("joints");
     joints.resize(std::min(count, joints.size()));
   }
   const std::vector<Bone> bones = read_bones(fields);

@@ -151,7 +151,7 @@ RiggedShape shape_from_articulation_xl(const NpzValue& sample, const std::string
   const ArrayFields fields(arrays, file);
   RiggedShape shape = shape_with_mesh(fields, "normals", id, file);
   if (fields.has("joints")) {
-    shape.joints.positions = fields.precise_points("joints");
+    shape.joints.positions = fields.points<Eigen::Vector3d>("joints");
     shape.joints.parents = parents_from_bones(fields, shape.joints.positions.size());
     anigen::check(shape.joints, file);
     read_root(fields, shape);

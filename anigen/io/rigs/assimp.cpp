@@ -259,20 +259,14 @@ FileFrame scan_collada(std::string_view text, const std::string& file, std::size
   for (std::size_t at = text.find('<'); at != std::string_view::npos; at = text.find('<', at)) {
     const std::string_view rest = text.substr(at);
     const std::string place = "byte " + std::to_string(at);
-    const auto skip_to = [&](std::size_t start, std::string_view end) {
-      const std::size_t found = text.find(end, at + start);
-      at = found == std::string_view::npos ? text.size() : found + end.size();
-    };
-    if (rest.substr(0, 4) == "<!--") {
-      skip_to(4, "-->");
-      continue;
-    }
-    if (rest.substr(0, 9) == "<![CDATA[") {
-      skip_to(9, "]]>");
-      continue;
-    }
-    if (rest.substr(0, 2) == "<?") {
-      skip_to(2, "?>");
+    constexpr std::pair<std::string_view, std::string_view> kSkipped[] = {
+        {"<!--", "-->"}, {"<![CDATA[", "]]>"}, {"<?", "?>"}};
+    const auto* skipped = std::find_if(std::begin(kSkipped), std::end(kSkipped), [&rest](const auto& part) {
+      return rest.substr(0, part.first.size()) == part.first;
+    });
+    if (skipped != std::end(kSkipped)) {
+      const std::size_t found = text.find(skipped->second, at + skipped->first.size());
+      at = found == std::string_view::npos ? text.size() : found + skipped->second.size();
       continue;
     }
     if (rest.substr(0, 2) == "<!") throw NotSupportedError(file, place, "COLLADA with a DOCTYPE");
@@ -392,14 +386,10 @@ class BinaryScanner {
       const std::size_t start = at;
       const char type = bytes_[at++];
       std::uint64_t size = 0;
-      if (type == 'C') {
-        size = 1;
-      } else if (type == 'Y') {
-        size = 2;
-      } else if (type == 'I' || type == 'F') {
-        size = 4;
-      } else if (type == 'D' || type == 'L') {
-        size = 8;
+      const std::size_t number_type = std::string_view("CYIFDL").find(type);
+      if (number_type != std::string_view::npos) {
+        constexpr std::uint64_t kSizes[] = {1, 2, 4, 4, 8, 8};
+        size = kSizes[number_type];
       } else if (type == 'S' || type == 'R') {
         if (end - at < 4) return;
         size = 4 + number(at, 4);

@@ -12,7 +12,7 @@ RiggedShape shape_from_rig_arrays(const NamedArrays& arrays, const std::string& 
   const ArrayFields fields(arrays, file);
   RiggedShape shape = shape_with_mesh(fields, "vertex_normals", id, file);
   if (fields.has("joints")) {
-    shape.joints.positions = fields.precise_points("joints");
+    shape.joints.positions = fields.points<Eigen::Vector3d>("joints");
     shape.joints.parents = fields.integers("parents", {fields.rows("joints")});
     anigen::check(shape.joints, file);
     if (fields.has("skin")) set_dense_skin(fields, "skin", shape);

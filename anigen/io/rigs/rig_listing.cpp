@@ -1,7 +1,6 @@
 #include "anigen/io/rigs/rig_listing.h"
 
 #include <algorithm>
-#include <array>
 #include <cctype>
 #include <fstream>
 #include <string_view>
@@ -460,15 +459,8 @@ std::string DatasetSource::category(const std::string& id) const {
 
 namespace {
 
-namespace fs = std::filesystem;
-
-constexpr std::array<std::pair<RigFormat, const char*>, 7> kNames = {{{RigFormat::kGltf, "gltf"},
-                                                                      {RigFormat::kAssimp, "assimp"},
-                                                                      {RigFormat::kTextRig, "text_rig"},
-                                                                      {RigFormat::kRigArrays, "rig_arrays"},
-                                                                      {RigFormat::kArticulationXl, "articulation_xl"},
-                                                                      {RigFormat::kAnymate, "anymate"},
-                                                                      {RigFormat::kDataset, "dataset"}}};
+// In the order of RigFormat.
+constexpr const char* kNames[] = {"gltf", "assimp", "text_rig", "rig_arrays", "articulation_xl", "anymate", "dataset"};
 
 /// "articulation_xlv2_test.npz", "Anymate_test.pt", but not "latest.pt".
 bool is_test_shard(const fs::path& file) {
@@ -512,18 +504,12 @@ std::vector<RigEntry> list_published(const fs::path& folder) {
 
 }  // namespace
 
-const char* name_of(RigFormat format) {
-  for (const auto& [known, name] : kNames) {
-    if (known == format) return name;
-  }
-  return "";
-}
+const char* name_of(RigFormat format) { return kNames[static_cast<std::size_t>(format)]; }
 
 RigFormat parse_rig_format(const std::string& word) {
-  for (const auto& [format, name] : kNames) {
-    if (word == name) return format;
-  }
-  throw InputError("", "format", "\"" + word + "\" is no format of rigs");
+  const auto* found = std::find(std::begin(kNames), std::end(kNames), word);
+  if (found == std::end(kNames)) throw InputError("", "format", "\"" + word + "\" is no format of rigs");
+  return static_cast<RigFormat>(found - kNames);
 }
 
 std::vector<RigEntry> list_rigs(const fs::path& path) {

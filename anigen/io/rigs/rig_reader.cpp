@@ -235,7 +235,14 @@ std::string gltf_content_id(const std::filesystem::path& file) {
   return digest.finish();
 }
 
-fs::path dataset_file(const RigEntry& entry) { return entry.file / "skeleton" / entry.key / "skeleton_voxelized.npz"; }
+fs::path file_of(const RigEntry& entry) {
+  return entry.format == RigFormat::kDataset ? entry.file / "skeleton" / entry.key / "skeleton_voxelized.npz"
+                                             : entry.file;
+}
+
+bool is_sample(const RigEntry& entry) {
+  return entry.format == RigFormat::kArticulationXl || entry.format == RigFormat::kAnymate;
+}
 
 std::size_t repeated_names(const std::vector<std::string>& names) {
   const std::set<std::string> different(names.begin(), names.end());
@@ -296,53 +303,27 @@ std::shared_ptr<const ShapeSource> RigReader::shard(const RigEntry& entry) const
 }
 
 ImportedAsset RigReader::read(const RigEntry& entry) const {
-  switch (entry.format) {
-    case RigFormat::kGltf:
-      require_content(entry.file);
-      return read_gltf(entry.file);
-    case RigFormat::kAssimp:
-      require_content(entry.file);
-      return read_assimp(entry.file);
-    case RigFormat::kTextRig:
-      require_content(entry.file);
-      return asset_of(read_text_rig(entry.file, entry.file.stem().string()));
-    case RigFormat::kRigArrays:
-      require_content(entry.file);
-      return asset_of(read_rig_npz(entry.file, entry.file.stem().string()));
-    case RigFormat::kDataset:
-      require_content(dataset_file(entry));
-      return asset_of(read_rig_npz(dataset_file(entry), entry.key));
-    case RigFormat::kArticulationXl:
-    case RigFormat::kAnymate:
-      break;
-  }
-  return asset_of(shard(entry)->read(entry.key));
+  if (is_sample(entry)) return asset_of(shard(entry)->read(entry.key));
+  const fs::path file = file_of(entry);
+  require_content(file);
+  if (entry.format == RigFormat::kGltf) return read_gltf(file);
+  if (entry.format == RigFormat::kAssimp) return read_assimp(file);
+  if (entry.format == RigFormat::kTextRig) return asset_of(read_text_rig(file, file.stem().string()));
+  return asset_of(read_rig_npz(file, entry.format == RigFormat::kDataset ? entry.key : file.stem().string()));
 }
 
 std::string RigReader::content_id(const RigEntry& entry) const {
+  if (is_sample(entry)) return shard(entry)->sample_id(entry.key);
+  const fs::path file = file_of(entry);
+  if (entry.format == RigFormat::kRigArrays || entry.format == RigFormat::kDataset)
+    return io::content_id(plain_arrays(file));
+  if (entry.format == RigFormat::kGltf && lower_extension(file) == ".gltf") return gltf_content_id(file);
   const ImportOptions limits;
-  switch (entry.format) {
-    case RigFormat::kGltf:
-      if (lower_extension(entry.file) == ".gltf") return gltf_content_id(entry.file);
-      return sha256(read_file(entry.file, limits.max_file_bytes));
-    case RigFormat::kAssimp:
-      return sha256(read_file(entry.file, limits.max_file_bytes));
-    case RigFormat::kTextRig: {
-      Sha256 digest;
-      digest.update(read_file(entry.file, limits.max_file_bytes));
-      const fs::path mesh = mesh_of_text_rig(entry.file);
-      if (!mesh.empty()) digest.update(read_file(mesh, limits.max_file_bytes));
-      return digest.finish();
-    }
-    case RigFormat::kRigArrays:
-      return io::content_id(plain_arrays(entry.file));
-    case RigFormat::kDataset:
-      return io::content_id(plain_arrays(dataset_file(entry)));
-    case RigFormat::kArticulationXl:
-    case RigFormat::kAnymate:
-      break;
-  }
-  return shard(entry)->sample_id(entry.key);
+  Sha256 digest;
+  digest.update(read_file(file, limits.max_file_bytes));
+  const fs::path mesh = entry.format == RigFormat::kTextRig ? mesh_of_text_rig(file) : fs::path();
+  if (!mesh.empty()) digest.update(read_file(mesh, limits.max_file_bytes));
+  return digest.finish();
 }
 
 }  // namespace anigen::io

@@ -30,17 +30,7 @@ RiggedShape rigged_shape(Asset asset, const std::string& id, const std::string& 
 Asset to_asset(const RiggedShape& shape) {
   anigen::check(shape.joints, shape.file);
   const anigen::JointTree tree = anigen::connected(shape.joints);
-  std::vector<std::vector<int>> children(tree.size());
-  std::vector<int> order;  // parents first
-  for (std::size_t j = 0; j < tree.size(); ++j) {
-    if (tree.parents[j] < 0)
-      order.push_back(static_cast<int>(j));
-    else
-      children[static_cast<std::size_t>(tree.parents[j])].push_back(static_cast<int>(j));
-  }
-  for (std::size_t i = 0; i < order.size(); ++i) {
-    for (const int child : children[static_cast<std::size_t>(order[i])]) order.push_back(child);
-  }
+  const std::vector<int> order = anigen::parents_first(tree);
   std::vector<int> place(tree.size());
   for (std::size_t i = 0; i < order.size(); ++i) place[static_cast<std::size_t>(order[i])] = static_cast<int>(i);
 
@@ -152,7 +142,7 @@ std::size_t ArrayFields::dimensions(const std::string& name) const {
 }
 
 template <typename Vector>
-std::vector<Vector> ArrayFields::columns(const std::string& name, std::size_t first) const {
+std::vector<Vector> ArrayFields::unchecked_points(const std::string& name, std::size_t first) const {
   const NdArray& found = array(name, {-1, -1});
   if (found.shape[0] == 0) return {};  // some writers make [0, 0] of an empty list
   const auto width = static_cast<std::size_t>(found.shape[1]);
@@ -166,8 +156,8 @@ std::vector<Vector> ArrayFields::columns(const std::string& name, std::size_t fi
 }
 
 template <typename Vector>
-std::vector<Vector> ArrayFields::finite_columns(const std::string& name, std::size_t first) const {
-  const std::vector<Vector> points = columns<Vector>(name, first);
+std::vector<Vector> ArrayFields::points(const std::string& name, std::size_t first) const {
+  std::vector<Vector> points = unchecked_points<Vector>(name, first);
   if (points.empty() && rows(name) > 0) {
     const std::int64_t width = array(name, {-1, -1}).shape[1];
     fail(name, "has " + std::to_string(width) + " columns, expected at least " + std::to_string(first + 3));
@@ -178,21 +168,9 @@ std::vector<Vector> ArrayFields::finite_columns(const std::string& name, std::si
   return points;
 }
 
-std::vector<Eigen::Vector3f> ArrayFields::points(const std::string& name) const {
-  return finite_columns<Eigen::Vector3f>(name, 0);
-}
-
-std::vector<Eigen::Vector3d> ArrayFields::precise_points(const std::string& name) const {
-  return finite_columns<Eigen::Vector3d>(name, 0);
-}
-
-std::vector<Eigen::Vector3d> ArrayFields::second_points(const std::string& name) const {
-  return finite_columns<Eigen::Vector3d>(name, 3);
-}
-
-std::vector<Eigen::Vector3f> ArrayFields::unchecked_points(const std::string& name, std::size_t first_column) const {
-  return columns<Eigen::Vector3f>(name, first_column);
-}
+template std::vector<Eigen::Vector3f> ArrayFields::unchecked_points(const std::string&, std::size_t) const;
+template std::vector<Eigen::Vector3f> ArrayFields::points(const std::string&, std::size_t) const;
+template std::vector<Eigen::Vector3d> ArrayFields::points(const std::string&, std::size_t) const;
 
 std::vector<std::int32_t> ArrayFields::integers(const std::string& name, const std::vector<std::int64_t>& shape) const {
   const NdArray& found = array(name, shape);

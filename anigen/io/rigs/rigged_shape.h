@@ -85,13 +85,12 @@ class ArrayFields {
   std::int64_t rows(const std::string& name) const;
   std::size_t dimensions(const std::string& name) const;
 
-  /// The first three columns of [n, >= 3], finite.
-  std::vector<Eigen::Vector3f> points(const std::string& name) const;
-  std::vector<Eigen::Vector3d> precise_points(const std::string& name) const;
-  /// Columns 3 to 5 of [n, >= 6], finite.
-  std::vector<Eigen::Vector3d> second_points(const std::string& name) const;
-  /// Three columns from this one on of [n, any], whatever they hold; empty when there are fewer columns.
-  std::vector<Eigen::Vector3f> unchecked_points(const std::string& name, std::size_t first_column) const;
+  /// Three columns from `first` on of [n, >= first + 3], finite. Vector: Eigen::Vector3f or Vector3d
+  template <typename Vector = Eigen::Vector3f>
+  std::vector<Vector> points(const std::string& name, std::size_t first = 0) const;
+  /// As above of [n, any], whatever they hold; empty when there are fewer columns.
+  template <typename Vector = Eigen::Vector3f>
+  std::vector<Vector> unchecked_points(const std::string& name, std::size_t first) const;
   /// Whole numbers of this shape.
   std::vector<std::int32_t> integers(const std::string& name, const std::vector<std::int64_t>& shape) const;
   std::int32_t integer(const std::string& name) const;
@@ -103,11 +102,6 @@ class ArrayFields {
   [[noreturn]] void fail(const std::string& place, const std::string& problem) const;
 
  private:
-  template <typename Vector>
-  std::vector<Vector> columns(const std::string& name, std::size_t first) const;
-  template <typename Vector>
-  std::vector<Vector> finite_columns(const std::string& name, std::size_t first) const;
-
   const NamedArrays& arrays_;
   std::string file_;
 };
