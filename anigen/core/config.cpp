@@ -228,8 +228,6 @@ ConfigReader::ConfigReader(const Json& object, std::string file, std::string poi
     throw InputError(file_, pointer_, std::string("expected an object, found ") + object.type_name());
 }
 
-bool ConfigReader::has(const std::string& key) const { return object_->contains(key); }
-
 std::string ConfigReader::pointer_to(const std::string& key) const {
   return key.empty() ? pointer_ : pointer_ + "/" + escaped_for_pointer(key);
 }

@@ -65,7 +65,8 @@ class ConfigReader {
   /// @throws InputError when it is not an object
   ConfigReader(const Json& object, std::string file, std::string pointer = "");
 
-  bool has(const std::string& key) const;  ///< present; does not count as asking for it
+  /// Present; does not count as asking for it.
+  bool has(const std::string& key) const { return object_->contains(key); }
 
   /// Getters with a default for an absent key. @throws InputError on another type or a value out of range
   std::int64_t integer(const std::string& key, std::int64_t fallback,

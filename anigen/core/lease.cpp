@@ -251,8 +251,6 @@ Lease& Lease::operator=(Lease&& other) noexcept {
   return *this;
 }
 
-Lease::~Lease() { give_back(); }
-
 bool Lease::held() const { return held_ && !held_->lost; }
 
 void Lease::give_back() {

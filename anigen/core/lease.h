@@ -16,7 +16,7 @@ class Lease {
   explicit Lease(std::shared_ptr<Held> held) : held_(std::move(held)) {}
   Lease(Lease&&) noexcept = default;
   Lease& operator=(Lease&& other) noexcept;
-  ~Lease();  ///< gives it back
+  ~Lease() { give_back(); }
 
   /// Nobody has taken it over, as far as the last sign of life could see. False says that this process stood still for
   /// so long that another one counts it as dead: what it goes on to write must be what the other one writes, too.

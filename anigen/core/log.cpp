@@ -73,8 +73,6 @@ Progress::Progress(std::string label, std::size_t total, std::string unit)
       started_(std::chrono::steady_clock::now()),
       drawn_(started_) {}
 
-Progress::~Progress() { finish(); }
-
 void Progress::start_at(std::size_t done) {
   const std::lock_guard<std::mutex> lock(mutex_);
   first_ = done_ = done;

@@ -32,7 +32,7 @@ namespace anigen {
 class Progress {
  public:
   Progress(std::string label, std::size_t total, std::string unit = "items");
-  ~Progress();
+  ~Progress() { finish(); }
 
   void advance(std::size_t steps = 1);
   /// A word shown after the bar, for example the current loss.

@@ -60,8 +60,6 @@ std::size_t Rng::index(std::size_t n) {
   }
 }
 
-bool Rng::chance(double probability) { return uniform() < probability; }
-
 std::vector<std::size_t> Rng::permutation(std::size_t n) {
   std::vector<std::size_t> order(n);
   std::iota(order.begin(), order.end(), std::size_t{0});

@@ -15,13 +15,13 @@ class Rng {
  public:
   Rng(std::uint64_t seed, std::string_view purpose, std::uint64_t index = 0);
 
-  std::uint64_t next();                                 ///< 64 uniform bits
-  double uniform();                                     ///< [0, 1), 53 bits
-  double uniform(double low, double high);              ///< [low, high)
-  double normal();                                      ///< mean 0, standard deviation 1 (Box–Muller, no cached half)
-  std::size_t index(std::size_t n);                     ///< uniform in [0, n), n > 0, without modulo bias
-  bool chance(double probability);                      ///< true with that probability
-  std::vector<std::size_t> permutation(std::size_t n);  ///< Fisher–Yates
+  std::uint64_t next();                     ///< 64 uniform bits
+  double uniform();                         ///< [0, 1), 53 bits
+  double uniform(double low, double high);  ///< [low, high)
+  double normal();                          ///< mean 0, standard deviation 1 (Box–Muller, no cached half)
+  std::size_t index(std::size_t n);         ///< uniform in [0, n), n > 0, without modulo bias
+  bool chance(double probability) { return uniform() < probability; }  ///< true with that probability
+  std::vector<std::size_t> permutation(std::size_t n);                 ///< Fisher–Yates
 
   std::array<std::uint64_t, 2> state() const { return {key_, counter_}; }
   static Rng from_state(std::array<std::uint64_t, 2> state);

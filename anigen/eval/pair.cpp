@@ -393,8 +393,6 @@ void PairResult::set(const std::string& key, double value) {
     skip(key, "the result is not finite");
 }
 
-void PairResult::skip(const std::string& key, const std::string& reason) { not_computed[key] = reason; }
-
 double PairResult::value(const std::string& key) const {
   const auto found = values.find(key);
   return found == values.end() ? std::numeric_limits<double>::quiet_NaN() : found->second;

@@ -70,7 +70,7 @@ struct PairResult {
 
   /// Sets a value; one that is not finite becomes a reason instead.
   void set(const std::string& key, double value);
-  void skip(const std::string& key, const std::string& reason);
+  void skip(const std::string& key, const std::string& reason) { not_computed[key] = reason; }
   /// NaN when there is none.
   double value(const std::string& key) const;
 };

@@ -224,8 +224,6 @@ NearestSurface::~NearestSurface() = default;
 NearestSurface::NearestSurface(NearestSurface&&) noexcept = default;
 NearestSurface& NearestSurface::operator=(NearestSurface&&) noexcept = default;
 
-NearestPoint NearestSurface::query(const Eigen::Vector3d& point) const { return query(point, -1); }
-
 NearestPoint NearestSurface::query(const Eigen::Vector3d& point, std::int32_t guess) const {
   if (!in_reach(point)) throw InputError("", "point", kOutOfReach);
   const double reach = implementation_->extent + point.cwiseAbs().maxCoeff();

@@ -51,7 +51,7 @@ class NearestSurface {
   NearestSurface& operator=(NearestSurface&&) noexcept;
 
   /// @throws InputError when the point is not finite or beyond 1e100
-  NearestPoint query(const Eigen::Vector3d& point) const;
+  NearestPoint query(const Eigen::Vector3d& point) const { return query(point, -1); }
   /// Returns an equal result, found sooner when `guess` is a face near the point: the answer for a point nearby. Any
   /// number is allowed; one that is no face is ignored.
   NearestPoint query(const Eigen::Vector3d& point, std::int32_t guess) const;

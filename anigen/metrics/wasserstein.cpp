@@ -195,8 +195,6 @@ void ShortestPathTransport::run(const RowMatrix& cost) {
   }
 }
 
-double ShortestPathTransport::dual_value() const { return dual_; }
-
 void ShortestPathTransport::reduce_columns(const RowMatrix& cost) {
   for (int j = 0; j < columns_; ++j) potential_[at(j)] = cost(0, j);
   for (int i = 1; i < rows_; ++i) {

@@ -48,7 +48,7 @@ class ShortestPathTransport {
 
   /// Dual value of the last solve, sum of supply * u + demand * v for feasible potentials (u_i + v_j <= cost_ij): a
   /// bound from below of every plan's cost that rounding cannot spoil by more than a few ulp.
-  double dual_value() const;
+  double dual_value() const { return dual_; }
 
  private:
   struct Flow {

@@ -124,8 +124,6 @@ Eigen::Vector3d Camera::ray(double x, double y) const {
   return forward + (x - 0.5 * width) * scale * right - (y - 0.5 * height) * scale * up;
 }
 
-Eigen::Vector3d Camera::direction(double x, double y) const { return ray(x, y).normalized(); }
-
 Eigen::Vector3d Camera::project(const Eigen::Vector3d& point) const {
   const Eigen::Vector3d offset = point - eye;
   const double depth = offset.dot(forward);

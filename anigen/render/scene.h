@@ -27,7 +27,7 @@ struct Camera {
   /// meets at distance t has depth t.
   Eigen::Vector3d ray(double x, double y) const;
   /// As above, with unit length.
-  Eigen::Vector3d direction(double x, double y) const;
+  Eigen::Vector3d direction(double x, double y) const { return ray(x, y).normalized(); }
   /// Picture x, y and the depth along `forward`; x and y mean nothing where depth ≤ 0.
   Eigen::Vector3d project(const Eigen::Vector3d& point) const;
 };

@@ -30,8 +30,6 @@ Eigen::Vector3d FoldedTransform::operator*(const Eigen::Vector3d& point) const {
   return scale * (rotation * point) + translation;
 }
 
-Eigen::Matrix4d FoldedTransform::matrix() const { return (*this * Transform()).matrix(); }
-
 FoldedTransform y_up_to_z_up() {
   const double half = std::sqrt(0.5);
   return {1.0, Eigen::Quaterniond(half, half, 0.0, 0.0), Eigen::Vector3d::Zero()};

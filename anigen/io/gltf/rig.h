@@ -19,7 +19,7 @@ struct FoldedTransform {
   FoldedTransform operator*(const FoldedTransform& right) const;
   Transform operator*(const Transform& right) const;
   Eigen::Vector3d operator*(const Eigen::Vector3d& point) const;
-  Eigen::Matrix4d matrix() const;
+  Eigen::Matrix4d matrix() const { return (*this * Transform()).matrix(); }
 };
 
 /// glTF's Y-up axes to ours, (X, Y, Z) → (X, −Z, Y): a rotation by 90° about X.

@@ -449,8 +449,6 @@ std::string DatasetSource::describe() const {
   return "data set " + root_.string() + ": " + std::to_string(items_.size()) + " samples";
 }
 
-std::vector<std::string> DatasetSource::other_names(const std::string& id) const { return item(id).other_names; }
-
 std::string DatasetSource::category(const std::string& id) const {
   static const std::string kPrefix = "procedural:";
   const std::string& source = item(id).source;

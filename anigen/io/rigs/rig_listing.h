@@ -160,7 +160,7 @@ class DatasetSource : public ShapeSource {
   std::string describe() const override;
   bool is_usable(const std::string& id) const override { return item(id).usable; }
   /// uuid, local_path and file_identifier; none for a posed variant.
-  std::vector<std::string> other_names(const std::string& id) const override;
+  std::vector<std::string> other_names(const std::string& id) const override { return item(id).other_names; }
   /// The family of "procedural:<family>" in the column `source`.
   std::string category(const std::string& id) const override;
 
