@@ -347,20 +347,18 @@ TransportMethod parse_transport(const std::string& word) {
 }
 
 Json to_json(const PairSettings& settings) {
-  Json json;
-  json["normalization"] = metrics::to_string(settings.alignment.normalization);
-  json["icp"] = settings.alignment.icp ? to_json(settings.alignment.registration) : Json(nullptr);
-  json["seed"] = settings.seed;
-  json["surface_samples"] = settings.surface_samples;
-  json["image_size"] = settings.image_size;
-  json["poses"] = settings.poses;
-  json["motion_frames"] = settings.motion_frames;
-  json["transport"] = transport_json(settings);
-  json["groups"] = settings.groups;
-  json["lpips"] = settings.lpips;
-  json["categories"] = settings.categories;
-  json["motion"] = settings.motion;
-  return json;
+  return {{"normalization", metrics::to_string(settings.alignment.normalization)},
+          {"icp", settings.alignment.icp ? to_json(settings.alignment.registration) : Json(nullptr)},
+          {"seed", settings.seed},
+          {"surface_samples", settings.surface_samples},
+          {"image_size", settings.image_size},
+          {"poses", settings.poses},
+          {"motion_frames", settings.motion_frames},
+          {"transport", transport_json(settings)},
+          {"groups", settings.groups},
+          {"lpips", settings.lpips},
+          {"categories", settings.categories},
+          {"motion", settings.motion}};
 }
 
 void check(const PairSettings& settings) {

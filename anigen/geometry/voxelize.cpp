@@ -1,6 +1,7 @@
 #include "anigen/geometry/voxelize.h"
 
 #include <algorithm>
+#include <cstdlib>
 #include <string>
 
 #include "anigen/core/error.h"

@@ -1,6 +1,7 @@
 #include "anigen/io/image.h"
 
 #include <algorithm>
+#include <cstdlib>
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>

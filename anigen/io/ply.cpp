@@ -116,15 +116,10 @@ class HeaderParser {
 
   void parse_format(std::string_view line) {
     const std::string_view name = take_token(line), version = take_token(line);
-    if (name == "ascii") {
-      header_.format = PlyFormat::kAscii;
-    } else if (name == "binary_little_endian") {
-      header_.format = PlyFormat::kLittleEndian;
-    } else if (name == "binary_big_endian") {
-      header_.format = PlyFormat::kBigEndian;
-    } else {
-      fail("unknown format '" + std::string(name.substr(0, 40)) + "'");
-    }
+    constexpr std::string_view kFormats[] = {"ascii", "binary_little_endian", "binary_big_endian"};
+    const auto* known = std::find(std::begin(kFormats), std::end(kFormats), name);
+    if (known == std::end(kFormats)) fail("unknown format '" + std::string(name.substr(0, 40)) + "'");
+    header_.format = static_cast<PlyFormat>(known - kFormats);
     if (version != "1.0") fail("unknown PLY version '" + std::string(version.substr(0, 40)) + "'");
   }
 

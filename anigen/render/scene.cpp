@@ -162,7 +162,30 @@ struct Scene::Implementation {
     }
   }
 
-  Hit describe(std::uint32_t index, float u, float v, float distance, const Eigen::Vector3f& view) const;
+  Hit describe(std::uint32_t index, float u, float v, float distance, const Eigen::Vector3f& view) const {
+    Hit hit;
+    hit.face = static_cast<std::int32_t>(index);
+    hit.distance = distance;
+    hit.barycentric = {1.0f - u - v, u, v};
+    const Triangle& face = asset->mesh.faces[index];
+    const auto corner = [&](std::size_t k) { return static_cast<std::size_t>(face[k]); };
+    hit.flat_normal =
+        (vertices[corner(1)] - vertices[corner(0)]).cross(vertices[corner(2)] - vertices[corner(0)]).stableNormalized();
+    hit.front = hit.flat_normal.dot(view) <= 0.0f;
+    hit.normal.setZero();
+    for (std::size_t k = 0; k < 3; ++k) {
+      hit.normal += hit.barycentric[static_cast<Eigen::Index>(k)] * normals[corner(k)];
+    }
+    if (!hit.front) {
+      hit.flat_normal = -hit.flat_normal;
+      hit.normal = -hit.normal;
+    }
+    const float length = hit.normal.norm();
+    hit.normal = length > 1e-6f ? Eigen::Vector3f(hit.normal / length) : hit.flat_normal;
+    // Some files wind faces against their normals: the side that is seen decides.
+    if (hit.normal.dot(hit.flat_normal) < -0.2f) hit.normal = -hit.normal;
+    return hit;
+  }
 
   const Asset* asset;
   std::vector<Eigen::Vector3f> vertices, normals;
@@ -188,32 +211,6 @@ Scene::Scene(const Asset& asset, const std::optional<std::vector<Eigen::Vector3f
 Scene::~Scene() = default;
 Scene::Scene(Scene&&) noexcept = default;
 Scene& Scene::operator=(Scene&&) noexcept = default;
-
-Hit Scene::Implementation::describe(std::uint32_t index, float u, float v, float distance,
-                                    const Eigen::Vector3f& view) const {
-  Hit hit;
-  hit.face = static_cast<std::int32_t>(index);
-  hit.distance = distance;
-  hit.barycentric = {1.0f - u - v, u, v};
-  const Triangle& face = asset->mesh.faces[index];
-  const auto corner = [&](std::size_t k) { return static_cast<std::size_t>(face[k]); };
-  hit.flat_normal =
-      (vertices[corner(1)] - vertices[corner(0)]).cross(vertices[corner(2)] - vertices[corner(0)]).stableNormalized();
-  hit.front = hit.flat_normal.dot(view) <= 0.0f;
-  hit.normal.setZero();
-  for (std::size_t k = 0; k < 3; ++k) {
-    hit.normal += hit.barycentric[static_cast<Eigen::Index>(k)] * normals[corner(k)];
-  }
-  if (!hit.front) {
-    hit.flat_normal = -hit.flat_normal;
-    hit.normal = -hit.normal;
-  }
-  const float length = hit.normal.norm();
-  hit.normal = length > 1e-6f ? Eigen::Vector3f(hit.normal / length) : hit.flat_normal;
-  // Some files wind faces against their normals: the side that is seen decides.
-  if (hit.normal.dot(hit.flat_normal) < -0.2f) hit.normal = -hit.normal;
-  return hit;
-}
 
 Hit Scene::trace(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction, double nearest) const {
   RTCRayHit query = geometry::embree_ray(origin.cast<float>(), direction.cast<float>(), static_cast<float>(nearest));

@@ -275,10 +275,147 @@ class Machine {
     push(constructors_.call(*function, *arguments));
   }
 
-  bool step(unsigned char instruction);
-  bool step_text(unsigned char instruction);
-  bool step_container(unsigned char instruction);
-  bool step_object(unsigned char instruction);
+  // One instruction per line reads as the table it is.
+  // clang-format off
+
+  /// Numbers and the stack. @return false at STOP
+  bool step(unsigned char instruction) {
+    switch (instruction) {
+      case 0x80: {  // PROTO
+        const std::uint64_t protocol = scanner_.number(1);
+        if (protocol > 5) constructors_.refuse("pickle protocol " + std::to_string(protocol));
+        break;
+      }
+      case 0x95: scanner_.number(8); break;  // FRAME: a hint for buffered readers
+      case '.': return false;
+      case '(': marks_.push_back(stack_.size()); break;
+      case '0':  // POP, which also removes a mark
+        if (!marks_.empty() && stack_.size() == marks_.back()) {
+          marks_.pop_back();
+        } else {
+          pop();
+        }
+        break;
+      case '1': pop_to_mark(); break;
+      case '2': push(top()); break;
+      case 'N': push(none_); break;
+      case 0x88: push(booleans_[1]); break;
+      case 0x89: push(booleans_[0]); break;
+      case 'I': push_decimal(scanner_.line()); break;
+      case 'L': {
+        std::string_view line = scanner_.line();
+        if (!line.empty() && line.back() == 'L') line.remove_suffix(1);
+        push_decimal(line == "00" || line == "01" ? line.substr(1) : line);
+        break;
+      }
+      case 'J': push_int(static_cast<std::int32_t>(scanner_.number(4))); break;
+      case 'K': push_int(static_cast<std::int64_t>(scanner_.number(1))); break;
+      case 'M': push_int(static_cast<std::int64_t>(scanner_.number(2))); break;
+      case 0x8a: push_long(scanner_.bytes(scanner_.number(1))); break;
+      case 0x8b: push_long(scanner_.bytes(scanner_.number(4))); break;
+      case 'F': push_float(scanner_.parse_float(scanner_.line())); break;
+      case 'G': push_float(scanner_.big_endian_double()); break;
+      default:
+        if (!step_text(instruction) && !step_container(instruction) && !step_object(instruction)) {
+          constructors_.refuse("pickle instruction " + std::to_string(instruction));
+        }
+    }
+    return true;
+  }
+
+  bool step_text(unsigned char instruction) {
+    switch (instruction) {
+      case 'S': push_text(Kind::kBytes, constructors_.keep(scanner_.unquote(scanner_.line()))); break;
+      case 'T': push_text(Kind::kBytes, scanner_.bytes(scanner_.number(4))); break;
+      case 'U': push_text(Kind::kBytes, scanner_.bytes(scanner_.number(1))); break;
+      case 'V': push_text(Kind::kString, constructors_.keep(scanner_.unescape_unicode(scanner_.line()))); break;
+      case 'X': push_text(Kind::kString, scanner_.bytes(scanner_.number(4))); break;
+      case 0x8c: push_text(Kind::kString, scanner_.bytes(scanner_.number(1))); break;
+      case 0x8d: push_text(Kind::kString, scanner_.bytes(scanner_.number(8))); break;
+      case 'B': push_text(Kind::kBytes, scanner_.bytes(scanner_.number(4))); break;
+      case 'C': push_text(Kind::kBytes, scanner_.bytes(scanner_.number(1))); break;
+      case 0x8e:
+      case 0x96: push_text(Kind::kBytes, scanner_.bytes(scanner_.number(8))); break;
+      default: return false;
+    }
+    return true;
+  }
+
+  bool step_container(unsigned char instruction) {
+    switch (instruction) {
+      case ']': push_items(Kind::kList, {}); break;
+      case 'l': push_items(Kind::kList, pop_to_mark()); break;
+      case ')': push_items(Kind::kTuple, {}); break;
+      case 't': push_items(Kind::kTuple, pop_to_mark()); break;
+      case 0x85: push_tuple(1); break;
+      case 0x86: push_tuple(2); break;
+      case 0x87: push_tuple(3); break;
+      case '}': push_items(Kind::kDict, {}); break;
+      case 0x8f: push_items(Kind::kSet, {}); break;
+      case 0x91: push_items(Kind::kSet, pop_to_mark()); break;
+      case 'd': {
+        std::vector<Value*> items = pop_to_mark();
+        if (items.size() % 2 != 0) scanner_.fail("a key without a value");
+        push_items(Kind::kDict, std::move(items));
+        break;
+      }
+      case 'a': {
+        Value* item = pop();
+        extend(Kind::kList, {item}, 1);
+        break;
+      }
+      case 'e': extend(Kind::kList, pop_to_mark(), 1); break;
+      case 0x90: extend(Kind::kSet, pop_to_mark(), 1); break;
+      case 's': {
+        Value* item = pop();
+        Value* key = pop();
+        extend(Kind::kDict, {key, item}, 2);
+        break;
+      }
+      case 'u': extend(Kind::kDict, pop_to_mark(), 2); break;
+      default: return false;
+    }
+    return true;
+  }
+
+  bool step_object(unsigned char instruction) {
+    switch (instruction) {
+      case 'g': recall(memo_key(scanner_.line())); break;
+      case 'h': recall(scanner_.number(1)); break;
+      case 'j': recall(scanner_.number(4)); break;
+      case 'p': remember(memo_key(scanner_.line())); break;
+      case 'q': remember(scanner_.number(1)); break;
+      case 'r': remember(scanner_.number(4)); break;
+      case 0x94: remember(memo_.size()); break;
+      case 'c': {
+        const std::string_view module = scanner_.line();
+        push(constructors_.global(module, scanner_.line()));
+        break;
+      }
+      case 0x93: {
+        const Value* name = pop(Kind::kString);
+        const Value* module = pop(Kind::kString);
+        push(constructors_.global(module->text, name->text));
+        break;
+      }
+      case 'R':
+      case 0x81: call(); break;
+      case 'b': {
+        const Value* state = pop();
+        constructors_.set_state(*top(), *state);
+        break;
+      }
+      case 'Q': {
+        const Value* id = pop();
+        push(constructors_.persistent(*id));
+        break;
+      }
+      default: return false;
+    }
+    return true;
+  }
+
+  // clang-format on
 
   Source source_;
   Document document_;
@@ -290,148 +427,6 @@ class Machine {
   std::vector<std::size_t> marks_;
   std::unordered_map<std::uint64_t, Value*> memo_;
 };
-
-// One instruction per line reads as the table it is.
-// clang-format off
-
-/// Numbers and the stack. @return false at STOP
-bool Machine::step(unsigned char instruction) {
-  switch (instruction) {
-    case 0x80: {  // PROTO
-      const std::uint64_t protocol = scanner_.number(1);
-      if (protocol > 5) constructors_.refuse("pickle protocol " + std::to_string(protocol));
-      break;
-    }
-    case 0x95: scanner_.number(8); break;  // FRAME: a hint for buffered readers
-    case '.': return false;
-    case '(': marks_.push_back(stack_.size()); break;
-    case '0':  // POP, which also removes a mark
-      if (!marks_.empty() && stack_.size() == marks_.back()) {
-        marks_.pop_back();
-      } else {
-        pop();
-      }
-      break;
-    case '1': pop_to_mark(); break;
-    case '2': push(top()); break;
-    case 'N': push(none_); break;
-    case 0x88: push(booleans_[1]); break;
-    case 0x89: push(booleans_[0]); break;
-    case 'I': push_decimal(scanner_.line()); break;
-    case 'L': {
-      std::string_view line = scanner_.line();
-      if (!line.empty() && line.back() == 'L') line.remove_suffix(1);
-      push_decimal(line == "00" || line == "01" ? line.substr(1) : line);
-      break;
-    }
-    case 'J': push_int(static_cast<std::int32_t>(scanner_.number(4))); break;
-    case 'K': push_int(static_cast<std::int64_t>(scanner_.number(1))); break;
-    case 'M': push_int(static_cast<std::int64_t>(scanner_.number(2))); break;
-    case 0x8a: push_long(scanner_.bytes(scanner_.number(1))); break;
-    case 0x8b: push_long(scanner_.bytes(scanner_.number(4))); break;
-    case 'F': push_float(scanner_.parse_float(scanner_.line())); break;
-    case 'G': push_float(scanner_.big_endian_double()); break;
-    default:
-      if (!step_text(instruction) && !step_container(instruction) && !step_object(instruction)) {
-        constructors_.refuse("pickle instruction " + std::to_string(instruction));
-      }
-  }
-  return true;
-}
-
-bool Machine::step_text(unsigned char instruction) {
-  switch (instruction) {
-    case 'S': push_text(Kind::kBytes, constructors_.keep(scanner_.unquote(scanner_.line()))); break;
-    case 'T': push_text(Kind::kBytes, scanner_.bytes(scanner_.number(4))); break;
-    case 'U': push_text(Kind::kBytes, scanner_.bytes(scanner_.number(1))); break;
-    case 'V': push_text(Kind::kString, constructors_.keep(scanner_.unescape_unicode(scanner_.line()))); break;
-    case 'X': push_text(Kind::kString, scanner_.bytes(scanner_.number(4))); break;
-    case 0x8c: push_text(Kind::kString, scanner_.bytes(scanner_.number(1))); break;
-    case 0x8d: push_text(Kind::kString, scanner_.bytes(scanner_.number(8))); break;
-    case 'B': push_text(Kind::kBytes, scanner_.bytes(scanner_.number(4))); break;
-    case 'C': push_text(Kind::kBytes, scanner_.bytes(scanner_.number(1))); break;
-    case 0x8e:
-    case 0x96: push_text(Kind::kBytes, scanner_.bytes(scanner_.number(8))); break;
-    default: return false;
-  }
-  return true;
-}
-
-bool Machine::step_container(unsigned char instruction) {
-  switch (instruction) {
-    case ']': push_items(Kind::kList, {}); break;
-    case 'l': push_items(Kind::kList, pop_to_mark()); break;
-    case ')': push_items(Kind::kTuple, {}); break;
-    case 't': push_items(Kind::kTuple, pop_to_mark()); break;
-    case 0x85: push_tuple(1); break;
-    case 0x86: push_tuple(2); break;
-    case 0x87: push_tuple(3); break;
-    case '}': push_items(Kind::kDict, {}); break;
-    case 0x8f: push_items(Kind::kSet, {}); break;
-    case 0x91: push_items(Kind::kSet, pop_to_mark()); break;
-    case 'd': {
-      std::vector<Value*> items = pop_to_mark();
-      if (items.size() % 2 != 0) scanner_.fail("a key without a value");
-      push_items(Kind::kDict, std::move(items));
-      break;
-    }
-    case 'a': {
-      Value* item = pop();
-      extend(Kind::kList, {item}, 1);
-      break;
-    }
-    case 'e': extend(Kind::kList, pop_to_mark(), 1); break;
-    case 0x90: extend(Kind::kSet, pop_to_mark(), 1); break;
-    case 's': {
-      Value* item = pop();
-      Value* key = pop();
-      extend(Kind::kDict, {key, item}, 2);
-      break;
-    }
-    case 'u': extend(Kind::kDict, pop_to_mark(), 2); break;
-    default: return false;
-  }
-  return true;
-}
-
-bool Machine::step_object(unsigned char instruction) {
-  switch (instruction) {
-    case 'g': recall(memo_key(scanner_.line())); break;
-    case 'h': recall(scanner_.number(1)); break;
-    case 'j': recall(scanner_.number(4)); break;
-    case 'p': remember(memo_key(scanner_.line())); break;
-    case 'q': remember(scanner_.number(1)); break;
-    case 'r': remember(scanner_.number(4)); break;
-    case 0x94: remember(memo_.size()); break;
-    case 'c': {
-      const std::string_view module = scanner_.line();
-      push(constructors_.global(module, scanner_.line()));
-      break;
-    }
-    case 0x93: {
-      const Value* name = pop(Kind::kString);
-      const Value* module = pop(Kind::kString);
-      push(constructors_.global(module->text, name->text));
-      break;
-    }
-    case 'R':
-    case 0x81: call(); break;
-    case 'b': {
-      const Value* state = pop();
-      constructors_.set_state(*top(), *state);
-      break;
-    }
-    case 'Q': {
-      const Value* id = pop();
-      push(constructors_.persistent(*id));
-      break;
-    }
-    default: return false;
-  }
-  return true;
-}
-
-// clang-format on
 
 Document load(std::string bytes, const Source& source) { return Machine(std::move(bytes), source).run(); }
 

@@ -91,17 +91,18 @@ void parse_animations(const JsonPlace& root, Document& document, Notes& notes) {
     document.animations.push_back(parse_animation(place, document, notes));
 }
 
+// A member of N numbers; `fallback` where it is absent.
+template <int N>
+Eigen::Matrix<double, N, 1> vector_or(const JsonPlace& place, const char* key,
+                                      const Eigen::Matrix<double, N, 1>& fallback) {
+  const auto member = place.find(key);
+  return member ? Eigen::Matrix<double, N, 1>(member->numbers(N).data()) : fallback;
+}
+
 // KHR_texture_transform: uv' = T · R · S · uv, with R turning by -rotation in a frame whose v points down.
 void parse_texture_transform(const JsonPlace& extension, TextureUse& use) {
-  if (const auto offset = extension.find("offset")) {
-    const std::vector<double> o = offset->numbers(2);
-    use.offset = {o[0], o[1]};
-  }
-  Eigen::Vector2d scale = Eigen::Vector2d::Ones();
-  if (const auto member = extension.find("scale")) {
-    const std::vector<double> s = member->numbers(2);
-    scale = {s[0], s[1]};
-  }
+  use.offset = vector_or(extension, "offset", use.offset);
+  const Eigen::Vector2d scale = vector_or<2>(extension, "scale", Eigen::Vector2d::Ones());
   double angle = 0.0;
   if (const auto rotation = extension.find("rotation")) angle = rotation->number();
   Eigen::Matrix2d rotation;
@@ -205,10 +206,7 @@ void parse_meshes(const JsonPlace& root, Document& document) {
 
 Transform parse_trs(const JsonPlace& place, Notes& notes) {
   Transform local;
-  if (const auto translation = place.find("translation")) {
-    const std::vector<double> t = translation->numbers(3);
-    local.translation = {t[0], t[1], t[2]};
-  }
+  local.translation = vector_or(place, "translation", local.translation);
   if (const auto rotation = place.find("rotation")) {
     const std::vector<double> q = rotation->numbers(4);
     local.rotation = Eigen::Quaterniond(q[3], q[0], q[1], q[2]);
@@ -218,10 +216,7 @@ Transform parse_trs(const JsonPlace& place, Notes& notes) {
       notes.tally("unnormalised_rotation", "node rotations were not of unit length and were normalised");
     local.rotation.coeffs() /= norm;
   }
-  if (const auto scale = place.find("scale")) {
-    const std::vector<double> s = scale->numbers(3);
-    local.scale = {s[0], s[1], s[2]};
-  }
+  local.scale = vector_or(place, "scale", local.scale);
   return local;
 }
 

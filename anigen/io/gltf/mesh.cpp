@@ -128,8 +128,48 @@ class MeshMerger {
         arrays_(document.file),
         counted_(document.nodes.size(), 0) {}
 
-  void add_mesh(const MeshEntry& entry, const std::vector<int>& nodes);
-  MergedMesh finish();
+  void add_mesh(const MeshEntry& entry, const std::vector<int>& nodes) {
+    std::vector<Group> groups;
+    std::map<std::pair<std::vector<std::pair<std::string, int>>, std::pair<int, int>>, std::size_t> known;
+    for (const Primitive& primitive : entry.primitives) {
+      if (primitive.mode < 4) {
+        notes_.tally("skipped_lines", "primitives of points or lines were skipped", nodes.size());
+        skipped_ = true;
+        continue;
+      }
+      TextureUse texture;
+      if (primitive.material >= 0) texture = document_.materials[at(primitive.material)].base_color;
+      // Texture transforms are per material, so they keep vertices apart; so does Draco, which brings its own indices.
+      const int material = texture.is_transformed ? primitive.material : -1 - texture.set;
+      auto attributes = primitive.attributes;
+      std::sort(attributes.begin(), attributes.end());
+      const auto [place, is_new] =
+          known.try_emplace({std::move(attributes), {primitive.draco_view, material}}, groups.size());
+      if (is_new || primitive.draco_view >= 0) {
+        place->second = groups.size();
+        groups.push_back({{}, texture});
+      }
+      groups[place->second].primitives.push_back(&primitive);
+    }
+    for (const Group& group : groups) add_group(group, nodes);
+  }
+
+  MergedMesh finish() {
+    if (!require_rig_ && arrays_.faces() == 0) {
+      if (has_rig()) return {};  // a skeleton without a mesh
+      throw InputError(document_.file, "",
+                       std::string(skipped_ ? "the scene shows nothing but points and lines, no triangles"
+                                            : "the scene has no triangles") +
+                           ", no skin and no animation: nothing to read");
+    }
+    MergedMesh result{arrays_.finish(notes_), std::move(skin_)};
+    // Float noise of inverse bind matrices is no disagreement.
+    if (conflict_ > 1e-5 * bounding_box(result.mesh.vertices).diagonal()) {
+      notes_.add("bind_pose_conflict",
+                 "skins disagree about the bind pose of joints they share; their vertices were posed into one of them");
+    }
+    return result;
+  }
 
  private:
   // Primitives that share their vertices are merged without repeating them.
@@ -138,13 +178,109 @@ class MeshMerger {
     TextureUse texture;
   };
 
-  void add_group(const Group& group, const std::vector<int>& nodes);
-  void add_vertices(const VertexBlock& block, const Primitive& primitive, int node);
-  void add_rigid(const VertexBlock& block, int node);
-  void add_skinned(const VertexBlock& block, const Primitive& primitive, const SkinBinding& binding);
-  void add_faces(const Primitive& primitive, const std::vector<std::uint32_t>& indices);
-  Matrix4d rigid_to_bind(int node) const;
-  Matrix4d to_bind(const VertexBlock& block, int node) const;
+  void add_group(const Group& group, const std::vector<int>& nodes) {
+    const Primitive& first = *group.primitives.front();
+    PrimitiveData data = read_primitive(document_, first, group.texture, vertices_left_ / nodes.size(),
+                                        faces_left_ / nodes.size(), notes_);
+    vertices_left_ -= std::min(vertices_left_, data.vertices.count * nodes.size());
+    if (data.vertices.count == 0 || (data.indices.empty() && group.primitives.size() == 1)) {
+      notes_.tally("empty_primitive", "primitives without vertices or triangles were skipped");
+      return;
+    }
+    instances_.clear();
+    for (const int node : nodes) {
+      instances_.push_back({arrays_.vertices(), Placement(to_bind(data.vertices, node)).is_mirroring()});
+      add_vertices(data.vertices, first, node);
+    }
+    for (const Primitive* primitive : group.primitives) {
+      if (primitive != &first) {
+        data.indices = read_indices(document_, *primitive, data.vertices.count, faces_left_ / nodes.size());
+      }
+      faces_left_ -= std::min(faces_left_, data.indices.size() / (primitive->mode == 4 ? 3 : 1) * nodes.size());
+      add_faces(*primitive, data.indices);
+    }
+  }
+
+  void add_vertices(const VertexBlock& block, const Primitive& primitive, int node) {
+    if (is_skinned(block, node))
+      add_skinned(block, primitive, bindings_[at(document_.nodes[at(node)].skin)]);
+    else
+      add_rigid(block, node);
+  }
+
+  Matrix4d rigid_to_bind(int node) const {
+    const Matrix4d& below = rig_.below_joint[at(node)];
+    const int joint = rig_.nearest_joint[at(node)];
+    if (joint >= 0) return rig_.skeleton.bind[at(joint)] * below;
+    if (!has_rig()) {  // nothing is rounded: (X, Y, Z) → (X, −Z, Y)
+      Matrix4d turned = below;
+      turned.row(1) = Eigen::RowVector4d::Zero() - below.row(2);  // no −0
+      turned.row(2) = below.row(1);
+      return turned;
+    }
+    // Carried along by the root from where both rest.
+    const Matrix4d world = y_up_to_z_up().matrix() * below;
+    const Matrix4d to_bind = rig_.skeleton.bind[0] * rest_[0].inverse();
+    return to_bind.allFinite() ? Matrix4d(to_bind * world) : world;
+  }
+
+  Matrix4d to_bind(const VertexBlock& block, int node) const {
+    return is_skinned(block, node) ? bindings_[at(document_.nodes[at(node)].skin)].to_bind : rigid_to_bind(node);
+  }
+
+  void add_rigid(const VertexBlock& block, int node) {
+    const Placement placement(rigid_to_bind(node));
+    if (!has_rig()) {
+      for (std::size_t v = 0; v < block.count; ++v) arrays_.add_vertex(block, v, placement);
+      return;
+    }
+    const int joint = rig_.nearest_joint[at(node)];
+    const std::size_t meshes = counted_[at(node)] != 0 ? 0 : 1;  // not once per primitive
+    counted_[at(node)] = 1;
+    if (joint >= 0)
+      notes_.tally("rigid_mesh_on_joint", "meshes without skin follow the joint above them", meshes);
+    else
+      notes_.tally("unskinned_mesh", "meshes without skin and without a joint above them follow the root joint",
+                   meshes);
+    for (std::size_t v = 0; v < block.count; ++v) {
+      arrays_.add_vertex(block, v, placement);
+      skin_.append_row({{std::max(joint, 0), 1.0f}});
+    }
+  }
+
+  void add_skinned(const VertexBlock& block, const Primitive& primitive, const SkinBinding& binding) {
+    const std::size_t first = skin_.rows();
+    append_weights(block, binding, joint_positions_, document_.file, primitive.pointer, skin_, notes_);
+    const Placement placement(binding.to_bind);
+    if (binding.deviation.empty()) {
+      for (std::size_t v = 0; v < block.count; ++v) arrays_.add_vertex(block, v, placement);
+      return;
+    }
+    std::map<int, std::size_t> entry_of_joint;
+    for (std::size_t k = 0; k < binding.joints.size(); ++k) entry_of_joint[binding.joints[k]] = k;
+    for (std::size_t v = 0; v < block.count; ++v) {
+      Matrix4d deviation = Matrix4d::Zero();
+      for (std::size_t i = 0; i < skin_.row_size(first + v); ++i) {
+        const Influence& influence = skin_.row(first + v)[i];
+        deviation += static_cast<double>(influence.weight) * binding.deviation[entry_of_joint.at(influence.joint)];
+      }
+      arrays_.add_vertex(block, v, Placement(binding.to_bind + deviation));
+      const Eigen::Vector3f moved = arrays_.vertex(arrays_.vertices() - 1) - placement.position(block, v);
+      conflict_ = std::max(conflict_, static_cast<double>(moved.norm()));
+    }
+  }
+
+  void add_faces(const Primitive& primitive, const std::vector<std::uint32_t>& indices) {
+    // Draco always stores a plain triangle list.
+    const TriangleList triangles = triangulate(primitive.draco_view >= 0 ? 4 : primitive.mode, indices);
+    const std::size_t count = instances_.size();
+    notes_.tally("degenerate_faces", "faces named a vertex twice and were left out", triangles.degenerate * count);
+    notes_.tally("incomplete_triangles", "indices at the end of primitives made no triangle",
+                 triangles.left_over * count);
+    for (const Instance& instance : instances_)
+      arrays_.add_faces(triangles.faces, instance.first_vertex, instance.is_mirrored, primitive.material);
+  }
+
   bool has_rig() const { return rig_.skeleton.size() > 0; }
   bool is_skinned(const VertexBlock& block, int node) const {
     return document_.nodes[at(node)].skin >= 0 && !block.influences.empty();
@@ -171,151 +307,6 @@ class MeshMerger {
   bool skipped_ = false;       // points or lines
   double conflict_ = 0.0;      // largest distance between a vertex by formula and by the matrix of its skin
 };
-
-void MeshMerger::add_mesh(const MeshEntry& entry, const std::vector<int>& nodes) {
-  std::vector<Group> groups;
-  std::map<std::pair<std::vector<std::pair<std::string, int>>, std::pair<int, int>>, std::size_t> known;
-  for (const Primitive& primitive : entry.primitives) {
-    if (primitive.mode < 4) {
-      notes_.tally("skipped_lines", "primitives of points or lines were skipped", nodes.size());
-      skipped_ = true;
-      continue;
-    }
-    TextureUse texture;
-    if (primitive.material >= 0) texture = document_.materials[at(primitive.material)].base_color;
-    // Texture transforms are per material, so they keep vertices apart; so does Draco, which brings its own indices.
-    const int material = texture.is_transformed ? primitive.material : -1 - texture.set;
-    auto attributes = primitive.attributes;
-    std::sort(attributes.begin(), attributes.end());
-    const auto [place, is_new] =
-        known.try_emplace({std::move(attributes), {primitive.draco_view, material}}, groups.size());
-    if (is_new || primitive.draco_view >= 0) {
-      place->second = groups.size();
-      groups.push_back({{}, texture});
-    }
-    groups[place->second].primitives.push_back(&primitive);
-  }
-  for (const Group& group : groups) add_group(group, nodes);
-}
-
-void MeshMerger::add_group(const Group& group, const std::vector<int>& nodes) {
-  const Primitive& first = *group.primitives.front();
-  PrimitiveData data = read_primitive(document_, first, group.texture, vertices_left_ / nodes.size(),
-                                      faces_left_ / nodes.size(), notes_);
-  vertices_left_ -= std::min(vertices_left_, data.vertices.count * nodes.size());
-  if (data.vertices.count == 0 || (data.indices.empty() && group.primitives.size() == 1)) {
-    notes_.tally("empty_primitive", "primitives without vertices or triangles were skipped");
-    return;
-  }
-  instances_.clear();
-  for (const int node : nodes) {
-    instances_.push_back({arrays_.vertices(), Placement(to_bind(data.vertices, node)).is_mirroring()});
-    add_vertices(data.vertices, first, node);
-  }
-  for (const Primitive* primitive : group.primitives) {
-    if (primitive != &first) {
-      data.indices = read_indices(document_, *primitive, data.vertices.count, faces_left_ / nodes.size());
-    }
-    faces_left_ -= std::min(faces_left_, data.indices.size() / (primitive->mode == 4 ? 3 : 1) * nodes.size());
-    add_faces(*primitive, data.indices);
-  }
-}
-
-void MeshMerger::add_vertices(const VertexBlock& block, const Primitive& primitive, int node) {
-  if (is_skinned(block, node))
-    add_skinned(block, primitive, bindings_[at(document_.nodes[at(node)].skin)]);
-  else
-    add_rigid(block, node);
-}
-
-Matrix4d MeshMerger::rigid_to_bind(int node) const {
-  const Matrix4d& below = rig_.below_joint[at(node)];
-  const int joint = rig_.nearest_joint[at(node)];
-  if (joint >= 0) return rig_.skeleton.bind[at(joint)] * below;
-  if (!has_rig()) {  // nothing is rounded: (X, Y, Z) → (X, −Z, Y)
-    Matrix4d turned = below;
-    turned.row(1) = Eigen::RowVector4d::Zero() - below.row(2);  // no −0
-    turned.row(2) = below.row(1);
-    return turned;
-  }
-  // Carried along by the root from where both rest.
-  const Matrix4d world = y_up_to_z_up().matrix() * below;
-  const Matrix4d to_bind = rig_.skeleton.bind[0] * rest_[0].inverse();
-  return to_bind.allFinite() ? Matrix4d(to_bind * world) : world;
-}
-
-Matrix4d MeshMerger::to_bind(const VertexBlock& block, int node) const {
-  return is_skinned(block, node) ? bindings_[at(document_.nodes[at(node)].skin)].to_bind : rigid_to_bind(node);
-}
-
-void MeshMerger::add_rigid(const VertexBlock& block, int node) {
-  const Placement placement(rigid_to_bind(node));
-  if (!has_rig()) {
-    for (std::size_t v = 0; v < block.count; ++v) arrays_.add_vertex(block, v, placement);
-    return;
-  }
-  const int joint = rig_.nearest_joint[at(node)];
-  const std::size_t meshes = counted_[at(node)] != 0 ? 0 : 1;  // not once per primitive
-  counted_[at(node)] = 1;
-  if (joint >= 0)
-    notes_.tally("rigid_mesh_on_joint", "meshes without skin follow the joint above them", meshes);
-  else
-    notes_.tally("unskinned_mesh", "meshes without skin and without a joint above them follow the root joint", meshes);
-  for (std::size_t v = 0; v < block.count; ++v) {
-    arrays_.add_vertex(block, v, placement);
-    skin_.append_row({{std::max(joint, 0), 1.0f}});
-  }
-}
-
-void MeshMerger::add_skinned(const VertexBlock& block, const Primitive& primitive, const SkinBinding& binding) {
-  const std::size_t first = skin_.rows();
-  append_weights(block, binding, joint_positions_, document_.file, primitive.pointer, skin_, notes_);
-  const Placement placement(binding.to_bind);
-  if (binding.deviation.empty()) {
-    for (std::size_t v = 0; v < block.count; ++v) arrays_.add_vertex(block, v, placement);
-    return;
-  }
-  std::map<int, std::size_t> entry_of_joint;
-  for (std::size_t k = 0; k < binding.joints.size(); ++k) entry_of_joint[binding.joints[k]] = k;
-  for (std::size_t v = 0; v < block.count; ++v) {
-    Matrix4d deviation = Matrix4d::Zero();
-    for (std::size_t i = 0; i < skin_.row_size(first + v); ++i) {
-      const Influence& influence = skin_.row(first + v)[i];
-      deviation += static_cast<double>(influence.weight) * binding.deviation[entry_of_joint.at(influence.joint)];
-    }
-    arrays_.add_vertex(block, v, Placement(binding.to_bind + deviation));
-    const Eigen::Vector3f moved = arrays_.vertex(arrays_.vertices() - 1) - placement.position(block, v);
-    conflict_ = std::max(conflict_, static_cast<double>(moved.norm()));
-  }
-}
-
-void MeshMerger::add_faces(const Primitive& primitive, const std::vector<std::uint32_t>& indices) {
-  // Draco always stores a plain triangle list.
-  const TriangleList triangles = triangulate(primitive.draco_view >= 0 ? 4 : primitive.mode, indices);
-  const std::size_t count = instances_.size();
-  notes_.tally("degenerate_faces", "faces named a vertex twice and were left out", triangles.degenerate * count);
-  notes_.tally("incomplete_triangles", "indices at the end of primitives made no triangle",
-               triangles.left_over * count);
-  for (const Instance& instance : instances_)
-    arrays_.add_faces(triangles.faces, instance.first_vertex, instance.is_mirrored, primitive.material);
-}
-
-MergedMesh MeshMerger::finish() {
-  if (!require_rig_ && arrays_.faces() == 0) {
-    if (has_rig()) return {};  // a skeleton without a mesh
-    throw InputError(document_.file, "",
-                     std::string(skipped_ ? "the scene shows nothing but points and lines, no triangles"
-                                          : "the scene has no triangles") +
-                         ", no skin and no animation: nothing to read");
-  }
-  MergedMesh result{arrays_.finish(notes_), std::move(skin_)};
-  // Float noise of inverse bind matrices is no disagreement.
-  if (conflict_ > 1e-5 * bounding_box(result.mesh.vertices).diagonal()) {
-    notes_.add("bind_pose_conflict",
-               "skins disagree about the bind pose of joints they share; their vertices were posed into one of them");
-  }
-  return result;
-}
 
 }  // namespace
 
