@@ -39,18 +39,14 @@ ComparedMethod from_pairs(const std::string& label, const fs::path& csv, const E
 /// True when a prediction or a split file calls something by a sha256: only then are the truths' contents worth
 /// hashing.
 bool asks_for_contents(const EvaluationRequest& request, const std::vector<ComparedMethod>& methods) {
-  const auto hashed = [](const std::string& name) {
-    const io::NameForms forms = io::name_forms(name);
-    return std::any_of(forms.begin(), forms.end(), [](const auto& form) { return io::is_sha256(form.first); });
-  };
   for (const ComparedMethod& method : methods) {
     const std::vector<std::string> ids = method.predictions->ids();
-    if (std::any_of(ids.begin(), ids.end(), hashed)) return true;
+    if (std::any_of(ids.begin(), ids.end(), ends_in_sha256)) return true;
   }
   for (const std::vector<fs::path>* lists : {&request.splits, &request.category_splits}) {
     for (const fs::path& list : *lists) {
       const std::vector<io::SplitLine> lines = io::split_lines(list);
-      if (std::any_of(lines.begin(), lines.end(), [&](const io::SplitLine& line) { return hashed(line.id); }))
+      if (std::any_of(lines.begin(), lines.end(), [&](const io::SplitLine& line) { return ends_in_sha256(line.id); }))
         return true;
     }
   }

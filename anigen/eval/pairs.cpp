@@ -24,11 +24,6 @@ io::NameForms prediction_forms(const io::ShapeSource& source, const std::string&
   return forms;
 }
 
-bool ends_in_sha256(const std::string& id) {
-  const io::NameForms forms = io::name_forms(id);
-  return std::any_of(forms.begin(), forms.end(), [](const auto& form) { return io::is_sha256(form.first); });
-}
-
 constexpr const char* kRemedy = "; keep one of them, or name the pairs in a CSV (--pred pairs.csv)";
 
 /// The second round: pairs by name what ids left over.
@@ -127,6 +122,11 @@ io::FileListSource::Reader read_one(const io::SourceOptions& options) {
 }
 
 }  // namespace
+
+bool ends_in_sha256(const std::string& id) {
+  const io::NameForms forms = io::name_forms(id);
+  return std::any_of(forms.begin(), forms.end(), [](const auto& form) { return io::is_sha256(form.first); });
+}
 
 PairList match_pairs(const io::ShapeSource& truth, const io::ShapeSource& prediction,
                      const std::vector<std::string>& truth_ids) {

@@ -26,6 +26,9 @@ struct PairList {
   std::vector<std::string> unused;  ///< predictions that belong to none of them
 };
 
+/// True when a name ends in the sha256 of a content.
+bool ends_in_sha256(const std::string& id);
+
 /// Finds each truth's prediction: the one of equal id; else the one that io::NameIndex finds by any name of the truth
 /// (uuid, sha256, path, "<shard>#<uuid>"), by the sha256 of the truth's content, or by the folder that the prediction
 /// lies in. Two single files are a pair whatever their names.

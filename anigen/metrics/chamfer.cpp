@@ -48,17 +48,6 @@ SkeletonChamfer sampled(const MetricSkeleton& a, const MetricSkeleton& b, const 
   return chamfer(a, b, samples_a, samples_b, NearestBone(samples_a), NearestBone(samples_b));
 }
 
-/// Bones as lines: what kPaper means.
-SkeletonChamfer exact_chamfer(const MetricSkeleton& predicted, const MetricSkeleton& truth) {
-  return chamfer(predicted, truth, spaced_samples(predicted.bones), spaced_samples(truth.bones),
-                 NearestBone(predicted.bones), NearestBone(truth.bones));
-}
-
-/// Bones as 100 samples each: kUnirig before it divides by the range.
-SkeletonChamfer counted_chamfer(const MetricSkeleton& predicted, const MetricSkeleton& truth) {
-  return sampled(predicted, truth, counted_samples(predicted.bones), counted_samples(truth.bones));
-}
-
 }  // namespace
 
 std::vector<BoneSamples> spaced_samples(const std::vector<geometry::Bone>& bones, double spacing) {
@@ -219,12 +208,14 @@ SkeletonChamfer spaced_chamfer(const MetricSkeleton& predicted, const MetricSkel
 
 SkeletonChamfer skeleton_chamfer(const MetricSkeleton& predicted, const MetricSkeleton& truth,
                                  SkeletonProtocol protocol, double unirig_range) {
-  if (protocol == SkeletonProtocol::kPaper) return exact_chamfer(predicted, truth);
+  if (protocol == SkeletonProtocol::kPaper)
+    return chamfer(predicted, truth, spaced_samples(predicted.bones), spaced_samples(truth.bones),
+                   NearestBone(predicted.bones), NearestBone(truth.bones));
   if (protocol == SkeletonProtocol::kRignet) return spaced_chamfer(predicted, truth);
   if (protocol == SkeletonProtocol::kPuppeteer)
     return spaced_chamfer(puppeteer_cleaned(predicted), puppeteer_cleaned(truth));
   if (!(unirig_range > 0.0)) throw InputError("", "unirig_range", "the coordinate range must be positive");
-  SkeletonChamfer result = counted_chamfer(predicted, truth);
+  SkeletonChamfer result = sampled(predicted, truth, counted_samples(predicted.bones), counted_samples(truth.bones));
   result.j2j /= unirig_range;
   result.j2b /= unirig_range;
   result.b2b /= unirig_range;
