@@ -18,6 +18,7 @@ void check_size(std::string_view text, const std::string& file, const JsonLimits
   std::size_t depth = 0, values = 0;
   bool in_string = false;
   for (std::size_t i = 0; i < text.size(); ++i) {
+    const auto fail = [&](const std::string& problem) { throw InputError(file, "byte " + std::to_string(i), problem); };
     const char c = text[i];
     if (in_string) {
       if (c == '\\')
@@ -31,14 +32,9 @@ void check_size(std::string_view text, const std::string& file, const JsonLimits
       in_string = true;
     else if ((c == '}' || c == ']') && depth > 0)
       --depth;
-    if (opens && ++depth > limits.depth) {
-      throw InputError(file, "byte " + std::to_string(i),
-                       "JSON nested deeper than " + std::to_string(limits.depth) + " levels");
-    }
-    if ((opens || c == ',') && ++values > limits.values) {
-      throw InputError(file, "byte " + std::to_string(i),
-                       "more than " + std::to_string(limits.values) + " JSON values");
-    }
+    if (opens && ++depth > limits.depth) fail("JSON nested deeper than " + std::to_string(limits.depth) + " levels");
+    if ((opens || c == ',') && ++values > limits.values)
+      fail("more than " + std::to_string(limits.values) + " JSON values");
   }
 }
 

@@ -242,7 +242,7 @@ class NpyMember {
     std::size_t length = 0;
     for (std::size_t i = length_bytes; i-- > 0;) length = length << 8 | start[i];
     constexpr std::size_t kMaxHeader = 1 << 20;
-    if (length > kMaxHeader) throw InputError(place_.file, place_.member, "NPY header of implausible length");
+    if (length > kMaxHeader) fail("NPY header of implausible length");
     header_start_ = static_cast<std::size_t>(reader_.position());
     need(header_start_ + length);
     std::string text(length, '\0');
@@ -274,6 +274,8 @@ class NpyMember {
   }
 
  private:
+  [[noreturn]] void fail(const std::string& problem) const { throw InputError(place_.file, place_.member, problem); }
+
   void need(std::uint64_t bytes) const {
     if (bytes > member_.bytes) {
       throw InputError(place_.file, place_.member + ", byte " + std::to_string(member_.bytes),
@@ -284,15 +286,11 @@ class NpyMember {
   /// Before anything is allocated for the data.
   void check_size() const {
     std::size_t count = 0;
-    if (!count_elements(header_.shape, header_.element.size, count)) {
-      throw InputError(place_.file, place_.member, "its shape overflows");
-    }
+    if (!count_elements(header_.shape, header_.element.size, count)) fail("its shape overflows");
     if (header_.element.kind == NpyElement::Kind::kObject) return;
-    const std::uint64_t there = member_.bytes - reader_.position();
-    if (count * header_.element.size != there) {
-      throw InputError(place_.file, place_.member,
-                       "its shape needs " + std::to_string(count * header_.element.size) + " bytes of data and " +
-                           std::to_string(there) + " are there");
+    const std::uint64_t there = member_.bytes - reader_.position(), needed = count * header_.element.size;
+    if (needed != there) {
+      fail("its shape needs " + std::to_string(needed) + " bytes of data and " + std::to_string(there) + " are there");
     }
   }
 
