@@ -1,5 +1,4 @@
 #include <algorithm>
-#include <cstdio>
 
 #include "anigen/apps/common/command_line.h"
 #include "anigen/apps/common/torch_half.h"
@@ -32,7 +31,7 @@ void evaluate_skins(const EvalArguments& options, const CommonOptions& common) {
   }
   request.skins = options.skins;
   const eval::SkinEvaluation evaluation = eval::run_skin_evaluation(request);
-  std::fputs(common.json ? (to_json(evaluation).dump(2) + "\n").c_str() : to_markdown(evaluation).c_str(), stdout);
+  print_result(to_json(evaluation), to_markdown(evaluation), common);
   eval::require_scores(evaluation, options.output);
   const auto failed = std::count_if(evaluation.assets.begin(), evaluation.assets.end(),
                                     [](const auto& asset) { return !asset.methods.front().failure.empty(); });
@@ -66,8 +65,7 @@ void evaluate_shapes(const EvalArguments& options, const CommonOptions& common) 
   request.motion = options.motion;
   request.motions_pictured = options.motion_images;
   const eval::Comparison comparison = eval::run_evaluation(request);
-  std::fputs(common.json ? (eval::to_json(comparison).dump(2) + "\n").c_str() : to_markdown(comparison).c_str(),
-             stdout);
+  print_result(eval::to_json(comparison), to_markdown(comparison), common);
   for (std::size_t m = 0; m < comparison.methods.size(); ++m) {
     require_inputs(
         eval::failures(comparison, m), comparison.ids.size(),

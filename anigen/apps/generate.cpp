@@ -1,5 +1,3 @@
-#include <string>
-
 #include "anigen/apps/common/clustering_options.h"
 #include "anigen/apps/common/torch_half.h"
 #include "anigen/apps/generate_arguments.h"

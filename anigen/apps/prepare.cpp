@@ -1,5 +1,4 @@
 #include <algorithm>
-#include <cstdio>
 #include <cstring>
 #include <filesystem>
 #include <string>
@@ -170,11 +169,7 @@ prepare::PrepareOptions complete(Arguments& a, const CommonOptions& common) {
 }
 
 void show(const prepare::PrepareSummary& summary, const CommonOptions& common) {
-  if (common.json) {
-    std::printf("%s\n", to_json(summary).dump(2).c_str());
-  } else {
-    std::fputs(to_text(summary).c_str(), stdout);
-  }
+  print_result(to_json(summary), to_text(summary), common);
 }
 
 }  // namespace

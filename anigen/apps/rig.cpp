@@ -1,6 +1,4 @@
 #include <algorithm>
-#include <cstdint>
-#include <cstdio>
 #include <filesystem>
 #include <string>
 #include <vector>
@@ -16,11 +14,6 @@
 namespace {
 
 using namespace anigen;
-
-template <typename Reports>
-void print(const Reports& reports, const CommonOptions& common) {
-  std::fputs(common.json ? (to_json(reports).dump(2) + "\n").c_str() : to_text(reports).c_str(), stdout);
-}
 
 /// Lets trained models do what there are models for.
 void use_models(RigArguments& options, const CommonOptions& common) {
@@ -56,7 +49,7 @@ void rig_files(RigArguments& options, const CommonOptions& common) {
   }
   if (learned) use_models(options, common);
   const rigging::RigReports reports = rigging::rig_meshes(request);
-  print(reports, common);
+  print_result(to_json(reports), to_text(reports), common);
   const auto failed = std::count_if(reports.meshes.begin(), reports.meshes.end(),
                                     [](const auto& report) { return !report.failure.empty(); });
   require_inputs(static_cast<std::size_t>(failed), reports.meshes.size(), "meshes gave no rig", common);

@@ -1,6 +1,3 @@
-#include <string>
-#include <vector>
-
 #include "anigen/apps/common/command_line.h"
 #include "anigen/apps/common/torch_half.h"
 #include "anigen/apps/train_arguments.h"

@@ -84,13 +84,10 @@ void put_integer(std::string& out, int field, std::uint64_t value) {
   put_varint(out, value);
 }
 
-void put_double(std::string& out, int field, double value) {
-  put_varint(out, static_cast<std::uint64_t>(field) << 3 | 1);
-  put_bytes(out, value);
-}
-
-void put_float(std::string& out, int field, float value) {
-  put_varint(out, static_cast<std::uint64_t>(field) << 3 | 5);
+// Of a double or a float.
+template <typename T>
+void put_number(std::string& out, int field, T value) {
+  put_varint(out, static_cast<std::uint64_t>(field) << 3 | (sizeof(T) == 8 ? 1 : 5));
   put_bytes(out, value);
 }
 
@@ -126,10 +123,8 @@ CsvTable metrics_after(const fs::path& file, std::int64_t step) {
 
 MetricsLog::MetricsLog(fs::path file, std::int64_t last_step) : file_(std::move(file)), table_(read_table(file_)) {
   drop_rows(table_, last_step, /*after=*/true);
-  rewrite();
+  write_file_atomically(file_, to_csv(table_));
 }
-
-void MetricsLog::rewrite() const { write_file_atomically(file_, to_csv(table_)); }
 
 void MetricsLog::append(std::int64_t step, const Values& values) {
   const std::size_t columns_before = table_.columns.size();
@@ -147,7 +142,7 @@ void MetricsLog::append(std::int64_t step, const Values& values) {
   table_.rows.push_back(row);
   if (table_.columns.size() != columns_before) {
     for (auto& each : table_.rows) each.resize(table_.columns.size());
-    rewrite();
+    write_file_atomically(file_, to_csv(table_));
     return;
   }
   std::ofstream out(file_, std::ios::app | std::ios::binary);
@@ -205,7 +200,7 @@ TensorBoardWriter::~TensorBoardWriter() { std::fclose(file_); }
 
 void TensorBoardWriter::write_event(std::int64_t step, const std::string& payload) {
   std::string event;
-  put_double(event, kWallTime, seconds_now());
+  put_number(event, kWallTime, seconds_now());
   if (step != 0) put_integer(event, kStep, static_cast<std::uint64_t>(step));
   event += payload;
   std::string length, frame;
@@ -222,7 +217,7 @@ void TensorBoardWriter::write_event(std::int64_t step, const std::string& payloa
 void TensorBoardWriter::scalar(const std::string& tag, double value, std::int64_t step) {
   std::string entry;
   put_string(entry, kTag, tag);
-  put_float(entry, kSimpleValue, static_cast<float>(value));
+  put_number(entry, kSimpleValue, static_cast<float>(value));
   write_event(step, summary(entry));
 }
 

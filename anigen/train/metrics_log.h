@@ -26,8 +26,6 @@ class MetricsLog {
   void append(std::int64_t step, const Values& values);
 
  private:
-  void rewrite() const;
-
   std::filesystem::path file_;
   CsvTable table_;
 };

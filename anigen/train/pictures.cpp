@@ -53,8 +53,6 @@ std::vector<int> joint_parents(const Tensor& parents) {
 
 }  // namespace
 
-using torch::Tensor;
-
 void set_vertex_colors(Mesh& mesh, const Tensor& attributes) {
   if (!attributes.defined() || attributes.size(1) < 3) return;
   const Tensor colors = attributes.slice(1, 0, 3).to(torch::kCPU, torch::kFloat32).clamp(0.0, 1.0).contiguous();

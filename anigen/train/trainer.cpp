@@ -6,6 +6,7 @@
 #include <cmath>
 #include <limits>
 #include <system_error>
+#include <utility>
 
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
@@ -66,8 +67,6 @@ class AveragedWeights {
   ParameterBuffer& buffer_;
   torch::Tensor kept_;
 };
-
-double so_far(Clock::time_point start) { return std::chrono::duration<double>(Clock::now() - start).count(); }
 
 std::string joined_ids(const data::Batch& batch) {
   std::string line;
@@ -233,20 +232,17 @@ void Trainer::print() {
 
 void Trainer::log_means() {
   bring_means_together();
-  if (!first()) {
-    times_ = StepTimes();
-    timed_steps_ = 0;
-    return;
-  }
+  const StepTimes sums = std::exchange(times_, StepTimes());
+  const double steps = static_cast<double>(std::max<std::int64_t>(std::exchange(timed_steps_, 0), 1));
+  if (!first()) return;
   Values values = means_.means();
-  const double steps = static_cast<double>(std::max<std::int64_t>(timed_steps_, 1));
-  const double data = times_.data / steps, forward = times_.forward / steps, backward = times_.backward / steps,
-               update = times_.update / steps;
+  const double data = sums.data / steps, forward = sums.forward / steps, backward = sums.backward / steps,
+               update = sums.update / steps;
   for (const auto& [name, seconds] :
        {std::pair{"data", data}, {"forward", forward}, {"backward", backward}, {"update", update}}) {
     values.emplace_back(std::string("time.") + name + "_ms", seconds * 1e3);
   }
-  const double communication = times_.communication / steps;
+  const double communication = sums.communication / steps;
   if (!alone()) values.emplace_back("time.communication_ms", communication * 1e3);
   const double per_step = data + forward + backward + communication + update;
   values.emplace_back("time.samples_per_s", static_cast<double>(options_.batch_size) / std::max(per_step, 1e-9));
@@ -258,8 +254,6 @@ void Trainer::log_means() {
   }
   board_->flush();
   means_.clear();
-  times_ = StepTimes();
-  timed_steps_ = 0;
 }
 
 void Trainer::profile(std::int64_t steps_done, bool last) {
@@ -311,8 +305,6 @@ void Trainer::sample() {
   board_->flush();
 }
 
-bool Trainer::out_of_time() const { return options_.max_minutes > 0.0 && elapsed() >= 60.0 * options_.max_minutes; }
-
 double Trainer::elapsed() const { return elapsed_before_ + seconds_since(started_); }
 
 void Trainer::train_micro_batches(const data::StepBatches& batches, const std::vector<std::size_t>& ours,
@@ -346,7 +338,7 @@ void Trainer::train_micro_batches(const data::StepBatches& batches, const std::v
       }
       if (replica != 0) continue;
       times_.forward += std::chrono::duration<double>(middle - begin).count();
-      times_.backward += so_far(middle);
+      times_.backward += seconds_since(middle);
     }
   });
 }
@@ -397,7 +389,7 @@ StepVerdict Trainer::train_step(const data::StepBatches& batches) {
               update_->recovery.step());
   }
   for (std::size_t i = 1; i < buffers_.size(); ++i) buffers_[i].publish();
-  times_.update += so_far(begin) - (times_.communication - waited_before);
+  times_.update += seconds_since(begin) - (times_.communication - waited_before);
   ++timed_steps_;
   samples_ += options_.batch_size;
   last_loss_ = verdict.loss_sum / static_cast<double>(batches.size());

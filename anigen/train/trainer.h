@@ -82,7 +82,8 @@ class Trainer {
   StartPoint choose_start() const;
   StartPoint agreed_on(const StartPoint& start_of_rank_0);
   bool restart_is_under_way() const;
-  std::int64_t last_kept_step() const;
+  /// Of the history in the output that this run continues; -1 when it begins one.
+  std::int64_t last_kept_step() const { return start_.own && start_.step ? *start_.step : -1; }
   void begin_again();
   void end_restart() const;
   void require_saved() const;
@@ -113,7 +114,7 @@ class Trainer {
   void restore_state(const SavedState& state);
   void restore_generator(const SavedState& state);
   void bring_means_together();
-  bool out_of_time() const;
+  bool out_of_time() const { return options_.max_minutes > 0.0 && elapsed() >= 60.0 * options_.max_minutes; }
   double elapsed() const;  ///< seconds of training, over all resumed runs
 
   const TrainerOptions options_;

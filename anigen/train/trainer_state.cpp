@@ -183,8 +183,6 @@ std::vector<std::int64_t> CheckpointFolder::stated_steps() const {
   return {found.begin(), found.end()};
 }
 
-bool CheckpointFolder::holds_states() const { return !stated_steps().empty(); }
-
 std::vector<std::int64_t> CheckpointFolder::steps() const {
   std::vector<std::int64_t> found = stated_steps();
   found.erase(std::remove_if(found.begin(), found.end(), [this](std::int64_t step) { return !complete(step); }),
@@ -347,9 +345,6 @@ bool Trainer::restart_is_under_way() const {
   const Json begun = read_json(file);
   return begun.is_object() && begun.contains("command") && begun["command"] == run_.command;
 }
-
-// Of the history in the output that this run continues; -1 when it begins one.
-std::int64_t Trainer::last_kept_step() const { return start_.own && start_.step ? *start_.step : -1; }
 
 void Trainer::begin_again() {
   const std::int64_t last = last_kept_step();

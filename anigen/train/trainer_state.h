@@ -40,7 +40,7 @@ class CheckpointFolder {
   /// Reads the state's header, none of its arrays, and compares the sizes of files.
   bool complete(std::int64_t step) const;
   /// There is the state of some set, complete or not.
-  bool holds_states() const;
+  bool holds_states() const { return !stated_steps().empty(); }
 
   /// @throws InputError when the file is missing or damaged
   io::NamedArrays weights(const std::string& name, std::int64_t step) const;

@@ -1,7 +1,6 @@
 #include "anigen/apps/common/command_line.h"
 
 #include <algorithm>
-#include <cstdio>
 #include <exception>
 #include <new>
 #include <utility>
@@ -145,6 +144,10 @@ void refuse_given(const CLI::App& app, const std::vector<std::string>& names, co
   for (const std::string& name : names) {
     if (app.get_option(name)->count() > 0) throw InputError("", name, reason);
   }
+}
+
+void print_result(const Json& json, const std::string& text, const CommonOptions& common) {
+  std::fputs(common.json ? (json.dump(2) + "\n").c_str() : text.c_str(), stdout);
 }
 
 void require_inputs(std::size_t failed, std::size_t all, const std::string& what, const CommonOptions& common) {

@@ -159,6 +159,9 @@ void refuse_given(const CLI::App& app, const std::vector<std::string>& names, co
 /// allows it. @param what "images gave no asset" @throws Error counting them
 void require_inputs(std::size_t failed, std::size_t all, const std::string& what, const CommonOptions& common);
 
+/// Prints a program's result on standard output: with --json as JSON, else as text.
+void print_result(const Json& json, const std::string& text, const CommonOptions& common);
+
 /// Lines that --version adds: libraries of the half that needs LibTorch, which is loaded for them.
 inline std::function<std::string()> library_versions() {
 #ifdef ANIGEN_WITH_TORCH

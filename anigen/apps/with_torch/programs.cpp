@@ -1,5 +1,3 @@
-#include "anigen/apps/with_torch/programs.h"
-
 #include <cstdio>
 #include <memory>
 #include <string>
@@ -33,10 +31,6 @@ namespace anigen {
 
 namespace {
 
-void print(const Json& json, const std::string& text, const CommonOptions& common) {
-  std::fputs(common.json ? (json.dump(2) + "\n").c_str() : text.c_str(), stdout);
-}
-
 void require_latents(const generate::EncodedLatents& result, const CommonOptions& common) {
   if (result.failed.empty()) return;
   require_inputs(result.failed.size(), result.assets,
@@ -53,22 +47,20 @@ std::size_t count_failures(const Reports& each) {
 
 void reconstruct(const generate::ReconstructRequest& request, const CommonOptions& common) {
   const std::vector<generate::ReconstructedAsset> made = generate::reconstruct_assets(request);
-  print(generate::to_json(made), generate::to_text(made), common);
+  print_result(generate::to_json(made), generate::to_text(made), common);
   require_inputs(count_failures(made), made.size(), "assets gave no file", common);
 }
-
-}  // namespace
 
 void run_encode(const EncodeArguments& arguments, const CommonOptions& common) {
   nn::set_up_computing(common.threads);
   if (arguments.task == EncodeArguments::Task::kReconstruct) return reconstruct(arguments.rebuilt, common);
   if (arguments.task == EncodeArguments::Task::kStructure) {
     const generate::EncodeResult result = generate::encode_sparse_structure(arguments.encoded);
-    print(to_json(result), to_text(result), common);
+    print_result(to_json(result), to_text(result), common);
     return require_latents(result, common);
   }
   const generate::EncodedLatents result = generate::encode_structured_latents(arguments.encoded);
-  print(to_json(result), to_text(result, "latents"), common);
+  print_result(to_json(result), to_text(result, "latents"), common);
   require_latents(result, common);
 }
 
@@ -116,8 +108,6 @@ void evaluate_structures(const EvalArguments& arguments, const CommonOptions& co
   const generate::StructureEvaluation evaluation = generate::evaluate_structures(request);
   std::fputs((to_markdown(evaluation.table()) + "\n").c_str(), stdout);
 }
-
-namespace {
 
 /// The number of joints that one of three options asks for.
 std::int64_t wanted_joints(const GenerateArguments& arguments) {
@@ -207,13 +197,10 @@ generate::GenerateRequest request_of(const GenerateArguments& arguments, const C
   return request;
 }
 
-}  // namespace
-
 void run_generate(const GenerateArguments& arguments, const CommonOptions& common) {
   nn::set_up_computing(common.threads);
   const auto reports = generate::generate_assets(request_of(arguments, common), pictures_of(arguments));
-  std::fputs(common.json ? (generate::to_json(reports).dump(2) + "\n").c_str() : generate::to_text(reports).c_str(),
-             stdout);
+  print_result(generate::to_json(reports), generate::to_text(reports), common);
   require_inputs(count_failures(reports), reports.size(), "images gave no asset", common);
 }
 
@@ -255,11 +242,9 @@ void retrieve(const RigArguments& arguments, const CommonOptions& common) {
                 request.dataset, {arguments.image_splits.begin(), arguments.image_splits.end()}, arguments.limit)
           : generate::pictures_at(arguments.image);
   const auto reports = generate::retrieve_assets(request, pictures);
-  std::fputs(common.json ? (to_json(reports).dump(2) + "\n").c_str() : to_text(reports).c_str(), stdout);
+  print_result(to_json(reports), to_text(reports), common);
   require_inputs(count_failures(reports), reports.size(), "images gave no rig", common);
 }
-
-namespace {
 
 train::TrainCommand command_of(const TrainArguments& arguments, const CommonOptions& common) {
   train::TrainCommand command;
@@ -284,8 +269,6 @@ train::TrainCommand command_of(const TrainArguments& arguments, const CommonOpti
   }
   return command;
 }
-
-}  // namespace
 
 int run_train(const TrainArguments& arguments, const CommonOptions& common) {
   const train::LaunchEnvironment environment = train::read_launch_environment(arguments.rendezvous);
@@ -312,8 +295,6 @@ int run_train(const TrainArguments& arguments, const CommonOptions& common) {
   train::train(command);
   return 0;
 }
-
-namespace {
 
 std::string describe_weights(const std::string& run, Json& description) {
   description["weights"] = generate::describe_weights(run);

@@ -124,8 +124,6 @@ GradientBuckets::~GradientBuckets() {
   for (std::size_t i = 0; i < hooks_.size(); ++i) accumulators_[i]->del_post_hook(hooks_[i]);
 }
 
-void GradientBuckets::expect_last_backward() { listening_ = true; }
-
 void GradientBuckets::ready(std::size_t slot) {
   if (ready_[slot]) {
     in_parts_[slot] = true;

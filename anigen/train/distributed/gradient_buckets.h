@@ -70,7 +70,7 @@ class GradientBuckets {
   GradientBuckets& operator=(const GradientBuckets&) = delete;
 
   /// The next backward pass is the step's last.
-  void expect_last_backward();
+  void expect_last_backward() { listening_ = true; }
   /// After the last backward pass: adds the gradients of the other copies and begins the sums that have not begun.
   /// @param buffers the one of the constructor first, then those of replicas
   /// @throws Error when a part of a gradient came after its bucket had left

@@ -150,11 +150,8 @@ class AnymateStage final
       case anymate::Task::kSkinning: {
         const std::int64_t points = collated.points_cloud.size(1);
         const Tensor rows = anymate::training_points(points, std::min(points, options_.skin_points));
-        anymate::SkinningInput input;
-        input.latents = latents;
-        input.points = collated.points_cloud.index_select(1, rows).to(device_);
-        input.bones = collated.bones.to(device_);
-        input.mask = collated.bones_mask.to(device_);
+        const anymate::SkinningInput input{latents, collated.points_cloud.index_select(1, rows).to(device_),
+                                           collated.bones.to(device_), collated.bones_mask.to(device_)};
         const auto losses = anymate::skinning_losses(model_->decoder<anymate::SkinningImpl>().forward(input),
                                                      collated.skins.index_select(1, rows).to(device_));
         return {losses.cos_clamp, {{"cos_clamp", losses.cos_clamp}, {"ce", losses.ce}}};
@@ -179,11 +176,8 @@ class AnymateStage final
       }
       case anymate::Task::kSkinning: {
         if (!batch.skins.defined()) throw InputError("", sample.name + "/skins_index", "the sample has no weights");
-        anymate::SkinningInput input;
-        input.latents = latents;
-        input.points = batch.points_cloud.to(device_);
-        input.bones = batch.bones.to(device_);
-        input.mask = batch.bones_mask.to(device_);
+        const anymate::SkinningInput input{latents, batch.points_cloud.to(device_), batch.bones.to(device_),
+                                           batch.bones_mask.to(device_)};
         const Tensor predicted = model_->decoder<anymate::SkinningImpl>().forward(input)[0].softmax(-1);
         return scores.add_skinning(sample.name, predicted, batch.skins[0], batch.points_cloud[0].narrow(1, 0, 3),
                                    batch.bones[0]);

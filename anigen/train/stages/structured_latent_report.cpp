@@ -1,6 +1,5 @@
 #include "anigen/train/stages/structured_latent_report.h"
 
-#include <algorithm>
 #include <cmath>
 
 #include "anigen/core/config_fields.h"
