@@ -115,8 +115,6 @@ ErfMlpImpl::ErfMlpImpl(std::int64_t in, std::int64_t hidden, std::int64_t out, c
   second_ = register_module(second, nn::Linear(hidden, out));
 }
 
-Tensor ErfMlpImpl::forward(const Tensor& x) { return second_(torch::gelu(first_(x))); }
-
 ResidualAttentionImpl::ResidualAttentionImpl(std::int64_t width, std::int64_t heads, bool qkv_bias) {
   attention_ = register_module("attn", InterleavedSelfAttention(width, heads, qkv_bias));
   ln_1_ = register_module("ln_1", nn::AffineLayerNorm(width, kNormEps));

@@ -85,7 +85,8 @@ class ErfMlpImpl : public torch::nn::Module {
  public:
   ErfMlpImpl(std::int64_t in, std::int64_t hidden, std::int64_t out, const std::string& first = "c_fc",
              const std::string& second = "c_proj");
-  Tensor forward(const Tensor& x);  ///< @param x [..., in] @return [..., out]
+  /// @param x [..., in] @return [..., out]
+  Tensor forward(const Tensor& x) { return second_(torch::gelu(first_(x))); }
 
  private:
   nn::Linear first_ = nullptr, second_ = nullptr;
@@ -212,8 +213,6 @@ void normal_blocks(torch::nn::Module& module, double std);
 
 /// Both, where initial values are wanted.
 void start_blocks(torch::nn::Module& module, double std, nn::Init init);
-
-using torch::Tensor;
 
 /// @param what the argument that is wrong @throws InputError unless the condition holds
 void require(bool condition, const std::string& what, const std::string& problem);

@@ -174,8 +174,6 @@ torch::Tensor empty_features(std::size_t rows) { return torch::empty({static_cas
 
 float* put(const Eigen::Vector3f& value, float* out) { return std::copy_n(value.data(), 3, out); }
 
-using torch::Tensor;
-
 std::vector<Eigen::Vector3f> in_frame(const std::vector<Eigen::Vector3f>& points, const AnymateFrame& frame) {
   std::vector<Eigen::Vector3f> moved;
   for (const Eigen::Vector3f& point : points) moved.emplace_back(frame.into(point.cast<double>()).cast<float>());

@@ -8,8 +8,6 @@
 
 namespace anigen::anymate {
 
-using torch::Tensor;
-
 inline constexpr std::int64_t kHarmonics = 25;  ///< real spherical harmonics up to degree 4
 
 /// [x, sin(f_k x_d), cos(f_k x_d)] with f_k = 2^k, k = 0 … num_freqs - 1, times π if asked for; all k of the first
@@ -22,8 +20,6 @@ inline std::int64_t fourier_width(std::int64_t num_freqs, std::int64_t dims = 3)
 /// Real spherical harmonics of a direction, degree by degree; the direction is taken as it is, not normalised
 /// (docs/reference/anymate.md, 2.1). @param directions [..., 3] floating @return [..., 25], its dtype
 Tensor spherical_harmonics(const Tensor& directions);
-
-using torch::Tensor;
 
 /// The noise levels of Anymate's diffusion and DDIM's step between them (Song et al. 2021; docs/reference/anymate.md,
 /// 3.2): β linear from 1e-4 to 0.02 over all training steps, the network predicts the noise, the predicted data are

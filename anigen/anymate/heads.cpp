@@ -118,8 +118,6 @@ LinearChainImpl::LinearChainImpl(std::int64_t in, std::int64_t out) {
   norm_ = register_module("3", nn::AffineLayerNorm(out, kNormEps));
 }
 
-Tensor LinearChainImpl::forward(const Tensor& x) { return norm_(third_(second_(first_(x)))); }
-
 TokenConnectivityImpl::TokenConnectivityImpl(const HeadOptions& options, std::int64_t layers, std::int64_t token_length,
                                              nn::Init init)
     : options_(options) {

@@ -17,8 +17,6 @@ struct HeadOptions {
                              ///< large weights
 };
 
-using torch::Tensor;
-
 /// Logits of pairs of tokens, (k_proj ln_1 a) (q_proj ln_2 b)ᵀ. Not a module: registers `q_proj`, `k_proj`, `ln_1` and
 /// `ln_2` in the head.
 class PairLogits {

@@ -9,8 +9,6 @@
 
 namespace anigen::anymate {
 
-using torch::Tensor;
-
 struct DbscanOptions {
   double eps = 0.03;             ///< reach of a point, inclusive
   std::int64_t min_samples = 1;  ///< points within reach, itself included, that make a point a core point

@@ -383,11 +383,10 @@ void AnymateModelImpl::make_encoder(nn::Init init) {
       require_width(widths.out, options_);
       bert_ = register_module("encoder", PointBert(options_.bert, init));
       if (one_vector) {
-        pooled_projection_ = register_module("point_proj", PooledProjection(widths, bert_->token_count()));
-        with_defaults(pooled_projection_, init);
+        pooled_projection_ = with_defaults(PooledProjection(widths, bert_->token_count()), init);
+        register_module("point_proj", pooled_projection_);
       } else {
-        token_projection_ = register_module("point_proj", TokenProjection(widths));
-        with_defaults(token_projection_, init);
+        token_projection_ = register_module("point_proj", with_defaults(TokenProjection(widths), init));
       }
       break;
     }
@@ -398,8 +397,7 @@ void AnymateModelImpl::make_encoder(nn::Init init) {
       require_width(width, options_);
       michelangelo_ = register_module("encoder", MichelangeloEncoder(michelangelo, init));
       if (options_.load_encoder && !one_vector) {
-        loaded_projection_ = register_module("point_proj", ErfMlp(width, width, width, "0", "2"));
-        with_defaults(loaded_projection_, init);
+        loaded_projection_ = register_module("point_proj", with_defaults(ErfMlp(width, width, width, "0", "2"), init));
       }
       break;
     }
@@ -408,8 +406,7 @@ void AnymateModelImpl::make_encoder(nn::Init init) {
       require_width(width, options_);
       if (one_vector) throw InputError("", "encoder", "'transformer' has no single vector for 'triplane'");
       scratch_ = register_module("encoder", ScratchEncoder(options_.scratch, init));
-      points_cloud_embed_ = register_module("points_cloud_embed", nn::Linear(width, width));
-      with_defaults(points_cloud_embed_, init);
+      points_cloud_embed_ = register_module("points_cloud_embed", with_defaults(nn::Linear(width, width), init));
       break;
     }
   }

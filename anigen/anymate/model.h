@@ -79,8 +79,6 @@ struct ModelOptions : JsonOptions<ModelOptions> {
   void fields(ConfigFields& f);
 };
 
-using torch::Tensor;
-
 /// One sample of Anymate's data, as its files hold it (docs/reference/anymate.md, 1.2), in its frame: longest side from
 /// -1 to 1, Y up. What is undefined is left out of the batch; joints and bones must be there.
 struct AnymateSample {

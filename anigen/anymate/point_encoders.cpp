@@ -121,8 +121,6 @@ PointwiseConvImpl::PointwiseConvImpl(std::int64_t in, std::int64_t out) {
   bias = register_parameter("bias", torch::empty({out}));
 }
 
-Tensor PointwiseConvImpl::forward(const Tensor& x) { return torch::linear(x, weight.squeeze(-1), bias); }
-
 MiniPointNetImpl::MiniPointNetImpl(std::int64_t in, std::int64_t out) {
   const auto first = register_module("first_conv", std::make_shared<torch::nn::Module>());
   conv1_ = first->register_module("0", PointwiseConv(in, kFirstWidth));

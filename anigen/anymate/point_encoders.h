@@ -7,8 +7,6 @@
 
 namespace anigen::anymate {
 
-using torch::Tensor;
-
 /// Farthest-point sampling (Eldar et al. 1997): again and again the point whose squared distance to those chosen is
 /// largest, of equal ones the first. On the CPU, one thread an item.
 /// @param points [B, N, 3] fp32 @param count at most N @param start [B] int64, the first choice of each item
@@ -21,8 +19,6 @@ Tensor farthest_points(const Tensor& points, std::int64_t count, const Tensor& s
 /// @param points [B, N, 3] @param centers [B, G, 3] @return [B, G, count] int64
 /// @throws InputError for shapes and for more points than there are
 Tensor nearest_points(const Tensor& points, const Tensor& centers, std::int64_t count);
-
-using torch::Tensor;
 
 /// Convolution with a kernel of one, over values whose channels come last: a linear map with `weight` [out, in, 1] and
 /// `bias` [out], as the state dict of a Conv1d has them. Not initialised.

@@ -10,8 +10,6 @@
 
 namespace anigen::anymate {
 
-using torch::Tensor;
-
 inline constexpr std::int64_t kVolumeSide = 64;             ///< cells of the grid of occupied voxels
 inline constexpr std::int64_t kMostTrainingVoxels = 50000;  ///< of one item in a training step
 

@@ -88,7 +88,6 @@ AssetGenerator::AssetGenerator(const Request& request) : request_(request) {
   latent_size_ = second.reading().image_size;
   grid_ = second.options().resolution;
   counts_joints_ = second.options().use_joint_num_cond;
-  most_joints_ = second.options().joint_num_max;
   latent_decoder_ckpt_ = second.reading().slat_dec_ckpt;
   latent_autoencoder_ = request.latent_autoencoder;
   if (latent_autoencoder_.empty()) {
@@ -100,8 +99,6 @@ AssetGenerator::AssetGenerator(const Request& request) : request_(request) {
   require_grid(decoder().options().resolution, latent_autoencoder_);
   forget_unless_kept();
 }
-
-AssetGenerator::~AssetGenerator() = default;
 
 void AssetGenerator::require_grid(std::int64_t found, const std::filesystem::path& run) const {
   if (found == grid_) return;

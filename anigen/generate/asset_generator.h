@@ -77,13 +77,10 @@ class AssetGenerator {
   };
   /// Reads the configs, and the weights too unless memory is low. @throws InputError when a run is unusable
   explicit AssetGenerator(const Request& request);
-  ~AssetGenerator();
 
   int structure_size() const { return structure_size_; }  ///< pixels of the picture that the first flow sees
   int latent_size() const { return latent_size_; }
   bool structure_sees_normals() const { return structure_sees_normals_; }
-  bool counts_joints() const { return counts_joints_; }
-  std::int64_t most_joints() const { return most_joints_; }
   /// The four run folders that are used.
   const std::vector<std::filesystem::path>& runs() const { return runs_; }
 
@@ -112,7 +109,7 @@ class AssetGenerator {
   std::string latent_decoder_ckpt_;
   int structure_size_ = 0, latent_size_ = 0;
   bool structure_sees_normals_ = false, counts_joints_ = false;
-  std::int64_t most_joints_ = 0, grid_ = 0;
+  std::int64_t grid_ = 0;
 };
 
 }  // namespace anigen::generate

@@ -11,7 +11,6 @@
 #include "anigen/data/view_files.h"
 #include "anigen/data/voxel_files.h"
 #include "anigen/generate/assemble.h"
-#include "anigen/generate/stage_generators.h"
 #include "anigen/io/gltf/gltf.h"
 #include "anigen/nn/profile.h"
 

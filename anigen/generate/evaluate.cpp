@@ -17,54 +17,71 @@
 #include "anigen/core/process.h"
 #include "anigen/core/run_folder.h"
 #include "anigen/generate/retrieve.h"
-#include "anigen/generate/stage_generators.h"
 #include "anigen/io/arrays/safetensors.h"
 #include "anigen/io/arrays/torch_archive.h"
 #include "anigen/nn/profile.h"
-#include "anigen/nn/state_dict.h"
 #include "anigen/sparse_structure/voxel_metrics.h"
 #include "anigen/sparse_structure/voxel_picture.h"
 
 namespace anigen::generate {
 
+namespace {
+
 using torch::Tensor;
 
+// Descriptions of pictures, in which near means alike: one row each.
+struct PictureFeatures {
+  Tensor color;   // [N, 3 · cells²], picture_cells()
+  Tensor tokens;  // [N, M · C] the image encoder's tokens, of length 1
+};
+
+// Of pictures [B, 3, S, S].
 PictureFeatures picture_features(StructureGenerator& generator, const Tensor& pictures) {
   const torch::NoGradGuard no_grad;
   const Tensor tokens = generator.condition(pictures).to(torch::kCPU).flatten(1);
   return {picture_cells(pictures), tokens / tokens.norm(2, {1}, /*keepdim=*/true).clamp_min(1e-12)};
 }
 
-StructureRetrieval::StructureRetrieval(StructureGenerator& generator, const data::StructureLatentDataset& training,
-                                       std::size_t views)
-    : views_(views) {
-  std::vector<Tensor> color, tokens;
-  Progress progress("describing training pictures", training.assets(), "assets");
-  for (std::size_t asset = 0; asset < training.assets(); ++asset) {
-    throw_if_interrupted();
-    std::vector<data::Draw> draws;
-    for (std::size_t view = 0; view < views; ++view) {
-      draws.push_back({training.item_of(asset), asset * views + view});  // the position chooses the view
+// The training pictures that new ones are compared with.
+class StructureRetrieval {
+ public:
+  // Takes `views` random condition views of every training asset.
+  StructureRetrieval(StructureGenerator& generator, const data::StructureLatentDataset& training, std::size_t views)
+      : views_(views) {
+    std::vector<Tensor> color, tokens;
+    Progress progress("describing training pictures", training.assets(), "assets");
+    for (std::size_t asset = 0; asset < training.assets(); ++asset) {
+      throw_if_interrupted();
+      std::vector<data::Draw> draws;
+      for (std::size_t view = 0; view < views; ++view) {
+        draws.push_back({training.item_of(asset), asset * views + view});  // the position chooses the view
+      }
+      const auto batch = training.load(draws);
+      const PictureFeatures one =
+          picture_features(generator, dynamic_cast<const data::StructureLatentBatch&>(*batch).cond);
+      color.push_back(one.color);
+      tokens.push_back(one.tokens);
+      progress.advance();
     }
-    const auto batch = training.load(draws);
-    const PictureFeatures one =
-        picture_features(generator, dynamic_cast<const data::StructureLatentBatch&>(*batch).cond);
-    color.push_back(one.color);
-    tokens.push_back(one.tokens);
-    progress.advance();
+    progress.finish();
+    features_ = {torch::cat(color), torch::cat(tokens)};
   }
-  progress.finish();
-  features_ = {torch::cat(color), torch::cat(tokens)};
-}
 
-StructureRetrieval::Nearest StructureRetrieval::nearest(const PictureFeatures& features) const {
-  const auto row = [&](const Tensor& distances) {
-    return static_cast<std::size_t>(distances.argmin().item<std::int64_t>()) / views_;
+  struct Nearest {
+    std::size_t by_color = 0, by_tokens = 0;  // training assets
   };
-  return {row((features_.color - features.color).square().sum(1)), row(-features_.tokens.mv(features.tokens[0]))};
-}
+  // The training assets nearest to one picture.
+  Nearest nearest(const PictureFeatures& features) const {
+    const auto row = [&](const Tensor& distances) {
+      return static_cast<std::size_t>(distances.argmin().item<std::int64_t>()) / views_;
+    };
+    return {row((features_.color - features.color).square().sum(1)), row(-features_.tokens.mv(features.tokens[0]))};
+  }
 
-namespace {
+ private:
+  PictureFeatures features_;
+  std::size_t views_;
+};
 
 namespace fs = std::filesystem;
 

@@ -98,8 +98,6 @@ class LatentFolder {
   const std::filesystem::path& path() const { return path_; }
   std::filesystem::path file(const std::string& id) const { return path_ / (id + ".npz"); }
   std::string column() const { return (kind_ == LatentKind::kStructure ? "ss_latent_" : "latent_") + name_; }
-  /// Of the folder that holds the latents' folder.
-  std::string kind_name() const { return path_.parent_path().filename().string(); }
 
   /// Warns of channels that do not vary. The JSON of structured latents also holds `normalization` as the dataset of
   /// stage 5 takes it. @param normalized how many channels of `shape` it normalises; the others, and the skeleton's,

@@ -148,8 +148,6 @@ bool is_tip(const BoneEnds& bones, std::size_t bone) {
   return true;
 }
 
-using torch::Tensor;
-
 std::vector<int> numbers_of(const Tensor& indices) {
   const Tensor list = indices.to(torch::kInt32).contiguous();
   const auto* first = list.data_ptr<std::int32_t>();

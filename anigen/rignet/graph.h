@@ -85,8 +85,6 @@ Balls gather_balls(const PointSets& points, double ratio, double radius, std::in
 /// distances; fewer where there are fewer. @param values [M, C] @return [N, C] @throws InputError for shapes
 Tensor interpolated(const PointSets& coarse, const Tensor& values, const PointSets& fine);
 
-using torch::Tensor;
-
 /// Batch norm over rows (momentum 0.1). A single row has no spread to divide by: it is normed as in evaluation.
 /// @param x [N, C]
 Tensor batch_normed(torch::nn::BatchNorm1d& norm, const Tensor& x);

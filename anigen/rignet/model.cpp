@@ -26,8 +26,6 @@ Tensor VertexNetworkImpl::forward(const MeshGraph& graph) {
   return last_(dropout_(head_(torch::cat({code, graph.vertices, local}, 1))));
 }
 
-void VertexNetworkImpl::zero_last() { nn::zero_parameters(*last_); }
-
 namespace {
 
 Tensor distance_to_joints(const Tensor& points, const Tensor& joints) {
@@ -37,12 +35,9 @@ Tensor distance_to_joints(const Tensor& points, const Tensor& joints) {
 // Pairs i < j of [0, count), row by row. @return [2, P] int64
 Tensor upper_pairs(std::int64_t count) { return torch::triu_indices(count, count, 1, torch::kInt64); }
 
-using LayerWidths = std::vector<std::int64_t>;
-
 using Widths = std::vector<std::int64_t>;
 
 constexpr double kHardest = 0.3;
-
 constexpr double kNoBone = -1e8, kLeastSum = 1e-10;
 
 std::shared_ptr<torch::nn::Module> make_network(const RignetOptions& options) {
@@ -157,13 +152,13 @@ RootNetworkImpl::RootNetworkImpl(const RignetOptions& options) {
   const auto wide = [&](std::int64_t published) { return options.wide(published); };
   const std::int64_t shape = wide(128), near = wide(128), far = wide(256), all = wide(512);
   shape_ = register_module("shape", ShapeCode(options, shape));
-  near_ = register_module("near", SetAbstraction(0.999, 0.4, LayerWidths{4, wide(64), wide(64), near}));
-  far_ = register_module("far", SetAbstraction(0.33, 0.6, LayerWidths{near + 3, wide(128), wide(128), far}));
-  all_ = register_module("all", DenseStack(LayerWidths{far + 3, wide(256), wide(256), all}));
-  back_far_ = register_module("back_far", DenseStack(LayerWidths{all + far, wide(256), wide(256)}));
-  back_near_ = register_module("back_near", DenseStack(LayerWidths{wide(256) + near, wide(256), wide(128)}));
-  back_joints_ = register_module("back_joints", DenseStack(LayerWidths{wide(128) + 1, wide(128), wide(128)}));
-  head_ = register_module("head", DenseStack(LayerWidths{shape + wide(128), wide(200), wide(64)}));
+  near_ = register_module("near", SetAbstraction(0.999, 0.4, Widths{4, wide(64), wide(64), near}));
+  far_ = register_module("far", SetAbstraction(0.33, 0.6, Widths{near + 3, wide(128), wide(128), far}));
+  all_ = register_module("all", DenseStack(Widths{far + 3, wide(256), wide(256), all}));
+  back_far_ = register_module("back_far", DenseStack(Widths{all + far, wide(256), wide(256)}));
+  back_near_ = register_module("back_near", DenseStack(Widths{wide(256) + near, wide(256), wide(128)}));
+  back_joints_ = register_module("back_joints", DenseStack(Widths{wide(128) + 1, wide(128), wide(128)}));
+  head_ = register_module("head", DenseStack(Widths{shape + wide(128), wide(200), wide(64)}));
   last_ = register_module("last", nn::Linear(wide(64), 1));
 }
 

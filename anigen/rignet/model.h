@@ -18,7 +18,7 @@ class VertexNetworkImpl : public torch::nn::Module {
   Tensor forward(const MeshGraph& graph);  ///< @return [V, channels]
 
   /// The last map becomes zero, as JointNet's starts: all displacements are zero then.
-  void zero_last();
+  void zero_last() { nn::zero_parameters(*last_); }
 
  private:
   GraphStack units_ = nullptr;

@@ -9,6 +9,7 @@
 #include <queue>
 
 #include "anigen/core/error.h"
+#include "anigen/core/numeric.h"
 #include "anigen/core/random.h"
 #include "anigen/geometry/sampling.h"
 #include "anigen/geometry/simplify.h"
@@ -273,51 +274,43 @@ void SurfacePaths::join(const std::vector<std::pair<std::int32_t, std::int32_t>>
   for (std::size_t i = 1; i < first_link_.size(); ++i) first_link_[i] = std::max(first_link_[i], first_link_[i - 1]);
 }
 
-std::vector<SurfacePaths::Reached> SurfacePaths::within(std::int32_t vertex, double radius) const {
-  std::vector<double> distance(points_.size(), std::numeric_limits<double>::infinity());
-  std::vector<Reached> found;
+template <typename Reach>
+std::vector<SurfacePaths::Nearest> SurfacePaths::spread(const std::vector<std::int32_t>& sources, double radius,
+                                                        const Reach& reach) const {
+  std::vector<Nearest> found(points_.size(), Nearest{-1, std::numeric_limits<double>::infinity()});
   Queue open;
-  distance[at(vertex)] = 0.0;
-  open.push({0.0, vertex});
+  for (const std::int32_t vertex : sources) {
+    found[at(vertex)] = {vertex, 0.0};
+    open.push({0.0, vertex});
+  }
   while (!open.empty()) {
     const auto [here, point] = open.top();
     open.pop();
-    if (here > distance[at(point)]) continue;
-    if (at(point) < vertices_ && point != vertex) found.push_back({point, here});
+    if (here > found[at(point)].distance) continue;
+    reach(point, here);
     for (std::size_t l = first_link_[at(point)]; l < first_link_[at(point) + 1]; ++l) {
       const double there = here + links_[l].length;
-      if (there >= radius || there >= distance[at(links_[l].to)]) continue;
-      distance[at(links_[l].to)] = there;
+      if (there >= radius || there >= found[at(links_[l].to)].distance) continue;
+      found[at(links_[l].to)] = {found[at(point)].source, there};
       open.push({there, links_[l].to});
     }
   }
   return found;
 }
 
+std::vector<SurfacePaths::Reached> SurfacePaths::within(std::int32_t vertex, double radius) const {
+  std::vector<Reached> found;
+  spread({vertex}, radius, [&, vertex](std::int32_t point, double distance) {
+    if (at(point) < vertices_ && point != vertex) found.push_back({point, distance});
+  });
+  return found;
+}
+
 std::vector<SurfacePaths::Nearest> SurfacePaths::from(const std::vector<std::int32_t>& sources) const {
-  std::vector<double> distance(points_.size(), std::numeric_limits<double>::infinity());
-  std::vector<std::int32_t> source(points_.size(), -1);
-  Queue open;
-  for (const std::int32_t vertex : sources) {
-    distance[at(vertex)] = 0.0;
-    source[at(vertex)] = vertex;
-    open.push({0.0, vertex});
-  }
-  while (!open.empty()) {
-    const auto [here, point] = open.top();
-    open.pop();
-    if (here > distance[at(point)]) continue;
-    for (std::size_t l = first_link_[at(point)]; l < first_link_[at(point) + 1]; ++l) {
-      const double there = here + links_[l].length;
-      if (there >= distance[at(links_[l].to)]) continue;
-      distance[at(links_[l].to)] = there;
-      source[at(links_[l].to)] = source[at(point)];
-      open.push({there, links_[l].to});
-    }
-  }
-  std::vector<Nearest> nearest(vertices_);
-  for (std::size_t v = 0; v < vertices_; ++v) {
-    if (source[v] >= 0) nearest[v] = {source[v], distance[v]};
+  std::vector<Nearest> nearest = spread(sources, std::numeric_limits<double>::infinity(), [](std::int32_t, double) {});
+  nearest.resize(vertices_);
+  for (Nearest& vertex : nearest) {
+    if (vertex.source < 0) vertex.distance = 0.0;
   }
   return nearest;
 }

@@ -106,6 +106,9 @@ class SurfacePaths {
     float length;
   };
   void join(const std::vector<std::pair<std::int32_t, std::int32_t>>& pairs);
+  /// Dijkstra's algorithm from some vertices. @param reach called for each point nearer than `radius`, nearest first
+  template <typename Reach>
+  std::vector<Nearest> spread(const std::vector<std::int32_t>& sources, double radius, const Reach& reach) const;
 
   std::size_t vertices_;
   std::vector<Eigen::Vector3f> points_;  ///< vertices, then samples

@@ -150,8 +150,6 @@ Trainer::Trainer(Stage& stage, const TrainerOptions& options, const RunOptions& 
   buckets_ = std::make_unique<GradientBuckets>(buffers_.front(), *ranks_, buckets);
 }
 
-Trainer::~Trainer() = default;
-
 void Trainer::run() {
   try {
     train();

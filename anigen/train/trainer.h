@@ -52,7 +52,6 @@ class Trainer {
   /// @throws InputError for a file that does not fit, a frozen parameter that is in none, or fewer micro-batches than
   /// there are ranks and replicas
   Trainer(Stage& stage, const TrainerOptions& options, const RunOptions& run);
-  ~Trainer();
 
   /// Trains until max_steps or max_minutes, then evaluates, saves and, if i_sample is above 0, samples. A restart first
   /// moves later steps of the output aside (set_later_steps_aside()); until it has ended, `restart` of the same
