@@ -19,8 +19,7 @@
 namespace anigen::anymate {
 
 /// A skeleton as Anymate's data describe one: bones with two ends, and the joints that these ends are
-/// (docs/reference/anymate.md, 1.2 and 1.5). Some links between joints are no bones: those from the end of a bone with
-/// several children to these.
+/// (docs/reference/anymate.md, 1.2 and 1.5). Links from the end of a bone with several children to these are no bones.
 struct BoneLayout {
   std::vector<Eigen::Vector3f> joints;        ///< [J] ends of bones, each position once, heads first
   std::vector<int> conns;                     ///< [J] parent of each joint; a root's own index
@@ -72,8 +71,7 @@ torch::Tensor surface_features(const AnymateMesh& mesh, const std::vector<geomet
 torch::Tensor vertex_features(const AnymateMesh& mesh);
 
 /// The cells of the 64³ grid over [-1, 1]³ whose middle is inside the mesh or on its wall, [Nv, 3] int8
-/// (docs/reference/anymate.md, 1.4): the grid that fields of joints are asked about. Closed surfaces are not needed
-/// (rigging/voxels.h).
+/// (docs/reference/anymate.md, 1.4): the grid that fields of joints are asked about. Open meshes will do.
 torch::Tensor solid_cells(const AnymateMesh& mesh);
 
 struct AnymateConversion {

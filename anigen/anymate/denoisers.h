@@ -33,8 +33,7 @@ class DdimSchedule {
   /// x_t = √ᾱ_t x_0 + √(1 - ᾱ_t) ε. @param x_0, noise [B, ...] @param t [B] int64 in [0, T) @throws InputError
   Tensor noisy(const Tensor& x_0, const Tensor& noise, const Tensor& t) const;
 
-  /// Levels visited when sampling, from the noisiest: stride T / steps, ending at 0. @throws InputError unless 1 ≤
-  /// steps ≤ T
+  /// Levels of sampling from the noisiest: stride T / steps, ending at 0. @throws InputError unless 1 ≤ steps ≤ T
   std::vector<std::int64_t> timesteps(std::int64_t steps) const;
 
   struct Step {

@@ -17,8 +17,7 @@ struct HeadOptions {
                              ///< large weights
 };
 
-/// Logits of pairs of tokens, (k_proj ln_1 a) (q_proj ln_2 b)ᵀ. Not a module: registers `q_proj`, `k_proj`, `ln_1` and
-/// `ln_2` in the head.
+/// Logits of pairs of tokens, (k_proj ln_1 a) (q_proj ln_2 b)ᵀ. Puts `q_proj`, `k_proj`, `ln_1`, `ln_2` into the head.
 class PairLogits {
  public:
   PairLogits() = default;

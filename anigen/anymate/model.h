@@ -96,8 +96,7 @@ struct CollateOptions {
   std::int64_t max_joints = 96, max_bones = 64;  ///< rows that joints and bones are padded to, with -3
 };
 
-/// Samples as tensors with an axis of items (docs/reference/anymate.md, 1.6). A tensor is undefined when the samples do
-/// not have what it is made of.
+/// Samples as tensors with an axis of items (docs/reference/anymate.md, 1.6). What samples lack is undefined.
 struct AnymateBatch {
   std::vector<std::string> names;
   Tensor points_cloud;                   ///< [B, N, 6] fp32

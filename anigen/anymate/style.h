@@ -47,8 +47,7 @@ class StyledConvImpl : public torch::nn::Module {
 };
 TORCH_MODULE(StyledConv);
 
-/// 1 x 1 convolution under a style, without normalisation or activation: features to an image. Keys `weight` [out, in,
-/// 1, 1], `bias`, `affine.*`.
+/// 1 x 1 convolution under a style, nothing else: features to image. Keys `weight` [out, in, 1, 1], `bias`, `affine.*`.
 class ToImageImpl : public torch::nn::Module {
  public:
   ToImageImpl(std::int64_t in, std::int64_t out, std::int64_t style);

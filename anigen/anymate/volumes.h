@@ -13,8 +13,7 @@ namespace anigen::anymate {
 inline constexpr std::int64_t kVolumeSide = 64;             ///< cells of the grid of occupied voxels
 inline constexpr std::int64_t kMostTrainingVoxels = 50000;  ///< of one item in a training step
 
-/// A field over space that is high at joints, asked about at points. The logits of a point do not depend on the other
-/// points asked about.
+/// A field over space that is high at joints, asked about at points. Points do not influence each other.
 class JointVolumeImpl : public torch::nn::Module {
  public:
   /// @param latents what the encoder gives for this decoder: [B, L, W], or [B, W] for the tri-plane

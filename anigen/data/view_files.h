@@ -57,8 +57,7 @@ std::size_t normalize_skin_rows(std::vector<float>& skin, std::size_t joints);
 /// @param skin [V, J] row-major @param parents [J], -1 for a root, no cycles
 void accumulate_skin_as_flow(std::vector<float>& skin, const std::vector<int>& parents);
 
-/// `skeleton/<id>/skeleton_voxelized.npz` as stored (docs/reference/training.md, 1.1): world frame, object in [-0.5,
-/// 0.5]³.
+/// `skeleton/<id>/skeleton_voxelized.npz` as stored (docs/reference/training.md, 1.1): world frame, in [-0.5, 0.5]³.
 struct RigArrays {
   std::vector<Eigen::Vector3f> joints;     ///< [J], J ≥ 1
   std::vector<int> parents;                ///< [J], -1 for a root; no cycles, otherwise in any order

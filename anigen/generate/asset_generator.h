@@ -56,8 +56,7 @@ at::Generator noise_generator(std::uint64_t seed);
 std::int64_t joints_of_level(int level);
 
 /// The whole way from pictures to a rigged asset: sparse structure, structured latents, decoding (paper 3.4;
-/// docs/reference/flows.md, 5.1). Preprocessing and what is done to the mesh afterwards stand in image_preprocessing.h
-/// and asset_finishing.h.
+/// docs/reference/flows.md, 5.1). Preprocessing is in picture_input.h, what follows in finishing.h.
 ///
 /// Noise comes from one generator of the seed in the published order: shape and skeleton of the structure, then both
 /// streams of the latents; so the same seed gives the same asset whatever else is generated, and the noise of the

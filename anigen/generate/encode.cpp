@@ -100,8 +100,7 @@ class LatentEncoding {
 
   std::string inputs_of(const data::AssetId& asset) const { return fingerprint_of_files(source_.inputs(asset)); }
 
-  /// Work of the first process while the others wait: finds what can be kept, and takes back what was promised of the
-  /// rest.
+  /// The first process, while others wait, finds what can be kept and takes back what was promised of the rest.
   void begin() {
     LatentManifest manifest(folder_.path(), fingerprint_);
     for (const bool again : {false, true}) {

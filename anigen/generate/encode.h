@@ -96,7 +96,7 @@ class LatentSource {
 /// An asset that fails, for whatever reason, is named in the result and not flagged.
 /// Several processes called alike share the assets by leases; each returns, with the result of all, when everything is
 /// encoded. What LatentSource::inspect() gathers is of the assets that this process had.
-/// @throws InputError when dataset or name are unusable, no asset can be encoded, or another program is at work there;
+/// @throws InputError when dataset or name are unusable, no asset can be encoded, or another program is there;
 /// Interrupted after saving
 EncodedLatents encode_latents(const EncodeRequest& request, const LatentFolder& folder, LatentSource& source);
 

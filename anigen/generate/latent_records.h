@@ -54,8 +54,7 @@ struct LatentMoments {
   std::vector<double> mean, mean_square;
 };
 
-/// @param values [C, count] or any more dimensions behind C @throws InputError when there are none, or they do not
-/// divide into C channels
+/// @param values [C, count] or more dimensions behind C @throws InputError without any, or unless C divides them
 LatentMoments moments_of(const std::vector<float>& values, std::size_t channels, const std::string& name);
 Json to_json(const LatentMoments& moments);
 
@@ -69,8 +68,7 @@ class LatentStatistics {
   std::size_t assets() const { return assets_; }
   std::vector<float> mean() const;
   std::vector<float> deviation() const;
-  /// Channels with the same value everywhere, up to the rounding of these sums: nothing can be divided by their
-  /// deviation.
+  /// Channels with the same value everywhere, up to rounding: nothing can be divided by their deviation.
   std::vector<std::size_t> constant_channels() const;
 
  private:

@@ -67,8 +67,7 @@ NormalSource parse_normal_source(const std::string& word);
 /// @throws InputError when they are not finite
 io::Image normal_picture(const torch::Tensor& normals);
 
-/// A map that the user supplies, coloured as normal_picture() colours, its alpha ignored, resized (Lanczos) to the
-/// picture it belongs to.
+/// A map that the user supplies, coloured as by normal_picture(), without alpha, resized (Lanczos) to its picture.
 /// @throws InputError when its aspect differs from the picture's by more than a pixel or a hundredth
 io::Image supplied_normals(const io::Image& map, int width, int height, const std::string& name);
 

@@ -22,8 +22,7 @@ inline torch::Tensor picture_cells(const torch::Tensor& pictures) {
 struct RetrievalRequest {
   std::filesystem::path dataset;              ///< with renders_cond/
   std::vector<std::filesystem::path> splits;  ///< of what may be answered; none: all
-  /// Compared quantity: colours, or the normals that a flow trained on them sees. Pictures without a map of normals
-  /// then fail.
+  /// Compared quantity: colours, or the normals that a flow trained on them sees. Those need maps of normals.
   data::ConditionPictures seen = data::ConditionPictures::kColor;
   std::size_t views = 0;          ///< condition views looked at per asset; 0: all
   PreprocessingOptions pictures;  ///< of the pictures asked about

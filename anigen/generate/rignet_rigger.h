@@ -14,8 +14,7 @@ namespace anigen::generate {
 /// Class name of RigNet's models in the config of a run.
 inline constexpr const char* kRignetModelClass = "RignetModel";
 
-/// One of RigNet's models for use: evaluation mode, nothing asks for gradients. And how its training made graphs of
-/// meshes.
+/// One of RigNet's models for use: evaluation mode, nothing asks for gradients; and how its training made graphs.
 struct TrainedRignetModel {
   rignet::RignetModel model = nullptr;
   std::filesystem::path file;  ///< of the weights, for messages

@@ -28,8 +28,7 @@ namespace anigen::generate {
 
 /// Writes a latent of one asset as datasets hold it, whole or not at all, to ss_latents/<model>/<id>.npz: mean and
 /// mean_skl.
-/// @param shape, skeleton [C, r, r, r] @param maker the model's file @throws InputError naming it when a value is not
-/// finite
+/// @param shape, skeleton [C, r, r, r] @param maker the model's file @throws InputError naming it unless all is finite
 void write_structure_latents(const std::filesystem::path& file, const torch::Tensor& shape,
                              const torch::Tensor& skeleton, const std::filesystem::path& maker);
 
@@ -58,8 +57,7 @@ class StructureCoder {
 
   /// The very tensors that training saw, a batch of one. @throws InputError when the asset cannot be read
   data::SparseStructureBatch voxels(const data::AssetId& asset) const;
-  /// Writes `mean` and `mean_skl`, without noise. @throws InputError when they are not finite; Error when the disk
-  /// refuses
+  /// Writes `mean` and `mean_skl`, without noise. @throws InputError unless finite; Error when the disk refuses
   void encode(const data::SparseStructureBatch& voxels, const std::filesystem::path& file);
   /// @pre the decoder was loaded
   StructureReconstruction agreement(const data::StructureLatent& latent, const data::SparseStructureBatch& voxels);

@@ -89,8 +89,7 @@ Tensor interpolated(const PointSets& coarse, const Tensor& values, const PointSe
 /// @param x [N, C]
 Tensor batch_normed(torch::nn::BatchNorm1d& norm, const Tensor& x);
 
-/// Layers of every multilayer perceptron of RigNet, in this order: Linear, ReLU, batch norm (docs/reference/rignet.md,
-/// 2). Keys `linear.*`, `norm.*`.
+/// Layer of RigNet's perceptrons: Linear, ReLU, batch norm (docs/reference/rignet.md, 2). Keys `linear.*`, `norm.*`.
 class ReluNormImpl : public torch::nn::Module {
  public:
   ReluNormImpl(std::int64_t in, std::int64_t out);
@@ -130,8 +129,7 @@ class EdgeMessageImpl : public torch::nn::Module {
 };
 TORCH_MODULE(EdgeMessage);
 
-/// GMEdgeConv: messages of half the channels along either set of edges, side by side through one layer. Keys `ring.*`,
-/// `ball.*`, `mix.*`.
+/// GMEdgeConv: messages of half the channels along either edges, through one layer. Keys `ring.*`, `ball.*`, `mix.*`.
 class GraphUnitImpl : public torch::nn::Module {
  public:
   GraphUnitImpl(std::int64_t in, std::int64_t out);         ///< @throws InputError unless out is even

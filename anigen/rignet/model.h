@@ -218,8 +218,7 @@ Tensor scattered_to_bones(const Tensor& shares, const Tensor& slots, std::int64_
 Tensor cleaned_weights(const Tensor& weights, const EdgeSet& ring, double least);
 
 /// One of RigNet's models (Xu et al. 2020), written from the description in docs/reference/rignet.md, 3. All keys begin
-/// with the word of its task: `joints.*`, `connectivity.*`, `skin.*`. They are ours, not those of the published
-/// checkpoints.
+/// with the word of its task: `joints.*`, `connectivity.*`, `skin.*`. Published checkpoints have others.
 class RignetModelImpl : public torch::nn::Module {
  public:
   /// @param init kPublished: linear maps as PyTorch begins, the last one of JointNet at zero

@@ -65,8 +65,7 @@ std::array<std::uint32_t, 256> make_table() {
   return table;
 }
 
-// Protobuf wire format: a key is field << 3 | type, with type 0 varint, 1 eight bytes, 2 length-delimited, 5 four
-// bytes.
+// Protobuf wire format: a key is field << 3 | type, type 0 a varint, 1 eight bytes, 2 length-delimited, 5 four bytes.
 void put_varint(std::string& out, std::uint64_t value) {
   for (; value >= 0x80; value >>= 7) out.push_back(static_cast<char>(value | 0x80));
   out.push_back(static_cast<char>(value));

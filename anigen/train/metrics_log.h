@@ -33,8 +33,7 @@ class MetricsLog {
 /// Rows of a metrics.csv after a step; none when there is no such file. @throws InputError when it is no such table
 CsvTable metrics_after(const std::filesystem::path& file, std::int64_t step);
 
-/// Sums of per-step values between two log rows; their mean is what gets logged. A value that is not finite counts
-/// out its step for that quantity.
+/// Sums of per-step values between two log rows; their mean is logged. Values that are not finite do not count.
 class RunningMeans {
  public:
   struct Entry {

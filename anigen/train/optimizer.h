@@ -40,8 +40,7 @@ LrSchedule linear_warmup_lr(std::int64_t warmup_steps);
 LrSchedule sequential_lr(std::vector<LrSchedule> schedules, std::vector<std::int64_t> milestones);
 
 /// AdamW (Loshchilov and Hutter 2019, algorithm 2, as torch.optim.AdamW computes it) over one flat fp32 vector; or
-/// Adam, whose weight decay is part of the gradient. On the CPU one pass over memory; its result does not depend on the
-/// number of threads.
+/// Adam, whose weight decay is part of the gradient. On the CPU one pass over memory; threads do not change it.
 class AdamW {
  public:
   struct Options {

@@ -38,8 +38,7 @@ struct TrainerOptions {
   static TrainerOptions read(ConfigReader& reader);
 };
 
-/// `lr_scheduler`: {name, args}, or SequentialLR with `schedulers`. Where a number of steps is expected, "5%" means
-/// that share of max_steps.
+/// `lr_scheduler`: {name, args}, or SequentialLR with `schedulers`. Numbers of steps may be shares of max_steps, "5%".
 LrSchedule read_schedule(const Json& json, std::int64_t max_steps, const std::string& file, const std::string& pointer);
 
 /// In which numbers a run computes. Masters, optimiser state and averages are fp32, but for fp64.

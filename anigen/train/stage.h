@@ -46,8 +46,7 @@ inline std::set<std::string> keys_of(const LoadedKeys& loaded, const std::string
   return found == loaded.end() ? std::set<std::string>() : found->second;
 }
 
-/// A trainable task: one of the five stages, or a baseline. Its models, its data and its loss. The loop around it is
-/// Trainer's.
+/// A trainable task: one of the five stages, or a baseline. Its models, data and loss; the loop is Trainer's.
 class Stage {
  public:
   virtual ~Stage() = default;

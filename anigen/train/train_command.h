@@ -22,8 +22,7 @@ struct TrainCommand {
 
 /// One training run: reads the config, makes the run folder (config.json, command.txt, log.txt), the stage and the
 /// trainer, and trains. Nobody else can train into the folder meanwhile (`run.lock`). As one of several ranks it joins
-/// the others first, and tells them when it fails; the run folder is rank 0's, and all must see it. @throws what these
-/// throw
+/// the others first, and tells them when it fails; the run folder is rank 0's, and all must see it. @throws as these
 void train(const TrainCommand& command);
 
 enum class ConfigView {

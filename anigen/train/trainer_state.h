@@ -63,8 +63,7 @@ class CheckpointFolder {
 /// metrics.csv is no such table, before anything is moved
 std::optional<std::filesystem::path> set_later_steps_aside(const std::filesystem::path& run, std::int64_t last);
 
-/// The folder of a run's checkpoints: its `ckpts/`, or the folder itself where it has none, such as one that
-/// set_later_steps_aside() made.
+/// The folder of a run's checkpoints: its `ckpts/`, or itself where it has none (see set_later_steps_aside()).
 std::filesystem::path checkpoint_files_of(const std::filesystem::path& run);
 
 /// Name of an averaged model's files: "model_ema0.9999".

@@ -13,8 +13,7 @@ struct OptionRow {
   const char* value;  ///< word for the value in --help, of which "a|b" are the only ones; "" for a flag
   const char* group;  ///< its heading in --help
   const char* help;   ///< holds in every program; add_option() may append what holds in one
-  /// Names of version 0.1, which work for one version more and are in no --help: "program:--name", where "+1" says that
-  /// the old value was 1 less.
+  /// Names of version 0.1, which work for one version more, in no --help: "program:--name"; "+1": its value was 1 less.
   const char* old_names;
 };
 

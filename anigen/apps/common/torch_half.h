@@ -50,8 +50,7 @@ struct TorchHalf {
   eval::SkinMethod (*skin_reconstruction)(const std::string& run, const CommonOptions& common, Json& settings);
   /// anigen-eval --ss-flow.
   void (*evaluate_structures)(const EvalArguments& arguments, const CommonOptions& common);
-  /// anigen-inspect --weights: adds "weights" to the description. @return one sentence about the first checkpoint that
-  /// is incomplete, or ""
+  /// anigen-inspect --weights: adds "weights" to the description. @return a sentence on the first incomplete one, or ""
   std::string (*describe_weights)(const std::string& run, Json& description);
   /// anigen-prepare --features.
   std::unique_ptr<prepare::FeatureExtractor> (*feature_extractor)(const prepare::FeatureOptions& options);

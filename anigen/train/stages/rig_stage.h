@@ -23,8 +23,7 @@ namespace anigen::train {
 /// Anymate's frame, whatever the method's own, so that all methods stand in one table.
 class RigScores {
  public:
-  /// "cd", "emd", "precision", "recall", "joints" (their number) and "skipped": 1 with fewer than two joints, which
-  /// are in no mean of the others.
+  /// "cd", "emd", "precision", "recall", "joints" (number), "skipped": 1 with fewer than two joints, in no other mean.
   void add_joints(const std::string& id, const std::vector<Eigen::Vector3d>& predicted,
                   const std::vector<Eigen::Vector3d>& truth);
 
@@ -57,10 +56,8 @@ metrics::SkinMatrix parent_rows(const std::vector<int>& parents);
 metrics::SkinMatrix matrix_of(const torch::Tensor& matrix);
 
 /// Frame of the stages of learned riggers: one model learns the task that its options name, and is judged on held-out
-/// assets, which are scored one by one. Modules draw from LibTorch's default generator, which every step seeds, so
-/// there can be no replicas.
-/// @tparam Model a module holder with a constructor (options) @tparam Datasets {train, held_out}, the latter may be
-/// null
+/// assets, which are scored one by one. Modules draw from LibTorch's own generator, seeded per step: no replicas.
+/// @tparam Model a module holder with a constructor (options) @tparam Datasets {train, held_out or null}
 /// @tparam Draws a data::Batch with `samples` @tparam Options with eval_max_assets
 template <typename Model, typename Datasets, typename Draws, typename Options>
 class RigStage : public Stage {

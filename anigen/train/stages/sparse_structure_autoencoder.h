@@ -28,16 +28,14 @@ struct SparseStructureCoders {
   /// @throws InputError naming what does not fit
   void validate(const std::string& file) const;
   /// @param resolution edge of the occupancy grids
-  /// @param dataset_args where that was read, for messages @throws InputError when these models cannot encode such
-  /// grids
+  /// @param dataset_args where that was read, for messages @throws InputError when the models cannot encode these
   void require_resolution(std::int64_t resolution, const ConfigReader& dataset_args) const;
 };
 
 /// Stage 2: dense latents of the occupancy of surface and skeleton (paper 3.2.2), models `encoder` and `decoder`. Loss
 /// terms "dice" (or "bce", "l1"), "kl" where the stream's latent gets no noise, and both with `_skl`. Evaluation on
 /// held-out assets, means over assets: "iou_shape", "f1_shape", "iou_skl", "f1_skl" of the voxels with a logit above 0,
-/// F1 with a tolerance of one voxel (sparse_structure/voxel_metrics.h). Samples: reconstructions, and what lies between
-/// two latents.
+/// F1 with a tolerance of one voxel (sparse_structure/voxel_metrics.h). Samples: reconstructions, interpolations.
 ///
 /// Cost: configs/tiny/ss_dae.json (widths 8, 16, 48 at 64³, one block a level) multiplies and adds 2.6 G times per
 /// stream and sample in the encoder and 4.1 G in the decoder: 26 GFLOP forward for both streams, three times that in a

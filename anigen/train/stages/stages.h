@@ -52,8 +52,7 @@ std::unique_ptr<Stage> make_sparse_structure_flow_stage(const StageRequest& requ
 /// and with its weights, the asset's own latents decoded likewise, and the asset.
 ///
 /// Trainers AniGenImageConditionedSparseFlowMatchingCFGTrainer, and AniGenSparseFlowMatchingTrainer and
-/// AniGenSparseFlowMatchingCFGTrainer. @throws InputError also for models, dataset and decoder whose channels do not
-/// fit
+/// AniGenSparseFlowMatchingCFGTrainer. @throws InputError also when channels of models, dataset and decoder differ
 std::unique_ptr<Stage> make_structured_latent_flow_stage(const StageRequest& request);
 
 /// One of Anymate's models learns its task: joints, connectivity of given joints, or weights of given bones. The
@@ -70,8 +69,7 @@ std::unique_ptr<Stage> make_anymate_stage(const StageRequest& request);
 /// are cleaned (zeros would make any cross entropy), interpolated at Anymate's points of the surface.
 std::unique_ptr<Stage> make_rignet_stage(const StageRequest& request);
 
-/// The stage that a config's trainer names. @throws NotSupportedError naming the trainers there are; InputError as the
-/// functions above
+/// The stage that a config's trainer names. @throws NotSupportedError naming those there are; InputError as above
 std::unique_ptr<Stage> make_stage(const std::string& trainer_name, const StageRequest& request);
 
 /// The name of the only model of a config. @throws InputError when there is another number of them

@@ -18,8 +18,7 @@ namespace {
 using sparse::SparseTensor;
 using torch::Tensor;
 
-// Parameters that an asset's image can train: parameters below these names, in either model, shape the surface or its
-// colours.
+// Parameters below these names, in either model, shape the surface or its colours: images can train them.
 constexpr const char* kGeometryParts[] = {"input_layer.", "blocks.", "upsample.", "out_layer."};
 
 bool trains_any_geometry(const torch::nn::Module& model) {
