@@ -168,10 +168,6 @@ prepare::PrepareOptions complete(Arguments& a, const CommonOptions& common) {
   return options;
 }
 
-void show(const prepare::PrepareSummary& summary, const CommonOptions& common) {
-  print_result(to_json(summary), to_text(summary), common);
-}
-
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -208,12 +204,13 @@ int main(int argc, char** argv) {
       for (std::size_t i = 0; i < own_options; ++i)
         refuse_given(app, {app.get_options()[i]->get_name()}, "has no meaning for merge, which takes --dataset alone");
       refuse_given(app, {"--keep-going", "--seed", "--device"}, "has no meaning for merge");
-      return show(prepare::merge_dataset(merged), program.common);
+      const prepare::PrepareSummary summary = prepare::merge_dataset(merged);
+      return print_result(to_json(summary), to_text(summary), program.common);
     }
     if (arguments.options.out.empty()) throw InputError("", "--output", "which folder shall hold the dataset?");
     refuse_ignored(app, arguments);
     const prepare::PrepareSummary summary = prepare::prepare_dataset(complete(arguments, program.common));
-    show(summary, program.common);
+    print_result(to_json(summary), to_text(summary), program.common);
     if (arguments.strict && !summary.rejected.empty())
       throw Error(std::to_string(summary.rejected.size()) + " sources were rejected, which --strict does not allow");
     if (summary.failed_steps > 0 && !program.common.keep_going)
