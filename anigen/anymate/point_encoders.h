@@ -25,7 +25,8 @@ Tensor nearest_points(const Tensor& points, const Tensor& centers, std::int64_t 
 class PointwiseConvImpl : public torch::nn::Module {
  public:
   PointwiseConvImpl(std::int64_t in, std::int64_t out);
-  Tensor forward(const Tensor& x);  ///< @param x [..., in] @return [..., out]
+  /// @param x [..., in] @return [..., out]
+  Tensor forward(const Tensor& x) { return torch::linear(x, weight.squeeze(-1), bias); }
 
   Tensor weight, bias;
 };
