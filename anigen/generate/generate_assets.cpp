@@ -15,6 +15,7 @@
 #include "anigen/core/process.h"
 #include "anigen/core/run_folder.h"
 #include "anigen/core/version.h"
+#include "anigen/generate/assemble.h"
 #include "anigen/generate/latent_records.h"
 #include "anigen/geometry/primitives.h"
 #include "anigen/io/arrays/safetensors.h"
