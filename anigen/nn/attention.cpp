@@ -2,11 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
-#include <vector>
 
 #include "anigen/nn/condition_cache.h"
 #include "anigen/nn/kernels/attention_fp32.h"
-#include "anigen/nn/ragged_attention.h"
 
 namespace anigen::nn {
 

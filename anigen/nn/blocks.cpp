@@ -1,10 +1,8 @@
 #include "anigen/nn/blocks.h"
 
-#include <utility>
 #include <vector>
 
 #include "anigen/nn/kernels/rows.h"
-#include "anigen/nn/norms.h"
 
 namespace anigen::nn {
 

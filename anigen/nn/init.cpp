@@ -3,11 +3,8 @@
 #include <ATen/CPUGeneratorImpl.h>
 #include <cmath>
 #include <cstring>
-#include <string>
 #include <utility>
-#include <vector>
 
-#include "anigen/core/error.h"
 #include "anigen/core/random.h"
 #include "anigen/nn/norms.h"
 #include "anigen/nn/volumes.h"

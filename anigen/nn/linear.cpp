@@ -3,7 +3,6 @@
 #include <ATen/Context.h>
 #include <ATen/Parallel.h>
 #include <algorithm>
-#include <vector>
 
 #include "anigen/core/kernel_form.h"
 #include "anigen/nn/kernels/activations.h"

@@ -15,7 +15,6 @@
 #include "anigen/core/error.h"
 #include "anigen/core/log.h"
 #include "anigen/core/parallel.h"
-#include "anigen/nn/torch.h"
 
 namespace anigen::nn {
 

@@ -5,7 +5,6 @@
 #include <limits>
 #include <map>
 #include <utility>
-#include <vector>
 
 #include "anigen/nn/attention.h"
 #include "anigen/nn/kernels/attention_fp32.h"

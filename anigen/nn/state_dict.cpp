@@ -5,16 +5,12 @@
 #include <set>
 #include <system_error>
 #include <tuple>
-#include <type_traits>
 #include <unordered_map>
 #include <unordered_set>
-#include <utility>
-#include <vector>
 
 #include "anigen/core/error.h"
 #include "anigen/core/run_folder.h"
 #include "anigen/io/arrays/safetensors.h"
-#include "anigen/nn/init.h"
 
 namespace anigen::nn {
 

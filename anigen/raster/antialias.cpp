@@ -6,12 +6,10 @@
 #include <cmath>
 #include <limits>
 #include <optional>
-#include <vector>
 
 #include "anigen/core/error.h"
 #include "anigen/nn/init.h"
 #include "anigen/raster/mesh_renderer.h"
-#include "anigen/raster/rasterize.h"
 
 namespace anigen::raster {
 

@@ -6,7 +6,6 @@
 
 #include "anigen/core/error.h"
 #include "anigen/nn/init.h"
-#include "anigen/raster/mesh_renderer.h"
 #include "anigen/raster/rasterize.h"
 
 namespace anigen::raster {

@@ -2,14 +2,12 @@
 
 #include <cmath>
 #include <limits>
-#include <string>
 #include <vector>
 
 #include "anigen/core/error.h"
 #include "anigen/nn/init.h"
 #include "anigen/raster/antialias.h"
 #include "anigen/raster/interpolate.h"
-#include "anigen/raster/rasterize.h"
 
 namespace anigen::raster {
 

@@ -1,12 +1,8 @@
 #include "anigen/raster/rasterize.h"
 
-#include <algorithm>
-#include <array>
-#include <cmath>
 #include <limits>
 #include <string>
 #include <utility>
-#include <vector>
 
 #include "anigen/core/error.h"
 #include "anigen/raster/interpolate.h"

@@ -3,7 +3,6 @@
 #include <array>
 
 #include "anigen/shape_field/dual_vertex_kernels.h"
-#include "anigen/shape_field/flexicubes.h"
 #include "anigen/shape_field/grid.h"
 
 namespace anigen::shape_field {

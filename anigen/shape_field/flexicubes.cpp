@@ -1,7 +1,6 @@
 #include "anigen/shape_field/flexicubes.h"
 
 #include <algorithm>
-#include <array>
 #include <functional>
 #include <numeric>
 #include <utility>

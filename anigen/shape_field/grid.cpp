@@ -1,7 +1,5 @@
 #include "anigen/shape_field/grid.h"
 
-#include <algorithm>
-#include <array>
 #include <cmath>
 #include <limits>
 #include <numeric>

@@ -1,6 +1,5 @@
 #include "anigen/shape_field/mesh_extraction.h"
 
-#include <string>
 #include <vector>
 
 #include "anigen/core/error.h"

@@ -5,7 +5,6 @@
 
 #include "anigen/core/error.h"
 #include "anigen/nn/init.h"
-#include "anigen/skeleton_field/field.h"
 
 namespace anigen::skeleton_field {
 

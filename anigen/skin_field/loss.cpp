@@ -2,7 +2,6 @@
 
 #include <cmath>
 #include <utility>
-#include <vector>
 
 #include "anigen/core/error.h"
 #include "anigen/nn/init.h"

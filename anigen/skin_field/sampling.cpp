@@ -3,7 +3,6 @@
 #include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
-#include <string>
 
 #include "anigen/core/error.h"
 #include "anigen/geometry/bones.h"

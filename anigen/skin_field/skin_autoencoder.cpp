@@ -2,11 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
-#include <string>
 
 #include "anigen/core/config.h"
 #include "anigen/core/error.h"
-#include "anigen/nn/init.h"
 #include "anigen/nn/linear.h"
 #include "anigen/nn/norms.h"
 

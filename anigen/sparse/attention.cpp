@@ -1,7 +1,6 @@
 #include "anigen/sparse/attention.h"
 
 #include <utility>
-#include <vector>
 
 #include "anigen/core/error.h"
 #include "anigen/nn/condition_cache.h"

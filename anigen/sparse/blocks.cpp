@@ -1,10 +1,6 @@
 #include "anigen/sparse/blocks.h"
 
-#include <vector>
-
 #include "anigen/nn/init.h"
-#include "anigen/nn/norms.h"
-#include "anigen/sparse/norms.h"
 
 namespace anigen::sparse {
 

@@ -5,7 +5,6 @@
 #include <string>
 
 #include "anigen/core/error.h"
-#include "anigen/nn/init.h"
 
 namespace anigen::sparse {
 

@@ -3,7 +3,6 @@
 #include <ATen/Parallel.h>
 #include <algorithm>
 #include <cstdlib>
-#include <cstring>
 
 #include "anigen/core/kernel_form.h"
 #include "anigen/nn/kernels/tiles.h"

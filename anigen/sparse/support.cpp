@@ -1,7 +1,6 @@
 #include "anigen/sparse/support.h"
 
 #include <algorithm>
-#include <array>
 #include <cstddef>
 #include <limits>
 #include <map>
@@ -10,7 +9,6 @@
 #include <optional>
 #include <string>
 #include <utility>
-#include <vector>
 
 #include "anigen/core/error.h"
 #include "anigen/nn/init.h"

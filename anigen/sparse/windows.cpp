@@ -8,7 +8,6 @@
 #include <vector>
 
 #include "anigen/core/error.h"
-#include "anigen/sparse/support.h"
 
 namespace anigen::sparse {
 

@@ -3,9 +3,6 @@
 #include <array>
 
 #include "anigen/core/error.h"
-#include "anigen/nn/init.h"
-#include "anigen/nn/state_dict.h"
-#include "anigen/sparse_structure/layers.h"
 
 namespace anigen::sparse_structure {
 

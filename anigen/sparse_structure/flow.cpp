@@ -6,11 +6,8 @@
 #include "anigen/core/config.h"
 #include "anigen/core/error.h"
 #include "anigen/nn/condition_cache.h"
-#include "anigen/nn/embeddings.h"
-#include "anigen/nn/init.h"
 #include "anigen/nn/linear.h"
 #include "anigen/nn/norms.h"
-#include "anigen/nn/trainable.h"
 #include "anigen/nn/volumes.h"
 
 namespace anigen::sparse_structure {

@@ -1,11 +1,8 @@
 #include "anigen/sparse_structure/layers.h"
 
-#include <string>
-
 #include "anigen/core/error.h"
 #include "anigen/nn/embeddings.h"
 #include "anigen/nn/init.h"
-#include "anigen/nn/volumes.h"
 
 namespace anigen::sparse_structure {
 

@@ -2,15 +2,11 @@
 
 #include <algorithm>
 #include <numeric>
-#include <string>
 #include <utility>
 
 #include "anigen/core/error.h"
-#include "anigen/nn/init.h"
 #include "anigen/nn/norms.h"
-#include "anigen/nn/state_dict.h"
 #include "anigen/shape_field/cube_field.h"
-#include "anigen/structured_latent/torso.h"
 
 namespace anigen::structured_latent {
 

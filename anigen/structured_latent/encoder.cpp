@@ -1,13 +1,10 @@
 #include "anigen/structured_latent/encoder.h"
 
-#include <string>
 #include <utility>
 
 #include "anigen/core/error.h"
-#include "anigen/nn/init.h"
 #include "anigen/nn/norms.h"
 #include "anigen/skeleton_field/field.h"
-#include "anigen/structured_latent/torso.h"
 
 namespace anigen::structured_latent {
 

@@ -1,18 +1,13 @@
 #include "anigen/structured_latent/flow.h"
 
 #include <utility>
-#include <vector>
 
 #include "anigen/core/config.h"
 #include "anigen/core/error.h"
 #include "anigen/nn/condition_cache.h"
-#include "anigen/nn/embeddings.h"
-#include "anigen/nn/init.h"
 #include "anigen/nn/linear.h"
 #include "anigen/nn/norms.h"
 #include "anigen/nn/torch.h"
-#include "anigen/nn/trainable.h"
-#include "anigen/sparse/blocks.h"
 #include "anigen/sparse/convolution.h"
 #include "anigen/structured_latent/torso.h"
 

@@ -1,14 +1,11 @@
 #include "anigen/structured_latent/torso.h"
 
 #include <memory>
-#include <string>
 #include <tuple>
 
 #include "anigen/core/error.h"
-#include "anigen/nn/embeddings.h"
 #include "anigen/nn/init.h"
 #include "anigen/nn/trainable.h"
-#include "anigen/sparse/blocks.h"
 
 namespace anigen::structured_latent {
 

@@ -1,18 +1,13 @@
 #include "anigen/vision/condition.h"
 
-#include <filesystem>
-#include <optional>
 #include <system_error>
 #include <utility>
 #include <vector>
 
-#include "anigen/core/config.h"
 #include "anigen/core/log.h"
 #include "anigen/io/arrays/torch_archive.h"
 #include "anigen/io/image_resize.h"
 #include "anigen/nn/norms.h"
-#include "anigen/nn/state_dict.h"
-#include "anigen/vision/dinov2.h"
 #include "anigen/vision/patch_encoder.h"
 
 namespace anigen::vision {

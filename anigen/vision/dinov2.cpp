@@ -5,15 +5,12 @@
 #include <cmath>
 #include <map>
 #include <memory>
-#include <string>
 #include <utility>
-#include <vector>
 
 #include "anigen/core/config.h"
 #include "anigen/core/error.h"
 #include "anigen/io/arrays/torch_archive.h"
 #include "anigen/nn/attention.h"
-#include "anigen/nn/norms.h"
 #include "anigen/nn/state_dict.h"
 
 namespace anigen::vision {

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <memory>
-#include <string>
 #include <string_view>
 #include <utility>
 #include <vector>
@@ -14,7 +13,6 @@
 #include "anigen/nn/init.h"
 #include "anigen/nn/state_dict.h"
 #include "anigen/vision/dinov2.h"
-#include "anigen/vision/dsine_network.h"
 
 namespace anigen::vision {
 

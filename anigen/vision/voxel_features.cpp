@@ -2,9 +2,7 @@
 
 #include <algorithm>
 #include <fstream>
-#include <string>
 #include <utility>
-#include <vector>
 
 #include "anigen/core/config.h"
 #include "anigen/core/error.h"
@@ -13,7 +11,6 @@
 #include "anigen/nn/profile.h"
 #include "anigen/render/cameras_json.h"
 #include "anigen/vision/condition.h"
-#include "anigen/vision/dinov2.h"
 #include "anigen/vision/surface_features.h"
 
 namespace anigen::vision {

@@ -1,8 +1,5 @@
 #include "anigen/nn/kernels/activations.h"
 
-#include <algorithm>
-#include <vector>
-
 #include "anigen/nn/kernels/tiles.h"
 
 namespace anigen::nn::kernels {

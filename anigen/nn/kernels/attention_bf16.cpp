@@ -9,7 +9,6 @@
 #include <vector>
 
 #include "anigen/nn/kernels/heads.h"
-#include "anigen/nn/kernels/tiles.h"
 
 namespace anigen::nn::kernels {
 

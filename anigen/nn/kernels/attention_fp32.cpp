@@ -8,7 +8,6 @@
 #include "anigen/nn/attention.h"
 #include "anigen/nn/kernels/attention_bf16.h"
 #include "anigen/nn/kernels/heads.h"
-#include "anigen/nn/kernels/tiles.h"
 #include "anigen/nn/ragged_attention.h"
 
 namespace anigen::nn::kernels {

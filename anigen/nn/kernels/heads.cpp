@@ -1,6 +1,5 @@
 #include "anigen/nn/kernels/heads.h"
 
-#include <algorithm>
 #include <cmath>
 
 #include "anigen/nn/kernels/rows.h"

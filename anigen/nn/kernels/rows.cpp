@@ -6,7 +6,6 @@
 
 #include "anigen/nn/init.h"
 #include "anigen/nn/kernels/activations.h"
-#include "anigen/nn/kernels/tiles.h"
 #include "anigen/nn/norms.h"
 
 namespace anigen::nn::kernels {

@@ -1,6 +1,5 @@
 #include "anigen/nn/kernels/tiles.h"
 
-#include <algorithm>
 #include <cstddef>
 #include <utility>
 
