@@ -27,27 +27,6 @@ Tensor short_attention(const Tensor& q, const Tensor& k, const Tensor& v) {
   return mixed.view({q.size(0), q.size(2), q.size(1), q.size(3)}).transpose(1, 2);
 }
 
-}  // namespace
-
-Tensor blocked_attention(const Tensor& q, const Tensor& k, const Tensor& v) {
-  TORCH_CHECK(q.dim() == 4 && k.dim() == 4 && v.sizes() == k.sizes() && q.size(0) == k.size(0) &&
-                  q.size(1) == k.size(1) && q.size(3) == k.size(3) && k.size(2) > 0,
-              "attention of queries ", q.sizes(), " to keys ", k.sizes(), " and values ", v.sizes());
-  TORCH_CHECK(dtype_of(q) == dtype_of(k) && dtype_of(q) == dtype_of(v), "attention of queries of type ", q.dtype(),
-              " to keys of type ", k.dtype(), " and values of type ", v.dtype());
-  const std::int64_t per_query = q.size(0) * q.size(1) * k.size(2), scores = per_query * q.size(2);
-  const bool half_on_cpu = q.is_cpu() && dtype_of(q) == torch::kHalf;  // not every LibTorch multiplies these
-  if (scores == 0 || (scores < kFewScores && !half_on_cpu)) return attend(q, k, v);
-  if (q.is_cpu() && dtype_of(q) != torch::kFloat64) {
-    const bool is_short = q.size(2) <= kShortRows && k.size(2) <= kShortRows;
-    return is_short ? short_attention(q, k, v) : cpu_blocked_attention(q, k, v);
-  }
-  if (kHasFusedAttention && q.is_cuda()) return fused_attention(q, k, v);
-  return tensor_blocked_attention(q, k, v, std::max<std::int64_t>(1, kMostTensorScores / per_query));
-}
-
-namespace {
-
 double score_scale(const Tensor& q) { return 1.0 / std::sqrt(static_cast<double>(q.size(-1))); }
 
 // Scaled scores of some queries with all keys, in the type of sums.
@@ -96,6 +75,23 @@ class TensorBlockedAttention : public torch::autograd::Function<TensorBlockedAtt
 };
 
 }  // namespace
+
+Tensor blocked_attention(const Tensor& q, const Tensor& k, const Tensor& v) {
+  TORCH_CHECK(q.dim() == 4 && k.dim() == 4 && v.sizes() == k.sizes() && q.size(0) == k.size(0) &&
+                  q.size(1) == k.size(1) && q.size(3) == k.size(3) && k.size(2) > 0,
+              "attention of queries ", q.sizes(), " to keys ", k.sizes(), " and values ", v.sizes());
+  TORCH_CHECK(dtype_of(q) == dtype_of(k) && dtype_of(q) == dtype_of(v), "attention of queries of type ", q.dtype(),
+              " to keys of type ", k.dtype(), " and values of type ", v.dtype());
+  const std::int64_t per_query = q.size(0) * q.size(1) * k.size(2), scores = per_query * q.size(2);
+  const bool half_on_cpu = q.is_cpu() && dtype_of(q) == torch::kHalf;  // not every LibTorch multiplies these
+  if (scores == 0 || (scores < kFewScores && !half_on_cpu)) return attend(q, k, v);
+  if (q.is_cpu() && dtype_of(q) != torch::kFloat64) {
+    const bool is_short = q.size(2) <= kShortRows && k.size(2) <= kShortRows;
+    return is_short ? short_attention(q, k, v) : cpu_blocked_attention(q, k, v);
+  }
+  if (kHasFusedAttention && q.is_cuda()) return fused_attention(q, k, v);
+  return tensor_blocked_attention(q, k, v, std::max<std::int64_t>(1, kMostTensorScores / per_query));
+}
 
 Tensor tensor_blocked_attention(const Tensor& q, const Tensor& k, const Tensor& v, std::int64_t rows) {
   return TensorBlockedAttention::apply(q, k, v, rows);

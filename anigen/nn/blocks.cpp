@@ -21,6 +21,15 @@ AttentionOptions attention_options(std::int64_t channels, std::int64_t num_heads
   return options;
 }
 
+Ragged rows_of_batch(const Tensor& x) {
+  TORCH_CHECK(x.dim() == 3, "a modulated block: input ", x.sizes());
+  return Ragged(std::vector<std::int64_t>(static_cast<std::size_t>(x.size(0)), x.size(1)));
+}
+
+std::int64_t out_width(const DenseBlockOptions& options) {
+  return options.out_channels > 0 ? options.out_channels : options.channels;
+}
+
 }  // namespace
 
 AttentionOptions self_attention_of(const BlockOptions& options) {
@@ -85,15 +94,6 @@ ModulationImpl::ModulationImpl(std::int64_t channels, std::int64_t values) {
 
 Tensor ModulationImpl::forward(const Tensor& mod) { return linear->forward(torch::silu(mod)); }
 
-namespace {
-
-Ragged rows_of_batch(const Tensor& x) {
-  TORCH_CHECK(x.dim() == 3, "a modulated block: input ", x.sizes());
-  return Ragged(std::vector<std::int64_t>(static_cast<std::size_t>(x.size(0)), x.size(1)));
-}
-
-}  // namespace
-
 ModulatedCrossBlockImpl::ModulatedCrossBlockImpl(const ModulatedBlockOptions& options)
     : ModulatedLayers(options, DenseAttention(self_attention_of(options)),
                       DenseAttention(cross_attention_of(options, options.context_channels))) {}
@@ -111,14 +111,6 @@ Tensor ModulatedBlockImpl::forward(const Tensor& x, const Tensor& mod) {
   return run(
       x, rows_of_batch(x), mod, [&](const Tensor& rows) { return self_attention_->forward(rows); }, nullptr);
 }
-
-namespace {
-
-std::int64_t out_width(const DenseBlockOptions& options) {
-  return options.out_channels > 0 ? options.out_channels : options.channels;
-}
-
-}  // namespace
 
 BlockNorm::BlockNorm(torch::nn::Module& block, const char* name, std::int64_t channels, bool affine) {
   if (affine) affine_ = block.register_module(name, AffineLayerNorm(channels, kBlockNormEps));

@@ -37,6 +37,14 @@ Tensor make_bands(const FourierEmbedding::Options& options) {
   return torch::linspace(1.0, std::exp2(options.max_freq_log2), options.num_freqs);
 }
 
+// The keys are those of the layers of `mlp`.
+struct TimestepMlpImpl : torch::nn::Module {
+  TimestepMlpImpl(const Linear& first, const Linear& second) {
+    register_module("0", first);
+    register_module("2", second);
+  }
+};
+
 }  // namespace
 
 FourierEmbedding::FourierEmbedding(const Options& options)
@@ -55,18 +63,6 @@ Tensor FourierEmbedding::operator()(const Tensor& x) const {
 std::int64_t FourierEmbedding::width(std::int64_t dims) const {
   return dims * (2 * bands_.size(0) + (include_input_ ? 1 : 0));
 }
-
-namespace {
-
-// The keys are those of the layers of `mlp`.
-struct TimestepMlpImpl : torch::nn::Module {
-  TimestepMlpImpl(const Linear& first, const Linear& second) {
-    register_module("0", first);
-    register_module("2", second);
-  }
-};
-
-}  // namespace
 
 Tensor timestep_features(const Tensor& t, std::int64_t width) {
   TORCH_CHECK(t.dim() == 1 && width > 1, "timestep features of width ", width, " for ", t.sizes());

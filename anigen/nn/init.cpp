@@ -35,6 +35,38 @@ void ones_and_zeros(NormType& norm) {
   torch::nn::init::zeros_(norm.bias);
 }
 
+constexpr std::pair<io::Dtype, torch::Dtype> kDtypes[] = {
+    {io::Dtype::kBool, torch::kBool},  {io::Dtype::kU8, torch::kUInt8},      {io::Dtype::kI8, torch::kInt8},
+    {io::Dtype::kI16, torch::kInt16},  {io::Dtype::kI32, torch::kInt32},     {io::Dtype::kI64, torch::kInt64},
+    {io::Dtype::kF16, torch::kHalf},   {io::Dtype::kBF16, torch::kBFloat16}, {io::Dtype::kF32, torch::kFloat32},
+    {io::Dtype::kF64, torch::kFloat64}};
+
+io::Dtype array_dtype(torch::Dtype dtype) {
+  for (const auto& [array, tensor] : kDtypes) {
+    if (tensor == dtype) return array;
+  }
+  throw Error(std::string("a tensor of ") + torch::toString(dtype) + " cannot be written to a file");
+}
+
+void check_size(const io::NdArray& array) {
+  if (array.bytes.size() == array.count() * io::size_of(array.dtype)) return;
+  throw InputError("", "",
+                   "an array of " + std::to_string(array.count()) + " values holds " +
+                       std::to_string(array.bytes.size()) + " bytes");
+}
+
+template <typename Wide, typename Narrow>
+Tensor widened(const io::NdArray& array, torch::Dtype dtype) {
+  Tensor tensor = torch::empty(array.shape, torch::TensorOptions().dtype(dtype));
+  Wide* out = tensor.data_ptr<Wide>();
+  for (std::size_t i = 0; i < array.count(); ++i) {
+    Narrow value;
+    std::memcpy(&value, array.bytes.data() + i * sizeof(Narrow), sizeof(Narrow));
+    out[i] = static_cast<Wide>(value);
+  }
+  return tensor;
+}
+
 }  // namespace
 
 void xavier_uniform_linears(torch::nn::Module& module) {
@@ -106,42 +138,6 @@ std::string shape_text(torch::IntArrayRef shape) {
 }
 
 std::string shape_text(const Tensor& tensor) { return tensor.defined() ? shape_text(tensor.sizes()) : "nothing"; }
-
-namespace {
-
-constexpr std::pair<io::Dtype, torch::Dtype> kDtypes[] = {
-    {io::Dtype::kBool, torch::kBool},  {io::Dtype::kU8, torch::kUInt8},      {io::Dtype::kI8, torch::kInt8},
-    {io::Dtype::kI16, torch::kInt16},  {io::Dtype::kI32, torch::kInt32},     {io::Dtype::kI64, torch::kInt64},
-    {io::Dtype::kF16, torch::kHalf},   {io::Dtype::kBF16, torch::kBFloat16}, {io::Dtype::kF32, torch::kFloat32},
-    {io::Dtype::kF64, torch::kFloat64}};
-
-io::Dtype array_dtype(torch::Dtype dtype) {
-  for (const auto& [array, tensor] : kDtypes) {
-    if (tensor == dtype) return array;
-  }
-  throw Error(std::string("a tensor of ") + torch::toString(dtype) + " cannot be written to a file");
-}
-
-void check_size(const io::NdArray& array) {
-  if (array.bytes.size() == array.count() * io::size_of(array.dtype)) return;
-  throw InputError("", "",
-                   "an array of " + std::to_string(array.count()) + " values holds " +
-                       std::to_string(array.bytes.size()) + " bytes");
-}
-
-template <typename Wide, typename Narrow>
-Tensor widened(const io::NdArray& array, torch::Dtype dtype) {
-  Tensor tensor = torch::empty(array.shape, torch::TensorOptions().dtype(dtype));
-  Wide* out = tensor.data_ptr<Wide>();
-  for (std::size_t i = 0; i < array.count(); ++i) {
-    Narrow value;
-    std::memcpy(&value, array.bytes.data() + i * sizeof(Narrow), sizeof(Narrow));
-    out[i] = static_cast<Wide>(value);
-  }
-  return tensor;
-}
-
-}  // namespace
 
 torch::Dtype torch_dtype(io::Dtype dtype) {
   for (const auto& [array, tensor] : kDtypes) {

@@ -68,20 +68,6 @@ class WideProduct : public torch::autograd::Function<WideProduct> {
   }
 };
 
-}  // namespace
-
-bool prefers_widened_linear(const Tensor& x, const Tensor& weight) {
-  return x.is_cpu() && x.scalar_type() == torch::kBFloat16 && weight.scalar_type() == torch::kBFloat16 &&
-         !has_bf16_linear();
-}
-
-Tensor widened_linear(const Tensor& x, const Tensor& weight, const Tensor& bias) {
-  const Tensor y = WideProduct::apply(x, weight);
-  return (bias.defined() ? y + bias.to(torch::kFloat32) : y).to(x.scalar_type());
-}
-
-namespace {
-
 constexpr std::int64_t kGrain = 16384;  // fewer values than this cost less than starting a second thread
 
 class VectorGelu : public torch::autograd::Function<VectorGelu> {
@@ -112,15 +98,6 @@ class VectorGelu : public torch::autograd::Function<VectorGelu> {
     return {dx};
   }
 };
-
-}  // namespace
-
-Tensor gelu_tanh(const Tensor& x) {
-  if (!x.is_cpu() || dtype_of(x) != torch::kFloat32) return torch::gelu(x, "tanh");
-  return VectorGelu::apply(x.contiguous());
-}
-
-namespace {
 
 constexpr std::int64_t kCachedValues = 32768;  // hidden values in flight per thread: two buffers of 128 KiB
 constexpr std::int64_t kWidestHidden = 1024;   // beyond it the products dominate and large ones run faster
@@ -210,6 +187,21 @@ class FusedMlp : public torch::autograd::Function<FusedMlp> {
 };
 
 }  // namespace
+
+bool prefers_widened_linear(const Tensor& x, const Tensor& weight) {
+  return x.is_cpu() && x.scalar_type() == torch::kBFloat16 && weight.scalar_type() == torch::kBFloat16 &&
+         !has_bf16_linear();
+}
+
+Tensor widened_linear(const Tensor& x, const Tensor& weight, const Tensor& bias) {
+  const Tensor y = WideProduct::apply(x, weight);
+  return (bias.defined() ? y + bias.to(torch::kFloat32) : y).to(x.scalar_type());
+}
+
+Tensor gelu_tanh(const Tensor& x) {
+  if (!x.is_cpu() || dtype_of(x) != torch::kFloat32) return torch::gelu(x, "tanh");
+  return VectorGelu::apply(x.contiguous());
+}
 
 bool prefers_fused_mlp(const Tensor& x, const Tensor& w1) {
   const std::int64_t hidden = w1.size(0);

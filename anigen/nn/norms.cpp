@@ -82,27 +82,6 @@ class HeadNormFunction : public torch::autograd::Function<HeadNormFunction> {
   }
 };
 
-}  // namespace
-
-MultiHeadRmsNormImpl::MultiHeadRmsNormImpl(std::int64_t head_channels, std::int64_t num_heads) {
-  gamma = register_parameter("gamma", torch::ones({num_heads, head_channels}));
-}
-
-Tensor MultiHeadRmsNormImpl::forward(const Tensor& x) {
-  const torch::Dtype dtype = dtype_of(x), wide = accumulation_dtype(dtype);
-  const Tensor factors = gamma.to(wide) * std::sqrt(static_cast<double>(gamma.size(1)));
-  TORCH_CHECK(x.dim() >= 2 && x.size(-1) == gamma.size(1) && x.size(-2) == gamma.size(0), "norm of ", gamma.size(0),
-              " heads of ", gamma.size(1), " channels: input ", x.sizes());
-  if (x.is_cpu() && gamma.is_cpu() && (dtype == torch::kFloat32 || dtype == torch::kBFloat16)) {
-    Tensor rows = x.dim() == 3 ? x : x.reshape({-1, x.size(-2), x.size(-1)});
-    if (!has_adjacent_heads(rows)) rows = rows.contiguous();
-    return HeadNormFunction::apply(rows, factors.contiguous()).view(x.sizes());
-  }
-  return (unit_length(x.to(wide)) * factors).to(dtype);
-}
-
-namespace {
-
 class NormSiluFunction : public torch::autograd::Function<NormSiluFunction> {
  public:
   // @param x [N, C], contiguous @param weight, bias [C], contiguous
@@ -152,6 +131,23 @@ bool has_kernel(const Tensor& x, const Tensor& weight, const Tensor& bias) {
 }
 
 }  // namespace
+
+MultiHeadRmsNormImpl::MultiHeadRmsNormImpl(std::int64_t head_channels, std::int64_t num_heads) {
+  gamma = register_parameter("gamma", torch::ones({num_heads, head_channels}));
+}
+
+Tensor MultiHeadRmsNormImpl::forward(const Tensor& x) {
+  const torch::Dtype dtype = dtype_of(x), wide = accumulation_dtype(dtype);
+  const Tensor factors = gamma.to(wide) * std::sqrt(static_cast<double>(gamma.size(1)));
+  TORCH_CHECK(x.dim() >= 2 && x.size(-1) == gamma.size(1) && x.size(-2) == gamma.size(0), "norm of ", gamma.size(0),
+              " heads of ", gamma.size(1), " channels: input ", x.sizes());
+  if (x.is_cpu() && gamma.is_cpu() && (dtype == torch::kFloat32 || dtype == torch::kBFloat16)) {
+    Tensor rows = x.dim() == 3 ? x : x.reshape({-1, x.size(-2), x.size(-1)});
+    if (!has_adjacent_heads(rows)) rows = rows.contiguous();
+    return HeadNormFunction::apply(rows, factors.contiguous()).view(x.sizes());
+  }
+  return (unit_length(x.to(wide)) * factors).to(dtype);
+}
 
 Tensor norm_silu(const Tensor& x, const Tensor& weight, const Tensor& bias, double eps) {
   if (!has_kernel(x, weight, bias)) return torch::silu(affine_norm(x, weight, bias, eps));

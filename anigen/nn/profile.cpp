@@ -68,43 +68,6 @@ void warn_about_blas() {
   }
 }
 
-}  // namespace
-
-std::string version_details() {
-  const Blas blas = find_blas();
-  return std::string("LibTorch ") + TORCH_VERSION + "\nBLAS " + blas.flavour +
-         (blas.library.empty() ? "" : " (" + blas.library + ")") + "\nCUDA " +
-         (torch::cuda::is_available() ? std::to_string(torch::cuda::device_count()) + " devices" : "not available");
-}
-
-torch::Device parse_device(const std::string& name) {
-  const bool cuda = name == "cuda" || name.rfind("cuda:", 0) == 0;
-  const std::string index = cuda && name.size() > 5 ? name.substr(5) : "0";
-  const bool digits = !index.empty() && index.size() < 4 && index.find_first_not_of("0123456789") == std::string::npos;
-  if ((name != "cpu" && !cuda) || !digits || name == "cuda:") {
-    throw InputError("--device", name, "expected cpu, cuda or cuda:N");
-  }
-  if (!cuda) return torch::kCPU;
-  const auto wanted = static_cast<std::size_t>(std::stoul(index));
-  if (wanted >= torch::cuda::device_count()) throw InputError("--device", name, "this LibTorch sees no such device");
-  return torch::Device(torch::kCUDA, static_cast<torch::DeviceIndex>(wanted));
-}
-
-void set_up_computing(int threads) {
-  keep_freed_memory();
-  warn_about_blas();
-  set_thread_count(threads);
-  at::set_num_threads(thread_count());
-  // LibTorch allows this once per process, and not after its second pool has run something.
-  static const bool once = [] {
-    at::set_num_interop_threads(1);
-    return true;
-  }();
-  static_cast<void>(once);
-}
-
-namespace {
-
 using Clock = std::chrono::steady_clock;
 using Row = OperatorProfile::Row;
 
@@ -166,6 +129,39 @@ std::string table(const std::vector<Row>& rows, const char* heading, double all,
 }
 
 }  // namespace
+
+std::string version_details() {
+  const Blas blas = find_blas();
+  return std::string("LibTorch ") + TORCH_VERSION + "\nBLAS " + blas.flavour +
+         (blas.library.empty() ? "" : " (" + blas.library + ")") + "\nCUDA " +
+         (torch::cuda::is_available() ? std::to_string(torch::cuda::device_count()) + " devices" : "not available");
+}
+
+torch::Device parse_device(const std::string& name) {
+  const bool cuda = name == "cuda" || name.rfind("cuda:", 0) == 0;
+  const std::string index = cuda && name.size() > 5 ? name.substr(5) : "0";
+  const bool digits = !index.empty() && index.size() < 4 && index.find_first_not_of("0123456789") == std::string::npos;
+  if ((name != "cpu" && !cuda) || !digits || name == "cuda:") {
+    throw InputError("--device", name, "expected cpu, cuda or cuda:N");
+  }
+  if (!cuda) return torch::kCPU;
+  const auto wanted = static_cast<std::size_t>(std::stoul(index));
+  if (wanted >= torch::cuda::device_count()) throw InputError("--device", name, "this LibTorch sees no such device");
+  return torch::Device(torch::kCUDA, static_cast<torch::DeviceIndex>(wanted));
+}
+
+void set_up_computing(int threads) {
+  keep_freed_memory();
+  warn_about_blas();
+  set_thread_count(threads);
+  at::set_num_threads(thread_count());
+  // LibTorch allows this once per process, and not after its second pool has run something.
+  static const bool once = [] {
+    at::set_num_interop_threads(1);
+    return true;
+  }();
+  static_cast<void>(once);
+}
 
 OperatorProfile::OperatorProfile() {
   if (active != nullptr) throw std::logic_error("there is an operator profile already");

@@ -33,53 +33,6 @@ namespace {
 constexpr std::int64_t kLeastScores = 16384;  // of all heads of a task together: some ten microseconds
 constexpr std::int64_t kTasksPerThread = 16;  // so that none waits long for the last one
 
-}  // namespace
-
-RaggedProblem::RaggedProblem(const Tensor& q, const Tensor& k, const Tensor& q_offset_rows, const Tensor& k_offset_rows)
-    : q_offsets(q_offset_rows.data_ptr<std::int64_t>()),
-      k_offsets(k_offset_rows.data_ptr<std::int64_t>()),
-      sequences(q_offset_rows.size(0) - 1),
-      rows(q.size(0)),
-      heads(k.size(1)),
-      channels(k.size(2)),
-      width(products::padded(k.size(2))),
-      scale(static_cast<float>(1.0 / std::sqrt(static_cast<double>(k.size(2))))) {
-  for (std::int64_t s = 0; s < sequences; ++s) {
-    if (queries(s) == 0 || keys(s) == 0) continue;
-    longest_queries = std::max(longest_queries, queries(s));
-    longest_keys = std::max(longest_keys, keys(s));
-  }
-}
-
-std::int64_t even_block(std::int64_t total, std::int64_t most) {
-  const std::int64_t blocks = std::max<std::int64_t>(1, (total + most - 1) / most);
-  return (total + blocks - 1) / blocks;
-}
-
-std::vector<RaggedTask> ragged_tasks(const RaggedProblem& problem, std::int64_t most_queries) {
-  std::int64_t scores = 0;
-  for (std::int64_t s = 0; s < problem.sequences; ++s) scores += problem.heads * problem.queries(s) * problem.keys(s);
-  const std::int64_t enough = std::max(kLeastScores, scores / (kTasksPerThread * at::get_num_threads()));
-  std::vector<RaggedTask> tasks;
-  for (std::int64_t s = 0; s < problem.sequences; ++s) {
-    const std::int64_t queries = problem.queries(s), keys = problem.keys(s);
-    if (queries == 0 || keys == 0) continue;
-    const std::int64_t block = even_block(queries, most_queries);
-    const std::int64_t heads = std::clamp<std::int64_t>(enough / (block * keys), 1, problem.heads);
-    for (std::int64_t head = 0; head < problem.heads; head += heads) {
-      for (std::int64_t first = 0; first < queries; first += block) {
-        tasks.push_back({s, head, std::min(heads, problem.heads - head), first, std::min(block, queries - first)});
-      }
-    }
-  }
-  const auto work = [&](const RaggedTask& task) { return task.heads * task.queries * problem.keys(task.sequence); };
-  std::stable_sort(tasks.begin(), tasks.end(),
-                   [&](const RaggedTask& a, const RaggedTask& b) { return work(a) > work(b); });
-  return tasks;
-}
-
-namespace {
-
 void check_offsets(const char* name, const Tensor& offsets, std::int64_t rows) {
   TORCH_CHECK(offsets.dim() == 1 && offsets.size(0) > 0 && offsets.is_cpu() && offsets.is_contiguous() &&
                   dtype_of(offsets) == torch::kInt64,
@@ -94,26 +47,6 @@ void check_offsets(const char* name, const Tensor& offsets, std::int64_t rows) {
                 values[s + 1], " at sequence ", s);
   }
 }
-
-}  // namespace
-
-Tensor ragged_attention(const Tensor& q, const Tensor& k, const Tensor& v, const Tensor& q_offsets,
-                        const Tensor& k_offsets) {
-  TORCH_CHECK(q.dim() == 3 && k.dim() == 3 && v.sizes() == k.sizes() && q.size(1) == k.size(1) &&
-                  q.size(2) == k.size(2) && q.size(1) > 0 && q.size(2) > 0,
-              "ragged attention of queries ", q.sizes(), " to keys ", k.sizes(), " and values ", v.sizes());
-  TORCH_CHECK(dtype_of(q) == dtype_of(k) && dtype_of(q) == dtype_of(v) && q.is_floating_point(),
-              "ragged attention of queries of type ", q.dtype(), " to keys of type ", k.dtype(), " and values of type ",
-              v.dtype());
-  check_offsets("query", q_offsets, q.size(0));
-  check_offsets("key", k_offsets, k.size(0));
-  TORCH_CHECK(q_offsets.size(0) == k_offsets.size(0), "ragged attention of ", q_offsets.size(0) - 1,
-              " sequences of queries to ", k_offsets.size(0) - 1, " of keys");
-  if (q.is_cpu() && dtype_of(q) != torch::kFloat64) return cpu_ragged_attention(q, k, v, q_offsets, k_offsets);
-  return tensor_ragged_attention(q, k, v, q_offsets, k_offsets);
-}
-
-namespace {
 
 constexpr std::int64_t kMostPaddedScores = 1LL << 24;  // of all heads and sequences that are padded together
 
@@ -198,6 +131,65 @@ struct RaggedPieces {
 };
 
 }  // namespace
+
+RaggedProblem::RaggedProblem(const Tensor& q, const Tensor& k, const Tensor& q_offset_rows, const Tensor& k_offset_rows)
+    : q_offsets(q_offset_rows.data_ptr<std::int64_t>()),
+      k_offsets(k_offset_rows.data_ptr<std::int64_t>()),
+      sequences(q_offset_rows.size(0) - 1),
+      rows(q.size(0)),
+      heads(k.size(1)),
+      channels(k.size(2)),
+      width(products::padded(k.size(2))),
+      scale(static_cast<float>(1.0 / std::sqrt(static_cast<double>(k.size(2))))) {
+  for (std::int64_t s = 0; s < sequences; ++s) {
+    if (queries(s) == 0 || keys(s) == 0) continue;
+    longest_queries = std::max(longest_queries, queries(s));
+    longest_keys = std::max(longest_keys, keys(s));
+  }
+}
+
+std::int64_t even_block(std::int64_t total, std::int64_t most) {
+  const std::int64_t blocks = std::max<std::int64_t>(1, (total + most - 1) / most);
+  return (total + blocks - 1) / blocks;
+}
+
+std::vector<RaggedTask> ragged_tasks(const RaggedProblem& problem, std::int64_t most_queries) {
+  std::int64_t scores = 0;
+  for (std::int64_t s = 0; s < problem.sequences; ++s) scores += problem.heads * problem.queries(s) * problem.keys(s);
+  const std::int64_t enough = std::max(kLeastScores, scores / (kTasksPerThread * at::get_num_threads()));
+  std::vector<RaggedTask> tasks;
+  for (std::int64_t s = 0; s < problem.sequences; ++s) {
+    const std::int64_t queries = problem.queries(s), keys = problem.keys(s);
+    if (queries == 0 || keys == 0) continue;
+    const std::int64_t block = even_block(queries, most_queries);
+    const std::int64_t heads = std::clamp<std::int64_t>(enough / (block * keys), 1, problem.heads);
+    for (std::int64_t head = 0; head < problem.heads; head += heads) {
+      for (std::int64_t first = 0; first < queries; first += block) {
+        tasks.push_back({s, head, std::min(heads, problem.heads - head), first, std::min(block, queries - first)});
+      }
+    }
+  }
+  const auto work = [&](const RaggedTask& task) { return task.heads * task.queries * problem.keys(task.sequence); };
+  std::stable_sort(tasks.begin(), tasks.end(),
+                   [&](const RaggedTask& a, const RaggedTask& b) { return work(a) > work(b); });
+  return tasks;
+}
+
+Tensor ragged_attention(const Tensor& q, const Tensor& k, const Tensor& v, const Tensor& q_offsets,
+                        const Tensor& k_offsets) {
+  TORCH_CHECK(q.dim() == 3 && k.dim() == 3 && v.sizes() == k.sizes() && q.size(1) == k.size(1) &&
+                  q.size(2) == k.size(2) && q.size(1) > 0 && q.size(2) > 0,
+              "ragged attention of queries ", q.sizes(), " to keys ", k.sizes(), " and values ", v.sizes());
+  TORCH_CHECK(dtype_of(q) == dtype_of(k) && dtype_of(q) == dtype_of(v) && q.is_floating_point(),
+              "ragged attention of queries of type ", q.dtype(), " to keys of type ", k.dtype(), " and values of type ",
+              v.dtype());
+  check_offsets("query", q_offsets, q.size(0));
+  check_offsets("key", k_offsets, k.size(0));
+  TORCH_CHECK(q_offsets.size(0) == k_offsets.size(0), "ragged attention of ", q_offsets.size(0) - 1,
+              " sequences of queries to ", k_offsets.size(0) - 1, " of keys");
+  if (q.is_cpu() && dtype_of(q) != torch::kFloat64) return cpu_ragged_attention(q, k, v, q_offsets, k_offsets);
+  return tensor_ragged_attention(q, k, v, q_offsets, k_offsets);
+}
 
 Tensor tensor_ragged_attention(const Tensor& q, const Tensor& k, const Tensor& v, const Tensor& q_offsets,
                                const Tensor& k_offsets) {

@@ -61,22 +61,6 @@ bool lies_below(const std::string& key, const std::string& module) {
   return key.size() > module.size() && key.compare(0, module.size(), module) == 0 && key[module.size()] == '.';
 }
 
-}  // namespace
-
-std::vector<StateEntry> state_entries(const torch::nn::Module& module) {
-  std::vector<StateEntry> entries;
-  collect(module, "", entries);
-  return entries;
-}
-
-io::NamedArrays state_dict(const torch::nn::Module& module) {
-  io::NamedArrays arrays;
-  for (const StateEntry& entry : state_entries(module)) arrays.emplace_back(entry.key, to_array(entry.tensor));
-  return arrays;
-}
-
-namespace {
-
 /// @param done called with each array when it is in the model
 template <typename Arrays, typename Done>
 LoadReport load_arrays(torch::nn::Module& module, Arrays& arrays, LoadMode mode, const std::string& source,
@@ -116,7 +100,58 @@ LoadReport load_arrays(torch::nn::Module& module, Arrays& arrays, LoadMode mode,
   return report;
 }
 
+namespace fs = std::filesystem;
+
+// Written last by our trainer, and by the published one.
+bool is_state(const std::string& name) { return name.rfind("state_step", 0) == 0 || name.rfind("misc_step", 0) == 0; }
+
+bool is_averaged(const std::string& name, const std::string& model) {
+  return name.compare(model.size(), 4, "_ema") == 0;
+}
+
+fs::path named_or_newest(const fs::path& run, const std::string& model, const std::string& ckpt) {
+  if (ckpt.empty()) return newest_checkpoint(run, model);
+  try {
+    return io::choose_checkpoint(run, model, ckpt);
+  } catch (const InputError&) {
+    if (ckpt != "final") throw;
+    return newest_checkpoint(run, model);
+  }
+}
+
+/// The model of one of these classes in a run, without its weights.
+RunModel described_model(const fs::path& run, const std::vector<std::string>& class_names) {
+  std::error_code error;
+  if (!fs::is_directory(run, error)) throw InputError(run.string(), "", "no such run folder");
+  RunModel found;
+  found.config = RunFolder{run}.config();
+  found.run = read_json(found.config);
+  if (found.run.is_object() && found.run.contains("models") && found.run["models"].is_object()) {
+    for (const auto& [key, model] : found.run["models"].items()) {
+      if (!model.is_object() || !model.contains("name")) continue;
+      if (std::find(class_names.begin(), class_names.end(), model["name"]) == class_names.end()) continue;
+      found.name = key;
+      found.args = model.contains("args") ? model["args"] : Json::object();
+      found.pointer = "/models/" + escaped_for_pointer(key) + "/args";
+      return found;
+    }
+  }
+  throw InputError(found.config.string(), "/models", "describes no model named " + class_names.front());
+}
+
 }  // namespace
+
+std::vector<StateEntry> state_entries(const torch::nn::Module& module) {
+  std::vector<StateEntry> entries;
+  collect(module, "", entries);
+  return entries;
+}
+
+io::NamedArrays state_dict(const torch::nn::Module& module) {
+  io::NamedArrays arrays;
+  for (const StateEntry& entry : state_entries(module)) arrays.emplace_back(entry.key, to_array(entry.tensor));
+  return arrays;
+}
 
 LoadReport load_state_dict(torch::nn::Module& module, const io::NamedArrays& arrays, LoadMode mode,
                            const std::string& source) {
@@ -147,29 +182,6 @@ std::vector<torch::Dtype> published_dtypes(const torch::nn::Module& module,
   return dtypes;
 }
 
-namespace {
-
-namespace fs = std::filesystem;
-
-// Written last by our trainer, and by the published one.
-bool is_state(const std::string& name) { return name.rfind("state_step", 0) == 0 || name.rfind("misc_step", 0) == 0; }
-
-bool is_averaged(const std::string& name, const std::string& model) {
-  return name.compare(model.size(), 4, "_ema") == 0;
-}
-
-fs::path named_or_newest(const fs::path& run, const std::string& model, const std::string& ckpt) {
-  if (ckpt.empty()) return newest_checkpoint(run, model);
-  try {
-    return io::choose_checkpoint(run, model, ckpt);
-  } catch (const InputError&) {
-    if (ckpt != "final") throw;
-    return newest_checkpoint(run, model);
-  }
-}
-
-}  // namespace
-
 fs::path newest_checkpoint(const fs::path& folder, const std::string& model, bool averaged) {
   const fs::path files = RunFolder{folder}.checkpoint_files();
   std::vector<std::string> names;
@@ -187,30 +199,6 @@ fs::path newest_checkpoint(const fs::path& folder, const std::string& model, boo
   return files / *std::max_element(names.begin(), names.end(),
                                    [&](const std::string& a, const std::string& b) { return rank(a) < rank(b); });
 }
-
-namespace {
-
-/// The model of one of these classes in a run, without its weights.
-RunModel described_model(const fs::path& run, const std::vector<std::string>& class_names) {
-  std::error_code error;
-  if (!fs::is_directory(run, error)) throw InputError(run.string(), "", "no such run folder");
-  RunModel found;
-  found.config = RunFolder{run}.config();
-  found.run = read_json(found.config);
-  if (found.run.is_object() && found.run.contains("models") && found.run["models"].is_object()) {
-    for (const auto& [key, model] : found.run["models"].items()) {
-      if (!model.is_object() || !model.contains("name")) continue;
-      if (std::find(class_names.begin(), class_names.end(), model["name"]) == class_names.end()) continue;
-      found.name = key;
-      found.args = model.contains("args") ? model["args"] : Json::object();
-      found.pointer = "/models/" + escaped_for_pointer(key) + "/args";
-      return found;
-    }
-  }
-  throw InputError(found.config.string(), "/models", "describes no model named " + class_names.front());
-}
-
-}  // namespace
 
 bool has_training_state(const fs::path& run) {
   const std::vector<std::string> names = io::checkpoint_names(RunFolder{run}.checkpoint_files());

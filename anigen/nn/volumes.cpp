@@ -165,6 +165,14 @@ bool has_kernel(const Tensor& weight, std::int64_t edge) {
   return weight.size(2) == edge && weight.size(3) == edge && weight.size(4) == edge;
 }
 
+constexpr double kEps = 1e-5;
+
+// body([..., C], channels of a voxel side by side) of a volume [B, C, X, Y, Z], in its memory format.
+template <typename Body>
+Tensor by_voxel(const Tensor& x, const Body& body) {
+  return body(x.movedim(1, -1)).movedim(-1, 1).contiguous(x.suggest_memory_format());
+}
+
 }  // namespace
 
 bool volume_convolution_supports(const Tensor& x, const Tensor& weight, std::int64_t stride, std::int64_t padding) {
@@ -194,18 +202,6 @@ Tensor patch_convolution(const Tensor& x, const Tensor& weight, const Tensor& bi
   const Tensor matrix = weight.permute({0, 2, 3, 4, 1}).reshape({weight.size(0), k * k * k * c});
   return torch::linear(rows, matrix, bias).view({b, nx, ny, nz, weight.size(0)}).permute({0, 4, 1, 2, 3});
 }
-
-namespace {
-
-constexpr double kEps = 1e-5;
-
-// body([..., C], channels of a voxel side by side) of a volume [B, C, X, Y, Z], in its memory format.
-template <typename Body>
-Tensor by_voxel(const Tensor& x, const Body& body) {
-  return body(x.movedim(1, -1)).movedim(-1, 1).contiguous(x.suggest_memory_format());
-}
-
-}  // namespace
 
 Conv3dImpl::Conv3dImpl(std::int64_t in_channels, std::int64_t out_channels, std::int64_t kernel, std::int64_t stride,
                        std::int64_t padding)

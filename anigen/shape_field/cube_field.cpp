@@ -93,46 +93,6 @@ RowLinks link_corners(const SortedCubes& cubes, const GridSet& vertices, const G
   return links;
 }
 
-}  // namespace
-
-Tensor vertex_positions(const Tensor& places, const Tensor& deform, std::int64_t resolution, const Tensor& like) {
-  const auto size = static_cast<double>(resolution);
-  const Tensor grid = places.to(like.device(), like.scalar_type()) / size - 0.5;
-  if (!deform.defined()) return grid;
-  return grid + torch::tanh(deform) * ((1.0 - 1e-8) / (2.0 * size));
-}
-
-Tensor CubeField::grid_positions() const { return vertex_positions(vertices, Tensor(), resolution, sdf); }
-
-Tensor CubeField::positions() const { return vertex_positions(vertices, deform, resolution, sdf); }
-
-CubeField average_corners(const CubeCorners& corners, std::int64_t resolution) {
-  require_corners(corners, resolution);
-  const GridNumbering grid{resolution + 1};
-  const SortedCubes cubes = sorted_cubes(corners.coords, resolution, grid);
-  TORCH_CHECK(cubes.numbers.size() < (std::size_t{1} << 28), "too many cubes");  // entries are numbered with 31 bits
-  GridSet vertices = cubes.numbers;
-  for (const int axis : {2, 1, 0}) vertices = with_shifted(vertices, grid.step(axis));
-
-  const torch::Device device = corners.sdf.device();
-  const RowLinks links = link_corners(cubes, vertices, grid).to(device);
-  const Tensor counts = links.sources.ge(0).sum(1, /*keepdim=*/true).to(corners.sdf.scalar_type());
-  const auto mean = [&](const Tensor& values) { return sum_rows(values, links) / counts; };
-
-  CubeField field;
-  field.resolution = resolution;
-  field.vertices = grid_places(vertices, grid).to(device);
-  field.sdf = mean(corners.sdf.unsqueeze(-1)).squeeze(-1);
-  field.deform = mean(corners.deform);
-  field.attributes = mean(corners.attributes);
-  field.coords = corners.coords;
-  field.corner_vertices = links.targets.view({-1, kCubeCorners});
-  field.weights = corners.weights;
-  return field;
-}
-
-namespace {
-
 using torch::autograd::AutogradContext;
 using torch::autograd::variable_list;
 
@@ -238,6 +198,42 @@ Tensor squared_deviation(const Tensor& corners, const Tensor& means, const Tenso
 }
 
 }  // namespace
+
+Tensor vertex_positions(const Tensor& places, const Tensor& deform, std::int64_t resolution, const Tensor& like) {
+  const auto size = static_cast<double>(resolution);
+  const Tensor grid = places.to(like.device(), like.scalar_type()) / size - 0.5;
+  if (!deform.defined()) return grid;
+  return grid + torch::tanh(deform) * ((1.0 - 1e-8) / (2.0 * size));
+}
+
+Tensor CubeField::grid_positions() const { return vertex_positions(vertices, Tensor(), resolution, sdf); }
+
+Tensor CubeField::positions() const { return vertex_positions(vertices, deform, resolution, sdf); }
+
+CubeField average_corners(const CubeCorners& corners, std::int64_t resolution) {
+  require_corners(corners, resolution);
+  const GridNumbering grid{resolution + 1};
+  const SortedCubes cubes = sorted_cubes(corners.coords, resolution, grid);
+  TORCH_CHECK(cubes.numbers.size() < (std::size_t{1} << 28), "too many cubes");  // entries are numbered with 31 bits
+  GridSet vertices = cubes.numbers;
+  for (const int axis : {2, 1, 0}) vertices = with_shifted(vertices, grid.step(axis));
+
+  const torch::Device device = corners.sdf.device();
+  const RowLinks links = link_corners(cubes, vertices, grid).to(device);
+  const Tensor counts = links.sources.ge(0).sum(1, /*keepdim=*/true).to(corners.sdf.scalar_type());
+  const auto mean = [&](const Tensor& values) { return sum_rows(values, links) / counts; };
+
+  CubeField field;
+  field.resolution = resolution;
+  field.vertices = grid_places(vertices, grid).to(device);
+  field.sdf = mean(corners.sdf.unsqueeze(-1)).squeeze(-1);
+  field.deform = mean(corners.deform);
+  field.attributes = mean(corners.attributes);
+  field.coords = corners.coords;
+  field.corner_vertices = links.targets.view({-1, kCubeCorners});
+  field.weights = corners.weights;
+  return field;
+}
 
 Tensor corner_consistency(const CubeCorners& corners, const CubeField& field) {
   const std::int64_t values = corners.sdf.numel() + corners.deform.numel() + corners.attributes.numel();

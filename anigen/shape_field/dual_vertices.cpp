@@ -87,21 +87,6 @@ class DualVertexFunction : public torch::autograd::Function<DualVertexFunction> 
   }
 };
 
-}  // namespace
-
-DualVertices dual_vertices(const Tensor& rows, const Tensor& alpha, const Tensor& beta, const DualTopology& topology,
-                           bool with_deviation) {
-  TORCH_CHECK(rows.dim() == 2 && rows.size(0) == topology.vertex_places.size(0) && rows.size(1) >= 4,
-              "values at grid vertices ", rows.sizes(), " for ", topology.vertex_places.size(0), " vertices");
-  if (!rows.is_cpu()) return tensor_dual_vertices(rows, alpha, beta, topology, with_deviation);
-  const variable_list found = DualVertexFunction::apply(
-      rows.contiguous(), alpha.contiguous(), beta.contiguous(), topology.corners, topology.corner_sources,
-      topology.cases, topology.first_dual, topology.first_crossing, topology.duals, topology.crossings, with_deviation);
-  return {found[0], with_deviation ? found[1] : Tensor()};
-}
-
-namespace {
-
 // One row per (dual vertex, edge), in the order of cubes, groups and edges; columns as named.
 enum CrossingColumn : std::int64_t { kVertexA, kVertexB, kAlphaA, kAlphaB, kBetaOf, kDual, kCrossingColumns };
 
@@ -138,6 +123,17 @@ Tensor linear_zero(const Tensor& a, const Tensor& b, const Tensor& w_a, const Te
 }
 
 }  // namespace
+
+DualVertices dual_vertices(const Tensor& rows, const Tensor& alpha, const Tensor& beta, const DualTopology& topology,
+                           bool with_deviation) {
+  TORCH_CHECK(rows.dim() == 2 && rows.size(0) == topology.vertex_places.size(0) && rows.size(1) >= 4,
+              "values at grid vertices ", rows.sizes(), " for ", topology.vertex_places.size(0), " vertices");
+  if (!rows.is_cpu()) return tensor_dual_vertices(rows, alpha, beta, topology, with_deviation);
+  const variable_list found = DualVertexFunction::apply(
+      rows.contiguous(), alpha.contiguous(), beta.contiguous(), topology.corners, topology.corner_sources,
+      topology.cases, topology.first_dual, topology.first_crossing, topology.duals, topology.crossings, with_deviation);
+  return {found[0], with_deviation ? found[1] : Tensor()};
+}
 
 DualVertices tensor_dual_vertices(const Tensor& rows, const Tensor& alpha, const Tensor& beta,
                                   const DualTopology& topology, bool with_deviation) {

@@ -157,22 +157,6 @@ FlexicubesTables make_tables() {
   return tables;
 }
 
-}  // namespace
-
-int edge_from_corner(int corner, int axis) {
-  const int other = corner | 1 << axis;
-  int edge = 0;
-  while (!(edge_touches(edge, corner) && edge_touches(edge, other))) ++edge;
-  return edge;
-}
-
-const FlexicubesTables& flexicubes_tables() {
-  static const FlexicubesTables tables = make_tables();
-  return tables;
-}
-
-namespace {
-
 // A grid edge has four cubes around it. Seen from each in ascending order, the edge's lower end is this corner.
 constexpr std::array<std::array<int, 4>, 3> kCornersAroundEdge = {{{6, 2, 4, 0}, {5, 1, 4, 0}, {3, 1, 2, 0}}};
 
@@ -383,45 +367,6 @@ void link_quads(const std::vector<Quad>& quads, DualTopology& topology) {
   }
 }
 
-}  // namespace
-
-DualTopology dual_topology(const CubeField& field) {
-  RECORD_USER_SCOPE("surface extraction: topology");
-  const GridNumbering grid{field.resolution + 1};
-  const GridSet active_vertices = grid_numbers(field.vertices, grid);
-  TORCH_CHECK(std::is_sorted(active_vertices.begin(), active_vertices.end(), std::less_equal<>()),
-              "the vertices of a field are sorted and differ");
-  const Tensor negative = field.sdf.detach().lt(0).to(torch::kCPU).contiguous();
-  const bool* is_inside = negative.data_ptr<bool>();
-  GridSet inside;
-  for (std::size_t i = 0; i < active_vertices.size(); ++i) {
-    if (is_inside[i]) inside.push_back(active_vertices[i]);
-  }
-  SurfaceCubes cubes = find_surface_cubes(inside, grid);
-  TORCH_CHECK(cubes.numbers.size() < (std::size_t{1} << 27), "too many surface cubes");  // 4F counts in 31 bits
-  decide_ambiguous_faces(cubes, grid);
-  GridSet vertices = cubes.numbers;
-  for (const int axis : {2, 1, 0}) vertices = with_shifted(vertices, grid.step(axis));
-
-  DualTopology topology;
-  number_duals(cubes.cases, topology);
-  link_cube_corners(cubes.numbers, vertices, grid, topology);
-  topology.vertex_places = grid_places(vertices, grid);
-  std::vector<std::int32_t> identity(active_vertices.size());
-  for (std::size_t i = 0; i < identity.size(); ++i) identity[i] = static_cast<std::int32_t>(i);
-  topology.vertices = link_places(vertices, active_vertices, identity);
-  const std::vector<std::int64_t> active_numbers = grid_numbers(field.coords, grid);
-  const std::vector<std::int32_t> order = sorting_order(active_numbers);
-  GridSet active_cubes;
-  active_cubes.reserve(order.size());
-  for (const std::int32_t row : order) active_cubes.push_back(active_numbers[static_cast<std::size_t>(row)]);
-  topology.weights = link_places(cubes.numbers, active_cubes, order);
-  link_quads(find_quads(vertices, grid, vertex_signs(field, topology), topology.corner_sources), topology);
-  return topology;
-}
-
-namespace {
-
 constexpr double kWeightRange = 0.99;  // weights lie in 1 ± 0.99, gamma in [0.005, 0.995]
 
 ExtractedSurface empty_surface(const CubeField& field, bool training) {
@@ -488,6 +433,53 @@ Tensor quad_centres(const Tensor& values, const RowLinks& quad_duals, const Diag
 }
 
 }  // namespace
+
+int edge_from_corner(int corner, int axis) {
+  const int other = corner | 1 << axis;
+  int edge = 0;
+  while (!(edge_touches(edge, corner) && edge_touches(edge, other))) ++edge;
+  return edge;
+}
+
+const FlexicubesTables& flexicubes_tables() {
+  static const FlexicubesTables tables = make_tables();
+  return tables;
+}
+
+DualTopology dual_topology(const CubeField& field) {
+  RECORD_USER_SCOPE("surface extraction: topology");
+  const GridNumbering grid{field.resolution + 1};
+  const GridSet active_vertices = grid_numbers(field.vertices, grid);
+  TORCH_CHECK(std::is_sorted(active_vertices.begin(), active_vertices.end(), std::less_equal<>()),
+              "the vertices of a field are sorted and differ");
+  const Tensor negative = field.sdf.detach().lt(0).to(torch::kCPU).contiguous();
+  const bool* is_inside = negative.data_ptr<bool>();
+  GridSet inside;
+  for (std::size_t i = 0; i < active_vertices.size(); ++i) {
+    if (is_inside[i]) inside.push_back(active_vertices[i]);
+  }
+  SurfaceCubes cubes = find_surface_cubes(inside, grid);
+  TORCH_CHECK(cubes.numbers.size() < (std::size_t{1} << 27), "too many surface cubes");  // 4F counts in 31 bits
+  decide_ambiguous_faces(cubes, grid);
+  GridSet vertices = cubes.numbers;
+  for (const int axis : {2, 1, 0}) vertices = with_shifted(vertices, grid.step(axis));
+
+  DualTopology topology;
+  number_duals(cubes.cases, topology);
+  link_cube_corners(cubes.numbers, vertices, grid, topology);
+  topology.vertex_places = grid_places(vertices, grid);
+  std::vector<std::int32_t> identity(active_vertices.size());
+  for (std::size_t i = 0; i < identity.size(); ++i) identity[i] = static_cast<std::int32_t>(i);
+  topology.vertices = link_places(vertices, active_vertices, identity);
+  const std::vector<std::int64_t> active_numbers = grid_numbers(field.coords, grid);
+  const std::vector<std::int32_t> order = sorting_order(active_numbers);
+  GridSet active_cubes;
+  active_cubes.reserve(order.size());
+  for (const std::int32_t row : order) active_cubes.push_back(active_numbers[static_cast<std::size_t>(row)]);
+  topology.weights = link_places(cubes.numbers, active_cubes, order);
+  link_quads(find_quads(vertices, grid, vertex_signs(field, topology), topology.corner_sources), topology);
+  return topology;
+}
 
 ExtractedSurface flexicubes(const CubeField& field, bool training) {
   const DualTopology topology = dual_topology(field);

@@ -32,40 +32,6 @@ void require_points(const CubeField& field, const Tensor& features, const Tensor
       "features ", features.sizes(), " of ", field.vertices.size(0), " vertices at points ", points.sizes());
 }
 
-}  // namespace
-
-Tensor interpolate_from_nearest(const CubeField& field, const Tensor& features, const Tensor& points,
-                                std::int64_t count, bool deformed) {
-  require_points(field, features, points);
-  const NearestGridVertices nearest = nearest_grid_vertices(field, points, count, deformed);
-  const double deviation = kGaussianCells / static_cast<double>(field.resolution);
-  const Tensor gaussian = torch::exp(nearest.squared / (-2.0 * deviation * deviation));
-  const Tensor weights = gaussian / gaussian.sum(1, /*keepdim=*/true).clamp_min(kLeastGaussianSum);
-  const Tensor chosen = features.index_select(0, nearest.rows.view({-1}).to(features.device()));
-  return (chosen.view({-1, count, features.size(1)}) *
-          weights.to(features.device(), features.scalar_type()).unsqueeze(-1))
-      .sum(1);
-}
-
-Tensor interpolate_trilinearly(const CubeField& field, const Tensor& features, const Tensor& points) {
-  require_points(field, features, points);
-  const auto cells = static_cast<double>(field.resolution);
-  const Tensor place = ((points + 0.5) * cells).clamp(0.0, cells - 1e-6);
-  const Tensor lowest = place.detach().floor().clamp_max(cells - 1.0);  // fp32 may round the bound up to R
-  const Tensor high = place - lowest, low = 1.0 - high;
-  const Tensor padded = torch::cat({features, torch::zeros({1, features.size(1)}, features.options())});
-  Tensor sum = torch::zeros({points.size(0), features.size(1)}, features.options());
-  for (int corner = 0; corner < kCubeCorners; ++corner) {
-    const Tensor offset = torch::tensor({corner & 1, corner >> 1 & 1, corner >> 2 & 1}, lowest.options());
-    Tensor weight = torch::ones({points.size(0)}, points.options());
-    for (int axis = 0; axis < 3; ++axis) weight = weight * ((corner >> axis & 1) != 0 ? high : low).select(1, axis);
-    sum = sum + weight.unsqueeze(1) * padded.index_select(0, rows_of_places(field, lowest + offset));
-  }
-  return sum;
-}
-
-namespace {
-
 constexpr std::int64_t kColorChannels = 6;    // RGB, normal map
 constexpr std::int64_t kRegularWeights = 20;  // beta and alpha, not gamma
 constexpr double kDeviationFactor = 0.5, kWeightsFactor = 0.2;
@@ -119,34 +85,6 @@ void regularize(const CubeCorners& corners, const Tensor& consistency, const Ten
       mesh.terms.consistency + kDeviationFactor * mesh.terms.deviation + kWeightsFactor * mesh.terms.weights;
 }
 
-}  // namespace
-
-ExtractedMesh extract_mesh(const Tensor& coords, const Tensor& feats, const MeshFieldOptions& options, bool training) {
-  if (options.resolution < 1 || options.skin_channels < 0) {
-    throw InputError("", "", "a mesh field needs a resolution of at least 1 and no negative number of skin channels");
-  }
-  if (!feats.defined() || feats.dim() != 2 || feats.size(1) != options.channels()) {
-    throw InputError("", "feats",
-                     "expected [C, " + std::to_string(options.channels()) + "], found " + nn::shape_text(feats));
-  }
-  if (feats.scalar_type() != torch::kFloat32 && feats.scalar_type() != torch::kFloat64) {
-    throw InputError("", "feats", "expected fp32 or fp64");
-  }
-  RECORD_USER_SCOPE("surface extraction: the rest");
-  const CubeCorners corners = split_channels(coords, feats, options);
-  ExtractedMesh mesh;
-  mesh.field = average_corners(corners, options.resolution);
-  // The corners' agreement counts what was predicted, used or not.
-  const Tensor consistency = training ? corner_consistency(corners, mesh.field) : Tensor();
-  if (deform_disabled(options)) mesh.field.deform = torch::zeros_like(mesh.field.deform);
-  const ExtractedSurface surface = flexicubes(mesh.field, training);
-  set_surface(surface, options, mesh);
-  if (training) regularize(corners, consistency, surface.deviation, mesh);
-  return mesh;
-}
-
-namespace {
-
 using torch::Tensor;
 
 constexpr std::int64_t kSsimWindow = 11;
@@ -185,7 +123,77 @@ class Smoothing : public torch::autograd::Function<Smoothing> {
   }
 };
 
+constexpr double kTruncationCells = 3.0;
+
+Tensor depth_difference(const Tensor& a, const Tensor& b, const GeometryLossOptions& options) {
+  if (!options.smooth_depth) return (a - b).abs().mean();
+  return at::smooth_l1_loss(a, b, at::Reduction::Mean, 0.5 / static_cast<double>(options.resolution));
+}
+
+// Picture coordinates of the pixel centres with a third coordinate 1, [H·W, 3].
+Tensor pixel_centers(std::int64_t height, std::int64_t width, const torch::TensorOptions& options) {
+  const Tensor y = (torch::arange(height, options) + 0.5) / static_cast<double>(height);
+  const Tensor x = (torch::arange(width, options) + 0.5) / static_cast<double>(width);
+  const Tensor u = x.unsqueeze(0).expand({height, width}).reshape({-1});
+  const Tensor v = y.unsqueeze(1).expand({height, width}).reshape({-1});
+  return torch::stack({u, v, torch::ones_like(u)}, 1);
+}
+
 }  // namespace
+
+Tensor interpolate_from_nearest(const CubeField& field, const Tensor& features, const Tensor& points,
+                                std::int64_t count, bool deformed) {
+  require_points(field, features, points);
+  const NearestGridVertices nearest = nearest_grid_vertices(field, points, count, deformed);
+  const double deviation = kGaussianCells / static_cast<double>(field.resolution);
+  const Tensor gaussian = torch::exp(nearest.squared / (-2.0 * deviation * deviation));
+  const Tensor weights = gaussian / gaussian.sum(1, /*keepdim=*/true).clamp_min(kLeastGaussianSum);
+  const Tensor chosen = features.index_select(0, nearest.rows.view({-1}).to(features.device()));
+  return (chosen.view({-1, count, features.size(1)}) *
+          weights.to(features.device(), features.scalar_type()).unsqueeze(-1))
+      .sum(1);
+}
+
+Tensor interpolate_trilinearly(const CubeField& field, const Tensor& features, const Tensor& points) {
+  require_points(field, features, points);
+  const auto cells = static_cast<double>(field.resolution);
+  const Tensor place = ((points + 0.5) * cells).clamp(0.0, cells - 1e-6);
+  const Tensor lowest = place.detach().floor().clamp_max(cells - 1.0);  // fp32 may round the bound up to R
+  const Tensor high = place - lowest, low = 1.0 - high;
+  const Tensor padded = torch::cat({features, torch::zeros({1, features.size(1)}, features.options())});
+  Tensor sum = torch::zeros({points.size(0), features.size(1)}, features.options());
+  for (int corner = 0; corner < kCubeCorners; ++corner) {
+    const Tensor offset = torch::tensor({corner & 1, corner >> 1 & 1, corner >> 2 & 1}, lowest.options());
+    Tensor weight = torch::ones({points.size(0)}, points.options());
+    for (int axis = 0; axis < 3; ++axis) weight = weight * ((corner >> axis & 1) != 0 ? high : low).select(1, axis);
+    sum = sum + weight.unsqueeze(1) * padded.index_select(0, rows_of_places(field, lowest + offset));
+  }
+  return sum;
+}
+
+ExtractedMesh extract_mesh(const Tensor& coords, const Tensor& feats, const MeshFieldOptions& options, bool training) {
+  if (options.resolution < 1 || options.skin_channels < 0) {
+    throw InputError("", "", "a mesh field needs a resolution of at least 1 and no negative number of skin channels");
+  }
+  if (!feats.defined() || feats.dim() != 2 || feats.size(1) != options.channels()) {
+    throw InputError("", "feats",
+                     "expected [C, " + std::to_string(options.channels()) + "], found " + nn::shape_text(feats));
+  }
+  if (feats.scalar_type() != torch::kFloat32 && feats.scalar_type() != torch::kFloat64) {
+    throw InputError("", "feats", "expected fp32 or fp64");
+  }
+  RECORD_USER_SCOPE("surface extraction: the rest");
+  const CubeCorners corners = split_channels(coords, feats, options);
+  ExtractedMesh mesh;
+  mesh.field = average_corners(corners, options.resolution);
+  // The corners' agreement counts what was predicted, used or not.
+  const Tensor consistency = training ? corner_consistency(corners, mesh.field) : Tensor();
+  if (deform_disabled(options)) mesh.field.deform = torch::zeros_like(mesh.field.deform);
+  const ExtractedSurface surface = flexicubes(mesh.field, training);
+  set_surface(surface, options, mesh);
+  if (training) regularize(corners, consistency, surface.deviation, mesh);
+  return mesh;
+}
 
 Tensor ssim_window() {
   const Tensor kernel = ssim_kernel();
@@ -236,26 +244,6 @@ PerceptualLoss perceptual_loss(const Tensor& a, const Tensor& b, const Perceptua
   }
   return loss;
 }
-
-namespace {
-
-constexpr double kTruncationCells = 3.0;
-
-Tensor depth_difference(const Tensor& a, const Tensor& b, const GeometryLossOptions& options) {
-  if (!options.smooth_depth) return (a - b).abs().mean();
-  return at::smooth_l1_loss(a, b, at::Reduction::Mean, 0.5 / static_cast<double>(options.resolution));
-}
-
-// Picture coordinates of the pixel centres with a third coordinate 1, [H·W, 3].
-Tensor pixel_centers(std::int64_t height, std::int64_t width, const torch::TensorOptions& options) {
-  const Tensor y = (torch::arange(height, options) + 0.5) / static_cast<double>(height);
-  const Tensor x = (torch::arange(width, options) + 0.5) / static_cast<double>(width);
-  const Tensor u = x.unsqueeze(0).expand({height, width}).reshape({-1});
-  const Tensor v = y.unsqueeze(1).expand({height, width}).reshape({-1});
-  return torch::stack({u, v, torch::ones_like(u)}, 1);
-}
-
-}  // namespace
 
 void GeometryLossOptions::set_depth_loss(const std::string& word) {
   if (word != "l1" && word != "smooth_l1") {

@@ -82,6 +82,26 @@ class SortedJoints {
   std::vector<int> original_;
 };
 
+std::vector<float> confidences_of(const Tensor& confidence, std::int64_t votes, const char* name) {
+  if (!confidence.defined()) return {};
+  nn::require_matrix(confidence, votes, 1, name);
+  const Tensor values = confidence.detach().to(torch::kCPU, torch::kFloat32).contiguous();
+  return {values.data_ptr<float>(), values.data_ptr<float>() + values.numel()};
+}
+
+// Below it a joint counts as having no voxels.
+constexpr double kLeastWeight = 1e-6;
+
+/// The nearest joint of each centre. @return [M] int64 on the device of the centres
+Tensor owners_of(const Tensor& centers, const Tensor& joints) {
+  const std::vector<NearestJoints> nearest =
+      nearest_joints(nn::points_of<double>(centers, "positions"), nn::points_of<double>(joints, "joints"));
+  const Tensor owners = torch::empty({static_cast<std::int64_t>(nearest.size())}, torch::kInt64);
+  auto* next = owners.data_ptr<std::int64_t>();
+  for (const NearestJoints& joint : nearest) *next++ = joint.joint;
+  return owners.to(centers.device());
+}
+
 }  // namespace
 
 std::vector<NearestJoints> nearest_joints(const std::vector<Eigen::Vector3d>& points,
@@ -101,17 +121,6 @@ std::vector<NearestJoints> nearest_joints(const std::vector<Eigen::Vector3d>& po
 double joint_confidence(const NearestJoints& nearest) {
   return 1.0 - std::min(1.0, nearest.first / (nearest.second + 1e-8));
 }
-
-namespace {
-
-std::vector<float> confidences_of(const Tensor& confidence, std::int64_t votes, const char* name) {
-  if (!confidence.defined()) return {};
-  nn::require_matrix(confidence, votes, 1, name);
-  const Tensor values = confidence.detach().to(torch::kCPU, torch::kFloat32).contiguous();
-  return {values.data_ptr<float>(), values.data_ptr<float>() + values.numel()};
-}
-
-}  // namespace
 
 Votes votes_of(const SkeletonField& field) {
   Votes votes;
@@ -142,23 +151,6 @@ SkeletonTensors group_votes(const SkeletonField& field, const std::string& strat
   const torch::Device device = field.joints.device();
   return {tensors.joints.to(device), tensors.parents.to(device)};
 }
-
-namespace {
-
-// Below it a joint counts as having no voxels.
-constexpr double kLeastWeight = 1e-6;
-
-/// The nearest joint of each centre. @return [M] int64 on the device of the centres
-Tensor owners_of(const Tensor& centers, const Tensor& joints) {
-  const std::vector<NearestJoints> nearest =
-      nearest_joints(nn::points_of<double>(centers, "positions"), nn::points_of<double>(joints, "joints"));
-  const Tensor owners = torch::empty({static_cast<std::int64_t>(nearest.size())}, torch::kInt64);
-  auto* next = owners.data_ptr<std::int64_t>();
-  for (const NearestJoints& joint : nearest) *next++ = joint.joint;
-  return owners.to(centers.device());
-}
-
-}  // namespace
 
 JointSkinFeatures joint_skin_features(const SkeletonField& field, const Tensor& joints) {
   nn::require_matrix(field.positions, -1, 3, "positions");

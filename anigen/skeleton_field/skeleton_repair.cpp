@@ -89,68 +89,6 @@ bool cut_cycles(const std::vector<Eigen::Vector3d>& joints, std::vector<int>& pa
   return !cycles.empty();
 }
 
-}  // namespace
-
-std::vector<int> repair_parents_as_published(const std::vector<Eigen::Vector3f>& joints,
-                                             const std::vector<int>& parents) {
-  if (!joints.empty() && joints.size() != parents.size()) {
-    throw InputError("", "parents",
-                     std::to_string(joints.size()) + " joints but " + std::to_string(parents.size()) + " parents");
-  }
-  const std::vector<Eigen::Vector3d> positions = checked_joints(joints);
-  std::vector<int> repaired = parents_in_range(parents);
-  // Cuts that undo each other come back to the same parents every few rounds: once they do, whole periods are skipped,
-  // which gives the result of the last round without going through all. Parents are compared with those of one earlier
-  // round, at distances that double (Brent's cycle detection).
-  std::size_t rounds = std::max<std::size_t>(4, parents.size());
-  std::vector<int> earlier = repaired;
-  std::size_t since = 0, next_snapshot = 1;
-  bool is_periodic = false;
-  while (rounds > 0 && cut_cycles(positions, repaired)) {
-    --rounds;
-    if (is_periodic) continue;
-    ++since;
-    if (repaired == earlier) {
-      rounds %= since;
-      is_periodic = true;
-    } else if (since == next_snapshot) {
-      earlier = repaired;
-      next_snapshot *= 2;
-      since = 0;
-    }
-  }
-  return repaired;
-}
-
-std::vector<std::vector<int>> hop_distances(const std::vector<int>& parents) {
-  const std::size_t count = parents.size();
-  const std::vector<int> up = parents_in_range(parents);
-  std::vector<std::vector<int>> neighbours(count);
-  for (std::size_t j = 0; j < count; ++j) {
-    if (up[j] < 0 || up[j] == static_cast<int>(j)) continue;
-    neighbours[j].push_back(up[j]);
-    neighbours[static_cast<std::size_t>(up[j])].push_back(static_cast<int>(j));
-  }
-  std::vector<std::vector<int>> hops(count, std::vector<int>(count, kUnreachableHops));
-  std::vector<int> queue;
-  for (std::size_t from = 0; from < count; ++from) {
-    std::vector<int>& row = hops[from];
-    row[from] = 0;
-    queue.assign(1, static_cast<int>(from));
-    for (std::size_t next = 0; next < queue.size(); ++next) {
-      const auto joint = static_cast<std::size_t>(queue[next]);
-      for (const int other : neighbours[joint]) {
-        if (row[static_cast<std::size_t>(other)] != kUnreachableHops) continue;
-        row[static_cast<std::size_t>(other)] = row[joint] + 1;
-        queue.push_back(other);
-      }
-    }
-  }
-  return hops;
-}
-
-namespace {
-
 using Positions = std::vector<Eigen::Vector3d>;
 
 /// Joints that hang together.
@@ -232,6 +170,64 @@ RootedTree parents_first(const std::vector<int>& parents) {
 }
 
 }  // namespace
+
+std::vector<int> repair_parents_as_published(const std::vector<Eigen::Vector3f>& joints,
+                                             const std::vector<int>& parents) {
+  if (!joints.empty() && joints.size() != parents.size()) {
+    throw InputError("", "parents",
+                     std::to_string(joints.size()) + " joints but " + std::to_string(parents.size()) + " parents");
+  }
+  const std::vector<Eigen::Vector3d> positions = checked_joints(joints);
+  std::vector<int> repaired = parents_in_range(parents);
+  // Cuts that undo each other come back to the same parents every few rounds: once they do, whole periods are skipped,
+  // which gives the result of the last round without going through all. Parents are compared with those of one earlier
+  // round, at distances that double (Brent's cycle detection).
+  std::size_t rounds = std::max<std::size_t>(4, parents.size());
+  std::vector<int> earlier = repaired;
+  std::size_t since = 0, next_snapshot = 1;
+  bool is_periodic = false;
+  while (rounds > 0 && cut_cycles(positions, repaired)) {
+    --rounds;
+    if (is_periodic) continue;
+    ++since;
+    if (repaired == earlier) {
+      rounds %= since;
+      is_periodic = true;
+    } else if (since == next_snapshot) {
+      earlier = repaired;
+      next_snapshot *= 2;
+      since = 0;
+    }
+  }
+  return repaired;
+}
+
+std::vector<std::vector<int>> hop_distances(const std::vector<int>& parents) {
+  const std::size_t count = parents.size();
+  const std::vector<int> up = parents_in_range(parents);
+  std::vector<std::vector<int>> neighbours(count);
+  for (std::size_t j = 0; j < count; ++j) {
+    if (up[j] < 0 || up[j] == static_cast<int>(j)) continue;
+    neighbours[j].push_back(up[j]);
+    neighbours[static_cast<std::size_t>(up[j])].push_back(static_cast<int>(j));
+  }
+  std::vector<std::vector<int>> hops(count, std::vector<int>(count, kUnreachableHops));
+  std::vector<int> queue;
+  for (std::size_t from = 0; from < count; ++from) {
+    std::vector<int>& row = hops[from];
+    row[from] = 0;
+    queue.assign(1, static_cast<int>(from));
+    for (std::size_t next = 0; next < queue.size(); ++next) {
+      const auto joint = static_cast<std::size_t>(queue[next]);
+      for (const int other : neighbours[joint]) {
+        if (row[static_cast<std::size_t>(other)] != kUnreachableHops) continue;
+        row[static_cast<std::size_t>(other)] = row[joint] + 1;
+        queue.push_back(other);
+      }
+    }
+  }
+  return hops;
+}
 
 RootedTree one_rooted_tree(const std::vector<Eigen::Vector3f>& joints, const std::vector<int>& parents) {
   if (joints.size() != parents.size()) {

@@ -59,6 +59,18 @@ SkinLosses losses_of(const std::vector<Tensor>& predicted, const std::vector<Ten
   return losses;
 }
 
+constexpr double kLeastPredictedWeight = 1e-8;
+constexpr double kLeastRowSum = 1e-8;
+
+// Column of the true weights for each predicted joint.
+Tensor matching_columns(const Tensor& joints, const Tensor& predicted_joints) {
+  const std::vector<skeleton_field::NearestJoints> nearest = skeleton_field::nearest_joints(
+      nn::points_of<double>(predicted_joints, "predicted joints"), nn::points_of<double>(joints, "joints"));
+  std::vector<std::int64_t> columns;
+  for (const skeleton_field::NearestJoints& one : nearest) columns.push_back(one.joint);
+  return torch::tensor(columns, torch::kInt64).to(joints.device());
+}
+
 }  // namespace
 
 SkinLossOptions SkinLossOptions::compatible(const std::string& compatibility) {
@@ -86,22 +98,6 @@ SkinLosses skin_losses(const std::vector<Tensor>& predicted, const std::vector<T
   const auto logarithm = [&](const Tensor& weights) { return torch::log(weights + options.epsilon); };
   return losses_of(predicted, target, options, logarithm, [](const Tensor& weights) { return weights; });
 }
-
-namespace {
-
-constexpr double kLeastPredictedWeight = 1e-8;
-constexpr double kLeastRowSum = 1e-8;
-
-// Column of the true weights for each predicted joint.
-Tensor matching_columns(const Tensor& joints, const Tensor& predicted_joints) {
-  const std::vector<skeleton_field::NearestJoints> nearest = skeleton_field::nearest_joints(
-      nn::points_of<double>(predicted_joints, "predicted joints"), nn::points_of<double>(joints, "joints"));
-  std::vector<std::int64_t> columns;
-  for (const skeleton_field::NearestJoints& one : nearest) columns.push_back(one.joint);
-  return torch::tensor(columns, torch::kInt64).to(joints.device());
-}
-
-}  // namespace
 
 SkinTargets skin_targets(const VertexMix& mix, const Tensor& skin, const Tensor& features, const Tensor& joints,
                          const Tensor& predicted_joints) {

@@ -27,6 +27,63 @@ void check_asset(const Tensor& joints, const Tensor& parents, const std::string&
   if (!torch::isfinite(joints).all().item<bool>()) throw InputError(file, place, "a joint position is not finite");
 }
 
+constexpr double kSmallestArea = 1e-12;
+
+void check_mesh(const Tensor& vertices, const Tensor& faces) {
+  if (vertices.dim() != 2 || vertices.size(1) != 3) throw InputError("", "", "vertices must have shape [V, 3]");
+  if (faces.dim() != 2 || faces.size(1) != 3 || faces.is_floating_point()) {
+    throw InputError("", "", "faces must be integers of shape [F, 3]");
+  }
+  if (faces.size(0) == 0) throw InputError("", "", "a mesh without faces has no surface to draw points from");
+  if (faces.min().item<std::int64_t>() < 0 || faces.max().item<std::int64_t>() >= vertices.size(0)) {
+    throw InputError("", "", "a face names a vertex outside [0, " + std::to_string(vertices.size(0)) + ")");
+  }
+}
+
+Tensor face_areas(const Tensor& vertices, const Tensor& faces) {
+  const auto corner = [&](std::int64_t k) { return vertices.index_select(0, faces.select(1, k).to(torch::kInt64)); };
+  const Tensor a = corner(0);
+  const Tensor crosses = torch::linalg_cross(corner(1) - a, corner(2) - a);
+  const Tensor areas = (0.5 * crosses.norm(2, -1)).clamp_min(kSmallestArea);
+  return torch::isfinite(areas).all().item<bool>() ? areas : torch::ones_like(areas);
+}
+
+constexpr double kDegenerateTriangle = 1e-12;  // 4 · area², the squared length of the cross product of two edges
+
+void check_mix_indices(const Tensor& indices, std::int64_t count, const char* what) {
+  if (indices.numel() == 0) return;
+  const auto least = indices.min().item<std::int64_t>(), most = indices.max().item<std::int64_t>();
+  if (least >= 0 && most < count) return;
+  throw InputError(
+      "", what, "index " + std::to_string(least < 0 ? least : most) + " is outside 0 to " + std::to_string(count - 1));
+}
+
+Tensor mix_faces(const Tensor& faces) {
+  if (faces.dim() != 2 || faces.size(1) != 3 || faces.is_floating_point()) {
+    throw InputError("", "faces", "must be integers [F, 3], found " + nn::shape_text(faces));
+  }
+  return faces.to(torch::kCPU, torch::kInt64).contiguous();
+}
+
+// Weights of the place on the longest edge nearest to a place on the triangle.
+Eigen::Vector3d along_longest_edge(const Eigen::Vector3d& place, const Eigen::Vector3d corners[3]) {
+  int start = 0;
+  double longest = -1.0;
+  for (int k = 0; k < 3; ++k) {
+    const double length = (corners[(k + 1) % 3] - corners[k]).squaredNorm();
+    if (length > longest) {
+      longest = length;
+      start = k;
+    }
+  }
+  const int end = (start + 1) % 3;
+  const double t = geometry::nearest_on_segment(place, corners[start], corners[end]);
+  Eigen::Vector3d weights = Eigen::Vector3d::Zero();
+  weights[start] = 1.0 - t;
+  weights[end] = t;
+  return weights;
+}
+
 }  // namespace
 
 SkeletonBatch SkeletonBatch::from_lists(const std::vector<Tensor>& joints, const std::vector<Tensor>& parents,
@@ -72,31 +129,6 @@ SkeletonBatch SkeletonBatch::to(torch::Device device) const {
   moved.anchor_rows = anchor_rows.to(device);
   return moved;
 }
-
-namespace {
-
-constexpr double kSmallestArea = 1e-12;
-
-void check_mesh(const Tensor& vertices, const Tensor& faces) {
-  if (vertices.dim() != 2 || vertices.size(1) != 3) throw InputError("", "", "vertices must have shape [V, 3]");
-  if (faces.dim() != 2 || faces.size(1) != 3 || faces.is_floating_point()) {
-    throw InputError("", "", "faces must be integers of shape [F, 3]");
-  }
-  if (faces.size(0) == 0) throw InputError("", "", "a mesh without faces has no surface to draw points from");
-  if (faces.min().item<std::int64_t>() < 0 || faces.max().item<std::int64_t>() >= vertices.size(0)) {
-    throw InputError("", "", "a face names a vertex outside [0, " + std::to_string(vertices.size(0)) + ")");
-  }
-}
-
-Tensor face_areas(const Tensor& vertices, const Tensor& faces) {
-  const auto corner = [&](std::int64_t k) { return vertices.index_select(0, faces.select(1, k).to(torch::kInt64)); };
-  const Tensor a = corner(0);
-  const Tensor crosses = torch::linalg_cross(corner(1) - a, corner(2) - a);
-  const Tensor areas = (0.5 * crosses.norm(2, -1)).clamp_min(kSmallestArea);
-  return torch::isfinite(areas).all().item<bool>() ? areas : torch::ones_like(areas);
-}
-
-}  // namespace
 
 Tensor face_probabilities(const Tensor& vertices, const Tensor& faces) {
   check_mesh(vertices, faces);
@@ -148,46 +180,6 @@ Tensor SurfaceSkinSampler::sample(std::int64_t count, Rng& rng) const {
   }
   return interpolate_skin(skin_, faces_, face, u, v);
 }
-
-namespace {
-
-constexpr double kDegenerateTriangle = 1e-12;  // 4 · area², the squared length of the cross product of two edges
-
-void check_mix_indices(const Tensor& indices, std::int64_t count, const char* what) {
-  if (indices.numel() == 0) return;
-  const auto least = indices.min().item<std::int64_t>(), most = indices.max().item<std::int64_t>();
-  if (least >= 0 && most < count) return;
-  throw InputError(
-      "", what, "index " + std::to_string(least < 0 ? least : most) + " is outside 0 to " + std::to_string(count - 1));
-}
-
-Tensor mix_faces(const Tensor& faces) {
-  if (faces.dim() != 2 || faces.size(1) != 3 || faces.is_floating_point()) {
-    throw InputError("", "faces", "must be integers [F, 3], found " + nn::shape_text(faces));
-  }
-  return faces.to(torch::kCPU, torch::kInt64).contiguous();
-}
-
-// Weights of the place on the longest edge nearest to a place on the triangle.
-Eigen::Vector3d along_longest_edge(const Eigen::Vector3d& place, const Eigen::Vector3d corners[3]) {
-  int start = 0;
-  double longest = -1.0;
-  for (int k = 0; k < 3; ++k) {
-    const double length = (corners[(k + 1) % 3] - corners[k]).squaredNorm();
-    if (length > longest) {
-      longest = length;
-      start = k;
-    }
-  }
-  const int end = (start + 1) % 3;
-  const double t = geometry::nearest_on_segment(place, corners[start], corners[end]);
-  Eigen::Vector3d weights = Eigen::Vector3d::Zero();
-  weights[start] = 1.0 - t;
-  weights[end] = t;
-  return weights;
-}
-
-}  // namespace
 
 VertexMix surface_mix(const Tensor& face, const Tensor& barycentric, const Tensor& faces, double least) {
   const Tensor table = mix_faces(faces);

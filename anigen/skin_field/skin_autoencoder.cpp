@@ -17,6 +17,48 @@ constexpr std::int64_t kMaxWidth = 16384;
 constexpr std::int64_t kMaxBlocks = 256;
 constexpr std::int64_t kMaxBands = 64;
 
+void check_skin(const std::vector<Tensor>& skin, const nn::Ragged& joints) {
+  if (static_cast<std::int64_t>(skin.size()) != joints.items()) {
+    throw InputError(
+        "", "", std::to_string(skin.size()) + " skin matrices for " + std::to_string(joints.items()) + " skeletons");
+  }
+  for (std::size_t i = 0; i < skin.size(); ++i) {
+    if (skin[i].dim() == 2 && skin[i].size(1) == joints.lengths()[i]) continue;
+    throw InputError("", "skeleton " + std::to_string(i),
+                     "skin weights must have shape [V, " + std::to_string(joints.lengths()[i]) + "]");
+  }
+}
+
+// Weighted sums over the joints of each asset: [ΣJ, C] → [ΣV, C].
+Tensor weighted(const std::vector<Tensor>& skin, const Tensor& features, const nn::Ragged& joints) {
+  const std::vector<Tensor> per_asset = joints.split(features);
+  std::vector<Tensor> sums;
+  for (std::size_t i = 0; i < skin.size(); ++i) sums.push_back(torch::mm(skin[i].to(features.options()), per_asset[i]));
+  return sums.size() == 1 ? sums[0] : torch::cat(sums, 0);
+}
+
+nn::FreezableModel::Parts skin_autoencoder_parts(const SkinAutoEncoderOptions& options) {
+  nn::FreezableModel::Parts parts;
+  parts.always_fp16 = {"skin_encoder.joint_embedder.blocks"};
+  parts.other_fp16 = {"skin_decoder.blocks_vertex", "skin_decoder.blocks_skin"};
+  parts.use_fp16 = options.use_fp16;
+  return parts;
+}
+
+constexpr double kGeluSecondMoment = 0.425;  // of a standard normal
+
+bool ends_with(const std::string& text, const std::string& end) {
+  return text.size() >= end.size() && text.compare(text.size() - end.size(), end.size(), end) == 0;
+}
+
+// Xavier's variance is 2 / (in + out).
+void set_variance(Tensor weight, double variance) {
+  const auto sum = static_cast<double>(weight.size(0) + weight.size(1));
+  weight.mul_(std::sqrt(variance * sum / 2.0));
+}
+
+double inputs(const Tensor& weight) { return static_cast<double>(weight.size(1)); }
+
 }  // namespace
 
 void JointEmbedderOptions::fields(ConfigFields& f) {
@@ -115,30 +157,6 @@ Tensor JointEmbedderImpl::run_blocks(const Tensor& first, const nn::Ragged& item
   for (nn::FeedForward& block : plain_blocks_) h = block->forward(h) + skip;
   return h;
 }
-
-namespace {
-
-void check_skin(const std::vector<Tensor>& skin, const nn::Ragged& joints) {
-  if (static_cast<std::int64_t>(skin.size()) != joints.items()) {
-    throw InputError(
-        "", "", std::to_string(skin.size()) + " skin matrices for " + std::to_string(joints.items()) + " skeletons");
-  }
-  for (std::size_t i = 0; i < skin.size(); ++i) {
-    if (skin[i].dim() == 2 && skin[i].size(1) == joints.lengths()[i]) continue;
-    throw InputError("", "skeleton " + std::to_string(i),
-                     "skin weights must have shape [V, " + std::to_string(joints.lengths()[i]) + "]");
-  }
-}
-
-// Weighted sums over the joints of each asset: [ΣJ, C] → [ΣV, C].
-Tensor weighted(const std::vector<Tensor>& skin, const Tensor& features, const nn::Ragged& joints) {
-  const std::vector<Tensor> per_asset = joints.split(features);
-  std::vector<Tensor> sums;
-  for (std::size_t i = 0; i < skin.size(); ++i) sums.push_back(torch::mm(skin[i].to(features.options()), per_asset[i]));
-  return sums.size() == 1 ? sums[0] : torch::cat(sums, 0);
-}
-
-}  // namespace
 
 SkinEncoderImpl::SkinEncoderImpl(const SkinEncoderOptions& options)
     : options_(options), fourier_(options.skl_pos_embed_freq) {
@@ -260,18 +278,6 @@ std::vector<Tensor> SkinDecoderImpl::decode_log(const Tensor& vertex_features, c
   return weights;
 }
 
-namespace {
-
-nn::FreezableModel::Parts skin_autoencoder_parts(const SkinAutoEncoderOptions& options) {
-  nn::FreezableModel::Parts parts;
-  parts.always_fp16 = {"skin_encoder.joint_embedder.blocks"};
-  parts.other_fp16 = {"skin_decoder.blocks_vertex", "skin_decoder.blocks_skin"};
-  parts.use_fp16 = options.use_fp16;
-  return parts;
-}
-
-}  // namespace
-
 SkinAutoEncoderImpl::SkinAutoEncoderImpl(const SkinAutoEncoderOptions& options, nn::Init init)
     : nn::FreezableModel(skin_autoencoder_parts(options)), options_(options) {
   options.validate();
@@ -324,24 +330,6 @@ nn::Ragged rows_of(const std::vector<Tensor>& matrices) {
   for (const Tensor& matrix : matrices) rows.push_back(matrix.size(0));
   return nn::Ragged(rows);
 }
-
-namespace {
-
-constexpr double kGeluSecondMoment = 0.425;  // of a standard normal
-
-bool ends_with(const std::string& text, const std::string& end) {
-  return text.size() >= end.size() && text.compare(text.size() - end.size(), end.size(), end) == 0;
-}
-
-// Xavier's variance is 2 / (in + out).
-void set_variance(Tensor weight, double variance) {
-  const auto sum = static_cast<double>(weight.size(0) + weight.size(1));
-  weight.mul_(std::sqrt(variance * sum / 2.0));
-}
-
-double inputs(const Tensor& weight) { return static_cast<double>(weight.size(1)); }
-
-}  // namespace
 
 void rescale_to_unit_gain(SkinAutoEncoder& model) {
   const torch::NoGradGuard no_grad;

@@ -18,6 +18,25 @@ nn::FeedForward block_mlp(const SparseBlockOptions& options) {
   return nn::FeedForward(options.channels, options.channels, options.mlp_ratio);
 }
 
+SparseAttention modulated_self(const SparseModulatedBlockOptions& options) {
+  return SparseAttention(SparseAttentionOptions(nn::self_attention_of(options), options.scope));
+}
+
+SparseAttention stream_attention(const DualStreamBlockOptions& options, bool skeleton, std::int64_t context_channels,
+                                 bool qk_rms_norm) {
+  nn::AttentionOptions attention = cross_attention_of(options, context_channels);
+  attention.channels = skeleton ? options.channels_skl : options.channels;
+  attention.num_heads = skeleton ? options.num_heads_skl : options.num_heads;
+  attention.qk_rms_norm = qk_rms_norm;
+  return SparseAttention(SparseAttentionOptions(attention, {}));
+}
+
+// Without a gradient in place: at 256³ every copy of the features counts.
+Tensor normed_silu(SparseGroupNorm& norm, const SparseTensor& x) {
+  Tensor rows = norm->forward(x).feats;
+  return at::GradMode::is_enabled() ? torch::silu(rows) : at::silu_(rows);
+}
+
 }  // namespace
 
 SparseTransformerBlockImpl::SparseTransformerBlockImpl(const SparseBlockOptions& options) {
@@ -80,14 +99,6 @@ SparseTensor SparseMultiContextBlockImpl::forward(const SparseTensor& x, const s
   return x.with(h + mlp_->forward(norm3_(h)));
 }
 
-namespace {
-
-SparseAttention modulated_self(const SparseModulatedBlockOptions& options) {
-  return SparseAttention(SparseAttentionOptions(nn::self_attention_of(options), options.scope));
-}
-
-}  // namespace
-
 SparseModulatedBlockImpl::SparseModulatedBlockImpl(const SparseModulatedBlockOptions& options)
     : ModulatedLayers(options, modulated_self(options), nullptr) {}
 
@@ -121,19 +132,6 @@ SparseTensor SparseModulatedCrossBlockImpl::forward_dense(const SparseTensor& x,
   return forward_with(x, mod,
                       [&](const SparseTensor& queries) { return cross_attention_->forward_dense(queries, seen); });
 }
-
-namespace {
-
-SparseAttention stream_attention(const DualStreamBlockOptions& options, bool skeleton, std::int64_t context_channels,
-                                 bool qk_rms_norm) {
-  nn::AttentionOptions attention = cross_attention_of(options, context_channels);
-  attention.channels = skeleton ? options.channels_skl : options.channels;
-  attention.num_heads = skeleton ? options.num_heads_skl : options.num_heads;
-  attention.qk_rms_norm = qk_rms_norm;
-  return SparseAttention(SparseAttentionOptions(attention, {}));
-}
-
-}  // namespace
 
 DualStreamBlockImpl::DualStreamBlockImpl(const DualStreamBlockOptions& options) {
   const std::int64_t channels = options.channels, channels_skl = options.channels_skl;
@@ -211,16 +209,6 @@ SparseTensor ResidualBlockImpl::finish(const SparseTensor& h, const Tensor& skip
 }
 
 void ResidualBlockImpl::initialize() { nn::zero_parameters(*conv2_); }
-
-namespace {
-
-// Without a gradient in place: at 256³ every copy of the features counts.
-Tensor normed_silu(SparseGroupNorm& norm, const SparseTensor& x) {
-  Tensor rows = norm->forward(x).feats;
-  return at::GradMode::is_enabled() ? torch::silu(rows) : at::silu_(rows);
-}
-
-}  // namespace
 
 SubdivideBlockImpl::SubdivideBlockImpl(const SubdivideBlockOptions& options) : options_(options) {
   const std::int64_t in = options.channels, out = options.out_channels;

@@ -12,41 +12,6 @@ namespace {
 
 constexpr std::int64_t kTaps = 27;
 
-}  // namespace
-
-TapPlan submanifold_plan() {
-  TapPlan plan;
-  for (std::int64_t tap = 0; tap < kTaps; ++tap) plan.links.push_back({tap, 0, 0, tap});
-  return plan;
-}
-
-TapPlan subdivision_plan() {
-  TapPlan plan;
-  plan.to_children = 8;
-  for (std::int64_t child = 0; child < 8; ++child) {
-    for (std::int64_t side = 0; side < 8; ++side) {
-      // Along an axis, bit 0 of a child sees the voxel before its own and its own, bit 1 its own and the next.
-      const std::int64_t x = child / 4 + side / 4, y = child / 2 % 2 + side / 2 % 2, z = child % 2 + side % 2;
-      plan.links.push_back({(x * 3 + y) * 3 + z, 0, child, child * 8 + side});
-    }
-  }
-  return plan;
-}
-
-TapPlan reversed(const TapPlan& plan) {
-  TapPlan back;
-  back.from_children = plan.to_children;
-  back.to_children = plan.from_children;
-  for (const TapLink& link : plan.links) {
-    back.links.push_back({kTaps - 1 - link.tap, link.to_child, link.from_child, link.matrix});
-  }
-  std::stable_sort(back.links.begin(), back.links.end(),
-                   [](const TapLink& a, const TapLink& b) { return a.to_child < b.to_child; });
-  return back;
-}
-
-namespace {
-
 // Rows that a link joins, as indices of `in` and `out`.
 struct LinkedRows {
   Tensor from, to;
@@ -58,48 +23,6 @@ LinkedRows linked_rows(const TapPlan& plan, const TapLink& link, const Tensor& n
   return {found.index_select(0, rows).to(torch::kInt64) * plan.from_children + link.from_child,
           rows * plan.to_children + link.to_child};
 }
-
-}  // namespace
-
-void add_tensor_tap_product(const TapPlan& plan, const Tensor& neighbours, const Tensor& in, const Tensor& matrices,
-                            Tensor& out) {
-  const Tensor weights = matrices.to(nn::dtype_of(in));
-  for (const TapLink& link : plan.links) {
-    const LinkedRows rows = linked_rows(plan, link, neighbours);
-    const Tensor product = in.index_select(0, rows.from).mm(weights.select(0, link.matrix));
-    out.index_add_(0, rows.to, product.to(nn::dtype_of(out)));
-  }
-}
-
-Tensor tensor_tap_correlation(const TapPlan& plan, const Tensor& neighbours, const Tensor& in, const Tensor& slopes) {
-  Tensor matrices = torch::empty({plan.matrices(), in.size(1), slopes.size(1)},
-                                 in.options().dtype(nn::accumulation_dtype(nn::dtype_of(in))));
-  for (const TapLink& link : plan.links) {
-    const LinkedRows rows = linked_rows(plan, link, neighbours);
-    matrices.select(0, link.matrix).copy_(in.index_select(0, rows.from).t().mm(slopes.index_select(0, rows.to)));
-  }
-  return matrices;
-}
-
-void add_tap_product(const TapPlan& plan, const Tensor& neighbours, const Tensor& in, const Tensor& matrices,
-                     Tensor& out) {
-  if (!in.is_cpu()) return add_tensor_tap_product(plan, neighbours, in, matrices, out);
-  // The matrices of a subdivision are sums of weights, which bf16 would round once more.
-  const bool plain = plan.from_children == 1 && plan.to_children == 1;
-  if (plain && prefers_bf16_tap_product(in, matrices)) {
-    return add_bf16_tap_product(plan, neighbours, in, matrices, out);
-  }
-  const torch::Dtype dtype = nn::dtype_of(out);
-  add_cpu_tap_product(plan, neighbours, in.to(dtype), matrices.to(dtype), out);
-}
-
-Tensor tap_correlation(const TapPlan& plan, const Tensor& neighbours, const Tensor& in, const Tensor& slopes) {
-  if (!in.is_cpu()) return tensor_tap_correlation(plan, neighbours, in, slopes);
-  const torch::Dtype dtype = nn::accumulation_dtype(nn::dtype_of(in));
-  return cpu_tap_correlation(plan, neighbours, in.to(dtype), slopes.to(dtype));
-}
-
-namespace {
 
 using torch::autograd::AutogradContext;
 using torch::autograd::variable_list;
@@ -180,6 +103,75 @@ Tensor folded_taps(const Tensor& weight) {
 }
 
 }  // namespace
+
+TapPlan submanifold_plan() {
+  TapPlan plan;
+  for (std::int64_t tap = 0; tap < kTaps; ++tap) plan.links.push_back({tap, 0, 0, tap});
+  return plan;
+}
+
+TapPlan subdivision_plan() {
+  TapPlan plan;
+  plan.to_children = 8;
+  for (std::int64_t child = 0; child < 8; ++child) {
+    for (std::int64_t side = 0; side < 8; ++side) {
+      // Along an axis, bit 0 of a child sees the voxel before its own and its own, bit 1 its own and the next.
+      const std::int64_t x = child / 4 + side / 4, y = child / 2 % 2 + side / 2 % 2, z = child % 2 + side % 2;
+      plan.links.push_back({(x * 3 + y) * 3 + z, 0, child, child * 8 + side});
+    }
+  }
+  return plan;
+}
+
+TapPlan reversed(const TapPlan& plan) {
+  TapPlan back;
+  back.from_children = plan.to_children;
+  back.to_children = plan.from_children;
+  for (const TapLink& link : plan.links) {
+    back.links.push_back({kTaps - 1 - link.tap, link.to_child, link.from_child, link.matrix});
+  }
+  std::stable_sort(back.links.begin(), back.links.end(),
+                   [](const TapLink& a, const TapLink& b) { return a.to_child < b.to_child; });
+  return back;
+}
+
+void add_tensor_tap_product(const TapPlan& plan, const Tensor& neighbours, const Tensor& in, const Tensor& matrices,
+                            Tensor& out) {
+  const Tensor weights = matrices.to(nn::dtype_of(in));
+  for (const TapLink& link : plan.links) {
+    const LinkedRows rows = linked_rows(plan, link, neighbours);
+    const Tensor product = in.index_select(0, rows.from).mm(weights.select(0, link.matrix));
+    out.index_add_(0, rows.to, product.to(nn::dtype_of(out)));
+  }
+}
+
+Tensor tensor_tap_correlation(const TapPlan& plan, const Tensor& neighbours, const Tensor& in, const Tensor& slopes) {
+  Tensor matrices = torch::empty({plan.matrices(), in.size(1), slopes.size(1)},
+                                 in.options().dtype(nn::accumulation_dtype(nn::dtype_of(in))));
+  for (const TapLink& link : plan.links) {
+    const LinkedRows rows = linked_rows(plan, link, neighbours);
+    matrices.select(0, link.matrix).copy_(in.index_select(0, rows.from).t().mm(slopes.index_select(0, rows.to)));
+  }
+  return matrices;
+}
+
+void add_tap_product(const TapPlan& plan, const Tensor& neighbours, const Tensor& in, const Tensor& matrices,
+                     Tensor& out) {
+  if (!in.is_cpu()) return add_tensor_tap_product(plan, neighbours, in, matrices, out);
+  // The matrices of a subdivision are sums of weights, which bf16 would round once more.
+  const bool plain = plan.from_children == 1 && plan.to_children == 1;
+  if (plain && prefers_bf16_tap_product(in, matrices)) {
+    return add_bf16_tap_product(plan, neighbours, in, matrices, out);
+  }
+  const torch::Dtype dtype = nn::dtype_of(out);
+  add_cpu_tap_product(plan, neighbours, in.to(dtype), matrices.to(dtype), out);
+}
+
+Tensor tap_correlation(const TapPlan& plan, const Tensor& neighbours, const Tensor& in, const Tensor& slopes) {
+  if (!in.is_cpu()) return tensor_tap_correlation(plan, neighbours, in, slopes);
+  const torch::Dtype dtype = nn::accumulation_dtype(nn::dtype_of(in));
+  return cpu_tap_correlation(plan, neighbours, in.to(dtype), slopes.to(dtype));
+}
 
 Tensor submanifold_convolution(const Support& support, const Tensor& feats, const Tensor& weight, const Tensor& bias) {
   check_convolution(support, feats, weight, bias);

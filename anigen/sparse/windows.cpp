@@ -41,6 +41,74 @@ Tensor int64_tensor(const std::vector<std::int64_t>& values) {
   return torch::tensor(values, torch::TensorOptions().dtype(torch::kInt64));
 }
 
+class PermuteRows : public torch::autograd::Function<PermuteRows> {
+ public:
+  static Tensor forward(torch::autograd::AutogradContext* context, const Tensor& rows, const Tensor& order,
+                        const Tensor& inverse) {
+    context->save_for_backward({inverse});
+    return rows.index_select(0, order);
+  }
+  static torch::autograd::variable_list backward(torch::autograd::AutogradContext* context,
+                                                 torch::autograd::variable_list gradients) {
+    return {gradients[0].index_select(0, context->get_saved_variables()[0]), Tensor(), Tensor()};
+  }
+};
+
+Tensor permute_rows(const Tensor& rows, const Tensor& order, const Tensor& inverse) {
+  return PermuteRows::apply(rows, order.to(rows.device()), inverse.to(rows.device()));
+}
+
+// Windows one after another, by ascending number.
+class WindowCursor {
+ public:
+  explicit WindowCursor(const WindowOrder& windows)
+      : numbers_(windows.windows.data_ptr<std::int64_t>()),
+        offsets_(windows.offsets.data_ptr<std::int64_t>()),
+        count_(windows.windows.size(0)) {
+    for (std::int64_t w = 1; w < count_; ++w) {
+      TORCH_CHECK(numbers_[w - 1] < numbers_[w], "windows must be in the order of their numbers");
+    }
+  }
+  std::int64_t number() const { return at_ < count_ ? numbers_[at_] : std::numeric_limits<std::int64_t>::max(); }
+  bool done() const { return at_ == count_; }
+  // Steps over this window if it has that number. @return the row behind it
+  std::int64_t end_of(std::int64_t number) {
+    if (!done() && numbers_[at_] == number) ++at_;
+    return offsets_[at_];
+  }
+
+ private:
+  const std::int64_t *numbers_, *offsets_;
+  std::int64_t count_, at_ = 0;
+};
+
+constexpr std::int64_t kRowsPerThread = 4096;
+
+// The sorted voxels of one item.
+struct SortedItem {
+  const std::uint64_t* keys;
+  const std::int32_t* rows;
+  std::int64_t count;
+};
+
+// Neighbours along z of one column of neighbours for the places begin … end: keys ascend together with those looked
+// for, so that one walk along them finds all. @param map of the first of the three taps, taps `rows_in_all` apart
+void find_column(const SortedItem& item, std::int64_t begin, std::int64_t end, std::uint64_t offset, std::int32_t* map,
+                 std::int64_t rows_in_all) {
+  const std::uint64_t* const last = item.keys + item.count;
+  const std::uint64_t* at = std::lower_bound(item.keys, last, item.keys[begin] + offset - 1);
+  for (std::int64_t place = begin; place < end; ++place) {
+    const std::uint64_t below = item.keys[place] + offset - 1;
+    while (at != last && *at < below) ++at;
+    const std::uint64_t* found = at;
+    for (std::uint64_t dz = 0; dz < 3; ++dz) {
+      if (found == last || *found != below + dz) continue;
+      map[static_cast<std::int64_t>(dz) * rows_in_all + item.rows[place]] = item.rows[found - item.keys];
+      ++found;
+    }
+  }
+}
+
 }  // namespace
 
 WindowOrder window_order(const Tensor& coords, std::int64_t items, std::int64_t size, std::int64_t shift) {
@@ -85,51 +153,6 @@ WindowOrder window_order(const Tensor& coords, std::int64_t items, std::int64_t 
   return windows;
 }
 
-namespace {
-
-class PermuteRows : public torch::autograd::Function<PermuteRows> {
- public:
-  static Tensor forward(torch::autograd::AutogradContext* context, const Tensor& rows, const Tensor& order,
-                        const Tensor& inverse) {
-    context->save_for_backward({inverse});
-    return rows.index_select(0, order);
-  }
-  static torch::autograd::variable_list backward(torch::autograd::AutogradContext* context,
-                                                 torch::autograd::variable_list gradients) {
-    return {gradients[0].index_select(0, context->get_saved_variables()[0]), Tensor(), Tensor()};
-  }
-};
-
-Tensor permute_rows(const Tensor& rows, const Tensor& order, const Tensor& inverse) {
-  return PermuteRows::apply(rows, order.to(rows.device()), inverse.to(rows.device()));
-}
-
-// Windows one after another, by ascending number.
-class WindowCursor {
- public:
-  explicit WindowCursor(const WindowOrder& windows)
-      : numbers_(windows.windows.data_ptr<std::int64_t>()),
-        offsets_(windows.offsets.data_ptr<std::int64_t>()),
-        count_(windows.windows.size(0)) {
-    for (std::int64_t w = 1; w < count_; ++w) {
-      TORCH_CHECK(numbers_[w - 1] < numbers_[w], "windows must be in the order of their numbers");
-    }
-  }
-  std::int64_t number() const { return at_ < count_ ? numbers_[at_] : std::numeric_limits<std::int64_t>::max(); }
-  bool done() const { return at_ == count_; }
-  // Steps over this window if it has that number. @return the row behind it
-  std::int64_t end_of(std::int64_t number) {
-    if (!done() && numbers_[at_] == number) ++at_;
-    return offsets_[at_];
-  }
-
- private:
-  const std::int64_t *numbers_, *offsets_;
-  std::int64_t count_, at_ = 0;
-};
-
-}  // namespace
-
 Tensor to_window_order(const Tensor& rows, const WindowOrder& windows) {
   return permute_rows(rows, windows.order, windows.place);
 }
@@ -148,37 +171,6 @@ PairedOffsets pair_windows(const WindowOrder& queries, const WindowOrder& keys) 
   }
   return {int64_tensor(q_offsets), int64_tensor(k_offsets)};
 }
-
-namespace {
-
-constexpr std::int64_t kRowsPerThread = 4096;
-
-// The sorted voxels of one item.
-struct SortedItem {
-  const std::uint64_t* keys;
-  const std::int32_t* rows;
-  std::int64_t count;
-};
-
-// Neighbours along z of one column of neighbours for the places begin … end: keys ascend together with those looked
-// for, so that one walk along them finds all. @param map of the first of the three taps, taps `rows_in_all` apart
-void find_column(const SortedItem& item, std::int64_t begin, std::int64_t end, std::uint64_t offset, std::int32_t* map,
-                 std::int64_t rows_in_all) {
-  const std::uint64_t* const last = item.keys + item.count;
-  const std::uint64_t* at = std::lower_bound(item.keys, last, item.keys[begin] + offset - 1);
-  for (std::int64_t place = begin; place < end; ++place) {
-    const std::uint64_t below = item.keys[place] + offset - 1;
-    while (at != last && *at < below) ++at;
-    const std::uint64_t* found = at;
-    for (std::uint64_t dz = 0; dz < 3; ++dz) {
-      if (found == last || *found != below + dz) continue;
-      map[static_cast<std::int64_t>(dz) * rows_in_all + item.rows[place]] = item.rows[found - item.keys];
-      ++found;
-    }
-  }
-}
-
-}  // namespace
 
 Tensor neighbour_map(const VoxelOrder& order, const nn::Ragged& items) {
   const std::int64_t rows = items.rows();

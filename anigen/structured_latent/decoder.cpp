@@ -19,25 +19,6 @@ sparse::SubdivideBlock subdivide_block(std::int64_t channels, std::int64_t out_c
   return sparse::SubdivideBlock(options);
 }
 
-}  // namespace
-
-StructuredLatentUpsampler::StructuredLatentUpsampler(torch::nn::Module& model, const char* name, std::int64_t channels,
-                                                     std::int64_t between, std::int64_t behind) {
-  blocks_ = {subdivide_block(channels, between), subdivide_block(between, behind)};
-  model.register_module(name, nn::module_list(blocks_));
-}
-
-sparse::SparseTensor StructuredLatentUpsampler::forward(const sparse::SparseTensor& x, bool recompute) {
-  sparse::SparseTensor h = x;
-  for (sparse::SubdivideBlock& block : blocks_) {
-    h = run_part(recompute, h.with(h.feats.to(block->dtype())),
-                 [block](const sparse::SparseTensor& rows) mutable { return block->forward(rows); });
-  }
-  return h;
-}
-
-namespace {
-
 using torch::Tensor;
 
 constexpr std::int64_t kCubeCorners = 8, kCubeWeights = 21;
@@ -95,42 +76,6 @@ skeleton_field::SkeletonField activated(const FieldRows& rows, const SkeletonHea
   return field;
 }
 
-}  // namespace
-
-SkeletonHeadLayout::SkeletonHeadLayout(const StructuredLatentDecoderOptions& options)
-    : resolution(options.skeleton_resolution()),
-      skin_channels(options.skin_feat_channels()),
-      joint_confidence(options.has_joint_confidence()),
-      skin_confidence(options.has_skin_confidence()),
-      on_center(options.skl_defined_on_center),
-      residual(options.jp_residual_fields),
-      continuous(options.jp_hyper_continuous) {}
-
-std::int64_t SkeletonHeadLayout::joint_channels() const {
-  const std::vector<std::int64_t> widths = field_widths(*this);
-  const std::int64_t all = std::accumulate(widths.begin(), widths.end(), std::int64_t{0});
-  return (all - skin_channels) * (on_center ? 1 : kCubeCorners);
-}
-
-std::vector<skeleton_field::SkeletonField> skeleton_fields(const sparse::SparseTensor& raw,
-                                                           const SkeletonHeadLayout& layout) {
-  const std::int64_t channels = layout.joint_channels() + layout.skin_feature_channels();
-  if (raw.feats.dim() != 2 || raw.feats.size(1) != channels) {
-    throw InputError("", "skeleton field",
-                     "must have " + std::to_string(channels) + " channels, found " + nn::shape_text(raw.feats));
-  }
-  const std::vector<Tensor> coords = raw.support->items().split(raw.support->coords().slice(1, 1));
-  const std::vector<Tensor> rows = raw.support->items().split(raw.feats);
-  std::vector<skeleton_field::SkeletonField> result;
-  for (std::size_t i = 0; i < rows.size(); ++i) {
-    result.push_back(activated(
-        layout.on_center ? FieldRows{coords[i], rows[i]} : averaged_corners(coords[i], rows[i], layout), layout));
-  }
-  return result;
-}
-
-namespace {
-
 using sparse::SparseTensor;
 
 nn::FreezableModel::Parts decoder_parts(const StructuredLatentDecoderOptions& options) {
@@ -171,6 +116,53 @@ void check_given(const std::vector<skeleton_field::SkeletonTensors>& given, std:
 }
 
 }  // namespace
+
+StructuredLatentUpsampler::StructuredLatentUpsampler(torch::nn::Module& model, const char* name, std::int64_t channels,
+                                                     std::int64_t between, std::int64_t behind) {
+  blocks_ = {subdivide_block(channels, between), subdivide_block(between, behind)};
+  model.register_module(name, nn::module_list(blocks_));
+}
+
+sparse::SparseTensor StructuredLatentUpsampler::forward(const sparse::SparseTensor& x, bool recompute) {
+  sparse::SparseTensor h = x;
+  for (sparse::SubdivideBlock& block : blocks_) {
+    h = run_part(recompute, h.with(h.feats.to(block->dtype())),
+                 [block](const sparse::SparseTensor& rows) mutable { return block->forward(rows); });
+  }
+  return h;
+}
+
+SkeletonHeadLayout::SkeletonHeadLayout(const StructuredLatentDecoderOptions& options)
+    : resolution(options.skeleton_resolution()),
+      skin_channels(options.skin_feat_channels()),
+      joint_confidence(options.has_joint_confidence()),
+      skin_confidence(options.has_skin_confidence()),
+      on_center(options.skl_defined_on_center),
+      residual(options.jp_residual_fields),
+      continuous(options.jp_hyper_continuous) {}
+
+std::int64_t SkeletonHeadLayout::joint_channels() const {
+  const std::vector<std::int64_t> widths = field_widths(*this);
+  const std::int64_t all = std::accumulate(widths.begin(), widths.end(), std::int64_t{0});
+  return (all - skin_channels) * (on_center ? 1 : kCubeCorners);
+}
+
+std::vector<skeleton_field::SkeletonField> skeleton_fields(const sparse::SparseTensor& raw,
+                                                           const SkeletonHeadLayout& layout) {
+  const std::int64_t channels = layout.joint_channels() + layout.skin_feature_channels();
+  if (raw.feats.dim() != 2 || raw.feats.size(1) != channels) {
+    throw InputError("", "skeleton field",
+                     "must have " + std::to_string(channels) + " channels, found " + nn::shape_text(raw.feats));
+  }
+  const std::vector<Tensor> coords = raw.support->items().split(raw.support->coords().slice(1, 1));
+  const std::vector<Tensor> rows = raw.support->items().split(raw.feats);
+  std::vector<skeleton_field::SkeletonField> result;
+  for (std::size_t i = 0; i < rows.size(); ++i) {
+    result.push_back(activated(
+        layout.on_center ? FieldRows{coords[i], rows[i]} : averaged_corners(coords[i], rows[i], layout), layout));
+  }
+  return result;
+}
 
 StructuredLatentDecoderImpl::StructuredLatentDecoderImpl(const StructuredLatentDecoderOptions& options, nn::Init init)
     : nn::FreezableModel(decoder_parts(options)),

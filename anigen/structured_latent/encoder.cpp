@@ -59,6 +59,42 @@ NearestJointRows nearest_joint_rows(const Tensor& centers, const nn::Ragged& vox
   return rows;
 }
 
+using sparse::SparseTensor;
+
+constexpr double kHeadNormEps = 1e-5;
+
+nn::FreezableModel::Parts encoder_parts(const StructuredLatentEncoderOptions& options) {
+  nn::FreezableModel::Parts parts;
+  parts.torso = StructuredLatentTorso::names();
+  parts.always_fp16 = {"skin_encoder.joint_embedder.blocks"};
+  parts.use_fp16 = options.use_fp16;
+  parts.to_freeze = options.modules_to_freeze;
+  parts.all_is_a_word = true;
+  return parts;
+}
+
+struct EncodedRigs {
+  skin_field::SkeletonBatch skeletons;
+  Tensor joint_features;                // [ΣJ, F]
+  std::vector<Tensor> vertex_features;  // per asset [V, F]
+};
+
+EncodedRigs encode_rigs(skin_field::SkinEncoder& encoder, const RiggedMeshes& rigs, torch::Device device) {
+  EncodedRigs encoded;
+  encoded.skeletons = skin_field::SkeletonBatch::from_lists(rigs.joints, rigs.parents).to(device);
+  for (std::size_t i = 0; i < rigs.skin.size(); ++i) {
+    if (torch::isfinite(rigs.skin[i]).all().item<bool>()) continue;
+    throw InputError("", "skin of asset " + std::to_string(i), "a weight is not finite");
+  }
+  const Tensor embeddings = encoder->embed_joints(encoded.skeletons);
+  encoded.joint_features = encoder->joint_features(embeddings);
+  const Tensor features = encoder->vertex_features(embeddings, encoded.skeletons.items, rigs.skin);
+  std::vector<std::int64_t> vertices;
+  for (const Tensor& weights : rigs.skin) vertices.push_back(weights.size(0));
+  encoded.vertex_features = nn::Ragged(vertices).split(features);
+  return encoded;
+}
+
 }  // namespace
 
 std::vector<skin_field::VertexMix> skin_mixes(const sparse::Support& voxels, const RiggedMeshes& rigs,
@@ -146,46 +182,6 @@ StructuredLatentInputs::Skeleton StructuredLatentInputs::skeleton(const sparse::
   result.joints_pos = voxels.items().split(to_joint);
   return result;
 }
-
-namespace {
-
-using sparse::SparseTensor;
-
-constexpr double kHeadNormEps = 1e-5;
-
-nn::FreezableModel::Parts encoder_parts(const StructuredLatentEncoderOptions& options) {
-  nn::FreezableModel::Parts parts;
-  parts.torso = StructuredLatentTorso::names();
-  parts.always_fp16 = {"skin_encoder.joint_embedder.blocks"};
-  parts.use_fp16 = options.use_fp16;
-  parts.to_freeze = options.modules_to_freeze;
-  parts.all_is_a_word = true;
-  return parts;
-}
-
-struct EncodedRigs {
-  skin_field::SkeletonBatch skeletons;
-  Tensor joint_features;                // [ΣJ, F]
-  std::vector<Tensor> vertex_features;  // per asset [V, F]
-};
-
-EncodedRigs encode_rigs(skin_field::SkinEncoder& encoder, const RiggedMeshes& rigs, torch::Device device) {
-  EncodedRigs encoded;
-  encoded.skeletons = skin_field::SkeletonBatch::from_lists(rigs.joints, rigs.parents).to(device);
-  for (std::size_t i = 0; i < rigs.skin.size(); ++i) {
-    if (torch::isfinite(rigs.skin[i]).all().item<bool>()) continue;
-    throw InputError("", "skin of asset " + std::to_string(i), "a weight is not finite");
-  }
-  const Tensor embeddings = encoder->embed_joints(encoded.skeletons);
-  encoded.joint_features = encoder->joint_features(embeddings);
-  const Tensor features = encoder->vertex_features(embeddings, encoded.skeletons.items, rigs.skin);
-  std::vector<std::int64_t> vertices;
-  for (const Tensor& weights : rigs.skin) vertices.push_back(weights.size(0));
-  encoded.vertex_features = nn::Ragged(vertices).split(features);
-  return encoded;
-}
-
-}  // namespace
 
 StructuredLatentEncoderImpl::StructuredLatentEncoderImpl(const StructuredLatentEncoderOptions& options, nn::Init init)
     : nn::FreezableModel(encoder_parts(options)), options_(options) {

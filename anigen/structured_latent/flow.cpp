@@ -51,6 +51,33 @@ void check_flow_stream(const OptionCheck& check, const std::string& suffix, cons
             std::to_string(options.patch_size));
 }
 
+using sparse::SparseTensor;
+using torch::Tensor;
+
+constexpr double kSlatFlowFinalNormEps = 1e-5;
+
+Tensor with_voxel_positions(const SparseTensor& x) {
+  const Tensor places = x.support->coords().slice(1, 1).to(x.feats.device());
+  return x.feats + nn::absolute_position_embedding(places, x.channels()).to(nn::dtype_of(x.feats));
+}
+
+// x₀ prediction: v = (x̂ − x_t) / max(t, ε) of the network's output x̂; the sign is the published one, opposite to that
+// of the sparse structure (docs/reference/flows.md, 2.1).
+Tensor velocity_of_sparse_prediction(const SparseTensor& x_t, const Tensor& output, const Tensor& t,
+                                     const StructuredLatentFlowOptions& options) {
+  const Tensor item = x_t.support->coords().select(1, 0).to(t.device(), torch::kInt64);
+  const Tensor time = (t / options.t_scale).clamp_min(options.t_eps).index_select(0, item).unsqueeze(1);
+  return (output - x_t.feats) / time.to(nn::dtype_of(output));
+}
+
+// The torso is listed by register_streams().
+nn::FreezableModel::Parts slat_flow_parts(const StructuredLatentFlowOptions& options) {
+  nn::FreezableModel::Parts parts;
+  parts.use_fp16 = options.use_fp16;
+  parts.to_freeze = options.modules_to_freeze;
+  return parts;
+}
+
 }  // namespace
 
 void StructuredLatentFlowStreamOptions::fields(ConfigFields& f, const std::string& suffix) {
@@ -105,20 +132,6 @@ void StructuredLatentFlowOptions::validate(const std::string& file, const std::s
   check(joint_num_max > 0 && joint_num_fourier_bands > 0, "joint_num_max",
         "joint_num_max and joint_num_fourier_bands must be positive");
 }
-
-namespace {
-
-using sparse::SparseTensor;
-using torch::Tensor;
-
-constexpr double kSlatFlowFinalNormEps = 1e-5;
-
-Tensor with_voxel_positions(const SparseTensor& x) {
-  const Tensor places = x.support->coords().slice(1, 1).to(x.feats.device());
-  return x.feats + nn::absolute_position_embedding(places, x.channels()).to(nn::dtype_of(x.feats));
-}
-
-}  // namespace
 
 void StructuredLatentFlowStream::register_time(torch::nn::Module& model, const StructuredLatentFlowOptions& options) {
   use_skips = options.use_skip_connection;
@@ -245,27 +258,6 @@ Tensor StructuredLatentFlowStream::leave(StructuredLatentFlowState state) {
   const Tensor rows = nn::layer_norm(state.h.feats, kSlatFlowFinalNormEps);
   return out_layer->forward(rows.to(nn::dtype_of(out_layer->weight)));
 }
-
-namespace {
-
-// x₀ prediction: v = (x̂ − x_t) / max(t, ε) of the network's output x̂; the sign is the published one, opposite to that
-// of the sparse structure (docs/reference/flows.md, 2.1).
-Tensor velocity_of_sparse_prediction(const SparseTensor& x_t, const Tensor& output, const Tensor& t,
-                                     const StructuredLatentFlowOptions& options) {
-  const Tensor item = x_t.support->coords().select(1, 0).to(t.device(), torch::kInt64);
-  const Tensor time = (t / options.t_scale).clamp_min(options.t_eps).index_select(0, item).unsqueeze(1);
-  return (output - x_t.feats) / time.to(nn::dtype_of(output));
-}
-
-// The torso is listed by register_streams().
-nn::FreezableModel::Parts slat_flow_parts(const StructuredLatentFlowOptions& options) {
-  nn::FreezableModel::Parts parts;
-  parts.use_fp16 = options.use_fp16;
-  parts.to_freeze = options.modules_to_freeze;
-  return parts;
-}
-
-}  // namespace
 
 StructuredLatentFlowImpl::StructuredLatentFlowImpl(const StructuredLatentFlowOptions& options, nn::Init init)
     : nn::FlowModel(slat_flow_parts(options)), options_(options) {

@@ -31,6 +31,33 @@ void check_groups(const OptionCheck& check, const char* key, std::int64_t channe
             " groups, which " + why + " needs");
 }
 
+using torch::Tensor;
+
+constexpr double kReferencePercentile = 0.99;
+constexpr double kLeastLength = 1e-12;
+
+skeleton_field::FieldConfidence derived_confidence(const StructuredLatentDecoderOptions& decoder) {
+  if (decoder.jp_hyper_continuous) return skeleton_field::FieldConfidence::kExplicit;
+  return decoder.has_joint_confidence() ? skeleton_field::FieldConfidence::kLearned
+                                        : skeleton_field::FieldConfidence::kNone;
+}
+
+// In the order of the enum.
+const std::vector<std::string>& confidence_words() {
+  static const std::vector<std::string> words = {"explicit", "none", "learned", "bayesian"};
+  return words;
+}
+
+const std::string& word_of(skeleton_field::FieldConfidence confidence) {
+  return confidence_words()[static_cast<std::size_t>(confidence)];
+}
+
+Tensor relative_precision(const Tensor& log_scale) {
+  if (!log_scale.defined() || log_scale.numel() == 0) return log_scale;
+  const Tensor precision = torch::exp(-skeleton_field::clamped_log_scale(log_scale.to(torch::kFloat32)));
+  return (precision / torch::quantile(precision.reshape({-1}), kReferencePercentile)).clamp_max(1.0);
+}
+
 }  // namespace
 
 void StructuredLatentCoderOptions::fields(ConfigFields& f) {
@@ -145,37 +172,6 @@ shape_field::MeshFieldOptions StructuredLatentDecoderOptions::mesh_options() con
   mesh.skin_channels = skin_feat_channels();
   return mesh;
 }
-
-namespace {
-
-using torch::Tensor;
-
-constexpr double kReferencePercentile = 0.99;
-constexpr double kLeastLength = 1e-12;
-
-skeleton_field::FieldConfidence derived_confidence(const StructuredLatentDecoderOptions& decoder) {
-  if (decoder.jp_hyper_continuous) return skeleton_field::FieldConfidence::kExplicit;
-  return decoder.has_joint_confidence() ? skeleton_field::FieldConfidence::kLearned
-                                        : skeleton_field::FieldConfidence::kNone;
-}
-
-// In the order of the enum.
-const std::vector<std::string>& confidence_words() {
-  static const std::vector<std::string> words = {"explicit", "none", "learned", "bayesian"};
-  return words;
-}
-
-const std::string& word_of(skeleton_field::FieldConfidence confidence) {
-  return confidence_words()[static_cast<std::size_t>(confidence)];
-}
-
-Tensor relative_precision(const Tensor& log_scale) {
-  if (!log_scale.defined() || log_scale.numel() == 0) return log_scale;
-  const Tensor precision = torch::exp(-skeleton_field::clamped_log_scale(log_scale.to(torch::kFloat32)));
-  return (precision / torch::quantile(precision.reshape({-1}), kReferencePercentile)).clamp_max(1.0);
-}
-
-}  // namespace
 
 StructuredLatentVariant StructuredLatentVariant::read(ConfigReader& args, const StructuredLatentDecoderOptions& decoder,
                                                       const std::string& compatibility) {

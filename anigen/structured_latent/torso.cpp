@@ -30,6 +30,55 @@ sparse::SupportPtr joint_support(const std::vector<skeleton_field::SkeletonTenso
   return sparse::Support::create(torch::cat(places, 0), static_cast<std::int64_t>(skeletons.size()));
 }
 
+constexpr std::int64_t kUnetFactor = 2;
+
+sparse::SubdivideBlock unet_block(std::int64_t channels) {
+  sparse::SubdivideBlockOptions options;
+  options.channels = options.out_channels = channels;
+  options.subdivide = false;
+  options.skip_convolution = true;
+  return sparse::SubdivideBlock(options);
+}
+
+struct TorsoStream {
+  std::int64_t channels, heads;
+  std::string mode;
+  std::vector<std::int64_t> contexts;
+};
+
+sparse::SparseBlockOptions block_options(const StructuredLatentCoderOptions& options, const TorsoStream& stream,
+                                         std::int64_t index) {
+  sparse::SparseBlockOptions block;
+  block.channels = stream.channels;
+  block.num_heads = stream.heads;
+  block.mlp_ratio = options.mlp_ratio;
+  // Every other block looks through windows shifted by half.
+  const std::int64_t shift = index % 2 == 1 ? options.window_size / 2 : 0;
+  block.scope = sparse::AttentionScope::of(stream.mode, options.window_size, shift);
+  block.cross_scope = block.scope;
+  block.qk_rms_norm = options.qk_rms_norm;
+  block.context_channels = stream.contexts;
+  return block;
+}
+
+SparseTensor entered(nn::Linear& input, const SparseTensor& x, torch::Dtype block_dtype) {
+  Tensor h = input->forward(x.feats.to(input->weight.options()));
+  const Tensor places = x.support->coords().slice(1, 1).to(h.device());
+  h = h + nn::absolute_position_embedding(places, h.size(1)).to(nn::dtype_of(h));
+  return x.with(h.to(block_dtype));
+}
+
+template <typename Block>
+std::vector<Block> registered_blocks(torch::nn::Module& model, const char* name,
+                                     const StructuredLatentCoderOptions& options, const TorsoStream& stream) {
+  std::vector<Block> blocks;
+  for (std::int64_t i = 0; i < options.num_blocks; ++i) blocks.emplace_back(block_options(options, stream, i));
+  model.register_module(name, nn::module_list(blocks));
+  return blocks;
+}
+
+constexpr double kFieldHeadScale = 1e-4;
+
 }  // namespace
 
 JointTokensImpl::JointTokensImpl(std::int64_t in_channels, std::int64_t channels) {
@@ -101,20 +150,6 @@ SparseTensor GroupedCross::forward(const SparseTensor& skin,
   return attended.with(attended.feats.to(nn::dtype_of(skin.feats)));
 }
 
-namespace {
-
-constexpr std::int64_t kUnetFactor = 2;
-
-sparse::SubdivideBlock unet_block(std::int64_t channels) {
-  sparse::SubdivideBlockOptions options;
-  options.channels = options.out_channels = channels;
-  options.subdivide = false;
-  options.skip_convolution = true;
-  return sparse::SubdivideBlock(options);
-}
-
-}  // namespace
-
 SkinUnetImpl::SkinUnetImpl(std::int64_t channels, std::int64_t levels) {
   for (std::int64_t level = 0; level < levels; ++level) {
     down_blocks_.push_back(unet_block(channels));
@@ -142,47 +177,6 @@ SparseTensor SkinUnetImpl::forward(const SparseTensor& x) {
   }
   return x.with(h.feats.to(nn::dtype_of(x.feats)));
 }
-
-namespace {
-
-struct TorsoStream {
-  std::int64_t channels, heads;
-  std::string mode;
-  std::vector<std::int64_t> contexts;
-};
-
-sparse::SparseBlockOptions block_options(const StructuredLatentCoderOptions& options, const TorsoStream& stream,
-                                         std::int64_t index) {
-  sparse::SparseBlockOptions block;
-  block.channels = stream.channels;
-  block.num_heads = stream.heads;
-  block.mlp_ratio = options.mlp_ratio;
-  // Every other block looks through windows shifted by half.
-  const std::int64_t shift = index % 2 == 1 ? options.window_size / 2 : 0;
-  block.scope = sparse::AttentionScope::of(stream.mode, options.window_size, shift);
-  block.cross_scope = block.scope;
-  block.qk_rms_norm = options.qk_rms_norm;
-  block.context_channels = stream.contexts;
-  return block;
-}
-
-SparseTensor entered(nn::Linear& input, const SparseTensor& x, torch::Dtype block_dtype) {
-  Tensor h = input->forward(x.feats.to(input->weight.options()));
-  const Tensor places = x.support->coords().slice(1, 1).to(h.device());
-  h = h + nn::absolute_position_embedding(places, h.size(1)).to(nn::dtype_of(h));
-  return x.with(h.to(block_dtype));
-}
-
-template <typename Block>
-std::vector<Block> registered_blocks(torch::nn::Module& model, const char* name,
-                                     const StructuredLatentCoderOptions& options, const TorsoStream& stream) {
-  std::vector<Block> blocks;
-  for (std::int64_t i = 0; i < options.num_blocks; ++i) blocks.emplace_back(block_options(options, stream, i));
-  model.register_module(name, nn::module_list(blocks));
-  return blocks;
-}
-
-}  // namespace
 
 StructuredLatentTorso::StructuredLatentTorso(torch::nn::Module& model, const StructuredLatentCoderOptions& options,
                                              const PerStream<std::int64_t>& in_channels)
@@ -293,12 +287,6 @@ void check_voxel_features(const SparseTensor& x, std::int64_t channels, std::int
   const auto row = finite.logical_not().nonzero()[0][0].item<std::int64_t>();
   throw InputError("", name, "voxel " + std::to_string(row) + " has a value that is not finite");
 }
-
-namespace {
-
-constexpr double kFieldHeadScale = 1e-4;
-
-}  // namespace
 
 void initialize_sparse_layers(torch::nn::Module& module) {
   nn::xavier_uniform_linears(module);
