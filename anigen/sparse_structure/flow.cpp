@@ -21,6 +21,66 @@ constexpr std::int64_t kMaxFlowResolution = 128;
 constexpr std::int64_t kMaxFlowTokens = 1 << 21;
 constexpr std::int64_t kLoraRank = 8;
 
+using torch::Tensor;
+
+constexpr double kFinalNormEps = 1e-5;
+
+std::string size_text(const std::vector<std::int64_t>& sizes) {
+  std::string text = "[B";
+  for (std::size_t i = 1; i < sizes.size(); ++i) text += ", " + std::to_string(sizes[i]);
+  return text + "]";
+}
+
+nn::ModulatedBlockOptions flow_block_options(const SparseStructureFlowOptions& options, const FlowStream& stream,
+                                             std::int64_t context_channels) {
+  nn::ModulatedBlockOptions block;
+  block.channels = stream.channels;
+  block.context_channels = context_channels;
+  block.num_heads = options.heads();
+  block.mlp_ratio = options.mlp_ratio;
+  block.qk_rms_norm = options.qk_rms_norm;
+  block.qk_rms_norm_cross = options.qk_rms_norm_cross;
+  block.share_mod = options.share_mod;
+  return block;
+}
+
+std::vector<nn::ModulatedCrossBlock> flow_blocks(const SparseStructureFlowOptions& options, const FlowStream& stream,
+                                                 std::int64_t context_channels, bool lora, bool context_norm) {
+  std::vector<nn::ModulatedCrossBlock> blocks;
+  for (std::int64_t i = 0; i < options.num_blocks; ++i) {
+    nn::ModulatedBlockOptions block = flow_block_options(options, stream, context_channels);
+    block.context_norm = context_norm;
+    if (lora) {
+      block.lora_self = nn::Lora{options.lora_rank_self(i), options.lora_lr_rate_ss};
+      block.lora_cross = nn::Lora{options.lora_rank_cross(i), options.lora_lr_rate_ss};
+    }
+    blocks.emplace_back(block);
+  }
+  return blocks;
+}
+
+Tensor position_table(const FlowStream& stream) {
+  const Tensor cells = stream.is_global ? torch::arange(stream.tokens, torch::kInt64).unsqueeze(1)
+                                        : nn::grid_coordinates(stream.resolution / stream.patch);
+  return nn::absolute_position_embedding(cells, stream.channels);
+}
+
+// The network's output is x₀: v = (x_t − x₀) / max(t, ε) with t in [0, 1].
+Tensor velocity_of_prediction(const Tensor& x_t, const Tensor& x_0, const Tensor& t,
+                              const SparseStructureFlowOptions& options) {
+  std::vector<std::int64_t> shape(static_cast<std::size_t>(x_t.dim()), 1);
+  shape[0] = t.size(0);
+  return (x_t - x_0) / (t / options.t_scale).clamp_min(options.t_eps).to(x_t.options()).view(shape);
+}
+
+nn::FreezableModel::Parts structure_flow_parts(const SparseStructureFlowOptions& options) {
+  nn::FreezableModel::Parts parts;
+  parts.torso = {"blocks", "blocks_skl"};  // and the exchange, which register_exchange() adds
+  parts.use_fp16 = options.use_fp16;
+  parts.to_freeze = options.modules_to_freeze;
+  return parts;
+}
+
 }  // namespace
 
 void SparseStructureFlowOptions::fields(ConfigFields& f) {
@@ -108,20 +168,6 @@ std::int64_t SparseStructureFlowOptions::lora_rank_cross(std::int64_t block) con
   return use_lora_ss ? kLoraRank * (1 + block / third) : 0;
 }
 
-namespace {
-
-using torch::Tensor;
-
-constexpr double kFinalNormEps = 1e-5;
-
-std::string size_text(const std::vector<std::int64_t>& sizes) {
-  std::string text = "[B";
-  for (std::size_t i = 1; i < sizes.size(); ++i) text += ", " + std::to_string(sizes[i]);
-  return text + "]";
-}
-
-}  // namespace
-
 std::vector<std::int64_t> FlowStream::latent_size(std::int64_t batch) const {
   if (is_global) return {batch, tokens, in_channels};
   return {batch, in_channels, resolution, resolution, resolution};
@@ -166,60 +212,6 @@ Tensor FlowStream::project(const Tensor& h) {
   const std::int64_t side = resolution / patch;
   return nn::unpatchify(rows.transpose(1, 2).reshape({h.size(0), rows.size(2), side, side, side}), patch);
 }
-
-namespace {
-
-nn::ModulatedBlockOptions flow_block_options(const SparseStructureFlowOptions& options, const FlowStream& stream,
-                                             std::int64_t context_channels) {
-  nn::ModulatedBlockOptions block;
-  block.channels = stream.channels;
-  block.context_channels = context_channels;
-  block.num_heads = options.heads();
-  block.mlp_ratio = options.mlp_ratio;
-  block.qk_rms_norm = options.qk_rms_norm;
-  block.qk_rms_norm_cross = options.qk_rms_norm_cross;
-  block.share_mod = options.share_mod;
-  return block;
-}
-
-std::vector<nn::ModulatedCrossBlock> flow_blocks(const SparseStructureFlowOptions& options, const FlowStream& stream,
-                                                 std::int64_t context_channels, bool lora, bool context_norm) {
-  std::vector<nn::ModulatedCrossBlock> blocks;
-  for (std::int64_t i = 0; i < options.num_blocks; ++i) {
-    nn::ModulatedBlockOptions block = flow_block_options(options, stream, context_channels);
-    block.context_norm = context_norm;
-    if (lora) {
-      block.lora_self = nn::Lora{options.lora_rank_self(i), options.lora_lr_rate_ss};
-      block.lora_cross = nn::Lora{options.lora_rank_cross(i), options.lora_lr_rate_ss};
-    }
-    blocks.emplace_back(block);
-  }
-  return blocks;
-}
-
-Tensor position_table(const FlowStream& stream) {
-  const Tensor cells = stream.is_global ? torch::arange(stream.tokens, torch::kInt64).unsqueeze(1)
-                                        : nn::grid_coordinates(stream.resolution / stream.patch);
-  return nn::absolute_position_embedding(cells, stream.channels);
-}
-
-// The network's output is x₀: v = (x_t − x₀) / max(t, ε) with t in [0, 1].
-Tensor velocity_of_prediction(const Tensor& x_t, const Tensor& x_0, const Tensor& t,
-                              const SparseStructureFlowOptions& options) {
-  std::vector<std::int64_t> shape(static_cast<std::size_t>(x_t.dim()), 1);
-  shape[0] = t.size(0);
-  return (x_t - x_0) / (t / options.t_scale).clamp_min(options.t_eps).to(x_t.options()).view(shape);
-}
-
-nn::FreezableModel::Parts structure_flow_parts(const SparseStructureFlowOptions& options) {
-  nn::FreezableModel::Parts parts;
-  parts.torso = {"blocks", "blocks_skl"};  // and the exchange, which register_exchange() adds
-  parts.use_fp16 = options.use_fp16;
-  parts.to_freeze = options.modules_to_freeze;
-  return parts;
-}
-
-}  // namespace
 
 SparseStructureFlowImpl::SparseStructureFlowImpl(const SparseStructureFlowOptions& options, nn::Init init)
     : nn::FlowModel(structure_flow_parts(options)), options_(options) {

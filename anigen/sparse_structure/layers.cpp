@@ -46,6 +46,31 @@ class VolumeResamplerImpl : public torch::nn::Module {
 };
 TORCH_MODULE(VolumeResampler);
 
+constexpr int kTokenBlocks = 4;
+
+nn::DenseBlockOptions token_block(std::int64_t channels) {
+  nn::DenseBlockOptions options;
+  options.channels = channels;
+  options.num_heads = kGlobalTokenHeads;
+  options.qkv_bias = false;
+  return options;
+}
+
+nn::DenseCrossBlock token_cross_block(std::int64_t channels, std::int64_t context_channels) {
+  nn::DenseBlockOptions options = token_block(channels);
+  options.context_channels = context_channels;
+  return nn::DenseCrossBlock(options);
+}
+
+// Keys of the shape stream end in _ss, those of the skeleton in nothing: the other way round than all others.
+std::string token_key(const char* name, bool skeleton) { return std::string(name) + (skeleton ? "" : "_ss"); }
+
+// Rows [B, N, A] with their positions [N, C] behind: [B, N, A + C].
+Tensor with_positions(const Tensor& rows, const Tensor& positions) {
+  const Tensor repeated = positions.to(rows.scalar_type()).unsqueeze(0).expand({rows.size(0), -1, -1});
+  return torch::cat({rows, repeated}, 2);
+}
+
 }  // namespace
 
 VolumeHeadImpl::VolumeHeadImpl(std::int64_t in_channels, std::int64_t out_channels, nn::VolumeNormImpl::Kind norm) {
@@ -86,35 +111,6 @@ void initialize_volume_layers(torch::nn::Module& module) {
     if (auto* block = part.as<VolumeResBlockImpl>()) block->initialize();
   });
 }
-
-namespace {
-
-constexpr int kTokenBlocks = 4;
-
-nn::DenseBlockOptions token_block(std::int64_t channels) {
-  nn::DenseBlockOptions options;
-  options.channels = channels;
-  options.num_heads = kGlobalTokenHeads;
-  options.qkv_bias = false;
-  return options;
-}
-
-nn::DenseCrossBlock token_cross_block(std::int64_t channels, std::int64_t context_channels) {
-  nn::DenseBlockOptions options = token_block(channels);
-  options.context_channels = context_channels;
-  return nn::DenseCrossBlock(options);
-}
-
-// Keys of the shape stream end in _ss, those of the skeleton in nothing: the other way round than all others.
-std::string token_key(const char* name, bool skeleton) { return std::string(name) + (skeleton ? "" : "_ss"); }
-
-// Rows [B, N, A] with their positions [N, C] behind: [B, N, A + C].
-Tensor with_positions(const Tensor& rows, const Tensor& positions) {
-  const Tensor repeated = positions.to(rows.scalar_type()).unsqueeze(0).expand({rows.size(0), -1, -1});
-  return torch::cat({rows, repeated}, 2);
-}
-
-}  // namespace
 
 void GlobalTokens::initialize() {
   if (present()) torch::nn::init::zeros_(start_);

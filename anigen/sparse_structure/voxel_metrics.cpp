@@ -78,6 +78,16 @@ double voxel_share(const Tensor& part, const Tensor& whole) {
   return count > 0.0 ? voxel_count(part) / count : 1.0;
 }
 
+constexpr std::pair<const char*, OccupancyLoss> kOccupancyLosses[] = {  // in the order of the enum
+    {"dice", OccupancyLoss::kDice},
+    {"bce", OccupancyLoss::kBce},
+    {"l1", OccupancyLoss::kL1}};
+
+Tensor dice(const Tensor& probability, const Tensor& occupancy) {
+  const Tensor common = (probability * occupancy).sum();
+  return 1.0 - (2.0 * common + 1.0) / (probability.sum() + occupancy.sum() + 1.0);
+}
+
 }  // namespace
 
 Tensor dilated_voxels(const Tensor& occupied, std::int64_t radius) {
@@ -100,20 +110,6 @@ VoxelAgreement voxel_agreement(const Tensor& predicted, const Tensor& target, st
   agreement.f1 = sum > 0.0 ? 2.0 * agreement.precision * agreement.recall / sum : 0.0;
   return agreement;
 }
-
-namespace {
-
-constexpr std::pair<const char*, OccupancyLoss> kOccupancyLosses[] = {  // in the order of the enum
-    {"dice", OccupancyLoss::kDice},
-    {"bce", OccupancyLoss::kBce},
-    {"l1", OccupancyLoss::kL1}};
-
-Tensor dice(const Tensor& probability, const Tensor& occupancy) {
-  const Tensor common = (probability * occupancy).sum();
-  return 1.0 - (2.0 * common + 1.0) / (probability.sum() + occupancy.sum() + 1.0);
-}
-
-}  // namespace
 
 OccupancyLoss occupancy_loss_named(const std::string& name) {
   for (const auto& [word, loss] : kOccupancyLosses) {

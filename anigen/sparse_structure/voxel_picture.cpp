@@ -107,6 +107,8 @@ std::uint8_t color_byte(float value) {
   return static_cast<std::uint8_t>(std::lround(255.0f * std::clamp(value, 0.0f, 1.0f)));
 }
 
+bool has_pixels(const io::Image& picture) { return picture.width > 0 && picture.height > 0; }
+
 }  // namespace
 
 io::Image voxel_picture(const VoxelPair& pair, int size) {
@@ -150,12 +152,6 @@ io::Image fitted_picture(const io::Image& picture, int side) {
   const auto scaled = [&](int length) { return std::max(1, static_cast<int>(scale * length + 0.5)); };
   return io::resize_lanczos(picture, scaled(picture.width), scaled(picture.height), io::ResizeAlpha::kPremultiplied);
 }
-
-namespace {
-
-bool has_pixels(const io::Image& picture) { return picture.width > 0 && picture.height > 0; }
-
-}  // namespace
 
 void write_voxel_sheet(const std::filesystem::path& png, const std::vector<VoxelSheetRow>& rows,
                        const std::vector<std::string>& columns) {

@@ -20,39 +20,6 @@ Tensor planes_tensor(const std::vector<float>& planes, int height, int width) {
   return torch::tensor(planes).view({3, height, width});
 }
 
-}  // namespace
-
-Tensor condition_image(const io::Image& image, int size, const std::string& name) {
-  const io::Image part = io::crop(image, io::condition_box(image, name));
-  return view_image(part, size);
-}
-
-io::Image inference_image(const io::Image& image, int size, const std::string& name) {
-  const io::Image part = io::crop(image, io::inference_box(image, name));
-  return io::composed_on_black(io::resize_lanczos(part, size, size, io::ResizeAlpha::kPremultiplied));
-}
-
-Tensor view_image(const io::Image& image, int size) {
-  const io::Image resized = io::resize_lanczos(image, size, size, io::ResizeAlpha::kPremultiplied);
-  return planes_tensor(io::premultiplied_planes(resized), size, size);
-}
-
-Tensor color_tensor(const io::Image& image) {
-  return planes_tensor(io::color_planes(image), image.height, image.width);
-}
-
-Tensor image_condition(Dinov2& model, const Tensor& images) {
-  const torch::NoGradGuard no_grad;
-  const Tensor any_weight = model->parameters().front();
-  const Tensor here = images.to(any_weight.device(), nn::dtype_of(any_weight));
-  const Tensor tokens = model->tokens_after(imagenet_normalized(here), model->options().depth);
-  return nn::layer_norm(tokens, kConditionEps);
-}
-
-Tensor null_condition(const Tensor& condition) { return torch::zeros_like(condition); }
-
-namespace {
-
 constexpr const char* kEncoderName = "image_encoder";
 constexpr const char* kModelName = "image_cond_model";
 constexpr const char* kPublishedFolder = "ckpts/dinov2";
@@ -121,6 +88,35 @@ std::unique_ptr<ConditionEncoder> make_dinov2(const ConfigReader& reader, const 
 }
 
 }  // namespace
+
+Tensor condition_image(const io::Image& image, int size, const std::string& name) {
+  const io::Image part = io::crop(image, io::condition_box(image, name));
+  return view_image(part, size);
+}
+
+io::Image inference_image(const io::Image& image, int size, const std::string& name) {
+  const io::Image part = io::crop(image, io::inference_box(image, name));
+  return io::composed_on_black(io::resize_lanczos(part, size, size, io::ResizeAlpha::kPremultiplied));
+}
+
+Tensor view_image(const io::Image& image, int size) {
+  const io::Image resized = io::resize_lanczos(image, size, size, io::ResizeAlpha::kPremultiplied);
+  return planes_tensor(io::premultiplied_planes(resized), size, size);
+}
+
+Tensor color_tensor(const io::Image& image) {
+  return planes_tensor(io::color_planes(image), image.height, image.width);
+}
+
+Tensor image_condition(Dinov2& model, const Tensor& images) {
+  const torch::NoGradGuard no_grad;
+  const Tensor any_weight = model->parameters().front();
+  const Tensor here = images.to(any_weight.device(), nn::dtype_of(any_weight));
+  const Tensor tokens = model->tokens_after(imagenet_normalized(here), model->options().depth);
+  return nn::layer_norm(tokens, kConditionEps);
+}
+
+Tensor null_condition(const Tensor& condition) { return torch::zeros_like(condition); }
 
 std::unique_ptr<ConditionEncoder> make_condition_encoder(ConfigReader& trainer_args, std::int64_t image_size,
                                                          std::int64_t channels, torch::Device device) {

@@ -38,78 +38,6 @@ std::string name_of(const Size& size, bool registers) {
   return std::string("dinov2_vit") + size.letter + "14" + (registers ? "_reg" : "");
 }
 
-}  // namespace
-
-std::vector<std::string> Dinov2Options::names() {
-  std::vector<std::string> all;
-  for (const bool registers : {false, true}) {
-    for (const Size& size : kSizes) all.push_back(name_of(size, registers));
-  }
-  return all;
-}
-
-std::string Dinov2Options::published_file_stem(const std::string& name) {
-  const bool registers = name.size() > 4 && name.compare(name.size() - 4, 4, "_reg") == 0;
-  return name + (registers ? "4" : "") + "_pretrain";
-}
-
-Dinov2Options Dinov2Options::named(const std::string& name) {
-  for (const bool registers : {false, true}) {
-    for (const Size& size : kSizes) {
-      if (name_of(size, registers) != name) continue;
-      Dinov2Options options;
-      options.embed_dim = size.embed_dim;
-      options.depth = size.depth;
-      options.num_heads = size.num_heads;
-      options.ffn_layer = size.ffn_layer;
-      options.num_register_tokens = registers ? kRegisters : 0;
-      options.interpolate_antialias = registers;
-      options.interpolate_offset = registers ? 0.0 : 0.1;
-      return options;
-    }
-  }
-  const std::string nearest = nearest_word(name, names());
-  throw InputError("", "",
-                   "there is no DINOv2 model '" + name + "'; " +
-                       (nearest.empty() ? "known are dinov2_vit{s,b,l,g}14 and the same with _reg"
-                                        : "did you mean '" + nearest + "'?"));
-}
-
-void Dinov2Options::fields(ConfigFields& f) {
-  f("img_size", img_size, {1, kMostDinoSide});
-  f("patch_size", patch_size, {1, kMostDinoSide});
-  f("embed_dim", embed_dim, {1, kMostDinoChannels});
-  f("depth", depth, {0, kMostDinoBlocks});
-  f("num_heads", num_heads, {1, kMostDinoChannels});
-  f("mlp_ratio", mlp_ratio, {0.0, 64.0});
-  f("ffn_layer", ffn_layer, {"mlp", "swiglu", "swiglufused"});
-  f("num_register_tokens", num_register_tokens, {0, kMostDinoChannels});
-  f("interpolate_antialias", interpolate_antialias);
-  f("interpolate_offset", interpolate_offset, {0.0, 1.0});
-  if (f.writes()) return;
-  double init_values = 1.0;
-  f("init_values", init_values);
-  std::int64_t block_chunks = 0;
-  f("block_chunks", block_chunks);
-  if (block_chunks != 0) throw f.not_supported("block_chunks", "blocks in chunks, which no published weights use");
-}
-
-void Dinov2Options::validate(const std::string& file, const std::string& pointer) const {
-  const OptionCheck check{file, pointer};
-  check(patch_size > 0 && img_size >= patch_size, "img_size",
-        std::to_string(img_size) + " pixels hold no patch of " + std::to_string(patch_size));
-  check.heads("num_heads", num_heads, embed_dim);
-  check(ffn_hidden() >= 1, "mlp_ratio", "leaves no hidden channel");
-}
-
-std::int64_t Dinov2Options::ffn_hidden() const {
-  const auto hidden = static_cast<std::int64_t>(static_cast<double>(embed_dim) * mlp_ratio);
-  if (!swiglu()) return hidden;
-  return (hidden * 2 / 3 + 7) / 8 * 8;
-}
-
-namespace {
-
 // [1, C, M, M] → [1, C, rows, columns]
 Tensor resample(const Tensor& grid, std::int64_t rows, std::int64_t columns, bool antialias, double offset) {
   const std::vector<std::int64_t> size = {rows, columns};
@@ -122,38 +50,6 @@ Tensor resample(const Tensor& grid, std::int64_t rows, std::int64_t columns, boo
   return antialias ? at::_upsample_bicubic2d_aa(grid, size, /*align_corners=*/false, along_rows, along_columns)
                    : at::upsample_bicubic2d(grid, size, /*align_corners=*/false, along_rows, along_columns);
 }
-
-}  // namespace
-
-Tensor interpolate_positions(const Tensor& pos_embed, std::int64_t rows, std::int64_t columns, bool antialias,
-                             double offset) {
-  const std::int64_t patches = pos_embed.size(1) - 1, channels = pos_embed.size(2);
-  const auto side = static_cast<std::int64_t>(std::llround(std::sqrt(static_cast<double>(patches))));
-  TORCH_CHECK(rows >= 1 && columns >= 1 && side * side == patches, "position embeddings of ", patches,
-              " patches for a picture of ", rows, " x ", columns);
-  if (rows == side && columns == side) return pos_embed;
-
-  const Tensor wide = pos_embed.to(torch::kFloat32);
-  const Tensor grid = wide.slice(1, 1).reshape({1, side, side, channels}).permute({0, 3, 1, 2}).contiguous();
-  const Tensor resampled = resample(grid, rows, columns, antialias, offset).permute({0, 2, 3, 1});
-  const Tensor all = torch::cat({wide.slice(1, 0, 1), resampled.reshape({1, rows * columns, channels})}, 1);
-  return all.to(nn::dtype_of(pos_embed));
-}
-
-Dinov2FeedForwardImpl::Dinov2FeedForwardImpl(const Dinov2Options& options) : swiglu_(options.swiglu()) {
-  const std::int64_t channels = options.embed_dim, hidden = options.ffn_hidden();
-  first_ = register_module(swiglu_ ? "w12" : "fc1", nn::Linear(channels, swiglu_ ? 2 * hidden : hidden));
-  second_ = register_module(swiglu_ ? "w3" : "fc2", nn::Linear(hidden, channels));
-}
-
-Tensor Dinov2FeedForwardImpl::forward(const Tensor& x) {
-  const Tensor inner = first_->forward(x);
-  if (!swiglu_) return second_->forward(torch::gelu(inner));
-  const std::vector<Tensor> halves = inner.chunk(2, -1);
-  return second_->forward(torch::silu(halves[0]) * halves[1]);
-}
-
-namespace {
 
 // Multi-head self attention with keys `qkv` (rows q, k, v; head j owns channels j·C/h … of each) and `proj`.
 class Dinov2AttentionImpl : public torch::nn::Module {
@@ -204,66 +100,6 @@ class Dinov2BlockImpl : public torch::nn::Module {
   nn::LayerScale ls1_ = nullptr, ls2_ = nullptr;
 };
 TORCH_MODULE(Dinov2Block);
-
-}  // namespace
-
-Dinov2Impl::Dinov2Impl(const Dinov2Options& options) : options_(options) {
-  options_.validate();
-  const std::int64_t channels = options_.embed_dim, side = options_.patches_per_side();
-  cls_token_ = register_parameter("cls_token", torch::empty({1, 1, channels}));
-  pos_embed_ = register_parameter("pos_embed", torch::empty({1, 1 + side * side, channels}));
-  if (options_.num_register_tokens > 0) {
-    register_tokens_ = register_parameter("register_tokens", torch::empty({1, options_.num_register_tokens, channels}));
-  }
-  mask_token_ = register_parameter("mask_token", torch::empty({1, channels}));
-  const auto patch_embed = register_module("patch_embed", std::make_shared<torch::nn::Module>());
-  const auto projection = patch_embed->register_module("proj", std::make_shared<torch::nn::Module>());
-  const std::int64_t patch = options_.patch_size;
-  patch_weight_ = projection->register_parameter("weight", torch::empty({channels, 3, patch, patch}));
-  patch_bias_ = projection->register_parameter("bias", torch::empty({channels}));
-  blocks_ = register_module("blocks", torch::nn::ModuleList());
-  for (std::int64_t i = 0; i < options_.depth; ++i) blocks_->push_back(Dinov2Block(options_));
-  norm_ = register_module("norm", nn::AffineLayerNorm(channels, nn::kBlockNormEps));
-}
-
-Tensor Dinov2Impl::positions(std::int64_t rows, std::int64_t columns) const {
-  return interpolate_positions(pos_embed_, rows, columns, options_.interpolate_antialias, options_.interpolate_offset);
-}
-
-Tensor Dinov2Impl::tokens_after(const Tensor& images, std::int64_t blocks) {
-  const std::int64_t patch = options_.patch_size;
-  TORCH_CHECK(images.dim() == 4 && images.size(1) == 3 && images.size(2) % patch == 0 && images.size(3) % patch == 0,
-              "DINOv2 takes [B, 3, H, W] with sides that are multiples of ", patch, ", got ", images.sizes());
-  TORCH_CHECK(blocks >= 0 && blocks <= options_.depth, "there are ", options_.depth, " blocks, not ", blocks);
-  const std::int64_t batch = images.size(0);
-  const Tensor patches = torch::conv2d(images, patch_weight_, patch_bias_, /*stride=*/patch).flatten(2).transpose(1, 2);
-  Tensor x = torch::cat({cls_token_.expand({batch, -1, -1}), patches}, 1);
-  x = x + positions(images.size(2) / patch, images.size(3) / patch);
-  if (register_tokens_.defined()) {
-    x = torch::cat({x.slice(1, 0, 1), register_tokens_.expand({batch, -1, -1}), x.slice(1, 1)}, 1);
-  }
-  for (std::int64_t i = 0; i < blocks; ++i) x = blocks_[static_cast<std::size_t>(i)]->as<Dinov2BlockImpl>()->forward(x);
-  return x;
-}
-
-Dinov2Tokens Dinov2Impl::forward(const Tensor& images) {
-  Dinov2Tokens tokens;
-  tokens.x_prenorm = tokens_after(images, options_.depth);
-  tokens.x_norm = norm_->forward(tokens.x_prenorm);
-  tokens.registers = options_.num_register_tokens;
-  tokens.rows = images.size(2) / options_.patch_size;
-  tokens.columns = images.size(3) / options_.patch_size;
-  return tokens;
-}
-
-Tensor imagenet_normalized(const Tensor& images) {
-  const auto per_channel = [&](std::vector<double> values) {
-    return torch::tensor(values, images.options()).view({3, 1, 1});
-  };
-  return (images - per_channel({0.485, 0.456, 0.406})) / per_channel({0.229, 0.224, 0.225});
-}
-
-namespace {
 
 using Names = std::pair<const char*, const char*>;  // transformers, hub
 
@@ -347,6 +183,158 @@ io::NdArray joined(const Triple& triple) {
 }
 
 }  // namespace
+
+std::vector<std::string> Dinov2Options::names() {
+  std::vector<std::string> all;
+  for (const bool registers : {false, true}) {
+    for (const Size& size : kSizes) all.push_back(name_of(size, registers));
+  }
+  return all;
+}
+
+std::string Dinov2Options::published_file_stem(const std::string& name) {
+  const bool registers = name.size() > 4 && name.compare(name.size() - 4, 4, "_reg") == 0;
+  return name + (registers ? "4" : "") + "_pretrain";
+}
+
+Dinov2Options Dinov2Options::named(const std::string& name) {
+  for (const bool registers : {false, true}) {
+    for (const Size& size : kSizes) {
+      if (name_of(size, registers) != name) continue;
+      Dinov2Options options;
+      options.embed_dim = size.embed_dim;
+      options.depth = size.depth;
+      options.num_heads = size.num_heads;
+      options.ffn_layer = size.ffn_layer;
+      options.num_register_tokens = registers ? kRegisters : 0;
+      options.interpolate_antialias = registers;
+      options.interpolate_offset = registers ? 0.0 : 0.1;
+      return options;
+    }
+  }
+  const std::string nearest = nearest_word(name, names());
+  throw InputError("", "",
+                   "there is no DINOv2 model '" + name + "'; " +
+                       (nearest.empty() ? "known are dinov2_vit{s,b,l,g}14 and the same with _reg"
+                                        : "did you mean '" + nearest + "'?"));
+}
+
+void Dinov2Options::fields(ConfigFields& f) {
+  f("img_size", img_size, {1, kMostDinoSide});
+  f("patch_size", patch_size, {1, kMostDinoSide});
+  f("embed_dim", embed_dim, {1, kMostDinoChannels});
+  f("depth", depth, {0, kMostDinoBlocks});
+  f("num_heads", num_heads, {1, kMostDinoChannels});
+  f("mlp_ratio", mlp_ratio, {0.0, 64.0});
+  f("ffn_layer", ffn_layer, {"mlp", "swiglu", "swiglufused"});
+  f("num_register_tokens", num_register_tokens, {0, kMostDinoChannels});
+  f("interpolate_antialias", interpolate_antialias);
+  f("interpolate_offset", interpolate_offset, {0.0, 1.0});
+  if (f.writes()) return;
+  double init_values = 1.0;
+  f("init_values", init_values);
+  std::int64_t block_chunks = 0;
+  f("block_chunks", block_chunks);
+  if (block_chunks != 0) throw f.not_supported("block_chunks", "blocks in chunks, which no published weights use");
+}
+
+void Dinov2Options::validate(const std::string& file, const std::string& pointer) const {
+  const OptionCheck check{file, pointer};
+  check(patch_size > 0 && img_size >= patch_size, "img_size",
+        std::to_string(img_size) + " pixels hold no patch of " + std::to_string(patch_size));
+  check.heads("num_heads", num_heads, embed_dim);
+  check(ffn_hidden() >= 1, "mlp_ratio", "leaves no hidden channel");
+}
+
+std::int64_t Dinov2Options::ffn_hidden() const {
+  const auto hidden = static_cast<std::int64_t>(static_cast<double>(embed_dim) * mlp_ratio);
+  if (!swiglu()) return hidden;
+  return (hidden * 2 / 3 + 7) / 8 * 8;
+}
+
+Tensor interpolate_positions(const Tensor& pos_embed, std::int64_t rows, std::int64_t columns, bool antialias,
+                             double offset) {
+  const std::int64_t patches = pos_embed.size(1) - 1, channels = pos_embed.size(2);
+  const auto side = static_cast<std::int64_t>(std::llround(std::sqrt(static_cast<double>(patches))));
+  TORCH_CHECK(rows >= 1 && columns >= 1 && side * side == patches, "position embeddings of ", patches,
+              " patches for a picture of ", rows, " x ", columns);
+  if (rows == side && columns == side) return pos_embed;
+
+  const Tensor wide = pos_embed.to(torch::kFloat32);
+  const Tensor grid = wide.slice(1, 1).reshape({1, side, side, channels}).permute({0, 3, 1, 2}).contiguous();
+  const Tensor resampled = resample(grid, rows, columns, antialias, offset).permute({0, 2, 3, 1});
+  const Tensor all = torch::cat({wide.slice(1, 0, 1), resampled.reshape({1, rows * columns, channels})}, 1);
+  return all.to(nn::dtype_of(pos_embed));
+}
+
+Dinov2FeedForwardImpl::Dinov2FeedForwardImpl(const Dinov2Options& options) : swiglu_(options.swiglu()) {
+  const std::int64_t channels = options.embed_dim, hidden = options.ffn_hidden();
+  first_ = register_module(swiglu_ ? "w12" : "fc1", nn::Linear(channels, swiglu_ ? 2 * hidden : hidden));
+  second_ = register_module(swiglu_ ? "w3" : "fc2", nn::Linear(hidden, channels));
+}
+
+Tensor Dinov2FeedForwardImpl::forward(const Tensor& x) {
+  const Tensor inner = first_->forward(x);
+  if (!swiglu_) return second_->forward(torch::gelu(inner));
+  const std::vector<Tensor> halves = inner.chunk(2, -1);
+  return second_->forward(torch::silu(halves[0]) * halves[1]);
+}
+
+Dinov2Impl::Dinov2Impl(const Dinov2Options& options) : options_(options) {
+  options_.validate();
+  const std::int64_t channels = options_.embed_dim, side = options_.patches_per_side();
+  cls_token_ = register_parameter("cls_token", torch::empty({1, 1, channels}));
+  pos_embed_ = register_parameter("pos_embed", torch::empty({1, 1 + side * side, channels}));
+  if (options_.num_register_tokens > 0) {
+    register_tokens_ = register_parameter("register_tokens", torch::empty({1, options_.num_register_tokens, channels}));
+  }
+  mask_token_ = register_parameter("mask_token", torch::empty({1, channels}));
+  const auto patch_embed = register_module("patch_embed", std::make_shared<torch::nn::Module>());
+  const auto projection = patch_embed->register_module("proj", std::make_shared<torch::nn::Module>());
+  const std::int64_t patch = options_.patch_size;
+  patch_weight_ = projection->register_parameter("weight", torch::empty({channels, 3, patch, patch}));
+  patch_bias_ = projection->register_parameter("bias", torch::empty({channels}));
+  blocks_ = register_module("blocks", torch::nn::ModuleList());
+  for (std::int64_t i = 0; i < options_.depth; ++i) blocks_->push_back(Dinov2Block(options_));
+  norm_ = register_module("norm", nn::AffineLayerNorm(channels, nn::kBlockNormEps));
+}
+
+Tensor Dinov2Impl::positions(std::int64_t rows, std::int64_t columns) const {
+  return interpolate_positions(pos_embed_, rows, columns, options_.interpolate_antialias, options_.interpolate_offset);
+}
+
+Tensor Dinov2Impl::tokens_after(const Tensor& images, std::int64_t blocks) {
+  const std::int64_t patch = options_.patch_size;
+  TORCH_CHECK(images.dim() == 4 && images.size(1) == 3 && images.size(2) % patch == 0 && images.size(3) % patch == 0,
+              "DINOv2 takes [B, 3, H, W] with sides that are multiples of ", patch, ", got ", images.sizes());
+  TORCH_CHECK(blocks >= 0 && blocks <= options_.depth, "there are ", options_.depth, " blocks, not ", blocks);
+  const std::int64_t batch = images.size(0);
+  const Tensor patches = torch::conv2d(images, patch_weight_, patch_bias_, /*stride=*/patch).flatten(2).transpose(1, 2);
+  Tensor x = torch::cat({cls_token_.expand({batch, -1, -1}), patches}, 1);
+  x = x + positions(images.size(2) / patch, images.size(3) / patch);
+  if (register_tokens_.defined()) {
+    x = torch::cat({x.slice(1, 0, 1), register_tokens_.expand({batch, -1, -1}), x.slice(1, 1)}, 1);
+  }
+  for (std::int64_t i = 0; i < blocks; ++i) x = blocks_[static_cast<std::size_t>(i)]->as<Dinov2BlockImpl>()->forward(x);
+  return x;
+}
+
+Dinov2Tokens Dinov2Impl::forward(const Tensor& images) {
+  Dinov2Tokens tokens;
+  tokens.x_prenorm = tokens_after(images, options_.depth);
+  tokens.x_norm = norm_->forward(tokens.x_prenorm);
+  tokens.registers = options_.num_register_tokens;
+  tokens.rows = images.size(2) / options_.patch_size;
+  tokens.columns = images.size(3) / options_.patch_size;
+  return tokens;
+}
+
+Tensor imagenet_normalized(const Tensor& images) {
+  const auto per_channel = [&](std::vector<double> values) {
+    return torch::tensor(values, images.options()).view({3, 1, 1});
+  };
+  return (images - per_channel({0.485, 0.456, 0.406})) / per_channel({0.229, 0.224, 0.225});
+}
 
 io::NamedArrays to_hub_keys(io::NamedArrays arrays) {
   io::NamedArrays renamed;

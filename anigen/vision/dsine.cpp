@@ -22,6 +22,57 @@ Tensor pair_of(double u, double v, const Tensor& like) {
   return torch::tensor({u, v}, torch::kFloat64).view({1, 2, 1, 1}).to(like.options());
 }
 
+constexpr std::int64_t kStateChannels = 64, kInputChannels = kStateChannels + 2;  // features and rays
+constexpr std::int64_t kPropagationNeighbors = 25, kUpsamplingShares = 9 * 8 * 8;
+
+Tensor slopes_of(const PinholeCamera& camera, const Tensor& map, std::int64_t reduction) {
+  return ray_slopes(camera.reduced(reduction), map.size(2), map.size(3), map);
+}
+
+constexpr std::int64_t kRadius = 2;
+constexpr double kSmallestDepthSlope = 1e-8;
+
+Tensor inner_product(const Tensor& a, const Tensor& b) { return (a * b).sum(1, /*keepdim=*/true); }
+
+std::int64_t missing_pixels(std::int64_t size) {
+  return (kDsinePictureMultiple - size % kDsinePictureMultiple) % kDsinePictureMultiple;
+}
+
+constexpr std::string_view kStateDict = "model.", kParallel = "module.", kCounter = ".num_batches_tracked";
+
+bool begins_with(const std::string& key, std::string_view start) { return key.compare(0, start.size(), start) == 0; }
+
+bool is_counter(const std::string& key) {
+  return key.size() > kCounter.size() && key.compare(key.size() - kCounter.size(), kCounter.size(), kCounter) == 0;
+}
+
+// The state dict under its released keys, without the counters.
+io::NamedArrays released_keys(io::NamedArrays arrays) {
+  const bool nested =
+      std::any_of(arrays.begin(), arrays.end(), [](const auto& entry) { return begins_with(entry.first, kStateDict); });
+  io::NamedArrays state;
+  for (auto& [key, array] : arrays) {
+    if (nested && !begins_with(key, kStateDict)) continue;
+    if (nested) key.erase(0, kStateDict.size());
+    if (begins_with(key, kParallel)) key.erase(0, kParallel.size());
+    if (!is_counter(key)) state.emplace_back(std::move(key), std::move(array));
+  }
+  return state;
+}
+
+void check_normal_picture(const torch::Tensor& rgb) {
+  TORCH_CHECK(rgb.dim() == 4 && rgb.size(0) == 1 && rgb.size(1) == 3 && rgb.size(2) > 0 && rgb.size(3) > 0,
+              "normals of one picture [1, 3, H, W], not ", rgb.sizes());
+  const std::int64_t height = rgb.size(2), width = rgb.size(3);
+  const PicturePadding padding = dsine_padding(height, width);
+  const std::int64_t rows = height + padding.top + padding.bottom, columns = width + padding.left + padding.right;
+  if (rows <= kMostNormalPixels / columns) return;
+  throw InputError("", "image",
+                   "a picture of " + std::to_string(width) + " x " + std::to_string(height) +
+                       " pixels is too large for the normal estimator, which takes up to " +
+                       std::to_string(kMostNormalPixels) + " pixels (4096 x 4096); make it smaller");
+}
+
 }  // namespace
 
 PinholeCamera PinholeCamera::of_picture(std::int64_t height, std::int64_t width) {
@@ -64,17 +115,6 @@ Tensor ray_relu(const Tensor& normals, const Tensor& rays) {
   const Tensor cosine = (normals * rays).sum(1, /*keepdim=*/true) / (norm(normals) * norm(rays));
   return unit_vectors(normals + rays * (cosine.clamp_min(kLeast) - cosine));
 }
-
-namespace {
-
-constexpr std::int64_t kStateChannels = 64, kInputChannels = kStateChannels + 2;  // features and rays
-constexpr std::int64_t kPropagationNeighbors = 25, kUpsamplingShares = 9 * 8 * 8;
-
-Tensor slopes_of(const PinholeCamera& camera, const Tensor& map, std::int64_t reduction) {
-  return ray_slopes(camera.reduced(reduction), map.size(2), map.size(3), map);
-}
-
-}  // namespace
 
 DsineImpl::DsineImpl() {
   const auto encoder = register_module("encoder", std::make_shared<torch::nn::Module>());
@@ -133,15 +173,6 @@ Tensor DsineImpl::forward(const Tensor& images, const PinholeCamera& camera, int
   return upsampled(state);
 }
 
-namespace {
-
-constexpr std::int64_t kRadius = 2;
-constexpr double kSmallestDepthSlope = 1e-8;
-
-Tensor inner_product(const Tensor& a, const Tensor& b) { return (a * b).sum(1, /*keepdim=*/true); }
-
-}  // namespace
-
 Tensor neighborhood(const Tensor& x, std::int64_t radius) {
   const std::int64_t height = x.size(2), width = x.size(3), side = 2 * radius + 1;
   const Tensor wider = at::replication_pad2d(x, {radius, radius, radius, radius});
@@ -184,14 +215,6 @@ Tensor propagated_normals(const Tensor& normals, const NeighborRotations& rotati
   return unit_vectors((rotations.weights.unsqueeze(1) * facing).sum(2));
 }
 
-namespace {
-
-std::int64_t missing_pixels(std::int64_t size) {
-  return (kDsinePictureMultiple - size % kDsinePictureMultiple) % kDsinePictureMultiple;
-}
-
-}  // namespace
-
 PicturePadding dsine_padding(std::int64_t height, std::int64_t width) {
   const std::int64_t rows = missing_pixels(height), columns = missing_pixels(width);
   return {columns / 2, columns - columns / 2, rows / 2, rows - rows / 2};
@@ -207,32 +230,6 @@ Tensor picture_normals(Dsine& network, const Tensor& rgb, int iterations) {
   return all.narrow(2, padding.top, height).narrow(3, padding.left, width).contiguous();
 }
 
-namespace {
-
-constexpr std::string_view kStateDict = "model.", kParallel = "module.", kCounter = ".num_batches_tracked";
-
-bool begins_with(const std::string& key, std::string_view start) { return key.compare(0, start.size(), start) == 0; }
-
-bool is_counter(const std::string& key) {
-  return key.size() > kCounter.size() && key.compare(key.size() - kCounter.size(), kCounter.size(), kCounter) == 0;
-}
-
-// The state dict under its released keys, without the counters.
-io::NamedArrays released_keys(io::NamedArrays arrays) {
-  const bool nested =
-      std::any_of(arrays.begin(), arrays.end(), [](const auto& entry) { return begins_with(entry.first, kStateDict); });
-  io::NamedArrays state;
-  for (auto& [key, array] : arrays) {
-    if (nested && !begins_with(key, kStateDict)) continue;
-    if (nested) key.erase(0, kStateDict.size());
-    if (begins_with(key, kParallel)) key.erase(0, kParallel.size());
-    if (!is_counter(key)) state.emplace_back(std::move(key), std::move(array));
-  }
-  return state;
-}
-
-}  // namespace
-
 void set_dsine_weights(Dsine& network, io::NamedArrays arrays, const std::string& file) {
   io::NamedArrays state = released_keys(std::move(arrays));
   nn::check_weight_values(state, file);
@@ -247,23 +244,6 @@ Dsine load_dsine(const std::filesystem::path& file) {
   set_dsine_weights(network, io::read_state_dict(file), file.string());
   return network;
 }
-
-namespace {
-
-void check_normal_picture(const torch::Tensor& rgb) {
-  TORCH_CHECK(rgb.dim() == 4 && rgb.size(0) == 1 && rgb.size(1) == 3 && rgb.size(2) > 0 && rgb.size(3) > 0,
-              "normals of one picture [1, 3, H, W], not ", rgb.sizes());
-  const std::int64_t height = rgb.size(2), width = rgb.size(3);
-  const PicturePadding padding = dsine_padding(height, width);
-  const std::int64_t rows = height + padding.top + padding.bottom, columns = width + padding.left + padding.right;
-  if (rows <= kMostNormalPixels / columns) return;
-  throw InputError("", "image",
-                   "a picture of " + std::to_string(width) + " x " + std::to_string(height) +
-                       " pixels is too large for the normal estimator, which takes up to " +
-                       std::to_string(kMostNormalPixels) + " pixels (4096 x 4096); make it smaller");
-}
-
-}  // namespace
 
 DsineNormals::DsineNormals(const std::filesystem::path& weights, const torch::Device& device)
     : network_(load_dsine(weights)) {

@@ -25,6 +25,68 @@ AxisPadding same_padding(std::int64_t size, std::int64_t kernel, std::int64_t st
   return {before + stride, 1, outputs};
 }
 
+constexpr std::int64_t kExpansion = 6;
+// Values of an expanded tensor that are held at once, and the fewest channels: the network's largest tensors stand
+// here, and what happens to them happens to every channel for itself.
+constexpr std::int64_t kExpandedValues = std::int64_t{1} << 24, kFewestChannels = 16;
+
+std::int64_t channels_at_once(const Tensor& x, std::int64_t channels) {
+  const std::int64_t fitting = kExpandedValues / (x.size(0) * x.size(2) * x.size(3));
+  return std::min(std::max(fitting / kFewestChannels * kFewestChannels, kFewestChannels), channels);
+}
+
+Tensor with_skip(Tensor y, const Tensor& x) { return y.sizes() == x.sizes() ? y.add_(x) : y; }
+
+struct StageShape {
+  std::int64_t blocks, kernel, stride, out;  // the stride is the first block's
+};
+// Width and depth of B0 times 1.6 and 2.2, rounded (Tan and Le 2019, "EfficientNet", equation 3).
+constexpr std::array<StageShape, 7> kB5Stages = {
+    {{3, 3, 1, 24}, {5, 3, 2, 40}, {5, 5, 2, 64}, {7, 3, 2, 128}, {7, 5, 1, 176}, {9, 5, 2, 304}, {3, 3, 1, 512}}};
+constexpr std::int64_t kStemChannels = 48, kStemStride = 2, kHeadChannels = 2048;
+constexpr std::size_t kEighthStage = 2, kSixteenthStage = 4;
+
+// Depthwise k × k, squeeze and excite, 1 × 1. Keys `conv_dw`, `bn1`, `se`, `conv_pw`, `bn2`.
+class DepthwiseSeparableImpl : public EfficientNetBlockImpl {
+ public:
+  DepthwiseSeparableImpl(std::int64_t in, std::int64_t out, std::int64_t kernel) {
+    conv_dw_ = register_module("conv_dw", Conv2d(in, in, kernel, /*with_bias=*/false, /*groups=*/in));
+    bn1_ = register_module("bn1", BatchNormState(in));
+    se_ = register_module("se", SqueezeExcite(in, in));
+    conv_pw_ = register_module("conv_pw", Conv2d(in, out, 1, /*with_bias=*/false));
+    bn2_ = register_module("bn2", BatchNormState(out));
+  }
+
+  Tensor forward(const Tensor& x) override {
+    Tensor y = FoldedConvolution(conv_dw_, bn1_).apply(x, /*stride=*/1, /*groups=*/x.size(1));
+    y = se_(torch::silu_(y));
+    return with_skip(FoldedConvolution(conv_pw_, bn2_).apply(y), x);
+  }
+
+ private:
+  Conv2d conv_dw_ = nullptr, conv_pw_ = nullptr;
+  BatchNormState bn1_ = nullptr, bn2_ = nullptr;
+  SqueezeExcite se_ = nullptr;
+};
+
+std::shared_ptr<EfficientNetBlockImpl> make_block(std::size_t stage, std::int64_t in, std::int64_t stride) {
+  const StageShape& shape = kB5Stages[stage];
+  if (stage == 0) return std::make_shared<DepthwiseSeparableImpl>(in, shape.out, shape.kernel);
+  return std::make_shared<InvertedResidualImpl>(in, shape.out, shape.kernel, stride);
+}
+
+constexpr std::int64_t kRayChannels = 2, kHeadWidth = 128, kStateWidth = 64;
+
+torch::nn::GroupNorm group_norm_of_8(std::int64_t channels) {
+  return torch::nn::GroupNorm(torch::nn::GroupNormOptions(8, channels).eps(1e-5));
+}
+
+Tensor with_rays(const Tensor& map, const Tensor& slopes) {
+  return torch::cat({map, slopes.expand({map.size(0), -1, -1, -1})}, 1);
+}
+
+Tensor leaky(Tensor x) { return torch::leaky_relu_(x, 0.01); }
+
 }  // namespace
 
 Conv2dImpl::Conv2dImpl(std::int64_t in_channels, std::int64_t out_channels, std::int64_t kernel, bool with_bias,
@@ -71,22 +133,6 @@ Tensor FoldedConvolution::apply(const Tensor& x, std::int64_t stride, std::int64
   return same_convolution(x, weight, bias, stride, groups);
 }
 
-namespace {
-
-constexpr std::int64_t kExpansion = 6;
-// Values of an expanded tensor that are held at once, and the fewest channels: the network's largest tensors stand
-// here, and what happens to them happens to every channel for itself.
-constexpr std::int64_t kExpandedValues = std::int64_t{1} << 24, kFewestChannels = 16;
-
-std::int64_t channels_at_once(const Tensor& x, std::int64_t channels) {
-  const std::int64_t fitting = kExpandedValues / (x.size(0) * x.size(2) * x.size(3));
-  return std::min(std::max(fitting / kFewestChannels * kFewestChannels, kFewestChannels), channels);
-}
-
-Tensor with_skip(Tensor y, const Tensor& x) { return y.sizes() == x.sizes() ? y.add_(x) : y; }
-
-}  // namespace
-
 SqueezeExciteImpl::SqueezeExciteImpl(std::int64_t channels, std::int64_t block_inputs) {
   const std::int64_t narrow = std::max<std::int64_t>((block_inputs + 2) / 4, 1);  // a quarter, rounded
   conv_reduce_ = register_module("conv_reduce", Conv2d(channels, narrow, 1));
@@ -129,48 +175,6 @@ Tensor InvertedResidualImpl::expanded(const Tensor& x) const {
 Tensor InvertedResidualImpl::forward(const Tensor& x) {
   return with_skip(FoldedConvolution(conv_pwl_, bn3_).apply(se_(expanded(x))), x);
 }
-
-namespace {
-
-struct StageShape {
-  std::int64_t blocks, kernel, stride, out;  // the stride is the first block's
-};
-// Width and depth of B0 times 1.6 and 2.2, rounded (Tan and Le 2019, "EfficientNet", equation 3).
-constexpr std::array<StageShape, 7> kB5Stages = {
-    {{3, 3, 1, 24}, {5, 3, 2, 40}, {5, 5, 2, 64}, {7, 3, 2, 128}, {7, 5, 1, 176}, {9, 5, 2, 304}, {3, 3, 1, 512}}};
-constexpr std::int64_t kStemChannels = 48, kStemStride = 2, kHeadChannels = 2048;
-constexpr std::size_t kEighthStage = 2, kSixteenthStage = 4;
-
-// Depthwise k × k, squeeze and excite, 1 × 1. Keys `conv_dw`, `bn1`, `se`, `conv_pw`, `bn2`.
-class DepthwiseSeparableImpl : public EfficientNetBlockImpl {
- public:
-  DepthwiseSeparableImpl(std::int64_t in, std::int64_t out, std::int64_t kernel) {
-    conv_dw_ = register_module("conv_dw", Conv2d(in, in, kernel, /*with_bias=*/false, /*groups=*/in));
-    bn1_ = register_module("bn1", BatchNormState(in));
-    se_ = register_module("se", SqueezeExcite(in, in));
-    conv_pw_ = register_module("conv_pw", Conv2d(in, out, 1, /*with_bias=*/false));
-    bn2_ = register_module("bn2", BatchNormState(out));
-  }
-
-  Tensor forward(const Tensor& x) override {
-    Tensor y = FoldedConvolution(conv_dw_, bn1_).apply(x, /*stride=*/1, /*groups=*/x.size(1));
-    y = se_(torch::silu_(y));
-    return with_skip(FoldedConvolution(conv_pw_, bn2_).apply(y), x);
-  }
-
- private:
-  Conv2d conv_dw_ = nullptr, conv_pw_ = nullptr;
-  BatchNormState bn1_ = nullptr, bn2_ = nullptr;
-  SqueezeExcite se_ = nullptr;
-};
-
-std::shared_ptr<EfficientNetBlockImpl> make_block(std::size_t stage, std::int64_t in, std::int64_t stride) {
-  const StageShape& shape = kB5Stages[stage];
-  if (stage == 0) return std::make_shared<DepthwiseSeparableImpl>(in, shape.out, shape.kernel);
-  return std::make_shared<InvertedResidualImpl>(in, shape.out, shape.kernel, stride);
-}
-
-}  // namespace
 
 EfficientNetB5Impl::EfficientNetB5Impl() {
   conv_stem_ = register_module("conv_stem", Conv2d(3, kStemChannels, 3, /*with_bias=*/false));
@@ -243,22 +247,6 @@ Tensor PredictionHeadImpl::forward(const Tensor& x) {
   y = hidden_(torch::relu_(y));
   return out_(torch::relu_(y));
 }
-
-namespace {
-
-constexpr std::int64_t kRayChannels = 2, kHeadWidth = 128, kStateWidth = 64;
-
-torch::nn::GroupNorm group_norm_of_8(std::int64_t channels) {
-  return torch::nn::GroupNorm(torch::nn::GroupNormOptions(8, channels).eps(1e-5));
-}
-
-Tensor with_rays(const Tensor& map, const Tensor& slopes) {
-  return torch::cat({map, slopes.expand({map.size(0), -1, -1, -1})}, 1);
-}
-
-Tensor leaky(Tensor x) { return torch::leaky_relu_(x, 0.01); }
-
-}  // namespace
 
 Tensor StandardizedConv2dImpl::forward(const Tensor& x) {
   const Tensor rows = weight.flatten(1);

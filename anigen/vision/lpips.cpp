@@ -53,56 +53,6 @@ void check_pictures(const Tensor& a, const Tensor& b) {
     throw InputError("", "image", "LPIPS needs pictures of at least 16 × 16 pixels");
 }
 
-}  // namespace
-
-Vgg16FeaturesImpl::Vgg16FeaturesImpl() {
-  std::int64_t in = 3;
-  for (std::size_t s = 0; s < kLpipsStages; ++s) {
-    const auto& [layers, out] = vgg16()[s];
-    for (const int layer : layers) {
-      const auto module = register_module(std::to_string(layer), empty_module());
-      stages_[s].push_back({module->register_parameter("weight", unset({out, in, 3, 3}), /*requires_grad=*/false),
-                            module->register_parameter("bias", unset({out}), /*requires_grad=*/false)});
-      in = out;
-    }
-  }
-}
-
-Tensor Vgg16FeaturesImpl::stage(std::size_t index, Tensor x) const {
-  if (index > 0) x = torch::max_pool2d(x, 2);
-  for (const Convolution& layer : stages_[index])
-    x = torch::relu(torch::conv2d(x, layer.weight, layer.bias, /*stride=*/1, /*padding=*/1));
-  return x;
-}
-
-LpipsImpl::LpipsImpl() {
-  features_ = register_module("features", Vgg16Features());
-  for (std::size_t s = 0; s < kLpipsStages; ++s) {
-    const auto head = register_module("lin" + std::to_string(s), empty_module());
-    const auto model = head->register_module("model", empty_module());
-    const auto convolution = model->register_module("1", empty_module());  // 0 is the dropout
-    heads_[s] = convolution->register_parameter("weight", unset({1, vgg16()[s].width, 1, 1}), /*requires_grad=*/false);
-  }
-  eval();
-}
-
-Tensor LpipsImpl::stages(const Tensor& a, const Tensor& b) {
-  check_pictures(a, b);
-  Tensor x = normalized(a), y = normalized(b);
-  std::vector<Tensor> distances;
-  for (std::size_t s = 0; s < kLpipsStages; ++s) {
-    x = features_->stage(s, x);
-    y = features_->stage(s, y);
-    const Tensor difference = (unit_features(x) - unit_features(y)).square();
-    distances.push_back(torch::conv2d(difference, heads_[s]).mean({1, 2, 3}));
-  }
-  return torch::stack(distances);
-}
-
-Tensor LpipsImpl::forward(const Tensor& a, const Tensor& b) { return stages(a, b).sum(0); }
-
-namespace {
-
 /// The stage (1 to 5) of a layer of torchvision's list: each ends before the next pooling.
 int stage_of(int layer) { return layer < 4 ? 1 : layer < 9 ? 2 : layer < 16 ? 3 : layer < 23 ? 4 : 5; }
 
@@ -154,6 +104,52 @@ Tensor checked(const Found& found, torch::IntArrayRef shape) {
 }
 
 }  // namespace
+
+Vgg16FeaturesImpl::Vgg16FeaturesImpl() {
+  std::int64_t in = 3;
+  for (std::size_t s = 0; s < kLpipsStages; ++s) {
+    const auto& [layers, out] = vgg16()[s];
+    for (const int layer : layers) {
+      const auto module = register_module(std::to_string(layer), empty_module());
+      stages_[s].push_back({module->register_parameter("weight", unset({out, in, 3, 3}), /*requires_grad=*/false),
+                            module->register_parameter("bias", unset({out}), /*requires_grad=*/false)});
+      in = out;
+    }
+  }
+}
+
+Tensor Vgg16FeaturesImpl::stage(std::size_t index, Tensor x) const {
+  if (index > 0) x = torch::max_pool2d(x, 2);
+  for (const Convolution& layer : stages_[index])
+    x = torch::relu(torch::conv2d(x, layer.weight, layer.bias, /*stride=*/1, /*padding=*/1));
+  return x;
+}
+
+LpipsImpl::LpipsImpl() {
+  features_ = register_module("features", Vgg16Features());
+  for (std::size_t s = 0; s < kLpipsStages; ++s) {
+    const auto head = register_module("lin" + std::to_string(s), empty_module());
+    const auto model = head->register_module("model", empty_module());
+    const auto convolution = model->register_module("1", empty_module());  // 0 is the dropout
+    heads_[s] = convolution->register_parameter("weight", unset({1, vgg16()[s].width, 1, 1}), /*requires_grad=*/false);
+  }
+  eval();
+}
+
+Tensor LpipsImpl::stages(const Tensor& a, const Tensor& b) {
+  check_pictures(a, b);
+  Tensor x = normalized(a), y = normalized(b);
+  std::vector<Tensor> distances;
+  for (std::size_t s = 0; s < kLpipsStages; ++s) {
+    x = features_->stage(s, x);
+    y = features_->stage(s, y);
+    const Tensor difference = (unit_features(x) - unit_features(y)).square();
+    distances.push_back(torch::conv2d(difference, heads_[s]).mean({1, 2, 3}));
+  }
+  return torch::stack(distances);
+}
+
+Tensor LpipsImpl::forward(const Tensor& a, const Tensor& b) { return stages(a, b).sum(0); }
 
 void set_lpips_weights(LpipsImpl& lpips, const std::vector<LpipsArrays>& sources) {
   std::vector<std::pair<Tensor, Tensor>> copies;

@@ -14,6 +14,14 @@ namespace {
 
 constexpr std::int64_t kColors = 3, kKernel = 3, kNarrowest = 16, kChannelsPerGroup = 16;
 
+constexpr double kTokenNormEps = 1e-5;
+
+/// (row, column) of every patch, row by row. [n², 2] int64
+Tensor patch_places(std::int64_t n) {
+  const Tensor index = torch::arange(n * n, torch::kInt64);
+  return torch::stack({torch::div(index, n, "floor"), torch::remainder(index, n)}, 1);
+}
+
 }  // namespace
 
 ConvolutionStemImpl::ConvolutionStemImpl(std::int64_t width, std::int64_t patch_size) {
@@ -40,18 +48,6 @@ Tensor ConvolutionStemImpl::forward(const Tensor& images) {
   }
   return x.flatten(2).transpose(1, 2);
 }
-
-namespace {
-
-constexpr double kTokenNormEps = 1e-5;
-
-/// (row, column) of every patch, row by row. [n², 2] int64
-Tensor patch_places(std::int64_t n) {
-  const Tensor index = torch::arange(n * n, torch::kInt64);
-  return torch::stack({torch::div(index, n, "floor"), torch::remainder(index, n)}, 1);
-}
-
-}  // namespace
 
 void PatchImageEncoderOptions::fields(ConfigFields& f) {
   std::string name = "patch";

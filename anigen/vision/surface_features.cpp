@@ -53,28 +53,6 @@ Eigen::Matrix3d frame_about(const Eigen::Vector3d& n) {
 
 double capped(const std::optional<double>& distance) { return std::min(distance.value_or(1.0), 1.0); }
 
-}  // namespace
-
-SurfaceSight look_around(const geometry::RayCaster& caster, const Eigen::Vector3d& foot, const Eigen::Vector3d& normal,
-                         double lift, double near_radius, double far_radius) {
-  const Eigen::Matrix3d frame = frame_about(normal);
-  const Eigen::Vector3d above = foot + lift * normal;
-  int near_free = 0, far_free = 0;
-  for (const Eigen::Vector3d& direction : hemisphere()) {
-    const double way = caster.first_hit(above, frame * direction).value_or(std::numeric_limits<double>::infinity());
-    near_free += way > near_radius ? 1 : 0;
-    far_free += way > far_radius ? 1 : 0;
-  }
-  SurfaceSight sight;
-  sight.near_openness = static_cast<double>(near_free) / kRays;
-  sight.far_openness = static_cast<double>(far_free) / kRays;
-  sight.thickness = capped(caster.first_hit(foot, -normal, lift));
-  sight.gap = capped(caster.first_hit(foot, normal, lift));
-  return sight;
-}
-
-namespace {
-
 using Eigen::Vector3d;
 
 struct Foot {
@@ -147,6 +125,24 @@ float unit(double value) { return static_cast<float>(std::clamp(value, 0.0, 1.0)
 float signed_unit(double value) { return static_cast<float>(std::clamp(value, -1.0, 1.0)); }
 
 }  // namespace
+
+SurfaceSight look_around(const geometry::RayCaster& caster, const Eigen::Vector3d& foot, const Eigen::Vector3d& normal,
+                         double lift, double near_radius, double far_radius) {
+  const Eigen::Matrix3d frame = frame_about(normal);
+  const Eigen::Vector3d above = foot + lift * normal;
+  int near_free = 0, far_free = 0;
+  for (const Eigen::Vector3d& direction : hemisphere()) {
+    const double way = caster.first_hit(above, frame * direction).value_or(std::numeric_limits<double>::infinity());
+    near_free += way > near_radius ? 1 : 0;
+    far_free += way > far_radius ? 1 : 0;
+  }
+  SurfaceSight sight;
+  sight.near_openness = static_cast<double>(near_free) / kRays;
+  sight.far_openness = static_cast<double>(far_free) / kRays;
+  sight.thickness = capped(caster.first_hit(foot, -normal, lift));
+  sight.gap = capped(caster.first_hit(foot, normal, lift));
+  return sight;
+}
 
 std::vector<SurfaceFeature> surface_features(const Asset& asset, const std::vector<geometry::Voxel>& voxels,
                                              int resolution) {
