@@ -17,55 +17,6 @@ namespace {
 
 constexpr std::int64_t kVerticesAtOnce = 4096;
 
-}  // namespace
-
-EdgeNeighbours::EdgeNeighbours(const std::int64_t* faces, std::int64_t face_count, std::int64_t vertex_count)
-    : begin_(static_cast<std::size_t>(vertex_count) + 1, 0), sides_(static_cast<std::size_t>(3 * face_count)) {
-  const auto lower_of = [&](std::int64_t face, std::int64_t k) {
-    return static_cast<std::size_t>(std::min(faces[3 * face + (k + 1) % 3], faces[3 * face + (k + 2) % 3]));
-  };
-  // Counting sort by the lower vertex: begin_[v + 1] counts, then becomes where v's sides begin, then where they end.
-  for (std::int64_t face = 0; face < face_count; ++face) {
-    for (std::int64_t k = 0; k < 3; ++k) ++begin_[lower_of(face, k) + 1];
-  }
-  std::size_t sum = 0;
-  for (std::size_t v = 1; v < begin_.size(); ++v) {
-    const std::size_t count = begin_[v];
-    begin_[v] = sum;
-    sum += count;
-  }
-  for (std::int64_t face = 0; face < face_count; ++face) {
-    for (std::int64_t k = 0; k < 3; ++k) {
-      const std::int64_t upper = std::max(faces[3 * face + (k + 1) % 3], faces[3 * face + (k + 2) % 3]);
-      sides_[begin_[lower_of(face, k) + 1]++] = {static_cast<std::int32_t>(upper),
-                                                 static_cast<std::int32_t>(faces[3 * face + k]),
-                                                 static_cast<std::int32_t>(face)};
-    }
-  }
-  share_out((vertex_count + kVerticesAtOnce - 1) / kVerticesAtOnce, [&](std::int64_t part) {
-    const std::int64_t end = std::min(vertex_count, (part + 1) * kVerticesAtOnce);
-    for (std::int64_t v = part * kVerticesAtOnce; v < end; ++v) {
-      const auto lower = static_cast<std::size_t>(v);
-      if (!is_sorted(lower)) continue;
-      const auto from = sides_.begin() + static_cast<std::ptrdiff_t>(begin_[lower]);
-      const auto to = sides_.begin() + static_cast<std::ptrdiff_t>(begin_[lower + 1]);
-      std::sort(from, to,
-                [](const Side& a, const Side& b) { return a.upper != b.upper ? a.upper < b.upper : a.face < b.face; });
-    }
-  });
-}
-
-std::size_t EdgeNeighbours::first_side(std::size_t lower, std::int64_t upper) const {
-  if (!is_sorted(lower)) return begin_[lower];
-  const auto from = sides_.begin() + static_cast<std::ptrdiff_t>(begin_[lower]);
-  const auto to = sides_.begin() + static_cast<std::ptrdiff_t>(begin_[lower + 1]);
-  const auto found = std::lower_bound(
-      from, to, upper, [](const Side& side, std::int64_t value) { return std::int64_t{side.upper} < value; });
-  return static_cast<std::size_t>(found - sides_.begin());
-}
-
-namespace {
-
 constexpr double kSlack = 1.0 / 16.0;  // pixels that a crossing may lie beyond a centre
 constexpr std::int64_t kVertexGrain = 4096;
 
@@ -188,29 +139,6 @@ SilhouettePairs packed(const std::vector<std::vector<FoundPair>>& rows) {
   }
   return pairs;
 }
-
-}  // namespace
-
-SilhouettePairs find_silhouette_pairs(const Fragments& fragments, const Tensor& clip, const Tensor& faces) {
-  RECORD_USER_SCOPE("rasteriser: silhouettes");
-  const torch::NoGradGuard no_grad;
-  check_clip(clip);
-  const Tensor corners = checked_faces(faces, clip.size(0), "faces");
-  const Tensor triangle = checked_triangles(fragments.triangle, corners.size(0));
-  check_real(fragments.depth, 2, "depth");
-  if (fragments.depth.sizes() != triangle.sizes()) {
-    throw InputError("", "depth", nn::shape_text(fragments.depth) + " for triangles of " + nn::shape_text(triangle));
-  }
-  const Tensor depth = fragments.depth.to(torch::kCPU, torch::kFloat64).contiguous();
-  const Tensor positions = clip.to(torch::kCPU, torch::kFloat64).contiguous();
-  const Viewport viewport{triangle.size(0), triangle.size(1)};
-  const SilhouetteFinder finder(viewport, positions, corners, depth, triangle);
-  std::vector<std::vector<FoundPair>> rows(static_cast<std::size_t>(viewport.height));
-  share_out(viewport.height, [&](std::int64_t row) { rows[static_cast<std::size_t>(row)] = finder.row(row); });
-  return packed(rows);
-}
-
-namespace {
 
 using torch::autograd::AutogradContext;
 using torch::autograd::variable_list;
@@ -372,6 +300,70 @@ class Antialiasing : public torch::autograd::Function<Antialiasing> {
 };
 
 }  // namespace
+
+EdgeNeighbours::EdgeNeighbours(const std::int64_t* faces, std::int64_t face_count, std::int64_t vertex_count)
+    : begin_(static_cast<std::size_t>(vertex_count) + 1, 0), sides_(static_cast<std::size_t>(3 * face_count)) {
+  const auto lower_of = [&](std::int64_t face, std::int64_t k) {
+    return static_cast<std::size_t>(std::min(faces[3 * face + (k + 1) % 3], faces[3 * face + (k + 2) % 3]));
+  };
+  // Counting sort by the lower vertex: begin_[v + 1] counts, then becomes where v's sides begin, then where they end.
+  for (std::int64_t face = 0; face < face_count; ++face) {
+    for (std::int64_t k = 0; k < 3; ++k) ++begin_[lower_of(face, k) + 1];
+  }
+  std::size_t sum = 0;
+  for (std::size_t v = 1; v < begin_.size(); ++v) {
+    const std::size_t count = begin_[v];
+    begin_[v] = sum;
+    sum += count;
+  }
+  for (std::int64_t face = 0; face < face_count; ++face) {
+    for (std::int64_t k = 0; k < 3; ++k) {
+      const std::int64_t upper = std::max(faces[3 * face + (k + 1) % 3], faces[3 * face + (k + 2) % 3]);
+      sides_[begin_[lower_of(face, k) + 1]++] = {static_cast<std::int32_t>(upper),
+                                                 static_cast<std::int32_t>(faces[3 * face + k]),
+                                                 static_cast<std::int32_t>(face)};
+    }
+  }
+  share_out((vertex_count + kVerticesAtOnce - 1) / kVerticesAtOnce, [&](std::int64_t part) {
+    const std::int64_t end = std::min(vertex_count, (part + 1) * kVerticesAtOnce);
+    for (std::int64_t v = part * kVerticesAtOnce; v < end; ++v) {
+      const auto lower = static_cast<std::size_t>(v);
+      if (!is_sorted(lower)) continue;
+      const auto from = sides_.begin() + static_cast<std::ptrdiff_t>(begin_[lower]);
+      const auto to = sides_.begin() + static_cast<std::ptrdiff_t>(begin_[lower + 1]);
+      std::sort(from, to,
+                [](const Side& a, const Side& b) { return a.upper != b.upper ? a.upper < b.upper : a.face < b.face; });
+    }
+  });
+}
+
+std::size_t EdgeNeighbours::first_side(std::size_t lower, std::int64_t upper) const {
+  if (!is_sorted(lower)) return begin_[lower];
+  const auto from = sides_.begin() + static_cast<std::ptrdiff_t>(begin_[lower]);
+  const auto to = sides_.begin() + static_cast<std::ptrdiff_t>(begin_[lower + 1]);
+  const auto found = std::lower_bound(
+      from, to, upper, [](const Side& side, std::int64_t value) { return std::int64_t{side.upper} < value; });
+  return static_cast<std::size_t>(found - sides_.begin());
+}
+
+SilhouettePairs find_silhouette_pairs(const Fragments& fragments, const Tensor& clip, const Tensor& faces) {
+  RECORD_USER_SCOPE("rasteriser: silhouettes");
+  const torch::NoGradGuard no_grad;
+  check_clip(clip);
+  const Tensor corners = checked_faces(faces, clip.size(0), "faces");
+  const Tensor triangle = checked_triangles(fragments.triangle, corners.size(0));
+  check_real(fragments.depth, 2, "depth");
+  if (fragments.depth.sizes() != triangle.sizes()) {
+    throw InputError("", "depth", nn::shape_text(fragments.depth) + " for triangles of " + nn::shape_text(triangle));
+  }
+  const Tensor depth = fragments.depth.to(torch::kCPU, torch::kFloat64).contiguous();
+  const Tensor positions = clip.to(torch::kCPU, torch::kFloat64).contiguous();
+  const Viewport viewport{triangle.size(0), triangle.size(1)};
+  const SilhouetteFinder finder(viewport, positions, corners, depth, triangle);
+  std::vector<std::vector<FoundPair>> rows(static_cast<std::size_t>(viewport.height));
+  share_out(viewport.height, [&](std::int64_t row) { rows[static_cast<std::size_t>(row)] = finder.row(row); });
+  return packed(rows);
+}
 
 Tensor antialias(const Tensor& image, const Fragments& fragments, const Tensor& clip, const Tensor& faces) {
   check_real(image, 3, "image");

@@ -98,17 +98,6 @@ class FaceNormals : public torch::autograd::Function<FaceNormals> {
   }
 };
 
-}  // namespace
-
-Tensor face_normals(const Tensor& vertices, const Tensor& faces) {
-  check_real(vertices, 2, "vertices");
-  if (vertices.size(1) != 3) throw InputError("", "vertices", "must be [V, 3], is " + nn::shape_text(vertices));
-  const Tensor corners = checked_faces(faces, vertices.size(0), "faces");
-  return FaceNormals::apply(vertices.to(torch::kCPU), corners).to(vertices.device());
-}
-
-namespace {
-
 // A picture whose pixels blend three rows of a table; all pointers to contiguous arrays of type T.
 template <typename T>
 struct Blend {
@@ -234,6 +223,13 @@ class Interpolation : public torch::autograd::Function<Interpolation> {
 };
 
 }  // namespace
+
+Tensor face_normals(const Tensor& vertices, const Tensor& faces) {
+  check_real(vertices, 2, "vertices");
+  if (vertices.size(1) != 3) throw InputError("", "vertices", "must be [V, 3], is " + nn::shape_text(vertices));
+  const Tensor corners = checked_faces(faces, vertices.size(0), "faces");
+  return FaceNormals::apply(vertices.to(torch::kCPU), corners).to(vertices.device());
+}
 
 Tensor interpolate(const Tensor& attributes, const Fragments& fragments, const Tensor& faces) {
   check_real(attributes, 2, "attributes");

@@ -21,6 +21,36 @@ void check_square(const Tensor& matrix, std::int64_t size, const std::string& na
   }
 }
 
+void check_options(const RenderOptions& options) {
+  if (options.resolution < 1 || options.resolution > kMostPixelsPerSide) {
+    throw InputError("", "resolution",
+                     std::to_string(options.resolution) + " is not in 1 … " + std::to_string(kMostPixelsPerSide));
+  }
+  if (options.ssaa < 1 || options.ssaa > kMostPixelsPerSide / options.resolution) {
+    throw InputError("", "ssaa",
+                     std::to_string(options.ssaa) + " at resolution " + std::to_string(options.resolution) +
+                         " is not at least 1, or makes more than " + std::to_string(kMostPixelsPerSide) +
+                         " pixels per side");
+  }
+}
+
+void check_attributes(const Tensor& attributes, const Tensor& vertices) {
+  check_real(attributes, 2, "attributes");
+  if (attributes.size(0) != vertices.size(0) || nn::dtype_of(attributes) != nn::dtype_of(vertices)) {
+    throw InputError("", "attributes",
+                     nn::shape_text(attributes) + " for " + std::to_string(vertices.size(0)) +
+                         " vertices; must be [V, A] of the vertices' type");
+  }
+}
+
+// [size, size, C] → [resolution, resolution, C]: a triangle filter as wide as the reduction.
+Tensor reduced(const Tensor& image, std::int64_t resolution) {
+  const Tensor planes = image.permute({2, 0, 1}).unsqueeze(0).contiguous();
+  return at::_upsample_bilinear2d_aa(planes, {resolution, resolution}, /*align_corners=*/false)
+      .squeeze(0)
+      .permute({1, 2, 0});
+}
+
 }  // namespace
 
 Tensor projection_matrix(const Tensor& intrinsics, double near, double far) {
@@ -99,40 +129,6 @@ Tensor checked_triangles(const Tensor& triangle, std::int64_t faces) {
   }
   return host;
 }
-
-namespace {
-
-void check_options(const RenderOptions& options) {
-  if (options.resolution < 1 || options.resolution > kMostPixelsPerSide) {
-    throw InputError("", "resolution",
-                     std::to_string(options.resolution) + " is not in 1 … " + std::to_string(kMostPixelsPerSide));
-  }
-  if (options.ssaa < 1 || options.ssaa > kMostPixelsPerSide / options.resolution) {
-    throw InputError("", "ssaa",
-                     std::to_string(options.ssaa) + " at resolution " + std::to_string(options.resolution) +
-                         " is not at least 1, or makes more than " + std::to_string(kMostPixelsPerSide) +
-                         " pixels per side");
-  }
-}
-
-void check_attributes(const Tensor& attributes, const Tensor& vertices) {
-  check_real(attributes, 2, "attributes");
-  if (attributes.size(0) != vertices.size(0) || nn::dtype_of(attributes) != nn::dtype_of(vertices)) {
-    throw InputError("", "attributes",
-                     nn::shape_text(attributes) + " for " + std::to_string(vertices.size(0)) +
-                         " vertices; must be [V, A] of the vertices' type");
-  }
-}
-
-// [size, size, C] → [resolution, resolution, C]: a triangle filter as wide as the reduction.
-Tensor reduced(const Tensor& image, std::int64_t resolution) {
-  const Tensor planes = image.permute({2, 0, 1}).unsqueeze(0).contiguous();
-  return at::_upsample_bilinear2d_aa(planes, {resolution, resolution}, /*align_corners=*/false)
-      .squeeze(0)
-      .permute({1, 2, 0});
-}
-
-}  // namespace
 
 Rendering render_mesh(const Tensor& vertices, const Tensor& faces, const Tensor& attributes, const Tensor& extrinsics,
                       const Tensor& intrinsics, const RenderOptions& options) {
