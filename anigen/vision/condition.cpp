@@ -22,6 +22,7 @@ Tensor planes_tensor(const std::vector<float>& planes, int height, int width) {
 
 constexpr const char* kEncoderName = "image_encoder";
 constexpr const char* kModelName = "image_cond_model";
+constexpr const char* kPublishedModel = "dinov2_vitl14_reg";
 constexpr const char* kPublishedFolder = "ckpts/dinov2";
 
 /// The weights where the published trainer has its DINOv2; nothing when they are not there.
@@ -118,9 +119,14 @@ Tensor image_condition(Dinov2& model, const Tensor& images) {
 
 Tensor null_condition(const Tensor& condition) { return torch::zeros_like(condition); }
 
+void read_condition_arguments(ConfigReader& trainer_args) {
+  trainer_args.text(kModelName, kPublishedModel);
+  if (trainer_args.has(kEncoderName)) trainer_args.object(kEncoderName);
+}
+
 std::unique_ptr<ConditionEncoder> make_condition_encoder(ConfigReader& trainer_args, std::int64_t image_size,
                                                          std::int64_t channels, torch::Device device) {
-  const std::string published_model = trainer_args.text(kModelName, "dinov2_vitl14_reg");
+  const std::string published_model = trainer_args.text(kModelName, kPublishedModel);
   if (!trainer_args.has(kEncoderName)) {
     const std::optional<std::filesystem::path> weights = published_weights(published_model);
     if (!weights) {

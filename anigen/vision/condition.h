@@ -71,6 +71,9 @@ class ConditionEncoder {
 std::unique_ptr<ConditionEncoder> make_condition_encoder(ConfigReader& trainer_args, std::int64_t image_size,
                                                          std::int64_t channels, torch::Device device);
 
+/// Reads the names of the encoder's arguments alone: a config is described (anigen-train --schema) without a dataset.
+void read_condition_arguments(ConfigReader& trainer_args);
+
 /// Encoder of images for a trained flow: its run's `image_encoder`, with the newest weights it was trained
 /// to beside the flow where it was trained; otherwise frozen DINOv2.
 /// @param run folder of the flow @param flow found in it; the other arguments as make_condition_encoder

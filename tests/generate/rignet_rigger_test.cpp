@@ -184,7 +184,7 @@ TEST(RignetModels, AreReadFromRunsAndMustFitTheirPlaces) {
     load_rignet_models({folder.path(), {}, {}}, torch::kCPU);
     FAIL() << "a model for skinning in the place of joints";
   } catch (const InputError& error) {
-    EXPECT_NE(std::string(error.what()).find("is for skin, not for joints"), std::string::npos) << error.what();
+    EXPECT_NE(std::string(error.what()).find("is for skinning, not for joints"), std::string::npos) << error.what();
   }
   EXPECT_THROW(load_rignet_model(folder / "nothing", torch::kCPU), InputError);
 }

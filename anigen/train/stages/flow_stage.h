@@ -188,6 +188,7 @@ std::pair<Options, typename StageType::Parts> flow_parts(const StageRequest& req
   parts.model = decltype(parts.model)(model);
   parts.model->to(request.device);
 
+  if (conditioned) vision::read_condition_arguments(request.args);
   const ConfigReader dataset = top.object("dataset");
   const data::Datasets datasets = data::make_datasets(dataset, request.trainer.seed);
   const auto latents = [&](const std::shared_ptr<const data::BatchSource>& source) {
