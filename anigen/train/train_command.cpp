@@ -36,7 +36,6 @@ Json resolved_config(const TrainCommand& command, std::string& file) {
   Json config = load_config(source);
   apply_overrides(config, command.overrides);
   if (!command.data_dir.empty()) config["dataset"]["args"]["data_dir"] = command.data_dir;
-  if (config.is_object() && config.contains("dataset")) data::write_out_statistics(config["dataset"], file);
   return config;
 }
 
@@ -186,7 +185,7 @@ Json describe_config(const TrainCommand& command, ConfigView view) {
   std::string file;
   const Json config = resolved_config(command, file);
   Json read = config;
-  // Stages read all their arguments before they open a dataset, and build their models after that.
+  // Stages read all their arguments, then stop at a dataset that is not there, before they build their models.
   constexpr const char* kNoDataset = "/no/dataset";
   if (read.is_object()) read["dataset"]["args"]["data_dir"] = kNoDataset;
   ConfigRecord record;
@@ -209,7 +208,8 @@ void train(const TrainCommand& command) {
   check_start(command.run);
   nn::set_up_computing(command.run.threads);
   std::string file;
-  const Json config = resolved_config(command, file);
+  Json config = resolved_config(command, file);
+  if (config.is_object() && config.contains("dataset")) data::write_out_statistics(config["dataset"], file);
   const bool several = command.environment.size > 1;
   const bool numbered = several && command.device == "cuda";
   const torch::Device device =

@@ -47,6 +47,7 @@ struct Setup {
                                    "24",
                                    "--workers",
                                    workers,
+                                   "--keep-going",
                                    "--quiet",
                                    "--log-level",
                                    "off"};

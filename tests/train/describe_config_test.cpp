@@ -56,7 +56,7 @@ TEST(DescribeConfig, FullConfigHasEveryDefaultAndReadsAsTheSame) {
   EXPECT_EQ(full["trainer"]["args"]["seed"], 0);
   EXPECT_EQ(full["trainer"]["args"]["num_workers_dl"], 1);
   EXPECT_EQ(full["dataset"]["args"]["data_dir"], "data/here");
-  EXPECT_TRUE(full["models"]["model"]["args"]["decoder_config"].contains("norm_type")) << full.dump(1);
+  EXPECT_TRUE(full["models"]["model"]["args"]["decoder_config"].contains("num_heads")) << full.dump(1);
   write_config(folder / "full.json", full);
   EXPECT_EQ(describe_config(command_of(folder / "full.json"), ConfigView::kFull), full);
 }

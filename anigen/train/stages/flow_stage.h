@@ -185,9 +185,6 @@ std::pair<Options, typename StageType::Parts> flow_parts(const StageRequest& req
   ConfigReader models = top.object("models");
   auto model = read_model<ModelOptions>(models, parts.name, names.model_classes);
   if (!parts.start.enabled) model.use_pretrain_branch = model.freeze_pretrain_branch = false;
-  parts.model = decltype(parts.model)(model);
-  parts.model->to(request.device);
-
   if (conditioned) vision::read_condition_arguments(request.args);
   const ConfigReader dataset = top.object("dataset");
   const data::Datasets datasets = data::make_datasets(dataset, request.trainer.seed);
@@ -199,6 +196,8 @@ std::pair<Options, typename StageType::Parts> flow_parts(const StageRequest& req
   };
   parts.data = latents(datasets.train);
   parts.held_out = latents(datasets.eval);
+  parts.model = decltype(parts.model)(model);
+  parts.model->to(request.device);
   log::info("{} assets to train on, {} held out", parts.data->assets(), parts.held_out ? parts.held_out->assets() : 0);
   if (conditioned) {
     const auto& reading = parts.data->options();
