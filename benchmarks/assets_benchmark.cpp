@@ -73,9 +73,8 @@ int main(int argc, char** argv) {
     benchmark::RegisterBenchmark(("import/tinygltf/" + stem).c_str(), import_tinygltf, file)
         ->Unit(benchmark::kMillisecond);
   }
-  for (const std::string& family : anigen::creatures::creature_families()) {
+  for (const std::string& family : anigen::creatures::creature_families())
     benchmark::RegisterBenchmark(("creature/" + family).c_str(), make_creatures, family)->Unit(benchmark::kMillisecond);
-  }
   benchmark::RegisterBenchmark("creatures/threads", make_mixed_creatures)
       ->Arg(1)
       ->Arg(2)

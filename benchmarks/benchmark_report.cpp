@@ -84,9 +84,8 @@ int main(int argc, char** argv) try {
   Json all = {{"benchmarks", Json::array()}};
   for (std::size_t i = 2; i < files.size(); ++i) {
     const Json json = anigen::read_json(files[i]);
-    if (!json.is_object() || !json.contains("benchmarks")) {
+    if (!json.is_object() || !json.contains("benchmarks"))
       throw anigen::InputError(files[i], "benchmarks", "not the JSON of a benchmark");
-    }
     for (const Json& row : json.at("benchmarks")) {
       if (is_shown(row)) all["benchmarks"].push_back(row);
     }

@@ -108,9 +108,8 @@ void run_rank(int rank, const std::string& file, const anigen::BenchmarkFlags& f
   std::printf("%s, %.0f MiB of gradients\n%-28s | %10s %22s\n", plain->description().c_str(),
               static_cast<double>(work.buffers.front().gradient().nbytes()) / (1 << 20), "", "ms",
               "exposed communication");
-  for (const TimedTask& row : rows) {
+  for (const TimedTask& row : rows)
     std::printf("%-28s | %10.1f %19.1f ms\n", row.name.c_str(), 1e3 * row.median(), 1e3 * (row.median() - alone));
-  }
   if (!flags.out.empty()) anigen::write_json(flags.out, "benchmark_distributed", "distributed/", rows);
 }
 

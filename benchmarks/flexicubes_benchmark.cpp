@@ -41,9 +41,8 @@ struct Settings {
 double status_megabytes(const std::string& key) {
   std::ifstream status("/proc/self/status");
   for (std::string line; std::getline(status, line);) {
-    if (line.compare(0, key.size(), key) == 0) {
+    if (line.compare(0, key.size(), key) == 0)
       return static_cast<double>(std::strtol(line.c_str() + key.size() + 1, nullptr, 10)) / 1024.0;
-    }
   }
   return 0.0;
 }

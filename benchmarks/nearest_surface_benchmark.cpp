@@ -39,9 +39,8 @@ constexpr std::size_t kQueries = 100000, kBruteQueries = 100;
 Points near_surface(const Mesh& mesh, std::size_t count) {
   Rng rng(1, "benchmark points");
   Points points;
-  for (const auto& at : anigen::geometry::sample_surface(mesh.vertices, mesh.faces, count, rng)) {
+  for (const auto& at : anigen::geometry::sample_surface(mesh.vertices, mesh.faces, count, rng))
     points.push_back(anigen::geometry::position(at, mesh.vertices, mesh.faces));
-  }
   for (Eigen::Vector3d& point : points) point += 0.01 * Eigen::Vector3d(rng.normal(), rng.normal(), rng.normal());
   return points;
 }
@@ -49,9 +48,8 @@ Points near_surface(const Mesh& mesh, std::size_t count) {
 Points in_box(std::size_t count) {
   Rng rng(2, "benchmark points");
   Points points;
-  for (std::size_t i = 0; i < count; ++i) {
+  for (std::size_t i = 0; i < count; ++i)
     points.emplace_back(rng.uniform(-0.5, 0.5), rng.uniform(-0.5, 0.5), rng.uniform(-0.5, 0.5));
-  }
   return points;
 }
 
@@ -89,9 +87,8 @@ void print_transfer_errors() {
     // On the mesh itself, so that only the transfer is at fault.
     Rng rng(3, "benchmark points");
     Points points;
-    for (const auto& at : anigen::geometry::sample_surface(mesh.vertices, mesh.faces, kQueries, rng)) {
+    for (const auto& at : anigen::geometry::sample_surface(mesh.vertices, mesh.faces, kQueries, rng))
       points.push_back(anigen::geometry::position(at, mesh.vertices, mesh.faces));
-    }
     const double exact = mean_l1(anigen::geometry::transfer_skin(mesh, skin, points), points);
     const double vertex = mean_l1(anigen::geometry::transfer_skin_by_vertex(vertices, skin, points), points);
     std::printf("%-34s %12.5f %15.5f %8.1f\n", name, exact, vertex, vertex / exact);

@@ -71,9 +71,7 @@ std::vector<Eigen::Vector3f> view_rays(const Camera& camera) {
   std::vector<Eigen::Vector3f> rays;
   for (int top = 0; top < kSize; top += 4) {
     for (int left = 0; left < kSize; left += 4) {
-      for (int i = 0; i < 16; ++i) {
-        rays.push_back(camera.ray(left + i % 4 + 0.5, top + i / 4 + 0.5).cast<float>());
-      }
+      for (int i = 0; i < 16; ++i) rays.push_back(camera.ray(left + i % 4 + 0.5, top + i / 4 + 0.5).cast<float>());
     }
   }
   return rays;

@@ -51,9 +51,8 @@ SupportPtr shell_of(std::int64_t voxels) {
   std::sort(chosen.begin(), chosen.end());
   std::vector<std::int32_t> coords;
   for (const std::int64_t cell : chosen) {
-    for (const std::int64_t value : {std::int64_t{0}, cell / (kGrid * kGrid), cell / kGrid % kGrid, cell % kGrid}) {
+    for (const std::int64_t value : {std::int64_t{0}, cell / (kGrid * kGrid), cell / kGrid % kGrid, cell % kGrid})
       coords.push_back(static_cast<std::int32_t>(value));
-    }
   }
   return anigen::sparse::Support::create(torch::tensor(coords, torch::kInt32).view({voxels, 4}));
 }
@@ -80,9 +79,8 @@ void add_tasks(std::vector<TimedTask>& tasks, const std::string& name, const Lay
                      convolution(layer.feats, layer.weight, layer.bias);
                    }});
   std::vector<Tensor> inputs;
-  for (const Tensor& input : {layer.feats, layer.weight, layer.bias}) {
+  for (const Tensor& input : {layer.feats, layer.weight, layer.bias})
     inputs.push_back(input.detach().clone().requires_grad_());
-  }
   tasks.push_back({name + "_training", 3.0 * layer.flops(),
                    [=] { torch::autograd::grad({convolution(inputs[0], inputs[1], inputs[2]).sum()}, inputs); }});
 }

@@ -59,9 +59,8 @@ anigen::structured_latent::RiggedMeshes rig_of(const anigen::Asset& asset) {
     for (int k = 0; k < 3; ++k) points[i][k].fill_(asset.mesh.vertices[static_cast<std::size_t>(i)][k]);
   }
   for (std::int64_t i = 0; i < faces; ++i) {
-    for (std::size_t k = 0; k < 3; ++k) {
+    for (std::size_t k = 0; k < 3; ++k)
       corners[i][static_cast<std::int64_t>(k)].fill_(asset.mesh.faces[static_cast<std::size_t>(i)][k]);
-    }
   }
   Tensor places = torch::empty({joints, 3}), parents = torch::empty({joints}, torch::kInt32);
   const std::vector<Eigen::Vector3d> positions = asset.skeleton.positions();

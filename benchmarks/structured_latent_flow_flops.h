@@ -30,9 +30,8 @@ inline nn::FlopCount residual_flops(const StructuredLatentFlowStreamOptions& str
     if (in != out) count.linear += nn::linear_flops(voxels.voxels[skip_level], in, out);
   };
   std::vector<double> widths;
-  for (std::int64_t level = 0; level < stream.levels(); ++level) {
+  for (std::int64_t level = 0; level < stream.levels(); ++level)
     widths.push_back(static_cast<double>((*stream.io_block_channels)[static_cast<std::size_t>(level)]));
-  }
   widths.push_back(width);
   const double both = skips ? 2.0 : 1.0;
   for (std::size_t level = 0; level + 1 < widths.size(); ++level) {
@@ -58,9 +57,8 @@ inline nn::FlopCount outer_flops(const StructuredLatentFlowOptions& options,
       nn::linear_flops(voxels.voxels[0], static_cast<double>(stream.in_channels + stream.out_channels), outer);
   count.linear += nn::linear_flops(items, kSlatFlowTimeFeatures + c, c);
   if (options.share_mod) count.linear += nn::linear_flops(items, c, 6.0 * c);
-  if (counts_joints) {
+  if (counts_joints)
     count.linear += nn::linear_flops(items, 2.0 * static_cast<double>(options.joint_num_fourier_bands) + c, c);
-  }
   return count;
 }
 
@@ -114,9 +112,8 @@ inline nn::FlopCount forward_flops(const StructuredLatentFlowOptions& options, c
   count += outer_flops(options, options.geometry, false, shape);
   count += outer_flops(options, options.skin, joints, shape);
   count += outer_flops(options, options.skeleton, joints, skeleton);
-  for (const StructuredLatentFlowStreamOptions* stream : {&options.geometry, &options.skin}) {
+  for (const StructuredLatentFlowStreamOptions* stream : {&options.geometry, &options.skin})
     count += residual_flops(*stream, options.use_skip_connection, shape);
-  }
   count += residual_flops(options.skeleton, options.use_skip_connection, skeleton);
   return count;
 }

@@ -73,9 +73,8 @@ std::vector<Voxel> by_cgal_tree(const Mesh& mesh, int resolution) {
   using Triangles = std::vector<Kernel::Triangle_3>;
   using Primitive = CGAL::AABB_triangle_primitive<Kernel, Triangles::const_iterator>;
   Triangles triangles;
-  for (const anigen::Triangle& face : mesh.faces) {
+  for (const anigen::Triangle& face : mesh.faces)
     triangles.push_back(cgal_triangle<Kernel>(anigen::test::grid_triangle(mesh.vertices, face, resolution)));
-  }
   CGAL::AABB_tree<CGAL::AABB_traits<Kernel, Primitive>> tree(triangles.begin(), triangles.end());
   tree.build();
   std::vector<Voxel> voxels;
@@ -102,9 +101,7 @@ void add(const std::string& method, const Case& input, int threads,
   benchmark::RegisterBenchmark((method + "/" + input.name).c_str(),
                                [&input, threads, body](benchmark::State& state) {
                                  anigen::set_thread_count(threads);
-                                 for (auto _ : state) {
-                                   benchmark::DoNotOptimize(body(input.mesh, input.resolution));
-                                 }
+                                 for (auto _ : state) benchmark::DoNotOptimize(body(input.mesh, input.resolution));
                                  const auto count = static_cast<std::size_t>(state.iterations()) * input.voxels.size();
                                  state.counters["voxels_per_second"] =
                                      benchmark::Counter(static_cast<double>(count), benchmark::Counter::kIsRate);

@@ -134,9 +134,8 @@ Tails find_tails(const std::vector<Eigen::Vector3f>& joints, const Bones& bones,
   std::map<Key, std::size_t> ends;
   for (std::size_t k = 0; k < count; ++k) {
     if (!tails[k]) tails[k] = joints[bones.of_joint[k]] + skin_direction(joints, bones, held, k);
-    if (!ends.emplace(key_of(*tails[k]), k).second) {
+    if (!ends.emplace(key_of(*tails[k]), k).second)
       throw InputError("", "bone " + std::to_string(k), "ends where another one ends");
-    }
   }
   for (std::size_t k = 0; k < count; ++k) {
     if (found.several_children[k]) tails[k] = joints[bones.of_joint[k]] + skin_direction(joints, bones, held, k);
@@ -154,9 +153,8 @@ void require_faces(const std::vector<Triangle>& faces, std::size_t vertices) {
   if (faces.empty()) throw InputError("", "faces", "the mesh has none");
   for (std::size_t f = 0; f < faces.size(); ++f) {
     for (const std::int32_t corner : faces[f]) {
-      if (corner < 0 || static_cast<std::size_t>(corner) >= vertices) {
+      if (corner < 0 || static_cast<std::size_t>(corner) >= vertices)
         throw InputError("", "faces[" + std::to_string(f) + "]", "refers to a vertex that does not exist");
-      }
     }
   }
 }
@@ -207,9 +205,8 @@ AnymateSample converted(const data::RiggedItem& item, const AnymateConversion& o
   const auto points = geometry::sample_surface(mesh.vertices, mesh.faces, options.points, rng);
   const SkinWeights skin = geometry::interpolate_skin(item.skin, item.faces, points);
   std::vector<Eigen::Vector3f> positions;
-  for (const geometry::SurfacePoint& point : points) {
+  for (const geometry::SurfacePoint& point : points)
     positions.emplace_back(geometry::position(point, mesh.vertices, mesh.faces).cast<float>());
-  }
   const BoneLayout layout =
       lay_out_bones(in_frame(item.joints, mesh.frame), item.parents, used_joints(item), positions, skin);
   AnymateSample sample;
@@ -271,9 +268,8 @@ AnymateSample read_anymate_sample(const io::NamedArrays& arrays, const std::stri
     if (array == nullptr) throw InputError(file, place(key), "is missing");
     const Tensor tensor = nn::to_tensor(*array);
     bool fits = tensor.dim() == static_cast<std::int64_t>(shape.size());
-    for (std::size_t axis = 0; fits && axis < shape.size(); ++axis) {
+    for (std::size_t axis = 0; fits && axis < shape.size(); ++axis)
       fits = shape[axis] < 0 || tensor.size(static_cast<std::int64_t>(axis)) == shape[axis];
-    }
     if (!fits) throw InputError(file, place(key), "has another shape than Anymate's files");
     if (tensor.is_floating_point() == whole)
       throw InputError(file, place(key), "has another type than Anymate's files");
@@ -344,9 +340,8 @@ BoneLayout lay_out_bones(const std::vector<Eigen::Vector3f>& joints, const std::
   layout.conns.assign(layout.joints.size(), -1);
   for (std::size_t k = 0; k < count; ++k) {
     int& conn = layout.conns[static_cast<std::size_t>(tail_joint[k])];
-    if (conn >= 0 && conn != head_joint[k]) {
+    if (conn >= 0 && conn != head_joint[k])
       throw InputError("", "bone " + std::to_string(k), "ends at a joint that has another parent");
-    }
     conn = head_joint[k];
   }
   for (std::size_t k = 0; k < count; ++k) {
@@ -381,9 +376,8 @@ AnymateMesh anymate_mesh(const std::vector<Eigen::Vector3f>& vertices, const std
   mesh.frame = AnymateFrame::of(vertices);
   mesh.faces = faces;
   mesh.vertices.reserve(vertices.size());
-  for (const Eigen::Vector3f& vertex : vertices) {
+  for (const Eigen::Vector3f& vertex : vertices)
     mesh.vertices.emplace_back(mesh.frame.into(vertex.cast<double>()).cast<float>());
-  }
   return mesh;
 }
 

@@ -62,9 +62,8 @@ std::vector<std::int64_t> dbscan_labels(const Tensor& points, const DbscanOption
   if (positions.empty()) return labels;
   const Reach reach(rough, positions, options.eps);
   std::vector<std::uint8_t> is_core(positions.size());
-  for (std::size_t i = 0; i < positions.size(); ++i) {
+  for (std::size_t i = 0; i < positions.size(); ++i)
     is_core[i] = static_cast<std::int64_t>(reach.of(i).size()) >= options.min_samples ? 1 : 0;
-  }
   std::int64_t next = 0;
   std::vector<std::size_t> open;
   for (std::size_t seed = 0; seed < positions.size(); ++seed) {

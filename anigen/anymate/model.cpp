@@ -238,9 +238,8 @@ ModelOptions ModelOptions::released(const std::string& encoder, const std::strin
 ModelOptions ModelOptions::from_checkpoint_name(const std::string& file_name) {
   const std::size_t first = file_name.find('-');
   const std::size_t second = first == std::string::npos ? first : file_name.find('-', first + 1);
-  if (second == std::string::npos) {
+  if (second == std::string::npos)
     throw InputError(file_name, "", "a released checkpoint is called <encoder>-<decoder>-….pth.tar");
-  }
   return released(file_name.substr(0, first), file_name.substr(first + 1, second - first - 1));
 }
 
@@ -396,9 +395,8 @@ void AnymateModelImpl::make_encoder(nn::Init init) {
       const std::int64_t width = michelangelo.width;
       require_width(width, options_);
       michelangelo_ = register_module("encoder", MichelangeloEncoder(michelangelo, init));
-      if (options_.load_encoder && !one_vector) {
+      if (options_.load_encoder && !one_vector)
         loaded_projection_ = register_module("point_proj", with_defaults(ErfMlp(width, width, width, "0", "2"), init));
-      }
       break;
     }
     case EncoderKind::kScratch: {

@@ -54,9 +54,8 @@ eval::InspectedFile inspect_one(const std::string& file, const InspectOptions& o
   eval::InspectedFile result{file, {}, ""};
   try {
     const eval::FileKind kind = eval::file_kind(file);
-    if (options.weights && kind != eval::FileKind::kRun) {
+    if (options.weights && kind != eval::FileKind::kRun)
       throw InputError(file, "", "--weights needs the folder of a run, with config.json and ckpts");
-    }
     if (eval::is_geometry(kind)) {
       refuse_to_overwrite({options.image, options.exported}, [&] {
         const auto sample = eval::sample_of(file);

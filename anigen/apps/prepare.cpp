@@ -162,9 +162,8 @@ prepare::PrepareOptions complete(Arguments& a, const CommonOptions& common) {
     return !source.procedural() && source.format == io::RigFormat::kArticulationXl;
   });
   const bool gpu_models = common.device != "cpu" && !options.plan.features.model.empty();
-  if (options.run.workers == 0 && (whole_shards || gpu_models)) {
+  if (options.run.workers == 0 && (whole_shards || gpu_models))
     options.run.workers = std::min<std::size_t>(kHeavyWorkers, static_cast<std::size_t>(thread_count()));
-  }
   return options;
 }
 

@@ -36,9 +36,8 @@ void rig_files(RigArguments& options, const CommonOptions& common) {
   if (request.method.joints == rigging::JointSource::kTemplate && request.joints.collection.empty())
     throw InputError("", "--dataset", "the template is the middle skeleton of a collection; name one");
   request.meshes = options.mesh;
-  if (options.influences) {
+  if (options.influences)
     request.binding.geodesic.most_influences = request.binding.heat.most_influences = *options.influences;
-  }
   request.axes = io::parse_axes(options.mesh_up);
   request.also_read = {options.joint_model, options.connectivity_model, options.skin_model};
   if (options.preview) {

@@ -127,9 +127,8 @@ std::vector<Eigen::Vector3f> angle_weighted_normals(const std::vector<Eigen::Vec
   std::vector<Eigen::Vector3d> sums(vertices.size(), Eigen::Vector3d::Zero());
   for (const Triangle& face : faces) {
     std::array<Eigen::Vector3d, 3> sides;  // side k leads from corner k to the next
-    for (std::size_t k = 0; k < 3; ++k) {
+    for (std::size_t k = 0; k < 3; ++k)
       sides[k] = vertices[at(face[(k + 1) % 3])].cast<double>() - vertices[at(face[k])].cast<double>();
-    }
     const Eigen::Vector3d normal = sides[0].cross(sides[1]);
     const double twice_area = normal.norm();
     if (!(twice_area > 0.0)) continue;

@@ -88,15 +88,13 @@ void check_mesh(Findings& findings, const Asset& asset, bool require_faces) {
   }
   for (std::size_t f = 0; f < mesh.face_materials.size(); ++f) {
     const int material = mesh.face_materials[f];
-    if (material < -1 || material >= static_cast<int>(asset.materials.size())) {
+    if (material < -1 || material >= static_cast<int>(asset.materials.size()))
       findings.add("face materials", element("face_materials", f) + " refers to material " + std::to_string(material));
-    }
   }
   for (std::size_t m = 0; m < asset.materials.size(); ++m) {
     const Material& material = asset.materials[m];
-    if (material.image < -1 || material.image >= static_cast<int>(asset.images.size())) {
+    if (material.image < -1 || material.image >= static_cast<int>(asset.images.size()))
       findings.add("material images", element("materials", m) + " refers to image " + std::to_string(material.image));
-    }
     if (!material.base_color.allFinite())
       findings.add("material colours", element("materials", m) + " has a colour that is not finite");
   }
@@ -229,21 +227,18 @@ std::vector<std::string> validate(const Asset& asset, std::size_t at_most, bool 
 
 void apply(const Similarity& similarity, Asset& asset) {
   const double scale = similarity.scale;
-  for (Eigen::Vector3f& vertex : asset.mesh.vertices) {
+  for (Eigen::Vector3f& vertex : asset.mesh.vertices)
     vertex = (scale * vertex.cast<double>() + similarity.offset).cast<float>();
-  }
   Skeleton& skeleton = asset.skeleton;
   // S · W · diag(1/s): positions move with the object, orientation and scale of each joint stay. Relative to the
   // parent that is a pure scaling of translations; only the root also takes the offset.
-  for (Eigen::Matrix4d& bind : skeleton.bind) {
+  for (Eigen::Matrix4d& bind : skeleton.bind)
     bind.topRightCorner<3, 1>() = scale * bind.topRightCorner<3, 1>() + similarity.offset;
-  }
   const auto offset_of = [&](std::size_t joint) {
     return skeleton.parents[joint] < 0 ? similarity.offset : Eigen::Vector3d(Eigen::Vector3d::Zero());
   };
-  for (std::size_t j = 0; j < skeleton.rest.size(); ++j) {
+  for (std::size_t j = 0; j < skeleton.rest.size(); ++j)
     skeleton.rest[j].translation = scale * skeleton.rest[j].translation + offset_of(j);
-  }
   for (Animation& animation : asset.animations) {
     for (Channel& channel : animation.channels) {
       if (channel.path != ChannelPath::kTranslation) continue;
@@ -273,9 +268,8 @@ Similarity normalize(Asset& asset) {
 
 std::vector<Eigen::Vector3f> skin_vertices(const Asset& asset, const std::vector<Eigen::Matrix4d>& world) {
   std::vector<Eigen::Matrix<double, 3, 4>> matrices(world.size());
-  for (std::size_t j = 0; j < world.size(); ++j) {
+  for (std::size_t j = 0; j < world.size(); ++j)
     matrices[j] = (world[j] * asset.skeleton.bind[j].inverse()).topRows<3>();
-  }
   std::vector<Eigen::Vector3f> posed(asset.mesh.vertices.size());
   for (std::size_t v = 0; v < posed.size(); ++v) {
     const Eigen::Vector4d vertex = asset.mesh.vertices[v].cast<double>().homogeneous();

@@ -126,9 +126,8 @@ std::vector<int> parents_first(const JointTree& tree) {
 void check(const JointTree& tree, const std::string& file) {
   const std::size_t n = tree.size();
   if (n == 0) throw InputError(file, "", "the skeleton has no joint");
-  if (tree.parents.size() != n) {
+  if (tree.parents.size() != n)
     throw InputError(file, "", std::to_string(n) + " joints but " + std::to_string(tree.parents.size()) + " parents");
-  }
   for (std::size_t j = 0; j < n; ++j) {
     const std::string place = "joint " + std::to_string(j);
     const int parent = tree.parents[j];
@@ -256,9 +255,8 @@ class Chains {
       int next = -1;
       for (const std::size_t child : children_[joint]) {
         if (is_side(child)) continue;
-        if (next < 0 || reach_from_parent(child) > reach_from_parent(static_cast<std::size_t>(next))) {
+        if (next < 0 || reach_from_parent(child) > reach_from_parent(static_cast<std::size_t>(next)))
           next = static_cast<int>(child);
-        }
       }
       if (next < 0) return;
       joint = static_cast<std::size_t>(next);
@@ -286,9 +284,8 @@ class Chains {
   /// The largest distance of a joint of one chain from the image of the other's.
   double mirror_distance(const Chain& a, const Chain& b) const {
     double largest = 0.0;
-    for (std::size_t i = 0; i < a.joints.size(); ++i) {
+    for (std::size_t i = 0; i < a.joints.size(); ++i)
       largest = std::max(largest, (positions_[a.joints[i]] - mirrored(b.joints[i])).norm());
-    }
     return largest;
   }
 

@@ -42,9 +42,8 @@ Neighbours neighbours_of(const MeshEdges& edges, std::size_t vertices) {
   Neighbours result;
   result.offsets.assign(vertices + 1, 0);
   for (const MeshEdges::Edge& edge : edges.all()) {
-    if (at(edge[1]) >= vertices) {
+    if (at(edge[1]) >= vertices)
       throw InputError("", "skin", "there is no row for vertex " + std::to_string(edge[1]) + " of the mesh");
-    }
     for (const std::int32_t v : edge) ++result.offsets[at(v) + 1];
   }
   for (std::size_t v = 0; v < vertices; ++v) result.offsets[v + 1] += result.offsets[v];
@@ -74,9 +73,8 @@ std::vector<Step> plan_steps(const Neighbours& neighbours, std::vector<char> fil
     for (std::size_t v = 0; v < filled.size(); ++v) {
       const std::size_t degree = neighbours.count(v);
       std::size_t filled_neighbours = 0;
-      for (std::size_t n = neighbours.offsets[v]; n < neighbours.offsets[v + 1]; ++n) {
+      for (std::size_t n = neighbours.offsets[v]; n < neighbours.offsets[v + 1]; ++n)
         filled_neighbours += filled[at(neighbours.indices[n])] != 0;
-      }
       float own = 1.0f - alpha;
       if (degree == 0 && !options.empties_isolated) own = 1.0f;
       const float others = degree > 0 ? alpha / static_cast<float>(degree) : 0.0f;

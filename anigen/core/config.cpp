@@ -64,9 +64,8 @@ std::vector<std::string> base_files(const Json& config, const std::string& file)
 // `open` are the files being read, outermost first: a file met again among them is a cycle.
 Json load(const fs::path& path, std::vector<fs::path>& open) {
   const fs::path identity = fs::weakly_canonical(path);
-  if (std::find(open.begin(), open.end(), identity) != open.end()) {
+  if (std::find(open.begin(), open.end(), identity) != open.end())
     throw InputError(open.back().string(), "/extends", "cycle: " + path.string() + " is already being read");
-  }
   if (open.size() >= kLongestChain) {
     throw InputError(open.back().string(), "/extends",
                      "chain of more than " + std::to_string(kLongestChain) + " files");
@@ -75,9 +74,8 @@ Json load(const fs::path& path, std::vector<fs::path>& open) {
   if (!config.is_object()) throw InputError(path.string(), "", "a config must be a JSON object");
   open.push_back(identity);
   Json merged = Json::object();
-  for (const std::string& name : base_files(config, path.string())) {
+  for (const std::string& name : base_files(config, path.string()))
     merge_config(merged, load(path.parent_path() / name, open));
-  }
   open.pop_back();
   config.erase("extends");
   merge_config(merged, config);
@@ -99,9 +97,8 @@ Json parse_value(const std::string& text) {
 
 std::size_t list_index(const std::string& key, std::size_t size, const std::string& assignment) {
   const bool digits = !key.empty() && key.size() < 10 && key.find_first_not_of("0123456789") == std::string::npos;
-  if (!digits || std::stoul(key) >= size) {
+  if (!digits || std::stoul(key) >= size)
     throw InputError("--set", assignment, "'" + key + "' is no index into a list of " + std::to_string(size));
-  }
   return std::stoul(key);
 }
 
@@ -166,9 +163,7 @@ void merge_config(Json& base, const Json& changes) {
 
 void apply_override(Json& config, const std::string& assignment) {
   const std::size_t equals = assignment.find('=');
-  if (equals == std::string::npos || equals == 0) {
-    throw InputError("--set", assignment, "expected path.to.key=value");
-  }
+  if (equals == std::string::npos || equals == 0) throw InputError("--set", assignment, "expected path.to.key=value");
   const std::string path = assignment.substr(0, equals);
   Json* place = &config;
   std::size_t depth = 0;

@@ -125,9 +125,8 @@ Cores find_cores(const fs::path& root) {
   }
   cores.launcher = cores.allowed = std::max(1, CPU_COUNT(&set));
   cpu_set_t of_parent;
-  if (::sched_getaffinity(::getppid(), sizeof of_parent, &of_parent) == 0) {
+  if (::sched_getaffinity(::getppid(), sizeof of_parent, &of_parent) == 0)
     cores.launcher = std::max(1, CPU_COUNT(&of_parent));
-  }
   std::set<std::string> siblings;
   int untold = 0;
   for (int cpu = 0; cpu < CPU_SETSIZE; ++cpu) {

@@ -251,9 +251,8 @@ std::optional<FileLock> FileLock::try_lock(const std::filesystem::path& file, Ki
   const int reason = errno;
   ::close(descriptor);
   if (reason == EWOULDBLOCK) return std::nullopt;
-  if (reason == ENOSYS || reason == EOPNOTSUPP || reason == ENOLCK) {
+  if (reason == ENOSYS || reason == EOPNOTSUPP || reason == ENOLCK)
     throw NotSupportedError(file.string(), "", "locks (flock) by the file system of this folder");
-  }
   throw Error(file.string() + ": cannot lock: " + std::strerror(reason));
 }
 

@@ -210,9 +210,8 @@ std::string to_markdown(const Table& table) {
   };
   line(table.columns);
   text += '|';
-  for (std::size_t i = 0; i < widths.size(); ++i) {
+  for (std::size_t i = 0; i < widths.size(); ++i)
     text += ' ' + std::string(widths[i] - (right[i] ? 1 : 0), '-') + (right[i] ? ": |" : " |");
-  }
   text += '\n';
   for (const auto& row : table.rows) line(row);
   return text;

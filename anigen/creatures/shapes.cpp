@@ -96,9 +96,8 @@ double cylinder_distance(const Primitive& p, const Vector3d& x) {
 
 double sheet_distance(const Primitive& p, const Vector3d& x) {
   const Vector3d xa = x - p.a, xb = x - p.b, xc = x - p.c;
-  if (p.length > 0.0 && p.axes.col(0).dot(xa) >= 0.0 && p.axes.col(1).dot(xb) >= 0.0 && p.axes.col(2).dot(xc) >= 0.0) {
+  if (p.length > 0.0 && p.axes.col(0).dot(xa) >= 0.0 && p.axes.col(1).dot(xb) >= 0.0 && p.axes.col(2).dot(xc) >= 0.0)
     return std::abs(p.unit.dot(xa)) - p.ra;
-  }
   const Vector3d ab = p.b - p.a, bc = p.c - p.b, ca = p.a - p.c;
   const auto edge = [](const Vector3d& from, const Vector3d& along) {
     const double t = std::clamp(from.dot(along) / std::max(along.squaredNorm(), 1e-24), 0.0, 1.0);
@@ -359,9 +358,8 @@ void Field::narrow(const Vector3d& x, const PrimitiveList& list, double reach, P
     if (!primitives_[i].carve) nearest = std::min(nearest, distances.back());
   }
   for (std::size_t n = 0; n < list.size(); ++n) {
-    if (distances[n] < nearest + 2.0 * reach + primitives_[list[n]].blend) {
+    if (distances[n] < nearest + 2.0 * reach + primitives_[list[n]].blend)
       blend = std::max(blend, primitives_[list[n]].blend);
-    }
   }
   result.clear();
   for (std::size_t n = 0; n < list.size(); ++n) {

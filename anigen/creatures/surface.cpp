@@ -40,9 +40,8 @@ class BlockGrid {
     // Two spare cells on each side keep the surface off the boundary; the odd fraction keeps symmetric bodies from
     // placing nodes exactly on flat faces.
     origin_ = low.array() - 2.37 * spacing;
-    for (int axis = 0; axis < 3; ++axis) {
+    for (int axis = 0; axis < 3; ++axis)
       blocks_[axis] = static_cast<int>(std::ceil((high[axis] - low[axis]) / spacing + 5.0)) / kBlock + 1;
-    }
     slots_.resize(static_cast<std::size_t>(blocks_[0]) * blocks_[1] * blocks_[2]);
     PrimitiveList all(field.primitives().size()), list;
     std::iota(all.begin(), all.end(), 0);
@@ -269,9 +268,7 @@ class Net {
       }
     }
     for (std::size_t v = 0; v < cells_.size(); ++v) {
-      if (counts[v] > 0) {
-        surface_.vertices[v] = clamp(v, 0.5 * (surface_.vertices[v] + sums[v] / counts[v]));
-      }
+      if (counts[v] > 0) surface_.vertices[v] = clamp(v, 0.5 * (surface_.vertices[v] + sums[v] / counts[v]));
     }
   }
 

@@ -151,9 +151,8 @@ CurveGraph contract_curve(const std::vector<Eigen::Vector3d>& vertices, const st
     const Point& p = skeleton[v].point;
     graph.points.emplace_back(p.x(), p.y(), p.z());
     if (!graph.points.back().allFinite()) throw Error("the curve that the surface was contracted to is not finite");
-    for (const auto vertex : skeleton[v].vertices) {
+    for (const auto vertex : skeleton[v].vertices)
       graph.point_of_vertex[static_cast<std::size_t>(vertex)] = static_cast<int>(v);
-    }
   }
   for (const auto e : CGAL::make_range(boost::edges(skeleton))) {
     graph.edges.push_back({static_cast<int>(source(e, skeleton)), static_cast<int>(target(e, skeleton))});

@@ -99,9 +99,8 @@ void jitter_joints(RigDraw& rig, double bone_lengths, Rng& rng) {
   }
   for (std::size_t j = 0; j < count; ++j) {
     if (rig.parents[j] < 0 && children[j] > 0) length[j] = below[j] / children[j];
-    for (int axis = 0; axis < 3; ++axis) {
+    for (int axis = 0; axis < 3; ++axis)
       rig.joints[j][axis] += static_cast<float>(rng.normal() * bone_lengths * length[j]);
-    }
   }
 }
 

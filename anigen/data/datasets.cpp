@@ -52,9 +52,8 @@ torch::Tensor latents(const std::vector<const LatentGrid*>& grids, const std::ve
                       const char* name) {
   std::vector<const std::vector<float>*> values;
   for (std::size_t i = 0; i < grids.size(); ++i) {
-    if (grids[i]->shape != grids[0]->shape) {
+    if (grids[i]->shape != grids[0]->shape)
       throw InputError(ids[i], name, "is of another shape than that of " + ids[0] + ", in the same batch");
-    }
     values.push_back(&grids[i]->values);
   }
   return stack(values, {grids[0]->shape.begin(), grids[0]->shape.end()}, ids, name);
@@ -161,9 +160,7 @@ class FeatureSkeletonDataset : public AssetDataset {
   std::vector<geometry::Voxel> skeleton_voxels(const AssetId& asset, std::uint64_t position) const {
     const int radius = options_.skl_dilation_iter, resolution = options_.resolution;
     const std::vector<geometry::Voxel> rows = read_voxels_at(skeleton_voxel_path(asset), resolution);
-    if (!options_.skl_dilation_random_aug) {
-      return radius == 0 ? rows : geometry::dilate(rows, resolution, radius);
-    }
+    if (!options_.skl_dilation_random_aug) return radius == 0 ? rows : geometry::dilate(rows, resolution, radius);
     Rng rng(seed(), "skeleton dilation", position);
     if (!rng.chance(options_.skl_dilation_random_aug_prob)) return geometry::dilate(rows, resolution, radius);
     return geometry::dilate_randomly(rows, resolution, radius, [&rng] { return rng.uniform(); });

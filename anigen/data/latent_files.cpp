@@ -20,12 +20,10 @@ std::string text_of(const std::vector<std::int64_t>& shape) {
 
 void check(const io::NdArray& array, const ArraySpec& spec, const std::string& file) {
   bool fits = array.shape.size() == spec.shape.size();
-  for (std::size_t i = 0; fits && i < spec.shape.size(); ++i) {
+  for (std::size_t i = 0; fits && i < spec.shape.size(); ++i)
     fits = spec.shape[i] < 0 || spec.shape[i] == array.shape[i];
-  }
-  if (!fits) {
+  if (!fits)
     throw InputError(file, spec.name, "has shape " + text_of(array.shape) + ", expected " + text_of(spec.shape));
-  }
   std::size_t count = 0;
   if (!io::count_elements(array.shape, io::size_of(array.dtype), count) || count > spec.most) {
     throw InputError(
@@ -36,9 +34,8 @@ void check(const io::NdArray& array, const ArraySpec& spec, const std::string& f
 
 LatentGrid grid(const io::NamedArrays& arrays, const std::string& name, const std::string& file) {
   const std::vector<std::int64_t>& shape = named(arrays, name).shape;
-  if (shape[1] != shape[2] || shape[1] != shape[3] || shape[0] == 0 || shape[1] == 0) {
+  if (shape[1] != shape[2] || shape[1] != shape[3] || shape[0] == 0 || shape[1] == 0)
     throw InputError(file, name, "is not of the shape [C, r, r, r]");
-  }
   LatentGrid latent;
   std::copy_n(shape.begin(), 4, latent.shape.begin());
   latent.values = finite_numbers(arrays, name, file);
@@ -72,9 +69,8 @@ ChannelStatistics listed_statistics(ConfigReader& reader, const std::string& suf
     return std::vector<float>(values.begin(), values.end());
   };
   ChannelStatistics result{floats("mean" + suffix), floats("std" + suffix)};
-  if (!result.mean.empty() || !result.deviation.empty()) {
+  if (!result.mean.empty() || !result.deviation.empty())
     result.check(reader.file(), reader.pointer_to("mean" + suffix));
-  }
   return result;
 }
 
@@ -90,9 +86,8 @@ bool read_nested(ConfigReader& lists, const char* name, ChannelStatistics& into)
 StreamStatistics listed_streams(ConfigReader lists) {
   StreamStatistics listed;
   if (!read_nested(lists, "slat", listed.shape)) listed.shape = listed_statistics(lists, "");
-  if (!read_nested(lists, "slat_skl", listed.skeleton) && !read_nested(lists, "slat_skel", listed.skeleton)) {
+  if (!read_nested(lists, "slat_skl", listed.skeleton) && !read_nested(lists, "slat_skel", listed.skeleton))
     listed.skeleton = listed_statistics(lists, kSkeletonSuffix);
-  }
   lists.finish();
   return listed;
 }
@@ -236,9 +231,8 @@ void ChannelStatistics::normalize_rows(std::vector<float>& values, std::size_t c
         what, "",
         std::to_string(channel_count) + " channels, but the normalization has " + std::to_string(mean.size()));
   }
-  for (std::size_t i = 0; i < values.size(); ++i) {
+  for (std::size_t i = 0; i < values.size(); ++i)
     values[i] = (values[i] - mean[i % channel_count]) / deviation[i % channel_count];
-  }
 }
 
 ChannelStatistics dense_latent_statistics(ConfigReader& args, const std::string& key) {

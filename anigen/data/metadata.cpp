@@ -22,18 +22,16 @@ double number(const CsvTable& table, std::size_t row, const std::string& column,
   const std::string& text = table.cell(row, column);
   char* end = nullptr;
   const double value = std::strtod(text.c_str(), &end);
-  if (text.empty() || end != text.c_str() + text.size()) {
+  if (text.empty() || end != text.c_str() + text.size())
     throw InputError(file, "row " + std::to_string(row + 1) + ", " + column, "'" + text + "' is not a number");
-  }
   return value;
 }
 
 std::uint64_t voxel_count(const CsvTable& table, std::size_t row, const std::string& file) {
   if (table.cell(row, "num_voxels").empty()) return 0;
   const double count = number(table, row, "num_voxels", file);
-  if (!(count >= 0.0) || count > 1e15) {
+  if (!(count >= 0.0) || count > 1e15)
     throw InputError(file, "row " + std::to_string(row + 1) + ", num_voxels", "is not a number of voxels");
-  }
   return static_cast<std::uint64_t>(count);
 }
 
@@ -200,9 +198,8 @@ void SourceOptions::read_common(ConfigReader& reader) {
   }
   ConfigReader repeat = reader.object("repeat_sources");
   if (const Json* sources = reader.raw("repeat_sources"); sources != nullptr && sources->is_object()) {
-    for (const auto& source : sources->items()) {
+    for (const auto& source : sources->items())
       filter.repeat[source.key()] = static_cast<std::size_t>(repeat.integer(source.key(), 1, 1, 10000));
-    }
   }
   repeat.finish();
 }
@@ -250,9 +247,8 @@ void report_broken(const std::vector<std::string>& problems, std::size_t assets,
                          " assets cannot be read; \"skip_broken\": true leaves them out:" + named);
   }
   for (const std::string& problem : problems) log::warn("left out: {}", problem);
-  if (problems.size() >= assets) {
+  if (problems.size() >= assets)
     throw InputError("", "dataset", "none of the " + std::to_string(assets) + " assets can be read");
-  }
 }
 
 void BrokenAssets::note(const std::string& id, const std::string& problem) {

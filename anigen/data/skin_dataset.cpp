@@ -19,9 +19,8 @@ SkinDatasetOptions SkinDatasetOptions::read(ConfigReader& reader) {
   options.filter.drop_bad_skin = reader.boolean("filter_bad_skin", false);
   const bool test_mode = reader.boolean("test_mode", true), is_test = reader.boolean("is_test", false);
   if (test_mode) options.filter.is_test = is_test;
-  if (reader.boolean("skin_accum_as_flow", false)) {
+  if (reader.boolean("skin_accum_as_flow", false))
     throw NotSupportedError(reader.file(), reader.pointer_to("skin_accum_as_flow"), "skin_accum_as_flow");
-  }
   for (const char* unused :
        {"image_size", "model", "resolution", "load_cubvh", "skl_dilation_iter", "skl_dilation_random_aug",
         "skl_dilation_random_aug_prob", "joint_merge_res", "bucket_by_voxels"}) {
@@ -54,15 +53,13 @@ double blend_of(const RiggedItem& item, const Triangle& face, std::vector<float>
   float largest = 0.0f;
   for (const std::int32_t vertex : face) {
     const Influence* row = item.skin.row(static_cast<std::size_t>(vertex));
-    for (std::size_t i = 0; i < item.skin.row_size(static_cast<std::size_t>(vertex)); ++i) {
+    for (std::size_t i = 0; i < item.skin.row_size(static_cast<std::size_t>(vertex)); ++i)
       largest = std::max(largest, scratch[static_cast<std::size_t>(row[i].joint)] += row[i].weight);
-    }
   }
   for (const std::int32_t vertex : face) {
     const Influence* row = item.skin.row(static_cast<std::size_t>(vertex));
-    for (std::size_t i = 0; i < item.skin.row_size(static_cast<std::size_t>(vertex)); ++i) {
+    for (std::size_t i = 0; i < item.skin.row_size(static_cast<std::size_t>(vertex)); ++i)
       scratch[static_cast<std::size_t>(row[i].joint)] = 0.0f;
-    }
   }
   // Rounding leaves about 1e-7 of blend on a rigid face.
   const double blend = 1.0 - largest / 3.0;
@@ -124,9 +121,8 @@ void add_weights_at(const RiggedItem& item, const geometry::SurfacePoint& point,
     const auto vertex = static_cast<std::size_t>(face[static_cast<std::size_t>(corner)]);
     const auto share = static_cast<float>(point.barycentric[corner]);
     const Influence* row = item.skin.row(vertex);
-    for (std::size_t i = 0; i < item.skin.row_size(vertex); ++i) {
+    for (std::size_t i = 0; i < item.skin.row_size(vertex); ++i)
       out[joint_of[static_cast<std::size_t>(row[i].joint)]] += share * row[i].weight;
-    }
   }
 }
 
@@ -221,9 +217,8 @@ void SkinDataset::sample(std::size_t index, std::uint64_t position, SkinBatch& b
   for (std::size_t row = 0; row < rows; ++row, out += joints) {
     if (vertices) {
       const Influence* influences = found->item.skin.row(row);
-      for (std::size_t i = 0; i < found->item.skin.row_size(row); ++i) {
+      for (std::size_t i = 0; i < found->item.skin.row_size(row); ++i)
         out[rig.joint_of[static_cast<std::size_t>(influences[i].joint)]] += influences[i].weight;
-      }
     } else {
       add_weights_at(found->item, found->sampler.draw(augmentations.blend_sampling, rng), rig.joint_of, out);
     }

@@ -45,9 +45,8 @@ std::vector<float> planes(const io::Image& image, bool times_alpha) {
 template <typename Matrix, std::size_t N>
 void copy_row_major(const Matrix& matrix, std::array<float, N>& out) {
   for (Eigen::Index row = 0; row < matrix.rows(); ++row) {
-    for (Eigen::Index column = 0; column < matrix.cols(); ++column) {
+    for (Eigen::Index column = 0; column < matrix.cols(); ++column)
       out[static_cast<std::size_t>(row * matrix.cols() + column)] = static_cast<float>(matrix(row, column));
-    }
   }
 }
 
@@ -100,9 +99,8 @@ ViewImage read_view(const fs::path& folder, int size, Rng& rng) {
   ViewImage view;
   view.image = planes(picture, false);
   view.alpha.resize(view.image.size() / 3);
-  for (std::size_t i = 0; i < view.alpha.size(); ++i) {
+  for (std::size_t i = 0; i < view.alpha.size(); ++i)
     view.alpha[i] = static_cast<float>(picture.rgba[4 * i + 3]) / 255.0f;
-  }
   copy_row_major(render::extrinsics(frame), view.extrinsics);
   copy_row_major(render::intrinsics(frame), view.intrinsics);
   return view;

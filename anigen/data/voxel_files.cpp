@@ -123,9 +123,8 @@ torch::Tensor stack(const std::vector<const std::vector<float>*>& values, std::v
   torch::Tensor tensor = torch::empty(shape);
   float* out = tensor.data_ptr<float>();
   for (std::size_t i = 0; i < values.size(); ++i) {
-    if (static_cast<std::int64_t>(values[i]->size()) != each) {
+    if (static_cast<std::int64_t>(values[i]->size()) != each)
       throw InputError(ids[i], what, "is of another shape than that of " + ids[0] + ", in the same batch");
-    }
     out = std::copy(values[i]->begin(), values[i]->end(), out);
   }
   return tensor;

@@ -322,9 +322,8 @@ Json describe_asset(const io::ImportedAsset& imported) {
   if (asset.skin.rows() > 0) add_skin(asset, json);
   if (!asset.mesh.vertices.empty()) add_mesh(asset, json);
   json["materials"] = Json::array();
-  for (const Material& material : asset.materials) {
+  for (const Material& material : asset.materials)
     json["materials"].push_back(material.name + (material.image >= 0 ? " (textured)" : ""));
-  }
   json["images"] = asset.images.size();
   if (!asset.images.empty()) json["textures"] = Json::array();
   for (const EncodedImage& image : asset.images) json["textures"].push_back(texture(image));

@@ -143,9 +143,8 @@ std::vector<float> mixture_weights(const GroundTruth& truth, std::size_t rank, s
   {
     const Rows weights = dense_rows(truth);
     basis = farthest_rows(weights, rank);
-    for (Eigen::Index k = 0; k < basis.rows(); ++k) {
+    for (Eigen::Index k = 0; k < basis.rows(); ++k)
       mix.col(k) = ((weights.rowwise() - basis.row(k)).cwiseAbs().rowwise().sum().array() + 0.1).inverse();
-    }
     mix.array().colwise() /= mix.rowwise().sum().array().eval();
   }
   const auto r = static_cast<Eigen::Index>(rank);
@@ -176,9 +175,8 @@ std::vector<float> mixture_weights(const GroundTruth& truth, std::size_t rank, s
   std::vector<float> result(truth.skin.size());
   for (std::size_t v = 0; v < vertices; ++v) {
     const Eigen::RowVectorXd row = mix.row(static_cast<Eigen::Index>(v)) * basis;
-    for (std::size_t j = 0; j < joints; ++j) {
+    for (std::size_t j = 0; j < joints; ++j)
       result[v * joints + j] = static_cast<float>(row[static_cast<Eigen::Index>(j)] / row.sum());
-    }
   }
   return result;
 }

@@ -87,9 +87,8 @@ Json to_json(const std::array<Summary, 3>& summaries) {
 
 Json by_influences(const SkinEvaluation& evaluation, std::size_t method) {
   Json json = Json::object();
-  for (std::size_t c = 0; c < metrics::kInfluenceClasses; ++c) {
+  for (std::size_t c = 0; c < metrics::kInfluenceClasses; ++c)
     json[kClassNames[c]] = to_json(summarize(evaluation, method, Group::kUsable, c));
-  }
   return json;
 }
 

@@ -90,9 +90,8 @@ std::vector<Variant> read_variants(ConfigReader& reader, const Json& steps) {
     if (variants.empty()) throw reader.error("variants", "at least one is needed");
   }
   const std::vector<Json> grid = list_of(reader, "grid");
-  for (std::size_t i = 0; i < grid.size(); ++i) {
+  for (std::size_t i = 0; i < grid.size(); ++i)
     variants = product(variants, axis_of(grid[i], steps, reader.file(), "/grid/" + std::to_string(i)), reader.file());
-  }
   if (variants.size() > kMostVariants)
     throw reader.error("variants", "more than " + std::to_string(kMostVariants) + " variants");
   return variants;

@@ -61,9 +61,8 @@ Metrics read_metrics(const fs::path& file, const std::vector<Column>& columns) {
 
 Cell cell_of(std::vector<std::map<std::string, double>> seeds, const std::string& purpose) {
   // Equal values again and again are one run that all seeds share: an interval over them would have no width.
-  if (std::adjacent_find(seeds.begin(), seeds.end(), std::not_equal_to<>()) == seeds.end() && !seeds.empty()) {
+  if (std::adjacent_find(seeds.begin(), seeds.end(), std::not_equal_to<>()) == seeds.end() && !seeds.empty())
     seeds.resize(1);
-  }
   Cell cell;
   std::map<std::string, std::vector<double>> assets;
   for (const auto& values : seeds) {

@@ -60,9 +60,8 @@ Streams step_from(const Streams& x, const Streams& first, double t, double next,
 }
 
 void keep_known(Streams& x, double t, const Inpainting& known, double sigma_min) {
-  for (std::size_t i = 0; i < x.size(); ++i) {
+  for (std::size_t i = 0; i < x.size(); ++i)
     x[i] = x[i] * (1.0 - known.mask[i]) + noisy(known.x_0[i], known.noise[i], t, sigma_min) * known.mask[i];
-  }
 }
 
 const std::vector<std::pair<std::string, Solver>>& solver_names() {
@@ -136,9 +135,8 @@ Sampled sample_flow(const Streams& noise, const Velocities& velocities, const Sa
     const Streams velocity = velocity_at(x, t, velocities, options);
     if (extras.trajectory) {
       Streams x_0;
-      for (std::size_t i = 0; i < x.size(); ++i) {
+      for (std::size_t i = 0; i < x.size(); ++i)
         x_0.push_back(x0_from_velocity(x[i], velocity[i], t, options.sigma_min));
-      }
       result.x_0.push_back(x_0);
     }
     x = step_from(x, velocity, t, next, velocities, options);
@@ -162,9 +160,8 @@ void FlowStageOptions::flow_fields(ConfigFields& f, double cfg_strength) {
   sampler.steps = 25;
   sampler.cfg_strength = cfg_strength;
   f.object("sampler", [this](ConfigFields& keys) {
-    if (keys.reads() && keys.reader().has("sigma_min")) {
+    if (keys.reads() && keys.reader().has("sigma_min"))
       throw keys.error("sigma_min", "samples take the trainer's sigma_min; leave this one out");
-    }
     sampler.fields(keys);
     if (keys.reads()) sampler.validate(keys.reader().file(), keys.reader().pointer_to(""));
   });

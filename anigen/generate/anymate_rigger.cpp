@@ -155,12 +155,10 @@ std::int64_t points_for(const TrainedAnymateModel& trained, const AnymateRiggerO
 /// Least number of points, for the groups of Point-BERT or a run of the concatenating skinning.
 std::int64_t fewest_points(const anymate::ModelOptions& options) {
   std::int64_t fewest = 1;
-  if (options.encoder == anymate::EncoderKind::kBert) {
+  if (options.encoder == anymate::EncoderKind::kBert)
     fewest = std::max(options.bert.num_group, options.bert.group_size);
-  }
-  if (options.decoder == anymate::DecoderKind::kConcatSkinning) {
+  if (options.decoder == anymate::DecoderKind::kConcatSkinning)
     fewest = std::max(fewest, options.concat_skinning.concat_num);
-  }
   return fewest;
 }
 
@@ -182,9 +180,8 @@ anymate::AnymateMesh seen(const io::RiggedShape& shape) {
 TrainedAnymateModel load_anymate_model(const fs::path& path, torch::Device device) {
   std::error_code error;
   if (fs::is_directory(path, error)) return of_run(nn::find_run_model(path, kAnymateModelClass), device);
-  if (!fs::is_regular_file(path, error)) {
+  if (!fs::is_regular_file(path, error))
     throw InputError(path.string(), "", "there is no such run folder or checkpoint of one of Anymate's models");
-  }
   const std::string extension = path.extension().string();
   if (extension == ".safetensors") return of_safetensors(path, device);
   if (extension == ".tar" || extension == ".pt" || extension == ".pth") return of_archive(path, device);

@@ -78,9 +78,8 @@ std::vector<Eigen::Vector4f> linear_colors(const Tensor& attributes, std::size_t
   std::vector<Eigen::Vector4f> colors(vertices, Eigen::Vector4f::Ones());
   for (std::size_t v = 0; v < vertices; ++v, next += width) {
     for (int k = 0; k < 3; ++k) {
-      if (!std::isfinite(next[k])) {
+      if (!std::isfinite(next[k]))
         throw InputError("", indexed("attributes", static_cast<std::int64_t>(v)), "a colour is not finite");
-      }
       colors[v][k] = render::srgb_to_linear(std::clamp(next[k], 0.0F, 1.0F));
     }
   }
@@ -94,9 +93,8 @@ Mesh mesh_of(const shape_field::ExtractedMesh& decoded) {
     throw InputError("", "", "the decoded asset has no surface");
   }
   mesh.vertices = checked_points(decoded.vertices, "vertices");
-  if (mesh.vertices.size() > static_cast<std::size_t>(std::numeric_limits<std::int32_t>::max())) {
+  if (mesh.vertices.size() > static_cast<std::size_t>(std::numeric_limits<std::int32_t>::max()))
     throw InputError("", "vertices", "more than 2^31 - 1");
-  }
   mesh.faces = checked_faces(decoded.faces, mesh.vertices.size());
   mesh.normals = vertex_normals(mesh.vertices, mesh.faces);
   mesh.colors = linear_colors(decoded.attributes, mesh.vertices.size());
@@ -154,9 +152,8 @@ SkinWeights skin_of(const SkinWeightRows& weights, std::int64_t vertices, const 
     const std::int64_t end = std::min(vertices, begin + options.chunk);
     const Tensor rows = checked_rows(weights(begin, end), end - begin, joints, torch::kFloat32, "weights");
     const float* next = rows.data_ptr<float>();
-    for (std::int64_t v = begin; v < end; ++v, next += joints) {
+    for (std::int64_t v = begin; v < end; ++v, next += joints)
       append_influences(next, v, new_index, options.least_weight, skin);
-    }
   }
   return skin;
 }
@@ -211,9 +208,8 @@ Asset decoded_asset(const shape_field::ExtractedMesh& mesh, const skeleton_field
 Asset decoded_asset(const shape_field::ExtractedMesh& mesh, const skeleton_field::SkeletonTensors& skeleton,
                     const Tensor& weights, const DecodedAssetOptions& options) {
   const bool has_surface = mesh.vertices.defined() && mesh.vertices.dim() == 2;
-  if (!weights.defined() || weights.dim() != 2 || (has_surface && weights.size(0) != mesh.vertices.size(0))) {
+  if (!weights.defined() || weights.dim() != 2 || (has_surface && weights.size(0) != mesh.vertices.size(0)))
     throw InputError("", "weights", "expected a row per vertex, got " + nn::shape_text(weights));
-  }
   const SkinWeightRows rows = [&](std::int64_t begin, std::int64_t end) { return weights.slice(0, begin, end); };
   return decoded_asset(mesh, skeleton, rows, options);
 }
@@ -238,15 +234,12 @@ Mesh votes_cloud(const skeleton_field::SkeletonField& field, const VotesCloudOpt
 }
 
 Asset votes_asset(const skeleton_field::SkeletonField& field, const VotesCloudOptions& options) {
-  if (!(options.radius > 0.0F) || !std::isfinite(options.radius)) {
-    throw InputError("", "radius", "must be positive");
-  }
+  if (!(options.radius > 0.0F) || !std::isfinite(options.radius)) throw InputError("", "radius", "must be positive");
   const Mesh cloud = votes_cloud(field, options);
   Asset asset;
   asset.name = options.shown == VotesShown::kJoints ? "joint votes" : "parent votes";
-  for (std::size_t i = 0; i < cloud.vertices.size(); ++i) {
+  for (std::size_t i = 0; i < cloud.vertices.size(); ++i)
     append_octahedron(cloud.vertices[i], cloud.colors[i], options.radius, asset.mesh);
-  }
   bind_rigidly(asset, "votes");
   return asset;
 }

@@ -120,9 +120,7 @@ StructureGenerator& AssetGenerator::structure() {
 }
 
 StructuredLatentGenerator& AssetGenerator::latents() {
-  if (!latents_) {
-    latents_ = std::make_unique<StructuredLatentGenerator>(flow_request(request_.latent_flow));
-  }
+  if (!latents_) latents_ = std::make_unique<StructuredLatentGenerator>(flow_request(request_.latent_flow));
   return *latents_;
 }
 

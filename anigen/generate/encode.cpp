@@ -293,9 +293,8 @@ void set_metadata_flag(const fs::path& root, const std::string& column, const st
     table.columns.push_back(column);
     for (auto& row : table.rows) row.emplace_back();
   }
-  for (std::size_t row = 0; row < table.rows.size(); ++row) {
+  for (std::size_t row = 0; row < table.rows.size(); ++row)
     table.rows[row][place] = csv_flag(ids.count(table.cell(row, "sha256")) > 0);
-  }
   const std::string after = to_csv(table);
   if (after != before) write_file_atomically(file, after);
 }

@@ -133,9 +133,8 @@ std::vector<std::string> wanted_ids(const ReconstructRequest& request) {
   }
   if (ids.empty()) throw InputError("", "--id", "neither --id nor --split names an asset");
   for (const std::string& id : ids) {
-    if (id.empty() || id.front() == '.' || id.find_first_of("/\\") != std::string::npos) {
+    if (id.empty() || id.front() == '.' || id.find_first_of("/\\") != std::string::npos)
       throw InputError("", "--id", "'" + id.substr(0, 80) + "' is no id of an asset");
-    }
   }
   return ids;
 }
@@ -175,9 +174,7 @@ void reconstruct(const ReconstructRequest& request, StructuredLatentCoder& coder
   one.file = request.output / (one.id + ".glb");
   io::write_gltf(one.file, decoded.asset);
   if (!request.votes) return;
-  for (const char* extension : kVotes) {
-    write_votes(request.output / (one.id + extension), decoded.votes);
-  }
+  for (const char* extension : kVotes) write_votes(request.output / (one.id + extension), decoded.votes);
 }
 
 Json agreement_json(const sparse_structure::VoxelAgreement& agreement) {

@@ -106,9 +106,8 @@ std::map<std::string, std::string> sources_of(const std::string& roots) {
   for (std::size_t begin = 0; begin <= roots.size();) {
     const std::size_t end = std::min(roots.find(',', begin), roots.size());
     const CsvTable table = read_csv(fs::path(roots.substr(begin, end - begin)) / "metadata.csv");
-    for (std::size_t row = 0; row < table.rows.size(); ++row) {
+    for (std::size_t row = 0; row < table.rows.size(); ++row)
       sources[table.cell(row, "sha256")] = table.cell(row, "source");
-    }
     begin = end + 1;
   }
   return sources;

@@ -79,9 +79,8 @@ void FinishingOptions::validate() const {
   if (smoothing_iterations < 0) throw InputError("", "smoothing iterations", "must not be negative");
   if (!(smoothing_alpha >= 0.0 && smoothing_alpha <= 1.0))
     throw InputError("", "smoothing alpha", "must lie in [0, 1]");
-  if (texture_size != 0 && (texture_size < 64 || texture_size > 8192)) {
+  if (texture_size != 0 && (texture_size < 64 || texture_size > 8192))
     throw InputError("", "texture size", "must be 0 (vertex colours) or 64 … 8192");
-  }
 }
 
 FinishedAsset finish_asset(const Asset& dense, const FinishingOptions& options) {
@@ -107,9 +106,8 @@ FinishedAsset finish_asset(const Asset& dense, const FinishingOptions& options) 
     finished.notices.push_back("skin weights smoothed " + count_of(smoothing.iterations, "times"));
   }
   asset.mesh.normals = angle_weighted_normals(asset.mesh.vertices, asset.mesh.faces);
-  if (options.texture_size > 0 && !dense.mesh.colors.empty() && give_texture(asset, dense.mesh, options, finished)) {
+  if (options.texture_size > 0 && !dense.mesh.colors.empty() && give_texture(asset, dense.mesh, options, finished))
     return finished;
-  }
   asset.mesh.colors = std::move(carried.colors);
   asset.materials = dense.materials;
   asset.mesh.face_materials.assign(dense.materials.empty() ? 0 : asset.mesh.faces.size(), 0);

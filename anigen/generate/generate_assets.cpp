@@ -112,9 +112,8 @@ std::string inputs_of(const GenerateRequest& request, const std::vector<fs::path
   for (const fs::path& run : runs) {
     const RunFolder folder{run};
     files.push_back(folder.config());
-    for (const std::string& name : io::checkpoint_names(folder.checkpoints())) {
+    for (const std::string& name : io::checkpoint_names(folder.checkpoints()))
       files.push_back(folder.checkpoints() / name);
-    }
   }
   std::string seen;
   std::error_code error;

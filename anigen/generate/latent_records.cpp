@@ -33,9 +33,8 @@ std::string last_part(const fs::path& run) {
 
 void warn_of_constant_channels(const LatentStatistics& statistics, const char* name) {
   std::string channels;
-  for (const std::size_t channel : statistics.constant_channels()) {
+  for (const std::size_t channel : statistics.constant_channels())
     channels += (channels.empty() ? "" : ", ") + std::to_string(channel);
-  }
   if (channels.empty()) return;
   log::warn("{}: channels {} have the same value in all latents: such statistics cannot normalise them", name,
             channels);

@@ -15,9 +15,8 @@ nn::RunModel model_at(const fs::path& path, const std::string& class_name) {
   std::error_code error;
   if (fs::is_directory(path, error)) return nn::find_run_model(path, class_name);
   const std::optional<RunFolder> run = RunFolder::around(path);
-  if (path.extension() != ".safetensors" || !run || !fs::is_regular_file(path, error)) {
+  if (path.extension() != ".safetensors" || !run || !fs::is_regular_file(path, error))
     throw InputError(path.string(), "", "is no run folder and no .safetensors file of one");
-  }
   nn::RunModel found = nn::find_run_model(run->root, class_name, path.stem().string());
   found.checkpoint = path;
   return found;

@@ -71,9 +71,7 @@ void check_input_picture(const io::Image& image, const std::string& name) {
   refuse_picture_size(static_cast<std::uint64_t>(image.width), static_cast<std::uint64_t>(image.height), name);
   const std::size_t pixels = static_cast<std::size_t>(image.width) * static_cast<std::size_t>(image.height);
   if (image.rgba.size() != io::kImageChannels * pixels) throw InputError(name, "", "the picture is incomplete");
-  if (is_invisible(image)) {
-    throw InputError(name, "", "every pixel is fully transparent: there is no object to see");
-  }
+  if (is_invisible(image)) throw InputError(name, "", "every pixel is fully transparent: there is no object to see");
 }
 
 /// A supplied map at the size of the picture it belongs to.
@@ -132,9 +130,7 @@ std::vector<NamedPicture> pictures_at(const fs::path& path) {
     if (entry.is_regular_file(error) && kExtensions.count(io::lower_extension(entry.path())) > 0)
       pictures.push_back(entry.path());
   }
-  if (pictures.empty()) {
-    throw InputError(path.string(), "", "holds no picture (png, jpg, jpeg, webp, bmp, tif, tiff)");
-  }
+  if (pictures.empty()) throw InputError(path.string(), "", "holds no picture (png, jpg, jpeg, webp, bmp, tif, tiff)");
   std::sort(pictures.begin(), pictures.end());
   return {pictures.begin(), pictures.end()};
 }
@@ -228,18 +224,15 @@ io::Image flat_normals(int width, int height) { return {width, height, kFacingTh
 ImagePreprocessor::ImagePreprocessor(const PreprocessingOptions& options,
                                      std::shared_ptr<vision::NormalEstimator> estimator)
     : options_(options), estimator_(std::move(estimator)) {
-  if (options.size < 1 || options.size > io::kMostPixelsPerSide) {
+  if (options.size < 1 || options.size > io::kMostPixelsPerSide)
     throw InputError("", "size", "condition pictures of " + std::to_string(options.size) + " pixels on a side");
-  }
-  if (options.normals == NormalSource::kEstimator && !estimator_) {
+  if (options.normals == NormalSource::kEstimator && !estimator_)
     throw InputError("", "normals", "'estimator' needs the weights of a normal estimator");
-  }
   if (options.estimator_side < 0) throw InputError("", "normals", "the estimator's largest side is negative");
   const bool removes = options.background == Background::kAuto || options.background == Background::kNetwork;
   if (removes && !options.matting.network.empty()) network_ = std::make_unique<MattingNetwork>(options.matting);
-  if (options.background == Background::kNetwork && !network_) {
+  if (options.background == Background::kNetwork && !network_)
     throw InputError("", "background", "'network' needs a matting network, an ONNX file");
-  }
 }
 
 PreprocessedImage ImagePreprocessor::run(const std::filesystem::path& picture,

@@ -54,9 +54,8 @@ cv::Mat working_copy(const io::Image& image) {
 cv::Mat edge_of(const cv::Size& size) {
   const int width = std::max(1, static_cast<int>(std::lround(kEdgePart * std::min(size.width, size.height))));
   cv::Mat edge(size, CV_8U, cv::Scalar(255));
-  if (size.width > 2 * width && size.height > 2 * width) {
+  if (size.width > 2 * width && size.height > 2 * width)
     edge(cv::Rect(width, width, size.width - 2 * width, size.height - 2 * width)).setTo(0);
-  }
   return edge;
 }
 
@@ -115,9 +114,8 @@ void drop_specks(cv::Mat& mask) {
   int largest = 0;
   for (int i = 1; i < parts; ++i) largest = std::max(largest, statistics.at<int>(i, cv::CC_STAT_AREA));
   std::vector<bool> kept(static_cast<std::size_t>(parts), false);
-  for (int i = 1; i < parts; ++i) {
+  for (int i = 1; i < parts; ++i)
     kept[static_cast<std::size_t>(i)] = statistics.at<int>(i, cv::CC_STAT_AREA) >= kSmallestPart * largest;
-  }
   for (int y = 0; y < mask.rows; ++y) {
     for (int x = 0; x < mask.cols; ++x) {
       if (!kept[static_cast<std::size_t>(labels.at<int>(y, x))]) mask.at<std::uint8_t>(y, x) = 0;
@@ -281,13 +279,11 @@ io::Image stretched(const cv::Mat& output, const std::string& name) {
   const int height = output.dims < 2 ? 0 : output.size[output.dims - 2];
   const int width = output.dims < 2 ? 0 : output.size[output.dims - 1];
   const std::size_t pixels = static_cast<std::size_t>(height) * static_cast<std::size_t>(width);
-  if (output.type() != CV_32F || pixels == 0 || output.total() != pixels || !output.isContinuous()) {
+  if (output.type() != CV_32F || pixels == 0 || output.total() != pixels || !output.isContinuous())
     throw InputError(name, "", "its first output is not one mask [1, 1, H, W]");
-  }
   std::vector<float> values(output.ptr<float>(), output.ptr<float>() + pixels);
-  if (!std::all_of(values.begin(), values.end(), [](float v) { return std::isfinite(v); })) {
+  if (!std::all_of(values.begin(), values.end(), [](float v) { return std::isfinite(v); }))
     throw InputError(name, "", "its mask holds numbers that are not finite");
-  }
   const auto [least, most] = std::minmax_element(values.begin(), values.end());
   if (*least < 0.0F || *most > 1.0F) {
     for (float& value : values) value = 1.0F / (1.0F + std::exp(-value));
@@ -403,9 +399,8 @@ MattingNetwork::MattingNetwork(const MattingOptions& options) : loaded_(std::mak
                      "has " + std::to_string(signature.inputs.size()) + " inputs; a matting network takes one picture");
   }
   const std::vector<std::int64_t>& shape = signature.inputs.front().shape;
-  if (shape.size() != 4 || (shape[0] > 1) || (shape[1] != 3 && shape[1] != 0)) {
+  if (shape.size() != 4 || (shape[0] > 1) || (shape[1] != 3 && shape[1] != 0))
     throw InputError(loaded_->name, "/" + signature.inputs.front().name, "is not one picture [1, 3, H, W]");
-  }
   loaded_->height = input_side(shape[2], options);
   loaded_->width = input_side(shape[3], options);
   loaded_->output = signature.outputs.front().name;

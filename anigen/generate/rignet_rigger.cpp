@@ -116,9 +116,8 @@ SkinWeights RignetRigger::weights_of(const io::RiggedShape& shape, const Skeleto
   graph_mesh.vertices = looked.mesh.vertices;
   graph_mesh.faces = looked.mesh.faces;
   std::vector<Eigen::Vector3f> places;
-  for (const Eigen::Vector3f& vertex : shape.mesh.vertices) {
+  for (const Eigen::Vector3f& vertex : shape.mesh.vertices)
     places.emplace_back(looked.mesh.frame.into(vertex.cast<double>()).cast<float>());
-  }
   return geometry::transfer_attributes(graph_mesh, rows_of_heads(cleaned, bones.heads), places).skin;
 }
 

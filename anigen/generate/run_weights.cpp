@@ -60,9 +60,8 @@ void add_runs(const fs::path& parent, std::vector<Run>& runs) {
       run.structure |= model["name"] == sparse_structure::kSparseStructureFlowClass;
       run.latents |= model["name"] == structured_latent::kStructuredLatentFlowClass ||
                      model["name"] == structured_latent::kPlainStructuredLatentFlowClass;
-      if (model.contains("args") && model["args"].is_object() && model["args"].contains("use_joint_num_cond")) {
+      if (model.contains("args") && model["args"].is_object() && model["args"].contains("use_joint_num_cond"))
         run.counts_joints |= model["args"]["use_joint_num_cond"] == true;
-      }
     }
     if (run.structure || run.latents) runs.push_back(run);
   }

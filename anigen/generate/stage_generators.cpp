@@ -23,9 +23,8 @@ using torch::Tensor;
 
 Tensor finite(const Tensor& latent, const fs::path& maker) {
   const Tensor values = latent.detach().to(torch::kCPU, torch::kFloat32).contiguous();
-  if (!torch::isfinite(values).all().item<bool>()) {
+  if (!torch::isfinite(values).all().item<bool>())
     throw InputError(maker.string(), "", "this model gives a latent that is not finite");
-  }
   return values;
 }
 
@@ -82,9 +81,8 @@ StructureCoder::StructureCoder(const std::filesystem::path& run, const std::stri
       found_(nn::find_run_model(run, sparse_structure::kSparseStructureEncoderClass, ckpt)),
       options_(occupancy_options(found_)),
       encoder_(nn::load_trained<sparse_structure::SparseStructureEncoder>(found_, device)) {
-  if (encoder_->options().encode_global || encoder_->options().encode_global_skl) {
+  if (encoder_->options().encode_global || encoder_->options().encode_global_skl)
     throw NotSupportedError(found_.config.string(), found_.pointer + "/encode_global", "latents of global tokens");
-  }
   if (decodes) {
     decoder_ = nn::load_trained<sparse_structure::SparseStructureDecoder>(
         nn::find_run_model(run, sparse_structure::kSparseStructureDecoderClass, ckpt), device);
@@ -126,9 +124,8 @@ StructureGenerator::StructureGenerator(const Request& request)
     : FlowGenerator(request, {sparse_structure::kSparseStructureFlowClass},
                     "ImageConditionedAniGenSparseStructureLatent"),
       autoencoder_(request.autoencoder) {
-  if (autoencoder_.empty()) {
+  if (autoencoder_.empty())
     autoencoder_ = named_run(run_, reading_.ss_dec_path, flow_.config, "/dataset/args/ss_dec_path");
-  }
   decoder_ = nn::load_trained<sparse_structure::SparseStructureDecoder>(
       nn::find_run_model(autoencoder_, sparse_structure::kSparseStructureDecoderClass, reading_.ss_dec_ckpt), device_);
 }
@@ -227,9 +224,8 @@ std::vector<fs::path> StructuredLatentCoder::files(const data::AssetId& asset) c
 StructuredLatentCoder::Inputs StructuredLatentCoder::inputs(const data::AssetId& asset) const {
   data::VoxelRows skeleton;
   skeleton.coords = data::read_voxels_at(data::skeleton_voxel_path(asset), data_.resolution);
-  if (data_.skl_dilation_iter > 0) {
+  if (data_.skl_dilation_iter > 0)
     skeleton.coords = geometry::dilate(skeleton.coords, data_.resolution, data_.skl_dilation_iter);
-  }
   data::RigArrays rig = data::read_rig_arrays(asset);
   const std::size_t unweighted = data::normalize_skin_rows(rig.skin, rig.joints.size());
   if (unweighted > 0) {

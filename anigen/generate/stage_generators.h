@@ -111,9 +111,8 @@ class FlowGenerator {
     ConfigReader top(flow_.run, flow_.config.string());
     ConfigReader reader = top.object("dataset"), args = reader.object("args");
     reader.require("name");
-    if (reader.text("name", "") != dataset) {
+    if (reader.text("name", "") != dataset)
       throw reader.error("name", "this flow was trained without pictures; they come from " + dataset);
-    }
     reading_ = Reading::read(args, /*image_conditioned=*/true);
     ConfigReader trainer_args = top.object("trainer").object("args");
     training_ = Training::read(trainer_args);

@@ -395,9 +395,8 @@ class HoleFiller {
     }
     outline.may_connect = [&](std::int32_t a, std::int32_t b) { return is_free(loop[at(a)], loop[at(b)]); };
     std::vector<double> scale;
-    for (const std::int32_t vertex : loop) {
+    for (const std::int32_t vertex : loop)
       scale.push_back(scale_sums_[at(vertex)] / static_cast<double>(scale_counts_[at(vertex)]));
-    }
     HolePatch patch{outline.points, Triangulation(outline).run(), static_cast<std::int32_t>(loop.size())};
     if (patch.faces.empty()) add_fan(patch, scale);
     if (refine) Refinement(patch, scale, outline.may_connect).run();
@@ -426,9 +425,8 @@ class HoleFiller {
 
   void append(const HolePatch& patch, const Loop& loop) {
     const auto first_new = static_cast<std::int32_t>(mesh_.vertices.size());
-    for (std::size_t i = loop.size(); i < patch.points.size(); ++i) {
+    for (std::size_t i = loop.size(); i < patch.points.size(); ++i)
       mesh_.vertices.push_back(patch.points[i].cast<float>());
-    }
     for (Triangle face : patch.faces) {
       for (std::int32_t& corner : face)
         corner = corner < patch.outline ? loop[at(corner)] : first_new + corner - patch.outline;

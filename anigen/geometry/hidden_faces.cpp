@@ -152,9 +152,8 @@ std::vector<char> reaching_sink(const Graph& graph, const Capacities& capacities
   };
   for (std::size_t next = 0; next < queue.size(); ++next) {
     const Graph::Node node = Graph::node(queue[next]);
-    for (Graph::InArcIt arc(graph, node); arc != lemon::INVALID; ++arc) {
+    for (Graph::InArcIt arc(graph, node); arc != lemon::INVALID; ++arc)
       visit(graph.source(arc), flow[arc] < capacities[arc]);
-    }
     for (Graph::OutArcIt arc(graph, node); arc != lemon::INVALID; ++arc) visit(graph.target(arc), flow[arc] > 0);
   }
   return reaches;
@@ -241,9 +240,8 @@ class HiddenFaces {
 
   double largest_new_hole(const Faces& part) const {
     double largest = 0.0;
-    for (const std::vector<MeshEdges::Edge>& loop : connected_edges(new_border(part))) {
+    for (const std::vector<MeshEdges::Edge>& loop : connected_edges(new_border(part)))
       largest = std::max(largest, fan_area(loop));
-    }
     return largest;
   }
 
@@ -302,17 +300,14 @@ std::vector<char> source_side_of_min_cut(std::size_t nodes, const std::vector<Cu
   Graph graph;
   graph.build(contracted.size(), ends.begin(), ends.end());
   Capacities capacities(graph);
-  for (std::size_t i = 0; i < ends.size(); ++i) {
+  for (std::size_t i = 0; i < ends.size(); ++i)
     capacities[Graph::arc(static_cast<int>(i))] = contracted.arcs()[i].capacity;
-  }
   lemon::Preflow<Graph, Capacities> preflow(graph, capacities, Graph::node(ContractedGraph::kSource),
                                             Graph::node(ContractedGraph::kSink));
   preflow.runMinCut();
   const std::vector<char> reaches = reaching_sink(graph, capacities, preflow.flowMap(), ContractedGraph::kSink);
   std::vector<char> side(nodes);
-  for (std::size_t v = 0; v < nodes; ++v) {
-    side[v] = reaches[at(contracted.of(static_cast<std::int32_t>(v)))] == 0;
-  }
+  for (std::size_t v = 0; v < nodes; ++v) side[v] = reaches[at(contracted.of(static_cast<std::int32_t>(v)))] == 0;
   return side;
 }
 

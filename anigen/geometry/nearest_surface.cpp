@@ -60,9 +60,7 @@ Eigen::Vector3d position(const SurfacePoint& point, const std::vector<Eigen::Vec
                          const std::vector<Triangle>& faces) {
   const Triangle& face = faces[at(point.face)];
   Eigen::Vector3d result = Eigen::Vector3d::Zero();
-  for (int k = 0; k < 3; ++k) {
-    result += point.barycentric[k] * vertices[at(face[at(k)])].cast<double>();
-  }
+  for (int k = 0; k < 3; ++k) result += point.barycentric[k] * vertices[at(face[at(k)])].cast<double>();
   return result;
 }
 
@@ -72,9 +70,8 @@ SkinWeights interpolate_skin(const SkinWeights& weights, const std::vector<Trian
   result.offsets.reserve(points.size() + 1);
   for (std::size_t i = 0; i < points.size(); ++i) {
     const SurfacePoint& point = points[i];
-    if (point.face < 0 || static_cast<std::size_t>(point.face) >= faces.size()) {
+    if (point.face < 0 || static_cast<std::size_t>(point.face) >= faces.size())
       throw InputError("", "points[" + std::to_string(i) + "]", "there is no face " + std::to_string(point.face));
-    }
     std::vector<Influence> row;
     for (int k = 0; k < 3; ++k) {
       const auto vertex = static_cast<std::size_t>(faces[at(point.face)][at(k)]);

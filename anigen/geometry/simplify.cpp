@@ -251,9 +251,8 @@ class Simplifier {
   Mesh result(const Eigen::Vector3d& center) const {
     std::vector<Eigen::Vector3f> vertices;
     vertices.reserve(mesh_.vertex_count());
-    for (std::size_t v = 0; v < mesh_.vertex_count(); ++v) {
+    for (std::size_t v = 0; v < mesh_.vertex_count(); ++v)
       vertices.emplace_back((mesh_.position(static_cast<std::int32_t>(v)) + center).cast<float>());
-    }
     FaceMarks live(mesh_.faces().size());
     for (std::size_t f = 0; f < live.size(); ++f) live[f] = mesh_.is_live(f);
     return chosen_faces(vertices, mesh_.faces(), live);
@@ -329,9 +328,8 @@ std::vector<Eigen::Vector3d> centred(const std::vector<Eigen::Vector3f>& vertice
   std::vector<Eigen::Vector3d> positions;
   positions.reserve(vertices.size());
   for (std::size_t v = 0; v < vertices.size(); ++v) {
-    if (!vertices[v].allFinite()) {
+    if (!vertices[v].allFinite())
       throw InputError("", "vertices[" + std::to_string(v) + "]", "the position is not finite");
-    }
     positions.emplace_back(vertices[v].cast<double>() - center);
   }
   return positions;
@@ -355,9 +353,8 @@ Simplified simplify(const std::vector<Eigen::Vector3f>& vertices, const std::vec
   Simplified result;
   result.faces_before = faces.size();
   result.reached = simplifier.run(target_faces);
-  for (std::size_t v = 0; v < vertices.size(); ++v) {
+  for (std::size_t v = 0; v < vertices.size(); ++v)
     result.locked += simplifier.mesh().is_locked(static_cast<std::int32_t>(v));
-  }
   result.mesh = simplifier.result(center);
   return result;
 }

@@ -34,9 +34,8 @@ VoxelBits grow_rows(const VoxelBits& set, int radius, std::size_t axis) {
 VoxelBits dilated(const std::vector<Voxel>& voxels, int resolution, int radius) {
   VoxelBits bits(resolution);
   const int reach = std::min(radius, resolution);
-  for (const Voxel& v : voxels) {
+  for (const Voxel& v : voxels)
     bits.insert_run(v[0], v[1], std::max(0, v[2] - reach), std::min(resolution - 1, v[2] + reach));
-  }
   return reach == 0 ? bits : grow_rows(grow_rows(bits, reach, 1), reach, 0);
 }
 

@@ -152,9 +152,8 @@ class Plane {
 
 void insert_box(const Range& x, const Range& y, const Range& z, VoxelBits& voxels) {
   for (std::int64_t i = x.first; i <= x.last; ++i) {
-    for (std::int64_t j = y.first; j <= y.last; ++j) {
+    for (std::int64_t j = y.first; j <= y.last; ++j)
       voxels.insert_run(static_cast<int>(i), static_cast<int>(j), static_cast<int>(z.first), static_cast<int>(z.last));
-    }
   }
 }
 
@@ -210,9 +209,8 @@ std::vector<Voxel> surface(const std::vector<Vertex>& vertices, const std::vecto
   require_resolution(resolution);
   require_faces(faces, vertices.size());
   std::vector<FixedPoint> points(vertices.size());
-  for (std::size_t v = 0; v < vertices.size(); ++v) {
+  for (std::size_t v = 0; v < vertices.size(); ++v)
     points[v] = placed(vertices[v].template cast<double>(), v, resolution, outside);
-  }
   VoxelBits voxels(resolution);
   constexpr std::size_t kBlock = 128;  // faces at a time, so that handing out work costs nothing
   parallel_for((faces.size() + kBlock - 1) / kBlock, [&](std::size_t block) {

@@ -69,9 +69,8 @@ Image decode_image(const std::vector<std::uint8_t>& bytes, const std::string& na
   const cv::Mat picture = decode(bytes, name_for_errors);
   refuse_size(static_cast<std::uint64_t>(picture.cols), static_cast<std::uint64_t>(picture.rows), name_for_errors);
   const int channels = picture.channels(), depth = picture.depth();
-  if (channels > 4 || (depth != CV_8U && depth != CV_16U && depth != CV_32F)) {
+  if (channels > 4 || (depth != CV_8U && depth != CV_16U && depth != CV_32F))
     throw NotSupportedError(name_for_errors, "", "this pixel type of a picture");
-  }
   if (stored != nullptr) *stored = {channels, depth == CV_8U ? 8 : depth == CV_16U ? 16 : 32};
   Image image(picture.cols, picture.rows);
   for (int y = 0; y < image.height; ++y) {
@@ -319,9 +318,8 @@ int exif_orientation(const std::vector<std::uint8_t>& bytes) {
 }
 
 Image upright(const Image& stored, int orientation) {
-  if (orientation < 1 || orientation > kOrientations) {
+  if (orientation < 1 || orientation > kOrientations)
     throw InputError("", "", "orientation " + std::to_string(orientation) + " of a picture; EXIF has 1 … 8");
-  }
   if (orientation == kUpright) return stored;
   const bool exchanged = orientation >= 5;
   const bool from_right = orientation == 2 || orientation == 3 || orientation == 7 || orientation == 8;

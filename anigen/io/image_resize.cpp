@@ -157,9 +157,8 @@ PixelBox checked(const PixelBox& box, const std::string& name) {
 Image crop(const Image& image, const PixelBox& box) {
   const std::int64_t width = static_cast<std::int64_t>(box.x1) - box.x0;
   const std::int64_t height = static_cast<std::int64_t>(box.y1) - box.y0;
-  if (width < 1 || height < 1 || width > kMostPixelsPerCropSide || height > kMostPixelsPerCropSide) {
+  if (width < 1 || height < 1 || width > kMostPixelsPerCropSide || height > kMostPixelsPerCropSide)
     throw InputError("", "", "a crop of " + std::to_string(width) + " x " + std::to_string(height) + " pixels");
-  }
   Image result(static_cast<int>(width), static_cast<int>(height), 0);
   const int left = std::max(box.x0, 0), right = std::min(box.x1, image.width);
   if (left >= right) return result;

@@ -100,9 +100,8 @@ Eigen::Vector3f unit_normal(const Eigen::Vector3f& normal) {
 }
 
 std::int32_t face_index(std::size_t index, const std::string& file) {
-  if (index > static_cast<std::size_t>(std::numeric_limits<std::int32_t>::max())) {
+  if (index > static_cast<std::size_t>(std::numeric_limits<std::int32_t>::max()))
     throw InputError(file, "", "mesh has more than 2^31 - 1 vertices");
-  }
   return static_cast<std::int32_t>(index);
 }
 
@@ -178,9 +177,7 @@ class ObjParser {
       if (!parse_number(token, value)) fail("'" + std::string(token.substr(0, 40)) + "' is not a number");
       if (!std::isfinite(static_cast<float>(value))) fail("a number is not finite");
     }
-    if (count_ < at_least) {
-      fail("expected " + std::to_string(at_least) + " numbers, found " + std::to_string(count_));
-    }
+    if (count_ < at_least) fail("expected " + std::to_string(at_least) + " numbers, found " + std::to_string(count_));
   }
 
   // x y z [w], or x y z r g b [a] as MeshLab, ZBrush and others write colours. w matters to curves only.
@@ -190,16 +187,14 @@ class ObjParser {
     obj_.positions.emplace_back(number(0), number(1), number(2));
     if (count_ < 6 && obj_.colors.empty()) return;
     obj_.colors.resize(obj_.positions.size(), Eigen::Vector4f::Ones());
-    for (std::size_t k = 3; k < count_ && count_ >= 6; ++k) {
+    for (std::size_t k = 3; k < count_ && count_ >= 6; ++k)
       obj_.colors.back()[static_cast<Eigen::Index>(k - 3)] = std::clamp(number(k), 0.0f, 1.0f);
-    }
   }
 
   void parse_face(std::string_view line) {
     const std::size_t first = obj_.corners.size();
-    for (std::string_view token = take_token(line); !token.empty(); token = take_token(line)) {
+    for (std::string_view token = take_token(line); !token.empty(); token = take_token(line))
       obj_.corners.push_back(parse_corner(token));
-    }
     const std::size_t found = obj_.corners.size() - first;
     if (found < 3) fail("a face needs at least 3 corners, found " + std::to_string(found));
     obj_.polygons.push_back({first, line_});
@@ -227,9 +222,8 @@ class ObjParser {
 
   std::int64_t parse_index(std::string_view text, std::int64_t count) const {
     double value = 0.0;
-    if (!parse_number(text, value) || !(std::abs(value) < 1e15) || value != std::floor(value)) {
+    if (!parse_number(text, value) || !(std::abs(value) < 1e15) || value != std::floor(value))
       fail("'" + std::string(text.substr(0, 40)) + "' is not an index");
-    }
     const auto index = static_cast<std::int64_t>(value);
     if (index == 0) fail("index 0: indices count from 1");
     if (index > 0) return index - 1;  // may refer forward; check_indices() decides
@@ -366,9 +360,8 @@ void add_vertices(const ObjFile& obj, const std::vector<ObjFile::Corner>& vertic
   for (const ObjFile::Corner& corner : vertices) {
     mesh.vertices.push_back(obj.positions[static_cast<std::size_t>(corner[0])]);
     if (!obj.colors.empty()) mesh.colors.push_back(obj.colors[static_cast<std::size_t>(corner[0])]);
-    if (has_uvs) {
+    if (has_uvs)
       mesh.uvs.push_back(corner[1] >= 0 ? obj.uvs[static_cast<std::size_t>(corner[1])] : Eigen::Vector2f::Zero());
-    }
   }
   if (!has_normals) return;
   mesh.normals = vertex_normals(mesh.vertices, mesh.faces);  // for corners that name none
@@ -391,9 +384,8 @@ Mesh read_obj(const std::filesystem::path& path) {
 }
 
 void write_obj_rig(const std::filesystem::path& obj, const Asset& asset, ExportAxes axes) {
-  if (asset.skin.rows() != asset.mesh.vertices.size()) {
+  if (asset.skin.rows() != asset.mesh.vertices.size())
     throw InputError(obj.string(), "", "as many rows of skin weights as vertices are needed");
-  }
   const Eigen::Matrix3d rotation = axis_rotation(axes);
   const Eigen::Matrix3f turn = rotation.cast<float>();
   Mesh mesh = asset.mesh;

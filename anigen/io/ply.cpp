@@ -104,9 +104,8 @@ class HeaderParser {
 
   std::string_view next_line() {
     const std::size_t end = bytes_.find('\n', header_.bytes);
-    if (end == std::string::npos || end >= kMostHeaderBytes) {
+    if (end == std::string::npos || end >= kMostHeaderBytes)
       fail(bytes_.size() > kMostHeaderBytes ? "no end_header within 1 MiB" : "the header is cut short");
-    }
     std::string_view line(bytes_.data() + header_.bytes, end - header_.bytes);
     header_.bytes = end + 1;
     ++header_.lines;
@@ -128,9 +127,8 @@ class HeaderParser {
     element.name = take_token(line);
     const std::string_view count = take_token(line);
     double value = 0.0;
-    if (element.name.empty() || !parse_number(count, value) || value < 0.0 || value != std::floor(value)) {
+    if (element.name.empty() || !parse_number(count, value) || value < 0.0 || value != std::floor(value))
       fail("an element needs a name and a count");
-    }
     if (!(value <= 9e15)) fail("element count beyond every file");
     element.count = static_cast<std::uint64_t>(value);
     header_.elements.push_back(std::move(element));
@@ -203,9 +201,8 @@ class PlyValues {
     const double length = next(property.count_type);
     if (length < 0.0) fail("a list of negative length");
     const double item = format_ == PlyFormat::kAscii ? 2.0 : static_cast<double>(size_of(property.type));
-    if (length * item > static_cast<double>(bytes_.size() - at_) + 1.0) {
+    if (length * item > static_cast<double>(bytes_.size() - at_) + 1.0)
       fail("a list of " + std::to_string(static_cast<std::uint64_t>(length)) + " items reaches beyond the end");
-    }
     return static_cast<std::size_t>(length);
   }
 
@@ -226,9 +223,8 @@ class PlyValues {
     if (is_integer(type)) {
       const double high = largest_of(type);
       const double low = is_signed(type) ? -high - 1.0 : 0.0;
-      if (!(value >= low && value <= high) || value != std::floor(value)) {
+      if (!(value >= low && value <= high) || value != std::floor(value))
         fail("'" + std::string(token.substr(0, 40)) + "' does not fit its integer type");
-      }
     }
     return value;
   }
@@ -319,9 +315,8 @@ class VertexReader {
       if (uvs) mesh.uvs.push_back({finite(values, row[kU]), finite(values, 1.0 - row[kV])});
       if (colors) {
         Eigen::Vector4f color;
-        for (int k = 0; k < 4; ++k) {
+        for (int k = 0; k < 4; ++k)
           color[k] = std::clamp(finite(values, row[static_cast<std::size_t>(kRed + k)]), 0.0f, 1.0f);
-        }
         mesh.colors.push_back(color);
       }
     }
@@ -401,9 +396,8 @@ Mesh read_ply(const std::filesystem::path& path) {
   const PlyElement* vertices = element_named(header, "vertex");
   const PlyElement* faces = element_named(header, "face");
   if (vertices == nullptr || vertices->count == 0) throw InputError(file, "", "no vertices");
-  if (faces == nullptr && element_named(header, "tristrips") != nullptr) {
+  if (faces == nullptr && element_named(header, "tristrips") != nullptr)
     throw NotSupportedError(file, "", "triangle strips in PLY");
-  }
   const VertexReader vertex_reader(*vertices, file);
   face_index(static_cast<std::size_t>(vertices->count), file);
   Mesh mesh;
@@ -443,9 +437,8 @@ std::string header(const Mesh& mesh) {
   if (!mesh.colors.empty()) {
     for (const char* name : {"red", "green", "blue", "alpha"}) text += std::string("property uchar ") + name + "\n";
   }
-  if (!mesh.faces.empty()) {
+  if (!mesh.faces.empty())
     text += "element face " + std::to_string(mesh.faces.size()) + "\nproperty list uchar int vertex_indices\n";
-  }
   return text + "end_header\n";
 }
 
@@ -464,9 +457,8 @@ void write_ply(const std::filesystem::path& path, const Mesh& mesh) {
       append_float(bytes, 1.0f - mesh.uvs[v].y());
     }
     if (!mesh.colors.empty()) {
-      for (const float x : mesh.colors[v]) {
+      for (const float x : mesh.colors[v])
         bytes.push_back(static_cast<char>(std::lround(255.0f * std::clamp(x, 0.0f, 1.0f))));
-      }
     }
   }
   for (const Triangle& face : mesh.faces) {

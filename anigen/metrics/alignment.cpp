@@ -21,9 +21,8 @@ constexpr double kLargestCoordinate = 1e15;  // what the ray tracing structures 
 void check_points(const std::vector<Eigen::Vector3d>& points) {
   if (points.empty()) throw InputError("", "shape", "there is no point to normalise by");
   for (std::size_t i = 0; i < points.size(); ++i) {
-    if (!(points[i].cwiseAbs().maxCoeff() <= kLargestCoordinate) || !points[i].allFinite()) {
+    if (!(points[i].cwiseAbs().maxCoeff() <= kLargestCoordinate) || !points[i].allFinite())
       throw InputError("", "points[" + std::to_string(i) + "]", "the position is not finite or larger than 1e15");
-    }
   }
 }
 

@@ -166,9 +166,7 @@ double NearestBone::distance(const Eigen::Vector3d& p) const {
     if (!(entry.squared < best)) continue;
     const Node& node = nodes_[at(entry.node)];
     if (node.right < 0) {
-      for (int i = node.begin; i < node.end; ++i) {
-        best = std::min(best, squared_distance(pieces_[at(i)], p));
-      }
+      for (int i = node.begin; i < node.end; ++i) best = std::min(best, squared_distance(pieces_[at(i)], p));
       continue;
     }
     const Node& first = nodes_[static_cast<std::size_t>(entry.node) + 1];

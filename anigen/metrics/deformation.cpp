@@ -84,13 +84,11 @@ class PosedRigs {
 };
 
 void check_skin(const SkinWeights& skin, std::size_t vertices, std::size_t joints, const char* which) {
-  if (skin.rows() != vertices) {
+  if (skin.rows() != vertices)
     throw InputError("", which, std::to_string(skin.rows()) + " rows for " + std::to_string(vertices) + " vertices");
-  }
   for (const Influence& influence : skin.influences) {
-    if (influence.joint < 0 || at(influence.joint) >= joints) {
+    if (influence.joint < 0 || at(influence.joint) >= joints)
       throw InputError("", which, "joint " + std::to_string(influence.joint) + " of " + std::to_string(joints));
-    }
     if (!(influence.weight > 0.0f) || !std::isfinite(influence.weight))
       throw InputError("", which, "a weight is not positive and finite");
   }

@@ -518,9 +518,7 @@ EntropicGw entropic_gromov_wasserstein(const Eigen::MatrixXd& distances1, const 
     Eigen::MatrixXd gradient = -4.0 * (c1 * last * c2);
     gradient.colwise() += 2.0 * first;
     gradient.rowwise() += 2.0 * second.transpose();
-    if (options.solver == EntropicGwSolver::kProximalPoint) {
-      gradient.array() -= options.epsilon * last.array().log();
-    }
+    if (options.solver == EntropicGwSolver::kProximalPoint) gradient.array() -= options.epsilon * last.array().log();
     result.plan = scaled_kernel(gradient, a, b, options);  // T ← Sinkhorn(2 𝓛(T), ε)
     if (result.iterations % kLookEvery == 0) change = (result.plan - last).norm();
     ++result.iterations;

@@ -107,9 +107,8 @@ RowMatrix GwProblem::gradient(const std::vector<PlanCell>& cells) const {
 
 double GwProblem::objective(const std::vector<PlanCell>& cells, const RowMatrix& gradient) const {
   double sum = 0.0;
-  for (const PlanCell& cell : cells) {
+  for (const PlanCell& cell : cells)
     sum += cell.mass * (gradient(cell.row, cell.column) + (linear.size() > 0 ? linear(cell.row, cell.column) : 0.0));
-  }
   return 0.5 * sum;
 }
 

@@ -133,9 +133,8 @@ class Stage {
     if (!step.allFinite()) return current;
     Similarity change;
     const double angle = step.head<3>().norm();
-    if (angle > 0.0) {
+    if (angle > 0.0)
       change.rotation = Eigen::AngleAxisd(std::min(angle, kLongestTurn), step.head<3>() / angle).toRotationMatrix();
-    }
     change.scale = std::exp(std::clamp(step[6], -0.5, 0.5));
     change.translation = center + step.segment<3>(3) - change.scale * (change.rotation * center);
     return compose(change, current);
@@ -363,9 +362,7 @@ std::vector<Eigen::Matrix3d> principal_axis_rotations(const Eigen::Matrix3d& fro
   do {
     for (int signs = 0; signs < 8; ++signs) {
       Eigen::Matrix3d axes;
-      for (int k = 0; k < 3; ++k) {
-        axes.col(k) = (signs & (1 << k) ? -1.0 : 1.0) * from.eigenvectors().col(order[at(k)]);
-      }
+      for (int k = 0; k < 3; ++k) axes.col(k) = (signs & (1 << k) ? -1.0 : 1.0) * from.eigenvectors().col(order[at(k)]);
       const Eigen::Matrix3d rotation = to.eigenvectors() * axes.transpose();
       if (rotation.determinant() > 0.0) rotations.push_back(rotation);
     }

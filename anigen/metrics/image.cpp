@@ -57,9 +57,8 @@ Plane blur(const Plane& plane, const Eigen::Array<double, kWindow, 1>& weights) 
 /// @throws InputError when the pictures are not of one size, are empty, or do not hold 4 bytes per pixel
 void check_pair(const io::Image& a, const io::Image& b) {
   if (!sound(a) || !sound(b)) throw InputError("", "image", "a picture is empty or incomplete");
-  if (a.width != b.width || a.height != b.height) {
+  if (a.width != b.width || a.height != b.height)
     throw InputError("", "image", "pictures of " + size_of(a) + " and " + size_of(b) + " pixels cannot be compared");
-  }
 }
 
 }  // namespace
@@ -79,9 +78,8 @@ double psnr(const io::Image& a, const io::Image& b) {
 
 double ssim(const io::Image& a, const io::Image& b) {
   check_pair(a, b);
-  if (a.width < kWindow || a.height < kWindow) {
+  if (a.width < kWindow || a.height < kWindow)
     throw InputError("", "image", "SSIM needs pictures of at least 11 × 11 pixels");
-  }
   const auto weights = gaussian();
   double sum = 0.0;
   for (int c = 0; c < 3; ++c) {

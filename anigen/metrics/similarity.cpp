@@ -110,9 +110,8 @@ Similarity procrustes(const std::vector<Eigen::Vector3d>& from, const std::vecto
   ProcrustesSums sums;
   for (std::size_t i = 0; i < from.size(); ++i) {
     const double weight = weights.empty() ? 1.0 : weights[i];
-    if (!from[i].allFinite() || !to[i].allFinite() || !(weight >= 0.0) || !std::isfinite(weight)) {
+    if (!from[i].allFinite() || !to[i].allFinite() || !(weight >= 0.0) || !std::isfinite(weight))
       throw InputError("", "pairs[" + std::to_string(i) + "]", "a position or weight is not finite or negative");
-    }
     sums.add(from[i], to[i], weight);
   }
   return sums.solve(scale);
@@ -152,9 +151,8 @@ void AlignmentShape::finish() {
       std::make_unique<geometry::PointIndex>(std::vector<Eigen::Vector3d>(points_.begin(), points_.begin() + coarse));
   const auto count = static_cast<double>(points_.size());
   for (const Eigen::Vector3d& point : points_) centroid_ += point / count;
-  for (const Eigen::Vector3d& point : points_) {
+  for (const Eigen::Vector3d& point : points_)
     covariance_ += (point - centroid_) * (point - centroid_).transpose() / count;
-  }
   rms_radius_ = std::sqrt(covariance_.trace());
 }
 

@@ -191,9 +191,8 @@ SinkhornResult sinkhorn(const Eigen::MatrixXd& cost, const Eigen::VectorXd& a, c
 
   Scaling scaling(cost, a, b);
   SinkhornResult result;
-  for (double warm = options.start_epsilon * unit; warm > epsilon; warm *= kAnnealing) {
+  for (double warm = options.start_epsilon * unit; warm > epsilon; warm *= kAnnealing)
     scaling.run(warm, 1e-3 * mass, std::min(kAnnealingIterations, options.max_iterations));
-  }
   result.iterations = scaling.run(epsilon, options.tolerance * mass, options.max_iterations);
   result.marginal_error = scaling.error();
   result.converged = result.marginal_error <= options.tolerance * mass;

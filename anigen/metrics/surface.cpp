@@ -15,9 +15,8 @@ namespace anigen::metrics {
 
 SurfaceSamples sample_mesh(const Mesh& mesh, std::size_t count, std::uint64_t seed, std::string_view purpose) {
   for (std::size_t v = 0; v < mesh.vertices.size(); ++v) {
-    if (!mesh.vertices[v].allFinite()) {
+    if (!mesh.vertices[v].allFinite())
       throw InputError("", "mesh.vertices[" + std::to_string(v) + "]", "the position is not finite");
-    }
   }
   Rng rng(seed, purpose);
   SurfaceSamples samples;
@@ -193,9 +192,8 @@ SurfaceScores surface_scores(const Mesh& prediction, const geometry::NearestSurf
 }
 
 SurfaceScores surface_scores(const Mesh& prediction, const Mesh& truth, const SurfaceOptions& options) {
-  if (options.definition == SurfaceDistance::kSampleToSample) {
+  if (options.definition == SurfaceDistance::kSampleToSample)
     return between_samples(draw(prediction, options), draw(truth, options));
-  }
   return surface_scores(prediction, geometry::NearestSurface(prediction), truth, geometry::NearestSurface(truth),
                         options);
 }

@@ -113,9 +113,8 @@ AttentionLayers::AttentionLayers(const AttentionOptions& options) : attention_(o
   if (context == 0) {
     to_qkv_ = register_module("to_qkv", Linear(channels, 3 * channels, options.qkv_bias, options.lora_qkv));
   } else {
-    if (!options.x_is_query) {
+    if (!options.x_is_query)
       to_q_ = register_module("to_q", Linear(channels, channels, options.qkv_bias, options.lora_qkv));
-    }
     to_kv_ = register_module("to_kv", Linear(context, 2 * channels, options.qkv_bias, options.lora_qkv));
   }
   if (options.qk_rms_norm) {

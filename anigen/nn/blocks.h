@@ -119,9 +119,8 @@ class ModulatedLayers : public torch::nn::Module {
   ModulatedLayers(const ModulatedBlockOptions& options, const Attention& self, const Attention& cross) {
     if (!cross.is_empty()) {
       norm2_ = register_module("norm2", AffineLayerNorm(options.channels, kBlockNormEps));
-      if (options.context_norm) {
+      if (options.context_norm)
         context_norm_ = register_module("context_norm", AffineLayerNorm(options.context_channels, kBlockNormEps));
-      }
     }
     self_attention_ = register_module(cross.is_empty() ? "attn" : "self_attn", self);
     if (!cross.is_empty()) cross_attention_ = register_module("cross_attn", cross);

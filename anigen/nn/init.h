@@ -66,9 +66,8 @@ std::string shape_text(const Tensor& tensor);
 /// @throws InputError naming the tensor unless it is [rows, columns]; -1 for any number of rows
 inline void require_matrix(const torch::Tensor& tensor, std::int64_t rows, std::int64_t columns,
                            const std::string& name) {
-  if (tensor.defined() && tensor.dim() == 2 && tensor.size(1) == columns && (rows < 0 || tensor.size(0) == rows)) {
+  if (tensor.defined() && tensor.dim() == 2 && tensor.size(1) == columns && (rows < 0 || tensor.size(0) == rows))
     return;
-  }
   const std::string wanted = rows < 0 ? "N" : std::to_string(rows);
   throw InputError("", name,
                    "expected shape [" + wanted + ", " + std::to_string(columns) + "], got " + shape_text(tensor));

@@ -29,9 +29,8 @@ MlpImpl::MlpImpl(std::int64_t in_features, std::int64_t hidden_features, std::in
 }
 
 Tensor MlpImpl::forward(const Tensor& x) {
-  if (prefers_fused_mlp(x, first_->weight)) {
+  if (prefers_fused_mlp(x, first_->weight))
     return fused_mlp(x, first_->weight, first_->bias, second_->weight, second_->bias);
-  }
   return second_->forward(gelu_tanh(first_->forward(x)));
 }
 
@@ -113,9 +112,8 @@ void for_each_block(std::int64_t rows, std::int64_t block, std::int64_t parts, c
   at::parallel_for(0, parts, 1, [&](std::int64_t first_part, std::int64_t last_part) {
     const torch::NoGradGuard no_grad;
     for (std::int64_t part = first_part; part < last_part; ++part) {
-      for (std::int64_t b = blocks * part / parts; b < blocks * (part + 1) / parts; ++b) {
+      for (std::int64_t b = blocks * part / parts; b < blocks * (part + 1) / parts; ++b)
         body(part, b * block, std::min(rows, (b + 1) * block));
-      }
     }
   });
 }

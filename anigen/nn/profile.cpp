@@ -47,9 +47,8 @@ Blas find_blas() {
   Blas blas;
   Dl_info info{};
   void* product = dlsym(RTLD_DEFAULT, "sgemm_");
-  if (product != nullptr && dladdr(product, &info) != 0 && info.dli_fname != nullptr) {
+  if (product != nullptr && dladdr(product, &info) != 0 && info.dli_fname != nullptr)
     blas.library = real_path(info.dli_fname);
-  }
   blas.flavour = blas.library.empty() ? "unknown" : flavour_of(blas.library);
   return blas;
 }
@@ -141,9 +140,8 @@ torch::Device parse_device(const std::string& name) {
   const bool cuda = name == "cuda" || name.rfind("cuda:", 0) == 0;
   const std::string index = cuda && name.size() > 5 ? name.substr(5) : "0";
   const bool digits = !index.empty() && index.size() < 4 && index.find_first_not_of("0123456789") == std::string::npos;
-  if ((name != "cpu" && !cuda) || !digits || name == "cuda:") {
+  if ((name != "cpu" && !cuda) || !digits || name == "cuda:")
     throw InputError("--device", name, "expected cpu, cuda or cuda:N");
-  }
   if (!cuda) return torch::kCPU;
   const auto wanted = static_cast<std::size_t>(std::stoul(index));
   if (wanted >= torch::cuda::device_count()) throw InputError("--device", name, "this LibTorch sees no such device");

@@ -221,9 +221,8 @@ Tensor tensor_ragged_attention(const Tensor& q, const Tensor& k, const Tensor& v
     }
   }
   std::vector<std::int64_t> places(pieces.rows.size());
-  for (std::size_t i = 0; i < places.size(); ++i) {
+  for (std::size_t i = 0; i < places.size(); ++i)
     places[static_cast<std::size_t>(pieces.rows[i])] = static_cast<std::int64_t>(i);
-  }
   return torch::cat(pieces.results, 0).index_select(0, ragged_index(places, q));
 }
 

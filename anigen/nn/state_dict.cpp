@@ -20,12 +20,10 @@ bool is_floating_point(io::Dtype dtype) {
 
 void check_weight_values(const io::NamedArrays& arrays, const std::string& file) {
   for (const auto& [key, array] : arrays) {
-    if (!is_floating_point(array.dtype)) {
+    if (!is_floating_point(array.dtype))
       throw InputError(file, key, std::string("floating-point weights expected, found ") + io::name_of(array.dtype));
-    }
-    if (!to_tensor(array).isfinite().all().item<bool>()) {
+    if (!to_tensor(array).isfinite().all().item<bool>())
       throw InputError(file, key, "holds values that are not finite; fetch the weights again");
-    }
   }
 }
 

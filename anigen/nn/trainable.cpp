@@ -97,16 +97,13 @@ void FreezableModel::apply_freezing() {
 std::vector<std::string> FreezableModel::half_precision_modules() const {
   std::vector<std::string> names = parts_.always_fp16;
   if (!parts_.use_fp16) return names;
-  for (const auto* more : {&parts_.torso, &parts_.torso_parameters, &parts_.other_fp16}) {
+  for (const auto* more : {&parts_.torso, &parts_.torso_parameters, &parts_.other_fp16})
     names.insert(names.end(), more->begin(), more->end());
-  }
   return names;
 }
 
 void FreezableModel::convert_to_fp16() {
-  if (!parameters().front().is_cuda()) {
-    throw NotSupportedError("", "", "fp16 on a CPU; move the model to a GPU first");
-  }
+  if (!parameters().front().is_cuda()) throw NotSupportedError("", "", "fp16 on a CPU; move the model to a GPU first");
   cast(half_precision_modules(), torch::kHalf);
 }
 
@@ -125,9 +122,8 @@ void FreezableModel::cast(const std::vector<std::string>& names, torch::Dtype dt
 }
 
 void FlowModel::set_compute_dtype(torch::Dtype dtype) {
-  if (dtype == torch::kHalf && !torso_weight_.is_cuda()) {
+  if (dtype == torch::kHalf && !torso_weight_.is_cuda())
     throw NotSupportedError("", "", "fp16 on a CPU; use bf16, or move the model to a GPU first");
-  }
   set_torso_dtype(dtype);
 }
 
@@ -146,9 +142,8 @@ Latent sampled_latent(const Tensor& raw, std::int64_t axis, const Tensor& noise)
   const std::vector<Tensor> halves = raw.chunk(2, axis);
   const Tensor &mean = halves[0], &logvar = halves[1];
   if (!noise.defined()) return {mean, mean, logvar};
-  if (noise.sizes() != mean.sizes()) {
+  if (noise.sizes() != mean.sizes())
     throw InputError("", "noise", shape_text(noise) + " does not fit latents " + shape_text(mean));
-  }
   return {mean + torch::exp(0.5 * logvar) * noise.to(mean.options()), mean, logvar};
 }
 

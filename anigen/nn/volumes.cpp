@@ -147,9 +147,8 @@ class VolumeConvolution : public torch::autograd::Function<VolumeConvolution> {
       dx = convolve(back, dy, packed, torch::zeros({back.padded_out()}, x.options()));
     }
     ParameterGradients parameters;
-    if (context->needs_input_grad(1) || context->needs_input_grad(2)) {
+    if (context->needs_input_grad(1) || context->needs_input_grad(2))
       parameters = parameter_gradients(sizes, channels_last(x), dy);
-    }
     return {dx, parameters.weight, parameters.bias};
   }
 };

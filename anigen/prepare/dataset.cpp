@@ -156,9 +156,8 @@ void check_sources_lie_outside(const PrepareOptions& options) {
 }
 
 void check(const PrepareOptions& options) {
-  if (options.sources.empty()) {
+  if (options.sources.empty())
     throw InputError("", "", "nothing to prepare: name input folders or a number of procedural assets");
-  }
   options.plan.validate();
   options.tables.split.validate();
   check_sources_lie_outside(options);
@@ -296,9 +295,8 @@ std::string to_text(const PrepareSummary& summary) {
     text += "one shard of several: `anigen-prepare merge` makes the tables when all have finished\n";
   }
   if (!summary.rejected.empty()) text += "rejected " + n(summary.rejected.size()) + ", see rejected.csv:\n";
-  for (std::size_t i = 0; i < summary.rejected.size() && i < kMostShown; ++i) {
+  for (std::size_t i = 0; i < summary.rejected.size() && i < kMostShown; ++i)
     text += "  " + summary.rejected[i].file_identifier + ": " + summary.rejected[i].reason + "\n";
-  }
   if (summary.rejected.size() > kMostShown) text += "  …\n";
   if (summary.failed_steps > 0) text += n(summary.failed_steps) + " steps failed, see failures.jsonl\n";
   return text + to_text(summary.costs);

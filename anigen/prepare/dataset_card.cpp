@@ -392,9 +392,8 @@ std::string card_html(const CardFacts& facts, const std::vector<std::string>& co
 std::string card_markdown(const CardFacts& facts, const std::vector<std::string>& columns, bool picture) {
   std::string text = "# Dataset card\n\n" + markdown_table({"Counts", "", {"", ""}, facts.counts});
   if (picture) text += "## Assets\n\n![assets of the dataset with their skeletons](card.png)\n\n";
-  for (const CardHistogram& one : facts.histograms) {
+  for (const CardHistogram& one : facts.histograms)
     text += "## " + one.title + "\n\n" + one.spread + "\n\n```\n" + histogram_text(one.bins) + "```\n\n";
-  }
   for (const CardTable& table : facts.tables) {
     if (!table.rows.empty()) text += markdown_table(table);
   }

@@ -73,9 +73,8 @@ bool add_row(const fs::path& out, const ManifestEntry& entry, std::size_t varian
   const fs::path file = AssetPlaces{out, id}.record();
   DatasetRow row;
   row.records = read_step_records(file);
-  if (!row.records.has(kImport)) {
+  if (!row.records.has(kImport))
     throw InputError(file.string(), "", "missing or damaged: run " + entry.source.file_identifier + " again");
-  }
   if (is_rejected_pose(row.columns(kImport))) {
     ++found.rejected_poses;
     return false;
@@ -304,9 +303,8 @@ DatasetRows collect_rows(const fs::path& out, const std::vector<Manifest>& manif
     }
     for (const StepFailure& failure : entry->failures) found.failures.emplace_back(entry->source, failure);
     if (!add_row(out, *entry, 0, entry->id, found)) continue;
-    for (std::size_t k = 0; k < plan.variants; ++k) {
+    for (std::size_t k = 0; k < plan.variants; ++k)
       add_row(out, *entry, variant_number(k), variant_id(entry->id, plan.seed, k, plan.poses), found);
-    }
   }
   apply_near(near, found);
   return found;

@@ -174,9 +174,8 @@ std::vector<bool> choose_test(const std::vector<std::string>& ids, std::size_t c
 }
 
 std::size_t test_count(std::size_t n, double fraction) {
-  if (!(fraction >= 0.0 && fraction <= 1.0)) {
+  if (!(fraction >= 0.0 && fraction <= 1.0))
     throw InputError("", "--test-fraction", "must lie in [0, 1], got " + std::to_string(fraction));
-  }
   return static_cast<std::size_t>(std::lround(fraction * static_cast<double>(n)));
 }
 

@@ -142,9 +142,8 @@ std::string broken_keys(const Animation& animation, std::size_t joints) {
       return "it moves a joint that is missing";
     const std::size_t width = (channel.path == ChannelPath::kRotation ? 4u : 3u) *
                               (channel.interpolation == Interpolation::kCubicSpline ? 3u : 1u);
-    if (channel.times.empty() || channel.values.size() != width * channel.times.size()) {
+    if (channel.times.empty() || channel.values.size() != width * channel.times.size())
       return "a channel does not have one value per key";
-    }
     for (std::size_t i = 0; i < channel.times.size(); ++i) {
       if (!std::isfinite(channel.times[i])) return "a key's time is not finite";
       if (i > 0 && !(channel.times[i] > channel.times[i - 1])) return "key times do not increase";
@@ -205,9 +204,8 @@ Asset bake_pose(const Asset& asset, const std::vector<Eigen::Matrix4d>& world, s
   skeleton.bind = world;
   skeleton.rest = bind_pose(skeleton);
   if (same(skeleton.bind, forward_kinematics(skeleton.parents, skeleton.rest))) return baked;
-  for (Eigen::Matrix4d& frame : skeleton.bind) {
+  for (Eigen::Matrix4d& frame : skeleton.bind)
     frame.topLeftCorner<3, 3>() = decompose(frame).rotation.toRotationMatrix();
-  }
   skeleton.rest = bind_pose(skeleton);
   return baked;
 }
@@ -356,9 +354,8 @@ PoseAugmenter::Draw PoseAugmenter::draw(PoseKind kind, std::size_t k, int attemp
   provenance.second_time = motion.second_time;
   provenance.blend = motion.blend;
   draw.world = forward_kinematics(skeleton.parents, motion.pose);
-  for (std::size_t j = 0; j < bind_.size(); ++j) {
+  for (std::size_t j = 0; j < bind_.size(); ++j)
     draw.count_turn(bind_[j].rotation.angularDistance(motion.pose[j].rotation) * kDegrees);
-  }
   return draw;
 }
 

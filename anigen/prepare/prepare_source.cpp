@@ -36,9 +36,8 @@ Json variant_columns(const Json& source, const Asset* posed, const Provenance& p
   record.closest_bones = closest_bones_of(posed->skeleton);
   const Similarity again = provenance.renormalization;
   record.scale *= again.scale;
-  for (std::size_t i = 0; i < 3; ++i) {
+  for (std::size_t i = 0; i < 3; ++i)
     record.offset[i] = again.scale * record.offset[i] + again.offset[static_cast<Eigen::Index>(i)];
-  }
   Json columns = import_columns(record);
   columns["pose"] = to_json(provenance);
   return columns;

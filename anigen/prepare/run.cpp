@@ -253,9 +253,8 @@ std::size_t sweep_temporary_files(const fs::path& out) {
   fs::recursive_directory_iterator entry(out, fs::directory_options::skip_permission_denied, error), end;
   for (; !error && entry != end; entry.increment(error)) {
     std::error_code ignored;
-    if (entry->is_regular_file(ignored) && is_temporary(entry->path().filename().string())) {
+    if (entry->is_regular_file(ignored) && is_temporary(entry->path().filename().string()))
       stale.push_back(entry->path());
-    }
   }
   std::size_t removed = 0;
   for (const fs::path& file : stale) {

@@ -142,9 +142,8 @@ double closest_bones(const std::vector<Eigen::Vector3f>& joints, const std::vect
   std::sort(bones.begin(), bones.end(), [](const auto& a, const auto& b) { return a.x() < b.x(); });
   double closest = kNoPair;
   for (std::size_t i = 0; i < bones.size(); ++i) {
-    for (std::size_t k = i + 1; k < bones.size() && bones[k].x() - bones[i].x() < closest; ++k) {
+    for (std::size_t k = i + 1; k < bones.size() && bones[k].x() - bones[i].x() < closest; ++k)
       closest = std::min(closest, (bones[k] - bones[i]).cwiseAbs().maxCoeff());
-    }
   }
   return closest;
 }

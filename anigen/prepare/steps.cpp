@@ -28,9 +28,8 @@ void write_voxel_ply(const std::filesystem::path& path, std::vector<geometry::Vo
   geometry::sort_unique(voxels);
   Mesh centers;
   centers.vertices.reserve(voxels.size());
-  for (const geometry::Voxel& voxel : voxels) {
+  for (const geometry::Voxel& voxel : voxels)
     centers.vertices.push_back(geometry::voxel_center(voxel, resolution).cast<float>());
-  }
   io::write_ply(path, centers);
 }
 
@@ -110,9 +109,8 @@ Json write_features(AssetJob& job, const FeatureExtractor& extractor, int resolu
                                extractor.needs_views() ? job.places().views() : fs::path()};
   io::NdArray features = extractor.extract(request);
   const auto rows = static_cast<std::int64_t>(voxels.size());
-  if (features.dtype != io::Dtype::kF16 || features.shape != std::vector<std::int64_t>{rows, extractor.channels()}) {
+  if (features.dtype != io::Dtype::kF16 || features.shape != std::vector<std::int64_t>{rows, extractor.channels()})
     throw Error("feature extractor " + extractor.name() + " gave another shape or type than it announces");
-  }
   std::vector<std::uint8_t> indices;
   indices.reserve(3 * voxels.size());
   for (const geometry::Voxel& voxel : voxels) {
@@ -124,9 +122,8 @@ Json write_features(AssetJob& job, const FeatureExtractor& extractor, int resolu
 }
 
 Step feature_step(const std::shared_ptr<const FeatureExtractor>& extractor, int resolution) {
-  if (resolution > 256) {
+  if (resolution > 256)
     throw InputError("", "--voxel-resolution", "features index voxels by bytes: at most 256 with --features");
-  }
   Step step{kFeatures + extractor->name()};
   step.inputs.emplace_back("voxels");
   if (extractor->needs_views()) step.inputs.emplace_back("views");
@@ -269,9 +266,8 @@ void check_views(const ViewSettings& settings, const std::string& option) {
   // Three digits name the pictures of the published layout.
   if (settings.count > 1000) throw InputError("", option, "at most 1000 views");
   if (settings.size < 8 || settings.size > 4096) throw InputError("", option + "-size", "must lie in 8 … 4096 pixels");
-  if (settings.samples_per_axis < 1 || settings.samples_per_axis > 16) {
+  if (settings.samples_per_axis < 1 || settings.samples_per_axis > 16)
     throw InputError("", "--view-samples", "must lie in 1 … 16");
-  }
 }
 
 }  // namespace

@@ -138,9 +138,8 @@ class Undertaker {
       death.at.at("fingerprint").get_to(failure.fingerprint);
     }
     failure.reason = task.source.file_identifier + ": " + death.reason;
-    if (death.cause == WorkerDeath::Cause::kCrash && ++crashes_[{task.number, failure.id + failure.step}] < 2) {
+    if (death.cause == WorkerDeath::Cause::kCrash && ++crashes_[{task.number, failure.id + failure.step}] < 2)
       return old_task;
-    }
     if (failure.step.empty()) return std::nullopt;  // not even identified
     task.known.push_back(std::move(failure));
     return Json(task);
@@ -255,9 +254,8 @@ class WorkerProcess {
     }
     std::vector<std::string> lines;
     std::size_t begin = 0;
-    for (std::size_t end; (end = unread_.find('\n', begin)) != std::string::npos; begin = end + 1) {
+    for (std::size_t end; (end = unread_.find('\n', begin)) != std::string::npos; begin = end + 1)
       lines.push_back(unread_.substr(begin, end - begin));
-    }
     unread_.erase(0, begin);
     return lines;
   }

@@ -353,9 +353,8 @@ SilhouettePairs find_silhouette_pairs(const Fragments& fragments, const Tensor& 
   const Tensor corners = checked_faces(faces, clip.size(0), "faces");
   const Tensor triangle = checked_triangles(fragments.triangle, corners.size(0));
   check_real(fragments.depth, 2, "depth");
-  if (fragments.depth.sizes() != triangle.sizes()) {
+  if (fragments.depth.sizes() != triangle.sizes())
     throw InputError("", "depth", nn::shape_text(fragments.depth) + " for triangles of " + nn::shape_text(triangle));
-  }
   const Tensor depth = fragments.depth.to(torch::kCPU, torch::kFloat64).contiguous();
   const Tensor positions = clip.to(torch::kCPU, torch::kFloat64).contiguous();
   const Viewport viewport{triangle.size(0), triangle.size(1)};
@@ -368,9 +367,8 @@ SilhouettePairs find_silhouette_pairs(const Fragments& fragments, const Tensor& 
 Tensor antialias(const Tensor& image, const Fragments& fragments, const Tensor& clip, const Tensor& faces) {
   check_real(image, 3, "image");
   const SilhouettePairs pairs = find_silhouette_pairs(fragments, clip, faces);
-  if (image.size(0) != fragments.triangle.size(0) || image.size(1) != fragments.triangle.size(1)) {
+  if (image.size(0) != fragments.triangle.size(0) || image.size(1) != fragments.triangle.size(1))
     throw InputError("", "image", nn::shape_text(image) + " for triangles of " + nn::shape_text(fragments.triangle));
-  }
   return Antialiasing::apply(image.to(torch::kCPU), clip.to(torch::kCPU), pairs.index, pairs.weight, pairs.row_begin)
       .to(image.device());
 }

@@ -132,9 +132,8 @@ void blend_forward(const Blend<T>& blend, T* out) {
       }
       const T u = blend.u(pixel), v = blend.v(pixel), rest = T(1) - u - v;
       const T *a = blend.row(corners[0]), *b = blend.row(corners[1]), *c = blend.row(corners[2]);
-      for (std::int64_t channel = 0; channel < blend.channels; ++channel) {
+      for (std::int64_t channel = 0; channel < blend.channels; ++channel)
         to[channel] = u * a[channel] + v * b[channel] + rest * c[channel];
-      }
     }
   });
 }
@@ -170,9 +169,8 @@ void blend_backward_attributes(const Blend<T>& blend, const T* gradient, double*
                   for (std::size_t k = 0; k < 3; ++k) {
                     if (!share.owns(corners[k])) continue;
                     double* to = sums + blend.channels * corners[k];
-                    for (std::int64_t channel = 0; channel < blend.channels; ++channel) {
+                    for (std::int64_t channel = 0; channel < blend.channels; ++channel)
                       to[channel] += static_cast<double>(weights[k] * from[channel]);
-                    }
                   }
                 });
 }
@@ -237,9 +235,8 @@ Tensor interpolate(const Tensor& attributes, const Fragments& fragments, const T
   const Tensor triangle = checked_triangles(fragments.triangle, corners.size(0));
   const Tensor& barycentric = fragments.barycentric;
   check_real(barycentric, 3, "barycentric");
-  if (barycentric.size(0) != triangle.size(0) || barycentric.size(1) != triangle.size(1) || barycentric.size(2) != 2) {
+  if (barycentric.size(0) != triangle.size(0) || barycentric.size(1) != triangle.size(1) || barycentric.size(2) != 2)
     throw InputError("", "barycentric", nn::shape_text(barycentric) + " for triangles of " + nn::shape_text(triangle));
-  }
   const Tensor weights = barycentric.to(torch::kCPU, nn::dtype_of(attributes));
   return Interpolation::apply(attributes.to(torch::kCPU), weights, triangle, corners).to(attributes.device());
 }

@@ -55,9 +55,8 @@ Tensor reduced(const Tensor& image, std::int64_t resolution) {
 
 Tensor projection_matrix(const Tensor& intrinsics, double near, double far) {
   check_square(intrinsics, 3, "intrinsics");
-  if (!(near > 0.0 && far > near && std::isfinite(far))) {
+  if (!(near > 0.0 && far > near && std::isfinite(far)))
     throw InputError("", "near, far", "must be finite with 0 < near < far");
-  }
   const auto entry = [&](std::int64_t row, std::int64_t column) { return intrinsics.select(0, row).select(0, column); };
   const Tensor zero = torch::zeros({}, intrinsics.options()), one = torch::ones({}, intrinsics.options());
   return torch::stack({2.0 * entry(0, 0), zero, 2.0 * entry(0, 2) - 1.0, zero,                     //
@@ -72,9 +71,8 @@ Tensor to_clip(const Tensor& vertices, const Tensor& extrinsics, const Tensor& p
   if (vertices.size(1) != 3) throw InputError("", "vertices", "must be [V, 3], is " + nn::shape_text(vertices));
   check_square(extrinsics, 4, "extrinsics");
   check_square(projection, 4, "projection");
-  if (nn::dtype_of(extrinsics) != nn::dtype_of(vertices) || nn::dtype_of(projection) != nn::dtype_of(vertices)) {
+  if (nn::dtype_of(extrinsics) != nn::dtype_of(vertices) || nn::dtype_of(projection) != nn::dtype_of(vertices))
     throw InputError("", "extrinsics, intrinsics", "must be of the vertices' type");
-  }
   const Tensor camera =
       vertices.matmul(extrinsics.narrow(0, 0, 3).narrow(1, 0, 3).t()) + extrinsics.narrow(0, 0, 3).select(1, 3);
   return camera.matmul(projection.narrow(1, 0, 3).t()) + projection.select(1, 3);
@@ -85,9 +83,8 @@ void check_real(const Tensor& tensor, std::int64_t dimensions, const std::string
     throw InputError("", name,
                      "needs " + std::to_string(dimensions) + " dimensions, its shape is " + nn::shape_text(tensor));
   }
-  if (nn::dtype_of(tensor) != torch::kFloat32 && nn::dtype_of(tensor) != torch::kFloat64) {
+  if (nn::dtype_of(tensor) != torch::kFloat32 && nn::dtype_of(tensor) != torch::kFloat64)
     throw InputError("", name, "must be fp32 or fp64");
-  }
 }
 
 void check_clip(const Tensor& clip) {
@@ -96,9 +93,8 @@ void check_clip(const Tensor& clip) {
 }
 
 Tensor checked_faces(const Tensor& faces, std::int64_t vertices, const std::string& name) {
-  if (!faces.defined() || faces.dim() != 2 || faces.size(1) != 3 || nn::dtype_of(faces) != torch::kInt64) {
+  if (!faces.defined() || faces.dim() != 2 || faces.size(1) != 3 || nn::dtype_of(faces) != torch::kInt64)
     throw InputError("", name, "must be int64 [F, 3], the shape is " + nn::shape_text(faces));
-  }
   if (faces.size(0) >= std::numeric_limits<std::int32_t>::max() ||
       vertices >= std::numeric_limits<std::int32_t>::max()) {
     throw InputError("", name, "more triangles or vertices than 32 bits can count");
@@ -115,9 +111,8 @@ Tensor checked_faces(const Tensor& faces, std::int64_t vertices, const std::stri
 }
 
 Tensor checked_triangles(const Tensor& triangle, std::int64_t faces) {
-  if (!triangle.defined() || triangle.dim() != 2 || nn::dtype_of(triangle) != torch::kInt64) {
+  if (!triangle.defined() || triangle.dim() != 2 || nn::dtype_of(triangle) != torch::kInt64)
     throw InputError("", "triangle", "must be int64 [H, W], the shape is " + nn::shape_text(triangle));
-  }
   const Tensor host = triangle.to(torch::kCPU).contiguous();
   const std::int64_t* id = host.data_ptr<std::int64_t>();
   for (std::int64_t i = 0; i < host.numel(); ++i) {

@@ -289,9 +289,8 @@ std::vector<TriangleGroup> set_up(const Viewport& viewport, const double* clip, 
   share_out(static_cast<std::int64_t>(groups.size()), [&](std::int64_t g) {
     TriangleGroup& group = groups[static_cast<std::size_t>(g)];
     const std::int64_t end = std::min(face_count, (g + 1) * kGroupFaces);
-    for (std::int64_t f = g * kGroupFaces; f < end; ++f) {
+    for (std::int64_t f = g * kGroupFaces; f < end; ++f)
       append_screen_triangles(viewport, clip, faces + 3 * f, static_cast<std::int32_t>(f), group.triangles);
-    }
     for (const ScreenTriangle& triangle : group.triangles) {
       group.first_row = std::min(group.first_row, triangle.first_row);
       group.last_row = std::max(group.last_row, triangle.last_row);

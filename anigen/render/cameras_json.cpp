@@ -22,16 +22,13 @@ Eigen::Matrix4d extrinsics_of(const Eigen::Matrix4d& camera_to_world) {
   Eigen::Matrix4d inverse;
   bool invertible = false;
   opencv.computeInverseWithCheck(inverse, invertible);
-  if (!invertible || !inverse.allFinite()) {
+  if (!invertible || !inverse.allFinite())
     throw InputError("", "transform_matrix", "the camera's matrix has no inverse");
-  }
   return inverse;
 }
 
 Eigen::Matrix3d intrinsics_of(double fov) {
-  if (!(fov > 0.0 && fov < kPi)) {
-    throw InputError("", "camera_angle_x", "the field of view must be between 0 and pi");
-  }
+  if (!(fov > 0.0 && fov < kPi)) throw InputError("", "camera_angle_x", "the field of view must be between 0 and pi");
   const double focal = 0.5 / std::tan(0.5 * fov);
   Eigen::Matrix3d matrix = Eigen::Matrix3d::Identity();
   matrix(0, 0) = matrix(1, 1) = focal;
@@ -54,9 +51,8 @@ Eigen::Vector3d unproject(const Eigen::Vector3d& uv_depth, const Eigen::Matrix4d
 }
 
 Eigen::Matrix4d clip_projection(const Eigen::Matrix3d& intrinsics, double near, double far) {
-  if (!(near > 0.0 && far > near && std::isfinite(far))) {
+  if (!(near > 0.0 && far > near && std::isfinite(far)))
     throw InputError("", "near, far", "must be finite with 0 < near < far");
-  }
   Eigen::Matrix4d matrix = Eigen::Matrix4d::Zero();
   matrix(0, 0) = 2.0 * intrinsics(0, 0);
   matrix(0, 2) = 2.0 * intrinsics(0, 2) - 1.0;
@@ -133,15 +129,13 @@ Eigen::Vector3d vector3(const Json& value, const Place& place) {
 }
 
 void check_matrix(const Eigen::Matrix4d& matrix, const Place& place) {
-  if (!matrix.allFinite() || matrix.cwiseAbs().maxCoeff() > kLargestNumber) {
+  if (!matrix.allFinite() || matrix.cwiseAbs().maxCoeff() > kLargestNumber)
     place.refuse("the matrix is not finite or beyond 1e6");
-  }
   const Eigen::Matrix3d rotation = matrix.topLeftCorner<3, 3>();
   const double skew = (rotation.transpose() * rotation - Eigen::Matrix3d::Identity()).cwiseAbs().maxCoeff();
   const double last = (matrix.row(3) - Eigen::RowVector4d(0, 0, 0, 1)).cwiseAbs().maxCoeff();
-  if (!(skew <= kRigid) || !(last <= kRigid) || rotation.determinant() < 0.0) {
+  if (!(skew <= kRigid) || !(last <= kRigid) || rotation.determinant() < 0.0)
     place.refuse("the matrix is not a rigid motion (a rotation and a position, last row 0 0 0 1)");
-  }
 }
 
 Eigen::Matrix4d matrix4(const Json& value, const Place& place) {
@@ -149,9 +143,8 @@ Eigen::Matrix4d matrix4(const Json& value, const Place& place) {
   Eigen::Matrix4d result;
   for (std::size_t r = 0; r < 4; ++r) {
     list(value[r], 4, place.at(r));
-    for (std::size_t c = 0; c < 4; ++c) {
+    for (std::size_t c = 0; c < 4; ++c)
       result(static_cast<Eigen::Index>(r), static_cast<Eigen::Index>(c)) = number(value[r][c], place.at(r).at(c));
-    }
   }
   check_matrix(result, place);
   return result;
@@ -165,9 +158,8 @@ void check_fov(double fov, const Place& place) {
 void check_file_path(const std::string& text, const Place& place) {
   if (text.empty() || text.size() > 1024) place.refuse("a file name is needed here");
   for (const char c : text) {
-    if (static_cast<unsigned char>(c) < 0x20 || c == '\\' || c == ':') {
+    if (static_cast<unsigned char>(c) < 0x20 || c == '\\' || c == ':')
       place.refuse("the file name has a character that is not allowed");
-    }
   }
   const std::filesystem::path path(text);
   if (path.is_absolute()) place.refuse("the file name must be relative to the folder of this file");
@@ -180,9 +172,8 @@ void check_transforms(const Transforms& transforms, const Place& top) {
   if (transforms.frames.empty()) top.at("frames").refuse("there is no frame");
   if (transforms.frames.size() > kMostFrames) top.at("frames").refuse("more than 100000 frames");
   const bool box_finite = transforms.aabb.low.allFinite() && transforms.aabb.high.allFinite();
-  if (!box_finite || !(transforms.aabb.low.array() <= transforms.aabb.high.array()).all()) {
+  if (!box_finite || !(transforms.aabb.low.array() <= transforms.aabb.high.array()).all())
     top.at("aabb").refuse("must be finite, and the lower corner must not exceed the upper one");
-  }
   if (!(transforms.scale > 0.0 && std::isfinite(transforms.scale))) top.at("scale").refuse("must be positive");
   if (!transforms.offset.allFinite()) top.at("offset").refuse("must be finite");
   for (std::size_t i = 0; i < transforms.frames.size(); ++i) {

@@ -50,9 +50,8 @@ void put_image(io::Image& sheet, const io::Image& image, int left, int top) {
     for (int x = 0; x < image.width; ++x) {
       const std::uint8_t* from = image.pixel(x, y);
       std::uint8_t* to = sheet.pixel(left + x, top + y);
-      for (int c = 0; c < 3; ++c) {
+      for (int c = 0; c < 3; ++c)
         to[c] = static_cast<std::uint8_t>((from[c] * from[3] + to[c] * (255 - from[3]) + 127) / 255);
-      }
     }
   }
 }

@@ -82,9 +82,7 @@ class Exposure {
   /// Through the same place of all pixels of a tile. Pixels beyond the border are traced, but never stored.
   Hits trace(double x, double y) const {
     std::array<Eigen::Vector3f, Scene::kBundle> directions;
-    for (int i = 0; i < kTile * kTile; ++i) {
-      directions[at(i)] = camera_.ray(x + i % kTile, y + i / kTile).cast<float>();
-    }
+    for (int i = 0; i < kTile * kTile; ++i) directions[at(i)] = camera_.ray(x + i % kTile, y + i / kTile).cast<float>();
     Hits hits = scene_.trace(camera_.eye, directions);
     if (holes_.empty()) return hits;
     for (std::size_t i = 0; i < hits.size(); ++i) {
@@ -180,9 +178,8 @@ io::NdArray array3(const std::vector<Eigen::Vector3f>& values, std::int64_t size
 Camera view_camera(const Frame& frame, int size) {
   require_between(size, 1, kLargestSize, "size");
   if (!frame.camera_to_world.allFinite()) throw InputError("", "transform_matrix", "the camera's matrix is not finite");
-  if (!(frame.camera_angle_x > 0.0 && frame.camera_angle_x < kPi)) {
+  if (!(frame.camera_angle_x > 0.0 && frame.camera_angle_x < kPi))
     throw InputError("", "camera_angle_x", "the field of view must be between 0 and pi");
-  }
   Camera camera;
   camera.right = frame.camera_to_world.col(0).head<3>();
   camera.up = frame.camera_to_world.col(1).head<3>();
@@ -289,9 +286,8 @@ std::vector<std::uint8_t> encode_depth_png(const ViewImages& view) {
   cv::Mat picture(view.size, view.size, CV_16UC1);
   for (std::size_t i = 0; i < view.depth.size(); ++i) {
     const double steps = std::round(kDepthUnits * static_cast<double>(view.depth[i]));
-    if (!(steps >= 0.0 && steps <= 65535.0)) {
+    if (!(steps >= 0.0 && steps <= 65535.0))
       throw InputError("", "depth", "a depth of " + std::to_string(view.depth[i]) + " does not fit the 16-bit picture");
-    }
     const bool surface = view.depth[i] > 0.0f;
     picture.ptr<std::uint16_t>(static_cast<int>(i) / view.size)[static_cast<int>(i) % view.size] =
         static_cast<std::uint16_t>(surface ? std::max(1.0, steps) : 0.0);
@@ -304,9 +300,8 @@ std::vector<std::uint8_t> encode_depth_png(const ViewImages& view) {
 std::vector<float> decode_depth_png(const std::vector<std::uint8_t>& bytes, const std::string& name_for_errors,
                                     int& width, int& height) {
   const io::PictureSize size = io::probe_picture(bytes, name_for_errors);
-  if (!size.known || size.width < 1 || size.height < 1 || size.width > 16384 || size.height > 16384) {
+  if (!size.known || size.width < 1 || size.height < 1 || size.width > 16384 || size.height > 16384)
     throw InputError(name_for_errors, "", "not a depth picture, or larger than 16384 pixels on a side");
-  }
   cv::Mat picture;
   try {
     const cv::Mat encoded(1, static_cast<int>(bytes.size()), CV_8U, const_cast<std::uint8_t*>(bytes.data()));
@@ -321,9 +316,7 @@ std::vector<float> decode_depth_png(const std::vector<std::uint8_t>& bytes, cons
   std::vector<float> depth;
   depth.reserve(static_cast<std::size_t>(width) * static_cast<std::size_t>(height));
   for (int y = 0; y < height; ++y) {
-    for (int x = 0; x < width; ++x) {
-      depth.push_back(static_cast<float>(picture.ptr<std::uint16_t>(y)[x] / kDepthUnits));
-    }
+    for (int x = 0; x < width; ++x) depth.push_back(static_cast<float>(picture.ptr<std::uint16_t>(y)[x] / kDepthUnits));
   }
   return depth;
 }

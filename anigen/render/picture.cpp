@@ -95,9 +95,8 @@ void check_options(const PictureOptions& options) {
   require_between(options.width, 1, kLargestPicture, "width");
   require_between(options.height, 1, kLargestPicture, "height");
   require_between(options.samples_per_axis, 1, kMostPixelSamples, "samples_per_axis");
-  if (options.background && !options.background->allFinite()) {
+  if (options.background && !options.background->allFinite())
     throw InputError("", "background", "the colour is not finite");
-  }
 }
 
 class Painter {
@@ -163,9 +162,8 @@ class Painter {
 std::vector<bool> weighted_joints(const SkinWeights& weights, std::size_t joints) {
   std::vector<bool> result(joints, false);
   for (const Influence& influence : weights.influences) {
-    if (influence.joint >= 0 && static_cast<std::size_t>(influence.joint) < joints && influence.weight > 0.0f) {
+    if (influence.joint >= 0 && static_cast<std::size_t>(influence.joint) < joints && influence.weight > 0.0f)
       result[at(influence.joint)] = true;
-    }
   }
   return result;
 }
@@ -173,9 +171,8 @@ std::vector<bool> weighted_joints(const SkinWeights& weights, std::size_t joints
 void draw_skeleton(io::Image& image, const Camera& camera, const Asset& asset, const PictureOptions& options) {
   const std::vector<Eigen::Vector3d> joints = options.joints ? *options.joints : asset.skeleton.positions();
   std::vector<bool> shown;
-  if (options.only_weighted_joints) {
+  if (options.only_weighted_joints)
     shown = weighted_joints(options.weights ? *options.weights : asset.skin, joints.size());
-  }
   draw_skeleton(image, camera, joints, options.parents ? *options.parents : asset.skeleton.parents,
                 options.skeleton_style, shown);
 }
@@ -220,9 +217,8 @@ std::vector<Eigen::Vector3f> weight_colors(const SkinWeights& weights) {
   for (std::size_t v = 0; v < colors.size(); ++v) {
     if (weights.row_size(v) == 0) continue;
     colors[v].setZero();
-    for (std::size_t i = 0; i < weights.row_size(v); ++i) {
+    for (std::size_t i = 0; i < weights.row_size(v); ++i)
       colors[v] += weights.row(v)[i].weight * joint_color(weights.row(v)[i].joint);
-    }
   }
   return colors;
 }
@@ -243,15 +239,12 @@ std::vector<Eigen::Vector3f> heat_colors(const SkinWeights& weights, const std::
 void draw_skeleton(io::Image& image, const Camera& camera, const std::vector<Eigen::Vector3d>& positions,
                    const std::vector<int>& parents, const OverlayStyle& style, const std::vector<bool>& shown) {
   geometry::check_joints(positions, parents);
-  if (!shown.empty() && shown.size() != positions.size()) {
+  if (!shown.empty() && shown.size() != positions.size())
     throw InputError("", "shown", "must have one entry per joint");
-  }
-  if (!(style.thickness > 0.0 && style.thickness <= 100.0)) {
+  if (!(style.thickness > 0.0 && style.thickness <= 100.0))
     throw InputError("", "thickness", "must be above 0 and at most 100");
-  }
-  if (!style.bone.allFinite() || !style.joint.allFinite() || !style.outline.allFinite()) {
+  if (!style.bone.allFinite() || !style.joint.allFinite() || !style.outline.allFinite())
     throw InputError("", "skeleton_style", "a colour is not finite");
-  }
   const double size = style.thickness * std::max(1.6, 0.0085 * std::min(image.width, image.height));
   const double rim = std::max(0.9, 0.35 * size);
   std::vector<Eigen::Vector3d> projected(positions.size());
@@ -313,9 +306,7 @@ std::vector<Eigen::Vector3f> posed_normals(const Mesh& mesh, const std::vector<E
   if (mesh.normals.empty()) return after;
   const std::vector<Eigen::Vector3f> before = vertex_normals(mesh.vertices, mesh.faces);
   std::vector<Eigen::Vector3f> normals(vertices.size());
-  for (std::size_t v = 0; v < normals.size(); ++v) {
-    normals[v] = turned(mesh.normals[v], before[v], after[v]);
-  }
+  for (std::size_t v = 0; v < normals.size(); ++v) normals[v] = turned(mesh.normals[v], before[v], after[v]);
   return normals;
 }
 

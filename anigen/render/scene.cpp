@@ -173,9 +173,8 @@ struct Scene::Implementation {
         (vertices[corner(1)] - vertices[corner(0)]).cross(vertices[corner(2)] - vertices[corner(0)]).stableNormalized();
     hit.front = hit.flat_normal.dot(view) <= 0.0f;
     hit.normal.setZero();
-    for (std::size_t k = 0; k < 3; ++k) {
+    for (std::size_t k = 0; k < 3; ++k)
       hit.normal += hit.barycentric[static_cast<Eigen::Index>(k)] * normals[corner(k)];
-    }
     if (!hit.front) {
       hit.flat_normal = -hit.flat_normal;
       hit.normal = -hit.normal;

@@ -54,9 +54,8 @@ void check_weights(const Asset& asset, const SkinWeights& weights) {
                          std::to_string(asset.mesh.vertices.size()) + " vertices");
   }
   for (std::size_t v = 0; v < weights.rows(); ++v) {
-    if (weights.offsets[v] > weights.offsets[v + 1] || weights.offsets[v + 1] > weights.influences.size()) {
+    if (weights.offsets[v] > weights.offsets[v + 1] || weights.offsets[v + 1] > weights.influences.size())
       throw InputError(asset.name, "skin.offsets[" + std::to_string(v + 1) + "]", "the row is out of range");
-    }
   }
 }
 
@@ -115,9 +114,8 @@ void require_matching_rows(const Asset& asset) {
     throw InputError(asset.name, "mesh.normals",
                      std::to_string(asset.mesh.normals.size()) + " for " + std::to_string(vertices) + " vertices");
   }
-  if (rows != 0 && rows != vertices) {
+  if (rows != 0 && rows != vertices)
     throw InputError(asset.name, "skin", std::to_string(rows) + " rows for " + std::to_string(vertices) + " vertices");
-  }
 }
 
 }  // namespace
@@ -200,13 +198,10 @@ Eigen::Vector3f SurfaceColor::base_color(const Hit& hit) const {
   if (material >= 0) {
     const Material& m = asset_->materials[static_cast<std::size_t>(material)];
     color = m.base_color.head<3>();
-    if (const Texture* image = texture(material)) {
+    if (const Texture* image = texture(material))
       color = color.cwiseProduct(image->lookup(texture_coordinates(mesh, hit)));
-    }
   }
-  if (!mesh.colors.empty()) {
-    color = color.cwiseProduct(interpolated(hit, face, mesh.colors).head<3>());
-  }
+  if (!mesh.colors.empty()) color = color.cwiseProduct(interpolated(hit, face, mesh.colors).head<3>());
   return color.cwiseMax(0.0f);
 }
 

@@ -37,9 +37,8 @@ ViewCamera published_view(std::size_t i, std::size_t n) {
 std::vector<Eigen::Vector3d> middles(const Mesh& mesh) {
   std::vector<Eigen::Vector3d> points;
   points.reserve(mesh.faces.size());
-  for (const auto& [a, b, c] : mesh.faces) {
+  for (const auto& [a, b, c] : mesh.faces)
     points.emplace_back((mesh.vertices[at(a)] + mesh.vertices[at(b)] + mesh.vertices[at(c)]).cast<double>() / 3.0);
-  }
   return points;
 }
 
@@ -225,9 +224,8 @@ std::vector<float> face_visibility(const Mesh& mesh, const VisibilityViews& opti
     }
   });
   std::vector<float> shares(counts.size());
-  for (std::size_t f = 0; f < shares.size(); ++f) {
+  for (std::size_t f = 0; f < shares.size(); ++f)
     shares[f] = static_cast<float>(counts[f].load()) / static_cast<float>(options.views);
-  }
   return shares;
 }
 

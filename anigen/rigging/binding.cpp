@@ -73,9 +73,8 @@ constexpr std::size_t kPathMemory = std::size_t{1} << 30U;  ///< bytes, of all t
 constexpr std::size_t kStraightJoints = 3;                  ///< of a vertex that no bone reaches
 
 void check_geodesic_options(const GeodesicVoxelOptions& options) {
-  if (!(options.falloff >= 0.0 && options.falloff <= 1.0)) {
+  if (!(options.falloff >= 0.0 && options.falloff <= 1.0))
     throw InputError("", "falloff", "must be between 0 and 1, not " + std::to_string(options.falloff));
-  }
   if (options.resolution < 2 || options.resolution > kMaxSolidResolution) {
     throw InputError(
         "", "resolution",
@@ -193,9 +192,7 @@ void offer_geodesic(const WeldedSurface& surface, const SolidVoxels& solid, cons
     });
     bounds.add(finished);
     for (std::size_t p = 0; p < places; ++p) {
-      for (std::size_t b = 0; b < count; ++b) {
-        influences.offer(p, spread_out(first + b, bones.size()), weights[b][p]);
-      }
+      for (std::size_t b = 0; b < count; ++b) influences.offer(p, spread_out(first + b, bones.size()), weights[b][p]);
     }
   }
 }

@@ -95,9 +95,8 @@ std::vector<Eigen::Vector3f> rounded(const WeldedSurface& surface) {
   std::vector<Eigen::Vector3f> vertices;
   vertices.reserve(surface.places.size());
   // Places without faces may lie anywhere, and are not part of the surface.
-  for (const Eigen::Vector3d& place : surface.places) {
+  for (const Eigen::Vector3d& place : surface.places)
     vertices.push_back(place.cwiseMax(-1.0).cwiseMin(1.0).cast<float>());
-  }
   return vertices;
 }
 
@@ -237,9 +236,8 @@ HeatProblem heat_problem(const WeldedSurface& surface, const std::vector<MovingB
     diagonal[at(edge.a)] += edge.conductance;
     diagonal[at(edge.b)] += edge.conductance;
   }
-  for (std::size_t p = 0; p < diagonal.size(); ++p) {
+  for (std::size_t p = 0; p < diagonal.size(); ++p)
     entries.emplace_back(static_cast<int>(p), static_cast<int>(p), diagonal[p]);
-  }
   const auto places = static_cast<Eigen::Index>(sources.size());
   problem.matrix.resize(places, places);
   problem.matrix.setFromTriplets(entries.begin(), entries.end());
@@ -309,9 +307,8 @@ std::vector<HeatSource> heat_sources(const WeldedSurface& surface, const Surface
 }
 
 SkinWeights bind_by_heat(const Mesh& mesh, const Skeleton& skeleton, const BoneHeatOptions& options) {
-  if (!(options.heat > 0.0 && std::isfinite(options.heat))) {
+  if (!(options.heat > 0.0 && std::isfinite(options.heat)))
     throw InputError("", "heat", "must be a finite number above 0, not " + std::to_string(options.heat));
-  }
   const WeldedSurface surface = weld_surface(mesh);
   std::vector<MovingBones> bones = moving_bones(skeleton, surface);
   join_lines(bones);

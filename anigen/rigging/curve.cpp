@@ -99,9 +99,7 @@ class TetrahedraMarch {
 
 double volume_of(const std::vector<Eigen::Vector3d>& vertices, const std::vector<Triangle>& faces) {
   double sum = 0.0;
-  for (const Triangle& t : faces) {
-    sum += vertices[at(t[0])].dot(vertices[at(t[1])].cross(vertices[at(t[2])])) / 6.0;
-  }
+  for (const Triangle& t : faces) sum += vertices[at(t[0])].dot(vertices[at(t[1])].cross(vertices[at(t[2])])) / 6.0;
   return sum;
 }
 
@@ -339,18 +337,16 @@ void add_curve(const ClosedMesh& piece, const SolidField& field, Curves& curves)
     ++counts[point];
   }
   curves.points.insert(curves.points.end(), graph.points.begin(), graph.points.end());
-  for (std::size_t p = 0; p < sums.size(); ++p) {
+  for (std::size_t p = 0; p < sums.size(); ++p)
     curves.radii.push_back(std::max(counts[p] > 0 ? sums[p] / counts[p] : 0.0, -field.value(graph.points[p])));
-  }
   for (const auto& [a, b] : graph.edges) curves.edges.push_back({before + a, before + b});
 }
 
 /// Handles of closed surfaces, all together: V − F / 2 is 2 for each piece, less 2 for each handle.
 double handles_of(const std::vector<ClosedMesh>& pieces) {
   double handles = 0.0;
-  for (const ClosedMesh& piece : pieces) {
+  for (const ClosedMesh& piece : pieces)
     handles += 1.0 - 0.5 * (static_cast<double>(piece.vertices.size()) - 0.5 * static_cast<double>(piece.faces.size()));
-  }
   return handles;
 }
 
@@ -516,9 +512,8 @@ CurveTree with_joined_branches(CurveTree tree, double radii) {
 
 Skeleton propose_curve_skeleton(const Mesh& mesh, const CurveSkeletonOptions& options) {
   check_curve_options(options);
-  if (!curve_skeleton::can_contract()) {
+  if (!curve_skeleton::can_contract())
     throw NotSupportedError("", "curve skeleton", "a build without CGAL (CMake option ANIGEN_WITH_CGAL)");
-  }
   SolidField field = solid_field(mesh, 1.0, options.resolution);
   std::vector<ClosedMesh> pieces = large_pieces(field, options);
   for (int cells = options.resolution / 2; cells >= kLeastResolution && handles_of(pieces) > kMostHandles; cells /= 2) {

@@ -29,19 +29,16 @@ Box checked_box(const Mesh& mesh) {
   Box box;
   for (std::size_t f = 0; f < mesh.faces.size(); ++f) {
     for (const std::int32_t v : mesh.faces[f]) {
-      if (v < 0 || at(v) >= mesh.vertices.size()) {
+      if (v < 0 || at(v) >= mesh.vertices.size())
         throw InputError("", "mesh.faces[" + std::to_string(f) + "]", "there is no vertex " + std::to_string(v));
-      }
       const Eigen::Vector3f& vertex = mesh.vertices[at(v)];
-      if (!vertex.allFinite()) {
+      if (!vertex.allFinite())
         throw InputError("", "mesh.vertices[" + std::to_string(v) + "]", "the vertex is not finite");
-      }
       box.extend(vertex.cast<double>());
     }
   }
-  if (!(box.longest_side() > 0.0)) {
+  if (!(box.longest_side() > 0.0))
     throw InputError("", "mesh", "all vertices of its faces lie in one point, so it has no extent");
-  }
   return box;
 }
 
@@ -217,9 +214,7 @@ void mark_surrounded(const std::vector<Eigen::Vector3d>& vertices, const std::ve
                      const std::vector<int>& faces, const CellGrid& grid, std::vector<std::uint8_t>& inside) {
   const auto corners_of = [&](int f) {
     std::array<Eigen::Vector3d, 3> corners;
-    for (std::size_t k = 0; k < 3; ++k) {
-      corners[k] = (vertices[at(all_faces[at(f)][k])] - grid.origin) / grid.spacing;
-    }
+    for (std::size_t k = 0; k < 3; ++k) corners[k] = (vertices[at(all_faces[at(f)][k])] - grid.origin) / grid.spacing;
     return corners;
   };
   Box box;
@@ -314,9 +309,7 @@ std::vector<std::uint8_t> reached_from_outside(const CellGrid& grid, const std::
 std::vector<std::uint8_t> inside_cells(const SolidSurface& surface, const CellGrid& grid,
                                        const std::vector<std::uint8_t>& wall) {
   std::vector<std::uint8_t> inside = reached_from_outside(grid, wall);
-  for (std::size_t cell = 0; cell < inside.size(); ++cell) {
-    inside[cell] = inside[cell] == 0 && wall[cell] == 0 ? 1 : 0;
-  }
+  for (std::size_t cell = 0; cell < inside.size(); ++cell) inside[cell] = inside[cell] == 0 && wall[cell] == 0 ? 1 : 0;
   std::vector<int> others;
   for (std::size_t part = 0; part < surface.parts.size(); ++part) {
     if (part < kLoneParts) {

@@ -114,9 +114,8 @@ std::vector<float> distance_to_medial(const SolidField& field, const std::vector
   }
   const std::vector<std::int32_t> nearest = nearest_seeds(grid, points, cells);
   std::vector<float> distance(grid.count());
-  for (std::size_t cell = 0; cell < distance.size(); ++cell) {
+  for (std::size_t cell = 0; cell < distance.size(); ++cell)
     distance[cell] = static_cast<float>((points[at(nearest[cell])] - grid.center(cell)).norm());
-  }
   return distance;
 }
 
@@ -138,9 +137,8 @@ void SphereGraph::connect(const SolidField& field) {
     for (std::size_t b = a + 1; b < n; ++b) {
       const double apart = (spheres_[a].center - spheres_[b].center).norm();
       const bool intersect = apart < spheres_[a].radius + spheres_[b].radius;
-      if (intersect || (nothing_between(spheres_, a, b) && stays_inside(field, spheres_[a], spheres_[b]))) {
+      if (intersect || (nothing_between(spheres_, a, b) && stays_inside(field, spheres_[a], spheres_[b])))
         later[a].push_back(static_cast<int>(b));
-      }
     }
   });
   for (std::size_t a = 0; a < n; ++a) {

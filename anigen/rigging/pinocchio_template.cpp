@@ -174,9 +174,8 @@ TemplateSkeleton template_from_skeleton(const Skeleton& skeleton, const Box& box
     for (const Eigen::Vector3d& position : positions) around.extend(position);
     share = kFilledShare;
   }
-  if (!(around.longest_side() > 0.0) || !std::isfinite(around.longest_side())) {
+  if (!(around.longest_side() > 0.0) || !std::isfinite(around.longest_side()))
     throw InputError("", "skeleton", "a template needs joints in different places, and a finite box");
-  }
   TemplateSkeleton result;
   result.name = "skeleton";
   result.box = (around.high - around.low) / around.longest_side();
@@ -185,9 +184,8 @@ TemplateSkeleton template_from_skeleton(const Skeleton& skeleton, const Box& box
     joint.name = j < skeleton.names.size() ? skeleton.names[j] : "joint_" + std::to_string(j);
     joint.position = share / around.longest_side() * (positions[j] - around.center());
     joint.parent = skeleton.parents[j];
-    if (j > 0 && (joint.parent < 0 || at(joint.parent) >= j)) {
+    if (j > 0 && (joint.parent < 0 || at(joint.parent) >= j))
       throw InputError("", "joint " + joint.name, "a template has one root, and parents before children");
-    }
     result.joints.push_back(joint);
   }
   mark_carried(result);
@@ -199,22 +197,19 @@ TemplateSkeleton template_from_skeleton(const Skeleton& skeleton, const Box& box
 
 void check(const TemplateSkeleton& skeleton) {
   const std::string place = "template " + skeleton.name;
-  if (!skeleton.box.allFinite() || !(skeleton.box.minCoeff() >= 0.0) || !(skeleton.box.maxCoeff() > 0.0)) {
+  if (!skeleton.box.allFinite() || !(skeleton.box.minCoeff() >= 0.0) || !(skeleton.box.maxCoeff() > 0.0))
     throw InputError("", place, "its box has no extent");
-  }
   std::size_t looked_for = 0;
   for (std::size_t j = 0; j < skeleton.joints.size(); ++j) {
     const TemplateJoint& joint = skeleton.joints[j];
     const auto fail = [&](const std::string& problem) {
       throw InputError("", place, "joint " + std::to_string(j) + " (" + joint.name + ") " + problem);
     };
-    if (j == 0 ? joint.parent != -1 : joint.parent < 0 || at(joint.parent) >= j) {
+    if (j == 0 ? joint.parent != -1 : joint.parent < 0 || at(joint.parent) >= j)
       fail("has the parent " + std::to_string(joint.parent) + "; parents come first, and there is one root");
-    }
     if (joint.mirror < -1 || joint.mirror >= static_cast<int>(skeleton.joints.size())) fail("mirrors no joint");
-    if (!joint.position.allFinite() || joint.position.cwiseAbs().maxCoeff() > kFarthestJoint) {
+    if (!joint.position.allFinite() || joint.position.cwiseAbs().maxCoeff() > kFarthestJoint)
       fail("is not in or near the unit box");
-    }
     if (j > 0 && skeleton.joints[at(joint.parent)].guide) fail("hangs on a guide");
     if (j == 0 && joint.guide) fail("is the root and cannot be a guide");
     looked_for += joint.carried ? 0 : 1;

@@ -205,9 +205,8 @@ Asset rigged(const io::RiggedShape& shape, const JointProposer& proposer, const 
 
 BoxedSkeleton boxed_skeleton(const std::string& id, const Points& joints, const std::vector<int>& parents,
                              const Box& box) {
-  if (box.empty() || !box.low.allFinite() || !box.high.allFinite()) {
+  if (box.empty() || !box.low.allFinite() || !box.high.allFinite())
     throw InputError(id, "", "a skeleton is measured by its mesh, and there is none");
-  }
   if (joints.empty()) throw InputError(id, "", "there is no joint");
   BoxedSkeleton boxed{id, {}, parents};
   const Eigen::Vector3d extent = box.high - box.low;
@@ -224,9 +223,8 @@ BoxedSkeleton boxed_skeleton(const std::string& id, const Points& joints, const 
 
 Points placed_joints(const BoxedSkeleton& skeleton, const Box& box) {
   Points joints;
-  for (const Eigen::Vector3d& place : skeleton.joints) {
+  for (const Eigen::Vector3d& place : skeleton.joints)
     joints.push_back(box.low + place.cwiseProduct(box.high - box.low));
-  }
   return joints;
 }
 

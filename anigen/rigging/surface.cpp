@@ -42,9 +42,8 @@ void number_places(const std::vector<Eigen::Vector3f>& vertices, WeldedSurface& 
   surface.of_vertex.resize(vertices.size());
   for (std::size_t i = 0; i < order.size(); ++i) {
     const Eigen::Vector3f& vertex = vertices[at(order[i])];
-    if (i == 0 || sortable(vertices[at(order[i - 1])]) != sortable(vertex)) {
+    if (i == 0 || sortable(vertices[at(order[i - 1])]) != sortable(vertex))
       surface.places.push_back(vertex.cast<double>());
-    }
     surface.of_vertex[at(order[i])] = static_cast<std::int32_t>(surface.places.size() - 1);
   }
 }
@@ -171,9 +170,8 @@ void require_joints(const Skeleton& skeleton) {
   for (std::size_t j = 0; j < skeleton.size(); ++j) {
     const auto place = [&] { return "skeleton joint " + std::to_string(j); };
     if (!positions[j].allFinite()) throw InputError("", place(), "the position is not finite");
-    if (skeleton.parents[j] < -1 || skeleton.parents[j] >= static_cast<int>(j)) {
+    if (skeleton.parents[j] < -1 || skeleton.parents[j] >= static_cast<int>(j))
       throw InputError("", place(), "its parent " + std::to_string(skeleton.parents[j]) + " does not come before it");
-    }
   }
 }
 
@@ -181,9 +179,8 @@ std::vector<MovingBones> moving_bones(const Skeleton& skeleton, const WeldedSurf
   require_joints(skeleton);
   constexpr double kFarthest = 1e6;
   std::vector<Eigen::Vector3f> joints;
-  for (const Eigen::Vector3d& position : skeleton.positions()) {
+  for (const Eigen::Vector3d& position : skeleton.positions())
     joints.push_back(surface.to_unit(position).cwiseMax(-kFarthest).cwiseMin(kFarthest).cast<float>());
-  }
   std::vector<MovingBones> bones(joints.size());
   const auto segments = geometry::bone_segments(joints, skeleton.parents);
   for (std::size_t j = 0; j < joints.size(); ++j) {
@@ -209,9 +206,8 @@ void join_lines(std::vector<MovingBones>& bones) {
 
 double distance_to(const MovingBones& bones, const Eigen::Vector3d& point) {
   double nearest = std::numeric_limits<double>::infinity();
-  for (const BoneLine& line : bones.lines) {
+  for (const BoneLine& line : bones.lines)
     nearest = std::min(nearest, geometry::distance_to_segment(point, line.start, line.end));
-  }
   return nearest;
 }
 

@@ -199,9 +199,8 @@ void flood_from_outside(SolidVoxels& solid) {
 std::vector<std::uint32_t> behind_holes(const SolidVoxels& solid, const std::vector<std::uint8_t>& odd) {
   std::vector<std::uint32_t> cells;
   for (std::size_t cell = 0; cell < odd.size(); ++cell) {
-    if (odd[cell] < kOddMajority || solid.states[cell] != SolidVoxels::kOutside || at_border(solid.block, cell)) {
+    if (odd[cell] < kOddMajority || solid.states[cell] != SolidVoxels::kOutside || at_border(solid.block, cell))
       continue;
-    }
     cells.push_back(static_cast<std::uint32_t>(cell));
   }
   return cells;
@@ -328,9 +327,8 @@ PathBounds::PathBounds(const SolidVoxels& solid, std::size_t most)
   for (std::size_t axis = 0; axis < 3; ++axis) blocks_along_[axis] = (at(solid.block.size[axis]) + kSide - 1) / kSide;
   if (most_ == 0) return;
   for (int i = 0; i < solid.block.size[0]; ++i) {
-    for (int j = 0; j < solid.block.size[1]; ++j) {
+    for (int j = 0; j < solid.block.size[1]; ++j)
       block_of_row_.push_back((at(i) / kSide * blocks_along_[1] + at(j) / kSide) * blocks_along_[2]);
-    }
   }
   nearest_.assign(blocks_along_[0] * blocks_along_[1] * blocks_along_[2] * most_, kUnbounded);
 }
@@ -387,9 +385,8 @@ void VoxelPaths::offer(std::size_t cell, float distance) {
 const std::vector<float>& VoxelPaths::run(const std::vector<PathSource>& sources, const PathBounds& bounds,
                                           double before) {
   constexpr float kInfinity = std::numeric_limits<float>::infinity();
-  for (std::size_t cell = 0; cell < distances_.size(); ++cell) {
+  for (std::size_t cell = 0; cell < distances_.size(); ++cell)
     distances_[cell] = solid_->is_solid(cell) ? kInfinity : -kInfinity;
-  }
   for (const PathSource& source : sources) offer(source.cell, source.distance);
   // The longest step is shorter than two buckets, so from a bucket paths reach the next two.
   for (std::size_t bucket = 0, empty = 0; empty < 3; ++bucket) {

@@ -56,9 +56,8 @@ Neighbours geodesic_balls(const RignetMesh& mesh, const SurfacePaths& paths, std
   Neighbours neighbours = themselves(mesh.vertices.size());
   for (std::size_t v = 0; v < neighbours.size(); ++v) {
     std::vector<std::int64_t> members;
-    for (const auto& reached : paths.within(static_cast<std::int32_t>(v), kBallRadius)) {
+    for (const auto& reached : paths.within(static_cast<std::int32_t>(v), kBallRadius))
       members.push_back(reached.vertex);
-    }
     Rng rng(seed, "rignet ball", v);
     for (std::size_t i = 0; i < std::min(kMostInBall, members.size()); ++i) {
       std::swap(members[i], members[i + rng.index(members.size() - i)]);
@@ -161,9 +160,8 @@ Tensor bone_weights(const data::RiggedItem& item, const RignetMesh& mesh, const 
   whole.vertices = item.vertices;
   whole.faces = item.faces;
   std::vector<Eigen::Vector3f> places;
-  for (const Eigen::Vector3f& vertex : mesh.vertices) {
+  for (const Eigen::Vector3f& vertex : mesh.vertices)
     places.emplace_back(mesh.frame.out_of(vertex.cast<double>()).cast<float>());
-  }
   const SkinWeights skin = geometry::transfer_attributes(whole, item.skin, places).skin;
   Tensor weights = torch::zeros({static_cast<std::int64_t>(places.size()), bones});
   auto rows = weights.accessor<float, 2>();
@@ -339,9 +337,8 @@ BoneSlots bone_slots(const std::vector<double>& distances, const BoneEnds& bones
 
 Tensor in_rignet_frame(const Tensor& anymate_points, const RignetFrame& frame) {
   std::vector<Eigen::Vector3f> moved;
-  for (const Eigen::Vector3d& point : nn::points_of<double>(anymate_points, "points")) {
+  for (const Eigen::Vector3d& point : nn::points_of<double>(anymate_points, "points"))
     moved.emplace_back(frame.from_anymate(point).cast<float>());
-  }
   return data::points_tensor(moved);
 }
 

@@ -193,9 +193,8 @@ PointList listed(const PointSets& sets) {
   const Tensor starts = sets.starts.to(torch::kCPU, torch::kInt64).contiguous();
   const auto* first = starts.data_ptr<std::int64_t>();
   list.starts.assign(first, first + starts.size(0));
-  for (std::size_t b = 0; b + 1 < list.starts.size(); ++b) {
+  for (std::size_t b = 0; b + 1 < list.starts.size(); ++b)
     anymate::require(list.starts[b] < list.starts[b + 1], "starts", "name a set without points");
-  }
   anymate::require(!list.starts.empty() && list.starts.back() == sets.positions.size(0), "starts",
                    "do not end at the number of points");
   return list;
@@ -357,9 +356,8 @@ ReluNormImpl::ReluNormImpl(std::int64_t in, std::int64_t out) {
 Tensor ReluNormImpl::forward(const Tensor& x) { return batch_normed(norm_, torch::relu(linear_(x))); }
 
 DenseStackImpl::DenseStackImpl(const std::vector<std::int64_t>& widths) {
-  for (std::size_t i = 0; i + 1 < widths.size(); ++i) {
+  for (std::size_t i = 0; i + 1 < widths.size(); ++i)
     layers_.push_back(register_module(std::to_string(i), ReluNorm(widths[i], widths[i + 1])));
-  }
 }
 
 Tensor DenseStackImpl::forward(Tensor x) {
@@ -393,9 +391,8 @@ Tensor GraphUnitImpl::forward(const Tensor& x, const MeshGraph& graph) {
 }
 
 GraphStackImpl::GraphStackImpl(const std::vector<std::int64_t>& widths) {
-  for (std::size_t i = 0; i + 1 < widths.size(); ++i) {
+  for (std::size_t i = 0; i + 1 < widths.size(); ++i)
     units_.push_back(register_module(std::to_string(i), GraphUnit(widths[i], widths[i + 1])));
-  }
 }
 
 Tensor GraphStackImpl::forward(Tensor x, const MeshGraph& graph) {

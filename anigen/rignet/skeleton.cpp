@@ -81,12 +81,10 @@ void check_graph(const JointGraph& graph) {
   const auto count = static_cast<Eigen::Index>(graph.joints.size());
   const auto square = [&](const Eigen::MatrixXd& m) { return m.rows() == count && m.cols() == count; };
   if (count == 0) throw InputError("", "joints", "there are none");
-  if (!square(graph.bone) || !square(graph.outside) || graph.root.size() != count) {
+  if (!square(graph.bone) || !square(graph.outside) || graph.root.size() != count)
     throw InputError("", "joints", "are not as many as the probabilities are for");
-  }
-  if (!graph.bone.allFinite() || !graph.root.allFinite() || !graph.outside.allFinite()) {
+  if (!graph.bone.allFinite() || !graph.root.allFinite() || !graph.outside.allFinite())
     throw InputError("", "bone", "holds probabilities that are not finite");
-  }
 }
 
 // The mirror image of each joint in x = 0, itself in the middle; empty when one has none or no joint is in the middle.

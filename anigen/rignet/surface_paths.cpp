@@ -54,9 +54,8 @@ Surface welded(const std::vector<Eigen::Vector3f>& vertices, const std::vector<T
   const rigging::WeldedSurface whole = rigging::weld_surface(mesh);
   if (!whole.has_extent || whole.faces.empty()) throw InputError("", "faces", "the mesh has no extent");
   Surface surface;
-  for (const Eigen::Vector3d& place : whole.places) {
+  for (const Eigen::Vector3d& place : whole.places)
     surface.vertices.emplace_back((whole.center + whole.size * place).cast<float>());
-  }
   surface.faces = whole.faces;
   return without_strays(surface);
 }
@@ -135,9 +134,8 @@ void add_samples(const RignetMesh& mesh, std::size_t samples, std::uint64_t seed
     if (cloud.points.size() == first + samples) break;
     const Eigen::Vector3f place = geometry::position(draw, mesh.vertices, mesh.faces).cast<float>();
     bool is_free = true;
-    for (std::size_t i = first; is_free && i < cloud.points.size(); ++i) {
+    for (std::size_t i = first; is_free && i < cloud.points.size(); ++i)
       is_free = (cloud.points[i] - place).squaredNorm() >= least;
-    }
     if (!is_free) continue;
     cloud.points.push_back(place);
     cloud.normals.push_back(corner_cross(mesh, mesh.faces[at(draw.face)]).normalized());
@@ -154,9 +152,8 @@ void add_nearest(const Cloud& cloud, std::vector<std::pair<std::int32_t, std::in
       if (j == i || squared >= best.back().first) continue;
       if (cloud.normals[i].dot(cloud.normals[j]) <= kLeastNormalCosine) continue;
       best.back() = {squared, static_cast<std::int32_t>(j)};
-      for (std::size_t k = kNearestLinks - 1; k > 0 && best[k].first < best[k - 1].first; --k) {
+      for (std::size_t k = kNearestLinks - 1; k > 0 && best[k].first < best[k - 1].first; --k)
         std::swap(best[k], best[k - 1]);
-      }
     }
     for (const auto& [squared, j] : best) {
       if (j >= 0) pairs.emplace_back(static_cast<std::int32_t>(i), j);
@@ -189,9 +186,8 @@ RignetMesh rignet_mesh(const std::vector<Eigen::Vector3f>& vertices, const std::
   RignetMesh mesh;
   mesh.frame = RignetFrame::of(vertices);
   const Surface surface = coarsened(welded(vertices, faces), bounding_box(vertices).longest_side(), most_vertices);
-  for (const Eigen::Vector3f& vertex : surface.vertices) {
+  for (const Eigen::Vector3f& vertex : surface.vertices)
     mesh.vertices.emplace_back(mesh.frame.into(vertex.cast<double>()).cast<float>());
-  }
   mesh.faces = surface.faces;
   return mesh;
 }
@@ -228,9 +224,8 @@ torch::Tensor SolidShape::holds(const torch::Tensor& points) const {
 SolidShape::Way SolidShape::way(const Eigen::Vector3d& from, const Eigen::Vector3d& to) const {
   const int steps = std::max(1, static_cast<int>(std::ceil((to - from).norm() / kWayStep)));
   Way found;
-  for (int i = 0; i <= steps; ++i) {
+  for (int i = 0; i <= steps; ++i)
     found.outside += holds(Eigen::Vector3d(from + (to - from) * (static_cast<double>(i) / steps))) ? 0 : 1;
-  }
   found.inside = 1.0 - static_cast<double>(found.outside) / (steps + 1);
   return found;
 }

@@ -17,15 +17,12 @@ namespace {
 
 void require_shape(const char* what, const Tensor& tensor, torch::IntArrayRef shape, const Tensor& like) {
   bool fits = tensor.defined() && tensor.dim() == static_cast<std::int64_t>(shape.size());
-  for (std::size_t i = 0; fits && i < shape.size(); ++i) {
+  for (std::size_t i = 0; fits && i < shape.size(); ++i)
     fits = shape[i] < 0 || tensor.size(static_cast<std::int64_t>(i)) == shape[i];
-  }
-  if (!fits) {
+  if (!fits)
     throw InputError("", what, "expected " + nn::shape_text(shape) + " (-1: any), found " + nn::shape_text(tensor));
-  }
-  if (tensor.scalar_type() != like.scalar_type() || tensor.device() != like.device()) {
+  if (tensor.scalar_type() != like.scalar_type() || tensor.device() != like.device())
     throw InputError("", what, "must have the type and device of the signed distances");
-  }
 }
 
 void require_corners(const CubeCorners& corners, std::int64_t resolution) {
@@ -67,9 +64,8 @@ SortedCubes sorted_cubes(const Tensor& coords, std::int64_t resolution, const Gr
   sorted.numbers.reserve(numbers.size());
   for (const std::int32_t row : sorted.rows) {
     const std::int64_t number = numbers[static_cast<std::size_t>(row)];
-    if (!sorted.numbers.empty() && sorted.numbers.back() == number) {
+    if (!sorted.numbers.empty() && sorted.numbers.back() == number)
       throw InputError("", "coords row " + std::to_string(row), "a cube that is there twice");
-    }
     sorted.numbers.push_back(number);
   }
   return sorted;

@@ -88,9 +88,8 @@ Tensor summed(const Tensor& list, const Tensor& sources) {
   if (!list.is_cpu()) {
     const Tensor rows = list.reshape({list.dim() == 3 ? list.size(0) * list.size(1) : list.size(0), channels});
     Tensor out = torch::zeros({sources.size(0), channels}, list.options());
-    for (std::int64_t slot = 0; slot < sources.size(1); ++slot) {
+    for (std::int64_t slot = 0; slot < sources.size(1); ++slot)
       out = out + select_or_zero(rows, sources.select(1, slot).to(torch::kInt64));
-    }
     return out;
   }
   const Tensor entries = with_adjacent_channels(list.dim() == 3 ? list : list.unsqueeze(1));
@@ -312,9 +311,7 @@ void group_backward(const DualCubes<T>& problem, std::int64_t cube, std::size_t 
   T* d_vertex = scratch.gradient.data();
   std::copy_n(d_values, channels, d_vertex);
   dual_vertex(group, channels, scratch.value.data());
-  if (d_deviation != nullptr) {
-    deviation_backward(group, channels, scratch.value.data(), d_deviation, d_vertex, out);
-  }
+  if (d_deviation != nullptr) deviation_backward(group, channels, scratch.value.data(), d_deviation, d_vertex, out);
   for (std::size_t i = 0; i < static_cast<std::size_t>(group.size); ++i) {
     const EdgeCrossing<T>& edge = group.weighted[i];
     const double share = group.beta[i] / group.beta_sum;
@@ -355,9 +352,8 @@ void dual_vertices_forward(const DualCubes<T>& problem, T* values, T* deviation)
         dual_vertex(group, problem.channels, value);
         if (deviation == nullptr) continue;
         const Distances<T> distances(group, value);
-        for (std::size_t i = 0; i < static_cast<std::size_t>(group.size); ++i) {
+        for (std::size_t i = 0; i < static_cast<std::size_t>(group.size); ++i)
           *deviations++ = static_cast<T>(std::abs(distances.length[i] - distances.mean));
-        }
       }
     }
   });

@@ -231,9 +231,8 @@ Tensor int32_tensor(const std::vector<std::int32_t>& values) {
 void number_duals(const std::vector<std::uint8_t>& cases, DualTopology& topology) {
   const FlexicubesTables& tables = flexicubes_tables();
   std::array<std::int32_t, FlexicubesTables::kMostGroups + 2> next{};  // by number of groups
-  for (const std::uint8_t cube_case : cases) {
+  for (const std::uint8_t cube_case : cases)
     next[static_cast<std::size_t>(tables.counts[cube_case]) + 1] += tables.counts[cube_case];
-  }
   for (std::size_t groups = 1; groups < next.size(); ++groups) next[groups] += next[groups - 1];
   topology.duals = next.back();
   std::vector<std::int32_t> first_dual, first_crossing;

@@ -137,9 +137,7 @@ std::vector<std::int64_t> grid_numbers(const Tensor& places, const GridNumbering
   const Tensor rows = places.to(torch::kCPU, torch::kInt64).contiguous();
   const std::int64_t* row = rows.data_ptr<std::int64_t>();
   std::vector<std::int64_t> numbers(static_cast<std::size_t>(rows.size(0)));
-  for (std::size_t i = 0; i < numbers.size(); ++i) {
-    numbers[i] = grid.number(row[3 * i], row[3 * i + 1], row[3 * i + 2]);
-  }
+  for (std::size_t i = 0; i < numbers.size(); ++i) numbers[i] = grid.number(row[3 * i], row[3 * i + 1], row[3 * i + 2]);
   return numbers;
 }
 
@@ -150,9 +148,8 @@ Tensor grid_places(const GridSet& set, const GridNumbering& grid) {
   at::parallel_for(0, count, kRowsPerTask, [&](std::int64_t begin, std::int64_t end) {
     for (std::int64_t i = begin; i < end; ++i) {
       const auto place = grid.place(set[static_cast<std::size_t>(i)]);
-      for (int axis = 0; axis < 3; ++axis) {
+      for (int axis = 0; axis < 3; ++axis)
         out[3 * i + axis] = static_cast<std::int32_t>(place[static_cast<std::size_t>(axis)]);
-      }
     }
   });
   return places;

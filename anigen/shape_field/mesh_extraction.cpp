@@ -172,16 +172,14 @@ Tensor interpolate_trilinearly(const CubeField& field, const Tensor& features, c
 }
 
 ExtractedMesh extract_mesh(const Tensor& coords, const Tensor& feats, const MeshFieldOptions& options, bool training) {
-  if (options.resolution < 1 || options.skin_channels < 0) {
+  if (options.resolution < 1 || options.skin_channels < 0)
     throw InputError("", "", "a mesh field needs a resolution of at least 1 and no negative number of skin channels");
-  }
   if (!feats.defined() || feats.dim() != 2 || feats.size(1) != options.channels()) {
     throw InputError("", "feats",
                      "expected [C, " + std::to_string(options.channels()) + "], found " + nn::shape_text(feats));
   }
-  if (feats.scalar_type() != torch::kFloat32 && feats.scalar_type() != torch::kFloat64) {
+  if (feats.scalar_type() != torch::kFloat32 && feats.scalar_type() != torch::kFloat64)
     throw InputError("", "feats", "expected fp32 or fp64");
-  }
   RECORD_USER_SCOPE("surface extraction: the rest");
   const CubeCorners corners = split_channels(coords, feats, options);
   ExtractedMesh mesh;
@@ -246,9 +244,8 @@ PerceptualLoss perceptual_loss(const Tensor& a, const Tensor& b, const Perceptua
 }
 
 void GeometryLossOptions::set_depth_loss(const std::string& word) {
-  if (word != "l1" && word != "smooth_l1") {
+  if (word != "l1" && word != "smooth_l1")
     throw InputError("", "depth_loss_type", "expected l1 or smooth_l1, found '" + word.substr(0, 80) + "'");
-  }
   smooth_depth = word == "smooth_l1";
 }
 

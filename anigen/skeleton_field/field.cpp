@@ -134,9 +134,8 @@ Votes votes_of(const SkeletonField& field) {
 
 SkeletonTensors group_votes(const SkeletonField& field, const std::string& strategy, const MeanShiftOptions& mean_shift,
                             const ThresholdOptions& threshold) {
-  if (strategy != "mean_shift" && strategy != "threshold") {
+  if (strategy != "mean_shift" && strategy != "threshold")
     throw InputError("", "", "no grouping is called '" + strategy + "': mean_shift or threshold");
-  }
   const Votes votes = votes_of(field);
   const GroupedSkeleton skeleton =
       strategy == "mean_shift" ? mean_shift_grouping(votes, mean_shift) : threshold_grouping(votes, threshold);
@@ -156,9 +155,8 @@ JointSkinFeatures joint_skin_features(const SkeletonField& field, const Tensor& 
   nn::require_matrix(field.positions, -1, 3, "positions");
   nn::require_matrix(joints, -1, 3, "joints");
   const std::int64_t voxels = field.positions.size(0), count = joints.size(0);
-  if (!field.skin_features.defined() || field.skin_features.dim() != 2 || field.skin_features.size(0) != voxels) {
+  if (!field.skin_features.defined() || field.skin_features.dim() != 2 || field.skin_features.size(0) != voxels)
     throw InputError("", "skin_features", "expected one row per centre, got " + nn::shape_text(field.skin_features));
-  }
   if (field.conf_skin.defined()) nn::require_matrix(field.conf_skin, voxels, 1, "conf_skin");
   const torch::Dtype dtype = nn::accumulation_dtype(field.skin_features.scalar_type());
   const Tensor features = field.skin_features.to(dtype);

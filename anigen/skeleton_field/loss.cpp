@@ -58,9 +58,8 @@ Tensor vote_loss(const Tensor& difference, const Tensor& weight, const Tensor& t
 SkeletonLossOptions SkeletonLossOptions::compatible(const std::string& compatibility) {
   SkeletonLossOptions options;
   if (compatibility == "published") return options;
-  if (compatibility != "paper") {
+  if (compatibility != "paper")
     throw InputError("", "compatibility", "expected published or paper, found '" + compatibility.substr(0, 80) + "'");
-  }
   options.least_confidence = 0.0;
   options.crowding = false;
   options.squared = true;
@@ -72,9 +71,8 @@ SkeletonTargets skeleton_targets(const Tensor& positions, const Tensor& joints, 
   const std::vector<Eigen::Vector3d> places = nn::points_of<double>(positions, "positions"),
                                      bones = nn::points_of<double>(joints, "joints");
   const Tensor links = parents.to(torch::kCPU, torch::kInt64).contiguous();
-  if (links.dim() != 1 || links.size(0) != static_cast<std::int64_t>(bones.size())) {
+  if (links.dim() != 1 || links.size(0) != static_cast<std::int64_t>(bones.size()))
     throw InputError("", "parents", "there must be one parent per joint");
-  }
   const std::vector<NearestJoints> nearest = nearest_joints(places, bones);
   const auto count = static_cast<std::int64_t>(places.size());
   const Tensor joint = torch::empty({count}, torch::kInt64), parent = torch::empty({count}, torch::kInt64);
@@ -98,9 +96,8 @@ SkeletonTargets skeleton_targets(const Tensor& positions, const Tensor& joints, 
 SkeletonLosses skeleton_losses(const SkeletonField& predicted, const SkeletonTargets& targets,
                                const SkeletonLossOptions& options) {
   const bool needs_confidence = options.confidence != FieldConfidence::kNone;
-  if (needs_confidence && !(predicted.conf_j.defined() && predicted.conf_p.defined())) {
+  if (needs_confidence && !(predicted.conf_j.defined() && predicted.conf_p.defined()))
     throw InputError("", "", "this loss needs the confidences of a skeleton field");
-  }
   const auto loss = [&](const Tensor& votes, const Tensor& rows, const Tensor& confidence, double alpha) {
     const Tensor difference = votes - targets.joints.index_select(0, rows);
     const Tensor weight = targets.weight.index_select(0, rows).unsqueeze(1);

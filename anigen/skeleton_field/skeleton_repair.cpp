@@ -28,9 +28,8 @@ std::vector<std::vector<int>> parent_cycles(const std::vector<int>& parents) {
       path.push_back(joint);
       joint = parents[at] == joint ? -1 : parents[at];
     }
-    if (joint >= 0 && walk[static_cast<std::size_t>(joint)] == start) {
+    if (joint >= 0 && walk[static_cast<std::size_t>(joint)] == start)
       cycles.emplace_back(path.begin() + place[static_cast<std::size_t>(joint)], path.end());
-    }
   }
   return cycles;
 }
@@ -241,9 +240,8 @@ RootedTree one_rooted_tree(const std::vector<Eigen::Vector3f>& joints, const std
     if (connected[j] == static_cast<int>(j)) connected[j] = -1;
   }
   DisjointSets parts = joint_parts(connected);
-  for (const std::vector<int>& cycle : parent_cycles(connected)) {
+  for (const std::vector<int>& cycle : parent_cycles(connected))
     connected[static_cast<std::size_t>(opening_of(cycle, positions, parts))] = -1;
-  }
   join_roots(positions, parts, connected);
   return parents_first(connected);
 }

@@ -80,9 +80,8 @@ void require_votes(const std::vector<Eigen::Vector3f>& positions, const char* na
 }
 
 void require_confidences(const std::vector<float>& confidences, std::size_t votes, const char* name) {
-  if (!confidences.empty() && confidences.size() != votes) {
+  if (!confidences.empty() && confidences.size() != votes)
     throw InputError("", name, std::to_string(confidences.size()) + " for " + std::to_string(votes) + " votes");
-  }
   for (std::size_t i = 0; i < confidences.size(); ++i) {
     if (is_usable(confidences[i])) continue;
     throw InputError("", std::string(name) + "[" + std::to_string(i) + "]",
@@ -105,12 +104,10 @@ struct WeightedMean {
 // The votes both of whose confidences reach the threshold, in order, with confidences filled in.
 Votes confident_votes(const Votes& votes, float threshold) {
   const std::size_t count = votes.joints.size();
-  if (votes.parents.size() != count) {
+  if (votes.parents.size() != count)
     throw InputError("", "parents", std::to_string(votes.parents.size()) + " for " + std::to_string(count) + " votes");
-  }
-  if (count > static_cast<std::size_t>(std::numeric_limits<int>::max())) {
+  if (count > static_cast<std::size_t>(std::numeric_limits<int>::max()))
     throw InputError("", "joints", "more than 2^31 - 1 votes");
-  }
   require_votes(votes.joints, "joints");
   require_votes(votes.parents, "parents");
   require_confidences(votes.joint_confidence, count, "joint_confidence");
@@ -152,9 +149,8 @@ GroupedSkeleton skeleton_of_clusters(const Votes& votes, const std::vector<int>&
   }
   if (skeleton.joints.empty()) return skeleton;
   const std::vector<NearestJoints> nearest = nearest_joints(in_double(parent_positions), in_double(skeleton.joints));
-  for (std::size_t j = 0; j < nearest.size(); ++j) {
+  for (std::size_t j = 0; j < nearest.size(); ++j)
     skeleton.parents.push_back(nearest[j].joint == static_cast<int>(j) ? -1 : nearest[j].joint);
-  }
   return skeleton;
 }
 

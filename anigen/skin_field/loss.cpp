@@ -40,9 +40,8 @@ SkinLosses losses_of(const std::vector<Tensor>& predicted, const std::vector<Ten
   SkinLosses losses;  // sums over the assets of the terms that count, then means
   const auto accumulate = [](Tensor& sum, const Tensor& term) { sum = sum.defined() ? sum + term : term; };
   for (std::size_t i = 0; i < target.size(); ++i) {
-    if (options.lambda_kl_skin != 0.0) {
+    if (options.lambda_kl_skin != 0.0)
       accumulate(losses.kl, kl_divergence(logarithm(predicted[i]), target[i], options.kl_mean));
-    }
     if (options.lambda_l1_skin == 0.0 && options.lambda_l2_skin == 0.0) continue;
     const Tensor difference = weights(predicted[i]) - target[i];
     if (options.lambda_l1_skin != 0.0) accumulate(losses.l1, difference.abs().mean());
@@ -76,9 +75,8 @@ Tensor matching_columns(const Tensor& joints, const Tensor& predicted_joints) {
 SkinLossOptions SkinLossOptions::compatible(const std::string& compatibility) {
   SkinLossOptions options;
   if (compatibility == "published") return options;
-  if (compatibility != "paper") {
+  if (compatibility != "paper")
     throw InputError("", "compatibility", "expected published or paper, found '" + compatibility + "'");
-  }
   options.kl_mean = SkinKlMean::kRows;
   options.epsilon = 0.0;
   return options;

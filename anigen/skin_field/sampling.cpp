@@ -17,13 +17,11 @@ namespace {
 using torch::Tensor;
 
 void check_asset(const Tensor& joints, const Tensor& parents, const std::string& file, const std::string& place) {
-  if (joints.dim() != 2 || joints.size(1) != 3 || !joints.is_floating_point()) {
+  if (joints.dim() != 2 || joints.size(1) != 3 || !joints.is_floating_point())
     throw InputError(file, place, "joints must be floating-point values of shape [J, 3]");
-  }
   if (joints.size(0) == 0) throw InputError(file, place, "the skeleton has no joints");
-  if (parents.dim() != 1 || parents.size(0) != joints.size(0) || parents.is_floating_point()) {
+  if (parents.dim() != 1 || parents.size(0) != joints.size(0) || parents.is_floating_point())
     throw InputError(file, place, "parents must be " + std::to_string(joints.size(0)) + " integers, one per joint");
-  }
   if (!torch::isfinite(joints).all().item<bool>()) throw InputError(file, place, "a joint position is not finite");
 }
 
@@ -31,13 +29,11 @@ constexpr double kSmallestArea = 1e-12;
 
 void check_mesh(const Tensor& vertices, const Tensor& faces) {
   if (vertices.dim() != 2 || vertices.size(1) != 3) throw InputError("", "", "vertices must have shape [V, 3]");
-  if (faces.dim() != 2 || faces.size(1) != 3 || faces.is_floating_point()) {
+  if (faces.dim() != 2 || faces.size(1) != 3 || faces.is_floating_point())
     throw InputError("", "", "faces must be integers of shape [F, 3]");
-  }
   if (faces.size(0) == 0) throw InputError("", "", "a mesh without faces has no surface to draw points from");
-  if (faces.min().item<std::int64_t>() < 0 || faces.max().item<std::int64_t>() >= vertices.size(0)) {
+  if (faces.min().item<std::int64_t>() < 0 || faces.max().item<std::int64_t>() >= vertices.size(0))
     throw InputError("", "", "a face names a vertex outside [0, " + std::to_string(vertices.size(0)) + ")");
-  }
 }
 
 Tensor face_areas(const Tensor& vertices, const Tensor& faces) {
@@ -59,9 +55,8 @@ void check_mix_indices(const Tensor& indices, std::int64_t count, const char* wh
 }
 
 Tensor mix_faces(const Tensor& faces) {
-  if (faces.dim() != 2 || faces.size(1) != 3 || faces.is_floating_point()) {
+  if (faces.dim() != 2 || faces.size(1) != 3 || faces.is_floating_point())
     throw InputError("", "faces", "must be integers [F, 3], found " + nn::shape_text(faces));
-  }
   return faces.to(torch::kCPU, torch::kInt64).contiguous();
 }
 
@@ -160,9 +155,8 @@ Tensor interpolate_skin(const Tensor& skin, const Tensor& faces, const Tensor& f
 
 SurfaceSkinSampler::SurfaceSkinSampler(const Tensor& vertices, const Tensor& faces, const Tensor& skin) {
   const Tensor areas = face_probabilities(vertices, faces).to(torch::kFloat64).contiguous();
-  if (skin.dim() != 2 || skin.size(0) != vertices.size(0) || skin.size(1) == 0) {
+  if (skin.dim() != 2 || skin.size(0) != vertices.size(0) || skin.size(1) == 0)
     throw InputError("", "", "skin weights must have one row per vertex, " + std::to_string(vertices.size(0)));
-  }
   faces_ = faces.to(torch::kInt64).contiguous();
   skin_ = skin.to(torch::kFloat32).contiguous();
   double sum = 0.0;

@@ -253,9 +253,8 @@ std::vector<Tensor> SkinDecoderImpl::logits(const Tensor& vertex_features, const
   const std::vector<Tensor> queries = vertices.split(parts[0]);
   const std::vector<Tensor> temperatures = vertices.split(torch::elu(parts[1]) + 2.0);
   std::vector<Tensor> logits;
-  for (std::size_t i = 0; i < joints.keys.size(); ++i) {
+  for (std::size_t i = 0; i < joints.keys.size(); ++i)
     logits.push_back(torch::mm(queries[i], joints.keys[i].t()) * temperatures[i]);
-  }
   return logits;
 }
 

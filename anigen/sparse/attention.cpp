@@ -13,13 +13,11 @@ AttentionScope AttentionScope::of(const std::string& mode, std::int64_t window, 
   AttentionScope scope;
   if (mode == "full") return scope;
   for (const char* curve : {"serialized", "shift_window", "shift_sequence", "shift_order"}) {
-    if (mode == curve) {
+    if (mode == curve)
       throw NotSupportedError("", "", "serialized attention (mode '" + mode + "'); use 'swin' or 'full'");
-    }
   }
-  if (mode != "swin" && mode != "windowed") {
+  if (mode != "swin" && mode != "windowed")
     throw InputError("", "", "attention mode '" + mode + "' is none of 'full', 'swin'");
-  }
   if (window < 1 || shift < 0) {
     throw InputError("", "",
                      "attention in windows of " + std::to_string(window) + " voxels shifted by " +

@@ -222,9 +222,7 @@ SubdivideBlockImpl::SubdivideBlockImpl(const SubdivideBlockOptions& options) : o
   out_layers->update({{"0", conv1_.ptr()}, {"1", norm2_.ptr()}, {"3", conv2_.ptr()}});
   register_module("act_layers", act_layers);
   register_module("out_layers", out_layers);
-  if (in != out || options.skip_convolution) {
-    skip_ = register_module("skip_connection", SubmanifoldConv3d(in, out, 1));
-  }
+  if (in != out || options.skip_convolution) skip_ = register_module("skip_connection", SubmanifoldConv3d(in, out, 1));
 }
 
 // The skip acts on each voxel alone, so it comes before the subdivision: eight children would repeat it.

@@ -160,9 +160,7 @@ void add_tap_product(const TapPlan& plan, const Tensor& neighbours, const Tensor
   if (!in.is_cpu()) return add_tensor_tap_product(plan, neighbours, in, matrices, out);
   // The matrices of a subdivision are sums of weights, which bf16 would round once more.
   const bool plain = plan.from_children == 1 && plan.to_children == 1;
-  if (plain && prefers_bf16_tap_product(in, matrices)) {
-    return add_bf16_tap_product(plan, neighbours, in, matrices, out);
-  }
+  if (plain && prefers_bf16_tap_product(in, matrices)) return add_bf16_tap_product(plan, neighbours, in, matrices, out);
   const torch::Dtype dtype = nn::dtype_of(out);
   add_cpu_tap_product(plan, neighbours, in.to(dtype), matrices.to(dtype), out);
 }
@@ -187,9 +185,8 @@ Tensor subdivided_convolution(const Support& support, const Tensor& feats, const
 }
 
 SubmanifoldKernelImpl::SubmanifoldKernelImpl(std::int64_t in_channels, std::int64_t out_channels, std::int64_t kernel) {
-  if (kernel != 1 && kernel != kKernel) {
+  if (kernel != 1 && kernel != kKernel)
     throw NotSupportedError("", "", "a sparse convolution with a kernel of " + std::to_string(kernel) + " voxels");
-  }
   weight = register_parameter("weight", torch::empty({out_channels, kernel, kernel, kernel, in_channels}));
   bias = register_parameter("bias", torch::empty({out_channels}));
 }

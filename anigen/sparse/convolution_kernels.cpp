@@ -99,9 +99,8 @@ ANIGEN_TILE_INLINE void correlate_tile(const CopiedPairs<T>& pairs, T* w, std::i
 // The last channels, fewer than fill the largest tile.
 template <typename T, int kBytes, int kRows>
 ANIGEN_TILE_INLINE void correlate_rest(CopiedPairs<T> pairs, T* w, std::int64_t w_stride, std::int64_t channels) {
-  for (; channels >= kRows; channels -= kRows, pairs.factors += kRows, w += kRows * w_stride) {
+  for (; channels >= kRows; channels -= kRows, pairs.factors += kRows, w += kRows * w_stride)
     correlate_tile<T, kBytes, kRows>(pairs, w, w_stride);
-  }
   if constexpr (kRows > 1) correlate_rest<T, kBytes, kRows / 2>(pairs, w, w_stride, channels);
 }
 
@@ -151,12 +150,9 @@ ANIGEN_TILE_INLINE void correlate(const RowPairs& pairs, const T* in, std::int64
         CopiedPairs<T> copied{factors, panel, block, kRows};
         T* sums = w + c * stride + column;
         std::int64_t k = 0;
-        for (; k + kRows <= channels; k += kRows, copied.factors += kRows * kPairBlock) {
+        for (; k + kRows <= channels; k += kRows, copied.factors += kRows * kPairBlock)
           correlate_tile<T, kBytes, kRows>(copied, sums + k * stride, stride);
-        }
-        if constexpr (kRows > 1) {
-          correlate_rest<T, kBytes, kRows / 2>(copied, sums + k * stride, stride, channels - k);
-        }
+        if constexpr (kRows > 1) correlate_rest<T, kBytes, kRows / 2>(copied, sums + k * stride, stride, channels - k);
       }
     }
   }
@@ -388,9 +384,7 @@ void for_each_link(const TapPlan& plan, const Tensor& neighbours, std::int64_t i
   at::parallel_for(0, blocks.count(), 1, [&](std::int64_t first, std::int64_t last) {
     PairList pairs(plan, neighbours, blocks.length());
     for (std::int64_t block = first; block < last; ++block) {
-      for (const TapLink& link : plan.links) {
-        multiply(pairs.list(link, blocks.begin(block), blocks.end(block)), link);
-      }
+      for (const TapLink& link : plan.links) multiply(pairs.list(link, blocks.begin(block), blocks.end(block)), link);
     }
   });
 }
@@ -454,9 +448,8 @@ void add_bf16_tap_product(const TapPlan& plan, const Tensor& neighbours, const T
   const std::int64_t in_channels = in.size(1), out_channels = out.size(1), matrix_values = in_channels * out_channels;
   const Tensor packed = torch::empty_like(rounded);
   at::parallel_for(0, rounded.size(0), 1, [&](std::int64_t begin, std::int64_t end) {
-    for (std::int64_t m = begin * matrix_values; m < end * matrix_values; m += matrix_values) {
+    for (std::int64_t m = begin * matrix_values; m < end * matrix_values; m += matrix_values)
       kernels::pack_bf16_matrix(nn::bf16_bits(rounded) + m, in_channels, out_channels, nn::bf16_bits(packed) + m);
-    }
   });
   const std::uint16_t *in_data = nn::bf16_bits(rows), *packed_data = nn::bf16_bits(packed);
   float* const out_data = out.data_ptr<float>();

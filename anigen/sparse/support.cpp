@@ -73,9 +73,8 @@ std::vector<std::int64_t> item_lengths(const Tensor& rows, std::int64_t items) {
       fail_support(row_text(row), "item " + std::to_string(c[0]) + " after item " + std::to_string(last) +
                                       "; items must ascend from 0 on");
     }
-    if (c[0] >= most) {
+    if (c[0] >= most)
       fail_support(row_text(row), "item " + std::to_string(c[0]) + "; there are at most " + std::to_string(most));
-    }
     for (int axis = 1; axis < 4; ++axis) {
       if (c[axis] >= 0 && c[axis] < kGridSize) continue;
       fail_support(row_text(row), "coordinate " + std::to_string(c[axis]) + " is not in [0, 2^20)");
@@ -139,9 +138,8 @@ CoarseRows coarse_rows(const Tensor& coords, const nn::Ragged& items, const Grid
       if (i == first || order.keys[at] != order.keys[at - 1]) {
         const std::int32_t* const c = fine + 4 * order.rows[at];
         places.push_back(c[0]);
-        for (std::size_t axis = 0; axis < 3; ++axis) {
+        for (std::size_t axis = 0; axis < 3; ++axis)
           places.push_back(static_cast<std::int32_t>(c[axis + 1] / factor.axes[axis]));
-        }
         counts.push_back(0);
       }
       ++counts.back();

@@ -25,9 +25,8 @@ WindowStrides window_strides(const Tensor& coords, std::int64_t items, std::int6
   WindowStrides strides{1, 1, 1};
   std::uint64_t product = 1;
   const auto extend = [&](std::uint64_t count) {
-    if (count > 0 && product > kMostWindows / count) {
+    if (count > 0 && product > kMostWindows / count)
       throw InputError("", "", "windows of " + std::to_string(size) + " voxels: their numbers would exceed 2^62");
-    }
     return product *= count;
   };
   strides.y = extend(windows(2));
@@ -65,9 +64,8 @@ class WindowCursor {
       : numbers_(windows.windows.data_ptr<std::int64_t>()),
         offsets_(windows.offsets.data_ptr<std::int64_t>()),
         count_(windows.windows.size(0)) {
-    for (std::int64_t w = 1; w < count_; ++w) {
+    for (std::int64_t w = 1; w < count_; ++w)
       TORCH_CHECK(numbers_[w - 1] < numbers_[w], "windows must be in the order of their numbers");
-    }
   }
   std::int64_t number() const { return at_ < count_ ? numbers_[at_] : std::numeric_limits<std::int64_t>::max(); }
   bool done() const { return at_ == count_; }
@@ -145,9 +143,8 @@ WindowOrder window_order(const Tensor& coords, std::int64_t items, std::int64_t 
     found.push_back(static_cast<std::int64_t>(sorted.keys[at]));
   }
   offsets.push_back(rows);
-  for (std::size_t w = 0; w < found.size(); ++w) {
+  for (std::size_t w = 0; w < found.size(); ++w)
     windows.longest = std::max(windows.longest, offsets[w + 1] - offsets[w]);
-  }
   windows.offsets = int64_tensor(offsets);
   windows.windows = int64_tensor(found);
   return windows;

@@ -164,9 +164,8 @@ Tensor SparseStructureDecoderImpl::run(Stream<GlobalTokenDecoder>& stream, const
   }
   const torch::Dtype dtype = stream.out->parameters().front().scalar_type();
   Tensor latents = z.to(dtype);
-  if (skeleton ? options_.normalize_z_skl : options_.normalize_z) {
+  if (skeleton ? options_.normalize_z_skl : options_.normalize_z)
     latents = options_.normalize_scale * unit_latents(latents);
-  }
   const Tensor cells = stream.tokens.present() ? stream.tokens.forward(latents) : stream.input->forward(latents);
   return stream.out->forward(stream.blocks->forward(stream.middle->forward(cells)).to(dtype));
 }

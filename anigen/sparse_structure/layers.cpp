@@ -13,9 +13,8 @@ VolumeResBlockImpl::VolumeResBlockImpl(std::int64_t in_channels, std::int64_t ou
   norm2_ = register_module("norm2", nn::VolumeNorm(out_channels));
   conv1_ = register_module("conv1", nn::Conv3d(in_channels, out_channels, 3, 1, 1));
   conv2_ = register_module("conv2", nn::Conv3d(out_channels, out_channels, 3, 1, 1));
-  if (in_channels != out_channels) {
+  if (in_channels != out_channels)
     skip_connection_ = register_module("skip_connection", nn::Conv3d(in_channels, out_channels, 1));
-  }
 }
 
 Tensor VolumeResBlockImpl::forward(const Tensor& x) {

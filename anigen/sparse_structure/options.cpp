@@ -38,9 +38,8 @@ void SparseStructureCoderOptions::fields(ConfigFields& f) {
 void SparseStructureCoderOptions::validate_channels(const OptionCheck& check) const {
   check(!channels.empty() && levels() <= kMostLevels, "channels",
         "expected 1 to " + std::to_string(kMostLevels) + " widths");
-  for (const std::int64_t width : channels) {
+  for (const std::int64_t width : channels)
     check(width >= 1 && width <= kMostChannels, "channels", "bad width " + std::to_string(width));
-  }
 }
 
 void SparseStructureCoderOptions::validate_coder(const OptionCheck& check, std::int64_t coarsest) const {

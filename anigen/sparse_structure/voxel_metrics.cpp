@@ -97,9 +97,8 @@ Tensor dilated_voxels(const Tensor& occupied, std::int64_t radius) {
 }
 
 VoxelAgreement voxel_agreement(const Tensor& predicted, const Tensor& target, std::int64_t tolerance) {
-  if (predicted.dim() != 3 || predicted.sizes() != target.sizes()) {
+  if (predicted.dim() != 3 || predicted.sizes() != target.sizes())
     throw InputError("", "", "voxel metrics compare two grids [X, Y, Z] of one size");
-  }
   const torch::NoGradGuard no_grad;
   const Tensor p = predicted.to(torch::kBool), t = target.to(torch::kBool);
   VoxelAgreement agreement;

@@ -94,16 +94,13 @@ nn::FreezableModel::Parts decoder_parts(const StructuredLatentDecoderOptions& op
 
 void check_skeleton(const skeleton_field::SkeletonTensors& skeleton, const std::string& place) {
   const Tensor &joints = skeleton.joints, &parents = skeleton.parents;
-  if (!joints.defined() || joints.dim() != 2 || joints.size(1) != 3 || !torch::isfinite(joints).all().item<bool>()) {
+  if (!joints.defined() || joints.dim() != 2 || joints.size(1) != 3 || !torch::isfinite(joints).all().item<bool>())
     throw InputError("", place, "joints must be finite positions [J, 3], found " + nn::shape_text(joints));
-  }
-  if (!parents.defined() || parents.dim() != 1 || parents.size(0) != joints.size(0) || parents.is_floating_point()) {
+  if (!parents.defined() || parents.dim() != 1 || parents.size(0) != joints.size(0) || parents.is_floating_point())
     throw InputError("", place, "parents must be one integer per joint, found " + nn::shape_text(parents));
-  }
   if (parents.numel() == 0) return;
-  if (parents.min().item<std::int64_t>() < -1 || parents.max().item<std::int64_t>() >= joints.size(0)) {
+  if (parents.min().item<std::int64_t>() < -1 || parents.max().item<std::int64_t>() >= joints.size(0))
     throw InputError("", place, "a parent is none of the " + std::to_string(joints.size(0)) + " joints");
-  }
 }
 
 void check_given(const std::vector<skeleton_field::SkeletonTensors>& given, std::int64_t assets) {
@@ -178,9 +175,8 @@ StructuredLatentDecoderImpl::StructuredLatentDecoderImpl(const StructuredLatentD
   torso_ = StructuredLatentTorso(
       *this, options, {options.latent_channels, options.latent_channels_vertskin, options.latent_channels_skl});
   skin_decoder_ = register_module("skin_decoder", skin_field::SkinDecoder(options.skin_decoder_config));
-  if (options.h_skin_unet_num_levels >= 1) {
+  if (options.h_skin_unet_num_levels >= 1)
     skin_unet_ = register_module("h_skin_unet", SkinUnet(skin, options.h_skin_unet_num_levels));
-  }
   if (options.skin_cross_from_groupped) grouped_cross_ = GroupedCross(*this, options);
   upsample_ = StructuredLatentUpsampler(*this, "upsample", width, between, behind);
   upsample_skin_ = StructuredLatentUpsampler(*this, "upsample_skin_net", skin, between, behind);
@@ -190,17 +186,15 @@ StructuredLatentDecoderImpl::StructuredLatentDecoderImpl(const StructuredLatentD
   const std::int64_t skeleton_width = options.upsample_skl ? behind : skeleton;
   out_layer_skl_skin_ =
       register_module("out_layer_skl_skin", nn::Linear(skeleton_width, layout_.skin_feature_channels()));
-  if (options.upsample_skl) {
+  if (options.upsample_skl)
     upsample_skeleton_ = StructuredLatentUpsampler(*this, "upsample_skl_net", skeleton, between, behind);
-  }
   out_layer_skl_ = register_module("out_layer_skl", nn::Linear(skeleton_width, layout_.joint_channels()));
   if (init == nn::Init::kPublished) {
     initialize_sparse_layers(*this);
     skin_decoder_->initialize();
     grouped_cross_.initialize();
-    for (nn::Linear* head : {&out_layer_, &out_layer_skin_, &out_layer_skl_skin_, &out_layer_skl_}) {
+    for (nn::Linear* head : {&out_layer_, &out_layer_skin_, &out_layer_skl_skin_, &out_layer_skl_})
       initialize_field_head(**head);
-    }
   }
   if (options.freezes()) apply_freezing();
 }
@@ -282,9 +276,8 @@ std::vector<shape_field::ExtractedMesh> StructuredLatentDecoderImpl::extract_mes
   const std::vector<Tensor> coords = items.split(decoded.mesh.support->coords().slice(1, 1));
   const std::vector<Tensor> feats = items.split(decoded.mesh.feats);
   std::vector<shape_field::ExtractedMesh> meshes;
-  for (std::size_t i = 0; i < feats.size(); ++i) {
+  for (std::size_t i = 0; i < feats.size(); ++i)
     meshes.push_back(shape_field::extract_mesh(coords[i], feats[i], mesh_options_, training));
-  }
   return meshes;
 }
 
@@ -329,9 +322,8 @@ Tensor StructuredLatentDecoderImpl::skin_weights(const Tensor& vertex_features,
   }
   const Tensor weights = torch::empty({total, joints}, first.options());
   weights.slice(0, 0, chunk).copy_(first);
-  for (std::int64_t begin = chunk; begin < total; begin += chunk) {
+  for (std::int64_t begin = chunk; begin < total; begin += chunk)
     weights.slice(0, begin, std::min(begin + chunk, total)).copy_(weights_of(begin));
-  }
   return weights;
 }
 

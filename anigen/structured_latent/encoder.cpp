@@ -19,9 +19,8 @@ Tensor part_centers(const Tensor& centers, std::int64_t resolution) {
   Tensor offsets = torch::empty({kVoxelParts, 3});
   const float step = 0.25F / static_cast<float>(resolution);
   for (std::int64_t part = 0; part < kVoxelParts; ++part) {
-    for (std::int64_t axis = 0; axis < 3; ++axis) {
+    for (std::int64_t axis = 0; axis < 3; ++axis)
       offsets.data_ptr<float>()[3 * part + axis] = (part >> (2 - axis)) % 2 == 1 ? step : -step;
-    }
   }
   return (centers.unsqueeze(1) + offsets.unsqueeze(0)).reshape({-1, 3});
 }

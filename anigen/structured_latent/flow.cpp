@@ -42,9 +42,8 @@ void check_flow_stream(const OptionCheck& check, const std::string& suffix, cons
   check(static_cast<double>(stream.model_channels) * options.mlp_ratio >= 1.0, "mlp_ratio", "leaves no hidden channel");
   if (!stream.io_block_channels) return;
   const std::string key = "io_block_channels" + suffix;
-  for (const std::int64_t width : *stream.io_block_channels) {
+  for (const std::int64_t width : *stream.io_block_channels)
     check(width > 0 && width <= kMostSlatFlowChannels, key, "widths must be positive and sensible");
-  }
   check(stream.num_io_res_blocks > 0, "num_io_res_blocks" + suffix, "must be at least 1");
   check(stream.levels() <= kMostSlatFlowLevels && options.patch_size == std::int64_t{1} << stream.levels(), key,
         std::to_string(stream.levels()) + " widths halve the resolution as often, which is not a patch_size of " +
@@ -291,9 +290,8 @@ void StructuredLatentFlowImpl::register_streams() {
   for (const StructuredLatentFlowStream* stream : streams()) {
     for (const char* part : {"input_blocks", "blocks", "out_blocks"}) parts_.torso.push_back(part + stream->suffix);
   }
-  for (std::int64_t i = 0; i < options_.num_blocks; ++i) {
+  for (std::int64_t i = 0; i < options_.num_blocks; ++i)
     adapters_.emplace_back(geometry_.sizes.model_channels, skin_.sizes.model_channels);
-  }
   register_module("adapter_geo_to_skin", nn::module_list(adapters_));
   parts_.torso.push_back("adapter_geo_to_skin");
 }
@@ -306,9 +304,8 @@ void StructuredLatentFlowImpl::check_inputs(const SparseTensor& x, const SparseT
   if (x_skl.support->items().items() != batch) throw InputError("", "x_skl", "not as many items as x");
   check_conditions(t, cond, batch, options_.cond_channels);
   if (!joints_num.defined()) return;
-  if (!options_.use_joint_num_cond) {
+  if (!options_.use_joint_num_cond)
     throw InputError("", "joints_num", "this model is not conditioned on a number of joints (use_joint_num_cond)");
-  }
   if (joints_num.dim() != 1 || (joints_num.size(0) != batch && joints_num.size(0) != 1)) {
     throw InputError("", "joints_num",
                      "expected one number for each of " + std::to_string(batch) + " items, or one for all, found " +

@@ -101,9 +101,8 @@ void StructuredLatentCoderOptions::validate_coder(const OptionCheck& check) cons
   check.heads("num_heads", heads(), model_channels);
   check.heads("num_heads_skl", num_heads_skl, model_channels_skl);
   check.heads("num_heads_skin", num_heads_skin, model_channels_skin);
-  for (const std::int64_t width : {model_channels, model_channels_skl, model_channels_skin}) {
+  for (const std::int64_t width : {model_channels, model_channels_skl, model_channels_skin})
     check(std::floor(static_cast<double>(width) * mlp_ratio) >= 1.0, "mlp_ratio", "leaves no hidden channel");
-  }
   check(normalize_scale > 0.0, "normalize_scale", "must be above 0");
 }
 

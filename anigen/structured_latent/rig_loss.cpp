@@ -18,9 +18,8 @@ void add_skin_terms(const RigPrediction& predicted, const RigTruth& truth,
       skin_field::skin_targets(truth.mix, truth.skin, truth.vertex_features, truth.joints, predicted.joints);
   if (predicted.skin.defined())
     sums.skin_kl = sums.skin_kl + skin_field::skin_weight_kl(predicted.skin, targets.weights);
-  if (targets.features.defined()) {
+  if (targets.features.defined())
     sums.skin_feats_l2_vert = sums.skin_feats_l2_vert + (predicted.vertex_features - targets.features).square().mean();
-  }
   if (!truth.joint_features.defined()) return;
   const Tensor confidence = options.true_feature_confidence ? voxels.confidence : predicted.field.conf_skin;
   sums.skin_feats_l2_joints =
@@ -39,9 +38,8 @@ Tensor RigLosses::total(const RigLossOptions& options) const {
 
 RigLosses rig_losses(const std::vector<RigPrediction>& predictions, const std::vector<RigTruth>& truths,
                      const RigLossOptions& options) {
-  if (predictions.empty() || predictions.size() != truths.size()) {
+  if (predictions.empty() || predictions.size() != truths.size())
     throw InputError("", "", "a loss needs predictions, and one truth for each");
-  }
   const Tensor zero = torch::zeros({}, predictions.front().field.joints.options());
   RigLosses sums{zero, zero, zero, zero, zero, zero};
   std::size_t meshes = 0;

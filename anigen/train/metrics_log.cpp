@@ -42,9 +42,8 @@ CsvTable read_table(const fs::path& file) {
   std::string text = read_file(file);
   text.erase(text.rfind('\n') == std::string::npos ? 0 : text.rfind('\n') + 1);
   if (!text.empty()) table = parse_csv(text, file.string());
-  if (table.columns.empty() || table.columns[0] != "step") {
+  if (table.columns.empty() || table.columns[0] != "step")
     throw InputError(file.string(), "line 1", "is no metrics table: the first column must be 'step'");
-  }
   return table;
 }
 
@@ -160,9 +159,8 @@ void RunningMeans::add_sum(const Entry& other) {
 
 Values RunningMeans::means() const {
   Values values;
-  for (const Entry& entry : entries_) {
+  for (const Entry& entry : entries_)
     values.emplace_back(entry.name, entry.count > 0 ? entry.sum / static_cast<double>(entry.count) : std::nan(""));
-  }
   return values;
 }
 
@@ -208,9 +206,8 @@ void TensorBoardWriter::write_event(std::int64_t step, const std::string& payloa
   put_bytes(frame, masked_crc32c(length));
   frame += event;
   put_bytes(frame, masked_crc32c(event));
-  if (std::fwrite(frame.data(), 1, frame.size(), file_) != frame.size()) {
+  if (std::fwrite(frame.data(), 1, frame.size(), file_) != frame.size())
     throw Error(path_.string() + ": cannot write: " + std::strerror(errno));
-  }
 }
 
 void TensorBoardWriter::scalar(const std::string& tag, double value, std::int64_t step) {

@@ -93,9 +93,8 @@ LrSchedule sequential_lr(std::vector<LrSchedule> schedules, std::vector<std::int
                      std::to_string(schedules.size()) + " schedules need one milestone fewer, not " +
                          std::to_string(milestones.size()));
   }
-  if (!std::is_sorted(milestones.begin(), milestones.end()) || (!milestones.empty() && milestones.front() < 0)) {
+  if (!std::is_sorted(milestones.begin(), milestones.end()) || (!milestones.empty() && milestones.front() < 0))
     throw InputError("", "milestones", "must not be negative and must not decrease");
-  }
   return [schedules = std::move(schedules), milestones = std::move(milestones)](double base, std::int64_t step) {
     const auto i =
         static_cast<std::size_t>(std::upper_bound(milestones.begin(), milestones.end(), step) - milestones.begin());
@@ -158,9 +157,8 @@ torch::Tensor orthogonalize(const torch::Tensor& matrix) {
 
 Muon::Muon(const ParameterBuffer& buffer, const Options& options)
     : momentum(torch::zeros_like(buffer.master())), options_(options) {
-  if (!(options.momentum >= 0.0 && options.momentum < 1.0)) {
+  if (!(options.momentum >= 0.0 && options.momentum < 1.0))
     throw InputError("", "/trainer/args/optimizer/args/momentum", "must be in [0, 1)");
-  }
   for (std::size_t i = 0; i < buffer.slots().size(); ++i) {
     const torch::Tensor& parameter = buffer.slots()[i].parameter;
     if (parameter.dim() == 2 && std::min(parameter.size(0), parameter.size(1)) >= options.min_side)
@@ -191,9 +189,8 @@ void Muon::step(ParameterBuffer& buffer, AdamW& rest, double gradient_factor, do
 
 AdaptiveGradClipper::AdaptiveGradClipper(const Options& options) : options_(options) {
   if (options.buffer_size == 0) throw InputError("", "buffer_size", "must be at least 1");
-  if (!(options.clip_percentile >= 0.0 && options.clip_percentile <= 100.0)) {
+  if (!(options.clip_percentile >= 0.0 && options.clip_percentile <= 100.0))
     throw InputError("", "clip_percentile", "must lie in [0, 100]");
-  }
   if (options.max_norm && !(*options.max_norm > 0.0)) throw InputError("", "max_norm", "must be positive");
   state_.buffer.assign(options.buffer_size, 0.0f);
   if (options.max_norm) state_.threshold = *options.max_norm;

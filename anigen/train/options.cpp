@@ -15,16 +15,14 @@ constexpr std::int64_t kManySteps = std::int64_t{1} << 40;
 
 // A number of steps, or a share of all steps written as "5%".
 std::int64_t steps_of(const Json& value, std::int64_t max_steps, const ConfigReader& reader, const std::string& key) {
-  if (value.is_number_integer() && value.get<std::int64_t>() >= 0 && value.get<std::int64_t>() <= kManySteps) {
+  if (value.is_number_integer() && value.get<std::int64_t>() >= 0 && value.get<std::int64_t>() <= kManySteps)
     return value.get<std::int64_t>();
-  }
   if (value.is_string()) {
     const std::string text = value.get<std::string>();
     char* end = nullptr;
     const double share = std::strtod(text.c_str(), &end);
-    if (end != text.c_str() && std::string(end) == "%" && share >= 0.0 && share <= 1000.0) {
+    if (end != text.c_str() && std::string(end) == "%" && share >= 0.0 && share <= 1000.0)
       return std::llround(share / 100.0 * static_cast<double>(max_steps));
-    }
   }
   throw reader.error(key, "expected a number of steps, or a share of max_steps such as \"5%\"");
 }
@@ -106,9 +104,8 @@ void read_optimizer(ConfigReader reader, UpdateOptions& update) {
   }
   options.lr = args.number("lr", options.lr, 0.0, 1e3);
   const std::vector<double> betas = args.numbers("betas", {options.betas[0], options.betas[1]});
-  if (betas.size() != 2 || betas[0] < 0.0 || betas[0] >= 1.0 || betas[1] < 0.0 || betas[1] >= 1.0) {
+  if (betas.size() != 2 || betas[0] < 0.0 || betas[0] >= 1.0 || betas[1] < 0.0 || betas[1] >= 1.0)
     throw args.error("betas", "must be two numbers in [0, 1)");
-  }
   options.betas = {betas[0], betas[1]};
   options.eps = args.number("eps", options.eps, 1e-30, 1.0);
   options.weight_decay = args.number("weight_decay", options.weight_decay, 0.0, 1e3);
@@ -225,9 +222,8 @@ Precision choose_precision(const TrainerOptions& options, torch::Device device, 
     precision.note =
         "precision bf16: the blocks compute in bf16, parameters are updated in fp32, losses are not scaled";
   } else if (options.precision == "fp16-published") {
-    if (!device.is_cuda()) {
+    if (!device.is_cuda())
       throw NotSupportedError(file, "/trainer/args/precision", "fp16 on a CPU; use bf16, which a CPU computes faster");
-    }
     if (!fp16_mode) {
       throw InputError(file, "/trainer/args/precision",
                        "\"fp16-published\" contradicts fp16_mode \"none\"; leave one of them out");

@@ -75,9 +75,8 @@ ParameterBuffer ParameterBuffer::share(const std::vector<nn::NamedModel>& models
   twin.master_ = master_;
   twin.attach(models);
   bool same = twin.slots_.size() == slots_.size();
-  for (std::size_t i = 0; same && i < slots_.size(); ++i) {
+  for (std::size_t i = 0; same && i < slots_.size(); ++i)
     same = twin.slots_[i].name == slots_[i].name && twin.slots_[i].offset == slots_[i].offset;
-  }
   if (!same) throw Error("replicas of a model have different parameters");
   return twin;
 }
@@ -122,9 +121,8 @@ void ParameterBuffer::collect_gradient(const Slot& slot) const {
   torch::NoGradGuard no_grad;
   const torch::Tensor& grad = slot.parameter.grad();
   if (slot.view) {
-    if (!grad.defined() || grad.data_ptr() != part(gradient_, slot).data_ptr()) {
+    if (!grad.defined() || grad.data_ptr() != part(gradient_, slot).data_ptr())
       throw Error("gradient of " + slot.name + " was replaced during the backward pass");
-    }
   } else if (grad.defined()) {
     part(gradient_, slot).copy_(grad);
   }

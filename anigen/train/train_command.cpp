@@ -28,9 +28,8 @@ namespace fs = std::filesystem;
 Json resolved_config(const TrainCommand& command, std::string& file) {
   const fs::path earlier = RunFolder{command.run.output}.config();
   std::error_code error;
-  if (command.config.empty() && !fs::exists(earlier, error)) {
+  if (command.config.empty() && !fs::exists(earlier, error))
     throw InputError(earlier.string(), "", "there is no run to resume here; give --config");
-  }
   const fs::path source = command.config.empty() ? earlier : command.config;
   file = source.string();
   Json config = load_config(source);

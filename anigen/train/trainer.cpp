@@ -95,9 +95,8 @@ Trainer::Trainer(Stage& stage, const TrainerOptions& options, const RunOptions& 
       checkpoints_(RunFolder{run.output}.checkpoints()),
       started_(Clock::now()) {
   const std::size_t ranks = static_cast<std::size_t>(ranks_->size());
-  if (options_.replicas > options_.batch_split) {
+  if (options_.replicas > options_.batch_split)
     throw InputError("", "trainer/args/replicas", "needs a batch_split of at least as many micro-batches");
-  }
   if (options_.replicas * ranks > options_.batch_split) {
     throw InputError("", "trainer/args/batch_split",
                      "is " + std::to_string(options_.batch_split) + "; " + std::to_string(ranks) + " ranks of " +
@@ -193,9 +192,8 @@ void Trainer::train() {
     out_of_time = verdict.out_of_time;
     ++step_;
     if (progress) progress->advance();
-    if (due(step_, options_.i_ddpcheck)) {
+    if (due(step_, options_.i_ddpcheck))
       require_same_parameters(*ranks_, buffers_.front().master(), "step " + std::to_string(step_));
-    }
     if (first() && due(step_, options_.i_print)) print();
     if (due(step_, options_.i_log)) log_means();
     if (first() && due(step_, options_.i_eval)) evaluate();

@@ -283,15 +283,12 @@ std::string generator_state() {
 void check_start(const RunOptions& run) {
   const bool step =
       !run.ckpt.empty() && run.ckpt.size() <= 15 && run.ckpt.find_first_not_of("0123456789") == std::string::npos;
-  if (!step && run.ckpt != "none" && run.ckpt != "latest") {
+  if (!step && run.ckpt != "none" && run.ckpt != "latest")
     throw InputError("--ckpt", run.ckpt, "expected latest, none or a step");
-  }
-  if (run.ckpt == "none" && !run.load.empty()) {
+  if (run.ckpt == "none" && !run.load.empty())
     throw InputError("--load", run.load.string(), "--ckpt none reads no checkpoint; leave one of the two out");
-  }
-  if (run.restart && run.ckpt == "latest" && run.load.empty()) {
+  if (run.restart && run.ckpt == "latest" && run.load.empty())
     throw InputError("--restart", "", "needs --ckpt none, --ckpt STEP or --load DIR, which say where to begin");
-  }
 }
 
 void Trainer::check_finetuned_models() const {

@@ -178,9 +178,8 @@ Tensor neighborhood(const Tensor& x, std::int64_t radius) {
   const Tensor wider = at::replication_pad2d(x, {radius, radius, radius, radius});
   std::vector<Tensor> all;
   for (std::int64_t row = 0; row < side; ++row) {
-    for (std::int64_t column = 0; column < side; ++column) {
+    for (std::int64_t column = 0; column < side; ++column)
       all.push_back(wider.narrow(2, row, height).narrow(3, column, width));
-    }
   }
   return torch::stack(all, 2);
 }

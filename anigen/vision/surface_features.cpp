@@ -69,9 +69,8 @@ class SmoothNormals {
     const Triangle& face = mesh_->faces[static_cast<std::size_t>(place.face)];
     const auto corner = [&](std::size_t k) { return static_cast<std::size_t>(face[k]); };
     Vector3d smooth = Vector3d::Zero();
-    for (std::size_t k = 0; k < 3; ++k) {
+    for (std::size_t k = 0; k < 3; ++k)
       smooth += place.barycentric[static_cast<Eigen::Index>(k)] * normals_[corner(k)].cast<double>();
-    }
     if (smooth.norm() > 1e-6) return smooth.normalized();
     const Vector3d a = mesh_->vertices[corner(0)].cast<double>();
     const Vector3d flat = (mesh_->vertices[corner(1)].cast<double>() - a)

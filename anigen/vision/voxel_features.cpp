@@ -210,9 +210,8 @@ std::unique_ptr<prepare::FeatureExtractor> make_feature_extractor(const prepare:
                          (nearest.empty() ? "use one of " + joined(known) : "did you mean '" + nearest + "'?"));
   }
   if (options.model == kSurface) {
-    if (!options.weights.empty()) {
+    if (!options.weights.empty())
       throw InputError(options.weights.string(), "", "feature model 'surface' takes no weights");
-    }
     return std::make_unique<SurfaceFeatures>();
   }
   if (options.weights.empty()) {

@@ -50,9 +50,7 @@ TEST(AnymateConnectivity, PaddedJointsChangeNothing) {
     const Tensor padded = head.forward(latents, joints, mask), alone = head.forward(latents, joints.narrow(1, 0, 6));
     EXPECT_LT(apart(padded.narrow(1, 0, 6).narrow(2, 0, 6), alone), 1e-4) << decoder;
     EXPECT_EQ(padded.size(2), 9);
-    if (decoder == std::string("attendjoints_con_combine")) {
-      EXPECT_LT(padded.slice(2, 6).max().item<double>(), kHidden);
-    }
+    if (decoder == std::string("attendjoints_con_combine")) EXPECT_LT(padded.slice(2, 6).max().item<double>(), kHidden);
     EXPECT_THROW(head.forward(latents, joints, torch::ones({1, 10})), InputError);
     EXPECT_THROW(head.forward(latents.narrow(2, 0, 20), joints), InputError);
     EXPECT_THROW(head.forward(latents, joints.narrow(2, 0, 2)), InputError);
@@ -73,9 +71,8 @@ TEST(AnymateSkinning, ChunksDoNotShow) {
     auto& head = dynamic_cast<SkinningImpl&>(*module);
     const Tensor whole = head.forward(input, 40);
     EXPECT_LT(whole[1].slice(1, 4).max().item<double>(), kHidden);
-    for (const std::int64_t chunk : {0, 8, 24}) {
+    for (const std::int64_t chunk : {0, 8, 24})
       EXPECT_LT(apart(torch::softmax(whole, -1), torch::softmax(head.forward(input, chunk), -1)), 1e-5) << decoder;
-    }
   }
   // Points do not see each other: any chunk does for the one head, runs only for the other.
   EXPECT_NO_THROW(dynamic_cast<SkinningImpl&>(*head_for_test("attendjoints_combine")).forward(input, 7));

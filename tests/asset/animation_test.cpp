@@ -23,9 +23,8 @@ TEST(Sample, LinearRotationTakesTheShorterArc) {
 TEST(Sample, CubicSplineFollowsTheGltfFormula) {
   const Asset asset = test::small_rig();
   // Keys x = 0 and 2 at t = 0 and 2 s with tangents 1 per second on both sides: exactly x = t.
-  for (const double t : {0.0, 0.3, 1.0, 1.7, 2.0}) {
+  for (const double t : {0.0, 0.3, 1.0, 1.7, 2.0})
     EXPECT_NEAR(sample(asset.animations[0], asset.skeleton, t)[0].translation.x(), t, 1e-12);
-  }
   EXPECT_EQ(asset.animations[0].duration(), 2.0);
 }
 

@@ -43,9 +43,8 @@ TEST(MeshEdges, AreListedInOrderWithTheirFaces) {
   EXPECT_EQ(edges.find(0, 3), -1);
   EXPECT_EQ(edges.find(5, 0), -1);
   for (std::size_t f = 0; f < 3; ++f) {
-    for (std::size_t side = 0; side < 3; ++side) {
+    for (std::size_t side = 0; side < 3; ++side)
       EXPECT_EQ(edges.of_face(f, side), edges.find(faces[f][side], faces[f][(side + 1) % 3]));
-    }
   }
   EXPECT_EQ(edges.of_face(3, 1), -1);  // from vertex 4 to itself
 }

@@ -36,9 +36,8 @@ std::string refusal_of(const std::string& value) {
 TEST(KernelForm, EveryNameMeansItsForm) {
   EXPECT_EQ(requested_kernel_form(""), runnable_kernel_forms().back());
   EXPECT_EQ(requested_kernel_form("portable"), KernelForm::kPortable);
-  for (const KernelForm form : runnable_kernel_forms()) {
+  for (const KernelForm form : runnable_kernel_forms())
     EXPECT_EQ(requested_kernel_form(kernel_form_name(form)), form) << kernel_form_name(form);
-  }
   EXPECT_EQ(runnable_kernel_forms().front(), KernelForm::kPortable);
   EXPECT_TRUE(std::is_sorted(runnable_kernel_forms().begin(), runnable_kernel_forms().end()));
 }

@@ -113,9 +113,8 @@ TEST(Cores, WhatSlurmGrantsLimitsWhereItDoesNotConfine) {
 TEST(Cores, SecondThreadsOfACoreAreNotCounted) {
   test::TemporaryFolder root;
   const int allowed = find_outside_jobs(root.path()).allowed;
-  for (int cpu = 0; cpu < 1024; ++cpu) {
+  for (int cpu = 0; cpu < 1024; ++cpu)
     put(root / "sys/devices/system/cpu" / ("cpu" + std::to_string(cpu)) / "topology/thread_siblings_list", "0-1023\n");
-  }
   EXPECT_EQ(find_outside_jobs(root.path()).physical, 1);
   EXPECT_EQ(find_outside_jobs(root.path()).allowed, allowed);
 }

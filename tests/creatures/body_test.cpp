@@ -34,9 +34,8 @@ std::size_t unmatched_edges(const std::vector<Triangle>& faces) {
   std::sort(edges.begin(), edges.end());
   std::sort(reversed.begin(), reversed.end());
   std::size_t wrong = 0;
-  for (std::size_t e = 0; e < edges.size(); ++e) {
+  for (std::size_t e = 0; e < edges.size(); ++e)
     wrong += edges[e] != reversed[e] || (e > 0 && edges[e] == edges[e - 1]);
-  }
   return wrong;
 }
 
@@ -175,9 +174,8 @@ void check_sides(const Asset& asset) {
   };
   for (std::size_t v = 0; v < asset.skin.rows(); ++v) {
     const int heaviest = side(asset.skin.row(v)[0].joint);
-    for (std::size_t k = 1; k < asset.skin.row_size(v); ++k) {
+    for (std::size_t k = 1; k < asset.skin.row_size(v); ++k)
       ASSERT_NE(side(asset.skin.row(v)[k].joint) * heaviest, -1) << "vertex " << v;
-    }
   }
 }
 
@@ -198,9 +196,8 @@ void check_animation(const Asset& asset) {
   EXPECT_LT(moved, 1.0) << "an idle animation, not an explosion";
   const auto first = sample(animation, asset.skeleton, 0.0),
              last = sample(animation, asset.skeleton, animation.duration());
-  for (std::size_t j = 0; j < first.size(); ++j) {
+  for (std::size_t j = 0; j < first.size(); ++j)
     EXPECT_NEAR(first[j].rotation.angularDistance(last[j].rotation), 0.0, 1e-6) << "does not loop";
-  }
 }
 
 class CreatureFamily : public testing::TestWithParam<std::string> {};
@@ -220,9 +217,7 @@ TEST_P(CreatureFamily, AssetsAreSound) {
     check_skin(asset);
     check_sides(asset);
     check_animation(asset);
-    if (i > 0) {
-      EXPECT_FALSE(same_bytes(asset, assets[i - 1]));
-    }
+    if (i > 0) EXPECT_FALSE(same_bytes(asset, assets[i - 1]));
   }
   // The second call runs alone, the first one ran beside others.
   EXPECT_TRUE(same_bytes(assets[3], make_creature(GetParam(), kSeed, 3)));

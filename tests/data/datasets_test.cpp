@@ -61,9 +61,7 @@ TEST_F(PublishedOnDisk, BatchesDoNotDependOnWorkersNorOnWhereARunBegan) {
     for (std::size_t part = 0; part < 2; ++part) {
       EXPECT_TRUE(equal(*runs[1][step][part], *runs[0][step][part]));
       EXPECT_TRUE(equal(*runs[2][step][part], *runs[0][step][part]));
-      if (!later.empty()) {
-        EXPECT_TRUE(equal(*later[part], *runs[0][step][part]));
-      }
+      if (!later.empty()) EXPECT_TRUE(equal(*later[part], *runs[0][step][part]));
     }
   }
 }
@@ -184,9 +182,8 @@ class ConditionPictures : public testing::Test {
   }
   void write_normals() {
     for (int i = 0; i < test::PublishedSample::kAssets; ++i) {
-      for (const char* name : {"000_normal.png", "001_normal.png"}) {
+      for (const char* name : {"000_normal.png", "001_normal.png"})
         io::write_png(sample_.condition(i) / name, test::PublishedSample::picture(127, 127, 255));
-      }
     }
   }
   test::TemporaryFolder folder_;
@@ -250,9 +247,8 @@ class DatasetRegistry : public ::testing::Test {
   // Replaces every occurrence of a word in metadata.csv.
   void edit_metadata(const std::string& from, const std::string& to) {
     std::string text = read_file(folder_ / "metadata.csv");
-    for (std::size_t at = 0; (at = text.find(from, at)) != std::string::npos; at += to.size()) {
+    for (std::size_t at = 0; (at = text.find(from, at)) != std::string::npos; at += to.size())
       text.replace(at, from.size(), to);
-    }
     write_file_atomically(folder_ / "metadata.csv", text);
   }
 };
@@ -474,9 +470,8 @@ TEST_F(StructuredLatents, LargeAssetsMayBeLeftOut) {
 TEST_F(StructuredLatents, NormalsCanBeTheCondition) {
   EXPECT_NE(error_of({{"condition", "normal"}}).find("_normal.png"), std::string::npos);
   for (int i = 0; i < test::PublishedSample::kAssets; ++i) {
-    for (const char* name : {"000_normal.png", "001_normal.png"}) {
+    for (const char* name : {"000_normal.png", "001_normal.png"})
       io::write_png(sample_.condition(i) / name, test::PublishedSample::picture(127, 127, 255));
-    }
   }
   EXPECT_EQ(first({{"condition", "normal"}})->cond.select(1, 2).max().item<float>(), 1.0f);
   EXPECT_LT(first({})->cond.select(1, 2).max().item<float>(), 0.5f);

@@ -86,9 +86,8 @@ TEST(RowFilter, AFilterThatLeavesNothingIsNamedWithCounts) {
 
 TEST(RowFilter, HostileTablesAreErrors) {
   RowFilter f;
-  for (const char* id : {"../../etc/passwd", "", ".hidden", "a/b", "..\\\\x"}) {
+  for (const char* id : {"../../etc/passwd", "", ".hidden", "a/b", "..\\\\x"})
     EXPECT_THROW(select_rows(parse_csv("sha256,x\n" + std::string(id) + ",1\n", "m"), "root", f), InputError) << id;
-  }
   EXPECT_THROW(select_rows(parse_csv("sha256\na\na\n", "m"), "root", f), InputError) << "twice";
   EXPECT_THROW(select_rows(parse_csv("sha256,aesthetic_score\na,good\n", "m"), "root", f), InputError);
   EXPECT_THROW(select_rows(parse_csv("sha256,is_bad_skeleton\na,perhaps\n", "m"), "root", f), InputError);

@@ -179,9 +179,8 @@ bool run(const Programs& programs) {
           "anigen-eval failed");
   const anigen::Json metrics = anigen::read_json(folder / "report" / "metrics.json");
   std::size_t mentioned = 0;
-  for (std::size_t at = 0; at < test.size(); at += 65) {
+  for (std::size_t at = 0; at < test.size(); at += 65)
     mentioned += metrics.dump().find(test.substr(at, 64)) != std::string::npos;
-  }
   require(mentioned == 3, "the evaluation does not name the three test assets");
   compare_three(programs, folder);
   return true;

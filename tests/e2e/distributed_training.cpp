@@ -133,9 +133,8 @@ void check_kills(const RankRun& run, int kills) {
     const std::string output = "killed" + std::to_string(attempt);
     const pid_t launcher = start_program(run.line(2, output, longer + " --rank-restarts 1"));
     // A rank that is lost before it has met the others is missed only by the launcher, two timeouts later.
-    while (!fs::exists(run.folder / output / "metrics.csv") && Clock::now() - begin < std::chrono::minutes(8)) {
+    while (!fs::exists(run.folder / output / "metrics.csv") && Clock::now() - begin < std::chrono::minutes(8))
       std::this_thread::sleep_for(std::chrono::milliseconds(10));
-    }
     std::this_thread::sleep_for(std::chrono::duration<double>(rng.uniform(0.0, 0.7) * whole));
     const std::vector<pid_t> ranks = children_of(launcher);
     const Clock::time_point killed = Clock::now();

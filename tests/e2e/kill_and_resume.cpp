@@ -68,9 +68,8 @@ struct Run {
     for (fs::directory_iterator entry(folder / output / "ckpts", error), end; !error && entry != end;
          entry.increment(error)) {
       const std::string name = entry->path().filename().string();
-      if (name.rfind("state_step", 0) == 0 && name.find(".tmp-") == std::string::npos) {
+      if (name.rfind("state_step", 0) == 0 && name.find(".tmp-") == std::string::npos)
         found = std::max(found, std::stoi(name.substr(10, 7)));
-      }
     }
     return found;
   }
@@ -100,9 +99,8 @@ void check_same(const fs::path& a, const fs::path& b) {
   const auto x = anigen::io::read_safetensors(a / "ckpts/state_step0000150.safetensors").tensors;
   const auto y = anigen::io::read_safetensors(b / "ckpts/state_step0000150.safetensors").tensors;
   require(x.size() == y.size(), "states hold different arrays");
-  for (std::size_t i = 0; i < x.size(); ++i) {
+  for (std::size_t i = 0; i < x.size(); ++i)
     require(x[i].first == y[i].first && x[i].second.bytes == y[i].second.bytes, "state " + x[i].first + " differs");
-  }
 }
 
 std::string steps(int most) { return " --set trainer.args.max_steps=" + std::to_string(most); }
@@ -164,9 +162,8 @@ void check_beginnings(const Run& train) {
     reached = train.newest("run3");
   }
   require(fs::exists(train.folder / "run3/ckpts/abandoned-40-1"), "step 40 of the first history is lost");
-  for (const auto& entry : fs::directory_iterator(train.folder / "run3/ckpts")) {
+  for (const auto& entry : fs::directory_iterator(train.folder / "run3/ckpts"))
     require(!entry.is_directory() || entry.path().filename() == "abandoned-40-1", "the same restart began again");
-  }
   const std::vector<int> rows = logged_steps(train.folder / "run3");
   require(std::is_sorted(rows.begin(), rows.end()) && std::set<int>(rows.begin(), rows.end()).size() == rows.size(),
           "metrics.csv holds two histories");

@@ -25,9 +25,8 @@ RigFile rig_number(int i) {
 
 void write_good(const fs::path& folder) {
   for (int i = 0; i < kGood - 10; ++i) write_glb(folder / ("glb" + std::to_string(i) + ".glb"), rig_number(i));
-  for (int i = kGood - 10; i < kGood - 5; ++i) {
+  for (int i = kGood - 10; i < kGood - 5; ++i)
     write_rig_npz(folder / ("arrays" + std::to_string(i) + ".npz"), rig_number(i));
-  }
   std::vector<RigFile> samples;
   for (int i = kGood - 5; i < kGood; ++i) samples.push_back(rig_number(i));
   write_articulation_xl(folder / "shard.npz", samples);

@@ -58,9 +58,8 @@ struct Setup {
 };
 
 void write_inputs(const fs::path& folder) {
-  for (std::size_t i = 0; i < 3; ++i) {
+  for (std::size_t i = 0; i < 3; ++i)
     anigen::io::write_gltf(folder / ("creature" + std::to_string(i) + ".glb"), anigen::creatures::make_creature(77, i));
-  }
   fs::copy_file(folder / "creature0.glb", folder / "twin.glb");
   const std::string whole = anigen::read_file(folder / "creature1.glb");
   anigen::write_file_atomically(folder / "cut off.glb", whole.substr(0, whole.size() / 3));

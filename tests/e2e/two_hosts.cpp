@@ -132,9 +132,8 @@ void check_cut(TwoHosts& hosts, double seconds) {
   const std::vector<pid_t> ranks = hosts.start("cut", longer);
   const std::filesystem::path metrics = hosts.run.folder / "cut" / "metrics.csv";
   const Clock::time_point begin = Clock::now();
-  while (!std::filesystem::exists(metrics) && Clock::now() - begin < std::chrono::minutes(2)) {
+  while (!std::filesystem::exists(metrics) && Clock::now() - begin < std::chrono::minutes(2))
     std::this_thread::sleep_for(std::chrono::milliseconds(10));
-  }
   hosts.link.cut(true);
   const auto until = Clock::now() + std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(seconds));
   std::this_thread::sleep_until(until);

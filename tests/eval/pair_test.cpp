@@ -20,9 +20,8 @@ PairSettings quick() {
 
 /// Every metric either has a value or says why not.
 void expect_complete(const PairResult& result) {
-  for (const MetricInfo& metric : metric_table()) {
+  for (const MetricInfo& metric : metric_table())
     EXPECT_EQ(result.values.count(metric.key) + result.not_computed.count(metric.key), 1u) << metric.key;
-  }
 }
 
 TEST(PairEvaluation, AShapeIsAtNoDistanceFromItself) {

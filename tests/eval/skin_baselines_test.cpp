@@ -59,9 +59,7 @@ TEST(SkinBaselines, InverseDistanceIsAPowerLawOfBoneDistances) {
   EXPECT_NEAR(weights[9], 0.25 / 5.25, 1e-5);
   EXPECT_NEAR(weights[10], 1.0 / 5.25, 1e-5);
   EXPECT_NEAR(weights[11], 4.0 / 5.25, 1e-5);
-  for (std::size_t v = 0; v < 4; ++v) {
-    EXPECT_NEAR(weights[3 * v] + weights[3 * v + 1] + weights[3 * v + 2], 1.0, 1e-6);
-  }
+  for (std::size_t v = 0; v < 4; ++v) EXPECT_NEAR(weights[3 * v] + weights[3 * v + 1] + weights[3 * v + 2], 1.0, 1e-6);
 }
 
 TEST(SkinBaselines, StrongestJointIsTheBestHardAssignment) {

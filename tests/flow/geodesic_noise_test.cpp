@@ -27,9 +27,8 @@ TEST(GeodesicNoise, GoldenNumbers) {
   const Tensor noise = torch::tensor({9.0, 8.0, 7.0, 6.0, 1.0, 4.0, 7.0, -2.0}, torch::kFloat64).view({2, 4}).t();
   const Tensor smoothed = smooth_geodesic_noise(noise, coords, 1, 2, smoothing(2, 0.7));
   const std::vector<double> golden = {1.2399899, 1.3297479, 1.4195058, -0.6648740};
-  for (std::int64_t i = 0; i < 4; ++i) {
+  for (std::int64_t i = 0; i < 4; ++i)
     EXPECT_NEAR(smoothed[i][1].item<double>(), golden[static_cast<std::size_t>(i)], 1e-7);
-  }
   EXPECT_TRUE(torch::equal(smoothed.select(1, 0), noise.select(1, 0)));
 }
 

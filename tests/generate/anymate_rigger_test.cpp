@@ -54,9 +54,8 @@ Asset rigged(AnymateRigger& rigger, const io::RiggedShape& shape) {
 double apart(const Skeleton& a, const Skeleton& b, double scale = 1.0) {
   if (a.parents != b.parents) return 1e9;
   double most = 0.0;
-  for (std::size_t j = 0; j < a.size(); ++j) {
+  for (std::size_t j = 0; j < a.size(); ++j)
     most = std::max(most, (scale * a.positions()[j] - b.positions()[j]).norm());
-  }
   return most;
 }
 
@@ -125,9 +124,8 @@ TEST(AnymateRigger, GivenJointsKeepTheirPlacesAndNames) {
     const Skeleton skeleton = rigger.propose(bar(), given()).skeleton;
     ASSERT_EQ(skeleton.size(), 3u) << decoder;
     EXPECT_EQ(skeleton.parents[0], -1);
-    for (std::size_t j = 0; j < 3; ++j) {
+    for (std::size_t j = 0; j < 3; ++j)
       EXPECT_LT((skeleton.positions()[j] - Eigen::Vector3d(wanted.at(skeleton.names[j]), 0.25, 0.25)).norm(), 1e-9);
-    }
   }
   AnymateRigger only_skin(small_models("", "", kSkin), {});
   EXPECT_EQ(only_skin.propose(bar(), given()).skeleton.parents, (std::vector<int>{-1, 0, 1}));
@@ -191,9 +189,8 @@ TEST(AnymateSkin, ConcatenationGivesVerticesTheNearestPointsShares) {
   const RigBones bones = bones_between(torch::rand({3, 3}) - 0.5, {-1, 0, 1});
   const std::vector<float> dense = to_dense(anymate_skin(trained, cloud, cloud[0].slice(0, 10, 13), bones), 3);
   const torch::Tensor shares = direct_shares(trained, cloud, cloud.slice(1, 0, 64), bones.bones);
-  for (std::size_t v = 0; v < 3; ++v) {
+  for (std::size_t v = 0; v < 3; ++v)
     EXPECT_NEAR(dense[3 * v], shares[static_cast<std::int64_t>(10 + v)][0].item<float>(), 1e-3) << v;
-  }
 }
 
 TEST(AnymateSkin, WeightsThatAreNotFiniteAreAnError) {

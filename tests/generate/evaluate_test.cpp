@@ -238,9 +238,8 @@ TEST_F(EvaluateStructures, ComparesTheFlowWithRetrievalAndTheAutoEncoder) {
   }
   const CsvTable rows = read_csv(folder_ / "out" / "metrics.csv");
   EXPECT_EQ(rows.rows.size(), methods.size());
-  for (const char* file : {"metrics.json", "table.md", "samples.png"}) {
+  for (const char* file : {"metrics.json", "table.md", "samples.png"})
     EXPECT_TRUE(std::filesystem::exists(folder_ / "out" / file)) << file;
-  }
 }
 
 TEST_F(EvaluateStructures, WithoutPicturesThereIsNoSheet) {

@@ -42,9 +42,8 @@ std::string weights_message(const OnnxTensor& tensor) {
 
 std::string value_message(const OnnxTensor& tensor) {
   std::string shape;
-  for (const std::int64_t size : tensor.shape) {
+  for (const std::int64_t size : tensor.shape)
     shape += bytes_field(1, size > 0 ? number_field(1, size) : bytes_field(2, "open"));
-  }
   const std::string type = number_field(1, kFloat) + bytes_field(2, shape);
   return bytes_field(1, tensor.name) + bytes_field(2, bytes_field(1, type));
 }

@@ -74,9 +74,7 @@ void expect_refused(const std::function<void()>& use, const std::string& words, 
     ADD_FAILURE() << "accepted; expected: " << words;
   } catch (const InputError& error) {
     EXPECT_NE(std::string(error.what()).find(words), std::string::npos) << error.what();
-    if (!file.empty()) {
-      EXPECT_EQ(error.file(), file);
-    }
+    if (!file.empty()) EXPECT_EQ(error.file(), file);
   }
 }
 
@@ -126,9 +124,8 @@ TEST(ImagePreprocessing, TensorsHoldTheBytesOfThePictures) {
   const PreprocessedImage found = ImagePreprocessor(sized(30)).run(named(cutout(20, 20, 3, 5, 13, 8)));
   ASSERT_EQ(found.picture_tensor.sizes(), (std::vector<std::int64_t>{1, 3, 30, 30}));
   EXPECT_EQ(found.picture_tensor.scalar_type(), torch::kFloat32);
-  for (int c = 0; c < 3; ++c) {
+  for (int c = 0; c < 3; ++c)
     EXPECT_EQ(found.picture_tensor[0][c][14][11].item<float>(), found.picture.pixel(11, 14)[c] / 255.0F);
-  }
   EXPECT_EQ(found.picture.width, 30);
   EXPECT_EQ(found.normals.rgba, found.picture.rgba) << "colours stand in for normals by default";
   EXPECT_TRUE(torch::equal(found.normals_tensor, found.picture_tensor));

@@ -163,9 +163,8 @@ TEST_F(MattingNetworkTest, LogitsGoThroughASigmoidAfterImageNetNormalization) {
   std::vector<double> wanted;
   for (std::size_t i = 0; i < 100; ++i) {
     double logit = 0.0;
-    for (std::size_t c = 0; c < 3; ++c) {
+    for (std::size_t c = 0; c < 3; ++c)
       logit += weights[c] * (image.rgba[4 * i + c] / largest - options.mean[c]) / options.deviation[c];
-    }
     wanted.push_back(1.0 / (1.0 + std::exp(-logit)));
   }
   const auto [low, high] = std::minmax_element(wanted.begin(), wanted.end());

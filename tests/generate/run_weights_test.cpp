@@ -82,9 +82,8 @@ class FindFlowRuns : public testing::Test {
                                                              (counts_joints ? "true" : "false") + "}}}}");
   }
   void add_released(const std::string& root) {
-    for (const char* name : {"ss_flow_duet", "ss_flow_epic", "ss_flow_solo"}) {
+    for (const char* name : {"ss_flow_duet", "ss_flow_epic", "ss_flow_solo"})
       add(root + "/" + name, "AniGenSparseStructureFlowModel");
-    }
     add(root + "/slat_flow_auto", "AniGenElasticSLatFlowModel");
     add(root + "/slat_flow_control", "AniGenElasticSLatFlowModel", true);
     add(root + "/slat_dae", "AniGenElasticSLatEncoder");

@@ -54,9 +54,8 @@ SkinWeights skin_by_box(const Mesh& mesh) {
 std::size_t mistaken(const Mesh& mesh, const Mesh& to) {
   const SkinWeights moved = transfer_skin_to_mesh(mesh, skin_by_box(mesh), to);
   std::size_t count = 0;
-  for (std::size_t v = 0; v < to.vertices.size(); ++v) {
+  for (std::size_t v = 0; v < to.vertices.size(); ++v)
     count += moved.row_size(v) != 1 || moved.row(v)[0].joint != static_cast<std::int32_t>(v / 8) ? 1 : 0;
-  }
   return count;
 }
 
@@ -126,9 +125,7 @@ TEST(MatchingPlaces, SeamsDoNotChangeTheShape) {
   for (std::size_t v = 0; v < split.vertices.size(); ++v) {
     const std::int32_t joint = v >= 8 && v < 16 ? 1 : 0;
     EXPECT_EQ(to_split.row(v)[0].joint, joint) << v;
-    if (v < closed.vertices.size()) {
-      EXPECT_EQ(from_split.row(v)[0].joint, joint) << v;
-    }
+    if (v < closed.vertices.size()) EXPECT_EQ(from_split.row(v)[0].joint, joint) << v;
   }
 }
 
@@ -214,9 +211,8 @@ TEST(SkinTransfer, IsExactForLinearWeightsWhereTheNearestVertexIsNot) {
   const SkinWeights skin = linear_skin(mesh.vertices);
   Rng rng(1, "points");
   std::vector<Eigen::Vector3d> points, vertices;
-  for (const auto& at : sample_surface(mesh.vertices, mesh.faces, 500, rng)) {
+  for (const auto& at : sample_surface(mesh.vertices, mesh.faces, 500, rng))
     points.push_back(position(at, mesh.vertices, mesh.faces));
-  }
   for (const Eigen::Vector3f& vertex : mesh.vertices) vertices.push_back(vertex.cast<double>());
   const SkinWeights moved = transfer_skin(mesh, skin, points);
   ASSERT_EQ(moved.rows(), points.size());

@@ -42,9 +42,7 @@ TEST(PointIndex, EquallyNearVerticesGiveTheLowestIndex) {
   // Points of a grid are as near to eight vertices, and every vertex is there three times.
   std::vector<Eigen::Vector3d> vertices;
   for (int copy = 0; copy < 3; ++copy) {
-    for (int i = 0; i < 125; ++i) {
-      vertices.emplace_back(i / 25, i / 5 % 5, i % 5);
-    }
+    for (int i = 0; i < 125; ++i) vertices.emplace_back(i / 25, i / 5 % 5, i % 5);
   }
   const PointIndex tree(vertices);
   for (int i = 0; i < 64; ++i) {

@@ -36,9 +36,8 @@ double largest_distance(const Mesh& from, const Mesh& to) {
   Rng rng(1, "distance");
   const NearestSurface surface(to);
   double largest = 0.0;
-  for (const SurfacePoint& point : sample_surface(from.vertices, from.faces, 5000, rng)) {
+  for (const SurfacePoint& point : sample_surface(from.vertices, from.faces, 5000, rng))
     largest = std::max(largest, surface.query(position(point, from.vertices, from.faces)).distance);
-  }
   return largest;
 }
 

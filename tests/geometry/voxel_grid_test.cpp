@@ -17,9 +17,8 @@ std::vector<Voxel> scattered(std::size_t count, int resolution, std::uint64_t se
   Rng rng(seed, "voxels");
   std::vector<Voxel> voxels(count);
   for (Voxel& voxel : voxels) {
-    for (std::int32_t& index : voxel) {
+    for (std::int32_t& index : voxel)
       index = static_cast<std::int32_t>(rng.index(static_cast<std::size_t>(resolution)));
-    }
   }
   return voxels;
 }

@@ -111,9 +111,8 @@ TEST(VoxelizeBones, HoldsEverySampleAndStaysConnected) {
       // From one face to the next: as many voxels as borders are crossed, plus one.
       const Voxel first = voxel_at(a, resolution), last = voxel_at(b, resolution);
       std::size_t crossings = 0;
-      for (std::size_t axis = 0; axis < 3; ++axis) {
+      for (std::size_t axis = 0; axis < 3; ++axis)
         crossings += static_cast<std::size_t>(std::abs(last[axis] - first[axis]));
-      }
       EXPECT_EQ(voxels.size(), crossings + 1);
     }
   }
@@ -269,9 +268,7 @@ TEST(VoxelizeSurface, TheOneVoxelGridAndTheLargest) {
       const double gap = test::separation(triangle, voxel, kTie);
       const bool found = std::binary_search(large.begin(), large.end(), voxel);
       set_voxels += found ? 1 : 0;
-      if (std::abs(gap) > kTie) {
-        ASSERT_EQ(found, gap < 0.0) << i;
-      }
+      if (std::abs(gap) > kTie) ASSERT_EQ(found, gap < 0.0) << i;
     }
   }
   EXPECT_GT(set_voxels, 500u);
@@ -282,9 +279,8 @@ Mesh soup(std::size_t faces, std::uint64_t seed) {
   Mesh mesh;
   for (std::size_t f = 0; f < faces; ++f) {
     const GridTriangle triangle = random_triangle(rng, 64, f % 10 == 0 ? 40.0 : 2.0);
-    for (const Eigen::Vector3d& corner : triangle) {
+    for (const Eigen::Vector3d& corner : triangle)
       mesh.vertices.push_back((corner.array() / 64 - 0.5).matrix().cast<float>());
-    }
     const auto first = static_cast<std::int32_t>(3 * f);
     mesh.faces.push_back({first, first + 1, first + 2});
   }

@@ -30,9 +30,8 @@ void expect_error_or_success(const std::string& bytes, const std::filesystem::pa
 void expect_errors_only(const std::string& bytes, const std::filesystem::path& scratch,
                         const std::function<void(const std::filesystem::path&)>& read, std::size_t flips) {
   const std::size_t step = std::max<std::size_t>(1, bytes.size() / 200);
-  for (std::size_t length = 0; length < bytes.size(); length += step) {
+  for (std::size_t length = 0; length < bytes.size(); length += step)
     expect_error_or_success(bytes.substr(0, length), scratch, read, "the first " + std::to_string(length) + " bytes");
-  }
   for (std::size_t i = 0; i < flips; ++i) {
     Rng rng(7, "file_fuzz", i);
     std::string damaged = bytes;

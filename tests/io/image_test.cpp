@@ -293,13 +293,11 @@ TEST(ExifOrientation, IsReadFromEveryFormatAndByteOrder) {
 }
 
 TEST(ExifOrientation, IsUprightWhereNothingUsefulIsSaid) {
-  for (const char* extension : {".jpg", ".png", ".webp", ".bmp", ".tif"}) {
+  for (const char* extension : {".jpg", ".png", ".webp", ".bmp", ".tif"})
     EXPECT_EQ(exif_orientation(encoded_pixels(extension)), 1) << extension;
-  }
   EXPECT_EQ(exif_orientation({}), 1);
-  for (const int nonsense : {0, 9, 65535}) {
+  for (const int nonsense : {0, 9, 65535})
     EXPECT_EQ(exif_orientation(test::jpeg_with_exif(encoded_pixels(".jpg"), test::exif_block(nonsense))), 1);
-  }
 }
 
 TEST(ExifOrientation, DamagedBlocksAreNoError) {

@@ -197,9 +197,8 @@ TEST(ObjRig, MeshAndRigInTheAxesOfTheFile) {
   for (std::size_t j = 0; j < positions.size(); ++j) {
     EXPECT_EQ(rig["joints"][j]["name"], asset.skeleton.names[j]);
     EXPECT_EQ(rig["joints"][j]["parent"], asset.skeleton.parents[j]);
-    for (std::size_t c = 0; c < 3; ++c) {
+    for (std::size_t c = 0; c < 3; ++c)
       EXPECT_NEAR(rig["joints"][j]["position"][c].get<double>(), turned(positions[j])[c], 1e-9);
-    }
   }
   ASSERT_EQ(rig["skin"].size(), asset.mesh.vertices.size());
   EXPECT_EQ(rig["skin"][0][0][0], asset.skin.row(0)[0].joint);

@@ -109,9 +109,8 @@ TEST_P(PlyBinary, ReadsEveryType) {
   EXPECT_EQ(mesh.vertices[2], Eigen::Vector3f(2.25f, -2.0f, 3e9f));
   EXPECT_EQ(mesh.colors[1], Eigen::Vector4f(0.2f, 1, 1, 1));
   EXPECT_EQ(mesh.faces, (std::vector<Triangle>{{2, 0, 1}}));
-  for (std::size_t cut = 1; cut < 60; ++cut) {
+  for (std::size_t cut = 1; cut < 60; ++cut)
     EXPECT_THROW(parsed_ply(bytes.substr(0, bytes.size() - cut)), InputError) << cut << " bytes missing";
-  }
 }
 
 INSTANTIATE_TEST_SUITE_P(Endian, PlyBinary, ::testing::Bool(),

@@ -64,9 +64,8 @@ inline Mesh crawler(int rings = 12) {
 inline std::vector<Eigen::Vector3d> random_points(std::size_t count, std::uint64_t seed) {
   Rng rng(seed, "test points");
   std::vector<Eigen::Vector3d> points;
-  for (std::size_t i = 0; i < count; ++i) {
+  for (std::size_t i = 0; i < count; ++i)
     points.emplace_back(rng.uniform(-1, 1), rng.uniform(-0.6, 0.6), rng.uniform(-0.3, 0.3));
-  }
   return points;
 }
 

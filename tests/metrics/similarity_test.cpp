@@ -38,9 +38,8 @@ TEST(Similarity, AngleIsExactNearZeroAndAtAHalfTurn) {
     return Eigen::AngleAxisd(angle, Eigen::Vector3d(1, 2, 3).normalized()).toRotationMatrix();
   };
   const Eigen::Matrix3d base = test::random_similarity(3).rotation;
-  for (const double angle : {0.0, 1e-9, 0.4, 3.141592653589793}) {
+  for (const double angle : {0.0, 1e-9, 0.4, 3.141592653589793})
     EXPECT_NEAR(rotation_angle(base, base * turn(angle)), angle, 1e-7 * (angle > 3) + 1e-15);
-  }
 }
 
 TEST(Similarity, MovesMeshAndJoints) {

@@ -48,9 +48,8 @@ TEST(PointIndex, EqualsTheSlowSearchWithAndWithoutGuess) {
     const geometry::PointIndex::Nearest found = index.nearest(query);
     EXPECT_NEAR(found.squared, best, 1e-15);
     EXPECT_NEAR((index.point(found.index) - query).squaredNorm(), best, 1e-15);
-    for (const std::size_t guess : {std::size_t{0}, std::size_t{77}, found.index}) {
+    for (const std::size_t guess : {std::size_t{0}, std::size_t{77}, found.index})
       EXPECT_NEAR(index.nearest(query, guess).squared, best, 1e-15);
-    }
   }
   EXPECT_THROW(geometry::PointIndex(std::vector<Eigen::Vector3d>{}), InputError);
   EXPECT_THROW(geometry::PointIndex({{0, 0, 0}, {0, NAN, 0}}), InputError);

@@ -285,9 +285,8 @@ KERNEL_TEST(BlockedAttention, Bf16OfAllSizes) {
         AttentionSizes{1, 2, 7, 90, 32}, AttentionSizes{1, 1, 130, 600, 40}}) {
     SCOPED_TRACE(testing::Message() << sizes);
     AttentionCase rounded(sizes);
-    for (Tensor* x : {&rounded.q, &rounded.k, &rounded.v, &rounded.direction}) {
+    for (Tensor* x : {&rounded.q, &rounded.k, &rounded.v, &rounded.direction})
       *x = x->to(torch::kBFloat16).to(torch::kFloat64);
-    }
     const auto wanted = rounded.run(plain_attention, torch::kFloat64);
     expect_close(rounded.run(cpu_blocked_attention, torch::kBFloat16), wanted, std::exp2(-6));
     // As a projection leaves them, side by side, the queries only when there are as many.

@@ -210,9 +210,8 @@ TEST(DenseCrossBlock, WithoutSelfAttentionHasNeitherItsNormNorItsLayers) {
   options.context_channels = 5;
   options.affine_norms = true;
   options.self_attention = false;
-  for (const std::string& key : keys_of(*DenseCrossBlock(options))) {
+  for (const std::string& key : keys_of(*DenseCrossBlock(options)))
     EXPECT_TRUE(key.rfind("norm1", 0) != 0 && key.rfind("self_attn", 0) != 0) << key;
-  }
 }
 
 }  // namespace

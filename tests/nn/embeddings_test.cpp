@@ -57,9 +57,8 @@ TEST(Patchify, OffsetsFollowTheChannel) {
   for (std::int64_t channel = 0; channel < 24; ++channel) {
     const std::int64_t c = channel / 8, i = channel / 4 % 2, j = channel / 2 % 2, k = channel % 2;
     for (std::int64_t x = 0; x < 2; ++x) {
-      for (std::int64_t y = 0; y < 3; ++y) {
+      for (std::int64_t y = 0; y < 3; ++y)
         EXPECT_EQ(patches[1][channel][x][y][0].item<float>(), volume[1][c][2 * x + i][2 * y + j][k].item<float>());
-      }
     }
   }
   EXPECT_TRUE(torch::equal(unpatchify(patches, 2), volume));

@@ -25,9 +25,8 @@ TEST(DescribedPart, ReadsStartStopAndStep) {
 
 TEST(DescribedPart, RefusesWhatItCannotRead) {
   const torch::Tensor volume = torch::zeros({2, 3, 4});
-  for (const char* description : {"all of it", "[:,:]", "[:,:,:,:]", "[:,:,1]", "[:,,:]", "[:,:,0:1:2:3]"}) {
+  for (const char* description : {"all of it", "[:,:]", "[:,:,:,:]", "[:,:,1]", "[:,,:]", "[:,:,0:1:2:3]"})
     EXPECT_THROW(described_part(volume, description), std::runtime_error) << description;
-  }
 }
 
 }  // namespace
@@ -42,9 +41,8 @@ using Row = OperatorProfile::Row;
 
 TEST(Device, IsCpuOrACudaDeviceThatIsThere) {
   EXPECT_EQ(parse_device("cpu"), torch::Device(torch::kCPU));
-  for (const char* name : {"", "gpu", "cuda:", "cuda:x", "cuda:1234", "cuda:999", "CPU"}) {
+  for (const char* name : {"", "gpu", "cuda:", "cuda:x", "cuda:1234", "cuda:999", "CPU"})
     EXPECT_THROW(parse_device(name), InputError) << name;
-  }
 }
 
 Row row_of(const std::vector<Row>& rows, const std::string& name) {

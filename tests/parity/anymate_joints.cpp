@@ -100,9 +100,8 @@ void run_diffusion_cross(Fixture& fixture) {
 
 // Rows in ascending order of x, then y, then z.
 Tensor sorted_points(Tensor points) {
-  for (const std::int64_t axis : {2, 1, 0}) {
+  for (const std::int64_t axis : {2, 1, 0})
     points = points.index_select(0, std::get<1>(points.select(1, axis).sort(/*stable=*/true, 0, false)));
-  }
   return points;
 }
 

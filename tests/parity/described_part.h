@@ -15,9 +15,8 @@ inline torch::Tensor described_part(const torch::Tensor& volume, const std::stri
   static const std::regex kBrackets(R"(\[([0-9:,\s-]*:[0-9:,\s-]*)\])"), kComma(R"(\s*,\s*)");
   static const std::regex kSlice(R"(\s*(\d*):(-?\d*)(?::(\d*))?\s*)");
   std::smatch brackets;
-  if (!std::regex_search(description, brackets, kBrackets)) {
+  if (!std::regex_search(description, brackets, kBrackets))
     throw std::runtime_error("no slices in '" + description + "'");
-  }
   const std::string inside = brackets[1];
   const std::vector<std::string> slices(std::sregex_token_iterator(inside.begin(), inside.end(), kComma, -1),
                                         std::sregex_token_iterator());
@@ -28,9 +27,8 @@ inline torch::Tensor described_part(const torch::Tensor& volume, const std::stri
   torch::Tensor part = volume;
   for (std::size_t i = 0; i < slices.size(); ++i) {
     std::smatch slice;
-    if (!std::regex_match(slices[i], slice, kSlice)) {
+    if (!std::regex_match(slices[i], slice, kSlice))
       throw std::runtime_error("'" + slices[i] + "' in '" + description + "' is no slice");
-    }
     const auto axis = static_cast<std::int64_t>(i);
     const std::int64_t start = slice[1].length() > 0 ? std::stoll(slice[1].str()) : 0;
     const std::int64_t stop = slice[2].length() > 0 ? std::stoll(slice[2].str()) : part.size(axis);

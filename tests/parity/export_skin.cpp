@@ -102,9 +102,8 @@ class ExportedCase {
     options.axes = io::ExportAxes::kPublished;
     asset.skeleton = io::unrotated_in_file(skeleton_from_joints(skeleton_.positions, skeleton_.parents), options.axes);
     asset.skin = skin_rows(fixture_.input(name_ + "skin"));
-    for (Influence& influence : asset.skin.influences) {
+    for (Influence& influence : asset.skin.influences)
       influence.joint = skeleton_.joint_of_fixture[static_cast<std::size_t>(influence.joint)];
-    }
     const TemporaryFolder folder;
     io::write_gltf(folder / "asset.glb", asset, options);
     return ParsedGltf(folder / "asset.glb");
@@ -153,9 +152,8 @@ class ExportedCase {
 };
 
 void run_export_skin(Fixture& fixture) {
-  for (std::size_t c = 0; c < fixture.config().at("J").size(); ++c) {
+  for (std::size_t c = 0; c < fixture.config().at("J").size(); ++c)
     ExportedCase(fixture, "c" + std::to_string(c) + ".").check();
-  }
 }
 
 }  // namespace

@@ -58,9 +58,8 @@ Tensor Fixture::input(const std::string& name) const { return nn::to_tensor(tens
 
 std::vector<Tensor> Fixture::inputs(const std::string& prefix) const {
   std::vector<Tensor> list;
-  while (has_input(prefix + "." + std::to_string(list.size()))) {
+  while (has_input(prefix + "." + std::to_string(list.size())))
     list.push_back(input(prefix + "." + std::to_string(list.size())));
-  }
   return list;
 }
 

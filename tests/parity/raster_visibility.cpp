@@ -21,9 +21,8 @@ constexpr double kRayEdgeDistance = 1e-3, kRayDepthGap = 1e-5;
 Asset mesh_asset(Fixture& fixture, const std::string& mesh) {
   Asset asset;
   asset.name = mesh;
-  for (const Eigen::Vector3d& vertex : points(fixture.input(mesh + ".vertices"))) {
+  for (const Eigen::Vector3d& vertex : points(fixture.input(mesh + ".vertices")))
     asset.mesh.vertices.push_back(vertex.cast<float>());
-  }
   const std::vector<int> flat = ints(fixture.input(mesh + ".faces"));
   for (std::size_t i = 0; i + 2 < flat.size(); i += 3) asset.mesh.faces.push_back({flat[i], flat[i + 1], flat[i + 2]});
   return asset;

@@ -52,9 +52,8 @@ void check_mesh_skin(Fixture& fixture, const std::string& mesh) {
 }
 
 void run_skin_utils(Fixture& fixture) {
-  for (std::size_t m = 0; m < fixture.config().at("J").size(); ++m) {
+  for (std::size_t m = 0; m < fixture.config().at("J").size(); ++m)
     check_mesh_skin(fixture, "m" + std::to_string(m) + ".");
-  }
 }
 
 }  // namespace

@@ -20,9 +20,8 @@ using torch::Tensor;
 // One more than the largest item of any of these inputs, so that all have the same number of items.
 std::int64_t items_of_inputs(const Fixture& fixture, const std::vector<std::string>& coords) {
   std::int64_t items = 0;
-  for (const std::string& name : coords) {
+  for (const std::string& name : coords)
     items = std::max(items, fixture.input(name).select(1, 0).max().item<std::int64_t>() + 1);
-  }
   return items;
 }
 

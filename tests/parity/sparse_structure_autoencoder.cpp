@@ -35,9 +35,8 @@ Tensor occupancy_input(const Fixture& fixture, const std::string& dense, const s
   Tensor volume = torch::zeros(sizes);
   Tensor flat = torch::zeros({fixture.input(sparse).size(0)}, torch::kInt64);
   const Tensor indices = fixture.input(sparse).to(torch::kInt64);
-  for (std::int64_t axis = 0; axis < 5; ++axis) {
+  for (std::int64_t axis = 0; axis < 5; ++axis)
     flat = flat * sizes[static_cast<std::size_t>(axis)] + indices.select(1, axis);
-  }
   volume.view({-1}).index_fill_(0, flat, 1.0);
   return volume;
 }

@@ -39,9 +39,8 @@ void run_sampler_ss(Fixture& fixture) {
   const Tensor cond = fixture.input("cond");
   const flow::VelocityFunction conditional = velocity_under(model, cond);
   const flow::VelocityFunction unconditional = velocity_under(model, torch::zeros_like(cond));
-  for (const auto& [name, arguments] : fixture.config().at("cases").items()) {
+  for (const auto& [name, arguments] : fixture.config().at("cases").items())
     check_sampling_case(fixture, name, noise, conditional, unconditional);
-  }
 }
 
 void run_train_ss_flow(Fixture& fixture) {

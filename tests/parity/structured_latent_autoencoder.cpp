@@ -66,9 +66,8 @@ void run_slat_encoder(Fixture& fixture) {
   const std::vector<Tensor> face = fixture.inputs("bvh_face_id"), places = fixture.inputs("bvh_uvw");
   const torch::NoGradGuard no_grad;
   std::vector<skin_field::VertexMix> lookups;
-  for (std::size_t i = 0; i < face.size(); ++i) {
+  for (std::size_t i = 0; i < face.size(); ++i)
     lookups.push_back(skin_field::surface_mix(face[i], places[i], rigs.faces[i]));
-  }
   if (lookups.empty()) lookups = model->skin_lookups(*x.support, rigs);
   const auto output = model->forward(x, x_skl, rigs, lookups, noise);
   fixture.check("z", output.z.feats);

@@ -37,9 +37,8 @@ void run_grad_clip(Fixture& fixture) {
 
 train::LrSchedule schedule_of(const Json& json) {
   const Json& args = json.at("args");
-  if (json.at("name") == "LinearLR") {
+  if (json.at("name") == "LinearLR")
     return train::linear_lr(args.at("start_factor"), args.at("end_factor"), args.at("total_iters"));
-  }
   if (json.at("name") == "CosineAnnealingLR") return train::cosine_annealing_lr(args.at("T_max"), args.at("eta_min"));
   throw std::runtime_error("unexpected schedule " + json.at("name").get<std::string>());
 }

@@ -27,9 +27,8 @@ std::vector<std::array<std::int32_t, 3>> triples(const torch::Tensor& tensor) {
 
 torch::Tensor tensor_of(const std::vector<Voxel>& voxels) {
   const torch::Tensor result = torch::empty({static_cast<std::int64_t>(voxels.size()), 3}, torch::kInt32);
-  for (std::size_t i = 0; i < voxels.size(); ++i) {
+  for (std::size_t i = 0; i < voxels.size(); ++i)
     std::copy(voxels[i].begin(), voxels[i].end(), result.data_ptr<std::int32_t>() + 3 * i);
-  }
   return result;
 }
 
@@ -194,9 +193,8 @@ void check_votes(Fixture& fixture, const std::vector<Eigen::Vector3d>& positions
 
 void run_joint_parent_fields(Fixture& fixture) {
   const Json& config = fixture.config();
-  if (!config.at("jp_residual_fields") || !config.at("jp_hyper_continuous")) {
+  if (!config.at("jp_residual_fields") || !config.at("jp_hyper_continuous"))
     throw std::runtime_error("only the residual, hyper-continuous form is compared");
-  }
   const nn::FourierEmbedding embedding(config.at("skl_pos_embed_freq").get<std::int64_t>());
   const torch::Tensor root = nn::to_tensor(*io::find(fixture.parameters(), "root_embedding"));
   std::vector<torch::Tensor> skeleton, by_vertex, by_surface;
@@ -208,9 +206,8 @@ void run_joint_parent_fields(Fixture& fixture) {
     const auto rows = static_cast<std::int64_t>(one.voxels.size());
     by_vertex.push_back(at_nearest_vertices(fixture, s, one).reshape({rows, -1}));
     by_surface.push_back(at_places(fixture, s).reshape({rows, -1}));
-    for (const Eigen::Vector3d& center : centers(one.skeleton_voxels, config.at("resolution"))) {
+    for (const Eigen::Vector3d& center : centers(one.skeleton_voxels, config.at("resolution")))
       positions.push_back(center);
-    }
   }
   fixture.check("skl_embed", torch::cat(skeleton));
   fixture.check("vox_embed_nn", torch::cat(by_vertex));

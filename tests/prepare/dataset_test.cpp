@@ -108,9 +108,8 @@ TEST_F(PrepareDataset, WritesThePublishedLayoutAndCountsWhatItRejects) {
   EXPECT_EQ(read_csv(folder_ / "out" / "rejected.csv").rows.size(), 3u);
 
   // The published columns, and the files that they speak of.
-  for (const char* column : {"voxelized", "num_voxels", "rendered", "cond_rendered", "is_bad_skin"}) {
+  for (const char* column : {"voxelized", "num_voxels", "rendered", "cond_rendered", "is_bad_skin"})
     EXPECT_NE(table.column(column), CsvTable::kMissing) << column;
-  }
   EXPECT_EQ(table.column("aesthetic_score"), CsvTable::kMissing);
   for (std::size_t row = 0; row < 3; ++row) {
     const AssetPlaces places{folder_ / "out", table.cell(row, "sha256")};
@@ -149,9 +148,8 @@ TEST_F(PrepareDataset, ArraysAreTheNormalisedAsset) {
   }
   EXPECT_FLOAT_EQ(low, -0.5f);
   EXPECT_FLOAT_EQ(high, 0.5f);
-  for (std::size_t i = 0; i < joints.size(); ++i) {
+  for (std::size_t i = 0; i < joints.size(); ++i)
     EXPECT_NEAR(joints[i], expected.skeleton.positions()[i / 3][static_cast<Eigen::Index>(i % 3)], 1e-6);
-  }
   // The kept asset is in the same frame.
   const Asset kept = io::read_gltf(folder_ / "out" / "assets" / (table.cell(0, "sha256") + ".glb")).asset;
   EXPECT_NEAR(bounding_box(kept.mesh.vertices).longest_side(), 1.0, 1e-6);

@@ -203,9 +203,7 @@ TEST(Histograms, CountEveryValueOnce) {
     for (std::size_t i = 0; i < bins.size(); ++i) {
       std::size_t inside = 0;
       for (const double value : values) inside += value >= bins[i].low && value < bins[i].high;
-      if (i + 1 < bins.size()) {
-        EXPECT_EQ(bins[i].count, inside) << bins[i].low;
-      }
+      if (i + 1 < bins.size()) EXPECT_EQ(bins[i].count, inside) << bins[i].low;
       total += bins[i].count;
     }
     EXPECT_EQ(total, values.size());
@@ -226,9 +224,8 @@ TEST(Shards, ArePartsOfTheSources) {
   EXPECT_FALSE(shard.owns(0));
   EXPECT_TRUE(shard.owns(1));
   EXPECT_TRUE(shard.owns(4));
-  for (const char* wrong : {"", "/", "3/3", "-1/3", "1/", "/3", "1/3x", " 1/3", "1", "0/0"}) {
+  for (const char* wrong : {"", "/", "3/3", "-1/3", "1/", "/3", "1/3x", " 1/3", "1", "0/0"})
     EXPECT_THROW(parse_shard(wrong), InputError) << wrong;
-  }
 }
 
 Manifest run_of(const Shard& shard, std::size_t sources = 3) {
@@ -310,12 +307,10 @@ TEST(Pieces, HoldEveryTaskOnceAndForgetDamagedFiles) {
 
 TEST(Sweep, RemovesWhatKilledWritersLeftAndNothingElse) {
   const test::TemporaryFolder folder;
-  for (const char* name : {"a.tmp-12-0.json", "deep/er/b.tmp-1-22", "renders/x/000.tmp-9-1.png"}) {
+  for (const char* name : {"a.tmp-12-0.json", "deep/er/b.tmp-1-22", "renders/x/000.tmp-9-1.png"})
     write_file_atomically(folder / name, "stale");
-  }
-  for (const char* name : {"a.json", "b.tmp", "c.tmp-.json", "d.tmp-1.json", "e.tmp-1-2x.json", "f.tmp-a-1.json"}) {
+  for (const char* name : {"a.json", "b.tmp", "c.tmp-.json", "d.tmp-1.json", "e.tmp-1-2x.json", "f.tmp-a-1.json"})
     write_file_atomically(folder / name, "kept");
-  }
   EXPECT_EQ(sweep_temporary_files(folder.path()), 3u);
   EXPECT_EQ(sweep_temporary_files(folder.path()), 0u);
   EXPECT_TRUE(std::filesystem::exists(folder / "f.tmp-a-1.json"));

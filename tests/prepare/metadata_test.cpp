@@ -158,9 +158,8 @@ TEST(Split, FractionIsRoundedAndChecked) {
   EXPECT_EQ(test_count(30, 0.333), 10u);
   EXPECT_EQ(test_count(0, 0.5), 0u);
   EXPECT_EQ(test_count(3, 1.0), 3u);
-  for (const double bad : {-0.1, 1.5, std::numeric_limits<double>::quiet_NaN()}) {
+  for (const double bad : {-0.1, 1.5, std::numeric_limits<double>::quiet_NaN()})
     EXPECT_THROW(test_count(3, bad), InputError) << bad;
-  }
 }
 
 }  // namespace

@@ -152,9 +152,8 @@ TEST(BakePose, IdentityGivesTheAssetBack) {
       EXPECT_LT((baked.mesh.vertices[v] - asset.mesh.vertices[v]).norm(), 1e-6f);
       EXPECT_LT((baked.mesh.normals[v] - asset.mesh.normals[v]).norm(), 1e-5f);
     }
-    for (std::size_t j = 0; j < asset.skeleton.size(); ++j) {
+    for (std::size_t j = 0; j < asset.skeleton.size(); ++j)
       EXPECT_LT((baked.skeleton.bind[j] - asset.skeleton.bind[j]).cwiseAbs().maxCoeff(), 1e-6);
-    }
     EXPECT_TRUE(baked.animations.empty());
   }
 }
@@ -491,9 +490,8 @@ TEST(PoseAugmentation, RealAssetsGiveSoundVariants) {
       EXPECT_TRUE(validate(*variant).empty()) << file << ": " << validate(*variant).front();
       EXPECT_EQ(variant->mesh.faces, asset.mesh.faces);
       const std::vector<Vector3f> rest = skin_vertices(*variant, variant->skeleton.rest);
-      for (std::size_t v = 0; v < rest.size(); ++v) {
+      for (std::size_t v = 0; v < rest.size(); ++v)
         ASSERT_LT((rest[v] - variant->mesh.vertices[v]).norm(), 1e-4f) << file;
-      }
     }
     EXPECT_GT(made, 0u) << file;
   }

@@ -121,9 +121,8 @@ TEST(ClosestBones, AgreesWithComparingAllPairs) {
   }
   double expected = kNoPair;
   for (std::size_t a = 1; a < joints.size(); ++a) {
-    for (std::size_t b = 1; b < a; ++b) {
+    for (std::size_t b = 1; b < a; ++b)
       expected = std::min(expected, static_cast<double>((joints[a] - joints[b]).cwiseAbs().maxCoeff()));
-    }
   }
   EXPECT_NEAR(closest_bones(joints, parents), expected, 1e-7);
 }

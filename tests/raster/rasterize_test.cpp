@@ -17,9 +17,8 @@ namespace {
 // Number of triangles that cover each pixel: every triangle drawn alone.
 Tensor coverage_count(const ClipMesh& mesh, std::int64_t height, std::int64_t width, std::int64_t bits) {
   Tensor count = torch::zeros({height, width}, torch::kInt64);
-  for (std::int64_t f = 0; f < mesh.faces.size(0); ++f) {
+  for (std::int64_t f = 0; f < mesh.faces.size(0); ++f)
     count += (rasterize(mesh.clip, mesh.faces.narrow(0, f, 1), height, width, bits).triangle > 0).to(torch::kInt64);
-  }
   return count;
 }
 

@@ -107,9 +107,8 @@ TEST(Turntable, TurnsCounterClockwiseAtOneDistance) {
 
 TEST(Palette, NeighbouringJointsDiffer) {
   for (int j = 0; j < 200; ++j) {
-    for (int k = j + 1; k < j + 5; ++k) {
+    for (int k = j + 1; k < j + 5; ++k)
       EXPECT_GT((joint_color(j) - joint_color(k)).cwiseAbs().maxCoeff(), 0.12f) << j << " and " << k;
-    }
     EXPECT_GE(joint_color(j).minCoeff(), 0.0f);
     EXPECT_LE(joint_color(j).maxCoeff(), 1.0f);
   }

@@ -262,9 +262,8 @@ TEST(RenderView, ObjectsCastShadowsOnThemselves) {
   Asset asset = cube();
   for (Eigen::Vector3f& v : asset.mesh.vertices) v = Eigen::Vector3f(v.x(), v.y(), 0.02f * v.z() - 0.2f);
   const std::size_t first = asset.mesh.vertices.size();
-  for (const Eigen::Vector3f& v : cube().mesh.vertices) {
+  for (const Eigen::Vector3f& v : cube().mesh.vertices)
     asset.mesh.vertices.push_back(0.2f * v + Eigen::Vector3f(0.32f, 0.08f, 0.3f));
-  }
   for (const Triangle& face : cube().mesh.faces) {
     Triangle moved = face;
     for (std::int32_t& index : moved) index += static_cast<std::int32_t>(first);

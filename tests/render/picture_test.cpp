@@ -34,9 +34,8 @@ std::array<int, 4> pixel(const io::Image& image, int x, int y) {
 }
 
 void expect_color(const std::array<int, 4>& actual, const Eigen::Vector3f& srgb, int tolerance) {
-  for (int c = 0; c < 3; ++c) {
+  for (int c = 0; c < 3; ++c)
     EXPECT_NEAR(actual[static_cast<std::size_t>(c)], 255.0f * srgb[c], tolerance) << "channel " << c;
-  }
 }
 
 TEST(Picture, SphereCoversItsAnalyticSilhouette) {
@@ -102,9 +101,8 @@ TEST(Picture, TextureOriginIsTopLeft) {
   io::Image picture(2, 2);
   const std::array<std::array<int, 3>, 4> colors{{{255, 0, 0}, {0, 255, 0}, {0, 0, 255}, {255, 255, 255}}};
   for (int i = 0; i < 4; ++i) {
-    for (std::size_t c = 0; c < 3; ++c) {
+    for (std::size_t c = 0; c < 3; ++c)
       picture.pixel(i % 2, i / 2)[c] = static_cast<std::uint8_t>(colors[static_cast<std::size_t>(i)][c]);
-    }
   }
   const io::Image image = render(wall_with(picture), plain(PictureMode::kColor));
   const auto brightest = [&](int x, int y) {
@@ -130,9 +128,8 @@ TEST(Picture, ColourIsTextureTimesFactorTimesVertexColour) {
   tinted.mesh.colors.assign(4, {0.4f, 1.0f, 1.0f, 1.0f});
   const io::Image a = render(white, plain(PictureMode::kColor)), b = render(tinted, plain(PictureMode::kColor));
   const std::array<double, 3> expected{0.4, 0.5, 1.0};
-  for (std::size_t c = 0; c < 3; ++c) {
+  for (std::size_t c = 0; c < 3; ++c)
     EXPECT_NEAR(linear(b.pixel(64, 64)[c]) / linear(a.pixel(64, 64)[c]), expected[c], 0.02) << c;
-  }
 }
 
 TEST(Picture, WeightColoursAtKnownPoints) {

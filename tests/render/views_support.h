@@ -13,9 +13,8 @@ namespace anigen::test {
 inline Asset cube() {
   Asset asset;
   asset.name = "cube";
-  for (int i = 0; i < 8; ++i) {
+  for (int i = 0; i < 8; ++i)
     asset.mesh.vertices.emplace_back(i & 1 ? 0.5f : -0.5f, i & 2 ? 0.5f : -0.5f, i & 4 ? 0.5f : -0.5f);
-  }
   asset.mesh.faces = {{1, 3, 7}, {1, 7, 5}, {2, 0, 4}, {2, 4, 6}, {3, 2, 6}, {3, 6, 7},
                       {0, 1, 5}, {0, 5, 4}, {4, 5, 7}, {4, 7, 6}, {2, 3, 1}, {2, 1, 0}};
   return asset;

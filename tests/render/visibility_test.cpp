@@ -89,9 +89,8 @@ TEST(FaceVisibility, CountsTheFacesThatPicturesShow) {
   }
   const std::vector<float> visibility = face_visibility(asset.mesh, options);
   std::size_t different = 0;
-  for (std::size_t f = 0; f < seen.size(); ++f) {
+  for (std::size_t f = 0; f < seen.size(); ++f)
     different += std::abs(visibility[f] - static_cast<float>(seen[f]) / 9.0f) > 1e-6f;
-  }
   // Rays run in single precision: a face that shows in one pixel on its edge may be missed.
   EXPECT_LE(different, 4u);
   EXPECT_GT(*std::max_element(visibility.begin(), visibility.end()), 0.4f);

@@ -90,9 +90,7 @@ TEST_P(HostileInput, PointsWithoutFaces) {
   body.mesh.faces.clear();
   const SkinWeights skin = sound(body);
   for (std::size_t v = 0; v < skin.rows(); ++v) {
-    if (body.mesh.vertices[v].x() < -0.2F) {
-      EXPECT_EQ(skin.row(v)[0].joint, 0);
-    }
+    if (body.mesh.vertices[v].x() < -0.2F) EXPECT_EQ(skin.row(v)[0].joint, 0);
   }
   body.mesh.vertices.resize(1);
   sound(body);
@@ -141,9 +139,7 @@ TEST_P(HostileInput, WindingDoesNotMatter) {
   const SkinWeights skin = sound(body);
   for (Triangle& face : body.mesh.faces) std::swap(face[1], face[2]);
   EXPECT_LT(largest_difference(sound(body), skin, 3), 1e-6F);
-  for (std::size_t f = 0; f < body.mesh.faces.size(); f += 7) {
-    std::swap(body.mesh.faces[f][1], body.mesh.faces[f][2]);
-  }
+  for (std::size_t f = 0; f < body.mesh.faces.size(); f += 7) std::swap(body.mesh.faces[f][1], body.mesh.faces[f][2]);
   EXPECT_LT(largest_difference(sound(body), skin, 3), 0.1F);
 }
 
@@ -161,9 +157,8 @@ TEST_P(HostileInput, HolesDoLittleHarm) {
   for (std::size_t v = 0; v < skin.rows(); ++v) {
     const Eigen::Vector3f& p = body.mesh.vertices[v];
     if (std::abs(p.x() - 0.3F) < 0.2F && p.z() > 0.0F) continue;  // the hole's own rim
-    for (int joint = 0; joint < 3; ++joint) {
+    for (int joint = 0; joint < 3; ++joint)
       ASSERT_NEAR(weight_of(holed, v, joint), weight_of(skin, v, joint), 0.1F) << p.transpose();
-    }
   }
 }
 
@@ -174,9 +169,7 @@ TEST_P(HostileInput, ASheet) {
   const SkinWeights skin = sound(body);
   for (std::size_t v = 0; v < skin.rows(); ++v) {
     const float x = body.mesh.vertices[v].x();
-    if (std::abs(x) > 0.1F && std::abs(x) < 0.8F) {
-      EXPECT_EQ(skin.row(v)[0].joint, x < 0.0F ? 0 : 1);
-    }
+    if (std::abs(x) > 0.1F && std::abs(x) < 0.8F) EXPECT_EQ(skin.row(v)[0].joint, x < 0.0F ? 0 : 1);
   }
 }
 
@@ -204,9 +197,7 @@ TEST_P(HostileInput, JointsOutsideTheMesh) {
   const SkinWeights skin = sound(body);
   for (std::size_t v = 0; v < skin.rows(); ++v) {
     const float x = body.mesh.vertices[v].x();
-    if (std::abs(x) > 0.1F) {
-      EXPECT_EQ(skin.row(v)[0].joint, x < 0.0F ? 0 : 1) << x;
-    }
+    if (std::abs(x) > 0.1F) EXPECT_EQ(skin.row(v)[0].joint, x < 0.0F ? 0 : 1) << x;
   }
 }
 
@@ -239,9 +230,7 @@ TEST_P(HostileInput, ManyVertices) {
   const SkinWeights skin = sound(body);
   for (std::size_t v = 0; v < skin.rows(); v += 97) {
     const float x = body.mesh.vertices[v].x();
-    if (std::abs(x) > 0.3F && std::abs(x) < 0.7F) {
-      EXPECT_EQ(skin.row(v)[0].joint, x < 0.0F ? 0 : 1) << x;
-    }
+    if (std::abs(x) > 0.3F && std::abs(x) < 0.7F) EXPECT_EQ(skin.row(v)[0].joint, x < 0.0F ? 0 : 1) << x;
   }
 }
 
@@ -285,12 +274,8 @@ TEST(BoneHeat, APartWithoutHeatIsWarmedByItsNearestBones) {
   expect_sound(skin, body);
   for (std::size_t v = vertices; v < skin.rows(); ++v) {
     const float x = body.mesh.vertices[v].x();
-    if (std::abs(x) > 0.1F && std::abs(x) < 0.7F) {
-      EXPECT_EQ(skin.row(v)[0].joint, x < 0.0F ? 0 : 1) << x;
-    }
-    if (std::abs(x) < 0.01F) {
-      EXPECT_NEAR(weight_of(skin, v, 0), weight_of(skin, v, 1), 0.05F);
-    }
+    if (std::abs(x) > 0.1F && std::abs(x) < 0.7F) EXPECT_EQ(skin.row(v)[0].joint, x < 0.0F ? 0 : 1) << x;
+    if (std::abs(x) < 0.01F) EXPECT_NEAR(weight_of(skin, v, 0), weight_of(skin, v, 1), 0.05F);
   }
 }
 

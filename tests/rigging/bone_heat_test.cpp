@@ -51,12 +51,8 @@ TEST_P(SmoothBinding, WeightsGoFromOneBoneToTheOtherWithoutJumps) {
     if (std::abs(x) > 0.7F) continue;
     const float left = weight_of(skin, v, 0);
     EXPECT_LE(left, before + 0.02F) << "at x = " << x;
-    if (x > -0.65F) {
-      EXPECT_GT(left, before - 0.25F) << "at x = " << x;
-    }
-    if (std::abs(x) < 0.01F) {
-      EXPECT_NEAR(left, weight_of(skin, v, 1), 0.02F);
-    }
+    if (x > -0.65F) EXPECT_GT(left, before - 0.25F) << "at x = " << x;
+    if (std::abs(x) < 0.01F) EXPECT_NEAR(left, weight_of(skin, v, 1), 0.02F);
     before = left;
   }
   EXPECT_LT(before, 0.1F);
@@ -224,9 +220,8 @@ TEST_P(Binding, SeamsDoNotShow) {
   }
   const SkinWeights other = bound(GetParam(), split);
   for (std::size_t f = 0; f < whole.mesh.faces.size(); ++f) {
-    for (std::size_t k = 0; k < 3; ++k) {
+    for (std::size_t k = 0; k < 3; ++k)
       ASSERT_TRUE(same_row(other, 3 * f + k, skin, at(whole.mesh.faces[f][k]))) << "face " << f;
-    }
   }
 }
 
@@ -243,9 +238,8 @@ TEST_P(Binding, DoesNotDependOnTheUnit) {
   const Body body = two_bones();
   const SkinWeights skin = bound(GetParam(), body);
   // Powers of two change no digit.
-  for (const double scale : {1024.0, 0x1p-60, 0x1p60}) {
+  for (const double scale : {1024.0, 0x1p-60, 0x1p60})
     EXPECT_EQ(differing_rows(bound(GetParam(), transformed(body, scale, Eigen::Vector3d::Zero())), skin), 0u);
-  }
   if (GetParam() == SkinBinding::kNearest) return;  // whole vertices change hands by rounding
   EXPECT_LT(largest_difference(bound(GetParam(), transformed(body, 3.7, {0.3, -1.0, 2.0})), skin, 3), 0.02F);
 }

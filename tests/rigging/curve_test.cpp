@@ -88,9 +88,8 @@ TEST_F(CurveSkeleton, AStraightTubeIsOneBoneOrEvenOnes) {
   EXPECT_EQ(propose_curve_skeleton(tube, without_cuts()).size(), 2u);
   const Skeleton cut = propose_curve_skeleton(tube);
   const auto joints = cut.positions();
-  for (std::size_t j = 1; j < joints.size(); ++j) {
+  for (std::size_t j = 1; j < joints.size(); ++j)
     EXPECT_LE((joints[j] - joints[static_cast<std::size_t>(cut.parents[j])]).norm(), 0.26);
-  }
   for (const Eigen::Vector3d& joint : joints) EXPECT_LT(std::hypot(joint.x(), joint.y()), 0.02);
 }
 

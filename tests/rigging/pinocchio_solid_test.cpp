@@ -85,9 +85,8 @@ TEST(MedialSpheres, AreOnTheAxisOfATube) {
   const std::vector<Sphere> packed = packed_spheres(samples, 1000);
   EXPECT_GE(packed.size(), 7u);
   for (std::size_t a = 0; a < packed.size(); ++a) {
-    for (std::size_t b = 0; b < a; ++b) {
+    for (std::size_t b = 0; b < a; ++b)
       EXPECT_GE((packed[a].center - packed[b].center).norm(), packed[b].radius - 1e-12);
-    }
   }
   const SphereGraph graph(field, packed);
   EXPECT_EQ(graph.bridges(), 0);
@@ -98,9 +97,8 @@ TEST(MedialSpheres, AreOnTheAxisOfATube) {
   }
   EXPECT_NEAR(graph.distance(low, high), graph[high].center.z() - graph[low].center.z(), 0.05);
   double walked = 0.0;
-  for (int w = high; graph.before(low, w) >= 0; w = graph.before(low, w)) {
+  for (int w = high; graph.before(low, w) >= 0; w = graph.before(low, w))
     walked += (graph[w].center - graph[graph.before(low, w)].center).norm();
-  }
   EXPECT_NEAR(walked, graph.distance(low, high), 1e-5);
 }
 

@@ -125,14 +125,12 @@ TEST(EmbedSkeleton, FollowsTheMeshsUnit) {
   const Skeleton plain = embed_skeleton(mesh, biped_template(), coarse()).skeleton;
   for (const double scale : {1e-12, 180.0, 1e12}) {
     Mesh scaled = mesh;
-    for (Eigen::Vector3f& v : scaled.vertices) {
+    for (Eigen::Vector3f& v : scaled.vertices)
       v = (scale * (v.cast<double>() + Eigen::Vector3d(1.0, -2.0, 0.5))).cast<float>();
-    }
     Points back;
     const EmbeddedSkeleton embedded = embed_skeleton(scaled, biped_template(), coarse());
-    for (const Eigen::Vector3d& joint : embedded.skeleton.positions()) {
+    for (const Eigen::Vector3d& joint : embedded.skeleton.positions())
       back.emplace_back(joint / scale - Eigen::Vector3d(1.0, -2.0, 0.5));
-    }
     EXPECT_LT(largest_move(plain, skeleton_from_joints(back, plain.parents)), 0.02) << scale;
   }
 }
@@ -329,12 +327,10 @@ TEST(EmbeddingTemplate, FromARigWithFingers) {
   box.low.setConstant(-0.5);
   box.high.setConstant(0.5);
   const TemplateSkeleton made = template_from_skeleton(detailed_rig(), box);
-  for (const char* name : {"ground", "thumb.left", "thumb_end.right", "finger.left", "eye"}) {
+  for (const char* name : {"ground", "thumb.left", "thumb_end.right", "finger.left", "eye"})
     EXPECT_TRUE(template_joint(made, name).carried) << name;
-  }
-  for (const char* name : {"hips", "chest", "left_hand", "left_hand_tip", "right_toes_tip"}) {
+  for (const char* name : {"hips", "chest", "left_hand", "left_hand_tip", "right_toes_tip"})
     EXPECT_FALSE(template_joint(made, name).carried) << name;
-  }
   EXPECT_TRUE(template_joint(made, "left_toes_tip").foot);
   EXPECT_FALSE(template_joint(made, "left_hand_tip").foot);
   EXPECT_TRUE(template_joint(made, "hips").fat && template_joint(made, "chest").fat);
@@ -350,9 +346,8 @@ TEST(EmbeddingTemplate, FromARigWithFingers) {
   const auto joints = embedded.positions();
   std::map<std::string, Eigen::Vector3d> found;
   for (std::size_t j = 0; j < joints.size(); ++j) found[embedded.names[j]] = joints[j];
-  for (const auto& [name, place] : test::person_joints()) {
+  for (const auto& [name, place] : test::person_joints())
     EXPECT_LT((found[name] - place).norm(), 0.09) << name << " at " << found[name].transpose();
-  }
   // A carried joint keeps its distance, but for the scale of the bone it follows.
   const double reach = (found["thumb_end.left"] - found["left_hand"]).norm();
   EXPECT_GT(reach, 0.02);

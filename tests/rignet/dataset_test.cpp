@@ -122,9 +122,8 @@ TEST(RignetEdgesOfMeshes, RingsAreThoseOfFacesAndBallsAreSmall) {
     EXPECT_TRUE(near.count(v) > 0);
     EXPECT_LE(near.size(), 11u);
     has_more_than_ten = has_more_than_ten || paths.within(static_cast<std::int32_t>(v), 0.06).size() > 10;
-    for (const std::int64_t other : near) {
+    for (const std::int64_t other : near)
       EXPECT_LT((graph.vertices[v] - graph.vertices[other]).norm().item<double>(), 0.06);
-    }
   }
   EXPECT_TRUE(has_more_than_ten) << "so that some were drawn";
   EXPECT_TRUE(torch::equal(graph.ball.sources, mesh_graph(ball, paths, 3).ball.sources));
@@ -156,9 +155,7 @@ TEST(JointAttention, LooksAroundJointsAndAtSixVerticesAtLeast) {
   for (std::size_t v = 0; v < mesh.vertices.size(); ++v) {
     const float y = mesh.vertices[v].y();
     const bool is_near = std::min(std::abs(y - 0.2F), std::abs(y - 0.7F)) < 0.025F;
-    if (attention[static_cast<std::int64_t>(v)].item<float>() > 0.0F) {
-      EXPECT_TRUE(is_near) << y;
-    }
+    if (attention[static_cast<std::int64_t>(v)].item<float>() > 0.0F) EXPECT_TRUE(is_near) << y;
   }
   EXPECT_GT(attention.sum().item<double>(), 48.0) << "rings of 24 vertices around both";
   EXPECT_EQ(joint_attention(mesh, {{0, 0.5, 0}}, {0}).sum().item<double>(), 6.0) << "a joint without a bone";

@@ -166,9 +166,8 @@ TEST(CubeField, NeedsNoMemoryForTheGrid) {
 
 TEST(CubeField, TakesNoCubes) {
   CubeCorners corners = scattered_corners(3);
-  for (Tensor* part : {&corners.coords, &corners.sdf, &corners.deform, &corners.attributes, &corners.weights}) {
+  for (Tensor* part : {&corners.coords, &corners.sdf, &corners.deform, &corners.attributes, &corners.weights})
     *part = part->slice(0, 0, 0);
-  }
   const CubeField field = average_corners(corners, 3);
   EXPECT_EQ(field.vertices.size(0), 0);
   EXPECT_EQ(corner_consistency(corners, field).item<double>(), 0.0);

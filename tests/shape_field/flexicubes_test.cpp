@@ -126,9 +126,8 @@ TEST_P(FlexicubesRandomFields, AgreeWithTheDenseTensorVersion) {
   CubeCorners corners = test::random_corners(9, 3, GetParam());
   const Tensor order = torch::randperm(corners.coords.size(0), torch::kInt64);
   const Tensor kept = order.slice(0, 0, 9 * order.size(0) / 10);  // some inactive cubes inside
-  for (Tensor* part : {&corners.coords, &corners.sdf, &corners.deform, &corners.attributes, &corners.weights}) {
+  for (Tensor* part : {&corners.coords, &corners.sdf, &corners.deform, &corners.attributes, &corners.weights})
     *part = part->index_select(0, kept);
-  }
   const CubeField field = average_corners(corners, 9);
   for (const bool training : {false, true}) {
     const ExtractedSurface found = flexicubes(field, training);
@@ -138,9 +137,7 @@ TEST_P(FlexicubesRandomFields, AgreeWithTheDenseTensorVersion) {
     // Crossings next to a corner cancel digits in both.
     EXPECT_TRUE(torch::allclose(found.vertices, wanted.vertices, 1e-9, 1e-9));
     EXPECT_TRUE(torch::allclose(found.attributes, wanted.attributes, 1e-9, 1e-9));
-    if (training) {
-      EXPECT_NEAR(found.deviation.sum().item<double>(), wanted.deviation.sum().item<double>(), 1e-8);
-    }
+    if (training) EXPECT_NEAR(found.deviation.sum().item<double>(), wanted.deviation.sum().item<double>(), 1e-8);
   }
 }
 
@@ -273,9 +270,8 @@ TEST(Flexicubes, StaysOpenAtTheBoundaryOfTheGrid) {
 TEST(Flexicubes, InactiveCubesCompleteTheSurface) {
   CubeCorners corners = test::corners_of([](const Place&) { return 1.0; }, 4, 100.0);
   const std::int64_t cube = (1 * 4 + 1) * 4 + 1;
-  for (Tensor* part : {&corners.coords, &corners.sdf, &corners.deform, &corners.attributes, &corners.weights}) {
+  for (Tensor* part : {&corners.coords, &corners.sdf, &corners.deform, &corners.attributes, &corners.weights})
     *part = part->slice(0, cube, cube + 1).clone();
-  }
   corners.sdf[0][7] = -1.0;  // grid vertex (2, 2, 2), the origin
   const ExtractedSurface surface = flexicubes(average_corners(corners, 4), false);
   EXPECT_EQ(surface.vertices.size(0), 8);
@@ -290,9 +286,8 @@ TEST(Flexicubes, InactiveCubesCompleteTheSurface) {
 TEST(Flexicubes, AShellOfCubesHasAnInnerSurface) {
   CubeCorners corners = test::corners_of(test::sphere_at(0.3513), 24);
   const Tensor shell = corners.sdf.amax(1).gt(-1.5 / 24.0).nonzero().squeeze(1);
-  for (Tensor* part : {&corners.coords, &corners.sdf, &corners.deform, &corners.attributes, &corners.weights}) {
+  for (Tensor* part : {&corners.coords, &corners.sdf, &corners.deform, &corners.attributes, &corners.weights})
     *part = part->index_select(0, shell);
-  }
   const ExtractedSurface surface = flexicubes(average_corners(corners, 24), false);
   EXPECT_EQ(test::unmatched_edges(surface.faces), 0);
   const double volume = test::enclosed_volume(surface.vertices, surface.faces);

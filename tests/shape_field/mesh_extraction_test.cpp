@@ -223,9 +223,8 @@ CubeField part_of_a_grid() {
   torch::manual_seed(11);
   CubeCorners corners = test::random_corners(7, 3);
   const Tensor kept = torch::randperm(343, torch::kInt64).slice(0, 0, 60);
-  for (Tensor* part : {&corners.coords, &corners.sdf, &corners.deform, &corners.attributes, &corners.weights}) {
+  for (Tensor* part : {&corners.coords, &corners.sdf, &corners.deform, &corners.attributes, &corners.weights})
     *part = part->index_select(0, kept);
-  }
   return average_corners(corners, 7);
 }
 

@@ -192,9 +192,8 @@ std::vector<Eigen::Vector3d> draw_points(std::size_t count, std::uint64_t seed, 
   Rng rng(seed, "points");
   std::vector<Eigen::Vector3d> points(count);
   for (Eigen::Vector3d& point : points) {
-    for (double& x : point) {
+    for (double& x : point)
       x = lattice > 0 ? static_cast<double>(rng.index(static_cast<std::size_t>(lattice))) : rng.uniform(-0.5, 0.5);
-    }
   }
   return points;
 }

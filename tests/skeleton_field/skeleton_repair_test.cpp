@@ -50,9 +50,8 @@ void expect_rooted(const RootedTree& tree, std::size_t joints) {
 /// Parents by old index, -1 for the root.
 std::vector<int> in_old_order(const RootedTree& tree) {
   std::vector<int> parents(tree.order.size(), -1);
-  for (std::size_t j = 1; j < tree.order.size(); ++j) {
+  for (std::size_t j = 1; j < tree.order.size(); ++j)
     parents[static_cast<std::size_t>(tree.order[j])] = tree.order[static_cast<std::size_t>(tree.parents[j])];
-  }
   return parents;
 }
 

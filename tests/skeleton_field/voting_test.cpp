@@ -23,9 +23,8 @@ using Plain = test::PlainVoteClustering;
 void expect_same(const GroupedSkeleton& found, const GroupedSkeleton& expected, const std::string& what) {
   ASSERT_EQ(found.joints.size(), expected.joints.size()) << what;
   ASSERT_EQ(found.parents, expected.parents) << what;
-  for (std::size_t j = 0; j < found.joints.size(); ++j) {
+  for (std::size_t j = 0; j < found.joints.size(); ++j)
     ASSERT_EQ(found.joints[j], expected.joints[j]) << what << ", joint " << j;
-  }
 }
 
 std::string place_of_error(const Votes& votes) {

@@ -216,9 +216,7 @@ TEST(SparseAttention, RejectsWhatDoesNotFit) {
   torch::manual_seed(57);
   SparseAttention self(sparse_attention_of(8, 2, 0, false)), cross(sparse_attention_of(8, 2, 6, false));
   SparseAttention windowed(sparse_attention_of(8, 2, 6, true));
-  for (SparseAttention* attention : {&self, &cross, &windowed}) {
-    cases::draw_parameters(**attention, torch::kFloat32);
-  }
+  for (SparseAttention* attention : {&self, &cross, &windowed}) cases::draw_parameters(**attention, torch::kFloat32);
   const SparseTensor x = cases::random_sparse({5, 4}, 6, 8), context = cases::random_sparse({5, 4}, 6, 6);
   EXPECT_THROW(self->forward(x, context), c10::Error);
   EXPECT_THROW(self->forward(context), c10::Error);
@@ -238,9 +236,8 @@ TEST(AttentionScope, PublishedModes) {
     EXPECT_EQ(scope.window, 6);
     EXPECT_EQ(scope.shift, 3);
   }
-  for (const char* mode : {"serialized", "shift_window", "shift_sequence", "shift_order"}) {
+  for (const char* mode : {"serialized", "shift_window", "shift_sequence", "shift_order"})
     EXPECT_THROW(AttentionScope::of(mode, 8, 0), NotSupportedError) << mode;
-  }
   EXPECT_THROW(AttentionScope::of("local", 8, 0), InputError);
   EXPECT_THROW(AttentionScope::of("swin", 0, 0), InputError);
   EXPECT_THROW(AttentionScope::of("swin", 8, -1), InputError);

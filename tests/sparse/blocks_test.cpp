@@ -55,9 +55,8 @@ TEST(Resampling, AFactorPerAxisAgreesWithOneVoxelAtATime) {
     std::map<std::vector<std::int64_t>, std::vector<std::int64_t>> members;  // item, x, y, z → fine rows
     for (std::int64_t row = 0; row < rows; ++row) {
       std::vector<std::int64_t> place{coords[row][0].item<std::int64_t>()};
-      for (std::size_t axis = 0; axis < 3; ++axis) {
+      for (std::size_t axis = 0; axis < 3; ++axis)
         place.push_back(coords[row][static_cast<std::int64_t>(axis) + 1].item<std::int64_t>() / factor.axes[axis]);
-      }
       members[place].push_back(row);
     }
     const Tensor feats = x.feats.clone().requires_grad_();
@@ -440,9 +439,7 @@ TEST(SparseModulatedBlock, IsTheDenseBlockOnEachItem) {
     const Tensor mod = random_doubles({3, share ? 48 : 8});
     EXPECT_LT(cases::distance(as_batch(block->forward(x, mod)), dense->forward(as_batch(x), mod)), kDoubleTolerance);
     EXPECT_THROW(block->forward(x, mod.narrow(0, 0, 2)), c10::Error);
-    if (share) {
-      EXPECT_THROW(block->forward(x, mod.narrow(1, 0, 8)), c10::Error);
-    }
+    if (share) EXPECT_THROW(block->forward(x, mod.narrow(1, 0, 8)), c10::Error);
   }
 }
 
@@ -471,9 +468,8 @@ TEST(SparseModulatedCrossBlock, IsTheDenseBlockOnEachItem) {
         as_batch(sparse_context ? block->forward(x, mod, context) : block->forward_dense(x, mod, as_batch(context)));
     EXPECT_LT(cases::distance(found, wanted), kDoubleTolerance) << sparse_context;
     const auto gradients = torch::autograd::grad({found}, inputs, {direction});
-    for (std::size_t i = 0; i < inputs.size(); ++i) {
+    for (std::size_t i = 0; i < inputs.size(); ++i)
       EXPECT_LT(cases::distance(gradients[i], wanted_gradients[i]), 1e-10) << sparse_context << " " << i;
-    }
   }
 }
 

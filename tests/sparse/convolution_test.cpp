@@ -201,9 +201,8 @@ KERNEL_TEST(Convolution, SixteenBitInputs) {
                                    ConvolutionCase({{140}, 6, 272, 80})}) {
     for (const auto& [dtype, digits] : {std::pair(torch::kBFloat16, 8), std::pair(torch::kHalf, 11)}) {
       ConvolutionCase rounded = c;  // so that only our own rounding counts: of the results
-      for (Tensor* x : {&rounded.feats, &rounded.weight, &rounded.bias, &rounded.direction}) {
+      for (Tensor* x : {&rounded.feats, &rounded.weight, &rounded.bias, &rounded.direction})
         *x = x->to(dtype).to(torch::kFloat64);
-      }
       const auto convolution = [&](const Tensor& x, const Tensor& w, const Tensor& b) {
         return submanifold_convolution(*c.support, x, w, b);
       };

@@ -84,9 +84,8 @@ TEST(SubdivideBlock, GradientsReachEveryParameterAndTheInput) {
   const std::vector<Tensor> found = torch::autograd::grad({y}, inputs, {direction});
   const std::vector<Tensor> wanted =
       torch::autograd::grad({written_out(block_options(6, 4), *block, x)}, inputs, {direction});
-  for (std::size_t i = 0; i < found.size(); ++i) {
+  for (std::size_t i = 0; i < found.size(); ++i)
     EXPECT_LT(cases::distance(found[i], wanted[i]), 1e-9 * (1.0 + wanted[i].abs().max().item<double>())) << i;
-  }
 }
 
 TEST(SubdivideBlock, BeginsAsItsSkip) {

@@ -129,9 +129,8 @@ TEST(Support, WindowsAgreeWithBruteForce) {
   for (const auto& [size, shift] : kinds) {
     Place extent(3, 0);
     for (const Place& place : places) {
-      for (std::size_t axis = 0; axis < 3; ++axis) {
+      for (std::size_t axis = 0; axis < 3; ++axis)
         extent[axis] = std::max(extent[axis], (place[axis + 1] + shift) / size + 1);
-      }
     }
     std::map<std::int64_t, std::vector<std::int64_t>> rows;  // by number, ascending
     for (std::size_t row = 0; row < places.size(); ++row) {

@@ -224,9 +224,8 @@ void expect_golden_volume(const Tensor& tensor, double sum, double abs_sum, cons
   const Tensor values = tensor.detach().to(torch::kFloat64).flatten();
   EXPECT_NEAR(values.sum().item<double>(), sum, 5e-6 * abs_sum);
   EXPECT_NEAR(values.abs().sum().item<double>(), abs_sum, 5e-6 * abs_sum);
-  for (std::size_t i = 0; i < first.size(); ++i) {
+  for (std::size_t i = 0; i < first.size(); ++i)
     EXPECT_NEAR(values[static_cast<std::int64_t>(i)].item<double>(), first[i], 1e-5);
-  }
 }
 
 TEST(SparseStructureAutoEncoder, GoldenNumbersAtPublishedSize) {

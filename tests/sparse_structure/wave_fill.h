@@ -13,9 +13,8 @@ inline torch::Tensor wave(const std::vector<std::int64_t>& shape, double a, doub
                           double offset = 0.0) {
   torch::Tensor tensor = torch::empty(shape);
   float* values = tensor.data_ptr<float>();
-  for (std::int64_t i = 0; i < tensor.numel(); ++i) {
+  for (std::int64_t i = 0; i < tensor.numel(); ++i)
     values[i] = static_cast<float>(scale * std::sin(a * static_cast<double>(i) + b) + offset);
-  }
   return tensor;
 }
 

@@ -152,9 +152,8 @@ TEST(StructuredLatentDecoder, SkinWeightsDoNotDependOnTheChunks) {
     const Tensor direct =
         decoder->skin_decoder()->decode(points, nn::Ragged(std::vector<std::int64_t>{53}), joints, batch)[0];
     EXPECT_TRUE(torch::allclose(whole, direct, 1e-5, 1e-6));
-    for (const std::int64_t bytes : {0, 2000, 9000}) {
+    for (const std::int64_t bytes : {0, 2000, 9000})
       EXPECT_TRUE(torch::allclose(decoder->skin_weights(points, skeleton, joints, bytes), whole, 1e-5, 1e-6));
-    }
     EXPECT_EQ(decoder->skin_weights(points.slice(0, 0, 0), skeleton, joints).sizes(), torch::IntArrayRef({0, 5}));
     EXPECT_THROW(decoder->skin_weights(points.slice(1, 0, 2), skeleton, joints), InputError);
     EXPECT_THROW(decoder->skin_weights(points, skeleton, joints.slice(0, 0, 4)), InputError);
@@ -195,12 +194,8 @@ TEST(StructuredLatentDecoder, Precision) {
   const std::vector<nn::StateEntry> entries = nn::state_entries(*decoder);
   for (std::size_t i = 0; i < entries.size(); ++i) {
     const std::string& key = entries[i].key;
-    if (key.find("h_skin_unet") == 0) {
-      EXPECT_EQ(dtypes[i], torch::kFloat32) << key;
-    }
-    if (key.find("upsample") == 0) {
-      EXPECT_EQ(dtypes[i] == torch::kHalf, key.find(".conv.") != std::string::npos) << key;
-    }
+    if (key.find("h_skin_unet") == 0) EXPECT_EQ(dtypes[i], torch::kFloat32) << key;
+    if (key.find("upsample") == 0) EXPECT_EQ(dtypes[i] == torch::kHalf, key.find(".conv.") != std::string::npos) << key;
   }
   EXPECT_THROW(decoder->convert_to_fp16(), NotSupportedError);
   const LatentBatch batch = latent_batch();
@@ -253,9 +248,8 @@ void expect_golden_rows(const char* what, const Tensor& tensor, double sum, doub
   const Tensor values = tensor.detach().to(torch::kFloat64).flatten();
   EXPECT_NEAR(values.sum().item<double>(), sum, 5e-6 * abs_sum);
   EXPECT_NEAR(values.abs().sum().item<double>(), abs_sum, 5e-6 * abs_sum);
-  for (std::size_t i = 0; i < first.size(); ++i) {
+  for (std::size_t i = 0; i < first.size(); ++i)
     EXPECT_NEAR(values[static_cast<std::int64_t>(i)].item<double>(), first[i], 1e-4) << i;
-  }
 }
 
 // Cells of a 16³ grid in a shell around its middle: squares of odd distances, a fifth of them left out.

@@ -208,9 +208,8 @@ TEST(StructuredLatentFlow, FreshModelAnswersZero) {
   const StructuredVelocity velocity = run_slat_flow(model);
   EXPECT_EQ(velocity.x.feats.abs().max().item<double>(), 0.0);
   EXPECT_EQ(velocity.x_skl.feats.abs().max().item<double>(), 0.0);
-  for (const nn::StateEntry& entry : nn::state_entries(*model)) {
+  for (const nn::StateEntry& entry : nn::state_entries(*model))
     EXPECT_TRUE(entry.tensor.isfinite().all().item<bool>()) << entry.key;
-  }
 }
 
 TEST(StructuredLatentFlow, GeometryHearsOfNothingButTheImage) {
@@ -253,9 +252,8 @@ TEST(StructuredLatentFlow, ItemAloneEqualsItemInABatch) {
     SlatFlowInputs one;
     one.x = alone(inputs.x);
     one.x_skl = alone(inputs.x_skl);
-    for (Tensor SlatFlowInputs::*member : {&SlatFlowInputs::t, &SlatFlowInputs::cond, &SlatFlowInputs::joints_num}) {
+    for (Tensor SlatFlowInputs::*member : {&SlatFlowInputs::t, &SlatFlowInputs::cond, &SlatFlowInputs::joints_num})
       one.*member = (one.*member).narrow(0, item, 1);
-    }
     const StructuredVelocity velocity = run_slat_flow(model, one);
     // Sums of at most a few hundred fp32 values of size one, in another order.
     EXPECT_LT(feats_difference(velocity.x.feats, alone(both.x).feats), 1e-5);
@@ -391,9 +389,8 @@ TEST(StructuredLatentFlow, FreezesTheGeometry) {
            key.find("adapter") == std::string::npos;
   };
   StructuredLatentFlow model(tiny_slat_flow_options({{"freeze_pretrain_branch", true}}), nn::Init::kNone);
-  for (const auto& item : model->named_parameters()) {
+  for (const auto& item : model->named_parameters())
     EXPECT_EQ(item.value().requires_grad(), !is_geometry(item.key())) << item.key();
-  }
   StructuredLatentFlow unfrozen(
       tiny_slat_flow_options({{"freeze_pretrain_branch", true}, {"use_pretrain_branch", false}}), nn::Init::kNone);
   EXPECT_TRUE(nn::frozen_parameters(*unfrozen).empty());

@@ -10,9 +10,8 @@ namespace anigen::test {
 namespace {
 
 void put(FileBytes& bytes, std::uint64_t value, int count, bool big_endian) {
-  for (int i = 0; i < count; ++i) {
+  for (int i = 0; i < count; ++i)
     bytes.push_back(static_cast<std::uint8_t>(value >> (8 * (big_endian ? count - 1 - i : i))));
-  }
 }
 
 void append(FileBytes& bytes, const FileBytes& more) { bytes.insert(bytes.end(), more.begin(), more.end()); }

@@ -229,13 +229,11 @@ namespace {
 
 TEST(LrSchedule, PublishedWarmUpThenCosine) {
   const LrSchedule schedule = sequential_lr({linear_lr(1e-6, 1.0, 1000), cosine_annealing_lr(1'000'000, 0.0)}, {1000});
-  for (const std::int64_t s : {0, 1, 500, 999}) {
+  for (const std::int64_t s : {0, 1, 500, 999})
     EXPECT_NEAR(schedule(1e-4, s), 1e-4 * (1e-6 + (1 - 1e-6) * static_cast<double>(s) / 1000.0), 1e-18);
-  }
   EXPECT_DOUBLE_EQ(schedule(1e-4, 1000), 1e-4);
-  for (const std::int64_t s : {1001, 250'000, 1'000'000}) {
+  for (const std::int64_t s : {1001, 250'000, 1'000'000})
     EXPECT_NEAR(schedule(1e-4, s), 0.5e-4 * (1 + std::cos(kPi * static_cast<double>(s - 1000) / 1e6)), 1e-17);
-  }
 }
 
 TEST(LrSchedule, CosineComesBackUpAfterTMax) {
@@ -311,9 +309,7 @@ TEST(Orthogonalize, BringsSingularValuesNearOne) {
     const torch::Tensor values = std::get<1>(torch::linalg_svd(out.to(torch::kFloat64), false));
     // The quintic's plateau reaches from about 0.68 to 1.13 for values that began above 0.003 of the norm.
     EXPECT_LT(values.max().item<double>(), 1.25);
-    if (shape[0] != shape[1]) {
-      EXPECT_GT(values.min().item<double>(), 0.6);
-    }
+    if (shape[0] != shape[1]) EXPECT_GT(values.min().item<double>(), 0.6);
   }
 }
 

@@ -37,9 +37,8 @@ TEST(ChoosePrecision, ContradictionsAreNamed) {
     FAIL() << "expected an error";
   } catch (const InputError& error) {
     const std::string message = error.what();
-    for (const char* part : {"c.json", "/trainer/args/precision", "fp16-published", "fp16_mode"}) {
+    for (const char* part : {"c.json", "/trainer/args/precision", "fp16-published", "fp16_mode"})
       EXPECT_NE(message.find(part), std::string::npos) << message;
-    }
   }
 }
 

@@ -75,9 +75,8 @@ TEST_F(TrainerRun, TheRunFolderIsComplete) {
   }
   EXPECT_FALSE(std::filesystem::is_empty(folder_ / "run/tb_logs"));
   const CsvTable metrics = read_csv(folder_ / "run/metrics.csv");
-  for (const char* column : {"loss.total", "loss.kl", "status.lr", "status.grad_norm", "eval.l1", "eval.kl"}) {
+  for (const char* column : {"loss.total", "loss.kl", "status.lr", "status.grad_norm", "eval.l1", "eval.kl"})
     EXPECT_NE(metrics.column(column), CsvTable::kMissing) << column;
-  }
 }
 
 TEST_F(TrainerRun, ResumedRunsEndWithTheSameBits) {
@@ -85,9 +84,8 @@ TEST_F(TrainerRun, ResumedRunsEndWithTheSameBits) {
   // A first leg that is cut at step 7, three steps after its last checkpoint: it must go back to step 4.
   train(command("legs", {"trainer.args.max_steps=7", "trainer.args.i_save=4",
                          "trainer.args.lr_scheduler.schedulers.1.args.T_max=9"}));
-  for (const char* name : {"state", "model", "model_ema0.99", "model_ema0.9"}) {
+  for (const char* name : {"state", "model", "model_ema0.99", "model_ema0.9"})
     std::filesystem::remove(folder_ / "legs/ckpts" / (std::string(name) + "_step0000007.safetensors"));
-  }
   train(command("legs"));
   for (const char* name : {"model", "model_ema0.99", "model_ema0.9"}) {
     const std::string file = std::string("ckpts/") + name + "_step0000012.safetensors";
@@ -102,9 +100,8 @@ TEST_F(TrainerRun, DoublesAreKeptAndResumed) {
   train(command("legs", {fp64, "trainer.args.max_steps=8", "trainer.args.lr_scheduler.schedulers.1.args.T_max=9"}));
   train(command("legs", {fp64}));
   EXPECT_EQ(bytes("whole/" + file), bytes("legs/" + file));
-  for (const auto& [name, array] : io::read_safetensors(folder_ / "whole" / file).tensors) {
+  for (const auto& [name, array] : io::read_safetensors(folder_ / "whole" / file).tensors)
     EXPECT_EQ(array.dtype, io::Dtype::kF64) << name;
-  }
   train(command("narrow"));
   const double wide_loss = std::stod(read_csv(folder_ / "whole/metrics.csv").cell(0, "loss.total"));
   EXPECT_NEAR(wide_loss, std::stod(read_csv(folder_ / "narrow/metrics.csv").cell(0, "loss.total")), 1e-4);
@@ -221,9 +218,8 @@ TEST_F(TrainerRun, TheOutputsNewestCheckpointGoesBeforeLoadAndCkpt) {
     EXPECT_EQ(CheckpointFolder(folder_ / output / "ckpts").steps(), (std::vector<std::int64_t>{8, 12}));
     const CsvTable whole = read_csv(folder_ / output / "metrics.csv");
     ASSERT_GT(whole.rows.size(), half.rows.size());
-    for (std::size_t row = 0; row < half.rows.size(); ++row) {
+    for (std::size_t row = 0; row < half.rows.size(); ++row)
       EXPECT_EQ(whole.cell(row, "time.elapsed_s"), half.cell(row, "time.elapsed_s")) << "rows are not written again";
-    }
   }
 }
 
@@ -254,9 +250,8 @@ TEST_F(TrainerRun, TheSameRestartGoesOnUntilItsRunHasEnded) {
   again.run.restart = true;
   // A restart that was cut after its save at step 4: its last save and the end are undone.
   train(again);
-  for (const char* name : {"state", "model", "model_ema0.99", "model_ema0.9"}) {
+  for (const char* name : {"state", "model", "model_ema0.99", "model_ema0.9"})
     std::filesystem::remove(folder_ / "run/ckpts" / (std::string(name) + "_step0000006.safetensors"));
-  }
   EXPECT_FALSE(std::filesystem::exists(folder_ / "run/restart.json")) << "that run has ended";
   write_file_atomically(folder_ / "run/restart.json", R"({"command": "anigen-train", "last_step": -1})");
   train(again);
@@ -272,9 +267,7 @@ TEST_F(TrainerRun, TheSameRestartGoesOnUntilItsRunHasEnded) {
 
 TEST_F(TrainerRun, DamagedCheckpointsAreMovedAsideByARunThatBeginsFromNothing) {
   train(command("run", {kSixSteps}));
-  for (const int step : {4, 6}) {
-    std::filesystem::remove(CheckpointFolder(folder_ / "run/ckpts").file("model", step));
-  }
+  for (const int step : {4, 6}) std::filesystem::remove(CheckpointFolder(folder_ / "run/ckpts").file("model", step));
   train(command("run", {kSixSteps}));
   EXPECT_EQ(CheckpointFolder(folder_ / "run/ckpts").steps(), (std::vector<std::int64_t>{4, 6}));
   EXPECT_TRUE(CheckpointFolder(folder_ / "run/ckpts/abandoned-4-1").has("model_ema0.9", 6));

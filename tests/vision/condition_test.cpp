@@ -36,9 +36,8 @@ class PublishedConditions : public testing::Test {
 TEST_F(PublishedConditions, AreTakenFromTheirPublishedPlace) {
   const Json args = {{"image_cond_model", "dinov2_vits14_reg"}};
   const std::string missing = message(args);
-  for (const char* part : {"/trainer/args/image_encoder", "ckpts/dinov2/dinov2_vits14_reg4_pretrain.pth", "patch"}) {
+  for (const char* part : {"/trainer/args/image_encoder", "ckpts/dinov2/dinov2_vits14_reg4_pretrain.pth", "patch"})
     EXPECT_NE(missing.find(part), std::string::npos) << missing;
-  }
   // A file that is no archive of weights: its error shows that it was read.
   write_file_atomically("ckpts/dinov2/dinov2_vits14_reg4_pretrain.safetensors", "damaged");
   EXPECT_NE(message(args).find("dinov2_vits14_reg4_pretrain.safetensors"), std::string::npos) << message(args);

@@ -23,9 +23,8 @@ inline torch::Tensor golden_tensor(std::uint64_t k, const std::vector<std::int64
                                    double offset = 0.0) {
   torch::Tensor tensor = torch::empty(shape);
   float* values = tensor.data_ptr<float>();
-  for (std::int64_t n = 0; n < tensor.numel(); ++n) {
+  for (std::int64_t n = 0; n < tensor.numel(); ++n)
     values[n] = static_cast<float>(scale * golden_value(k, static_cast<std::uint64_t>(n)) + offset);
-  }
   return tensor;
 }
 

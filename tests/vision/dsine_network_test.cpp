@@ -125,9 +125,8 @@ TEST(InvertedResidual, IsTheSameInPartsOfItsChannels) {
   const Tensor x = torch::randn({2, 24, 300, 300});
   const Tensor both = block.forward(x);
   ASSERT_EQ(both.sizes(), torch::IntArrayRef({2, 40, 150, 150}));
-  for (int i = 0; i < 2; ++i) {
+  for (int i = 0; i < 2; ++i)
     EXPECT_LT(nn::largest_difference(both.slice(0, i, i + 1), block.forward(x.slice(0, i, i + 1))), 1e-5);
-  }
 }
 
 TEST(InvertedResidual, AddsItsInputWhereTheShapesAgree) {

@@ -37,9 +37,8 @@ TEST(PatchImageEncoder, PlacesAreTold) {
   PatchImageEncoder encoder(small_options(0), 10);
   const Tensor tokens = encoder->forward(torch::full({1, 3, 12, 12}, 0.3))[0];
   for (std::int64_t a = 0; a < 9; ++a) {
-    for (std::int64_t b = 0; b < a; ++b) {
+    for (std::int64_t b = 0; b < a; ++b)
       EXPECT_GT((tokens[a] - tokens[b]).abs().max().item<float>(), 1e-4f) << a << " and " << b;
-    }
   }
 }
 

@@ -30,9 +30,8 @@ Asset sheets(float low, float high) {
   asset.name = "sheets";
   for (const float z : {low, high}) {
     const auto first = static_cast<std::int32_t>(asset.mesh.vertices.size());
-    for (const auto& [x, y] : {std::pair{-0.5F, -0.5F}, {0.5F, -0.5F}, {0.5F, 0.5F}, {-0.5F, 0.5F}}) {
+    for (const auto& [x, y] : {std::pair{-0.5F, -0.5F}, {0.5F, -0.5F}, {0.5F, 0.5F}, {-0.5F, 0.5F}})
       asset.mesh.vertices.emplace_back(x, y, z);
-    }
     asset.mesh.faces.push_back({first, first + 1, first + 2});
     asset.mesh.faces.push_back({first, first + 2, first + 3});
   }
@@ -151,9 +150,8 @@ TEST(SurfaceFeatures, ExtractorRoundsToHalf) {
   const std::vector<float> values = array.as<float>();
   const std::vector<SurfaceFeature> rows = surface_features(asset, voxels, kResolution);
   for (std::size_t i = 0; i < rows.size(); ++i) {
-    for (std::size_t c = 0; c < kSurfaceChannels; ++c) {
+    for (std::size_t c = 0; c < kSurfaceChannels; ++c)
       ASSERT_NEAR(values[kSurfaceChannels * i + c], rows[i][c], 1e-3 * std::abs(rows[i][c]) + 1e-7);
-    }
   }
   EXPECT_EQ(extractor.extract({asset, {}, kResolution, {}}).shape, (std::vector<std::int64_t>{0, kSurfaceChannels}));
 }

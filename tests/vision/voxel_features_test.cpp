@@ -120,9 +120,8 @@ class DinoFeaturesTest : public testing::Test {
     for (std::size_t i = 0; i < colors.size(); ++i) cameras.push_back(camera(i));
     const render::Transforms transforms = render::make_transforms(cameras, {});
     render::write_transforms(folder_ / "transforms.json", transforms);
-    for (std::size_t i = 0; i < colors.size(); ++i) {
+    for (std::size_t i = 0; i < colors.size(); ++i)
       io::write_png(folder_.path() / transforms.frames[i].file_path, io::Image(20, 20, colors[i]));
-    }
   }
 
   static render::ViewCamera camera(std::size_t i) { return {0.7 * static_cast<double>(i), 0.3, 2.0, 0.7}; }
@@ -227,9 +226,8 @@ TEST(FeatureModels, ListsSurfaceAndThePublishedModels) {
 
 TEST(FeatureModels, DinoWithoutWeightsSaysHowToGiveThem) {
   const std::string message = refusal({"dinov2_vitl14_reg", {}, "cpu"});
-  for (const char* word : {"--feature-weights", "dinov2_vitl14_reg4_pretrain.pth", "surface"}) {
+  for (const char* word : {"--feature-weights", "dinov2_vitl14_reg4_pretrain.pth", "surface"})
     EXPECT_NE(message.find(word), std::string::npos) << message;
-  }
   EXPECT_NE(refusal({"dinov2_vits14", {}, "cpu"}).find("dinov2_vits14_pretrain.pth"), std::string::npos);
 }
 

@@ -110,9 +110,8 @@ class ChartGrowing {
     while (drop_misfits()) grow_rest();
     std::vector<std::vector<std::int32_t>> connected;
     for (std::vector<std::int32_t>& group : groups()) {
-      for (std::vector<std::int32_t>& piece : adjacency_.connected_pieces(std::move(group))) {
+      for (std::vector<std::int32_t>& piece : adjacency_.connected_pieces(std::move(group)))
         add_fitting(std::move(piece), connected);
-      }
     }
     return connected;
   }
@@ -237,9 +236,8 @@ class ChartGrowing {
       return;
     }
     for (auto* part : {&kept, &rest}) {
-      for (std::vector<std::int32_t>& smaller : adjacency_.connected_pieces(std::move(*part))) {
+      for (std::vector<std::int32_t>& smaller : adjacency_.connected_pieces(std::move(*part)))
         add_fitting(std::move(smaller), groups);
-      }
     }
   }
 
@@ -392,9 +390,8 @@ PlanarChart planar_chart(SurfaceChart chart, const std::vector<Eigen::Vector3f>&
                          const std::vector<Triangle>& faces) {
   PlanarChart flat;
   flat.chart = std::move(chart);
-  for (const std::int32_t face : flat.chart.faces) {
+  for (const std::int32_t face : flat.chart.faces)
     flat.vertices.insert(flat.vertices.end(), faces[at(face)].begin(), faces[at(face)].end());
-  }
   std::sort(flat.vertices.begin(), flat.vertices.end());
   flat.vertices.erase(std::unique(flat.vertices.begin(), flat.vertices.end()), flat.vertices.end());
   flat.right = flat.chart.axis.unitOrthogonal();

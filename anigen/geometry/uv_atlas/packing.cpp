@@ -80,9 +80,8 @@ class ChartStrip {
   void put(const ChartMask& mask, const ChartPlace& place) {
     for (int row = 0; row < mask.height; ++row) {
       for (const ChartMask::Run* run = mask.begin(row); run != mask.end(row); ++run) {
-        for (int y = place.y + row - gutter_; y <= place.y + row + gutter_; ++y) {
+        for (int y = place.y + row - gutter_; y <= place.y + row + gutter_; ++y)
           taken_.take(y, place.x + run->begin - gutter_, place.x + run->end + gutter_);
-        }
       }
     }
     room_.resize(std::max(room_.size(), at(place.y + mask.height + gutter_)), taken_.width());
@@ -286,9 +285,7 @@ ChartMask::ChartMask(const PlanarChart& flat, double texels_per_unit, int turns)
   width = texels_along(extent.x());
   height = texels_along(extent.y());
   std::vector<Eigen::Vector2d> places;
-  for (const Eigen::Vector2d& point : flat.points) {
-    places.push_back(texel_place(flat, point, texels_per_unit, turns));
-  }
+  for (const Eigen::Vector2d& point : flat.points) places.push_back(texel_place(flat, point, texels_per_unit, turns));
   RowRuns rows(at(height));
   for (const Triangle& t : flat.triangles)
     add_triangle({places[at(t[0])], places[at(t[1])], places[at(t[2])]}, width, rows);

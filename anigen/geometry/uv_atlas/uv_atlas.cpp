@@ -105,9 +105,8 @@ class AtlasBuilder {
         const std::int32_t face = flat.chart.faces[i];
         for (std::size_t k = 0; k < 3; ++k) atlas.faces[at(face)][k] = first + flat.triangles[i][k];
         atlas.face_charts[at(face)] = static_cast<std::int32_t>(c);
-        if (surface_.areas[at(face)] > 0.0) {
+        if (surface_.areas[at(face)] > 0.0)
           least_cosine = std::min(least_cosine, surface_.normals[at(face)].dot(flat.chart.axis));
-        }
       }
     }
     atlas.stretch = 1.0 / least_cosine;
@@ -144,9 +143,8 @@ constexpr double kAboutAsNear = 3.0;  ///< times as far as the nearest point, fo
 void require_sound_atlas(const UvAtlas& atlas, std::size_t vertices) {
   require_between(atlas.size, 1, kMostBakedTexels, "atlas.size");
   if (!(atlas.texels_per_unit > 0.0)) throw InputError("", "atlas.texels_per_unit", "must be positive");
-  if (atlas.uvs.size() != atlas.vertices.size() || atlas.face_charts.size() != atlas.faces.size()) {
+  if (atlas.uvs.size() != atlas.vertices.size() || atlas.face_charts.size() != atlas.faces.size())
     throw InputError("", "atlas", "its arrays differ in length");
-  }
   const auto require = [](bool is_sound, const char* array, std::size_t index) {
     if (!is_sound) {
       throw InputError("", std::string("atlas.") + array + "[" + std::to_string(index) + "]",
@@ -172,9 +170,8 @@ void require_colors(const Mesh& colored) {
                          " for " + std::to_string(colored.vertices.size()) + " vertices");
   }
   for (std::size_t v = 0; v < colored.colors.size(); ++v) {
-    if (!colored.colors[v].head<3>().allFinite()) {
+    if (!colored.colors[v].head<3>().allFinite())
       throw InputError("", "colored.colors[" + std::to_string(v) + "]", "not finite");
-    }
   }
 }
 
@@ -269,9 +266,8 @@ class TextureBaker {
     const Eigen::Vector3d beyond = place - on_face.position;
     const AtlasChart& chart = atlas_.charts[at(atlas_.face_charts[face])];
     Eigen::Vector3d point = beyond.x() * chart.right + beyond.y() * chart.down;
-    for (std::size_t k = 0; k < 3; ++k) {
+    for (std::size_t k = 0; k < 3; ++k)
       point += on_face.at.barycentric[static_cast<Eigen::Index>(k)] * vertices_[at(corners[k])].cast<double>();
-    }
     return source_.color(point, area_vector(vertices_, corners), guess);
   }
 

@@ -54,13 +54,11 @@ std::vector<std::uint8_t> from_fortran_order(const std::vector<std::uint8_t>& ra
 }  // namespace
 
 NdArray decode_npy(const NpyHeader& header, std::vector<std::uint8_t> raw, const NpyPlace& place) {
-  if (header.element.kind != NpyElement::Kind::kNumber) {
+  if (header.element.kind != NpyElement::Kind::kNumber)
     throw NotSupportedError(place.file, place.member, "text or objects as a numeric array");
-  }
   std::size_t count = 0;
-  if (!count_elements(header.shape, header.element.size, count)) {
+  if (!count_elements(header.shape, header.element.size, count))
     throw InputError(place.file, place.member, "its shape overflows");
-  }
   if (raw.size() != count * header.element.size) {
     throw InputError(place.file, place.member,
                      "its shape needs " + std::to_string(count * header.element.size) + " bytes and " +

@@ -35,17 +35,15 @@ ZipReader::ZipReader(const std::filesystem::path& path, const ZipLimits& limits)
     throw InputError(file_, "", "cannot be opened as a zip archive (" + text + "); truncated or damaged?");
   }
   const zip_int64_t count = zip_get_num_entries(handle_->archive, 0);
-  if (count < 0 || static_cast<std::uint64_t>(count) > limits_.max_members) {
+  if (count < 0 || static_cast<std::uint64_t>(count) > limits_.max_members)
     throw InputError(file_, "", "zip archive with " + std::to_string(count) + " members exceeds the limit");
-  }
   std::uint64_t compressed_total = 0;
   for (zip_uint64_t i = 0; i < static_cast<zip_uint64_t>(count); ++i) {
     zip_stat_t stat;
     zip_stat_init(&stat);
     constexpr zip_uint64_t kNeeded = ZIP_STAT_NAME | ZIP_STAT_SIZE | ZIP_STAT_COMP_SIZE | ZIP_STAT_COMP_METHOD;
-    if (zip_stat_index(handle_->archive, i, ZIP_FL_ENC_RAW, &stat) != 0 || (stat.valid & kNeeded) != kNeeded) {
+    if (zip_stat_index(handle_->archive, i, ZIP_FL_ENC_RAW, &stat) != 0 || (stat.valid & kNeeded) != kNeeded)
       throw InputError(file_, "member " + std::to_string(i), "its directory entry cannot be read");
-    }
     ZipMember member{stat.name, i, stat.size, stat.comp_size};
     check(member, stat.comp_method, (stat.valid & ZIP_STAT_ENCRYPTION_METHOD) ? stat.encryption_method : 0);
     if (member.compressed_bytes > file_bytes - compressed_total) {
@@ -61,12 +59,10 @@ ZipReader::~ZipReader() = default;
 
 void ZipReader::check(const ZipMember& member, std::uint16_t method, std::uint16_t encryption) const {
   if (encryption != ZIP_EM_NONE) throw NotSupportedError(file_, member.name, "encrypted zip members");
-  if (method != ZIP_CM_STORE && method != ZIP_CM_DEFLATE) {
+  if (method != ZIP_CM_STORE && method != ZIP_CM_DEFLATE)
     throw NotSupportedError(file_, member.name, "zip compression method " + std::to_string(method));
-  }
-  if (method == ZIP_CM_STORE && member.bytes != member.compressed_bytes) {
+  if (method == ZIP_CM_STORE && member.bytes != member.compressed_bytes)
     throw InputError(file_, member.name, "a stored member declares two different sizes");
-  }
   const double ratio =
       static_cast<double>(member.bytes) / std::max<double>(1.0, static_cast<double>(member.compressed_bytes));
   constexpr double kDeflateLimit = 1100;
@@ -183,9 +179,8 @@ void write_zip(const std::filesystem::path& path, const std::vector<ZipContent>&
   std::unique_ptr<zip_t, Discard> archive(zip_open(target.temporary().c_str(), ZIP_CREATE | ZIP_TRUNCATE, &code));
   if (!archive) throw WriteError(path.string() + ": cannot be created (zip error " + std::to_string(code) + ")");
   for (const ZipContent& content : members) add(archive.get(), path.string(), content);
-  if (zip_close(archive.get()) != 0) {
+  if (zip_close(archive.get()) != 0)
     throw WriteError(path.string() + ": cannot be written: " + zip_strerror(archive.get()));
-  }
   archive.release();  // zip_close freed it
   target.commit();
 }
@@ -230,9 +225,8 @@ class NpyMember {
     constexpr std::size_t kMagic = 6, kVersion = 2;
     need(kMagic + kVersion + 2);
     reader_.read(start.data(), kMagic + kVersion);
-    if (std::string_view(reinterpret_cast<const char*>(start.data()), kMagic) != "\x93NUMPY") {
+    if (std::string_view(reinterpret_cast<const char*>(start.data()), kMagic) != "\x93NUMPY")
       throw InputError(place_.file, place_.member + ", byte 0", "not an NPY array");
-    }
     const int major = start[6];
     if (major < 1 || major > 3)
       throw NotSupportedError(place_.file, place_.member, "NPY version " + std::to_string(major));
@@ -267,9 +261,8 @@ class NpyMember {
     const auto start = static_cast<std::size_t>(reader_.position());
     if (header_.element.kind != NpyElement::Kind::kObject)
       return decode_text_array(header_, reader_.rest<std::string>(), place_);
-    if (header_.fortran_order && header_.shape.size() > 1) {
+    if (header_.fortran_order && header_.shape.size() > 1)
       throw NotSupportedError(place_.file, place_.member, "object arrays in Fortran order");
-    }
     return unpickle_object_array(reader_.rest<std::string>(), header_.shape, start, place_);
   }
 
@@ -289,9 +282,8 @@ class NpyMember {
     if (!count_elements(header_.shape, header_.element.size, count)) fail("its shape overflows");
     if (header_.element.kind == NpyElement::Kind::kObject) return;
     const std::uint64_t there = member_.bytes - reader_.position(), needed = count * header_.element.size;
-    if (needed != there) {
+    if (needed != there)
       fail("its shape needs " + std::to_string(needed) + " bytes of data and " + std::to_string(there) + " are there");
-    }
   }
 
   NpyPlace place_;
@@ -338,9 +330,8 @@ std::vector<std::pair<std::string, NpzValue>> read_npz_objects(const std::filesy
                                                                const std::vector<std::string>& names) {
   const ZipReader archive(path);
   std::vector<std::pair<std::string, NpzValue>> values;
-  for (const ZipMember& member : select(archive, names)) {
+  for (const ZipMember& member : select(archive, names))
     values.emplace_back(array_name(member), NpyMember(archive, member).value());
-  }
   return values;
 }
 

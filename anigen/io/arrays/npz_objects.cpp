@@ -180,21 +180,18 @@ NpzValue unpickle_object_array(std::string pickle, const std::vector<std::int64_
   const std::size_t bytes = pickle.size();
   const pickle::Document document = pickle::load(std::move(pickle), {place.file, place.member, first_byte, false});
   const pickle::Value& root = document.root();
-  if (root.kind != pickle::Kind::kObjectArray || root.sizes != shape) {
+  if (root.kind != pickle::Kind::kObjectArray || root.sizes != shape)
     throw InputError(place.file, place.member, "its pickle is not the object array that its header announces");
-  }
   return TreeBuilder(place, bytes).nested(root, 0);
 }
 
 NpzValue decode_text_array(const NpyHeader& header, const std::string& raw, const NpyPlace& place) {
   const std::size_t size = header.element.size;
   std::size_t count = 0;
-  if (!count_elements(header.shape, std::max<std::size_t>(size, 1), count) || raw.size() != count * size) {
+  if (!count_elements(header.shape, std::max<std::size_t>(size, 1), count) || raw.size() != count * size)
     throw InputError(place.file, place.member, "its shape does not fit its data");
-  }
-  if (header.fortran_order && header.shape.size() > 1) {
+  if (header.fortran_order && header.shape.size() > 1)
     throw NotSupportedError(place.file, place.member, "text arrays in Fortran order");
-  }
   if (size == 0 && count > 0) throw NotSupportedError(place.file, place.member, "text of no width");
   // Shapes become lists as for objects: wrap the decoded texts as pickle values.
   std::vector<std::string> texts(count);

@@ -69,9 +69,8 @@ class Scanner {
 
   // A Python string literal with its quotes.
   std::string unquote(std::string_view line) {
-    if (line.size() < 2 || line.front() != line.back() || (line.front() != '\'' && line.front() != '"')) {
+    if (line.size() < 2 || line.front() != line.back() || (line.front() != '\'' && line.front() != '"'))
       fail("a string without quotes");
-    }
     line = line.substr(1, line.size() - 2);
     std::string text;
     for (std::size_t i = 0; i < line.size(); ++i) {
@@ -316,9 +315,8 @@ class Machine {
       case 'F': push_float(scanner_.parse_float(scanner_.line())); break;
       case 'G': push_float(scanner_.big_endian_double()); break;
       default:
-        if (!step_text(instruction) && !step_container(instruction) && !step_object(instruction)) {
+        if (!step_text(instruction) && !step_container(instruction) && !step_object(instruction))
           constructors_.refuse("pickle instruction " + std::to_string(instruction));
-        }
     }
     return true;
   }

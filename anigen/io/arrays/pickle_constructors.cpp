@@ -201,9 +201,8 @@ Value* Constructors::ordered_dict(const Value& arguments) {
   const Value& pairs = argument(arguments, 0, Kind::kList);  // Python 2 passed the items here
   spend(2 * sizeof(Value*) * pairs.items.size());
   for (const Value* pair : pairs.items) {
-    if ((pair->kind != Kind::kList && pair->kind != Kind::kTuple) || pair->items.size() != 2) {
+    if ((pair->kind != Kind::kList && pair->kind != Kind::kTuple) || pair->items.size() != 2)
       fail("an OrderedDict from something other than pairs");
-    }
     dict->items.insert(dict->items.end(), pair->items.begin(), pair->items.end());
   }
   return dict;
@@ -271,9 +270,8 @@ Value* Constructors::persistent(const Value& id) {
   if (id.kind != Kind::kTuple || id.items.size() < 5) fail("a persistent id that is not a torch storage");
   const Value& kind = argument(id, 0, Kind::kString);
   const Value& type = argument(id, 1, Kind::kGlobal);
-  if (kind.text != "storage" || static_cast<Global>(type.global) != Global::kTorchStorage) {
+  if (kind.text != "storage" || static_cast<Global>(type.global) != Global::kTorchStorage)
     fail("a persistent id that is not a torch storage");
-  }
   if (id.items.size() > 5 && id.items[5]->kind != Kind::kNone) refuse("torch storages that are views of others");
   Value* storage = make(Kind::kStorage);
   storage->element.dtype = type.element.dtype;

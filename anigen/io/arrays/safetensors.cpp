@@ -57,9 +57,8 @@ class HeaderReader {
       }
       expected = entry.end;
     }
-    if (expected != data_bytes_) {
+    if (expected != data_bytes_)
       fail(data_start_ + expected, std::to_string(data_bytes_ - expected) + " bytes after the last tensor");
-    }
     return entries;
   }
 
@@ -92,9 +91,8 @@ class HeaderReader {
     entry.name = name;
     entry.array.dtype = dtype(what, description["dtype"]);
     if (!description["shape"].is_array()) fail(kLengthBytes, what + ": shape is not a list");
-    for (const Header& size : description["shape"]) {
+    for (const Header& size : description["shape"])
       entry.array.shape.push_back(static_cast<std::int64_t>(unsigned_number(what + ": shape", size)));
-    }
     const Header& offsets = description["data_offsets"];
     if (!offsets.is_array() || offsets.size() != 2) fail(kLengthBytes, what + ": data_offsets is not a pair");
     entry.begin = unsigned_number(what + ": data_offsets", offsets[0]);
@@ -250,13 +248,11 @@ void write_safetensors(const std::filesystem::path& path, const NamedArrays& ten
   if (header.size() > kMaxHeaderBytes) throw Error(path.string() + ": the header exceeds the format's limit");
   AtomicFile target(path);
   std::ofstream out(target.temporary(), std::ios::binary);
-  for (int shift = 0; shift < 64; shift += 8) {
+  for (int shift = 0; shift < 64; shift += 8)
     out.put(static_cast<char>(static_cast<std::uint64_t>(header.size()) >> shift & 0xFF));
-  }
   out.write(header.data(), static_cast<std::streamsize>(header.size()));
-  for (const auto& [name, array] : tensors) {
+  for (const auto& [name, array] : tensors)
     out.write(reinterpret_cast<const char*>(array.bytes.data()), static_cast<std::streamsize>(array.bytes.size()));
-  }
   out.close();
   if (!out) throw Error(path.string() + ": cannot be written; is the disk full?");
   target.commit();

@@ -128,9 +128,8 @@ class TorchStorages {
       if (leaf.value->kind != Kind::kTensor) continue;
       const pickle::Value& storage = *leaf.value->items[0];
       Shared& shared = shared_[std::string(storage.text)];
-      if (shared.uses++ > 0 && (shared.dtype != storage.element.dtype || shared.count != storage.integer)) {
+      if (shared.uses++ > 0 && (shared.dtype != storage.element.dtype || shared.count != storage.integer))
         fail(leaf, "storage " + std::string(storage.text) + " is described in two ways");
-      }
       shared.dtype = storage.element.dtype;
       shared.count = storage.integer;
     }
@@ -167,9 +166,8 @@ class TorchStorages {
     std::size_t count = 0;
     if (!count_elements(array.shape, item, count)) fail(leaf, "its shape overflows");
     std::uint64_t end = 0;
-    if (count > 0 && (!last_element(view, end) || end > static_cast<std::uint64_t>(storage.integer))) {
+    if (count > 0 && (!last_element(view, end) || end > static_cast<std::uint64_t>(storage.integer)))
       fail(leaf, "the tensor reaches beyond its storage of " + std::to_string(storage.integer) + " elements");
-    }
     if (count * item > budget_) fail(leaf, "expanded tensors exceed by far what the file holds");
     budget_ -= count * item;
 

@@ -183,9 +183,8 @@ void parse_accessors(const JsonPlace& root, const ImportOptions& options, Docume
     accessor.width = type->rows * type->columns;
     accessor.normalized = place.boolean_or("normalized", false);
     const std::uint64_t count = place.at("count").integer(0, ~std::uint64_t{0});
-    if (count > most) {
+    if (count > most)
       place.at("count").fail(std::to_string(count) + " elements exceed the limit of " + std::to_string(most));
-    }
     accessor.count = static_cast<std::size_t>(count);
     accessor.offset = place.integer_or("byteOffset", 0, kMostBufferBytes);
     accessor.view = place.index_or_none("bufferView", document.views.size(), "bufferView");

@@ -76,9 +76,8 @@ std::uint64_t JsonPlace::integer(std::uint64_t low, std::uint64_t high) const {
   } else {
     expect(false, "a whole number");
   }
-  if (result < low || result > high) {
+  if (result < low || result > high)
     fail(std::to_string(result) + " is outside [" + std::to_string(low) + ", " + std::to_string(high) + "]");
-  }
   return result;
 }
 
@@ -132,9 +131,8 @@ int JsonPlace::index(const char* key, std::size_t count, const char* what) const
 
 int JsonPlace::as_index(std::size_t count, const char* what) const {
   const std::uint64_t result = integer(0, 0x7FFFFFFF);
-  if (result >= count) {
+  if (result >= count)
     fail(std::string("there is no ") + what + " " + std::to_string(result) + ": the file has " + std::to_string(count));
-  }
   return static_cast<int>(result);
 }
 
@@ -241,9 +239,8 @@ void read_container(const std::filesystem::path& path, const ImportOptions& opti
   container.bytes = read_file(path, options.max_file_bytes);
   const std::string& bytes = container.bytes;
   if (bytes.empty()) throw InputError(container.file, "byte 0", "the file is empty");
-  if (is_git_lfs_pointer(bytes)) {
+  if (is_git_lfs_pointer(bytes))
     throw InputError(container.file, "byte 0", "a Git LFS pointer, not the file itself: run 'git lfs pull'");
-  }
   const bool binary = bytes.compare(0, 4, "glTF") == 0;
   const std::string_view text = binary ? split_glb(bytes, container) : std::string_view(bytes);
   if (!binary) {

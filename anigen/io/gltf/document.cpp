@@ -277,9 +277,8 @@ void mark_scene(const JsonPlace& root, const ImportOptions& options, Document& d
   const std::size_t scenes = root.size_of("scenes");
   int scene = root.index_or_none("scene", scenes, "scene");
   if (options.scene >= 0) {
-    if (static_cast<std::size_t>(options.scene) >= scenes) {
+    if (static_cast<std::size_t>(options.scene) >= scenes)
       root.fail("scene " + std::to_string(options.scene) + " was asked for, the file has " + std::to_string(scenes));
-    }
     scene = options.scene;
   }
   if (scene < 0 && scenes > 0) scene = 0;
@@ -297,9 +296,8 @@ void mark_scene(const JsonPlace& root, const ImportOptions& options, Document& d
 void parse_nodes(const JsonPlace& root, const ImportOptions& options, Document& document, Notes& notes) {
   const std::size_t meshes = root.size_of("meshes"), skins = root.size_of("skins");
   if (const auto list = root.find("nodes")) {
-    if (list->size() > options.max_nodes) {
+    if (list->size() > options.max_nodes)
       list->fail(std::to_string(list->size()) + " nodes exceed the limit of " + std::to_string(options.max_nodes));
-    }
     for (const JsonPlace& place : root.entries("nodes")) {
       Node node;
       node.name = place.string_or("name", "");

@@ -219,9 +219,8 @@ template <typename Index>
 std::vector<Index> joint_set(const SkinWeights& skin, std::size_t set) {
   std::vector<Index> joints(kSetSize * skin.rows(), 0);
   for (std::size_t v = 0; v < skin.rows(); ++v) {
-    for (std::size_t k = 0, i = kSetSize * set; k < kSetSize && i < skin.row_size(v); ++k, ++i) {
+    for (std::size_t k = 0, i = kSetSize * set; k < kSetSize && i < skin.row_size(v); ++k, ++i)
       joints[kSetSize * v + k] = static_cast<Index>(skin.row(v)[i].joint);
-    }
   }
   return joints;
 }
@@ -254,9 +253,7 @@ Json write_attributes(GltfDocument& document, const Asset& asset, const Eigen::M
   const int position = document.add(positions, 3, kVertices);
   document.set_bounds(position, positions.data(), positions.size(), 3);
   attributes["POSITION"] = position;
-  if (!mesh.normals.empty()) {
-    attributes["NORMAL"] = document.add(rotated(mesh.normals, rotation, true), 3, kVertices);
-  }
+  if (!mesh.normals.empty()) attributes["NORMAL"] = document.add(rotated(mesh.normals, rotation, true), 3, kVertices);
   if (!mesh.uvs.empty()) {
     std::vector<float> values;
     for (const Eigen::Vector2f& uv : mesh.uvs) values.insert(values.end(), {uv.x(), uv.y()});
@@ -277,9 +274,8 @@ Json write_attributes(GltfDocument& document, const Asset& asset, const Eigen::M
 int write_indices(GltfDocument& document, const std::vector<std::uint32_t>& indices) {
   const std::uint32_t largest = *std::max_element(indices.begin(), indices.end());
   // 65535 itself restarts a strip in OpenGL and is forbidden.
-  if (largest < std::numeric_limits<std::uint16_t>::max()) {
+  if (largest < std::numeric_limits<std::uint16_t>::max())
     return document.add(std::vector<std::uint16_t>(indices.begin(), indices.end()), 1, kIndices);
-  }
   return document.add(indices, 1, kIndices);
 }
 
@@ -318,9 +314,8 @@ void write_skin(GltfDocument& document, const Skeleton& skeleton, const Eigen::M
   for (std::size_t j = 0; j < skeleton.size(); ++j) {
     Eigen::Matrix4f inverse = (skeleton.bind[j].inverse() * to_world).cast<float>();
     inverse.row(3) << 0.0f, 0.0f, 0.0f, 1.0f;
-    if (!inverse.allFinite()) {
+    if (!inverse.allFinite())
       throw InputError(file, "", "inverse bind matrix of joint " + std::to_string(j) + " exceeds single precision");
-    }
     matrices.insert(matrices.end(), inverse.data(), inverse.data() + 16);  // column-major, as in glTF
     joints.push_back(j);
   }
@@ -341,9 +336,8 @@ Json joint_node(const std::string& name, const Transform& rest) {
 
 std::string unused_name(const std::string& wanted, const std::vector<std::string>& taken) {
   std::string name = wanted;
-  for (int i = 1; std::find(taken.begin(), taken.end(), name) != taken.end(); ++i) {
+  for (int i = 1; std::find(taken.begin(), taken.end(), name) != taken.end(); ++i)
     name = wanted + "_mesh" + (i == 1 ? "" : std::to_string(i));
-  }
   return name;
 }
 
@@ -548,9 +542,8 @@ std::string glb_bytes(const GltfDocument& document, const std::string& file) {
   text.append((4 - text.size() % 4) % 4, ' ');
   const std::string& binary = document.binary();
   const std::uint64_t total = kHeader + kChunkHeader + text.size() + kChunkHeader + binary.size();
-  if (total > std::numeric_limits<std::uint32_t>::max()) {
+  if (total > std::numeric_limits<std::uint32_t>::max())
     throw NotSupportedError(file, "", "a .glb of " + std::to_string(total) + " bytes (the format ends at 4 GiB)");
-  }
   std::string bytes;
   bytes.reserve(static_cast<std::size_t>(total));
   bytes += "glTF";

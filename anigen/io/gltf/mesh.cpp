@@ -193,9 +193,8 @@ class MeshMerger {
       add_vertices(data.vertices, first, node);
     }
     for (const Primitive* primitive : group.primitives) {
-      if (primitive != &first) {
+      if (primitive != &first)
         data.indices = read_indices(document_, *primitive, data.vertices.count, faces_left_ / nodes.size());
-      }
       faces_left_ -= std::min(faces_left_, data.indices.size() / (primitive->mode == 4 ? 3 : 1) * nodes.size());
       add_faces(*primitive, data.indices);
     }

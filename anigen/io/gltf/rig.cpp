@@ -326,9 +326,8 @@ std::vector<Matrix4d> read_inverse_binds(const Document& document, const Skin& s
   const std::vector<double> numbers = read_doubles(document, skin.inverse_bind_accessor, matrices.size());
   for (std::size_t k = 0; k < matrices.size(); ++k) {
     matrices[k] = Eigen::Map<const Matrix4d>(numbers.data() + 16 * k);
-    if (matrices[k].allFinite() && (matrices[k].row(3) - Eigen::RowVector4d(0, 0, 0, 1)).cwiseAbs().maxCoeff() > 1e-3) {
+    if (matrices[k].allFinite() && (matrices[k].row(3) - Eigen::RowVector4d(0, 0, 0, 1)).cwiseAbs().maxCoeff() > 1e-3)
       notes.tally("repaired_inverse_bind", "inverse bind matrices had a last row other than 0 0 0 1");
-    }
     matrices[k].row(3) = Eigen::RowVector4d(0, 0, 0, 1);
   }
   return matrices;

@@ -206,9 +206,8 @@ class BvhParser {
         fail("the frame has " + std::to_string(found) + " values for " + std::to_string(channel_count_) + " channels");
       add_keys(static_cast<double>(read++) * result_.frame_time, values);
     }
-    if (read < result_.frames) {
+    if (read < result_.frames)
       fail("the file ends after " + std::to_string(read) + " of " + std::to_string(result_.frames) + " frames");
-    }
   }
 
   /// One track of rotations and one of translations for the joints whose channels say something of them.

@@ -194,9 +194,8 @@ std::unique_ptr<ShapeSource> open_folder(const fs::path& folder, const SourceOpt
         "holds nothing that can be read: no .glb, .gltf, .fbx, .dae, .npz, .pt, text rig, or metadata.csv with "
         "skeleton/");
   }
-  if (formats > 1) {
+  if (formats > 1)
     throw InputError(folder.string(), "", "holds several formats (" + found + "); name a sub-folder with one of them");
-  }
   if (!scenes.empty()) return several(folder, scenes, kScene, options);
   if (!text.empty()) return several(folder, text, kTextRig, options);
   if (!torch.empty()) return open_anymate(torch, options, false);

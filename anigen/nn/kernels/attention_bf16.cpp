@@ -206,9 +206,8 @@ ANIGEN_BF16 void pack_bf16_keys(const std::uint16_t* rows, std::int64_t stride, 
               key < count ? _mm512_maskz_loadu_epi32(taken, rows + key * stride + 2 * pair) : _mm512_setzero_si512();
         }
         transpose(block);
-        for (int i = 0; i < kLanes && pair + i < pairs; ++i) {
+        for (int i = 0; i < kLanes && pair + i < pairs; ++i)
           _mm512_storeu_si512(packed + 2 * ((pair + i) * width + first), block[i]);
-        }
       }
     }
     packed += width * channels;
@@ -353,9 +352,8 @@ class PackedSequences {
     at::parallel_for(0, problem.sequences, 1, [&](std::int64_t begin, std::int64_t end) {
       for (std::int64_t s = begin; s < end; ++s) {
         if (is_one_task(problem, s)) continue;
-        for (std::int64_t head = 0; head < heads_; ++head) {
+        for (std::int64_t head = 0; head < heads_; ++head)
           pack(problem, k, v, s, head, place(0, s, head), place(1, s, head));
-        }
       }
     });
   }

@@ -440,12 +440,10 @@ products::RowsAhead backward_rows(const RaggedProblem& p, const HeadTask& part, 
   if (next.task == nullptr) return ahead;
   const std::int64_t row = p.q_offsets[next.task->sequence], key_row = p.k_offsets[next.task->sequence];
   const std::int64_t queries = next.task->queries, keys = even_block(p.keys(next.task->sequence), kKeysAtOnce);
-  for (const Tensor* x : {&g.dy, &g.out, &g.q, &g.dq}) {
+  for (const Tensor* x : {&g.dy, &g.out, &g.q, &g.dq})
     add_rows(ahead, HeadRows<T>(*x, next.head, row), queries, p.channels);
-  }
-  for (const Tensor* x : {&g.k, &g.v, &g.dk, &g.dv}) {
+  for (const Tensor* x : {&g.k, &g.v, &g.dk, &g.dv})
     add_rows(ahead, HeadRows<T>(*x, next.head, key_row), keys, p.channels);
-  }
   const std::int64_t now = p.keys(part.task->sequence);
   ahead.spread_over(2 * products::asking_calls({part.task->queries, now, p.channels}) +
                     2 * products::asking_calls({now, p.channels, part.task->queries}) +
@@ -501,9 +499,8 @@ void backward_ragged_head(const RaggedProblem& p, const HeadTask& part, const He
   products::RowsAhead ahead = backward_rows<T>(p, part, next, g);
   dot_rows(HeadRows<T>(g.dy, part.head, row), HeadRows<T>(g.out, part.head, row), queries, p.channels,
            scratch.delta.values());
-  for (std::int64_t first = 0; first < keys; first += block) {
+  for (std::int64_t first = 0; first < keys; first += block)
     backward_block<T>(p, part, scratch, g, first, std::min(block, keys - first), ahead);
-  }
   write_rows(scratch.dq.with_stride(p.width), queries, p.channels, HeadRows<T>(g.dq, part.head, row));
 }
 

@@ -59,9 +59,8 @@ void dot_rows(const HeadRows<T>& a, const HeadRows<T>& b, std::int64_t rows, std
     float lanes[products::kLanes] = {};  // partial sums side by side: compilers keep the order of additions
     std::int64_t c = 0;
     for (; c + products::kLanes <= channels; c += products::kLanes) {
-      for (std::int64_t l = 0; l < products::kLanes; ++l) {
+      for (std::int64_t l = 0; l < products::kLanes; ++l)
         lanes[l] += static_cast<float>(x[c + l]) * static_cast<float>(y[c + l]);
-      }
     }
     for (; c < channels; ++c) lanes[0] += static_cast<float>(x[c]) * static_cast<float>(y[c]);
     dots[r] = 0.0F;

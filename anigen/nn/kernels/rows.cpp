@@ -408,9 +408,8 @@ Tensor modulated_norm(const Tensor& x, const Ragged& items, const Tensor& shift,
   if (has_kernels(x)) return NormRowsFunction::apply(x.contiguous(), scale, shift, items.lengths(), 1.0, eps);
   const Tensor normed = layer_norm(x, eps), factor = scale + 1.0;
   if (items.rows() == 0) return normed;
-  if (const std::int64_t length = common_length(items); length > 0) {
+  if (const std::int64_t length = common_length(items); length > 0)
     return torch::addcmul(shift.unsqueeze(1), as_batch(normed, length), factor.unsqueeze(1)).view(x.sizes());
-  }
   const std::vector<Tensor> rows = items.split(normed);
   return for_each_item(items, [&](std::int64_t i) {
     return torch::addcmul(shift.narrow(0, i, 1), rows[static_cast<std::size_t>(i)], factor.narrow(0, i, 1));
@@ -437,9 +436,8 @@ Tensor add_gated(const Tensor& x, const Ragged& items, const Tensor& gate, const
               "a gated sum of ", shape_text(x), " ", x.options(), " and ", shape_text(result), " ", result.options());
   if (has_kernels(x)) return AddGatedFunction::apply(x.contiguous(), gate, result.contiguous(), items.lengths());
   if (items.rows() == 0) return x;
-  if (const std::int64_t length = common_length(items); length > 0) {
+  if (const std::int64_t length = common_length(items); length > 0)
     return torch::addcmul(as_batch(x, length), as_batch(result, length), gate.unsqueeze(1)).view(x.sizes());
-  }
   const std::vector<Tensor> starts = items.split(x), rows = items.split(result);
   return for_each_item(items, [&](std::int64_t i) {
     const auto at = static_cast<std::size_t>(i);

@@ -63,9 +63,7 @@ ANIGEN_INLINE void product_tile(const Operands& at, std::index_sequence<kVector.
       right += at.right_row;
     }
   }
-  if (at.accumulate) {
-    ((sums[kSum] += reinterpret_cast<Unaligned*>(out_row(at, kSum / kVectors))[kSum % kVectors]), ...);
-  }
+  if (at.accumulate) ((sums[kSum] += reinterpret_cast<Unaligned*>(out_row(at, kSum / kVectors))[kSum % kVectors]), ...);
   ((reinterpret_cast<Unaligned*>(out_row(at, kSum / kVectors))[kSum % kVectors] = sums[kSum]), ...);
 }
 

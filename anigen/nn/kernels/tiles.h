@@ -71,17 +71,15 @@ ANIGEN_BF16_INLINE void bf16_tile(const FactorRow& factors, const SumRow& sums, 
   for (int r = 0; r < kRows; ++r) {
     rows[r] = factors(r);
 #pragma GCC unroll 4
-    for (int v = 0; v < kVectors; ++v) {
+    for (int v = 0; v < kVectors; ++v)
       tile[r][v] = kAdd ? _mm512_loadu_ps(sums(r) + v * kBf16Lanes) : _mm512_setzero_ps();
-    }
   }
   for (std::int64_t p = 0; p < pairs; ++p, b += 2 * kBf16Lanes * kVectors) {
     if (p % kBf16AskingPairs == 0) ahead.ask();
     __m512bh columns[kVectors];
 #pragma GCC unroll 4
-    for (int v = 0; v < kVectors; ++v) {
+    for (int v = 0; v < kVectors; ++v)
       columns[v] = reinterpret_cast<__m512bh>(_mm512_loadu_si512(b + 2 * kBf16Lanes * v));
-    }
 #pragma GCC unroll 8
     for (int r = 0; r < kRows; ++r) {
       std::int32_t pair;
@@ -106,9 +104,8 @@ ANIGEN_BF16_INLINE void bf16_rows(const FactorRow& factors, const SumRow& sums, 
   std::int64_t first = 0;
   const auto from = [&](int r) { return factors(first + r); };
   const auto to = [&](int r) { return sums(first + r); };
-  for (; first + kBf16TileRows <= rows; first += kBf16TileRows) {
+  for (; first + kBf16TileRows <= rows; first += kBf16TileRows)
     bf16_tile<kBf16TileRows, kVectors, kAdd>(from, to, pairs, b, ahead);
-  }
   switch (rows - first) {
     case 1:
       return bf16_tile<1, kVectors, kAdd>(from, to, pairs, b, ahead);

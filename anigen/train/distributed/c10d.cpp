@@ -302,9 +302,8 @@ class C10dCommunicator : public Communicator {
     torch::Tensor own = torch::zeros({longest}, torch::kUInt8);
     std::memcpy(own.data_ptr(), bytes.data(), bytes.size());
     const auto gathered = gather_equal(own);
-    for (std::size_t rank = 0; rank < result.size(); ++rank) {
+    for (std::size_t rank = 0; rank < result.size(); ++rank)
       std::memcpy(result[rank].data(), gathered[rank].data_ptr(), result[rank].size());
-    }
     return result;
   }
   void barrier() override { gather(""); }

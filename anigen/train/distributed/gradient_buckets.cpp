@@ -137,9 +137,7 @@ void GradientBuckets::ready(std::size_t slot) {
     return;
   }
   --plan_[bucket_of_[slot]].missing;
-  while (options_.overlap && next_ < plan_.size() && plan_[next_].missing == 0) {
-    start(plan_[next_], nullptr);
-  }
+  while (options_.overlap && next_ < plan_.size() && plan_[next_].missing == 0) start(plan_[next_], nullptr);
 }
 
 void GradientBuckets::agree_on_plan() {

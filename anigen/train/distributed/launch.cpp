@@ -75,9 +75,8 @@ std::optional<Names> launcher_of(const Variables& variables) {
 
 int local_size(const Variables& variables, const Names& names) {
   const std::optional<std::string> tasks = text_of(variables, names.local_size);
-  if (std::string(names.launcher) != kSlurm.launcher || !tasks) {
+  if (std::string(names.launcher) != kSlurm.launcher || !tasks)
     return optional_number(variables, names.local_size, 1, 1, kMostRanks);
-  }
   return tasks_of_node(*tasks, optional_number(variables, "SLURM_NODEID", 0, 0, kMostRanks), names.local_size);
 }
 
@@ -146,9 +145,8 @@ ChildProcess start(const std::vector<std::string>& words, int rank, int ranks, c
 class PrivateFolder {
  public:
   PrivateFolder() : path_((std::filesystem::temp_directory_path() / "anigen-ranks-XXXXXX").string()) {
-    if (::mkdtemp(path_.data()) == nullptr) {
+    if (::mkdtemp(path_.data()) == nullptr)
       throw Error(path_ + ": cannot create a temporary folder: " + std::strerror(errno));
-    }
   }
   ~PrivateFolder() {
     std::error_code ignored;
@@ -278,9 +276,8 @@ LaunchEnvironment read_launch_environment(const Variables& variables, const std:
   } else {
     found.rendezvous = rendezvous_of(variables, found);
   }
-  for (const char* name : {"TORCHELASTIC_RESTART_COUNT", "SLURM_RESTART_COUNT"}) {
+  for (const char* name : {"TORCHELASTIC_RESTART_COUNT", "SLURM_RESTART_COUNT"})
     found.rendezvous.attempt += "/" + text_of(variables, name).value_or("0").substr(0, kShown);
-  }
   return found;
 }
 
@@ -302,9 +299,8 @@ int run_local_ranks(const LocalRanks& local, const std::vector<std::string>& wor
 
 std::shared_ptr<Communicator> join_ranks(const LaunchEnvironment& environment, const RankOptions& options) {
   if (environment.size == 1) return std::make_shared<SingleProcess>();
-  if (options.sent != torch::kFloat32 && options.sent != torch::kBFloat16) {
+  if (options.sent != torch::kFloat32 && options.sent != torch::kBFloat16)
     throw InputError("--communication", torch::toString(options.sent), "expected fp32 or bf16");
-  }
   if (std::shared_ptr<Communicator> ranks = make_c10d(environment, options)) return ranks;
   throw NotSupportedError("", environment.launcher,
                           "training by several processes; this build found no Gloo (LibTorch with c10d, libgloo-dev)");

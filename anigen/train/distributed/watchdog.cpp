@@ -164,9 +164,8 @@ void Watchdog::beat(const std::shared_ptr<State>& state) {
       // The others have read the reason when they leave, too; a lost one never will.
       const int expected = state->lost ? size - 1 : size;
       const Clock::time_point until = Clock::now() + std::chrono::duration_cast<Clock::duration>(kLeaving);
-      while (state->options.keeps && state->keys->add("left", 0) < expected && Clock::now() < until) {
+      while (state->options.keeps && state->keys->add("left", 0) < expected && Clock::now() < until)
         std::this_thread::sleep_for(std::chrono::milliseconds(50));
-      }
     } catch (const std::exception& problem) {
       std::fprintf(stderr, "the other ranks could not be told: %s\n", problem.what());
     }
@@ -179,9 +178,8 @@ void Watchdog::beat(const std::shared_ptr<State>& state) {
 void Watchdog::report(std::int64_t step, Activity activity) {
   const std::lock_guard<std::mutex> lock(state_->mutex);
   const Clock::time_point now = Clock::now();
-  if (step != state_->step && state_->step >= 0) {
+  if (step != state_->step && state_->step >= 0)
     state_->longest_step = std::max(state_->longest_step, Seconds(now - state_->step_began));
-  }
   // Time spent on checkpoints and evaluations does not count as part of a step: that begins when they end.
   if (step != state_->step || activity != state_->activity) state_->step_began = now;
   state_->step = step;

@@ -57,9 +57,8 @@ io::NamedArrays encoder_arrays(anymate::EncoderKind kind, const fs::path& path) 
   io::NamedArrays found;
   for (const fs::path& file : parts(path)) {
     for (const KeyPlace& place : places(kind)) {
-      for (auto& [key, array] : io::read_state_below(file, place.theirs)) {
+      for (auto& [key, array] : io::read_state_below(file, place.theirs))
         found.emplace_back(place.ours + key, std::move(array));
-      }
     }
   }
   if (found.empty()) {
@@ -89,9 +88,8 @@ void require_all(const torch::nn::Module& model, const io::NamedArrays& arrays, 
   std::set<std::string> there;
   for (const auto& entry : arrays) there.insert(entry.first);
   for (const nn::StateEntry& entry : nn::state_entries(model)) {
-    if (entry.key.rfind("encoder.", 0) == 0 && there.count(entry.key) == 0) {
+    if (entry.key.rfind("encoder.", 0) == 0 && there.count(entry.key) == 0)
       throw InputError(path.string(), entry.key, "the encoder's tensor is not among the pretrained weights");
-    }
   }
 }
 
@@ -99,12 +97,10 @@ Losses one_loss(const char* name, const Tensor& loss) { return {loss, {{name, lo
 
 // Requirements on a sample for the task.
 void require_parts(const anymate::AnymateSample& sample, anymate::Task task) {
-  if (task == anymate::Task::kSkinning && !sample.skins_index.defined()) {
+  if (task == anymate::Task::kSkinning && !sample.skins_index.defined())
     throw InputError("", sample.name + "/skins_index", "the sample has no skin weights to learn from");
-  }
-  if (task == anymate::Task::kJointVolume && !sample.vox.defined()) {
+  if (task == anymate::Task::kJointVolume && !sample.vox.defined())
     throw InputError("", sample.name + "/vox", "the sample has no cells to ask the field about");
-  }
 }
 
 class AnymateStage final
@@ -224,12 +220,10 @@ std::unique_ptr<Stage> make_anymate_stage(const StageRequest& request) {
   const auto model = read_model<anymate::ModelOptions>(models, name, {"AnymateModel"});
   if (!options.pretrained_encoder.empty()) {
     constexpr const char* kPlace = "/trainer/args/pretrained_encoder";
-    if (model.encoder == anymate::EncoderKind::kScratch) {
+    if (model.encoder == anymate::EncoderKind::kScratch)
       throw InputError(request.file, kPlace, "there are no pretrained weights of the encoder 'transformer'");
-    }
-    if (request.trainer.finetune_ckpt.count(name) > 0) {
+    if (request.trainer.finetune_ckpt.count(name) > 0)
       throw InputError(request.file, kPlace, "finetune_ckpt names weights of the whole model already");
-    }
   }
   auto data = read_dataset<anymate::AnymateDatasetOptions>(top, "Anymate");
   data.cells |= anymate::task_of(model.decoder) == anymate::Task::kJointVolume;

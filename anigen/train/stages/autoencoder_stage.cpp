@@ -26,9 +26,8 @@ Tensor latent_times(const Tensor& u, double time_max, double cut) {
 }
 
 Tensor mix_latent_noise(const Tensor& z, const Tensor& noise, const Tensor& times, double gamma) {
-  if (z.dim() < 1 || times.dim() != 1 || times.size(0) != z.size(0) || noise.sizes() != z.sizes()) {
+  if (z.dim() < 1 || times.dim() != 1 || times.size(0) != z.size(0) || noise.sizes() != z.sizes())
     throw InputError("", "", "latent noise needs one draw per entry and one time per row");
-  }
   std::vector<std::int64_t> column(static_cast<std::size_t>(z.dim()), 1);
   column.front() = z.size(0);
   const Tensor t = times.to(z.options()).view(column);

@@ -45,9 +45,8 @@ struct SkinAutoEncoderStageOptions {
     options.loss.lambda_kl_skin = args.number("lambda_kl_skin", 1.0, 0.0);
     options.loss.lambda_l1_skin = args.number("lambda_l1_skin", 0.0, 0.0);
     options.loss.lambda_l2_skin = args.number("lambda_l2_skin", 0.0, 0.0);
-    if (options.loss.lambda_kl_skin + options.loss.lambda_l1_skin + options.loss.lambda_l2_skin == 0.0) {
+    if (options.loss.lambda_kl_skin + options.loss.lambda_l1_skin + options.loss.lambda_l2_skin == 0.0)
       throw args.error("lambda_kl_skin", "every term of the loss has weight 0");
-    }
     const bool rows = options.loss.kl_mean == skin_field::SkinKlMean::kRows;
     const std::string reduction = args.choice("kl_reduction", rows ? "row" : "element", {"element", "row"});
     options.loss.kl_mean = reduction == "row" ? skin_field::SkinKlMean::kRows : skin_field::SkinKlMean::kElements;

@@ -103,9 +103,8 @@ Losses SparseStructureAutoEncoderStage::losses(const data::Batch& batch, const L
     const LatentDenoising& noise = skeleton ? options_.noise_skl : options_.noise;
     // z = μ + σ ε, or z = μ for an encoder whose latents get noise afterwards.
     Tensor epsilon;
-    if (!deterministic) {
+    if (!deterministic)
       epsilon = normal_draws(encoder_->latent_shape(items, occupancy.size(2), skeleton), generator, device_);
-    }
     const auto latent =
         skeleton ? encoder_->encode_skeleton(occupancy, epsilon) : encoder_->encode_shape(occupancy, epsilon);
     StreamLoss loss;

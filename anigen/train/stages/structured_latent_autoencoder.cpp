@@ -114,12 +114,10 @@ void require_fitting_features(const data::BatchSource& data, const StructuredLat
 
 void say_what_is_left_out(const StructuredLatentAutoEncoderStage& stage,
                           const StructuredLatentAutoEncoderStageOptions& options) {
-  if (!stage.trains_geometry()) {
+  if (!stage.trains_geometry())
     log::info("the geometry branch is frozen: nothing is rendered, and geo_loss and color_loss are left out");
-  }
-  if (options.variant.joint_skin) {
+  if (options.variant.joint_skin)
     log::info("skin_ae joint: the encoder sees no skin, and there are no features of a SkinAE to compare with");
-  }
   if (options.variant.geometry_only) log::info("geometry_only: losses of skeleton and skin are left out");
 }
 
@@ -352,9 +350,8 @@ std::unique_ptr<Stage> make_structured_latent_autoencoder_stage(const StageReque
     unfreeze_all_but_skin(coders.encoder, kSkinEncoderModule, skin_ae);
     unfreeze_all_but_skin(coders.decoder, kSkinDecoderModule, skin_ae);
   }
-  if (options.geometry.lambda_color > 0.0 && !coders.decoder.use_color) {
+  if (options.geometry.lambda_color > 0.0 && !coders.decoder.use_color)
     throw request.args.error("lambda_color", "needs a decoder with representation_config.use_color");
-  }
 
   const data::Datasets data = autoencoder_datasets(top, "AniGenSparseFeat2Skeleton", request.trainer.seed);
   const std::int64_t grid = top.object("dataset").object("args").integer("resolution", data::kStoredResolution, 1);

@@ -75,12 +75,10 @@ void check_joint_counts(const structured_latent::StructuredLatentFlowOptions& mo
                         const structured_latent::StructuredLatentFlowStageOptions& options,
                         const ConfigReader& trainer_args) {
   constexpr const char* kSwitch = "use_joint_num_cond";
-  if (options.use_joint_num_cond && !model.use_joint_num_cond) {
+  if (options.use_joint_num_cond && !model.use_joint_num_cond)
     throw trainer_args.error(kSwitch, "needs the model's use_joint_num_cond");
-  }
-  if (options.use_joint_num_cond && !reading.use_joint_num_cond) {
+  if (options.use_joint_num_cond && !reading.use_joint_num_cond)
     throw trainer_args.error(kSwitch, "needs the dataset's use_joint_num_cond");
-  }
   if (model.use_joint_num_cond && !options.use_joint_num_cond) {
     log::warn("the model takes numbers of joints, but without trainer.args.{} it will be told none", kSwitch);
   }

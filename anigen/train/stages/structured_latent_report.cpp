@@ -126,9 +126,8 @@ std::int64_t activation_bytes(const structured_latent::StructuredLatentEncoderOp
   double numbers = torsos(encoder, voxels, skeleton_voxels) + torsos(decoder, voxels, skeleton_voxels);
   const auto width = static_cast<double>(decoder.model_channels);
   const double half = kChildren * static_cast<double>(voxels), whole = kChildren * half;
-  for (const std::int64_t stream : {decoder.model_channels, decoder.model_channels_skin}) {
+  for (const std::int64_t stream : {decoder.model_channels, decoder.model_channels_skin})
     numbers += subdivide(half, static_cast<double>(stream), width / 4.0) + subdivide(whole, width / 4.0, width / 8.0);
-  }
   numbers += 2.0 * whole * static_cast<double>(decoder.mesh_options().channels());
   return static_cast<std::int64_t>(kBytes * numbers);
 }
@@ -276,9 +275,8 @@ Values StructuredLatentAutoEncoderStage::evaluate() {
         compare_rigs(made.inputs, made.latents, made.decoded, made.meshes, {chosen});
     means.add("joints_loss", rig.joints.item<double>());
     means.add("parents_loss", rig.parents.item<double>());
-    if (mesh.success && !made.inputs.is_bad_skin.front() && options_.rig.lambda_skin_kl > 0.0) {
+    if (mesh.success && !made.inputs.is_bad_skin.front() && options_.rig.lambda_skin_kl > 0.0)
       means.add("skin_kl_loss", rig.skin_kl.item<double>());
-    }
     const std::vector<Eigen::Vector3d> truth = joint_positions(made.inputs.skeletons.front().joints);
     const std::vector<Eigen::Vector3d> grouped = joint_positions(made.grouped.joints);
     means.add("joint_count_error", std::abs(static_cast<double>(grouped.size()) - static_cast<double>(truth.size())));

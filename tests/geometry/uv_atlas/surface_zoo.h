@@ -57,9 +57,8 @@ inline Mesh torus(double radius, double tube, int rings, int segments) {
 /// [-0.5, 0.5]³ with eight vertices.
 inline Mesh unit_cube() {
   Mesh mesh;
-  for (int i = 0; i < 8; ++i) {
+  for (int i = 0; i < 8; ++i)
     mesh.vertices.emplace_back(i & 1 ? 0.5F : -0.5F, i & 2 ? 0.5F : -0.5F, i & 4 ? 0.5F : -0.5F);
-  }
   mesh.faces = {{1, 3, 7}, {1, 7, 5}, {2, 0, 4}, {2, 4, 6}, {3, 2, 6}, {3, 6, 7},
                 {0, 1, 5}, {0, 5, 4}, {4, 5, 7}, {4, 7, 6}, {2, 3, 1}, {2, 1, 0}};
   return mesh;

@@ -206,9 +206,8 @@ TEST(TextureBaking, TheRestIsFilledWithColoursFromAround) {
   colored.colors.assign(mesh.vertices.size(), Eigen::Vector4f(0.25F, 0.5F, 0.75F, 1.0F));
   const LinearTexture texture = bake_texture(atlas_of(mesh, 100), mesh.vertices, colored);
   ASSERT_EQ(texture.texels.size(), 10000U);
-  for (const Eigen::Vector3f& texel : texture.texels) {
+  for (const Eigen::Vector3f& texel : texture.texels)
     ASSERT_LT((texel - Eigen::Vector3f(0.25F, 0.5F, 0.75F)).cwiseAbs().maxCoeff(), 1e-5F);
-  }
 }
 
 TEST(TexelFilling, ChangesSmoothlyAndKeepsWhatIsKnown) {

@@ -127,9 +127,8 @@ inline int read_damaged(const std::string& bytes, const std::string& file_name,
     }
   };
   const std::size_t step = std::max<std::size_t>(1, bytes.size() / 100);
-  for (std::size_t length = 0; length < bytes.size(); length += step) {
+  for (std::size_t length = 0; length < bytes.size(); length += step)
     attempt(bytes.substr(0, length), "cut at " + std::to_string(length));
-  }
   Rng rng(7, "damaged files");
   for (int i = 0; i < mutations; ++i) {
     std::string variant = bytes;

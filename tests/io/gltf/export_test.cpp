@@ -191,9 +191,8 @@ TEST(GltfExport, WeightsSumToOneAndKeepTheHeaviest) {
       }
       ASSERT_EQ(row.size(), wanted.row_size(v));
       EXPECT_NEAR(sum, 1.0, 1e-7 * static_cast<double>(kept));  // half of what Khronos' validator permits
-      for (std::size_t i = 0; i < wanted.row_size(v); ++i) {
+      for (std::size_t i = 0; i < wanted.row_size(v); ++i)
         EXPECT_NEAR(row[wanted.row(v)[i].joint], wanted.row(v)[i].weight, 1e-6);
-      }
     }
   }
 }
@@ -203,9 +202,8 @@ TEST(GltfExport, RowsThatMissOneByRoundingAreRepaired) {
   for (Influence& influence : asset.skin.influences) influence.weight *= 1.000008f;  // still sound for validate()
   const ParsedGltf file = exported(asset);
   const std::vector<double> weights = file.attribute("WEIGHTS_0");
-  for (std::size_t v = 0; v < asset.mesh.vertices.size(); ++v) {
+  for (std::size_t v = 0; v < asset.mesh.vertices.size(); ++v)
     EXPECT_NEAR(weights[4 * v] + weights[4 * v + 1] + weights[4 * v + 2], 1.0, 1e-7);
-  }
 }
 
 TEST(GltfExport, JointIndicesAreBytesUpTo255Joints) {

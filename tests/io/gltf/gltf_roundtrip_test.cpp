@@ -35,9 +35,8 @@ void expect_near(const std::vector<Vector>& before, const std::vector<Vector>& a
                  const char* what) {
   ASSERT_EQ(before.size(), after.size()) << what;
   double worst = 0.0;
-  for (std::size_t i = 0; i < before.size(); ++i) {
+  for (std::size_t i = 0; i < before.size(); ++i)
     worst = std::max(worst, static_cast<double>((before[i] - after[i]).cwiseAbs().maxCoeff()));
-  }
   EXPECT_LE(worst, tolerance) << what;
 }
 

@@ -43,9 +43,8 @@ TEST(Communicator, SumsGathersAndBroadcasts) {
         EXPECT_NO_THROW(require_same_parameters(ranks, sum, "test")) << "the same bits on all ranks";
       }
       const std::vector<std::string> all = ranks.gather(std::string(static_cast<std::size_t>(ranks.rank()), 'x'));
-      for (int rank = 0; rank < size; ++rank) {
+      for (int rank = 0; rank < size; ++rank)
         EXPECT_EQ(all[static_cast<std::size_t>(rank)].size(), static_cast<std::size_t>(rank));
-      }
       Tensor from_first = torch::full({5}, static_cast<double>(ranks.rank()));
       ranks.broadcast(from_first);
       EXPECT_TRUE(torch::equal(from_first, torch::zeros({5})));
@@ -304,9 +303,8 @@ TEST_F(Ranks, FiftyStepsInDoublePrecisionAgree) {
     const CsvTable alone = read_csv(folder_ / "one" / "metrics.csv");
     ASSERT_EQ(ours.rows.size(), alone.rows.size());
     for (std::size_t row = 0; row < ours.rows.size(); ++row) {
-      for (const char* column : {"loss.total", "loss.square", "status.grad_norm"}) {
+      for (const char* column : {"loss.total", "loss.square", "status.grad_norm"})
         EXPECT_NEAR(std::stod(ours.cell(row, column)), std::stod(alone.cell(row, column)), 1e-9) << "global means";
-      }
     }
   }
 }
@@ -333,9 +331,8 @@ TEST_F(Ranks, ReplicasAndRanksGoTogether) {
   const RankOutcome one = train(1, torch::kFloat64, regression_options(10), "one").front();
   TrainerOptions options = regression_options(10);
   options.replicas = 2;
-  for (const RankOutcome& each : train_well(2, torch::kFloat64, options, "both")) {
+  for (const RankOutcome& each : train_well(2, torch::kFloat64, options, "both"))
     EXPECT_LE(largest_distance(each.master, one.master), 1e-12);
-  }
 }
 
 TEST_F(Ranks, AnotherNumberOfRanksGoesOnWithTheSameData) {
@@ -357,9 +354,8 @@ TEST_F(Ranks, AnotherNumberOfRanksGoesOnWithTheSameData) {
 TEST_F(Ranks, ALossThatIsNotFiniteIsNamedOnAllRanks) {
   for (const RankOutcome& each : train(2, torch::kFloat32, regression_options(10), "bad", /*bad_step=*/4)) {
     const std::string message = test::message_of(each.error);
-    for (const char* part : {"rank 1", "step 4", "loss.total", "sample"}) {
+    for (const char* part : {"rank 1", "step 4", "loss.total", "sample"})
       EXPECT_NE(message.find(part), std::string::npos) << part << " in " << message;
-    }
     EXPECT_EQ(message.find("rank 0"), std::string::npos) << message;
   }
 }

@@ -138,9 +138,8 @@ TEST(LaunchEnvironment, FirstHostOfANodeList) {
   EXPECT_EQ(first_host("gpu[7],x", "L"), "gpu7");
   EXPECT_EQ(first_host("rack[1-2]node,login", "L"), "rack1node");
   EXPECT_EQ(first_host("login.cluster.org,gpu[1-2]", "L"), "login.cluster.org");
-  for (const char* wrong : {"", ",", "gpu[", "gpu[]", "gpu[a-b]", "gpu[1", "gpu[1-", "$(reboot)", "a b"}) {
+  for (const char* wrong : {"", ",", "gpu[", "gpu[]", "gpu[a-b]", "gpu[1", "gpu[1-", "$(reboot)", "a b"})
     EXPECT_THROW(first_host(wrong, "L"), InputError) << wrong;
-  }
 }
 
 }  // namespace

@@ -83,9 +83,8 @@ std::string FlowRun::bytes(const std::string& file) { return read_file(folder_ /
 
 io::Image FlowRun::sample_sheet(const std::string& run, int step) {
   std::string events;
-  for (const auto& file : std::filesystem::directory_iterator(folder_ / (run + "/tb_logs"))) {
+  for (const auto& file : std::filesystem::directory_iterator(folder_ / (run + "/tb_logs")))
     events += read_file(file.path());
-  }
   EXPECT_NE(events.find("samples/samples"), std::string::npos);
   EXPECT_NE(events.find("\x89PNG"), std::string::npos);
   return io::read_image(folder_ / (run + "/samples/step" + std::to_string(step) + "/samples.png"));
@@ -118,9 +117,8 @@ void FlowRun::expect_frozen_branches_to_start_warm(const std::string& pretrained
                                            "models.denoiser.args.freeze_pretrain_branch=true"};
   EXPECT_THROW(stage(frozen)->warm_start({}), InputError) << "a frozen branch without its warm start";
   const auto open = stage({frozen[0], frozen[1], "trainer.args.warm_start=none"});
-  for (const auto& parameter : open->models().front().module->named_parameters()) {
+  for (const auto& parameter : open->models().front().module->named_parameters())
     EXPECT_TRUE(parameter.value().requires_grad()) << parameter.key() << ": nothing is frozen without a warm start";
-  }
   io::write_safetensors(folder_ / (pretrained + ".safetensors"), nn::state_dict(*open->models().front().module));
   const auto flow = stage({frozen[0], frozen[1], "trainer.args.pretrained_dir=" + folder_.path().string()});
   flow->warm_start({});
@@ -146,9 +144,8 @@ void FlowRun::expect_falling_loss(const std::vector<std::string>& columns) {
   ASSERT_GT(third, 0);
   EXPECT_LT(std::accumulate(losses.end() - third, losses.end(), 0.0),
             std::accumulate(losses.begin(), losses.begin() + third, 0.0));
-  for (const char* file : {"ckpts/denoiser_step0000200.safetensors", "ckpts/image_encoder_step0000200.safetensors"}) {
+  for (const char* file : {"ckpts/denoiser_step0000200.safetensors", "ckpts/image_encoder_step0000200.safetensors"})
     EXPECT_TRUE(std::filesystem::exists(folder_ / "run" / file)) << file;
-  }
 }
 
 void FlowRun::expect_same_bits_after_resuming(const std::vector<std::string>& given) {

@@ -122,9 +122,8 @@ TEST_F(BallRun, ResumedRunsEndWithTheSameBits) {
   write_pretrained();
   train(command("whole", frozen()));
   train(command("legs", frozen({"trainer.args.max_steps=5"})));
-  for (const char* name : {"state", "encoder", "decoder", "encoder_ema0.9", "decoder_ema0.9"}) {
+  for (const char* name : {"state", "encoder", "decoder", "encoder_ema0.9", "decoder_ema0.9"})
     fs::remove(folder_ / "legs/ckpts" / (std::string(name) + "_step0000005.safetensors"));
-  }
   train(command("legs", frozen()));
   for (const char* name : {"encoder", "decoder", "encoder_ema0.9", "decoder_ema0.9"}) {
     const std::string file = std::string("ckpts/") + name + "_step0000008.safetensors";
@@ -215,9 +214,8 @@ TEST_F(BallRun, FineTuningFilesCountAsWarmStartOfWhatTheyHold) {
   fs::rename(folder_ / "pretrained", folder_ / "away");
   const std::string skeleton = finetune("encoder", "encoder_skl.safetensors");
   const std::string refusal = message("skeleton", frozen({skeleton}));
-  for (const char* part : {"AniGenSparseStructureEncoder", "input_layer.weight", "modules_to_freeze"}) {
+  for (const char* part : {"AniGenSparseStructureEncoder", "input_layer.weight", "modules_to_freeze"})
     EXPECT_NE(refusal.find(part), std::string::npos) << refusal;
-  }
   const std::vector<std::string> shape = {finetune("encoder", "away/AniGenSparseStructureEncoder.safetensors"),
                                           finetune("decoder", "away/AniGenSparseStructureDecoder.safetensors"),
                                           "trainer.args.max_steps=0"};

@@ -60,9 +60,8 @@ TEST_F(StructureFlow, DroppedConditionsDoNotSeeThePicture) {
 
 TEST_F(StructureFlow, NormalsCanBeTheCondition) {
   for (int i = 0; i < test::PublishedSample::kAssets; ++i) {
-    for (const char* name : {"000_normal.png", "001_normal.png"}) {
+    for (const char* name : {"000_normal.png", "001_normal.png"})
       io::write_png(sample_.condition(i) / name, test::PublishedSample::picture(127, 127, 255));
-    }
   }
   const std::string all = "trainer.args.p_uncond=0";
   const auto color = stage({all}), normal = stage({all, "dataset.args.condition=normal"});

@@ -187,9 +187,8 @@ TEST_F(PostRun, LearnsTheSkeletonAndLogsEveryTerm) {
 TEST_F(PostRun, ResumedRunsEndWithTheSameBits) {
   train(command("whole"));
   train(command("legs", {"trainer.args.max_steps=3"}));
-  for (const char* name : {"state", "encoder", "decoder", "encoder_ema0.9", "decoder_ema0.9"}) {
+  for (const char* name : {"state", "encoder", "decoder", "encoder_ema0.9", "decoder_ema0.9"})
     fs::remove(folder_ / "legs/ckpts" / (std::string(name) + "_step0000003.safetensors"));
-  }
   train(command("legs"));
   for (const char* name : {"encoder", "decoder", "encoder_ema0.9", "decoder_ema0.9"}) {
     const std::string file = std::string("ckpts/") + name + "_step0000004.safetensors";
@@ -216,9 +215,8 @@ TEST_F(PostRun, VariantsTrain) {
   int number = 0;
   for (std::vector<std::string> overrides : variants) {
     const std::string run = "variant" + std::to_string(number++);
-    for (const char* more : {"trainer.args.max_steps=2", "trainer.args.i_eval=2", "trainer.args.i_save=0"}) {
+    for (const char* more : {"trainer.args.max_steps=2", "trainer.args.i_eval=2", "trainer.args.i_save=0"})
       overrides.emplace_back(more);
-    }
     SCOPED_TRACE(overrides.front() + ", " + overrides[1]);
     train(command(run, overrides));
     EXPECT_TRUE(std::isfinite(logged(run, 0, "loss.total")));
@@ -286,9 +284,7 @@ TEST_F(PostRun, PicturesTeachTheShape) {
   pictures.backward();
   const auto gradient = [](torch::nn::Module& model, const std::string& key) {
     for (const nn::StateEntry& entry : nn::state_entries(model)) {
-      if (entry.key == key) {
-        return entry.tensor.grad().defined() ? entry.tensor.grad().abs().max().item<double>() : 0.0;
-      }
+      if (entry.key == key) return entry.tensor.grad().defined() ? entry.tensor.grad().abs().max().item<double>() : 0.0;
     }
     return -1.0;
   };

@@ -215,9 +215,8 @@ TEST_F(LatentFlow, SamplesBecomeASheetAndATensorBoardPicture) {
   for (int tile = 1; tile <= 4; ++tile) {
     const int left = 12 + tile * (256 + 12);
     bool drawn_on = false;
-    for (int x = left; x < left + 256; ++x) {
+    for (int x = left; x < left + 256; ++x)
       drawn_on = drawn_on || sheet.pixel(x, 12 + 128)[0] != sheet.pixel(left + 4, 12 + 4)[0];
-    }
     EXPECT_TRUE(drawn_on) << "tile " << tile;
   }
   EXPECT_THROW(train(command("bad", with(drawn, {"dataset.args.slat_dec_path=nowhere"}))), InputError);
