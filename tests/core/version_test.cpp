@@ -39,7 +39,9 @@ TEST(Version, RecordNamesWhatMadeAResult) {
 class CommitOfABuild : public ::testing::Test {
  protected:
   void SetUp() override {
-    if (run("git --version") != 0 || run("cmake --version") != 0) GTEST_SKIP() << "needs git and cmake";
+    if (run("git --version") != 0 || run("cmake --version") != 0) {
+      GTEST_SKIP() << "needs git and cmake";
+    }
     fs::create_directories(folder_ / "checkout" / "anigen");
     fs::create_directories(folder_ / "checkout" / "docs");
     write("anigen/a.cpp", "one");

@@ -80,7 +80,9 @@ class GenerateAssets : public ::testing::Test {
  protected:
   void SetUp() override {
     const fs::path tree = test::parity_file("ckpt_tree");
-    if (!fs::is_directory(tree)) GTEST_SKIP() << tree << " is not there";
+    if (!fs::is_directory(tree)) {
+      GTEST_SKIP() << tree << " is not there";
+    }
     fs::copy(tree, folder_.path(), fs::copy_options::recursive);
     const fs::path runs = folder_ / "ckpts" / "anigen";
     request_.models.structure_flow = runs / "ss_flow_solo";

@@ -74,7 +74,9 @@ void expect_refused(const std::function<void()>& use, const std::string& words, 
     ADD_FAILURE() << "accepted; expected: " << words;
   } catch (const InputError& error) {
     EXPECT_NE(std::string(error.what()).find(words), std::string::npos) << error.what();
-    if (!file.empty()) EXPECT_EQ(error.file(), file);
+    if (!file.empty()) {
+      EXPECT_EQ(error.file(), file);
+    }
   }
 }
 
@@ -405,7 +407,9 @@ TEST(ImagePreprocessingOptions, AreWordsOnTheCommandLine) {
 
 TEST(ImagePreprocessing, RealPicturesGiveACentredObject) {
   const std::filesystem::path folder = test::assets_dir() / "images";
-  if (!std::filesystem::exists(folder)) GTEST_SKIP() << "no pictures in " << folder;
+  if (!std::filesystem::exists(folder)) {
+    GTEST_SKIP() << "no pictures in " << folder;
+  }
   constexpr int kSide = 518;
   int pictures = 0;
   for (const auto& entry : std::filesystem::directory_iterator(folder)) {

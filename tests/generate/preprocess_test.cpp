@@ -65,7 +65,9 @@ TEST(GrabCut, FindsATexturedObject) {
 
 TEST(GrabCut, FindsARealObjectOnAPlainWall) {
   const std::filesystem::path file = test::assets_dir() / "images" / "block_robot.png";
-  if (!std::filesystem::exists(file)) GTEST_SKIP() << "no picture " << file;
+  if (!std::filesystem::exists(file)) {
+    GTEST_SKIP() << "no picture " << file;
+  }
   const io::Image cutout = io::read_image(file);
   Rng rng(4, "wall");
   io::Image image = background(cutout.width, cutout.height, rng);

@@ -121,7 +121,9 @@ TEST(NearestSurface, EqualsBruteForceOverAllFaces) {
 // distance. Faces are equally near to most points beside an edge; then the lowest number counts, for both.
 TEST(NearestSurface, RealMeshesHaveNoDifferences) {
   const auto folder = test::assets_dir() / "rigged";
-  if (!std::filesystem::exists(folder)) GTEST_SKIP() << "no real meshes at " << folder;
+  if (!std::filesystem::exists(folder)) {
+    GTEST_SKIP() << "no real meshes at " << folder;
+  }
   std::size_t meshes = 0, differences = 0;
   for (const auto& entry : std::filesystem::recursive_directory_iterator(folder)) {
     if (entry.path().extension() != ".glb" && entry.path().extension() != ".gltf") continue;

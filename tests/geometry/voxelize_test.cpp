@@ -268,7 +268,9 @@ TEST(VoxelizeSurface, TheOneVoxelGridAndTheLargest) {
       const double gap = test::separation(triangle, voxel, kTie);
       const bool found = std::binary_search(large.begin(), large.end(), voxel);
       set_voxels += found ? 1 : 0;
-      if (std::abs(gap) > kTie) ASSERT_EQ(found, gap < 0.0) << i;
+      if (std::abs(gap) > kTie) {
+        ASSERT_EQ(found, gap < 0.0) << i;
+      }
     }
   }
   EXPECT_GT(set_voxels, 500u);
@@ -355,7 +357,9 @@ TEST(VoxelizeSurface, RefusesBadInput) {
 // Every face of every real mesh against the separating-axis test of every voxel near it.
 TEST(VoxelizeSurface, RealMeshesHaveNoDifferences) {
   const auto folder = test::assets_dir() / "rigged";
-  if (!std::filesystem::exists(folder)) GTEST_SKIP() << "no real meshes at " << folder;
+  if (!std::filesystem::exists(folder)) {
+    GTEST_SKIP() << "no real meshes at " << folder;
+  }
   constexpr int kResolution = 64;
   std::size_t meshes = 0, ties = 0;
   for (const auto& entry : std::filesystem::recursive_directory_iterator(folder)) {

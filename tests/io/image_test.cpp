@@ -82,7 +82,9 @@ TEST(Image, ReadsJpeg) {
 
 TEST(Image, ReadsTheSharedPictures) {
   const std::filesystem::path folder = test::assets_dir() / "images";
-  if (!std::filesystem::exists(folder)) GTEST_SKIP() << "no pictures in " << folder;
+  if (!std::filesystem::exists(folder)) {
+    GTEST_SKIP() << "no pictures in " << folder;
+  }
   std::size_t read = 0;
   for (const auto& entry : std::filesystem::directory_iterator(folder)) {
     if (entry.path().extension() != ".png") continue;

@@ -17,12 +17,16 @@ namespace {
 
 TEST(AlignAssets, JointsComeBackAfterARandomSimilarity) {
   const std::filesystem::path folder = test::assets_dir() / "rigged";
-  if (!std::filesystem::exists(folder)) GTEST_SKIP() << folder << " is missing";
+  if (!std::filesystem::exists(folder)) {
+    GTEST_SKIP() << folder << " is missing";
+  }
   std::uint64_t seed = 0;
   for (const char* name :
        {"humanoid/cesium_man.gltf", "humanoid/kaykit_knight.glb", "quadruped/khronos_fox.glb", "quadruped/q_stag.glb",
         "reptile_dragon/q_trex.glb", "fish/q_goldfish.glb", "hand/aframe_left_hand_high.glb"}) {
-    if (!std::filesystem::exists(folder / name)) GTEST_SKIP() << name << " is missing";
+    if (!std::filesystem::exists(folder / name)) {
+      GTEST_SKIP() << name << " is missing";
+    }
     const io::RiggedShape truth = io::rigged_shape(io::read_gltf(folder / name).asset, name, name);
     // Around its own place: single precision vertices lose digits far from the origin.
     const Similarity unit = normalization(truth.mesh, NormalizationMode::kBoundingBox);

@@ -358,7 +358,9 @@ TEST(ProceduralDataset, TrainsOnAllUnlessTestCreaturesAreAskedFor) {
 
 TEST(RealAssets, CorruptWeightsAreFlaggedNotRejected) {
   const fs::path crab = test::assets_dir() / "rigged" / "arthropod" / "q_crab_nan.glb";
-  if (!fs::exists(crab)) GTEST_SKIP() << crab << " is missing";
+  if (!fs::exists(crab)) {
+    GTEST_SKIP() << crab << " is missing";
+  }
   const test::TemporaryFolder folder;
   PrepareOptions options;
   options.out = folder / "out";

@@ -472,7 +472,9 @@ TEST(PoseAugmentation, CreaturesGiveSoundVariants) {
 
 TEST(PoseAugmentation, RealAssetsGiveSoundVariants) {
   const std::filesystem::path folder = test::assets_dir() / "rigged";
-  if (!std::filesystem::exists(folder)) GTEST_SKIP() << "real assets are missing: " << folder;
+  if (!std::filesystem::exists(folder)) {
+    GTEST_SKIP() << "real assets are missing: " << folder;
+  }
   for (const char* file : {"quadruped/khronos_fox.glb", "humanoid/cesium_man.gltf", "arthropod/q_spider.glb",
                            "fish/dcl_shark.glb", "synthetic/godot_unnormalised.glb"}) {
     Asset asset = io::read_gltf(folder / file).asset;

@@ -130,7 +130,9 @@ TEST(TexturedAsset, PartsMoveAndShadeAsBefore) {
 
 TEST(TexturedAsset, ARealAssetSurvivesExport) {
   const auto file = test::assets_dir() / "rigged" / "humanoid" / "cesium_man.gltf";
-  if (!std::filesystem::exists(file)) GTEST_SKIP() << "no real mesh at " << file;
+  if (!std::filesystem::exists(file)) {
+    GTEST_SKIP() << "no real mesh at " << file;
+  }
   Asset asset = io::read_gltf(file).asset;
   normalize(asset);
   const TexturedAsset textured = textured_asset(asset, colored_by_place(asset.mesh));

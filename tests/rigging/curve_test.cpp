@@ -54,7 +54,9 @@ CurveSkeletonOptions without_cuts() {
 class CurveSkeleton : public testing::Test {
  protected:
   void SetUp() override {
-    if (!curve_skeleton::can_contract()) GTEST_SKIP() << "not supported: a build without CGAL (ANIGEN_WITH_CGAL)";
+    if (!curve_skeleton::can_contract()) {
+      GTEST_SKIP() << "not supported: a build without CGAL (ANIGEN_WITH_CGAL)";
+    }
   }
 };
 

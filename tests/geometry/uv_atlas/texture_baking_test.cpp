@@ -119,7 +119,9 @@ TEST(TextureBaking, ASimplifiedMeshShowsTheDenseOnesColours) {
 
 TEST(TextureBaking, ARealMeshShowsItsColours) {
   const auto file = test::assets_dir() / "rigged" / "quadruped" / "naked_bunny.gltf";
-  if (!std::filesystem::exists(file)) GTEST_SKIP() << "no real mesh at " << file;
+  if (!std::filesystem::exists(file)) {
+    GTEST_SKIP() << "no real mesh at " << file;
+  }
   Asset asset = io::read_gltf(file).asset;
   normalize(asset);
   const Mesh colored = colored_by_place(asset.mesh);

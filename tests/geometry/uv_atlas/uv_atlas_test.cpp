@@ -256,7 +256,9 @@ TEST(UvAtlas, ChartPlanesSayWhereATexelGoes) {
 
 TEST(UvAtlas, EveryRealMeshUnwraps) {
   const auto folder = test::assets_dir() / "rigged";
-  if (!std::filesystem::exists(folder)) GTEST_SKIP() << "no real meshes at " << folder;
+  if (!std::filesystem::exists(folder)) {
+    GTEST_SKIP() << "no real meshes at " << folder;
+  }
   std::set<std::filesystem::path> files;
   for (const auto& entry : std::filesystem::recursive_directory_iterator(folder)) {
     if (entry.path().extension() == ".glb" || entry.path().extension() == ".gltf") files.insert(entry.path());

@@ -195,7 +195,9 @@ TEST(SafetensorsFixtures, AgreeWithTheirListings) {
       ++fixtures;
     }
   }
-  if (fixtures == 0) GTEST_SKIP() << "no parity fixtures";
+  if (fixtures == 0) {
+    GTEST_SKIP() << "no parity fixtures";
+  }
 }
 
 // The folder of this repository: every file that a fixture names is there and no other, and none is large.
@@ -239,7 +241,9 @@ TEST(SafetensorsFixtures, FoldersHoldTheSameBytes) {
       ++compared;
     }
   }
-  if (compared == 0) GTEST_SKIP() << "no larger folder of fixtures";
+  if (compared == 0) {
+    GTEST_SKIP() << "no larger folder of fixtures";
+  }
 }
 
 }  // namespace
@@ -317,7 +321,9 @@ TEST_F(CheckpointFolder, NothingToChoose) {
 
 TEST(CheckpointFolderFixtures, ExpectedFiles) {
   const auto fixture = test::parity_file("ckpt_selection.json"), root = fixture.parent_path() / "ckpt_selection";
-  if (!std::filesystem::exists(fixture)) GTEST_SKIP() << "no " << fixture;
+  if (!std::filesystem::exists(fixture)) {
+    GTEST_SKIP() << "no " << fixture;
+  }
   int checked = 0;
   const Json expectations = read_json(fixture)["config"]["expected_file"];
   for (const auto& [name, file] : expectations.items()) {

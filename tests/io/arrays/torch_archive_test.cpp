@@ -262,7 +262,9 @@ std::vector<std::filesystem::path> fixtures(const char* folder) {
 TEST(TorchArchiveFixtures, AllRead) {
   for (const char* folder : {"ckpt_selection", "ckpt_tree"}) {
     const auto files = fixtures(folder);
-    if (files.empty()) GTEST_SKIP() << "no checkpoints in " << test::parity_file(folder);
+    if (files.empty()) {
+      GTEST_SKIP() << "no checkpoints in " << test::parity_file(folder);
+    }
     for (const auto& file : files) {
       NamedArrays state;
       ASSERT_NO_THROW(state = read_state_dict(file)) << file;
@@ -281,7 +283,9 @@ TEST(TorchArchiveFixtures, AllRead) {
 
 TEST(TorchArchiveFixtures, FlowsHaveTheSizesOfTheirConfigs) {
   const auto folder = test::parity_file("ckpt_tree/ckpts/anigen/ss_flow_solo");
-  if (!std::filesystem::exists(folder)) GTEST_SKIP() << "no " << folder;
+  if (!std::filesystem::exists(folder)) {
+    GTEST_SKIP() << "no " << folder;
+  }
   const Json args = read_json(folder / "config.json")["models"]["denoiser"]["args"];
   const auto width = args["model_channels"].get<std::int64_t>(), blocks = args["num_blocks"].get<std::int64_t>();
   for (const char* name : {"denoiser.pt", "denoiser_ema0.9999.pt"}) {
@@ -301,7 +305,9 @@ TEST(TorchArchiveFixtures, FlowsHaveTheSizesOfTheirConfigs) {
 
 TEST(TorchArchiveFixtures, MiscHoldsOptimiserState) {
   const auto file = test::parity_file("ckpt_selection/no_ema/ckpts/misc_step0000007.pt");
-  if (!std::filesystem::exists(file)) GTEST_SKIP() << "no " << file;
+  if (!std::filesystem::exists(file)) {
+    GTEST_SKIP() << "no " << file;
+  }
   const NamedArrays state = read_torch_archive(file);
   ASSERT_NE(find(state, "optimizer.state.0.exp_avg"), nullptr);
   EXPECT_EQ(find(state, "optimizer.state.0.exp_avg")->dtype, Dtype::kF32);

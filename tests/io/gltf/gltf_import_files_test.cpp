@@ -109,7 +109,9 @@ TEST_P(RiggedFile, BindPoseReproducesTheMesh) {
 }
 
 TEST_P(RiggedFile, PosesLikeTheFormula) {
-  if (kCompressed.count(name()) != 0) GTEST_SKIP() << "not supported: a second reader of compressed files";
+  if (kCompressed.count(name()) != 0) {
+    GTEST_SKIP() << "not supported: a second reader of compressed files";
+  }
   const Asset asset = read_gltf(GetParam()).asset;
   const test::GltfReference reference(GetParam());
   const std::vector<Eigen::Vector3f> expected = reference.vertices();
@@ -155,13 +157,17 @@ GTEST_ALLOW_UNINSTANTIATED_PARAMETERIZED_TEST(RiggedFile);
 INSTANTIATE_TEST_SUITE_P(Assets, RiggedFile, testing::ValuesIn(rigged_files()), test_name);
 
 TEST(RiggedFiles, AreThere) {
-  if (!fs::exists(test::assets_dir() / "rigged")) GTEST_SKIP() << test::assets_dir() << " is not there";
+  if (!fs::exists(test::assets_dir() / "rigged")) {
+    GTEST_SKIP() << test::assets_dir() << " is not there";
+  }
   EXPECT_GE(rigged_files().size(), 40u);
 }
 
 TEST(RiggedFiles, RepairsAreReportedWithTheirCounts) {
   const fs::path rigged = test::assets_dir() / "rigged";
-  if (!fs::exists(rigged)) GTEST_SKIP() << test::assets_dir() << " is not there";
+  if (!fs::exists(rigged)) {
+    GTEST_SKIP() << test::assets_dir() << " is not there";
+  }
   EXPECT_EQ(count_of(read_gltf(rigged / "arthropod/q_crab_nan.glb"), "nan_weights"), 6u);
   EXPECT_EQ(count_of(read_gltf(rigged / "plant/dcl_tree/Tree.gltf"), "zero_weights"), 44u);
   EXPECT_GT(count_of(read_gltf(rigged / "synthetic/godot_unnormalised.glb"), "unnormalised_weights"), 0u);

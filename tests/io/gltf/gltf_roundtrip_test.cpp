@@ -188,7 +188,9 @@ INSTANTIATE_TEST_SUITE_P(RealAssets, GltfRoundTripOfFile, ::testing::ValuesIn(re
 });
 
 TEST(GltfRoundTrip, RealAssetsWereFound) {
-  if (!fs::exists(test::assets_dir())) GTEST_SKIP() << "no rigged assets in " << test::assets_dir();
+  if (!fs::exists(test::assets_dir())) {
+    GTEST_SKIP() << "no rigged assets in " << test::assets_dir();
+  }
   EXPECT_FALSE(real_assets().empty()) << "nothing to read below " << test::assets_dir();
 }
 

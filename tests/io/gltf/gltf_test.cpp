@@ -378,7 +378,9 @@ TEST(GltfHostile, FlippedBytes) {
 // Changes inside the compressed data, which the decoders must survive.
 void damage_compressed(const std::string& name, std::size_t first, std::size_t length) {
   const fs::path real = test::assets_dir() / "rigged/negative" / name;
-  if (!fs::exists(real)) GTEST_SKIP() << real << " is not there";
+  if (!fs::exists(real)) {
+    GTEST_SKIP() << real << " is not there";
+  }
   const std::string bytes = read_file(real);
   std::size_t binary = 28;  // behind the JSON chunk and the header of the binary chunk
   for (std::size_t i = 0; i < 4; ++i)

@@ -261,7 +261,9 @@ TEST_F(Formats, AnymateSkeletonFromWhatIsThere) {
 
 TEST_F(Formats, AnymateSampleOfThePublishedCollator) {
   const fs::path file = test::parity_file("ops_anymate_collate.safetensors");
-  if (!fs::exists(file)) GTEST_SKIP() << file << " is missing";
+  if (!fs::exists(file)) {
+    GTEST_SKIP() << file << " is missing";
+  }
   const NamedArrays tensors = read_safetensors(file).tensors;
   for (const std::string prefix : {"in.s0.", "in.s1."}) {
     NamedArrays sample;

@@ -398,7 +398,9 @@ TEST_F(OpenSource, RefusesWhatItCannotTell) {
 
 TEST_F(OpenSource, RealAssetsAreAllReadOrRefusedByName) {
   const fs::path assets = test::assets_dir() / "rigged" / "hand";
-  if (!fs::exists(assets)) GTEST_SKIP() << assets << " is missing";
+  if (!fs::exists(assets)) {
+    GTEST_SKIP() << assets << " is missing";
+  }
   const auto source = open_source(assets);
   ASSERT_FALSE(source->ids().empty());
   for (const std::string& id : source->ids()) {

@@ -100,7 +100,9 @@ TEST(AnymatePretrained, PointBertFromThePartsOfALargeModel) {
     EXPECT_TRUE(torch::equal(after.at(key), nn::to_tensor(array))) << key;
   }
   for (const auto& [key, tensor] : before) {
-    if (key.rfind("encoder.", 0) != 0) EXPECT_TRUE(torch::equal(after.at(key), tensor)) << key;
+    if (key.rfind("encoder.", 0) != 0) {
+      EXPECT_TRUE(torch::equal(after.at(key), tensor)) << key;
+    }
   }
 }
 
