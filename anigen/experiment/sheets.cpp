@@ -107,11 +107,8 @@ std::vector<SheetCell> ranked_cells(const fs::path& file, const SheetSpec& spec)
     cell.value = number_in(table.cell(r, spec.order.key));
     (std::isfinite(cell.value) ? ranked : without).push_back(std::move(cell));
   }
-  if (methods.count(spec.method) == 0) {
-    std::string known;
-    for (const std::string& method : methods) known += (known.empty() ? "" : ", ") + method;
-    throw InputError(file.string(), "method", "there is no '" + spec.method + "'; there are: " + known);
-  }
+  if (methods.count(spec.method) == 0)
+    throw InputError(file.string(), "method", "there is no '" + spec.method + "'; there are: " + joined(methods));
   const bool lower = spec.order.better != Column::Better::kHigher;
   std::stable_sort(ranked.begin(), ranked.end(), [&](const SheetCell& a, const SheetCell& b) {
     return lower ? a.value < b.value : a.value > b.value;
@@ -294,8 +291,7 @@ std::vector<SheetCell> sheet_cells(const Plan& plan, const fs::path& out, const 
 }
 
 std::string sheet_html(const std::vector<SheetCell>& cells, const SheetSpec& spec) {
-  std::string labels;
-  for (const AssetFiles& entry : spec.shown) labels += (labels.empty() ? "" : ", ") + entry.label;
+  const std::string labels = joined(spec.shown, ", ", &AssetFiles::label);
   std::string html = "<p class=\"hint\">" + html_escaped(labels) + ". Place and " + html_escaped(spec.order.label) +
                      ", from the best to the worst.</p>\n<div class=\"sheet\">\n";
   for (const SheetCell& cell : cells) {

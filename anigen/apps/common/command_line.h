@@ -13,6 +13,7 @@
 
 #include "anigen/apps/common/options.h"
 #include "anigen/apps/common/torch_half.h"
+#include "anigen/core/text.h"
 
 namespace anigen {
 
@@ -95,12 +96,8 @@ inline CLI::Validator number(double least, double most = std::numeric_limits<dou
 inline CLI::Validator one_of(const std::vector<std::string>& words) {
   return CLI::Validator(
       [words](std::string& text) {
-        std::string known;
-        for (const std::string& word : words) {
-          if (word == text) return std::string();
-          known += (known.empty() ? "" : ", ") + word;
-        }
-        return "'" + text + "' is none of " + known;
+        const bool known = std::find(words.begin(), words.end(), text) != words.end();
+        return known ? std::string() : "'" + text + "' is none of " + joined(words);
       },
       std::string());
 }

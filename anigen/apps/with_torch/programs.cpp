@@ -260,8 +260,7 @@ train::TrainCommand command_of(const TrainArguments& arguments, const CommonOpti
   command.device = common.device;
   command.ranks.timeout = arguments.rank_timeout;
   command.ranks.sent = arguments.communication == "bf16" ? torch::kBFloat16 : torch::kFloat32;
-  for (const std::string& word : arguments.words)
-    command.command_line += (command.command_line.empty() ? "" : " ") + word;
+  command.command_line = joined(arguments.words, " ");
   if (common.seed) command.overrides.push_back("trainer.args.seed=" + std::to_string(*common.seed));
   if (!arguments.warm_start.empty()) {
     command.overrides.push_back(arguments.warm_start == "none" ? std::string("trainer.args.warm_start=none")
