@@ -88,8 +88,7 @@ std::string thumbnail(const fs::path& file, int height, Panel panel = {}) {
                                                io::ResizeAlpha::kPremultiplied);
     const std::vector<std::uint8_t> bytes = io::encode_jpeg(small, kQuality);
     return "<img loading=\"lazy\" alt=\"" + html_escaped(file.filename().string()) +
-           "\" src=\"data:image/jpeg;base64," +
-           base64(std::string_view(reinterpret_cast<const char*>(bytes.data()), bytes.size())) + "\">";
+           "\" src=\"data:image/jpeg;base64," + base64(bytes) + "\">";
   } catch (const Error& problem) {
     return "<span class=\"none\">" + html_escaped(problem.what()) + "</span>";
   }

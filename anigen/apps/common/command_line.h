@@ -1,5 +1,6 @@
 #pragma once
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <cerrno>
 #include <cmath>
 #include <cstdint>
@@ -155,6 +156,13 @@ void refuse_given(const CLI::App& app, const std::vector<std::string>& names, co
 /// Ends a program of which some inputs failed, after the others are done: when none is left, and unless --keep-going
 /// allows it. @param what "images gave no asset" @throws Error counting them
 void require_inputs(std::size_t failed, std::size_t all, const std::string& what, const CommonOptions& common);
+/// Ends it likewise where each input has a report with a `failure`.
+template <typename Reports>
+void require_inputs(const Reports& reports, const std::string& what, const CommonOptions& common) {
+  const auto failed = [](const auto& report) { return !report.failure.empty(); };
+  const auto count = std::count_if(reports.begin(), reports.end(), failed);
+  require_inputs(static_cast<std::size_t>(count), reports.size(), what, common);
+}
 
 /// Prints a program's result on standard output: with --json as JSON, else as text.
 void print_result(const Json& json, const std::string& text, const CommonOptions& common);
