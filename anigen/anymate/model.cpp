@@ -17,12 +17,7 @@ constexpr std::int64_t kMostWidth = 16384, kMostTokens = 65536, kMostLayers = 25
 std::size_t index_of(const std::string& name, const std::vector<std::string>& names, const char* what) {
   const auto found = std::find(names.begin(), names.end(), name);
   if (found != names.end()) return static_cast<std::size_t>(found - names.begin());
-  std::string known;
-  for (const std::string& other : names) known += (known.empty() ? "" : ", ") + other;
-  const std::string nearest = nearest_word(name, names);
-  throw InputError(
-      "", what,
-      "there is no '" + name + "'; " + (nearest.empty() ? "known are " + known : "did you mean '" + nearest + "'?"));
+  throw InputError("", what, "there is no '" + name + "'; " + suggestion(name, names));
 }
 
 // Words of a config for the values of an enum, in its order.

@@ -6,8 +6,6 @@
 #include "anigen/core/error.h"
 #include "anigen/core/log.h"
 #include "anigen/core/parallel.h"
-#include "anigen/eval/comparison.h"
-#include "anigen/eval/evaluate_command.h"
 #include "anigen/eval/skin_evaluation.h"
 
 namespace {
@@ -40,16 +38,13 @@ void evaluate_skins(const EvalArguments& options, const CommonOptions& common) {
 }
 
 void evaluate_shapes(const EvalArguments& options, const CommonOptions& common) {
-  eval::EvaluationRequest request;
-  request.predictions = options.predictions;
+  eval::EvaluationRequest request = options.shapes;
   request.truth = options.dataset;
   request.splits = {options.splits.begin(), options.splits.end()};
-  request.category_splits = {options.category_splits.begin(), options.category_splits.end()};
   request.most = options.limit;
   request.out = options.output;
   request.prediction_axes = io::parse_axes(options.prediction_up);
   request.truth_axes = io::parse_axes(options.dataset_up);
-  request.settings = options.settings;
   request.settings.seed = common.seed.value_or(0);
   if (!options.lpips_weights.empty()) torch_half("--lpips-weights").add_perceptual_metric(options, common, request);
   request.settings.alignment.icp = !options.no_icp;
@@ -58,12 +53,8 @@ void evaluate_shapes(const EvalArguments& options, const CommonOptions& common) 
   if (options.point_to_plane) request.settings.alignment.registration.variant = metrics::IcpVariant::kPointToPlane;
   if (!options.groups.empty()) request.settings.groups = {options.groups.begin(), options.groups.end()};
   request.resume = !options.force;
-  request.accept_other_code = options.accept_other_code;
   request.report = !options.no_report;
   request.pictured = options.report_images;
-  request.worst_by = options.worst_by;
-  request.motion = options.motion;
-  request.motions_pictured = options.motion_images;
   const eval::Comparison comparison = eval::run_evaluation(request);
   print_result(eval::to_json(comparison), to_markdown(comparison), common);
   for (std::size_t m = 0; m < comparison.methods.size(); ++m) {
@@ -75,24 +66,24 @@ void evaluate_shapes(const EvalArguments& options, const CommonOptions& common) 
 }
 
 void run(const EvalArguments& options, const CommonOptions& common) {
-  if (!options.category_splits.empty() && options.predictions.empty())
+  if (!options.shapes.category_splits.empty() && options.shapes.predictions.empty())
     throw InputError("", "--category-split", "sorts rigged shapes: it needs --pred");
-  if (options.limit > 0 && options.ss_flow.empty() && (options.predictions.empty() || options.dataset.empty()))
+  if (options.limit > 0 && options.ss_flow.empty() && (options.shapes.predictions.empty() || options.dataset.empty()))
     throw InputError("", "--limit", "goes with --pred and --dataset, or with --ss-flow");
   if (!options.ss_flow.empty()) {
-    if (!options.predictions.empty() || !options.skin_ae.empty() || !options.skins.empty())
+    if (!options.shapes.predictions.empty() || !options.skin_ae.empty() || !options.skins.empty())
       throw InputError("", "--ss-flow", "evaluates a flow of sparse structures, and nothing else at the same time");
     if (options.splits.size() > 1) throw InputError("", "--split", "one file of ids, with --ss-flow");
     return torch_half("--ss-flow").evaluate_structures(options, common);
   }
-  if (!options.predictions.empty()) {
+  if (!options.shapes.predictions.empty()) {
     if (!options.skin_ae.empty() || !options.skins.empty())
       throw InputError("", "--pred",
                        "compares rigged shapes; --skin-ae and --skins evaluate weights: one or the other");
     return evaluate_shapes(options, common);
   }
-  if (!options.motion.empty() || options.motion_images > 0)
-    throw InputError("", options.motion.empty() ? "--motion-images" : "--motion",
+  if (!options.shapes.motion.empty() || options.shapes.motions_pictured > 0)
+    throw InputError("", options.shapes.motion.empty() ? "--motion-images" : "--motion",
                      "moves rigged shapes: it needs --pred");
   if (!options.lpips_weights.empty())
     throw InputError("", "--lpips-weights", "compares images of rigged shapes: it needs --pred");
@@ -102,7 +93,7 @@ void run(const EvalArguments& options, const CommonOptions& common) {
 
 /// Options of rigged shapes alone. @return their names
 std::vector<std::string> add_shape_options(CLI::App& app, EvalArguments& options) {
-  auto& icp = options.settings.alignment.registration;
+  auto& icp = options.shapes.settings.alignment.registration;
   std::vector<std::string> names;
   const auto add = [&](const char* name, auto& variable) {
     names.emplace_back(name);
@@ -119,18 +110,18 @@ std::vector<std::string> add_shape_options(CLI::App& app, EvalArguments& options
   add("--exhaustive", icp.exhaustive);
   add("--metrics", options.groups)->delimiter(',');
   add("--transport", options.transport);
-  add("--sinkhorn-epsilon", options.settings.epsilon)->check(number(0, 1, RangeEnds::kOpenBelow));
-  add("--category-split", options.category_splits);
-  add("--surface-samples", options.settings.surface_samples)->check(whole_number(1, 10'000'000));
-  add("--image-size", options.settings.image_size)->check(whole_number(16, 4096));
+  add("--sinkhorn-epsilon", options.shapes.settings.epsilon)->check(number(0, 1, RangeEnds::kOpenBelow));
+  add("--category-split", options.shapes.category_splits);
+  add("--surface-samples", options.shapes.settings.surface_samples)->check(whole_number(1, 10'000'000));
+  add("--image-size", options.shapes.settings.image_size)->check(whole_number(16, 4096));
   add("--lpips-weights", options.lpips_weights)->expected(1, 2);
-  add("--poses", options.settings.poses)->check(whole_number(1, 10'000));
-  add("--motion", options.motion);
-  add("--motion-frames", options.settings.motion_frames)->check(whole_number(1, 10'000));
-  add("--motion-images", options.motion_images)->check(whole_number(0, 10'000));
-  add("--worst-by", options.worst_by);
+  add("--poses", options.shapes.settings.poses)->check(whole_number(1, 10'000));
+  add("--motion", options.shapes.motion);
+  add("--motion-frames", options.shapes.settings.motion_frames)->check(whole_number(1, 10'000));
+  add("--motion-images", options.shapes.motions_pictured)->check(whole_number(0, 10'000));
+  add("--worst-by", options.shapes.worst_by);
   CLI::Option* force = add("--force", options.force);
-  add("--accept-other-code", options.accept_other_code)->excludes(force);
+  add("--accept-other-code", options.shapes.accept_other_code)->excludes(force);
   return names;
 }
 
@@ -153,7 +144,7 @@ std::vector<std::string> add_structure_options(CLI::App& app, EvalArguments& opt
 /// Options of another evaluation than the one asked for, or that others leave without effect.
 void refuse_ignored(const CLI::App& app, const EvalArguments& options, const std::vector<std::string>& of_shapes,
                     const std::vector<std::string>& of_structures) {
-  const bool structures = !options.ss_flow.empty(), shapes = !options.predictions.empty();
+  const bool structures = !options.ss_flow.empty(), shapes = !options.shapes.predictions.empty();
   if (!structures) refuse_given(app, of_structures, "is of sparse structures: it needs --ss-flow");
   if (!shapes) refuse_given(app, of_shapes, "is of rigged shapes: it needs --pred");
   if (structures) {
@@ -179,7 +170,7 @@ void refuse_ignored(const CLI::App& app, const EvalArguments& options, const std
   if (!wants("image")) refuse_given(app, {"--image-size", "--lpips-weights"}, "--metrics leaves 'image' out");
   if (!wants("surface") && !wants("motion"))
     refuse_given(app, {"--surface-samples"}, "--metrics leaves 'surface' and 'motion' out");
-  if (!wants("motion") && options.motion_images == 0)
+  if (!wants("motion") && options.shapes.motions_pictured == 0)
     refuse_given(app, {"--motion", "--motion-frames"}, "--metrics leaves 'motion' out");
   if (!wants("skin")) refuse_given(app, {"--poses"}, "--metrics leaves 'skin' out");
 }
@@ -202,7 +193,7 @@ int main(int argc, char** argv) {
       "  anigen-eval --ss-flow runs/ss_flow -d data --split splits/test.txt -o results   (voxels from images)");
   CLI::App& app = program.app;
   EvalArguments options;
-  add_option(app, "--pred", options.predictions);
+  add_option(app, "--pred", options.shapes.predictions);
   add_option(app, "--dataset", options.dataset, " with the ground truth, or file or folder of it");
   add_option(app, "--split", options.splits);
   add_option(app, "--limit", options.limit, "; with --pred or --ss-flow")->check(whole_number(0));

@@ -1,4 +1,3 @@
-#include <algorithm>
 #include <filesystem>
 #include <string>
 #include <vector>
@@ -49,9 +48,7 @@ void rig_files(RigArguments& options, const CommonOptions& common) {
   if (learned) use_models(options, common);
   const rigging::RigReports reports = rigging::rig_meshes(request);
   print_result(to_json(reports), to_text(reports), common);
-  const auto failed = std::count_if(reports.meshes.begin(), reports.meshes.end(),
-                                    [](const auto& report) { return !report.failure.empty(); });
-  require_inputs(static_cast<std::size_t>(failed), reports.meshes.size(), "meshes gave no rig", common);
+  require_inputs(reports.meshes, "meshes gave no rig", common);
 }
 
 void retrieve(const RigArguments& options, const CommonOptions& common) {

@@ -113,12 +113,6 @@ bool is_int64(const Json& value) {
          value.get<std::uint64_t>() <= static_cast<std::uint64_t>(std::numeric_limits<std::int64_t>::max());
 }
 
-std::string joined(const std::vector<std::string>& words) {
-  std::string line;
-  for (const std::string& word : words) line += (line.empty() ? "" : ", ") + word;
-  return line;
-}
-
 }  // namespace
 
 Json parse_json(std::string_view text, const std::string& file, const JsonLimits& limits) {
@@ -350,9 +344,7 @@ void ConfigReader::finish() const {
   if (ConfigRecord::current() != nullptr) ConfigRecord::current()->node(pointer_)["additionalProperties"] = false;
   for (const auto& [key, value] : object_->items()) {
     if (std::find(known_.begin(), known_.end(), key) != known_.end()) continue;
-    const std::string nearest = nearest_word(key, known_);
-    throw error("", "unknown key '" + key.substr(0, 80) + "'; " +
-                        (nearest.empty() ? "known keys are " + joined(known_) : "did you mean '" + nearest + "'?"));
+    throw error("", "unknown key '" + key.substr(0, 80) + "'; " + suggestion(key, known_, "known keys are "));
   }
 }
 
@@ -384,6 +376,11 @@ std::string nearest_word(const std::string& word, const std::vector<std::string>
     if (distance < best) best = distance, nearest = candidate;
   }
   return nearest;
+}
+
+std::string suggestion(const std::string& word, const std::vector<std::string>& words, const std::string& all) {
+  const std::string nearest = nearest_word(word, words);
+  return nearest.empty() ? all + joined(words) : "did you mean '" + nearest + "'?";
 }
 
 namespace {

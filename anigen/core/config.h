@@ -118,6 +118,10 @@ std::size_t edit_distance(const std::string& a, const std::string& b);
 /// The word nearest to the given one, or "" when none is near enough to be a likely misspelling.
 std::string nearest_word(const std::string& word, const std::vector<std::string>& words);
 
+/// "did you mean 'depth'?" when one of the words is near, otherwise all of them behind `all`.
+std::string suggestion(const std::string& word, const std::vector<std::string>& words,
+                       const std::string& all = "known are ");
+
 /// Record of what readers of configs ask for on this thread while it lives: the keys with their types, bounds, words
 /// and defaults, as a JSON Schema of the file, and a config written out in full.
 class ConfigRecord {

@@ -5,6 +5,7 @@
 #include <iterator>
 
 #include "anigen/core/error.h"
+#include "anigen/core/text.h"
 
 namespace anigen {
 
@@ -27,11 +28,7 @@ bool runs(KernelForm form) {
 #endif
 }
 
-std::string names(const std::vector<KernelForm>& forms) {
-  std::string text;
-  for (const KernelForm form : forms) text += (text.empty() ? "" : ", ") + std::string(kernel_form_name(form));
-  return text;
-}
+std::string names(const std::vector<KernelForm>& forms) { return joined(forms, ", ", kernel_form_name); }
 
 void require_runnable(KernelForm form) {
   const std::vector<KernelForm>& forms = runnable_kernel_forms();

@@ -19,10 +19,9 @@
 namespace anigen::log {
 
 void setup(const std::string& level) {
-  static const char* const levels[] = {"debug", "info", "warn", "error", "off"};
-  bool known = false;
-  for (const char* name : levels) known = known || level == name;
-  if (!known) throw InputError("", "--log-level", "unknown level '" + level + "'; use debug, info, warn, error or off");
+  const std::set<std::string> levels = {"debug", "info", "warn", "error", "off"};
+  if (levels.count(level) == 0)
+    throw InputError("", "--log-level", "unknown level '" + level + "'; use debug, info, warn, error or off");
   auto sink = std::make_shared<spdlog::sinks::stderr_color_sink_mt>();
   sink->set_pattern("%^[%l]%$ %v");
   auto logger = std::make_shared<spdlog::logger>("anigen", sink);

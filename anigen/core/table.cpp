@@ -110,11 +110,7 @@ std::string cell_of(const std::string& cell) {
   return marked.place == 2 ? "\\underline{" + text + "}" : text;
 }
 
-std::string line_of(const std::vector<std::string>& cells) {
-  std::string line;
-  for (std::size_t i = 0; i < cells.size(); ++i) line += (i > 0 ? " & " : "") + cell_of(cells[i]);
-  return line + " \\\\\n";
-}
+std::string line_of(const std::vector<std::string>& cells) { return joined(cells, " & ", cell_of) + " \\\\\n"; }
 
 }  // namespace
 
@@ -156,8 +152,7 @@ std::string to_csv(const CsvTable& table) {
   const auto line = [&text](const std::vector<std::string>& fields) {
     // A lone empty field would read back as an empty line.
     if (fields.size() == 1 && fields[0].empty()) text += "\"\"";
-    for (std::size_t i = 0; i < fields.size(); ++i) text += (i == 0 ? "" : ",") + csv_field(fields[i]);
-    text += '\n';
+    text += joined(fields, ",", csv_field) + '\n';
   };
   line(table.columns);
   for (const auto& row : table.rows) line(row);

@@ -7,6 +7,7 @@
 
 #include "anigen/core/error.h"
 #include "anigen/core/numeric.h"
+#include "anigen/core/text.h"
 #include "anigen/creatures/parts.h"
 #include "anigen/creatures/surface.h"
 
@@ -422,12 +423,11 @@ Asset make_creature(std::uint64_t seed, std::uint64_t index) {
 }
 
 Asset make_creature(const std::string& family, std::uint64_t seed, std::uint64_t index) {
-  std::string known;
   for (const Family& candidate : kFamilies) {
     if (family == candidate.name) return assemble(candidate, seed, index);
-    known += (known.empty() ? "" : ", ") + std::string(candidate.name);
   }
-  throw InputError("", "creature family", "there is no family \"" + family + "\"; known are " + known);
+  throw InputError("", "creature family",
+                   "there is no family \"" + family + "\"; known are " + joined(kFamilies, ", ", &Family::name));
 }
 
 }  // namespace anigen::creatures

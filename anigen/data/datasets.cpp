@@ -518,11 +518,7 @@ Datasets make_datasets(ConfigReader dataset, std::uint64_t seed) {
   for (const std::string& other : unimplemented()) {
     if (other == name) throw NotSupportedError(dataset.file(), dataset.pointer_to("name"), "dataset '" + name + "'");
   }
-  std::string known;
-  for (const std::string& word : dataset_names()) known += (known.empty() ? "" : ", ") + word;
-  const std::string nearest = nearest_word(name, dataset_names());
-  throw dataset.error("name", "unknown dataset '" + name.substr(0, 80) + "'; " +
-                                  (nearest.empty() ? "known are " + known : "did you mean '" + nearest + "'?"));
+  throw dataset.error("name", "unknown dataset '" + name.substr(0, 80) + "'; " + suggestion(name, dataset_names()));
 }
 
 }  // namespace anigen::data

@@ -5,6 +5,7 @@
 
 #include "anigen/core/error.h"
 #include "anigen/core/random.h"
+#include "anigen/core/text.h"
 #include "anigen/data/voxel_files.h"
 #include "anigen/io/arrays/npz.h"
 
@@ -13,9 +14,7 @@ namespace anigen::data {
 namespace {
 
 std::string text_of(const std::vector<std::int64_t>& shape) {
-  std::string text;
-  for (const std::int64_t size : shape) text += (text.empty() ? "" : ", ") + (size < 0 ? "*" : std::to_string(size));
-  return "[" + text + "]";
+  return "[" + joined(shape, ", ", [](auto size) { return size < 0 ? "*" : std::to_string(size); }) + "]";
 }
 
 void check(const io::NdArray& array, const ArraySpec& spec, const std::string& file) {

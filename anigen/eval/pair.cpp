@@ -366,9 +366,7 @@ void check(const PairSettings& settings) {
   static const std::set<std::string> kGroups = PairSettings().groups;
   for (const std::string& group : settings.groups) {
     if (kGroups.count(group) > 0) continue;
-    std::string known;
-    for (const std::string& name : kGroups) known += (known.empty() ? "" : ", ") + name;
-    throw InputError("", group, "no such group of metrics; there are " + known);
+    throw InputError("", group, "no such group of metrics; there are " + joined(kGroups));
   }
   if (settings.groups.empty()) throw InputError("", "", "no group of metrics to compute");
   const bool sinkhorn = settings.transport == TransportMethod::kSinkhorn;

@@ -9,6 +9,7 @@
 #include "anigen/asset/skeleton.h"
 #include "anigen/core/error.h"
 #include "anigen/core/table.h"
+#include "anigen/core/text.h"
 #include "anigen/io/arrays/npz.h"
 #include "anigen/metrics/skin_metrics.h"
 
@@ -74,7 +75,7 @@ class PairsByName {
     }
     if (found.size() > 1)
       throw InputError(prediction_.describe(), "",
-                       "several predictions could be meant for " + plan.truth_id + ": " + io::listed(found) + kRemedy);
+                       "several predictions could be meant for " + plan.truth_id + ": " + listed(found) + kRemedy);
     const std::string& prediction = *found.begin();
     const std::set<std::string> rivals = truths_.find(prediction_forms(prediction_, prediction));
     if (rivals.size() > 1) refuse_prediction(prediction, rivals);
@@ -83,7 +84,7 @@ class PairsByName {
 
   [[noreturn]] void refuse_prediction(const std::string& id, const std::set<std::string>& truths) const {
     throw InputError(truth_.describe(), "",
-                     "the prediction " + id + " could be meant for several: " + io::listed(truths) + kRemedy);
+                     "the prediction " + id + " could be meant for several: " + listed(truths) + kRemedy);
   }
 
   void settle(PairPlan& plan, const std::string& prediction) {
@@ -96,7 +97,7 @@ class PairsByName {
     if (plan.prediction_id)
       throw InputError(prediction_.describe(), "",
                        "several predictions could be meant for " + plan.truth_id + ": " +
-                           io::listed({*plan.prediction_id, prediction}) + kRemedy);
+                           listed({*plan.prediction_id, prediction}) + kRemedy);
     settle(plan, prediction);
   }
 

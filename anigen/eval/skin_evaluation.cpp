@@ -13,6 +13,7 @@
 #include "anigen/core/parallel.h"
 #include "anigen/core/process.h"
 #include "anigen/core/run_folder.h"
+#include "anigen/core/text.h"
 #include "anigen/core/version.h"
 #include "anigen/eval/pairs.h"
 #include "anigen/eval/report.h"
@@ -248,7 +249,7 @@ SkinEvaluation run_skin_evaluation(const SkinRequest& request) {
     settings["unused_predictions"] = unused;
     if (!unused.empty())
       log::warn("{}: {} files belong to none of the assets ({})", request.skins.string(), unused.size(),
-                io::listed({unused.begin(), unused.end()}));
+                listed({unused.begin(), unused.end()}));
   }
   for (SkinMethod& baseline : skin_baselines()) methods.push_back(std::move(baseline));
   settings["made_by"] = made_by();

@@ -11,6 +11,7 @@
 #include "anigen/core/log.h"
 #include "anigen/core/process.h"
 #include "anigen/core/table.h"
+#include "anigen/core/text.h"
 #include "anigen/experiment/report.h"
 #include "anigen/experiment/run_jobs.h"
 
@@ -84,9 +85,7 @@ std::string state_of(const fs::path& out, const Job& job) {
 
 std::string whom(const Job& job) {
   if (job.serves.size() > 2) return std::to_string(job.serves.size()) + " runs";
-  std::string text;
-  for (const std::string& run : job.serves) text += (text.empty() ? "" : " | ") + run;
-  return text;
+  return joined(job.serves, " | ");
 }
 
 /// The plan with states, expected time and disk, as a table and one closing line.

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <set>
 
+#include "anigen/core/config_fields.h"
 #include "anigen/core/error.h"
 #include "anigen/experiment/plan.h"
 
@@ -29,22 +30,19 @@ std::vector<Json> list_of(ConfigReader& reader, const std::string& key) {
   return {value->begin(), value->end()};
 }
 
-std::string needed_text(ConfigReader& reader, const std::string& key) {
-  reader.require(key);
-  return reader.text(key, "");
-}
-
-std::string needed_step(ConfigReader& reader, const Json& steps) {
-  const std::string step = needed_text(reader, "step");
-  require_step(steps, reader, "step", step);
-  return step;
+void read_step_name(ConfigFields& f, const Json& steps, std::string& step) {
+  f("step", step, kRequired);
+  require_step(steps, f.reader(), "step", step);
 }
 
 /// The variants that one entry of "grid" stands for: {"step": "ss_flow", "set": "path.to.key", "values": […]}.
 std::vector<Variant> axis_of(const Json& json, const Json& steps, const std::string& file, const std::string& pointer) {
   ConfigReader reader(json, file, pointer);
+  ConfigFields f(reader);
   reader.require("values");
-  const std::string step = needed_step(reader, steps), path = needed_text(reader, "set");
+  std::string step, path;
+  read_step_name(f, steps, step);
+  f("set", path, kRequired);
   const std::string label = reader.text("label", path.substr(path.find_last_of('.') + 1));
   std::vector<Variant> axis;
   for (const Json& value : list_of(reader, "values")) {
@@ -104,13 +102,13 @@ Column read_column(const Json& json, const std::string& file, const std::string&
     return column;
   }
   ConfigReader reader(json, file, pointer);
-  column.key = needed_text(reader, "key");
-  column.label = reader.text("label", column.key);
-  const std::string better = reader.choice("better", "none", {"none", "lower", "higher"});
-  column.better = better == "lower"    ? Column::Better::kLower
-                  : better == "higher" ? Column::Better::kHigher
-                                       : Column::Better::kNone;
-  column.digits = static_cast<int>(reader.integer("digits", column.digits, 0, 9));
+  ConfigFields f(reader);
+  f("key", column.key, kRequired);
+  column.label = column.key;
+  f("label", column.label);
+  using Better = Column::Better;
+  f("better", column.better, {{"none", Better::kNone}, {"lower", Better::kLower}, {"higher", Better::kHigher}});
+  f("digits", column.digits, {0, 9});
   reader.finish();
   return column;
 }
@@ -121,15 +119,10 @@ Column needed_column(ConfigReader& reader, const std::string& key) {
 }
 
 /// Pattern of the files of all assets: the name of an asset is its star.
-std::string needed_pattern(ConfigReader& reader) {
-  const std::string pattern = needed_text(reader, "files");
+void read_pattern(ConfigFields& f, std::string& pattern) {
+  f("files", pattern, kRequired);
   if (std::count(pattern.begin(), pattern.end(), '*') != 1)
-    throw reader.error("files", "one * is needed, where the name of the asset stands, as in \"*/preview.png\"");
-  return pattern;
-}
-
-std::size_t most_of(ConfigReader& reader, std::int64_t usual, std::int64_t least, std::int64_t most) {
-  return static_cast<std::size_t>(reader.integer("most", usual, least, most));
+    throw f.error("files", "one * is needed, where the name of the asset stands, as in \"*/preview.png\"");
 }
 
 /// Calls `read` for every object of a list and refuses what it did not ask for.
@@ -138,7 +131,8 @@ void each_object(ConfigReader& reader, const std::string& key, Read read) {
   const std::vector<Json> list = list_of(reader, key);
   for (std::size_t i = 0; i < list.size(); ++i) {
     ConfigReader item(list[i], reader.file(), reader.pointer_to(key) + "/" + std::to_string(i));
-    read(item);
+    ConfigFields f(item);
+    read(f);
     item.finish();
   }
 }
@@ -146,70 +140,72 @@ void each_object(ConfigReader& reader, const std::string& key, Read read) {
 /// Reads a list of parts of the report that are about one step each; `specs` gets one more for each.
 template <typename Spec, typename Read>
 void each_part(ConfigReader& reader, const std::string& key, const Json& steps, std::vector<Spec>& specs, Read read) {
-  each_object(reader, key, [&](ConfigReader& item) {
+  each_object(reader, key, [&](ConfigFields& f) {
     Spec& spec = specs.emplace_back();
-    spec.title = needed_text(item, "title");
-    spec.step = needed_step(item, steps);
-    read(item, spec);
+    f("title", spec.title, kRequired);
+    read_step_name(f, steps, spec.step);
+    read(f, spec);
   });
 }
 
 std::vector<AssetFiles> read_shown(ConfigReader& reader, const Json& steps) {
   std::vector<AssetFiles> entries;
-  each_object(reader, "shown", [&](ConfigReader& item) {
+  each_object(reader, "shown", [&](ConfigFields& f) {
     AssetFiles& entry = entries.emplace_back();
-    entry.step = needed_step(item, steps);
-    entry.label = item.text("label", entry.step);
-    entry.pattern = needed_pattern(item);
+    read_step_name(f, steps, entry.step);
+    entry.label = entry.step;
+    f("label", entry.label);
+    read_pattern(f, entry.pattern);
   });
   if (entries.empty()) throw reader.error("shown", "at least one is needed");
   return entries;
 }
 
-void read_strip(ConfigReader& item, const Json& steps, StripSpec& strip) {
-  strip.pattern = needed_pattern(item);
-  strip.panels = static_cast<int>(item.integer("panels", 1, 1, 100));
-  strip.panel = static_cast<int>(item.integer("panel", 1, 1, strip.panels));
-  strip.first_panel = static_cast<int>(item.integer("first_panel", 0, 0, strip.panels));
-  strip.most = most_of(item, 6, 1, 200);
-  if (!item.has("value")) return;
-  ConfigReader value = item.object("value");
-  strip.value_step = needed_step(value, steps);
-  strip.value_method = needed_text(value, "method");
-  strip.value = needed_column(value, "column");
-  value.finish();
+void read_strip(ConfigFields& f, const Json& steps, StripSpec& strip) {
+  read_pattern(f, strip.pattern);
+  f("panels", strip.panels, {1, 100});
+  f("panel", strip.panel, {1, strip.panels});
+  f("first_panel", strip.first_panel, {0, strip.panels});
+  f("most", strip.most, {1, 200});
+  if (!f.reader().has("value")) return;
+  f.object("value", [&](ConfigFields& value) {
+    read_step_name(value, steps, strip.value_step);
+    value("method", strip.value_method, kRequired);
+    strip.value = needed_column(value.reader(), "column");
+  });
 }
 
 void read_report(Experiment& experiment, ConfigReader& reader) {
   const Json& steps = experiment.steps;
-  each_part(reader, "tables", steps, experiment.tables, [](ConfigReader& item, TableSpec& table) {
-    table.file = item.text("file", table.file);
-    table.methods = item.texts("methods", {});
-    table.not_ranked = item.texts("not_ranked", {});
+  each_part(reader, "tables", steps, experiment.tables, [](ConfigFields& f, TableSpec& table) {
+    f("file", table.file);
+    f("methods", table.methods);
+    f("not_ranked", table.not_ranked);
+    ConfigReader& item = f.reader();
     const std::vector<Json> columns = list_of(item, "columns");
     for (std::size_t c = 0; c < columns.size(); ++c)
       table.columns.push_back(read_column(columns[c], item.file(), item.pointer_to("columns/" + std::to_string(c))));
     if (table.columns.empty()) throw item.error("columns", "at least one is needed");
   });
   each_part(reader, "curves", steps, experiment.curves,
-            [](ConfigReader& item, CurveSpec& curve) { curve.column = needed_text(item, "column"); });
-  each_part(reader, "pictures", steps, experiment.pictures, [](ConfigReader& item, PictureSpec& picture) {
-    picture.files = needed_text(item, "files");
-    picture.most = most_of(item, 6, 1, 200);
+            [](ConfigFields& f, CurveSpec& curve) { f("column", curve.column, kRequired); });
+  each_part(reader, "pictures", steps, experiment.pictures, [](ConfigFields& f, PictureSpec& picture) {
+    f("files", picture.files, kRequired);
+    f("most", picture.most, {1, 200});
   });
-  each_part(reader, "sheets", steps, experiment.sheets, [&](ConfigReader& item, SheetSpec& sheet) {
-    sheet.method = needed_text(item, "method");
-    sheet.order = needed_column(item, "order");
-    sheet.shown = read_shown(item, steps);
-    sheet.most = most_of(item, 100, 3, 1000);
+  each_part(reader, "sheets", steps, experiment.sheets, [&](ConfigFields& f, SheetSpec& sheet) {
+    f("method", sheet.method, kRequired);
+    sheet.order = needed_column(f.reader(), "order");
+    sheet.shown = read_shown(f.reader(), steps);
+    f("most", sheet.most, {3, 1000});
   });
   each_part(reader, "strips", steps, experiment.strips,
-            [&](ConfigReader& item, StripSpec& strip) { read_strip(item, steps, strip); });
-  each_object(reader, "viewers", [&](ConfigReader& item) {
+            [&](ConfigFields& f, StripSpec& strip) { read_strip(f, steps, strip); });
+  each_object(reader, "viewers", [&](ConfigFields& f) {
     ViewerSpec& viewer = experiment.viewers.emplace_back();
-    viewer.title = needed_text(item, "title");
-    viewer.most = most_of(item, 3, 1, 100);
-    viewer.shown = read_shown(item, steps);
+    f("title", viewer.title, kRequired);
+    f("most", viewer.most, {1, 100});
+    viewer.shown = read_shown(f.reader(), steps);
   });
 }
 

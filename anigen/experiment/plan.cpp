@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstdio>
 
+#include "anigen/core/config_fields.h"
 #include "anigen/core/error.h"
 #include "anigen/core/hash.h"
 #include "anigen/core/version.h"
@@ -39,15 +40,13 @@ Resources read_resources(ConfigReader& step, const std::string& program, const s
   Resources resources;
   if (!step.has("resources")) return resources;
   ConfigReader reader = step.object("resources");
-  const auto count = [&](const char* key, int least) {
-    return static_cast<int>(reader.integer(key, least, least, kMost));
-  };
-  resources.workers = count("workers", 1);
-  resources.cpus = count("cpus", 0);
-  resources.gpus = count("gpus", 0);
-  resources.memory_gb = reader.number("memory_gb", 0, 0);
-  resources.hours = reader.number("hours", 0, 0);
-  resources.partition = reader.text("partition", "");
+  ConfigFields f(reader);
+  f("workers", resources.workers, {1, kMost});
+  f("cpus", resources.cpus, {0, kMost});
+  f("gpus", resources.gpus, {0, kMost});
+  f("memory_gb", resources.memory_gb, {0.0});
+  f("hours", resources.hours, {0.0});
+  f("partition", resources.partition);
   if (resources.partition.find_first_not_of("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-.,") !=
       std::string::npos)
     throw reader.error("partition", "names of partitions are made of letters, digits, '_', '-' and '.'");

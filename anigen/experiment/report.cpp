@@ -13,6 +13,7 @@
 #include "anigen/core/files.h"
 #include "anigen/core/log.h"
 #include "anigen/core/table.h"
+#include "anigen/core/text.h"
 #include "anigen/core/version.h"
 #include "anigen/eval/comparison_report.h"
 #include "anigen/eval/report.h"
@@ -37,8 +38,6 @@ std::string processor() {
 
 /// Provenance of the numbers: file, seeds, version, machine, programs.
 Table provenance_table(const Experiment& experiment, const Plan& plan, const Workplace& place) {
-  std::string seeds;
-  for (const std::uint64_t seed : experiment.seeds) seeds += (seeds.empty() ? "" : ", ") + std::to_string(seed);
   std::size_t done = 0;
   std::set<std::string> programs;
   for (const Job& job : plan.jobs) {
@@ -49,7 +48,7 @@ Table provenance_table(const Experiment& experiment, const Plan& plan, const Wor
   table.rows = {{"experiment", fs::absolute(experiment.file).lexically_normal().string()},
                 {"written", utc_now()},
                 {"jobs done", std::to_string(done) + " of " + std::to_string(plan.jobs.size())},
-                {"seeds", seeds + (experiment.seeded.empty() ? " (no step takes them)" : "")},
+                {"seeds", joined(experiment.seeds) + (experiment.seeded.empty() ? " (no step takes them)" : "")},
                 {"made by", "AniGen " + named_version() + ", " + kCompiler +
                                 (kTorchVersion[0] != '\0' ? std::string(", LibTorch ") + kTorchVersion : "")},
                 {"machine", processor() + ", " + std::to_string(std::thread::hardware_concurrency()) + " threads"},
@@ -93,9 +92,7 @@ std::string difference_text() {
 
 /// "Not run yet: …."; empty when nothing is missing.
 std::string missing_text(const ResultTable& result) {
-  std::string text;
-  for (const std::string& job : result.missing) text += (text.empty() ? "" : ", ") + job;
-  return text.empty() ? "" : "Not run yet: " + text + ".";
+  return result.missing.empty() ? "" : "Not run yet: " + joined(result.missing) + ".";
 }
 
 class Page {

@@ -88,8 +88,7 @@ std::string thumbnail(const fs::path& file, int height, Panel panel = {}) {
                                                io::ResizeAlpha::kPremultiplied);
     const std::vector<std::uint8_t> bytes = io::encode_jpeg(small, kQuality);
     return "<img loading=\"lazy\" alt=\"" + html_escaped(file.filename().string()) +
-           "\" src=\"data:image/jpeg;base64," +
-           base64(std::string_view(reinterpret_cast<const char*>(bytes.data()), bytes.size())) + "\">";
+           "\" src=\"data:image/jpeg;base64," + base64(bytes) + "\">";
   } catch (const Error& problem) {
     return "<span class=\"none\">" + html_escaped(problem.what()) + "</span>";
   }
@@ -107,11 +106,8 @@ std::vector<SheetCell> ranked_cells(const fs::path& file, const SheetSpec& spec)
     cell.value = number_in(table.cell(r, spec.order.key));
     (std::isfinite(cell.value) ? ranked : without).push_back(std::move(cell));
   }
-  if (methods.count(spec.method) == 0) {
-    std::string known;
-    for (const std::string& method : methods) known += (known.empty() ? "" : ", ") + method;
-    throw InputError(file.string(), "method", "there is no '" + spec.method + "'; there are: " + known);
-  }
+  if (methods.count(spec.method) == 0)
+    throw InputError(file.string(), "method", "there is no '" + spec.method + "'; there are: " + joined(methods));
   const bool lower = spec.order.better != Column::Better::kHigher;
   std::stable_sort(ranked.begin(), ranked.end(), [&](const SheetCell& a, const SheetCell& b) {
     return lower ? a.value < b.value : a.value > b.value;
@@ -294,8 +290,7 @@ std::vector<SheetCell> sheet_cells(const Plan& plan, const fs::path& out, const 
 }
 
 std::string sheet_html(const std::vector<SheetCell>& cells, const SheetSpec& spec) {
-  std::string labels;
-  for (const AssetFiles& entry : spec.shown) labels += (labels.empty() ? "" : ", ") + entry.label;
+  const std::string labels = joined(spec.shown, ", ", &AssetFiles::label);
   std::string html = "<p class=\"hint\">" + html_escaped(labels) + ". Place and " + html_escaped(spec.order.label) +
                      ", from the best to the worst.</p>\n<div class=\"sheet\">\n";
   for (const SheetCell& cell : cells) {

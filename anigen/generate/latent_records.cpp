@@ -11,6 +11,7 @@
 #include "anigen/core/hash.h"
 #include "anigen/core/log.h"
 #include "anigen/core/process.h"
+#include "anigen/core/text.h"
 #include "anigen/core/version.h"
 #include "anigen/io/arrays/npz.h"
 
@@ -32,9 +33,7 @@ std::string last_part(const fs::path& run) {
 }
 
 void warn_of_constant_channels(const LatentStatistics& statistics, const char* name) {
-  std::string channels;
-  for (const std::size_t channel : statistics.constant_channels())
-    channels += (channels.empty() ? "" : ", ") + std::to_string(channel);
+  const std::string channels = joined(statistics.constant_channels());
   if (channels.empty()) return;
   log::warn("{}: channels {} have the same value in all latents: such statistics cannot normalise them", name,
             channels);

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "anigen/core/error.h"
+#include "anigen/core/text.h"
 #include "anigen/io/image.h"
 
 namespace anigen::generate {
@@ -18,12 +19,11 @@ namespace anigen::generate {
 template <typename Choice>
 Choice chosen(const std::string& option, const std::string& word,
               const std::vector<std::pair<std::string, Choice>>& choices) {
-  std::string words;
   for (const auto& [known, choice] : choices) {
     if (known == word) return choice;
-    words += (words.empty() ? "" : ", ") + known;
   }
-  throw InputError("", option, "'" + word + "' is none of: " + words);
+  throw InputError("", option,
+                   "'" + word + "' is none of: " + joined(choices, ", ", &std::pair<std::string, Choice>::first));
 }
 
 /// Handling of the background of an image.

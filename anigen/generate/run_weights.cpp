@@ -10,6 +10,7 @@
 
 #include "anigen/core/error.h"
 #include "anigen/core/run_folder.h"
+#include "anigen/core/text.h"
 #include "anigen/generate/anymate_rigger.h"
 #include "anigen/generate/rignet_rigger.h"
 #include "anigen/io/arrays/torch_archive.h"
@@ -74,8 +75,7 @@ fs::path chosen(const fs::path& folder, const std::vector<fs::path>& found, cons
   for (const fs::path& run : found) {
     if (run.filename() == usual) return run;
   }
-  std::string names;
-  for (const fs::path& run : found) names += (names.empty() ? "" : ", ") + run.filename().string();
+  const std::string names = joined(found, ", ", [](const fs::path& run) { return run.filename().string(); });
   throw InputError(folder.string(), "", "holds several runs of " + what + " (" + names + "), none called " + usual);
 }
 

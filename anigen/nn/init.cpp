@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "anigen/core/random.h"
+#include "anigen/core/text.h"
 #include "anigen/nn/norms.h"
 #include "anigen/nn/volumes.h"
 
@@ -131,11 +132,7 @@ void cast_linears(torch::nn::Module& module, torch::Dtype dtype) {
   });
 }
 
-std::string shape_text(torch::IntArrayRef shape) {
-  std::string text;
-  for (const std::int64_t size : shape) text += (text.empty() ? "" : ", ") + std::to_string(size);
-  return "[" + text + "]";
-}
+std::string shape_text(torch::IntArrayRef shape) { return "[" + joined(shape) + "]"; }
 
 std::string shape_text(const Tensor& tensor) { return tensor.defined() ? shape_text(tensor.sizes()) : "nothing"; }
 

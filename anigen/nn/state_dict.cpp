@@ -10,6 +10,7 @@
 
 #include "anigen/core/error.h"
 #include "anigen/core/run_folder.h"
+#include "anigen/core/text.h"
 #include "anigen/io/arrays/safetensors.h"
 
 namespace anigen::nn {
@@ -39,19 +40,12 @@ void collect(const torch::nn::Module& module, const std::string& prefix, std::ve
   for (const auto& child : module.named_children()) collect(*child.value(), prefix + child.key() + ".", entries);
 }
 
-std::string some_of(const std::vector<std::string>& keys) {
-  constexpr std::size_t kShown = 4;
-  std::string text;
-  for (std::size_t i = 0; i < keys.size() && i < kShown; ++i) text += (i > 0 ? ", " : "") + keys[i];
-  if (keys.size() > kShown) text += " and " + std::to_string(keys.size() - kShown) + " more";
-  return text;
-}
-
 void check_strict(const LoadReport& report, const std::string& source) {
   std::string problem;
-  if (!report.missing.empty()) problem = "missing " + some_of(report.missing);
+  constexpr std::size_t kShown = 4;
+  if (!report.missing.empty()) problem = "missing " + listed(report.missing, kShown);
   if (!report.unexpected.empty())
-    problem += (problem.empty() ? "" : "; ") + ("unexpected " + some_of(report.unexpected));
+    problem += (problem.empty() ? "" : "; ") + ("unexpected " + listed(report.unexpected, kShown));
   if (!problem.empty()) throw InputError(source, "", "these are not the weights of this model: " + problem);
 }
 

@@ -10,6 +10,7 @@
 
 #include "anigen/core/numeric.h"
 #include "anigen/core/random.h"
+#include "anigen/core/text.h"
 
 namespace anigen::prepare {
 
@@ -44,11 +45,7 @@ std::string broken_range(const std::string& what, std::size_t count, const Count
 
 /// "3 joints merged: b into a, d into c and 1 more"
 std::string told(const std::vector<std::string>& each, const std::string& what) {
-  constexpr std::size_t kMost = 3;
-  std::string text = std::to_string(each.size()) + " joints " + what + ": ";
-  for (std::size_t i = 0; i < each.size() && i < kMost; ++i) text += (i == 0 ? "" : ", ") + each[i];
-  if (each.size() > kMost) text += " and " + std::to_string(each.size() - kMost) + " more";
-  return text;
+  return std::to_string(each.size()) + " joints " + what + ": " + listed(each);
 }
 
 using Eigen::Matrix4d;

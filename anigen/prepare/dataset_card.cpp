@@ -12,6 +12,7 @@
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
 #include "anigen/core/hash.h"
+#include "anigen/core/text.h"
 #include "anigen/io/gltf/gltf.h"
 #include "anigen/io/image.h"
 #include "anigen/io/rigs/rig_arrays.h"
@@ -383,10 +384,8 @@ std::string card_html(const CardFacts& facts, const std::vector<std::string>& co
   for (const CardTable& table : facts.tables) {
     if (!table.rows.empty()) html += html_table(table);
   }
-  html += "<h2>Columns of metadata.csv</h2>\n<p>";
-  for (std::size_t i = 0; i < columns.size(); ++i) html += (i > 0 ? ", " : "") + html_escaped(columns[i]);
-  html += "</p>\n<h2>How it was made</h2>\n<pre>" + html_escaped(facts.settings) + "</pre>\n</body></html>\n";
-  return html;
+  return html + "<h2>Columns of metadata.csv</h2>\n<p>" + joined(columns, ", ", html_escaped) +
+         "</p>\n<h2>How it was made</h2>\n<pre>" + html_escaped(facts.settings) + "</pre>\n</body></html>\n";
 }
 
 std::string card_markdown(const CardFacts& facts, const std::vector<std::string>& columns, bool picture) {

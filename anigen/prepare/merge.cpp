@@ -10,6 +10,7 @@
 #include "anigen/core/files.h"
 #include "anigen/core/log.h"
 #include "anigen/core/parallel.h"
+#include "anigen/core/text.h"
 #include "anigen/core/version.h"
 #include "anigen/io/rigs/rig_listing.h"
 #include "anigen/prepare/pose_augmentation.h"
@@ -165,10 +166,10 @@ void mark_named(std::vector<DatasetRow>& rows, const std::vector<std::string>& n
   if (test.empty())
     throw InputError("", kOption,
                      "no asset of the dataset is called like one of its " + std::to_string(names.size()) +
-                         " names: " + io::listed(unknown));
+                         " names: " + listed(unknown));
   if (!unknown.empty())
     log::warn("{}: {} of {} names are those of no asset of the dataset ({}); rejected.csv tells what was left out",
-              kOption, unknown.size(), names.size(), io::listed(unknown));
+              kOption, unknown.size(), names.size(), listed(unknown));
   std::set<std::string> unusable;
   for (DatasetRow& row : rows) {
     if (row.variant > 0 || test.count(row.entry.id) == 0) continue;
@@ -177,13 +178,7 @@ void mark_named(std::vector<DatasetRow>& rows, const std::vector<std::string>& n
   }
   if (!unusable.empty())
     log::warn("{}: {} of the assets that it names are not usable ({}); they stand in splits/unusable.txt", kOption,
-              unusable.size(), io::listed(unusable));
-}
-
-std::string space_separated(const std::vector<std::string>& words) {
-  std::string text;
-  for (const std::string& word : words) text += (text.empty() ? "" : " ") + word;
-  return text;
+              unusable.size(), listed(unusable));
 }
 
 /// Columns of what is known of the assets themselves.
@@ -200,7 +195,7 @@ CsvTable metadata_table(const std::vector<DatasetRow>& rows, const QualityLimits
                           std::to_string(record.num_vertices), std::to_string(record.num_faces),
                           std::to_string(record.max_influences), csv_flag(bad_skin(record, limits)),
                           csv_flag(!usable(record, limits)), csv_flag(entry.is_test),
-                          csv_flag(distinct_bones(record, limits)), space_separated(record.repairs)});
+                          csv_flag(distinct_bones(record, limits)), joined(record.repairs, " ")});
   }
   return table;
 }

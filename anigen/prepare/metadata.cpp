@@ -11,6 +11,7 @@
 #include "anigen/core/hash.h"
 #include "anigen/core/numeric.h"
 #include "anigen/core/random.h"
+#include "anigen/core/text.h"
 
 namespace anigen::prepare {
 
@@ -62,13 +63,6 @@ bool covered(const SkeletonDescriptor& a, const SkeletonDescriptor& b, double li
   return true;
 }
 
-// One string instead of an array, which indented JSON would spread over thousands of lines.
-std::string joined(const std::vector<std::int32_t>& values) {
-  std::string text;
-  for (const std::int32_t value : values) text += (text.empty() ? "" : " ") + std::to_string(value);
-  return text;
-}
-
 std::vector<std::int32_t> numbers(const Json& json, const std::string& key) {
   std::istringstream text(json.at(key).get<std::string>());
   std::vector<std::int32_t> values;
@@ -104,10 +98,11 @@ SkeletonDescriptor describe(const Skeleton& skeleton) {
 }
 
 void to_json(Json& json, const SkeletonDescriptor& descriptor) {
+  // One string instead of an array, which indented JSON would spread over thousands of lines.
   json = {{"topology", descriptor.topology},
           {"length", descriptor.length},
-          {"places", joined(descriptor.places)},
-          {"depths", joined(descriptor.depths)}};
+          {"places", joined(descriptor.places, " ")},
+          {"depths", joined(descriptor.depths, " ")}};
 }
 
 void from_json(const Json& json, SkeletonDescriptor& descriptor) {

@@ -12,6 +12,7 @@
 #include "anigen/core/log.h"
 #include "anigen/core/parallel.h"
 #include "anigen/core/process.h"
+#include "anigen/core/text.h"
 #include "anigen/core/version.h"
 #include "anigen/geometry/primitives.h"
 #include "anigen/io/gltf/gltf.h"
@@ -242,9 +243,7 @@ std::size_t medoid(const std::vector<BoxedSkeleton>& skeletons) {
 }
 
 RiggingMethod parse_rigging_method(const std::string& method, const std::string& skin) {
-  std::string words;
   for (const auto& [word, known] : known_methods()) {
-    words += (words.empty() ? "" : ", ") + word;
     if (word != method) continue;
     RiggingMethod result = known;
     if (skin == "none") {
@@ -254,7 +253,7 @@ RiggingMethod parse_rigging_method(const std::string& method, const std::string&
     }
     return result;
   }
-  throw InputError("", "--method", "\"" + method + "\" is none of " + words);
+  throw InputError("", "--method", "\"" + method + "\" is none of " + joined(rigging_method_words()));
 }
 
 std::vector<std::string> rigging_method_words() {

@@ -14,6 +14,7 @@
 #include "anigen/core/config.h"
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
+#include "anigen/core/text.h"
 
 namespace anigen::train {
 
@@ -27,11 +28,7 @@ std::string number_text(double value) {
   return Json(value).dump();
 }
 
-std::string csv_line(const std::vector<std::string>& cells) {
-  std::string line;
-  for (const std::string& cell : cells) line += (&cell == &cells.front() ? "" : ",") + csv_field(cell);
-  return line + "\n";
-}
+std::string csv_line(const std::vector<std::string>& cells) { return joined(cells, ",", csv_field) + "\n"; }
 
 // Without a last line that a crash cut short.
 CsvTable read_table(const fs::path& file) {

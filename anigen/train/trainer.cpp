@@ -13,6 +13,7 @@
 #include "anigen/core/log.h"
 #include "anigen/core/process.h"
 #include "anigen/core/run_folder.h"
+#include "anigen/core/text.h"
 #include "anigen/io/image.h"
 #include "anigen/train/distributed/communicator.h"
 
@@ -67,12 +68,6 @@ class AveragedWeights {
   ParameterBuffer& buffer_;
   torch::Tensor kept_;
 };
-
-std::string joined_ids(const data::Batch& batch) {
-  std::string line;
-  for (const std::string& id : batch.ids) line += (line.empty() ? "" : ", ") + id;
-  return line;
-}
 
 // Works on the trainer's micro-batches, whose type is its own.
 template <typename MicroBatches>
@@ -310,7 +305,7 @@ void Trainer::train_micro_batches(const data::StepBatches& batches, const std::v
     for (std::size_t k = replica; k < ours.size(); k += workers_->count()) {
       const std::size_t i = ours[k];
       Values& logged = done[k].logged;
-      log::debug("step {}, micro-batch {}: {}", step_, i, joined_ids(*batches[i]));
+      log::debug("step {}, micro-batch {}: {}", step_, i, joined(batches[i]->ids));
       const Clock::time_point begin = Clock::now();
       const Losses losses = [&] {
         RECORD_USER_SCOPE("step: forward, the rest");
@@ -321,7 +316,7 @@ void Trainer::train_micro_batches(const data::StepBatches& batches, const std::v
       for (const auto& [name, value] : logged) {
         if (std::isfinite(value) || options_.update.loss_scaling || !done[k].problem.empty()) continue;
         done[k].problem = "step " + std::to_string(step_) + ": " + name + " is " + std::to_string(value) +
-                          " for samples " + joined_ids(*batches[i]) +
+                          " for samples " + joined(batches[i]->ids) +
                           "; nothing was updated, the last checkpoint is sound";
         // Other ranks wait for this one's gradients, whatever they are worth.
         if (alone()) throw Error(done[k].problem);
@@ -418,7 +413,7 @@ void Trainer::stop_at_gradient(const data::StepBatches& batches) {
   std::string own;
   if (alone() || !buckets_->own_gradients_finite()) {
     for (const auto& batch : batches) {
-      if (batch) own += (own.empty() ? "" : ", ") + joined_ids(*batch);
+      if (batch) own += (own.empty() ? "" : ", ") + joined(batch->ids);
     }
   }
   const std::vector<std::string> samples = ranks_->gather(own);

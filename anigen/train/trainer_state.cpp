@@ -14,6 +14,7 @@
 #include "anigen/core/log.h"
 #include "anigen/core/random.h"
 #include "anigen/core/run_folder.h"
+#include "anigen/core/text.h"
 #include "anigen/core/version.h"
 #include "anigen/io/arrays/safetensors.h"
 #include "anigen/io/arrays/torch_archive.h"
@@ -114,8 +115,7 @@ std::optional<std::int64_t> step_to_load(const CheckpointFolder& source, const R
   }
   const std::int64_t step = std::stoll(run.ckpt);
   if (source.complete(step)) return step;
-  std::string others;
-  for (const std::int64_t other : source.steps()) others += (others.empty() ? "" : ", ") + std::to_string(other);
+  const std::string others = joined(source.steps());
   throw InputError(source.file("state", step).string(), "",
                    "there is no complete checkpoint of this step, only of " + (others.empty() ? "none" : others));
 }

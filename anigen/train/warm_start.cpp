@@ -4,6 +4,7 @@
 
 #include "anigen/core/error.h"
 #include "anigen/core/log.h"
+#include "anigen/core/text.h"
 #include "anigen/io/arrays/torch_archive.h"
 #include "anigen/nn/state_dict.h"
 #include "anigen/nn/trainable.h"
@@ -45,11 +46,10 @@ void refuse_unfilled(const torch::nn::Module& model, const std::set<std::string>
     if (unfilled++ == 0) first = key;
   }
   if (unfilled == 0) return;
-  std::string names;
-  for (const PretrainedFile& file : files) names += (names.empty() ? "" : ", ") + file.name;
   throw InputError((folder / (files.empty() ? "" : files.front().name)).string(), "",
                    std::to_string(unfilled) + " frozen parameters (the first: " + first + ") have no warm start; put " +
-                       names + ".safetensors or .pt with them into that folder, name another with " +
+                       joined(files, ", ", &PretrainedFile::name) +
+                       ".safetensors or .pt with them into that folder, name another with " +
                        "trainer.args.pretrained_dir, take \"" + attribute_of(first) +
                        "\" out of the model's modules_to_freeze, or train the frozen branches too with " +
                        "trainer.args.warm_start \"none\"");

@@ -106,12 +106,6 @@ Tensor centers_tensor(const prepare::FeatureRequest& request) {
 
 constexpr const char* kSurface = "surface";
 
-std::string joined(const std::vector<std::string>& words) {
-  std::string text;
-  for (const std::string& word : words) text += (text.empty() ? "" : ", ") + word;
-  return text;
-}
-
 }  // namespace
 
 VoxelNeighbours::VoxelNeighbours(const std::vector<geometry::Voxel>& voxels, int resolution) : resolution_(resolution) {
@@ -204,10 +198,9 @@ std::vector<std::string> feature_models() {
 std::unique_ptr<prepare::FeatureExtractor> make_feature_extractor(const prepare::FeatureOptions& options) {
   const std::vector<std::string> known = feature_models();
   if (std::find(known.begin(), known.end(), options.model) == known.end()) {
-    const std::string nearest = nearest_word(options.model, known);
-    throw InputError("", "",
-                     "there is no feature model '" + options.model + "'; " +
-                         (nearest.empty() ? "use one of " + joined(known) : "did you mean '" + nearest + "'?"));
+    throw InputError(
+        "", "",
+        "there is no feature model '" + options.model + "'; " + suggestion(options.model, known, "use one of "));
   }
   if (options.model == kSurface) {
     if (!options.weights.empty())

@@ -25,6 +25,22 @@ TEST(ReplacedCharacters, OneByOne) {
   EXPECT_EQ(replaced_characters("&", {{'&', "<&>"}, {'<', "no"}}), "<&>") << "what was put in is not replaced again";
 }
 
+TEST(Joined, WordsAndNumbersWithASeparator) {
+  EXPECT_EQ(joined(std::vector<std::string>{"a", "", "b"}), "a, , b");
+  EXPECT_EQ(joined(std::vector<int>{1, -2}, " "), "1 -2");
+  EXPECT_EQ(joined(std::set<std::string>{}), "");
+  const std::vector<std::pair<int, const char*>> items = {{1, "one"}, {2, "two"}};
+  EXPECT_EQ(joined(items, "; ", &std::pair<int, const char*>::second), "one; two");
+  EXPECT_EQ(joined(items, "+", [](const auto& item) { return std::to_string(2 * item.first); }), "2+4");
+}
+
+TEST(Listed, NamesTheFirstFewAndCountsTheOthers) {
+  EXPECT_EQ(listed(std::vector<std::string>{"c", "b", "a"}), "c, b, a");
+  EXPECT_EQ(listed({"d", "c", "b", "a"}), "a, b, c and 1 more");
+  EXPECT_EQ(listed(std::vector<std::string>{"a", "b", "c"}, 1), "a and 2 more");
+  EXPECT_EQ(listed(std::vector<std::string>{}), "");
+}
+
 namespace {
 
 enum class Fruit { kApple, kPear };

@@ -1,5 +1,6 @@
 #pragma once
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <cerrno>
 #include <cmath>
 #include <cstdint>
@@ -13,6 +14,7 @@
 
 #include "anigen/apps/common/options.h"
 #include "anigen/apps/common/torch_half.h"
+#include "anigen/core/text.h"
 
 namespace anigen {
 
@@ -95,12 +97,8 @@ inline CLI::Validator number(double least, double most = std::numeric_limits<dou
 inline CLI::Validator one_of(const std::vector<std::string>& words) {
   return CLI::Validator(
       [words](std::string& text) {
-        std::string known;
-        for (const std::string& word : words) {
-          if (word == text) return std::string();
-          known += (known.empty() ? "" : ", ") + word;
-        }
-        return "'" + text + "' is none of " + known;
+        const bool known = std::find(words.begin(), words.end(), text) != words.end();
+        return known ? std::string() : "'" + text + "' is none of " + joined(words);
       },
       std::string());
 }
@@ -158,6 +156,13 @@ void refuse_given(const CLI::App& app, const std::vector<std::string>& names, co
 /// Ends a program of which some inputs failed, after the others are done: when none is left, and unless --keep-going
 /// allows it. @param what "images gave no asset" @throws Error counting them
 void require_inputs(std::size_t failed, std::size_t all, const std::string& what, const CommonOptions& common);
+/// Ends it likewise where each input has a report with a `failure`.
+template <typename Reports>
+void require_inputs(const Reports& reports, const std::string& what, const CommonOptions& common) {
+  const auto failed = [](const auto& report) { return !report.failure.empty(); };
+  const auto count = std::count_if(reports.begin(), reports.end(), failed);
+  require_inputs(static_cast<std::size_t>(count), reports.size(), what, common);
+}
 
 /// Prints a program's result on standard output: with --json as JSON, else as text.
 void print_result(const Json& json, const std::string& text, const CommonOptions& common);

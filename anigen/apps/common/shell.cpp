@@ -5,6 +5,7 @@
 #include <sstream>
 
 #include "anigen/apps/common/options.h"
+#include "anigen/core/text.h"
 #include "anigen/core/version.h"
 
 namespace anigen {
@@ -51,9 +52,7 @@ std::vector<Json> all_options(const Json& listing) {
 }
 
 std::string join(const Json& words, const std::string& between) {
-  std::string text;
-  for (const Json& word : words) text += (text.empty() ? "" : between) + word.get<std::string>();
-  return text;
+  return joined(words, between, [](const Json& word) { return word.get<std::string>(); });
 }
 
 bool positional(const Json& option) { return option["name"].get<std::string>()[0] != '-'; }

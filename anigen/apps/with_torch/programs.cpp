@@ -37,18 +37,10 @@ void require_latents(const generate::EncodedLatents& result, const CommonOptions
                  "assets could not be encoded (the first: " + result.failed.begin()->second + ")", common);
 }
 
-/// @param each with a `failure`
-template <typename Reports>
-std::size_t count_failures(const Reports& each) {
-  std::size_t failed = 0;
-  for (const auto& report : each) failed += report.failure.empty() ? 0 : 1;
-  return failed;
-}
-
 void reconstruct(const generate::ReconstructRequest& request, const CommonOptions& common) {
   const std::vector<generate::ReconstructedAsset> made = generate::reconstruct_assets(request);
   print_result(generate::to_json(made), generate::to_text(made), common);
-  require_inputs(count_failures(made), made.size(), "assets gave no file", common);
+  require_inputs(made, "assets gave no file", common);
 }
 
 void run_encode(const EncodeArguments& arguments, const CommonOptions& common) {
@@ -201,7 +193,7 @@ void run_generate(const GenerateArguments& arguments, const CommonOptions& commo
   nn::set_up_computing(common.threads);
   const auto reports = generate::generate_assets(request_of(arguments, common), pictures_of(arguments));
   print_result(generate::to_json(reports), generate::to_text(reports), common);
-  require_inputs(count_failures(reports), reports.size(), "images gave no asset", common);
+  require_inputs(reports, "images gave no asset", common);
 }
 
 rigging::LearnedSteps learned_steps(const RigArguments& arguments, const CommonOptions& common) {
@@ -243,7 +235,7 @@ void retrieve(const RigArguments& arguments, const CommonOptions& common) {
           : generate::pictures_at(arguments.image);
   const auto reports = generate::retrieve_assets(request, pictures);
   print_result(to_json(reports), to_text(reports), common);
-  require_inputs(count_failures(reports), reports.size(), "images gave no rig", common);
+  require_inputs(reports, "images gave no rig", common);
 }
 
 train::TrainCommand command_of(const TrainArguments& arguments, const CommonOptions& common) {
@@ -260,8 +252,7 @@ train::TrainCommand command_of(const TrainArguments& arguments, const CommonOpti
   command.device = common.device;
   command.ranks.timeout = arguments.rank_timeout;
   command.ranks.sent = arguments.communication == "bf16" ? torch::kBFloat16 : torch::kFloat32;
-  for (const std::string& word : arguments.words)
-    command.command_line += (command.command_line.empty() ? "" : " ") + word;
+  command.command_line = joined(arguments.words, " ");
   if (common.seed) command.overrides.push_back("trainer.args.seed=" + std::to_string(*common.seed));
   if (!arguments.warm_start.empty()) {
     command.overrides.push_back(arguments.warm_start == "none" ? std::string("trainer.args.warm_start=none")

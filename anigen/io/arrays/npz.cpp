@@ -8,6 +8,7 @@
 
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
+#include "anigen/core/text.h"
 #include "anigen/io/arrays/npy.h"
 #include "anigen/io/arrays/npz_objects.h"
 
@@ -206,8 +207,7 @@ std::vector<ZipMember> select(const ZipReader& archive, const std::vector<std::s
   for (const std::string& name : names) {
     const ZipMember* member = archive.find(name + std::string(kSuffix));
     if (!member) {
-      std::string present;
-      for (const ZipMember& there : select(archive, {})) present += (present.empty() ? "" : ", ") + array_name(there);
+      const std::string present = joined(select(archive, {}), ", ", array_name);
       throw InputError(archive.file(), "",
                        "has no array '" + name + "'; it holds: " + (present.empty() ? "nothing" : present));
     }

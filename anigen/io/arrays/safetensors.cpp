@@ -13,6 +13,7 @@
 #include "anigen/core/files.h"
 #include "anigen/core/log.h"
 #include "anigen/core/run_folder.h"
+#include "anigen/core/text.h"
 
 namespace anigen::io {
 
@@ -264,11 +265,7 @@ namespace fs = std::filesystem;
 
 bool contains(const std::string& text, const char* part) { return text.find(part) != std::string::npos; }
 
-std::string listed(const std::vector<std::string>& names) {
-  std::string text;
-  for (const std::string& name : names) text += (text.empty() ? "" : ", ") + name;
-  return text.empty() ? "no checkpoint" : text;
-}
+std::string contents(const std::vector<std::string>& names) { return names.empty() ? "no checkpoint" : joined(names); }
 
 /// @return the name with the highest step, the first of equals; empty when there is none
 std::string newest(const std::vector<std::string>& names, bool ema) {
@@ -322,7 +319,7 @@ fs::path choose_flow_checkpoint(const fs::path& folder, bool prefer_ema) {
   std::string chosen = newest(names, prefer_ema);
   if (chosen.empty()) {
     chosen = newest(names, !prefer_ema);
-    if (chosen.empty()) throw InputError(files.string(), "", "holds no weights, only: " + listed(names));
+    if (chosen.empty()) throw InputError(files.string(), "", "holds no weights, only: " + contents(names));
     log::warn("{}: no {} weights, taking {}", files.string(), prefer_ema ? "moving-average" : "regular", chosen);
   }
   return files / chosen;
@@ -339,7 +336,8 @@ fs::path choose_checkpoint(const fs::path& folder, const std::string& model, con
       tried += (tried.empty() ? "" : ", ") + candidate.filename().string();
     }
   }
-  throw InputError(files.string(), "", "none of " + tried + " is there; it holds: " + listed(checkpoint_names(files)));
+  throw InputError(files.string(), "",
+                   "none of " + tried + " is there; it holds: " + contents(checkpoint_names(files)));
 }
 
 }  // namespace anigen::io

@@ -134,16 +134,6 @@ void add_content_ids(const ShapeSource& source, const std::vector<std::string>& 
   }
 }
 
-std::string listed(const std::set<std::string>& names, std::size_t most) {
-  std::string text;
-  std::size_t told = 0;
-  for (const std::string& name : names) {
-    if (++told > most) return text + " and " + std::to_string(names.size() - most) + " more";
-    text += (text.empty() ? "" : ", ") + name;
-  }
-  return text;
-}
-
 std::vector<SplitLine> split_lines(const std::filesystem::path& file) {
   constexpr std::string_view kBlanks = " \t\r\v\f";
   const std::string text = read_file(file, std::uintmax_t{1} << 28);

@@ -50,9 +50,6 @@ class NameIndex {
 /// Adds the sha256 of these shapes' contents, ShapeSource::sample_id(), where there is one and the file can be read.
 void add_content_ids(const ShapeSource& source, const std::vector<std::string>& ids, NameIndex& index);
 
-/// "a, b, c and 4 more".
-std::string listed(const std::set<std::string>& names, std::size_t most = 3);
-
 /// One id of a split file.
 struct SplitLine {
   std::string id;

@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "anigen/core/error.h"
+#include "anigen/core/text.h"
 #include "anigen/io/gltf/gltf.h"
 #include "anigen/io/rigs/assimp_scene.h"
 #include "anigen/io/rigs/rig_listing.h"
@@ -100,10 +101,7 @@ void turn_to_z_up(RiggedShape& shape, Axes wanted, Axes format) {
 namespace {
 
 std::string shape_text(const std::vector<std::int64_t>& shape) {
-  std::string text = "[";
-  for (std::size_t i = 0; i < shape.size(); ++i)
-    text += (i == 0 ? "" : ", ") + (shape[i] < 0 ? std::string("any") : std::to_string(shape[i]));
-  return text + "]";
+  return "[" + joined(shape, ", ", [](auto size) { return size < 0 ? "any" : std::to_string(size); }) + "]";
 }
 
 }  // namespace

@@ -3,6 +3,7 @@
 #include <utility>
 
 #include "anigen/core/error.h"
+#include "anigen/core/text.h"
 
 namespace anigen::train {
 
@@ -21,13 +22,12 @@ std::unique_ptr<Stage> make_stage(const std::string& trainer_name, const StageRe
       {"AnymateTrainer", make_anymate_stage},
       {"RignetTrainer", make_rignet_stage},
   };
-  std::string known;
   for (const auto& [name, make] : kTrainers) {
     if (trainer_name == name) return make(request);
-    known += (known.empty() ? "" : ", ") + std::string(name);
   }
   throw NotSupportedError(request.file, "/trainer/name",
-                          "trainer '" + trainer_name.substr(0, 80) + "'; this build trains " + known);
+                          "trainer '" + trainer_name.substr(0, 80) + "'; this build trains " +
+                              joined(kTrainers, ", ", &std::pair<const char*, Make>::first));
 }
 
 std::string only_model(ConfigReader& top) {
