@@ -1,5 +1,6 @@
 #include "anigen/sparse/convolution.h"
 
+#include <ATen/Dispatch.h>
 #include <ATen/Parallel.h>
 #include <algorithm>
 #include <cstdlib>
@@ -464,11 +465,8 @@ void add_correlations(const TapPlan& plan, const Tensor& neighbours, const Tenso
 void add_cpu_tap_product(const TapPlan& plan, const Tensor& neighbours, const Tensor& in, const Tensor& matrices,
                          Tensor& out) {
   const Tensor rows = in.contiguous(), panels = in_panels(matrices);
-  if (nn::dtype_of(out) == torch::kFloat64) {
-    add_products<double>(plan, neighbours, rows, panels, out);
-  } else {
-    add_products<float>(plan, neighbours, rows, panels, out);
-  }
+  AT_DISPATCH_FLOATING_TYPES(out.scalar_type(), "sparse convolution",
+                             [&] { add_products<scalar_t>(plan, neighbours, rows, panels, out); });
 }
 
 bool prefers_bf16_tap_product(const Tensor& in, const Tensor& matrices) {
@@ -495,11 +493,8 @@ void add_bf16_tap_product(const TapPlan& plan, const Tensor& neighbours, const T
 Tensor cpu_tap_correlation(const TapPlan& plan, const Tensor& neighbours, const Tensor& in, const Tensor& slopes) {
   const Tensor rows = in.contiguous(), slope_rows = slopes.contiguous();
   Tensor matrices = torch::zeros({plan.matrices(), in.size(1), panels_of(slopes.size(1)) * kPanel}, in.options());
-  if (nn::dtype_of(in) == torch::kFloat64) {
-    add_correlations<double>(plan, neighbours, rows, slope_rows, matrices);
-  } else {
-    add_correlations<float>(plan, neighbours, rows, slope_rows, matrices);
-  }
+  AT_DISPATCH_FLOATING_TYPES(in.scalar_type(), "sparse convolution",
+                             [&] { add_correlations<scalar_t>(plan, neighbours, rows, slope_rows, matrices); });
   return matrices.narrow(2, 0, slopes.size(1));
 }
 
