@@ -89,9 +89,6 @@ ANIGEN_KERNEL(void, softmax_backward_block,
   }
 }
 
-using torch::autograd::AutogradContext;
-using torch::autograd::variable_list;
-
 // Scores in flight per thread: a quarter of a MiB, so that a second-level cache also holds the rows they are made of.
 constexpr std::int64_t kMostQueries = 128, kMostKeys = 512;
 
@@ -101,14 +98,10 @@ struct AttentionPlan {
       : queries(query_rows),
         keys(key_rows),
         channels(head_channels),
-        query_block(block_length(query_rows, kMostQueries)),
-        key_block(block_length(key_rows, kMostKeys)),
+        query_block(even_block(query_rows, kMostQueries)),
+        key_block(even_block(key_rows, kMostKeys)),
         scale(static_cast<float>(1.0 / std::sqrt(static_cast<double>(head_channels)))) {}
 
-  static std::int64_t block_length(std::int64_t total, std::int64_t most) {
-    const std::int64_t blocks = std::max<std::int64_t>(1, (total + most - 1) / most);
-    return (total + blocks - 1) / blocks;
-  }
   std::int64_t query_blocks() const { return (queries + query_block - 1) / query_block; }
   std::int64_t block_scores() const { return query_block * key_block; }
   std::int64_t forward_floats() const { return block_scores() + query_block * (channels + 3); }
@@ -234,7 +227,7 @@ class CpuBlockedAttention : public torch::autograd::Function<CpuBlockedAttention
   // Parallel over heads: each head's sums for dk and dv are formed in one order.
   static variable_list backward(AutogradContext* context, variable_list gradients) {
     RECORD_USER_SCOPE("attention: dense");
-    const torch::autograd::variable_list saved = saved_once(*context, "blocked attention");
+    const variable_list saved = saved_once(*context, "blocked attention");
     const Tensor &q = saved[0], &k = saved[1], &v = saved[2], &out = saved[3], &log_sums = saved[4];
     const AttentionPlan plan(q.size(2), k.size(2), q.size(3));
     const std::int64_t batch = q.size(0), heads = q.size(1);
@@ -261,8 +254,8 @@ class CpuBlockedAttention : public torch::autograd::Function<CpuBlockedAttention
   }
 };
 
-// The products read rows whose channels are adjacent.
-Tensor with_dense_rows(const Tensor& x) { return x.stride(-1) == 1 ? x : x.contiguous(); }
+// The products and the kernels read rows whose channels are adjacent.
+Tensor with_adjacent_channels(const Tensor& x) { return x.stride(-1) == 1 ? x : x.contiguous(); }
 
 // Behind the last column, where rows are handled in whole vectors: never the largest, and its weight of e^-87 does not
 // change a sum of at least one. Products of it and of scales up to one stay finite.
@@ -327,20 +320,19 @@ ANIGEN_KERNEL(void, softmax_rows,
 // A block of scores with the rows it is made of stays in a second-level cache of half a MiB.
 constexpr std::int64_t kForwardQueries = 128, kBackwardQueries = 64, kKeysAtOnce = 256;
 
-std::int64_t at_most(std::int64_t longest, std::int64_t most) { return std::min(longest, most); }
 std::int64_t key_block_rows(const RaggedProblem& problem) {
-  return products::padded(at_most(problem.longest_keys, kKeysAtOnce));
+  return products::padded(std::min(problem.longest_keys, kKeysAtOnce));
 }
 
 struct ForwardScratch {
   explicit ForwardScratch(const RaggedProblem& p)
-      : queries(at_most(p.longest_queries, kForwardQueries), p.width),
+      : queries(std::min(p.longest_queries, kForwardQueries), p.width),
         keys(key_block_rows(p), p.width),
         keys_across(p.width, products::spread_stride(key_block_rows(p))),
         values(key_block_rows(p), p.width),
-        scores(at_most(p.longest_queries, kForwardQueries), products::spread_stride(key_block_rows(p))),
-        sums(at_most(p.longest_queries, kForwardQueries), p.width),
-        state(at_most(p.longest_queries, kForwardQueries), 3) {}
+        scores(std::min(p.longest_queries, kForwardQueries), products::spread_stride(key_block_rows(p))),
+        sums(std::min(p.longest_queries, kForwardQueries), p.width),
+        state(std::min(p.longest_queries, kForwardQueries), 3) {}
   ScratchMatrix queries, keys, keys_across, values, scores, sums, state;
 };
 
@@ -406,14 +398,14 @@ void attend_head(const RaggedProblem& p, const HeadTask& part, const HeadTask& n
 
 struct BackwardScratch {
   explicit BackwardScratch(const RaggedProblem& p)
-      : queries(at_most(p.longest_queries, kBackwardQueries), p.width),
-        slopes_out(at_most(p.longest_queries, kBackwardQueries), p.width),
+      : queries(std::min(p.longest_queries, kBackwardQueries), p.width),
+        slopes_out(std::min(p.longest_queries, kBackwardQueries), p.width),
         keys(key_block_rows(p), p.width),
         values(key_block_rows(p), p.width),
         keys_across(p.width, products::spread_stride(key_block_rows(p))),
         values_across(p.width, products::spread_stride(key_block_rows(p))),
-        scores(at_most(p.longest_queries, kBackwardQueries), products::spread_stride(key_block_rows(p))),
-        slopes(at_most(p.longest_queries, kBackwardQueries), products::spread_stride(key_block_rows(p))),
+        scores(std::min(p.longest_queries, kBackwardQueries), products::spread_stride(key_block_rows(p))),
+        slopes(std::min(p.longest_queries, kBackwardQueries), products::spread_stride(key_block_rows(p))),
         dq(p.longest_queries, p.width),
         dk(key_block_rows(p), p.width),
         dv(key_block_rows(p), p.width),
@@ -540,7 +532,7 @@ class CpuRaggedAttention : public torch::autograd::Function<CpuRaggedAttention> 
 
   static variable_list backward(AutogradContext* context, variable_list gradients) {
     RECORD_USER_SCOPE("attention: sequences");
-    const torch::autograd::variable_list saved = saved_once(*context, "ragged attention");
+    const variable_list saved = saved_once(*context, "ragged attention");
     const Tensor &q = saved[0], &k = saved[1], &v = saved[2];
     const RaggedProblem problem(q, k, saved[5], saved[6]);
     const RaggedGradients g{q,
@@ -563,9 +555,6 @@ class CpuRaggedAttention : public torch::autograd::Function<CpuRaggedAttention> 
   }
 };
 
-// The kernels read rows whose channels are adjacent.
-Tensor with_adjacent_channels(const Tensor& x) { return x.stride(2) == 1 ? x : x.contiguous(); }
-
 }  // namespace
 
 std::int64_t blocked_attention_scratch_bytes(std::int64_t queries, std::int64_t keys, std::int64_t head_channels) {
@@ -575,7 +564,8 @@ std::int64_t blocked_attention_scratch_bytes(std::int64_t queries, std::int64_t 
 }
 
 Tensor cpu_blocked_attention(const Tensor& q, const Tensor& k, const Tensor& v) {
-  return CpuBlockedAttention::apply(with_dense_rows(q), with_dense_rows(k), with_dense_rows(v)).transpose(1, 2);
+  return CpuBlockedAttention::apply(with_adjacent_channels(q), with_adjacent_channels(k), with_adjacent_channels(v))
+      .transpose(1, 2);
 }
 
 Tensor cpu_ragged_attention(const Tensor& q, const Tensor& k, const Tensor& v, const Tensor& q_offsets,

@@ -246,9 +246,6 @@ namespace anigen::nn {
 
 namespace {
 
-using torch::autograd::AutogradContext;
-using torch::autograd::variable_list;
-
 bool has_kernels(const Tensor& x) {
   return x.is_cpu() && (dtype_of(x) == torch::kFloat32 || dtype_of(x) == torch::kBFloat16);
 }
