@@ -37,7 +37,7 @@ Tensor wide_scores(const Tensor& q_rows, const Tensor& k) {
 
 class TensorBlockedAttention : public torch::autograd::Function<TensorBlockedAttention> {
  public:
-  static Tensor forward(torch::autograd::AutogradContext* context, const Tensor& q, const Tensor& k, const Tensor& v,
+  static Tensor forward(AutogradContext* context, const Tensor& q, const Tensor& k, const Tensor& v,
                         std::int64_t rows) {
     std::vector<Tensor> out, log_sums;
     for (std::int64_t i = 0; i < q.size(2); i += rows) {
@@ -51,9 +51,8 @@ class TensorBlockedAttention : public torch::autograd::Function<TensorBlockedAtt
     return result;
   }
 
-  static torch::autograd::variable_list backward(torch::autograd::AutogradContext* context,
-                                                 torch::autograd::variable_list gradients) {
-    const torch::autograd::variable_list saved = saved_once(*context, "blocked attention");
+  static variable_list backward(AutogradContext* context, variable_list gradients) {
+    const variable_list saved = saved_once(*context, "blocked attention");
     const Tensor &q = saved[0], &k = saved[1], &v = saved[2], &out = saved[3], &log_sums = saved[4], &dy = gradients[0];
     const std::int64_t rows = context->saved_data["rows"].toInt();
     const torch::Dtype dtype = dtype_of(q), wide = dtype_of(log_sums);

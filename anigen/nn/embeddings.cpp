@@ -87,8 +87,6 @@ Tensor TimestepEmbedderImpl::forward(const Tensor& t) {
   return second->forward(torch::silu(first->forward(features)));
 }
 
-using torch::Tensor;
-
 Tensor joint_count_features(const Tensor& joints_num, std::int64_t most, std::int64_t bands, torch::Dtype dtype) {
   // Arguments are rounded to `grid`; the functions themselves are evaluated in fp32, which fp16 kernels do as well.
   const torch::Dtype grid = dtype == torch::kHalf ? torch::kHalf : torch::promoteTypes(dtype, torch::kFloat32);

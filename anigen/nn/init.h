@@ -88,8 +88,6 @@ std::vector<Eigen::Matrix<Scalar, 3, 1>> points_of(const torch::Tensor& tensor, 
   return points;
 }
 
-using torch::Tensor;
-
 /// A tensor on the CPU that holds a copy of the array. Unsigned 16- and 32-bit integers, which torch lacks, become
 /// int32 and int64. @throws InputError for uint64 and for bytes that do not fill the shape
 Tensor to_tensor(const io::NdArray& array);

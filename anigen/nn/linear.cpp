@@ -51,13 +51,12 @@ bool has_bf16_linear() {
 // x wᵀ in fp32.
 class WideProduct : public torch::autograd::Function<WideProduct> {
  public:
-  static Tensor forward(torch::autograd::AutogradContext* context, const Tensor& x, const Tensor& weight) {
+  static Tensor forward(AutogradContext* context, const Tensor& x, const Tensor& weight) {
     context->save_for_backward({x, weight});
     return torch::matmul(x.to(torch::kFloat32), weight.to(torch::kFloat32).t());
   }
 
-  static torch::autograd::variable_list backward(torch::autograd::AutogradContext* context,
-                                                 torch::autograd::variable_list gradients) {
+  static variable_list backward(AutogradContext* context, variable_list gradients) {
     const auto saved = context->get_saved_variables();
     const Tensor &x = saved[0], &weight = saved[1];
     const Tensor dy = gradients[0].reshape({-1, weight.size(0)});
@@ -71,7 +70,7 @@ constexpr std::int64_t kGrain = 16384;  // fewer values than this cost less than
 
 class VectorGelu : public torch::autograd::Function<VectorGelu> {
  public:
-  static Tensor forward(torch::autograd::AutogradContext* context, const Tensor& x) {
+  static Tensor forward(AutogradContext* context, const Tensor& x) {
     RECORD_USER_SCOPE("elementwise and copies: gelu");
     context->save_for_backward({x});
     Tensor y = torch::empty_like(x);
@@ -83,8 +82,7 @@ class VectorGelu : public torch::autograd::Function<VectorGelu> {
     return y;
   }
 
-  static torch::autograd::variable_list backward(torch::autograd::AutogradContext* context,
-                                                 torch::autograd::variable_list gradients) {
+  static variable_list backward(AutogradContext* context, variable_list gradients) {
     RECORD_USER_SCOPE("elementwise and copies: gelu");
     const Tensor x = context->get_saved_variables()[0];
     const Tensor dy = gradients[0].contiguous();
@@ -132,8 +130,8 @@ Tensor sum_of(const std::vector<Tensor>& parts) {
 
 class FusedMlp : public torch::autograd::Function<FusedMlp> {
  public:
-  static Tensor forward(torch::autograd::AutogradContext* context, const Tensor& x, const Tensor& w1, const Tensor& b1,
-                        const Tensor& w2, const Tensor& b2) {
+  static Tensor forward(AutogradContext* context, const Tensor& x, const Tensor& w1, const Tensor& b1, const Tensor& w2,
+                        const Tensor& b2) {
     context->save_for_backward({x, w1, b1, w2});
     const std::int64_t rows = x.size(0), hidden = w1.size(0), block = block_rows(hidden);
     const std::int64_t parts = at::get_num_threads();
@@ -151,9 +149,8 @@ class FusedMlp : public torch::autograd::Function<FusedMlp> {
     return y;
   }
 
-  static torch::autograd::variable_list backward(torch::autograd::AutogradContext* context,
-                                                 torch::autograd::variable_list gradients) {
-    const torch::autograd::variable_list saved = context->get_saved_variables();
+  static variable_list backward(AutogradContext* context, variable_list gradients) {
+    const variable_list saved = context->get_saved_variables();
     const Tensor &x = saved[0], &w1 = saved[1], &b1 = saved[2], &w2 = saved[3];
     const Tensor dy = gradients[0].contiguous();
     const std::int64_t rows = x.size(0), hidden = w1.size(0), block = block_rows(hidden);

@@ -42,8 +42,6 @@ class MlpImpl : public torch::nn::Module {
 };
 TORCH_MODULE(Mlp);
 
-using torch::Tensor;
-
 /// True when bf16 products on this CPU are better done in fp32: LibTorch then has no bf16 kernel of its own but a loop
 /// more than ten times slower (no oneDNN, or no AVX-512). @param x, weight of a linear layer
 bool prefers_widened_linear(const Tensor& x, const Tensor& weight);

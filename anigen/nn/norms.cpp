@@ -29,9 +29,6 @@ Tensor AffineLayerNormImpl::activated(const Tensor& x) { return norm_silu(x, wei
 
 namespace {
 
-using torch::autograd::AutogradContext;
-using torch::autograd::variable_list;
-
 // Rows of heads that the kernels can read where they are: parts of a wider projection.
 bool has_adjacent_heads(const Tensor& x) {
   return x.dim() == 3 && x.stride(2) == 1 && x.stride(1) == x.size(2) && x.stride(0) >= x.size(1) * x.size(2);
@@ -66,7 +63,7 @@ class HeadNormFunction : public torch::autograd::Function<HeadNormFunction> {
 
   static variable_list backward(AutogradContext* context, variable_list gradients) {
     RECORD_USER_SCOPE("elementwise and copies: norm of queries and keys");
-    const torch::autograd::variable_list saved = saved_once(*context, "the norm of queries and keys");
+    const variable_list saved = saved_once(*context, "the norm of queries and keys");
     const Tensor x = saved[0].to(torch::kFloat32), &factors = saved[1];
     const Tensor dy = gradients[0].to(torch::kFloat32).contiguous();
     const Tensor dx = torch::empty(x.sizes(), dy.options());
@@ -104,7 +101,7 @@ class NormSiluFunction : public torch::autograd::Function<NormSiluFunction> {
 
   static variable_list backward(AutogradContext* context, variable_list gradients) {
     RECORD_USER_SCOPE("elementwise and copies: norm, SiLU");
-    const torch::autograd::variable_list saved = saved_once(*context, "layer norm with SiLU");
+    const variable_list saved = saved_once(*context, "layer norm with SiLU");
     const Tensor &x = saved[0], &statistics = saved[3], dy = gradients[0].contiguous();
     const std::int64_t rows = x.size(0), channels = x.size(1);
     const std::vector<RowBlock> blocks = row_blocks({rows}, channels);

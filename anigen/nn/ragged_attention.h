@@ -32,8 +32,6 @@ class Ragged {
   std::int64_t rows_ = 0;
 };
 
-using torch::Tensor;
-
 /// Sizes of a ragged attention, and where its sequences lie. Keeps the offsets' storage by reference.
 struct RaggedProblem {
   /// @param q, k [rows, H, D] @param q_offsets, k_offsets [S + 1] int64, CPU

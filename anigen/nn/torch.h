@@ -22,6 +22,8 @@
 namespace anigen::nn {
 
 using torch::Tensor;
+using torch::autograd::AutogradContext;
+using torch::autograd::variable_list;
 
 /// The two 16-bit floating-point types, in which norms and softmax are not evaluated.
 inline bool is_reduced_precision(torch::Dtype dtype) { return dtype == torch::kHalf || dtype == torch::kBFloat16; }
@@ -47,7 +49,7 @@ inline Tensor fused_attention(const Tensor& q, const Tensor&, const Tensor&) {
 
 /// Tensors that a forward pass saved for a backward pass without a derivative of its own. @throws c10::Error under
 /// create_graph, where `what` would miss terms of a second derivative
-inline torch::autograd::variable_list saved_once(const torch::autograd::AutogradContext& context, const char* what) {
+inline variable_list saved_once(const AutogradContext& context, const char* what) {
   TORCH_CHECK(!at::GradMode::is_enabled(), what,
               " can be differentiated once only: its backward pass, under create_graph, would miss terms");
   return context.get_saved_variables();

@@ -32,7 +32,7 @@ struct RecomputedCall {
 class Recompute : public torch::autograd::Function<Recompute> {
  public:
   // `anchor` requires a gradient, so that the backward pass runs for the parameters also when no input needs one.
-  static Tensor forward(torch::autograd::AutogradContext* context, const Tensor& anchor, const RecomputedCall& call,
+  static Tensor forward(AutogradContext* context, const Tensor& anchor, const RecomputedCall& call,
                         const at::TensorList& inputs) {
     static_cast<void>(anchor);
     context->saved_data["part"] = c10::IValue::make_capsule(c10::make_intrusive<KeptPart>(call.part));
@@ -41,8 +41,7 @@ class Recompute : public torch::autograd::Function<Recompute> {
     return call.part(inputs.vec());  // autograd switches recording off around forward()
   }
 
-  static torch::autograd::variable_list backward(torch::autograd::AutogradContext* context,
-                                                 torch::autograd::variable_list gradients) {
+  static variable_list backward(AutogradContext* context, variable_list gradients) {
     const auto kept = c10::static_intrusive_pointer_cast<KeptPart>(context->saved_data["part"].toCapsule());
     std::vector<Tensor> inputs;
     for (const Tensor& saved : context->get_saved_variables()) {
@@ -56,7 +55,7 @@ class Recompute : public torch::autograd::Function<Recompute> {
       output = kept->part(inputs);
     }
     if (output.requires_grad()) torch::autograd::backward({output}, {gradients[0]});
-    torch::autograd::variable_list result = {Tensor(), Tensor()};
+    variable_list result = {Tensor(), Tensor()};
     for (const Tensor& input : inputs) result.push_back(input.requires_grad() ? input.grad() : Tensor());
     return result;
   }

@@ -38,9 +38,6 @@ Tensor unpatchify(const Tensor& patches, std::int64_t patch) { return pixel_shuf
 namespace {
 
 using kernels::VolumeConvolutionSizes;
-using torch::autograd::AutogradContext;
-using torch::autograd::variable_list;
-
 VolumeConvolutionSizes convolution_sizes(const Tensor& x, const Tensor& weight) {
   return {x.size(0), x.size(2), x.size(3), x.size(4), weight.size(1), weight.size(0)};
 }
@@ -135,7 +132,7 @@ class VolumeConvolution : public torch::autograd::Function<VolumeConvolution> {
 
   static variable_list backward(AutogradContext* context, variable_list gradients) {
     RECORD_USER_SCOPE("convolution: volumes");
-    const torch::autograd::variable_list saved = saved_once(*context, "volume convolution");
+    const variable_list saved = saved_once(*context, "volume convolution");
     const Tensor &x = saved[0], &weight = saved[1];
     const VolumeConvolutionSizes sizes = convolution_sizes(x, weight);
     const Tensor dy = channels_last(gradients[0]);

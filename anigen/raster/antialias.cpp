@@ -1,5 +1,6 @@
 #include "anigen/raster/antialias.h"
 
+#include <ATen/Dispatch.h>
 #include <ATen/Parallel.h>
 #include <algorithm>
 #include <array>
@@ -267,11 +268,9 @@ class Antialiasing : public torch::autograd::Function<Antialiasing> {
     RECORD_USER_SCOPE("rasteriser: antialiasing");
     const Tensor from = image.contiguous(), out = torch::empty_like(from);
     const PairTable pairs(index, weight, row_begin, image.size(1));
-    if (nn::dtype_of(image) == torch::kFloat64) {
-      blend_rows(pairs, image.size(0), image.size(2), from.data_ptr<double>(), out.data_ptr<double>());
-    } else {
-      blend_rows(pairs, image.size(0), image.size(2), from.data_ptr<float>(), out.data_ptr<float>());
-    }
+    AT_DISPATCH_FLOATING_TYPES(image.scalar_type(), "antialiasing", [&] {
+      blend_rows(pairs, image.size(0), image.size(2), from.data_ptr<scalar_t>(), out.data_ptr<scalar_t>());
+    });
     context->save_for_backward({image, clip, index, weight, row_begin});
     return out;
   }

@@ -1,5 +1,6 @@
 #include "anigen/raster/interpolate.h"
 
+#include <ATen/Dispatch.h>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -182,11 +183,9 @@ class Interpolation : public torch::autograd::Function<Interpolation> {
     RECORD_USER_SCOPE("rasteriser: interpolation");
     const Tensor table = attributes.contiguous(), weights = barycentric.contiguous();
     const Tensor out = torch::empty({triangle.size(0), triangle.size(1), table.size(1)}, table.options());
-    if (nn::dtype_of(table) == torch::kFloat64) {
-      blend_forward(blend_of<double>(table, weights, triangle, faces), out.data_ptr<double>());
-    } else {
-      blend_forward(blend_of<float>(table, weights, triangle, faces), out.data_ptr<float>());
-    }
+    AT_DISPATCH_FLOATING_TYPES(table.scalar_type(), "interpolation", [&] {
+      blend_forward(blend_of<scalar_t>(table, weights, triangle, faces), out.data_ptr<scalar_t>());
+    });
     context->save_for_backward({attributes, barycentric, triangle, faces});
     context->saved_data["attributes"] = attributes.requires_grad();
     context->saved_data["barycentric"] = barycentric.requires_grad();

@@ -36,8 +36,6 @@ void sum_by_vertex(std::int64_t count, const CornersOf& corners_of, const Add& a
   });
 }
 
-using torch::Tensor;
-
 /// Unit normals (v₁ − v₀) × (v₂ − v₀) of the faces, counter-clockwise outside; (almost) zero for faces whose doubled
 /// area is below 1e-12, which also pass no gradient on. Differentiable once; same gradients for any number of threads.
 /// @param vertices [V, 3] fp32 or fp64 @param faces [F, 3] int64 @return [F, 3]

@@ -10,8 +10,6 @@
 
 namespace anigen::raster {
 
-using torch::Tensor;
-
 /// Clip-space projection of the published mesh renderer for OpenCV camera space (x right, y down, z forward): z/w is 0
 /// at depth `near` and 1 at `far`, w is the depth, y is not flipped. Entry (1, 2) is 1 − 2 cy as published, which is
 /// right only for cy = 0.5 (docs/reference/training.md, 8).

@@ -1,5 +1,6 @@
 #include "anigen/shape_field/cube_field.h"
 
+#include <ATen/Dispatch.h>
 #include <ATen/Parallel.h>
 #include <algorithm>
 #include <string>
@@ -8,8 +9,8 @@
 
 #include "anigen/core/error.h"
 #include "anigen/nn/init.h"
-#include "anigen/shape_field/dual_vertex_kernels.h"
 #include "anigen/shape_field/grid.h"
+#include "anigen/shape_field/row_links.h"
 
 namespace anigen::shape_field {
 
@@ -175,11 +176,8 @@ class CornerDeviation : public torch::autograd::Function<CornerDeviation> {
     }
     const double scale = 2.0 * gradients[0].item<double>();
     const Tensor out = torch::empty(corners.sizes(), corners.options());
-    if (corners.scalar_type() == torch::kFloat64) {
-      scaled_deviations<double>(corners, means, vertices, scale, out);
-    } else {
-      scaled_deviations<float>(corners, means, vertices, scale, out);
-    }
+    AT_DISPATCH_FLOATING_TYPES(corners.scalar_type(), "scaled_deviations",
+                               [&] { scaled_deviations<scalar_t>(corners, means, vertices, scale, out); });
     return {out, Tensor(), Tensor()};
   }
 };

@@ -3,7 +3,7 @@
 #include <cstdint>
 
 #include "anigen/shape_field/cube_field.h"
-#include "anigen/shape_field/dual_vertex_kernels.h"
+#include "anigen/shape_field/row_links.h"
 
 namespace anigen::shape_field {
 

@@ -10,8 +10,6 @@
 
 namespace anigen::shape_field {
 
-using torch::Tensor;
-
 /// Corners of a cube: number k stands at offset (k & 1, k >> 1 & 1, k >> 2 & 1), x fastest
 /// (docs/reference/autoencoders.md, 4.7).
 inline constexpr int kCubeCorners = 8;

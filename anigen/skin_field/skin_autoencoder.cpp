@@ -10,6 +10,8 @@
 
 namespace anigen::skin_field {
 
+using torch::Tensor;
+
 namespace {
 
 // Limits that no sensible model reaches, so that a mistyped size is an error and not an allocation failure.
@@ -121,8 +123,6 @@ void SkinAutoEncoderOptions::validate(const std::string& file, const std::string
                              "the decoder takes " + std::to_string(decoder_config.skin_feat_channels) +
                                  " channels, the encoder gives " + std::to_string(encoder_config.skin_feat_channels));
 }
-
-using torch::Tensor;
 
 JointEmbedderImpl::JointEmbedderImpl(std::int64_t in_channels, std::int64_t hidden_dim, std::int64_t out_channels,
                                      const JointEmbedderOptions& options) {

@@ -6,7 +6,8 @@ namespace anigen::sparse {
 
 namespace {
 
-SparseAttention block_self_attention(const SparseBlockOptions& options) {
+template <typename Options>
+SparseAttention block_self_attention(const Options& options) {
   return SparseAttention(SparseAttentionOptions(nn::self_attention_of(options), options.scope));
 }
 
@@ -16,10 +17,6 @@ SparseAttention block_cross_attention(const SparseBlockOptions& options, std::in
 
 nn::FeedForward block_mlp(const SparseBlockOptions& options) {
   return nn::FeedForward(options.channels, options.channels, options.mlp_ratio);
-}
-
-SparseAttention modulated_self(const SparseModulatedBlockOptions& options) {
-  return SparseAttention(SparseAttentionOptions(nn::self_attention_of(options), options.scope));
 }
 
 SparseAttention stream_attention(const DualStreamBlockOptions& options, bool skeleton, std::int64_t context_channels,
@@ -100,7 +97,7 @@ SparseTensor SparseMultiContextBlockImpl::forward(const SparseTensor& x, const s
 }
 
 SparseModulatedBlockImpl::SparseModulatedBlockImpl(const SparseModulatedBlockOptions& options)
-    : ModulatedLayers(options, modulated_self(options), nullptr) {}
+    : ModulatedLayers(options, block_self_attention(options), nullptr) {}
 
 SparseTensor SparseModulatedBlockImpl::forward(const SparseTensor& x, const Tensor& mod) {
   const auto attend = [&](const Tensor& rows) { return self_attention_->forward(x.with(rows)).feats; };
@@ -109,7 +106,7 @@ SparseTensor SparseModulatedBlockImpl::forward(const SparseTensor& x, const Tens
 
 SparseModulatedCrossBlockImpl::SparseModulatedCrossBlockImpl(const SparseModulatedBlockOptions& options)
     : ModulatedLayers(
-          options, modulated_self(options),
+          options, block_self_attention(options),
           SparseAttention(SparseAttentionOptions(cross_attention_of(options, options.context_channels), {}))) {}
 
 template <typename Cross>
@@ -186,15 +183,13 @@ ResidualBlockImpl::ResidualBlockImpl(const ResidualBlockOptions& options) {
 }
 
 SparseTensor ResidualBlockImpl::forward(const SparseTensor& x, const Tensor& embedding) {
-  return finish(conv1_->forward(x.with(activated(x.feats))), skipped(x.feats), embedding);
+  return finish(conv1_->forward(x.with(norm1_->activated(x.feats))), skipped(x.feats), embedding);
 }
 
 SparseTensor ResidualBlockImpl::forward_up(const SparseTensor& x, const SupportPtr& fine, const Tensor& embedding) {
-  const SparseTensor h = upsample(x.with(activated(x.feats)), fine, 2);
+  const SparseTensor h = upsample(x.with(norm1_->activated(x.feats)), fine, 2);
   return finish(conv1_->forward(h), upsample(x.with(skipped(x.feats)), fine, 2).feats, embedding);
 }
-
-Tensor ResidualBlockImpl::activated(const Tensor& rows) { return norm1_->activated(rows); }
 
 Tensor ResidualBlockImpl::skipped(const Tensor& rows) { return skip_.is_empty() ? rows : skip_->forward(rows); }
 
@@ -242,10 +237,7 @@ SparseTensor SubdivideBlockImpl::forward(const SparseTensor& x) {
   return h.with((children + skip.unsqueeze(1)).reshape(h.feats.sizes()));
 }
 
-void SubdivideBlockImpl::initialize() {
-  torch::nn::init::zeros_(conv2_->conv->weight);
-  torch::nn::init::zeros_(conv2_->conv->bias);
-}
+void SubdivideBlockImpl::initialize() { nn::zero_parameters(*conv2_); }
 
 torch::Dtype SubdivideBlockImpl::dtype() const { return nn::dtype_of(conv1_->conv->weight); }
 

@@ -159,7 +159,6 @@ class ResidualBlockImpl : public torch::nn::Module {
   void initialize();  ///< the last convolution to zero; call after default_submanifold_kernels
 
  private:
-  Tensor activated(const Tensor& rows);
   Tensor skipped(const Tensor& rows);
   SparseTensor finish(const SparseTensor& h, const Tensor& skip, const Tensor& embedding);
 

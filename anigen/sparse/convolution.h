@@ -36,8 +36,6 @@ TapPlan subdivision_plan();
 /// symmetric, tap t of p is q where tap 26 − t of q is p.
 TapPlan reversed(const TapPlan& plan);
 
-using torch::Tensor;
-
 /// out += what the plan says, in the dtype of `out`. Never holds more than a block of rows besides the arguments.
 /// @param neighbours [27, N] int32, device of `in` @param in [N · from_children, Cin] @param matrices [M, Cin, Cout],
 /// any strides @param out [N · to_children, Cout], contiguous

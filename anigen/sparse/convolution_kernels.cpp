@@ -1,12 +1,13 @@
-#include "anigen/sparse/convolution_kernels.h"
+#include "anigen/sparse/convolution.h"
 
+#include <ATen/Dispatch.h>
 #include <ATen/Parallel.h>
 #include <algorithm>
 #include <cstdlib>
+#include <cstring>
 
 #include "anigen/core/kernel_form.h"
 #include "anigen/nn/kernels/tiles.h"
-#include "anigen/sparse/convolution.h"
 
 // Both products keep a tile of sums, some rows of one panel, in registers, and step along what is summed over: a vector
 // of the panel and one number per row of the tile at each step. They are compiled once per form of kernels.
@@ -15,10 +16,80 @@
 #else
 #define ANIGEN_SPARSE_X86 0
 #endif
+#define ANIGEN_TILE_INLINE inline __attribute__((always_inline))
 
-namespace anigen::sparse::kernels {
+namespace anigen::sparse {
 
 namespace {
+
+// Columns of a panel of weights.
+constexpr std::int64_t kPanel = 16;
+
+// Sums of kRows rows and one panel of columns, in vectors of kBytes. Loops over it are unrolled, so that the sums of a
+// tile of most_rows() rows are registers of the instruction set that has vectors of this size.
+template <typename T, int kBytes, int kRows>
+struct Tile {
+  static constexpr int kLanes = kBytes / static_cast<int>(sizeof(T));
+  static constexpr int kVectors = static_cast<int>(kPanel) / kLanes;
+  typedef T Vector __attribute__((vector_size(kBytes)));
+  typedef T Unaligned __attribute__((vector_size(kBytes), aligned(sizeof(T)), may_alias));
+  Vector sums[kRows][kVectors];
+
+  ANIGEN_TILE_INLINE void load_row(int row, const T* from) {
+#pragma GCC unroll 16
+    for (int v = 0; v < kVectors; ++v) sums[row][v] = reinterpret_cast<const Unaligned*>(from)[v];
+  }
+  ANIGEN_TILE_INLINE void load(int row, const T* from, std::int64_t width) {
+    if (width == kPanel) return load_row(row, from);
+    T padded[kPanel] = {};
+    std::memcpy(padded, from, static_cast<std::size_t>(width) * sizeof(T));
+    load_row(row, padded);
+  }
+  ANIGEN_TILE_INLINE void clear_row(int row) {
+#pragma GCC unroll 16
+    for (int v = 0; v < kVectors; ++v) sums[row][v] = Vector{};
+  }
+  ANIGEN_TILE_INLINE void add_row_to(int row, T* to) const {
+#pragma GCC unroll 16
+    for (int v = 0; v < kVectors; ++v) reinterpret_cast<Unaligned*>(to)[v] += sums[row][v];
+  }
+  ANIGEN_TILE_INLINE void store_row(int row, T* to) const {
+#pragma GCC unroll 16
+    for (int v = 0; v < kVectors; ++v) reinterpret_cast<Unaligned*>(to)[v] = sums[row][v];
+  }
+  ANIGEN_TILE_INLINE void store(int row, T* to, std::int64_t width) const {
+    if (width == kPanel) return store_row(row, to);
+    T padded[kPanel];
+    store_row(row, padded);
+    std::memcpy(to, padded, static_cast<std::size_t>(width) * sizeof(T));
+  }
+  // sums[r] += factors(r) · panel_row
+  template <typename Factors>
+  ANIGEN_TILE_INLINE void step(const Factors& factors, const T* panel_row) {
+    Vector row[kVectors];
+#pragma GCC unroll 16
+    for (int v = 0; v < kVectors; ++v) row[v] = reinterpret_cast<const Unaligned*>(panel_row)[v];
+#pragma GCC unroll 16
+    for (int r = 0; r < kRows; ++r) {
+      const T factor = factors(r);
+#pragma GCC unroll 16
+      for (int v = 0; v < kVectors; ++v) sums[r][v] += factor * row[v];
+    }
+  }
+};
+
+// Rows of the largest tile: twelve registers of sums, which leaves four of sixteen for what they are formed from.
+template <typename T, int kBytes>
+constexpr int most_rows() {
+  return 12 / (static_cast<int>(kPanel) * static_cast<int>(sizeof(T)) / kBytes);
+}
+
+// Pairs of rows, one of each matrix: what one tap of a convolution connects.
+struct RowPairs {
+  const std::int32_t* from;
+  const std::int32_t* to;
+  std::int64_t count;
+};
 
 // Input channels between reading and writing a tile: the part of a panel used meanwhile stays in the first-level cache.
 constexpr std::int64_t kDepth = 256;
@@ -187,9 +258,13 @@ ANIGEN_AVX2 void correlate_avx2(const RowPairs& pairs, const T* in, std::int64_t
 }
 #endif
 
+// out[to[i], :] += in[from[i], :] · w for each pair; no row of `out` twice. Rows are read where they lie, and a sum is
+// formed in the order of the input channels whatever pairs surround it.
+// @param in rows of `in_channels` @param panels [⌈out_channels / kPanel⌉, in_channels, kPanel], filled up with zeros
+// @param out rows of `out_channels`
 template <typename T>
-void multiply_any(const RowPairs& pairs, const T* in, std::int64_t in_channels, const T* panels, T* out,
-                  std::int64_t out_channels) {
+void multiply_pairs(const RowPairs& pairs, const T* in, std::int64_t in_channels, const T* panels, T* out,
+                    std::int64_t out_channels) {
 #if ANIGEN_SPARSE_X86
   const KernelForm form = kernel_form();
   if (form >= KernelForm::kAvx512) return multiply_avx512(pairs, in, in_channels, panels, out, out_channels);
@@ -198,9 +273,12 @@ void multiply_any(const RowPairs& pairs, const T* in, std::int64_t in_channels, 
   multiply<T, 16>(pairs, in, in_channels, panels, out, out_channels);
 }
 
+// w += Σ in[from[i], first … first + count]ᵀ out[to[i], :], summed in the order of the pairs; an element of w does not
+// depend on `first` and `count`.
+// @param w [count, ⌈out_channels / kPanel⌉ · kPanel]; columns beyond out_channels are left as they are
 template <typename T>
-void correlate_any(const RowPairs& pairs, const T* in, std::int64_t in_channels, std::int64_t first, std::int64_t count,
-                   const T* out, std::int64_t out_channels, T* w) {
+void correlate_pairs(const RowPairs& pairs, const T* in, std::int64_t in_channels, std::int64_t first,
+                     std::int64_t count, const T* out, std::int64_t out_channels, T* w) {
 #if ANIGEN_SPARSE_X86
   const KernelForm form = kernel_form();
   if (form >= KernelForm::kAvx512) return correlate_avx512(pairs, in, in_channels, first, count, out, out_channels, w);
@@ -209,40 +287,12 @@ void correlate_any(const RowPairs& pairs, const T* in, std::int64_t in_channels,
   correlate<T, 16>(pairs, in, in_channels, first, count, out, out_channels, w);
 }
 
-}  // namespace
-
-void multiply_pairs(const RowPairs& pairs, const float* in, std::int64_t in_channels, const float* panels, float* out,
-                    std::int64_t out_channels) {
-  multiply_any(pairs, in, in_channels, panels, out, out_channels);
-}
-
-void multiply_pairs(const RowPairs& pairs, const double* in, std::int64_t in_channels, const double* panels,
-                    double* out, std::int64_t out_channels) {
-  multiply_any(pairs, in, in_channels, panels, out, out_channels);
-}
-
-void correlate_pairs(const RowPairs& pairs, const float* in, std::int64_t in_channels, std::int64_t first,
-                     std::int64_t count, const float* out, std::int64_t out_channels, float* w) {
-  correlate_any(pairs, in, in_channels, first, count, out, out_channels, w);
-}
-
-void correlate_pairs(const RowPairs& pairs, const double* in, std::int64_t in_channels, std::int64_t first,
-                     std::int64_t count, const double* out, std::int64_t out_channels, double* w) {
-  correlate_any(pairs, in, in_channels, first, count, out, out_channels, w);
-}
-
-namespace {
-
 using nn::kernels::kBf16Lanes;
 
 constexpr std::int64_t kPanelColumns = 64;
 
-}  // namespace
-
-bool bf16_pairs_take(std::int64_t in_channels, std::int64_t out_channels) {
-  return in_channels % 2 == 0 && out_channels % kBf16Lanes == 0;
-}
-
+// A matrix as the kernel for bf16 reads it: panels of up to 64 columns, [in_channels / 2, columns, 2] each.
+// @param matrix [in_channels, out_channels]
 void pack_bf16_matrix(const std::uint16_t* matrix, std::int64_t in_channels, std::int64_t out_channels,
                       std::uint16_t* packed) {
   for (std::int64_t first = 0; first < out_channels; first += kPanelColumns) {
@@ -258,24 +308,19 @@ void pack_bf16_matrix(const std::uint16_t* matrix, std::int64_t in_channels, std
 
 #if ANIGEN_BF16_X86
 ANIGEN_BF16_BEGIN
-namespace {
-
-// Input channels between reading and writing a tile: the part of a panel used meanwhile stays in the first-level cache.
-constexpr std::int64_t kBf16Depth = 256;
-
 template <int kVectors>
 ANIGEN_BF16 void multiply_panel(const RowPairs& pairs, const std::uint16_t* in, std::int64_t in_channels,
                                 const std::uint16_t* panel, float* out, std::int64_t out_channels) {
-  for (std::int64_t k = 0; k < in_channels; k += kBf16Depth) {
+  for (std::int64_t k = 0; k < in_channels; k += kDepth) {
     nn::kernels::bf16_rows<kVectors, true>([=](std::int64_t i) { return in + pairs.from[i] * in_channels + k; },
                                            [=](std::int64_t i) { return out + pairs.to[i] * out_channels; },
-                                           pairs.count, std::min(kBf16Depth, in_channels - k) / 2,
+                                           pairs.count, std::min(kDepth, in_channels - k) / 2,
                                            panel + k * kVectors * kBf16Lanes, nn::kernels::NothingAhead{});
   }
 }
 
-}  // namespace
-
+// multiply_pairs() of bf16 numbers, passed as their 16 bits, where nn::kernels::has_bf16_products() says so: exact
+// products, added up in fp32.
 void multiply_bf16_pairs(const RowPairs& pairs, const std::uint16_t* in, std::int64_t in_channels,
                          const std::uint16_t* packed, float* out, std::int64_t out_channels) {
   for (std::int64_t first = 0; first < out_channels; first += kPanelColumns) {
@@ -309,14 +354,6 @@ void multiply_bf16_pairs(const RowPairs&, const std::uint16_t*, std::int64_t, co
 
 #endif
 
-}  // namespace anigen::sparse::kernels
-
-namespace anigen::sparse {
-
-namespace {
-
-using kernels::kPanel;
-
 // Rows that are worked on before the next ones, tap after tap: few enough that what a block reads and writes stays in a
 // second-level cache, enough for the matrices that pass by meanwhile to pay, and enough blocks for many threads.
 // Independent of their number, so that the bits of the result are.
@@ -348,7 +385,7 @@ class PairList {
         from_(static_cast<std::size_t>(most)),
         to_(static_cast<std::size_t>(most)) {}
 
-  kernels::RowPairs list(const TapLink& link, std::int64_t begin, std::int64_t end) {
+  RowPairs list(const TapLink& link, std::int64_t begin, std::int64_t end) {
     const std::int32_t* const found = neighbours_ + link.tap * rows_;
     std::size_t count = 0;
     for (std::int64_t row = begin; row < end; ++row) {  // writes every pair, and steps on where there is one
@@ -395,9 +432,8 @@ void add_products(const TapPlan& plan, const Tensor& neighbours, const Tensor& i
   const std::int64_t matrix_values = panels_of(out_channels) * in_channels * kPanel;
   const T *in_data = in.data_ptr<T>(), *panel_data = panels.data_ptr<T>();
   T* const out_data = out.data_ptr<T>();
-  for_each_link(plan, neighbours, in_channels, out_channels, [&](const kernels::RowPairs& pairs, const TapLink& link) {
-    kernels::multiply_pairs(pairs, in_data, in_channels, panel_data + link.matrix * matrix_values, out_data,
-                            out_channels);
+  for_each_link(plan, neighbours, in_channels, out_channels, [&](const RowPairs& pairs, const TapLink& link) {
+    multiply_pairs(pairs, in_data, in_channels, panel_data + link.matrix * matrix_values, out_data, out_channels);
   });
 }
 
@@ -417,9 +453,8 @@ void add_correlations(const TapPlan& plan, const Tensor& neighbours, const Tenso
       for (std::int64_t i = begin / 2; i < (end + 1) / 2; ++i) {
         const TapLink& link = plan.links[static_cast<std::size_t>(i)];
         const std::int64_t first = 2 * i < begin ? half : 0, last = 2 * i + 1 < end ? in_channels : half;
-        kernels::correlate_pairs(pairs.list(link, blocks.begin(block), blocks.end(block)), in_data, in_channels, first,
-                                 last - first, slope_data, out_channels,
-                                 sums + (link.matrix * in_channels + first) * stride);
+        correlate_pairs(pairs.list(link, blocks.begin(block), blocks.end(block)), in_data, in_channels, first,
+                        last - first, slope_data, out_channels, sums + (link.matrix * in_channels + first) * stride);
       }
     }
   });
@@ -430,16 +465,13 @@ void add_correlations(const TapPlan& plan, const Tensor& neighbours, const Tenso
 void add_cpu_tap_product(const TapPlan& plan, const Tensor& neighbours, const Tensor& in, const Tensor& matrices,
                          Tensor& out) {
   const Tensor rows = in.contiguous(), panels = in_panels(matrices);
-  if (nn::dtype_of(out) == torch::kFloat64) {
-    add_products<double>(plan, neighbours, rows, panels, out);
-  } else {
-    add_products<float>(plan, neighbours, rows, panels, out);
-  }
+  AT_DISPATCH_FLOATING_TYPES(out.scalar_type(), "sparse convolution",
+                             [&] { add_products<scalar_t>(plan, neighbours, rows, panels, out); });
 }
 
 bool prefers_bf16_tap_product(const Tensor& in, const Tensor& matrices) {
   return in.is_cpu() && nn::dtype_of(in) == torch::kBFloat16 && nn::kernels::has_bf16_products() &&
-         kernels::bf16_pairs_take(matrices.size(1), matrices.size(2));
+         matrices.size(1) % 2 == 0 && matrices.size(2) % kBf16Lanes == 0;
 }
 
 void add_bf16_tap_product(const TapPlan& plan, const Tensor& neighbours, const Tensor& in, const Tensor& matrices,
@@ -449,24 +481,20 @@ void add_bf16_tap_product(const TapPlan& plan, const Tensor& neighbours, const T
   const Tensor packed = torch::empty_like(rounded);
   at::parallel_for(0, rounded.size(0), 1, [&](std::int64_t begin, std::int64_t end) {
     for (std::int64_t m = begin * matrix_values; m < end * matrix_values; m += matrix_values)
-      kernels::pack_bf16_matrix(nn::bf16_bits(rounded) + m, in_channels, out_channels, nn::bf16_bits(packed) + m);
+      pack_bf16_matrix(nn::bf16_bits(rounded) + m, in_channels, out_channels, nn::bf16_bits(packed) + m);
   });
   const std::uint16_t *in_data = nn::bf16_bits(rows), *packed_data = nn::bf16_bits(packed);
   float* const out_data = out.data_ptr<float>();
-  for_each_link(plan, neighbours, in_channels, out_channels, [&](const kernels::RowPairs& pairs, const TapLink& link) {
-    kernels::multiply_bf16_pairs(pairs, in_data, in_channels, packed_data + link.matrix * matrix_values, out_data,
-                                 out_channels);
+  for_each_link(plan, neighbours, in_channels, out_channels, [&](const RowPairs& pairs, const TapLink& link) {
+    multiply_bf16_pairs(pairs, in_data, in_channels, packed_data + link.matrix * matrix_values, out_data, out_channels);
   });
 }
 
 Tensor cpu_tap_correlation(const TapPlan& plan, const Tensor& neighbours, const Tensor& in, const Tensor& slopes) {
   const Tensor rows = in.contiguous(), slope_rows = slopes.contiguous();
   Tensor matrices = torch::zeros({plan.matrices(), in.size(1), panels_of(slopes.size(1)) * kPanel}, in.options());
-  if (nn::dtype_of(in) == torch::kFloat64) {
-    add_correlations<double>(plan, neighbours, rows, slope_rows, matrices);
-  } else {
-    add_correlations<float>(plan, neighbours, rows, slope_rows, matrices);
-  }
+  AT_DISPATCH_FLOATING_TYPES(in.scalar_type(), "sparse convolution",
+                             [&] { add_correlations<scalar_t>(plan, neighbours, rows, slope_rows, matrices); });
   return matrices.narrow(2, 0, slopes.size(1));
 }
 

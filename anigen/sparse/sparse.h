@@ -4,7 +4,6 @@
 #include "anigen/sparse/attention.h"
 #include "anigen/sparse/blocks.h"
 #include "anigen/sparse/convolution.h"
-#include "anigen/sparse/convolution_kernels.h"
 #include "anigen/sparse/norms.h"
 #include "anigen/sparse/support.h"
 #include "anigen/sparse/windows.h"

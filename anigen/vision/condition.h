@@ -14,8 +14,6 @@
 
 namespace anigen::vision {
 
-using torch::Tensor;
-
 inline constexpr int kConditionSize = 518;  ///< pixels on a side of every picture that DINOv2 sees
 
 /// A condition picture as training prepares it: cropped to io::condition_box, RGBA Lanczos to size × size, on black

@@ -8,8 +8,6 @@
 
 namespace anigen::vision {
 
-using torch::Tensor;
-
 /// A pinhole camera, in pixels. The centre of the pixel in row i and column j is (j + 0.5, i + 0.5); X points right, Y
 /// down, Z into the picture.
 struct PinholeCamera {

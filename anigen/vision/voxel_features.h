@@ -13,8 +13,6 @@
 
 namespace anigen::vision {
 
-using torch::Tensor;
-
 /// Projections of points into views: uv = π(K (E p)), scaled from [0, 1] to [-1, 1]; (-1, -1) is the top left corner of
 /// the picture (docs/reference/training.md, 1.1).
 /// @param points [N, 3], world frame @param extrinsics [V, 4, 4] world → camera (OpenCV)

@@ -10,24 +10,31 @@
 
 #include "anigen/nn/kernels/heads.h"
 
-namespace anigen::nn::kernels {
+namespace anigen::nn {
 
 namespace {
 
-constexpr std::int64_t kLanes = kBf16Lanes;
+// Attention of one head in bf16, where has_bf16_products() says so: products of bf16 numbers are exact and added up in
+// fp32, the softmax is fp32, its weights are rounded to bf16 before they meet the values. bf16 numbers are passed as
+// their 16 bits. Packing needs the same processor.
+struct Bf16Keys {
+  const std::uint16_t* keys;    // of pack_bf16_keys
+  const std::uint16_t* values;  // of pack_bf16_values
+  std::int64_t count, channels;
+  float scale;  // of the scores
+};
+
+constexpr std::int64_t kBf16QueryBlock = 96;  // rows that attend_bf16 takes at most
+constexpr std::int64_t kBf16QueryTile = 6;    // rows that are computed together: a multiple of it wastes nothing
+constexpr std::int64_t kLanes = kernels::kBf16Lanes;
 constexpr std::int64_t kPanel = 64;      // keys of a panel: four vectors of scores
 constexpr std::int64_t kKeyBlock = 256;  // keys whose scores are in flight
-static_assert(kBf16QueryTile == kBf16TileRows && kBf16QueryBlock % kBf16QueryTile == 0, "whole tiles");
+static_assert(kBf16QueryTile == kernels::kBf16TileRows && kBf16QueryBlock % kBf16QueryTile == 0, "whole tiles");
 
 std::int64_t whole(std::int64_t count, std::int64_t step) { return (count + step - 1) / step * step; }
 std::int64_t padded_keys(std::int64_t count) { return whole(count, kLanes); }
 
-}  // namespace
-
-bool bf16_attention_takes(std::int64_t channels) {
-  return channels % kLanes == 0 && channels > 0 && channels <= kPanel;
-}
-
+// 16-bit numbers of packed keys, and as many of packed values.
 std::int64_t packed_bf16_size(std::int64_t count, std::int64_t channels) { return padded_keys(count) * channels; }
 
 std::int64_t bf16_scratch_floats(std::int64_t channels) {
@@ -36,15 +43,15 @@ std::int64_t bf16_scratch_floats(std::int64_t channels) {
 }
 
 std::int64_t bf16_asking_calls(std::int64_t queries, std::int64_t keys, std::int64_t channels) {
-  const auto steps = [](std::int64_t pairs) { return (pairs + kBf16AskingPairs - 1) / kBf16AskingPairs; };
+  const auto steps = [](std::int64_t pairs) {
+    return (pairs + kernels::kBf16AskingPairs - 1) / kernels::kBf16AskingPairs;
+  };
   const std::int64_t tiles = (queries + kBf16QueryTile - 1) / kBf16QueryTile;
   return tiles * ((keys + kPanel - 1) / kPanel * steps(channels / 2) + steps((keys + 1) / 2));
 }
 
 #if ANIGEN_BF16_X86
 ANIGEN_BF16_BEGIN
-namespace {
-
 // Rows and columns of 16 × 16 numbers of 32 bits change places.
 ANIGEN_BF16_INLINE void transpose(__m512i (&r)[kLanes]) {
   __m512i t[kLanes];
@@ -142,16 +149,16 @@ ANIGEN_BF16 void attend_rows(const Bf16Keys& head, const std::uint16_t* q, std::
       const auto to = [=](std::int64_t r) { return scores + r * kKeyBlock + key; };
       switch ((columns - key) / kLanes) {
         case 1:
-          bf16_rows<1, false>(from, to, rows, channels / 2, panel, ahead);
+          kernels::bf16_rows<1, false>(from, to, rows, channels / 2, panel, ahead);
           break;
         case 2:
-          bf16_rows<2, false>(from, to, rows, channels / 2, panel, ahead);
+          kernels::bf16_rows<2, false>(from, to, rows, channels / 2, panel, ahead);
           break;
         case 3:
-          bf16_rows<3, false>(from, to, rows, channels / 2, panel, ahead);
+          kernels::bf16_rows<3, false>(from, to, rows, channels / 2, panel, ahead);
           break;
         default:
-          bf16_rows<4, false>(from, to, rows, channels / 2, panel, ahead);
+          kernels::bf16_rows<4, false>(from, to, rows, channels / 2, panel, ahead);
       }
     }
     const std::int64_t weighed = whole(keys, 2 * kLanes);
@@ -170,9 +177,10 @@ ANIGEN_BF16 void attend_rows(const Bf16Keys& head, const std::uint16_t* q, std::
     const auto weights_of = [=](std::int64_t r) { return weights + r * kKeyBlock; };
     const auto sums_of = [=](std::int64_t r) { return sums + r * channels; };
     if (first == 0) {
-      bf16_rows<kVectors, false>(weights_of, sums_of, rows, (keys + 1) / 2, head.values, ahead);
+      kernels::bf16_rows<kVectors, false>(weights_of, sums_of, rows, (keys + 1) / 2, head.values, ahead);
     } else {
-      bf16_rows<kVectors, true>(weights_of, sums_of, rows, (keys + 1) / 2, head.values + first * channels, ahead);
+      kernels::bf16_rows<kVectors, true>(weights_of, sums_of, rows, (keys + 1) / 2, head.values + first * channels,
+                                         ahead);
     }
   }
   for (std::int64_t r = 0; r < rows; ++r) {
@@ -187,8 +195,8 @@ ANIGEN_BF16 void attend_rows(const Bf16Keys& head, const std::uint16_t* q, std::
   }
 }
 
-}  // namespace
-
+// Panels of 64 keys, the last one of 16, 32, 48 or 64: [channels / 2, keys, 2] each, filled up with zeros.
+// @param rows [count, channels], rows `stride` apart
 ANIGEN_BF16 void pack_bf16_keys(const std::uint16_t* rows, std::int64_t stride, std::int64_t count,
                                 std::int64_t channels, std::uint16_t* packed) {
   const std::int64_t padded = padded_keys(count), pairs = channels / 2;
@@ -214,9 +222,10 @@ ANIGEN_BF16 void pack_bf16_keys(const std::uint16_t* rows, std::int64_t stride, 
   }
 }
 
+// [keys / 2, channels, 2], filled up with zeros to a multiple of 16 keys.
 ANIGEN_BF16 void pack_bf16_values(const std::uint16_t* rows, std::int64_t stride, std::int64_t count,
                                   std::int64_t channels, std::uint16_t* packed) {
-  static constexpr std::uint16_t kZeros[kPanel] = {};  // bf16_attention_takes() bounds the channels
+  static constexpr std::uint16_t kZeros[kPanel] = {};  // prefers_bf16_attention() bounds the channels
   const auto row = [&](std::int64_t key) { return key < count ? rows + key * stride : kZeros; };
   for (std::int64_t key = 0; key < padded_keys(count); key += 2) {
     const std::uint16_t *const even = row(key), *const odd = row(key + 1);
@@ -228,6 +237,10 @@ ANIGEN_BF16 void pack_bf16_values(const std::uint16_t* rows, std::int64_t stride
   }
 }
 
+// out[r, :] = softmax(scale q[r, :] keysᵀ) values, and the log-sum-exp of the scaled scores of each row. A row with
+// scores that are not finite becomes NaN.
+// @param q [rows, channels], rows `q_stride` apart @param out rows `out_stride` apart @param ahead asked
+// bf16_asking_calls times, evenly over the products
 void attend_bf16(const Bf16Keys& head, const std::uint16_t* q, std::int64_t q_stride, std::int64_t rows,
                  std::uint16_t* out, std::int64_t out_stride, float* log_sums, float* scratch,
                  products::RowsAhead& ahead) {
@@ -257,14 +270,6 @@ void attend_bf16(const Bf16Keys&, const std::uint16_t*, std::int64_t, std::int64
 
 #endif
 
-}  // namespace anigen::nn::kernels
-
-namespace anigen::nn {
-
-namespace {
-
-using kernels::kBf16QueryBlock;
-
 // The rows of a head as bits. @param heads_at which axis of the tensor counts heads
 struct Bf16HeadRows {
   Bf16HeadRows(const Tensor& x, std::int64_t index, std::int64_t heads, int heads_at)
@@ -273,49 +278,6 @@ struct Bf16HeadRows {
   std::uint16_t* data;
   std::int64_t stride;
 };
-
-}  // namespace
-
-bool prefers_bf16_attention(const Tensor& q) {
-  return q.is_cpu() && dtype_of(q) == torch::kBFloat16 && kernels::bf16_attention_takes(q.size(-1)) &&
-         kernels::has_bf16_products();
-}
-
-Tensor cpu_bf16_attention(const Tensor& q, const Tensor& k, const Tensor& v, Tensor& log_sums) {
-  const std::int64_t batch = q.size(0), heads = q.size(1), queries = q.size(2), keys = k.size(2), channels = q.size(3);
-  const std::int64_t size = kernels::packed_bf16_size(keys, channels), all = batch * heads;
-  const Tensor packed = torch::empty({2, all, size}, torch::kInt16);
-  auto* const packed_keys = reinterpret_cast<std::uint16_t*>(packed.data_ptr<std::int16_t>());
-  std::uint16_t* const packed_values = packed_keys + all * size;
-  at::parallel_for(0, all, 1, [&](std::int64_t begin, std::int64_t end) {
-    for (std::int64_t head = begin; head < end; ++head) {
-      const Bf16HeadRows from_k(k, head, heads, 1), from_v(v, head, heads, 1);
-      kernels::pack_bf16_keys(from_k.data, from_k.stride, keys, channels, packed_keys + head * size);
-      kernels::pack_bf16_values(from_v.data, from_v.stride, keys, channels, packed_values + head * size);
-    }
-  });
-  const Tensor out = torch::empty({batch, queries, heads, channels}, q.options());
-  float* const sums = log_sums.data_ptr<float>();
-  const auto scale = static_cast<float>(1.0 / std::sqrt(static_cast<double>(channels)));
-  const std::int64_t blocks = (queries + kBf16QueryBlock - 1) / kBf16QueryBlock;
-  at::parallel_for(0, all * blocks, 1, [&](std::int64_t begin, std::int64_t end) {
-    std::vector<float> scratch(static_cast<std::size_t>(kernels::bf16_scratch_floats(channels)));
-    products::RowsAhead nothing;
-    for (std::int64_t item = begin; item < end; ++item) {
-      const std::int64_t head = item / blocks, first = item % blocks * kBf16QueryBlock;
-      const Bf16HeadRows from(q, head, heads, 1), to(out, head, heads, 2);
-      kernels::attend_bf16({packed_keys + head * size, packed_values + head * size, keys, channels, scale},
-                           from.data + first * from.stride, from.stride, std::min(kBf16QueryBlock, queries - first),
-                           to.data + first * to.stride, to.stride, sums + head * queries + first, scratch.data(),
-                           nothing);
-    }
-  });
-  return out;
-}
-
-namespace {
-
-namespace bf16 = nn::kernels;
 
 std::uint16_t* row_of(const Tensor& x, std::int64_t head, std::int64_t row) {
   return bf16_bits(x) + head * x.stride(1) + row * x.stride(0);
@@ -334,8 +296,8 @@ bool is_one_task(const RaggedProblem& problem, std::int64_t sequence) {
 void pack(const RaggedProblem& problem, const Tensor& k, const Tensor& v, std::int64_t sequence, std::int64_t head,
           std::uint16_t* keys, std::uint16_t* values) {
   const std::int64_t first = problem.k_offsets[sequence], count = problem.keys(sequence), channels = problem.channels;
-  bf16::pack_bf16_keys(row_of(k, head, first), k.stride(0), count, channels, keys);
-  bf16::pack_bf16_values(row_of(v, head, first), v.stride(0), count, channels, values);
+  pack_bf16_keys(row_of(k, head, first), k.stride(0), count, channels, keys);
+  pack_bf16_values(row_of(v, head, first), v.stride(0), count, channels, values);
 }
 
 // Those of all heads of the sequences that several tasks share.
@@ -346,7 +308,7 @@ class PackedSequences {
     for (std::int64_t s = 0; s < problem.sequences; ++s) {
       const bool shared = !is_one_task(problem, s);
       starts_[static_cast<std::size_t>(s) + 1] =
-          start(s) + (shared ? bf16::packed_bf16_size(problem.keys(s), problem.channels) : 0);
+          start(s) + (shared ? packed_bf16_size(problem.keys(s), problem.channels) : 0);
     }
     numbers_ = torch::empty({2, heads_ * starts_.back()}, torch::kInt16);
     at::parallel_for(0, problem.sequences, 1, [&](std::int64_t begin, std::int64_t end) {
@@ -377,18 +339,18 @@ std::int64_t longest_own(const RaggedProblem& problem) {
   for (std::int64_t s = 0; s < problem.sequences; ++s) {
     if (is_one_task(problem, s)) longest = std::max(longest, problem.keys(s));
   }
-  return bf16::packed_bf16_size(longest, problem.channels);
+  return packed_bf16_size(longest, problem.channels);
 }
 
 // Queries that the kernels take at a time: about equally many each, in whole tiles.
 std::int64_t query_block(std::int64_t queries) {
-  const std::int64_t even = even_block(queries, bf16::kBf16QueryBlock), tile = bf16::kBf16QueryTile;
+  const std::int64_t even = even_block(queries, kBf16QueryBlock), tile = kBf16QueryTile;
   return (even + tile - 1) / tile * tile;
 }
 
 struct Bf16Scratch {
   explicit Bf16Scratch(const RaggedProblem& problem)
-      : floats(torch::empty({bf16::bf16_scratch_floats(problem.channels)}, torch::kFloat32)),
+      : floats(torch::empty({bf16_scratch_floats(problem.channels)}, torch::kFloat32)),
         numbers(torch::empty({2, longest_own(problem)}, torch::kInt16)) {}
   std::uint16_t* own(std::int64_t part) const {
     return reinterpret_cast<std::uint16_t*>(numbers.data_ptr<std::int16_t>()) + part * numbers.size(1);
@@ -411,11 +373,47 @@ products::RowsAhead rows_after(const RaggedProblem& problem, const HeadTask& par
   }
   add(q, row, next.task->queries);
   add(out, row, next.task->queries);
-  ahead.spread_over(bf16::bf16_asking_calls(part.task->queries, problem.keys(part.task->sequence), problem.channels));
+  ahead.spread_over(bf16_asking_calls(part.task->queries, problem.keys(part.task->sequence), problem.channels));
   return ahead;
 }
 
 }  // namespace
+
+bool prefers_bf16_attention(const Tensor& q) {
+  return q.is_cpu() && dtype_of(q) == torch::kBFloat16 && q.size(-1) > 0 && q.size(-1) <= kPanel &&
+         q.size(-1) % kLanes == 0 && kernels::has_bf16_products();
+}
+
+Tensor cpu_bf16_attention(const Tensor& q, const Tensor& k, const Tensor& v, Tensor& log_sums) {
+  const std::int64_t batch = q.size(0), heads = q.size(1), queries = q.size(2), keys = k.size(2), channels = q.size(3);
+  const std::int64_t size = packed_bf16_size(keys, channels), all = batch * heads;
+  const Tensor packed = torch::empty({2, all, size}, torch::kInt16);
+  auto* const packed_keys = reinterpret_cast<std::uint16_t*>(packed.data_ptr<std::int16_t>());
+  std::uint16_t* const packed_values = packed_keys + all * size;
+  at::parallel_for(0, all, 1, [&](std::int64_t begin, std::int64_t end) {
+    for (std::int64_t head = begin; head < end; ++head) {
+      const Bf16HeadRows from_k(k, head, heads, 1), from_v(v, head, heads, 1);
+      pack_bf16_keys(from_k.data, from_k.stride, keys, channels, packed_keys + head * size);
+      pack_bf16_values(from_v.data, from_v.stride, keys, channels, packed_values + head * size);
+    }
+  });
+  const Tensor out = torch::empty({batch, queries, heads, channels}, q.options());
+  float* const sums = log_sums.data_ptr<float>();
+  const auto scale = static_cast<float>(1.0 / std::sqrt(static_cast<double>(channels)));
+  const std::int64_t blocks = (queries + kBf16QueryBlock - 1) / kBf16QueryBlock;
+  at::parallel_for(0, all * blocks, 1, [&](std::int64_t begin, std::int64_t end) {
+    std::vector<float> scratch(static_cast<std::size_t>(bf16_scratch_floats(channels)));
+    products::RowsAhead nothing;
+    for (std::int64_t item = begin; item < end; ++item) {
+      const std::int64_t head = item / blocks, first = item % blocks * kBf16QueryBlock;
+      const Bf16HeadRows from(q, head, heads, 1), to(out, head, heads, 2);
+      attend_bf16({packed_keys + head * size, packed_values + head * size, keys, channels, scale},
+                  from.data + first * from.stride, from.stride, std::min(kBf16QueryBlock, queries - first),
+                  to.data + first * to.stride, to.stride, sums + head * queries + first, scratch.data(), nothing);
+    }
+  });
+  return out;
+}
 
 void attend_ragged_bf16(const RaggedProblem& problem, const Tensor& q, const Tensor& k, const Tensor& v,
                         const Tensor& out, const Tensor& log_sums) {
@@ -426,16 +424,15 @@ void attend_ragged_bf16(const RaggedProblem& problem, const Tensor& q, const Ten
         const std::int64_t sequence = part.task->sequence, head = part.head, block = query_block(part.task->queries);
         const bool own = is_one_task(problem, sequence);
         if (own) pack(problem, k, v, sequence, head, scratch.own(0), scratch.own(1));
-        const bf16::Bf16Keys keys{own ? scratch.own(0) : packed.place(0, sequence, head),
-                                  own ? scratch.own(1) : packed.place(1, sequence, head), problem.keys(sequence),
-                                  problem.channels, problem.scale};
+        const Bf16Keys keys{own ? scratch.own(0) : packed.place(0, sequence, head),
+                            own ? scratch.own(1) : packed.place(1, sequence, head), problem.keys(sequence),
+                            problem.channels, problem.scale};
         products::RowsAhead ahead = rows_after(problem, part, next, q, k, v, out);
         for (std::int64_t first = 0; first < part.task->queries; first += block) {
           const std::int64_t row = problem.q_offsets[sequence] + part.task->first_query + first;
-          bf16::attend_bf16(keys, row_of(q, head, row), q.stride(0), std::min(block, part.task->queries - first),
-                            row_of(out, head, row), out.stride(0),
-                            log_sums.data_ptr<float>() + head * problem.rows + row, scratch.floats.data_ptr<float>(),
-                            ahead);
+          attend_bf16(keys, row_of(q, head, row), q.stride(0), std::min(block, part.task->queries - first),
+                      row_of(out, head, row), out.stride(0), log_sums.data_ptr<float>() + head * problem.rows + row,
+                      scratch.floats.data_ptr<float>(), ahead);
         }
       });
 }

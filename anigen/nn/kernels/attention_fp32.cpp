@@ -10,9 +10,17 @@
 #include "anigen/nn/kernels/heads.h"
 #include "anigen/nn/ragged_attention.h"
 
-namespace anigen::nn::kernels {
+namespace anigen::nn {
 
 namespace {
+
+// State of the softmax of some rows whose scores arrive in blocks of columns (Milakov and Gimelshein 2018, "Online
+// normalizer calculation for softmax"), one value per row.
+struct RunningSoftmax {
+  float* largest;  // largest score so far; -inf before the first block
+  float* sum;      // Σ exp(scale (score − largest)); 0 before the first block
+  float* shrink;   // what earlier sums have to be multiplied with after this block
+};
 
 // Several partial sums, since compilers keep the order of additions of floats.
 ANIGEN_INLINE float sum_of_row(const float* row, std::int64_t n) {
@@ -28,22 +36,23 @@ ANIGEN_INLINE float sum_of_row(const float* row, std::int64_t n) {
   return sum;
 }
 
-}  // namespace
-
+// One block: on return each score holds exp(scale (score − largest)) and the state includes it. A row with a score
+// that is not finite gets the sum NaN. @param scores [rows, columns] dense
 ANIGEN_KERNEL(void, softmax_block,
               (float* __restrict scores, std::int64_t rows, std::int64_t columns, float scale,
                const RunningSoftmax& state),
               (scores, rows, columns, scale, state)) {
   for (std::int64_t r = 0; r < rows; ++r, scores += columns) {
-    const float before = state.largest[r], largest = largest_score(scores, columns, before);
-    for (std::int64_t c = 0; c < columns; ++c) scores[c] = exp_or_nan(scale * (scores[c] - largest));
-    const float shrink = exp_clamped(scale * (before - largest));
+    const float before = state.largest[r], largest = kernels::largest_score(scores, columns, before);
+    for (std::int64_t c = 0; c < columns; ++c) scores[c] = kernels::exp_or_nan(scale * (scores[c] - largest));
+    const float shrink = kernels::exp_clamped(scale * (before - largest));
     state.largest[r] = largest;
     state.shrink[r] = shrink;
     state.sum[r] = state.sum[r] * shrink + sum_of_row(scores, columns);
   }
 }
 
+// values[r, :] *= factors[r] @param values [rows, columns] dense
 ANIGEN_KERNEL(void, scale_rows,
               (float* __restrict values, std::int64_t rows, std::int64_t columns, const float* __restrict factors),
               (values, rows, columns, factors)) {
@@ -52,6 +61,8 @@ ANIGEN_KERNEL(void, scale_rows,
   }
 }
 
+// The end of the running softmax: out[r, :] = values[r, :] / sum[r], and log_sums[r] = scale · largest[r] + ln sum[r],
+// the log-sum-exp of the scaled scores. @param values [rows, columns] dense @param out rows `stride` values apart
 ANIGEN_KERNEL(void, softmax_finish,
               (const float* __restrict values, std::int64_t rows, std::int64_t columns, float scale,
                const RunningSoftmax& state, float* __restrict out, std::int64_t stride, float* __restrict log_sums),
@@ -63,27 +74,20 @@ ANIGEN_KERNEL(void, softmax_finish,
   }
 }
 
+// The backward pass of one block, in place: scores → weights p = exp(scale score − log_sums[r]); slopes dL/dp →
+// dL/dscore = scale p (dL/dp − delta[r]), where delta[r] = Σ p dL/dp over the whole row. Both [rows, columns] dense.
 ANIGEN_KERNEL(void, softmax_backward_block,
               (float* __restrict scores, float* __restrict slopes, std::int64_t rows, std::int64_t columns, float scale,
                const float* __restrict log_sums, const float* __restrict delta),
               (scores, slopes, rows, columns, scale, log_sums, delta)) {
   for (std::int64_t r = 0; r < rows; ++r, scores += columns, slopes += columns) {
     for (std::int64_t c = 0; c < columns; ++c) {
-      const float weight = exp_or_nan(scale * scores[c] - log_sums[r]);
+      const float weight = kernels::exp_or_nan(scale * scores[c] - log_sums[r]);
       scores[c] = weight;
       slopes[c] = scale * weight * (slopes[c] - delta[r]);
     }
   }
 }
-
-}  // namespace anigen::nn::kernels
-
-namespace anigen::nn {
-
-namespace {
-
-using torch::autograd::AutogradContext;
-using torch::autograd::variable_list;
 
 // Scores in flight per thread: a quarter of a MiB, so that a second-level cache also holds the rows they are made of.
 constexpr std::int64_t kMostQueries = 128, kMostKeys = 512;
@@ -94,14 +98,10 @@ struct AttentionPlan {
       : queries(query_rows),
         keys(key_rows),
         channels(head_channels),
-        query_block(block_length(query_rows, kMostQueries)),
-        key_block(block_length(key_rows, kMostKeys)),
+        query_block(even_block(query_rows, kMostQueries)),
+        key_block(even_block(key_rows, kMostKeys)),
         scale(static_cast<float>(1.0 / std::sqrt(static_cast<double>(head_channels)))) {}
 
-  static std::int64_t block_length(std::int64_t total, std::int64_t most) {
-    const std::int64_t blocks = std::max<std::int64_t>(1, (total + most - 1) / most);
-    return (total + blocks - 1) / blocks;
-  }
   std::int64_t query_blocks() const { return (queries + query_block - 1) / query_block; }
   std::int64_t block_scores() const { return query_block * key_block; }
   std::int64_t forward_floats() const { return block_scores() + query_block * (channels + 3); }
@@ -143,19 +143,19 @@ void attend_block(const AttentionPlan& plan, const Tensor& scratch, const Tensor
   const std::int64_t rows = q.size(0);
   Tensor values = matrix_in(scratch, plan.block_scores(), rows, plan.channels);
   float* state_values = scratch.data_ptr<float>() + plan.block_scores() + plan.query_block * plan.channels;
-  const kernels::RunningSoftmax state{state_values, state_values + rows, state_values + 2 * rows};
+  const RunningSoftmax state{state_values, state_values + rows, state_values + 2 * rows};
   std::fill_n(state.largest, rows, -std::numeric_limits<float>::infinity());
   std::fill_n(state.sum, rows, 0.0F);
   for (std::int64_t first = 0; first < plan.keys; first += plan.key_block) {
     const std::int64_t columns = std::min(plan.key_block, plan.keys - first);
     Tensor scores = matrix_in(scratch, 0, rows, columns);
     multiply(scores, q, k.narrow(0, first, columns).t(), /*accumulate=*/false);
-    kernels::softmax_block(scores.data_ptr<float>(), rows, columns, plan.scale, state);
-    if (first > 0) kernels::scale_rows(values.data_ptr<float>(), rows, plan.channels, state.shrink);
+    softmax_block(scores.data_ptr<float>(), rows, columns, plan.scale, state);
+    if (first > 0) scale_rows(values.data_ptr<float>(), rows, plan.channels, state.shrink);
     multiply(values, scores, v.narrow(0, first, columns), /*accumulate=*/first > 0);
   }
-  kernels::softmax_finish(values.data_ptr<float>(), rows, plan.channels, plan.scale, state, out.data_ptr<float>(),
-                          out.stride(0), log_sums);
+  softmax_finish(values.data_ptr<float>(), rows, plan.channels, plan.scale, state, out.data_ptr<float>(), out.stride(0),
+                 log_sums);
 }
 
 // Rows of one head, all matrices [rows, D].
@@ -177,8 +177,8 @@ void backward_head(const AttentionPlan& plan, const Tensor& scratch, const HeadG
       Tensor slopes = matrix_in(scratch, plan.block_scores(), rows, columns);
       multiply(scores, q, k.t(), /*accumulate=*/false);
       multiply(slopes, dy, v.t(), /*accumulate=*/false);
-      kernels::softmax_backward_block(scores.data_ptr<float>(), slopes.data_ptr<float>(), rows, columns, plan.scale,
-                                      head.log_sums + i, head.delta + i);
+      softmax_backward_block(scores.data_ptr<float>(), slopes.data_ptr<float>(), rows, columns, plan.scale,
+                             head.log_sums + i, head.delta + i);
       multiply(dv, scores.t(), dy, /*accumulate=*/i > 0);
       multiply(dk, slopes.t(), q, /*accumulate=*/i > 0);
       multiply(dq, slopes, k, /*accumulate=*/j > 0);
@@ -227,7 +227,7 @@ class CpuBlockedAttention : public torch::autograd::Function<CpuBlockedAttention
   // Parallel over heads: each head's sums for dk and dv are formed in one order.
   static variable_list backward(AutogradContext* context, variable_list gradients) {
     RECORD_USER_SCOPE("attention: dense");
-    const torch::autograd::variable_list saved = saved_once(*context, "blocked attention");
+    const variable_list saved = saved_once(*context, "blocked attention");
     const Tensor &q = saved[0], &k = saved[1], &v = saved[2], &out = saved[3], &log_sums = saved[4];
     const AttentionPlan plan(q.size(2), k.size(2), q.size(3));
     const std::int64_t batch = q.size(0), heads = q.size(1);
@@ -254,22 +254,8 @@ class CpuBlockedAttention : public torch::autograd::Function<CpuBlockedAttention
   }
 };
 
-// The products read rows whose channels are adjacent.
-Tensor with_dense_rows(const Tensor& x) { return x.stride(-1) == 1 ? x : x.contiguous(); }
-
-}  // namespace
-
-std::int64_t blocked_attention_scratch_bytes(std::int64_t queries, std::int64_t keys, std::int64_t head_channels) {
-  const AttentionPlan plan(queries, keys, head_channels);
-  const std::int64_t floats = std::max(plan.forward_floats(), plan.backward_floats());
-  return floats * static_cast<std::int64_t>(sizeof(float));
-}
-
-Tensor cpu_blocked_attention(const Tensor& q, const Tensor& k, const Tensor& v) {
-  return CpuBlockedAttention::apply(with_dense_rows(q), with_dense_rows(k), with_dense_rows(v)).transpose(1, 2);
-}
-
-namespace {
+// The products and the kernels read rows whose channels are adjacent.
+Tensor with_adjacent_channels(const Tensor& x) { return x.stride(-1) == 1 ? x : x.contiguous(); }
 
 // Behind the last column, where rows are handled in whole vectors: never the largest, and its weight of e^-87 does not
 // change a sum of at least one. Products of it and of scales up to one stay finite.
@@ -286,7 +272,7 @@ ANIGEN_INLINE float total(float* lanes) {
 
 // state.largest with the row in it. Leaves the exponent of state.shrink there, and NaN in the sum of a row that has
 // scores that are not finite: the exponentials need not look for them.
-ANIGEN_INLINE void take_largest(const float* row, std::int64_t whole, float scale, const kernels::RunningSoftmax& state,
+ANIGEN_INLINE void take_largest(const float* row, std::int64_t whole, float scale, const RunningSoftmax& state,
                                 std::int64_t r) {
   const float before = state.largest[r];
   const kernels::ScoreRange range = kernels::score_range(row, whole, before);
@@ -296,8 +282,8 @@ ANIGEN_INLINE void take_largest(const float* row, std::int64_t whole, float scal
   if (!finite) state.sum[r] = std::numeric_limits<float>::quiet_NaN();
 }
 
-ANIGEN_INLINE void take_weights(float* __restrict row, std::int64_t whole, float scale,
-                                const kernels::RunningSoftmax& state, std::int64_t r) {
+ANIGEN_INLINE void take_weights(float* __restrict row, std::int64_t whole, float scale, const RunningSoftmax& state,
+                                std::int64_t r) {
   const float largest = state.largest[r];
   float lanes[products::kLanes] = {};
   for (std::int64_t c = 0; c < whole; c += products::kLanes) {
@@ -311,13 +297,16 @@ ANIGEN_INLINE void take_weights(float* __restrict row, std::int64_t whole, float
   state.sum[r] = state.sum[r] * state.shrink[r] + total(lanes);
 }
 
-}  // namespace
-
+// softmax_block for short rows with gaps between them: on return each score holds exp(scale (score −
+// largest)), those far below the largest at least e^-87, and the state includes it; from `columns` to
+// products::padded(columns) the rows may hold anything. A row with a score that is not finite, or below -1e38, gets
+// the sum NaN.
+//
 // Three passes, since a processor works on several rows at a time where none waits for a number of its own: for what
 // was just written piece by piece, or for its largest score.
 ANIGEN_KERNEL(void, softmax_rows,
               (const products::Block& scores, std::int64_t rows, std::int64_t columns, float scale,
-               const kernels::RunningSoftmax& state),
+               const RunningSoftmax& state),
               (scores, rows, columns, scale, state)) {
   const std::int64_t whole = products::padded(columns);
   for (std::int64_t r = 0; r < rows && columns < whole; ++r) {
@@ -328,25 +317,22 @@ ANIGEN_KERNEL(void, softmax_rows,
   for (std::int64_t r = 0; r < rows; ++r) take_weights(scores.values + r * scores.stride, whole, scale, state, r);
 }
 
-namespace {
-
 // A block of scores with the rows it is made of stays in a second-level cache of half a MiB.
 constexpr std::int64_t kForwardQueries = 128, kBackwardQueries = 64, kKeysAtOnce = 256;
 
-std::int64_t at_most(std::int64_t longest, std::int64_t most) { return std::min(longest, most); }
 std::int64_t key_block_rows(const RaggedProblem& problem) {
-  return products::padded(at_most(problem.longest_keys, kKeysAtOnce));
+  return products::padded(std::min(problem.longest_keys, kKeysAtOnce));
 }
 
 struct ForwardScratch {
   explicit ForwardScratch(const RaggedProblem& p)
-      : queries(at_most(p.longest_queries, kForwardQueries), p.width),
+      : queries(std::min(p.longest_queries, kForwardQueries), p.width),
         keys(key_block_rows(p), p.width),
         keys_across(p.width, products::spread_stride(key_block_rows(p))),
         values(key_block_rows(p), p.width),
-        scores(at_most(p.longest_queries, kForwardQueries), products::spread_stride(key_block_rows(p))),
-        sums(at_most(p.longest_queries, kForwardQueries), p.width),
-        state(at_most(p.longest_queries, kForwardQueries), 3) {}
+        scores(std::min(p.longest_queries, kForwardQueries), products::spread_stride(key_block_rows(p))),
+        sums(std::min(p.longest_queries, kForwardQueries), p.width),
+        state(std::min(p.longest_queries, kForwardQueries), 3) {}
   ScratchMatrix queries, keys, keys_across, values, scores, sums, state;
 };
 
@@ -385,7 +371,7 @@ void attend_head(const RaggedProblem& p, const HeadTask& part, const HeadTask& n
   const products::Block queries = scratch.queries.with_stride(p.width), sums = scratch.sums.with_stride(p.width);
   read_rows(HeadRows<T>(t.q, part.head, row), rows, p.channels, rows, queries);
   float* state_values = scratch.state.values();
-  const kernels::RunningSoftmax state{state_values, state_values + rows, state_values + 2 * rows};
+  const RunningSoftmax state{state_values, state_values + rows, state_values + 2 * rows};
   std::fill_n(state.largest, rows, -std::numeric_limits<float>::infinity());
   std::fill_n(state.sum, rows, 0.0F);
   for (std::int64_t first = 0; first < keys; first += block) {
@@ -398,7 +384,7 @@ void attend_head(const RaggedProblem& p, const HeadTask& part, const HeadTask& n
     products::transpose(whole, p.width, key_block, across);
     products::multiply({rows, columns, p.channels}, queries.plain(), across, scores, /*accumulate=*/false, ahead);
     softmax_rows(scores, rows, columns, p.scale, state);
-    if (first > 0) kernels::scale_rows(sums.values, rows, p.width, state.shrink);
+    if (first > 0) scale_rows(sums.values, rows, p.width, state.shrink);
     products::multiply({rows, p.channels, columns}, scores.plain(), values, sums, /*accumulate=*/first > 0, ahead);
   }
   float* const log_sums = t.log_sums.data_ptr<float>() + part.head * p.rows;
@@ -406,20 +392,20 @@ void attend_head(const RaggedProblem& p, const HeadTask& part, const HeadTask& n
     state.shrink[r] = 1.0F / state.sum[r];
     log_sums[row + r] = p.scale * state.largest[r] + std::log(state.sum[r]);
   }
-  kernels::scale_rows(sums.values, rows, p.width, state.shrink);
+  scale_rows(sums.values, rows, p.width, state.shrink);
   write_rows(sums, rows, p.channels, HeadRows<T>(t.out, part.head, row));
 }
 
 struct BackwardScratch {
   explicit BackwardScratch(const RaggedProblem& p)
-      : queries(at_most(p.longest_queries, kBackwardQueries), p.width),
-        slopes_out(at_most(p.longest_queries, kBackwardQueries), p.width),
+      : queries(std::min(p.longest_queries, kBackwardQueries), p.width),
+        slopes_out(std::min(p.longest_queries, kBackwardQueries), p.width),
         keys(key_block_rows(p), p.width),
         values(key_block_rows(p), p.width),
         keys_across(p.width, products::spread_stride(key_block_rows(p))),
         values_across(p.width, products::spread_stride(key_block_rows(p))),
-        scores(at_most(p.longest_queries, kBackwardQueries), products::spread_stride(key_block_rows(p))),
-        slopes(at_most(p.longest_queries, kBackwardQueries), products::spread_stride(key_block_rows(p))),
+        scores(std::min(p.longest_queries, kBackwardQueries), products::spread_stride(key_block_rows(p))),
+        slopes(std::min(p.longest_queries, kBackwardQueries), products::spread_stride(key_block_rows(p))),
         dq(p.longest_queries, p.width),
         dk(key_block_rows(p), p.width),
         dv(key_block_rows(p), p.width),
@@ -479,8 +465,8 @@ void backward_block(const RaggedProblem& p, const HeadTask& part, const Backward
     products::multiply({rows, columns, p.channels}, q.plain(), keys_across, scores, /*accumulate=*/false, ahead);
     products::multiply({rows, columns, p.channels}, dy.plain(), values_across, slopes, /*accumulate=*/false, ahead);
     for (std::int64_t r = 0; r < rows; ++r) {  // whole rows of vectors: what is behind the last column is not used
-      kernels::softmax_backward_block(scores.from_row(r).values, slopes.from_row(r).values, 1, whole, p.scale,
-                                      log_sums + i + r, scratch.delta.values() + i + r);
+      softmax_backward_block(scores.from_row(r).values, slopes.from_row(r).values, 1, whole, p.scale, log_sums + i + r,
+                             scratch.delta.values() + i + r);
     }
     const products::Block dq = scratch.dq.with_stride(p.width).from_row(i);
     products::multiply({columns, p.channels, rows}, scores.transposed(), dy, dv, /*accumulate=*/i > 0, ahead);
@@ -546,7 +532,7 @@ class CpuRaggedAttention : public torch::autograd::Function<CpuRaggedAttention> 
 
   static variable_list backward(AutogradContext* context, variable_list gradients) {
     RECORD_USER_SCOPE("attention: sequences");
-    const torch::autograd::variable_list saved = saved_once(*context, "ragged attention");
+    const variable_list saved = saved_once(*context, "ragged attention");
     const Tensor &q = saved[0], &k = saved[1], &v = saved[2];
     const RaggedProblem problem(q, k, saved[5], saved[6]);
     const RaggedGradients g{q,
@@ -569,10 +555,18 @@ class CpuRaggedAttention : public torch::autograd::Function<CpuRaggedAttention> 
   }
 };
 
-// The kernels read rows whose channels are adjacent.
-Tensor with_adjacent_channels(const Tensor& x) { return x.stride(2) == 1 ? x : x.contiguous(); }
-
 }  // namespace
+
+std::int64_t blocked_attention_scratch_bytes(std::int64_t queries, std::int64_t keys, std::int64_t head_channels) {
+  const AttentionPlan plan(queries, keys, head_channels);
+  const std::int64_t floats = std::max(plan.forward_floats(), plan.backward_floats());
+  return floats * static_cast<std::int64_t>(sizeof(float));
+}
+
+Tensor cpu_blocked_attention(const Tensor& q, const Tensor& k, const Tensor& v) {
+  return CpuBlockedAttention::apply(with_adjacent_channels(q), with_adjacent_channels(k), with_adjacent_channels(v))
+      .transpose(1, 2);
+}
 
 Tensor cpu_ragged_attention(const Tensor& q, const Tensor& k, const Tensor& v, const Tensor& q_offsets,
                             const Tensor& k_offsets) {

@@ -12,8 +12,6 @@
 
 namespace anigen::nn {
 
-using torch::Tensor;
-
 /// One head from some row on; its channels are adjacent.
 template <typename T>
 struct HeadRows {

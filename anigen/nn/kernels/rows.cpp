@@ -165,6 +165,36 @@ ANIGEN_INLINE void gated_backward(std::int64_t rows, std::int64_t n, const T* __
   }
 }
 
+// y = x + gate · result @param gate [C] of all rows
+ANIGEN_KERNEL(void, add_gated_rows,
+              (std::int64_t rows, std::int64_t channels, const float* x, const float* gate, const float* result,
+               float* y),
+              (rows, channels, x, gate, result, y)) {
+  gated(rows, channels, x, gate, result, y);
+}
+
+ANIGEN_KERNEL(void, add_gated_rows,
+              (std::int64_t rows, std::int64_t channels, const std::uint16_t* x, const float* gate,
+               const std::uint16_t* result, std::uint16_t* y),
+              (rows, channels, x, gate, result, y)) {
+  gated(rows, channels, x, gate, result, y);
+}
+
+// d_result = gate · dy; adds Σ dy · result to d_gate, [C].
+ANIGEN_KERNEL(void, add_gated_rows_backward,
+              (std::int64_t rows, std::int64_t channels, const float* dy, const float* gate, const float* result,
+               float* d_result, float* d_gate),
+              (rows, channels, dy, gate, result, d_result, d_gate)) {
+  gated_backward(rows, channels, dy, gate, result, d_result, d_gate);
+}
+
+ANIGEN_KERNEL(void, add_gated_rows_backward,
+              (std::int64_t rows, std::int64_t channels, const std::uint16_t* dy, const float* gate,
+               const std::uint16_t* result, std::uint16_t* d_result, float* d_gate),
+              (rows, channels, dy, gate, result, d_result, d_gate)) {
+  gated_backward(rows, channels, dy, gate, result, d_result, d_gate);
+}
+
 }  // namespace
 
 ANIGEN_KERNEL(void, norm_rows,
@@ -210,42 +240,11 @@ ANIGEN_KERNEL(void, norm_rows_backward,
   norm_backward(shape, x, dy, factor, mean, rstd, dx, d_factor, d_shift, scratch);
 }
 
-ANIGEN_KERNEL(void, add_gated_rows,
-              (std::int64_t rows, std::int64_t channels, const float* x, const float* gate, const float* result,
-               float* y),
-              (rows, channels, x, gate, result, y)) {
-  gated(rows, channels, x, gate, result, y);
-}
-
-ANIGEN_KERNEL(void, add_gated_rows,
-              (std::int64_t rows, std::int64_t channels, const std::uint16_t* x, const float* gate,
-               const std::uint16_t* result, std::uint16_t* y),
-              (rows, channels, x, gate, result, y)) {
-  gated(rows, channels, x, gate, result, y);
-}
-
-ANIGEN_KERNEL(void, add_gated_rows_backward,
-              (std::int64_t rows, std::int64_t channels, const float* dy, const float* gate, const float* result,
-               float* d_result, float* d_gate),
-              (rows, channels, dy, gate, result, d_result, d_gate)) {
-  gated_backward(rows, channels, dy, gate, result, d_result, d_gate);
-}
-
-ANIGEN_KERNEL(void, add_gated_rows_backward,
-              (std::int64_t rows, std::int64_t channels, const std::uint16_t* dy, const float* gate,
-               const std::uint16_t* result, std::uint16_t* d_result, float* d_gate),
-              (rows, channels, dy, gate, result, d_result, d_gate)) {
-  gated_backward(rows, channels, dy, gate, result, d_result, d_gate);
-}
-
 }  // namespace anigen::nn::kernels
 
 namespace anigen::nn {
 
 namespace {
-
-using torch::autograd::AutogradContext;
-using torch::autograd::variable_list;
 
 bool has_kernels(const Tensor& x) {
   return x.is_cpu() && (dtype_of(x) == torch::kFloat32 || dtype_of(x) == torch::kBFloat16);

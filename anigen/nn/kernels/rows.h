@@ -107,18 +107,6 @@ void norm_rows_backward(const RowNorm& norm, const std::uint16_t* x, const std::
                         const float* mean, const float* rstd, std::uint16_t* dx, float* d_factor, float* d_shift,
                         const RowScratch& scratch);
 
-/// y = x + gate · result @param gate [C] of all rows
-void add_gated_rows(std::int64_t rows, std::int64_t channels, const float* x, const float* gate, const float* result,
-                    float* y);
-void add_gated_rows(std::int64_t rows, std::int64_t channels, const std::uint16_t* x, const float* gate,
-                    const std::uint16_t* result, std::uint16_t* y);
-
-/// d_result = gate · dy; adds Σ dy · result to d_gate, [C].
-void add_gated_rows_backward(std::int64_t rows, std::int64_t channels, const float* dy, const float* gate,
-                             const float* result, float* d_result, float* d_gate);
-void add_gated_rows_backward(std::int64_t rows, std::int64_t channels, const std::uint16_t* dy, const float* gate,
-                             const std::uint16_t* result, std::uint16_t* d_result, float* d_gate);
-
 }  // namespace anigen::nn::kernels
 
 namespace anigen::nn {

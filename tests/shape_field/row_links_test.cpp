@@ -1,4 +1,4 @@
-#include "anigen/shape_field/dual_vertex_kernels.h"
+#include "anigen/shape_field/row_links.h"
 
 #include <gtest/gtest.h>
 
