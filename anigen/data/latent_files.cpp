@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "anigen/core/config_fields.h"
 #include "anigen/core/error.h"
 #include "anigen/core/random.h"
 #include "anigen/data/voxel_files.h"
@@ -129,6 +130,12 @@ ChannelStatistics read_channel_statistics(const std::filesystem::path& path, con
   return statistics;
 }
 
+void require_channels(std::size_t count, std::size_t normalized, const std::string& what) {
+  if (count == normalized) return;
+  throw InputError(what, "",
+                   std::to_string(count) + " channels, but the normalization has " + std::to_string(normalized));
+}
+
 }  // namespace
 
 io::NamedArrays read_arrays(const std::filesystem::path& path, const std::vector<ArraySpec>& specs) {
@@ -214,11 +221,7 @@ void ChannelStatistics::check(const std::string& file, const std::string& place)
 void ChannelStatistics::normalize_planes(std::vector<float>& values, std::size_t channel_count,
                                          const std::string& what) const {
   if (empty()) return;
-  if (mean.size() != channel_count) {
-    throw InputError(
-        what, "",
-        std::to_string(channel_count) + " channels, but the normalization has " + std::to_string(mean.size()));
-  }
+  require_channels(channel_count, mean.size(), what);
   const std::size_t count = values.size() / channel_count;
   for (std::size_t i = 0; i < values.size(); ++i) values[i] = (values[i] - mean[i / count]) / deviation[i / count];
 }
@@ -226,11 +229,7 @@ void ChannelStatistics::normalize_planes(std::vector<float>& values, std::size_t
 void ChannelStatistics::normalize_rows(std::vector<float>& values, std::size_t channel_count,
                                        const std::string& what) const {
   if (empty()) return;
-  if (mean.size() != channel_count) {
-    throw InputError(
-        what, "",
-        std::to_string(channel_count) + " channels, but the normalization has " + std::to_string(mean.size()));
-  }
+  require_channels(channel_count, mean.size(), what);
   for (std::size_t i = 0; i < values.size(); ++i)
     values[i] = (values[i] - mean[i % channel_count]) / deviation[i % channel_count];
 }
@@ -298,12 +297,11 @@ namespace fs = std::filesystem;
 void LatentDatasetOptions::read_latents(ConfigReader& reader, bool conditioned, const std::string& flag) {
   image_conditioned = conditioned;
   sources.read_common(reader);
-  reader.require("latent_model");
-  latent_model = reader.text("latent_model", "");
+  ConfigFields f(reader);
+  f("latent_model", latent_model, kRequired);
   if (image_conditioned) {
-    image_size = static_cast<int>(reader.integer("image_size", 518, 1, 4096));
-    const bool normals = reader.choice("condition", "color", {"color", "normal"}) == "normal";
-    condition = normals ? ConditionPictures::kNormals : ConditionPictures::kColor;
+    f("image_size", image_size, {1, 4096});
+    f("condition", condition, {{"color", ConditionPictures::kColor}, {"normal", ConditionPictures::kNormals}});
   }
   RowFilter& filter = sources.filter;
   filter.required_flags = {flag + latent_model};
