@@ -52,7 +52,7 @@ io::Image picture_with_skeleton(const Asset& asset, const skeleton_field::Skelet
   options.skeleton = true;
   options.joints = nn::points_of<double>(skeleton.joints, "joints");
   const Tensor parents = skeleton.parents.to(torch::kCPU, torch::kInt32).contiguous();
-  options.parents.assign(parents.data_ptr<int>(), parents.data_ptr<int>() + parents.size(0));
+  options.parents.emplace(parents.data_ptr<int>(), parents.data_ptr<int>() + parents.size(0));
   return render::render(asset, options);
 }
 
