@@ -46,6 +46,17 @@ void fold_into_parents(RigDraw& rig, const std::vector<bool>& gone) {
 
 }  // namespace
 
+void Augmentations::fields(ConfigFields& f) {
+  f("rotation", rotation, {{"none", Rotation::kNone}, {"z", Rotation::kAboutZ}, {"so3", Rotation::kAny}});
+  f("anisotropic_scale", anisotropic_scale, {0.0, 3.0});
+  f("random_pose", random_pose, {0.0, 180.0});
+  f("joint_jitter", joint_jitter, {0.0, 10.0});
+  f("merge_joints", merge_joints, {0.0, 1.0});
+  f("drop_leaves", drop_leaves, {0.0, 1.0});
+  f("blend_sampling", blend_sampling, {0.0, 1.0});
+  f("sharpen", sharpen, {0.0, 3.0});
+}
+
 RigDraw unchanged(const std::vector<Eigen::Vector3f>& joints, const std::vector<int>& parents) {
   RigDraw rig{joints, parents, std::vector<int>(joints.size())};
   for (std::size_t j = 0; j < joints.size(); ++j) rig.joint_of[j] = static_cast<int>(j);

@@ -3,6 +3,7 @@
 #include <vector>
 
 #include "anigen/asset/skin_weights.h"
+#include "anigen/core/config_fields.h"
 #include "anigen/core/random.h"
 
 namespace anigen::data {
@@ -20,6 +21,8 @@ struct Augmentations {
   double drop_leaves = 0.0;        ///< probability of dropping all leaves without weight
   double blend_sampling = 0.0;     ///< share of the points drawn where several joints share the skin
   double sharpen = 0.0;            ///< weights to the power exp(u), u uniform in ± this, one per sample
+
+  void fields(ConfigFields& f);  ///< `augmentations` of the trainer
 };
 
 /// A skeleton on its way through the augmentations, and where its weights come from.

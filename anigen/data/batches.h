@@ -47,7 +47,7 @@ class SampleOrder {
  public:
   /// @pre items > 0
   SampleOrder(std::size_t items, std::uint64_t seed);
-  /// Batches of similar load, see bucketed_order.h. @param loads one per item @param batch items per step, > 0
+  /// Batches of similar load, see bucketed_permutation(). @param loads one per item @param batch items per step, > 0
   SampleOrder(std::vector<std::uint64_t> loads, std::size_t batch, std::uint64_t seed);
 
   /// Draws at positions [first, first + count).

@@ -5,6 +5,7 @@
 #include <system_error>
 #include <utility>
 
+#include "anigen/core/config_fields.h"
 #include "anigen/core/error.h"
 #include "anigen/core/log.h"
 #include "anigen/core/parallel.h"
@@ -28,22 +29,15 @@ std::string missing_file(const std::vector<fs::path>& files) {
   return "";
 }
 
-fs::path feature_path(const AssetId& asset, const std::string& model) {
-  return asset.root / "features" / model / (asset.id + ".npz");
+// Of what a model made of an asset. @param kind "features", "ss_latents" or "latents"
+fs::path made_path(const AssetId& asset, const char* kind, const std::string& model) {
+  return asset.root / kind / model / (asset.id + ".npz");
 }
 
 fs::path view_folder(const AssetId& asset) { return asset.root / "renders" / asset.id; }
 
-torch::Tensor matrices(std::vector<float> values, std::int64_t batch, std::int64_t edge) {
-  return tensor_of(values, {batch, edge, edge});
-}
-
-fs::path structure_latent_path(const AssetId& asset, const std::string& model) {
-  return asset.root / "ss_latents" / model / (asset.id + ".npz");
-}
-
 std::vector<fs::path> files_of(const AssetId& asset, const StructureLatentOptions& options) {
-  std::vector<fs::path> files{structure_latent_path(asset, options.latent_model)};
+  std::vector<fs::path> files{made_path(asset, "ss_latents", options.latent_model)};
   options.append_condition_files(asset, files);
   return files;
 }
@@ -73,12 +67,8 @@ torch::Tensor occupancy_grids(const std::vector<const std::vector<Voxel>*>& sets
   return grids;
 }
 
-fs::path structured_latent_path(const AssetId& asset, const std::string& model) {
-  return asset.root / "latents" / model / (asset.id + ".npz");
-}
-
 std::vector<fs::path> structured_latent_files(const AssetId& asset, const StructuredLatentOptions& options) {
-  std::vector<fs::path> files{structured_latent_path(asset, options.latent_model)};
+  std::vector<fs::path> files{made_path(asset, "latents", options.latent_model)};
   if (options.load_rigs || options.use_joint_num_cond) files.push_back(rig_path(asset));
   options.append_condition_files(asset, files);
   return files;
@@ -93,11 +83,11 @@ class FeatureSkeletonDataset : public AssetDataset {
       : AssetDataset(
             std::move(assets), {seed, options.sources.skip_broken, options.bucket_by_voxels},
             {[&](const AssetId& asset) {
-               return std::vector{feature_path(asset, options.model), skeleton_voxel_path(asset),
+               return std::vector{made_path(asset, "features", options.model), skeleton_voxel_path(asset),
                                   view_folder(asset) / "transforms.json", rig_path(asset)};
              },
              options.bucket_by_voxels ? std::function<std::uint64_t(const AssetId&)>([&](const AssetId& asset) {
-               return count_rows(feature_path(asset, options.model), "indices");
+               return count_rows(made_path(asset, "features", options.model), "indices");
              })
                                       : nullptr}),
         options_(options),
@@ -115,7 +105,7 @@ class FeatureSkeletonDataset : public AssetDataset {
   std::unique_ptr<Sample> read(std::size_t index, std::uint64_t position) const override {
     const AssetId& id = asset(index);
     auto pack = std::make_unique<Pack>();
-    pack->features = read_features_at(feature_path(id, options_.model), options_.resolution);
+    pack->features = read_features_at(made_path(id, "features", options_.model), options_.resolution);
     pack->skeleton.coords = skeleton_voxels(id, position);
     Rng view(seed(), "view", position);
     pack->view = read_view(view_folder(id), options_.image_size, view);
@@ -153,8 +143,8 @@ class FeatureSkeletonDataset : public AssetDataset {
     batch->feats_skl = collate_voxels(skeletons, ids);
     batch->image = stack(images, {3, edge, edge}, ids, "image");
     batch->alpha = stack(alphas, {edge, edge}, ids, "alpha");
-    batch->extrinsics = matrices(std::move(extrinsics), count, 4);
-    batch->intrinsics = matrices(std::move(intrinsics), count, 3);
+    batch->extrinsics = tensor_of(extrinsics, {count, 4, 4});
+    batch->intrinsics = tensor_of(intrinsics, {count, 3, 3});
     return batch;
   }
   std::vector<geometry::Voxel> skeleton_voxels(const AssetId& asset, std::uint64_t position) const {
@@ -173,21 +163,16 @@ class FeatureSkeletonDataset : public AssetDataset {
 
 using Factory = std::function<Datasets(ConfigReader&, std::uint64_t)>;
 
-template <typename Dataset, typename Options>
-Datasets both(const Options& options, std::uint64_t seed) {
-  TrainAndEval assets = select(options.sources);
-  Datasets datasets;
-  datasets.train = std::make_shared<const Dataset>(std::move(assets.train), options, seed);
-  if (!assets.eval.empty()) datasets.eval = std::make_shared<const Dataset>(std::move(assets.eval), options, seed);
-  return datasets;
-}
-
 template <typename Dataset, typename Options, typename... Extra>
 Factory factory(Extra... extra) {
   return [=](ConfigReader& args, std::uint64_t seed) {
     const Options options = Options::read(args, extra...);
     args.finish();
-    return both<Dataset>(options, seed);
+    TrainAndEval assets = select(options.sources);
+    Datasets datasets;
+    datasets.train = std::make_shared<const Dataset>(std::move(assets.train), options, seed);
+    if (!assets.eval.empty()) datasets.eval = std::make_shared<const Dataset>(std::move(assets.eval), options, seed);
+    return datasets;
   };
 }
 
@@ -203,11 +188,8 @@ const std::vector<std::pair<std::string, Factory>>& registry() {
 }
 
 // Listed in the published registry without an implementation, or for text conditions, which no released model has.
-const std::vector<std::string>& unimplemented() {
-  static const std::vector<std::string> names{"AniGenSparseFeat2Render", "AniGenTextConditionedSLat",
-                                              "TextConditionedSLat", "TextConditionedAniGenSparseStructureLatent"};
-  return names;
-}
+constexpr const char* kUnimplemented[] = {"AniGenSparseFeat2Render", "AniGenTextConditionedSLat", "TextConditionedSLat",
+                                          "TextConditionedAniGenSparseStructureLatent"};
 
 }  // namespace
 
@@ -267,7 +249,7 @@ std::unique_ptr<AssetDataset::Sample> AssetDataset::sample(const Draw& draw) con
       broken_.note(assets_[asset].id, error.what());
       if (attempt == kReplacements) {
         throw InputError("", "dataset",
-                         std::to_string(broken_.count()) + " assets cannot be read, the last " +
+                         std::to_string(broken().size()) + " assets cannot be read, the last " +
                              std::to_string(kReplacements + 1) + " in a row; the last error: " + error.what());
       }
       asset = visits_[replacement.index(visits_.size())];
@@ -285,27 +267,22 @@ std::vector<std::uint64_t> AssetDataset::bucket_loads() const {
 FeatureSkeletonOptions FeatureSkeletonOptions::read(ConfigReader& reader) {
   FeatureSkeletonOptions options;
   options.sources.read_common(reader);
-  reader.require("image_size");
-  options.image_size = static_cast<int>(reader.integer("image_size", 518, 1, 4096));
-  options.model = reader.text("model", options.model);
-  options.resolution = static_cast<int>(reader.integer("resolution", kStoredResolution, 1, kStoredResolution));
+  ConfigFields f(reader);
+  f("image_size", options.image_size, {1, 4096}, kRequired);
+  f("model", options.model);
+  f("resolution", options.resolution, {1, kStoredResolution});
   if (kStoredResolution % options.resolution != 0) throw reader.error("resolution", "must divide 64");
-  options.load_cubvh = reader.boolean("load_cubvh", false);
-  options.skl_dilation_iter = static_cast<int>(reader.integer("skl_dilation_iter", 0, 0, kMostResolution));
-  options.skl_dilation_random_aug = reader.boolean("skl_dilation_random_aug", false);
-  options.skl_dilation_random_aug_prob = reader.number("skl_dilation_random_aug_prob", 0.5, 0.0, 1.0);
-  options.skin_accum_as_flow = reader.boolean("skin_accum_as_flow", false);
-  reader.ignore("joint_merge_res");
-  options.bucket_by_voxels = reader.boolean("bucket_by_voxels", false);
-  options.memory_budget_mb = reader.integer("memory_budget_mb", 8192, 0, 1 << 24);
-
-  RowFilter& filter = options.sources.filter;
-  filter.required_flags = {"feature_" + options.model};
-  filter.required_columns = {"is_bad_skin"};
-  filter.max_num_voxels = reader.integer("max_num_voxels", 32768, 0);
-  filter.drop_bad_skin = reader.boolean("filter_bad_skin", false);
-  const bool test_mode = reader.boolean("test_mode", true), is_test = reader.boolean("is_test", false);
-  if (test_mode) filter.is_test = is_test;
+  f("load_cubvh", options.load_cubvh);
+  f("skl_dilation_iter", options.skl_dilation_iter, {0, kMostResolution});
+  f("skl_dilation_random_aug", options.skl_dilation_random_aug);
+  f("skl_dilation_random_aug_prob", options.skl_dilation_random_aug_prob, {0.0, 1.0});
+  f("skin_accum_as_flow", options.skin_accum_as_flow);
+  f.ignored("joint_merge_res");
+  f("bucket_by_voxels", options.bucket_by_voxels);
+  f("memory_budget_mb", options.memory_budget_mb, {0, 1 << 24});
+  options.sources.filter.required_flags = {"feature_" + options.model};
+  options.sources.filter.required_columns = {"is_bad_skin"};
+  options.sources.filter.read_rigged(reader);
   return options;
 }
 
@@ -314,8 +291,9 @@ StructureLatentOptions StructureLatentOptions::read(ConfigReader& reader, bool i
   options.read_latents(reader, image_conditioned, "ss_latent_");
   options.normalization = dense_latent_statistics(reader, "normalization");
   options.normalization_skl = dense_latent_statistics(reader, "normalization_skl");
-  options.ss_dec_path = reader.text("ss_dec_path", "");
-  options.ss_dec_ckpt = reader.text("ss_dec_ckpt", "final");
+  ConfigFields f(reader);
+  f("ss_dec_path", options.ss_dec_path);
+  f("ss_dec_ckpt", options.ss_dec_ckpt);
   if (!reader.text("pretrained_ss_dec", "").empty()) {
     log::warn_once(reader.file() + ": " + reader.pointer_to("pretrained_ss_dec") +
                    " has no effect: nothing is fetched; ss_dec_path names the run that decodes samples");
@@ -336,7 +314,7 @@ StructureLatentDataset::StructureLatentDataset(std::vector<AssetId> assets, cons
 
 std::unique_ptr<AssetDataset::Sample> StructureLatentDataset::read(std::size_t index, std::uint64_t position) const {
   auto sample = std::make_unique<Latent>();
-  const fs::path path = structure_latent_path(asset(index), options_.latent_model);
+  const fs::path path = made_path(asset(index), "ss_latents", options_.latent_model);
   StructureLatent& latent = sample->latent = read_structure_latent(path);
   const auto channels = [](const LatentGrid& grid) { return static_cast<std::size_t>(grid.shape[0]); };
   options_.normalization.normalize_planes(latent.mean.values, channels(latent.mean), path.string() + ": mean");
@@ -368,8 +346,9 @@ SparseStructureOptions SparseStructureOptions::read(ConfigReader& reader) {
   options.sources.read_common(reader);
   options.sources.filter.required_flags = {"voxelized"};
   options.sources.filter.drop_bad_skeleton = false;
-  options.resolution = static_cast<int>(reader.integer("resolution", 64, 1, kMostResolution));
-  options.skl_dilation_iter = static_cast<int>(reader.integer("skl_dilation_iter", 0, 0, kMostResolution));
+  ConfigFields f(reader);
+  f("resolution", options.resolution, {1, kMostResolution});
+  f("skl_dilation_iter", options.skl_dilation_iter, {0, kMostResolution});
   return options;
 }
 
@@ -413,17 +392,18 @@ StructuredLatentOptions StructuredLatentOptions::read(ConfigReader& reader, bool
   const StreamStatistics statistics = structured_latent_statistics(reader);
   options.normalization = statistics.shape;
   options.normalization_skl = statistics.skeleton;
-  options.use_joint_num_cond = reader.boolean("use_joint_num_cond", false);
-  options.load_rigs = reader.boolean("load_rigs", true);
-  options.load_cubvh = reader.boolean("load_cubvh", false);
+  ConfigFields f(reader);
+  f("use_joint_num_cond", options.use_joint_num_cond);
+  f("load_rigs", options.load_rigs);
+  f("load_cubvh", options.load_cubvh);
   if (options.load_cubvh && !options.load_rigs) throw reader.error("load_cubvh", "needs load_rigs");
-  reader.ignore("max_num_voxels");
-  options.voxel_limit = reader.integer("voxel_limit", 0, 0);
+  f.ignored("max_num_voxels");
+  f("voxel_limit", options.voxel_limit, {0});
   if (options.voxel_limit > 0) options.sources.filter.max_num_voxels = options.voxel_limit;
-  options.slat_dec_path = reader.text("slat_dec_path", "");
-  options.slat_dec_ckpt = reader.text("slat_dec_ckpt", "final");
-  options.bucket_by_voxels = reader.boolean("bucket_by_voxels", false);
-  options.memory_budget_mb = reader.integer("memory_budget_mb", 8192, 0, 1 << 24);
+  f("slat_dec_path", options.slat_dec_path);
+  f("slat_dec_ckpt", options.slat_dec_ckpt);
+  f("bucket_by_voxels", options.bucket_by_voxels);
+  f("memory_budget_mb", options.memory_budget_mb, {0, 1 << 24});
   return options;
 }
 
@@ -440,7 +420,7 @@ StructuredLatentDataset::StructuredLatentDataset(std::vector<AssetId> assets, co
     : AssetDataset(std::move(assets), {seed, options.sources.skip_broken, options.bucket_by_voxels},
                    {[&](const AssetId& asset) { return structured_latent_files(asset, options); },
                     [&](const AssetId& asset) {
-                      return count_rows(structured_latent_path(asset, options.latent_model), "coords");
+                      return count_rows(made_path(asset, "latents", options.latent_model), "coords");
                     }}),
       options_(options),
       surfaces_(static_cast<std::uintmax_t>(options.memory_budget_mb) << 20) {}
@@ -459,7 +439,7 @@ std::vector<std::vector<Draw>> StructuredLatentDataset::split(const std::vector<
 std::unique_ptr<AssetDataset::Sample> StructuredLatentDataset::read(std::size_t index, std::uint64_t position) const {
   const AssetId& id = asset(index);
   auto sample = std::make_unique<Latent>();
-  const fs::path path = structured_latent_path(id, options_.latent_model);
+  const fs::path path = made_path(id, "latents", options_.latent_model);
   sample->surface = read_voxel_arrays(path, "coords", "feats");
   sample->skeleton = read_voxel_arrays(path, "coords_skl", "feats_skl");
   options_.normalization.normalize_rows(sample->surface.feats, sample->surface.channels, path.string() + ": feats");
@@ -498,13 +478,10 @@ std::unique_ptr<Batch> StructuredLatentDataset::collate(const Samples& samples,
   return batch;
 }
 
-const std::vector<std::string>& dataset_names() {
-  static const std::vector<std::string> names = [] {
-    std::vector<std::string> all;
-    for (const auto& entry : registry()) all.push_back(entry.first);
-    return all;
-  }();
-  return names;
+std::vector<std::string> dataset_names() {
+  std::vector<std::string> all;
+  for (const auto& entry : registry()) all.push_back(entry.first);
+  return all;
 }
 
 Datasets make_datasets(ConfigReader dataset, std::uint64_t seed) {
@@ -515,8 +492,8 @@ Datasets make_datasets(ConfigReader dataset, std::uint64_t seed) {
   for (const auto& [known, make] : registry()) {
     if (known == name) return make(args, seed);
   }
-  for (const std::string& other : unimplemented()) {
-    if (other == name) throw NotSupportedError(dataset.file(), dataset.pointer_to("name"), "dataset '" + name + "'");
+  for (const char* other : kUnimplemented) {
+    if (name == other) throw NotSupportedError(dataset.file(), dataset.pointer_to("name"), "dataset '" + name + "'");
   }
   throw dataset.error("name", "unknown dataset '" + name.substr(0, 80) + "'; " + suggestion(name, dataset_names()));
 }

@@ -27,7 +27,7 @@ class AssetDataset : public BatchSource {
   struct Options {
     std::uint64_t seed = 0;
     bool skip_broken = false;
-    bool bucket_by_voxels = false;  ///< ours: batches of assets of similar size, see bucketed_order.h
+    bool bucket_by_voxels = false;  ///< ours: batches of assets of similar size
   };
 
   /// Draws per epoch: assets, each as often as its AssetId::repeat says.
@@ -196,7 +196,7 @@ struct StructuredLatentBatch : Batch {
 
 /// AniGenSLat and AniGenImageConditionedSLat: what the second flow model learns to generate (paper 3.4). Reads
 /// `latents/<latent_model>/<id>.npz`, the rig, if wanted, and one random condition view. A step's micro-batches hold
-/// about equally many surface voxels each (balanced_groups.h).
+/// about equally many surface voxels each (balanced_groups()).
 class StructuredLatentDataset : public AssetDataset {
  public:
   StructuredLatentDataset(std::vector<AssetId> assets, const StructuredLatentOptions& options, std::uint64_t seed);
@@ -234,6 +234,6 @@ struct Datasets {
 Datasets make_datasets(ConfigReader dataset, std::uint64_t seed);
 
 /// All names above.
-const std::vector<std::string>& dataset_names();
+std::vector<std::string> dataset_names();
 
 }  // namespace anigen::data

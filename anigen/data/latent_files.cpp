@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "anigen/core/config_fields.h"
 #include "anigen/core/error.h"
 #include "anigen/core/random.h"
 #include "anigen/core/text.h"
@@ -12,6 +13,8 @@
 namespace anigen::data {
 
 namespace {
+
+namespace fs = std::filesystem;
 
 std::string text_of(const std::vector<std::int64_t>& shape) {
   return "[" + joined(shape, ", ", [](auto size) { return size < 0 ? "*" : std::to_string(size); }) + "]";
@@ -56,9 +59,9 @@ constexpr const char* kSkeletonSuffix = "_skl";
 constexpr float kLowestDeviation = 1e-3f;
 
 // The file that an argument names; empty: none.
-std::filesystem::path named_file(ConfigReader& args, const std::string& key) {
+fs::path named_file(ConfigReader& args, const std::string& key) {
   const std::string name = args.text(key, "");
-  return name.empty() ? std::filesystem::path() : file_of_dataset(name, args.text("data_dir", ""));
+  return name.empty() ? fs::path() : file_of_dataset(name, args.text("data_dir", ""));
 }
 
 // Lists `mean<suffix>` and `std<suffix>` of numbers, one per channel; both missing: none.
@@ -92,7 +95,7 @@ StreamStatistics listed_streams(ConfigReader lists) {
 }
 
 // Statistics that `anigen-encode slat` proposes to the dataset of stage 5.
-StreamStatistics proposed_statistics(const std::filesystem::path& file) {
+StreamStatistics proposed_statistics(const fs::path& file) {
   const Json json = read_json(file);
   ConfigReader top(json, file.string());
   top.require(kShapeKey);
@@ -118,8 +121,8 @@ void add_lists(Json& lists, const ChannelStatistics& statistics, const std::stri
 fs::path condition_folder(const AssetId& asset) { return asset.root / "renders_cond" / asset.id; }
 
 // Two arrays of an NPZ; dimensions of size 1 around the channels are allowed.
-ChannelStatistics read_channel_statistics(const std::filesystem::path& path, const std::string& mean,
-                                          const std::string& deviation, float lowest) {
+ChannelStatistics read_channel_statistics(const fs::path& path, const std::string& mean, const std::string& deviation,
+                                          float lowest) {
   const std::string file = path.string();
   const io::NamedArrays arrays = io::read_npz(path, {mean, deviation});
   ChannelStatistics statistics{channels(arrays, mean, file), channels(arrays, deviation, file)};
@@ -128,9 +131,15 @@ ChannelStatistics read_channel_statistics(const std::filesystem::path& path, con
   return statistics;
 }
 
+void require_channels(std::size_t count, std::size_t normalized, const std::string& what) {
+  if (count == normalized) return;
+  throw InputError(what, "",
+                   std::to_string(count) + " channels, but the normalization has " + std::to_string(normalized));
+}
+
 }  // namespace
 
-io::NamedArrays read_arrays(const std::filesystem::path& path, const std::vector<ArraySpec>& specs) {
+io::NamedArrays read_arrays(const fs::path& path, const std::vector<ArraySpec>& specs) {
   const std::string file = path.string();
   // Pickled arrays have no header of numbers; they are checked once they are read.
   const io::NamedArrays headers = io::read_npz_headers(path);
@@ -182,7 +191,7 @@ std::vector<std::int64_t> whole_numbers(const io::NamedArrays& arrays, const std
   }
 }
 
-StructureLatent read_structure_latent(const std::filesystem::path& path) {
+StructureLatent read_structure_latent(const fs::path& path) {
   constexpr std::size_t kMost = std::size_t{1} << 26;
   const io::NamedArrays arrays =
       read_arrays(path, {{"mean", {-1, -1, -1, -1}, kMost}, {"mean_skl", {-1, -1, -1, -1}, kMost}});
@@ -213,11 +222,7 @@ void ChannelStatistics::check(const std::string& file, const std::string& place)
 void ChannelStatistics::normalize_planes(std::vector<float>& values, std::size_t channel_count,
                                          const std::string& what) const {
   if (empty()) return;
-  if (mean.size() != channel_count) {
-    throw InputError(
-        what, "",
-        std::to_string(channel_count) + " channels, but the normalization has " + std::to_string(mean.size()));
-  }
+  require_channels(channel_count, mean.size(), what);
   const std::size_t count = values.size() / channel_count;
   for (std::size_t i = 0; i < values.size(); ++i) values[i] = (values[i] - mean[i / count]) / deviation[i / count];
 }
@@ -225,11 +230,7 @@ void ChannelStatistics::normalize_planes(std::vector<float>& values, std::size_t
 void ChannelStatistics::normalize_rows(std::vector<float>& values, std::size_t channel_count,
                                        const std::string& what) const {
   if (empty()) return;
-  if (mean.size() != channel_count) {
-    throw InputError(
-        what, "",
-        std::to_string(channel_count) + " channels, but the normalization has " + std::to_string(mean.size()));
-  }
+  require_channels(channel_count, mean.size(), what);
   for (std::size_t i = 0; i < values.size(); ++i)
     values[i] = (values[i] - mean[i % channel_count]) / deviation[i % channel_count];
 }
@@ -243,7 +244,7 @@ ChannelStatistics dense_latent_statistics(ConfigReader& args, const std::string&
     lists.finish();
     return listed;
   }
-  const std::filesystem::path file = named_file(args, key);
+  const fs::path file = named_file(args, key);
   if (file.empty()) return {};
   if (key == kSkeletonKey) return read_channel_statistics(file, "feats_skl_mean", "feats_skl_std", kLowestDeviation);
   return read_channel_statistics(file, "feats_mean", "feats_std", 0.0f);
@@ -253,7 +254,7 @@ StreamStatistics structured_latent_statistics(ConfigReader& args) {
   const Json* given = args.raw(kShapeKey);
   if (given == nullptr || given->is_null()) return {};
   if (given->is_object()) return listed_streams(args.object(kShapeKey));
-  const std::filesystem::path file = named_file(args, kShapeKey);
+  const fs::path file = named_file(args, kShapeKey);
   if (file.empty()) return {};
   if (file.extension() == ".json") return proposed_statistics(file);
   return {read_channel_statistics(file, "feats_mean", "feats_std", kLowestDeviation),
@@ -292,17 +293,14 @@ torch::Tensor denormalised(const torch::Tensor& x, const ChannelStatistics& stat
   return x * deviation + mean;
 }
 
-namespace fs = std::filesystem;
-
 void LatentDatasetOptions::read_latents(ConfigReader& reader, bool conditioned, const std::string& flag) {
   image_conditioned = conditioned;
   sources.read_common(reader);
-  reader.require("latent_model");
-  latent_model = reader.text("latent_model", "");
+  ConfigFields f(reader);
+  f("latent_model", latent_model, kRequired);
   if (image_conditioned) {
-    image_size = static_cast<int>(reader.integer("image_size", 518, 1, 4096));
-    const bool normals = reader.choice("condition", "color", {"color", "normal"}) == "normal";
-    condition = normals ? ConditionPictures::kNormals : ConditionPictures::kColor;
+    f("image_size", image_size, {1, 4096});
+    f("condition", condition, {{"color", ConditionPictures::kColor}, {"normal", ConditionPictures::kNormals}});
   }
   RowFilter& filter = sources.filter;
   filter.required_flags = {flag + latent_model};

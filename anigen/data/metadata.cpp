@@ -6,6 +6,7 @@
 #include <sstream>
 #include <system_error>
 
+#include "anigen/core/config_fields.h"
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
 #include "anigen/core/log.h"
@@ -69,6 +70,15 @@ bool safe_id(const std::string& id) {
          id.find('\\') == std::string::npos && id.find('\0') == std::string::npos;
 }
 
+std::vector<fs::path> roots_of(const std::string& data_dir) {
+  std::vector<fs::path> roots;
+  std::istringstream words(data_dir);
+  for (std::string root; std::getline(words, root, ',');) {
+    if (!root.empty()) roots.emplace_back(root);
+  }
+  return roots;
+}
+
 double share_of(const std::string& id) { return static_cast<double>(stable_hash(id) >> 11) * 0x1.0p-53; }
 
 }  // namespace
@@ -86,11 +96,7 @@ std::set<std::string> read_split(const fs::path& file) {
 
 std::set<std::string> read_split(const fs::path& file, const std::string& data_dir) {
   const std::set<std::string> names = read_split(file);
-  std::vector<fs::path> roots;
-  std::istringstream words(data_dir);
-  for (std::string root; std::getline(words, root, ',');) {
-    if (!root.empty()) roots.emplace_back(root);
-  }
+  const std::vector<fs::path> roots = roots_of(data_dir);
   std::set<std::string> known, ids;
   for (const fs::path& root : roots) {
     const CsvTable table = read_csv(root / "metadata.csv");
@@ -110,7 +116,10 @@ std::set<std::string> read_split(const fs::path& file, const std::string& data_d
 
 std::vector<AssetId> select_rows(const CsvTable& table, const fs::path& root, const RowFilter& filter) {
   const std::string file = (root / "metadata.csv").string();
-  const auto has = [&](const char* name) { return table.column(name) != CsvTable::kMissing; };
+  const auto has = [&](const std::string& name) { return table.column(name) != CsvTable::kMissing; };
+  const auto require = [&](const std::string& name) {
+    if (!has(name)) throw InputError(file, name, "no such column; prepare the dataset up to this step first");
+  };
   if (!has("sha256")) throw InputError(file, "sha256", "no such column; it holds the ids");
   Sieve sieve(table, file);
   if (filter.only) {
@@ -119,12 +128,9 @@ std::vector<AssetId> select_rows(const CsvTable& table, const fs::path& root, co
   if (filter.instances) {
     sieve.keep("instances", [&](std::size_t row) { return filter.instances->count(table.cell(row, "sha256")) > 0; });
   }
-  for (const std::string& column : filter.required_columns) {
-    if (!has(column.c_str()))
-      throw InputError(file, column, "no such column; prepare the dataset up to this step first");
-  }
+  for (const std::string& column : filter.required_columns) require(column);
   for (const std::string& flag : filter.required_flags) {
-    if (!has(flag.c_str())) throw InputError(file, flag, "no such column; prepare the dataset up to this step first");
+    require(flag);
     sieve.keep(flag, [&](std::size_t row) { return table.flag(row, flag, false, file); });
   }
   if (has("aesthetic_score")) {
@@ -168,10 +174,8 @@ std::vector<AssetId> select_rows(const CsvTable& table, const fs::path& root, co
 
 std::vector<AssetId> select_assets(const std::string& data_dir, const RowFilter& filter) {
   std::vector<AssetId> assets;
-  std::istringstream roots(data_dir);
-  for (std::string root; std::getline(roots, root, ',');) {
-    if (root.empty()) continue;
-    const std::vector<AssetId> more = select_rows(read_csv(fs::path(root) / "metadata.csv"), root, filter);
+  for (const fs::path& root : roots_of(data_dir)) {
+    const std::vector<AssetId> more = select_rows(read_csv(root / "metadata.csv"), root, filter);
     assets.insert(assets.end(), more.begin(), more.end());
   }
   if (assets.empty()) throw InputError("--dataset", "", "names no dataset root");
@@ -184,18 +188,25 @@ fs::path file_of_dataset(const std::string& name, const std::string& data_dir) {
   return fs::exists(below_root, error) ? below_root : fs::path(name);
 }
 
+void RowFilter::read_rigged(ConfigReader& reader) {
+  max_num_voxels = reader.integer("max_num_voxels", 32768, 0);
+  drop_bad_skin = reader.boolean("filter_bad_skin", false);
+  const bool test_mode = reader.boolean("test_mode", true), is_test_row = reader.boolean("is_test", false);
+  if (test_mode) is_test = is_test_row;
+}
+
 void SourceOptions::read_common(ConfigReader& reader) {
-  data_dir = reader.text("data_dir", "");
-  split = reader.text("split", "");
-  eval_split = reader.text("eval_split", "");
-  eval_fraction = reader.number("eval_fraction", 0.0, 0.0, 0.9);
-  train_share = reader.number("train_share", 1.0, 0.0, 1.0);
-  skip_broken = reader.boolean("skip_broken", false);
-  filter.min_aesthetic_score = reader.number("min_aesthetic_score", 5.0);
-  if (const Json* listed = reader.raw("instances"); listed != nullptr && !listed->is_null()) {
-    const std::vector<std::string> ids = reader.texts("instances", {});
-    filter.instances = std::set<std::string>(ids.begin(), ids.end());
-  }
+  ConfigFields f(reader);
+  f("data_dir", data_dir);
+  f("split", split);
+  f("eval_split", eval_split);
+  f("eval_fraction", eval_fraction, {0.0, 0.9});
+  f("train_share", train_share, {0.0, 1.0});
+  f("skip_broken", skip_broken);
+  f("min_aesthetic_score", filter.min_aesthetic_score);
+  std::optional<std::vector<std::string>> ids;
+  f("instances", ids);
+  if (ids) filter.instances.emplace(ids->begin(), ids->end());
   ConfigReader repeat = reader.object("repeat_sources");
   if (const Json* sources = reader.raw("repeat_sources"); sources != nullptr && sources->is_object()) {
     for (const auto& source : sources->items())
@@ -255,11 +266,6 @@ void BrokenAssets::note(const std::string& id, const std::string& problem) {
   const std::lock_guard<std::mutex> lock(mutex_);
   if (!problems_.emplace(id, problem).second) return;
   log::warn("{} broken assets so far; another one takes the place of {}: {}", problems_.size(), id, problem);
-}
-
-std::size_t BrokenAssets::count() const {
-  const std::lock_guard<std::mutex> lock(mutex_);
-  return problems_.size();
 }
 
 std::map<std::string, std::string> BrokenAssets::problems() const {

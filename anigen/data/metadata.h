@@ -36,6 +36,9 @@ struct RowFilter {
   std::optional<std::set<std::string>> only;       ///< ids of a split file
   std::optional<std::set<std::string>> instances;  ///< ids that the config lists
   std::map<std::string, std::size_t> repeat;       ///< column source → AssetId::repeat, for small sources that matter
+
+  /// The filters of AniGenSparseFeat2Skeleton: max_num_voxels, filter_bad_skin, test_mode, is_test. @throws InputError
+  void read_rigged(ConfigReader& reader);
 };
 
 /// Ids of a split file: one per line; empty lines and lines that start with '#' do not count.
@@ -88,7 +91,6 @@ void report_broken(const std::vector<std::string>& problems, std::size_t assets,
 class BrokenAssets {
  public:
   void note(const std::string& id, const std::string& problem);
-  std::size_t count() const;
   std::map<std::string, std::string> problems() const;  ///< id → what is wrong with it
 
  private:

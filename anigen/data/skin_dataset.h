@@ -26,9 +26,6 @@ struct SkinDatasetOptions : SourceOptions {
   static SkinDatasetOptions read(ConfigReader& reader);
 };
 
-/// `augmentations` of the skin auto-encoder's trainer. @throws InputError
-Augmentations read_augmentations(ConfigReader reader);
-
 /// Draws points on the surface of one asset, and the skin weights there. Set up once, drawn from at every step.
 class SkinSampler {
  public:

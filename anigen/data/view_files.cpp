@@ -42,14 +42,6 @@ std::vector<float> planes(const io::Image& image, bool times_alpha) {
   return values;
 }
 
-template <typename Matrix, std::size_t N>
-void copy_row_major(const Matrix& matrix, std::array<float, N>& out) {
-  for (Eigen::Index row = 0; row < matrix.rows(); ++row) {
-    for (Eigen::Index column = 0; column < matrix.cols(); ++column)
-      out[static_cast<std::size_t>(row * matrix.cols() + column)] = static_cast<float>(matrix(row, column));
-  }
-}
-
 constexpr std::size_t kMostPoints = std::size_t{1} << 24;
 
 std::vector<Eigen::Vector3f> points(const io::NamedArrays& arrays, const char* name, const std::string& file) {
@@ -101,8 +93,9 @@ ViewImage read_view(const fs::path& folder, int size, Rng& rng) {
   view.alpha.resize(view.image.size() / 3);
   for (std::size_t i = 0; i < view.alpha.size(); ++i)
     view.alpha[i] = static_cast<float>(picture.rgba[4 * i + 3]) / 255.0f;
-  copy_row_major(render::extrinsics(frame), view.extrinsics);
-  copy_row_major(render::intrinsics(frame), view.intrinsics);
+  using Eigen::RowMajor;
+  Eigen::Map<Eigen::Matrix<float, 4, 4, RowMajor>>(view.extrinsics.data()) = render::extrinsics(frame).cast<float>();
+  Eigen::Map<Eigen::Matrix<float, 3, 3, RowMajor>>(view.intrinsics.data()) = render::intrinsics(frame).cast<float>();
   return view;
 }
 

@@ -35,11 +35,6 @@ std::vector<geometry::Voxel> distinct_voxels(const io::NamedArrays& arrays, cons
   return voxels;
 }
 
-// `features/<model>/<id>.npz`: `indices` [N, 3], `patchtokens` [N, C] of any floating dtype.
-VoxelRows read_voxel_features(const std::filesystem::path& path) {
-  return read_voxel_arrays(path, "indices", "patchtokens");
-}
-
 }  // namespace
 
 std::vector<geometry::Voxel> read_voxel_rows(const std::filesystem::path& path, int resolution) {
@@ -96,7 +91,7 @@ std::filesystem::path skeleton_voxel_path(const AssetId& asset) {
 }
 
 VoxelRows read_features_at(const std::filesystem::path& features, int resolution) {
-  VoxelRows rows = read_voxel_features(features);
+  VoxelRows rows = read_voxel_arrays(features, "indices", "patchtokens");
   if (resolution == kStoredResolution) return rows;
   geometry::PooledVoxels pooled =
       geometry::pool_features(rows.coords, rows.feats, rows.channels, kStoredResolution / resolution);

@@ -149,7 +149,7 @@ void RunningMeans::add_sum(const Entry& other) {
   auto found =
       std::find_if(entries_.begin(), entries_.end(), [&](const Entry& entry) { return entry.name == other.name; });
   if (found == entries_.end()) found = entries_.insert(entries_.end(), Entry{other.name});
-  if (!std::isfinite(other.sum)) return;
+  if (only_finite && !std::isfinite(other.sum)) return;
   found->sum += other.sum;
   found->count += other.count;
 }

@@ -33,7 +33,7 @@ class MetricsLog {
 /// Rows of a metrics.csv after a step; none when there is no such file. @throws InputError when it is no such table
 CsvTable metrics_after(const std::filesystem::path& file, std::int64_t step);
 
-/// Sums of per-step values between two log rows; their mean is logged. Values that are not finite do not count.
+/// Sums of per-step values between two log rows, or of held-out assets; their mean is logged.
 class RunningMeans {
  public:
   struct Entry {
@@ -48,6 +48,7 @@ class RunningMeans {
   Values means() const;
   void clear() { entries_.clear(); }
 
+  bool only_finite = true;      ///< values that are not finite do not count
   std::vector<Entry> entries_;  ///< also what a checkpoint keeps, so that resumed runs log the same rows
 };
 

@@ -5,6 +5,7 @@
 #include <cstdlib>
 #include <utility>
 
+#include "anigen/core/config_fields.h"
 #include "anigen/core/error.h"
 
 namespace anigen::train {
@@ -87,52 +88,44 @@ LrSchedule sequence(ConfigReader& reader, ConfigReader& args, std::int64_t max_s
   }
 }
 
-void read_optimizer(ConfigReader reader, UpdateOptions& update) {
-  reader.require("name");
-  const std::string name = reader.choice("name", "AdamW", {"AdamW", "Adam", "Muon"});
-  const bool muon = name == "Muon";
-  ConfigReader args = reader.object("args");
-  if (muon) {
-    update.muon.emplace();
-    update.muon->momentum = args.number("momentum", update.muon->momentum, 0.0, 0.9999);
-    update.muon->min_side = args.integer("min_side", update.muon->min_side, 1);
-  }
-  AdamW::Options options;
-  if (name == "Adam") {
-    options.decoupled = false;
-    options.weight_decay = 0.0;
-  }
-  options.lr = args.number("lr", options.lr, 0.0, 1e3);
-  const std::vector<double> betas = args.numbers("betas", {options.betas[0], options.betas[1]});
-  if (betas.size() != 2 || betas[0] < 0.0 || betas[0] >= 1.0 || betas[1] < 0.0 || betas[1] >= 1.0)
-    throw args.error("betas", "must be two numbers in [0, 1)");
-  options.betas = {betas[0], betas[1]};
-  options.eps = args.number("eps", options.eps, 1e-30, 1.0);
-  options.weight_decay = args.number("weight_decay", options.weight_decay, 0.0, 1e3);
-  args.finish();
-  reader.finish();
-  update.optimizer = options;
+void read_optimizer(ConfigFields& f, UpdateOptions& update) {
+  std::string name;
+  f("name", name, {"AdamW", "Adam", "Muon"}, kRequired);
+  AdamW::Options& options = update.optimizer;
+  options.decoupled = name != "Adam";
+  if (name == "Adam") options.weight_decay = 0.0;
+  f.object("args", [&](ConfigFields& args) {
+    if (name == "Muon") {
+      Muon::Options& muon = update.muon.emplace();
+      args("momentum", muon.momentum, {0.0, 0.9999});
+      args("min_side", muon.min_side, {1});
+    }
+    args("lr", options.lr, {0.0, 1e3});
+    std::vector<double> betas(options.betas.begin(), options.betas.end());
+    args("betas", betas);
+    if (betas.size() != 2 || betas[0] < 0.0 || betas[0] >= 1.0 || betas[1] < 0.0 || betas[1] >= 1.0)
+      throw args.error("betas", "must be two numbers in [0, 1)");
+    options.betas = {betas[0], betas[1]};
+    args("eps", options.eps, {1e-30, 1.0});
+    args("weight_decay", options.weight_decay, {0.0, 1e3});
+  });
 }
 
-void read_grad_clip(ConfigReader& reader, UpdateOptions& update) {
-  const Json* value = reader.raw("grad_clip");
+void read_grad_clip(ConfigFields& f, UpdateOptions& update) {
+  const Json* value = f.reader().raw("grad_clip");
   if (value == nullptr || value->is_null()) return;
-  if (value->is_number()) {
-    update.grad_clip = reader.number("grad_clip", 1.0, 1e-12, 1e12);
-    return;
-  }
-  ConfigReader clip = reader.object("grad_clip");
-  clip.require("name");
-  clip.choice("name", "AdaptiveGradClipper", {"AdaptiveGradClipper"});
-  ConfigReader args = clip.object("args");
-  AdaptiveGradClipper::Options options;
-  const Json* max_norm = args.raw("max_norm");
-  if (max_norm != nullptr && !max_norm->is_null()) options.max_norm = args.number("max_norm", 1.0, 1e-12, 1e12);
-  options.clip_percentile = args.number("clip_percentile", options.clip_percentile, 0.0, 100.0);
-  options.buffer_size = static_cast<std::size_t>(args.integer("buffer_size", 1000, 1, 10'000'000));
-  args.finish();
-  clip.finish();
-  update.grad_clip = options;
+  if (value->is_number()) return f("grad_clip", update.grad_clip.emplace<double>(1.0), {1e-12, 1e12});
+  auto& options = update.grad_clip.emplace<AdaptiveGradClipper::Options>();
+  f.object("grad_clip", [&](ConfigFields& clip) {
+    std::string name;
+    clip("name", name, {"AdaptiveGradClipper"}, kRequired);
+    clip.object("args", [&](ConfigFields& args) {
+      const Json* max_norm = args.reader().raw("max_norm");
+      if (max_norm != nullptr && !max_norm->is_null()) args("max_norm", options.max_norm.emplace(1.0), {1e-12, 1e12});
+      args("clip_percentile", options.clip_percentile, {0.0, 100.0});
+      args("buffer_size", options.buffer_size, {1, 10'000'000});
+    });
+  });
 }
 
 std::vector<double> read_ema_rates(ConfigReader& reader) {
@@ -144,13 +137,6 @@ std::vector<double> read_ema_rates(ConfigReader& reader) {
     if (!(rate >= 0.0 && rate < 1.0)) throw reader.error("ema_rate", "every rate must lie in [0, 1)");
   }
   return rates;
-}
-
-std::size_t read_batch_size(ConfigReader& reader) {
-  const bool both = reader.has("batch_size_per_gpu");
-  if (!both) reader.require("batch_size");
-  const std::int64_t whole = reader.integer("batch_size", 1, 1, 1 << 20);
-  return static_cast<std::size_t>(reader.integer("batch_size_per_gpu", whole, 1, 1 << 20));
 }
 
 }  // namespace
@@ -172,25 +158,26 @@ LrSchedule read_schedule(const Json& json, std::int64_t max_steps, const std::st
 
 TrainerOptions TrainerOptions::read(ConfigReader& reader) {
   TrainerOptions options;
-  reader.require("max_steps");
-  options.max_steps = reader.integer("max_steps", 0, 0, kManySteps);
-  options.batch_size = read_batch_size(reader);
-  options.batch_split =
-      static_cast<std::size_t>(reader.integer("batch_split", 1, 1, static_cast<std::int64_t>(options.batch_size)));
+  ConfigFields f(reader);
+  f("max_steps", options.max_steps, {0, kManySteps}, kRequired);
+  f("batch_size", options.batch_size, {1, 1 << 20},
+    reader.has("batch_size_per_gpu") ? FieldNeed::kOptional : kRequired);
+  f("batch_size_per_gpu", options.batch_size, {1, 1 << 20});
+  f("batch_split", options.batch_split, {1, static_cast<std::int64_t>(options.batch_size)});
   reader.require("optimizer");
-  read_optimizer(reader.object("optimizer"), options.update);
+  f.object("optimizer", [&options](ConfigFields& optimizer) { read_optimizer(optimizer, options.update); });
   const Json* schedule = reader.raw("lr_scheduler");
   if (schedule != nullptr && !schedule->is_null()) {
     options.update.schedule =
         read_schedule(*schedule, options.max_steps, reader.file(), reader.pointer_to("lr_scheduler"));
   }
-  read_grad_clip(reader, options.update);
+  read_grad_clip(f, options.update);
   options.update.ema_rates = read_ema_rates(reader);
-  options.fp16_mode = reader.choice("fp16_mode", "inflat_all", {"inflat_all", "none"});
-  options.update.fp16_scale_growth = reader.number("fp16_scale_growth", 1e-3, 0.0, 1.0);
-  options.loss_scaling = reader.boolean("loss_scaling", true);
-  options.prefetch_data = reader.boolean("prefetch_data", true);
-  options.num_workers_dl = static_cast<std::size_t>(reader.integer("num_workers_dl", 1, 0, 256));
+  f("fp16_mode", options.fp16_mode, {"inflat_all", "none"});
+  f("fp16_scale_growth", options.update.fp16_scale_growth, {0.0, 1.0});
+  f("loss_scaling", options.loss_scaling);
+  f("prefetch_data", options.prefetch_data);
+  f("num_workers_dl", options.num_workers_dl, {0, 256});
   const Json* finetune = reader.raw("finetune_ckpt");
   if (finetune != nullptr && !finetune->is_null()) {
     ConfigReader files = reader.object("finetune_ckpt");
@@ -204,13 +191,12 @@ TrainerOptions TrainerOptions::read(ConfigReader& reader) {
   options.i_ddpcheck = interval(reader, "i_ddpcheck", 100, options.max_steps);
   // The published trainer has these for machinery that this one does not need.
   for (const char* key : {"elastic", "log_param_stats", "skip_init_snapshot"}) reader.ignore(key);
-  options.seed = static_cast<std::uint64_t>(reader.integer("seed", 0, 0));
-  options.max_minutes = reader.number("max_minutes", 0.0, 0.0);
+  f("seed", options.seed, {0});
+  f("max_minutes", options.max_minutes, {0.0});
   options.i_eval = interval(reader, "i_eval", 0, options.max_steps);
-  options.replicas = static_cast<std::size_t>(reader.integer("replicas", 1, 1, 256));
-  if (reader.has("precision"))
-    options.precision = reader.choice("precision", "", {"fp32", "fp64", "bf16", "fp16-published"});
-  options.compatibility = reader.choice("compatibility", "published", {"published", "paper"});
+  f("replicas", options.replicas, {1, 256});
+  if (reader.has("precision")) f("precision", options.precision, {"fp32", "fp64", "bf16", "fp16-published"});
+  f("compatibility", options.compatibility, {"published", "paper"});
   return options;
 }
 

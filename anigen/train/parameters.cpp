@@ -20,11 +20,6 @@ void for_each_parameter(const std::vector<nn::NamedModel>& models, bool trainabl
   }
 }
 
-template <typename Visit>
-void for_each_trainable(const std::vector<nn::NamedModel>& models, const Visit& visit) {
-  for_each_parameter(models, /*trainable=*/true, visit);
-}
-
 ANIGEN_EXACT_KERNEL(void, ema_pass,
                     (float* __restrict average, const float* __restrict master, std::int64_t n, float keep, float take),
                     (average, master, n, keep, take)) {
@@ -48,7 +43,7 @@ ParameterBuffer::ParameterBuffer(const std::vector<nn::NamedModel>& models, cons
   std::int64_t count = 0;
   torch::Device device(torch::kCPU);
   bool wide = true;
-  for_each_trainable(models, [&](const std::string&, const torch::Tensor& parameter) {
+  for_each_parameter(models, /*trainable=*/true, [&](const std::string&, const torch::Tensor& parameter) {
     count += parameter.numel();
     device = parameter.device();
     wide = wide && parameter.scalar_type() == torch::kFloat64;
@@ -58,7 +53,7 @@ ParameterBuffer::ParameterBuffer(const std::vector<nn::NamedModel>& models, cons
   master_ = torch::empty({count}, options);
   std::int64_t offset = 0;
   torch::NoGradGuard no_grad;
-  for_each_trainable(models, [&](const std::string&, const torch::Tensor& parameter) {
+  for_each_parameter(models, /*trainable=*/true, [&](const std::string&, const torch::Tensor& parameter) {
     master_.narrow(0, offset, parameter.numel()).copy_(parameter.reshape({-1}));
     offset += parameter.numel();
   });
@@ -84,7 +79,7 @@ ParameterBuffer ParameterBuffer::share(const std::vector<nn::NamedModel>& models
 void ParameterBuffer::attach(const std::vector<nn::NamedModel>& models) {
   gradient_ = torch::zeros_like(master_);
   std::int64_t offset = 0;
-  for_each_trainable(models, [&](const std::string& name, torch::Tensor parameter) {
+  for_each_parameter(models, /*trainable=*/true, [&](const std::string& name, torch::Tensor parameter) {
     if (offset + parameter.numel() > master_.numel()) throw Error("replicas of a model have different parameters");
     const Slot slot{name, parameter, offset, parameter.scalar_type() == master_.scalar_type()};
     offset += parameter.numel();

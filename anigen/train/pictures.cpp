@@ -22,15 +22,6 @@ Mesh mesh_of(const Tensor& vertices, const Tensor& faces) {
   return mesh;
 }
 
-std::vector<Eigen::Vector3d> joint_positions(const Tensor& joints) { return nn::points_of<double>(joints, "joints"); }
-
-SkinWeights skin_of(const Tensor& dense) {
-  const Tensor rows = dense.detach().to(torch::kCPU, torch::kFloat32).contiguous();
-  const float* first = rows.data_ptr<float>();
-  return from_dense(std::vector<float>(first, first + rows.numel()), static_cast<std::size_t>(rows.size(0)),
-                    static_cast<std::size_t>(rows.size(1)));
-}
-
 namespace {
 
 render::PictureOptions rig_picture() {
@@ -41,14 +32,6 @@ render::PictureOptions rig_picture() {
   box.extend(Eigen::Vector3d::Constant(0.5));
   options.view.fit = box;
   return options;
-}
-
-std::vector<int> joint_parents(const Tensor& parents) {
-  const Tensor rows = parents.to(torch::kCPU, torch::kInt64).contiguous();
-  const std::int64_t* first = rows.data_ptr<std::int64_t>();
-  std::vector<int> list;
-  for (std::int64_t i = 0; i < rows.size(0); ++i) list.push_back(static_cast<int>(first[i]));
-  return list;
 }
 
 }  // namespace
@@ -67,15 +50,19 @@ void set_vertex_colors(Mesh& mesh, const Tensor& attributes) {
 io::Image picture_with_skeleton(const Asset& asset, const skeleton_field::SkeletonTensors& skeleton) {
   render::PictureOptions options = rig_picture();
   options.skeleton = true;
-  options.joints = joint_positions(skeleton.joints);
-  options.parents = joint_parents(skeleton.parents);
+  options.joints = nn::points_of<double>(skeleton.joints, "joints");
+  const Tensor parents = skeleton.parents.to(torch::kCPU, torch::kInt32).contiguous();
+  options.parents.emplace(parents.data_ptr<int>(), parents.data_ptr<int>() + parents.size(0));
   return render::render(asset, options);
 }
 
 io::Image picture_with_weights(const Asset& asset, const Tensor& weights) {
   render::PictureOptions options = rig_picture();
   options.mode = render::PictureMode::kWeights;
-  options.weights = skin_of(weights);
+  const Tensor rows = weights.detach().to(torch::kCPU, torch::kFloat32).contiguous();
+  const float* first = rows.data_ptr<float>();
+  options.weights = from_dense(std::vector<float>(first, first + rows.numel()), static_cast<std::size_t>(rows.size(0)),
+                               static_cast<std::size_t>(rows.size(1)));
   return render::render(asset, options);
 }
 

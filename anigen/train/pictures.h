@@ -9,12 +9,6 @@ namespace anigen::train {
 /// @param vertices [V, 3] @param faces [F, 3] integers, anywhere
 Mesh mesh_of(const torch::Tensor& vertices, const torch::Tensor& faces);
 
-/// Rows as points, [N, 3]. In double for geometry, world frame.
-std::vector<Eigen::Vector3d> joint_positions(const torch::Tensor& joints);
-
-/// @param dense [V, J], rows need not sum to 1
-SkinWeights skin_of(const torch::Tensor& dense);
-
 /// Pixels on a side of the pictures below, which all show the same box, the object's cube of side 1, from the same
 /// place: sizes can be compared.
 inline constexpr int kRigPictureSize = 256;

@@ -2,13 +2,8 @@
 
 namespace anigen::train {
 
-namespace {
-
-constexpr std::uint64_t kMostMicroBatches = 1 << 20;
-
-}  // namespace
-
 at::Generator loss_generator(const LossContext& context, std::string_view purpose) {
+  constexpr std::uint64_t kMostMicroBatches = 1 << 20;
   const std::uint64_t index = static_cast<std::uint64_t>(context.step) * kMostMicroBatches + context.micro_batch;
   return nn::numbered_generator(context.seed, purpose, index);
 }

@@ -117,11 +117,24 @@ class RunFolderLock {
   std::optional<FileLock> lock_;
 };
 
-// Work of all ranks, and files of rank 0.
-struct StageConfig {
+ConfigReader trainer_of(ConfigReader& top) {
+  for (const char* part : {"models", "dataset", "trainer"}) top.require(part);
+  ConfigReader trainer = top.object("trainer");
+  trainer.require("name");
+  return trainer;
+}
+
+// A config, read as far as all trainers share it.
+struct TrainingConfig {
   const Json& config;
-  const std::string &file, &name;
+  const std::string& file;
   torch::Device device;
+  ConfigReader top{config, file}, trainer = trainer_of(top);
+  std::string name = trainer.text("name", "");
+  ConfigReader args = trainer.object("args");
+  TrainerOptions options = TrainerOptions::read(args);
+
+  std::unique_ptr<Stage> stage() { return make_stage(name, {config, file, args, options, device}); }
 };
 
 void prepare_run_folder(const TrainCommand& command, const Json& config) {
@@ -136,8 +149,9 @@ void prepare_run_folder(const TrainCommand& command, const Json& config) {
   write_file_atomically(run.made_by(), made_by().dump(2) + "\n");
 }
 
-void train_as_rank(const TrainCommand& command, const std::shared_ptr<Communicator>& ranks, const StageConfig& given,
-                   ConfigReader& args, TrainerOptions& options) {
+// Work of all ranks, and files of rank 0.
+void train_as_rank(const TrainCommand& command, const std::shared_ptr<Communicator>& ranks, TrainingConfig& given) {
+  TrainerOptions& options = given.options;
   make_deterministic(given.device);
   torch::manual_seed(options.seed);
   const Precision precision = choose_precision(options, given.device, given.file);
@@ -145,8 +159,8 @@ void train_as_rank(const TrainCommand& command, const std::shared_ptr<Communicat
   options.compute_dtype = precision.compute;
   if (!precision.note.empty()) log::info("{}", precision.note);
   // Everything is read and checked before the run folder is touched.
-  const std::unique_ptr<Stage> stage = make_stage(given.name, {given.config, given.file, args, options, given.device});
-  args.finish();
+  const std::unique_ptr<Stage> stage = given.stage();
+  given.args.finish();
   if (!stage->supports(precision.compute)) {
     throw NotSupportedError(given.file, "/trainer/args/precision",
                             "precision " + options.precision + " with trainer " + given.name.substr(0, 80));
@@ -185,18 +199,10 @@ Json describe_config(const TrainCommand& command, ConfigView view) {
   const Json config = resolved_config(command, file);
   Json read = config;
   // Stages read all their arguments, then stop at a dataset that is not there, before they build their models.
-  constexpr const char* kNoDataset = "/no/dataset";
-  if (read.is_object()) read["dataset"]["args"]["data_dir"] = kNoDataset;
+  if (read.is_object()) read["dataset"]["args"]["data_dir"] = "/no/dataset";
   ConfigRecord record;
   try {
-    ConfigReader top(read, file);
-    for (const char* part : {"models", "dataset", "trainer"}) top.require(part);
-    ConfigReader trainer = top.object("trainer");
-    trainer.require("name");
-    const std::string name = trainer.text("name", "");
-    ConfigReader args = trainer.object("args");
-    const TrainerOptions options = TrainerOptions::read(args);
-    make_stage(name, {read, file, args, options, torch::kCPU});
+    TrainingConfig{read, file, torch::kCPU}.stage();
   } catch (const InputError& problem) {
     if (problem.file() == file) throw;
   }
@@ -213,17 +219,11 @@ void train(const TrainCommand& command) {
   const bool numbered = several && command.device == "cuda";
   const torch::Device device =
       nn::parse_device(numbered ? "cuda:" + std::to_string(command.environment.local_rank) : command.device);
-  ConfigReader top(config, file);
-  for (const char* part : {"models", "dataset", "trainer"}) top.require(part);
-  ConfigReader trainer = top.object("trainer");
-  trainer.require("name");
-  const std::string name = trainer.text("name", "");
-  ConfigReader args = trainer.object("args");
-  TrainerOptions options = TrainerOptions::read(args);
-  top.raw("models");
-  top.raw("dataset");
-  top.finish();
-  trainer.finish();
+  TrainingConfig given{config, file, device};
+  given.top.raw("models");
+  given.top.raw("dataset");
+  given.top.finish();
+  given.trainer.finish();
 
   const std::shared_ptr<Communicator> ranks = join_ranks(command.environment, command.ranks);
   if (several) {
@@ -233,7 +233,7 @@ void train(const TrainCommand& command) {
     if (ranks->rank() > 0 && spdlog::get_level() == spdlog::level::info) spdlog::set_level(spdlog::level::warn);
   }
   try {
-    train_as_rank(command, ranks, {config, file, name, device}, args, options);
+    train_as_rank(command, ranks, given);
   } catch (const RankLost& lost) {
     throw Error("rank " + std::to_string(ranks->rank()) + " stops: " + lost.what());
   } catch (const Interrupted&) {

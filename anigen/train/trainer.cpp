@@ -17,8 +17,6 @@
 #include "anigen/io/image.h"
 #include "anigen/train/distributed/communicator.h"
 
-// One step of the loop in trainer.cpp.
-
 namespace anigen::train {
 
 namespace {
@@ -68,17 +66,6 @@ class AveragedWeights {
   ParameterBuffer& buffer_;
   torch::Tensor kept_;
 };
-
-// Works on the trainer's micro-batches, whose type is its own.
-template <typename MicroBatches>
-bool finite_losses(const MicroBatches& done) {
-  for (const auto& each : done) {
-    for (const auto& entry : each.logged) {
-      if (!std::isfinite(entry.second)) return false;
-    }
-  }
-  return true;
-}
 
 }  // namespace
 
@@ -314,6 +301,7 @@ void Trainer::train_micro_batches(const data::StepBatches& batches, const std::v
       logged.emplace_back("loss.total", losses.total.item<double>());
       for (const auto& [name, term] : losses.terms) logged.emplace_back("loss." + name, term.item<double>());
       for (const auto& [name, value] : logged) {
+        done[k].finite = done[k].finite && std::isfinite(value);
         if (std::isfinite(value) || options_.update.loss_scaling || !done[k].problem.empty()) continue;
         done[k].problem = "step " + std::to_string(step_) + ": " + name + " is " + std::to_string(value) +
                           " for samples " + joined(batches[i]->ids) +
@@ -363,8 +351,10 @@ StepVerdict Trainer::train_step(const data::StepBatches& batches) {
   const Clock::time_point begin = Clock::now();
   RECORD_USER_SCOPE("step: update of the weights");
   StepReport report;
-  for (const MicroBatch& each : done) report.loss_sum += each.logged.front().second;
-  report.bad_loss = !finite_losses(done);
+  for (const MicroBatch& each : done) {
+    report.loss_sum += each.logged.front().second;
+    report.bad_loss = report.bad_loss || !each.finite;
+  }
   report.interrupted = interrupt_requested();
   report.out_of_time = out_of_time();
   const double waited_before = times_.communication;

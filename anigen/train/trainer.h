@@ -90,6 +90,7 @@ class Trainer {
   /// The losses of one micro-batch, by name, and why they cannot be trained on; "" when they can.
   struct MicroBatch {
     Values logged;
+    bool finite = true;
     std::string problem;
   };
   bool first() const { return ranks_->rank() == 0; }

@@ -34,9 +34,6 @@ io::NamedArrays with_prefix(io::NamedArrays arrays, const std::string& prefix) {
   return chosen;
 }
 
-// "blocks.0.weight" belongs to the attribute "blocks", which is what modules_to_freeze names.
-std::string attribute_of(const std::string& key) { return key.substr(0, key.find('.')); }
-
 void refuse_unfilled(const torch::nn::Module& model, const std::set<std::string>& loaded,
                      const std::vector<PretrainedFile>& files, const fs::path& folder) {
   std::size_t unfilled = 0;
@@ -46,11 +43,12 @@ void refuse_unfilled(const torch::nn::Module& model, const std::set<std::string>
     if (unfilled++ == 0) first = key;
   }
   if (unfilled == 0) return;
+  const std::string attribute = first.substr(0, first.find('.'));  // modules_to_freeze names these
   throw InputError((folder / (files.empty() ? "" : files.front().name)).string(), "",
                    std::to_string(unfilled) + " frozen parameters (the first: " + first + ") have no warm start; put " +
                        joined(files, ", ", &PretrainedFile::name) +
                        ".safetensors or .pt with them into that folder, name another with " +
-                       "trainer.args.pretrained_dir, take \"" + attribute_of(first) +
+                       "trainer.args.pretrained_dir, take \"" + attribute +
                        "\" out of the model's modules_to_freeze, or train the frozen branches too with " +
                        "trainer.args.warm_start \"none\"");
 }

@@ -215,9 +215,7 @@ std::unique_ptr<Stage> make_anymate_stage(const StageRequest& request) {
   const auto options = AnymateStageOptions::read(request.args);
   require_one_replica(request, "Anymate");
   ConfigReader top(request.config, request.file);
-  const std::string name = only_model(top);
-  ConfigReader models = top.object("models");
-  const auto model = read_model<anymate::ModelOptions>(models, name, {"AnymateModel"});
+  const auto [name, model] = read_only_model<anymate::ModelOptions>(top, {"AnymateModel"});
   if (!options.pretrained_encoder.empty()) {
     constexpr const char* kPlace = "/trainer/args/pretrained_encoder";
     if (model.encoder == anymate::EncoderKind::kScratch)

@@ -7,13 +7,11 @@ namespace anigen::train {
 
 using torch::Tensor;
 
-LatentDenoising LatentDenoising::read(ConfigReader& args, const std::string& suffix) {
-  LatentDenoising noise;
-  noise.enabled = args.boolean("latent_denoising" + suffix, noise.enabled);
-  noise.gamma = args.number("latent_denoising_gamma" + suffix, noise.gamma, 0.0);
-  noise.time_max = args.number("latent_time_max" + suffix, noise.time_max, 0.0, 1.0);
-  noise.ramp_steps = args.integer("latent_achive_max_step" + suffix, noise.ramp_steps, 0);
-  return noise;
+void LatentDenoising::fields(ConfigFields& f, const std::string& suffix) {
+  f("latent_denoising" + suffix, enabled);
+  f("latent_denoising_gamma" + suffix, gamma, {0.0});
+  f("latent_time_max" + suffix, time_max, {0.0, 1.0});
+  f("latent_achive_max_step" + suffix, ramp_steps, {0});
 }
 
 double LatentDenoising::time_max_at(std::int64_t step) const {

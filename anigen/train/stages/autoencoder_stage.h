@@ -6,7 +6,7 @@
 #include <utility>
 #include <vector>
 
-#include "anigen/core/config.h"
+#include "anigen/core/config_fields.h"
 #include "anigen/nn/init.h"
 #include "anigen/train/stage.h"
 #include "anigen/train/stages/stages.h"
@@ -24,7 +24,7 @@ struct LatentDenoising {
 
   /// `latent_denoising`, `latent_denoising_gamma`, `latent_time_max` and `latent_achive_max_step` (spelled so in
   /// published configs), each with `suffix` ("", "_skl") appended.
-  static LatentDenoising read(ConfigReader& trainer_args, const std::string& suffix);
+  void fields(ConfigFields& f, const std::string& suffix);
 
   /// Largest share of noise at a step: min(1, step / ramp_steps) · time_max.
   double time_max_at(std::int64_t step) const;
@@ -88,11 +88,6 @@ class AutoEncoderStage : public Stage {
     share_frozen_weights(*encoder_, *replica->encoder_);
     share_frozen_weights(*decoder_, *replica->decoder_);
     return replica;
-  }
-  /// The number of held-out assets to look at, at most so many; 0: all.
-  std::size_t held_out_count(std::int64_t most) const {
-    const std::size_t all = held_out_ ? held_out_->size() : 0;
-    return most == 0 ? all : std::min(static_cast<std::size_t>(most), all);
   }
 
   Coders coders_;

@@ -63,7 +63,7 @@ class FlowStage : public Stage {
   struct Parts {
     std::string name = "denoiser";  ///< of the model, in the config and in checkpoints
     Model model = nullptr;
-    std::unique_ptr<vision::ConditionEncoder> encoder;  ///< null: not conditioned, the flow sees one token of zeros
+    std::shared_ptr<vision::ConditionEncoder> encoder;  ///< null: not conditioned, the flow sees one token of zeros
     Dataset data, held_out;                             ///< held_out may be null
     Decoder decoder = nullptr;                          ///< of the latents, for sample(); null: no samples
     torch::Device device = torch::kCPU;
@@ -136,17 +136,11 @@ class FlowStage : public Stage {
 
   /// Parts of a replica.
   Parts twin() const {
-    Parts twin;
-    twin.name = parts_.name;
+    Parts twin = parts_;
     twin.model = Model(parts_.model->options(), nn::Init::kNone);
     twin.model->to(parts_.device);
     share_frozen_weights(*parts_.model, *twin.model);
     if (parts_.encoder) twin.encoder = parts_.encoder->replica();
-    twin.data = parts_.data;
-    twin.held_out = parts_.held_out;
-    twin.decoder = parts_.decoder;
-    twin.device = parts_.device;
-    twin.start = parts_.start;
     return twin;
   }
   /// Latents, noise or velocities where the model is, in the type of its input.
@@ -179,11 +173,10 @@ std::pair<Options, typename StageType::Parts> flow_parts(const StageRequest& req
   ConfigReader top(request.config, request.file);
   const bool conditioned = top.object("trainer").text("name", "") == names.conditioned_trainer;
   typename StageType::Parts parts;
-  parts.name = only_model(top);
   parts.device = request.device;
   parts.start = WarmStartOptions::read(request.args);
-  ConfigReader models = top.object("models");
-  auto model = read_model<ModelOptions>(models, parts.name, names.model_classes);
+  auto [name, model] = read_only_model<ModelOptions>(top, names.model_classes);
+  parts.name = name;
   if (!parts.start.enabled) model.use_pretrain_branch = model.freeze_pretrain_branch = false;
   if (conditioned) vision::read_condition_arguments(request.args);
   const ConfigReader dataset = top.object("dataset");

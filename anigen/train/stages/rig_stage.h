@@ -87,10 +87,10 @@ class RigStage : public Stage {
     return loss(dynamic_cast<const Draws&>(batch).samples, context.step);
   }
   /// Means of the scores.
-  Values evaluate() final { return looked_at() > 0 ? scores().means() : Values(); }
+  Values evaluate() final { return scored() > 0 ? scores().means() : Values(); }
   /// scores.csv: the metrics of each held-out asset.
   void sample(const std::filesystem::path& folder) final {
-    if (looked_at() > 0) write_file_atomically(folder / "scores.csv", to_csv(scores().table()));
+    if (scored() > 0) write_file_atomically(folder / "scores.csv", to_csv(scores().table()));
   }
   /// @throws NotSupportedError
   std::unique_ptr<Stage> replica() const override {
@@ -107,16 +107,14 @@ class RigStage : public Stage {
   Model model_;
 
  private:
-  std::size_t looked_at() const {
-    const std::size_t held_out = data_.held_out ? data_.held_out->samples() : 0;
-    const auto most = static_cast<std::size_t>(options_.eval_max_assets);
-    return most == 0 ? held_out : std::min(most, held_out);
+  std::size_t scored() const {
+    return looked_at(data_.held_out ? data_.held_out->samples() : 0, options_.eval_max_assets);
   }
   RigScores scores() {
     const torch::NoGradGuard no_grad;
     model_->eval();
     RigScores scores;
-    for (std::size_t i = 0; i < looked_at(); ++i) score(data_.held_out->sample(i), i, scores);
+    for (std::size_t i = 0; i < scored(); ++i) score(data_.held_out->sample(i), i, scores);
     model_->train();
     return scores;
   }

@@ -156,9 +156,7 @@ std::unique_ptr<Stage> make_rignet_stage(const StageRequest& request) {
   const auto options = RignetStageOptions::read(request.args);
   require_one_replica(request, "RigNet");
   ConfigReader top(request.config, request.file);
-  const std::string name = only_model(top);
-  ConfigReader models = top.object("models");
-  const auto model = read_model<rignet::RignetOptions>(models, name, {"RignetModel"});
+  const auto [name, model] = read_only_model<rignet::RignetOptions>(top, {"RignetModel"});
   auto data = read_dataset<rignet::RignetDatasetOptions>(top, "Rignet");
   data.conversion.task = model.task;
   data.conversion.bones = model.bones;

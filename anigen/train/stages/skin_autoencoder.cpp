@@ -1,5 +1,6 @@
 #include <algorithm>
 
+#include "anigen/core/config_fields.h"
 #include "anigen/core/log.h"
 #include "anigen/data/skin_dataset.h"
 #include "anigen/skin_field/loss.h"
@@ -11,12 +12,6 @@ namespace anigen::train {
 namespace {
 
 using torch::Tensor;
-
-std::vector<Tensor> placed(const std::vector<Tensor>& tensors, torch::Device device, torch::Dtype dtype) {
-  std::vector<Tensor> moved;
-  for (const Tensor& tensor : tensors) moved.push_back(tensor.to(device, dtype));
-  return moved;
-}
 
 struct RowSums {
   double l1 = 0.0, kl = 0.0;
@@ -39,25 +34,19 @@ struct SkinAutoEncoderStageOptions {
   std::int64_t eval_max_vertices = 0;  // ours: vertices per held-out asset, 0: all
   std::int64_t eval_max_assets = 0;    // ours: held-out assets, 0: all
 
-  static SkinAutoEncoderStageOptions read(ConfigReader& args, const std::string& compatibility) {
-    SkinAutoEncoderStageOptions options;
-    options.loss = skin_field::SkinLossOptions::compatible(compatibility);
-    options.loss.lambda_kl_skin = args.number("lambda_kl_skin", 1.0, 0.0);
-    options.loss.lambda_l1_skin = args.number("lambda_l1_skin", 0.0, 0.0);
-    options.loss.lambda_l2_skin = args.number("lambda_l2_skin", 0.0, 0.0);
-    if (options.loss.lambda_kl_skin + options.loss.lambda_l1_skin + options.loss.lambda_l2_skin == 0.0)
-      throw args.error("lambda_kl_skin", "every term of the loss has weight 0");
-    const bool rows = options.loss.kl_mean == skin_field::SkinKlMean::kRows;
-    const std::string reduction = args.choice("kl_reduction", rows ? "row" : "element", {"element", "row"});
-    options.loss.kl_mean = reduction == "row" ? skin_field::SkinKlMean::kRows : skin_field::SkinKlMean::kElements;
-    const Json* samples = args.raw("num_skin_samples");
-    if (samples != nullptr && !samples->is_null())
-      options.num_skin_samples = args.integer("num_skin_samples", 0, 1, 1 << 24);
-    options.unit_gain = args.choice("init", "published", {"published", "unit_gain"}) == "unit_gain";
-    options.augmentations = data::read_augmentations(args.object("augmentations"));
-    options.eval_max_vertices = args.integer("eval_max_vertices", 0, 0);
-    options.eval_max_assets = args.integer("eval_max_assets", 0, 0);
-    return options;
+  void fields(ConfigFields& f) {
+    f("lambda_kl_skin", loss.lambda_kl_skin, {0.0});
+    f("lambda_l1_skin", loss.lambda_l1_skin, {0.0});
+    f("lambda_l2_skin", loss.lambda_l2_skin, {0.0});
+    if (loss.lambda_kl_skin + loss.lambda_l1_skin + loss.lambda_l2_skin == 0.0)
+      throw f.error("lambda_kl_skin", "every term of the loss has weight 0");
+    using skin_field::SkinKlMean;
+    f("kl_reduction", loss.kl_mean, {{"element", SkinKlMean::kElements}, {"row", SkinKlMean::kRows}});
+    f.or_null("num_skin_samples", num_skin_samples, {1, 1 << 24});
+    unit_gain = f.reader().choice("init", "published", {"published", "unit_gain"}) == "unit_gain";
+    f.object("augmentations", augmentations);
+    f("eval_max_vertices", eval_max_vertices, {0});
+    f("eval_max_assets", eval_max_assets, {0});
   }
 };
 
@@ -94,7 +83,7 @@ class SkinAutoEncoderStage final : public Stage {
   Losses losses(const data::Batch& batch, const LossContext&) override {
     const auto& rigs = dynamic_cast<const data::SkinBatch&>(batch);
     const skin_field::SkeletonBatch skeletons = skeletons_of(rigs.joints, rigs.parents);
-    const std::vector<Tensor> skin = placed(rigs.skin, device_, dtype_);
+    const std::vector<Tensor> skin = on_device(rigs.skin, device_, dtype_);
     // L = λ_kl KL(s ‖ ŝ) + λ_1 |s − ŝ| + λ_2 (s − ŝ)²
     const skin_field::SkinLosses computed =
         skin_field::skin_losses_from_log(model_->reconstruct_log(skeletons, skin), skin, options_.loss);
@@ -108,13 +97,12 @@ class SkinAutoEncoderStage final : public Stage {
   Values evaluate() override {
     if (!held_out_) return {};
     torch::NoGradGuard no_grad;
-    const auto most = static_cast<std::size_t>(options_.eval_max_assets);
-    const std::size_t count = most == 0 ? held_out_->size() : std::min(most, held_out_->size());
+    const std::size_t count = looked_at(held_out_->size(), options_.eval_max_assets);
     double l1 = 0.0, kl = 0.0;
     for (std::size_t i = 0; i < count; ++i) {
       const auto rig = held_out_->vertices_of(i, static_cast<std::size_t>(options_.eval_max_vertices));
       const skin_field::SkeletonBatch skeleton = skeletons_of(rig->joints, rig->parents);
-      const std::vector<Tensor> skin = placed(rig->skin, device_, dtype_);
+      const std::vector<Tensor> skin = on_device(rig->skin, device_, dtype_);
       const RowSums errors = row_errors(model_->reconstruct_log(skeleton, skin).front(), skin.front());
       l1 += errors.l1;
       kl += errors.kl;
@@ -125,7 +113,7 @@ class SkinAutoEncoderStage final : public Stage {
 
  private:
   skin_field::SkeletonBatch skeletons_of(const std::vector<Tensor>& joints, const std::vector<Tensor>& parents) const {
-    return skin_field::SkeletonBatch::from_lists(placed(joints, torch::kCPU, dtype_), parents).to(device_);
+    return skin_field::SkeletonBatch::from_lists(on_device(joints, torch::kCPU, dtype_), parents).to(device_);
   }
 
   skin_field::SkinAutoEncoderOptions model_options_;
@@ -140,11 +128,12 @@ class SkinAutoEncoderStage final : public Stage {
 }  // namespace
 
 std::unique_ptr<Stage> make_skin_autoencoder_stage(const StageRequest& request) {
-  const auto options = SkinAutoEncoderStageOptions::read(request.args, request.trainer.compatibility);
+  SkinAutoEncoderStageOptions options;
+  options.loss = skin_field::SkinLossOptions::compatible(request.trainer.compatibility);
+  ConfigFields f(request.args);
+  options.fields(f);
   ConfigReader top(request.config, request.file);
-  const std::string name = only_model(top);
-  ConfigReader models = top.object("models");
-  const auto model = read_model<skin_field::SkinAutoEncoderOptions>(models, name, {"SkinAutoEncoder"});
+  const auto [name, model] = read_only_model<skin_field::SkinAutoEncoderOptions>(top, {"SkinAutoEncoder"});
   const auto data_options = read_dataset<data::SkinDatasetOptions>(top, "AniGenSparseFeat2Skeleton");
 
   const data::TrainAndEval assets = data::select(data_options);

@@ -1,5 +1,6 @@
 #include "anigen/train/stages/sparse_structure_autoencoder.h"
 
+#include "anigen/core/config_fields.h"
 #include "anigen/core/error.h"
 #include "anigen/core/numeric.h"
 
@@ -21,16 +22,6 @@ Tensor latent_between(const Tensor& a, const Tensor& b, double share, bool on_sp
   return on_sphere ? radius * sparse_structure::unit_latents(z) : z;
 }
 
-void require_one_channel(std::int64_t channels, const std::string& file, const char* argument) {
-  if (channels == 1) return;
-  throw InputError(file, std::string("/models/") + argument,
-                   "occupancy has one channel, found " + std::to_string(channels));
-}
-
-void require_fit(bool fits, const std::string& file, const std::string& key, const std::string& problem) {
-  if (!fits) throw InputError(file, "/models/decoder/args/" + key, problem);
-}
-
 void unfreeze(sparse_structure::SparseStructureCoderOptions& options) {
   options.use_pretrain_branch = false;
   options.freeze_pretrain_branch = false;
@@ -40,34 +31,37 @@ void unfreeze(sparse_structure::SparseStructureCoderOptions& options) {
 
 SparseStructureAutoEncoderStageOptions SparseStructureAutoEncoderStageOptions::read(ConfigReader& args) {
   SparseStructureAutoEncoderStageOptions options;
+  ConfigFields f(args);
   options.loss_type = sparse_structure::occupancy_loss_named(args.choice("loss_type", "bce", {"dice", "bce", "l1"}));
-  options.lambda_kl = args.number("lambda_kl", options.lambda_kl, 0.0);
-  options.lambda_kl_skl = args.number("lambda_kl_skl", options.lambda_kl_skl, 0.0);
-  options.noise = LatentDenoising::read(args, "");
-  options.noise_skl = LatentDenoising::read(args, "_skl");
-  options.eval_max_assets = args.integer("eval_max_assets", 0, 0);
+  f("lambda_kl", options.lambda_kl, {0.0});
+  f("lambda_kl_skl", options.lambda_kl_skl, {0.0});
+  options.noise.fields(f, "");
+  options.noise_skl.fields(f, "_skl");
+  f("eval_max_assets", options.eval_max_assets, {0});
   options.warm_start = WarmStartOptions::read(args);
   return options;
 }
 
 void SparseStructureCoders::validate(const std::string& file) const {
-  require_fit(encoder.latent_channels == decoder.latent_channels, file, "latent_channels",
-              "differs from the encoder's " + std::to_string(encoder.latent_channels));
-  require_fit(encoder.latent_channels_skl == decoder.latent_channels_skl, file, "latent_channels_skl",
-              "differs from the encoder's " + std::to_string(encoder.latent_channels_skl));
-  require_fit(encoder.levels() == decoder.levels(), file, "channels",
-              "has another number of levels than the encoder's " + std::to_string(encoder.levels()));
-  require_fit(encoder.encode_global == decoder.encode_global, file, "encode_global", "differs from the encoder's");
-  require_fit(encoder.encode_global_skl == decoder.encode_global_skl, file, "encode_global_skl",
-              "differs from the encoder's");
-  require_fit(!encoder.encode_global || encoder.global_token_num == decoder.global_token_num, file, "global_token_num",
-              "differs from the encoder's");
-  require_fit(!encoder.encode_global_skl || encoder.global_token_num_skl == decoder.global_token_num_skl, file,
-              "global_token_num_skl", "differs from the encoder's");
-  require_one_channel(encoder.in_channels, file, "encoder/args/in_channels");
-  require_one_channel(encoder.in_channels_skl, file, "encoder/args/in_channels_skl");
-  require_one_channel(decoder.out_channels, file, "decoder/args/out_channels");
-  require_one_channel(decoder.out_channels_skl, file, "decoder/args/out_channels_skl");
+  const auto& e = encoder;
+  const auto& d = decoder;
+  const std::string pointer = "/models/decoder/args", differs = "differs from the encoder's";
+  const OptionCheck check{file, pointer};
+  check(e.latent_channels == d.latent_channels, "latent_channels", differs + " " + std::to_string(e.latent_channels));
+  check(e.latent_channels_skl == d.latent_channels_skl, "latent_channels_skl",
+        differs + " " + std::to_string(e.latent_channels_skl));
+  check(e.levels() == d.levels(), "channels",
+        "has another number of levels than the encoder's " + std::to_string(e.levels()));
+  check(e.encode_global == d.encode_global, "encode_global", differs);
+  check(e.encode_global_skl == d.encode_global_skl, "encode_global_skl", differs);
+  check(!e.encode_global || e.global_token_num == d.global_token_num, "global_token_num", differs);
+  check(!e.encode_global_skl || e.global_token_num_skl == d.global_token_num_skl, "global_token_num_skl", differs);
+  for (const auto& [place, channels] : {std::pair{"encoder/args/in_channels", e.in_channels},
+                                        {"encoder/args/in_channels_skl", e.in_channels_skl},
+                                        {"decoder/args/out_channels", d.out_channels},
+                                        {"decoder/args/out_channels_skl", d.out_channels_skl}}) {
+    OptionCheck{file, "/models"}(channels == 1, place, "occupancy has one channel, found " + std::to_string(channels));
+  }
 }
 
 void SparseStructureCoders::require_resolution(std::int64_t resolution, const ConfigReader& dataset_args) const {
@@ -150,7 +144,7 @@ SparseStructureAutoEncoderStage::Reconstruction SparseStructureAutoEncoderStage:
 
 Values SparseStructureAutoEncoderStage::evaluate() {
   if (!held_out_) return {};
-  const std::size_t count = held_out_count(options_.eval_max_assets);
+  const std::size_t count = looked_at(held_out_->size(), options_.eval_max_assets);
   Values means{{"iou_shape", 0.0}, {"f1_shape", 0.0}, {"iou_skl", 0.0}, {"f1_skl", 0.0}};
   for (std::size_t i = 0; i < count; ++i) {
     const Reconstruction made = reconstruct(i);

@@ -30,12 +30,11 @@ std::unique_ptr<Stage> make_stage(const std::string& trainer_name, const StageRe
                               joined(kTrainers, ", ", &std::pair<const char*, Make>::first));
 }
 
-std::string only_model(ConfigReader& top) {
-  top.require("models");
-  const ConfigReader models = top.object("models");
-  const Json& list = *top.raw("models");
-  if (list.size() != 1) throw models.error("", "this stage trains exactly one model");
-  return list.begin().key();
+std::vector<torch::Tensor> on_device(const std::vector<torch::Tensor>& tensors, torch::Device device,
+                                     std::optional<torch::Dtype> dtype) {
+  std::vector<torch::Tensor> there;
+  for (const torch::Tensor& tensor : tensors) there.push_back(tensor.to(device, dtype.value_or(tensor.scalar_type())));
+  return there;
 }
 
 }  // namespace anigen::train

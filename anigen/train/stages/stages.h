@@ -1,6 +1,9 @@
 #pragma once
+#include <algorithm>
 #include <memory>
+#include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "anigen/core/config.h"
@@ -72,8 +75,13 @@ std::unique_ptr<Stage> make_rignet_stage(const StageRequest& request);
 /// The stage that a config's trainer names. @throws NotSupportedError naming those there are; InputError as above
 std::unique_ptr<Stage> make_stage(const std::string& trainer_name, const StageRequest& request);
 
-/// The name of the only model of a config. @throws InputError when there is another number of them
-std::string only_model(ConfigReader& top);
+/// Held-out assets that an evaluation looks at: at most so many of all; 0: all.
+inline std::size_t looked_at(std::size_t all, std::int64_t most) {
+  return most == 0 ? all : std::min(static_cast<std::size_t>(most), all);
+}
+
+std::vector<torch::Tensor> on_device(const std::vector<torch::Tensor>& tensors, torch::Device device,
+                                     std::optional<torch::Dtype> dtype = {});
 
 /// `models.<name>`: {"name": one of the classes, "args": …}. @throws InputError
 template <typename Options>
@@ -86,6 +94,17 @@ Options read_model(ConfigReader& models, const std::string& name, const std::vec
   Options options = Options::from_json(args ? *args : Json::object(), models.file(), model.pointer_to("args"));
   model.finish();
   return options;
+}
+
+/// Name and options of the only model of a config. @throws InputError also when there is another number of them
+template <typename Options>
+std::pair<std::string, Options> read_only_model(ConfigReader& top, const std::vector<std::string>& classes) {
+  top.require("models");
+  ConfigReader models = top.object("models");
+  const Json& list = *top.raw("models");
+  if (list.size() != 1) throw models.error("", "this stage trains exactly one model");
+  const std::string& name = list.begin().key();
+  return {name, read_model<Options>(models, name, classes)};
 }
 
 /// `dataset`: {"name": this class, "args": …}. @throws InputError

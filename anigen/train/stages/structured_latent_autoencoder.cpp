@@ -31,12 +31,6 @@ bool trains_any_geometry(const torch::nn::Module& model) {
   return false;
 }
 
-std::vector<Tensor> moved(const std::vector<Tensor>& tensors, torch::Device device) {
-  std::vector<Tensor> there;
-  for (const Tensor& tensor : tensors) there.push_back(tensor.to(device));
-  return there;
-}
-
 // z_t = (1 − t) z + t γ ε with one share of noise t per item, for the rows of its voxels.
 Tensor noised(const Tensor& z, const sparse::Support& support, const LatentDenoising& noise, std::int64_t step,
               at::Generator& generator) {
@@ -69,28 +63,9 @@ Tensor mean_regularizer(const std::vector<shape_field::ExtractedMesh>& meshes) {
   return torch::stack(terms).mean();
 }
 
-void log_geometry(LossSum& sum, const shape_field::GeometryLosses& losses) {
-  sum.log("tsdf_loss", losses.tsdf);
-  sum.log("mask_loss", losses.mask);
-  sum.log("depth_loss", losses.depth);
-  sum.log("normal_loss", losses.normal);
-  sum.log("normal_loss_ssim", losses.normal_ssim);
-  sum.log("normal_loss_perceptual", losses.normal_perceptual);
-}
-
 // Modules of the SkinAE in the two models.
 constexpr const char* kSkinEncoderModule = "skin_encoder";
 constexpr const char* kSkinDecoderModule = "skin_decoder";
-
-void require_equal(std::int64_t decoder, std::int64_t encoder, const std::string& file, const std::string& key) {
-  if (decoder == encoder) return;
-  throw InputError(file, "/models/decoder/args/" + key,
-                   std::to_string(decoder) + " differs from the encoder's " + std::to_string(encoder));
-}
-
-void drop(std::vector<std::string>& names, const std::string& name) {
-  names.erase(std::remove(names.begin(), names.end(), name), names.end());
-}
 
 // "warm_start": "none" trains what published runs take from TRELLIS; the SkinAE, which stage 1 trained, stays frozen.
 void unfreeze_all_but_skin(structured_latent::StructuredLatentCoderOptions& coder, const char* skin_module,
@@ -175,9 +150,9 @@ StructuredLatentAutoEncoderStage::Inputs StructuredLatentAutoEncoderStage::input
   Inputs inputs;
   inputs.x = sparse_of(batch.feats, device_);
   inputs.x_skl = sparse_of(batch.feats_skl, device_);
-  inputs.rigs.joints = moved(batch.rigs.joints, device_);
-  inputs.rigs.parents = moved(batch.rigs.parents, device_);
-  inputs.rigs.skin = moved(batch.rigs.skin, device_);
+  inputs.rigs.joints = on_device(batch.rigs.joints, device_);
+  inputs.rigs.parents = on_device(batch.rigs.parents, device_);
+  inputs.rigs.skin = on_device(batch.rigs.skin, device_);
   inputs.rigs.vertices = batch.rigs.vertices;  // only asked for places, on the CPU
   inputs.rigs.faces = batch.rigs.faces;
   inputs.rigs.surfaces = batch.rigs.surfaces;
@@ -296,7 +271,12 @@ Losses StructuredLatentAutoEncoderStage::losses(const data::Batch& batch, const 
     const shape_field::GeometryLosses geometry =
         shape_field::geometry_losses(pictures.surface, truth, tsdf, options_.geometry, picture_distance());
     sum.add("geo_loss", geometry.total);
-    log_geometry(sum, geometry);
+    sum.log("tsdf_loss", geometry.tsdf);
+    sum.log("mask_loss", geometry.mask);
+    sum.log("depth_loss", geometry.depth);
+    sum.log("normal_loss", geometry.normal);
+    sum.log("normal_loss_ssim", geometry.normal_ssim);
+    sum.log("normal_loss_perceptual", geometry.normal_perceptual);
     if (options_.geometry.lambda_color > 0.0 && pictures.color.defined()) {
       const std::vector<std::int64_t> rows(with_surface.begin(), with_surface.end());
       const Tensor chosen = torch::tensor(rows, torch::kInt64);
@@ -329,11 +309,16 @@ Losses StructuredLatentAutoEncoderStage::losses(const data::Batch& batch, const 
 }
 
 void StructuredLatentCoders::validate(const std::string& file) const {
-  require_equal(decoder.resolution, encoder.resolution, file, "resolution");
-  require_equal(decoder.latent_channels, encoder.latent_channels, file, "latent_channels");
-  require_equal(decoder.latent_channels_skl, encoder.latent_channels_skl, file, "latent_channels_skl");
-  require_equal(decoder.latent_channels_vertskin, encoder.latent_channels_vertskin, file, "latent_channels_vertskin");
-  require_equal(decoder.skin_decoder_config.skin_feat_channels, encoder.skin_encoder_config.skin_feat_channels, file,
+  const std::string pointer = "/models/decoder/args";
+  const auto require_equal = [&](std::int64_t found, std::int64_t wanted, const char* key) {
+    OptionCheck{file, pointer}(found == wanted, key,
+                               std::to_string(found) + " differs from the encoder's " + std::to_string(wanted));
+  };
+  require_equal(decoder.resolution, encoder.resolution, "resolution");
+  require_equal(decoder.latent_channels, encoder.latent_channels, "latent_channels");
+  require_equal(decoder.latent_channels_skl, encoder.latent_channels_skl, "latent_channels_skl");
+  require_equal(decoder.latent_channels_vertskin, encoder.latent_channels_vertskin, "latent_channels_vertskin");
+  require_equal(decoder.skin_decoder_config.skin_feat_channels, encoder.skin_encoder_config.skin_feat_channels,
                 "skin_decoder_config/skin_feat_channels");
 }
 
@@ -345,7 +330,8 @@ std::unique_ptr<Stage> make_structured_latent_autoencoder_stage(const StageReque
       StructuredLatentAutoEncoderStageOptions::read(request.args, coders.decoder, request.trainer.compatibility);
   options.variant.apply(coders.encoder, request.file);
   const bool skin_ae = options.variant.needs_skin_ae();
-  if (!skin_ae) drop(coders.decoder.modules_to_freeze, kSkinDecoderModule);
+  std::vector<std::string>& frozen = coders.decoder.modules_to_freeze;
+  if (!skin_ae) frozen.erase(std::remove(frozen.begin(), frozen.end(), kSkinDecoderModule), frozen.end());
   if (!options.warm_start.enabled) {
     unfreeze_all_but_skin(coders.encoder, kSkinEncoderModule, skin_ae);
     unfreeze_all_but_skin(coders.decoder, kSkinDecoderModule, skin_ae);

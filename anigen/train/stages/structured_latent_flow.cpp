@@ -1,5 +1,6 @@
 #include "anigen/structured_latent/flow.h"
 
+#include "anigen/core/config_fields.h"
 #include "anigen/core/error.h"
 #include "anigen/core/numeric.h"
 #include "anigen/data/latent_files.h"
@@ -26,18 +27,11 @@ Tensor item_of_rows(const SparseTensor& voxels) {
   return voxels.support->coords().select(1, 0).to(voxels.feats.device(), torch::kInt64);
 }
 
-// Says that two numbers of channels should be one.
-void require_channels(std::int64_t wanted, std::int64_t found, const InputError& problem) {
-  if (wanted != found) throw problem;
-}
-
 void check_stream(const structured_latent::StructuredLatentFlowStreamOptions& stream, const std::string& suffix,
                   const std::string& file, const std::string& pointer) {
-  require_channels(
-      stream.in_channels, stream.out_channels,
-      InputError(file, pointer + "/out_channels" + suffix,
-                 "a velocity has the channels of the latent: expected in_channels" + suffix + ", " +
-                     std::to_string(stream.in_channels) + ", found " + std::to_string(stream.out_channels)));
+  OptionCheck{file, pointer}(stream.in_channels == stream.out_channels, "out_channels" + suffix,
+                             "a velocity has the channels of the latent: expected in_channels" + suffix + ", " +
+                                 std::to_string(stream.in_channels) + ", found " + std::to_string(stream.out_channels));
 }
 
 // True when model and dataset fit is known before a run folder is touched: from the first asset.
@@ -46,23 +40,22 @@ void check_latents(const structured_latent::StructuredLatentFlowOptions& model,
   const auto batch = data.load({data::Draw{0, 0}});
   const auto& latents = dynamic_cast<const data::StructuredLatentBatch&>(*batch);
   const std::int64_t shape = latents.x_0.feats.size(1), skeleton = latents.x_0_skl.feats.size(1);
-  require_channels(model.geometry.in_channels + model.skin.in_channels, shape,
-                   InputError(file, pointer + "/in_channels",
-                              "with in_channels_vert_skin makes " +
-                                  std::to_string(model.geometry.in_channels + model.skin.in_channels) +
-                                  " channels, but the dataset's latents have " + std::to_string(shape)));
-  require_channels(model.skeleton.in_channels, skeleton,
-                   InputError(file, pointer + "/in_channels_skl",
-                              std::to_string(model.skeleton.in_channels) +
-                                  ", but the dataset's skeleton latents have " + std::to_string(skeleton)));
+  const std::int64_t wanted = model.geometry.in_channels + model.skin.in_channels;
+  const OptionCheck check{file, pointer};
+  check(wanted == shape, "in_channels",
+        "with in_channels_vert_skin makes " + std::to_string(wanted) + " channels, but the dataset's latents have " +
+            std::to_string(shape));
+  check(model.skeleton.in_channels == skeleton, "in_channels_skl",
+        std::to_string(model.skeleton.in_channels) + ", but the dataset's skeleton latents have " +
+            std::to_string(skeleton));
 }
 
 void check_decoder(const structured_latent::StructuredLatentFlowOptions& model,
                    const structured_latent::StructuredLatentDecoderOptions& decoder, const nn::RunModel& run) {
+  const std::string file = run.config.string();
   const auto check = [&](std::int64_t wanted, std::int64_t found, const char* key) {
-    require_channels(wanted, found,
-                     InputError(run.config.string(), run.pointer + "/" + key,
-                                std::to_string(found) + ", but the flow's latents have " + std::to_string(wanted)));
+    OptionCheck{file, run.pointer}(wanted == found, key,
+                                   std::to_string(found) + ", but the flow's latents have " + std::to_string(wanted));
   };
   check(model.geometry.in_channels, decoder.latent_channels, "latent_channels");
   check(model.skin.in_channels, decoder.latent_channels_vertskin, "latent_channels_vertskin");

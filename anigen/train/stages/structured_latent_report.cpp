@@ -83,33 +83,6 @@ Tensor selected(const Tensor& rows, const std::vector<std::size_t>& assets, torc
 
 constexpr std::uint64_t kSurfaceSeed = 0;
 
-// Means over the assets for which there is a value.
-class AssetMeans {
- public:
-  void add(const std::string& name, double value) {
-    for (Entry& entry : entries_) {
-      if (entry.name != name) continue;
-      entry.sum += value;
-      ++entry.count;
-      return;
-    }
-    entries_.push_back({name, value, 1});
-  }
-  Values values() const {
-    Values means;
-    for (const Entry& entry : entries_) means.emplace_back(entry.name, entry.sum / static_cast<double>(entry.count));
-    return means;
-  }
-
- private:
-  struct Entry {
-    std::string name;
-    double sum;
-    std::size_t count;
-  };
-  std::vector<Entry> entries_;
-};
-
 // Evenly spaced rows where there are more than wanted; undefined: all.
 Tensor evenly_chosen(std::int64_t rows, std::int64_t wanted, torch::Device device) {
   if (wanted == 0 || rows <= wanted) return Tensor();
@@ -213,8 +186,8 @@ StructuredLatentAutoEncoderStageOptions StructuredLatentAutoEncoderStageOptions:
   f("lambda_kl", options.lambda_kl, {0.0});
   f("lambda_kl_skl", options.lambda_kl_skl, {0.0});
   const bool says_noise = args.has("latent_denoising"), says_noise_skl = args.has("latent_denoising_skl");
-  options.noise = LatentDenoising::read(args, "");
-  options.noise_skl = LatentDenoising::read(args, "_skl");
+  options.noise.fields(f, "");
+  options.noise_skl.fields(f, "_skl");
   // The paper's latents are all those of a denoising auto-encoder.
   if (paper && !says_noise) options.noise.enabled = true;
   if (paper && !says_noise_skl) options.noise_skl.enabled = true;
@@ -253,9 +226,10 @@ StructuredLatentAutoEncoderStage::Reconstruction StructuredLatentAutoEncoderStag
 Values StructuredLatentAutoEncoderStage::evaluate() {
   if (!held_out_) return {};
   const torch::NoGradGuard no_grad;
-  const std::size_t count = held_out_count(options_.eval_max_assets);
+  const std::size_t count = looked_at(held_out_->size(), options_.eval_max_assets);
   const auto samples = static_cast<std::size_t>(options_.eval_surface_points);
-  AssetMeans means;
+  RunningMeans means;  // over the assets for which there is a value
+  means.only_finite = false;
   for (std::size_t i = 0; i < count; ++i) {
     const Reconstruction made = reconstruct(i);
     const shape_field::ExtractedMesh& mesh = made.meshes.front();
@@ -277,20 +251,20 @@ Values StructuredLatentAutoEncoderStage::evaluate() {
     means.add("parents_loss", rig.parents.item<double>());
     if (mesh.success && !made.inputs.is_bad_skin.front() && options_.rig.lambda_skin_kl > 0.0)
       means.add("skin_kl_loss", rig.skin_kl.item<double>());
-    const std::vector<Eigen::Vector3d> truth = joint_positions(made.inputs.skeletons.front().joints);
-    const std::vector<Eigen::Vector3d> grouped = joint_positions(made.grouped.joints);
+    const std::vector<Eigen::Vector3d> truth = nn::points_of<double>(made.inputs.skeletons.front().joints, "joints");
+    const std::vector<Eigen::Vector3d> grouped = nn::points_of<double>(made.grouped.joints, "joints");
     means.add("joint_count_error", std::abs(static_cast<double>(grouped.size()) - static_cast<double>(truth.size())));
     if (!grouped.empty()) means.add("joint_chamfer", metrics::chamfer_l1(metrics::cloud_distances(grouped, truth)));
     log::debug("held out {}: {} joints of {}", made.id, grouped.size(), truth.size());
   }
-  return means.values();
+  return means.means();
 }
 
 void StructuredLatentAutoEncoderStage::sample(const std::filesystem::path& folder) {
   if (!held_out_ || held_out_->size() == 0 || options_.sample_assets == 0) return;
   const torch::NoGradGuard no_grad;
   std::vector<render::Tile> tiles;
-  for (std::size_t i = 0; i < held_out_count(options_.sample_assets); ++i) {
+  for (std::size_t i = 0; i < looked_at(held_out_->size(), options_.sample_assets); ++i) {
     const Reconstruction made = reconstruct(i);
     const shape_field::ExtractedMesh& mesh = made.meshes.front();
     const skeleton_field::SkeletonTensors& truth = made.inputs.skeletons.front();

@@ -45,7 +45,9 @@ TEST(LatentDenoising, ReadsThePublishedNames) {
   const Json json = Json::parse(R"({"latent_denoising_skl": true, "latent_denoising_gamma_skl": 0.5,
     "latent_time_max_skl": 0.25, "latent_achive_max_step_skl": 20})");
   ConfigReader reader(json, "config.json");
-  const LatentDenoising noise = LatentDenoising::read(reader, "_skl");
+  ConfigFields fields(reader);
+  LatentDenoising noise;
+  noise.fields(fields, "_skl");
   reader.finish();
   EXPECT_TRUE(noise.enabled);
   EXPECT_EQ(noise.gamma, 0.5);
