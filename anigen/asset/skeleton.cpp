@@ -10,6 +10,7 @@
 #include <limits>
 #include <tuple>
 
+#include "anigen/asset/mesh.h"
 #include "anigen/core/error.h"
 #include "anigen/core/numeric.h"
 
@@ -182,13 +183,12 @@ class Chains {
  public:
   Chains(const std::vector<Eigen::Vector3d>& positions, const std::vector<int>& parents)
       : positions_(positions), parents_(parents), reach_(positions.size(), 0.0), children_(positions.size()) {
-    Eigen::Vector3d low = positions[0], high = positions[0];
+    Box box;
     for (std::size_t j = 0; j < positions.size(); ++j) {
-      low = low.cwiseMin(positions[j]);
-      high = high.cwiseMax(positions[j]);
+      box.extend(positions[j]);
       if (j > 0) children_[at(parents[j])].push_back(j);
     }
-    tolerance_ = kMirrorTolerance * (high - low).norm();
+    tolerance_ = kMirrorTolerance * box.diagonal();
     for (std::size_t j = positions.size(); j-- > 1;) {
       const auto parent = static_cast<std::size_t>(parents[j]);
       reach_[parent] = std::max(reach_[parent], reach_from_parent(j));

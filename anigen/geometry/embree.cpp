@@ -70,20 +70,10 @@ EmbreeMesh::EmbreeMesh(const std::vector<Eigen::Vector3f>& vertices, const std::
 
 EmbreeMesh::~EmbreeMesh() { rtcReleaseScene(scene_); }
 
-struct RayCaster::Implementation {
-  Implementation(const std::vector<Eigen::Vector3f>& vertices, const std::vector<Triangle>& faces)
-      : tree(vertices, faces) {}
-  EmbreeMesh tree;
-};
-
 RayCaster::RayCaster(const std::vector<Eigen::Vector3f>& vertices, const std::vector<Triangle>& faces) {
   if (faces.empty()) throw InputError("", "mesh.faces", "a mesh without faces has no surface");
-  implementation_ = std::make_unique<Implementation>(vertices, faces);
+  mesh_ = std::make_shared<EmbreeMesh>(vertices, faces);
 }
-
-RayCaster::~RayCaster() = default;
-RayCaster::RayCaster(RayCaster&&) noexcept = default;
-RayCaster& RayCaster::operator=(RayCaster&&) noexcept = default;
 
 std::optional<double> RayCaster::first_hit(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction,
                                            double nearest) const {
@@ -93,7 +83,7 @@ std::optional<double> RayCaster::first_hit(const Eigen::Vector3d& origin, const 
   if (!(length > 0.0)) throw InputError("", "ray", "its direction is zero or not finite");
   if (origin.cwiseAbs().maxCoeff() > kLargestCoordinate) return std::nullopt;
   RTCRayHit query = embree_ray(origin.cast<float>(), (direction / length).cast<float>(), static_cast<float>(nearest));
-  embree_intersect(implementation_->tree.scene(), query);
+  embree_intersect(mesh_->scene(), query);
   if (query.hit.geomID == RTC_INVALID_GEOMETRY_ID) return std::nullopt;
   return static_cast<double>(query.ray.tfar);
 }

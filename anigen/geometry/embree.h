@@ -118,9 +118,6 @@ class RayCaster {
   /// Copies the mesh. @throws InputError without faces, on a bad index, or on a vertex that is not finite
   RayCaster(const std::vector<Eigen::Vector3f>& vertices, const std::vector<Triangle>& faces);
   explicit RayCaster(const Mesh& mesh) : RayCaster(mesh.vertices, mesh.faces) {}
-  ~RayCaster();
-  RayCaster(RayCaster&&) noexcept;
-  RayCaster& operator=(RayCaster&&) noexcept;
 
   /// Distance from `origin` to the first surface that is at least `nearest` away along `direction` (of any length but
   /// zero); both sides of a triangle count. Nothing when the ray leaves the mesh.
@@ -129,8 +126,7 @@ class RayCaster {
                                   double nearest = 0.0) const;
 
  private:
-  struct Implementation;
-  std::unique_ptr<Implementation> implementation_;
+  std::shared_ptr<const EmbreeMesh> mesh_;
 };
 
 }  // namespace anigen::geometry

@@ -89,12 +89,8 @@ struct PointIndex::Implementation {
 PointIndex::PointIndex(std::vector<Eigen::Vector3d> points) {
   if (points.empty()) throw InputError("", "points", "there is no point to search");
   require_reachable(points, "points");
-  implementation_ = std::make_unique<Implementation>(std::move(points));
+  implementation_ = std::make_shared<Implementation>(std::move(points));
 }
-
-PointIndex::~PointIndex() = default;
-PointIndex::PointIndex(PointIndex&&) noexcept = default;
-PointIndex& PointIndex::operator=(PointIndex&&) noexcept = default;
 
 std::size_t PointIndex::size() const { return implementation_->cloud.points.size(); }
 

@@ -21,9 +21,6 @@ class PointIndex {
 
   /// Copies the points. @throws InputError without points, or naming one that is not finite or beyond 1e100
   explicit PointIndex(std::vector<Eigen::Vector3d> points);
-  ~PointIndex();
-  PointIndex(PointIndex&&) noexcept;
-  PointIndex& operator=(PointIndex&&) noexcept;
 
   std::size_t size() const;
   const Eigen::Vector3d& point(std::size_t index) const;
@@ -38,7 +35,7 @@ class PointIndex {
 
  private:
   struct Implementation;
-  std::unique_ptr<Implementation> implementation_;
+  std::shared_ptr<const Implementation> implementation_;  ///< copies share it
 };
 
 /// Squared distance in single precision, summed x, y, z: what every neighbour rule below compares.

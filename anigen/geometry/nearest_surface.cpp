@@ -207,19 +207,15 @@ constexpr std::size_t kQueriesPerTask = 256;  // enough work per task to hide it
 NearestSurface::NearestSurface(const std::vector<Eigen::Vector3f>& vertices, const std::vector<Triangle>& faces) {
   require_faces(faces);
   check_mesh(vertices, faces);
-  implementation_ = std::make_unique<Implementation>(vertices, in_double(vertices), faces);
+  implementation_ = std::make_shared<Implementation>(vertices, in_double(vertices), faces);
 }
 
 NearestSurface::NearestSurface(const std::vector<Eigen::Vector3d>& vertices, const std::vector<Triangle>& faces) {
   require_faces(faces);
   const std::vector<Eigen::Vector3f> rounded = in_single(vertices);
   check_mesh(rounded, faces);
-  implementation_ = std::make_unique<Implementation>(rounded, vertices, faces);
+  implementation_ = std::make_shared<Implementation>(rounded, vertices, faces);
 }
-
-NearestSurface::~NearestSurface() = default;
-NearestSurface::NearestSurface(NearestSurface&&) noexcept = default;
-NearestSurface& NearestSurface::operator=(NearestSurface&&) noexcept = default;
 
 NearestPoint NearestSurface::query(const Eigen::Vector3d& point, std::int32_t guess) const {
   if (!in_reach(point)) throw InputError("", "point", kOutOfReach);

@@ -46,9 +46,6 @@ class NearestSurface {
   /// Overload for vertices in double precision, which distances then refer to.
   NearestSurface(const std::vector<Eigen::Vector3d>& vertices, const std::vector<Triangle>& faces);
   explicit NearestSurface(const Mesh& mesh) : NearestSurface(mesh.vertices, mesh.faces) {}
-  ~NearestSurface();
-  NearestSurface(NearestSurface&&) noexcept;
-  NearestSurface& operator=(NearestSurface&&) noexcept;
 
   /// @throws InputError when the point is not finite or beyond 1e100
   NearestPoint query(const Eigen::Vector3d& point) const { return query(point, -1); }
@@ -68,7 +65,7 @@ class NearestSurface {
 
  private:
   struct Implementation;
-  std::unique_ptr<Implementation> implementation_;
+  std::shared_ptr<const Implementation> implementation_;  ///< copies share it
 };
 
 }  // namespace anigen::geometry

@@ -92,11 +92,11 @@ class CollapsibleMesh {
 
   std::size_t vertex_count() const { return positions_.size(); }
   std::size_t live_faces() const { return live_faces_; }
-  const Eigen::Vector3d& position(std::int32_t vertex) const { return positions_[static_cast<std::size_t>(vertex)]; }
+  const Eigen::Vector3d& position(std::int32_t vertex) const { return positions_[at(vertex)]; }
   /// True when an edge of this vertex has one face only.
-  bool on_border(std::int32_t vertex) const { return border_[static_cast<std::size_t>(vertex)] != 0; }
+  bool on_border(std::int32_t vertex) const { return border_[at(vertex)] != 0; }
   /// Vertices with an edge of more than two faces, which collapse() leaves alone.
-  bool is_locked(std::int32_t vertex) const { return locked_[static_cast<std::size_t>(vertex)] != 0; }
+  bool is_locked(std::int32_t vertex) const { return locked_[at(vertex)] != 0; }
 
   /// Vertices that share an edge with this one, each once, in no particular order; valid until the next call.
   const std::vector<std::int32_t>& neighbours(std::int32_t vertex) {

@@ -203,26 +203,6 @@ void insert_triangle(const FixedTriangle& triangle, VoxelBits& voxels) {
   }
 }
 
-template <typename Vertex>
-std::vector<Voxel> surface(const std::vector<Vertex>& vertices, const std::vector<Triangle>& faces, int resolution,
-                           OutsideCube outside) {
-  require_resolution(resolution);
-  require_faces(faces, vertices.size());
-  std::vector<FixedPoint> points(vertices.size());
-  for (std::size_t v = 0; v < vertices.size(); ++v)
-    points[v] = placed(vertices[v].template cast<double>(), v, resolution, outside);
-  VoxelBits voxels(resolution);
-  constexpr std::size_t kBlock = 128;  // faces at a time, so that handing out work costs nothing
-  parallel_for((faces.size() + kBlock - 1) / kBlock, [&](std::size_t block) {
-    const std::size_t end = std::min(faces.size(), (block + 1) * kBlock);
-    for (std::size_t f = block * kBlock; f < end; ++f) {
-      const auto corner = [&](std::size_t k) { return points[at(faces[f][k])]; };
-      insert_triangle({corner(0), corner(1), corner(2)}, voxels);
-    }
-  });
-  return voxels.voxels();
-}
-
 /// Appends the voxels that the points of a closed segment lie in, in their order along it, where a point between voxels
 /// belongs to the upper one as in voxel_at. A traversal from one border to the next (Amanatides and Woo, "A fast voxel
 /// traversal algorithm for ray tracing", 1987) with the crossings compared as exact fractions: the same set in both
@@ -247,15 +227,30 @@ void append_segment(const FixedPoint& from, const FixedPoint& to, std::vector<Vo
 
 }  // namespace
 
-std::vector<Voxel> voxelize_surface(const std::vector<Eigen::Vector3f>& vertices, const std::vector<Triangle>& faces,
+template <typename Vertex>
+std::vector<Voxel> voxelize_surface(const std::vector<Vertex>& vertices, const std::vector<Triangle>& faces,
                                     int resolution, OutsideCube outside) {
-  return surface(vertices, faces, resolution, outside);
+  require_resolution(resolution);
+  require_faces(faces, vertices.size());
+  std::vector<FixedPoint> points(vertices.size());
+  for (std::size_t v = 0; v < vertices.size(); ++v)
+    points[v] = placed(vertices[v].template cast<double>(), v, resolution, outside);
+  VoxelBits voxels(resolution);
+  constexpr std::size_t kBlock = 128;  // faces at a time, so that handing out work costs nothing
+  parallel_for((faces.size() + kBlock - 1) / kBlock, [&](std::size_t block) {
+    const std::size_t end = std::min(faces.size(), (block + 1) * kBlock);
+    for (std::size_t f = block * kBlock; f < end; ++f) {
+      const auto corner = [&](std::size_t k) { return points[at(faces[f][k])]; };
+      insert_triangle({corner(0), corner(1), corner(2)}, voxels);
+    }
+  });
+  return voxels.voxels();
 }
 
-std::vector<Voxel> voxelize_surface(const std::vector<Eigen::Vector3d>& vertices, const std::vector<Triangle>& faces,
-                                    int resolution, OutsideCube outside) {
-  return surface(vertices, faces, resolution, outside);
-}
+template std::vector<Voxel> voxelize_surface(const std::vector<Eigen::Vector3f>&, const std::vector<Triangle>&, int,
+                                             OutsideCube);
+template std::vector<Voxel> voxelize_surface(const std::vector<Eigen::Vector3d>&, const std::vector<Triangle>&, int,
+                                             OutsideCube);
 
 std::vector<Voxel> voxelize_bones(const std::vector<Eigen::Vector3d>& joints, const std::vector<int>& parents,
                                   int resolution) {

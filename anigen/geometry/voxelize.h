@@ -58,9 +58,8 @@ enum class OutsideCube {
 /// @param resolution R, 1 to kMaxVoxelResolution
 /// @return lexicographic @throws InputError on a bad resolution, a mesh without faces, a face that refers to a missing
 /// vertex, or a vertex that is not finite (whether or not a face uses it)
-std::vector<Voxel> voxelize_surface(const std::vector<Eigen::Vector3f>& vertices, const std::vector<Triangle>& faces,
-                                    int resolution, OutsideCube outside = OutsideCube::kClip);
-std::vector<Voxel> voxelize_surface(const std::vector<Eigen::Vector3d>& vertices, const std::vector<Triangle>& faces,
+template <typename Vertex>  // Eigen::Vector3f or Vector3d
+std::vector<Voxel> voxelize_surface(const std::vector<Vertex>& vertices, const std::vector<Triangle>& faces,
                                     int resolution, OutsideCube outside = OutsideCube::kClip);
 
 /// The voxels that the bones of a skeleton pass through, and those its joints lie in; not dilated

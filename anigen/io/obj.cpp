@@ -11,6 +11,7 @@
 #include "anigen/core/config.h"
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
+#include "anigen/core/numeric.h"
 #include "anigen/io/gltf/export.h"
 
 namespace anigen::io {
@@ -18,13 +19,6 @@ namespace anigen::io {
 namespace {
 
 constexpr std::string_view kBlanks = " \t\r\n\v\f";
-
-template <typename T>
-void append_shortest(std::string& text, T value) {
-  char digits[32];
-  const std::to_chars_result result = std::to_chars(digits, digits + sizeof(digits), value);
-  text.append(digits, result.ptr);
-}
 
 }  // namespace
 
@@ -48,15 +42,32 @@ std::string_view take_token(std::string_view& text) {
   return token;
 }
 
+bool TextLines::next_line() {
+  if (rest_.empty()) return false;
+  ++line_;
+  const std::size_t end = rest_.find('\n');
+  left_ = rest_.substr(0, end);
+  rest_ = end == std::string_view::npos ? std::string_view() : rest_.substr(end + 1);
+  return true;
+}
+
+double TextLines::number(std::string_view token) const {
+  double value = 0.0;
+  if (!parse_number(token, value)) fail("\"" + std::string(token.substr(0, 40)) + "\" is not a number");
+  if (!std::isfinite(value)) fail("\"" + std::string(token.substr(0, 40)) + "\" is not finite");
+  return value;
+}
+
+void TextLines::fail(const std::string& problem) const {
+  throw InputError(file_, "line " + std::to_string(std::max<std::size_t>(line_, 1)), problem);
+}
+
 void refuse_utf16(std::string_view bytes, const std::string& file) {
   using std::string_view_literals::operator""sv;
   const std::string_view mark = bytes.substr(0, 2);
   if (mark == "\xFF\xFE"sv || mark == "\xFE\xFF"sv || mark == "<\0"sv || mark == "\0<"sv)
     throw NotSupportedError(file, "byte 0", "text in UTF-16; convert it: iconv -f UTF-16 -t UTF-8");
 }
-
-void append_number(std::string& text, float value) { append_shortest(text, value); }
-void append_number(std::string& text, double value) { append_shortest(text, value); }
 
 namespace {
 
@@ -107,38 +118,35 @@ std::int32_t face_index(std::size_t index, const std::string& file) {
 
 namespace {
 
-class ObjParser {
+class ObjParser : TextLines {
  public:
-  ObjParser(const std::string& text, const std::string& file) : rest_(text), file_(file) {}
+  ObjParser(const std::string& text, const std::string& file) : TextLines(text, file) {}
 
   ObjFile parse() {
     std::string joined;
     std::string_view line;
-    while (next_line(line, joined)) parse_line(line.substr(0, line.find('#')));
+    while (next_logical_line(line, joined)) parse_line(line.substr(0, line.find('#')));
     check_indices();
     return std::move(obj_);
   }
 
  private:
-  [[noreturn]] void fail(const std::string& problem) const { fail_at(line_, problem); }
+  [[noreturn]] void fail(const std::string& problem) const { fail_at(first_line_, problem); }
   [[noreturn]] void fail_at(std::size_t line, const std::string& problem) const {
     throw InputError(file_, "line " + std::to_string(line), problem);
   }
 
   // One physical line, without its end.
   std::string_view take_physical_line() {
-    const std::size_t end = rest_.find('\n');
-    std::string_view line = rest_.substr(0, end);
-    rest_ = end == std::string_view::npos ? std::string_view() : rest_.substr(end + 1);
-    if (!line.empty() && line.back() == '\r') line.remove_suffix(1);
-    ++physical_lines_;
-    return line;
+    if (!next_line()) return {};
+    if (!left_.empty() && left_.back() == '\r') left_.remove_suffix(1);
+    return left_;
   }
 
   // One logical line: a backslash at the end continues it on the next, unless it ends a comment (a folder's name).
-  bool next_line(std::string_view& line, std::string& joined) {
+  bool next_logical_line(std::string_view& line, std::string& joined) {
     if (rest_.empty()) return false;
-    line_ = physical_lines_ + 1;
+    first_line_ = line_ + 1;
     line = take_physical_line();
     if (line.empty() || line.back() != '\\' || line.find('#') != std::string_view::npos) return true;
     joined.clear();
@@ -197,7 +205,7 @@ class ObjParser {
       obj_.corners.push_back(parse_corner(token));
     const std::size_t found = obj_.corners.size() - first;
     if (found < 3) fail("a face needs at least 3 corners, found " + std::to_string(found));
-    obj_.polygons.push_back({first, line_});
+    obj_.polygons.push_back({first, first_line_});
   }
 
   // v, v/vt, v//vn or v/vt/vn; negative numbers count back from the latest entry.
@@ -247,10 +255,8 @@ class ObjParser {
     }
   }
 
-  std::string_view rest_;
-  const std::string& file_;
   ObjFile obj_;
-  std::size_t physical_lines_ = 0, line_ = 0;
+  std::size_t first_line_ = 0;  // of the logical line
   std::array<double, 7> numbers_{};
   std::size_t count_ = 0;
 };
@@ -271,8 +277,8 @@ constexpr std::uintmax_t kMostObjBytes = std::uintmax_t{2} << 30;
 template <typename Vector>
 std::vector<std::int64_t> first_equal(const std::vector<Vector>& entries) {
   const auto less = [&](std::int64_t a, std::int64_t b) {
-    const Vector& va = entries[static_cast<std::size_t>(a)];
-    const Vector& vb = entries[static_cast<std::size_t>(b)];
+    const Vector& va = entries[at(a)];
+    const Vector& vb = entries[at(b)];
     for (Eigen::Index k = 0; k < va.size(); ++k) {
       if (va[k] != vb[k]) return va[k] < vb[k];
     }
@@ -283,7 +289,7 @@ std::vector<std::int64_t> first_equal(const std::vector<Vector>& entries) {
   std::stable_sort(order.begin(), order.end(), less);
   for (std::size_t i = 0; i < order.size(); ++i) {
     const bool repeats = i > 0 && !less(order[i - 1], order[i]);
-    first[static_cast<std::size_t>(order[i])] = repeats ? first[static_cast<std::size_t>(order[i - 1])] : order[i];
+    first[at(order[i])] = repeats ? first[at(order[i - 1])] : order[i];
   }
   return first;
 }
@@ -310,8 +316,8 @@ class VertexSplitter {
   }
 
   std::int32_t vertex(ObjFile::Corner corner) {
-    if (corner[1] >= 0) corner[1] = uv_[static_cast<std::size_t>(corner[1])];
-    if (corner[2] >= 0) corner[2] = normal_[static_cast<std::size_t>(corner[2])];
+    if (corner[1] >= 0) corner[1] = uv_[at(corner[1])];
+    if (corner[2] >= 0) corner[2] = normal_[at(corner[2])];
     const auto position = static_cast<std::size_t>(corner[0]);
     if (first_use_[position] == kUnused) {
       first_use_[position] = 1;
@@ -358,15 +364,14 @@ void add_vertices(const ObjFile& obj, const std::vector<ObjFile::Corner>& vertic
   };
   const bool has_uvs = names(1), has_normals = names(2);
   for (const ObjFile::Corner& corner : vertices) {
-    mesh.vertices.push_back(obj.positions[static_cast<std::size_t>(corner[0])]);
-    if (!obj.colors.empty()) mesh.colors.push_back(obj.colors[static_cast<std::size_t>(corner[0])]);
-    if (has_uvs)
-      mesh.uvs.push_back(corner[1] >= 0 ? obj.uvs[static_cast<std::size_t>(corner[1])] : Eigen::Vector2f::Zero());
+    mesh.vertices.push_back(obj.positions[at(corner[0])]);
+    if (!obj.colors.empty()) mesh.colors.push_back(obj.colors[at(corner[0])]);
+    if (has_uvs) mesh.uvs.push_back(corner[1] >= 0 ? obj.uvs[at(corner[1])] : Eigen::Vector2f::Zero());
   }
   if (!has_normals) return;
   mesh.normals = vertex_normals(mesh.vertices, mesh.faces);  // for corners that name none
   for (std::size_t v = 0; v < vertices.size(); ++v) {
-    if (vertices[v][2] >= 0) mesh.normals[v] = unit_normal(obj.normals[static_cast<std::size_t>(vertices[v][2])]);
+    if (vertices[v][2] >= 0) mesh.normals[v] = unit_normal(obj.normals[at(vertices[v][2])]);
   }
 }
 
@@ -418,8 +423,9 @@ template <typename Vector>
 void append_line(std::string& text, const char* keyword, const Vector& numbers) {
   text += keyword;
   for (Eigen::Index k = 0; k < numbers.size(); ++k) {
+    char digits[32];  // the shortest that read back as the same number
     text += ' ';
-    append_number(text, numbers[k]);
+    text.append(digits, std::to_chars(digits, digits + sizeof(digits), numbers[k]).ptr);
   }
   text += '\n';
 }

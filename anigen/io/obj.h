@@ -51,12 +51,25 @@ bool parse_number(std::string_view token, double& value);
 /// The next run of characters that are neither blanks nor line ends, removed from `text`; empty at its end.
 std::string_view take_token(std::string_view& text);
 
+/// Lines of a text with their numbers, for parsers to derive from.
+class TextLines {
+ protected:
+  TextLines(std::string_view text, const std::string& file) : rest_(text), file_(file) {}
+
+  /// Puts the next line, without its end, into `left_`. @return false at the end of the text
+  bool next_line();
+  /// A finite number that fills the token.
+  double number(std::string_view token) const;
+  /// @throws InputError naming the line
+  [[noreturn]] void fail(const std::string& problem) const;
+
+  std::string_view rest_, left_;
+  const std::string& file_;
+  std::size_t line_ = 0;  ///< from 1
+};
+
 /// @throws NotSupportedError when the bytes begin as text in UTF-16 does, naming the command that converts it
 void refuse_utf16(std::string_view bytes, const std::string& file);
-
-/// Appends the shortest text that reads back as the same number.
-void append_number(std::string& text, float value);
-void append_number(std::string& text, double value);
 
 /// Refuses what no mesh file can hold: no vertices, numbers that are not finite, arrays of another length than the
 /// vertices, faces that refer to missing vertices. @throws InputError naming the file and the array

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstring>
 #include <string_view>
 
 #include "anigen/core/error.h"
@@ -179,14 +178,6 @@ class HeaderParser {
 
 bool is_blank(char c) { return c == ' ' || c == '\t' || c == '\r' || c == '\n' || c == '\v' || c == '\f'; }
 
-template <typename Float, typename Bits>
-double from_bits(Bits bits) {
-  static_assert(sizeof(Float) == sizeof(Bits));
-  Float value;
-  std::memcpy(&value, &bits, sizeof(value));
-  return static_cast<double>(value);
-}
-
 // Reads the values behind a PLY header one after the other, whichever way they are stored. Every double holds every
 // value of every PLY type.
 class PlyValues {
@@ -238,8 +229,8 @@ class PlyValues {
       bits = bits << 8 | static_cast<unsigned char>(bytes_[at_ + source]);
     }
     at_ += size;
-    if (type == PlyType::kFloat32) return from_bits<float>(static_cast<std::uint32_t>(bits));
-    if (type == PlyType::kFloat64) return from_bits<double>(bits);
+    if (type == PlyType::kFloat32) return Eigen::numext::bit_cast<float>(static_cast<std::uint32_t>(bits));
+    if (type == PlyType::kFloat64) return Eigen::numext::bit_cast<double>(bits);
     if (!is_signed(type)) return static_cast<double>(bits);
     const std::size_t unused = 8 * (sizeof bits - size);
     return static_cast<double>(static_cast<std::int64_t>(bits << unused) >> unused);
@@ -422,10 +413,7 @@ void append_uint32(std::string& bytes, std::uint32_t value) {
 }
 
 void append_float(std::string& bytes, float value) {
-  std::uint32_t bits;
-  static_assert(sizeof(bits) == sizeof(value));
-  std::memcpy(&bits, &value, sizeof(bits));
-  append_uint32(bytes, bits);
+  append_uint32(bytes, Eigen::numext::bit_cast<std::uint32_t>(value));
 }
 
 std::string header(const Mesh& mesh) {

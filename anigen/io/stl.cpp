@@ -10,6 +10,7 @@
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
 #include "anigen/core/text.h"
+#include "anigen/io/arrays/ndarray.h"
 #include "anigen/io/obj.h"
 
 namespace anigen::io {
@@ -55,18 +56,17 @@ class Corners {
   bool any_ = false;
 };
 
-class TextReader {
+class TextReader : TextLines {
  public:
-  TextReader(std::string_view text, const std::string& file) : rest_(text), file_(file), corners_(file) {}
+  TextReader(std::string_view text, const std::string& file) : TextLines(text, file), corners_(file) {}
 
   /// Names of solids may hold any words, so those lines are skipped whole.
   Mesh read() {
     while (next_line()) {
-      std::string_view left = line_;
-      const std::string word = lower_case(take_token(left));
+      const std::string word = lower_case(take_token(left_));
       if (word.empty() || word == "solid" || word == "endsolid") continue;
       if (word == "vertex")
-        vertex(left);
+        vertex();
       else if (word == "facet")
         open();
       else if (word == "endfacet")
@@ -79,19 +79,6 @@ class TextReader {
   }
 
  private:
-  [[noreturn]] void fail(const std::string& problem) const {
-    throw InputError(file_, "line " + std::to_string(number_), problem);
-  }
-
-  bool next_line() {
-    if (rest_.empty()) return false;
-    const std::size_t end = rest_.find('\n');
-    line_ = rest_.substr(0, end);
-    rest_ = end == std::string_view::npos ? std::string_view() : rest_.substr(end + 1);
-    ++number_;
-    return true;
-  }
-
   void open() {
     if (inside_) fail("a facet begins inside another one");
     inside_ = true;
@@ -103,11 +90,11 @@ class TextReader {
     inside_ = false;
   }
 
-  void vertex(std::string_view left) {
+  void vertex() {
     if (!inside_ || ++vertices_ > 3) fail("a vertex stands outside a facet of three");
     Eigen::Vector3f place;
     for (float& x : place) {
-      const std::string_view token = take_token(left);
+      const std::string_view token = take_token(left_);
       double value = 0.0;
       if (!parse_number(token, value) || !std::isfinite(static_cast<float>(value)))
         fail("\"" + std::string(token.substr(0, 40)) + "\" is not a finite number");
@@ -116,26 +103,17 @@ class TextReader {
     corners_.add(place);
   }
 
-  std::string_view rest_, line_;
-  const std::string& file_;
-  std::size_t number_ = 0, vertices_ = 0;
+  std::size_t vertices_ = 0;
   bool inside_ = false;
   Corners corners_;
 };
 
-template <typename T>
-T little_endian(const std::string& bytes, std::size_t at) {
-  std::uint32_t bits = 0;
-  for (std::size_t i = 0; i < 4; ++i)
-    bits |= static_cast<std::uint32_t>(static_cast<unsigned char>(bytes[at + i])) << (8 * i);
-  T value;
-  static_assert(sizeof value == sizeof bits);
-  std::memcpy(&value, &bits, sizeof bits);
-  return value;
+std::uint32_t word_at(std::string_view bytes, std::size_t at) {
+  return static_cast<std::uint32_t>(little_endian(bytes.substr(at, 4)));
 }
 
 std::uint64_t announced(const std::string& bytes) {
-  return bytes.size() < kHeaderBytes ? 0 : little_endian<std::uint32_t>(bytes, kHeaderBytes - 4);
+  return bytes.size() < kHeaderBytes ? 0 : word_at(bytes, kHeaderBytes - 4);
 }
 
 bool is_text(const std::string& bytes) {
@@ -160,7 +138,8 @@ Mesh read_binary(const std::string& bytes, const std::string& file) {
     for (std::size_t corner = 1; corner <= 3; ++corner) {  // the normal is first
       const std::size_t at = kHeaderBytes + kTriangleBytes * t + 12 * corner;
       Eigen::Vector3f place;
-      for (std::size_t k = 0; k < 3; ++k) place[static_cast<Eigen::Index>(k)] = little_endian<float>(bytes, at + 4 * k);
+      for (std::size_t k = 0; k < 3; ++k)
+        place[static_cast<Eigen::Index>(k)] = Eigen::numext::bit_cast<float>(word_at(bytes, at + 4 * k));
       if (!place.allFinite()) throw InputError(file, "byte " + std::to_string(at), "a vertex is not finite");
       corners.add(place);
     }

@@ -364,7 +364,6 @@ int TexelRows::last_taken(int row, int begin, int end) const {
   return -1;
 }
 
-/// The first texel at or after `from` whose bit, after flipping those in `flip`, is set.
 int TexelRows::first_with(int row, int from, std::uint64_t flip) const {
   const std::uint64_t* words = row_words(row);
   for (int w = from / kWordBits; w * kWordBits < width_; ++w) {
@@ -372,14 +371,6 @@ int TexelRows::first_with(int row, int from, std::uint64_t flip) const {
     if (bits != 0) return w * kWordBits + __builtin_ctzll(bits);
   }
   return width_;
-}
-
-int TexelRows::first_taken(int row, int from) const {
-  return row >= height() || from >= width_ ? width_ : first_with(row, from, 0);
-}
-
-int TexelRows::first_free(int row, int from) const {
-  return row >= height() || from >= width_ ? std::min(from, width_) : first_with(row, from, kAllBits);
 }
 
 int TexelRows::longest_free(int row) const {

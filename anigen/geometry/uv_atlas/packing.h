@@ -98,13 +98,18 @@ class TexelRows {
   /// The last taken texel in [begin, end) ⊂ [0, width), -1 without one.
   int last_taken(int row, int begin, int end) const;
   /// The first taken texel at or after `from`, width() without one.
-  int first_taken(int row, int from) const;
+  int first_taken(int row, int from) const {
+    return row >= height() || from >= width_ ? width_ : first_with(row, from, 0);
+  }
   /// The first free texel at or after `from`, width() without one.
-  int first_free(int row, int from) const;
+  int first_free(int row, int from) const {
+    return row >= height() || from >= width_ ? std::min(from, width_) : first_with(row, from, ~std::uint64_t{0});
+  }
   /// Length of the longest run of free texels.
   int longest_free(int row) const;
 
  private:
+  /// The first texel at or after `from` whose bit, after flipping those in `flip`, is set.
   int first_with(int row, int from, std::uint64_t flip) const;
   const std::uint64_t* row_words(int row) const {
     return words_.data() + static_cast<std::size_t>(row) * words_per_row_;

@@ -53,6 +53,13 @@ using NamedArrays = std::vector<std::pair<std::string, NdArray>>;
 /// @return nullptr when there is none of that name
 const NdArray* find(const NamedArrays& arrays, const std::string& name);
 
+/// The unsigned number whose bytes, at most 8, these are.
+inline std::uint64_t little_endian(std::string_view bytes) {
+  std::uint64_t value = 0;
+  for (std::size_t i = bytes.size(); i-- > 0;) value = value << 8 | static_cast<unsigned char>(bytes[i]);
+  return value;
+}
+
 /// 16-bit floats as they lie in files. To float is exact (subnormals included); from float rounds to nearest, ties to
 /// even, and overflows to infinity, as IEEE 754 and every deep-learning framework do.
 float half_to_float(std::uint16_t half);          ///< IEEE binary16: 1 sign, 5 exponent, 10 fraction bits

@@ -54,15 +54,12 @@ std::vector<std::uint8_t> from_fortran_order(const std::vector<std::uint8_t>& ra
 }  // namespace
 
 NdArray decode_npy(const NpyHeader& header, std::vector<std::uint8_t> raw, const NpyPlace& place) {
-  if (header.element.kind != NpyElement::Kind::kNumber)
-    throw NotSupportedError(place.file, place.member, "text or objects as a numeric array");
+  if (header.element.kind != NpyElement::Kind::kNumber) place.refuse("text or objects as a numeric array");
   std::size_t count = 0;
-  if (!count_elements(header.shape, header.element.size, count))
-    throw InputError(place.file, place.member, "its shape overflows");
+  if (!count_elements(header.shape, header.element.size, count)) place.fail("its shape overflows");
   if (raw.size() != count * header.element.size) {
-    throw InputError(place.file, place.member,
-                     "its shape needs " + std::to_string(count * header.element.size) + " bytes and " +
-                         std::to_string(raw.size()) + " are there");
+    place.fail("its shape needs " + std::to_string(count * header.element.size) + " bytes and " +
+               std::to_string(raw.size()) + " are there");
   }
   if (header.element.big_endian) swap_bytes(raw, header.element.size);
   if (header.fortran_order) raw = from_fortran_order(raw, header.shape, header.element.size);
@@ -145,7 +142,7 @@ NpyElement parse_npy_element(std::string_view descr, const NpyPlace& place) {
   } else {
     // By its number, for numpy also writes "f04".
     const auto dtype = find_dtype(&DtypeWords::npy, digits_only ? kind + std::to_string(size) : "");
-    if (!dtype) throw NotSupportedError(place.file, place.member, "numpy dtype '" + whole + "'");
+    if (!dtype) place.refuse("numpy dtype '" + whole + "'");
     element.dtype = *dtype;
   }
   return element;
@@ -216,7 +213,7 @@ std::string decode_npy_text(const NpyElement& element, std::string_view raw, con
   while (!characters.empty() && characters.back() == 0) characters.pop_back();
   std::string text;
   for (const std::uint32_t character : characters) {
-    if (!append_utf8(character, text)) throw InputError(place.file, place.member, "text that is not Unicode");
+    if (!append_utf8(character, text)) place.fail("text that is not Unicode");
   }
   return text;
 }

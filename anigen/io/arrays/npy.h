@@ -5,6 +5,7 @@
 #include <string_view>
 #include <vector>
 
+#include "anigen/core/error.h"
 #include "anigen/io/arrays/ndarray.h"
 
 namespace anigen::io {
@@ -27,6 +28,9 @@ struct NpyHeader {
 /// Place of a problem, for messages.
 struct NpyPlace {
   std::string file, member;
+
+  [[noreturn]] void fail(const std::string& problem) const { throw InputError(file, member, problem); }
+  [[noreturn]] void refuse(const std::string& feature) const { throw NotSupportedError(file, member, feature); }
 };
 
 /// numpy's descr string, such as "<f4", "|b1", ">i8", "|O", "<U12". @throws NotSupportedError for complex numbers,

@@ -2,7 +2,6 @@
 
 #include <zip.h>
 #include <algorithm>
-#include <array>
 #include <string_view>
 #include <system_error>
 
@@ -221,22 +220,20 @@ class NpyMember {
  public:
   NpyMember(const ZipReader& archive, const ZipMember& member)
       : place_{archive.file(), member.name}, member_(member), reader_(archive, member) {
-    std::array<unsigned char, 12> start{};
+    std::string start(8, '\0');
     constexpr std::size_t kMagic = 6, kVersion = 2;
     need(kMagic + kVersion + 2);
     reader_.read(start.data(), kMagic + kVersion);
-    if (std::string_view(reinterpret_cast<const char*>(start.data()), kMagic) != "\x93NUMPY")
+    if (start.substr(0, kMagic) != "\x93NUMPY")
       throw InputError(place_.file, place_.member + ", byte 0", "not an NPY array");
-    const int major = start[6];
-    if (major < 1 || major > 3)
-      throw NotSupportedError(place_.file, place_.member, "NPY version " + std::to_string(major));
+    const int major = static_cast<unsigned char>(start[6]);
+    if (major < 1 || major > 3) place_.refuse("NPY version " + std::to_string(major));
     const std::size_t length_bytes = major == 1 ? 2 : 4;
     need(kMagic + kVersion + length_bytes);
     reader_.read(start.data(), length_bytes);
-    std::size_t length = 0;
-    for (std::size_t i = length_bytes; i-- > 0;) length = length << 8 | start[i];
+    const std::uint64_t length = little_endian(start.substr(0, length_bytes));
     constexpr std::size_t kMaxHeader = 1 << 20;
-    if (length > kMaxHeader) fail("NPY header of implausible length");
+    if (length > kMaxHeader) place_.fail("NPY header of implausible length");
     header_start_ = static_cast<std::size_t>(reader_.position());
     need(header_start_ + length);
     std::string text(length, '\0');
@@ -261,14 +258,11 @@ class NpyMember {
     const auto start = static_cast<std::size_t>(reader_.position());
     if (header_.element.kind != NpyElement::Kind::kObject)
       return decode_text_array(header_, reader_.rest<std::string>(), place_);
-    if (header_.fortran_order && header_.shape.size() > 1)
-      throw NotSupportedError(place_.file, place_.member, "object arrays in Fortran order");
+    if (header_.fortran_order && header_.shape.size() > 1) place_.refuse("object arrays in Fortran order");
     return unpickle_object_array(reader_.rest<std::string>(), header_.shape, start, place_);
   }
 
  private:
-  [[noreturn]] void fail(const std::string& problem) const { throw InputError(place_.file, place_.member, problem); }
-
   void need(std::uint64_t bytes) const {
     if (bytes > member_.bytes) {
       throw InputError(place_.file, place_.member + ", byte " + std::to_string(member_.bytes),
@@ -279,11 +273,12 @@ class NpyMember {
   /// Before anything is allocated for the data.
   void check_size() const {
     std::size_t count = 0;
-    if (!count_elements(header_.shape, header_.element.size, count)) fail("its shape overflows");
+    if (!count_elements(header_.shape, header_.element.size, count)) place_.fail("its shape overflows");
     if (header_.element.kind == NpyElement::Kind::kObject) return;
     const std::uint64_t there = member_.bytes - reader_.position(), needed = count * header_.element.size;
     if (needed != there)
-      fail("its shape needs " + std::to_string(needed) + " bytes of data and " + std::to_string(there) + " are there");
+      place_.fail("its shape needs " + std::to_string(needed) + " bytes of data and " + std::to_string(there) +
+                  " are there");
   }
 
   NpyPlace place_;

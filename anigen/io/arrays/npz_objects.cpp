@@ -22,7 +22,7 @@ class TreeBuilder {
       : place_(place), budget_(16 * pickle_bytes + (1 << 20)) {}
 
   NpzValue value(const pickle::Value& from, int depth = 0) {
-    if (depth > kMaxDepth) fail("objects are nested too deeply, or contain themselves");
+    if (depth > kMaxDepth) place_.fail("objects are nested too deeply, or contain themselves");
     spend(1 + from.text.size());
     if (from.kind == pickle::Kind::kObjectArray) return nested(from, depth);
     // In the order of pickle::Kind, as far as arrays hold them.
@@ -31,9 +31,8 @@ class TreeBuilder {
                                       Kind::kString, Kind::kString, Kind::kList,    Kind::kList,
                                       Kind::kList,   Kind::kDict,   Kind::kArray};
     if (static_cast<std::size_t>(from.kind) >= std::size(kKinds)) {
-      throw NotSupportedError(place_.file, place_.member,
-                              from.text.empty() ? std::string("a ") + pickle::name_of(from.kind) + " in an array"
-                                                : std::string(from.text) + " in an array");
+      place_.refuse(from.text.empty() ? std::string("a ") + pickle::name_of(from.kind) + " in an array"
+                                      : std::string(from.text) + " in an array");
     }
     NpzValue to;
     to.kind = kKinds[static_cast<std::size_t>(from.kind)];
@@ -41,7 +40,7 @@ class TreeBuilder {
     to.real = from.real;
     to.text = std::string(from.text);
     if (to.kind == Kind::kArray) {
-      if (!from.array) fail("a numpy array without content");
+      if (!from.array) place_.fail("a numpy array without content");
       spend(from.array->bytes.size());
       to.array = *from.array;
     }
@@ -61,30 +60,27 @@ class TreeBuilder {
   }
 
  private:
-  [[noreturn]] void fail(const std::string& problem) const { throw InputError(place_.file, place_.member, problem); }
-
   void spend(std::size_t bytes) {
-    if (bytes > budget_) fail("shared objects expand to far more than the file holds");
+    if (bytes > budget_) place_.fail("shared objects expand to far more than the file holds");
     budget_ -= bytes;
   }
 
   std::string key(const pickle::Value& from) const {
     if (from.kind == pickle::Kind::kString || from.kind == pickle::Kind::kBytes) return std::string(from.text);
     if (from.kind == pickle::Kind::kInt) return std::to_string(from.integer);
-    throw NotSupportedError(place_.file, place_.member,
-                            std::string("a dict key that is a ") + pickle::name_of(from.kind));
+    place_.refuse(std::string("a dict key that is a ") + pickle::name_of(from.kind));
   }
 
   void check_unique(const std::vector<std::string>& keys) const {
     std::set<std::string_view> seen;
     for (const std::string& key : keys) {
-      if (!seen.insert(key).second) fail("key '" + key + "' appears twice in a dict");
+      if (!seen.insert(key).second) place_.fail("key '" + key + "' appears twice in a dict");
     }
   }
 
   NpzValue level(const std::vector<std::int64_t>& sizes, const std::vector<pickle::Value*>& items, std::size_t axis,
                  std::size_t first, std::size_t count, int depth) {
-    if (depth > kMaxDepth) fail("objects are nested too deeply, or contain themselves");
+    if (depth > kMaxDepth) place_.fail("objects are nested too deeply, or contain themselves");
     if (axis == sizes.size()) return value(*items.at(first), depth);
     NpzValue list;
     list.kind = NpzValue::Kind::kList;
@@ -181,7 +177,7 @@ NpzValue unpickle_object_array(std::string pickle, const std::vector<std::int64_
   const pickle::Document document = pickle::load(std::move(pickle), {place.file, place.member, first_byte, false});
   const pickle::Value& root = document.root();
   if (root.kind != pickle::Kind::kObjectArray || root.sizes != shape)
-    throw InputError(place.file, place.member, "its pickle is not the object array that its header announces");
+    place.fail("its pickle is not the object array that its header announces");
   return TreeBuilder(place, bytes).nested(root, 0);
 }
 
@@ -189,10 +185,9 @@ NpzValue decode_text_array(const NpyHeader& header, const std::string& raw, cons
   const std::size_t size = header.element.size;
   std::size_t count = 0;
   if (!count_elements(header.shape, std::max<std::size_t>(size, 1), count) || raw.size() != count * size)
-    throw InputError(place.file, place.member, "its shape does not fit its data");
-  if (header.fortran_order && header.shape.size() > 1)
-    throw NotSupportedError(place.file, place.member, "text arrays in Fortran order");
-  if (size == 0 && count > 0) throw NotSupportedError(place.file, place.member, "text of no width");
+    place.fail("its shape does not fit its data");
+  if (header.fortran_order && header.shape.size() > 1) place.refuse("text arrays in Fortran order");
+  if (size == 0 && count > 0) place.refuse("text of no width");
   // Shapes become lists as for objects: wrap the decoded texts as pickle values.
   std::vector<std::string> texts(count);
   pickle::Value array;
@@ -214,8 +209,7 @@ void append_numeric_leaves(const NpzValue& value, const std::string& name, const
                                  [](const NpzValue& item) { return item.kind == NpzValue::Kind::kList; });
   const bool unfit = value.kind == NpzValue::Kind::kList && plain && flat && !NumberGatherer(value).fits();
   if (text || unfit || value.kind == NpzValue::Kind::kNone) {
-    throw NotSupportedError(place.file, place.member,
-                            "text or mixed objects as numbers (read_npz_objects gives them as they are)");
+    place.refuse("text or mixed objects as numbers (read_npz_objects gives them as they are)");
   }
   append_leaves(value, name, out);
 }

@@ -1,7 +1,7 @@
 #include "anigen/io/arrays/pickle.h"
 
+#include <Eigen/Core>
 #include <charconv>
-#include <cstring>
 #include <unordered_map>
 #include <utility>
 
@@ -21,12 +21,7 @@ class Scanner {
   }
 
   // Little-endian, 1 to 8 bytes.
-  std::uint64_t number(std::size_t size) {
-    const std::string_view raw = bytes(size);
-    std::uint64_t value = 0;
-    for (std::size_t i = size; i-- > 0;) value = value << 8 | static_cast<unsigned char>(raw[i]);
-    return value;
-  }
+  std::uint64_t number(std::size_t size) { return little_endian(bytes(size)); }
 
   // The next bytes, not copied.
   std::string_view bytes(std::uint64_t count) {
@@ -48,9 +43,7 @@ class Scanner {
   double big_endian_double() {
     std::uint64_t bits = 0;
     for (const char c : bytes(8)) bits = bits << 8 | static_cast<unsigned char>(c);
-    double value;
-    std::memcpy(&value, &bits, sizeof value);
-    return value;
+    return Eigen::numext::bit_cast<double>(bits);
   }
 
   // False when it exceeds 64 bits.

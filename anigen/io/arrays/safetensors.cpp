@@ -1,7 +1,6 @@
 #include "anigen/io/arrays/safetensors.h"
 
 #include <algorithm>
-#include <array>
 #include <cctype>
 #include <fstream>
 #include <set>
@@ -132,14 +131,6 @@ class HeaderReader {
   std::uint64_t data_start_, data_bytes_;
 };
 
-std::uint64_t read_length(std::ifstream& in) {
-  std::array<unsigned char, kLengthBytes> raw{};
-  in.read(reinterpret_cast<char*>(raw.data()), raw.size());
-  std::uint64_t length = 0;
-  for (std::size_t i = raw.size(); i-- > 0;) length = length << 8 | raw[i];
-  return length;
-}
-
 Header parse_header(const std::string& text, const std::string& file) {
   const auto limit_depth = [&file](int depth, Header::parse_event_t, Header&) {
     if (depth > kMaxJsonDepth) throw InputError(file, byte(kLengthBytes), "the header is nested too deeply");
@@ -169,7 +160,9 @@ OpenFile open_file(const std::filesystem::path& path) {
   opened.in.open(path, std::ios::binary);
   if (error || !opened.in) throw InputError(file, "", "cannot be opened");
   if (file_bytes < kLengthBytes) throw InputError(file, byte(file_bytes), "ends inside the header length");
-  const std::uint64_t header_bytes = read_length(opened.in);
+  std::string length(kLengthBytes, '\0');
+  opened.in.read(length.data(), kLengthBytes);
+  const std::uint64_t header_bytes = little_endian(length);
   if (header_bytes > kMaxHeaderBytes || header_bytes > file_bytes - kLengthBytes) {
     throw InputError(file, byte(0),
                      "header length " + std::to_string(header_bytes) +

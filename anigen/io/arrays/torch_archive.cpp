@@ -33,15 +33,14 @@ class Walker {
 
   void visit(const pickle::Value& value, const std::string& name, int depth) {
     if (depth > kDeepestTree)
-      fail("objects are nested too deeply, or contain themselves, at '" + name.substr(0, 80) + "'");
-    if (++visits_ > kMaxVisits) fail("too many objects");
+      place_.fail("objects are nested too deeply, or contain themselves, at '" + name.substr(0, 80) + "'");
+    if (++visits_ > kMaxVisits) place_.fail("too many objects");
     if (value.kind == Kind::kGlobal || value.kind == Kind::kStorage) {
-      throw NotSupportedError(place_.file, place_.member,
-                              std::string("a bare ") + pickle::name_of(value.kind) + " at '" + name + "'");
+      place_.refuse(std::string("a bare ") + pickle::name_of(value.kind) + " at '" + name + "'");
     }
     constexpr Kind kLeaves[] = {Kind::kTensor, Kind::kArray, Kind::kBool, Kind::kInt, Kind::kFloat};
     if (std::find(std::begin(kLeaves), std::end(kLeaves), value.kind) != std::end(kLeaves)) {
-      if (!names_.insert(name).second) fail("two values have the path '" + name + "'");
+      if (!names_.insert(name).second) place_.fail("two values have the path '" + name + "'");
       leaves.push_back({name, &value});
       return;
     }
@@ -56,12 +55,10 @@ class Walker {
   std::vector<TorchLeaf> leaves;
 
  private:
-  [[noreturn]] void fail(const std::string& problem) const { throw InputError(place_.file, place_.member, problem); }
   std::string key(const pickle::Value& key) const {
     if (key.kind == Kind::kString || key.kind == Kind::kBytes) return std::string(key.text);
     if (key.kind == Kind::kInt || key.kind == Kind::kBool) return std::to_string(key.integer);
-    throw NotSupportedError(place_.file, place_.member,
-                            std::string("a dict key that is a ") + pickle::name_of(key.kind));
+    place_.refuse(std::string("a dict key that is a ") + pickle::name_of(key.kind));
   }
 
   const NpyPlace& place_;
@@ -290,8 +287,8 @@ class PlainValues {
   explicit PlainValues(NpyPlace place) : place_(std::move(place)) {}
 
   Json visit(const pickle::Value& value, int depth) {
-    if (depth > kDeepestJson) fail("objects are nested too deeply, or contain themselves");
-    if (++visits_ > kMostJsonValues) fail("too many objects");
+    if (depth > kDeepestJson) place_.fail("objects are nested too deeply, or contain themselves");
+    if (++visits_ > kMostJsonValues) place_.fail("too many objects");
     if (value.kind == Kind::kBool) return value.integer != 0;
     if (value.kind == Kind::kInt) return value.integer;
     if (value.kind == Kind::kFloat) return value.real;
@@ -313,8 +310,6 @@ class PlainValues {
   }
 
  private:
-  [[noreturn]] void fail(const std::string& problem) const { throw InputError(place_.file, place_.member, problem); }
-
   NpyPlace place_;
   std::size_t visits_ = 0;
 };

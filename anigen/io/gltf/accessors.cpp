@@ -7,6 +7,7 @@
 #include <limits>
 
 #include "anigen/core/error.h"
+#include "anigen/core/numeric.h"
 
 namespace anigen::io::gltf_import {
 
@@ -82,11 +83,9 @@ class ElementReader {
 
 template <typename T>
 std::vector<T> read(const Document& document, int index, bool normalize, std::size_t at_most) {
-  const Accessor& accessor = document.accessors[static_cast<std::size_t>(index)];
+  const Accessor& accessor = document.accessors[at(index)];
   const std::size_t count = std::min(accessor.count, at_most);
-  const auto bytes_at = [&](int view, std::size_t offset) {
-    return document.views[static_cast<std::size_t>(view)].bytes.data() + offset;
-  };
+  const auto bytes_at = [&](int view, std::size_t offset) { return document.views[at(view)].bytes.data() + offset; };
   const ElementReader<T> reader(accessor, normalize);
   std::vector<T> values(count * accessor.width, T(0));
   if (accessor.view >= 0) reader.read(bytes_at(accessor.view, accessor.offset), accessor.stride, count, values.data());
@@ -142,7 +141,7 @@ Component component_of(const JsonPlace& place) {
 // @param count > 0 elements of `element` bytes every `stride` bytes from `offset` must end inside the view
 void check_range(const JsonPlace& place, const Document& document, int view, std::uint64_t offset, std::uint64_t stride,
                  std::uint64_t element, std::uint64_t count) {
-  const std::size_t available = document.views[static_cast<std::size_t>(view)].bytes.size();
+  const std::size_t available = document.views[at(view)].bytes.size();
   // count ≤ 2^31 and stride ≤ 2^16 keep this inside 64 bits.
   const std::uint64_t end = offset + (count - 1) * stride + element;
   if (end > available) {
@@ -191,7 +190,7 @@ void parse_accessors(const JsonPlace& root, const ImportOptions& options, Docume
     const std::size_t element = element_bytes(accessor);
     accessor.stride = element;
     if (accessor.view >= 0) {
-      const std::size_t stride = document.views[static_cast<std::size_t>(accessor.view)].stride;
+      const std::size_t stride = document.views[at(accessor.view)].stride;
       if (stride != 0 && stride < element) {
         place.fail("the bufferView's byteStride " + std::to_string(stride) + " is smaller than an element of " +
                    std::to_string(element) + " bytes");
@@ -295,7 +294,7 @@ Buffer read_buffer(const JsonPlace& place, std::size_t index, const Container& c
 // The bytes that "buffer", "byteOffset", "byteLength" of a view (or of its compressed form) name.
 std::string_view cut(const JsonPlace& place, const std::vector<Buffer>& buffers) {
   const int index = place.index("buffer", buffers.size(), "buffer");
-  const Buffer& buffer = buffers[static_cast<std::size_t>(index)];
+  const Buffer& buffer = buffers[at(index)];
   if (buffer.is_placeholder) place.at("buffer").fail("the buffer has no data");
   const std::uint64_t offset = place.integer_or("byteOffset", 0, kMostBufferBytes);
   const std::uint64_t length = place.at("byteLength").integer(0, kMostBufferBytes);
@@ -385,7 +384,7 @@ std::vector<float> read_attribute(const draco::Mesh& mesh, const draco::PointAtt
 
 DracoMesh decode_draco(const Document& document, const Primitive& primitive, std::size_t max_vertices,
                        std::size_t max_faces) {
-  const std::string_view bytes = document.views[static_cast<std::size_t>(primitive.draco_view)].bytes;
+  const std::string_view bytes = document.views[at(primitive.draco_view)].bytes;
   check_claimed_size(document, primitive, bytes, max_vertices, max_faces);
   draco::DecoderBuffer buffer;
   buffer.Init(bytes.data(), bytes.size());
@@ -406,7 +405,7 @@ DracoMesh decode_draco(const Document& document, const Primitive& primitive, std
   for (const auto& [name, id] : primitive.draco_attributes) {
     const draco::PointAttribute* attribute = mesh->GetAttributeByUniqueId(id);
     if (attribute == nullptr) fail(document, primitive, "the Draco data has no attribute " + std::to_string(id));
-    const Accessor& accessor = document.accessors[static_cast<std::size_t>(primitive.attribute(name))];
+    const Accessor& accessor = document.accessors[at(primitive.attribute(name))];
     if (accessor.width != static_cast<std::size_t>(attribute->num_components()))
       fail(document, primitive, "attribute " + name.substr(0, 40) + " has another type in the Draco data");
     if (attribute->size() == 0 && result.vertices > 0) fail(document, primitive, "a Draco attribute is empty");

@@ -4,27 +4,12 @@
 #include <cctype>
 #include <charconv>
 #include <cmath>
-#include <cstring>
 
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
+#include "anigen/io/arrays/ndarray.h"
 
 namespace anigen::io::gltf_import {
-
-JsonPlace::JsonPlace(const Json& value, const std::string& file, std::string pointer)
-    : value_(&value), file_(&file), pointer_(std::move(pointer)) {}
-
-void JsonPlace::fail(const std::string& problem) const {
-  throw InputError(*file_, pointer_.empty() ? "/" : pointer_, problem);
-}
-
-void JsonPlace::not_supported(const std::string& feature) const {
-  throw NotSupportedError(*file_, pointer_.empty() ? "/" : pointer_, feature);
-}
-
-void JsonPlace::expect(bool fits, const char* wanted) const {
-  if (!fits) fail(std::string("expected ") + wanted + ", found " + value_->type_name());
-}
 
 std::optional<JsonPlace> JsonPlace::find(const char* key) const {
   expect(value_->is_object(), "an object");
@@ -44,22 +29,6 @@ std::vector<std::string> JsonPlace::keys() const {
   std::vector<std::string> result;
   for (const auto& item : value_->items()) result.push_back(item.key());
   return result;
-}
-
-std::size_t JsonPlace::size() const {
-  expect(value_->is_array(), "an array");
-  return value_->size();
-}
-
-JsonPlace JsonPlace::operator[](std::size_t index) const {
-  return JsonPlace((*value_)[index], *file_, pointer_ + "/" + std::to_string(index));
-}
-
-JsonPlace::Entries JsonPlace::entries(const char* key) const { return Entries(find(key)); }
-
-std::optional<JsonPlace> JsonPlace::extension(const char* name) const {
-  const std::optional<JsonPlace> extensions = find("extensions");
-  return extensions ? extensions->find(name) : std::nullopt;
 }
 
 std::uint64_t JsonPlace::integer(std::uint64_t low, std::uint64_t high) const {
@@ -88,45 +57,11 @@ double JsonPlace::number() const {
   return result;
 }
 
-std::string JsonPlace::string() const {
-  expect(value_->is_string(), "a string");
-  return value_->get<std::string>();
-}
-
-bool JsonPlace::boolean() const {
-  expect(value_->is_boolean(), "true or false");
-  return value_->get<bool>();
-}
-
 std::vector<double> JsonPlace::numbers(std::size_t count) const {
   if (size() != count) fail("expected " + std::to_string(count) + " numbers, found " + std::to_string(size()));
   std::vector<double> result(count);
   for (std::size_t i = 0; i < count; ++i) result[i] = (*this)[i].number();
   return result;
-}
-
-std::uint64_t JsonPlace::integer_or(const char* key, std::uint64_t fallback, std::uint64_t high) const {
-  const std::optional<JsonPlace> member = find(key);
-  return member ? member->integer(0, high) : fallback;
-}
-
-std::string JsonPlace::string_or(const char* key, const std::string& fallback) const {
-  const std::optional<JsonPlace> member = find(key);
-  return member ? member->string() : fallback;
-}
-
-bool JsonPlace::boolean_or(const char* key, bool fallback) const {
-  const std::optional<JsonPlace> member = find(key);
-  return member ? member->boolean() : fallback;
-}
-
-int JsonPlace::index_or_none(const char* key, std::size_t count, const char* what) const {
-  const std::optional<JsonPlace> member = find(key);
-  return member ? member->as_index(count, what) : -1;
-}
-
-int JsonPlace::index(const char* key, std::size_t count, const char* what) const {
-  return at(key).as_index(count, what);
 }
 
 int JsonPlace::as_index(std::size_t count, const char* what) const {
@@ -136,19 +71,8 @@ int JsonPlace::as_index(std::size_t count, const char* what) const {
   return static_cast<int>(result);
 }
 
-std::size_t JsonPlace::size_of(const char* key) const {
-  const std::optional<JsonPlace> member = find(key);
-  return member ? member->size() : 0;
-}
-
-namespace {
-
-// Distinct sentences of one code; more would bury the report.
-constexpr std::size_t kMostSentences = 8;
-
-}  // namespace
-
 void Notes::add(const std::string& code, const std::string& sentence) {
+  constexpr std::size_t kMostSentences = 8;  // of one code; more would bury the report
   std::size_t same = 0;
   for (const Entry& entry : entries_) {
     if (entry.code != code) continue;
@@ -181,11 +105,7 @@ namespace {
 constexpr std::uint32_t kJsonChunk = 0x4E4F534A;
 constexpr std::uint32_t kBinaryChunk = 0x004E4942;
 
-std::uint32_t u32_at(std::string_view bytes, std::size_t offset) {
-  std::uint32_t value;
-  std::memcpy(&value, bytes.data() + offset, sizeof value);  // GLB and every host we support are little-endian
-  return value;
-}
+std::uint64_t u32_at(std::string_view bytes, std::size_t offset) { return little_endian(bytes.substr(offset, 4)); }
 
 std::string byte(std::size_t offset) { return "byte " + std::to_string(offset); }
 
@@ -196,7 +116,7 @@ bool is_git_lfs_pointer(const std::string& bytes) { return bytes.rfind("version 
 std::string_view split_glb(std::string_view bytes, Container& container) {
   const std::string& file = container.file;
   if (bytes.size() < 20) throw InputError(file, byte(bytes.size()), "GLB ends inside its header: truncated file");
-  const std::uint32_t version = u32_at(bytes, 4);
+  const std::uint64_t version = u32_at(bytes, 4);
   if (version != 2) throw NotSupportedError(file, byte(4), "GLB version " + std::to_string(version));
   const std::size_t length = u32_at(bytes, 8);
   if (length > bytes.size() || length < 20) {
@@ -213,7 +133,7 @@ std::string_view split_glb(std::string_view bytes, Container& container) {
       throw InputError(file, byte(offset), "GLB ends inside a chunk header: truncated file");
     }
     const std::size_t size = u32_at(bytes, offset);
-    const std::uint32_t type = u32_at(bytes, offset + 4);
+    const std::uint64_t type = u32_at(bytes, offset + 4);
     offset += 8;
     if (size > length - offset) {
       throw InputError(

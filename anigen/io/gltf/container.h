@@ -6,9 +6,11 @@
 #include <optional>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 #include "anigen/core/config.h"
+#include "anigen/core/error.h"
 #include "anigen/io/gltf/gltf.h"
 
 namespace anigen::io::gltf_import {
@@ -26,13 +28,16 @@ namespace anigen::io::gltf_import {
 /// InputError with a JSON pointer. Refers to the JSON and the file name; both must outlive it.
 class JsonPlace {
  public:
-  JsonPlace(const Json& value, const std::string& file, std::string pointer = "");
+  JsonPlace(const Json& value, const std::string& file, std::string pointer = "")
+      : value_(&value), file_(&file), pointer_(std::move(pointer)) {}
 
-  const Json& value() const { return *value_; }
-  const std::string& file() const { return *file_; }
   const std::string& pointer() const { return pointer_; }
-  [[noreturn]] void fail(const std::string& problem) const;
-  [[noreturn]] void not_supported(const std::string& feature) const;
+  [[noreturn]] void fail(const std::string& problem) const {
+    throw InputError(*file_, pointer_.empty() ? "/" : pointer_, problem);
+  }
+  [[noreturn]] void not_supported(const std::string& feature) const {
+    throw NotSupportedError(*file_, pointer_.empty() ? "/" : pointer_, feature);
+  }
 
   /// Members of an object; find() gives nothing when it is absent. @throws InputError when this is no object
   std::optional<JsonPlace> find(const char* key) const;
@@ -40,37 +45,68 @@ class JsonPlace {
   std::vector<std::string> keys() const;
 
   /// Elements of an array. @throws InputError when this is no array
-  std::size_t size() const;
-  JsonPlace operator[](std::size_t index) const;
+  std::size_t size() const {
+    expect(value_->is_array(), "an array");
+    return value_->size();
+  }
+  JsonPlace operator[](std::size_t index) const {
+    return JsonPlace((*value_)[index], *file_, pointer_ + "/" + std::to_string(index));
+  }
 
   class Entries;
   /// Elements of an optional array member, for a range-based loop.
   Entries entries(const char* key) const;
   /// An optional member of the optional member "extensions".
-  std::optional<JsonPlace> extension(const char* name) const;
+  std::optional<JsonPlace> extension(const char* name) const {
+    const std::optional<JsonPlace> extensions = find("extensions");
+    return extensions ? extensions->find(name) : std::nullopt;
+  }
 
   /// Scalars; a float with an integral value counts as an integer, as JSON knows only numbers.
   std::uint64_t integer(std::uint64_t low, std::uint64_t high) const;
   double number() const;  ///< finite
-  std::string string() const;
-  bool boolean() const;
+  std::string string() const {
+    expect(value_->is_string(), "a string");
+    return value_->get<std::string>();
+  }
+  bool boolean() const {
+    expect(value_->is_boolean(), "true or false");
+    return value_->get<bool>();
+  }
   /// Exactly `count` finite numbers.
   std::vector<double> numbers(std::size_t count) const;
 
   /// Optional members with their default.
-  std::uint64_t integer_or(const char* key, std::uint64_t fallback, std::uint64_t high) const;
-  std::string string_or(const char* key, const std::string& fallback) const;
-  bool boolean_or(const char* key, bool fallback) const;
+  std::uint64_t integer_or(const char* key, std::uint64_t fallback, std::uint64_t high) const {
+    const std::optional<JsonPlace> member = find(key);
+    return member ? member->integer(0, high) : fallback;
+  }
+  std::string string_or(const char* key, const std::string& fallback) const {
+    const std::optional<JsonPlace> member = find(key);
+    return member ? member->string() : fallback;
+  }
+  bool boolean_or(const char* key, bool fallback) const {
+    const std::optional<JsonPlace> member = find(key);
+    return member ? member->boolean() : fallback;
+  }
   /// An optional index into an array of `count` entries; -1 when absent.
-  int index_or_none(const char* key, std::size_t count, const char* what) const;
-  int index(const char* key, std::size_t count, const char* what) const;
+  int index_or_none(const char* key, std::size_t count, const char* what) const {
+    const std::optional<JsonPlace> member = find(key);
+    return member ? member->as_index(count, what) : -1;
+  }
+  int index(const char* key, std::size_t count, const char* what) const { return at(key).as_index(count, what); }
   /// As above, for the value itself.
   int as_index(std::size_t count, const char* what) const;
   /// Length of an optional array member; 0 when absent.
-  std::size_t size_of(const char* key) const;
+  std::size_t size_of(const char* key) const {
+    const std::optional<JsonPlace> member = find(key);
+    return member ? member->size() : 0;
+  }
 
  private:
-  void expect(bool fits, const char* wanted) const;
+  void expect(bool fits, const char* wanted) const {
+    if (!fits) fail(std::string("expected ") + wanted + ", found " + value_->type_name());
+  }
 
   const Json* value_;
   const std::string* file_;
@@ -94,6 +130,8 @@ class JsonPlace::Entries {
   std::optional<JsonPlace> list_;
   std::size_t size_;
 };
+
+inline JsonPlace::Entries JsonPlace::entries(const char* key) const { return Entries(find(key)); }
 
 /// Collects what the importer changed, in the order it happened; one note per kind of change however often it
 /// happened, so that a broken file of a million vertices does not report a million times.

@@ -4,6 +4,8 @@
 #include <cmath>
 #include <set>
 
+#include "anigen/core/numeric.h"
+
 namespace anigen::io::gltf_import {
 
 namespace {
@@ -23,25 +25,19 @@ bool is_supported(const std::string& extension) {
   return read.count(extension) != 0 || extension.rfind("KHR_materials_", 0) == 0;
 }
 
-Interpolation parse_interpolation(const JsonPlace& sampler) {
-  const std::string name = sampler.string_or("interpolation", "LINEAR");
-  for (const Interpolation one : {Interpolation::kStep, Interpolation::kLinear, Interpolation::kCubicSpline}) {
-    if (name == name_of(one)) return one;
+// Member of a key whose words are name_of(), for the first three values of an enum.
+template <typename Enum>
+Enum parse_enum(const JsonPlace& place, const std::string& key, const std::string& name) {
+  for (const int value : {0, 1, 2}) {
+    if (name == name_of(static_cast<Enum>(value))) return static_cast<Enum>(value);
   }
-  sampler.at("interpolation").fail("unknown interpolation '" + name.substr(0, 20) + "'");
-}
-
-ChannelPath parse_path(const JsonPlace& target, const std::string& name) {
-  for (const ChannelPath one : {ChannelPath::kTranslation, ChannelPath::kRotation, ChannelPath::kScale}) {
-    if (name == name_of(one)) return one;
-  }
-  target.at("path").fail("unknown path '" + name.substr(0, 20) + "'");
+  place.at(key.c_str()).fail("unknown " + key + " '" + name.substr(0, 20) + "'");
 }
 
 // Types and lengths of a sampler's accessors for the property they drive (glTF 2.0, section 3.11).
 void check_sampler(const JsonPlace& sampler, const Document& document, const AnimationChannel& channel) {
-  const Accessor& input = document.accessors[static_cast<std::size_t>(channel.input)];
-  const Accessor& output = document.accessors[static_cast<std::size_t>(channel.output)];
+  const Accessor& input = document.accessors[at(channel.input)];
+  const Accessor& output = document.accessors[at(channel.output)];
   if (input.type != "SCALAR" || input.component != Component::kF32)
     sampler.at("input").fail("key times must be 32-bit float SCALARs");
   const bool rotation = channel.path == ChannelPath::kRotation;
@@ -64,10 +60,11 @@ AnimationEntry parse_animation(const JsonPlace& place, const Document& document,
   for (const JsonPlace& entry : place.entries("channels")) {
     AnimationChannel channel;
     channel.pointer = entry.pointer();
-    const JsonPlace sampler = samplers[static_cast<std::size_t>(entry.index("sampler", samplers.size(), "sampler"))];
+    const JsonPlace sampler = samplers[at(entry.index("sampler", samplers.size(), "sampler"))];
     channel.input = sampler.index("input", document.accessors.size(), "accessor");
     channel.output = sampler.index("output", document.accessors.size(), "accessor");
-    channel.interpolation = parse_interpolation(sampler);
+    channel.interpolation =
+        parse_enum<Interpolation>(sampler, "interpolation", sampler.string_or("interpolation", "LINEAR"));
     const JsonPlace target = entry.at("target");
     const std::string path = target.at("path").string();
     channel.node = target.index_or_none("node", document.nodes.size(), "node");
@@ -79,7 +76,7 @@ AnimationEntry parse_animation(const JsonPlace& place, const Document& document,
       notes.tally("dropped_channels", "animation channels without a target node were dropped");
       continue;
     }
-    channel.path = parse_path(target, path);
+    channel.path = parse_enum<ChannelPath>(target, "path", path);
     check_sampler(sampler, document, channel);
     animation.channels.push_back(std::move(channel));
   }
@@ -180,7 +177,7 @@ Primitive parse_primitive(const JsonPlace& place, const Document& document, std:
   primitive.material = place.index_or_none("material", materials, "material");
   primitive.indices = place.index_or_none("indices", document.accessors.size(), "accessor");
   if (primitive.indices >= 0) {
-    const Accessor& accessor = document.accessors[static_cast<std::size_t>(primitive.indices)];
+    const Accessor& accessor = document.accessors[at(primitive.indices)];
     if (accessor.type != "SCALAR" || !is_unsigned(accessor.component))
       place.at("indices").fail("indices must be unsigned SCALARs, not " + accessor.type);
   }
@@ -246,7 +243,7 @@ void link(const JsonPlace& list, std::vector<Node>& nodes) {
   for (std::size_t i = 0; i < nodes.size(); ++i) {
     for (const JsonPlace& place : list[i].entries("children")) {
       const int child = place.as_index(nodes.size(), "node");
-      Node& node = nodes[static_cast<std::size_t>(child)];
+      Node& node = nodes[at(child)];
       if (node.parent >= 0)
         place.fail("node " + std::to_string(child) + " already is a child of node " + std::to_string(node.parent));
       node.parent = static_cast<int>(i);
@@ -262,11 +259,11 @@ std::vector<int> top_down_order(const JsonPlace& list, const std::vector<Node>& 
     if (nodes[i].parent < 0) order.push_back(static_cast<int>(i));
   }
   for (std::size_t k = 0; k < order.size(); ++k) {
-    for (const int child : nodes[static_cast<std::size_t>(order[k])].children) order.push_back(child);
+    for (const int child : nodes[at(order[k])].children) order.push_back(child);
   }
   if (order.size() == nodes.size()) return order;
   std::vector<char> reached(nodes.size(), 0);
-  for (const int node : order) reached[static_cast<std::size_t>(node)] = 1;
+  for (const int node : order) reached[at(node)] = 1;
   for (std::size_t i = 0; i < nodes.size(); ++i) {
     if (reached[i] == 0) list[i].fail("node " + std::to_string(i) + " is its own ancestor: the node graph has a cycle");
   }
@@ -284,12 +281,11 @@ void mark_scene(const JsonPlace& root, const ImportOptions& options, Document& d
   if (scene < 0 && scenes > 0) scene = 0;
   document.in_scene.assign(document.nodes.size(), scene < 0 ? 1 : 0);
   if (scene < 0) return;  // a file without scenes: everything is shown
-  for (const JsonPlace& node : root.at("scenes")[static_cast<std::size_t>(scene)].entries("nodes"))
-    document.in_scene[static_cast<std::size_t>(node.as_index(document.nodes.size(), "node"))] = 1;
+  for (const JsonPlace& node : root.at("scenes")[at(scene)].entries("nodes"))
+    document.in_scene[at(node.as_index(document.nodes.size(), "node"))] = 1;
   for (const int n : document.top_down) {
-    const int parent = document.nodes[static_cast<std::size_t>(n)].parent;
-    if (parent >= 0 && document.in_scene[static_cast<std::size_t>(parent)] != 0)
-      document.in_scene[static_cast<std::size_t>(n)] = 1;
+    const int parent = document.nodes[at(n)].parent;
+    if (parent >= 0 && document.in_scene[at(parent)] != 0) document.in_scene[at(n)] = 1;
   }
 }
 
@@ -322,14 +318,13 @@ void parse_skins(const JsonPlace& root, Document& document) {
     std::vector<char> listed(document.nodes.size(), 0);
     for (std::size_t k = 0; k < joints.size(); ++k) {
       const int joint = joints[k].as_index(document.nodes.size(), "node");
-      if (listed[static_cast<std::size_t>(joint)]++ != 0)
-        joints[k].fail("node " + std::to_string(joint) + " is listed twice");
+      if (listed[at(joint)]++ != 0) joints[k].fail("node " + std::to_string(joint) + " is listed twice");
       skin.joints.push_back(joint);
     }
     place.index_or_none("skeleton", document.nodes.size(), "node");
     skin.inverse_bind_accessor = place.index_or_none("inverseBindMatrices", document.accessors.size(), "accessor");
     if (skin.inverse_bind_accessor >= 0) {
-      const Accessor& accessor = document.accessors[static_cast<std::size_t>(skin.inverse_bind_accessor)];
+      const Accessor& accessor = document.accessors[at(skin.inverse_bind_accessor)];
       const JsonPlace where = place.at("inverseBindMatrices");
       if (accessor.type != "MAT4" || accessor.component != Component::kF32)
         where.fail("inverse bind matrices must be 32-bit float MAT4");

@@ -18,6 +18,7 @@
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
 #include "anigen/core/hash.h"
+#include "anigen/core/numeric.h"
 #include "anigen/core/text.h"
 #include "anigen/core/version.h"
 #include "anigen/io/gltf/document.h"
@@ -101,8 +102,8 @@ class GltfDocument {
       low[i % width] = std::min<double>(low[i % width], values[i]);
       high[i % width] = std::max<double>(high[i % width], values[i]);
     }
-    accessors_[static_cast<std::size_t>(accessor)]["min"] = low;
-    accessors_[static_cast<std::size_t>(accessor)]["max"] = high;
+    accessors_[at(accessor)]["min"] = low;
+    accessors_[at(accessor)]["max"] = high;
   }
 
   const std::string& binary() const { return binary_; }
@@ -140,7 +141,7 @@ int texture_of(GltfDocument& document, const Asset& asset, int image, std::map<i
                const std::string& file) {
   const auto [known, is_new] = textures.try_emplace(image, -1);
   if (!is_new) return known->second;
-  known->second = write_image(document, asset.images[static_cast<std::size_t>(image)], file);
+  known->second = write_image(document, asset.images[at(image)], file);
   document.json["textures"].push_back({{"source", known->second}});
   return known->second;
 }
@@ -166,7 +167,7 @@ std::map<int, int> write_materials(GltfDocument& document, const Asset& asset, c
   for (const int m : used) {
     Material plain;
     plain.name = "default";
-    const Material& material = m < 0 ? plain : asset.materials[static_cast<std::size_t>(m)];
+    const Material& material = m < 0 ? plain : asset.materials[at(m)];
     Json entry = material_json(material);
     if (material.image >= 0 && !mesh.uvs.empty()) {
       const int texture = texture_of(document, asset, material.image, textures, file);
@@ -355,7 +356,7 @@ void write_nodes(GltfDocument& document, const Asset& asset, ExportAxes axes) {
     nodes.push_back(joint_node(skeleton.names[j], rest));
   }
   for (std::size_t j = 0; j < skeleton.size(); ++j) {
-    if (skeleton.parents[j] >= 0) nodes[static_cast<std::size_t>(skeleton.parents[j])]["children"].push_back(j);
+    if (skeleton.parents[j] >= 0) nodes[at(skeleton.parents[j])]["children"].push_back(j);
   }
   Json roots = Json::array();
   if (skeleton.size() > 0) roots.push_back(0);
@@ -467,7 +468,7 @@ Json animation_json(const Animation& animation, const Asset& asset, ExportAxes a
   Json channels = Json::array(), samplers = Json::array();
   for (const Channel& channel : animation.channels) {
     if (channel.times.empty() || last[{channel.joint, channel.path}] != &channel) continue;
-    const bool is_root = asset.skeleton.parents[static_cast<std::size_t>(channel.joint)] < 0;
+    const bool is_root = asset.skeleton.parents[at(channel.joint)] < 0;
     const Keys keys = convert(channel, is_root, axes, file);
     const std::size_t input = pool.add_times(keys.times);
     const std::size_t output = pool.add(keys.values, channel.path == ChannelPath::kRotation ? 4 : 3, false);

@@ -8,6 +8,7 @@
 #include <stdexcept>
 
 #include "anigen/core/error.h"
+#include "anigen/core/numeric.h"
 #include "anigen/io/gltf/accessors.h"
 #include "anigen/io/gltf/container.h"
 #include "anigen/io/gltf/document.h"
@@ -22,11 +23,8 @@ namespace {
 
 /// Keyframes of one property of one node, as in the file but sound: times finite, ≥ 0, strictly increasing, values
 /// finite, rotations of unit length (for LINEAR and STEP).
-struct Track {
+struct Track : Channel {  ///< without a joint yet
   int node = 0;
-  ChannelPath path = ChannelPath::kTranslation;
-  Interpolation interpolation = Interpolation::kLinear;
-  std::vector<double> times, values;  ///< laid out as in anigen::Channel
 };
 
 struct TrackSet {
@@ -115,7 +113,7 @@ std::vector<TrackSet> read_tracks(const Document& document, Notes& notes) {
         notes.tally("dropped_channels", "animation channels repeated a property and were dropped");
         continue;
       }
-      const Accessor& output = document.accessors[static_cast<std::size_t>(channel.output)];
+      const Accessor& output = document.accessors[at(channel.output)];
       values += output.count * output.width;
       if (values > kMostValues) {
         throw InputError(document.file, channel.pointer,
@@ -172,12 +170,8 @@ void apply(const FoldedTransform& prefix, ChannelPath path, bool is_tangent, dou
 }
 
 Channel convert(const Track& track, int joint, const FoldedTransform& prefix) {
-  Channel channel;
+  Channel channel = track;
   channel.joint = joint;
-  channel.path = track.path;
-  channel.interpolation = track.interpolation;
-  channel.times = track.times;
-  channel.values = track.values;
   const std::size_t width = width_of(track.path);
   const bool cubic = track.interpolation == Interpolation::kCubicSpline;
   for (std::size_t i = 0; i < channel.values.size() / width; ++i)
@@ -193,12 +187,12 @@ std::vector<Animation> convert_animations(const std::vector<TrackSet>& animation
     Animation animation;
     animation.name = set.name;
     for (const Track& track : set.tracks) {
-      const int joint = rig.joint_of_node[static_cast<std::size_t>(track.node)];
+      const int joint = rig.joint_of_node[at(track.node)];
       if (joint < 0) {
         notes.tally("dropped_channels", "animation channels of nodes that are not joints were dropped");
         continue;
       }
-      animation.channels.push_back(convert(track, joint, rig.prefix[static_cast<std::size_t>(joint)]));
+      animation.channels.push_back(convert(track, joint, rig.prefix[at(joint)]));
     }
     if (animation.channels.empty())
       notes.tally("empty_animation", "animations without channels on joints were left out");
@@ -219,7 +213,7 @@ class ImageReader {
   // @return index into the images, or -1
   int get(int image) {
     const auto [known, is_new] = index_.try_emplace(image, -1);
-    if (is_new) known->second = read(document_.images[static_cast<std::size_t>(image)]);
+    if (is_new) known->second = read(document_.images[at(image)]);
     return known->second;
   }
 
@@ -228,7 +222,7 @@ class ImageReader {
   std::string bytes_of(const ImageEntry& entry) {
     std::string bytes;
     if (entry.view >= 0) {
-      bytes = document_.views[static_cast<std::size_t>(entry.view)].bytes;
+      bytes = document_.views[at(entry.view)].bytes;
     } else if (!entry.uri.empty()) {
       const std::string place = entry.pointer + "/uri";
       std::error_code error;
@@ -285,7 +279,7 @@ void add_materials(const Document& document, const std::filesystem::path& folder
   for (const MaterialEntry& entry : document.materials) {
     asset.materials.push_back(entry.material);
     const int texture = entry.base_color.texture;
-    const int image = texture >= 0 ? document.texture_images[static_cast<std::size_t>(texture)] : -1;
+    const int image = texture >= 0 ? document.texture_images[at(texture)] : -1;
     if (image >= 0) asset.materials.back().image = reader.get(image);
   }
 }

@@ -7,6 +7,7 @@
 #include <optional>
 
 #include "anigen/core/error.h"
+#include "anigen/core/numeric.h"
 #include "anigen/geometry/nearest_point.h"
 #include "anigen/io/gltf/accessors.h"
 
@@ -51,7 +52,7 @@ class Attributes {
 
   bool has(const std::string& name) const { return primitive_.attribute(name) >= 0; }
   const Accessor& accessor(const std::string& name) const {
-    return document_.accessors[static_cast<std::size_t>(primitive_.attribute(name))];
+    return document_.accessors[at(primitive_.attribute(name))];
   }
   [[noreturn]] void fail(const std::string& name, const std::string& problem) const {
     throw InputError(document_.file, primitive_.pointer + "/attributes/" + name, problem);
@@ -201,7 +202,7 @@ std::vector<std::uint32_t> read_indices(const Document& document, const Primitiv
     std::iota(indices.begin(), indices.end(), 0u);
     return indices;
   }
-  const std::size_t count = document.accessors[static_cast<std::size_t>(primitive.indices)].count;
+  const std::size_t count = document.accessors[at(primitive.indices)].count;
   check_limit(document, primitive, count / per_face, max_faces, "faces");
   std::vector<std::uint32_t> indices = read_unsigned(document, primitive.indices);
   check_indices(document, primitive, indices, vertices);
@@ -215,7 +216,7 @@ PrimitiveData read_primitive(const Document& document, const Primitive& primitiv
     throw InputError(document.file, primitive.pointer + "/attributes", "'POSITION' is missing");
   std::optional<DracoMesh> draco;
   VertexBlock& block = data.vertices;
-  block.count = document.accessors[static_cast<std::size_t>(primitive.attribute("POSITION"))].count;
+  block.count = document.accessors[at(primitive.attribute("POSITION"))].count;
   check_limit(document, primitive, block.count, max_vertices, "vertices");
   if (primitive.draco_view >= 0) {
     draco = decode_draco(document, primitive, max_vertices, max_faces);
@@ -317,7 +318,7 @@ class Substitute {
     if (!vertices_.empty()) {
       for (const std::size_t v : vertices_) points.push_back(position(block, v).cast<double>());
     } else {
-      for (const int joint : binding.joints) points.push_back(joint_positions[static_cast<std::size_t>(joint)]);
+      for (const int joint : binding.joints) points.push_back(joint_positions[at(joint)]);
     }
     nearest_ = std::make_unique<geometry::PointIndex>(std::move(points));
   }

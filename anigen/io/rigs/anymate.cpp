@@ -6,14 +6,13 @@
 #include <utility>
 
 #include "anigen/core/error.h"
+#include "anigen/core/numeric.h"
 #include "anigen/io/arrays/npz.h"
 #include "anigen/io/arrays/torch_archive.h"
 #include "anigen/io/rigs/rig_listing.h"
 #include "anigen/io/rigs/rig_reader.h"
 
 namespace anigen::io {
-
-namespace pickle = pickle;
 
 namespace {
 
@@ -59,9 +58,6 @@ AnymateArchive::AnymateArchive(const std::filesystem::path& file) : content_(new
   }
 }
 
-AnymateArchive::~AnymateArchive() = default;
-AnymateArchive::AnymateArchive(AnymateArchive&&) noexcept = default;
-
 NamedArrays AnymateArchive::sample(std::size_t index) const {
   return content_->file.arrays(*content_->samples.at(index));
 }
@@ -85,7 +81,7 @@ class BoneSkin {
       read_dense(name);
     else
       return;
-    set_skin(shape_, rows_, first_root(shape_.joints));
+    rows_.finish(first_root(shape_.joints), shape_);
   }
 
  private:
@@ -113,7 +109,7 @@ class BoneSkin {
     const std::string place = name + "[" + std::to_string(vertex) + "]";
     if (bone < 0 || static_cast<std::size_t>(bone) >= heads_.size())
       fields_.fail(place, "names bone " + std::to_string(bone) + " of " + std::to_string(heads_.size()));
-    rows_.add(vertex, heads_[static_cast<std::size_t>(bone)], weight, place);
+    rows_.add(vertex, heads_[at(bone)], weight, place);
   }
 
   const ArrayFields& fields_;
@@ -178,7 +174,7 @@ std::vector<int> read_parents(const ArrayFields& fields, std::size_t joints) {
   const auto rows = static_cast<std::size_t>(fields.rows("conns"));
   if (rows < joints) fields.fail("conns", std::to_string(rows) + " parents for " + std::to_string(joints) + " joints");
   std::vector<std::int32_t> told;
-  if (fields.dimensions("conns") == 1) {
+  if (fields.array("conns").shape.size() == 1) {
     told = fields.integers("conns", {-1});
   } else {
     const auto columns = static_cast<std::size_t>(fields.array("conns", {-1, -1}).shape[1]);
@@ -207,7 +203,7 @@ std::vector<int> parents_of_tails(const ArrayFields& fields, const std::vector<E
     const int tail = joint_at(joints, bones[b].tail);
     if (tail < 0) fields.fail(place, "its tail is no joint");
     if (tail == heads[b]) continue;
-    int& known = parents[static_cast<std::size_t>(tail)];
+    int& known = parents[at(tail)];
     if (known >= 0 && known != heads[b]) fields.fail(place, "two bones with different heads end at its tail");
     known = heads[b];
   }
@@ -250,9 +246,7 @@ AnymateSkeleton read_skeleton(const ArrayFields& fields) {
 
 RiggedShape shape_from_anymate(const NamedArrays& sample, const std::string& id, const std::string& file) {
   const ArrayFields fields(sample, file);
-  RiggedShape shape;
-  shape.id = id;
-  shape.file = file;
+  RiggedShape shape(id, file);
   const bool whole_mesh = fields.has("mesh_pc") && fields.has("mesh_face");
   const std::string points = whole_mesh ? "mesh_pc" : fields.first_of({"pc", "mesh_pc"});
   if (!points.empty()) {
@@ -294,33 +288,25 @@ class AnymateSource : public ShapeSource {
 
   std::vector<std::string> ids() const override { return ids_; }
   RiggedShape read(const std::string& id) const override {
-    const Shard* shard = nullptr;
-    const NamedArrays sample = arrays(id, shard);
+    const std::string& file = shard(id).file;
+    const NamedArrays sample = arrays(id);
     try {
-      RiggedShape shape = shape_from_anymate(sample, id, shard->file);
+      RiggedShape shape = shape_from_anymate(sample, id, file);
       turn_to_z_up(shape, options_.axes, Axes::kYUp);
       return shape;
     } catch (const InputError& error) {
-      throw InputError(shard->file, "sample " + id + (error.place().empty() ? "" : ", " + error.place()),
-                       error.problem());
+      throw InputError(file, "sample " + id + (error.place().empty() ? "" : ", " + error.place()), error.problem());
     }
   }
 
-  std::vector<std::filesystem::path> files(const std::string& id) const override {
-    const auto found = places_.find(id);
-    if (found == places_.end()) throw InputError(describe(), "", "has no sample \"" + id + "\"");
-    return {shards_[found->second.shard]->file};
-  }
+  std::vector<std::filesystem::path> files(const std::string& id) const override { return {shard(id).file}; }
 
   std::string describe() const override {
     std::string files = shards_.size() == 1 ? shards_.front()->file : std::to_string(shards_.size()) + " files";
     return "Anymate, " + files + ": " + std::to_string(ids_.size()) + " samples";
   }
 
-  std::string sample_id(const std::string& id) const override {
-    const Shard* shard = nullptr;
-    return content_id(arrays(id, shard));
-  }
+  std::string sample_id(const std::string& id) const override { return content_id(arrays(id)); }
 
   bool is_single_file() const override { return single_ && ids_.size() == 1; }
 
@@ -334,12 +320,15 @@ class AnymateSource : public ShapeSource {
   struct Place {
     std::size_t shard, index;
   };
-  NamedArrays arrays(const std::string& id, const Shard*& shard) const {
+  const Shard& shard(const std::string& id) const {
     const auto found = places_.find(id);
     if (found == places_.end()) throw InputError(describe(), "", "has no sample \"" + id + "\"");
-    shard = shards_[found->second.shard].get();
-    const std::lock_guard<std::mutex> lock(shard->reading);
-    return shard->archive.sample(found->second.index);
+    return *shards_[found->second.shard];
+  }
+  NamedArrays arrays(const std::string& id) const {
+    const Shard& holder = shard(id);
+    const std::lock_guard<std::mutex> lock(holder.reading);
+    return holder.archive.sample(places_.at(id).index);
   }
 
   SourceOptions options_;

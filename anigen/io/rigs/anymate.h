@@ -15,8 +15,6 @@ namespace anigen::io {
 class AnymateArchive {
  public:
   explicit AnymateArchive(const std::filesystem::path& file);
-  ~AnymateArchive();
-  AnymateArchive(AnymateArchive&&) noexcept;
 
   /// Per sample its `name`; else its key; else the file's stem, with "#<number from 0>" when there are several.
   const std::vector<std::string>& names() const { return names_; }
@@ -25,7 +23,7 @@ class AnymateArchive {
 
  private:
   struct Content;
-  std::unique_ptr<Content> content_;
+  std::shared_ptr<Content> content_;
   std::vector<std::string> names_;
 };
 

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "anigen/core/error.h"
+#include "anigen/core/numeric.h"
 #include "anigen/io/arrays/npz_objects.h"
 #include "anigen/io/rigs/rig_reader.h"
 
@@ -87,7 +88,7 @@ std::vector<int> parents_from_bones(const ArrayFields& fields, std::size_t joint
       if (end < 0 || static_cast<std::size_t>(end) >= joints)
         fields.fail(place, "names joint " + std::to_string(end) + " of " + std::to_string(joints));
     }
-    int& known = parents[static_cast<std::size_t>(child)];
+    int& known = parents[at(child)];
     if (known >= 0 && known != parent)
       fields.fail(place, "joint " + std::to_string(child) + " already has the parent " + std::to_string(known));
     known = parent;
@@ -123,7 +124,7 @@ void read_skin(const ArrayFields& fields, RiggedShape& shape) {
   SkinRows skin(shape.mesh.vertices.size(), shape.joints.size(), fields.file());
   for (std::size_t i = 0; i < weights.size(); ++i)
     skin.add(rows[i], columns[i], weights[i], value + "[" + std::to_string(i) + "]");
-  set_skin(shape, skin, first_root(shape.joints));
+  skin.finish(first_root(shape.joints), shape);
 }
 
 void read_root(const ArrayFields& fields, RiggedShape& shape) {
@@ -131,7 +132,7 @@ void read_root(const ArrayFields& fields, RiggedShape& shape) {
   const std::int32_t root = fields.integer("root_index");
   if (root < 0 || static_cast<std::size_t>(root) >= shape.joints.size())
     fields.fail("root_index", std::to_string(root) + " of " + std::to_string(shape.joints.size()) + " joints");
-  if (shape.joints.parents[static_cast<std::size_t>(root)] >= 0)
+  if (shape.joints.parents[at(root)] >= 0)
     shape.notes.push_back("root_index names joint " + std::to_string(root) + ", which its bones give a parent");
 }
 

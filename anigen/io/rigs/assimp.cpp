@@ -11,6 +11,7 @@
 
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
+#include "anigen/io/arrays/ndarray.h"
 #include "anigen/io/obj.h"
 #include "anigen/io/rigs/rig_listing.h"
 
@@ -351,12 +352,7 @@ class BinaryScanner {
     throw InputError(file_, "byte " + std::to_string(at), problem);
   }
 
-  std::uint64_t number(std::size_t at, std::size_t size) const {  // little-endian
-    std::uint64_t value = 0;
-    for (std::size_t i = 0; i < size; ++i)
-      value |= static_cast<std::uint64_t>(static_cast<unsigned char>(bytes_[at + i])) << (8 * i);
-    return value;
-  }
+  std::uint64_t number(std::size_t at, std::size_t size) const { return little_endian(bytes_.substr(at, size)); }
 
   /// A 64-bit property at `at`, which moves behind it.
   bool take_id(std::size_t& at, std::size_t end, std::int64_t& id) const {

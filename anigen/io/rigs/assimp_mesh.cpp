@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "anigen/core/error.h"
+#include "anigen/core/numeric.h"
 
 namespace anigen::io::assimp_import {
 
@@ -229,6 +230,8 @@ constexpr std::size_t kMostKeys = 20'000'000;
 
 Eigen::Vector3d to_vector(const aiVector3D& v) { return {v.x, v.y, v.z}; }
 Eigen::Quaterniond to_quaternion(const aiQuaternion& q) { return {q.w, q.x, q.y, q.z}; }
+void append_numbers(const aiVector3D& v, std::vector<float>& out) { out.insert(out.end(), {v.x, v.y, v.z}); }
+void append_numbers(const aiQuaternion& q, std::vector<float>& out) { out.insert(out.end(), {q.x, q.y, q.z, q.w}); }
 
 /// The first key at or after `time`, and how far `time` lies between it and the one before.
 template <typename Key>
@@ -307,7 +310,7 @@ class Converter {
   float seconds(double ticks) const { return static_cast<float>((ticks - first_) / per_second_); }
 
   void add_node(int node, gltf_import::AnimationEntry& entry) {
-    std::vector<const aiNode*> chain = nodes_.chain[static_cast<std::size_t>(node)];
+    std::vector<const aiNode*> chain = nodes_.chain[at(node)];
     // Keys of the model itself are those of its whole transform, which then are not repeated by its helper nodes.
     if (channel(*chain.back()) != nullptr) {
       const std::string own = std::string(chain.back()->mName.C_Str()) + "_$AssimpFbx$_";
@@ -345,23 +348,17 @@ class Converter {
   }
 
   void add_plain(int node, const aiNodeAnim& channel, gltf_import::AnimationEntry& entry) {
-    const auto vectors = [&](ChannelPath path, const aiVectorKey* keys, unsigned count) {
+    const auto track = [&](ChannelPath path, const auto* keys, unsigned count) {
       std::vector<float> times, values;
       for (unsigned k = 0; k < count; ++k) {
         times.push_back(seconds(keys[k].mTime));
-        values.insert(values.end(), {keys[k].mValue.x, keys[k].mValue.y, keys[k].mValue.z});
+        append_numbers(keys[k].mValue, values);
       }
       add_track(node, path, times, values, entry);
     };
-    vectors(ChannelPath::kTranslation, channel.mPositionKeys, channel.mNumPositionKeys);
-    std::vector<float> times, values;
-    for (unsigned k = 0; k < channel.mNumRotationKeys; ++k) {
-      const aiQuaternion& q = channel.mRotationKeys[k].mValue;
-      times.push_back(seconds(channel.mRotationKeys[k].mTime));
-      values.insert(values.end(), {q.x, q.y, q.z, q.w});
-    }
-    add_track(node, ChannelPath::kRotation, times, values, entry);
-    vectors(ChannelPath::kScale, channel.mScalingKeys, channel.mNumScalingKeys);
+    track(ChannelPath::kTranslation, channel.mPositionKeys, channel.mNumPositionKeys);
+    track(ChannelPath::kRotation, channel.mRotationKeys, channel.mNumRotationKeys);
+    track(ChannelPath::kScale, channel.mScalingKeys, channel.mNumScalingKeys);
   }
 
   void add_product(int node, const std::vector<const aiNode*>& chain, gltf_import::AnimationEntry& entry) {

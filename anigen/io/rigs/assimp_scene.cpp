@@ -14,6 +14,7 @@
 #include <utility>
 
 #include "anigen/core/error.h"
+#include "anigen/core/numeric.h"
 #include "anigen/core/process.h"
 #include "anigen/io/rigs/assimp.h"
 #include "anigen/io/rigs/rig_listing.h"
@@ -260,7 +261,7 @@ NodeTable add_nodes(const aiScene& scene, bool is_fbx, gltf_import::Document& do
       if (!node.matrix.allFinite() || !std::isfinite(node.matrix.squaredNorm()) || !node.local.scale.allFinite() ||
           !node.local.rotation.coeffs().allFinite())
         throw InputError(document.file, "node " + node.name, "its transform is not finite");
-      if (one.parent >= 0) document.nodes[static_cast<std::size_t>(one.parent)].children.push_back(parent);
+      if (one.parent >= 0) document.nodes[at(one.parent)].children.push_back(parent);
       table.node.push_back(one.node);
       table.by_name.emplace(node.name, parent);
       document.nodes.push_back(std::move(node));
@@ -278,7 +279,7 @@ NodeTable add_nodes(const aiScene& scene, bool is_fbx, gltf_import::Document& do
 void add_mesh_node(gltf_import::Document& document, int parent, int mesh, int skin) {
   gltf_import::Node node;
   const int number = static_cast<int>(document.nodes.size());
-  gltf_import::Node& above = document.nodes[static_cast<std::size_t>(parent)];
+  gltf_import::Node& above = document.nodes[at(parent)];
   node.name = above.name;
   node.parent = parent;
   node.mesh = mesh;

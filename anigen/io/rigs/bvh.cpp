@@ -33,9 +33,9 @@ struct BvhChannel {
   int axis = 0;  ///< 0, 1, 2: the file's X, Y, Z
 };
 
-class BvhParser {
+class BvhParser : TextLines {
  public:
-  BvhParser(const std::string& text, const std::string& file) : rest_(text), file_(file) {}
+  BvhParser(const std::string& text, const std::string& file) : TextLines(text, file) {}
 
   BvhMotion parse() {
     expect("hierarchy");
@@ -46,19 +46,6 @@ class BvhParser {
 
  private:
   // --- Words; a word may be on any line, but frames are lines -----------------------------------------------------
-
-  [[noreturn]] void fail(const std::string& problem) const {
-    throw InputError(file_, "line " + std::to_string(std::max<std::size_t>(line_, 1)), problem);
-  }
-
-  bool next_line() {
-    if (rest_.empty()) return false;
-    ++line_;
-    const std::size_t end = rest_.find('\n');
-    left_ = rest_.substr(0, end);
-    rest_ = end == std::string_view::npos ? std::string_view() : rest_.substr(end + 1);
-    return true;
-  }
 
   /// Empty at the end of the file.
   std::string_view try_word() {
@@ -81,9 +68,7 @@ class BvhParser {
   }
 
   double number(std::string_view token) const {
-    double value = 0.0;
-    if (!parse_number(token, value)) fail("\"" + std::string(token.substr(0, kShown)) + "\" is not a number");
-    if (!std::isfinite(value)) fail("\"" + std::string(token.substr(0, kShown)) + "\" is not finite");
+    const double value = TextLines::number(token);
     if (std::abs(value) > kLargest) fail("\"" + std::string(token.substr(0, kShown)) + "\" is too large to be meant");
     return value;
   }
@@ -258,9 +243,6 @@ class BvhParser {
     channel.values.insert(channel.values.end(), values);
   }
 
-  std::string_view rest_, left_;
-  const std::string& file_;
-  std::size_t line_ = 0;
   std::set<std::string> names_;
   std::vector<Eigen::Vector3d> offsets_;  ///< as in the file
   std::vector<std::vector<BvhChannel>> channels_;

@@ -24,17 +24,12 @@ namespace {
 
 constexpr char kSampleSign = '#';
 
-bool one_of(const std::string& word, std::initializer_list<const char*> words) {
-  return std::find(words.begin(), words.end(), word) != words.end();
-}
-
-bool is_shard(const std::string& name) { return one_of(lower_extension(name), {".npz", ".pt", ".pth"}); }
+bool is_shard(const std::string& name) { return has_extension(name, {".npz", ".pt", ".pth"}); }
 
 std::string without_extension(const std::string& name) {
-  const std::string extension = lower_extension(name);
   const bool known =
-      one_of(extension, {".glb", ".gltf", ".fbx", ".dae", ".obj", ".ply", ".stl", ".txt", ".npz", ".pt", ".pth"});
-  return known ? name.substr(0, name.size() - extension.size()) : name;
+      has_extension(name, {".glb", ".gltf", ".fbx", ".dae", ".obj", ".ply", ".stl", ".txt", ".npz", ".pt", ".pth"});
+  return known ? name.substr(0, name.size() - lower_extension(name).size()) : name;
 }
 
 /// The path without leading folders, one after the other.
@@ -60,8 +55,9 @@ void add_path(const std::string& path, NameForms& forms) {
 }  // namespace
 
 bool names_no_asset(const std::string& stem) {
-  return one_of(stem,
-                {"mesh", "raw_data", "skeleton_voxelized", "result", "rigged", "rig", "model", "scene", "output"});
+  static const std::set<std::string> kinds = {
+      "mesh", "raw_data", "skeleton_voxelized", "result", "rigged", "rig", "model", "scene", "output"};
+  return kinds.count(stem) > 0;
 }
 
 std::string key_of_sample(const std::string& name) {
@@ -310,15 +306,17 @@ std::string FileListSource::sample_id(const std::string& id) const {
 
 std::string lower_extension(const fs::path& file) { return lower_case(file.extension().string()); }
 
+bool has_extension(const fs::path& file, const std::vector<std::string>& extensions) {
+  return std::find(extensions.begin(), extensions.end(), lower_extension(file)) != extensions.end();
+}
+
 std::vector<fs::path> files_below(const fs::path& folder, const std::vector<std::string>& extensions) {
   std::vector<fs::path> files;
   std::error_code error;
   for (fs::recursive_directory_iterator it(folder, fs::directory_options::skip_permission_denied, error), end;
        !error && it != end; it.increment(error)) {
     std::error_code unreadable;
-    const std::string extension = lower_extension(it->path());
-    if (std::find(extensions.begin(), extensions.end(), extension) == extensions.end()) continue;
-    if (it->is_regular_file(unreadable)) files.push_back(it->path());
+    if (has_extension(it->path(), extensions) && it->is_regular_file(unreadable)) files.push_back(it->path());
   }
   if (error) throw InputError(folder.string(), "", "cannot be listed: " + error.message());
   std::sort(files.begin(), files.end());

@@ -112,6 +112,7 @@ std::vector<std::filesystem::path> files_below(const std::filesystem::path& fold
 
 /// The extension in lower case, with its dot.
 std::string lower_extension(const std::filesystem::path& file);
+bool has_extension(const std::filesystem::path& file, const std::vector<std::string>& extensions);
 
 /// A file and what it refers to: buffers and images of a glTF, the mesh of a text rig, materials and pictures that an
 /// .obj, .fbx or .dae names, where they are looked for. Some may not exist; a damaged file refers to nothing.

@@ -1,6 +1,7 @@
 #include "anigen/io/rigs/rig_reader.h"
 
 #include <algorithm>
+#include <functional>
 #include <iterator>
 #include <utility>
 
@@ -41,16 +42,9 @@ namespace {
 const std::vector<std::string> kMeshExtensions = {".obj", ".ply", ".stl"};
 const std::vector<std::string> kRiggedExtensions = {".glb", ".gltf", ".fbx", ".dae", ".npz", ".pt", ".pth"};
 
-bool is_mesh_file(const fs::path& file) {
-  const std::string extension = lower_extension(file);
-  return std::find(kMeshExtensions.begin(), kMeshExtensions.end(), extension) != kMeshExtensions.end();
-}
-
 RiggedShape read_mesh_shape(const fs::path& file, const std::string& id, Axes axes) {
   require_content(file);
-  RiggedShape shape;
-  shape.id = id;
-  shape.file = file.string();
+  RiggedShape shape(id, file.string());
   const std::string extension = lower_extension(file);
   const bool obj = extension == ".obj";
   shape.mesh = obj ? read_obj(file) : extension == ".ply" ? read_ply(file) : read_stl(file);
@@ -60,10 +54,8 @@ RiggedShape read_mesh_shape(const fs::path& file, const std::string& id, Axes ax
 
 bool holds_rigs(const fs::path& folder) {
   if (fs::exists(folder / "metadata.csv") || !files_below(folder, kRiggedExtensions).empty()) return true;
-  for (const fs::path& file : files_below(folder, {".txt"})) {
-    if (is_text_rig(file)) return true;
-  }
-  return false;
+  const std::vector<fs::path> texts = files_below(folder, {".txt"});
+  return std::any_of(texts.begin(), texts.end(), is_text_rig);
 }
 
 }  // namespace
@@ -73,7 +65,7 @@ std::unique_ptr<ShapeSource> open_meshes(const fs::path& path, const SourceOptio
   options.require_rig = false;
   std::error_code error;
   const bool folder = fs::is_directory(path, error);
-  if (folder ? holds_rigs(path) : !is_mesh_file(path)) return open_source(path, options);
+  if (folder ? holds_rigs(path) : !has_extension(path, kMeshExtensions)) return open_source(path, options);
   const Axes axes = options.axes;
   const auto reader = [axes](const fs::path& file, const std::string& id) { return read_mesh_shape(file, id, axes); };
   if (!folder) {
@@ -141,8 +133,7 @@ std::unique_ptr<ShapeSource> open_npz(const fs::path& file, const SourceOptions&
 
 std::unique_ptr<ShapeSource> open_file(const fs::path& file, const SourceOptions& options) {
   const std::string extension = lower_extension(file);
-  if (std::find(kSceneExtensions.begin(), kSceneExtensions.end(), extension) != kSceneExtensions.end())
-    return single(file, kScene, options);
+  if (has_extension(file, kSceneExtensions)) return single(file, kScene, options);
   if (extension == ".txt") return single(file, kTextRig, options);
   if (extension == ".npz") return open_npz(file, options);
   if (extension == ".pt" || extension == ".pth") return open_anymate({file}, options, true);
@@ -170,8 +161,7 @@ std::unique_ptr<ShapeSource> open_folder(const fs::path& folder, const SourceOpt
   npz.erase(std::remove_if(npz.begin(), npz.end(), is_beside_report), npz.end());  // latents
   const std::vector<fs::path> torch = files_below(folder, {".pt", ".pth"});
   std::vector<fs::path> text = files_below(folder, {".txt"});
-  text.erase(std::remove_if(text.begin(), text.end(), [](const fs::path& file) { return !is_text_rig(file); }),
-             text.end());
+  text.erase(std::remove_if(text.begin(), text.end(), std::not_fn(is_text_rig)), text.end());
   std::vector<fs::path> raw_data;
   std::copy_if(npz.begin(), npz.end(), std::back_inserter(raw_data),
                [](const fs::path& file) { return file.filename() == "raw_data.npz"; });

@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "anigen/core/error.h"
+#include "anigen/core/numeric.h"
 #include "anigen/core/text.h"
 #include "anigen/io/gltf/gltf.h"
 #include "anigen/io/rigs/assimp_scene.h"
@@ -14,9 +15,7 @@
 namespace anigen::io {
 
 RiggedShape rigged_shape(Asset asset, const std::string& id, const std::string& file) {
-  RiggedShape shape;
-  shape.id = id;
-  shape.file = file;
+  RiggedShape shape(id, file);
   shape.joints = anigen::joint_tree(asset.skeleton);
   shape.joint_names = asset.skeleton.names;
   if (!asset.animations.empty())
@@ -33,7 +32,7 @@ Asset to_asset(const RiggedShape& shape) {
   const anigen::JointTree tree = anigen::connected(shape.joints);
   const std::vector<int> order = anigen::parents_first(tree);
   std::vector<int> place(tree.size());
-  for (std::size_t i = 0; i < order.size(); ++i) place[static_cast<std::size_t>(order[i])] = static_cast<int>(i);
+  for (std::size_t i = 0; i < order.size(); ++i) place[at(order[i])] = static_cast<int>(i);
 
   std::vector<Eigen::Vector3d> positions;
   std::vector<int> parents;
@@ -42,7 +41,7 @@ Asset to_asset(const RiggedShape& shape) {
   for (const int j : order) {
     const auto joint = static_cast<std::size_t>(j);
     positions.push_back(tree.positions[joint]);
-    parents.push_back(tree.parents[joint] < 0 ? -1 : place[static_cast<std::size_t>(tree.parents[joint])]);
+    parents.push_back(tree.parents[joint] < 0 ? -1 : place[at(tree.parents[joint])]);
     std::string name = joint < shape.joint_names.size() ? shape.joint_names[joint] : "";
     for (std::size_t k = joint; name.empty() || !taken.insert(name).second; k += tree.size())
       name = "joint_" + std::to_string(k);
@@ -56,7 +55,7 @@ Asset to_asset(const RiggedShape& shape) {
   asset.skeleton = skeleton_from_joints(positions, parents, names);
   asset.skin = shape.skin;
   for (Influence& influence : asset.skin.influences)
-    influence.joint = static_cast<std::int32_t>(place[static_cast<std::size_t>(influence.joint)]);
+    influence.joint = static_cast<std::int32_t>(place[at(influence.joint)]);
   return asset;
 }
 
@@ -106,10 +105,6 @@ std::string shape_text(const std::vector<std::int64_t>& shape) {
 
 }  // namespace
 
-void ArrayFields::fail(const std::string& place, const std::string& problem) const {
-  throw InputError(file_, place, problem);
-}
-
 std::string ArrayFields::first_of(const std::vector<std::string>& names) const {
   for (const std::string& name : names) {
     if (has(name)) return name;
@@ -118,25 +113,11 @@ std::string ArrayFields::first_of(const std::vector<std::string>& names) const {
 }
 
 const NdArray& ArrayFields::array(const std::string& name, const std::vector<std::int64_t>& shape) const {
-  const NdArray* found = find(arrays_, name);
-  if (found == nullptr) fail(name, "the array is missing");
-  bool fits = found->shape.size() == shape.size();
-  for (std::size_t i = 0; fits && i < shape.size(); ++i) fits = shape[i] < 0 || found->shape[i] == shape[i];
-  if (!fits) fail(name, "its shape is " + shape_text(found->shape) + ", expected " + shape_text(shape));
-  return *found;
-}
-
-std::int64_t ArrayFields::rows(const std::string& name) const {
-  const NdArray* found = find(arrays_, name);
-  if (found == nullptr) fail(name, "the array is missing");
-  if (found->shape.empty()) fail(name, "is one number, expected an array");
-  return found->shape[0];
-}
-
-std::size_t ArrayFields::dimensions(const std::string& name) const {
-  const NdArray* found = find(arrays_, name);
-  if (found == nullptr) fail(name, "the array is missing");
-  return found->shape.size();
+  const NdArray& found = array(name);
+  const bool fits = std::equal(found.shape.begin(), found.shape.end(), shape.begin(), shape.end(),
+                               [](std::int64_t size, std::int64_t wanted) { return wanted < 0 || size == wanted; });
+  if (!fits) fail(name, "its shape is " + shape_text(found.shape) + ", expected " + shape_text(shape));
+  return found;
 }
 
 template <typename Vector>
@@ -180,14 +161,8 @@ std::vector<std::int32_t> ArrayFields::integers(const std::string& name, const s
 }
 
 std::int32_t ArrayFields::integer(const std::string& name) const {
-  const NdArray* found = find(arrays_, name);
-  if (found == nullptr) fail(name, "is missing");
-  if (found->count() != 1) fail(name, "expected one number");
-  return integers(name, found->shape)[0];
-}
-
-std::vector<float> ArrayFields::reals(const std::string& name, const std::vector<std::int64_t>& shape) const {
-  return array(name, shape).as<float>();
+  if (array(name).count() != 1) fail(name, "expected one number");
+  return integers(name, array(name).shape)[0];
 }
 
 std::vector<Triangle> ArrayFields::triangles(const std::string& name, std::size_t vertices) const {
@@ -204,9 +179,6 @@ std::vector<Triangle> ArrayFields::triangles(const std::string& name, std::size_
   return faces;
 }
 
-SkinRows::SkinRows(std::size_t vertices, std::size_t joints, std::string file)
-    : file_(std::move(file)), joints_(joints), rows_(vertices) {}
-
 void SkinRows::add(std::int64_t vertex, std::int64_t joint, float weight, const std::string& place) {
   if (vertex < 0 || static_cast<std::size_t>(vertex) >= rows_.size())
     throw InputError(file_, place, "weights vertex " + std::to_string(vertex) + " of " + std::to_string(rows_.size()));
@@ -214,33 +186,34 @@ void SkinRows::add(std::int64_t vertex, std::int64_t joint, float weight, const 
     throw InputError(file_, place, "weights joint " + std::to_string(joint) + " of " + std::to_string(joints_));
   if (!std::isfinite(weight)) throw InputError(file_, place, "a weight is not finite");
   if (weight < 0.0f) ++negative_;
-  if (weight > 0.0f) rows_[static_cast<std::size_t>(vertex)].push_back({static_cast<std::int32_t>(joint), weight});
+  if (weight > 0.0f) rows_[at(vertex)].push_back({static_cast<std::int32_t>(joint), weight});
 }
 
-SkinWeights SkinRows::finish(std::int32_t fallback, std::vector<std::string>& notes) {
+void SkinRows::finish(std::int32_t fallback, RiggedShape& shape) {
   constexpr double kRounding = 0.01;
-  SkinWeights skin;
+  shape.skin = {};
+  shape.unweighted = 0;
+  shape.lowest_weight_sum = 1.0;
   std::size_t rescaled = 0;
   for (std::vector<Influence>& row : rows_) {
     double sum = 0.0;
     for (const Influence& i : row) sum += i.weight;
     if (row.empty()) {
-      ++unweighted_;
+      ++shape.unweighted;
       row.push_back({fallback, 1.0f});
     } else {
-      lowest_sum_ = std::min(lowest_sum_, sum);
+      shape.lowest_weight_sum = std::min(shape.lowest_weight_sum, sum);
       if (std::abs(sum - 1.0) > kRounding) ++rescaled;
     }
-    skin.append_row(std::move(row));
+    shape.skin.append_row(std::move(row));
   }
   rows_.clear();
-  const auto tell = [&notes](std::size_t count, const std::string& what) {
-    if (count > 0) notes.push_back(std::to_string(count) + what);
+  const auto tell = [&shape](std::size_t count, const std::string& what) {
+    if (count > 0) shape.notes.push_back(std::to_string(count) + what);
   };
-  tell(unweighted_, " vertices without a weight are bound to joint " + std::to_string(fallback));
+  tell(shape.unweighted, " vertices without a weight are bound to joint " + std::to_string(fallback));
   tell(rescaled, " vertices' weights did not sum to 1 and were divided by their sum");
   tell(negative_, " negative weights were left out");
-  return skin;
 }
 
 namespace {
@@ -260,12 +233,6 @@ std::int32_t first_root(const anigen::JointTree& tree) {
   return all.empty() ? 0 : all.front();
 }
 
-void set_skin(RiggedShape& shape, SkinRows& rows, std::int32_t fallback) {
-  shape.skin = rows.finish(fallback, shape.notes);
-  shape.unweighted = rows.unweighted();
-  shape.lowest_weight_sum = rows.lowest_sum();
-}
-
 void set_dense_skin(const ArrayFields& fields, const std::string& name, RiggedShape& shape) {
   const std::size_t vertices = shape.mesh.vertices.size(), joints = shape.joints.size();
   const std::vector<float> weights =
@@ -276,7 +243,7 @@ void set_dense_skin(const ArrayFields& fields, const std::string& name, RiggedSh
     const std::size_t v = i / joints, j = i % joints;
     rows.add(static_cast<std::int64_t>(v), static_cast<std::int64_t>(j), weights[i], name);
   }
-  set_skin(shape, rows, first_root(shape.joints));
+  rows.finish(first_root(shape.joints), shape);
 }
 
 void set_normals(RiggedShape& shape, std::vector<Eigen::Vector3f> normals) {
@@ -302,9 +269,7 @@ void set_normals(RiggedShape& shape, std::vector<Eigen::Vector3f> normals) {
 
 RiggedShape shape_with_mesh(const ArrayFields& fields, const std::string& normals_name, const std::string& id,
                             const std::string& file) {
-  RiggedShape shape;
-  shape.id = id;
-  shape.file = file;
+  RiggedShape shape(id, file);
   if (!fields.has("vertices")) return shape;
   shape.mesh.vertices = fields.points("vertices");
   if (fields.has("faces")) shape.mesh.faces = fields.triangles("faces", shape.mesh.vertices.size());

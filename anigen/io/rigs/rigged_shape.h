@@ -5,12 +5,14 @@
 #include <filesystem>
 #include <memory>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "anigen/asset/mesh.h"
 #include "anigen/asset/rigged_asset.h"
 #include "anigen/asset/skeleton.h"
 #include "anigen/asset/skin_weights.h"
+#include "anigen/core/error.h"
 #include "anigen/io/arrays/ndarray.h"
 
 namespace anigen::io {
@@ -39,6 +41,9 @@ struct RiggedShape {
   std::size_t unweighted = 0;      ///< vertices without weights in the file, bound to the root
   double lowest_weight_sum = 1.0;  ///< of a vertex with weights in the file
   std::vector<std::string> notes;  ///< what was repaired or left out while reading
+
+  RiggedShape() = default;
+  RiggedShape(std::string id, std::string file) : id(std::move(id)), file(std::move(file)) {}
 
   bool has_surface() const { return !mesh.faces.empty(); }
   bool has_joints() const { return joints.size() > 0; }
@@ -81,9 +86,15 @@ class ArrayFields {
 
   /// The array with this shape, -1 standing for any size.
   const NdArray& array(const std::string& name, const std::vector<std::int64_t>& shape) const;
+  const NdArray& array(const std::string& name) const {
+    if (!has(name)) fail(name, "the array is missing");
+    return *find(arrays_, name);
+  }
   /// Its first size. @throws InputError for a scalar
-  std::int64_t rows(const std::string& name) const;
-  std::size_t dimensions(const std::string& name) const;
+  std::int64_t rows(const std::string& name) const {
+    if (array(name).shape.empty()) fail(name, "is one number, expected an array");
+    return array(name).shape[0];
+  }
 
   /// Three columns from `first` on of [n, >= first + 3], finite. Vector: Eigen::Vector3f or Vector3d
   template <typename Vector = Eigen::Vector3f>
@@ -95,11 +106,15 @@ class ArrayFields {
   std::vector<std::int32_t> integers(const std::string& name, const std::vector<std::int64_t>& shape) const;
   std::int32_t integer(const std::string& name) const;
   /// Numbers of this shape; may be NaN.
-  std::vector<float> reals(const std::string& name, const std::vector<std::int64_t>& shape) const;
+  std::vector<float> reals(const std::string& name, const std::vector<std::int64_t>& shape) const {
+    return array(name, shape).as<float>();
+  }
   /// [F, 3] with every corner in [0, vertices).
   std::vector<Triangle> triangles(const std::string& name, std::size_t vertices) const;
 
-  [[noreturn]] void fail(const std::string& place, const std::string& problem) const;
+  [[noreturn]] void fail(const std::string& place, const std::string& problem) const {
+    throw InputError(file_, place, problem);
+  }
 
  private:
   const NamedArrays& arrays_;
@@ -110,36 +125,30 @@ class ArrayFields {
 class SkinRows {
  public:
   /// @param file for messages
-  SkinRows(std::size_t vertices, std::size_t joints, std::string file);
+  SkinRows(std::size_t vertices, std::size_t joints, std::string file)
+      : file_(std::move(file)), joints_(joints), rows_(vertices) {}
 
   /// Weights given twice for a vertex and joint add up. Weights below zero are left out and counted.
   /// @param place for messages @throws InputError when vertex or joint is out of range or the weight is not finite
   void add(std::int64_t vertex, std::int64_t joint, float weight, const std::string& place);
 
-  /// Every row divided by its sum. A row without a positive weight becomes weight 1 on `fallback`, as the published
-  /// SkinAE trainer does with joint 0 (docs/reference/autoencoders.md, 2.3).
-  /// @param notes gets a sentence for each kind of repair with how many vertices it touched; sums within 0.01 of 1
-  /// are rounding and not told
-  SkinWeights finish(std::int32_t fallback, std::vector<std::string>& notes);
-  /// Of finish(): vertices that got `fallback`, and the lowest sum of the others' weights (1 when all are above).
-  std::size_t unweighted() const { return unweighted_; }
-  double lowest_sum() const { return lowest_sum_; }
+  /// The shape's skin: every row divided by its sum. A row without a positive weight becomes weight 1 on `fallback`, as
+  /// the published SkinAE trainer does with joint 0 (docs/reference/autoencoders.md, 2.3). The shape's notes get a
+  /// sentence for each kind of repair with how many vertices it touched; sums within 0.01 of 1 are rounding and not
+  /// told.
+  void finish(std::int32_t fallback, RiggedShape& shape);
 
  private:
   std::string file_;
   std::size_t joints_;
   std::vector<std::vector<Influence>> rows_;
-  std::size_t negative_ = 0, unweighted_ = 0;
-  double lowest_sum_ = 1.0;
+  std::size_t negative_ = 0;
 };
 
 /// The first joint without a parent, where vertices without weights go; 0 when there is no joint.
 std::int32_t first_root(const anigen::JointTree& tree);
 
-/// The collected rows as the shape's skin, with what they tell about it; vertices without weights go to `fallback`.
-void set_skin(RiggedShape& shape, SkinRows& rows, std::int32_t fallback);
-
-/// The shape's skin from an array [V, J] of its vertices and joints; repairs become notes (skin_rows.h).
+/// The shape's skin from an array [V, J] of its vertices and joints; repairs become notes.
 /// @throws InputError when the sizes differ or a weight is not finite
 void set_dense_skin(const ArrayFields& fields, const std::string& name, RiggedShape& shape);
 

@@ -9,6 +9,7 @@
 
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
+#include "anigen/core/numeric.h"
 #include "anigen/io/obj.h"
 #include "anigen/io/rigs/rig_listing.h"
 
@@ -83,9 +84,9 @@ struct TextRig {
   std::vector<SkinLine> skin;
 };
 
-class TextRigParser {
+class TextRigParser : TextLines {
  public:
-  TextRigParser(const std::string& text, const std::string& file) : text_(text), file_(file) {}
+  TextRigParser(const std::string& text, const std::string& file) : TextLines(text, file), text_(text) {}
 
   TextRig parse() {
     for_each_line(&TextRigParser::joint_line);  // names first: other lines may stand before the joints they name
@@ -94,26 +95,18 @@ class TextRigParser {
     for_each_line(&TextRigParser::other_line);
     if (!has_root_) throw InputError(file_, "", "there is no root line");
     anigen::check(rig_.joints, file_);
-    const int above = rig_.joints.parents[static_cast<std::size_t>(rig_.root)];
+    const int above = rig_.joints.parents[at(rig_.root)];
     if (above >= 0) {
-      throw InputError(file_, "",
-                       "the root " + rig_.names[static_cast<std::size_t>(rig_.root)] + " has the parent " +
-                           rig_.names[static_cast<std::size_t>(above)]);
+      throw InputError(file_, "", "the root " + rig_.names[at(rig_.root)] + " has the parent " + rig_.names[at(above)]);
     }
     return std::move(rig_);
   }
 
  private:
-  [[noreturn]] void fail(const std::string& problem) const {
-    throw InputError(file_, "line " + std::to_string(line_), problem);
-  }
-
   void for_each_line(void (TextRigParser::*handle)(std::string_view keyword)) {
-    std::string_view rest = text_;
-    for (line_ = 1; !rest.empty(); ++line_) {
-      const std::size_t end = rest.find('\n');
-      left_ = rest.substr(0, end);
-      rest = end == std::string_view::npos ? std::string_view() : rest.substr(end + 1);
+    rest_ = text_;
+    line_ = 0;
+    while (next_line()) {
       const std::string_view keyword = take_token(left_);
       if (!keyword.empty() && keyword.front() != '#') (this->*handle)(keyword);
     }
@@ -141,8 +134,8 @@ class TextRigParser {
     } else if (keyword == "hier") {
       const int parent = joint(), child = joint();
       end_of_line();
-      int& known = rig_.joints.parents[static_cast<std::size_t>(child)];
-      if (known >= 0) fail("the joint " + rig_.names[static_cast<std::size_t>(child)] + " already has a parent");
+      int& known = rig_.joints.parents[at(child)];
+      if (known >= 0) fail("the joint " + rig_.names[at(child)] + " already has a parent");
       known = parent;
     } else if (keyword == "skin") {
       skin_line();
@@ -171,13 +164,7 @@ class TextRigParser {
     return std::string(token);
   }
 
-  double number() {
-    const std::string token = word("a number");
-    double value = 0.0;
-    if (!parse_number(token, value)) fail("\"" + token.substr(0, 40) + "\" is not a number");
-    if (!std::isfinite(value)) fail("\"" + token.substr(0, 40) + "\" is not finite");
-    return value;
-  }
+  double number() { return TextLines::number(word("a number")); }
 
   int joint() {
     const std::string name = word("a joint's name");
@@ -192,9 +179,6 @@ class TextRigParser {
   }
 
   const std::string& text_;
-  const std::string& file_;
-  std::string_view left_;
-  std::size_t line_ = 0;
   bool has_root_ = false;
   std::map<std::string, int> index_;
   std::set<std::int64_t> weighted_;
@@ -206,9 +190,7 @@ class TextRigParser {
 RiggedShape read_text_rig(const fs::path& file, const std::string& id, Axes axes) {
   const std::string text = read_file(file, kMostTextBytes), name = file.string();
   TextRig rig = TextRigParser(text, name).parse();
-  RiggedShape shape;
-  shape.id = id;
-  shape.file = file.string();
+  RiggedShape shape(id, name);
   shape.joints = std::move(rig.joints);
   shape.joint_names = std::move(rig.names);
   const fs::path mesh = mesh_of_text_rig(file);
@@ -224,7 +206,7 @@ RiggedShape read_text_rig(const fs::path& file, const std::string& id, Axes axes
       }
       for (const auto& [joint, weight] : line.weights) rows.add(line.vertex, joint, weight, place);
     }
-    if (!rig.skin.empty()) set_skin(shape, rows, rig.root);
+    if (!rig.skin.empty()) rows.finish(rig.root, shape);
   } else {
     shape.notes.push_back("there is no " + file.stem().string() + ".obj with its mesh");
   }

@@ -183,10 +183,11 @@ TEST(GltfExport, WeightsSumToOneAndKeepTheHeaviest) {
         const std::vector<double> weights = file.attribute("WEIGHTS_" + std::to_string(s));
         for (std::size_t k = 4 * v; k < 4 * v + 4; ++k) {
           sum += weights[k];
-          if (weights[k] > 0)
+          if (weights[k] > 0) {
             EXPECT_TRUE(row.emplace(static_cast<int>(joints[k]), weights[k]).second);
-          else
+          } else {
             EXPECT_EQ(joints[k], 0) << "a slot without weight must name joint 0";
+          }
         }
       }
       ASSERT_EQ(row.size(), wanted.row_size(v));
