@@ -188,11 +188,10 @@ class StructureComparison {
     result_.settings = {{"run", request_.run.string()},
                         {"checkpoint", generator_.flow().checkpoint.string()},
                         {"autoencoder", coder_.checkpoint().string()},
-                        {"splits", Json::array()},
+                        {"splits", request_.splits},
                         {"steps", sampler_.steps},
                         {"seed", request_.seed},
                         {"retrieval_views", request_.retrieval_views}};
-    for (const fs::path& split : request_.splits) result_.settings["splits"].push_back(split.string());
   }
 
   sparse_structure::VoxelPair truth_of(const data::AssetId& asset) const {
