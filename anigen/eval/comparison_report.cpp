@@ -291,8 +291,7 @@ std::string posed_html(const ComparedShapes& shapes, int poses, int size, std::u
   const std::vector<std::uint8_t> strip = io::encode_jpeg(strip_of(tiles, 2 * poses), kQuality);
   return "<img style=\"max-width:100%\" alt=\"poses\" src=\"data:image/jpeg;base64," + base64(strip) +
          "\"><div class=\"hint\">the same random poses, each in the colours of its own joints: ground truth, "
-         "prediction, ground truth, "
-         "…</div>\n";
+         "prediction, ground truth, …</div>\n";
 }
 
 /// A button that opens both shapes in 3D; their geometry stands in the page as JSON. Meshes of more than

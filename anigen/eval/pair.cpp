@@ -210,8 +210,7 @@ void add_transport_metrics(const ComparedShapes& shapes, const PairSettings& set
   if (!(transport.entropic_marginal_error < kMarginalsAlmostKept))
     result.notes.push_back(
         "Sinkhorn's scaling for the Gromov–Wasserstein distance left double precision and its plan was repaired: a "
-        "larger "
-        "--sinkhorn-epsilon keeps it");
+        "larger --sinkhorn-epsilon keeps it");
 }
 
 /// Anymate's joint metrics in its frame, the box of side 2.

@@ -173,8 +173,7 @@ std::vector<float> mixture_weights(const GroundTruth& truth, std::size_t rank, s
   std::vector<float> result(truth.skin.size());
   for (std::size_t v = 0; v < vertices; ++v) {
     const Eigen::RowVectorXd row = mix.row(static_cast<Eigen::Index>(v)) * basis;
-    for (std::size_t j = 0; j < joints; ++j)
-      result[v * joints + j] = static_cast<float>(row[static_cast<Eigen::Index>(j)] / row.sum());
+    Eigen::Map<Eigen::RowVectorXf>(result.data() + v * joints, row.size()) = (row / row.sum()).cast<float>();
   }
   return result;
 }
