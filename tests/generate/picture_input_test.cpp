@@ -74,7 +74,9 @@ void expect_refused(const std::function<void()>& use, const std::string& words, 
     ADD_FAILURE() << "accepted; expected: " << words;
   } catch (const InputError& error) {
     EXPECT_NE(std::string(error.what()).find(words), std::string::npos) << error.what();
-    if (!file.empty()) EXPECT_EQ(error.file(), file);
+    if (!file.empty()) {
+      EXPECT_EQ(error.file(), file);
+    }
   }
 }
 

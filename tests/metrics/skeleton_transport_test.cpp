@@ -99,7 +99,9 @@ TEST(SkeletonTransport, SingleJointForestAndCoincidentJoints) {
       for (const double value : {found.wasserstein, found.gromov_wasserstein, found.fused_gromov_wasserstein}) {
         EXPECT_TRUE(std::isfinite(value));
         EXPECT_GE(value, 0.0);
-        if (&x == &y) EXPECT_LT(value, 1e-12);
+        if (&x == &y) {
+          EXPECT_LT(value, 1e-12);
+        }
       }
     }
   }

@@ -228,8 +228,12 @@ TEST(StructuredLatentDecoder, Precision) {
   const std::vector<nn::StateEntry> entries = nn::state_entries(*decoder);
   for (std::size_t i = 0; i < entries.size(); ++i) {
     const std::string& key = entries[i].key;
-    if (key.find("h_skin_unet") == 0) EXPECT_EQ(dtypes[i], torch::kFloat32) << key;
-    if (key.find("upsample") == 0) EXPECT_EQ(dtypes[i] == torch::kHalf, key.find(".conv.") != std::string::npos) << key;
+    if (key.find("h_skin_unet") == 0) {
+      EXPECT_EQ(dtypes[i], torch::kFloat32) << key;
+    }
+    if (key.find("upsample") == 0) {
+      EXPECT_EQ(dtypes[i] == torch::kHalf, key.find(".conv.") != std::string::npos) << key;
+    }
   }
   EXPECT_THROW(decoder->convert_to_fp16(), NotSupportedError);
   const LatentBatch batch = latent_batch();
