@@ -50,7 +50,9 @@ TEST(AnymateConnectivity, PaddedJointsChangeNothing) {
     const Tensor padded = head.forward(latents, joints, mask), alone = head.forward(latents, joints.narrow(1, 0, 6));
     EXPECT_LT(apart(padded.narrow(1, 0, 6).narrow(2, 0, 6), alone), 1e-4) << decoder;
     EXPECT_EQ(padded.size(2), 9);
-    if (decoder == std::string("attendjoints_con_combine")) EXPECT_LT(padded.slice(2, 6).max().item<double>(), kHidden);
+    if (decoder == std::string("attendjoints_con_combine")) {
+      EXPECT_LT(padded.slice(2, 6).max().item<double>(), kHidden);
+    }
     EXPECT_THROW(head.forward(latents, joints, torch::ones({1, 10})), InputError);
     EXPECT_THROW(head.forward(latents.narrow(2, 0, 20), joints), InputError);
     EXPECT_THROW(head.forward(latents, joints.narrow(2, 0, 2)), InputError);

@@ -217,7 +217,9 @@ TEST_P(CreatureFamily, AssetsAreSound) {
     check_skin(asset);
     check_sides(asset);
     check_animation(asset);
-    if (i > 0) EXPECT_FALSE(same_bytes(asset, assets[i - 1]));
+    if (i > 0) {
+      EXPECT_FALSE(same_bytes(asset, assets[i - 1]));
+    }
   }
   // The second call runs alone, the first one ran beside others.
   EXPECT_TRUE(same_bytes(assets[3], make_creature(GetParam(), kSeed, 3)));

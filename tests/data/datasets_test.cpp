@@ -61,7 +61,9 @@ TEST_F(PublishedOnDisk, BatchesDoNotDependOnWorkersNorOnWhereARunBegan) {
     for (std::size_t part = 0; part < 2; ++part) {
       EXPECT_TRUE(equal(*runs[1][step][part], *runs[0][step][part]));
       EXPECT_TRUE(equal(*runs[2][step][part], *runs[0][step][part]));
-      if (!later.empty()) EXPECT_TRUE(equal(*later[part], *runs[0][step][part]));
+      if (!later.empty()) {
+        EXPECT_TRUE(equal(*later[part], *runs[0][step][part]));
+      }
     }
   }
 }

@@ -137,7 +137,9 @@ TEST_F(SkinData, BatchesDoNotDependOnWorkersNorOnWhereARunBegan) {
       const auto& expected = dynamic_cast<const SkinBatch&>(*runs[0][step][part]);
       EXPECT_TRUE(equal(dynamic_cast<const SkinBatch&>(*runs[1][step][part]), expected));
       EXPECT_TRUE(equal(dynamic_cast<const SkinBatch&>(*runs[2][step][part]), expected));
-      if (!later.empty()) EXPECT_TRUE(equal(dynamic_cast<const SkinBatch&>(*later[part]), expected));
+      if (!later.empty()) {
+        EXPECT_TRUE(equal(dynamic_cast<const SkinBatch&>(*later[part]), expected));
+      }
     }
   }
   EXPECT_FALSE(equal(dynamic_cast<const SkinBatch&>(*runs[0][0][0]), dynamic_cast<const SkinBatch&>(*runs[0][1][0])));

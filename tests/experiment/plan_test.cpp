@@ -214,7 +214,9 @@ TEST_F(ShippedExperiments, AreReadAndPlanned) {
     EXPECT_FALSE(e.purpose.empty());
     EXPECT_FALSE(e.tables.empty());
     // Variants of an ablation share what lies before the ablated stage.
-    if (e.variants.size() > 1) EXPECT_EQ(job_of(p, 0, "dataset").serves.size(), p.runs.size());
+    if (e.variants.size() > 1) {
+      EXPECT_EQ(job_of(p, 0, "dataset").serves.size(), p.runs.size());
+    }
   }
 }
 

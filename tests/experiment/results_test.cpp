@@ -396,7 +396,9 @@ TEST(Documentation, KeptResultsHaveTheirCommandAndRawFiles) {
       if (!entry.is_regular_file()) continue;
       bytes += entry.file_size();
       const std::string name = entry.path().filename().string(), extension = entry.path().extension().string();
-      if (extension == ".md") EXPECT_EQ(problems_of_kept_file(entry.path()), "");
+      if (extension == ".md") {
+        EXPECT_EQ(problems_of_kept_file(entry.path()), "");
+      }
       if (name != "command.txt" && name != "table.md") ++raw;
     }
     EXPECT_GE(raw, 1u) << "no raw file beside the tables";

@@ -125,7 +125,9 @@ TEST(MatchingPlaces, SeamsDoNotChangeTheShape) {
   for (std::size_t v = 0; v < split.vertices.size(); ++v) {
     const std::int32_t joint = v >= 8 && v < 16 ? 1 : 0;
     EXPECT_EQ(to_split.row(v)[0].joint, joint) << v;
-    if (v < closed.vertices.size()) EXPECT_EQ(from_split.row(v)[0].joint, joint) << v;
+    if (v < closed.vertices.size()) {
+      EXPECT_EQ(from_split.row(v)[0].joint, joint) << v;
+    }
   }
 }
 

@@ -268,7 +268,9 @@ TEST(VoxelizeSurface, TheOneVoxelGridAndTheLargest) {
       const double gap = test::separation(triangle, voxel, kTie);
       const bool found = std::binary_search(large.begin(), large.end(), voxel);
       set_voxels += found ? 1 : 0;
-      if (std::abs(gap) > kTie) ASSERT_EQ(found, gap < 0.0) << i;
+      if (std::abs(gap) > kTie) {
+        ASSERT_EQ(found, gap < 0.0) << i;
+      }
     }
   }
   EXPECT_GT(set_voxels, 500u);

@@ -132,7 +132,9 @@ TEST(WidenedLinear, IsTheWideLayerRoundedOnce) {
     EXPECT_TRUE(torch::allclose(x.grad().to(torch::kFloat32), wide_x.grad(), 0.005, 1e-5));
     EXPECT_TRUE(torch::allclose(w.grad().to(torch::kFloat32), wide_w.grad(), 0.005, 1e-5));
     EXPECT_EQ(b.grad().defined(), with_bias);
-    if (with_bias) EXPECT_TRUE(torch::allclose(b.grad().to(torch::kFloat32), wide_b.grad(), 0.005, 1e-5));
+    if (with_bias) {
+      EXPECT_TRUE(torch::allclose(b.grad().to(torch::kFloat32), wide_b.grad(), 0.005, 1e-5));
+    }
   }
 }
 

@@ -249,7 +249,9 @@ KERNEL_TEST(NormSilu, OfVolumes) {
     for (const torch::MemoryFormat format : {torch::MemoryFormat::Contiguous, torch::MemoryFormat::ChannelsLast3d}) {
       const Tensor laid = x.contiguous(format), found = norm->activated(laid);
       EXPECT_LT(largest_difference(found, torch::silu(norm->forward(x))), 1e-5);
-      if (kind == VolumeNormImpl::Kind::kLayer) EXPECT_TRUE(found.is_contiguous(format));
+      if (kind == VolumeNormImpl::Kind::kLayer) {
+        EXPECT_TRUE(found.is_contiguous(format));
+      }
     }
   }
 }

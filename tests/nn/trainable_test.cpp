@@ -44,8 +44,12 @@ TEST(Recompute, GradientsAreThoseOfThePlainPart) {
       const Tensor n = numbers(false);
       EXPECT_EQ(x.grad().defined(), input_trained);
       EXPECT_EQ(part.weight.grad().defined(), weight_trained);
-      if (input_trained) EXPECT_TRUE(torch::equal(x.grad(), 6.0 * n * n));
-      if (weight_trained) EXPECT_TRUE(torch::equal(part.weight.grad(), 3.0 * n * n));
+      if (input_trained) {
+        EXPECT_TRUE(torch::equal(x.grad(), 6.0 * n * n));
+      }
+      if (weight_trained) {
+        EXPECT_TRUE(torch::equal(part.weight.grad(), 3.0 * n * n));
+      }
     }
   }
 }

@@ -203,7 +203,9 @@ TEST(Histograms, CountEveryValueOnce) {
     for (std::size_t i = 0; i < bins.size(); ++i) {
       std::size_t inside = 0;
       for (const double value : values) inside += value >= bins[i].low && value < bins[i].high;
-      if (i + 1 < bins.size()) EXPECT_EQ(bins[i].count, inside) << bins[i].low;
+      if (i + 1 < bins.size()) {
+        EXPECT_EQ(bins[i].count, inside) << bins[i].low;
+      }
       total += bins[i].count;
     }
     EXPECT_EQ(total, values.size());

@@ -127,7 +127,9 @@ inline void expect_sound(const SkinWeights& skin, const Body& body, std::size_t 
       const Influence& influence = skin.row(v)[i];
       ASSERT_TRUE(influence.joint >= 0 && at(influence.joint) < body.skeleton.size()) << "vertex " << v;
       ASSERT_GT(influence.weight, 0.0F) << "vertex " << v;
-      if (i > 0) ASSERT_LE(influence.weight, skin.row(v)[i - 1].weight) << "vertex " << v;
+      if (i > 0) {
+        ASSERT_LE(influence.weight, skin.row(v)[i - 1].weight) << "vertex " << v;
+      }
       for (std::size_t k = 0; k < i; ++k) ASSERT_NE(skin.row(v)[k].joint, influence.joint) << "vertex " << v;
       sum += static_cast<double>(influence.weight);
     }

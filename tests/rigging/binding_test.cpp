@@ -90,7 +90,9 @@ TEST_P(HostileInput, PointsWithoutFaces) {
   body.mesh.faces.clear();
   const SkinWeights skin = sound(body);
   for (std::size_t v = 0; v < skin.rows(); ++v) {
-    if (body.mesh.vertices[v].x() < -0.2F) EXPECT_EQ(skin.row(v)[0].joint, 0);
+    if (body.mesh.vertices[v].x() < -0.2F) {
+      EXPECT_EQ(skin.row(v)[0].joint, 0);
+    }
   }
   body.mesh.vertices.resize(1);
   sound(body);
@@ -169,7 +171,9 @@ TEST_P(HostileInput, ASheet) {
   const SkinWeights skin = sound(body);
   for (std::size_t v = 0; v < skin.rows(); ++v) {
     const float x = body.mesh.vertices[v].x();
-    if (std::abs(x) > 0.1F && std::abs(x) < 0.8F) EXPECT_EQ(skin.row(v)[0].joint, x < 0.0F ? 0 : 1);
+    if (std::abs(x) > 0.1F && std::abs(x) < 0.8F) {
+      EXPECT_EQ(skin.row(v)[0].joint, x < 0.0F ? 0 : 1);
+    }
   }
 }
 
@@ -197,7 +201,9 @@ TEST_P(HostileInput, JointsOutsideTheMesh) {
   const SkinWeights skin = sound(body);
   for (std::size_t v = 0; v < skin.rows(); ++v) {
     const float x = body.mesh.vertices[v].x();
-    if (std::abs(x) > 0.1F) EXPECT_EQ(skin.row(v)[0].joint, x < 0.0F ? 0 : 1) << x;
+    if (std::abs(x) > 0.1F) {
+      EXPECT_EQ(skin.row(v)[0].joint, x < 0.0F ? 0 : 1) << x;
+    }
   }
 }
 
@@ -230,7 +236,9 @@ TEST_P(HostileInput, ManyVertices) {
   const SkinWeights skin = sound(body);
   for (std::size_t v = 0; v < skin.rows(); v += 97) {
     const float x = body.mesh.vertices[v].x();
-    if (std::abs(x) > 0.3F && std::abs(x) < 0.7F) EXPECT_EQ(skin.row(v)[0].joint, x < 0.0F ? 0 : 1) << x;
+    if (std::abs(x) > 0.3F && std::abs(x) < 0.7F) {
+      EXPECT_EQ(skin.row(v)[0].joint, x < 0.0F ? 0 : 1) << x;
+    }
   }
 }
 
@@ -274,8 +282,12 @@ TEST(BoneHeat, APartWithoutHeatIsWarmedByItsNearestBones) {
   expect_sound(skin, body);
   for (std::size_t v = vertices; v < skin.rows(); ++v) {
     const float x = body.mesh.vertices[v].x();
-    if (std::abs(x) > 0.1F && std::abs(x) < 0.7F) EXPECT_EQ(skin.row(v)[0].joint, x < 0.0F ? 0 : 1) << x;
-    if (std::abs(x) < 0.01F) EXPECT_NEAR(weight_of(skin, v, 0), weight_of(skin, v, 1), 0.05F);
+    if (std::abs(x) > 0.1F && std::abs(x) < 0.7F) {
+      EXPECT_EQ(skin.row(v)[0].joint, x < 0.0F ? 0 : 1) << x;
+    }
+    if (std::abs(x) < 0.01F) {
+      EXPECT_NEAR(weight_of(skin, v, 0), weight_of(skin, v, 1), 0.05F);
+    }
   }
 }
 

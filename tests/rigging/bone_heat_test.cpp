@@ -51,8 +51,12 @@ TEST_P(SmoothBinding, WeightsGoFromOneBoneToTheOtherWithoutJumps) {
     if (std::abs(x) > 0.7F) continue;
     const float left = weight_of(skin, v, 0);
     EXPECT_LE(left, before + 0.02F) << "at x = " << x;
-    if (x > -0.65F) EXPECT_GT(left, before - 0.25F) << "at x = " << x;
-    if (std::abs(x) < 0.01F) EXPECT_NEAR(left, weight_of(skin, v, 1), 0.02F);
+    if (x > -0.65F) {
+      EXPECT_GT(left, before - 0.25F) << "at x = " << x;
+    }
+    if (std::abs(x) < 0.01F) {
+      EXPECT_NEAR(left, weight_of(skin, v, 1), 0.02F);
+    }
     before = left;
   }
   EXPECT_LT(before, 0.1F);

@@ -37,8 +37,12 @@ void expect_ball(const SolidVoxels& solid, double radius) {
       p[axis] = (c[k] + 0.5 + solid.block.low[k] - 0.5 * solid.block.resolution) / solid.block.cells_per_unit;
     }
     const double margin = 1.5 / solid.block.cells_per_unit;
-    if (p.norm() < radius - margin) ASSERT_EQ(solid.states[cell], SolidVoxels::kInside) << p.transpose();
-    if (p.norm() > radius + margin) ASSERT_EQ(solid.states[cell], SolidVoxels::kOutside) << p.transpose();
+    if (p.norm() < radius - margin) {
+      ASSERT_EQ(solid.states[cell], SolidVoxels::kInside) << p.transpose();
+    }
+    if (p.norm() > radius + margin) {
+      ASSERT_EQ(solid.states[cell], SolidVoxels::kOutside) << p.transpose();
+    }
   }
 }
 
@@ -245,7 +249,9 @@ TEST(WalkLine, TouchesEveryCellThatTheLineRunsThrough) {
                            static_cast<int>(p.z() + shift));
       };
       ASSERT_TRUE(touched[cell(0.0)]) << "line " << run << " at " << p.transpose();
-      if ((p.array() > 0.001).all()) ASSERT_TRUE(touched[cell(-1e-9)]);
+      if ((p.array() > 0.001).all()) {
+        ASSERT_TRUE(touched[cell(-1e-9)]);
+      }
     }
   }
 }
@@ -260,7 +266,9 @@ TEST(WalkLine, GoesFromStartToEndAndStopsWhenTold) {
     walk_line(block, {{-0.4 * direction, 0.01, 0.01}, {0.4 * direction, 0.1, 0.1}},
               [&](const std::vector<std::uint32_t>& cells) {
                 const int slab = block.cell(cells.front())[0];
-                if (last >= 0) EXPECT_EQ(slab, direction > 0.0 ? last + 1 : last - 1);
+                if (last >= 0) {
+                  EXPECT_EQ(slab, direction > 0.0 ? last + 1 : last - 1);
+                }
                 last = slab;
                 return ++slabs < 5;
               });

@@ -155,7 +155,9 @@ TEST(JointAttention, LooksAroundJointsAndAtSixVerticesAtLeast) {
   for (std::size_t v = 0; v < mesh.vertices.size(); ++v) {
     const float y = mesh.vertices[v].y();
     const bool is_near = std::min(std::abs(y - 0.2F), std::abs(y - 0.7F)) < 0.025F;
-    if (attention[static_cast<std::int64_t>(v)].item<float>() > 0.0F) EXPECT_TRUE(is_near) << y;
+    if (attention[static_cast<std::int64_t>(v)].item<float>() > 0.0F) {
+      EXPECT_TRUE(is_near) << y;
+    }
   }
   EXPECT_GT(attention.sum().item<double>(), 48.0) << "rings of 24 vertices around both";
   EXPECT_EQ(joint_attention(mesh, {{0, 0.5, 0}}, {0}).sum().item<double>(), 6.0) << "a joint without a bone";

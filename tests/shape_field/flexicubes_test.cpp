@@ -137,7 +137,9 @@ TEST_P(FlexicubesRandomFields, AgreeWithTheDenseTensorVersion) {
     // Crossings next to a corner cancel digits in both.
     EXPECT_TRUE(torch::allclose(found.vertices, wanted.vertices, 1e-9, 1e-9));
     EXPECT_TRUE(torch::allclose(found.attributes, wanted.attributes, 1e-9, 1e-9));
-    if (training) EXPECT_NEAR(found.deviation.sum().item<double>(), wanted.deviation.sum().item<double>(), 1e-8);
+    if (training) {
+      EXPECT_NEAR(found.deviation.sum().item<double>(), wanted.deviation.sum().item<double>(), 1e-8);
+    }
   }
 }
 

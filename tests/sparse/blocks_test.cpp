@@ -439,7 +439,9 @@ TEST(SparseModulatedBlock, IsTheDenseBlockOnEachItem) {
     const Tensor mod = random_doubles({3, share ? 48 : 8});
     EXPECT_LT(cases::distance(as_batch(block->forward(x, mod)), dense->forward(as_batch(x), mod)), kDoubleTolerance);
     EXPECT_THROW(block->forward(x, mod.narrow(0, 0, 2)), c10::Error);
-    if (share) EXPECT_THROW(block->forward(x, mod.narrow(1, 0, 8)), c10::Error);
+    if (share) {
+      EXPECT_THROW(block->forward(x, mod.narrow(1, 0, 8)), c10::Error);
+    }
   }
 }
 

@@ -309,7 +309,9 @@ TEST(Orthogonalize, BringsSingularValuesNearOne) {
     const torch::Tensor values = std::get<1>(torch::linalg_svd(out.to(torch::kFloat64), false));
     // The quintic's plateau reaches from about 0.68 to 1.13 for values that began above 0.003 of the norm.
     EXPECT_LT(values.max().item<double>(), 1.25);
-    if (shape[0] != shape[1]) EXPECT_GT(values.min().item<double>(), 0.6);
+    if (shape[0] != shape[1]) {
+      EXPECT_GT(values.min().item<double>(), 0.6);
+    }
   }
 }
 

@@ -217,8 +217,9 @@ TEST(SafetensorsFixtures, TheRepositoryHoldsSmallWholeOnes) {
   for (const auto& entry : fs::recursive_directory_iterator(folder)) {
     if (!entry.is_regular_file()) continue;
     all += entry.file_size();
-    if (entry.path().extension() == ".safetensors")
+    if (entry.path().extension() == ".safetensors") {
       EXPECT_EQ(wanted.count(entry.path()), 1U) << entry.path() << " belongs to no fixture";
+    }
   }
   EXPECT_LE(all, kMostOfAll);
 }

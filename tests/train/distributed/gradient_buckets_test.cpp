@@ -78,7 +78,9 @@ void compare_with_a_sum_afterwards(Communicator& ranks, const BucketCase& how) {
     buckets.finish();
     const Tensor& summed = buffers.front().gradient();
     EXPECT_TRUE(torch::allclose(summed, expected, 1e-6, 1e-7)) << "step " << step;
-    if (how.ranks == 2) EXPECT_TRUE(torch::equal(summed, expected)) << "two addends have one sum";
+    if (how.ranks == 2) {
+      EXPECT_TRUE(torch::equal(summed, expected)) << "two addends have one sum";
+    }
     EXPECT_GT(summed.abs().max().item<float>(), 1e-3f);
     EXPECT_TRUE(buckets.own_gradients_finite());
   }

@@ -100,7 +100,9 @@ TEST(AnymatePretrained, PointBertFromThePartsOfALargeModel) {
     EXPECT_TRUE(torch::equal(after.at(key), nn::to_tensor(array))) << key;
   }
   for (const auto& [key, tensor] : before) {
-    if (key.rfind("encoder.", 0) != 0) EXPECT_TRUE(torch::equal(after.at(key), tensor)) << key;
+    if (key.rfind("encoder.", 0) != 0) {
+      EXPECT_TRUE(torch::equal(after.at(key), tensor)) << key;
+    }
   }
 }
 
@@ -126,8 +128,9 @@ TEST(AnymatePretrained, MichelangelosInputIsWidened) {
   EXPECT_TRUE(torch::equal(wide.narrow(1, 0, 54), narrow));
   EXPECT_TRUE(torch::equal(wide.narrow(1, 54, 25), own.narrow(1, 54, 25)));
   for (const auto& [name, array] : arrays) {
-    if (name == "model.shape_projection")
+    if (name == "model.shape_projection") {
       EXPECT_TRUE(torch::equal(after.at("encoder.shape_projection"), nn::to_tensor(array)));
+    }
   }
 }
 
