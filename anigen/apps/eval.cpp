@@ -73,7 +73,6 @@ void run(const EvalArguments& options, const CommonOptions& common) {
   if (!options.ss_flow.empty()) {
     if (!options.shapes.predictions.empty() || !options.skin_ae.empty() || !options.skins.empty())
       throw InputError("", "--ss-flow", "evaluates a flow of sparse structures, and nothing else at the same time");
-    if (options.splits.size() > 1) throw InputError("", "--split", "one file of ids, with --ss-flow");
     return torch_half("--ss-flow").evaluate_structures(options, common);
   }
   if (!options.shapes.predictions.empty()) {

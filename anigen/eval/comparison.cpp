@@ -28,12 +28,8 @@ Json summary_json(const Comparison& comparison, std::size_t method) {
   Json summary = Json::object();
   for (const MetricInfo& metric : metric_table()) {
     const MetricSummary of = summarize_metric(comparison, method, metric.key);
-    if (of.summary.n == 0) {
-      summary[metric.key] = {{"mean", nullptr}, {"median", nullptr}, {"std", nullptr}, {"n", 0}};
-      continue;
-    }
-    summary[metric.key] = {{"mean", of.summary.mean}, {"median", of.summary.median}, {"std", of.summary.std},
-                           {"n", of.summary.n},       {"low", of.interval.low},      {"high", of.interval.high}};
+    Json& json = summary[metric.key] = to_json(of.summary);
+    if (of.summary.n > 0) json.update({{"low", of.interval.low}, {"high", of.interval.high}});
   }
   return summary;
 }
@@ -164,6 +160,11 @@ std::vector<double> metric_values(const Comparison& comparison, std::size_t meth
   return values;
 }
 
+PairedDifference to_first_method(const Comparison& comparison, std::size_t method, const std::string& key) {
+  return paired_difference(metric_values(comparison, method, key), metric_values(comparison, 0, key), comparison.seed,
+                           key);
+}
+
 }  // namespace
 
 Interval bootstrap_mean(const std::vector<double>& values, std::uint64_t seed, const std::string& purpose,
@@ -287,9 +288,7 @@ Json to_json(const Comparison& comparison) {
     Json& differences = json["differences"][comparison.methods[m]];
     differences = Json::object();
     for (const MetricInfo& metric : metric_table()) {
-      const PairedDifference of =
-          paired_difference(metric_values(comparison, m, metric.key), metric_values(comparison, 0, metric.key),
-                            comparison.seed, metric.key);
+      const PairedDifference of = to_first_method(comparison, m, metric.key);
       if (of.n > 0)
         differences[metric.key] = {
             {"mean", of.mean}, {"low", of.interval.low}, {"high", of.interval.high}, {"n", of.n}, {"equal", of.equal}};
@@ -305,8 +304,7 @@ Json to_json(const Comparison& comparison) {
 }
 
 CsvTable to_csv_table(const Comparison& comparison) {
-  CsvTable table;
-  table.columns = {"id", "method", "failure"};
+  CsvTable table{{"id", "method", "failure"}, {}};
   for (const MetricInfo& metric : metric_table()) table.columns.push_back(metric.key);
   for (std::size_t i = 0; i < comparison.ids.size(); ++i) {
     for (std::size_t m = 0; m < comparison.methods.size(); ++m) {
@@ -323,8 +321,7 @@ CsvTable to_csv_table(const Comparison& comparison) {
 }
 
 anigen::Table method_table(const Comparison& comparison, const std::vector<const MetricInfo*>& metrics) {
-  anigen::Table table;
-  table.columns = {"method", "assets", "failed"};
+  anigen::Table table{{"method", "assets", "failed"}, {}};
   for (const MetricInfo* metric : metrics) table.columns.push_back(head(*metric));
   for (std::size_t m = 0; m < comparison.methods.size(); ++m) {
     table.rows.push_back(
@@ -346,8 +343,7 @@ anigen::Table method_table(const Comparison& comparison, const std::vector<const
 }
 
 anigen::Table metric_summary_table(const Comparison& comparison, std::size_t method) {
-  anigen::Table table;
-  table.columns = {"metric", "key", "unit", "mean", "median", "std", "95 % of the mean", "assets"};
+  anigen::Table table{{"metric", "key", "unit", "mean", "median", "std", "95 % of the mean", "assets"}, {}};
   for (const MetricInfo* metric : present_metrics(comparison, false)) {
     const MetricSummary summary = summarize_metric(comparison, method, metric->key);
     const int places = digits(*metric);
@@ -367,8 +363,7 @@ anigen::Table pairing_table(const Comparison& comparison) {
     for (std::size_t i = 0; i < std::min(kNamed, names.size()); ++i) text += (i == 0 ? ": " : ", ") + names[i];
     return text + (names.size() > kNamed ? ", …" : "");
   };
-  anigen::Table table;
-  table.columns = {"method", "ground truths", "paired", "without a prediction", "unused predictions"};
+  anigen::Table table{{"method", "ground truths", "paired", "without a prediction", "unused predictions"}, {}};
   for (std::size_t m = 0; m < comparison.pairing.size(); ++m) {
     const Pairing& pairing = comparison.pairing[m];
     table.rows.push_back({comparison.methods[m], std::to_string(pairing.paired + pairing.missing.size()),
@@ -378,8 +373,7 @@ anigen::Table pairing_table(const Comparison& comparison) {
 }
 
 anigen::Table reason_table(const Comparison& comparison) {
-  anigen::Table table;
-  table.columns = {"method", "what", "reason", "assets"};
+  anigen::Table table{{"method", "what", "reason", "assets"}, {}};
   for (std::size_t m = 0; m < comparison.methods.size(); ++m) {
     for (const PairResult& result : comparison.results[m]) {
       if (!result.failure.empty()) table.rows.push_back({comparison.methods[m], result.id, result.failure, "1"});
@@ -403,13 +397,10 @@ anigen::Table reason_table(const Comparison& comparison) {
 }
 
 anigen::Table difference_table(const Comparison& comparison) {
-  anigen::Table table;
-  table.columns = {"method", "metric", "mean difference", "95 %", "assets", "reads"};
+  anigen::Table table{{"method", "metric", "mean difference", "95 %", "assets", "reads"}, {}};
   for (std::size_t m = 1; m < comparison.methods.size(); ++m) {
     for (const MetricInfo* metric : present_metrics(comparison, true)) {
-      const PairedDifference difference =
-          paired_difference(metric_values(comparison, m, metric->key), metric_values(comparison, 0, metric->key),
-                            comparison.seed, metric->key);
+      const PairedDifference difference = to_first_method(comparison, m, metric->key);
       if (difference.n == 0) continue;
       const bool clear = difference.interval.low > 0 || difference.interval.high < 0;
       const bool lower_wins = metric->better == Better::kLower;

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstdio>
 #include <cstring>
+#include <numeric>
 #include <system_error>
 #include <utility>
 
@@ -119,6 +120,7 @@ namespace fs = std::filesystem;
 
 constexpr const char* kTruth = "ground truth";
 constexpr std::size_t kMostViewedFaces = 60000;
+constexpr int kQuality = 85;               ///< of JPEG strips
 constexpr std::size_t kMostInReport = 24;  ///< frames: a strip of more would not fit into one picture
 
 bool can_move(const io::RiggedShape& shape) { return shape.has_skin() && shape.has_surface(); }
@@ -141,12 +143,25 @@ Box box_of_motion(const Asset& asset) {
   return box;
 }
 
-render::Tile tile_of(const MovingRig& rig, double time, const Box& box, int size) {
-  if (!rig.asset) return {io::Image(size, size), rig.label + ": none"};
+render::PictureOptions plain_picture(int size, render::PictureMode mode = render::PictureMode::kWeights) {
   render::PictureOptions options;
   options.width = options.height = size;
   options.ambient_occlusion = false;
-  options.mode = render::PictureMode::kWeights;
+  options.mode = mode;
+  return options;
+}
+
+/// Tiles in so many columns without gaps, for page scripts to scroll.
+io::Image strip_of(const std::vector<render::Tile>& tiles, int columns) {
+  render::SheetOptions sheet;
+  sheet.columns = columns;
+  sheet.gap = 0;
+  return render::contact_sheet(tiles, sheet);
+}
+
+render::Tile tile_of(const MovingRig& rig, double time, const Box& box, int size) {
+  if (!rig.asset) return {io::Image(size, size), rig.label + ": none"};
+  render::PictureOptions options = plain_picture(size);
   options.view.fit = box;
   render::set_pose(options, *rig.asset, pose_at(*rig.asset, time));
   return {render::render(*rig.asset, options), rig.label};
@@ -163,22 +178,7 @@ const MetricInfo* ordering_metric(const Comparison& comparison, const std::strin
   return present.empty() ? nullptr : present.front();
 }
 
-/// Assets of a method, worst first: failures, then by the metric, then those without a value.
-std::vector<std::size_t> worst_first(const Comparison& comparison, std::size_t method, const MetricInfo* metric) {
-  const auto& results = comparison.results[method];
-  std::vector<std::size_t> order(results.size());
-  for (std::size_t i = 0; i < order.size(); ++i) order[i] = i;
-  const auto badness = [&](std::size_t i) {
-    if (!results[i].failure.empty()) return 1e300;
-    const double value = metric == nullptr ? NAN : results[i].value(metric->key);
-    if (!std::isfinite(value)) return -1e300;
-    return metric->better == Better::kHigher ? -value : value;
-  };
-  std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) { return badness(a) > badness(b); });
-  return order;
-}
-
-std::string asset_rows(const Comparison& comparison, const MetricInfo* metric) {
+std::string asset_rows(const Comparison& comparison, const std::string& worst_by) {
   const std::vector<const MetricInfo*> metrics = present_metrics(comparison, false);
   std::string text = "<div class=\"wide\"><table class=\"sortable\"><thead><tr><th>asset</th><th>method</th>";
   for (const MetricInfo* column : metrics)
@@ -186,7 +186,7 @@ std::string asset_rows(const Comparison& comparison, const MetricInfo* metric) {
             html_escaped(column->label + " " + arrow(column->better)) + "</th>";
   text += "<th>reason</th></tr></thead><tbody>\n";
   for (std::size_t m = 0; m < comparison.methods.size(); ++m) {
-    for (const std::size_t i : worst_first(comparison, m, metric)) {
+    for (const std::size_t i : worst_first(comparison, m, worst_by)) {
       const PairResult& result = comparison.results[m][i];
       text += "<tr><td>" + html_escaped(result.id) + "</td><td>" + html_escaped(comparison.methods[m]) + "</td>";
       for (const MetricInfo* column : metrics) text += "<td>" + anigen::fixed(result.value(column->key)) + "</td>";
@@ -239,9 +239,7 @@ Json shape_json(const io::RiggedShape& shape) {
 
 /// Pictures need a mesh and a joint; what a shape lacks is not drawn.
 std::vector<io::Image> views_of(const io::RiggedShape& shape, int views, int size) {
-  render::PictureOptions options;
-  options.width = options.height = size;
-  options.ambient_occlusion = false;
+  render::PictureOptions options = plain_picture(size, render::PictureMode::kColor);
   options.skeleton = shape.has_joints();
   Asset asset;
   if (shape.has_joints()) {
@@ -259,11 +257,7 @@ io::Image picture_of_weights(const io::RiggedShape& shape, std::vector<Eigen::Ve
   Asset asset = to_asset(shape);
   asset.mesh.normals = vertex_normals(vertices, asset.mesh.faces);
   asset.mesh.vertices = std::move(vertices);
-  render::PictureOptions options;
-  options.width = options.height = size;
-  options.ambient_occlusion = false;
-  options.mode = render::PictureMode::kWeights;
-  return render::render(asset, options);
+  return render::render(asset, plain_picture(size));
 }
 
 /// A turntable of ground truth beside prediction as one strip of views that page scripts scroll by dragging.
@@ -275,10 +269,7 @@ std::string turntable_html(const ComparedShapes& shapes, int views, int size) {
     tiles.push_back({left[i], ""});
     tiles.push_back({right[i], ""});
   }
-  render::SheetOptions sheet;
-  sheet.columns = 2;
-  sheet.gap = 0;
-  const std::string strip = base64(io::encode_png(render::contact_sheet(tiles, sheet)));
+  const std::string strip = base64(io::encode_png(strip_of(tiles, 2)));
   return "<div class=\"turn\" data-views=\"" + std::to_string(views) + "\" style=\"width:" + std::to_string(2 * size) +
          "px;height:" + std::to_string(size) + "px;background-image:url(data:image/png;base64," + strip +
          ")\"></div><div class=\"hint\">left: ground truth, right: prediction; drag to turn</div>\n";
@@ -287,9 +278,7 @@ std::string turntable_html(const ComparedShapes& shapes, int views, int size) {
 /// Both shapes in the same random poses (posed_pair()), each in the colours of its own joints' weights: truth and
 /// prediction per pose. Empty unless both have faces, joints and weights. @param seed of the poses
 std::string posed_html(const ComparedShapes& shapes, int poses, int size, std::uint64_t seed) {
-  for (const io::RiggedShape* shape : {&shapes.truth, &shapes.predicted}) {
-    if (!shape->has_skin() || !shape->has_surface()) return "";
-  }
+  if (!can_move(shapes.truth) || !can_move(shapes.predicted)) return "";
   const Eigen::MatrixXd plan = metrics::matching_plan(shapes.predicted.joints, shapes.truth.joints);
   metrics::DeformationOptions options;
   options.seed = seed;
@@ -299,15 +288,10 @@ std::string posed_html(const ComparedShapes& shapes, int poses, int size, std::u
     tiles.push_back({picture_of_weights(shapes.truth, std::move(posed.truth), size), ""});
     tiles.push_back({picture_of_weights(shapes.predicted, std::move(posed.predicted), size), ""});
   }
-  render::SheetOptions sheet;
-  sheet.columns = 2 * poses;
-  sheet.gap = 0;
-  constexpr int kQuality = 85;
-  const std::vector<std::uint8_t> strip = io::encode_jpeg(render::contact_sheet(tiles, sheet), kQuality);
+  const std::vector<std::uint8_t> strip = io::encode_jpeg(strip_of(tiles, 2 * poses), kQuality);
   return "<img style=\"max-width:100%\" alt=\"poses\" src=\"data:image/jpeg;base64," + base64(strip) +
          "\"><div class=\"hint\">the same random poses, each in the colours of its own joints: ground truth, "
-         "prediction, ground truth, "
-         "…</div>\n";
+         "prediction, ground truth, …</div>\n";
 }
 
 /// A button that opens both shapes in 3D; their geometry stands in the page as JSON. Meshes of more than
@@ -318,13 +302,13 @@ std::string view_html(const ComparedShapes& shapes, const std::string& id) {
          "</script><button onclick=\"open3d(this)\" data-shape=\"" + id + "\">3D view</button>\n";
 }
 
-std::string pictures(const Comparison& comparison, const ComparisonReportOptions& options, const MetricInfo* metric) {
+std::string pictures(const Comparison& comparison, const ComparisonReportOptions& options) {
   if (!options.shapes || options.pictured == 0) return "";
   std::string text;
   for (std::size_t m = 0; m < comparison.methods.size(); ++m) {
     std::string figures;
     std::size_t drawn = 0;
-    for (const std::size_t i : worst_first(comparison, m, metric)) {
+    for (const std::size_t i : worst_first(comparison, m, options.worst_by)) {
       const PairResult& result = comparison.results[m][i];
       if (drawn == options.pictured) break;
       if (!result.failure.empty()) continue;
@@ -353,11 +337,8 @@ std::string motion_html(const MotionStrip& strip) {
   const std::size_t step = (strip.frames.size() + kMostInReport - 1) / kMostInReport;
   std::vector<render::Tile> tiles;
   for (std::size_t f = 0; f < strip.frames.size(); f += step) tiles.push_back({strip.frames[f], ""});
-  render::SheetOptions sheet;
-  sheet.columns = 1;
-  sheet.gap = 0;
-  constexpr int kQuality = 85, kPerSecond = 6;
-  const std::string picture = base64(io::encode_jpeg(render::contact_sheet(tiles, sheet), kQuality));
+  constexpr int kPerSecond = 6;
+  const std::string picture = base64(io::encode_jpeg(strip_of(tiles, 1), kQuality));
   const io::Image& first = strip.frames.front();
   return text + "<div class=\"turn\" data-views=\"" + std::to_string(tiles.size()) + "\" data-play=\"" +
          std::to_string(kPerSecond) + "\" style=\"width:" + std::to_string(first.width) +
@@ -443,7 +424,18 @@ void write_motion(const fs::path& folder, const std::vector<MovingRig>& rigs, co
 }
 
 std::vector<std::size_t> worst_first(const Comparison& comparison, std::size_t method, const std::string& worst_by) {
-  return worst_first(comparison, method, ordering_metric(comparison, worst_by));
+  const MetricInfo* metric = ordering_metric(comparison, worst_by);
+  const auto& results = comparison.results[method];
+  std::vector<std::size_t> order(results.size());
+  std::iota(order.begin(), order.end(), std::size_t{0});
+  const auto badness = [&](std::size_t i) {
+    if (!results[i].failure.empty()) return 1e300;
+    const double value = metric == nullptr ? NAN : results[i].value(metric->key);
+    if (!std::isfinite(value)) return -1e300;
+    return metric->better == Better::kHigher ? -value : value;
+  };
+  std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) { return badness(a) > badness(b); });
+  return order;
 }
 
 std::string comparison_report(const Comparison& comparison, const ComparisonReportOptions& options) {
@@ -456,10 +448,10 @@ std::string comparison_report(const Comparison& comparison, const ComparisonRepo
   html += section("Pairs", pairing_table(comparison));
   html += section("Differences to " + comparison.methods[0], difference_table(comparison));
   html += motions(options.motions);
-  html += pictures(comparison, options, metric);
+  html += pictures(comparison, options);
   html += "<h2>All assets</h2>\n<p class=\"hint\">Worst first" +
           (metric == nullptr ? "" : " by " + html_escaped(metric->label)) + "; click a column to sort.</p>\n" +
-          asset_rows(comparison, metric);
+          asset_rows(comparison, options.worst_by);
   for (std::size_t m = 0; m < comparison.methods.size(); ++m)
     html += section("All metrics, " + comparison.methods[m], metric_summary_table(comparison, m));
   html += section("Not computed", reason_table(comparison));

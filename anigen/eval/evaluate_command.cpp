@@ -45,9 +45,9 @@ bool asks_for_contents(const EvaluationRequest& request, const std::vector<Compa
   }
   for (const std::vector<fs::path>* lists : {&request.splits, &request.category_splits}) {
     for (const fs::path& list : *lists) {
-      const std::vector<io::SplitLine> lines = io::split_lines(list);
-      if (std::any_of(lines.begin(), lines.end(), [&](const io::SplitLine& line) { return ends_in_sha256(line.id); }))
-        return true;
+      for (const io::SplitLine& line : io::split_lines(list)) {
+        if (ends_in_sha256(line.id)) return true;
+      }
     }
   }
   return false;
@@ -263,9 +263,7 @@ Comparison run_evaluation(const EvaluationRequest& request) {
   const Json others = other_commits(comparison);
   if (!others.empty()) comparison.settings["results_of_other_commits"] = others;
   comparison.settings["sources"] = opened.described;
-  Json splits = Json::array();
-  for (const fs::path& split : request.splits) splits.push_back(split.string());
-  comparison.settings["splits"] = splits;
+  comparison.settings["splits"] = request.splits;
   write(comparison, request, opened.methods, run);
   return comparison;
 }

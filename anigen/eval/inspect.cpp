@@ -54,7 +54,7 @@ Geometry scene(const fs::path& file) {
   return geometry;
 }
 
-/// Kind of a file that has no rule of its own.
+/// Axes of a format that has no rule of its own.
 std::string by_custom(char up) { return std::string(1, up) + " up by custom; the file does not say"; }
 
 /// A shape's parts as far as it has them; its notes keep their sentences, under the codes that importers gave them.

@@ -142,12 +142,6 @@ std::pair<metrics::MetricSkeleton, metrics::MetricSkeleton> skeletons_of(const C
   return {{shapes.predicted.joints, "predicted skeleton"}, {shapes.truth.joints, "true skeleton"}};
 }
 
-void set_chamfer(const metrics::SkeletonChamfer& chamfer, const std::string& prefix, PairResult& result) {
-  result.set(prefix + "j2j", chamfer.j2j);
-  result.set(prefix + "j2b", chamfer.j2b);
-  result.set(prefix + "b2b", chamfer.b2b);
-}
-
 /// True when anything but the renderer's grey would be seen.
 bool has_colors(const io::RiggedShape& shape) {
   if (!shape.mesh.colors.empty()) return true;
@@ -166,7 +160,10 @@ void add_skeleton_metrics(const ComparedShapes& shapes, PairResult& result) {
   for (const metrics::SkeletonProtocol protocol : metrics::kSkeletonProtocols) {
     const std::string prefix = protocol == metrics::SkeletonProtocol::kPaper ? "" : metrics::name(protocol) + ".";
     try {
-      set_chamfer(metrics::skeleton_chamfer(predicted, truth, protocol), prefix, result);
+      const metrics::SkeletonChamfer chamfer = metrics::skeleton_chamfer(predicted, truth, protocol);
+      result.set(prefix + "j2j", chamfer.j2j);
+      result.set(prefix + "j2b", chamfer.j2b);
+      result.set(prefix + "b2b", chamfer.b2b);
     } catch (const InputError& error) {
       for (const char* key : {"j2j", "j2b", "b2b"}) result.skip(prefix + key, error.what());
     }
@@ -213,8 +210,7 @@ void add_transport_metrics(const ComparedShapes& shapes, const PairSettings& set
   if (!(transport.entropic_marginal_error < kMarginalsAlmostKept))
     result.notes.push_back(
         "Sinkhorn's scaling for the Gromov–Wasserstein distance left double precision and its plan was repaired: a "
-        "larger "
-        "--sinkhorn-epsilon keeps it");
+        "larger --sinkhorn-epsilon keeps it");
 }
 
 /// Anymate's joint metrics in its frame, the box of side 2.

@@ -244,9 +244,9 @@ std::string skin_report(const SkinEvaluation& evaluation, const ReportOptions& o
   html += settings_list(evaluation.settings);
   html +=
       "<p>Per vertex, l1 is the sum of absolute differences over joints (0 to 2), l2 the norm of the differences, KL "
-      "the divergence "
-      "of the prediction from the ground truth in nats; means over vertices, then over assets. Columns with a number "
-      "of influences are l1 over the vertices that so many joints truly move. Oracles look at the true weights.</p>\n";
+      "the divergence of the prediction from the ground truth in nats; means over vertices, then over assets. Columns "
+      "with a number of influences are l1 over the vertices that so many joints truly move. Oracles look at the true "
+      "weights.</p>\n";
   html += "<h2>" + std::to_string(count(evaluation, Group::kUsable)) + " usable assets</h2>\n" +
           anigen::to_html(summary_table(evaluation, Group::kUsable));
   html += curves(options.training_metrics);

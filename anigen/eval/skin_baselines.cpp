@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "anigen/geometry/bones.h"
+#include "anigen/metrics/skin_metrics.h"
 
 namespace anigen::eval {
 
@@ -63,7 +64,7 @@ std::vector<SkinMethod> skin_baselines() {
 
 namespace {
 
-using Rows = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+using Rows = metrics::SkinMatrix;
 
 /// The non-zero entries of the true weights, row by row: weights are sparse, so fitting only visits these.
 struct SparseRows {
@@ -87,10 +88,7 @@ SparseRows sparse_rows(const GroundTruth& truth) {
 }
 
 Rows dense_rows(const GroundTruth& truth) {
-  return Eigen::Map<const Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>>(
-             truth.skin.data(), static_cast<Eigen::Index>(truth.vertex_count()),
-             static_cast<Eigen::Index>(truth.joint_count()))
-      .cast<double>();
+  return metrics::skin_matrix(truth.skin, truth.vertex_count(), truth.joint_count());
 }
 
 /// Rows of W that are far from each other, mixed with a little of the mean row so that no entry starts at 0, where
@@ -175,8 +173,7 @@ std::vector<float> mixture_weights(const GroundTruth& truth, std::size_t rank, s
   std::vector<float> result(truth.skin.size());
   for (std::size_t v = 0; v < vertices; ++v) {
     const Eigen::RowVectorXd row = mix.row(static_cast<Eigen::Index>(v)) * basis;
-    for (std::size_t j = 0; j < joints; ++j)
-      result[v * joints + j] = static_cast<float>(row[static_cast<Eigen::Index>(j)] / row.sum());
+    Eigen::Map<Eigen::RowVectorXf>(result.data() + v * joints, row.size()) = (row / row.sum()).cast<float>();
   }
   return result;
 }

@@ -74,11 +74,7 @@ void run_methods(const fs::path& dataset, const std::vector<SkinMethod>& methods
 
 constexpr std::array<const char*, metrics::kInfluenceClasses> kClassNames = {"1", "2", "3", "4", "5+"};
 
-Json to_json(const Summary& summary) {
-  // No value is not a value of zero.
-  if (summary.n == 0) return {{"mean", nullptr}, {"median", nullptr}, {"std", nullptr}, {"n", 0}};
-  return {{"mean", summary.mean}, {"median", summary.median}, {"std", summary.std}, {"n", summary.n}};
-}
+constexpr std::array<const char*, 3> kScoreNames = {"skin_l1", "skin_l2", "skin_kl"};  // as score_values()
 
 Json to_json(const std::array<Summary, 3>& summaries) {
   Json json = Json::object();
@@ -135,8 +131,6 @@ std::string mean_or_dash(const Summary& summary) {
 
 }  // namespace
 
-const std::array<const char*, 3> kScoreNames = {"skin_l1", "skin_l2", "skin_kl"};
-
 Summary summarize(std::vector<double> values) {
   Summary summary;
   summary.n = values.size();
@@ -149,6 +143,12 @@ Summary summarize(std::vector<double> values) {
   const std::size_t middle = values.size() / 2;
   summary.median = values.size() % 2 == 1 ? values[middle] : 0.5 * (values[middle - 1] + values[middle]);
   return summary;
+}
+
+Json to_json(const Summary& summary) {
+  // No value is not a value of zero.
+  if (summary.n == 0) return {{"mean", nullptr}, {"median", nullptr}, {"std", nullptr}, {"n", 0}};
+  return {{"mean", summary.mean}, {"median", summary.median}, {"std", summary.std}, {"n", summary.n}};
 }
 
 SkinEvaluation evaluate_skin(const fs::path& dataset, const std::vector<io::DatasetItem>& items,
@@ -254,9 +254,7 @@ SkinEvaluation run_skin_evaluation(const SkinRequest& request) {
   for (SkinMethod& baseline : skin_baselines()) methods.push_back(std::move(baseline));
   settings["made_by"] = made_by();
   settings["ground_truth"] = request.dataset.string();
-  Json splits = Json::array();
-  for (const auto& split : request.splits) splits.push_back(split.string());
-  settings["splits"] = splits;
+  settings["splits"] = request.splits;
   settings["assets"] = items.size();
 
   SkinEvaluation evaluation = evaluate_skin(request.dataset, items, methods, settings);
@@ -332,8 +330,7 @@ CsvTable to_csv_table(const SkinEvaluation& evaluation) {
 }
 
 anigen::Table summary_table(const SkinEvaluation& evaluation, Group group) {
-  anigen::Table table;
-  table.columns = {"method", "l1", "l2", "KL", "median l1"};
+  anigen::Table table{{"method", "l1", "l2", "KL", "median l1"}, {}};
   for (const char* name : kClassNames) table.columns.push_back("l1, " + std::string(name) + " infl.");
   table.columns.push_back("assets");
   for (std::size_t m = 0; m < evaluation.methods.size(); ++m) {
@@ -359,8 +356,7 @@ anigen::Table asset_table(const SkinEvaluation& evaluation, Group group) {
     if (a_failed != b_failed) return b_failed;
     return a->methods[0].scores.mean.l1 > b->methods[0].scores.mean.l1;
   });
-  anigen::Table table;
-  table.columns = {"asset", "joints", "vertices", "l1", "l2", "KL", "note"};
+  anigen::Table table{{"asset", "joints", "vertices", "l1", "l2", "KL", "note"}, {}};
   for (const AssetResult* asset : order) {
     const MethodResult& result = asset->methods[0];
     std::vector<std::string> row = {asset->item.name, std::to_string(asset->joints), std::to_string(asset->vertices)};

@@ -32,6 +32,8 @@ struct Summary {
   std::size_t n = 0;
 };
 Summary summarize(std::vector<double> values);
+/// Under the members' names; null for all but `n` without values.
+Json to_json(const Summary& summary);
 
 struct SkinEvaluation {
   std::vector<SkinMethod> methods;  ///< the first one is what the evaluation is about, the others stand beside it
@@ -54,9 +56,6 @@ SkinMethod predictions_from_folder(const std::filesystem::path& folder, const st
 
 /// Assets that a summary covers.
 enum class Group { kUsable, kNotUsable };
-
-/// "skin_l1", "skin_l2", "skin_kl", in the order of score_values().
-extern const std::array<const char*, 3> kScoreNames;
 
 /// The summaries of a method's three scores over the assets of a group.
 /// @param influence_class only these vertices: per asset first, then over the assets that have such vertices

@@ -6,6 +6,7 @@
 #include <limits>
 #include <map>
 #include <memory>
+#include <set>
 #include <string_view>
 #include <utility>
 
@@ -89,11 +90,17 @@ constexpr std::int64_t kSampledAtOnce = 4;  // assets; the answer does not depen
 
 /// @param held_out assets to evaluate: a share of the training assets does not reduce them
 std::unique_ptr<data::StructureLatentDataset> dataset_of(const data::StructureLatentOptions& reading,
-                                                         const std::string& data, const fs::path& split,
+                                                         const std::string& data, const std::vector<fs::path>& splits,
                                                          std::uint64_t seed, bool held_out) {
   data::StructureLatentOptions options = reading;
   if (!data.empty()) options.sources.data_dir = data;
-  if (!split.empty()) options.sources.split = split.string();
+  if (!splits.empty()) {
+    options.sources.split.clear();
+    std::set<std::string>& ids = options.sources.filter.only.emplace();
+    const std::string& roots = options.sources.data_dir;
+    for (const fs::path& split : splits)
+      ids.merge(data::read_split(data::file_of_dataset(split.string(), roots), roots));
+  }
   options.sources.eval_split.clear();
   options.sources.eval_fraction = 0.0;
   if (held_out) options.sources.train_share = 1.0;
@@ -134,12 +141,14 @@ class StructureComparison {
       : request_(request),
         generator_(generator_of(request)),
         coder_(generator_.autoencoder(), generator_.reading().ss_dec_ckpt, nn::parse_device(request.device), false),
-        assets_(dataset_of(generator_.reading(), request.data, request.split, request.seed, true)) {
+        assets_(dataset_of(generator_.reading(), request.data, request.splits, request.seed, true)) {
     sampler_ = generator_.sampler();
     if (request.steps > 0) sampler_.steps = request.steps;
     strengths_ = request.strengths.empty() ? std::vector<double>{sampler_.cfg_strength} : request.strengths;
     if (request.retrieval_views > 0) {
-      training_ = dataset_of(generator_.reading(), request.data, request.train_split, request.seed, false);
+      std::vector<fs::path> train_splits;
+      if (!request.train_split.empty()) train_splits.push_back(request.train_split);
+      training_ = dataset_of(generator_.reading(), request.data, train_splits, request.seed, false);
       retrieval_ = std::make_unique<StructureRetrieval>(generator_, *training_, request.retrieval_views);
     }
     name_methods();
@@ -179,7 +188,7 @@ class StructureComparison {
     result_.settings = {{"run", request_.run.string()},
                         {"checkpoint", generator_.flow().checkpoint.string()},
                         {"autoencoder", coder_.checkpoint().string()},
-                        {"split", request_.split.string()},
+                        {"splits", request_.splits},
                         {"steps", sampler_.steps},
                         {"seed", request_.seed},
                         {"retrieval_views", request_.retrieval_views}};
@@ -349,13 +358,14 @@ Table StructureEvaluation::table(const std::string& source) const {
 }
 
 StructureEvaluation evaluate_structures(const StructureEvaluationRequest& request) {
-  if (request.split.empty()) throw InputError("", "--split", "which assets? A file of ids, such as splits/test.txt");
+  if (request.splits.empty()) throw InputError("", "--split", "which assets? A file of ids, such as splits/test.txt");
   refuse_to_overwrite({request.out / "metrics.csv", request.out / "metrics.json", request.out / "table.md",
                        request.out / "samples.png"},
                       [&] {
-                        return std::vector<std::filesystem::path>{request.split, request.train_split,
-                                                                  RunFolder{request.run}.metrics(),
-                                                                  RunFolder{request.autoencoder}.metrics()};
+                        std::vector<fs::path> inputs = request.splits;
+                        inputs.insert(inputs.end(), {request.train_split, RunFolder{request.run}.metrics(),
+                                                     RunFolder{request.autoencoder}.metrics()});
+                        return inputs;
                       });
   const torch::NoGradGuard no_grad;
   return StructureComparison(request).run();

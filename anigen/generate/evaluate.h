@@ -18,17 +18,17 @@ namespace anigen::generate {
 
 /// Request of `anigen-eval --ss-flow …`.
 struct StructureEvaluationRequest {
-  std::filesystem::path run;          ///< run folder of stage 4
-  std::filesystem::path autoencoder;  ///< run folder of stage 2; empty: the one of the flow's config
-  std::string data;                   ///< dataset roots, comma-separated
-  std::filesystem::path split;        ///< ids to generate from their pictures
-  std::filesystem::path train_split;  ///< ids that retrieval chooses from; empty: those of the flow's config
-  std::filesystem::path out;          ///< folder for the results
-  std::vector<double> strengths;      ///< of guidance; empty: that of the flow's config
-  std::int64_t steps = 0;             ///< of the sampler; 0: that of the flow's config
-  std::size_t most = 0;               ///< assets; 0: all
-  std::size_t pictured = 8;           ///< rows of the contact sheet
-  std::size_t retrieval_views = 4;    ///< random views of every training asset; 0: no retrieval
+  std::filesystem::path run;                  ///< run folder of stage 4
+  std::filesystem::path autoencoder;          ///< run folder of stage 2; empty: the one of the flow's config
+  std::string data;                           ///< dataset roots, comma-separated
+  std::vector<std::filesystem::path> splits;  ///< files of the ids to generate from their pictures, at least one
+  std::filesystem::path train_split;          ///< ids that retrieval chooses from; empty: those of the flow's config
+  std::filesystem::path out;                  ///< folder for the results
+  std::vector<double> strengths;              ///< of guidance; empty: that of the flow's config
+  std::int64_t steps = 0;                     ///< of the sampler; 0: that of the flow's config
+  std::size_t most = 0;                       ///< assets; 0: all
+  std::size_t pictured = 8;                   ///< rows of the contact sheet
+  std::size_t retrieval_views = 4;            ///< random views of every training asset; 0: no retrieval
   std::uint64_t seed = 0;
   std::string device = "cpu";
 };

@@ -45,12 +45,6 @@ Similarity centred(const Eigen::Vector3d& center, double size) {
   return result;
 }
 
-Similarity boxed(const std::vector<Eigen::Vector3d>& points) {
-  Box box;
-  for (const Eigen::Vector3d& point : points) box.extend(point);
-  return centred(box.center(), box.longest_side());
-}
-
 AlignedBy common_ground(const io::RiggedShape& a, const io::RiggedShape& b) {
   if (a.has_surface() && b.has_surface()) return AlignedBy::kSurface;
   if (!a.mesh.vertices.empty() && !b.mesh.vertices.empty()) return AlignedBy::kVertices;
@@ -135,7 +129,11 @@ Similarity normalization(const Mesh& mesh, NormalizationMode mode) {
 Similarity normalization(const std::vector<Eigen::Vector3d>& points, NormalizationMode mode) {
   check_points(points);
   if (mode == NormalizationMode::kNone) return {};
-  if (mode == NormalizationMode::kBoundingBox) return boxed(points);
+  if (mode == NormalizationMode::kBoundingBox) {
+    Box box;
+    for (const Eigen::Vector3d& point : points) box.extend(point);
+    return centred(box.center(), box.longest_side());
+  }
   const SurfaceMoments moments = point_moments(points);
   return centred(moments.centroid, moments.rms_radius);
 }

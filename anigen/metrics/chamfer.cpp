@@ -83,15 +83,6 @@ std::int64_t sample_count(const std::vector<BoneSamples>& samples) {
   return count;
 }
 
-std::vector<Eigen::Vector3d> sample_points(const std::vector<BoneSamples>& samples) {
-  std::vector<Eigen::Vector3d> points;
-  points.reserve(static_cast<std::size_t>(sample_count(samples)));
-  for (const BoneSamples& bone : samples) {
-    for (std::int64_t i = 0; i <= bone.last; ++i) points.push_back(bone.point(i));
-  }
-  return points;
-}
-
 NearestBone::NearestBone(const std::vector<geometry::Bone>& bones) {
   for (const geometry::Bone& bone : bones) add(bone.head, bone.tail - bone.head, 1.0);
   build();
@@ -188,12 +179,10 @@ double NearestBone::mean_distance(const std::vector<Eigen::Vector3d>& points) co
 
 double NearestBone::mean_distance(const std::vector<BoneSamples>& samples) const {
   double sum = 0;
-  std::int64_t count = 0;
   for (const BoneSamples& bone : samples) {
     for (std::int64_t i = 0; i <= bone.last; ++i) sum += distance(bone.point(i));
-    count += bone.last + 1;
   }
-  return sum / static_cast<double>(count);
+  return sum / static_cast<double>(sample_count(samples));
 }
 
 std::string name(SkeletonProtocol protocol) { return word_of(kProtocolNames, protocol); }

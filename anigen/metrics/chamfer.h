@@ -32,10 +32,8 @@ std::vector<BoneSamples> spaced_samples(const std::vector<geometry::Bone>& bones
 /// is one of them, the parent's is not (7.2 b). @throws InputError beyond kMostBoneSamples
 std::vector<BoneSamples> counted_samples(const std::vector<geometry::Bone>& bones, int count = kSamplesPerBone);
 
+/// Points of all bones; joints shared by bones count each time, as published.
 std::int64_t sample_count(const std::vector<BoneSamples>& samples);
-
-/// All points, bone by bone; joints shared by bones are repeated, as published.
-std::vector<Eigen::Vector3d> sample_points(const std::vector<BoneSamples>& samples);
 
 /// Distance from points to the nearest of many bones: set up once per skeleton (a tree of boxes), query many times.
 /// Either to the bones as lines, exact, or to their samples, which are found by rounding the projection onto the line

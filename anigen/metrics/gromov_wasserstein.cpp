@@ -373,7 +373,6 @@ Eigen::MatrixXd scaled_kernel(const Eigen::MatrixXd& cost, const Eigen::VectorXd
   return u.asDiagonal() * kernel * v.asDiagonal();
 }
 
-// Rows wait to be looked at until an exchange touches them.
 GromovWasserstein GwSearch::run() const {
   check_distances(c1, "first space");
   check_distances(c2, "second space");

@@ -5,6 +5,7 @@
 #include <limits>
 #include <numeric>
 #include <tuple>
+#include <utility>
 
 #include "anigen/core/numeric.h"
 
@@ -247,19 +248,15 @@ Rooted canonical(const LabelledTree& labelled, const Classes& lengths, const Cla
   return best;
 }
 
-std::vector<double> joined(std::vector<double> x, const double* begin, const double* end) {
-  x.insert(x.end(), begin, end);
-  return x;
-}
-
 }  // namespace
 
 CanonicalOrder canonical_order(const LabelledTree& first, const LabelledTree& second) {
   const auto& m1 = first.masses;
   const auto& m2 = second.masses;
-  const Classes lengths(
-      joined(first.tree.lengths, second.tree.lengths.data(), second.tree.lengths.data() + second.tree.lengths.size()));
-  const Classes masses(joined(std::vector<double>(m1.data(), m1.data() + m1.size()), m2.data(), m2.data() + m2.size()));
+  std::vector<double> all_lengths = first.tree.lengths, all_masses(m1.data(), m1.data() + m1.size());
+  all_lengths.insert(all_lengths.end(), second.tree.lengths.begin(), second.tree.lengths.end());
+  all_masses.insert(all_masses.end(), m2.data(), m2.data() + m2.size());
+  const Classes lengths(std::move(all_lengths)), masses(std::move(all_masses));
   const Rooted one = canonical(first, lengths, masses), two = canonical(second, lengths, masses);
   CanonicalOrder result;
   result.first = one.order;

@@ -17,7 +17,6 @@ namespace anigen::metrics {
 
 namespace {
 
-constexpr double kTwoPi = 6.283185307179586;
 constexpr double kAmbiguous = 1.1;  // ratio of variances below which two axes may be swapped
 
 bool ambiguous(const Eigen::Vector3d& ascending) {
@@ -336,7 +335,7 @@ class Registration {
 }  // namespace
 
 Eigen::Matrix3d random_rotation(Rng& rng) {
-  const double u = rng.uniform(), v = kTwoPi * rng.uniform(), w = kTwoPi * rng.uniform();
+  const double u = rng.uniform(), v = 2.0 * kPi * rng.uniform(), w = 2.0 * kPi * rng.uniform();
   const double a = std::sqrt(1.0 - u), b = std::sqrt(u);
   return Eigen::Quaterniond(b * std::cos(w), a * std::sin(v), a * std::cos(v), b * std::sin(w))
       .normalized()

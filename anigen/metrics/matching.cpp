@@ -33,10 +33,8 @@ std::vector<Hanging> hangings(const MetricSkeleton& tree) {
   return result;
 }
 
-using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
-
 /// rows ≤ columns. @return the row of each column, -1 for a free one
-std::vector<int> rows_of_columns(const RowMajor& cost) {
+std::vector<int> rows_of_columns(const RowMatrix& cost) {
   const Eigen::Index rows = cost.rows(), columns = cost.cols();
   const double infinity = std::numeric_limits<double>::infinity();
   Eigen::VectorXd row_potential = Eigen::VectorXd::Zero(rows), column_potential = Eigen::VectorXd::Zero(columns);

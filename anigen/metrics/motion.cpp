@@ -236,16 +236,6 @@ Eigen::Vector3d mean_shift(const MotionFrame& frame, const Shares& shares) {
   return sum;
 }
 
-void add_channel(Animation& animation, std::size_t joint, ChannelPath path, const std::vector<double>& times,
-                 std::vector<double> values) {
-  Channel channel;
-  channel.joint = static_cast<int>(joint);
-  channel.path = path;
-  channel.times = times;
-  channel.values = std::move(values);
-  animation.channels.push_back(std::move(channel));
-}
-
 using Vertices = std::vector<Eigen::Vector3f>;
 
 double vertex_distance(const Vertices& a, const Vertices& b) {
@@ -483,9 +473,12 @@ Animation to_animation(const Motion& motion, const Skeleton& skeleton) {
   Animation animation;
   animation.name = motion.name;
   for (std::size_t j = 0; j < count; ++j) {
-    add_channel(animation, j, ChannelPath::kRotation, times, std::move(rotations[j]));
-    add_channel(animation, j, ChannelPath::kTranslation, times, std::move(translations[j]));
-    if (rescaled[j]) add_channel(animation, j, ChannelPath::kScale, times, std::move(scales[j]));
+    const auto add = [&](ChannelPath path, std::vector<double>& values) {
+      animation.channels.push_back({static_cast<int>(j), path, Interpolation::kLinear, times, std::move(values)});
+    };
+    add(ChannelPath::kRotation, rotations[j]);
+    add(ChannelPath::kTranslation, translations[j]);
+    if (rescaled[j]) add(ChannelPath::kScale, scales[j]);
   }
   return animation;
 }

@@ -117,13 +117,8 @@ void check_connectivity(const Eigen::MatrixXd& matrix, Eigen::Index joints, cons
 /// The largest entry of every row without the diagonal (which counts as 0).
 std::vector<Eigen::Index> best_other_joint(Eigen::MatrixXd matrix) {
   matrix.diagonal().setZero();
-  std::vector<Eigen::Index> best(static_cast<std::size_t>(matrix.rows()), 0);
-  for (Eigen::Index i = 0; i < matrix.rows(); ++i) {
-    Eigen::Index& k = best[at(i)];
-    for (Eigen::Index j = 1; j < matrix.cols(); ++j) {
-      if (matrix(i, j) > matrix(i, k)) k = j;
-    }
-  }
+  std::vector<Eigen::Index> best(static_cast<std::size_t>(matrix.rows()));
+  for (Eigen::Index i = 0; i < matrix.rows(); ++i) matrix.row(i).maxCoeff(&best[at(i)]);
   return best;
 }
 

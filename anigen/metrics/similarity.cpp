@@ -42,10 +42,7 @@ std::vector<Eigen::Vector3d> transformed(const Similarity& similarity, std::vect
 }
 
 std::vector<Eigen::Vector3d> transformed(const Similarity& similarity, const std::vector<Eigen::Vector3f>& points) {
-  std::vector<Eigen::Vector3d> result;
-  result.reserve(points.size());
-  for (const Eigen::Vector3f& point : points) result.push_back(similarity(point.cast<double>()));
-  return result;
+  return transformed(similarity, in_double(points));
 }
 
 JointTree transformed(const Similarity& similarity, JointTree joints) {

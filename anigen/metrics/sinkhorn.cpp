@@ -128,19 +128,16 @@ class Scaling {
 
   // f_i = ε (log a_i − LSE_j((g_j − C_ij) / ε)), and g likewise. Potentials of massless points are minus infinity;
   // everything else stays finite.
+  double projected(double mass, const Eigen::ArrayXd& exponents) const {
+    const double top = exponents.maxCoeff();
+    return epsilon_ * (log_mass(mass) - top - std::log((exponents - top).exp().sum()));
+  }
   void project_rows() {
-    for (Eigen::Index i = 0; i < a_.size(); ++i) {
-      const Eigen::ArrayXd exponents = (g_.transpose() - cost_.row(i)).array().transpose() / epsilon_;
-      const double top = exponents.maxCoeff();
-      f_[i] = epsilon_ * (log_mass(a_[i]) - top - std::log((exponents - top).exp().sum()));
-    }
+    for (Eigen::Index i = 0; i < a_.size(); ++i)
+      f_[i] = projected(a_[i], (g_.transpose() - cost_.row(i)).array().transpose() / epsilon_);
   }
   void project_columns() {
-    for (Eigen::Index j = 0; j < b_.size(); ++j) {
-      const Eigen::ArrayXd exponents = (f_ - cost_.col(j)).array() / epsilon_;
-      const double top = exponents.maxCoeff();
-      g_[j] = epsilon_ * (log_mass(b_[j]) - top - std::log((exponents - top).exp().sum()));
-    }
+    for (Eigen::Index j = 0; j < b_.size(); ++j) g_[j] = projected(b_[j], (f_ - cost_.col(j)).array() / epsilon_);
   }
   void fold() {
     f_.array() += epsilon_ * u_.array().log();

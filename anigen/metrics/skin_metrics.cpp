@@ -28,14 +28,12 @@ void check_entries(const SkinMatrixView& weights, const char* which) {
   }
 }
 
-using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
-
 /// diag(1/a) π, checked.
-RowMajor shares(const Eigen::MatrixXd& plan) {
+SkinMatrix shares(const Eigen::MatrixXd& plan) {
   if (plan.size() == 0) throw InputError("", "transport plan", "there is no joint");
   if (!plan.allFinite() || plan.minCoeff() < 0.0)
     throw InputError("", "transport plan", "an entry is negative or not finite");
-  RowMajor result = plan;
+  SkinMatrix result = plan;
   for (Eigen::Index j = 0; j < plan.rows(); ++j) {
     const double mass = result.row(j).sum();
     if (!(mass > 0.0))
@@ -108,13 +106,13 @@ Eigen::Map<const SkinMatrix> skin_matrix(const std::vector<double>& dense, std::
 
 SkinMatrix skin_matrix(const std::vector<float>& dense, std::size_t vertices, std::size_t joints) {
   check_size(dense.size(), vertices, joints);
-  SkinMatrix result(vertices, joints);
-  for (std::size_t i = 0; i < dense.size(); ++i) result.data()[i] = dense[i];
-  return result;
+  using Single = Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+  return Eigen::Map<const Single>(dense.data(), static_cast<Eigen::Index>(vertices), static_cast<Eigen::Index>(joints))
+      .cast<double>();
 }
 
 std::vector<double> matched_weights(const SkinWeights& predicted_on_truth, const Eigen::MatrixXd& plan) {
-  const RowMajor share = shares(plan);
+  const SkinMatrix share = shares(plan);
   const auto joints = static_cast<std::size_t>(share.cols());
   std::vector<double> result(predicted_on_truth.rows() * joints, 0.0);
   for (std::size_t v = 0; v < predicted_on_truth.rows(); ++v) {
@@ -139,21 +137,12 @@ std::vector<double> matched_weights(const SkinWeights& predicted_on_truth, const
   return result;
 }
 
-std::vector<float> single_precision(const std::vector<double>& weights) {
-  std::vector<float> result(weights.size());
-  for (std::size_t i = 0; i < weights.size(); ++i) result[i] = static_cast<float>(weights[i]);
-  return result;
-}
+std::vector<float> single_precision(const std::vector<double>& weights) { return {weights.begin(), weights.end()}; }
 
 std::vector<int> strongest_match(const Eigen::MatrixXd& plan) {
-  const RowMajor share = shares(plan);
-  std::vector<int> best(static_cast<std::size_t>(share.rows()), 0);
-  for (Eigen::Index j = 0; j < share.rows(); ++j) {
-    int& k = best[at(j)];
-    for (int other = 1; other < static_cast<int>(share.cols()); ++other) {
-      if (share(j, other) > share(j, k)) k = other;
-    }
-  }
+  const SkinMatrix share = shares(plan);
+  std::vector<int> best(static_cast<std::size_t>(share.rows()));
+  for (Eigen::Index j = 0; j < share.rows(); ++j) share.row(j).maxCoeff(&best[at(j)]);
   return best;
 }
 

@@ -198,7 +198,7 @@ class EvaluateStructures : public testing::Test {
     request_.run = folder_ / "flow";
     request_.autoencoder = folder_ / "coder";
     request_.data = sample_.root().string();
-    request_.split = folder_ / "test.txt";
+    request_.splits = {folder_ / "test.txt"};
     request_.train_split = folder_ / "train.txt";
     request_.out = folder_ / "out";
     request_.strengths = {0.5, 3.0};
@@ -242,6 +242,22 @@ TEST_F(EvaluateStructures, ComparesTheFlowWithRetrievalAndTheAutoEncoder) {
     EXPECT_TRUE(std::filesystem::exists(folder_ / "out" / file)) << file;
 }
 
+TEST_F(EvaluateStructures, SeveralSplitsAreTakenTogether) {
+  request_.retrieval_views = 0;
+  request_.pictured = 0;
+  request_.strengths = {0.5};
+  write_file_atomically(folder_ / "two.txt", test::PublishedSample::id(2) + "\n" + test::PublishedSample::id(0) + "\n");
+  request_.splits.push_back(folder_ / "two.txt");
+  const StructureEvaluation found = evaluate_structures(request_);
+  // An asset that both files name counts once; order is that of the dataset's table.
+  EXPECT_EQ(found.ids, (std::vector<std::string>{test::PublishedSample::id(0), test::PublishedSample::id(2)}));
+  EXPECT_EQ(found.scores.front().size(), 2u);
+  EXPECT_EQ(found.settings["splits"], Json({(folder_ / "test.txt").string(), (folder_ / "two.txt").string()}));
+  // One of the splits holds what the other names, so both together are the larger one, to the last digit.
+  request_.splits = {folder_ / "two.txt"};
+  EXPECT_EQ(evaluate_structures(request_).mean(0).iou, found.mean(0).iou);
+}
+
 TEST_F(EvaluateStructures, WithoutPicturesThereIsNoSheet) {
   request_.retrieval_views = 0;
   request_.pictured = 0;
@@ -267,7 +283,7 @@ TEST_F(EvaluateStructures, TheSameSeedGivesTheSameNumbers) {
 
 TEST_F(EvaluateStructures, SaysWhatIsMissing) {
   StructureEvaluationRequest request = request_;
-  request.split.clear();
+  request.splits.clear();
   EXPECT_THROW(evaluate_structures(request), InputError);
   request = request_;
   request.autoencoder.clear();

@@ -25,6 +25,15 @@ JointTree random_tree(std::uint64_t seed, std::size_t joints) {
   return tree;
 }
 
+/// All points, bone by bone; joints shared by bones are repeated, as published.
+Points sample_points(const std::vector<BoneSamples>& samples) {
+  Points points;
+  for (const BoneSamples& bone : samples) {
+    for (std::int64_t i = 0; i <= bone.last; ++i) points.push_back(bone.point(i));
+  }
+  return points;
+}
+
 /// By looking at every pair.
 double slow_one_way(const Points& from, const Points& to) {
   double sum = 0;

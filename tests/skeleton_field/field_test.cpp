@@ -1,4 +1,5 @@
 #include <gtest/gtest.h>
+#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <string>
@@ -8,6 +9,7 @@
 #include "anigen/core/parallel.h"
 #include "anigen/core/random.h"
 #include "anigen/skeleton_field/field.h"
+#include "anigen/skeleton_field/loss.h"
 
 namespace anigen::skeleton_field {
 
@@ -236,6 +238,65 @@ TEST(JointField, ConfidenceFallsFromOneAtAJointToZeroBetweenTwo) {
   EXPECT_NEAR(confidence(0.5), 0.0, 1e-7);
   // A single joint has no second: never confident away from it.
   EXPECT_DOUBLE_EQ(joint_confidence(nearest_joints({{0.2, 0, 0}}, {{0, 0, 0}})[0]), 0.0);
+}
+
+/// A chain of a root, joint 0 at the origin, joint 1 one along x and joint 2 one further along y.
+SkeletonTargets targets_on_a_corner(const Tensor& points) {
+  const Tensor joints = torch::tensor({0.0F, 0.0F, 0.0F, 1.0F, 0.0F, 0.0F, 1.0F, 1.0F, 0.0F}).view({3, 3});
+  return skeleton_targets(points, joints, torch::tensor({-1, 0, 1}, torch::kInt64));
+}
+
+TEST(JointField, PointsToTheNearestJointAndToItsParent) {
+  const Tensor points = torch::tensor({0.25F, 0.0F, 0.5F, 0.75F, 0.25F, 0.0F, 1.0F, 0.75F, -0.5F}).view({3, 3});
+  const SkeletonTargets targets = targets_on_a_corner(points);
+  const auto field = [&](const Tensor& rows) { return targets.joints.index_select(0, rows) - points; };
+  // The nearest are joints 0, 1 and 2. The root stands for its own parent.
+  const Tensor to_joint = torch::tensor({-0.25F, 0.0F, -0.5F, 0.25F, -0.25F, 0.0F, 0.0F, 0.25F, 0.5F}).view({3, 3});
+  const Tensor to_parent = torch::tensor({-0.25F, 0.0F, -0.5F, -0.75F, -0.25F, 0.0F, 0.0F, -0.75F, 0.5F}).view({3, 3});
+  EXPECT_TRUE(torch::equal(field(targets.joint), to_joint)) << field(targets.joint);
+  EXPECT_TRUE(torch::equal(field(targets.parent), to_parent)) << field(targets.parent);
+  // d² to the two nearest of each: 5/16 and 13/16; 1/8 and 5/8, which joints 0 and 2 share; 5/16 and 13/16.
+  const float side = 1.0F - 5.0F / 13.0F;
+  EXPECT_TRUE(torch::allclose(targets.confidence, torch::tensor({side, 0.8F, side}).view({3, 1}), 1e-6, 1e-6))
+      << targets.confidence;
+}
+
+TEST(JointField, EquallyNearJointsGiveTheLowestIndex) {
+  // Half-way between joints 0 and 1, between 1 and 2, and at one distance from all three.
+  const Tensor points = torch::tensor({0.5F, 0.0F, 0.0F, 1.0F, 0.5F, 0.0F, 0.5F, 0.5F, 0.25F}).view({3, 3});
+  EXPECT_TRUE(torch::equal(targets_on_a_corner(points).joint, torch::tensor({0, 1, 0}, torch::kInt64)));
+  // In any order along the axis, and where two joints lie in one place.
+  const std::vector<Eigen::Vector3d> joints = {{0.5, 0, 0}, {-0.5, 0, 0}, {0.5, 0, 0}};
+  const std::vector<NearestJoints> found =
+      nearest_joints({{0, 0, 0}, {0.5, 0, 0}, {0.25, 0, 0}, {-0.25, 0, 0}}, joints);
+  const std::vector<int> expected = {0, 0, 0, 1};
+  for (std::size_t p = 0; p < expected.size(); ++p) EXPECT_EQ(found[p].joint, expected[p]) << p;
+  EXPECT_EQ(joint_confidence(found[0]), joint_confidence({0, 0.25, 0.25}));
+}
+
+TEST(JointField, TargetConfidenceIsItsFormula) {
+  const Tensor joints = torch::rand({7, 3}) - 0.5, points = torch::rand({200, 3}) - 0.5;
+  const Tensor parents = torch::arange(-1, 6);
+  for (const double least : {0.0, 0.1}) {
+    SkeletonLossOptions options;
+    options.least_confidence = least;
+    const Tensor confidence = skeleton_targets(points, joints, parents, options).confidence;
+    ASSERT_EQ(confidence.sizes(), torch::IntArrayRef({200, 1}));
+    for (std::int64_t p = 0; p < 200; ++p) {
+      std::vector<double> squared;
+      for (std::int64_t j = 0; j < 7; ++j) {
+        double sum = 0.0;
+        for (std::int64_t axis = 0; axis < 3; ++axis) {
+          const double step = joints[j][axis].item<double>() - points[p][axis].item<double>();
+          sum += step * step;
+        }
+        squared.push_back(sum);
+      }
+      std::sort(squared.begin(), squared.end());
+      const double kappa = 1.0 - std::min(1.0, squared[0] / (squared[1] + 1e-8));
+      EXPECT_NEAR(confidence[p][0].item<double>(), std::max(least, kappa), 1e-7) << p;
+    }
+  }
 }
 
 TEST(JointField, RefusesBadInput) {

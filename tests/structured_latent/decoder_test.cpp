@@ -5,6 +5,7 @@
 #include "anigen/core/error.h"
 #include "anigen/nn/embeddings.h"
 #include "anigen/nn/state_dict.h"
+#include "anigen/skeleton_field/loss.h"
 #include "anigen/structured_latent/decoder.h"
 #include "anigen/structured_latent/encoder.h"
 #include "tests/structured_latent/small_structured_latents.h"
@@ -54,6 +55,39 @@ TEST(StructuredLatentDecoder, FieldsOnTheirSupports) {
   EXPECT_TRUE(torch::equal(field.conf_skin, field.conf_j));
   EXPECT_EQ(decoded.joint_features[1].features.sizes(), torch::IntArrayRef({4, 3}));
   EXPECT_EQ(decoder->extract_meshes(decoded, false).size(), 2u);
+}
+
+// Offsets from voxels to their nearest joint and to its parent, as a perfect decoder would give them.
+TEST(StructuredLatentDecoder, VotesInvertTheField) {
+  torch::manual_seed(10);
+  SkeletonHeadLayout layout(StructuredLatentDecoderOptions::from_json(test::small_slat_decoder_json()));
+  ASSERT_TRUE(layout.residual);
+  ASSERT_TRUE(layout.on_center);
+  const sparse::SupportPtr voxels = test::drawn_voxels({40, 25}, layout.resolution);
+  const std::vector<Tensor> centers = voxels->items().split(voxels->centers(layout.resolution));
+  const RiggedMeshes rigs = test::small_rigs({5, 3});
+  std::vector<Tensor> joints, parents, raw;
+  for (std::size_t i = 0; i < 2; ++i) {
+    const auto targets = skeleton_field::skeleton_targets(centers[i], rigs.joints[i], rigs.parents[i]);
+    joints.push_back(rigs.joints[i].index_select(0, targets.joint));
+    parents.push_back(rigs.joints[i].index_select(0, targets.parent));
+    const Tensor others =
+        torch::randn({centers[i].size(0), layout.joint_channels() - 6 + layout.skin_feature_channels()});
+    raw.push_back(torch::cat({joints[i] - centers[i], parents[i] - centers[i], others}, 1));
+  }
+  const SparseTensor field{voxels, torch::cat(raw, 0)};
+  const std::vector<skeleton_field::SkeletonField> votes = skeleton_fields(field, layout);
+  layout.residual = false;
+  const std::vector<skeleton_field::SkeletonField> plain = skeleton_fields(field, layout);
+  ASSERT_EQ(votes.size(), 2u);
+  for (std::size_t i = 0; i < 2; ++i) {
+    EXPECT_TRUE(torch::allclose(votes[i].positions, centers[i], 0.0, 1e-7));
+    // Two roundings of numbers below 1.
+    EXPECT_TRUE(torch::allclose(votes[i].joints, joints[i], 0.0, 2e-7));
+    EXPECT_TRUE(torch::allclose(votes[i].parents, parents[i], 0.0, 2e-7));
+    EXPECT_TRUE(torch::equal(plain[i].joints, raw[i].slice(1, 0, 3))) << "not residual: the votes themselves";
+    EXPECT_TRUE(torch::equal(plain[i].parents, raw[i].slice(1, 3, 6)));
+  }
 }
 
 TEST(StructuredLatentDecoder, AssetsOfABatchDoNotSeeEachOther) {

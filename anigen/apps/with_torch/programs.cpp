@@ -87,7 +87,7 @@ void evaluate_structures(const EvalArguments& arguments, const CommonOptions& co
   request.run = arguments.ss_flow;
   request.autoencoder = arguments.ss_dae;
   request.data = arguments.dataset;
-  request.split = arguments.splits.empty() ? "" : arguments.splits.front();
+  request.splits.assign(arguments.splits.begin(), arguments.splits.end());
   request.train_split = arguments.train_split;
   request.out = arguments.output;
   for (const double guidance : arguments.guidance) request.strengths.push_back(guidance - 1);
