@@ -1,6 +1,9 @@
 #include "anigen/core/hash.h"
 
 #include <algorithm>
+#include <fstream>
+
+#include "anigen/core/error.h"
 
 namespace anigen {
 
@@ -87,6 +90,18 @@ std::string Sha256::finish() {
 std::string sha256(std::string_view bytes) {
   Sha256 digest;
   digest.update(bytes);
+  return digest.finish();
+}
+
+std::string sha256_of_file(const std::filesystem::path& file) {
+  std::ifstream in(file, std::ios::binary);
+  std::vector<char> piece(std::size_t{1} << 20);
+  Sha256 digest;
+  while (in) {
+    in.read(piece.data(), static_cast<std::streamsize>(piece.size()));
+    digest.update({piece.data(), static_cast<std::size_t>(in.gcount())});
+  }
+  if (!in.eof()) throw InputError(file.string(), "", "cannot be read");
   return digest.finish();
 }
 

@@ -2,6 +2,7 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <filesystem>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -27,6 +28,8 @@ class Sha256 {
 
 /// Digest of one piece.
 std::string sha256(std::string_view bytes);
+/// Digest of a file of any size, which is read in pieces. @throws InputError when it cannot be read
+std::string sha256_of_file(const std::filesystem::path& file);
 
 /// RFC 4648 with padding, for buffers inside JSON and pictures inside HTML.
 std::string base64(std::string_view bytes);

@@ -236,6 +236,12 @@ std::string to_html(const Table& table) {
   return text + "</table>\n";
 }
 
+std::string significant(double value, int digits) {
+  char text[64];
+  std::snprintf(text, sizeof text, "%.*g", digits, value);
+  return text;
+}
+
 std::string fixed(double value, int digits) {
   if (!std::isfinite(value)) return "–";
   char text[64];

@@ -62,6 +62,9 @@ std::string to_html(const Table& table);
 /// A LaTeX tabular (booktabs): the best is bold, the second best underlined; arrows, ± and dashes become LaTeX's.
 std::string to_latex(const Table& table);
 
+/// A number with up to so many significant digits, as %g writes it.
+std::string significant(double value, int digits);
+
 /// A number with so many digits after the point; "–" when it is not finite; what rounds to zero has no sign.
 std::string fixed(double value, int digits = 4);
 

@@ -327,25 +327,21 @@ void build_snake(Body& body) {
   // Rigs of snakes start in the middle or at the tail; the head's chain then runs forward from there.
   const int middle = rng.chance(0.5) ? segments / 2 : 0;
   const int root = body.joint("root", -1, points[middle], points[middle] + Vector3d(0, 0, 0.1), thickness(0.5));
-  std::vector<int> forward;
-  int parent = root;
-  const auto names = numbered("spine", segments - middle);
-  for (int i = middle; i < segments; ++i) {
-    parent =
-        body.joint(names[i - middle], parent, points[i], points[i + 1], thickness(static_cast<double>(i) / segments));
-    wrap(parent, i, i + 1);
-    forward.push_back(parent);
-  }
-  const int neck = parent;
-  parent = root;
-  const auto tail_names = numbered("tail", std::max(middle, 1));
-  for (int i = middle; i > 0; --i) {
-    parent = body.joint(tail_names[middle - i], parent, points[i], points[i - 1],
-                        thickness(static_cast<double>(i) / segments));
-    wrap(parent, i, i - 1);
-    forward.push_back(parent);
-  }
-  body.swing_chain(forward, Vector3d::UnitZ(), 1.1 / segments, 1.2);
+  std::vector<int> bones;
+  const auto grow = [&](const std::string& name, int end) {
+    const int step = end > middle ? 1 : -1;
+    const auto names = numbered(name, std::abs(end - middle));
+    int parent = root;
+    for (int i = middle; i != end; i += step) {
+      parent = body.joint(names[std::abs(i - middle)], parent, points[i], points[i + step],
+                          thickness(static_cast<double>(i) / segments));
+      wrap(parent, i, i + step);
+      bones.push_back(parent);
+    }
+    return parent;
+  };
+  const int neck = grow("spine", segments), tail = grow("tail", 0);
+  body.swing_chain(bones, Vector3d::UnitZ(), 1.1 / segments, 1.2);
   const double head = radius * body.between(1.3, 1.9);
   const Vector3d nape = points[segments];
   Vector3d ahead = nape - points[segments - 1];
@@ -374,7 +370,7 @@ void build_snake(Body& body) {
                  skin, frame);
   body.swing(jaw, across, 0.12, 0.0);
   body.swing(head_joint, Vector3d::UnitZ(), 0.2, 0.5);
-  add_rig_habits(body, {}, {parent, jaw});
+  add_rig_habits(body, {}, {tail, jaw});
 }
 
 void build_octopus(Body& body) {

@@ -132,11 +132,8 @@ int maybe_ground_root(Body& body, double probability) {
 }
 
 std::vector<int> add_feathered_wing(Body& body, int parent, int side, const WingShape& w, int bone, int feathers) {
-  const double s = side;
-  const auto at = [&](double out, double back, double up) {
-    return Vector3d(w.shoulder + Vector3d(s * out * w.span, back * w.span, up * w.span));
-  };
-  const Vector3d elbow = at(0.3, 0.1, 0.05), wrist = at(0.6, -0.02, 0.06), tip = at(1.0, w.sweep, 0.03);
+  const Vector3d elbow = w.at(side, 0.3, 0.1, 0.05), wrist = w.at(side, 0.6, -0.02, 0.06);
+  const Vector3d tip = w.at(side, 1.0, w.sweep, 0.03);
   const std::string name = "wing_" + side_name(side);
   const auto wing =
       body.limb(parent, {name + "_upper", name + "_lower", name + "_hand"}, {w.shoulder, elbow, wrist, tip},
@@ -157,19 +154,15 @@ std::vector<int> add_feathered_wing(Body& body, int parent, int side, const Wing
 }
 
 std::vector<int> add_skin_wing(Body& body, int parent, int side, const WingShape& w, int fingers, int bone, int skin) {
-  const double s = side;
-  const auto at = [&](double out, double back, double up) {
-    return Vector3d(w.shoulder + Vector3d(s * out * w.span, back * w.span, up * w.span));
-  };
   const std::string name = "wing_" + side_name(side);
-  const Vector3d elbow = at(0.22, 0.12, 0.16), wrist = at(0.45, -0.04, 0.26);
+  const Vector3d elbow = w.at(side, 0.22, 0.12, 0.16), wrist = w.at(side, 0.45, -0.04, 0.26);
   std::vector<int> wing = body.limb(parent, {name + "_upper", name + "_lower"}, {w.shoulder, elbow, wrist},
                                     {w.radius, 0.8 * w.radius, 0.65 * w.radius}, bone);
   std::vector<Vector3d> tips;
   std::vector<int> first, last;
   for (int f = 0; f < fingers; ++f) {
     const double turn = (f + 0.15) / fingers * 1.7;  // from outwards to backwards
-    const Vector3d direction(s * std::cos(turn), std::sin(turn) * 0.9, -0.12 - 0.18 * turn);
+    const Vector3d direction(side * std::cos(turn), std::sin(turn) * 0.9, -0.12 - 0.18 * turn);
     const double length = w.span * (0.68 - 0.1 * turn) * (w.chord / w.span + 0.35);
     const Vector3d middle = wrist + 0.5 * length * direction + Vector3d(0, 0, 0.05 * w.span);
     const Vector3d tip = wrist + length * direction;

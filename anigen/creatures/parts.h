@@ -48,6 +48,11 @@ struct WingShape {
   Eigen::Vector3d shoulder;
   double span, chord, radius, thickness;
   double sweep;  ///< how far the tip lies behind the shoulder, relative to the span
+
+  /// A place beside the shoulder, relative to the span.
+  Eigen::Vector3d at(int side, double out, double back, double up) const {
+    return shoulder + Eigen::Vector3d(side * out * span, back * span, up * span);
+  }
 };
 
 /// A feathered wing: three joints, a stiff vane behind each bone. @return its joints

@@ -9,7 +9,6 @@
 #include "anigen/core/process.h"
 
 #ifdef ANIGEN_WITH_CGAL
-#include "anigen/curve_skeleton/contraction.h"
 // CGAL collapses edges in the order of their addresses.
 #define CGAL_ALLOCATOR(T) anigen::curve_skeleton::OrderedAllocator<T>
 #define CGAL_EIGEN3_ENABLED 1
@@ -34,6 +33,8 @@ struct HalfEdge {
   }
 };
 
+#ifdef ANIGEN_WITH_CGAL
+
 using Point = CGAL::Simple_cartesian<double>::Point_3;
 using SurfaceMesh = CGAL::Surface_mesh<Point>;
 using Flow = CGAL::Mean_curvature_flow_skeletonization<SurfaceMesh>;
@@ -49,6 +50,8 @@ SurfaceMesh surface_mesh(const std::vector<Eigen::Vector3d>& vertices, const std
 
 /// Far more than the flow was seen to take for each vertex.
 constexpr std::size_t kBytesPerVertex = 65536;
+
+#endif
 
 }  // namespace
 

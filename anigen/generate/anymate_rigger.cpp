@@ -189,10 +189,8 @@ TrainedAnymateModel load_anymate_model(const fs::path& path, torch::Device devic
 }
 
 AnymateModels load_anymate_models(const LearnedModelFiles& files, torch::Device device) {
-  auto models = load_rigger_models<TrainedAnymateModel>(
-      files, [&](const fs::path& path) { return load_anymate_model(path, device); });
-  require_tasks(models, word_for);
-  return models;
+  return load_rigger_models<TrainedAnymateModel>(
+      files, [&](const fs::path& path) { return load_anymate_model(path, device); }, word_for);
 }
 
 SkinWeights anymate_skin(const TrainedAnymateModel& skinning, const Tensor& cloud, const Tensor& vertices,

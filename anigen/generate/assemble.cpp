@@ -10,9 +10,9 @@
 #include "anigen/asset/skeleton.h"
 #include "anigen/asset/skin_weights.h"
 #include "anigen/core/error.h"
-#include "anigen/core/text.h"
 #include "anigen/io/gltf/gltf.h"
 #include "anigen/io/ply.h"
+#include "anigen/io/rigs/rig_listing.h"
 #include "anigen/nn/init.h"
 #include "anigen/render/picture.h"
 #include "anigen/render/scene.h"
@@ -181,8 +181,6 @@ void append_octahedron(const Eigen::Vector3f& center, const Eigen::Vector4f& col
   }
 }
 
-std::string lower_case_extension(const std::filesystem::path& path) { return lower_case(path.extension().string()); }
-
 }  // namespace
 
 Asset decoded_shape(const shape_field::ExtractedMesh& mesh, const std::string& name) {
@@ -223,7 +221,7 @@ Mesh votes_cloud(const skeleton_field::SkeletonField& field, const VotesCloudOpt
   for (std::size_t i = 0; i < positions.size(); ++i) {
     const float confidence = confidences.empty() ? 1.0F : confidences[i];
     if (!positions[i].allFinite() || !std::isfinite(confidence)) {
-      throw InputError("", std::string(joints ? "joints[" : "parents[") + std::to_string(i) + "]",
+      throw InputError("", indexed(joints ? "joints" : "parents", static_cast<std::int64_t>(i)),
                        "the vote or its confidence is not finite");
     }
     if (confidence < options.least_confidence) continue;
@@ -246,7 +244,7 @@ Asset votes_asset(const skeleton_field::SkeletonField& field, const VotesCloudOp
 
 void write_votes(const std::filesystem::path& path, const skeleton_field::SkeletonField& field,
                  const VotesCloudOptions& options) {
-  const std::string extension = lower_case_extension(path);
+  const std::string extension = io::lower_extension(path);
   if (extension == ".glb" || extension == ".gltf") {
     const Asset asset = votes_asset(field, options);
     if (asset.mesh.vertices.empty()) throw InputError(path.string(), "", "there is no vote to show");

@@ -42,14 +42,8 @@ flow::SamplingExtras with_progress(Progress& progress) {
 }
 
 bool sees_normals(const AssetGenerator::Request& request, const StructureGenerator& flow) {
-  switch (request.structure_condition) {
-    case StructureCondition::kColor:
-      return false;
-    case StructureCondition::kNormal:
-      return true;
-    case StructureCondition::kAsTrained:
-      break;
-  }
+  if (request.structure_condition != StructureCondition::kAsTrained)
+    return request.structure_condition == StructureCondition::kNormal;
   return flow.reading().condition == data::ConditionPictures::kNormals ||
          !nn::has_training_state(request.structure_flow);
 }

@@ -304,14 +304,12 @@ EncodedLatents encode_latents(const EncodeRequest& request, const LatentFolder& 
 }
 
 Json to_json(const EncodedLatents& result) {
-  Json failed = Json::object();
-  for (const auto& [id, problem] : result.failed) failed[id] = problem;
   return {{"name", result.name},
           {"checkpoint", result.checkpoint.string()},
           {"assets", result.assets},
           {"encoded", result.encoded},
           {"up_to_date", result.up_to_date},
-          {"failed", failed},
+          {"failed", result.failed},
           {"feats", to_json(result.shape)},
           {"feats_skl", to_json(result.skeleton)}};
 }

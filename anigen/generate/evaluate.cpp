@@ -2,12 +2,11 @@
 
 #include <algorithm>
 #include <cmath>
-#include <fstream>
 #include <limits>
 #include <map>
 #include <memory>
 #include <set>
-#include <string_view>
+#include <sstream>
 #include <utility>
 
 #include "anigen/core/error.h"
@@ -110,15 +109,18 @@ std::unique_ptr<data::StructureLatentDataset> dataset_of(const data::StructureLa
 
 std::map<std::string, std::string> sources_of(const std::string& roots) {
   std::map<std::string, std::string> sources;
-  for (std::size_t begin = 0; begin <= roots.size();) {
-    const std::size_t end = std::min(roots.find(',', begin), roots.size());
-    const CsvTable table = read_csv(fs::path(roots.substr(begin, end - begin)) / "metadata.csv");
+  std::istringstream names(roots);
+  for (std::string root; std::getline(names, root, ',');) {
+    const CsvTable table = read_csv(fs::path(root) / "metadata.csv");
     for (std::size_t row = 0; row < table.rows.size(); ++row)
       sources[table.cell(row, "sha256")] = table.cell(row, "source");
-    begin = end + 1;
   }
   return sources;
 }
+
+/// In the order of all tables.
+constexpr double StructureScore::*kValues[] = {&StructureScore::iou, &StructureScore::f1, &StructureScore::iou_skl,
+                                               &StructureScore::f1_skl, &StructureScore::inside};
 
 StructureScore score(const sparse_structure::VoxelPair& made, const sparse_structure::VoxelPair& truth) {
   const sparse_structure::VoxelAgreement shape = sparse_structure::voxel_agreement(made.shape, truth.shape);
@@ -256,18 +258,13 @@ class StructureComparison {
     CsvTable rows{{"id", "source", "method", "iou", "f1", "iou_skl", "f1_skl", "inside"}, {}};
     for (std::size_t m = 0; m < result_.methods.size(); ++m) {
       for (std::size_t i = 0; i < result_.ids.size(); ++i) {
-        const StructureScore& s = result_.scores[m][i];
-        rows.rows.push_back({result_.ids[i], result_.sources[i], result_.methods[m], fixed(s.iou, 6), fixed(s.f1, 6),
-                             fixed(s.iou_skl, 6), fixed(s.f1_skl, 6), fixed(s.inside, 6)});
+        rows.rows.push_back({result_.ids[i], result_.sources[i], result_.methods[m]});
+        for (const auto value : kValues) rows.rows.back().push_back(fixed(result_.scores[m][i].*value, 6));
       }
     }
     write_file_atomically(request_.out / "metrics.csv", to_csv(rows));
     Json means = Json::object();
-    for (std::size_t m = 0; m < result_.methods.size(); ++m) {
-      const StructureScore s = result_.mean(m);
-      means[result_.methods[m]] = {
-          {"iou", s.iou}, {"f1", s.f1}, {"iou_skl", s.iou_skl}, {"f1_skl", s.f1_skl}, {"inside", s.inside}};
-    }
+    for (std::size_t m = 0; m < result_.methods.size(); ++m) means[result_.methods[m]] = result_.mean(m);
     const Json all{{"settings", result_.settings}, {"assets", result_.ids.size()}, {"means", means}};
     write_file_atomically(request_.out / "metrics.json", all.dump(2) + "\n");
     write_file_atomically(request_.out / "table.md", to_markdown(result_.table()) + "\n");
@@ -307,19 +304,6 @@ skin_field::SkinAutoEncoderOptions options_of(const fs::path& file) {
   throw InputError(file.string(), "/models", "describes no model named SkinAutoEncoder");
 }
 
-/// In pieces: with its classifier, the published VGG16 has 528 MB.
-std::string file_digest(const std::filesystem::path& file) {
-  std::ifstream in(file, std::ios::binary);
-  std::vector<char> piece(std::size_t{1} << 20);
-  Sha256 digest;
-  while (in) {
-    in.read(piece.data(), static_cast<std::streamsize>(piece.size()));
-    digest.update(std::string_view(piece.data(), static_cast<std::size_t>(in.gcount())));
-  }
-  if (!in.eof()) throw InputError(file.string(), "", "cannot be read");
-  return digest.finish();
-}
-
 /// [1, 3, H, W] in [0, 1]
 torch::Tensor to_batch(const io::Image& image, const torch::Device& device) {
   const torch::Tensor pixels =
@@ -330,29 +314,22 @@ torch::Tensor to_batch(const io::Image& image, const torch::Device& device) {
 
 }  // namespace
 
-StructureScore StructureEvaluation::mean(std::size_t method, const std::string& source) const {
+StructureScore StructureEvaluation::mean(std::size_t method) const {
   StructureScore sum;
-  std::size_t count = 0;
   for (std::size_t i = 0; i < ids.size(); ++i) {
-    if (sources[i].compare(0, source.size(), source) != 0) continue;
-    const StructureScore& s = scores[method][i];
-    sum.iou += s.iou;
-    sum.f1 += s.f1;
-    sum.iou_skl += s.iou_skl;
-    sum.f1_skl += s.f1_skl;
-    sum.inside += s.inside;
-    ++count;
+    for (const auto value : kValues) sum.*value += scores[method][i].*value;
   }
-  const double n = count == 0 ? std::numeric_limits<double>::quiet_NaN() : static_cast<double>(count);
-  return {sum.iou / n, sum.f1 / n, sum.iou_skl / n, sum.f1_skl / n, sum.inside / n};
+  const double n = ids.empty() ? std::numeric_limits<double>::quiet_NaN() : static_cast<double>(ids.size());
+  for (const auto value : kValues) sum.*value /= n;
+  return sum;
 }
 
-Table StructureEvaluation::table(const std::string& source) const {
+Table StructureEvaluation::table() const {
   Table table{{"method", "IoU", "F1", "IoU skeleton", "F1 skeleton", "skeleton inside"}, {}};
   for (std::size_t m = 0; m < methods.size(); ++m) {
-    const StructureScore s = mean(m, source);
-    table.rows.push_back(
-        {methods[m], fixed(s.iou, 3), fixed(s.f1, 3), fixed(s.iou_skl, 3), fixed(s.f1_skl, 3), fixed(s.inside, 3)});
+    const StructureScore score = mean(m);
+    table.rows.push_back({methods[m]});
+    for (const auto value : kValues) table.rows.back().push_back(fixed(score.*value, 3));
   }
   return table;
 }
@@ -421,7 +398,7 @@ PerceptualMetric::PerceptualMetric(const std::vector<std::filesystem::path>& wei
     : device_(nn::parse_device(device)), lpips_(vision::load_lpips(weights)) {
   lpips_->to(device_);
   description_ = {{"network", "LPIPS v0.1, VGG16"}, {"weights_sha256", Json::array()}};
-  for (const std::filesystem::path& file : weights) description_["weights_sha256"].push_back(file_digest(file));
+  for (const std::filesystem::path& file : weights) description_["weights_sha256"].push_back(sha256_of_file(file));
 }
 
 double PerceptualMetric::distance(const io::Image& a, const io::Image& b) {

@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "anigen/core/config.h"
+#include "anigen/core/json_record.h"
 #include "anigen/core/table.h"
 #include "anigen/generate/stage_generators.h"
 #include "anigen/io/image.h"
@@ -39,6 +39,7 @@ struct StructureScore {
   double iou_skl = 0.0, f1_skl = 0.0;  ///< of the skeleton, dilated as stage 2 saw it
   double inside = 0.0;  ///< share of the skeleton's voxels inside its own surface (sparse_structure/voxel_metrics.h)
 };
+ANIGEN_JSON_RECORD(StructureScore, iou, f1, iou_skl, f1_skl, inside)
 
 struct StructureEvaluation {
   std::vector<std::string> methods;
@@ -46,9 +47,8 @@ struct StructureEvaluation {
   std::vector<std::vector<StructureScore>> scores;  ///< [method][asset]
   Json settings = Json::object();
 
-  /// Mean of a method over assets, of all or of those whose source begins with `source`.
-  StructureScore mean(std::size_t method, const std::string& source = "") const;
-  Table table(const std::string& source = "") const;
+  StructureScore mean(std::size_t method) const;  ///< over the assets
+  Table table() const;
 };
 
 /// Generates voxels from one picture of each asset and compares them with the asset's own, beside

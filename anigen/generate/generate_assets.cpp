@@ -126,8 +126,6 @@ std::string inputs_of(const GenerateRequest& request, const std::vector<fs::path
 }
 
 // Words of the enums, in their order.
-constexpr const char* kBackgrounds[] = {"auto", "keep", "alpha", "grabcut", "network"};
-constexpr const char* kNormalSources[] = {"color", "estimator", "file", "auto", "flat"};
 constexpr const char* kConditions[] = {"trained", "color", "normal"};
 constexpr const char* kAverages[] = {"usual", "always", "never"};
 
@@ -140,8 +138,8 @@ Json settings_of(const GenerateRequest& request, const std::vector<fs::path>& ru
                    {"ss_dae", runs[2].string()},
                    {"slat_dae", runs[3].string()},
                    {"inputs", inputs_of(request, runs, picture)},
-                   {"background", kBackgrounds[static_cast<int>(request.pictures.background)]},
-                   {"normals", kNormalSources[static_cast<int>(request.pictures.normals)]},
+                   {"background", word_of(kBackgroundWords, request.pictures.background)},
+                   {"normals", word_of(kNormalSourceWords, request.pictures.normals)},
                    {"estimator_side", request.pictures.estimator_side},
                    {"condition", kConditions[static_cast<int>(request.models.structure_condition)]},
                    {"seed", request.sampling.seed},
@@ -225,13 +223,11 @@ class Generation {
   }
 
   static bool is_there(GenerationReport& report, const Json& settings) {
-    std::error_code error;
-    if (!fs::is_regular_file(report.folder / kReportFile, error)) return false;
     Json found;
     try {
       found = read_json(report.folder / kReportFile);
     } catch (const InputError&) {
-      return false;  // damaged, or taken away by another process that makes the asset anew
+      return false;  // missing, damaged, or taken away by another process that makes the asset anew
     }
     if (!found.is_object() || found.value("settings", Json()) != settings) return false;
     report.details = found;

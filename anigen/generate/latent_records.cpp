@@ -55,8 +55,6 @@ Json normalization(const LatentStatistics& shape, const LatentStatistics& skelet
 
 /// @return null when there is none, or it is damaged
 Json read_or_null(const fs::path& file) {
-  std::error_code error;
-  if (!fs::exists(file, error)) return nullptr;
   try {
     return read_json(file);
   } catch (const InputError&) {
@@ -78,10 +76,6 @@ void append_arrays(io::NamedArrays& arrays, const std::string& prefix, const Lat
   const auto channels = static_cast<std::int64_t>(mean.size());
   arrays.emplace_back(prefix + "_mean", io::NdArray::from(mean, {channels}));
   arrays.emplace_back(prefix + "_std", io::NdArray::from(deviation, {channels}));
-}
-
-LatentMoments latent_moments_from_json(const Json& json) {
-  return {json.at("mean").get<std::vector<double>>(), json.at("mean_square").get<std::vector<double>>()};
 }
 
 }  // namespace
@@ -170,8 +164,6 @@ LatentMoments moments_of(const std::vector<float>& values, std::size_t channels,
   }
   return moments;
 }
-
-Json to_json(const LatentMoments& moments) { return {{"mean", moments.mean}, {"mean_square", moments.mean_square}}; }
 
 void LatentStatistics::add(const LatentMoments& moments, const std::string& name) {
   const std::size_t channels = moments.mean.size();
@@ -292,23 +284,17 @@ bool LatentOutcomes::join(const Json& encoder, std::set<std::string>& kept) cons
 }
 
 std::optional<LatentOutcome> LatentOutcomes::read(const std::string& id) const {
-  const Json json = read_or_null(file(id));
-  if (!json.is_object()) return std::nullopt;
+  Json json = read_or_null(file(id));
   try {
-    return LatentOutcome{json.at("inputs").get<std::string>(), json.at("failure").get<std::string>(),
-                         latent_moments_from_json(json.at("shape")), latent_moments_from_json(json.at("skeleton")),
-                         json.value("commit", "")};
+    json.emplace("commit", "");  // programs that recorded none left it out
+    return json.get<LatentOutcome>();
   } catch (const Json::exception&) {
     return std::nullopt;
   }
 }
 
 void LatentOutcomes::write(const std::string& id, const LatentOutcome& outcome) const {
-  generate::write(file(id), {{"inputs", outcome.inputs},
-                             {"failure", outcome.failure},
-                             {"shape", to_json(outcome.shape)},
-                             {"skeleton", to_json(outcome.skeleton)},
-                             {"commit", outcome.commit}});
+  generate::write(file(id), outcome);
 }
 
 bool LatentOutcomes::concluded() const {

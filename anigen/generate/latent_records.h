@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "anigen/core/config.h"
+#include "anigen/core/json_record.h"
 #include "anigen/io/arrays/ndarray.h"
 
 namespace anigen::generate {
@@ -53,10 +53,10 @@ std::string fingerprint_of_files(const std::vector<std::filesystem::path>& files
 struct LatentMoments {
   std::vector<double> mean, mean_square;
 };
+ANIGEN_JSON_RECORD(LatentMoments, mean, mean_square)
 
 /// @param values [C, count] or more dimensions behind C @throws InputError without any, or unless C divides them
 LatentMoments moments_of(const std::vector<float>& values, std::size_t channels, const std::string& name);
-Json to_json(const LatentMoments& moments);
 
 /// Mean and deviation of latents per channel: each asset's mean and mean square, averaged over assets, so that large
 /// assets do not count more; deviation √(E[x²] − E[x]²) (docs/reference/training.md, 1.2).
@@ -121,6 +121,7 @@ struct LatentOutcome {
   LatentMoments shape, skeleton;
   std::string commit{};  ///< of the program that encoded it (core/version.h); empty when it was kept
 };
+ANIGEN_JSON_RECORD(LatentOutcome, inputs, failure, shape, skeleton, commit)
 
 /// Messages between the processes that encode one dataset by one encoder, run/encode-<column>/: run.json, which
 /// encoder it is and whose latents of earlier runs are kept, and a file per asset, so that nobody writes to another's.

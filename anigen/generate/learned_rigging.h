@@ -48,16 +48,6 @@ struct RiggerModels {
   std::optional<Trained> joints, connectivity, skin;
 };
 
-/// @param load Trained(path) @throws InputError as `load`
-template <typename Trained, typename Load>
-RiggerModels<Trained> load_rigger_models(const LearnedModelFiles& files, const Load& load) {
-  RiggerModels<Trained> models;
-  if (!files.joints.empty()) models.joints = load(files.joints);
-  if (!files.connectivity.empty()) models.connectivity = load(files.connectivity);
-  if (!files.skin.empty()) models.skin = load(files.skin);
-  return models;
-}
-
 /// @param word_of std::string(const Trained&): joints, connectivity or skinning
 /// @throws InputError naming the file of a model that is for another task than its place
 template <typename Trained, typename Word>
@@ -69,6 +59,17 @@ void require_tasks(const RiggerModels<Trained>& models, const Word& word_of) {
   check(models.joints, "joints");
   check(models.connectivity, "connectivity");
   check(models.skin, "skinning");
+}
+
+/// @param load Trained(path) @throws InputError as `load` and require_tasks()
+template <typename Trained, typename Load, typename Word>
+RiggerModels<Trained> load_rigger_models(const LearnedModelFiles& files, const Load& load, const Word& word_of) {
+  RiggerModels<Trained> models;
+  if (!files.joints.empty()) models.joints = load(files.joints);
+  if (!files.connectivity.empty()) models.connectivity = load(files.connectivity);
+  if (!files.skin.empty()) models.skin = load(files.skin);
+  require_tasks(models, word_of);
+  return models;
 }
 
 /// @throws InputError naming the file of a model whose numbers are not finite

@@ -181,14 +181,7 @@ void require_distinct_names(const std::vector<NamedPicture>& pictures) {
   }
 }
 
-NormalSource parse_normal_source(const std::string& word) {
-  return chosen<NormalSource>("normals", word,
-                              {{"auto", NormalSource::kAuto},
-                               {"color", NormalSource::kColors},
-                               {"estimator", NormalSource::kEstimator},
-                               {"file", NormalSource::kFile},
-                               {"flat", NormalSource::kFlat}});
-}
+NormalSource parse_normal_source(const std::string& word) { return chosen("normals", word, kNormalSourceWords); }
 
 io::Image normal_picture(const Tensor& normals) {
   TORCH_CHECK(normals.dim() == 4 && normals.size(0) == 1 && normals.size(1) == 3, "normals of one picture");

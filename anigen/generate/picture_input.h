@@ -57,7 +57,12 @@ enum class NormalSource {
   kFlat        ///< a surface that faces the viewer everywhere, (128, 128, 255): the published pipeline without weights
 };
 
-/// @param word auto (kAuto), color, estimator, file or flat @throws InputError for another one
+inline const Words<NormalSource> kNormalSourceWords = {{NormalSource::kAuto, "auto"},
+                                                       {NormalSource::kColors, "color"},
+                                                       {NormalSource::kEstimator, "estimator"},
+                                                       {NormalSource::kFile, "file"},
+                                                       {NormalSource::kFlat, "flat"}};
+/// @throws InputError for another word
 NormalSource parse_normal_source(const std::string& word);
 
 /// Normals as the colours that the published pipeline makes of them: x negated, (n + 1) / 2, rounded down to bytes

@@ -300,14 +300,7 @@ io::Image stretched(const cv::Mat& output, const std::string& name) {
 
 }  // namespace
 
-Background parse_background(const std::string& word) {
-  return chosen<Background>("background", word,
-                            {{"auto", Background::kAuto},
-                             {"keep", Background::kKeep},
-                             {"alpha", Background::kAlpha},
-                             {"grabcut", Background::kGrabCut},
-                             {"network", Background::kNetwork}});
-}
+Background parse_background(const std::string& word) { return chosen("background", word, kBackgroundWords); }
 
 bool has_transparency(const io::Image& image) {
   for (std::size_t i = 3; i < image.rgba.size(); i += io::kImageChannels) {

@@ -17,13 +17,12 @@ namespace anigen::generate {
 
 /// Value of a word on the command line. @throws InputError naming the option and listing its words
 template <typename Choice>
-Choice chosen(const std::string& option, const std::string& word,
-              const std::vector<std::pair<std::string, Choice>>& choices) {
-  for (const auto& [known, choice] : choices) {
+Choice chosen(const std::string& option, const std::string& word, const Words<Choice>& choices) {
+  for (const auto& [choice, known] : choices) {
     if (known == word) return choice;
   }
   throw InputError("", option,
-                   "'" + word + "' is none of: " + joined(choices, ", ", &std::pair<std::string, Choice>::first));
+                   "'" + word + "' is none of: " + joined(choices, ", ", &std::pair<Choice, const char*>::second));
 }
 
 /// Handling of the background of an image.
@@ -35,7 +34,12 @@ enum class Background {
   kNetwork   ///< the network, even where there is alpha
 };
 
-/// @param word auto, keep, alpha, grabcut or network @throws InputError for another one
+inline const Words<Background> kBackgroundWords = {{Background::kAuto, "auto"},
+                                                   {Background::kKeep, "keep"},
+                                                   {Background::kAlpha, "alpha"},
+                                                   {Background::kGrabCut, "grabcut"},
+                                                   {Background::kNetwork, "network"}};
+/// @throws InputError for another word
 Background parse_background(const std::string& word);
 
 /// True when at least one pixel is not fully opaque: only then the published pipeline trusts alpha

@@ -48,10 +48,8 @@ TrainedRignetModel load_rignet_model(const std::filesystem::path& path, torch::D
 }
 
 RignetModels load_rignet_models(const LearnedModelFiles& files, torch::Device device) {
-  auto models = load_rigger_models<TrainedRignetModel>(
-      files, [&](const std::filesystem::path& path) { return load_rignet_model(path, device); });
-  require_tasks(models, task_word);
-  return models;
+  return load_rigger_models<TrainedRignetModel>(
+      files, [&](const std::filesystem::path& path) { return load_rignet_model(path, device); }, task_word);
 }
 
 struct RignetRigger::Seen {

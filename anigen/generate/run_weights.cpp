@@ -82,32 +82,23 @@ fs::path chosen(const fs::path& folder, const std::vector<fs::path>& found, cons
 using ModulePtr = std::shared_ptr<torch::nn::Module>;
 using Builder = std::function<ModulePtr(const nn::RunModel&)>;
 
-template <typename Model, typename Options>
+template <typename Model>
 ModulePtr built(const nn::RunModel& found) {
+  using Options = std::decay_t<decltype(std::declval<Model&>()->options())>;
   return Model(Options::from_json(found.args, found.config.string(), found.pointer), nn::Init::kNone).ptr();
 }
 
-const std::map<std::string, Builder>& builders() {
-  static const std::map<std::string, Builder> kBuilders = {
-      {"SkinAutoEncoder", built<skin_field::SkinAutoEncoder, skin_field::SkinAutoEncoderOptions>},
-      {kAnymateModelClass, built<anymate::AnymateModel, anymate::ModelOptions>},
-      {kRignetModelClass, built<rignet::RignetModel, rignet::RignetOptions>},
-      {sparse_structure::kSparseStructureEncoderClass,
-       built<sparse_structure::SparseStructureEncoder, sparse_structure::SparseStructureEncoderOptions>},
-      {sparse_structure::kSparseStructureDecoderClass,
-       built<sparse_structure::SparseStructureDecoder, sparse_structure::SparseStructureDecoderOptions>},
-      {sparse_structure::kSparseStructureFlowClass,
-       built<sparse_structure::SparseStructureFlow, sparse_structure::SparseStructureFlowOptions>},
-      {structured_latent::kStructuredLatentEncoderClass,
-       built<structured_latent::StructuredLatentEncoder, structured_latent::StructuredLatentEncoderOptions>},
-      {structured_latent::kStructuredLatentDecoderClass,
-       built<structured_latent::StructuredLatentDecoder, structured_latent::StructuredLatentDecoderOptions>},
-      {structured_latent::kStructuredLatentFlowClass,
-       built<structured_latent::StructuredLatentFlow, structured_latent::StructuredLatentFlowOptions>},
-      {structured_latent::kPlainStructuredLatentFlowClass,
-       built<structured_latent::StructuredLatentFlow, structured_latent::StructuredLatentFlowOptions>}};
-  return kBuilders;
-}
+const std::map<std::string, Builder> kBuilders = {
+    {"SkinAutoEncoder", built<skin_field::SkinAutoEncoder>},
+    {kAnymateModelClass, built<anymate::AnymateModel>},
+    {kRignetModelClass, built<rignet::RignetModel>},
+    {sparse_structure::kSparseStructureEncoderClass, built<sparse_structure::SparseStructureEncoder>},
+    {sparse_structure::kSparseStructureDecoderClass, built<sparse_structure::SparseStructureDecoder>},
+    {sparse_structure::kSparseStructureFlowClass, built<sparse_structure::SparseStructureFlow>},
+    {structured_latent::kStructuredLatentEncoderClass, built<structured_latent::StructuredLatentEncoder>},
+    {structured_latent::kStructuredLatentDecoderClass, built<structured_latent::StructuredLatentDecoder>},
+    {structured_latent::kStructuredLatentFlowClass, built<structured_latent::StructuredLatentFlow>},
+    {structured_latent::kPlainStructuredLatentFlowClass, built<structured_latent::StructuredLatentFlow>}};
 
 /// The model with the file that generation would read: of a flow by its rules, of an auto-encoder the published
 /// default `final`, which stands for the newest where there is none of that name.
@@ -190,8 +181,8 @@ Json describe_weights(const fs::path& run) {
     const bool is_named = model.is_object() && model.contains("name") && model["name"].is_string();
     const std::string class_name = is_named ? model["name"].get<std::string>() : "";
     Json& one = result[name] = {{"class", class_name}};
-    const auto builder = builders().find(class_name);
-    if (builder == builders().end()) {
+    const auto builder = kBuilders.find(class_name);
+    if (builder == kBuilders.end()) {
       one["complete"] = false;
       one["problem"] = "a class of models that is not known";
       continue;

@@ -33,19 +33,16 @@ Tensor byte_coords(const SparseTensor& latent) {
   return latent.support->coords().slice(1, 1).to(torch::kUInt8).contiguous();
 }
 
+ConfigReader dataset_args(const nn::RunModel& found) {
+  return ConfigReader(found.run, found.config.string()).object("dataset").object("args");
+}
+
 data::SparseStructureOptions occupancy_options(const nn::RunModel& encoder) {
-  ConfigReader top(encoder.run, encoder.config.string());
-  ConfigReader args = top.object("dataset").object("args");
+  ConfigReader args = dataset_args(encoder);
   data::SparseStructureOptions options;
   options.resolution = static_cast<int>(args.integer("resolution", 64, 1, 256));
   options.skl_dilation_iter = static_cast<int>(args.integer("skl_dilation_iter", 0, 0, 256));
   return options;
-}
-
-data::FeatureSkeletonOptions data_options(const nn::RunModel& found) {
-  ConfigReader top(found.run, found.config.string());
-  ConfigReader args = top.object("dataset").object("args");
-  return data::FeatureSkeletonOptions::read(args);
 }
 
 fs::path feature_file(const data::AssetId& asset, const std::string& model) {
@@ -198,9 +195,9 @@ RigDecoder::Decoded RigDecoder::decode(const structured_latent::PerStream<sparse
 
 StructuredLatentCoder::StructuredLatentCoder(const fs::path& run, const std::string& ckpt, torch::Device device,
                                              const std::optional<skeleton_field::MeanShiftOptions>& decodes)
-    : device_(device),
-      found_(nn::find_run_model(run, structured_latent::kStructuredLatentEncoderClass, ckpt)),
-      data_(data_options(found_)) {
+    : device_(device), found_(nn::find_run_model(run, structured_latent::kStructuredLatentEncoderClass, ckpt)) {
+  ConfigReader args = dataset_args(found_);
+  data_ = data::FeatureSkeletonOptions::read(args);
   const nn::RunModel decoder = nn::find_run_model(run, structured_latent::kStructuredLatentDecoderClass, ckpt);
   variant_ = structured_latent::variant_of_run(decoder);
   if (variant_.latent_norm == structured_latent::LatentNorm::kNone) found_.args["normalize_z"] = false;

@@ -3,13 +3,13 @@
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <set>
 #include <tuple>
 #include <utility>
 
 #include "anigen/core/numeric.h"
 #include "anigen/core/random.h"
+#include "anigen/core/table.h"
 #include "anigen/core/text.h"
 
 namespace anigen::prepare {
@@ -27,12 +27,6 @@ void count_range(ConfigFields& f, const std::string& name, CountRange& range) {
   f.custom(name, {{"type", "array"}}, read, [&] {
     return Json::array({range.least, range.most == CountRange().most ? Json() : Json(range.most)});
   });
-}
-
-std::string three_digits(double value) {
-  char text[32];
-  std::snprintf(text, sizeof text, "%.3g", value);
-  return text;
 }
 
 /// Empty when the count is allowed.
@@ -248,8 +242,6 @@ CleaningOptions cleaning_preset(const std::string& name) {
   throw InputError("", "--clean", "\"" + name + "\" is none of none, anymate, articulation-xl");
 }
 
-std::vector<std::string> cleaning_preset_names() { return {"none", "anymate", "articulation-xl"}; }
-
 CleanedOut::CleanedOut(const std::string& file, CleaningFinding finding)
     : InputError(file, finding.rule, finding.detail), finding_(std::move(finding)) {}
 
@@ -265,8 +257,8 @@ std::vector<CleaningFinding> clean(Asset& asset, const ReadQuality& quality, con
   drop_when(options.drop_duplicate_names && quality.repeated_names > 0, "duplicate_joint_names",
             std::to_string(quality.repeated_names) + " joints have a name that another joint has");
   drop_when(quality.lowest_weight_sum < options.least_weight_sum, "low_weight_sum",
-            "the weights of a vertex sum to " + three_digits(quality.lowest_weight_sum) + ", at least " +
-                three_digits(options.least_weight_sum));
+            "the weights of a vertex sum to " + significant(quality.lowest_weight_sum, 3) + ", at least " +
+                significant(options.least_weight_sum, 3));
   if (options.duplicate_joints == DuplicateJoints::kMerge) keep(merge_duplicate_joints(asset, options.merge_distance));
   keep(prune_unused_joints(asset, options.unused_joints));
   const std::string vertices = broken_range("vertices", asset.mesh.vertices.size(), options.vertices);
@@ -275,8 +267,8 @@ std::vector<CleaningFinding> clean(Asset& asset, const ReadQuality& quality, con
   drop_when(!joints.empty(), "joint_count", joints);
   const double outside = outside_share(asset.skeleton.positions(), bounding_box(asset.mesh.vertices));
   drop_when(outside > options.max_outside_share, "outside_mesh",
-            three_digits(100 * outside) + " % of the joints lie outside the mesh, at most " +
-                three_digits(100 * options.max_outside_share) + " %");
+            significant(100 * outside, 3) + " % of the joints lie outside the mesh, at most " +
+                significant(100 * options.max_outside_share, 3) + " %");
   return findings;
 }
 

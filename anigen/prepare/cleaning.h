@@ -56,7 +56,6 @@ struct CleaningOptions : JsonOptions<CleaningOptions> {
 ///   "articulation-xl": no weight sum below 0.9, no duplicate names (10.1), joints within 0.0025 merged (10.2).
 /// @throws InputError for another name
 CleaningOptions cleaning_preset(const std::string& name);
-std::vector<std::string> cleaning_preset_names();
 
 /// One thing that a rule found in one asset, for logs and counts.
 struct CleaningFinding {

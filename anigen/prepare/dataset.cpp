@@ -208,8 +208,6 @@ PrepareSummary shard_summary(const Manifest& manifest) {
 /// written, and what is in them. @return nothing when they are not written yet, or the note is damaged: the tables are
 /// then written again, with the same bytes
 std::optional<PrepareSummary> read_finished(const fs::path& out, const Shard& shard) {
-  std::error_code error;
-  if (!fs::exists(finished_file(out, shard), error)) return std::nullopt;
   try {
     return read_json(finished_file(out, shard)).get<PrepareSummary>();
   } catch (const std::exception&) {

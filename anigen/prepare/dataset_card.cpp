@@ -58,16 +58,10 @@ std::vector<double> decade_edges(double low, double high, std::size_t most) {
   return {low, high};
 }
 
-std::string text_of(const char* format, double value) {
-  char text[48];
-  std::snprintf(text, sizeof text, format, value);
-  return text;
-}
-
 std::string short_number(double value) {
-  if (value >= 1e6) return text_of("%.3gM", value / 1e6);
-  if (value >= 1e3) return text_of("%.3gk", value / 1e3);
-  return text_of("%.3g", value);
+  if (value >= 1e6) return significant(value / 1e6, 3) + "M";
+  if (value >= 1e3) return significant(value / 1e3, 3) + "k";
+  return significant(value, 3);
 }
 
 CardHistogram histogram_of(const std::string& title, std::vector<double> values) {
@@ -353,18 +347,18 @@ std::string histogram_svg(const std::vector<HistogramBin>& bins) {
   for (const HistogramBin& bin : bins) tallest = std::max(tallest, bin.count);
   constexpr double kWidth = 46, kHeight = 120, kTop = 16, kBottom = 18;
   const double width = kWidth * static_cast<double>(bins.size());
-  std::string svg = "<svg viewBox=\"0 0 " + text_of("%.0f", width) + " " + text_of("%.0f", kTop + kHeight + kBottom) +
-                    "\" width=\"" + text_of("%.0f", width) + "\" role=\"img\">\n";
+  std::string svg = "<svg viewBox=\"0 0 " + fixed(width, 0) + " " + fixed(kTop + kHeight + kBottom, 0) + "\" width=\"" +
+                    fixed(width, 0) + "\" role=\"img\">\n";
   for (std::size_t i = 0; i < bins.size(); ++i) {
     const double x = kWidth * static_cast<double>(i);
     const double height = kHeight * static_cast<double>(bins[i].count) / static_cast<double>(tallest);
-    svg += "<rect x=\"" + text_of("%.0f", x + 2) + "\" y=\"" + text_of("%.1f", kTop + kHeight - height) +
-           "\" width=\"" + text_of("%.0f", kWidth - 4) + "\" height=\"" + text_of("%.1f", height) + "\"/>";
+    svg += "<rect x=\"" + fixed(x + 2, 0) + "\" y=\"" + fixed(kTop + kHeight - height, 1) + "\" width=\"" +
+           fixed(kWidth - 4, 0) + "\" height=\"" + fixed(height, 1) + "\"/>";
     if (bins[i].count > 0) {
-      svg += "<text x=\"" + text_of("%.0f", x + kWidth / 2) + "\" y=\"" + text_of("%.1f", kTop + kHeight - height - 3) +
-             "\">" + std::to_string(bins[i].count) + "</text>";
+      svg += "<text x=\"" + fixed(x + kWidth / 2, 0) + "\" y=\"" + fixed(kTop + kHeight - height - 3, 1) + "\">" +
+             std::to_string(bins[i].count) + "</text>";
     }
-    svg += "<text x=\"" + text_of("%.0f", x + kWidth / 2) + "\" y=\"" + text_of("%.0f", kTop + kHeight + 13) + "\">" +
+    svg += "<text x=\"" + fixed(x + kWidth / 2, 0) + "\" y=\"" + fixed(kTop + kHeight + 13, 0) + "\">" +
            short_number(bins[i].low) + "</text>\n";
   }
   return svg + "</svg>\n";

@@ -9,7 +9,6 @@
 #include <numeric>
 #include <optional>
 #include <sstream>
-#include <string_view>
 #include <system_error>
 
 #include "anigen/core/error.h"
@@ -108,21 +107,11 @@ void read_header(const Json& json, Manifest& manifest) {
   manifest.settings = json.at("settings");
 }
 
-/// Calls use(line, number from 1) for the lines of a text.
-template <typename Use>
-void each_line(std::string_view text, Use use) {
-  for (std::size_t number = 1; !text.empty(); ++number) {
-    const std::size_t end = std::min(text.find('\n'), text.size());
-    use(text.substr(0, end), number);
-    text.remove_prefix(std::min(end + 1, text.size()));
-  }
-}
-
 Manifest parse_manifest(const fs::path& file, bool only_header) {
-  const std::string text = read_file(file);
+  std::istringstream lines(read_file(file));
   Manifest manifest;
-  each_line(text, [&](std::string_view line, std::size_t number) {
-    if (only_header && number > 1) return;
+  std::string line;
+  for (std::size_t number = 1; std::getline(lines, line) && (number == 1 || !only_header); ++number) {
     try {
       const Json json = parse_json(line, file.string());
       if (number == 1) {
@@ -134,7 +123,7 @@ Manifest parse_manifest(const fs::path& file, bool only_header) {
       throw InputError(file.string(), "line " + std::to_string(number),
                        std::string("damaged; run this shard again (") + error.what() + ")");
     }
-  });
+  }
   return manifest;
 }
 

@@ -253,6 +253,22 @@ std::string gaps_of(const std::filesystem::path& out, const ManifestEntry& entry
   return gap;
 }
 
+// Results of another build are kept where the version of their step is the same, but not without saying so.
+void report_other_programs(const std::vector<DatasetRow>& rows) {
+  std::size_t kept = 0;
+  std::string of;
+  for (const DatasetRow& row : rows) {
+    for (const auto& [step, result] : row.records.steps) {
+      if (result.commit == commit()) continue;
+      ++kept;
+      of = result.commit;
+    }
+  }
+  if (kept == 0) return;
+  log::warn("{} results of steps that {} made are kept by {}: the versions of the steps are the same", kept,
+            named_commit(of), named_commit(commit()));
+}
+
 }  // namespace
 
 void carry_over_columns(CsvTable& table, const CsvTable& earlier) {
@@ -304,26 +320,6 @@ DatasetRows collect_rows(const fs::path& out, const std::vector<Manifest>& manif
   apply_near(near, found);
   return found;
 }
-
-namespace {
-
-// Results of another build are kept where the version of their step is the same, but not without saying so.
-void report_other_programs(const std::vector<DatasetRow>& rows) {
-  std::size_t kept = 0;
-  std::string of;
-  for (const DatasetRow& row : rows) {
-    for (const auto& [step, result] : row.records.steps) {
-      if (result.commit == commit()) continue;
-      ++kept;
-      of = result.commit;
-    }
-  }
-  if (kept == 0) return;
-  log::warn("{} results of steps that {} made are kept by {}: the versions of the steps are the same", kept,
-            named_commit(of), named_commit(commit()));
-}
-
-}  // namespace
 
 CsvTable dataset_table(const std::vector<DatasetRow>& rows, const QualityLimits& limits) {
   report_other_programs(rows);
@@ -397,28 +393,18 @@ void mark_test(std::vector<DatasetRow>& rows, const SplitOptions& options, const
 
 SplitCounts write_splits(const std::filesystem::path& out, const std::vector<DatasetRow>& rows,
                          const QualityLimits& limits) {
-  SplitCounts counts;
-  std::string train, test, variants, unusable;
+  std::map<std::string, std::string> lists{{"train", ""}, {"test", ""}, {"test_variants", ""}, {"unusable", ""}};
+  std::map<std::string, std::size_t> counts;
   for (const DatasetRow& row : rows) {
-    const std::string line = row.entry.id + "\n";
-    if (!usable(row.entry.record, limits)) {
-      ++counts.unusable;
-      unusable += line;
-    } else if (!row.entry.is_test) {
-      ++counts.train;
-      train += line;
-    } else if (row.variant > 0) {
-      variants += line;
-    } else {
-      ++counts.test;
-      test += line;
-    }
+    const char* list = !usable(row.entry.record, limits) ? "unusable"
+                       : !row.entry.is_test              ? "train"
+                       : row.variant > 0                 ? "test_variants"
+                                                         : "test";
+    lists[list] += row.entry.id + "\n";
+    ++counts[list];
   }
-  write_file_atomically(out / "splits" / "train.txt", train);
-  write_file_atomically(out / "splits" / "test.txt", test);
-  write_file_atomically(out / "splits" / "test_variants.txt", variants);
-  write_file_atomically(out / "splits" / "unusable.txt", unusable);
-  return counts;
+  for (const auto& [list, ids] : lists) write_file_atomically(out / "splits" / (list + ".txt"), ids);
+  return {counts["train"], counts["test"], counts["unusable"]};
 }
 
 std::vector<std::string> find_gaps(const std::filesystem::path& out, const std::vector<Manifest>& manifests,
@@ -460,13 +446,11 @@ std::string Pieces::name(std::size_t piece) const {
 fs::path Pieces::file(std::size_t piece) const { return folder_ / (name(piece) + ".json"); }
 
 std::optional<std::vector<SourceOutcome>> Pieces::read(std::size_t piece) const {
-  std::error_code error;
-  if (!fs::exists(file(piece), error)) return std::nullopt;
   try {
     auto outcomes = read_json(file(piece)).get<std::vector<SourceOutcome>>();
     const auto [begin, end] = range(piece);
     if (outcomes.size() == end - begin) return outcomes;
-  } catch (const std::exception&) {  // damaged: the piece is done again
+  } catch (const std::exception&) {  // missing, or damaged: the piece is done again
   }
   return std::nullopt;
 }

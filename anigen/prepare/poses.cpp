@@ -3,12 +3,12 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <map>
 #include <tuple>
 #include <utility>
 
 #include "anigen/core/error.h"
+#include "anigen/core/table.h"
 #include "anigen/geometry/embree.h"
 
 namespace anigen::prepare {
@@ -23,11 +23,6 @@ using Vertices = std::vector<Eigen::Vector3f>;
 
 Eigen::Vector3d corner(const Vertices& vertices, const Triangle& face, std::size_t i) {
   return vertices[static_cast<std::size_t>(face[i])].cast<double>();
-}
-
-double area(const Vertices& vertices, const Triangle& face) {
-  const Eigen::Vector3d a = corner(vertices, face, 0);
-  return 0.5 * (corner(vertices, face, 1) - a).cross(corner(vertices, face, 2) - a).norm();
 }
 
 double length(const Vertices& vertices, const Triangle& face, std::size_t edge) {
@@ -101,16 +96,11 @@ Eigen::Vector3d random_direction(Rng& rng) {
 
 double rounded(double value) { return std::isfinite(value) ? std::round(value * 1e6) / 1e6 : 0.0; }
 
-std::string sentence(const char* what, double value, const char* bound, double limit) {
-  char text[160];
-  std::snprintf(text, sizeof text, "%s %.3g, %s %.3g", what, value, bound, limit);
-  return text;
-}
-
 // Written so that a measure that is not a number is broken, too.
 std::string within(const char* what, double value, double low, double high) {
-  if (!(value >= low)) return sentence(what, value, "at least", low);
-  if (!(value <= high)) return sentence(what, value, "at most", high);
+  const std::string measured = std::string(what) + " " + significant(value, 3);
+  if (!(value >= low)) return measured + ", at least " + significant(low, 3);
+  if (!(value <= high)) return measured + ", at most " + significant(high, 3);
   return "";
 }
 
@@ -136,7 +126,7 @@ PoseChecks::PoseChecks(const Mesh& source) : vertices_(source.vertices), faces_(
   box_ = bounding_box(vertices_);
   hidden_ = hidden_places(vertices_, box_.longest_side());  // refuses bad vertices
   for (const Triangle& face : faces_) {
-    areas_.push_back(area(vertices_, face));
+    areas_.push_back(0.5 * area_vector(vertices_, face).norm());
     total_area_ += areas_.back();
   }
   if (closed(vertices_, faces_)) {
@@ -160,7 +150,7 @@ PoseMeasures PoseChecks::measure(const Vertices& vertices) const {
   std::vector<std::pair<double, double>> changes;
   double after = 0.0;
   for (std::size_t f = 0; f < faces_.size(); ++f) {
-    areas.push_back(area(vertices, faces_[f]));
+    areas.push_back(0.5 * area_vector(vertices, faces_[f]).norm());
     after += areas[f];
     if (areas_[f] > 0.0) changes.emplace_back(areas[f] / areas_[f], areas_[f]);
   }

@@ -198,23 +198,15 @@ AssetOutcome SourcePreparer::prepare_asset(const Root& root, AssetJob& job, cons
   if (!outcome.rejected_pose) job.set_normalisation(normalisation_of(records.columns(kImport)));
   for (const Step& step : steps_) {
     if (outcome.rejected_pose) break;
-    const bool possible =
-        std::all_of(step.inputs.begin(), step.inputs.end(), [&](const auto& input) { return records.has(input); });
-    if (!possible || up_to_date(step, job.places(), records)) continue;
-    StepResult result{records.fingerprint(step.name, step.version, step.options, step.inputs),
-                      step.version,
-                      step.options,
-                      step.inputs,
-                      0,
-                      0,
-                      Json::object(),
-                      commit()};
+    if (!records.has_all(step.inputs) || up_to_date(step, job.places(), records)) continue;
+    const std::string fingerprint = records.fingerprint(step.name, step.version, step.options, step.inputs);
+    StepResult result{fingerprint, step.version, step.options, step.inputs, 0, 0, Json::object(), commit()};
     if (records.steps.erase(step.name) > 0) {
       // Whatever is half-replaced after a kill must not pass for done.
       records.drop_stale();
       save();
     }
-    const bool done = attempt(step.name, result.fingerprint, [&] {
+    const bool done = attempt(step.name, fingerprint, [&] {
       step.clear(job.places());
       result.columns = step.run(job);
       if (!measure_files(step.outputs(job.places(), result.options), result))
@@ -234,23 +226,16 @@ SourceOutcome SourcePreparer::prepare(const SourceTask& task, const StepObserver
   SourceOutcome outcome;
   outcome.number = task.number;
   std::string id = task.id;
-  StepFailure unreadable{"", 0, kImport, "", "", ""};
-  if (id.empty() && !try_work(
-                        task.source.file_identifier, [&] { id = asset_id(task.source, reader_); }, unreadable)) {
-    AssetOutcome failed;
-    failed.failures.push_back(std::move(unreadable));
-    outcome.assets.push_back(std::move(failed));
-    return outcome;
-  }
-  if (!is_safe_id(id)) {
-    AssetOutcome failed;
-    failed.failures.push_back({"", 0, kImport, "", task.source.file_identifier + ": its id cannot name a file", ""});
-    outcome.assets.push_back(std::move(failed));
+  StepFailure unreadable{"", 0, kImport, "", task.source.file_identifier + ": its id cannot name a file", ""};
+  const bool known =
+      !id.empty() || try_work(
+                         task.source.file_identifier, [&] { id = asset_id(task.source, reader_); }, unreadable);
+  if (!known || !is_safe_id(id)) {
+    outcome.assets.emplace_back().failures.push_back(std::move(unreadable));
     return outcome;
   }
   if (task.only_identify) {
-    outcome.assets.emplace_back();
-    outcome.assets[0].id = id;
+    outcome.assets.emplace_back().id = id;
     return outcome;
   }
 
@@ -335,7 +320,5 @@ PreparedAsset import_asset(const AssetSource& source, const CleaningOptions& cle
   measure(prepared.asset, record);
   return prepared;
 }
-
-PreparedAsset import_asset(const AssetSource& source) { return import_asset(source, {}, io::RigReader()); }
 
 }  // namespace anigen::prepare

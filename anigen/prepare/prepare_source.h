@@ -115,9 +115,8 @@ struct PreparedAsset {
 /// Reads or generates the asset, normalises it, cleans it and measures it. Creatures are not cleaned.
 /// @param reader kept by the caller over many calls, so that shards are not opened for every sample
 /// @throws InputError, NotSupportedError for a file that cannot be used, CleanedOut when a rule drops it
-PreparedAsset import_asset(const AssetSource& source, const CleaningOptions& cleaning, const io::RigReader& reader);
-/// As above, without cleaning.
-PreparedAsset import_asset(const AssetSource& source);
+PreparedAsset import_asset(const AssetSource& source, const CleaningOptions& cleaning = {},
+                           const io::RigReader& reader = io::RigReader());
 
 /// Number of vertices got weights that were not in the file, as the importer's notes tell.
 std::size_t invented_rows(const std::vector<io::ImportNote>& notes);

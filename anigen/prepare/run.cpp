@@ -54,8 +54,6 @@ Json identity_of(const Manifest& run) {
 
 /// Of the run that worked here last; null when nobody knows.
 Json read_identity(const fs::path& file) {
-  std::error_code error;
-  if (!fs::exists(file, error)) return nullptr;
   try {
     Json json = read_json(file);
     return json.is_object() && json.contains(kJob) ? json : Json();

@@ -77,15 +77,8 @@ std::vector<AssetSource> find_assets(const std::vector<fs::path>& inputs) {
     const fs::path named = fs::is_directory(input, error) ? input : fs::absolute(input).parent_path();
     const std::string name = fs::weakly_canonical(named, error).filename().string();
     for (const io::RigEntry& entry : entries) {
-      AssetSource source;
-      source.format = entry.format;
-      source.file = entry.file;
-      source.key = entry.key;
-      source.local_path = entry.local_path;
-      source.file_identifier = name + "/" + entry.local_path;
-      source.is_test = entry.is_test;
-      source.uuid = entry.uuid;
-      sources.push_back(std::move(source));
+      sources.push_back({entry.format, entry.file, entry.key, entry.local_path, name + "/" + entry.local_path,
+                         entry.is_test, entry.uuid});
     }
   }
   return sources;
@@ -106,8 +99,6 @@ std::string asset_id(const AssetSource& source, const io::RigReader& reader) {
   if (source.format == io::RigFormat::kDataset) return source.key;
   return reader.content_id(source.rig());
 }
-
-std::string asset_id(const AssetSource& source) { return asset_id(source, io::RigReader()); }
 
 void write_skeleton_archive(const std::filesystem::path& path, const Asset& asset) {
   const std::size_t joints = asset.skeleton.size(), vertices = asset.mesh.vertices.size();

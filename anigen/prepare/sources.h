@@ -8,19 +8,9 @@
 
 #include "anigen/asset/mesh.h"
 #include "anigen/asset/rigged_asset.h"
-#include "anigen/core/config.h"
+#include "anigen/core/json_record.h"
 #include "anigen/io/rigs/rig_listing.h"
 #include "anigen/io/rigs/rig_reader.h"
-
-/// JSON of a record by the names of its members, in this order, and back. Json::get throws Json::exception for a key
-/// that is missing or of another type.
-#define ANIGEN_JSON_RECORD(Type, ...)                                          \
-  inline void to_json(Json& nlohmann_json_j, const Type& nlohmann_json_t) {    \
-    NLOHMANN_JSON_EXPAND(NLOHMANN_JSON_PASTE(NLOHMANN_JSON_TO, __VA_ARGS__))   \
-  }                                                                            \
-  inline void from_json(const Json& nlohmann_json_j, Type& nlohmann_json_t) {  \
-    NLOHMANN_JSON_EXPAND(NLOHMANN_JSON_PASTE(NLOHMANN_JSON_FROM, __VA_ARGS__)) \
-  }
 
 namespace anigen::prepare {
 
@@ -58,8 +48,7 @@ std::vector<AssetSource> procedural_sources(std::uint64_t seed, std::size_t coun
 /// for a creature, so that a changed recipe gives new entries; of a published dataset the id it has there.
 /// @param reader kept by the caller over many calls, so that shards are not opened for every sample
 /// @throws InputError when the file, or a buffer it names, cannot be read
-std::string asset_id(const AssetSource& source, const io::RigReader& reader);
-std::string asset_id(const AssetSource& source);
+std::string asset_id(const AssetSource& source, const io::RigReader& reader = io::RigReader());
 
 /// Largest dense weight matrix that is written, in bytes.
 inline constexpr std::size_t kMaxDenseSkinBytes = std::size_t{2} << 30;

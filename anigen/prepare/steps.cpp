@@ -272,6 +272,10 @@ void check_views(const ViewSettings& settings, const std::string& option) {
 
 }  // namespace
 
+bool StepRecords::has_all(const std::vector<std::string>& inputs) const {
+  return std::all_of(inputs.begin(), inputs.end(), [this](const std::string& input) { return has(input); });
+}
+
 const Json& StepRecords::columns(const std::string& step) const {
   static const Json none = Json::object();
   const auto found = steps.find(step);
@@ -291,10 +295,8 @@ std::string StepRecords::fingerprint(const std::string& step, int version, const
 
 void StepRecords::drop_stale() {
   const auto stale = [&](const std::string& name, const StepResult& result) {
-    for (const std::string& input : result.inputs) {
-      if (!has(input)) return true;
-    }
-    return result.fingerprint != fingerprint(name, result.version, result.options, result.inputs);
+    return !has_all(result.inputs) ||
+           result.fingerprint != fingerprint(name, result.version, result.options, result.inputs);
   };
   for (bool changed = true; changed;) {
     changed = false;
@@ -307,8 +309,6 @@ void StepRecords::drop_stale() {
 }
 
 StepRecords read_step_records(const fs::path& file) {
-  std::error_code error;
-  if (!fs::is_regular_file(file, error)) return {};
   try {
     Json json = read_json(file);
     if (json.at("format").get<int>() != kFormat) return {};
@@ -364,10 +364,7 @@ bool measure_files(const std::vector<fs::path>& files, StepResult& result) {
 
 bool up_to_date(const Step& step, const AssetPlaces& places, const StepRecords& records) {
   const auto found = records.steps.find(step.name);
-  if (found == records.steps.end()) return false;
-  for (const std::string& input : step.inputs) {
-    if (!records.has(input)) return false;
-  }
+  if (found == records.steps.end() || !records.has_all(step.inputs)) return false;
   const StepResult& result = found->second;
   const Json& options = step.asked ? step.options : result.options;
   StepResult now;

@@ -38,6 +38,7 @@ struct StepRecords {
   std::map<std::string, StepResult> steps;  ///< by name
 
   bool has(const std::string& step) const { return steps.count(step) > 0; }
+  bool has_all(const std::vector<std::string>& inputs) const;
   /// Digest of everything that decided a step's outputs: its name, version and options, and the fingerprints of its
   /// inputs. @throws Error when an input is not done
   std::string fingerprint(const std::string& step, int version, const Json& options,
@@ -194,8 +195,7 @@ inline void from_json(const Json& json, StepPlan& plan) { plan = StepPlan::from_
 ///     voxels            voxels/<id>.ply and voxels/<id>_skeleton.ply: what the surface touches and what bones cross;
 ///                       columns num_voxels, num_skeleton_voxels
 ///     views             renders/<id>: NNN.png, transforms.json and mesh.ply, the normalised mesh that surface voxels
-///     are
-///                       made of, from cameras all around (docs/reference/training.md, 1.1); with
+///                       are made of, from cameras all around (docs/reference/training.md, 1.1); with
 ///                       ViewSettings::geometry also NNN_normal.png (world normals, alpha is the mask) and
 ///                       NNN_depth.png (16 bits, render::kDepthUnits)
 ///     cond_views        renders_cond/<id>: NNN.png and transforms.json, from cameras of many focal lengths, for image

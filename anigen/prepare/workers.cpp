@@ -6,7 +6,6 @@
 #include <algorithm>
 #include <cerrno>
 #include <chrono>
-#include <cstdio>
 #include <cstdlib>
 #include <cstring>
 #include <fstream>
@@ -19,6 +18,7 @@
 #include "anigen/core/log.h"
 #include "anigen/core/parallel.h"
 #include "anigen/core/process.h"
+#include "anigen/core/table.h"
 #include "anigen/prepare/prepare_source.h"
 
 namespace anigen::prepare {
@@ -55,12 +55,6 @@ bool write_all(int descriptor, const std::string& text) {
 /// Interval between checks of memory and time. A worker that allocates 4 GB/s overshoots its budget by 100 MB.
 constexpr int kWatchMilliseconds = 25;
 constexpr std::size_t kMostStillborn = 3;
-
-std::string seconds_text(double seconds) {
-  char text[32];
-  std::snprintf(text, sizeof text, "%g", seconds);
-  return text;
-}
 
 /// Writes messages to what was standard output, which now is standard error for everybody else.
 class Messages {
@@ -123,32 +117,6 @@ class HereExecutor : public Executor {
   SourcePreparer preparer_;
 };
 
-/// Handling of a worker that died over a task: a crash that no limit explains may have come from outside (somebody's
-/// kill, the kernel short of memory), so the step gets a second chance; after that, and for a limit at once, it counts
-/// as failed and the rest of the task goes on without it.
-class Undertaker {
- public:
-  std::optional<Json> replace(const Json& old_task, const WorkerDeath& death) {
-    auto task = old_task.get<SourceTask>();
-    StepFailure failure;
-    if (!death.at.is_null()) {
-      death.at.at("asset").get_to(failure.id);
-      death.at.at("variant").get_to(failure.variant);
-      death.at.at("step").get_to(failure.step);
-      death.at.at("fingerprint").get_to(failure.fingerprint);
-    }
-    failure.reason = task.source.file_identifier + ": " + death.reason;
-    if (death.cause == WorkerDeath::Cause::kCrash && ++crashes_[{task.number, failure.id + failure.step}] < 2)
-      return old_task;
-    if (failure.step.empty()) return std::nullopt;  // not even identified
-    task.known.push_back(std::move(failure));
-    return Json(task);
-  }
-
- private:
-  std::map<std::pair<std::size_t, std::string>, int> crashes_;
-};
-
 class WorkerExecutor : public Executor {
  public:
   WorkerExecutor(const std::filesystem::path& out, const StepPlan& plan, const RunOptions& options, std::size_t most)
@@ -179,7 +147,7 @@ class WorkerExecutor : public Executor {
       settle(json.at("number").get<std::size_t>(), result.get<SourceOutcome>());
     };
     client.died = [&](const Json& json, const WorkerDeath& death) {
-      std::optional<Json> again = undertaker_.replace(json, death);
+      std::optional<Json> again = task_after(json, death);
       if (again) return again;
       const auto lost = json.get<SourceTask>();
       const std::string reason = lost.source.file_identifier + ": " + death.reason;
@@ -194,6 +162,26 @@ class WorkerExecutor : public Executor {
   }
 
  private:
+  /// Task in place of one over which a worker died: a crash that no limit explains may have come from outside
+  /// (somebody's kill, the kernel short of memory), so the step gets a second chance; after that, and for a limit at
+  /// once, it counts as failed and the rest of the task goes on without it.
+  std::optional<Json> task_after(const Json& old_task, const WorkerDeath& death) {
+    auto task = old_task.get<SourceTask>();
+    StepFailure failure;
+    if (!death.at.is_null()) {
+      death.at.at("asset").get_to(failure.id);
+      death.at.at("variant").get_to(failure.variant);
+      death.at.at("step").get_to(failure.step);
+      death.at.at("fingerprint").get_to(failure.fingerprint);
+    }
+    failure.reason = task.source.file_identifier + ": " + death.reason;
+    if (death.cause == WorkerDeath::Cause::kCrash && ++crashes_[{task.number, failure.id + failure.step}] < 2)
+      return old_task;
+    if (failure.step.empty()) return std::nullopt;  // not even identified
+    task.known.push_back(std::move(failure));
+    return Json(task);
+  }
+
   static PoolOptions pool_options(const std::filesystem::path& out, const StepPlan& plan, const RunOptions& options,
                                   std::size_t most) {
     const auto threads = static_cast<std::size_t>(std::max(1, thread_count()));
@@ -211,7 +199,7 @@ class WorkerExecutor : public Executor {
   }
 
   WorkerPool pool_;
-  Undertaker undertaker_;
+  std::map<std::pair<std::size_t, std::string>, int> crashes_;  ///< by number of the task, asset and step
 };
 
 }  // namespace
@@ -374,7 +362,8 @@ void WorkerPool::bury(Worker& worker, const PoolClient& client) {
   WorkerDeath death;
   death.at = worker.at;
   if (worker.killed == WorkerDeath::Cause::kTimeout) {
-    death = {*worker.killed, "took longer than " + seconds_text(options_.timeout) + " s (--asset-timeout)", worker.at};
+    death = {*worker.killed, "took longer than " + significant(options_.timeout, 6) + " s (--asset-timeout)",
+             worker.at};
   } else if (worker.killed == WorkerDeath::Cause::kMemory) {
     death = {*worker.killed, "needed more than " + std::to_string(options_.memory_bytes >> 20) + " MB (--memory-mb)",
              worker.at};

@@ -10,6 +10,7 @@
 #include "anigen/core/error.h"
 #include "anigen/core/numeric.h"
 #include "anigen/core/parallel.h"
+#include "anigen/core/text.h"
 #include "anigen/geometry/bones.h"
 #include "anigen/rigging/surface.h"
 #include "anigen/rigging/voxels.h"
@@ -54,10 +55,7 @@ namespace {
 /// @throws InputError naming a vertex or joint that is not finite, or without joints
 SkinWeights bind_to_nearest_bone(const Mesh& mesh, const Skeleton& skeleton) {
   require_joints(skeleton);
-  for (std::size_t v = 0; v < mesh.vertices.size(); ++v) {
-    if (mesh.vertices[v].allFinite()) continue;
-    throw InputError("", "mesh.vertices[" + std::to_string(v) + "]", "the position is not finite");
-  }
+  require_finite_vertices(mesh);
   std::vector<Eigen::Vector3f> joints;
   for (const Eigen::Vector3d& joint : skeleton.positions()) joints.push_back(joint.cast<float>());
   const auto segments = geometry::bone_segments(joints, skeleton.parents);
@@ -211,8 +209,8 @@ void offer_straight(const Eigen::Vector3d& place, std::size_t row, const std::ve
   }
 }
 
-constexpr std::array<std::pair<SkinBinding, const char*>, 3> kBindingWords = {
-    {{SkinBinding::kNearest, "nearest"}, {SkinBinding::kGeodesicVoxels, "geovoxel"}, {SkinBinding::kHeat, "heat"}}};
+const Words<SkinBinding> kBindingWords = {
+    {SkinBinding::kNearest, "nearest"}, {SkinBinding::kGeodesicVoxels, "geovoxel"}, {SkinBinding::kHeat, "heat"}};
 
 }  // namespace
 
@@ -231,12 +229,7 @@ SkinWeights bind_by_geodesic_voxels(const Mesh& mesh, const Skeleton& skeleton, 
   return rows_of_vertices(influences.rows(), surface);
 }
 
-std::string to_string(SkinBinding binding) {
-  for (const auto& [known, word] : kBindingWords) {
-    if (known == binding) return word;
-  }
-  throw Error("an unknown skin binding");
-}
+std::string to_string(SkinBinding binding) { return word_of(kBindingWords, binding); }
 
 SkinBinding parse_skin_binding(const std::string& word) {
   std::string words;

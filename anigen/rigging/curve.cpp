@@ -105,9 +105,9 @@ double volume_of(const std::vector<Eigen::Vector3d>& vertices, const std::vector
 
 double apart(const CurveTree& tree, int a, int b) { return (tree.points[at(a)] - tree.points[at(b)]).norm(); }
 
-void link(CurveTree& tree, int a, int b) {
-  tree.neighbours[at(a)].push_back(b);
-  tree.neighbours[at(b)].push_back(a);
+void link(std::vector<std::vector<int>>& neighbours, int a, int b) {
+  neighbours[at(a)].push_back(b);
+  neighbours[at(b)].push_back(a);
 }
 
 /// The points that are marked, with the links between them.
@@ -235,10 +235,6 @@ struct JointNet {
     neighbours.emplace_back();
     return static_cast<int>(joints.size()) - 1;
   }
-  void connect(int a, int b) {
-    neighbours[at(a)].push_back(b);
-    neighbours[at(b)].push_back(a);
-  }
 };
 
 JointNet joint_net(const CurveTree& tree, const CurveJointRules& rules) {
@@ -257,10 +253,10 @@ JointNet joint_net(const CurveTree& tree, const CurveJointRules& rules) {
       int last = joint_of[at(p)];
       for (const Eigen::Vector3d& joint : joints_along(curve, rules)) {
         const int added = net.add(joint);
-        net.connect(last, added);
+        link(net.neighbours, last, added);
         last = added;
       }
-      net.connect(last, joint_of[at(way.back())]);
+      link(net.neighbours, last, joint_of[at(way.back())]);
     }
   }
   return net;
@@ -385,32 +381,24 @@ void require_line(CurveTree& tree, double length) {
 
 std::vector<ClosedMesh> solid_pieces(const SolidField& field) {
   const TetrahedraMarch march(field);
-  DisjointSets sets(march.vertices.size());
-  for (const Triangle& t : march.faces) {
-    sets.join(at(t[0]), at(t[1]));
-    sets.join(at(t[0]), at(t[2]));
-  }
-  std::vector<int> piece_of(march.vertices.size(), -1), number(march.vertices.size(), -1);
+  std::vector<int> number(march.vertices.size(), -1);
   std::vector<ClosedMesh> pieces;
-  for (const Triangle& t : march.faces) {
-    int& piece = piece_of[sets.find(at(t[0]))];
-    if (piece < 0) {
-      piece = static_cast<int>(pieces.size());
-      pieces.emplace_back();
-    }
-    ClosedMesh& mesh = pieces[at(piece)];
-    Triangle moved{};
-    for (std::size_t k = 0; k < 3; ++k) {
-      int& v = number[at(t[k])];
-      if (v < 0) {
-        v = static_cast<int>(mesh.vertices.size());
-        mesh.vertices.push_back(march.vertices[at(t[k])]);
+  for (const std::vector<int>& faces : connected_faces(march.vertices.size(), march.faces)) {
+    ClosedMesh& mesh = pieces.emplace_back();
+    for (const int f : faces) {
+      Triangle moved = march.faces[at(f)];
+      for (int& corner : moved) {
+        int& v = number[at(corner)];
+        if (v < 0) {
+          v = static_cast<int>(mesh.vertices.size());
+          mesh.vertices.push_back(march.vertices[at(corner)]);
+        }
+        corner = v;
       }
-      moved[k] = v;
+      mesh.faces.push_back(moved);
     }
-    mesh.faces.push_back(moved);
+    mesh.volume = volume_of(mesh.vertices, mesh.faces);
   }
-  for (ClosedMesh& piece : pieces) piece.volume = volume_of(piece.vertices, piece.faces);
   pieces.erase(std::remove_if(pieces.begin(), pieces.end(), [](const ClosedMesh& p) { return !(p.volume > 0.0); }),
                pieces.end());
   std::stable_sort(pieces.begin(), pieces.end(),
@@ -442,7 +430,7 @@ CurveTree curve_tree(const std::vector<Eigen::Vector3d>& points, const std::vect
   for (const auto& [a, b] : edges) order.emplace_back(-std::min(radii[at(a)], radii[at(b)]), a, b);
   std::sort(order.begin(), order.end());
   for (const auto& [thin, a, b] : order) {
-    if (sets.join(at(a), at(b))) link(tree, a, b);
+    if (sets.join(at(a), at(b))) link(tree.neighbours, a, b);
   }
   std::vector<std::tuple<double, int, int>> gaps;
   for (int a = 0; at(a) < points.size(); ++a) {
@@ -452,7 +440,7 @@ CurveTree curve_tree(const std::vector<Eigen::Vector3d>& points, const std::vect
   }
   std::sort(gaps.begin(), gaps.end());
   for (const auto& [gap, a, b] : gaps) {
-    if (sets.join(at(a), at(b))) link(tree, a, b);
+    if (sets.join(at(a), at(b))) link(tree.neighbours, a, b);
   }
   for (auto& list : tree.neighbours) std::sort(list.begin(), list.end());
   return tree;
@@ -503,7 +491,7 @@ CurveTree with_joined_branches(CurveTree tree, double radii) {
     for (std::size_t i = 1; i < nearest.size(); ++i) kept[at(nearest[i])] = 0;
     for (const int other : std::vector<int>(tree.neighbours[at(q)])) {
       if (other == nearest[nearest.size() - 2]) continue;
-      link(tree, p, other);
+      link(tree.neighbours, p, other);
     }
     tree = kept_points(tree, kept);
     for (auto& list : tree.neighbours) std::sort(list.begin(), list.end());

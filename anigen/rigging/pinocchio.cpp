@@ -207,12 +207,9 @@ std::vector<Sphere> spheres_or_deepest(const SolidField& field, const std::vecto
   std::vector<Sphere> spheres = packed_spheres(samples, options.most_spheres);
   if (!spheres.empty()) return spheres;
   // A solid so small in its box that no point is deep enough: its deepest cell.
-  std::size_t deepest = 0;
-  for (std::size_t cell = 1; cell < field.distance.size(); ++cell) {
-    if (field.distance[cell] < field.distance[deepest]) deepest = cell;
-  }
-  const double depth = std::max(-static_cast<double>(field.distance[deepest]), 1e-3 * field.grid.spacing);
-  return {{field.grid.center(deepest), depth}};
+  const auto deepest = std::min_element(field.distance.begin(), field.distance.end());
+  const double depth = std::max(-static_cast<double>(*deepest), 1e-3 * field.grid.spacing);
+  return {{field.grid.center(static_cast<std::size_t>(deepest - field.distance.begin())), depth}};
 }
 
 /// The joints of the template along the ways between the vertices of the reduced one (stage 8).

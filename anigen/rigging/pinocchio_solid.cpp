@@ -79,21 +79,7 @@ double area_of(const SolidSurface& surface, const std::vector<int>& faces) {
 }
 
 std::vector<std::vector<int>> connected_parts(const SolidSurface& surface) {
-  DisjointSets sets(surface.vertices.size());
-  for (const Triangle& t : surface.faces) {
-    sets.join(at(t[0]), at(t[1]));
-    sets.join(at(t[0]), at(t[2]));
-  }
-  std::vector<int> part_of(surface.vertices.size(), -1);
-  std::vector<std::vector<int>> parts;
-  for (std::size_t f = 0; f < surface.faces.size(); ++f) {
-    int& part = part_of[sets.find(at(surface.faces[f][0]))];
-    if (part < 0) {
-      part = static_cast<int>(parts.size());
-      parts.emplace_back();
-    }
-    parts[at(part)].push_back(static_cast<int>(f));
-  }
+  std::vector<std::vector<int>> parts = connected_faces(surface.vertices.size(), surface.faces);
   std::vector<double> areas;
   for (const auto& part : parts) areas.push_back(area_of(surface, part));
   std::vector<std::size_t> order(parts.size());
@@ -399,6 +385,25 @@ std::vector<std::int32_t> nearest_seeds(const CellGrid& grid, const std::vector<
   // Opposite corners in turn; the first pass, again, carries on what the others found.
   for (const int corner : {0, 7, 1, 6, 2, 5, 3, 4, 0}) sweep_from_corner(grid, points, corner, seed, squared);
   return seed;
+}
+
+std::vector<std::vector<int>> connected_faces(std::size_t vertices, const std::vector<Triangle>& faces) {
+  DisjointSets sets(vertices);
+  for (const Triangle& t : faces) {
+    sets.join(at(t[0]), at(t[1]));
+    sets.join(at(t[0]), at(t[2]));
+  }
+  std::vector<int> part_of(vertices, -1);
+  std::vector<std::vector<int>> parts;
+  for (std::size_t f = 0; f < faces.size(); ++f) {
+    int& part = part_of[sets.find(at(faces[f][0]))];
+    if (part < 0) {
+      part = static_cast<int>(parts.size());
+      parts.emplace_back();
+    }
+    parts[at(part)].push_back(static_cast<int>(f));
+  }
+  return parts;
 }
 
 double SolidField::value(const Eigen::Vector3d& point) const { return interpolate(grid, distance, point); }

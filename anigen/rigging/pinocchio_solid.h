@@ -70,4 +70,7 @@ double interpolate(const CellGrid& grid, const std::vector<float>& values, const
 std::vector<std::int32_t> nearest_seeds(const CellGrid& grid, const std::vector<Eigen::Vector3d>& points,
                                         const std::vector<std::size_t>& seeds);
 
+/// Faces that hang together by vertices, by the first face of each group. @param vertices how many there are
+std::vector<std::vector<int>> connected_faces(std::size_t vertices, const std::vector<Triangle>& faces);
+
 }  // namespace anigen::rigging

@@ -39,19 +39,14 @@ double joint_distance(const Points& a, const Points& b) {
   return 0.5 * (mean_nearest_distance(a, b) + mean_nearest_distance(b, a));
 }
 
-const std::vector<std::pair<std::string, RiggingMethod>>& known_methods() {
-  static const std::vector<std::pair<std::string, RiggingMethod>> methods{
-      {"nearest", {JointSource::kGiven, SkinBinding::kNearest}},
-      {"geovoxel", {JointSource::kGiven, SkinBinding::kGeodesicVoxels}},
-      {"heat", {JointSource::kGiven, SkinBinding::kHeat}},
-      {"template", {JointSource::kTemplate, SkinBinding::kNearest}},
-      {"curve", {JointSource::kCurve, SkinBinding::kGeodesicVoxels}},
-      {"pinocchio", {JointSource::kPinocchio, SkinBinding::kHeat}},
-  };
-  return methods;
-}
-
-Box box_around(const io::RiggedShape& shape) { return bounding_box(shape.mesh.vertices); }
+const std::vector<std::pair<std::string, RiggingMethod>> kMethods{
+    {"nearest", {JointSource::kGiven, SkinBinding::kNearest}},
+    {"geovoxel", {JointSource::kGiven, SkinBinding::kGeodesicVoxels}},
+    {"heat", {JointSource::kGiven, SkinBinding::kHeat}},
+    {"template", {JointSource::kTemplate, SkinBinding::kNearest}},
+    {"curve", {JointSource::kCurve, SkinBinding::kGeodesicVoxels}},
+    {"pinocchio", {JointSource::kPinocchio, SkinBinding::kHeat}},
+};
 
 /// @return one that belongs to an asset: parents first, one root
 Skeleton skeleton_in(const io::RiggedShape& shape) {
@@ -70,7 +65,7 @@ std::vector<TemplateSkeleton> templates_of(const JointOptions& options) {
   std::vector<TemplateSkeleton> templates;
   if (!options.skeleton.empty()) {
     const io::RiggedShape shape = only_shape_of(options.skeleton);
-    templates.push_back(template_from_skeleton(skeleton_in(shape), box_around(shape)));
+    templates.push_back(template_from_skeleton(skeleton_in(shape), bounding_box(shape.mesh.vertices)));
     templates.back().name = options.skeleton.stem().string();
     return templates;
   }
@@ -111,7 +106,8 @@ std::vector<BoxedSkeleton> skeletons_of(const fs::path& collection, const std::v
     if (!source->is_usable(id)) continue;
     try {
       const io::RiggedShape shape = source->read(id);
-      skeletons.push_back(boxed_skeleton(id, shape.joints.positions, shape.joints.parents, box_around(shape)));
+      skeletons.push_back(
+          boxed_skeleton(id, shape.joints.positions, shape.joints.parents, bounding_box(shape.mesh.vertices)));
     } catch (...) {
       ++left_out;
       log::debug("{}: {}", id, failure_of_item());
@@ -243,7 +239,7 @@ std::size_t medoid(const std::vector<BoxedSkeleton>& skeletons) {
 }
 
 RiggingMethod parse_rigging_method(const std::string& method, const std::string& skin) {
-  for (const auto& [word, known] : known_methods()) {
+  for (const auto& [word, known] : kMethods) {
     if (word != method) continue;
     RiggingMethod result = known;
     if (skin == "none") {
@@ -258,7 +254,7 @@ RiggingMethod parse_rigging_method(const std::string& method, const std::string&
 
 std::vector<std::string> rigging_method_words() {
   std::vector<std::string> words;
-  for (const auto& [word, unused] : known_methods()) words.push_back(word);
+  for (const auto& [word, unused] : kMethods) words.push_back(word);
   return words;
 }
 
@@ -292,7 +288,7 @@ ProposedJoints JointProposer::propose(const io::RiggedShape& shape) const {
       return {skeleton_in(shape), ""};
     case JointSource::kTemplate: {
       io::RiggedShape placed;
-      placed.joints.positions = placed_joints(boxed_, box_around(shape));
+      placed.joints.positions = placed_joints(boxed_, bounding_box(shape.mesh.vertices));
       placed.joints.parents = boxed_.parents;
       Skeleton skeleton = skeleton_in(placed);
       skeleton.names = joint_names(skeleton.positions(), skeleton.parents);

@@ -18,10 +18,7 @@ namespace anigen::rigging {
 namespace {
 
 void check_surface(const Mesh& mesh) {
-  for (std::size_t v = 0; v < mesh.vertices.size(); ++v) {
-    if (mesh.vertices[v].allFinite()) continue;
-    throw InputError("", "mesh.vertices[" + std::to_string(v) + "]", "the position is not finite");
-  }
+  require_finite_vertices(mesh);
   for (std::size_t f = 0; f < mesh.faces.size(); ++f) {
     for (const std::int32_t v : mesh.faces[f]) {
       if (v >= 0 && at(v) < mesh.vertices.size()) continue;
@@ -157,6 +154,13 @@ std::vector<Eigen::Vector3d> outward_normals(const WeldedSurface& surface, const
     normal = length > 0.0 ? Eigen::Vector3d(normal / length) : Eigen::Vector3d::Zero();
   }
   return normals;
+}
+
+void require_finite_vertices(const Mesh& mesh) {
+  for (std::size_t v = 0; v < mesh.vertices.size(); ++v) {
+    if (mesh.vertices[v].allFinite()) continue;
+    throw InputError("", "mesh.vertices[" + std::to_string(v) + "]", "the position is not finite");
+  }
 }
 
 void require_joints(const Skeleton& skeleton) {

@@ -69,6 +69,9 @@ void join_lines(std::vector<MovingBones>& bones);
 /// Distance from a point to the nearest of a joint's lines.
 double distance_to(const MovingBones& bones, const Eigen::Vector3d& point);
 
+/// @throws InputError naming a vertex that is not finite
+void require_finite_vertices(const Mesh& mesh);
+
 /// @throws InputError as moving_bones
 void require_joints(const Skeleton& skeleton);
 

@@ -58,16 +58,6 @@ std::string text(const geometry::Voxel& voxel) {
 
 namespace fs = std::filesystem;
 
-std::string digest_of(const fs::path& file) {
-  std::ifstream stream(file, std::ios::binary);
-  std::vector<char> block(std::size_t{1} << 20);
-  Sha256 sha;
-  while (stream.read(block.data(), static_cast<std::streamsize>(block.size())) || stream.gcount() > 0) {
-    sha.update({block.data(), static_cast<std::size_t>(stream.gcount())});
-  }
-  return sha.finish();
-}
-
 Dinov2 loaded(const std::string& name, const fs::path& weights, const std::string& device) {
   const torch::Device place = nn::parse_device(device);
   Dinov2 model(Dinov2Options::named(name));
@@ -145,7 +135,7 @@ std::vector<std::size_t> VoxelNeighbours::within(const geometry::Voxel& voxel, i
 
 DinoFeatures::DinoFeatures(const std::string& name, const fs::path& weights, const std::string& device)
     : DinoFeatures(name, "", loaded(name, weights, device), kConditionSize) {
-  fingerprint_ = name + " " + digest_of(weights);
+  fingerprint_ = name + " " + sha256_of_file(weights);
 }
 
 DinoFeatures::DinoFeatures(std::string name, std::string fingerprint, Dinov2 model, int image_size)

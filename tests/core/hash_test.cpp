@@ -2,6 +2,10 @@
 
 #include <gtest/gtest.h>
 
+#include "anigen/core/error.h"
+#include "anigen/core/files.h"
+#include "tests/support/paths.h"
+
 namespace anigen {
 namespace {
 
@@ -22,6 +26,16 @@ TEST(Sha256, DoesNotDependOnHowTheBytesArrive) {
     for (std::size_t i = 0; i < text.size(); i += step) pieces.update(std::string_view(text).substr(i, step));
     EXPECT_EQ(pieces.finish(), sha256(text)) << "pieces of " << step;
   }
+}
+
+TEST(Sha256, OfAFileIsThatOfItsBytes) {
+  const test::TemporaryFolder folder;
+  const std::string text(3'000'000, 'x');
+  write_file_atomically(folder.path() / "large", text);
+  EXPECT_EQ(sha256_of_file(folder.path() / "large"), sha256(text));
+  write_file_atomically(folder.path() / "empty", "");
+  EXPECT_EQ(sha256_of_file(folder.path() / "empty"), sha256(""));
+  EXPECT_THROW(sha256_of_file(folder.path() / "none"), InputError);
 }
 
 }  // namespace

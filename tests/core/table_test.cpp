@@ -64,6 +64,12 @@ TEST(Fixed, ZeroHasNoSign) {
   EXPECT_EQ(fixed(-0.12346), "-0.1235");
 }
 
+TEST(Significant, WritesUpToSoManyDigits) {
+  EXPECT_EQ(significant(0.123456, 3), "0.123");
+  EXPECT_EQ(significant(1234.0, 6), "1234");
+  EXPECT_EQ(significant(1.5, 3), "1.5");
+}
+
 TEST(Tables, MarksBecomeEmphasis) {
   const std::string html = to_html(kTable);
   EXPECT_NE(html.find("<td><b>0.1 ± 0.2</b></td>"), std::string::npos);

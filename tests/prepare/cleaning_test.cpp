@@ -227,7 +227,7 @@ TEST(Cleaning, HeirsMustStay) {
 }
 
 TEST(CleaningOptions, PresetsSurviveJsonAndAreChecked) {
-  for (const std::string& name : cleaning_preset_names()) {
+  for (const std::string name : {"none", "anymate", "articulation-xl"}) {
     const Json json = cleaning_preset(name).to_json();
     EXPECT_EQ(CleaningOptions::from_json(json).to_json(), json) << name;
   }
