@@ -189,8 +189,8 @@ void check_animation(Findings& findings, const Animation& animation, std::size_t
       findings.add("animation joints", where + element("channels", c) + " moves joint " +
                                            std::to_string(channel.joint) + " of " + std::to_string(joints));
     }
-    const std::size_t width = (channel.path == ChannelPath::kRotation ? 4u : 3u) *
-                              (channel.interpolation == Interpolation::kCubicSpline ? 3u : 1u);
+    const std::size_t width = (channel.path == ChannelPath::kRotation ? std::size_t{4} : std::size_t{3}) *
+                              (channel.interpolation == Interpolation::kCubicSpline ? std::size_t{3} : std::size_t{1});
     if (channel.times.empty()) findings.add("animation keys", where + element("channels", c) + " has no keys");
     if (channel.values.size() != width * channel.times.size())
       findings.add("animation keys", where + element("channels", c) + " has " + std::to_string(channel.values.size()) +

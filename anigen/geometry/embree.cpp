@@ -59,7 +59,7 @@ EmbreeMesh::EmbreeMesh(const std::vector<Eigen::Vector3f>& vertices, const std::
                   " faces");
     }
     static_assert(sizeof(Eigen::Vector3f) == 3 * sizeof(float), "vertices are packed");
-    std::memcpy(positions, vertices.data(), vertices.size() * sizeof(Eigen::Vector3f));
+    std::memcpy(positions, vertices.data()->data(), vertices.size() * sizeof(Eigen::Vector3f));
     std::memcpy(indices, faces.data(), faces.size() * sizeof(Triangle));
     rtcCommitGeometry(geometry);
     rtcAttachGeometry(scene_, geometry);

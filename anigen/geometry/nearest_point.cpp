@@ -55,6 +55,7 @@ struct OneResult : PointIndex::Nearest {
   bool full() const { return true; }
   void sort() {}
   /// A little more, so that the tree also shows points that are as near.
+  // NOLINTBEGIN(readability-identifier-naming): names that nanoflann calls
   double worstDist() const { return squared * (1.0 + 1e-12) + std::numeric_limits<double>::denorm_min(); }
   bool addPoint(double distance, std::size_t candidate) {
     if (distance < squared || (distance == squared && candidate < index)) {
@@ -63,6 +64,7 @@ struct OneResult : PointIndex::Nearest {
     }
     return true;
   }
+  // NOLINTEND(readability-identifier-naming)
 };
 
 using Tree = nanoflann::KDTreeSingleIndexAdaptor<nanoflann::L2_Simple_Adaptor<double, Cloud>, Cloud, 3, std::size_t>;

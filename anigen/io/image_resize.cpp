@@ -39,8 +39,8 @@ std::int32_t fixed_point(double weight) {
 Tap tap_at(int at, int from, double scale) {
   const double widening = std::max(scale, 1.0);
   const double center = (at + 0.5) * scale, reach = kSupport * widening;
-  const int first = std::max(0, static_cast<int>(center - reach + 0.5));
-  const int end = std::min(from, static_cast<int>(center + reach + 0.5));
+  const int first = std::max(0, static_cast<int>(std::floor(center - reach + 0.5)));
+  const int end = std::min(from, static_cast<int>(std::floor(center + reach + 0.5)));
   std::vector<double> weights;
   double sum = 0.0;
   for (int i = first; i < end; ++i) {

@@ -307,7 +307,7 @@ class VertexReader {
       if (colors) {
         Eigen::Vector4f color;
         for (int k = 0; k < 4; ++k)
-          color[k] = std::clamp(finite(values, row[static_cast<std::size_t>(kRed + k)]), 0.0f, 1.0f);
+          color[k] = std::clamp(finite(values, row[kRed + static_cast<std::size_t>(k)]), 0.0f, 1.0f);
         mesh.colors.push_back(color);
       }
     }

@@ -181,7 +181,7 @@ void write_zip(const std::filesystem::path& path, const std::vector<ZipContent>&
   for (const ZipContent& content : members) add(archive.get(), path.string(), content);
   if (zip_close(archive.get()) != 0)
     throw WriteError(path.string() + ": cannot be written: " + zip_strerror(archive.get()));
-  archive.release();  // zip_close freed it
+  static_cast<void>(archive.release());  // zip_close freed it
   target.commit();
 }
 

@@ -199,7 +199,7 @@ Value* Constructors::ordered_dict(const Value& arguments) {
   Value* dict = make(Kind::kDict);
   if (arguments.items.empty()) return dict;
   const Value& pairs = argument(arguments, 0, Kind::kList);  // Python 2 passed the items here
-  spend(2 * sizeof(Value*) * pairs.items.size());
+  spend(2 * sizeof(void*) * pairs.items.size());
   for (const Value* pair : pairs.items) {
     if ((pair->kind != Kind::kList && pair->kind != Kind::kTuple) || pair->items.size() != 2)
       fail("an OrderedDict from something other than pairs");

@@ -398,7 +398,7 @@ DracoMesh decode_draco(const Document& document, const Primitive& primitive, std
 
   DracoMesh result;
   result.vertices = mesh->num_points();
-  result.indices.reserve(3 * mesh->num_faces());
+  result.indices.reserve(3 * std::size_t{mesh->num_faces()});
   for (draco::FaceIndex f(0); f < mesh->num_faces(); ++f) {
     for (const draco::PointIndex& point : mesh->face(f)) result.indices.push_back(point.value());
   }

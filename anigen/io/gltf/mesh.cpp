@@ -143,8 +143,7 @@ class MeshMerger {
       const int material = texture.is_transformed ? primitive.material : -1 - texture.set;
       auto attributes = primitive.attributes;
       std::sort(attributes.begin(), attributes.end());
-      const auto [place, is_new] =
-          known.try_emplace({std::move(attributes), {primitive.draco_view, material}}, groups.size());
+      const auto [place, is_new] = known.try_emplace({attributes, {primitive.draco_view, material}}, groups.size());
       if (is_new || primitive.draco_view >= 0) {
         place->second = groups.size();
         groups.push_back({{}, texture});

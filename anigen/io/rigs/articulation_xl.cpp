@@ -169,8 +169,8 @@ class ArticulationXlSource : public ShapeSource {
  public:
   explicit ArticulationXlSource(const std::filesystem::path& file, const SourceOptions& options)
       : file_(file.string()) {
-    NpzValue samples = sample_list(file);
-    for (std::size_t i = 0; i < samples.items.size(); ++i) add(std::move(samples.items[i]), i, options);
+    const NpzValue samples = sample_list(file);
+    for (std::size_t i = 0; i < samples.items.size(); ++i) add(samples.items[i], i, options);
   }
 
   std::vector<std::string> ids() const override { return ids_; }
@@ -198,7 +198,7 @@ class ArticulationXlSource : public ShapeSource {
     std::string content_id;
     bool sound = false;
   };
-  void add(NpzValue sample, std::size_t index, const SourceOptions& options) {
+  void add(const NpzValue& sample, std::size_t index, const SourceOptions& options) {
     const std::string place = "sample " + std::to_string(index);
     const NpzValue* uuid = sample.find("uuid");
     if (uuid == nullptr || uuid->kind != NpzValue::Kind::kString || uuid->text.empty())

@@ -186,8 +186,8 @@ struct RigEntry {
   /// Below the folder that was listed, with '/'; samples of a shard as "<path>#<key>". For a dataset's asset what its
   /// metadata.csv says, for a posed variant there its id.
   std::string local_path;
-  bool is_test = false;   ///< the source says so: is_test of a dataset, a shard called "…test"
-  std::string uuid = "";  ///< what the sample is called in its shard, now or when the dataset was made; or empty
+  bool is_test = false;  ///< the source says so: is_test of a dataset, a shard called "…test"
+  std::string uuid;      ///< what the sample is called in its shard, now or when the dataset was made; or empty
 };
 
 /// Every rigged asset that a file or folder holds; formats may be mixed, folders of any depth:
