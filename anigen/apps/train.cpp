@@ -26,6 +26,7 @@ int main(int argc, char** argv) {
              ": latest, none, or a step to start from; ignored once the output folder has checkpoints, so that the "
              "same command goes on however often it is started");
   add_option(app, "--restart", arguments.restart);
+  add_option(app, "--extend-to", arguments.extend_to)->check(whole_number(1, std::uint64_t{1} << 40));
   add_option(app, "--profile", arguments.profile_steps)->check(whole_number(0, 1'000'000));
   add_option(app, "--schema", arguments.schema);
   add_option(app, "--print-config", arguments.print_config);

@@ -14,6 +14,7 @@ struct TrainCommand {
   std::vector<std::string> overrides;  ///< path.to.key=value
   std::string data_dir;                ///< empty: the config's dataset.args.data_dir
   RunOptions run;
+  std::int64_t extend_to = 0;     ///< new max_steps of the run in the output folder; 0: what the config says
   std::string device = "cpu";     ///< of several ranks on a machine "cuda" is the one with the number of the rank
   LaunchEnvironment environment;  ///< which of how many processes this one is
   RankOptions ranks;

@@ -248,6 +248,7 @@ train::TrainCommand command_of(const TrainArguments& arguments, const CommonOpti
   command.run.ckpt = arguments.ckpt;
   command.run.restart = arguments.restart;
   command.run.profile_steps = arguments.profile_steps;
+  command.extend_to = arguments.extend_to;
   command.run.threads = thread_count();
   command.device = common.device;
   command.ranks.timeout = arguments.rank_timeout;
