@@ -26,19 +26,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-Json resolved_config(const TrainCommand& command, std::string& file) {
-  const fs::path earlier = RunFolder{command.run.output}.config();
-  std::error_code error;
-  if (command.config.empty() && !fs::exists(earlier, error))
-    throw InputError(earlier.string(), "", "there is no run to resume here; give --config");
-  const fs::path source = command.config.empty() ? earlier : command.config;
-  file = source.string();
-  Json config = load_config(source);
-  apply_overrides(config, command.overrides);
-  if (!command.data_dir.empty()) config["dataset"]["args"]["data_dir"] = command.data_dir;
-  return config;
-}
-
 // A resumed run may be continued with changed settings, but not without saying so.
 void report_changes(const fs::path& earlier, const Json& config) {
   std::error_code error;
@@ -143,8 +130,7 @@ struct TrainingConfig {
 void extend(Json& config, const std::string& file, const TrainCommand& command, RunOptions& run) {
   const Json shorter = config;
   config["trainer"]["args"]["max_steps"] = command.extend_to;
-  const TrainerOptions now = TrainingConfig{shorter, file, torch::kCPU}.options,
-                       then = TrainingConfig{config, file, torch::kCPU}.options;
+  const TrainerOptions now = trainer_options(shorter, file), then = trainer_options(config, file);
   if (then.max_steps < now.max_steps) {
     throw InputError(
         "", "--extend-to",
@@ -217,6 +203,23 @@ void train_as_rank(const TrainCommand& command, RunOptions run, const std::share
 }
 
 }  // namespace
+
+Json resolved_config(const TrainCommand& command, std::string& file) {
+  const fs::path earlier = RunFolder{command.run.output}.config();
+  std::error_code error;
+  if (command.config.empty() && !fs::exists(earlier, error))
+    throw InputError(earlier.string(), "", "there is no run to resume here; give --config");
+  const fs::path source = command.config.empty() ? earlier : command.config;
+  file = source.string();
+  Json config = load_config(source);
+  apply_overrides(config, command.overrides);
+  if (!command.data_dir.empty()) config["dataset"]["args"]["data_dir"] = command.data_dir;
+  return config;
+}
+
+TrainerOptions trainer_options(const Json& config, const std::string& file) {
+  return TrainingConfig{config, file, torch::kCPU}.options;
+}
 
 void make_deterministic(torch::Device device) {
   if (!device.is_cuda()) return;

@@ -26,6 +26,13 @@ struct TrainCommand {
 /// the others first, and tells them when it fails; the run folder is rank 0's, and all must see it. @throws as these
 void train(const TrainCommand& command);
 
+/// The config of a command with its overrides and its dataset: of --config, else of the output folder.
+/// @param file set to the file it comes from, for messages
+Json resolved_config(const TrainCommand& command, std::string& file);
+
+/// Arguments of a config that all trainers share. @throws InputError
+TrainerOptions trainer_options(const Json& config, const std::string& file);
+
 enum class ConfigView {
   kSchema,  ///< JSON Schema of configs with the same models, dataset and trainer
   kFull     ///< the config itself with overrides and every default

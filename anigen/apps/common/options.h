@@ -171,6 +171,7 @@ inline constexpr OptionRow kOptions[] = {
     {"--restart", 0, "", "Training", "Begin again as --load and --ckpt say although the output folder has checkpoints: later steps move to ckpts/abandoned-STEP-N there. The same command goes on with what it began until that run has ended", ""},
     {"--extend-to", 0, "STEP", "Training", "Make the run of the output folder longer: new number of steps in all. It goes on from before the learning rate fell; later steps move aside as by --restart", ""},
     {"--profile", 0, "N", "Training", "Measure where the time of so many steps goes, after two that warm up, into profile.md of the run", ""},
+    {"--tune", 0, "", "Training", "Time replicas, micro-batches and precisions for 20 steps each, write the fastest to the output's config.json and stop", ""},
     {"--schema", 0, "", "Training", "Print the JSON schema of configs with the models, dataset and trainer of --config and stop", ""},
     {"--print-config", 0, "", "Training", "Print the config in full, with --set, --dataset and every default, and stop", ""},
     {"--ranks", 0, "N", "Training", "Train by so many processes of this machine", ""},
