@@ -12,8 +12,8 @@ struct TrainArguments {
   std::filesystem::path config, output, load;
   std::string dataset, ckpt = "latest", warm_start;
   std::vector<std::string> overrides;
-  bool restart = false, schema = false, print_config = false;
-  std::int64_t profile_steps = 0;
+  bool restart = false, schema = false, print_config = false, tune = false;
+  std::int64_t profile_steps = 0, extend_to = 0;
   // Several processes.
   int ranks = 1, rank_restarts = 0;
   double rank_timeout = 60.0;  ///< seconds without a sign of life after which a rank is lost

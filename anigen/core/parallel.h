@@ -14,6 +14,12 @@ int thread_count();
 /// the others finished. Results must not depend on the order: write to slot i only.
 void parallel_for(std::size_t n, const std::function<void(std::size_t)>& body);
 
+/// Makes this process a good neighbour of others on the same processors, and loses no more than its fair part to them:
+/// threads that wait for others of theirs soon give the processor away, and get it back at once when it is their turn.
+/// Nothing changes while there is no other busy process. Call before LibTorch is loaded, since OpenMP reads its
+/// environment then. OMP_WAIT_POLICY and GOMP_SPINCOUNT go before.
+void share_processors();
+
 /// Processors that this process may use.
 struct Cores {
   int allowed = 1;   ///< processors of its affinity mask: a batch system gives a job a few of a machine's

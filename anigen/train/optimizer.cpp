@@ -87,6 +87,25 @@ LrSchedule linear_warmup_lr(std::int64_t warmup_steps) {
   };
 }
 
+std::int64_t common_steps(const LrSchedule& one, const LrSchedule& other, double base, std::int64_t most) {
+  std::int64_t step = 0;
+  while (step < most && one(base, step) == other(base, step)) ++step;
+  return step;
+}
+
+std::int64_t steps_before_decay(const LrSchedule& schedule, double base, std::int64_t steps) {
+  constexpr std::int64_t kMost = 10'000'000;
+  std::int64_t last = 0;
+  double highest = 0.0;
+  for (std::int64_t step = 0; steps <= kMost && step < steps; ++step) {
+    const double rate = schedule(base, step);
+    if (rate < highest) continue;
+    highest = rate;
+    last = step + 1;
+  }
+  return last;
+}
+
 LrSchedule sequential_lr(std::vector<LrSchedule> schedules, std::vector<std::int64_t> milestones) {
   if (schedules.empty() || milestones.size() + 1 != schedules.size()) {
     throw InputError("", "milestones",

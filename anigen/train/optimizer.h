@@ -39,6 +39,14 @@ LrSchedule linear_warmup_lr(std::int64_t warmup_steps);
 /// @throws InputError unless there is one milestone fewer than schedules and they do not decrease
 LrSchedule sequential_lr(std::vector<LrSchedule> schedules, std::vector<std::int64_t> milestones);
 
+/// Number of first steps in which two schedules have the same rate, at most `most`: where a run whose length changes
+/// can go on from.
+std::int64_t common_steps(const LrSchedule& one, const LrSchedule& other, double base, std::int64_t most);
+
+/// Number of steps up to the last one at the highest rate of a run of `steps`: what comes after only falls. 0 for runs
+/// of more than ten million steps.
+std::int64_t steps_before_decay(const LrSchedule& schedule, double base, std::int64_t steps);
+
 /// AdamW (Loshchilov and Hutter 2019, algorithm 2, as torch.optim.AdamW computes it) over one flat fp32 vector; or
 /// Adam, whose weight decay is part of the gradient. On the CPU one pass over memory; threads do not change it.
 class AdamW {

@@ -171,6 +171,9 @@ TrainerOptions TrainerOptions::read(ConfigReader& reader) {
     options.update.schedule =
         read_schedule(*schedule, options.max_steps, reader.file(), reader.pointer_to("lr_scheduler"));
   }
+  options.before_decay = steps_before_decay(options.update.schedule, options.update.optimizer.lr, options.max_steps);
+  if (options.before_decay < options.max_steps / 2 || options.before_decay == options.max_steps)
+    options.before_decay = 0;  // falls from early on, or never
   read_grad_clip(f, options.update);
   options.update.ema_rates = read_ema_rates(reader);
   f("fp16_mode", options.fp16_mode, {"inflat_all", "none"});

@@ -32,6 +32,8 @@ struct TrainerOptions {
   std::string compatibility = "published";  ///< or "paper": which side of a documented difference to take
   std::string precision;  ///< "fp32", "fp64", "bf16", "fp16-published"; empty: fp16_mode decides (precision.h)
   torch::Dtype compute_dtype = torch::kFloat32;  ///< what that came to; not an argument
+  std::int64_t before_decay = 0;  ///< step whose checkpoint is kept: the learning rate, flat for half of the run or
+                                  ///< more, falls from there on; 0: none
 
   /// Marks the keys as known; the caller reads the stage's own and then calls reader.finish().
   /// @throws InputError

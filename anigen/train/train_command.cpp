@@ -1,6 +1,7 @@
 #include "anigen/train/train_command.h"
 
 #include <ATen/Context.h>
+#include <algorithm>
 #include <chrono>
 #include <ctime>
 #include <fstream>
@@ -24,19 +25,6 @@ namespace anigen::train {
 namespace {
 
 namespace fs = std::filesystem;
-
-Json resolved_config(const TrainCommand& command, std::string& file) {
-  const fs::path earlier = RunFolder{command.run.output}.config();
-  std::error_code error;
-  if (command.config.empty() && !fs::exists(earlier, error))
-    throw InputError(earlier.string(), "", "there is no run to resume here; give --config");
-  const fs::path source = command.config.empty() ? earlier : command.config;
-  file = source.string();
-  Json config = load_config(source);
-  apply_overrides(config, command.overrides);
-  if (!command.data_dir.empty()) config["dataset"]["args"]["data_dir"] = command.data_dir;
-  return config;
-}
 
 // A resumed run may be continued with changed settings, but not without saying so.
 void report_changes(const fs::path& earlier, const Json& config) {
@@ -137,6 +125,34 @@ struct TrainingConfig {
   std::unique_ptr<Stage> stage() { return make_stage(name, {config, file, args, options, device}); }
 };
 
+// Makes a run longer: it goes on from its newest checkpoint of the steps in which both lengths have one learning rate.
+// The config in the run folder is of the new length from the first time on, so that the same command goes on.
+void extend(Json& config, const std::string& file, const TrainCommand& command, RunOptions& run) {
+  const Json shorter = config;
+  config["trainer"]["args"]["max_steps"] = command.extend_to;
+  const TrainerOptions now = trainer_options(shorter, file), then = trainer_options(config, file);
+  if (then.max_steps < now.max_steps) {
+    throw InputError(
+        "", "--extend-to",
+        std::to_string(then.max_steps) + " is less than the " + std::to_string(now.max_steps) + " steps of this run");
+  }
+  const std::int64_t common =
+      common_steps(now.update.schedule, then.update.schedule, now.update.optimizer.lr, now.max_steps);
+  const CheckpointFolder checkpoints(RunFolder{run.output}.checkpoints());
+  const std::optional<std::int64_t> newest = checkpoints.latest();
+  if (!newest || *newest <= common) return;
+  const std::vector<std::int64_t> steps = checkpoints.steps();
+  const auto after = std::upper_bound(steps.begin(), steps.end(), common);
+  if (after == steps.begin()) {
+    throw InputError(checkpoints.file("state", common).string(), "--extend-to",
+                     "a longer run has another learning rate from step " + std::to_string(common) +
+                         " on, and there is no checkpoint from before; a schedule that is flat first keeps one");
+  }
+  run.ckpt = std::to_string(*std::prev(after));
+  run.restart = true;
+  log::info("the longer run goes on from step {}, before the learning rate fell", run.ckpt);
+}
+
 void prepare_run_folder(const TrainCommand& command, const Json& config) {
   std::error_code error;
   fs::create_directories(command.run.output, error);
@@ -150,7 +166,8 @@ void prepare_run_folder(const TrainCommand& command, const Json& config) {
 }
 
 // Work of all ranks, and files of rank 0.
-void train_as_rank(const TrainCommand& command, const std::shared_ptr<Communicator>& ranks, TrainingConfig& given) {
+void train_as_rank(const TrainCommand& command, RunOptions run, const std::shared_ptr<Communicator>& ranks,
+                   TrainingConfig& given) {
   TrainerOptions& options = given.options;
   make_deterministic(given.device);
   torch::manual_seed(options.seed);
@@ -166,7 +183,6 @@ void train_as_rank(const TrainCommand& command, const std::shared_ptr<Communicat
                             "precision " + options.precision + " with trainer " + given.name.substr(0, 80));
   }
 
-  RunOptions run = command.run;
   run.ranks = ranks;
   run.command = command.command_line;
   std::optional<RunFolderLock> lock;
@@ -187,6 +203,23 @@ void train_as_rank(const TrainCommand& command, const std::shared_ptr<Communicat
 }
 
 }  // namespace
+
+Json resolved_config(const TrainCommand& command, std::string& file) {
+  const fs::path earlier = RunFolder{command.run.output}.config();
+  std::error_code error;
+  if (command.config.empty() && !fs::exists(earlier, error))
+    throw InputError(earlier.string(), "", "there is no run to resume here; give --config");
+  const fs::path source = command.config.empty() ? earlier : command.config;
+  file = source.string();
+  Json config = load_config(source);
+  apply_overrides(config, command.overrides);
+  if (!command.data_dir.empty()) config["dataset"]["args"]["data_dir"] = command.data_dir;
+  return config;
+}
+
+TrainerOptions trainer_options(const Json& config, const std::string& file) {
+  return TrainingConfig{config, file, torch::kCPU}.options;
+}
 
 void make_deterministic(torch::Device device) {
   if (!device.is_cuda()) return;
@@ -215,6 +248,8 @@ void train(const TrainCommand& command) {
   std::string file;
   Json config = resolved_config(command, file);
   if (config.is_object() && config.contains("dataset")) data::write_out_statistics(config["dataset"], file);
+  RunOptions run = command.run;
+  if (command.extend_to > 0) extend(config, file, command, run);
   const bool several = command.environment.size > 1;
   const bool numbered = several && command.device == "cuda";
   const torch::Device device =
@@ -233,7 +268,7 @@ void train(const TrainCommand& command) {
     if (ranks->rank() > 0 && spdlog::get_level() == spdlog::level::info) spdlog::set_level(spdlog::level::warn);
   }
   try {
-    train_as_rank(command, ranks, given);
+    train_as_rank(command, run, ranks, given);
   } catch (const RankLost& lost) {
     throw Error("rank " + std::to_string(ranks->rank()) + " stops: " + lost.what());
   } catch (const Interrupted&) {

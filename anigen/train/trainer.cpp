@@ -74,7 +74,7 @@ Trainer::Trainer(Stage& stage, const TrainerOptions& options, const RunOptions& 
       run_(run),
       stages_{&stage},
       ranks_(run.ranks ? run.ranks : std::make_shared<SingleProcess>()),
-      checkpoints_(RunFolder{run.output}.checkpoints()),
+      checkpoints_(RunFolder{run.output}.checkpoints(), options.before_decay),
       started_(Clock::now()) {
   const std::size_t ranks = static_cast<std::size_t>(ranks_->size());
   if (options_.replicas > options_.batch_split)
@@ -180,7 +180,7 @@ void Trainer::train() {
     if (due(step_, options_.i_log)) log_means();
     if (first() && due(step_, options_.i_eval)) evaluate();
     if (first() && due(step_, options_.i_sample)) sample();
-    if (due(step_, options_.i_save)) save();
+    if (due(step_, options_.i_save) || step_ == options_.before_decay) save();
     if (alone() ? interrupt_requested() : verdict.interrupted) {
       save();
       require_saved();

@@ -224,7 +224,7 @@ void CheckpointFolder::clean_up(std::int64_t newest) const {
     if (*step < newest) kept.insert(*step);
   }
   for (const std::int64_t step : stated) {
-    if (step % kKeepEvery == 0) kept.insert(step);
+    if (step % kKeepEvery == 0 || step == kept_) kept.insert(step);
   }
   std::error_code ignored;
   // States first: a set must not look valid while it is being deleted.

@@ -25,7 +25,9 @@ using WeightFiles = std::vector<std::pair<std::string, io::NamedArrays>>;
 /// with a listed file missing or of another size, does not exist as far as reading goes.
 class CheckpointFolder {
  public:
-  explicit CheckpointFolder(std::filesystem::path folder) : folder_(std::move(folder)) {}
+  /// @param kept step whose set save() leaves although there are two newer ones; 0: none
+  explicit CheckpointFolder(std::filesystem::path folder, std::int64_t kept = 0)
+      : folder_(std::move(folder)), kept_(kept) {}
 
   /// Writes a set; every file is written to a temporary name, fsynced and renamed. Then deletes what the rule of the
   /// published trainer does not keep: all but the two newest steps and multiples of 100,000
@@ -54,6 +56,7 @@ class CheckpointFolder {
   void clean_up(std::int64_t newest) const;
 
   std::filesystem::path folder_;
+  std::int64_t kept_;
 };
 
 /// Moves what a run folder holds of the steps after `last` into a new folder `ckpts/abandoned-<first step>-<n>`, out of

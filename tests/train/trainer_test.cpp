@@ -265,6 +265,40 @@ TEST_F(TrainerRun, TheSameRestartGoesOnUntilItsRunHasEnded) {
   EXPECT_TRUE(std::filesystem::exists(folder_ / "run/ckpts/abandoned-4-2"));
 }
 
+// Flat, then linear to zero over the last quarter.
+const char* const kFlat = R"(trainer.args.lr_scheduler={"name": "SequentialLR", "args": {"milestones": ["75%"]},
+  "schedulers": [{"name": "ConstantLR", "args": {"factor": 1.0}},
+                 {"name": "LinearLR", "args": {"start_factor": 1.0, "end_factor": 0.0, "total_iters": "25%"}}]})";
+
+TEST_F(TrainerRun, AnExtendedRunEndsWithTheBitsOfOneThatWasLongFromTheStart) {
+  train(command("long", {kFlat, "trainer.args.max_steps=24"}));
+  train(command("extended", {kFlat, "trainer.args.max_steps=12", "trainer.args.i_save=1"}));
+  // The rate falls after step 10, whose checkpoint stays although two are newer.
+  EXPECT_EQ(CheckpointFolder(folder_ / "extended/ckpts").steps(), (std::vector<std::int64_t>{10, 11, 12}));
+  TrainCommand longer = command("extended");
+  longer.config.clear();
+  longer.extend_to = 24;
+  train(longer);
+  EXPECT_NE(bytes("extended/log.txt").find("resumed from step 10"), std::string::npos);
+  for (const char* name : {"model", "model_ema0.99", "model_ema0.9"}) {
+    const std::string file = std::string("ckpts/") + name + "_step0000024.safetensors";
+    EXPECT_EQ(bytes("long/" + file), bytes("extended/" + file)) << file;
+  }
+  const std::string at_end = bytes("extended/ckpts/model_step0000024.safetensors");
+  train(longer);  // nothing is left to do, and nothing is done again
+  EXPECT_EQ(bytes("extended/ckpts/model_step0000024.safetensors"), at_end);
+  longer.extend_to = 12;
+  EXPECT_THROW(train(longer), InputError);
+}
+
+TEST_F(TrainerRun, ARunWhoseRateFallsFromTheStartCannotBeExtended) {
+  train(command("run", {R"(trainer.args.lr_scheduler={"name": "CosineAnnealingLR", "args": {"T_max": "100%"}})"}));
+  TrainCommand longer = command("run");
+  longer.config.clear();
+  longer.extend_to = 24;
+  EXPECT_THROW(train(longer), InputError);
+}
+
 TEST_F(TrainerRun, DamagedCheckpointsAreMovedAsideByARunThatBeginsFromNothing) {
   train(command("run", {kSixSteps}));
   for (const int step : {4, 6}) std::filesystem::remove(CheckpointFolder(folder_ / "run/ckpts").file("model", step));

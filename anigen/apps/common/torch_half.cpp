@@ -5,6 +5,7 @@
 #include <system_error>
 
 #include "anigen/core/error.h"
+#include "anigen/core/parallel.h"
 
 namespace anigen {
 
@@ -22,6 +23,7 @@ fs::path find_module() {
 }
 
 const TorchHalf& load() {
+  share_processors();
   const fs::path file = find_module();
   // Lazily: binding all of LibTorch's functions at once takes as long as reading its libraries. The module finds the
   // functions that the program has as well in the program, so that logging, progress and signals are one.

@@ -25,6 +25,7 @@
 #include "anigen/rigging/rig_meshes.h"
 #include "anigen/train/distributed/launch.h"
 #include "anigen/train/train_command.h"
+#include "anigen/train/tune.h"
 #include "anigen/vision/voxel_features.h"
 
 namespace anigen {
@@ -248,6 +249,7 @@ train::TrainCommand command_of(const TrainArguments& arguments, const CommonOpti
   command.run.ckpt = arguments.ckpt;
   command.run.restart = arguments.restart;
   command.run.profile_steps = arguments.profile_steps;
+  command.extend_to = arguments.extend_to;
   command.run.threads = thread_count();
   command.device = common.device;
   command.ranks.timeout = arguments.rank_timeout;
@@ -270,6 +272,10 @@ int run_train(const TrainArguments& arguments, const CommonOptions& common) {
   if (arguments.schema || arguments.print_config) {
     const auto view = arguments.schema ? train::ConfigView::kSchema : train::ConfigView::kFull;
     std::fputs((train::describe_config(command_of(arguments, common), view).dump(2) + "\n").c_str(), stdout);
+    return 0;
+  }
+  if (arguments.tune) {
+    std::fputs(train::to_markdown(train::tune(command_of(arguments, common))).c_str(), stdout);
     return 0;
   }
   if (arguments.ranks > 1 && environment.launcher.empty())
