@@ -6,6 +6,8 @@
 
 #include "anigen/core/kernel_form.h"
 #include "anigen/nn/kernels/activations.h"
+#include "anigen/nn/kernels/mixed_products.h"
+#include "anigen/nn/mixed.h"
 
 namespace anigen::nn {
 
@@ -19,7 +21,9 @@ LinearImpl::LinearImpl(std::int64_t in_features, std::int64_t out_features, bool
 }
 
 Tensor LinearImpl::forward(const Tensor& x) {
-  const Tensor y = prefers_widened_linear(x, weight) ? widened_linear(x, weight, bias) : torch::linear(x, weight, bias);
+  const Tensor y = prefers_mixed_linear(x, weight)     ? mixed_linear(x, weight, bias)
+                   : prefers_widened_linear(x, weight) ? widened_linear(x, weight, bias)
+                                                       : torch::linear(x, weight, bias);
   return lora_A.defined() ? y.add(torch::matmul(torch::matmul(x, lora_A), lora_B), lora_scale_) : y;
 }
 
@@ -63,6 +67,75 @@ class WideProduct : public torch::autograd::Function<WideProduct> {
     const Tensor dx = torch::mm(dy, weight.to(torch::kFloat32)).to(x.scalar_type()).view(x.sizes());
     const Tensor rows = x.to(torch::kFloat32).reshape({-1, weight.size(1)});
     return {dx, torch::mm(dy.t(), rows).to(weight.scalar_type())};
+  }
+};
+
+// Rows that are rounded before they are multiplied, and fewer than which a product of the library is as fast.
+constexpr std::int64_t kMixedRows = 96, kFewestMixedRows = 32;
+
+// out[i, :] += x[i, :] · matrix, rows shared among the threads. @param x [M, K] @param matrix [K, N] @param out [M, N]
+void add_mixed_product(const Tensor& x, const kernels::StridedMatrix& matrix, const Tensor& out) {
+  const std::int64_t rows = x.size(0), depth = x.size(1), columns = out.size(1);
+  std::vector<std::uint16_t> packed(static_cast<std::size_t>(depth * columns));
+  kernels::pack_mixed(matrix, depth, columns, packed.data());
+  const float* in = x.data_ptr<float>();
+  float* to = out.data_ptr<float>();
+  at::parallel_for(0, (rows + kMixedRows - 1) / kMixedRows, 1, [&](std::int64_t begin, std::int64_t end) {
+    std::vector<std::uint16_t> rounded(static_cast<std::size_t>(kMixedRows * depth));
+    for (std::int64_t first = begin * kMixedRows; first < std::min(rows, end * kMixedRows); first += kMixedRows) {
+      const std::int64_t count = std::min(kMixedRows, rows - first);
+      kernels::round_to_bf16(in + first * depth, count * depth, rounded.data());
+      kernels::multiply_mixed(rounded.data(), packed.data(), count, depth, columns, to + first * columns);
+    }
+  });
+}
+
+// dyᵀ x, the rows of the result shared among the threads, each summed over all rows in their order.
+// @param dy [M, N] @param x [M, K] @return [N, K], N and K multiples of 16
+Tensor mixed_correlation(const Tensor& dy, const Tensor& x) {
+  const std::int64_t rows = x.size(0), out = dy.size(1), in = x.size(1);
+  const Tensor sums = torch::zeros({out, in}, x.options());
+  const float *slopes = dy.data_ptr<float>(), *values = x.data_ptr<float>();
+  float* to = sums.data_ptr<float>();
+  constexpr std::int64_t kShare = 16;
+  at::parallel_for(0, out / kShare, 1, [&](std::int64_t begin, std::int64_t end) {
+    kernels::correlate_mixed({slopes + begin * kShare, out, nullptr}, {values, in, nullptr}, rows,
+                             (end - begin) * kShare, in, to + begin * kShare * in, in);
+  });
+  return sums;
+}
+
+// x wᵀ + b of fp32 tensors, factors rounded to bf16.
+class MixedLinear : public torch::autograd::Function<MixedLinear> {
+ public:
+  static Tensor forward(AutogradContext* context, const Tensor& x, const Tensor& weight, const Tensor& bias) {
+    RECORD_USER_SCOPE("matrix products: mixed");
+    const Tensor rows = x.reshape({-1, weight.size(1)}).contiguous(), w = weight.contiguous();
+    context->save_for_backward({rows, w});
+    context->saved_data["shape"] = x.sizes().vec();
+    context->saved_data["biased"] = bias.defined();
+    Tensor y = torch::empty({rows.size(0), w.size(0)}, x.options());
+    bias.defined() ? y.copy_(bias) : y.zero_();
+    add_mixed_product(rows, {w.data_ptr<float>(), 1, w.size(1)}, y);
+    std::vector<std::int64_t> shape = x.sizes().vec();
+    shape.back() = w.size(0);
+    return y.view(shape);
+  }
+
+  static variable_list backward(AutogradContext* context, variable_list gradients) {
+    RECORD_USER_SCOPE("matrix products: mixed");
+    const variable_list saved = saved_once(*context, "a linear layer");
+    const Tensor &rows = saved[0], &w = saved[1];
+    const Tensor dy = gradients[0].reshape({-1, w.size(0)}).contiguous();
+    Tensor dx, dw, db;
+    if (context->needs_input_grad(0)) {
+      dx = torch::zeros(rows.sizes(), rows.options());
+      add_mixed_product(dy, {w.data_ptr<float>(), w.size(1), 1}, dx);
+      dx = dx.view(context->saved_data["shape"].toIntVector());
+    }
+    if (context->needs_input_grad(1)) dw = mixed_correlation(dy, rows);
+    if (context->saved_data["biased"].toBool() && context->needs_input_grad(2)) db = dy.sum(0);
+    return {dx, dw, db};
   }
 };
 
@@ -193,6 +266,16 @@ Tensor widened_linear(const Tensor& x, const Tensor& weight, const Tensor& bias)
   return (bias.defined() ? y + bias.to(torch::kFloat32) : y).to(x.scalar_type());
 }
 
+bool prefers_mixed_linear(const Tensor& x, const Tensor& weight) {
+  const std::int64_t in = weight.size(1), out = weight.size(0);
+  return mixed_products() && x.is_cpu() && dtype_of(x) == torch::kFloat32 && dtype_of(weight) == torch::kFloat32 &&
+         in % 16 == 0 && out % 16 == 0 && x.numel() >= kFewestMixedRows * in;
+}
+
+Tensor mixed_linear(const Tensor& x, const Tensor& weight, const Tensor& bias) {
+  return MixedLinear::apply(x, weight, bias);
+}
+
 Tensor gelu_tanh(const Tensor& x) {
   if (!x.is_cpu() || dtype_of(x) != torch::kFloat32) return torch::gelu(x, "tanh");
   return VectorGelu::apply(x.contiguous());
@@ -200,8 +283,8 @@ Tensor gelu_tanh(const Tensor& x) {
 
 bool prefers_fused_mlp(const Tensor& x, const Tensor& w1) {
   const std::int64_t hidden = w1.size(0);
-  return x.is_cpu() && x.dim() == 2 && dtype_of(x) == torch::kFloat32 && dtype_of(w1) == torch::kFloat32 &&
-         hidden <= kWidestHidden && x.size(0) >= kFewestBlocks * block_rows(hidden);
+  return !prefers_mixed_linear(x, w1) && x.is_cpu() && x.dim() == 2 && dtype_of(x) == torch::kFloat32 &&
+         dtype_of(w1) == torch::kFloat32 && hidden <= kWidestHidden && x.size(0) >= kFewestBlocks * block_rows(hidden);
 }
 
 Tensor fused_mlp(const Tensor& x, const Tensor& w1, const Tensor& b1, const Tensor& w2, const Tensor& b2) {

@@ -51,6 +51,13 @@ bool prefers_widened_linear(const Tensor& x, const Tensor& weight);
 /// undefined
 Tensor widened_linear(const Tensor& x, const Tensor& weight, const Tensor& bias);
 
+/// True when a linear layer is computed in mixed precision (mixed.h): both widths multiples of 16, and rows enough.
+bool prefers_mixed_linear(const Tensor& x, const Tensor& weight);
+
+/// torch::linear of fp32 tensors with factors rounded to bf16 and sums in fp32, its gradients likewise. Can be
+/// differentiated once; bits do not depend on the number of threads. @param bias [out] or undefined
+Tensor mixed_linear(const Tensor& x, const Tensor& weight, const Tensor& bias);
+
 /// x ⊙ gamma with one learned factor per channel (Touvron et al. 2021, CaiT). Key `gamma` [C], not initialised: the
 /// model is filled from a checkpoint (see Linear).
 class LayerScaleImpl : public torch::nn::Module {

@@ -5,6 +5,7 @@
 #include <string>
 
 #include "anigen/core/error.h"
+#include "anigen/nn/mixed.h"
 
 namespace anigen::sparse {
 
@@ -36,10 +37,12 @@ class TapFunction : public torch::autograd::Function<TapFunction> {
     RECORD_USER_SCOPE("convolution: sparse");
     context->save_for_backward({feats, matrices, neighbours});
     context->saved_data["subdivide"] = subdivide;
+    const bool mixed = nn::mixed_products() && nn::dtype_of(feats) == torch::kFloat32;
+    context->saved_data["mixed"] = mixed;
     const TapPlan plan = plan_of(subdivide);
     Tensor out = torch::empty({neighbours.size(1) * plan.to_children, matrices.size(2)}, matrices.options());
     out.copy_(bias);
-    add_tap_product(plan, neighbours, feats, matrices, out);
+    add_tap_product(plan, neighbours, feats, matrices, out, mixed);
     return out.to(nn::dtype_of(feats));
   }
 
@@ -48,13 +51,14 @@ class TapFunction : public torch::autograd::Function<TapFunction> {
     const torch::autograd::variable_list saved = nn::saved_once(*context, "a sparse convolution");
     const Tensor &feats = saved[0], &matrices = saved[1], &neighbours = saved[2], &slopes = gradients[0];
     const TapPlan plan = plan_of(context->saved_data["subdivide"].toBool());
+    const bool mixed = context->saved_data["mixed"].toBool();
     Tensor d_feats, d_matrices, d_bias;
     if (context->needs_input_grad(0)) {
       Tensor sums = torch::zeros(feats.sizes(), matrices.options());
-      add_tap_product(reversed(plan), neighbours, slopes, matrices.transpose(1, 2), sums);
+      add_tap_product(reversed(plan), neighbours, slopes, matrices.transpose(1, 2), sums, mixed);
       d_feats = sums.to(nn::dtype_of(feats));
     }
-    if (context->needs_input_grad(1)) d_matrices = tap_correlation(plan, neighbours, feats, slopes);
+    if (context->needs_input_grad(1)) d_matrices = tap_correlation(plan, neighbours, feats, slopes, mixed);
     if (context->needs_input_grad(2)) d_bias = slopes.to(nn::dtype_of(matrices)).sum(0);
     return {d_feats, d_matrices, d_bias, Tensor(), Tensor()};
   }
@@ -156,19 +160,22 @@ Tensor tensor_tap_correlation(const TapPlan& plan, const Tensor& neighbours, con
 }
 
 void add_tap_product(const TapPlan& plan, const Tensor& neighbours, const Tensor& in, const Tensor& matrices,
-                     Tensor& out) {
+                     Tensor& out, bool mixed) {
   if (!in.is_cpu()) return add_tensor_tap_product(plan, neighbours, in, matrices, out);
-  // The matrices of a subdivision are sums of weights, which bf16 would round once more.
+  // The matrices of a subdivision are sums of weights, which a model in bf16 would round once more.
   const bool plain = plan.from_children == 1 && plan.to_children == 1;
-  if (plain && prefers_bf16_tap_product(in, matrices)) return add_bf16_tap_product(plan, neighbours, in, matrices, out);
+  const bool narrow = mixed || (plain && nn::dtype_of(in) == torch::kBFloat16);
+  if (narrow && fits_bf16_tap_product(matrices))
+    return add_bf16_tap_product(plan, neighbours, in.to(torch::kBFloat16), matrices, out);
   const torch::Dtype dtype = nn::dtype_of(out);
   add_cpu_tap_product(plan, neighbours, in.to(dtype), matrices.to(dtype), out);
 }
 
-Tensor tap_correlation(const TapPlan& plan, const Tensor& neighbours, const Tensor& in, const Tensor& slopes) {
+Tensor tap_correlation(const TapPlan& plan, const Tensor& neighbours, const Tensor& in, const Tensor& slopes,
+                       bool mixed) {
   if (!in.is_cpu()) return tensor_tap_correlation(plan, neighbours, in, slopes);
   const torch::Dtype dtype = nn::accumulation_dtype(nn::dtype_of(in));
-  return cpu_tap_correlation(plan, neighbours, in.to(dtype), slopes.to(dtype));
+  return cpu_tap_correlation(plan, neighbours, in.to(dtype), slopes.to(dtype), mixed);
 }
 
 Tensor submanifold_convolution(const Support& support, const Tensor& feats, const Tensor& weight, const Tensor& bias) {

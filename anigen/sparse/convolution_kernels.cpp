@@ -7,6 +7,7 @@
 #include <cstring>
 
 #include "anigen/core/kernel_form.h"
+#include "anigen/nn/kernels/mixed_products.h"
 #include "anigen/nn/kernels/tiles.h"
 
 // Both products keep a tile of sums, some rows of one panel, in registers, and step along what is summed over: a vector
@@ -437,14 +438,13 @@ void add_products(const TapPlan& plan, const Tensor& neighbours, const Tensor& i
   });
 }
 
-// Parallel over the halves of the matrices (fewer would leave two threads with unequal shares), each summed over all
-// rows in one order.
-template <typename T>
-void add_correlations(const TapPlan& plan, const Tensor& neighbours, const Tensor& in, const Tensor& slopes,
-                      Tensor& matrices) {
+// Calls correlate(pairs, first and number of input channels, sums of these) for all matrices. Parallel over their
+// halves (fewer would leave two threads with unequal shares), each summed over all rows in one order.
+template <typename T, typename Correlate>
+void for_each_correlation(const TapPlan& plan, const Tensor& neighbours, const Tensor& in, const Tensor& slopes,
+                          Tensor& matrices, const Correlate& correlate) {
   const std::int64_t in_channels = in.size(1), out_channels = slopes.size(1), half = (in_channels + 1) / 2;
   const std::int64_t stride = matrices.size(2);
-  const T *in_data = in.data_ptr<T>(), *slope_data = slopes.data_ptr<T>();
   T* const sums = matrices.data_ptr<T>();
   const RowBlocks blocks(plan, neighbours.size(1), in_channels, out_channels);
   at::parallel_for(0, 2 * plan.matrices(), 1, [&](std::int64_t begin, std::int64_t end) {
@@ -453,11 +453,33 @@ void add_correlations(const TapPlan& plan, const Tensor& neighbours, const Tenso
       for (std::int64_t i = begin / 2; i < (end + 1) / 2; ++i) {
         const TapLink& link = plan.links[static_cast<std::size_t>(i)];
         const std::int64_t first = 2 * i < begin ? half : 0, last = 2 * i + 1 < end ? in_channels : half;
-        correlate_pairs(pairs.list(link, blocks.begin(block), blocks.end(block)), in_data, in_channels, first,
-                        last - first, slope_data, out_channels, sums + (link.matrix * in_channels + first) * stride);
+        correlate(pairs.list(link, blocks.begin(block), blocks.end(block)), first, last - first,
+                  sums + (link.matrix * in_channels + first) * stride);
       }
     }
   });
+}
+
+template <typename T>
+void add_correlations(const TapPlan& plan, const Tensor& neighbours, const Tensor& in, const Tensor& slopes,
+                      Tensor& matrices) {
+  const T *in_data = in.data_ptr<T>(), *slope_data = slopes.data_ptr<T>();
+  for_each_correlation<T>(plan, neighbours, in, slopes, matrices,
+                          [&](const RowPairs& pairs, std::int64_t first, std::int64_t count, T* sums) {
+                            correlate_pairs(pairs, in_data, in.size(1), first, count, slope_data, slopes.size(1), sums);
+                          });
+}
+
+void add_mixed_correlations(const TapPlan& plan, const Tensor& neighbours, const Tensor& in, const Tensor& slopes,
+                            Tensor& matrices) {
+  const std::int64_t in_channels = in.size(1), out_channels = slopes.size(1), stride = matrices.size(2);
+  const float *in_data = in.data_ptr<float>(), *slope_data = slopes.data_ptr<float>();
+  for_each_correlation<float>(plan, neighbours, in, slopes, matrices,
+                              [&](const RowPairs& pairs, std::int64_t first, std::int64_t count, float* sums) {
+                                nn::kernels::correlate_mixed({in_data + first, in_channels, pairs.from},
+                                                             {slope_data, out_channels, pairs.to}, pairs.count, count,
+                                                             out_channels, sums, stride);
+                              });
 }
 
 }  // namespace
@@ -469,9 +491,8 @@ void add_cpu_tap_product(const TapPlan& plan, const Tensor& neighbours, const Te
                              [&] { add_products<scalar_t>(plan, neighbours, rows, panels, out); });
 }
 
-bool prefers_bf16_tap_product(const Tensor& in, const Tensor& matrices) {
-  return in.is_cpu() && nn::dtype_of(in) == torch::kBFloat16 && nn::kernels::has_bf16_products() &&
-         matrices.size(1) % 2 == 0 && matrices.size(2) % kBf16Lanes == 0;
+bool fits_bf16_tap_product(const Tensor& matrices) {
+  return nn::kernels::has_bf16_products() && matrices.size(1) % 2 == 0 && matrices.size(2) % kBf16Lanes == 0;
 }
 
 void add_bf16_tap_product(const TapPlan& plan, const Tensor& neighbours, const Tensor& in, const Tensor& matrices,
@@ -490,11 +511,16 @@ void add_bf16_tap_product(const TapPlan& plan, const Tensor& neighbours, const T
   });
 }
 
-Tensor cpu_tap_correlation(const TapPlan& plan, const Tensor& neighbours, const Tensor& in, const Tensor& slopes) {
+Tensor cpu_tap_correlation(const TapPlan& plan, const Tensor& neighbours, const Tensor& in, const Tensor& slopes,
+                           bool mixed) {
   const Tensor rows = in.contiguous(), slope_rows = slopes.contiguous();
   Tensor matrices = torch::zeros({plan.matrices(), in.size(1), panels_of(slopes.size(1)) * kPanel}, in.options());
-  AT_DISPATCH_FLOATING_TYPES(in.scalar_type(), "sparse convolution",
-                             [&] { add_correlations<scalar_t>(plan, neighbours, rows, slope_rows, matrices); });
+  if (mixed) {
+    add_mixed_correlations(plan, neighbours, rows, slope_rows, matrices);
+  } else {
+    AT_DISPATCH_FLOATING_TYPES(in.scalar_type(), "sparse convolution",
+                               [&] { add_correlations<scalar_t>(plan, neighbours, rows, slope_rows, matrices); });
+  }
   return matrices.narrow(2, 0, slopes.size(1));
 }
 

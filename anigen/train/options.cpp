@@ -7,6 +7,7 @@
 
 #include "anigen/core/config_fields.h"
 #include "anigen/core/error.h"
+#include "anigen/nn/kernels/tiles.h"
 
 namespace anigen::train {
 
@@ -198,7 +199,7 @@ TrainerOptions TrainerOptions::read(ConfigReader& reader) {
   f("max_minutes", options.max_minutes, {0.0});
   options.i_eval = interval(reader, "i_eval", 0, options.max_steps);
   f("replicas", options.replicas, {1, 256});
-  if (reader.has("precision")) f("precision", options.precision, {"fp32", "fp64", "bf16", "fp16-published"});
+  if (reader.has("precision")) f("precision", options.precision, {"fp32", "fp64", "bf16", "mixed", "fp16-published"});
   f("compatibility", options.compatibility, {"published", "paper"});
   return options;
 }
@@ -210,6 +211,13 @@ Precision choose_precision(const TrainerOptions& options, torch::Device device, 
     precision.compute = torch::kBFloat16;
     precision.note =
         "precision bf16: the blocks compute in bf16, parameters are updated in fp32, losses are not scaled";
+  } else if (options.precision == "mixed") {
+    if (!device.is_cpu())
+      throw NotSupportedError(file, "/trainer/args/precision", "mixed products on a GPU; use bf16 there");
+    precision.mixed_products = true;
+    precision.note = nn::kernels::has_bf16_products()
+                         ? "precision mixed: fp32, but for the factors of products, which are rounded to bf16"
+                         : "precision mixed: this CPU has no products of bf16 numbers, everything is fp32";
   } else if (options.precision == "fp16-published") {
     if (!device.is_cuda())
       throw NotSupportedError(file, "/trainer/args/precision", "fp16 on a CPU; use bf16, which a CPU computes faster");

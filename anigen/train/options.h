@@ -30,7 +30,7 @@ struct TrainerOptions {
   std::int64_t i_eval = 0;                  ///< steps between evaluations on held-out assets; 0: never
   std::size_t replicas = 1;                 ///< copies of the models that work on micro-batches at the same time
   std::string compatibility = "published";  ///< or "paper": which side of a documented difference to take
-  std::string precision;  ///< "fp32", "fp64", "bf16", "fp16-published"; empty: fp16_mode decides (precision.h)
+  std::string precision;  ///< "fp32", "fp64", "bf16", "mixed", "fp16-published"; empty: fp16_mode decides (precision.h)
   torch::Dtype compute_dtype = torch::kFloat32;  ///< what that came to; not an argument
   std::int64_t before_decay = 0;  ///< step whose checkpoint is kept: the learning rate, flat for half of the run or
                                   ///< more, falls from there on; 0: none
@@ -46,6 +46,7 @@ LrSchedule read_schedule(const Json& json, std::int64_t max_steps, const std::st
 /// In which numbers a run computes. Masters, optimiser state and averages are fp32, but for fp64.
 struct Precision {
   torch::Dtype compute = torch::kFloat32;  ///< of the torsos (see Stage::set_compute_dtype)
+  bool mixed_products = false;             ///< factors of products rounded to bf16 (nn/mixed.h)
   bool loss_scaling = false;               ///< multiply losses by 2^log_scale: fp16 gradients underflow without
   std::string note;                        ///< one line for the log
 };
@@ -58,6 +59,7 @@ struct Precision {
 /// | "fp32" | fp32 | fp32 |
 /// | "fp64" | everything in fp64: for comparing ways to sum, stages 1, 4 and 5 | the same |
 /// | "bf16" | torsos in bf16 | torsos in bf16 |
+/// | "mixed" | fp32, factors of products rounded to bf16 | not supported |
 /// | "fp16-published" | not supported | torsos in fp16, losses scaled (docs/reference/training.md, 2.2) |
 ///
 /// bf16 has the range of fp32, so its losses are not scaled.

@@ -17,6 +17,7 @@
 #include "anigen/core/run_folder.h"
 #include "anigen/core/version.h"
 #include "anigen/data/latent_files.h"
+#include "anigen/nn/mixed.h"
 #include "anigen/nn/profile.h"
 #include "anigen/train/stages/stages.h"
 
@@ -174,6 +175,7 @@ void train_as_rank(const TrainCommand& command, RunOptions run, const std::share
   const Precision precision = choose_precision(options, given.device, given.file);
   options.update.loss_scaling = precision.loss_scaling;
   options.compute_dtype = precision.compute;
+  nn::set_mixed_products(precision.mixed_products);
   if (!precision.note.empty()) log::info("{}", precision.note);
   // Everything is read and checked before the run folder is touched.
   const std::unique_ptr<Stage> stage = given.stage();

@@ -145,7 +145,7 @@ std::vector<TimedSettings> tune(const TrainCommand& command) {
     return timed;
   };
   const std::vector<TimedSettings> all =
-      search_settings(options.batch_size, command.run.threads, {"fp32", "bf16"}, time);
+      search_settings(options.batch_size, command.run.threads, {"fp32", "mixed", "bf16"}, time);
   if (all.empty() || all.front().samples_per_second <= 0.0)
     throw Error("no settings work; the first: " + (all.empty() ? std::string("none") : all.front().failure));
   set(config, all.front().settings);

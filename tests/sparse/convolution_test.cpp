@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "anigen/core/error.h"
+#include "anigen/nn/kernels/tiles.h"
 #include "anigen/sparse/blocks.h"
 #include "tests/sparse/attention_cases.h"
 #include "tests/support/kernel_forms.h"
@@ -130,6 +131,28 @@ TEST_P(ConvolutionOfSizes, TensorOperationsAgreeWithTheKernels) {
                             tensor_tap_correlation(plan, neighbours, from, by_kernels)),
                 1e-12);
     });
+  }
+}
+
+// Rounding the factors beforehand gives the same factors; what is left is how sums are rounded.
+TEST_P(ConvolutionOfSizes, MixedProductsRoundTheirFactorsAlone) {
+  if (!nn::kernels::has_bf16_products()) GTEST_SKIP() << "no products of bf16 numbers here";
+  const auto rounded = [](const Tensor& x) { return x.to(torch::kBFloat16).to(torch::kFloat32); };
+  const ConvolutionCase c(GetParam(), /*subdivide=*/false);
+  const Tensor& neighbours = c.support->neighbours();
+  for (const std::int64_t channels : {16, 18, 48}) {
+    for (const TapPlan& plan : {submanifold_plan(), subdivision_plan(), reversed(subdivision_plan())}) {
+      const Tensor in = rounded(torch::randn({plan.from_children * c.support->size(), channels}));
+      const Tensor matrices = rounded(torch::randn({plan.matrices(), channels, 32}));
+      Tensor mixed = torch::ones({plan.to_children * c.support->size(), 32}), wide = mixed.clone();
+      add_tap_product(plan, neighbours, in, matrices, mixed, /*mixed=*/true);
+      add_tap_product(plan, neighbours, in, matrices, wide);
+      EXPECT_LT(share_apart(mixed, wide), 1e-5);
+      const Tensor slopes = rounded(mixed);
+      EXPECT_LT(share_apart(tap_correlation(plan, neighbours, in, slopes, /*mixed=*/true),
+                            tap_correlation(plan, neighbours, in, slopes)),
+                1e-5);
+    }
   }
 }
 
