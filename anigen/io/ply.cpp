@@ -248,22 +248,23 @@ constexpr std::uintmax_t kMostPlyBytes = std::uintmax_t{4} << 30;
 enum Slot { kX, kY, kZ, kNx, kNy, kNz, kRed, kGreen, kBlue, kAlpha, kU, kV, kSlots, kNone };
 
 Slot slot_named(const std::string& name) {
-  static const std::vector<std::string> kNames[kSlots] = {{"x"},
-                                                          {"y"},
-                                                          {"z"},
-                                                          {"nx"},
-                                                          {"ny"},
-                                                          {"nz"},
-                                                          {"red", "r", "diffuse_red"},
-                                                          {"green", "g", "diffuse_green"},
-                                                          {"blue", "b", "diffuse_blue"},
-                                                          {"alpha", "a"},
-                                                          {"s", "u", "texture_u"},
-                                                          {"t", "v", "texture_v"}};
-  const auto* found = std::find_if(std::begin(kNames), std::end(kNames), [&](const std::vector<std::string>& names) {
-    return std::find(names.begin(), names.end(), name) != names.end();
-  });
-  return found == std::end(kNames) ? kNone : static_cast<Slot>(found - kNames);
+  static const std::vector<std::string> slot_names[kSlots] = {{"x"},
+                                                              {"y"},
+                                                              {"z"},
+                                                              {"nx"},
+                                                              {"ny"},
+                                                              {"nz"},
+                                                              {"red", "r", "diffuse_red"},
+                                                              {"green", "g", "diffuse_green"},
+                                                              {"blue", "b", "diffuse_blue"},
+                                                              {"alpha", "a"},
+                                                              {"s", "u", "texture_u"},
+                                                              {"t", "v", "texture_v"}};
+  const auto* found =
+      std::find_if(std::begin(slot_names), std::end(slot_names), [&](const std::vector<std::string>& names) {
+        return std::find(names.begin(), names.end(), name) != names.end();
+      });
+  return found == std::end(slot_names) ? kNone : static_cast<Slot>(found - slot_names);
 }
 
 void skip(PlyValues& values, const PlyProperty& property) {

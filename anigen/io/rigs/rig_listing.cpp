@@ -438,9 +438,9 @@ std::string DatasetSource::describe() const {
 }
 
 std::string DatasetSource::category(const std::string& id) const {
-  static const std::string kPrefix = "procedural:";
+  static const std::string prefix = "procedural:";
   const std::string& source = item(id).source;
-  return source.rfind(kPrefix, 0) == 0 ? source.substr(kPrefix.size()) : "";
+  return source.rfind(prefix, 0) == 0 ? source.substr(prefix.size()) : "";
 }
 
 namespace {
