@@ -2,6 +2,7 @@
 /// Errors, configs, logging, random streams, threads, processes and files: what every folder stands on. Errors name
 /// file, place and remedy (error.h); every random draw comes from Rng(seed, purpose, index) (random.h); files are
 /// written under a temporary name, synced and renamed (files.h).
+#include "anigen/core/chart.h"
 #include "anigen/core/config.h"
 #include "anigen/core/config_fields.h"
 #include "anigen/core/disjoint_sets.h"

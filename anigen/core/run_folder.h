@@ -16,6 +16,7 @@ struct RunFolder {
   std::filesystem::path command() const { return root / "command.txt"; }
   std::filesystem::path made_by() const { return root / "made_by.json"; }  ///< version, commit, compiler, LibTorch
   std::filesystem::path log() const { return root / "log.txt"; }
+  std::filesystem::path progress() const { return root / "progress.html"; }  ///< curves and samples, for a browser
   std::filesystem::path profile() const { return root / "profile.md"; }
   std::filesystem::path lock() const { return root / "run.lock"; }
   std::filesystem::path restart() const { return root / "restart.json"; }  ///< of a restart under way

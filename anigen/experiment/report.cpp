@@ -123,7 +123,7 @@ class Page {
   std::string curves() const {
     std::string html;
     for (const CurveSpec& spec : experiment_.curves) {
-      std::vector<eval::Curve> lines;
+      std::vector<Curve> lines;
       std::set<std::size_t> seen;
       for (const PlannedRun& run : plan_.runs) {
         const std::size_t j = run.jobs.at(spec.step);
@@ -136,7 +136,7 @@ class Page {
           log::warn("left out of the report: {}", problem.what());
         }
       }
-      html += eval::curves_chart(spec.title, lines);
+      html += curves_chart(spec.title, lines);
     }
     return html.empty() ? "" : "<h2>Training</h2>\n<div>" + html + "</div>\n";
   }

@@ -25,6 +25,8 @@ class MetricsLog {
   /// Appends a row; a quantity that is new adds a column, for which the file is written again.
   void append(std::int64_t step, const Values& values);
 
+  const CsvTable& table() const { return table_; }
+
  private:
   std::filesystem::path file_;
   CsvTable table_;

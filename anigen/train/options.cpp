@@ -198,6 +198,9 @@ TrainerOptions TrainerOptions::read(ConfigReader& reader) {
   f("seed", options.seed, {0});
   f("max_minutes", options.max_minutes, {0.0});
   options.i_eval = interval(reader, "i_eval", 0, options.max_steps);
+  f("stop_metric", options.stop_metric);
+  f("stop_patience", options.stop_patience, {1, 1'000'000});
+  f("stop_gain", options.stop_gain, {0.0, 1.0});
   f("replicas", options.replicas, {1, 256});
   if (reader.has("precision")) f("precision", options.precision, {"fp32", "fp64", "bf16", "mixed", "fp16-published"});
   f("compatibility", options.compatibility, {"published", "paper"});

@@ -16,6 +16,7 @@
 #include "anigen/core/text.h"
 #include "anigen/io/image.h"
 #include "anigen/train/distributed/communicator.h"
+#include "anigen/train/progress_page.h"
 
 namespace anigen::train {
 
@@ -164,6 +165,8 @@ void Trainer::train() {
   const std::int64_t first_step = printed_step_ = step_;
   // By what all ranks know alike; later by what they agreed on in the step.
   bool out_of_time = options_.max_minutes > 0.0 && elapsed_before_ >= 60.0 * options_.max_minutes;
+  if (first()) check_stop_rule();
+  if (alone()) out_of_time = out_of_time || stalled_;
   while (step_ < options_.max_steps && !out_of_time) {
     ranks_->report(step_, Activity::kTraining);
     if (run_.profile_steps > 0 && first()) profile(step_ - first_step, /*last=*/false);
@@ -201,9 +204,11 @@ void Trainer::train() {
 void Trainer::print() {
   const auto steps = static_cast<double>(step_ - printed_step_);
   const double each = seconds_since(printed_at_) / std::max(steps, 1.0);
-  log::info("step {}/{}: loss {:.5f}, {:.1f} ms per step, {:.0f} samples per second, {:.0f} s", step_,
-            options_.max_steps, last_loss_, each * 1e3, static_cast<double>(options_.batch_size) / std::max(each, 1e-9),
-            elapsed());
+  const double left = each * static_cast<double>(options_.max_steps - step_);
+  log::info(
+      "step {}/{}: loss {:.5f}, {:.1f} ms per step, {:.1f} samples per second, {:.0f} s; ends in about {:.0f} min",
+      step_, options_.max_steps, last_loss_, each * 1e3,
+      static_cast<double>(options_.batch_size) / std::max(each, 1e-9), elapsed(), left / 60.0);
   printed_at_ = Clock::now();
   printed_step_ = step_;
 }
@@ -264,6 +269,23 @@ void Trainer::evaluate() {
   metrics_->append(step_, values);
   board_->flush();
   log::info("step {}: held-out{}", step_, line.substr(1));
+  check_stop_rule();
+  write_page();
+}
+
+void Trainer::check_stop_rule() {
+  if (options_.stop_metric.empty()) return;
+  stalled_ = has_stalled(metrics_->table(), options_.stop_metric, options_.stop_patience, options_.stop_gain);
+  if (stalled_) {
+    log::info("{} has gained less than {:.1f} % in {} evaluations: the run ends", options_.stop_metric,
+              100.0 * options_.stop_gain, options_.stop_patience);
+  }
+}
+
+void Trainer::write_page() const {
+  const RunFolder run{run_.output};
+  const RunFacts facts{run_.output.filename().string(), options_.max_steps, options_.batch_size};
+  write_file_atomically(run.progress(), progress_page(run, metrics_->table(), facts));
 }
 
 void Trainer::sample() {
@@ -281,6 +303,7 @@ void Trainer::sample() {
                   static_cast<int>(size.height), step_);
   }
   board_->flush();
+  write_page();
 }
 
 double Trainer::elapsed() const { return elapsed_before_ + seconds_since(started_); }

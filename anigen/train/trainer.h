@@ -114,7 +114,11 @@ class Trainer {
   void restore_state(const SavedState& state);
   void restore_generator(const SavedState& state);
   void bring_means_together();
-  bool out_of_time() const { return options_.max_minutes > 0.0 && elapsed() >= 60.0 * options_.max_minutes; }
+  void check_stop_rule();
+  void write_page() const;
+  bool out_of_time() const {
+    return stalled_ || (options_.max_minutes > 0.0 && elapsed() >= 60.0 * options_.max_minutes);
+  }
   double elapsed() const;  ///< seconds of training, over all resumed runs
 
   const TrainerOptions options_;
@@ -136,6 +140,7 @@ class Trainer {
   std::int64_t step_ = 0, timed_steps_ = 0, saved_step_ = -1;
   std::uint64_t samples_ = 0;  // drawn so far
   double elapsed_before_ = 0.0, last_loss_ = 0.0;
+  bool stalled_ = false;         // by the stop rule, on rank 0
   std::string generator_then_;   // state of LibTorch's generator when this step began; several ranks only
   std::string generator_saved_;  // and at the last checkpoint
   std::chrono::steady_clock::time_point started_, printed_at_;

@@ -423,7 +423,10 @@ void Trainer::save() {
   bring_means_together();
   const std::vector<std::string> generators = ranks_->gather(generator_state());
   generator_saved_ = generators[static_cast<std::size_t>(ranks_->rank())];
-  if (first()) write_checkpoint(generators);
+  if (first()) {
+    write_checkpoint(generators);
+    write_page();
+  }
   saved_step_ = step_;
 }
 

@@ -1,0 +1,44 @@
+#include "anigen/train/progress_page.h"
+
+#include <gtest/gtest.h>
+
+#include <filesystem>
+#include <fstream>
+
+#include "tests/support/paths.h"
+
+namespace anigen::train {
+namespace {
+
+CsvTable evaluations(const std::vector<std::string>& values) {
+  CsvTable table;
+  table.columns = {"step", "loss.total", "eval.j2j", "time.elapsed_s"};
+  for (std::size_t i = 0; i < values.size(); ++i)
+    table.rows.push_back({std::to_string(10 * (i + 1)), "0.5", values[i], std::to_string(1800 * (i + 1))});
+  return table;
+}
+
+TEST(HasStalled, AsksWhetherTheLastEvaluationsImproveOnTheBestBefore) {
+  EXPECT_FALSE(has_stalled(evaluations({"1", "0.5"}), "eval.j2j", 2, 0.02)) << "too few";
+  EXPECT_TRUE(has_stalled(evaluations({"1", "0.5", "0.495", "0.6"}), "eval.j2j", 2, 0.02));
+  EXPECT_FALSE(has_stalled(evaluations({"1", "0.5", "0.6", "0.48"}), "eval.j2j", 2, 0.02));
+  EXPECT_FALSE(has_stalled(evaluations({"1", "", "0.5", ""}), "eval.j2j", 1, 0.02)) << "rows without it do not count";
+  EXPECT_FALSE(has_stalled(evaluations({"1", "1", "1"}), "eval.unknown", 1, 0.02));
+}
+
+TEST(ProgressPage, HasCurvesHoursAndTheNewestSamples) {
+  const test::TemporaryFolder folder;
+  for (const char* step : {"step9", "step10"}) {
+    std::filesystem::create_directories(folder / "samples" / step);
+    std::ofstream(folder / "samples" / step / "creature.png") << "png";
+  }
+  const std::string html = progress_page(RunFolder{folder.path()}, evaluations({"0.4", "0.3"}), {"a <run>", 40, 8});
+  EXPECT_NE(html.find("a &lt;run&gt;"), std::string::npos);
+  EXPECT_NE(html.find("Step 20 of 40, 160 samples, 1.00 h of training, about 1.00 h left."), std::string::npos);
+  EXPECT_NE(html.find("eval.j2j by hours"), std::string::npos);
+  EXPECT_NE(html.find("samples/step10/creature.png"), std::string::npos);
+  EXPECT_EQ(html.find("samples/step9/"), std::string::npos);
+}
+
+}  // namespace
+}  // namespace anigen::train
