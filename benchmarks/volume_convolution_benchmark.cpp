@@ -1,7 +1,8 @@
 // 3³ convolutions as the sparse-structure auto-encoder has them: ours, and torch::conv3d, as shares of what the machine
-// does on a large matrix product. All are timed in turn, round after round, so that a machine whose speed wanders
-// treats them alike; compare only figures of one run. Prints a table; with --benchmark_out=FILE also Google
-// Benchmark's JSON. Other --benchmark_* flags are accepted and ignored.
+// does on a large fp32 matrix product; "mixed" are ours with factors rounded to bf16 (nn/mixed.h). All are timed in
+// turn, round after round, so that a machine whose speed wanders treats them alike; compare only figures of one run.
+// Prints a table; with --benchmark_out=FILE also Google Benchmark's JSON. Other --benchmark_* flags are accepted and
+// ignored.
 #include <ATen/Parallel.h>
 
 #include <cstdio>
@@ -11,6 +12,7 @@
 
 #include "anigen/core/log.h"
 #include "anigen/core/parallel.h"
+#include "anigen/nn/mixed.h"
 #include "anigen/nn/volumes.h"
 #include "benchmarks/benchmark_flags.h"
 #include "benchmarks/timed_tasks.h"
@@ -51,6 +53,12 @@ void add_tasks(std::vector<TimedTask>& tasks, const Layer& layer, const std::str
   tasks.push_back({layer.name() + "/" + kind + "_forward_backward", 3.0 * layer.forward_flops(), training});
 }
 
+// The backward pass multiplies as the forward pass did.
+Tensor mixed_convolution(const Tensor& x, const Tensor& weight, const Tensor& bias) {
+  const anigen::nn::MixedProducts scope(true);
+  return anigen::nn::volume_convolution(x, weight, bias);
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -61,9 +69,13 @@ int main(int argc, char** argv) {
   torch::manual_seed(0);
   std::vector<TimedTask> tasks;
   tasks.push_back(anigen::product_task());  // what the others are shares of
+  const anigen::nn::MixedProducts asked(true);
+  const bool mixed = anigen::nn::mixed_products();  // not on a CPU that cannot
+  anigen::nn::set_mixed_products(false);
   for (const Layer& layer : {Layer{64, 8, 8}, Layer{32, 16, 16}, Layer{16, 48, 48}, Layer{16, 48, 128}}) {
     add_tasks(tasks, layer, "library", library_convolution, torch::MemoryFormat::Contiguous);
     add_tasks(tasks, layer, "ours", anigen::nn::volume_convolution, torch::MemoryFormat::ChannelsLast3d);
+    if (mixed) add_tasks(tasks, layer, "mixed", mixed_convolution, torch::MemoryFormat::ChannelsLast3d);
   }
   const int rounds = anigen::time_in_turn(tasks, *flags, kRounds);
   std::printf("3^3 convolutions, fp32, %d threads; medians of %d rounds\n", at::get_num_threads(), rounds);

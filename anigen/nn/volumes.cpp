@@ -4,7 +4,10 @@
 #include <algorithm>
 
 #include "anigen/nn/kernels/rows.h"
+#include "anigen/nn/kernels/tiles.h"
 #include "anigen/nn/kernels/volume_convolution.h"
+#include "anigen/nn/kernels/volume_convolution_bf16.h"
+#include "anigen/nn/mixed.h"
 #include "anigen/nn/norms.h"
 
 namespace anigen::nn {
@@ -49,14 +52,39 @@ Tensor empty_volume(const Tensor& like, std::int64_t channels) {
                       torch::MemoryFormat::ChannelsLast3d);
 }
 
-// @param x channels last @param packed, bias of whole vectors of output channels
+// Weights as the kernels read them: bf16 for mixed products, else fp32. @param sizes of the layer @param transposed
+// those of the gradient of the input, for sizes.transposed()
+Tensor packed_weights(const VolumeConvolutionSizes& sizes, const Tensor& weight, bool transposed, bool mixed) {
+  const VolumeConvolutionSizes packed_sizes = transposed ? sizes.transposed() : sizes;
+  const Tensor dense = weight.contiguous();
+  const float* data = dense.data_ptr<float>();
+  if (!mixed) {
+    Tensor packed = torch::empty({packed_sizes.weights()}, weight.options());
+    const auto pack = transposed ? kernels::pack_transposed_volume_weights : kernels::pack_volume_weights;
+    pack(data, sizes, packed.data_ptr<float>());
+    return packed;
+  }
+  constexpr std::int64_t kGrain = 8;
+  const auto pack = transposed ? kernels::pack_transposed_volume_weights_bf16 : kernels::pack_volume_weights_bf16;
+  Tensor packed = torch::empty({kernels::bf16_volume_weights(packed_sizes)}, weight.options().dtype(torch::kBFloat16));
+  std::uint16_t* packed_data = bf16_bits(packed);
+  at::parallel_for(0, kernels::channel_pairs(packed_sizes), kGrain,
+                   [&](std::int64_t begin, std::int64_t end) { pack(data, sizes, packed_data, begin, end); });
+  return packed;
+}
+
+// @param x channels last @param packed of packed_weights() @param bias of whole vectors of output channels
 Tensor convolve(const VolumeConvolutionSizes& sizes, const Tensor& x, const Tensor& packed, const Tensor& bias) {
   Tensor out = empty_volume(x, sizes.out);
-  const float *x_data = x.data_ptr<float>(), *packed_data = packed.data_ptr<float>();
-  const float* bias_data = bias.data_ptr<float>();
+  const bool mixed = dtype_of(packed) == torch::kBFloat16;
+  const float *x_data = x.data_ptr<float>(), *bias_data = bias.data_ptr<float>();
   float* out_data = out.data_ptr<float>();
   at::parallel_for(0, sizes.slabs(), 1, [&](std::int64_t begin, std::int64_t end) {
-    kernels::convolve_slabs(sizes, x_data, packed_data, bias_data, out_data, begin, end);
+    if (mixed) {
+      kernels::convolve_slabs_bf16(sizes, x_data, bf16_bits(packed), bias_data, out_data, begin, end);
+    } else {
+      kernels::convolve_slabs(sizes, x_data, packed.data_ptr<float>(), bias_data, out_data, begin, end);
+    }
   });
   return out;
 }
@@ -97,7 +125,9 @@ Tensor added_up(const Tensor& sums) {
   return total;
 }
 
-ParameterGradients parameter_gradients(const VolumeConvolutionSizes& sizes, const Tensor& x, const Tensor& dy) {
+ParameterGradients parameter_gradients(const VolumeConvolutionSizes& sizes, const Tensor& x, const Tensor& dy,
+                                       bool mixed) {
+  const auto add_gradient = mixed ? kernels::add_weight_gradient_bf16 : kernels::add_weight_gradient;
   const std::int64_t channels = sizes.padded_out(), floats = sizes.weights() + channels;
   const std::int64_t chunks = gradient_chunks(sizes, floats);
   const Tensor sums = torch::empty({chunks, floats}, x.options());
@@ -107,8 +137,8 @@ ParameterGradients parameter_gradients(const VolumeConvolutionSizes& sizes, cons
     for (std::int64_t chunk = begin; chunk < end; ++chunk) {
       float* weight_sums = sums_data + chunk * floats;
       std::fill_n(weight_sums, floats, 0.0F);  // here, where it stays in the thread's cache
-      kernels::add_weight_gradient(sizes, x_data, dy_data, sizes.slabs() * chunk / chunks,
-                                   sizes.slabs() * (chunk + 1) / chunks, weight_sums, weight_sums + sizes.weights());
+      add_gradient(sizes, x_data, dy_data, sizes.slabs() * chunk / chunks, sizes.slabs() * (chunk + 1) / chunks,
+                   weight_sums, weight_sums + sizes.weights());
     }
   });
   const Tensor total = added_up(sums);
@@ -122,12 +152,12 @@ class VolumeConvolution : public torch::autograd::Function<VolumeConvolution> {
   static Tensor forward(AutogradContext* context, const Tensor& x, const Tensor& weight, const Tensor& bias) {
     RECORD_USER_SCOPE("convolution: volumes");
     const VolumeConvolutionSizes sizes = convolution_sizes(x, weight);
-    const Tensor packed = torch::empty({sizes.weights()}, x.options());
-    kernels::pack_volume_weights(weight.contiguous().data_ptr<float>(), sizes, packed.data_ptr<float>());
+    const bool mixed = mixed_products();
     Tensor padded_bias = torch::zeros({sizes.padded_out()}, x.options());
     padded_bias.narrow(0, 0, sizes.out).copy_(bias);
     context->save_for_backward({x, weight});
-    return convolve(sizes, channels_last(x), packed, padded_bias);
+    context->saved_data["mixed"] = mixed;
+    return convolve(sizes, channels_last(x), packed_weights(sizes, weight, false, mixed), padded_bias);
   }
 
   static variable_list backward(AutogradContext* context, variable_list gradients) {
@@ -135,17 +165,17 @@ class VolumeConvolution : public torch::autograd::Function<VolumeConvolution> {
     const variable_list saved = saved_once(*context, "volume convolution");
     const Tensor &x = saved[0], &weight = saved[1];
     const VolumeConvolutionSizes sizes = convolution_sizes(x, weight);
+    const bool mixed = context->saved_data["mixed"].toBool();  // backward as forward
     const Tensor dy = channels_last(gradients[0]);
     Tensor dx;
     if (context->needs_input_grad(0)) {
       const VolumeConvolutionSizes back = sizes.transposed();
-      const Tensor packed = torch::empty({back.weights()}, x.options());
-      kernels::pack_transposed_volume_weights(weight.contiguous().data_ptr<float>(), sizes, packed.data_ptr<float>());
-      dx = convolve(back, dy, packed, torch::zeros({back.padded_out()}, x.options()));
+      dx = convolve(back, dy, packed_weights(sizes, weight, true, mixed),
+                    torch::zeros({back.padded_out()}, x.options()));
     }
     ParameterGradients parameters;
     if (context->needs_input_grad(1) || context->needs_input_grad(2))
-      parameters = parameter_gradients(sizes, channels_last(x), dy);
+      parameters = parameter_gradients(sizes, channels_last(x), dy, mixed);
     return {dx, parameters.weight, parameters.bias};
   }
 };

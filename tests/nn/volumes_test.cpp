@@ -6,7 +6,9 @@
 #include <ostream>
 #include <vector>
 
+#include "anigen/nn/kernels/tiles.h"
 #include "anigen/nn/kernels/volume_convolution.h"
+#include "anigen/nn/mixed.h"
 #include "tests/support/kernel_forms.h"
 
 namespace anigen::nn::kernels {
@@ -131,6 +133,81 @@ KERNEL_TEST(VolumeConvolution, TheNumberOfThreadsChangesNoBit) {
     }
   }
   at::set_num_threads(before);
+}
+
+class MixedVolumeConvolutionShapes : public testing::TestWithParam<VolumeConvolutionSizes> {};
+
+// Factors are rounded and nothing else is: all results are those of rounded volumes, weights and slopes, but for the
+// gradient of the bias, which has no factors.
+TEST_P(MixedVolumeConvolutionShapes, AgreesWithTheLibraryOnRoundedFactors) {
+  const VolumeCase c(GetParam());
+  VolumeCase rounded = c;
+  for (Tensor* x : {&rounded.x, &rounded.weight, &rounded.direction})
+    *x = x->to(torch::kFloat32).to(torch::kBFloat16).to(torch::kFloat64);
+  std::vector<Tensor> wanted = rounded.run(library_convolution, torch::kFloat64);
+  const std::vector<Tensor> exact = c.run(library_convolution, torch::kFloat64);
+  wanted[3] = exact[3];
+  test::in_every_kernel_form([&] {
+    const std::vector<Tensor> plain = c.run(volume_convolution, torch::kFloat32);
+    const MixedProducts scope(true);
+    for (const auto format : {torch::MemoryFormat::Contiguous, kChannelsLast}) {
+      const std::vector<Tensor> found = c.run(volume_convolution, torch::kFloat32, format);
+      EXPECT_TRUE(found[0].is_contiguous(kChannelsLast));
+      if (kernels::has_bf16_products()) {
+        expect_same_results(found, wanted);
+        EXPECT_GT(volume_difference(found[0], exact[0]), 1e-5);
+      } else {
+        for (std::size_t i = 0; i < 4; ++i) EXPECT_TRUE(torch::equal(found[i], plain[i])) << i;
+      }
+    }
+  });
+}
+
+// One of everything; odd and even channels of the input; blocks of 32, 16 and 8 output channels and parts of them;
+// lines of odd and even numbers of voxels, with tiles of 1 to 12; groups of several lines; several chunks of the
+// gradient.
+INSTANTIATE_TEST_SUITE_P(
+    Sizes, MixedVolumeConvolutionShapes,
+    testing::Values(VolumeConvolutionSizes{1, 1, 1, 1, 1, 1}, VolumeConvolutionSizes{2, 3, 4, 5, 2, 8},
+                    VolumeConvolutionSizes{2, 4, 3, 13, 3, 16}, VolumeConvolutionSizes{2, 2, 6, 16, 16, 16},
+                    VolumeConvolutionSizes{1, 6, 7, 25, 17, 37}, VolumeConvolutionSizes{2, 3, 5, 12, 32, 48},
+                    VolumeConvolutionSizes{1, 3, 5, 7, 40, 64}, VolumeConvolutionSizes{2, 5, 3, 11, 40, 56},
+                    VolumeConvolutionSizes{1, 3, 3, 3, 3, 3}, VolumeConvolutionSizes{1, 40, 9, 12, 8, 8},
+                    VolumeConvolutionSizes{1, 3, 33, 24, 8, 24}));
+
+TEST(MixedVolumeConvolution, TheNumberOfThreadsChangesNoBit) {
+  const int before = at::get_num_threads();
+  const MixedProducts scope(true);
+  for (const VolumeConvolutionSizes& sizes :
+       {VolumeConvolutionSizes{2, 7, 5, 9, 40, 20}, VolumeConvolutionSizes{1, 40, 3, 8, 8, 8}}) {
+    const VolumeCase c(sizes);
+    at::set_num_threads(1);
+    const std::vector<Tensor> one = c.run(volume_convolution, torch::kFloat32);
+    for (const int threads : {2, 3}) {
+      at::set_num_threads(threads);
+      const std::vector<Tensor> more = c.run(volume_convolution, torch::kFloat32);
+      for (std::size_t i = 0; i < 4; ++i) EXPECT_TRUE(torch::equal(one[i], more[i])) << i << ", " << threads;
+    }
+  }
+  at::set_num_threads(before);
+}
+
+// A backward pass multiplies as its forward pass did, whatever has been asked for since.
+TEST(MixedVolumeConvolution, BackwardFollowsForward) {
+  const VolumeCase c({1, 3, 4, 5, 4, 16});
+  const Tensor direction = c.direction.to(torch::kFloat32);
+  const auto gradients = [&](bool forward, bool backward) {
+    std::vector<Tensor> leaves{c.x.to(torch::kFloat32), c.weight.to(torch::kFloat32), c.bias.to(torch::kFloat32)};
+    for (Tensor& leaf : leaves) leaf = leaf.detach().requires_grad_();
+    const MixedProducts scope(forward);
+    const Tensor out = volume_convolution(leaves[0], leaves[1], leaves[2]);
+    set_mixed_products(backward);
+    return torch::autograd::grad({out}, leaves, {direction});
+  };
+  for (const bool forward : {false, true}) {
+    const std::vector<Tensor> wanted = gradients(forward, forward), found = gradients(forward, !forward);
+    for (std::size_t i = 0; i < 3; ++i) EXPECT_TRUE(torch::equal(found[i], wanted[i])) << i;
+  }
 }
 
 TEST(VolumeConvolution, OnlyGradientsThatAreAskedForAreFormed) {

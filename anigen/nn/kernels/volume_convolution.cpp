@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "anigen/core/kernel_form.h"
+#include "anigen/nn/kernels/volume_slabs.h"
 
 namespace anigen::nn::kernels {
 
@@ -47,67 +48,12 @@ namespace fused = portable;
 
 bool takes_fused() { return kernel_form() >= KernelForm::kAvx2; }
 
-// Twelve sums fill the registers and hide how long an addition takes.
-constexpr std::int64_t kMostSums = 12;
-
-// Cuts [0, total) into as few parts of at most `most` as possible, of about equal length.
-struct Parts {
-  Parts(std::int64_t length, std::int64_t most) : total(length), count((length + most - 1) / most) {}
-  std::int64_t begin(std::int64_t i) const { return total * i / count; }
-  std::int64_t size(std::int64_t i) const { return begin(i + 1) - begin(i); }
-  std::int64_t total, count;
-};
-
-// Three neighbouring slabs [y + 2, z + 2, in] with a border of zeros, for x going up.
-class PaddedSlabs {
- public:
-  PaddedSlabs(const VolumeConvolutionSizes& sizes, const float* input)
-      : sizes_(sizes),
-        input_(input),
-        line_((sizes.z + 2) * sizes.in),
-        slab_((sizes.y + 2) * line_),
-        values_(static_cast<std::size_t>(3 * slab_)) {}
-
-  void move_to(std::int64_t slab) {
-    const std::int64_t item = slab / sizes_.x, x = slab % sizes_.x;
-    const bool follows = slab == last_ + 1 && x > 0;
-    for (std::int64_t plane = follows ? x + 1 : x - 1; plane <= x + 1; ++plane) fill(item, plane);
-    first_ = x;
-    last_ = slab;
-  }
-
-  std::int64_t line_stride() const { return line_; }
-
-  // Line y + dy of slab x + dx, for offsets 0 … 2 that stand for −1 … 1, from the border on.
-  const float* line(std::int64_t y, std::int64_t dx, std::int64_t dy) const {
-    return values_.data() + (first_ + dx) % 3 * slab_ + (y + dy) * line_;
-  }
-
- private:
-  // Slab x lies in place (x + 1) mod 3.
-  void fill(std::int64_t item, std::int64_t x) {
-    float* to = values_.data() + (x + 1) % 3 * slab_;
-    if (x < 0 || x >= sizes_.x) {
-      std::fill_n(to, slab_, 0.0F);
-      return;
-    }
-    const std::int64_t row = sizes_.z * sizes_.in;
-    const float* from = input_ + (item * sizes_.x + x) * sizes_.y * row;
-    std::fill_n(to, line_, 0.0F);
-    for (std::int64_t y = 0; y < sizes_.y; ++y, from += row) {
-      to += line_;
-      std::fill_n(to, sizes_.in, 0.0F);
-      std::copy_n(from, row, to + sizes_.in);
-      std::fill_n(to + sizes_.in + row, sizes_.in, 0.0F);
-    }
-    std::fill_n(to + line_, line_, 0.0F);
-  }
-
-  VolumeConvolutionSizes sizes_;
-  const float* input_;
-  std::int64_t line_, slab_, first_ = 0, last_ = -2;
-  std::vector<float> values_;
-};
+// A line [z + 2, in] of a slab.
+void copy_line(const float* from, std::int64_t z, std::int64_t in, float* to) {
+  std::fill_n(to, in, 0.0F);
+  std::copy_n(from, z * in, to + in);
+  std::fill_n(to + (z + 1) * in, in, 0.0F);
+}
 
 // The weight of tap t (0 … 26), input channel i and output channel o lies at
 // packed[27 · in · first + (t · in + i) · width + o − first] where `first` begins o's block of `width` channels.
@@ -170,7 +116,7 @@ void convolve_slabs(const VolumeConvolutionSizes& sizes, const float* input, con
   using namespace volume_tiles;
   const auto& tiles = takes_fused() ? fused::kForwardTiles : portable::kForwardTiles;
   const std::int64_t padded = sizes.padded_out();
-  PaddedSlabs slabs(sizes, input);
+  PaddedSlabs<float> slabs(sizes, input, sizes.in, copy_line);
   ForwardTile tile{};
   tile.in = sizes.in;
   tile.stride = sizes.out;
@@ -201,7 +147,7 @@ void add_weight_gradient(const VolumeConvolutionSizes& sizes, const float* input
   const auto& tiles = takes_fused() ? fused::kGradientTiles : portable::kGradientTiles;
   const std::int64_t padded = sizes.padded_out(), run_length = 3 * sizes.in;
   const Parts groups(sizes.y, std::max<std::int64_t>(1, gradient_voxels(sizes) / sizes.z));
-  PaddedSlabs slabs(sizes, input);
+  PaddedSlabs<float> slabs(sizes, input, sizes.in, copy_line);
   std::vector<float> scratch, row_sums(static_cast<std::size_t>(padded));
   GradientTile tile{};
   tile.voxels = sizes.z;
