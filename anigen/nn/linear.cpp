@@ -113,9 +113,8 @@ class MixedLinear : public torch::autograd::Function<MixedLinear> {
     const Tensor rows = x.reshape({-1, weight.size(1)}).contiguous(), w = weight.contiguous();
     context->save_for_backward({rows, w});
     context->saved_data["shape"] = x.sizes().vec();
-    context->saved_data["biased"] = bias.defined();
     Tensor y = torch::empty({rows.size(0), w.size(0)}, x.options());
-    bias.defined() ? y.copy_(bias) : y.zero_();
+    y.copy_(bias);
     add_mixed_product(rows, {w.data_ptr<float>(), 1, w.size(1)}, y);
     std::vector<std::int64_t> shape = x.sizes().vec();
     shape.back() = w.size(0);
@@ -134,7 +133,7 @@ class MixedLinear : public torch::autograd::Function<MixedLinear> {
       dx = dx.view(context->saved_data["shape"].toIntVector());
     }
     if (context->needs_input_grad(1)) dw = mixed_correlation(dy, rows);
-    if (context->saved_data["biased"].toBool() && context->needs_input_grad(2)) db = dy.sum(0);
+    if (context->needs_input_grad(2)) db = dy.sum(0);
     return {dx, dw, db};
   }
 };
@@ -273,7 +272,7 @@ bool prefers_mixed_linear(const Tensor& x, const Tensor& weight) {
 }
 
 Tensor mixed_linear(const Tensor& x, const Tensor& weight, const Tensor& bias) {
-  return MixedLinear::apply(x, weight, bias);
+  return MixedLinear::apply(x, weight, bias.defined() ? bias : torch::zeros({weight.size(0)}, weight.options()));
 }
 
 Tensor gelu_tanh(const Tensor& x) {

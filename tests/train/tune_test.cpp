@@ -47,7 +47,8 @@ TEST(SearchSettings, StopsWhereMoreMicroBatchesAreSlowerAndPutsTheFastestFirst) 
 
 TEST(SearchSettings, APrecisionThatTheStageLacksIsAskedOnce) {
   std::vector<StepSettings> asked;
-  const auto all = search({{{"fp32", 1, 1}, 10}, {{"fp32", 2, 2}, 15}}, asked, 2, "precision bf16 is not supported");
+  const auto all = search({{{"fp32", 1, 1}, 10}, {{"fp32", 1, 2}, 9}, {{"fp32", 2, 2}, 15}}, asked, 2,
+                          "precision bf16 is not supported");
   std::size_t reduced = 0;
   for (const StepSettings& settings : asked) reduced += settings.precision == "bf16" ? 1 : 0;
   EXPECT_EQ(reduced, 1u);
