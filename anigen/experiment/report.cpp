@@ -8,6 +8,7 @@
 #include <system_error>
 #include <thread>
 
+#include "anigen/core/chart.h"
 #include "anigen/core/config.h"
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
