@@ -95,7 +95,7 @@ RowLinks link_corners(const SortedCubes& cubes, const GridSet& vertices, const G
 using torch::autograd::AutogradContext;
 using torch::autograd::variable_list;
 
-constexpr std::int64_t kVerticesPerTask = 1 << 12;
+constexpr std::int64_t kVerticesPerTask = 1 << 12, kVerticesAhead = 4;
 
 // Corner values [C, 8, ch] with any strides between cubes and corners, and the means [V, ch] to write.
 template <typename T>
@@ -106,6 +106,8 @@ struct CornerPart {
         cube_stride(corners.stride(0)),
         corner_stride(corners.stride(1)),
         channels(corners.size(2)) {}
+
+  const T* at(std::int64_t cube, std::int64_t k) const { return corner + cube * cube_stride + k * corner_stride; }
 
   const T* corner;
   T* mean;
@@ -120,6 +122,16 @@ void mean_kernel(const std::array<CornerPart<T>, 3>& parts, const Tensor& source
   T* count_of = counts.data_ptr<T>();
   at::parallel_for(0, sources.size(0), kVerticesPerTask, [&](std::int64_t begin, std::int64_t end) {
     for (std::int64_t vertex = begin; vertex < end; ++vertex) {
+      // The values of a vertex lie far apart in memory, so that they are asked for ahead of time.
+      for (std::int64_t slot = (vertex + kVerticesAhead) * kCubeCorners, k = 0; k < kCubeCorners; ++k) {
+        const std::int32_t entry = vertex + kVerticesAhead < end ? source[slot + k] : -1;
+        if (entry < 0) continue;
+        for (const CornerPart<T>& part : parts) {
+          const T* value = part.at(entry / kCubeCorners, k);
+          __builtin_prefetch(value);
+          __builtin_prefetch(value + std::max<std::int64_t>(part.channels, 1) - 1);
+        }
+      }
       int count = 0;
       for (const CornerPart<T>& part : parts) std::fill_n(part.mean + vertex * part.channels, part.channels, T(0));
       for (std::int64_t k = 0; k < kCubeCorners; ++k) {
@@ -127,7 +139,7 @@ void mean_kernel(const std::array<CornerPart<T>, 3>& parts, const Tensor& source
         if (entry < 0) continue;
         ++count;
         for (const CornerPart<T>& part : parts) {
-          const T* value = part.corner + entry / kCubeCorners * part.cube_stride + k * part.corner_stride;
+          const T* value = part.at(entry / kCubeCorners, k);
           T* mean = part.mean + vertex * part.channels;
           for (std::int64_t c = 0; c < part.channels; ++c) mean[c] += value[c];
         }
