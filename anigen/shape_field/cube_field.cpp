@@ -3,6 +3,7 @@
 #include <ATen/Dispatch.h>
 #include <ATen/Parallel.h>
 #include <algorithm>
+#include <array>
 #include <string>
 #include <utility>
 #include <vector>
@@ -54,13 +55,14 @@ struct SortedCubes {
 };
 
 SortedCubes sorted_cubes(const Tensor& coords, std::int64_t resolution, const GridNumbering& grid) {
-  const Tensor outside = (coords.lt(0)).logical_or(coords.ge(resolution)).any(1);
-  if (outside.any().item<bool>()) {
-    const std::int64_t row = outside.nonzero()[0].item<std::int64_t>();
-    throw InputError("", "coords row " + std::to_string(row),
+  const Tensor places = coords.to(torch::kCPU, torch::kInt64).contiguous();
+  const std::int64_t* place = places.data_ptr<std::int64_t>();
+  for (std::int64_t i = 0; i < places.numel(); ++i) {
+    if (place[i] >= 0 && place[i] < resolution) continue;
+    throw InputError("", "coords row " + std::to_string(i / 3),
                      "cube outside the grid of resolution " + std::to_string(resolution));
   }
-  const std::vector<std::int64_t> numbers = grid_numbers(coords, grid);
+  const std::vector<std::int64_t> numbers = grid_numbers(places, grid);
   SortedCubes sorted{{}, sorting_order(numbers)};
   sorted.numbers.reserve(numbers.size());
   for (const std::int32_t row : sorted.rows) {
@@ -93,6 +95,93 @@ RowLinks link_corners(const SortedCubes& cubes, const GridSet& vertices, const G
 using torch::autograd::AutogradContext;
 using torch::autograd::variable_list;
 
+constexpr std::int64_t kVerticesPerTask = 1 << 12, kVerticesAhead = 4;
+
+// Corner values [C, 8, ch] with any strides between cubes and corners, and the means [V, ch] to write.
+template <typename T>
+struct CornerPart {
+  CornerPart(const Tensor& corners, const Tensor& means)
+      : corner(corners.data_ptr<T>()),
+        mean(means.data_ptr<T>()),
+        cube_stride(corners.stride(0)),
+        corner_stride(corners.stride(1)),
+        channels(corners.size(2)) {}
+
+  const T* at(std::int64_t cube, std::int64_t k) const { return corner + cube * cube_stride + k * corner_stride; }
+
+  const T* corner;
+  T* mean;
+  std::int64_t cube_stride, corner_stride, channels;
+};
+
+// Means of all parts in one pass over the vertices. @param sources [V, 8], slot k the corner with number k
+// @param counts [V, 1] filled with the number of corners
+template <typename T>
+void mean_kernel(const std::array<CornerPart<T>, 3>& parts, const Tensor& sources, const Tensor& counts) {
+  const std::int32_t* source = sources.data_ptr<std::int32_t>();
+  T* count_of = counts.data_ptr<T>();
+  at::parallel_for(0, sources.size(0), kVerticesPerTask, [&](std::int64_t begin, std::int64_t end) {
+    for (std::int64_t vertex = begin; vertex < end; ++vertex) {
+      // The values of a vertex lie far apart in memory, so that they are asked for ahead of time.
+      for (std::int64_t slot = (vertex + kVerticesAhead) * kCubeCorners, k = 0; k < kCubeCorners; ++k) {
+        const std::int32_t entry = vertex + kVerticesAhead < end ? source[slot + k] : -1;
+        if (entry < 0) continue;
+        for (const CornerPart<T>& part : parts) {
+          const T* value = part.at(entry / kCubeCorners, k);
+          __builtin_prefetch(value);
+          __builtin_prefetch(value + std::max<std::int64_t>(part.channels, 1) - 1);
+        }
+      }
+      int count = 0;
+      for (const CornerPart<T>& part : parts) std::fill_n(part.mean + vertex * part.channels, part.channels, T(0));
+      for (std::int64_t k = 0; k < kCubeCorners; ++k) {
+        const std::int32_t entry = source[vertex * kCubeCorners + k];
+        if (entry < 0) continue;
+        ++count;
+        for (const CornerPart<T>& part : parts) {
+          const T* value = part.at(entry / kCubeCorners, k);
+          T* mean = part.mean + vertex * part.channels;
+          for (std::int64_t c = 0; c < part.channels; ++c) mean[c] += value[c];
+        }
+      }
+      count_of[vertex] = static_cast<T>(count);
+      for (const CornerPart<T>& part : parts) {
+        T* mean = part.mean + vertex * part.channels;
+        for (std::int64_t c = 0; c < part.channels; ++c) mean[c] /= count_of[vertex];
+      }
+    }
+  });
+}
+
+// Means at vertices of three groups of corner values, all on the CPU.
+class CornerMeans : public torch::autograd::Function<CornerMeans> {
+ public:
+  static variable_list forward(AutogradContext* context, const Tensor& a, const Tensor& b, const Tensor& c,
+                               const Tensor& targets, const Tensor& sources) {
+    const auto like = [&](const Tensor& x) { return torch::empty({sources.size(0), x.size(2)}, x.options()); };
+    const variable_list means = {like(a), like(b), like(c)};
+    const Tensor counts = torch::empty({sources.size(0), 1}, a.options());
+    AT_DISPATCH_FLOATING_TYPES(a.scalar_type(), "corner_means", [&] {
+      mean_kernel<scalar_t>(
+          {CornerPart<scalar_t>(a, means[0]), CornerPart<scalar_t>(b, means[1]), CornerPart<scalar_t>(c, means[2])},
+          sources, counts);
+    });
+    context->save_for_backward({targets, sources, counts});
+    context->set_materialize_grads(false);  // fields without a surface use one of the three
+    return means;
+  }
+  static variable_list backward(AutogradContext* context, variable_list gradients) {
+    const variable_list saved = context->get_saved_variables();
+    variable_list result(5);
+    for (std::size_t i = 0; i < gradients.size(); ++i) {
+      if (!gradients[i].defined()) continue;
+      const Tensor entries = gather_rows(gradients[i] / saved[2], RowLinks{saved[0], saved[1]});
+      result[i] = entries.view({-1, kCubeCorners, gradients[i].size(1)});
+    }
+    return result;
+  }
+};
+
 constexpr std::int64_t kCubesPerSum = 2048;  // partial sums have this length for any number of threads
 
 // Corner values [C, 8, ch] beside the means [V, ch] they belong to.
@@ -117,6 +206,27 @@ struct CornerValues {
     }
   }
 
+  // One sum per corner number, so that additions need not wait for each other.
+  double sum_of_squares(std::int64_t begin, std::int64_t end) const {
+    std::array<double, kCubeCorners> sums{};
+    std::array<const T*, kCubeCorners> value{}, center{};
+    for (std::int64_t cube = begin; cube < end; ++cube) {
+      for (std::int64_t k = 0; k < kCubeCorners; ++k) {
+        value[static_cast<std::size_t>(k)] = corner + cube * cube_stride + k * corner_stride;
+        center[static_cast<std::size_t>(k)] = mean + vertex[cube * kCubeCorners + k] * mean_stride;
+      }
+      for (std::int64_t c = 0; c < channels; ++c) {
+        for (std::size_t k = 0; k < kCubeCorners; ++k) {
+          const auto deviation = static_cast<double>(value[k][c] - center[k][c]);
+          sums[k] += deviation * deviation;
+        }
+      }
+    }
+    double total = 0.0;
+    for (const double sum : sums) total += sum;
+    return total;
+  }
+
   const T *corner, *mean;
   const std::int64_t* vertex;
   std::int64_t cube_stride, corner_stride, mean_stride, channels;
@@ -129,11 +239,8 @@ double sum_of_squares(const Tensor& corners, const Tensor& means, const Tensor& 
   std::vector<double> sums(static_cast<std::size_t>(parts), 0.0);
   at::parallel_for(0, parts, 1, [&](std::int64_t begin, std::int64_t end) {
     for (std::int64_t part = begin; part < end; ++part) {
-      double sum = 0.0;
-      values.for_cubes(part * kCubesPerSum, std::min(cubes, (part + 1) * kCubesPerSum), [&](std::int64_t, T deviation) {
-        sum += static_cast<double>(deviation) * static_cast<double>(deviation);
-      });
-      sums[static_cast<std::size_t>(part)] = sum;
+      sums[static_cast<std::size_t>(part)] =
+          values.sum_of_squares(part * kCubesPerSum, std::min(cubes, (part + 1) * kCubesPerSum));
     }
   });
   double total = 0.0;
@@ -185,6 +292,18 @@ class CornerDeviation : public torch::autograd::Function<CornerDeviation> {
 // The kernels step through channels one by one.
 Tensor adjacent(const Tensor& x) { return x.size(-1) <= 1 || x.stride(-1) == 1 ? x : x.contiguous(); }
 
+// @return sdf [V, 1], deformation [V, 3] and attributes [V, A]
+std::vector<Tensor> corner_means(const CubeCorners& corners, const RowLinks& links) {
+  const Tensor sdf = corners.sdf.unsqueeze(-1);
+  if (sdf.is_cpu()) {
+    return CornerMeans::apply(sdf, adjacent(corners.deform), adjacent(corners.attributes), links.targets,
+                              links.sources);
+  }
+  const Tensor counts = links.sources.ge(0).sum(1, /*keepdim=*/true).to(sdf.scalar_type());
+  const auto mean = [&](const Tensor& values) { return sum_rows(values, links) / counts; };
+  return {mean(sdf), mean(corners.deform), mean(corners.attributes)};
+}
+
 Tensor squared_deviation(const Tensor& corners, const Tensor& means, const Tensor& vertices) {
   TORCH_CHECK(corners.dim() == 3 && corners.size(0) == vertices.size(0) && corners.size(2) == means.size(1), "corners ",
               corners.sizes(), " beside averaged values ", means.sizes());
@@ -214,15 +333,13 @@ CubeField average_corners(const CubeCorners& corners, std::int64_t resolution) {
 
   const torch::Device device = corners.sdf.device();
   const RowLinks links = link_corners(cubes, vertices, grid).to(device);
-  const Tensor counts = links.sources.ge(0).sum(1, /*keepdim=*/true).to(corners.sdf.scalar_type());
-  const auto mean = [&](const Tensor& values) { return sum_rows(values, links) / counts; };
-
   CubeField field;
   field.resolution = resolution;
   field.vertices = grid_places(vertices, grid).to(device);
-  field.sdf = mean(corners.sdf.unsqueeze(-1)).squeeze(-1);
-  field.deform = mean(corners.deform);
-  field.attributes = mean(corners.attributes);
+  const std::vector<Tensor> means = corner_means(corners, links);
+  field.sdf = means[0].squeeze(-1);
+  field.deform = means[1];
+  field.attributes = means[2];
   field.coords = corners.coords;
   field.corner_vertices = links.targets.view({-1, kCubeCorners});
   field.weights = corners.weights;

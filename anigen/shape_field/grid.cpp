@@ -14,6 +14,7 @@ constexpr std::int64_t kDigitMask = (1 << kDigitBits) - 1;
 constexpr std::int64_t kRowsPerTask = 1 << 14;
 
 constexpr std::int64_t kPointsPerTask = 256;
+constexpr std::int64_t kMostIndexedSide = 1025;  // 8 MB
 
 // The nearest vertices found so far, ascending by distance, then row.
 class NearestList {
@@ -46,7 +47,13 @@ class VertexSearch {
                        .detach()
                        .to(torch::kCPU, torch::kFloat64)
                        .contiguous()),
-        position_(positions_.data_ptr<double>()) {}
+        position_(positions_.data_ptr<double>()) {
+    // Rows of the vertices from each (x, y) on; finer grids search all vertices instead.
+    if (grid_.side > kMostIndexedSide) return;
+    first_in_line_.assign(static_cast<std::size_t>(grid_.side * grid_.side) + 1, 0);
+    for (const std::int64_t number : vertices_) ++first_in_line_[static_cast<std::size_t>(number / grid_.side) + 1];
+    std::partial_sum(first_in_line_.begin(), first_in_line_.end(), first_in_line_.begin());
+  }
 
   // Boxes of growing size, until no vertex outside can be nearer: those stand at least radius + 1 cells from the point
   // along some axis, less half a cell that deformation may move them.
@@ -65,6 +72,12 @@ class VertexSearch {
   }
 
  private:
+  // Range that holds all vertices with these coordinates.
+  std::pair<GridSet::const_iterator, GridSet::const_iterator> line_at(std::int64_t x, std::int64_t y) const {
+    if (first_in_line_.empty()) return {vertices_.begin(), vertices_.end()};
+    const auto line = static_cast<std::size_t>(x * grid_.side + y);
+    return {vertices_.begin() + first_in_line_[line], vertices_.begin() + first_in_line_[line + 1]};
+  }
   void scan(const double* point, const std::array<std::int64_t, 3>& cell, std::int64_t radius,
             NearestList& list) const {
     const auto low = [&](std::size_t axis) { return std::max<std::int64_t>(0, cell[axis] - radius); };
@@ -72,8 +85,9 @@ class VertexSearch {
     for (std::int64_t x = low(0); x <= high(0); ++x) {
       for (std::int64_t y = low(1); y <= high(1); ++y) {
         const std::int64_t last = grid_.number(x, y, high(2));
-        auto place = std::lower_bound(vertices_.begin(), vertices_.end(), grid_.number(x, y, low(2)));
-        for (; place != vertices_.end() && *place <= last; ++place) {
+        const auto [line, line_end] = line_at(x, y);
+        auto place = std::lower_bound(line, line_end, grid_.number(x, y, low(2)));
+        for (; place != line_end && *place <= last; ++place) {
           const std::int64_t row = place - vertices_.begin();
           double squared = 0.0;
           for (std::int64_t axis = 0; axis < 3; ++axis) {
@@ -89,6 +103,7 @@ class VertexSearch {
   std::int64_t resolution_;
   GridNumbering grid_;
   GridSet vertices_;
+  std::vector<std::int64_t> first_in_line_;  // [side² + 1], or empty
   Tensor positions_;
   const double* position_;
 };

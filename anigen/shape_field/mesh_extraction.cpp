@@ -1,5 +1,6 @@
 #include "anigen/shape_field/mesh_extraction.h"
 
+#include <ATen/Dispatch.h>
 #include <vector>
 
 #include "anigen/core/error.h"
@@ -57,15 +58,64 @@ CubeCorners split_channels(const Tensor& coords, const Tensor& feats, const Mesh
   return corners;
 }
 
-Tensor interpolated_skin(const ExtractedMesh& mesh, const MeshFieldOptions& options) {
+using torch::autograd::AutogradContext;
+using torch::autograd::variable_list;
+
+// Σ_k w_pk f_{r_pk}, in one pass and without the [P, K, S] chosen features. Entries are added in order, p first.
+class WeightedRows : public torch::autograd::Function<WeightedRows> {
+ public:
+  // @param features [V, S] @param rows [P, K] int64 @param weights [P, K], constants @return [P, S]
+  static Tensor forward(AutogradContext* context, const Tensor& features, const Tensor& rows, const Tensor& weights) {
+    context->save_for_backward({rows, weights});
+    context->saved_data["rows"] = features.size(0);
+    const Tensor table = features.contiguous();
+    const Tensor out = torch::zeros({rows.size(0), table.size(1)}, table.options());
+    AT_DISPATCH_FLOATING_TYPES(table.scalar_type(), "weighted_rows", [&] {
+      const scalar_t* feature = table.data_ptr<scalar_t>();
+      scalar_t* sum = out.data_ptr<scalar_t>();
+      const std::int64_t channels = table.size(1), count = rows.size(1);
+      for_entries<scalar_t>(rows, weights, [&](std::int64_t entry, std::int64_t row, scalar_t weight) {
+        for (std::int64_t c = 0; c < channels; ++c)
+          sum[entry / count * channels + c] += weight * feature[row * channels + c];
+      });
+    });
+    return out;
+  }
+  static variable_list backward(AutogradContext* context, variable_list gradients) {
+    const variable_list saved = nn::saved_once(*context, "the interpolation of skin features");
+    const Tensor &rows = saved[0], &weights = saved[1], d_out = gradients[0].contiguous();
+    const Tensor out = torch::zeros({context->saved_data["rows"].toInt(), d_out.size(1)}, d_out.options());
+    AT_DISPATCH_FLOATING_TYPES(d_out.scalar_type(), "weighted_rows_backward", [&] {
+      const scalar_t* d_sum = d_out.data_ptr<scalar_t>();
+      scalar_t* d_feature = out.data_ptr<scalar_t>();
+      const std::int64_t channels = d_out.size(1), count = rows.size(1);
+      for_entries<scalar_t>(rows, weights, [&](std::int64_t entry, std::int64_t row, scalar_t weight) {
+        for (std::int64_t c = 0; c < channels; ++c)
+          d_feature[row * channels + c] += weight * d_sum[entry / count * channels + c];
+      });
+    });
+    return {out, Tensor(), Tensor()};
+  }
+
+ private:
+  template <typename T, typename Body>
+  static void for_entries(const Tensor& rows, const Tensor& weights, const Body& body) {
+    const std::int64_t* row = rows.data_ptr<std::int64_t>();
+    const T* weight = weights.data_ptr<T>();
+    for (std::int64_t entry = 0; entry < rows.numel(); ++entry) body(entry, row[entry], weight[entry]);
+  }
+};
+
+Tensor interpolated_skin(const ExtractedMesh& mesh, const Tensor& points, const MeshFieldOptions& options) {
   const Tensor features = mesh.field.attributes.narrow(1, 0, options.skin_channels);
   const bool trilinear = options.skin_interp_trilinear || options.skin_nodeform_trilinear;
-  if (trilinear && deform_disabled(options)) return interpolate_trilinearly(mesh.field, features, mesh.vertices);
-  return interpolate_from_nearest(mesh.field, features, mesh.vertices, options.skin_interp_nearest ? 1 : kNearVertices,
+  if (trilinear && deform_disabled(options)) return interpolate_trilinearly(mesh.field, features, points);
+  return interpolate_from_nearest(mesh.field, features, points, options.skin_interp_nearest ? 1 : kNearVertices,
                                   options.skin_interp_use_deformed_grid);
 }
 
-void set_surface(const ExtractedSurface& surface, const MeshFieldOptions& options, ExtractedMesh& mesh) {
+void set_surface(const ExtractedSurface& surface, const MeshFieldOptions& options, SkinFeatures skin_features,
+                 ExtractedMesh& mesh) {
   mesh.vertices = surface.vertices;
   mesh.faces = surface.faces;
   mesh.success = mesh.vertices.size(0) > 0 && mesh.faces.size(0) > 0;
@@ -74,7 +124,11 @@ void set_surface(const ExtractedSurface& surface, const MeshFieldOptions& option
   if (options.use_color) mesh.attributes = parts[1];
   if (skin == 0) return;
   const bool interpolate = options.skin_interp_sparse || options.skin_nodeform_trilinear;
-  mesh.skin_features = interpolate && mesh.vertices.size(0) > 0 ? interpolated_skin(mesh, options) : parts[0];
+  if (!interpolate || mesh.vertices.size(0) == 0) {
+    mesh.skin_features = parts[0];
+  } else if (skin_features == SkinFeatures::kOfAllVertices) {
+    mesh.skin_features = interpolated_skin(mesh, mesh.vertices, options);
+  }
 }
 
 void regularize(const CubeCorners& corners, const Tensor& consistency, const Tensor& deviation, ExtractedMesh& mesh) {
@@ -148,10 +202,11 @@ Tensor interpolate_from_nearest(const CubeField& field, const Tensor& features, 
   const double deviation = kGaussianCells / static_cast<double>(field.resolution);
   const Tensor gaussian = torch::exp(nearest.squared / (-2.0 * deviation * deviation));
   const Tensor weights = gaussian / gaussian.sum(1, /*keepdim=*/true).clamp_min(kLeastGaussianSum);
-  const Tensor chosen = features.index_select(0, nearest.rows.view({-1}).to(features.device()));
-  return (chosen.view({-1, count, features.size(1)}) *
-          weights.to(features.device(), features.scalar_type()).unsqueeze(-1))
-      .sum(1);
+  const Tensor rows = nearest.rows.to(features.device()),
+               shares = weights.to(features.device(), features.scalar_type()).contiguous();
+  if (features.is_cpu()) return WeightedRows::apply(features, rows, shares);
+  const Tensor chosen = features.index_select(0, rows.view({-1}));
+  return (chosen.view({-1, count, features.size(1)}) * shares.unsqueeze(-1)).sum(1);
 }
 
 Tensor interpolate_trilinearly(const CubeField& field, const Tensor& features, const Tensor& points) {
@@ -171,7 +226,8 @@ Tensor interpolate_trilinearly(const CubeField& field, const Tensor& features, c
   return sum;
 }
 
-ExtractedMesh extract_mesh(const Tensor& coords, const Tensor& feats, const MeshFieldOptions& options, bool training) {
+ExtractedMesh extract_mesh(const Tensor& coords, const Tensor& feats, const MeshFieldOptions& options, bool training,
+                           SkinFeatures skin_features) {
   if (options.resolution < 1 || options.skin_channels < 0)
     throw InputError("", "", "a mesh field needs a resolution of at least 1 and no negative number of skin channels");
   if (!feats.defined() || feats.dim() != 2 || feats.size(1) != options.channels()) {
@@ -188,9 +244,17 @@ ExtractedMesh extract_mesh(const Tensor& coords, const Tensor& feats, const Mesh
   const Tensor consistency = training ? corner_consistency(corners, mesh.field) : Tensor();
   if (deform_disabled(options)) mesh.field.deform = torch::zeros_like(mesh.field.deform);
   const ExtractedSurface surface = flexicubes(mesh.field, training);
-  set_surface(surface, options, mesh);
+  set_surface(surface, options, skin_features, mesh);
   if (training) regularize(corners, consistency, surface.deviation, mesh);
   return mesh;
+}
+
+Tensor skin_features_at(const ExtractedMesh& mesh, const MeshFieldOptions& options, const Tensor& vertices) {
+  const auto chosen = [&](const Tensor& rows) { return vertices.defined() ? rows.index_select(0, vertices) : rows; };
+  if (mesh.skin_features.defined() || options.skin_channels == 0)
+    return mesh.skin_features.defined() ? chosen(mesh.skin_features) : Tensor();
+  RECORD_USER_SCOPE("surface extraction: skin features");
+  return interpolated_skin(mesh, chosen(mesh.vertices), options);
 }
 
 Tensor ssim_window() {

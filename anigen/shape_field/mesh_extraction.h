@@ -49,7 +49,7 @@ struct ExtractedMesh {
   Tensor vertices;       ///< [V, 3] object space
   Tensor faces;          ///< [F, 3] int64
   Tensor attributes;     ///< [V, 6]: RGB and normal map, in [0, 1]; undefined without colour
-  Tensor skin_features;  ///< [V, S]; undefined without skin
+  Tensor skin_features;  ///< [V, S]; undefined without skin, and when left to skin_features_at()
   /// The averaged field, for the TSDF loss (field.positions(), field.sdf) and inspection; attributes: skin feature,
   /// then colour. Its deformation is zero when the options disable it.
   CubeField field;
@@ -59,10 +59,20 @@ struct ExtractedMesh {
   } terms;
 };
 
+/// Extent of ExtractedMesh::skin_features: a loss over a few vertices need not interpolate those of all. Features that
+/// pass through FlexiCubes are there in either case.
+enum class SkinFeatures { kOfAllVertices, kWhenAskedFor };
+
 /// Channels of the fine voxels of one asset → mesh. Differentiable once in feats.
 /// @param coords [C, 3] integers in [0, resolution), no voxel twice @param feats [C, options.channels()] fp32 or fp64
 /// @throws InputError when shapes do not fit, or for a voxel outside the grid or twice
-ExtractedMesh extract_mesh(const Tensor& coords, const Tensor& feats, const MeshFieldOptions& options, bool training);
+ExtractedMesh extract_mesh(const Tensor& coords, const Tensor& feats, const MeshFieldOptions& options, bool training,
+                           SkinFeatures skin_features = SkinFeatures::kOfAllVertices);
+
+/// Skin features of some vertices of a mesh, those that extract_mesh would give. Differentiable once.
+/// @param options of the extraction @param vertices [P] int64 rows; undefined: all @return [P, S], undefined without
+/// skin
+Tensor skin_features_at(const ExtractedMesh& mesh, const MeshFieldOptions& options, const Tensor& vertices);
 
 // Losses between images (docs/reference/training.md, 3.3). Pictures are [N, C, H, W], colours or encoded normals in [0,
 // 1]; everything can be differentiated.

@@ -270,14 +270,14 @@ SparseTensor StructuredLatentDecoderImpl::decode_surface(const SparseTensor& geo
   return fine;
 }
 
-std::vector<shape_field::ExtractedMesh> StructuredLatentDecoderImpl::extract_meshes(const Fields& decoded,
-                                                                                    bool training) {
+std::vector<shape_field::ExtractedMesh> StructuredLatentDecoderImpl::extract_meshes(
+    const Fields& decoded, bool training, shape_field::SkinFeatures skin_features) {
   const nn::Ragged& items = decoded.mesh.support->items();
   const std::vector<Tensor> coords = items.split(decoded.mesh.support->coords().slice(1, 1));
   const std::vector<Tensor> feats = items.split(decoded.mesh.feats);
   std::vector<shape_field::ExtractedMesh> meshes;
   for (std::size_t i = 0; i < feats.size(); ++i)
-    meshes.push_back(shape_field::extract_mesh(coords[i], feats[i], mesh_options_, training));
+    meshes.push_back(shape_field::extract_mesh(coords[i], feats[i], mesh_options_, training, skin_features));
   return meshes;
 }
 

@@ -92,8 +92,10 @@ class StructuredLatentDecoderImpl : public nn::FreezableModel {
 
   /// Layout of Fields::mesh, for shape_field::extract_mesh.
   const shape_field::MeshFieldOptions& mesh_options() const { return mesh_options_; }
-  /// Meshes of each asset. @param training see shape_field::extract_mesh
-  std::vector<shape_field::ExtractedMesh> extract_meshes(const Fields& decoded, bool training);
+  /// Meshes of each asset. Further parameters see shape_field::extract_mesh.
+  std::vector<shape_field::ExtractedMesh> extract_meshes(
+      const Fields& decoded, bool training,
+      shape_field::SkinFeatures skin_features = shape_field::SkinFeatures::kOfAllVertices);
   /// Skin weights of any points of one asset from their skin features, in chunks of points that take at most
   /// `max_bytes` beside the result, at least one point (docs/reference/autoencoders.md, 2.2 and 5.5). Exact: a point's
   /// weights depend on its own feature and the joints only. With gradients the graph of all chunks is kept.

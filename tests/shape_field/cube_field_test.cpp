@@ -83,6 +83,34 @@ TEST(CubeField, VerticesAreMeansOfTheCornersThatTouchThem) {
   }
 }
 
+// The pass over all channels at once against sums of rows, in fp32, with strides as a decoder's channels have them.
+TEST(CubeField, MeansAndConsistencyEqualTheTensorForm) {
+  const CubeCorners source = scattered_corners(6, torch::kFloat32);
+  const std::int64_t cubes = source.coords.size(0);
+  const Tensor all = torch::cat(
+      {source.sdf, source.deform.reshape({cubes, -1}), source.weights, source.attributes.reshape({cubes, -1})}, 1);
+  const auto split = [&](const Tensor& feats) {
+    const std::vector<Tensor> parts = feats.split_with_sizes({8, 24, kCubeWeights, 40}, 1);
+    return CubeCorners{source.coords, parts[0], parts[1].view({cubes, 8, 3}), parts[3].view({cubes, 8, 5}), parts[2]};
+  };
+  const Tensor a = all.clone().set_requires_grad(true), b = all.clone().set_requires_grad(true);
+  const CubeCorners corners = split(a);
+  const CubeField field = average_corners(corners, 6);
+  const Tensor consistency = corner_consistency(corners, field);
+
+  const Tensor values = stacked(split(b)).reshape({cubes * 8, -1}), rows = field.corner_vertices.reshape({-1});
+  const auto sum = [&](const Tensor& x) {
+    return torch::zeros({field.vertices.size(0), x.size(1)}, x.options()).index_add(0, rows, x);
+  };
+  const Tensor means = sum(values) / sum(torch::ones({cubes * 8, 1}));
+  EXPECT_TRUE(torch::allclose(stacked(field), means, 1e-6, 1e-6));
+  const Tensor wanted = (values - means.index_select(0, rows)).square().mean();
+  EXPECT_NEAR(consistency.item<float>(), wanted.item<float>(), 1e-6F * wanted.item<float>());
+  (stacked(field).pow(3).sum() + 100.0 * consistency).backward();
+  (means.pow(3).sum() + 100.0 * wanted).backward();
+  EXPECT_TRUE(torch::allclose(a.grad(), b.grad(), 1e-5, 1e-6));
+}
+
 TEST(CubeField, PositionsAreDeformedByAtMostHalfACell) {
   CubeCorners corners = scattered_corners(4);
   corners.deform = 100.0 * corners.deform;

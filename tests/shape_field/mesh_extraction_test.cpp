@@ -260,6 +260,66 @@ TEST(SkinFeatureInterpolation, WeighsByAGaussian) {
   EXPECT_LT(test::directional_error(loss, field.attributes, torch::randn_like(field.attributes), 1e-5), 1e-6);
 }
 
+// Such a grid has no table of its lines.
+TEST(SkinFeatureInterpolation, FindsTheNearestVerticesOfAFineGrid) {
+  CubeCorners corners = test::random_corners(4, 3);
+  corners.coords = corners.coords + 1100;
+  const CubeField field = average_corners(corners, 2000);
+  const Tensor places = field.grid_positions();
+  const Tensor points = places.index_select(0, torch::arange(0, 100, 3, torch::kInt64)) + 1e-4;
+  const NearestGridVertices found = nearest_grid_vertices(field, points, 8, false);
+  const Tensor squared = (points.unsqueeze(1) - places.unsqueeze(0)).square().sum(2);
+  const Tensor wanted = std::get<0>(squared.topk(8, 1, /*largest=*/false, /*sorted=*/true));
+  EXPECT_TRUE(torch::allclose(found.squared, wanted, 1e-12, 1e-15));
+}
+
+// The sums of the fused kernel, in its order, against gathered rows.
+TEST(SkinFeatureInterpolation, EqualsTheTensorFormInFp32) {
+  const CubeField field = part_of_a_grid();
+  const Tensor points = torch::rand({300, 3}, torch::kFloat64) - 0.5;
+  const NearestGridVertices near = nearest_grid_vertices(field, points, 8, false);
+  const double deviation = 1.5 / 7.0;
+  const Tensor gaussian = torch::exp(near.squared / (-2.0 * deviation * deviation));
+  const Tensor weights = (gaussian / gaussian.sum(1, true)).to(torch::kFloat32);
+  const Tensor a = field.attributes.detach().to(torch::kFloat32).set_requires_grad(true);
+  const Tensor b = a.detach().clone().set_requires_grad(true);
+  const Tensor found = interpolate_from_nearest(field, a, points, 8, false);
+  const Tensor rows = b.index_select(0, near.rows.view({-1})).view({300, 8, b.size(1)});
+  const Tensor wanted = (rows * weights.unsqueeze(-1)).sum(1);
+  EXPECT_TRUE(torch::allclose(found, wanted, 1e-6, 1e-6));
+  found.pow(3).sum().backward();
+  wanted.pow(3).sum().backward();
+  EXPECT_TRUE(torch::allclose(a.grad(), b.grad(), 1e-5, 1e-6));
+}
+
+// Those of some vertices are the rows of all, with the same gradient.
+TEST(SkinFeatureInterpolation, OfSomeVerticesEqualsThatOfAll) {
+  const Channels in = golden_channels();
+  for (const bool sparse : {false, true}) {
+    MeshFieldOptions options = options_of(8);
+    options.skin_interp_sparse = sparse;
+    const auto run = [&](SkinFeatures extent, const Tensor& feats) {
+      const ExtractedMesh mesh = extract_mesh(in.coords, feats, options, true, extent);
+      const bool wanted = extent == SkinFeatures::kOfAllVertices || !sparse;
+      EXPECT_EQ(mesh.skin_features.defined(), wanted);
+      torch::manual_seed(14);
+      const Tensor some = torch::randperm(mesh.vertices.size(0), torch::kInt64).slice(0, 0, 40);
+      if (wanted) {
+        const Tensor all = mesh.skin_features;
+        EXPECT_TRUE(torch::equal(skin_features_at(mesh, options, some), all.index_select(0, some)));
+        return all.index_select(0, some);
+      }
+      return skin_features_at(mesh, options, some);
+    };
+    const Tensor a = in.feats.detach().clone().set_requires_grad(true), b = a.detach().clone().set_requires_grad(true);
+    const Tensor all = run(SkinFeatures::kOfAllVertices, a), some = run(SkinFeatures::kWhenAskedFor, b);
+    EXPECT_TRUE(torch::equal(all, some));
+    all.sin().sum().backward();
+    some.sin().sum().backward();
+    EXPECT_TRUE(torch::allclose(a.grad(), b.grad(), 1e-12, 1e-12));
+  }
+}
+
 TEST(SkinFeatureInterpolation, TrilinearKeepsLinearFunctionsAndZerosOutside) {
   const CubeField full = average_corners(test::corners_of(test::sphere_at(0.3), 6, 100.0), 6);
   torch::manual_seed(12);

@@ -209,15 +209,13 @@ structured_latent::RigLosses StructuredLatentAutoEncoderStage::compare_rigs(cons
     if (pretrained && rig.lambda_skin_feats_l2_skl > 0.0) truth.joint_features = latents.joint_skin_embeds[i];
     if (pretrained && rig.lambda_skin_feats_l2 > 0.0) truth.vertex_features = latents.vert_skin_embeds[i];
     if (predicted.mesh && !truth.is_bad_skin) {
-      const auto part = [&](const Tensor& rows) {
-        return chosen[i].defined() ? rows.index_select(0, chosen[i]) : rows;
-      };
-      const Tensor vertices = part(meshes[i].vertices.detach());
+      const Tensor all = meshes[i].vertices.detach();
+      const Tensor vertices = chosen[i].defined() ? all.index_select(0, chosen[i]) : all;
       truth.mix = inputs.rigs.surfaces.empty()
                       ? skin_field::nearest_vertex_mix(inputs.rigs.vertices[i], vertices)
                       : skin_field::nearest_surface_mix(*inputs.rigs.surfaces[i], inputs.rigs.vertices[i],
                                                         inputs.rigs.faces[i], vertices, skin_field::kLossLeastWeight);
-      predicted.vertex_features = part(meshes[i].skin_features);
+      predicted.vertex_features = shape_field::skin_features_at(meshes[i], decoder_->mesh_options(), chosen[i]);
       if (rig.lambda_skin_kl > 0.0) {
         predicted.skin =
             decoder_->skin_weights(predicted.vertex_features, inputs.skeletons[i], decoded.joint_features[i].features);
@@ -252,7 +250,7 @@ Losses StructuredLatentAutoEncoderStage::losses(const data::Batch& batch, const 
 
   // The S³ fields over the true joints, their surfaces, and L_reg of FlexiCubes.
   const Fields decoded = decoder_->forward(z, inputs.skeletons);
-  const Meshes meshes = decoder_->extract_meshes(decoded, /*training=*/true);
+  const Meshes meshes = decoder_->extract_meshes(decoded, /*training=*/true, shape_field::SkinFeatures::kWhenAskedFor);
   sum.add("reg_loss", mean_regularizer(meshes));
 
   // L_geo and L_color of the assets with a surface, which pictures can compare; λ · tsdf_loss / τ² of the others.
