@@ -76,7 +76,8 @@ TimedSettings time_in_process(const Json& config, const StepSettings& settings, 
                    "warn"};
   if (!command.run.load.empty()) program.words.insert(program.words.end(), {"--load", command.run.load.string()});
   program.log = folder / "trial.txt";
-  TimedSettings timed{settings};
+  TimedSettings timed;
+  timed.settings = settings;
   ChildProcess process(program);
   std::optional<ChildProcess::End> end;
   while (!(end = process.poll())) {

@@ -15,7 +15,8 @@ std::vector<TimedSettings> search(const Rates& rates, std::vector<StepSettings>&
                                   const std::string& failure) {
   return search_settings(batch_size, 2, {"fp32", "bf16"}, [&](const StepSettings& settings) {
     asked.push_back(settings);
-    TimedSettings timed{settings};
+    TimedSettings timed;
+    timed.settings = settings;
     const auto found = rates.find({settings.precision, settings.replicas, settings.batch_split});
     if (found == rates.end()) {
       timed.failure = failure;
