@@ -366,8 +366,8 @@ std::string to_markdown(const Oracle& oracle) {
       "voxels of stage 4; generation: both sampled.\n";
   const auto add = [&](const char* title, const std::optional<eval::Comparison>& comparison) {
     if (!comparison) return;
-    text += std::string("\n## ") + title + "\n\n" +
-            to_markdown(eval::method_table(*comparison, columns_of(*comparison))) + "\n";
+    text +=
+        std::string("\n## ") + title + "\n\n" + to_markdown(eval::method_table(*comparison, columns_of(*comparison)));
   };
   add("Rigs, registered", oracle.aligned);
   add("Rigs, not registered", oracle.unaligned);
@@ -379,12 +379,12 @@ std::string to_markdown(const Oracle& oracle) {
     for (const double value : {score.iou, score.f1, score.iou_skl, score.f1_skl, score.inside})
       voxels.rows.back().push_back(fixed(value, 3));
   }
-  text += "\n## Voxels against the dataset's\n\n" + to_markdown(voxels) + "\n";
+  text += "\n## Voxels against the dataset's\n\n" + to_markdown(voxels);
   Table failed{{"row", "asset", "failure"}, {}};
   for (const OracleAsset& asset : oracle.assets) {
     for (const auto& [row, failure] : asset.failures) failed.rows.push_back({row, asset.id, failure});
   }
-  if (!failed.rows.empty()) text += "\n## Failures\n\n" + to_markdown(failed) + "\n";
+  if (!failed.rows.empty()) text += "\n## Failures\n\n" + to_markdown(failed);
   return text;
 }
 
