@@ -14,6 +14,7 @@ using namespace anigen;
 
 constexpr const char* kShapes = "; with --pred";
 constexpr const char* kStructures = "; with --ss-flow";
+constexpr const char* kOracle = "; with --oracle";
 
 void evaluate_skins(const EvalArguments& options, const CommonOptions& common) {
   eval::SkinRequest request;
@@ -37,7 +38,7 @@ void evaluate_skins(const EvalArguments& options, const CommonOptions& common) {
                  "assets could not be scored (" + options.output + "/metrics.csv says why)", common);
 }
 
-void evaluate_shapes(const EvalArguments& options, const CommonOptions& common) {
+eval::EvaluationRequest shapes_request(const EvalArguments& options, const CommonOptions& common) {
   eval::EvaluationRequest request = options.shapes;
   request.truth = options.dataset;
   request.splits = {options.splits.begin(), options.splits.end()};
@@ -55,7 +56,11 @@ void evaluate_shapes(const EvalArguments& options, const CommonOptions& common) 
   request.resume = !options.force;
   request.report = !options.no_report;
   request.pictured = options.report_images;
-  const eval::Comparison comparison = eval::run_evaluation(request);
+  return request;
+}
+
+void evaluate_shapes(const EvalArguments& options, const CommonOptions& common) {
+  const eval::Comparison comparison = eval::run_evaluation(shapes_request(options, common));
   print_result(eval::to_json(comparison), to_markdown(comparison), common);
   for (std::size_t m = 0; m < comparison.methods.size(); ++m) {
     require_inputs(
@@ -65,7 +70,20 @@ void evaluate_shapes(const EvalArguments& options, const CommonOptions& common) 
   }
 }
 
+void evaluate_oracle(const EvalArguments& options, const CommonOptions& common) {
+  if (!options.shapes.predictions.empty() || !options.skin_ae.empty() || !options.skins.empty())
+    throw InputError("", "--oracle", "makes its predictions itself, and evaluates nothing else at the same time");
+  for (const auto& [value, option] : {std::pair(options.ss_flow, "--ss-flow"), {options.slat_flow, "--slat-flow"}})
+    if (value.empty()) throw InputError("", option, "--oracle needs the runs of both flows");
+  if (options.dataset.empty()) throw InputError("", "--dataset", "of which dataset are the true assets?");
+  if (options.guidance.size() > 1) throw InputError("", "--ss-guidance", "--oracle generates with one guidance scale");
+  eval::EvaluationRequest pairs = shapes_request(options, common);
+  if (options.groups.empty()) pairs.settings.groups = {"skeleton", "transport", "skin", "surface"};
+  torch_half("--oracle").evaluate_oracle(options, common, pairs);
+}
+
 void run(const EvalArguments& options, const CommonOptions& common) {
+  if (options.oracle) return evaluate_oracle(options, common);
   if (!options.shapes.category_splits.empty() && options.shapes.predictions.empty())
     throw InputError("", "--category-split", "sorts rigged shapes: it needs --pred");
   if (options.limit > 0 && options.ss_flow.empty() && (options.shapes.predictions.empty() || options.dataset.empty()))
@@ -140,12 +158,37 @@ std::vector<std::string> add_structure_options(CLI::App& app, EvalArguments& opt
   return names;
 }
 
+/// Options of the oracle alone. @return their names
+std::vector<std::string> add_oracle_options(CLI::App& app, EvalArguments& options) {
+  add_option(app, "--oracle", options.oracle);
+  std::vector<std::string> names;
+  const auto add = [&](const char* name, auto& variable) {
+    names.emplace_back(name);
+    return add_option(app, name, variable, kOracle);
+  };
+  add("--slat-flow", options.slat_flow);
+  add("--slat-dae", options.slat_dae);
+  add("--slat-guidance", options.slat_guidance)->check(number(1, 1001));
+  add("--slat-steps", options.slat_steps)->check(whole_number(1, 100'000));
+  add("--cluster-bandwidth", options.cluster_bandwidth)->check(number(0, 1, RangeEnds::kOpenBelow));
+  add("--cluster-min-votes", options.cluster_min_votes)->check(whole_number(1, 1'000'000));
+  add("--hidden-views", options.hidden_views)->check(whole_number(1, 100'000));
+  add("--texture-size", options.texture_size)->check(whole_number(0, 8192));
+  return names;
+}
+
 /// Options of another evaluation than the one asked for, or that others leave without effect.
 void refuse_ignored(const CLI::App& app, const EvalArguments& options, const std::vector<std::string>& of_shapes,
-                    const std::vector<std::string>& of_structures) {
-  const bool structures = !options.ss_flow.empty(), shapes = !options.shapes.predictions.empty();
-  if (!structures) refuse_given(app, of_structures, "is of sparse structures: it needs --ss-flow");
+                    const std::vector<std::string>& of_structures, const std::vector<std::string>& of_oracle) {
+  const bool structures = !options.ss_flow.empty() && !options.oracle;
+  const bool shapes = !options.shapes.predictions.empty() || options.oracle;
+  if (!structures && !options.oracle) refuse_given(app, of_structures, "is of sparse structures: it needs --ss-flow");
   if (!shapes) refuse_given(app, of_shapes, "is of rigged shapes: it needs --pred");
+  if (!options.oracle) refuse_given(app, of_oracle, "is of generated assets: it needs --oracle");
+  if (options.oracle) {
+    refuse_given(app, {"--train-split", "--retrieval-views", "--pred-up", "--dataset-up", "--lpips-weights"},
+                 "--oracle has no use for it");
+  }
   if (structures) {
     refuse_given(app, {"--keep-going"}, "--ss-flow ends with the first asset that fails");
     refuse_given(app, {"--json"}, "--ss-flow prints a table; metrics.json of --output has its numbers");
@@ -154,15 +197,18 @@ void refuse_ignored(const CLI::App& app, const EvalArguments& options, const std
     refuse_given(app, {"--report-images"}, "--no-report draws none");
   }
   if (!structures && !shapes) refuse_given(app, {"--seed"}, "the evaluation of weights draws nothing at random");
-  if (!structures && options.skin_ae.empty() && options.lpips_weights.empty()) {
-    refuse_given(app, {"--device"},
-                 "is of networks, which only --ss-flow, --skin-ae and --lpips-weights use; the rest is for the CPU");
+  if (!structures && !options.oracle && options.skin_ae.empty() && options.lpips_weights.empty()) {
+    refuse_given(
+        app, {"--device"},
+        "is of networks, which only --ss-flow, --oracle, --skin-ae and --lpips-weights use; the rest is for the CPU");
   }
   if (options.no_icp) {
     refuse_given(app, {"--rotations", "--icp-scale", "--icp-plane", "--icp-trim", "--exhaustive"},
                  "is of the registration that --no-icp leaves out");
   }
   const auto wants = [&](const char* metrics) {
+    const std::string group = metrics;
+    if (options.groups.empty() && options.oracle) return group != "image" && group != "motion" && group != "anymate";
     return options.groups.empty() ||
            std::find(options.groups.begin(), options.groups.end(), metrics) != options.groups.end();
   };
@@ -189,13 +235,15 @@ int main(int argc, char** argv) {
       "  anigen-eval --pred pairs.csv -o results             (CSV with columns pred, gt and perhaps id)\n"
       "  anigen-eval --skin-ae runs/skin_ae -d data --split data/splits/test.txt -o results\n"
       "  anigen-eval -d data -o results                      (skinning baselines only)\n"
-      "  anigen-eval --ss-flow runs/ss_flow -d data --split splits/test.txt -o results   (voxels from images)");
+      "  anigen-eval --ss-flow runs/ss_flow -d data --split splits/test.txt -o results   (voxels from images)\n"
+      "  anigen-eval --oracle --ss-flow runs/ss_flow --slat-flow runs/slat_flow -d data --split splits/test.txt -o "
+      "results");
   CLI::App& app = program.app;
   EvalArguments options;
   add_option(app, "--pred", options.shapes.predictions);
   add_option(app, "--dataset", options.dataset, " with the ground truth, or file or folder of it");
   add_option(app, "--split", options.splits);
-  add_option(app, "--limit", options.limit, "; with --pred or --ss-flow")->check(whole_number(0));
+  add_option(app, "--limit", options.limit, "; with --pred, --ss-flow or --oracle")->check(whole_number(0));
   add_option(app, "--output", options.output, ": folder")->required();
   add_option(app, "--skin-ae", options.skin_ae);
   add_option(app, "--skins", options.skins);
@@ -203,9 +251,10 @@ int main(int argc, char** argv) {
   add_option(app, "--no-report", options.no_report);
   const std::vector<std::string> shapes = add_shape_options(app, options);
   const std::vector<std::string> structures = add_structure_options(app, options);
+  const std::vector<std::string> oracle = add_oracle_options(app, options);
   program.add_common({"--keep-going", "--seed [0]", "--threads", "--device", "--json"}, library_versions());
   return program.run(argc, argv, [&] {
-    refuse_ignored(app, options, shapes, structures);
+    refuse_ignored(app, options, shapes, structures, oracle);
     run(options, program.common);
   });
 }

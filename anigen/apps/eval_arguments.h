@@ -21,6 +21,14 @@ struct EvalArguments {
   std::vector<double> guidance;  ///< scales, 1: none; empty: that of the flow's config
   std::optional<std::int64_t> steps;
   std::size_t limit = 0, views = 4;
+  // Of --oracle, which reads --ss-flow and its options too; what is unset is as in anigen-generate.
+  bool oracle = false;
+  std::string slat_flow, slat_dae;
+  std::optional<double> slat_guidance;  ///< scale, 1: none
+  std::optional<std::int64_t> slat_steps;
+  std::optional<float> cluster_bandwidth;
+  std::optional<int> cluster_min_votes, texture_size;
+  std::optional<std::size_t> hidden_views;
 };
 
 }  // namespace anigen

@@ -76,6 +76,7 @@ AssetGenerator::AssetGenerator(const Request& request) : request_(request) {
   const StructureGenerator& first = structure();
   structure_size_ = first.reading().image_size;
   structure_sees_normals_ = sees_normals(request, first);
+  structure_decoder_ckpt_ = first.reading().ss_dec_ckpt;
   runs_ = {request.structure_flow, request.latent_flow, first.autoencoder()};
   forget_unless_kept();
   const StructuredLatentGenerator& second = latents();
@@ -134,6 +135,68 @@ void AssetGenerator::forget_unless_kept() {
   decoder_.reset();
 }
 
+StructureCoder AssetGenerator::structure_coder() const {
+  return StructureCoder(runs_[2], structure_decoder_ckpt_, nn::parse_device(request_.device), /*decodes=*/true);
+}
+
+StructuredLatentCoder AssetGenerator::latent_coder() const {
+  return StructuredLatentCoder(latent_autoencoder_, latent_decoder_ckpt_, nn::parse_device(request_.device),
+                               /*decodes=*/std::nullopt);
+}
+
+sparse_structure::VoxelPair AssetGenerator::sample_voxels(const Tensor& structure_picture, const std::string& name,
+                                                          const GenerationOptions& options) {
+  GeneratedAsset made;
+  sample_structure(structure_picture, name, options, noise_generator(options.seed), made);
+  return made.voxels;
+}
+
+void AssetGenerator::sample_structure(const Tensor& picture, const std::string& name, const GenerationOptions& options,
+                                      const at::Generator& generator, GeneratedAsset& made) {
+  const torch::NoGradGuard no_grad;
+  StructureGenerator& first = structure();
+  const flow::Streams noise = first.noise(generator);
+  if (options.given_voxels) {
+    made.voxels = *options.given_voxels;
+  } else {
+    Stopwatch watch;
+    const flow::SamplerOptions sampler = options.structure.over(first.sampler());
+    const Tensor tokens = first.condition(picture);
+    made.times.condition += watch.lap();
+    Progress progress("sparse structure of " + name, static_cast<std::size_t>(sampler.steps), "steps");
+    const flow::Streams sampled =
+        first.sample(noise, tokens, sampler, sampler.cfg_strength > 0, with_progress(progress));
+    made.structure = first.denormalised(sampled);
+    made.voxels = first.decode(sampled).front();
+    made.times.structure = watch.lap();
+  }
+  forget_unless_kept();
+  require_grid(made.voxels.shape.size(0), request_.structure_flow);
+}
+
+void AssetGenerator::sample_latents(const Tensor& picture, const std::string& name, const GenerationOptions& options,
+                                    const at::Generator& generator, GeneratedAsset& made) {
+  structured_latent::StructuredLatentTarget target;
+  target.shape = support_of(made.voxels.shape);
+  target.skeleton = support_of(made.voxels.skeleton);
+  if (target.shape->size() == 0 || target.skeleton->size() == 0) {
+    throw Error(name + ": the first flow gave no " + (target.shape->size() == 0 ? "shape" : "skeleton") +
+                " voxels; another seed may");
+  }
+  Stopwatch watch;
+  StructuredLatentGenerator& second = latents();
+  const flow::SamplerOptions sampler = options.latents.over(second.sampler());
+  target.tokens = second.condition(picture);
+  if (counts_joints_)
+    target.joints_num = torch::tensor({options.joints}, torch::kInt64).to(nn::parse_device(request_.device));
+  made.times.condition += watch.lap();
+  Progress progress("structured latents of " + name, static_cast<std::size_t>(sampler.steps), "steps");
+  made.latents = second.sample(second.noise(*target.shape, *target.skeleton, generator), target, sampler,
+                               sampler.cfg_strength > 0, with_progress(progress));
+  made.times.latents = watch.lap();
+  forget_unless_kept();
+}
+
 GeneratedAsset AssetGenerator::generate(const Tensor& structure_picture, const Tensor& latent_picture,
                                         const std::string& name, const GenerationOptions& options) {
   if (options.joints < 0) throw InputError("", "joints", "must not be negative");
@@ -142,45 +205,17 @@ GeneratedAsset AssetGenerator::generate(const Tensor& structure_picture, const T
                      "a number of joints was asked for, but this flow was not trained to be told one");
   }
   const torch::NoGradGuard no_grad;
-  const torch::Device device = nn::parse_device(request_.device);
-  const at::Generator generator = noise_generator(options.seed);
   GeneratedAsset made;
+  if (options.given_latents) {
+    made.latents = *options.given_latents;
+  } else {
+    const at::Generator generator = noise_generator(options.seed);
+    sample_structure(structure_picture, name, options, generator, made);
+    sample_latents(latent_picture, name, options, generator, made);
+  }
+  made.shape_voxels = made.latents.geometry.support->size();
+  made.skeleton_voxels = made.latents.skeleton.support->size();
   Stopwatch watch;
-  {
-    StructureGenerator& first = structure();
-    const flow::SamplerOptions sampler = options.structure.over(first.sampler());
-    const Tensor tokens = first.condition(structure_picture);
-    made.times.condition = watch.lap();
-    Progress progress("sparse structure of " + name, static_cast<std::size_t>(sampler.steps), "steps");
-    const flow::Streams sampled =
-        first.sample(first.noise(generator), tokens, sampler, sampler.cfg_strength > 0, with_progress(progress));
-    made.structure = first.denormalised(sampled);
-    made.voxels = first.decode(sampled).front();
-    made.times.structure = watch.lap();
-  }
-  forget_unless_kept();
-  require_grid(made.voxels.shape.size(0), request_.structure_flow);
-  structured_latent::StructuredLatentTarget target;
-  target.shape = support_of(made.voxels.shape);
-  target.skeleton = support_of(made.voxels.skeleton);
-  made.shape_voxels = target.shape->size();
-  made.skeleton_voxels = target.skeleton->size();
-  if (made.shape_voxels == 0 || made.skeleton_voxels == 0) {
-    throw Error(name + ": the first flow gave no " + (made.shape_voxels == 0 ? "shape" : "skeleton") +
-                " voxels; another seed may");
-  }
-  {
-    StructuredLatentGenerator& second = latents();
-    const flow::SamplerOptions sampler = options.latents.over(second.sampler());
-    target.tokens = second.condition(latent_picture);
-    if (counts_joints_) target.joints_num = torch::tensor({options.joints}, torch::kInt64).to(device);
-    made.times.condition += watch.lap();
-    Progress progress("structured latents of " + name, static_cast<std::size_t>(sampler.steps), "steps");
-    made.latents = second.sample(second.noise(*target.shape, *target.skeleton, generator), target, sampler,
-                                 sampler.cfg_strength > 0, with_progress(progress));
-    made.times.latents = watch.lap();
-  }
-  forget_unless_kept();
   made.decoded = decoder().decode(made.latents, nullptr, name);
   forget_unless_kept();
   made.times.decode = watch.lap();

@@ -31,6 +31,10 @@ struct GenerationOptions {
   std::uint64_t seed = 42;
   SamplerOverrides structure, latents;
   std::int64_t joints = 0;  ///< wanted number of joints, for flows that were told it in training; 0: as many as fit
+  /// Instead of what the first flow would give: bool [R, R, R] each, R = AssetGenerator::grid().
+  std::optional<sparse_structure::VoxelPair> given_voxels;
+  /// Instead of what both flows would give: a batch of one, not normalised, on voxels of their own.
+  std::optional<structured_latent::PerStream<sparse::SparseTensor>> given_latents;
 };
 
 /// Times of one generation, seconds.
@@ -41,7 +45,7 @@ struct GenerationTimes {
 struct GeneratedAsset {
   RigDecoder::Decoded decoded;  ///< dense mesh with vertex colours, skeleton, skin; the votes
   flow::Streams structure;      ///< what the first flow gave, shape and skeleton, denormalised: [1, C, r, r, r] each
-  sparse_structure::VoxelPair voxels;                          ///< the same, decoded
+  sparse_structure::VoxelPair voxels;                          ///< the same, decoded, or those given
   structured_latent::PerStream<sparse::SparseTensor> latents;  ///< what the second flow gave
   std::int64_t shape_voxels = 0, skeleton_voxels = 0;
   GenerationTimes times;
@@ -60,7 +64,8 @@ std::int64_t joints_of_level(int level);
 ///
 /// Noise comes from one generator of the seed in the published order: shape and skeleton of the structure, then both
 /// streams of the latents; so the same seed gives the same asset whatever else is generated, and the noise of the
-/// published program.
+/// published program. Given voxels leave the noise of the latents as it is, so that the voxels of the first flow,
+/// given, end in the asset of the whole way.
 class AssetGenerator {
  public:
   struct Request {
@@ -82,7 +87,15 @@ class AssetGenerator {
   bool structure_sees_normals() const { return structure_sees_normals_; }
   /// The four run folders that are used.
   const std::vector<std::filesystem::path>& runs() const { return runs_; }
+  std::int64_t grid() const { return grid_; }  ///< voxels along a side
 
+  /// The auto-encoders whose decoders are used, with their encoders. @throws InputError as their constructors
+  StructureCoder structure_coder() const;
+  StructuredLatentCoder latent_coder() const;  ///< without its decoder: generate() decodes given latents
+
+  /// Occupied voxels that the first flow gives: those of generate() for the same picture and options.
+  sparse_structure::VoxelPair sample_voxels(const torch::Tensor& structure_picture, const std::string& name,
+                                            const GenerationOptions& options);
   /// @param structure_picture [1, 3, S, S] in [0, 1], S = structure_size(), colours or normals
   /// @param latent_picture likewise for the second flow, colours
   /// @throws InputError when joints are asked of a flow that knows nothing of them; Error when the first flow gives no
@@ -92,6 +105,10 @@ class AssetGenerator {
 
  private:
   FlowRequest flow_request(const std::filesystem::path& run) const;
+  void sample_structure(const torch::Tensor& picture, const std::string& name, const GenerationOptions& options,
+                        const at::Generator& generator, GeneratedAsset& made);
+  void sample_latents(const torch::Tensor& picture, const std::string& name, const GenerationOptions& options,
+                      const at::Generator& generator, GeneratedAsset& made);
   StructureGenerator& structure();
   StructuredLatentGenerator& latents();
   RigDecoder& decoder();
@@ -105,7 +122,7 @@ class AssetGenerator {
   std::unique_ptr<RigDecoder> decoder_;
   std::filesystem::path latent_autoencoder_;
   std::vector<std::filesystem::path> runs_;
-  std::string latent_decoder_ckpt_;
+  std::string structure_decoder_ckpt_, latent_decoder_ckpt_;
   int structure_size_ = 0, latent_size_ = 0;
   bool structure_sees_normals_ = false, counts_joints_ = false;
   std::int64_t grid_ = 0;

@@ -122,12 +122,6 @@ std::map<std::string, std::string> sources_of(const std::string& roots) {
 constexpr double StructureScore::*kValues[] = {&StructureScore::iou, &StructureScore::f1, &StructureScore::iou_skl,
                                                &StructureScore::f1_skl, &StructureScore::inside};
 
-StructureScore score(const sparse_structure::VoxelPair& made, const sparse_structure::VoxelPair& truth) {
-  const sparse_structure::VoxelAgreement shape = sparse_structure::voxel_agreement(made.shape, truth.shape);
-  const sparse_structure::VoxelAgreement skeleton = sparse_structure::voxel_agreement(made.skeleton, truth.skeleton);
-  return {shape.iou, shape.f1, skeleton.iou, skeleton.f1, sparse_structure::share_inside(made.skeleton, made.shape)};
-}
-
 StructureGenerator::Request generator_of(const StructureEvaluationRequest& request) {
   StructureGenerator::Request generator;
   generator.run = request.run;
@@ -237,8 +231,8 @@ class StructureComparison {
     for (std::int64_t i = 0; i < rows; ++i) {
       const auto at = static_cast<std::size_t>(i);
       const sparse_structure::VoxelPair truth = truth_of(assets_->asset(begin + at));
-      for (std::size_t m = 0; m < made.size(); ++m) result_.scores[m].push_back(score(made[m][at], truth));
-      result_.scores.back().push_back(score(truth, truth));
+      for (std::size_t m = 0; m < made.size(); ++m) result_.scores[m].push_back(structure_score(made[m][at], truth));
+      result_.scores.back().push_back(structure_score(truth, truth));
       if (sheet_.size() < request_.pictured) picture(latents, i, made, truth);
     }
   }
@@ -313,6 +307,12 @@ torch::Tensor to_batch(const io::Image& image, const torch::Device& device) {
 }
 
 }  // namespace
+
+StructureScore structure_score(const sparse_structure::VoxelPair& made, const sparse_structure::VoxelPair& truth) {
+  const sparse_structure::VoxelAgreement shape = sparse_structure::voxel_agreement(made.shape, truth.shape);
+  const sparse_structure::VoxelAgreement skeleton = sparse_structure::voxel_agreement(made.skeleton, truth.skeleton);
+  return {shape.iou, shape.f1, skeleton.iou, skeleton.f1, sparse_structure::share_inside(made.skeleton, made.shape)};
+}
 
 StructureScore StructureEvaluation::mean(std::size_t method) const {
   StructureScore sum;

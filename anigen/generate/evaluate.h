@@ -41,6 +41,8 @@ struct StructureScore {
 };
 ANIGEN_JSON_RECORD(StructureScore, iou, f1, iou_skl, f1_skl, inside)
 
+StructureScore structure_score(const sparse_structure::VoxelPair& made, const sparse_structure::VoxelPair& truth);
+
 struct StructureEvaluation {
   std::vector<std::string> methods;
   std::vector<std::string> ids, sources;            ///< of the assets

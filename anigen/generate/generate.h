@@ -11,6 +11,7 @@
 #include "anigen/generate/generate_assets.h"
 #include "anigen/generate/latent_records.h"
 #include "anigen/generate/learned_rigging.h"
+#include "anigen/generate/oracle.h"
 #include "anigen/generate/picture_input.h"
 #include "anigen/generate/preprocess.h"
 #include "anigen/generate/retrieve.h"

@@ -42,41 +42,6 @@ constexpr const char* kAlways[] = {"mesh.glb",    "skeleton.glb", "processed_ima
 constexpr const char* kObj[] = {"mesh.obj", "mesh.rig.json"};
 constexpr const char* kIntermediate[] = {"voxels.png", "ss_latents.npz", "latents.npz", "votes.glb", "dense.glb"};
 
-/// Preprocessors of the sizes that the two stages see; they share the estimator of normals.
-class ConditionPictures {
- public:
-  ConditionPictures(const GenerateRequest& request, const AssetGenerator& generator) {
-    std::shared_ptr<vision::NormalEstimator> estimator;
-    const NormalSource normals = request.pictures.normals;
-    if (!generator.structure_sees_normals() && normals != NormalSource::kAuto && normals != NormalSource::kColors)
-      throw InputError("", "--normals",
-                       "the first flow sees colours, as trained or by --condition color: leave it out");
-    if (generator.structure_sees_normals() && request.pictures.normals == NormalSource::kEstimator) {
-      if (request.estimator_weights.empty())
-        throw InputError("", "--normal-weights", "the estimator needs its weights");
-      estimator =
-          std::make_shared<vision::DsineNormals>(request.estimator_weights, nn::parse_device(request.models.device));
-    }
-    for (const int size : {generator.structure_size(), generator.latent_size()}) {
-      if (by_size_.count(size) > 0) continue;
-      PreprocessingOptions options = request.pictures;
-      options.size = size;
-      if (!generator.structure_sees_normals()) options.normals = NormalSource::kColors;
-      by_size_[size] = std::make_unique<ImagePreprocessor>(options, estimator);
-    }
-  }
-
-  /// One picture as each size sees it.
-  std::map<int, PreprocessedImage> of(const NamedPicture& picture) {
-    std::map<int, PreprocessedImage> seen;
-    for (auto& [size, preprocessor] : by_size_) seen[size] = preprocessor->run(picture.file, picture.normal_map);
-    return seen;
-  }
-
- private:
-  std::map<int, std::unique_ptr<ImagePreprocessor>> by_size_;
-};
-
 /// The picture, what the flows saw, their voxels, and the asset with its skeleton and its weights.
 io::Image preview(const io::Image& picture, const GeneratedAsset& made, const Asset& asset) {
   constexpr int kSide = 384;
@@ -129,45 +94,6 @@ std::string inputs_of(const GenerateRequest& request, const std::vector<fs::path
 constexpr const char* kConditions[] = {"trained", "color", "normal"};
 constexpr const char* kAverages[] = {"usual", "always", "never"};
 
-/// Everything that decides what is made of a picture.
-Json settings_of(const GenerateRequest& request, const std::vector<fs::path>& runs, const NamedPicture& picture) {
-  const FinishingOptions& finishing = request.finishing;
-  Json settings = {{"picture", fs::absolute(picture.file).lexically_normal().string()},
-                   {"ss_flow", runs[0].string()},
-                   {"slat_flow", runs[1].string()},
-                   {"ss_dae", runs[2].string()},
-                   {"slat_dae", runs[3].string()},
-                   {"inputs", inputs_of(request, runs, picture)},
-                   {"background", word_of(kBackgroundWords, request.pictures.background)},
-                   {"normals", word_of(kNormalSourceWords, request.pictures.normals)},
-                   {"estimator_side", request.pictures.estimator_side},
-                   {"condition", kConditions[static_cast<int>(request.models.structure_condition)]},
-                   {"seed", request.sampling.seed},
-                   {"joints", request.sampling.joints},
-                   {"grouping_bandwidth", request.models.grouping.bandwidth},
-                   {"grouping_least_votes", request.models.grouping.min_cluster_size},
-                   {"structure_sampler", sampler_json(request.sampling.structure)},
-                   {"latent_sampler", sampler_json(request.sampling.latents)},
-                   {"averages", kAverages[static_cast<int>(request.models.averages)]},
-                   {"precision", request.models.precision == torch::kFloat32 ? "fp32" : "bf16"},
-                   {"published_axes", request.published_axes},
-                   {"obj", request.obj},
-                   {"finishing",
-                    {{"reduction", finishing.reduction},
-                     {"remove_hidden", finishing.remove_hidden},
-                     {"views", finishing.views},
-                     {"view_size", finishing.view_size},
-                     {"filter_skin", finishing.filter_skin},
-                     {"smoothing_iterations", finishing.smoothing_iterations},
-                     {"smoothing_alpha", finishing.smoothing_alpha},
-                     {"texture_size", finishing.texture_size}}}};
-  const MattingOptions& matting = request.pictures.matting;
-  if (!matting.network.empty())
-    settings["matting"] = {
-        {"network", matting.network.string()}, {"mean", matting.mean}, {"deviation", matting.deviation}};
-  return settings;
-}
-
 class Generation {
  public:
   explicit Generation(const GenerateRequest& request)
@@ -176,7 +102,8 @@ class Generation {
   /// An asset that was made before, here or by another process, of these inputs.
   std::optional<GenerationReport> kept(const NamedPicture& picture, const std::string& name) const {
     GenerationReport report = report_of(name);
-    if (request_.again || !is_there(report, settings_of(request_, generator_.runs(), picture))) return std::nullopt;
+    if (request_.again || !is_there(report, generation_settings(request_, generator_.runs(), picture)))
+      return std::nullopt;
     for (const char* file : kIntermediate) {
       std::error_code error;
       if (request_.intermediate && !fs::is_regular_file(report.folder / file, error)) return std::nullopt;
@@ -206,7 +133,7 @@ class Generation {
     GenerationReport report = report_of(name);
     try {
       if (request_.started) request_.started(picture);
-      make(picture, settings_of(request_, generator_.runs(), picture), report);
+      make(picture, generation_settings(request_, generator_.runs(), picture), report);
     } catch (...) {
       report.failure = failure_of_item();
     }
@@ -313,6 +240,70 @@ void refuse_lossy_outputs(const GenerateRequest& request, const std::vector<Name
 }
 
 }  // namespace
+
+ConditionPictures::ConditionPictures(const GenerateRequest& request, const AssetGenerator& generator) {
+  std::shared_ptr<vision::NormalEstimator> estimator;
+  const NormalSource normals = request.pictures.normals;
+  if (!generator.structure_sees_normals() && normals != NormalSource::kAuto && normals != NormalSource::kColors)
+    throw InputError("", "--normals", "the first flow sees colours, as trained or by --condition color: leave it out");
+  if (generator.structure_sees_normals() && request.pictures.normals == NormalSource::kEstimator) {
+    if (request.estimator_weights.empty()) throw InputError("", "--normal-weights", "the estimator needs its weights");
+    estimator =
+        std::make_shared<vision::DsineNormals>(request.estimator_weights, nn::parse_device(request.models.device));
+  }
+  for (const int size : {generator.structure_size(), generator.latent_size()}) {
+    if (by_size_.count(size) > 0) continue;
+    PreprocessingOptions options = request.pictures;
+    options.size = size;
+    if (!generator.structure_sees_normals()) options.normals = NormalSource::kColors;
+    by_size_[size] = std::make_unique<ImagePreprocessor>(options, estimator);
+  }
+}
+
+std::map<int, PreprocessedImage> ConditionPictures::of(const NamedPicture& picture) {
+  std::map<int, PreprocessedImage> seen;
+  for (auto& [size, preprocessor] : by_size_) seen[size] = preprocessor->run(picture.file, picture.normal_map);
+  return seen;
+}
+
+Json generation_settings(const GenerateRequest& request, const std::vector<fs::path>& runs,
+                         const NamedPicture& picture) {
+  const FinishingOptions& finishing = request.finishing;
+  Json settings = {{"picture", fs::absolute(picture.file).lexically_normal().string()},
+                   {"ss_flow", runs[0].string()},
+                   {"slat_flow", runs[1].string()},
+                   {"ss_dae", runs[2].string()},
+                   {"slat_dae", runs[3].string()},
+                   {"inputs", inputs_of(request, runs, picture)},
+                   {"background", word_of(kBackgroundWords, request.pictures.background)},
+                   {"normals", word_of(kNormalSourceWords, request.pictures.normals)},
+                   {"estimator_side", request.pictures.estimator_side},
+                   {"condition", kConditions[static_cast<int>(request.models.structure_condition)]},
+                   {"seed", request.sampling.seed},
+                   {"joints", request.sampling.joints},
+                   {"grouping_bandwidth", request.models.grouping.bandwidth},
+                   {"grouping_least_votes", request.models.grouping.min_cluster_size},
+                   {"structure_sampler", sampler_json(request.sampling.structure)},
+                   {"latent_sampler", sampler_json(request.sampling.latents)},
+                   {"averages", kAverages[static_cast<int>(request.models.averages)]},
+                   {"precision", request.models.precision == torch::kFloat32 ? "fp32" : "bf16"},
+                   {"published_axes", request.published_axes},
+                   {"obj", request.obj},
+                   {"finishing",
+                    {{"reduction", finishing.reduction},
+                     {"remove_hidden", finishing.remove_hidden},
+                     {"views", finishing.views},
+                     {"view_size", finishing.view_size},
+                     {"filter_skin", finishing.filter_skin},
+                     {"smoothing_iterations", finishing.smoothing_iterations},
+                     {"smoothing_alpha", finishing.smoothing_alpha},
+                     {"texture_size", finishing.texture_size}}}};
+  const MattingOptions& matting = request.pictures.matting;
+  if (!matting.network.empty())
+    settings["matting"] = {
+        {"network", matting.network.string()}, {"mean", matting.mean}, {"deviation", matting.deviation}};
+  return settings;
+}
 
 std::vector<GenerationReport> generate_assets(const GenerateRequest& request,
                                               const std::vector<NamedPicture>& pictures) {

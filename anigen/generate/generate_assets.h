@@ -1,6 +1,8 @@
 #pragma once
 #include <filesystem>
 #include <functional>
+#include <map>
+#include <memory>
 #include <string>
 #include <vector>
 
@@ -27,6 +29,24 @@ struct GenerateRequest {
   /// Called before work on a picture begins. What it throws counts for that picture, as failure_of_item() says.
   std::function<void(const NamedPicture&)> started = nullptr;
 };
+
+/// A picture as the two flows see it; a size that both see is made once.
+class ConditionPictures {
+ public:
+  /// @throws InputError on a source of normals that the flows do not see, or that lacks its weights
+  ConditionPictures(const GenerateRequest& request, const AssetGenerator& generator);
+
+  /// By size: AssetGenerator::structure_size() and latent_size(). @throws InputError as ImagePreprocessor::run()
+  std::map<int, PreprocessedImage> of(const NamedPicture& picture);
+
+ private:
+  std::map<int, std::unique_ptr<ImagePreprocessor>> by_size_;
+};
+
+/// Everything that decides what is made of a picture, with names, sizes and times of its files and the runs'.
+/// @param runs AssetGenerator::runs()
+Json generation_settings(const GenerateRequest& request, const std::vector<std::filesystem::path>& runs,
+                         const NamedPicture& picture);
 
 /// Outcome of one image.
 struct GenerationReport {

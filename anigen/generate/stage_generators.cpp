@@ -1,5 +1,9 @@
 #include "anigen/generate/stage_generators.h"
 
+#include <algorithm>
+#include <system_error>
+#include <utility>
+
 #include "anigen/core/config.h"
 #include "anigen/core/error.h"
 #include "anigen/core/hash.h"
@@ -11,7 +15,9 @@
 #include "anigen/generate/latent_records.h"
 #include "anigen/geometry/nearest_surface.h"
 #include "anigen/io/arrays/npz.h"
+#include "anigen/io/gltf/gltf.h"
 #include "anigen/nn/init.h"
+#include "anigen/vision/surface_features.h"
 
 namespace anigen::generate {
 
@@ -52,6 +58,52 @@ fs::path feature_file(const data::AssetId& asset, const std::string& model) {
 SparseTensor sparse_of(const data::VoxelRows& rows, const std::string& id, torch::Device device) {
   const data::RaggedVoxels voxels = data::collate_voxels({&rows}, {id});
   return {sparse::Support::create(voxels.coords, 1), voxels.feats.to(device)};
+}
+
+fs::path mesh_file(const data::AssetId& asset) { return asset.root / "assets" / (asset.id + ".glb"); }
+
+/// @param occupied bool [R, R, R]
+std::vector<geometry::Voxel> voxels_of(const Tensor& occupied) {
+  const Tensor places = torch::nonzero(occupied).to(torch::kCPU, torch::kInt32).contiguous();
+  std::vector<geometry::Voxel> voxels;
+  const auto* place = places.data_ptr<std::int32_t>();
+  for (std::int64_t i = 0; i < places.size(0); ++i, place += 3) voxels.push_back({place[0], place[1], place[2]});
+  return voxels;
+}
+
+std::vector<geometry::Voxel> parts_of(const geometry::Voxel& voxel, int factor) {
+  std::vector<geometry::Voxel> parts;
+  for (int x = 0; x < factor; ++x) {
+    for (int y = 0; y < factor; ++y) {
+      for (int z = 0; z < factor; ++z)
+        parts.push_back({factor * voxel[0] + x, factor * voxel[1] + y, factor * voxel[2] + z});
+    }
+  }
+  return parts;
+}
+
+/// Voxels of the stored grid that coarser ones stand for: those of the surface, else the factor² nearest to it, about
+/// as many as a plane meets. @param surface sorted
+std::vector<geometry::Voxel> stored_voxels(const std::vector<geometry::Voxel>& coarse, int factor,
+                                           const std::vector<geometry::Voxel>& surface, const Mesh& mesh) {
+  if (factor == 1) return coarse;
+  const geometry::NearestSurface nearest(mesh);
+  std::vector<geometry::Voxel> stored;
+  for (const geometry::Voxel& voxel : coarse) {
+    const std::vector<geometry::Voxel> parts = parts_of(voxel, factor);
+    const std::size_t before = stored.size();
+    for (const geometry::Voxel& part : parts) {
+      if (std::binary_search(surface.begin(), surface.end(), part)) stored.push_back(part);
+    }
+    if (stored.size() > before) continue;
+    std::vector<std::pair<double, geometry::Voxel>> by_distance;
+    for (const geometry::Voxel& part : parts)
+      by_distance.emplace_back(nearest.query(geometry::voxel_center(part, data::kStoredResolution)).distance, part);
+    std::sort(by_distance.begin(), by_distance.end());
+    for (int i = 0; i < factor * factor; ++i) stored.push_back(by_distance[static_cast<std::size_t>(i)].second);
+  }
+  geometry::sort_unique(stored);
+  return stored;
 }
 
 }  // namespace
@@ -110,11 +162,22 @@ StructureReconstruction StructureCoder::agreement(const data::StructureLatent& l
     const auto& s = grid.shape;
     return torch::tensor(grid.values).view({1, s[0], s[1], s[2], s[3]}).to(device_);
   };
-  const auto logits = decoder_->forward(tensor(latent.mean), tensor(latent.mean_skl));
-  const auto of = [](const Tensor& grid, const Tensor& truth) {
-    return sparse_structure::voxel_agreement((grid[0][0] > 0).to(torch::kCPU), truth[0][0] > 0);
-  };
-  return {of(logits.shape, voxels.ss), of(logits.skeleton, voxels.ss_skl)};
+  const sparse_structure::VoxelPair decoded = decode(tensor(latent.mean), tensor(latent.mean_skl));
+  return {sparse_structure::voxel_agreement(decoded.shape, voxels.ss[0][0] > 0),
+          sparse_structure::voxel_agreement(decoded.skeleton, voxels.ss_skl[0][0] > 0)};
+}
+
+sparse_structure::VoxelPair StructureCoder::reconstruct(const data::SparseStructureBatch& voxels) {
+  const torch::NoGradGuard no_grad;
+  const auto latent =
+      encoder_->forward(voxels.ss.to(device_, torch::kFloat32), voxels.ss_skl.to(device_, torch::kFloat32));
+  return decode(latent.mean, latent.mean_skl);
+}
+
+sparse_structure::VoxelPair StructureCoder::decode(const Tensor& mean, const Tensor& mean_skl) {
+  const auto logits = decoder_->forward(mean, mean_skl);
+  const auto occupied = [](const Tensor& grid) { return (grid[0][0] > 0).to(torch::kCPU); };
+  return {occupied(logits.shape), occupied(logits.skeleton)};
 }
 
 StructureGenerator::StructureGenerator(const Request& request)
@@ -245,6 +308,43 @@ StructuredLatentCoder::Inputs StructuredLatentCoder::inputs(const data::AssetId&
     inputs.rigs.surfaces = {std::make_shared<const geometry::NearestSurface>(rig.vertices, rig.faces)};
   }
   return inputs;
+}
+
+void StructuredLatentCoder::require_features_anywhere(const data::AssetId& asset) const {
+  if (data_.model != "surface")
+    throw NotSupportedError(found_.config.string(), "/dataset/args/model",
+                            "features '" + data_.model + "' at voxels that the dataset does not have; 'surface' are");
+  std::error_code error;
+  if (!fs::is_regular_file(mesh_file(asset), error))
+    throw NotSupportedError(mesh_file(asset).string(), "",
+                            "features at other voxels without the asset's mesh (anigen-prepare --no-assets)");
+}
+
+StructuredLatentCoder::Inputs StructuredLatentCoder::inputs_at(const data::AssetId& asset,
+                                                               const sparse_structure::VoxelPair& voxels) const {
+  require_features_anywhere(asset);
+  const int factor = data::kStoredResolution / data_.resolution;
+  const Asset mesh = io::read_gltf(mesh_file(asset)).asset;
+  std::vector<geometry::Voxel> surface = data::read_voxels_at(data::surface_voxel_path(asset), data::kStoredResolution);
+  geometry::sort_unique(surface);
+  data::VoxelRows shape, skeleton;
+  shape.coords = stored_voxels(voxels_of(voxels.shape), factor, surface, mesh.mesh);
+  const Tensor feats =
+      nn::to_tensor(vision::SurfaceFeatures().extract({mesh, shape.coords, data::kStoredResolution, {}}))
+          .to(torch::kFloat32)
+          .contiguous();
+  shape.channels = static_cast<std::size_t>(feats.size(1));
+  shape.feats.assign(feats.data_ptr<float>(), feats.data_ptr<float>() + feats.numel());
+  if (factor > 1) {
+    geometry::PooledVoxels pooled = geometry::pool_features(shape.coords, shape.feats, shape.channels, factor);
+    shape.coords = std::move(pooled.voxels);
+    shape.feats = std::move(pooled.features);
+  }
+  skeleton.coords = voxels_of(voxels.skeleton);
+  Inputs moved = inputs(asset);
+  moved.x = sparse_of(shape, asset.id, device_);
+  moved.x_skl = sparse_of(skeleton, asset.id, device_);
+  return moved;
 }
 
 structured_latent::PerStream<SparseTensor> StructuredLatentCoder::encode(const Inputs& inputs) {

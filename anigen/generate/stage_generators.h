@@ -59,10 +59,14 @@ class StructureCoder {
   data::SparseStructureBatch voxels(const data::AssetId& asset) const;
   /// Writes `mean` and `mean_skl`, without noise. @throws InputError unless finite; Error when the disk refuses
   void encode(const data::SparseStructureBatch& voxels, const std::filesystem::path& file);
+  /// Voxels that the asset's own latent decodes to. @pre the decoder was loaded
+  sparse_structure::VoxelPair reconstruct(const data::SparseStructureBatch& voxels);
   /// @pre the decoder was loaded
   StructureReconstruction agreement(const data::StructureLatent& latent, const data::SparseStructureBatch& voxels);
 
  private:
+  sparse_structure::VoxelPair decode(const torch::Tensor& mean, const torch::Tensor& mean_skl);
+
   torch::Device device_;
   nn::RunModel found_;
   data::SparseStructureOptions options_;
@@ -213,6 +217,13 @@ class StructuredLatentCoder {
   };
   /// A batch of one. @throws InputError when the asset cannot be read
   Inputs inputs(const data::AssetId& asset) const;
+  /// The asset's rig, and its surface features at other voxels than its own. On a coarse grid a voxel stands for those
+  /// of its stored ones that the surface meets, as datasets pool them; where it meets none, for as many of the nearest
+  /// as one side has.
+  /// @param voxels bool [R, R, R] each, R of the run @throws InputError also as require_features_anywhere()
+  Inputs inputs_at(const data::AssetId& asset, const sparse_structure::VoxelPair& voxels) const;
+  /// @throws NotSupportedError naming it, when the run has other features than `surface` or the asset's mesh is missing
+  void require_features_anywhere(const data::AssetId& asset) const;
 
   /// Posterior means of the geometry, normalised latents of skin and skeleton: no noise.
   structured_latent::PerStream<sparse::SparseTensor> encode(const Inputs& inputs);

@@ -206,6 +206,12 @@ void check_ignored(Check& check, bool torch) {
   check.refuses("anigen-eval --dataset b --output c --surface-samples 3", {"--surface-samples", "--pred"});
   check.refuses("anigen-eval --dataset b --output c --seed 3", {"--seed"});
   check.refuses("anigen-eval --ss-flow a --dataset b --output c --json", {"--json", "metrics.json"});
+  const std::string oracle = "anigen-eval --oracle --dataset b --output c --ss-flow a ";
+  check.refuses(oracle, {"--slat-flow", "--oracle"});
+  check.refuses(oracle + "--slat-flow d --pred e", {"--oracle", "predictions"});
+  check.refuses(oracle + "--slat-flow d --retrieval-views 2", {"--retrieval-views", "--oracle"});
+  check.refuses(oracle + "--slat-flow d --ss-guidance 2,3", {"--ss-guidance", "one"});
+  check.refuses(shapes + "--slat-steps 3", {"--slat-steps", "--oracle"});
   check.refuses("anigen-experiment run x.json --seed 3", {"--seed: anigen-experiment has no such option"});
   check.refuses("anigen-experiment run x.json --together", {"--together", "--only"});
   check.refuses("anigen-inspect a.glb --output b.txt", {"b.txt", ".png", ".glb"});

@@ -16,11 +16,9 @@
 #include "anigen/generate/generate_assets.h"
 #include "anigen/generate/picture_input.h"
 #include "anigen/io/arrays/npz.h"
-#include "anigen/io/arrays/safetensors.h"
 #include "anigen/io/gltf/gltf.h"
-#include "anigen/nn/state_dict.h"
-#include "anigen/vision/patch_encoder.h"
 #include "tests/generate/onnx_files.h"
+#include "tests/generate/small_runs.h"
 #include "tests/support/paths.h"
 
 namespace anigen::generate {
@@ -28,7 +26,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr int kSide = 32;
+constexpr int kSide = test::kConditionSide;
 
 /// A blue disc on transparent ground.
 io::Image disc(int side) {
@@ -41,21 +39,6 @@ io::Image disc(int side) {
     }
   }
   return image;
-}
-
-/// A flow's run with a small image encoder in place of DINOv2.
-void give_image_encoder(const fs::path& run) {
-  Json config = read_json(run / "config.json");
-  const std::int64_t channels = config["models"]["denoiser"]["args"]["cond_channels"];
-  const Json encoder = {{"name", "patch"}, {"image_size", kSide}, {"patch_size", 16},
-                        {"width", 16},     {"num_blocks", 1},     {"num_heads", 2}};
-  config["dataset"]["args"]["image_size"] = kSide;
-  config["trainer"]["args"]["image_encoder"] = encoder;
-  config["trainer"]["args"]["sampler"] = {{"steps", 3}, {"cfg_strength", 1.0}};
-  write_file_atomically(run / "config.json", config.dump(2));
-  torch::manual_seed(0);
-  vision::PatchImageEncoder model(vision::PatchImageEncoderOptions::from_json(encoder), channels);
-  io::write_safetensors(run / "ckpts" / "image_encoder_final.safetensors", nn::state_dict(*model));
 }
 
 // docs/reference/flows.md, 7.2: what the published program draws for seed 42.
@@ -87,8 +70,8 @@ class GenerateAssets : public ::testing::Test {
     const fs::path runs = folder_ / "ckpts" / "anigen";
     request_.models.structure_flow = runs / "ss_flow_solo";
     request_.models.latent_flow = runs / "slat_flow_control";
-    give_image_encoder(request_.models.structure_flow);
-    give_image_encoder(request_.models.latent_flow);
+    test::give_image_encoder(request_.models.structure_flow);
+    test::give_image_encoder(request_.models.latent_flow);
     request_.output = folder_ / "out";
     request_.finishing.reduction = 0.8;
     request_.finishing.views = 12;
@@ -260,6 +243,36 @@ TEST_F(GenerateAssets, TheSeedAloneDecides) {
   const Asset finished_again = finish_asset(first.decoded.asset, request_.finishing).asset;
   EXPECT_EQ(finished.mesh.vertices, finished_again.mesh.vertices);
   EXPECT_EQ(dense_rows(finished), dense_rows(finished_again));
+}
+
+// Whatever the latents are sampled on, the noise is that of the whole way.
+TEST_F(GenerateAssets, GivenVoxelsAndLatentsStandForWhatTheFlowsGive) {
+  const torch::Tensor picture = torch::rand({1, 3, kSide, kSide});
+  AssetGenerator generator(request_.models);
+  GenerationOptions options = request_.sampling;
+  const GeneratedAsset whole = generator.generate(picture, picture, "a", options);
+  const sparse_structure::VoxelPair sampled = generator.sample_voxels(picture, "a", options);
+  EXPECT_TRUE(torch::equal(sampled.shape, whole.voxels.shape));
+  options.given_voxels = sampled;
+  const GeneratedAsset same = generator.generate(picture, picture, "a", options);
+  EXPECT_EQ(same.decoded.asset.mesh.vertices, whole.decoded.asset.mesh.vertices);
+  EXPECT_EQ(dense_rows(same.decoded.asset), dense_rows(whole.decoded.asset));
+
+  const std::int64_t r = generator.grid();
+  sparse_structure::VoxelPair other{torch::zeros({r, r, r}, torch::kBool), torch::zeros({r, r, r}, torch::kBool)};
+  other.shape.slice(0, 4, 10).slice(1, 5, 9).slice(2, 3, 12).fill_(true);
+  other.skeleton.slice(0, 6, 8).slice(1, 7, 8).slice(2, 4, 11).fill_(true);
+  options.given_voxels = other;
+  const GeneratedAsset moved = generator.generate(picture, picture, "a", options);
+  const auto places = [](const torch::Tensor& occupied) { return torch::nonzero(occupied).to(torch::kInt32); };
+  EXPECT_TRUE(torch::equal(moved.latents.geometry.support->coords().slice(1, 1), places(other.shape)));
+  EXPECT_TRUE(torch::equal(moved.latents.skeleton.support->coords().slice(1, 1), places(other.skeleton)));
+
+  options.given_latents = moved.latents;
+  options.seed = 7;
+  const GeneratedAsset decoded = generator.generate({}, {}, "a", options);
+  EXPECT_EQ(decoded.decoded.asset.mesh.vertices, moved.decoded.asset.mesh.vertices);
+  EXPECT_EQ(decoded.shape_voxels, moved.shape_voxels);
 }
 
 TEST_F(GenerateAssets, TheSameRequestGivesTheSameFiles) {

@@ -164,6 +164,7 @@ inline constexpr OptionRow kOptions[] = {
     {"--motion-frames", 0, "N", "Metrics", "Frames of a motion that are compared", ""},
     {"--motion-images", 0, "N", "Metrics", "Assets to draw in motion, ground truth beside every prediction: in the report, and as frames and GLB in <output>/motion", "eval:--motion-pictures"},
     {"--train-split", 0, "FILE", "Metrics", "Ids that retrieval chooses from [as the flow's config says]", ""},
+    {"--oracle", 0, "", "Metrics", "Say where the error of generated assets enters: each is made by the auto-encoder, on true voxels, with true latents, and as a whole", ""},
     {"--check", 0, "", "Metrics", "Also decode every latent and compare it with the voxels", ""},
     // --- Training ---
     {"--load", 0, "DIR", "Training", "Start from a checkpoint of this other run folder; ignored once the output folder has its own", ""},

@@ -50,6 +50,9 @@ struct TorchHalf {
   eval::SkinMethod (*skin_reconstruction)(const std::string& run, const CommonOptions& common, Json& settings);
   /// anigen-eval --ss-flow.
   void (*evaluate_structures)(const EvalArguments& arguments, const CommonOptions& common);
+  /// anigen-eval --oracle. @param pairs all of the request but its predictions
+  void (*evaluate_oracle)(const EvalArguments& arguments, const CommonOptions& common,
+                          const eval::EvaluationRequest& pairs);
   /// anigen-inspect --weights: adds "weights" to the description. @return a sentence on the first incomplete one, or ""
   std::string (*describe_weights)(const std::string& run, Json& description);
   /// anigen-prepare --features.

@@ -18,6 +18,7 @@
 #include "anigen/generate/encode_report.h"
 #include "anigen/generate/evaluate.h"
 #include "anigen/generate/generate_assets.h"
+#include "anigen/generate/oracle.h"
 #include "anigen/generate/retrieve.h"
 #include "anigen/generate/rignet_rigger.h"
 #include "anigen/generate/run_weights.h"
@@ -100,6 +101,37 @@ void evaluate_structures(const EvalArguments& arguments, const CommonOptions& co
   request.device = common.device;
   const generate::StructureEvaluation evaluation = generate::evaluate_structures(request);
   std::fputs((to_markdown(evaluation.table()) + "\n").c_str(), stdout);
+}
+
+void evaluate_oracle(const EvalArguments& arguments, const CommonOptions& common,
+                     const eval::EvaluationRequest& pairs) {
+  nn::set_up_computing(common.threads);
+  generate::OracleRequest request;
+  request.pairs = pairs;
+  generate::GenerateRequest& generation = request.generation;
+  generation.models.structure_flow = arguments.ss_flow;
+  generation.models.latent_flow = arguments.slat_flow;
+  generation.models.structure_autoencoder = arguments.ss_dae;
+  generation.models.latent_autoencoder = arguments.slat_dae;
+  generation.models.device = common.device;
+  skeleton_field::MeanShiftOptions& grouping = generation.models.grouping;
+  grouping.bandwidth = arguments.cluster_bandwidth.value_or(grouping.bandwidth);
+  grouping.min_cluster_size = arguments.cluster_min_votes.value_or(grouping.min_cluster_size);
+  generate::GenerationOptions& sampling = generation.sampling;
+  sampling.seed = common.seed.value_or(sampling.seed);
+  sampling.structure.steps = arguments.steps;
+  sampling.latents.steps = arguments.slat_steps;
+  if (!arguments.guidance.empty()) sampling.structure.cfg_strength = arguments.guidance.front() - 1;
+  if (arguments.slat_guidance) sampling.latents.cfg_strength = *arguments.slat_guidance - 1;
+  generation.finishing.views = arguments.hidden_views.value_or(generation.finishing.views);
+  generation.finishing.texture_size = arguments.texture_size.value_or(generation.finishing.texture_size);
+  generation.again = arguments.force;
+  generation.accept_other_code = pairs.accept_other_code;
+  generation.output = arguments.output;
+  const generate::Oracle oracle = generate::evaluate_oracle(request);
+  print_result(to_json(oracle), to_markdown(oracle), common);
+  require_inputs(failures(oracle), oracle.assets.size(),
+                 "assets lack a row (" + arguments.output + "/oracle.md says why)", common);
 }
 
 /// The number of joints that one of three options asks for.
@@ -312,6 +344,7 @@ extern "C" __attribute__((visibility("default"))) const TorchHalf* anigen_torch_
       add_perceptual_metric,
       skin_reconstruction,
       evaluate_structures,
+      evaluate_oracle,
       describe_weights,
       vision::make_feature_extractor,
   };
