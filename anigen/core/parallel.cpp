@@ -106,8 +106,8 @@ void set_thread_count(int threads) {
 int thread_count() { return count_setting(); }
 
 void share_processors() {
-  // GNU's OpenMP spins 300,000 times before it sleeps, several milliseconds in which a thread whose partner has lost its
-  // processor keeps another program from that partner's next turn. This bridges the gaps between operators alone.
+  // GNU's OpenMP spins 300,000 times before it sleeps, several milliseconds in which a thread whose partner has lost
+  // its processor keeps another program from that partner's next turn. This bridges the gaps between operators alone.
   constexpr const char* kSpins = "300";
   if (std::getenv("OMP_WAIT_POLICY") == nullptr) ::setenv("GOMP_SPINCOUNT", kSpins, 0);
   // A short time slice lets a thread that wakes run before one with a longer slice (EEVDF, Linux 6.12 and newer); its

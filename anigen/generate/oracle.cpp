@@ -116,7 +116,7 @@ class OracleRun {
   }
 
  private:
-  /// What conditions the two flows; undefined for given latents.
+  /// Tokens of the picture for the two flows; undefined for given latents.
   struct Seen {
     Tensor first, second;
   };

@@ -115,7 +115,7 @@ std::vector<TimedSettings> search_settings(std::size_t batch_size, int threads,
       bool lacks_precision = false;
       for (std::size_t split = replicas; split <= batch_size; split *= 2) {
         const TimedSettings& timed = all.emplace_back(time({replicas, split, precision}));
-        // What failed for want of memory may work in smaller pieces.
+        // Settings that ran out of memory may work in smaller pieces.
         lacks_precision = timed.failure.find("recision") != std::string::npos;
         if (lacks_precision || (best > 0.0 && timed.samples_per_second < best)) break;
         best = timed.samples_per_second;
