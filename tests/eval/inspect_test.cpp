@@ -10,7 +10,6 @@
 #include "anigen/core/files.h"
 #include "anigen/core/hash.h"
 #include "anigen/eval/describe.h"
-#include "anigen/eval/report.h"
 #include "anigen/io/arrays/npz.h"
 #include "anigen/io/obj.h"
 #include "anigen/io/ply.h"
@@ -318,14 +317,6 @@ TEST(Base64, AgreesWithTheRfc) {
   EXPECT_EQ(encoded("fo"), "Zm8=");
   EXPECT_EQ(encoded("foo"), "Zm9v");
   EXPECT_EQ(encoded("foobar"), "Zm9vYmFy");
-}
-
-TEST(LineChart, DrawsOnlyWhatIsACurve) {
-  EXPECT_EQ(line_chart("t", {}), "");
-  EXPECT_EQ(line_chart("t", {{1, 1}, {2, std::nan("")}}), "");
-  const std::string svg = line_chart("eval.l1 <x>", {{0, 1}, {10, 0.5}});
-  EXPECT_NE(svg.find("<polyline"), std::string::npos);
-  EXPECT_NE(svg.find("&lt;x&gt;"), std::string::npos);
 }
 
 }  // namespace

@@ -47,16 +47,5 @@ TEST(SkinReport, IsOneFileWithTablesPicturesAndCurves) {
   EXPECT_EQ(occurrences(html, "<table>"), occurrences(html, "</table>"));
 }
 
-TEST(LineChart, SeveralCurvesHaveALegendAndShortOnesAreLeftOut) {
-  const std::string svg =
-      curves_chart("Loss", {{"one", {{0, 3}, {1, 2}}}, {"two", {{0, 1}, {2, 4}}}, {"dot", {{0, 1}}}});
-  EXPECT_NE(svg.find("one, last 2"), std::string::npos);
-  EXPECT_NE(svg.find("two, last 4"), std::string::npos);
-  EXPECT_EQ(svg.find("dot"), std::string::npos);
-  EXPECT_EQ(curves_chart("Loss", {{"dot", {{0, 1}}}}), "");
-  const std::string single = line_chart("Loss", {{0, 3}, {1, 2}});
-  EXPECT_NE(single.find("Loss, last 2"), std::string::npos);
-}
-
 }  // namespace
 }  // namespace anigen::eval
