@@ -1,8 +1,8 @@
 // 3³ convolutions as the sparse-structure auto-encoder has them: ours, and torch::conv3d, as shares of what the machine
-// does on a large fp32 matrix product; "mixed" are ours with factors rounded to bf16 (nn/mixed.h). All are timed in
-// turn, round after round, so that a machine whose speed wanders treats them alike; compare only figures of one run.
-// Prints a table; with --benchmark_out=FILE also Google Benchmark's JSON. Other --benchmark_* flags are accepted and
-// ignored.
+// does on a large fp32 matrix product; "mixed" are ours with factors rounded to bf16 (nn/kernels/mixed_products.h). All
+// are timed in turn, round after round, so that a machine whose speed wanders treats them alike; compare only figures
+// of one run. Prints a table; with --benchmark_out=FILE also Google Benchmark's JSON. Other --benchmark_* flags are
+// accepted and ignored.
 #include <ATen/Parallel.h>
 
 #include <cstdio>
@@ -12,7 +12,7 @@
 
 #include "anigen/core/log.h"
 #include "anigen/core/parallel.h"
-#include "anigen/nn/mixed.h"
+#include "anigen/nn/kernels/mixed_products.h"
 #include "anigen/nn/volumes.h"
 #include "benchmarks/benchmark_flags.h"
 #include "benchmarks/timed_tasks.h"

@@ -2,7 +2,7 @@
 
 #include "anigen/apps/common/command_line.h"
 #include "anigen/apps/common/torch_half.h"
-#include "anigen/apps/eval_arguments.h"
+#include "anigen/apps/program_arguments.h"
 #include "anigen/core/error.h"
 #include "anigen/core/log.h"
 #include "anigen/core/parallel.h"

@@ -9,7 +9,6 @@
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
 #include "anigen/core/hash.h"
-#include "anigen/core/json_record.h"
 #include "anigen/core/kernel_form.h"
 #include "anigen/core/lease.h"
 #include "anigen/core/log.h"

@@ -9,6 +9,5 @@
 #include "anigen/eval/metric_table.h"
 #include "anigen/eval/pair.h"
 #include "anigen/eval/pairs.h"
-#include "anigen/eval/report.h"
 #include "anigen/eval/skin_baselines.h"
 #include "anigen/eval/skin_evaluation.h"

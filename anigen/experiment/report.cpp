@@ -17,7 +17,7 @@
 #include "anigen/core/text.h"
 #include "anigen/core/version.h"
 #include "anigen/eval/comparison_report.h"
-#include "anigen/eval/report.h"
+#include "anigen/eval/skin_evaluation.h"
 #include "anigen/experiment/command.h"
 #include "anigen/experiment/run_jobs.h"
 #include "anigen/experiment/sheets.h"

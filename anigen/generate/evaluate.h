@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "anigen/core/json_record.h"
+#include "anigen/core/config.h"
 #include "anigen/core/table.h"
 #include "anigen/generate/stage_generators.h"
 #include "anigen/io/image.h"

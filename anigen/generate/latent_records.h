@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "anigen/core/json_record.h"
+#include "anigen/core/config.h"
 #include "anigen/io/arrays/ndarray.h"
 
 namespace anigen::generate {

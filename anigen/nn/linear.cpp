@@ -7,7 +7,6 @@
 #include "anigen/core/kernel_form.h"
 #include "anigen/nn/kernels/activations.h"
 #include "anigen/nn/kernels/mixed_products.h"
-#include "anigen/nn/mixed.h"
 
 namespace anigen::nn {
 

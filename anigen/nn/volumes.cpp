@@ -3,11 +3,11 @@
 #include <ATen/Parallel.h>
 #include <algorithm>
 
+#include "anigen/nn/kernels/mixed_products.h"
 #include "anigen/nn/kernels/rows.h"
 #include "anigen/nn/kernels/tiles.h"
 #include "anigen/nn/kernels/volume_convolution.h"
 #include "anigen/nn/kernels/volume_convolution_bf16.h"
-#include "anigen/nn/mixed.h"
 #include "anigen/nn/norms.h"
 
 namespace anigen::nn {

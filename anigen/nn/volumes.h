@@ -19,7 +19,8 @@ bool volume_convolution_supports(const Tensor& x, const Tensor& weight, std::int
 /// 3³ cross-correlation of stride 1 and padding 1 in fp32 on a CPU, made for few channels and large volumes: channels
 /// of a voxel lie side by side, and each thread holds three padded slabs of the input. Results do not depend on the
 /// number of threads, to the bit. Can be differentiated once; a second time is an error. Where mixed_products()
-/// (nn/mixed.h), values, weights and slopes are rounded to bf16 when they are multiplied, in the backward pass too.
+/// (nn/kernels/mixed_products.h), values, weights and slopes are rounded to bf16 when they are multiplied, in the
+/// backward pass too.
 /// @param x [B, I, X, Y, Z] of any strides; torch::MemoryFormat::ChannelsLast3d is read without a copy
 /// @param weight [O, I, 3, 3, 3] @param bias [O] @return [B, O, X, Y, Z], ChannelsLast3d
 Tensor volume_convolution(const Tensor& x, const Tensor& weight, const Tensor& bias);

@@ -8,7 +8,7 @@
 
 #include "anigen/asset/mesh.h"
 #include "anigen/asset/rigged_asset.h"
-#include "anigen/core/json_record.h"
+#include "anigen/core/config.h"
 #include "anigen/io/rigs/rig_listing.h"
 #include "anigen/io/rigs/rig_reader.h"
 

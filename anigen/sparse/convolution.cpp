@@ -5,7 +5,7 @@
 #include <string>
 
 #include "anigen/core/error.h"
-#include "anigen/nn/mixed.h"
+#include "anigen/nn/kernels/mixed_products.h"
 
 namespace anigen::sparse {
 

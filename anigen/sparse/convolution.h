@@ -39,7 +39,7 @@ TapPlan reversed(const TapPlan& plan);
 /// out += what the plan says, in the dtype of `out`. Never holds more than a block of rows besides the arguments.
 /// @param neighbours [27, N] int32, device of `in` @param in [N · from_children, Cin] @param matrices [M, Cin, Cout],
 /// any strides @param out [N · to_children, Cout], contiguous @param mixed fp32 factors are rounded to bf16
-/// (nn/mixed.h) where the sizes allow it
+/// (nn/kernels/mixed_products.h) where the sizes allow it
 void add_tap_product(const TapPlan& plan, const Tensor& neighbours, const Tensor& in, const Tensor& matrices,
                      Tensor& out, bool mixed = false);
 

@@ -49,7 +49,7 @@ LrSchedule read_schedule(const Json& json, std::int64_t max_steps, const std::st
 /// In which numbers a run computes. Masters, optimiser state and averages are fp32, but for fp64.
 struct Precision {
   torch::Dtype compute = torch::kFloat32;  ///< of the torsos (see Stage::set_compute_dtype)
-  bool mixed_products = false;             ///< factors of products rounded to bf16 (nn/mixed.h)
+  bool mixed_products = false;             ///< factors of products rounded to bf16 (nn/kernels/mixed_products.h)
   bool loss_scaling = false;               ///< multiply losses by 2^log_scale: fp16 gradients underflow without
   std::string note;                        ///< one line for the log
 };

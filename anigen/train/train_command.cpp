@@ -17,7 +17,7 @@
 #include "anigen/core/run_folder.h"
 #include "anigen/core/version.h"
 #include "anigen/data/latent_files.h"
-#include "anigen/nn/mixed.h"
+#include "anigen/nn/kernels/mixed_products.h"
 #include "anigen/nn/profile.h"
 #include "anigen/train/stages/stages.h"
 

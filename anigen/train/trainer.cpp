@@ -16,7 +16,7 @@
 #include "anigen/core/text.h"
 #include "anigen/io/image.h"
 #include "anigen/train/distributed/communicator.h"
-#include "anigen/train/progress_page.h"
+#include "anigen/train/metrics_log.h"
 
 namespace anigen::train {
 

@@ -1,4 +1,4 @@
-#include "anigen/nn/mixed.h"
+#include "anigen/nn/kernels/mixed_products.h"
 
 #include <gtest/gtest.h>
 

@@ -6,9 +6,9 @@
 #include <ostream>
 #include <vector>
 
+#include "anigen/nn/kernels/mixed_products.h"
 #include "anigen/nn/kernels/tiles.h"
 #include "anigen/nn/kernels/volume_convolution.h"
-#include "anigen/nn/mixed.h"
 #include "tests/support/kernel_forms.h"
 
 namespace anigen::nn::kernels {

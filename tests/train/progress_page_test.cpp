@@ -1,4 +1,4 @@
-#include "anigen/train/progress_page.h"
+#include "anigen/train/metrics_log.h"
 
 #include <gtest/gtest.h>
 

@@ -164,6 +164,13 @@ void require_inputs(const Reports& reports, const std::string& what, const Commo
   require_inputs(static_cast<std::size_t>(count), reports.size(), what, common);
 }
 
+/// The options of every program that clusters votes for joints. @param clustering skeleton_field::MeanShiftOptions
+template <class MeanShiftOptions>
+void add_clustering_options(CLI::App& app, MeanShiftOptions& clustering) {
+  add_option(app, "--cluster-bandwidth", clustering.bandwidth)->check(number(0, 1, RangeEnds::kOpenBelow));
+  add_option(app, "--cluster-min-votes", clustering.min_cluster_size)->check(whole_number(1, 1'000'000));
+}
+
 /// Prints a program's result on standard output: with --json as JSON, else as text.
 void print_result(const Json& json, const std::string& text, const CommonOptions& common);
 

@@ -5,11 +5,7 @@
 
 #include "anigen/apps/common/command_line.h"
 #include "anigen/apps/common/torch_half.h"
-#include "anigen/apps/encode_arguments.h"
-#include "anigen/apps/eval_arguments.h"
-#include "anigen/apps/generate_arguments.h"
-#include "anigen/apps/rig_arguments.h"
-#include "anigen/apps/train_arguments.h"
+#include "anigen/apps/program_arguments.h"
 #include "anigen/core/error.h"
 #include "anigen/core/parallel.h"
 #include "anigen/eval/evaluate_command.h"

@@ -1,4 +1,4 @@
-#include "anigen/eval/report.h"
+#include "anigen/eval/skin_evaluation.h"
 
 #include <gtest/gtest.h>
 
