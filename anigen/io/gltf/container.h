@@ -17,7 +17,7 @@ namespace anigen::io::gltf_import {
 
 /// The parts of the reader and who does what (docs/assets.md has the measurements):
 ///   container.h  the GLB's header and chunks, each fault with its byte; the JSON (nlohmann, depth and size limited);
-///                URIs and paths; base64 by tinygltf
+///                URIs, paths, base64
 ///   document.h   every index, range and number of the JSON, each fault with its JSON pointer. tinygltf's own parser
 ///                is not used for this: it takes wrong types as absent, cuts indices to 32 bits and names no place
 ///   accessors.h  numbers from bytes; Draco and meshoptimizer decode what is compressed

@@ -261,6 +261,30 @@ TEST(GltfHostile, UrisThatLeaveTheFolder) {
   expect_refused(file, "/images/0/uri", "leaves the folder");
 }
 
+// Both alphabets of RFC 4648 (sections 4 and 5), with their padding and without it.
+TEST(GltfDataUri, EitherAlphabetOfBase64) {
+  const test::TemporaryFolder folder;
+  GltfBuilder file = flag();
+  for (int i = 0; i < 256; ++i) file.buffer += static_cast<char>(i);  // every digit
+  const std::string digits = base64(file.buffer);
+  std::string url_safe = digits;
+  std::replace(url_safe.begin(), url_safe.end(), '+', '-');
+  std::replace(url_safe.begin(), url_safe.end(), '/', '_');
+  ASSERT_NE(url_safe, digits);
+  test::write_bytes(folder / "plain.bin", file.buffer);
+  const auto mesh_of = [&](const std::string& uri) {
+    file.json["buffers"] = Json::array({Json{{"byteLength", file.buffer.size()}, {"uri", uri}}});
+    test::write_bytes(folder / "file.gltf", file.json.dump());
+    return read_gltf(folder / "file.gltf").mesh.vertices;
+  };
+  const auto expected = mesh_of("plain.bin");
+  for (std::string uri : {digits, url_safe}) {
+    uri.erase(uri.find_last_not_of('=') + 1);
+    for (const char* padding : {"", "=", "=="})
+      EXPECT_EQ(mesh_of("data:application/octet-stream;base64," + uri + padding), expected) << padding;
+  }
+}
+
 // A link beside the glTF may lead to a file that whoever made it was never given.
 TEST(GltfHostile, LinksThatLeaveTheFolder) {
   const test::TemporaryFolder outer;
