@@ -90,7 +90,7 @@ class Body {
   void apply_pose();
 
   double between(double low, double high) { return rng.uniform(low, high); }
-  int count(int low, int high) { return low + static_cast<int>(rng.index(static_cast<std::size_t>(high - low + 1))); }
+  int count(int low, int high) { return low + static_cast<int>(rng.index(static_cast<std::size_t>(high - low) + 1)); }
 
  private:
   Primitive& add(Primitive::Shape shape, int joint, double thickness, int paint);

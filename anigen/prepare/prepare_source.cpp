@@ -145,7 +145,7 @@ AssetRecord record_from_columns(const Json& columns) {
 }
 
 /// The first step of an asset, which everything else depends on.
-struct SourcePreparer::Root {  // NOLINT(bugprone-exception-escape): Json's move constructor checks itself
+struct SourcePreparer::Root {
   std::size_t variant = 0;
   Json options;
   std::function<Json()> columns;  ///< makes the asset available to the job and returns what was measured

@@ -8,6 +8,7 @@ at::Generator loss_generator(const LossContext& context, std::string_view purpos
   return nn::numbered_generator(context.seed, purpose, index);
 }
 
+// NOLINTNEXTLINE(bugprone-throw-keyword-missing): a list of what workers threw
 Workers::Workers(std::size_t count, int threads) : errors_(count) {
   at::set_num_threads(threads);
   for (std::size_t i = 1; i < count; ++i) threads_.emplace_back([this, i, threads] { work(i, threads); });

@@ -92,7 +92,7 @@ TimedSettings time_in_process(const Json& config, const StepSettings& settings, 
   const CsvTable metrics = read_csv(RunFolder{folder}.metrics());
   std::vector<double> rates;
   for (std::size_t row = 1; row < metrics.rows.size(); ++row) {
-    const std::string cell = metrics.cell(row, "time.samples_per_s");
+    const std::string& cell = metrics.cell(row, "time.samples_per_s");
     if (!cell.empty()) rates.push_back(std::stod(cell));
   }
   if (rates.empty()) throw Error(RunFolder{folder}.metrics().string() + ": no times");

@@ -167,7 +167,7 @@ TEST_F(InspectGeometry, AMeshWithoutARigIsNoError) {
   }
 }
 
-const char* kWalkBvh =
+const char* const kWalkBvh =
     "HIERARCHY\nROOT hips\n{\n OFFSET 0 1 0\n CHANNELS 3 Xposition Yposition Zposition\n JOINT knee\n {\n"
     "  OFFSET 0 1 0\n  CHANNELS 1 Xrotation\n  End Site\n  {\n   OFFSET 0 1 0\n  }\n }\n}\nMOTION\nFrames: 3\n"
     "Frame Time: 0.5\n0 0 0 0\n0 1 0 45\n0 2 0 90\n";

@@ -16,7 +16,7 @@
 #include "anigen/core/log.h"
 #include "anigen/core/process.h"
 
-extern char** environ;
+extern char** environ;  // NOLINT(readability-redundant-declaration): POSIX leaves it to the program
 
 namespace anigen::train {
 
