@@ -7,6 +7,7 @@
 #include "anigen/core/kernel_form.h"
 #include "anigen/nn/kernels/activations.h"
 #include "anigen/nn/kernels/mixed_products.h"
+#include "anigen/nn/profile.h"
 
 namespace anigen::nn {
 
@@ -105,6 +106,11 @@ Tensor mixed_correlation(const Tensor& dy, const Tensor& x) {
 }
 
 // x wᵀ + b of fp32 tensors, factors rounded to bf16.
+// Of one product of rows [N, in] with a weight [out, in].
+double product_operations(const Tensor& rows, const Tensor& weight) {
+  return 2.0 * static_cast<double>(rows.size(0)) * static_cast<double>(weight.numel());
+}
+
 class MixedLinear : public torch::autograd::Function<MixedLinear> {
  public:
   static Tensor forward(AutogradContext* context, const Tensor& x, const Tensor& weight, const Tensor& bias) {
@@ -114,6 +120,7 @@ class MixedLinear : public torch::autograd::Function<MixedLinear> {
     context->saved_data["shape"] = x.sizes().vec();
     Tensor y = torch::empty({rows.size(0), w.size(0)}, x.options());
     y.copy_(bias);
+    count_operations(product_operations(rows, w), /*mixed=*/true);
     add_mixed_product(rows, {w.data_ptr<float>(), 1, w.size(1)}, y);
     std::vector<std::int64_t> shape = x.sizes().vec();
     shape.back() = w.size(0);
@@ -126,6 +133,8 @@ class MixedLinear : public torch::autograd::Function<MixedLinear> {
     const Tensor &rows = saved[0], &w = saved[1];
     const Tensor dy = gradients[0].reshape({-1, w.size(0)}).contiguous();
     Tensor dx, dw, db;
+    const int products = (context->needs_input_grad(0) ? 1 : 0) + (context->needs_input_grad(1) ? 1 : 0);
+    count_operations(products * product_operations(rows, w), /*mixed=*/true);
     if (context->needs_input_grad(0)) {
       dx = torch::zeros(rows.sizes(), rows.options());
       add_mixed_product(dy, {w.data_ptr<float>(), w.size(1), 1}, dx);

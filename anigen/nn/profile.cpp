@@ -1,11 +1,14 @@
 #include "anigen/nn/profile.h"
 
+#include <ATen/Parallel.h>
 #include <ATen/record_function.h>
 #include <dlfcn.h>
 #include <algorithm>
 #include <chrono>
 #include <cstdio>
 #include <filesystem>
+#include <initializer_list>
+#include <limits>
 #include <memory>
 #include <mutex>
 #include <stdexcept>
@@ -15,6 +18,8 @@
 #include "anigen/core/error.h"
 #include "anigen/core/log.h"
 #include "anigen/core/parallel.h"
+#include "anigen/nn/kernels/mixed_products.h"
+#include "anigen/nn/kernels/tiles.h"
 
 namespace anigen::nn {
 
@@ -77,8 +82,12 @@ struct Totals {
 };
 Totals* active = nullptr;
 
-// Seconds measured inside each operator that this thread is in, the innermost last.
-thread_local std::vector<double> inner_seconds;
+// An operator that this thread is in: seconds measured inside it, and work that it told.
+struct Open {
+  double inner_seconds = 0.0;
+  Work work;
+};
+thread_local std::vector<Open> open_operators;  // the innermost last
 
 struct Began : at::ObserverContext {
   Clock::time_point at = Clock::now();
@@ -91,21 +100,92 @@ std::string plain_name(const std::string& name) {
 }
 
 std::unique_ptr<at::ObserverContext> begin_operator(const at::RecordFunction&) {
-  inner_seconds.push_back(0.0);
+  open_operators.emplace_back();
   return std::make_unique<Began>();
+}
+
+bool is_any_of(const std::string& name, std::initializer_list<const char*> names) {
+  return std::any_of(names.begin(), names.end(), [&](const char* one) { return name == one; });
+}
+
+// 2 · rows · depth · columns of a product of the last two of a list of matrices [(batch,) ·, ·].
+double product_operations(c10::ArrayRef<const c10::IValue> inputs) {
+  std::vector<Tensor> factors;
+  for (const c10::IValue& value : inputs) {
+    if (value.isTensor() && value.toTensor().defined()) factors.push_back(value.toTensor());
+  }
+  if (factors.size() < 2) return 0.0;
+  const Tensor &a = factors[factors.size() - 2], &b = factors.back();
+  return a.dim() < 2 || b.dim() < 1 ? 0.0 : 2.0 * static_cast<double>(a.numel()) * static_cast<double>(b.size(-1));
+}
+
+double bytes_of(c10::ArrayRef<const c10::IValue> values) {
+  double bytes = 0.0;
+  for (const c10::IValue& value : values) {
+    if (value.isTensor() && value.toTensor().defined()) bytes += static_cast<double>(value.toTensor().nbytes());
+    if (value.isTensorList()) {
+      for (const Tensor& tensor : value.toTensorVector()) bytes += static_cast<double>(tensor.nbytes());
+    }
+  }
+  return bytes;
+}
+
+// Operators of LibTorch that return another view of a tensor, or memory that nothing has written yet.
+bool moves_no_bytes(const std::string& name) {
+  return is_any_of(name, {"aten::view",
+                          "aten::as_strided",
+                          "aten::slice",
+                          "aten::select",
+                          "aten::transpose",
+                          "aten::t",
+                          "aten::expand",
+                          "aten::permute",
+                          "aten::narrow",
+                          "aten::unsqueeze",
+                          "aten::squeeze",
+                          "aten::detach",
+                          "detach",
+                          "aten::alias",
+                          "aten::unbind",
+                          "aten::split_with_sizes",
+                          "aten::empty",
+                          "aten::empty_strided",
+                          "aten::_reshape_alias",
+                          "aten::resize_",
+                          "aten::item",
+                          "aten::_local_scalar_dense",
+                          "aten::result_type",
+                          "aten::lift_fresh"});
+}
+
+// Work of an operator of LibTorch that called no other; 0 for nodes and parts of ours.
+Work work_of(const std::string& name, const at::RecordFunction& function) {
+  Work work;
+  if (name.rfind("aten::", 0) != 0 || moves_no_bytes(name)) return work;
+  if (is_any_of(name, {"aten::mm", "aten::addmm", "aten::addmm_", "aten::bmm", "aten::baddbmm", "aten::baddbmm_"})) {
+    work.fp32 = product_operations(function.inputs());
+  } else {
+    const auto inputs = function.inputs();
+    work.bytes = bytes_of(inputs) + bytes_of({function.outputs().data(), function.outputs().size()});
+  }
+  return work;
 }
 
 void end_operator(const at::RecordFunction& function, at::ObserverContext* context) {
   // Operators that began before the profile did have no place here.
-  if (inner_seconds.empty() || active == nullptr) return;
+  if (open_operators.empty() || active == nullptr) return;
   const double seconds = std::chrono::duration<double>(Clock::now() - static_cast<Began*>(context)->at).count();
-  const double own = seconds - inner_seconds.back();
-  inner_seconds.pop_back();
-  if (!inner_seconds.empty()) inner_seconds.back() += seconds;
+  const Open done = open_operators.back();
+  open_operators.pop_back();
+  if (!open_operators.empty()) open_operators.back().inner_seconds += seconds;
+  const std::string name = plain_name(function.name());
+  Work work = done.work;
+  if (done.inner_seconds == 0.0) work += work_of(name, function);
   const std::lock_guard<std::mutex> lock(active->mutex);
-  Row& row = active->rows[plain_name(function.name())];
+  Row& row = active->rows[name];
   ++row.calls;
-  row.seconds += own;
+  row.seconds += seconds - done.inner_seconds;
+  row.work += work;
 }
 
 std::vector<Row> longest_first(std::vector<Row> rows) {
@@ -116,15 +196,34 @@ std::vector<Row> longest_first(std::vector<Row> rows) {
 }
 
 std::string table(const std::vector<Row>& rows, const char* heading, double all, std::int64_t steps) {
-  std::string text = std::string("| ") + heading + " | calls per step | ms per step | share |\n|---|--:|--:|--:|\n";
+  std::string text =
+      std::string("| ") + heading + " | calls per step | ms per step | share | GFLOP/s |\n|---|--:|--:|--:|--:|\n";
   for (const Row& row : rows) {
-    char figures[80];
-    const auto count = static_cast<double>(steps);
-    std::snprintf(figures, sizeof figures, " | %.1f | %.2f | %.1f %% |\n", static_cast<double>(row.calls) / count,
-                  1e3 * row.seconds / count, 100.0 * row.seconds / all);
-    text += "| " + row.name + figures;
+    char figures[96];
+    const double count = static_cast<double>(steps), operations = row.work.fp32 + row.work.bf16;
+    const int length =
+        std::snprintf(figures, sizeof figures, " | %.1f | %.2f | %.1f %% | ", static_cast<double>(row.calls) / count,
+                      1e3 * row.seconds / count, 100.0 * row.seconds / all);
+    if (operations > 0.0 && row.seconds > 0.0)
+      std::snprintf(figures + length, sizeof figures - static_cast<std::size_t>(length), "%.0f",
+                    1e-9 * operations / row.seconds);
+    text += "| " + row.name + figures + " |\n";
   }
   return text;
+}
+
+// Seconds of the fastest of several calls, after one that warms up.
+template <typename Body>
+double fastest(const Body& body) {
+  constexpr int kCalls = 5;
+  body();
+  double best = std::numeric_limits<double>::infinity();
+  for (int i = 0; i < kCalls; ++i) {
+    const Clock::time_point begin = Clock::now();
+    body();
+    best = std::min(best, std::chrono::duration<double>(Clock::now() - begin).count());
+  }
+  return best;
 }
 
 }  // namespace
@@ -161,11 +260,53 @@ void set_up_computing(int threads) {
   static_cast<void>(once);
 }
 
+Work& Work::operator+=(const Work& other) {
+  fp32 += other.fp32;
+  bf16 += other.bf16;
+  bytes += other.bytes;
+  return *this;
+}
+
+bool is_profiled() { return active != nullptr; }
+
+void count_operations(double operations, bool mixed) {
+  if (open_operators.empty()) return;
+  Work& work = open_operators.back().work;
+  (mixed ? work.bf16 : work.fp32) += operations;
+}
+
+MachinePeak measure_machine_peak() {
+  const torch::NoGradGuard no_grad;
+  constexpr std::int64_t kRows = 1024, kCopied = 1 << 24;  // 64 MiB, more than caches hold
+  const double operations = 2.0 * kRows * kRows * kRows;
+  const Tensor a = torch::rand({kRows, kRows}), b = torch::rand({kRows, kRows});
+  MachinePeak peak;
+  peak.fp32 = operations / fastest([&] { at::mm(a, b); });
+  if (kernels::has_bf16_products()) {
+    const Tensor rounded = a.to(torch::kBFloat16), packed = torch::empty({kRows, kRows}, torch::kBFloat16);
+    const Tensor sums = torch::zeros({kRows, kRows});
+    kernels::pack_mixed({b.data_ptr<float>(), kRows, 1}, kRows, kRows, bf16_bits(packed));
+    const std::uint16_t *from = bf16_bits(rounded), *factors = bf16_bits(packed);
+    float* to = sums.data_ptr<float>();
+    peak.bf16 =
+        operations / fastest([&] {
+          at::parallel_for(0, kRows, kRows / 16, [&](std::int64_t begin, std::int64_t end) {
+            kernels::multiply_mixed(from + begin * kRows, factors, end - begin, kRows, kRows, to + begin * kRows);
+          });
+        });
+  }
+  const Tensor source = torch::zeros({kCopied}), copy = torch::zeros({kCopied});
+  peak.bytes = 2.0 * static_cast<double>(source.nbytes()) / fastest([&] { copy.copy_(source); });
+  return peak;
+}
+
 OperatorProfile::OperatorProfile() {
   if (active != nullptr) throw std::logic_error("there is an operator profile already");
   active = new Totals;
   callback_ = at::addGlobalCallback(
       at::RecordFunctionCallback(begin_operator, end_operator)
+          .needsInputs(true)
+          .needsOutputs(true)
           .scopes({at::RecordScope::FUNCTION, at::RecordScope::BACKWARD_FUNCTION, at::RecordScope::USER_SCOPE}));
 }
 
@@ -178,7 +319,7 @@ OperatorProfile::~OperatorProfile() {
 std::vector<Row> OperatorProfile::rows() const {
   std::vector<Row> rows;
   const std::lock_guard<std::mutex> lock(active->mutex);
-  for (const auto& [name, row] : active->rows) rows.push_back({name, row.calls, row.seconds});
+  for (const auto& [name, row] : active->rows) rows.push_back({name, row.calls, row.seconds, row.work});
   return longest_first(std::move(rows));
 }
 
@@ -199,19 +340,36 @@ std::vector<Row> OperatorProfile::by_group(const std::vector<Row>& rows) {
     Row& group = groups[group_of(row.name)];
     group.calls += row.calls;
     group.seconds += row.seconds;
+    group.work += row.work;
   }
   std::vector<Row> result;
-  for (const auto& [name, row] : groups) result.push_back({name, row.calls, row.seconds});
+  for (const auto& [name, row] : groups) result.push_back({name, row.calls, row.seconds, row.work});
   return longest_first(std::move(result));
 }
 
-std::string profile_markdown(const std::vector<Row>& rows, std::int64_t steps) {
+std::string profile_markdown(const std::vector<Row>& rows, std::int64_t steps, const MachinePeak& peak) {
   constexpr std::size_t kMost = 30;  // operators
   double all = 0.0;
-  for (const Row& row : rows) all += row.seconds;
+  Work work;
+  for (const Row& row : rows) {
+    all += row.seconds;
+    work += row.work;
+  }
+  // Without products of bf16 numbers nothing was counted as such.
+  const double products = work.fp32 / peak.fp32 + (peak.bf16 > 0.0 ? work.bf16 / peak.bf16 : 0.0);
+  const double moved = work.bytes / peak.bytes, count = static_cast<double>(steps);
+  char floor[480];
+  std::snprintf(floor, sizeof floor,
+                "Peak of the threads of one replica: fp32 %.0f, bf16 %.0f GFLOP/s, memory %.1f GB/s. A step multiplies "
+                "%.2f GFLOP in fp32 and %.2f in bf16 and moves %.2f GB elementwise: %.0f + %.0f = %.0f ms at the peak, "
+                "%.0f %% of its %.0f ms.\n\n",
+                1e-9 * peak.fp32, 1e-9 * peak.bf16, 1e-9 * peak.bytes, 1e-9 * work.fp32 / count,
+                1e-9 * work.bf16 / count, 1e-9 * work.bytes / count, 1e3 * products / count, 1e3 * moved / count,
+                1e3 * (products + moved) / count, 100.0 * (products + moved) / all, 1e3 * all / count);
   std::vector<Row> longest = rows;
   if (longest.size() > kMost) longest.resize(kMost);
-  return table(OperatorProfile::by_group(rows), "group", all, steps) + "\n" + table(longest, "operator", all, steps);
+  return floor + table(OperatorProfile::by_group(rows), "group", all, steps) + "\n" +
+         table(longest, "operator", all, steps);
 }
 
 }  // namespace anigen::nn

@@ -9,6 +9,7 @@
 #include "anigen/nn/kernels/volume_convolution.h"
 #include "anigen/nn/kernels/volume_convolution_bf16.h"
 #include "anigen/nn/norms.h"
+#include "anigen/nn/profile.h"
 
 namespace anigen::nn {
 
@@ -147,6 +148,12 @@ ParameterGradients parameter_gradients(const VolumeConvolutionSizes& sizes, cons
           total.narrow(0, sizes.weights(), sizes.out).clone()};
 }
 
+// Of one product, borders included.
+double tap_operations(const VolumeConvolutionSizes& sizes) {
+  return 2.0 * 27.0 * static_cast<double>(sizes.slabs() * sizes.y * sizes.z) *
+         static_cast<double>(sizes.in * sizes.out);
+}
+
 class VolumeConvolution : public torch::autograd::Function<VolumeConvolution> {
  public:
   static Tensor forward(AutogradContext* context, const Tensor& x, const Tensor& weight, const Tensor& bias) {
@@ -157,6 +164,7 @@ class VolumeConvolution : public torch::autograd::Function<VolumeConvolution> {
     padded_bias.narrow(0, 0, sizes.out).copy_(bias);
     context->save_for_backward({x, weight});
     context->saved_data["mixed"] = mixed;
+    count_operations(tap_operations(sizes), mixed);
     return convolve(sizes, channels_last(x), packed_weights(sizes, weight, false, mixed), padded_bias);
   }
 
@@ -168,6 +176,8 @@ class VolumeConvolution : public torch::autograd::Function<VolumeConvolution> {
     const bool mixed = context->saved_data["mixed"].toBool();  // backward as forward
     const Tensor dy = channels_last(gradients[0]);
     Tensor dx;
+    const int products = (context->needs_input_grad(0) ? 1 : 0) + (context->needs_input_grad(1) ? 1 : 0);
+    count_operations(products * tap_operations(sizes), mixed);
     if (context->needs_input_grad(0)) {
       const VolumeConvolutionSizes back = sizes.transposed();
       dx = convolve(back, dy, packed_weights(sizes, weight, true, mixed),

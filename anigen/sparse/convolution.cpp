@@ -6,6 +6,7 @@
 
 #include "anigen/core/error.h"
 #include "anigen/nn/kernels/mixed_products.h"
+#include "anigen/nn/profile.h"
 
 namespace anigen::sparse {
 
@@ -30,6 +31,15 @@ using torch::autograd::variable_list;
 
 TapPlan plan_of(bool subdivide) { return subdivide ? subdivision_plan() : submanifold_plan(); }
 
+// Operations of one product for each link of the plan that finds a neighbour; counted for a profile alone.
+double tap_operations(const TapPlan& plan, const Tensor& neighbours, const Tensor& matrices) {
+  if (!nn::is_profiled()) return 0.0;
+  const Tensor found = neighbours.ge(0).sum(1);
+  double pairs = 0.0;
+  for (const TapLink& link : plan.links) pairs += static_cast<double>(found[link.tap].item<std::int64_t>());
+  return 2.0 * pairs * static_cast<double>(matrices.size(1)) * static_cast<double>(matrices.size(2));
+}
+
 class TapFunction : public torch::autograd::Function<TapFunction> {
  public:
   static Tensor forward(AutogradContext* context, const Tensor& feats, const Tensor& matrices, const Tensor& bias,
@@ -42,6 +52,7 @@ class TapFunction : public torch::autograd::Function<TapFunction> {
     const TapPlan plan = plan_of(subdivide);
     Tensor out = torch::empty({neighbours.size(1) * plan.to_children, matrices.size(2)}, matrices.options());
     out.copy_(bias);
+    nn::count_operations(tap_operations(plan, neighbours, matrices), mixed);
     add_tap_product(plan, neighbours, feats, matrices, out, mixed);
     return out.to(nn::dtype_of(feats));
   }
@@ -53,6 +64,8 @@ class TapFunction : public torch::autograd::Function<TapFunction> {
     const TapPlan plan = plan_of(context->saved_data["subdivide"].toBool());
     const bool mixed = context->saved_data["mixed"].toBool();
     Tensor d_feats, d_matrices, d_bias;
+    const int products = (context->needs_input_grad(0) ? 1 : 0) + (context->needs_input_grad(1) ? 1 : 0);
+    nn::count_operations(products * tap_operations(plan, neighbours, matrices), mixed);
     if (context->needs_input_grad(0)) {
       Tensor sums = torch::zeros(feats.sizes(), matrices.options());
       add_tap_product(reversed(plan), neighbours, slopes, matrices.transpose(1, 2), sums, mixed);

@@ -244,7 +244,7 @@ void Trainer::profile(std::int64_t steps_done, bool last) {
   const std::int64_t profiled = steps_done - kWarmUp;
   if (profiled == 0 && !last) profile_ = std::make_unique<nn::OperatorProfile>();
   if (profile_ == nullptr || profiled < 1 || (profiled < run_.profile_steps && !last)) return;
-  const std::string tables = nn::profile_markdown(profile_->rows(), profiled);
+  const std::string tables = nn::profile_markdown(profile_->rows(), profiled, nn::measure_machine_peak());
   profile_.reset();
   const std::filesystem::path file = RunFolder{run_.output}.profile();
   write_file_atomically(file, tables);

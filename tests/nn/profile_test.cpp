@@ -4,6 +4,7 @@
 #include <thread>
 
 #include "anigen/core/error.h"
+#include "anigen/nn/kernels/tiles.h"
 #include "anigen/nn/profile.h"
 #include "anigen/nn/torch.h"
 #include "tests/parity/described_part.h"
@@ -90,9 +91,45 @@ TEST(OperatorProfile, SeesNothingAfterItsEndAndCanBeStartedAgain) {
 }
 
 TEST(OperatorProfile, TablesGiveTimesPerStep) {
-  const std::string text = profile_markdown({{"aten::mm", 6, 0.03}, {"attention: dense", 2, 0.01}}, 2);
-  EXPECT_NE(text.find("| matrix products | 3.0 | 15.00 | 75.0 % |"), std::string::npos) << text;
-  EXPECT_NE(text.find("| attention: dense | 1.0 | 5.00 | 25.0 % |"), std::string::npos) << text;
+  // 10 + 5 + 4 = 19 ms of two steps' 40 at the peak.
+  const Work products{3e9, 0.0, 0.0}, attention{0.0, 2e9, 0.0}, copies{0.0, 0.0, 4e7};
+  const std::string text = profile_markdown(
+      {{"aten::mm", 6, 0.03, products}, {"attention: dense", 2, 0.005, attention}, {"aten::copy_", 4, 0.005, copies}},
+      2, {3e11, 4e11, 1e10});
+  EXPECT_NE(text.find("| matrix products | 3.0 | 15.00 | 75.0 % | 100 |"), std::string::npos) << text;
+  EXPECT_NE(text.find("| attention: dense | 1.0 | 2.50 | 12.5 % | 400 |"), std::string::npos) << text;
+  EXPECT_NE(text.find("1.50 GFLOP in fp32 and 1.00 in bf16 and moves 0.02 GB"), std::string::npos) << text;
+  EXPECT_NE(text.find("48 % of its 20 ms"), std::string::npos) << text;
+}
+
+TEST(OperatorProfile, CountsTheWorkOfOperators) {
+  const torch::Tensor a = torch::randn({64, 32}), b = torch::randn({32, 48}), bias = torch::randn({48});
+  const OperatorProfile profile;
+  EXPECT_TRUE(is_profiled());
+  torch::mm(a, b);
+  torch::addmm(bias, a, b);
+  a.exp();
+  a.t();
+  {
+    RECORD_USER_SCOPE("test: products");
+    count_operations(100.0, /*mixed=*/true);
+    count_operations(7.0, /*mixed=*/false);
+  }
+  count_operations(1e9, false);  // in no operator
+  const std::vector<Row> rows = profile.rows();
+  EXPECT_EQ(row_of(rows, "aten::mm").work.fp32, 2.0 * 64 * 32 * 48);
+  EXPECT_EQ(row_of(rows, "aten::addmm").work.fp32, 2.0 * 64 * 32 * 48);
+  EXPECT_EQ(row_of(rows, "aten::exp").work.bytes, 2.0 * 4 * 64 * 32);
+  EXPECT_EQ(row_of(rows, "aten::t").work.bytes, 0.0);
+  EXPECT_EQ(row_of(rows, "test: products").work.bf16, 100.0);
+  EXPECT_EQ(row_of(rows, "test: products").work.fp32, 7.0);
+}
+
+TEST(MachinePeak, IsThatOfAMachine) {
+  const MachinePeak peak = measure_machine_peak();
+  EXPECT_GT(peak.fp32, 1e8);
+  EXPECT_GT(peak.bytes, 1e8);
+  EXPECT_EQ(peak.bf16 > 0.0, kernels::has_bf16_products());
 }
 
 }  // namespace
