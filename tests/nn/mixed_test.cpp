@@ -75,12 +75,12 @@ TEST(PrefersMixedLinear, IsForWidthsOfWholeVectorsAndManyRows) {
   EXPECT_FALSE(prefers_mixed_linear(torch::zeros({80, 32}), torch::zeros({16, 32})));
 }
 
-struct AttentionCase {
+struct MixedAttentionCase {
   std::vector<std::int64_t> queries, keys;
   std::int64_t heads, channels;
 };
 
-class MixedAttention : public testing::TestWithParam<AttentionCase> {
+class MixedAttention : public testing::TestWithParam<MixedAttentionCase> {
   void SetUp() override {
     const MixedProducts on(true);
     if (!mixed_products()) GTEST_SKIP() << "no products of bf16 numbers here";
@@ -91,7 +91,7 @@ struct AttentionResults {
   Tensor out, dq, dk, dv;
 };
 
-AttentionResults attend_mixed(const AttentionCase& c, bool mixed, std::int64_t seed) {
+AttentionResults attend_mixed(const MixedAttentionCase& c, bool mixed, std::int64_t seed) {
   const MixedProducts on(mixed);
   torch::manual_seed(static_cast<std::uint64_t>(seed));
   const Ragged queries(c.queries), keys(c.keys);
@@ -132,21 +132,22 @@ TEST_P(MixedAttention, BitsDoNotDependOnThreads) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Sizes, MixedAttention,
-                         testing::Values(AttentionCase{{1}, {2}, 1, 16}, AttentionCase{{5, 37}, {33, 3}, 2, 32},
-                                         AttentionCase{{140, 7, 0, 64}, {140, 0, 9, 65}, 3, 48},
-                                         AttentionCase{{128, 131}, {256, 24}, 2, 64},
-                                         AttentionCase{{300, 12}, {700, 1100}, 2, 64}));
+                         testing::Values(MixedAttentionCase{{1}, {2}, 1, 16},
+                                         MixedAttentionCase{{5, 37}, {33, 3}, 2, 32},
+                                         MixedAttentionCase{{140, 7, 0, 64}, {140, 0, 9, 65}, 3, 48},
+                                         MixedAttentionCase{{128, 131}, {256, 24}, 2, 64},
+                                         MixedAttentionCase{{300, 12}, {700, 1100}, 2, 64}));
 
 TEST(MixedAttentionOf, DenseBatchesAreSequencesOfOneLength) {
   const MixedProducts on(true);
   if (!mixed_products()) GTEST_SKIP() << "no products of bf16 numbers here";
   torch::manual_seed(7);
   const auto numbers = [](std::int64_t rows) { return torch::randn({2, rows, 3, 32}).transpose(1, 2); };
-  const Tensor q = numbers(150), k = numbers(70), v = numbers(70);
+  const Tensor q = numbers(600), k = numbers(300), v = numbers(300);
   const Tensor given = blocked_attention(q, k, v);
   const auto rows = [](const Tensor& x) { return x.transpose(1, 2).reshape({-1, 3, 32}); };
   const Tensor wanted =
-      ragged_attention(rows(q), rows(k), rows(v), Ragged({150, 150}).row_offsets(), Ragged({70, 70}).row_offsets());
+      ragged_attention(rows(q), rows(k), rows(v), Ragged({600, 600}).row_offsets(), Ragged({300, 300}).row_offsets());
   EXPECT_TRUE(torch::equal(rows(given), wanted));
 }
 

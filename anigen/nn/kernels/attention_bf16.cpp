@@ -157,7 +157,8 @@ ANIGEN_BF16_INLINE void softmax_rows(float* scores, std::uint16_t* weights, std:
     __m512 sum_a = _mm512_setzero_ps(), sum_b = _mm512_setzero_ps();
     for (std::int64_t c = 0; c < columns; c += 2 * kernels::kBf16Lanes) {
       const __m512 a = kernels::exp_vector(_mm512_fmadd_ps(_mm512_loadu_ps(scores + c), factor, shift));
-      const __m512 b = kernels::exp_vector(_mm512_fmadd_ps(_mm512_loadu_ps(scores + c + kernels::kBf16Lanes), factor, shift));
+      const __m512 b =
+          kernels::exp_vector(_mm512_fmadd_ps(_mm512_loadu_ps(scores + c + kernels::kBf16Lanes), factor, shift));
       sum_a = _mm512_add_ps(sum_a, a);
       sum_b = _mm512_add_ps(sum_b, b);
       _mm512_storeu_si512(weights + c, reinterpret_cast<__m512i>(_mm512_cvtne2ps_pbh(b, a)));
@@ -179,21 +180,21 @@ template <int kVectors, typename Out>
 ANIGEN_BF16 void attend_rows(const Bf16Keys& head, const std::uint16_t* q, std::int64_t q_stride, std::int64_t rows,
                              Out* out, std::int64_t out_stride, float* log_sums, float* scratch,
                              products::RowsAhead& ahead) {
-  constexpr std::int64_t channels = kVectors * kernels::kBf16Lanes;
+  constexpr std::int64_t kChannels = kVectors * kernels::kBf16Lanes;
   float* const scores = scratch;
   auto* const weights = reinterpret_cast<std::uint16_t*>(scores + kBf16QueryBlock * kKeyBlock);
   float* const sums = scores + kBf16QueryBlock * (kKeyBlock + kKeyBlock / 2);
-  float* const rest = sums + kBf16QueryBlock * channels;
+  float* const rest = sums + kBf16QueryBlock * kChannels;
   const RowState state{rest, rest + kBf16QueryBlock, rest + 2 * kBf16QueryBlock};
   std::fill_n(state.largest, rows, -std::numeric_limits<float>::infinity());
   std::fill_n(state.sum, rows, 0.0F);
   for (std::int64_t first = 0; first < head.count; first += kKeyBlock) {
     const std::int64_t keys = std::min(kKeyBlock, head.count - first), columns = padded_keys(keys);
     for (std::int64_t key = 0; key < columns; key += kBf16Panel) {
-      const std::uint16_t* const panel = head.keys + (first + key) * channels;
+      const std::uint16_t* const panel = head.keys + (first + key) * kChannels;
       const auto from = [=](std::int64_t r) { return q + r * q_stride; };
       const auto to = [=](std::int64_t r) { return scores + r * kKeyBlock + key; };
-      kernels::bf16_panel(std::min(kBf16Panel, columns - key) / kernels::kBf16Lanes, from, to, rows, channels / 2,
+      kernels::bf16_panel(std::min(kBf16Panel, columns - key) / kernels::kBf16Lanes, from, to, rows, kChannels / 2,
                           panel, ahead);
     }
     const std::int64_t weighed = padded_keys(keys, 2 * kernels::kBf16Lanes);
@@ -205,16 +206,16 @@ ANIGEN_BF16 void attend_rows(const Bf16Keys& head, const std::uint16_t* q, std::
     for (std::int64_t r = 0; first > 0 && r < rows; ++r) {
       const __m512 shrink = _mm512_set1_ps(state.shrink[r]);
       for (int v = 0; v < kVectors; ++v) {
-        float* const place = sums + r * channels + v * kernels::kBf16Lanes;
+        float* const place = sums + r * kChannels + v * kernels::kBf16Lanes;
         _mm512_storeu_ps(place, _mm512_mul_ps(_mm512_loadu_ps(place), shrink));
       }
     }
     const auto weights_of = [=](std::int64_t r) { return weights + r * kKeyBlock; };
-    const auto sums_of = [=](std::int64_t r) { return sums + r * channels; };
+    const auto sums_of = [=](std::int64_t r) { return sums + r * kChannels; };
     if (first == 0) {
       kernels::bf16_rows<kVectors, false>(weights_of, sums_of, rows, (keys + 1) / 2, head.values, ahead);
     } else {
-      kernels::bf16_rows<kVectors, true>(weights_of, sums_of, rows, (keys + 1) / 2, head.values + first * channels,
+      kernels::bf16_rows<kVectors, true>(weights_of, sums_of, rows, (keys + 1) / 2, head.values + first * kChannels,
                                          ahead);
     }
   }
@@ -223,7 +224,7 @@ ANIGEN_BF16 void attend_rows(const Bf16Keys& head, const std::uint16_t* q, std::
     const __m512 factor = _mm512_set1_ps(1.0F / state.sum[r]);
     for (int v = 0; v < kVectors; ++v) {
       store_row(out + r * out_stride + v * kernels::kBf16Lanes,
-                _mm512_mul_ps(_mm512_loadu_ps(sums + r * channels + v * kernels::kBf16Lanes), factor));
+                _mm512_mul_ps(_mm512_loadu_ps(sums + r * kChannels + v * kernels::kBf16Lanes), factor));
     }
     log_sums[r] = head.scale * state.largest[r] + std::log(state.sum[r]);
   }

@@ -123,10 +123,10 @@ ANIGEN_BF16_INLINE void add_keys_gradients(const HeadOfSequence& head, const Mix
 template <int kVectors>
 ANIGEN_BF16 void mixed_head_backward(const HeadOfSequence& head, const MixedScratch& scratch,
                                      products::RowsAhead& ahead) {
-  constexpr std::int64_t channels = kVectors * kernels::kBf16Lanes;
+  constexpr std::int64_t kChannels = kVectors * kernels::kBf16Lanes;
   for (std::int64_t j = 0; j < head.keys; j += kKeys) {
     const std::int64_t keys = std::min(kKeys, head.keys - j);
-    pack_bf16_values(head.k + j * head.k_stride, head.k_stride, keys, channels, scratch.key_pairs());
+    pack_bf16_values(head.k + j * head.k_stride, head.k_stride, keys, kChannels, scratch.key_pairs());
     for (std::int64_t i = 0; i < head.queries; i += kQueries) {
       const std::int64_t rows = std::min(kQueries, head.queries - i), columns = padded_keys(rows);
       if (j == 0 || head.queries > kQueries) pack_queries(head, scratch, i, rows);
@@ -136,12 +136,12 @@ ANIGEN_BF16 void mixed_head_backward(const HeadOfSequence& head, const MixedScra
           const std::int64_t vectors = std::min(kBf16Panel, columns - c) / kernels::kBf16Lanes;
           kernels::bf16_panel(
               vectors, [&](std::int64_t r) { return head.k + (j + g + r) * head.k_stride; },
-              [&](std::int64_t r) { return scratch.scores() + r * kQueries + c; }, group, channels / 2,
-              scratch.columns(0) + c * channels, ahead);
+              [&](std::int64_t r) { return scratch.scores() + r * kQueries + c; }, group, kChannels / 2,
+              scratch.columns(0) + c * kChannels, ahead);
           kernels::bf16_panel(
               vectors, [&](std::int64_t r) { return head.v + (j + g + r) * head.v_stride; },
-              [&](std::int64_t r) { return scratch.slopes() + r * kQueries + c; }, group, channels / 2,
-              scratch.columns(1) + c * channels, ahead);
+              [&](std::int64_t r) { return scratch.slopes() + r * kQueries + c; }, group, kChannels / 2,
+              scratch.columns(1) + c * kChannels, ahead);
         }
         for (std::int64_t r = 0; r < group; r += 2)
           weigh_two_keys(scratch, r, r + 1 < group, columns, head.scale, scratch.slope_pairs() + (g + r) * kQueries);

@@ -579,12 +579,6 @@ std::int64_t blocked_attention_scratch_bytes(std::int64_t queries, std::int64_t 
 }
 
 Tensor cpu_blocked_attention(const Tensor& q, const Tensor& k, const Tensor& v) {
-  if (prefers_mixed_attention(q)) {  // a batch is as many sequences of one length
-    const auto rows = [](const Tensor& x) { return x.transpose(1, 2).flatten(0, 1); };
-    const auto offsets = [](const Tensor& x) { return torch::arange(x.size(0) + 1, torch::kInt64) * x.size(2); };
-    const Tensor out = cpu_ragged_attention(rows(q), rows(k), rows(v), offsets(q), offsets(k));
-    return out.view({q.size(0), q.size(2), q.size(1), q.size(3)}).transpose(1, 2);
-  }
   return CpuBlockedAttention::apply(with_adjacent_channels(q), with_adjacent_channels(k), with_adjacent_channels(v))
       .transpose(1, 2);
 }
