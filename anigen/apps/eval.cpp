@@ -2,10 +2,10 @@
 
 #include "anigen/apps/common/command_line.h"
 #include "anigen/apps/common/torch_half.h"
-#include "anigen/apps/program_arguments.h"
 #include "anigen/core/error.h"
 #include "anigen/core/log.h"
 #include "anigen/core/parallel.h"
+#include "anigen/eval/evaluate_command.h"
 #include "anigen/eval/skin_evaluation.h"
 
 namespace {

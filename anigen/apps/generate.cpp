@@ -1,6 +1,6 @@
 #include "anigen/apps/common/command_line.h"
 #include "anigen/apps/common/torch_half.h"
-#include "anigen/apps/program_arguments.h"
+#include "anigen/apps/generate_arguments.h"
 
 namespace {
 

@@ -4,7 +4,6 @@
 
 #include "anigen/apps/common/command_line.h"
 #include "anigen/apps/common/torch_half.h"
-#include "anigen/apps/program_arguments.h"
 #include "anigen/core/error.h"
 #include "anigen/eval/describe.h"
 #include "anigen/io/image.h"

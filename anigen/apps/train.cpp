@@ -1,6 +1,5 @@
 #include "anigen/apps/common/command_line.h"
 #include "anigen/apps/common/torch_half.h"
-#include "anigen/apps/program_arguments.h"
 #include "anigen/core/error.h"
 
 int main(int argc, char** argv) {

@@ -174,7 +174,8 @@ std::vector<int> add_skin_wing(Body& body, int parent, int side, const WingShape
     tips.push_back(tip);
     wing.insert(wing.end(), chain.begin(), chain.end());
   }
-  const auto skin_between = [&](std::array<int, 3> anchors, std::array<Vector3d, 3> corners, std::vector<int> owners) {
+  const auto skin_between = [&](const std::array<int, 3>& anchors, const std::array<Vector3d, 3>& corners,
+                                const std::vector<int>& owners) {
     body.sheet(anchors, corners, w.thickness, skin, owners).blend = 0.8 * w.thickness;
   };
   for (int f = 0; f + 1 < fingers; ++f) {

@@ -122,8 +122,8 @@ class BlockGrid {
 
   /// One number per node of the stored blocks, in memory order of value(); for tables keyed by cell.
   std::size_t storage_index(const Index& i) const {
-    return static_cast<std::size_t>(slot(i)) * kNodes + ((i[2] % kBlock) * kBlock + i[1] % kBlock) * kBlock +
-           i[0] % kBlock;
+    const auto in_block = ((i[2] % kBlock) * kBlock + i[1] % kBlock) * kBlock + i[0] % kBlock;
+    return static_cast<std::size_t>(slot(i)) * kNodes + static_cast<std::size_t>(in_block);
   }
 
   std::size_t storage_size() const { return values_.size(); }

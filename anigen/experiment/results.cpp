@@ -29,7 +29,7 @@ double mean_of(const std::vector<double>& values) {
 double student_quantile(std::size_t freedom) {
   constexpr double kTable[] = {12.7062, 4.3027, 3.1824, 2.7764, 2.5706, 2.4469, 2.3646, 2.3060, 2.2622, 2.2281};
   if (freedom <= std::size(kTable)) return kTable[freedom - 1];
-  constexpr double z = 1.959964;
+  const double z = 1.959964;
   const double n = static_cast<double>(freedom);
   return z + (z * z * z + z) / (4 * n) + (5 * std::pow(z, 5) + 16 * z * z * z + 3 * z) / (96 * n * n);
 }

@@ -71,7 +71,7 @@ io::Image panel_of(io::Image image, Panel panel) {
   io::Image part(std::max(1, right - left), image.height);
   for (int y = 0; y < part.height; ++y) {
     const std::uint8_t* row = image.pixel(std::min(left, image.width - 1), y);
-    std::copy(row, row + io::kImageChannels * part.width, part.pixel(0, y));
+    std::copy(row, row + std::ptrdiff_t{io::kImageChannels} * part.width, part.pixel(0, y));
   }
   return part;
 }

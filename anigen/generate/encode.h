@@ -105,3 +105,15 @@ Json to_json(const EncodedLatents& result);
 std::string to_text(const EncodedLatents& result, const std::string& kind);
 
 }  // namespace anigen::generate
+
+namespace anigen {
+
+/// The command line of anigen-encode.
+struct EncodeArguments {
+  enum class Task { kStructure, kStructuredLatents, kReconstruct };
+  Task task = Task::kStructure;
+  generate::EncodeRequest encoded;       ///< of the first two
+  generate::ReconstructRequest rebuilt;  ///< of the third
+};
+
+}  // namespace anigen

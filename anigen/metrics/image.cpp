@@ -69,7 +69,7 @@ double psnr(const io::Image& a, const io::Image& b) {
   for (std::size_t i = 0; i < a.rgba.size(); ++i) {
     if (i % 4 == 3) continue;
     const int difference = int{a.rgba[i]} - int{b.rgba[i]};
-    sum += difference * difference;
+    sum += std::int64_t{difference} * difference;
   }
   if (sum == 0) return std::numeric_limits<double>::infinity();
   const double values = 3.0 * a.width * a.height;

@@ -20,8 +20,9 @@ constexpr double kSpacing = 0.01, kMiddlePlane = 0.02, kFoldBack = 1e8;
 constexpr std::size_t kMostJoints = 2000;
 
 std::size_t cell(const std::array<int, 3>& index) {
-  constexpr int n = AnymateOccupancy::kResolution;
-  return static_cast<std::size_t>((index[0] * n + index[1]) * n + index[2]);
+  const std::size_t n = AnymateOccupancy::kResolution;
+  return (static_cast<std::size_t>(index[0]) * n + static_cast<std::size_t>(index[1])) * n +
+         static_cast<std::size_t>(index[2]);
 }
 
 void check_input(const std::vector<Eigen::Vector3d>& joints, const Eigen::MatrixXd& parents) {

@@ -140,8 +140,8 @@ std::string broken_keys(const Animation& animation, std::size_t joints) {
   for (const Channel& channel : animation.channels) {
     if (channel.joint < 0 || static_cast<std::size_t>(channel.joint) >= joints)
       return "it moves a joint that is missing";
-    const std::size_t width = (channel.path == ChannelPath::kRotation ? 4u : 3u) *
-                              (channel.interpolation == Interpolation::kCubicSpline ? 3u : 1u);
+    const std::size_t numbers = channel.path == ChannelPath::kRotation ? 4 : 3;
+    const std::size_t width = channel.interpolation == Interpolation::kCubicSpline ? 3 * numbers : numbers;
     if (channel.times.empty() || channel.values.size() != width * channel.times.size())
       return "a channel does not have one value per key";
     for (std::size_t i = 0; i < channel.times.size(); ++i) {
@@ -325,7 +325,7 @@ PoseAugmenter::PoseAugmenter(const Asset& normalised, std::string source_id, std
     : asset_(checked(normalised, source_id, options)),
       source_id_(std::move(source_id)),
       seed_(seed),
-      options_(std::move(options)),
+      options_(options),
       checks_(normalised.mesh),
       bind_(bind_pose(normalised.skeleton)),
       motion_(normalised, options_.least_motion),

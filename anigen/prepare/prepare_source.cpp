@@ -145,15 +145,15 @@ AssetRecord record_from_columns(const Json& columns) {
 }
 
 /// The first step of an asset, which everything else depends on.
-struct SourcePreparer::Root {
+struct SourcePreparer::Root {  // NOLINT(bugprone-exception-escape): Json's move constructor checks itself
   std::size_t variant = 0;
   Json options;
   std::function<Json()> columns;  ///< makes the asset available to the job and returns what was measured
 };
 
 SourcePreparer::SourcePreparer(std::filesystem::path out, StepPlan plan,
-                               std::shared_ptr<const FeatureExtractor> extractor)
-    : out_(std::move(out)), plan_(std::move(plan)), steps_(planned_steps(plan_, std::move(extractor))) {}
+                               const std::shared_ptr<const FeatureExtractor>& extractor)
+    : out_(std::move(out)), plan_(std::move(plan)), steps_(planned_steps(plan_, extractor)) {}
 
 AssetOutcome SourcePreparer::prepare_asset(const Root& root, AssetJob& job, const SourceTask& task,
                                            const StepObserver& observe) const {

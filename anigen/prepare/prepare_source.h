@@ -88,7 +88,7 @@ using StepObserver = std::function<void(const StepBegin&)>;
 class SourcePreparer {
  public:
   /// @param extractor for the features; null when the plan wants none
-  SourcePreparer(std::filesystem::path out, StepPlan plan, std::shared_ptr<const FeatureExtractor> extractor);
+  SourcePreparer(std::filesystem::path out, StepPlan plan, const std::shared_ptr<const FeatureExtractor>& extractor);
 
   /// @throws WriteError for what is no asset's fault: a full disk, an unwritable folder
   SourceOutcome prepare(const SourceTask& task, const StepObserver& observe) const;

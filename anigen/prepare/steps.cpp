@@ -456,7 +456,7 @@ std::shared_ptr<const FeatureExtractor> make_extractor(const StepPlan& plan, con
   return factory(plan.features);
 }
 
-std::vector<Step> planned_steps(const StepPlan& plan, std::shared_ptr<const FeatureExtractor> extractor) {
+std::vector<Step> planned_steps(const StepPlan& plan, const std::shared_ptr<const FeatureExtractor>& extractor) {
   const bool features = plan.wants("features") && extractor != nullptr;
   std::vector<Step> steps;
   if (plan.wants("skeleton")) steps.push_back(skeleton_step());

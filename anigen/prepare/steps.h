@@ -205,7 +205,7 @@ inline void from_json(const Json& json, StepPlan& plan) { plan = StepPlan::from_
 ///                       voxels/<id>.ply; one dataset can hold the features of several models
 /// @param extractor for the features, null when none are wanted
 /// @throws InputError for features on a grid of more than 256, whose coordinates are not bytes
-std::vector<Step> planned_steps(const StepPlan& plan, std::shared_ptr<const FeatureExtractor> extractor);
+std::vector<Step> planned_steps(const StepPlan& plan, const std::shared_ptr<const FeatureExtractor>& extractor);
 
 /// The files of a step that an asset's record names, under the options that the record holds; for whoever checks a
 /// dataset without its plan, its sources or a feature extractor. Empty for a step that leaves none, or that this

@@ -17,7 +17,7 @@ namespace anigen::render {
 namespace {
 
 constexpr int kTile = 4;  ///< pixels on a side that are traced as one bundle
-static_assert(kTile * kTile == Scene::kBundle, "a bundle has one ray per pixel of a tile");
+static_assert(std::size_t{kTile} * kTile == Scene::kBundle, "a bundle has one ray per pixel of a tile");
 constexpr int kLargestSize = 16384, kMostSamples = 16, kMostOcclusionRays = 256;
 
 void check(const ViewOptions& options) {

@@ -1,5 +1,6 @@
 #pragma once
 #include <Eigen/Core>
+#include <cstdint>
 #include <filesystem>
 #include <functional>
 #include <memory>
@@ -151,3 +152,23 @@ Json to_json(const RigReports& reports);
 std::string to_text(const RigReports& reports);
 
 }  // namespace anigen::rigging
+
+namespace anigen {
+
+inline constexpr const char* kAnymate = "anymate";
+inline constexpr const char* kRignet = "rignet";
+
+/// The command line of anigen-rig.
+struct RigArguments {
+  std::string method, mesh, mesh_up = "format", skin, image, background = "auto", condition = "color";
+  std::vector<std::string> image_splits;
+  std::string joint_model, connectivity_model, skin_model;  ///< of Anymate or RigNet
+  std::int64_t points = 0;
+  double joint_distance = 0.0;
+  rigging::RigRequest request;
+  std::size_t views = 0, limit = 0;
+  std::optional<std::size_t> influences;  ///< joints per vertex; 0: any number
+  bool preview = false;
+};
+
+}  // namespace anigen

@@ -330,12 +330,13 @@ Dinov2Tokens Dinov2Impl::forward(const Tensor& images) {
 }
 
 Tensor imagenet_normalized(const Tensor& images) {
-  const auto per_channel = [&](std::vector<double> values) {
+  const auto per_channel = [&](const std::vector<double>& values) {
     return torch::tensor(values, images.options()).view({3, 1, 1});
   };
   return (images - per_channel({0.485, 0.456, 0.406})) / per_channel({0.229, 0.224, 0.225});
 }
 
+// NOLINTNEXTLINE(performance-unnecessary-value-param): arrays are moved out of it
 io::NamedArrays to_hub_keys(io::NamedArrays arrays) {
   io::NamedArrays renamed;
   std::map<std::string, Triple> projections;

@@ -23,7 +23,7 @@ Tensor pair_of(double u, double v, const Tensor& like) {
 }
 
 constexpr std::int64_t kStateChannels = 64, kInputChannels = kStateChannels + 2;  // features and rays
-constexpr std::int64_t kPropagationNeighbors = 25, kUpsamplingShares = 9 * 8 * 8;
+constexpr std::int64_t kPropagationNeighbors = 25, kUpsamplingShares = std::int64_t{9} * 8 * 8;
 
 Tensor slopes_of(const PinholeCamera& camera, const Tensor& map, std::int64_t reduction) {
   return ray_slopes(camera.reduced(reduction), map.size(2), map.size(3), map);

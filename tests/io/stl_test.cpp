@@ -47,7 +47,7 @@ std::string binary(const std::vector<float>& places, const std::string& header =
 
 /// Two triangles of a square, with its middle diagonal twice.
 const std::vector<float> kSquare = {0, 0, 0, 1, 0, 0, 1, 1, 0, 0, 0, 0, 1, 1, 0, 0, 1, 0};
-const char* kText =
+const char* const kText =
     "solid a name with facet and vertex in it\n"
     " facet normal 0 0 1\n  outer loop\n   vertex 0 0 0\n   vertex 1 0 0\n   vertex 1 1e0 0\n  endloop\n endfacet\n"
     " FACET NORMAL 0 0 1\r\n  OUTER LOOP\r\n   VERTEX -0 0 0\r\n   vertex 1 1 0\n   vertex 0 1 0\n  endloop\n "

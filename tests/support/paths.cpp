@@ -31,7 +31,7 @@ class SkipsAreFailures : public ::testing::EmptyTestEventListener {
   }
 };
 
-const bool listens = [] {
+const bool kListens = [] {
   ::testing::UnitTest::GetInstance()->listeners().Append(new SkipsAreFailures);  // which owns it
   return true;
 }();

@@ -31,9 +31,9 @@ struct RigFile {
 void write_rig_npz(const std::filesystem::path& path, const RigFile& rig);
 
 struct XlOptions {
-  std::string row_suffix = "";  ///< "s": the published writer's …_rows and …_cols
-  bool halve_entries = false;   ///< every weight as two entries of half its size
-  bool stray_member = true;     ///< `allow_pickle`
+  std::string row_suffix;      ///< "s": the published writer's …_rows and …_cols
+  bool halve_entries = false;  ///< every weight as two entries of half its size
+  bool stray_member = true;    ///< `allow_pickle`
 };
 /// An NPZ file of sample dictionaries as numpy.savez pickles them.
 void write_articulation_xl(const std::filesystem::path& path, const std::vector<RigFile>& rigs,

@@ -11,8 +11,8 @@ struct SceneOptions {
   double unit = 1.0;          ///< metres that the file says one of its units is
   double pre_rotation = 0.0;  ///< FBX: degrees about z in joint 1 before its own rotation
   bool animated = true;
-  std::string diffuse_texture = "";  ///< file name of a texture of the only material
-  std::string bone_name = "j1";      ///< COLLADA: what the skin calls joint 1
+  std::string diffuse_texture;   ///< file name of a texture of the only material
+  std::string bone_name = "j1";  ///< COLLADA: what the skin calls joint 1
 };
 
 std::string collada_text(const RigFile& rig, const SceneOptions& options = {});

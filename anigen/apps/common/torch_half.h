@@ -1,6 +1,9 @@
 #pragma once
+#include <cstdint>
+#include <filesystem>
 #include <memory>
 #include <string>
+#include <vector>
 
 #include "anigen/core/config.h"
 
@@ -23,7 +26,22 @@ struct EncodeArguments;
 struct EvalArguments;
 struct GenerateArguments;
 struct RigArguments;
-struct TrainArguments;
+
+/// The command line of anigen-train.
+struct TrainArguments {
+  std::vector<std::string> words;  ///< argv
+  std::filesystem::path config, output, load;
+  std::string dataset, ckpt = "latest", warm_start;
+  std::vector<std::string> overrides;
+  bool restart = false, schema = false, print_config = false, tune = false;
+  std::int64_t profile_steps = 0, extend_to = 0;
+  // Several processes.
+  int ranks = 1, rank_restarts = 0;
+  double rank_timeout = 60.0;  ///< seconds without a sign of life after which a rank is lost
+  std::string rendezvous, communication = "fp32";
+  bool ranks_given = false;
+  std::vector<std::string> only_of_ranks;  ///< options that were given and mean something to several processes alone
+};
 
 /// The half of the project that needs LibTorch, as the programs call it. LibTorch brings some 280 shared libraries that
 /// take half a second to load, so the programs do not link it: they load this half when a command needs it, after the
