@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cstdlib>
 #include <limits>
+#include <utility>
 
 #include "anigen/nn/kernels/attention_bf16.h"
 #include "anigen/nn/kernels/heads.h"
@@ -28,28 +29,37 @@ struct HeadOfSequence {
   float scale;
 };
 
+// Memory of a thread. Pointers are kept: to ask a tensor for them in an inner loop would cost more than its products.
 struct MixedScratch {
   explicit MixedScratch(const RaggedProblem& problem)
-      : channels(problem.channels),
-        floats(torch::empty({2 * kGroup * kQueries + 2 * kQueries + problem.longest_queries}, torch::kFloat32)),
-        numbers(torch::empty({(4 * kQueries + kKeys) * channels + (2 * kGroup + kKeys) * kQueries}, torch::kInt16)) {}
-
-  float* scores() const { return floats.data_ptr<float>(); }        // Sᵀ [kGroup, kQueries]
-  float* slopes() const { return scores() + kGroup * kQueries; }    // dPᵀ [kGroup, kQueries]
-  float* log_sums() const { return slopes() + kGroup * kQueries; }  // of a block
-  float* block_delta() const { return log_sums() + kQueries; }      // of a block
-  float* delta() const { return block_delta() + kQueries; }         // of all queries
-
-  std::uint16_t* columns(std::int64_t of) const {  // of Q and dY
-    return reinterpret_cast<std::uint16_t*>(numbers.data_ptr<std::int16_t>()) + of * kQueries * channels;
+      : floats(torch::empty({2 * kGroup * kQueries + 2 * kQueries + problem.longest_queries}, torch::kFloat32)),
+        numbers(torch::empty({(4 * kQueries + kKeys) * problem.channels + (2 * kGroup + kKeys) * kQueries},
+                             torch::kInt16)) {
+    float* next_float = floats.data_ptr<float>();
+    const auto take_floats = [&](std::int64_t count) { return std::exchange(next_float, next_float + count); };
+    scores = take_floats(kGroup * kQueries);
+    slopes = take_floats(kGroup * kQueries);
+    log_sums = take_floats(kQueries);
+    block_delta = take_floats(kQueries);
+    delta = take_floats(problem.longest_queries);
+    auto* next = reinterpret_cast<std::uint16_t*>(numbers.data_ptr<std::int16_t>());
+    const auto take = [&](std::int64_t count) { return std::exchange(next, next + count); };
+    q_columns = take(kQueries * problem.channels);
+    dy_columns = take(kQueries * problem.channels);
+    q_pairs = take(kQueries * problem.channels);
+    dy_pairs = take(kQueries * problem.channels);
+    key_pairs = take(kKeys * problem.channels);
+    weights = take(kGroup * kQueries);
+    score_slopes = take(kGroup * kQueries);
+    slope_pairs = take(kKeys * kQueries);
   }
-  std::uint16_t* pairs(std::int64_t of) const { return columns(2 + of); }            // of Q and dY
-  std::uint16_t* key_pairs() const { return columns(4); }                            // of K
-  std::uint16_t* weights() const { return key_pairs() + kKeys * channels; }          // Pᵀ [kGroup, kQueries]
-  std::uint16_t* score_slopes() const { return weights() + kGroup * kQueries; }      // dSᵀ [kGroup, kQueries]
-  std::uint16_t* slope_pairs() const { return score_slopes() + kGroup * kQueries; }  // dS [kKeys / 2, kQueries, 2]
 
-  std::int64_t channels;
+  float *scores, *slopes;         // Sᵀ and dPᵀ, [kGroup, kQueries]
+  float *log_sums, *block_delta;  // L and δ of a block of queries
+  float* delta;                   // δ of all queries
+  std::uint16_t *q_columns, *dy_columns, *q_pairs, *dy_pairs, *key_pairs;
+  std::uint16_t *weights, *score_slopes;  // Pᵀ and dSᵀ, [kGroup, kQueries]
+  std::uint16_t* slope_pairs;             // dS, [kKeys / 2, kQueries, 2]
   Tensor floats, numbers;
 };
 
@@ -74,13 +84,13 @@ ANIGEN_BF16_INLINE void store_rounded(std::uint16_t* to, __m512 numbers) {
 // Pᵀ and dSᵀ of two keys. Without a second key its numbers in the pairs are 0.
 ANIGEN_BF16_INLINE void weigh_two_keys(const MixedScratch& scratch, std::int64_t row, bool has_second,
                                        std::int64_t columns, float scale, std::uint16_t* slope_pairs) {
-  const float *const scores = scratch.scores() + row * kQueries, *const slopes = scratch.slopes() + row * kQueries;
-  std::uint16_t* const weights = scratch.weights() + row * kQueries;
-  std::uint16_t* const score_slopes = scratch.score_slopes() + row * kQueries;
+  const float *const scores = scratch.scores + row * kQueries, *const slopes = scratch.slopes + row * kQueries;
+  std::uint16_t* const weights = scratch.weights + row * kQueries;
+  std::uint16_t* const score_slopes = scratch.score_slopes + row * kQueries;
   const __m512 s = _mm512_set1_ps(scale);
   const auto second = static_cast<__mmask16>(has_second ? 0xFFFF : 0);
   for (std::int64_t c = 0; c < columns; c += kernels::kBf16Lanes) {
-    const __m512 log_sum = _mm512_loadu_ps(scratch.log_sums() + c), delta = _mm512_loadu_ps(scratch.block_delta() + c);
+    const __m512 log_sum = _mm512_loadu_ps(scratch.log_sums + c), delta = _mm512_loadu_ps(scratch.block_delta + c);
     const __m512 score_b = _mm512_maskz_loadu_ps(second, scores + kQueries + c);
     const __m512 slope_b = _mm512_maskz_loadu_ps(second, slopes + kQueries + c);
     const __m512 p_a = kernels::exp_vector(_mm512_fmsub_ps(_mm512_loadu_ps(scores + c), s, log_sum));
@@ -99,25 +109,25 @@ ANIGEN_BF16_INLINE void weigh_two_keys(const MixedScratch& scratch, std::int64_t
 ANIGEN_BF16_INLINE void pack_queries(const HeadOfSequence& head, const MixedScratch& scratch, std::int64_t first,
                                      std::int64_t rows) {
   const std::uint16_t *const q = head.q + first * head.q_stride, *const dy = head.dy + first * head.dy_stride;
-  pack_bf16_keys(q, head.q_stride, rows, head.channels, scratch.columns(0));
-  pack_bf16_keys(dy, head.dy_stride, rows, head.channels, scratch.columns(1));
-  pack_bf16_values(q, head.q_stride, rows, head.channels, scratch.pairs(0));
-  pack_bf16_values(dy, head.dy_stride, rows, head.channels, scratch.pairs(1));
-  std::copy_n(head.log_sums + first, rows, scratch.log_sums());
-  std::copy_n(head.delta + first, rows, scratch.block_delta());
-  std::fill(scratch.log_sums() + rows, scratch.log_sums() + padded_keys(rows), 0.0F);
-  std::fill(scratch.block_delta() + rows, scratch.block_delta() + padded_keys(rows), 0.0F);
+  pack_bf16_keys(q, head.q_stride, rows, head.channels, scratch.q_columns);
+  pack_bf16_keys(dy, head.dy_stride, rows, head.channels, scratch.dy_columns);
+  pack_bf16_values(q, head.q_stride, rows, head.channels, scratch.q_pairs);
+  pack_bf16_values(dy, head.dy_stride, rows, head.channels, scratch.dy_pairs);
+  std::copy_n(head.log_sums + first, rows, scratch.log_sums);
+  std::copy_n(head.delta + first, rows, scratch.block_delta);
+  std::fill(scratch.log_sums + rows, scratch.log_sums + padded_keys(rows), 0.0F);
+  std::fill(scratch.block_delta + rows, scratch.block_delta + padded_keys(rows), 0.0F);
 }
 
 template <int kVectors, bool kAdd>
 ANIGEN_BF16_INLINE void add_keys_gradients(const HeadOfSequence& head, const MixedScratch& scratch, std::int64_t key,
                                            std::int64_t keys, std::int64_t pairs, products::RowsAhead& ahead) {
-  kernels::bf16_rows<kVectors, kAdd>([&](std::int64_t r) { return scratch.weights() + r * kQueries; },
+  kernels::bf16_rows<kVectors, kAdd>([&](std::int64_t r) { return scratch.weights + r * kQueries; },
                                      [&](std::int64_t r) { return head.dv + (key + r) * head.dk_stride; }, keys, pairs,
-                                     scratch.pairs(1), ahead);
-  kernels::bf16_rows<kVectors, kAdd>([&](std::int64_t r) { return scratch.score_slopes() + r * kQueries; },
+                                     scratch.dy_pairs, ahead);
+  kernels::bf16_rows<kVectors, kAdd>([&](std::int64_t r) { return scratch.score_slopes + r * kQueries; },
                                      [&](std::int64_t r) { return head.dk + (key + r) * head.dk_stride; }, keys, pairs,
-                                     scratch.pairs(0), ahead);
+                                     scratch.q_pairs, ahead);
 }
 
 template <int kVectors>
@@ -126,7 +136,7 @@ ANIGEN_BF16 void mixed_head_backward(const HeadOfSequence& head, const MixedScra
   constexpr std::int64_t kChannels = kVectors * kernels::kBf16Lanes;
   for (std::int64_t j = 0; j < head.keys; j += kKeys) {
     const std::int64_t keys = std::min(kKeys, head.keys - j);
-    pack_bf16_values(head.k + j * head.k_stride, head.k_stride, keys, kChannels, scratch.key_pairs());
+    pack_bf16_values(head.k + j * head.k_stride, head.k_stride, keys, kChannels, scratch.key_pairs);
     for (std::int64_t i = 0; i < head.queries; i += kQueries) {
       const std::int64_t rows = std::min(kQueries, head.queries - i), columns = padded_keys(rows);
       if (j == 0 || head.queries > kQueries) pack_queries(head, scratch, i, rows);
@@ -136,28 +146,28 @@ ANIGEN_BF16 void mixed_head_backward(const HeadOfSequence& head, const MixedScra
           const std::int64_t vectors = std::min(kBf16Panel, columns - c) / kernels::kBf16Lanes;
           kernels::bf16_panel(
               vectors, [&](std::int64_t r) { return head.k + (j + g + r) * head.k_stride; },
-              [&](std::int64_t r) { return scratch.scores() + r * kQueries + c; }, group, kChannels / 2,
-              scratch.columns(0) + c * kChannels, ahead);
+              [&](std::int64_t r) { return scratch.scores + r * kQueries + c; }, group, kChannels / 2,
+              scratch.q_columns + c * kChannels, ahead);
           kernels::bf16_panel(
               vectors, [&](std::int64_t r) { return head.v + (j + g + r) * head.v_stride; },
-              [&](std::int64_t r) { return scratch.slopes() + r * kQueries + c; }, group, kChannels / 2,
-              scratch.columns(1) + c * kChannels, ahead);
+              [&](std::int64_t r) { return scratch.slopes + r * kQueries + c; }, group, kChannels / 2,
+              scratch.dy_columns + c * kChannels, ahead);
         }
         for (std::int64_t r = 0; r < group; r += 2)
-          weigh_two_keys(scratch, r, r + 1 < group, columns, head.scale, scratch.slope_pairs() + (g + r) * kQueries);
+          weigh_two_keys(scratch, r, r + 1 < group, columns, head.scale, scratch.slope_pairs + (g + r) * kQueries);
         if (i == 0) {
           add_keys_gradients<kVectors, false>(head, scratch, j + g, group, columns / 2, ahead);
         } else {
           add_keys_gradients<kVectors, true>(head, scratch, j + g, group, columns / 2, ahead);
         }
       }
-      const auto slope_pairs = [&](std::int64_t r) { return scratch.slope_pairs() + 2 * r; };
+      const auto slope_pairs = [&](std::int64_t r) { return scratch.slope_pairs + 2 * r; };
       const auto dq = [&](std::int64_t r) { return head.dq + (i + r) * head.dq_stride; };
       if (j == 0) {
-        kernels::bf16_rows<kVectors, false>(slope_pairs, dq, rows, (keys + 1) / 2, scratch.key_pairs(), ahead,
+        kernels::bf16_rows<kVectors, false>(slope_pairs, dq, rows, (keys + 1) / 2, scratch.key_pairs, ahead,
                                             2 * kQueries);
       } else {
-        kernels::bf16_rows<kVectors, true>(slope_pairs, dq, rows, (keys + 1) / 2, scratch.key_pairs(), ahead,
+        kernels::bf16_rows<kVectors, true>(slope_pairs, dq, rows, (keys + 1) / 2, scratch.key_pairs, ahead,
                                            2 * kQueries);
       }
     }
@@ -223,11 +233,11 @@ void mixed_attention_backward(const RaggedProblem& problem, const MixedAttention
                                  sums(t.dq, row),        sums(t.dk, key_row),
                                  sums(t.dv, key_row),    t.dq.stride(0),
                                  t.dk.stride(0),         t.log_sums.data_ptr<float>() + head * problem.rows + row,
-                                 scratch.delta(),        part.task->queries,
+                                 scratch.delta,          part.task->queries,
                                  problem.keys(sequence), problem.channels,
                                  problem.scale};
         dot_rows(HeadRows<float>(t.dy, head, row), HeadRows<float>(t.out, head, row), part.task->queries,
-                 problem.channels, scratch.delta());
+                 problem.channels, scratch.delta);
         products::RowsAhead ahead = rows_of_next(problem, now, next, t);
         backward_of(now, scratch, ahead);
       });
