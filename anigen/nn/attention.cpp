@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "anigen/nn/condition_cache.h"
+#include "anigen/nn/kernels/attention_bf16.h"
 #include "anigen/nn/kernels/attention_fp32.h"
 
 namespace anigen::nn {
@@ -22,7 +23,7 @@ Tensor offsets_of(const Tensor& x) {
 }
 
 // Calls of a product cost as much as the products of short sequences themselves.
-Tensor short_attention(const Tensor& q, const Tensor& k, const Tensor& v) {
+Tensor attention_of_sequences(const Tensor& q, const Tensor& k, const Tensor& v) {
   const Tensor mixed = ragged_attention(as_rows(q), as_rows(k), as_rows(v), offsets_of(q), offsets_of(k));
   return mixed.view({q.size(0), q.size(2), q.size(1), q.size(3)}).transpose(1, 2);
 }
@@ -86,7 +87,8 @@ Tensor blocked_attention(const Tensor& q, const Tensor& k, const Tensor& v) {
   if (scores == 0 || (scores < kFewScores && !half_on_cpu)) return attend(q, k, v);
   if (q.is_cpu() && dtype_of(q) != torch::kFloat64) {
     const bool is_short = q.size(2) <= kShortRows && k.size(2) <= kShortRows;
-    return is_short ? short_attention(q, k, v) : cpu_blocked_attention(q, k, v);
+    if (is_short || prefers_mixed_attention(q)) return attention_of_sequences(q, k, v);
+    return cpu_blocked_attention(q, k, v);
   }
   if (kHasFusedAttention && q.is_cuda()) return fused_attention(q, k, v);
   return tensor_blocked_attention(q, k, v, std::max<std::int64_t>(1, kMostTensorScores / per_query));

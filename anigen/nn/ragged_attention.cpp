@@ -153,6 +153,13 @@ std::int64_t even_block(std::int64_t total, std::int64_t most) {
   return (total + blocks - 1) / blocks;
 }
 
+bool RaggedProblem::is_paired() const {
+  for (std::int64_t s = 0; s < sequences; ++s) {
+    if ((queries(s) == 0) != (keys(s) == 0)) return false;
+  }
+  return true;
+}
+
 std::vector<RaggedTask> ragged_tasks(const RaggedProblem& problem, std::int64_t most_queries) {
   std::int64_t scores = 0;
   for (std::int64_t s = 0; s < problem.sequences; ++s) scores += problem.heads * problem.queries(s) * problem.keys(s);

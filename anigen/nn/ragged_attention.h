@@ -40,6 +40,9 @@ struct RaggedProblem {
   std::int64_t queries(std::int64_t sequence) const { return q_offsets[sequence + 1] - q_offsets[sequence]; }
   std::int64_t keys(std::int64_t sequence) const { return k_offsets[sequence + 1] - k_offsets[sequence]; }
 
+  /// True when no sequence has queries without keys, or keys without queries.
+  bool is_paired() const;
+
   const std::int64_t *q_offsets, *k_offsets;
   std::int64_t sequences, rows, heads, channels;
   std::int64_t width;                                  ///< channels rounded up for products::multiply

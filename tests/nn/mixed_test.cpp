@@ -2,9 +2,12 @@
 
 #include <gtest/gtest.h>
 
+#include <limits>
 #include <vector>
 
+#include "anigen/nn/attention.h"
 #include "anigen/nn/linear.h"
+#include "anigen/nn/ragged_attention.h"
 
 namespace anigen::nn {
 namespace {
@@ -70,6 +73,93 @@ TEST(PrefersMixedLinear, IsForWidthsOfWholeVectorsAndManyRows) {
   EXPECT_FALSE(prefers_mixed_linear(torch::zeros({80, 32}, torch::kFloat64), torch::zeros({16, 32}, torch::kFloat64)));
   const MixedProducts off(false);
   EXPECT_FALSE(prefers_mixed_linear(torch::zeros({80, 32}), torch::zeros({16, 32})));
+}
+
+struct MixedAttentionCase {
+  std::vector<std::int64_t> queries, keys;
+  std::int64_t heads, channels;
+};
+
+class MixedAttention : public testing::TestWithParam<MixedAttentionCase> {
+  void SetUp() override {
+    const MixedProducts on(true);
+    if (!mixed_products()) GTEST_SKIP() << "no products of bf16 numbers here";
+  }
+};
+
+struct AttentionResults {
+  Tensor out, dq, dk, dv;
+};
+
+AttentionResults attend_mixed(const MixedAttentionCase& c, bool mixed, std::int64_t seed) {
+  const MixedProducts on(mixed);
+  torch::manual_seed(static_cast<std::uint64_t>(seed));
+  const Ragged queries(c.queries), keys(c.keys);
+  const auto numbers = [&](std::int64_t rows) { return torch::randn({rows, c.heads, c.channels}).requires_grad_(); };
+  const Tensor q = numbers(queries.rows()), k = numbers(keys.rows()), v = numbers(keys.rows());
+  const Tensor out = ragged_attention(q, k, v, queries.row_offsets(), keys.row_offsets());
+  const auto slopes = torch::autograd::grad({out}, {q, k, v}, {torch::randn(out.sizes())});
+  return {out.detach(), slopes[0], slopes[1], slopes[2]};
+}
+
+// Each product of rounded factors is off by 2^-8 of itself at most, 2^-9.5 on average; errors of a sum are independent.
+TEST_P(MixedAttention, IsOffByTheRoundingOfItsFactors) {
+  const AttentionResults given = attend_mixed(GetParam(), true, 5), wanted = attend_mixed(GetParam(), false, 5);
+  const auto apart = [](const Tensor& a, const Tensor& b) {
+    return ((a - b).norm() / (b.norm() + 1e-9)).item<double>();
+  };
+  EXPECT_LT(apart(given.out, wanted.out), 4e-3);
+  EXPECT_LT(apart(given.dq, wanted.dq), 8e-3);
+  EXPECT_LT(apart(given.dk, wanted.dk), 8e-3);
+  EXPECT_LT(apart(given.dv, wanted.dv), 8e-3);
+  EXPECT_LT(share_apart(given.out, wanted.out), 0.02);
+  EXPECT_LT(share_apart(given.dq, wanted.dq), 0.03);
+  EXPECT_LT(share_apart(given.dk, wanted.dk), 0.03);
+  EXPECT_LT(share_apart(given.dv, wanted.dv), 0.03);
+}
+
+TEST_P(MixedAttention, BitsDoNotDependOnThreads) {
+  const int before = torch::get_num_threads();
+  torch::set_num_threads(1);
+  const AttentionResults first = attend_mixed(GetParam(), true, 6);
+  for (const int threads : {2, 3}) {
+    torch::set_num_threads(threads);
+    const AttentionResults other = attend_mixed(GetParam(), true, 6);
+    EXPECT_TRUE(torch::equal(other.out, first.out) && torch::equal(other.dq, first.dq) &&
+                torch::equal(other.dk, first.dk) && torch::equal(other.dv, first.dv));
+  }
+  torch::set_num_threads(before);
+}
+
+INSTANTIATE_TEST_SUITE_P(Sizes, MixedAttention,
+                         testing::Values(MixedAttentionCase{{1}, {2}, 1, 16},
+                                         MixedAttentionCase{{5, 37}, {33, 3}, 2, 32},
+                                         MixedAttentionCase{{140, 7, 0, 64}, {140, 0, 9, 65}, 3, 48},
+                                         MixedAttentionCase{{128, 131}, {256, 24}, 2, 64},
+                                         MixedAttentionCase{{300, 12}, {700, 1100}, 2, 64}));
+
+TEST(MixedAttentionOf, DenseBatchesAreSequencesOfOneLength) {
+  const MixedProducts on(true);
+  if (!mixed_products()) GTEST_SKIP() << "no products of bf16 numbers here";
+  torch::manual_seed(7);
+  const auto numbers = [](std::int64_t rows) { return torch::randn({2, rows, 3, 32}).transpose(1, 2); };
+  const Tensor q = numbers(600), k = numbers(300), v = numbers(300);
+  const Tensor given = blocked_attention(q, k, v);
+  const auto rows = [](const Tensor& x) { return x.transpose(1, 2).reshape({-1, 3, 32}); };
+  const Tensor wanted =
+      ragged_attention(rows(q), rows(k), rows(v), Ragged({600, 600}).row_offsets(), Ragged({300, 300}).row_offsets());
+  EXPECT_TRUE(torch::equal(rows(given), wanted));
+}
+
+TEST(MixedAttentionOf, NotFiniteScoresAreSeenInTheirRowOnly) {
+  const MixedProducts on(true);
+  if (!mixed_products()) GTEST_SKIP() << "no products of bf16 numbers here";
+  Tensor q = torch::randn({20, 1, 32});
+  const Tensor k = torch::randn({9, 1, 32}), v = torch::randn({9, 1, 32});
+  q[4][0][3] = std::numeric_limits<float>::quiet_NaN();
+  const Tensor out = ragged_attention(q, k, v, Ragged({20}).row_offsets(), Ragged({9}).row_offsets());
+  EXPECT_TRUE(out[4].isnan().all().item<bool>());
+  EXPECT_EQ(out.isnan().sum().item<std::int64_t>(), 32);
 }
 
 }  // namespace

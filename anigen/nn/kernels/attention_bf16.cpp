@@ -9,52 +9,18 @@
 #include <vector>
 
 #include "anigen/nn/kernels/heads.h"
+#include "anigen/nn/kernels/mixed_products.h"
 
 namespace anigen::nn {
 
+#if ANIGEN_BF16_X86
+
 namespace {
 
-// Attention of one head in bf16, where has_bf16_products() says so: products of bf16 numbers are exact and added up in
-// fp32, the softmax is fp32, its weights are rounded to bf16 before they meet the values. bf16 numbers are passed as
-// their 16 bits. Packing needs the same processor.
-struct Bf16Keys {
-  const std::uint16_t* keys;    // of pack_bf16_keys
-  const std::uint16_t* values;  // of pack_bf16_values
-  std::int64_t count, channels;
-  float scale;  // of the scores
-};
-
-constexpr std::int64_t kBf16QueryBlock = 96;  // rows that attend_bf16 takes at most
-constexpr std::int64_t kBf16QueryTile = 6;    // rows that are computed together: a multiple of it wastes nothing
-constexpr std::int64_t kLanes = kernels::kBf16Lanes;
-constexpr std::int64_t kPanel = 64;      // keys of a panel: four vectors of scores
-constexpr std::int64_t kKeyBlock = 256;  // keys whose scores are in flight
-static_assert(kBf16QueryTile == kernels::kBf16TileRows && kBf16QueryBlock % kBf16QueryTile == 0, "whole tiles");
-
-std::int64_t whole(std::int64_t count, std::int64_t step) { return (count + step - 1) / step * step; }
-std::int64_t padded_keys(std::int64_t count) { return whole(count, kLanes); }
-
-// 16-bit numbers of packed keys, and as many of packed values.
-std::int64_t packed_bf16_size(std::int64_t count, std::int64_t channels) { return padded_keys(count) * channels; }
-
-std::int64_t bf16_scratch_floats(std::int64_t channels) {
-  // Scores, weights in half as many, sums, largest score, sum of weights and factor of each row.
-  return kBf16QueryBlock * (kKeyBlock + kKeyBlock / 2 + channels + 3);
-}
-
-std::int64_t bf16_asking_calls(std::int64_t queries, std::int64_t keys, std::int64_t channels) {
-  const auto steps = [](std::int64_t pairs) {
-    return (pairs + kernels::kBf16AskingPairs - 1) / kernels::kBf16AskingPairs;
-  };
-  const std::int64_t tiles = (queries + kBf16QueryTile - 1) / kBf16QueryTile;
-  return tiles * ((keys + kPanel - 1) / kPanel * steps(channels / 2) + steps((keys + 1) / 2));
-}
-
-#if ANIGEN_BF16_X86
 ANIGEN_BF16_BEGIN
 // Rows and columns of 16 × 16 numbers of 32 bits change places.
-ANIGEN_BF16_INLINE void transpose(__m512i (&r)[kLanes]) {
-  __m512i t[kLanes];
+ANIGEN_BF16_INLINE void transpose(__m512i (&r)[kernels::kBf16Lanes]) {
+  __m512i t[kernels::kBf16Lanes];
 #pragma GCC unroll 8
   for (int i = 0; i < 16; i += 2) {
     t[i] = _mm512_unpacklo_epi32(r[i], r[i + 1]);
@@ -84,22 +50,95 @@ ANIGEN_BF16_INLINE void transpose(__m512i (&r)[kLanes]) {
   }
 }
 
-// e^t, 0 below -87, NaN for NaN and +inf; coefficients of Cephes' expf.
-ANIGEN_BF16_INLINE __m512 exp_vector(__m512 t) {
-  t = _mm512_max_ps(_mm512_set1_ps(-87.0F), t);  // returns the second for NaN
-  const __m512 n = _mm512_roundscale_ps(_mm512_mul_ps(t, _mm512_set1_ps(1.44269504088896341F)), 8);
-  __m512 r = _mm512_fnmadd_ps(n, _mm512_set1_ps(0.693359375F), t);
-  r = _mm512_fnmadd_ps(n, _mm512_set1_ps(-2.12194440e-4F), r);
-  __m512 p = _mm512_set1_ps(1.9875691500e-4F);
-  p = _mm512_fmadd_ps(p, r, _mm512_set1_ps(1.3981999507e-3F));
-  p = _mm512_fmadd_ps(p, r, _mm512_set1_ps(8.3334519073e-3F));
-  p = _mm512_fmadd_ps(p, r, _mm512_set1_ps(4.1665795894e-2F));
-  p = _mm512_fmadd_ps(p, r, _mm512_set1_ps(1.6666665459e-1F));
-  p = _mm512_fmadd_ps(p, r, _mm512_set1_ps(5.0000001201e-1F));
-  p = _mm512_fmadd_ps(p, _mm512_mul_ps(r, r), _mm512_add_ps(r, _mm512_set1_ps(1.0F)));
-  return _mm512_scalef_ps(p, n);
+ANIGEN_BF16_END
+
+}  // namespace
+
+ANIGEN_BF16_BEGIN
+ANIGEN_BF16 void pack_bf16_keys(const std::uint16_t* rows, std::int64_t stride, std::int64_t count,
+                                std::int64_t channels, std::uint16_t* packed) {
+  const std::int64_t padded = padded_keys(count), pairs = channels / 2;
+  for (std::int64_t panel = 0; panel < padded; panel += kBf16Panel) {
+    const std::int64_t width = std::min(kBf16Panel, padded - panel);
+    // [pairs, width] numbers of 32 bits, of which the rows are the columns.
+    for (std::int64_t first = 0; first < width; first += kernels::kBf16Lanes) {
+      for (std::int64_t pair = 0; pair < pairs; pair += kernels::kBf16Lanes) {
+        const auto taken =
+            static_cast<__mmask16>(pairs - pair < kernels::kBf16Lanes ? (1 << (pairs - pair)) - 1 : 0xffff);
+        __m512i block[kernels::kBf16Lanes];
+#pragma GCC unroll 16
+        for (int i = 0; i < kernels::kBf16Lanes; ++i) {
+          const std::int64_t key = panel + first + i;
+          block[i] =
+              key < count ? _mm512_maskz_loadu_epi32(taken, rows + key * stride + 2 * pair) : _mm512_setzero_si512();
+        }
+        transpose(block);
+        for (int i = 0; i < kernels::kBf16Lanes && pair + i < pairs; ++i)
+          _mm512_storeu_si512(packed + 2 * ((pair + i) * width + first), block[i]);
+      }
+    }
+    packed += width * channels;
+  }
 }
 
+ANIGEN_BF16 void pack_bf16_values(const std::uint16_t* rows, std::int64_t stride, std::int64_t count,
+                                  std::int64_t channels, std::uint16_t* packed) {
+  static constexpr std::uint16_t kZeros[kBf16Panel] = {};  // prefers_bf16_attention() bounds the channels
+  const auto row = [&](std::int64_t key) { return key < count ? rows + key * stride : kZeros; };
+  for (std::int64_t key = 0; key < padded_keys(count); key += 2) {
+    const std::uint16_t *const even = row(key), *const odd = row(key + 1);
+    for (std::int64_t c = 0; c < channels; c += kernels::kBf16Lanes, packed += 2 * kernels::kBf16Lanes) {
+      const __m512i low = _mm512_cvtepu16_epi32(_mm256_loadu_si256(reinterpret_cast<const __m256i*>(even + c)));
+      const __m512i high = _mm512_cvtepu16_epi32(_mm256_loadu_si256(reinterpret_cast<const __m256i*>(odd + c)));
+      _mm512_storeu_si512(packed, _mm512_or_si512(low, _mm512_slli_epi32(high, 16)));
+    }
+  }
+}
+ANIGEN_BF16_END
+
+#else
+
+void pack_bf16_keys(const std::uint16_t*, std::int64_t, std::int64_t, std::int64_t, std::uint16_t*) { std::abort(); }
+
+void pack_bf16_values(const std::uint16_t*, std::int64_t, std::int64_t, std::int64_t, std::uint16_t*) { std::abort(); }
+
+#endif
+
+namespace {
+
+// Attention of one head in bf16, where has_bf16_products() says so: products of bf16 numbers are exact and added up in
+// fp32, the softmax is fp32, its weights are rounded to bf16 before they meet the values. bf16 numbers are passed as
+// their 16 bits. Packing needs the same processor.
+struct Bf16Keys {
+  const std::uint16_t* keys;    // of pack_bf16_keys
+  const std::uint16_t* values;  // of pack_bf16_values
+  std::int64_t count, channels;
+  float scale;  // of the scores
+};
+
+constexpr std::int64_t kBf16QueryBlock = 96;  // rows that attend_bf16 takes at most
+constexpr std::int64_t kBf16QueryTile = 6;    // rows that are computed together: a multiple of it wastes nothing
+constexpr std::int64_t kKeyBlock = 256;       // keys whose scores are in flight
+static_assert(kBf16QueryTile == kernels::kBf16TileRows && kBf16QueryBlock % kBf16QueryTile == 0, "whole tiles");
+
+// 16-bit numbers of packed keys, and as many of packed values.
+std::int64_t packed_bf16_size(std::int64_t count, std::int64_t channels) { return padded_keys(count) * channels; }
+
+std::int64_t bf16_scratch_floats(std::int64_t channels) {
+  // Scores, weights in half as many, sums, largest score, sum of weights and factor of each row.
+  return kBf16QueryBlock * (kKeyBlock + kKeyBlock / 2 + channels + 3);
+}
+
+std::int64_t bf16_asking_calls(std::int64_t queries, std::int64_t keys, std::int64_t channels) {
+  const auto steps = [](std::int64_t pairs) {
+    return (pairs + kernels::kBf16AskingPairs - 1) / kernels::kBf16AskingPairs;
+  };
+  const std::int64_t tiles = (queries + kBf16QueryTile - 1) / kBf16QueryTile;
+  return tiles * ((keys + kBf16Panel - 1) / kBf16Panel * steps(channels / 2) + steps((keys + 1) / 2));
+}
+
+#if ANIGEN_BF16_X86
+ANIGEN_BF16_BEGIN
 struct RowState {
   float *largest, *sum, *shrink;
 };
@@ -111,13 +150,15 @@ ANIGEN_BF16_INLINE void softmax_rows(float* scores, std::uint16_t* weights, std:
   const __m512 factor = _mm512_set1_ps(scale);
   for (std::int64_t r = 0; r < rows; ++r, scores += kKeyBlock, weights += kKeyBlock) {
     __m512 top = _mm512_set1_ps(state.largest[r]);
-    for (std::int64_t c = 0; c < columns; c += kLanes) top = _mm512_max_ps(top, _mm512_loadu_ps(scores + c));
+    for (std::int64_t c = 0; c < columns; c += kernels::kBf16Lanes)
+      top = _mm512_max_ps(top, _mm512_loadu_ps(scores + c));
     const float largest = _mm512_reduce_max_ps(top);
     const __m512 shift = _mm512_set1_ps(-scale * largest);
     __m512 sum_a = _mm512_setzero_ps(), sum_b = _mm512_setzero_ps();
-    for (std::int64_t c = 0; c < columns; c += 2 * kLanes) {
-      const __m512 a = exp_vector(_mm512_fmadd_ps(_mm512_loadu_ps(scores + c), factor, shift));
-      const __m512 b = exp_vector(_mm512_fmadd_ps(_mm512_loadu_ps(scores + c + kLanes), factor, shift));
+    for (std::int64_t c = 0; c < columns; c += 2 * kernels::kBf16Lanes) {
+      const __m512 a = kernels::exp_vector(_mm512_fmadd_ps(_mm512_loadu_ps(scores + c), factor, shift));
+      const __m512 b =
+          kernels::exp_vector(_mm512_fmadd_ps(_mm512_loadu_ps(scores + c + kernels::kBf16Lanes), factor, shift));
       sum_a = _mm512_add_ps(sum_a, a);
       sum_b = _mm512_add_ps(sum_b, b);
       _mm512_storeu_si512(weights + c, reinterpret_cast<__m512i>(_mm512_cvtne2ps_pbh(b, a)));
@@ -129,39 +170,34 @@ ANIGEN_BF16_INLINE void softmax_rows(float* scores, std::uint16_t* weights, std:
   }
 }
 
-template <int kVectors>
+ANIGEN_BF16_INLINE void store_row(float* out, __m512 numbers) { _mm512_storeu_ps(out, numbers); }
+
+ANIGEN_BF16_INLINE void store_row(std::uint16_t* out, __m512 numbers) {
+  _mm256_storeu_si256(reinterpret_cast<__m256i*>(out), reinterpret_cast<__m256i>(_mm512_cvtneps_pbh(numbers)));
+}
+
+template <int kVectors, typename Out>
 ANIGEN_BF16 void attend_rows(const Bf16Keys& head, const std::uint16_t* q, std::int64_t q_stride, std::int64_t rows,
-                             std::uint16_t* out, std::int64_t out_stride, float* log_sums, float* scratch,
+                             Out* out, std::int64_t out_stride, float* log_sums, float* scratch,
                              products::RowsAhead& ahead) {
-  constexpr std::int64_t channels = kVectors * kLanes;
+  constexpr std::int64_t kChannels = kVectors * kernels::kBf16Lanes;
   float* const scores = scratch;
   auto* const weights = reinterpret_cast<std::uint16_t*>(scores + kBf16QueryBlock * kKeyBlock);
   float* const sums = scores + kBf16QueryBlock * (kKeyBlock + kKeyBlock / 2);
-  float* const rest = sums + kBf16QueryBlock * channels;
+  float* const rest = sums + kBf16QueryBlock * kChannels;
   const RowState state{rest, rest + kBf16QueryBlock, rest + 2 * kBf16QueryBlock};
   std::fill_n(state.largest, rows, -std::numeric_limits<float>::infinity());
   std::fill_n(state.sum, rows, 0.0F);
   for (std::int64_t first = 0; first < head.count; first += kKeyBlock) {
     const std::int64_t keys = std::min(kKeyBlock, head.count - first), columns = padded_keys(keys);
-    for (std::int64_t key = 0; key < columns; key += kPanel) {
-      const std::uint16_t* const panel = head.keys + (first + key) * channels;
+    for (std::int64_t key = 0; key < columns; key += kBf16Panel) {
+      const std::uint16_t* const panel = head.keys + (first + key) * kChannels;
       const auto from = [=](std::int64_t r) { return q + r * q_stride; };
       const auto to = [=](std::int64_t r) { return scores + r * kKeyBlock + key; };
-      switch ((columns - key) / kLanes) {
-        case 1:
-          kernels::bf16_rows<1, false>(from, to, rows, channels / 2, panel, ahead);
-          break;
-        case 2:
-          kernels::bf16_rows<2, false>(from, to, rows, channels / 2, panel, ahead);
-          break;
-        case 3:
-          kernels::bf16_rows<3, false>(from, to, rows, channels / 2, panel, ahead);
-          break;
-        default:
-          kernels::bf16_rows<4, false>(from, to, rows, channels / 2, panel, ahead);
-      }
+      kernels::bf16_panel(std::min(kBf16Panel, columns - key) / kernels::kBf16Lanes, from, to, rows, kChannels / 2,
+                          panel, ahead);
     }
-    const std::int64_t weighed = whole(keys, 2 * kLanes);
+    const std::int64_t weighed = padded_keys(keys, 2 * kernels::kBf16Lanes);
     for (std::int64_t r = 0; keys < weighed && r < rows; ++r) {
       std::fill(scores + r * kKeyBlock + keys, scores + r * kKeyBlock + weighed,
                 -std::numeric_limits<float>::infinity());
@@ -170,16 +206,16 @@ ANIGEN_BF16 void attend_rows(const Bf16Keys& head, const std::uint16_t* q, std::
     for (std::int64_t r = 0; first > 0 && r < rows; ++r) {
       const __m512 shrink = _mm512_set1_ps(state.shrink[r]);
       for (int v = 0; v < kVectors; ++v) {
-        float* const place = sums + r * channels + v * kLanes;
+        float* const place = sums + r * kChannels + v * kernels::kBf16Lanes;
         _mm512_storeu_ps(place, _mm512_mul_ps(_mm512_loadu_ps(place), shrink));
       }
     }
     const auto weights_of = [=](std::int64_t r) { return weights + r * kKeyBlock; };
-    const auto sums_of = [=](std::int64_t r) { return sums + r * channels; };
+    const auto sums_of = [=](std::int64_t r) { return sums + r * kChannels; };
     if (first == 0) {
       kernels::bf16_rows<kVectors, false>(weights_of, sums_of, rows, (keys + 1) / 2, head.values, ahead);
     } else {
-      kernels::bf16_rows<kVectors, true>(weights_of, sums_of, rows, (keys + 1) / 2, head.values + first * channels,
+      kernels::bf16_rows<kVectors, true>(weights_of, sums_of, rows, (keys + 1) / 2, head.values + first * kChannels,
                                          ahead);
     }
   }
@@ -187,53 +223,10 @@ ANIGEN_BF16 void attend_rows(const Bf16Keys& head, const std::uint16_t* q, std::
     // As the scores of a row that is not finite leave NaN here, they do everywhere.
     const __m512 factor = _mm512_set1_ps(1.0F / state.sum[r]);
     for (int v = 0; v < kVectors; ++v) {
-      const __m256bh row = _mm512_cvtneps_pbh(_mm512_mul_ps(_mm512_loadu_ps(sums + r * channels + v * kLanes), factor));
-      _mm256_storeu_si256(reinterpret_cast<__m256i*>(out + r * out_stride + v * kLanes),
-                          reinterpret_cast<__m256i>(row));
+      store_row(out + r * out_stride + v * kernels::kBf16Lanes,
+                _mm512_mul_ps(_mm512_loadu_ps(sums + r * kChannels + v * kernels::kBf16Lanes), factor));
     }
     log_sums[r] = head.scale * state.largest[r] + std::log(state.sum[r]);
-  }
-}
-
-// Panels of 64 keys, the last one of 16, 32, 48 or 64: [channels / 2, keys, 2] each, filled up with zeros.
-// @param rows [count, channels], rows `stride` apart
-ANIGEN_BF16 void pack_bf16_keys(const std::uint16_t* rows, std::int64_t stride, std::int64_t count,
-                                std::int64_t channels, std::uint16_t* packed) {
-  const std::int64_t padded = padded_keys(count), pairs = channels / 2;
-  for (std::int64_t panel = 0; panel < padded; panel += kPanel) {
-    const std::int64_t width = std::min(kPanel, padded - panel);
-    // [pairs, width] numbers of 32 bits, of which the rows are the columns.
-    for (std::int64_t first = 0; first < width; first += kLanes) {
-      for (std::int64_t pair = 0; pair < pairs; pair += kLanes) {
-        const auto taken = static_cast<__mmask16>(pairs - pair < kLanes ? (1 << (pairs - pair)) - 1 : 0xffff);
-        __m512i block[kLanes];
-#pragma GCC unroll 16
-        for (int i = 0; i < kLanes; ++i) {
-          const std::int64_t key = panel + first + i;
-          block[i] =
-              key < count ? _mm512_maskz_loadu_epi32(taken, rows + key * stride + 2 * pair) : _mm512_setzero_si512();
-        }
-        transpose(block);
-        for (int i = 0; i < kLanes && pair + i < pairs; ++i)
-          _mm512_storeu_si512(packed + 2 * ((pair + i) * width + first), block[i]);
-      }
-    }
-    packed += width * channels;
-  }
-}
-
-// [keys / 2, channels, 2], filled up with zeros to a multiple of 16 keys.
-ANIGEN_BF16 void pack_bf16_values(const std::uint16_t* rows, std::int64_t stride, std::int64_t count,
-                                  std::int64_t channels, std::uint16_t* packed) {
-  static constexpr std::uint16_t kZeros[kPanel] = {};  // prefers_bf16_attention() bounds the channels
-  const auto row = [&](std::int64_t key) { return key < count ? rows + key * stride : kZeros; };
-  for (std::int64_t key = 0; key < padded_keys(count); key += 2) {
-    const std::uint16_t *const even = row(key), *const odd = row(key + 1);
-    for (std::int64_t c = 0; c < channels; c += kLanes, packed += 2 * kLanes) {
-      const __m512i low = _mm512_cvtepu16_epi32(_mm256_loadu_si256(reinterpret_cast<const __m256i*>(even + c)));
-      const __m512i high = _mm512_cvtepu16_epi32(_mm256_loadu_si256(reinterpret_cast<const __m256i*>(odd + c)));
-      _mm512_storeu_si512(packed, _mm512_or_si512(low, _mm512_slli_epi32(high, 16)));
-    }
   }
 }
 
@@ -241,10 +234,10 @@ ANIGEN_BF16 void pack_bf16_values(const std::uint16_t* rows, std::int64_t stride
 // scores that are not finite becomes NaN.
 // @param q [rows, channels], rows `q_stride` apart @param out rows `out_stride` apart @param ahead asked
 // bf16_asking_calls times, evenly over the products
-void attend_bf16(const Bf16Keys& head, const std::uint16_t* q, std::int64_t q_stride, std::int64_t rows,
-                 std::uint16_t* out, std::int64_t out_stride, float* log_sums, float* scratch,
-                 products::RowsAhead& ahead) {
-  switch (head.channels / kLanes) {
+template <typename Out>
+void attend_bf16(const Bf16Keys& head, const std::uint16_t* q, std::int64_t q_stride, std::int64_t rows, Out* out,
+                 std::int64_t out_stride, float* log_sums, float* scratch, products::RowsAhead& ahead) {
+  switch (head.channels / kernels::kBf16Lanes) {
     case 1:
       return attend_rows<1>(head, q, q_stride, rows, out, out_stride, log_sums, scratch, ahead);
     case 2:
@@ -259,12 +252,9 @@ ANIGEN_BF16_END
 
 #else
 
-void pack_bf16_keys(const std::uint16_t*, std::int64_t, std::int64_t, std::int64_t, std::uint16_t*) { std::abort(); }
-
-void pack_bf16_values(const std::uint16_t*, std::int64_t, std::int64_t, std::int64_t, std::uint16_t*) { std::abort(); }
-
-void attend_bf16(const Bf16Keys&, const std::uint16_t*, std::int64_t, std::int64_t, std::uint16_t*, std::int64_t,
-                 float*, float*, products::RowsAhead&) {
+template <typename Out>
+void attend_bf16(const Bf16Keys&, const std::uint16_t*, std::int64_t, std::int64_t, Out*, std::int64_t, float*, float*,
+                 products::RowsAhead&) {
   std::abort();  // has_bf16_products() said so
 }
 
@@ -372,16 +362,30 @@ products::RowsAhead rows_after(const RaggedProblem& problem, const HeadTask& par
     add(v, problem.k_offsets[sequence], problem.keys(sequence));
   }
   add(q, row, next.task->queries);
-  add(out, row, next.task->queries);
+  if (dtype_of(out) == torch::kFloat32) {
+    add_rows(ahead, HeadRows<float>(out, next.head, row), next.task->queries, problem.channels);
+  } else {
+    add(out, row, next.task->queries);
+  }
   ahead.spread_over(bf16_asking_calls(part.task->queries, problem.keys(part.task->sequence), problem.channels));
   return ahead;
 }
 
 }  // namespace
 
-bool prefers_bf16_attention(const Tensor& q) {
-  return q.is_cpu() && dtype_of(q) == torch::kBFloat16 && q.size(-1) > 0 && q.size(-1) <= kPanel &&
-         q.size(-1) % kLanes == 0 && kernels::has_bf16_products();
+namespace {
+
+bool suits_bf16(const Tensor& q) {
+  return q.is_cpu() && q.size(-1) > 0 && q.size(-1) <= kBf16Panel && q.size(-1) % kernels::kBf16Lanes == 0 &&
+         kernels::has_bf16_products();
+}
+
+}  // namespace
+
+bool prefers_bf16_attention(const Tensor& q) { return dtype_of(q) == torch::kBFloat16 && suits_bf16(q); }
+
+bool prefers_mixed_attention(const Tensor& q) {
+  return dtype_of(q) == torch::kFloat32 && suits_bf16(q) && mixed_products();
 }
 
 Tensor cpu_bf16_attention(const Tensor& q, const Tensor& k, const Tensor& v, Tensor& log_sums) {
@@ -430,9 +434,17 @@ void attend_ragged_bf16(const RaggedProblem& problem, const Tensor& q, const Ten
         products::RowsAhead ahead = rows_after(problem, part, next, q, k, v, out);
         for (std::int64_t first = 0; first < part.task->queries; first += block) {
           const std::int64_t row = problem.q_offsets[sequence] + part.task->first_query + first;
-          attend_bf16(keys, row_of(q, head, row), q.stride(0), std::min(block, part.task->queries - first),
-                      row_of(out, head, row), out.stride(0), log_sums.data_ptr<float>() + head * problem.rows + row,
-                      scratch.floats.data_ptr<float>(), ahead);
+          const auto attend_to = [&](auto* to) {
+            attend_bf16(keys, row_of(q, head, row), q.stride(0), std::min(block, part.task->queries - first),
+                        to + head * out.stride(1) + row * out.stride(0), out.stride(0),
+                        log_sums.data_ptr<float>() + head * problem.rows + row, scratch.floats.data_ptr<float>(),
+                        ahead);
+          };
+          if (dtype_of(out) == torch::kFloat32) {
+            attend_to(out.data_ptr<float>());
+          } else {
+            attend_to(bf16_bits(out));
+          }
         }
       });
 }

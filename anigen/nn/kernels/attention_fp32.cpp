@@ -506,6 +506,8 @@ void backward_all(const RaggedProblem& p, const RaggedGradients& g) {
                                  });
 }
 
+Tensor rounded(const Tensor& x) { return x.to(torch::kBFloat16); }
+
 class CpuRaggedAttention : public torch::autograd::Function<CpuRaggedAttention> {
  public:
   static Tensor forward(AutogradContext* context, const Tensor& q, const Tensor& k, const Tensor& v,
@@ -517,6 +519,12 @@ class CpuRaggedAttention : public torch::autograd::Function<CpuRaggedAttention> 
       if (problem.keys(s) == 0) out.narrow(0, problem.q_offsets[s], problem.queries(s)).zero_();
     }
     const Tensor log_sums = torch::empty({problem.heads, problem.rows}, torch::kFloat32);
+    if (prefers_mixed_attention(q)) {
+      const Tensor rounded_q = rounded(q), rounded_k = rounded(k), rounded_v = rounded(v);
+      attend_ragged_bf16(problem, rounded_q, rounded_k, rounded_v, out, log_sums);
+      context->save_for_backward({rounded_q, rounded_k, rounded_v, out, log_sums, q_offsets, k_offsets});
+      return out;
+    }
     if (prefers_bf16_attention(q)) {
       attend_ragged_bf16(problem, q, k, v, out, log_sums);
     } else if (dtype_of(q) == torch::kBFloat16) {
@@ -535,6 +543,13 @@ class CpuRaggedAttention : public torch::autograd::Function<CpuRaggedAttention> 
     const variable_list saved = saved_once(*context, "ragged attention");
     const Tensor &q = saved[0], &k = saved[1], &v = saved[2];
     const RaggedProblem problem(q, k, saved[5], saved[6]);
+    if (dtype_of(q) != dtype_of(saved[3])) {
+      const Tensor dy = gradients[0].contiguous();
+      const auto zeros = [](const Tensor& like) { return torch::zeros(like.sizes(), torch::kFloat32); };
+      const MixedAttentionGradients mixed{q, k, v, saved[3], saved[4], dy, rounded(dy), zeros(q), zeros(k), zeros(k)};
+      mixed_attention_backward(problem, mixed);
+      return {mixed.dq, mixed.dk, mixed.dv, Tensor(), Tensor()};
+    }
     const RaggedGradients g{q,
                             k,
                             v,

@@ -45,13 +45,6 @@ ANIGEN_BF16_INLINE __mmask16 first_lanes(std::int64_t count) {
   return static_cast<__mmask16>(count >= kBf16Lanes ? 0xFFFF : (1 << count) - 1);
 }
 
-// Sixteen words: the bf16 numbers of `a` in their lower, those of `b` in their upper halves.
-ANIGEN_BF16_INLINE __m512i interleaved(__m512 a, __m512 b) {
-  const __m512i order = _mm512_set_epi16(31, 15, 30, 14, 29, 13, 28, 12, 27, 11, 26, 10, 25, 9, 24, 8, 23, 7, 22, 6, 21,
-                                         5, 20, 4, 19, 3, 18, 2, 17, 1, 16, 0);
-  return _mm512_permutexvar_epi16(order, reinterpret_cast<__m512i>(_mm512_cvtne2ps_pbh(b, a)));
-}
-
 // Sixteen channels from `channel` on of rows 2 p and 2 p + 1 of a block; a missing one counts as zeros.
 ANIGEN_BF16_INLINE __m512i interleaved_rows(const ListedRows& rows, std::int64_t p, std::int64_t first,
                                             std::int64_t count, std::int64_t channel, std::int64_t channels) {

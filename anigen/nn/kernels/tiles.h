@@ -61,10 +61,10 @@ ANIGEN_BF16_BEGIN
 
 /// sums(r)[:] (+)= Σ_p factors(r)[2p] b[p, :, 0] + factors(r)[2p + 1] b[p, :, 1] for kRows rows and kVectors · 16
 /// columns. @param factors, sums row → its first number @param b [pairs, columns, 2] @param ahead asked every
-/// kBf16AskingPairs pairs
+/// kBf16AskingPairs pairs @param step numbers from one pair of a row of factors to the next, 2 where a row is dense
 template <int kRows, int kVectors, bool kAdd, typename FactorRow, typename SumRow, typename Ahead>
 ANIGEN_BF16_INLINE void bf16_tile(const FactorRow& factors, const SumRow& sums, std::int64_t pairs,
-                                  const std::uint16_t* b, Ahead& ahead) {
+                                  const std::uint16_t* b, Ahead& ahead, std::int64_t step) {
   const std::uint16_t* rows[kRows];
   __m512 tile[kRows][kVectors];
 #pragma GCC unroll 8
@@ -83,7 +83,7 @@ ANIGEN_BF16_INLINE void bf16_tile(const FactorRow& factors, const SumRow& sums, 
 #pragma GCC unroll 8
     for (int r = 0; r < kRows; ++r) {
       std::int32_t pair;
-      std::memcpy(&pair, rows[r] + 2 * p, sizeof pair);
+      std::memcpy(&pair, rows[r] + step * p, sizeof pair);
       const __m512bh factor = reinterpret_cast<__m512bh>(_mm512_set1_epi32(pair));
 #pragma GCC unroll 4
       for (int v = 0; v < kVectors; ++v) tile[r][v] = _mm512_dpbf16_ps(tile[r][v], factor, columns[v]);
@@ -100,26 +100,65 @@ ANIGEN_BF16_INLINE void bf16_tile(const FactorRow& factors, const SumRow& sums, 
 /// would wait for its own sums.
 template <int kVectors, bool kAdd, typename FactorRow, typename SumRow, typename Ahead>
 ANIGEN_BF16_INLINE void bf16_rows(const FactorRow& factors, const SumRow& sums, std::int64_t rows, std::int64_t pairs,
-                                  const std::uint16_t* b, Ahead&& ahead) {
+                                  const std::uint16_t* b, Ahead&& ahead, std::int64_t step = 2) {
   std::int64_t first = 0;
   const auto from = [&](int r) { return factors(first + r); };
   const auto to = [&](int r) { return sums(first + r); };
   for (; first + kBf16TileRows <= rows; first += kBf16TileRows)
-    bf16_tile<kBf16TileRows, kVectors, kAdd>(from, to, pairs, b, ahead);
+    bf16_tile<kBf16TileRows, kVectors, kAdd>(from, to, pairs, b, ahead, step);
   switch (rows - first) {
     case 1:
-      return bf16_tile<1, kVectors, kAdd>(from, to, pairs, b, ahead);
+      return bf16_tile<1, kVectors, kAdd>(from, to, pairs, b, ahead, step);
     case 2:
-      return bf16_tile<2, kVectors, kAdd>(from, to, pairs, b, ahead);
+      return bf16_tile<2, kVectors, kAdd>(from, to, pairs, b, ahead, step);
     case 3:
-      return bf16_tile<3, kVectors, kAdd>(from, to, pairs, b, ahead);
+      return bf16_tile<3, kVectors, kAdd>(from, to, pairs, b, ahead, step);
     case 4:
-      return bf16_tile<4, kVectors, kAdd>(from, to, pairs, b, ahead);
+      return bf16_tile<4, kVectors, kAdd>(from, to, pairs, b, ahead, step);
     case 5:
-      return bf16_tile<5, kVectors, kAdd>(from, to, pairs, b, ahead);
+      return bf16_tile<5, kVectors, kAdd>(from, to, pairs, b, ahead, step);
     default:
       return;
   }
+}
+
+/// As bf16_rows, without adding, for a panel of 1 to 4 vectors.
+template <typename FactorRow, typename SumRow, typename Ahead>
+ANIGEN_BF16_INLINE void bf16_panel(std::int64_t vectors, const FactorRow& factors, const SumRow& sums,
+                                   std::int64_t rows, std::int64_t pairs, const std::uint16_t* b, Ahead& ahead) {
+  switch (vectors) {
+    case 1:
+      return bf16_rows<1, false>(factors, sums, rows, pairs, b, ahead);
+    case 2:
+      return bf16_rows<2, false>(factors, sums, rows, pairs, b, ahead);
+    case 3:
+      return bf16_rows<3, false>(factors, sums, rows, pairs, b, ahead);
+    default:
+      return bf16_rows<4, false>(factors, sums, rows, pairs, b, ahead);
+  }
+}
+
+/// e^t, 0 below -87, NaN for NaN and +inf; coefficients of Cephes' expf.
+ANIGEN_BF16_INLINE __m512 exp_vector(__m512 t) {
+  t = _mm512_max_ps(_mm512_set1_ps(-87.0F), t);  // returns the second for NaN
+  const __m512 n = _mm512_roundscale_ps(_mm512_mul_ps(t, _mm512_set1_ps(1.44269504088896341F)), 8);
+  __m512 r = _mm512_fnmadd_ps(n, _mm512_set1_ps(0.693359375F), t);
+  r = _mm512_fnmadd_ps(n, _mm512_set1_ps(-2.12194440e-4F), r);
+  __m512 p = _mm512_set1_ps(1.9875691500e-4F);
+  p = _mm512_fmadd_ps(p, r, _mm512_set1_ps(1.3981999507e-3F));
+  p = _mm512_fmadd_ps(p, r, _mm512_set1_ps(8.3334519073e-3F));
+  p = _mm512_fmadd_ps(p, r, _mm512_set1_ps(4.1665795894e-2F));
+  p = _mm512_fmadd_ps(p, r, _mm512_set1_ps(1.6666665459e-1F));
+  p = _mm512_fmadd_ps(p, r, _mm512_set1_ps(5.0000001201e-1F));
+  p = _mm512_fmadd_ps(p, _mm512_mul_ps(r, r), _mm512_add_ps(r, _mm512_set1_ps(1.0F)));
+  return _mm512_scalef_ps(p, n);
+}
+
+/// Sixteen words: the bf16 numbers of `a` in their lower, those of `b` in their upper halves.
+ANIGEN_BF16_INLINE __m512i interleaved(__m512 a, __m512 b) {
+  const __m512i order = _mm512_set_epi16(31, 15, 30, 14, 29, 13, 28, 12, 27, 11, 26, 10, 25, 9, 24, 8, 23, 7, 22, 6, 21,
+                                         5, 20, 4, 19, 3, 18, 2, 17, 1, 16, 0);
+  return _mm512_permutexvar_epi16(order, reinterpret_cast<__m512i>(_mm512_cvtne2ps_pbh(b, a)));
 }
 
 ANIGEN_BF16_END

@@ -5,7 +5,6 @@
 #include <vector>
 
 #include "anigen/core/kernel_form.h"
-#include "anigen/nn/kernels/volume_slabs.h"
 
 namespace anigen::nn::kernels {
 

@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "anigen/nn/kernels/tiles.h"
-#include "anigen/nn/kernels/volume_slabs.h"
+#include "anigen/nn/kernels/volume_convolution.h"
 
 namespace anigen::nn::kernels {
 
