@@ -166,7 +166,8 @@ Work work_of(const std::string& name, const at::RecordFunction& function) {
     work.fp32 = product_operations(function.inputs());
   } else {
     const auto inputs = function.inputs();
-    work.bytes = bytes_of(inputs) + bytes_of({function.outputs().data(), function.outputs().size()});
+    work.bytes = bytes_of(inputs) +
+                 bytes_of(c10::ArrayRef<const c10::IValue>(function.outputs().data(), function.outputs().size()));
   }
   return work;
 }

@@ -160,6 +160,12 @@ bool RaggedProblem::is_paired() const {
   return true;
 }
 
+double RaggedProblem::product_operations() const {
+  double pairs = 0.0;
+  for (std::int64_t s = 0; s < sequences; ++s) pairs += static_cast<double>(queries(s) * keys(s));
+  return 2.0 * pairs * static_cast<double>(heads * channels);
+}
+
 std::vector<RaggedTask> ragged_tasks(const RaggedProblem& problem, std::int64_t most_queries) {
   std::int64_t scores = 0;
   for (std::int64_t s = 0; s < problem.sequences; ++s) scores += problem.heads * problem.queries(s) * problem.keys(s);

@@ -42,6 +42,8 @@ struct RaggedProblem {
 
   /// True when no sequence has queries without keys, or keys without queries.
   bool is_paired() const;
+  /// Operations of q kᵀ, or of any other of the products of this size.
+  double product_operations() const;
 
   const std::int64_t *q_offsets, *k_offsets;
   std::int64_t sequences, rows, heads, channels;

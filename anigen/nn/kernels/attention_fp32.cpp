@@ -8,6 +8,7 @@
 #include "anigen/nn/attention.h"
 #include "anigen/nn/kernels/attention_bf16.h"
 #include "anigen/nn/kernels/heads.h"
+#include "anigen/nn/profile.h"
 #include "anigen/nn/ragged_attention.h"
 
 namespace anigen::nn {
@@ -514,6 +515,7 @@ class CpuRaggedAttention : public torch::autograd::Function<CpuRaggedAttention> 
                         const Tensor& q_offsets, const Tensor& k_offsets) {
     RECORD_USER_SCOPE("attention: sequences");
     const RaggedProblem problem(q, k, q_offsets, k_offsets);
+    count_operations(2.0 * problem.product_operations(), prefers_mixed_attention(q) || prefers_bf16_attention(q));
     const Tensor out = torch::empty(q.sizes(), q.options());
     for (std::int64_t s = 0; s < problem.sequences; ++s) {
       if (problem.keys(s) == 0) out.narrow(0, problem.q_offsets[s], problem.queries(s)).zero_();
@@ -543,6 +545,7 @@ class CpuRaggedAttention : public torch::autograd::Function<CpuRaggedAttention> 
     const variable_list saved = saved_once(*context, "ragged attention");
     const Tensor &q = saved[0], &k = saved[1], &v = saved[2];
     const RaggedProblem problem(q, k, saved[5], saved[6]);
+    count_operations(5.0 * problem.product_operations(), dtype_of(q) != dtype_of(saved[3]));
     if (dtype_of(q) != dtype_of(saved[3])) {
       const Tensor dy = gradients[0].contiguous();
       const auto zeros = [](const Tensor& like) { return torch::zeros(like.sizes(), torch::kFloat32); };
