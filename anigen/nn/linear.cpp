@@ -73,36 +73,66 @@ class WideProduct : public torch::autograd::Function<WideProduct> {
 // Rows that are rounded before they are multiplied, and fewer than which a product of the library is as fast.
 constexpr std::int64_t kMixedRows = 96, kFewestMixedRows = 32;
 
-// out[i, :] += x[i, :] · matrix, rows shared among the threads. @param x [M, K] @param matrix [K, N] @param out [M, N]
-void add_mixed_product(const Tensor& x, const kernels::StridedMatrix& matrix, const Tensor& out) {
-  const std::int64_t rows = x.size(0), depth = x.size(1), columns = out.size(1);
+// Widths are filled up to a multiple of 16, which would be most of a narrower product.
+constexpr std::int64_t kFewestMixedWidth = 16;
+
+// Widths that products have inside; what is beyond those of the tensors is 0.
+std::int64_t padded(std::int64_t width) {
+  constexpr std::int64_t kVector = 16;
+  return (width + kVector - 1) / kVector * kVector;
+}
+
+Tensor padded(const Tensor& matrix) {
+  const std::int64_t below = padded(matrix.size(0)) - matrix.size(0), right = padded(matrix.size(1)) - matrix.size(1);
+  return below + right == 0 ? matrix.contiguous() : torch::constant_pad_nd(matrix, {0, right, 0, below}).contiguous();
+}
+
+// x · matrix + bias, rows shared among the threads. @param x [M, K] @param matrix [K, N], both widths padded
+// @param bias nullptr: none @return [M, N]
+Tensor mixed_product(const Tensor& x, const kernels::StridedMatrix& matrix, std::int64_t width, const float* bias) {
+  const std::int64_t rows = x.size(0), in_width = x.size(1), depth = padded(in_width), columns = padded(width);
   std::vector<std::uint16_t> packed(static_cast<std::size_t>(depth * columns));
   kernels::pack_mixed(matrix, depth, columns, packed.data());
+  std::vector<float> start(static_cast<std::size_t>(columns), 0.0F);
+  if (bias != nullptr) std::copy_n(bias, width, start.begin());
+  const Tensor out = torch::empty({rows, width}, x.options());
   const float* in = x.data_ptr<float>();
   float* to = out.data_ptr<float>();
   at::parallel_for(0, (rows + kMixedRows - 1) / kMixedRows, 1, [&](std::int64_t begin, std::int64_t end) {
-    std::vector<std::uint16_t> rounded(static_cast<std::size_t>(kMixedRows * depth));
+    std::vector<std::uint16_t> rounded(static_cast<std::size_t>(kMixedRows * depth), 0);
+    std::vector<float> wide(static_cast<std::size_t>(columns == width ? 0 : kMixedRows * columns));
     for (std::int64_t first = begin * kMixedRows; first < std::min(rows, end * kMixedRows); first += kMixedRows) {
       const std::int64_t count = std::min(kMixedRows, rows - first);
-      kernels::round_to_bf16(in + first * depth, count * depth, rounded.data());
-      kernels::multiply_mixed(rounded.data(), packed.data(), count, depth, columns, to + first * columns);
+      float* const sums = columns == width ? to + first * width : wide.data();
+      if (depth == in_width) {
+        kernels::round_to_bf16(in + first * depth, count * depth, rounded.data());
+      } else {
+        for (std::int64_t r = 0; r < count; ++r)
+          kernels::round_to_bf16(in + (first + r) * in_width, in_width, rounded.data() + r * depth);
+      }
+      for (std::int64_t r = 0; r < count; ++r) std::copy_n(start.data(), columns, sums + r * columns);
+      kernels::multiply_mixed(rounded.data(), packed.data(), count, depth, columns, sums);
+      if (columns == width) continue;
+      for (std::int64_t r = 0; r < count; ++r) std::copy_n(sums + r * columns, width, to + (first + r) * width);
     }
   });
+  return out;
 }
 
 // dyᵀ x, the rows of the result shared among the threads, each summed over all rows in their order.
-// @param dy [M, N] @param x [M, K] @return [N, K], N and K multiples of 16
+// @param dy [M, N] @param x [M, K] @return [N, K]
 Tensor mixed_correlation(const Tensor& dy, const Tensor& x) {
-  const std::int64_t rows = x.size(0), out = dy.size(1), in = x.size(1);
-  const Tensor sums = torch::zeros({out, in}, x.options());
+  const std::int64_t rows = x.size(0), out = dy.size(1), in = x.size(1), stride = padded(in);
+  const Tensor sums = torch::zeros({out, stride}, x.options());
   const float *slopes = dy.data_ptr<float>(), *values = x.data_ptr<float>();
   float* to = sums.data_ptr<float>();
   constexpr std::int64_t kShare = 16;
-  at::parallel_for(0, out / kShare, 1, [&](std::int64_t begin, std::int64_t end) {
-    kernels::correlate_mixed({slopes + begin * kShare, out, nullptr}, {values, in, nullptr}, rows,
-                             (end - begin) * kShare, in, to + begin * kShare * in, in);
+  at::parallel_for(0, (out + kShare - 1) / kShare, 1, [&](std::int64_t begin, std::int64_t end) {
+    const std::int64_t first = begin * kShare, count = std::min(out, end * kShare) - first;
+    kernels::correlate_mixed({slopes + first, out, nullptr}, {values, in, nullptr}, rows, count, in,
+                             to + first * stride, stride);
   });
-  return sums;
+  return sums.narrow(1, 0, in);
 }
 
 // x wᵀ + b of fp32 tensors, factors rounded to bf16.
@@ -115,29 +145,25 @@ class MixedLinear : public torch::autograd::Function<MixedLinear> {
  public:
   static Tensor forward(AutogradContext* context, const Tensor& x, const Tensor& weight, const Tensor& bias) {
     RECORD_USER_SCOPE("matrix products: mixed");
-    const Tensor rows = x.reshape({-1, weight.size(1)}).contiguous(), w = weight.contiguous();
+    const Tensor rows = x.reshape({-1, weight.size(1)}).contiguous(), w = padded(weight), start = bias.contiguous();
     context->save_for_backward({rows, w});
     context->saved_data["shape"] = x.sizes().vec();
-    Tensor y = torch::empty({rows.size(0), w.size(0)}, x.options());
-    y.copy_(bias);
-    count_operations(product_operations(rows, w), /*mixed=*/true);
-    add_mixed_product(rows, {w.data_ptr<float>(), 1, w.size(1)}, y);
+    count_operations(product_operations(rows, weight), /*mixed=*/true);
     std::vector<std::int64_t> shape = x.sizes().vec();
-    shape.back() = w.size(0);
-    return y.view(shape);
+    shape.back() = weight.size(0);
+    return mixed_product(rows, {w.data_ptr<float>(), 1, w.size(1)}, shape.back(), start.data_ptr<float>()).view(shape);
   }
 
   static variable_list backward(AutogradContext* context, variable_list gradients) {
     RECORD_USER_SCOPE("matrix products: mixed");
     const variable_list saved = saved_once(*context, "a linear layer");
     const Tensor &rows = saved[0], &w = saved[1];
-    const Tensor dy = gradients[0].reshape({-1, w.size(0)}).contiguous();
+    const Tensor dy = gradients[0].reshape({-1, gradients[0].size(-1)}).contiguous();
     Tensor dx, dw, db;
     const int products = (context->needs_input_grad(0) ? 1 : 0) + (context->needs_input_grad(1) ? 1 : 0);
     count_operations(products * product_operations(rows, w), /*mixed=*/true);
     if (context->needs_input_grad(0)) {
-      dx = torch::zeros(rows.sizes(), rows.options());
-      add_mixed_product(dy, {w.data_ptr<float>(), w.size(1), 1}, dx);
+      dx = mixed_product(dy, {w.data_ptr<float>(), w.size(1), 1}, rows.size(1), nullptr);
       dx = dx.view(context->saved_data["shape"].toIntVector());
     }
     if (context->needs_input_grad(1)) dw = mixed_correlation(dy, rows);
@@ -276,7 +302,7 @@ Tensor widened_linear(const Tensor& x, const Tensor& weight, const Tensor& bias)
 bool prefers_mixed_linear(const Tensor& x, const Tensor& weight) {
   const std::int64_t in = weight.size(1), out = weight.size(0);
   return mixed_products() && x.is_cpu() && dtype_of(x) == torch::kFloat32 && dtype_of(weight) == torch::kFloat32 &&
-         in % 16 == 0 && out % 16 == 0 && x.numel() >= kFewestMixedRows * in;
+         in >= kFewestMixedWidth && out >= kFewestMixedWidth && x.numel() >= kFewestMixedRows * in;
 }
 
 Tensor mixed_linear(const Tensor& x, const Tensor& weight, const Tensor& bias) {

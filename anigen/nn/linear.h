@@ -51,7 +51,7 @@ bool prefers_widened_linear(const Tensor& x, const Tensor& weight);
 /// undefined
 Tensor widened_linear(const Tensor& x, const Tensor& weight, const Tensor& bias);
 
-/// True when a linear layer is computed in mixed precision (mixed.h): both widths multiples of 16, and rows enough.
+/// True when a linear layer is computed in mixed precision (mixed.h): neither width below 16, and rows enough.
 bool prefers_mixed_linear(const Tensor& x, const Tensor& weight);
 
 /// torch::linear of fp32 tensors with factors rounded to bf16 and sums in fp32, its gradients likewise. Can be

@@ -4,12 +4,15 @@
 #include <ATen/Parallel.h>
 #include <algorithm>
 #include <array>
+#include <cmath>
+#include <numeric>
 #include <string>
 #include <utility>
 #include <vector>
 
 #include "anigen/core/error.h"
 #include "anigen/nn/init.h"
+#include "anigen/nn/kernels/tiles.h"
 #include "anigen/shape_field/grid.h"
 #include "anigen/shape_field/row_links.h"
 
@@ -27,21 +30,24 @@ void require_shape(const char* what, const Tensor& tensor, torch::IntArrayRef sh
     throw InputError("", what, "must have the type and device of the signed distances");
 }
 
-void require_corners(const CubeCorners& corners, std::int64_t resolution) {
+void require_places(const Tensor& coords, std::int64_t resolution) {
   if (resolution < 1 || resolution > kMostCubeResolution) {
     throw InputError(
         "", "resolution",
         "must be in [1, " + std::to_string(kMostCubeResolution) + "], found " + std::to_string(resolution));
   }
-  const Tensor& coords = corners.coords;
   const bool places = coords.defined() && coords.dim() == 2 && coords.size(1) == 3 &&
                       (coords.scalar_type() == torch::kInt32 || coords.scalar_type() == torch::kInt64);
   if (!places) throw InputError("", "coords", "expected integers [C, 3], found " + nn::shape_text(coords));
+}
+
+void require_corners(const CubeCorners& corners, std::int64_t resolution) {
+  require_places(corners.coords, resolution);
   if (!corners.sdf.defined() ||
       (corners.sdf.scalar_type() != torch::kFloat32 && corners.sdf.scalar_type() != torch::kFloat64)) {
     throw InputError("", "sdf", "expected fp32 or fp64");
   }
-  const std::int64_t cubes = coords.size(0);
+  const std::int64_t cubes = corners.coords.size(0);
   require_shape("sdf", corners.sdf, {cubes, kCubeCorners}, corners.sdf);
   require_shape("deform", corners.deform, {cubes, kCubeCorners, 3}, corners.sdf);
   require_shape("attributes", corners.attributes, {cubes, kCubeCorners, -1}, corners.sdf);
@@ -310,6 +316,224 @@ Tensor squared_deviation(const Tensor& corners, const Tensor& means, const Tenso
   return CornerDeviation::apply(adjacent(corners), adjacent(means.detach()), vertices);
 }
 
+ANIGEN_KERNEL(void, sigmoids, (const float* __restrict x, std::int64_t n, float* __restrict y), (x, n, y)) {
+  for (std::int64_t i = 0; i < n; ++i) y[i] = 1.0F / (1.0F + nn::kernels::exp_or_nan(-x[i]));
+}
+
+void sigmoids(const double* x, std::int64_t n, double* y) {
+  for (std::int64_t i = 0; i < n; ++i) y[i] = 1.0 / (1.0 + std::exp(-x[i]));
+}
+
+// Values of a corner side by side: sdf, deform, skin features, colours. Channel of a predicted row for each of the
+// values of all corners, [8 · values()].
+struct CornerOrder {
+  explicit CornerOrder(const CornerLayout& layout) : layout(layout) {
+    const std::int64_t colors = 32 + kCubeWeights, skin = colors + kCubeCorners * layout.colors;
+    for (std::int64_t k = 0; k < kCubeCorners; ++k) {
+      channel.push_back(k);
+      for (std::int64_t i = 0; i < 3; ++i) channel.push_back(kCubeCorners + 3 * k + i);
+      for (std::int64_t i = 0; i < layout.skin; ++i) channel.push_back(skin + layout.skin * k + i);
+      for (std::int64_t i = 0; i < layout.colors; ++i) channel.push_back(colors + layout.colors * k + i);
+    }
+  }
+  std::int64_t values() const { return 4 + layout.attributes(); }
+  std::int64_t first_weight() const { return 4 * kCubeCorners; }
+  std::int64_t first_color() const { return first_weight() + kCubeWeights; }
+
+  CornerLayout layout;
+  std::vector<std::int64_t> channel;
+};
+
+// Calls body(part, first, end) for parts of about kCubesPerSum, by all threads. @return the sum of its results
+template <typename Body>
+double sum_of_parts(std::int64_t count, const Body& body) {
+  const std::int64_t parts = (count + kCubesPerSum - 1) / kCubesPerSum;
+  std::vector<double> sums(static_cast<std::size_t>(parts), 0.0);
+  at::parallel_for(0, parts, 1, [&](std::int64_t begin, std::int64_t end) {
+    for (std::int64_t part = begin; part < end; ++part) {
+      sums[static_cast<std::size_t>(part)] = body(part * kCubesPerSum, std::min(count, (part + 1) * kCubesPerSum));
+    }
+  });
+  return std::accumulate(sums.begin(), sums.end(), 0.0);
+}
+
+// Activates the corners of cubes and puts them in order. @param values [C, 8, values()] @param weights [C, 21]
+// @return Σ |·| of the regular weights
+template <typename T>
+double order_corners(const CornerOrder& order, const Tensor& feats, double sdf_bias, const Tensor& values,
+                     const Tensor& weights) {
+  const std::int64_t width = feats.size(1), count = values.size(1) * values.size(2), colors = 8 * order.layout.colors;
+  const T* rows = feats.data_ptr<T>();
+  T *ordered = values.data_ptr<T>(), *weight = weights.data_ptr<T>();
+  return sum_of_parts(feats.size(0), [&](std::int64_t begin, std::int64_t end) {
+    std::vector<T> row(static_cast<std::size_t>(width));
+    double sum = 0.0;
+    for (std::int64_t cube = begin; cube < end; ++cube) {
+      const T* const given = rows + cube * width;
+      std::copy_n(given, width, row.data());
+      for (std::int64_t k = 0; k < kCubeCorners; ++k) row[static_cast<std::size_t>(k)] -= static_cast<T>(sdf_bias);
+      sigmoids(given + order.first_color(), colors, row.data() + order.first_color());
+      T* const to = ordered + cube * count;
+      for (std::int64_t i = 0; i < count; ++i)
+        to[i] = row[static_cast<std::size_t>(order.channel[static_cast<std::size_t>(i)])];
+      std::copy_n(given + order.first_weight(), kCubeWeights, weight + cube * kCubeWeights);
+      T some = 0;
+      for (std::int64_t i = 0; i < kRegularWeights; ++i) some += std::abs(weight[cube * kCubeWeights + i]);
+      sum += static_cast<double>(some);
+    }
+    return sum;
+  });
+}
+
+// Means over the corners at each vertex, and their number. @param values [C, 8, W] @param means [V, W] @param counts
+// [V]
+// @return Σ (corner − mean)²
+template <typename T>
+double mean_of_corners(const Tensor& values, const Tensor& sources, const Tensor& means, const Tensor& counts) {
+  const std::int64_t width = values.size(2);
+  const T* corners = values.data_ptr<T>();
+  const std::int32_t* source = sources.data_ptr<std::int32_t>();
+  T *mean_of = means.data_ptr<T>(), *count_of = counts.data_ptr<T>();
+  return sum_of_parts(means.size(0), [&](std::int64_t begin, std::int64_t end) {
+    double sum = 0.0;
+    for (std::int64_t vertex = begin; vertex < end; ++vertex) {
+      // The corners of a vertex lie far apart in memory, so that they are asked for ahead of time.
+      for (std::int64_t slot = (vertex + kVerticesAhead) * kCubeCorners, k = 0; k < kCubeCorners; ++k) {
+        const std::int32_t entry = vertex + kVerticesAhead < end ? source[slot + k] : -1;
+        if (entry < 0) continue;
+        __builtin_prefetch(corners + entry * width);
+        __builtin_prefetch(corners + (entry + 1) * width - 1);
+      }
+      std::array<const T*, kCubeCorners> corner{};
+      std::size_t count = 0;
+      for (std::int64_t k = 0; k < kCubeCorners; ++k) {
+        const std::int64_t entry = source[vertex * kCubeCorners + k];
+        if (entry >= 0) corner[count++] = corners + entry * width;
+      }
+      const T members = static_cast<T>(count);
+      T* const mean = mean_of + vertex * width;
+      count_of[vertex] = members;
+      T squares = 0;
+      for (std::int64_t c = 0; c < width; ++c) {
+        T total = 0;
+        for (std::size_t i = 0; i < count; ++i) total += corner[i][c];
+        mean[c] = total / members;
+        for (std::size_t i = 0; i < count; ++i) squares += (corner[i][c] - mean[c]) * (corner[i][c] - mean[c]);
+      }
+      sum += static_cast<double>(squares);
+    }
+    return sum;
+  });
+}
+
+struct RegularizerSlopes {
+  double squares, weights;  // of Σ (corner − mean)² and of Σ |·|
+};
+
+// With the gradient g of the mean m of n corners, the corner x gets g / n + 2 s (x − m), colours times σ' = x (1 − x);
+// weights w get theirs and s' sgn(w). @param d_means [V, W] g / n @param d_weights [C, 21] or undefined
+// @param d_feats [C, channels] to write
+template <typename T>
+void corner_gradients(const CornerOrder& order, const variable_list& saved, const Tensor& d_means,
+                      const Tensor& d_weights, const RegularizerSlopes& slopes, const Tensor& d_feats) {
+  const Tensor &values = saved[0], &weights = saved[1], &means = saved[2], &targets = saved[3];
+  const std::int64_t width = order.values(), channels = d_feats.size(1), first_color = width - order.layout.colors;
+  const T *x = values.data_ptr<T>(), *weight = weights.data_ptr<T>(), *mean = means.data_ptr<T>();
+  const T *slope = d_means.data_ptr<T>(), *d_weight = d_weights.defined() ? d_weights.data_ptr<T>() : nullptr;
+  const std::int64_t* target = targets.data_ptr<std::int64_t>();
+  T* out = d_feats.data_ptr<T>();
+  const T twice = static_cast<T>(2.0 * slopes.squares), of_length = static_cast<T>(slopes.weights);
+  at::parallel_for(0, values.size(0), kCubesPerSum, [&](std::int64_t begin, std::int64_t end) {
+    std::vector<T> d(static_cast<std::size_t>(width));
+    for (std::int64_t cube = begin; cube < end; ++cube) {
+      T* const row = out + cube * channels;
+      for (std::int64_t k = 0; k < kCubeCorners; ++k) {
+        const std::int64_t entry = cube * kCubeCorners + k, vertex = target[entry] * width;
+        const T* const corner = x + entry * width;
+        for (std::int64_t c = 0; c < width; ++c)
+          d[static_cast<std::size_t>(c)] = slope[vertex + c] + twice * (corner[c] - mean[vertex + c]);
+        for (std::int64_t c = first_color; c < width; ++c)
+          d[static_cast<std::size_t>(c)] *= corner[c] * (T(1) - corner[c]);
+        const std::int64_t* const channel = order.channel.data() + k * width;
+        for (std::int64_t c = 0; c < width; ++c) row[channel[c]] = d[static_cast<std::size_t>(c)];
+      }
+      for (std::int64_t i = 0; i < kCubeWeights; ++i) {
+        const T w = weight[cube * kCubeWeights + i];
+        const T sign = i >= kRegularWeights ? T(0) : w > T(0) ? T(1) : w < T(0) ? T(-1) : T(0);
+        row[order.first_weight() + i] =
+            of_length * sign + (d_weight == nullptr ? T(0) : d_weight[cube * kCubeWeights + i]);
+      }
+    }
+  });
+}
+
+// Sum and mean over nothing are 0.
+double per_value(std::int64_t values) { return 1.0 / static_cast<double>(std::max<std::int64_t>(1, values)); }
+
+class PredictedCorners : public torch::autograd::Function<PredictedCorners> {
+ public:
+  // @return sdf [V], deform [V, 3], attributes [V, A], weights [C, 21], consistency [], weights_length []
+  static variable_list forward(AutogradContext* context, const Tensor& feats, const Tensor& targets,
+                               const Tensor& sources, std::int64_t colors, std::int64_t skin, std::int64_t resolution) {
+    RECORD_USER_SCOPE("surface extraction: corners");
+    const CornerOrder order({colors, skin});
+    const std::int64_t cubes = feats.size(0), vertices = sources.size(0);
+    const Tensor values = torch::empty({cubes, kCubeCorners, order.values()}, feats.options());
+    const Tensor weights = torch::empty({cubes, kCubeWeights}, feats.options());
+    const Tensor means = torch::empty({vertices, order.values()}, feats.options());
+    const Tensor counts = torch::empty({vertices, 1}, feats.options());
+    double length = 0.0, squares = 0.0;
+    AT_DISPATCH_FLOATING_TYPES(feats.scalar_type(), "predicted_corners", [&] {
+      length = order_corners<scalar_t>(order, feats, 1.0 / static_cast<double>(resolution), values, weights);
+      squares = mean_of_corners<scalar_t>(values, sources, means, counts);
+    });
+    context->save_for_backward({values, weights, means, targets, counts});
+    context->saved_data["colors"] = colors;
+    context->saved_data["skin"] = skin;
+    context->set_materialize_grads(false);  // fields without a surface use some of the results
+    return {means.select(1, 0).contiguous(),
+            means.narrow(1, 1, 3).contiguous(),
+            means.narrow(1, 4, order.layout.attributes()).contiguous(),
+            weights.clone(),
+            torch::full({}, squares * per_value(values.numel()), feats.options()),
+            torch::full({}, length * per_value(cubes * kRegularWeights), feats.options())};
+  }
+
+  static variable_list backward(AutogradContext* context, variable_list gradients) {
+    RECORD_USER_SCOPE("surface extraction: corners");
+    const variable_list saved = nn::saved_once(*context, "the field of predicted corners");
+    const Tensor &values = saved[0], &means = saved[2], &counts = saved[4];
+    const CornerOrder order({context->saved_data["colors"].toInt(), context->saved_data["skin"].toInt()});
+    const Tensor d_means = torch::zeros_like(means);
+    const auto put = [&](const Tensor& gradient, std::int64_t first, std::int64_t width) {
+      if (gradient.defined()) d_means.narrow(1, first, width).copy_(gradient.view({-1, width}));
+    };
+    put(gradients[0], 0, 1);
+    put(gradients[1], 1, 3);
+    put(gradients[2], 4, order.layout.attributes());
+    d_means.div_(counts);
+    const auto slope = [](const Tensor& gradient) { return gradient.defined() ? gradient.item<double>() : 0.0; };
+    const RegularizerSlopes slopes{slope(gradients[4]) * per_value(values.numel()),
+                                   slope(gradients[5]) * per_value(values.size(0) * kRegularWeights)};
+    const Tensor d_weights = gradients[3].defined() ? gradients[3].contiguous() : Tensor();
+    const Tensor d_feats = torch::empty({values.size(0), order.layout.channels()}, values.options());
+    AT_DISPATCH_FLOATING_TYPES(values.scalar_type(), "predicted_corners_backward",
+                               [&] { corner_gradients<scalar_t>(order, saved, d_means, d_weights, slopes, d_feats); });
+    return {d_feats, Tensor(), Tensor(), Tensor(), Tensor(), Tensor()};
+  }
+};
+
+// The grid vertices that cubes touch, and which corner meets which. @param field coords and resolution are set
+RowLinks linked_field(CubeField& field) {
+  const GridNumbering grid{field.resolution + 1};
+  const SortedCubes cubes = sorted_cubes(field.coords, field.resolution, grid);
+  TORCH_CHECK(cubes.numbers.size() < (std::size_t{1} << 28), "too many cubes");  // entries are numbered with 31 bits
+  GridSet vertices = cubes.numbers;
+  for (const int axis : {2, 1, 0}) vertices = with_shifted(vertices, grid.step(axis));
+  field.vertices = grid_places(vertices, grid);
+  return link_corners(cubes, vertices, grid);
+}
+
 }  // namespace
 
 Tensor vertex_positions(const Tensor& places, const Tensor& deform, std::int64_t resolution, const Tensor& like) {
@@ -325,22 +549,16 @@ Tensor CubeField::positions() const { return vertex_positions(vertices, deform, 
 
 CubeField average_corners(const CubeCorners& corners, std::int64_t resolution) {
   require_corners(corners, resolution);
-  const GridNumbering grid{resolution + 1};
-  const SortedCubes cubes = sorted_cubes(corners.coords, resolution, grid);
-  TORCH_CHECK(cubes.numbers.size() < (std::size_t{1} << 28), "too many cubes");  // entries are numbered with 31 bits
-  GridSet vertices = cubes.numbers;
-  for (const int axis : {2, 1, 0}) vertices = with_shifted(vertices, grid.step(axis));
-
   const torch::Device device = corners.sdf.device();
-  const RowLinks links = link_corners(cubes, vertices, grid).to(device);
   CubeField field;
   field.resolution = resolution;
-  field.vertices = grid_places(vertices, grid).to(device);
+  field.coords = corners.coords;
+  const RowLinks links = linked_field(field).to(device);
+  field.vertices = field.vertices.to(device);
   const std::vector<Tensor> means = corner_means(corners, links);
   field.sdf = means[0].squeeze(-1);
   field.deform = means[1];
   field.attributes = means[2];
-  field.coords = corners.coords;
   field.corner_vertices = links.targets.view({-1, kCubeCorners});
   field.weights = corners.weights;
   return field;
@@ -354,6 +572,27 @@ Tensor corner_consistency(const CubeCorners& corners, const CubeField& field) {
                      squared_deviation(corners.deform, field.deform, vertices) +
                      squared_deviation(corners.attributes, field.attributes, vertices);
   return sum / static_cast<double>(values);
+}
+
+PredictedField predicted_field(const Tensor& coords, const Tensor& feats, const CornerLayout& layout,
+                               std::int64_t resolution) {
+  require_places(coords, resolution);
+  require_shape("feats", feats, {coords.size(0), layout.channels()}, feats);
+  PredictedField predicted;
+  CubeField& field = predicted.field;
+  field.resolution = resolution;
+  field.coords = coords;
+  const RowLinks links = linked_field(field);
+  const variable_list found =
+      PredictedCorners::apply(feats.contiguous(), links.targets, links.sources, layout.colors, layout.skin, resolution);
+  field.sdf = found[0];
+  field.deform = found[1];
+  field.attributes = found[2];
+  field.weights = found[3];
+  field.corner_vertices = links.targets.view({-1, kCubeCorners});
+  predicted.consistency = found[4];
+  predicted.weights_length = found[5];
+  return predicted;
 }
 
 }  // namespace anigen::shape_field

@@ -12,6 +12,7 @@ inline constexpr std::int64_t kMostCubeResolution = 1 << 20;
 
 /// Flexible weights of a cube: beta 12, alpha 8, gamma 1.
 inline constexpr std::int64_t kCubeWeights = 21;
+inline constexpr std::int64_t kRegularWeights = 20;  ///< beta and alpha, which a regulariser keeps small
 
 /// Prediction of a decoder in one active cube of an R³ grid, one value per corner; corner k of cube c is grid vertex
 /// c + o_k, x fastest: o = 000, 100, 010, 110, 001, 101, 011, 111 (docs/reference/autoencoders.md, 4.7). Values are
@@ -58,5 +59,26 @@ CubeField average_corners(const CubeCorners& corners, std::int64_t resolution);
 /// @param field what average_corners made of these corners. The share of the gradient that passes through it is not
 /// formed: it is zero, since deviations from a mean add up to nothing
 Tensor corner_consistency(const CubeCorners& corners, const CubeField& field);
+
+/// Widths of the rows that a network predicts, one per cube, docs/reference/autoencoders.md, 4.7: sdf 8, deform 8 · 3,
+/// weights 21, colours 8 · colors before their sigmoid, skin features 8 · skin.
+struct CornerLayout {
+  std::int64_t colors = 0, skin = 0;
+
+  std::int64_t attributes() const { return skin + colors; }
+  std::int64_t channels() const { return 8 * (4 + attributes()) + kCubeWeights; }
+};
+
+struct PredictedField {
+  CubeField field;        ///< attributes: skin features, then colours
+  Tensor consistency;     ///< corner_consistency()
+  Tensor weights_length;  ///< mean |·| of beta and alpha
+};
+
+/// average_corners() of predicted rows with its regularisers, as one differentiable operation: nothing of the size of
+/// the rows is formed in between but the corners' values. CPU only.
+/// @param coords [C, 3] @param feats [C, layout.channels()] fp32 or fp64 @throws InputError as average_corners()
+PredictedField predicted_field(const Tensor& coords, const Tensor& feats, const CornerLayout& layout,
+                               std::int64_t resolution);
 
 }  // namespace anigen::shape_field

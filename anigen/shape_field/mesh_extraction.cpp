@@ -1,9 +1,12 @@
 #include "anigen/shape_field/mesh_extraction.h"
 
 #include <ATen/Dispatch.h>
+#include <ATen/Parallel.h>
+#include <algorithm>
 #include <vector>
 
 #include "anigen/core/error.h"
+#include "anigen/core/kernel_form.h"
 #include "anigen/nn/init.h"
 #include "anigen/shape_field/grid.h"
 
@@ -33,8 +36,7 @@ void require_points(const CubeField& field, const Tensor& features, const Tensor
       "features ", features.sizes(), " of ", field.vertices.size(0), " vertices at points ", points.sizes());
 }
 
-constexpr std::int64_t kColorChannels = 6;    // RGB, normal map
-constexpr std::int64_t kRegularWeights = 20;  // beta and alpha, not gamma
+constexpr std::int64_t kColorChannels = 6;  // RGB, normal map
 constexpr double kDeviationFactor = 0.5, kWeightsFactor = 0.2;
 constexpr std::int64_t kNearVertices = 8;
 
@@ -56,6 +58,21 @@ CubeCorners split_channels(const Tensor& coords, const Tensor& feats, const Mesh
   const Tensor color = torch::sigmoid(parts[3]).view({cubes, 8, colors});
   corners.attributes = torch::cat({parts[4].view({cubes, 8, options.skin_channels}), color}, 2);
   return corners;
+}
+
+// Field of predicted rows and the two regularisers of its corners.
+PredictedField field_of(const Tensor& coords, const Tensor& feats, const MeshFieldOptions& options) {
+  if (feats.is_cpu()) {
+    const CornerLayout layout{options.use_color ? kColorChannels : 0, options.skin_channels};
+    return predicted_field(coords, feats, layout, options.resolution);
+  }
+  const CubeCorners corners = split_channels(coords, feats, options);
+  PredictedField predicted;
+  predicted.field = average_corners(corners, options.resolution);
+  predicted.consistency = corner_consistency(corners, predicted.field);
+  const Tensor weights = corners.weights.narrow(1, 0, kRegularWeights).abs();
+  predicted.weights_length = weights.numel() > 0 ? weights.mean() : weights.sum();
+  return predicted;
 }
 
 using torch::autograd::AutogradContext;
@@ -131,10 +148,9 @@ void set_surface(const ExtractedSurface& surface, const MeshFieldOptions& option
   }
 }
 
-void regularize(const CubeCorners& corners, const Tensor& consistency, const Tensor& deviation, ExtractedMesh& mesh) {
-  const Tensor weights = corners.weights.narrow(1, 0, kRegularWeights);
-  const auto mean = [](const Tensor& x) { return x.numel() > 0 ? x.mean() : x.sum(); };
-  mesh.terms = {consistency, mean(deviation), mean(weights.abs())};
+void regularize(const PredictedField& predicted, const Tensor& deviation, ExtractedMesh& mesh) {
+  mesh.terms = {predicted.consistency, deviation.numel() > 0 ? deviation.mean() : deviation.sum(),
+                predicted.weights_length};
   mesh.regularizer =
       mesh.terms.consistency + kDeviationFactor * mesh.terms.deviation + kWeightsFactor * mesh.terms.weights;
 }
@@ -160,20 +176,65 @@ Tensor ssim_kernel() {
   return g / g.sum();
 }
 
-// The window is a product of two, so that two passes of 11 do what one of 121 does, and symmetric, so that the gradient
-// is smoothed likewise: the library's backward pass of a convolution takes ten times as long.
-class Smoothing : public torch::autograd::Function<Smoothing> {
- public:
-  // @param planes [M, 1, H, W] @param kernel [11]
-  static Tensor forward(torch::autograd::AutogradContext* context, const Tensor& planes, const Tensor& kernel) {
-    context->save_for_backward({kernel});
+// sums = Σ_t taps[t] row(t), rows of n numbers.
+template <typename Row>
+ANIGEN_KERNEL_INLINE void weighted_rows_sum(const float* __restrict taps, std::int64_t first, std::int64_t end,
+                                            const Row& row, std::int64_t n, float* __restrict sums) {
+  for (std::int64_t x = 0; x < n; ++x) sums[x] = 0.0F;
+  for (std::int64_t t = first; t < end; ++t) {
+    const float* const __restrict values = row(t);
+    for (std::int64_t x = 0; x < n; ++x) sums[x] += taps[t] * values[x];
+  }
+}
+
+// A plane by the window down and across, zeros around it. @param line [width + kSsimWindow − 1], zeros to begin with
+ANIGEN_KERNEL(void, smooth_plane,
+              (const float* plane, std::int64_t height, std::int64_t width, const float* taps, float* line, float* out),
+              (plane, height, width, taps, line, out)) {
+  constexpr std::int64_t kReach = kSsimWindow / 2;
+  for (std::int64_t y = 0; y < height; ++y) {
+    const std::int64_t first = std::max<std::int64_t>(0, kReach - y);
+    const std::int64_t end = std::min(kSsimWindow, height + kReach - y);
+    const auto below = [&](std::int64_t t) { return plane + (y + t - kReach) * width; };
+    weighted_rows_sum(taps, first, end, below, width, line + kReach);
+    const auto beside = [&](std::int64_t t) { return line + t; };
+    weighted_rows_sum(taps, 0, kSsimWindow, beside, width, out + y * width);
+  }
+}
+
+// @param planes [M, 1, H, W] @param kernel [11]
+Tensor smoothed(const Tensor& planes, const Tensor& kernel) {
+  if (!planes.is_cpu() || nn::dtype_of(planes) != torch::kFloat32) {
     const std::vector<std::int64_t> one{1, 1}, down{kSsimWindow / 2, 0}, across{0, kSsimWindow / 2};
     const Tensor columns = at::conv2d(planes, kernel.view({1, 1, kSsimWindow, 1}), Tensor(), one, down);
     return at::conv2d(columns, kernel.view({1, 1, 1, kSsimWindow}), Tensor(), one, across);
   }
+  const Tensor given = planes.contiguous(), out = torch::empty_like(given), taps = kernel.contiguous();
+  const std::int64_t height = given.size(2), width = given.size(3);
+  at::parallel_for(0, given.size(0), 1, [&](std::int64_t begin, std::int64_t end) {
+    std::vector<float> line(static_cast<std::size_t>(width + kSsimWindow - 1), 0.0F);
+    for (std::int64_t plane = begin; plane < end; ++plane) {
+      const std::int64_t first = plane * height * width;
+      smooth_plane(given.data_ptr<float>() + first, height, width, taps.data_ptr<float>(), line.data(),
+                   out.data_ptr<float>() + first);
+    }
+  });
+  return out;
+}
+
+// The window is a product of two, so that two passes of 11 do what one of 121 does, and symmetric, so that the gradient
+// is smoothed likewise: the library's backward pass of a convolution takes ten times as long, and its convolution of a
+// single channel thirty times as long as loops over rows.
+class Smoothing : public torch::autograd::Function<Smoothing> {
+ public:
+  static Tensor forward(torch::autograd::AutogradContext* context, const Tensor& planes, const Tensor& kernel) {
+    RECORD_USER_SCOPE("elementwise and copies: smoothing");
+    context->save_for_backward({kernel});
+    return smoothed(planes, kernel);
+  }
   static torch::autograd::variable_list backward(torch::autograd::AutogradContext* context,
                                                  torch::autograd::variable_list gradients) {
-    return {Smoothing::apply(gradients[0].contiguous(), context->get_saved_variables()[0]), Tensor()};
+    return {Smoothing::apply(gradients[0], context->get_saved_variables()[0]), Tensor()};
   }
 };
 
@@ -237,15 +298,14 @@ ExtractedMesh extract_mesh(const Tensor& coords, const Tensor& feats, const Mesh
   if (feats.scalar_type() != torch::kFloat32 && feats.scalar_type() != torch::kFloat64)
     throw InputError("", "feats", "expected fp32 or fp64");
   RECORD_USER_SCOPE("surface extraction: the rest");
-  const CubeCorners corners = split_channels(coords, feats, options);
   ExtractedMesh mesh;
-  mesh.field = average_corners(corners, options.resolution);
   // The corners' agreement counts what was predicted, used or not.
-  const Tensor consistency = training ? corner_consistency(corners, mesh.field) : Tensor();
+  const PredictedField predicted = field_of(coords, feats, options);
+  mesh.field = predicted.field;
   if (deform_disabled(options)) mesh.field.deform = torch::zeros_like(mesh.field.deform);
   const ExtractedSurface surface = flexicubes(mesh.field, training);
   set_surface(surface, options, skin_features, mesh);
-  if (training) regularize(corners, consistency, surface.deviation, mesh);
+  if (training) regularize(predicted, surface.deviation, mesh);
   return mesh;
 }
 

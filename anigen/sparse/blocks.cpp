@@ -1,5 +1,8 @@
 #include "anigen/sparse/blocks.h"
 
+#include <ATen/Parallel.h>
+
+#include "anigen/core/kernel_form.h"
 #include "anigen/nn/init.h"
 
 namespace anigen::sparse {
@@ -28,10 +31,70 @@ SparseAttention stream_attention(const DualStreamBlockOptions& options, bool ske
   return SparseAttention(SparseAttentionOptions(attention, {}));
 }
 
-// Without a gradient in place: at 256³ every copy of the features counts.
-Tensor normed_silu(SparseGroupNorm& norm, const SparseTensor& x) {
-  Tensor rows = norm->forward(x).feats;
-  return at::GradMode::is_enabled() ? torch::silu(rows) : at::silu_(rows);
+constexpr std::int64_t kChildren = 8;
+
+ANIGEN_KERNEL(void, add_to_children,
+              (const float* __restrict children, const float* __restrict parents, std::int64_t rows, std::int64_t n,
+               float* __restrict sums),
+              (children, parents, rows, n, sums)) {
+  for (std::int64_t i = 0; i < kChildren * rows; ++i, children += n, sums += n) {
+    const float* const parent = parents + i / kChildren * n;
+    for (std::int64_t c = 0; c < n; ++c) sums[c] = children[c] + parent[c];
+  }
+}
+
+ANIGEN_KERNEL(void, sum_of_children,
+              (const float* __restrict children, std::int64_t rows, std::int64_t n, float* __restrict sums),
+              (children, rows, n, sums)) {
+  for (std::int64_t i = 0; i < rows; ++i, sums += n) {
+    for (std::int64_t c = 0; c < n; ++c) sums[c] = 0.0F;
+    for (std::int64_t k = 0; k < kChildren; ++k, children += n) {
+      for (std::int64_t c = 0; c < n; ++c) sums[c] += children[c];
+    }
+  }
+}
+
+// Calls body(first parent, count) for all of them, by all threads.
+template <typename Body>
+void for_parents(const Tensor& parents, const Body& body) {
+  constexpr std::int64_t kGrain = 1024;
+  at::parallel_for(0, parents.size(0), kGrain, [&](std::int64_t begin, std::int64_t end) { body(begin, end - begin); });
+}
+
+// Rows of children plus that of their parent, fp32 in CPU memory. @param children [8 N, C] @param parents [N, C]
+class ChildrenAndParents : public torch::autograd::Function<ChildrenAndParents> {
+ public:
+  static Tensor forward(torch::autograd::AutogradContext*, const Tensor& children, const Tensor& parents) {
+    const Tensor sums = torch::empty_like(children);
+    const std::int64_t n = parents.size(1);
+    for_parents(parents, [&](std::int64_t first, std::int64_t count) {
+      const std::int64_t at = kChildren * first * n;
+      add_to_children(children.data_ptr<float>() + at, parents.data_ptr<float>() + first * n, count, n,
+                      sums.data_ptr<float>() + at);
+    });
+    return sums;
+  }
+
+  static torch::autograd::variable_list backward(torch::autograd::AutogradContext*,
+                                                 torch::autograd::variable_list gradients) {
+    TORCH_CHECK(!at::GradMode::is_enabled(), "a subdivision's skip can be differentiated once only");
+    const Tensor d_children = gradients[0].contiguous();
+    const std::int64_t n = d_children.size(1);
+    const Tensor d_parents = torch::empty({d_children.size(0) / kChildren, n}, d_children.options());
+    for_parents(d_parents, [&](std::int64_t first, std::int64_t count) {
+      sum_of_children(d_children.data_ptr<float>() + kChildren * first * n, count, n,
+                      d_parents.data_ptr<float>() + first * n);
+    });
+    return {d_children, d_parents};
+  }
+};
+
+Tensor with_parents(const Tensor& children, const Tensor& parents) {
+  const bool by_kernels =
+      children.is_cpu() && nn::dtype_of(children) == torch::kFloat32 && nn::dtype_of(parents) == torch::kFloat32;
+  if (by_kernels) return ChildrenAndParents::apply(children.contiguous(), parents.contiguous());
+  const Tensor groups = children.view({parents.size(0), kChildren, children.size(1)});
+  return (groups + parents.unsqueeze(1)).reshape(children.sizes());
 }
 
 }  // namespace
@@ -222,19 +285,18 @@ SubdivideBlockImpl::SubdivideBlockImpl(const SubdivideBlockOptions& options) : o
 
 // The skip acts on each voxel alone, so it comes before the subdivision: eight children would repeat it.
 SparseTensor SubdivideBlockImpl::forward(const SparseTensor& x) {
-  SparseTensor h = x.with(normed_silu(norm1_, x));
+  SparseTensor h = norm1_->forward(x, /*silu=*/true);
   if (options_.subdivide) {
     const SubmanifoldKernelImpl& kernel = *conv1_->conv;
     h = {x.support->subdivided(), subdivided_convolution(*x.support, h.feats, kernel.weight, kernel.bias)};
   } else {
     h = conv1_->forward(h);
   }
-  h = h.with(normed_silu(norm2_, h));
+  h = norm2_->forward(h, /*silu=*/true);
   h = conv2_->forward(h);
   const Tensor skip = skip_.is_empty() ? x.feats : skip_->forward(x).feats;
   if (!options_.subdivide) return h.with(h.feats + skip);
-  const Tensor children = h.feats.view({skip.size(0), 8, h.channels()});
-  return h.with((children + skip.unsqueeze(1)).reshape(h.feats.sizes()));
+  return h.with(with_parents(h.feats, skip));
 }
 
 void SubdivideBlockImpl::initialize() { nn::zero_parameters(*conv2_); }

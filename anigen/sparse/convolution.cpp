@@ -6,6 +6,7 @@
 
 #include "anigen/core/error.h"
 #include "anigen/nn/kernels/mixed_products.h"
+#include "anigen/nn/linear.h"
 #include "anigen/nn/profile.h"
 
 namespace anigen::sparse {
@@ -217,6 +218,7 @@ SparseTensor SubmanifoldKernelImpl::forward(const SparseTensor& x) {
   if (x.feats.is_cpu() && nn::dtype_of(x.feats) == torch::kHalf) {  // not every LibTorch multiplies these
     return x.with(torch::addmm(widened(bias), widened(x.feats), widened(matrix)).to(torch::kHalf));
   }
+  if (nn::prefers_mixed_linear(x.feats, matrix.t())) return x.with(nn::mixed_linear(x.feats, matrix.t(), bias));
   return x.with(torch::addmm(bias, x.feats, matrix));
 }
 

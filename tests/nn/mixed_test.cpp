@@ -62,12 +62,14 @@ TEST_P(MixedLinear, BitsDoNotDependOnThreads) {
 
 INSTANTIATE_TEST_SUITE_P(Sizes, MixedLinear,
                          testing::Values(LinearCase{1, 16, 16}, LinearCase{97, 16, 48}, LinearCase{200, 144, 80},
-                                         LinearCase{331, 320, 16}, LinearCase{64, 528, 208}));
+                                         LinearCase{331, 320, 16}, LinearCase{64, 528, 208}, LinearCase{200, 32, 101},
+                                         LinearCase{130, 37, 21}));
 
-TEST(PrefersMixedLinear, IsForWidthsOfWholeVectorsAndManyRows) {
+TEST(PrefersMixedLinear, IsForWidthsOfAVectorAndManyRows) {
   const MixedProducts on(true);
   if (!mixed_products()) GTEST_SKIP() << "no products of bf16 numbers here";
   EXPECT_TRUE(prefers_mixed_linear(torch::zeros({2, 40, 32}), torch::zeros({16, 32})));
+  EXPECT_TRUE(prefers_mixed_linear(torch::zeros({80, 37}), torch::zeros({101, 37})));
   EXPECT_FALSE(prefers_mixed_linear(torch::zeros({8, 32}), torch::zeros({16, 32})));
   EXPECT_FALSE(prefers_mixed_linear(torch::zeros({80, 32}), torch::zeros({3, 32})));
   EXPECT_FALSE(prefers_mixed_linear(torch::zeros({80, 32}, torch::kFloat64), torch::zeros({16, 32}, torch::kFloat64)));

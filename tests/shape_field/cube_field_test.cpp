@@ -184,6 +184,94 @@ TEST(CubeField, GradientsAgreeWithDifferences) {
   EXPECT_LT(test::directional_error(of_distances, corners.sdf, torch::randn_like(corners.sdf), 1e-5), 1e-6);
 }
 
+// Predicted rows with 2 skin features and 3 colours.
+constexpr CornerLayout kLayout{/*colors=*/3, /*skin=*/2};
+
+struct PredictedCase {
+  explicit PredictedCase(torch::Dtype dtype) {
+    const CubeCorners corners = scattered_corners(5);
+    coords = corners.coords;
+    feats = torch::randn({coords.size(0), kLayout.channels()}, torch::kFloat64).to(dtype);
+  }
+  // The same by separate operations: the field and both regularisers.
+  PredictedField written_out(const Tensor& rows) const {
+    const std::int64_t cubes = rows.size(0);
+    const std::vector<Tensor> parts = rows.split_with_sizes({8, 24, kCubeWeights, 24, 16}, 1);
+    const CubeCorners corners{
+        coords, parts[0] - 1.0 / 5.0, parts[1].view({cubes, 8, 3}),
+        torch::cat({parts[4].view({cubes, 8, 2}), torch::sigmoid(parts[3]).view({cubes, 8, 3})}, 2), parts[2]};
+    PredictedField predicted;
+    predicted.field = average_corners(corners, 5);
+    predicted.consistency = corner_consistency(corners, predicted.field);
+    predicted.weights_length = corners.weights.narrow(1, 0, kRegularWeights).abs().mean();
+    return predicted;
+  }
+  // Something that depends on every result.
+  static Tensor loss(const PredictedField& predicted) {
+    return stacked(predicted.field).pow(3).sum() + predicted.field.weights.pow(2).sum() + 50.0 * predicted.consistency +
+           20.0 * predicted.weights_length;
+  }
+
+  Tensor coords, feats;
+};
+
+TEST(PredictedField, IsWhatSeparateOperationsGive) {
+  for (const torch::Dtype dtype : {torch::kFloat64, torch::kFloat32}) {
+    const PredictedCase c(dtype);
+    const double limit = dtype == torch::kFloat64 ? 1e-12 : 1e-5;
+    const Tensor a = c.feats.clone().set_requires_grad(true), b = c.feats.clone().set_requires_grad(true);
+    const PredictedField found = predicted_field(c.coords, a, kLayout, 5), wanted = c.written_out(b);
+    EXPECT_TRUE(torch::equal(found.field.vertices, wanted.field.vertices));
+    EXPECT_TRUE(torch::equal(found.field.corner_vertices, wanted.field.corner_vertices));
+    EXPECT_TRUE(torch::equal(found.field.sdf, wanted.field.sdf));
+    EXPECT_TRUE(torch::equal(found.field.deform, wanted.field.deform));
+    EXPECT_TRUE(torch::equal(found.field.weights, wanted.field.weights));
+    EXPECT_TRUE(torch::allclose(found.field.attributes, wanted.field.attributes, limit, limit));
+    EXPECT_NEAR(found.consistency.item<double>(), wanted.consistency.item<double>(), limit);
+    EXPECT_NEAR(found.weights_length.item<double>(), wanted.weights_length.item<double>(), limit);
+    const auto slopes = [](const PredictedField& predicted, const Tensor& x) {
+      return torch::autograd::grad({PredictedCase::loss(predicted)}, {x})[0];
+    };
+    EXPECT_TRUE(torch::allclose(slopes(found, a), slopes(wanted, b), limit, limit));
+  }
+}
+
+TEST(PredictedField, GradientAgreesWithDifferencesAndMayBeOfOneResult) {
+  const PredictedCase c(torch::kFloat64);
+  const auto loss = [&](const Tensor& rows) {
+    return PredictedCase::loss(predicted_field(c.coords, rows, kLayout, 5));
+  };
+  EXPECT_LT(test::directional_error(loss, c.feats, torch::randn_like(c.feats), 1e-5), 1e-6);
+  const auto of_distances = [&](const Tensor& rows) {
+    return predicted_field(c.coords, rows, kLayout, 5).field.sdf.pow(3).sum();
+  };
+  EXPECT_LT(test::directional_error(of_distances, c.feats, torch::randn_like(c.feats), 1e-5), 1e-6);
+}
+
+TEST(PredictedField, BitsDoNotDependOnThreads) {
+  const PredictedCase c(torch::kFloat32);
+  const int threads = at::get_num_threads();
+  std::vector<Tensor> first;
+  for (const int count : {1, 3}) {
+    at::set_num_threads(count);
+    const Tensor rows = c.feats.clone().set_requires_grad(true);
+    const Tensor loss = PredictedCase::loss(predicted_field(c.coords, rows, kLayout, 5));
+    const std::vector<Tensor> found{loss.detach(), torch::autograd::grad({loss}, {rows})[0]};
+    if (first.empty()) first = found;
+    for (std::size_t i = 0; i < found.size(); ++i) EXPECT_TRUE(torch::equal(found[i], first[i])) << i;
+  }
+  at::set_num_threads(threads);
+}
+
+TEST(PredictedField, TakesNoCubesAndRefusesOtherWidths) {
+  const PredictedCase c(torch::kFloat32);
+  const PredictedField none = predicted_field(c.coords.slice(0, 0, 0), c.feats.slice(0, 0, 0), kLayout, 5);
+  EXPECT_EQ(none.field.vertices.size(0), 0);
+  EXPECT_EQ(none.consistency.item<double>() + none.weights_length.item<double>(), 0.0);
+  EXPECT_THROW(predicted_field(c.coords, c.feats.slice(1, 1), kLayout, 5), InputError);
+  EXPECT_THROW(predicted_field(c.coords.slice(0, 1), c.feats, kLayout, 5), InputError);
+}
+
 TEST(CubeField, NeedsNoMemoryForTheGrid) {
   CubeCorners corners = scattered_corners(2);
   const std::int64_t far = kMostCubeResolution - 2;

@@ -32,9 +32,9 @@ struct GroupNormCase {
     results.insert(results.begin(), out.detach());
     return results;
   }
-  auto ours(std::int64_t groups) const {
-    return [this, groups](const Tensor& x, const Tensor& w, const Tensor& b) {
-      return sparse_group_norm(x, items, w, b, groups, kNormEps);
+  auto ours(std::int64_t groups, bool silu = false) const {
+    return [this, groups, silu](const Tensor& x, const Tensor& w, const Tensor& b) {
+      return sparse_group_norm(x, items, w, b, groups, kNormEps, silu);
     };
   }
   // The library's norm of each item as a volume [1, C, n].
@@ -74,6 +74,32 @@ TEST(SparseGroupNorm, IsGroupNormOfEachItem) {
       expect_norms_agree(c.run(c.ours(groups), torch::kFloat32), wanted, c.items.rows() == 1 ? 1e-3 : 2e-5);
     }
   }
+}
+
+TEST(SparseGroupNorm, WithSiluIsSiluOfTheNorm) {
+  for (const std::vector<std::int64_t>& lengths : {std::vector<std::int64_t>{5, 0, 9}, {9000, 40}}) {
+    const GroupNormCase c(lengths, 12);
+    const auto norm = c.of_volumes(3);
+    const std::vector<Tensor> wanted = c.run(
+        [&](const Tensor& x, const Tensor& w, const Tensor& b) { return torch::silu(norm(x, w, b)); }, torch::kFloat64);
+    expect_norms_agree(c.run(c.ours(3, /*silu=*/true), torch::kFloat64), wanted, 1e-10);
+    expect_norms_agree(c.run(c.ours(3, /*silu=*/true), torch::kFloat32), wanted, 2e-5);
+    const torch::NoGradGuard no_grad;
+    EXPECT_LT(cases::distance(c.ours(3, true)(c.feats, c.weight, c.bias), wanted[0]), 1e-10);
+  }
+}
+
+TEST(SparseGroupNorm, BitsDoNotDependOnThreads) {
+  const GroupNormCase c({9000, 40}, 32);
+  const int before = torch::get_num_threads();
+  std::vector<Tensor> first;
+  for (const int threads : {1, 2, 3}) {
+    torch::set_num_threads(threads);
+    const std::vector<Tensor> found = c.run(c.ours(8, /*silu=*/true), torch::kFloat32);
+    if (first.empty()) first = found;
+    for (std::size_t i = 0; i < found.size(); ++i) EXPECT_TRUE(torch::equal(found[i], first[i])) << i;
+  }
+  torch::set_num_threads(before);
 }
 
 TEST(SparseGroupNorm, GradientMatchesFiniteDifferences) {
@@ -134,10 +160,12 @@ TEST(SparseGroupNorm, NoRowsAtAll) {
 TEST(SparseGroupNorm, NotFiniteValuesStayInTheirItemAndGroup) {
   GroupNormCase c({4, 3}, 4);
   c.feats[1][0] = std::nan("");
-  const Tensor out = c.run(c.ours(2), torch::kFloat64)[0];
-  EXPECT_TRUE(out.narrow(0, 0, 4).narrow(1, 0, 2).isnan().all().item<bool>());
-  EXPECT_TRUE(out.narrow(0, 0, 4).narrow(1, 2, 2).isfinite().all().item<bool>());
-  EXPECT_TRUE(out.narrow(0, 4, 3).isfinite().all().item<bool>());
+  for (const torch::Dtype dtype : {torch::kFloat64, torch::kFloat32}) {
+    const Tensor out = c.run(c.ours(2), dtype)[0];
+    EXPECT_TRUE(out.narrow(0, 0, 4).narrow(1, 0, 2).isnan().all().item<bool>());
+    EXPECT_TRUE(out.narrow(0, 0, 4).narrow(1, 2, 2).isfinite().all().item<bool>());
+    EXPECT_TRUE(out.narrow(0, 4, 3).isfinite().all().item<bool>());
+  }
 }
 
 TEST(SparseGroupNorm, RejectsWhatDoesNotFit) {

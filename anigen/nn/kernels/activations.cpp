@@ -109,4 +109,84 @@ void norm_silu_rows_backward(const RowNorm& norm, const float* x, const float* d
   });
 }
 
+// Around a first mean as row_moments(): s = Σ x / n, then Σ (x − s) and Σ (x − s)².
+ANIGEN_KERNEL(void, column_moments,
+              (const float* __restrict x, std::int64_t rows, std::int64_t channels, float* __restrict mean,
+               float* __restrict squares),
+              (x, rows, channels, mean, squares)) {
+  const float members = static_cast<float>(rows);
+  std::vector<float> start(static_cast<std::size_t>(channels), 0.0F);
+  float* const __restrict first = start.data();
+  for (std::int64_t r = 0; r < rows; ++r) {
+    for (std::int64_t c = 0; c < channels; ++c) first[c] += x[r * channels + c];
+  }
+  for (std::int64_t c = 0; c < channels; ++c) {
+    first[c] /= members;
+    mean[c] = squares[c] = 0.0F;
+  }
+  for (std::int64_t r = 0; r < rows; ++r) {
+    for (std::int64_t c = 0; c < channels; ++c) {
+      const float beyond = x[r * channels + c] - first[c];
+      mean[c] += beyond;
+      squares[c] += beyond * beyond;
+    }
+  }
+  for (std::int64_t c = 0; c < channels; ++c) {
+    const float rest = mean[c] / members;
+    squares[c] -= members * (rest * rest);
+    mean[c] = first[c] + rest;
+  }
+}
+
+ANIGEN_KERNEL(void, norm_columns, (const ColumnNorm& norm, const float* __restrict x, float* __restrict y),
+              (norm, x, y)) {
+  const float* __restrict mean = norm.mean, * __restrict factor = norm.factor, * __restrict shift = norm.shift;
+  for (std::int64_t r = 0; r < norm.rows; ++r, x += norm.channels, y += norm.channels) {
+    if (norm.silu) {
+      for (std::int64_t c = 0; c < norm.channels; ++c) {
+        const float u = (x[c] - mean[c]) * factor[c] + shift[c];
+        y[c] = u * sigmoid(u);
+      }
+    } else {
+      for (std::int64_t c = 0; c < norm.channels; ++c) y[c] = (x[c] - mean[c]) * factor[c] + shift[c];
+    }
+  }
+}
+
+// SiLU'(u) = s (1 + u (1 − s)) with s = sigmoid(u).
+ANIGEN_KERNEL(void, norm_columns_slopes,
+              (const ColumnNorm& norm, const float* __restrict x, const float* __restrict dy, float* __restrict d,
+               float* __restrict sums, float* __restrict with_centred),
+              (norm, x, dy, d, sums, with_centred)) {
+  const float* __restrict mean = norm.mean, * __restrict factor = norm.factor, * __restrict shift = norm.shift;
+  const std::int64_t n = norm.channels;
+  for (std::int64_t c = 0; c < n; ++c) sums[c] = with_centred[c] = 0.0F;
+  for (std::int64_t r = 0; r < norm.rows; ++r, x += n, dy += n, d += n) {
+    if (norm.silu) {
+      for (std::int64_t c = 0; c < n; ++c) {
+        const float u = (x[c] - mean[c]) * factor[c] + shift[c], s = sigmoid(u);
+        d[c] = dy[c] * s * (1.0F + u * (1.0F - s));
+      }
+    } else {
+      for (std::int64_t c = 0; c < n; ++c) d[c] = dy[c];
+    }
+    for (std::int64_t c = 0; c < n; ++c) {
+      sums[c] += d[c];
+      with_centred[c] += d[c] * (x[c] - mean[c]);
+    }
+  }
+}
+
+ANIGEN_KERNEL(void, norm_columns_backward,
+              (std::int64_t rows, std::int64_t channels, const float* __restrict x, const float* __restrict mean,
+               const ColumnGradient& gradient, float* __restrict d),
+              (rows, channels, x, mean, gradient, d)) {
+  const float *__restrict of_slope = gradient.of_slope, *__restrict of_centred = gradient.of_centred,
+              *__restrict constant = gradient.constant;
+  for (std::int64_t r = 0; r < rows; ++r, x += channels, d += channels) {
+    for (std::int64_t c = 0; c < channels; ++c)
+      d[c] = d[c] * of_slope[c] + (x[c] - mean[c]) * of_centred[c] + constant[c];
+  }
+}
+
 }  // namespace anigen::nn::kernels

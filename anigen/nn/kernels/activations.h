@@ -7,7 +7,7 @@
 #include "anigen/nn/kernels/rows.h"
 #include "anigen/nn/torch.h"
 
-/// SiLU(u) = u / (1 + e^−u) of normalised dense rows of fp32 numbers; one thread.
+/// SiLU(u) = u / (1 + e^−u) of dense rows of fp32 numbers that are normalised by row or by column; one thread.
 
 namespace anigen::nn {
 
@@ -78,5 +78,30 @@ void norm_silu_rows(const RowNorm& norm, const float* x, const float* factor, co
 void norm_silu_rows_backward(const RowNorm& norm, const float* x, const float* dy, const float* factor,
                              const float* shift, const float* mean, const float* rstd, float* dx, float* d_factor,
                              float* d_shift);
+
+/// Mean of each column and sum of squares around it, for rows that stay in a cache. @param mean, squares [C]
+void column_moments(const float* x, std::int64_t rows, std::int64_t channels, float* mean, float* squares);
+
+/// u = (x − mean) factor + shift with one number of each per column, and y = SiLU(u) or u.
+struct ColumnNorm {
+  std::int64_t rows, channels;
+  const float *mean, *factor, *shift;
+  bool silu;
+};
+
+void norm_columns(const ColumnNorm& norm, const float* x, float* y);
+
+/// d = dy ∂y/∂u, Σ d and Σ d (x − mean) over the rows. @param d [rows, C] @param sums, with_centred [C], overwritten
+void norm_columns_slopes(const ColumnNorm& norm, const float* x, const float* dy, float* d, float* sums,
+                         float* with_centred);
+
+/// With one number of each per column.
+struct ColumnGradient {
+  const float *of_slope, *of_centred, *constant;
+};
+
+/// dx = of_slope d + of_centred (x − mean) + constant, in place of d.
+void norm_columns_backward(std::int64_t rows, std::int64_t channels, const float* x, const float* mean,
+                           const ColumnGradient& gradient, float* d);
 
 }  // namespace anigen::nn::kernels
