@@ -83,7 +83,7 @@ inline Timed time_steps(int steps, torch::Dtype dtype, const std::function<void(
 inline void print_profile(const std::function<void()>& step) {
   const nn::OperatorProfile profile;
   step();
-  std::printf("\n%s\n", nn::profile_markdown(profile.rows(), 1).c_str());
+  std::printf("\n%s\n", nn::profile_markdown(profile.rows(), 1, nn::measure_machine_peak()).c_str());
 }
 
 /// Prints a row and adds it to what --benchmark_out gets. @param family of the row's name in the file

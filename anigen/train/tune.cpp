@@ -153,7 +153,7 @@ std::vector<TimedSettings> tune(const TrainCommand& command) {
   write_config(RunFolder{command.run.output}.config(), config);
   write_file_atomically(command.run.output / "tune.md", to_markdown(all));
   std::error_code ignored;
-  fs::remove(trials, ignored);  // keeps what failed
+  fs::remove_all(trials, ignored);
   return all;
 }
 
@@ -164,7 +164,7 @@ std::string to_markdown(const std::vector<TimedSettings>& timed) {
     std::snprintf(numbers, sizeof numbers, "%.2f | %.0f", row.samples_per_second,
                   static_cast<double>(row.peak_bytes) / 1e6);
     text += "| " + row.settings.precision + " | " + std::to_string(row.settings.replicas) + " | " +
-            std::to_string(row.settings.batch_split) + " | " + (row.failure.empty() ? numbers : "failed | ") + " |\n";
+            std::to_string(row.settings.batch_split) + " | " + (row.failure.empty() ? numbers : "| failed: " + row.failure) + " |\n";
   }
   return text;
 }
