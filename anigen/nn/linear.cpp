@@ -87,10 +87,12 @@ Tensor padded(const Tensor& matrix) {
   return below + right == 0 ? matrix.contiguous() : torch::constant_pad_nd(matrix, {0, right, 0, below}).contiguous();
 }
 
-// x · matrix + bias, rows shared among the threads. @param x [M, K] @param matrix [K, N], both widths padded
+// x · matrix + bias, rows shared among the threads. @param x [M, K] with adjacent columns @param matrix [K, N], both
+// widths padded
 // @param bias nullptr: none @return [M, N]
 Tensor mixed_product(const Tensor& x, const kernels::StridedMatrix& matrix, std::int64_t width, const float* bias) {
-  const std::int64_t rows = x.size(0), in_width = x.size(1), depth = padded(in_width), columns = padded(width);
+  const std::int64_t rows = x.size(0), in_width = x.size(1), stride = x.stride(0);
+  const std::int64_t depth = padded(in_width), columns = padded(width);
   std::vector<std::uint16_t> packed(static_cast<std::size_t>(depth * columns));
   kernels::pack_mixed(matrix, depth, columns, packed.data());
   std::vector<float> start(static_cast<std::size_t>(columns), 0.0F);
@@ -104,11 +106,11 @@ Tensor mixed_product(const Tensor& x, const kernels::StridedMatrix& matrix, std:
     for (std::int64_t first = begin * kMixedRows; first < std::min(rows, end * kMixedRows); first += kMixedRows) {
       const std::int64_t count = std::min(kMixedRows, rows - first);
       float* const sums = columns == width ? to + first * width : wide.data();
-      if (depth == in_width) {
+      if (depth == in_width && stride == in_width) {
         kernels::round_to_bf16(in + first * depth, count * depth, rounded.data());
       } else {
         for (std::int64_t r = 0; r < count; ++r)
-          kernels::round_to_bf16(in + (first + r) * in_width, in_width, rounded.data() + r * depth);
+          kernels::round_to_bf16(in + (first + r) * stride, in_width, rounded.data() + r * depth);
       }
       for (std::int64_t r = 0; r < count; ++r) std::copy_n(start.data(), columns, sums + r * columns);
       kernels::multiply_mixed(rounded.data(), packed.data(), count, depth, columns, sums);
@@ -120,7 +122,7 @@ Tensor mixed_product(const Tensor& x, const kernels::StridedMatrix& matrix, std:
 }
 
 // dyᵀ x, the rows of the result shared among the threads, each summed over all rows in their order.
-// @param dy [M, N] @param x [M, K] @return [N, K]
+// @param dy [M, N] with adjacent columns @param x [M, K], contiguous @return [N, K]
 Tensor mixed_correlation(const Tensor& dy, const Tensor& x) {
   const std::int64_t rows = x.size(0), out = dy.size(1), in = x.size(1), stride = padded(in);
   const Tensor sums = torch::zeros({out, stride}, x.options());
@@ -129,10 +131,10 @@ Tensor mixed_correlation(const Tensor& dy, const Tensor& x) {
   constexpr std::int64_t kShare = 16;
   at::parallel_for(0, (out + kShare - 1) / kShare, 1, [&](std::int64_t begin, std::int64_t end) {
     const std::int64_t first = begin * kShare, count = std::min(out, end * kShare) - first;
-    kernels::correlate_mixed({slopes + first, out, nullptr}, {values, in, nullptr}, rows, count, in,
+    kernels::correlate_mixed({slopes + first, dy.stride(0), nullptr}, {values, in, nullptr}, rows, count, in,
                              to + first * stride, stride);
   });
-  return sums.narrow(1, 0, in);
+  return stride == in ? sums : sums.narrow(1, 0, in);
 }
 
 // x wᵀ + b of fp32 tensors, factors rounded to bf16.
@@ -158,7 +160,8 @@ class MixedLinear : public torch::autograd::Function<MixedLinear> {
     RECORD_USER_SCOPE("matrix products: mixed");
     const variable_list saved = saved_once(*context, "a linear layer");
     const Tensor &rows = saved[0], &w = saved[1];
-    const Tensor dy = gradients[0].reshape({-1, gradients[0].size(-1)}).contiguous();
+    const Tensor given = gradients[0].reshape({-1, gradients[0].size(-1)});
+    const Tensor dy = given.stride(1) == 1 ? given : given.contiguous();  // often columns of a wider tensor
     Tensor dx, dw, db;
     const int products = (context->needs_input_grad(0) ? 1 : 0) + (context->needs_input_grad(1) ? 1 : 0);
     count_operations(products * product_operations(rows, w), /*mixed=*/true);
@@ -167,7 +170,7 @@ class MixedLinear : public torch::autograd::Function<MixedLinear> {
       dx = dx.view(context->saved_data["shape"].toIntVector());
     }
     if (context->needs_input_grad(1)) dw = mixed_correlation(dy, rows);
-    if (context->needs_input_grad(2)) db = dy.sum(0);
+    if (context->needs_input_grad(2)) db = sum_of_rows(dy);
     return {dx, dw, db};
   }
 };

@@ -377,9 +377,10 @@ double order_corners(const CornerOrder& order, const Tensor& feats, double sdf_b
       for (std::int64_t i = 0; i < count; ++i)
         to[i] = row[static_cast<std::size_t>(order.channel[static_cast<std::size_t>(i)])];
       std::copy_n(given + order.first_weight(), kCubeWeights, weight + cube * kCubeWeights);
-      T some = 0;
-      for (std::int64_t i = 0; i < kRegularWeights; ++i) some += std::abs(weight[cube * kCubeWeights + i]);
-      sum += static_cast<double>(some);
+      std::array<T, 4> some{};  // side by side
+      for (std::int64_t i = 0; i < kRegularWeights; ++i)
+        some[static_cast<std::size_t>(i % 4)] += std::abs(weight[cube * kCubeWeights + i]);
+      sum += static_cast<double>((some[0] + some[1]) + (some[2] + some[3]));
     }
     return sum;
   });
@@ -415,10 +416,11 @@ double mean_of_corners(const Tensor& values, const Tensor& sources, const Tensor
       count_of[vertex] = members;
       T squares = 0;
       for (std::int64_t c = 0; c < width; ++c) {
-        T total = 0;
+        T total = 0, own = 0;  // a sum per channel, so that additions need not wait for each other
         for (std::size_t i = 0; i < count; ++i) total += corner[i][c];
         mean[c] = total / members;
-        for (std::size_t i = 0; i < count; ++i) squares += (corner[i][c] - mean[c]) * (corner[i][c] - mean[c]);
+        for (std::size_t i = 0; i < count; ++i) own += (corner[i][c] - mean[c]) * (corner[i][c] - mean[c]);
+        squares += own;
       }
       sum += static_cast<double>(squares);
     }
@@ -444,18 +446,18 @@ void corner_gradients(const CornerOrder& order, const variable_list& saved, cons
   T* out = d_feats.data_ptr<T>();
   const T twice = static_cast<T>(2.0 * slopes.squares), of_length = static_cast<T>(slopes.weights);
   at::parallel_for(0, values.size(0), kCubesPerSum, [&](std::int64_t begin, std::int64_t end) {
-    std::vector<T> d(static_cast<std::size_t>(width));
     for (std::int64_t cube = begin; cube < end; ++cube) {
       T* const row = out + cube * channels;
       for (std::int64_t k = 0; k < kCubeCorners; ++k) {
         const std::int64_t entry = cube * kCubeCorners + k, vertex = target[entry] * width;
         const T* const corner = x + entry * width;
-        for (std::int64_t c = 0; c < width; ++c)
-          d[static_cast<std::size_t>(c)] = slope[vertex + c] + twice * (corner[c] - mean[vertex + c]);
-        for (std::int64_t c = first_color; c < width; ++c)
-          d[static_cast<std::size_t>(c)] *= corner[c] * (T(1) - corner[c]);
         const std::int64_t* const channel = order.channel.data() + k * width;
-        for (std::int64_t c = 0; c < width; ++c) row[channel[c]] = d[static_cast<std::size_t>(c)];
+        const auto slope_of = [&](std::int64_t c) {
+          return slope[vertex + c] + twice * (corner[c] - mean[vertex + c]);
+        };
+        for (std::int64_t c = 0; c < first_color; ++c) row[channel[c]] = slope_of(c);
+        for (std::int64_t c = first_color; c < width; ++c)
+          row[channel[c]] = slope_of(c) * (corner[c] * (T(1) - corner[c]));
       }
       for (std::int64_t i = 0; i < kCubeWeights; ++i) {
         const T w = weight[cube * kCubeWeights + i];

@@ -7,6 +7,7 @@
 #include <cmath>
 #include <vector>
 
+#include "anigen/core/kernel_form.h"
 #include "anigen/shape_field/grid.h"
 #include "anigen/shape_field/row_links.h"
 
@@ -54,7 +55,7 @@ struct EdgeGroup {
 };
 
 template <typename T>
-EdgeCrossing<T> crossing(const DualCubes<T>& problem, std::int64_t cube, int edge, bool weighted) {
+ANIGEN_KERNEL_INLINE EdgeCrossing<T> crossing(const DualCubes<T>& problem, std::int64_t cube, int edge, bool weighted) {
   const std::int64_t stride = 1 + problem.channels;
   EdgeCrossing<T> found;
   found.a = kEdgeCorners[static_cast<std::size_t>(edge)][0];
@@ -73,7 +74,8 @@ EdgeCrossing<T> crossing(const DualCubes<T>& problem, std::int64_t cube, int edg
 }
 
 template <typename T>
-EdgeGroup<T> edge_group(const DualCubes<T>& problem, std::int64_t cube, std::size_t group, bool with_plain) {
+ANIGEN_KERNEL_INLINE EdgeGroup<T> edge_group(const DualCubes<T>& problem, std::int64_t cube, std::size_t group,
+                                             bool with_plain) {
   const auto& edges = flexicubes_tables().groups[problem.cases[cube]][group];
   EdgeGroup<T> found;
   for (const std::int16_t edge : edges) {
@@ -90,7 +92,7 @@ EdgeGroup<T> edge_group(const DualCubes<T>& problem, std::int64_t cube, std::siz
 
 // Mean of the edge points, weighted with beta.
 template <typename T>
-void dual_vertex(const EdgeGroup<T>& group, std::int64_t channels, T* value) {
+ANIGEN_KERNEL_INLINE void dual_vertex(const EdgeGroup<T>& group, std::int64_t channels, T* value) {
   std::fill_n(value, channels, T(0));
   for (int i = 0; i < group.size; ++i) {
     const auto at_edge = static_cast<std::size_t>(i);
@@ -104,7 +106,7 @@ void dual_vertex(const EdgeGroup<T>& group, std::int64_t channels, T* value) {
 // From a dual vertex to the zero crossings of its edges.
 template <typename T>
 struct Distances {
-  Distances(const EdgeGroup<T>& group, const T* vertex) {
+  ANIGEN_KERNEL_INLINE Distances(const EdgeGroup<T>& group, const T* vertex) {
     for (int i = 0; i < group.size; ++i) {
       const auto at_edge = static_cast<std::size_t>(i);
       const EdgeCrossing<T>& edge = group.plain[at_edge];
@@ -130,15 +132,18 @@ struct Distances {
 // slope · share_a · r and slope · share_b · r, since u − b = share_a (a − b) and a − u = share_b (a − b).
 // @param direction gradient of the first `channels` values of the crossing @return r = ⟨direction, a − b⟩
 template <typename T, typename Direction>
-double spread(const EdgeCrossing<T>& edge, std::int64_t channels, const Direction& direction, T* d_row_a, T* d_row_b) {
-  double along = 0.0;
+ANIGEN_KERNEL_INLINE double spread(const EdgeCrossing<T>& edge, std::int64_t channels, const Direction& direction,
+                                   T* d_row_a, T* d_row_b) {
   for (std::int64_t c = 0; c < channels; ++c) {
-    const double d = static_cast<double>(direction(c));
-    d_row_a[1 + c] += static_cast<T>(edge.share_a * d);
-    d_row_b[1 + c] += static_cast<T>(edge.share_b * d);
-    along += d * (static_cast<double>(edge.row_a[1 + c]) - static_cast<double>(edge.row_b[1 + c]));
+    d_row_a[1 + c] += static_cast<T>(edge.share_a * direction(c));
+    d_row_b[1 + c] += static_cast<T>(edge.share_b * direction(c));
   }
-  return along;
+  std::array<double, 2> along{};  // side by side
+  for (std::int64_t c = 0; c < channels; ++c) {
+    along[static_cast<std::size_t>(c % 2)] +=
+        direction(c) * (static_cast<double>(edge.row_a[1 + c]) - static_cast<double>(edge.row_b[1 + c]));
+  }
+  return along[0] + along[1];
 }
 
 // Scratch of one thread.
@@ -158,8 +163,8 @@ struct CubeGradients {
 
 // The deviation |d_i − mean d| of a group: what it adds to the gradient of the vertex and of the corners.
 template <typename T>
-void deviation_backward(const EdgeGroup<T>& group, std::int64_t channels, const T* vertex, const T* d_deviation,
-                        T* d_vertex, const CubeGradients<T>& out) {
+ANIGEN_KERNEL_INLINE void deviation_backward(const EdgeGroup<T>& group, std::int64_t channels, const T* vertex,
+                                             const T* d_deviation, T* d_vertex, const CubeGradients<T>& out) {
   const Distances<T> distances(group, vertex);
   std::array<double, kMostEdges> d_length{};
   double sum = 0.0;
@@ -183,8 +188,9 @@ void deviation_backward(const EdgeGroup<T>& group, std::int64_t channels, const 
 }
 
 template <typename T>
-void group_backward(const DualCubes<T>& problem, std::int64_t cube, std::size_t group_index, const T* d_values,
-                    const T* d_deviation, DualScratch<T>& scratch, const CubeGradients<T>& out) {
+ANIGEN_KERNEL_INLINE void group_backward(const DualCubes<T>& problem, std::int64_t cube, std::size_t group_index,
+                                         const T* d_values, const T* d_deviation, DualScratch<T>& scratch,
+                                         const CubeGradients<T>& out) {
   const std::int64_t channels = problem.channels;
   const EdgeGroup<T> group = edge_group(problem, cube, group_index, d_deviation != nullptr);
   T* d_vertex = scratch.gradient.data();
@@ -238,28 +244,54 @@ void dual_vertices_forward(const DualCubes<T>& problem, T* values, T* deviation)
   });
 }
 
-// Gradients of dual_vertices_forward, cube by cube. @param d_deviation may be nullptr @param d_corners [cubes, 8,
-// 1 + channels] @param d_alpha [cubes, 8] @param d_beta [cubes, 12]; all three are overwritten
+// Where the gradients of dual_vertices_forward come from and go to. @param d_deviation may be nullptr
+// @param d_corners [cubes, 8, 1 + channels] @param d_alpha [cubes, 8] @param d_beta [cubes, 12]; all three overwritten
 template <typename T>
-void dual_vertices_backward(const DualCubes<T>& problem, const T* d_values, const T* d_deviation, T* d_corners,
-                            T* d_alpha, T* d_beta) {
+struct DualGradients {
+  const T *d_values, *d_deviation;
+  T *d_corners, *d_alpha, *d_beta;
+};
+
+template <typename T>
+ANIGEN_KERNEL_INLINE void gradients_of_cubes(const DualCubes<T>& problem, const DualGradients<T>& gradients,
+                                             std::int64_t begin, std::int64_t end, DualScratch<T>& scratch) {
   const std::int64_t channels = problem.channels, cube_values = kCubeCorners * (1 + channels);
-  at::parallel_for(0, problem.cubes, kCubesPerTask, [&](std::int64_t begin, std::int64_t end) {
-    DualScratch<T> scratch(channels);
-    for (std::int64_t cube = begin; cube < end; ++cube) {
-      const CubeGradients<T> out{d_corners + cube * cube_values, d_alpha + cube * kCubeCorners,
-                                 d_beta + cube * kCubeEdges};
-      std::fill_n(out.corners, cube_values, T(0));
-      std::fill_n(out.alpha, kCubeCorners, T(0));
-      std::fill_n(out.beta, kCubeEdges, T(0));
-      const T* d_value = d_values + problem.first_dual[cube] * channels;
-      const T* d_dev = d_deviation == nullptr ? nullptr : d_deviation + problem.first_crossing[cube];
-      for (std::size_t g = 0; g < group_count(problem.cases[cube]); ++g, d_value += channels) {
-        group_backward(problem, cube, g, d_value, d_dev, scratch, out);
-        if (d_dev == nullptr) continue;
-        for (const std::int16_t edge : flexicubes_tables().groups[problem.cases[cube]][g]) d_dev += edge >= 0 ? 1 : 0;
-      }
+  const FlexicubesTables& tables = flexicubes_tables();
+  for (std::int64_t cube = begin; cube < end; ++cube) {
+    const CubeGradients<T> out{gradients.d_corners + cube * cube_values, gradients.d_alpha + cube * kCubeCorners,
+                               gradients.d_beta + cube * kCubeEdges};
+    std::fill_n(out.corners, cube_values, T(0));
+    std::fill_n(out.alpha, kCubeCorners, T(0));
+    std::fill_n(out.beta, kCubeEdges, T(0));
+    const T* d_value = gradients.d_values + problem.first_dual[cube] * channels;
+    const T* d_dev = gradients.d_deviation == nullptr ? nullptr : gradients.d_deviation + problem.first_crossing[cube];
+    const std::uint8_t cube_case = problem.cases[cube];
+    for (std::size_t g = 0; g < static_cast<std::size_t>(tables.counts[cube_case]); ++g, d_value += channels) {
+      group_backward(problem, cube, g, d_value, d_dev, scratch, out);
+      if (d_dev == nullptr) continue;
+      for (const std::int16_t edge : tables.groups[cube_case][g]) d_dev += edge >= 0 ? 1 : 0;
     }
+  }
+}
+
+ANIGEN_KERNEL(void, backward_of_cubes,
+              (const DualCubes<float>& problem, const DualGradients<float>& gradients, std::int64_t begin,
+               std::int64_t end, DualScratch<float>& scratch),
+              (problem, gradients, begin, end, scratch)) {
+  gradients_of_cubes(problem, gradients, begin, end, scratch);
+}
+
+void backward_of_cubes(const DualCubes<double>& problem, const DualGradients<double>& gradients, std::int64_t begin,
+                       std::int64_t end, DualScratch<double>& scratch) {
+  gradients_of_cubes(problem, gradients, begin, end, scratch);
+}
+
+// Cube by cube, by all threads.
+template <typename T>
+void dual_vertices_backward(const DualCubes<T>& problem, const DualGradients<T>& gradients) {
+  at::parallel_for(0, problem.cubes, kCubesPerTask, [&](std::int64_t begin, std::int64_t end) {
+    DualScratch<T> scratch(problem.channels);
+    backward_of_cubes(problem, gradients, begin, end, scratch);
   });
 }
 
@@ -310,9 +342,10 @@ class DualVertexFunction : public torch::autograd::Function<DualVertexFunction> 
     const Tensor d_alpha = torch::empty(saved[kAlpha].sizes(), rows.options());
     const Tensor d_beta = torch::empty(saved[kBeta].sizes(), rows.options());
     AT_DISPATCH_FLOATING_TYPES(rows.scalar_type(), "dual_vertices_backward", [&] {
-      dual_vertices_backward(dual_cubes<scalar_t>(saved), d_values.data_ptr<scalar_t>(),
-                             d_deviation.defined() ? d_deviation.data_ptr<scalar_t>() : nullptr,
-                             d_corners.data_ptr<scalar_t>(), d_alpha.data_ptr<scalar_t>(), d_beta.data_ptr<scalar_t>());
+      dual_vertices_backward<scalar_t>(
+          dual_cubes<scalar_t>(saved),
+          {d_values.data_ptr<scalar_t>(), d_deviation.defined() ? d_deviation.data_ptr<scalar_t>() : nullptr,
+           d_corners.data_ptr<scalar_t>(), d_alpha.data_ptr<scalar_t>(), d_beta.data_ptr<scalar_t>()});
     });
     const RowLinks links{saved[kCorners].reshape({-1}), saved[kCornerSources]};
     variable_list result(11);

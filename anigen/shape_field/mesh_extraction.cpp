@@ -223,8 +223,7 @@ Tensor smoothed(const Tensor& planes, const Tensor& kernel) {
 }
 
 // The window is a product of two, so that two passes of 11 do what one of 121 does, and symmetric, so that the gradient
-// is smoothed likewise: the library's backward pass of a convolution takes ten times as long, and its convolution of a
-// single channel thirty times as long as loops over rows.
+// is smoothed likewise: the library's backward pass of a convolution takes ten times as long.
 class Smoothing : public torch::autograd::Function<Smoothing> {
  public:
   static Tensor forward(torch::autograd::AutogradContext* context, const Tensor& planes, const Tensor& kernel) {

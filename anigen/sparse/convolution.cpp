@@ -5,6 +5,7 @@
 #include <string>
 
 #include "anigen/core/error.h"
+#include "anigen/nn/kernels/activations.h"
 #include "anigen/nn/kernels/mixed_products.h"
 #include "anigen/nn/linear.h"
 #include "anigen/nn/profile.h"
@@ -73,7 +74,7 @@ class TapFunction : public torch::autograd::Function<TapFunction> {
       d_feats = sums.to(nn::dtype_of(feats));
     }
     if (context->needs_input_grad(1)) d_matrices = tap_correlation(plan, neighbours, feats, slopes, mixed);
-    if (context->needs_input_grad(2)) d_bias = slopes.to(nn::dtype_of(matrices)).sum(0);
+    if (context->needs_input_grad(2)) d_bias = nn::sum_of_rows(slopes.to(nn::dtype_of(matrices)));
     return {d_feats, d_matrices, d_bias, Tensor(), Tensor()};
   }
 };
@@ -107,17 +108,24 @@ Tensor wide_bias(const Tensor& bias, const Tensor& weight) {
   return widened(bias.defined() ? bias : torch::zeros({weight.size(0)}, weight.options()));
 }
 
-// [Cout, 3, 3, 3, Cin] → [64, Cin, Cout] of subdivision_plan: along each axis, by the bit of the child, the sum of the
-// taps that meet the lower and of those that meet the upper one of its two coarse voxels.
+// [27, Cin, Cout], tap by tap.
+Tensor matrices_of_taps(const Tensor& weight) {
+  return weight.reshape({weight.size(0), kKernelTaps, weight.size(4)}).permute({1, 2, 0});
+}
+
+// Sums of taps that the matrices of subdivision_plan are, [64, 27]: along each axis, by the bit of the child, the taps
+// that meet the lower and those that meet the upper one of its two coarse voxels.
+Tensor folds() {
+  const Tensor axis =
+      torch::tensor({1.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0, 1.0}).view({2, 2, 3});  // [bit, side, tap]
+  return torch::einsum("axi,byj,czk->abcxyzijk", {axis, axis, axis}).reshape({64, kKernelTaps});
+}
+
+// [Cout, 3, 3, 3, Cin] → [64, Cin, Cout] of subdivision_plan.
 Tensor folded_taps(const Tensor& weight) {
-  const Tensor fold =
-      torch::tensor({1.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0, 1.0}, weight.options()).view({2, 2, 3});
-  Tensor folded = weight;  // [Cout, x, y, z, Cin] → [bit x, side x, Cout, y, z, Cin] → …
-  folded = torch::tensordot(fold, folded, {2}, {1});
-  folded = torch::tensordot(fold, folded, {2}, {3});
-  folded = torch::tensordot(fold, folded, {2}, {5});
-  // Now [bit z, side z, bit y, side y, bit x, side x, Cout, Cin].
-  return folded.permute({4, 2, 0, 5, 3, 1, 7, 6}).reshape({64, weight.size(4), weight.size(0)});
+  static const Tensor fold = folds();
+  const Tensor taps = matrices_of_taps(weight).reshape({kKernelTaps, -1});
+  return torch::mm(fold.to(weight.options()), taps).view({64, weight.size(4), weight.size(0)});
 }
 
 }  // namespace
@@ -194,8 +202,8 @@ Tensor tap_correlation(const TapPlan& plan, const Tensor& neighbours, const Tens
 
 Tensor submanifold_convolution(const Support& support, const Tensor& feats, const Tensor& weight, const Tensor& bias) {
   check_convolution(support, feats, weight, bias);
-  const Tensor taps = widened(weight).reshape({weight.size(0), kKernelTaps, weight.size(4)}).permute({1, 2, 0});
-  return tap_function(feats, taps, wide_bias(bias, weight), support.neighbours_on(feats.device()), false);
+  return tap_function(feats, matrices_of_taps(widened(weight)), wide_bias(bias, weight),
+                      support.neighbours_on(feats.device()), false);
 }
 
 Tensor subdivided_convolution(const Support& support, const Tensor& feats, const Tensor& weight, const Tensor& bias) {

@@ -274,7 +274,9 @@ std::vector<shape_field::ExtractedMesh> StructuredLatentDecoderImpl::extract_mes
     const Fields& decoded, bool training, shape_field::SkinFeatures skin_features) {
   const nn::Ragged& items = decoded.mesh.support->items();
   const std::vector<Tensor> coords = items.split(decoded.mesh.support->coords().slice(1, 1));
-  const std::vector<Tensor> feats = items.split(decoded.mesh.feats);
+  // The backward pass of a split is a copy.
+  const std::vector<Tensor> feats =
+      items.items() == 1 ? std::vector<Tensor>{decoded.mesh.feats} : items.split(decoded.mesh.feats);
   std::vector<shape_field::ExtractedMesh> meshes;
   for (std::size_t i = 0; i < feats.size(); ++i)
     meshes.push_back(shape_field::extract_mesh(coords[i], feats[i], mesh_options_, training, skin_features));

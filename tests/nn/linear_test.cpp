@@ -2,6 +2,7 @@
 #include <limits>
 
 #include "anigen/nn/init.h"
+#include "anigen/nn/kernels/activations.h"
 #include "anigen/nn/linear.h"
 #include "tests/nn/largest_difference.h"
 #include "tests/support/kernel_forms.h"
@@ -114,7 +115,23 @@ namespace {
 
 Tensor leaf(const Tensor& values) { return values.to(torch::kBFloat16).requires_grad_(); }
 
-// A layer in fp32 on the same, already rounded numbers differs by one rounding of each result: 2^-8 of it.
+KERNEL_TEST(SumOfRows, IsTheSumAndItsBitsDoNotDependOnThreads) {
+  torch::manual_seed(6);
+  const Tensor rows = torch::randn({5000, 60}), wanted = rows.to(torch::kFloat64).sum(0);
+  const int before = torch::get_num_threads();
+  std::vector<Tensor> sums;
+  for (const int threads : {1, 3}) {
+    torch::set_num_threads(threads);
+    sums.push_back(sum_of_rows(rows));
+  }
+  torch::set_num_threads(before);
+  EXPECT_TRUE(torch::equal(sums[0], sums[1]));
+  EXPECT_TRUE(torch::allclose(sums[0].to(torch::kFloat64), wanted, 1e-5, 1e-4));
+  EXPECT_TRUE(torch::allclose(sum_of_rows(rows.narrow(1, 7, 21)), sums[0].narrow(0, 7, 21), 1e-5, 1e-4));
+  EXPECT_TRUE(torch::allclose(sum_of_rows(rows.t()), rows.sum(1), 1e-5, 1e-4));
+  EXPECT_EQ(sum_of_rows(torch::zeros({0, 4})).abs().max().item<float>(), 0.0F);
+}
+
 TEST(WidenedLinear, IsTheWideLayerRoundedOnce) {
   torch::manual_seed(3);
   for (const bool with_bias : {true, false}) {

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "tests/sparse/attention_cases.h"
+#include "tests/support/kernel_forms.h"
 
 namespace anigen::sparse {
 namespace {
@@ -76,7 +77,7 @@ TEST(SparseGroupNorm, IsGroupNormOfEachItem) {
   }
 }
 
-TEST(SparseGroupNorm, WithSiluIsSiluOfTheNorm) {
+KERNEL_TEST(SparseGroupNorm, WithSiluIsSiluOfTheNorm) {
   for (const std::vector<std::int64_t>& lengths : {std::vector<std::int64_t>{5, 0, 9}, {9000, 40}}) {
     const GroupNormCase c(lengths, 12);
     const auto norm = c.of_volumes(3);

@@ -190,3 +190,33 @@ ANIGEN_KERNEL(void, norm_columns_backward,
 }
 
 }  // namespace anigen::nn::kernels
+
+namespace anigen::nn {
+
+namespace {
+
+ANIGEN_KERNEL(void, add_rows,
+              (const float* __restrict x, std::int64_t stride, std::int64_t rows, std::int64_t columns,
+               float* __restrict sums),
+              (x, stride, rows, columns, sums)) {
+  for (std::int64_t r = 0; r < rows; ++r, x += stride) {
+    for (std::int64_t c = 0; c < columns; ++c) sums[c] += x[c];
+  }
+}
+
+}  // namespace
+
+torch::Tensor sum_of_rows(const torch::Tensor& x) {
+  if (!x.is_cpu() || x.scalar_type() != torch::kFloat32 || x.size(1) == 0) return x.sum(0);
+  const torch::Tensor rows = x.stride(1) == 1 ? x : x.contiguous();
+  const std::int64_t columns = rows.size(1);
+  const std::vector<RowBlock> blocks = row_blocks({rows.size(0)}, columns);
+  const torch::Tensor parts = torch::zeros({static_cast<std::int64_t>(blocks.size()), columns}, rows.options());
+  for_each_block(blocks, [&](const RowBlock& block, std::int64_t b) {
+    add_rows(rows.data_ptr<float>() + block.first * rows.stride(0), rows.stride(0), block.count, columns,
+             parts.data_ptr<float>() + b * columns);
+  });
+  return sums_of_items(blocks, parts, 1)[0];
+}
+
+}  // namespace anigen::nn

@@ -53,6 +53,10 @@ inline torch::Tensor sums_of_items(const std::vector<RowBlock>& blocks, const to
   return sums;
 }
 
+/// Σ over the rows, as for the gradient of a bias; bits do not depend on the number of threads. fp32 in CPU memory by
+/// kernels, at any distance between rows. @param x [N, C] @return [C]
+torch::Tensor sum_of_rows(const torch::Tensor& x);
+
 }  // namespace anigen::nn
 
 namespace anigen::nn::kernels {
