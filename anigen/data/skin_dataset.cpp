@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <filesystem>
+#include <map>
 #include <utility>
 
 #include "anigen/core/error.h"
@@ -123,7 +125,11 @@ struct SkinDataset::Entry {
   std::uintmax_t bytes() const { return item.bytes() + sampler.bytes() + order.size() * sizeof(int); }
 };
 
-SkinDataset::SkinDataset(std::vector<AssetId> assets, const Options& options) : options_(options) {
+SkinDataset::SkinDataset(std::vector<AssetId> assets, const Options& options, const SkinDataset* earlier)
+    : options_(options) {
+  std::map<std::filesystem::path, std::shared_ptr<const Entry>> known;
+  for (std::size_t i = 0; earlier != nullptr && i < earlier->assets_.size(); ++i)
+    known.emplace(rig_path(earlier->assets_[i]), earlier->entries_[i]);
   std::vector<std::string> errors;
   std::uintmax_t used = 0;
   std::size_t unweighted = 0, touched = 0;  // vertices, and assets that have such
@@ -134,6 +140,9 @@ SkinDataset::SkinDataset(std::vector<AssetId> assets, const Options& options) : 
     std::vector<std::string> problems(count);
     if (used < options.memory_budget) {
       parallel_for(count, [&](std::size_t i) {
+        const auto found = known.find(rig_path(assets[first + i]));
+        if (found != known.end()) read[i] = found->second;
+        if (read[i]) return;
         try {
           read[i] =
               std::make_shared<Entry>(read_rigged_item(assets[first + i]), options_.augmentations.blend_sampling > 0.0);
