@@ -32,7 +32,7 @@ struct Draw {
 
 /// A dataset that turns draws into batches. load() is a pure function of its arguments and is called from several
 /// threads at once, so batches depend neither on the number of threads nor on what was loaded before.
-class BatchSource {
+class BatchSource : public std::enable_shared_from_this<BatchSource> {
  public:
   virtual ~BatchSource() = default;
   virtual std::size_t size() const = 0;  ///< number of items, > 0

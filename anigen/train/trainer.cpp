@@ -231,8 +231,9 @@ void Trainer::open_shards() {
   };
   // Null on all ranks when one of them cannot have it.
   const auto open = [this](const Json& named) {
-    auto source = stream_->open(named.at("generation").get<std::uint64_t>(),
-                                named.at("shards").get<std::vector<std::uint64_t>>());
+    auto source = named == named_shards() ? stages_.front()->data().shared_from_this()
+                                          : stream_->open(named.at("generation").get<std::uint64_t>(),
+                                                          named.at("shards").get<std::vector<std::uint64_t>>());
     for (const std::string& there : ranks_->gather(source ? "y" : "n")) {
       if (there != "y") source = nullptr;
     }
