@@ -226,6 +226,7 @@ void Trainer::use_shards(const std::shared_ptr<const data::BatchSource>& source)
 void Trainer::open_shards() {
   stream_ = stages_.front()->data().stream;
   if (!stream_) return;
+  if (!start_.own) saved_shards_ = nullptr;  // those of another run
   const auto agreed = [this](const Json& own) {
     return parse_json(ranks_->gather(first() ? own.dump() : "").front(), "rank 0");
   };
