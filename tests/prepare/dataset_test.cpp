@@ -369,11 +369,14 @@ TEST(ProceduralDataset, OfATestSeedIsForTestingAndOfAStreamNever) {
   options.out = folder / "out";
   options.plan.steps = {"import"};
   options.sources = procedural_sources(creature_seeds::kFirstTest, 2);
-  EXPECT_EQ(prepare_dataset(options).test, 2u);
+  const PrepareSummary tests = prepare_dataset(options);
+  EXPECT_EQ(tests.test, 2u - tests.bad_skeleton);
+  EXPECT_EQ(tests.train, 0u);
   EXPECT_EQ(read_file(folder / "out" / "splits" / "train.txt"), "");
   options.out = folder / "stream";
   options.sources = stream_sources(0, 0, 2);
-  EXPECT_EQ(prepare_dataset(options).train, 2u);
+  const PrepareSummary streamed = prepare_dataset(options);
+  EXPECT_EQ(streamed.train, 2u - streamed.bad_skeleton);
   options.tables.split.procedural_test = 1;
   EXPECT_THROW(prepare_dataset(options), InputError);
 }
