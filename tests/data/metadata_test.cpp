@@ -188,18 +188,18 @@ TEST(TestCreatures, AreNeverTrainedOn) {
   SourceOptions options;
   options.data_dir = (folder / "data").string();
   // Without a split the test asset itself; with one its posed variant, which some other program marked otherwise.
-  EXPECT_NE(refusal_of(options).find("b, creature procedural/0/1, seed 0"), std::string::npos) << refusal_of(options);
+  EXPECT_NE(refusal_of(options).find("b: creature procedural/0/1, seed 0"), std::string::npos) << refusal_of(options);
   options.split = "splits/train.txt";
-  EXPECT_NE(refusal_of(options).find("b2, creature procedural/0/1"), std::string::npos) << refusal_of(options);
+  EXPECT_NE(refusal_of(options).find("b2: creature procedural/0/1"), std::string::npos) << refusal_of(options);
 
   write_creatures(folder / "data", {"a 0/0 False", "b 0/1 True", "c 5/2 False", "c2 5/2 False"});
   EXPECT_EQ(refusal_of(options), "");
   // Names of test assets of another dataset: the id of a creature is the same in all of them.
   write_file_atomically(folder / "other.txt", "c\n");
   options.test_splits = {(folder / "other.txt").string()};
-  EXPECT_NE(refusal_of(options).find("c, creature procedural/5/2, seed 5"), std::string::npos) << refusal_of(options);
+  EXPECT_NE(refusal_of(options).find("c: creature procedural/5/2, seed 5"), std::string::npos) << refusal_of(options);
   write_file_atomically(folder / "other.txt", "procedural/5/2\n");
-  EXPECT_NE(refusal_of(options).find("c, creature procedural/5/2, seed 5"), std::string::npos) << refusal_of(options);
+  EXPECT_NE(refusal_of(options).find("c: creature procedural/5/2, seed 5"), std::string::npos) << refusal_of(options);
 
   options.test_splits.clear();
   write_creatures(folder / "data", {"a 0/0 False", "d 900000000/4 False"});

@@ -572,7 +572,7 @@ TEST_F(StreamRun, RefusesATestCreatureInAnyShard) {
     train(streamed("run", 4000, 4));
     FAIL() << "expected an error";
   } catch (const InputError& error) {
-    EXPECT_NE(std::string(error.what()).find("rig6, creature procedural/900000005/6, seed 900000005"),
+    EXPECT_NE(std::string(error.what()).find("rig6: creature procedural/900000005/6, seed 900000005"),
               std::string::npos)
         << error.what();
   }
