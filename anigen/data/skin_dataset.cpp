@@ -4,6 +4,7 @@
 #include <cmath>
 #include <filesystem>
 #include <map>
+#include <optional>
 #include <utility>
 
 #include "anigen/core/error.h"
@@ -133,7 +134,8 @@ SkinDataset::SkinDataset(std::vector<AssetId> assets, const Options& options, co
   std::vector<std::string> errors;
   std::uintmax_t used = 0;
   std::size_t unweighted = 0, touched = 0;  // vertices, and assets that have such
-  Progress progress("reading rigs", assets.size(), "assets");
+  std::optional<Progress> progress;
+  if (earlier == nullptr) progress.emplace("reading rigs", assets.size(), "assets");  // else a training is under way
   for (std::size_t first = 0; first < assets.size(); first += kReadTogether) {
     const std::size_t count = std::min(kReadTogether, assets.size() - first);
     std::vector<std::shared_ptr<const Entry>> read(count);
@@ -152,7 +154,7 @@ SkinDataset::SkinDataset(std::vector<AssetId> assets, const Options& options, co
       });
     }
     for (std::size_t i = 0; i < count; ++i) {
-      progress.advance();
+      if (progress) progress->advance();
       if (!problems[i].empty()) {
         errors.push_back(problems[i]);
         continue;
@@ -168,7 +170,7 @@ SkinDataset::SkinDataset(std::vector<AssetId> assets, const Options& options, co
       entries_.push_back(read[i]);
     }
   }
-  progress.finish();
+  if (progress) progress->finish();
   if (unweighted > 0)
     log::warn("{} vertices of {} assets have no weight and follow joint 0, as published", unweighted, touched);
   report_broken(errors, assets.size(), options.skip_broken);
