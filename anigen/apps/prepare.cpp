@@ -38,7 +38,7 @@ void add_source_options(CLI::App& app, Arguments& a) {
   add_option(app, "--output", a.options.out, ": folder of the dataset");
   add_option(app, "--input", a.inputs);
   add_option(app, "--procedural", a.procedural)->check(whole_number(0, 10'000'000));
-  add_option(app, "--stream", a.stream)->check(whole_number(1, 1'000'000));
+  add_option(app, "--stream", a.stream)->check(whole_number(1, 1'000'000))->default_str("");
 }
 
 void add_table_options(CLI::App& app, Arguments& a) {
