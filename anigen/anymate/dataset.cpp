@@ -497,6 +497,7 @@ AnymateDatasets open_anymate(const AnymateDatasetOptions& options, std::uint64_t
     return sets;
   }
   const data::TrainAndEval assets = data::select(options);
+  data::refuse_test_creatures(assets, options);
   train(convert(assets.train, options));
   if (!assets.eval.empty()) hold_out(convert(assets.eval, options));
   return sets;

@@ -29,6 +29,8 @@ struct Arguments {
   std::string cleaning = "none", near_skeletons = "flag", shard, test_split;
   std::size_t procedural = 0, memory_mb = 0;
   std::string condition_cameras = "around";
+  std::size_t stream = 0, shards = 4, stop_after = 0;
+  std::string encode_ss, encode_slat;
   bool skip_assets = false, random_poses = false, view_geometry = false, strict = false;
 };
 
@@ -36,6 +38,7 @@ void add_source_options(CLI::App& app, Arguments& a) {
   add_option(app, "--output", a.options.out, ": folder of the dataset");
   add_option(app, "--input", a.inputs);
   add_option(app, "--procedural", a.procedural)->check(whole_number(0, 10'000'000));
+  add_option(app, "--stream", a.stream)->check(whole_number(1, 1'000'000))->default_str("");
 }
 
 void add_table_options(CLI::App& app, Arguments& a) {
@@ -81,6 +84,8 @@ void add_step_options(CLI::App& app, Arguments& a) {
   add_option(app, "--view-geometry", a.view_geometry);
   add_option(app, "--features", plan.features.model);
   add_option(app, "--feature-weights", plan.features.weights);
+  add_option(app, "--encode-ss", a.encode_ss);
+  add_option(app, "--encode-slat", a.encode_slat);
 }
 
 void add_run_options(CLI::App& app, Arguments& a) {
@@ -90,12 +95,21 @@ void add_run_options(CLI::App& app, Arguments& a) {
   add_option(app, "--asset-timeout", run.timeout)->check(number(0, 1e9));
   add_option(app, "--memory-mb", a.memory_mb)->check(whole_number(0, 1'000'000'000));
   add_option(app, "--shard", a.shard);
+  add_option(app, "--shards", a.shards)->check(whole_number(1, 10'000));
+  add_option(app, "--stop-after", a.stop_after)->check(whole_number(0));
   add_option(app, "--retry-failed", run.retry_failed);
   add_option(app, "--strict", a.strict);
 }
 
 /// Options of what is not made, which would be ignored.
 void refuse_ignored(const CLI::App& app, const Arguments& a) {
+  if (a.stream == 0) {
+    refuse_given(app, {"--shards", "--stop-after", "--encode-ss", "--encode-slat"}, "is of --stream");
+  } else {
+    refuse_given(app, {"--input", "--procedural", "--shard", "--strict"}, "does not go with --stream");
+    refuse_given(app, {"--test-fraction", "--test-count", "--procedural-test", "--test-split"},
+                 "does not go with --stream, whose creatures are all for training");
+  }
   const prepare::StepPlan& plan = a.options.plan;
   const bool condition_views = plan.wants("cond_views"), features = plan.wants("features");
   // Features of a network are made of views, which are made for them where they are not there.
@@ -153,6 +167,7 @@ prepare::PrepareOptions complete(Arguments& a, const CommonOptions& common) {
     for (const io::SplitLine& line : io::read_split(a.test_split)) options.tables.split.test_names.push_back(line.id);
   }
   options.plan.validate();  // before hours of listing
+  if (a.stream > 0) return options;
   options.sources = find_assets({a.inputs.begin(), a.inputs.end()});
   for (auto& source : procedural_sources(common.seed.value_or(0), a.procedural))
     options.sources.push_back(std::move(source));
@@ -165,6 +180,23 @@ prepare::PrepareOptions complete(Arguments& a, const CommonOptions& common) {
   if (options.run.workers == 0 && (whole_shards || gpu_models))
     options.run.workers = std::min<std::size_t>(kHeavyWorkers, static_cast<std::size_t>(thread_count()));
   return options;
+}
+
+prepare::StreamOptions stream_options(Arguments& a, const CommonOptions& common) {
+  prepare::StreamOptions stream;
+  stream.shard = complete(a, common);
+  stream.seed = common.seed.value_or(0);
+  stream.creatures = a.stream;
+  stream.shards = a.shards;
+  stream.end = a.stop_after;
+  const std::filesystem::path encode = std::filesystem::read_symlink("/proc/self/exe").parent_path() / "anigen-encode";
+  for (const auto& [what, run] : {std::pair{"ss", a.encode_ss}, {"slat", a.encode_slat}}) {
+    if (run.empty()) continue;
+    stream.encoders[what] = run;
+    stream.commands.push_back({encode.string(), what, "--run", run, "--quiet", "--device", common.device, "--threads",
+                               std::to_string(thread_count()), "--dataset"});
+  }
+  return stream;
 }
 
 }  // namespace
@@ -183,6 +215,7 @@ int main(int argc, char** argv) {
       "  anigen-prepare -o data/all --input models/ --augment 4 --views 24 --cond-views 8 --features surface\n"
       "  anigen-prepare -o data/xl --input articulation_xl.npz --test-count 1000 --shard 3/16\n"
       "  anigen-prepare -o data/xl --input articulation_xl.npz --test-split test_uuids.txt\n"
+      "  anigen-prepare -o data/stream --stream 500 --shards 8 --no-assets\n"
       "  anigen-prepare merge -d data/xl");
   CLI::App& app = program.app;
   Arguments arguments;
@@ -208,6 +241,10 @@ int main(int argc, char** argv) {
     }
     if (arguments.options.out.empty()) throw InputError("", "--output", "which folder shall hold the dataset?");
     refuse_ignored(app, arguments);
+    if (arguments.stream > 0) {
+      const std::uint64_t made = prepare::stream_dataset(stream_options(arguments, program.common));
+      return print_result({{"shards", made}}, std::to_string(made) + " shards were made\n", program.common);
+    }
     const prepare::PrepareSummary summary = prepare::prepare_dataset(complete(arguments, program.common));
     print_result(to_json(summary), to_text(summary), program.common);
     if (arguments.strict && !summary.rejected.empty())

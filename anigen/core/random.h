@@ -31,6 +31,18 @@ class Rng {
   std::uint64_t key_ = 0, counter_ = 0;
 };
 
+/// Ranges of the seeds of procedural creatures. Those between the two are free.
+namespace creature_seeds {
+
+/// Kept for testing: anigen-prepare marks all these creatures as test assets, and no training takes one.
+inline constexpr std::uint64_t kFirstTest = 900'000'000, kLastTest = 999'999'999;
+/// Of `anigen-prepare --stream`, which draws from here on; none of these may be a test asset.
+inline constexpr std::uint64_t kFirstOfStreams = 1'000'000'000'000;
+
+inline constexpr bool is_test(std::uint64_t seed) { return seed >= kFirstTest && seed <= kLastTest; }
+
+}  // namespace creature_seeds
+
 /// 64-bit hash of bytes (FNV-1a finished with a SplitMix64 mix); stable across runs and platforms.
 std::uint64_t stable_hash(std::string_view bytes, std::uint64_t seed = 0);
 

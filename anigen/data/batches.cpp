@@ -1,11 +1,14 @@
 #include "anigen/data/batches.h"
 
 #include <algorithm>
+#include <chrono>
 #include <numeric>
+#include <optional>
 #include <utility>
 
 #include "anigen/core/error.h"
 #include "anigen/core/random.h"
+#include "anigen/data/metadata.h"
 
 namespace anigen::data {
 
@@ -190,6 +193,110 @@ StepBatches Prefetcher::next() {
   space_.notify_one();
   if (slot.error) std::rethrow_exception(slot.error);
   return std::move(slot.batches);
+}
+
+struct ShardStream::State {
+  SourceOptions options;
+  MakeSource make;
+  StreamFolder folder;
+  mutable std::mutex mutex;
+  std::condition_variable wake;
+  bool stop = false;
+  std::uint64_t current = 0;
+  std::weak_ptr<const BatchSource> earlier;  // not kept alive: its shards may go
+  std::shared_ptr<const BatchSource> next;
+  std::exception_ptr error;
+  std::thread thread;
+
+  std::shared_ptr<BatchSource> source_of(std::shared_ptr<const StreamGeneration> held,
+                                         const std::shared_ptr<const BatchSource>& before) const {
+    TrainAndEval assets = select(options, held.get());
+    refuse_test_creatures(assets, options);
+    std::shared_ptr<BatchSource> source = make(std::move(assets.train), before.get());
+    source->generation = std::move(held);
+    return source;
+  }
+
+  /// Waits for a generation after the current one, and reads it.
+  void look() {
+    constexpr auto kInterval = std::chrono::milliseconds(500);
+    std::unique_lock<std::mutex> lock(mutex);
+    for (; !stop; wake.wait_for(lock, kInterval)) {
+      if (next || error) continue;
+      const std::uint64_t known = current;
+      const std::shared_ptr<const BatchSource> before = earlier.lock();
+      lock.unlock();
+      std::shared_ptr<const BatchSource> found;
+      std::exception_ptr problem;
+      try {
+        if (folder.read_index().generation > known) found = source_of(newest_generation(folder), before);
+      } catch (...) {
+        problem = std::current_exception();
+      }
+      lock.lock();
+      if (known != current) continue;  // another one was taken meanwhile
+      next = std::move(found);
+      error = problem;
+    }
+  }
+};
+
+ShardStream::ShardStream(const SourceOptions& options, MakeSource make) : state_(std::make_shared<State>()) {
+  state_->options = options;
+  state_->make = std::move(make);
+  state_->folder = *stream_of(options.data_dir);
+}
+
+ShardStream::~ShardStream() {
+  {
+    const std::lock_guard<std::mutex> lock(state_->mutex);
+    state_->stop = true;
+  }
+  state_->wake.notify_all();
+  if (!state_->thread.joinable()) return;
+  // The thread itself may hold the last source, and with it this.
+  if (state_->thread.get_id() == std::this_thread::get_id()) {
+    state_->thread.detach();
+  } else {
+    state_->thread.join();
+  }
+}
+
+std::shared_ptr<const BatchSource> ShardStream::open(std::uint64_t generation,
+                                                     const std::vector<std::uint64_t>& shards) const {
+  std::shared_ptr<const StreamGeneration> held = hold_generation(state_->folder, generation, shards);
+  return held ? state_->source_of(std::move(held), nullptr) : nullptr;
+}
+
+void ShardStream::follow(const std::shared_ptr<const BatchSource>& current) {
+  {
+    const std::lock_guard<std::mutex> lock(state_->mutex);
+    state_->current = current->generation->number;
+    state_->earlier = current;
+    state_->next = nullptr;
+    state_->error = nullptr;
+  }
+  if (!state_->thread.joinable()) state_->thread = std::thread([state = state_] { state->look(); });
+  state_->wake.notify_all();
+}
+
+std::shared_ptr<const BatchSource> ShardStream::newer() const {
+  const std::lock_guard<std::mutex> lock(state_->mutex);
+  if (state_->error) std::rethrow_exception(state_->error);
+  return state_->next;
+}
+
+void ShardStream::mark_used(std::uint64_t generation) const { state_->folder.mark_used(generation); }
+
+TrainingData open_training(const SourceOptions& options, const MakeSource& make) {
+  const std::optional<StreamFolder> folder = stream_of(options.data_dir);
+  const std::shared_ptr<const StreamGeneration> held = folder ? newest_generation(*folder) : nullptr;
+  TrainAndEval assets = select(options, held.get());
+  refuse_test_creatures(assets, options);
+  const std::shared_ptr<BatchSource> train = make(std::move(assets.train), nullptr);
+  train->generation = held;
+  if (folder) train->stream = std::make_shared<ShardStream>(options, make);
+  return {train, std::move(assets.eval)};
 }
 
 }  // namespace anigen::data

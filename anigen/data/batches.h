@@ -3,6 +3,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <exception>
+#include <functional>
 #include <map>
 #include <memory>
 #include <mutex>
@@ -11,6 +12,11 @@
 #include <vector>
 
 namespace anigen::data {
+
+struct AssetId;
+struct SourceOptions;
+struct StreamGeneration;
+class ShardStream;
 
 /// One micro-batch, ready for a model. What it holds is between a dataset and the stage that trains on it.
 struct Batch {
@@ -26,7 +32,7 @@ struct Draw {
 
 /// A dataset that turns draws into batches. load() is a pure function of its arguments and is called from several
 /// threads at once, so batches depend neither on the number of threads nor on what was loaded before.
-class BatchSource {
+class BatchSource : public std::enable_shared_from_this<BatchSource> {
  public:
   virtual ~BatchSource() = default;
   virtual std::size_t size() const = 0;  ///< number of items, > 0
@@ -38,6 +44,9 @@ class BatchSource {
   /// Deals the draws of one step into at most `parts` micro-batches, none empty: contiguous runs as equal as possible,
   /// unless a dataset balances them. @param draws not empty
   virtual std::vector<std::vector<Draw>> split(const std::vector<Draw>& draws, std::size_t parts) const;
+
+  std::shared_ptr<const StreamGeneration> generation;  ///< shards it reads, of a stream; null: its assets stay
+  std::shared_ptr<ShardStream> stream;                 ///< where its successors come from, of the first source alone
 };
 
 /// The endless stream of items: epoch after epoch, each a new permutation, without gaps between epochs (the
@@ -126,5 +135,39 @@ class Prefetcher {
   bool stop_ = false;
   std::vector<std::thread> threads_;
 };
+
+/// Makes the dataset of some assets. @param earlier one of the same class that may share what it has read, or null
+using MakeSource = std::function<std::shared_ptr<BatchSource>(std::vector<AssetId> assets, const BatchSource* earlier)>;
+
+/// The generations of a stream (core/run_folder.h) as datasets of one training. A thread looks for a newer generation
+/// and reads it, so that nobody waits for it.
+class ShardStream {
+ public:
+  ShardStream(const SourceOptions& options, MakeSource make);
+  ~ShardStream();
+  ShardStream(const ShardStream&) = delete;
+  ShardStream& operator=(const ShardStream&) = delete;
+
+  /// @return null when one of the shards is gone @throws InputError, also for a creature kept for testing
+  std::shared_ptr<const BatchSource> open(std::uint64_t generation, const std::vector<std::uint64_t>& shards) const;
+  /// Gets the generation after that of `current` ready.
+  void follow(const std::shared_ptr<const BatchSource>& current);
+  /// A newer generation that is ready, else null. @throws what reading it threw
+  std::shared_ptr<const BatchSource> newer() const;
+  /// Tells the preparer that a run can go on from this generation, and needs none before it.
+  void mark_used(std::uint64_t generation) const;
+
+ private:
+  struct State;
+  std::shared_ptr<State> state_;
+};
+
+/// Assets of a training: of a fixed dataset, or of a stream's newest generation with what follows it. Refuses creatures
+/// that are kept for testing. @throws InputError
+struct TrainingData {
+  std::shared_ptr<const BatchSource> train;
+  std::vector<AssetId> eval;
+};
+TrainingData open_training(const SourceOptions& options, const MakeSource& make);
 
 }  // namespace anigen::data

@@ -168,9 +168,12 @@ Factory factory(Extra... extra) {
   return [=](ConfigReader& args, std::uint64_t seed) {
     const Options options = Options::read(args, extra...);
     args.finish();
-    TrainAndEval assets = select(options.sources);
+    TrainingData assets =
+        open_training(options.sources, [options, seed](std::vector<AssetId> chosen, const BatchSource*) {
+          return std::make_shared<Dataset>(std::move(chosen), options, seed);
+        });
     Datasets datasets;
-    datasets.train = std::make_shared<const Dataset>(std::move(assets.train), options, seed);
+    datasets.train = assets.train;
     if (!assets.eval.empty()) datasets.eval = std::make_shared<const Dataset>(std::move(assets.eval), options, seed);
     return datasets;
   };

@@ -79,6 +79,24 @@ std::vector<fs::path> roots_of(const std::string& data_dir) {
   return roots;
 }
 
+std::string comma_joined(const std::vector<fs::path>& roots) {
+  std::string text;
+  for (const fs::path& root : roots) text += (text.empty() ? "" : ",") + root.string();
+  return text;
+}
+
+// "procedural/<seed>/<index>"; "" for the name of a file.
+std::string creature_of(const CsvTable& table, std::size_t row) {
+  const std::string prefix = "procedural/";
+  const std::string& text = table.cell(row, "file_identifier");
+  const bool numbers = text.find_first_not_of("0123456789/", std::min(prefix.size(), text.size())) == std::string::npos;
+  return text.rfind(prefix, 0) == 0 && numbers ? text : "";
+}
+
+std::uint64_t seed_of(const std::string& creature) {
+  return std::strtoull(creature.c_str() + std::string("procedural/").size(), nullptr, 10);
+}
+
 double share_of(const std::string& id) { return static_cast<double>(stable_hash(id) >> 11) * 0x1.0p-53; }
 
 }  // namespace
@@ -167,7 +185,8 @@ std::vector<AssetId> select_rows(const CsvTable& table, const fs::path& root, co
       const auto found = filter.repeat.find(table.cell(row, "source"));
       if (found != filter.repeat.end()) repeat = found->second;
     }
-    assets.push_back({root, id, repeat, voxel_count(table, row, file), table.flag(row, "is_bad_skin", false, file)});
+    assets.push_back({root, id, repeat, voxel_count(table, row, file), table.flag(row, "is_bad_skin", false, file),
+                      has("file_identifier") ? creature_of(table, row) : ""});
   }
   return assets;
 }
@@ -175,6 +194,8 @@ std::vector<AssetId> select_rows(const CsvTable& table, const fs::path& root, co
 std::vector<AssetId> select_assets(const std::string& data_dir, const RowFilter& filter) {
   std::vector<AssetId> assets;
   for (const fs::path& root : roots_of(data_dir)) {
+    if (StreamFolder{root}.exists())
+      throw NotSupportedError(root.string(), "", "a stream of shards here; one of its shards can be taken");
     const std::vector<AssetId> more = select_rows(read_csv(root / "metadata.csv"), root, filter);
     assets.insert(assets.end(), more.begin(), more.end());
   }
@@ -183,9 +204,48 @@ std::vector<AssetId> select_assets(const std::string& data_dir, const RowFilter&
 }
 
 fs::path file_of_dataset(const std::string& name, const std::string& data_dir) {
-  const fs::path below_root = fs::path(data_dir.substr(0, data_dir.find(','))) / name;
+  std::vector<fs::path> roots = roots_of(data_dir);
+  while (roots.size() > 1 && StreamFolder{roots.front()}.exists()) roots.erase(roots.begin());
+  const fs::path below_root = (roots.empty() ? fs::path() : roots.front()) / name;
   std::error_code error;
   return fs::exists(below_root, error) ? below_root : fs::path(name);
+}
+
+std::optional<StreamFolder> stream_of(const std::string& data_dir) {
+  std::optional<StreamFolder> found;
+  for (const fs::path& root : roots_of(data_dir)) {
+    if (!StreamFolder{root}.exists()) continue;
+    if (found) throw NotSupportedError(root.string(), "", "a second stream of shards in one training");
+    found = StreamFolder{root};
+  }
+  return found;
+}
+
+std::shared_ptr<const StreamGeneration> newest_generation(const StreamFolder& folder) {
+  constexpr int kTries = 100;  // a shard may fall out and go between the reading of the index and the lock
+  for (int i = 0; i < kTries; ++i) {
+    const StreamIndex index = folder.read_index();
+    if (index.generation == 0) {
+      throw InputError(folder.root.string(), "",
+                       "is a stream whose first shards are not made yet: wait for anigen-prepare --stream");
+    }
+    if (auto held = hold_generation(folder, index.generation, index.shards)) return held;
+  }
+  throw InputError(folder.root.string(), "", "is a stream of which shards are missing");
+}
+
+std::shared_ptr<const StreamGeneration> hold_generation(const StreamFolder& folder, std::uint64_t number,
+                                                        const std::vector<std::uint64_t>& shards) {
+  auto held = std::make_shared<StreamGeneration>();
+  held->number = number;
+  held->shards = shards;
+  for (const std::uint64_t shard : shards) {
+    std::optional<FileLock> lock = FileLock::try_lock(folder.shard_lock(shard), FileLock::Kind::kShared);
+    std::error_code error;
+    if (!lock || !fs::exists(folder.shard(shard) / "metadata.csv", error)) return nullptr;
+    held->locks.push_back(std::move(*lock));
+  }
+  return held;
 }
 
 void RowFilter::read_rigged(ConfigReader& reader) {
@@ -203,6 +263,7 @@ void SourceOptions::read_common(ConfigReader& reader) {
   f("eval_fraction", eval_fraction, {0.0, 0.9});
   f("train_share", train_share, {0.0, 1.0});
   f("skip_broken", skip_broken);
+  f("test_splits", test_splits);
   f("min_aesthetic_score", filter.min_aesthetic_score);
   std::optional<std::vector<std::string>> ids;
   f("instances", ids);
@@ -215,20 +276,79 @@ void SourceOptions::read_common(ConfigReader& reader) {
   repeat.finish();
 }
 
-TrainAndEval select(const SourceOptions& options) {
+namespace {
+
+struct StreamRoots {
+  std::vector<fs::path> shards, fixed;
+};
+
+StreamRoots roots_of_generation(const std::string& data_dir, const StreamFolder& stream,
+                                const StreamGeneration& generation) {
+  StreamRoots roots;
+  for (const std::uint64_t shard : generation.shards) roots.shards.push_back(stream.shard(shard));
+  for (const fs::path& root : roots_of(data_dir)) {
+    if (root != stream.root) roots.fixed.push_back(root);
+  }
+  return roots;
+}
+
+// A dataset of test assets alone has an empty train.txt.
+bool names_something(const fs::path& split) {
+  std::error_code error;
+  return fs::exists(split, error) && fs::file_size(split, error) > 0;
+}
+
+std::set<std::string> names_in_shards(const std::vector<fs::path>& shards, const std::string& split) {
+  std::set<std::string> all;
+  for (const fs::path& shard : shards) {
+    if (names_something(shard / split)) all.merge(read_split(shard / split, shard.string()));
+  }
+  return all;
+}
+
+}  // namespace
+
+TrainAndEval select(const SourceOptions& options, const StreamGeneration* generation) {
+  const std::optional<StreamFolder> stream = stream_of(options.data_dir);
+  if (stream && generation == nullptr)
+    throw NotSupportedError(stream->root.string(), "", "a stream of shards here; one of its shards can be taken");
   RowFilter filter = options.filter;
   TrainAndEval result;
+  result.roots = options.data_dir;
+  std::string fixed = options.data_dir, shards;  // roots whose assets stay, and those of a stream
+  std::set<std::string> of_shards;               // what their split files name
+  if (stream) {
+    if (options.eval_fraction > 0.0)
+      throw NotSupportedError(options.data_dir, "eval_fraction", "an eval_fraction of a stream of shards");
+    const StreamRoots roots = roots_of_generation(options.data_dir, *stream, *generation);
+    fixed = comma_joined(roots.fixed);
+    shards = comma_joined(roots.shards);
+    result.roots = fixed.empty() ? shards : shards + "," + fixed;
+    if (!options.split.empty()) of_shards = names_in_shards(roots.shards, options.split);
+  }
   std::set<std::string> held_out;
   if (!options.eval_split.empty()) {
-    held_out = read_split(file_of_dataset(options.eval_split, options.data_dir), options.data_dir);
+    if (fixed.empty()) {
+      throw InputError(options.data_dir, "eval_split",
+                       "a stream holds out nothing: name a dataset with such assets after it, STREAM,DATASET");
+    }
+    held_out = read_split(file_of_dataset(options.eval_split, fixed), fixed);
     RowFilter evaluated = filter;
     evaluated.only = held_out;
     evaluated.repeat.clear();
-    result.eval = select_assets(options.data_dir, evaluated);
+    result.eval = select_assets(fixed, evaluated);
   }
-  if (!options.split.empty())
-    filter.only = read_split(file_of_dataset(options.split, options.data_dir), options.data_dir);
-  for (const AssetId& asset : select_assets(options.data_dir, filter)) {
+  std::string trained = result.roots;
+  if (!options.split.empty()) {
+    const fs::path file = file_of_dataset(options.split, fixed);
+    if (!stream || names_something(file)) {
+      of_shards.merge(read_split(file, fixed.empty() ? result.roots : fixed));
+    } else {
+      trained = shards;
+    }
+    filter.only = std::move(of_shards);
+  }
+  for (const AssetId& asset : select_assets(trained, filter)) {
     if (held_out.count(asset.id) > 0) continue;
     const bool chosen = options.eval_split.empty() && share_of(asset.id) < options.eval_fraction;
     // Another hash than that of eval_fraction, so that the two do not choose alike.
@@ -246,6 +366,42 @@ TrainAndEval select(const SourceOptions& options) {
                      "holds out none of " + std::to_string(result.train.size()) + " assets");
   }
   return result;
+}
+
+void refuse_test_creatures(const TrainAndEval& assets, const SourceOptions& options) {
+  std::map<std::string, std::string> kept;  // creature or id → where that is said
+  for (const std::string& split : options.test_splits) {
+    const fs::path file = file_of_dataset(split, options.data_dir);
+    for (const std::string& name : read_split(file)) kept[name] = file.string();
+  }
+  for (const fs::path& root : roots_of(assets.roots)) {
+    const std::string file = (root / "metadata.csv").string();
+    const CsvTable table = read_csv(file);
+    const bool told = table.column("is_test") != CsvTable::kMissing;
+    if (table.column("file_identifier") == CsvTable::kMissing) continue;
+    for (std::size_t row = 0; row < table.rows.size(); ++row) {
+      const std::string creature = creature_of(table, row);
+      const auto named = kept.find(table.cell(row, "sha256"));
+      if (creature.empty()) continue;
+      if (named != kept.end()) kept[creature] = named->second;
+      if (told && table.flag(row, "is_test", false, file)) kept[creature] = "is_test of " + file;
+    }
+  }
+  for (const AssetId& asset : assets.train) {
+    const std::string& creature = asset.creature;
+    std::string reason;
+    if (!creature.empty() && creature_seeds::is_test(seed_of(creature))) reason = "all creatures of this seed are";
+    for (const std::string& name : {creature, asset.id}) {
+      const auto found = kept.find(name);
+      if (reason.empty() && found != kept.end() && !name.empty()) reason = found->second + " says so";
+    }
+    if (reason.empty()) continue;
+    throw InputError(
+        asset.root.string(), asset.id,
+        (creature.empty() ? "" : "creature " + creature + ", seed " + std::to_string(seed_of(creature)) + ", ") +
+            "is kept for testing and may not be trained on (" + reason +
+            "); \"split\": \"splits/train.txt\" takes the others");
+  }
 }
 
 void report_broken(const std::vector<std::string>& problems, std::size_t assets, bool skip_broken) {

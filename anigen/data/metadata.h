@@ -3,6 +3,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <map>
+#include <memory>
 #include <mutex>
 #include <optional>
 #include <set>
@@ -10,6 +11,8 @@
 #include <vector>
 
 #include "anigen/core/config.h"
+#include "anigen/core/process.h"
+#include "anigen/core/run_folder.h"
 #include "anigen/core/table.h"
 
 namespace anigen::data {
@@ -21,6 +24,7 @@ struct AssetId {
   std::size_t repeat = 1;        ///< how often an epoch visits it
   std::uint64_t num_voxels = 0;  ///< column num_voxels; 0 where there is none
   bool is_bad_skin = false;      ///< column is_bad_skin
+  std::string creature{};        ///< column file_identifier of a procedural creature, "procedural/<seed>/<index>"
 };
 
 /// Filters on the rows of metadata.csv (docs/reference/training.md, 1.1 and 1.3). A filter on a column that a source
@@ -66,22 +70,49 @@ struct SourceOptions {
   double eval_fraction = 0.0;  ///< ours, without eval_split: this share of the ids, chosen by a hash of the id
   double train_share = 1.0;    ///< ours: this share of the training ids, chosen by a hash; smaller in larger ones
   bool skip_broken = false;    ///< ours: leave out assets that cannot be read, counted and named
+  std::vector<std::string> test_splits;  ///< ours: files of ids of which no asset may be trained on, of any dataset
   RowFilter filter;  ///< ours: `repeat_sources`, for example {"real": 8}, visits assets of a source that often an epoch
 
-  /// data_dir, split, eval_split, eval_fraction, train_share, skip_broken, repeat_sources, `instances` (a list of ids)
-  /// and `min_aesthetic_score` (default 5). @throws InputError
+  /// data_dir, split, eval_split, eval_fraction, train_share, skip_broken, test_splits, repeat_sources, `instances` (a
+  /// list of ids) and `min_aesthetic_score` (default 5). @throws InputError
   void read_common(ConfigReader& reader);
 };
 
 struct TrainAndEval {
   std::vector<AssetId> train, eval;
+  std::string roots;  ///< comma-separated; of a stream its shards
 };
 
-/// `name` below the first root of `data_dir` when that exists, else `name` itself.
+/// `name` below the first root of `data_dir` when that exists, else `name` itself. Below a stream nothing lies; the
+/// root after it counts as the first.
 std::filesystem::path file_of_dataset(const std::string& name, const std::string& data_dir);
 
-/// Applies filters and splits. @throws InputError when nothing is left to train on, or a held-out split is empty
-TrainAndEval select(const SourceOptions& options);
+/// Shards of a stream (anigen-prepare --stream), which stay on the disk while this lives.
+struct StreamGeneration {
+  std::uint64_t number = 0;
+  std::vector<std::uint64_t> shards;
+  std::vector<FileLock> locks;
+};
+
+/// The stream among the roots of `data_dir`. @throws NotSupportedError for several
+std::optional<StreamFolder> stream_of(const std::string& data_dir);
+/// The generation that is there now. @throws InputError when the first one is not made yet
+std::shared_ptr<const StreamGeneration> newest_generation(const StreamFolder& folder);
+/// The shards of some generation; null when one of them is gone
+std::shared_ptr<const StreamGeneration> hold_generation(const StreamFolder& folder, std::uint64_t number,
+                                                        const std::vector<std::uint64_t>& shards);
+
+/// Applies filters and splits. Of a stream all shards of a generation are taken, by a split those that the split file
+/// of each names; held-out assets come from the other roots, and from `eval_split` alone.
+/// @param generation of the stream among the roots; null where there is none
+/// @throws InputError when nothing is left to train on, or a held-out split is empty; NotSupportedError for a stream
+/// without a generation, by who cannot follow it
+TrainAndEval select(const SourceOptions& options, const StreamGeneration* generation = nullptr);
+
+/// Refuses to train on creatures that are kept for testing: of a seed for tests (core/random.h), a test asset of one of
+/// the roots by column is_test, or named in one of options.test_splits by id or creature. Posed variants are of the
+/// creature they come from. @throws InputError naming asset and seed
+void refuse_test_creatures(const TrainAndEval& assets, const SourceOptions& options);
 
 /// Handling of assets that turned out unreadable before training begins: an error that counts them and names the
 /// first, or with skip_broken a warning for each. @throws InputError also when none of `assets` is left

@@ -2,6 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <filesystem>
+#include <map>
+#include <optional>
 #include <utility>
 
 #include "anigen/core/error.h"
@@ -123,17 +126,25 @@ struct SkinDataset::Entry {
   std::uintmax_t bytes() const { return item.bytes() + sampler.bytes() + order.size() * sizeof(int); }
 };
 
-SkinDataset::SkinDataset(std::vector<AssetId> assets, const Options& options) : options_(options) {
+SkinDataset::SkinDataset(std::vector<AssetId> assets, const Options& options, const SkinDataset* earlier)
+    : options_(options) {
+  std::map<std::filesystem::path, std::shared_ptr<const Entry>> known;
+  for (std::size_t i = 0; earlier != nullptr && i < earlier->assets_.size(); ++i)
+    known.emplace(rig_path(earlier->assets_[i]), earlier->entries_[i]);
   std::vector<std::string> errors;
   std::uintmax_t used = 0;
   std::size_t unweighted = 0, touched = 0;  // vertices, and assets that have such
-  Progress progress("reading rigs", assets.size(), "assets");
+  std::optional<Progress> progress;
+  if (earlier == nullptr) progress.emplace("reading rigs", assets.size(), "assets");  // else a training is under way
   for (std::size_t first = 0; first < assets.size(); first += kReadTogether) {
     const std::size_t count = std::min(kReadTogether, assets.size() - first);
     std::vector<std::shared_ptr<const Entry>> read(count);
     std::vector<std::string> problems(count);
     if (used < options.memory_budget) {
       parallel_for(count, [&](std::size_t i) {
+        const auto found = known.find(rig_path(assets[first + i]));
+        if (found != known.end()) read[i] = found->second;
+        if (read[i]) return;
         try {
           read[i] =
               std::make_shared<Entry>(read_rigged_item(assets[first + i]), options_.augmentations.blend_sampling > 0.0);
@@ -143,7 +154,7 @@ SkinDataset::SkinDataset(std::vector<AssetId> assets, const Options& options) : 
       });
     }
     for (std::size_t i = 0; i < count; ++i) {
-      progress.advance();
+      if (progress) progress->advance();
       if (!problems[i].empty()) {
         errors.push_back(problems[i]);
         continue;
@@ -159,7 +170,7 @@ SkinDataset::SkinDataset(std::vector<AssetId> assets, const Options& options) : 
       entries_.push_back(read[i]);
     }
   }
-  progress.finish();
+  if (progress) progress->finish();
   if (unweighted > 0)
     log::warn("{} vertices of {} assets have no weight and follow joint 0, as published", unweighted, touched);
   report_broken(errors, assets.size(), options.skip_broken);

@@ -66,8 +66,9 @@ class SkinDataset : public BatchSource {
     std::uintmax_t memory_budget = std::uintmax_t{8} << 30;  ///< bytes; what does not fit is read again when drawn
   };
 
-  /// Reads assets until the budget is used. @throws InputError naming the first broken assets and how many there are
-  SkinDataset(std::vector<AssetId> assets, const Options& options);
+  /// Reads assets until the budget is used. @param earlier assets that it has read are not read again; or null
+  /// @throws InputError naming the first broken assets and how many there are
+  SkinDataset(std::vector<AssetId> assets, const Options& options, const SkinDataset* earlier = nullptr);
 
   /// Draws per epoch: assets, each as often as its AssetId::repeat says.
   std::size_t size() const override { return visits_.size(); }

@@ -1,8 +1,11 @@
 #include "anigen/prepare/dataset.h"
 
 #include <algorithm>
+#include <chrono>
+#include <cstdlib>
 #include <mutex>
 #include <system_error>
+#include <thread>
 #include <utility>
 
 #include "anigen/core/error.h"
@@ -11,6 +14,7 @@
 #include "anigen/core/lease.h"
 #include "anigen/core/log.h"
 #include "anigen/core/process.h"
+#include "anigen/core/run_folder.h"
 #include "anigen/prepare/dataset_card.h"
 #include "anigen/prepare/manifest.h"
 
@@ -34,6 +38,12 @@ TableOptions table_options(const Json& json) {
   return options;
 }
 
+/// Workers of one run may each have a GPU of their own; which one it was is nothing about the dataset.
+StepPlan lasting(StepPlan plan) {
+  plan.features.device.erase(std::min(plan.features.device.find(':'), plan.features.device.size()));
+  return plan;
+}
+
 Manifest empty_manifest(const PrepareOptions& options, const std::vector<AssetSource>& sources) {
   Manifest manifest;
   manifest.shard = options.run.shard;
@@ -41,10 +51,7 @@ Manifest empty_manifest(const PrepareOptions& options, const std::vector<AssetSo
   Sha256 digest;
   for (const AssetSource& source : sources) digest.update(source.file_identifier + "\n");
   manifest.sources_digest = digest.finish();
-  // Workers of one run may each have a GPU of their own; which one it was is nothing about the dataset.
-  StepPlan plan = options.plan;
-  plan.features.device.erase(std::min(plan.features.device.find(':'), plan.features.device.size()));
-  manifest.settings = {{"plan", plan}, {"tables", table_settings(options.tables)}};
+  manifest.settings = {{"plan", lasting(options.plan)}, {"tables", table_settings(options.tables)}};
   return manifest;
 }
 
@@ -233,6 +240,144 @@ PrepareSummary finish(const fs::path& out, const std::vector<AssetSource>& sourc
 
 constexpr std::size_t kMostShown = 20;
 
+/// The preparer of a stream.
+class Streamer {
+ public:
+  explicit Streamer(const StreamOptions& options)
+      : options_(options), folder_{options.shard.out}, lock_(FileLock::try_lock(folder_.lock(), kAlone)) {
+    if (!lock_) throw InputError(folder_.root.string(), "", "another anigen-prepare --stream makes shards there");
+    const Json settings = {{"seed", options.seed},
+                           {"creatures", options.creatures},
+                           {"shards", options.shards},
+                           {"plan", lasting(options.shard.plan)},
+                           {"tables", table_settings(options.shard.tables)},
+                           {"encoders", options.encoders}};
+    if (folder_.exists()) {
+      index_ = folder_.read_index();
+      if (index_.settings != settings)
+        throw InputError(folder_.index().string(), "", "the stream has begun with other options: name another folder");
+    } else {
+      refuse_other_files();
+      index_.settings = settings;
+      folder_.write_index(index_);
+    }
+    clear_away_leftovers();
+  }
+
+  std::uint64_t run() {
+    if (index_.generation == 0) {
+      for (std::uint64_t number = 0; number < options_.shards; ++number) make(number);
+      StreamIndex first = index_;
+      for (std::uint64_t number = 0; number < options_.shards; ++number) first.shards.push_back(number);
+      show(first);
+    }
+    std::uint64_t number = *std::max_element(index_.shards.begin(), index_.shards.end()) + 1;
+    for (; options_.end == 0 || number < options_.end; ++number) {
+      make(number);
+      wait_for_use();
+      StreamIndex next = index_;
+      next.before = index_.shards;
+      next.shards[number % options_.shards] = number;
+      show(next);
+    }
+    return number;
+  }
+
+ private:
+  static constexpr FileLock::Kind kAlone = FileLock::Kind::kExclusive;
+
+  void refuse_other_files() const {
+    for (const auto& entry : fs::directory_iterator(folder_.root)) {
+      if (entry.path().filename() != folder_.lock().parent_path().filename())
+        throw InputError(folder_.root.string(), "", "holds something that is no stream: name another folder");
+    }
+  }
+
+  /// Shards that no generation has any more, and what a killed preparer was removing.
+  void clear_away_leftovers() const {
+    for (const auto& entry : fs::directory_iterator(folder_.root)) {
+      if (entry.path().filename().string().rfind(".retired-", 0) == 0) fs::remove_all(entry.path());
+    }
+    retire();
+  }
+
+  void make(std::uint64_t number) const {
+    std::error_code error;
+    if (fs::exists(folder_.shard(number), error)) return;  // by a call that ended before it was shown
+    PrepareOptions options = options_.shard;
+    options.out = folder_.making(number);
+    options.sources = stream_sources(options_.seed, number, options_.creatures);
+    const PrepareSummary summary = prepare_dataset(options);
+    if (summary.failed_steps > 0)
+      log::warn("shard {}: {} steps failed, see failures.jsonl in it", number, summary.failed_steps);
+    for (const std::vector<std::string>& command : options_.commands) call(command, options.out);
+    fs::rename(options.out, folder_.shard(number));
+    log::info("shard {}: {} creatures", number, summary.train);
+  }
+
+  static void call(const std::vector<std::string>& command, const fs::path& shard) {
+    ChildProgram program;
+    program.words = command;
+    program.words.push_back(shard.string());
+    ChildProcess child(program);
+    std::optional<ChildProcess::End> end;
+    while (!(end = child.poll())) {
+      if (interrupt_requested()) child.ask_to_stop();
+      std::this_thread::sleep_for(std::chrono::milliseconds(50));
+    }
+    throw_if_interrupted();
+    if (end->status != 0)
+      throw Error(command.front() + " ended with status " + std::to_string(end->status) + " for " + shard.string());
+  }
+
+  void show(const StreamIndex& next) {
+    index_ = next;
+    ++index_.generation;
+    folder_.write_index(index_);
+    log::info("generation {} of the stream is there", index_.generation);
+  }
+
+  void wait_for_use() const {
+    for (; folder_.used_generation() < index_.generation; retire()) {
+      throw_if_interrupted();
+      std::this_thread::sleep_for(std::chrono::milliseconds(200));
+    }
+    retire();
+  }
+
+  std::vector<std::uint64_t> shards_there() const {
+    const std::string kind = "shard-";
+    std::vector<std::uint64_t> numbers;
+    for (const auto& entry : fs::directory_iterator(folder_.root)) {
+      const std::string name = entry.path().filename().string();
+      if (name.rfind(kind, 0) == 0) numbers.push_back(std::strtoull(name.c_str() + kind.size(), nullptr, 10));
+    }
+    return numbers;
+  }
+
+  /// Removes the shards that only readers of older generations could want, unless one of them holds them.
+  void retire() const {
+    std::vector<std::uint64_t> wanted = index_.shards;
+    if (folder_.used_generation() < index_.generation)
+      wanted.insert(wanted.end(), index_.before.begin(), index_.before.end());
+    if (wanted.empty()) return;
+    const std::uint64_t newest = *std::max_element(wanted.begin(), wanted.end());
+    for (const std::uint64_t number : shards_there()) {
+      if (number > newest || std::find(wanted.begin(), wanted.end(), number) != wanted.end()) continue;
+      const std::optional<FileLock> unread = FileLock::try_lock(folder_.shard_lock(number), kAlone);
+      if (!unread) continue;
+      fs::rename(folder_.shard(number), folder_.retired(number));
+      fs::remove_all(folder_.retired(number));
+      fs::remove(folder_.shard_lock(number));
+    }
+  }
+
+  const StreamOptions& options_;
+  const StreamFolder folder_;
+  const std::optional<FileLock> lock_;
+  StreamIndex index_;
+};
+
 }  // namespace
 
 PrepareSummary prepare_dataset(const PrepareOptions& options) {
@@ -268,6 +413,13 @@ PrepareSummary merge_dataset(const fs::path& out) {
   const FileLock lock = take_alone(out);
   sweep_temporary_files(out);
   return write_tables(out, read_manifests(out));
+}
+
+std::uint64_t stream_dataset(const StreamOptions& options) {
+  if (options.creatures == 0 || options.shards == 0)
+    throw InputError("", "--stream", "needs creatures in every shard, and a shard");
+  options.shard.plan.validate();
+  return Streamer(options).run();
 }
 
 Json to_json(const PrepareSummary& summary) {

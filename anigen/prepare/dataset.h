@@ -1,5 +1,6 @@
 #pragma once
 #include <cstddef>
+#include <cstdint>
 #include <filesystem>
 #include <map>
 #include <optional>
@@ -72,6 +73,28 @@ PrepareSummary prepare_dataset(const PrepareOptions& options);
 /// after a check that every asset is complete. @throws InputError naming the shards that are missing, Error naming
 /// assets that are not complete
 PrepareSummary merge_dataset(const std::filesystem::path& out);
+
+/// A dataset of procedural creatures whose shards are replaced while trainings read them.
+struct StreamOptions {
+  PrepareOptions shard;  ///< steps and tables of each; `out` is the folder of the stream; no sources
+  std::uint64_t seed = 0;
+  std::size_t creatures = 0;  ///< of a shard
+  std::size_t shards = 4;     ///< that trainings read at a time; at most two more are on the disk
+  std::uint64_t end = 0;      ///< number of shards after which to stop, with the first ones; 0: never
+  /// Programs that add to a finished shard before it is shown, such as anigen-encode; its folder follows as the last
+  /// word.
+  std::vector<std::vector<std::string>> commands;
+  std::map<std::string, std::string> encoders;  ///< run folders that the commands use, which a stream keeps to
+};
+
+/// Makes the shards of a stream (core/run_folder.h) one after the other, each as prepare_dataset() does in a hidden
+/// folder that is renamed when all is there, until there are StreamOptions::end of them or an interrupt. The first
+/// generation is shown when it is whole; then a shard is made ahead and takes the place of the oldest as soon as a
+/// training has a checkpoint of the generation that is there. The same call goes on after whatever end.
+/// @return how many shards have been made, by this call and earlier ones
+/// @throws InputError when another process makes shards there, or the stream has begun with other options; Interrupted;
+/// Error when a command fails; as prepare_dataset()
+std::uint64_t stream_dataset(const StreamOptions& options);
 
 /// All of it, with the costs.
 Json to_json(const PrepareSummary& summary);

@@ -10,6 +10,7 @@
 #include "anigen/core/files.h"
 #include "anigen/core/log.h"
 #include "anigen/core/parallel.h"
+#include "anigen/core/random.h"
 #include "anigen/core/text.h"
 #include "anigen/core/version.h"
 #include "anigen/io/rigs/rig_listing.h"
@@ -383,8 +384,16 @@ void mark_test(std::vector<DatasetRow>& rows, const SplitOptions& options, const
     mark_named(rows, options.test_names, limits);
   }
   std::set<std::string> test;
-  for (const DatasetRow& row : rows) {
+  for (DatasetRow& row : rows) {
+    const AssetSource& source = row.entry.source;
+    // Whatever was asked for: no training takes these creatures.
+    if (row.variant == 0 && source.procedural() && creature_seeds::is_test(source.seed))
+      row.entry.is_test = usable(row.entry.record, limits);
     if (row.entry.is_test) test.insert(row.entry.id);
+    if (row.entry.is_test && source.procedural() && source.seed >= creature_seeds::kFirstOfStreams) {
+      throw InputError(source.file_identifier, "--procedural-test",
+                       "is a creature of a seed for streams, which trainings draw from; it cannot be a test asset");
+    }
   }
   for (DatasetRow& row : rows) {
     if (row.variant > 0) row.entry.is_test = test.count(row.variant_of) > 0;

@@ -6,6 +6,7 @@
 
 #include "anigen/core/error.h"
 #include "anigen/core/hash.h"
+#include "anigen/core/random.h"
 #include "anigen/io/arrays/npz.h"
 
 namespace anigen::prepare {
@@ -25,6 +26,16 @@ T member(const Json& json, const char* key) {
   } catch (const Json::exception&) {
     throw InputError("", std::string("/") + key, "is missing or of another type");
   }
+}
+
+std::vector<AssetSource> creatures_of(std::uint64_t seed, std::uint64_t first, std::size_t count) {
+  std::vector<AssetSource> sources(count);
+  for (std::size_t i = 0; i < count; ++i) {
+    sources[i].seed = seed;
+    sources[i].index = first + i;
+    sources[i].file_identifier = "procedural/" + std::to_string(seed) + "/" + std::to_string(first + i);
+  }
+  return sources;
 }
 
 }  // namespace
@@ -85,13 +96,15 @@ std::vector<AssetSource> find_assets(const std::vector<fs::path>& inputs) {
 }
 
 std::vector<AssetSource> procedural_sources(std::uint64_t seed, std::size_t count) {
-  std::vector<AssetSource> sources(count);
-  for (std::size_t i = 0; i < count; ++i) {
-    sources[i].seed = seed;
-    sources[i].index = i;
-    sources[i].file_identifier = "procedural/" + std::to_string(seed) + "/" + std::to_string(i);
+  return creatures_of(seed, 0, count);
+}
+
+std::vector<AssetSource> stream_sources(std::uint64_t seed, std::uint64_t shard, std::size_t count) {
+  if (seed >= creature_seeds::kFirstOfStreams) {
+    throw InputError("", "--seed",
+                     "must be below " + std::to_string(creature_seeds::kFirstOfStreams) + " for a stream");
   }
-  return sources;
+  return creatures_of(creature_seeds::kFirstOfStreams + seed, shard * count, count);
 }
 
 std::string asset_id(const AssetSource& source, const io::RigReader& reader) {

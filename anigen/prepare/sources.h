@@ -44,6 +44,10 @@ std::vector<AssetSource> find_assets(const std::vector<std::filesystem::path>& i
 /// Creatures 0 … count - 1 of a seed.
 std::vector<AssetSource> procedural_sources(std::uint64_t seed, std::size_t count);
 
+/// The creatures of a shard of a stream: `count` indices that no other shard has, of a seed that no test creature has.
+/// @throws InputError for a seed so large that it would leave the range of streams (creature_seeds)
+std::vector<AssetSource> stream_sources(std::uint64_t seed, std::uint64_t shard, std::size_t count);
+
 /// The entry's `sha256`: io::RigReader::content_id() of a rig on disk; of "procedural/<seed>/<index>/<recipe version>"
 /// for a creature, so that a changed recipe gives new entries; of a published dataset the id it has there.
 /// @param reader kept by the caller over many calls, so that shards are not opened for every sample

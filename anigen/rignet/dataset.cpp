@@ -381,6 +381,7 @@ std::unique_ptr<data::Batch> RignetDataset::load(const std::vector<data::Draw>& 
 
 RignetDatasets open_rignet(const RignetDatasetOptions& options) {
   const data::TrainAndEval assets = data::select(options);
+  data::refuse_test_creatures(assets, options);
   RignetDatasets sets;
   sets.train = converted_set(assets.train, options, /*held_out=*/false);
   if (!assets.eval.empty()) sets.held_out = converted_set(assets.eval, options, /*held_out=*/true);

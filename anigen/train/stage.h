@@ -54,6 +54,12 @@ class Stage {
   /// In config order, which is the order of the optimiser's parameters. Always the same modules.
   virtual std::vector<nn::NamedModel> models() const = 0;
   virtual const data::BatchSource& data() const = 0;
+  /// Takes other training data of the class of data(): the next generation of a stream. @throws NotSupportedError by a
+  /// stage that reads no streams
+  virtual void set_data(std::shared_ptr<const data::BatchSource> data) {
+    static_cast<void>(data);
+    throw NotSupportedError("", "/dataset/args/data_dir", "a stream of shards in this trainer");
+  }
   virtual Losses losses(const data::Batch& batch, const LossContext& context) = 0;
 
   /// Loads the pretrained weights that the published models of this stage begin with. Called once by a run that goes on

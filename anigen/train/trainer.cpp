@@ -14,6 +14,7 @@
 #include "anigen/core/process.h"
 #include "anigen/core/run_folder.h"
 #include "anigen/core/text.h"
+#include "anigen/data/metadata.h"
 #include "anigen/io/image.h"
 #include "anigen/train/distributed/communicator.h"
 #include "anigen/train/metrics_log.h"
@@ -111,6 +112,7 @@ Trainer::Trainer(Stage& stage, const TrainerOptions& options, const RunOptions& 
   }
   update_ = std::make_unique<ParameterUpdate>(buffers_.front(), options_.update);
   if (resumed) restore(source, *resumed);
+  open_shards();
   require_same_parameters(*ranks_, buffers_.front().master(), "at the start");
   // Replicas last: they share frozen weights, which a file or a checkpoint has filled. Their own initial values, which
   // are overwritten at once, must not count as draws of the run.
@@ -154,7 +156,8 @@ void Trainer::train() {
   loading.workers = options_.prefetch_data ? options_.num_workers_dl : 0;
   loading.rank = static_cast<std::size_t>(ranks_->rank());
   loading.ranks = static_cast<std::size_t>(ranks_->size());
-  data::Prefetcher batches(stages_.front()->data(), options_.seed, samples_, loading);
+  std::optional<data::Prefetcher> batches;
+  batches.emplace(stages_.front()->data(), options_.seed, samples_, loading);
 
   std::optional<Progress> progress;  // a bar on a terminal; elsewhere the lines of print() say enough
   if (first() && ::isatty(STDERR_FILENO) != 0) {
@@ -171,8 +174,8 @@ void Trainer::train() {
     ranks_->report(step_, Activity::kTraining);
     if (run_.profile_steps > 0 && first()) profile(step_ - first_step, /*last=*/false);
     const Clock::time_point begin = Clock::now();
-    const data::StepBatches batch = next_batches(batches);
-    times_.data += seconds_since(begin);
+    const data::StepBatches batch = next_batches(*batches);
+    count_wait(begin);
     const StepVerdict verdict = train_step(batch);
     out_of_time = verdict.out_of_time;
     ++step_;
@@ -183,6 +186,12 @@ void Trainer::train() {
     if (due(step_, options_.i_log)) log_means();
     if (first() && due(step_, options_.i_eval)) evaluate();
     if (first() && due(step_, options_.i_sample)) sample();
+    // Data change together with a checkpoint that names them, so that a run that goes on sees the same.
+    const Clock::time_point change = Clock::now();
+    if (due(step_, options_.i_save) && step_ < options_.max_steps && take_newer_shards()) {
+      batches.emplace(stages_.front()->data(), options_.seed, samples_, loading);
+      count_wait(change);
+    }
     if (due(step_, options_.i_save) || step_ == options_.before_decay) save();
     if (alone() ? interrupt_requested() : verdict.interrupted) {
       save();
@@ -201,14 +210,79 @@ void Trainer::train() {
   ranks_->barrier();
 }
 
+Json Trainer::named_shards() const {
+  const data::StreamGeneration& generation = *stages_.front()->data().generation;
+  return {{"generation", generation.number}, {"shards", generation.shards}};
+}
+
+void Trainer::use_shards(const std::shared_ptr<const data::BatchSource>& source) {
+  for (Stage* stage : stages_) stage->set_data(source);
+  stream_->follow(source);
+  const data::StreamGeneration& generation = *source->generation;
+  log::info("step {}: the data are generation {} of the stream, shards {}", step_, generation.number,
+            joined(generation.shards));
+}
+
+void Trainer::open_shards() {
+  stream_ = stages_.front()->data().stream;
+  if (!stream_) return;
+  if (!start_.own) saved_shards_ = nullptr;  // those of another run
+  const auto agreed = [this](const Json& own) {
+    return parse_json(ranks_->gather(first() ? own.dump() : "").front(), "rank 0");
+  };
+  // Null on all ranks when one of them cannot have it.
+  const auto open = [this](const Json& named) {
+    auto source = named == named_shards() ? stages_.front()->data().shared_from_this()
+                                          : stream_->open(named.at("generation").get<std::uint64_t>(),
+                                                          named.at("shards").get<std::vector<std::uint64_t>>());
+    for (const std::string& there : ranks_->gather(source ? "y" : "n")) {
+      if (there != "y") source = nullptr;
+    }
+    return source;
+  };
+  const Json wanted = agreed(saved_shards_), now = agreed(named_shards());
+  std::shared_ptr<const data::BatchSource> source = wanted.is_null() ? nullptr : open(wanted);
+  if (!source && !wanted.is_null()) {
+    log::warn(
+        "shards {} of the stream, which the checkpoint of step {} names, are gone; the run goes on with generation {}, "
+        "and differs from here on from one that was not stopped",
+        wanted.at("shards").dump(), step_, now.at("generation").dump());
+  }
+  if (!source) source = open(now);
+  if (!source) throw Error("the stream of shards changes faster than it can be read; start again");
+  use_shards(source);
+  if (!saved_shards_.is_null() && first()) stream_->mark_used(source->generation->number);
+}
+
+bool Trainer::take_newer_shards() {
+  if (!stream_) return false;
+  const std::shared_ptr<const data::BatchSource> next = stream_->newer();
+  const std::string own = next ? std::to_string(next->generation->number) : "";
+  for (const std::string& number : ranks_->gather(own)) {
+    if (!number.empty() && number == own) continue;
+    log::info("step {}: no newer shards are ready, the data stay", step_);
+    return false;
+  }
+  use_shards(next);
+  return true;
+}
+
+void Trainer::count_wait(Clock::time_point begin) {
+  const double seconds = seconds_since(begin);
+  times_.data += seconds;
+  waited_ += seconds;
+}
+
 void Trainer::print() {
   const auto steps = static_cast<double>(step_ - printed_step_);
   const double each = seconds_since(printed_at_) / std::max(steps, 1.0);
   const double left = each * static_cast<double>(options_.max_steps - step_);
+  const double waiting = std::exchange(waited_, 0.0) / std::max(each * steps, 1e-9);
   log::info(
-      "step {}/{}: loss {:.5f}, {:.1f} ms per step, {:.1f} samples per second, {:.0f} s; ends in about {:.0f} min",
+      "step {}/{}: loss {:.5f}, {:.1f} ms per step, {:.1f} samples per second, {:.1f} % waiting for data, {:.0f} s; "
+      "ends in about {:.0f} min",
       step_, options_.max_steps, last_loss_, each * 1e3,
-      static_cast<double>(options_.batch_size) / std::max(each, 1e-9), elapsed(), left / 60.0);
+      static_cast<double>(options_.batch_size) / std::max(each, 1e-9), 100.0 * waiting, elapsed(), left / 60.0);
   printed_at_ = Clock::now();
   printed_step_ = step_;
 }
@@ -228,6 +302,7 @@ void Trainer::log_means() {
   const double communication = sums.communication / steps;
   if (!alone()) values.emplace_back("time.communication_ms", communication * 1e3);
   const double per_step = data + forward + backward + communication + update;
+  values.emplace_back("time.data_share", data / std::max(per_step, 1e-9));
   values.emplace_back("time.samples_per_s", static_cast<double>(options_.batch_size) / std::max(per_step, 1e-9));
   values.emplace_back("time.elapsed_s", elapsed());
   metrics_->append(step_, values);

@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "anigen/core/config.h"
 #include "anigen/data/batches.h"
 #include "anigen/nn/profile.h"
 #include "anigen/train/distributed/gradient_buckets.h"
@@ -102,8 +103,15 @@ class Trainer {
   StepVerdict sum_gradients(const StepReport& report);
   [[noreturn]] void stop_at_losses(const std::vector<MicroBatch>& done);
   [[noreturn]] void stop_at_gradient(const data::StepBatches& batches);
+  /// Of a stream: the shards that the checkpoint names, else the newest.
+  void open_shards();
+  /// Takes the next generation of a stream if all ranks have it ready. @return false: the data stay
+  bool take_newer_shards();
+  Json named_shards() const;  ///< of the data now, as a checkpoint names them
+  void use_shards(const std::shared_ptr<const data::BatchSource>& source);
   void save_what_is_complete() noexcept;
   void write_checkpoint(const std::vector<std::string>& generators);
+  void count_wait(std::chrono::steady_clock::time_point begin);
   void print();
   void log_means();
   void profile(std::int64_t steps_done, bool last);
@@ -137,6 +145,9 @@ class Trainer {
   std::unique_ptr<nn::OperatorProfile> profile_;
   RunningMeans means_;
   StepTimes times_;
+  std::shared_ptr<data::ShardStream> stream_;  // null: the data stay
+  Json saved_shards_;                          // of the checkpoint that this run goes on from
+  double waited_ = 0.0;                        // seconds for data since the last line of print()
   std::int64_t step_ = 0, timed_steps_ = 0, saved_step_ = -1;
   std::uint64_t samples_ = 0;  // drawn so far
   double elapsed_before_ = 0.0, last_loss_ = 0.0;

@@ -16,6 +16,7 @@
 #include "anigen/core/run_folder.h"
 #include "anigen/core/text.h"
 #include "anigen/core/version.h"
+#include "anigen/data/metadata.h"
 #include "anigen/io/arrays/safetensors.h"
 #include "anigen/io/arrays/torch_archive.h"
 #include "anigen/nn/init.h"
@@ -425,6 +426,7 @@ void Trainer::save() {
   generator_saved_ = generators[static_cast<std::size_t>(ranks_->rank())];
   if (first()) {
     write_checkpoint(generators);
+    if (stream_) stream_->mark_used(stages_.front()->data().generation->number);
     write_page();
   }
   saved_step_ = step_;
@@ -478,6 +480,7 @@ SavedState Trainer::state(const std::vector<std::string>& generators) const {
                    {"threads", run_.threads},
                    {"replicas", options_.replicas},
                    {"ranks", ranks_->size()}};
+  if (stream_) saved.numbers["stream"] = named_shards();
   if (update_->clipper) {
     const AdaptiveGradClipper::State& clip = update_->clipper->state();
     saved.arrays.emplace_back("grad_clip.buffer",
@@ -533,6 +536,7 @@ void Trainer::restore_state(const SavedState& saved) {
     update_->log_scale = numbers.at("log_scale").get<double>();
     if (recovery) update_->recovery.restore(numbers.at("recovery_step").get<std::int64_t>(), recovery_master);
     elapsed_before_ = numbers.at("elapsed_s").get<double>();
+    saved_shards_ = numbers.value("stream", Json());
     if (numbers.at("seed").get<std::uint64_t>() != options_.seed)
       log::warn("the seed differs from the one this run began with");
     if (numbers.at("threads").get<int>() != run_.threads ||

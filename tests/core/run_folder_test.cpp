@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include "anigen/core/error.h"
 #include "anigen/core/files.h"
 #include "tests/support/paths.h"
 
@@ -27,6 +28,27 @@ TEST(RunFolder, WithoutCheckpointsFilesLieInTheFolderItself) {
   EXPECT_EQ(RunFolder{folder.path()}.checkpoint_files(), folder.path());
   write_file_atomically(folder / "ckpts/state_step1.safetensors", "");
   EXPECT_EQ(RunFolder{folder.path()}.checkpoint_files(), folder / "ckpts");
+}
+
+TEST(StreamFolder, KeepsItsIndexAndTheNewestGenerationInUse) {
+  const test::TemporaryFolder folder;
+  const StreamFolder stream{folder.path()};
+  EXPECT_FALSE(stream.exists());
+  EXPECT_EQ(stream.used_generation(), 0u);
+  StreamIndex index;
+  index.generation = 3;
+  index.shards = {4, 2, 3};
+  index.before = {1, 2, 3};
+  index.settings = {{"seed", 7}};
+  stream.write_index(index);
+  EXPECT_TRUE(stream.exists());
+  EXPECT_EQ(Json(stream.read_index()), Json(index));
+  stream.mark_used(3);
+  stream.mark_used(2);
+  EXPECT_EQ(stream.used_generation(), 3u);
+  EXPECT_EQ(stream.shard(12).filename(), "shard-000012");
+  write_file_atomically(stream.index(), "{\"generation\": 3}");
+  EXPECT_THROW(stream.read_index(), InputError);
 }
 
 }  // namespace

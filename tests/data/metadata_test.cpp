@@ -2,9 +2,11 @@
 #include <cmath>
 #include <fstream>
 #include <set>
+#include <sstream>
 
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
+#include "anigen/core/run_folder.h"
 #include "anigen/data/metadata.h"
 #include "tests/support/paths.h"
 
@@ -154,6 +156,101 @@ TEST(SourceOptions, SmallerTrainingSharesArePartOfLargerOnesAndLeaveHeldOutAsset
   const std::size_t held = select(options).eval.size();
   options.train_share = 1;
   EXPECT_EQ(select(options).eval.size(), held);
+}
+
+// A dataset of creatures, `rows` of "<id> <seed>/<index> <is_test>".
+void write_creatures(const std::filesystem::path& root, const std::vector<std::string>& rows) {
+  std::string table = "sha256,file_identifier,is_test,variant_of\n", train, test;
+  for (const std::string& row : rows) {
+    std::istringstream words(row);
+    std::string id, creature, is_test;
+    words >> id >> creature >> is_test;
+    table += id + ",procedural/" + creature + "," + is_test + ",\n";
+    (is_test == "True" ? test : train) += id + "\n";
+  }
+  write_file_atomically(root / "metadata.csv", table);
+  write_file_atomically(root / "splits/train.txt", train);
+  write_file_atomically(root / "splits/test.txt", test);
+}
+
+std::string refusal_of(const SourceOptions& options) {
+  try {
+    refuse_test_creatures(select(options), options);
+  } catch (const InputError& error) {
+    return error.what();
+  }
+  return "";
+}
+
+TEST(TestCreatures, AreNeverTrainedOn) {
+  const test::TemporaryFolder folder;
+  write_creatures(folder / "data", {"a 0/0 False", "b 0/1 True", "b2 0/1 False"});
+  SourceOptions options;
+  options.data_dir = (folder / "data").string();
+  // Without a split the test asset itself; with one its posed variant, which some other program marked otherwise.
+  EXPECT_NE(refusal_of(options).find("b: creature procedural/0/1, seed 0"), std::string::npos) << refusal_of(options);
+  options.split = "splits/train.txt";
+  EXPECT_NE(refusal_of(options).find("b2: creature procedural/0/1"), std::string::npos) << refusal_of(options);
+
+  write_creatures(folder / "data", {"a 0/0 False", "b 0/1 True", "c 5/2 False", "c2 5/2 False"});
+  EXPECT_EQ(refusal_of(options), "");
+  // Names of test assets of another dataset: the id of a creature is the same in all of them.
+  write_file_atomically(folder / "other.txt", "c\n");
+  options.test_splits = {(folder / "other.txt").string()};
+  EXPECT_NE(refusal_of(options).find("c: creature procedural/5/2, seed 5"), std::string::npos) << refusal_of(options);
+  write_file_atomically(folder / "other.txt", "procedural/5/2\n");
+  EXPECT_NE(refusal_of(options).find("c: creature procedural/5/2, seed 5"), std::string::npos) << refusal_of(options);
+
+  options.test_splits.clear();
+  write_creatures(folder / "data", {"a 0/0 False", "d 900000000/4 False"});
+  EXPECT_NE(refusal_of(options).find("creature procedural/900000000/4, seed 900000000"), std::string::npos);
+  write_creatures(folder / "data", {"a 0/0 False", "d 899999999/4 False", "e 1000000000/4 False"});
+  EXPECT_EQ(refusal_of(options), "");
+}
+
+TEST(Stream, IsReadByGenerationsBesideADatasetThatHoldsOut) {
+  const test::TemporaryFolder folder;
+  const StreamFolder stream{folder / "stream"};
+  for (int shard = 0; shard < 3; ++shard) {
+    const std::string id = "s" + std::to_string(shard), creature = " 1000000000000/" + std::to_string(shard) + " False";
+    write_creatures(stream.shard(static_cast<std::uint64_t>(shard)), {id + creature});
+  }
+  write_creatures(folder / "tests", {"t 900000001/0 True"});
+  StreamIndex index;
+  stream.write_index(index);
+  EXPECT_THROW(newest_generation(stream), InputError) << "nothing is made yet";
+  index.generation = 2;
+  index.shards = {2, 1};
+  stream.write_index(index);
+
+  SourceOptions options;
+  options.data_dir = stream.root.string() + "," + (folder / "tests").string();
+  options.split = "splits/train.txt";
+  options.eval_split = "splits/test.txt";
+  EXPECT_THROW(select(options), NotSupportedError) << "by who does not follow it";
+  ASSERT_TRUE(stream_of(options.data_dir));
+  const auto ids = [](const std::vector<AssetId>& assets) {
+    std::string line;
+    for (const AssetId& asset : assets) line += asset.id + " ";
+    return line;
+  };
+  const auto held = newest_generation(stream);
+  const TrainAndEval found = select(options, held.get());
+  EXPECT_EQ(ids(found.train), "s2 s1 ");
+  EXPECT_EQ(ids(found.eval), "t ");
+  EXPECT_NO_THROW(refuse_test_creatures(found, options));
+  EXPECT_EQ(file_of_dataset("splits/test.txt", options.data_dir), folder / "tests/splits/test.txt");
+  EXPECT_FALSE(FileLock::try_lock(stream.shard_lock(1), FileLock::Kind::kExclusive)) << "held while it is read";
+  EXPECT_TRUE(FileLock::try_lock(stream.shard_lock(0), FileLock::Kind::kExclusive));
+
+  const auto other = hold_generation(stream, 1, {0, 1});
+  ASSERT_TRUE(other);
+  EXPECT_EQ(ids(select(options, other.get()).train), "s0 s1 ");
+  std::filesystem::remove_all(stream.shard(0));
+  EXPECT_FALSE(hold_generation(stream, 1, {0, 1}));
+  options.eval_split.clear();
+  options.eval_fraction = 0.5;
+  EXPECT_THROW(select(options, held.get()), NotSupportedError);
 }
 
 }  // namespace

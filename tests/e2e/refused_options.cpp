@@ -174,6 +174,9 @@ void check_ignored(Check& check, bool torch) {
       {"--shard"});
   check.refuses(data + "--only import --no-assets", {"--no-assets", "--only"});
   check.refuses(data + "--only import --features surface", {"--features", "--only"});
+  check.refuses(data + "--shards 3", {"--shards", "--stream"});
+  check.refuses(data + "--stream 3", {"--procedural", "--stream"});
+  check.refuses("anigen-prepare --output x --stream 2 --test-count 1", {"--test-count", "all for training"});
   check.refuses("anigen-prepare merge --dataset x --seed 1", {"--seed", "merge"});
 
   const std::string rig = "anigen-rig --mesh a.glb --output b.glb --method ";

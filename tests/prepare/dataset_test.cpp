@@ -2,14 +2,21 @@
 
 #include <gtest/gtest.h>
 
+#include <chrono>
+#include <future>
 #include <map>
 #include <mutex>
+#include <optional>
+#include <set>
 #include <thread>
 
 #include "anigen/asset/rigged_asset.h"
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
 #include "anigen/core/parallel.h"
+#include "anigen/core/process.h"
+#include "anigen/core/random.h"
+#include "anigen/core/run_folder.h"
 #include "anigen/core/table.h"
 #include "anigen/creatures/body.h"
 #include "anigen/io/arrays/npz.h"
@@ -354,6 +361,96 @@ TEST(ProceduralDataset, TrainsOnAllUnlessTestCreaturesAreAskedFor) {
   EXPECT_EQ(table.cell(2, "file_identifier"), "procedural/11/2");
   options.tables.split.procedural_test = 1;
   EXPECT_EQ(prepare_dataset(options).test, 1u);
+}
+
+TEST(ProceduralDataset, OfATestSeedIsForTestingAndOfAStreamNever) {
+  const test::TemporaryFolder folder;
+  PrepareOptions options;
+  options.out = folder / "out";
+  options.plan.steps = {"import"};
+  options.sources = procedural_sources(creature_seeds::kFirstTest, 2);
+  const PrepareSummary tests = prepare_dataset(options);
+  EXPECT_EQ(tests.test, 2u - tests.bad_skeleton);
+  EXPECT_EQ(tests.train, 0u);
+  EXPECT_EQ(read_file(folder / "out" / "splits" / "train.txt"), "");
+  options.out = folder / "stream";
+  options.sources = stream_sources(0, 0, 2);
+  const PrepareSummary streamed = prepare_dataset(options);
+  EXPECT_EQ(streamed.train, 2u - streamed.bad_skeleton);
+  options.tables.split.procedural_test = 1;
+  EXPECT_THROW(prepare_dataset(options), InputError);
+}
+
+/// Names in the folder of a stream but for locks.
+std::set<std::string> names_in(const fs::path& folder) {
+  std::set<std::string> names;
+  for (const auto& entry : fs::directory_iterator(folder)) names.insert(entry.path().filename().string());
+  names.erase(".locks");
+  return names;
+}
+
+TEST(StreamDataset, ReplacesTheOldestShardWhenTrainingsHaveGoneOn) {
+  const test::TemporaryFolder folder;
+  const StreamFolder stream{folder / "stream"};
+  StreamOptions options;
+  options.shard.out = stream.root;
+  options.shard.plan.steps = {"import"};
+  options.creatures = 2;
+  options.shards = 2;
+  options.end = 2;
+  EXPECT_EQ(stream_dataset(options), 2u);
+  EXPECT_EQ(stream.read_index().shards, (std::vector<std::uint64_t>{0, 1}));
+  EXPECT_EQ(stream.read_index().generation, 1u);
+  const CsvTable table = read_csv(stream.shard(1) / "metadata.csv");
+  EXPECT_EQ(table.cell(0, "file_identifier"), "procedural/1000000000000/2");
+
+  // Half of a shard that a killed process left, and one it was removing.
+  write_file_atomically(stream.making(2) / "voxels" / "half.tmp-1-1.ply", "");
+  write_file_atomically(stream.retired(9) / "metadata.csv", "");
+  options.end = 4;
+  auto made = std::async(std::launch::async, [&] { return stream_dataset(options); });
+  while (!fs::exists(stream.shard(2))) std::this_thread::sleep_for(std::chrono::milliseconds(5));
+  std::this_thread::sleep_for(std::chrono::milliseconds(300));
+  EXPECT_EQ(stream.read_index().generation, 1u) << "no training has the first generation yet";
+  EXPECT_FALSE(fs::exists(stream.retired(9)));
+  EXPECT_FALSE(fs::exists(stream.shard(2) / "voxels" / "half.tmp-1-1.ply"));
+  stream.mark_used(1);
+  while (stream.read_index().generation < 2) std::this_thread::sleep_for(std::chrono::milliseconds(5));
+  EXPECT_EQ(stream.read_index().shards, (std::vector<std::uint64_t>{2, 1}));
+  while (!fs::exists(stream.shard(3))) std::this_thread::sleep_for(std::chrono::milliseconds(5));
+  std::this_thread::sleep_for(std::chrono::milliseconds(300));
+  EXPECT_TRUE(fs::exists(stream.shard(0))) << "a training without a checkpoint of generation 2 may come back to it";
+  std::optional<FileLock> reader = FileLock::try_lock(stream.shard_lock(0), FileLock::Kind::kShared);
+  stream.mark_used(2);
+  EXPECT_EQ(made.get(), 4u);
+  EXPECT_EQ(stream.read_index().shards, (std::vector<std::uint64_t>{2, 3}));
+  EXPECT_TRUE(fs::exists(stream.shard(0))) << "somebody reads it";
+  reader.reset();
+  stream.mark_used(3);
+  EXPECT_EQ(stream_dataset(options), 4u) << "nothing is left to do but to clear away";
+  EXPECT_EQ(names_in(stream.root), (std::set<std::string>{"stream.json", "used.json", "shard-000002", "shard-000003"}));
+
+  options.creatures = 3;
+  EXPECT_THROW(stream_dataset(options), InputError) << "other options";
+  options.shard.out = folder.path();
+  EXPECT_THROW(stream_dataset(options), InputError) << "a folder of something else";
+}
+
+TEST(StreamDataset, ShowsAShardOnlyWhenItsCommandsHaveSucceeded) {
+  const test::TemporaryFolder folder;
+  const StreamFolder stream{folder / "stream"};
+  StreamOptions options;
+  options.shard.out = stream.root;
+  options.shard.plan.steps = {"import"};
+  options.creatures = options.shards = 1;
+  options.end = 1;
+  options.commands = {{"/bin/false"}};
+  EXPECT_THROW(stream_dataset(options), Error);
+  EXPECT_EQ(stream.read_index().generation, 0u);
+  EXPECT_FALSE(fs::exists(stream.shard(0)));
+  options.commands = {{"/bin/rmdir", "--ignore-fail-on-non-empty"}};
+  EXPECT_EQ(stream_dataset(options), 1u);
+  EXPECT_TRUE(fs::exists(stream.shard(0)));
 }
 
 TEST(RealAssets, CorruptWeightsAreFlaggedNotRejected) {

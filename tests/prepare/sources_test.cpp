@@ -1,4 +1,5 @@
 #include <gtest/gtest.h>
+#include <set>
 
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
@@ -155,6 +156,21 @@ TEST(Quality, InventedRowsAreReadFromTheImportNotes) {
                            {"unnormalised_weights", "100 vertices"},
                            {"zero_weights", "4 vertices had no weight"}}),
             10u);
+}
+
+TEST(StreamSources, DrawNoTestSeedAndNoCreatureTwice) {
+  std::set<std::string> seen;
+  for (const std::uint64_t seed : {std::uint64_t{0}, std::uint64_t{900'000'000}, creature_seeds::kFirstOfStreams - 1}) {
+    for (const std::uint64_t shard : {0, 1, 7}) {
+      for (const AssetSource& source : stream_sources(seed, shard, 5)) {
+        EXPECT_FALSE(creature_seeds::is_test(source.seed));
+        EXPECT_GE(source.seed, creature_seeds::kFirstOfStreams);
+        EXPECT_TRUE(seen.insert(source.file_identifier).second) << source.file_identifier;
+      }
+    }
+  }
+  EXPECT_EQ(stream_sources(3, 2, 5).front().file_identifier, "procedural/1000000000003/10");
+  EXPECT_THROW(stream_sources(creature_seeds::kFirstOfStreams, 0, 1), InputError);
 }
 
 }  // namespace

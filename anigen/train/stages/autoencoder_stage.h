@@ -71,6 +71,7 @@ class AutoEncoderStage : public Stage {
     return {{"encoder", encoder_.ptr()}, {"decoder", decoder_.ptr()}};
   }
   const data::BatchSource& data() const override { return *data_; }
+  void set_data(Dataset data) override { data_ = std::move(data); }
   bool supports(torch::Dtype dtype) const override {
     return dtype == torch::kHalf ? device_.is_cuda() : dtype != torch::kFloat64;
   }

@@ -82,6 +82,9 @@ class FlowStage : public Stage {
     return all;
   }
   const data::BatchSource& data() const override { return *parts_.data; }
+  void set_data(std::shared_ptr<const data::BatchSource> data) override {
+    parts_.data = std::dynamic_pointer_cast<const DatasetType>(data);
+  }
   void warm_start(const LoadedKeys& finetuned) override {
     if (!parts_.model->options().use_pretrain_branch) return;
     load_pretrained(*parts_.model, {PretrainedFile{pretrained_, ""}}, parts_.start, keys_of(finetuned, parts_.name));

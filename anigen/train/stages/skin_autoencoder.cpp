@@ -56,7 +56,8 @@ class SkinAutoEncoderStage final : public Stage {
 
   // held_out may be null: evaluate() then returns nothing.
   SkinAutoEncoderStage(const skin_field::SkinAutoEncoderOptions& model, const SkinAutoEncoderStageOptions& options,
-                       Datasets data, Datasets held_out, std::string model_name, torch::Device device)
+                       std::shared_ptr<const data::BatchSource> data, Datasets held_out, std::string model_name,
+                       torch::Device device)
       : model_options_(model),
         options_(options),
         data_(std::move(data)),
@@ -70,6 +71,7 @@ class SkinAutoEncoderStage final : public Stage {
 
   std::vector<nn::NamedModel> models() const override { return {{model_name_, model_.ptr()}}; }
   const data::BatchSource& data() const override { return *data_; }
+  void set_data(std::shared_ptr<const data::BatchSource> data) override { data_ = std::move(data); }
   bool supports(torch::Dtype dtype) const override { return dtype == torch::kFloat32 || dtype == torch::kFloat64; }
   void set_compute_dtype(torch::Dtype dtype) override {
     Stage::set_compute_dtype(dtype);
@@ -118,7 +120,8 @@ class SkinAutoEncoderStage final : public Stage {
 
   skin_field::SkinAutoEncoderOptions model_options_;
   SkinAutoEncoderStageOptions options_;
-  Datasets data_, held_out_;
+  std::shared_ptr<const data::BatchSource> data_;
+  Datasets held_out_;
   std::string model_name_;
   torch::Device device_;
   torch::Dtype dtype_ = torch::kFloat32;
@@ -136,21 +139,25 @@ std::unique_ptr<Stage> make_skin_autoencoder_stage(const StageRequest& request) 
   const auto [name, model] = read_only_model<skin_field::SkinAutoEncoderOptions>(top, {"SkinAutoEncoder"});
   const auto data_options = read_dataset<data::SkinDatasetOptions>(top, "AniGenSparseFeat2Skeleton");
 
-  const data::TrainAndEval assets = data::select(data_options);
   data::SkinDataset::Options reading;
   reading.seed = request.trainer.seed;
   reading.num_skin_samples = options.num_skin_samples;
   reading.augmentations = options.augmentations;
   reading.skip_broken = data_options.skip_broken;
   reading.memory_budget = static_cast<std::uintmax_t>(data_options.memory_budget_mb) << 20;
-  const auto data = std::make_shared<const data::SkinDataset>(assets.train, reading);
+  const data::TrainingData assets =
+      data::open_training(data_options, [reading](std::vector<data::AssetId> chosen, const data::BatchSource* earlier) {
+        return std::make_shared<data::SkinDataset>(std::move(chosen), reading,
+                                                   dynamic_cast<const data::SkinDataset*>(earlier));
+      });
   SkinAutoEncoderStage::Datasets held_out;
   if (!assets.eval.empty()) {
     reading.augmentations = {};
     held_out = std::make_shared<const data::SkinDataset>(assets.eval, reading);
   }
-  log::info("{} assets to train on, {} held out", data->assets(), held_out ? held_out->size() : 0);
-  return std::make_unique<SkinAutoEncoderStage>(model, options, data, held_out, name, request.device);
+  log::info("{} assets to train on, {} held out", dynamic_cast<const data::SkinDataset&>(*assets.train).assets(),
+            held_out ? held_out->size() : 0);
+  return std::make_unique<SkinAutoEncoderStage>(model, options, assets.train, held_out, name, request.device);
 }
 
 }  // namespace anigen::train
