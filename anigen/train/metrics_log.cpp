@@ -154,8 +154,8 @@ void MetricsLog::append(std::int64_t step, const Values& values) {
 
 void RunningMeans::add_sum(const Entry& other) {
   auto found =
-      std::find_if(entries_.begin(), entries_.end(), [&](const Entry& entry) { return entry.name == other.name; });
-  if (found == entries_.end()) found = entries_.insert(entries_.end(), Entry{other.name});
+      std::find_if(entries.begin(), entries.end(), [&](const Entry& entry) { return entry.name == other.name; });
+  if (found == entries.end()) found = entries.insert(entries.end(), Entry{other.name});
   if (only_finite && !std::isfinite(other.sum)) return;
   found->sum += other.sum;
   found->count += other.count;
@@ -163,7 +163,7 @@ void RunningMeans::add_sum(const Entry& other) {
 
 Values RunningMeans::means() const {
   Values values;
-  for (const Entry& entry : entries_)
+  for (const Entry& entry : entries)
     values.emplace_back(entry.name, entry.count > 0 ? entry.sum / static_cast<double>(entry.count) : std::nan(""));
   return values;
 }

@@ -49,10 +49,10 @@ class RunningMeans {
   /// Adds a sum that was taken elsewhere.
   void add_sum(const Entry& other);
   Values means() const;
-  void clear() { entries_.clear(); }
+  void clear() { entries.clear(); }
 
-  bool only_finite = true;      ///< values that are not finite do not count
-  std::vector<Entry> entries_;  ///< also what a checkpoint keeps, so that resumed runs log the same rows
+  bool only_finite = true;     ///< values that are not finite do not count
+  std::vector<Entry> entries;  ///< also what a checkpoint keeps, so that resumed runs log the same rows
 };
 
 /// CRC-32C (Castagnoli polynomial, reflected).

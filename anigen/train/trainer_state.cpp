@@ -406,7 +406,7 @@ Trainer::StartPoint Trainer::agreed_on(const StartPoint& start_of_rank_0) {
 void Trainer::bring_means_together() {
   if (alone()) return;
   Json own = Json::array();
-  for (const RunningMeans::Entry& entry : means_.entries_) own.push_back({entry.name, entry.sum, entry.count});
+  for (const RunningMeans::Entry& entry : means_.entries) own.push_back({entry.name, entry.sum, entry.count});
   const std::vector<std::string> all = ranks_->gather(first() ? "" : own.dump());
   if (!first()) {
     means_.clear();
@@ -492,7 +492,7 @@ SavedState Trainer::state(const std::vector<std::string>& generators) const {
     saved.numbers["recovery_step"] = update_->recovery.step();
   }
   Json means = Json::array();
-  for (const RunningMeans::Entry& entry : means_.entries_) means.push_back({entry.name, entry.sum, entry.count});
+  for (const RunningMeans::Entry& entry : means_.entries) means.push_back({entry.name, entry.sum, entry.count});
   saved.numbers["running_means"] = means;
   return saved;
 }
@@ -558,7 +558,7 @@ void Trainer::restore_state(const SavedState& saved) {
     means_.clear();
     const Json none = Json::array();
     for (const Json& entry : first() ? numbers.at("running_means") : none) {
-      means_.entries_.push_back(
+      means_.entries.push_back(
           {entry.at(0).get<std::string>(), entry.at(1).get<double>(), entry.at(2).get<std::int64_t>()});
     }
   } catch (const nlohmann::json::exception& error) {

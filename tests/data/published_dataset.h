@@ -27,7 +27,7 @@ std::unique_ptr<BatchType> load(const data::BatchSource& source, const std::vect
   std::unique_ptr<data::Batch> batch = source.load(draws);
   auto* typed = dynamic_cast<BatchType*>(batch.get());
   if (typed == nullptr) throw std::runtime_error("another kind of batch");
-  batch.release();
+  static_cast<void>(batch.release());
   return std::unique_ptr<BatchType>(typed);
 }
 

@@ -22,7 +22,7 @@ double exact_emd(const Points& a, const Points& b) {
 
 /// Central differences of the Chamfer distance in every predicted coordinate: evaluation has no backward pass.
 torch::Tensor chamfer_slopes(const Points& predicted, const Points& truth) {
-  constexpr double step = 1e-6;
+  const double step = 1e-6;
   Eigen::MatrixXd result(predicted.size(), 3);
   Points moved = predicted;
   for (std::size_t i = 0; i < predicted.size(); ++i) {

@@ -469,7 +469,7 @@ TEST(ConvexUpsampling, OfAConstantIsTheConstant) {
 
 TEST(ConvexUpsampling, TakesTheNeighborThatTheMaskNames) {
   const Tensor x = drawn(13, {1, 2, 3, 4}), around = neighborhood(x, 1);
-  constexpr std::int64_t q = 5, a = 3, b = 6;  // the neighbour to the right, at row 3 and column 6 within the pixel
+  const std::int64_t q = 5, a = 3, b = 6;  // the neighbour to the right, at row 3 and column 6 within the pixel
   Tensor mask = torch::zeros({1, 576, 3, 4}, torch::kFloat64);
   mask.select(1, q * 64 + a * 8 + b).fill_(1e3);
   const Tensor fine = convex_upsampling(x, mask);
