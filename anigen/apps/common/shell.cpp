@@ -120,13 +120,18 @@ std::string bash_completion(const Json& listing) {
 }
 
 /// Text inside single quotes of a shell, without what would end them or a description in brackets.
+// The beginning of a help text, without characters that mean something to a shell.
 std::string brief(const Json& option) {
-  std::string text = option["help"];
-  const std::size_t end = text.find_first_of(".;[");
-  text = text.substr(0, end);
-  for (char& c : text)
-    if (c == '\'' || c == ':' || c == ']') c = ' ';
-  return text;
+  const std::string help = option["help"];
+  std::string text;
+  for (const char c : help.substr(0, help.find_first_of(".;[]"))) {
+    if (c == '\'') {
+      text += "’";
+    } else {
+      text += c == ':' ? ',' : c;
+    }
+  }
+  return text.substr(0, text.find_last_not_of(" ,") + 1);
 }
 
 std::string zsh_arguments(const std::vector<Json>& options) {
