@@ -119,8 +119,7 @@ std::string bash_completion(const Json& listing) {
   return text + "complete -F " + function + " " + name + "\n";
 }
 
-/// Text inside single quotes of a shell, without what would end them or a description in brackets.
-// The beginning of a help text, without characters that mean something to a shell.
+// The beginning of a help text, without what would end single quotes of a shell or a description in brackets.
 std::string brief(const Json& option) {
   const std::string help = option["help"];
   std::string text;
