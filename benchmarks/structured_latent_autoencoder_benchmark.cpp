@@ -165,7 +165,7 @@ void run(const Settings& settings, anigen::Json& list) {
     loss.backward();
   });
   std::printf("backward %8.2f s, peak so far %.2f GB\n\n%s", all - forward, peak_gigabytes(),
-              anigen::nn::profile_markdown(profile.rows(), 1).c_str());
+              anigen::nn::profile_markdown(profile.rows(), 1, anigen::nn::measure_machine_peak()).c_str());
   add_row(settings.recompute ? "recomputed" : "kept", all, list);
 }
 
