@@ -82,10 +82,11 @@ struct Totals {
 };
 Totals* active = nullptr;
 
-// An operator that this thread is in: seconds measured inside it, and work that it told.
+// An operator that this thread is in: seconds measured inside it, work that it told, and whether one inside it had any.
 struct Open {
   double inner_seconds = 0.0;
   Work work;
+  bool is_outer = false;
 };
 thread_local std::vector<Open> open_operators;  // the innermost last
 
@@ -155,10 +156,12 @@ bool moves_no_bytes(const std::string& name) {
                           "aten::item",
                           "aten::_local_scalar_dense",
                           "aten::result_type",
+                          "aten::resolve_conj",
+                          "aten::resolve_neg",
                           "aten::lift_fresh"});
 }
 
-// Work of an operator of LibTorch that called no other; 0 for nodes and parts of ours.
+// Work of an operator of LibTorch if it calls none that works; 0 for nodes and parts of ours.
 Work work_of(const std::string& name, const at::RecordFunction& function) {
   Work work;
   if (name.rfind("aten::", 0) != 0 || moves_no_bytes(name)) return work;
@@ -178,10 +181,14 @@ void end_operator(const at::RecordFunction& function, at::ObserverContext* conte
   const double seconds = std::chrono::duration<double>(Clock::now() - static_cast<Began*>(context)->at).count();
   const Open done = open_operators.back();
   open_operators.pop_back();
-  if (!open_operators.empty()) open_operators.back().inner_seconds += seconds;
   const std::string name = plain_name(function.name());
   Work work = done.work;
-  if (done.inner_seconds == 0.0) work += work_of(name, function);
+  const Work own = work_of(name, function);
+  if (own.fp32 > 0.0 || !done.is_outer) work += own;  // products work themselves, whatever they call beside it
+  if (!open_operators.empty()) {
+    open_operators.back().inner_seconds += seconds;
+    open_operators.back().is_outer |= done.is_outer || work.fp32 + work.bf16 + work.bytes > 0.0;
+  }
   const std::lock_guard<std::mutex> lock(active->mutex);
   Row& row = active->rows[name];
   ++row.calls;

@@ -244,7 +244,7 @@ void dual_vertices_forward(const DualCubes<T>& problem, T* values, T* deviation)
   });
 }
 
-// Where the gradients of dual_vertices_forward come from and go to. @param d_deviation may be nullptr
+// Sources and places of the gradients of dual_vertices_forward. @param d_deviation may be nullptr
 // @param d_corners [cubes, 8, 1 + channels] @param d_alpha [cubes, 8] @param d_beta [cubes, 12]; all three overwritten
 template <typename T>
 struct DualGradients {

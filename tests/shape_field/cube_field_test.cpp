@@ -193,7 +193,7 @@ struct PredictedCase {
     coords = corners.coords;
     feats = torch::randn({coords.size(0), kLayout.channels()}, torch::kFloat64).to(dtype);
   }
-  // The same by separate operations: the field and both regularisers.
+  // The field and both regularisers by separate operations.
   PredictedField written_out(const Tensor& rows) const {
     const std::int64_t cubes = rows.size(0);
     const std::vector<Tensor> parts = rows.split_with_sizes({8, 24, kCubeWeights, 24, 16}, 1);
