@@ -91,18 +91,15 @@ struct Open {
 thread_local std::vector<Open> open_operators;  // the innermost last
 
 struct Began : at::ObserverContext {
-  Clock::time_point at = Clock::now();
+  explicit Began(const Work& own) : work(own), at(Clock::now()) {}
+  Work work;  // of its inputs
+  Clock::time_point at;
 };
 
 // Time of backward nodes outside operators has little to tell, so it counts as one.
 std::string plain_name(const std::string& name) {
   const bool node = name.rfind("autograd::engine", 0) == 0 || name.rfind("torch::autograd", 0) == 0;
   return node ? "step: backward, handing out gradients" : name;
-}
-
-std::unique_ptr<at::ObserverContext> begin_operator(const at::RecordFunction&) {
-  open_operators.emplace_back();
-  return std::make_unique<Began>();
 }
 
 bool is_any_of(const std::string& name, std::initializer_list<const char*> names) {
@@ -161,30 +158,40 @@ bool moves_no_bytes(const std::string& name) {
                           "aten::lift_fresh"});
 }
 
-// Work of an operator of LibTorch if it calls none that works; 0 for nodes and parts of ours.
-Work work_of(const std::string& name, const at::RecordFunction& function) {
+// Work of an operator of LibTorch on its inputs; 0 for nodes and parts of ours.
+Work work_of_inputs(const at::RecordFunction& function) {
   Work work;
+  const std::string name = function.name();
   if (name.rfind("aten::", 0) != 0 || moves_no_bytes(name)) return work;
   if (is_any_of(name, {"aten::mm", "aten::addmm", "aten::addmm_", "aten::bmm", "aten::baddbmm", "aten::baddbmm_"})) {
     work.fp32 = product_operations(function.inputs());
   } else {
-    const auto inputs = function.inputs();
-    work.bytes = bytes_of(inputs) +
-                 bytes_of(c10::ArrayRef<const c10::IValue>(function.outputs().data(), function.outputs().size()));
+    work.bytes = bytes_of(function.inputs());
   }
   return work;
+}
+
+// LibTorch keeps the inputs for this call alone.
+std::unique_ptr<at::ObserverContext> begin_operator(const at::RecordFunction& function) {
+  open_operators.emplace_back();
+  return std::make_unique<Began>(work_of_inputs(function));
 }
 
 void end_operator(const at::RecordFunction& function, at::ObserverContext* context) {
   // Operators that began before the profile did have no place here.
   if (open_operators.empty() || active == nullptr) return;
-  const double seconds = std::chrono::duration<double>(Clock::now() - static_cast<Began*>(context)->at).count();
+  const auto* began = static_cast<Began*>(context);
+  const double seconds = std::chrono::duration<double>(Clock::now() - began->at).count();
   const Open done = open_operators.back();
   open_operators.pop_back();
   const std::string name = plain_name(function.name());
   Work work = done.work;
-  const Work own = work_of(name, function);
-  if (own.fp32 > 0.0 || !done.is_outer) work += own;  // products work themselves, whatever they call beside it
+  if (began->work.fp32 > 0.0) {  // products work themselves, whatever they call beside it
+    work += began->work;
+  } else if (!done.is_outer && began->work.bytes > 0.0) {
+    work += began->work;
+    work.bytes += bytes_of(c10::ArrayRef<const c10::IValue>(function.outputs().data(), function.outputs().size()));
+  }
   if (!open_operators.empty()) {
     open_operators.back().inner_seconds += seconds;
     open_operators.back().is_outer |= done.is_outer || work.fp32 + work.bf16 + work.bytes > 0.0;
