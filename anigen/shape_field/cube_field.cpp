@@ -337,7 +337,7 @@ struct CornerOrder {
     }
   }
   std::int64_t values() const { return 4 + layout.attributes(); }
-  std::int64_t first_weight() const { return 4 * kCubeCorners; }
+  std::int64_t first_weight() const { return std::int64_t{4} * kCubeCorners; }
   std::int64_t first_color() const { return first_weight() + kCubeWeights; }
 
   CornerLayout layout;

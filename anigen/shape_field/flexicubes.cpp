@@ -144,7 +144,7 @@ void fill_ambiguity(FlexicubesTables& tables, int cube_case) {
   if (faces.size() != 1 || inside_count(cube_case) < 5) return;
   auto& row = tables.ambiguity[static_cast<std::size_t>(cube_case)];
   row[0] = 1;
-  row[static_cast<std::size_t>(1 + faces[0].axis)] = static_cast<std::int16_t>(2 * faces[0].side - 1);
+  row[static_cast<std::size_t>(faces[0].axis) + 1] = static_cast<std::int16_t>(2 * faces[0].side - 1);
   row[4] = static_cast<std::int16_t>(FlexicubesTables::kCases - 1 - cube_case);
 }
 

@@ -136,7 +136,7 @@ CoarseRows coarse_rows(const Tensor& coords, const nn::Ragged& items, const Grid
     for (std::int64_t i = first; i < last; ++i) {
       const auto at = static_cast<std::size_t>(i);
       if (i == first || order.keys[at] != order.keys[at - 1]) {
-        const std::int32_t* const c = fine + 4 * order.rows[at];
+        const std::int32_t* const c = fine + std::ptrdiff_t{4} * order.rows[at];
         places.push_back(c[0]);
         for (std::size_t axis = 0; axis < 3; ++axis)
           places.push_back(static_cast<std::int32_t>(c[axis + 1] / factor.axes[axis]));

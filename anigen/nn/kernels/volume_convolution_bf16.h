@@ -13,7 +13,7 @@ inline std::int64_t channel_pairs(const VolumeConvolutionSizes& sizes) { return 
 
 /// Length of packed weights.
 inline std::int64_t bf16_volume_weights(const VolumeConvolutionSizes& sizes) {
-  return 27 * 2 * channel_pairs(sizes) * sizes.padded_out();
+  return std::int64_t{27} * 2 * channel_pairs(sizes) * sizes.padded_out();
 }
 
 /// weight [out, in, 3, 3, 3] dense → packed [bf16_volume_weights(sizes)], of which the pairs begin … end − 1 are
