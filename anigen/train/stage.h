@@ -56,8 +56,8 @@ class Stage {
   virtual const data::BatchSource& data() const = 0;
   /// Takes other training data of the class of data(): the next generation of a stream. @throws NotSupportedError by a
   /// stage that reads no streams
-  virtual void set_data(std::shared_ptr<const data::BatchSource> data) {
-    static_cast<void>(data);
+  // NOLINTNEXTLINE(performance-unnecessary-value-param): stages keep it
+  virtual void set_data(std::shared_ptr<const data::BatchSource>) {
     throw NotSupportedError("", "/dataset/args/data_dir", "a stream of shards in this trainer");
   }
   virtual Losses losses(const data::Batch& batch, const LossContext& context) = 0;

@@ -27,13 +27,13 @@ namespace fs = std::filesystem;
 class FakeExtractor : public FeatureExtractor {
  public:
   std::string name() const override { return "fake"; }
-  std::string fingerprint() const override { return fingerprint_; }
+  std::string fingerprint() const override { return given_fingerprint; }
   int channels() const override { return 2; }
-  bool needs_views() const override { return needs_views_; }
+  bool needs_views() const override { return given_needs_views; }
   io::NdArray extract(const FeatureRequest& request) const override {
-    ++calls_;
-    if (problem_) problem_();
-    if (needs_views_) render::read_transforms(request.views / "transforms.json");
+    ++calls;
+    if (problem) problem();
+    if (given_needs_views) render::read_transforms(request.views / "transforms.json");
     io::NdArray array;
     array.dtype = io::Dtype::kF16;
     array.shape = {static_cast<std::int64_t>(request.voxels.size()), 2};
@@ -41,10 +41,10 @@ class FakeExtractor : public FeatureExtractor {
     return array;
   }
 
-  std::string fingerprint_ = "one";
-  bool needs_views_ = true;
-  std::function<void()> problem_;
-  mutable int calls_ = 0;
+  std::string given_fingerprint = "one";
+  bool given_needs_views = true;
+  std::function<void()> problem;
+  mutable int calls = 0;
 };
 
 class Steps : public testing::Test {
@@ -125,12 +125,12 @@ TEST_F(Steps, AreNotDoneTwice) {
   EXPECT_TRUE(began_.empty());
   EXPECT_TRUE(again.assets[0].reused);
   EXPECT_TRUE(again.assets[1].reused);
-  EXPECT_EQ(extractor_->calls_, 2);
+  EXPECT_EQ(extractor_->calls, 2);
 }
 
 TEST_F(Steps, AreDoneAgainWhenTheirOptionsOrInputsChange) {
   prepare();
-  extractor_->fingerprint_ = "other weights";
+  extractor_->given_fingerprint = "other weights";
   prepare();
   EXPECT_EQ(steps(), (Names{"features/fake"}));
   plan_.views.count = 1;
@@ -165,7 +165,7 @@ TEST_F(Steps, TakeInputsAsTheyAreWhenOnlyADependentStepIsAsked) {
   prepare();
   plan_.steps = {"features"};
   plan_.views.count = 0;  // a later call need not repeat how the views were made
-  extractor_->fingerprint_ = "two";
+  extractor_->given_fingerprint = "two";
   prepare();
   EXPECT_EQ(steps(), (Names{"features/fake"}));
 }
@@ -208,7 +208,7 @@ TEST_F(Steps, ThatFailedBeforeAreSkippedAndOthersGoOn) {
 TEST_F(Steps, FailWithWhateverTheyThrow) {
   const auto failure = [&](std::function<void()> problem) {
     fs::remove_all(folder_ / "out");
-    extractor_->problem_ = std::move(problem);
+    extractor_->problem = std::move(problem);
     const SourceOutcome outcome = prepare();
     EXPECT_EQ(steps(), (Names{"import", "skeleton", "voxels", "views", "cond_views", "features/fake"}));
     return outcome.assets.at(0).failures.size() == 1 ? outcome.assets[0].failures[0].reason : "";
@@ -217,10 +217,10 @@ TEST_F(Steps, FailWithWhateverTheyThrow) {
   EXPECT_NE(failure([] { throw std::runtime_error("a\nException raised from b"); }).find(": a"), std::string::npos);
   EXPECT_NE(failure([] { throw Error("Embree cannot start"); }).find("Embree"), std::string::npos);
   EXPECT_NE(failure([] { throw InputError("x.pth", "", "is cut off"); }).find("x.pth"), std::string::npos);
-  extractor_->problem_ = [] { throw Interrupted("stopped"); };
+  extractor_->problem = [] { throw Interrupted("stopped"); };
   fs::remove_all(folder_ / "out");
   EXPECT_THROW(prepare(), Interrupted);
-  extractor_->problem_ = [] { throw WriteError("disk full"); };
+  extractor_->problem = [] { throw WriteError("disk full"); };
   EXPECT_THROW(prepare(), WriteError) << "no fault of the asset";
 }
 
