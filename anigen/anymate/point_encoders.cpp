@@ -121,6 +121,8 @@ PointwiseConvImpl::PointwiseConvImpl(std::int64_t in, std::int64_t out) {
   bias = register_parameter("bias", torch::empty({out}));
 }
 
+Tensor PointwiseConvImpl::forward(const Tensor& x) { return nn::linear(x, weight.squeeze(-1), bias); }
+
 MiniPointNetImpl::MiniPointNetImpl(std::int64_t in, std::int64_t out) {
   const auto first = register_module("first_conv", std::make_shared<torch::nn::Module>());
   conv1_ = first->register_module("0", PointwiseConv(in, kFirstWidth));
@@ -135,8 +137,8 @@ MiniPointNetImpl::MiniPointNetImpl(std::int64_t in, std::int64_t out) {
 // The map of [whole group, point], whose first half is the same for all points of a group.
 Tensor MiniPointNetImpl::second_layer(const Tensor& each, const Tensor& whole) {
   const Tensor weight = conv3_->weight.squeeze(-1);
-  const Tensor of_group = torch::linear(whole, weight.slice(1, 0, kLocalWidth), conv3_->bias);
-  return torch::linear(each, weight.slice(1, kLocalWidth)) + of_group.unsqueeze(-2);
+  const Tensor of_group = nn::linear(whole, weight.slice(1, 0, kLocalWidth), conv3_->bias);
+  return nn::linear(each, weight.slice(1, kLocalWidth)) + of_group.unsqueeze(-2);
 }
 
 Tensor MiniPointNetImpl::forward(const Tensor& groups) {

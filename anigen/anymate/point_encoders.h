@@ -26,7 +26,7 @@ class PointwiseConvImpl : public torch::nn::Module {
  public:
   PointwiseConvImpl(std::int64_t in, std::int64_t out);
   /// @param x [..., in] @return [..., out]
-  Tensor forward(const Tensor& x) { return torch::linear(x, weight.squeeze(-1), bias); }
+  Tensor forward(const Tensor& x);
 
   Tensor weight, bias;
 };

@@ -21,9 +21,7 @@ LinearImpl::LinearImpl(std::int64_t in_features, std::int64_t out_features, bool
 }
 
 Tensor LinearImpl::forward(const Tensor& x) {
-  const Tensor y = prefers_mixed_linear(x, weight)     ? mixed_linear(x, weight, bias)
-                   : prefers_widened_linear(x, weight) ? widened_linear(x, weight, bias)
-                                                       : torch::linear(x, weight, bias);
+  const Tensor y = linear(x, weight, bias);
   return lora_A.defined() ? y.add(torch::matmul(torch::matmul(x, lora_A), lora_B), lora_scale_) : y;
 }
 
@@ -137,12 +135,12 @@ Tensor mixed_correlation(const Tensor& dy, const Tensor& x) {
   return stride == in ? sums : sums.narrow(1, 0, in);
 }
 
-// x wᵀ + b of fp32 tensors, factors rounded to bf16.
 // Of one product of rows [N, in] with a weight [out, in].
 double product_operations(const Tensor& rows, const Tensor& weight) {
   return 2.0 * static_cast<double>(rows.size(0)) * static_cast<double>(weight.numel());
 }
 
+// x wᵀ + b of fp32 tensors, factors rounded to bf16.
 class MixedLinear : public torch::autograd::Function<MixedLinear> {
  public:
   static Tensor forward(AutogradContext* context, const Tensor& x, const Tensor& weight, const Tensor& bias) {
@@ -310,6 +308,11 @@ bool prefers_mixed_linear(const Tensor& x, const Tensor& weight) {
 
 Tensor mixed_linear(const Tensor& x, const Tensor& weight, const Tensor& bias) {
   return MixedLinear::apply(x, weight, bias.defined() ? bias : torch::zeros({weight.size(0)}, weight.options()));
+}
+
+Tensor linear(const Tensor& x, const Tensor& weight, const Tensor& bias) {
+  if (prefers_mixed_linear(x, weight)) return mixed_linear(x, weight, bias);
+  return prefers_widened_linear(x, weight) ? widened_linear(x, weight, bias) : torch::linear(x, weight, bias);
 }
 
 Tensor gelu_tanh(const Tensor& x) {

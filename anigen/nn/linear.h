@@ -58,6 +58,10 @@ bool prefers_mixed_linear(const Tensor& x, const Tensor& weight);
 /// differentiated once; bits do not depend on the number of threads. @param bias [out] or undefined
 Tensor mixed_linear(const Tensor& x, const Tensor& weight, const Tensor& bias);
 
+/// torch::linear in the way that is fastest for these tensors: mixed_linear, widened_linear, or LibTorch's own.
+/// @param x [..., in] @param weight [out, in] @param bias [out] or undefined @return [..., out]
+Tensor linear(const Tensor& x, const Tensor& weight, const Tensor& bias = {});
+
 /// x ⊙ gamma with one learned factor per channel (Touvron et al. 2021, CaiT). Key `gamma` [C], not initialised: the
 /// model is filled from a checkpoint (see Linear).
 class LayerScaleImpl : public torch::nn::Module {

@@ -8,6 +8,7 @@
 #include "anigen/nn/kernels/tiles.h"
 #include "anigen/nn/kernels/volume_convolution.h"
 #include "anigen/nn/kernels/volume_convolution_bf16.h"
+#include "anigen/nn/linear.h"
 #include "anigen/nn/norms.h"
 #include "anigen/nn/profile.h"
 
@@ -236,7 +237,7 @@ Tensor patch_convolution(const Tensor& x, const Tensor& weight, const Tensor& bi
   const Tensor cells = x.permute({0, 2, 3, 4, 1}).reshape({b, nx, k, ny, k, nz, k, c});
   const Tensor rows = cells.permute({0, 1, 3, 5, 2, 4, 6, 7}).reshape({b * nx * ny * nz, k * k * k * c});
   const Tensor matrix = weight.permute({0, 2, 3, 4, 1}).reshape({weight.size(0), k * k * k * c});
-  return torch::linear(rows, matrix, bias).view({b, nx, ny, nz, weight.size(0)}).permute({0, 4, 1, 2, 3});
+  return linear(rows, matrix, bias).view({b, nx, ny, nz, weight.size(0)}).permute({0, 4, 1, 2, 3});
 }
 
 Conv3dImpl::Conv3dImpl(std::int64_t in_channels, std::int64_t out_channels, std::int64_t kernel, std::int64_t stride,

@@ -65,6 +65,22 @@ INSTANTIATE_TEST_SUITE_P(Sizes, MixedLinear,
                                          LinearCase{331, 320, 16}, LinearCase{64, 528, 208}, LinearCase{200, 32, 101},
                                          LinearCase{130, 37, 21}));
 
+// Layers whose weight is a view of another tensor, as Anymate's point encoder has them.
+TEST(LinearInTheFastestWay, TakesSlicesOfWeightsAndFollowsThePrecision) {
+  torch::manual_seed(5);
+  const Tensor x = torch::randn({4, 50, 32}), whole = torch::randn({48, 64, 1}).requires_grad_(),
+               b = torch::randn({48});
+  const Tensor w = whole.squeeze(-1).slice(1, 32);
+  EXPECT_TRUE(torch::equal(nn::linear(x, w, b), torch::linear(x, w, b)));
+  const Tensor wanted = torch::autograd::grad({torch::linear(x, w, b).square().sum()}, {whole})[0];
+  const MixedProducts on(true);
+  if (!mixed_products()) GTEST_SKIP() << "no products of bf16 numbers here";
+  const Tensor y = nn::linear(x, w, b);
+  EXPECT_TRUE(torch::equal(y, mixed_linear(x, w, b)));
+  EXPECT_LT(share_apart(torch::autograd::grad({y.square().sum()}, {whole})[0], wanted), 2e-2);
+  EXPECT_TRUE(nn::linear(x, w).defined()) << "without a bias";
+}
+
 TEST(PrefersMixedLinear, IsForWidthsOfAVectorAndManyRows) {
   const MixedProducts on(true);
   if (!mixed_products()) GTEST_SKIP() << "no products of bf16 numbers here";
