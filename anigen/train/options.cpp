@@ -215,12 +215,10 @@ Precision choose_precision(const TrainerOptions& options, torch::Device device, 
     precision.note =
         "precision bf16: the blocks compute in bf16, parameters are updated in fp32, losses are not scaled";
   } else if (options.precision == "mixed") {
-    if (!device.is_cpu())
-      throw NotSupportedError(file, "/trainer/args/precision", "mixed products on a GPU; use bf16 there");
-    precision.mixed_products = true;
-    precision.note = nn::kernels::has_bf16_products()
+    precision.mixed_products = device.is_cpu() && nn::kernels::has_bf16_products();
+    precision.note = precision.mixed_products
                          ? "precision mixed: fp32, but for the factors of products, which are rounded to bf16"
-                         : "precision mixed: this CPU has no products of bf16 numbers, everything is fp32";
+                         : "precision mixed: no kernels for products of bf16 numbers here, everything is fp32";
   } else if (options.precision == "fp16-published") {
     if (!device.is_cuda())
       throw NotSupportedError(file, "/trainer/args/precision", "fp16 on a CPU; use bf16, which a CPU computes faster");

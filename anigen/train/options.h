@@ -62,7 +62,7 @@ struct Precision {
 /// | "fp32" | fp32 | fp32 |
 /// | "fp64" | everything in fp64: for comparing ways to sum, stages 1, 4 and 5 | the same |
 /// | "bf16" | torsos in bf16 | torsos in bf16 |
-/// | "mixed" | fp32, factors of products rounded to bf16 | not supported |
+/// | "mixed" | fp32, factors of products rounded to bf16 where the CPU has such products | fp32 |
 /// | "fp16-published" | not supported | torsos in fp16, losses scaled (docs/reference/training.md, 2.2) |
 ///
 /// bf16 has the range of fp32, so its losses are not scaled.
