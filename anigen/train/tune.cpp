@@ -112,15 +112,17 @@ std::vector<TimedSettings> search_settings(std::size_t batch_size, int threads,
   for (const std::string& precision : precisions) {
     for (std::size_t replicas = 1; replicas <= std::min(batch_size, static_cast<std::size_t>(threads)); replicas *= 2) {
       double best = 0.0;
-      bool lacks_precision = false;
+      bool hopeless = false;
       for (std::size_t split = replicas; split <= batch_size; split *= 2) {
         const TimedSettings& timed = all.emplace_back(time({replicas, split, precision}));
-        // Settings that ran out of memory may work in smaller pieces.
-        lacks_precision = timed.failure.find("recision") != std::string::npos;
-        if (lacks_precision || (best > 0.0 && timed.samples_per_second < best)) break;
+        // Settings that ran out of memory may work in smaller pieces; a stage without this precision, or without
+        // replicas, has none of them in any.
+        hopeless =
+            timed.failure.find("recision") != std::string::npos || timed.failure.find("eplicas") != std::string::npos;
+        if (hopeless || (best > 0.0 && timed.samples_per_second < best)) break;
         best = timed.samples_per_second;
       }
-      if (lacks_precision) break;
+      if (hopeless) break;
     }
   }
   std::stable_sort(all.begin(), all.end(), [](const TimedSettings& a, const TimedSettings& b) {
@@ -164,7 +166,8 @@ std::string to_markdown(const std::vector<TimedSettings>& timed) {
     std::snprintf(numbers, sizeof numbers, "%.2f | %.0f", row.samples_per_second,
                   static_cast<double>(row.peak_bytes) / 1e6);
     text += "| " + row.settings.precision + " | " + std::to_string(row.settings.replicas) + " | " +
-            std::to_string(row.settings.batch_split) + " | " + (row.failure.empty() ? numbers : "| failed: " + row.failure) + " |\n";
+            std::to_string(row.settings.batch_split) + " | " +
+            (row.failure.empty() ? numbers : "| failed: " + row.failure) + " |\n";
   }
   return text;
 }

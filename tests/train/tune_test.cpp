@@ -55,6 +55,16 @@ TEST(SearchSettings, APrecisionThatTheStageLacksIsAskedOnce) {
   EXPECT_EQ(all.front().settings.replicas, 2u);
 }
 
+TEST(SearchSettings, ReplicasThatTheStageLacksAreAskedOncePerPrecision) {
+  std::vector<StepSettings> asked;
+  const auto all = search({{{"fp32", 1, 1}, 10}, {{"fp32", 1, 2}, 9}, {{"bf16", 1, 1}, 20}, {{"bf16", 1, 2}, 9}}, asked,
+                          8, "not supported: several replicas");
+  std::size_t several = 0;
+  for (const StepSettings& settings : asked) several += settings.replicas > 1 ? 1 : 0;
+  EXPECT_EQ(several, 2u);
+  EXPECT_EQ(all.front().settings.precision, "bf16");
+}
+
 TEST(SearchSettings, SettingsThatRunOutOfMemoryAreTriedInSmallerPieces) {
   std::vector<StepSettings> asked;
   const auto all = search({{{"fp32", 1, 4}, 10}}, asked, 4, "ended by signal 9");
