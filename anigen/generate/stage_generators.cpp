@@ -1,5 +1,6 @@
 #include "anigen/generate/stage_generators.h"
 
+#include <ATen/Parallel.h>
 #include <algorithm>
 #include <system_error>
 #include <utility>
@@ -22,6 +23,24 @@
 namespace anigen::generate {
 
 namespace {
+
+// One thread while it lives, where every layer is so small that a second one gains nothing: alone on the machine both
+// ways take equally long, but beside other busy programs threads wait for each other at every operator.
+class OneThreadIfSmall {
+ public:
+  // @param products multiplications of one linear layer of the model's width
+  explicit OneThreadIfSmall(double products) : before_(at::get_num_threads()) {
+    if (products < kWorthThreads) at::set_num_threads(1);
+  }
+  ~OneThreadIfSmall() { at::set_num_threads(before_); }
+  OneThreadIfSmall(const OneThreadIfSmall&) = delete;
+  OneThreadIfSmall& operator=(const OneThreadIfSmall&) = delete;
+
+ private:
+  static constexpr double kWorthThreads = 1 << 23;  // a millisecond or two of products
+
+  int before_;
+};
 
 namespace fs = std::filesystem;
 using sparse::SparseTensor;
@@ -206,6 +225,8 @@ flow::Streams StructureGenerator::sample(const flow::Streams& noise, const Tenso
                                          const flow::SamplerOptions& sampler, bool guided,
                                          const flow::SamplingExtras& extras) {
   const torch::NoGradGuard no_grad;
+  const auto width = static_cast<double>(std::max(options().model_channels, options().model_channels_skl));
+  const OneThreadIfSmall threads(static_cast<double>(noise[0].size(0) * options().tokens()) * width * width);
   return flow::sample_flow(noise, sparse_structure::structure_velocities(model_, condition, guided), sampler, extras)
       .samples;
 }

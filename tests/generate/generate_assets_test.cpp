@@ -163,6 +163,24 @@ TEST_F(GenerateAssets, StructureLatentsAreThoseThatTheAutoEncoderDecodes) {
   EXPECT_TRUE(torch::allclose(asset.structure[1], sampled[1] * 2.0 + 0.5));
 }
 
+// Models this small run on one thread whatever is asked for, and leave the number of threads as it was.
+TEST_F(GenerateAssets, VoxelsOfSmallModelsDoNotDependOnThreads) {
+  StructureGenerator::Request request;
+  request.run = request_.models.structure_flow;
+  StructureGenerator structure(request);
+  const flow::Streams noise = structure.noise(noise_generator(request_.sampling.seed));
+  const torch::Tensor condition = structure.condition(torch::rand({1, 3, kSide, kSide}));
+  const int before = torch::get_num_threads();
+  std::vector<flow::Streams> sampled;
+  for (const int threads : {1, 3}) {
+    torch::set_num_threads(threads);
+    sampled.push_back(structure.sample(noise, condition, structure.sampler(), /*guided=*/true));
+    EXPECT_EQ(torch::get_num_threads(), threads);
+  }
+  torch::set_num_threads(before);
+  for (std::size_t stream = 0; stream < 2; ++stream) EXPECT_TRUE(sampled[0][stream].equal(sampled[1][stream]));
+}
+
 // Results of a picture lie under fixed names, which a picture of an earlier result may have.
 TEST_F(GenerateAssets, AResultThatWouldReplaceAnInputIsRefused) {
   fs::create_directories(request_.output / "a");
