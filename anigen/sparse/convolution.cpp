@@ -113,19 +113,20 @@ Tensor matrices_of_taps(const Tensor& weight) {
   return weight.reshape({weight.size(0), kKernelTaps, weight.size(4)}).permute({1, 2, 0});
 }
 
-// Sums of taps that the matrices of subdivision_plan are, [64, 27]: along each axis, by the bit of the child, the taps
-// that meet the lower and those that meet the upper one of its two coarse voxels.
-Tensor folds() {
-  const Tensor axis =
-      torch::tensor({1.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0, 1.0}).view({2, 2, 3});  // [bit, side, tap]
-  return torch::einsum("axi,byj,czk->abcxyzijk", {axis, axis, axis}).reshape({64, kKernelTaps});
+// Taps along one axis, [.., 3, ..] → [.., 4, ..]: for the lower child the tap that meets the coarse voxel before its own
+// and the sum of those that meet its own, then for the upper child its own and the next.
+Tensor folded_axis(const Tensor& taps, std::int64_t axis) {
+  const std::vector<Tensor> tap = taps.unbind(axis);
+  return torch::stack({tap[0], tap[1] + tap[2], tap[0] + tap[1], tap[2]}, axis);
 }
 
-// [Cout, 3, 3, 3, Cin] → [64, Cin, Cout] of subdivision_plan.
+// [Cout, 3, 3, 3, Cin] → [64, Cin, Cout] of subdivision_plan. Sums, not a product by a matrix of zeros and ones: a
+// library may order the sums of a product by the number of its threads.
 Tensor folded_taps(const Tensor& weight) {
-  static const Tensor fold = folds();
-  const Tensor taps = matrices_of_taps(weight).reshape({kKernelTaps, -1});
-  return torch::mm(fold.to(weight.options()), taps).view({64, weight.size(4), weight.size(0)});
+  Tensor taps = weight.permute({1, 2, 3, 4, 0});
+  for (std::int64_t axis = 0; axis < 3; ++axis) taps = folded_axis(taps, axis);
+  const std::int64_t in = weight.size(4), out = weight.size(0);
+  return taps.reshape({2, 2, 2, 2, 2, 2, in, out}).permute({0, 2, 4, 1, 3, 5, 6, 7}).reshape({64, in, out});
 }
 
 }  // namespace

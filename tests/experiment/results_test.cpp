@@ -145,7 +145,13 @@ std::string trimmed(const std::string& text) {
   return first == std::string::npos ? "" : text.substr(first, text.find_last_not_of(" \t\r") - first + 1);
 }
 
-// The cells of "| a | **b** |" without blanks at their ends and without bold face.
+// The text of a cell without blanks at its ends and without the underscores of the second best value, "_0.94 ± 0.07_".
+std::string plain_cell(const std::string& cell) {
+  const std::string text = trimmed(cell);
+  return text.size() > 2 && text.front() == '_' && text.back() == '_' ? text.substr(1, text.size() - 2) : text;
+}
+
+// The cells of "| a | **b** | _c_ |" without bold face and italics.
 std::vector<std::string> cells_of(const std::string& line) {
   std::vector<std::string> cells(1);
   for (std::size_t i = 0; i < line.size(); ++i) {
@@ -160,7 +166,7 @@ std::vector<std::string> cells_of(const std::string& line) {
   }
   cells.erase(cells.begin());
   if (!cells.empty()) cells.pop_back();
-  for (std::string& cell : cells) cell = trimmed(cell);
+  for (std::string& cell : cells) cell = plain_cell(cell);
   return cells;
 }
 
@@ -322,7 +328,8 @@ std::vector<fs::path> kept_folders() {
 }
 
 constexpr const char* kKept =
-    "| method | l1 | KL |\n|---|---:|---:|\n| heat | 0.829 | 2.36 |\n| nearest | 0.961 | 8.59 |\n";
+    "| method | l1 | KL |\n|---|---:|---:|\n| heat | 0.829 | _2.36_ |\n| nearest | 0.961 | 8.59 |\n"
+    "| voxels | 0.9 ± 0.1 | _3.1 ± 0.2_ |\n";
 
 class KeptTables : public ::testing::Test {
  protected:
@@ -336,6 +343,8 @@ class KeptTables : public ::testing::Test {
 TEST_F(KeptTables, ShowThemselvesOrAPart) {
   EXPECT_EQ(problems("<!-- results: table.md -->\n\n" + std::string(kKept)), "");
   EXPECT_EQ(problems("<!-- results: table.md -->\n| method | KL |\n|--|--|\n| nearest | **8.59** |\n"), "");
+  EXPECT_EQ(problems("<!-- results: table.md -->\n| method | KL |\n|--|--|\n| heat | 2.36 |\n| voxels | 3.1 ± 0.2 |\n"),
+            "");
 }
 
 TEST_F(KeptTables, AnotherNumberRowOrColumnIsFound) {
@@ -345,6 +354,7 @@ TEST_F(KeptTables, AnotherNumberRowOrColumnIsFound) {
   const std::string marker = "<!-- results: table.md -->\n";
   has(marker + "| method | l1 |\n|--|--|\n| heat | 0.828 |\n", "page.md:2: not in table.md: row | heat | 0.828");
   has(marker + "| method | l1 |\n|--|--|\n| nearest | 0.829 |\n", "row | nearest");
+  has(marker + "| method | l1 |\n|--|--|\n| voxels | 0.9 ± 0.2 |\n", "row | voxels | 0.9 ± 0.2");
   has(marker + "| method | l2 |\n|--|--|\n| heat | 0.829 |\n", "column 'l2'");
   has("<!-- results: other.md -->\n" + std::string(kKept), "other.md is not there");
 }
