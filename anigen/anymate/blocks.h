@@ -2,6 +2,7 @@
 #include <string>
 #include <vector>
 
+#include "anigen/nn/gelu_erf.h"
 #include "anigen/nn/init.h"
 #include "anigen/nn/linear.h"
 #include "anigen/nn/norms.h"
@@ -86,7 +87,7 @@ class ErfMlpImpl : public torch::nn::Module {
   ErfMlpImpl(std::int64_t in, std::int64_t hidden, std::int64_t out, const std::string& first = "c_fc",
              const std::string& second = "c_proj");
   /// @param x [..., in] @return [..., out]
-  Tensor forward(const Tensor& x) { return second_(torch::gelu(first_(x))); }
+  Tensor forward(const Tensor& x) { return second_(nn::gelu_erf(first_(x))); }
 
  private:
   nn::Linear first_ = nullptr, second_ = nullptr;

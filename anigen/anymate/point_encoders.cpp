@@ -8,6 +8,7 @@
 #include <tuple>
 
 #include "anigen/anymate/denoisers.h"
+#include "anigen/nn/gelu_erf.h"
 #include "anigen/nn/linear.h"
 
 namespace anigen::anymate {
@@ -295,7 +296,7 @@ TokenProjectionImpl::TokenProjectionImpl(const ProjectionWidths& widths) {
 }
 
 Tensor TokenProjectionImpl::forward(const Tensor& tokens) {
-  return third_(torch::gelu(second_(torch::gelu(first_(tokens)))));
+  return third_(nn::gelu_erf(second_(nn::gelu_erf(first_(tokens)))));
 }
 
 PooledProjectionImpl::PooledProjectionImpl(const ProjectionWidths& widths, std::int64_t tokens) {

@@ -5,6 +5,7 @@
 #include "anigen/nn/blocks.h"
 #include "anigen/nn/condition_cache.h"
 #include "anigen/nn/embeddings.h"
+#include "anigen/nn/gelu_erf.h"
 #include "anigen/nn/init.h"
 #include "anigen/nn/linear.h"
 #include "anigen/nn/norms.h"
