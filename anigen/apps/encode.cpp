@@ -27,7 +27,8 @@ int main(int argc, char** argv) {
       "  anigen-encode ss --run runs/ss_dae -d data/tiny\n"
       "  anigen-encode ss --run runs/ss_dae -d data/tiny --latents-name ss_dae_b --check\n"
       "  anigen-encode slat --run runs/slat_dae -d data/tiny\n"
-      "  anigen-encode reconstruct --run runs/slat_dae -d data/tiny --split data/tiny/splits/test.txt -o out");
+      "  anigen-encode reconstruct --run runs/slat_dae -d data/tiny --split data/tiny/splits/test.txt -o out\n"
+      "  anigen-encode grouping --run runs/slat_dae -d data/tiny --split data/tiny/splits/train.txt --limit 200");
   generate::EncodeRequest structure, structured;
   EncodeArguments arguments;
   generate::ReconstructRequest& rebuilt = arguments.rebuilt;
@@ -47,9 +48,18 @@ int main(int argc, char** argv) {
   add_option(back, "--true-skeleton", rebuilt.true_skeleton);
   add_clustering_options(back, rebuilt.grouping);
   add_option(back, "--votes", rebuilt.votes);
+  generate::GroupingRequest& grouped = arguments.grouped;
+  CLI::App& grouping =
+      program.command("grouping", "Fits bandwidth and least votes of joints to a run of stage 3: its grouping.json");
+  add_option(grouping, "--run", grouped.run)->required();
+  add_option(grouping, "--dataset", grouped.data)->required();
+  add_option(grouping, "--split", grouped.splits)->required();
+  add_option(grouping, "--limit", grouped.most)->check(whole_number(0));
+  add_option(grouping, "--ckpt", grouped.ckpt, kCheckpoint);
   program.add_common({"--keep-going", "--threads", "--device", "--json"}, library_versions());
   return program.run(argc, argv, [&] {
-    structure.device = structured.device = rebuilt.device = program.common.device;
+    structure.device = structured.device = rebuilt.device = grouped.device = program.common.device;
+    if (grouping.parsed()) arguments.task = EncodeArguments::Task::kGrouping;
     if (ss.parsed()) arguments.encoded = structure;
     if (slat.parsed()) {
       arguments.task = EncodeArguments::Task::kStructuredLatents;

@@ -77,6 +77,7 @@ void add_finishing_options(CLI::App& app, GenerateArguments& arguments) {
   add_option(app, "--smooth-iterations", finishing.smoothing_iterations)->check(whole_number(0, 1'000'000));
   add_option(app, "--smooth-alpha", finishing.smoothing_alpha)->check(number(0, 1));
   add_option(app, "--texture-size", finishing.texture_size)->check(whole_number(0, 8192));
+  add_option(app, "--colors", arguments.colors);
   add_option(app, "--axes", arguments.axes);
   add_option(app, "--obj", arguments.obj);
   add_option(app, "--intermediate", arguments.intermediate);
@@ -106,9 +107,11 @@ void refuse_ignored(const CLI::App& app, const GenerateArguments& arguments) {
 int main(int argc, char** argv) {
   Program program(
       "anigen-generate", "Makes a rigged GLB of an image: mesh, skeleton and skin weights.",
-      "  anigen-generate -i frog.png --ss-flow runs/ss_flow --slat-flow runs/slat_flow -o results\n"
+      "  anigen-generate frog.png -o results                  by the weights that come with the program\n"
+      "  anigen-generate frog.png --ss-flow runs/ss_flow --slat-flow runs/slat_flow -o results\n"
       "  anigen-generate -i photos/ --runs ckpts/ --ss-flow ckpts/anigen/ss_flow_duet --normals estimator \\\n"
       "    --normal-weights ckpts/dsine/dsine.pt --precision bf16 --low-memory -o results");
+  program.first = "--image";
   GenerateArguments arguments;
   add_model_options(program.app, arguments);
   add_picture_options(program.app, arguments);

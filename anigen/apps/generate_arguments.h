@@ -35,7 +35,7 @@ struct GenerateArguments {
   // Finishing and files.
   generate::FinishingOptions finishing;
   bool keep_hidden = false, keep_weights = false, no_smoothing = false;
-  std::string axes = "gltf";
+  std::string axes = "gltf", colors = "picture";
   bool obj = false, intermediate = false;
 };
 

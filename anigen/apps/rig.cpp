@@ -91,9 +91,11 @@ void add_dataset_options(CLI::App& app, RigArguments& options) {
              ": for template and retrieval, source of skeletons and answers");
   add_option(app, "--split", options.request.joints.splits);
   add_option(app, "--image", options.image, ": for retrieval");
-  add_option(app, "--image-split", options.image_splits);
+  CLI::Option* asked = add_option(app, "--image-split", options.image_splits);
+  add_option(app, "--image-dataset", options.image_dataset)->needs(asked);
   add_option(app, "--limit", options.limit, ", of --image-split")->check(whole_number(0));
   add_option(app, "--retrieval-views", options.views, "; 0: all")->check(whole_number(0, 1000));
+  add_option(app, "--retrieval-encoder", options.retrieval_encoder);
   add_option(app, "--background", options.background, ", as anigen-generate; for retrieval")
       ->check(one_of({"auto", "keep", "alpha", "grabcut"}));
   add_option(app, "--condition", options.condition,
@@ -109,12 +111,19 @@ void refuse_ignored(const CLI::App& app, const RigArguments& options) {
     refuse_given(app,
                  {"--mesh", "--mesh-split", "--mesh-up", "--skin", "--skeleton", "--pinocchio-template",
                   "--geovoxel-resolution", "--falloff", "--curve-joints", "--influences", "--preview", "--joint-model",
-                  "--connectivity-model", "--skin-model", "--points", "--joint-distance", "--seed", "--device"},
+                  "--connectivity-model", "--skin-model", "--points", "--joint-distance", "--seed"},
                  whose + ", which answers images");
     if (options.image_splits.empty()) refuse_given(app, {"--limit"}, "is of the assets of --image-split");
+    if (options.retrieval_encoder.empty()) {
+      refuse_given(app, {"--device"}, whose + " without --retrieval-encoder");
+    } else {
+      refuse_given(app, {"--condition"}, "is that of the flow of --retrieval-encoder");
+    }
     return;
   }
-  refuse_given(app, {"--image", "--image-split", "--limit", "--retrieval-views", "--background", "--condition"},
+  refuse_given(app,
+               {"--image", "--image-split", "--image-dataset", "--limit", "--retrieval-views", "--retrieval-encoder",
+                "--background", "--condition"},
                whose + "; it is for retrieval");
   const bool learned = method == kAnymate || method == kRignet;
   if (!learned) {
@@ -162,6 +171,7 @@ int main(int argc, char** argv) {
       "  anigen-rig --method rignet -m body.glb --joint-model runs/rignet_joints -o rigged.glb\n"
       "  anigen-rig --method template -m results/ -d data --split data/splits/train.txt -o template\n"
       "  anigen-rig --method retrieval -i photos/ -d data --split data/splits/train.txt -o retrieved");
+  program.first = "--mesh";
   CLI::App& app = program.app;
   RigArguments options;
   std::vector<std::string> methods = rigging::rigging_method_words();

@@ -11,6 +11,7 @@ int main(int argc, char** argv) {
       "  anigen-train -o runs/skin_ae --ckpt 200 --restart    go back to step 200; later steps are moved aside\n"
       "  anigen-train --config FILE -o runs/b --set trainer.args.optimizer.args.lr=3e-4\n"
       "  anigen-train --config FILE -o runs/b --tune          find the fastest settings; then: anigen-train -o runs/b\n"
+      "  anigen-train -o runs/slat_dae --export weights/own   its weights in half precision, to hand on\n"
       "  anigen-train --config FILE --print-config            the config with every default\n"
       "  anigen-train --ranks 2 --rank-restarts 3 --config FILE -o runs/b --set trainer.args.batch_split=2\n"
       "  srun --ntasks 8 anigen-train --config FILE -o runs/b      or torchrun, or mpirun: docs/cluster.md");
@@ -29,6 +30,7 @@ int main(int argc, char** argv) {
   add_option(app, "--extend-to", arguments.extend_to)->check(whole_number(1, std::uint64_t{1} << 40));
   add_option(app, "--profile", arguments.profile_steps)->check(whole_number(0, 1'000'000));
   add_option(app, "--tune", arguments.tune);
+  add_option(app, "--export", arguments.export_to);
   add_option(app, "--schema", arguments.schema);
   add_option(app, "--print-config", arguments.print_config);
   CLI::Option* ranks = add_option(app, "--ranks", arguments.ranks)->check(whole_number(1, 1024));

@@ -5,6 +5,7 @@
 #include "anigen/data/datasets.h"
 #include "anigen/data/latent_files.h"
 #include "anigen/data/metadata.h"
+#include "anigen/data/picture_dataset.h"
 #include "anigen/data/rigged_item.h"
 #include "anigen/data/skin_dataset.h"
 #include "anigen/data/view_files.h"

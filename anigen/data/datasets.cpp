@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <atomic>
 #include <system_error>
+#include <type_traits>
 #include <utility>
 
 #include "anigen/core/config_fields.h"
@@ -10,6 +11,7 @@
 #include "anigen/core/log.h"
 #include "anigen/core/parallel.h"
 #include "anigen/core/random.h"
+#include "anigen/data/picture_dataset.h"
 #include "anigen/data/view_files.h"
 
 namespace anigen::data {
@@ -19,6 +21,7 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr int kReplacements = 20;
+constexpr const char* kSurfaceModel = "surface";  // features that begin with the way to the surface
 
 // Only whether files are there: reading all of a large dataset would take hours.
 std::string missing_file(const std::vector<fs::path>& files) {
@@ -106,6 +109,11 @@ class FeatureSkeletonDataset : public AssetDataset {
     const AssetId& id = asset(index);
     auto pack = std::make_unique<Pack>();
     pack->features = read_features_at(made_path(id, "features", options_.model), options_.resolution);
+    if (options_.support_noise.any()) {
+      Rng noise(seed(), "support noise", position);
+      pack->features = with_support_noise(pack->features, options_.resolution, options_.support_noise,
+                                          options_.model == kSurfaceModel ? 3 : 0, noise);
+    }
     pack->skeleton.coords = skeleton_voxels(id, position);
     Rng view(seed(), "view", position);
     pack->view = read_view(view_folder(id), options_.image_size, view);
@@ -163,10 +171,17 @@ class FeatureSkeletonDataset : public AssetDataset {
 
 using Factory = std::function<Datasets(ConfigReader&, std::uint64_t)>;
 
+// Options of held-out assets.
+template <typename Options>
+Options without_noise(Options options) {
+  if constexpr (std::is_same_v<Options, FeatureSkeletonOptions>) options.support_noise = {};
+  return options;
+}
+
 template <typename Dataset, typename Options, typename... Extra>
 Factory factory(Extra... extra) {
   return [=](ConfigReader& args, std::uint64_t seed) {
-    const Options options = Options::read(args, extra...);
+    const Options options = Options::read(args, extra...), of_eval = without_noise(options);
     args.finish();
     TrainingData assets =
         open_training(options.sources, [options, seed](std::vector<AssetId> chosen, const BatchSource*) {
@@ -174,7 +189,7 @@ Factory factory(Extra... extra) {
         });
     Datasets datasets;
     datasets.train = assets.train;
-    if (!assets.eval.empty()) datasets.eval = std::make_shared<const Dataset>(std::move(assets.eval), options, seed);
+    if (!assets.eval.empty()) datasets.eval = std::make_shared<const Dataset>(std::move(assets.eval), of_eval, seed);
     return datasets;
   };
 }
@@ -185,6 +200,7 @@ const std::vector<std::pair<std::string, Factory>>& registry() {
       {"AniGenSparseFeat2Skeleton", factory<FeatureSkeletonDataset, FeatureSkeletonOptions>()},
       {"AniGenSparseStructureLatent", factory<StructureLatentDataset, StructureLatentOptions>(false)},
       {"ImageConditionedAniGenSparseStructureLatent", factory<StructureLatentDataset, StructureLatentOptions>(true)},
+      {"AniGenPictures", factory<PictureDataset, PictureOptions>()},
       {"AniGenSLat", factory<StructuredLatentDataset, StructuredLatentOptions>(false)},
       {"AniGenImageConditionedSLat", factory<StructuredLatentDataset, StructuredLatentOptions>(true)}};
   return entries;
@@ -279,6 +295,8 @@ FeatureSkeletonOptions FeatureSkeletonOptions::read(ConfigReader& reader) {
   f("skl_dilation_iter", options.skl_dilation_iter, {0, kMostResolution});
   f("skl_dilation_random_aug", options.skl_dilation_random_aug);
   f("skl_dilation_random_aug_prob", options.skl_dilation_random_aug_prob, {0.0, 1.0});
+  f("support_grow", options.support_noise.grow, {0.0, 1.0});
+  f("support_drop", options.support_noise.drop, {0.0, 0.99});
   f("skin_accum_as_flow", options.skin_accum_as_flow);
   f.ignored("joint_merge_res");
   f("bucket_by_voxels", options.bucket_by_voxels);

@@ -88,6 +88,7 @@ struct FeatureSkeletonOptions {
   int skl_dilation_iter = 0;                  ///< Chebyshev radius by which skeleton voxels are dilated
   bool skl_dilation_random_aug = false;       ///< see geometry::dilate_randomly
   double skl_dilation_random_aug_prob = 0.5;  ///< of that, per sample
+  SupportNoise support_noise;                 ///< ours: `support_grow`, `support_drop`; training assets only
   bool load_cubvh = false;                    ///< hand out a nearest-surface solver per mesh
   bool skin_accum_as_flow = false;            ///< see accumulate_skin_as_flow
   bool bucket_by_voxels = false;              ///< ours: batches of assets with similar numbers of voxels
@@ -227,6 +228,7 @@ struct Datasets {
 /// | AniGenSparseFeat2Skeleton | FeatureSkeletonBatch (the first stage makes its SkinDataset itself) |
 /// | AniGenSparseStructureLatent, ImageConditionedAniGenSparseStructureLatent | StructureLatentBatch |
 /// | AniGenSLat, AniGenImageConditionedSLat | StructuredLatentBatch |
+/// | AniGenPictures (ours) | PictureBatch (picture_dataset.h) |
 ///
 /// @param dataset the object with name and args, which must outlive the call only @param seed of all random draws
 /// @throws InputError naming file and pointer: an unknown name with the nearest known one, a bad argument, a filter

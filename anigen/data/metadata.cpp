@@ -186,7 +186,8 @@ std::vector<AssetId> select_rows(const CsvTable& table, const fs::path& root, co
       if (found != filter.repeat.end()) repeat = found->second;
     }
     assets.push_back({root, id, repeat, voxel_count(table, row, file), table.flag(row, "is_bad_skin", false, file),
-                      has("file_identifier") ? creature_of(table, row) : ""});
+                      has("file_identifier") ? creature_of(table, row) : "",
+                      has("source") ? table.cell(row, "source") : ""});
   }
   return assets;
 }

@@ -25,6 +25,7 @@ struct AssetId {
   std::uint64_t num_voxels = 0;  ///< column num_voxels; 0 where there is none
   bool is_bad_skin = false;      ///< column is_bad_skin
   std::string creature{};        ///< column file_identifier of a procedural creature, "procedural/<seed>/<index>"
+  std::string source{};          ///< column source, of a procedural creature "procedural:<family>"
 };
 
 /// Filters on the rows of metadata.csv (docs/reference/training.md, 1.1 and 1.3). A filter on a column that a source

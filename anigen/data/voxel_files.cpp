@@ -1,6 +1,8 @@
 #include "anigen/data/voxel_files.h"
 
 #include <algorithm>
+#include <array>
+#include <set>
 #include <utility>
 
 #include "anigen/core/error.h"
@@ -101,6 +103,41 @@ VoxelRows read_features_at(const std::filesystem::path& features, int resolution
 std::vector<geometry::Voxel> read_voxels_at(const std::filesystem::path& voxels, int resolution) {
   const std::vector<geometry::Voxel> rows = read_voxel_rows(voxels, kStoredResolution);
   return resolution == kStoredResolution ? rows : geometry::pool_voxels(rows, kStoredResolution / resolution);
+}
+
+VoxelRows with_support_noise(const VoxelRows& rows, int resolution, const SupportNoise& noise,
+                             std::size_t foot_channels, Rng& rng) {
+  constexpr std::array<geometry::Voxel, 6> kFaces{
+      {{1, 0, 0}, {-1, 0, 0}, {0, 1, 0}, {0, -1, 0}, {0, 0, 1}, {0, 0, -1}}};
+  const double grow = rng.uniform(0.0, noise.grow), drop = rng.uniform(0.0, noise.drop);
+  const float edge = static_cast<float>(kStoredResolution) / static_cast<float>(resolution);
+  std::set<geometry::Voxel> taken(rows.coords.begin(), rows.coords.end());
+  VoxelRows grown = rows;
+  for (std::size_t i = 0; i < rows.coords.size(); ++i) {
+    for (const geometry::Voxel& face : kFaces) {
+      geometry::Voxel beside = rows.coords[i];
+      for (std::size_t axis = 0; axis < 3; ++axis) beside[axis] += face[axis];
+      const auto [low, high] = std::minmax_element(beside.begin(), beside.end());
+      if (*low < 0 || *high >= resolution || taken.count(beside) > 0 || !rng.chance(grow)) continue;
+      taken.insert(beside);
+      grown.coords.push_back(beside);
+      const auto from = static_cast<std::ptrdiff_t>(i * rows.channels);
+      const auto to = static_cast<std::ptrdiff_t>(rows.channels);
+      grown.feats.insert(grown.feats.end(), rows.feats.begin() + from, rows.feats.begin() + from + to);
+      float* feature = grown.feats.data() + grown.feats.size() - rows.channels;
+      for (std::size_t axis = 0; axis < foot_channels; ++axis) feature[axis] -= edge * static_cast<float>(face[axis]);
+    }
+  }
+  VoxelRows kept;
+  kept.channels = rows.channels;
+  for (std::size_t i = 0; i < grown.coords.size(); ++i) {
+    const bool last = kept.coords.empty() && i + 1 == grown.coords.size();
+    if (rng.chance(drop) && !last) continue;
+    kept.coords.push_back(grown.coords[i]);
+    const auto from = static_cast<std::ptrdiff_t>(i * rows.channels), to = static_cast<std::ptrdiff_t>(rows.channels);
+    kept.feats.insert(kept.feats.end(), grown.feats.begin() + from, grown.feats.begin() + from + to);
+  }
+  return kept;
 }
 
 torch::Tensor tensor_of(const std::vector<float>& values, torch::IntArrayRef shape) {

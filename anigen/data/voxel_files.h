@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "anigen/core/random.h"
 #include "anigen/data/metadata.h"
 #include "anigen/geometry/voxel_grid.h"
 
@@ -43,6 +44,23 @@ constexpr int kStoredResolution = 64;
 VoxelRows read_features_at(const std::filesystem::path& features, int resolution);
 /// @return in file order with repetitions at kStoredResolution, else lexicographic
 std::vector<geometry::Voxel> read_voxels_at(const std::filesystem::path& voxels, int resolution);
+
+/// Changes of a surface's voxels, ours: a first stage gives voxels that lie beside the surface, and leaves some out. An
+/// auto-encoder that has learned from such voxels decodes the surface from them.
+struct SupportNoise {
+  double grow = 0.0;  ///< largest share of the voxels beside a face of one that are added, [0, 1]
+  double drop = 0.0;  ///< largest share of the voxels that are left out then, [0, 1)
+
+  bool any() const { return grow > 0.0 || drop > 0.0; }
+};
+
+/// Draws both shares uniformly up to their largest, then every voxel by itself. One that is added has the features of
+/// the voxel it lies beside. At least one voxel stays.
+/// @param resolution of the grid, outside of which nothing is added
+/// @param foot_channels 3 where the first three channels are the way from the voxel's centre to the surface in edges of
+/// a grid of kStoredResolution (vision/surface_features.h), which then counts from the added one's centre; else 0
+VoxelRows with_support_noise(const VoxelRows& rows, int resolution, const SupportNoise& noise,
+                             std::size_t foot_channels, Rng& rng);
 
 /// Voxels of several assets, one asset after the other: what the sparse models take (docs/reference/training.md, 1.3).
 struct RaggedVoxels {

@@ -20,7 +20,7 @@ constexpr int kMost = 1 << 16;
 
 /// True when several processes of a program, called alike, divide the work.
 bool shares_its_work(const std::string& program, const std::string& word, const Json& arguments) {
-  if (program == "anigen-encode") return word != "reconstruct";
+  if (program == "anigen-encode") return word != "reconstruct" && word != "grouping";
   if (program == "anigen-eval") return arguments.contains("--pred");
   return program == "anigen-prepare" || program == "anigen-generate";
 }
@@ -64,12 +64,15 @@ const std::vector<std::string>& programs() {
 
 std::string default_output(const std::string& program) { return program == "anigen-encode" ? "" : "--output"; }
 
-/// Nested objects become dotted paths, and of two that mean the same the later one counts.
+/// Nested objects become dotted paths, and of two that mean the same the later one counts; null takes an earlier one
+/// back.
 void flatten(const Json& object, const std::string& path, Json& settings) {
   for (const auto& [key, value] : object.items()) {
     const std::string name = path.empty() ? key : path + "." + key;
     if (value.is_object() && !value.empty()) {
       flatten(value, name, settings);
+    } else if (value.is_null()) {
+      settings.erase(name);
     } else {
       settings[name] = value;
     }
@@ -78,11 +81,12 @@ void flatten(const Json& object, const std::string& path, Json& settings) {
 
 bool scalar(const Json& value) { return value.is_string() || value.is_number() || value.is_boolean(); }
 
-void require_arguments(const Step& step, const ConfigReader& reader) {
+/// @param seeded the experiment gives this step its seeds
+void require_arguments(const Step& step, const ConfigReader& reader, bool seeded) {
   for (const auto& [option, value] : step.arguments.items()) {
     const std::string key = "args/" + escaped_for_pointer(option);
     if (option.rfind("--", 0) != 0 || option.size() < 3) throw reader.error(key, "options begin with --");
-    if (option == step.output || option == "--seed" || option == "--threads")
+    if (option == step.output || option == "--threads" || (seeded && option == "--seed"))
       throw reader.error(key, "is set by the experiment itself");
     const bool list = value.is_array() && std::all_of(value.begin(), value.end(), scalar);
     if (!list && !scalar(value) && !value.is_null())
@@ -136,6 +140,7 @@ bool uses_device(const std::string& program, const Json& arguments) {
     return arguments.contains(option) && !arguments[option].is_null() && arguments[option] != false;
   };
   if (program == "anigen-prepare") return given("--features") && arguments["--features"] != "surface";
+  if (program == "anigen-rig" && given("--retrieval-encoder")) return true;
   if (program == "anigen-rig")
     return given("--method") && (arguments["--method"] == "anymate" || arguments["--method"] == "rignet");
   if (program == "anigen-eval") return given("--ss-flow") || given("--skin-ae") || given("--lpips-weights");
@@ -370,9 +375,10 @@ Step read_step(const Experiment& experiment, const Variant& variant, const std::
   Json json = experiment.steps.at(name), settings = Json::object();
   // Settings are overlaid as paths: the same one may be written nested here and dotted there.
   const auto take_settings = [&settings](Json& from) {
-    if (!from.contains("set") || !from.at("set").is_object()) return;
-    flatten(from.at("set"), "", settings);
-    from.erase("set");
+    if (!from.contains("set")) return;
+    if (from.at("set").is_null()) settings = Json::object();
+    if (from.at("set").is_object()) flatten(from.at("set"), "", settings);
+    if (from.at("set").is_null() || from.at("set").is_object()) from.erase("set");
   };
   take_settings(json);
   if (variant.changes.contains(name)) {
@@ -406,7 +412,8 @@ Step read_step(const Experiment& experiment, const Variant& variant, const std::
   step.minutes = reader.number("minutes", 0, 0);
   step.megabytes = reader.number("megabytes", 0, 0);
   step.resources = read_resources(reader, step.program, step.words.empty() ? "" : step.words.front(), step.arguments);
-  require_arguments(step, reader);
+  const std::vector<std::string>& seeded = experiment.seeded;
+  require_arguments(step, reader, std::find(seeded.begin(), seeded.end(), name) != seeded.end());
   reader.finish();
   return step;
 }

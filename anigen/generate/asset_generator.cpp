@@ -44,8 +44,20 @@ flow::SamplingExtras with_progress(Progress& progress) {
 bool sees_normals(const AssetGenerator::Request& request, const StructureGenerator& flow) {
   if (request.structure_condition != StructureCondition::kAsTrained)
     return request.structure_condition == StructureCondition::kNormal;
-  return flow.reading().condition == data::ConditionPictures::kNormals ||
+  if (flow.reading().condition == data::ConditionPictures::kNormals) return true;
+  // Published configs say nothing of it.
+  return !flow.flow().run.contains(Json::json_pointer("/dataset/args/condition")) &&
          !nn::has_training_state(request.structure_flow);
+}
+
+/// Adds the run of the picture estimator that a flow's image encoder asks, if it asks one.
+void add_estimator(const nn::RunModel& flow, const std::filesystem::path& run,
+                   std::vector<std::filesystem::path>& runs) {
+  const char* pointer = "/trainer/args/image_encoder/estimator";
+  const Json::json_pointer place(pointer);
+  if (!flow.run.contains(place) || !flow.run.at(place).is_string()) return;
+  const std::string name = flow.run.at(place).get<std::string>();
+  if (!name.empty()) runs.push_back(nn::named_run(run, name, flow.config, pointer));
 }
 
 }  // namespace
@@ -78,6 +90,8 @@ AssetGenerator::AssetGenerator(const Request& request) : request_(request) {
   structure_sees_normals_ = sees_normals(request, first);
   structure_decoder_ckpt_ = first.reading().ss_dec_ckpt;
   runs_ = {request.structure_flow, request.latent_flow, first.autoencoder()};
+  std::vector<std::filesystem::path> estimators;
+  add_estimator(first.flow(), request.structure_flow, estimators);
   forget_unless_kept();
   const StructuredLatentGenerator& second = latents();
   latent_size_ = second.reading().image_size;
@@ -86,10 +100,12 @@ AssetGenerator::AssetGenerator(const Request& request) : request_(request) {
   latent_decoder_ckpt_ = second.reading().slat_dec_ckpt;
   latent_autoencoder_ = request.latent_autoencoder;
   if (latent_autoencoder_.empty()) {
-    latent_autoencoder_ = named_run(request.latent_flow, second.reading().slat_dec_path, second.flow().config,
-                                    "/dataset/args/slat_dec_path");
+    latent_autoencoder_ = nn::named_run(request.latent_flow, second.reading().slat_dec_path, second.flow().config,
+                                        "/dataset/args/slat_dec_path");
   }
+  add_estimator(second.flow(), request.latent_flow, estimators);
   runs_.push_back(latent_autoencoder_);
+  runs_.insert(runs_.end(), estimators.begin(), estimators.end());
   forget_unless_kept();
   require_grid(decoder().options().resolution, latent_autoencoder_);
   forget_unless_kept();
@@ -187,6 +203,7 @@ void AssetGenerator::sample_latents(const Tensor& picture, const std::string& na
   StructuredLatentGenerator& second = latents();
   const flow::SamplerOptions sampler = options.latents.over(second.sampler());
   target.tokens = second.condition(picture);
+  made.camera = second.cameras(picture);
   if (counts_joints_)
     target.joints_num = torch::tensor({options.joints}, torch::kInt64).to(nn::parse_device(request_.device));
   made.times.condition += watch.lap();

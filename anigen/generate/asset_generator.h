@@ -48,6 +48,7 @@ struct GeneratedAsset {
   sparse_structure::VoxelPair voxels;                          ///< the same, decoded, or those given
   structured_latent::PerStream<sparse::SparseTensor> latents;  ///< what the second flow gave
   std::int64_t shape_voxels = 0, skeleton_voxels = 0;
+  std::optional<torch::Tensor> camera;  ///< [1, 7] of the latent picture, where its encoder estimates it
   GenerationTimes times;
 };
 
@@ -76,7 +77,7 @@ class AssetGenerator {
     std::string device = "cpu";
     torch::Dtype precision = torch::kFloat32;   ///< of the flows
     bool low_memory = false;                    ///< one model at a time: each is read again for every picture
-    skeleton_field::MeanShiftOptions grouping;  ///< of the votes for joints
+    skeleton_field::MeanShiftOptions grouping;  ///< of the votes, as structured_latent::grouping_of_run()
     StructureCondition structure_condition = StructureCondition::kAsTrained;
   };
   /// Reads the configs, and the weights too unless memory is low. @throws InputError when a run is unusable
@@ -85,7 +86,7 @@ class AssetGenerator {
   int structure_size() const { return structure_size_; }  ///< pixels of the picture that the first flow sees
   int latent_size() const { return latent_size_; }
   bool structure_sees_normals() const { return structure_sees_normals_; }
-  /// The four run folders that are used.
+  /// The run folders that are used: both flows, both auto-encoders, then picture estimators of their image encoders.
   const std::vector<std::filesystem::path>& runs() const { return runs_; }
   std::int64_t grid() const { return grid_; }  ///< voxels along a side
 

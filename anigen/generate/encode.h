@@ -9,6 +9,7 @@
 
 #include "anigen/core/process.h"
 #include "anigen/data/metadata.h"
+#include "anigen/generate/grouping.h"
 #include "anigen/generate/latent_records.h"
 #include "anigen/skeleton_field/voting.h"
 
@@ -110,10 +111,11 @@ namespace anigen {
 
 /// The command line of anigen-encode.
 struct EncodeArguments {
-  enum class Task { kStructure, kStructuredLatents, kReconstruct };
+  enum class Task { kStructure, kStructuredLatents, kReconstruct, kGrouping };
   Task task = Task::kStructure;
   generate::EncodeRequest encoded;       ///< of the first two
   generate::ReconstructRequest rebuilt;  ///< of the third
+  generate::GroupingRequest grouped;     ///< of the fourth
 };
 
 }  // namespace anigen

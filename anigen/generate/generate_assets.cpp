@@ -17,6 +17,7 @@
 #include "anigen/core/version.h"
 #include "anigen/generate/assemble.h"
 #include "anigen/generate/latent_records.h"
+#include "anigen/generate/picture_colors.h"
 #include "anigen/geometry/primitives.h"
 #include "anigen/io/arrays/safetensors.h"
 #include "anigen/io/gltf/export.h"
@@ -26,6 +27,7 @@
 #include "anigen/render/contact_sheet.h"
 #include "anigen/render/picture.h"
 #include "anigen/sparse_structure/voxel_picture.h"
+#include "anigen/structured_latent/decoder.h"
 #include "anigen/vision/dsine.h"
 
 namespace anigen::generate {
@@ -172,9 +174,15 @@ class Generation {
     const PreprocessedImage& first = seen.at(generator_.structure_size());
     const PreprocessedImage& second = seen.at(generator_.latent_size());
     const bool normals = generator_.structure_sees_normals();
-    const GeneratedAsset made = generator_.generate(normals ? first.normals_tensor : first.picture_tensor,
-                                                    second.picture_tensor, report.name, request_.sampling);
+    GeneratedAsset made = generator_.generate(normals ? first.normals_tensor : first.picture_tensor,
+                                              second.picture_tensor, report.name, request_.sampling);
     throw_if_interrupted();
+    std::vector<std::string> notices = first.notices;
+    if (request_.picture_colors && made.camera) {
+      const PaintedVertices painted = paint_from_picture(made.decoded.asset, second.part, *made.camera);
+      notices.push_back("colours from the picture for " + std::to_string(painted.seen) + " vertices, mirrored for " +
+                        std::to_string(painted.mirrored) + ", decoded for " + std::to_string(painted.decoded));
+    }
     FinishedAsset finished = finish_asset(made.decoded.asset, request_.finishing);
 
     io::ExportOptions axes;
@@ -196,7 +204,6 @@ class Generation {
                               request_.models.structure_flow);
       write_structured_latents(report.folder / "latents.npz", made.latents, request_.models.latent_flow);
     }
-    std::vector<std::string> notices = first.notices;
     notices.insert(notices.end(), finished.notices.begin(), finished.notices.end());
     const std::chrono::duration<double> seconds = std::chrono::steady_clock::now() - started;
     report.details = {{"made_by", made_by()},
@@ -269,6 +276,7 @@ std::map<int, PreprocessedImage> ConditionPictures::of(const NamedPicture& pictu
 Json generation_settings(const GenerateRequest& request, const std::vector<fs::path>& runs,
                          const NamedPicture& picture) {
   const FinishingOptions& finishing = request.finishing;
+  const auto grouping = structured_latent::grouping_of_run(request.models.grouping, runs[3]);
   Json settings = {{"picture", fs::absolute(picture.file).lexically_normal().string()},
                    {"ss_flow", runs[0].string()},
                    {"slat_flow", runs[1].string()},
@@ -281,12 +289,13 @@ Json generation_settings(const GenerateRequest& request, const std::vector<fs::p
                    {"condition", kConditions[static_cast<int>(request.models.structure_condition)]},
                    {"seed", request.sampling.seed},
                    {"joints", request.sampling.joints},
-                   {"grouping_bandwidth", request.models.grouping.bandwidth},
-                   {"grouping_least_votes", request.models.grouping.min_cluster_size},
+                   {"grouping_bandwidth", grouping.bandwidth},
+                   {"grouping_least_votes", grouping.min_cluster_size},
                    {"structure_sampler", sampler_json(request.sampling.structure)},
                    {"latent_sampler", sampler_json(request.sampling.latents)},
                    {"averages", kAverages[static_cast<int>(request.models.averages)]},
                    {"precision", request.models.precision == torch::kFloat32 ? "fp32" : "bf16"},
+                   {"picture_colors", request.picture_colors},
                    {"published_axes", request.published_axes},
                    {"obj", request.obj},
                    {"finishing",

@@ -19,6 +19,7 @@ struct GenerateRequest {
   PreprocessingOptions pictures;            ///< their size is that of the models' conditions
   std::filesystem::path estimator_weights;  ///< for NormalSource::kEstimator
   FinishingOptions finishing;
+  bool picture_colors = true;      ///< where the camera is known, see generate/picture_colors.h; else decoded colours
   bool published_axes = false;     ///< (−x, z, y) in the file, as the published exporter writes; else (x, z, −y)
   bool obj = false;                ///< also mesh.obj and mesh.rig.json, see io/obj.h
   bool intermediate = false;       ///< also what the stages gave: voxels, latents, votes, the dense mesh

@@ -245,6 +245,10 @@ PreprocessedImage ImagePreprocessor::run(const InputPicture& picture, const Inpu
   std::optional<io::Image> normals = normals_of(picture, normal_map, object, result.notices);
   result.picture = vision::inference_image(object, options_.size, picture.name);
   result.picture_tensor = batch_of(result.picture);
+  result.part = io::crop(object, io::inference_box(object, picture.name));
+  if (result.part.width > kMostPartPixels) {
+    result.part = io::resize_lanczos(result.part, kMostPartPixels, kMostPartPixels, io::ResizeAlpha::kPremultiplied);
+  }
   if (normals) {
     result.normals = vision::inference_image(with_alpha_of(*normals, object), options_.size, picture.name);
     result.normals_tensor = batch_of(result.normals);

@@ -86,11 +86,15 @@ struct PreprocessingOptions {
   int estimator_side = 0;  ///< longest side that the estimator sees; 0: the whole picture, as published
 };
 
+/// Side of the largest crop that is kept for colours.
+inline constexpr int kMostPartPixels = 1024;
+
 /// Preprocessed image, before the flow models are conditioned on it.
 struct PreprocessedImage {
   io::Image picture;                             ///< S × S, opaque, the object on black
   io::Image normals;                             ///< its surface normals, cut out, cropped and resized alike
   torch::Tensor picture_tensor, normals_tensor;  ///< the same, [1, 3, S, S] fp32 in [0, 1]
+  io::Image part;                                ///< the object's crop with alpha, at most kMostPartPixels on a side
   std::vector<std::string> notices;              ///< what was done, a sentence each: turning, background, normals
 };
 

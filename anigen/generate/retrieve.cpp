@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <limits>
+#include <memory>
 #include <utility>
 
 #include "anigen/core/error.h"
@@ -12,6 +14,7 @@
 #include "anigen/core/process.h"
 #include "anigen/core/version.h"
 #include "anigen/generate/preprocess.h"
+#include "anigen/generate/stage_generators.h"
 #include "anigen/io/gltf/gltf.h"
 #include "anigen/io/rigs/rig_listing.h"
 #include "anigen/render/cameras_json.h"
@@ -27,10 +30,46 @@ constexpr int kSide = 112;  // pixels to which pictures are reduced first
 constexpr const char* kMeshFile = "mesh.glb";
 constexpr const char* kRecordFile = "generation.json";
 
+/// Description of pictures by which they are compared.
+class Describer {
+ public:
+  explicit Describer(const RetrievalRequest& request) : seen_(request.seen) {
+    if (request.encoder.empty()) return;
+    StructureGenerator::Request flow;
+    flow.run = request.encoder;
+    flow.device = request.device;
+    flow_ = std::make_unique<StructureGenerator>(flow);
+    seen_ = flow_->reading().condition;
+    side_ = flow_->reading().image_size;
+  }
+
+  int side() const { return side_; }
+  data::ConditionPictures seen() const { return seen_; }
+  const char* name() const {
+    if (flow_) return "tokens of a trained encoder";
+    return seen_ == data::ConditionPictures::kNormals ? "normals" : "colours";
+  }
+
+  /// @param pictures [B, 3, S, S], S = side() @return [B, C]; of an encoder in half precision: there may be many
+  Tensor operator()(const Tensor& pictures) const {
+    if (!flow_) return picture_cells(pictures);
+    const Tensor tokens = flow_->condition(pictures).to(torch::kCPU).flatten(1);
+    return (tokens / tokens.norm(2, {1}, /*keepdim=*/true).clamp_min(1e-12)).to(torch::kHalf);
+  }
+  /// False when pictures may be described on several threads at once.
+  bool has_network() const { return flow_ != nullptr; }
+
+ private:
+  std::unique_ptr<StructureGenerator> flow_;
+  data::ConditionPictures seen_;
+  int side_ = kSide;
+};
+
 /// The condition views of a data set's assets.
 class Gallery {
  public:
-  explicit Gallery(const RetrievalRequest& request) : source_(request.dataset), folder_(request.dataset) {
+  Gallery(const RetrievalRequest& request, const Describer& describe)
+      : source_(request.dataset), folder_(request.dataset) {
     for (const std::string& id : io::select_ids(source_, request.splits)) {
       if (!source_.is_usable(id)) continue;
       std::error_code error;
@@ -40,18 +79,26 @@ class Gallery {
       throw InputError(folder_.string(), "renders_cond",
                        "no asset has condition views; anigen-prepare --cond-views makes them");
     }
-    look(request.views, request.seen);
+    look(request.views, describe);
   }
 
   struct Nearest {
     std::string id;
     double distance;
   };
-  /// @param cells [1, C]
-  Nearest nearest(const Tensor& cells) const {
-    const Tensor distances = (cells_ - cells).square().mean(1);
-    const std::int64_t row = distances.argmin().item<std::int64_t>();
-    return {ids_[owners_[static_cast<std::size_t>(row)]], std::sqrt(distances[row].item<double>())};
+  /// @param described [1, C]
+  Nearest nearest(const Tensor& described) const {
+    // By blocks: differences in fp32 of all rows may not fit into memory.
+    constexpr std::int64_t kBlock = 1024;
+    Nearest nearest{"", std::numeric_limits<double>::infinity()};
+    for (std::int64_t first = 0; first < rows_.size(0); first += kBlock) {
+      const Tensor block = rows_.slice(0, first, first + kBlock).to(torch::kFloat32);
+      const Tensor distances = (block - described.to(torch::kFloat32)).square().mean(1);
+      const std::int64_t row = distances.argmin().item<std::int64_t>();
+      const double distance = std::sqrt(distances[row].item<double>());
+      if (distance < nearest.distance) nearest = {ids_[owners_[static_cast<std::size_t>(first + row)]], distance};
+    }
+    return nearest;
   }
 
   void write(const std::string& id, const fs::path& file) const {
@@ -65,8 +112,8 @@ class Gallery {
   }
 
  private:
-  /// Cells of the first views of an asset.
-  static std::vector<Tensor> seen(const fs::path& folder, std::size_t most, data::ConditionPictures pictures) {
+  /// The first views of an asset, [V, 3, S, S].
+  static Tensor seen(const fs::path& folder, std::size_t most, data::ConditionPictures pictures, int side) {
     const auto frames = render::read_transforms(folder / "transforms.json").frames;
     const std::size_t count = most == 0 ? frames.size() : std::min(most, frames.size());
     std::vector<Tensor> views;
@@ -77,41 +124,48 @@ class Gallery {
         const fs::path map = data::normal_picture_of(file);
         view = with_alpha_of(supplied_normals(io::read_image(map), view.width, view.height, map.string()), view);
       }
-      const io::Image object = vision::inference_image(view, kSide, file.string());
-      views.push_back(picture_cells(vision::color_tensor(object).unsqueeze(0)));
+      views.push_back(vision::color_tensor(vision::inference_image(view, side, file.string())));
     }
-    return views;
+    return torch::stack(views);
   }
 
-  void look(std::size_t most, data::ConditionPictures pictures) {
-    std::vector<std::vector<Tensor>> views(ids_.size());
+  // A bundle of assets is read on all threads, then described.
+  void look(std::size_t most, const Describer& describe) {
     Progress progress("looking at the data set", ids_.size(), "assets");
-    parallel_for(ids_.size(), [&](std::size_t i) {
-      throw_if_interrupted();
-      try {
-        views[i] = seen(folder_ / "renders_cond" / ids_[i], most, pictures);
-      } catch (...) {
-        log::warn("left out {}: {}", ids_[i], failure_of_item());
-      }
-      progress.advance();
-    });
-    progress.finish();
     std::vector<Tensor> rows;
-    for (std::size_t i = 0; i < views.size(); ++i) {
-      for (Tensor& view : views[i]) {
-        rows.push_back(std::move(view));
-        owners_.push_back(i);
+    for (std::size_t first = 0; first < ids_.size(); first += kBundle) {
+      const std::size_t count = std::min(kBundle, ids_.size() - first);
+      std::vector<Tensor> views(count);
+      parallel_for(count, [&](std::size_t i) {
+        throw_if_interrupted();
+        const std::string& id = ids_[first + i];
+        try {
+          views[i] = seen(folder_ / "renders_cond" / id, most, describe.seen(), describe.side());
+          if (!describe.has_network()) views[i] = describe(views[i]);
+        } catch (...) {
+          log::warn("left out {}: {}", id, failure_of_item());
+          views[i] = Tensor();
+        }
+        progress.advance();
+      });
+      for (std::size_t i = 0; i < count; ++i) {
+        if (!views[i].defined()) continue;
+        owners_.insert(owners_.end(), static_cast<std::size_t>(views[i].size(0)), first + i);
+        rows.push_back(describe.has_network() ? describe(views[i]) : views[i]);
       }
     }
+    progress.finish();
     if (rows.empty()) throw InputError(folder_.string(), "renders_cond", "holds no usable view");
-    cells_ = torch::cat(rows);
+    rows_ = torch::cat(rows);
   }
+
+  static constexpr std::size_t kBundle = 256;
 
   io::DatasetSource source_;
   fs::path folder_;
   std::vector<std::string> ids_;
   std::vector<std::size_t> owners_;  // of the rows, indices of ids_
-  Tensor cells_;                     // [views of all, C]
+  Tensor rows_;                      // [views of all, C]
 };
 
 void refuse_lossy_outputs(const RetrievalRequest& request, const std::vector<NamedPicture>& pictures) {
@@ -139,12 +193,13 @@ std::vector<RetrievalReport> retrieve_assets(const RetrievalRequest& request,
                                              const std::vector<NamedPicture>& pictures) {
   require_distinct_names(pictures);
   PreprocessingOptions options = request.pictures;
-  options.size = kSide;
-  const bool normals = request.seen == data::ConditionPictures::kNormals;
+  const Describer describe(request);
+  options.size = describe.side();
+  const bool normals = describe.seen() == data::ConditionPictures::kNormals;
   options.normals = normals ? NormalSource::kFile : NormalSource::kColors;
   refuse_lossy_outputs(request, pictures);
   ImagePreprocessor preprocessor(options);
-  const Gallery gallery(request);
+  const Gallery gallery(request, describe);
   std::vector<RetrievalReport> reports;
   for (const NamedPicture& picture : pictures) {
     throw_if_interrupted();
@@ -153,14 +208,14 @@ std::vector<RetrievalReport> retrieve_assets(const RetrievalRequest& request,
     report.file = request.output / report.name / kMeshFile;
     try {
       const PreprocessedImage seen = preprocessor.run(picture.file, picture.normal_map);
-      const Gallery::Nearest nearest = gallery.nearest(picture_cells(seen.normals_tensor));
+      const Gallery::Nearest nearest = gallery.nearest(describe(seen.normals_tensor));
       report.asset = nearest.id;
       report.distance = nearest.distance;
       gallery.write(nearest.id, report.file);
       const Json details = {{"made_by", made_by()},
                             {"retrieved", nearest.id},
                             {"distance", nearest.distance},
-                            {"compared", normals ? "normals" : "colours"},
+                            {"compared", describe.name()},
                             {"dataset", fs::absolute(request.dataset).lexically_normal().string()}};
       write_file_atomically(report.file.parent_path() / kRecordFile, details.dump(2) + "\n");
     } catch (...) {
@@ -191,7 +246,7 @@ std::string to_text(const std::vector<RetrievalReport>& reports) {
   std::string text;
   for (const RetrievalReport& report : reports) {
     char distance[48];
-    std::snprintf(distance, sizeof distance, ", colours differ by %.3f\n", report.distance);
+    std::snprintf(distance, sizeof distance, ", %.3f apart\n", report.distance);
     text += report.name + ": " + (report.failure.empty() ? report.asset + distance : report.failure + "\n");
   }
   return text;

@@ -1,6 +1,7 @@
 #include "anigen/generate/run_weights.h"
 
 #include <algorithm>
+#include <cstdlib>
 #include <functional>
 #include <map>
 #include <memory>
@@ -22,22 +23,11 @@
 #include "anigen/structured_latent/encoder.h"
 #include "anigen/structured_latent/flow.h"
 #include "anigen/structured_latent/sampling.h"
+#include "anigen/vision/picture_estimator.h"
 
 namespace anigen::generate {
 
 namespace fs = std::filesystem;
-
-fs::path named_run(const fs::path& run, const std::string& name, const fs::path& config, const std::string& pointer) {
-  if (name.empty()) throw InputError(config.string(), pointer, "names no run to decode with");
-  std::error_code error;
-  if (fs::is_directory(name, error)) return name;
-  for (fs::path folder = fs::absolute(run).lexically_normal();; folder = folder.parent_path()) {
-    if (fs::path(name).is_relative() && fs::is_directory(folder / name, error)) return folder / name;
-    if (!folder.has_relative_path()) break;
-  }
-  throw InputError(config.string(), pointer,
-                   "names the run \"" + name + "\", which is neither below the working directory nor beside this run");
-}
 
 namespace {
 
@@ -92,6 +82,7 @@ const std::map<std::string, Builder> kBuilders = {
     {"SkinAutoEncoder", built<skin_field::SkinAutoEncoder>},
     {kAnymateModelClass, built<anymate::AnymateModel>},
     {kRignetModelClass, built<rignet::RignetModel>},
+    {vision::kPictureEstimatorClass, built<vision::PictureEstimator>},
     {sparse_structure::kSparseStructureEncoderClass, built<sparse_structure::SparseStructureEncoder>},
     {sparse_structure::kSparseStructureDecoderClass, built<sparse_structure::SparseStructureDecoder>},
     {sparse_structure::kSparseStructureFlowClass, built<sparse_structure::SparseStructureFlow>},
@@ -169,6 +160,31 @@ FlowRuns find_flow_runs(const fs::path& folder, bool joint_count, const FlowRuns
                                (joint_count ? " that was told numbers of joints" : ""));
   }
   return found;
+}
+
+fs::path shipped_weights() {
+  constexpr const char* kVariable = "ANIGEN_WEIGHTS";
+  constexpr const char* kFolder = "weights/anigen-small";
+  std::error_code error;
+  if (const char* named = std::getenv(kVariable); named != nullptr && *named != '\0') {
+    if (fs::is_directory(named, error)) return named;
+    throw InputError(named, kVariable, "is no folder");
+  }
+  const fs::path program = fs::read_symlink("/proc/self/exe", error).parent_path();
+  std::vector<fs::path> places;
+  constexpr int kLevels = 4;  // build/release/bin lies three below the sources
+  fs::path above = program;
+  for (int level = 0; level < kLevels; ++level, above = above.parent_path()) places.push_back(above / kFolder);
+  places.push_back(program.parent_path() / "share/anigen" / kFolder);
+  places.push_back(fs::path("/usr/share/anigen") / kFolder);
+  for (const fs::path& place : places) {
+    if (fs::is_directory(place, error)) return place;
+  }
+  throw InputError("", kVariable,
+                   "no weights come with this program: none of " +
+                       joined(places, ", ", [](const fs::path& place) { return place.string(); }) +
+                       " exists. Name the runs of both flows with --ss-flow and --slat-flow, or the folder of both "
+                       "with --runs or in this variable");
 }
 
 Json describe_weights(const fs::path& run) {

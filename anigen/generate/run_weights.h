@@ -7,14 +7,6 @@
 
 namespace anigen::generate {
 
-/// The run folder that another run's config names. A relative name counts from the working directory, as published;
-/// where nothing is there, from the nearest parent folder of the naming run in which it exists, so that a released tree
-/// works from anywhere ("ckpts/anigen/ss_dae" in ckpts/anigen/ss_flow_duet/config.json).
-/// @param run the naming run's folder @param config, pointer where the name stands, for messages
-/// @throws InputError when the name is empty or no such folder exists
-std::filesystem::path named_run(const std::filesystem::path& run, const std::string& name,
-                                const std::filesystem::path& config, const std::string& pointer);
-
 /// The two flows of a folder of runs.
 struct FlowRuns {
   std::filesystem::path structure, latents;
@@ -27,6 +19,11 @@ struct FlowRuns {
 /// @param known what the user has named already; only the other one is looked for
 /// @throws InputError when one is missing, or several are there and none has the usual name
 FlowRuns find_flow_runs(const std::filesystem::path& folder, bool joint_count, const FlowRuns& known = {});
+
+/// Folder of the weights that come with the programs: $ANIGEN_WEIGHTS, else the first there is of weights/anigen-small
+/// beside the program or in one of the three folders above it, and of that in share/anigen below the program's prefix
+/// or /usr. @throws InputError naming the places when there is none
+std::filesystem::path shipped_weights();
 
 /// Completeness of the weights of a run folder that its config asks for: for every model under /models an object of
 /// `class`; `checkpoint`, the file that generation would read; `tensors`, how many the model has, and `parameters`,

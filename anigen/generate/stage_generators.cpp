@@ -204,7 +204,7 @@ StructureGenerator::StructureGenerator(const Request& request)
                     "ImageConditionedAniGenSparseStructureLatent"),
       autoencoder_(request.autoencoder) {
   if (autoencoder_.empty())
-    autoencoder_ = named_run(run_, reading_.ss_dec_path, flow_.config, "/dataset/args/ss_dec_path");
+    autoencoder_ = nn::named_run(run_, reading_.ss_dec_path, flow_.config, "/dataset/args/ss_dec_path");
   decoder_ = nn::load_trained<sparse_structure::SparseStructureDecoder>(
       nn::find_run_model(autoencoder_, sparse_structure::kSparseStructureDecoderClass, reading_.ss_dec_ckpt), device_);
 }

@@ -98,11 +98,12 @@ class FlowGenerator {
   /// @throws InputError at the first call, when the image encoder or its weights are missing or do not fit
   torch::Tensor condition(const torch::Tensor& pictures) {
     const torch::NoGradGuard no_grad;
-    if (!encoder_) {
-      encoder_ =
-          vision::trained_condition_encoder(run_, flow_, reading_.image_size, model_->options().cond_channels, device_);
-    }
-    return encoder_->tokens(pictures);
+    return encoder().tokens(pictures);
+  }
+  /// Cameras of the pictures, [B, 7], where the image encoder estimates them. @throws InputError as condition()
+  std::optional<torch::Tensor> cameras(const torch::Tensor& pictures) {
+    const torch::NoGradGuard no_grad;
+    return encoder().cameras(pictures);
   }
 
  protected:
@@ -132,6 +133,14 @@ class FlowGenerator {
   Model model_ = nullptr;
 
  private:
+  vision::ConditionEncoder& encoder() {
+    if (!encoder_) {
+      encoder_ =
+          vision::trained_condition_encoder(run_, flow_, reading_.image_size, model_->options().cond_channels, device_);
+    }
+    return *encoder_;
+  }
+
   std::unique_ptr<vision::ConditionEncoder> encoder_;  // from the first condition() on
 };
 

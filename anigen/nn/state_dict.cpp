@@ -192,6 +192,18 @@ fs::path newest_checkpoint(const fs::path& folder, const std::string& model, boo
                                    [&](const std::string& a, const std::string& b) { return rank(a) < rank(b); });
 }
 
+fs::path named_run(const fs::path& run, const std::string& name, const fs::path& config, const std::string& pointer) {
+  if (name.empty()) throw InputError(config.string(), pointer, "names no run to decode with");
+  std::error_code error;
+  if (fs::is_directory(name, error)) return name;
+  for (fs::path folder = fs::absolute(run).lexically_normal();; folder = folder.parent_path()) {
+    if (fs::path(name).is_relative() && fs::is_directory(folder / name, error)) return folder / name;
+    if (!folder.has_relative_path()) break;
+  }
+  throw InputError(config.string(), pointer,
+                   "names the run \"" + name + "\", which is neither below the working directory nor beside this run");
+}
+
 bool has_training_state(const fs::path& run) {
   const std::vector<std::string> names = io::checkpoint_names(RunFolder{run}.checkpoint_files());
   return std::any_of(names.begin(), names.end(), is_state);

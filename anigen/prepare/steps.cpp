@@ -234,19 +234,20 @@ Step feature_view_step(const ViewSettings& settings) {
 Step condition_view_step(const ViewSettings& settings) {
   Step step = view_step("cond_views", settings, &AssetPlaces::condition_views);
   step.outputs = [](const AssetPlaces& places, const Json& options) {
-    return view_files(places.condition_views(), options, {"normal"});
+    return view_files(places.condition_views(), options, {"normal", "depth"});
   };
   step.run = [settings](AssetJob& job) -> Json {
     const fs::path folder = job.places().condition_views();
     Rng rng = camera_rng(settings, "condition views", job.id());
     render::ViewOptions options = view_options(settings);
-    options.mean_normal = settings.geometry;
+    options.mean_normal = options.geometry = settings.geometry;
     const auto cameras =
         settings.front ? render::front_views(settings.count, rng) : render::condition_views(settings.count, rng);
     render_views(job, options, cameras, folder,
                  [&](const render::ViewImages& images, const render::Frame& frame, std::size_t i) {
                    if (!settings.geometry) return;
                    io::write_png(folder / picture_name(i, "normal"), render::encode_condition_normals(images, frame));
+                   write_bytes(folder / picture_name(i, "depth"), render::encode_depth_png(images));
                  });
     return {{"cond_views", settings.count}};
   };

@@ -199,8 +199,9 @@ inline void from_json(const Json& json, StepPlan& plan) { plan = StepPlan::from_
 ///                       ViewSettings::geometry also NNN_normal.png (world normals, alpha is the mask) and
 ///                       NNN_depth.png (16 bits, render::kDepthUnits)
 ///     cond_views        renders_cond/<id>: NNN.png and transforms.json, from cameras of many focal lengths, for image
-///                       conditions; with geometry also NNN_normal.png: the true normals in the form of the published
-///                       normal estimator, which condition its first stage (render::encode_condition_normals)
+///                       conditions; with geometry also NNN_depth.png as above, and NNN_normal.png: the true normals in
+///                       the form of the published normal estimator, which condition its first stage
+///                       (render::encode_condition_normals)
 ///     features/<model>  features/<model>/<id>.npz: indices u8 [N, 3] and patchtokens f16 [N, C], rows in the order of
 ///                       voxels/<id>.ply; one dataset can hold the features of several models
 /// @param extractor for the features, null when none are wanted

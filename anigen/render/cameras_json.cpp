@@ -276,6 +276,20 @@ Frame make_frame(const ViewCamera& view, std::string file_path) {
   return {std::move(file_path), view.fov, camera_to_world(view)};
 }
 
+PartCamera part_camera(const Frame& frame, const io::PixelBox& box, int size) {
+  const Eigen::Vector3d back = frame.camera_to_world.block<3, 1>(0, 2);
+  const double distance = frame.camera_to_world.block<3, 1>(0, 3).norm();
+  const double width = box.x1 - box.x0, height = box.y1 - box.y0;
+  PartCamera camera;
+  camera.yaw = std::atan2(back.y(), back.x());
+  camera.pitch = std::asin(std::clamp(back.z(), -1.0, 1.0));
+  camera.nearness = 1.0 / distance;
+  camera.scale = intrinsics(frame)(0, 0) * size / (0.5 * (width + height) * distance);
+  camera.shift_x = (0.5 * size - box.x0) / width;
+  camera.shift_y = (0.5 * size - box.y0) / height;
+  return camera;
+}
+
 Transforms make_transforms(const std::vector<ViewCamera>& views, const Similarity& normalisation) {
   Transforms transforms;
   transforms.scale = normalisation.scale;

@@ -7,6 +7,7 @@
 #include "anigen/asset/mesh.h"
 #include "anigen/asset/rigged_asset.h"
 #include "anigen/core/random.h"
+#include "anigen/io/image_resize.h"
 
 namespace anigen::render {
 
@@ -94,6 +95,24 @@ Eigen::Matrix4d extrinsics(const Frame& frame);
 Eigen::Matrix3d intrinsics(const Frame& frame);
 
 Frame make_frame(const ViewCamera& view, std::string file_path);
+
+/// Camera of a square part of a picture, without units: a point x of the object, with a = x · right, b = x · up and
+/// c = x · back of camera_to_world({yaw, pitch}), lies at
+///
+///     u = shift_x + scale a / (1 − nearness c),   v = shift_y − scale b / (1 − nearness c)
+///
+/// in that part, which spans [0, 1]² from its upper left corner. Field of view, distance and place of the part are in
+/// scale and shift; a camera has no roll and looks at the origin.
+struct PartCamera {
+  double yaw = 0.0, pitch = 0.0;  ///< radians
+  double scale = 1.0;             ///< part's sides per unit at the origin
+  double shift_x = 0.5, shift_y = 0.5;
+  double nearness = 0.0;  ///< 1 / distance of the eye from the origin; 0: orthographic
+};
+
+/// @param box of pixels of the frame's picture, square but for the pixel that io::condition_box() may cut off
+/// @param size of that picture in pixels
+PartCamera part_camera(const Frame& frame, const io::PixelBox& box, int size);
 
 /// Frames of a view plan, named 000.png, 001.png, … as published.
 Transforms make_transforms(const std::vector<ViewCamera>& views, const Similarity& normalisation);

@@ -162,6 +162,7 @@ inline constexpr const char* kRignet = "rignet";
 struct RigArguments {
   std::string method, mesh, mesh_up = "format", skin, image, background = "auto", condition = "color";
   std::vector<std::string> image_splits;
+  std::string image_dataset, retrieval_encoder;
   std::string joint_model, connectivity_model, skin_model;  ///< of Anymate or RigNet
   std::int64_t points = 0;
   double joint_distance = 0.0;

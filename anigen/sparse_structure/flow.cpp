@@ -331,7 +331,12 @@ void initialize_flow(torch::nn::Module& model, FlowStream& shape, FlowStream& sk
   }
 }
 
-void SparseStructureFlowStageOptions::fields(ConfigFields& f) { flow_fields(f, /*cfg_strength=*/7.5); }
+void SparseStructureFlowStageOptions::fields(ConfigFields& f) {
+  flow_fields(f, /*cfg_strength=*/7.5);
+  f("lambda_dice", lambda_dice, {0.0});
+  f("dice_time", dice_time, {0.0, 1.0});
+  f("dice_from_step", dice_from_step, {0});
+}
 
 flow::Velocities structure_velocities(SparseStructureFlow model, const Tensor& condition, bool guided) {
   const auto velocity_under = [model = std::move(model)](const Tensor& tokens) {

@@ -144,6 +144,11 @@ void initialize_flow(torch::nn::Module& model, FlowStream& shape, FlowStream& sk
 /// Arguments of the trainers of stage 4 beside those all trainers share: those of both flows. Samples are guided with
 /// strength 7.5 by default.
 struct SparseStructureFlowStageOptions : flow::FlowStageOptions, JsonOptions<SparseStructureFlowStageOptions> {
+  // Ours: a loss on the voxels that predicted latents decode to, in place of distances between latents alone.
+  double lambda_dice = 0.0;  ///< weight of 1 − Dice of shape and of skeleton; 0: none. Needs ss_dec_path
+  double dice_time = 0.9;    ///< items of this time and later take part: earlier predictions are nearly the truth
+  std::int64_t dice_from_step = 0;
+
   void fields(ConfigFields& f);  ///< `image_encoder` is read by vision::make_condition_encoder()
 };
 

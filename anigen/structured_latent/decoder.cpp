@@ -2,8 +2,10 @@
 
 #include <algorithm>
 #include <numeric>
+#include <system_error>
 #include <utility>
 
+#include "anigen/core/config.h"
 #include "anigen/core/error.h"
 #include "anigen/nn/norms.h"
 #include "anigen/shape_field/cube_field.h"
@@ -335,6 +337,22 @@ StructuredLatentVariant variant_of_run(const nn::RunModel& decoder) {
   return StructuredLatentVariant::of_run(decoder.run, options, decoder.config.string());
 }
 
+skeleton_field::MeanShiftOptions grouping_of_run(skeleton_field::MeanShiftOptions asked,
+                                                 const std::filesystem::path& run) {
+  skeleton_field::MeanShiftOptions fitted;
+  const std::filesystem::path file = grouping_file(run);
+  std::error_code error;
+  if (std::filesystem::is_regular_file(file, error)) {
+    const Json json = read_json(file);
+    ConfigReader reader(json, file.string());
+    fitted.bandwidth = static_cast<float>(reader.number("bandwidth", 0.01, 1e-6, 1.0));
+    fitted.min_cluster_size = static_cast<int>(reader.integer("least_votes", 5, 1, 1'000'000));
+  }
+  if (asked.bandwidth <= 0.0F) asked.bandwidth = fitted.bandwidth;
+  if (asked.min_cluster_size <= 0) asked.min_cluster_size = fitted.min_cluster_size;
+  return asked;
+}
+
 StructuredLatentDecoder load_rig_decoder(const nn::RunModel& found, torch::Device device,
                                          const skeleton_field::MeanShiftOptions& grouping) {
   const StructuredLatentVariant variant = variant_of_run(found);
@@ -345,7 +363,8 @@ StructuredLatentDecoder load_rig_decoder(const nn::RunModel& found, torch::Devic
   StructuredLatentDecoder decoder = nn::load_trained<StructuredLatentDecoder>(found, device);
   const std::string strategy = decoder->options().grouping_strategy;
   decoder->group_with(
-      [confidence = variant.confidence, strategy, grouping](const skeleton_field::SkeletonField& field) {
+      [confidence = variant.confidence, strategy,
+       grouping = grouping_of_run(grouping, found.config.parent_path())](const skeleton_field::SkeletonField& field) {
         return skeleton_field::group_votes(for_grouping(field, confidence), strategy, grouping);
       });
   return decoder;

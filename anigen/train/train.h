@@ -1,6 +1,7 @@
 #pragma once
 /// Training: the loop, optimisers, checkpoints, metrics; stages/ holds the losses of each stage, distributed/ several
 /// processes. trainer.h runs a Stage (stage.h); train_command.h is what anigen-train calls.
+#include "anigen/train/export_run.h"
 #include "anigen/train/metrics_log.h"
 #include "anigen/train/optimizer.h"
 #include "anigen/train/options.h"

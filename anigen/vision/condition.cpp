@@ -9,6 +9,7 @@
 #include "anigen/io/image_resize.h"
 #include "anigen/nn/norms.h"
 #include "anigen/vision/patch_encoder.h"
+#include "anigen/vision/picture_estimator.h"
 
 namespace anigen::vision {
 
@@ -49,22 +50,38 @@ class FrozenDinov2 : public ConditionEncoder {
 
 class TrainedPatches : public ConditionEncoder {
  public:
-  TrainedPatches(const PatchImageEncoderOptions& options, std::int64_t channels, torch::Device device, nn::Init init)
-      : model_(options, channels, init), channels_(channels), device_(device) {
+  /// @param estimator frozen, so that replicas share it; null unless options name one
+  TrainedPatches(const PatchImageEncoderOptions& options, PictureEstimator estimator, std::int64_t channels,
+                 torch::Device device, nn::Init init)
+      : model_(options, channels, init), estimator_(std::move(estimator)), channels_(channels), device_(device) {
     model_->to(device);
   }
   Tensor tokens(const Tensor& images) override {
-    return model_->forward(images.to(device_, nn::dtype_of(model_->parameters().front())));
+    const Tensor here = images.to(device_, nn::dtype_of(model_->parameters().front()));
+    if (estimator_.is_empty()) return model_->forward(here);
+    return model_->forward(here, estimated(here));
+  }
+  std::optional<Tensor> cameras(const Tensor& images) override {
+    if (estimator_.is_empty()) return std::nullopt;
+    return estimated(images.to(device_, torch::kFloat32)).camera;
   }
   std::optional<nn::NamedModel> trained() const override { return nn::NamedModel{kEncoderName, model_.ptr()}; }
   std::unique_ptr<ConditionEncoder> replica() const override {
-    auto twin = std::make_unique<TrainedPatches>(model_->options(), channels_, device_, nn::Init::kNone);
+    auto twin = std::make_unique<TrainedPatches>(model_->options(), estimator_, channels_, device_, nn::Init::kNone);
     nn::load_state_dict(*twin->model_, nn::state_dict(*model_), nn::LoadMode::kStrict);
     return twin;
   }
 
  private:
+  PictureEstimate estimated(const Tensor& images) {
+    const torch::NoGradGuard no_grad;
+    const std::int64_t size = estimator_->options().image_size;
+    return estimator_->forward(
+        images.size(2) == size ? images : torch::upsample_bilinear2d(images, {size, size}, /*align_corners=*/false));
+  }
+
   PatchImageEncoder model_;
+  PictureEstimator estimator_;
   std::int64_t channels_;
   torch::Device device_;
 };
@@ -125,7 +142,8 @@ void read_condition_arguments(ConfigReader& trainer_args) {
 }
 
 std::unique_ptr<ConditionEncoder> make_condition_encoder(ConfigReader& trainer_args, std::int64_t image_size,
-                                                         std::int64_t channels, torch::Device device) {
+                                                         std::int64_t channels, torch::Device device,
+                                                         const std::filesystem::path& run) {
   const std::string published_model = trainer_args.text(kModelName, kPublishedModel);
   if (!trainer_args.has(kEncoderName)) {
     const std::optional<std::filesystem::path> weights = published_weights(published_model);
@@ -154,7 +172,16 @@ std::unique_ptr<ConditionEncoder> make_condition_encoder(ConfigReader& trainer_a
     throw encoder.error("image_size", "is " + std::to_string(options.image_size) + ", the dataset's image_size is " +
                                           std::to_string(image_size));
   }
-  return std::make_unique<TrainedPatches>(options, channels, device, nn::Init::kPublished);
+  PictureEstimator estimator = nullptr;
+  if (!options.estimator.empty()) {
+    const std::filesystem::path trained =
+        nn::named_run(run.empty() ? std::filesystem::current_path() : run, options.estimator, encoder.file(),
+                      trainer_args.pointer_to(kEncoderName) + "/estimator");
+    const nn::RunModel found = nn::find_run_model(trained, kPictureEstimatorClass);
+    log::info("normals, coordinates and cameras of pictures are estimated by {}", found.checkpoint.string());
+    estimator = nn::load_trained<PictureEstimator>(found, device);
+  }
+  return std::make_unique<TrainedPatches>(options, std::move(estimator), channels, device, nn::Init::kPublished);
 }
 
 std::unique_ptr<ConditionEncoder> trained_condition_encoder(const std::filesystem::path& run, const nn::RunModel& flow,
@@ -162,7 +189,7 @@ std::unique_ptr<ConditionEncoder> trained_condition_encoder(const std::filesyste
                                                             torch::Device device) {
   ConfigReader top(flow.run, flow.config.string());
   ConfigReader trainer_args = top.object("trainer").object("args");
-  auto encoder = make_condition_encoder(trainer_args, image_size, channels, device);
+  auto encoder = make_condition_encoder(trainer_args, image_size, channels, device, run);
   const std::optional<nn::NamedModel> trained = encoder->trained();
   if (!trained) return encoder;
   const std::filesystem::path weights = nn::newest_checkpoint(run, trained->name);

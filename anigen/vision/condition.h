@@ -48,6 +48,11 @@ class ConditionEncoder {
 
   /// @param images [B, 3, S, S] in [0, 1], anywhere @return [B, M, C] on the encoder's device
   virtual Tensor tokens(const Tensor& images) = 0;
+  /// Cameras of the pictures, [B, 7] as vision/picture_estimator.h has them; nothing from an encoder that knows none.
+  virtual std::optional<Tensor> cameras(const Tensor& images) {
+    static_cast<void>(images);
+    return std::nullopt;
+  }
   /// Model trained together with the flow, and saved beside it; none for a frozen encoder.
   virtual std::optional<nn::NamedModel> trained() const { return std::nullopt; }
   /// One with parameters of its own, of the same values, over the same frozen weights.
@@ -62,12 +67,14 @@ class ConditionEncoder {
 ///   file lies in ckpts/dinov2 of the working directory: dinov2_vitl14_reg4_pretrain.pth for "dinov2_vitl14_reg", or
 ///   the same as .safetensors;
 /// - `{"name": "patch", ...}`: a small encoder trained with the flow (vision/patch_encoder.h), saved as
-///   "image_encoder".
+///   "image_encoder"; with `estimator` it sees what a picture estimator, frozen, says of the picture.
 ///
 /// @param image_size of the dataset's condition pictures @param channels cond_channels of the flow model
+/// @param run folder of a trained flow, where a picture estimator is looked for, too, as nn::named_run(); or empty
 /// @throws InputError naming the key: no encoder, weights that cannot be read, sizes that do not fit
 std::unique_ptr<ConditionEncoder> make_condition_encoder(ConfigReader& trainer_args, std::int64_t image_size,
-                                                         std::int64_t channels, torch::Device device);
+                                                         std::int64_t channels, torch::Device device,
+                                                         const std::filesystem::path& run = {});
 
 /// Reads the names of the encoder's arguments alone: a config is described (anigen-train --schema) without a dataset.
 void read_condition_arguments(ConfigReader& trainer_args);

@@ -5,6 +5,7 @@
 #include "anigen/nn/blocks.h"
 #include "anigen/nn/init.h"
 #include "anigen/nn/torch.h"
+#include "anigen/vision/picture_estimator.h"
 
 namespace anigen::vision {
 
@@ -16,10 +17,15 @@ using torch::Tensor;
 class ConvolutionStemImpl : public torch::nn::Module {
  public:
   /// @param width channels of the tokens @param patch_size pixels that become one token, a power of two above 1
-  ConvolutionStemImpl(std::int64_t width, std::int64_t patch_size);
+  /// @param in_channels of pictures
+  ConvolutionStemImpl(std::int64_t width, std::int64_t patch_size, std::int64_t in_channels = 3);
 
-  /// @param images [B, 3, S, S], S a multiple of patch_size @return [B, (S / patch_size)², width], row by row
-  Tensor forward(const Tensor& images);
+  /// @param images [B, in_channels, S, S], S a multiple of patch_size
+  /// @param levels gets the maps after every layer but the last, fine to coarse, when not null
+  /// @return [B, (S / patch_size)², width], row by row
+  Tensor forward(const Tensor& images, std::vector<Tensor>* levels = nullptr);
+  /// Channels of those maps.
+  std::vector<std::int64_t> level_channels() const;
 
  private:
   std::vector<torch::nn::Conv2d> layers_;
@@ -36,10 +42,15 @@ struct PatchImageEncoderOptions : JsonOptions<PatchImageEncoderOptions> {
   double mlp_ratio = 4.0;
   bool convolutions = false;  ///< `stem`: "linear", a patch as it is, or "convolutions" (vision/patch_encoder.h), for
                               ///< which patch_size is a power of two
+  std::string estimator;      ///< run of a picture estimator (vision/picture_estimator.h), whose normals and
+                              ///< coordinates the stem sees beside the colours; empty: none
+  std::int64_t lift = 0;      ///< cells on a side of a grid in the object's frame, each one more token; 0: none. Needs
+                              ///< estimator and stem "convolutions"
 
   void fields(ConfigFields& f);  ///< also `name`, always "patch"
   void validate(const std::string& file = "", const std::string& pointer = "") const;
-  std::int64_t tokens() const { return (image_size / patch_size) * (image_size / patch_size); }
+  std::int64_t patches() const { return (image_size / patch_size) * (image_size / patch_size); }
+  std::int64_t tokens() const { return patches() + lift * lift * lift; }
 };
 
 /// A condition picture as tokens, learned together with the model that is conditioned: patches (a convolution whose
@@ -47,24 +58,30 @@ struct PatchImageEncoderOptions : JsonOptions<PatchImageEncoderOptions> {
 /// blocks (nn::TransformerBlock), a linear map to the condition's width. Tokens leave through a layer norm without
 /// parameters, as DINOv2's do before they become a condition (docs/reference/flows.md, 5.3), so that zeros, the
 /// condition of no picture, are unlike those of any picture. Always fp32.
+///
+/// With `lift` more tokens follow, one for each cell of a grid in [-0.5, 0.5]³ of the object's frame, x slowest: maps
+/// of the stem and the tokens, sampled where the estimated camera sees the middle of the cell (pixel-aligned features,
+/// Saito et al. 2019, "PIFu"), how near it lies, and the place of the cell. Cross attention can so look up what is seen
+/// at a place, without having to find the place in the picture.
 class PatchImageEncoderImpl : public torch::nn::Module {
  public:
   PatchImageEncoderImpl(const PatchImageEncoderOptions& options, std::int64_t cond_channels,
                         nn::Init init = nn::Init::kPublished);
 
-  /// @param images [B, 3, S, S] fp32 in [0, 1], S = image_size @return [B, tokens, cond_channels], patches row by row
-  /// @throws InputError on another shape
-  Tensor forward(const Tensor& images);
+  /// @param images [B, 3, S, S] fp32 in [0, 1], S = image_size @param estimate of these pictures; only with `estimator`
+  /// @return [B, tokens, cond_channels], patches row by row, then cells @throws InputError on another shape
+  Tensor forward(const Tensor& images, const PictureEstimate& estimate = {});
 
   const PatchImageEncoderOptions& options() const { return options_; }
 
  private:
   PatchImageEncoderOptions options_;
-  Tensor embed_patches(const Tensor& images);
+  Tensor embed_patches(const Tensor& images, std::vector<Tensor>& levels);
+  Tensor lifted(const Tensor& tokens, const std::vector<Tensor>& levels, const Tensor& camera);
 
-  nn::Linear patch_embed_ = nullptr, out_layer_ = nullptr;
+  nn::Linear patch_embed_ = nullptr, lift_layer_ = nullptr, out_layer_ = nullptr;
   ConvolutionStem stem_ = nullptr;
-  Tensor pos_emb_;
+  Tensor pos_emb_, cells_, cell_emb_;  // cells_ [lift³, 3] their middles
   std::vector<nn::TransformerBlock> blocks_;
 };
 TORCH_MODULE(PatchImageEncoder);

@@ -105,7 +105,8 @@ void check_numbers(Check& check, bool torch) {
   std::vector<std::string> programs{"anigen-inspect", "anigen-prepare",    "anigen-prepare merge", "anigen-eval",
                                     "anigen-rig",     "anigen-experiment", "anigen-experiment run"};
   if (torch) {
-    programs.insert(programs.end(), {"anigen-train", "anigen-generate", "anigen-encode", "anigen-encode reconstruct"});
+    programs.insert(programs.end(), {"anigen-train", "anigen-generate", "anigen-encode", "anigen-encode reconstruct",
+                                     "anigen-encode grouping"});
   }
   std::size_t options = 0;
   for (const std::string& program : programs) options += check.number_ranges(program);
@@ -195,8 +196,11 @@ void check_ignored(Check& check, bool torch) {
   check.refuses(rig + "anymate --joint-distance 0.1", {"--joint-distance", "--joint-model"});
   check.refuses("anigen-rig --method retrieval --image a.png --dataset d --output o --mesh a.glb",
                 {"--mesh", "--method retrieval"});
-  check.refuses("anigen-rig --method retrieval --image a.png --dataset d --output o --limit 3",
-                {"--limit", "--image-split"});
+  const std::string retrieval = "anigen-rig --method retrieval --dataset d --output o ";
+  check.refuses(retrieval + "--image a.png --limit 3", {"--limit", "--image-split"});
+  check.refuses(retrieval + "--image a.png --device cpu", {"--device", "--retrieval-encoder"});
+  check.refuses(retrieval + "--image-split t.txt --retrieval-encoder r --condition color",
+                {"--condition", "--retrieval-encoder"});
 
   const std::string shapes = "anigen-eval --pred a --dataset b --output c ";
   check.refuses(shapes + "--no-icp --rotations 3", {"--rotations", "--no-icp"});

@@ -79,6 +79,30 @@ TEST_F(ExperimentPlan, ListsRepeatFlagsStandAloneAndTextsThatAreJsonKeepTheirQuo
     EXPECT_TRUE(has_pair(command, "--set", setting));
 }
 
+TEST_F(ExperimentPlan, NullTakesSettingsBack) {
+  const auto settings_of = [&](const std::string& changes) {
+    const Plan p = plan(R"({"title": "x", "steps": {"a": {"program": "anigen-train", "config": "train.json",
+      "set": {"p": {"q": 1, "r": 2}}}}, "variants": {"v": {"a": )" +
+                        changes + "}}}");
+    std::string settings;
+    const std::vector<std::string>& command = p.jobs[0].command;
+    for (std::size_t i = 0; i + 1 < command.size(); ++i)
+      if (command[i] == "--set") settings += command[i + 1] + " ";
+    return settings;
+  };
+  EXPECT_EQ(settings_of("{}"), "p.q=1 p.r=2 ");
+  EXPECT_EQ(settings_of(R"({"set": {"p.q": null, "p": {"s": 3}}})"), "p.r=2 p.s=3 ");
+  EXPECT_EQ(settings_of(R"({"set": null})"), "");
+}
+
+TEST_F(ExperimentPlan, AStepWithoutTheExperimentsSeedsMayHaveItsOwn) {
+  const auto with = [](const std::string& more) {
+    return R"({"title": "x", "steps": {"a": {"program": "anigen-prepare", "args": {"--seed": 7}}})" + more + "}";
+  };
+  EXPECT_TRUE(has_pair(plan(with("")).jobs[0].command, "--seed", "7"));
+  EXPECT_NE(error_of([&] { plan(with(R"(, "seeded": ["a"])")); }).find("--seed"), std::string::npos);
+}
+
 TEST_F(ExperimentPlan, OnlyProgramsThatComputeOnTheDeviceAreTold) {
   place_.device = "cuda:1";
   program("anigen-rig", "#!/bin/sh\n");

@@ -90,6 +90,8 @@ void Program::add_common(const std::vector<std::string>& names, std::function<st
 
 int Program::run(int argc, char** argv, const std::function<void()>& body) {
   CurrentWords current = current_words(app.get_name(), {argv + 1, argv + argc});
+  const bool has_first = !current.words.empty() && !current.words.front().empty() && current.words.front()[0] != '-';
+  if (!first.empty() && has_first) current.words.insert(current.words.begin(), first);
   words = {argv, argv + 1};
   words.insert(words.end(), current.words.begin(), current.words.end());
   for (std::size_t i = 1; i < words.size() && words[i] != "--"; ++i) {

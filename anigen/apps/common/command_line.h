@@ -142,6 +142,7 @@ struct Program {
 
   CLI::App app;
   CommonOptions common;
+  std::string first;               ///< option that a first word without a dash is the value of, such as "--image"
   std::vector<std::string> words;  ///< of run(): argv with names of today
 
  private:
@@ -164,11 +165,18 @@ void require_inputs(const Reports& reports, const std::string& what, const Commo
   require_inputs(static_cast<std::size_t>(count), reports.size(), what, common);
 }
 
-/// The options of every program that clusters votes for joints. @param clustering skeleton_field::MeanShiftOptions
+/// The options of every program that clusters votes for joints; what is not given is 0, that of the run.
+/// @param clustering skeleton_field::MeanShiftOptions
 template <class MeanShiftOptions>
 void add_clustering_options(CLI::App& app, MeanShiftOptions& clustering) {
-  add_option(app, "--cluster-bandwidth", clustering.bandwidth)->check(number(0, 1, RangeEnds::kOpenBelow));
-  add_option(app, "--cluster-min-votes", clustering.min_cluster_size)->check(whole_number(1, 1'000'000));
+  clustering.bandwidth = 0;
+  clustering.min_cluster_size = 0;
+  add_option(app, "--cluster-bandwidth", clustering.bandwidth)
+      ->check(number(0, 1, RangeEnds::kOpenBelow))
+      ->default_str("");
+  add_option(app, "--cluster-min-votes", clustering.min_cluster_size)
+      ->check(whole_number(1, 1'000'000))
+      ->default_str("");
 }
 
 /// Prints a program's result on standard output: with --json as JSON, else as text.

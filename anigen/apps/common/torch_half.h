@@ -30,7 +30,7 @@ struct RigArguments;
 /// The command line of anigen-train.
 struct TrainArguments {
   std::vector<std::string> words;  ///< argv
-  std::filesystem::path config, output, load;
+  std::filesystem::path config, output, load, export_to;
   std::string dataset, ckpt = "latest", warm_start;
   std::vector<std::string> overrides;
   bool restart = false, schema = false, print_config = false, tune = false;

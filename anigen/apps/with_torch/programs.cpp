@@ -22,6 +22,7 @@
 #include "anigen/nn/profile.h"
 #include "anigen/rigging/rig_meshes.h"
 #include "anigen/train/distributed/launch.h"
+#include "anigen/train/export_run.h"
 #include "anigen/train/train_command.h"
 #include "anigen/train/tune.h"
 #include "anigen/vision/voxel_features.h"
@@ -45,6 +46,10 @@ void reconstruct(const generate::ReconstructRequest& request, const CommonOption
 void run_encode(const EncodeArguments& arguments, const CommonOptions& common) {
   nn::set_up_computing(common.threads);
   if (arguments.task == EncodeArguments::Task::kReconstruct) return reconstruct(arguments.rebuilt, common);
+  if (arguments.task == EncodeArguments::Task::kGrouping) {
+    const generate::GroupingFit fit = generate::fit_grouping(arguments.grouped);
+    return print_result(to_json(fit), to_markdown(fit), common);
+  }
   if (arguments.task == EncodeArguments::Task::kStructure) {
     const generate::EncodeResult result = generate::encode_sparse_structure(arguments.encoded);
     print_result(to_json(result), to_text(result), common);
@@ -112,8 +117,8 @@ void evaluate_oracle(const EvalArguments& arguments, const CommonOptions& common
   generation.models.latent_autoencoder = arguments.slat_dae;
   generation.models.device = common.device;
   skeleton_field::MeanShiftOptions& grouping = generation.models.grouping;
-  grouping.bandwidth = arguments.cluster_bandwidth.value_or(grouping.bandwidth);
-  grouping.min_cluster_size = arguments.cluster_min_votes.value_or(grouping.min_cluster_size);
+  grouping.bandwidth = arguments.cluster_bandwidth.value_or(0.0F);
+  grouping.min_cluster_size = arguments.cluster_min_votes.value_or(0);
   generate::GenerationOptions& sampling = generation.sampling;
   sampling.seed = common.seed.value_or(sampling.seed);
   sampling.structure.steps = arguments.steps;
@@ -142,11 +147,13 @@ std::int64_t wanted_joints(const GenerateArguments& arguments) {
 generate::FlowRuns runs_of(const GenerateArguments& arguments) {
   const generate::FlowRuns named{arguments.structure_flow, arguments.latent_flow};
   if (!named.structure.empty() && !named.latents.empty()) return named;
-  if (arguments.runs.empty()) {
+  if (arguments.runs.empty() && (!named.structure.empty() || !named.latents.empty())) {
     throw InputError("", named.structure.empty() ? "--ss-flow" : "--slat-flow",
                      "name the runs of both flows, or the folder of both with --runs");
   }
-  return generate::find_flow_runs(arguments.runs, wanted_joints(arguments) > 0, named);
+  const std::filesystem::path runs =
+      arguments.runs.empty() ? generate::shipped_weights() : std::filesystem::path(arguments.runs);
+  return generate::find_flow_runs(runs, wanted_joints(arguments) > 0, named);
 }
 
 std::vector<generate::NamedPicture> pictures_of(const GenerateArguments& arguments) {
@@ -210,6 +217,7 @@ generate::GenerateRequest request_of(const GenerateArguments& arguments, const C
   request.finishing.filter_skin = !arguments.keep_weights;
   if (arguments.no_smoothing) request.finishing.smoothing_iterations = 0;
   request.published_axes = arguments.axes == "published";
+  request.picture_colors = arguments.colors == "picture";
   request.obj = arguments.obj;
   request.intermediate = arguments.intermediate;
   request.again = arguments.force;
@@ -254,6 +262,8 @@ void retrieve(const RigArguments& arguments, const CommonOptions& common) {
   generate::RetrievalRequest request;
   request.dataset = arguments.request.joints.collection;
   request.splits = arguments.request.joints.splits;
+  request.encoder = arguments.retrieval_encoder;
+  request.device = common.device;
   request.views = arguments.views;
   request.pictures.background = generate::parse_background(arguments.background);
   request.seen = arguments.condition == "normal" ? data::ConditionPictures::kNormals : data::ConditionPictures::kColor;
@@ -261,7 +271,8 @@ void retrieve(const RigArguments& arguments, const CommonOptions& common) {
   const auto pictures =
       arguments.image.empty()
           ? generate::pictures_of_dataset(
-                request.dataset, {arguments.image_splits.begin(), arguments.image_splits.end()}, arguments.limit)
+                arguments.image_dataset.empty() ? request.dataset : std::filesystem::path(arguments.image_dataset),
+                {arguments.image_splits.begin(), arguments.image_splits.end()}, arguments.limit)
           : generate::pictures_at(arguments.image);
   const auto reports = generate::retrieve_assets(request, pictures);
   print_result(to_json(reports), to_text(reports), common);
@@ -301,6 +312,12 @@ int run_train(const TrainArguments& arguments, const CommonOptions& common) {
   if (arguments.schema || arguments.print_config) {
     const auto view = arguments.schema ? train::ConfigView::kSchema : train::ConfigView::kFull;
     std::fputs((train::describe_config(command_of(arguments, common), view).dump(2) + "\n").c_str(), stdout);
+    return 0;
+  }
+  if (!arguments.export_to.empty()) {
+    const train::ExportedRun exported = train::export_run(arguments.output, arguments.export_to);
+    std::printf("%s of step %lld: %zu parameters, %.1f MB\n", joined(exported.models).c_str(),
+                static_cast<long long>(exported.step), exported.parameters, static_cast<double>(exported.bytes) / 1e6);
     return 0;
   }
   if (arguments.tune) {

@@ -1,5 +1,6 @@
 #include "anigen/sparse_structure/flow.h"
 
+#include "anigen/core/error.h"
 #include "anigen/core/numeric.h"
 #include "anigen/data/latent_files.h"
 #include "anigen/sparse_structure/autoencoder.h"
@@ -26,9 +27,10 @@ class SparseStructureFlowStage final
   }
 
  private:
-  // Squared error of each item of a batch, [B] per stream.
+  // Squared error of each item of a batch, [B] per stream, and the latents that it was told apart from noise.
   struct ItemErrors {
     Tensor shape, skeleton;
+    flow::Streams predicted;
   };
 
   // ‖v(x_t, t, c) − v*‖² of both streams: x_t = (1 − t) x_0 + (σ + (1 − σ) t) ε, v* = (1 − σ) ε − x_0.
@@ -37,11 +39,42 @@ class SparseStructureFlowStage final
     const Tensor times = t.to(parts_.device), e = placed(noise[0]), e_skl = placed(noise[1]);
     const Tensor x_0 = placed(latents.x_0), x_0_skl = placed(latents.x_0_skl);
     const double sigma = options_.sigma_min;
-    const sparse_structure::Velocity v =
-        parts_.model->forward(flow::noisy(x_0, e, times, sigma), flow::noisy(x_0_skl, e_skl, times, sigma),
-                              flow::model_time(times), condition);
+    const Tensor x_t = flow::noisy(x_0, e, times, sigma), x_t_skl = flow::noisy(x_0_skl, e_skl, times, sigma);
+    const sparse_structure::Velocity v = parts_.model->forward(x_t, x_t_skl, flow::model_time(times), condition);
     return {flow::mse_per_item(v.shape, flow::velocity_target(x_0, e, sigma)),
-            flow::mse_per_item(v.skeleton, flow::velocity_target(x_0_skl, e_skl, sigma))};
+            flow::mse_per_item(v.skeleton, flow::velocity_target(x_0_skl, e_skl, sigma)),
+            {flow::x0_from_velocity(x_t, v.shape, times, sigma),
+             flow::x0_from_velocity(x_t_skl, v.skeleton, times, sigma)}};
+  }
+
+  // Both grids that latents decode to, before anything is decided.
+  sparse_structure::SparseStructureDecoderImpl::Logits decoded(const Tensor& z, const Tensor& z_skl) {
+    const data::StructureLatentOptions& reading = parts_.data->options();
+    const auto latent = [&](const Tensor& x, const data::ChannelStatistics& statistics) {
+      return data::denormalised(x.to(parts_.device, torch::kFloat32), statistics);
+    };
+    return parts_.decoder->forward(latent(z, reading.normalization), latent(z_skl, reading.normalization_skl));
+  }
+
+  // 1 − 2 Σ p o / (Σ p + Σ o) of each item, p the predicted share of a voxel, o 1 where the asset's own latent has one.
+  static Tensor dice_loss(const Tensor& logits, const Tensor& own) {
+    const Tensor p = logits.sigmoid().flatten(1), o = (own > 0).to(p.scalar_type()).flatten(1);
+    return 1.0 - 2.0 * (p * o).sum(1) / (p.sum(1) + o.sum(1)).clamp_min(1e-6);
+  }
+
+  // Σ over late items / items of the micro-batch, so that its weight does not depend on how many are late.
+  Tensor late_dice(const StructureLatentBatch& latents, const Tensor& t, const flow::Streams& predicted) {
+    const Tensor late = (t >= options_.dice_time).nonzero().squeeze(1);
+    if (late.numel() == 0) return {};
+    const auto rows = [&](const Tensor& x) { return x.index_select(0, late.to(x.device())); };
+    sparse_structure::SparseStructureDecoderImpl::Logits own;
+    {
+      const torch::NoGradGuard no_grad;
+      own = decoded(rows(latents.x_0), rows(latents.x_0_skl));
+    }
+    const auto found = decoded(rows(predicted[0]), rows(predicted[1]));
+    return (dice_loss(found.shape, own.shape) + dice_loss(found.skeleton, own.skeleton)).sum() /
+           static_cast<double>(t.size(0));
   }
 
   // Noise of the shape, then of the skeleton, as published.
@@ -59,6 +92,13 @@ class SparseStructureFlowStage final
     const ItemErrors found = errors(latents, t, noise, training_condition(latents.cond, items, generator));
     const Tensor mse = found.shape.mean(), mse_skl = found.skeleton.mean();
     Losses losses{mse + mse_skl, {{"mse", mse}, {"mse_skl", mse_skl}}};
+    if (options_.lambda_dice > 0.0 && context.step >= options_.dice_from_step) {
+      const Tensor dice = late_dice(latents, t, found.predicted);
+      if (dice.defined()) {
+        losses.total = losses.total + options_.lambda_dice * dice;
+        losses.terms.emplace_back("dice", dice);
+      }
+    }
     const Tensor times = t.to(found.shape.device());
     add_time_bins(losses, "mse", found.shape, times);
     add_time_bins(losses, "mse_skl", found.skeleton, times);
@@ -80,13 +120,8 @@ class SparseStructureFlowStage final
 
   void add_sample(const StructureLatentBatch& latents, const Tensor& condition, const data::AssetId&,
                   std::uint64_t index, std::vector<VoxelSheetRow>& rows) override {
-    const auto decoded = [&](const Tensor& z, const Tensor& z_skl) {
-      const data::StructureLatentOptions& reading = parts_.data->options();
-      const auto latent = [&](const Tensor& x, const data::ChannelStatistics& statistics) {
-        return data::denormalised(x.to(parts_.device, torch::kFloat32), statistics);
-      };
-      const auto logits =
-          parts_.decoder->forward(latent(z, reading.normalization), latent(z_skl, reading.normalization_skl));
+    const auto voxels = [&](const Tensor& z, const Tensor& z_skl) {
+      const auto logits = decoded(z, z_skl);
       const auto occupied = [](const Tensor& grid) { return (grid[0][0] > 0).to(torch::kCPU).contiguous(); };
       return sparse_structure::VoxelPair{occupied(logits.shape), occupied(logits.skeleton)};
     };
@@ -95,7 +130,7 @@ class SparseStructureFlowStage final
       const auto velocities = sparse_structure::structure_velocities(parts_.model, condition, guided);
       const flow::Streams x =
           flow::sample_flow({placed(noise[0]), placed(noise[1])}, velocities, options_.sampler).samples;
-      return decoded(x[0], x[1]);
+      return voxels(x[0], x[1]);
     };
     VoxelSheetRow row;
     row.label = short_id(latents.ids.front());
@@ -104,7 +139,7 @@ class SparseStructureFlowStage final
       row.cells.push_back(drawn(/*guided=*/true));
     }
     row.cells.push_back(drawn(/*guided=*/false));
-    row.cells.push_back(decoded(latents.x_0, latents.x_0_skl));
+    row.cells.push_back(voxels(latents.x_0, latents.x_0_skl));
     rows.push_back(std::move(row));
   }
 
@@ -130,6 +165,11 @@ std::unique_ptr<Stage> make_sparse_structure_flow_stage(const StageRequest& requ
           samples_decoder(reading.ss_dec_path, reading.ss_dec_ckpt, sparse_structure::kSparseStructureDecoderClass,
                           "ss_dec_path", request.trainer)) {
     parts.decoder = nn::load_trained<sparse_structure::SparseStructureDecoder>(*decoder, request.device);
+  }
+  if (options.lambda_dice > 0.0 && parts.decoder.is_empty()) {
+    throw InputError(request.file, "/trainer/args/lambda_dice",
+                     "needs the decoder of latents: name its run in dataset.args.ss_dec_path, and draw samples "
+                     "(i_sample)");
   }
   return std::make_unique<SparseStructureFlowStage>(options, std::move(parts),
                                                     sparse_structure::kSparseStructureFlowClass);

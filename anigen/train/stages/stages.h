@@ -58,6 +58,13 @@ std::unique_ptr<Stage> make_sparse_structure_flow_stage(const StageRequest& requ
 /// AniGenSparseFlowMatchingCFGTrainer. @throws InputError also when channels of models, dataset and decoder differ
 std::unique_ptr<Stage> make_structured_latent_flow_stage(const StageRequest& request);
 
+/// The picture estimator, ours, learns what can be known of a condition picture (vision/picture_estimator.h). Trainer
+/// AniGenPictureEstimatorTrainer, one model "PictureEstimator", the data set "AniGenPictures". Terms: "normals",
+/// "coordinates", "camera", "family". Evaluation on held-out assets: "normals" in degrees and "coordinates" in units,
+/// means over assets and pixels of the object; "yaw", the median error in degrees; "corners", the mean error of the
+/// projected corners of the unit cube in sides of the picture; "family", the share that is right.
+std::unique_ptr<Stage> make_picture_estimator_stage(const StageRequest& request);
+
 /// One of Anymate's models learns its task: joints, connectivity of given joints, or weights of given bones. The
 /// decoder says which. Trainer AnymateTrainer, one model "AnymateModel" with the arguments of anymate::ModelOptions,
 /// the data set "Anymate". Loss terms: "chamfer"; "mse"; "bce"; "ce"; "cos_clamp" with "ce". Evaluation: RigScores; of

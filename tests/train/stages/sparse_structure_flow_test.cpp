@@ -35,6 +35,18 @@ constexpr char kFlowConfig[] = R"({
 class StructureFlow : public test::FlowRun {
  protected:
   StructureFlow() : FlowRun(kFlowConfig) {}
+
+  // A run of stage 2 with random weights: ss_run.
+  void write_decoder() const {
+    const Json decoder = {{"latent_channels", 8},       {"latent_channels_skl", 4},    {"num_res_blocks", 1},
+                          {"num_res_blocks_middle", 1}, {"channels", {4, 4, 4}},       {"encode_global", false},
+                          {"encode_global_skl", false}, {"use_pretrain_branch", false}};
+    Json run;
+    run["models"]["decoder"] = {{"name", "AniGenSparseStructureDecoder"}, {"args", decoder}};
+    write_file_atomically(folder_ / "ss_run/config.json", run.dump());
+    sparse_structure::SparseStructureDecoder model(sparse_structure::SparseStructureDecoderOptions::from_json(decoder));
+    io::write_safetensors(folder_ / "ss_run/ckpts/decoder_step0000001.safetensors", nn::state_dict(*model));
+  }
 };
 
 TEST_F(StructureFlow, DrawsDependOnSeedStepAndMicroBatchAlone) { expect_draws_named_by_seed_step_and_micro_batch(); }
@@ -72,6 +84,28 @@ TEST_F(StructureFlow, NormalsCanBeTheCondition) {
   const double loss = total_loss(normal->losses(*batch, {5, 0, 0}));
   EXPECT_TRUE(std::isfinite(loss));
   EXPECT_NE(loss, total_loss(color->losses(*batch_of(*color), {5, 0, 0})));
+}
+
+TEST_F(StructureFlow, DiceOfDecodedVoxelsCanBePartOfTheLoss) {
+  EXPECT_THROW(stage({"trainer.args.lambda_dice=0.5"}), InputError) << "no decoder";
+  write_decoder();
+  const std::string decoder = "dataset.args.ss_dec_path=" + (folder_ / "ss_run").string();
+  const auto dice_of = [&](const std::string& more) {
+    const auto flow = stage({"trainer.args.lambda_dice=0.5", "trainer.args.i_sample=100", decoder, more});
+    const Losses losses = flow->losses(*flow->data().load({data::Draw{0, 0}, data::Draw{1, 1}}), {5, 3, 0});
+    for (const auto& [name, value] : losses.terms) {
+      if (name != "dice") continue;
+      const double whole = losses.terms[0].second.item<double>() + losses.terms[1].second.item<double>();
+      EXPECT_NEAR(total_loss(losses), whole + 0.5 * value.item<double>(), 1e-5 * whole);
+      return value.item<double>();
+    }
+    return -1.0;
+  };
+  const double dice = dice_of("trainer.args.dice_time=0");
+  EXPECT_GT(dice, 0.0);
+  EXPECT_LE(dice, 2.0) << "1 for each stream";
+  EXPECT_EQ(dice_of("trainer.args.dice_time=1"), -1.0) << "no item is so late";
+  EXPECT_EQ(dice_of("trainer.args.dice_from_step=4"), -1.0);
 }
 
 TEST_F(StructureFlow, EvaluationRepeatsItself) {
@@ -113,15 +147,7 @@ TEST_F(StructureFlow, WithoutPicturesItLearnsTheDistribution) {
 }
 
 TEST_F(StructureFlow, SamplesBecomeASheetAndATensorBoardPicture) {
-  const Json decoder = {{"latent_channels", 8},       {"latent_channels_skl", 4},    {"num_res_blocks", 1},
-                        {"num_res_blocks_middle", 1}, {"channels", {4, 4, 4}},       {"encode_global", false},
-                        {"encode_global_skl", false}, {"use_pretrain_branch", false}};
-  Json run;
-  run["models"]["decoder"] = {{"name", "AniGenSparseStructureDecoder"}, {"args", decoder}};
-  write_file_atomically(folder_ / "ss_run/config.json", run.dump());
-  sparse_structure::SparseStructureDecoder model(sparse_structure::SparseStructureDecoderOptions::from_json(decoder));
-  io::write_safetensors(folder_ / "ss_run/ckpts/decoder_step0000001.safetensors", nn::state_dict(*model));
-
+  write_decoder();
   train(command("run", {"trainer.args.max_steps=2", "trainer.args.i_sample=100",
                         "dataset.args.ss_dec_path=" + (folder_ / "ss_run").string()}));
   EXPECT_GT(sample_sheet("run", 2).width, 4 * 192) << "picture, guided, not guided, truth";

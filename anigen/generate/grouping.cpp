@@ -1,0 +1,154 @@
+#include "anigen/generate/grouping.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <set>
+
+#include "anigen/core/error.h"
+#include "anigen/core/files.h"
+#include "anigen/core/log.h"
+#include "anigen/core/process.h"
+#include "anigen/data/metadata.h"
+#include "anigen/generate/stage_generators.h"
+#include "anigen/nn/init.h"
+#include "anigen/structured_latent/decoder.h"
+
+namespace anigen::generate {
+
+namespace {
+
+using Eigen::Vector3f;
+
+constexpr float kBandwidths[] = {0.004F, 0.006F, 0.008F, 0.01F, 0.014F, 0.02F, 0.028F, 0.04F};
+constexpr int kLeastVotes[] = {1, 2, 3, 4, 5, 7, 10, 14, 20};
+
+struct VotedAsset {
+  skeleton_field::Votes votes;
+  std::vector<Vector3f> joints;  // true ones
+};
+
+double mean_nearest(const std::vector<Vector3f>& from, const std::vector<Vector3f>& to) {
+  double sum = 0.0;
+  for (const Vector3f& a : from) {
+    float nearest = (a - to.front()).norm();
+    for (const Vector3f& b : to) nearest = std::min(nearest, (a - b).norm());
+    sum += static_cast<double>(nearest);
+  }
+  return sum / static_cast<double>(from.size());
+}
+
+// Pairs by rising distance, each joint in one at most.
+std::size_t matched_within(const std::vector<Vector3f>& a, const std::vector<Vector3f>& b, double limit) {
+  struct Pair {
+    float distance;
+    std::size_t i, k;
+  };
+  std::vector<Pair> pairs;
+  for (std::size_t i = 0; i < a.size(); ++i) {
+    for (std::size_t k = 0; k < b.size(); ++k) {
+      const float distance = (a[i] - b[k]).norm();
+      if (static_cast<double>(distance) <= limit) pairs.push_back({distance, i, k});
+    }
+  }
+  std::sort(pairs.begin(), pairs.end(), [](const Pair& x, const Pair& y) { return x.distance < y.distance; });
+  std::vector<bool> taken_a(a.size()), taken_b(b.size());
+  std::size_t matched = 0;
+  for (const Pair& pair : pairs) {
+    if (taken_a[pair.i] || taken_b[pair.k]) continue;
+    taken_a[pair.i] = taken_b[pair.k] = true;
+    ++matched;
+  }
+  return matched;
+}
+
+GroupingRow scored(const std::vector<VotedAsset>& assets, float bandwidth, int least_votes) {
+  GroupingRow row{static_cast<double>(bandwidth), least_votes};
+  skeleton_field::MeanShiftOptions options;
+  options.bandwidth = bandwidth;
+  options.min_cluster_size = least_votes;
+  for (const VotedAsset& asset : assets) {
+    const std::vector<Vector3f> joints = skeleton_field::mean_shift_grouping(asset.votes, options).joints;
+    const auto found = static_cast<double>(joints.size()), wanted = static_cast<double>(asset.joints.size());
+    row.surplus += found - wanted;
+    if (joints.empty()) {
+      row.j2j += 1.0;
+      continue;
+    }
+    row.f1 += 2.0 * static_cast<double>(matched_within(joints, asset.joints, kMatchDistance)) / (found + wanted);
+    row.j2j += 0.5 * (mean_nearest(joints, asset.joints) + mean_nearest(asset.joints, joints));
+  }
+  for (double* value : {&row.f1, &row.j2j, &row.surplus}) *value /= static_cast<double>(assets.size());
+  return row;
+}
+
+std::vector<VotedAsset> voted_assets(const GroupingRequest& request) {
+  std::set<std::string> ids;
+  for (const std::filesystem::path& split : request.splits) ids.merge(data::read_split(split, request.data.string()));
+  if (ids.empty()) throw InputError("", "--split", "names no asset");
+  StructuredLatentCoder coder(request.run, request.ckpt, nn::parse_device(request.device),
+                              skeleton_field::MeanShiftOptions{});
+  if (coder.shape_alone()) throw InputError(request.run.string(), "", "this run trained the shape alone: no votes");
+  std::vector<VotedAsset> assets;
+  const std::size_t count = request.most == 0 ? ids.size() : std::min(request.most, ids.size());
+  Progress progress("decoding votes", count, "assets");
+  for (const std::string& id : ids) {
+    throw_if_interrupted();
+    if (assets.size() == count) break;
+    data::AssetId asset;
+    asset.root = request.data;
+    asset.id = id;
+    const StructuredLatentCoder::Inputs inputs = coder.inputs(asset);
+    const skeleton_field::SkeletonTensors own{inputs.rigs.joints.front(),
+                                              inputs.rigs.parents.front().to(torch::kInt64)};
+    // With the true skeleton, so that nothing is grouped and no weights of many false joints are decoded.
+    const RigDecoder::Decoded decoded = coder.decode(coder.encode(inputs), own, /*use_own=*/true, id);
+    assets.push_back({skeleton_field::votes_of(decoded.votes), nn::points_of(own.joints, "joints")});
+    progress.advance();
+  }
+  progress.finish();
+  return assets;
+}
+
+}  // namespace
+
+GroupingFit fit_grouping(const GroupingRequest& request) {
+  const std::vector<VotedAsset> assets = voted_assets(request);
+  GroupingFit fit;
+  fit.assets = assets.size();
+  for (const float bandwidth : kBandwidths) {
+    for (const int votes : kLeastVotes) {
+      throw_if_interrupted();
+      fit.rows.push_back(scored(assets, bandwidth, votes));
+    }
+  }
+  std::stable_sort(fit.rows.begin(), fit.rows.end(), [](const GroupingRow& a, const GroupingRow& b) {
+    return a.f1 != b.f1 ? a.f1 > b.f1 : a.j2j < b.j2j;
+  });
+  const GroupingRow& best = fit.rows.front();
+  const std::filesystem::path file = structured_latent::grouping_file(request.run);
+  write_file_atomically(
+      file,
+      Json{{"bandwidth", best.bandwidth}, {"least_votes", best.least_votes}, {"assets", fit.assets}, {"f1", best.f1}}
+              .dump(2) +
+          "\n");
+  log::info("wrote {}", file.string());
+  return fit;
+}
+
+Json to_json(const GroupingFit& fit) { return {{"assets", fit.assets}, {"rows", fit.rows}}; }
+
+std::string to_markdown(const GroupingFit& fit) {
+  std::string text = "| bandwidth | least votes | F1 | J2J | joints off |\n|--:|--:|--:|--:|--:|\n";
+  constexpr std::size_t kShown = 10;
+  for (std::size_t i = 0; i < std::min(kShown, fit.rows.size()); ++i) {
+    const GroupingRow& row = fit.rows[i];
+    char line[128];
+    std::snprintf(line, sizeof line, "| %.3f | %d | %.4f | %.4f | %+.1f |\n", row.bandwidth, row.least_votes, row.f1,
+                  row.j2j, row.surplus);
+    text += line;
+  }
+  return text;
+}
+
+}  // namespace anigen::generate

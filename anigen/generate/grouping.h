@@ -1,0 +1,47 @@
+#pragma once
+#include <cstddef>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "anigen/core/config.h"
+
+namespace anigen::generate {
+
+/// Request of `anigen-encode grouping`.
+struct GroupingRequest {
+  std::filesystem::path run;                  ///< run folder of stage 3
+  std::filesystem::path data;                 ///< root of one dataset
+  std::vector<std::filesystem::path> splits;  ///< files of ids; assets that the run trained on, or a development split
+  std::size_t most = 200;                     ///< assets, the first by id; 0: all
+  std::string ckpt;                           ///< as nn::find_run_model
+  std::string device = "cpu";
+};
+
+/// Skeletons that one choice of bandwidth and least votes gives, against those of the assets; means over assets.
+struct GroupingRow {
+  double bandwidth = 0.0;
+  int least_votes = 0;
+  double f1 = 0.0;       ///< of joints matched one to one within kMatchDistance: 2 matched / (joints + true joints)
+  double j2j = 0.0;      ///< mean distance of joints to the nearest true joint, and back, halved; 1 without joints
+  double surplus = 0.0;  ///< joints − true joints
+};
+ANIGEN_JSON_RECORD(GroupingRow, bandwidth, least_votes, f1, j2j, surplus)
+
+/// Distance in the object's frame (unit cube) within which a joint counts as found.
+inline constexpr double kMatchDistance = 0.02;
+
+struct GroupingFit {
+  std::size_t assets = 0;
+  std::vector<GroupingRow> rows;  ///< by falling f1; the first is chosen
+};
+
+/// Decodes the votes of assets from their own latents, groups them with every choice of bandwidth and least votes, and
+/// writes the best to grouping.json of the run folder, where anigen-generate and `anigen-encode reconstruct` find it.
+/// @throws InputError when run, dataset or splits are unusable, or the run trained the shape alone; Interrupted
+GroupingFit fit_grouping(const GroupingRequest& request);
+
+Json to_json(const GroupingFit& fit);
+std::string to_markdown(const GroupingFit& fit);  ///< the ten best rows
+
+}  // namespace anigen::generate
