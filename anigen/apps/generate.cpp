@@ -107,7 +107,7 @@ void refuse_ignored(const CLI::App& app, const GenerateArguments& arguments) {
 int main(int argc, char** argv) {
   Program program(
       "anigen-generate", "Makes a rigged GLB of an image: mesh, skeleton and skin weights.",
-      "  anigen-generate frog.png -o results                  by the weights that come with the program\n"
+      "  anigen-generate frog.png -o results                  by the weights of $ANIGEN_WEIGHTS\n"
       "  anigen-generate frog.png --ss-flow runs/ss_flow --slat-flow runs/slat_flow -o results\n"
       "  anigen-generate -i photos/ --runs ckpts/ --ss-flow ckpts/anigen/ss_flow_duet --normals estimator \\\n"
       "    --normal-weights ckpts/dsine/dsine.pt --precision bf16 --low-memory -o results");
