@@ -26,7 +26,7 @@ prepare::FeatureExtractorFactory feature_factory() {
 struct Arguments {
   prepare::PrepareOptions options;
   std::vector<std::string> inputs, cleaning_changes;
-  std::string cleaning = "none", near_skeletons = "flag", shard, test_split;
+  std::string cleaning = "none", near_skeletons = "flag", split_by = "asset", shard, test_split;
   std::size_t procedural = 0, memory_mb = 0;
   std::string condition_cameras = "around";
   std::size_t stream = 0, shards = 4, stop_after = 0;
@@ -48,12 +48,14 @@ void add_table_options(CLI::App& app, Arguments& a) {
   add_option(app, "--clean-set", a.cleaning_changes);
   CLI::Option* fraction = add_option(app, "--test-fraction", split.test_fraction)->check(number(0, 1));
   CLI::Option* count = add_option(app, "--test-count", split.test_count)->check(whole_number(0))->excludes(fraction);
+  CLI::Option* unit = add_option(app, "--split-by", a.split_by)->check(one_of({"asset", "skeleton"}));
   CLI::Option* creatures = add_option(app, "--procedural-test", split.procedural_test)->check(whole_number(0));
   add_option(app, "--test-split", a.test_split)
       ->check(CLI::Validator(CLI::ExistingFile).description(""))
       ->excludes(fraction)
       ->excludes(count)
-      ->excludes(creatures);
+      ->excludes(creatures)
+      ->excludes(unit);
   add_option(app, "--min-joints", limits.min_joints)->check(whole_number(0));
   add_option(app, "--max-joints", limits.max_joints)->check(whole_number(1));
   add_option(app, "--same-bone", limits.same_bone)->check(number(0, 1));
@@ -107,7 +109,7 @@ void refuse_ignored(const CLI::App& app, const Arguments& a) {
     refuse_given(app, {"--shards", "--stop-after", "--encode-ss", "--encode-slat"}, "is of --stream");
   } else {
     refuse_given(app, {"--input", "--procedural", "--shard", "--strict"}, "does not go with --stream");
-    refuse_given(app, {"--test-fraction", "--test-count", "--procedural-test", "--test-split"},
+    refuse_given(app, {"--test-fraction", "--test-count", "--split-by", "--procedural-test", "--test-split"},
                  "does not go with --stream, whose creatures are all for training");
   }
   const prepare::StepPlan& plan = a.options.plan;
@@ -158,6 +160,7 @@ prepare::PrepareOptions complete(Arguments& a, const CommonOptions& common) {
   options.plan.condition_views.samples_per_axis = options.plan.views.samples_per_axis;
   options.plan.condition_views.front = a.condition_cameras == "front";
   options.plan.views.geometry = options.plan.condition_views.geometry = a.view_geometry;
+  options.tables.split.by_skeleton = a.split_by == "skeleton";
   options.tables.near_skeletons = parse_near_skeletons(a.near_skeletons);
   options.run.memory_bytes = std::uint64_t{a.memory_mb} << 20;
   options.run.shard = a.shard.empty() ? Shard{} : parse_shard(a.shard);

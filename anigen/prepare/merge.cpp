@@ -123,6 +123,8 @@ void apply_near(NearSkeletons near, DatasetRows& found) {
 constexpr double kDefaultTestFraction = 0.333;
 
 void mark(std::vector<DatasetRow>& rows, const SplitOptions& options, const QualityLimits& limits, bool procedural) {
+  // Units of the draw, by what a test asset must not share with one for training: the asset itself, or its skeleton.
+  std::map<std::string, std::vector<std::size_t>> units;
   std::vector<std::size_t> candidates;
   std::vector<std::string> ids;
   std::size_t flagged = 0;
@@ -130,10 +132,14 @@ void mark(std::vector<DatasetRow>& rows, const SplitOptions& options, const Qual
     const DatasetEntry& entry = rows[i].entry;
     if (rows[i].variant > 0 || entry.source.procedural() != procedural || !usable(entry.record, limits)) continue;
     candidates.push_back(i);
-    ids.push_back(entry.id);
+    const bool by_skeleton = options.by_skeleton && !procedural;
+    std::vector<std::size_t>& unit = units[by_skeleton ? entry.record.skeleton.topology : entry.id];
+    if (unit.empty()) ids.push_back(by_skeleton ? entry.record.skeleton.topology : entry.id);
+    unit.push_back(i);
     flagged += entry.source.is_test;
   }
-  const bool own_split = !procedural && !options.test_count && !options.test_fraction && flagged > 0;
+  const bool own_split =
+      !procedural && !options.by_skeleton && !options.test_count && !options.test_fraction && flagged > 0;
   if (own_split) {
     for (const std::size_t i : candidates) rows[i].entry.is_test = rows[i].entry.source.is_test;
     return;
@@ -142,12 +148,14 @@ void mark(std::vector<DatasetRow>& rows, const SplitOptions& options, const Qual
                                        : options.test_count.value_or(prepare::test_count(
                                              ids.size(), options.test_fraction.value_or(kDefaultTestFraction)));
   if (count > ids.size()) {
-    throw InputError(
-        "", procedural ? "--procedural-test" : "--test-count",
-        std::to_string(count) + " test assets wanted, but only " + std::to_string(ids.size()) + " are usable");
+    throw InputError("", procedural ? "--procedural-test" : "--test-count",
+                     std::to_string(count) + (options.by_skeleton && !procedural ? " test skeletons" : " test assets") +
+                         " wanted, but only " + std::to_string(ids.size()) + " are usable");
   }
   const std::vector<bool> chosen = choose_test(ids, count, options.seed);
-  for (std::size_t k = 0; k < candidates.size(); ++k) rows[candidates[k]].entry.is_test = chosen[k];
+  for (std::size_t k = 0; k < ids.size(); ++k) {
+    for (const std::size_t i : units.at(ids[k])) rows[i].entry.is_test = chosen[k];
+  }
 }
 
 /// The usable assets that split.test_names names.
@@ -370,6 +378,7 @@ void SplitOptions::fields(ConfigFields& f) {
   f.custom(
       "seed", {{"type", "integer"}}, [&](const Json& json) { json.get_to(seed); }, [&] { return Json(seed); });
   f("procedural_test", procedural_test, {0});
+  if (!f.writes() || by_skeleton) f("by_skeleton", by_skeleton);
   if (!f.writes() || test_fraction) f("test_fraction", test_fraction);
   if (!f.writes() || test_count) f("test_count", test_count, FieldRange<std::int64_t>{0});
   if (!f.writes() || !test_names.empty()) f("test_names", test_names);

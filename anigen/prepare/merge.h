@@ -80,6 +80,9 @@ struct SplitOptions : JsonOptions<SplitOptions> {
   std::optional<double> test_fraction;
   std::optional<std::size_t> test_count;  ///< of the usable real assets
   std::size_t procedural_test = 0;        ///< of the usable procedural assets
+  /// test_fraction and test_count are of the skeletons of the usable real assets: those whose trees are equal up to the
+  /// order of children stay on one side, so that a test skeleton was never trained on.
+  bool by_skeleton = false;
   /// Names of all test assets, real and procedural: uuid, sha256, path or "<shard>#<uuid>" (io::NameIndex). Not empty:
   /// the three numbers above and the sources' own flags do not count.
   std::vector<std::string> test_names;

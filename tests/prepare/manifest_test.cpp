@@ -1,6 +1,8 @@
 #include <gtest/gtest.h>
 #include <cstdlib>
 #include <fstream>
+#include <map>
+#include <set>
 
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
@@ -131,6 +133,39 @@ TEST(Splits, KeepVariantsWithTheirSource) {
   EXPECT_EQ(counts.train, 4u);
   EXPECT_EQ(read_file(folder / "splits/test.txt").size(), 4u);           // two ids of one letter
   EXPECT_EQ(read_file(folder / "splits/test_variants.txt").size(), 6u);  // two of two letters
+}
+
+TEST(Splits, KeepAssetsOfOneSkeletonTogether) {
+  // Twelve assets of four skeletons: 1, 2, 4 and 5 of one.
+  std::vector<DatasetRow> rows;
+  const std::vector<std::size_t> sizes{1, 2, 4, 5};
+  for (std::size_t k = 0; k < sizes.size(); ++k) {
+    for (std::size_t i = 0; i < sizes[k]; ++i) {
+      const std::string id = std::to_string(k) + "-" + std::to_string(i);
+      rows.push_back(row(id, true));  // flags of the source do not count
+      rows.back().entry.record.skeleton.topology = "tree" + std::to_string(k);
+      rows.push_back(row(id + "v", false, 1, id));
+    }
+  }
+  SplitOptions options;
+  options.by_skeleton = true;
+  options.test_fraction = 0.5;
+  for (std::uint64_t seed = 0; seed < 20; ++seed) {
+    options.seed = seed;
+    mark_test(rows, options, {});
+    std::map<char, std::set<bool>> sides;
+    for (const DatasetRow& one : rows) sides[one.entry.id[0]].insert(one.entry.is_test);
+    std::size_t tests = 0;
+    for (const auto& [skeleton, side] : sides) {
+      EXPECT_EQ(side.size(), 1u) << skeleton << " with seed " << seed;
+      tests += *side.begin();
+    }
+    EXPECT_EQ(tests, 2u) << "half of the skeletons, not of the assets";
+  }
+  EXPECT_TRUE(SplitOptions::from_json(options.to_json()).by_skeleton);
+  options.test_fraction.reset();
+  options.test_count = 5;
+  EXPECT_THROW(mark_test(rows, options, {}), InputError);
 }
 
 TEST(Splits, KeepTheTestFlagsOfASourceUnlessAskedOtherwise) {

@@ -124,6 +124,7 @@ inline constexpr OptionRow kOptions[] = {
     {"--clean-set", 0, "RULE=VALUE", "Cleaning and splits", "Change one rule, such as joints=[3,200] (datasets/README.md); repeatable", ""},
     {"--test-fraction", 0, "X", "Cleaning and splits", "Part of the usable real assets kept for testing [0.333, or what the sources say themselves]", ""},
     {"--test-count", 0, "N", "Cleaning and splits", "Number of usable real assets kept for testing", ""},
+    {"--split-by", 0, "asset|skeleton", "Cleaning and splits", "Unit that the two count: skeleton keeps real assets of one joint tree on one side", ""},
     {"--procedural-test", 0, "N", "Cleaning and splits", "Number of usable creatures kept for testing", ""},
     {"--test-split", 0, "FILE", "Cleaning and splits", "Names of all test assets, one a line: uuid, sha256, path below the input, or SHARD#UUID", ""},
     {"--min-joints", 0, "N", "Cleaning and splits", "Fewer joints make is_bad_skeleton", ""},
