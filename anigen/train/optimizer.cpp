@@ -113,7 +113,8 @@ LrSchedule sequential_lr(std::vector<LrSchedule> schedules, std::vector<std::int
                          std::to_string(milestones.size()));
   }
   if (!std::is_sorted(milestones.begin(), milestones.end()) || (!milestones.empty() && milestones.front() < 0))
-    throw InputError("", "milestones", "must not be negative and must not decrease");
+    throw InputError("", "milestones",
+                     "must not be negative and must not decrease; a fraction of max_steps may lie before a fixed step");
   return [schedules = std::move(schedules), milestones = std::move(milestones)](double base, std::int64_t step) {
     const auto i =
         static_cast<std::size_t>(std::upper_bound(milestones.begin(), milestones.end(), step) - milestones.begin());

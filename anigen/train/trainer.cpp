@@ -23,6 +23,8 @@ namespace anigen::train {
 
 namespace {
 
+constexpr std::int64_t kProfileWarmUp = 2;  // steps before those that a profile measures
+
 using Clock = std::chrono::steady_clock;
 
 double seconds_since(Clock::time_point start) { return std::chrono::duration<double>(Clock::now() - start).count(); }
@@ -166,11 +168,15 @@ void Trainer::train() {
   }
   printed_at_ = Clock::now();
   const std::int64_t first_step = printed_step_ = step_;
+  // A profile is a measurement: the run stops behind it, and the same command without it goes on.
+  const std::int64_t end = run_.profile_steps > 0
+                               ? std::min(options_.max_steps, first_step + kProfileWarmUp + run_.profile_steps)
+                               : options_.max_steps;
   // By what all ranks know alike; later by what they agreed on in the step.
   bool out_of_time = options_.max_minutes > 0.0 && elapsed_before_ >= 60.0 * options_.max_minutes;
   if (first()) check_stop_rule();
   if (alone()) out_of_time = out_of_time || stalled_;
-  while (step_ < options_.max_steps && !out_of_time) {
+  while (step_ < end && !out_of_time) {
     ranks_->report(step_, Activity::kTraining);
     if (run_.profile_steps > 0 && first()) profile(step_ - first_step, /*last=*/false);
     const Clock::time_point begin = Clock::now();
@@ -202,9 +208,10 @@ void Trainer::train() {
     }
   }
   if (run_.profile_steps > 0 && first()) profile(step_ - first_step, /*last=*/true);
-  if (first() && options_.i_eval > 0 && !due(step_, options_.i_eval)) evaluate();
+  const bool whole = run_.profile_steps == 0;
+  if (first() && whole && options_.i_eval > 0 && !due(step_, options_.i_eval)) evaluate();
   save();
-  if (first() && options_.i_sample > 0 && step_ > first_step && !due(step_, options_.i_sample)) sample();
+  if (first() && whole && options_.i_sample > 0 && step_ > first_step && !due(step_, options_.i_sample)) sample();
   require_saved();
   end_restart();
   ranks_->barrier();
@@ -315,8 +322,7 @@ void Trainer::log_means() {
 }
 
 void Trainer::profile(std::int64_t steps_done, bool last) {
-  constexpr std::int64_t kWarmUp = 2;
-  const std::int64_t profiled = steps_done - kWarmUp;
+  const std::int64_t profiled = steps_done - kProfileWarmUp;
   if (profiled == 0 && !last) profile_ = std::make_unique<nn::OperatorProfile>();
   if (profile_ == nullptr || profiled < 1 || (profiled < run_.profile_steps && !last)) return;
   const std::string tables = nn::profile_markdown(profile_->rows(), profiled, nn::measure_machine_peak());

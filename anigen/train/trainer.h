@@ -28,7 +28,7 @@ struct RunOptions {
   std::string command;             ///< tells a restart that goes on from one that begins: the same text goes on
   std::string earlier_config;      ///< config.json of the output before this run; kept beside what a restart leaves
   int threads = 1;                 ///< LibTorch threads, shared among replicas
-  std::int64_t profile_steps = 0;  ///< measure where the time of so many steps goes, after two that warm up
+  std::int64_t profile_steps = 0;  ///< measure where the time of so many steps goes, after two that warm up, then stop
   std::shared_ptr<Communicator> ranks;  ///< the processes that train together; null: this one alone
 };
 

@@ -178,7 +178,7 @@ inline constexpr OptionRow kOptions[] = {
     {"--warm-start", 0, "DIR", "Training", "Folder of pretrained weights (<class name>.safetensors or .pt) for the branches that published runs take from TRELLIS; none: train those too [config's trainer.args.pretrained_dir]", ""},
     {"--restart", 0, "", "Training", "Begin again as --load and --ckpt say although the output folder has checkpoints: later steps move to ckpts/abandoned-STEP-N there. The same command goes on with what it began until that run has ended", ""},
     {"--extend-to", 0, "STEP", "Training", "Make the run of the output folder longer: new number of steps in all. It goes on from before the learning rate fell; later steps move aside as by --restart", ""},
-    {"--profile", 0, "N", "Training", "Measure where the time of so many steps goes, after two that warm up, into profile.md of the run", ""},
+    {"--profile", 0, "N", "Training", "Measure where the time of so many steps goes, after two that warm up, into profile.md of the run, and stop", ""},
     {"--export", 0, "DIR", "Training", "Write the averaged weights of --output in half precision, with a config that knows no folders of this machine, to a folder of its name in DIR, and stop", ""},
     {"--tune", 0, "", "Training", "Time replicas, micro-batches and precisions for 20 steps each, write the fastest to the output's config.json and stop", ""},
     {"--schema", 0, "", "Training", "Print the JSON schema of configs with the models, dataset and trainer of --config and stop", ""},
