@@ -96,6 +96,19 @@ TEST_F(TrainerRun, ResumedRunsEndWithTheSameBits) {
   EXPECT_EQ(untimed(folder_ / "whole/metrics.csv"), untimed(folder_ / "legs/metrics.csv"));
 }
 
+TEST_F(TrainerRun, AProfileStopsTheRunWhichGoesOnWithoutIt) {
+  train(command("whole"));
+  TrainCommand profiled = command("profiled");
+  profiled.run.profile_steps = 3;
+  train(profiled);
+  EXPECT_NE(bytes("profiled/profile.md").find("GFLOP"), std::string::npos);
+  EXPECT_TRUE(std::filesystem::exists(folder_ / "profiled/ckpts/model_step0000005.safetensors"));  // two that warm up
+  EXPECT_FALSE(std::filesystem::exists(folder_ / "profiled/ckpts/model_step0000008.safetensors"));
+  train(command("profiled"));
+  const std::string file = "ckpts/model_step0000012.safetensors";
+  EXPECT_EQ(bytes("whole/" + file), bytes("profiled/" + file));
+}
+
 TEST_F(TrainerRun, DoublesAreKeptAndResumed) {
   const std::string fp64 = "trainer.args.precision=fp64", file = "ckpts/model_step0000012.safetensors";
   train(command("whole", {fp64}));
