@@ -8,7 +8,9 @@
 #include <opencv2/imgproc.hpp>
 #include <set>
 
+#include "anigen/core/files.h"
 #include "anigen/core/numeric.h"
+#include "anigen/generate/onnx_precision.h"
 #include "anigen/io/image_resize.h"
 
 namespace anigen::generate {
@@ -124,6 +126,7 @@ void drop_specks(cv::Mat& mask) {
 }
 
 constexpr std::uint64_t kLongestName = 1 << 16;
+constexpr std::uint64_t kOnnxHalf = 10;  // element type of 16-bit floats
 
 // A message in the encoding of Protocol Buffers, field after field, from a file.
 class ProtoMessage {
@@ -218,12 +221,13 @@ OnnxSignature::Value read_value(const ProtoMessage& info) {
   return value;
 }
 
-// GraphProto { 5: initializer { 8: name }, 11: input, 12: output }
+// GraphProto { 5: initializer { 2: data_type, 8: name }, 11: input, 12: output }
 OnnxSignature read_graph(const ProtoMessage& graph) {
   OnnxSignature signature;
   std::set<std::string> stored;
   for_each(graph, 5, [&](const ProtoMessage& tensor) {
     for_each(tensor.message(), 8, [&](ProtoMessage& name) { stored.insert(name.text()); });
+    for_each(tensor.message(), 2, [&](const ProtoMessage& type) { signature.half |= type.number() == kOnnxHalf; });
   });
   for_each(graph, 11, [&](const ProtoMessage& input) {
     OnnxSignature::Value value = read_value(input.message());
@@ -399,7 +403,12 @@ MattingNetwork::MattingNetwork(const MattingOptions& options) : loaded_(std::mak
   loaded_->output = signature.outputs.front().name;
   const QuietOpenCv quiet;
   try {
-    loaded_->net = cv::dnn::readNetFromONNX(loaded_->name);
+    if (signature.half) {
+      const std::string model = in_full_precision(read_file(options.network), loaded_->name);
+      loaded_->net = cv::dnn::readNetFromONNX(model.data(), model.size());
+    } else {
+      loaded_->net = cv::dnn::readNetFromONNX(loaded_->name);
+    }
   } catch (const cv::Exception& error) {
     refuse(loaded_->name, "read", error);
   }

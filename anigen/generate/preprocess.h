@@ -96,6 +96,7 @@ struct OnnxSignature {
   };
   std::vector<Value> inputs;   ///< without those that have stored weights
   std::vector<Value> outputs;  ///< in the order of the file
+  bool half = false;           ///< stored weights are 16-bit floats, or some of them
 };
 
 /// Reads names and shapes alone; weights are skipped, however large.
@@ -111,8 +112,8 @@ struct MattingOptions {
   std::array<double, 3> deviation{0.229, 0.224, 0.225};
 };
 
-/// Runs such a network through OpenCV: one input [1, 3, H, W]; of its outputs the first one, [1, 1, H', W'], is the
-/// mask, as logits, or as probabilities when all of them lie in [0, 1].
+/// Runs such a network through OpenCV, in 32-bit floats whatever it stores: one input [1, 3, H, W]; of its outputs the
+/// first one, [1, 1, H', W'], is the mask, as logits, or as probabilities when all of them lie in [0, 1].
 class MattingNetwork {
  public:
   /// @throws InputError when the file is not ONNX, has another signature, or holds an operator that OpenCV lacks

@@ -2,10 +2,13 @@
 
 #include <cstring>
 
+#include "anigen/io/arrays/ndarray.h"
+
 namespace anigen::test {
 namespace {
 
-constexpr std::int64_t kFloat = 1, kIntegers = 7;  // ONNX's numbers for 32-bit floats, for attributes that are lists
+// ONNX's numbers for 32-bit and 16-bit floats, for attributes that are a number or a list of them
+constexpr std::int64_t kFloat = 1, kHalf = 10, kInteger = 2, kIntegers = 7;
 
 std::string varint(std::uint64_t value) {
   std::string bytes;
@@ -26,6 +29,9 @@ std::string node_message(const OnnxNode& node) {
   for (const std::string& input : node.inputs) message += bytes_field(1, input);
   for (const std::string& output : node.outputs) message += bytes_field(2, output);
   message += bytes_field(3, node.type + " for " + node.outputs.front()) + bytes_field(4, node.type);
+  if (node.cast_to != 0) {
+    message += bytes_field(5, bytes_field(1, "to") + number_field(3, node.cast_to) + number_field(20, kInteger));
+  }
   if (node.kernel_shape.empty()) return message;
   std::string attribute = bytes_field(1, "kernel_shape");
   for (const std::int64_t size : node.kernel_shape) attribute += number_field(8, size);
@@ -37,14 +43,21 @@ std::string weights_message(const OnnxTensor& tensor) {
   for (const std::int64_t size : tensor.shape) message += number_field(1, size);
   std::string raw(tensor.values.size() * sizeof(float), '\0');
   std::memcpy(raw.data(), tensor.values.data(), raw.size());
-  return message + number_field(2, kFloat) + bytes_field(8, tensor.name) + bytes_field(9, raw);
+  if (tensor.half) {
+    raw.clear();
+    for (const float value : tensor.values) {
+      const std::uint16_t half = io::float_to_half(value);
+      raw.append(reinterpret_cast<const char*>(&half), sizeof half);
+    }
+  }
+  return message + number_field(2, tensor.half ? kHalf : kFloat) + bytes_field(8, tensor.name) + bytes_field(9, raw);
 }
 
 std::string value_message(const OnnxTensor& tensor) {
   std::string shape;
   for (const std::int64_t size : tensor.shape)
     shape += bytes_field(1, size > 0 ? number_field(1, size) : bytes_field(2, "open"));
-  const std::string type = number_field(1, kFloat) + bytes_field(2, shape);
+  const std::string type = number_field(1, tensor.half ? kHalf : kFloat) + bytes_field(2, shape);
   return bytes_field(1, tensor.name) + bytes_field(2, bytes_field(1, type));
 }
 

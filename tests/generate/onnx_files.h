@@ -10,12 +10,14 @@ struct OnnxNode {
   std::string type;
   std::vector<std::string> inputs, outputs;
   std::vector<std::int64_t> kernel_shape;  ///< of a convolution
+  std::int64_t cast_to = 0;                ///< element type of a cast
 };
 
 struct OnnxTensor {
   std::string name;
   std::vector<std::int64_t> shape;  ///< 0 for a size left open
   std::vector<float> values;        ///< of stored weights; empty for inputs and outputs
+  bool half = false;                ///< stored as 16-bit floats, which must be exact
 };
 
 struct OnnxFile {

@@ -7,6 +7,7 @@
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
 #include "anigen/core/random.h"
+#include "anigen/generate/onnx_precision.h"
 #include "anigen/generate/preprocess.h"
 #include "tests/generate/onnx_files.h"
 #include "tests/support/paths.h"
@@ -175,6 +176,58 @@ TEST_F(MattingNetworkTest, LogitsGoThroughASigmoidAfterImageNetNormalization) {
     const double exact = 255.0 * (wanted[i] - *low) / (*high - *low);
     EXPECT_LE(mask[i], exact + 0.01) << i;
     EXPECT_GT(mask[i], exact - 1.01) << i;
+  }
+}
+
+TEST_F(MattingNetworkTest, NetworksOfHalfPrecisionRunInFullPrecision) {
+  test::OnnxFile plain;
+  plain.nodes = {{"Conv", {"picture", "weights"}, {"sum"}, {1, 1}}, {"Sigmoid", {"sum"}, {"mask"}, {}}};
+  plain.weights = {{"weights", {1, 3, 1, 1}, {0.5F, -0.25F, 1.0F}}};
+  plain.inputs = {{"picture", {1, 3, 10, 10}, {}}};
+  plain.outputs = {{"mask", {1, 1, 10, 10}, {}}};
+  const io::Image image = noise(10, 10);
+  const std::vector<std::uint8_t> wanted = MattingNetwork(unnormalized(stored(plain))).mask(image);
+
+  // As converters write it: casts around the half-precision middle, and nodes that stand before those they read.
+  constexpr std::int64_t kFloat = 1, kHalf = 10;
+  test::OnnxFile half = plain;
+  half.nodes = {{"Cast", {"small mask"}, {"mask"}, {}, kFloat},
+                {"Sigmoid", {"sum"}, {"small mask"}, {}},
+                {"Conv", {"small picture", "weights"}, {"sum"}, {1, 1}},
+                {"Cast", {"picture"}, {"small picture"}, {}, kHalf}};
+  half.weights.front().half = true;
+  EXPECT_TRUE(read_onnx_signature(stored(half).network).half);
+  EXPECT_FALSE(read_onnx_signature(stored(plain).network).half);
+  EXPECT_EQ(MattingNetwork(unnormalized(stored(half))).mask(image), wanted);
+
+  half.inputs.front().half = half.outputs.front().half = true;  // without casts at either end
+  half.nodes = {{"Sigmoid", {"sum"}, {"mask"}, {}}, {"Conv", {"picture", "weights"}, {"sum"}, {1, 1}}};
+  EXPECT_EQ(MattingNetwork(unnormalized(stored(half))).mask(image), wanted);
+
+  half.nodes = {{"Sigmoid", {"sum"}, {"mask"}, {}}, {"Add", {"mask", "picture"}, {"sum"}, {}}};
+  expect_refused(stored(half), "wait for each other");
+}
+
+TEST_F(MattingNetworkTest, DamagedHalfPrecisionGivesErrorsOnly) {
+  test::OnnxFile file = test::channel_sum_network(8, {1, 0, 0});
+  file.weights.front().half = true;
+  const std::string whole = test::onnx_bytes(file);
+  for (std::size_t length = 0; length < whole.size(); ++length) {
+    try {
+      in_full_precision(whole.substr(0, length), "damaged.onnx");
+    } catch (const InputError& error) {
+      EXPECT_EQ(error.file(), "damaged.onnx");
+    }
+  }
+  Rng rng(3);
+  for (int round = 0; round < 2000; ++round) {
+    std::string changed = whole;
+    changed[rng.index(changed.size())] = static_cast<char>(rng.index(256));
+    try {
+      in_full_precision(changed, "damaged.onnx");
+    } catch (const InputError& error) {
+      EXPECT_EQ(error.file(), "damaged.onnx");
+    }
   }
 }
 
