@@ -34,6 +34,7 @@ void rig_files(RigArguments& options, const CommonOptions& common) {
   if (request.method.joints == rigging::JointSource::kTemplate && request.joints.collection.empty())
     throw InputError("", "--dataset", "the template is the middle skeleton of a collection; name one");
   request.meshes = options.mesh;
+  request.joints.keep_skeleton = !options.new_skeleton;
   if (options.influences)
     request.binding.geodesic.most_influences = request.binding.heat.most_influences = *options.influences;
   request.axes = io::parse_axes(options.mesh_up);
@@ -65,6 +66,7 @@ void add_mesh_options(CLI::App& app, RigArguments& options) {
   add_option(app, "--mesh-up", options.mesh_up);
   add_option(app, "--skin", options.skin);
   add_option(app, "--skeleton", request.joints.skeleton);
+  add_option(app, "--new-skeleton", options.new_skeleton);
   add_option(app, "--pinocchio-template", request.joints.templates)->check(one_of(rigging::template_words()));
   add_option(app, "--geovoxel-resolution", request.binding.geodesic.resolution)->check(whole_number(2, 512));
   add_option(app, "--falloff", request.binding.geodesic.falloff)->check(number(0, 1));
@@ -108,11 +110,12 @@ void refuse_ignored(const CLI::App& app, const RigArguments& options) {
   const std::string& method = options.method;
   const std::string whose = "is not used by --method " + method;
   if (method == "retrieval") {
-    refuse_given(app,
-                 {"--mesh", "--mesh-split", "--mesh-up", "--skin", "--skeleton", "--pinocchio-template",
-                  "--geovoxel-resolution", "--falloff", "--curve-joints", "--influences", "--preview", "--joint-model",
-                  "--connectivity-model", "--skin-model", "--points", "--joint-distance", "--seed"},
-                 whose + ", which answers images");
+    refuse_given(
+        app,
+        {"--mesh", "--mesh-split", "--mesh-up", "--skin", "--skeleton", "--new-skeleton", "--pinocchio-template",
+         "--geovoxel-resolution", "--falloff", "--curve-joints", "--influences", "--preview", "--joint-model",
+         "--connectivity-model", "--skin-model", "--points", "--joint-distance", "--seed"},
+        whose + ", which answers images");
     if (options.image_splits.empty()) refuse_given(app, {"--limit"}, "is of the assets of --image-split");
     if (options.retrieval_encoder.empty()) {
       refuse_given(app, {"--device"}, whose + " without --retrieval-encoder");
@@ -135,22 +138,29 @@ void refuse_ignored(const CLI::App& app, const RigArguments& options) {
   if (method != kAnymate) refuse_given(app, {"--points", "--joint-distance"}, whose + "; it is for anymate");
   if (options.joint_model.empty()) refuse_given(app, {"--joint-distance"}, "merges the joints of --joint-model");
   if (method != "template") refuse_given(app, {"--dataset", "--split"}, whose + "; it is for template and retrieval");
-  if (method != "curve") refuse_given(app, {"--curve-joints"}, whose + "; it is for curve");
-  if (method != "pinocchio") refuse_given(app, {"--pinocchio-template"}, whose + "; it is for pinocchio");
+  const bool automatic = method == "auto";
+  if (method != "curve" && !automatic) refuse_given(app, {"--curve-joints"}, whose + "; it is for curve and auto");
+  if (method != "pinocchio" && !automatic)
+    refuse_given(app, {"--pinocchio-template"}, whose + "; it is for pinocchio and auto");
+  if (!automatic) refuse_given(app, {"--new-skeleton"}, whose + "; it is for auto");
   if (method == "curve" || method == "template")
     refuse_given(app, {"--skeleton"}, whose + ", which makes the skeleton itself");
   if (!options.joint_model.empty()) refuse_given(app, {"--skeleton"}, "--joint-model finds the joints");
-  if (!options.request.joints.skeleton.empty())
-    refuse_given(app, {"--pinocchio-template"}, "--skeleton is the template already");
+  if (!options.request.joints.skeleton.empty()) {
+    refuse_given(app, {"--pinocchio-template"},
+                 automatic ? "--skeleton has the joints already" : "--skeleton is the template already");
+    refuse_given(app, {"--new-skeleton", automatic ? "--curve-joints" : "--new-skeleton"},
+                 "--skeleton has the joints already");
+  }
   if (!options.skin_model.empty()) {
     refuse_given(app, {"--geovoxel-resolution", "--falloff"}, "is for geovoxel, and --skin-model binds");
     return;
   }
   std::string binding = options.skin;
   if (binding.empty()) {
-    binding = method == "nearest" || method == "template" ? "nearest"
-              : method == "heat" || method == "pinocchio" ? "heat"
-                                                          : "geovoxel";
+    binding = method == "nearest" || method == "template"              ? "nearest"
+              : method == "heat" || method == "pinocchio" || automatic ? "heat"
+                                                                       : "geovoxel";
   }
   if (binding != "geovoxel")
     refuse_given(app, {"--geovoxel-resolution", "--falloff"}, "is for geovoxel, and the binding is " + binding);
@@ -164,7 +174,7 @@ int main(int argc, char** argv) {
   Program program(
       "anigen-rig",
       "Rigs meshes by methods that learned nothing, or by models of Anymate or RigNet, to use or to compare with.",
-      "  anigen-rig --method pinocchio -m statue.glb -o rigged.glb --preview\n"
+      "  anigen-rig statue.glb -o rigged.glb --preview\n"
       "  anigen-rig --method curve -m meshes/ -o rigged/\n"
       "  anigen-rig --method geovoxel -m body.glb --skeleton rig.glb -o rigged.glb\n"
       "  anigen-rig --method anymate -m meshes/ --joint-model runs/joints --skin-model runs/skin -o rigged/\n"
@@ -177,12 +187,12 @@ int main(int argc, char** argv) {
   std::vector<std::string> methods = rigging::rigging_method_words();
   methods.insert(methods.end(), {"retrieval", kAnymate, kRignet});
   add_option(app, "--method", options.method,
-             ". nearest, geovoxel, heat: bind a mesh to the skeleton it has, or to --skeleton, by the nearest bone, by "
+             ". auto: the mesh's own joints, or else a template that fits, or else the mesh's curve, bound by heat; "
+             "nearest, geovoxel, heat: bind a mesh to the skeleton it has, or to --skeleton, by the nearest bone, by "
              "paths through its inside, or by heat; pinocchio: embed a template, bind by heat; curve: joints along "
              "the curve that the mesh contracts to, bound by geovoxel; template: the dataset's middle skeleton in "
              "the mesh's box, bound by nearest; retrieval: the dataset's asset whose condition view is most like "
              "the image; anymate, rignet: joints, their tree and weights by trained models, or only some of these")
-      ->required()
       ->check(one_of(methods));
   add_mesh_options(app, options);
   add_model_options(app, options);

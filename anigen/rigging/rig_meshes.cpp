@@ -46,6 +46,7 @@ const std::vector<std::pair<std::string, RiggingMethod>> kMethods{
     {"template", {JointSource::kTemplate, SkinBinding::kNearest}},
     {"curve", {JointSource::kCurve, SkinBinding::kGeodesicVoxels}},
     {"pinocchio", {JointSource::kPinocchio, SkinBinding::kHeat}},
+    {"auto", {JointSource::kAuto, SkinBinding::kHeat}},
 };
 
 /// @return one that belongs to an asset: parents first, one root
@@ -89,6 +90,39 @@ ProposedJoints embedded(const Mesh& mesh, const std::vector<TemplateSkeleton>& t
                 choice.embedded.penalty, choice.embedded.penalty >= 1.0 ? " (fits badly)" : "",
                 choice.embedded.best ? "" : ", perhaps not the best embedding");
   return {std::move(choice.embedded.skeleton), note};
+}
+
+/// A template where one fits, else the mesh's curve: templates name their joints and know limbs, a curve follows any
+/// shape. The note says which, and why.
+ProposedJoints chosen_joints(const Mesh& mesh, const std::vector<TemplateSkeleton>& templates,
+                             const JointOptions& options) {
+  std::string refused;
+  std::optional<TemplateChoice> choice;
+  try {
+    choice = choose_template(mesh, templates, options.embedding);
+  } catch (const Interrupted&) {
+    throw;
+  } catch (const Error& error) {
+    refused = error.what();
+  }
+  char reason[160];
+  if (choice) {
+    const char* name = templates[choice->index].name.c_str();
+    const bool fits = choice->embedded.penalty <= kTrustedPenalty;
+    std::snprintf(reason, sizeof reason, "template %.40s %s: penalty %.3f, trusted up to %.2f", name,
+                  fits ? "fits" : "does not fit", choice->embedded.penalty, kTrustedPenalty);
+    if (fits) return {std::move(choice->embedded.skeleton), reason};
+  } else {
+    std::snprintf(reason, sizeof reason, "no template: %.120s", refused.c_str());
+  }
+  try {
+    return {propose_curve_skeleton(mesh, options.curve), std::string("curve, since ") + reason};
+  } catch (const Interrupted&) {
+    throw;
+  } catch (const Error& error) {
+    if (!choice) throw;
+    return {std::move(choice->embedded.skeleton), std::string(reason) + ", but there is no curve: " + error.what()};
+  }
 }
 
 /// Skeletons of a collection of rigs, each measured by its own mesh. Assets that a data set marks as unusable are left
@@ -172,6 +206,22 @@ void refuse_lossy_outputs(const RigRequest& request, const io::ShapeSource& sour
   refuse_to_overwrite(outputs, [&] { return inputs_of(request, source, ids); });
 }
 
+/// Weights by the method's binding. Without a choice of method, a mesh whose equation of heat has no solution is bound by
+/// paths through its inside, and the note says so.
+SkinWeights bound(const Asset& asset, const RigRequest& request, std::string& note) {
+  try {
+    return bind(*request.method.binding, asset.mesh, asset.skeleton, request.binding);
+  } catch (const InputError&) {
+    throw;
+  } catch (const Interrupted&) {
+    throw;
+  } catch (const Error& error) {
+    if (request.method.joints != JointSource::kAuto || request.method.binding != SkinBinding::kHeat) throw;
+    note += std::string(note.empty() ? "" : ", ") + "bound by geovoxel: " + error.what();
+    return bind(SkinBinding::kGeodesicVoxels, asset.mesh, asset.skeleton, request.binding);
+  }
+}
+
 Asset rigged(const io::RiggedShape& shape, const JointProposer& proposer, const RigRequest& request,
              RigReport& report) {
   const auto started = std::chrono::steady_clock::now();
@@ -192,8 +242,7 @@ Asset rigged(const io::RiggedShape& shape, const JointProposer& proposer, const 
   asset.materials = shape.materials;
   asset.images = shape.images;
   asset.skeleton = std::move(proposed.skeleton);
-  asset.skin = learned.bind ? learned.bind(shape, asset.skeleton)
-                            : bind(*request.method.binding, asset.mesh, asset.skeleton, request.binding);
+  asset.skin = learned.bind ? learned.bind(shape, asset.skeleton) : bound(asset, request, report.note);
   report.binding_seconds = seconds_since(found);
   return asset;
 }
@@ -275,6 +324,13 @@ JointProposer::JointProposer(JointSource source, JointOptions options) : source_
     case JointSource::kPinocchio:
       templates_ = templates_of(options_);
       break;
+    case JointSource::kAuto:
+      if (options_.skeleton.empty()) {
+        templates_ = templates_of(options_);
+      } else {
+        given_ = skeleton_in(only_shape_of(options_.skeleton));
+      }
+      break;
   }
 }
 
@@ -296,6 +352,10 @@ ProposedJoints JointProposer::propose(const io::RiggedShape& shape) const {
     }
     case JointSource::kCurve:
       return {propose_curve_skeleton(shape.mesh, options_.curve), ""};
+    case JointSource::kAuto:
+      if (!options_.skeleton.empty()) return {given_, "joints of " + options_.skeleton.filename().string()};
+      if (shape.has_joints() && options_.keep_skeleton) return {skeleton_in(shape), "keeps its own joints"};
+      return chosen_joints(shape.mesh, templates_, options_);
     case JointSource::kPinocchio:
       break;
   }

@@ -42,11 +42,16 @@ std::size_t medoid(const std::vector<BoxedSkeleton>& skeletons);
 
 /// Source of the joints of a mesh.
 enum class JointSource {
-  kGiven,     ///< the mesh's own file, or another one
-  kTemplate,  ///< the middle skeleton of a collection, by bounding box (medoid())
-  kCurve,     ///< the curve that the mesh contracts to (propose_curve_skeleton())
-  kPinocchio  ///< a template embedded in the mesh (choose_template())
+  kGiven,      ///< the mesh's own file, or another one
+  kTemplate,   ///< the middle skeleton of a collection, by bounding box (medoid())
+  kCurve,      ///< the curve that the mesh contracts to (propose_curve_skeleton())
+  kPinocchio,  ///< a template embedded in the mesh (choose_template())
+  kAuto        ///< the mesh's own skeleton where it has one or one is given, else a template that fits, else its curve
 };
+
+/// Penalty of an embedded template up to which JointSource::kAuto prefers it to the mesh's curve. Chosen on public
+/// rigs, folds by skeleton (docs/results.md, "Which joints without a choice").
+inline constexpr double kTrustedPenalty = 1.0;
 
 /// Classical rigger of a mesh.
 struct RiggingMethod {
@@ -54,8 +59,9 @@ struct RiggingMethod {
   std::optional<SkinBinding> binding = SkinBinding::kGeodesicVoxels;  ///< nothing: joints only
 };
 
-/// "nearest", "geovoxel", "heat": that binding to given joints; "template": with the nearest bone, as a baseline that
-/// looks at nothing; "curve": with geodesic voxels; "pinocchio": with heat, as published.
+/// "auto": joints by JointSource::kAuto, with heat; "nearest", "geovoxel", "heat": that binding to given joints;
+/// "template": with the nearest bone, as a baseline that looks at nothing; "curve": with geodesic voxels; "pinocchio":
+/// with heat, as published.
 /// @param skin "": as above; "none": joints only; or the word of a binding
 /// @throws InputError for another word, naming all of them
 RiggingMethod parse_rigging_method(const std::string& method, const std::string& skin = "");
@@ -63,10 +69,11 @@ std::vector<std::string> rigging_method_words();
 
 /// Options of the sources of joints.
 struct JointOptions {
-  std::filesystem::path skeleton;             ///< kGiven: the file whose joints to use, in the mesh's frame; empty: the
-                                              ///< mesh's own file. kPinocchio: the template; empty: `templates`
-  std::vector<std::string> templates;         ///< kPinocchio: of template_words(); the one of least penalty is taken
-  std::filesystem::path collection;           ///< kTemplate: whatever io::open_source reads
+  std::filesystem::path skeleton;      ///< kGiven, kAuto: the file whose joints to use, in the mesh's frame;
+                                       ///< empty: the mesh's own file. kPinocchio: the template; empty: `templates`
+  std::vector<std::string> templates;  ///< kPinocchio, kAuto: of template_words(); that of least penalty is taken
+  bool keep_skeleton = true;           ///< kAuto: the mesh's own joints stay, where it has any
+  std::filesystem::path collection;    ///< kTemplate: whatever io::open_source reads
   std::vector<std::filesystem::path> splits;  ///< of the collection
   CurveSkeletonOptions curve;
   EmbeddingOptions embedding;
@@ -160,7 +167,7 @@ inline constexpr const char* kRignet = "rignet";
 
 /// The command line of anigen-rig.
 struct RigArguments {
-  std::string method, mesh, mesh_up = "format", skin, image, background = "auto", condition = "color";
+  std::string method = "auto", mesh, mesh_up = "format", skin, image, background = "auto", condition = "color";
   std::vector<std::string> image_splits;
   std::string image_dataset, retrieval_encoder;
   std::string joint_model, connectivity_model, skin_model;  ///< of Anymate or RigNet
@@ -169,7 +176,7 @@ struct RigArguments {
   rigging::RigRequest request;
   std::size_t views = 0, limit = 0;
   std::optional<std::size_t> influences;  ///< joints per vertex; 0: any number
-  bool preview = false;
+  bool preview = false, new_skeleton = false;
 };
 
 }  // namespace anigen

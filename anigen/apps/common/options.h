@@ -100,8 +100,9 @@ inline constexpr OptionRow kOptions[] = {
     // --- Mesh and skeleton ---
     {"--method", 0, "WORD", "Mesh and skeleton", "Method of rigging", ""},
     {"--skeleton", 0, "FILE", "Mesh and skeleton", "Rig with the joints to bind to, placed in the mesh [the mesh file's own]; for pinocchio the template", ""},
-    {"--pinocchio-template", 0, "WORD", "Mesh and skeleton", "For pinocchio: biped, quadruped; of several the one that fits best [both]", "rig:--template"},
-    {"--curve-joints", 0, "N", "Mesh and skeleton", "For curve: no more joints than these", "rig:--most-joints"},
+    {"--new-skeleton", 0, "", "Mesh and skeleton", "Find joints where the mesh has its own, too; for auto", ""},
+    {"--pinocchio-template", 0, "WORD", "Mesh and skeleton", "For pinocchio and auto: biped, quadruped; of several the one that fits best [both]", "rig:--template"},
+    {"--curve-joints", 0, "N", "Mesh and skeleton", "For curve and auto: no more joints than these, along the curve", "rig:--most-joints"},
     {"--points", 0, "N", "Mesh and skeleton", "For anymate: points of the surface that the models look at [as in training; released: 8192]", ""},
     {"--joint-distance", 0, "X", "Mesh and skeleton", "For anymate: predicted joints this near are one, the mesh's longest side being 2 [as released: 0.03 regressed, 0.05 denoised; without meaning for volumes]", "rig:--eps"},
     {"--skin", 0, "nearest|geovoxel|heat|none", "Mesh and skeleton", "Binding, other than the method's; none: the skeleton alone", ""},
