@@ -211,6 +211,30 @@ TEST_F(RigMeshes, AMeshWithoutJointsIsRefusedByBindingsAlone) {
   EXPECT_FALSE(fs::exists(folder_ / "rigged.glb"));
 }
 
+TEST_F(RigMeshes, WithoutAMethodOwnJointsStayAndOthersAreFound) {
+  request_.method = parse_rigging_method("auto");
+  EXPECT_EQ(request_.method.binding, SkinBinding::kHeat);
+  request_.joints = {};
+  RigReports reports = rig_meshes(request_);
+  for (const RigReport& report : reports.meshes) {
+    EXPECT_EQ(report.failure, "");
+    EXPECT_EQ(report.note, "keeps its own joints");
+    EXPECT_EQ(report.joints, static_cast<std::size_t>(rig_.joint_count()));
+  }
+  request_.joints.keep_skeleton = false;
+  for (const RigReport& report : rig_meshes(request_).meshes) {
+    EXPECT_EQ(report.failure, "");
+    EXPECT_TRUE(report.note.find("template") != std::string::npos) << report.note;
+    const Asset asset = io::read_gltf(report.file).asset;
+    EXPECT_TRUE(validate(asset).empty());
+    EXPECT_GE(asset.skeleton.size(), 2u);
+  }
+  request_.joints.skeleton = folder_ / "rigs/high.glb";
+  request_.meshes = folder_ / "meshes/same.glb";
+  request_.out = folder_ / "high.glb";
+  EXPECT_EQ(rig_meshes(request_).meshes.front().note, "joints of high.glb");
+}
+
 TEST_F(RigMeshes, WithoutABindingTheSkeletonAloneIsWritten) {
   request_.method = parse_rigging_method("nearest", "none");
   request_.joints = {};
