@@ -124,14 +124,7 @@ NamedPicture::NamedPicture(fs::path picture, std::string called) : file(std::mov
 std::vector<NamedPicture> pictures_at(const fs::path& path) {
   std::error_code error;
   if (!fs::is_directory(path, error)) return {NamedPicture(path)};
-  static const std::set<std::string> kExtensions{".png", ".jpg", ".jpeg", ".webp", ".bmp", ".tif", ".tiff"};
-  std::vector<fs::path> pictures;
-  for (const fs::directory_entry& entry : fs::directory_iterator(path, error)) {
-    if (entry.is_regular_file(error) && kExtensions.count(io::lower_extension(entry.path())) > 0)
-      pictures.push_back(entry.path());
-  }
-  if (pictures.empty()) throw InputError(path.string(), "", "holds no picture (png, jpg, jpeg, webp, bmp, tif, tiff)");
-  std::sort(pictures.begin(), pictures.end());
+  const std::vector<fs::path> pictures = io::picture_files(path);
   return {pictures.begin(), pictures.end()};
 }
 
