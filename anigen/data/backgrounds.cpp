@@ -191,13 +191,6 @@ io::Image reduced_to(const io::Image& picture, int longest) {
   return io::resize_lanczos(picture, side(picture.width), side(picture.height), io::ResizeAlpha::kPremultiplied);
 }
 
-bool has_any_transparency(const io::Image& picture) {
-  for (std::size_t i = 3; i < picture.rgba.size(); i += io::kImageChannels) {
-    if (picture.rgba[i] != 255) return true;
-  }
-  return false;
-}
-
 }  // namespace
 
 std::vector<float> draw_background(Background kind, int size, Rng& rng) {
@@ -265,7 +258,7 @@ std::vector<io::Image> read_pictures(const std::filesystem::path& folder, int lo
   parallel_for(files.size(), [&](std::size_t i) {
     io::Image picture = io::read_image(files[i]);
     if (cut_out) {
-      if (!has_any_transparency(picture)) {
+      if (!io::has_transparency(picture)) {
         throw InputError(files[i].string(), "",
                          "has no transparent pixel; an object to put before other backgrounds must be cut out");
       }

@@ -83,9 +83,11 @@ void degrade(std::vector<float>& image, const MattingOptions& options, Rng& rng)
   for (float& value : image) value = std::clamp(value, 0.0F, 1.0F);
 }
 
-std::shared_ptr<const std::vector<io::Image>> pictures_of(ConfigReader& reader, const std::filesystem::path& folder,
-                                                          double share, const char* share_key,
-                                                          const MattingOptions& options, bool cut_out) {
+// Pictures of a folder, for both training and evaluation. Its share has a default only where there is a folder.
+std::shared_ptr<const std::vector<io::Image>> shared_pictures(ConfigReader& reader, const char* share_key,
+                                                              const std::filesystem::path& folder, double& share,
+                                                              const MattingOptions& options, bool cut_out) {
+  if (folder.empty() && !reader.has(share_key)) share = 0.0;
   if (share <= 0.0) return nullptr;
   if (folder.empty()) throw reader.error(share_key, "needs the folder of these pictures");
   const std::filesystem::path there = file_of_dataset(folder.string(), options.sources.data_dir);
@@ -132,14 +134,9 @@ MattingOptions MattingOptions::read(ConfigReader& reader) {
   f("blur", options.blur, {0.0, 1.0});
   f("noise", options.noise, {0.0, 1.0});
   f("jpeg", options.jpeg, {0.0, 1.0});
-  options.cutouts =
-      pictures_of(reader, options.pictures, options.picture_share, "picture_share", options, /*cut_out=*/true);
-  if (options.backgrounds.empty()) {
-    options.background_share = 0.0;  // its default is for those who have a folder
-  } else {
-    options.scenes = pictures_of(reader, options.backgrounds, options.background_share, "background_share", options,
-                                 /*cut_out=*/false);
-  }
+  options.cutouts = shared_pictures(reader, "picture_share", options.pictures, options.picture_share, options, true);
+  options.scenes =
+      shared_pictures(reader, "background_share", options.backgrounds, options.background_share, options, false);
   return options;
 }
 

@@ -30,13 +30,13 @@ std::vector<float> before_background(const PlacedObject& object, const std::vect
 /// spreads of 0 switch a change off.
 struct MattingOptions {
   SourceOptions sources;
-  int image_size = 128;                        ///< edge of the picture
-  std::filesystem::path pictures;              ///< folder of cut-out pictures, objects beside the views; empty: none
-  double picture_share = 0.0;                  ///< of the samples, whose object is one of them; held-out assets: 0
-  std::filesystem::path backgrounds;           ///< folder of real pictures to crop backgrounds from; empty: none
-  double background_share = 0.5;               ///< of the samples, before one of them; without a folder all are drawn
-  double jitter = 0.15;                        ///< spread of brightness, contrast and tint of object and background
-  double shadow = 0.4;                         ///< chance of a soft shadow below the object
+  int image_size = 128;               ///< edge of the picture
+  std::filesystem::path pictures;     ///< folder of cut-out pictures, objects beside the views; empty: none
+  double picture_share = 0.25;        ///< of the samples, whose object is one of them; none in evaluations
+  std::filesystem::path backgrounds;  ///< folder of real pictures to crop backgrounds from; empty: all are drawn
+  double background_share = 0.5;      ///< of the samples, before one of them
+  double jitter = 0.15;               ///< spread of brightness, contrast and tint of object and background
+  double shadow = 0.4;                ///< chance of a soft shadow below the object
   double blur = 0.3, noise = 0.3, jpeg = 0.3;  ///< chances of blurred, noisy and compressed pictures
 
   /// Contents of the two folders, read once for training and evaluation.

@@ -91,6 +91,13 @@ Image read_image(const std::filesystem::path& path) {
   return decode_image({bytes.begin(), bytes.end()}, path.string());
 }
 
+bool has_transparency(const Image& image) {
+  for (std::size_t i = 3; i < image.rgba.size(); i += kImageChannels) {
+    if (image.rgba[i] != 255) return true;
+  }
+  return false;
+}
+
 std::vector<std::filesystem::path> picture_files(const std::filesystem::path& folder) {
   static const std::set<std::string> kExtensions{".png", ".jpg", ".jpeg", ".webp", ".bmp", ".tif", ".tiff"};
   std::error_code error;
