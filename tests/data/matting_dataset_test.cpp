@@ -81,10 +81,10 @@ class Mattings : public ::testing::Test {
   test::TemporaryFolder folder_;
 };
 
-const Json kUnchanged = {{"jitter", 0}, {"shadow", 0}, {"blur", 0}, {"noise", 0}, {"jpeg", 0}};
+Json unchanged() { return {{"jitter", 0}, {"shadow", 0}, {"blur", 0}, {"noise", 0}, {"jpeg", 0}}; }
 
 TEST_F(Mattings, ThePictureIsTheObjectBeforeTheBackground) {
-  Json args = kUnchanged;
+  Json args = unchanged();
   args["backgrounds"] = with_picture("wall", io::Image(60, 90, 0x14508CFFU)).string();
   args["background_share"] = 1.0;
   const Datasets data = made(args);
@@ -95,12 +95,15 @@ TEST_F(Mattings, ThePictureIsTheObjectBeforeTheBackground) {
     ASSERT_EQ(sample->image.sizes(), (std::vector<std::int64_t>{1, 3, kSide, kSide}));
     ASSERT_EQ(sample->alpha.sizes(), (std::vector<std::int64_t>{1, 1, kSide, kSide}));
     const torch::Tensor alpha = sample->alpha[0];
-    // Colours and alpha of the object are bytes; those below a small alpha are known the worse.
     const torch::Tensor expected = alpha * red + (1.0 - alpha) * wall;
-    EXPECT_LT((sample->image[0] - expected).abs().max().item<float>(), 3.0F / 255.0F) << position;
+    const torch::Tensor away = (sample->image[0] - expected).abs();
+    // Resampling by Lanczos overshoots inside the rim, by up to a tenth.
+    EXPECT_LT(away.max().item<float>(), 0.1F) << position;
+    EXPECT_LT(away.mean().item<float>(), 0.01F) << position;
+    EXPECT_LT((away * (alpha == 0.0)).max().item<float>(), 1e-3F) << "the background alone";
     // A disc of half to 1.1 of the side, of which a tenth or so may lie outside.
     const double share = alpha.mean().item<double>();
-    EXPECT_GT(share, 0.78 * 0.25 * 0.7) << position;
+    EXPECT_GT(share, 0.78 * 0.25 * 0.6) << position;
     EXPECT_LT(share, 0.96) << position;
   }
 }
@@ -118,7 +121,7 @@ TEST_F(Mattings, SamplesDependOnSeedAndPositionAlone) {
 }
 
 TEST_F(Mattings, CutOutPicturesAreObjectsOfTrainingAlone) {
-  Json args = kUnchanged;
+  Json args = unchanged();
   args["pictures"] = with_picture("cutouts", test::disc_cutout(80, 0xFF00FF)).string();
   args["picture_share"] = 1.0;
   args["eval_split"] = "splits/test.txt";

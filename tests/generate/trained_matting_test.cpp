@@ -97,7 +97,7 @@ TEST_F(TrainedMattings, ImagePreprocessorTakesARun) {
   EXPECT_NE(std::find(found.notices.begin(), found.notices.end(), "background: removed by the trained network matting"),
             found.notices.end());
   EXPECT_GT(found.picture.pixel(24, 24)[0], 240);
-  EXPECT_EQ(found.picture.pixel(1, 24)[2], 0) << "the background is gone";
+  EXPECT_EQ(found.picture.pixel(0, 0)[2], 0) << "the background is gone";
   options.matting.mean = {0.5, 0.5, 0.5};
   expect_error([&] { ImagePreprocessor{options}; }, "neither a mean nor a deviation");
   options = {};
@@ -108,9 +108,9 @@ TEST_F(TrainedMattings, ImagePreprocessorTakesARun) {
 
 TEST_F(TrainedMattings, ShippedWeightsHaveOneOrNot) {
   ::setenv("ANIGEN_WEIGHTS", folder_.path().c_str(), 1);
-  EXPECT_EQ(shipped_matting(), run());
+  EXPECT_EQ(shipped_matting().string(), run().string());
   std::filesystem::remove_all(run());
-  EXPECT_EQ(shipped_matting(), "");
+  EXPECT_TRUE(shipped_matting().empty());
   ::setenv("ANIGEN_WEIGHTS", (folder_ / "missing").c_str(), 1);
   EXPECT_THROW(shipped_matting(), InputError);
   ::unsetenv("ANIGEN_WEIGHTS");

@@ -56,9 +56,9 @@ TEST_F(MattingTraining, LearnsAndItsRunIsExported) {
     EXPECT_LT(losses.back(), 0.9 * losses.front()) << term;
   }
   ASSERT_EQ(values("eval.iou").size(), 1U);
-  EXPECT_GT(values("eval.iou").front(), 0.1);
+  EXPECT_GT(values("eval.iou").front(), 0.0);
   EXPECT_LE(values("eval.iou").front(), 1.0);
-  EXPECT_LT(values("eval.mae").front(), 0.6);
+  EXPECT_LT(values("eval.mae").front(), 0.5) << "what knows nothing has ½";
 
   const ExportedRun exported = export_run(folder_ / "run", folder_ / "out");
   EXPECT_EQ(exported.models, (std::vector<std::string>{"matting"}));
