@@ -89,6 +89,10 @@ void refuse_ignored(const CLI::App& app, const GenerateArguments& arguments) {
     refuse_given(app, {"--matting-network", "--matting-mean", "--matting-deviation"},
                  "is not used by --background " + arguments.background);
   }
+  if (arguments.matting.is_run()) {
+    refuse_given(app, {"--matting-mean", "--matting-deviation"},
+                 "is of ONNX files; " + arguments.matting.network.string() + " is a trained run, which needs none");
+  }
   if (!arguments.dataset.empty()) refuse_given(app, {"--normal-map"}, "--dataset brings its own maps of normals");
   if (arguments.normals != "auto" && arguments.normals != "file")
     refuse_given(app, {"--normal-map"}, "is not used by --normals " + arguments.normals);

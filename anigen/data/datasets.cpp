@@ -11,6 +11,7 @@
 #include "anigen/core/log.h"
 #include "anigen/core/parallel.h"
 #include "anigen/core/random.h"
+#include "anigen/data/matting_dataset.h"
 #include "anigen/data/picture_dataset.h"
 #include "anigen/data/view_files.h"
 
@@ -175,6 +176,7 @@ using Factory = std::function<Datasets(ConfigReader&, std::uint64_t)>;
 template <typename Options>
 Options without_noise(Options options) {
   if constexpr (std::is_same_v<Options, FeatureSkeletonOptions>) options.support_noise = {};
+  if constexpr (std::is_same_v<Options, MattingOptions>) options.picture_share = 0.0;
   return options;
 }
 
@@ -200,6 +202,7 @@ const std::vector<std::pair<std::string, Factory>>& registry() {
       {"AniGenSparseFeat2Skeleton", factory<FeatureSkeletonDataset, FeatureSkeletonOptions>()},
       {"AniGenSparseStructureLatent", factory<StructureLatentDataset, StructureLatentOptions>(false)},
       {"ImageConditionedAniGenSparseStructureLatent", factory<StructureLatentDataset, StructureLatentOptions>(true)},
+      {"AniGenMattings", factory<MattingDataset, MattingOptions>()},
       {"AniGenPictures", factory<PictureDataset, PictureOptions>()},
       {"AniGenSLat", factory<StructuredLatentDataset, StructuredLatentOptions>(false)},
       {"AniGenImageConditionedSLat", factory<StructuredLatentDataset, StructuredLatentOptions>(true)}};

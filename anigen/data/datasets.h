@@ -228,6 +228,7 @@ struct Datasets {
 /// | AniGenSparseFeat2Skeleton | FeatureSkeletonBatch (the first stage makes its SkinDataset itself) |
 /// | AniGenSparseStructureLatent, ImageConditionedAniGenSparseStructureLatent | StructureLatentBatch |
 /// | AniGenSLat, AniGenImageConditionedSLat | StructuredLatentBatch |
+/// | AniGenMattings (ours) | MattingBatch (matting_dataset.h) |
 /// | AniGenPictures (ours) | PictureBatch (picture_dataset.h) |
 ///
 /// @param dataset the object with name and args, which must outlive the call only @param seed of all random draws

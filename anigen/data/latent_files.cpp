@@ -117,9 +117,6 @@ void add_lists(Json& lists, const ChannelStatistics& statistics, const std::stri
   lists["std" + suffix] = statistics.deviation;
 }
 
-// renders_cond/<id>
-fs::path condition_folder(const AssetId& asset) { return asset.root / "renders_cond" / asset.id; }
-
 // Two arrays of an NPZ; dimensions of size 1 around the channels are allowed.
 ChannelStatistics read_channel_statistics(const fs::path& path, const std::string& mean, const std::string& deviation,
                                           float lowest) {

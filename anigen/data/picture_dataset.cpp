@@ -17,8 +17,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-fs::path views_of(const AssetId& asset) { return asset.root / "renders_cond" / asset.id; }
-
 fs::path depth_picture_of(const fs::path& color) {
   return color.parent_path() / (color.stem().string() + "_depth.png");
 }
@@ -139,7 +137,8 @@ struct PictureDataset::Picture : Sample {
 PictureDataset::PictureDataset(std::vector<AssetId> assets, const PictureOptions& options, std::uint64_t seed)
     : AssetDataset(std::move(assets), {seed, options.sources.skip_broken, false},
                    {[](const AssetId& asset) {
-                      return std::vector{views_of(asset) / "transforms.json", first_normal_picture(views_of(asset))};
+                      return std::vector{condition_folder(asset) / "transforms.json",
+                                         first_normal_picture(condition_folder(asset))};
                     },
                     nullptr}),
       options_(options) {}
@@ -148,7 +147,7 @@ std::unique_ptr<AssetDataset::Sample> PictureDataset::read(std::size_t index, st
   const AssetId& id = asset(index);
   auto picture = std::make_unique<Picture>();
   Rng view(seed(), "condition view", position);
-  picture->truth = read_picture_truth(views_of(id), options_.image_size, view);
+  picture->truth = read_picture_truth(condition_folder(id), options_.image_size, view);
   relight(picture->truth.image, options_.light, view);
   const auto found = std::find(options_.families.begin(), options_.families.end(), id.source);
   if (found != options_.families.end()) picture->family = found - options_.families.begin();

@@ -99,12 +99,18 @@ ViewImage read_view(const fs::path& folder, int size, Rng& rng) {
   return view;
 }
 
-std::vector<float> read_condition_image(const fs::path& folder, int size, Rng& rng, ConditionPictures pictures) {
+fs::path condition_folder(const AssetId& asset) { return asset.root / "renders_cond" / asset.id; }
+
+io::Image read_condition_view(const fs::path& folder, Rng& rng, ConditionPictures pictures) {
   const render::Frame frame = random_frame(folder, rng);
   const fs::path color = folder / frame.file_path;
   const fs::path path = pictures == ConditionPictures::kNormals ? normal_picture(color) : color;
   const io::Image picture = io::read_image(path);
-  const io::Image object = io::crop(picture, io::condition_box(picture, path.string()));
+  return io::crop(picture, io::condition_box(picture, path.string()));
+}
+
+std::vector<float> read_condition_image(const fs::path& folder, int size, Rng& rng, ConditionPictures pictures) {
+  const io::Image object = read_condition_view(folder, rng, pictures);
   return planes(io::resize_lanczos(object, size, size, io::ResizeAlpha::kPremultiplied), true);
 }
 

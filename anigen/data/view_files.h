@@ -9,6 +9,7 @@
 #include "anigen/core/random.h"
 #include "anigen/data/metadata.h"
 #include "anigen/io/arrays/ndarray.h"
+#include "anigen/io/image.h"
 
 namespace anigen::data {
 
@@ -33,6 +34,14 @@ enum class ConditionPictures {
   /// --view-geometry writes them.
   kNormals
 };
+
+/// Folder of the condition views of an asset, renders_cond/<id>.
+std::filesystem::path condition_folder(const AssetId& asset);
+
+/// A random frame, cropped around the object (io::condition_box), with its alpha.
+/// @throws InputError as read_condition_image
+io::Image read_condition_view(const std::filesystem::path& folder, Rng& rng,
+                              ConditionPictures pictures = ConditionPictures::kColor);
 
 /// A random frame, cropped around the object, on black: [3, S, S] in [0, 1]. See io/image_resize.h. Normal pictures
 /// have the alpha of the colour pictures, so both are cropped and masked alike.

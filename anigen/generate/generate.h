@@ -20,3 +20,4 @@
 #include "anigen/generate/rignet_rigger.h"
 #include "anigen/generate/run_weights.h"
 #include "anigen/generate/stage_generators.h"
+#include "anigen/generate/trained_matting.h"

@@ -74,9 +74,11 @@ Json sampler_json(const SamplerOverrides& overrides) {
 /// Fingerprint of the files that a result was made from, by name, size and time of the last change: the picture and
 /// what belongs to it, every run's config and weights. Their bytes are gigabytes.
 std::string inputs_of(const GenerateRequest& request, const std::vector<fs::path>& runs, const NamedPicture& picture) {
-  std::vector<fs::path> files{picture.file, picture.normal_map, request.estimator_weights,
-                              request.pictures.matting.network};
-  for (const fs::path& run : runs) {
+  const MattingOptions& matting = request.pictures.matting;
+  std::vector<fs::path> files{picture.file, picture.normal_map, request.estimator_weights, matting.network};
+  std::vector<fs::path> folders = runs;
+  if (matting.is_run()) folders.push_back(matting.network);
+  for (const fs::path& run : folders) {
     const RunFolder folder{run};
     files.push_back(folder.config());
     for (const std::string& name : io::checkpoint_names(folder.checkpoints()))
@@ -308,9 +310,12 @@ Json generation_settings(const GenerateRequest& request, const std::vector<fs::p
                      {"smoothing_alpha", finishing.smoothing_alpha},
                      {"texture_size", finishing.texture_size}}}};
   const MattingOptions& matting = request.pictures.matting;
-  if (!matting.network.empty())
+  if (matting.is_run()) {
+    settings["matting"] = {{"run", matting.network.string()}};
+  } else if (!matting.network.empty()) {
     settings["matting"] = {
         {"network", matting.network.string()}, {"mean", matting.mean}, {"deviation", matting.deviation}};
+  }
   return settings;
 }
 

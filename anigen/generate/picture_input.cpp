@@ -60,7 +60,7 @@ torch::Tensor batch_of(const io::Image& image) { return vision::color_tensor(ima
 /// The choice that "auto" stands for, for this picture.
 Background decided(Background asked, const io::Image& image, bool has_network) {
   if (asked != Background::kAuto) return asked;
-  if (has_transparency(image)) return Background::kAlpha;
+  if (io::has_transparency(image)) return Background::kAlpha;
   return has_network ? Background::kNetwork : Background::kGrabCut;
 }
 
@@ -124,14 +124,7 @@ NamedPicture::NamedPicture(fs::path picture, std::string called) : file(std::mov
 std::vector<NamedPicture> pictures_at(const fs::path& path) {
   std::error_code error;
   if (!fs::is_directory(path, error)) return {NamedPicture(path)};
-  static const std::set<std::string> kExtensions{".png", ".jpg", ".jpeg", ".webp", ".bmp", ".tif", ".tiff"};
-  std::vector<fs::path> pictures;
-  for (const fs::directory_entry& entry : fs::directory_iterator(path, error)) {
-    if (entry.is_regular_file(error) && kExtensions.count(io::lower_extension(entry.path())) > 0)
-      pictures.push_back(entry.path());
-  }
-  if (pictures.empty()) throw InputError(path.string(), "", "holds no picture (png, jpg, jpeg, webp, bmp, tif, tiff)");
-  std::sort(pictures.begin(), pictures.end());
+  const std::vector<fs::path> pictures = io::picture_files(path);
   return {pictures.begin(), pictures.end()};
 }
 
@@ -223,9 +216,18 @@ ImagePreprocessor::ImagePreprocessor(const PreprocessingOptions& options,
     throw InputError("", "normals", "'estimator' needs the weights of a normal estimator");
   if (options.estimator_side < 0) throw InputError("", "normals", "the estimator's largest side is negative");
   const bool removes = options.background == Background::kAuto || options.background == Background::kNetwork;
-  if (removes && !options.matting.network.empty()) network_ = std::make_unique<MattingNetwork>(options.matting);
-  if (options.background == Background::kNetwork && !network_)
-    throw InputError("", "background", "'network' needs a matting network, an ONNX file");
+  if (removes && options.matting.is_run()) {
+    const MattingOptions usual;
+    if (options.matting.mean != usual.mean || options.matting.deviation != usual.deviation) {
+      throw InputError(options.matting.network.string(), "matting network",
+                       "a trained run takes neither a mean nor a deviation: these are of ONNX files");
+    }
+    trained_ = std::make_unique<TrainedMatting>(options.matting.network);
+  } else if (removes && !options.matting.network.empty()) {
+    network_ = std::make_unique<MattingNetwork>(options.matting);
+  }
+  if (options.background == Background::kNetwork && !network_ && !trained_)
+    throw InputError("", "background", "'network' needs a matting network, a trained run or an ONNX file");
 }
 
 PreprocessedImage ImagePreprocessor::run(const std::filesystem::path& picture,
@@ -261,8 +263,8 @@ PreprocessedImage ImagePreprocessor::run(const InputPicture& picture, const Inpu
 
 io::Image ImagePreprocessor::object_of(const InputPicture& picture, std::vector<std::string>& notices) {
   const io::Image& image = picture.image;
-  const bool transparent = has_transparency(image);
-  const Background background = decided(options_.background, image, network_ != nullptr);
+  const bool transparent = io::has_transparency(image);
+  const Background background = decided(options_.background, image, network_ || trained_);
   if (background == Background::kAlpha) {
     if (!transparent) throw InputError(picture.name, "", "has no transparent pixel, and 'alpha' asks for some");
     notices.emplace_back("background: the picture's own transparency");
@@ -276,14 +278,19 @@ io::Image ImagePreprocessor::object_of(const InputPicture& picture, std::vector<
   const io::Image opaque = reduced(without_alpha(image), kLongestSideForRemoval);
   const std::string dropped = transparent ? "; the picture's own transparency was not used" : "";
   const bool by_network = background == Background::kNetwork;
-  const std::vector<std::uint8_t> mask = by_network ? network_->mask(opaque) : grabcut_mask(opaque);
+  const std::vector<std::uint8_t> mask = !by_network ? grabcut_mask(opaque)
+                                         : trained_  ? trained_->mask(opaque, picture.name)
+                                                     : network_->mask(opaque);
   if (!has_foreground(mask)) {
     throw InputError(picture.name, "",
                      "no object stands out from the background; give a picture with transparency" +
                          std::string(by_network ? "" : ", name a matting network") + ", or keep the background");
   }
   if (by_network) {
-    notices.push_back("background: removed by the network " + options_.matting.network.filename().string() + dropped);
+    const std::filesystem::path& network = options_.matting.network;
+    notices.push_back(trained_ ? "background: removed by the trained network " +
+                                     (network / "x").parent_path().filename().string() + dropped
+                               : "background: removed by the network " + network.filename().string() + dropped);
   } else {
     notices.push_back("background: removed by GrabCut, from the colours along the picture's edge" + dropped +
                       "; where it cuts wrongly, give a picture with transparency or name a matting network");

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "anigen/generate/preprocess.h"
+#include "anigen/generate/trained_matting.h"
 #include "anigen/io/image.h"
 #include "anigen/vision/condition.h"
 #include "anigen/vision/dsine.h"
@@ -126,7 +127,8 @@ class ImagePreprocessor {
 
   PreprocessingOptions options_;
   std::shared_ptr<vision::NormalEstimator> estimator_;
-  std::unique_ptr<MattingNetwork> network_;
+  std::unique_ptr<MattingNetwork> network_;  // either this
+  std::unique_ptr<TrainedMatting> trained_;  // or that one
 };
 
 }  // namespace anigen::generate

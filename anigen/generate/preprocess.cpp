@@ -110,21 +110,6 @@ double standing_out(const cv::Mat& distance) {
   return std::max(kLeastDistance, kStandsOut * otsu);
 }
 
-void drop_specks(cv::Mat& mask) {
-  cv::Mat labels, statistics, centroids;
-  const int parts = cv::connectedComponentsWithStats(mask, labels, statistics, centroids, 8);
-  int largest = 0;
-  for (int i = 1; i < parts; ++i) largest = std::max(largest, statistics.at<int>(i, cv::CC_STAT_AREA));
-  std::vector<bool> kept(static_cast<std::size_t>(parts), false);
-  for (int i = 1; i < parts; ++i)
-    kept[static_cast<std::size_t>(i)] = statistics.at<int>(i, cv::CC_STAT_AREA) >= kSmallestPart * largest;
-  for (int y = 0; y < mask.rows; ++y) {
-    for (int x = 0; x < mask.cols; ++x) {
-      if (!kept[static_cast<std::size_t>(labels.at<int>(y, x))]) mask.at<std::uint8_t>(y, x) = 0;
-    }
-  }
-}
-
 constexpr std::uint64_t kLongestName = 1 << 16;
 constexpr std::uint64_t kOnnxHalf = 10;  // element type of 16-bit floats
 
@@ -306,13 +291,6 @@ io::Image stretched(const cv::Mat& output, const std::string& name) {
 
 Background parse_background(const std::string& word) { return chosen("background", word, kBackgroundWords); }
 
-bool has_transparency(const io::Image& image) {
-  for (std::size_t i = 3; i < image.rgba.size(); i += io::kImageChannels) {
-    if (image.rgba[i] != 255) return true;
-  }
-  return false;
-}
-
 io::Image without_alpha(const io::Image& image) {
   io::Image opaque = image;
   for (std::size_t i = 3; i < opaque.rgba.size(); i += io::kImageChannels) opaque.rgba[i] = 255;
@@ -345,6 +323,21 @@ io::Image reduced(const io::Image& image, int longest) {
   return io::resize_lanczos(image, side(image.width), side(image.height), io::ResizeAlpha::kSeparate);
 }
 
+void drop_small_parts(cv::Mat& mask, double share) {
+  cv::Mat labels, statistics, centroids;
+  const int parts = cv::connectedComponentsWithStats(mask, labels, statistics, centroids, 8);
+  int largest = 0;
+  for (int i = 1; i < parts; ++i) largest = std::max(largest, statistics.at<int>(i, cv::CC_STAT_AREA));
+  std::vector<bool> kept(static_cast<std::size_t>(parts), false);
+  for (int i = 1; i < parts; ++i)
+    kept[static_cast<std::size_t>(i)] = statistics.at<int>(i, cv::CC_STAT_AREA) >= share * largest;
+  for (int y = 0; y < mask.rows; ++y) {
+    for (int x = 0; x < mask.cols; ++x) {
+      if (!kept[static_cast<std::size_t>(labels.at<int>(y, x))]) mask.at<std::uint8_t>(y, x) = 0;
+    }
+  }
+}
+
 std::vector<std::uint8_t> grabcut_mask(const io::Image& image) {
   std::vector<std::uint8_t> alpha(image.rgba.size() / io::kImageChannels, 0);
   if (alpha.empty()) return alpha;
@@ -359,7 +352,7 @@ std::vector<std::uint8_t> grabcut_mask(const io::Image& image) {
   cv::Mat background, foreground;  // GrabCut's colour models
   cv::grabCut(small, classes, cv::Rect(), background, foreground, kRounds, cv::GC_INIT_WITH_MASK);
   cv::Mat mask = classes == cv::GC_PR_FGD;
-  drop_specks(mask);
+  drop_small_parts(mask, kSmallestPart);
   cv::Mat full(image.height, image.width, CV_8U, alpha.data());
   cv::resize(mask, full, full.size(), 0.0, 0.0, cv::INTER_LINEAR);
   return alpha;

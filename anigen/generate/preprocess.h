@@ -6,6 +6,7 @@
 #include <opencv2/core.hpp>
 #include <opencv2/core/utils/logger.hpp>
 #include <string>
+#include <system_error>
 #include <utility>
 #include <vector>
 
@@ -27,7 +28,7 @@ Choice chosen(const std::string& option, const std::string& word, const Words<Ch
 
 /// Handling of the background of an image.
 enum class Background {
-  kAuto,     ///< as published: alpha where there is some, else the network; GrabCut where no network is named
+  kAuto,     ///< as published: alpha where there is some, else the network; GrabCut where there is none
   kKeep,     ///< nothing is removed; an alpha channel still counts
   kAlpha,    ///< alpha, and an error for a picture that has none
   kGrabCut,  ///< GrabCut, even where there is alpha
@@ -41,10 +42,6 @@ inline const Words<Background> kBackgroundWords = {{Background::kAuto, "auto"},
                                                    {Background::kNetwork, "network"}};
 /// @throws InputError for another word
 Background parse_background(const std::string& word);
-
-/// True when at least one pixel is not fully opaque: only then the published pipeline trusts alpha
-/// (docs/reference/flows.md, 5.2).
-bool has_transparency(const io::Image& image);
 
 /// The colours with alpha dropped, not blended: what lies hidden under transparent pixels is seen again.
 io::Image without_alpha(const io::Image& image);
@@ -80,6 +77,10 @@ class QuietOpenCv {
   cv::utils::logging::LogLevel level_;
 };
 
+/// Clears the parts of a mask, pixels above 0 that touch each other, also at corners, that have fewer pixels than this
+/// share of the largest one. @param mask CV_8U
+void drop_small_parts(cv::Mat& mask, double share);
+
 /// The object of an opaque picture without a trained network: GrabCut (Rother et al. 2004, OpenCV), begun from how far
 /// every colour is from those along the picture's edge, on a copy of at most 512 pixels a side. Right for an object
 /// that stands clear of a background with few colours; parts that share the background's colour are lost. Parts below a
@@ -104,12 +105,18 @@ struct OnnxSignature {
 OnnxSignature read_onnx_signature(const std::filesystem::path& path);
 
 /// A network that separates an object from its background, and how it wants its pictures. The defaults are
-/// BiRefNet's (docs/reference/flows.md, 5.2); no weights come with this project.
+/// BiRefNet's (docs/reference/flows.md, 5.2), whose weights do not come with this project.
 struct MattingOptions {
-  std::filesystem::path network;  ///< ONNX; empty: none
+  std::filesystem::path network;  ///< ONNX, or the folder of a run of ours (generate/trained_matting.h); empty: none
   int size = 1024;                ///< side of its input, where the file leaves it open
   std::array<double, 3> mean{0.485, 0.456, 0.406};
   std::array<double, 3> deviation{0.229, 0.224, 0.225};
+
+  /// True when `network` is a folder: a run of ours, which wants neither size nor mean nor deviation.
+  bool is_run() const {
+    std::error_code error;
+    return std::filesystem::is_directory(network, error);
+  }
 };
 
 /// Runs such a network through OpenCV, in 32-bit floats whatever it stores: one input [1, 3, H, W]; of its outputs the

@@ -23,6 +23,7 @@
 #include "anigen/structured_latent/encoder.h"
 #include "anigen/structured_latent/flow.h"
 #include "anigen/structured_latent/sampling.h"
+#include "anigen/vision/matting.h"
 #include "anigen/vision/picture_estimator.h"
 
 namespace anigen::generate {
@@ -83,6 +84,7 @@ const std::map<std::string, Builder> kBuilders = {
     {kAnymateModelClass, built<anymate::AnymateModel>},
     {kRignetModelClass, built<rignet::RignetModel>},
     {vision::kPictureEstimatorClass, built<vision::PictureEstimator>},
+    {vision::kMattingUNetClass, built<vision::MattingUNet>},
     {sparse_structure::kSparseStructureEncoderClass, built<sparse_structure::SparseStructureEncoder>},
     {sparse_structure::kSparseStructureDecoderClass, built<sparse_structure::SparseStructureDecoder>},
     {sparse_structure::kSparseStructureFlowClass, built<sparse_structure::SparseStructureFlow>},
@@ -134,6 +136,28 @@ Json compared(const torch::nn::Module& model, const io::NamedArrays& arrays) {
   return json;
 }
 
+constexpr const char* kWeightsVariable = "ANIGEN_WEIGHTS";
+
+// Empty when none is there. @param places set to those that were looked at
+fs::path find_shipped_weights(std::vector<fs::path>& places) {
+  constexpr const char* kFolder = "weights/anigen-small";
+  std::error_code error;
+  if (const char* named = std::getenv(kWeightsVariable); named != nullptr && *named != '\0') {
+    if (fs::is_directory(named, error)) return named;
+    throw InputError(named, kWeightsVariable, "is no folder");
+  }
+  const fs::path program = fs::read_symlink("/proc/self/exe", error).parent_path();
+  constexpr int kLevels = 4;  // build/release/bin lies three below the sources
+  fs::path above = program;
+  for (int level = 0; level < kLevels; ++level, above = above.parent_path()) places.push_back(above / kFolder);
+  places.push_back(program.parent_path() / "share/anigen" / kFolder);
+  places.push_back(fs::path("/usr/share/anigen") / kFolder);
+  for (const fs::path& place : places) {
+    if (fs::is_directory(place, error)) return place;
+  }
+  return {};
+}
+
 }  // namespace
 
 FlowRuns find_flow_runs(const fs::path& folder, bool joint_count, const FlowRuns& known) {
@@ -163,28 +187,22 @@ FlowRuns find_flow_runs(const fs::path& folder, bool joint_count, const FlowRuns
 }
 
 fs::path shipped_weights() {
-  constexpr const char* kVariable = "ANIGEN_WEIGHTS";
-  constexpr const char* kFolder = "weights/anigen-small";
-  std::error_code error;
-  if (const char* named = std::getenv(kVariable); named != nullptr && *named != '\0') {
-    if (fs::is_directory(named, error)) return named;
-    throw InputError(named, kVariable, "is no folder");
-  }
-  const fs::path program = fs::read_symlink("/proc/self/exe", error).parent_path();
   std::vector<fs::path> places;
-  constexpr int kLevels = 4;  // build/release/bin lies three below the sources
-  fs::path above = program;
-  for (int level = 0; level < kLevels; ++level, above = above.parent_path()) places.push_back(above / kFolder);
-  places.push_back(program.parent_path() / "share/anigen" / kFolder);
-  places.push_back(fs::path("/usr/share/anigen") / kFolder);
-  for (const fs::path& place : places) {
-    if (fs::is_directory(place, error)) return place;
-  }
-  throw InputError("", kVariable,
+  const fs::path found = find_shipped_weights(places);
+  if (!found.empty()) return found;
+  throw InputError("", kWeightsVariable,
                    "no weights come with this program: none of " +
                        joined(places, ", ", [](const fs::path& place) { return place.string(); }) +
                        " exists. Name the runs of both flows with --ss-flow and --slat-flow, or the folder of both "
                        "with --runs or in this variable");
+}
+
+fs::path shipped_matting() {
+  std::vector<fs::path> places;
+  const fs::path weights = find_shipped_weights(places);
+  if (weights.empty()) return {};
+  const RunFolder run{weights / "matting"};
+  return run.has_config() && run.has_checkpoints() ? run.root : fs::path();
 }
 
 Json describe_weights(const fs::path& run) {

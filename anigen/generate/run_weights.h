@@ -24,6 +24,9 @@ FlowRuns find_flow_runs(const std::filesystem::path& folder, bool joint_count, c
 /// beside the program or in one of the three folders above it, and of that in share/anigen below the program's prefix
 /// or /usr. @throws InputError naming the places when there is none
 std::filesystem::path shipped_weights();
+/// The run `matting` of these weights, a matting network of ours; empty when there are no weights or none of it.
+/// @throws InputError when $ANIGEN_WEIGHTS is no folder
+std::filesystem::path shipped_matting();
 
 /// Completeness of the weights of a run folder that its config asks for: for every model under /models an object of
 /// `class`; `checkpoint`, the file that generation would read; `tensors`, how many the model has, and `parameters`,

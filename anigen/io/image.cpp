@@ -6,10 +6,13 @@
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 #include <optional>
+#include <set>
 #include <string_view>
+#include <system_error>
 
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
+#include "anigen/core/text.h"
 
 namespace anigen::io {
 
@@ -86,6 +89,29 @@ Image decode_image(const std::vector<std::uint8_t>& bytes, const std::string& na
 Image read_image(const std::filesystem::path& path) {
   const std::string bytes = read_file(path, std::uintmax_t{1} << 30);
   return decode_image({bytes.begin(), bytes.end()}, path.string());
+}
+
+bool has_transparency(const Image& image) {
+  for (std::size_t i = 3; i < image.rgba.size(); i += kImageChannels) {
+    if (image.rgba[i] != 255) return true;
+  }
+  return false;
+}
+
+std::vector<std::filesystem::path> picture_files(const std::filesystem::path& folder) {
+  static const std::set<std::string> kExtensions{".png", ".jpg", ".jpeg", ".webp", ".bmp", ".tif", ".tiff"};
+  std::error_code error;
+  std::vector<std::filesystem::path> pictures;
+  for (const auto& entry : std::filesystem::directory_iterator(folder, error)) {
+    std::error_code unreadable;
+    if (entry.is_regular_file(unreadable) && kExtensions.count(lower_case(entry.path().extension().string())) > 0)
+      pictures.push_back(entry.path());
+  }
+  if (error) throw InputError(folder.string(), "", "no folder that can be read");
+  if (pictures.empty())
+    throw InputError(folder.string(), "", "holds no picture (png, jpg, jpeg, webp, bmp, tif, tiff)");
+  std::sort(pictures.begin(), pictures.end());
+  return pictures;
 }
 
 std::vector<std::uint8_t> encode_png(const Image& image) {

@@ -32,6 +32,12 @@ struct StoredPixels {
 Image decode_image(const std::vector<std::uint8_t>& bytes, const std::string& name_for_errors,
                    StoredPixels* stored = nullptr);
 Image read_image(const std::filesystem::path& path);
+/// True when at least one pixel is not fully opaque: only then the published pipeline trusts alpha
+/// (docs/reference/flows.md, 5.2).
+bool has_transparency(const Image& image);
+/// Pictures directly in a folder, by name: png, jpg, jpeg, webp, bmp, tif, tiff.
+/// @throws InputError when there is none, or no such folder
+std::vector<std::filesystem::path> picture_files(const std::filesystem::path& folder);
 std::vector<std::uint8_t> encode_png(const Image& image);
 /// Over white where the picture is transparent. @param quality 1 … 100
 std::vector<std::uint8_t> encode_jpeg(const Image& image, int quality);

@@ -1,17 +1,14 @@
 #pragma once
 #include <cstdint>
 #include <string>
-#include <vector>
 
 #include "anigen/core/config_fields.h"
-#include "anigen/nn/blocks.h"
 #include "anigen/nn/init.h"
 #include "anigen/nn/linear.h"
 #include "anigen/nn/torch.h"
+#include "anigen/vision/unet.h"
 
 namespace anigen::vision {
-
-using torch::Tensor;
 
 inline constexpr const char* kPictureEstimatorClass = "PictureEstimator";
 
@@ -26,12 +23,7 @@ inline constexpr std::int64_t kCameraNumbers = 7;
 Tensor seen_from(const Tensor& cameras, const Tensor& points);
 
 /// Arguments of the picture estimator, a model of ours.
-struct PictureEstimatorOptions : JsonOptions<PictureEstimatorOptions> {
-  std::int64_t image_size = 128;  ///< pixels on a side, a multiple of 16
-  std::int64_t width = 192;       ///< channels of the blocks, at a sixteenth of the size; a multiple of 64
-  std::int64_t num_blocks = 4;
-  std::int64_t num_heads = 6;
-  double mlp_ratio = 4.0;
+struct PictureEstimatorOptions : UNetOptions, JsonOptions<PictureEstimatorOptions> {
   std::int64_t families = 0;  ///< kinds of objects that are told apart; 0: none
 
   void fields(ConfigFields& f);
@@ -46,9 +38,8 @@ struct PictureEstimate {
   Tensor camera;       ///< [B, 7], see kCameraNumbers
 };
 
-/// Normals, canonical coordinates (Wang et al. 2019, "NOCS"), family and camera of the object in a condition picture: a
-/// U-Net of convolutions whose lowest level is a transformer over patches of 16 pixels. Maps mean nothing where the
-/// object is not. Always fp32.
+/// Normals, canonical coordinates (Wang et al. 2019, "NOCS"), family and camera of the object in a condition picture,
+/// by a U-Net (vision/unet.h). Maps mean nothing where the object is not. Always fp32.
 class PictureEstimatorImpl : public torch::nn::Module {
  public:
   explicit PictureEstimatorImpl(const PictureEstimatorOptions& options, nn::Init init = nn::Init::kPublished);
@@ -60,11 +51,9 @@ class PictureEstimatorImpl : public torch::nn::Module {
 
  private:
   PictureEstimatorOptions options_;
-  std::vector<torch::nn::Conv2d> down_, refine_, across_, up_;  // by level, fine to coarse
-  std::vector<nn::TransformerBlock> blocks_;
+  UNet unet_ = nullptr;
   torch::nn::Conv2d maps_ = nullptr;
   nn::Linear whole_ = nullptr;
-  Tensor pos_emb_;
 };
 TORCH_MODULE(PictureEstimator);
 

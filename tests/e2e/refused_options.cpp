@@ -246,6 +246,9 @@ void check_ignored(Check& check, bool torch) {
   check.refuses(picture + "--runs c", {"--runs", "--ss-flow"});
   check.refuses(picture + "--matting-mean 0.5,0.5,0.5", {"--matting-mean", "--matting-network"});
   check.refuses(picture + "--background keep --matting-network m.onnx", {"--matting-network", "--background keep"});
+  check.refuses(picture + "--matting-network . --matting-mean 0.5,0.5,0.5", {"--matting-mean", "is a trained run"});
+  check.refuses(picture + "--matting-network . --matting-deviation 0.5,0.5,0.5",
+                {"--matting-deviation", "is a trained run"});
   check.refuses(picture + "--normal-weights w.pt", {"--normal-weights", "--normals estimator"});
   check.refuses(picture + "--normals flat --normal-map n.png", {"--normal-map", "--normals flat"});
   check.refuses(generate + "--dataset d --normal-map n.png", {"--normal-map", "--dataset"});

@@ -18,6 +18,7 @@
 #include "anigen/io/arrays/npz.h"
 #include "anigen/io/gltf/gltf.h"
 #include "tests/generate/onnx_files.h"
+#include "tests/generate/red_matting.h"
 #include "tests/generate/small_runs.h"
 #include "tests/support/paths.h"
 
@@ -372,6 +373,17 @@ TEST_F(GenerateAssets, TheRecordNamesTheMattingNetworkAndItsNormalisation) {
   request_.pictures.matting.mean = {0.5, 0.5, 0.5};
   EXPECT_FALSE(one("a").kept) << "another mean";
   EXPECT_EQ(read_json(made("a", "generation.json"))["settings"]["matting"]["mean"], (Json{0.5, 0.5, 0.5}));
+}
+
+TEST_F(GenerateAssets, TheRecordNamesATrainedMattingNetwork) {
+  const fs::path run = folder_ / "matting";
+  test::write_red_matting(run);
+  request_.pictures.matting.network = run;
+  ASSERT_EQ(one("a").failure, "");
+  EXPECT_EQ(read_json(made("a", "generation.json"))["settings"]["matting"], (Json{{"run", run.string()}}));
+  EXPECT_TRUE(one("a").kept);
+  fs::rename(run / "ckpts/matting_step0000001.safetensors", run / "ckpts/matting_step0000002.safetensors");
+  EXPECT_FALSE(one("a").kept) << "other weights";
 }
 
 TEST_F(GenerateAssets, ABadPictureDoesNotStopTheOthers) {

@@ -77,8 +77,8 @@ inline constexpr OptionRow kOptions[] = {
     {"--skin-model", 0, "PATH", "Models", "For both, likewise [as --skin says, or geovoxel]", ""},
     // --- Images ---
     {"--background", 0, "WORD", "Images", "Removal of the background: auto, keep, alpha, grabcut", ""},
-    {"--matting-network", 0, "FILE", "Images", "ONNX network that separates object and background", ""},
-    {"--matting-mean", 0, "R,G,B", "Images", "Taken from the network's red, green and blue in 0 … 1 [BiRefNet's]", ""},
+    {"--matting-network", 0, "PATH", "Images", "Network that separates object and background: a run folder of AniGenMattingTrainer, or an ONNX file [matting of the weights that are found, if they have it]", ""},
+    {"--matting-mean", 0, "R,G,B", "Images", "Taken from an ONNX network's red, green and blue in 0 … 1 [BiRefNet's]", ""},
     {"--matting-deviation", 0, "R,G,B", "Images", "Divides them then [BiRefNet's]", ""},
     {"--condition", 0, "WORD", "Images", "Images that are looked at: color or normal", ""},
     {"--normals", 0, "auto|color|file|estimator|flat", "Images", "Source of normals: color (the image stands in), file (--normal-map, or those of --dataset), estimator, flat; auto: file where there is one, else color", ""},

@@ -211,6 +211,9 @@ generate::GenerateRequest request_of(const GenerateArguments& arguments, const C
   request.pictures.background = generate::parse_background(arguments.background);
   request.pictures.normals = generate::parse_normal_source(arguments.normals);
   request.pictures.matting = arguments.matting;
+  const generate::Background background = request.pictures.background;
+  const bool removes = background == generate::Background::kAuto || background == generate::Background::kNetwork;
+  if (removes && arguments.matting.network.empty()) request.pictures.matting.network = generate::shipped_matting();
   request.estimator_weights = arguments.estimator_weights;
   request.finishing = arguments.finishing;
   request.finishing.remove_hidden = !arguments.keep_hidden;

@@ -65,6 +65,13 @@ std::unique_ptr<Stage> make_structured_latent_flow_stage(const StageRequest& req
 /// projected corners of the unit cube in sides of the picture; "family", the share that is right.
 std::unique_ptr<Stage> make_picture_estimator_stage(const StageRequest& request);
 
+/// The matting network, ours, learns the alpha of objects before other backgrounds (vision/matting.h). Trainer
+/// AniGenMattingTrainer, one model "MattingUNet", the data set "AniGenMattings". L = λ_b BCE(logits, α) + λ_1 |p − α| +
+/// λ_d (1 − Dice), p the sigmoid of the logits, Dice (2 Σ p α + 1) / (Σ p² + Σ α² + 1) of a picture; means over pixels
+/// and pictures. Terms: "bce", "l1", "dice". Evaluation on held-out assets: means over assets of "iou", that of the
+/// pixels above ½, and "mae", |p − α|.
+std::unique_ptr<Stage> make_matting_stage(const StageRequest& request);
+
 /// One of Anymate's models learns its task: joints, connectivity of given joints, or weights of given bones. The
 /// decoder says which. Trainer AnymateTrainer, one model "AnymateModel" with the arguments of anymate::ModelOptions,
 /// the data set "Anymate". Loss terms: "chamfer"; "mse"; "bce"; "ce"; "cos_clamp" with "ce". Evaluation: RigScores; of
