@@ -6,9 +6,8 @@
 #include <utility>
 
 #include "anigen/core/config_fields.h"
-#include "anigen/core/log.h"
 #include "anigen/data/matting_dataset.h"
-#include "anigen/train/stages/stages.h"
+#include "anigen/train/stages/picture_stage.h"
 
 namespace anigen::train {
 
@@ -36,27 +35,10 @@ Tensor dice_loss(const Tensor& found, const Tensor& alpha) {
   return 1.0 - (both / (p.square().sum(1) + a.square().sum(1) + 1.0)).mean();
 }
 
-class MattingStage final : public Stage {
+class MattingStage final
+    : public PictureStage<MattingStage, vision::MattingUNet, data::MattingDataset, MattingStageOptions> {
  public:
-  using Dataset = std::shared_ptr<const data::MattingDataset>;
-
-  MattingStage(const vision::MattingUNetOptions& model, const MattingStageOptions& options,
-               std::shared_ptr<const data::BatchSource> data, Dataset held_out, std::string name, torch::Device device)
-      : options_(options),
-        data_(std::move(data)),
-        held_out_(std::move(held_out)),
-        name_(std::move(name)),
-        device_(device),
-        model_(model) {
-    model_->to(device_);
-  }
-
-  std::vector<nn::NamedModel> models() const override { return {{name_, model_.ptr()}}; }
-  const data::BatchSource& data() const override { return *data_; }
-  void set_data(std::shared_ptr<const data::BatchSource> data) override { data_ = std::move(data); }
-  std::unique_ptr<Stage> replica() const override {
-    return std::make_unique<MattingStage>(model_->options(), options_, data_, held_out_, name_, device_);
-  }
+  using PictureStage::PictureStage;
 
   Losses losses(const data::Batch& batch, const LossContext&) override {
     const auto& truth = dynamic_cast<const data::MattingBatch&>(batch);
@@ -86,33 +68,13 @@ class MattingStage final : public Stage {
     const auto all = static_cast<double>(count);
     return {{"iou", iou / all}, {"mae", difference / all}};
   }
-
- private:
-  MattingStageOptions options_;
-  std::shared_ptr<const data::BatchSource> data_;
-  Dataset held_out_;
-  std::string name_;
-  torch::Device device_;
-  vision::MattingUNet model_;
 };
 
 }  // namespace
 
 std::unique_ptr<Stage> make_matting_stage(const StageRequest& request) {
-  MattingStageOptions options;
-  ConfigFields f(request.args);
-  options.fields(f);
-  ConfigReader top(request.config, request.file);
-  const auto [name, model] = read_only_model<vision::MattingUNetOptions>(top, {vision::kMattingUNetClass});
-  const data::Datasets datasets = data::make_datasets(top.object("dataset"), request.trainer.seed);
-  const auto pictures = std::dynamic_pointer_cast<const data::MattingDataset>(datasets.train);
-  if (!pictures) throw top.object("dataset").error("name", "this trainer needs the dataset AniGenMattings");
-  if (model.image_size != pictures->options().image_size) {
-    throw top.object("models").object(name).object("args").error("image_size", "differs from the dataset's image_size");
-  }
-  const auto held_out = std::dynamic_pointer_cast<const data::MattingDataset>(datasets.eval);
-  log::info("{} assets to train on, {} held out", pictures->assets(), held_out ? held_out->assets() : 0);
-  return std::make_unique<MattingStage>(model, options, datasets.train, held_out, name, request.device);
+  return make_picture_stage<MattingStage>(request, vision::kMattingUNetClass, "AniGenMattings",
+                                          [](const auto&, const ConfigReader&, const data::MattingDataset&) {});
 }
 
 }  // namespace anigen::train

@@ -6,10 +6,9 @@
 #include <utility>
 
 #include "anigen/core/config_fields.h"
-#include "anigen/core/log.h"
 #include "anigen/core/numeric.h"
 #include "anigen/data/picture_dataset.h"
-#include "anigen/train/stages/stages.h"
+#include "anigen/train/stages/picture_stage.h"
 
 namespace anigen::train {
 
@@ -61,29 +60,10 @@ Tensor yaw_error(const Tensor& a, const Tensor& b) {
   return torch::atan2(difference.sin(), difference.cos()).abs() * (180.0 / kPi);
 }
 
-class PictureEstimatorStage final : public Stage {
+class PictureEstimatorStage final : public PictureStage<PictureEstimatorStage, vision::PictureEstimator,
+                                                        data::PictureDataset, PictureEstimatorStageOptions> {
  public:
-  using Dataset = std::shared_ptr<const data::PictureDataset>;
-
-  PictureEstimatorStage(const vision::PictureEstimatorOptions& model, const PictureEstimatorStageOptions& options,
-                        std::shared_ptr<const data::BatchSource> data, Dataset held_out, std::string name,
-                        torch::Device device)
-      : options_(options),
-        data_(std::move(data)),
-        held_out_(std::move(held_out)),
-        name_(std::move(name)),
-        device_(device),
-        corners_(box_corners().to(device)),
-        model_(model) {
-    model_->to(device_);
-  }
-
-  std::vector<nn::NamedModel> models() const override { return {{name_, model_.ptr()}}; }
-  const data::BatchSource& data() const override { return *data_; }
-  void set_data(std::shared_ptr<const data::BatchSource> data) override { data_ = std::move(data); }
-  std::unique_ptr<Stage> replica() const override {
-    return std::make_unique<PictureEstimatorStage>(model_->options(), options_, data_, held_out_, name_, device_);
-  }
+  using PictureStage::PictureStage;
 
   Losses losses(const data::Batch& batch, const LossContext&) override {
     const auto& truth = dynamic_cast<const data::PictureBatch&>(batch);
@@ -148,37 +128,20 @@ class PictureEstimatorStage final : public Stage {
   }
 
  private:
-  PictureEstimatorStageOptions options_;
-  std::shared_ptr<const data::BatchSource> data_;
-  Dataset held_out_;
-  std::string name_;
-  torch::Device device_;
-  Tensor corners_;
-  vision::PictureEstimator model_;
+  Tensor corners_ = box_corners().to(device_);
 };
 
 }  // namespace
 
 std::unique_ptr<Stage> make_picture_estimator_stage(const StageRequest& request) {
-  PictureEstimatorStageOptions options;
-  ConfigFields f(request.args);
-  options.fields(f);
-  ConfigReader top(request.config, request.file);
-  const auto [name, model] = read_only_model<vision::PictureEstimatorOptions>(top, {vision::kPictureEstimatorClass});
-  const data::Datasets datasets = data::make_datasets(top.object("dataset"), request.trainer.seed);
-  const auto pictures = std::dynamic_pointer_cast<const data::PictureDataset>(datasets.train);
-  if (!pictures) throw top.object("dataset").error("name", "this trainer needs the dataset AniGenPictures");
-  const auto families = static_cast<std::int64_t>(pictures->options().families.size());
-  const ConfigReader args = top.object("models").object(name).object("args");
-  if (model.families != families) {
-    throw args.error("families", "is " + std::to_string(model.families) + ", but the dataset tells " +
-                                     std::to_string(families) + " apart");
-  }
-  if (model.image_size != pictures->options().image_size)
-    throw args.error("image_size", "differs from the dataset's image_size");
-  const auto held_out = std::dynamic_pointer_cast<const data::PictureDataset>(datasets.eval);
-  log::info("{} assets to train on, {} held out", pictures->assets(), held_out ? held_out->assets() : 0);
-  return std::make_unique<PictureEstimatorStage>(model, options, datasets.train, held_out, name, request.device);
+  return make_picture_stage<PictureEstimatorStage>(
+      request, vision::kPictureEstimatorClass, "AniGenPictures",
+      [](const vision::PictureEstimatorOptions& model, const ConfigReader& args, const data::PictureDataset& pictures) {
+        const auto families = static_cast<std::int64_t>(pictures.options().families.size());
+        if (model.families == families) return;
+        throw args.error("families", "is " + std::to_string(model.families) + ", but the dataset tells " +
+                                         std::to_string(families) + " apart");
+      });
 }
 
 }  // namespace anigen::train
