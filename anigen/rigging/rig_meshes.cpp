@@ -205,7 +205,7 @@ Skeleton in_format_axes(Skeleton skeleton, io::Axes axes) {
   if (axes != io::Axes::kZUp) return skeleton;
   const io::gltf_import::FoldedTransform turn = io::gltf_import::y_up_to_z_up();
   for (Eigen::Matrix4d& bind : skeleton.bind) bind = turn.matrix() * bind;
-  skeleton.rest.front() = turn * skeleton.rest.front();
+  if (!skeleton.rest.empty()) skeleton.rest.front() = turn * skeleton.rest.front();
   return skeleton;
 }
 

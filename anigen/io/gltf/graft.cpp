@@ -193,8 +193,9 @@ class Grafter {
       notes_.tally("collapsed_node", "nodes whose transform collapses their mesh stayed without a skin");
       return true;
     }
-    const int joint = source_.rig.nearest_joint[at(node)];
-    if (!is_own_ || joint < 0) return false;
+    // A mesh without a joint above it rests, as does the root that the importer has made.
+    const int above = source_.rig.nearest_joint[at(node)], joint = std::max(above, 0);
+    if (!is_own_ || (above < 0 && node_of_joint_[0] >= 0)) return false;
     return std::all_of(parts.begin(), parts.end(), [&](const VertexRange* part) {
       if (part->is_skinned) return false;
       for (std::size_t v = part->first; v < part->first + part->count; ++v) {
