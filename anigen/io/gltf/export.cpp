@@ -533,7 +533,7 @@ void refuse_unsound(const std::string& file, const Asset& asset, const ExportOpt
   if (has_mesh && has_skeleton && asset.skin.rows() == 0)
     refuse("asset has a mesh and a skeleton but no skin weights; anigen-rig --method heat makes some");
   if (options.influences == 0) refuse("influences per vertex must be at least 1");
-  if (asset.skeleton.size() > kMostJoints) throw NotSupportedError(file, "", "more than 65536 joints in glTF");
+  if (asset.skeleton.size() > kMostSkinJoints) throw NotSupportedError(file, "", "more than 65536 joints in glTF");
 }
 
 }  // namespace

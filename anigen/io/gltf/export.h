@@ -37,6 +37,6 @@ std::vector<gltf_import::InfluenceSet> influence_sets(const SkinWeights& skin, s
 /// Up to this many joints the indices in JOINTS_n are 8-bit, beyond 16-bit.
 inline constexpr std::size_t kMostJointsInBytes = 255;
 /// Joints that a skin may have.
-inline constexpr std::size_t kMostJoints = 65536;
+inline constexpr std::size_t kMostSkinJoints = 65536;
 
 }  // namespace anigen::io

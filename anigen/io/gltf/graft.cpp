@@ -43,6 +43,7 @@ struct GraftSource {
     rig = build_rig(document, moving, options, repairs);
     bindings = bind_skins(document, rig, repairs);
     merged = merge_meshes(document, rig, bindings, options, repairs);
+    noise = 1e-5 * bounding_box(merged.mesh.vertices).diagonal();
   }
 
   ImportOptions options;
@@ -52,6 +53,7 @@ struct GraftSource {
   Rig rig;
   std::vector<SkinBinding> bindings;
   MergedMesh merged;
+  double noise = 0.0;  // distance that rounding explains
 };
 
 void check_graft(const GraftSource& source, const Skeleton& skeleton, const SkinWeights& skin,
@@ -62,7 +64,7 @@ void check_graft(const GraftSource& source, const Skeleton& skeleton, const Skin
   bare.skeleton = skeleton;
   const std::vector<std::string> findings = validate(bare, 1, false);
   if (!findings.empty()) throw InputError(file, "", "the skeleton for it is not sound: " + findings.front());
-  if (skeleton.size() > kMostJoints) throw NotSupportedError(file, "", "more than 65536 joints in glTF");
+  if (skeleton.size() > kMostSkinJoints) throw NotSupportedError(file, "", "more than 65536 joints in glTF");
   const std::size_t vertices = source.merged.mesh.vertices.size();
   if (skin.rows() != vertices) {
     throw InputError(file, "",
@@ -88,7 +90,6 @@ std::vector<int> own_joints(const Skeleton& skeleton, const GraftSource& source)
   if (own.size() != skeleton.size()) return {};
   std::map<std::string, int> by_name;
   for (std::size_t j = 0; j < own.size(); ++j) by_name[own.names[j]] = static_cast<int>(j);
-  const double noise = 1e-5 * bounding_box(source.merged.mesh.vertices).diagonal();
   std::vector<int> joints;
   for (std::size_t j = 0; j < skeleton.size(); ++j) {
     const auto found = by_name.find(skeleton.names[j]);
@@ -97,7 +98,7 @@ std::vector<int> own_joints(const Skeleton& skeleton, const GraftSource& source)
     joints.push_back(joint);
     if (own.parents[at(joint)] != (parent < 0 ? -1 : joints[at(parent)])) return {};
     const Matrix4d apart = own.bind[at(joint)] - skeleton.bind[j];
-    if (!(apart.topRightCorner<3, 1>().norm() <= noise)) return {};
+    if (!(apart.topRightCorner<3, 1>().norm() <= source.noise)) return {};
   }
   return joints;
 }
@@ -209,11 +210,10 @@ class Grafter {
     const VertexRange& first = *parts.front();
     const JsonPlace place(file_.json()["nodes"][at(node)], document_.file, pointer(node));
     if (place.extension("EXT_mesh_gpu_instancing")) not_supported(node, "a skin for a mesh instanced on the GPU");
-    const double noise = 1e-5 * bounding_box(source_.merged.mesh.vertices).diagonal();
     for (const VertexRange* part : parts) {
       if ((part->to_bind - first.to_bind).norm() > 1e-9 * first.to_bind.norm())
         not_supported(node, "a skin for a node whose old skin only some of its primitives have weights for");
-      if (!is_own_ && part->deviation > noise)
+      if (!is_own_ && part->deviation > source_.noise)
         not_supported(node, "a new skeleton for a mesh whose skins disagree about the bind pose");
     }
     BoundNode bound;
