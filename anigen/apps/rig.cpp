@@ -36,7 +36,9 @@ void rig_files(RigArguments& options, const CommonOptions& common) {
   request.meshes = options.mesh;
   request.joints.keep_skeleton = !options.new_skeleton;
   if (options.influences)
-    request.binding.geodesic.most_influences = request.binding.heat.most_influences = *options.influences;
+    request.influences = request.binding.geodesic.most_influences = request.binding.heat.most_influences =
+        *options.influences;
+  request.graft = !options.no_graft;
   request.axes = io::parse_axes(options.mesh_up);
   request.also_read = {options.joint_model, options.connectivity_model, options.skin_model};
   if (options.preview) {
@@ -74,6 +76,7 @@ void add_mesh_options(CLI::App& app, RigArguments& options) {
   add_option(app, "--influences", options.influences, "; 0: any number")
       ->check(whole_number(0, 1024))
       ->default_str(std::to_string(request.binding.heat.most_influences));
+  add_option(app, "--no-graft", options.no_graft);
   add_option(app, "--preview", options.preview);
 }
 
@@ -113,8 +116,8 @@ void refuse_ignored(const CLI::App& app, const RigArguments& options) {
     refuse_given(
         app,
         {"--mesh", "--mesh-split", "--mesh-up", "--skin", "--skeleton", "--new-skeleton", "--pinocchio-template",
-         "--geovoxel-resolution", "--falloff", "--curve-joints", "--influences", "--preview", "--joint-model",
-         "--connectivity-model", "--skin-model", "--points", "--joint-distance", "--seed"},
+         "--geovoxel-resolution", "--falloff", "--curve-joints", "--influences", "--no-graft", "--preview",
+         "--joint-model", "--connectivity-model", "--skin-model", "--points", "--joint-distance", "--seed"},
         whose + ", which answers images");
     if (options.image_splits.empty()) refuse_given(app, {"--limit"}, "is of the assets of --image-split");
     if (options.retrieval_encoder.empty()) {
@@ -145,6 +148,7 @@ void refuse_ignored(const CLI::App& app, const RigArguments& options) {
   if (!automatic) refuse_given(app, {"--new-skeleton"}, whose + "; it is for auto");
   if (method == "curve" || method == "template")
     refuse_given(app, {"--skeleton"}, whose + ", which makes the skeleton itself");
+  if (options.skin == "none") refuse_given(app, {"--no-graft"}, "has no effect where the skeleton alone is written");
   if (!options.joint_model.empty()) refuse_given(app, {"--skeleton"}, "--joint-model finds the joints");
   if (!options.request.joints.skeleton.empty()) {
     refuse_given(app, {"--pinocchio-template"},

@@ -16,6 +16,8 @@
 #include "anigen/core/version.h"
 #include "anigen/geometry/primitives.h"
 #include "anigen/io/gltf/gltf.h"
+#include "anigen/io/gltf/graft.h"
+#include "anigen/io/gltf/rig.h"
 #include "anigen/io/rigs/rig_listing.h"
 
 namespace anigen::rigging {
@@ -247,6 +249,34 @@ Asset rigged(const io::RiggedShape& shape, const JointProposer& proposer, const 
   return asset;
 }
 
+/// The skeleton as read_gltf() would have it, of one whose shape was read with these axes.
+Skeleton in_format_axes(Skeleton skeleton, io::Axes axes) {
+  if (axes != io::Axes::kZUp) return skeleton;
+  const io::gltf_import::FoldedTransform turn = io::gltf_import::y_up_to_z_up();
+  for (Eigen::Matrix4d& bind : skeleton.bind) bind = turn.matrix() * bind;
+  if (!skeleton.rest.empty()) skeleton.rest.front() = turn * skeleton.rest.front();
+  return skeleton;
+}
+
+void write_rigged(const RigRequest& request, const std::string& mesh_file, const Asset& asset,
+                  const RigReport& report) {
+  const std::size_t any = std::max<std::size_t>(1, asset.skin.largest_row());
+  const std::size_t influences = request.influences > 0 ? request.influences : any;
+  if (!request.graft || !request.method.binding || !io::has_extension(mesh_file, {".glb", ".gltf"})) {
+    io::ExportOptions options;
+    options.influences = influences;
+    return io::write_gltf(report.file, asset, options);
+  }
+  try {
+    const Skeleton skeleton = in_format_axes(asset.skeleton, request.axes);
+    const io::GraftReport grafted = io::graft_rig(mesh_file, skeleton, asset.skin, report.file, {influences});
+    for (const io::ImportNote& note : grafted.notes) log::info("{}: {}", report.id, note.message);
+  } catch (const NotSupportedError& error) {
+    throw InputError(error.file(), error.place(),
+                     error.problem() + "; --no-graft writes a new file with base colour alone");
+  }
+}
+
 }  // namespace
 
 BoxedSkeleton boxed_skeleton(const std::string& id, const Points& joints, const std::vector<int>& parents,
@@ -377,8 +407,9 @@ RigReports rig_meshes(const RigRequest& request) {
     report.id = id;
     try {
       report.file = file_of(request, *source, id);
-      const Asset asset = rigged(source->read(id), proposer, request, report);
-      io::write_gltf(report.file, asset);
+      const io::RiggedShape shape = source->read(id);
+      const Asset asset = rigged(shape, proposer, request, report);
+      write_rigged(request, shape.file, asset, report);
       report.joints = asset.skeleton.size();
       report.vertices = asset.mesh.vertices.size();
       if (request.also) request.also(asset, report.file);

@@ -128,6 +128,9 @@ struct RigRequest {
   JointOptions joints;
   BindingOptions binding;
   LearnedSteps learned;
+  std::size_t influences = 4;  ///< joints per vertex in the written files; 0: as many as the weights name
+  bool graft = true;  ///< .glb and .gltf: the rig goes into a copy of the file (io::graft_rig); else, as for all
+                      ///< other formats, into a new file with base colour alone
   /// Called for each asset after its file is written, with that file's place.
   std::function<void(const Asset&, const std::filesystem::path&)> also;
   std::string also_writes;                       ///< ending of the file that `also` writes beside it, such as ".png"
@@ -176,7 +179,7 @@ struct RigArguments {
   rigging::RigRequest request;
   std::size_t views = 0, limit = 0;
   std::optional<std::size_t> influences;  ///< joints per vertex; 0: any number
-  bool preview = false, new_skeleton = false;
+  bool preview = false, new_skeleton = false, no_graft = false;
 };
 
 }  // namespace anigen

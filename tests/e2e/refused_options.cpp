@@ -194,12 +194,14 @@ void check_ignored(Check& check, bool torch) {
   check.refuses(rig + "pinocchio --pinocchio-template biped --skeleton s.glb", {"--pinocchio-template", "--skeleton"});
   check.refuses(rig + "curve --skeleton s.glb", {"--skeleton", "--method curve"});
   check.refuses(rig + "heat --dataset d", {"--dataset", "template"});
+  check.refuses(rig + "heat --skin none --no-graft", {"--no-graft", "skeleton alone"});
   check.refuses(rig + "heat --image a.png", {"--image", "retrieval"});
   check.refuses(rig + "heat --points 100", {"--points", "anymate"});
   check.refuses(rig + "anymate --joint-distance 0.1", {"--joint-distance", "--joint-model"});
   check.refuses("anigen-rig --method retrieval --image a.png --dataset d --output o --mesh a.glb",
                 {"--mesh", "--method retrieval"});
   const std::string retrieval = "anigen-rig --method retrieval --dataset d --output o ";
+  check.refuses(retrieval + "--image a.png --no-graft", {"--no-graft", "--method retrieval"});
   check.refuses(retrieval + "--image a.png --limit 3", {"--limit", "--image-split"});
   check.refuses(retrieval + "--image a.png --device cpu", {"--device", "--retrieval-encoder"});
   check.refuses(retrieval + "--image-split t.txt --retrieval-encoder r --condition color",

@@ -6,8 +6,10 @@
 #include "anigen/asset/rigged_asset.h"
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
+#include "anigen/io/gltf/container.h"
 #include "anigen/io/gltf/gltf.h"
 #include "anigen/rigging/rig_meshes.h"
+#include "tests/support/parsed_gltf.h"
 #include "tests/support/paths.h"
 #include "tests/support/rig_files.h"
 
@@ -199,6 +201,48 @@ TEST_F(RigMeshes, GivenJointsAreTheFilesOrAnotherFiles) {
     const Asset other = io::read_gltf(folder_ / "own.glb").asset;
     EXPECT_NEAR(other.skeleton.positions()[0].z(), own.skeleton.positions()[0].z() + 0.4, 1e-5) << method;
   }
+}
+
+TEST_F(RigMeshes, AGlbKeepsWhatIsNoRig) {
+  const fs::path mesh = folder_ / "meshes/same.glb", out = folder_ / "one.glb";
+  test::ParsedGltf marked(mesh);
+  marked.json["extras"] = "kept";
+  write_file_atomically(mesh, io::gltf_import::glb_bytes(marked.json.dump(), marked.binary, mesh.string()));
+  request_.meshes = mesh;
+  request_.out = out;
+  for (const bool graft : {true, false}) {
+    request_.graft = graft;
+    EXPECT_EQ(rig_meshes(request_).meshes.at(0).failure, "");
+    const test::ParsedGltf written(out);
+    EXPECT_EQ(written.json.contains("extras"), graft);
+    EXPECT_EQ(written.binary.rfind(marked.binary, 0) == 0, graft);
+    EXPECT_EQ(io::read_gltf(out).asset.skeleton.size(), static_cast<std::size_t>(rig_.joint_count()));
+  }
+  // Of the file's own joints only the weights are new, however the mesh was turned for rigging.
+  request_.method = parse_rigging_method("nearest");
+  request_.joints = {};
+  request_.graft = true;
+  for (const io::Axes axes : {io::Axes::kFormat, io::Axes::kZUp}) {
+    request_.axes = axes;
+    EXPECT_EQ(rig_meshes(request_).meshes.at(0).failure, "");
+    EXPECT_EQ(test::ParsedGltf(out).json["nodes"], marked.json["nodes"]);
+    EXPECT_EQ(test::ParsedGltf(out).json["skins"], marked.json["skins"]);
+  }
+}
+
+TEST_F(RigMeshes, AMeshThatCannotBeGraftedSaysWhatElseCanBeDone) {
+  const fs::path mesh = folder_ / "meshes/same.glb";
+  test::ParsedGltf marked(mesh);
+  for (Json& node : marked.json["nodes"]) {
+    if (node.contains("mesh")) node["extensions"]["EXT_mesh_gpu_instancing"] = Json::object();
+  }
+  write_file_atomically(mesh, io::gltf_import::glb_bytes(marked.json.dump(), marked.binary, mesh.string()));
+  request_.meshes = mesh;
+  request_.out = folder_ / "one.glb";
+  const std::string failure = rig_meshes(request_).meshes.at(0).failure;
+  EXPECT_NE(failure.find("/nodes/"), std::string::npos) << failure;
+  EXPECT_NE(failure.find("--no-graft"), std::string::npos) << failure;
+  EXPECT_FALSE(fs::exists(request_.out));
 }
 
 TEST_F(RigMeshes, AMeshWithoutJointsIsRefusedByBindingsAlone) {

@@ -48,6 +48,7 @@ inline constexpr OptionRow kOptions[] = {
     {"--axes", 0, "gltf|published", "Output", "Axes in the written files; published: (-x, z, y), turned by 180 degrees about the vertical", ""},
     {"--influences", 0, "N", "Output", "Joints per vertex in the written files", ""},
     {"--influence-loss", 0, "", "Output", "Measure what keeping only --influences joints per vertex changes", ""},
+    {"--no-graft", 0, "", "Output", "Write a new file with base colour alone, where otherwise the rig is added to a copy of the .glb or .gltf", ""},
     {"--weights", 0, "", "Output", "Check that the checkpoints of a run hold what its config.json asks for", ""},
     {"--preview", 0, "", "Output", "Also write <name>.png: the asset, its weights, its skeleton", "rig:--pictures"},
     {"--obj", 0, "", "Output", "Also write mesh.obj and mesh.rig.json", ""},

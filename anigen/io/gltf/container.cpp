@@ -4,6 +4,7 @@
 #include <cctype>
 #include <charconv>
 #include <cmath>
+#include <limits>
 
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
@@ -145,6 +146,8 @@ std::string_view split_glb(std::string_view bytes, Container& container) {
     if (chunk > 0 && type == kBinaryChunk && !container.has_binary) {
       container.binary = bytes.substr(offset, size);
       container.has_binary = true;
+    } else if (chunk > 0) {
+      container.further_chunks += bytes.substr(offset - 8, size + 8);
     }
     offset += size;
   }
@@ -153,7 +156,8 @@ std::string_view split_glb(std::string_view bytes, Container& container) {
 
 }  // namespace
 
-void read_container(const std::filesystem::path& path, const ImportOptions& options, Container& container) {
+void read_container(const std::filesystem::path& path, const ImportOptions& options, Container& container,
+                    bool keep_text) {
   container.file = path.string();
   container.folder = path.parent_path();
   container.bytes = read_file(path, options.max_file_bytes);
@@ -169,7 +173,38 @@ void read_container(const std::filesystem::path& path, const ImportOptions& opti
       throw InputError(container.file, "byte 0", "neither a GLB nor a JSON object: not a glTF file");
   }
   container.json = parse_json(text, container.file, JsonLimits{options.max_json_depth});
-  if (!binary) std::string().swap(container.bytes);
+  if (binary || keep_text)
+    container.text = text;
+  else
+    std::string().swap(container.bytes);
+}
+
+std::string glb_bytes(std::string text, std::string_view binary, const std::string& file,
+                      std::string_view further_chunks) {
+  constexpr std::uint64_t kHeader = 12, kChunkHeader = 8;
+  text.append((4 - text.size() % 4) % 4, ' ');
+  const std::size_t padding = (4 - binary.size() % 4) % 4;
+  const std::uint64_t total =
+      kHeader + kChunkHeader + text.size() + kChunkHeader + binary.size() + padding + further_chunks.size();
+  if (total > std::numeric_limits<std::uint32_t>::max())
+    throw NotSupportedError(file, "", "a .glb of " + std::to_string(total) + " bytes (the format ends at 4 GiB)");
+  std::string bytes;
+  bytes.reserve(static_cast<std::size_t>(total));
+  const auto append_word = [&bytes](std::uint64_t value) {
+    for (int shift = 0; shift < 32; shift += 8) bytes.push_back(static_cast<char>((value >> shift) & 0xFF));
+  };
+  bytes += "glTF";
+  append_word(2);
+  append_word(total);
+  append_word(text.size());
+  append_word(kJsonChunk);
+  bytes += text;
+  append_word(binary.size() + padding);
+  append_word(kBinaryChunk);
+  bytes += binary;
+  bytes.append(padding, '\0');
+  bytes += further_chunks;
+  return bytes;
 }
 
 namespace {

@@ -22,7 +22,8 @@ namespace anigen::io::gltf_import {
 ///                is not used for this: it takes wrong types as absent, cuts indices to 32 bits and names no place
 ///   accessors.h  numbers from bytes; Draco and meshoptimizer decode what is compressed
 ///   rig.h, primitive.h, mesh.h  one skeleton, one mesh in its bind pose, repairs
-/// Pictures are kept as encoded bytes; OpenCV decodes them where one is looked at. export.cpp writes.
+/// Pictures are kept as encoded bytes; OpenCV decodes them where one is looked at. export.cpp writes new files,
+/// graft.h adds a rig to a copy of one (json_text.h, graft_file.h).
 
 /// A value of a glTF's JSON together with where it is, so that every wrong type, index or number becomes an
 /// InputError with a JSON pointer. Refers to the JSON and the file name; both must outlive it.
@@ -163,9 +164,11 @@ struct Container {
   std::string file;              ///< path as the user gave it
   std::filesystem::path folder;  ///< what relative URIs start from
   Json json;
-  std::string bytes;        ///< of a .glb; empty for a .gltf
+  std::string bytes;        ///< of a .glb; of a .gltf only where its text is kept
+  std::string_view text;    ///< of the JSON; empty for a .gltf whose text is not kept
   std::string_view binary;  ///< the BIN chunk
   bool has_binary = false;
+  std::string further_chunks;  ///< of a .glb: chunks that glTF does not know, with their headers
 
   Container() = default;
   Container(const Container&) = delete;
@@ -174,8 +177,14 @@ struct Container {
 
 /// Reads the file and splits it, by its magic number and not by its name (glTF 2.0, section 4.4: GLB). Git LFS
 /// pointers, lengths that disagree with the file, wrong versions, over-deep or over-long JSON are refused.
-/// @throws InputError with the byte offset
-void read_container(const std::filesystem::path& path, const ImportOptions& options, Container& container);
+/// @param keep_text of a .gltf, too @throws InputError with the byte offset
+void read_container(const std::filesystem::path& path, const ImportOptions& options, Container& container,
+                    bool keep_text = false);
+
+/// A .glb: header, JSON chunk padded by blanks, binary chunk padded by zeros, further chunks as they are (glTF 2.0,
+/// section 4.4). @param file for messages @throws NotSupportedError above 4 GiB
+std::string glb_bytes(std::string text, std::string_view binary, const std::string& file,
+                      std::string_view further_chunks = {});
 
 inline bool is_data_uri(const std::string& uri) { return uri.rfind("data:", 0) == 0; }
 

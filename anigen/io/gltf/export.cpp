@@ -43,6 +43,65 @@ Skeleton unrotated_in_file(const Skeleton& skeleton, ExportAxes axes) {
 
 namespace {
 
+constexpr std::size_t kSetSize = 4;
+
+// The row's weights in single precision with a sum as close to 1 as Khronos' validator demands (2e-7 per influence).
+// A row that is close enough stays as it is, so that reading the file back gives the same numbers; otherwise the
+// heaviest takes the rounding of the others.
+std::vector<float> weights_of_row(const SkinWeights& skin, std::size_t v) {
+  const Influence* row = skin.row(v);
+  const std::size_t n = skin.row_size(v);
+  std::vector<float> weights(n);
+  double sum = 0.0;
+  for (std::size_t i = 0; i < n; ++i) sum += static_cast<double>(weights[i] = row[i].weight);
+  if (std::abs(sum - 1.0) <= 1e-7 * static_cast<double>(n)) return weights;
+  double others = 0.0;
+  for (std::size_t i = 1; i < n; ++i) {
+    weights[i] = static_cast<float>(static_cast<double>(row[i].weight) / sum);
+    others += static_cast<double>(weights[i]);
+  }
+  weights[0] = static_cast<float>(1.0 - others);
+  return weights;
+}
+
+}  // namespace
+
+std::vector<gltf_import::InfluenceSet> influence_sets(const SkinWeights& skin, std::size_t influences) {
+  const SkinWeights limited = limit_influences(skin, influences);
+  const std::size_t count = std::max<std::size_t>(1, (limited.largest_row() + kSetSize - 1) / kSetSize);
+  const std::size_t slots = kSetSize * limited.rows();
+  std::vector<gltf_import::InfluenceSet> sets(count,
+                                              {std::vector<std::uint32_t>(slots, 0), std::vector<float>(slots, 0.0f)});
+  for (std::size_t v = 0; v < limited.rows(); ++v) {
+    const std::vector<float> weights = weights_of_row(limited, v);
+    for (std::size_t i = 0; i < weights.size(); ++i) {
+      gltf_import::InfluenceSet& set = sets[i / kSetSize];
+      set.joints[kSetSize * v + i % kSetSize] = static_cast<std::uint32_t>(limited.row(v)[i].joint);
+      set.weights[kSetSize * v + i % kSetSize] = weights[i];
+    }
+  }
+  return sets;
+}
+
+Json joint_node(const std::string& name, const Transform& local) {
+  const Eigen::Vector3d& t = local.translation;
+  const Eigen::Vector3d& s = local.scale;
+  const Eigen::Quaterniond q = local.rotation.normalized();
+  return {{"name", name},
+          {"translation", {t.x() + 0.0, t.y() + 0.0, t.z() + 0.0}},
+          {"rotation", {q.x() + 0.0, q.y() + 0.0, q.z() + 0.0, q.w() + 0.0}},
+          {"scale", {s.x(), s.y(), s.z()}}};
+}
+
+bool is_binary_extension(const std::filesystem::path& path) {
+  const std::string extension = lower_case(path.extension().string());
+  if (extension == ".glb") return true;
+  if (extension == ".gltf") return false;
+  throw InputError(path.string(), "", "a glTF file must be called .glb or .gltf");
+}
+
+namespace {
+
 template <typename T>
 constexpr int kComponentType = std::is_same_v<T, std::uint8_t>    ? TINYGLTF_COMPONENT_TYPE_UNSIGNED_BYTE
                                : std::is_same_v<T, std::uint16_t> ? TINYGLTF_COMPONENT_TYPE_UNSIGNED_SHORT
@@ -195,54 +254,17 @@ std::vector<float> rotated(const std::vector<Eigen::Vector3f>& vectors, const Ei
   return values;
 }
 
-constexpr std::size_t kSetSize = 4;
-
-// The row's weights in single precision with a sum as close to 1 as Khronos' validator demands (2e-7 per influence).
-// A row that is close enough stays as it is, so that reading the file back gives the same numbers; otherwise the
-// heaviest takes the rounding of the others.
-std::vector<float> weights_of_row(const SkinWeights& skin, std::size_t v) {
-  const Influence* row = skin.row(v);
-  const std::size_t n = skin.row_size(v);
-  std::vector<float> weights(n);
-  double sum = 0.0;
-  for (std::size_t i = 0; i < n; ++i) sum += static_cast<double>(weights[i] = row[i].weight);
-  if (std::abs(sum - 1.0) <= 1e-7 * static_cast<double>(n)) return weights;
-  double others = 0.0;
-  for (std::size_t i = 1; i < n; ++i) {
-    weights[i] = static_cast<float>(static_cast<double>(row[i].weight) / sum);
-    others += static_cast<double>(weights[i]);
-  }
-  weights[0] = static_cast<float>(1.0 - others);
-  return weights;
-}
-
-template <typename Index>
-std::vector<Index> joint_set(const SkinWeights& skin, std::size_t set) {
-  std::vector<Index> joints(kSetSize * skin.rows(), 0);
-  for (std::size_t v = 0; v < skin.rows(); ++v) {
-    for (std::size_t k = 0, i = kSetSize * set; k < kSetSize && i < skin.row_size(v); ++k, ++i)
-      joints[kSetSize * v + k] = static_cast<Index>(skin.row(v)[i].joint);
-  }
-  return joints;
-}
-
-/// JOINTS_n and WEIGHTS_n (float) for as many sets of four as the rows need, at most `influences` joints each. Joint
-/// indices are 8-bit up to 255 joints, else 16-bit. Unused slots hold joint 0 with weight 0.
+/// JOINTS_n and WEIGHTS_n (float) as influence_sets() has them.
 void write_skin_attributes(GltfDocument& document, Json& attributes, const SkinWeights& skin, std::size_t joints,
                            std::size_t influences) {
-  const SkinWeights limited = limit_influences(skin, influences);
-  const std::size_t sets = std::max<std::size_t>(1, (limited.largest_row() + kSetSize - 1) / kSetSize);
-  std::vector<std::vector<float>> weights(sets, std::vector<float>(kSetSize * limited.rows(), 0.0f));
-  for (std::size_t v = 0; v < limited.rows(); ++v) {
-    const std::vector<float> row = weights_of_row(limited, v);
-    for (std::size_t i = 0; i < row.size(); ++i) weights[i / kSetSize][kSetSize * v + i % kSetSize] = row[i];
-  }
-  constexpr std::size_t kMostJointsInBytes = 255;
-  for (std::size_t set = 0; set < sets; ++set) {
+  const std::vector<gltf_import::InfluenceSet> sets = influence_sets(skin, influences);
+  for (std::size_t set = 0; set < sets.size(); ++set) {
+    const std::vector<std::uint32_t>& indices = sets[set].joints;
     attributes["JOINTS_" + std::to_string(set)] =
-        joints <= kMostJointsInBytes ? document.add(joint_set<std::uint8_t>(limited, set), kSetSize, kVertices)
-                                     : document.add(joint_set<std::uint16_t>(limited, set), kSetSize, kVertices);
-    attributes["WEIGHTS_" + std::to_string(set)] = document.add(weights[set], kSetSize, kVertices);
+        joints <= kMostJointsInBytes
+            ? document.add(std::vector<std::uint8_t>(indices.begin(), indices.end()), kSetSize, kVertices)
+            : document.add(std::vector<std::uint16_t>(indices.begin(), indices.end()), kSetSize, kVertices);
+    attributes["WEIGHTS_" + std::to_string(set)] = document.add(sets[set].weights, kSetSize, kVertices);
   }
 }
 
@@ -323,16 +345,6 @@ void write_skin(GltfDocument& document, const Skeleton& skeleton, const Eigen::M
   document.json["skins"] = Json::array({{{"inverseBindMatrices", document.add(matrices, 16, kNoTarget)},
                                          {"skeleton", 0},
                                          {"joints", std::move(joints)}}});
-}
-
-Json joint_node(const std::string& name, const Transform& rest) {
-  const Eigen::Vector3d& t = rest.translation;
-  const Eigen::Vector3d& s = rest.scale;
-  const Eigen::Quaterniond q = rest.rotation.normalized();
-  return {{"name", name},
-          {"translation", {t.x() + 0.0, t.y() + 0.0, t.z() + 0.0}},
-          {"rotation", {q.x() + 0.0, q.y() + 0.0, q.z() + 0.0, q.w() + 0.0}},
-          {"scale", {s.x(), s.y(), s.z()}}};
 }
 
 std::string unused_name(const std::string& wanted, const std::vector<std::string>& taken) {
@@ -521,42 +533,7 @@ void refuse_unsound(const std::string& file, const Asset& asset, const ExportOpt
   if (has_mesh && has_skeleton && asset.skin.rows() == 0)
     refuse("asset has a mesh and a skeleton but no skin weights; anigen-rig --method heat makes some");
   if (options.influences == 0) refuse("influences per vertex must be at least 1");
-  constexpr std::size_t kMostJoints = 65536;
-  if (asset.skeleton.size() > kMostJoints) throw NotSupportedError(file, "", "more than 65536 joints in glTF");
-}
-
-void append_word(std::string& bytes, std::uint64_t value) {
-  for (int shift = 0; shift < 32; shift += 8) bytes.push_back(static_cast<char>((value >> shift) & 0xFF));
-}
-
-bool is_binary_extension(const std::filesystem::path& path) {
-  const std::string extension = lower_case(path.extension().string());
-  if (extension == ".glb") return true;
-  if (extension == ".gltf") return false;
-  throw InputError(path.string(), "", "a glTF file must be called .glb or .gltf");
-}
-
-/// Header, JSON chunk, binary chunk (glTF 2.0, section 4.4).
-std::string glb_bytes(const GltfDocument& document, const std::string& file) {
-  constexpr std::uint64_t kHeader = 12, kChunkHeader = 8;
-  std::string text = document.json_text("");
-  text.append((4 - text.size() % 4) % 4, ' ');
-  const std::string& binary = document.binary();
-  const std::uint64_t total = kHeader + kChunkHeader + text.size() + kChunkHeader + binary.size();
-  if (total > std::numeric_limits<std::uint32_t>::max())
-    throw NotSupportedError(file, "", "a .glb of " + std::to_string(total) + " bytes (the format ends at 4 GiB)");
-  std::string bytes;
-  bytes.reserve(static_cast<std::size_t>(total));
-  bytes += "glTF";
-  append_word(bytes, 2);
-  append_word(bytes, total);
-  append_word(bytes, text.size());
-  bytes += "JSON";
-  bytes += text;
-  append_word(bytes, binary.size());
-  bytes.append("BIN\0", 4);
-  bytes += binary;
-  return bytes;
+  if (asset.skeleton.size() > kMostSkinJoints) throw NotSupportedError(file, "", "more than 65536 joints in glTF");
 }
 
 }  // namespace
@@ -575,7 +552,7 @@ void write_gltf(const std::filesystem::path& path, const Asset& asset, const Exp
   if (asset.skeleton.size() > 0) write_skin(document, asset.skeleton, rotation, file);
   if (options.animations) write_animations(document, asset, options.axes, file);
   write_file_atomically(
-      path, binary ? glb_bytes(document, file)
+      path, binary ? gltf_import::glb_bytes(document.json_text(""), document.binary(), file)
                    : document.json_text("data:application/octet-stream;base64," + base64(document.binary())));
 }
 

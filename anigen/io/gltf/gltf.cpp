@@ -286,6 +286,10 @@ void add_materials(const Document& document, const std::filesystem::path& folder
 
 }  // namespace
 
+std::vector<char> moving_nodes(const Document& document, Notes& notes) {
+  return moving_nodes(document, read_tracks(document, notes));
+}
+
 ImportedAsset document_asset(const Document& document, const std::filesystem::path& path, const ImportOptions& options,
                              Notes& notes) {
   const std::vector<TrackSet> tracks = read_tracks(document, notes);

@@ -128,7 +128,8 @@ class MeshMerger {
         arrays_(document.file),
         counted_(document.nodes.size(), 0) {}
 
-  void add_mesh(const MeshEntry& entry, const std::vector<int>& nodes) {
+  void add_mesh(int mesh, const std::vector<int>& nodes) {
+    const MeshEntry& entry = document_.meshes[at(mesh)];
     std::vector<Group> groups;
     std::map<std::pair<std::vector<std::pair<std::string, int>>, std::pair<int, int>>, std::size_t> known;
     for (const Primitive& primitive : entry.primitives) {
@@ -150,7 +151,7 @@ class MeshMerger {
       }
       groups[place->second].primitives.push_back(&primitive);
     }
-    for (const Group& group : groups) add_group(group, nodes);
+    for (const Group& group : groups) add_group(group, mesh, nodes);
   }
 
   MergedMesh finish() {
@@ -161,7 +162,7 @@ class MeshMerger {
                                             : "the scene has no triangles") +
                            ", no skin and no animation: nothing to read");
     }
-    MergedMesh result{arrays_.finish(notes_), std::move(skin_)};
+    MergedMesh result{arrays_.finish(notes_), std::move(skin_), std::move(ranges_)};
     // Float noise of inverse bind matrices is no disagreement.
     if (conflict_ > 1e-5 * bounding_box(result.mesh.vertices).diagonal()) {
       notes_.add("bind_pose_conflict",
@@ -177,7 +178,7 @@ class MeshMerger {
     TextureUse texture;
   };
 
-  void add_group(const Group& group, const std::vector<int>& nodes) {
+  void add_group(const Group& group, int mesh, const std::vector<int>& nodes) {
     const Primitive& first = *group.primitives.front();
     PrimitiveData data = read_primitive(document_, first, group.texture, vertices_left_ / nodes.size(),
                                         faces_left_ / nodes.size(), notes_);
@@ -188,8 +189,19 @@ class MeshMerger {
     }
     instances_.clear();
     for (const int node : nodes) {
-      instances_.push_back({arrays_.vertices(), Placement(to_bind(data.vertices, node)).is_mirroring()});
-      add_vertices(data.vertices, first, node);
+      VertexRange range;
+      range.node = node;
+      range.mesh = mesh;
+      range.first = arrays_.vertices();
+      range.count = data.vertices.count;
+      range.is_skinned = is_skinned(data.vertices, node);
+      range.to_bind = to_bind(data.vertices, node);
+      instances_.push_back({range.first, Placement(range.to_bind).is_mirroring()});
+      range.deviation = add_vertices(data.vertices, first, node);
+      for (const Primitive* primitive : group.primitives) {
+        range.primitive = static_cast<int>(primitive - document_.meshes[at(mesh)].primitives.data());
+        ranges_.push_back(range);
+      }
     }
     for (const Primitive* primitive : group.primitives) {
       if (primitive != &first)
@@ -199,11 +211,11 @@ class MeshMerger {
     }
   }
 
-  void add_vertices(const VertexBlock& block, const Primitive& primitive, int node) {
-    if (is_skinned(block, node))
-      add_skinned(block, primitive, bindings_[at(document_.nodes[at(node)].skin)]);
-    else
-      add_rigid(block, node);
+  // @return the largest distance between a vertex by formula and by the matrix of its skin
+  double add_vertices(const VertexBlock& block, const Primitive& primitive, int node) {
+    if (is_skinned(block, node)) return add_skinned(block, primitive, bindings_[at(document_.nodes[at(node)].skin)]);
+    add_rigid(block, node);
+    return 0.0;
   }
 
   Matrix4d rigid_to_bind(int node) const {
@@ -246,14 +258,15 @@ class MeshMerger {
     }
   }
 
-  void add_skinned(const VertexBlock& block, const Primitive& primitive, const SkinBinding& binding) {
+  double add_skinned(const VertexBlock& block, const Primitive& primitive, const SkinBinding& binding) {
     const std::size_t first = skin_.rows();
     append_weights(block, binding, joint_positions_, document_.file, primitive.pointer, skin_, notes_);
     const Placement placement(binding.to_bind);
     if (binding.deviation.empty()) {
       for (std::size_t v = 0; v < block.count; ++v) arrays_.add_vertex(block, v, placement);
-      return;
+      return 0.0;
     }
+    double largest = 0.0;
     std::map<int, std::size_t> entry_of_joint;
     for (std::size_t k = 0; k < binding.joints.size(); ++k) entry_of_joint[binding.joints[k]] = k;
     for (std::size_t v = 0; v < block.count; ++v) {
@@ -264,8 +277,10 @@ class MeshMerger {
       }
       arrays_.add_vertex(block, v, Placement(binding.to_bind + deviation));
       const Eigen::Vector3f moved = arrays_.vertex(arrays_.vertices() - 1) - placement.position(block, v);
-      conflict_ = std::max(conflict_, static_cast<double>(moved.norm()));
+      largest = std::max(largest, static_cast<double>(moved.norm()));
     }
+    conflict_ = std::max(conflict_, largest);
+    return largest;
   }
 
   void add_faces(const Primitive& primitive, const std::vector<std::uint32_t>& indices) {
@@ -295,6 +310,7 @@ class MeshMerger {
   std::vector<Matrix4d> rest_;
   MeshArrays arrays_;
   SkinWeights skin_;
+  std::vector<VertexRange> ranges_;
   // Start of the current group, once per node that shows it.
   struct Instance {
     std::size_t first_vertex;
@@ -303,7 +319,7 @@ class MeshMerger {
   std::vector<Instance> instances_;
   std::vector<char> counted_;  // per node: its mesh without skin was noted
   bool skipped_ = false;       // points or lines
-  double conflict_ = 0.0;      // largest distance between a vertex by formula and by the matrix of its skin
+  double conflict_ = 0.0;      // largest of what add_vertices() returned
 };
 
 }  // namespace
@@ -317,7 +333,7 @@ MergedMesh merge_meshes(const Document& document, const Rig& rig, const std::vec
   }
   MeshMerger merger(document, rig, bindings, options, notes);
   for (std::size_t m = 0; m < instances.size(); ++m) {
-    if (!instances[m].empty()) merger.add_mesh(document.meshes[m], instances[m]);
+    if (!instances[m].empty()) merger.add_mesh(static_cast<int>(m), instances[m]);
   }
   return merger.finish();
 }

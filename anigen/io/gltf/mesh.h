@@ -1,4 +1,6 @@
 #pragma once
+#include <Eigen/Core>
+#include <cstddef>
 #include <vector>
 
 #include "anigen/asset/mesh.h"
@@ -10,9 +12,20 @@
 
 namespace anigen::io::gltf_import {
 
+/// The vertices of one primitive, as one node shows it, in the merged mesh: all of them, in the primitive's order.
+/// Primitives of a mesh that have their vertices in common have the range in common, too.
+struct VertexRange {
+  int node = -1, mesh = -1, primitive = -1;               ///< of the file; the primitive counts within its mesh
+  std::size_t first = 0, count = 0;                       ///< of the merged mesh's vertices
+  bool is_skinned = false;                                ///< by the skin of its node
+  Eigen::Matrix4d to_bind = Eigen::Matrix4d::Identity();  ///< the primitive's own space → bind pose, Z up
+  double deviation = 0.0;  ///< largest distance of a vertex from its place by to_bind (SkinBinding::deviation)
+};
+
 struct MergedMesh {
   Mesh mesh;  ///< bind pose, Z up; face_materials refer to the file's materials
   SkinWeights skin;
+  std::vector<VertexRange> ranges = {};  ///< of every primitive that has vertices here, by first vertex
 };
 
 /// Every mesh of the scene in one, in the bind pose. A skinned mesh ignores its node's transform (glTF 2.0, section

@@ -36,6 +36,10 @@ struct Rig {
   std::vector<char> skin_used;               ///< per skin of the file
 };
 
+/// Per node: 1 where an animation moves it away from the transform it rests in, else 0. Repairs of keyframes are noted.
+/// @throws InputError when the animations have too many values
+std::vector<char> moving_nodes(const Document& document, Notes& notes);
+
 /// Chooses the joints (those of every skin in the scene; nodes above them that move or that scale unevenly; moving
 /// nodes that carry rigid meshes), folds static nodes between them, and puts one root on top.
 /// A scene without a skin may leave a rig without joints, as options.require_rig says.
