@@ -15,6 +15,7 @@ using namespace anigen;
 constexpr const char* kShapes = "; with --pred";
 constexpr const char* kStructures = "; with --ss-flow";
 constexpr const char* kOracle = "; with --oracle";
+constexpr const char* kMatting = "; with --matting-network";
 
 void evaluate_skins(const EvalArguments& options, const CommonOptions& common) {
   eval::SkinRequest request;
@@ -82,12 +83,22 @@ void evaluate_oracle(const EvalArguments& options, const CommonOptions& common) 
   torch_half("--oracle").evaluate_oracle(options, common, pairs);
 }
 
+void evaluate_matting(const EvalArguments& options, const CommonOptions& common) {
+  const bool others = options.oracle || !options.ss_flow.empty() || !options.shapes.predictions.empty() ||
+                      !options.skin_ae.empty() || !options.skins.empty();
+  if (others)
+    throw InputError("", "--matting-network", "evaluates masks of pictures, and nothing else at the same time");
+  if (options.dataset.empty()) throw InputError("", "--dataset", "of which dataset are the objects?");
+  torch_half("--matting-network").evaluate_matting(options, common);
+}
+
 void run(const EvalArguments& options, const CommonOptions& common) {
+  if (!options.matting_network.empty()) return evaluate_matting(options, common);
   if (options.oracle) return evaluate_oracle(options, common);
   if (!options.shapes.category_splits.empty() && options.shapes.predictions.empty())
     throw InputError("", "--category-split", "sorts rigged shapes: it needs --pred");
   if (options.limit > 0 && options.ss_flow.empty() && (options.shapes.predictions.empty() || options.dataset.empty()))
-    throw InputError("", "--limit", "goes with --pred and --dataset, or with --ss-flow");
+    throw InputError("", "--limit", "goes with --pred and --dataset, with --ss-flow or with --matting-network");
   if (!options.ss_flow.empty()) {
     if (!options.shapes.predictions.empty() || !options.skin_ae.empty() || !options.skins.empty())
       throw InputError("", "--ss-flow", "evaluates a flow of sparse structures, and nothing else at the same time");
@@ -158,6 +169,24 @@ std::vector<std::string> add_structure_options(CLI::App& app, EvalArguments& opt
   return names;
 }
 
+/// Options of matting alone. @return their names
+std::vector<std::string> add_matting_options(CLI::App& app, EvalArguments& options) {
+  add_option(app, "--matting-network", options.matting_network,
+             ": cut objects out and compare with their true outlines");
+  std::vector<std::string> names;
+  const auto add = [&](const char* name, auto& variable) {
+    names.emplace_back(name);
+    return add_option(app, name, variable, kMatting);
+  };
+  add("--backgrounds", options.backgrounds);
+  add("--matting-mean", options.matting_mean)->delimiter(',')->expected(3)->check(number(-1000, 1000));
+  add("--matting-deviation", options.matting_deviation)
+      ->delimiter(',')
+      ->expected(3)
+      ->check(number(0, 1000, RangeEnds::kOpenBelow));
+  return names;
+}
+
 /// Options of the oracle alone. @return their names
 std::vector<std::string> add_oracle_options(CLI::App& app, EvalArguments& options) {
   add_option(app, "--oracle", options.oracle);
@@ -179,9 +208,19 @@ std::vector<std::string> add_oracle_options(CLI::App& app, EvalArguments& option
 
 /// Options of another evaluation than the one asked for, or that others leave without effect.
 void refuse_ignored(const CLI::App& app, const EvalArguments& options, const std::vector<std::string>& of_shapes,
-                    const std::vector<std::string>& of_structures, const std::vector<std::string>& of_oracle) {
+                    const std::vector<std::string>& of_structures, const std::vector<std::string>& of_oracle,
+                    const std::vector<std::string>& of_matting) {
   const bool structures = !options.ss_flow.empty() && !options.oracle;
   const bool shapes = !options.shapes.predictions.empty() || options.oracle;
+  const bool matting = !options.matting_network.empty();
+  if (!matting) refuse_given(app, of_matting, "is of matting: it needs --matting-network");
+  if (matting) {
+    refuse_given(app, {"--keep-going", "--json", "--no-report", "--device"}, "--matting-network has no use for it");
+    refuse_given(app, of_shapes, "is of rigged shapes: it needs --pred");
+    refuse_given(app, of_structures, "is of sparse structures: it needs --ss-flow");
+    refuse_given(app, of_oracle, "is of generated assets: it needs --oracle");
+    return;
+  }
   if (!structures && !options.oracle) refuse_given(app, of_structures, "is of sparse structures: it needs --ss-flow");
   if (!shapes) refuse_given(app, of_shapes, "is of rigged shapes: it needs --pred");
   if (!options.oracle) refuse_given(app, of_oracle, "is of generated assets: it needs --oracle");
@@ -236,6 +275,7 @@ int main(int argc, char** argv) {
       "  anigen-eval --skin-ae runs/skin_ae -d data --split data/splits/test.txt -o results\n"
       "  anigen-eval -d data -o results                      (skinning baselines only)\n"
       "  anigen-eval --ss-flow runs/ss_flow -d data --split splits/test.txt -o results   (voxels from images)\n"
+      "  anigen-eval --matting-network runs/matting -d data --split data/splits/test.txt -o results   (outlines)\n"
       "  anigen-eval --oracle --ss-flow runs/ss_flow --slat-flow runs/slat_flow -d data --split splits/test.txt -o "
       "results");
   CLI::App& app = program.app;
@@ -243,7 +283,8 @@ int main(int argc, char** argv) {
   add_option(app, "--pred", options.shapes.predictions);
   add_option(app, "--dataset", options.dataset, " with the ground truth, or file or folder of it");
   add_option(app, "--split", options.splits);
-  add_option(app, "--limit", options.limit, "; with --pred, --ss-flow or --oracle")->check(whole_number(0));
+  add_option(app, "--limit", options.limit, "; with --pred, --ss-flow, --matting-network or --oracle")
+      ->check(whole_number(0));
   add_option(app, "--output", options.output, ": folder")->required();
   add_option(app, "--skin-ae", options.skin_ae);
   add_option(app, "--skins", options.skins);
@@ -252,9 +293,10 @@ int main(int argc, char** argv) {
   const std::vector<std::string> shapes = add_shape_options(app, options);
   const std::vector<std::string> structures = add_structure_options(app, options);
   const std::vector<std::string> oracle = add_oracle_options(app, options);
+  const std::vector<std::string> matting = add_matting_options(app, options);
   program.add_common({"--keep-going", "--seed [0]", "--threads", "--device", "--json"}, library_versions());
   return program.run(argc, argv, [&] {
-    refuse_ignored(app, options, shapes, structures, oracle);
+    refuse_ignored(app, options, shapes, structures, oracle, matting);
     run(options, program.common);
   });
 }

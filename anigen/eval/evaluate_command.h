@@ -62,6 +62,9 @@ struct EvalArguments {
   std::vector<double> guidance;  ///< scales, 1: none; empty: that of the flow's config
   std::optional<std::int64_t> steps;
   std::size_t limit = 0, views = 4;
+  // Matting.
+  std::string matting_network, backgrounds;
+  std::vector<double> matting_mean, matting_deviation;  ///< [3], or empty: the defaults of ONNX networks
   // Of --oracle, which reads --ss-flow and its options too; what is unset is as in anigen-generate.
   bool oracle = false;
   std::string slat_flow, slat_dae;

@@ -7,6 +7,7 @@
 #include "anigen/generate/encode.h"
 #include "anigen/generate/encode_report.h"
 #include "anigen/generate/evaluate.h"
+#include "anigen/generate/evaluate_matting.h"
 #include "anigen/generate/finishing.h"
 #include "anigen/generate/generate_assets.h"
 #include "anigen/generate/grouping.h"

@@ -180,6 +180,10 @@ void check_ignored(Check& check, bool torch) {
   check.refuses("anigen-prepare --output x --stream 2 --test-count 1", {"--test-count", "all for training"});
   check.refuses("anigen-prepare merge --dataset x --seed 1", {"--seed", "merge"});
 
+  const std::string matting = "anigen-eval --matting-network runs/matting --dataset d --output o ";
+  check.refuses(matting + "--json", {"--json", "--matting-network"});
+  check.refuses(matting + "--pred p", {"--pred"});
+  check.refuses("anigen-eval --pred p --dataset d --output o --backgrounds b", {"--backgrounds", "--matting-network"});
   const std::string rig = "anigen-rig --mesh a.glb --output b.glb --method ";
   check.refuses(rig + "heat --device cpu", {"--device", "--method heat", "CPU"});
   check.refuses(rig + "geovoxel --seed 1", {"--seed", "--method geovoxel"});

@@ -79,6 +79,7 @@ inline constexpr OptionRow kOptions[] = {
     // --- Images ---
     {"--background", 0, "WORD", "Images", "Removal of the background: auto, keep, alpha, grabcut", ""},
     {"--matting-network", 0, "PATH", "Images", "Network that separates object and background: a run folder of AniGenMattingTrainer, or an ONNX file [matting of the weights that are found, if they have it]", ""},
+    {"--backgrounds", 0, "DIR", "Images", "Images that every second object is put before [drawn backgrounds alone]", ""},
     {"--matting-mean", 0, "R,G,B", "Images", "Taken from an ONNX network's red, green and blue in 0 … 1 [BiRefNet's]", ""},
     {"--matting-deviation", 0, "R,G,B", "Images", "Divides them then [BiRefNet's]", ""},
     {"--condition", 0, "WORD", "Images", "Images that are looked at: color or normal", ""},

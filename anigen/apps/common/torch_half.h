@@ -68,6 +68,8 @@ struct TorchHalf {
   eval::SkinMethod (*skin_reconstruction)(const std::string& run, const CommonOptions& common, Json& settings);
   /// anigen-eval --ss-flow.
   void (*evaluate_structures)(const EvalArguments& arguments, const CommonOptions& common);
+  /// anigen-eval --matting-network.
+  void (*evaluate_matting)(const EvalArguments& arguments, const CommonOptions& common);
   /// anigen-eval --oracle. @param pairs all of the request but its predictions
   void (*evaluate_oracle)(const EvalArguments& arguments, const CommonOptions& common,
                           const eval::EvaluationRequest& pairs);

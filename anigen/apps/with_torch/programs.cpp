@@ -1,3 +1,5 @@
+#include <algorithm>
+#include <array>
 #include <cstdio>
 #include <memory>
 #include <string>
@@ -14,6 +16,7 @@
 #include "anigen/generate/encode.h"
 #include "anigen/generate/encode_report.h"
 #include "anigen/generate/evaluate.h"
+#include "anigen/generate/evaluate_matting.h"
 #include "anigen/generate/generate_assets.h"
 #include "anigen/generate/oracle.h"
 #include "anigen/generate/retrieve.h"
@@ -103,6 +106,25 @@ void evaluate_structures(const EvalArguments& arguments, const CommonOptions& co
   request.device = common.device;
   const generate::StructureEvaluation evaluation = generate::evaluate_structures(request);
   std::fputs((to_markdown(evaluation.table()) + "\n").c_str(), stdout);
+}
+
+void evaluate_matting(const EvalArguments& arguments, const CommonOptions& common) {
+  nn::set_up_computing(common.threads);
+  generate::MattingEvaluationRequest request;
+  request.matting.network = arguments.matting_network;
+  const auto three = [](const std::vector<double>& from, std::array<double, 3>& to) {
+    if (from.size() == to.size()) std::copy(from.begin(), from.end(), to.begin());
+  };
+  three(arguments.matting_mean, request.matting.mean);
+  three(arguments.matting_deviation, request.matting.deviation);
+  request.data = arguments.dataset;
+  request.splits.assign(arguments.splits.begin(), arguments.splits.end());
+  request.backgrounds = arguments.backgrounds;
+  request.out = arguments.output;
+  request.most = arguments.limit;
+  request.pictured = arguments.report_images;
+  request.seed = common.seed.value_or(0);
+  std::fputs((to_markdown(generate::evaluate_matting(request).table()) + "\n").c_str(), stdout);
 }
 
 void evaluate_oracle(const EvalArguments& arguments, const CommonOptions& common,
@@ -361,6 +383,7 @@ extern "C" __attribute__((visibility("default"))) const TorchHalf* anigen_torch_
       add_perceptual_metric,
       skin_reconstruction,
       evaluate_structures,
+      evaluate_matting,
       evaluate_oracle,
       describe_weights,
       vision::make_feature_extractor,
