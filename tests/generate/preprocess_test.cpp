@@ -219,7 +219,7 @@ TEST_F(MattingNetworkTest, DamagedHalfPrecisionGivesErrorsOnly) {
       EXPECT_EQ(error.file(), "damaged.onnx");
     }
   }
-  Rng rng(3);
+  Rng rng(3, "damage");
   for (int round = 0; round < 2000; ++round) {
     std::string changed = whole;
     changed[rng.index(changed.size())] = static_cast<char>(rng.index(256));
