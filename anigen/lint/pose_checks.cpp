@@ -27,13 +27,14 @@ constexpr double kSmallestArea = 1e-10;
 /// Shares of a joint that count as none and all.
 constexpr double kUnmoved = 1e-4, kMoved = 1.0 - 1e-4;
 // Limits of shares in the worst pose, set on 130 rigs of artists. Stretched: at most 0.16, dinosaurs whose legs hang on
-// inverse kinematics and stay behind when the body turns. Inverted: at most 0.13. New crossings: at most 0.09, a hand.
+// inverse kinematics and stay behind when the body turns. Inverted: at most 0.13, the same. New crossings (60 rigs): at
+// most 0.12, the same.
 /// Share of stretched faces that is a finding, and that is an error.
 constexpr double kManyStretched = 0.2, kMostStretched = 0.5;
 /// Share of inverted faces that is a finding.
 constexpr double kManyInverted = 0.2;
 /// Share of faces with a new crossing that is a finding.
-constexpr double kManyCrossed = 0.12;
+constexpr double kManyCrossed = 0.15;
 /// Faces of a mesh below which shares say nothing: test files have two.
 constexpr std::size_t kFewestFaces = 20;
 /// Work of stretch, in faces times poses: half a second on one core.
@@ -58,6 +59,16 @@ std::vector<std::size_t> some_of(std::vector<std::size_t> joints, std::size_t mo
   for (std::size_t i = 0; i < most; ++i) chosen.push_back(joints[order[i]]);
   std::sort(chosen.begin(), chosen.end());
   return chosen;
+}
+
+/// The joints that move the most against the rest, heaviest first: there surfaces meet.
+std::vector<std::size_t> heaviest_of(const WeldedRig& rig, std::vector<std::size_t> joints, std::size_t most) {
+  const auto against = [&rig](std::size_t j) {
+    return std::min(rig.subtree_weights[j], rig.subtree_weights[0] - rig.subtree_weights[j]);
+  };
+  std::stable_sort(joints.begin(), joints.end(), [&](std::size_t a, std::size_t b) { return against(a) > against(b); });
+  joints.resize(std::min(most, joints.size()));
+  return joints;
 }
 
 /// Faces of one pose.
@@ -177,13 +188,13 @@ void check_shape(const WeldedRig& rig, std::uint64_t seed, RigLint& lint) {
     report(rig, most_inverted, "inverted-faces", Severity::kWarning, "faces turn inside out", lint);
 }
 
-void check_crossings(const WeldedRig& rig, std::uint64_t seed, RigLint& lint) {
+void check_crossings(const WeldedRig& rig, RigLint& lint) {
   const std::size_t affordable = std::max<std::size_t>(2, kCrossingWork / rig.faces.size());
   const std::size_t most = std::min(kCrossingPoses, affordable) / 2;
   const geometry::FaceMarks at_rest = geometry::crossed_faces(rig.places, rig.faces, rig.edges);
   Worst worst;
   std::size_t poses = 0;
-  for (const std::size_t joint : some_of(turning_joints(rig), most, seed)) {
+  for (const std::size_t joint : heaviest_of(rig, turning_joints(rig), most)) {
     const std::vector<double> shares = shares_moved(rig, joint);
     const std::vector<JointTurn> turns = turns_of_joint(rig, joint);
     // To both sides about one axis: the other axis would double the time and shows much the same.
@@ -249,7 +260,7 @@ std::vector<Eigen::Vector3f> turned_places(const WeldedRig& rig, const JointTurn
 void check_poses(const WeldedRig& rig, std::uint64_t seed, RigLint& lint) {
   if (rig.faces.empty()) return;
   check_shape(rig, seed, lint);
-  check_crossings(rig, seed, lint);
+  check_crossings(rig, lint);
 }
 
 }  // namespace anigen::lint

@@ -29,8 +29,8 @@ std::vector<Eigen::Vector3f> turned_places(const WeldedRig& rig, const JointTurn
 
 /// The surface in poses: each joint that moves something, but the root, in its four turns; where that is too much
 /// work, joints drawn by the seed. "stretched-faces": an edge more than 3 times as long; "inverted-faces": normals
-/// against those that the turn gives them; "self-intersections": faces that cross others and did not at rest, in fewer
-/// poses. Findings count the faces of the worst pose.
+/// against those that the turn gives them; "self-intersections": faces that cross others and did not at rest, in the
+/// first two turns of at most 12 joints, those that move the most. Findings count the faces of the worst pose.
 void check_poses(const WeldedRig& rig, std::uint64_t seed, RigLint& lint);
 
 }  // namespace anigen::lint

@@ -73,15 +73,16 @@ struct Piece {
 /// Pieces of all joints.
 std::vector<Piece> pieces_of_joints(const WeldedRig& rig) {
   DisjointSets sets(rig.entries.size());
-  for (const MeshEdges::Edge& edge : rig.edges.all()) {
-    for (std::size_t a = rig.first_entry[at(edge[0])]; a < rig.first_entry[at(edge[0]) + 1]; ++a) {
-      for (std::size_t b = rig.first_entry[at(edge[1])]; b < rig.first_entry[at(edge[1]) + 1]; ++b) {
+  const auto join = [&](std::size_t first, std::size_t second) {
+    for (std::size_t a = rig.first_entry[first]; a < rig.first_entry[first + 1]; ++a) {
+      for (std::size_t b = rig.first_entry[second]; b < rig.first_entry[second + 1]; ++b) {
         const bool one_joint = rig.entries[a].joint == rig.entries[b].joint;
-        if (one_joint && rig.entries[a].weight > kIslandWeight && rig.entries[b].weight > kIslandWeight)
-          sets.join(a, b);
+        if (one_joint && std::min(rig.entries[a].weight, rig.entries[b].weight) > kIslandWeight) sets.join(a, b);
       }
     }
-  }
+  };
+  for (const MeshEdges::Edge& edge : rig.edges.all()) join(at(edge[0]), at(edge[1]));
+  for (const auto& [first, second] : rig.twins) join(first, second);
   std::vector<Piece> pieces;
   std::vector<std::size_t> piece_of(rig.entries.size(), rig.entries.size());
   for (std::size_t e = 0; e < rig.entries.size(); ++e) {

@@ -1,6 +1,8 @@
 #include "anigen/lint/welded_rig.h"
 
+#include <algorithm>
 #include <array>
+#include <cmath>
 #include <limits>
 #include <map>
 #include <set>
@@ -10,27 +12,58 @@
 
 namespace anigen::lint {
 
+namespace {
+
+/// Difference of two rows of weights, summed over joints, below which they are one: rounding, and a slip of a brush.
+constexpr double kSameWeights = 0.02;
+
+double row_difference(const SkinWeights& skin, std::size_t a, std::size_t b) {
+  const auto weight_in = [&skin](std::size_t row, std::int32_t joint) {
+    for (std::size_t i = 0; i < skin.row_size(row); ++i) {
+      if (skin.row(row)[i].joint == joint) return static_cast<double>(skin.row(row)[i].weight);
+    }
+    return 0.0;
+  };
+  double sum = 0.0, shared = 0.0;
+  for (std::size_t i = 0; i < skin.row_size(a); ++i) {
+    const double in_a = static_cast<double>(skin.row(a)[i].weight), in_b = weight_in(b, skin.row(a)[i].joint);
+    sum += std::abs(in_a - in_b);
+    shared += in_b;
+  }
+  return sum + std::max(0.0, 1.0 - shared);  // what b gives to joints that a lacks
+}
+
+}  // namespace
+
 WeldedRig::WeldedRig(const Asset& asset) : asset_(&asset) {
   const Mesh& mesh = asset.mesh;
   box = bounding_box(mesh.vertices);
   size = box.diagonal();
   if (!(size > 0.0)) size = 1.0;
 
-  std::map<std::array<float, 3>, std::int32_t> known;
+  std::map<std::array<float, 3>, std::vector<std::int32_t>> known;  // places at a position
   std::vector<std::int32_t> place_of_vertex(mesh.vertices.size());
   for (std::size_t v = 0; v < mesh.vertices.size(); ++v) {
     const Eigen::Vector3f& p = mesh.vertices[v];
     // + 0 makes -0 and 0 one key.
-    const auto [entry, is_new] =
-        known.try_emplace({p.x() + 0.0f, p.y() + 0.0f, p.z() + 0.0f}, static_cast<std::int32_t>(places.size()));
-    place_of_vertex[v] = entry->second;
-    if (!is_new) continue;
+    std::vector<std::int32_t>& here = known[{p.x() + 0.0f, p.y() + 0.0f, p.z() + 0.0f}];
+    const auto same = std::find_if(here.begin(), here.end(), [&](std::int32_t place) {
+      return row_difference(asset.skin, vertex_of_place_[at(place)], v) < kSameWeights;
+    });
+    if (same != here.end()) {
+      place_of_vertex[v] = *same;
+      continue;
+    }
+    const std::size_t place = places.size();
+    if (!here.empty()) twins.emplace_back(at(here.front()), place);
+    place_of_vertex[v] = static_cast<std::int32_t>(place);
+    here.push_back(place_of_vertex[v]);
     places.push_back(p);
     vertex_of_place_.push_back(v);
     first_entry.push_back(entries.size());
     for (std::size_t i = 0; i < asset.skin.row_size(v); ++i) {
       const Influence& influence = asset.skin.row(v)[i];
-      entries.push_back({entry->second, influence.joint, static_cast<double>(influence.weight)});
+      entries.push_back({place_of_vertex[v], influence.joint, static_cast<double>(influence.weight)});
     }
   }
   first_entry.push_back(entries.size());
@@ -45,6 +78,7 @@ WeldedRig::WeldedRig(const Asset& asset) : asset_(&asset) {
     faces.push_back(face);
     face_of_file_.push_back(f);
   }
+  for (const auto& [first, second] : twins) pieces.join_lowest(first, second);
   edges = MeshEdges(faces, places.size());
   std::set<std::size_t> with_faces;
   for (std::size_t p = 0; p < places.size(); ++p) shells.push_back(pieces.find(p));

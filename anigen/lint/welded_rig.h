@@ -3,6 +3,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "anigen/asset/rigged_asset.h"
@@ -11,9 +12,9 @@
 
 namespace anigen::lint {
 
-/// A sound rig as the checks of its geometry see it: vertices in one place count once, since files split them at
-/// texture seams; faces without area by their vertices are left out; sums over joints are at hand. P places, F faces,
-/// J joints.
+/// A sound rig as the checks of its geometry see it: vertices in one place with the same weights count once, since
+/// files split them at texture seams; faces that name a place twice are left out; sums over joints are at hand.
+/// P places, F faces, J joints.
 class WeldedRig {
  public:
   /// A weight of a place, in the order of places.
@@ -38,11 +39,13 @@ class WeldedRig {
   Place place_of_face(std::size_t face, std::size_t joint) const;
 
   Box box;
-  double size = 0.0;                       ///< diagonal of the box; > 0
-  std::vector<Eigen::Vector3f> places;     ///< [P]
-  std::vector<Triangle> faces;             ///< [F], of places
-  MeshEdges edges{{}, 0};                  ///< of these faces
-  std::vector<std::size_t> shells;         ///< [P] the lowest place of the piece that faces join
+  double size = 0.0;                    ///< diagonal of the box; > 0
+  std::vector<Eigen::Vector3f> places;  ///< [P]
+  std::vector<Triangle> faces;          ///< [F], of places
+  MeshEdges edges{{}, 0};               ///< of these faces
+  /// Places at one position whose weights differ, as where rigid parts of a machine meet.
+  std::vector<std::pair<std::size_t, std::size_t>> twins;
+  std::vector<std::size_t> shells;         ///< [P] the lowest place of the piece that faces and positions join
   std::size_t shell_count = 0;             ///< with faces
   std::vector<Entry> entries;              ///< weights, by place
   std::vector<std::size_t> first_entry;    ///< [P + 1] into entries
