@@ -8,6 +8,7 @@
 #include "anigen/core/process.h"
 #include "anigen/eval/describe.h"
 #include "anigen/eval/inspect.h"
+#include "anigen/eval/lint_files.h"
 #include "anigen/io/rigs/rig_listing.h"
 
 namespace {
@@ -18,7 +19,8 @@ struct InspectOptions {
   std::vector<std::string> files, outputs;
   std::string image, exported, axes = "gltf";  ///< the first two: of the outputs, by extension
   std::size_t influences = 4;
-  bool influence_loss = false, weights = false;
+  bool influence_loss = false, weights = false, lint = false;
+  std::string lint_level = "error";
 };
 
 /// Sorts the outputs by what their extension asks for.
@@ -101,6 +103,36 @@ void run(const InspectOptions& options, const CommonOptions& common) {
   require_inputs(rejected, results.size(), "files rejected", common);
 }
 
+/// Lints all rigs of the files. @throws Error where one has findings of the level
+void run_lint(const InspectOptions& options, const CommonOptions& common) {
+  const lint::Severity level = lint::parse_severity(options.lint_level);
+  std::vector<eval::LintedFile> results;
+  for (const std::string& file : options.files) {
+    try {
+      for (eval::LintedFile& result : eval::lint_path(file)) results.push_back(std::move(result));
+    } catch (...) {
+      results.push_back({file, {}, failure_of_item()});
+    }
+  }
+  std::size_t rejected = 0, failed = 0;
+  for (const eval::LintedFile& result : results) {
+    rejected += !result.rejection.empty();
+    failed += result.lint.count(level) > 0;
+  }
+  const bool several = results.size() > 1;
+  if (common.json) {
+    std::printf("%s\n", eval::to_json(results).dump(2, ' ', false, Json::error_handler_t::replace).c_str());
+  } else if (several || rejected == 0) {
+    for (const eval::LintedFile& result : results) std::fputs(eval::to_text(result).c_str(), stdout);
+  }
+  if (!several && rejected > 0) throw InputError("", "", results[0].rejection);
+  if (failed > 0) {
+    throw Error(std::to_string(failed) + " of " + std::to_string(results.size()) + " rigs have findings of level " +
+                options.lint_level + (level == lint::Severity::kError ? "" : " or above"));
+  }
+  require_inputs(rejected, results.size(), "files rejected", common);
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -111,6 +143,7 @@ int main(int argc, char** argv) {
       "or a checkpoint, a config, a dataset, a run. Several files give a table.",
       "  anigen-inspect fox.glb -o fox.png\n"
       "  anigen-inspect models/*.glb --influence-loss --keep-going\n"
+      "  anigen-inspect models/ --lint --lint-level warning\n"
       "  anigen-inspect statue.obj walk.bvh photo.jpg\n"
       "  anigen-inspect 'shard.npz#UUID' -o one.glb\n"
       "  anigen-inspect fox.gltf -o fox.glb --influences 8\n"
@@ -126,8 +159,17 @@ int main(int argc, char** argv) {
   add_option(app, "--axes", options.axes);
   add_option(app, "--influence-loss", options.influence_loss);
   add_option(app, "--weights", options.weights);
+  add_option(app, "--lint", options.lint);
+  add_option(app, "--lint-level", options.lint_level);
   program.add_common({"--keep-going", "--threads", "--json"}, library_versions());
   return program.run(argc, argv, [&] {
+    if (options.lint) {
+      refuse_given(app, {"--output", "--influences", "--axes", "--influence-loss", "--weights"},
+                   "does not go with --lint");
+      run_lint(options, program.common);
+      return;
+    }
+    refuse_given(app, {"--lint-level"}, "is of --lint");
     sort_outputs(options);
     if (options.exported.empty()) refuse_given(app, {"--axes"}, "is of the .glb or .gltf of --output");
     if (options.exported.empty() && !options.influence_loss)

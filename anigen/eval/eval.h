@@ -6,6 +6,7 @@
 #include "anigen/eval/describe.h"
 #include "anigen/eval/evaluate_command.h"
 #include "anigen/eval/inspect.h"
+#include "anigen/eval/lint_files.h"
 #include "anigen/eval/metric_table.h"
 #include "anigen/eval/pair.h"
 #include "anigen/eval/pairs.h"

@@ -3,6 +3,7 @@
 /// simplification, hole filling, voxels, transfer of skin weights, texture atlases (uv_atlas/).
 #include "anigen/geometry/bones.h"
 #include "anigen/geometry/correspondence.h"
+#include "anigen/geometry/crossings.h"
 #include "anigen/geometry/embree.h"
 #include "anigen/geometry/fill_holes.h"
 #include "anigen/geometry/hidden_faces.h"

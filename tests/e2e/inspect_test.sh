@@ -67,4 +67,13 @@ expect 0 "rejected: $work/broken.obj: line 1: " "$work/flat.obj" "$work/broken.o
 expect 2 "needs skin weights" "$work/flat.obj" --influence-loss
 expect 2 "need a file with a mesh or a skeleton" "$work/flat.png" --output "$work/other.png"
 expect 2 "no such file" "$work/none.glb"
+# Lint: 0 without findings of the level, 1 with, 2 for what cannot be read.
+cp "$work/flat.obj" "$work/arm.obj"
+printf 'joints a 0 0 0\njoints b 1 0 0\nroot a\nhier a b\nskin 0 a 1\nskin 1 b 1\nskin 2 a 1\n' >"$work/arm.txt"
+expect 0 "arm.txt: no errors, no warnings" "$work/arm.txt" --lint --lint-level warning
+expect 0 '"findings": ' "$work/arm.txt" --lint --json
+expect 1 "no-weights" "$work/flat.obj" --lint
+expect 1 "1 of 2 rigs have findings of level error" "$work/arm.txt" "$work/flat.obj" --lint
+expect 2 "no such file" "$work/none.glb" --lint
+expect 2 "--lint needs a rig" "$work/flat.png" --lint
 exit $((failures > 0))

@@ -153,6 +153,8 @@ void check_ignored(Check& check, bool torch) {
   check.refuses("anigen-inspect a.glb --seed 3", {"--seed: anigen-inspect has no such option"});
   check.refuses("anigen-inspect a.glb --device cpu", {"--device: anigen-inspect has no such option"});
   check.refuses("anigen-inspect a.glb --axes published", {"--axes", "--output"});
+  check.refuses("anigen-inspect a.glb --lint --output b.png", {"--output", "--lint"});
+  check.refuses("anigen-inspect a.glb --lint-level warning", {"--lint-level", "--lint"});
   check.refuses("anigen-inspect a.glb --influences 8", {"--influences", "--output", "--influence-loss"});
   check.refuses(data + "--view-size 64", {"--view-size", "--views"});
   check.refuses(data + "--cond-cameras front", {"--cond-cameras", "--cond-views"});

@@ -50,6 +50,8 @@ inline constexpr OptionRow kOptions[] = {
     {"--influence-loss", 0, "", "Output", "Measure what keeping only --influences joints per vertex changes", ""},
     {"--no-graft", 0, "", "Output", "Write a new file with base colour alone, where otherwise the rig is added to a copy of the .glb or .gltf", ""},
     {"--weights", 0, "", "Output", "Check that the checkpoints of a run hold what its config.json asks for", ""},
+    {"--lint", 0, "", "Output", "Say whether rigs are good: weights, joints, names, axes, and the surface in poses. Exits with 1 for findings of --lint-level", ""},
+    {"--lint-level", 0, "error|warning", "Output", "Least severity of --lint that fails", ""},
     {"--preview", 0, "", "Output", "Also write <name>.png: the asset, its weights, its skeleton", "rig:--pictures"},
     {"--obj", 0, "", "Output", "Also write mesh.obj and mesh.rig.json", ""},
     {"--intermediate", 0, "", "Output", "Also write the results of the stages: voxels.png, ss_latents.npz, latents.npz, votes.glb, dense.glb", ""},
