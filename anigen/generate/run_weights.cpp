@@ -61,7 +61,11 @@ void add_runs(const fs::path& parent, std::vector<Run>& runs) {
 
 fs::path chosen(const fs::path& folder, const std::vector<fs::path>& found, const std::string& usual,
                 const std::string& what) {
-  if (found.empty()) throw InputError(folder.string(), "", "holds no run of " + what);
+  if (found.empty()) {
+    throw InputError(folder.string(), "",
+                     "holds no run of " + what + "; name a folder that does with --runs, or runs with --ss-flow and " +
+                         "--slat-flow");
+  }
   if (found.size() == 1) return found.front();
   for (const fs::path& run : found) {
     if (run.filename() == usual) return run;
