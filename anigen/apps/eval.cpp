@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <utility>
 
 #include "anigen/apps/common/command_line.h"
 #include "anigen/apps/common/torch_half.h"
@@ -84,10 +85,14 @@ void evaluate_oracle(const EvalArguments& options, const CommonOptions& common) 
 }
 
 void evaluate_matting(const EvalArguments& options, const CommonOptions& common) {
-  const bool others = options.oracle || !options.ss_flow.empty() || !options.shapes.predictions.empty() ||
-                      !options.skin_ae.empty() || !options.skins.empty();
-  if (others)
-    throw InputError("", "--matting-network", "evaluates masks of pictures, and nothing else at the same time");
+  const std::pair<bool, const char*> others[] = {{options.oracle, "--oracle"},
+                                                 {!options.ss_flow.empty(), "--ss-flow"},
+                                                 {!options.shapes.predictions.empty(), "--pred"},
+                                                 {!options.skin_ae.empty(), "--skin-ae"},
+                                                 {!options.skins.empty(), "--skins"}};
+  for (const auto& [given, option] : others) {
+    if (given) throw InputError("", option, "--matting-network evaluates outlines, and nothing else at the same time");
+  }
   if (options.dataset.empty()) throw InputError("", "--dataset", "of which dataset are the objects?");
   torch_half("--matting-network").evaluate_matting(options, common);
 }

@@ -50,7 +50,7 @@ TEST(MattingEvaluations, ScoreANetworkBesideGrabCut) {
     EXPECT_TRUE(std::filesystem::exists(folder / "out" / file)) << file;
   EXPECT_EQ(result.table().rows.size(), 2U);
 
-  // The same seed composes the same pictures; one asset of a split is the first of them.
+  // A seed composes equal pictures; the one asset of a split is the first of them.
   std::ofstream(folder / "one.txt") << "disc0\n";
   request.splits = {folder / "one.txt"};
   request.out = folder / "one";
