@@ -49,9 +49,9 @@ enum class JointSource {
   kAuto        ///< the mesh's own skeleton where it has one or one is given, else a template that fits, else its curve
 };
 
-/// Penalty of an embedded template up to which JointSource::kAuto prefers it to the mesh's curve. Chosen on public
-/// rigs, folds by skeleton (docs/results.md, "Which joints without a choice").
-inline constexpr double kTrustedPenalty = 1.0;
+/// Penalty of an embedded template up to which JointSource::kAuto prefers it to the mesh's curve: least J2J over 54
+/// skeletons of public rigs, on a wide minimum (docs/results.md).
+inline constexpr double kTrustedPenalty = 0.2;
 
 /// Classical rigger of a mesh.
 struct RiggingMethod {
