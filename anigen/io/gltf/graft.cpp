@@ -163,9 +163,7 @@ class Grafter {
     add_skins();
     for (const BoundNode& bound : bound_) bind_node(bound, report);
     file_.embed_files(notes_);
-    report.own_joints = is_own_;
-    report.bound_nodes = bound_.size();
-    report.notes = notes_.take();
+    report = {is_own_, bound_.size(), report.copied_meshes, notes_.take()};
     return file_.bytes(binary);
   }
 
@@ -302,9 +300,52 @@ class Grafter {
     const bool is_used = std::any_of(skins_.begin(), skins_.end(), [&](const PlannedSkin& skin) {
       return std::any_of(skin.joints.begin(), skin.joints.end(), [&](int j) { return node_of_joint_[at(j)] < 0; });
     });
-    if (!is_used) return;
-    node_of_joint_[0] = file_.add("nodes", text_of(joint_node(skeleton_.names[0], root_below(-1))));
-    show(node_of_joint_[0]);
+    if (is_used) node_of_joint_[0] = file_.add("nodes", text_of(joint_node(skeleton_.names[0], root_below(-1))));
+    if (gather_roots()) return;
+    if (is_used) show(node_of_joint_[0]);
+  }
+
+  bool is_longer(const PlannedSkin& skin) const {
+    return skin.old < 0 || skin.joints.size() != document_.skins[at(skin.old)].joints.size();
+  }
+
+  /// Joints of a skin need a common root (glTF 2.0, section 3.7.3.1). Where a skin got joints below another root of the
+  /// scene, one node without transform goes above these roots. @return whether it did
+  bool gather_roots() {
+    std::set<int> roots;
+    for (const PlannedSkin& skin : skins_) {
+      std::set<int> above;
+      for (const int joint : skin.joints) {
+        int node = node_of_joint_[at(joint)];
+        while (at(node) < document_.nodes.size() && document_.nodes[at(node)].parent >= 0)
+          node = document_.nodes[at(node)].parent;
+        above.insert(node);
+      }
+      if (is_longer(skin) && above.size() > 1) roots.insert(above.begin(), above.end());
+    }
+    const Json& json = file_.json();
+    if (roots.empty() || !json.contains("scenes")) return false;
+    const auto of_file = static_cast<std::size_t>(
+        std::distance(roots.begin(), roots.lower_bound(static_cast<int>(document_.nodes.size()))));
+    std::vector<std::string> lists;  // of nodes, by scene; empty: as it is
+    const std::string gathered = std::to_string(file_.count("nodes"));
+    for (const Json& scene : json["scenes"]) {
+      std::size_t shown = 0;
+      std::string others;
+      for (const JsonPlace& place : JsonPlace(scene, document_.file).entries("nodes")) {
+        const int node = place.as_index(document_.nodes.size(), "node");
+        const bool is_gathered = roots.count(node) > 0;
+        shown += is_gathered;
+        if (!is_gathered) others += std::to_string(node) + ",";
+      }
+      if (shown != 0 && shown != of_file) return false;  // roots that a scene leaves out must not appear in it
+      lists.push_back(shown == 0 ? "" : "[" + others + gathered + "]");
+    }
+    file_.add("nodes", text_of({{"name", "roots"}, {"children", roots}}));
+    for (std::size_t s = 0; s < lists.size(); ++s) {
+      if (!lists[s].empty()) file_.text().set(file_.original("scenes", s), "nodes", lists[s]);
+    }
+    return true;
   }
 
   /// The node that an animation moves and that all bound meshes are below, or are; -1 when none is moved. A rig that
@@ -381,9 +422,8 @@ class Grafter {
     }
     const std::size_t kept = skins.size();
     for (PlannedSkin& skin : skins_) {
-      const bool is_old = skin.old >= 0 && skin.joints.size() == document_.skins[at(skin.old)].joints.size();
-      skin.index = is_old ? skin.old : static_cast<int>(skins.size());
-      if (!is_old) skins.push_back(text_of(skin_json(skin)));
+      skin.index = is_longer(skin) ? static_cast<int>(skins.size()) : skin.old;
+      if (is_longer(skin)) skins.push_back(text_of(skin_json(skin)));
     }
     if (kept == renumbered.size()) {
       for (std::size_t s = kept; s < skins.size(); ++s) file_.add("skins", std::move(skins[s]));

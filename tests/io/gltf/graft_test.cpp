@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <set>
 #include <utility>
 
 #include "anigen/asset/rigged_asset.h"
@@ -408,6 +409,41 @@ TEST_F(Graft, ASkinGetsTheJointsItLacks) {
   EXPECT_EQ(after.json["skins"][1], before.json["skins"][1]);
   EXPECT_EQ(after.json["skins"][2]["joints"], Json({1, 2}));
   EXPECT_EQ(after.json["nodes"][3]["skin"], 2);
+  const auto placed = placed_vertices(before), again = placed_vertices(after);
+  for (const auto& [place, points] : placed) {
+    for (std::size_t v = 0; v < points.size(); ++v) EXPECT_LT((points[v] - again.at(place)[v]).norm(), 1e-5);
+  }
+}
+
+TEST_F(Graft, JointsOfALongerSkinHaveACommonRoot) {
+  GltfBuilder file = test::flag();
+  file.json["nodes"].push_back({{"mesh", 1}, {"skin", 1}});
+  file.json["nodes"].push_back({{"name", "other"}, {"translation", {0.5, 1.0, 0.0}}});
+  for (const int node : {3, 4}) file.json["scenes"][0]["nodes"].push_back(node);
+  file.json["meshes"].push_back(file.json["meshes"][0]);
+  file.json["skins"].push_back({{"joints", {4}}});
+  file.json["meshes"][1]["primitives"][0]["attributes"]["JOINTS_0"] = file.u8(std::vector<std::uint8_t>(16, 0), "VEC4");
+  save(file);
+  const Asset own = read_gltf(folder_ / "in.glb").asset;
+  ASSERT_GE(own.skeleton.size(), 4u) << "a root above two trees";
+  graft(own.skeleton, cyclic_weights(own.mesh.vertices.size(), own.skeleton.size()));
+  const ParsedGltf before(folder_ / "in.glb"), after(folder_ / "out.glb");
+  const Json& nodes = after.json["nodes"];
+  std::vector<int> parents(nodes.size(), -1);
+  for (std::size_t n = 0; n < nodes.size(); ++n) {
+    for (const Json& child : nodes[n].value("children", Json::array()))
+      parents[child.get<std::size_t>()] = static_cast<int>(n);
+  }
+  for (const Json& skin : after.json["skins"]) {
+    std::set<int> roots;
+    for (const Json& joint : skin["joints"]) {
+      int node = joint.get<int>();
+      while (parents[static_cast<std::size_t>(node)] >= 0) node = parents[static_cast<std::size_t>(node)];
+      roots.insert(node);
+    }
+    EXPECT_EQ(roots.size(), 1u) << skin;
+  }
+  for (const Json& root : after.json["scenes"][0]["nodes"]) EXPECT_EQ(parents[root.get<std::size_t>()], -1);
   const auto placed = placed_vertices(before), again = placed_vertices(after);
   for (const auto& [place, points] : placed) {
     for (std::size_t v = 0; v < points.size(); ++v) EXPECT_LT((points[v] - again.at(place)[v]).norm(), 1e-5);
