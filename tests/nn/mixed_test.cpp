@@ -25,7 +25,7 @@ struct LinearCase {
 class MixedLinear : public testing::TestWithParam<LinearCase> {
   void SetUp() override {
     const MixedProducts on(true);
-    if (!mixed_products()) GTEST_SKIP() << "no products of bf16 numbers here";
+    if (!mixed_products()) GTEST_SKIP() << "not supported: products of bf16 numbers on this CPU";
   }
 };
 
@@ -74,7 +74,7 @@ TEST(LinearInTheFastestWay, TakesSlicesOfWeightsAndFollowsThePrecision) {
   EXPECT_TRUE(torch::equal(nn::linear(x, w, b), torch::linear(x, w, b)));
   const Tensor wanted = torch::autograd::grad({torch::linear(x, w, b).square().sum()}, {whole})[0];
   const MixedProducts on(true);
-  if (!mixed_products()) GTEST_SKIP() << "no products of bf16 numbers here";
+  if (!mixed_products()) GTEST_SKIP() << "not supported: products of bf16 numbers on this CPU";
   const Tensor y = nn::linear(x, w, b);
   EXPECT_TRUE(torch::equal(y, mixed_linear(x, w, b)));
   EXPECT_LT(share_apart(torch::autograd::grad({y.square().sum()}, {whole})[0], wanted), 2e-2);
@@ -83,7 +83,7 @@ TEST(LinearInTheFastestWay, TakesSlicesOfWeightsAndFollowsThePrecision) {
 
 TEST(PrefersMixedLinear, IsForWidthsOfAVectorAndManyRows) {
   const MixedProducts on(true);
-  if (!mixed_products()) GTEST_SKIP() << "no products of bf16 numbers here";
+  if (!mixed_products()) GTEST_SKIP() << "not supported: products of bf16 numbers on this CPU";
   EXPECT_TRUE(prefers_mixed_linear(torch::zeros({2, 40, 32}), torch::zeros({16, 32})));
   EXPECT_TRUE(prefers_mixed_linear(torch::zeros({80, 37}), torch::zeros({101, 37})));
   EXPECT_FALSE(prefers_mixed_linear(torch::zeros({8, 32}), torch::zeros({16, 32})));
@@ -101,7 +101,7 @@ struct MixedAttentionCase {
 class MixedAttention : public testing::TestWithParam<MixedAttentionCase> {
   void SetUp() override {
     const MixedProducts on(true);
-    if (!mixed_products()) GTEST_SKIP() << "no products of bf16 numbers here";
+    if (!mixed_products()) GTEST_SKIP() << "not supported: products of bf16 numbers on this CPU";
   }
 };
 
@@ -158,7 +158,7 @@ INSTANTIATE_TEST_SUITE_P(Sizes, MixedAttention,
 
 TEST(MixedAttentionOf, DenseBatchesAreSequencesOfOneLength) {
   const MixedProducts on(true);
-  if (!mixed_products()) GTEST_SKIP() << "no products of bf16 numbers here";
+  if (!mixed_products()) GTEST_SKIP() << "not supported: products of bf16 numbers on this CPU";
   torch::manual_seed(7);
   const auto numbers = [](std::int64_t rows) { return torch::randn({2, rows, 3, 32}).transpose(1, 2); };
   const Tensor q = numbers(600), k = numbers(300), v = numbers(300);
@@ -171,7 +171,7 @@ TEST(MixedAttentionOf, DenseBatchesAreSequencesOfOneLength) {
 
 TEST(MixedAttentionOf, NotFiniteScoresAreSeenInTheirRowOnly) {
   const MixedProducts on(true);
-  if (!mixed_products()) GTEST_SKIP() << "no products of bf16 numbers here";
+  if (!mixed_products()) GTEST_SKIP() << "not supported: products of bf16 numbers on this CPU";
   Tensor q = torch::randn({20, 1, 32});
   const Tensor k = torch::randn({9, 1, 32}), v = torch::randn({9, 1, 32});
   q[4][0][3] = std::numeric_limits<float>::quiet_NaN();

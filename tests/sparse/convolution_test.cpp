@@ -136,7 +136,7 @@ TEST_P(ConvolutionOfSizes, TensorOperationsAgreeWithTheKernels) {
 
 // Rounding the factors beforehand gives the same factors; what is left is how sums are rounded.
 TEST_P(ConvolutionOfSizes, MixedProductsRoundTheirFactorsAlone) {
-  if (!nn::kernels::has_bf16_products()) GTEST_SKIP() << "no products of bf16 numbers here";
+  if (!nn::kernels::has_bf16_products()) GTEST_SKIP() << "not supported: products of bf16 numbers on this CPU";
   const auto rounded = [](const Tensor& x) { return x.to(torch::kBFloat16).to(torch::kFloat32); };
   const ConvolutionCase c(GetParam(), /*subdivide=*/false);
   const Tensor& neighbours = c.support->neighbours();
