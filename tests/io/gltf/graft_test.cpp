@@ -421,7 +421,7 @@ TEST_F(Graft, JointsOfALongerSkinHaveACommonRoot) {
   file.json["nodes"].push_back({{"name", "other"}, {"translation", {0.5, 1.0, 0.0}}});
   for (const int node : {3, 4}) file.json["scenes"][0]["nodes"].push_back(node);
   file.json["meshes"].push_back(file.json["meshes"][0]);
-  file.json["skins"].push_back({{"joints", {4}}});
+  file.json["skins"].push_back({{"joints", {4}}, {"inverseBindMatrices", 4}});
   file.json["meshes"][1]["primitives"][0]["attributes"]["JOINTS_0"] = file.u8(std::vector<std::uint8_t>(16, 0), "VEC4");
   save(file);
   const Asset own = read_gltf(folder_ / "in.glb").asset;
