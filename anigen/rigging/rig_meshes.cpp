@@ -208,8 +208,8 @@ void refuse_lossy_outputs(const RigRequest& request, const io::ShapeSource& sour
   refuse_to_overwrite(outputs, [&] { return inputs_of(request, source, ids); });
 }
 
-/// Weights by the method's binding. Without a choice of method, a mesh whose equation of heat has no solution is bound by
-/// paths through its inside, and the note says so.
+/// Weights by the method's binding. Without a choice of method, a mesh whose equation of heat has no solution is bound
+/// by paths through its inside, and the note says so.
 SkinWeights bound(const Asset& asset, const RigRequest& request, std::string& note) {
   try {
     return bind(*request.method.binding, asset.mesh, asset.skeleton, request.binding);

@@ -216,6 +216,7 @@ def folder_of(page, work, made, source):
         link(work / "runs/data", folder / "data")
         for entry in (work / "runs").iterdir():
             link(entry, folder / "runs" / entry.name)
+        link(source / "weights/anigen-small/matting", folder / "runs/matting")
         link(work / "runs/ss_flow", folder / "runs/quickstart/jobs/ss_flow-1")
         link(work / "runs/slat_flow", folder / "runs/quickstart/jobs/slat_flow-1")
     return folder
