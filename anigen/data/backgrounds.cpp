@@ -66,7 +66,9 @@ class ValueNoise {
     const int column = std::clamp(static_cast<int>(x), 0, cells_ - 1);
     const int row = std::clamp(static_cast<int>(y), 0, cells_ - 1);
     const double right = smooth_step(x - column), down = smooth_step(y - row);
-    const auto value = [&](int r, int c) { return values_[static_cast<std::size_t>(r * (cells_ + 1) + c)]; };
+    const auto value = [&](int r, int c) {
+      return values_[static_cast<std::size_t>(r) * static_cast<std::size_t>(cells_ + 1) + static_cast<std::size_t>(c)];
+    };
     const double above = value(row, column) + right * (value(row, column + 1) - value(row, column));
     const double below = value(row + 1, column) + right * (value(row + 1, column + 1) - value(row + 1, column));
     return above + down * (below - above);

@@ -43,7 +43,8 @@ void cast_shadow(std::vector<float>& background, const std::vector<float>& alpha
   int left = size, right = -1, bottom = -1;
   for (int y = 0; y < size; ++y) {
     for (int x = 0; x < size; ++x) {
-      if (alpha[static_cast<std::size_t>(y * size + x)] < 0.5F) continue;
+      if (alpha[static_cast<std::size_t>(y) * static_cast<std::size_t>(size) + static_cast<std::size_t>(x)] < 0.5F)
+        continue;
       left = std::min(left, x);
       right = std::max(right, x);
       bottom = y;

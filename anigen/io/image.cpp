@@ -149,8 +149,6 @@ void write_png(const std::filesystem::path& path, const Image& image) {
 
 namespace {
 
-using std::string_view_literals::operator""sv;
-
 // The bytes of a picture file, read with a bounds check, so that every header can be walked without thinking about
 // its end. Holds references only.
 class PictureBytes {
@@ -197,7 +195,7 @@ std::size_t bytes_of_type(std::uint64_t type) { return type == 1 ? 1 : type == 3
 
 // True where a classic TIFF header begins: of a TIFF file, or of the EXIF block inside another format.
 bool is_tiff(const PictureBytes& in, std::size_t at) {
-  return in.matches(at, "II\x2a\0"sv) || in.matches(at, "MM\0\x2a"sv);
+  return in.matches(at, {"II\x2a\0", 4}) || in.matches(at, {"MM\0\x2a", 4});
 }
 
 // The first value of an integer tag of the first directory (TIFF 6.0, section 2); nothing when the directory lacks the
@@ -283,7 +281,7 @@ PictureSize probe_picture(const std::vector<std::uint8_t>& bytes, const std::str
 
 namespace {
 
-constexpr std::string_view kExifPrefix = "Exif\0\0"sv;
+constexpr std::string_view kExifPrefix{"Exif\0\0", 6};
 constexpr int kUpright = 1, kOrientations = 8;
 
 // Start of the EXIF block: its TIFF header.
