@@ -53,16 +53,6 @@ std::map<std::string, ManifestRow> read_manifest() {
   return rows;
 }
 
-std::vector<fs::path> rigged_files() {
-  std::vector<fs::path> files;
-  std::error_code error;
-  for (const auto& entry : fs::recursive_directory_iterator(test::assets_dir() / "rigged", error)) {
-    if (entry.path().extension() == ".glb" || entry.path().extension() == ".gltf") files.push_back(entry.path());
-  }
-  std::sort(files.begin(), files.end());
-  return files;
-}
-
 std::size_t count_of(const ImportedAsset& imported, const std::string& code) {
   for (const ImportNote& note : imported.notes) {
     if (note.code == code) return std::stoul(note.message);
@@ -154,13 +144,13 @@ std::string test_name(const testing::TestParamInfo<fs::path>& info) {
 }
 
 GTEST_ALLOW_UNINSTANTIATED_PARAMETERIZED_TEST(RiggedFile);
-INSTANTIATE_TEST_SUITE_P(Assets, RiggedFile, testing::ValuesIn(rigged_files()), test_name);
+INSTANTIATE_TEST_SUITE_P(Assets, RiggedFile, testing::ValuesIn(test::rigged_files()), test_name);
 
 TEST(RiggedFiles, AreThere) {
   if (!fs::exists(test::assets_dir() / "rigged")) {
     GTEST_SKIP() << test::assets_dir() << " is not there";
   }
-  EXPECT_GE(rigged_files().size(), 40u);
+  EXPECT_GE(test::rigged_files().size(), 40u);
 }
 
 TEST(RiggedFiles, RepairsAreReportedWithTheirCounts) {

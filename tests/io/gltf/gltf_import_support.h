@@ -1,7 +1,12 @@
 #pragma once
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <cstdint>
+#include <filesystem>
 #include <string>
+#include <system_error>
+#include <vector>
 
 #include "anigen/asset/rigged_asset.h"
 #include "anigen/core/error.h"
@@ -18,6 +23,29 @@ inline io::ImportedAsset import_built(const GltfBuilder& file, const io::ImportO
   io::ImportedAsset imported = io::read_gltf(folder / "file.gltf", options);
   EXPECT_TRUE(validate(imported.asset).empty());
   return imported;
+}
+
+/// The public rigs that are glTF, in order; none where the assets are not there.
+inline std::vector<std::filesystem::path> rigged_files() {
+  std::vector<std::filesystem::path> files;
+  std::error_code error;
+  for (const auto& entry : std::filesystem::recursive_directory_iterator(assets_dir() / "rigged", error)) {
+    if (entry.path().extension() == ".glb" || entry.path().extension() == ".gltf") files.push_back(entry.path());
+  }
+  std::sort(files.begin(), files.end());
+  return files;
+}
+
+/// Vertex v on joints v, v + 1, … of as many.
+inline SkinWeights cyclic_weights(std::size_t vertices, std::size_t joints, std::size_t influences = 2) {
+  SkinWeights skin;
+  for (std::size_t v = 0; v < vertices; ++v) {
+    std::vector<Influence> row;
+    for (std::size_t k = 0; k < influences; ++k)
+      row.push_back({static_cast<std::int32_t>((v + k) % joints), 1.0F / static_cast<float>(k + 1)});
+    skin.append_row(row);
+  }
+  return skin;
 }
 
 inline bool has_note(const io::ImportedAsset& imported, const std::string& code) {

@@ -13,7 +13,7 @@
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
 #include "anigen/core/numeric.h"
-#include "tests/io/gltf/gltf_import_builder.h"
+#include "tests/io/gltf/gltf_import_support.h"
 #include "tests/support/parsed_gltf.h"
 #include "tests/support/paths.h"
 
@@ -24,6 +24,7 @@ namespace anigen::io {
 namespace {
 
 namespace fs = std::filesystem;
+using test::cyclic_weights;
 using test::GltfBuilder;
 using test::ParsedGltf;
 
@@ -97,18 +98,6 @@ Skeleton turned_skeleton() {
   }
   skeleton.bind = forward_kinematics(skeleton.parents, skeleton.rest);
   return skeleton;
-}
-
-/// Vertex v on joints v, v + 1, … of as many.
-SkinWeights cyclic_weights(std::size_t vertices, std::size_t joints, std::size_t influences = 2) {
-  SkinWeights skin;
-  for (std::size_t v = 0; v < vertices; ++v) {
-    std::vector<Influence> row;
-    for (std::size_t k = 0; k < influences; ++k)
-      row.push_back({static_cast<std::int32_t>((v + k) % joints), 1.0F / static_cast<float>(k + 1)});
-    skin.append_row(row);
-  }
-  return skin;
 }
 
 Eigen::Matrix4d matrix_of_node(const Json& node) {
@@ -546,71 +535,6 @@ TEST_F(Graft, UnknownChunksStay) {
   EXPECT_EQ(out.substr(out.size() - chunk.size()), chunk);
   EXPECT_EQ(read_gltf(folder_ / "out.glb").asset.skin.rows(), 12u);
 }
-
-class GraftOfFile : public testing::TestWithParam<fs::path> {
- protected:
-  test::TemporaryFolder folder_;
-};
-
-TEST_P(GraftOfFile, ItsOwnRigChangesNothing) {
-  const Asset own = read_gltf(GetParam()).asset;
-  GraftOptions options;
-  options.influences = std::max<std::size_t>(4, own.skin.largest_row());
-  const GraftReport report = graft_rig(GetParam(), own.skeleton, own.skin, folder_ / "out.glb", options);
-  EXPECT_TRUE(report.own_joints);
-  const Asset back = read_gltf(folder_ / "out.glb").asset;
-  EXPECT_EQ(back.skeleton.names, own.skeleton.names);
-  EXPECT_EQ(back.skeleton.parents, own.skeleton.parents);
-  EXPECT_EQ(back.animations.size(), own.animations.size());
-  EXPECT_EQ(back.mesh.faces.size(), own.mesh.faces.size());
-  ASSERT_EQ(back.mesh.vertices.size(), own.mesh.vertices.size());
-  if (report.copied_meshes > 0) return;  // copies are read behind the other meshes
-  const double scale = bounding_box(own.mesh.vertices).diagonal();
-  double moved = 0.0, reweighted = 0.0;
-  for (std::size_t v = 0; v < own.mesh.vertices.size(); ++v) {
-    moved = std::max(moved, static_cast<double>((back.mesh.vertices[v] - own.mesh.vertices[v]).norm()));
-    std::map<int, double> apart;
-    for (std::size_t k = 0; k < own.skin.row_size(v); ++k) apart[own.skin.row(v)[k].joint] += own.skin.row(v)[k].weight;
-    for (std::size_t k = 0; k < back.skin.row_size(v); ++k)
-      apart[back.skin.row(v)[k].joint] -= back.skin.row(v)[k].weight;
-    for (const auto& [joint, weight] : apart) reweighted = std::max(reweighted, std::abs(weight));
-  }
-  EXPECT_LE(moved, 1e-5 * scale);
-  EXPECT_LE(reweighted, 1e-6);
-}
-
-TEST_P(GraftOfFile, AnotherRigTakesTheMeshesAsTheyAre) {
-  const Asset own = read_gltf(GetParam()).asset;
-  const Box box = bounding_box(own.mesh.vertices);
-  const Skeleton skeleton = skeleton_from_joints({box.low, box.center()}, {-1, 0}, {"below", "above"});
-  const SkinWeights skin = cyclic_weights(own.mesh.vertices.size(), 2);
-  const GraftReport report = graft_rig(GetParam(), skeleton, skin, folder_ / "out.glb");
-  EXPECT_FALSE(report.own_joints);
-  const Asset back = read_gltf(folder_ / "out.glb").asset;
-  EXPECT_TRUE(validate(back).empty());
-  EXPECT_EQ(back.skeleton.names, skeleton.names);
-  ASSERT_EQ(back.mesh.vertices.size(), own.mesh.vertices.size());
-  const Box after = bounding_box(back.mesh.vertices);
-  EXPECT_LE((after.low - box.low).norm() + (after.high - box.high).norm(), 1e-4 * box.diagonal());
-}
-
-std::vector<fs::path> files_to_graft() {
-  std::vector<fs::path> files;
-  std::error_code error;
-  for (const auto& entry : fs::recursive_directory_iterator(test::assets_dir() / "rigged", error)) {
-    if (entry.path().extension() == ".glb" || entry.path().extension() == ".gltf") files.push_back(entry.path());
-  }
-  std::sort(files.begin(), files.end());
-  return files;
-}
-
-GTEST_ALLOW_UNINSTANTIATED_PARAMETERIZED_TEST(GraftOfFile);
-INSTANTIATE_TEST_SUITE_P(Assets, GraftOfFile, testing::ValuesIn(files_to_graft()),
-                         [](const testing::TestParamInfo<fs::path>& file) {
-                           std::string name = file.param.stem().string();
-                           for (char& c : name) c = std::isalnum(static_cast<unsigned char>(c)) != 0 ? c : '_';
-                           return name;
-                         });
 
 }  // namespace
 
