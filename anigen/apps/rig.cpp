@@ -150,11 +150,11 @@ void refuse_ignored(const CLI::App& app, const RigArguments& options) {
     refuse_given(app, {"--skeleton"}, whose + ", which makes the skeleton itself");
   if (options.skin == "none") refuse_given(app, {"--no-graft"}, "has no effect where the skeleton alone is written");
   if (!options.joint_model.empty()) refuse_given(app, {"--skeleton"}, "--joint-model finds the joints");
-  if (!options.request.joints.skeleton.empty()) {
-    refuse_given(app, {"--pinocchio-template"},
-                 automatic ? "--skeleton has the joints already" : "--skeleton is the template already");
-    refuse_given(app, {"--new-skeleton", automatic ? "--curve-joints" : "--new-skeleton"},
+  if (!options.request.joints.skeleton.empty() && automatic) {
+    refuse_given(app, {"--new-skeleton", "--pinocchio-template", "--curve-joints"},
                  "--skeleton has the joints already");
+  } else if (!options.request.joints.skeleton.empty()) {
+    refuse_given(app, {"--pinocchio-template"}, "--skeleton is the template already");
   }
   if (!options.skin_model.empty()) {
     refuse_given(app, {"--geovoxel-resolution", "--falloff"}, "is for geovoxel, and --skin-model binds");

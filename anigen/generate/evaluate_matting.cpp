@@ -53,9 +53,10 @@ class AnyMatting {
     }
   }
   std::vector<std::uint8_t> mask(const io::Image& image, const std::string& name) {
+    if (!trained_) return onnx_->mask(image);
     try {
-      return trained_ ? trained_->mask(image, name) : onnx_->mask(image);
-    } catch (const InputError&) {  // finds no object: a mask like any other, and a bad one
+      return trained_->mask(image, name);
+    } catch (const InputError&) {  // it finds no object: a mask like any other, and a bad one
       return std::vector<std::uint8_t>(image.rgba.size() / io::kImageChannels, 0);
     }
   }

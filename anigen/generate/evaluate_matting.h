@@ -24,7 +24,7 @@ struct MattingEvaluationRequest {
   std::uint64_t seed = 0;             ///< of views, places and backgrounds
 };
 
-/// Distance of a mask to the true alpha of a picture. An empty mask scores too: IoU 0.
+/// Distance of a mask to the true alpha of a picture.
 struct MattingScore {
   double iou = 0.0;  ///< of what is more object than background
   double mae = 0.0;  ///< mean absolute difference of alpha in [0, 1]
@@ -47,7 +47,8 @@ struct MattingEvaluation {
 /// Puts one view of each asset before a background, as the dataset AniGenMattings does but in twice the network's usual
 /// size, and compares the masks of the network and of GrabCut with the true one. Writes metrics.csv (per asset),
 /// metrics.json, table.md and samples.png into out.
-/// @throws InputError when network, data or splits are unusable; Interrupted
+/// A run of ours that finds no object scores as an empty mask.
+/// @throws InputError when network, data or splits are unusable, or an ONNX network gives no mask; Interrupted
 MattingEvaluation evaluate_matting(const MattingEvaluationRequest& request);
 
 }  // namespace anigen::generate
