@@ -7,6 +7,7 @@
 
 #include "anigen/core/error.h"
 #include "anigen/core/numeric.h"
+#include "anigen/core/parallel.h"
 #include "anigen/rigging/pinocchio_solid.h"
 #include "anigen/rigging/pinocchio_spheres.h"
 
@@ -337,13 +338,14 @@ TemplateChoice choose_template(const Mesh& mesh, const std::vector<TemplateSkele
   for (const TemplateSkeleton& skeleton : templates) check(skeleton);
   check(options);
   const EmbeddingSpace space(mesh, options);
+  std::vector<EmbeddedSkeleton> embedded(templates.size());
+  parallel_for(templates.size(), [&](std::size_t i) { embedded[i] = space.embed(templates[i]); });
   TemplateChoice choice;
   for (std::size_t i = 0; i < templates.size(); ++i) {
-    EmbeddedSkeleton embedded = space.embed(templates[i]);
-    choice.penalties.push_back(embedded.penalty);
-    if (i > 0 && !(embedded.penalty < choice.embedded.penalty)) continue;
+    choice.penalties.push_back(embedded[i].penalty);
+    if (i > 0 && !(embedded[i].penalty < choice.embedded.penalty)) continue;
     choice.index = i;
-    choice.embedded = std::move(embedded);
+    choice.embedded = std::move(embedded[i]);
   }
   return choice;
 }

@@ -325,23 +325,39 @@ void sweep_from_corner(const CellGrid& grid, const std::vector<Eigen::Vector3d>&
                        std::vector<std::int32_t>& seed, std::vector<double>& squared) {
   const std::array<int, 3> step{(corner & 1) != 0 ? -1 : 1, (corner & 2) != 0 ? -1 : 1, (corner & 4) != 0 ? -1 : 1};
   const auto place = [&](int i, std::size_t axis) { return step[axis] > 0 ? i : grid.size[axis] - 1 - i; };
+  const std::ptrdiff_t row = grid.size[0], layer = row * grid.size[1];
   for (int k = 0; k < grid.size[2]; ++k) {
     for (int j = 0; j < grid.size[1]; ++j) {
+      // Ways back to those of the seven that are there: first those of the same x, then the others.
+      std::array<std::ptrdiff_t, 7> back{};
+      std::size_t beside = 0, all = 0;
+      for (const int bx : {0, 1}) {
+        for (int others = 1 - bx; others < 4; ++others) {
+          const int by = others & 1, bz = others >> 1;
+          if (j >= by && k >= bz) back[all++] = bx * step[0] + by * step[1] * row + bz * step[2] * layer;
+        }
+        if (bx == 0) beside = all;
+      }
+      const int y = place(j, 1), z = place(k, 2);
       for (int i = 0; i < grid.size[0]; ++i) {
-        const int x = place(i, 0), y = place(j, 1), z = place(k, 2);
+        const int x = place(i, 0);
         const std::size_t cell = grid.index(x, y, z);
         const Eigen::Vector3d center = grid.center(x, y, z);
-        for (int back = 1; back < 8; ++back) {
-          const int bx = back & 1, by = back >> 1 & 1, bz = back >> 2;
-          if (i < bx || j < by || k < bz) continue;
-          const std::int32_t known = seed[grid.index(x - bx * step[0], y - by * step[1], z - bz * step[2])];
-          if (known < 0 || known == seed[cell]) continue;
+        std::int32_t nearest = seed[cell], last = nearest;
+        double least = squared[cell];
+        const std::size_t count = i > 0 ? all : beside;
+        for (std::size_t n = 0; n < count; ++n) {
+          const std::int32_t known = seed[static_cast<std::size_t>(static_cast<std::ptrdiff_t>(cell) - back[n])];
+          if (known < 0 || known == last || known == nearest) continue;
+          last = known;
           const double d = (points[at(known)] - center).squaredNorm();
-          if (d < squared[cell]) {
-            squared[cell] = d;
-            seed[cell] = known;
+          if (d < least) {
+            least = d;
+            nearest = known;
           }
         }
+        seed[cell] = nearest;
+        squared[cell] = least;
       }
     }
   }
