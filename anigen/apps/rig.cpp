@@ -69,7 +69,7 @@ void add_mesh_options(CLI::App& app, RigArguments& options) {
   add_option(app, "--skin", options.skin);
   add_option(app, "--skeleton", request.joints.skeleton);
   add_option(app, "--new-skeleton", options.new_skeleton);
-  add_option(app, "--pinocchio-template", request.joints.templates)->check(one_of(rigging::template_words()));
+  add_option(app, "--template", request.joints.templates)->check(one_of(rigging::template_words()));
   add_option(app, "--geovoxel-resolution", request.binding.geodesic.resolution)->check(whole_number(2, 512));
   add_option(app, "--falloff", request.binding.geodesic.falloff)->check(number(0, 1));
   add_option(app, "--curve-joints", request.joints.curve.most_joints)->check(whole_number(2, 10'000));
@@ -113,12 +113,11 @@ void refuse_ignored(const CLI::App& app, const RigArguments& options) {
   const std::string& method = options.method;
   const std::string whose = "is not used by --method " + method;
   if (method == "retrieval") {
-    refuse_given(
-        app,
-        {"--mesh", "--mesh-split", "--mesh-up", "--skin", "--skeleton", "--new-skeleton", "--pinocchio-template",
-         "--geovoxel-resolution", "--falloff", "--curve-joints", "--influences", "--no-graft", "--preview",
-         "--joint-model", "--connectivity-model", "--skin-model", "--points", "--joint-distance", "--seed"},
-        whose + ", which answers images");
+    refuse_given(app,
+                 {"--mesh", "--mesh-split", "--mesh-up", "--skin", "--skeleton", "--new-skeleton", "--template",
+                  "--geovoxel-resolution", "--falloff", "--curve-joints", "--influences", "--no-graft", "--preview",
+                  "--joint-model", "--connectivity-model", "--skin-model", "--points", "--joint-distance", "--seed"},
+                 whose + ", which answers images");
     if (options.image_splits.empty()) refuse_given(app, {"--limit"}, "is of the assets of --image-split");
     if (options.retrieval_encoder.empty()) {
       refuse_given(app, {"--device"}, whose + " without --retrieval-encoder");
@@ -143,18 +142,16 @@ void refuse_ignored(const CLI::App& app, const RigArguments& options) {
   if (method != "template") refuse_given(app, {"--dataset", "--split"}, whose + "; it is for template and retrieval");
   const bool automatic = method == "auto";
   if (method != "curve" && !automatic) refuse_given(app, {"--curve-joints"}, whose + "; it is for curve and auto");
-  if (method != "pinocchio" && !automatic)
-    refuse_given(app, {"--pinocchio-template"}, whose + "; it is for pinocchio and auto");
+  if (method != "pinocchio" && !automatic) refuse_given(app, {"--template"}, whose + "; it is for pinocchio and auto");
   if (!automatic) refuse_given(app, {"--new-skeleton"}, whose + "; it is for auto");
   if (method == "curve" || method == "template")
     refuse_given(app, {"--skeleton"}, whose + ", which makes the skeleton itself");
   if (options.skin == "none") refuse_given(app, {"--no-graft"}, "has no effect where the skeleton alone is written");
   if (!options.joint_model.empty()) refuse_given(app, {"--skeleton"}, "--joint-model finds the joints");
   if (!options.request.joints.skeleton.empty() && automatic) {
-    refuse_given(app, {"--new-skeleton", "--pinocchio-template", "--curve-joints"},
-                 "--skeleton has the joints already");
+    refuse_given(app, {"--new-skeleton", "--template", "--curve-joints"}, "--skeleton has the joints already");
   } else if (!options.request.joints.skeleton.empty()) {
-    refuse_given(app, {"--pinocchio-template"}, "--skeleton is the template already");
+    refuse_given(app, {"--template"}, "--skeleton is the template already");
   }
   if (!options.skin_model.empty()) {
     refuse_given(app, {"--geovoxel-resolution", "--falloff"}, "is for geovoxel, and --skin-model binds");

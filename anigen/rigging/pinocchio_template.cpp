@@ -128,41 +128,6 @@ void mark_feet_and_fat(TemplateSkeleton& skeleton) {
   }
 }
 
-enum TemplateFlags : unsigned { kFat = 1, kFoot = 2, kGuide = 4 };
-
-/// A joint in the middle of the body or, with x above 0, one on either side of it.
-struct TemplateRow {
-  const char *name, *parent;  ///< the parent of a pair is the joint of its side, where there is a pair of that name
-  double x, y, z;
-  unsigned flags = 0;
-};
-
-TemplateSkeleton made_of(const std::string& name, const Eigen::Vector3d& box, const std::vector<TemplateRow>& rows) {
-  TemplateSkeleton made{name, {}, box};
-  const auto find = [&](const std::string& wanted) {
-    const auto found = std::find_if(made.joints.begin(), made.joints.end(),
-                                    [&](const TemplateJoint& joint) { return joint.name == wanted; });
-    return found == made.joints.end() ? -1 : static_cast<int>(found - made.joints.begin());
-  };
-  for (const TemplateRow& row : rows) {
-    const bool pair = row.x > 0.0, sided = pair && find(std::string("left_") + row.parent) >= 0;
-    for (const std::string side : {"left_", "right_"}) {
-      const bool left = side == "left_";
-      if (!pair && !left) continue;
-      TemplateJoint joint;
-      joint.name = (pair ? side : "") + row.name;
-      joint.position = {left ? row.x : -row.x, row.y, row.z};
-      joint.parent = find((sided ? side : "") + row.parent);
-      if (pair) joint.mirror = static_cast<int>(made.joints.size()) + (left ? 1 : -1);
-      joint.foot = (row.flags & kFoot) != 0;
-      joint.fat = (row.flags & kFat) != 0;
-      joint.guide = (row.flags & kGuide) != 0;
-      made.joints.push_back(joint);
-    }
-  }
-  return made;
-}
-
 }  // namespace
 
 TemplateSkeleton template_from_skeleton(const Skeleton& skeleton, const Box& box) {
@@ -270,49 +235,6 @@ ReducedSkeleton reduced_skeleton(const TemplateSkeleton& skeleton, double scale)
     if (joint.parent >= 0) reduced.children[at(joint.parent)].push_back(static_cast<int>(k));
   }
   return reduced;
-}
-
-TemplateSkeleton biped_template() {
-  return made_of("biped", {0.92, 0.22, 1.0},
-                 {{"hips", "", 0.0, 0.0, 0.03, kFat},
-                  {"spine", "hips", 0.0, 0.0, 0.12},
-                  {"chest", "spine", 0.0, 0.0, 0.27, kFat},
-                  {"neck", "chest", 0.0, 0.0, 0.33},
-                  {"head", "neck", 0.0, 0.0, 0.38},
-                  {"head_tip", "head", 0.0, 0.0, 0.44, kFat | kGuide},
-                  {"upper_arm", "chest", 0.10, 0.0, 0.29},
-                  {"lower_arm", "upper_arm", 0.23, 0.0, 0.20},
-                  {"hand", "lower_arm", 0.35, -0.01, 0.115},
-                  {"hand_tip", "hand", 0.43, -0.02, 0.06, kGuide},
-                  {"upper_leg", "hips", 0.06, 0.0, 0.0},
-                  {"lower_leg", "upper_leg", 0.065, -0.005, -0.22},
-                  {"foot", "lower_leg", 0.07, 0.01, -0.43},
-                  {"toes", "foot", 0.075, -0.06, -0.475},
-                  {"toes_tip", "toes", 0.075, -0.09, -0.48, kFoot | kGuide}});
-}
-
-TemplateSkeleton quadruped_template() {
-  return made_of("quadruped", {0.26, 1.0, 0.75},
-                 {{"hips", "", 0.0, 0.22, 0.08, kFat},
-                  {"spine", "hips", 0.0, 0.06, 0.09},
-                  {"chest", "spine", 0.0, -0.12, 0.08, kFat},
-                  {"neck", "chest", 0.0, -0.22, 0.16},
-                  {"head", "neck", 0.0, -0.31, 0.27},
-                  {"head_tip", "head", 0.0, -0.38, 0.28, kFat | kGuide},
-                  {"tail_0", "hips", 0.0, 0.29, 0.10},
-                  {"tail_1", "tail_0", 0.0, 0.36, 0.07},
-                  {"tail_2", "tail_1", 0.0, 0.42, 0.03},
-                  {"tail_tip", "tail_2", 0.0, 0.47, 0.0, kGuide},
-                  {"front_upper_leg", "chest", 0.07, -0.14, 0.03},
-                  {"front_lower_leg", "front_upper_leg", 0.08, -0.11, -0.11},
-                  {"front_foot", "front_lower_leg", 0.08, -0.13, -0.26},
-                  {"front_toes", "front_foot", 0.08, -0.14, -0.37},
-                  {"front_toes_tip", "front_toes", 0.08, -0.17, -0.39, kFoot | kGuide},
-                  {"hind_upper_leg", "hips", 0.07, 0.22, 0.03},
-                  {"hind_lower_leg", "hind_upper_leg", 0.08, 0.18, -0.11},
-                  {"hind_foot", "hind_lower_leg", 0.08, 0.25, -0.25},
-                  {"hind_toes", "hind_foot", 0.08, 0.23, -0.37},
-                  {"hind_toes_tip", "hind_toes", 0.08, 0.20, -0.39, kFoot | kGuide}});
 }
 
 }  // namespace anigen::rigging

@@ -26,15 +26,6 @@ struct TemplateSkeleton {
   Eigen::Vector3d box = Eigen::Vector3d::Ones();  ///< sides of the box of the mesh that the joints are meant for
 };
 
-/// Hips, spine, chest, neck, head, and on either side upper arm, lower arm, hand, upper leg, lower leg, foot and toes:
-/// 19 joints, and tips of head, hands and toes as guides. Arms hang at 35° below the horizontal, half way between the
-/// poses that people model in.
-TemplateSkeleton biped_template();
-
-/// Hips, spine, chest, neck, head, three joints of the tail, and four legs of four joints each: 24 joints, and tips of
-/// nose, tail and feet as guides.
-TemplateSkeleton quadruped_template();
-
 /// Any skeleton as a template.
 ///  - Mirrored joints are found by name (left and right, or a lone L and R) and else by position.
 ///  - Chains shorter than 0.12 of the box that branch off a longer one are carried (fingers but one, eyes, ears), and

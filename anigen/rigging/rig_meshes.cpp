@@ -72,15 +72,8 @@ std::vector<TemplateSkeleton> templates_of(const JointOptions& options) {
     templates.back().name = options.skeleton.stem().string();
     return templates;
   }
-  for (const std::string& word : options.templates.empty() ? template_words() : options.templates) {
-    if (word == "biped") {
-      templates.push_back(biped_template());
-    } else if (word == "quadruped") {
-      templates.push_back(quadruped_template());
-    } else {
-      throw InputError("", "--pinocchio-template", "\"" + word + "\" is neither biped nor quadruped");
-    }
-  }
+  for (const std::string& word : options.templates.empty() ? usual_template_words() : options.templates)
+    templates.push_back(species_template(word));
   return templates;
 }
 
@@ -110,10 +103,11 @@ ProposedJoints chosen_joints(const Mesh& mesh, const std::vector<TemplateSkeleto
   char reason[160];
   if (choice) {
     const char* name = templates[choice->index].name.c_str();
-    const bool fits = choice->embedded.penalty <= kTrustedPenalty;
+    const bool named = !options.templates.empty(), fits = choice->embedded.penalty <= kTrustedPenalty;
     std::snprintf(reason, sizeof reason, "template %.40s %s: penalty %.3f, trusted up to %.2f", name,
                   fits ? "fits" : "does not fit", choice->embedded.penalty, kTrustedPenalty);
-    if (fits) return {std::move(choice->embedded.skeleton), reason};
+    if (named) std::snprintf(reason, sizeof reason, "template %.40s, penalty %.3f", name, choice->embedded.penalty);
+    if (fits || named) return {std::move(choice->embedded.skeleton), reason};
   } else {
     std::snprintf(reason, sizeof reason, "no template: %.120s", refused.c_str());
   }
@@ -336,8 +330,6 @@ std::vector<std::string> rigging_method_words() {
   for (const auto& [word, unused] : kMethods) words.push_back(word);
   return words;
 }
-
-std::vector<std::string> template_words() { return {"biped", "quadruped"}; }
 
 JointProposer::JointProposer(JointSource source, JointOptions options) : source_(source), options_(std::move(options)) {
   switch (source_) {

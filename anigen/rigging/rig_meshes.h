@@ -15,6 +15,7 @@
 #include "anigen/rigging/binding.h"
 #include "anigen/rigging/curve.h"
 #include "anigen/rigging/pinocchio.h"
+#include "anigen/rigging/species_templates.h"
 
 namespace anigen::rigging {
 
@@ -71,16 +72,14 @@ std::vector<std::string> rigging_method_words();
 struct JointOptions {
   std::filesystem::path skeleton;      ///< kGiven, kAuto: the file whose joints to use, in the mesh's frame;
                                        ///< empty: the mesh's own file. kPinocchio: the template; empty: `templates`
-  std::vector<std::string> templates;  ///< kPinocchio, kAuto: of template_words(); that of least penalty is taken
+  std::vector<std::string> templates;  ///< kPinocchio, kAuto: of template_words(); that of least penalty is taken,
+                                       ///< however large that is; empty: usual_template_words()
   bool keep_skeleton = true;           ///< kAuto: the mesh's own joints stay, where it has any
   std::filesystem::path collection;    ///< kTemplate: whatever io::open_source reads
   std::vector<std::filesystem::path> splits;  ///< of the collection
   CurveSkeletonOptions curve;
   EmbeddingOptions embedding;
 };
-
-/// "biped", "quadruped".
-std::vector<std::string> template_words();
 
 /// Joints for one mesh.
 struct ProposedJoints {

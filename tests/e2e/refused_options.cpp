@@ -193,11 +193,11 @@ void check_ignored(Check& check, bool torch) {
   check.refuses(rig + "geovoxel --skin heat --falloff 0.5", {"--falloff", "heat"});
   check.refuses(rig + "nearest --influences 2", {"--influences", "nearest"});
   check.refuses(rig + "heat --curve-joints 20", {"--curve-joints", "curve"});
-  check.refuses(rig + "heat --pinocchio-template biped", {"--pinocchio-template", "pinocchio"});
+  check.refuses(rig + "heat --template biped", {"--template", "pinocchio"});
   check.refuses(rig + "heat --new-skeleton", {"--new-skeleton", "auto"});
   check.refuses(rig + "auto --new-skeleton --skeleton s.glb", {"--new-skeleton", "--skeleton"});
   check.refuses(rig + "auto --seed 1", {"--seed", "auto"});
-  check.refuses(rig + "pinocchio --pinocchio-template biped --skeleton s.glb", {"--pinocchio-template", "--skeleton"});
+  check.refuses(rig + "pinocchio --template biped --skeleton s.glb", {"--template", "--skeleton"});
   check.refuses(rig + "curve --skeleton s.glb", {"--skeleton", "--method curve"});
   check.refuses(rig + "heat --dataset d", {"--dataset", "template"});
   check.refuses(rig + "heat --skin none --no-graft", {"--no-graft", "skeleton alone"});

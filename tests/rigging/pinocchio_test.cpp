@@ -8,6 +8,7 @@
 #include "anigen/core/random.h"
 #include "anigen/rigging/pinocchio.h"
 #include "anigen/rigging/pinocchio_template.h"
+#include "anigen/rigging/species_templates.h"
 #include "tests/rigging/embedding_bodies.h"
 
 namespace anigen::rigging {

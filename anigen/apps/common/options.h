@@ -105,7 +105,7 @@ inline constexpr OptionRow kOptions[] = {
     {"--method", 0, "WORD", "Mesh and skeleton", "Method of rigging", ""},
     {"--skeleton", 0, "FILE", "Mesh and skeleton", "Rig with the joints to bind to, placed in the mesh [the mesh file's own]; for pinocchio the template", ""},
     {"--new-skeleton", 0, "", "Mesh and skeleton", "Find joints where the mesh has its own, too; for auto", ""},
-    {"--pinocchio-template", 0, "WORD", "Mesh and skeleton", "For pinocchio and auto: biped, quadruped; of several the one that fits best [both]", "rig:--template"},
+    {"--template", 0, "WORD", "Mesh and skeleton", "Kind of body, for pinocchio and auto: biped, quadruped, horse, fox, bird, dragon, kaiju, fish, snake, spider; of several the one that fits best [biped and quadruped, as far as they fit]", "rig:--pinocchio-template"},
     {"--curve-joints", 0, "N", "Mesh and skeleton", "For curve and auto: no more joints than these, along the curve", "rig:--most-joints"},
     {"--points", 0, "N", "Mesh and skeleton", "For anymate: points of the surface that the models look at [as in training; released: 8192]", ""},
     {"--joint-distance", 0, "X", "Mesh and skeleton", "For anymate: predicted joints this near are one, the mesh's longest side being 2 [as released: 0.03 regressed, 0.05 denoised; without meaning for volumes]", "rig:--eps"},
