@@ -73,7 +73,8 @@ std::vector<int> parents_first(const JointTree& tree);
 
 /// Digest of a tree, equal for trees that are equal up to the order of children, whatever the places of their joints:
 /// trees get numbers from the leaves up (Aho, Hopcroft and Ullman's tree isomorphism). 32 hexadecimal digits.
-/// @param parents [J], -1 for the root, parents before children @return empty without joints
+/// @param parents [J], -1 for a root, in any order, without cycles; several roots count as children of one more
+/// @return empty without joints
 std::string tree_signature(const std::vector<int>& parents);
 
 /// Parents of a tree through all points whose edges together are as short as possible (Prim 1957), hung up at the point

@@ -6,6 +6,7 @@
 #include <limits>
 #include <numeric>
 #include <string>
+#include <tuple>
 #include <utility>
 
 #include "anigen/core/error.h"
@@ -22,13 +23,8 @@ namespace {
 constexpr double kLengthFloor = 1e-3;  // added to lengths inside logarithms, in mesh sizes
 constexpr double kSameLength = 1e-5;   // lengths that differ by less, in mesh sizes, are equally near
 
-/// Neighbours of places along edges, those of place p from offsets[p] to offsets[p + 1].
-struct PlaceEdges {
-  std::vector<std::size_t> offsets;
-  std::vector<std::int32_t> ends;
-};
-
-PlaceEdges place_edges(const WeldedSurface& surface) {
+/// Neighbours of places along edges: those of place p from offsets[p] to offsets[p + 1] of the second list.
+std::pair<std::vector<std::size_t>, std::vector<std::int32_t>> place_edges(const WeldedSurface& surface) {
   std::vector<std::pair<std::int32_t, std::int32_t>> pairs;
   pairs.reserve(6 * surface.faces.size());
   for (const Triangle& face : surface.faces) {
@@ -39,14 +35,14 @@ PlaceEdges place_edges(const WeldedSurface& surface) {
   }
   std::sort(pairs.begin(), pairs.end());
   pairs.erase(std::unique(pairs.begin(), pairs.end()), pairs.end());
-  PlaceEdges edges;
-  edges.offsets.assign(surface.places.size() + 1, 0);
+  std::vector<std::size_t> offsets(surface.places.size() + 1, 0);
+  std::vector<std::int32_t> ends;
   for (const auto& [from, to] : pairs) {
-    ++edges.offsets[at(from) + 1];
-    edges.ends.push_back(to);
+    ++offsets[at(from) + 1];
+    ends.push_back(to);
   }
-  std::partial_sum(edges.offsets.begin(), edges.offsets.end(), edges.offsets.begin());
-  return edges;
+  std::partial_sum(offsets.begin(), offsets.end(), offsets.begin());
+  return {std::move(offsets), std::move(ends)};
 }
 
 /// A third of the faces around each place.
@@ -137,7 +133,8 @@ struct SkinFeatures::State {
   std::size_t candidates = 0;
   WeldedSurface surface;
   SurfaceParts shells;
-  PlaceEdges edges;
+  std::vector<std::size_t> edge_offsets;  // [P + 1]
+  std::vector<std::int32_t> edge_ends;
   std::vector<Eigen::Vector3d> normals;  // [P]
   std::vector<MovingBones> bones;        // [J]
   std::vector<int> parents, depths, children;
@@ -262,18 +259,22 @@ void SkinFeatures::State::write(std::size_t place, std::int32_t* joints_out, flo
     if (sum > of_best || (sum == of_best && chosen[c] < chosen[best])) best = c;
   }
   const std::size_t shell = at(shells.of_place[place]);
-  const std::size_t first = edges.offsets[place], last = edges.offsets[place + 1];
+  const std::size_t first = edge_offsets[place], last = edge_offsets[place + 1];
   for (std::size_t c = 0; c < candidates; ++c, features += kSkinPairFeatures) {
     joints_out[c] = -1;
     std::fill_n(features, static_cast<std::size_t>(kSkinPairFeatures), 0.0F);
-    if (c >= chosen.size()) continue;
+    if (c >= chosen.size()) {
+      for (const SkinPairFeature log : {kHeatLog, kGeodesicLog, kHeatAround, kGeodesicAround})
+        features[log] = classical_log(0.0);
+      continue;
+    }
     const std::int32_t joint = joints_out[c] = chosen[c];
     const std::size_t j = at(joint);
     const NearestBone bone = nearest_bone(bones[j], position);
     double heat_around = 0.0, geodesic_around = 0.0;
     for (std::size_t e = first; e < last; ++e) {
-      heat_around += weight_of(heat, at(edges.ends[e]), joint);
-      geodesic_around += weight_of(geodesic, at(edges.ends[e]), joint);
+      heat_around += weight_of(heat, at(edge_ends[e]), joint);
+      geodesic_around += weight_of(geodesic, at(edge_ends[e]), joint);
     }
     const auto around = static_cast<double>(last - first);
     const double distance = bone.distance / size;
@@ -311,7 +312,7 @@ SkinFeatures::SkinFeatures(const Mesh& mesh, const Skeleton& skeleton, const Ski
   state->bones = moving_bones(skeleton, state->surface);
   state->shells = surface_parts(state->surface);
   state->normals = outward_normals(state->surface, state->shells);
-  state->edges = place_edges(state->surface);
+  std::tie(state->edge_offsets, state->edge_ends) = place_edges(state->surface);
   const std::vector<double> areas = place_areas(state->surface);
   state->size = surface_size(state->surface, areas);
   state->measure_tree(skeleton.parents);
@@ -327,11 +328,13 @@ std::size_t SkinFeatures::candidates() const { return state_->candidates; }
 const std::vector<std::int32_t>& SkinFeatures::place_of_vertex() const { return state_->surface.of_vertex; }
 const std::vector<std::int32_t>& SkinFeatures::shell_of_place() const { return state_->shells.of_place; }
 const std::int32_t* SkinFeatures::neighbors_begin(std::size_t place) const {
-  return state_->edges.ends.data() + state_->edges.offsets[place];
+  return state_->edge_ends.data() + state_->edge_offsets[place];
 }
 const std::int32_t* SkinFeatures::neighbors_end(std::size_t place) const {
-  return state_->edges.ends.data() + state_->edges.offsets[place + 1];
+  return state_->edge_ends.data() + state_->edge_offsets[place + 1];
 }
+const SkinWeights& SkinFeatures::heat() const { return state_->heat; }
+const SkinWeights& SkinFeatures::geodesic() const { return state_->geodesic; }
 const std::array<float, kSkinAssetFeatures>& SkinFeatures::asset() const { return state_->asset; }
 
 SkinPairs SkinFeatures::pairs(const std::vector<std::int32_t>& places) const {

@@ -7,6 +7,7 @@
 
 #include "anigen/asset/mesh.h"
 #include "anigen/asset/skeleton.h"
+#include "anigen/asset/skin_weights.h"
 
 namespace anigen::rigging {
 
@@ -62,7 +63,7 @@ struct SkinFeatureOptions {
 /// Candidates of some places with their features.
 struct SkinPairs {
   std::vector<std::int32_t> joints;  ///< [N, K], no joint twice in a row; −1 where there are fewer joints than K
-  std::vector<float> features;       ///< [N, K, kSkinPairFeatures], zeros where there is no joint
+  std::vector<float> features;  ///< [N, K, kSkinPairFeatures]; weights of 0 and other zeros where there is no joint
 };
 
 /// Inputs of a network that corrects classical weights. Places are the different positions of vertices (WeldedSurface):
@@ -86,6 +87,9 @@ class SkinFeatures {
   const std::int32_t* neighbors_begin(std::size_t place) const;
   const std::int32_t* neighbors_end(std::size_t place) const;
 
+  /// The classical weights, one row per place, of as many influences as there are candidates.
+  const SkinWeights& heat() const;
+  const SkinWeights& geodesic() const;
   const std::array<float, kSkinAssetFeatures>& asset() const;
   /// On all threads. @param places any, in any order @return one row each
   SkinPairs pairs(const std::vector<std::int32_t>& places) const;
