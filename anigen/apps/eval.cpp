@@ -23,6 +23,8 @@ bool evaluates_weights(const EvalArguments& options) {
 }
 
 void evaluate_skins(const EvalArguments& options, const CommonOptions& common) {
+  if (!options.skin_runs.empty() && !options.skin_ae.empty())
+    throw InputError("", "--skin-run", "binds meshes, and --skin-ae gives back true weights: evaluate one at a time");
   eval::SkinRequest request;
   request.dataset = options.dataset;
   request.splits = {options.splits.begin(), options.splits.end()};
@@ -35,8 +37,6 @@ void evaluate_skins(const EvalArguments& options, const CommonOptions& common) {
     request.methods.push_back(torch_half("--skin-ae").skin_reconstruction(options.skin_ae, common, request.settings));
   }
   if (!options.skin_runs.empty()) {
-    if (!options.skin_ae.empty())
-      throw InputError("", "--skin-run", "binds meshes, and --skin-ae gives back true weights: evaluate one at a time");
     constexpr int kPoses = 10;
     request.methods = torch_half("--skin-run").skin_corrections(options.skin_runs, common, request.settings);
     request.poses = kPoses;

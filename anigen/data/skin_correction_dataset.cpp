@@ -4,6 +4,7 @@
 #include <array>
 #include <atomic>
 #include <cmath>
+#include <set>
 #include <system_error>
 #include <utility>
 
@@ -252,7 +253,10 @@ SkinCorrectionDataOptions SkinCorrectionDataOptions::read(ConfigReader& reader) 
   options.sources.filter.drop_bad_skeleton = !options.bad_skeletons;
   options.sources.filter.drop_bad_skin = true;
   if (options.cache.empty()) throw reader.error("cache", "name a folder for the features");
-  if (!options.fold.empty()) SkeletonFold::parse(options.fold, reader.file(), reader.pointer_to("fold"));
+  if (options.fold.empty()) return options;
+  SkeletonFold::parse(options.fold, reader.file(), reader.pointer_to("fold"));
+  if (options.sources.eval_fraction > 0.0 || options.sources.train_share < 1.0)
+    throw reader.error("fold", "goes neither with eval_fraction nor with train_share");
   return options;
 }
 
@@ -326,14 +330,17 @@ void SkinCorrectionDataset::arrange_visits(bool training) {
     std::vector<std::size_t>& group = is_real(assets_[i]) ? real : drawn;
     group.insert(group.end(), training ? assets_[i].repeat : 1, i);
   }
-  if (!training || !options_.real_share) {
-    visits_ = real;
-    visits_.insert(visits_.end(), drawn.begin(), drawn.end());
-    return;
+  if (training && options_.real_share && (real.empty() || drawn.empty())) {
+    log::warn("real_share has no effect: all assets to train on are {}", real.empty() ? "creatures" : "real rigs");
+  } else if (training && options_.real_share) {
+    return share_visits(real, drawn, *options_.real_share);
   }
-  const double share = *options_.real_share;
-  if (share > 0.0 && real.empty()) throw InputError("", "real_share", "there is no real rig to train on");
-  if (share < 1.0 && drawn.empty()) throw InputError("", "real_share", "there is no procedural creature to train on");
+  visits_ = real;
+  visits_.insert(visits_.end(), drawn.begin(), drawn.end());
+}
+
+void SkinCorrectionDataset::share_visits(const std::vector<std::size_t>& real, const std::vector<std::size_t>& drawn,
+                                         double share) {
   // The epoch visits each asset of both groups at least once, unless its share is 0.
   std::size_t reals = share > 0.0 ? real.size() : 0, others = share < 1.0 ? drawn.size() : 0;
   if (share > 0.0 && share < 1.0) {
@@ -409,21 +416,31 @@ std::unique_ptr<SkinCorrectionBatch> SkinCorrectionDataset::all_of(std::size_t a
 
 namespace {
 
+// Ids of a split file; none where no file is named.
+std::set<std::string> ids_of_split(const std::string& split, const std::string& data_dir) {
+  return split.empty() ? std::set<std::string>() : read_split(file_of_dataset(split, data_dir), data_dir);
+}
+
 // Real rigs by fold, and creatures by split.
 TrainAndEval select_fold(const SkinCorrectionDataOptions& options) {
   const SkeletonFold fold = SkeletonFold::parse(options.fold);
-  TrainAndEval chosen = select(options.sources);
-  chosen.eval.clear();
-  chosen.train.erase(std::remove_if(chosen.train.begin(), chosen.train.end(), is_real), chosen.train.end());
-  std::vector<AssetId> real = select_assets(options.sources.data_dir, options.sources.filter);
-  real.erase(std::remove_if(real.begin(), real.end(), [](const AssetId& asset) { return !is_real(asset); }),
-             real.end());
-  if (real.empty()) throw InputError(options.sources.data_dir, "fold", "there is no real rig");
-  std::vector<char> held_out(real.size());
-  parallel_for(real.size(), [&](std::size_t i) { held_out[i] = fold.holds(skeleton_signature_of(real[i])) ? 1 : 0; });
-  for (std::size_t i = 0; i < real.size(); ++i) {
-    (held_out[i] != 0 ? chosen.eval : chosen.train).push_back(real[i]);
-    if (held_out[i] != 0) chosen.eval.back().repeat = 1;
+  const SourceOptions& sources = options.sources;
+  std::vector<AssetId> all = select_assets(sources.data_dir, sources.filter);
+  std::vector<char> held_out(all.size(), 0);
+  parallel_for(all.size(), [&](std::size_t i) {
+    if (is_real(all[i])) held_out[i] = fold.holds(skeleton_signature_of(all[i])) ? 1 : 0;
+  });
+  const std::set<std::string> trained = ids_of_split(sources.split, sources.data_dir);
+  const std::set<std::string> kept = ids_of_split(sources.eval_split, sources.data_dir);
+  TrainAndEval chosen;
+  chosen.roots = sources.data_dir;
+  for (std::size_t i = 0; i < all.size(); ++i) {
+    if (held_out[i] != 0) {
+      chosen.eval.push_back(all[i]);
+      chosen.eval.back().repeat = 1;
+    } else if (is_real(all[i]) || ((trained.empty() || trained.count(all[i].id) > 0) && kept.count(all[i].id) == 0)) {
+      chosen.train.push_back(all[i]);
+    }
   }
   if (chosen.eval.empty() || chosen.train.empty()) {
     throw InputError(

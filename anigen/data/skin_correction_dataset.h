@@ -40,7 +40,7 @@ struct SkinCorrectionDataOptions {
   rigging::SkinFeatureOptions features;  ///< `candidates`, `geovoxel_resolution`
   std::size_t cached_vertices = 1024;    ///< vertices of an asset whose features are kept; 0: all
   std::size_t vertices = 128;            ///< of a sample, drawn from those
-  std::optional<double> real_share;      ///< of the samples that are of real rigs; unset: as many as there are
+  std::optional<double> real_share;      ///< of the samples that are of real rigs, where there are both; unset: any
   std::string fold;            ///< SkeletonFold of the real rigs, whatever the splits say of them; empty: none
   bool bad_skeletons = false;  ///< also rigs with `is_bad_skeleton`, in which bones coincide, for example
   std::filesystem::path cache = "skin_features";  ///< folder of features, below the root of an asset unless absolute
@@ -85,6 +85,7 @@ class SkinCorrectionDataset : public BatchSource {
   struct Example;
   void read_all(std::vector<AssetId> assets);
   void arrange_visits(bool training);
+  void share_visits(const std::vector<std::size_t>& real, const std::vector<std::size_t>& drawn, double share);
   std::unique_ptr<SkinCorrectionBatch> batch_of(std::size_t rows) const;
   void put(const Example& example, const std::vector<std::size_t>& rows, std::size_t first,
            SkinCorrectionBatch& batch) const;
