@@ -34,7 +34,7 @@ class TrainedSkin {
   /// @return one row per vertex @throws InputError as rigging::SkinFeatures, or for weights that are not finite
   SkinWeights bind(const Mesh& mesh, const Skeleton& skeleton, std::size_t most_influences);
 
-  /// What the network corrects. @throws InputError as rigging::SkinFeatures
+  /// The network's inputs of a mesh. @throws InputError as rigging::SkinFeatures
   std::unique_ptr<rigging::SkinFeatures> features(const Mesh& mesh, const Skeleton& skeleton) const;
   /// @param features of features() @param smoothing as skin_correction::corrected_weights()
   SkinWeights weights(const rigging::SkinFeatures& features, std::size_t most_influences, double smoothing);

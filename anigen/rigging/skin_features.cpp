@@ -96,7 +96,7 @@ double median_rigidity(const SkinWeights& skin) {
 
 float classical_log(double weight) { return static_cast<float>(std::log(weight + kClassicalFloor)); }
 
-/// Where a joint's bones are nearest to a place.
+/// The point of a joint's bones that is nearest to a place.
 struct NearestBone {
   double distance = std::numeric_limits<double>::infinity();
   Eigen::Vector3d point = Eigen::Vector3d::Zero();
