@@ -222,7 +222,7 @@ SkeletonFold SkeletonFold::parse(const std::string& text, const std::string& fil
 }
 
 bool SkeletonFold::holds(const std::string& signature) const {
-  return stable_hash("fold " + signature) % count == index;
+  return stable_hash("out of fold " + signature) % count == index;
 }
 
 std::string skeleton_signature_of(const AssetId& asset) {

@@ -14,6 +14,7 @@ constexpr std::int64_t kPairs = rigging::kSkinPairFeatures, kAssets = rigging::k
 constexpr std::int64_t kLogs = rigging::kGeodesicAround + 1;  // features that are logarithms of classical weights
 constexpr double kMissing = -1e9;                             // score and logit of a candidate that is not there
 constexpr double kMostSharpening = 3.0;
+constexpr double kFirstMixture = 2.0;  // logit of the share of heat, 0.88: of the two by far the better on real rigs
 
 // Logarithms of weights from −9.2 to 0 are brought to the range of the other features.
 Tensor scaled_features(const Tensor& pairs) {
@@ -69,7 +70,7 @@ SkinCorrectionImpl::SkinCorrectionImpl(const SkinCorrectionOptions& options, nn:
   }
   correction_ = register_module("correction", nn::Linear(width, 1));
   if (options_.sharpening) sharpening_ = register_module("sharpening", nn::Linear(width, 1));
-  mixture_ = register_parameter("mixture", torch::zeros({1}));
+  mixture_ = register_parameter("mixture", torch::full({1}, kFirstMixture));
   if (init != nn::Init::kPublished) return;
   nn::xavier_uniform_linears(*this);
   nn::zero_parameters(*correction_);

@@ -49,7 +49,7 @@ TORCH_MODULE(TokenAttention);
 ///     w = softmax(e^s (log(m h + (1 − m) g + ε) + c)),
 ///
 /// c the correction of each candidate, s the sharpening of the vertex, ε = rigging::kClassicalFloor. Both are zero at
-/// first: an untrained network gives the mean of both classical weights. Order of candidates has no effect. Always
+/// first, and m is 0.88: an untrained network gives a mixture of both classical weights. Order of candidates has no effect. Always
 /// fp32.
 class SkinCorrectionImpl : public torch::nn::Module {
  public:

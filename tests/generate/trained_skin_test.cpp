@@ -26,7 +26,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// A run of a correction that gives the classical weights, their mean raised to a power.
+/// A run of a correction that gives a mixture of the classical weights, raised to a power.
 void write_run(const fs::path& run, double sharpening, const std::string& fold = "") {
   const torch::NoGradGuard no_grad;
   skin_correction::SkinCorrectionOptions options;
@@ -126,7 +126,7 @@ TEST_F(TrainedSkins, AreScoredBesideTheWeightsThatTheyCorrect) {
       EXPECT_TRUE(asset.methods[m].failure.empty()) << evaluation.methods[m].key << asset.methods[m].failure;
       EXPECT_GT(asset.methods[m].deformation, 0.0) << evaluation.methods[m].key;
     }
-    // The mean of two is no worse than the worse one.
+    // A mixture of two is no worse than the worse one.
     EXPECT_LE(asset.methods[0].scores.mean.l1,
               std::max(asset.methods[2].scores.mean.l1, asset.methods[3].scores.mean.l1) + 1e-3);
   }

@@ -93,14 +93,18 @@ TEST(SkinFeatures, AreTheSameInAFrameTurnedByRightAngles) {
 }
 
 TEST(SkinFeatures, AreNearlyTheSameInAnyFrame) {
-  const Body body = test::two_fingers();
   const Eigen::Matrix3d turn = Eigen::AngleAxisd(0.7, Eigen::Vector3d(1.0, 2.0, -0.5).normalized()).toRotationMatrix();
-  const VertexFeatures here(body), there(moved(body, turn, 0.01, {0.3, 0.0, -4.0}));
-  const std::vector<double> difference = differences(body, here, there);
-  for (std::size_t f = 0; f < kSkinPairFeatures; ++f) {
-    // 64 voxels along another longest side see other walls; heat has lengths in units of the box.
-    const bool by_voxels = f == kGeodesicLog || f == kGeodesicAround;
-    EXPECT_LT(difference[f], by_voxels ? 0.5 : 0.05) << "feature " << f;
+  for (const bool fingers : {false, true}) {
+    const Body body = fingers ? test::two_fingers() : test::two_bones();
+    const VertexFeatures here(body), there(moved(body, turn, 0.01, {0.3, 0.0, -4.0}));
+    const std::vector<double> difference = differences(body, here, there);
+    for (std::size_t f = 0; f < kSkinPairFeatures; ++f) {
+      // Voxels lie along other axes: the gap between the fingers is one of them wide, and closes.
+      const bool by_voxels = f == kGeodesicLog || f == kGeodesicAround;
+      if (by_voxels && fingers) continue;
+      EXPECT_LT(difference[f], by_voxels ? 0.2 : 0.05)
+          << "feature " << f << (fingers ? " of fingers" : " of a capsule");
+    }
   }
 }
 

@@ -11,6 +11,7 @@
 namespace anigen::skin_correction {
 namespace {
 
+constexpr double kHeatShare = 0.8807970779778823;  // 1 / (1 + e^-2)
 constexpr std::int64_t kRows = 5, kCandidates = 4, kPairs = rigging::kSkinPairFeatures;
 
 SkinCorrectionOptions tiny_correction() {
@@ -46,14 +47,14 @@ void randomize(SkinCorrection& model) {
   for (Tensor parameter : model->parameters()) parameter.copy_(0.3 * torch::randn_like(parameter));
 }
 
-TEST(SkinCorrections, GiveTheMeanOfClassicalWeightsBeforeTheyLearn) {
+TEST(SkinCorrections, GiveAMixtureOfClassicalWeightsBeforeTheyLearn) {
   torch::manual_seed(1);
   const Vertices v;
   SkinCorrection model(tiny_correction());
   const Tensor weights = model->forward(v.pairs, v.assets, v.present).exp();
   ASSERT_EQ(weights.sizes(), (std::vector<std::int64_t>{kRows, kCandidates}));
   // The floor inside the logarithm moves a weight by at most itself times the candidates.
-  EXPECT_LT((weights - 0.5 * (v.heat + v.geodesic)).abs().max().item<double>(), 5e-4);
+  EXPECT_LT((weights - (kHeatShare * v.heat + (1.0 - kHeatShare) * v.geodesic)).abs().max().item<double>(), 5e-4);
   EXPECT_LT((weights.sum(1) - 1.0).abs().max().item<double>(), 1e-5);
 }
 

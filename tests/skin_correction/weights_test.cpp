@@ -28,7 +28,7 @@ SkinCorrection small_network(std::int64_t candidates = 5) {
   return network;
 }
 
-TEST(CorrectedWeights, AreSoundAndWithoutLearningTheMeanOfBothMethods) {
+TEST(CorrectedWeights, AreSoundAndWithoutLearningAMixtureOfBothMethods) {
   const Body body = test::two_fingers();
   SkinCorrection network = small_network();
   const rigging::SkinFeatures features(body.mesh, body.skeleton, network->options().features());
@@ -38,9 +38,9 @@ TEST(CorrectedWeights, AreSoundAndWithoutLearningTheMeanOfBothMethods) {
   for (std::size_t v = 0; v < all.rows(); ++v) {
     const auto place = static_cast<std::size_t>(features.place_of_vertex()[v]);
     for (int joint = 0; joint < 5; ++joint) {
-      const float mean =
-          0.5F * (test::weight_of(features.heat(), place, joint) + test::weight_of(features.geodesic(), place, joint));
-      EXPECT_NEAR(test::weight_of(all, v, joint), mean, 1e-3) << v << ", joint " << joint;
+      const float mixed = 0.881F * test::weight_of(features.heat(), place, joint) +
+                          0.119F * test::weight_of(features.geodesic(), place, joint);
+      EXPECT_NEAR(test::weight_of(all, v, joint), mixed, 1e-3) << v << ", joint " << joint;
     }
   }
 }
