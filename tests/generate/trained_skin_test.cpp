@@ -27,7 +27,7 @@ namespace {
 namespace fs = std::filesystem;
 
 /// A run of a correction that gives a mixture of the classical weights, raised to a power.
-void write_run(const fs::path& run, double sharpening, const std::string& fold = "") {
+void write_correction(const fs::path& run, double sharpening, const std::string& fold = "") {
   const torch::NoGradGuard no_grad;
   skin_correction::SkinCorrectionOptions options;
   options.candidates = 5;
@@ -50,7 +50,7 @@ void write_run(const fs::path& run, double sharpening, const std::string& fold =
 
 class TrainedSkins : public ::testing::Test {
  protected:
-  TrainedSkins() { write_run(run(), 0.0); }
+  TrainedSkins() { write_correction(run(), 0.0); }
 
   fs::path run() const { return folder_ / "skin_correction"; }
   static void expect_error(const std::function<void()>& use, const std::string& words) {
@@ -71,7 +71,7 @@ TEST_F(TrainedSkins, BindAMesh) {
   const SkinWeights four = skin.bind(body.mesh, body.skeleton, 4);
   test::expect_sound(four, body);
   EXPECT_EQ(skin.bind(body.mesh, body.skeleton, 1).largest_row(), 1U);
-  write_run(folder_ / "sharp", 2.0);
+  write_correction(folder_ / "sharp", 2.0);
   const SkinWeights sharp = TrainedSkin(folder_ / "sharp").bind(body.mesh, body.skeleton, 4);
   std::size_t sharper = 0;
   for (std::size_t v = 0; v < sharp.rows(); ++v) sharper += sharp.row(v)->weight >= four.row(v)->weight ? 1 : 0;
@@ -90,7 +90,7 @@ TEST_F(TrainedSkins, OtherFoldersAreRefused) {
   expect_error([&] { TrainedSkin{folder_.path()}; }, folder_.path().string());
   write_file_atomically(run() / "ckpts/skin_correction_step0000001.safetensors", "damaged");
   expect_error([&] { TrainedSkin{run()}; }, "skin_correction_step0000001.safetensors");
-  write_run(folder_ / "later", 0.0);
+  write_correction(folder_ / "later", 0.0);
   Json config = read_json(folder_ / "later/config.json");
   config["models"]["skin_correction"]["args"]["feature_version"] = 99;
   write_file_atomically(folder_ / "later/config.json", config.dump());
@@ -136,8 +136,8 @@ TEST_F(TrainedSkins, AreScoredBesideTheWeightsThatTheyCorrect) {
 
 TEST_F(TrainedSkins, OfFoldsEachRealRigGetsTheRunThatHasNotSeenIt) {
   test::write_limb_dataset(folder_ / "data", 6);
-  write_run(folder_ / "fold0", 0.0, "0/2");
-  write_run(folder_ / "fold1", 3.0, "1/2");
+  write_correction(folder_ / "fold0", 0.0, "0/2");
+  write_correction(folder_ / "fold1", 3.0, "1/2");
   Json settings = Json::object();
   const auto methods = skin_correction_methods({folder_ / "fold0", folder_ / "fold1"}, settings);
   const auto only = skin_correction_methods({folder_ / "fold0"}, settings);
@@ -156,8 +156,8 @@ TEST_F(TrainedSkins, OfFoldsEachRealRigGetsTheRunThatHasNotSeenIt) {
     EXPECT_EQ(weights, to_dense(expected, truth.joints.size())) << item.id;
     if (!first) expect_error([&] { only[0].predict(item, truth); }, "held its skeleton out");
   }
-  write_run(folder_ / "again", 0.0, "0/2");
-  write_run(folder_ / "of_three", 0.0, "1/3");
+  write_correction(folder_ / "again", 0.0, "0/2");
+  write_correction(folder_ / "of_three", 0.0, "1/3");
   expect_error([&] { skin_correction_methods({folder_ / "fold0", folder_ / "again"}, settings); }, "another run");
   expect_error([&] { skin_correction_methods({folder_ / "fold0", folder_ / "of_three"}, settings); }, "folds");
   expect_error([&] { skin_correction_methods({folder_ / "fold0", run()}, settings); }, "fold of its own");
