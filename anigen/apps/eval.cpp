@@ -18,7 +18,13 @@ constexpr const char* kStructures = "; with --ss-flow";
 constexpr const char* kOracle = "; with --oracle";
 constexpr const char* kMatting = "; with --matting-network";
 
+bool evaluates_weights(const EvalArguments& options) {
+  return !options.skin_ae.empty() || !options.skins.empty() || !options.skin_runs.empty();
+}
+
 void evaluate_skins(const EvalArguments& options, const CommonOptions& common) {
+  if (!options.skin_runs.empty() && !options.skin_ae.empty())
+    throw InputError("", "--skin-run", "binds meshes, and --skin-ae gives back true weights: evaluate one at a time");
   eval::SkinRequest request;
   request.dataset = options.dataset;
   request.splits = {options.splits.begin(), options.splits.end()};
@@ -29,6 +35,12 @@ void evaluate_skins(const EvalArguments& options, const CommonOptions& common) {
     request.run = options.skin_ae;
     request.settings["skin_ae"] = options.skin_ae;
     request.methods.push_back(torch_half("--skin-ae").skin_reconstruction(options.skin_ae, common, request.settings));
+  }
+  if (!options.skin_runs.empty()) {
+    constexpr int kPoses = 10;
+    request.methods = torch_half("--skin-run").skin_corrections(options.skin_runs, common, request.settings);
+    request.poses = kPoses;
+    if (options.skin_runs.size() == 1) request.run = options.skin_runs.front();
   }
   request.skins = options.skins;
   const eval::SkinEvaluation evaluation = eval::run_skin_evaluation(request);
@@ -73,7 +85,7 @@ void evaluate_shapes(const EvalArguments& options, const CommonOptions& common) 
 }
 
 void evaluate_oracle(const EvalArguments& options, const CommonOptions& common) {
-  if (!options.shapes.predictions.empty() || !options.skin_ae.empty() || !options.skins.empty())
+  if (!options.shapes.predictions.empty() || evaluates_weights(options))
     throw InputError("", "--oracle", "makes its predictions itself, and evaluates nothing else at the same time");
   for (const auto& [value, option] : {std::pair(options.ss_flow, "--ss-flow"), {options.slat_flow, "--slat-flow"}})
     if (value.empty()) throw InputError("", option, "--oracle needs the runs of both flows");
@@ -89,7 +101,8 @@ void evaluate_matting(const EvalArguments& options, const CommonOptions& common)
                                                  {!options.ss_flow.empty(), "--ss-flow"},
                                                  {!options.shapes.predictions.empty(), "--pred"},
                                                  {!options.skin_ae.empty(), "--skin-ae"},
-                                                 {!options.skins.empty(), "--skins"}};
+                                                 {!options.skins.empty(), "--skins"},
+                                                 {!options.skin_runs.empty(), "--skin-run"}};
   for (const auto& [given, option] : others) {
     if (given) throw InputError("", option, "--matting-network evaluates outlines, and nothing else at the same time");
   }
@@ -105,14 +118,14 @@ void run(const EvalArguments& options, const CommonOptions& common) {
   if (options.limit > 0 && options.ss_flow.empty() && (options.shapes.predictions.empty() || options.dataset.empty()))
     throw InputError("", "--limit", "goes with --pred and --dataset, with --ss-flow or with --matting-network");
   if (!options.ss_flow.empty()) {
-    if (!options.shapes.predictions.empty() || !options.skin_ae.empty() || !options.skins.empty())
+    if (!options.shapes.predictions.empty() || evaluates_weights(options))
       throw InputError("", "--ss-flow", "evaluates a flow of sparse structures, and nothing else at the same time");
     return torch_half("--ss-flow").evaluate_structures(options, common);
   }
   if (!options.shapes.predictions.empty()) {
-    if (!options.skin_ae.empty() || !options.skins.empty())
+    if (evaluates_weights(options))
       throw InputError("", "--pred",
-                       "compares rigged shapes; --skin-ae and --skins evaluate weights: one or the other");
+                       "compares rigged shapes; --skin-ae, --skin-run and --skins evaluate weights: one or the other");
     return evaluate_shapes(options, common);
   }
   if (!options.shapes.motion.empty() || options.shapes.motions_pictured > 0)
@@ -278,6 +291,7 @@ int main(int argc, char** argv) {
       "  anigen-eval --pred a=one/ --pred b=two/ -d rigs/ -o results --motion walk.bvh --motion-images 3\n"
       "  anigen-eval --pred pairs.csv -o results             (CSV with columns pred, gt and perhaps id)\n"
       "  anigen-eval --skin-ae runs/skin_ae -d data --split data/splits/test.txt -o results\n"
+      "  anigen-eval --skin-run runs/skin_correction -d data --split data/splits/test.txt -o results\n"
       "  anigen-eval -d data -o results                      (skinning baselines only)\n"
       "  anigen-eval --ss-flow runs/ss_flow -d data --split splits/test.txt -o results   (voxels from images)\n"
       "  anigen-eval --matting-network runs/matting -d data --split data/splits/test.txt -o results   (outlines)\n"
@@ -292,6 +306,8 @@ int main(int argc, char** argv) {
       ->check(whole_number(0));
   add_option(app, "--output", options.output, ": folder")->required();
   add_option(app, "--skin-ae", options.skin_ae);
+  add_option(app, "--skin-run", options.skin_runs,
+             "; repeatable: of runs that held out folds each real rig gets the one that has not seen its skeleton");
   add_option(app, "--skins", options.skins);
   add_option(app, "--report-images", options.report_images)->check(whole_number(0, 100'000));
   add_option(app, "--no-report", options.no_report);

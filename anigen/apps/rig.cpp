@@ -24,12 +24,13 @@ void use_models(RigArguments& options, const CommonOptions& common) {
 
 void rig_files(RigArguments& options, const CommonOptions& common) {
   rigging::RigRequest& request = options.request;
+  const bool corrected = options.skin == kLearnedSkin;
   const bool learned = options.method == kAnymate || options.method == kRignet;
   if (!learned && !(options.joint_model + options.connectivity_model + options.skin_model).empty())
     throw InputError("", "--method",
                      "only anymate and rignet use --joint-model, --connectivity-model and --skin-model");
   // Fallback method where no model is given.
-  request.method = rigging::parse_rigging_method(learned ? "geovoxel" : options.method, options.skin);
+  request.method = rigging::parse_rigging_method(learned ? "geovoxel" : options.method, corrected ? "" : options.skin);
   if (options.mesh.empty()) throw InputError("", "--mesh", "name the mesh to rig, or a folder of them");
   if (request.method.joints == rigging::JointSource::kTemplate && request.joints.collection.empty())
     throw InputError("", "--dataset", "the template is the middle skeleton of a collection; name one");
@@ -40,7 +41,7 @@ void rig_files(RigArguments& options, const CommonOptions& common) {
         *options.influences;
   request.graft = !options.no_graft;
   request.axes = io::parse_axes(options.mesh_up);
-  request.also_read = {options.joint_model, options.connectivity_model, options.skin_model};
+  request.also_read = {options.joint_model, options.connectivity_model, options.skin_model, options.skin_run};
   if (options.preview) {
     request.also_writes = ".png";
     request.also = [](const Asset& asset, std::filesystem::path file) {
@@ -48,6 +49,7 @@ void rig_files(RigArguments& options, const CommonOptions& common) {
     };
   }
   if (learned) use_models(options, common);
+  if (corrected) request.learned.bind = torch_half("--skin learned").learned_skin(options, common).bind;
   const rigging::RigReports reports = rigging::rig_meshes(request);
   print_result(to_json(reports), to_text(reports), common);
   require_inputs(reports.meshes, "meshes gave no rig", common);
@@ -85,6 +87,9 @@ void add_model_options(CLI::App& app, RigArguments& options) {
   add_option(app, "--connectivity-model", options.connectivity_model)
       ->check(CLI::Validator(CLI::ExistingPath).description(""));
   add_option(app, "--skin-model", options.skin_model)->check(CLI::Validator(CLI::ExistingPath).description(""));
+  add_option(app, "--skin-run", options.skin_run,
+             ", for --skin learned [skin_correction of the weights that are found]")
+      ->check(CLI::Validator(CLI::ExistingPath).description(""));
   add_option(app, "--points", options.points)->check(whole_number(1, 10'000'000))->default_str("");
   add_option(app, "--joint-distance", options.joint_distance)
       ->check(number(0, 2, RangeEnds::kOpenBelow))
@@ -114,9 +119,26 @@ void refuse_ignored(const CLI::App& app, const RigArguments& options) {
   const std::string whose = "is not used by --method " + method;
   if (method == "retrieval") {
     refuse_given(app,
-                 {"--mesh", "--mesh-split", "--mesh-up", "--skin", "--skeleton", "--new-skeleton", "--template",
-                  "--geovoxel-resolution", "--falloff", "--curve-joints", "--influences", "--no-graft", "--preview",
-                  "--joint-model", "--connectivity-model", "--skin-model", "--points", "--joint-distance", "--seed"},
+                 {"--mesh",
+                  "--mesh-split",
+                  "--mesh-up",
+                  "--skin",
+                  "--skeleton",
+                  "--new-skeleton",
+                  "--template",
+                  "--geovoxel-resolution",
+                  "--falloff",
+                  "--curve-joints",
+                  "--influences",
+                  "--no-graft",
+                  "--preview",
+                  "--joint-model",
+                  "--connectivity-model",
+                  "--skin-model",
+                  "--skin-run",
+                  "--points",
+                  "--joint-distance",
+                  "--seed"},
                  whose + ", which answers images");
     if (options.image_splits.empty()) refuse_given(app, {"--limit"}, "is of the assets of --image-split");
     if (options.retrieval_encoder.empty()) {
@@ -146,6 +168,7 @@ void refuse_ignored(const CLI::App& app, const RigArguments& options) {
   if (!automatic) refuse_given(app, {"--new-skeleton"}, whose + "; it is for auto");
   if (method == "curve" || method == "template")
     refuse_given(app, {"--skeleton"}, whose + ", which makes the skeleton itself");
+  if (options.skin != kLearnedSkin) refuse_given(app, {"--skin-run"}, "corrects weights for --skin learned alone");
   if (options.skin == "none") refuse_given(app, {"--no-graft"}, "has no effect where the skeleton alone is written");
   if (!options.joint_model.empty()) refuse_given(app, {"--skeleton"}, "--joint-model finds the joints");
   if (!options.request.joints.skeleton.empty() && automatic) {
@@ -178,6 +201,7 @@ int main(int argc, char** argv) {
       "  anigen-rig statue.glb -o rigged.glb --preview\n"
       "  anigen-rig --method curve -m meshes/ -o rigged/\n"
       "  anigen-rig --method geovoxel -m body.glb --skeleton rig.glb -o rigged.glb\n"
+      "  anigen-rig --method heat -m rigs/ --skin learned --skin-run runs/skin_correction -o bound/\n"
       "  anigen-rig --method anymate -m meshes/ --joint-model runs/joints --skin-model runs/skin -o rigged/\n"
       "  anigen-rig --method rignet -m body.glb --joint-model runs/rignet_joints -o rigged.glb\n"
       "  anigen-rig --method template -m results/ -d data --split data/splits/train.txt -o template\n"

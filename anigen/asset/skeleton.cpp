@@ -8,10 +8,12 @@
 #include <cstddef>
 #include <cstdio>
 #include <limits>
+#include <map>
 #include <tuple>
 
 #include "anigen/asset/mesh.h"
 #include "anigen/core/error.h"
+#include "anigen/core/hash.h"
 #include "anigen/core/numeric.h"
 
 namespace anigen {
@@ -93,6 +95,36 @@ Skeleton skeleton_from_joints(const std::vector<Eigen::Vector3d>& positions, con
     skeleton.rest.push_back(local);
   }
   return skeleton;
+}
+
+std::string tree_signature(const std::vector<int>& parents) {
+  const std::vector<int> order = parents_first({std::vector<Eigen::Vector3d>(parents.size()), parents});
+  std::vector<std::vector<int>> children(parents.size());
+  std::map<std::vector<int>, int> numbers;
+  std::vector<int> roots;
+  for (auto joint = order.rbegin(); joint != order.rend(); ++joint) {
+    std::vector<int>& own = children[at(*joint)];
+    std::sort(own.begin(), own.end());
+    const int number = numbers.try_emplace(own, static_cast<int>(numbers.size())).first->second;
+    const int parent = parents[at(*joint)];
+    (parent < 0 ? roots : children[at(parent)]).push_back(number);
+  }
+  // Numbers are handed out in an order that depends on the skeleton; the text of a tree does not. Built from the
+  // smallest up, since a tree's number is larger than those of its children.
+  std::vector<std::string> texts(numbers.size());
+  const auto text_of = [&texts](const std::vector<int>& kids) {
+    std::vector<std::string> parts;
+    for (const int kid : kids) parts.push_back(texts[at(kid)]);
+    std::sort(parts.begin(), parts.end());
+    std::string text = "(";
+    for (const std::string& part : parts) text += part;
+    return sha256(text + ")").substr(0, 32);
+  };
+  std::vector<const std::vector<int>*> of(numbers.size());
+  for (const auto& [kids, value] : numbers) of[at(value)] = &kids;
+  for (std::size_t n = 0; n < of.size(); ++n) texts[n] = text_of(*of[n]);
+  if (roots.empty()) return "";
+  return roots.size() == 1 ? texts[at(roots.front())] : text_of(roots);
 }
 
 JointTree joint_tree(const Skeleton& skeleton) { return {skeleton.positions(), skeleton.parents}; }

@@ -71,6 +71,12 @@ void check(const JointTree& tree, const std::string& file);
 /// Every joint, none before its parent.
 std::vector<int> parents_first(const JointTree& tree);
 
+/// Digest of a tree, equal for trees that are equal up to the order of children, whatever the places of their joints:
+/// trees get numbers from the leaves up (Aho, Hopcroft and Ullman's tree isomorphism). 32 hexadecimal digits.
+/// @param parents [J], -1 for a root, in any order, without cycles; several roots count as children of one more
+/// @return empty without joints
+std::string tree_signature(const std::vector<int>& parents);
+
 /// Parents of a tree through all points whose edges together are as short as possible (Prim 1957), hung up at the point
 /// nearest to the mean of all; of equal choices the first. Time grows with the square of the number of points.
 /// @param points [J], finite @return [J], -1 for the root; empty without points

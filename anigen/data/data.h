@@ -9,6 +9,7 @@
 #include "anigen/data/metadata.h"
 #include "anigen/data/picture_dataset.h"
 #include "anigen/data/rigged_item.h"
+#include "anigen/data/skin_correction_dataset.h"
 #include "anigen/data/skin_dataset.h"
 #include "anigen/data/view_files.h"
 #include "anigen/data/voxel_files.h"

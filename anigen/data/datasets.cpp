@@ -13,6 +13,7 @@
 #include "anigen/core/random.h"
 #include "anigen/data/matting_dataset.h"
 #include "anigen/data/picture_dataset.h"
+#include "anigen/data/skin_correction_dataset.h"
 #include "anigen/data/view_files.h"
 
 namespace anigen::data {
@@ -204,6 +205,7 @@ const std::vector<std::pair<std::string, Factory>>& registry() {
       {"ImageConditionedAniGenSparseStructureLatent", factory<StructureLatentDataset, StructureLatentOptions>(true)},
       {"AniGenMattings", factory<MattingDataset, MattingOptions>()},
       {"AniGenPictures", factory<PictureDataset, PictureOptions>()},
+      {"AniGenSkinCorrections", open_skin_corrections},
       {"AniGenSLat", factory<StructuredLatentDataset, StructuredLatentOptions>(false)},
       {"AniGenImageConditionedSLat", factory<StructuredLatentDataset, StructuredLatentOptions>(true)}};
   return entries;

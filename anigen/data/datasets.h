@@ -230,6 +230,7 @@ struct Datasets {
 /// | AniGenSLat, AniGenImageConditionedSLat | StructuredLatentBatch |
 /// | AniGenMattings (ours) | MattingBatch (matting_dataset.h) |
 /// | AniGenPictures (ours) | PictureBatch (picture_dataset.h) |
+/// | AniGenSkinCorrections (ours) | SkinCorrectionBatch (skin_correction_dataset.h) |
 ///
 /// @param dataset the object with name and args, which must outlive the call only @param seed of all random draws
 /// @throws InputError naming file and pointer: an unknown name with the nearest known one, a bad argument, a filter

@@ -12,3 +12,4 @@
 #include "anigen/eval/pairs.h"
 #include "anigen/eval/skin_baselines.h"
 #include "anigen/eval/skin_evaluation.h"
+#include "anigen/eval/skin_intervals.h"

@@ -54,6 +54,7 @@ struct EvalArguments {
   eval::EvaluationRequest shapes;  ///< of --pred, as far as it is not below in the words of the command line
   std::vector<std::string> splits, lpips_weights, groups;
   std::string dataset, output, skin_ae, skins;
+  std::vector<std::string> skin_runs;
   std::string normalization = "centroid-rms", prediction_up = "format", dataset_up = "format", transport = "exact";
   std::size_t report_images = 4;
   bool no_icp = false, point_to_plane = false, force = false, no_report = false;

@@ -21,8 +21,10 @@
 #include "anigen/core/text.h"
 #include "anigen/core/version.h"
 #include "anigen/eval/pairs.h"
+#include "anigen/eval/skin_intervals.h"
 #include "anigen/io/arrays/npz.h"
 #include "anigen/io/rigs/rig_listing.h"
+#include "anigen/metrics/deformation.h"
 #include "anigen/render/contact_sheet.h"
 #include "anigen/render/picture.h"
 
@@ -32,7 +34,20 @@ namespace {
 
 namespace fs = std::filesystem;
 
-MethodResult run_method(const SkinMethod& method, const io::DatasetItem& item, const GroundTruth& truth) {
+/// The true mesh posed with true and with predicted weights on the same joints.
+double deformation_of(const GroundTruth& truth, const std::vector<float>& predicted, int poses) {
+  const std::size_t vertices = truth.vertex_count(), joints = truth.joint_count();
+  const JointTree tree{in_double(truth.joints), truth.parents};
+  metrics::DeformationOptions options;
+  options.poses = poses;
+  const auto size = static_cast<Eigen::Index>(joints);
+  const Eigen::MatrixXd own = Eigen::MatrixXd::Identity(size, size) / static_cast<double>(joints);
+  return metrics::deformation_error(in_double(truth.vertices), tree, from_dense(truth.skin, vertices, joints), tree,
+                                    from_dense(predicted, vertices, joints), own, options)
+      .mean;
+}
+
+MethodResult run_method(const SkinMethod& method, const io::DatasetItem& item, const GroundTruth& truth, int poses) {
   MethodResult result;
   try {
     std::vector<float> predicted = method.predict(item, truth);
@@ -42,6 +57,7 @@ MethodResult run_method(const SkinMethod& method, const io::DatasetItem& item, c
     }
     metrics::normalize_rows(predicted, truth.vertex_count(), truth.joint_count(), method.label);
     result.scores = metrics::score_skin(predicted, truth.skin, truth.vertex_count(), truth.joint_count());
+    if (poses > 0) result.deformation = deformation_of(truth, predicted, poses);
   } catch (...) {
     result.failure = failure_of_item();
   }
@@ -61,14 +77,16 @@ void tell_of_unweighted(const std::vector<AssetResult>& assets) {
 }
 
 /// The methods that may (or may not) run in parallel on one asset.
-void run_methods(const fs::path& dataset, const std::vector<SkinMethod>& methods, bool parallel, AssetResult& asset) {
+void run_methods(const fs::path& dataset, const std::vector<SkinMethod>& methods, bool parallel, int poses,
+                 AssetResult& asset) {
   try {
     const GroundTruth truth = read_ground_truth(dataset, asset.item.id);
     asset.joints = truth.joint_count();
     asset.vertices = truth.vertex_count();
     asset.unweighted = truth.unweighted;
+    asset.skeleton = tree_signature(truth.parents);
     for (std::size_t m = 0; m < methods.size(); ++m) {
-      if (methods[m].parallel == parallel) asset.methods[m] = run_method(methods[m], asset.item, truth);
+      if (methods[m].parallel == parallel) asset.methods[m] = run_method(methods[m], asset.item, truth, poses);
     }
   } catch (...) {
     const std::string failure = failure_of_item();
@@ -102,7 +120,7 @@ void put_scores(Json& json, const metrics::SkinScore& score) {
   for (std::size_t k = 0; k < 3; ++k) json[kScoreNames[k]] = values[k];
 }
 
-Json asset_json(const AssetResult& asset, std::size_t method) {
+Json asset_json(const AssetResult& asset, std::size_t method, bool with_poses) {
   const MethodResult& result = asset.methods[method];
   Json json = {{"id", asset.item.id},         {"name", asset.item.name},         {"source", asset.item.source},
                {"usable", asset.item.usable}, {"bad_skin", asset.item.bad_skin}, {"joints", asset.joints},
@@ -113,6 +131,7 @@ Json asset_json(const AssetResult& asset, std::size_t method) {
     return json;
   }
   put_scores(json, result.scores.mean);
+  if (with_poses) json["deformation"] = result.deformation;
   for (std::size_t c = 0; c < metrics::kInfluenceClasses; ++c) {
     if (result.scores.class_sizes[c] == 0) continue;
     Json group = {{"vertices", result.scores.class_sizes[c]}};
@@ -124,7 +143,7 @@ Json asset_json(const AssetResult& asset, std::size_t method) {
 
 Json method_json(const SkinEvaluation& evaluation, std::size_t method) {
   Json assets = Json::array();
-  for (const AssetResult& asset : evaluation.assets) assets.push_back(asset_json(asset, method));
+  for (const AssetResult& asset : evaluation.assets) assets.push_back(asset_json(asset, method, evaluation.poses > 0));
   return {{"summary", to_json(summarize(evaluation, method, Group::kUsable))},
           {"by_influences", by_influences(evaluation, method)},
           {"not_usable", to_json(summarize(evaluation, method, Group::kNotUsable))},
@@ -158,8 +177,8 @@ Json to_json(const Summary& summary) {
 }
 
 SkinEvaluation evaluate_skin(const fs::path& dataset, const std::vector<io::DatasetItem>& items,
-                             const std::vector<SkinMethod>& methods, const Json& settings) {
-  SkinEvaluation evaluation{methods, {}, settings};
+                             const std::vector<SkinMethod>& methods, const Json& settings, int poses) {
+  SkinEvaluation evaluation{methods, {}, settings, poses};
   evaluation.assets.resize(items.size());
   for (std::size_t i = 0; i < items.size(); ++i) {
     evaluation.assets[i].item = items[i];
@@ -169,12 +188,12 @@ SkinEvaluation evaluate_skin(const fs::path& dataset, const std::vector<io::Data
   Progress progress("evaluate", items.size() * (serial ? 2 : 1), "assets");
   parallel_for(items.size(), [&](std::size_t i) {
     if (interrupt_requested()) return;
-    run_methods(dataset, methods, true, evaluation.assets[i]);
+    run_methods(dataset, methods, true, poses, evaluation.assets[i]);
     progress.advance();
   });
   for (std::size_t i = 0; serial && i < items.size(); ++i) {
     throw_if_interrupted();
-    run_methods(dataset, methods, false, evaluation.assets[i]);
+    run_methods(dataset, methods, false, poses, evaluation.assets[i]);
     progress.advance();
   }
   throw_if_interrupted();
@@ -262,8 +281,9 @@ SkinEvaluation run_skin_evaluation(const SkinRequest& request) {
   settings["ground_truth"] = request.dataset.string();
   settings["splits"] = request.splits;
   settings["assets"] = items.size();
+  if (request.poses > 0) settings["poses"] = request.poses;
 
-  SkinEvaluation evaluation = evaluate_skin(request.dataset, items, methods, settings);
+  SkinEvaluation evaluation = evaluate_skin(request.dataset, items, methods, settings, request.poses);
   write_file_atomically(request.out / "metrics.json", to_json(evaluation).dump(2) + "\n");
   write_file_atomically(request.out / "metrics.csv", to_csv(to_csv_table(evaluation)));
   write_file_atomically(request.out / "table.md", to_markdown(evaluation));
@@ -297,6 +317,7 @@ Json to_json(const SkinEvaluation& evaluation) {
   for (std::size_t m = 0; m < evaluation.methods.size(); ++m) {
     Json one = {{"label", evaluation.methods[m].label}, {"oracle", evaluation.methods[m].oracle}};
     one.update(method_json(evaluation, m));
+    if (evaluation.poses > 0) one["over_skeletons"] = to_json(over_skeletons(evaluation, m));
     json["methods"][evaluation.methods[m].key] = one;
   }
   return json;
@@ -306,6 +327,7 @@ CsvTable to_csv_table(const SkinEvaluation& evaluation) {
   CsvTable table;
   table.columns = {"id", "name", "source", "usable", "method", "joints", "vertices", "skin_l1", "skin_l2", "skin_kl"};
   for (const char* name : kClassNames) table.columns.push_back(std::string("skin_l1_influences_") + name);
+  if (evaluation.poses > 0) table.columns.insert(table.columns.end(), {"deformation", "skeleton"});
   table.columns.push_back("failure");
   const auto number = [](double value) {
     char text[32];
@@ -327,6 +349,10 @@ CsvTable to_csv_table(const SkinEvaluation& evaluation) {
       for (std::size_t c = 0; c < metrics::kInfluenceClasses; ++c) {
         const bool absent = failed || result.scores.class_sizes[c] == 0;
         row.push_back(absent ? "" : number(result.scores.by_influences[c].l1));
+      }
+      if (evaluation.poses > 0) {
+        row.push_back(failed ? "" : number(result.deformation));
+        row.push_back(asset.skeleton);
       }
       row.push_back(result.failure);
       table.rows.push_back(std::move(row));
@@ -388,6 +414,12 @@ std::string to_markdown(const SkinEvaluation& evaluation) {
     text += "\nNot usable (too few or too many joints, or equal bones), scored apart\n\n" +
             to_markdown(summary_table(evaluation, Group::kNotUsable)) + "\n" +
             to_markdown(asset_table(evaluation, Group::kNotUsable));
+  }
+  if (evaluation.poses > 0) {
+    text +=
+        "\nMeans over skeletons of means over their rigs, usable or not, with half of their 95 % intervals over "
+        "skeletons\n\n" +
+        to_markdown(skeleton_table(evaluation));
   }
   anigen::Table failures{{"asset", "method", "reason"}, {}};
   for (const AssetResult& asset : evaluation.assets) {
@@ -519,6 +551,11 @@ std::string skin_report(const SkinEvaluation& evaluation, const ReportOptions& o
       "weights.</p>\n";
   html += "<h2>" + std::to_string(count(evaluation, Group::kUsable)) + " usable assets</h2>\n" +
           anigen::to_html(summary_table(evaluation, Group::kUsable));
+  if (evaluation.poses > 0)
+    html +=
+        "<h2>Means over skeletons</h2>\n<p>Each skeleton counts once, with half of 95 % intervals over skeletons."
+        "</p>\n" +
+        anigen::to_html(skeleton_table(evaluation));
   html += curves(options.training_metrics);
   html += pictures(evaluation, options);
   html += "<h2>All usable assets, " + html_escaped(evaluation.methods[0].label) + "</h2>\n" +

@@ -16,7 +16,8 @@ namespace anigen::eval {
 /// One method on one asset.
 struct MethodResult {
   metrics::SkinScores scores;
-  std::string failure;  ///< why there are no scores; empty when there are
+  double deformation = 0;  ///< mean of metrics::deformation_error(), the asset's box being 1; with poses alone
+  std::string failure;     ///< why there are no scores; empty when there are
 };
 
 struct AssetResult {
@@ -24,6 +25,7 @@ struct AssetResult {
   std::size_t joints = 0, vertices = 0;
   std::size_t unweighted = 0;         ///< vertices without weights in the ground truth, bound to joint 0
   std::vector<MethodResult> methods;  ///< one per method of the evaluation
+  std::string skeleton;               ///< tree_signature()
 };
 
 /// Mean, median, population standard deviation and number of the assets that have scores.
@@ -39,12 +41,14 @@ struct SkinEvaluation {
   std::vector<SkinMethod> methods;  ///< the first one is what the evaluation is about, the others stand beside it
   std::vector<AssetResult> assets;
   Json settings;  ///< what was evaluated how; copied to metrics.json
+  int poses = 0;  ///< of the deformation error; 0: not measured
 };
 
 /// Runs every method on every item. A method that throws on an asset, or returns weights that cannot be scored, gets
-/// a failure there and nothing stops. @throws Interrupted after Ctrl-C
+/// a failure there and nothing stops. @param poses of the deformation error, 0: none @throws Interrupted after Ctrl-C
 SkinEvaluation evaluate_skin(const std::filesystem::path& dataset, const std::vector<io::DatasetItem>& items,
-                             const std::vector<SkinMethod>& methods, const Json& settings = Json::object());
+                             const std::vector<SkinMethod>& methods, const Json& settings = Json::object(),
+                             int poses = 0);
 
 /// Reads predictions from the NPZ files below a folder, member `skin` [V, J] for the vertices and joints of the ground
 /// truth. match_pairs() finds each asset's file: "<id>.npz", or by any other name of it.
@@ -80,6 +84,7 @@ struct SkinRequest {
   Json settings = Json::object();   ///< recorded in metrics.json
   std::size_t pictured = 3;
   bool report = true;
+  int poses = 0;  ///< of the deformation error, measured beside the weights, with means over skeletons; 0: neither
 };
 
 /// Evaluates and writes metrics.json, metrics.csv, table.md and report.html into request.out.

@@ -22,3 +22,4 @@
 #include "anigen/generate/run_weights.h"
 #include "anigen/generate/stage_generators.h"
 #include "anigen/generate/trained_matting.h"
+#include "anigen/generate/trained_skin.h"

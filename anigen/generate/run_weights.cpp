@@ -16,6 +16,7 @@
 #include "anigen/generate/rignet_rigger.h"
 #include "anigen/io/arrays/torch_archive.h"
 #include "anigen/nn/state_dict.h"
+#include "anigen/skin_correction/network.h"
 #include "anigen/skin_field/skin_autoencoder.h"
 #include "anigen/sparse_structure/autoencoder.h"
 #include "anigen/sparse_structure/flow.h"
@@ -89,6 +90,7 @@ const std::map<std::string, Builder> kBuilders = {
     {kRignetModelClass, built<rignet::RignetModel>},
     {vision::kPictureEstimatorClass, built<vision::PictureEstimator>},
     {vision::kMattingUNetClass, built<vision::MattingUNet>},
+    {skin_correction::kSkinCorrectionClass, built<skin_correction::SkinCorrection>},
     {sparse_structure::kSparseStructureEncoderClass, built<sparse_structure::SparseStructureEncoder>},
     {sparse_structure::kSparseStructureDecoderClass, built<sparse_structure::SparseStructureDecoder>},
     {sparse_structure::kSparseStructureFlowClass, built<sparse_structure::SparseStructureFlow>},
@@ -162,6 +164,15 @@ fs::path find_shipped_weights(std::vector<fs::path>& places) {
   return {};
 }
 
+// One of these weights by its name; empty when there are no weights or none of it.
+fs::path shipped_run(const char* name) {
+  std::vector<fs::path> places;
+  const fs::path weights = find_shipped_weights(places);
+  if (weights.empty()) return {};
+  const RunFolder run{weights / name};
+  return run.has_config() && run.has_checkpoints() ? run.root : fs::path();
+}
+
 }  // namespace
 
 FlowRuns find_flow_runs(const fs::path& folder, bool joint_count, const FlowRuns& known) {
@@ -201,13 +212,9 @@ fs::path shipped_weights() {
                        "with --runs or in this variable");
 }
 
-fs::path shipped_matting() {
-  std::vector<fs::path> places;
-  const fs::path weights = find_shipped_weights(places);
-  if (weights.empty()) return {};
-  const RunFolder run{weights / "matting"};
-  return run.has_config() && run.has_checkpoints() ? run.root : fs::path();
-}
+fs::path shipped_matting() { return shipped_run("matting"); }
+
+fs::path shipped_skin_correction() { return shipped_run("skin_correction"); }
 
 Json describe_weights(const fs::path& run) {
   const Json config = load_config(RunFolder{run}.config());

@@ -27,6 +27,8 @@ std::filesystem::path shipped_weights();
 /// The run `matting` of these weights, a matting network of ours; empty when there are no weights or none of it.
 /// @throws InputError when $ANIGEN_WEIGHTS is no folder
 std::filesystem::path shipped_matting();
+/// Likewise the run `skin_correction`, a correction of classical skin weights.
+std::filesystem::path shipped_skin_correction();
 
 /// Completeness of the weights of a run folder that its config asks for: for every model under /models an object of
 /// `class`; `checkpoint`, the file that generation would read; `tensors`, how many the model has, and `parameters`,

@@ -8,7 +8,6 @@
 
 #include "anigen/asset/mesh.h"
 #include "anigen/core/error.h"
-#include "anigen/core/hash.h"
 #include "anigen/core/numeric.h"
 #include "anigen/core/random.h"
 #include "anigen/core/text.h"
@@ -16,34 +15,6 @@
 namespace anigen::prepare {
 
 namespace {
-
-/// Numbers trees so that equal ones (up to the order of children) get equal numbers, from the leaves up (Aho, Hopcroft
-/// and Ullman's tree isomorphism), and digests the numbering of the whole.
-std::string topology_of(const std::vector<int>& parents) {
-  std::vector<std::vector<int>> children(parents.size());
-  std::map<std::vector<int>, int> numbers;
-  int number = 0;
-  for (std::size_t j = parents.size(); j-- > 0;) {
-    std::sort(children[j].begin(), children[j].end());
-    const auto [known, is_new] = numbers.try_emplace(children[j], static_cast<int>(numbers.size()));
-    number = known->second;
-    if (parents[j] >= 0) children[at(parents[j])].push_back(number);
-  }
-  // Numbers are handed out in an order that depends on the skeleton; the text of a tree does not. Built from the
-  // smallest up, since a tree's number is larger than those of its children.
-  std::vector<std::string> texts(numbers.size());
-  std::vector<const std::vector<int>*> of(numbers.size());
-  for (const auto& [kids, value] : numbers) of[at(value)] = &kids;
-  for (std::size_t n = 0; n < of.size(); ++n) {
-    std::vector<std::string> parts;
-    for (const int kid : *of[n]) parts.push_back(texts[at(kid)]);
-    std::sort(parts.begin(), parts.end());
-    std::string text = "(";
-    for (const std::string& part : parts) text += part;
-    texts[n] = sha256(text + ")").substr(0, 32);
-  }
-  return parents.empty() ? "" : texts[at(number)];
-}
 
 /// True when every joint of `a` has one of its depth in `b` within `limit`.
 bool covered(const SkeletonDescriptor& a, const SkeletonDescriptor& b, double limit) {
@@ -78,7 +49,7 @@ double length_reach(double tolerance) { return 2.0 * tolerance + 1e-9; }
 
 SkeletonDescriptor describe(const Skeleton& skeleton) {
   SkeletonDescriptor result;
-  result.topology = topology_of(skeleton.parents);
+  result.topology = tree_signature(skeleton.parents);
   const std::vector<Eigen::Vector3d> positions = skeleton.positions();
   Box box;
   for (const Eigen::Vector3d& p : positions) box.extend(p);

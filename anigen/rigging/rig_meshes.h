@@ -166,6 +166,7 @@ namespace anigen {
 
 inline constexpr const char* kAnymate = "anymate";
 inline constexpr const char* kRignet = "rignet";
+inline constexpr const char* kLearnedSkin = "learned";  ///< word of --skin
 
 /// The command line of anigen-rig.
 struct RigArguments {
@@ -173,6 +174,7 @@ struct RigArguments {
   std::vector<std::string> image_splits;
   std::string image_dataset, retrieval_encoder;
   std::string joint_model, connectivity_model, skin_model;  ///< of Anymate or RigNet
+  std::string skin_run;                                     ///< of the learned skin; empty: that of the shipped weights
   std::int64_t points = 0;
   double joint_distance = 0.0;
   rigging::RigRequest request;

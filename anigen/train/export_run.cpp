@@ -46,9 +46,9 @@ void make_portable(Json& config) {
     const std::string text = config[at].get<std::string>();
     if (!text.empty()) config[at] = (fs::path(text) / "x").parent_path().filename().string();
   };
-  for (const char* pointer :
-       {"/dataset/args/ss_dec_path", "/dataset/args/slat_dec_path", "/dataset/args/pictures",
-        "/dataset/args/backgrounds", "/trainer/args/skin_ae_run", "/trainer/args/image_encoder/estimator"})
+  for (const char* pointer : {"/dataset/args/ss_dec_path", "/dataset/args/slat_dec_path", "/dataset/args/pictures",
+                              "/dataset/args/backgrounds", "/dataset/args/cache", "/trainer/args/skin_ae_run",
+                              "/trainer/args/image_encoder/estimator"})
     by_name(pointer);
   if (!config.contains("dataset") || !config["dataset"].contains("args")) return;
   Json& reading = config["dataset"]["args"];

@@ -206,6 +206,17 @@ TEST(ShortestTree, GoesFromPointToPointAndHangsAtTheMiddle) {
   EXPECT_THROW(shortest_tree({{0, 0, std::nan("")}}), InputError);
 }
 
+TEST(TreeSignature, IsThatOfTheTreeWhateverTheOrderOfItsJoints) {
+  const std::vector<int> limb = {-1, 0, 1, 0, 3, 4};  // chains of two and of three joints
+  EXPECT_EQ(tree_signature(limb).size(), 32U);
+  EXPECT_EQ(tree_signature({-1, 0, 1, 2, 0, 4}), tree_signature(limb)) << "children the other way round";
+  EXPECT_EQ(tree_signature({1, 2, 5, 4, 5, -1}), tree_signature(limb)) << "children before parents";
+  EXPECT_NE(tree_signature({-1, 0, 1, 2, 3, 4}), tree_signature(limb));
+  EXPECT_NE(tree_signature({-1, 0, 1, -1, 3, 4}), tree_signature(limb)) << "two trees";
+  EXPECT_EQ(tree_signature({-1, 0, -1, 2, 3}), tree_signature({-1, 0, 1, -1, 3}));
+  EXPECT_TRUE(tree_signature({}).empty());
+}
+
 }  // namespace
 
 }  // namespace anigen

@@ -68,6 +68,7 @@ RIGGERS = {
     "configs/anymate_tiny/joints.json": "runs/joints",
     "configs/anymate_tiny/conn.json": "runs/conn",
     "configs/anymate_tiny/skin.json": "runs/skin",
+    "configs/tiny/skin_correction.json": "runs/skin_correction",
     "configs/rignet_tiny/joints.json": "runs/rignet_joints",
     "configs/rignet_tiny/connectivity.json": "runs/rignet_connectivity",
     "configs/rignet_tiny/skin.json": "runs/rignet_skin",

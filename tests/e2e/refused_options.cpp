@@ -185,6 +185,9 @@ void check_ignored(Check& check, bool torch) {
   const std::string matting = "anigen-eval --matting-network runs/matting --dataset d --output o ";
   check.refuses(matting + "--json", {"--json", "--matting-network"});
   check.refuses(matting + "--pred p", {"--pred"});
+  check.refuses(matting + "--skin-run r", {"--skin-run"});
+  check.refuses("anigen-eval --skin-run r --skin-ae s --dataset d --output o", {"--skin-run", "--skin-ae"});
+  check.refuses("anigen-eval --skin-run r --pred p --dataset d --output o", {"--pred", "--skin-run"});
   check.refuses("anigen-eval --pred p --dataset d --output o --backgrounds b", {"--backgrounds", "--matting-network"});
   const std::string rig = "anigen-rig --mesh a.glb --output b.glb --method ";
   check.refuses(rig + "heat --device cpu", {"--device", "--method heat", "CPU"});
@@ -201,6 +204,9 @@ void check_ignored(Check& check, bool torch) {
   check.refuses(rig + "curve --skeleton s.glb", {"--skeleton", "--method curve"});
   check.refuses(rig + "heat --dataset d", {"--dataset", "template"});
   check.refuses(rig + "heat --skin none --no-graft", {"--no-graft", "skeleton alone"});
+  check.refuses(rig + "heat --skin-run .", {"--skin-run", "--skin learned"});
+  check.refuses(rig + "heat --skin learned --falloff 0.5", {"--falloff", "learned"});
+  check.refuses(rig + "anymate --skin-model . --skin learned", {"--skin", "--skin-model"});
   check.refuses(rig + "heat --image a.png", {"--image", "retrieval"});
   check.refuses(rig + "heat --points 100", {"--points", "anymate"});
   check.refuses(rig + "anymate --joint-distance 0.1", {"--joint-distance", "--joint-model"});

@@ -78,6 +78,7 @@ inline constexpr OptionRow kOptions[] = {
     {"--joint-model", 0, "PATH", "Models", "For anymate and rignet: a run folder of anigen-train, or a .safetensors file of one; for anymate also a checkpoint as released [given joints]", ""},
     {"--connectivity-model", 0, "PATH", "Models", "For both, likewise [the shortest tree through predicted joints; given joints keep theirs]", ""},
     {"--skin-model", 0, "PATH", "Models", "For both, likewise [as --skin says, or geovoxel]", ""},
+    {"--skin-run", 0, "DIR", "Models", "Run folder of AniGenSkinCorrectionTrainer", ""},
     // --- Images ---
     {"--background", 0, "WORD", "Images", "Removal of the background: auto, keep, alpha, grabcut", ""},
     {"--matting-network", 0, "PATH", "Images", "Network that separates object and background: a run folder of AniGenMattingTrainer, or an ONNX file [matting of the weights that are found, if they have it]", ""},
@@ -109,7 +110,7 @@ inline constexpr OptionRow kOptions[] = {
     {"--curve-joints", 0, "N", "Mesh and skeleton", "For curve and auto: no more joints than these, along the curve", "rig:--most-joints"},
     {"--points", 0, "N", "Mesh and skeleton", "For anymate: points of the surface that the models look at [as in training; released: 8192]", ""},
     {"--joint-distance", 0, "X", "Mesh and skeleton", "For anymate: predicted joints this near are one, the mesh's longest side being 2 [as released: 0.03 regressed, 0.05 denoised; without meaning for volumes]", "rig:--eps"},
-    {"--skin", 0, "nearest|geovoxel|heat|none", "Mesh and skeleton", "Binding, other than the method's; none: the skeleton alone", ""},
+    {"--skin", 0, "nearest|geovoxel|heat|learned|none", "Mesh and skeleton", "Binding, other than the method's; learned: heat and geodesic voxels corrected by a network; none: the skeleton alone", ""},
     {"--geovoxel-resolution", 0, "N", "Mesh and skeleton", "For geovoxel: voxels along the mesh's longest side", "rig:--resolution"},
     {"--falloff", 0, "X", "Mesh and skeleton", "For geovoxel: from weights like 1/d² (0) to weights like 1/d⁴ (1)", ""},
     {"--cluster-bandwidth", 0, "X", "Mesh and skeleton", "Cluster votes for joints within this distance, in units of the box [as fitted for the run, else 0.01]", "generate:--grouping-bandwidth encode:--grouping-bandwidth"},

@@ -61,11 +61,16 @@ struct TorchHalf {
   void (*retrieve)(const RigArguments& arguments, const CommonOptions& common);
   /// anigen-rig --method anymate or rignet.
   rigging::LearnedSteps (*learned_steps)(const RigArguments& arguments, const CommonOptions& common);
+  /// anigen-rig --skin learned: the step that binds.
+  rigging::LearnedSteps (*learned_skin)(const RigArguments& arguments, const CommonOptions& common);
   /// anigen-eval --lpips-weights: sets the request's perceptual metric.
   void (*add_perceptual_metric)(const EvalArguments& arguments, const CommonOptions& common,
                                 eval::EvaluationRequest& request);
   /// anigen-eval --skin-ae: weights encoded by a trained skin auto-encoder and decoded again.
   eval::SkinMethod (*skin_reconstruction)(const std::string& run, const CommonOptions& common, Json& settings);
+  /// anigen-eval --skin-run: corrected weights and those that they correct.
+  std::vector<eval::SkinMethod> (*skin_corrections)(const std::vector<std::string>& runs, const CommonOptions& common,
+                                                    Json& settings);
   /// anigen-eval --ss-flow.
   void (*evaluate_structures)(const EvalArguments& arguments, const CommonOptions& common);
   /// anigen-eval --matting-network.

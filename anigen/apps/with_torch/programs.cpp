@@ -22,6 +22,7 @@
 #include "anigen/generate/retrieve.h"
 #include "anigen/generate/rignet_rigger.h"
 #include "anigen/generate/run_weights.h"
+#include "anigen/generate/trained_skin.h"
 #include "anigen/nn/profile.h"
 #include "anigen/rigging/rig_meshes.h"
 #include "anigen/train/distributed/launch.h"
@@ -282,6 +283,25 @@ rigging::LearnedSteps learned_steps(const RigArguments& arguments, const CommonO
       std::make_shared<generate::RignetRigger>(generate::load_rignet_models(files, device), rigger));
 }
 
+rigging::LearnedSteps learned_skin(const RigArguments& arguments, const CommonOptions& common) {
+  nn::set_up_computing(common.threads);
+  const std::filesystem::path run =
+      arguments.skin_run.empty() ? generate::shipped_skin_correction() : std::filesystem::path(arguments.skin_run);
+  if (run.empty()) {
+    throw InputError("", "--skin learned",
+                     "no skin_correction is among the weights that come with this program; name a run of "
+                     "AniGenSkinCorrectionTrainer with --skin-run");
+  }
+  return generate::TrainedSkin::steps(std::make_shared<generate::TrainedSkin>(run),
+                                      arguments.request.binding.heat.most_influences);
+}
+
+std::vector<eval::SkinMethod> skin_corrections(const std::vector<std::string>& runs, const CommonOptions& common,
+                                               Json& settings) {
+  nn::set_up_computing(common.threads);
+  return generate::skin_correction_methods({runs.begin(), runs.end()}, settings);
+}
+
 void retrieve(const RigArguments& arguments, const CommonOptions& common) {
   nn::set_up_computing(common.threads);
   generate::RetrievalRequest request;
@@ -374,19 +394,9 @@ std::string describe_weights(const std::string& run, Json& description) {
 /// The entry that torch_half() looks for.
 extern "C" __attribute__((visibility("default"))) const TorchHalf* anigen_torch_half() {
   static const TorchHalf half{
-      nn::version_details,
-      run_encode,
-      run_generate,
-      run_train,
-      retrieve,
-      learned_steps,
-      add_perceptual_metric,
-      skin_reconstruction,
-      evaluate_structures,
-      evaluate_matting,
-      evaluate_oracle,
-      describe_weights,
-      vision::make_feature_extractor,
+      nn::version_details, run_encode,       run_generate,          run_train,           retrieve,
+      learned_steps,       learned_skin,     add_perceptual_metric, skin_reconstruction, skin_corrections,
+      evaluate_structures, evaluate_matting, evaluate_oracle,       describe_weights,    vision::make_feature_extractor,
   };
   return &half;
 }

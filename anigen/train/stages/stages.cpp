@@ -21,6 +21,7 @@ std::unique_ptr<Stage> make_stage(const std::string& trainer_name, const StageRe
       {"AniGenSparseFlowMatchingCFGTrainer", make_structured_latent_flow_stage},
       {"AniGenPictureEstimatorTrainer", make_picture_estimator_stage},
       {"AniGenMattingTrainer", make_matting_stage},
+      {"AniGenSkinCorrectionTrainer", make_skin_correction_stage},
       {"AnymateTrainer", make_anymate_stage},
       {"RignetTrainer", make_rignet_stage},
   };

@@ -72,6 +72,14 @@ std::unique_ptr<Stage> make_picture_estimator_stage(const StageRequest& request)
 /// pixels above ½, and "mae", |p − α|.
 std::unique_ptr<Stage> make_matting_stage(const StageRequest& request);
 
+/// The correction of classical skin weights, ours, learns those of rigs (skin_correction/network.h). Trainer
+/// AniGenSkinCorrectionTrainer, one model "SkinCorrection", the data set "AniGenSkinCorrections". L = λ_k KL + λ_1 ℓ1 of
+/// the candidates' weights, means over vertices. Terms: "kl", "l1". Evaluation on held-out assets, means over assets of
+/// means over their kept vertices, each with at most four influences: "l1" and "kl" as in metrics/skin_metrics.h,
+/// "heat_…" and "geovoxel_…" of the classical weights that are corrected, "missed", the true weight on joints that are
+/// no candidates; where creatures are held out, too, "real_…" of the real rigs alone.
+std::unique_ptr<Stage> make_skin_correction_stage(const StageRequest& request);
+
 /// One of Anymate's models learns its task: joints, connectivity of given joints, or weights of given bones. The
 /// decoder says which. Trainer AnymateTrainer, one model "AnymateModel" with the arguments of anymate::ModelOptions,
 /// the data set "Anymate". Loss terms: "chamfer"; "mse"; "bce"; "ce"; "cos_clamp" with "ce". Evaluation: RigScores; of
