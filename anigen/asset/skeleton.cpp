@@ -209,10 +209,10 @@ class Chains {
       if (chains_[c].twin >= 0) number[at(chains_[c].twin)] = number[c];
     }
     for (std::size_t c = 0; c < chains_.size(); ++c) {
-      const char* side = chains_[c].twin < 0 ? "" : is_left(c) ? ".L" : ".R";
+      const char* side = chains_[c].twin < 0 ? "" : is_left(c) ? "_L" : "_R";
       for (std::size_t i = 0; i < chains_[c].joints.size(); ++i) {
         char text[64];
-        std::snprintf(text, sizeof text, "chain_%d%s_%02zu", number[c], side, i);
+        std::snprintf(text, sizeof text, "chain_%d_%02zu%s", number[c], i, side);
         names[chains_[c].joints[i]] = text;
       }
     }

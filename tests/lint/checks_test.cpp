@@ -25,6 +25,7 @@ TEST(SideOfName, ReadsTheCustomsOfPrograms) {
   EXPECT_EQ(side_of_name("L_Foot"), SidedName(1, "*_foot"));
   EXPECT_EQ(side_of_name("handFBXASC046L"), SidedName(1, "hand.*"));
   EXPECT_EQ(side_of_name("thumbFBXASC04601FBXASC046R"), SidedName(-1, "thumb.01.*"));
+  EXPECT_EQ(side_of_name("chain_2_03_L"), SidedName(1, "chain_2_03_*"));  // joint_names()
   for (const char* name : {"", "lever", "bright", "Bird_Lwing", "Tail1", "upright", "roll", "FBXASC", "F2a"})
     EXPECT_FALSE(side_of_name(name).has_value()) << name;
 }
