@@ -15,6 +15,7 @@
 #include "anigen/core/text.h"
 #include "anigen/core/version.h"
 #include "anigen/geometry/primitives.h"
+#include "anigen/io/gltf/export.h"
 #include "anigen/io/gltf/gltf.h"
 #include "anigen/io/gltf/graft.h"
 #include "anigen/io/gltf/rig.h"
@@ -231,6 +232,8 @@ Asset rigged(const io::RiggedShape& shape, const JointProposer& proposer, const 
   ProposedJoints proposed = learned.propose ? learned.propose(shape, proposer) : proposer.propose(shape);
   report.note = std::move(proposed.note);
   report.joint_seconds = seconds_since(started);
+  // Shapes are read without the orientation of their joints. Those of a file's own joints stay with its nodes.
+  proposed.skeleton = io::unrotated_in_file(proposed.skeleton, io::ExportAxes::kGltf);
   if (!request.method.binding) {
     Asset solid = geometry::skeleton_asset(proposed.skeleton);
     solid.name = shape.id;
@@ -254,8 +257,7 @@ Skeleton in_format_axes(Skeleton skeleton, io::Axes axes) {
   if (axes != io::Axes::kZUp) return skeleton;
   const io::gltf_import::FoldedTransform turn = io::gltf_import::y_up_to_z_up();
   for (Eigen::Matrix4d& bind : skeleton.bind) bind = turn.matrix() * bind;
-  if (!skeleton.rest.empty()) skeleton.rest.front() = turn * skeleton.rest.front();
-  return skeleton;
+  return io::unrotated_in_file(skeleton, io::ExportAxes::kGltf);
 }
 
 void write_rigged(const RigRequest& request, const std::string& mesh_file, const Asset& asset,

@@ -37,7 +37,18 @@ Eigen::Quaterniond axis_quaternion(ExportAxes axes) { return Eigen::Quaterniond(
 Skeleton unrotated_in_file(const Skeleton& skeleton, ExportAxes axes) {
   Skeleton result = skeleton;
   for (Eigen::Matrix4d& bind : result.bind) bind.topLeftCorner<3, 3>() = axis_rotation(axes).transpose();
-  result.rest = bind_pose(result);
+  // By hand, where bind_pose() would leave the rounding of a decomposition in rotations that are none.
+  const std::vector<Eigen::Vector3d> places = result.positions();
+  result.rest.assign(places.size(), {});
+  for (std::size_t j = 0; j < places.size(); ++j) {
+    const int parent = result.parents[j];
+    if (parent < 0) {
+      result.rest[j].translation = places[j];
+      result.rest[j].rotation = axis_quaternion(axes).conjugate();
+    } else {
+      result.rest[j].translation = axis_rotation(axes) * (places[j] - places[at(parent)]);
+    }
+  }
   return result;
 }
 
