@@ -99,4 +99,8 @@ std::vector<int> likeliest_tree(const Eigen::MatrixXd& log_likelihood);
 /// @return [J], unique
 std::vector<std::string> joint_names(const std::vector<Eigen::Vector3d>& positions, const std::vector<int>& parents);
 
+/// The joint on the other side per joint, of chains that joint_names() calls _L and _R; -1 for others.
+/// @param positions, parents as there
+std::vector<int> mirrored_joints(const std::vector<Eigen::Vector3d>& positions, const std::vector<int>& parents);
+
 }  // namespace anigen

@@ -21,13 +21,17 @@ struct BoneWords {
   const char* unreal;
 };
 
-constexpr BoneWords kTrunk[] = {{"hips", "Hips", "pelvis"},         {"spine", "Spine", "spine_01"},
-                                {"chest", "Spine1", "spine_02"},    {"upperChest", "Spine2", "spine_03"},
-                                {"neck", "Neck", "neck_01"},        {"head", "Head", "head"}};
-constexpr BoneWords kLimbs[] = {{"Shoulder", "Shoulder", "clavicle"}, {"UpperArm", "Arm", "upperarm"},
-                                {"LowerArm", "ForeArm", "lowerarm"},  {"Hand", "Hand", "hand"},
-                                {"UpperLeg", "UpLeg", "thigh"},       {"LowerLeg", "Leg", "calf"},
-                                {"Foot", "Foot", "foot"},             {"Toes", "ToeBase", "ball"}};
+constexpr BoneWords kTrunk[] = {{"hips", "Hips", "pelvis"},      {"spine", "Spine", "spine_01"},
+                                {"chest", "Spine1", "spine_02"}, {"upperChest", "Spine2", "spine_03"},
+                                {"neck", "Neck", "neck_01"},     {"head", "Head", "head"}};
+constexpr BoneWords kLimbs[] = {{"Shoulder", "Shoulder", "clavicle"},
+                                {"UpperArm", "Arm", "upperarm"},
+                                {"LowerArm", "ForeArm", "lowerarm"},
+                                {"Hand", "Hand", "hand"},
+                                {"UpperLeg", "UpLeg", "thigh"},
+                                {"LowerLeg", "Leg", "calf"},
+                                {"Foot", "Foot", "foot"},
+                                {"Toes", "ToeBase", "ball"}};
 constexpr BoneWords kFingerWords[] = {{"Thumb", "HandThumb", "thumb"},
                                       {"Index", "HandIndex", "index"},
                                       {"Middle", "HandMiddle", "middle"},
@@ -42,9 +46,7 @@ const std::pair<const char*, NameStyle> kStyles[] = {{"chain", NameStyle::kChain
                                                      {"unreal", NameStyle::kUnreal},
                                                      {"unity", NameStyle::kUnity}};
 
-bool is_right(std::size_t bone) {
-  return bone >= kFingers ? bone >= kFingers + kPerHand : bone >= kCentral + kPerSide;
-}
+bool is_right(std::size_t bone) { return bone >= kFingers ? bone >= kFingers + kPerHand : bone >= kCentral + kPerSide; }
 
 std::string capitalised(std::string word) {
   if (!word.empty() && word[0] >= 'a' && word[0] <= 'z') word[0] = static_cast<char>(word[0] - 'a' + 'A');

@@ -145,7 +145,8 @@ class HumanoidSearch {
 
   /// Spine to upper chest: the way from the hips to where the arms begin.
   void find_trunk(Joints& joints) const {
-    for (const HumanBone bone : {HumanBone::kSpine, HumanBone::kChest, HumanBone::kUpperChest}) joints[index_of(bone)] = -1;
+    for (const HumanBone bone : {HumanBone::kSpine, HumanBone::kChest, HumanBone::kUpperChest})
+      joints[index_of(bone)] = -1;
     const int hips = joints[index_of(HumanBone::kHips)];
     if (hips < 0) return;
     std::array<int, 2> arms;
@@ -176,12 +177,10 @@ class HumanoidSearch {
   /// Sides by places. Toes point forward, and so does a foot beyond its ankle; knees bend forward.
   void face(Humanoid& humanoid) const {
     const Joints& joints = humanoid.joints;
-    const auto both = [&](HumanBone bone) {
-      return std::pair{joints[on_side(bone, 0)], joints[on_side(bone, 1)]};
-    };
+    const auto both = [&](HumanBone bone) { return std::pair{joints[on_side(bone, 0)], joints[on_side(bone, 1)]}; };
     Eigen::Vector3d across = Eigen::Vector3d::Zero();  // from right to left, as they are now
-    for (const HumanBone bone : {HumanBone::kLeftUpperLeg, HumanBone::kLeftLowerLeg, HumanBone::kLeftUpperArm,
-                                 HumanBone::kLeftLowerArm}) {
+    for (const HumanBone bone :
+         {HumanBone::kLeftUpperLeg, HumanBone::kLeftLowerLeg, HumanBone::kLeftUpperArm, HumanBone::kLeftLowerArm}) {
       const auto [left, right] = both(bone);
       if (left >= 0 && right >= 0) across += place(left) - place(right);
     }
@@ -198,7 +197,8 @@ class HumanoidSearch {
       if (hip < 0 || knee < 0 || foot < 0 || toes >= 0) continue;
       const Eigen::Vector3d leg = place(foot) - place(hip);
       if (!(leg.norm() > 0.0)) continue;
-      const Eigen::Vector3d bent = place(knee) - place(hip) - leg * (place(knee) - place(hip)).dot(leg) / leg.squaredNorm();
+      const Eigen::Vector3d bent =
+          place(knee) - place(hip) - leg * (place(knee) - place(hip)).dot(leg) / leg.squaredNorm();
       if (bent.norm() > kBentKnee * leg.norm()) ahead += bent;
     }
     ahead -= across * ahead.dot(across);

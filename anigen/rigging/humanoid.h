@@ -12,7 +12,7 @@ namespace anigen::rigging {
 
 /// Joints of a skeleton that are the bones of a human.
 struct Humanoid {
-  std::array<int, kHumanBones> joints;  ///< by bone; -1 where there is none
+  std::array<int, kHumanBones> joints;                  ///< by bone; -1 where there is none
   Eigen::Vector3d forward = -Eigen::Vector3d::UnitY();  ///< horizontal, unit; left = up × forward
   bool forward_is_known = false;  ///< of feet, knees or the sides that names tell; else −y was assumed
   bool by_names = false;          ///< names told the limbs; else tree and places alone
@@ -36,8 +36,7 @@ enum class NameHints { kUsed, kIgnored };
 /// @param weight per joint: sum of its skin weights; empty: unknown. Joints without any are passed over where there is
 /// an other answer
 /// @return bones as far as they were found; missing() says the others
-Humanoid find_humanoid(const Skeleton& skeleton, const std::vector<double>& weight,
-                       NameHints hints = NameHints::kUsed);
+Humanoid find_humanoid(const Skeleton& skeleton, const std::vector<double>& weight, NameHints hints = NameHints::kUsed);
 
 /// Sum of the weights per joint.
 std::vector<double> weight_of_joints(const SkinWeights& skin, std::size_t joints);

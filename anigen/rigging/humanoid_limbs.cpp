@@ -17,12 +17,12 @@ using Joints = std::array<int, kHumanBones>;
 using Points = std::vector<Eigen::Vector3d>;
 
 // Parts of the height between the lowest and the highest joint.
-constexpr double kApartAcross = 0.06;   // the limbs of a pair, in the mean
-constexpr double kUnevenLevel = 0.35;   // tips of a pair: bodies stand in poses, too
-constexpr double kLeastLeg = 0.05;      // drop from hip to foot
-constexpr double kLeastArm = 0.12;      // way from shoulder to hand
-constexpr double kGround = 0.12;        // feet end below it, hands above
-constexpr double kLongerSide = 1.5;     // ways to the tips of a pair
+constexpr double kApartAcross = 0.06;  // the limbs of a pair, in the mean
+constexpr double kUnevenLevel = 0.35;  // tips of a pair: bodies stand in poses, too
+constexpr double kLeastLeg = 0.05;     // drop from hip to foot
+constexpr double kLeastArm = 0.12;     // way from shoulder to hand
+constexpr double kGround = 0.12;       // feet end below it, hands above
+constexpr double kLongerSide = 1.5;    // ways to the tips of a pair
 // Part of the upper arm up to which a joint is its beginning and the one before a shoulder; twist joints come later.
 constexpr double kShoulderShare = 0.35;
 // Drop over way along the ground up to which the end of a leg is a foot.
@@ -30,7 +30,7 @@ constexpr double kFootSlope = 1.2;
 
 /// Two limbs that mirror each other: from their first joint to the tip.
 struct LimbPair {
-  int above = -1;  // the joint they begin at; -1: a root that carries nothing
+  int above = -1;                          // the joint they begin at; -1: a root that carries nothing
   std::array<std::vector<int>, 2> chains;  // of +across, of −across
   double start = 0.0, tip = 0.0, lowest = 0.0, way = 0.0;
   std::size_t depth = 0;
@@ -172,7 +172,8 @@ class PlacedTree {
     for (const LimbPair& pair : pairs) {
       if (&pair == &legs || pair.above == -1 || std::min(pair.chains[0].size(), pair.chains[1].size()) < 3) continue;
       if (is_below(pair.above, legs.chains[0].front()) || is_below(pair.above, legs.chains[1].front())) continue;
-      if (pair.chains[0].front() == legs.chains[0].front() || pair.chains[0].front() == legs.chains[1].front()) continue;
+      if (pair.chains[0].front() == legs.chains[0].front() || pair.chains[0].front() == legs.chains[1].front())
+        continue;
       if (pair.start < legs.start || pair.way < kLeastArm * height_ || pair.lowest < low_ + kGround * height_) continue;
       if (best == nullptr || pair.depth < best->depth || (pair.depth == best->depth && pair.way > best->way))
         best = &pair;
@@ -236,8 +237,7 @@ class PlacedTree {
     const auto places = two_bones(chain, first, last);
     if (!places) return;
     auto [upper, lower, hand] = *places;
-    if (upper == 0 && lower > 1 &&
-        length(chain[0], chain[1]) < kShoulderShare * length(chain[0], chain[lower]))
+    if (upper == 0 && lower > 1 && length(chain[0], chain[1]) < kShoulderShare * length(chain[0], chain[lower]))
       upper = 1;
     if (upper > 0) set(HumanBone::kLeftShoulder, chain[upper - 1]);
     set(HumanBone::kLeftUpperArm, chain[upper]);
@@ -256,7 +256,9 @@ class PlacedTree {
     }
     if (fingers.size() < 3 || fingers.size() > 5) return;
     const Eigen::Vector3d along = (place(hand) - place(elbow)).normalized();
-    const auto advance = [&](const std::vector<int>& finger) { return (place(finger.back()) - place(hand)).dot(along); };
+    const auto advance = [&](const std::vector<int>& finger) {
+      return (place(finger.back()) - place(hand)).dot(along);
+    };
     std::sort(fingers.begin(), fingers.end(), [&](const auto& a, const auto& b) { return advance(a) < advance(b); });
     const Eigen::Vector3d thumb = place(fingers.front().back());
     std::sort(fingers.begin() + 1, fingers.end(), [&](const auto& a, const auto& b) {

@@ -39,15 +39,17 @@ bool is_one_of(const std::string& word, std::initializer_list<const char*> words
 
 /// Words of rigs and programs that say nothing about the body.
 bool says_nothing(const std::string& word) {
-  return is_one_of(word, {"mixamorig", "def", "deform", "bip", "biped", "bone", "bones", "b", "j", "jnt", "joint", "rig",
-                          "skin", "sk", "skel", "cc", "base", "valve", "valvebiped", "valve", "c", "m", "bind", "armature",
-                          "character", "human", "l", "r", "left", "right", "f"});
+  return is_one_of(word, {"mixamorig", "def",   "deform",     "bip",   "biped", "bone",  "bones", "b",
+                          "j",         "jnt",   "joint",      "rig",   "skin",  "sk",    "skel",  "cc",
+                          "base",      "valve", "valvebiped", "valve", "c",     "m",     "bind",  "armature",
+                          "character", "human", "l",          "r",     "left",  "right", "f"});
 }
 
 bool says_helper(const std::string& word) {
-  return is_one_of(word, {"end",  "tip",     "leaf", "nub",    "twist", "roll", "ik",     "fk",   "ctrl",    "control",
-                          "pole", "target",  "pt",   "mch",    "org",   "top",  "helper", "slot", "handslot", "null",
-                          "site", "tweak",   "share", "effector", "metacarpus", "metacarpal", "carpal"});
+  return is_one_of(word,
+                   {"end",      "tip",  "leaf",   "nub",   "twist", "roll",     "ik",         "fk",         "ctrl",
+                    "control",  "pole", "target", "pt",    "mch",   "org",      "top",        "helper",     "slot",
+                    "handslot", "null", "site",   "tweak", "share", "effector", "metacarpus", "metacarpal", "carpal"});
 }
 
 const std::map<std::string, HumanBone>& limb_words() {

@@ -8,6 +8,7 @@
 #include <cstdint>
 #include <limits>
 #include <map>
+#include <numeric>
 #include <set>
 #include <string>
 #include <type_traits>
@@ -106,9 +107,9 @@ Json joint_node(const std::string& name, const Transform& local) {
 
 bool is_binary_extension(const std::filesystem::path& path) {
   const std::string extension = lower_case(path.extension().string());
-  if (extension == ".glb") return true;
+  if (extension == ".glb" || extension == ".vrm") return true;
   if (extension == ".gltf") return false;
-  throw InputError(path.string(), "", "a glTF file must be called .glb or .gltf");
+  throw InputError(path.string(), "", "a glTF file must be called .glb, .vrm or .gltf");
 }
 
 namespace {
@@ -562,6 +563,13 @@ void write_gltf(const std::filesystem::path& path, const Asset& asset, const Exp
   }
   if (asset.skeleton.size() > 0) write_skin(document, asset.skeleton, rotation, file);
   if (options.animations) write_animations(document, asset, options.axes, file);
+  if (options.extensions) {
+    std::vector<int> nodes(asset.skeleton.size());
+    std::iota(nodes.begin(), nodes.end(), 0);
+    document.json["extensions"] = options.extensions(nodes);
+    for (const auto& [name, members] : document.json["extensions"].items())
+      document.json["extensionsUsed"].push_back(name);
+  }
   write_file_atomically(
       path, binary ? gltf_import::glb_bytes(document.json_text(""), document.binary(), file)
                    : document.json_text("data:application/octet-stream;base64," + base64(document.binary())));

@@ -24,7 +24,7 @@ Eigen::Matrix3d axis_rotation(ExportAxes axes);
 /// from Z up to Y up. Rest pose = bind pose.
 Skeleton unrotated_in_file(const Skeleton& skeleton, ExportAxes axes);
 
-/// True for .glb, false for .gltf. @throws InputError for another extension
+/// True for .glb and .vrm, false for .gltf. @throws InputError for another extension
 bool is_binary_extension(const std::filesystem::path& path);
 
 /// The node of a joint: name, translation, rotation, scale.
