@@ -558,8 +558,10 @@ GraftReport graft_rig(const std::filesystem::path& original, const Skeleton& ske
     const gltf_import::GraftSource source(original);
     gltf_import::check_graft(source, skeleton, skin, options);
     const std::vector<int> own = options.replace ? std::vector<int>() : gltf_import::own_joints(skeleton, source);
+    Skeleton named = skeleton;
+    if (!options.names.empty()) named.names = options.names;
     GraftReport report;
-    write_file_atomically(out, gltf_import::Grafter(source, skeleton, skin, own, options).graft(binary, own, report));
+    write_file_atomically(out, gltf_import::Grafter(source, named, skin, own, options).graft(binary, own, report));
     return report;
   } catch (const std::bad_alloc&) {
     throw InputError(original.string(), "", "copying it needs more memory than there is");

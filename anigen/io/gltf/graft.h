@@ -14,7 +14,7 @@ namespace anigen::io {
 struct GraftOptions {
   std::size_t influences = 4;  ///< per vertex, at least 1; more than 4 writes JOINTS_1/WEIGHTS_1 and so on
   bool replace = false;        ///< the skeleton is a new one even where it has the joints of the file's own
-  /// Names for the joints of a skeleton that is the file's own, [J]; empty: they keep theirs.
+  /// Names to write for the joints, [J]; empty: those of the skeleton, by which a file's own are known.
   std::vector<std::string> names = {};
   /// Moves the bind pose of the meshes, which the skeleton has been through already: a rotation, one scale and a
   /// translation, Z up. For new skeletons.

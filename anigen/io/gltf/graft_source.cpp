@@ -34,6 +34,8 @@ void check_graft(const GraftSource& source, const Skeleton& skeleton, const Skin
   if (!findings.empty()) throw InputError(file, "", "the skeleton for it is not sound: " + findings.front());
   if (skeleton.size() > kMostSkinJoints) throw NotSupportedError(file, "", "more than 65536 joints in glTF");
   const std::size_t vertices = source.merged.mesh.vertices.size();
+  if (!options.names.empty() && options.names.size() != skeleton.size())
+    throw InputError(file, "", "there are as many names as joints, or none");
   if (skin.rows() != vertices) {
     throw InputError(file, "",
                      "there are " + std::to_string(skin.rows()) + " rows of weights for its " +
