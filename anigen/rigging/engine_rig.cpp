@@ -16,7 +16,7 @@ namespace anigen::rigging {
 namespace {
 
 /// Part of the height within which a joint without weights is at the origin already.
-constexpr double kAtOrigin = 0.02;
+constexpr double kAtOrigin = 0.05;
 
 /// A name that no joint has.
 std::string free_name(const std::string& wanted, const std::set<std::string>& taken) {

@@ -135,7 +135,7 @@ class HumanoidSearch {
       const Eigen::Vector3d apart = positions_[j] - place(knee);
       if (apart.z() > -0.02 * height_ || names_target(joint)) continue;
       const double beside = std::hypot(apart.x(), apart.y()) + std::abs(positions_[j].z() - low_);
-      if (beside >= nearest || positions_[j].head<2>().norm() < 1e-9 * height_) continue;
+      if (beside >= nearest || stands_above(parents_, joint, knee)) continue;
       nearest = beside;
       foot = joint;
     }
@@ -283,7 +283,15 @@ std::vector<int> humanoid_parents(const std::vector<int>& parents, const Humanoi
   for (std::size_t bone = 0; bone < kHumanBones; ++bone) {
     const std::size_t needed = required_parent(bone);
     if (humanoid[bone] < 0 || needed == kHumanBones || humanoid[needed] < 0) continue;
-    if (!stands_above(result, humanoid[needed], humanoid[bone])) result[at(humanoid[bone])] = humanoid[needed];
+    const int joint = humanoid[bone];
+    if (stands_above(result, humanoid[needed], joint)) continue;
+    // What hangs on the bone and leads to the one it needs takes its place, so that no ring arises.
+    for (int j = humanoid[needed]; j >= 0; j = result[at(j)]) {
+      if (result[at(j)] != joint) continue;
+      result[at(j)] = result[at(joint)];
+      break;
+    }
+    result[at(joint)] = humanoid[needed];
   }
   return result;
 }

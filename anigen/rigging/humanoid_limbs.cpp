@@ -18,11 +18,14 @@ using Points = std::vector<Eigen::Vector3d>;
 
 // Parts of the height between the lowest and the highest joint.
 constexpr double kApartAcross = 0.06;  // the limbs of a pair, in the mean
+constexpr double kBeside = 0.02;       // joints of a pair that say in which direction they are apart
 constexpr double kUnevenLevel = 0.35;  // tips of a pair: bodies stand in poses, too
 constexpr double kLeastLeg = 0.05;     // drop from hip to foot
 constexpr double kLeastArm = 0.12;     // way from shoulder to hand
 constexpr double kGround = 0.12;       // feet end below it, hands above
 constexpr double kLongerSide = 1.5;    // ways to the tips of a pair
+// Distance along the body over that across it, up to which two joints lie beside each other.
+constexpr double kAskew = 0.7;
 // Part of the upper arm up to which a joint is its beginning and the one before a shoulder; twist joints come later.
 constexpr double kShoulderShare = 0.35;
 // Drop over way along the ground up to which the end of a leg is a foot.
@@ -109,6 +112,18 @@ class PlacedTree {
     return sum / static_cast<double>(chain.size());
   }
 
+  /// Whether the first joints that are apart lie beside each other. A leg and a tail do not.
+  bool lie_across(const std::vector<int>& left, const std::vector<int>& right) const {
+    for (std::size_t i = 0; i < std::min(left.size(), right.size()); ++i) {
+      Eigen::Vector3d apart = place(left[i]) - place(right[i]);
+      const double beside = apart.dot(across_);
+      if (std::abs(beside) < kBeside * height_) continue;
+      apart.z() = 0.0;
+      return (apart - across_ * beside).norm() <= kAskew * std::abs(beside);
+    }
+    return true;
+  }
+
   std::optional<LimbPair> pair_of(int above, int a, int b) const {
     LimbPair pair;
     pair.above = above;
@@ -120,6 +135,7 @@ class PlacedTree {
     const double first = reach_[at(left.front())], second = reach_[at(right.front())];
     if (std::max(first, second) > kLongerSide * std::min(first, second) + 1e-9 * height_) return std::nullopt;
     if (std::abs(place(left.back()).z() - place(right.back()).z()) > kUnevenLevel * height_) return std::nullopt;
+    if (!lie_across(left, right)) return std::nullopt;
     if (std::max(left.size(), right.size()) > std::min(left.size(), right.size()) + 1) return std::nullopt;
     pair.start = 0.5 * (place(left.front()).z() + place(right.front()).z());
     pair.tip = 0.5 * (place(left.back()).z() + place(right.back()).z());
@@ -183,14 +199,18 @@ class PlacedTree {
 
   /// Places in a chain where two long bones of similar length begin, meet and end: those of the largest
   /// min(a, b)² / max(a, b). A joint in the middle of a bone makes both shorter or one much longer.
-  /// @param last place that may be the end
+  /// @param first_end, last_end places that may be the end
+  /// @param skip_shoulder the first joint begins no bone where the second lies near it
   std::optional<std::array<std::size_t, 3>> two_bones(const std::vector<int>& chain, std::size_t first_end,
-                                                      std::size_t last_end) const {
+                                                      std::size_t last_end, bool skip_shoulder) const {
     std::optional<std::array<std::size_t, 3>> best;
     double best_score = -1.0;
     for (std::size_t end = std::max<std::size_t>(2, first_end); end <= last_end && end < chain.size(); ++end) {
       for (std::size_t middle = 1; middle < end; ++middle) {
         for (std::size_t begin = 0; begin < middle; ++begin) {
+          const bool is_shoulder = skip_shoulder && begin == 0 && middle > 1 &&
+                                   length(chain[0], chain[1]) < kShoulderShare * length(chain[0], chain[middle]);
+          if (is_shoulder) continue;
           const double upper = length(chain[begin], chain[middle]), lower = length(chain[middle], chain[end]);
           const double least = std::min(upper, lower), most = std::max(upper, lower);
           const double score = most > 0.0 ? least * least / most : 0.0;
@@ -210,7 +230,7 @@ class PlacedTree {
       set(HumanBone::kLeftLowerLeg, chain[1]);
       return;
     }
-    const auto places = two_bones(chain, 2, chain.size() - 1);
+    const auto places = two_bones(chain, 2, chain.size() - 1, false);
     if (!places) return;
     auto [upper, lower, foot] = *places;
     for (; foot > lower + 1; --foot) {
@@ -234,11 +254,9 @@ class PlacedTree {
       first = last = i;
       break;
     }
-    const auto places = two_bones(chain, first, last);
+    const auto places = two_bones(chain, first, last, true);
     if (!places) return;
-    auto [upper, lower, hand] = *places;
-    if (upper == 0 && lower > 1 && length(chain[0], chain[1]) < kShoulderShare * length(chain[0], chain[lower]))
-      upper = 1;
+    const auto [upper, lower, hand] = *places;
     if (upper > 0) set(HumanBone::kLeftShoulder, chain[upper - 1]);
     set(HumanBone::kLeftUpperArm, chain[upper]);
     set(HumanBone::kLeftLowerArm, chain[lower]);

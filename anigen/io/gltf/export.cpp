@@ -566,9 +566,10 @@ void write_gltf(const std::filesystem::path& path, const Asset& asset, const Exp
   if (options.extensions) {
     std::vector<int> nodes(asset.skeleton.size());
     std::iota(nodes.begin(), nodes.end(), 0);
-    document.json["extensions"] = options.extensions(nodes);
-    for (const auto& [name, members] : document.json["extensions"].items())
-      document.json["extensionsUsed"].push_back(name);
+    Json extensions = options.extensions(nodes), names = Json::array();
+    for (const auto& [name, members] : extensions.items()) names.push_back(name);
+    document.json["extensionsUsed"] = std::move(names);
+    document.json["extensions"] = std::move(extensions);
   }
   write_file_atomically(
       path, binary ? gltf_import::glb_bytes(document.json_text(""), document.binary(), file)
