@@ -7,6 +7,7 @@
 #include "anigen/core/error.h"
 #include "anigen/eval/describe.h"
 #include "anigen/io/image.h"
+#include "anigen/io/rigs/rig_listing.h"
 #include "anigen/rigging/rig_meshes.h"
 
 namespace {
@@ -41,6 +42,9 @@ void rig_files(RigArguments& options, const CommonOptions& common) {
         *options.influences;
   request.graft = !options.no_graft;
   request.axes = io::parse_axes(options.mesh_up);
+  if (!options.bone_axes.empty()) request.engine.axes = rigging::parse_bone_axes(options.bone_axes);
+  if (!options.names.empty()) request.engine.names = rigging::parse_name_style(options.names);
+  request.engine.humanoid = io::has_extension(request.out, {".vrm"});
   request.also_read = {options.joint_model, options.connectivity_model, options.skin_model, options.skin_run};
   if (options.preview) {
     request.also_writes = ".png";
@@ -80,6 +84,19 @@ void add_mesh_options(CLI::App& app, RigArguments& options) {
       ->default_str(std::to_string(request.binding.heat.most_influences));
   add_option(app, "--no-graft", options.no_graft);
   add_option(app, "--preview", options.preview);
+}
+
+void add_engine_options(CLI::App& app, RigArguments& options) {
+  rigging::RigRequest& request = options.request;
+  add_option(app, "--bone-axes", options.bone_axes);
+  add_option(app, "--height", request.engine.height)
+      ->check(number(0, 1'000'000, RangeEnds::kOpenBelow))
+      ->default_str("");
+  add_option(app, "--ground", request.engine.ground);
+  add_option(app, "--root-bone", request.engine.root_bone);
+  add_option(app, "--names", options.names);
+  add_option(app, "--author", request.vrm.authors);
+  add_option(app, "--copyright", request.vrm.copyright);
 }
 
 void add_model_options(CLI::App& app, RigArguments& options) {
@@ -138,7 +155,14 @@ void refuse_ignored(const CLI::App& app, const RigArguments& options) {
                   "--skin-run",
                   "--points",
                   "--joint-distance",
-                  "--seed"},
+                  "--seed",
+                  "--bone-axes",
+                  "--height",
+                  "--ground",
+                  "--root-bone",
+                  "--names",
+                  "--author",
+                  "--copyright"},
                  whose + ", which answers images");
     if (options.image_splits.empty()) refuse_given(app, {"--limit"}, "is of the assets of --image-split");
     if (options.retrieval_encoder.empty()) {
@@ -152,6 +176,8 @@ void refuse_ignored(const CLI::App& app, const RigArguments& options) {
                {"--image", "--image-split", "--image-dataset", "--limit", "--retrieval-views", "--retrieval-encoder",
                 "--background", "--condition"},
                whose + "; it is for retrieval");
+  if (!io::has_extension(options.request.out, {".vrm"}))
+    refuse_given(app, {"--author", "--copyright"}, "is of a .vrm, and --output is another file");
   const bool learned = method == kAnymate || method == kRignet;
   if (!learned) {
     refuse_given(app, {"--joint-model", "--connectivity-model", "--skin-model"},
@@ -200,6 +226,8 @@ int main(int argc, char** argv) {
       "Rigs meshes by methods that learned nothing, or by models of Anymate or RigNet, to use or to compare with.",
       "  anigen-rig statue.glb -o rigged.glb --preview\n"
       "  anigen-rig --method curve -m meshes/ -o rigged/\n"
+      "  anigen-rig hero.glb --height 1.8 --ground --names unreal --root-bone -o hero_unreal.glb\n"
+      "  anigen-rig hero.glb --author \"A. Name\" -o hero.vrm\n"
       "  anigen-rig --method geovoxel -m body.glb --skeleton rig.glb -o rigged.glb\n"
       "  anigen-rig --method heat -m rigs/ --skin learned --skin-run runs/skin_correction -o bound/\n"
       "  anigen-rig --method anymate -m meshes/ --joint-model runs/joints --skin-model runs/skin -o rigged/\n"
@@ -220,9 +248,11 @@ int main(int argc, char** argv) {
              "the image; anymate, rignet: joints, their tree and weights by trained models, or only some of these")
       ->check(one_of(methods));
   add_mesh_options(app, options);
+  add_engine_options(app, options);
   add_model_options(app, options);
   add_dataset_options(app, options);
-  add_option(app, "--output", options.request.out, ": folder; for one mesh the file")->required();
+  add_option(app, "--output", options.request.out, ": folder; for one mesh the file, .glb or, of a humanoid, .vrm")
+      ->required();
   program.add_common({"--keep-going", "--seed [0]", "--threads", "--device", "--json"}, library_versions());
   return program.run(argc, argv, [&] {
     refuse_ignored(app, options);

@@ -241,14 +241,24 @@ class Chains {
       if (chains_[c].twin >= 0) number[at(chains_[c].twin)] = number[c];
     }
     for (std::size_t c = 0; c < chains_.size(); ++c) {
-      const char* side = chains_[c].twin < 0 ? "" : is_left(c) ? ".L" : ".R";
+      const char* side = chains_[c].twin < 0 ? "" : is_left(c) ? "_L" : "_R";
       for (std::size_t i = 0; i < chains_[c].joints.size(); ++i) {
         char text[64];
-        std::snprintf(text, sizeof text, "chain_%d%s_%02zu", number[c], side, i);
+        std::snprintf(text, sizeof text, "chain_%d_%02zu%s", number[c], i, side);
         names[chains_[c].joints[i]] = text;
       }
     }
     return names;
+  }
+
+  std::vector<int> mirrored() const {
+    std::vector<int> others(positions_.size(), -1);
+    for (const Chain& chain : chains_) {
+      if (chain.twin < 0) continue;
+      const Chain& twin = chains_[at(chain.twin)];
+      for (std::size_t i = 0; i < chain.joints.size(); ++i) others[chain.joints[i]] = static_cast<int>(twin.joints[i]);
+    }
+    return others;
   }
 
  private:
@@ -418,14 +428,28 @@ std::vector<int> likeliest_tree(const Eigen::MatrixXd& log_likelihood) {
   return parents;
 }
 
-std::vector<std::string> joint_names(const std::vector<Eigen::Vector3d>& positions, const std::vector<int>& parents) {
+namespace {
+
+void check_ordered(const std::vector<Eigen::Vector3d>& positions, const std::vector<int>& parents) {
   if (positions.size() != parents.size()) throw InputError("", "", "joint_names: as many parents as positions");
-  if (positions.empty()) return {};
   for (std::size_t j = 0; j < parents.size(); ++j) {
     const bool ordered = j == 0 ? parents[j] == -1 : parents[j] >= 0 && static_cast<std::size_t>(parents[j]) < j;
     if (!ordered) throw InputError("", "joint " + std::to_string(j), "parents come before children, the root first");
     if (!positions[j].allFinite()) throw InputError("", "joint " + std::to_string(j), "is not finite");
   }
+}
+
+}  // namespace
+
+std::vector<int> mirrored_joints(const std::vector<Eigen::Vector3d>& positions, const std::vector<int>& parents) {
+  check_ordered(positions, parents);
+  if (positions.empty()) return {};
+  return Chains(positions, parents).mirrored();
+}
+
+std::vector<std::string> joint_names(const std::vector<Eigen::Vector3d>& positions, const std::vector<int>& parents) {
+  check_ordered(positions, parents);
+  if (positions.empty()) return {};
   const Chains chains(positions, parents);
   if (chains.has_extent()) return chains.names();
   std::vector<std::string> names;

@@ -96,12 +96,17 @@ std::vector<int> likeliest_tree(const Eigen::MatrixXd& log_likelihood);
 /// goes on for both; every other child begins a chain. Chains are numbered from
 /// the root outwards, longest first, and joints within a chain from 0: `chain_0_03`. Two chains that begin at the same
 /// joint or at mirrored ones, have as many joints, and mirror each other across the plane of constant x through the
-/// root share a number and tell their side: `chain_2.L_03`, left being +x, the left of one who faces −y (glTF's +Z).
+/// root share a number and tell their side: `chain_2_03_L`, left being +x, the left of one who faces −y (glTF's +Z).
+/// The side stands last because that is where Blender looks for it when it mirrors poses and weights.
 /// When all joints coincide no direction can be told: `joint_017`, by index.
 ///
 /// Small movements of joints keep the names, unless two chains are about as long as each other.
 /// @param positions [J], Z up @param parents [J], parents first, root first with -1
 /// @return [J], unique
 std::vector<std::string> joint_names(const std::vector<Eigen::Vector3d>& positions, const std::vector<int>& parents);
+
+/// The joint on the other side per joint, of chains that joint_names() calls _L and _R; -1 for others.
+/// @param positions, parents as there
+std::vector<int> mirrored_joints(const std::vector<Eigen::Vector3d>& positions, const std::vector<int>& parents);
 
 }  // namespace anigen

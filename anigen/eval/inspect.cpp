@@ -40,7 +40,7 @@ std::string metres(double unit) {
 Geometry scene(const fs::path& file) {
   io::require_content(file);
   const std::string extension = io::lower_extension(file);
-  const bool is_gltf = extension == ".glb" || extension == ".gltf";
+  const bool is_gltf = extension == ".glb" || extension == ".gltf" || extension == ".vrm";
   io::ImportOptions options;
   options.require_rig = false;
   Geometry geometry;
@@ -124,12 +124,12 @@ using io::lower_extension;
 
 /// Kinds that an extension tells alone.
 const std::map<std::string, FileKind> kByExtension = {
-    {".glb", FileKind::kScene},          {".gltf", FileKind::kScene},   {".fbx", FileKind::kScene},
-    {".dae", FileKind::kScene},          {".obj", FileKind::kMesh},     {".ply", FileKind::kMesh},
-    {".stl", FileKind::kMesh},           {".bvh", FileKind::kMotion},   {".png", FileKind::kPicture},
-    {".jpg", FileKind::kPicture},        {".jpeg", FileKind::kPicture}, {".webp", FileKind::kPicture},
-    {".bmp", FileKind::kPicture},        {".tif", FileKind::kPicture},  {".tiff", FileKind::kPicture},
-    {".safetensors", FileKind::kArrays}, {".json", FileKind::kConfig}};
+    {".glb", FileKind::kScene},    {".vrm", FileKind::kScene},          {".gltf", FileKind::kScene},
+    {".fbx", FileKind::kScene},    {".dae", FileKind::kScene},          {".obj", FileKind::kMesh},
+    {".ply", FileKind::kMesh},     {".stl", FileKind::kMesh},           {".bvh", FileKind::kMotion},
+    {".png", FileKind::kPicture},  {".jpg", FileKind::kPicture},        {".jpeg", FileKind::kPicture},
+    {".webp", FileKind::kPicture}, {".bmp", FileKind::kPicture},        {".tif", FileKind::kPicture},
+    {".tiff", FileKind::kPicture}, {".safetensors", FileKind::kArrays}, {".json", FileKind::kConfig}};
 
 FileKind folder_kind(const fs::path& path) {
   std::error_code ignored;
@@ -351,9 +351,9 @@ Json describe_run(const fs::path& folder) {
 
 Json describe_folder(const fs::path& folder) {
   std::map<std::string, std::size_t> counts;
-  for (const fs::path& file :
-       io::files_below(folder, {".glb", ".gltf", ".fbx", ".dae", ".obj", ".ply", ".stl", ".bvh", ".npz", ".pt", ".pth",
-                                ".safetensors", ".png", ".jpg", ".jpeg", ".webp", ".bmp", ".tif", ".tiff"}))
+  for (const fs::path& file : io::files_below(
+           folder, {".glb", ".gltf", ".vrm",         ".fbx", ".dae", ".obj",  ".ply",  ".stl", ".bvh", ".npz",
+                    ".pt",  ".pth",  ".safetensors", ".png", ".jpg", ".jpeg", ".webp", ".bmp", ".tif", ".tiff"}))
     ++counts[io::lower_extension(file)];
   std::size_t rigs = 0;
   for (const fs::path& file : io::files_below(folder, {".txt"})) rigs += io::is_text_rig(file);

@@ -10,6 +10,7 @@
 #include "anigen/asset/skeleton.h"
 #include "anigen/asset/skin_weights.h"
 #include "anigen/core/error.h"
+#include "anigen/io/gltf/export.h"
 #include "anigen/io/gltf/gltf.h"
 #include "anigen/io/ply.h"
 #include "anigen/io/rigs/rig_listing.h"
@@ -126,7 +127,8 @@ OrderedSkeleton skeleton_of(const skeleton_field::SkeletonTensors& decoded) {
     ordered.new_index[old] = static_cast<std::int32_t>(j);
     positions.emplace_back(joints[old].cast<double>());
   }
-  ordered.skeleton = skeleton_from_joints(positions, tree.parents, joint_names(positions, tree.parents));
+  ordered.skeleton = io::unrotated_in_file(
+      skeleton_from_joints(positions, tree.parents, joint_names(positions, tree.parents)), io::ExportAxes::kGltf);
   return ordered;
 }
 
@@ -188,6 +190,7 @@ Asset decoded_shape(const shape_field::ExtractedMesh& mesh, const std::string& n
   asset.name = name;
   asset.mesh = mesh_of(mesh);
   bind_rigidly(asset, "root");
+  asset.skeleton = io::unrotated_in_file(asset.skeleton, io::ExportAxes::kGltf);
   return asset;
 }
 
@@ -239,6 +242,7 @@ Asset votes_asset(const skeleton_field::SkeletonField& field, const VotesCloudOp
   for (std::size_t i = 0; i < cloud.vertices.size(); ++i)
     append_octahedron(cloud.vertices[i], cloud.colors[i], options.radius, asset.mesh);
   bind_rigidly(asset, "votes");
+  asset.skeleton = io::unrotated_in_file(asset.skeleton, io::ExportAxes::kGltf);
   return asset;
 }
 

@@ -15,6 +15,7 @@
 #include "anigen/core/version.h"
 #include "anigen/generate/preprocess.h"
 #include "anigen/generate/stage_generators.h"
+#include "anigen/io/gltf/export.h"
 #include "anigen/io/gltf/gltf.h"
 #include "anigen/io/rigs/rig_listing.h"
 #include "anigen/render/cameras_json.h"
@@ -107,7 +108,9 @@ class Gallery {
     if (fs::is_regular_file(own, error)) {
       write_file_atomically(file, read_file(own));
     } else {
-      io::write_gltf(file, io::to_asset(source_.read(id)));
+      Asset asset = io::to_asset(source_.read(id));
+      asset.skeleton = io::unrotated_in_file(asset.skeleton, io::ExportAxes::kGltf);
+      io::write_gltf(file, asset);
     }
   }
 

@@ -14,8 +14,10 @@
 #include "anigen/io/rigs/rigged_shape.h"
 #include "anigen/rigging/binding.h"
 #include "anigen/rigging/curve.h"
+#include "anigen/rigging/engine_rig.h"
 #include "anigen/rigging/pinocchio.h"
 #include "anigen/rigging/species_templates.h"
+#include "anigen/rigging/vrm.h"
 
 namespace anigen::rigging {
 
@@ -122,10 +124,13 @@ struct RigRequest {
   std::filesystem::path meshes;               ///< a file or a folder of them
   std::vector<std::filesystem::path> splits;  ///< only what these files of ids name; none: all
   io::Axes axes = io::Axes::kFormat;          ///< which way is up in them, when it is not what their format says
-  std::filesystem::path out;                  ///< a file for a file, a folder for a folder: <id>.glb each
+  std::filesystem::path out;                  ///< a file for a file, a folder for a folder: <id>.glb each; for a
+                                              ///< file also .vrm (1.0): humanoids, with `engine.humanoid`
   RiggingMethod method;                       ///< without a binding each file holds the skeleton alone, as a solid
   JointOptions joints;
   BindingOptions binding;
+  EngineOptions engine;
+  VrmMeta vrm;  ///< of a .vrm; its name is the id
   LearnedSteps learned;
   std::size_t influences = 4;  ///< joints per vertex in the written files; 0: as many as the weights name
   bool graft = true;  ///< .glb and .gltf: the rig goes into a copy of the file (io::graft_rig); else, as for all
@@ -181,6 +186,7 @@ struct RigArguments {
   std::size_t views = 0, limit = 0;
   std::optional<std::size_t> influences;  ///< joints per vertex; 0: any number
   bool preview = false, new_skeleton = false, no_graft = false;
+  std::string bone_axes, names;  ///< words of request.engine; empty: not given
 };
 
 }  // namespace anigen

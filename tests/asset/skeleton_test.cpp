@@ -81,8 +81,8 @@ TEST(JointNames, TellChainAndSide) {
   // The legs lead farther than the spine, but they are two; the arms begin at the spine; the right hand has no thumb.
   EXPECT_EQ(
       joint_names(biped.positions, biped.parents),
-      (Names{"chain_0_00", "chain_0_01", "chain_0_02", "chain_2.L_00", "chain_2.L_01", "chain_2.R_00", "chain_2.R_01",
-             "chain_1.L_00", "chain_1.L_01", "chain_1.R_00", "chain_1.R_01", "chain_3_00", "chain_4_00"}));
+      (Names{"chain_0_00", "chain_0_01", "chain_0_02", "chain_2_00_L", "chain_2_01_L", "chain_2_00_R", "chain_2_01_R",
+             "chain_1_00_L", "chain_1_01_L", "chain_1_00_R", "chain_1_01_R", "chain_3_00", "chain_4_00"}));
 }
 
 TEST(JointNames, WithoutAMirrorImageTheLongestWayGoesOn) {

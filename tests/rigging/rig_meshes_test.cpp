@@ -230,6 +230,30 @@ TEST_F(RigMeshes, AGlbKeepsWhatIsNoRig) {
   }
 }
 
+TEST_F(RigMeshes, NewJointsHaveNoRotationInTheFile) {
+  request_.meshes = folder_ / "meshes/same.glb";
+  request_.out = folder_ / "one.glb";
+  const Asset before = io::read_gltf(request_.meshes).asset;
+  for (const bool graft : {true, false}) {
+    for (const io::Axes axes : {io::Axes::kFormat, io::Axes::kZUp}) {
+      request_.graft = graft;
+      request_.axes = axes;
+      EXPECT_EQ(rig_meshes(request_).meshes.at(0).failure, "");
+      const test::ParsedGltf written(request_.out);
+      for (const Json& joint : written.json["skins"][0]["joints"]) {
+        const auto q = written.json["nodes"][joint.get<std::size_t>()]["rotation"].get<std::vector<double>>();
+        EXPECT_EQ(std::abs(q[0]) + std::abs(q[1]) + std::abs(q[2]), 0.0) << graft << " " << io::name_of(axes);
+      }
+      const Asset after = io::read_gltf(request_.out).asset;
+      const std::vector<Eigen::Vector3f> rested =
+          skin_vertices(after, forward_kinematics(after.skeleton.parents, after.skeleton.rest));
+      ASSERT_EQ(rested.size(), before.mesh.vertices.size());
+      for (std::size_t v = 0; v < rested.size() && axes == io::Axes::kFormat; ++v)
+        ASSERT_LE((rested[v] - before.mesh.vertices[v]).norm(), 1e-6F) << "vertex " << v;
+    }
+  }
+}
+
 TEST_F(RigMeshes, AMeshThatCannotBeGraftedSaysWhatElseCanBeDone) {
   const fs::path mesh = folder_ / "meshes/same.glb";
   test::ParsedGltf marked(mesh);

@@ -125,6 +125,14 @@ inline constexpr OptionRow kOptions[] = {
     {"--smooth-alpha", 0, "X", "Mesh and skeleton", "Share of the neighbours in a round of smoothing", ""},
     {"--texture-size", 0, "N", "Mesh and skeleton", "Texels along a side, 64 or more; 0: vertex colours", ""},
     {"--colors", 0, "picture|decoded", "Mesh and skeleton", "Colours of the surface: of the image on what it shows, where the weights know its camera, or decoded everywhere", ""},
+    // --- Engine ---
+    {"--bone-axes", 0, "world|along", "Engine", "Axes of the joints: those of the file's world, or y along the bone, rolls mirrored [own joints: theirs; new ones: world]", ""},
+    {"--height", 0, "METRES", "Engine", "Height of the mesh in the file [as it is]", ""},
+    {"--ground", 0, "", "Engine", "Stand the mesh on the ground, its root (hips) above the origin", ""},
+    {"--root-bone", 0, "", "Engine", "Add a joint without weights at the origin, above all others", ""},
+    {"--names", 0, "chain|vrm|mixamo|unreal|unity", "Engine", "Names of the joints: by chain and side, or, of a humanoid, of VRM, Mixamo, Unreal's mannequin, Unity [own joints: theirs; new ones: of the template, or by chain]", ""},
+    {"--author", 0, "NAME", "Engine", "For a .vrm: author of the model; repeatable [unknown]", ""},
+    {"--copyright", 0, "TEXT", "Engine", "For a .vrm: copyright of the model", ""},
     // --- Cleaning and splits ---
     {"--clean", 0, "none|anymate|articulation-xl", "Cleaning and splits", "Cleaning rules", ""},
     {"--clean-set", 0, "RULE=VALUE", "Cleaning and splits", "Change one rule, such as joints=[3,200] (datasets/README.md); repeatable", ""},

@@ -8,6 +8,7 @@
 #include <cstdint>
 #include <limits>
 #include <map>
+#include <numeric>
 #include <set>
 #include <string>
 #include <type_traits>
@@ -37,7 +38,18 @@ Eigen::Quaterniond axis_quaternion(ExportAxes axes) { return Eigen::Quaterniond(
 Skeleton unrotated_in_file(const Skeleton& skeleton, ExportAxes axes) {
   Skeleton result = skeleton;
   for (Eigen::Matrix4d& bind : result.bind) bind.topLeftCorner<3, 3>() = axis_rotation(axes).transpose();
-  result.rest = bind_pose(result);
+  // By hand, where bind_pose() would leave the rounding of a decomposition in rotations that are none.
+  const std::vector<Eigen::Vector3d> places = result.positions();
+  result.rest.assign(places.size(), {});
+  for (std::size_t j = 0; j < places.size(); ++j) {
+    const int parent = result.parents[j];
+    if (parent < 0) {
+      result.rest[j].translation = places[j];
+      result.rest[j].rotation = axis_quaternion(axes).conjugate();
+    } else {
+      result.rest[j].translation = axis_rotation(axes) * (places[j] - places[at(parent)]);
+    }
+  }
   return result;
 }
 
@@ -95,9 +107,9 @@ Json joint_node(const std::string& name, const Transform& local) {
 
 bool is_binary_extension(const std::filesystem::path& path) {
   const std::string extension = lower_case(path.extension().string());
-  if (extension == ".glb") return true;
+  if (extension == ".glb" || extension == ".vrm") return true;
   if (extension == ".gltf") return false;
-  throw InputError(path.string(), "", "a glTF file must be called .glb or .gltf");
+  throw InputError(path.string(), "", "a glTF file must be called .glb, .vrm or .gltf");
 }
 
 namespace {
@@ -551,6 +563,14 @@ void write_gltf(const std::filesystem::path& path, const Asset& asset, const Exp
   }
   if (asset.skeleton.size() > 0) write_skin(document, asset.skeleton, rotation, file);
   if (options.animations) write_animations(document, asset, options.axes, file);
+  if (options.extensions) {
+    std::vector<int> nodes(asset.skeleton.size());
+    std::iota(nodes.begin(), nodes.end(), 0);
+    Json extensions = options.extensions(nodes), names = Json::array();
+    for (const auto& [name, members] : extensions.items()) names.push_back(name);
+    document.json["extensionsUsed"] = std::move(names);
+    document.json["extensions"] = std::move(extensions);
+  }
   write_file_atomically(
       path, binary ? gltf_import::glb_bytes(document.json_text(""), document.binary(), file)
                    : document.json_text("data:application/octet-stream;base64," + base64(document.binary())));

@@ -20,10 +20,11 @@ Eigen::Matrix3d axis_rotation(ExportAxes axes);
 
 /// A skeleton whose joints have these positions and, in a file with these axes, no rotation: bind pose and rest pose
 /// are translations alone, as the published exporter writes them (docs/reference/flows.md, 5.9). For skeletons without
-/// orientations of their own, such as generated ones. Rest pose = bind pose.
+/// orientations of their own, such as generated ones, which would otherwise stand in the file with their root turned
+/// from Z up to Y up. Rest pose = bind pose.
 Skeleton unrotated_in_file(const Skeleton& skeleton, ExportAxes axes);
 
-/// True for .glb, false for .gltf. @throws InputError for another extension
+/// True for .glb and .vrm, false for .gltf. @throws InputError for another extension
 bool is_binary_extension(const std::filesystem::path& path);
 
 /// The node of a joint: name, translation, rotation, scale.

@@ -2,10 +2,12 @@
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <string>
 #include <vector>
 
 #include "anigen/asset/rigged_asset.h"
+#include "anigen/core/config.h"
 
 namespace anigen::io {
 
@@ -59,14 +61,20 @@ enum class ExportAxes {
   kPublished  ///< the published exporter's (−x, z, y), turned by 180° about the vertical
 };
 
+/// Members of "extensions" at the top of a file, by name, such as {"VRMC_vrm": {…}}, given the node of each joint.
+/// Their names are added to "extensionsUsed".
+using RootExtensions = std::function<Json(const std::vector<int>& node_of_joint)>;
+
 struct ExportOptions {
   std::size_t influences = 4;  ///< per vertex; more than 4 writes JOINTS_1/WEIGHTS_1 and so on
   ExportAxes axes = ExportAxes::kGltf;
   bool animations = true;
   bool require_rig = true;  ///< false: a mesh without a rig, or a skeleton without a mesh, is written, too
+  RootExtensions extensions = {};
 };
 
-/// Writes a .glb (or .gltf with everything embedded, by extension), atomically; zero errors in Khronos' validator.
+/// Writes a .glb or .vrm (or .gltf with everything embedded, by extension), atomically; zero errors in Khronos'
+/// validator.
 /// @throws InputError when validate() finds something wrong with the asset, or a mesh has no faces
 void write_gltf(const std::filesystem::path& path, const Asset& asset, const ExportOptions& options = {});
 

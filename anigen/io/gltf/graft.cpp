@@ -11,18 +11,15 @@
 #include <string>
 #include <utility>
 
-#include "anigen/asset/rigged_asset.h"
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
 #include "anigen/core/numeric.h"
 #include "anigen/geometry/nearest_point.h"
 #include "anigen/io/gltf/accessors.h"
-#include "anigen/io/gltf/container.h"
 #include "anigen/io/gltf/document.h"
 #include "anigen/io/gltf/export.h"
 #include "anigen/io/gltf/graft_file.h"
-#include "anigen/io/gltf/mesh.h"
-#include "anigen/io/gltf/rig.h"
+#include "anigen/io/gltf/graft_source.h"
 
 namespace anigen::io {
 
@@ -31,77 +28,6 @@ namespace gltf_import {
 namespace {
 
 using Eigen::Matrix4d;
-
-/// A glTF file and what the importer makes of it, with the text of its JSON.
-struct GraftSource {
-  explicit GraftSource(const std::filesystem::path& path) {
-    options.require_rig = false;
-    read_container(path, options, container, true);
-    Notes repairs;  // read_gltf() tells them
-    document = parse_document(container, options, repairs);
-    moving = moving_nodes(document, repairs);
-    rig = build_rig(document, moving, options, repairs);
-    bindings = bind_skins(document, rig, repairs);
-    merged = merge_meshes(document, rig, bindings, options, repairs);
-    noise = 1e-5 * bounding_box(merged.mesh.vertices).diagonal();
-  }
-
-  ImportOptions options;
-  Container container;
-  Document document;
-  std::vector<char> moving;  // per node
-  Rig rig;
-  std::vector<SkinBinding> bindings;
-  MergedMesh merged;
-  double noise = 0.0;  // distance that rounding explains
-};
-
-void check_graft(const GraftSource& source, const Skeleton& skeleton, const SkinWeights& skin,
-                 const GraftOptions& options) {
-  const std::string& file = source.document.file;
-  if (options.influences == 0) throw InputError(file, "", "influences per vertex must be at least 1");
-  Asset bare;
-  bare.skeleton = skeleton;
-  const std::vector<std::string> findings = validate(bare, 1, false);
-  if (!findings.empty()) throw InputError(file, "", "the skeleton for it is not sound: " + findings.front());
-  if (skeleton.size() > kMostSkinJoints) throw NotSupportedError(file, "", "more than 65536 joints in glTF");
-  const std::size_t vertices = source.merged.mesh.vertices.size();
-  if (skin.rows() != vertices) {
-    throw InputError(file, "",
-                     "there are " + std::to_string(skin.rows()) + " rows of weights for its " +
-                         std::to_string(vertices) + " vertices");
-  }
-  for (std::size_t v = 0; v < vertices; ++v) {
-    const std::string row = "the weights of vertex " + std::to_string(v);
-    if (skin.row_size(v) == 0) throw InputError(file, "", row + " are missing");
-    for (std::size_t i = 0; i < skin.row_size(v); ++i) {
-      const Influence& influence = skin.row(v)[i];
-      if (influence.joint < 0 || at(influence.joint) >= skeleton.size())
-        throw InputError(file, "", row + " name joint " + std::to_string(influence.joint) + ", which there is not");
-      if (!(influence.weight > 0.0f) || !std::isfinite(influence.weight))
-        throw InputError(file, "", row + " are not all finite and above 0");
-    }
-  }
-}
-
-/// Joint of the file's rig per joint of a skeleton that is the rig's own; empty for another skeleton.
-std::vector<int> own_joints(const Skeleton& skeleton, const GraftSource& source) {
-  const Skeleton& own = source.rig.skeleton;
-  if (own.size() != skeleton.size()) return {};
-  std::map<std::string, int> by_name;
-  for (std::size_t j = 0; j < own.size(); ++j) by_name[own.names[j]] = static_cast<int>(j);
-  std::vector<int> joints;
-  for (std::size_t j = 0; j < skeleton.size(); ++j) {
-    const auto found = by_name.find(skeleton.names[j]);
-    if (found == by_name.end()) return {};
-    const int joint = found->second, parent = skeleton.parents[j];
-    joints.push_back(joint);
-    if (own.parents[at(joint)] != (parent < 0 ? -1 : joints[at(parent)])) return {};
-    const Matrix4d apart = own.bind[at(joint)] - skeleton.bind[j];
-    if (!(apart.topRightCorner<3, 1>().norm() <= source.noise)) return {};
-  }
-  return joints;
-}
 
 /// The rows for the vertices of one primitive.
 struct PrimitiveRows {
@@ -140,13 +66,13 @@ class Grafter {
  public:
   /// @param own as own_joints() has it
   Grafter(const GraftSource& source, const Skeleton& skeleton, const SkinWeights& skin, const std::vector<int>& own,
-          std::size_t influences)
+          const GraftOptions& options)
       : source_(source),
         document_(source.document),
         is_own_(!own.empty()),
         skeleton_(is_own_ ? source.rig.skeleton : skeleton),
-        skin_(limit_influences(skin, influences)),
-        influences_(influences),
+        skin_(limit_influences(skin, options.influences)),
+        options_(options),
         file_(source.container, source.options),
         node_of_joint_(skeleton_.size(), -1) {
     if (!is_own_) return;
@@ -157,11 +83,13 @@ class Grafter {
     }
   }
 
-  std::string graft(bool binary, GraftReport& report) {
+  /// @param own as own_joints() has it
+  std::string graft(bool binary, const std::vector<int>& own, GraftReport& report) {
     choose_nodes();
-    add_joints();
+    add_joints(own);
     add_skins();
     for (const BoundNode& bound : bound_) bind_node(bound, report);
+    add_extensions(own);
     file_.embed_files(notes_);
     report = {is_own_, bound_.size(), report.copied_meshes, notes_.take()};
     return file_.bytes(binary);
@@ -216,7 +144,8 @@ class Grafter {
     }
     BoundNode bound;
     bound.node = node;
-    bound.skin = planned_skin(is_own_ && first.is_skinned ? document_.nodes[at(node)].skin : -1, first.to_bind);
+    const Matrix4d to_bind = is_own_ ? first.to_bind : Matrix4d(options_.placement * first.to_bind);
+    bound.skin = planned_skin(is_own_ && first.is_skinned ? document_.nodes[at(node)].skin : -1, to_bind);
     const std::vector<Primitive>& primitives = document_.meshes[at(first.mesh)].primitives;
     for (std::size_t p = 0; p < primitives.size(); ++p) {
       const auto own =
@@ -275,9 +204,14 @@ class Grafter {
     return skins_.size() - 1;
   }
 
-  void add_joints() {
-    if (is_own_) return add_made_root();
+  void add_joints(const std::vector<int>& own) {
+    if (is_own_) {
+      add_made_root();
+      return rename(own);
+    }
     const int carrier = common_carrier();
+    if (carrier >= 0 && options_.placement != Matrix4d::Identity())
+      not_supported(carrier, "another size or place of meshes that animation '" + animation_of(carrier) + "' moves");
     const std::size_t base = file_.count("nodes");
     std::vector<Json> nodes;
     for (std::size_t j = 0; j < skeleton_.size(); ++j) {
@@ -293,6 +227,44 @@ class Grafter {
       file_.text().append(*children, {root});
     else
       file_.text().set(parent, "children", "[" + root + "]");
+  }
+
+  void rename(const std::vector<int>& own) {
+    for (std::size_t j = 0; j < options_.names.size(); ++j) {
+      const int node = node_of_joint_[at(own[j])];
+      if (node < 0 || at(node) >= document_.nodes.size() || document_.nodes[at(node)].name == options_.names[j])
+        continue;
+      file_.text().set(file_.original("nodes", at(node)), "name", text_of(Json(options_.names[j])));
+    }
+  }
+
+  void add_extensions(const std::vector<int>& own) {
+    if (!options_.extensions) return;
+    std::vector<int> nodes = node_of_joint_;
+    for (std::size_t j = 0; j < own.size(); ++j) nodes[j] = node_of_joint_[at(own[j])];
+    const Json added = options_.extensions(nodes);
+    const JsonText::Span root = file_.text().root();
+    const auto known = file_.text().find(root, "extensions");
+    if (known) {
+      for (const auto& [name, members] : added.items()) file_.text().set(*known, name, text_of(members));
+    } else {
+      file_.text().set(root, "extensions", text_of(added));
+    }
+    const Json& json = file_.json();
+    const Json used = json.contains("extensionsUsed") ? json["extensionsUsed"] : Json::array();
+    std::vector<std::string> names;
+    for (const auto& [name, members] : added.items()) {
+      if (std::find(used.begin(), used.end(), Json(name)) == used.end()) names.push_back(text_of(Json(name)));
+    }
+    const auto list = file_.text().find(root, "extensionsUsed");
+    if (list && !names.empty()) file_.text().append(*list, names);
+    if (!list) file_.text().set(root, "extensionsUsed", text_of(names_of(added)));
+  }
+
+  static Json names_of(const Json& object) {
+    Json names = Json::array();
+    for (const auto& [name, members] : object.items()) names.push_back(name);
+    return names;
   }
 
   /// The importer's own root above several others is no node of the file. It gets one where weights name it.
@@ -545,7 +517,7 @@ class Grafter {
         entries.influences[k].joint = skin.entries[at(entries.influences[k].joint)];
     }
     Json attributes = Json::object();
-    const std::vector<InfluenceSet> sets = influence_sets(entries, influences_);
+    const std::vector<InfluenceSet> sets = influence_sets(entries, options_.influences);
     for (std::size_t s = 0; s < sets.size(); ++s) {
       const std::vector<std::uint32_t>& joints = sets[s].joints;
       attributes["JOINTS_" + std::to_string(s)] =
@@ -565,7 +537,7 @@ class Grafter {
   bool is_own_;
   const Skeleton& skeleton_;  // of the file where it is its own
   SkinWeights skin_;          // of its joints
-  std::size_t influences_;
+  const GraftOptions& options_;
   GraftFile file_;
   Notes notes_;
   std::vector<int> node_of_joint_;  // in the copy
@@ -585,10 +557,11 @@ GraftReport graft_rig(const std::filesystem::path& original, const Skeleton& ske
   try {
     const gltf_import::GraftSource source(original);
     gltf_import::check_graft(source, skeleton, skin, options);
-    const std::vector<int> own = gltf_import::own_joints(skeleton, source);
+    const std::vector<int> own = options.replace ? std::vector<int>() : gltf_import::own_joints(skeleton, source);
+    Skeleton named = skeleton;
+    if (!options.names.empty()) named.names = options.names;
     GraftReport report;
-    write_file_atomically(out,
-                          gltf_import::Grafter(source, skeleton, skin, own, options.influences).graft(binary, report));
+    write_file_atomically(out, gltf_import::Grafter(source, named, skin, own, options).graft(binary, own, report));
     return report;
   } catch (const std::bad_alloc&) {
     throw InputError(original.string(), "", "copying it needs more memory than there is");

@@ -1,6 +1,8 @@
 #pragma once
+#include <Eigen/Core>
 #include <cstddef>
 #include <filesystem>
+#include <string>
 #include <vector>
 
 #include "anigen/asset/skeleton.h"
@@ -11,6 +13,13 @@ namespace anigen::io {
 
 struct GraftOptions {
   std::size_t influences = 4;  ///< per vertex, at least 1; more than 4 writes JOINTS_1/WEIGHTS_1 and so on
+  bool replace = false;        ///< the skeleton is a new one even where it has the joints of the file's own
+  /// Names to write for the joints, [J]; empty: those of the skeleton, by which a file's own are known.
+  std::vector<std::string> names = {};
+  /// Moves the bind pose of the meshes, which the skeleton has been through already: a rotation, one scale and a
+  /// translation, Z up. For new skeletons.
+  Eigen::Matrix4d placement = Eigen::Matrix4d::Identity();
+  RootExtensions extensions = {};  ///< those that the file has already are replaced
 };
 
 struct GraftReport {
@@ -43,7 +52,8 @@ struct GraftReport {
 /// @param out .glb, or .gltf with everything inside; written atomically
 /// @throws InputError when the file cannot be read, the rig is not sound or does not fit it; NotSupportedError naming
 /// the node when animations move meshes apart in a file without a rig, skins disagree about the bind pose, a node is
-/// instanced by EXT_mesh_gpu_instancing, or the skeleton's root would have to be sheared
+/// instanced by EXT_mesh_gpu_instancing, the skeleton's root would have to be sheared, or an animation carries what
+/// `placement` would move
 GraftReport graft_rig(const std::filesystem::path& original, const Skeleton& skeleton, const SkinWeights& skin,
                       const std::filesystem::path& out, const GraftOptions& options = {});
 

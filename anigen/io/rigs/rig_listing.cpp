@@ -27,8 +27,8 @@ constexpr char kSampleSign = '#';
 bool is_shard(const std::string& name) { return has_extension(name, {".npz", ".pt", ".pth"}); }
 
 std::string without_extension(const std::string& name) {
-  const bool known =
-      has_extension(name, {".glb", ".gltf", ".fbx", ".dae", ".obj", ".ply", ".stl", ".txt", ".npz", ".pt", ".pth"});
+  const bool known = has_extension(
+      name, {".glb", ".gltf", ".vrm", ".fbx", ".dae", ".obj", ".ply", ".stl", ".txt", ".npz", ".pt", ".pth"});
   return known ? name.substr(0, name.size() - lower_extension(name).size()) : name;
 }
 
@@ -197,10 +197,10 @@ namespace {
 
 /// Extensions with the format that they promise; an .npz may hold Articulation-XL samples as well.
 const std::map<std::string, RigFormat>& formats() {
-  static const std::map<std::string, RigFormat> all = {{".glb", RigFormat::kGltf},    {".gltf", RigFormat::kGltf},
-                                                       {".fbx", RigFormat::kAssimp},  {".dae", RigFormat::kAssimp},
-                                                       {".txt", RigFormat::kTextRig}, {".npz", RigFormat::kRigArrays},
-                                                       {".pt", RigFormat::kAnymate},  {".pth", RigFormat::kAnymate}};
+  static const std::map<std::string, RigFormat> all = {
+      {".glb", RigFormat::kGltf},      {".gltf", RigFormat::kGltf},  {".vrm", RigFormat::kGltf},
+      {".fbx", RigFormat::kAssimp},    {".dae", RigFormat::kAssimp}, {".txt", RigFormat::kTextRig},
+      {".npz", RigFormat::kRigArrays}, {".pt", RigFormat::kAnymate}, {".pth", RigFormat::kAnymate}};
   return all;
 }
 
@@ -327,7 +327,7 @@ std::vector<fs::path> files_read_with(const fs::path& file) {
   const std::string extension = lower_extension(file);
   std::vector<fs::path> files;
   try {
-    if (extension == ".gltf" || extension == ".glb") files = files_of_gltf(file);
+    if (extension == ".gltf" || extension == ".glb" || extension == ".vrm") files = files_of_gltf(file);
     if (extension == ".obj" || extension == ".fbx" || extension == ".dae") files = files_named_in(file);
     if (extension == ".txt") files.push_back(mesh_of_text_rig(file));
   } catch (const InputError&) {  // reading it will say what is wrong

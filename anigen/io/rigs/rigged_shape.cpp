@@ -296,7 +296,7 @@ void note_missing_parts(RiggedShape& shape) {
 
 RiggedShape read_scene_shape(const std::filesystem::path& file, const std::string& id, Axes axes, bool require_rig) {
   const std::string extension = lower_extension(file);
-  const bool is_gltf = extension == ".glb" || extension == ".gltf";
+  const bool is_gltf = extension == ".glb" || extension == ".gltf" || extension == ".vrm";
   ImportOptions options;
   options.require_rig = require_rig;
   ImportedAsset imported = is_gltf ? read_gltf(file, options) : read_assimp(file, options);

@@ -10,6 +10,7 @@
 
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
+#include "anigen/io/gltf/export.h"
 #include "anigen/io/gltf/gltf.h"
 #include "tests/io/small_asset.h"
 #include "tests/support/parsed_gltf.h"
@@ -105,6 +106,29 @@ TEST_P(GltfExportAxes, InverseBindMatricesUndoTheTurnedBindPose) {
     const Eigen::Matrix4d product = inverse * up * asset.skeleton.bind[j];
     EXPECT_LT((product - Eigen::Matrix4d::Identity()).cwiseAbs().maxCoeff(), 1e-6);  // single precision
   }
+}
+
+// What engines show as the rotation of a joint is none, and the bind pose is as with any other axes of the joints.
+TEST_P(GltfExportAxes, UnrotatedJointsStandInTheFileWithoutRotation) {
+  const test::TemporaryFolder folder;
+  Asset asset = small_asset();
+  asset.animations.clear();
+  ExportOptions options;
+  options.axes = GetParam();
+  asset.skeleton = unrotated_in_file(asset.skeleton, options.axes);
+  write_gltf(folder / "asset.glb", asset, options);
+  const ParsedGltf file(folder / "asset.glb");
+  for (std::size_t j = 0; j < asset.skeleton.size(); ++j) {
+    const Eigen::Quaterniond rotation = quaternion(file.json["nodes"][j]["rotation"]);
+    EXPECT_EQ(rotation.vec(), Eigen::Vector3d::Zero()) << "joint " << j;
+    EXPECT_NEAR(rotation.w(), 1.0, 1e-15) << "joint " << j;
+  }
+  const Asset back = read_gltf(folder / "asset.glb").asset;
+  ASSERT_EQ(back.mesh.vertices.size(), asset.mesh.vertices.size());
+  const std::vector<Eigen::Vector3f> rested =
+      skin_vertices(back, forward_kinematics(back.skeleton.parents, back.skeleton.rest));
+  for (std::size_t v = 0; v < rested.size(); ++v)
+    EXPECT_LE((rested[v] - back.mesh.vertices[v]).norm(), 1e-6F) << "vertex " << v;
 }
 
 TEST_P(GltfExportAxes, RootChannelsAreTurnedWithTheirTangents) {

@@ -1,0 +1,38 @@
+#pragma once
+#include <filesystem>
+#include <vector>
+
+#include "anigen/asset/skeleton.h"
+#include "anigen/asset/skin_weights.h"
+#include "anigen/io/gltf/container.h"
+#include "anigen/io/gltf/document.h"
+#include "anigen/io/gltf/graft.h"
+#include "anigen/io/gltf/mesh.h"
+#include "anigen/io/gltf/rig.h"
+
+namespace anigen::io::gltf_import {
+
+/// A glTF file and what the importer makes of it, with the text of its JSON.
+struct GraftSource {
+  /// @throws InputError, NotSupportedError as read_gltf()
+  explicit GraftSource(const std::filesystem::path& path);
+
+  ImportOptions options;
+  Container container;
+  Document document;
+  std::vector<char> moving;  // per node
+  Rig rig;
+  std::vector<SkinBinding> bindings;
+  MergedMesh merged;
+  double noise = 0.0;  // distance that rounding explains
+};
+
+/// @throws InputError naming the file when skeleton or weights are not sound or do not fit it; NotSupportedError for
+/// more joints than glTF has
+void check_graft(const GraftSource& source, const Skeleton& skeleton, const SkinWeights& skin,
+                 const GraftOptions& options);
+
+/// Joint of the file's rig per joint of a skeleton that is the rig's own; empty for another skeleton.
+std::vector<int> own_joints(const Skeleton& skeleton, const GraftSource& source);
+
+}  // namespace anigen::io::gltf_import
