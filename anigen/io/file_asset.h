@@ -1,0 +1,34 @@
+#pragma once
+#include <string>
+
+#include "anigen/asset/rigged_asset.h"
+#include "anigen/io/gltf/gltf.h"
+
+namespace anigen::io {
+
+/// An asset as writers of other formats than glTF put it down, all numbers in the file's axes (Y up): turned mesh, bind
+/// pose, rest pose and animations; normals of unit length; at most options.influences joints per vertex; without
+/// animations unless options say so, and of those without channels that have no keys or that a later one for the same
+/// property replaces.
+/// @throws InputError as write_gltf() does: validate() finds something wrong, or a mesh has no faces
+Asset file_asset(const std::string& file, const Asset& asset, const ExportOptions& options);
+
+/// The name, or with a number behind it the first that is not among `taken`.
+std::string unused_name(const std::string& wanted, const std::vector<std::string>& taken);
+
+/// The name with what no file name may have, or what would leave a folder, replaced by '_'; never empty.
+std::string file_stem(const std::string& name);
+
+/// Material indices that faces use, in order; -1 stands for none. At least one where there are faces.
+std::vector<int> used_materials(const Mesh& mesh);
+
+/// Materials of an asset where -1 stands for none: a plain white one called "default".
+Material material_or_default(const Asset& asset, int material);
+
+/// The image that a material shows, where the mesh has the uvs that it needs, else null.
+const EncodedImage* image_of(const Asset& asset, const Material& material);
+
+/// ".png" or ".jpg", by the first bytes. @throws InputError when it is neither PNG nor JPEG
+std::string image_extension(const EncodedImage& image, const std::string& file);
+
+}  // namespace anigen::io
