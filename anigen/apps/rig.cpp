@@ -7,6 +7,8 @@
 #include "anigen/core/error.h"
 #include "anigen/eval/describe.h"
 #include "anigen/io/image.h"
+#include "anigen/io/rigs/rig_listing.h"
+#include "anigen/io/write_rigged.h"
 #include "anigen/rigging/rig_meshes.h"
 
 namespace {
@@ -22,6 +24,14 @@ void use_models(RigArguments& options, const CommonOptions& common) {
   options.request.learned = torch_half("trained models").learned_steps(options, common);
 }
 
+/// The extension of a file says its format already. @throws InputError where --format says another
+void refuse_format_of_file(const RigArguments& options) {
+  const std::filesystem::path& out = options.request.out;
+  if (!io::is_rigged_output(out)) return;  // a folder, of the shapes that one file holds
+  if (!io::has_extension(out, {"." + options.format}))
+    throw InputError(out.string(), "--format", "the file's extension says another format than " + options.format);
+}
+
 void rig_files(RigArguments& options, const CommonOptions& common) {
   rigging::RigRequest& request = options.request;
   const bool learned = options.method == kAnymate || options.method == kRignet;
@@ -35,6 +45,10 @@ void rig_files(RigArguments& options, const CommonOptions& common) {
     throw InputError("", "--dataset", "the template is the middle skeleton of a collection; name one");
   request.meshes = options.mesh;
   request.joints.keep_skeleton = !options.new_skeleton;
+  if (!options.format.empty()) {
+    request.format = options.format;
+    if (std::filesystem::is_regular_file(options.mesh)) refuse_format_of_file(options);
+  }
   if (options.influences)
     request.influences = request.binding.geodesic.most_influences = request.binding.heat.most_influences =
         *options.influences;
@@ -77,6 +91,7 @@ void add_mesh_options(CLI::App& app, RigArguments& options) {
       ->check(whole_number(0, 1024))
       ->default_str(std::to_string(request.binding.heat.most_influences));
   add_option(app, "--no-graft", options.no_graft);
+  add_option(app, "--format", options.format);
   add_option(app, "--preview", options.preview);
 }
 
@@ -113,12 +128,28 @@ void refuse_ignored(const CLI::App& app, const RigArguments& options) {
   const std::string& method = options.method;
   const std::string whose = "is not used by --method " + method;
   if (method == "retrieval") {
-    refuse_given(
-        app,
-        {"--mesh", "--mesh-split", "--mesh-up", "--skin", "--skeleton", "--new-skeleton", "--pinocchio-template",
-         "--geovoxel-resolution", "--falloff", "--curve-joints", "--influences", "--no-graft", "--preview",
-         "--joint-model", "--connectivity-model", "--skin-model", "--points", "--joint-distance", "--seed"},
-        whose + ", which answers images");
+    refuse_given(app,
+                 {"--mesh",
+                  "--mesh-split",
+                  "--mesh-up",
+                  "--skin",
+                  "--skeleton",
+                  "--new-skeleton",
+                  "--pinocchio-template",
+                  "--geovoxel-resolution",
+                  "--falloff",
+                  "--curve-joints",
+                  "--influences",
+                  "--no-graft",
+                  "--format",
+                  "--preview",
+                  "--joint-model",
+                  "--connectivity-model",
+                  "--skin-model",
+                  "--points",
+                  "--joint-distance",
+                  "--seed"},
+                 whose + ", which answers images");
     if (options.image_splits.empty()) refuse_given(app, {"--limit"}, "is of the assets of --image-split");
     if (options.retrieval_encoder.empty()) {
       refuse_given(app, {"--device"}, whose + " without --retrieval-encoder");
@@ -179,7 +210,8 @@ int main(int argc, char** argv) {
       "anigen-rig",
       "Rigs meshes by methods that learned nothing, or by models of Anymate or RigNet, to use or to compare with.",
       "  anigen-rig statue.glb -o rigged.glb --preview\n"
-      "  anigen-rig --method curve -m meshes/ -o rigged/\n"
+      "  anigen-rig statue.glb -o rigged.fbx\n"
+      "  anigen-rig --method curve -m meshes/ -o rigged/ --format usdz\n"
       "  anigen-rig --method geovoxel -m body.glb --skeleton rig.glb -o rigged.glb\n"
       "  anigen-rig --method anymate -m meshes/ --joint-model runs/joints --skin-model runs/skin -o rigged/\n"
       "  anigen-rig --method rignet -m body.glb --joint-model runs/rignet_joints -o rigged.glb\n"
@@ -201,7 +233,8 @@ int main(int argc, char** argv) {
   add_mesh_options(app, options);
   add_model_options(app, options);
   add_dataset_options(app, options);
-  add_option(app, "--output", options.request.out, ": folder; for one mesh the file")->required();
+  add_option(app, "--output", options.request.out, ": folder; for one mesh the file: .glb, .gltf, .fbx, .usdz or .usda")
+      ->required();
   program.add_common({"--keep-going", "--seed [0]", "--threads", "--device", "--json"}, library_versions());
   return program.run(argc, argv, [&] {
     refuse_ignored(app, options);

@@ -58,19 +58,16 @@ void turn_channel(const Eigen::Matrix3d& rotation, Channel& channel) {
   }
 }
 
-std::vector<Animation> file_animations(const Asset& asset, const Eigen::Matrix3d& rotation) {
+/// Channels with keys, each property's last one.
+std::vector<Animation> file_animations(const std::vector<Animation>& animations) {
   std::vector<Animation> result;
-  for (const Animation& animation : asset.animations) {
-    std::map<std::pair<int, ChannelPath>, std::size_t> last;
-    for (std::size_t c = 0; c < animation.channels.size(); ++c) {
-      const Channel& channel = animation.channels[c];
-      if (!channel.times.empty()) last[{channel.joint, channel.path}] = c;
+  for (const Animation& animation : animations) {
+    std::map<std::pair<int, ChannelPath>, const Channel*> last;
+    for (const Channel& channel : animation.channels) {
+      if (!channel.times.empty()) last[{channel.joint, channel.path}] = &channel;
     }
     Animation kept{animation.name, {}};
-    for (const auto& [property, c] : last) {
-      kept.channels.push_back(animation.channels[c]);
-      if (asset.skeleton.parents[at(property.first)] < 0) turn_channel(rotation, kept.channels.back());
-    }
+    for (const auto& [property, channel] : last) kept.channels.push_back(*channel);
     if (!kept.channels.empty()) result.push_back(std::move(kept));
   }
   return result;
@@ -78,14 +75,23 @@ std::vector<Animation> file_animations(const Asset& asset, const Eigen::Matrix3d
 
 }  // namespace
 
+void turn_rig(const Eigen::Matrix3d& rotation, Skeleton& skeleton, std::vector<Animation>& animations) {
+  turn_skeleton(rotation, skeleton);
+  for (Animation& animation : animations) {
+    for (Channel& channel : animation.channels) {
+      if (skeleton.parents[at(channel.joint)] < 0) turn_channel(rotation, channel);
+    }
+  }
+}
+
 Asset file_asset(const std::string& file, const Asset& asset, const ExportOptions& options) {
   refuse_unsound(file, asset, options);
   const Eigen::Matrix3d rotation = axis_rotation(options.axes);
   Asset result = asset;
   turn_mesh(rotation, result.mesh);
-  turn_skeleton(rotation, result.skeleton);
+  result.animations = options.animations ? file_animations(asset.animations) : std::vector<Animation>();
+  turn_rig(rotation, result.skeleton, result.animations);
   if (result.skin.rows() > 0) result.skin = limit_influences(result.skin, options.influences);
-  result.animations = options.animations ? file_animations(asset, rotation) : std::vector<Animation>();
   return result;
 }
 

@@ -1,5 +1,7 @@
 #pragma once
+#include <Eigen/Core>
 #include <string>
+#include <vector>
 
 #include "anigen/asset/rigged_asset.h"
 #include "anigen/io/gltf/gltf.h"
@@ -12,6 +14,9 @@ namespace anigen::io {
 /// property replaces.
 /// @throws InputError as write_gltf() does: validate() finds something wrong, or a mesh has no faces
 Asset file_asset(const std::string& file, const Asset& asset, const ExportOptions& options);
+
+/// Turns a rig: bind pose, rest pose and clips. @param rotation proper
+void turn_rig(const Eigen::Matrix3d& rotation, Skeleton& skeleton, std::vector<Animation>& animations);
 
 /// The name, or with a number behind it the first that is not among `taken`.
 std::string unused_name(const std::string& wanted, const std::vector<std::string>& taken);

@@ -11,3 +11,4 @@
 #include "anigen/io/ply.h"
 #include "anigen/io/rigs/rig_reader.h"
 #include "anigen/io/stl.h"
+#include "anigen/io/write_rigged.h"

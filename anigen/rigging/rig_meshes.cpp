@@ -15,10 +15,12 @@
 #include "anigen/core/text.h"
 #include "anigen/core/version.h"
 #include "anigen/geometry/primitives.h"
+#include "anigen/io/file_asset.h"
 #include "anigen/io/gltf/gltf.h"
 #include "anigen/io/gltf/graft.h"
 #include "anigen/io/gltf/rig.h"
 #include "anigen/io/rigs/rig_listing.h"
+#include "anigen/io/write_rigged.h"
 
 namespace anigen::rigging {
 
@@ -172,7 +174,16 @@ fs::path file_of(const RigRequest& request, const io::ShapeSource& source, const
   if (source.is_single_file()) return request.out;
   if (!names_file_below(id))
     throw InputError(source.describe(), "", "the id \"" + id + "\" names no file below a folder");
-  return request.out / (id + ".glb");
+  return request.out / (id + "." + request.format);
+}
+
+/// @throws InputError when the files to write have no format that rigs are written in
+void refuse_formats(const RigRequest& request, const io::ShapeSource& source) {
+  if (source.is_single_file() ? io::is_rigged_output(request.out) : io::is_rigged_output("rig." + request.format))
+    return;
+  throw InputError(
+      source.is_single_file() ? request.out.string() : request.format, "--output",
+      "rigs are written as ." + joined(io::rigged_format_words(), ", .", [](const std::string& w) { return w; }));
 }
 
 /// Everything that is read for these meshes.
@@ -258,14 +269,35 @@ Skeleton in_format_axes(Skeleton skeleton, io::Axes axes) {
   return skeleton;
 }
 
-void write_rigged(const RigRequest& request, const std::string& mesh_file, const Asset& asset,
+/// The joints' own axes and clips, where the joints are those of the mesh's file and it has clips.
+void add_own_clips(const io::RiggedShape& shape, Asset& asset) {
+  if (shape.clips == nullptr) return;
+  const Skeleton& own = shape.clips->skeleton;
+  if (own.names != asset.skeleton.names || own.parents != asset.skeleton.parents) return;
+  Skeleton turned = own;
+  std::vector<Animation> animations = shape.clips->animations;
+  io::turn_rig(shape.clips_turn, turned, animations);
+  const Points places = turned.positions(), wanted = asset.skeleton.positions();
+  const double near = 1e-4 * bounding_box(asset.mesh.vertices).diagonal();
+  for (std::size_t j = 0; j < places.size(); ++j) {
+    if (!((places[j] - wanted[j]).norm() <= near)) return;
+  }
+  asset.skeleton = std::move(turned);
+  asset.animations = std::move(animations);
+}
+
+void write_rigged(const RigRequest& request, const io::RiggedShape& shape, const Asset& asset,
                   const RigReport& report) {
+  const std::string& mesh_file = shape.file;
   const std::size_t any = std::max<std::size_t>(1, asset.skin.largest_row());
   const std::size_t influences = request.influences > 0 ? request.influences : any;
-  if (!request.graft || !request.method.binding || !io::has_extension(mesh_file, {".glb", ".gltf"})) {
+  const bool into_gltf = io::has_extension(report.file, {".glb", ".gltf"});
+  if (!request.graft || !request.method.binding || !into_gltf || !io::has_extension(mesh_file, {".glb", ".gltf"})) {
     io::ExportOptions options;
     options.influences = influences;
-    return io::write_gltf(report.file, asset, options);
+    Asset written = asset;
+    if (!into_gltf && request.method.binding) add_own_clips(shape, written);
+    return io::write_rigged(report.file, written, options);
   }
   try {
     const Skeleton skeleton = in_format_axes(asset.skeleton, request.axes);
@@ -396,6 +428,7 @@ RigReports rig_meshes(const RigRequest& request) {
   const auto source = io::open_meshes(request.meshes, {request.axes, false});
   const std::vector<std::string> ids = io::select_ids(*source, request.splits);
   refuse_lossy_outputs(request, *source, ids);
+  refuse_formats(request, *source);
   const JointProposer proposer(request.method.joints, request.joints);
   RigReports reports;
   reports.skeleton = proposer.template_id();
@@ -409,7 +442,7 @@ RigReports rig_meshes(const RigRequest& request) {
       report.file = file_of(request, *source, id);
       const io::RiggedShape shape = source->read(id);
       const Asset asset = rigged(shape, proposer, request, report);
-      write_rigged(request, shape.file, asset, report);
+      write_rigged(request, shape, asset, report);
       report.joints = asset.skeleton.size();
       report.vertices = asset.mesh.vertices.size();
       if (request.also) request.also(asset, report.file);
