@@ -2,6 +2,7 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <cmath>
 #include <map>
 #include <set>
 #include <string_view>
@@ -58,6 +59,26 @@ void turn_channel(const Eigen::Matrix3d& rotation, Channel& channel) {
   }
 }
 
+// Exporters write scales with noise of single precision.
+constexpr double kScaleNoise = 1e-5;
+
+/// True where the joint's scale is one positive number and no clip changes it.
+bool has_constant_scale(const Asset& asset, std::size_t joint) {
+  const Eigen::Vector3d& scale = asset.skeleton.rest[joint].scale;
+  const double size = scale.maxCoeff(), noise = kScaleNoise * size;
+  if (!(scale.minCoeff() > 0.0) || size - scale.minCoeff() > noise) return false;
+  for (const Animation& animation : asset.animations) {
+    for (const Channel& channel : animation.channels) {
+      if (at(channel.joint) != joint || channel.path != ChannelPath::kScale) continue;
+      if (channel.interpolation == Interpolation::kCubicSpline) return false;
+      for (const double x : channel.values) {
+        if (std::abs(x - size) > noise) return false;
+      }
+    }
+  }
+  return true;
+}
+
 /// Channels with keys, each property's last one.
 std::vector<Animation> file_animations(const std::vector<Animation>& animations) {
   std::vector<Animation> result;
@@ -84,6 +105,33 @@ void turn_rig(const Eigen::Matrix3d& rotation, Skeleton& skeleton, std::vector<A
   }
 }
 
+void remove_constant_scales(Asset& asset) {
+  Skeleton& skeleton = asset.skeleton;
+  std::vector<double> removed(skeleton.size(), 1.0);  // at and above each joint
+  std::vector<char> is_constant(skeleton.size(), 0);
+  const auto above = [&](std::size_t j) { return skeleton.parents[j] < 0 ? 1.0 : removed[at(skeleton.parents[j])]; };
+  for (std::size_t j = 0; j < skeleton.size(); ++j) {
+    Transform& rest = skeleton.rest[j];
+    is_constant[j] = has_constant_scale(asset, j) ? 1 : 0;
+    removed[j] = above(j) * (is_constant[j] != 0 ? rest.scale.maxCoeff() : 1.0);
+    rest.translation *= above(j);
+    if (is_constant[j] != 0) rest.scale = Eigen::Vector3d::Ones();
+    skeleton.bind[j].topLeftCorner<3, 3>() /= removed[j];
+  }
+  for (Animation& animation : asset.animations) {
+    for (Channel& channel : animation.channels) {
+      const std::size_t joint = at(channel.joint);
+      if (channel.path == ChannelPath::kTranslation) {
+        for (double& x : channel.values) x *= above(joint);
+      } else if (channel.path == ChannelPath::kScale && is_constant[joint] != 0) {
+        std::set<double> ends{channel.times.front(), channel.times.back()};  // so that the clip keeps its length
+        channel.times.assign(ends.begin(), ends.end());
+        channel.values.assign(3 * ends.size(), 1.0);
+      }
+    }
+  }
+}
+
 Asset file_asset(const std::string& file, const Asset& asset, const ExportOptions& options) {
   refuse_unsound(file, asset, options);
   const Eigen::Matrix3d rotation = axis_rotation(options.axes);
@@ -91,6 +139,7 @@ Asset file_asset(const std::string& file, const Asset& asset, const ExportOption
   turn_mesh(rotation, result.mesh);
   result.animations = options.animations ? file_animations(asset.animations) : std::vector<Animation>();
   turn_rig(rotation, result.skeleton, result.animations);
+  remove_constant_scales(result);
   if (result.skin.rows() > 0) result.skin = limit_influences(result.skin, options.influences);
   return result;
 }

@@ -9,14 +9,19 @@
 namespace anigen::io {
 
 /// An asset as writers of other formats than glTF put it down, all numbers in the file's axes (Y up): turned mesh, bind
-/// pose, rest pose and animations; normals of unit length; at most options.influences joints per vertex; without
-/// animations unless options say so, and of those without channels that have no keys or that a later one for the same
-/// property replaces.
+/// pose, rest pose and animations; without constant scales (remove_constant_scales()); normals of unit length; at most
+/// options.influences joints per vertex; without animations unless options say so, and of those without channels that
+/// have no keys or that a later one for the same property replaces.
 /// @throws InputError as write_gltf() does: validate() finds something wrong, or a mesh has no faces
 Asset file_asset(const std::string& file, const Asset& asset, const ExportOptions& options);
 
 /// Turns a rig: bind pose, rest pose and clips. @param rotation proper
 void turn_rig(const Eigen::Matrix3d& rotation, Skeleton& skeleton, std::vector<Animation>& animations);
+
+/// Takes uniform scales that no clip changes out of the joints: the joints' places and what they do to vertices stay,
+/// in the bind pose, the rest pose and all clips. USD has 16 bits for scales that a clip may change, and Blender's FBX
+/// importer drops scales of the bind pose, so that what hangs on them goes astray.
+void remove_constant_scales(Asset& asset);
 
 /// The name, or with a number behind it the first that is not among `taken`.
 std::string unused_name(const std::string& wanted, const std::vector<std::string>& taken);

@@ -200,6 +200,7 @@ void check_ignored(Check& check, bool torch) {
   check.refuses(rig + "pinocchio --pinocchio-template biped --skeleton s.glb", {"--pinocchio-template", "--skeleton"});
   check.refuses(rig + "curve --skeleton s.glb", {"--skeleton", "--method curve"});
   check.refuses(rig + "heat --dataset d", {"--dataset", "template"});
+  check.refuses(rig + "heat --format obj", {"--format", "glb", "usdz"});
   check.refuses(rig + "heat --skin none --no-graft", {"--no-graft", "skeleton alone"});
   check.refuses(rig + "heat --image a.png", {"--image", "retrieval"});
   check.refuses(rig + "heat --points 100", {"--points", "anymate"});

@@ -12,8 +12,7 @@
 
 namespace anigen::io::usd_export {
 
-Stage stage_of(Asset asset, const std::string& folder, const std::string& file) {
-  remove_constant_scales(asset);
+Stage stage_of(const Asset& asset, const std::string& folder, const std::string& file) {
   const bool has_skeleton = asset.skeleton.size() > 0;
   const std::string root = Identifiers().make(asset.name, "Asset");
   const double rate = frame_rate(asset.animations);
@@ -37,8 +36,8 @@ Stage stage_of(Asset asset, const std::string& folder, const std::string& file) 
   lines.add("    upAxis = \"Y\"");
   lines.add(")");
   lines.add("");
-  lines.open(std::string("def ") + (has_skeleton ? "SkelRoot" : "Xform") + " \"" + root + "\"", '(');
-  lines.add("customData = { string name = " + string_text(asset.name) + " }");
+  lines.open_behind(std::string("def ") + (has_skeleton ? "SkelRoot" : "Xform") + " \"" + root + "\"", '(');
+  lines.add_name(asset.name);
   lines.add("kind = \"component\"");
   lines.close(')');
   lines.open("");

@@ -18,7 +18,7 @@ namespace anigen::io {
 /// customData and in the skeleton's jointNames.
 ///
 /// What the format holds otherwise: scales of animated poses have 16 bits, so uniform scales that never change are
-/// taken out of the joints first, which moves nothing; steps are short ramps (kStepRamp); where a mesh has vertex
+/// taken out of the joints first (remove_constant_scales()); steps are short ramps (kStepRamp); where a mesh has vertex
 /// colours and no texture, they are multiplied with the material's colour.
 /// @throws InputError as write_gltf() does, and for another extension; NotSupportedError as package_bytes()
 void write_usd(const std::filesystem::path& path, const Asset& asset, const ExportOptions& options = {});
@@ -35,11 +35,7 @@ struct Stage {
 
 /// @param asset in the file's axes, as file_asset() makes it @param folder of the textures, as the text names it
 /// @throws InputError for an image that is neither PNG nor JPEG
-Stage stage_of(Asset asset, const std::string& folder, const std::string& file);
-
-/// Takes uniform scales that no clip changes out of the joints: the joints' places and what they do to vertices stay,
-/// in the bind pose, the rest pose and all clips.
-void remove_constant_scales(Asset& asset);
+Stage stage_of(const Asset& asset, const std::string& folder, const std::string& file);
 
 /// Paths of the joints, such as "hips/spine/head", each part an identifier that no other joint has.
 std::vector<std::string> joint_paths(const Skeleton& skeleton);

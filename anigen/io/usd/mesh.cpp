@@ -13,7 +13,7 @@ namespace {
 
 const auto kWhole = [](auto number) { return std::to_string(number); };
 const auto kTuple = [](const auto& vector) { return tuple_text(vector); };
-constexpr const char* kPerVertex = " (interpolation = \"vertex\")";
+constexpr const char* kPerVertex = "interpolation = \"vertex\"";
 
 /// Colours of vertices, each multiplied with that of the material of the first face at it.
 std::vector<Eigen::Vector4f> shown_colors(const Asset& asset) {
@@ -43,11 +43,12 @@ void add_skin(const Asset& asset, const std::string& root, Lines& lines) {
       weights.push_back(used ? asset.skin.row(v)[i].weight : 0.0f);
     }
   }
-  const std::string element = " (elementSize = " + std::to_string(width) + " interpolation = \"vertex\")";
+  const std::vector<std::string> element{"elementSize = " + std::to_string(width), kPerVertex};
   lines.add("matrix4d primvars:skel:geomBindTransform = " + matrix_text(Eigen::Matrix4d::Identity()));
-  lines.add("int[] primvars:skel:jointIndices = " + array_text(joints, kWhole) + element);
-  lines.add("float[] primvars:skel:jointWeights = " +
-            array_text(weights, [](float weight) { return number_text(weight); }) + element);
+  lines.add_with("int[] primvars:skel:jointIndices = " + array_text(joints, kWhole), element);
+  lines.add_with(
+      "float[] primvars:skel:jointWeights = " + array_text(weights, [](float weight) { return number_text(weight); }),
+      element);
   lines.add("rel skel:skeleton = <" + root + "/" + kSkeletonPrim + ">");
 }
 
@@ -66,8 +67,8 @@ class MaterialPrims {
   /// @return the path of the prim
   std::string add(const Material& material) {
     const std::string prim = names_.make(material.name, "Material"), path = scope_ + "/" + prim;
-    lines_.open("def Material \"" + prim + "\"", '(');
-    lines_.add("customData = { string name = " + string_text(material.name) + " }");
+    lines_.open_behind("def Material \"" + prim + "\"", '(');
+    lines_.add_name(material.name);
     lines_.close(')');
     lines_.open("");
     lines_.add("token outputs:surface.connect = <" + path + "/Surface.outputs:surface>");
@@ -145,7 +146,7 @@ void add_subsets(const Mesh& mesh, const std::vector<int>& used, const std::vect
       if (mesh.face_materials[f] == used[m]) faces.push_back(f);
     }
     const std::string prim = names.make(materials[m].substr(materials[m].rfind('/') + 1), "Faces");
-    lines.open("def GeomSubset \"" + prim + "\"", '(');
+    lines.open_behind("def GeomSubset \"" + prim + "\"", '(');
     lines.add("prepend apiSchemas = [\"MaterialBindingAPI\"]");
     lines.close(')');
     lines.open("");
@@ -167,22 +168,24 @@ void add_surface(const Asset& asset, bool double_sided, Lines& lines) {
             tuple_text(Eigen::Vector3f(box.high.cast<float>())) + "]");
   lines.add("int[] faceVertexCounts = " + array_text(counts, kWhole));
   lines.add("int[] faceVertexIndices = " + array_text(corners, kWhole));
-  if (!mesh.normals.empty()) lines.add("normal3f[] normals = " + array_text(mesh.normals, kTuple) + kPerVertex);
+  if (!mesh.normals.empty()) lines.add_with("normal3f[] normals = " + array_text(mesh.normals, kTuple), {kPerVertex});
   lines.add("point3f[] points = " + array_text(mesh.vertices, kTuple));
   if (!mesh.colors.empty()) {
     const std::vector<Eigen::Vector4f> colors = shown_colors(asset);
-    lines.add("color3f[] primvars:displayColor = " +
-              array_text(colors, [](const Eigen::Vector4f& c) { return tuple_text(Eigen::Vector3f(c.head<3>())); }) +
-              kPerVertex);
+    lines.add_with(
+        "color3f[] primvars:displayColor = " +
+            array_text(colors, [](const Eigen::Vector4f& c) { return tuple_text(Eigen::Vector3f(c.head<3>())); }),
+        {kPerVertex});
     if (std::any_of(colors.begin(), colors.end(), [](const Eigen::Vector4f& c) { return c[3] < 1.0f; }))
-      lines.add("float[] primvars:displayOpacity = " +
-                array_text(colors, [](const Eigen::Vector4f& c) { return number_text(c[3]); }) + kPerVertex);
+      lines.add_with("float[] primvars:displayOpacity = " +
+                         array_text(colors, [](const Eigen::Vector4f& c) { return number_text(c[3]); }),
+                     {kPerVertex});
   }
   if (!mesh.uvs.empty()) {
     const auto from_bottom = [](const Eigen::Vector2f& uv) {
       return tuple_text(Eigen::Vector2f(uv.x(), static_cast<float>(1.0 - static_cast<double>(uv.y()))));
     };
-    lines.add("texCoord2f[] primvars:st = " + array_text(mesh.uvs, from_bottom) + kPerVertex);
+    lines.add_with("texCoord2f[] primvars:st = " + array_text(mesh.uvs, from_bottom), {kPerVertex});
   }
   lines.add("uniform token subdivisionScheme = \"none\"");
 }
@@ -206,7 +209,7 @@ void add_mesh(const Asset& asset, const std::string& root, const std::string& fo
     lines.close();
   }
   const bool has_skin = asset.skeleton.size() > 0;
-  lines.open(std::string("def Mesh \"") + kMeshPrim + "\"", '(');
+  lines.open_behind(std::string("def Mesh \"") + kMeshPrim + "\"", '(');
   lines.add(has_skin ? "prepend apiSchemas = [\"MaterialBindingAPI\", \"SkelBindingAPI\"]"
                      : "prepend apiSchemas = [\"MaterialBindingAPI\"]");
   lines.close(')');

@@ -11,58 +11,6 @@
 
 namespace anigen::io::usd_export {
 
-namespace {
-
-using Value = Eigen::Vector4d;
-
-// Exporters write scales with noise of single precision.
-constexpr double kScaleNoise = 1e-5;
-
-/// True where the joint's scale is one positive number and no clip changes it.
-bool has_constant_scale(const Asset& asset, std::size_t joint) {
-  const Eigen::Vector3d& scale = asset.skeleton.rest[joint].scale;
-  const double size = scale.maxCoeff(), noise = kScaleNoise * size;
-  if (!(scale.minCoeff() > 0.0) || size - scale.minCoeff() > noise) return false;
-  for (const Animation& animation : asset.animations) {
-    for (const Channel& channel : animation.channels) {
-      if (at(channel.joint) != joint || channel.path != ChannelPath::kScale) continue;
-      if (channel.interpolation == Interpolation::kCubicSpline) return false;
-      for (const double x : channel.values) {
-        if (std::abs(x - size) > noise) return false;
-      }
-    }
-  }
-  return true;
-}
-
-}  // namespace
-
-void remove_constant_scales(Asset& asset) {
-  Skeleton& skeleton = asset.skeleton;
-  std::vector<double> removed(skeleton.size(), 1.0);  // at and above each joint
-  std::vector<char> is_constant(skeleton.size(), 0);
-  const auto above = [&](std::size_t j) { return skeleton.parents[j] < 0 ? 1.0 : removed[at(skeleton.parents[j])]; };
-  for (std::size_t j = 0; j < skeleton.size(); ++j) {
-    Transform& rest = skeleton.rest[j];
-    is_constant[j] = has_constant_scale(asset, j) ? 1 : 0;
-    removed[j] = above(j) * (is_constant[j] != 0 ? rest.scale.maxCoeff() : 1.0);
-    rest.translation *= above(j);
-    if (is_constant[j] != 0) rest.scale = Eigen::Vector3d::Ones();
-    skeleton.bind[j].topLeftCorner<3, 3>() /= removed[j];
-  }
-  for (Animation& animation : asset.animations) {
-    std::vector<Channel> kept;
-    for (Channel& channel : animation.channels) {
-      if (channel.path == ChannelPath::kScale && is_constant[at(channel.joint)] != 0) continue;
-      if (channel.path == ChannelPath::kTranslation) {
-        for (double& x : channel.values) x *= above(at(channel.joint));
-      }
-      kept.push_back(std::move(channel));
-    }
-    animation.channels = std::move(kept);
-  }
-}
-
 std::vector<std::string> joint_paths(const Skeleton& skeleton) {
   Identifiers identifiers;
   std::vector<std::string> paths;
@@ -75,6 +23,8 @@ std::vector<std::string> joint_paths(const Skeleton& skeleton) {
 }
 
 namespace {
+
+using Value = Eigen::Vector4d;
 
 std::string quaternion_text(const Value& xyzw) {
   return tuple_text(Eigen::Vector4f(Value(xyzw[3], xyzw[0], xyzw[1], xyzw[2]).cast<float>()));
@@ -98,8 +48,8 @@ void add_clip(const Asset& asset, const Animation& animation, const std::string&
     joints.insert(at(channel.joint));
     keys[{channel.path, at(channel.joint)}] = linear_keys(channel);
   }
-  lines.open("def SkelAnimation \"" + prim + "\"", '(');
-  lines.add("customData = { string name = " + string_text(animation.name) + " }");
+  lines.open_behind("def SkelAnimation \"" + prim + "\"", '(');
+  lines.add_name(animation.name);
   lines.close(')');
   lines.open("");
   lines.add("uniform token[] joints = " + array_text(joints, [&](std::size_t j) { return string_text(paths[j]); }));
@@ -127,7 +77,7 @@ void add_clip(const Asset& asset, const Animation& animation, const std::string&
       lines.add(std::string(property.name) + " = " + pose_text(0.0));
       continue;
     }
-    lines.open(std::string(property.name) + ".timeSamples =");
+    lines.open_behind(std::string(property.name) + ".timeSamples =", '{');
     for (const double time : times) lines.add(number_text(time * rate) + ": " + pose_text(time) + ",");
     lines.close();
   }
@@ -145,7 +95,7 @@ void add_skeleton(const Asset& asset, const std::string& root, Lines& lines) {
   for (const Animation& animation : asset.animations) {
     if (!animation.channels.empty()) clips.push_back(identifiers.make(animation.name, "Animation"));
   }
-  lines.open(std::string("def Skeleton \"") + kSkeletonPrim + "\"", '(');
+  lines.open_behind(std::string("def Skeleton \"") + kSkeletonPrim + "\"", '(');
   lines.add("prepend apiSchemas = [\"SkelBindingAPI\"]");
   lines.close(')');
   lines.open("");

@@ -60,15 +60,27 @@ class Lines {
     text_.append(line);
     text_ += '\n';
   }
-  /// `line` and the brace or parenthesis below which lines are indented.
-  void open(std::string_view line, char bracket = '{') {
-    if (bracket == '(') {
-      add(std::string(line) + " (");
-    } else {
-      if (!line.empty()) add(line);
-      add("{");
-    }
+  /// `line`, if any, and on a line of its own the brace below which lines are indented: a prim.
+  void open(std::string_view line) {
+    if (!line.empty()) add(line);
+    open_behind("", '{');
+  }
+  /// `line` with the bracket behind it, as metadata and dictionaries are written: some readers go line by line.
+  void open_behind(std::string_view line, char bracket) {
+    add(std::string(line) + (line.empty() ? "" : " ") + bracket);
     ++depth_;
+  }
+  /// An attribute and its metadata.
+  void add_with(std::string_view line, const std::vector<std::string>& metadata) {
+    open_behind(line, '(');
+    for (const std::string& one : metadata) add(one);
+    close(')');
+  }
+  /// The name that something had before it got an identifier.
+  void add_name(const std::string& name) {
+    open_behind("customData =", '{');
+    add("string name = " + string_text(name));
+    close();
   }
   void close(char bracket = '}') {
     --depth_;

@@ -13,14 +13,24 @@ namespace anigen::test {
 
 namespace {
 
-/// Corners in the order of materials, then faces.
-std::vector<std::pair<int, std::size_t>> corners_by_material(const Mesh& mesh) {
-  std::vector<std::pair<int, std::size_t>> corners;  // material, vertex
+struct Corner {
+  std::string material;
+  int number;
+  std::size_t vertex;
+};
+
+/// Corners in the order of the names of their materials, then of the materials, then of the faces.
+std::vector<Corner> corners_by_material(const Asset& asset) {
+  const Mesh& mesh = asset.mesh;
+  std::vector<Corner> corners;
   for (std::size_t f = 0; f < mesh.faces.size(); ++f) {
+    const int material = mesh.face_materials.empty() ? -1 : mesh.face_materials[f];
     for (const std::int32_t v : mesh.faces[f])
-      corners.emplace_back(mesh.face_materials.empty() ? -1 : mesh.face_materials[f], at(v));
+      corners.push_back({material < 0 ? "default" : asset.materials[at(material)].name, material, at(v)});
   }
-  std::stable_sort(corners.begin(), corners.end(), [](const auto& a, const auto& b) { return a.first < b.first; });
+  std::stable_sort(corners.begin(), corners.end(), [](const Corner& a, const Corner& b) {
+    return a.material != b.material ? a.material < b.material : a.number < b.number;
+  });
   return corners;
 }
 
@@ -55,7 +65,7 @@ std::string parent_name(const Skeleton& skeleton, std::size_t joint) {
 }
 
 void compare_corners(const Asset& before, const Asset& after, double size, RigDifference& difference) {
-  const auto was = corners_by_material(before.mesh), is = corners_by_material(after.mesh);
+  const std::vector<Corner> was = corners_by_material(before), is = corners_by_material(after);
   const auto number = [&](double& largest, const auto& a, const auto& b, std::size_t v, std::size_t w) {
     if (!a.empty() && !b.empty())
       largest = std::max(largest, static_cast<double>((a[v] - b[w]).cwiseAbs().maxCoeff()));
@@ -63,7 +73,7 @@ void compare_corners(const Asset& before, const Asset& after, double size, RigDi
       largest = INFINITY;
   };
   for (std::size_t c = 0; c < was.size(); ++c) {
-    const std::size_t v = was[c].second, w = is[c].second;
+    const std::size_t v = was[c].vertex, w = is[c].vertex;
     const double distance =
         (before.mesh.vertices[v].cast<double>() - after.mesh.vertices[w].cast<double>()).norm() / size;
     difference.vertices = std::max(difference.vertices, distance);
@@ -137,8 +147,9 @@ RigDifference rig_difference(const Asset& original, const Asset& after, std::siz
 
 std::size_t distinct_vertices(const Asset& asset) {
   std::set<std::vector<double>> known;
-  for (const auto& [material, v] : corners_by_material(asset.mesh)) {
-    std::vector<double> key{static_cast<double>(material)};
+  for (const Corner& corner : corners_by_material(asset)) {
+    const std::size_t v = corner.vertex;
+    std::vector<double> key{static_cast<double>(corner.number)};
     const auto add = [&key](const auto& numbers) {
       for (const float x : numbers) key.push_back(static_cast<double>(x));
     };

@@ -10,6 +10,7 @@
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
 #include "anigen/core/numeric.h"
+#include "anigen/io/file_asset.h"
 #include "anigen/io/gltf/export.h"
 #include "tests/io/small_asset.h"
 #include "tests/io/usd/usda_reader.h"
@@ -214,7 +215,7 @@ TEST(UsdExport, ConstantScalesGoAndNothingMoves) {
   for (const std::size_t j : {std::size_t{1}, std::size_t{3}})
     asset.skeleton.rest[j].scale = Eigen::Vector3d::Constant(70.0);
   Asset without = asset;
-  usd_export::remove_constant_scales(without);
+  remove_constant_scales(without);
   for (std::size_t j = 0; j < 4; ++j) EXPECT_EQ(without.skeleton.rest[j].scale, Eigen::Vector3d(1, 1, 1));
   EXPECT_EQ(without.skeleton.rest[4].scale, asset.skeleton.rest[4].scale);  // uneven: stays
   for (const double time : {0.0, 0.3, 1.0}) {
